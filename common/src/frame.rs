@@ -1,0 +1,294 @@
+//! Frames and the way between them.
+//!
+//! * **Geodetic**: WGS84 latitude and longitude in radians, height above the ellipsoid in metres. Positions are shared in
+//!   this frame, because every simulator has its own local origin.
+//! * **ECEF**: Earth-centred, Earth-fixed Cartesian metres.
+//! * **NED**: north, east, down metres in the plane that touches the ellipsoid at the swarm's [`Origin`].
+//! * **Body**: forward, right, down.
+//!
+//! `altitude` is minus down, height above the origin; `height` is above the ground below the vehicle.
+
+use std::f64::consts::PI;
+use std::ops::{Add, Sub};
+
+use nalgebra::{Matrix3, Rotation3, Vector2, Vector3};
+
+/// WGS84 semi-major axis, m.
+const A: f64 = 6_378_137.0;
+/// WGS84 flattening.
+const F: f64 = 1.0 / 298.257_223_563;
+/// Semi-minor axis, m.
+const B: f64 = A * (1.0 - F);
+/// First eccentricity squared.
+const E2: f64 = F * (2.0 - F);
+/// Second eccentricity squared.
+const EP2: f64 = E2 / (1.0 - E2);
+
+/// A place on or above the WGS84 ellipsoid.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Geodetic {
+    /// Positive north, −π/2 to π/2.
+    pub latitude_rad: f64,
+    /// Positive east, −π to π.
+    pub longitude_rad: f64,
+    /// Above the ellipsoid.
+    pub altitude_m: f64,
+}
+
+impl Geodetic {
+    /// From the degrees that people and simulators use.
+    #[inline]
+    pub fn from_degrees(latitude_deg: f64, longitude_deg: f64, altitude_m: f64) -> Self {
+        Self { latitude_rad: latitude_deg.to_radians(), longitude_rad: longitude_deg.to_radians(), altitude_m }
+    }
+
+    /// Latitude in degrees.
+    #[inline]
+    pub fn latitude_deg(&self) -> f64 {
+        self.latitude_rad.to_degrees()
+    }
+
+    /// Longitude in degrees.
+    #[inline]
+    pub fn longitude_deg(&self) -> f64 {
+        self.longitude_rad.to_degrees()
+    }
+
+    /// Finite, on the globe, and between 1 km below and 100 km above the ellipsoid.
+    #[inline]
+    pub fn is_plausible(&self) -> bool {
+        self.latitude_rad.abs() <= PI / 2.0
+            && self.longitude_rad.abs() <= PI + 1e-9
+            && (-1_000.0..=100_000.0).contains(&self.altitude_m)
+    }
+
+    /// The same place, Earth-centred.
+    #[inline]
+    pub fn to_ecef(&self) -> Ecef {
+        let (sin_lat, cos_lat) = self.latitude_rad.sin_cos();
+        let (sin_lon, cos_lon) = self.longitude_rad.sin_cos();
+        let prime_vertical_m = A / (1.0 - E2 * sin_lat * sin_lat).sqrt();
+        let across_m = (prime_vertical_m + self.altitude_m) * cos_lat;
+        Ecef(Vector3::new(
+            across_m * cos_lon,
+            across_m * sin_lon,
+            (prime_vertical_m * (1.0 - E2) + self.altitude_m) * sin_lat,
+        ))
+    }
+}
+
+/// Earth-centred, Earth-fixed position, m.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Ecef(pub Vector3<f64>);
+
+impl Ecef {
+    /// Bowring's method in its 1985 form: one pass is within nanometres up to 10 km of height, poles included (sine and
+    /// cosine of the reduced latitude come from a normalised pair, never from a tangent).
+    #[inline]
+    pub fn to_geodetic(self) -> Geodetic {
+        let Vector3 { x, y, z, .. } = self.0;
+        let across_m = x.hypot(y);
+        let from_centre_m = across_m.hypot(z);
+        let (sin_u, cos_u) = unit(B * z * (1.0 + EP2 * B / from_centre_m), A * across_m);
+        let (tan_num, tan_den) = (z + EP2 * B * sin_u.powi(3), across_m - E2 * A * cos_u.powi(3));
+        let (sin_lat, cos_lat) = unit(tan_num, tan_den);
+        Geodetic {
+            latitude_rad: tan_num.atan2(tan_den),
+            longitude_rad: y.atan2(x),
+            altitude_m: across_m * cos_lat + z * sin_lat - A * (1.0 - E2 * sin_lat * sin_lat).sqrt(),
+        }
+    }
+}
+
+/// The pair scaled to length one.
+#[inline]
+fn unit(sine: f64, cosine: f64) -> (f64, f64) {
+    let length = (sine * sine + cosine * cosine).sqrt();
+    (sine / length, cosine / length)
+}
+
+/// Where the swarm's local north-east-down frame touches the ellipsoid.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Origin {
+    geodetic: Geodetic,
+    ecef: Vector3<f64>,
+    ned_from_ecef: Matrix3<f64>,
+}
+
+impl Origin {
+    /// The frame at this place.
+    pub fn new(geodetic: Geodetic) -> Self {
+        let (sin_lat, cos_lat) = geodetic.latitude_rad.sin_cos();
+        let (sin_lon, cos_lon) = geodetic.longitude_rad.sin_cos();
+        #[rustfmt::skip]
+        let ned_from_ecef = Matrix3::new(
+            -sin_lat * cos_lon, -sin_lat * sin_lon,  cos_lat,
+            -sin_lon,            cos_lon,            0.0,
+            -cos_lat * cos_lon, -cos_lat * sin_lon, -sin_lat,
+        );
+        Self { geodetic, ecef: geodetic.to_ecef().0, ned_from_ecef }
+    }
+
+    /// The place itself.
+    #[inline]
+    pub fn geodetic(&self) -> Geodetic {
+        self.geodetic
+    }
+
+    /// Into the local frame.
+    #[inline]
+    pub fn ned_from_geodetic(&self, place: &Geodetic) -> PositionNed {
+        PositionNed(self.ned_from_ecef * (place.to_ecef().0 - self.ecef))
+    }
+
+    /// Out of the local frame.
+    #[inline]
+    pub fn geodetic_from_ned(&self, position: PositionNed) -> Geodetic {
+        Ecef(self.ecef + self.ned_from_ecef.tr_mul(&position.0)).to_geodetic()
+    }
+}
+
+macro_rules! ned_vector {
+    ($(#[$doc:meta])* $name:ident, $north:ident, $east:ident, $down:ident) => {
+        $(#[$doc])*
+        #[derive(Clone, Copy, Debug, PartialEq)]
+        pub struct $name(pub Vector3<f64>);
+
+        impl $name {
+            /// From its components.
+            #[inline]
+            pub fn new($north: f64, $east: f64, $down: f64) -> Self {
+                Self(Vector3::new($north, $east, $down))
+            }
+
+            /// Northward component.
+            #[inline]
+            pub fn $north(&self) -> f64 {
+                self.0.x
+            }
+
+            /// Eastward component.
+            #[inline]
+            pub fn $east(&self) -> f64 {
+                self.0.y
+            }
+
+            /// Downward component.
+            #[inline]
+            pub fn $down(&self) -> f64 {
+                self.0.z
+            }
+
+            /// North and east.
+            #[inline]
+            pub fn horizontal(&self) -> Vector2<f64> {
+                self.0.xy()
+            }
+
+            /// No component is infinite or not a number.
+            #[inline]
+            pub fn is_finite(&self) -> bool {
+                self.0.iter().all(|component| component.is_finite())
+            }
+        }
+
+        impl Default for $name {
+            fn default() -> Self {
+                Self(Vector3::zeros())
+            }
+        }
+
+        impl Add<Vector3<f64>> for $name {
+            type Output = Self;
+            #[inline]
+            fn add(self, difference: Vector3<f64>) -> Self {
+                Self(self.0 + difference)
+            }
+        }
+
+        impl Sub for $name {
+            type Output = Vector3<f64>;
+            #[inline]
+            fn sub(self, other: Self) -> Vector3<f64> {
+                self.0 - other.0
+            }
+        }
+    };
+}
+
+ned_vector! {
+    /// Position in the swarm's local frame, m.
+    PositionNed, north_m, east_m, down_m
+}
+ned_vector! {
+    /// Velocity over the ground in the swarm's local frame, m/s.
+    VelocityNed, north_m_s, east_m_s, down_m_s
+}
+
+impl PositionNed {
+    /// Height above the origin, m.
+    #[inline]
+    pub fn altitude_m(&self) -> f64 {
+        -self.0.z
+    }
+}
+
+/// Attitude as Euler angles 3-2-1: heading, then pitch, then roll.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Attitude {
+    /// φ, right bank positive, −π to π.
+    pub roll_rad: f64,
+    /// θ, nose up positive, −π/2 to π/2.
+    pub pitch_rad: f64,
+    /// ψ, clockwise from true north.
+    pub heading_rad: f64,
+}
+
+impl Attitude {
+    /// No angle is infinite or not a number.
+    #[inline]
+    pub fn is_finite(&self) -> bool {
+        self.roll_rad.is_finite() && self.pitch_rad.is_finite() && self.heading_rad.is_finite()
+    }
+
+    /// The rotation that takes body components to NED components.
+    pub fn ned_from_body(&self) -> Rotation3<f64> {
+        Rotation3::from_euler_angles(self.roll_rad, self.pitch_rad, self.heading_rad)
+    }
+}
+
+/// Angular velocity of the body over the ground in body axes, rad/s.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct BodyRates {
+    /// p, right side down positive.
+    pub roll_rad_s: f64,
+    /// q, nose up positive.
+    pub pitch_rad_s: f64,
+    /// r, nose right positive.
+    pub yaw_rad_s: f64,
+}
+
+impl BodyRates {
+    /// No rate is infinite or not a number.
+    #[inline]
+    pub fn is_finite(&self) -> bool {
+        self.roll_rad_s.is_finite() && self.pitch_rad_s.is_finite() && self.yaw_rad_s.is_finite()
+    }
+}
+
+/// The angle brought to −π..π.
+#[inline]
+pub fn wrap_rad(angle_rad: f64) -> f64 {
+    // The common case costs two comparisons.
+    if angle_rad.abs() <= PI { angle_rad } else { angle_rad - 2.0 * PI * (angle_rad / (2.0 * PI)).round() }
+}
+
+/// A horizontal north-east vector seen along a heading: forward and right components.
+#[inline]
+pub fn heading_from_ne(north_east: Vector2<f64>, heading_rad: f64) -> Vector2<f64> {
+    let (sin, cos) = heading_rad.sin_cos();
+    Vector2::new(north_east.x * cos + north_east.y * sin, -north_east.x * sin + north_east.y * cos)
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,141 @@
+//! Who is who: vehicles, their restarts, the swarm.
+
+use std::fmt;
+use std::num::NonZeroU8;
+
+use serde::{Deserialize, Serialize};
+
+/// A vehicle's number, 1 to 250: also its MAVLink system id.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[serde(try_from = "u8", into = "u8")]
+pub struct VehicleId(NonZeroU8);
+
+/// A number that is no vehicle's.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("vehicle ids run from 1 to {}, not {0}", VehicleId::MAX)]
+pub struct NoSuchVehicle(pub u64);
+
+impl VehicleId {
+    /// The largest id; MAVLink keeps those above for ground stations.
+    pub const MAX: u8 = 250;
+
+    /// The vehicle with this number.
+    pub fn new(number: u8) -> Result<Self, NoSuchVehicle> {
+        match NonZeroU8::new(number) {
+            Some(id) if number <= Self::MAX => Ok(Self(id)),
+            _ => Err(NoSuchVehicle(number.into())),
+        }
+    }
+
+    /// Ids 1 to `count`, in order; `count` above [`VehicleId::MAX`] is cut to it.
+    pub fn first(count: usize) -> impl Iterator<Item = Self> + Clone {
+        (1..=count.min(Self::MAX.into()) as u8).filter_map(NonZeroU8::new).map(Self)
+    }
+
+    /// The number itself.
+    #[inline]
+    pub const fn get(self) -> u8 {
+        self.0.get()
+    }
+}
+
+impl TryFrom<u8> for VehicleId {
+    type Error = NoSuchVehicle;
+    fn try_from(number: u8) -> Result<Self, NoSuchVehicle> {
+        Self::new(number)
+    }
+}
+
+impl From<VehicleId> for u8 {
+    fn from(id: VehicleId) -> u8 {
+        id.get()
+    }
+}
+
+impl std::str::FromStr for VehicleId {
+    type Err = NoSuchVehicle;
+    fn from_str(text: &str) -> Result<Self, NoSuchVehicle> {
+        let number: u64 = text.parse().map_err(|_| NoSuchVehicle(0))?;
+        Self::new(u8::try_from(number).map_err(|_| NoSuchVehicle(number))?)
+    }
+}
+
+impl fmt::Display for VehicleId {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}", self.0)
+    }
+}
+
+/// One life of an agent: a restarted agent has a larger one. Taken from the clock at its start (nanoseconds of UTC), so
+/// that it grows from start to start without anything kept on disk.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+pub struct Incarnation(pub u64);
+
+/// The swarm's name: the Zenoh namespace of all its traffic.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(try_from = "String", into = "String")]
+pub struct SwarmName(String);
+
+/// A text that cannot name a swarm.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("a swarm's name has 1 to 64 letters, digits, '-' or '_', and {0:?} has not")]
+pub struct BadSwarmName(pub String);
+
+impl SwarmName {
+    /// Checks that the text can stand in a key, a file name and a service name.
+    pub fn new(text: impl Into<String>) -> Result<Self, BadSwarmName> {
+        let text = text.into();
+        let good = |c: char| c.is_ascii_alphanumeric() || c == '-' || c == '_';
+        if (1..=64).contains(&text.len()) && text.chars().all(good) {
+            Ok(Self(text))
+        } else {
+            Err(BadSwarmName(text))
+        }
+    }
+
+    /// The name as text.
+    pub fn as_str(&self) -> &str {
+        &self.0
+    }
+}
+
+impl TryFrom<String> for SwarmName {
+    type Error = BadSwarmName;
+    fn try_from(text: String) -> Result<Self, BadSwarmName> {
+        Self::new(text)
+    }
+}
+
+impl From<SwarmName> for String {
+    fn from(name: SwarmName) -> String {
+        name.0
+    }
+}
+
+impl fmt::Display for SwarmName {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.0)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn ids_stay_in_range() {
+        assert!(VehicleId::new(0).is_err());
+        assert!(VehicleId::new(251).is_err());
+        assert_eq!("250".parse::<VehicleId>().map(VehicleId::get), Ok(250));
+        assert_eq!("300".parse::<VehicleId>(), Err(NoSuchVehicle(300)));
+        assert_eq!(VehicleId::first(3).map(VehicleId::get).collect::<Vec<_>>(), [1, 2, 3]);
+    }
+
+    #[test]
+    fn a_swarm_name_can_stand_in_a_key() {
+        assert!(SwarmName::new("lab-1").is_ok());
+        for bad in ["", "a/b", "*", "a b", "ä"] {
+            assert!(SwarmName::new(bad).is_err(), "{bad:?}");
+        }
+    }
+}
