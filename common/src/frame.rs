@@ -82,11 +82,11 @@ impl Geodetic {
 pub struct Ecef(pub Vector3<f64>);
 
 impl Ecef {
-    /// Bowring's method in its 1985 form: one pass is within nanometres up to 10 km of height, poles included (sine and
+    /// Bowring's method in its 1985 form: one pass is within micrometres up to 10 km of height, poles included (sine and
     /// cosine of the reduced latitude come from a normalised pair, never from a tangent).
     #[inline]
     pub fn to_geodetic(self) -> Geodetic {
-        let Vector3 { x, y, z, .. } = self.0;
+        let (x, y, z) = (self.0.x, self.0.y, self.0.z);
         let across_m = x.hypot(y);
         let from_centre_m = across_m.hypot(z);
         let (sin_u, cos_u) = unit(B * z * (1.0 + EP2 * B / from_centre_m), A * across_m);

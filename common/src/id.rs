@@ -12,7 +12,7 @@ pub struct VehicleId(NonZeroU8);
 
 /// A number that is no vehicle's.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("vehicle ids run from 1 to {}, not {0}", VehicleId::MAX)]
+#[error("vehicle ids run from 1 to 250, not {0}")]
 pub struct NoSuchVehicle(pub u64);
 
 impl VehicleId {
@@ -86,11 +86,7 @@ impl SwarmName {
     pub fn new(text: impl Into<String>) -> Result<Self, BadSwarmName> {
         let text = text.into();
         let good = |c: char| c.is_ascii_alphanumeric() || c == '-' || c == '_';
-        if (1..=64).contains(&text.len()) && text.chars().all(good) {
-            Ok(Self(text))
-        } else {
-            Err(BadSwarmName(text))
-        }
+        if (1..=64).contains(&text.len()) && text.chars().all(good) { Ok(Self(text)) } else { Err(BadSwarmName(text)) }
     }
 
     /// The name as text.
