@@ -3,6 +3,9 @@
 //! A plant hands out one [`Frame`] at a time and takes [`Sticks`]. Degrees, feet, knots and a simulator's own axes stop
 //! inside the module of that plant.
 
+pub mod helicopter;
+pub mod xplane;
+
 use std::time::Instant;
 
 use skein_common::frame::{Attitude, BodyRates, Geodetic, PositionNed, VelocityNed};

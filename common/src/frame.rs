@@ -12,6 +12,7 @@ use std::f64::consts::PI;
 use std::ops::{Add, Sub};
 
 use nalgebra::{Matrix3, Rotation3, Vector2, Vector3};
+use serde::{Deserialize, Serialize};
 
 /// WGS84 semi-major axis, m.
 const A: f64 = 6_378_137.0;
@@ -25,7 +26,7 @@ const E2: f64 = F * (2.0 - F);
 const EP2: f64 = E2 / (1.0 - E2);
 
 /// A place on or above the WGS84 ellipsoid.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Geodetic {
     /// Positive north, −π/2 to π/2.
     pub latitude_rad: f64,
@@ -151,7 +152,8 @@ impl Origin {
 macro_rules! ned_vector {
     ($(#[$doc:meta])* $name:ident, $north:ident, $east:ident, $down:ident) => {
         $(#[$doc])*
-        #[derive(Clone, Copy, Debug, PartialEq)]
+        #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+        #[serde(from = "[f64; 3]", into = "[f64; 3]")]
         pub struct $name(pub Vector3<f64>);
 
         impl $name {
@@ -189,6 +191,18 @@ macro_rules! ned_vector {
             #[inline]
             pub fn is_finite(&self) -> bool {
                 self.0.iter().all(|component| component.is_finite())
+            }
+        }
+
+        impl From<[f64; 3]> for $name {
+            fn from(components: [f64; 3]) -> Self {
+                Self(components.into())
+            }
+        }
+
+        impl From<$name> for [f64; 3] {
+            fn from(vector: $name) -> Self {
+                vector.0.into()
             }
         }
 
@@ -234,7 +248,7 @@ impl PositionNed {
 }
 
 /// Attitude as Euler angles 3-2-1: heading, then pitch, then roll.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Attitude {
     /// φ, right bank positive, −π to π.
     pub roll_rad: f64,

@@ -14,4 +14,8 @@
 
 pub mod frame;
 pub mod id;
+pub mod message;
+pub mod scenario;
+pub mod state;
 pub mod time;
+pub mod topic;

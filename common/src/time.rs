@@ -81,6 +81,15 @@ impl From<LocalTime> for SenderStamp {
     }
 }
 
+/// One instant as an agent sees it: on its simulator's clock and on its own.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Now {
+    /// Of the newest frame.
+    pub plant: PlantTime,
+    /// Of this process.
+    pub local: LocalTime,
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

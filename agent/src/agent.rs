@@ -1,0 +1,283 @@
+//! One vehicle, deciding alone: the way round the loop.
+//!
+//! ```text
+//! plant -> estimate -> peers -> mission -> formation -> control -> plant
+//! ```
+
+use skein_common::frame::Origin;
+use skein_common::id::{Incarnation, VehicleId};
+use skein_common::message::{Drops, Happening, PeerAge, Trace};
+use skein_common::scenario::Scenario;
+use skein_common::state::{Activity, Membership};
+use skein_common::time::{Now, PlantTime};
+
+use crate::aircraft::Aircraft;
+use crate::control::{Rules, Setpoint, Trim, VehicleController};
+use crate::estimate::{Estimate, Estimator};
+use crate::failsafe::{self, Response};
+use crate::formation::{Formation, Wish};
+use crate::mission::{Mission, Task};
+use crate::peers::{Change, Heard, Peers, Seen, Word};
+use crate::plant::{Measurement, Sticks, Truth};
+use crate::random::{self, Purpose};
+use crate::speech::{Said, Speech};
+use crate::supported::{self, NotFlown};
+
+/// What came in since the last step.
+#[derive(Clone, Copy, Debug)]
+pub struct Inputs<'a> {
+    /// What the plant's new frame measured; `None` if none came in time.
+    pub measurement: Option<&'a Measurement>,
+    /// What was heard of others, in any order.
+    pub heard: &'a [Heard],
+}
+
+/// What goes out.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Outputs {
+    /// The controls to write; `None` leaves them as they are.
+    pub command: Option<Sticks>,
+    /// What to tell the others.
+    pub said: Said,
+}
+
+/// One vehicle's core: no clock, no input or output, no randomness but its seed's. Same inputs, same outputs, bit for bit.
+#[derive(Clone, Debug)]
+pub struct Agent {
+    origin: Origin,
+    estimator: Estimator,
+    peers: Peers,
+    mission: Mission,
+    formation: Formation,
+    controller: VehicleController,
+    speech: Speech,
+    last: LastStep,
+}
+
+/// What the last step found and did.
+#[derive(Clone, Debug)]
+struct LastStep {
+    response: Response,
+    membership: Membership,
+    activity: Activity,
+    plant_time: Option<PlantTime>,
+    estimate: Option<Estimate>,
+    wish: Option<Wish>,
+    command: Option<Sticks>,
+}
+
+impl Agent {
+    /// Vehicle `own` of a scenario, in a new life. Refuses a scenario that asks for what is not flown yet.
+    pub fn new(
+        scenario: &Scenario,
+        own: VehicleId,
+        incarnation: Incarnation,
+        aircraft: &Aircraft,
+        rules: Rules,
+    ) -> Result<Self, NotFlown> {
+        let goal = supported::goal(scenario)?;
+        let origin = Origin::new(scenario.origin.geodetic());
+        let trim = with_hidden_error(aircraft.trim, scenario, own);
+        let roster = scenario.swarm.vehicles.min(VehicleId::MAX.into()) as u8;
+        Ok(Self {
+            origin,
+            estimator: Estimator::new(origin, &scenario.sensing),
+            peers: Peers::new(own, roster, scenario.network.peer_stale_s),
+            mission: Mission::new(goal, scenario.plan_hash()),
+            formation: Formation::new(own, &scenario.formation),
+            controller: VehicleController::new(rules, trim, scenario.control.auto_trim),
+            speech: Speech::new(own, incarnation, &scenario.network),
+            last: LastStep {
+                response: Response::LetGo,
+                membership: Membership::Joining,
+                activity: Activity::Joining,
+                plant_time: None,
+                estimate: None,
+                wish: None,
+                command: None,
+            },
+        })
+    }
+
+    /// Once round the loop.
+    pub fn step(&mut self, now: Now, inputs: &Inputs<'_>) -> Outputs {
+        let estimate = self.estimator.update(now, inputs.measurement);
+        self.peers.update(now.local, &self.origin, inputs.heard);
+        let mut happened = self.what_peers_did(inputs.heard);
+
+        let age_s = self.estimator.age_s(now.local);
+        let response = failsafe::respond(estimate.as_ref(), age_s, self.peers.all_lost());
+        let is_new = age_s == Some(0.0);
+        let (task, wish, command) = match (response, &estimate) {
+            (Response::FlyOn | Response::HoldPlace, Some(estimate)) if is_new => {
+                let task = self.mission.step(now, estimate, response == Response::HoldPlace);
+                let wish = self.formation.step(estimate, self.peers.seen(), &task);
+                let command = self.control(now, estimate, &task, wish.as_ref(), &mut happened);
+                (Some(task), wish, command)
+            }
+            (Response::Neutral, _) if self.last.command.is_some() => (None, None, Some(self.controller.neutral())),
+            _ => (None, None, None),
+        };
+        self.tell_changes(response, &mut happened);
+        self.last.estimate = estimate;
+        self.last.command = command.or(self.last.command.filter(|_| task.is_none() && response < Response::LetGo));
+        self.last.wish = wish.or(self.last.wish.filter(|_| task.is_none()));
+        if is_new {
+            self.last.plant_time = Some(now.plant);
+        }
+
+        let flown_on = estimate.as_ref().filter(|_| response <= Response::HoldPlace);
+        let said = self.speech.say(now.local, flown_on, &self.mission, happened);
+        Outputs { command, said }
+    }
+
+    /// This step for those who measure and watch; `truth` is the plant's, which the agent itself never looks at.
+    pub fn trace(&mut self, now: Now, truth: &Truth) -> Trace {
+        let LastStep { membership, activity, estimate, wish, command, .. } = &self.last;
+        let wish = wish.as_ref();
+        let setpoint: Option<&Setpoint> = wish.map(|wish| &wish.setpoint);
+        Trace {
+            header: self.speech.header_of_trace(now.local),
+            plant_time: now.plant,
+            membership: *membership,
+            activity: *activity,
+            live: (self.formation.neighbours().len() + 1).min(usize::from(VehicleId::MAX)) as u8,
+            estimate: estimate.map(|estimate| estimate.position).unwrap_or_default(),
+            position: truth.position,
+            height_m: truth.height_m,
+            velocity: truth.velocity,
+            attitude: truth.attitude,
+            power_w: truth.power_w,
+            field_ne: wish.map(|wish| wish.field_ne.into()).unwrap_or_default(),
+            error_ne_m: setpoint.map(|setpoint| setpoint.error_ne_m.into()).unwrap_or_default(),
+            altitude_setpoint_m: setpoint.map(|setpoint| setpoint.altitude_m).unwrap_or_default(),
+            sticks: command.map(|sticks| [sticks.roll, sticks.pitch, sticks.yaw, sticks.collective]),
+            peers: self
+                .peers()
+                .iter()
+                .map(|peer| PeerAge { id: peer.id, standing: peer.standing, age_s: peer.age_s })
+                .collect(),
+            step_us: None,
+            frame_overruns: 0,
+            state_messages: self.speech.state_messages(),
+            state_bytes: self.speech.state_bytes(),
+        }
+    }
+
+    /// The others as they are thought to be now.
+    pub fn peers(&self) -> &[Seen] {
+        self.peers.seen()
+    }
+
+    /// Whether the others count on this vehicle.
+    pub fn membership(&self) -> Membership {
+        self.last.membership
+    }
+
+    /// What the vehicle is doing.
+    pub fn activity(&self) -> Activity {
+        self.last.activity
+    }
+
+    /// Words about state said so far, and their payload in bytes.
+    pub fn spoken(&self) -> (u64, u64) {
+        (self.speech.state_messages(), self.speech.state_bytes())
+    }
+
+    /// What was dropped so far; what the edges drop is theirs to add.
+    pub fn drops(&self) -> Drops {
+        Drops {
+            old: self.peers.old(),
+            forged: self.peers.forged(),
+            measurement: self.estimator.refused(),
+            ..Drops::default()
+        }
+    }
+
+    /// Takes up what was said about orders and plans, and lists what is worth telling.
+    fn what_peers_did(&mut self, heard: &[Heard]) -> Vec<Happening> {
+        let mut happened: Vec<_> = self
+            .peers
+            .changes()
+            .iter()
+            .map(|change| match *change {
+                Change::Found(id) => Happening::PeerFound(id),
+                Change::Lost(id) => Happening::PeerLost(id),
+            })
+            .collect();
+        for heard in heard {
+            if let Word::Order(order) = heard.word
+                && self.mission.merge(order)
+            {
+                happened.push(Happening::OrderTaken(order));
+            }
+        }
+        for said in self.peers.missions() {
+            happened.extend(self.mission.listen(said));
+        }
+        happened
+    }
+
+    /// The vehicle controller's stage.
+    fn control(
+        &mut self,
+        now: Now,
+        estimate: &Estimate,
+        task: &Task,
+        wish: Option<&Wish>,
+        happened: &mut Vec<Happening>,
+    ) -> Option<Sticks> {
+        let dt_s = self.last.plant_time.map_or(0.0, |before| now.plant.seconds_since(before));
+        match (task, wish) {
+            (Task::Park, _) => Some(self.controller.unload(dt_s)),
+            (_, Some(wish)) => {
+                let controls = self.controller.step(dt_s, estimate, &wish.setpoint);
+                if controls.fault.is_some() {
+                    happened.push(Happening::ControlFault);
+                }
+                Some(controls.sticks)
+            }
+            (_, None) => None,
+        }
+    }
+
+    /// Compares with the last step and lists what has changed.
+    fn tell_changes(&mut self, response: Response, happened: &mut Vec<Happening>) {
+        let before = self.last.response;
+        let blind = Response::Neutral;
+        if response != before {
+            match response {
+                Response::LetGo => happened.push(Happening::SimulatorLost),
+                Response::Neutral => happened.push(Happening::OwnDataStale),
+                Response::HoldPlace if before < blind => happened.push(Happening::AllPeersLost),
+                _ if before >= blind && self.last.estimate.is_some() => happened.push(Happening::OwnDataBack),
+                _ => {}
+            }
+        }
+        let (membership, activity) = (self.mission.membership(), self.mission.activity());
+        if membership == Membership::Active && self.last.membership == Membership::Joining {
+            happened.push(Happening::BecameActive);
+        }
+        if activity != self.last.activity {
+            match (self.last.activity, activity) {
+                (Activity::TakingOff, Activity::Formation) => happened.push(Happening::AtAltitude),
+                (_, Activity::Landed) => happened.push(Happening::Landed),
+                _ => {}
+            }
+        }
+        self.last.response = response;
+        self.last.membership = membership;
+        self.last.activity = if response >= blind && self.last.estimate.is_some() { Activity::Blind } else { activity };
+    }
+}
+
+/// The trim as this vehicle's controller believes it: off by a draw that the scenario hides from it.
+fn with_hidden_error(trim: Trim, scenario: &Scenario, own: VehicleId) -> Trim {
+    let mut generator = random::generator(scenario.seed, Some(own), Purpose::Trim);
+    let mut error_rad = || scenario.swarm.trim_error_rms_rad() * random::standard_normal(&mut generator);
+    let (roll_error_rad, pitch_error_rad) = (error_rad(), error_rad());
+    Trim { roll_rad: trim.roll_rad + roll_error_rad, pitch_rad: trim.pitch_rad + pitch_error_rad, ..trim }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,80 @@
+//! From the dimensionless formation field to the position error that the vehicle controller flies (equations 10 and 11
+//! of Garcia & Barnes 2010, and the non-linear conversion that they name as future work).
+
+use nalgebra::Vector2;
+
+/// How the length of the field becomes metres. The direction never changes.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Conversion {
+    /// c·v.
+    Linear {
+        /// c, m.
+        gain_m: f64,
+    },
+    /// c0 v + (c1 − c0) v³ / (v² + v_b²): gain c0 near the set-point, c1 far from it.
+    Nonlinear {
+        /// c0, m.
+        gain_m: f64,
+        /// c1, m, not below c0.
+        far_gain_m: f64,
+        /// v_b, dimensionless: where one goes over into the other.
+        knee: f64,
+    },
+}
+
+impl Conversion {
+    /// Metres of position error per unit of field, for a field of length `v`: f(v)/v.
+    #[inline]
+    fn gain_m(&self, v_squared: f64) -> f64 {
+        match *self {
+            Self::Linear { gain_m } => gain_m,
+            Self::Nonlinear { gain_m, far_gain_m, knee } => {
+                gain_m + (far_gain_m - gain_m) * v_squared / (v_squared + knee * knee)
+            }
+        }
+    }
+
+    /// The error vector for a field vector, both north-east; m. Where the field is zero, so is the error.
+    #[inline]
+    pub fn error_ne_m(&self, field_ne: Vector2<f64>) -> Vector2<f64> {
+        field_ne * self.gain_m(field_ne.norm_squared())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    const DEFAULT: Conversion = Conversion::Nonlinear { gain_m: 7.0, far_gain_m: 28.0, knee: 0.3 };
+
+    fn length(conversion: Conversion, v: f64) -> f64 {
+        conversion.error_ne_m(Vector2::new(v, 0.0)).x
+    }
+
+    #[test]
+    fn far_and_near_gains() {
+        assert!((length(DEFAULT, 1.0) - 26.27).abs() < 0.01);
+        assert!((length(DEFAULT, 1e-4) / 1e-4 - 7.0).abs() < 1e-3, "slope c0 at zero");
+        assert!((length(DEFAULT, 1e4) / 1e4 - 28.0).abs() < 1e-3, "slope c1 far away");
+        assert_eq!(length(DEFAULT, 0.0), 0.0);
+        assert_eq!(length(Conversion::Linear { gain_m: 7.0 }, -0.5), -3.5);
+    }
+
+    proptest! {
+        #[test]
+        fn the_conversion_is_odd_monotone_and_keeps_the_direction(
+            v in 0.0..5.0, more in 1e-6..1.0, c0 in 0.1..20.0, extra in 0.0..60.0, knee in 0.05..2.0, angle in -3.0..3.0,
+        ) {
+            let conversion = Conversion::Nonlinear { gain_m: c0, far_gain_m: c0 + extra, knee };
+            prop_assert!(length(conversion, v + more) > length(conversion, v));
+            prop_assert!(length(conversion, v) >= c0 * v - 1e-12);
+            prop_assert!((length(conversion, -v) + length(conversion, v)).abs() < 1e-12);
+            let field = Vector2::new(f64::cos(angle), f64::sin(angle)) * v;
+            prop_assert!(conversion.error_ne_m(field).perp(&field).abs() < 1e-9);
+            let flat = Conversion::Nonlinear { gain_m: c0, far_gain_m: c0, knee };
+            prop_assert!((length(flat, v) - length(Conversion::Linear { gain_m: c0 }, v)).abs() < 1e-12);
+        }
+    }
+}

@@ -1,0 +1,300 @@
+//! The last word of each peer, carried forward to now.
+//!
+//! A peer's age is judged by the own clock alone, the order of its words by its own sequence numbers and incarnation. What
+//! arrives late, twice, from an earlier life or in somebody else's name is counted and changes nothing.
+//!
+//! ```text
+//!            age > FRESH_S            age > T_stale, or token gone           OBSTACLE_FOR_S later
+//!   Fresh ----------------> Stale ------------------------------> Lost ----------------------> no obstacle
+//!     ^                       |                                     |
+//!     +------- a word --------+----------- a word, token there -----+
+//! ```
+
+use skein_common::frame::{Origin, PositionNed, VelocityNed};
+use skein_common::id::{Incarnation, VehicleId};
+use skein_common::message::{Header, Mission, Order, State};
+use skein_common::state::{Membership, Standing};
+use skein_common::time::LocalTime;
+
+/// A word younger than this is fresh, s.
+pub const FRESH_S: f64 = 0.5;
+/// A lost peer stays an obstacle for this long, s.
+pub const OBSTACLE_FOR_S: f64 = 10.0;
+/// Radius of an obstacle whose place is known, m.
+const OBSTACLE_RADIUS_M: f64 = 8.0;
+/// How fast what is not known of a silent vehicle's place grows, m/s.
+const OBSTACLE_GROWTH_M_S: f64 = 1.0;
+
+/// Something heard, and when.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Heard {
+    /// What.
+    pub word: Word,
+    /// When it arrived here.
+    pub at: LocalTime,
+}
+
+/// What can be heard.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Word {
+    /// A peer's state.
+    State(State),
+    /// A peer's part in the agreement.
+    Mission(Mission),
+    /// A peer's liveliness token appeared.
+    Appeared(VehicleId),
+    /// It vanished.
+    Vanished(VehicleId),
+    /// An operator's order, from the operator.
+    Order(Order),
+}
+
+/// A peer as it is thought to be now.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Seen {
+    /// Who.
+    pub id: VehicleId,
+    /// Its last word carried forward at constant velocity.
+    pub position: PositionNed,
+    /// As last heard.
+    pub velocity: VelocityNed,
+    /// Of its last state, s.
+    pub age_s: f64,
+    /// How that word stands.
+    pub standing: Standing,
+    /// What it is to the own formation.
+    pub role: Role,
+}
+
+/// What a peer is to the own formation.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Role {
+    /// Part of it.
+    Member,
+    /// To be kept away from.
+    Obstacle {
+        /// How far around its place it may be, m.
+        radius_m: f64,
+    },
+    /// On the ground or long gone.
+    Nothing,
+}
+
+/// A change worth telling.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Change {
+    /// Heard for the first time, or again.
+    Found(VehicleId),
+    /// Lost.
+    Lost(VehicleId),
+}
+
+/// Everything known of the others.
+#[derive(Clone, Debug)]
+pub struct Peers {
+    own: VehicleId,
+    roster: u8,
+    stale_s: f64,
+    known: Vec<Peer>,
+    seen: Vec<Seen>,
+    changes: Vec<Change>,
+    old: u64,
+    forged: u64,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Peer {
+    id: VehicleId,
+    incarnation: Incarnation,
+    state: Option<Told>,
+    mission: Option<(Mission, LocalTime)>,
+    token: Option<bool>,
+    found: bool,
+    lost_at: Option<LocalTime>,
+}
+
+/// A state as it was told.
+#[derive(Clone, Copy, Debug)]
+struct Told {
+    sequence: u64,
+    position: PositionNed,
+    velocity: VelocityNed,
+    at: LocalTime,
+}
+
+impl Peers {
+    /// Nobody heard yet in a swarm of vehicles 1 to `roster`. A word older than `stale_s` counts for nothing.
+    pub fn new(own: VehicleId, roster: u8, stale_s: f64) -> Self {
+        let (known, seen, changes) = (Vec::new(), Vec::new(), Vec::new());
+        Self { own, roster, stale_s, known, seen, changes, old: 0, forged: 0 }
+    }
+
+    /// Takes up what was heard and carries everybody forward to `now`.
+    pub fn update(&mut self, now: LocalTime, origin: &Origin, heard: &[Heard]) {
+        for heard in heard {
+            self.hear(origin, heard);
+        }
+        self.changes.clear();
+        self.seen.clear();
+        for peer in &mut self.known {
+            if let Some(change) = peer.age(now, self.stale_s) {
+                self.changes.push(change);
+            }
+            self.seen.extend(peer.seen(now));
+        }
+    }
+
+    /// Everybody whose state was ever heard, by id.
+    pub fn seen(&self) -> &[Seen] {
+        &self.seen
+    }
+
+    /// What the last update changed.
+    pub fn changes(&self) -> &[Change] {
+        &self.changes
+    }
+
+    /// Newest agreement registers of all who still count, whoever they are.
+    pub fn missions(&self) -> impl Iterator<Item = &Mission> {
+        self.known.iter().filter(|peer| peer.lost_at.is_none()).filter_map(|peer| Some(&peer.mission.as_ref()?.0))
+    }
+
+    /// Somebody was lost, and of those who did not leave of their own will nobody is heard any more.
+    pub fn all_lost(&self) -> bool {
+        let mut stayed = self.known.iter().filter(|peer| peer.membership() != Membership::Left && peer.state.is_some());
+        stayed.clone().next().is_some() && stayed.all(|peer| peer.lost_at.is_some())
+    }
+
+    /// Words dropped because a later one was already heard.
+    pub fn old(&self) -> u64 {
+        self.old
+    }
+
+    /// Words dropped because their speaker is not of this swarm, or is said to be this very vehicle.
+    pub fn forged(&self) -> u64 {
+        self.forged
+    }
+
+    fn hear(&mut self, origin: &Origin, heard: &Heard) {
+        match heard.word {
+            Word::State(said) => {
+                let Some(peer) = self.speaker(&said.header) else { return };
+                let sequence = said.header.sequence;
+                if peer.state.is_some_and(|told| told.sequence >= sequence) {
+                    self.old += 1;
+                    return;
+                }
+                let position = origin.ned_from_geodetic(&said.state.position);
+                peer.state = Some(Told { sequence, position, velocity: said.state.velocity, at: heard.at });
+            }
+            Word::Mission(said) => {
+                let Some(peer) = self.speaker(&said.header) else { return };
+                if peer.mission.is_some_and(|(told, _)| told.header.sequence >= said.header.sequence) {
+                    self.old += 1;
+                    return;
+                }
+                peer.mission = Some((said, heard.at));
+            }
+            Word::Appeared(id) | Word::Vanished(id) => {
+                if let Some(peer) = self.member(id) {
+                    peer.token = Some(matches!(heard.word, Word::Appeared(_)));
+                }
+            }
+            // The mission takes it up.
+            Word::Order(_) => {}
+        }
+    }
+
+    /// The peer in whose present life this was said.
+    fn speaker(&mut self, header: &Header) -> Option<&mut Peer> {
+        let Some(index) = self.index(header.sender) else {
+            self.forged += 1;
+            return None;
+        };
+        let peer = &mut self.known[index];
+        if header.incarnation < peer.incarnation {
+            self.old += 1;
+            return None;
+        }
+        if header.incarnation > peer.incarnation {
+            // A new life: its words count from one again.
+            peer.incarnation = header.incarnation;
+            peer.state = None;
+            peer.mission = None;
+        }
+        Some(peer)
+    }
+
+    fn member(&mut self, id: VehicleId) -> Option<&mut Peer> {
+        self.index(id).map(|index| &mut self.known[index])
+    }
+
+    /// Where the peer stands in the table, entered there if it is new.
+    fn index(&mut self, id: VehicleId) -> Option<usize> {
+        if id == self.own || id.get() > self.roster {
+            return None;
+        }
+        match self.known.binary_search_by_key(&id, |peer| peer.id) {
+            Ok(index) => Some(index),
+            Err(index) => {
+                self.known.insert(index, Peer::unheard(id));
+                Some(index)
+            }
+        }
+    }
+}
+
+impl Peer {
+    fn unheard(id: VehicleId) -> Self {
+        Self {
+            id,
+            incarnation: Incarnation::default(),
+            state: None,
+            mission: None,
+            token: None,
+            found: false,
+            lost_at: None,
+        }
+    }
+
+    fn membership(&self) -> Membership {
+        self.mission.map_or(Membership::Joining, |(said, _)| said.membership)
+    }
+
+    /// Moves between lost and not lost.
+    fn age(&mut self, now: LocalTime, stale_s: f64) -> Option<Change> {
+        let told = self.state?;
+        let gone = self.token == Some(false) || now.seconds_since(told.at) > stale_s;
+        if gone && self.lost_at.is_none() {
+            self.lost_at = Some(now);
+            // Who left of its own will is not missed.
+            (self.membership() != Membership::Left).then_some(Change::Lost(self.id))
+        } else if !gone && (self.lost_at.is_some() || !self.found) {
+            self.lost_at = None;
+            self.found = true;
+            Some(Change::Found(self.id))
+        } else {
+            None
+        }
+    }
+
+    fn seen(&self, now: LocalTime) -> Option<Seen> {
+        let told = self.state?;
+        let age_s = now.seconds_since(told.at).max(0.0);
+        let standing = match self.lost_at {
+            Some(_) => Standing::Lost,
+            None if age_s > FRESH_S => Standing::Stale,
+            None => Standing::Fresh,
+        };
+        let role = match (self.membership(), self.lost_at) {
+            (Membership::Active, None) => Role::Member,
+            (_, Some(lost_at)) if now.seconds_since(lost_at) > OBSTACLE_FOR_S => Role::Nothing,
+            _ => Role::Obstacle { radius_m: OBSTACLE_RADIUS_M + OBSTACLE_GROWTH_M_S * age_s },
+        };
+        let position = told.position + told.velocity.0 * age_s;
+        Some(Seen { id: self.id, position, velocity: told.velocity, age_s, standing, role })
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,125 @@
+use skein_common::frame::Geodetic;
+use skein_common::message::{Order, Verb};
+use skein_common::state::VehicleState;
+use skein_common::time::SenderStamp;
+
+use super::*;
+
+fn id(number: u8) -> VehicleId {
+    VehicleId::new(number).unwrap()
+}
+
+fn origin() -> Origin {
+    Origin::new(Geodetic::from_degrees(28.0, -82.0, 0.0))
+}
+
+fn header(sender: u8, incarnation: u64, sequence: u64) -> Header {
+    Header { sender: id(sender), incarnation: Incarnation(incarnation), sequence, stamp: SenderStamp::ZERO }
+}
+
+fn seconds(seconds: f64) -> LocalTime {
+    LocalTime::from_seconds(seconds)
+}
+
+/// Vehicle `sender` is at `north_m` and flies north with 2 m/s.
+fn state(sender: u8, incarnation: u64, sequence: u64, north_m: f64) -> Word {
+    let position = origin().geodetic_from_ned(PositionNed::new(north_m, 0.0, -30.0));
+    let velocity = VelocityNed::new(2.0, 0.0, 0.0);
+    let state = VehicleState { position, velocity, heading_rad: 0.0 };
+    Word::State(State { header: header(sender, incarnation, sequence), state })
+}
+
+fn mission(sender: u8, incarnation: u64, sequence: u64, membership: Membership) -> Word {
+    Word::Mission(Mission { header: header(sender, incarnation, sequence), plan: 1, membership, order: None })
+}
+
+/// Vehicle 1's table of a swarm of four.
+struct Table(Peers);
+
+impl Table {
+    fn new() -> Self {
+        Self(Peers::new(id(1), 4, 2.0))
+    }
+
+    fn hear(&mut self, at_s: f64, words: &[Word]) -> Vec<Change> {
+        let heard: Vec<_> = words.iter().map(|&word| Heard { word, at: seconds(at_s) }).collect();
+        self.0.update(seconds(at_s), &origin(), &heard);
+        self.0.changes().to_vec()
+    }
+
+    fn only(&self) -> Seen {
+        assert_eq!(self.0.seen().len(), 1);
+        self.0.seen()[0]
+    }
+}
+
+#[test]
+fn a_word_is_carried_forward_then_stale_then_lost_then_no_obstacle() {
+    let mut table = Table::new();
+    assert_eq!(table.hear(1.0, &[state(2, 1, 1, 10.0), mission(2, 1, 1, Membership::Active)]), [Change::Found(id(2))]);
+    table.hear(1.4, &[]);
+    let seen = table.only();
+    assert!((seen.position.north_m() - 10.8).abs() < 1e-6, "2 m/s for 0.4 s");
+    assert_eq!((seen.standing, seen.role), (Standing::Fresh, Role::Member));
+    table.hear(2.9, &[]);
+    assert_eq!((table.only().standing, table.only().role), (Standing::Stale, Role::Member));
+    assert_eq!(table.hear(3.1, &[]), [Change::Lost(id(2))]);
+    let near = table.only();
+    table.hear(12.0, &[]);
+    let far = table.only();
+    let (Role::Obstacle { radius_m: early }, Role::Obstacle { radius_m: late }) = (near.role, far.role) else {
+        panic!("a lost peer stays an obstacle: {near:?}, {far:?}");
+    };
+    assert!(early >= 8.0 && late > early + 8.0, "its radius grows: {early} to {late}");
+    assert!((far.position.north_m() - 32.0).abs() < 1e-6, "where dead reckoning puts it");
+    table.hear(13.2, &[]);
+    assert_eq!(table.only().role, Role::Nothing, "10 s after it was lost");
+}
+
+#[test]
+fn a_token_gone_is_lost_at_once_and_back_when_it_returns() {
+    let mut table = Table::new();
+    table.hear(1.0, &[Word::Appeared(id(2)), state(2, 1, 1, 0.0), mission(2, 1, 1, Membership::Active)]);
+    assert!(!table.0.all_lost());
+    assert_eq!(table.hear(1.1, &[Word::Vanished(id(2))]), [Change::Lost(id(2))]);
+    assert!(table.0.all_lost());
+    assert_eq!(table.hear(1.2, &[state(2, 1, 2, 0.0)]), [], "words without a token do not bring it back");
+    assert_eq!(table.hear(1.3, &[Word::Appeared(id(2))]), [Change::Found(id(2))]);
+    assert_eq!(table.only().role, Role::Member);
+}
+
+#[test]
+fn late_repeated_and_earlier_words_change_nothing() {
+    let mut table = Table::new();
+    table.hear(1.0, &[state(2, 5, 10, 50.0)]);
+    for stale in [state(2, 5, 10, 0.0), state(2, 5, 9, 0.0), state(2, 4, 99, 0.0), mission(2, 4, 1, Membership::Left)] {
+        table.hear(1.0, &[stale]);
+        assert!((table.only().position.north_m() - 50.0).abs() < 1e-6);
+    }
+    assert_eq!(table.0.old(), 4);
+    table.hear(1.0, &[state(2, 6, 1, 7.0)]);
+    assert!((table.only().position.north_m() - 7.0).abs() < 1e-6, "a restarted peer counts from one");
+}
+
+#[test]
+fn words_in_the_own_name_or_of_strangers_are_forged() {
+    let mut table = Table::new();
+    table.hear(1.0, &[state(1, 9, 1, 0.0), state(5, 9, 1, 0.0), mission(1, 9, 1, Membership::Active)]);
+    assert_eq!(table.0.forged(), 3);
+    assert!(table.0.seen().is_empty());
+    table.hear(1.0, &[Word::Order(Order { epoch: 1, issuer: 1, verb: Verb::Land }), Word::Vanished(id(9))]);
+    assert!(table.0.seen().is_empty());
+}
+
+#[test]
+fn joining_and_landed_peers_are_no_members() {
+    let mut table = Table::new();
+    table.hear(1.0, &[state(2, 1, 1, 0.0)]);
+    assert!(matches!(table.only().role, Role::Obstacle { .. }), "joining");
+    table.hear(1.1, &[mission(2, 1, 1, Membership::Active)]);
+    assert_eq!(table.only().role, Role::Member);
+    table.hear(1.2, &[mission(2, 1, 2, Membership::Left)]);
+    assert!(matches!(table.only().role, Role::Obstacle { .. }), "leaving");
+    assert_eq!(table.hear(1.3, &[Word::Vanished(id(2))]), [], "who left is not missed");
+    assert!(!table.0.all_lost());
+}

@@ -1,0 +1,61 @@
+//! The steady hover in still air: where the inner states stand when the helicopter leaves the ground.
+
+use super::dynamics::Dynamics;
+use super::rotor::Hovering;
+
+/// Inner states of a steady hover out of ground effect.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Hover {
+    /// λ and λ_t.
+    pub(super) lambda: f64,
+    pub(super) lambda_t: f64,
+    /// Tail blade pitch θ_t, which the gyro's integral holds.
+    pub(super) tail_pitch_rad: f64,
+    /// The governor's integral, at nominal speed.
+    pub(super) governor_integral: f64,
+}
+
+impl Dynamics {
+    /// The equations of motion solved for rest. The bank that holds the tail's side force takes its cosine off the weight
+    /// the rotor carries: it changes the thrust by 0.3 %, so that a few rounds settle it.
+    pub(super) fn hover(&self) -> Hover {
+        let sin_bank = (0..5).fold(0.0, |sin_bank, _| self.sin_bank(&self.hovering_main(sin_bank)));
+        let main = self.hovering_main(sin_bank);
+        let speed_rad_s = self.drive.nominal_speed_rad_s;
+        let tail = self.tail.hovering(main.torque_n_m / self.tail.arm_m, speed_rad_s);
+        let load_n_m = main.torque_n_m + self.tail.gear_ratio * tail.torque_n_m;
+        Hover {
+            lambda: main.lambda,
+            lambda_t: tail.lambda,
+            tail_pitch_rad: tail.theta,
+            governor_integral: self.drive.integral_for(load_n_m * speed_rad_s),
+        }
+    }
+
+    /// A hover exists, within the power of the engine and the stops of the tail rotor.
+    pub(super) fn can_hover(&self) -> bool {
+        let Hover { lambda, lambda_t, tail_pitch_rad, governor_integral } = self.hover();
+        let full_throttle = 1.0 / self.drive.integral_gain;
+        let (lower_stop_rad, upper_stop_rad) = self.tail.stops_rad();
+        lambda.is_finite()
+            && lambda_t.is_finite()
+            && (lower_stop_rad..upper_stop_rad).contains(&tail_pitch_rad)
+            && (0.0..full_throttle).contains(&governor_integral)
+    }
+
+    /// The main rotor carries the weight and the drag of the fuselage in its own wake.
+    fn hovering_main(&self, sin_bank: f64) -> Hovering {
+        let weight_n = self.body.weight_n() * (1.0 - sin_bank * sin_bank).sqrt();
+        let rotor = &self.main_rotor.rotor;
+        let thrust_n = weight_n / (1.0 - self.body.vertical_drag() * rotor.induced_squared_per_thrust());
+        rotor.hovering(thrust_n, self.drive.nominal_speed_rad_s)
+    }
+
+    /// The tail's force Q/l to the left is held by the weight's share m g sin φ and by the disc's T b1, whose tilt in turn
+    /// holds the moment of the tail's force: (K_β + T h_mr) b1 = h_tr Q/l.
+    fn sin_bank(&self, main: &Hovering) -> f64 {
+        let side_n = main.torque_n_m / self.tail.arm_m;
+        let b1 = side_n * self.tail.height_m / self.main_rotor.stiffness(main.thrust_n);
+        (side_n - main.thrust_n * b1) / self.body.weight_n()
+    }
+}

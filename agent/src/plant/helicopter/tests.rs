@@ -1,0 +1,115 @@
+//! The reference figures of the model, its signs, and its safety. Everything flies `deploy/aircraft/xcell60.toml`.
+
+mod modes;
+mod parts;
+mod responses;
+mod safety;
+mod signs;
+mod trim;
+
+use nalgebra::{SMatrix, SVector};
+
+use super::*;
+
+/// The aircraft file's `[helicopter]` table.
+pub(super) fn xcell60() -> Parameters {
+    #[derive(serde::Deserialize)]
+    struct Aircraft {
+        helicopter: Parameters,
+    }
+    let text = include_str!("../../../../deploy/aircraft/xcell60.toml");
+    toml::from_str::<Aircraft>(text).unwrap().helicopter
+}
+
+const CALM: Vector3<f64> = Vector3::new(0.0, 0.0, 0.0);
+
+/// A helicopter flown step by step, with blade commands in place of sticks.
+#[derive(Clone)]
+struct Flight {
+    dynamics: Dynamics,
+    command: Command,
+    state: State,
+    time_s: f64,
+}
+
+impl Flight {
+    /// In steady flight north at this speed, 100 m above the ground.
+    fn trimmed(speed_m_s: f64) -> Self {
+        let dynamics = Dynamics::new(&xcell60(), -100.0);
+        // Roll, pitch, a1, b1, w_i, g_i, δ_lat, δ_lon, θ0, λ, λ_t: the hover's figures to start from.
+        let mut unknowns = SVector::from([0.0, 0.0, 0.0, 0.0, 29.0, 0.2, 0.0, 0.0, 0.1, 0.03, 0.08]);
+        for _ in 0..30 {
+            let residual = residual(&dynamics, speed_m_s, &unknowns);
+            let mut jacobian = SMatrix::<f64, 11, 11>::zeros();
+            for i in 0..11 {
+                let mut shifted = unknowns;
+                shifted[i] += 1e-7;
+                jacobian.set_column(i, &((self::residual(&dynamics, speed_m_s, &shifted) - residual) / 1e-7));
+            }
+            unknowns -= jacobian.lu().solve(&residual).unwrap();
+        }
+        let (state, command) = unpack(speed_m_s, &unknowns);
+        let residual = residual(&dynamics, speed_m_s, &unknowns).amax();
+        assert!(residual < 1e-9, "no trim at {speed_m_s} m/s: {residual}");
+        Self { dynamics, command, state, time_s: 0.0 }
+    }
+
+    fn advance(&mut self) {
+        self.state = self.dynamics.step(&self.state, &self.command, &CALM);
+        self.time_s += dynamics::STEP_S;
+    }
+
+    /// As a helicopter, for its accessors.
+    fn helicopter(&self) -> Helicopter {
+        let (dynamics, controls) = (self.dynamics.clone(), Controls::new(&xcell60()));
+        Helicopter { dynamics, controls, state: self.state }
+    }
+
+    /// The samples of `value` at each step until `end_s`, with their times.
+    fn record(&mut self, end_s: f64, value: impl Fn(&Self) -> f64) -> Vec<(f64, f64)> {
+        let mut samples = vec![(self.time_s, value(self))];
+        while self.time_s < end_s - 1e-9 {
+            self.advance();
+            samples.push((self.time_s, value(self)));
+        }
+        samples
+    }
+}
+
+/// Trim: north at `speed_m_s`, level, heading north; the rates of change that must vanish are those of u to r, a1, b1, Ω, λ
+/// and λ_t.
+fn residual(dynamics: &Dynamics, speed_m_s: f64, unknowns: &SVector<f64, 11>) -> SVector<f64, 11> {
+    let (state, command) = unpack(speed_m_s, unknowns);
+    let State(rate) = dynamics.rates(&state, &command, &CALM);
+    SVector::from([3, 4, 5, 10, 11, 12, 13, 14, 15, 21, 22].map(|i: usize| rate[i]))
+}
+
+fn unpack(speed_m_s: f64, unknowns: &SVector<f64, 11>) -> (State, Command) {
+    let [roll, pitch, a1, b1, governor, gyro, lateral, longitudinal, collective, lambda, lambda_t] = unknowns.data.0[0];
+    let ((sin_roll, cos_roll), (sin_pitch, cos_pitch)) = ((0.5 * roll).sin_cos(), (0.5 * pitch).sin_cos());
+    let quaternion = [cos_roll * cos_pitch, sin_roll * cos_pitch, cos_roll * sin_pitch, -sin_roll * sin_pitch];
+    let velocity = body::ned_from_body(quaternion).tr_mul(&Vector3::new(speed_m_s, 0.0, 0.0));
+    let mut state = [0.0; 23];
+    state[3..6].copy_from_slice(velocity.as_slice());
+    state[6..10].copy_from_slice(&quaternion);
+    state[13..].copy_from_slice(&[a1, b1, 167.0, governor, gyro, lateral, longitudinal, collective, lambda, lambda_t]);
+    let command = Command {
+        lateral_rad: lateral,
+        longitudinal_rad: longitudinal,
+        collective_rad: collective,
+        yaw_rate_rad_s: 0.0,
+    };
+    (State(state), command)
+}
+
+/// `value` is within `share` of `target`.
+#[track_caller]
+fn assert_within(share: f64, value: f64, target: f64) {
+    assert!((value - target).abs() <= share * target.abs(), "{value} is not within {share} of {target}");
+}
+
+/// `value` is within `margin` of `target`.
+#[track_caller]
+fn assert_near(margin: f64, value: f64, target: f64) {
+    assert!((value - target).abs() <= margin, "{value} is not within ±{margin} of {target}");
+}

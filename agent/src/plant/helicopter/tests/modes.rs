@@ -1,0 +1,71 @@
+//! The modes of the hover: eigenvalues of the numerically linearised model.
+
+use nalgebra::{Complex, DMatrix};
+
+use super::*;
+
+/// Of everything but position; the quaternion's redundant direction adds a zero.
+fn eigenvalues() -> Vec<Complex<f64>> {
+    let Flight { dynamics, command, state, .. } = Flight::trimmed(0.0);
+    let step = 1e-6;
+    let rates = |i: usize, shift: f64| {
+        let mut shifted = state;
+        shifted.0[i] += shift;
+        dynamics.rates(&shifted, &command, &CALM)
+    };
+    let mut jacobian = DMatrix::zeros(20, 20);
+    for column in 0..20 {
+        let (up, down) = (rates(column + 3, step), rates(column + 3, -step));
+        for row in 0..20 {
+            jacobian[(row, column)] = (up.0[row + 3] - down.0[row + 3]) / (2.0 * step);
+        }
+    }
+    jacobian.complex_eigenvalues().iter().copied().collect()
+}
+
+/// The eigenvalue nearest to this one.
+fn nearest(eigenvalues: &[Complex<f64>], re: f64, im: f64) -> Complex<f64> {
+    let distance = |value: &&Complex<f64>| (value.re - re).hypot(value.im - im);
+    *eigenvalues.iter().min_by(|a, b| distance(a).total_cmp(&distance(b))).unwrap()
+}
+
+/// The oscillation nearest to this frequency and damping: its own.
+fn oscillation(eigenvalues: &[Complex<f64>], omega: f64, zeta: f64) -> (f64, f64) {
+    let value = nearest(eigenvalues, -zeta * omega, omega * (1.0 - zeta * zeta).sqrt());
+    (value.re.hypot(value.im), -value.re / value.re.hypot(value.im))
+}
+
+#[test]
+fn modes_of_the_hover() {
+    let eigenvalues = eigenvalues();
+    for (tolerance, omega, zeta) in [(0.02, 20.17, 0.207), (0.02, 14.68, 0.284), (0.03, 1.58, 0.82)] {
+        let (measured_omega, measured_zeta) = oscillation(&eigenvalues, omega, zeta);
+        assert_within(tolerance, measured_omega, omega);
+        assert_within(tolerance, measured_zeta, zeta);
+    }
+    let heave = nearest(&eigenvalues, -0.81, 0.0);
+    assert_within(0.03, heave.re, -0.81);
+    assert_eq!(heave.im, 0.0);
+    for (re, im) in [(-0.037, 0.154), (-0.016, 0.157)] {
+        let slow = nearest(&eigenvalues, re, im);
+        assert_within(0.1, slow.re, re);
+        assert_within(0.1, slow.im, im);
+    }
+    // The inflows: what the integration step is chosen for.
+    assert_within(0.02, nearest(&eigenvalues, -169.0, 0.0).re, -169.0);
+    assert_within(0.02, nearest(&eigenvalues, -84.0, 0.0).re, -84.0);
+}
+
+#[test]
+fn roll_and_flap_mode_is_that_of_a_mass_on_the_hub_spring() {
+    let p = xcell60();
+    let spring = p.head.hub_stiffness_n_m_per_rad + p.mass_kg * p.gravity_m_s2 * p.main_rotor.height_m;
+    let flap_lag_s = 16.0 / (p.head.flybar_lock_number * p.head.nominal_speed_rad_s);
+    assert_near(0.0005, flap_lag_s, 0.120);
+    let omega = (spring / p.inertia.roll_kg_m2).sqrt();
+    let zeta = 1.0 / (2.0 * flap_lag_s * omega);
+    assert_near(0.05, omega, 20.1);
+    let (measured_omega, measured_zeta) = oscillation(&eigenvalues(), omega, zeta);
+    assert_within(0.02, measured_omega, omega);
+    assert_within(0.02, measured_zeta, zeta);
+}

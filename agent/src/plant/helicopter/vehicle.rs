@@ -1,0 +1,95 @@
+//! A whole vehicle: the helicopter, the air around it, and what is measured of it.
+
+use skein_common::frame::Origin;
+use skein_common::id::VehicleId;
+use skein_common::time::PlantTime;
+
+use super::wind::{Air, Weather};
+use super::{Helicopter, Parameters, TICK_S};
+use crate::plant::{Frame, Measurement, Sticks, Truth};
+use crate::random::{self, Purpose};
+
+/// Where a vehicle stands at the start, on flat ground at the height of the swarm's origin.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Start {
+    /// North of the origin, m.
+    pub north_m: f64,
+    /// East of the origin, m.
+    pub east_m: f64,
+    /// Clockwise from north.
+    pub heading_rad: f64,
+}
+
+/// The built-in helicopter in its weather: what a study, an agent without a simulator and the X-Plane stand-in fly.
+#[derive(Clone, Debug)]
+pub struct BuiltInVehicle {
+    origin: Origin,
+    helicopter: Helicopter,
+    air: Air,
+    ticks: u64,
+    /// What the controls were last set to; `None` while they never were.
+    sticks: Option<Sticks>,
+}
+
+impl BuiltInVehicle {
+    /// At rest at its start, rotor at speed. The gusts are those of `vehicle` under `seed`.
+    pub fn new(
+        origin: &Origin,
+        parameters: &Parameters,
+        start: &Start,
+        weather: &Weather,
+        seed: u64,
+        vehicle: VehicleId,
+    ) -> Self {
+        Self {
+            origin: *origin,
+            helicopter: Helicopter::at_rest(parameters, start.north_m, start.east_m, 0.0, start.heading_rad),
+            air: Air::new(weather, random::generator(seed, Some(vehicle), Purpose::Wind)),
+            ticks: 0,
+            sticks: None,
+        }
+    }
+
+    /// How it is now. The measurement is exact.
+    pub fn frame(&self) -> Frame {
+        let helicopter = &self.helicopter;
+        let (position, attitude) = (helicopter.position(), helicopter.attitude());
+        let (velocity, height_m) = (helicopter.velocity(), helicopter.height_m());
+        Frame {
+            time: PlantTime::from_seconds(self.ticks as f64 * TICK_S),
+            measurement: Measurement {
+                position: self.origin.geodetic_from_ned(position),
+                height_m,
+                velocity,
+                attitude,
+                rates: helicopter.rates(),
+                rotor_speed_rad_s: Some(helicopter.rotor_speed_rad_s()),
+            },
+            truth: Truth { position, height_m, velocity, attitude, power_w: Some(helicopter.power_w()) },
+        }
+    }
+
+    /// One tick on. With `None` nobody holds the controls: they stay as they were last set. Before they were ever set the
+    /// vehicle stands in chocks and only time passes; unheld, the gyro's integral would wind up against the ground and
+    /// the heading swing at lift-off. Controls that are not finite are not heard, and beyond their travel they stand at
+    /// its end.
+    pub fn advance(&mut self, sticks: Option<Sticks>) {
+        self.ticks += 1;
+        self.sticks = sticks.filter(is_finite).or(self.sticks);
+        let Some(sticks) = self.sticks else { return };
+        let wind = self.air.advance(self.helicopter.height_m());
+        self.helicopter.advance(&sticks, wind);
+    }
+
+    /// The machine itself.
+    pub fn helicopter(&self) -> &Helicopter {
+        &self.helicopter
+    }
+}
+
+fn is_finite(sticks: &Sticks) -> bool {
+    [sticks.roll, sticks.pitch, sticks.yaw, sticks.collective].iter().all(|stick| stick.is_finite())
+}
+
+#[cfg(test)]
+mod tests;

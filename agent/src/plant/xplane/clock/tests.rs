@@ -1,0 +1,113 @@
+use super::*;
+use crate::plant::xplane::socket::now;
+
+/// A simulator that runs at `rate`, `frames` frames of 20 ms local time on, from `running_s` on its own clock.
+struct Simulator {
+    start: Instant,
+    local_s: f64,
+    running_s: f64,
+}
+
+impl Simulator {
+    fn new(running_s: f64) -> Self {
+        Self { start: now(), local_s: 0.0, running_s }
+    }
+
+    fn run(&mut self, clock: &mut Clock, seconds: f64, rate: f64) -> Option<PlantTime> {
+        let mut last = None;
+        for _ in 0..(seconds / 0.02).round() as u32 {
+            self.local_s += 0.02;
+            self.running_s += 0.02 * rate;
+            let at = self.start + Duration::from_secs_f64(self.local_s);
+            clock.running_time(at, self.running_s as f32);
+            last = clock.frame(at);
+        }
+        last
+    }
+}
+
+#[test]
+fn the_first_frame_is_at_zero_and_time_passes() {
+    let mut clock = Clock::new();
+    let end = Simulator::new(0.0).run(&mut clock, 2.0, 1.0).unwrap();
+    assert!((end.seconds() - 1.98).abs() < 1e-6, "{end:?}");
+}
+
+#[test]
+fn a_slow_simulator_slows_time_after_a_second() {
+    let (mut clock, mut simulator) = (Clock::new(), Simulator::new(0.0));
+    let before = simulator.run(&mut clock, 2.0, 0.5).unwrap();
+    let after = simulator.run(&mut clock, 10.0, 0.5).unwrap();
+    assert!((clock.rate() - 0.5).abs() < 1e-3, "{}", clock.rate());
+    assert!((after.seconds_since(before) - 5.0).abs() < 0.01, "{}", after.seconds_since(before));
+}
+
+#[test]
+fn the_coarse_clock_of_a_simulator_that_ran_for_days_is_good_enough() {
+    for running_s in [3600.0, 86_400.0, 3.0 * 86_400.0] {
+        let (mut clock, mut simulator) = (Clock::new(), Simulator::new(running_s));
+        for _ in 0..50 {
+            simulator.run(&mut clock, 1.0, 1.0);
+            assert!((clock.rate() - 1.0).abs() <= 2.0 * MAX_STEP_SHARE, "{running_s}: {}", clock.rate());
+        }
+    }
+}
+
+#[test]
+fn a_pause_is_no_time_and_no_frame() {
+    let (mut clock, mut simulator) = (Clock::new(), Simulator::new(0.0));
+    let before = simulator.run(&mut clock, 3.0, 1.0).unwrap();
+    clock.set_paused(true);
+    assert_eq!(simulator.run(&mut clock, 5.0, 0.0), None);
+    clock.set_paused(false);
+    let after = simulator.run(&mut clock, 3.0, 1.0).unwrap();
+    assert!((after.seconds_since(before) - 3.0).abs() < 1e-6, "{}", after.seconds_since(before));
+    assert!((clock.rate() - 1.0).abs() < 1e-3, "the pause is not part of the measured rate");
+}
+
+#[test]
+fn a_simulator_that_starts_paused_has_no_frames() {
+    let (mut clock, mut simulator) = (Clock::new(), Simulator::new(0.0));
+    clock.set_paused(true);
+    assert_eq!(simulator.run(&mut clock, 1.0, 0.0), None);
+    clock.set_paused(false);
+    assert!(simulator.run(&mut clock, 0.02, 1.0).is_some());
+}
+
+#[test]
+fn a_clock_that_stands_still_without_a_pause_stops_time_too() {
+    let (mut clock, mut simulator) = (Clock::new(), Simulator::new(10.0));
+    simulator.run(&mut clock, 3.0, 1.0);
+    simulator.run(&mut clock, 3.0, 0.0);
+    assert_eq!(simulator.run(&mut clock, 1.0, 0.0), None);
+    simulator.run(&mut clock, 3.0, 1.0);
+    assert!((clock.rate() - 1.0).abs() < 1e-3);
+}
+
+#[test]
+fn a_restart_is_not_a_leap_backwards() {
+    let (mut clock, mut simulator) = (Clock::new(), Simulator::new(5000.0));
+    let before = simulator.run(&mut clock, 3.0, 1.0).unwrap();
+    simulator.running_s = 0.0;
+    let after = simulator.run(&mut clock, 3.0, 1.0).unwrap();
+    assert!((after.seconds_since(before) - 3.0).abs() < 0.05);
+    assert!((clock.rate() - 1.0).abs() < 1e-3);
+}
+
+#[test]
+fn a_long_silence_counts_for_a_second() {
+    let mut clock = Clock::new();
+    let start = now();
+    clock.frame(start);
+    let after = clock.frame(start + Duration::from_secs(60)).unwrap();
+    assert_eq!(after, PlantTime::from_seconds(1.0));
+}
+
+#[test]
+fn a_silence_is_not_part_of_the_measured_rate() {
+    let (mut clock, mut simulator) = (Clock::new(), Simulator::new(0.0));
+    simulator.run(&mut clock, 3.5, 1.0);
+    simulator.local_s += 5.0;
+    simulator.run(&mut clock, 0.1, 1.0);
+    assert!((clock.rate() - 1.0).abs() < 1e-3, "{}", clock.rate());
+}

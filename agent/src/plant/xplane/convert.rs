@@ -1,0 +1,156 @@
+//! X-Plane's position in its own units and axes, and the same in ours: degrees, feet and south end here.
+//!
+//! X-Plane's velocity and attitude refer to the tangent plane at its own origin, which lies within a few kilometres of
+//! the swarm's; the two planes differ by 0.16 mrad a kilometre, which is neglected. Mean sea level is taken for the
+//! ellipsoid on both sides.
+
+use std::f64::consts::TAU;
+
+use skein_common::frame::{Attitude, BodyRates, Geodetic, Origin, VelocityNed, wrap_rad};
+
+use super::wire::rpos::Position;
+use crate::plant::{Measurement, Truth};
+
+/// No helicopter flies faster, over the ground or along one axis.
+const MAX_SPEED_M_S: f64 = 500.0;
+/// Nor turns faster.
+const MAX_RATE_RAD_S: f64 = 100.0;
+
+/// Revolutions per minute in radians per second.
+pub(super) fn rad_s_from_rpm(rpm: f64) -> f64 {
+    rpm * TAU / 60.0
+}
+
+/// Radians per second in revolutions per minute.
+pub(super) fn rpm_from_rad_s(rad_s: f64) -> f64 {
+    rad_s * 60.0 / TAU
+}
+
+/// What the sensors say, or none if no aircraft can be there or move so.
+pub(super) fn measurement(position: &Position, rotor_speed_rad_s: Option<f64>) -> Option<Measurement> {
+    let angle = |degrees: f32| f64::from(degrees).to_radians();
+    let measurement = Measurement {
+        position: Geodetic::from_degrees(position.latitude_deg, position.longitude_deg, position.elevation_m),
+        height_m: position.height_m.into(),
+        velocity: VelocityNed::new(
+            -f64::from(position.velocity_south_m_s),
+            position.velocity_east_m_s.into(),
+            -f64::from(position.velocity_up_m_s),
+        ),
+        attitude: Attitude {
+            roll_rad: angle(position.roll_deg),
+            pitch_rad: angle(position.pitch_deg),
+            heading_rad: wrap_rad(angle(position.heading_deg)),
+        },
+        rates: BodyRates {
+            roll_rad_s: position.roll_rate_rad_s.into(),
+            pitch_rad_s: position.pitch_rate_rad_s.into(),
+            yaw_rad_s: position.yaw_rate_rad_s.into(),
+        },
+        rotor_speed_rad_s,
+    };
+    let is_turn = |degrees: f32, limit: f32| degrees.abs() <= limit;
+    let BodyRates { roll_rad_s, pitch_rad_s, yaw_rad_s } = measurement.rates;
+    let plausible = measurement.position.is_plausible()
+        && measurement.height_m.abs() <= 100_000.0
+        && measurement.velocity.0.norm() <= MAX_SPEED_M_S
+        && [roll_rad_s, pitch_rad_s, yaw_rad_s].iter().all(|rate| rate.abs() <= MAX_RATE_RAD_S)
+        && is_turn(position.pitch_deg, 90.0)
+        && is_turn(position.roll_deg, 180.0)
+        && is_turn(position.heading_deg, 360.0);
+    plausible.then_some(measurement)
+}
+
+/// X-Plane's own word is the truth there.
+pub(super) fn truth(measurement: &Measurement, origin: &Origin) -> Truth {
+    Truth {
+        position: origin.ned_from_geodetic(&measurement.position),
+        height_m: measurement.height_m,
+        velocity: measurement.velocity,
+        attitude: measurement.attitude,
+        power_w: None,
+    }
+}
+
+/// The way back: what X-Plane would send for this.
+pub(super) fn position(measurement: &Measurement) -> Position {
+    let Measurement { position, height_m, velocity, attitude, rates, .. } = measurement;
+    let heading_deg = attitude.heading_rad.to_degrees().rem_euclid(360.0);
+    Position {
+        longitude_deg: position.longitude_deg(),
+        latitude_deg: position.latitude_deg(),
+        elevation_m: position.altitude_m,
+        height_m: *height_m as f32,
+        pitch_deg: attitude.pitch_rad.to_degrees() as f32,
+        heading_deg: heading_deg as f32,
+        roll_deg: attitude.roll_rad.to_degrees() as f32,
+        velocity_east_m_s: velocity.east_m_s() as f32,
+        velocity_up_m_s: -velocity.down_m_s() as f32,
+        velocity_south_m_s: -velocity.north_m_s() as f32,
+        roll_rate_rad_s: rates.roll_rad_s as f32,
+        pitch_rate_rad_s: rates.pitch_rad_s as f32,
+        yaw_rate_rad_s: rates.yaw_rad_s as f32,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn level() -> Position {
+        Position { longitude_deg: -82.0, latitude_deg: 28.0, elevation_m: 12.0, ..Position::default() }
+    }
+
+    #[test]
+    fn axes_and_signs() {
+        let flying = Position {
+            heading_deg: 270.0,
+            pitch_deg: 10.0,
+            roll_deg: -20.0,
+            velocity_east_m_s: 1.0,
+            velocity_up_m_s: 2.0,
+            velocity_south_m_s: 3.0,
+            ..level()
+        };
+        let Measurement { velocity, attitude, position, .. } = measurement(&flying, None).unwrap();
+        assert_eq!(velocity, VelocityNed::new(-3.0, 1.0, -2.0));
+        assert!((attitude.heading_rad + TAU / 4.0).abs() < 1e-9);
+        assert!((attitude.pitch_rad - 10f64.to_radians()).abs() < 1e-7);
+        assert!((attitude.roll_rad + 20f64.to_radians()).abs() < 1e-7);
+        assert!((position.longitude_deg() + 82.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn there_and_back() {
+        let flying = Position {
+            height_m: 7.5,
+            heading_deg: 300.0,
+            pitch_deg: -3.0,
+            roll_deg: 4.5,
+            velocity_south_m_s: -8.0,
+            yaw_rate_rad_s: 0.25,
+            ..level()
+        };
+        let back = position(&measurement(&flying, None).unwrap());
+        assert!((back.heading_deg - 300.0).abs() < 1e-4 && (back.latitude_deg - 28.0).abs() < 1e-12);
+        assert_eq!(back.velocity_south_m_s, -8.0);
+        assert_eq!(back.yaw_rate_rad_s, 0.25);
+    }
+
+    #[test]
+    fn what_no_helicopter_does_is_refused() {
+        assert!(measurement(&level(), None).is_some());
+        let impossible = [
+            Position { velocity_up_m_s: 501.0, ..level() },
+            Position { elevation_m: 2e5, ..level() },
+            Position { roll_rate_rad_s: -101.0, ..level() },
+            Position { pitch_deg: 91.0, ..level() },
+            Position { roll_deg: 181.0, ..level() },
+            Position { heading_deg: 1e9, ..level() },
+            Position { height_m: 1e6, ..level() },
+        ];
+        for position in impossible {
+            assert_eq!(measurement(&position, None), None, "{position:?}");
+        }
+    }
+}

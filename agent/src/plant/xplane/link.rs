@@ -1,0 +1,372 @@
+//! The agent's end of the wire: X-Plane as a [`Plant`].
+//!
+//! One unconnected UDP socket on the control thread. X-Plane answers to the address that asked, from a port that nobody
+//! documents: so replies are known by the simulator's IP address alone, and anything from another is dropped.
+//!
+//! The frame is the position (RPOS). Values of datarefs (RREF) are latest-value beside it and wake nobody. When several
+//! positions are queued the newest is the frame. The simulator's time is reckoned by `clock`; while it stands still, in a
+//! paused simulator, positions are not frames and [`Plant::wait`] ends at its deadline.
+
+mod beacon;
+mod controls;
+
+use std::io;
+use std::net::{IpAddr, Ipv4Addr, SocketAddr, UdpSocket};
+use std::time::{Duration, Instant};
+
+use skein_common::frame::Origin;
+
+use super::clock::Clock;
+use super::convert;
+use super::profile::{Dataref, Profile};
+use super::socket::{Port, Received, now};
+use super::wire::rpos::{self, Position};
+use super::wire::{PORT, WireError, rref};
+use crate::plant::{Frame, Plant, Sticks, Wake};
+use beacon::Search;
+use controls::Controls;
+
+/// X-Plane forgets its subscribers when it restarts.
+const RESUBSCRIBE: Duration = Duration::from_secs(5);
+/// While nothing comes, it is asked more often.
+const RESUBSCRIBE_SILENT: Duration = Duration::from_secs(1);
+/// How often the overrides are confirmed.
+const CONFIRM_OVERRIDES: Duration = Duration::from_millis(200);
+/// A dataref's value is no longer news.
+const STALE: Duration = Duration::from_secs(1);
+/// What may be taken from the queue without waiting: a flood must not keep the newest position from its agent.
+const MAX_QUEUED: u32 = 1024;
+/// The controls are given back more than once, because nobody confirms and a pilot's stick would stay dead.
+const GIVE_BACK_TIMES: u32 = 3;
+
+/// The datarefs beside the position, by the index that stands in X-Plane's answers.
+mod index {
+    pub(super) const RUNNING_TIME: i32 = 1;
+    pub(super) const PAUSED: i32 = 2;
+    pub(super) const ROTOR_SPEED: i32 = 3;
+    pub(super) const VERSION: i32 = 4;
+}
+
+/// Why the link could not be opened.
+#[derive(Debug, thiserror::Error)]
+pub enum LinkError {
+    /// No socket for talking to the simulator.
+    #[error("cannot open a UDP socket on {listen}: {source}")]
+    Bind {
+        /// The address asked for.
+        listen: IpAddr,
+        /// What the system says.
+        source: io::Error,
+    },
+    /// No socket for the beacon, and no address was given.
+    #[error("cannot listen for X-Plane's beacon: {0}; give its address instead")]
+    Beacon(io::Error),
+    /// The simulator cannot be reached from the address to listen on.
+    #[error("an X-Plane at {simulator} cannot be reached from {listen}: one is IPv4, the other IPv6")]
+    AddressFamily {
+        /// The simulator's address.
+        simulator: SocketAddr,
+        /// The address to listen on.
+        listen: IpAddr,
+    },
+    /// A dataref of the profile fits no message.
+    #[error("the aircraft's profile cannot be written: {0}")]
+    Profile(WireError),
+}
+
+/// What the link has counted since it was opened.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Counters {
+    /// Frames handed out.
+    pub frames: u64,
+    /// Datagrams that are not of this protocol, or whose numbers cannot be.
+    pub malformed: u64,
+    /// Datagrams from an address that is not the simulator's.
+    pub foreign: u64,
+    /// Positions passed over because a newer one was queued behind them.
+    pub skipped_frames: u64,
+    /// Pauses of more than one and a half frame periods between two positions.
+    pub gaps: u64,
+    /// Positions that came while the simulator's time stood still.
+    pub standing_frames: u64,
+    /// Commands out of the controls' travel: none of their numbers was sent.
+    pub refused_commands: u64,
+    /// Errors of the sockets, "nobody there" included.
+    pub faults: u64,
+}
+
+/// One X-Plane, real or a stand-in.
+pub struct XPlane {
+    origin: Origin,
+    rate_hz: u32,
+    rotor_speed_rpm: Dataref,
+    port: Port,
+    listen: IpAddr,
+    simulator: Option<SocketAddr>,
+    search: Option<Search>,
+    controls: Controls,
+    clock: Clock,
+    /// In revolutions per minute, and when it came.
+    rotor_speed: Option<(Instant, f32)>,
+    version: Option<u32>,
+    last_position: Option<Instant>,
+    last_subscribed: Option<Instant>,
+    overrides_confirmed: Option<Instant>,
+    outgoing: Vec<u8>,
+    counters: Counters,
+}
+
+impl XPlane {
+    /// A link to the X-Plane at `address`, or to the one of this host that says by beacon that it is there. `rate_hz`
+    /// positions a second are asked for, to a port of the system's choice on `listen`. Nothing is sent before the first
+    /// [`Plant::wait`], and the controls are not touched before the first [`Plant::command`].
+    ///
+    /// # Errors
+    /// If a socket cannot be had.
+    pub fn new(
+        origin: &Origin,
+        address: Option<SocketAddr>,
+        profile: &Profile,
+        rate_hz: u32,
+        listen: IpAddr,
+    ) -> Result<Self, LinkError> {
+        let simulator = address.unwrap_or((Ipv4Addr::LOCALHOST, PORT).into());
+        if simulator.is_ipv4() != listen.is_ipv4() {
+            return Err(LinkError::AddressFamily { simulator, listen });
+        }
+        let search = if address.is_none() { Some(Search::new().map_err(LinkError::Beacon)?) } else { None };
+        let port = UdpSocket::bind((listen, 0)).and_then(Port::new);
+        Ok(Self {
+            origin: *origin,
+            rate_hz: rate_hz.max(1),
+            rotor_speed_rpm: profile.rotor_speed_rpm.clone(),
+            port: port.map_err(|source| LinkError::Bind { listen, source })?,
+            listen,
+            simulator: address,
+            search,
+            controls: Controls::new(profile).map_err(LinkError::Profile)?,
+            clock: Clock::new(),
+            rotor_speed: None,
+            version: None,
+            last_position: None,
+            last_subscribed: None,
+            overrides_confirmed: None,
+            outgoing: Vec::with_capacity(rref::REQUEST_SIZE),
+            counters: Counters::default(),
+        })
+    }
+
+    /// Where the simulator is, once that is known.
+    pub fn simulator(&self) -> Option<SocketAddr> {
+        self.simulator
+    }
+
+    /// X-Plane's own version number once it said so: 121400 is 12.1.4.
+    pub fn version(&self) -> Option<u32> {
+        self.version
+    }
+
+    /// Whether the simulator says that it is paused.
+    pub fn is_paused(&self) -> bool {
+        self.clock.is_paused()
+    }
+
+    /// Simulated seconds in a local one, as last measured; 1 until then.
+    pub fn time_rate(&self) -> f64 {
+        self.clock.rate()
+    }
+
+    /// What was counted so far.
+    pub fn counters(&self) -> Counters {
+        Counters { faults: self.port.faults, ..self.counters }
+    }
+
+    /// Where to send to; looks for it first if nobody said.
+    fn find(&mut self, deadline: Instant) -> Option<SocketAddr> {
+        if let (None, Some(search)) = (self.simulator, &mut self.search) {
+            let port = search.find(deadline, &mut self.counters)?;
+            // It is on this host, and answers from the address at which it was asked.
+            let host = if self.listen.is_unspecified() { Ipv4Addr::LOCALHOST.into() } else { self.listen };
+            self.simulator = Some(SocketAddr::new(host, port));
+            self.search = None;
+        }
+        self.simulator
+    }
+
+    fn stay_subscribed(&mut self, simulator: SocketAddr) {
+        let now = now();
+        let is_over = |since: Option<Instant>, patience| since.is_none_or(|since| now >= since + patience);
+        let is_silent = is_over(self.last_position, RESUBSCRIBE_SILENT);
+        let patience = if is_silent { RESUBSCRIBE_SILENT } else { RESUBSCRIBE };
+        if is_over(self.last_subscribed, patience) {
+            self.subscribe(simulator, self.rate_hz, 1);
+            self.last_subscribed = Some(now);
+        }
+    }
+
+    /// Asks for the position and for what is needed beside it; zeros end it all.
+    fn subscribe(&mut self, simulator: SocketAddr, rate_hz: u32, slow_hz: u32) {
+        rpos::Request { rate_hz }.encode(&mut self.outgoing);
+        // What is lost is asked for again.
+        let _ = self.port.send(&self.outgoing, simulator);
+        let datarefs = [
+            (index::RUNNING_TIME, rate_hz, "sim/time/total_running_time_sec"),
+            (index::PAUSED, rate_hz, "sim/time/paused"),
+            (index::ROTOR_SPEED, rate_hz, self.rotor_speed_rpm.as_str()),
+            (index::VERSION, slow_hz, "sim/version/xplane_internal_version"),
+        ];
+        for (index, frequency_hz, path) in datarefs {
+            if (rref::Request { frequency_hz, index, path }).encode(&mut self.outgoing).is_ok() {
+                let _ = self.port.send(&self.outgoing, simulator);
+            }
+        }
+    }
+
+    /// The newest position that is queued or comes before the deadline, and when it came.
+    fn newest_position(&mut self, simulator: IpAddr, deadline: Instant) -> Option<(Position, Instant)> {
+        let mut newest = None;
+        let mut may_take = MAX_QUEUED;
+        while may_take > 0 {
+            let at_once = newest.is_some() || now() >= deadline;
+            match self.port.receive((!at_once).then_some(deadline)) {
+                Received::Datagram(size, from) => {
+                    if let Some(position) = self.digest(size, from.ip(), simulator) {
+                        self.counters.skipped_frames += u64::from(newest.is_some());
+                        newest = Some(position);
+                    }
+                }
+                Received::Fault => {}
+                Received::Nothing => break,
+            }
+            may_take -= u32::from(at_once);
+        }
+        newest
+    }
+
+    /// Takes in one datagram; a position comes out.
+    fn digest(&mut self, size: usize, from: IpAddr, simulator: IpAddr) -> Option<(Position, Instant)> {
+        if from != simulator {
+            self.counters.foreign += 1;
+            return None;
+        }
+        let datagram = self.port.datagram(size);
+        let outcome = match datagram.first_chunk() {
+            Some(&rpos::TAG) => Position::decode(datagram).map(Some),
+            Some(&rref::TAG) => self.take_values(size).map(|()| None),
+            _ => Err(WireError::WrongTag),
+        };
+        match outcome {
+            Ok(position) => position.map(|position| (position, now())),
+            Err(error) => {
+                self.refuse(error);
+                None
+            }
+        }
+    }
+
+    fn take_values(&mut self, size: usize) -> Result<(), WireError> {
+        let now = now();
+        for (index, value) in rref::decode_values(self.port.datagram(size))? {
+            match index {
+                _ if !value.is_finite() => self.counters.malformed += 1,
+                index::RUNNING_TIME => self.clock.running_time(now, value),
+                index::PAUSED => self.clock.set_paused(value != 0.0),
+                index::ROTOR_SPEED => self.rotor_speed = Some((now, value)),
+                index::VERSION => self.version = Some(value as u32),
+                _ => {}
+            }
+        }
+        Ok(())
+    }
+
+    /// Counts, and says so at the first, second, fourth, eighth time.
+    fn refuse(&mut self, error: WireError) {
+        self.counters.malformed += 1;
+        if self.counters.malformed.is_power_of_two() {
+            tracing::warn!(malformed = self.counters.malformed, "dropped a datagram of the simulator: {error}");
+        }
+    }
+
+    /// A position as a frame, unless it cannot be or the simulator's time stands still.
+    fn frame(&mut self, position: &Position, at: Instant) -> Option<Frame> {
+        let rotor_speed_rad_s = self
+            .rotor_speed
+            .filter(|&(since, _)| at.saturating_duration_since(since) < STALE)
+            .map(|(_, rpm)| convert::rad_s_from_rpm(rpm.into()));
+        let Some(measurement) = convert::measurement(position, rotor_speed_rad_s) else {
+            self.refuse(WireError::OutOfRange);
+            return None;
+        };
+        let longest = Duration::from_secs_f64(1.5 * self.frame_period_s());
+        let last = self.last_position.replace(at);
+        self.counters.gaps += u64::from(last.is_some_and(|last| at > last + longest));
+        let Some(time) = self.clock.frame(at) else {
+            self.counters.standing_frames += 1;
+            return None;
+        };
+        self.counters.frames += 1;
+        Some(Frame { time, truth: convert::truth(&measurement, &self.origin), measurement })
+    }
+}
+
+impl Plant for XPlane {
+    fn wait(&mut self, deadline: Instant) -> Wake {
+        let Some(simulator) = self.find(deadline) else { return Wake::Deadline };
+        self.stay_subscribed(simulator);
+        while let Some((position, at)) = self.newest_position(simulator.ip(), deadline) {
+            if let Some(frame) = self.frame(&position, at) {
+                return Wake::Frame(frame);
+            }
+            if now() >= deadline {
+                break;
+            }
+        }
+        Wake::Deadline
+    }
+
+    fn command(&mut self, sticks: Sticks) {
+        let Some(simulator) = self.simulator else { return };
+        if !sticks.is_within_limits() {
+            self.counters.refused_commands += 1;
+            return;
+        }
+        let now = now();
+        if self.overrides_confirmed.is_none_or(|at| now >= at + CONFIRM_OVERRIDES) {
+            self.controls.take(&mut self.port, simulator);
+            self.overrides_confirmed = Some(now);
+        }
+        self.controls.set(sticks, &mut self.port, simulator);
+    }
+
+    fn release(&mut self) {
+        let Some(simulator) = self.simulator else { return };
+        let was_holding = self.overrides_confirmed.take().is_some();
+        let was_subscribed = self.last_subscribed.take().is_some();
+        for _ in 0..GIVE_BACK_TIMES {
+            if was_holding {
+                self.controls.give_back(&mut self.port, simulator);
+            }
+            if was_subscribed {
+                self.subscribe(simulator, 0, 0);
+            }
+        }
+    }
+
+    fn frame_period_s(&self) -> f64 {
+        1.0 / f64::from(self.rate_hz)
+    }
+
+    fn malformed(&self) -> u64 {
+        self.counters.malformed
+    }
+}
+
+impl Drop for XPlane {
+    /// An agent that ends for whatever reason leaves no pilot with a dead stick.
+    fn drop(&mut self) {
+        self.release();
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,80 @@
+//! Finding the X-Plane of this computer by its beacon.
+
+use std::io;
+use std::net::{Ipv4Addr, SocketAddr, UdpSocket};
+use std::time::{Duration, Instant};
+
+use socket2::{Domain, Protocol, Socket, Type};
+
+use super::Counters;
+use crate::plant::xplane::socket::{Port, Received, is_this_host, now};
+use crate::plant::xplane::wire::becn::{self, Beacon};
+
+/// An X-Plane that loads scenery may miss two beacons.
+const PATIENCE: Duration = Duration::from_secs(3);
+
+/// Listens until a beacon of this host's own X-Plane comes.
+pub(super) struct Search {
+    port: Port,
+    since: Instant,
+    is_reported: bool,
+}
+
+impl Search {
+    /// Joins the beacon's group, beside every other program of this host that has.
+    pub(super) fn new() -> io::Result<Self> {
+        let socket = Socket::new(Domain::IPV4, Type::DGRAM, Some(Protocol::UDP))?;
+        socket.set_reuse_address(true)?;
+        #[cfg(unix)]
+        socket.set_reuse_port(true)?;
+        socket.bind(&SocketAddr::from((Ipv4Addr::UNSPECIFIED, becn::PORT)).into())?;
+        let group = Ipv4Addr::from(becn::GROUP);
+        // A host without a network still has its loopback, and the other way round: one of the two is enough.
+        let joined = [Ipv4Addr::UNSPECIFIED, Ipv4Addr::LOCALHOST].map(|via| socket.join_multicast_v4(&group, &via));
+        let [Err(error), Err(_)] = joined else { return Self::on(socket.into()) };
+        Err(error)
+    }
+
+    /// On a socket that is bound already.
+    pub(super) fn on(socket: UdpSocket) -> io::Result<Self> {
+        Ok(Self { port: Port::new(socket)?, since: now(), is_reported: false })
+    }
+
+    /// The port of the first master X-Plane of this host that is heard before the deadline. A neighbour's is passed over:
+    /// its aircraft is not ours to fly.
+    pub(super) fn find(&mut self, deadline: Instant, counters: &mut Counters) -> Option<u16> {
+        loop {
+            match self.port.receive(Some(deadline)) {
+                Received::Datagram(size, from) if is_this_host(from.ip()) => {
+                    match Beacon::decode(self.port.datagram(size)) {
+                        Ok(beacon) if beacon.is_master() => {
+                            tracing::info!(computer = beacon.name, version = beacon.version, "found X-Plane");
+                            return Some(beacon.port);
+                        }
+                        Ok(_) => {}
+                        Err(_) => counters.malformed += 1,
+                    }
+                }
+                Received::Datagram(..) => counters.foreign += 1,
+                Received::Fault => {}
+                Received::Nothing => break,
+            }
+            if now() >= deadline {
+                break;
+            }
+        }
+        self.report();
+        None
+    }
+
+    fn report(&mut self) {
+        if !self.is_reported && now() >= self.since + PATIENCE {
+            self.is_reported = true;
+            tracing::warn!(
+                "no beacon of an X-Plane on this computer for {} s, still listening: is it running? Its address can be \
+                 given instead",
+                PATIENCE.as_secs()
+            );
+        }
+    }
+}

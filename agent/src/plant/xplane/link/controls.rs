@@ -1,0 +1,68 @@
+//! The datagrams that hold the controls and set them, written once and sent with other values.
+
+use std::net::SocketAddr;
+
+use crate::plant::Sticks;
+use crate::plant::xplane::profile::{Dataref, Profile};
+use crate::plant::xplane::socket::Port;
+use crate::plant::xplane::wire::WireError;
+use crate::plant::xplane::wire::dref::Template;
+
+/// One template for each dataref of the profile.
+pub(super) struct Controls {
+    overrides: Vec<Template>,
+    hold: Vec<(Template, f32)>,
+    roll: Template,
+    pitch: Template,
+    yaw: Template,
+    collective: Vec<Template>,
+}
+
+impl Controls {
+    pub(super) fn new(profile: &Profile) -> Result<Self, WireError> {
+        let template = |dataref: &Dataref| Template::new(dataref.as_str());
+        let held = |(dataref, &value): (&Dataref, &f32)| Ok((template(dataref)?, value));
+        Ok(Self {
+            overrides: profile.overrides.iter().map(template).collect::<Result<_, _>>()?,
+            hold: profile.hold.iter().map(held).collect::<Result<_, WireError>>()?,
+            roll: template(&profile.roll)?,
+            pitch: template(&profile.pitch)?,
+            yaw: template(&profile.yaw)?,
+            collective: profile.collective.iter().map(template).collect::<Result<_, _>>()?,
+        })
+    }
+
+    /// Takes the controls, or confirms that they are taken: an aircraft that is reloaded forgets it.
+    pub(super) fn take(&mut self, port: &mut Port, to: SocketAddr) {
+        self.set_overrides(1.0, port, to);
+        for (template, value) in &mut self.hold {
+            send(port, template, *value, to);
+        }
+    }
+
+    /// Gives the controls back.
+    pub(super) fn give_back(&mut self, port: &mut Port, to: SocketAddr) {
+        self.set_overrides(0.0, port, to);
+    }
+
+    fn set_overrides(&mut self, value: f32, port: &mut Port, to: SocketAddr) {
+        for template in &mut self.overrides {
+            send(port, template, value, to);
+        }
+    }
+
+    /// Sets the controls.
+    pub(super) fn set(&mut self, sticks: Sticks, port: &mut Port, to: SocketAddr) {
+        send(port, &mut self.roll, sticks.roll as f32, to);
+        send(port, &mut self.pitch, sticks.pitch as f32, to);
+        send(port, &mut self.yaw, sticks.yaw as f32, to);
+        for template in &mut self.collective {
+            send(port, template, sticks.collective as f32, to);
+        }
+    }
+}
+
+/// What is lost is sent again with the next frame; the port counts it.
+fn send(port: &mut Port, template: &mut Template, value: f32, to: SocketAddr) {
+    let _ = port.send(template.with_value(value), to);
+}

@@ -1,0 +1,236 @@
+//! The simulator's side of the protocol: what X-Plane answers to which datagram. No sockets, no clock: a frame is one
+//! call, and what is to be sent is handed to the caller.
+//!
+//! As in X-Plane, nothing confirms and nothing complains. Datagrams of a wrong size, unknown datarefs and writes to
+//! read-only ones are passed over; a subscription is known by sender's address, sender's port and index, and lives until it
+//! is ended; what was written counts from the next frame on; and a stick axis that nobody overrides is the pilot's, who
+//! here never touches it.
+
+mod clients;
+mod datarefs;
+
+use std::collections::BTreeSet;
+use std::net::SocketAddr;
+
+use super::wire::becn::{self, Beacon};
+use super::wire::dref::{self, Write};
+use super::wire::prel::{self, Placement};
+use super::wire::{WireError, rpos, rref};
+use crate::plant::{Frame, Sticks};
+use clients::Clients;
+use datarefs::{Handle, Setting, Settings, Situation};
+
+/// A subscriber not heard for this long is presumed gone where that matters. Ours asks again every five seconds.
+const PRESUMED_GONE_S: u64 = 12;
+/// Unknown datarefs that are remembered so as to be reported once.
+const MAX_UNKNOWN: usize = 64;
+
+/// Which X-Plane is emulated.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+pub enum Version {
+    /// X-Plane 11.55
+    #[value(name = "11")]
+    V11,
+    /// X-Plane 12.1.4
+    #[value(name = "12")]
+    V12,
+}
+
+impl Version {
+    /// As X-Plane numbers itself.
+    pub fn internal(self) -> i32 {
+        match self {
+            Self::V11 => 115_501,
+            Self::V12 => 121_400,
+        }
+    }
+
+    /// Elements of per-engine arrays.
+    fn engines(self) -> usize {
+        match self {
+            Self::V11 => 8,
+            Self::V12 => 16,
+        }
+    }
+}
+
+/// What is kept between frames.
+pub struct Server {
+    version: Version,
+    frame_rate_hz: u32,
+    frames: u64,
+    clients: Clients,
+    settings: Settings,
+    has_collective: bool,
+    malformed: u64,
+    unknown: BTreeSet<String>,
+    pairs: Vec<(i32, f32)>,
+    outgoing: Vec<u8>,
+}
+
+impl Server {
+    /// A simulator with an engine running and nobody at its controls, that draws `frame_rate_hz` frames a second.
+    pub fn new(version: Version, frame_rate_hz: u32) -> Self {
+        let frame_rate_hz = frame_rate_hz.max(1);
+        Self {
+            version,
+            frame_rate_hz,
+            frames: 0,
+            clients: Clients::new(frame_rate_hz, PRESUMED_GONE_S * u64::from(frame_rate_hz)),
+            settings: Settings::new(),
+            has_collective: false,
+            malformed: 0,
+            unknown: BTreeSet::new(),
+            pairs: Vec::with_capacity(rref::MAX_VALUES),
+            outgoing: Vec::with_capacity(super::wire::MAX_DATAGRAM),
+        }
+    }
+
+    /// Takes in a datagram. A placement of the user's own aircraft is the caller's to carry out.
+    #[must_use]
+    pub fn handle(&mut self, datagram: &[u8], from: SocketAddr) -> Option<Placement> {
+        self.clients.heard(from, self.frames);
+        let outcome = match datagram.first_chunk() {
+            Some(&rpos::TAG) => self.subscribe_position(datagram, from),
+            Some(&rref::TAG) => self.subscribe_value(datagram, from),
+            Some(&dref::TAG) => self.write(datagram),
+            Some(&prel::TAG) => match Placement::decode(datagram) {
+                Ok(placement) if placement.aircraft == 0 => return Some(placement),
+                Ok(_) => Ok(()),
+                Err(error) => Err(error),
+            },
+            _ => Ok(()),
+        };
+        if let Err(error) = outcome {
+            self.malformed += 1;
+            if self.malformed.is_power_of_two() {
+                tracing::debug!(malformed = self.malformed, %from, "passed over a datagram: {error}");
+            }
+        }
+        None
+    }
+
+    fn subscribe_position(&mut self, datagram: &[u8], from: SocketAddr) -> Result<(), WireError> {
+        let rpos::Request { rate_hz } = rpos::Request::decode(datagram)?;
+        self.clients.subscribe_position(from, rate_hz, self.frames);
+        Ok(())
+    }
+
+    fn subscribe_value(&mut self, datagram: &[u8], from: SocketAddr) -> Result<(), WireError> {
+        let rref::Request { frequency_hz, index, path } = rref::Request::decode(datagram)?;
+        if frequency_hz == 0 {
+            self.clients.unsubscribe_value(from, index);
+        } else if let Some(handle) = self.find(path) {
+            self.clients.subscribe_value(from, index, handle, frequency_hz, self.frames);
+        }
+        Ok(())
+    }
+
+    fn write(&mut self, datagram: &[u8]) -> Result<(), WireError> {
+        let Write { value, path } = Write::decode(datagram)?;
+        let written = self.find(path).and_then(|handle| handle.write(value, &mut self.settings));
+        self.has_collective |= written == Some(Setting::Collective);
+        Ok(())
+    }
+
+    fn find(&mut self, path: &str) -> Option<Handle> {
+        let handle = Handle::find(path, self.version.engines());
+        if handle.is_none() && self.unknown.len() < MAX_UNKNOWN && self.unknown.insert(path.to_owned()) {
+            tracing::info!(dataref = path, "not known here, or not this element of it");
+        }
+        handle
+    }
+
+    /// Begins a frame: what the stick does in it, if anyone holds it. Somebody does from the first collective on that is
+    /// written, while an override is 1. An axis that is not overridden springs back.
+    pub fn take_controls(&mut self) -> Option<Sticks> {
+        let is_on = |settings: &Settings, setting| settings.first(setting) != 0.0;
+        let has_joystick = is_on(&self.settings, Setting::OverrideJoystick);
+        let mut is_held = has_joystick;
+        for (axis, its_override) in [
+            (Setting::Roll, Setting::OverrideRoll),
+            (Setting::Pitch, Setting::OverridePitch),
+            (Setting::Yaw, Setting::OverrideYaw),
+        ] {
+            if has_joystick || is_on(&self.settings, its_override) {
+                is_held = true;
+            } else {
+                self.settings.set_first(axis, 0.0);
+            }
+        }
+        let stick = |setting| f64::from(self.settings.first(setting));
+        (is_held && self.has_collective).then(|| Sticks {
+            roll: stick(Setting::Roll),
+            pitch: stick(Setting::Pitch),
+            yaw: stick(Setting::Yaw),
+            collective: stick(Setting::Collective),
+        })
+    }
+
+    /// Ends a frame: hands whatever is due in it to `send`, the values before the position.
+    pub fn publish(&mut self, frame: &Frame, mut send: impl FnMut(SocketAddr, &[u8])) {
+        self.frames += 1;
+        let situation = Situation::new(frame, self.running_s(), self.frame_period_s(), self.version.internal());
+        for client in &mut self.clients.all {
+            self.pairs.clear();
+            for value in &mut client.values {
+                if value.schedule.is_due(self.frame_rate_hz) {
+                    self.pairs.push((value.index, value.handle.read(&situation, &self.settings)));
+                }
+            }
+            for batch in self.pairs.chunks(rref::MAX_VALUES) {
+                if rref::encode_values(batch, &mut self.outgoing).is_ok() {
+                    send(client.address, &self.outgoing);
+                }
+            }
+            if client.position.as_mut().is_some_and(|position| position.is_due(self.frame_rate_hz)) {
+                situation.position.encode(&mut self.outgoing);
+                send(client.address, &self.outgoing);
+            }
+        }
+    }
+
+    /// The beacon, in the first frame and then once a second.
+    pub fn beacon(&mut self, port: u16, computer: &str) -> Option<&[u8]> {
+        if !self.frames.is_multiple_of(self.frame_rate_hz.into()) {
+            return None;
+        }
+        let beacon = Beacon {
+            minor: 2,
+            host_id: 1,
+            version: self.version.internal(),
+            role: 1,
+            port,
+            name: computer.to_owned(),
+            raknet_port: Some(becn::RAKNET_PORT),
+        };
+        beacon.encode(&mut self.outgoing).ok().map(|()| self.outgoing.as_slice())
+    }
+
+    /// Nobody listens at this address any more.
+    pub fn forget(&mut self, client: SocketAddr) {
+        self.clients.forget(client);
+    }
+
+    /// Whether anybody is subscribed who was heard of lately.
+    pub fn is_used(&self) -> bool {
+        let lately = PRESUMED_GONE_S * u64::from(self.frame_rate_hz);
+        self.clients.all.iter().any(|client| client.last_heard + lately >= self.frames)
+    }
+
+    /// Datagrams passed over because no client of X-Plane may send them.
+    pub fn malformed(&self) -> u64 {
+        self.malformed
+    }
+
+    fn running_s(&self) -> f64 {
+        self.frames as f64 * self.frame_period_s()
+    }
+
+    fn frame_period_s(&self) -> f64 {
+        1.0 / f64::from(self.frame_rate_hz)
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,134 @@
+//! Who has subscribed to what. Every table has a bound, and nothing is promised to a stranger.
+
+use std::net::SocketAddr;
+
+use super::datarefs::Handle;
+
+/// Clients at once.
+pub(super) const MAX_CLIENTS: usize = 64;
+/// Datarefs of one client.
+pub(super) const MAX_SUBSCRIPTIONS: usize = 1000;
+
+/// When something is due that is sent `rate_hz` times a second, frame by frame and exactly on average.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Schedule {
+    rate_hz: u32,
+    /// Grows by the rate every frame; a frame rate's worth of it makes the thing due.
+    phase: u32,
+}
+
+impl Schedule {
+    /// Due in the next frame, and then at the rate, never more than once a frame.
+    fn new(rate_hz: u32, frame_rate_hz: u32) -> Self {
+        let rate_hz = rate_hz.min(frame_rate_hz);
+        Self { rate_hz, phase: frame_rate_hz - rate_hz }
+    }
+
+    /// One frame on; whether it is due in this one.
+    pub(super) fn is_due(&mut self, frame_rate_hz: u32) -> bool {
+        self.phase += self.rate_hz;
+        let is_due = self.phase >= frame_rate_hz;
+        self.phase -= if is_due { frame_rate_hz } else { 0 };
+        is_due
+    }
+}
+
+/// One dataref that a client wants.
+pub(super) struct Subscription {
+    /// The client's own name for it.
+    pub(super) index: i32,
+    pub(super) handle: Handle,
+    pub(super) schedule: Schedule,
+}
+
+/// One address and port that asked for something.
+pub(super) struct Client {
+    pub(super) address: SocketAddr,
+    pub(super) position: Option<Schedule>,
+    pub(super) values: Vec<Subscription>,
+    /// The frame in which it last said anything.
+    pub(super) last_heard: u64,
+}
+
+/// All of them.
+pub(super) struct Clients {
+    pub(super) all: Vec<Client>,
+    frame_rate_hz: u32,
+    /// Frames after which a silent client may have to make room.
+    silence: u64,
+}
+
+impl Clients {
+    pub(super) fn new(frame_rate_hz: u32, silence: u64) -> Self {
+        Self { all: Vec::new(), frame_rate_hz, silence }
+    }
+
+    /// Anything a client says shows that it is there.
+    pub(super) fn heard(&mut self, address: SocketAddr, frame: u64) {
+        if let Some(client) = self.all.iter_mut().find(|client| client.address == address) {
+            client.last_heard = frame;
+        }
+    }
+
+    pub(super) fn subscribe_position(&mut self, address: SocketAddr, rate_hz: u32, frame: u64) {
+        let schedule = Schedule::new(rate_hz, self.frame_rate_hz);
+        if rate_hz == 0 {
+            self.change(address, |client| client.position = None);
+        } else if let Some(client) = self.client(address, frame) {
+            let is_same = client.position.is_some_and(|position| position.rate_hz == schedule.rate_hz);
+            client.position = if is_same { client.position } else { Some(schedule) };
+        }
+    }
+
+    /// The same index again replaces what it stood for.
+    pub(super) fn subscribe_value(
+        &mut self,
+        address: SocketAddr,
+        index: i32,
+        handle: Handle,
+        rate_hz: u32,
+        frame: u64,
+    ) {
+        let schedule = Schedule::new(rate_hz, self.frame_rate_hz);
+        let Some(client) = self.client(address, frame) else { return };
+        if let Some(value) = client.values.iter_mut().find(|value| value.index == index) {
+            // The same rate again keeps its rhythm.
+            let is_same = value.schedule.rate_hz == schedule.rate_hz;
+            let schedule = if is_same { value.schedule } else { schedule };
+            *value = Subscription { index, handle, schedule };
+        } else if client.values.len() < MAX_SUBSCRIPTIONS {
+            client.values.push(Subscription { index, handle, schedule });
+        }
+    }
+
+    pub(super) fn unsubscribe_value(&mut self, address: SocketAddr, index: i32) {
+        self.change(address, |client| client.values.retain(|value| value.index != index));
+    }
+
+    pub(super) fn forget(&mut self, address: SocketAddr) {
+        self.all.retain(|client| client.address != address);
+    }
+
+    /// Changes a client if there is one; one that wants nothing any more is forgotten.
+    fn change(&mut self, address: SocketAddr, change: impl FnOnce(&mut Client)) {
+        if let Some(client) = self.all.iter_mut().find(|client| client.address == address) {
+            change(client);
+        }
+        self.all.retain(|client| client.position.is_some() || !client.values.is_empty());
+    }
+
+    /// The client with this address, a new one if need be. When the table is full a long silent one makes room: X-Plane
+    /// goes on sending to clients that are gone, and so does this server, but not to their successors' cost.
+    fn client(&mut self, address: SocketAddr, frame: u64) -> Option<&mut Client> {
+        if let Some(at) = self.all.iter().position(|client| client.address == address) {
+            return self.all.get_mut(at);
+        }
+        if self.all.len() >= MAX_CLIENTS {
+            let silent = self.all.iter().enumerate().min_by_key(|(_, client)| client.last_heard);
+            let (at, _) = silent.filter(|(_, client)| client.last_heard + self.silence < frame)?;
+            self.all.swap_remove(at);
+        }
+        self.all.push(Client { address, position: None, values: Vec::new(), last_heard: frame });
+        self.all.last_mut()
+    }
+}

@@ -1,0 +1,211 @@
+//! The datarefs of the stand-in: which there are, which may be written, what they say.
+
+use crate::plant::Frame;
+use crate::plant::xplane::convert::{self, rpm_from_rad_s};
+use crate::plant::xplane::wire::name_and_element;
+use crate::plant::xplane::wire::rpos::Position;
+
+/// Elements of a per-engine array from X-Plane 12 on; before, there were eight.
+const ENGINES: usize = 16;
+
+/// What a value that is read is computed from.
+pub(super) struct Situation {
+    pub(super) position: Position,
+    pub(super) rotor_speed_rad_s: f64,
+    pub(super) running_s: f64,
+    pub(super) flight_s: f64,
+    pub(super) frame_period_s: f64,
+    pub(super) version: i32,
+}
+
+impl Situation {
+    pub(super) fn new(frame: &Frame, running_s: f64, frame_period_s: f64, version: i32) -> Self {
+        Self {
+            position: convert::position(&frame.measurement),
+            rotor_speed_rad_s: frame.measurement.rotor_speed_rad_s.unwrap_or(0.0),
+            running_s,
+            flight_s: frame.time.seconds(),
+            frame_period_s,
+            version,
+        }
+    }
+}
+
+/// A dataref that may be written and keeps what was written.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Setting {
+    OverrideJoystick,
+    OverrideRoll,
+    OverridePitch,
+    OverrideYaw,
+    Roll,
+    Pitch,
+    Yaw,
+    Collective,
+    Throttle,
+    Governor,
+}
+
+impl Setting {
+    const COUNT: usize = Self::Governor as usize + 1;
+
+    /// What X-Plane makes of a number written here.
+    fn taken(self, value: f32) -> f32 {
+        match self {
+            // These are integers: the fraction is cut off.
+            Self::OverrideJoystick | Self::OverrideRoll | Self::OverridePitch | Self::OverrideYaw | Self::Governor => {
+                value.trunc()
+            }
+            Self::Roll | Self::Pitch | Self::Yaw => value.clamp(-1.0, 1.0),
+            Self::Collective | Self::Throttle => value.clamp(0.0, 1.0),
+        }
+    }
+}
+
+/// What was written, element by element.
+#[derive(Clone, Debug)]
+pub(super) struct Settings([[f32; ENGINES]; Setting::COUNT]);
+
+impl Settings {
+    /// A helicopter with its engine running, the lever down and nobody's hand on it.
+    pub(super) fn new() -> Self {
+        let mut settings = Self([[0.0; ENGINES]; Setting::COUNT]);
+        settings.0[Setting::Throttle as usize] = [1.0; ENGINES];
+        settings.0[Setting::Governor as usize] = [1.0; ENGINES];
+        settings
+    }
+
+    /// The first element.
+    pub(super) fn first(&self, setting: Setting) -> f32 {
+        self.0[setting as usize][0]
+    }
+
+    pub(super) fn set_first(&mut self, setting: Setting, value: f32) {
+        self.0[setting as usize][0] = value;
+    }
+}
+
+enum Source {
+    /// Read only, computed. An array has it in its first element and zeros behind.
+    Computed(fn(&Situation) -> f64),
+    /// Each element by itself.
+    Kept(Setting),
+    /// One lever for all elements.
+    All(Setting),
+}
+
+struct Dataref {
+    path: &'static str,
+    is_per_engine: bool,
+    source: Source,
+}
+
+const fn scalar(path: &'static str, source: Source) -> Dataref {
+    Dataref { path, is_per_engine: false, source }
+}
+
+const fn per_engine(path: &'static str, source: Source) -> Dataref {
+    Dataref { path, is_per_engine: true, source }
+}
+
+/// Looked up only when somebody subscribes or writes.
+#[rustfmt::skip]
+static DATAREFS: &[Dataref] = &{
+    use Setting::*;
+    use Source::{All, Computed, Kept};
+    [
+        // Position and motion.
+        scalar("sim/flightmodel/position/latitude", Computed(|s| s.position.latitude_deg)),
+        scalar("sim/flightmodel/position/longitude", Computed(|s| s.position.longitude_deg)),
+        scalar("sim/flightmodel/position/elevation", Computed(|s| s.position.elevation_m)),
+        scalar("sim/flightmodel/position/y_agl", Computed(|s| s.position.height_m.into())),
+        scalar("sim/flightmodel/position/local_vx", Computed(|s| s.position.velocity_east_m_s.into())),
+        scalar("sim/flightmodel/position/local_vy", Computed(|s| s.position.velocity_up_m_s.into())),
+        scalar("sim/flightmodel/position/local_vz", Computed(|s| s.position.velocity_south_m_s.into())),
+        scalar("sim/flightmodel/position/groundspeed", Computed(groundspeed_m_s)),
+        scalar("sim/flightmodel/position/theta", Computed(|s| s.position.pitch_deg.into())),
+        scalar("sim/flightmodel/position/true_theta", Computed(|s| s.position.pitch_deg.into())),
+        scalar("sim/flightmodel/position/phi", Computed(|s| s.position.roll_deg.into())),
+        scalar("sim/flightmodel/position/true_phi", Computed(|s| s.position.roll_deg.into())),
+        scalar("sim/flightmodel/position/psi", Computed(|s| s.position.heading_deg.into())),
+        scalar("sim/flightmodel/position/true_psi", Computed(|s| s.position.heading_deg.into())),
+        scalar("sim/flightmodel/position/P", Computed(|s| f64::from(s.position.roll_rate_rad_s).to_degrees())),
+        scalar("sim/flightmodel/position/Q", Computed(|s| f64::from(s.position.pitch_rate_rad_s).to_degrees())),
+        scalar("sim/flightmodel/position/R", Computed(|s| f64::from(s.position.yaw_rate_rad_s).to_degrees())),
+        scalar("sim/flightmodel/position/Prad", Computed(|s| s.position.roll_rate_rad_s.into())),
+        scalar("sim/flightmodel/position/Qrad", Computed(|s| s.position.pitch_rate_rad_s.into())),
+        scalar("sim/flightmodel/position/Rrad", Computed(|s| s.position.yaw_rate_rad_s.into())),
+        // Rotor.
+        per_engine("sim/cockpit2/engine/indicators/prop_speed_rpm", Computed(|s| rpm_from_rad_s(s.rotor_speed_rad_s))),
+        per_engine("sim/flightmodel/engine/POINT_tacrad", Computed(|s| s.rotor_speed_rad_s)),
+        per_engine("sim/flightmodel/engine/ENGN_running", Computed(|_| 1.0)),
+        // Time and version. Nothing here pauses the stand-in.
+        scalar("sim/time/total_running_time_sec", Computed(|s| s.running_s)),
+        scalar("sim/time/total_flight_time_sec", Computed(|s| s.flight_s)),
+        scalar("sim/time/paused", Computed(|_| 0.0)),
+        scalar("sim/time/is_in_replay", Computed(|_| 0.0)),
+        scalar("sim/operation/misc/frame_rate_period", Computed(|s| s.frame_period_s)),
+        scalar("sim/version/xplane_internal_version", Computed(|s| s.version.into())),
+        // Controls.
+        scalar("sim/operation/override/override_joystick", Kept(OverrideJoystick)),
+        scalar("sim/operation/override/override_joystick_roll", Kept(OverrideRoll)),
+        scalar("sim/operation/override/override_joystick_pitch", Kept(OverridePitch)),
+        scalar("sim/operation/override/override_joystick_heading", Kept(OverrideYaw)),
+        scalar("sim/joystick/yoke_roll_ratio", Kept(Roll)),
+        scalar("sim/joystick/yoke_pitch_ratio", Kept(Pitch)),
+        scalar("sim/joystick/yoke_heading_ratio", Kept(Yaw)),
+        scalar("sim/cockpit2/engine/actuators/prop_ratio_all", All(Collective)),
+        per_engine("sim/cockpit2/engine/actuators/prop_ratio", Kept(Collective)),
+        // The governor owns the throttle whatever is written here.
+        scalar("sim/cockpit2/engine/actuators/throttle_ratio_all", All(Throttle)),
+        per_engine("sim/cockpit2/engine/actuators/throttle_ratio", Kept(Throttle)),
+        per_engine("sim/cockpit2/engine/actuators/governor_on", Kept(Governor)),
+    ]
+};
+
+fn groundspeed_m_s(situation: &Situation) -> f64 {
+    f64::from(situation.position.velocity_east_m_s).hypot(situation.position.velocity_south_m_s.into())
+}
+
+/// A dataref that exists, or one element of it.
+#[derive(Clone, Copy)]
+pub(super) struct Handle {
+    dataref: &'static Dataref,
+    element: usize,
+}
+
+impl Handle {
+    /// Finds it by its path; `engines` is the length of per-engine arrays.
+    pub(super) fn find(path: &str, engines: usize) -> Option<Self> {
+        let (name, element) = name_and_element(path).ok()?;
+        let dataref = DATAREFS.iter().find(|dataref| dataref.path == name)?;
+        let elements = if dataref.is_per_engine { engines.min(ENGINES) } else { 1 };
+        (element < elements).then_some(Self { dataref, element })
+    }
+
+    /// The value, as every type of dataref is sent.
+    pub(super) fn read(&self, situation: &Situation, settings: &Settings) -> f32 {
+        match self.dataref.source {
+            Source::Computed(value) if self.element == 0 => value(situation) as f32,
+            Source::Computed(_) => 0.0,
+            Source::Kept(setting) => settings.0[setting as usize][self.element],
+            Source::All(setting) => settings.first(setting),
+        }
+    }
+
+    /// Writes it; tells which setting that was. What is computed is read-only.
+    pub(super) fn write(&self, value: f32, settings: &mut Settings) -> Option<Setting> {
+        let setting = match self.dataref.source {
+            Source::Computed(_) => return None,
+            Source::Kept(setting) => {
+                settings.0[setting as usize][self.element] = setting.taken(value);
+                setting
+            }
+            Source::All(setting) => {
+                settings.0[setting as usize] = [setting.taken(value); ENGINES];
+                setting
+            }
+        };
+        Some(setting)
+    }
+}

@@ -1,0 +1,162 @@
+//! A UDP socket that may be read with a deadline or without waiting, and whose troubles are never fatal.
+
+use std::io;
+use std::net::{IpAddr, SocketAddr, UdpSocket};
+use std::time::{Duration, Instant};
+
+use super::wire::MAX_DATAGRAM;
+
+/// What a fault other than "nobody there" costs at most, so that a lasting one does not spin.
+const FAULT_PAUSE: Duration = Duration::from_millis(10);
+
+/// The edge's clock.
+#[expect(clippy::disallowed_methods, reason = "the edge: arrival times and deadlines of datagrams")]
+pub(super) fn now() -> Instant {
+    Instant::now()
+}
+
+/// The edge's rest.
+#[expect(clippy::disallowed_methods, reason = "the edge: a thread of its own that waits for the next frame")]
+pub(super) fn sleep_until(deadline: Instant) {
+    std::thread::sleep(deadline.saturating_duration_since(now()));
+}
+
+/// An ICMP answer to something sent earlier, which sockets report at a later call (Windows as a reset), or a signal:
+/// nobody listens there yet, or no longer.
+pub(super) fn is_nobody_there(error: &io::Error) -> bool {
+    use io::ErrorKind::{ConnectionRefused, ConnectionReset, Interrupted};
+    matches!(error.kind(), ConnectionReset | ConnectionRefused | Interrupted)
+}
+
+/// Whether a datagram with this source was sent by this host: only its own addresses can be bound.
+pub(super) fn is_this_host(ip: IpAddr) -> bool {
+    let is_unicast = match ip {
+        IpAddr::V4(ip) => !ip.is_broadcast(),
+        IpAddr::V6(_) => true,
+    };
+    let is_one_host = is_unicast && !ip.is_unspecified() && !ip.is_multicast();
+    is_one_host && (ip.is_loopback() || UdpSocket::bind((ip, 0)).is_ok())
+}
+
+/// What one attempt to receive brought.
+pub(super) enum Received {
+    /// This many bytes, from this address.
+    Datagram(usize, SocketAddr),
+    /// An error, of which nothing follows.
+    Fault,
+    /// Nothing, until the deadline.
+    Nothing,
+}
+
+/// A bound, unconnected socket with its buffer.
+pub(super) struct Port {
+    socket: UdpSocket,
+    is_blocking: bool,
+    buffer: Box<[u8; MAX_DATAGRAM]>,
+    /// Errors so far, sending and receiving.
+    pub(super) faults: u64,
+}
+
+impl Port {
+    pub(super) fn new(socket: UdpSocket) -> io::Result<Self> {
+        socket.set_nonblocking(false)?;
+        Ok(Self { socket, is_blocking: true, buffer: Box::new([0; MAX_DATAGRAM]), faults: 0 })
+    }
+
+    pub(super) fn local_addr(&self) -> io::Result<SocketAddr> {
+        self.socket.local_addr()
+    }
+
+    /// The last datagram received.
+    pub(super) fn datagram(&self, size: usize) -> &[u8] {
+        self.buffer.get(..size).unwrap_or_default()
+    }
+
+    /// Waits until the deadline, or not at all.
+    pub(super) fn receive(&mut self, deadline: Option<Instant>) -> Received {
+        let patience =
+            deadline.map(|deadline| deadline.saturating_duration_since(now())).filter(|wait| !wait.is_zero());
+        match self.set_patience(patience).and_then(|()| self.socket.recv_from(&mut *self.buffer)) {
+            Ok((size, from)) => Received::Datagram(size, from),
+            Err(error) if matches!(error.kind(), io::ErrorKind::WouldBlock | io::ErrorKind::TimedOut) => {
+                Received::Nothing
+            }
+            Err(error) => {
+                self.faults += 1;
+                if !is_nobody_there(&error) && patience.is_some() {
+                    sleep_until(now() + patience.unwrap_or_default().min(FAULT_PAUSE));
+                }
+                Received::Fault
+            }
+        }
+    }
+
+    fn set_patience(&mut self, patience: Option<Duration>) -> io::Result<()> {
+        if self.is_blocking != patience.is_some() {
+            self.socket.set_nonblocking(patience.is_none())?;
+            self.is_blocking = patience.is_some();
+        }
+        if patience.is_some() { self.socket.set_read_timeout(patience) } else { Ok(()) }
+    }
+
+    /// A datagram that cannot be sent is one lost, and counted.
+    pub(super) fn send(&mut self, datagram: &[u8], to: SocketAddr) -> io::Result<()> {
+        let sent = self.socket.send_to(datagram, to);
+        self.faults += u64::from(sent.is_err());
+        sent.map(|_| ())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::net::Ipv4Addr;
+
+    use super::*;
+
+    #[test]
+    fn resets_and_refusals_are_nobody_there() {
+        for kind in [io::ErrorKind::ConnectionReset, io::ErrorKind::ConnectionRefused, io::ErrorKind::Interrupted] {
+            assert!(is_nobody_there(&kind.into()), "{kind:?}");
+        }
+        assert!(!is_nobody_there(&io::ErrorKind::PermissionDenied.into()));
+    }
+
+    #[test]
+    fn only_this_hosts_own_addresses_are_this_host() {
+        assert!(is_this_host(Ipv4Addr::LOCALHOST.into()));
+        assert!(is_this_host("127.0.0.7".parse().unwrap()));
+        for stranger in ["203.0.113.77", "8.8.8.8", "0.0.0.0", "255.255.255.255", "239.255.1.1", "2001:db8::1", "::"] {
+            assert!(!is_this_host(stranger.parse().unwrap()), "{stranger}");
+        }
+    }
+
+    #[test]
+    fn a_closed_port_is_no_obstacle() {
+        let local = (Ipv4Addr::LOCALHOST, 0);
+        let closed = UdpSocket::bind(local).unwrap().local_addr().unwrap();
+        let mut port = Port::new(UdpSocket::bind(local).unwrap()).unwrap();
+        for _ in 0..3 {
+            let _ = port.send(b"anyone?", closed);
+            let heard = port.receive(Some(now() + Duration::from_millis(5)));
+            assert!(!matches!(heard, Received::Datagram(..)));
+        }
+        let friend = UdpSocket::bind(local).unwrap();
+        friend.send_to(b"here", port.local_addr().unwrap()).unwrap();
+        let mut attempts = (0..10).map(|_| port.receive(Some(now() + Duration::from_secs(1))));
+        assert!(attempts.any(|heard| matches!(heard, Received::Datagram(4, _))));
+    }
+
+    #[test]
+    fn a_refusal_that_the_socket_does_report_is_survived() {
+        // Only a connected socket is told on Linux; what the caller sees is then the same as an unconnected one's on Windows.
+        let local = (Ipv4Addr::LOCALHOST, 0);
+        let closed = UdpSocket::bind(local).unwrap().local_addr().unwrap();
+        let socket = UdpSocket::bind(local).unwrap();
+        socket.connect(closed).unwrap();
+        socket.send(b"anyone?").unwrap();
+        let mut port = Port::new(socket).unwrap();
+        let heard = port.receive(Some(now() + Duration::from_secs(1)));
+        assert!(matches!(heard, Received::Fault) && port.faults == 1);
+        assert!(matches!(port.receive(None), Received::Nothing));
+    }
+}

@@ -1,0 +1,186 @@
+use std::thread;
+
+use clap::Parser;
+
+use super::*;
+use crate::plant::xplane::wire::dref::Write;
+use crate::plant::xplane::wire::rpos::{self, Position};
+use crate::plant::xplane::wire::{MAX_DATAGRAM, rref};
+
+#[derive(Parser)]
+#[command(args_override_self = true)]
+struct Cli {
+    #[command(flatten)]
+    options: StandinOptions,
+}
+
+/// On a port of the system's choice, silent.
+fn options(arguments: &[&str]) -> StandinOptions {
+    let given = ["xplane-standin", "--port", "0", "--beacon", "false"].iter().chain(arguments);
+    Cli::try_parse_from(given).unwrap().options
+}
+
+/// A client and a stand-in whose frames are made by hand.
+struct Bench {
+    standin: Standin,
+    client: UdpSocket,
+}
+
+impl Bench {
+    fn new(arguments: &[&str]) -> Self {
+        let standin = Standin::open(&options(arguments)).unwrap();
+        let client = UdpSocket::bind((Ipv4Addr::LOCALHOST, 0)).unwrap();
+        client.set_read_timeout(Some(Duration::from_secs(2))).unwrap();
+        Self { standin, client }
+    }
+
+    fn say(&self, write: impl FnOnce(&mut Vec<u8>)) {
+        let mut datagram = Vec::new();
+        write(&mut datagram);
+        self.client.send_to(&datagram, self.standin.address()).unwrap();
+    }
+
+    fn set(&self, path: &str, value: f32) {
+        self.say(|out| Write { value, path }.encode(out).unwrap());
+    }
+
+    fn position_after(&mut self, frames: u32) -> Position {
+        self.say(|out| rpos::Request { rate_hz: 50 }.encode(out));
+        let mut buffer = [0; MAX_DATAGRAM];
+        let mut newest = None;
+        for _ in 0..frames {
+            self.standin.frame();
+            let size = self.client.recv(&mut buffer).unwrap();
+            newest = Some(Position::decode(&buffer[..size]).unwrap());
+        }
+        newest.unwrap()
+    }
+}
+
+#[test]
+fn it_stands_where_it_was_put_until_somebody_flies_it() {
+    let mut bench = Bench::new(&["--lat", "-28", "--lon=-82.5", "--alt", "-3.5", "--heading", "90"]);
+    let standing = bench.position_after(100);
+    assert!((standing.latitude_deg + 28.0).abs() < 1e-9 && (standing.longitude_deg + 82.5).abs() < 1e-9);
+    assert!((standing.heading_deg - 90.0).abs() < 1e-3 && (standing.elevation_m + 3.5 - 0.242).abs() < 0.01);
+    assert!((standing.height_m - 0.242).abs() < 0.01);
+
+    bench.set("sim/operation/override/override_joystick", 1.0);
+    bench.set("sim/joystick/yoke_roll_ratio", 0.0185);
+    bench.set("sim/cockpit2/engine/actuators/prop_ratio[0]", 0.7);
+    let risen = bench.position_after(50);
+    assert!(risen.height_m > 0.5 && risen.velocity_up_m_s > 0.5, "{risen:?}");
+
+    bench.set("sim/operation/override/override_joystick", 0.0);
+    bench.position_after(1);
+    assert_eq!(bench.standin.server.take_controls(), None);
+}
+
+#[test]
+fn a_placement_puts_it_onto_the_ground_elsewhere() {
+    let mut bench = Bench::new(&["--alt", "10"]);
+    let placement = Placement {
+        aircraft: 0,
+        latitude_deg: 47.0,
+        longitude_deg: 8.0,
+        elevation_m: 500.0,
+        heading_deg: 180.0,
+        speed_m_s: 20.0,
+    };
+    bench.say(|out| placement.encode(out));
+    let placed = bench.position_after(5);
+    assert!((placed.latitude_deg - 47.0).abs() < 1e-9 && (placed.longitude_deg - 8.0).abs() < 1e-9);
+    assert!((placed.elevation_m - 10.242).abs() < 0.01 && (placed.heading_deg - 180.0).abs() < 1e-3);
+}
+
+#[test]
+fn a_slower_frame_rate_is_more_ticks_a_frame() {
+    let running_s = |arguments: &[&str]| {
+        let mut bench = Bench::new(arguments);
+        for _ in 0..10 {
+            bench.standin.frame();
+        }
+        bench.standin.vehicle.frame().time.seconds()
+    };
+    assert!((running_s(&[]) - 0.2).abs() < 1e-9);
+    assert!((running_s(&["--rate", "10"]) - 1.0).abs() < 1e-9);
+}
+
+#[test]
+fn vehicles_listen_ten_ports_apart() {
+    let port = |arguments: &[&str]| udp_port(&options(arguments)).ok();
+    assert_eq!(port(&["--port", "49000"]), Some(49000));
+    assert_eq!(port(&["--port", "49000", "--id", "10"]), Some(49090));
+    assert_eq!(port(&["--port", "65000", "--id", "250"]), None);
+    assert_eq!(port(&["--id", "250"]), Some(0));
+}
+
+#[test]
+fn defaults_are_a_field_in_florida_and_the_port_of_x_plane() {
+    let defaults = Cli::try_parse_from(["xplane-standin"]).unwrap().options;
+    assert_eq!((defaults.port, defaults.lat, defaults.lon, defaults.rate), (49000, 28.0, -82.0, 50));
+    assert_eq!((defaults.version, defaults.beacon, defaults.until_unused), (Version::V12, true, false));
+}
+
+#[test]
+fn options_that_cannot_be_are_refused_with_their_name() {
+    for (arguments, named) in [
+        (["--rate", "100"], "--rate 100"),
+        (["--rate", "0"], "--rate 0"),
+        (["--rate", "30"], "--rate 30"),
+        (["--lat", "91"], "--lat 91"),
+        (["--lon", "NaN"], "--lon NaN"),
+        (["--alt", "inf"], "--alt inf"),
+        (["--heading", "1e9"], "--heading"),
+        (["--wind-m-s", "NaN"], "--wind-m-s NaN"),
+        (["--gust-w20-m-s", "1e3"], "--gust-w20-m-s 1000"),
+        (["--aircraft", "no/such.toml"], "cannot read no/such.toml"),
+    ] {
+        let message = Standin::open(&options(&arguments)).err().map(|error| error.to_string()).unwrap_or_default();
+        assert!(message.contains(named), "{arguments:?}: {message}");
+    }
+    for arguments in [["--version", "10"], ["--id", "0"], ["--id", "251"]] {
+        assert!(Cli::try_parse_from(["x"].iter().chain(&arguments)).is_err(), "{arguments:?}");
+    }
+}
+
+#[test]
+fn a_taken_port_is_named() {
+    let first = Standin::open(&options(&[])).unwrap();
+    let again = StandinOptions { port: first.address().port(), ..options(&[]) };
+    let message = Standin::open(&again).err().unwrap().to_string();
+    assert!(message.contains(&first.address().to_string()), "{message}");
+}
+
+#[test]
+fn lateness_does_not_add_up_and_much_of_it_is_given_up() {
+    let (start, period) = (now(), Duration::from_millis(20));
+    let late = |frames: u32| start + frames * period;
+    assert_eq!(next_deadline(start, period, start), start + period);
+    assert_eq!(next_deadline(start, period, late(4)), start + period);
+    assert_eq!(next_deadline(start, period, late(50)), late(50));
+}
+
+#[test]
+fn the_run_keeps_its_pace_and_stops_when_told() {
+    let Bench { mut standin, client } = Bench::new(&[]);
+    let to = standin.address();
+    let stop = AtomicBool::new(false);
+    let mut request = Vec::new();
+    rref::Request { frequency_hz: 50, index: 1, path: "sim/time/total_running_time_sec" }.encode(&mut request).unwrap();
+    thread::scope(|scope| {
+        scope.spawn(|| standin.run(&stop));
+        client.send_to(&request, to).unwrap();
+        let mut buffer = [0; MAX_DATAGRAM];
+        let mut running_s = || {
+            let size = client.recv(&mut buffer).unwrap();
+            f64::from(rref::decode_values(&buffer[..size]).unwrap().next().unwrap().1)
+        };
+        let (began, first_s) = (now(), running_s());
+        let last_s = (0..50).map(|_| running_s()).last().unwrap();
+        let local_s = (now() - began).as_secs_f64();
+        stop.store(true, Relaxed);
+        assert!((last_s - first_s - 1.0).abs() < 1e-4);
+        assert!(local_s > 0.9, "a second passed in {local_s} s");
+    });
+}

@@ -1,0 +1,111 @@
+//! RPOS: the position stream, in double precision. The values carry no time stamp.
+
+use super::{Tag, WireError, begin, body, body_of_size};
+
+/// The message's letters.
+pub const TAG: Tag = *b"RPOS";
+/// Length of [`Position`] on the wire.
+pub const SIZE: usize = 69;
+
+/// Asks for [`Position`] this many times a second; 0 ends it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Request {
+    /// Positions a second. X-Plane never sends more than it draws frames.
+    pub rate_hz: u32,
+}
+
+impl Request {
+    /// Reads the rate: decimal digits up to a NUL, or to the end; padding after the NUL is ignored.
+    pub fn decode(datagram: &[u8]) -> Result<Self, WireError> {
+        let text = body(datagram, &TAG)?.split(|&byte| byte == 0).next().unwrap_or_default();
+        if text.is_empty() || !text.iter().all(u8::is_ascii_digit) {
+            return Err(WireError::NotText);
+        }
+        let rate_hz = std::str::from_utf8(text).map_err(|_| WireError::NotText)?;
+        Ok(Self { rate_hz: rate_hz.parse().map_err(|_| WireError::OutOfRange)? })
+    }
+
+    /// Writes the rate in digits and a NUL.
+    pub fn encode(&self, out: &mut Vec<u8>) {
+        begin(out, &TAG, 0);
+        out.extend_from_slice(self.rate_hz.to_string().as_bytes());
+        out.push(0);
+    }
+}
+
+/// Where the aircraft is, in X-Plane's units and axes.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Position {
+    /// −180 to 180, east positive.
+    pub longitude_deg: f64,
+    /// −90 to 90, north positive.
+    pub latitude_deg: f64,
+    /// Above mean sea level.
+    pub elevation_m: f64,
+    /// Above the terrain.
+    pub height_m: f32,
+    /// θ, nose up positive.
+    pub pitch_deg: f32,
+    /// ψ, clockwise from true north.
+    pub heading_deg: f32,
+    /// φ, right bank positive.
+    pub roll_deg: f32,
+    /// x of X-Plane's local frame.
+    pub velocity_east_m_s: f32,
+    /// y of X-Plane's local frame.
+    pub velocity_up_m_s: f32,
+    /// z of X-Plane's local frame.
+    pub velocity_south_m_s: f32,
+    /// P, right side down positive.
+    pub roll_rate_rad_s: f32,
+    /// Q, nose up positive.
+    pub pitch_rate_rad_s: f32,
+    /// R, nose right positive.
+    pub yaw_rate_rad_s: f32,
+}
+
+impl Position {
+    /// Reads a position: every number is finite, and the place is on the globe.
+    pub fn decode(datagram: &[u8]) -> Result<Self, WireError> {
+        let mut fields = body_of_size(datagram, &TAG, SIZE)?;
+        let position = Self {
+            longitude_deg: fields.finite_f64()?,
+            latitude_deg: fields.finite_f64()?,
+            elevation_m: fields.finite_f64()?,
+            height_m: fields.finite_f32()?,
+            pitch_deg: fields.finite_f32()?,
+            heading_deg: fields.finite_f32()?,
+            roll_deg: fields.finite_f32()?,
+            velocity_east_m_s: fields.finite_f32()?,
+            velocity_up_m_s: fields.finite_f32()?,
+            velocity_south_m_s: fields.finite_f32()?,
+            roll_rate_rad_s: fields.finite_f32()?,
+            pitch_rate_rad_s: fields.finite_f32()?,
+            yaw_rate_rad_s: fields.finite_f32()?,
+        };
+        let on_the_globe = position.latitude_deg.abs() <= 90.0 && position.longitude_deg.abs() <= 180.0;
+        if on_the_globe { Ok(position) } else { Err(WireError::OutOfRange) }
+    }
+
+    /// Writes the position.
+    pub fn encode(&self, out: &mut Vec<u8>) {
+        begin(out, &TAG, 0);
+        for value in [self.longitude_deg, self.latitude_deg, self.elevation_m] {
+            out.extend(value.to_le_bytes());
+        }
+        for value in [
+            self.height_m,
+            self.pitch_deg,
+            self.heading_deg,
+            self.roll_deg,
+            self.velocity_east_m_s,
+            self.velocity_up_m_s,
+            self.velocity_south_m_s,
+            self.roll_rate_rad_s,
+            self.pitch_rate_rad_s,
+            self.yaw_rate_rad_s,
+        ] {
+            out.extend(value.to_le_bytes());
+        }
+    }
+}

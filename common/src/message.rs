@@ -1,0 +1,229 @@
+//! What is said between processes, byte for byte.
+//!
+//! A message is one version byte and the [postcard](https://postcard.jamesmunns.com) encoding of its struct. Postcard
+//! writes no field names: a field added, dropped or moved is a new [`VERSION`], and the golden bytes in the tests say so.
+//! [`decode`] accepts only what a correct peer can have said: right version, right size, nothing left over, every number
+//! finite and in range.
+
+mod health;
+mod trace;
+
+use serde::de::DeserializeOwned;
+use serde::{Deserialize, Serialize};
+
+use crate::id::{Incarnation, VehicleId};
+use crate::state::{Membership, VehicleState};
+use crate::time::SenderStamp;
+
+pub use health::{Drops, Health, PeerHealth};
+pub use trace::{PeerAge, Trace};
+
+/// The first byte of every message.
+pub const VERSION: u8 = 1;
+
+/// Why bytes are not a message.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum DecodeError {
+    /// No bytes at all.
+    #[error("an empty message")]
+    Empty,
+    /// Said by another version of Skein.
+    #[error("a message of version {0}, where {VERSION} is spoken")]
+    Version(u8),
+    /// Longer than this kind of message ever is.
+    #[error("a message of {0} bytes, too long for its kind")]
+    TooLong(usize),
+    /// Not the encoding of this kind of message.
+    #[error("a malformed message")]
+    Malformed,
+    /// A number in it is not finite or out of its range.
+    #[error("a message with an impossible value")]
+    Implausible,
+}
+
+/// A kind of message.
+pub trait Message: Serialize + DeserializeOwned {
+    /// No message of this kind is longer, bytes.
+    const MAX_BYTES: usize;
+
+    /// Every number is finite and in its range.
+    fn is_plausible(&self) -> bool;
+
+    /// The vehicle that says it; none for an operator's order.
+    fn sender(&self) -> Option<VehicleId>;
+}
+
+/// Who says it, in which life, and in which order.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Header {
+    /// The speaker.
+    pub sender: VehicleId,
+    /// The speaker's present life: a restarted agent has a larger one.
+    pub incarnation: Incarnation,
+    /// Grows with every message of this kind in this life.
+    pub sequence: u64,
+    /// The speaker's own clock. It orders the speaker's words and says nothing to anybody else's clock.
+    pub stamp: SenderStamp,
+}
+
+/// The speaker's state, on need.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct State {
+    /// Who and when.
+    pub header: Header,
+    /// Where it is and how it moves.
+    pub state: VehicleState,
+}
+
+/// The speaker's part in the agreement: a register that others merge, said on change and five times a second.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Mission {
+    /// Who and when.
+    pub header: Header,
+    /// Hash of the plan. Agents with different plans do not agree with each other.
+    pub plan: u64,
+    /// Whether the others count on the speaker.
+    pub membership: Membership,
+    /// The newest order the speaker knows of.
+    pub order: Option<Order>,
+}
+
+/// An operator's order: a register, merged by taking the larger one, so that it spreads from any node to all.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+pub struct Order {
+    /// One more than the largest epoch that the issuer had heard of.
+    pub epoch: u64,
+    /// Random number of the issuing process: breaks ties between two who spoke at once.
+    pub issuer: u64,
+    /// What to do.
+    pub verb: Verb,
+}
+
+/// What an operator can ask for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+pub enum Verb {
+    /// Stop where you are, at the altitude you have.
+    Hold,
+    /// Descend where you are.
+    Land,
+}
+
+impl std::fmt::Display for Verb {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self {
+            Self::Hold => "hold",
+            Self::Land => "land",
+        })
+    }
+}
+
+/// Something that happened, said once.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Event {
+    /// Who and when.
+    pub header: Header,
+    /// What happened.
+    pub what: Happening,
+}
+
+/// What can happen.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Happening {
+    /// The speaker became an active member.
+    BecameActive,
+    /// A peer was heard for the first time, or again.
+    PeerFound(VehicleId),
+    /// A peer is gone: its token or its word has.
+    PeerLost(VehicleId),
+    /// A peer flies another plan: its part in the agreement is ignored.
+    PlanDiffers(VehicleId),
+    /// Nobody is heard any more; the speaker holds its place.
+    AllPeersLost,
+    /// An order was taken up.
+    OrderTaken(Order),
+    /// The speaker is at its altitude.
+    AtAltitude,
+    /// The speaker is down.
+    Landed,
+    /// No data of its own: controls neutral.
+    OwnDataStale,
+    /// The simulator is gone; the speaker waits for it.
+    SimulatorLost,
+    /// Own data are back.
+    OwnDataBack,
+    /// The controller was given a number it cannot use; the last controls stand.
+    ControlFault,
+}
+
+impl std::fmt::Display for Happening {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::BecameActive => f.write_str("takes part"),
+            Self::PeerFound(id) => write!(f, "hears vehicle {id}"),
+            Self::PeerLost(id) => write!(f, "lost vehicle {id}"),
+            Self::PlanDiffers(id) => write!(f, "vehicle {id} flies another plan, ignored"),
+            Self::AllPeersLost => f.write_str("hears nobody, holds its place"),
+            Self::OrderTaken(order) => write!(f, "takes the order: {}", order.verb),
+            Self::AtAltitude => f.write_str("at altitude"),
+            Self::Landed => f.write_str("landed"),
+            Self::OwnDataStale => f.write_str("own data stale, controls neutral"),
+            Self::SimulatorLost => f.write_str("simulator gone, waiting for it"),
+            Self::OwnDataBack => f.write_str("own data back"),
+            Self::ControlFault => f.write_str("controller refused its input, controls held"),
+        }
+    }
+}
+
+macro_rules! message {
+    ($name:ident, $max_bytes:expr, $sender:expr, $plausible:expr) => {
+        impl Message for $name {
+            const MAX_BYTES: usize = $max_bytes;
+
+            fn is_plausible(&self) -> bool {
+                let plausible: fn(&Self) -> bool = $plausible;
+                plausible(self)
+            }
+
+            fn sender(&self) -> Option<VehicleId> {
+                let sender: fn(&Self) -> Option<VehicleId> = $sender;
+                sender(self)
+            }
+        }
+    };
+}
+use message;
+
+message!(State, 128, |said| Some(said.header.sender), |said| said.state.is_plausible());
+message!(Mission, 128, |said| Some(said.header.sender), |_| true);
+message!(Event, 128, |said| Some(said.header.sender), |_| true);
+message!(Order, 64, |_| None, |_| true);
+
+/// The message as bytes.
+///
+/// # Panics
+/// Never: none of our messages holds anything that postcard cannot write.
+pub fn encode<M: Message>(message: &M) -> Vec<u8> {
+    let bytes = postcard::to_extend(message, vec![VERSION]);
+    // Structs of numbers, options, enums and sequences of known length always have an encoding.
+    #[expect(clippy::expect_used, reason = "postcard fails only on types that no message of ours has")]
+    bytes.expect("every message has an encoding")
+}
+
+/// The message in these bytes, if a correct peer can have said it.
+pub fn decode<M: Message>(bytes: &[u8]) -> Result<M, DecodeError> {
+    let (&version, body) = bytes.split_first().ok_or(DecodeError::Empty)?;
+    if version != VERSION {
+        return Err(DecodeError::Version(version));
+    }
+    if bytes.len() > M::MAX_BYTES {
+        return Err(DecodeError::TooLong(bytes.len()));
+    }
+    let (message, rest) = postcard::take_from_bytes::<M>(body).map_err(|_| DecodeError::Malformed)?;
+    if !rest.is_empty() {
+        return Err(DecodeError::Malformed);
+    }
+    if message.is_plausible() { Ok(message) } else { Err(DecodeError::Implausible) }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,78 @@
+//! Every step of an agent, for those who measure, record and watch.
+
+use serde::{Deserialize, Serialize};
+
+use super::{Header, Message, message};
+use crate::frame::{Attitude, PositionNed, VelocityNed};
+use crate::id::VehicleId;
+use crate::state::{Activity, Membership, Standing};
+use crate::time::PlantTime;
+
+/// One step of an agent: what it believed, how it really was, what it did. Said only while somebody listens.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Trace {
+    /// Who and when.
+    pub header: Header,
+    /// The simulator's time of the frame.
+    pub plant_time: PlantTime,
+    /// Whether the others count on it.
+    pub membership: Membership,
+    /// What it is doing.
+    pub activity: Activity,
+    /// Members it counts as live, itself included.
+    pub live: u8,
+    /// Own position as estimated.
+    pub estimate: PositionNed,
+    /// Position as it really was.
+    pub position: PositionNed,
+    /// Height above the ground, m.
+    pub height_m: f64,
+    /// Velocity as it really was.
+    pub velocity: VelocityNed,
+    /// Attitude as it really was.
+    pub attitude: Attitude,
+    /// Shaft power where the plant tells it, W.
+    pub power_w: Option<f64>,
+    /// The formation field V, north and east, dimensionless.
+    pub field_ne: [f64; 2],
+    /// The field converted to a position error, north and east, m.
+    pub error_ne_m: [f64; 2],
+    /// Altitude asked of the vehicle controller, m above the origin.
+    pub altitude_setpoint_m: f64,
+    /// Roll, pitch, yaw, collective as written; none while the controls are left alone.
+    pub sticks: Option<[f64; 4]>,
+    /// Every peer ever heard.
+    pub peers: Vec<PeerAge>,
+    /// Time from the previous frame's arrival to its last control, µs.
+    pub step_us: Option<f64>,
+    /// Steps that ended after the next frame was due, since the start.
+    pub frame_overruns: u64,
+    /// State messages said since the start.
+    pub state_messages: u64,
+    /// Their payload, bytes.
+    pub state_bytes: u64,
+}
+
+/// Age of one peer's word at one step.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct PeerAge {
+    /// The peer.
+    pub id: VehicleId,
+    /// Fresh, stale or lost.
+    pub standing: Standing,
+    /// By the receiver's clock, s.
+    pub age_s: f64,
+}
+
+message!(Trace, 16 * 1024, |said| Some(said.header.sender), |said| {
+    let pairs = said.field_ne.iter().chain(&said.error_ne_m);
+    let options = said.power_w.iter().chain(&said.step_us);
+    said.estimate.is_finite()
+        && said.position.is_finite()
+        && said.velocity.is_finite()
+        && said.attitude.is_finite()
+        && said.height_m.is_finite()
+        && said.altitude_setpoint_m.is_finite()
+        && pairs.chain(options).chain(said.sticks.iter().flatten()).all(|number| number.is_finite())
+        && said.peers.iter().all(|peer| peer.age_s.is_finite())
+});

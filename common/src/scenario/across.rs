@@ -1,0 +1,272 @@
+//! What keys mean together: scenarios that are right key by key and would fly wrongly all the same.
+
+use std::f64::consts::PI;
+
+use super::error::ScenarioError;
+use super::model::{
+    Conversion, Fault, Formation, Graph, Law, Order, PlantKind, SafetyFilter, Scenario, StartPattern, Vertical, What,
+};
+use super::tree::{Node, Place, Texts};
+use crate::id::VehicleId;
+
+/// Discs thrown at random into a square one by one jam when they cover 55 % of it (random sequential adsorption). Up to
+/// this share 2 to 250 of them find their places within 2000 throws, now and then starting over.
+const RANDOM_COVER: f64 = 0.40;
+
+/// Lowest height at which sideways commands act in full, m.
+const LOWEST_M: f64 = 3.5;
+
+/// The first thing in the scenario that does not go together.
+pub(super) fn check(texts: &Texts<'_>, written: &Node, scenario: &Scenario) -> Result<(), ScenarioError> {
+    let check = Check { texts, written, scenario };
+    check.vehicles()?;
+    check.starts()?;
+    check.network()?;
+    check.formation(&scenario.formation, None)?;
+    for (index, step) in scenario.mission.steps.iter().enumerate() {
+        check.formation(&step.formation, Some(index))?;
+    }
+    check.external()?;
+    check.events()
+}
+
+struct Check<'a> {
+    texts: &'a Texts<'a>,
+    written: &'a Node,
+    scenario: &'a Scenario,
+}
+
+impl Check<'_> {
+    /// A fault at one of these keys: what a `--set` changed is to blame before what the file says, the first before the
+    /// others.
+    fn fault(&self, paths: &[&str], message: String) -> ScenarioError {
+        let written: Vec<_> = paths.iter().filter_map(|path| Some((*path, self.written.at(path)?))).collect();
+        let blamed = written.iter().find(|(_, node)| node.is_set()).or(written.first());
+        let (path, place) = blamed.map_or(("", Place::File(0..0)), |(path, node)| (*path, node.place.clone()));
+        self.texts.fault(&place, path, message)
+    }
+
+    fn count(&self) -> usize {
+        self.scenario.swarm.vehicles
+    }
+
+    /// This id flies.
+    fn flies(&self, id: VehicleId, path: &str) -> Result<(), ScenarioError> {
+        if usize::from(id.get()) <= self.count() {
+            return Ok(());
+        }
+        Err(self.fault(&[path], format!("`{path}`: there is no vehicle {id} among {}", self.count())))
+    }
+
+    fn vehicles(&self) -> Result<(), ScenarioError> {
+        let Some(table) = self.written.at("vehicle").and_then(Node::table) else { return Ok(()) };
+        for (name, (place, _)) in table {
+            let path = format!("vehicle.{name}");
+            match name.parse::<VehicleId>() {
+                Ok(id) if usize::from(id.get()) <= self.count() => {}
+                Ok(id) => {
+                    let message = format!("`{path}`: there is no vehicle {id} among {}", self.count());
+                    return Err(self.texts.fault(place, &path, message));
+                }
+                Err(error) => return Err(self.texts.fault(place, &path, format!("`{path}`: {error}"))),
+            }
+        }
+        Ok(())
+    }
+
+    fn starts(&self) -> Result<(), ScenarioError> {
+        let start = &self.scenario.start;
+        let (square_m, apart_m) = (start.square_m, start.separation_m);
+        let free = self.scenario.vehicle.iter().filter(|vehicle| vehicle.start_ne_m.is_none()).count();
+        let paths = ["start.separation_m", "start.square_m", "start.pattern", "swarm.vehicles"];
+        let covered = free as f64 * PI / 4.0 * (apart_m / (square_m + apart_m)).powi(2);
+        let chord_m = square_m * (PI / free as f64).sin();
+        match start.pattern {
+            StartPattern::Random if free > 1 && apart_m > 0.0 && covered > RANDOM_COVER => {
+                let enough_m = (apart_m * ((free as f64 * PI / 4.0 / RANDOM_COVER).sqrt() - 1.0)).ceil();
+                Err(ScenarioError {
+                    help: Some(format!("`start.square_m` = {enough_m} is enough").into()),
+                    ..self.fault(
+                        &paths,
+                        format!("{free} random starts {apart_m} m apart do not fit in a square of {square_m} m"),
+                    )
+                })
+            }
+            StartPattern::Ring if free > 1 && chord_m < apart_m => Err(self
+                .fault(&paths, format!("{free} starts on a ring {square_m} m wide are less than {apart_m} m apart"))),
+            StartPattern::AsIs if free > 0 && self.scenario.swarm.plant != PlantKind::Xplane => Err(self.fault(
+                &["start.pattern"],
+                "only X-Plane's aircraft stand somewhere already: others need `start_ne_m` in `[vehicle.N]`".to_owned(),
+            )),
+            _ => self.given_starts(),
+        }
+    }
+
+    /// No two of `[vehicle.N]` stand too close.
+    fn given_starts(&self) -> Result<(), ScenarioError> {
+        let given: Vec<_> = self.scenario.vehicle.iter().filter_map(|it| Some((it.id, it.start_ne_m?))).collect();
+        for (later, (id, [north, east])) in given.iter().enumerate() {
+            for (other, [other_north, other_east]) in &given[..later] {
+                let apart_m = (north - other_north).hypot(east - other_east);
+                if apart_m < self.scenario.start.separation_m {
+                    let path = format!("vehicle.{id}.start_ne_m");
+                    let least_m = self.scenario.start.separation_m;
+                    let message = format!(
+                        "vehicles {other} and {id} start {apart_m} m apart, less than `start.separation_m`, {least_m}"
+                    );
+                    return Err(self.fault(&[&path], message));
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn network(&self) -> Result<(), ScenarioError> {
+        let network = &self.scenario.network;
+        if network.graph == Graph::Edges && network.edges.is_empty() {
+            return Err(self.fault(&["network.graph"], "`network.graph` = \"edges\" needs `network.edges`".to_owned()));
+        }
+        for (index, [from, to]) in network.edges.iter().enumerate() {
+            self.flies(*from, &format!("network.edges[{index}][0]"))?;
+            self.flies(*to, &format!("network.edges[{index}][1]"))?;
+            if from == to {
+                let path = format!("network.edges[{index}]");
+                return Err(self.fault(&[&path], format!("`{path}`: vehicle {from} hears itself anyway")));
+            }
+        }
+        let (stale_s, period_s) = (network.peer_stale_s, network.state_max_period_s);
+        if stale_s <= period_s {
+            return Err(self.fault(
+                &["network.peer_stale_s", "network.state_max_period_s"],
+                format!(
+                    "`network.peer_stale_s` is {stale_s}, but has to be above `network.state_max_period_s`, {period_s}: \
+                     or every peer is stale"
+                ),
+            ));
+        }
+        Ok(())
+    }
+
+    /// One formation: the base, or that of a step.
+    fn formation(&self, formation: &Formation, step: Option<usize>) -> Result<(), ScenarioError> {
+        self.field(formation, step)?;
+        self.heights(formation, step)?;
+        self.room(formation, step)
+    }
+
+    /// A fault at one of these keys of a formation, those of the step before those of the base.
+    fn formation_fault(&self, step: Option<usize>, names: [&str; 2], message: String) -> ScenarioError {
+        let in_step = step
+            .into_iter()
+            .flat_map(|step| names.into_iter().map(move |name| format!("mission.steps[{step}].formation.{name}")));
+        let base = names.into_iter().map(|name| format!("formation.{name}"));
+        let paths: Vec<String> = in_step.chain(base).chain(["swarm.vehicles".to_owned()]).collect();
+        self.fault(&paths.iter().map(String::as_str).collect::<Vec<_>>(), message)
+    }
+
+    /// The band has an inside, the conversion is monotone.
+    fn field(&self, formation: &Formation, step: Option<usize>) -> Result<(), ScenarioError> {
+        let &Formation { radius_m, gain_m, far_gain_m, .. } = formation;
+        let (name, width_m) = match formation.law {
+            Law::Flock => ("outer_width_m", formation.outer_width_m),
+            _ => ("inner_width_m", formation.inner_width_m),
+        };
+        if matches!(formation.law, Law::Ring | Law::Flock) && width_m >= radius_m {
+            let message = format!("`formation.{name}` is {width_m}, but has to be below `radius_m`, {radius_m}");
+            return Err(self.formation_fault(step, [name, "radius_m"], message));
+        }
+        if formation.conversion == Conversion::Nonlinear && far_gain_m < gain_m {
+            let message = format!("`formation.far_gain_m` is {far_gain_m}, but has to be at least `gain_m`, {gain_m}");
+            return Err(self.formation_fault(step, ["far_gain_m", "gain_m"], message));
+        }
+        Ok(())
+    }
+
+    /// The lowest band is high enough to fly in.
+    fn heights(&self, formation: &Formation, step: Option<usize>) -> Result<(), ScenarioError> {
+        let lowest_m = formation.altitude_m - (self.count() - 1) as f64 / 2.0 * formation.band_step_m;
+        if formation.vertical == Vertical::Ellipsoid || lowest_m >= LOWEST_M {
+            return Ok(());
+        }
+        let count = self.count();
+        let message = format!("the lowest of {count} bands is at {lowest_m} m, but has to be at {LOWEST_M} m at least");
+        Err(self.formation_fault(step, ["band_step_m", "altitude_m"], message))
+    }
+
+    /// The ring is long enough for all to keep the filter's distance: a necessary condition, since on an ellipse nobody is
+    /// farther from the neighbours than on a circle around it.
+    fn room(&self, formation: &Formation, step: Option<usize>) -> Result<(), ScenarioError> {
+        let is_flat = formation.vertical == Vertical::Bands && formation.band_step_m == 0.0;
+        let is_filtered = formation.safety_filter == SafetyFilter::Cbf;
+        let widest_m = formation.radius_m * (1.0 / formation.gamma.sqrt()).max(1.0);
+        let chord_m = 2.0 * widest_m * (PI / self.count() as f64).sin();
+        let least_m = formation.safety_distance_m;
+        if formation.law != Law::Ring || !is_flat || !is_filtered || self.count() == 1 || chord_m >= least_m {
+            return Ok(());
+        }
+        let message = format!(
+            "{} neighbours on this ring are {chord_m:.1} m apart, less than `formation.safety_distance_m`, {least_m}",
+            self.count()
+        );
+        let enough_m = (formation.radius_m * least_m / chord_m).ceil();
+        Err(ScenarioError {
+            help: Some(format!("`radius_m` = {enough_m} is enough").into()),
+            ..self.formation_fault(step, ["radius_m", "safety_distance_m"], message)
+        })
+    }
+
+    fn external(&self) -> Result<(), ScenarioError> {
+        let formation = &self.scenario.formation;
+        let external = &formation.external;
+        let ways = [external.command.is_some(), external.listen.is_some(), external.udp.is_some()];
+        let ways = ways.iter().filter(|way| **way).count();
+        let mut steps = self.scenario.mission.steps.iter();
+        let step = steps.position(|step| step.formation.law == Law::External);
+        if let Some(step) = step.filter(|_| ways != 1) {
+            let in_step = format!("mission.steps[{step}].formation.law");
+            return Err(self.fault(
+                &["formation.external", &in_step, "formation.law"],
+                "law \"external\" needs one of `command`, `listen`, `udp` in `[formation.external]`".to_owned(),
+            ));
+        }
+        if external.deadline_s > external.period_s {
+            let (deadline_s, period_s) = (external.deadline_s, external.period_s);
+            return Err(self.fault(
+                &["formation.external.deadline_s", "formation.external.period_s"],
+                format!("`formation.external.deadline_s` is {deadline_s}, but may not be above `period_s`, {period_s}"),
+            ));
+        }
+        Ok(())
+    }
+
+    fn events(&self) -> Result<(), ScenarioError> {
+        for (index, event) in self.scenario.mission.events.iter().enumerate() {
+            let path = |name: &str| format!("mission.events[{index}].{name}");
+            match &event.what {
+                What::Fault(Fault::Cut { from, to, .. }) => {
+                    for (name, ids) in [("from", from), ("to", to)] {
+                        for (place, id) in ids.iter().enumerate() {
+                            self.flies(*id, &format!("{}[{place}]", path(name)))?;
+                        }
+                    }
+                }
+                What::Fault(
+                    Fault::Kill { vehicle }
+                    | Fault::EngineOut { vehicle }
+                    | Fault::SimulatorFreeze { vehicle }
+                    | Fault::ServoStuck { vehicle, .. }
+                    | Fault::GyroOff { vehicle }
+                    | Fault::GpsFrozen { vehicle }
+                    | Fault::ClockJump { vehicle, .. },
+                ) => self.flies(*vehicle, &path("vehicle"))?,
+                What::Order(Order::Goto { step }) if *step >= self.scenario.mission.steps.len() => {
+                    let last = self.scenario.mission.steps.len() - 1;
+                    let path = path("step");
+                    return Err(self.fault(&[&path], format!("`{path}` is {step}, but the last step is {last}")));
+                }
+                What::Order(_) => {}
+            }
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,233 @@
+//! Every written key against the table: known, of its kind, in its range.
+
+use toml::Value as Toml;
+
+use super::error::ScenarioError;
+use super::keys::{self, Key, Kind, Meaning};
+use super::tree::{Node, Texts, Value, shown};
+use crate::id::{SwarmName, VehicleId};
+
+impl Texts<'_> {
+    /// Checks a table and all below it, and turns integers into floats where numbers are meant.
+    pub(super) fn check_table(&self, node: &mut Node, path: &str) -> Result<(), ScenarioError> {
+        let Value::Table(table) = &mut node.value else {
+            return Err(self.wrong(node, path, "a table"));
+        };
+        for (name, (name_place, value)) in table {
+            let path = keys::join(path, name);
+            match keys::meaning(&path) {
+                Some(Meaning::Key(key)) => self.check_value(value, &path, key)?,
+                Some(Meaning::Table) => self.check_table(value, &path)?,
+                _ if path.starts_with("vehicle.") && path.matches('.').count() == 1 => {
+                    let message = format!("`{}`: vehicles are tables by id, 1 to {}", shown(&path), VehicleId::MAX);
+                    return Err(self.fault(name_place, &path, message));
+                }
+                _ => return Err(self.unknown(name_place, &path)),
+            }
+        }
+        Ok(())
+    }
+
+    /// Checks one key's value.
+    fn check_value(&self, node: &mut Node, path: &str, key: &Key) -> Result<(), ScenarioError> {
+        match key.kind {
+            Kind::Number(range) => self.number(node, path, range, "a number"),
+            Kind::NumberOr(word, range) => match &node.value {
+                Value::Plain(Toml::String(text)) if text == word => Ok(()),
+                _ => self.number(node, path, range, &format!("a number or \"{word}\"")),
+            },
+            Kind::Integer(min, max) => self.integer(node, path, min, max),
+            Kind::Bool => match node.value {
+                Value::Plain(Toml::Boolean(_)) => Ok(()),
+                _ => Err(self.wrong(node, path, "true or false")),
+            },
+            Kind::True => match node.value {
+                Value::Plain(Toml::Boolean(true)) => Ok(()),
+                _ => Err(self.wrong(node, path, "true, or left out")),
+            },
+            Kind::OneOf(words) => self.one_of(node, path, words),
+            Kind::Name => {
+                let name = self.text(node, path)?;
+                SwarmName::new(name).map(drop).map_err(|_| {
+                    let name = shown(name);
+                    self.fault(
+                        &node.place,
+                        path,
+                        format!("`{path}` has 1 to 64 letters, digits, '-' or '_'; \"{name}\" has not"),
+                    )
+                })
+            }
+            Kind::Text => self.text(node, path).map(drop),
+            Kind::Address(prefix) => self.address(node, path, prefix),
+            Kind::Texts => self.each(node, path, "a list of texts", |item| self.text(item, path).map(drop)),
+            Kind::Id => self.id(node, path),
+            Kind::Ids => self.each(node, path, "a list of vehicle ids", |item| self.id(item, path)),
+            Kind::Edges => {
+                let pair = "pairs of vehicle ids, speaker first: [[1, 2], [2, 3]]";
+                self.each(node, path, pair, |item| self.pair(item, path, pair, |end| self.id(end, path)))
+            }
+            Kind::Point => self.point(node, path),
+            Kind::Path => self.path(node, path),
+            Kind::Tables => self.tables(node, path),
+            Kind::Free => match node.value {
+                Value::Table(_) => self.free(node, path),
+                _ => Err(self.wrong(node, path, "a table")),
+            },
+        }
+    }
+
+    fn number(&self, node: &mut Node, path: &str, range: keys::Range, wanted: &str) -> Result<(), ScenarioError> {
+        let number = match node.value {
+            Value::Plain(Toml::Float(number)) => number,
+            Value::Plain(Toml::Integer(number)) => number as f64,
+            _ => return Err(self.wrong(node, path, wanted)),
+        };
+        if !range.contains(number) {
+            return Err(self.fault(&node.place, path, format!("`{path}` is {number}, out of its range: {range}")));
+        }
+        node.value = Value::Plain(Toml::Float(number));
+        Ok(())
+    }
+
+    fn integer(&self, node: &Node, path: &str, min: i64, max: i64) -> Result<(), ScenarioError> {
+        match node.value {
+            Value::Plain(Toml::Integer(number)) if (min..=max).contains(&number) => Ok(()),
+            Value::Plain(Toml::Integer(number)) => {
+                Err(self.fault(&node.place, path, format!("`{path}` is {number}, out of its range: {min} to {max}")))
+            }
+            _ => Err(self.wrong(node, path, "a whole number")),
+        }
+    }
+
+    fn one_of(&self, node: &Node, path: &str, words: &[&str]) -> Result<(), ScenarioError> {
+        let text = self.text(node, path)?;
+        if words.contains(&text) {
+            return Ok(());
+        }
+        let list = words.iter().map(|word| format!("\"{word}\"")).collect::<Vec<_>>().join(", ");
+        Err(self.fault(&node.place, path, format!("`{path}` is \"{}\", but has to be one of {list}", shown(text))))
+    }
+
+    fn text<'n>(&self, node: &'n Node, path: &str) -> Result<&'n str, ScenarioError> {
+        match &node.value {
+            Value::Plain(Toml::String(text)) if text.is_empty() || text.chars().any(char::is_control) => {
+                Err(self.fault(&node.place, path, format!("`{path}` has to be a line of text, not empty")))
+            }
+            Value::Plain(Toml::String(text)) => Ok(text),
+            _ => Err(self.wrong(node, path, "a text")),
+        }
+    }
+
+    /// The port leaves room for the ids that are added to it.
+    fn address(&self, node: &Node, path: &str, prefix: &str) -> Result<(), ScenarioError> {
+        let text = self.text(node, path)?;
+        let parts = text.strip_prefix(prefix).and_then(|rest| rest.rsplit_once(':'));
+        let last = u16::MAX - u16::from(VehicleId::MAX);
+        match parts {
+            Some((host, port))
+                if !host.is_empty() && port.parse::<u16>().is_ok_and(|port| (1..=last).contains(&port)) =>
+            {
+                Ok(())
+            }
+            _ => {
+                let text = shown(text);
+                let message = format!("`{path}` is \"{text}\", but has to be {prefix}HOST:PORT, PORT 1 to {last}");
+                Err(self.fault(&node.place, path, message))
+            }
+        }
+    }
+
+    fn id(&self, node: &Node, path: &str) -> Result<(), ScenarioError> {
+        match node.value {
+            Value::Plain(Toml::Integer(id)) if (1..=VehicleId::MAX.into()).contains(&id) => Ok(()),
+            Value::Plain(Toml::Integer(id)) => {
+                let message = format!("`{path}`: vehicle ids run from 1 to {}, not {id}", VehicleId::MAX);
+                Err(self.fault(&node.place, path, message))
+            }
+            _ => Err(self.wrong(node, path, "a vehicle id")),
+        }
+    }
+
+    /// A list with entries, each of which passes.
+    fn each(
+        &self,
+        node: &mut Node,
+        path: &str,
+        wanted: &str,
+        mut check: impl FnMut(&mut Node) -> Result<(), ScenarioError>,
+    ) -> Result<(), ScenarioError> {
+        match &mut node.value {
+            Value::List(items) if !items.is_empty() => items.iter_mut().try_for_each(&mut check),
+            _ => Err(self.wrong(node, path, wanted)),
+        }
+    }
+
+    fn pair(
+        &self,
+        node: &mut Node,
+        path: &str,
+        wanted: &str,
+        check: impl FnMut(&mut Node) -> Result<(), ScenarioError>,
+    ) -> Result<(), ScenarioError> {
+        if node.list().len() != 2 {
+            return Err(self.wrong(node, path, wanted));
+        }
+        self.each(node, path, wanted, check)
+    }
+
+    fn point(&self, node: &mut Node, path: &str) -> Result<(), ScenarioError> {
+        // Farther out, the plane that touches the ellipsoid is 800 m above it.
+        let range = keys::Range { min: -1e5, max: 1e5, min_included: true };
+        let wanted = "a point, [north, east]";
+        self.pair(node, path, wanted, |end| self.number(end, path, range, wanted))
+    }
+
+    /// Two equal points in a row have no direction between them.
+    fn path(&self, node: &mut Node, path: &str) -> Result<(), ScenarioError> {
+        let wanted = "two points or more, [[north, east], [north, east]]";
+        self.each(node, path, wanted, |item| self.point(item, path))?;
+        if node.list().len() < 2 {
+            return Err(self.wrong(node, path, wanted));
+        }
+        match node.list().windows(2).find(|two| two[0].plain() == two[1].plain()) {
+            Some(two) => Err(self.fault(&two[1].place, path, format!("`{path}`: the same point twice in a row"))),
+            None => Ok(()),
+        }
+    }
+
+    fn tables(&self, node: &mut Node, path: &str) -> Result<(), ScenarioError> {
+        let mut index = 0;
+        self.each(node, path, "a list of one table or more", |item| {
+            index += 1;
+            self.check_table(item, &format!("{path}[{}]", index - 1))
+        })
+    }
+
+    /// JSON has no dates.
+    fn free(&self, node: &Node, path: &str) -> Result<(), ScenarioError> {
+        match &node.value {
+            Value::Plain(Toml::Datetime(_)) => Err(self.wrong(node, path, "something that JSON can say")),
+            Value::Plain(_) => Ok(()),
+            Value::List(items) => items.iter().try_for_each(|item| self.free(item, path)),
+            Value::Table(table) => {
+                table.iter().try_for_each(|(name, (_, item))| self.free(item, &keys::join(path, name)))
+            }
+        }
+    }
+
+    /// A value of another kind than the key's.
+    fn wrong(&self, node: &Node, path: &str, wanted: &str) -> ScenarioError {
+        let found = match &node.value {
+            Value::Plain(Toml::String(text)) => format!("\"{}\"", shown(text)),
+            Value::Plain(value) => value.to_string(),
+            Value::List(items) if items.is_empty() => "an empty list".to_owned(),
+            Value::List(_) => "a list".to_owned(),
+            Value::Table(_) => "a table".to_owned(),
+        };
+        if node.list().is_empty() {
+            self.fault(&node.place, path, format!("`{path}` has to be {wanted}, not {found}"))
+        } else {
+            self.fault(&node.place, path, format!("`{path}` has to be {wanted}"))
+        }
+    }
+}

@@ -1,0 +1,91 @@
+//! Tables of which only some keys go together: steps, events, ways to reach a program.
+
+use super::error::ScenarioError;
+use super::keys::{FAULT_KEYS, ORDER_KEYS};
+use super::tree::{Node, Table, Texts};
+
+/// What a step can want, and what it may say besides.
+const TARGETS: &[(&str, &[&str])] =
+    &[("centre_ne_m", &["dwell_s"]), ("hold_s", &[]), ("path_ne_m", &["dwell_s", "speed_m_s"]), ("land", &[])];
+
+/// Checks what the types cannot hold.
+pub(super) fn check(texts: &Texts<'_>, written: &Node) -> Result<(), ScenarioError> {
+    let steps = written.at("mission.steps").map(Node::list).unwrap_or_default();
+    for (index, step) in steps.iter().enumerate() {
+        check_step(texts, step, &format!("mission.steps[{index}]"), index + 1 == steps.len())?;
+    }
+    let events = written.at("mission.events").map(Node::list).unwrap_or_default();
+    for (index, event) in events.iter().enumerate() {
+        check_event(texts, event, &format!("mission.events[{index}]"))?;
+    }
+    check_udp(texts, written)
+}
+
+fn check_step(texts: &Texts<'_>, step: &Node, path: &str, is_last: bool) -> Result<(), ScenarioError> {
+    let Some(table) = step.table() else { return Ok(()) };
+    let (target, besides) = one_of(texts, step, table, path, TARGETS.iter().map(|(name, besides)| (*name, *besides)))?;
+    for name in ["dwell_s", "speed_m_s"] {
+        if let (Some((place, _)), false) = (table.get(name), besides.contains(&name)) {
+            return Err(texts.fault(place, path, format!("`{path}`: `{name}` means nothing beside `{target}`")));
+        }
+    }
+    if target == "land" && !is_last {
+        return Err(texts.fault(&step.place, path, format!("`{path}`: nothing follows a landing")));
+    }
+    Ok(())
+}
+
+fn check_event(texts: &Texts<'_>, event: &Node, path: &str) -> Result<(), ScenarioError> {
+    let Some(table) = event.table() else { return Ok(()) };
+    let (sort, rules) = one_of(texts, event, table, path, [("fault", FAULT_KEYS), ("order", ORDER_KEYS)].into_iter())?;
+    let kind = table.get(sort).map(|(_, node)| node.plain()).unwrap_or(false.into());
+    let Some((kind, needed, optional)) = rules.iter().find(|(name, ..)| kind.as_str() == Some(name)) else {
+        return Ok(());
+    };
+    if let Some(name) = ["at_s"].iter().chain(*needed).find(|name| !table.contains_key(**name)) {
+        return Err(texts.fault(&event.place, path, format!("`{path}`: {sort} = \"{kind}\" needs `{name}`")));
+    }
+    let lasts = sort == "fault" || *kind == "hold";
+    let means = |name: &str| {
+        name == "at_s"
+            || name == sort
+            || (name == "for_s" && lasts)
+            || needed.contains(&name)
+            || optional.contains(&name)
+    };
+    match table.iter().find(|(name, _)| !means(name)) {
+        Some((name, (place, _))) => {
+            Err(texts.fault(place, path, format!("`{path}`: `{name}` means nothing beside {sort} = \"{kind}\"")))
+        }
+        None => Ok(()),
+    }
+}
+
+/// The one of these names that the table has.
+fn one_of<T>(
+    texts: &Texts<'_>,
+    node: &Node,
+    table: &Table,
+    path: &str,
+    choices: impl Iterator<Item = (&'static str, T)> + Clone,
+) -> Result<(&'static str, T), ScenarioError> {
+    let mut found = choices.clone().filter(|(name, _)| table.contains_key(*name));
+    let names = || choices.clone().map(|(name, _)| format!("`{name}`")).collect::<Vec<_>>().join(", ");
+    let Some(first) = found.next() else {
+        return Err(texts.fault(&node.place, path, format!("`{path}` has to say one of {}", names())));
+    };
+    match found.next().and_then(|(name, _)| table.get(name)) {
+        Some((place, _)) => Err(texts.fault(place, path, format!("`{path}` has to say only one of {}", names()))),
+        None => Ok(first),
+    }
+}
+
+fn check_udp(texts: &Texts<'_>, written: &Node) -> Result<(), ScenarioError> {
+    let path = "formation.external.udp";
+    match written.at(path).and_then(|node| Some((node, node.table()?))) {
+        Some((node, table)) if table.len() != 2 => {
+            Err(texts.fault(&node.place, path, format!("`{path}` needs both `ask` and `answer`")))
+        }
+        _ => Ok(()),
+    }
+}

@@ -1,0 +1,314 @@
+//! Every way to be wrong, with the words that say so.
+
+use super::*;
+
+/// What is said about this file.
+fn refusal(text: &str, sets: &[&str]) -> String {
+    match try_load("a.toml", text, sets) {
+        Err(error) => error.to_string(),
+        Ok(_) => format!("accepted: {text} {sets:?}"),
+    }
+}
+
+/// Four helicopters, and from line 5 on the rest of `[formation]`.
+fn beside(rest: &str) -> String {
+    format!("[swarm]\nvehicles = 4\n[formation]\nradius_m = 100\n{rest}\n")
+}
+
+fn check(cases: &[(&str, &str)]) {
+    for (rest, expected) in cases {
+        assert_eq!(refusal(&beside(rest), &[]), format!("a.toml:{expected}"), "{rest}");
+    }
+}
+
+#[test]
+fn an_empty_file_flies_nobody() {
+    let nobody = "`swarm.vehicles` is missing: nobody flies; say how many fly: `[swarm]`, `vehicles = 4`";
+    for text in ["", "# nothing\n", "[swarm]\n", "name = 'x'"] {
+        assert_eq!(refusal(text, &[]), format!("a.toml:1:1: {nobody}"), "{text:?}");
+    }
+    assert_eq!(refusal("name = 'x'\n\n  [swarm]\nname = 'x'", &[]), format!("a.toml:3:3: {nobody}"));
+    assert_eq!(refusal("", &["swarm.name=x"]), format!("a.toml:1:1: {nobody}"));
+}
+
+#[test]
+fn what_is_not_toml() {
+    check(&[
+        ("hello", "5:6: not TOML: key with no value, expected `=`"),
+        ("gamma = ", "5:9: not TOML: string values must be quoted, expected literal string"),
+        ("radius_m = 3", "5:1: not TOML: duplicate key"),
+        ("[vehicle.3]\n[vehicle.3]", "6:10: not TOML: duplicate key"),
+        ("[[[", "5:3: not TOML: unquoted keys cannot be empty, expected letters, numbers, `-`, `_`"),
+    ]);
+}
+
+#[test]
+fn unknown_keys_name_the_nearest() {
+    check(&[
+        ("raduis_m = 3", "5:1: unknown key `formation.raduis_m`; did you mean `formation.radius_m`?"),
+        ("  heading = 3", "5:3: unknown key `formation.heading`; did you mean `formation.heading_deg`?"),
+        ("speed_m_s = 3", "5:1: unknown key `formation.speed_m_s`; did you mean `mission.speed_m_s`?"),
+        ("[formaton]", "5:2: unknown key `formaton`; did you mean `formation`?"),
+        ("[vehicle.3]\naircarft = 'r22'", "6:1: unknown key `vehicle.3.aircarft`; did you mean `vehicle.3.aircraft`?"),
+        ("qqqqqqqqqqqq = 3", "5:1: unknown key `formation.qqqqqqqqqqqq`"),
+        ("\"radius_m \" = 3", "5:1: unknown key `formation.\"radius_m \"`; did you mean `formation.radius_m`?"),
+        ("[\"formation.gamma\"]", "5:2: unknown key `\"formation.gamma\"`; did you mean `formation.gamma`?"),
+        (
+            "[mission]\nsteps = [{ hold_s = 1, formation = { raduis_m = 9 } }]",
+            "6:38: unknown key `mission.steps[0].formation.raduis_m`; did you mean `mission.steps[0].formation.radius_m`?",
+        ),
+    ]);
+    let events = "events = []\nswarm.vehicles = 4";
+    assert_eq!(refusal(events, &[]), "a.toml:1:1: unknown key `events`; did you mean `mission.events`?");
+    let external = beside("[mission]\nsteps = [{ hold_s = 1, formation = { external = { misses = 2 } } }]");
+    assert!(refusal(&external, &[]).starts_with("a.toml:6:38: unknown key `mission.steps[0].formation.external`"));
+}
+
+#[test]
+fn values_of_another_kind() {
+    check(&[
+        ("gamma = 'x'", "5:9: `formation.gamma` has to be a number, not \"x\""),
+        ("gamma = true", "5:9: `formation.gamma` has to be a number, not true"),
+        ("gamma = [1]", "5:9: `formation.gamma` has to be a number"),
+        ("gamma = { a = 1 }", "5:9: `formation.gamma` has to be a number, not a table"),
+        ("gamma = 1979-05-27", "5:9: `formation.gamma` has to be a number, not 1979-05-27"),
+        (
+            "avoid_distance_m = 'none'",
+            "5:20: `formation.avoid_distance_m` has to be a number or \"adaptive\", not \"none\"",
+        ),
+        ("feedforward = 1", "5:15: `formation.feedforward` has to be true or false, not 1"),
+        ("law = 3", "5:7: `formation.law` has to be a text, not 3"),
+        ("vertical = 'flat'", "5:12: `formation.vertical` is \"flat\", but has to be one of \"bands\", \"ellipsoid\""),
+        ("[mission]\nsteps = []", "6:9: `mission.steps` has to be a list of one table or more, not an empty list"),
+        ("[mission]\nsteps = [3]", "6:10: `mission.steps[0]` has to be a table, not 3"),
+        (
+            "[mission]\nsteps = [{ centre_ne_m = [0, 0, 0] }]",
+            "6:26: `mission.steps[0].centre_ne_m` has to be a point, [north, east]",
+        ),
+        (
+            "[mission]\nsteps = [{ path_ne_m = [[0, 0], [0, 'x']] }]",
+            "6:37: `mission.steps[0].path_ne_m` has to be a point, [north, east], not \"x\"",
+        ),
+        (
+            "[mission]\nsteps = [{ land = false }]",
+            "6:19: `mission.steps[0].land` has to be true, or left out, not false",
+        ),
+        (
+            "[network]\nedges = [[1, 2], [2]]",
+            "6:18: `network.edges` has to be pairs of vehicle ids, speaker first: [[1, 2], [2, 3]]",
+        ),
+        (
+            "external.parameters = { a = 1979-05-27 }",
+            "5:29: `formation.external.parameters.a` has to be something that JSON can say, not 1979-05-27",
+        ),
+        (
+            "external.listen = '127.0.0.1:5600'",
+            "5:19: `formation.external.listen` is \"127.0.0.1:5600\", but has to be tcp/HOST:PORT, PORT 1 to 65285",
+        ),
+    ]);
+    assert_eq!(refusal("swarm = 4", &[]), "a.toml:1:9: `swarm` has to be a table, not 4");
+    assert_eq!(refusal("swarm.vehicles = 4.0", &[]), "a.toml:1:18: `swarm.vehicles` has to be a whole number, not 4.0");
+    let control = "swarm.vehicles = 4\ncontrol.rules = \"a\\nb\"";
+    assert_eq!(refusal(control, &[]), "a.toml:2:17: `control.rules` has to be a line of text, not empty");
+}
+
+#[test]
+fn numbers_out_of_range() {
+    check(&[
+        ("gamma = 0", "5:9: `formation.gamma` is 0, out of its range: 0.01 to 100"),
+        ("gain_m = 0", "5:10: `formation.gain_m` is 0, out of its range: above 0, at most 1000"),
+        ("altitude_m = 3", "5:14: `formation.altitude_m` is 3, out of its range: 3.5 to 10000"),
+        ("gamma = nan", "5:9: nan is not a finite number"),
+        ("gamma = -inf", "5:9: -inf is not a finite number"),
+        ("gamma = 1e999", "5:9: 1e999 is not a finite number"),
+        ("gamma = 99999999999999999999", "5:9: 99999999999999999999 is too large an integer"),
+        ("external.parameters.a = [nan]", "5:26: nan is not a finite number"),
+        ("[network]\nedges = [[1, 300]]", "6:14: `network.edges`: vehicle ids run from 1 to 250, not 300"),
+    ]);
+    let vehicles = |count| refusal(&format!("swarm.vehicles = {count}"), &[]);
+    assert_eq!(vehicles("0"), "a.toml:1:18: `swarm.vehicles` is 0, out of its range: 1 to 250");
+    assert_eq!(vehicles("251"), "a.toml:1:18: `swarm.vehicles` is 251, out of its range: 1 to 250");
+    let seed = "swarm.vehicles = 4\nseed = -1";
+    assert_eq!(refusal(seed, &[]), "a.toml:2:8: `seed` is -1, out of its range: 0 to 9223372036854775807");
+}
+
+#[test]
+fn names_that_cannot_stand_in_a_key() {
+    let name = |line: &str| refusal(&format!("swarm.vehicles = 4\n{line}"), &[]);
+    let rule = "has 1 to 64 letters, digits, '-' or '_';";
+    assert_eq!(name("swarm.name = 'a/b'"), format!("a.toml:2:14: `swarm.name` {rule} \"a/b\" has not"));
+    assert_eq!(name("name = 'a b'"), format!("a.toml:2:8: `name` {rule} \"a b\" has not"));
+}
+
+#[test]
+fn vehicles_that_do_not_fly() {
+    check(&[
+        ("[vehicle.x]", "5:10: `vehicle.x`: vehicles are tables by id, 1 to 250"),
+        ("[vehicle.03]", "5:10: `vehicle.03`: vehicles are tables by id, 1 to 250"),
+        ("[vehicle.5]", "5:10: `vehicle.5`: there is no vehicle 5 among 4"),
+        ("[vehicle.0]", "5:10: `vehicle.0`: vehicle ids run from 1 to 250, not 0"),
+        ("[vehicle.251]", "5:10: `vehicle.251`: vehicle ids run from 1 to 250, not 251"),
+        ("[network]\ngraph = 'edges'", "6:9: `network.graph` = \"edges\" needs `network.edges`"),
+        ("[network]\nedges = [[1, 2], [2, 5]]", "6:22: `network.edges[1][1]`: there is no vehicle 5 among 4"),
+        ("[network]\nedges = [[2, 2]]", "6:10: `network.edges[0]`: vehicle 2 hears itself anyway"),
+        (
+            "[mission]\nevents = [{ at_s = 1, fault = 'kill', vehicle = 5 }]",
+            "6:49: `mission.events[0].vehicle`: there is no vehicle 5 among 4",
+        ),
+        (
+            "[mission]\nevents = [{ at_s = 1, fault = 'cut', from = [1], to = [2, 7] }]",
+            "6:59: `mission.events[0].to[1]`: there is no vehicle 7 among 4",
+        ),
+    ]);
+}
+
+#[test]
+fn steps_and_events_that_make_no_sense() {
+    check(&[
+        (
+            "[mission]\nsteps = [{ name = 'a' }]",
+            "6:10: `mission.steps[0]` has to say one of `centre_ne_m`, `hold_s`, `path_ne_m`, `land`",
+        ),
+        (
+            "[mission]\nsteps = [{ hold_s = 3, land = true }]",
+            "6:24: `mission.steps[0]` has to say only one of `centre_ne_m`, `hold_s`, `path_ne_m`, `land`",
+        ),
+        (
+            "[mission]\nsteps = [{ hold_s = 3, dwell_s = 1 }]",
+            "6:24: `mission.steps[0]`: `dwell_s` means nothing beside `hold_s`",
+        ),
+        ("[mission]\nsteps = [{ land = true }, { hold_s = 3 }]", "6:10: `mission.steps[0]`: nothing follows a landing"),
+        (
+            "[mission]\nsteps = [{ path_ne_m = [[0, 0]] }]",
+            "6:24: `mission.steps[0].path_ne_m` has to be two points or more, [[north, east], [north, east]]",
+        ),
+        (
+            "[mission]\nsteps = [{ path_ne_m = [[0, 0], [0, 0.0]] }]",
+            "6:33: `mission.steps[0].path_ne_m`: the same point twice in a row",
+        ),
+        ("[mission]\nevents = [{ at_s = 1 }]", "6:11: `mission.events[0]` has to say one of `fault`, `order`"),
+        (
+            "[mission]\nevents = [{ fault = 'kill', vehicle = 3 }]",
+            "6:11: `mission.events[0]`: fault = \"kill\" needs `at_s`",
+        ),
+        (
+            "[mission]\nevents = [{ at_s = 1, fault = 'kill' }]",
+            "6:11: `mission.events[0]`: fault = \"kill\" needs `vehicle`",
+        ),
+        (
+            "[mission]\nevents = [{ at_s = 1, order = 'land', for_s = 2 }]",
+            "6:39: `mission.events[0]`: `for_s` means nothing beside order = \"land\"",
+        ),
+        (
+            "[mission]\nevents = [{ at_s = 1, order = 'goto', step = 1 }]",
+            "6:46: `mission.events[0].step` is 1, but the last step is 0",
+        ),
+    ]);
+}
+
+#[test]
+fn values_that_do_not_go_together() {
+    check(&[
+        ("inner_width_m = 100", "5:17: `formation.inner_width_m` is 100, but has to be below `radius_m`, 100"),
+        (
+            "law = 'flock'\nouter_width_m = 120",
+            "6:17: `formation.outer_width_m` is 120, but has to be below `radius_m`, 100",
+        ),
+        ("far_gain_m = 3", "5:14: `formation.far_gain_m` is 3, but has to be at least `gain_m`, 7"),
+        ("band_step_m = 20", "5:15: the lowest of 4 bands is at 0 m, but has to be at 3.5 m at least"),
+        (
+            "safety_distance_m = 150",
+            "4:12: 4 neighbours on this ring are 141.4 m apart, less than `formation.safety_distance_m`, 150; \
+             `radius_m` = 107 is enough",
+        ),
+        (
+            "[mission]\nsteps = [{ hold_s = 1, formation = { radius_m = 9 } }]",
+            "6:49: `formation.inner_width_m` is 20, but has to be below `radius_m`, 9",
+        ),
+        ("law = 'external'", "5:7: law \"external\" needs one of `command`, `listen`, `udp` in `[formation.external]`"),
+        (
+            "law = 'external'\nexternal = { command = ['a'], listen = 'tcp/a:1' }",
+            "6:12: law \"external\" needs one of `command`, `listen`, `udp` in `[formation.external]`",
+        ),
+        ("external.udp.ask = 'a:5'", "5:10: `formation.external.udp` needs both `ask` and `answer`"),
+        (
+            "external.deadline_s = 0.5",
+            "5:23: `formation.external.deadline_s` is 0.5, but may not be above `period_s`, 0.1",
+        ),
+        (
+            "[network]\npeer_stale_s = 0.15",
+            "6:16: `network.peer_stale_s` is 0.15, but has to be above `network.state_max_period_s`, 0.2: or every peer is stale",
+        ),
+        (
+            "[start]\npattern = 'as_is'",
+            "6:11: only X-Plane's aircraft stand somewhere already: others need `start_ne_m` in `[vehicle.N]`",
+        ),
+        ("[start]\npattern = 'ring'\nsquare_m = 10", "7:12: 4 starts on a ring 10 m wide are less than 15 m apart"),
+        (
+            "[vehicle]\n1.start_ne_m = [0, 0]\n2.start_ne_m = [3, 4]",
+            "7:16: vehicles 1 and 2 start 5 m apart, less than `start.separation_m`, 15",
+        ),
+    ]);
+    let crowd =
+        "a.toml:1:18: 120 random starts 15 m apart do not fit in a square of 150 m; `start.square_m` = 216 is enough";
+    assert_eq!(refusal("swarm.vehicles = 120", &[]), crowd);
+    let room = ["start.square_m=216", "formation.radius_m=153"];
+    assert!(refusal("swarm.vehicles = 120", &room[..1]).ends_with("`radius_m` = 153 is enough"));
+    loaded("swarm.vehicles = 120", &room);
+}
+
+#[test]
+fn a_wrong_set_is_quoted_instead_of_a_line() {
+    let cases = [
+        ("formation.raduis_m=50", "unknown key `formation.raduis_m`; did you mean `formation.radius_m`?"),
+        ("radius_m=50", "unknown key `radius_m`; did you mean `formation.radius_m`?"),
+        ("formation[0].gamma=3", "unknown key `formation[0].gamma`; did you mean `formation.gamma`?"),
+        ("vehicle.x.aircraft=r22", "unknown key `vehicle.x.aircraft`; did you mean `swarm.aircraft`?"),
+        ("formation.radius_m=-5", "`formation.radius_m` is -5, out of its range: above 0, at most 100000"),
+        ("formation.radius_m=abc", "`formation.radius_m` has to be a number, not \"abc\""),
+        ("formation.radius_m=[", "not TOML: unclosed array, expected `]`"),
+        ("formation.radius_m=nan", "nan is not a finite number"),
+        ("formation.radius_m=", "`formation.radius_m` has no value"),
+        ("formation.radius_m", "not of the form key=value"),
+        ("..=3", "unknown key `..`"),
+        ("formation=3", "`formation` has to be a table, not 3"),
+        ("swarm.name=a b", "`swarm.name` has 1 to 64 letters, digits, '-' or '_'; \"a b\" has not"),
+        ("vehicle.9.aircraft=r22", "`vehicle.9`: there is no vehicle 9 among 4"),
+        ("mission.steps[0].hold_s=50", "`mission.steps` has no entries in a.toml"),
+        // The file's width was right until the radius changed.
+        ("formation.radius_m=15", "`formation.inner_width_m` is 20, but has to be below `radius_m`, 15"),
+    ];
+    for (set, expected) in cases {
+        assert_eq!(refusal(&beside("inner_width_m = 20"), &[set]), format!("--set {set}: {expected}"));
+    }
+    let beyond = refusal(SHIPPED[2].1, &["mission.steps[7].dwell_s=1"]);
+    let expected = "`mission.steps[7]` is beyond the end: `mission.steps` has 7, counted from 0";
+    assert_eq!(beyond, format!("--set mission.steps[7].dwell_s=1: {expected}"));
+    assert!(
+        refusal("swarm.vehicles = 0", &["swarm.vehicles=4"]).starts_with("a.toml:1:18: "),
+        "the file itself is wrong"
+    );
+}
+
+#[test]
+fn an_error_has_its_parts_for_other_tools() {
+    let text = "swarm.vehicles = 4\r\nformation.raduis_m = 5\r\n";
+    let error = try_load("my.toml", text, &[]).unwrap_err();
+    assert_eq!((&*error.file, error.line, error.column), ("my.toml", Some(2), Some(11)));
+    assert_eq!(error.key.as_deref(), Some("formation.raduis_m"));
+    assert_eq!(error.help.as_deref(), Some("did you mean `formation.radius_m`?"));
+    assert_eq!(error.span.map(|span| &text[span]), Some("raduis_m"));
+    let error = try_load("my.toml", text, &["seed=x"]).unwrap_err();
+    assert_eq!(error.line, Some(2));
+    let error = try_load("my.toml", HOVER, &["seed=x"]).unwrap_err();
+    assert_eq!((&*error.file, error.line, error.column, error.span), ("--set seed=x", None, None, None));
+}
+
+#[test]
+fn a_byte_order_mark_has_no_width_and_letters_count_once() {
+    assert_eq!(refusal("\u{feff}x = 1", &[]), "a.toml:1:1: unknown key `x`");
+    let text = "swarm = { name = 'ä', vehicles = 4 }";
+    assert_eq!(refusal(text, &[]), "a.toml:1:18: `swarm.name` has 1 to 64 letters, digits, '-' or '_'; \"ä\" has not");
+    let text = "# ä\n\"ä\" = { u = 1 }\nswarm.vehicles = 4";
+    assert_eq!(refusal(text, &[]), "a.toml:2:1: unknown key `\"ä\"`");
+}

@@ -1,0 +1,279 @@
+//! What was written, with the place of every word: the file's tree, and `--set` on top of it.
+
+use std::collections::BTreeMap;
+use std::ops::Range;
+
+use toml::Spanned;
+use toml::de::{DeTable, DeValue};
+
+use super::error::ScenarioError;
+use super::keys;
+use super::{Layer, Source};
+
+/// Where something was written.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) enum Place {
+    /// Bytes of the file.
+    File(Range<usize>),
+    /// Which `--set`.
+    Set(usize),
+}
+
+/// A value with its place.
+#[derive(Clone, Debug)]
+pub(super) struct Node {
+    pub(super) place: Place,
+    pub(super) value: Value,
+}
+
+/// A value whose parts have places too.
+#[derive(Clone, Debug)]
+pub(super) enum Value {
+    /// Text, number, truth or date.
+    Plain(toml::Value),
+    List(Vec<Node>),
+    Table(Table),
+}
+
+/// A table: each name has a place of its own.
+pub(super) type Table = BTreeMap<String, (Place, Node)>;
+
+impl Node {
+    /// The value alone.
+    pub(super) fn plain(&self) -> toml::Value {
+        match &self.value {
+            Value::Plain(value) => value.clone(),
+            Value::List(items) => toml::Value::Array(items.iter().map(Self::plain).collect()),
+            Value::Table(table) => {
+                toml::Value::Table(table.iter().map(|(name, (_, node))| (name.clone(), node.plain())).collect())
+            }
+        }
+    }
+
+    pub(super) fn table(&self) -> Option<&Table> {
+        match &self.value {
+            Value::Table(table) => Some(table),
+            Value::Plain(_) | Value::List(_) => None,
+        }
+    }
+
+    pub(super) fn list(&self) -> &[Self] {
+        match &self.value {
+            Value::List(items) => items,
+            Value::Plain(_) | Value::Table(_) => &[],
+        }
+    }
+
+    /// The node at a path such as `mission.steps[1].name`.
+    pub(super) fn at(&self, path: &str) -> Option<&Self> {
+        steps(path)?.into_iter().try_fold(self, |node, step| match step {
+            Step::Name(name) => Some(&node.table()?.get(name)?.1),
+            Step::Index(index) => node.list().get(index),
+        })
+    }
+
+    /// Whether a `--set` wrote this or something inside.
+    pub(super) fn is_set(&self) -> bool {
+        matches!(self.place, Place::Set(_))
+            || self.list().iter().any(Self::is_set)
+            || self.table().is_some_and(|table| table.values().any(|(_, node)| node.is_set()))
+    }
+}
+
+/// The file and the `--set`s, for messages.
+pub(super) struct Texts<'a> {
+    pub(super) source: &'a Source<'a>,
+    pub(super) sets: &'a [String],
+}
+
+impl Texts<'_> {
+    /// A fault at a place.
+    pub(super) fn fault(&self, place: &Place, key: &str, message: impl Into<String>) -> ScenarioError {
+        let (file, position, span) = match place {
+            Place::File(span) => (self.source.name.to_owned(), Some(self.position(span.start)), Some(span.clone())),
+            Place::Set(index) => (format!("--set {}", shown(&self.sets[*index])), None, None),
+        };
+        ScenarioError {
+            file: file.into(),
+            line: position.map(|(line, _)| line),
+            column: position.map(|(_, column)| column),
+            key: (!key.is_empty()).then(|| key.into()),
+            message: message.into().into(),
+            help: None,
+            span,
+        }
+    }
+
+    /// A name that is not a key, with the nearest that is.
+    pub(super) fn unknown(&self, place: &Place, path: &str) -> ScenarioError {
+        ScenarioError {
+            help: keys::nearest(path).map(|nearest| format!("did you mean `{nearest}`?").into()),
+            ..self.fault(place, path, format!("unknown key `{}`", shown(path)))
+        }
+    }
+
+    /// Line and column, both from 1, the column in characters; a byte order mark has no width.
+    fn position(&self, byte: usize) -> (usize, usize) {
+        let before = self.source.text.get(..byte).unwrap_or(self.source.text);
+        let line = before.matches('\n').count() + 1;
+        let start = before.rfind('\n').map_or(0, |end| end + 1);
+        (line, before[start..].chars().filter(|&c| c != '\u{feff}').count() + 1)
+    }
+
+    /// Where a value came from.
+    pub(super) fn origin(&self, node: &Node) -> Layer {
+        match &node.place {
+            Place::File(span) if !node.is_set() => {
+                Layer::File { name: self.source.name.to_owned(), line: self.position(span.start).0 }
+            }
+            _ => Layer::Set,
+        }
+    }
+
+    /// The file's tree.
+    pub(super) fn parse(&self) -> Result<Node, ScenarioError> {
+        let text = self.source.text;
+        let root = DeTable::parse(text).map_err(|error| {
+            let span = error.span().unwrap_or(0..0);
+            self.fault(&Place::File(span), "", format!("not TOML: {}", error.message()))
+        })?;
+        let mut read = Reader { texts: self, place: Place::File };
+        Ok(Node { place: Place::File(0..0), value: read.table(root.into_inner())? })
+    }
+
+    /// Puts the `--set` number `index` on top of a tree that was checked.
+    pub(super) fn set(&self, root: &mut Node, index: usize) -> Result<(), ScenarioError> {
+        let place = Place::Set(index);
+        let Some((path, word)) = self.sets[index].split_once('=') else {
+            return Err(self.fault(&place, "", "not of the form key=value"));
+        };
+        let (path, word) = (path.trim(), word.trim());
+        let steps = steps(path).ok_or_else(|| self.unknown(&place, path))?;
+        if keys::meaning(path).is_none() {
+            return Err(self.unknown(&place, path));
+        }
+        let value = self.word(word, index, path)?;
+        let mut node = root;
+        let mut so_far = String::new();
+        for step in steps {
+            node = self.enter(node, &step, &so_far, &place)?;
+            so_far = match step {
+                Step::Name(name) => keys::join(&so_far, name),
+                Step::Index(index) => format!("{so_far}[{index}]"),
+            };
+        }
+        *node = value;
+        Ok(())
+    }
+
+    /// One step down a path, making tables on the way.
+    fn enter<'n>(
+        &self,
+        node: &'n mut Node,
+        step: &Step<'_>,
+        so_far: &str,
+        place: &Place,
+    ) -> Result<&'n mut Node, ScenarioError> {
+        let empty = || Node { place: place.clone(), value: Value::Table(Table::new()) };
+        match (step, &mut node.value) {
+            (Step::Name(name), Value::Table(table)) => {
+                Ok(&mut table.entry((*name).to_owned()).or_insert_with(|| (place.clone(), empty())).1)
+            }
+            (Step::Index(index), Value::List(items)) => {
+                let count = items.len();
+                let message = format!("`{so_far}[{index}]` is beyond the end: `{so_far}` has {count}, counted from 0");
+                items.get_mut(*index).ok_or_else(|| self.fault(place, so_far, message))
+            }
+            (Step::Index(_), Value::Table(table)) if table.is_empty() => {
+                Err(self.fault(place, so_far, format!("`{so_far}` has no entries in {}", self.source.name)))
+            }
+            (Step::Index(_), _) => Err(self.fault(place, so_far, format!("`{so_far}` is not a list"))),
+            (Step::Name(_), _) => Err(self.fault(place, so_far, format!("`{so_far}` is not a table"))),
+        }
+    }
+
+    /// The value of a `--set`: TOML, or else a text as it stands.
+    fn word(&self, word: &str, index: usize, path: &str) -> Result<Node, ScenarioError> {
+        let place = Place::Set(index);
+        if word.is_empty() {
+            return Err(self.fault(&place, path, format!("`{path}` has no value")));
+        }
+        match DeValue::parse(word) {
+            Ok(value) => Reader { texts: self, place: |_| Place::Set(index) }.node(value),
+            Err(error) if word.starts_with(['[', '{', '"', '\'']) => {
+                Err(self.fault(&place, path, format!("not TOML: {}", error.message())))
+            }
+            Err(_) => Ok(Node { place, value: Value::Plain(toml::Value::String(word.to_owned())) }),
+        }
+    }
+}
+
+/// From the parser's tree to ours.
+struct Reader<'a, P> {
+    texts: &'a Texts<'a>,
+    place: P,
+}
+
+impl<P: Fn(Range<usize>) -> Place> Reader<'_, P> {
+    fn node(&mut self, value: Spanned<DeValue<'_>>) -> Result<Node, ScenarioError> {
+        let place = (self.place)(value.span());
+        let value = match value.into_inner() {
+            DeValue::String(text) => Value::Plain(toml::Value::String(text.into_owned())),
+            DeValue::Integer(integer) => match i64::from_str_radix(integer.as_str(), integer.radix()) {
+                Ok(integer) => Value::Plain(toml::Value::Integer(integer)),
+                Err(_) => return Err(self.texts.fault(&place, "", format!("{integer} is too large an integer"))),
+            },
+            DeValue::Float(float) => match float.as_str().parse::<f64>() {
+                // Adding zero turns -0.0 into 0.0: equal values, equal bits, equal hashes.
+                Ok(number) if number.is_finite() => Value::Plain(toml::Value::Float(number + 0.0)),
+                _ => return Err(self.texts.fault(&place, "", format!("{float} is not a finite number"))),
+            },
+            DeValue::Boolean(truth) => Value::Plain(toml::Value::Boolean(truth)),
+            DeValue::Datetime(date) => Value::Plain(toml::Value::Datetime(date)),
+            DeValue::Array(items) => {
+                Value::List(items.into_iter().map(|item| self.node(item)).collect::<Result<_, _>>()?)
+            }
+            DeValue::Table(table) => self.table(table)?,
+        };
+        Ok(Node { place, value })
+    }
+
+    fn table(&mut self, table: DeTable<'_>) -> Result<Value, ScenarioError> {
+        let mut read = Table::new();
+        for (name, value) in table {
+            let place = (self.place)(name.span());
+            read.insert(name.into_inner().into_owned(), (place, self.node(value)?));
+        }
+        Ok(Value::Table(read))
+    }
+}
+
+/// A step down a `--set` path.
+enum Step<'a> {
+    Name(&'a str),
+    Index(usize),
+}
+
+/// `mission.steps[1].name` in steps; `None` if it is spelled otherwise.
+fn steps(path: &str) -> Option<Vec<Step<'_>>> {
+    let mut steps = Vec::new();
+    for segment in path.split('.') {
+        let (name, places) = segment.split_at(segment.find('[').unwrap_or(segment.len()));
+        if !keys::is_bare(name) {
+            return None;
+        }
+        steps.push(Step::Name(name));
+        if !places.is_empty() {
+            for place in places.strip_prefix('[')?.strip_suffix(']')?.split("][") {
+                steps.push(Step::Index(place.parse().ok()?));
+            }
+        }
+    }
+    Some(steps)
+}
+
+/// A text from outside, short enough and harmless enough for a message.
+pub(super) fn shown(text: &str) -> String {
+    let short: String = text.chars().take(80).map(|c| if c.is_control() { ' ' } else { c }).collect();
+    if short.len() < text.len() { short + "..." } else { short }
+}
