@@ -30,6 +30,8 @@ pub struct Inputs<'a> {
     pub measurement: Option<&'a Measurement>,
     /// What was heard of others, in any order.
     pub heard: &'a [Heard],
+    /// This vehicle alone is to land and leave, because its agent is about to end.
+    pub leave: bool,
 }
 
 /// What goes out.
@@ -104,6 +106,9 @@ impl Agent {
         let estimate = self.estimator.update(now, inputs.measurement);
         self.peers.update(now.local, &self.origin, inputs.heard);
         let mut happened = self.what_peers_did(inputs.heard);
+        if inputs.leave {
+            self.mission.leave();
+        }
 
         let age_s = self.estimator.age_s(now.local);
         let response = failsafe::respond(estimate.as_ref(), age_s, self.peers.all_lost());

@@ -84,6 +84,7 @@ pub struct Mission {
     membership: Membership,
     activity: Activity,
     order: Option<Order>,
+    leaving: bool,
     heading_rad: f64,
     at_altitude: bool,
     /// Where to stay, once that has begun.
@@ -117,6 +118,7 @@ impl Mission {
             membership: Membership::Joining,
             activity: Activity::Joining,
             order: None,
+            leaving: false,
             heading_rad: 0.0,
             at_altitude: false,
             stay: None,
@@ -131,6 +133,11 @@ impl Mission {
             self.order = Some(order);
         }
         news
+    }
+
+    /// This vehicle lands and leaves, whatever the others do.
+    pub fn leave(&mut self) {
+        self.leaving = true;
     }
 
     /// Takes up a peer's register: its order, if it flies the same plan. Gives what is worth telling.
@@ -158,6 +165,7 @@ impl Mission {
         match (self.membership, self.order.map(|order| order.verb)) {
             (Membership::Joining, _) => self.join(estimate),
             (_, Some(Verb::Land)) => self.land(now, estimate),
+            _ if self.leaving => self.land(now, estimate),
             (_, Some(Verb::Hold)) => self.hold(estimate),
             _ if alone => self.hold(estimate),
             _ => self.fly(estimate),

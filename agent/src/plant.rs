@@ -3,6 +3,7 @@
 //! A plant hands out one [`Frame`] at a time and takes [`Sticks`]. Degrees, feet, knots and a simulator's own axes stop
 //! inside the module of that plant.
 
+pub mod builtin;
 pub mod helicopter;
 pub mod xplane;
 
@@ -76,6 +77,7 @@ pub struct Frame {
 }
 
 /// Why a plant woke its agent.
+#[expect(clippy::large_enum_variant, reason = "lives for one step on the stack, and a box would be allocated every frame")]
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Wake {
     /// A new frame.
@@ -98,6 +100,9 @@ pub trait Plant: Send {
 
     /// Seconds between two frames as they should be.
     fn frame_period_s(&self) -> f64;
+
+    /// Frames so far that were due and that nobody saw, because the agent or the computer was too late for them.
+    fn skipped_frames(&self) -> u64;
 
     /// Datagrams, or words of whatever the plant speaks, that were dropped as malformed so far.
     fn malformed(&self) -> u64;

@@ -12,8 +12,8 @@
 //! # Ok::<(), skein_common::scenario::ScenarioError>(())
 //! ```
 //!
-//! The way of a file: text, [`tree`] (every word with its place; `--set` on top), [`check`] and [`shape`] (every key against
-//! [`KEYS`], keys of one table), [`layers`] (defaults and preset below), [`across`] (what keys mean together),
+//! The way of a file: text, `tree` (every word with its place; `--set` on top), `check` and `shape` (every key against
+//! [`KEYS`], keys of one table), `layers` (defaults and preset below), `across` (what keys mean together),
 //! [`Scenario`].
 
 mod across;

@@ -77,7 +77,9 @@ impl Check<'_> {
     fn starts(&self) -> Result<(), ScenarioError> {
         let start = &self.scenario.start;
         let (square_m, apart_m) = (start.square_m, start.separation_m);
-        let free = self.scenario.vehicle.iter().filter(|vehicle| vehicle.start_ne_m.is_none()).count();
+        // The pattern places everybody, then `[vehicle.N]` moves some.
+        let all_given = self.scenario.vehicle.iter().all(|vehicle| vehicle.start_ne_m.is_some());
+        let free = if all_given { 0 } else { self.count() };
         let paths = ["start.separation_m", "start.square_m", "start.pattern", "swarm.vehicles"];
         let covered = free as f64 * PI / 4.0 * (apart_m / (square_m + apart_m)).powi(2);
         let chord_m = square_m * (PI / free as f64).sin();

@@ -308,6 +308,7 @@ pub(super) fn meaning(path: &str) -> Option<Meaning> {
     if let Some(key) = key_at(&pattern) {
         return Some(Meaning::Key(key));
     }
+    // A step has no `formation.external`: one program flies the whole mission.
     if pattern == "mission.steps[N].formation" || KEYS.iter().any(below) {
         return Some(Meaning::Table);
     }
@@ -329,10 +330,9 @@ fn is_list(kind: Kind) -> bool {
     matches!(kind, Texts | Ids | Edges | Point | Path)
 }
 
-/// The key of this pattern, those of `formation` inside a step included; one external program flies the whole mission.
+/// The key of this pattern, those of `formation` inside a step included.
 fn key_at(pattern: &str) -> Option<&'static Key> {
-    let in_step = pattern.strip_prefix("mission.steps[N].formation.").filter(|rest| !rest.starts_with("external"));
-    match in_step {
+    match pattern.strip_prefix("mission.steps[N].formation.") {
         Some(rest) => KEYS.iter().find(|key| key.path.strip_prefix("formation.") == Some(rest)),
         None => KEYS.iter().find(|key| key.path == pattern),
     }
@@ -350,8 +350,10 @@ fn pattern(path: &str) -> String {
         if place > 0 {
             pattern.push('.');
         }
-        if pattern == "vehicle." && segment.parse::<u32>().is_ok_and(|id| id.to_string() == segment) {
-            pattern.push('N');
+        if pattern == "vehicle." {
+            // What is not an id matches nothing, not even a literal N.
+            let is_id = segment.parse::<u32>().is_ok_and(|id| id.to_string() == segment);
+            pattern.push(if is_id { 'N' } else { '?' });
             continue;
         }
         let mut parts = segment.split('[');
@@ -380,8 +382,7 @@ pub(super) fn nearest(path: &str) -> Option<String> {
         Some((1 + close(last, name)?, key.path.to_owned()))
     });
     let whole = KEYS.iter().filter_map(|key| Some((close(key.path, path)?, key.path.to_owned())));
-    let all = beside.chain(elsewhere).chain(whole).filter(|(_, candidate)| candidate != path);
-    all.min_by_key(|(distance, _)| *distance).map(|(_, path)| path)
+    beside.chain(elsewhere).chain(whole).min_by_key(|(distance, _)| *distance).map(|(_, path)| path)
 }
 
 /// Names of keys and tables directly inside a table.
@@ -397,6 +398,9 @@ fn siblings(table: &str) -> Vec<&'static str> {
         .collect();
     if pattern == "mission.steps[N]" {
         names.push("formation");
+    }
+    if pattern == "mission.steps[N].formation" {
+        names.retain(|name| *name != "external");
     }
     names.dedup();
     names

@@ -148,7 +148,8 @@ impl Texts<'_> {
             return Err(self.fault(&place, "", "not of the form key=value"));
         };
         let (path, word) = (path.trim(), word.trim());
-        let steps = steps(path).ok_or_else(|| self.unknown(&place, path))?;
+        let spelling = "no key is spelled so: they look like formation.radius_m and mission.steps[0].name";
+        let steps = steps(path).ok_or_else(|| self.fault(&place, path, spelling))?;
         if keys::meaning(path).is_none() {
             return Err(self.unknown(&place, path));
         }

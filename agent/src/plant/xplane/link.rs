@@ -356,6 +356,10 @@ impl Plant for XPlane {
         1.0 / f64::from(self.rate_hz)
     }
 
+    fn skipped_frames(&self) -> u64 {
+        self.counters.skipped_frames
+    }
+
     fn malformed(&self) -> u64 {
         self.counters.malformed
     }

@@ -82,7 +82,7 @@ impl Server {
             malformed: 0,
             unknown: BTreeSet::new(),
             pairs: Vec::with_capacity(rref::MAX_VALUES),
-            outgoing: Vec::with_capacity(super::wire::MAX_DATAGRAM),
+            outgoing: Vec::new(),
         }
     }
 

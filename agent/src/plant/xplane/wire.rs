@@ -26,8 +26,9 @@ mod tests;
 /// The UDP port on which X-Plane receives everything, unless its user changed it.
 pub const PORT: u16 = 49000;
 
-/// The largest datagram of this protocol is far smaller; a larger one arrives cut and is refused by its size.
-pub const MAX_DATAGRAM: usize = 2048;
+/// The largest datagram there can be. Those of this protocol are far smaller, but where a buffer is too small Windows
+/// reports a fault instead of a datagram to refuse.
+pub const MAX_DATAGRAM: usize = 65_536;
 
 /// Why a datagram was refused, or could not be written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]

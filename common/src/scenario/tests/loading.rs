@@ -190,6 +190,25 @@ fn sets_reach_into_lists_and_make_tables() {
 }
 
 #[test]
+fn a_step_with_another_law_has_that_laws_defaults() {
+    let text = "swarm.vehicles = 4\nformation.outer_width_m = 15\nmission.steps = [{ hold_s = 1, formation = { law = 'flock' } },\n\
+                { hold_s = 1, formation = { law = 'flock', avoid_distance_m = 30 } }, { hold_s = 1 }]";
+    let first = loaded(text, &[]);
+    let again = loaded(&first.to_toml(), &[]);
+    assert_eq!(again.scenario, first.scenario);
+    let formation = |step: usize| &first.scenario.mission.steps[step].formation;
+    assert_eq!(formation(2), &first.scenario.formation);
+    assert_eq!(
+        (formation(0).radius_m, formation(0).outer_width_m),
+        (50.0, 15.0),
+        "the file's word counts in every step"
+    );
+    assert_eq!(formation(0).avoid_distance_m, AvoidDistance::Fixed(20.0));
+    assert_eq!(formation(1).avoid_distance_m, AvoidDistance::Fixed(30.0));
+    assert_eq!((formation(2).radius_m, formation(2).avoid_distance_m), (100.0, AvoidDistance::Adaptive));
+}
+
+#[test]
 fn words_unset_what_the_file_sets() {
     let sets = ["duration_s=none", "formation.edge_steepness_per_m=from_widths", "formation.avoid_distance_m=adaptive"];
     let scenario = loaded(SHIPPED[3].1, &sets).scenario;

@@ -61,7 +61,12 @@ fn unknown_keys_name_the_nearest() {
     let events = "events = []\nswarm.vehicles = 4";
     assert_eq!(refusal(events, &[]), "a.toml:1:1: unknown key `events`; did you mean `mission.events`?");
     let external = beside("[mission]\nsteps = [{ hold_s = 1, formation = { external = { misses = 2 } } }]");
-    assert!(refusal(&external, &[]).starts_with("a.toml:6:38: unknown key `mission.steps[0].formation.external`"));
+    assert_eq!(refusal(&external, &[]), "a.toml:6:38: unknown key `mission.steps[0].formation.external`");
+    let extrnal = refusal(&external.replace("external", "extrnal"), &[]);
+    assert_eq!(extrnal, "a.toml:6:38: unknown key `mission.steps[0].formation.extrnal`");
+    let set = "mission.steps[0].formation.external.misses=2";
+    let unknown = "unknown key `mission.steps[0].formation.external`";
+    assert_eq!(refusal(SHIPPED[2].1, &[set]), format!("--set {set}: {unknown}"));
 }
 
 #[test]
@@ -144,6 +149,7 @@ fn names_that_cannot_stand_in_a_key() {
 fn vehicles_that_do_not_fly() {
     check(&[
         ("[vehicle.x]", "5:10: `vehicle.x`: vehicles are tables by id, 1 to 250"),
+        ("[vehicle.N]", "5:10: `vehicle.N`: vehicles are tables by id, 1 to 250"),
         ("[vehicle.03]", "5:10: `vehicle.03`: vehicles are tables by id, 1 to 250"),
         ("[vehicle.5]", "5:10: `vehicle.5`: there is no vehicle 5 among 4"),
         ("[vehicle.0]", "5:10: `vehicle.0`: vehicle ids run from 1 to 250, not 0"),
@@ -259,18 +265,20 @@ fn values_that_do_not_go_together() {
 
 #[test]
 fn a_wrong_set_is_quoted_instead_of_a_line() {
+    let spelling = "no key is spelled so: they look like formation.radius_m and mission.steps[0].name";
     let cases = [
         ("formation.raduis_m=50", "unknown key `formation.raduis_m`; did you mean `formation.radius_m`?"),
         ("radius_m=50", "unknown key `radius_m`; did you mean `formation.radius_m`?"),
         ("formation[0].gamma=3", "unknown key `formation[0].gamma`; did you mean `formation.gamma`?"),
         ("vehicle.x.aircraft=r22", "unknown key `vehicle.x.aircraft`; did you mean `swarm.aircraft`?"),
+        ("mission.steps[N].name=x", spelling),
         ("formation.radius_m=-5", "`formation.radius_m` is -5, out of its range: above 0, at most 100000"),
         ("formation.radius_m=abc", "`formation.radius_m` has to be a number, not \"abc\""),
         ("formation.radius_m=[", "not TOML: unclosed array, expected `]`"),
         ("formation.radius_m=nan", "nan is not a finite number"),
         ("formation.radius_m=", "`formation.radius_m` has no value"),
         ("formation.radius_m", "not of the form key=value"),
-        ("..=3", "unknown key `..`"),
+        ("..=3", spelling),
         ("formation=3", "`formation` has to be a table, not 3"),
         ("swarm.name=a b", "`swarm.name` has 1 to 64 letters, digits, '-' or '_'; \"a b\" has not"),
         ("vehicle.9.aircraft=r22", "`vehicle.9`: there is no vehicle 9 among 4"),

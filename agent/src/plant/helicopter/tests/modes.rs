@@ -1,6 +1,6 @@
 //! The modes of the hover: eigenvalues of the numerically linearised model.
 
-use nalgebra::{Complex, DMatrix};
+use nalgebra::{Complex, DMatrix, Schur};
 
 use super::*;
 
@@ -20,7 +20,9 @@ fn eigenvalues() -> Vec<Complex<f64>> {
             jacobian[(row, column)] = (up.0[row + 3] - down.0[row + 3]) / (2.0 * step);
         }
     }
-    jacobian.complex_eigenvalues().iter().copied().collect()
+    // Bounded: a model gone wrong must fail, not iterate for ever.
+    let schur = Schur::try_new(jacobian, f64::EPSILON, 1_000).unwrap();
+    schur.complex_eigenvalues().iter().copied().collect()
 }
 
 /// The eigenvalue nearest to this one.

@@ -1,0 +1,116 @@
+//! What was heard and not yet taken up: the newest word of each peer and kind, each with the time of its arrival.
+//!
+//! Every word is a register (a later state replaces an earlier one, the larger order stands, a token is there or not), so
+//! nothing is queued, nothing overflows, and the size is bounded by the number of vehicle ids.
+
+use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+use skein_common::id::VehicleId;
+use skein_common::message::{DecodeError, Drops};
+
+use crate::peers::{Heard, Word};
+
+/// State, agreement and token of each vehicle, and the largest order.
+const CAPACITY: usize = 3 * VehicleId::MAX as usize + 1;
+
+/// Filled by Zenoh's threads, emptied by the control thread.
+#[derive(Debug)]
+pub(super) struct Inbox {
+    heard: Mutex<Vec<Heard>>,
+    undecodable: AtomicU64,
+    other_version: AtomicU64,
+    forged: AtomicU64,
+    old: AtomicU64,
+}
+
+impl Inbox {
+    pub(super) fn new() -> Self {
+        let counter = || AtomicU64::new(0);
+        Self {
+            heard: Mutex::new(Vec::with_capacity(CAPACITY)),
+            undecodable: counter(),
+            other_version: counter(),
+            forged: counter(),
+            old: counter(),
+        }
+    }
+
+    /// Files a word in place of an earlier one of the same peer and kind.
+    pub(super) fn file(&self, new: Heard) {
+        let mut heard = self.lock();
+        match heard.iter_mut().find(|kept| is_same_register(&kept.word, &new.word)) {
+            Some(kept) if is_later(&new.word, &kept.word) => *kept = new,
+            Some(_) => count(&self.old),
+            None => heard.push(new),
+        }
+    }
+
+    /// Moves everything to the end of `heard`.
+    pub(super) fn drain(&self, heard: &mut Vec<Heard>) {
+        heard.append(&mut self.lock());
+    }
+
+    /// Counts bytes that are not a word; the first, second, fourth, eighth time with a line in the log.
+    pub(super) fn refuse(&self, key: &str, error: DecodeError) {
+        let counter = match error {
+            DecodeError::Version(_) => &self.other_version,
+            _ => &self.undecodable,
+        };
+        log_some(count(counter), key, &error);
+    }
+
+    /// Counts a word under a key that is not its speaker's.
+    pub(super) fn forged(&self, key: &str) {
+        log_some(count(&self.forged), key, &"said in somebody else's name");
+    }
+
+    pub(super) fn drops(&self) -> Drops {
+        Drops {
+            undecodable: self.undecodable.load(Relaxed),
+            other_version: self.other_version.load(Relaxed),
+            forged: self.forged.load(Relaxed),
+            old: self.old.load(Relaxed),
+            ..Drops::default()
+        }
+    }
+
+    /// Nothing that holds the lock can panic half way.
+    fn lock(&self) -> MutexGuard<'_, Vec<Heard>> {
+        self.heard.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+fn is_same_register(one: &Word, other: &Word) -> bool {
+    match (one, other) {
+        (Word::State(one), Word::State(other)) => one.header.sender == other.header.sender,
+        (Word::Mission(one), Word::Mission(other)) => one.header.sender == other.header.sender,
+        (Word::Appeared(one) | Word::Vanished(one), Word::Appeared(other) | Word::Vanished(other)) => one == other,
+        (Word::Order(_), Word::Order(_)) => true,
+        _ => false,
+    }
+}
+
+fn is_later(new: &Word, kept: &Word) -> bool {
+    match (new, kept) {
+        (Word::State(new), Word::State(kept)) => {
+            (new.header.incarnation, new.header.sequence) > (kept.header.incarnation, kept.header.sequence)
+        }
+        (Word::Mission(new), Word::Mission(kept)) => {
+            (new.header.incarnation, new.header.sequence) > (kept.header.incarnation, kept.header.sequence)
+        }
+        (Word::Order(new), Word::Order(kept)) => new > kept,
+        _ => true,
+    }
+}
+
+/// One more; gives the count.
+fn count(counter: &AtomicU64) -> u64 {
+    counter.fetch_add(1, Relaxed) + 1
+}
+
+fn log_some(count: u64, key: &str, what: &dyn std::fmt::Display) {
+    if count.is_power_of_two() {
+        tracing::warn!(count, key, "dropped: {what}");
+    }
+}

@@ -1,0 +1,15 @@
+//! Tells the program which revision it was built from.
+
+use std::process::Command;
+
+fn main() {
+    let described = Command::new("git").args(["describe", "--always", "--dirty", "--abbrev=12"]).output();
+    let revision = match described {
+        Ok(output) if output.status.success() => String::from_utf8_lossy(&output.stdout).trim().to_owned(),
+        // Built from an archive: there is no revision to tell.
+        _ => "unknown".to_owned(),
+    };
+    println!("cargo::rustc-env=SKEIN_REVISION={revision}");
+    println!("cargo::rerun-if-changed=../.git/HEAD");
+    println!("cargo::rerun-if-changed=../.git/index");
+}

@@ -1,0 +1,85 @@
+//! `skein check`: the complete scenario with the origin of every value, and what would stop a flight.
+
+use serde_json::json;
+use skein_common::scenario::{Explained, Loaded};
+
+use crate::error::Error;
+use crate::scenario::{ScenarioArgs, ready};
+
+/// `skein check`
+#[derive(Clone, Debug, clap::Args)]
+pub struct CheckArgs {
+    /// The scenario.
+    #[command(flatten)]
+    pub scenario: ScenarioArgs,
+    /// Print the values as JSON, with what each key means
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Prints every value with its origin, then what would stop a flight.
+///
+/// # Errors
+/// A scenario that is at fault or that is not flown yet.
+pub fn run(args: &CheckArgs) -> Result<(), Error> {
+    let loaded = args.scenario.read(Vec::new())?;
+    loaded.notes.iter().for_each(|note| eprintln!("{note}"));
+    crate::say(&if args.json { crate::json(&as_json(&loaded)) } else { as_text(&loaded) });
+    ready(&loaded.scenario).map(drop).map_err(|why| Error::Refused(format!("{}: {why}", args.scenario.name())))
+}
+
+/// A line for each key: key, value, origin.
+fn as_text(loaded: &Loaded) -> String {
+    let value = |line: &Explained| line.value.clone().unwrap_or_else(|| "-".to_owned());
+    let widest = |width: fn(&Explained) -> usize| loaded.explain().iter().map(width).max().unwrap_or(0);
+    let key_width = widest(|line| line.key.len());
+    let value_width = widest(|line| line.value.as_ref().map_or(1, |value| value.chars().count())).min(24);
+    let line = |line: &Explained| {
+        format!("{:<key_width$}  {:<value_width$}  {}\n", line.key, value(line), line.origin.to_string().escape_debug())
+    };
+    loaded.explain().iter().map(line).collect()
+}
+
+fn as_json(loaded: &Loaded) -> serde_json::Value {
+    let line = |line: &Explained| {
+        let value = line.value.as_ref().map(|value| value.parse::<toml::Value>());
+        json!({
+            "key": line.key,
+            "value": value.and_then(Result::ok),
+            "origin": line.origin.to_string(),
+            "about": line.about,
+        })
+    };
+    loaded.explain().iter().map(line).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn loaded() -> Loaded {
+        ScenarioArgs::default().read(vec!["formation.radius_m=80".to_owned()]).unwrap()
+    }
+
+    #[test]
+    fn every_key_has_a_line_with_its_origin() {
+        let text = as_text(&loaded());
+        let line = |key: &str| -> Vec<&str> {
+            let line = text.lines().find(|line| line.starts_with(&format!("{key} "))).unwrap();
+            line.split_whitespace().collect()
+        };
+        assert_eq!(line("formation.radius_m"), ["formation.radius_m", "80.0", "--set"]);
+        assert_eq!(line("formation.altitude_m"), ["formation.altitude_m", "30.0", "hover.toml:15"]);
+        assert_eq!(line("formation.gain_m"), ["formation.gain_m", "7.0", "default"]);
+        assert_eq!(line("network.range_m")[1..], ["\"none\"", "default"]);
+    }
+
+    #[test]
+    fn json_has_the_same_lines_with_typed_values() {
+        let (loaded, json) = (loaded(), as_json(&loaded()));
+        assert_eq!(json.as_array().unwrap().len(), loaded.explain().len());
+        let radius = json.as_array().unwrap().iter().find(|line| line["key"] == "formation.radius_m").unwrap();
+        assert_eq!((&radius["value"], &radius["origin"]), (&json!(80.0), &json!("--set")));
+        assert!(radius["about"].as_str().unwrap().contains("R*"));
+    }
+}

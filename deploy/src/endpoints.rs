@@ -1,0 +1,176 @@
+//! Where a live swarm of this PC is reached: the small file that `fly` leaves in the user's runtime folder.
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::io;
+use std::net::{SocketAddr, TcpStream};
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+use serde::{Deserialize, Serialize};
+use skein_common::id::{SwarmName, VehicleId};
+
+use crate::error::Error;
+use crate::os;
+
+/// How long an agent of this PC is given to answer a call, s.
+const ANSWER: Duration = Duration::from_millis(200);
+
+/// Where the agents of one swarm listen.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Endpoints {
+    /// The swarm's name.
+    pub swarm: SwarmName,
+    /// The process that started it.
+    pub pid: u32,
+    /// Where its files are.
+    pub out: PathBuf,
+    /// Every agent's endpoint in Zenoh's notation, `tcp/127.0.0.1:7447`.
+    pub agents: BTreeMap<VehicleId, String>,
+}
+
+/// The file while it exists; it goes with this value.
+#[derive(Debug)]
+pub struct EndpointsFile {
+    path: PathBuf,
+}
+
+impl Drop for EndpointsFile {
+    fn drop(&mut self) {
+        // Left behind it misleads nobody: whoever reads it finds nobody there.
+        let _ = fs::remove_file(&self.path);
+    }
+}
+
+impl Endpoints {
+    /// Leaves the file in `folder`; readers see all of it or nothing.
+    ///
+    /// # Errors
+    /// If the folder or the file cannot be written, or the folder is somebody else's.
+    pub fn leave(&self, folder: &Path) -> io::Result<EndpointsFile> {
+        os::private_folder(folder)?;
+        let path = path(folder, &self.swarm);
+        let draft = path.with_extension(format!("{}.draft", std::process::id()));
+        fs::write(&draft, crate::json(self))?;
+        fs::rename(&draft, &path)?;
+        Ok(EndpointsFile { path })
+    }
+
+    /// Whether at least one agent takes calls.
+    pub fn anybody_there(&self) -> bool {
+        let addresses = self.agents.values().filter_map(|agent| agent.strip_prefix("tcp/")?.parse::<SocketAddr>().ok());
+        addresses.into_iter().any(|address| TcpStream::connect_timeout(&address, ANSWER).is_ok())
+    }
+
+    /// All endpoints, in the order of ids.
+    pub fn all(&self) -> Vec<String> {
+        self.agents.values().cloned().collect()
+    }
+}
+
+/// The file of this swarm.
+pub fn path(folder: &Path, swarm: &SwarmName) -> PathBuf {
+    folder.join(format!("{swarm}.json"))
+}
+
+/// The user's folder for such files: `$XDG_RUNTIME_DIR/skein`, else one in the system's temporary folder.
+pub fn folder() -> PathBuf {
+    match std::env::var_os("XDG_RUNTIME_DIR").filter(|folder| !folder.is_empty()) {
+        Some(folder) => PathBuf::from(folder).join("skein"),
+        None => std::env::temp_dir().join(format!("skein-{}", os::user_name())),
+    }
+}
+
+/// What is known of this swarm, if there is a file for it.
+///
+/// # Errors
+/// If the file is none of ours.
+pub fn read(folder: &Path, swarm: &SwarmName) -> Result<Option<Endpoints>, Error> {
+    let path = path(folder, swarm);
+    match fs::read_to_string(&path) {
+        Ok(text) => serde_json::from_str(&text)
+            .map(Some)
+            .map_err(|error| Error::Refused(format!("{}: not a file of endpoints: {error}", path.display()))),
+        Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(None),
+        Err(error) => Err(Error::Refused(format!("{}: {error}", path.display()))),
+    }
+}
+
+/// The swarm of this name, or without a name the only one there.
+///
+/// # Errors
+/// If there is none, or more than one to choose from.
+pub fn find(folder: &Path, swarm: Option<&SwarmName>) -> Result<Endpoints, Error> {
+    let names = match swarm {
+        Some(name) => vec![name.clone()],
+        None => names(folder),
+    };
+    let nobody = || Error::Refused(format!("no swarm flies here (looked in {})", folder.display()));
+    match names.as_slice() {
+        [] => Err(nobody()),
+        [name] => read(folder, name)?.ok_or_else(nobody),
+        several => {
+            let list = several.iter().map(SwarmName::as_str).collect::<Vec<_>>().join(", ");
+            Err(Error::Refused(format!("several swarms fly here: {list}; choose one with --swarm NAME")))
+        }
+    }
+}
+
+/// Swarms that there are files of, sorted.
+fn names(folder: &Path) -> Vec<SwarmName> {
+    let entries = fs::read_dir(folder).into_iter().flatten().flatten();
+    let name = |entry: fs::DirEntry| SwarmName::new(entry.file_name().to_str()?.strip_suffix(".json")?).ok();
+    let mut names: Vec<_> = entries.filter_map(name).collect();
+    names.sort_unstable_by(|one, other| one.as_str().cmp(other.as_str()));
+    names
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn endpoints(name: &str, agent: &str) -> Endpoints {
+        Endpoints {
+            swarm: SwarmName::new(name).unwrap(),
+            pid: 7,
+            out: PathBuf::from("runs/x"),
+            agents: BTreeMap::from([(VehicleId::new(1).unwrap(), agent.to_owned())]),
+        }
+    }
+
+    #[test]
+    fn the_file_reads_back_and_goes_with_its_owner() {
+        let folder = tempfile::tempdir().unwrap();
+        let folder = folder.path().join("skein");
+        let left = endpoints("lab", "tcp/127.0.0.1:7447");
+        let file = left.leave(&folder).unwrap();
+        assert_eq!(find(&folder, None).unwrap(), left);
+        assert_eq!(find(&folder, Some(&left.swarm)).unwrap(), left);
+        assert_eq!(fs::read_dir(&folder).unwrap().count(), 1, "no draft is left");
+        drop(file);
+        let error = find(&folder, Some(&left.swarm)).unwrap_err();
+        assert!(error.to_string().starts_with("no swarm flies here"), "{error}");
+        assert_eq!(error.exit_code(), 2);
+    }
+
+    #[test]
+    fn of_two_swarms_one_has_to_be_named() {
+        let folder = tempfile::tempdir().unwrap();
+        let _b = endpoints("b", "tcp/127.0.0.1:1").leave(folder.path()).unwrap();
+        let _a = endpoints("a", "tcp/127.0.0.1:1").leave(folder.path()).unwrap();
+        let error = find(folder.path(), None).unwrap_err().to_string();
+        assert_eq!(error, "several swarms fly here: a, b; choose one with --swarm NAME");
+        assert_eq!(find(folder.path(), Some(&SwarmName::new("b").unwrap())).unwrap().swarm.as_str(), "b");
+        fs::write(folder.path().join("c.json"), "{}").unwrap();
+        assert!(find(folder.path(), Some(&SwarmName::new("c").unwrap())).is_err());
+    }
+
+    #[test]
+    fn an_agent_that_listens_is_found() {
+        let listener = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+        let there = endpoints("a", &format!("tcp/{}", listener.local_addr().unwrap()));
+        assert!(there.anybody_there());
+        drop(listener);
+        assert!(!there.anybody_there());
+    }
+}

@@ -1,0 +1,167 @@
+//! What accumulates while a run is measured.
+
+use std::collections::VecDeque;
+
+use super::STEADY_S;
+
+/// The first time after which a condition holds to the end.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Settling {
+    since_s: Option<f64>,
+}
+
+impl Settling {
+    pub(super) fn observe(&mut self, t_s: f64, holds: bool) {
+        self.since_s = if holds { self.since_s.or(Some(t_s)) } else { None };
+    }
+
+    pub(super) fn since_s(&self) -> Option<f64> {
+        self.since_s
+    }
+}
+
+/// A running mean.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Mean {
+    sum: f64,
+    count: u64,
+}
+
+impl Mean {
+    pub(super) fn add(&mut self, value: f64) {
+        self.sum += value;
+        self.count += 1;
+    }
+
+    pub(super) fn mean(&self) -> Option<f64> {
+        (self.count > 0).then(|| self.sum / self.count as f64)
+    }
+}
+
+/// A value over the last [`STEADY_S`].
+#[derive(Clone, Debug, Default)]
+pub(super) struct Window {
+    samples: VecDeque<(f64, f64)>,
+}
+
+impl Window {
+    pub(super) fn add(&mut self, t_s: f64, value: f64) {
+        drop_before(&mut self.samples, t_s - STEADY_S, |sample| sample.0);
+        self.samples.push_back((t_s, value));
+    }
+
+    pub(super) fn values(&self) -> impl Iterator<Item = f64> + Clone {
+        self.samples.iter().map(|sample| sample.1)
+    }
+
+    pub(super) fn mean(&self) -> Option<f64> {
+        mean(self.values())
+    }
+}
+
+/// One vehicle's distance from the centre and error of altitude over the last [`STEADY_S`].
+#[derive(Clone, Debug, Default)]
+pub(super) struct RadialSeries {
+    samples: VecDeque<[f64; 3]>,
+}
+
+impl RadialSeries {
+    pub(super) fn add(&mut self, t_s: f64, rho_m: f64, altitude_error_m: f64) {
+        drop_before(&mut self.samples, t_s - STEADY_S, |sample| sample[0]);
+        self.samples.push_back([t_s, rho_m, altitude_error_m]);
+    }
+
+    pub(super) fn rho_m(&self) -> impl Iterator<Item = f64> + Clone {
+        self.samples.iter().map(|sample| sample[1])
+    }
+
+    pub(super) fn altitude_error_m(&self) -> impl Iterator<Item = f64> + Clone {
+        self.samples.iter().map(|sample| sample[2])
+    }
+
+    /// Half the peak-to-peak of ρ after its quadratic trend is taken out, m.
+    pub(super) fn oscillation_m(&self) -> Option<f64> {
+        let (first, last) = (self.samples.front()?[0], self.samples.back()?[0]);
+        let middle_s = (first + last) / 2.0;
+        let scale_s = ((last - first) / 2.0).max(f64::MIN_POSITIVE);
+        // Abscissae from −1 to 1 keep the normal equations well conditioned.
+        let points: Vec<_> =
+            self.samples.iter().map(|[t_s, rho_m, _]| ((t_s - middle_s) / scale_s, *rho_m)).collect();
+        let mut normal = nalgebra::Matrix3::zeros();
+        let mut right = nalgebra::Vector3::zeros();
+        for &(x, y) in &points {
+            let row = nalgebra::Vector3::new(1.0, x, x * x);
+            normal += row * row.transpose();
+            right += row * y;
+        }
+        let trend = normal.lu().solve(&right)?;
+        let rest = points.iter().map(|&(x, y)| y - (trend.x + trend.y * x + trend.z * x * x));
+        let (low, high) = extremes(rest)?;
+        Some((high - low) / 2.0)
+    }
+}
+
+fn drop_before<T>(samples: &mut VecDeque<T>, first_s: f64, time_s: impl Fn(&T) -> f64) {
+    while samples.front().is_some_and(|sample| time_s(sample) < first_s) {
+        samples.pop_front();
+    }
+}
+
+/// Ages in bins of one millisecond: the same for any order of samples, and small for any number of them.
+#[derive(Clone, Debug)]
+pub(super) struct AgeHistogram {
+    bins: Vec<u64>,
+    count: u64,
+}
+
+impl Default for AgeHistogram {
+    fn default() -> Self {
+        Self { bins: vec![0; 10_001], count: 0 }
+    }
+}
+
+impl AgeHistogram {
+    pub(super) fn add(&mut self, age_s: f64) {
+        let bin = ((age_s * 1e3).round().max(0.0) as usize).min(self.bins.len() - 1);
+        self.bins[bin] += 1;
+        self.count += 1;
+    }
+
+    /// The age in ms that a share of the samples does not exceed.
+    pub(super) fn quantile_ms(&self, share: f64) -> Option<f64> {
+        let rank = (share * self.count as f64).ceil().max(1.0) as u64;
+        let mut below = 0;
+        let bin = self.bins.iter().position(|count| {
+            below += count;
+            below >= rank
+        })?;
+        (self.count > 0).then_some(bin as f64)
+    }
+}
+
+/// Mean of the values; `None` without any.
+pub(super) fn mean(values: impl Iterator<Item = f64>) -> Option<f64> {
+    let mut mean = Mean::default();
+    values.for_each(|value| mean.add(value));
+    mean.mean()
+}
+
+/// Root of the mean of the squares.
+pub(super) fn rms(values: impl Iterator<Item = f64>) -> Option<f64> {
+    mean(values.map(|value| value * value)).map(f64::sqrt)
+}
+
+/// Least and largest.
+pub(super) fn extremes(values: impl Iterator<Item = f64>) -> Option<(f64, f64)> {
+    values.fold(None, |extremes, value| match extremes {
+        None => Some((value, value)),
+        Some((low, high)) => Some((low.min(value), high.max(value))),
+    })
+}
+
+/// The value that a share of all does not exceed (nearest rank); sorts them.
+pub(super) fn quantile(values: &mut [f64], share: f64) -> Option<f64> {
+    values.sort_unstable_by(f64::total_cmp);
+    let rank = (share * values.len() as f64).ceil().max(1.0) as usize;
+    values.get(rank - 1).copied()
+}

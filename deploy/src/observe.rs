@@ -1,0 +1,298 @@
+//! Listening to a live swarm: what every vehicle says of itself, decoded and checked. `fly` and `order` stand on it. An
+//! observer is never in the loop: the swarm flies the same with it and without it.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
+use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
+use std::time::Instant;
+
+use skein_agent::link::{self, LinkError};
+use skein_common::id::{SwarmName, VehicleId};
+use skein_common::message::{self, Event, Health, Message, Mission, Order, Trace};
+use skein_common::topic::{self, Topic};
+use zenoh::Wait;
+use zenoh::qos::{CongestionControl, Priority};
+use zenoh::sample::{Locality, Sample, SampleKind};
+
+use crate::clock;
+
+/// What waits to be read; what comes on top is dropped and counted. Two seconds of 250 vehicles.
+const QUEUE: usize = 25_000;
+
+/// Something that a vehicle said, or that became of its liveliness.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Heard {
+    /// One of its steps.
+    Trace(Trace),
+    /// How well it does.
+    Health(Health),
+    /// Its part in the agreement.
+    Mission(Mission),
+    /// What happened.
+    Event(Event),
+    /// Its liveliness token appeared.
+    Appeared(VehicleId),
+    /// It vanished.
+    Vanished(VehicleId),
+}
+
+/// The newest that is known of one vehicle.
+#[derive(Clone, Debug, Default)]
+pub struct Seen {
+    /// Its liveliness token is there.
+    pub alive: bool,
+    /// Its newest step.
+    pub trace: Option<Trace>,
+    /// When that was heard.
+    pub trace_at: Option<Instant>,
+    /// How well it does.
+    pub health: Option<Health>,
+    /// Its part in the agreement.
+    pub mission: Option<Mission>,
+}
+
+/// What was not believed.
+#[derive(Debug, Default)]
+struct Dropped {
+    undecodable: AtomicU64,
+    forged: AtomicU64,
+    overflow: AtomicU64,
+}
+
+/// Listens to one swarm.
+pub struct Observer {
+    session: zenoh::Session,
+    inbox: Receiver<(Heard, Instant)>,
+    dropped: Arc<Dropped>,
+    vehicles: BTreeMap<VehicleId, Seen>,
+}
+
+/// Why nothing can be observed.
+#[derive(Debug, thiserror::Error)]
+pub enum ObserveError {
+    /// No session.
+    #[error(transparent)]
+    Link(#[from] LinkError),
+    /// A session that refuses.
+    #[error("cannot listen to the swarm: {0}")]
+    Zenoh(#[from] zenoh::Error),
+}
+
+impl Observer {
+    /// Listens to this swarm, whose agents are dialled at these endpoints; those that are not there yet are tried again.
+    ///
+    /// # Errors
+    /// If Zenoh refuses.
+    pub fn open(swarm: &SwarmName, agents: &[String]) -> Result<Self, ObserveError> {
+        let session = link::open(swarm, &[], agents)?;
+        let (sender, inbox) = sync_channel(QUEUE);
+        let dropped = Arc::new(Dropped::default());
+        let ear = Ear { sender, dropped: dropped.clone() };
+        ear.subscribe(&session, topic::all::TRACES, Heard::Trace)?;
+        ear.subscribe(&session, topic::all::HEALTH, Heard::Health)?;
+        ear.subscribe(&session, topic::all::MISSIONS, Heard::Mission)?;
+        ear.subscribe(&session, topic::all::EVENTS, Heard::Event)?;
+        let alive = move |sample: Sample| ear.hear_token(&sample);
+        session.liveliness().declare_subscriber(topic::all::ALIVE).history(true).callback(alive).background().wait()?;
+        Ok(Self { session, inbox, dropped, vehicles: BTreeMap::new() })
+    }
+
+    /// Everything heard since the last call, in order; takes it up in [`Self::vehicles`]. Never waits.
+    pub fn poll(&mut self) -> Vec<Heard> {
+        let mut all = Vec::new();
+        while let Ok((heard, at)) = self.inbox.try_recv() {
+            if take_up(&mut self.vehicles, &heard, at) {
+                all.push(heard);
+            }
+        }
+        all
+    }
+
+    /// Every vehicle ever heard of, with the newest that is known of it.
+    pub fn vehicles(&self) -> &BTreeMap<VehicleId, Seen> {
+        &self.vehicles
+    }
+
+    /// Messages that were not believed, or came faster than they were read.
+    pub fn dropped(&self) -> u64 {
+        let Dropped { undecodable, forged, overflow } = &*self.dropped;
+        undecodable.load(Relaxed) + forged.load(Relaxed) + overflow.load(Relaxed)
+    }
+
+    /// One more than the largest epoch of any order that was heard of.
+    pub fn next_epoch(&self) -> u64 {
+        let orders = self.vehicles.values().filter_map(|seen| seen.mission?.order);
+        orders.map(|order| order.epoch).max().unwrap_or(0).saturating_add(1)
+    }
+
+    /// Says an order to whoever can be reached now. It is a register: saying it again changes nothing.
+    ///
+    /// # Errors
+    /// If Zenoh refuses.
+    pub fn order(&self, order: &Order) -> Result<(), ObserveError> {
+        let key = Topic::Order(order.issuer).key();
+        let put = self.session.put(key, message::encode(order)).congestion_control(CongestionControl::Drop);
+        Ok(put.priority(Priority::RealTime).express(true).wait()?)
+    }
+}
+
+/// What Zenoh's threads do: decode, check, hand over. They never wait.
+#[derive(Clone)]
+struct Ear {
+    sender: SyncSender<(Heard, Instant)>,
+    dropped: Arc<Dropped>,
+}
+
+impl Ear {
+    fn subscribe<M: Message + 'static>(
+        &self,
+        session: &zenoh::Session,
+        keys: &'static str,
+        heard: fn(M) -> Heard,
+    ) -> zenoh::Result<()> {
+        let ear = self.clone();
+        let listen = move |sample: Sample| match read(sample.key_expr().as_str(), &sample.payload().to_bytes()) {
+            Ok(said) => ear.hand_over(heard(said)),
+            Err(Unbelieved::Undecodable) => count(&ear.dropped.undecodable),
+            Err(Unbelieved::Forged) => count(&ear.dropped.forged),
+        };
+        session.declare_subscriber(keys).allowed_origin(Locality::Remote).callback(listen).background().wait()
+    }
+
+    fn hear_token(&self, sample: &Sample) {
+        let Some(Topic::Alive(id)) = Topic::parse(sample.key_expr().as_str()) else {
+            return count(&self.dropped.undecodable);
+        };
+        self.hand_over(match sample.kind() {
+            SampleKind::Put => Heard::Appeared(id),
+            SampleKind::Delete => Heard::Vanished(id),
+        });
+    }
+
+    fn hand_over(&self, heard: Heard) {
+        if self.sender.try_send((heard, clock::now())).is_err() {
+            count(&self.dropped.overflow);
+        }
+    }
+}
+
+fn count(counter: &AtomicU64) {
+    counter.fetch_add(1, Relaxed);
+}
+
+/// Why something was not believed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Unbelieved {
+    Undecodable,
+    Forged,
+}
+
+/// The message under this key, if it decodes and its sender is the one whose branch the key stands in.
+fn read<M: Message>(key: &str, bytes: &[u8]) -> Result<M, Unbelieved> {
+    let said: M = message::decode(bytes).map_err(|_| Unbelieved::Undecodable)?;
+    let branch = Topic::parse(key).and_then(|topic| topic.vehicle());
+    if branch.is_some() && branch == said.sender() { Ok(said) } else { Err(Unbelieved::Forged) }
+}
+
+/// Keeps the newest of everything. False for what is older than what is known.
+fn take_up(vehicles: &mut BTreeMap<VehicleId, Seen>, heard: &Heard, at: Instant) -> bool {
+    let order = |header: &message::Header| (header.incarnation, header.sequence);
+    let newer = |header: &message::Header, known: Option<&message::Header>| known.map(order) < Some(order(header));
+    match heard {
+        Heard::Trace(trace) => {
+            let seen = vehicles.entry(trace.header.sender).or_default();
+            let news = newer(&trace.header, seen.trace.as_ref().map(|known| &known.header));
+            if news {
+                seen.trace = Some(trace.clone());
+                seen.trace_at = Some(at);
+            }
+            news
+        }
+        Heard::Health(health) => {
+            let seen = vehicles.entry(health.header.sender).or_default();
+            let news = newer(&health.header, seen.health.as_ref().map(|known| &known.header));
+            if news {
+                seen.health = Some(health.clone());
+            }
+            news
+        }
+        Heard::Mission(mission) => {
+            let seen = vehicles.entry(mission.header.sender).or_default();
+            let news = newer(&mission.header, seen.mission.as_ref().map(|known| &known.header));
+            if news {
+                seen.mission = Some(*mission);
+            }
+            news
+        }
+        Heard::Event(_) => true,
+        Heard::Appeared(id) | Heard::Vanished(id) => {
+            vehicles.entry(*id).or_default().alive = matches!(heard, Heard::Appeared(_));
+            true
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use skein_common::id::Incarnation;
+    use skein_common::message::{Happening, Header, Verb};
+    use skein_common::state::Membership;
+    use skein_common::time::SenderStamp;
+
+    use super::*;
+
+    fn mission(sender: u8, life: u64, sequence: u64) -> Mission {
+        Mission {
+            header: Header {
+                sender: VehicleId::new(sender).unwrap(),
+                incarnation: Incarnation(life),
+                sequence,
+                stamp: SenderStamp::ZERO,
+            },
+            plan: 0,
+            membership: Membership::Active,
+            order: Some(Order { epoch: sequence, issuer: 1, verb: Verb::Hold }),
+        }
+    }
+
+    #[test]
+    fn nobody_speaks_in_anothers_name() {
+        let said = mission(3, 1, 1);
+        let bytes = message::encode(&said);
+        assert_eq!(read::<Mission>("vehicle/3/mission", &bytes), Ok(said));
+        assert_eq!(read::<Mission>("vehicle/4/mission", &bytes), Err(Unbelieved::Forged));
+        assert_eq!(read::<Mission>("order/3", &bytes), Err(Unbelieved::Forged));
+        assert_eq!(read::<Mission>("vehicle/3/mission", &bytes[1..]), Err(Unbelieved::Undecodable));
+        assert_eq!(read::<Mission>("vehicle/3/mission", &[]), Err(Unbelieved::Undecodable));
+    }
+
+    #[test]
+    fn the_newest_word_of_the_newest_life_stands() {
+        let mut vehicles = BTreeMap::new();
+        let mut hear = |life, sequence| {
+            let news = take_up(&mut vehicles, &Heard::Mission(mission(2, life, sequence)), clock::now());
+            (news, vehicles[&VehicleId::new(2).unwrap()].mission.unwrap().header.sequence)
+        };
+        assert_eq!(hear(1, 5), (true, 5));
+        assert_eq!(hear(1, 4), (false, 5), "late");
+        assert_eq!(hear(1, 5), (false, 5), "twice");
+        assert_eq!(hear(2, 1), (true, 1), "restarted");
+        assert_eq!(hear(1, 9), (false, 1), "of an earlier life");
+    }
+
+    #[test]
+    fn a_token_makes_alive() {
+        let id = VehicleId::new(1).unwrap();
+        let mut vehicles = BTreeMap::new();
+        let event = Event { header: mission(1, 1, 1).header, what: Happening::Landed };
+        for (heard, alive) in [
+            (Heard::Appeared(id), true),
+            (Heard::Event(event), true),
+            (Heard::Vanished(id), false),
+        ] {
+            assert!(take_up(&mut vehicles, &heard, clock::now()));
+            assert_eq!(vehicles[&id].alive, alive);
+        }
+    }
+}

@@ -1,0 +1,118 @@
+//! `skein order`: an order to a live swarm, from anywhere. It is a register that agents merge and pass on: it needs to
+//! reach one of them.
+
+use std::hash::{BuildHasher, RandomState};
+use std::time::{Duration, Instant};
+
+use skein_common::id::{SwarmName, VehicleId};
+use skein_common::message::{Order, Verb};
+
+use crate::clock;
+use crate::endpoints::{self, Endpoints};
+use crate::error::Error;
+use crate::observe::Observer;
+
+/// An agent says its register five times a second; whoever is silent this long is not there.
+const LISTEN: Duration = Duration::from_millis(1500);
+/// Within this time an order has spread.
+const SPREAD: Duration = Duration::from_secs(5);
+/// Between two sayings of the order.
+const REPEAT: Duration = Duration::from_millis(200);
+
+/// `skein order`
+#[derive(Clone, Debug, clap::Args)]
+pub struct OrderArgs {
+    /// What the swarm is to do
+    #[arg(value_enum)]
+    pub verb: VerbArg,
+    /// The swarm; not needed if only one flies here
+    #[arg(long, value_name = "NAME", value_parser = |text: &str| SwarmName::new(text))]
+    pub swarm: Option<SwarmName>,
+}
+
+/// What an operator can ask for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+pub enum VerbArg {
+    /// Stop where they are, at the altitude they have
+    Hold,
+    /// Descend where they are, and end
+    Land,
+}
+
+impl From<VerbArg> for Verb {
+    fn from(verb: VerbArg) -> Self {
+        match verb {
+            VerbArg::Hold => Self::Hold,
+            VerbArg::Land => Self::Land,
+        }
+    }
+}
+
+/// Gives the order and says who took it.
+///
+/// # Errors
+/// If no swarm is there, or not every vehicle that is heard takes the order.
+pub fn run(args: &OrderArgs) -> Result<(), Error> {
+    let endpoints = endpoints::find(&endpoints::folder(), args.swarm.as_ref())?;
+    let observer = Observer::open(&endpoints.swarm, &endpoints.all());
+    let mut observer = observer.map_err(|error| Error::Failed(error.to_string()))?;
+    listen(&mut observer, &endpoints);
+    let heard: Vec<VehicleId> = speakers(&observer).collect();
+    if heard.is_empty() {
+        return Err(Error::Failed(format!("nobody of the swarm {} answers", endpoints.swarm)));
+    }
+    let order = new(&observer, args.verb.into());
+    let deaf = give(&mut observer, &order, &heard)?;
+    if !deaf.is_empty() {
+        return Err(Error::Failed(format!("{}: not taken by vehicle {}", order.verb, list(&deaf))));
+    }
+    crate::say(&format!("{}: taken by vehicle {}\n", order.verb, list(&heard)));
+    Ok(())
+}
+
+/// An order larger than all that were heard of, by an issuer whom nobody else is.
+pub fn new(observer: &Observer, verb: Verb) -> Order {
+    // The standard library's only source of randomness is the seed of its hashes.
+    Order { epoch: observer.next_epoch(), issuer: RandomState::new().hash_one(std::process::id()), verb }
+}
+
+/// Waits until every agent has said its register, or long enough.
+fn listen(observer: &mut Observer, endpoints: &Endpoints) {
+    let until = clock::now() + LISTEN;
+    while clock::now() < until && speakers(observer).count() < endpoints.agents.len() {
+        clock::sleep(Duration::from_millis(20));
+        observer.poll();
+    }
+}
+
+/// Vehicles whose register was heard.
+fn speakers(observer: &Observer) -> impl Iterator<Item = VehicleId> {
+    observer.vehicles().iter().filter(|(_, seen)| seen.mission.is_some()).map(|(id, _)| *id)
+}
+
+/// Says the order until all have taken it or are gone. Gives those that have not.
+fn give(observer: &mut Observer, order: &Order, to: &[VehicleId]) -> Result<Vec<VehicleId>, Error> {
+    let until = clock::now() + SPREAD;
+    let mut next: Option<Instant> = None;
+    loop {
+        let now = clock::now();
+        if next.is_none_or(|next| now >= next) {
+            observer.order(order).map_err(|error| Error::Failed(error.to_string()))?;
+            next = Some(now + REPEAT);
+        }
+        clock::sleep(Duration::from_millis(20));
+        observer.poll();
+        let taken = |id: &VehicleId| {
+            let seen = &observer.vehicles()[id];
+            seen.mission.is_some_and(|said| said.order >= Some(*order))
+        };
+        let deaf: Vec<VehicleId> = to.iter().copied().filter(|id| !taken(id)).collect();
+        if deaf.is_empty() || clock::now() >= until {
+            return Ok(deaf);
+        }
+    }
+}
+
+fn list(ids: &[VehicleId]) -> String {
+    ids.iter().map(VehicleId::to_string).collect::<Vec<_>>().join(", ")
+}
