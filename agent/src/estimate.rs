@@ -4,6 +4,8 @@
 //! precision, as X-Plane's data rows do and as Garcia & Barnes 2010 read them: a grid of 0.2 to 0.8 m. `differenced` gives
 //! up the measured velocity for the filtered difference of positions. Both are selectable over any plant.
 
+use std::f64::consts::TAU;
+
 use nalgebra::Vector2;
 use skein_common::frame::{Attitude, BodyRates, Geodetic, Origin, PositionNed, VelocityNed};
 use skein_common::scenario::{PositionSensing, Sensing, VelocitySensing};
@@ -149,7 +151,7 @@ fn is_plausible(measurement: &Measurement) -> bool {
     position.is_plausible()
         && height_m.is_finite()
         && velocity.0.norm_squared() <= VehicleState::MAX_SPEED_M_S.powi(2)
-        && attitude.is_finite()
+        && [attitude.roll_rad, attitude.pitch_rad, attitude.heading_rad].iter().all(|angle| angle.abs() <= TAU)
         && rate(rates.roll_rad_s)
         && rate(rates.pitch_rad_s)
         && rate(rates.yaw_rad_s)

@@ -1,1 +1,253 @@
+use proptest::prelude::*;
+use skein_common::frame::{Attitude, BodyRates, Geodetic, PositionNed, VelocityNed};
+use skein_common::message::{Header, Mission as MissionMessage, Order, State, Verb};
+use skein_common::scenario::{Source, load};
+use skein_common::state::VehicleState;
+use skein_common::time::{LocalTime, SenderStamp};
 
+use super::*;
+
+fn id(number: u8) -> VehicleId {
+    VehicleId::new(number).unwrap()
+}
+
+fn scenario(sets: &[&str]) -> Scenario {
+    let sets: Vec<_> = sets.iter().map(|&set| set.to_owned()).collect();
+    load(&Source { name: "test.toml", text: "swarm.vehicles = 4" }, &sets).unwrap().scenario
+}
+
+fn agent(scenario: &Scenario) -> Agent {
+    let aircraft = Aircraft::shipped("xcell60").unwrap().unwrap();
+    Agent::new(scenario, id(1), Incarnation(7), &aircraft, Rules::shipped()).unwrap()
+}
+
+fn measured(altitude_m: f64) -> Measurement {
+    Measurement {
+        position: Geodetic::from_degrees(28.0, -82.0, altitude_m),
+        height_m: altitude_m,
+        velocity: VelocityNed::default(),
+        attitude: Attitude::default(),
+        rates: BodyRates::default(),
+        rotor_speed_rad_s: Some(167.0),
+    }
+}
+
+/// An agent in the air and its clocks.
+struct Flight {
+    agent: Agent,
+    plant_s: f64,
+    local_s: f64,
+}
+
+impl Flight {
+    /// Active, at 30 m.
+    fn new(scenario: &Scenario) -> Self {
+        let mut flight = Self { agent: agent(scenario), plant_s: 0.0, local_s: 0.0 };
+        for _ in 0..=110 {
+            flight.frame(Some(&measured(30.0)), &[]);
+        }
+        assert_eq!(flight.agent.membership(), Membership::Active);
+        flight
+    }
+
+    /// 20 ms on, with or without a frame.
+    fn frame(&mut self, measurement: Option<&Measurement>, words: &[Word]) -> Outputs {
+        self.local_s += 0.02;
+        if measurement.is_some() {
+            self.plant_s += 0.02;
+        }
+        let now = Now { plant: PlantTime::from_seconds(self.plant_s), local: LocalTime::from_seconds(self.local_s) };
+        let heard: Vec<_> = words.iter().map(|&word| Heard { word, at: now.local }).collect();
+        self.agent.step(now, &Inputs { measurement, heard: &heard, leave: false })
+    }
+
+    /// Steps without frames for a while; what happened in it.
+    fn silence(&mut self, seconds: f64) -> (Vec<Happening>, Option<Sticks>) {
+        let mut happened = Vec::new();
+        let mut command = None;
+        for _ in 0..(seconds / 0.02).round() as usize {
+            let outputs = self.frame(None, &[]);
+            happened.extend(outputs.said.happened);
+            command = outputs.command;
+        }
+        (happened, command)
+    }
+}
+
+fn header(sender: u8, sequence: u64) -> Header {
+    Header { sender: id(sender), incarnation: Incarnation(1), sequence, stamp: SenderStamp::ZERO }
+}
+
+fn state_of(sender: u8, sequence: u64, north_m: f64) -> Word {
+    let scenario = scenario(&[]);
+    let origin = Origin::new(scenario.origin.geodetic());
+    let position = origin.geodetic_from_ned(PositionNed::new(north_m, 0.0, -30.0));
+    let state = VehicleState { position, velocity: VelocityNed::default(), heading_rad: 0.0 };
+    Word::State(State { header: header(sender, sequence), state })
+}
+
+#[test]
+fn nothing_is_commanded_before_the_agent_takes_part() {
+    let mut flight = Flight { agent: agent(&scenario(&[])), plant_s: 0.0, local_s: 0.0 };
+    let mut first_command_s = None;
+    let mut active_s = None;
+    for _ in 0..150 {
+        let outputs = flight.frame(Some(&measured(0.24)), &[]);
+        if outputs.command.is_some() {
+            first_command_s.get_or_insert(flight.local_s);
+        }
+        if outputs.said.happened.contains(&Happening::BecameActive) {
+            active_s = Some(flight.local_s);
+        }
+    }
+    assert!((active_s.unwrap() - 2.02).abs() < 1e-9, "two seconds after the first frame");
+    assert_eq!(first_command_s, active_s);
+}
+
+#[test]
+fn stale_data_turn_neutral_and_a_gone_simulator_is_said_and_waited_for() {
+    let mut flight = Flight::new(&scenario(&["swarm.trim_error_rms_deg=0"]));
+    assert_eq!(flight.silence(0.1), (vec![], None), "a late frame changes nothing");
+    let (happened, command) = flight.silence(0.5);
+    assert_eq!(happened, [Happening::OwnDataStale]);
+    assert_eq!(flight.agent.activity(), Activity::Blind);
+    let sticks = command.unwrap();
+    assert_eq!((sticks.roll, sticks.pitch, sticks.yaw), (0.0185, 0.0, 0.0), "cyclic and pedals at trim");
+    assert!((0.5..0.7).contains(&sticks.collective), "collective held: {sticks:?}");
+    let (happened, command) = flight.silence(2.0);
+    assert_eq!((happened, command), (vec![Happening::SimulatorLost], None));
+    let back = flight.frame(Some(&measured(30.0)), &[]);
+    assert_eq!(back.said.happened, [Happening::OwnDataBack]);
+    assert!(back.command.is_some());
+    assert_eq!(flight.agent.activity(), Activity::Formation);
+}
+
+#[test]
+fn while_blind_the_state_is_kept_to_oneself() {
+    let mut flight = Flight::new(&scenario(&["network.send=every_frame"]));
+    assert!(flight.frame(Some(&measured(30.0)), &[]).said.state.is_some());
+    flight.silence(0.2);
+    let outputs = flight.frame(None, &[]);
+    assert_eq!(outputs.said.state, None, "the others carry the last word forward");
+    let missions = (0..20).filter(|_| flight.frame(None, &[]).said.mission.is_some()).count();
+    assert!(missions >= 1, "but the agreement goes on");
+}
+
+#[test]
+fn with_nobody_left_the_vehicle_holds_its_place() {
+    let mut flight = Flight::new(&scenario(&[]));
+    let active = MissionMessage { header: header(2, 1), plan: 0, membership: Membership::Active, order: None };
+    flight.frame(Some(&measured(30.0)), &[Word::Appeared(id(2)), state_of(2, 1, 80.0), Word::Mission(active)]);
+    let outputs = flight.frame(Some(&measured(30.0)), &[Word::Vanished(id(2))]);
+    assert_eq!(outputs.said.happened, [Happening::PeerLost(id(2)), Happening::AllPeersLost]);
+    assert_eq!(flight.agent.activity(), Activity::Holding);
+    flight.frame(Some(&measured(30.0)), &[Word::Appeared(id(2)), state_of(2, 2, 80.0)]);
+    assert_eq!(flight.agent.activity(), Activity::Formation, "somebody is back");
+}
+
+#[test]
+fn an_order_heard_once_is_taken_and_repeated() {
+    let mut flight = Flight::new(&scenario(&[]));
+    let order = Order { epoch: 3, issuer: 9, verb: Verb::Land };
+    let outputs = flight.frame(Some(&measured(30.0)), &[Word::Order(order)]);
+    assert_eq!(outputs.said.happened, [Happening::OrderTaken(order)]);
+    assert_eq!(outputs.said.mission.and_then(|mission| mission.order), Some(order), "at once");
+    let again = (0..10).find_map(|_| flight.frame(Some(&measured(30.0)), &[]).said.mission);
+    assert_eq!(again.and_then(|mission| mission.order), Some(order), "and again within 0.2 s");
+    assert_eq!(flight.agent.activity(), Activity::Landing);
+}
+
+#[test]
+fn the_hidden_trim_error_follows_the_seed() {
+    let trim = Aircraft::shipped("xcell60").unwrap().unwrap().trim;
+    let of_seed = |seed: &str, vehicle| with_hidden_error(trim, &scenario(&[seed]), id(vehicle));
+    assert_eq!(of_seed("seed=1", 1), of_seed("seed=1", 1));
+    assert_ne!(of_seed("seed=1", 1), of_seed("seed=2", 1));
+    assert_ne!(of_seed("seed=1", 1), of_seed("seed=1", 2));
+    let errors: Vec<_> = (0..500).map(|seed| of_seed(&format!("seed={seed}"), 1).roll_rad - trim.roll_rad).collect();
+    let rms_deg = (errors.iter().map(|error| error * error).sum::<f64>() / 500.0).sqrt().to_degrees();
+    assert!((rms_deg - 0.3).abs() < 0.03, "{rms_deg}");
+}
+
+#[test]
+fn what_is_not_flown_yet_is_refused_by_name() {
+    let refusal = |sets: &[&str]| {
+        let aircraft = Aircraft::shipped("xcell60").unwrap().unwrap();
+        let agent = Agent::new(&scenario(sets), id(1), Incarnation(1), &aircraft, Rules::shipped());
+        agent.map(|_| ()).unwrap_err().to_string()
+    };
+    assert_eq!(refusal(&["formation.law=flock"]), "a formation.law other than \"ring\" is not flown yet");
+    assert_eq!(refusal(&["formation.safety_filter=cbf"]), "formation.safety_filter = \"cbf\" is not flown yet");
+    assert_eq!(refusal(&["network.loss=0.1"]), "an imperfect network is not flown yet");
+}
+
+/// Any number at all, the impossible ones often.
+fn number() -> impl Strategy<Value = f64> {
+    prop_oneof![Just(f64::NAN), Just(f64::INFINITY), Just(-1e300), any::<f64>(), -100.0..100.0]
+}
+
+fn any_measurement() -> impl Strategy<Value = Measurement> {
+    proptest::collection::vec(number(), 14).prop_map(|n| Measurement {
+        position: Geodetic { latitude_rad: n[0], longitude_rad: n[1], altitude_m: n[2] },
+        height_m: n[3],
+        velocity: VelocityNed::new(n[4], n[5], n[6]),
+        attitude: Attitude { roll_rad: n[7], pitch_rad: n[8], heading_rad: n[9] },
+        rates: BodyRates { roll_rad_s: n[10], pitch_rad_s: n[11], yaw_rad_s: n[12] },
+        rotor_speed_rad_s: Some(n[13]),
+    })
+}
+
+/// A measurement that is believed, with one number spoilt.
+fn spoilt_measurement() -> impl Strategy<Value = Measurement> {
+    (0_usize..8, number()).prop_map(|(field, value)| {
+        let mut measurement = measured(30.0);
+        match field {
+            0 => measurement.position.latitude_rad = value,
+            1 => measurement.position.altitude_m = value,
+            2 => measurement.height_m = value,
+            3 => measurement.velocity = VelocityNed::new(0.0, value, 0.0),
+            4 => measurement.attitude.roll_rad = value,
+            5 => measurement.attitude.heading_rad = value,
+            6 => measurement.rates.yaw_rad_s = value,
+            _ => measurement.rotor_speed_rad_s = Some(value),
+        }
+        measurement
+    })
+}
+
+fn any_word() -> impl Strategy<Value = Word> {
+    // The edge lets no implausible message through; whatever it lets through must do no harm.
+    let place = (-1.57..1.57, -3.14..3.14, -900.0..9e4_f64);
+    let velocity = (-170.0..170.0, -170.0..170.0, -170.0..170.0_f64);
+    let state = (1_u8..9, any::<u64>(), place, velocity).prop_map(|(sender, sequence, place, velocity)| {
+        let position = Geodetic { latitude_rad: place.0, longitude_rad: place.1, altitude_m: place.2 };
+        let velocity = VelocityNed::new(velocity.0, velocity.1, velocity.2);
+        State { header: header(sender, sequence), state: VehicleState { position, velocity, heading_rad: 0.0 } }
+    });
+    prop_oneof![
+        state.prop_map(Word::State),
+        (-1e4..1e4, 1_u8..5, any::<u64>()).prop_map(|(north_m, sender, sequence)| state_of(sender, sequence, north_m)),
+        (1_u8..9).prop_map(|sender| Word::Vanished(id(sender))),
+        (1_u8..9).prop_map(|sender| Word::Appeared(id(sender))),
+    ]
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(300))]
+
+    #[test]
+    fn no_input_leads_to_controls_beyond_their_travel(
+        frames in proptest::collection::vec(
+            (prop_oneof![any_measurement(), spoilt_measurement()], proptest::collection::vec(any_word(), 0..4)), 1..20,
+        ),
+    ) {
+        let mut flight = Flight::new(&scenario(&[]));
+        for (measurement, words) in frames {
+            let outputs = flight.frame(Some(&measurement), &words);
+            prop_assert!(outputs.command.is_none_or(|sticks| sticks.is_within_limits()), "{outputs:?}");
+            prop_assert!(outputs.said.state.is_none_or(|said| said.state.is_plausible()));
+        }
+        let recovered = flight.frame(Some(&measured(30.0)), &[]);
+        prop_assert!(recovered.command.is_some_and(|sticks| sticks.is_within_limits()), "flies on afterwards");
+    }
+}
