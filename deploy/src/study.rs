@@ -3,6 +3,7 @@
 //! The same agents as in real time, stepped in one thread over a simulated network. Seeds run in parallel; what comes out
 //! does not depend on how many at once.
 
+mod command;
 mod summary;
 pub mod world;
 
@@ -13,7 +14,6 @@ use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
-use std::time::Instant;
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use skein_agent::aircraft::Aircraft;
@@ -24,7 +24,10 @@ use skein_common::id::VehicleId;
 use skein_common::scenario::Scenario;
 use skein_common::state::Membership;
 
+use crate::clock::now;
+use crate::error::Error;
 use crate::metrics::{Metrics, Report, Run, VehicleNow, Wall};
+pub use command::{StudyArgs, run};
 pub use summary::{Summary, summarize};
 use world::World;
 
@@ -48,9 +51,6 @@ pub enum StudyError {
     /// Not everybody became active.
     #[error("not everybody takes part after {JOIN_LIMIT_S} s")]
     NeverActive,
-    /// A file could not be written.
-    #[error("{0}: {1}")]
-    Write(PathBuf, std::io::Error),
 }
 
 /// What every seed of a study shares.
@@ -123,8 +123,8 @@ impl Study {
     }
 }
 
-/// Hands the world's last tick to the metrics.
-fn measure(world: &World, zero_s: f64, metrics: &mut Metrics, vehicles: &mut Vec<VehicleNow>) {
+/// Hands the world's last tick to the metrics; `vehicles` is only room to work in.
+pub fn measure(world: &World, zero_s: f64, metrics: &mut Metrics, vehicles: &mut Vec<VehicleNow>) {
     vehicles.clear();
     for (id, agent, truth, sticks) in world.vehicles() {
         let is_member = agent.membership() == Membership::Active;
@@ -138,17 +138,22 @@ fn measure(world: &World, zero_s: f64, metrics: &mut Metrics, vehicles: &mut Vec
 
 /// Writes a study: `scenario.toml` and `metrics.json` of every run, and of the whole `runs.csv` and `summary.json`.
 /// `as_flown` gives the complete scenario file of a seed.
-pub fn write(out: &Path, as_flown: impl Fn(u64) -> String, reports: &[Report]) -> Result<(), StudyError> {
+pub fn write(
+    out: &Path,
+    as_flown: impl Fn(u64) -> Result<String, Error>,
+    reports: &[Report],
+) -> Result<(), Error> {
     let to = |path: PathBuf, text: String| {
         let parent = path.parent().map_or(Ok(()), fs::create_dir_all);
-        parent.and_then(|()| fs::write(&path, text)).map_err(|error| StudyError::Write(path, error))
+        let written = parent.and_then(|()| fs::write(&path, text));
+        written.map_err(|error| Error::Failed(format!("{}: {error}", path.display())))
     };
     for report in reports {
         let folder = match reports {
             [_] => out.to_owned(),
             _ => out.join(format!("seed-{}", report.run.seed)),
         };
-        to(folder.join("scenario.toml"), as_flown(report.run.seed))?;
+        to(folder.join("scenario.toml"), as_flown(report.run.seed)?)?;
         to(folder.join("metrics.json"), crate::json(report))?;
     }
     to(out.join("runs.csv"), summary::csv(reports))?;
@@ -163,9 +168,4 @@ pub fn progress(runs: u64) -> ProgressBar {
     }
     let style = ProgressStyle::with_template("{bar:40} {pos}/{len} runs, {elapsed} gone, {eta} left {msg}");
     bar.with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()))
-}
-
-#[expect(clippy::disallowed_methods, reason = "how long a study takes is measured, and changes nothing in it")]
-fn now() -> Instant {
-    Instant::now()
 }

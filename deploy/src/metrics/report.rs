@@ -192,7 +192,8 @@ impl Metrics {
         ];
         // A single vehicle has no spacing: that does not apply rather than never happen.
         let applies = |key: &str| !key.starts_with("even") || self.run.vehicles > 1;
-        let never = settled.iter().filter(|(key, since)| since.is_none() && applies(key)).map(|(key, _)| *key).collect();
+        let never =
+            settled.iter().filter(|(key, since)| since.is_none() && applies(key)).map(|(key, _)| *key).collect();
         let (least_m, collisions) = self.separation();
         let pairs = self.run.vehicles * self.run.vehicles.saturating_sub(1) / 2;
         let mut steps_us = self.steps_us.clone();

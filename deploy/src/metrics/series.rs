@@ -85,8 +85,7 @@ impl RadialSeries {
         let middle_s = (first + last) / 2.0;
         let scale_s = ((last - first) / 2.0).max(f64::MIN_POSITIVE);
         // Abscissae from −1 to 1 keep the normal equations well conditioned.
-        let points: Vec<_> =
-            self.samples.iter().map(|[t_s, rho_m, _]| ((t_s - middle_s) / scale_s, *rho_m)).collect();
+        let points: Vec<_> = self.samples.iter().map(|[t_s, rho_m, _]| ((t_s - middle_s) / scale_s, *rho_m)).collect();
         let mut normal = nalgebra::Matrix3::zeros();
         let mut right = nalgebra::Vector3::zeros();
         for &(x, y) in &points {

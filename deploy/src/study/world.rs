@@ -35,6 +35,8 @@ struct Vehicle {
     id: VehicleId,
     plant: BuiltInVehicle,
     agent: Agent,
+    /// Whether its agent still runs. Without, the helicopter flies on with its last controls.
+    runs: bool,
     truth: Truth,
     command: Option<Sticks>,
     heard: Vec<Heard>,
@@ -55,7 +57,7 @@ impl World {
             let plant = BuiltInVehicle::new(&origin, parameters, start, &weather, scenario.seed, id);
             let agent = Agent::new(scenario, id, Incarnation(1), aircraft, rules.clone())?;
             let truth = plant.frame().truth;
-            Ok(Vehicle { id, plant, agent, truth, command: None, heard: Vec::new() })
+            Ok(Vehicle { id, plant, agent, runs: true, truth, command: None, heard: Vec::new() })
         });
         let vehicles = vehicles.collect::<Result<Vec<_>, StudyError>>()?;
         let said = scenario.ids().map(|id| (id, Word::Appeared(id))).collect();
@@ -68,10 +70,14 @@ impl World {
         self.deliver(local);
         for vehicle in &mut self.vehicles {
             let frame = vehicle.plant.frame();
+            vehicle.truth = frame.truth;
+            if !vehicle.runs {
+                vehicle.plant.advance(None);
+                continue;
+            }
             let now = Now { plant: frame.time, local };
             let inputs = Inputs { measurement: Some(&frame.measurement), heard: &vehicle.heard, leave: false };
             let Outputs { command, said } = vehicle.agent.step(now, &inputs);
-            vehicle.truth = frame.truth;
             vehicle.command = command;
             self.said.extend(said.state.map(|state| (vehicle.id, Word::State(through_wire(&state)))));
             self.said.extend(said.mission.map(|mission| (vehicle.id, Word::Mission(through_wire(&mission)))));
@@ -80,19 +86,28 @@ impl World {
         self.ticks += 1;
     }
 
+    /// The agent of this vehicle ends without a word, as by `kill -9`: its token is gone for the others in the next tick.
+    pub fn kill(&mut self, id: VehicleId) {
+        for vehicle in self.vehicles.iter_mut().filter(|vehicle| vehicle.id == id && vehicle.runs) {
+            vehicle.runs = false;
+            self.said.push((id, Word::Vanished(id)));
+        }
+    }
+
     /// Seconds since the beginning.
     pub fn t_s(&self) -> f64 {
         self.ticks as f64 * TICK_S
     }
 
-    /// Everybody takes part.
+    /// Everybody whose agent runs takes part.
     pub fn all_active(&self) -> bool {
-        self.vehicles.iter().all(|vehicle| vehicle.agent.membership() == Membership::Active)
+        self.vehicles().all(|(_, agent, ..)| agent.membership() == Membership::Active)
     }
 
-    /// Every agent, how its vehicle really was in the last frame, and what was done with the controls.
+    /// Every agent that runs, how its vehicle really was in the last frame, and what was done with the controls.
     pub fn vehicles(&self) -> impl Iterator<Item = (VehicleId, &Agent, &Truth, Option<Sticks>)> {
-        self.vehicles.iter().map(|vehicle| (vehicle.id, &vehicle.agent, &vehicle.truth, vehicle.command))
+        let running = self.vehicles.iter().filter(|vehicle| vehicle.runs);
+        running.map(|vehicle| (vehicle.id, &vehicle.agent, &vehicle.truth, vehicle.command))
     }
 
     /// What was said in the last tick arrives with everybody else.

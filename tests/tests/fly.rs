@@ -1,0 +1,311 @@
+//! `skein fly` as its user has it: processes, signals, files. Every test has a swarm, a runtime folder and an output folder
+//! of its own, and leaves no process behind.
+#![cfg(unix)]
+#![expect(clippy::disallowed_methods, reason = "real processes take real time")]
+
+use std::fs;
+use std::io::{BufRead, BufReader};
+use std::path::PathBuf;
+use std::process::{Child, Command, Output, Stdio};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
+use std::time::{Duration, Instant};
+
+use rustix::process::{Pid, Signal, kill_process};
+use serde_json::Value;
+use skein_common::scenario::{Source, load};
+use tempfile::TempDir;
+
+const PROGRAM: &str = env!("CARGO_BIN_EXE_skein-under-test");
+/// Everything that a small swarm does at its beginning and its end is over within this time.
+const SOON: Duration = Duration::from_secs(60);
+
+/// A swarm's surroundings.
+struct Place {
+    name: &'static str,
+    folder: TempDir,
+}
+
+impl Place {
+    fn new(name: &'static str) -> Self {
+        Self { name, folder: tempfile::tempdir().unwrap() }
+    }
+
+    fn out(&self) -> PathBuf {
+        self.folder.path().join("out")
+    }
+
+    fn runtime(&self) -> PathBuf {
+        self.folder.path().join("runtime")
+    }
+
+    fn command(&self) -> Command {
+        let mut command = Command::new(PROGRAM);
+        command.env("XDG_RUNTIME_DIR", self.runtime()).env_remove("RUST_LOG").current_dir(self.folder.path());
+        command
+    }
+
+    /// Three vehicles that fly low: they are soon up and soon down.
+    fn fly(&self) -> Command {
+        self.fly_into("out")
+    }
+
+    fn fly_into(&self, out: &str) -> Command {
+        let mut command = self.command();
+        command.arg("fly").arg("--out").arg(self.folder.path().join(out));
+        for set in
+            ["swarm.vehicles=3", "formation.altitude_m=8", "formation.radius_m=60", "formation.safety_filter=none"]
+        {
+            command.args(["--set", set]);
+        }
+        command.arg("--set").arg(format!("swarm.name={}", self.name));
+        command
+    }
+
+    fn order(&self, verb: &str) -> Output {
+        self.command().args(["order", verb]).output().unwrap()
+    }
+
+    /// Processes that have to do with this place, as `(pid, command line)`.
+    fn processes(&self) -> Vec<(Pid, String)> {
+        let listed = Command::new("ps").args(["-axww", "-o", "pid=,args="]).output().unwrap();
+        let folder = self.folder.path().to_str().unwrap();
+        let listed = String::from_utf8_lossy(&listed.stdout).into_owned();
+        let ours = listed.lines().filter(|line| line.contains(folder) && line.contains("skein-under-test"));
+        let split = |line: &str| {
+            let (pid, arguments) = line.trim().split_once(' ').unwrap();
+            (Pid::from_raw(pid.parse().unwrap()).unwrap(), arguments.to_owned())
+        };
+        ours.map(split).collect()
+    }
+
+    fn agent(&self, id: u8) -> Option<Pid> {
+        let file = format!("agents/{id}.toml --child");
+        self.processes().into_iter().find(|(_, arguments)| arguments.contains(&file)).map(|(pid, _)| pid)
+    }
+
+    fn wait_until_nobody_is_left(&self) {
+        let until = Instant::now() + SOON;
+        while !self.processes().is_empty() {
+            assert!(Instant::now() < until, "still there: {:#?}", self.processes());
+            std::thread::sleep(Duration::from_millis(200));
+        }
+    }
+
+    fn metrics(&self) -> Value {
+        serde_json::from_str(&fs::read_to_string(self.out().join("metrics.json")).unwrap()).unwrap()
+    }
+
+    /// Files that tell where a swarm is.
+    fn signposts(&self) -> usize {
+        fs::read_dir(self.runtime().join("skein")).map_or(0, Iterator::count)
+    }
+}
+
+impl Drop for Place {
+    /// A test that failed leaves nothing behind either.
+    fn drop(&mut self) {
+        for (pid, _) in self.processes() {
+            let _ = kill_process(pid, Signal::KILL);
+        }
+    }
+}
+
+/// A `skein fly` whose lines are read as they come.
+struct Flight {
+    process: Child,
+    lines: Receiver<(Instant, String)>,
+}
+
+impl Flight {
+    fn start(place: &Place, arguments: &[&str]) -> Self {
+        let mut command = place.fly();
+        command.args(arguments).stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
+        let mut process = command.spawn().unwrap();
+        let stdout = BufReader::new(process.stdout.take().unwrap());
+        let (sender, lines) = channel();
+        std::thread::spawn(move || {
+            for line in stdout.lines().map_while(Result::ok) {
+                let _ = sender.send((Instant::now(), line));
+            }
+        });
+        Self { process, lines }
+    }
+
+    fn pid(&self) -> Pid {
+        Pid::from_child(&self.process)
+    }
+
+    /// Waits for a line with this in it. Gives when it came.
+    fn wait_for(&self, wanted: &str) -> Instant {
+        let until = Instant::now() + SOON;
+        loop {
+            match self.lines.recv_timeout(until.saturating_duration_since(Instant::now())) {
+                Ok((at, line)) if line.contains(wanted) => return at,
+                Ok(_) => {}
+                Err(RecvTimeoutError::Timeout) => panic!("never said {wanted:?}"),
+                Err(RecvTimeoutError::Disconnected) => panic!("ended without saying {wanted:?}"),
+            }
+        }
+    }
+
+    fn interrupt(&self) {
+        kill_process(self.pid(), Signal::INT).unwrap();
+    }
+
+    /// Exit status and what was said on stderr.
+    fn end(self) -> (Option<i32>, String) {
+        let output = self.process.wait_with_output().unwrap();
+        (output.status.code(), String::from_utf8_lossy(&output.stderr).into_owned())
+    }
+}
+
+#[test]
+fn a_flight_of_twenty_seconds_leaves_its_files_and_no_process() {
+    let place = Place::new("whole");
+    let flown = place.fly().args(["--duration", "20", "--seed", "5", "--plant", "builtin", "--json"]).output().unwrap();
+    let said = String::from_utf8_lossy(&flown.stderr).into_owned();
+    assert!(flown.status.success(), "{said}");
+    assert_eq!(place.processes(), []);
+    assert_eq!(place.signposts(), 0);
+
+    let metrics = place.metrics();
+    let printed: Value = serde_json::from_slice(&flown.stdout).expect("nothing but JSON on stdout");
+    assert_eq!(printed, metrics);
+    assert_eq!(
+        (&metrics["plant"], &metrics["target"], &metrics["seed"]),
+        (&"builtin".into(), &"fly".into(), &5.into())
+    );
+    assert_eq!((&metrics["vehicles"], &metrics["collisions"]), (&3.into(), &0.into()));
+    assert_eq!(metrics["duration_s"].as_f64(), Some(20.0));
+    assert!(metrics["at_altitude_s"].as_f64().is_some_and(|at_s| at_s > 1.0), "{metrics:#}");
+    assert!(metrics["in_band_s"].as_f64().is_some(), "{metrics:#}");
+    assert!(metrics["step_p99_us"].as_f64().is_some_and(|step_us| step_us > 0.0), "{metrics:#}");
+    let real_time = metrics["real_time_factor"].as_f64().unwrap();
+    assert!((real_time - 1.0).abs() < 0.05, "{real_time}");
+
+    let flown_as = fs::read_to_string(place.out().join("scenario.toml")).unwrap();
+    let scenario = load(&Source { name: "scenario.toml", text: &flown_as }, &[]).unwrap().scenario;
+    assert_eq!((scenario.seed, scenario.duration_s, scenario.swarm.vehicles), (5, Some(20.0), 3));
+    for phrase in ["everybody takes part", "everybody is asked to land", "vehicle 3: landed", "vehicle 3: ended"] {
+        assert!(said.contains(phrase), "{phrase:?} is missing in\n{said}");
+    }
+}
+
+#[test]
+fn control_c_lands_everybody() {
+    let place = Place::new("stopped");
+    let flight = Flight::start(&place, &["--plant", "standin"]);
+    flight.wait_for("everybody takes part");
+    std::thread::sleep(Duration::from_secs(5));
+    flight.interrupt();
+    for id in 1..=3 {
+        flight.wait_for(&format!("vehicle {id}: takes the order: land"));
+    }
+    flight.wait_for(": landed");
+    flight.wait_for("files");
+    assert_eq!(flight.end(), (Some(0), String::new()));
+    assert_eq!(place.processes(), []);
+    assert_eq!(place.signposts(), 0);
+    let metrics = place.metrics();
+    assert!(metrics["duration_s"].as_f64().is_some_and(|flown_s| (5.0..12.0).contains(&flown_s)), "{metrics:#}");
+    assert_eq!(metrics["plant"], "standin");
+}
+
+#[test]
+fn control_c_twice_ends_at_once() {
+    let place = Place::new("urgent");
+    let flight = Flight::start(&place, &[]);
+    flight.wait_for("everybody takes part");
+    std::thread::sleep(Duration::from_secs(4));
+    flight.interrupt();
+    flight.wait_for("everybody is asked to land");
+    std::thread::sleep(Duration::from_millis(300));
+    let asked = Instant::now();
+    flight.interrupt();
+    let (status, said) = flight.end();
+    assert!(asked.elapsed() < Duration::from_secs(3));
+    assert_eq!(status, Some(1));
+    assert_eq!(said, "vehicle 1, 2, 3: ended by Ctrl-C\n");
+    assert_eq!(place.processes(), []);
+    assert!(place.metrics()["duration_s"].is_number(), "the window was over before");
+}
+
+#[test]
+fn a_vehicle_that_is_killed_is_named_and_the_others_fly_on() {
+    let place = Place::new("bereft");
+    let flight = Flight::start(&place, &[]);
+    flight.wait_for("everybody takes part");
+    std::thread::sleep(Duration::from_secs(3));
+    let killed = Instant::now();
+    kill_process(place.agent(2).unwrap(), Signal::KILL).unwrap();
+    // The order of these is the operating system's.
+    let (mut named, mut missed) = (None, None);
+    while named.is_none() || missed.is_none() {
+        let (at, line) = flight.lines.recv_timeout(SOON).unwrap();
+        named = named.or(line.contains("vehicle 2: killed by signal 9").then_some(at));
+        missed = missed.or(line.contains(": lost vehicle 2").then_some(at));
+    }
+    for (what, at) in [("named", named.unwrap()), ("missed", missed.unwrap())] {
+        let after = at.duration_since(killed);
+        assert!(after < Duration::from_secs(2), "{what} after {after:?}");
+    }
+    std::thread::sleep(Duration::from_secs(3));
+    assert!(place.agent(1).is_some() && place.agent(3).is_some() && place.agent(2).is_none());
+    flight.interrupt();
+    flight.wait_for("files");
+    let (status, said) = flight.end();
+    assert_eq!(status, Some(0), "the others' flight counts");
+    assert!(said.starts_with("lost after ") && said.contains("vehicle 2: killed by signal 9"), "{said}");
+    assert_eq!(place.processes(), []);
+}
+
+#[test]
+fn a_swarm_whose_launcher_is_killed_flies_on_until_it_is_ordered_to_land() {
+    let place = Place::new("orphaned");
+    let mut flight = Flight::start(&place, &["--plant", "standin"]);
+    flight.wait_for("everybody takes part");
+    std::thread::sleep(Duration::from_secs(2));
+    flight.process.kill().unwrap();
+    flight.process.wait().unwrap();
+    std::thread::sleep(Duration::from_secs(7));
+    assert_eq!(place.processes().len(), 6, "three agents and three stand-ins fly on: {:#?}", place.processes());
+
+    let second = place.fly_into("second").output().unwrap();
+    let refusal = String::from_utf8_lossy(&second.stderr).into_owned();
+    assert_eq!(second.status.code(), Some(2));
+    assert!(refusal.contains("a swarm named orphaned flies here already"), "{refusal}");
+    assert!(!place.folder.path().join("second").exists());
+
+    let ordered = place.order("land");
+    let answer = String::from_utf8_lossy(&ordered.stdout).into_owned();
+    assert!(ordered.status.success(), "{}", String::from_utf8_lossy(&ordered.stderr));
+    assert_eq!(answer, "land: taken by vehicle 1, 2, 3\n");
+    place.wait_until_nobody_is_left();
+
+    let nobody = place.order("hold");
+    assert_eq!(nobody.status.code(), Some(1));
+    assert_eq!(String::from_utf8_lossy(&nobody.stderr), "nobody of the swarm orphaned answers\n");
+}
+
+#[test]
+fn what_cannot_be_flown_is_refused_before_anything_is_begun() {
+    let place = Place::new("refused");
+    let file = place.folder.path().join("my.toml");
+    fs::write(&file, "[swarm]\nvehicles = 3\n[formation]\nraduis_m = 80\n").unwrap();
+    let my = file.to_str().unwrap();
+    let cases: [(&[&str], String); 5] = [
+        (&[my], format!("{my}:4:1: unknown key `formation.raduis_m`; did you mean `formation.radius_m`?\n")),
+        (&["--set", "seed=x"], "--set seed=x: `seed` has to be a whole number, not \"x\"\n".to_owned()),
+        (&["--duration", "-4"], String::new()),
+        (&["--set", "formation.law=vasarhelyi"], String::new()),
+        (&["--plant", "builtin", "--xplane", "heli:49000"], String::new()),
+    ];
+    for (arguments, said) in cases {
+        let refused = place.fly().args(arguments).output().unwrap();
+        let stderr = String::from_utf8_lossy(&refused.stderr).into_owned();
+        assert_eq!(refused.status.code(), Some(2), "{arguments:?}: {stderr}");
+        assert!(refused.stdout.is_empty() && !stderr.is_empty());
+        assert!(said.is_empty() || stderr == said, "{arguments:?}: {stderr}");
+        assert!(!place.out().exists() && !place.runtime().exists(), "{arguments:?} wrote something");
+    }
+}

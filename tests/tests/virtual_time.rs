@@ -1,0 +1,168 @@
+//! The swarm in virtual time against its acceptance figures, and twice the same.
+
+use std::num::NonZeroUsize;
+
+use serde_json::Value;
+use skein::metrics::{Metrics, Report, Run, WALL_CLOCK_KEYS, Wall};
+use skein::study::world::World;
+use skein::study::{Study, measure, summarize};
+use skein_common::id::VehicleId;
+use skein_common::state::{Membership, Standing};
+use skein_tests::{scenario, study};
+
+const TWO: NonZeroUsize = NonZeroUsize::MIN.saturating_add(1);
+
+fn fly(study: &Study, seeds: u64) -> Vec<Report> {
+    study.fly_all(0..seeds, TWO, |_| {}).unwrap()
+}
+
+/// The limits that every seed of the four-vehicle hover formation keeps.
+struct Limits {
+    at_altitude_s: f64,
+    in_band_s: f64,
+    even_10deg_s: f64,
+    even_5deg_s: Option<f64>,
+    radial_rms_m: f64,
+    radial_mean_m: [f64; 2],
+    spacing_error_deg: f64,
+    nearest_pair_end_m: f64,
+}
+
+fn keeps(report: &Report, limits: &Limits) {
+    let seed = report.run.seed;
+    let below = |name: &str, figure: Option<f64>, limit: f64| {
+        assert!(figure.is_some_and(|figure| figure <= limit), "seed {seed}: {name} is {figure:?}, limit {limit}");
+    };
+    let above = |name: &str, figure: Option<f64>, limit: f64| {
+        assert!(figure.is_some_and(|figure| figure >= limit), "seed {seed}: {name} is {figure:?}, limit {limit}");
+    };
+    below("at_altitude_s", report.at_altitude_s, limits.at_altitude_s);
+    below("in_band_s", report.in_band_s, limits.in_band_s);
+    below("even_10deg_s", report.even_10deg_s, limits.even_10deg_s);
+    if let Some(limit) = limits.even_5deg_s {
+        below("even_5deg_s", report.even_5deg_s, limit);
+    }
+    below("radial_rms_m", report.radial_rms_m, limits.radial_rms_m);
+    above("radial_mean_m", report.radial_mean_m, limits.radial_mean_m[0]);
+    below("radial_mean_m", report.radial_mean_m, limits.radial_mean_m[1]);
+    below("spacing_error_deg", report.spacing_error_deg, limits.spacing_error_deg);
+    above("nearest_pair_end_m", report.nearest_pair_end_m, limits.nearest_pair_end_m);
+    below("oscillation_m", report.oscillation_m, 0.3);
+    above("min_separation_m", report.min_separation_m, 10.0);
+    below("max_tilt_deg", Some(report.max_tilt_deg), 25.0);
+    assert_eq!(report.collisions, 0, "seed {seed}");
+}
+
+#[test]
+fn the_default_hover_formation_keeps_its_limits() {
+    let limits = Limits {
+        at_altitude_s: 20.0,
+        in_band_s: 30.0,
+        even_10deg_s: 120.0,
+        even_5deg_s: Some(180.0),
+        radial_rms_m: 2.0,
+        radial_mean_m: [98.0, 103.0],
+        spacing_error_deg: 3.0,
+        nearest_pair_end_m: 135.0,
+    };
+    fly(&study("hover.toml", &[]), 20).iter().for_each(|report| keeps(report, &limits));
+}
+
+#[test]
+fn the_papers_hover_formation_keeps_its_limits() {
+    let limits = Limits {
+        at_altitude_s: 20.0,
+        in_band_s: 60.0,
+        even_10deg_s: 240.0,
+        even_5deg_s: None,
+        radial_rms_m: 6.0,
+        radial_mean_m: [96.0, 105.0],
+        spacing_error_deg: 8.0,
+        nearest_pair_end_m: 130.0,
+    };
+    fly(&study("hover.toml", &["preset=paper"]), 20).iter().for_each(|report| keeps(report, &limits));
+}
+
+#[test]
+fn a_steep_linear_conversion_swings_and_the_nonlinear_one_does_not() {
+    let median = |sets: &[&str], key: &str| summarize(&fly(&study("sinusoid.toml", sets), 10))[key].median;
+    let linear = ["formation.conversion=linear", "formation.gain_m=56"];
+    let swing_m = median(&linear, "oscillation_m").unwrap();
+    assert!(swing_m >= 2.5, "linear, c = 56: {swing_m} m");
+    let calm_m = median(&[], "oscillation_m").unwrap();
+    assert!(calm_m <= 0.8, "nonlinear: {calm_m} m");
+}
+
+/// The report as text, without what the wall clock decides.
+fn without_wall_clock(report: &Report) -> String {
+    let mut value = serde_json::to_value(report).unwrap();
+    let Value::Object(keys) = &mut value else { panic!("a report is an object") };
+    WALL_CLOCK_KEYS.iter().for_each(|key| assert!(keys.remove(*key).is_some(), "{key}"));
+    value.to_string()
+}
+
+#[test]
+fn a_seed_gives_the_same_figures_again_with_any_number_of_jobs() {
+    let study = study("hover.toml", &["duration_s=120", "world.wind_m_s=4", "world.gust_w20_m_s=4"]);
+    let figures = |jobs| -> Vec<_> {
+        study.fly_all(3..7, jobs, |_| {}).unwrap().iter().map(without_wall_clock).collect()
+    };
+    let one = figures(NonZeroUsize::MIN);
+    assert_eq!(one, figures(NonZeroUsize::MIN), "twice");
+    assert_eq!(one, figures(TWO), "two jobs");
+    assert_ne!(one[0], one[1], "another seed flies differently");
+}
+
+#[test]
+fn a_seed_gives_the_same_history_bit_for_bit() {
+    let study = study("hover.toml", &["preset=paper", "world.wind_m_s=4", "world.gust_w20_m_s=4"]);
+    let mut worlds = [0, 1].map(|_| World::new(&study.scenario, &study.aircraft, &study.rules).unwrap());
+    for tick in 0..3_000 {
+        let [one, other] = worlds.each_mut().map(|world| {
+            world.tick();
+            let bits = |(_, _, truth, sticks): (_, _, &skein_agent::plant::Truth, Option<skein_agent::plant::Sticks>)| {
+                let place: [f64; 3] = truth.position.into();
+                let velocity: [f64; 3] = truth.velocity.into();
+                let sticks = sticks.map_or([0.0; 4], |s| [s.roll, s.pitch, s.yaw, s.collective]);
+                (place.map(f64::to_bits), velocity.map(f64::to_bits), sticks.map(f64::to_bits))
+            };
+            world.vehicles().map(bits).collect::<Vec<_>>()
+        });
+        assert_eq!(one, other, "tick {tick}");
+    }
+}
+
+#[test]
+fn three_of_four_space_themselves_anew_when_one_is_killed() {
+    for seed in 0..5 {
+        let study = study("hover.toml", &[&format!("seed={seed}")]);
+        let mut world = World::new(&study.scenario, &study.aircraft, &study.rules).unwrap();
+        let victim = VehicleId::new(2).unwrap();
+        while world.t_s() < 150.0 {
+            world.tick();
+        }
+        world.kill(victim);
+        let killed_s = world.t_s();
+        let three = scenario("hover.toml", &[]);
+        let mut metrics = Metrics::new(&three, Run::new(&three, "study"));
+        let mut vehicles = Vec::new();
+        let mut noticed_s = None;
+        while world.t_s() < killed_s + 250.0 {
+            world.tick();
+            measure(&world, killed_s, &mut metrics, &mut vehicles);
+            let noticed = world.vehicles().all(|(_, agent, ..)| {
+                agent.peers().iter().any(|peer| peer.id == victim && peer.standing == Standing::Lost)
+            });
+            if noticed {
+                noticed_s.get_or_insert(world.t_s() - killed_s);
+            }
+        }
+        assert_eq!(world.vehicles().count(), 3);
+        assert!(world.vehicles().all(|(_, agent, ..)| agent.membership() == Membership::Active));
+        let report = metrics.report(Wall { wall_s: 1.0, real_time_factor: 1.0 });
+        assert!(noticed_s.is_some_and(|noticed_s| noticed_s < 2.0), "seed {seed}: noticed after {noticed_s:?} s");
+        assert!(report.even_10deg_s.is_some_and(|even_s| even_s < 180.0), "seed {seed}: {:?}", report.even_10deg_s);
+        assert!(report.in_band_s.is_some_and(|since_s| since_s < 0.03), "seed {seed}: somebody left the band");
+        println!("seed {seed}: noticed after {noticed_s:?} s, even to 10 degrees after {:?} s", report.even_10deg_s);
+    }
+}
