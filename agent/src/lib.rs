@@ -17,14 +17,19 @@
 
 pub mod agent;
 pub mod aircraft;
+pub mod clock;
+pub mod config;
 pub mod control;
 pub mod estimate;
 pub mod failsafe;
 pub mod formation;
+pub mod link;
 pub mod mission;
 pub mod peers;
 pub mod plant;
 pub mod random;
+pub mod run;
 pub mod speech;
 pub mod start;
 pub mod supported;
+pub mod unix;

@@ -7,6 +7,7 @@
 mod inbox;
 mod line;
 
+use std::str::FromStr;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::sync::mpsc;
@@ -17,6 +18,7 @@ use serde_json::json;
 use skein_common::id::{SwarmName, VehicleId};
 use skein_common::message::{self, Drops, Event, Health, Message, Mission, State, Trace};
 use skein_common::topic::{Cell, Topic, all};
+use zenoh::config::EndPoint;
 use zenoh::liveliness::LivelinessToken;
 use zenoh::qos::{CongestionControl, Priority, Reliability};
 use zenoh::sample::{Locality, Sample, SampleKind};
@@ -38,18 +40,17 @@ const CLOSE_WITHIN: Duration = Duration::from_secs(1);
 /// Why there is no link.
 #[derive(Debug, thiserror::Error)]
 pub enum LinkError {
-    /// Zenoh does not take our configuration: most often an endpoint that is none.
-    #[error("cannot configure the network from {listen:?} to {dial:?}: {source}")]
+    /// Zenoh does not take our configuration.
+    #[error("the network cannot be configured: {}", plain(source))]
     Configuration {
-        /// Where to listen.
-        listen: Vec<String>,
-        /// Whom to dial.
-        dial: Vec<String>,
         /// What Zenoh says.
         source: zenoh::Error,
     },
+    /// A text that is no endpoint.
+    #[error("{0:?} is no endpoint; one is written like tcp/127.0.0.1:7447")]
+    Endpoint(String),
     /// No session: most often an address that is taken or not ours.
-    #[error("cannot listen on {listen:?}: {source}")]
+    #[error("cannot listen on {}: {}", listen.join(", "), plain(source))]
     Open {
         /// Where to listen.
         listen: Vec<String>,
@@ -57,7 +58,7 @@ pub enum LinkError {
         source: zenoh::Error,
     },
     /// The session refuses to speak or to hear.
-    #[error("cannot declare {key}: {source}")]
+    #[error("cannot declare {key}: {}", plain(source))]
     Declare {
         /// The key.
         key: String,
@@ -75,11 +76,10 @@ pub enum LinkError {
 /// # Errors
 /// An endpoint that is none, or an address that cannot be listened on.
 pub fn open(swarm: &SwarmName, listen: &[String], dial: &[String]) -> Result<Session, LinkError> {
-    let configuration = configuration(swarm, listen, dial).map_err(|source| LinkError::Configuration {
-        listen: listen.to_vec(),
-        dial: dial.to_vec(),
-        source,
-    })?;
+    if let Some(text) = listen.iter().chain(dial).find(|text| EndPoint::from_str(text).is_err()) {
+        return Err(LinkError::Endpoint(text.clone()));
+    }
+    let configuration = configuration(swarm, listen, dial).map_err(|source| LinkError::Configuration { source })?;
     zenoh::open(configuration).wait().map_err(|source| LinkError::Open { listen: listen.to_vec(), source })
 }
 
@@ -228,7 +228,7 @@ fn close(session: Session, rest: impl Send + 'static) {
 }
 
 /// Files every message of this kind that stands under its speaker's own key.
-fn hear<M: Message>(
+fn hear<M: Message + 'static>(
     session: &Session,
     key: &str,
     inbox: &Arc<Inbox>,
@@ -272,6 +272,19 @@ fn hear_tokens(session: &Session, own: VehicleId, inbox: &Arc<Inbox>, clock: Loc
     };
     let tokens = session.liveliness().declare_subscriber(all::ALIVE).history(true).callback(callback);
     tokens.background().wait().map_err(declaring(all::ALIVE))
+}
+
+/// What Zenoh says, without the places in its source, `at .../tcp.rs:61.`, that it mixes in.
+fn plain(error: &zenoh::Error) -> String {
+    let mut plain = String::new();
+    for part in error.to_string().split(" at ") {
+        let (place, rest) = part.split_once(".rs:").unwrap_or(("", part));
+        let rest =
+            if place.contains(' ') { part } else { rest.trim_start_matches(|c: char| c.is_ascii_digit() || c == '.') };
+        plain.push_str(if rest == part && !plain.is_empty() { " at " } else { "" });
+        plain.push_str(rest);
+    }
+    plain
 }
 
 fn declaring(key: &str) -> impl FnOnce(zenoh::Error) -> LinkError {

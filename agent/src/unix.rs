@@ -15,7 +15,7 @@ mod on_unix {
         RealtimeThreadSchedulePolicy, ThreadPriority, ThreadPriorityValue, ThreadSchedulePolicy,
         set_thread_priority_and_policy, thread_native_id,
     };
-    use tokio::signal::unix::{SignalKind, signal};
+    use tokio::signal::unix::{Signal, SignalKind, signal};
 
     /// Above ordinary processes, below the kernel's own threads, in percent of the range.
     const PRIORITY: u8 = 30;
@@ -52,7 +52,7 @@ mod on_unix {
         if getrlimit(Resource::Memlock).current.is_none() {
             mlockall(now | MlockAllFlags::FUTURE).map(|()| "memory locked")
         } else {
-            mlockall(now).map(|()| "memory locked as far as mapped at the start")
+            mlockall(now).map(|()| "memory locked as far as mapped by now")
         }
     }
 
@@ -73,11 +73,8 @@ mod on_unix {
         }
     }
 
-    /// Waits for SIGINT or SIGTERM; for ever, if they cannot be caught.
-    pub struct Signals {
-        interrupt: tokio::signal::unix::Signal,
-        terminate: tokio::signal::unix::Signal,
-    }
+    /// SIGINT, SIGTERM and SIGHUP (a terminal that is closed): all mean that the agent shall end.
+    pub struct Signals([Signal; 3]);
 
     impl Signals {
         /// From now on they no longer end the process. Within Tokio.
@@ -85,14 +82,18 @@ mod on_unix {
         /// # Errors
         /// If the system refuses.
         pub fn catch() -> std::io::Result<Self> {
-            Ok(Self { interrupt: signal(SignalKind::interrupt())?, terminate: signal(SignalKind::terminate())? })
+            let kinds = [SignalKind::interrupt(), SignalKind::terminate(), SignalKind::hangup()];
+            let [interrupt, terminate, hangup] = kinds.map(signal);
+            Ok(Self([interrupt?, terminate?, hangup?]))
         }
 
         /// The next one.
         pub async fn next(&mut self) {
+            let [interrupt, terminate, hangup] = &mut self.0;
             tokio::select! {
-                _ = self.interrupt.recv() => {}
-                _ = self.terminate.recv() => {}
+                _ = interrupt.recv() => {}
+                _ = terminate.recv() => {}
+                _ = hangup.recv() => {}
             }
         }
     }
@@ -113,7 +114,7 @@ mod plain {
     /// Does nothing: Zenoh's defaults serve.
     pub fn restart_with(_variable: (&str, &str)) {}
 
-    /// Waits for Ctrl-C.
+    /// Ctrl-C.
     pub struct Signals;
 
     impl Signals {

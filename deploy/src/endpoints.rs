@@ -101,10 +101,14 @@ pub fn read(folder: &Path, swarm: &SwarmName) -> Result<Option<Endpoints>, Error
 /// # Errors
 /// If there is none, or more than one to choose from.
 pub fn find(folder: &Path, swarm: Option<&SwarmName>) -> Result<Endpoints, Error> {
-    let names = match swarm {
+    let mut names = match swarm {
         Some(name) => vec![name.clone()],
         None => names(folder),
     };
+    if names.len() > 1 {
+        // Some may have been left behind.
+        names.retain(|name| read(folder, name).is_ok_and(|there| there.is_some_and(|there| there.anybody_there())));
+    }
     let nobody = || Error::Refused(format!("no swarm flies here (looked in {})", folder.display()));
     match names.as_slice() {
         [] => Err(nobody()),
@@ -127,6 +131,8 @@ fn names(folder: &Path) -> Vec<SwarmName> {
 
 #[cfg(test)]
 mod tests {
+    use std::net::TcpListener;
+
     use super::*;
 
     fn endpoints(name: &str, agent: &str) -> Endpoints {
@@ -156,18 +162,24 @@ mod tests {
     #[test]
     fn of_two_swarms_one_has_to_be_named() {
         let folder = tempfile::tempdir().unwrap();
-        let _b = endpoints("b", "tcp/127.0.0.1:1").leave(folder.path()).unwrap();
-        let _a = endpoints("a", "tcp/127.0.0.1:1").leave(folder.path()).unwrap();
+        let agents = [(); 2].map(|()| TcpListener::bind("127.0.0.1:0").unwrap());
+        let [b, a] = agents.each_ref().map(|agent| format!("tcp/{}", agent.local_addr().unwrap()));
+        let _b = endpoints("b", &b).leave(folder.path()).unwrap();
+        let _a = endpoints("a", &a).leave(folder.path()).unwrap();
+        let _gone = endpoints("gone", "tcp/127.0.0.1:1").leave(folder.path()).unwrap();
         let error = find(folder.path(), None).unwrap_err().to_string();
         assert_eq!(error, "several swarms fly here: a, b; choose one with --swarm NAME");
         assert_eq!(find(folder.path(), Some(&SwarmName::new("b").unwrap())).unwrap().swarm.as_str(), "b");
         fs::write(folder.path().join("c.json"), "{}").unwrap();
         assert!(find(folder.path(), Some(&SwarmName::new("c").unwrap())).is_err());
+        let [_, last] = agents;
+        drop(last);
+        assert_eq!(find(folder.path(), None).unwrap().swarm.as_str(), "b", "the only one that answers");
     }
 
     #[test]
     fn an_agent_that_listens_is_found() {
-        let listener = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+        let listener = TcpListener::bind("127.0.0.1:0").unwrap();
         let there = endpoints("a", &format!("tcp/{}", listener.local_addr().unwrap()));
         assert!(there.anybody_there());
         drop(listener);

@@ -14,7 +14,7 @@ pub enum Error {
     #[error("{fault}")]
     Scenario {
         /// What is wrong, and where.
-        fault: ScenarioError,
+        fault: Box<ScenarioError>,
         /// The file's text.
         text: String,
     },
@@ -92,7 +92,7 @@ mod tests {
     use super::*;
 
     fn error(text: &str, sets: &[String]) -> Error {
-        let fault = load(&Source { name: "my.toml", text }, sets).unwrap_err();
+        let fault = load(&Source { name: "my.toml", text }, sets).unwrap_err().into();
         Error::Scenario { fault, text: text.to_owned() }
     }
 

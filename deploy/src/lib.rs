@@ -1,7 +1,18 @@
 //! The operator's and researcher's command: flies a swarm on this PC, studies it in virtual time, looks at it. It is never
 //! in the loop: kill it and the swarm flies on.
 
+pub mod check;
+pub mod cli;
+pub mod clock;
+pub mod endpoints;
+pub mod error;
+pub mod fly;
 pub mod metrics;
+pub mod observe;
+pub mod order;
+pub mod os;
+pub mod out;
+pub mod scenario;
 pub mod study;
 
 use serde::Serialize;
@@ -12,4 +23,10 @@ pub fn json(value: &impl Serialize) -> String {
     #[expect(clippy::expect_used, reason = "a report always has a JSON form")]
     let text = serde_json::to_string_pretty(value).expect("a report is JSON");
     text + "\n"
+}
+
+/// Writes to stdout. Whoever read it may be gone (`| head`): that ends nothing.
+pub fn say(text: &str) {
+    use std::io::Write;
+    let _ = std::io::stdout().write_all(text.as_bytes());
 }

@@ -1,2 +1,7 @@
-//! x
-fn main() {}
+//! `skein`: everything is in the library.
+
+use std::process::ExitCode;
+
+fn main() -> ExitCode {
+    skein::cli::main()
+}

@@ -286,11 +286,7 @@ mod tests {
         let id = VehicleId::new(1).unwrap();
         let mut vehicles = BTreeMap::new();
         let event = Event { header: mission(1, 1, 1).header, what: Happening::Landed };
-        for (heard, alive) in [
-            (Heard::Appeared(id), true),
-            (Heard::Event(event), true),
-            (Heard::Vanished(id), false),
-        ] {
+        for (heard, alive) in [(Heard::Appeared(id), true), (Heard::Event(event), true), (Heard::Vanished(id), false)] {
             assert!(take_up(&mut vehicles, &heard, clock::now()));
             assert_eq!(vehicles[&id].alive, alive);
         }

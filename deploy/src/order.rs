@@ -10,7 +10,7 @@ use skein_common::message::{Order, Verb};
 use crate::clock;
 use crate::endpoints::{self, Endpoints};
 use crate::error::Error;
-use crate::observe::Observer;
+use crate::observe::{Observer, Seen};
 
 /// An agent says its register five times a second; whoever is silent this long is not there.
 const LISTEN: Duration = Duration::from_millis(1500);
@@ -57,16 +57,15 @@ pub fn run(args: &OrderArgs) -> Result<(), Error> {
     let observer = Observer::open(&endpoints.swarm, &endpoints.all());
     let mut observer = observer.map_err(|error| Error::Failed(error.to_string()))?;
     listen(&mut observer, &endpoints);
-    let heard: Vec<VehicleId> = speakers(&observer).collect();
-    if heard.is_empty() {
+    if speakers(&observer).next().is_none() {
         return Err(Error::Failed(format!("nobody of the swarm {} answers", endpoints.swarm)));
     }
     let order = new(&observer, args.verb.into());
-    let deaf = give(&mut observer, &order, &heard)?;
+    let (taken, deaf) = give(&mut observer, &order)?;
     if !deaf.is_empty() {
         return Err(Error::Failed(format!("{}: not taken by vehicle {}", order.verb, list(&deaf))));
     }
-    crate::say(&format!("{}: taken by vehicle {}\n", order.verb, list(&heard)));
+    crate::say(&format!("{}: taken by vehicle {}\n", order.verb, list(&taken)));
     Ok(())
 }
 
@@ -90,8 +89,8 @@ fn speakers(observer: &Observer) -> impl Iterator<Item = VehicleId> {
     observer.vehicles().iter().filter(|(_, seen)| seen.mission.is_some()).map(|(id, _)| *id)
 }
 
-/// Says the order until all have taken it or are gone. Gives those that have not.
-fn give(observer: &mut Observer, order: &Order, to: &[VehicleId]) -> Result<Vec<VehicleId>, Error> {
+/// Says the order until everybody who is there has taken it, or long enough. Gives who has, and who has not.
+fn give(observer: &mut Observer, order: &Order) -> Result<(Vec<VehicleId>, Vec<VehicleId>), Error> {
     let until = clock::now() + SPREAD;
     let mut next: Option<Instant> = None;
     loop {
@@ -102,13 +101,14 @@ fn give(observer: &mut Observer, order: &Order, to: &[VehicleId]) -> Result<Vec<
         }
         clock::sleep(Duration::from_millis(20));
         observer.poll();
-        let taken = |id: &VehicleId| {
-            let seen = &observer.vehicles()[id];
-            seen.mission.is_some_and(|said| said.order >= Some(*order))
+        let has_taken = |seen: &Seen| seen.mission.is_some_and(|said| said.order >= Some(*order));
+        let ids = |wanted: fn(bool, bool) -> bool| {
+            let vehicles = observer.vehicles().iter();
+            vehicles.filter(|(_, seen)| wanted(has_taken(seen), seen.alive)).map(|(id, _)| *id).collect::<Vec<_>>()
         };
-        let deaf: Vec<VehicleId> = to.iter().copied().filter(|id| !taken(id)).collect();
+        let (taken, deaf) = (ids(|taken, _| taken), ids(|taken, alive| alive && !taken));
         if deaf.is_empty() || clock::now() >= until {
-            return Ok(deaf);
+            return Ok((taken, deaf));
         }
     }
 }

@@ -1,12 +1,14 @@
 //! A command's scenario: read, checked against what can be flown today, refused before anything else happens.
 
-use std::path::PathBuf;
+use std::fs;
+use std::path::{Path, PathBuf};
 
 use skein_agent::aircraft::Aircraft;
+use skein_agent::control::Rules;
 use skein_agent::plant::helicopter::Start;
 use skein_agent::start::starts;
 use skein_agent::supported;
-use skein_common::scenario::{Loaded, PlantKind, Scenario, Source, load};
+use skein_common::scenario::{self, Loaded, PlantKind, Scenario, Source, load};
 
 use crate::error::Error;
 
@@ -25,19 +27,34 @@ pub struct ScenarioArgs {
 }
 
 impl ScenarioArgs {
-    /// Reads the scenario, `more` sets on top of those given.
+    /// Reads the scenario, `more` sets on top of those given. Its paths become absolute: it may be flown from elsewhere.
     ///
     /// # Errors
     /// If the file cannot be read, or it or a set is at fault.
     pub fn read(&self, more: Vec<String>) -> Result<Loaded, Error> {
-        let sets = [self.sets.clone(), more].concat();
-        let loaded = |source: &Source<'_>| {
-            load(source, &sets).map_err(|fault| Error::Scenario { fault, text: source.text.to_owned() })
+        let mut sets = [self.sets.clone(), more].concat();
+        let name = self.name();
+        let read = |path| fs::read_to_string(path).map_err(|error| Error::Refused(format!("{name}: {error}")));
+        let text = self.scenario.as_ref().map_or_else(|| Ok(HOVER.text.to_owned()), read)?;
+        let load = |sets: &[String]| {
+            load(&Source { name: &name, text: &text }, sets)
+                .map_err(|fault| Error::Scenario { fault: fault.into(), text: text.clone() })
         };
-        let Some(path) = &self.scenario else { return loaded(&HOVER) };
-        let name = path.display().to_string();
-        let text = std::fs::read_to_string(path).map_err(|error| Error::Refused(format!("{name}: {error}")))?;
-        loaded(&Source { name: &name, text: &text })
+        let loaded = load(&sets)?;
+        match &loaded.scenario.control.rules {
+            scenario::Rules::Folder(rules) if rules.is_relative() => {
+                let rules = std::path::absolute(self.folder().join(rules));
+                let rules = rules.map_err(|error| Error::Refused(format!("control.rules: {error}")))?;
+                sets.push(format!("control.rules={}", toml::Value::String(rules.display().to_string())));
+                load(&sets)
+            }
+            _ => Ok(loaded),
+        }
+    }
+
+    /// The folder that the file's paths start from.
+    fn folder(&self) -> &Path {
+        self.scenario.as_deref().and_then(Path::parent).unwrap_or(Path::new(""))
     }
 
     /// The file as messages name it.
@@ -51,26 +68,49 @@ impl ScenarioArgs {
 pub struct Ready {
     /// Where each vehicle stands, in the order of ids.
     pub starts: Vec<Start>,
+    /// What each vehicle is, in the order of ids.
+    pub aircraft: Vec<Aircraft>,
+    /// How the vehicle controllers decide.
+    pub rules: Rules,
 }
 
-/// Makes sure that agents of this build can fly the scenario.
+/// Makes sure that agents of this build can fly the scenario, as [`ScenarioArgs::read`] gave it.
 ///
 /// # Errors
 /// A sentence that says what stands against it.
 pub fn ready(scenario: &Scenario) -> Result<Ready, String> {
     supported::goal(scenario).map_err(|error| error.to_string())?;
-    for vehicle in &scenario.vehicle {
-        let name = &vehicle.aircraft;
-        let aircraft = Aircraft::shipped(name).ok_or_else(|| {
-            let known = Aircraft::SHIPPED.map(|(known, _)| known).join(", ");
-            format!("vehicle {}: there is no aircraft \"{name}\"; there is {known}", vehicle.id)
-        })?;
-        let aircraft = aircraft.map_err(|error| error.to_string())?;
-        if scenario.swarm.plant != PlantKind::Xplane && aircraft.helicopter.is_none() {
-            return Err(format!("vehicle {}: only X-Plane can fly the aircraft \"{name}\"", vehicle.id));
-        }
+    let aircraft = scenario.vehicle.iter().map(|vehicle| aircraft(scenario, vehicle)).collect::<Result<Vec<_>, _>>()?;
+    Ok(Ready {
+        starts: starts(scenario).map_err(|error| error.to_string())?,
+        aircraft,
+        rules: rules(&scenario.control.rules)?,
+    })
+}
+
+fn aircraft(scenario: &Scenario, vehicle: &scenario::Vehicle) -> Result<Aircraft, String> {
+    let (id, name) = (vehicle.id, &vehicle.aircraft);
+    let aircraft = Aircraft::shipped(name).ok_or_else(|| {
+        let known = Aircraft::SHIPPED.map(|(known, _)| known).join(", ");
+        format!("vehicle {id}: there is no aircraft \"{name}\"; there is {known}")
+    })?;
+    let aircraft = aircraft.map_err(|error| error.to_string())?;
+    if scenario.swarm.plant != PlantKind::Xplane && aircraft.helicopter.is_none() {
+        return Err(format!("vehicle {id}: only X-Plane can fly the aircraft \"{name}\""));
     }
-    Ok(Ready { starts: starts(scenario).map_err(|error| error.to_string())? })
+    Ok(aircraft)
+}
+
+fn rules(rules: &scenario::Rules) -> Result<Rules, String> {
+    let scenario::Rules::Folder(folder) = rules else { return Ok(Rules::shipped()) };
+    let paths = ["roll", "pitch", "heading", "collective"].map(|axis| folder.join(axis).with_extension("fis"));
+    let names = paths.each_ref().map(|path| path.display().to_string());
+    let mut texts: [String; 4] = Default::default();
+    for ((text, path), name) in texts.iter_mut().zip(&paths).zip(&names) {
+        *text = fs::read_to_string(path).map_err(|error| format!("control.rules: {name}: {error}"))?;
+    }
+    Rules::from_texts(std::array::from_fn(|axis| (names[axis].as_str(), texts[axis].as_str())))
+        .map_err(|error| format!("control.rules: {error}"))
 }
 
 #[cfg(test)]
@@ -100,6 +140,21 @@ mod tests {
     fn what_is_not_flown_is_refused() {
         assert!(refused("formation.law=flock").contains("not flown yet"));
         assert_eq!(refused("vehicle.3.aircraft=r22"), "vehicle 3: there is no aircraft \"r22\"; there is xcell60");
+    }
+
+    #[test]
+    fn rules_are_found_from_the_folder_of_the_file() {
+        let args = ScenarioArgs {
+            scenario: Some("scenarios/hover.toml".into()),
+            sets: ["control.rules=../controllers", "formation.safety_filter=none"].map(str::to_owned).into(),
+        };
+        let scenario = args.read(Vec::new()).unwrap().scenario;
+        let scenario::Rules::Folder(folder) = &scenario.control.rules else { panic!("a folder") };
+        assert!(folder.is_absolute(), "{folder:?}");
+        assert!(ready(&scenario).is_ok());
+        let nowhere = args.read(vec!["control.rules=nowhere".to_owned()]).unwrap().scenario;
+        let refused = ready(&nowhere).unwrap_err();
+        assert!(refused.starts_with("control.rules: ") && refused.contains("roll.fis"), "{refused}");
     }
 
     #[test]

@@ -2,6 +2,7 @@
 //! of its own, and leaves no process behind.
 #![cfg(unix)]
 #![expect(clippy::disallowed_methods, reason = "real processes take real time")]
+#![expect(clippy::unwrap_used, reason = "what a test cannot do has failed")]
 
 use std::fs;
 use std::io::{BufRead, BufReader};
@@ -135,17 +136,25 @@ impl Flight {
         Pid::from_child(&self.process)
     }
 
-    /// Waits for a line with this in it. Gives when it came.
-    fn wait_for(&self, wanted: &str) -> Instant {
-        let until = Instant::now() + SOON;
+    /// Waits until each of these was in some line, in any order. Gives when the last of them came.
+    fn wait_for_all(&self, wanted: &[&str]) -> Instant {
+        let (mut missing, until) = (wanted.to_vec(), Instant::now() + SOON);
         loop {
             match self.lines.recv_timeout(until.saturating_duration_since(Instant::now())) {
-                Ok((at, line)) if line.contains(wanted) => return at,
-                Ok(_) => {}
-                Err(RecvTimeoutError::Timeout) => panic!("never said {wanted:?}"),
-                Err(RecvTimeoutError::Disconnected) => panic!("ended without saying {wanted:?}"),
+                Ok((at, line)) => {
+                    missing.retain(|wanted| !line.contains(wanted));
+                    if missing.is_empty() {
+                        return at;
+                    }
+                }
+                Err(RecvTimeoutError::Timeout) => panic!("never said {missing:?}"),
+                Err(RecvTimeoutError::Disconnected) => panic!("ended without saying {missing:?}"),
             }
         }
+    }
+
+    fn wait_for(&self, wanted: &str) -> Instant {
+        self.wait_for_all(&[wanted])
     }
 
     fn interrupt(&self) {
@@ -198,10 +207,8 @@ fn control_c_lands_everybody() {
     flight.wait_for("everybody takes part");
     std::thread::sleep(Duration::from_secs(5));
     flight.interrupt();
-    for id in 1..=3 {
-        flight.wait_for(&format!("vehicle {id}: takes the order: land"));
-    }
-    flight.wait_for(": landed");
+    let down = ["vehicle 1: landed", "vehicle 2: landed", "vehicle 3: landed"];
+    flight.wait_for_all(&down);
     flight.wait_for("files");
     assert_eq!(flight.end(), (Some(0), String::new()));
     assert_eq!(place.processes(), []);
@@ -238,17 +245,9 @@ fn a_vehicle_that_is_killed_is_named_and_the_others_fly_on() {
     std::thread::sleep(Duration::from_secs(3));
     let killed = Instant::now();
     kill_process(place.agent(2).unwrap(), Signal::KILL).unwrap();
-    // The order of these is the operating system's.
-    let (mut named, mut missed) = (None, None);
-    while named.is_none() || missed.is_none() {
-        let (at, line) = flight.lines.recv_timeout(SOON).unwrap();
-        named = named.or(line.contains("vehicle 2: killed by signal 9").then_some(at));
-        missed = missed.or(line.contains(": lost vehicle 2").then_some(at));
-    }
-    for (what, at) in [("named", named.unwrap()), ("missed", missed.unwrap())] {
-        let after = at.duration_since(killed);
-        assert!(after < Duration::from_secs(2), "{what} after {after:?}");
-    }
+    let named = ["vehicle 2: killed by signal 9", "vehicle 1: lost vehicle 2", "vehicle 3: lost vehicle 2"];
+    let after = flight.wait_for_all(&named).duration_since(killed);
+    assert!(after < Duration::from_secs(2), "named after {after:?}");
     std::thread::sleep(Duration::from_secs(3));
     assert!(place.agent(1).is_some() && place.agent(3).is_some() && place.agent(2).is_none());
     flight.interrupt();

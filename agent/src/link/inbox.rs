@@ -41,7 +41,7 @@ impl Inbox {
         let mut heard = self.lock();
         match heard.iter_mut().find(|kept| is_same_register(&kept.word, &new.word)) {
             Some(kept) if is_later(&new.word, &kept.word) => *kept = new,
-            Some(_) => count(&self.old),
+            Some(_) => _ = count(&self.old),
             None => heard.push(new),
         }
     }
@@ -112,5 +112,12 @@ fn count(counter: &AtomicU64) -> u64 {
 fn log_some(count: u64, key: &str, what: &dyn std::fmt::Display) {
     if count.is_power_of_two() {
         tracing::warn!(count, key, "dropped: {what}");
+    }
+}
+
+#[cfg(test)]
+impl Inbox {
+    pub(super) fn capacity(&self) -> usize {
+        self.lock().capacity()
     }
 }

@@ -91,7 +91,9 @@ mod tests {
     fn late_ticks_are_left_out_and_the_grid_stands() {
         let due = now();
         let ms = Duration::from_millis;
-        for (late_ms, next_ms, skipped) in [(0, 20, 0), (19, 20, 0), (21, 20, 0), (39, 20, 0), (41, 40, 1), (205, 200, 9)] {
+        for (late_ms, next_ms, skipped) in
+            [(0, 20, 0), (19, 20, 0), (21, 20, 0), (39, 20, 0), (41, 40, 1), (205, 200, 9)]
+        {
             assert_eq!(next_due(due, due + ms(late_ms)), (due + ms(next_ms), skipped), "{late_ms} ms late");
         }
     }

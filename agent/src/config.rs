@@ -1,0 +1,320 @@
+//! What one agent is told at its start: who it is, what it flies, where it listens and whom it dials.
+
+use std::fs;
+use std::io;
+use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr, ToSocketAddrs};
+use std::path::{Path, PathBuf};
+
+use serde::Deserialize;
+use serde::de::DeserializeOwned;
+use skein_common::frame::Origin;
+use skein_common::id::VehicleId;
+use skein_common::scenario::{self, PlantKind, Scenario, ScenarioError, Source};
+
+use crate::aircraft::{Aircraft, AircraftError};
+use crate::control::{FisError, Rules};
+use crate::plant::Plant;
+use crate::plant::builtin::BuiltIn;
+use crate::plant::helicopter::{BuiltInVehicle, TICK_S, Weather};
+use crate::plant::xplane::{self, XPlane, wire};
+use crate::start::{TooFull, starts};
+use crate::supported::{self, NotFlown};
+
+/// What an agent is asked to be.
+#[derive(Clone, Debug, PartialEq, clap::Args)]
+#[command(group = clap::ArgGroup::new("part").required(true).args(["config", "scenario"]))]
+pub struct AgentOptions {
+    /// A node's own file: its scenario, its id, where it listens and whom it dials
+    #[arg(long, value_name = "FILE", conflicts_with = "id")]
+    pub config: Option<PathBuf>,
+    /// The scenario to take part in, over this computer's loopback
+    #[arg(long, value_name = "FILE", requires = "id")]
+    pub scenario: Option<PathBuf>,
+    /// The vehicle's number, 1 to 250
+    #[arg(long, value_name = "N")]
+    pub id: Option<VehicleId>,
+    /// The X-Plane to fly in
+    #[arg(long, value_name = "HOST[:PORT]")]
+    pub xplane: Option<String>,
+    /// A key of the scenario, changed: formation.radius_m=50
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    pub sets: Vec<String>,
+    /// Take the line "stop" from standard input like a signal to end
+    #[arg(long, hide = true)]
+    pub child: bool,
+}
+
+/// A node's own file.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct AgentFile {
+    /// Relative to this file.
+    pub scenario: PathBuf,
+    /// Who it is in that scenario.
+    pub id: VehicleId,
+    /// Endpoints to listen on, as Zenoh writes them.
+    pub listen: Vec<String>,
+    /// Endpoints of the peers that this one dials: of each pair, one dials the other.
+    pub dial: Vec<String>,
+    /// What to fly, if not what the scenario says.
+    pub plant: Option<PlantKind>,
+    /// HOST[:PORT] of the simulator.
+    pub xplane: Option<String>,
+}
+
+/// Why an agent cannot be what it is asked to be. Each is one sentence, and the user's to mend.
+#[derive(Debug, thiserror::Error)]
+pub enum ConfigError {
+    /// A file that cannot be read.
+    #[error("cannot read {}: {source}", path.display())]
+    Read {
+        /// The file.
+        path: PathBuf,
+        /// What the system says.
+        source: io::Error,
+    },
+    /// A node's file that is none.
+    #[error("{0}")]
+    File(String),
+    /// A scenario that is none.
+    #[error(transparent)]
+    Scenario(#[from] ScenarioError),
+    /// A scenario that asks for what is not flown yet.
+    #[error("{file}: {source}")]
+    NotFlown {
+        /// The scenario's file.
+        file: String,
+        /// What.
+        source: NotFlown,
+    },
+    /// A vehicle that is not in the scenario.
+    #[error("vehicle {id} does not fly in {file}, which has vehicles 1 to {vehicles}")]
+    NotInSwarm {
+        /// Who.
+        id: VehicleId,
+        /// The scenario's file.
+        file: String,
+        /// How many there are.
+        vehicles: usize,
+    },
+    /// Starts that do not fit.
+    #[error("{file}: {source}")]
+    TooFull {
+        /// The scenario's file.
+        file: String,
+        /// What does not fit.
+        source: TooFull,
+    },
+    /// An aircraft file that is none.
+    #[error(transparent)]
+    Aircraft(#[from] AircraftError),
+    /// An aircraft that only X-Plane flies.
+    #[error("the aircraft {0} has no [helicopter] table, which the built-in plant needs")]
+    NoModel(String),
+    /// Rules that are none.
+    #[error(transparent)]
+    Rules(#[from] FisError),
+    /// A simulator that cannot be addressed.
+    #[error("{text:?} is no HOST[:PORT] of a simulator: {source}")]
+    Address {
+        /// As given.
+        text: String,
+        /// What the system says.
+        source: io::Error,
+    },
+}
+
+/// Everything that one agent needs, checked.
+#[derive(Clone, Debug)]
+pub struct Node {
+    /// What the swarm does.
+    pub scenario: Scenario,
+    /// Notes on the scenario for its reader.
+    pub notes: Vec<String>,
+    /// Who this is.
+    pub id: VehicleId,
+    /// Where it listens.
+    pub listen: Vec<String>,
+    /// Whom it dials.
+    pub dial: Vec<String>,
+    /// What it flies.
+    pub aircraft: Aircraft,
+    /// How its controller decides.
+    pub rules: Rules,
+    /// Where its aircraft is.
+    pub plant: PlantChoice,
+}
+
+/// Where an aircraft is.
+#[derive(Clone, Debug)]
+pub enum PlantChoice {
+    /// In this process.
+    BuiltIn(Box<BuiltInVehicle>),
+    /// Behind the protocol of X-Plane, at this address.
+    Standin(SocketAddr),
+    /// In an X-Plane, at this address or else on this computer.
+    XPlane(Option<SocketAddr>),
+}
+
+impl PlantChoice {
+    /// As the scenario spells it.
+    pub fn name(&self) -> &'static str {
+        match self {
+            Self::BuiltIn(_) => "builtin",
+            Self::Standin(_) => "standin",
+            Self::XPlane(_) => "xplane",
+        }
+    }
+}
+
+/// Where an agent listens that is started by hand, or another of this computer finds it.
+pub fn loopback_endpoint(id: VehicleId) -> String {
+    format!("tcp/127.0.0.1:{}", 7446 + u16::from(id.get()))
+}
+
+impl AgentOptions {
+    /// Reads the files and checks everything.
+    ///
+    /// # Errors
+    /// The first fault found.
+    pub fn node(&self) -> Result<Node, ConfigError> {
+        let file = match (&self.config, &self.scenario, self.id) {
+            (Some(path), ..) => read_agent_file(path)?,
+            (None, Some(scenario), Some(id)) => AgentFile {
+                scenario: scenario.clone(),
+                id,
+                listen: vec![loopback_endpoint(id)],
+                dial: VehicleId::first(usize::from(id.get()) - 1).map(loopback_endpoint).collect(),
+                plant: None,
+                xplane: None,
+            },
+            _ => return Err(ConfigError::File("either --config, or --scenario and --id".to_owned())),
+        };
+        self.node_of(file)
+    }
+
+    fn node_of(&self, file: AgentFile) -> Result<Node, ConfigError> {
+        let AgentFile { scenario: path, id, listen, dial, plant, xplane } = file;
+        let name = path.display().to_string();
+        let loaded = scenario::load(&Source { name: &name, text: &read(&path)? }, &self.sets)?;
+        let (notes, scenario) = (loaded.notes, loaded.scenario);
+        supported::goal(&scenario).map_err(|source| ConfigError::NotFlown { file: name.clone(), source })?;
+        let vehicles = scenario.swarm.vehicles;
+        let Some(vehicle) = scenario.vehicle(id) else {
+            return Err(ConfigError::NotInSwarm { id, file: name, vehicles });
+        };
+        let folder = path.parent().unwrap_or(Path::new(""));
+        let aircraft = aircraft(&vehicle.aircraft, folder)?;
+        let rules = rules(&scenario.control.rules, folder)?;
+        let address = self.xplane.as_ref().or(xplane.as_ref());
+        let plant = match (plant.unwrap_or(scenario.swarm.plant), address) {
+            (PlantKind::Builtin, None) => {
+                let start = starts(&scenario).map_err(|source| ConfigError::TooFull { file: name, source })?;
+                let helicopter =
+                    aircraft.helicopter.as_ref().ok_or_else(|| ConfigError::NoModel(vehicle.aircraft.clone()))?;
+                let start = &start[usize::from(id.get()) - 1];
+                let origin = Origin::new(scenario.origin.geodetic());
+                let vehicle = BuiltInVehicle::new(&origin, helicopter, start, &weather(&scenario), scenario.seed, id);
+                PlantChoice::BuiltIn(Box::new(vehicle))
+            }
+            (PlantKind::Standin, address) => {
+                let address = address.or(vehicle.xplane.as_ref()).map(|text| simulator(text)).transpose()?;
+                let port = wire::PORT + 10 * u16::from(id.get() - 1);
+                PlantChoice::Standin(address.unwrap_or_else(|| (Ipv4Addr::LOCALHOST, port).into()))
+            }
+            // Who names an X-Plane wants to fly in it.
+            (PlantKind::Builtin | PlantKind::Xplane, address) => {
+                let address = address.or(vehicle.xplane.as_ref()).map(|text| simulator(text)).transpose()?;
+                PlantChoice::XPlane(address)
+            }
+        };
+        Ok(Node { scenario, notes, id, listen, dial, aircraft, rules, plant })
+    }
+}
+
+impl Node {
+    /// The plant, ready to fly. Nothing of it is touched before its first frame.
+    ///
+    /// # Errors
+    /// If a socket for talking to the simulator cannot be had.
+    pub fn open_plant(&self) -> Result<Box<dyn Plant>, xplane::LinkError> {
+        let address = match &self.plant {
+            PlantChoice::BuiltIn(vehicle) => return Ok(Box::new(BuiltIn::new((**vehicle).clone()))),
+            PlantChoice::Standin(address) => Some(*address),
+            PlantChoice::XPlane(address) => *address,
+        };
+        let origin = Origin::new(self.scenario.origin.geodetic());
+        let listen = address.map_or(Ipv4Addr::UNSPECIFIED.into(), |address| listen_for(address.ip()));
+        let rate_hz = (1.0 / TICK_S).round() as u32;
+        Ok(Box::new(XPlane::new(&origin, address, &self.aircraft.xplane, rate_hz, listen)?))
+    }
+}
+
+/// The local address from which a simulator is reached.
+fn listen_for(simulator: IpAddr) -> IpAddr {
+    match simulator {
+        _ if simulator.is_loopback() => simulator,
+        IpAddr::V4(_) => Ipv4Addr::UNSPECIFIED.into(),
+        IpAddr::V6(_) => Ipv6Addr::UNSPECIFIED.into(),
+    }
+}
+
+fn weather(scenario: &Scenario) -> Weather {
+    let world = &scenario.world;
+    Weather { wind_m_s: world.wind_m_s, wind_from_rad: world.wind_from_rad(), gust_w20_m_s: world.gust_w20_m_s }
+}
+
+fn read(path: &Path) -> Result<String, ConfigError> {
+    fs::read_to_string(path).map_err(|source| ConfigError::Read { path: path.to_owned(), source })
+}
+
+fn read_agent_file(path: &Path) -> Result<AgentFile, ConfigError> {
+    let file: AgentFile = parse(&path.display().to_string(), &read(path)?)?;
+    let scenario = path.parent().unwrap_or(Path::new("")).join(&file.scenario);
+    Ok(AgentFile { scenario, ..file })
+}
+
+fn parse<T: DeserializeOwned>(name: &str, text: &str) -> Result<T, ConfigError> {
+    toml::from_str(text).map_err(|error| {
+        let before = &text[..error.span().map_or(0, |span| span.start.min(text.len()))];
+        let line = before.matches('\n').count() + 1;
+        let column = before.chars().rev().take_while(|&c| c != '\n').count() + 1;
+        ConfigError::File(format!("{name}:{line}:{column}: {}", error.message().replace('\n', " ")))
+    })
+}
+
+/// The aircraft of this name: one that comes with the program, or else `NAME.toml` beside the scenario.
+fn aircraft(name: &str, folder: &Path) -> Result<Aircraft, ConfigError> {
+    if let Some(shipped) = Aircraft::shipped(name) {
+        return Ok(shipped?);
+    }
+    let path = folder.join(format!("{name}.toml"));
+    Ok(Aircraft::from_text(&path.display().to_string(), &read(&path)?)?)
+}
+
+fn rules(rules: &scenario::Rules, folder: &Path) -> Result<Rules, ConfigError> {
+    let scenario::Rules::Folder(rules) = rules else { return Ok(Rules::shipped()) };
+    let paths = ["roll", "pitch", "heading", "collective"].map(|axis| folder.join(rules).join(format!("{axis}.fis")));
+    let names = paths.each_ref().map(|path| path.display().to_string());
+    let [roll, pitch, heading, collective] = paths.each_ref().map(|path| read(path));
+    let texts = [roll?, pitch?, heading?, collective?];
+    Ok(Rules::from_texts(std::array::from_fn(|axis| (names[axis].as_str(), texts[axis].as_str())))?)
+}
+
+/// The address in `HOST[:PORT]`, IPv4 first where a name has several.
+fn simulator(text: &str) -> Result<SocketAddr, ConfigError> {
+    let addresses = if let Ok(ip) = text.parse::<IpAddr>() {
+        Ok(vec![(ip, wire::PORT).into()])
+    } else if text.contains(':') {
+        text.to_socket_addrs().map(Vec::from_iter)
+    } else {
+        (text, wire::PORT).to_socket_addrs().map(Vec::from_iter)
+    };
+    let address = |source| ConfigError::Address { text: text.to_owned(), source };
+    let addresses = addresses.map_err(address)?;
+    let first = addresses.iter().find(|address| address.is_ipv4()).or(addresses.first());
+    first.copied().ok_or_else(|| address(io::ErrorKind::NotFound.into()))
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,129 @@
+use std::fs;
+
+use tempfile::TempDir;
+
+use super::*;
+
+const SCENARIO: &str =
+    "[swarm]\nvehicles = 3\n[formation]\nsafety_filter = \"none\"\n[vehicle.2]\nxplane = \"[::1]:5000\"\n";
+
+/// A folder with a scenario and a node's file of this text.
+fn folder(agent: &str) -> TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    fs::create_dir(folder.path().join("scenarios")).unwrap();
+    fs::write(folder.path().join("scenarios/three.toml"), SCENARIO).unwrap();
+    fs::write(folder.path().join("agent.toml"), agent).unwrap();
+    folder
+}
+
+fn by_config(folder: &TempDir) -> AgentOptions {
+    let config = Some(folder.path().join("agent.toml"));
+    AgentOptions { config, scenario: None, id: None, xplane: None, sets: Vec::new(), child: false }
+}
+
+fn by_scenario(folder: &TempDir, id: u8) -> AgentOptions {
+    let scenario = Some(folder.path().join("scenarios/three.toml"));
+    AgentOptions { config: None, scenario, id: VehicleId::new(id).ok(), ..by_config(folder) }
+}
+
+fn address(plant: &PlantChoice) -> Option<String> {
+    match plant {
+        PlantChoice::BuiltIn(_) | PlantChoice::XPlane(None) => None,
+        PlantChoice::Standin(address) | PlantChoice::XPlane(Some(address)) => Some(address.to_string()),
+    }
+}
+
+#[test]
+fn a_nodes_file_says_who_and_where() {
+    let folder = folder(
+        "scenario = \"scenarios/three.toml\"\nid = 3\nlisten = [\"tcp/10.0.0.3:7449\"]\ndial = [\"tcp/10.0.0.1:7447\"]\nxplane = \"10.0.0.9\"",
+    );
+    let node = by_config(&folder).node().unwrap();
+    assert_eq!((node.id.get(), node.scenario.swarm.vehicles), (3, 3));
+    assert_eq!((node.listen, node.dial), (vec!["tcp/10.0.0.3:7449".into()], vec!["tcp/10.0.0.1:7447".into()]));
+    assert_eq!((node.plant.name(), address(&node.plant)), ("xplane", Some("10.0.0.9:49000".into())));
+}
+
+#[test]
+fn by_hand_each_dials_the_lower_ids() {
+    let folder = folder("");
+    let node = by_scenario(&folder, 3).node().unwrap();
+    assert_eq!(node.listen, ["tcp/127.0.0.1:7449"]);
+    assert_eq!(node.dial, ["tcp/127.0.0.1:7447", "tcp/127.0.0.1:7448"]);
+    assert_eq!(node.plant.name(), "builtin");
+    assert!(by_scenario(&folder, 1).node().unwrap().dial.is_empty());
+}
+
+#[test]
+fn the_simulator_is_where_the_nearest_word_says() {
+    let folder = folder("");
+    let plant = |id, set: &str, xplane: Option<&str>| {
+        let options = by_scenario(&folder, id);
+        let node = AgentOptions { sets: vec![set.into()], xplane: xplane.map(Into::into), ..options }.node().unwrap();
+        (node.plant.name(), address(&node.plant))
+    };
+    let (standin, xplane) = ("swarm.plant=standin", "swarm.plant=xplane");
+    assert_eq!(plant(3, standin, None), ("standin", Some("127.0.0.1:49020".into())));
+    assert_eq!(plant(2, standin, None), ("standin", Some("[::1]:5000".into())));
+    assert_eq!(plant(2, standin, Some("127.0.0.2:1")), ("standin", Some("127.0.0.2:1".into())));
+    assert_eq!(plant(3, xplane, None), ("xplane", None));
+    assert_eq!(plant(3, "seed=1", Some("127.0.0.2")), ("xplane", Some("127.0.0.2:49000".into())));
+    assert_eq!(plant(2, "seed=1", None), ("builtin", None));
+}
+
+#[test]
+fn files_that_are_wrong_are_refused_in_a_sentence() {
+    let place = "scenario = \"scenarios/three.toml\"\n";
+    let table = [
+        ("id = 1\nspeed = 3", "agent.toml:3:1: unknown field `speed`"),
+        ("id = 251\nlisten = []\ndial = []", "agent.toml:2:6: vehicle ids run from 1 to 250, not 251"),
+        ("id = 1\ndial = []", "missing field `listen`"),
+        ("id = 4\nlisten = []\ndial = []", "vehicle 4 does not fly in"),
+        (
+            "id = 1\nlisten = []\ndial = []\nxplane = \"no such host\"",
+            "\"no such host\" is no HOST[:PORT] of a simulator",
+        ),
+        ("id = \"", "agent.toml:2:"),
+    ];
+    for (text, expected) in table {
+        let folder = folder(&(place.to_owned() + text));
+        let error = by_config(&folder).node().unwrap_err().to_string();
+        assert!(error.contains(expected) && !error.contains('\n'), "{error}");
+    }
+    let error = by_config(&folder("scenario = \"x.toml\"\nid = 1\nlisten = []\ndial = []")).node().unwrap_err();
+    assert!(error.to_string().starts_with("cannot read ") && error.to_string().contains("x.toml"), "{error}");
+}
+
+#[test]
+fn a_scenarios_faults_are_told_in_its_own_words() {
+    let folder = folder("");
+    let refused =
+        |set: &str| AgentOptions { sets: vec![set.into()], ..by_scenario(&folder, 1) }.node().unwrap_err().to_string();
+    let unknown = refused("formation.raduis_m=50");
+    assert!(unknown.starts_with("--set formation.raduis_m=50: unknown key"), "{unknown}");
+    let not_flown = refused("formation.law=flock");
+    assert!(not_flown.contains("three.toml") && not_flown.ends_with("is not flown yet"), "{not_flown}");
+}
+
+#[test]
+fn aircraft_and_rules_stand_beside_the_scenario() {
+    let folder = folder("");
+    let path = |name: &str| folder.path().join("scenarios").join(name);
+    fs::write(path("mine.toml"), Aircraft::SHIPPED[0].1).unwrap();
+    fs::create_dir(path("rules")).unwrap();
+    let shipped = Path::new(env!("CARGO_MANIFEST_DIR")).join("../deploy/controllers");
+    for axis in ["roll", "pitch", "heading"] {
+        fs::copy(shipped.join(format!("{axis}.fis")), path("rules").join(format!("{axis}.fis"))).unwrap();
+    }
+    let of = |sets: &[&str]| {
+        AgentOptions { sets: sets.iter().map(|set| (*set).to_owned()).collect(), ..by_scenario(&folder, 1) }.node()
+    };
+    of(&["swarm.aircraft=mine"]).unwrap();
+    assert!(matches!(of(&["swarm.aircraft=yours"]), Err(ConfigError::Read { .. })));
+    let missing = of(&["control.rules=rules"]).unwrap_err().to_string();
+    assert!(missing.contains("collective.fis"), "{missing}");
+    fs::copy(shipped.join("collective.fis"), path("rules/collective.fis")).unwrap();
+    of(&["control.rules=rules"]).unwrap();
+    fs::write(path("rules/roll.fis"), "nonsense").unwrap();
+    assert!(matches!(of(&["control.rules=rules"]), Err(ConfigError::Rules(_))));
+}

@@ -1,0 +1,277 @@
+use std::process;
+use std::time::{Duration, Instant};
+
+use skein_common::frame::{Geodetic, Origin, VelocityNed};
+use skein_common::id::Incarnation;
+use skein_common::message::{Header, Order, VERSION, Verb, encode};
+use skein_common::state::VehicleState;
+use skein_common::time::{LocalTime, SenderStamp};
+
+use super::*;
+use crate::clock::{now, sleep_until};
+use crate::peers::Peers;
+
+const PATIENCE: Duration = Duration::from_secs(5);
+
+/// A session that listens, and how it is dialled. Every test has a swarm of its own.
+fn hub(test: &str) -> (SwarmName, Session, Vec<String>) {
+    let swarm = SwarmName::new(format!("{test}-{}", process::id())).unwrap();
+    let session = open(&swarm, &["tcp/127.0.0.1:0".to_owned()], &[]).unwrap();
+    let locators = session.info().locators().wait().iter().map(ToString::to_string).collect();
+    (swarm, session, locators)
+}
+
+fn id(number: u8) -> VehicleId {
+    VehicleId::new(number).unwrap()
+}
+
+fn state(sender: u8, sequence: u64) -> State {
+    let header =
+        Header { sender: id(sender), incarnation: Incarnation(1), sequence, stamp: SenderStamp::from_seconds(1.0) };
+    let position = Geodetic::from_degrees(28.0, -82.0, 30.0);
+    State { header, state: VehicleState { position, velocity: VelocityNed::new(1.0, 0.0, 0.0), heading_rad: 0.0 } }
+}
+
+/// Does `again` until `found` finds what it looks for among all that was heard.
+fn until<T>(link: &Link, mut again: impl FnMut(), found: impl Fn(&[Heard]) -> Option<T>) -> T {
+    let mut heard = Vec::new();
+    let deadline = now() + PATIENCE;
+    loop {
+        again();
+        link.drain(&mut heard);
+        if let Some(found) = found(&heard) {
+            return found;
+        }
+        assert!(now() < deadline, "only heard {heard:?}, dropped {:?}", link.drops());
+        pause();
+    }
+}
+
+fn pause() {
+    sleep_until(now() + Duration::from_millis(2));
+}
+
+fn word(heard: &[Heard], wanted: impl Fn(&Word) -> bool) -> Option<Heard> {
+    heard.iter().copied().find(|heard| wanted(&heard.word))
+}
+
+fn say(session: &Session, key: &str, bytes: &[u8]) {
+    session.put(key, bytes).congestion_control(CongestionControl::Block).wait().unwrap();
+}
+
+#[test]
+fn two_agents_hear_each_other_and_not_themselves() {
+    let (swarm, hub, dial) = hub("two");
+    let clock = LocalClock::start();
+    let mut one = Link::new(hub, id(1), clock).unwrap();
+    let mut two = Link::new(open(&swarm, &[], &dial).unwrap(), id(2), clock).unwrap();
+    let cell = Cell { x: -1, y: 3 };
+    let mut sequence = 0;
+    let heard = until(
+        &one,
+        || {
+            sequence += 1;
+            two.say_state(&state(2, sequence), cell);
+        },
+        |heard| word(heard, |word| matches!(word, Word::State(_))),
+    );
+    assert!(matches!(heard.word, Word::State(said) if said.state == state(2, 1).state));
+    assert!(LocalTime::ZERO < heard.at && heard.at <= clock.now());
+
+    let mission = Mission { header: state(1, 1).header, plan: 7, membership: Default::default(), order: None };
+    let all = until(
+        &two,
+        || {
+            one.say_state(&state(1, 1), cell);
+            one.say_mission(&mission);
+        },
+        |heard| word(heard, |word| matches!(word, Word::Mission(_))).map(|_| heard.to_vec()),
+    );
+    assert!(all.iter().any(|heard| heard.word == Word::Mission(mission)));
+    assert!(all.iter().any(|heard| heard.word == Word::Appeared(id(1))), "who was there first is found");
+    let own = |word: &Word| match word {
+        Word::State(said) => said.header.sender == id(2),
+        Word::Appeared(vehicle) | Word::Vanished(vehicle) => *vehicle == id(2),
+        _ => false,
+    };
+    assert_eq!(word(&all, own), None);
+    assert_eq!(two.drops(), Drops::default());
+}
+
+#[test]
+fn a_peer_that_goes_is_missed_at_once() {
+    let (swarm, hub, dial) = hub("goes");
+    let one = Link::new(hub, id(1), LocalClock::start()).unwrap();
+    let two = Link::new(open(&swarm, &[], &dial).unwrap(), id(2), LocalClock::start()).unwrap();
+    until(&one, || {}, |heard| word(heard, |word| *word == Word::Appeared(id(2))));
+    let begin = now();
+    two.close();
+    until(&one, || {}, |heard| word(heard, |word| *word == Word::Vanished(id(2))));
+    assert!(now() < begin + Duration::from_secs(2));
+}
+
+#[test]
+fn what_no_peer_can_have_said_is_counted_and_dropped() {
+    let (swarm, hub, dial) = hub("dropped");
+    let link = Link::new(hub, id(1), LocalClock::start()).unwrap();
+    let stranger = open(&swarm, &[], &dial).unwrap();
+    let good = encode(&state(2, 1));
+    until(
+        &link,
+        || say(&stranger, "vehicle/2/cell/0/0/state", &good),
+        |heard| word(heard, |word| matches!(word, Word::State(_))),
+    );
+    let before = link.drops();
+
+    say(&stranger, "vehicle/3/cell/0/0/state", &good);
+    say(&stranger, "vehicle/0/cell/0/0/state", &good);
+    say(&stranger, "vehicle/2/mission", b"\x01garbage");
+    say(&stranger, "vehicle/2/mission", b"");
+    say(&stranger, "vehicle/2/cell/0/0/state", &good[..good.len() - 1]);
+    say(&stranger, "order/1", &[VERSION + 1, 1, 1, 0]);
+    let expected = Drops { undecodable: 3, other_version: 1, forged: 2, ..before };
+    let deadline = now() + PATIENCE;
+    while link.drops() != expected {
+        assert!(now() < deadline, "{:?}", link.drops());
+        pause();
+    }
+    let mut heard = Vec::new();
+    link.drain(&mut heard);
+    assert!(heard.iter().all(|heard| matches!(heard.word, Word::State(said) if said == state(2, 1))), "{heard:?}");
+}
+
+#[test]
+fn an_operators_order_is_heard() {
+    let (swarm, hub, dial) = hub("order");
+    let link = Link::new(hub, id(1), LocalClock::start()).unwrap();
+    let observer = open(&swarm, &[], &dial).unwrap();
+    let order = Order { epoch: 1, issuer: 9, verb: Verb::Land };
+    let key = Topic::Order(order.issuer).key();
+    until(&link, || say(&observer, &key, &encode(&order)), |heard| word(heard, |word| *word == Word::Order(order)));
+}
+
+#[test]
+fn the_trace_is_said_only_while_somebody_listens() {
+    let (swarm, hub, dial) = hub("trace");
+    let link = Link::new(hub, id(1), LocalClock::start()).unwrap();
+    let observer = open(&swarm, &[], &dial).unwrap();
+    assert!(!link.trace_is_wanted());
+    for _ in 0..2 {
+        let subscriber = observer.declare_subscriber(all::TRACES).wait().unwrap();
+        wait_until(|| link.trace_is_wanted());
+        subscriber.undeclare().wait().unwrap();
+        wait_until(|| !link.trace_is_wanted());
+    }
+}
+
+fn wait_until(is_so: impl Fn() -> bool) {
+    let deadline: Instant = now() + PATIENCE;
+    while !is_so() {
+        assert!(now() < deadline);
+        pause();
+    }
+}
+
+#[test]
+fn the_inbox_keeps_the_newest_word_of_each_peer_and_kind() {
+    let inbox = Inbox::new();
+    let at = LocalTime::from_seconds(1.0);
+    let file = |word| inbox.file(Heard { word, at });
+    for sequence in [1, 3, 2, 3] {
+        file(Word::State(state(2, sequence)));
+    }
+    let later_life = State { header: Header { incarnation: Incarnation(2), ..state(3, 1).header }, ..state(3, 1) };
+    for said in [state(3, 8), later_life, state(3, 9)] {
+        file(Word::State(said));
+    }
+    for word in [Word::Appeared(id(2)), Word::Vanished(id(2)), Word::Vanished(id(4)), Word::Appeared(id(4))] {
+        file(word);
+    }
+    let order = |epoch| Order { epoch, issuer: 1, verb: Verb::Hold };
+    for epoch in [2, 3, 1] {
+        file(Word::Order(order(epoch)));
+    }
+    let mut heard = Vec::new();
+    inbox.drain(&mut heard);
+    let words: Vec<Word> = heard.iter().map(|heard| heard.word).collect();
+    assert_eq!(
+        words,
+        [
+            Word::State(state(2, 3)),
+            Word::State(later_life),
+            Word::Vanished(id(2)),
+            Word::Appeared(id(4)),
+            Word::Order(order(3))
+        ]
+    );
+    assert_eq!(inbox.drops(), Drops { old: 4, ..Drops::default() });
+    heard.clear();
+    inbox.drain(&mut heard);
+    assert_eq!(heard, []);
+}
+
+#[test]
+fn every_vehicle_fits_into_the_inbox_without_growing() {
+    let inbox = Inbox::new();
+    let at = LocalTime::ZERO;
+    let before = inbox.capacity();
+    for _ in 0..3 {
+        for vehicle in 1..=VehicleId::MAX {
+            let mission =
+                Mission { header: state(vehicle, 1).header, plan: 7, membership: Default::default(), order: None };
+            for word in [Word::State(state(vehicle, 1)), Word::Mission(mission), Word::Appeared(id(vehicle))] {
+                inbox.file(Heard { word, at });
+            }
+        }
+        inbox.file(Heard { word: Word::Order(Order { epoch: 1, issuer: 1, verb: Verb::Hold }), at });
+    }
+    assert_eq!(inbox.capacity(), before);
+}
+
+#[test]
+fn a_replayed_word_is_dropped_by_the_core() {
+    let (swarm, hub, dial) = hub("replay");
+    let link = Link::new(hub, id(1), LocalClock::start()).unwrap();
+    let replayer = open(&swarm, &[], &dial).unwrap();
+    let key = "vehicle/2/cell/0/0/state";
+    let newest = until(
+        &link,
+        || say(&replayer, key, &encode(&state(2, 5))),
+        |heard| word(heard, |word| matches!(word, Word::State(_))),
+    );
+    let origin = Origin::new(Geodetic::from_degrees(28.0, -82.0, 0.0));
+    let mut peers = Peers::new(id(1), 4, 2.0);
+    peers.update(newest.at, &origin, &[newest]);
+    let before = peers.old();
+    let old = until(
+        &link,
+        || say(&replayer, key, &encode(&state(2, 4))),
+        |heard| word(heard, |word| matches!(word, Word::State(said) if said.header.sequence == 4)),
+    );
+    peers.update(old.at, &origin, &[old]);
+    assert_eq!(peers.old(), before + 1);
+}
+
+#[test]
+fn zenohs_errors_are_shown_without_places_in_its_source() {
+    let shown = |text: &str| plain(&text.into());
+    let nested = "Cannot bind tcp/10.9.9.9:1: [10.9.9.9:1: in use at /a/tcp.rs:61.] at /b/unicast.rs:338.";
+    assert_eq!(shown(nested), "Cannot bind tcp/10.9.9.9:1: [10.9.9.9:1: in use]");
+    assert_eq!(shown("nobody at home"), "nobody at home");
+}
+
+#[test]
+fn an_endpoint_that_is_none_is_refused() {
+    let swarm = SwarmName::new("endpoint").unwrap();
+    let refused = |listen: &str, dial: &str| {
+        let endpoints = |text: &str| text.split_whitespace().map(str::to_owned).collect::<Vec<_>>();
+        open(&swarm, &endpoints(listen), &endpoints(dial)).map(|_| ()).unwrap_err()
+    };
+    assert!(matches!(refused("localhost", ""), LinkError::Endpoint(text) if text == "localhost"));
+    assert!(matches!(refused("", "tcp"), LinkError::Endpoint(_)));
+    let (_, _taken, locators) = hub("taken");
+    let error = refused(&locators[0], "");
+    assert!(matches!(error, LinkError::Open { .. }));
+    let error = error.to_string();
+    assert!(error.contains(&locators[0]) && error.contains("in use") && !error.contains(".rs"), "{error}");
+}

@@ -1,0 +1,203 @@
+//! The real node around the core: threads, clocks, the end.
+//!
+//! | thread | what it does |
+//! | --- | --- |
+//! | control | waits for the plant's frame, steps the [`Agent`], writes the controls; then speaks |
+//! | Zenoh's | file what is heard ([`crate::link`]) |
+//! | Tokio's | health once a second, signals |
+//! | log, standard input | may block, each alone |
+//!
+//! Nothing that the control thread does can wait for another of them: it takes one lock that is held for a copy (the
+//! inbox), and everything it hands over may be dropped.
+
+mod control;
+mod log;
+mod timing;
+
+use std::io::{self, BufRead};
+use std::process::ExitCode;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicU32, Ordering::Relaxed};
+use std::thread;
+
+use skein_common::frame::Origin;
+use skein_common::message::Health;
+use tokio::runtime::{Builder, Handle};
+use tokio::sync::mpsc;
+use zenoh::Session;
+
+use crate::agent::Agent;
+use crate::clock::{LocalClock, new_incarnation};
+use crate::config::{AgentOptions, Node};
+use crate::link::{self, Line, Link, LinkError, ZENOH_RUNTIME};
+use crate::plant::xplane;
+use crate::supported::NotFlown;
+use crate::unix;
+use control::Control;
+
+/// How an agent is asked to end.
+#[derive(Debug, Default)]
+pub struct Stop {
+    times: AtomicU32,
+    forsaken: AtomicBool,
+}
+
+impl Stop {
+    /// The first time: land, give the controls back, end. The second time: give the controls back and end at once.
+    pub fn ask(&self) {
+        self.times.fetch_add(1, Relaxed);
+    }
+
+    /// Whoever started this agent is gone: fly on, and end once an order has brought it down.
+    pub fn forsake(&self) {
+        self.forsaken.store(true, Relaxed);
+    }
+
+    fn is_asked(&self) -> bool {
+        self.times.load(Relaxed) > 0
+    }
+
+    fn is_urgent(&self) -> bool {
+        self.times.load(Relaxed) > 1
+    }
+
+    fn is_forsaken(&self) -> bool {
+        self.forsaken.load(Relaxed)
+    }
+}
+
+/// Why an agent could not fly, or did not fly to its end.
+#[derive(Debug, thiserror::Error)]
+pub enum RunError {
+    /// No network.
+    #[error(transparent)]
+    Link(#[from] LinkError),
+    /// No simulator.
+    #[error(transparent)]
+    Plant(#[from] xplane::LinkError),
+    /// A scenario that asks for what is not flown yet.
+    #[error(transparent)]
+    NotFlown(#[from] NotFlown),
+    /// No threads.
+    #[error("the system gives no threads: {0}")]
+    Threads(#[from] io::Error),
+    /// A fault of ours.
+    #[error("the control thread has panicked; the controls were given back")]
+    Panicked,
+}
+
+/// A whole agent process: files, network, flight, end. `skein-agent` and `skein agent` are this.
+///
+/// Exit codes: 0 it has landed or was ended, 1 it failed, 2 a file or an argument is wrong.
+pub fn program(options: &AgentOptions) -> ExitCode {
+    unix::restart_with(ZENOH_RUNTIME);
+    let node = match options.node() {
+        Ok(node) => node,
+        Err(error) => return failed(&error, 2),
+    };
+    if !options.child {
+        // Who starts a child has read them.
+        node.notes.iter().for_each(|note| eprintln!("{note}"));
+    }
+    let _log = log::start();
+    let runtime = match Builder::new_multi_thread().worker_threads(1).enable_all().build() {
+        Ok(runtime) => runtime,
+        Err(error) => return failed(&error, 1),
+    };
+    let stop = Arc::new(Stop::default());
+    stop_on_signals(runtime.handle(), stop.clone());
+    if options.child {
+        stop_on_stdin(stop.clone());
+    }
+    let flown = run(&node, &stop, runtime.handle());
+    runtime.shutdown_background();
+    match flown {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error @ RunError::Link(LinkError::Endpoint(_))) => failed(&error, 2),
+        Err(error) => failed(&error, 1),
+    }
+}
+
+/// Flies a node's vehicle until it is down after `stop` was asked for. Blocks; not for a Tokio thread.
+///
+/// # Errors
+/// If it cannot begin, or if the control thread has panicked.
+pub fn run(node: &Node, stop: &Arc<Stop>, tokio: &Handle) -> Result<(), RunError> {
+    let session = link::open(&node.scenario.swarm.name, &node.listen, &node.dial)?;
+    fly(node, session, stop, tokio)
+}
+
+/// [`run`] over a session that is already open.
+///
+/// # Errors
+/// As [`run`].
+pub fn fly(node: &Node, session: Session, stop: &Arc<Stop>, tokio: &Handle) -> Result<(), RunError> {
+    let clock = LocalClock::start();
+    let incarnation = new_incarnation();
+    let agent = Agent::new(&node.scenario, node.id, incarnation, &node.aircraft, node.rules.clone())?;
+    let plant = node.open_plant()?;
+    let link = Link::new(session, node.id, clock)?;
+    let (health, healths) = mpsc::channel(2);
+    tokio.spawn(publish(link.health()?, healths));
+    let control = Control {
+        agent,
+        plant,
+        plant_name: node.plant.name(),
+        link,
+        clock,
+        origin: Origin::new(node.scenario.origin.geodetic()),
+        own: node.id,
+        incarnation,
+        stop: stop.clone(),
+        health,
+    };
+    let (id, plant) = (node.id, node.plant.name());
+    let thread = thread::Builder::new().name("control".to_owned()).spawn(move || {
+        let (priority, memory) = (unix::raise_this_thread(), unix::lock_memory());
+        tracing::info!("vehicle {id} flies {plant}: {priority}, {memory}");
+        control.run()
+    })?;
+    let link = thread.join().map_err(|_| RunError::Panicked)?;
+    link.close();
+    tracing::info!("vehicle {id} ends");
+    Ok(())
+}
+
+/// Says health as it comes, until the control thread is gone.
+async fn publish(line: Line<Health>, mut healths: mpsc::Receiver<Health>) {
+    while let Some(health) = healths.recv().await {
+        line.say(&health);
+    }
+}
+
+fn stop_on_signals(tokio: &Handle, stop: Arc<Stop>) {
+    tokio.spawn(async move {
+        match unix::Signals::catch() {
+            Ok(mut signals) => loop {
+                signals.next().await;
+                stop.ask();
+            },
+            Err(error) => tracing::warn!("signals cannot be caught, and end this agent in the air: {error}"),
+        }
+    });
+}
+
+/// Each line "stop" asks once. The end of the input is no order: the launcher may have been killed.
+fn stop_on_stdin(stop: Arc<Stop>) {
+    thread::spawn(move || {
+        for line in io::stdin().lock().lines().map_while(Result::ok) {
+            if line.trim() == "stop" {
+                stop.ask();
+            }
+        }
+        stop.forsake();
+    });
+}
+
+fn failed(error: &dyn std::error::Error, code: u8) -> ExitCode {
+    eprintln!("{error}");
+    ExitCode::from(code)
+}
+
+#[cfg(test)]
+mod tests;

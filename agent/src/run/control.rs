@@ -1,0 +1,186 @@
+//! The control thread: frame in, step, controls out; everything else after that.
+
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use skein_common::frame::Origin;
+use skein_common::id::{Incarnation, VehicleId};
+use skein_common::message::{Drops, Event, Header, Health, PeerHealth};
+use skein_common::state::Activity;
+use skein_common::time::{LocalTime, Now, PlantTime};
+use skein_common::topic::Cell;
+use tokio::sync::mpsc;
+
+use super::Stop;
+use super::timing::{Summary, Timing};
+use crate::agent::{Agent, Inputs, Outputs};
+use crate::clock::{LocalClock, now, sleep_until};
+use crate::failsafe::SIMULATOR_LOST_AFTER_S;
+use crate::link::Link;
+use crate::peers::Heard;
+use crate::plant::{Frame, Plant, Wake};
+use crate::speech::Said;
+
+/// The plant's frame is given up for this step after so many of its periods.
+const PATIENCE_PERIODS: f64 = 1.5;
+
+/// What the control thread alone holds.
+pub(super) struct Control {
+    pub(super) agent: Agent,
+    pub(super) plant: Box<dyn Plant>,
+    pub(super) plant_name: &'static str,
+    pub(super) link: Link,
+    pub(super) clock: LocalClock,
+    pub(super) origin: Origin,
+    pub(super) own: VehicleId,
+    pub(super) incarnation: Incarnation,
+    pub(super) stop: Arc<Stop>,
+    /// Health goes to a thread that may wait.
+    pub(super) health: mpsc::Sender<Health>,
+}
+
+/// What one loop leaves to the next.
+struct Since {
+    timing: Timing,
+    plant_time: PlantTime,
+    heard: Vec<Heard>,
+    events: u64,
+    healths: u64,
+}
+
+impl Control {
+    /// Flies until it is over, and hands the link back to be closed.
+    pub(super) fn run(mut self) -> Link {
+        let period = Duration::from_secs_f64(self.plant.frame_period_s());
+        let patience = period.mul_f64(PATIENCE_PERIODS);
+        let mut since = Since {
+            timing: Timing::new(period, now()),
+            plant_time: PlantTime::ZERO,
+            heard: Vec::new(),
+            events: 0,
+            healths: 0,
+        };
+        let mut deadline = now() + patience;
+        loop {
+            let wake = self.plant.wait(deadline);
+            if wake == Wake::Deadline {
+                // A plant that comes back early must not make a real-time thread spin.
+                sleep_until(deadline);
+            }
+            let woken = now();
+            deadline = woken + patience;
+            self.turn(&wake, woken, &mut since);
+            if self.is_over(&since.timing) {
+                break;
+            }
+        }
+        self.plant.release();
+        self.link
+    }
+
+    /// Once round the loop.
+    fn turn(&mut self, wake: &Wake, woken: Instant, since: &mut Since) {
+        let frame = match wake {
+            Wake::Frame(frame) => Some(frame),
+            Wake::Deadline => None,
+        };
+        since.plant_time = frame.map_or(since.plant_time, |frame| frame.time);
+        let now_here = Now { plant: since.plant_time, local: self.clock.at(woken) };
+        self.link.drain(&mut since.heard);
+        let inputs = Inputs {
+            measurement: frame.map(|frame| &frame.measurement),
+            heard: &since.heard,
+            leave: self.stop.is_asked(),
+        };
+        let Outputs { command, said } = self.agent.step(now_here, &inputs);
+        if let Some(sticks) = command {
+            self.plant.command(sticks);
+        }
+        let done = now();
+
+        since.heard.clear();
+        if let Some(frame) = frame {
+            self.trace(now_here, frame, since);
+            since.timing.frame(woken, self.plant.skipped_frames());
+            since.timing.step(woken, done);
+        }
+        self.say(now_here.local, said, since);
+        if let Some(summary) = since.timing.summary(done) {
+            since.healths += 1;
+            let health = self.health(now_here.local, summary, since);
+            // Whoever is behind with the last one does not need this one.
+            let _ = self.health.try_send(health);
+        }
+    }
+
+    fn say(&mut self, now: LocalTime, said: Said, since: &mut Since) {
+        if let Some(state) = said.state {
+            let cell = Cell::of(self.origin.ned_from_geodetic(&state.state.position));
+            self.link.say_state(&state, cell);
+        }
+        if let Some(mission) = said.mission {
+            self.link.say_mission(&mission);
+        }
+        for what in said.happened {
+            since.events += 1;
+            self.link.say_event(&Event { header: self.header(now, since.events), what });
+            tracing::info!("vehicle {} {what}", self.own);
+        }
+    }
+
+    /// The timing in it is the previous step's.
+    fn trace(&mut self, now: Now, frame: &Frame, since: &Since) {
+        if self.link.trace_is_wanted() {
+            let mut trace = self.agent.trace(now, &frame.truth);
+            trace.step_us = since.timing.last_step_us();
+            trace.frame_overruns = since.timing.overruns();
+            self.link.say_trace(&trace);
+        }
+    }
+
+    fn health(&self, now: LocalTime, summary: Summary, since: &Since) -> Health {
+        let (state_messages, state_bytes) = self.agent.spoken();
+        let peer = |peer: &crate::peers::Seen| PeerHealth { id: peer.id, standing: peer.standing, age_s: peer.age_s };
+        Health {
+            header: self.header(now, since.healths),
+            uptime_s: now.seconds(),
+            activity: self.agent.activity(),
+            plant: self.plant_name.to_owned(),
+            version: env!("CARGO_PKG_VERSION").to_owned(),
+            frame_rate_hz: summary.frame_rate_hz,
+            jitter_ms: summary.jitter_ms,
+            step_p50_us: summary.step_p50_us,
+            step_p99_us: summary.step_p99_us,
+            frame_overruns: since.timing.overruns(),
+            drops: self.drops(),
+            state_messages,
+            state_bytes,
+            peers: self.agent.peers().iter().map(peer).collect(),
+        }
+    }
+
+    /// What the core, the link and the plant have dropped.
+    fn drops(&self) -> Drops {
+        let (core, link) = (self.agent.drops(), self.link.drops());
+        Drops {
+            plant_malformed: self.plant.malformed(),
+            undecodable: link.undecodable,
+            other_version: link.other_version,
+            forged: core.forged + link.forged,
+            old: core.old + link.old,
+            measurement: core.measurement,
+        }
+    }
+
+    fn header(&self, now: LocalTime, sequence: u64) -> Header {
+        Header { sender: self.own, incarnation: self.incarnation, sequence, stamp: now.into() }
+    }
+
+    /// Whether this agent's flight has ended. Without a simulator there is nothing to land.
+    fn is_over(&self, timing: &Timing) -> bool {
+        let lost_after = Duration::from_secs_f64(SIMULATOR_LOST_AFTER_S);
+        let is_flying = timing.last_frame().is_some_and(|last| now() < last + lost_after);
+        let is_down = self.agent.activity() == Activity::Landed;
+        self.stop.is_urgent() || self.stop.is_asked() && (is_down || !is_flying) || self.stop.is_forsaken() && is_down
+    }
+}

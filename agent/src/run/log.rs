@@ -1,0 +1,71 @@
+//! Log lines to standard error by way of a thread of their own: a terminal that was stopped or a pipe that nobody reads
+//! delays nobody else, least of all the control thread.
+
+use std::io::{self, IsTerminal, Write};
+use std::sync::mpsc::{self, Sender, SyncSender};
+use std::thread;
+use std::time::Duration;
+
+use tracing_subscriber::EnvFilter;
+
+/// Lines that may wait; what is beyond is lost.
+const QUEUE: usize = 1024;
+/// At the end of the process the last lines get this long.
+const FLUSH_WITHIN: Duration = Duration::from_millis(500);
+
+/// What we say ourselves and what others warn of. Zenoh warns of every session without gossip and of every peer that is
+/// not there yet; who comes and goes we tell ourselves.
+const FILTER: &str = "warn,skein_agent=info,zenoh=error";
+
+/// While it lives, lines are written; when dropped, the last ones were.
+pub(super) struct Log(SyncSender<Item>);
+
+enum Item {
+    Line(Vec<u8>),
+    Flush(Sender<()>),
+}
+
+/// Starts to log what `RUST_LOG` says, or else [`FILTER`]. Where the process logs already, that stays.
+pub(super) fn start() -> Log {
+    let (sender, queue) = mpsc::sync_channel(QUEUE);
+    thread::spawn(move || {
+        for item in queue {
+            match item {
+                // A reader that is gone is no reason to end.
+                Item::Line(line) => drop(io::stderr().write_all(&line)),
+                Item::Flush(done) => drop(done.send(())),
+            }
+        }
+    });
+    let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new(FILTER));
+    let lines = sender.clone();
+    let subscriber = tracing_subscriber::fmt()
+        .with_env_filter(filter)
+        .with_target(false)
+        .with_ansi(io::stderr().is_terminal())
+        .with_writer(move || Lines(lines.clone()));
+    let _ = subscriber.try_init();
+    Log(sender)
+}
+
+impl Drop for Log {
+    fn drop(&mut self) {
+        let (done, is_done) = mpsc::channel();
+        if self.0.try_send(Item::Flush(done)).is_ok() {
+            let _ = is_done.recv_timeout(FLUSH_WITHIN);
+        }
+    }
+}
+
+struct Lines(SyncSender<Item>);
+
+impl Write for Lines {
+    fn write(&mut self, line: &[u8]) -> io::Result<usize> {
+        let _ = self.0.try_send(Item::Line(line.to_vec()));
+        Ok(line.len())
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        Ok(())
+    }
+}

@@ -1,0 +1,180 @@
+use std::process;
+use std::time::{Duration, Instant};
+
+use skein_common::id::{SwarmName, VehicleId};
+use skein_common::message::{Event, Happening, Health, Message, Order, Trace, Verb, decode, encode};
+use skein_common::scenario::{Source, load};
+use skein_common::state::Standing;
+use skein_common::topic::{Topic, all};
+use tokio::runtime::Runtime;
+use zenoh::Wait;
+use zenoh::handlers::FifoChannel;
+
+use super::*;
+use crate::aircraft::Aircraft;
+use crate::clock::{now, sleep_until};
+use crate::config::PlantChoice;
+use crate::control::Rules;
+use crate::plant::helicopter::{BuiltInVehicle, Start, Weather};
+
+const PATIENCE: Duration = Duration::from_secs(10);
+
+/// Vehicle `number` of a swarm of two, 60 m from the other.
+fn node(swarm: &SwarmName, number: u8) -> Node {
+    let text = format!("swarm.vehicles = 2\nswarm.name = {:?}\nformation.safety_filter = \"none\"", swarm.as_str());
+    let scenario = load(&Source { name: "test.toml", text: &text }, &[]).unwrap().scenario;
+    let id = VehicleId::new(number).unwrap();
+    let aircraft = Aircraft::shipped("xcell60").unwrap().unwrap();
+    let origin = Origin::new(scenario.origin.geodetic());
+    let start = Start { north_m: 60.0 * f64::from(number), ..Start::default() };
+    let helicopter = aircraft.helicopter.as_ref().unwrap();
+    let vehicle = BuiltInVehicle::new(&origin, helicopter, &start, &Weather::default(), scenario.seed, id);
+    let plant = PlantChoice::BuiltIn(Box::new(vehicle));
+    let (listen, dial, notes) = (vec!["tcp/127.0.0.1:0".to_owned()], Vec::new(), Vec::new());
+    Node { scenario, notes, id, listen, dial, aircraft, rules: Rules::shipped(), plant }
+}
+
+/// An agent in flight.
+struct Flight {
+    stop: Arc<Stop>,
+    thread: thread::JoinHandle<Result<(), RunError>>,
+}
+
+impl Flight {
+    fn begin(node: Node, session: Session, tokio: &Runtime) -> Self {
+        let (stop, handle) = (Arc::new(Stop::default()), tokio.handle().clone());
+        let of_thread = stop.clone();
+        Self { stop, thread: thread::spawn(move || fly(&node, session, &of_thread, &handle)) }
+    }
+
+    /// Waits for its end, which must be a good one.
+    fn end(self) {
+        wait_until("the end of the flight", || self.thread.is_finished());
+        self.thread.join().unwrap().unwrap();
+    }
+}
+
+fn wait_until(what: &str, mut is_so: impl FnMut() -> bool) {
+    let deadline: Instant = now() + PATIENCE;
+    while !is_so() {
+        assert!(now() < deadline, "waited in vain for {what}");
+        sleep_until(now() + Duration::from_millis(5));
+    }
+}
+
+/// A swarm's name, a session of vehicle 1, and how it is dialled.
+fn hub(test: &str) -> (SwarmName, Session, Vec<String>) {
+    let swarm = SwarmName::new(format!("run-{test}-{}", process::id())).unwrap();
+    let session = link::open(&swarm, &["tcp/127.0.0.1:0".to_owned()], &[]).unwrap();
+    let locators = session.info().locators().wait().iter().map(ToString::to_string).collect();
+    (swarm, session, locators)
+}
+
+/// All messages of one kind, as they come.
+fn listen<M: Message>(observer: &Session, key: &'static str) -> impl FnMut() -> Vec<M> + use<M> {
+    let subscriber = observer.declare_subscriber(key).with(FifoChannel::new(4096)).wait().unwrap();
+    move || subscriber.drain().map(|sample| decode(&sample.payload().to_bytes()).unwrap()).collect()
+}
+
+#[test]
+fn two_agents_find_each_other_take_part_and_land_when_stopped() {
+    let tokio = Builder::new_multi_thread().worker_threads(1).enable_all().build().unwrap();
+    let (swarm, session, mut dial) = hub("two");
+    let one = Flight::begin(node(&swarm, 1), session, &tokio);
+    let second = link::open(&swarm, &["tcp/127.0.0.1:0".to_owned()], &dial).unwrap();
+    dial.extend(second.info().locators().wait().iter().map(ToString::to_string));
+    let observer = link::open(&swarm, &[], &dial).unwrap();
+    let mut events = listen::<Event>(&observer, all::EVENTS);
+    let mut healths = listen::<Health>(&observer, all::HEALTH);
+    let mut traces = listen::<Trace>(&observer, all::TRACES);
+    let begin = now();
+    let two = Flight::begin(node(&swarm, 2), second, &tokio);
+
+    let mut told: Vec<Event> = Vec::new();
+    let has = |told: &[Event], number: u8, what| {
+        told.iter().any(|event| event.header.sender.get() == number && event.what == what)
+    };
+    wait_until("two members", || {
+        told.extend(events());
+        has(&told, 1, Happening::BecameActive) && has(&told, 2, Happening::BecameActive)
+    });
+    assert!(now() < begin + Duration::from_secs(5));
+    for number in [1, 2] {
+        let other = VehicleId::new(3 - number).unwrap();
+        assert!(has(&told, number, Happening::PeerFound(other)), "{told:?}");
+    }
+
+    let (mut health, mut trace): (Vec<Health>, Vec<Trace>) = (Vec::new(), Vec::new());
+    wait_until("health and traces of both", || {
+        health.extend(healths());
+        trace.extend(traces());
+        [1, 2].iter().all(|&number| {
+            let of_both = |said: &Health| said.header.sender.get() == number && said.peers.len() == 1;
+            health.iter().any(of_both) && trace.iter().any(|said| said.header.sender.get() == number)
+        })
+    });
+    let last = health.last().unwrap();
+    assert_eq!((last.plant.as_str(), last.drops.total()), ("builtin", 0));
+    assert!(last.frame_rate_hz > 25.0 && last.step_p50_us > 0.0 && last.step_p50_us <= last.step_p99_us, "{last:?}");
+    assert_eq!(last.peers[0].standing, Standing::Fresh);
+    let of_one = trace.iter().filter(|said| said.header.sender.get() == 1);
+    let sequence: Vec<u64> = of_one.map(|said| said.header.sequence).collect();
+    assert!(sequence.windows(2).all(|pair| pair[0] < pair[1]));
+    assert!(trace.iter().all(|said| said.step_us.is_some() || said.header.sequence == 1));
+
+    one.stop.ask();
+    two.stop.ask();
+    one.end();
+    two.end();
+    told.extend(events());
+    assert!(has(&told, 1, Happening::Landed) && has(&told, 2, Happening::Landed), "{told:?}");
+}
+
+#[test]
+fn an_agent_whose_launcher_is_gone_flies_until_an_order_has_landed_it() {
+    let tokio = Builder::new_multi_thread().worker_threads(1).enable_all().build().unwrap();
+    let (swarm, session, dial) = hub("order");
+    let flight = Flight::begin(node(&swarm, 1), session, &tokio);
+    flight.stop.forsake();
+    let observer = link::open(&swarm, &[], &dial).unwrap();
+    let mut events = listen::<Event>(&observer, all::EVENTS);
+    let mut told: Vec<Happening> = Vec::new();
+    wait_until("a member", || {
+        told.extend(events().iter().map(|event| event.what));
+        told.contains(&Happening::BecameActive)
+    });
+    assert!(!flight.thread.is_finished());
+    let order = Order { epoch: 1, issuer: 5, verb: Verb::Land };
+    observer.put(Topic::Order(order.issuer).key(), encode(&order)).wait().unwrap();
+    flight.end();
+    told.extend(events().iter().map(|event| event.what));
+    assert!(told.contains(&Happening::OrderTaken(order)) && told.contains(&Happening::Landed), "{told:?}");
+}
+
+#[test]
+fn a_second_request_ends_at_once() {
+    let tokio = Builder::new_multi_thread().worker_threads(1).enable_all().build().unwrap();
+    let (swarm, session, _) = hub("twice");
+    let flight = Flight::begin(node(&swarm, 1), session, &tokio);
+    flight.stop.ask();
+    flight.stop.ask();
+    let begin = now();
+    flight.end();
+    assert!(now() < begin + Duration::from_secs(3));
+}
+
+#[test]
+fn without_a_simulator_there_is_nothing_to_land() {
+    let tokio = Builder::new_multi_thread().worker_threads(1).enable_all().build().unwrap();
+    let (swarm, session, _) = hub("nobody");
+    // Taken, and silent.
+    let silent = std::net::UdpSocket::bind("127.0.0.1:0").unwrap();
+    let plant = PlantChoice::Standin(silent.local_addr().unwrap());
+    let flight = Flight::begin(Node { plant, ..node(&swarm, 1) }, session, &tokio);
+    let mut request = [0; 64];
+    silent.set_read_timeout(Some(PATIENCE)).unwrap();
+    silent.recv(&mut request).unwrap();
+    assert!(!flight.thread.is_finished());
+    flight.stop.ask();
+    flight.end();
+}

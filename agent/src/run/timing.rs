@@ -1,0 +1,155 @@
+//! How punctual the frames are and how long the steps take, measured always.
+
+use std::time::{Duration, Instant};
+
+/// Room for the samples of one second, so that none allocates.
+const SAMPLES: usize = 256;
+/// Between two summaries.
+const WINDOW: Duration = Duration::from_secs(1);
+
+/// Collects over one second, counts for ever.
+#[derive(Debug)]
+pub(super) struct Timing {
+    period: Duration,
+    since: Instant,
+    last_frame: Option<Instant>,
+    late_ms: Vec<f64>,
+    step_us: Vec<f64>,
+    frames: u32,
+    last_step_us: Option<f64>,
+    last_overran: bool,
+    skipped: u64,
+    overruns: u64,
+}
+
+/// One second.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Summary {
+    pub(super) frame_rate_hz: f64,
+    /// 99th percentile of the distance between frames beyond their period.
+    pub(super) jitter_ms: f64,
+    pub(super) step_p50_us: f64,
+    pub(super) step_p99_us: f64,
+}
+
+impl Timing {
+    pub(super) fn new(period: Duration, now: Instant) -> Self {
+        Self {
+            period,
+            since: now,
+            last_frame: None,
+            late_ms: Vec::with_capacity(SAMPLES),
+            step_us: Vec::with_capacity(SAMPLES),
+            frames: 0,
+            last_step_us: None,
+            last_overran: false,
+            skipped: 0,
+            overruns: 0,
+        }
+    }
+
+    /// A frame came at `at`; the plant has left out `skipped` so far.
+    pub(super) fn frame(&mut self, at: Instant, skipped: u64) {
+        if let Some(last) = self.last_frame.replace(at) {
+            let late = at.saturating_duration_since(last).saturating_sub(self.period);
+            self.late_ms.push(late.as_secs_f64() * 1e3);
+        }
+        self.frames += 1;
+        // A frame that nobody saw came while the last step, or what followed it, was still under way.
+        self.overruns += u64::from(skipped > self.skipped && !self.last_overran);
+        self.skipped = skipped;
+    }
+
+    /// The step of the frame at `from` had written its last control at `to`.
+    pub(super) fn step(&mut self, from: Instant, to: Instant) {
+        let took = to.saturating_duration_since(from);
+        self.last_overran = took > self.period;
+        self.overruns += u64::from(self.last_overran);
+        let took_us = took.as_secs_f64() * 1e6;
+        self.last_step_us = Some(took_us);
+        self.step_us.push(took_us);
+    }
+
+    /// From the last frame's arrival to its last control.
+    pub(super) fn last_step_us(&self) -> Option<f64> {
+        self.last_step_us
+    }
+
+    /// Steps that ended after the next frame was due.
+    pub(super) fn overruns(&self) -> u64 {
+        self.overruns
+    }
+
+    /// When the newest frame came.
+    pub(super) fn last_frame(&self) -> Option<Instant> {
+        self.last_frame
+    }
+
+    /// Once a second: what happened in it.
+    pub(super) fn summary(&mut self, now: Instant) -> Option<Summary> {
+        let window = now.saturating_duration_since(self.since);
+        if window < WINDOW {
+            return None;
+        }
+        let summary = Summary {
+            frame_rate_hz: f64::from(self.frames) / window.as_secs_f64(),
+            jitter_ms: percentile(&mut self.late_ms, 0.99),
+            step_p50_us: percentile(&mut self.step_us, 0.5),
+            step_p99_us: percentile(&mut self.step_us, 0.99),
+        };
+        self.since = now;
+        self.frames = 0;
+        self.late_ms.clear();
+        self.step_us.clear();
+        Some(summary)
+    }
+}
+
+/// The smallest sample that at least this share of all do not exceed; zero without samples.
+fn percentile(samples: &mut [f64], share: f64) -> f64 {
+    samples.sort_unstable_by(f64::total_cmp);
+    let rank = (share * samples.len() as f64).ceil() as usize;
+    samples.get(rank.saturating_sub(1)).copied().unwrap_or(0.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::clock::now;
+
+    const MS: Duration = Duration::from_millis(1);
+
+    #[test]
+    fn a_second_is_summed_up() {
+        let start = now();
+        let mut timing = Timing::new(20 * MS, start);
+        for frame in 0..50 {
+            // One frame of fifty comes 7 ms late, one step of fifty takes 3 ms.
+            let at = start + 20 * MS * frame + if frame == 30 { 7 * MS } else { Duration::ZERO };
+            timing.frame(at, 0);
+            timing.step(at, at + if frame == 10 { 3 * MS } else { MS / 10 });
+            assert_eq!(timing.summary(at), None);
+        }
+        let summary = timing.summary(start + 1000 * MS).unwrap();
+        assert!((summary.frame_rate_hz - 50.0).abs() < 1e-9, "{summary:?}");
+        assert!((summary.jitter_ms - 7.0).abs() < 1e-9, "{summary:?}");
+        assert!((summary.step_p50_us - 100.0).abs() < 1e-9, "{summary:?}");
+        assert!((summary.step_p99_us - 3000.0).abs() < 1e-9, "{summary:?}");
+        assert_eq!(timing.overruns(), 0);
+        assert_eq!(timing.summary(start + 2000 * MS).unwrap().step_p99_us, 0.0, "an empty second");
+    }
+
+    #[test]
+    fn a_step_overruns_once() {
+        let start = now();
+        let mut timing = Timing::new(20 * MS, start);
+        timing.frame(start, 0);
+        timing.step(start, start + 21 * MS);
+        assert_eq!((timing.overruns(), timing.last_step_us()), (1, Some(21_000.0)));
+        timing.frame(start + 60 * MS, 1);
+        assert_eq!(timing.overruns(), 1, "the frame that the same step made the plant skip");
+        timing.step(start + 60 * MS, start + 61 * MS);
+        timing.frame(start + 120 * MS, 3);
+        assert_eq!(timing.overruns(), 2, "skipped by what followed the step");
+    }
+}

@@ -1,0 +1,113 @@
+//! The command line of `skein`. Arguments only: everything else is in the module of the command.
+
+use std::process::ExitCode;
+use std::sync::atomic::AtomicBool;
+
+use clap::{Parser, Subcommand};
+use skein_agent::config::AgentOptions;
+use skein_agent::plant::xplane::standin::{StandinOptions, run_standin};
+use tracing_subscriber::EnvFilter;
+
+use crate::check::{self, CheckArgs};
+use crate::error::Error;
+use crate::fly::{self, FlyArgs};
+use crate::order::{self, OrderArgs};
+use crate::study::{self, StudyArgs};
+
+/// Helicopters that fly as a swarm with no one in charge.
+///
+/// Exit status: 0 success, 1 a run that failed, 2 an argument or a file at fault.
+#[derive(Debug, Parser)]
+#[command(name = "skein", version, max_term_width = 110)]
+pub struct Cli {
+    /// What to do
+    #[command(subcommand)]
+    pub command: Command,
+}
+
+/// What `skein` can do.
+#[derive(Debug, Subcommand)]
+pub enum Command {
+    /// Fly a swarm on this PC, a process for each vehicle
+    Fly(FlyArgs),
+    /// Fly a scenario in virtual time, many seeds at once, and measure it
+    Study(StudyArgs),
+    /// Give an order to a live swarm, from anywhere; nobody leads, agents pass it on
+    Order(OrderArgs),
+    /// Print the complete scenario with the origin of every value, and what would stop a flight
+    Check(CheckArgs),
+    /// Fly one vehicle; the same as the program skein-agent
+    Agent(AgentOptions),
+    /// A helicopter without a screen that speaks X-Plane's UDP protocol; the same as the program xplane-standin
+    Standin(StandinOptions),
+}
+
+/// The whole program.
+pub fn main() -> ExitCode {
+    run(Cli::parse().command)
+}
+
+/// One command. Its exit status: 0 success, 1 a run that failed, 2 an argument or a file at fault.
+pub fn run(command: Command) -> ExitCode {
+    let done = match command {
+        Command::Fly(args) => fly::run(&args),
+        Command::Study(args) => study::run(&args),
+        Command::Order(args) => order::run(&args),
+        Command::Check(args) => check::run(&args),
+        // Both have exit statuses and logs of their own.
+        Command::Agent(options) => return skein_agent::run::program(&options),
+        Command::Standin(options) => standin(&options),
+    };
+    done.map_or_else(|error| error.report(), |()| ExitCode::SUCCESS)
+}
+
+fn standin(options: &StandinOptions) -> Result<(), Error> {
+    let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new("info"));
+    tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr).init();
+    run_standin(options, &AtomicBool::new(false)).map_err(|error| Error::Refused(error.to_string()))
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::CommandFactory;
+
+    use super::*;
+
+    fn parse(line: &str) -> Result<Command, clap::Error> {
+        Cli::try_parse_from(line.split(' ')).map(|cli| cli.command)
+    }
+
+    #[test]
+    fn the_definition_holds_together() {
+        Cli::command().debug_assert();
+    }
+
+    #[test]
+    fn a_flight_takes_its_options_in_any_order() {
+        let line =
+            "skein fly --json my.toml --set seed=3 --plant standin --set formation.radius_m=50 --duration 20 --seed 4";
+        let Ok(Command::Fly(args)) = parse(line) else { panic!("a flight") };
+        assert_eq!(args.scenario.scenario.as_deref(), Some("my.toml".as_ref()));
+        assert_eq!(args.scenario.sets, ["seed=3", "formation.radius_m=50"]);
+        assert_eq!((args.plant, args.duration, args.seed), (Some(fly::PlantArg::Standin), Some(20.0), Some(4)));
+        assert!(args.json && args.out.is_none() && args.xplane.is_none());
+    }
+
+    #[test]
+    fn what_is_wrong_in_a_line_is_refused_with_status_2() {
+        for line in [
+            "skein",
+            "skein fly --plant balloon",
+            "skein fly --duration soon",
+            "skein fly --xplane heli:x",
+            "skein fly --view 127.0.0.1:80 --no-view",
+            "skein order",
+            "skein order dance",
+            "skein order land --swarm a/b",
+        ] {
+            assert_eq!(parse(line).unwrap_err().exit_code(), 2, "{line}");
+        }
+        assert!(parse("skein order land --swarm lab").is_ok());
+        assert!(parse("skein check").is_ok());
+    }
+}

@@ -1,0 +1,99 @@
+//! `skein fly`: a swarm on this PC, in real time. One process for each vehicle; this one starts them, looks on, measures,
+//! and at the end asks everybody to land. It is never in the loop: killed, it leaves a swarm that flies on.
+//!
+//! | module | what it does |
+//! | --- | --- |
+//! | [`plan`] | reads and checks everything before anything is begun |
+//! | [`ports`] | free ports of this PC |
+//! | [`launch`] | files and processes |
+//! | [`children`] | the processes while they run |
+//! | [`flight`] | from the first sign of life to the last process's end |
+//! | [`status`] | figures of every vehicle |
+//! | [`table`], [`screen`] | what people see |
+
+use std::path::PathBuf;
+
+use crate::error::Error;
+use crate::os::Interrupts;
+use crate::scenario::ScenarioArgs;
+
+pub mod children;
+pub mod flight;
+pub mod launch;
+pub mod plan;
+pub mod ports;
+pub mod screen;
+pub mod status;
+pub mod table;
+
+use flight::Flight;
+use plan::{HostPort, Plan};
+
+/// `skein fly`
+#[derive(Clone, Debug, Default, clap::Args)]
+pub struct FlyArgs {
+    /// The scenario.
+    #[command(flatten)]
+    pub scenario: ScenarioArgs,
+    /// What moves; the same as --set swarm.plant=...
+    #[arg(long, value_enum)]
+    pub plant: Option<PlantArg>,
+    /// The X-Plane of vehicle 1; that of vehicle i is at PORT + 10·(i − 1). Without PORT 49000
+    #[arg(long, value_name = "HOST[:PORT]")]
+    pub xplane: Option<HostPort>,
+    /// How long to fly, seconds; the same as --set duration_s=S. Without it in the scenario either: until stopped
+    #[arg(long, value_name = "S")]
+    pub duration: Option<f64>,
+    /// Where all randomness comes from; the same as --set seed=N
+    #[arg(long, value_name = "N")]
+    pub seed: Option<u64>,
+    /// Folder for what is written, new or empty; without it a new one in skein-runs
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// Address of the live page. There is no page yet: without effect
+    #[arg(long, value_name = "ADDR", conflicts_with = "no_view")]
+    pub view: Option<String>,
+    /// No live page. There is none yet: without effect
+    #[arg(long)]
+    pub no_view: bool,
+    /// Print the figures as JSON on stdout, everything else on stderr
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// `--plant`
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+pub enum PlantArg {
+    /// The helicopter inside the agent
+    Builtin,
+    /// The same helicopter behind X-Plane's UDP protocol
+    Standin,
+    /// X-Plane
+    Xplane,
+}
+
+impl PlantArg {
+    /// As the scenario spells it.
+    fn word(self) -> &'static str {
+        match self {
+            Self::Builtin => "builtin",
+            Self::Standin => "standin",
+            Self::Xplane => "xplane",
+        }
+    }
+}
+
+/// Flies until the duration is over, until everybody was ordered to land, or until Ctrl-C; then lands everybody and ends
+/// every process. A vehicle that is lost on the way is named, and the others' flight counts.
+///
+/// # Errors
+/// What stands against the flight; or a flight that never began, lost all its vehicles, or did not end on the ground.
+pub fn run(args: &FlyArgs) -> Result<(), Error> {
+    let plan = Plan::new(args)?;
+    plan.loaded.notes.iter().for_each(|note| eprintln!("{note}"));
+    if args.view.is_some() {
+        eprintln!("--view: there is no live page yet, the flight goes without it");
+    }
+    let interrupts = Interrupts::listen().map_err(|error| Error::Failed(format!("signals: {error}")))?;
+    Flight::begin(plan, interrupts, args.json)?.fly()
+}

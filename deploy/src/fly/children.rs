@@ -1,0 +1,133 @@
+//! The processes that a flight consists of: this program itself, once for each agent and once for each stand-in.
+
+use std::ffi::OsString;
+use std::fs::{self, File};
+use std::io::{self, Write};
+use std::path::{Path, PathBuf};
+use std::process::{Child as Process, ChildStdin, Command, ExitStatus, Stdio};
+
+use skein_agent::link::ZENOH_RUNTIME;
+use skein_common::id::VehicleId;
+
+use crate::os;
+
+/// What a process is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Role {
+    /// It flies a vehicle.
+    Agent,
+    /// It is the vehicle's simulator.
+    Standin,
+}
+
+/// All processes of a flight; those that still run when this value goes are killed.
+#[derive(Debug, Default)]
+pub struct Children(Vec<Child>);
+
+#[derive(Debug)]
+struct Child {
+    role: Role,
+    id: VehicleId,
+    process: Process,
+    /// Open for as long as the process is wanted.
+    stdin: Option<ChildStdin>,
+    log: PathBuf,
+    ended: Option<ExitStatus>,
+}
+
+/// A process that has ended by itself.
+#[derive(Clone, Debug)]
+pub struct Ended {
+    /// What it was.
+    pub role: Role,
+    /// Of which vehicle.
+    pub id: VehicleId,
+    /// How it ended.
+    pub status: ExitStatus,
+    /// The last thing it wrote, if it failed.
+    pub last_words: Option<String>,
+}
+
+impl Children {
+    /// Starts this program with these arguments; what it writes goes to `log`.
+    ///
+    /// # Errors
+    /// If it cannot be started.
+    pub fn start(&mut self, role: Role, id: VehicleId, arguments: Vec<OsString>, log: &Path) -> io::Result<()> {
+        let mut command = Command::new(std::env::current_exe()?);
+        os::in_own_group(&mut command);
+        command.args(arguments).env(ZENOH_RUNTIME.0, ZENOH_RUNTIME.1);
+        command.stdin(Stdio::piped()).stdout(Stdio::null()).stderr(File::create(log)?);
+        let mut process = command.spawn()?;
+        let stdin = process.stdin.take();
+        self.0.push(Child { role, id, process, stdin, log: log.to_owned(), ended: None });
+        Ok(())
+    }
+
+    /// Processes that have ended since the last call.
+    pub fn reap(&mut self) -> Vec<Ended> {
+        let mut ended = Vec::new();
+        for child in self.0.iter_mut().filter(|child| child.ended.is_none()) {
+            if let Ok(Some(status)) = child.process.try_wait() {
+                child.ended = Some(status);
+                let last_words = if status.success() { None } else { last_line(&child.log) };
+                ended.push(Ended { role: child.role, id: child.id, status, last_words });
+            }
+        }
+        ended
+    }
+
+    /// How this agent ended, if it has.
+    pub fn how_agent_ended(&self, id: VehicleId) -> Option<ExitStatus> {
+        self.0.iter().find(|child| child.role == Role::Agent && child.id == id)?.ended
+    }
+
+    /// Whether any process of this kind still runs.
+    pub fn any(&self, role: Role) -> bool {
+        self.0.iter().any(|child| child.role == role && child.ended.is_none())
+    }
+
+    /// Asks every agent to end.
+    pub fn ask_agents_to_end(&mut self) {
+        for child in self.0.iter_mut().filter(|child| child.role == Role::Agent) {
+            if let Some(mut stdin) = child.stdin.take() {
+                // One that is gone needs no asking.
+                let _ = stdin.write_all(b"stop\n");
+            }
+        }
+    }
+
+    /// Ends whatever still runs, and waits for it.
+    pub fn kill(&mut self) {
+        for child in self.0.iter_mut().filter(|child| child.ended.is_none()) {
+            let _ = child.process.kill();
+            child.ended = child.process.wait().ok();
+        }
+    }
+}
+
+impl Drop for Children {
+    fn drop(&mut self) {
+        self.kill();
+    }
+}
+
+/// The last line of a log that says something.
+fn last_line(log: &Path) -> Option<String> {
+    let text = String::from_utf8_lossy(&fs::read(log).ok()?).into_owned();
+    text.lines().rev().map(str::trim).find(|line| !line.is_empty()).map(str::to_owned)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_last_line_that_says_something() {
+        let folder = tempfile::tempdir().unwrap();
+        let log = folder.path().join("log");
+        assert_eq!(last_line(&log), None);
+        fs::write(&log, "one\n two \n\n").unwrap();
+        assert_eq!(last_line(&log).as_deref(), Some("two"));
+    }
+}

@@ -1,0 +1,405 @@
+//! One flight, from the first sign of life to the last process's end.
+//!
+//! ```text
+//!   Gathering ---- everybody takes part ----> Flying ---- time over, Ctrl-C, ----> Landing ---- all down ----> Ending
+//!       |                                               an order to land             ^
+//!       +----------------------------- Ctrl-C ---------------------------------------+
+//! ```
+//!
+//! The window of the figures is the stage Flying.
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::time::{Duration, Instant};
+
+use nalgebra::Vector2;
+use skein_agent::formation::{self, ring::Ring};
+use skein_agent::plant::{Sticks, Truth};
+use skein_agent::supported;
+use skein_common::id::VehicleId;
+use skein_common::message::{Order, Trace, Verb};
+use skein_common::state::{Activity, Membership};
+
+use super::children::{Children, Ended, Role};
+use super::launch::{Launched, launch};
+use super::plan::Plan;
+use super::screen::Screen;
+use super::status::{self, Ending, Known, Stage, Status};
+use crate::clock;
+use crate::endpoints::EndpointsFile;
+use crate::error::Error;
+use crate::metrics::{Metrics, Report, Run, VehicleNow, Wall};
+use crate::observe::{Heard, Observer, Seen};
+use crate::order;
+use crate::os::{self, Interrupts};
+
+/// Between two looks at the swarm: the metrics want fifty a second.
+const TICK: Duration = Duration::from_millis(20);
+/// Between two sayings of the order to land.
+const ORDER_AGAIN: Duration = Duration::from_millis(200);
+/// A vehicle silent for this long says nothing that is still true.
+const SILENT: Duration = Duration::from_secs(1);
+/// A vehicle that was asked to land and has no data of its own, or is silent, is waited for this long.
+const HELPLESS: Duration = Duration::from_secs(10);
+/// A landing may take this long, and in addition the time of a descent at a quarter of the usual rate.
+const LANDING: Duration = Duration::from_secs(60);
+const SLOW_DESCENT_M_S: f64 = 0.5;
+/// An agent that was told to end does so within this time; helpless ones try to come down in it.
+const END: Duration = Duration::from_secs(15);
+
+/// A flight under way.
+pub struct Flight {
+    plan: Plan,
+    json: bool,
+    interrupts: Interrupts,
+    screen: Screen,
+    children: Children,
+    /// There while the swarm is.
+    _file: EndpointsFile,
+    observer: Observer,
+    ring: Ring,
+    centre_ne_m: Vector2<f64>,
+    metrics: Metrics,
+    stage: Stage,
+    /// When the stage began, and how often this process had been asked to end by then.
+    since: Instant,
+    asked_before: u32,
+    /// When the window began, by both clocks.
+    zero: Option<Zero>,
+    report: Option<Report>,
+    land: Option<(Order, Instant)>,
+    events: Vec<String>,
+    lost: Vec<String>,
+    /// Why some processes had to be killed.
+    left_running: Option<String>,
+}
+
+/// The beginning of the window.
+#[derive(Clone, Debug)]
+struct Zero {
+    at: Instant,
+    /// On each simulator's clock, s.
+    plant_s: BTreeMap<VehicleId, f64>,
+}
+
+impl Flight {
+    /// Starts everything.
+    ///
+    /// # Errors
+    /// If something cannot be started; then nothing is left running.
+    pub fn begin(plan: Plan, interrupts: Interrupts, json: bool) -> Result<Self, Error> {
+        let scenario = plan.scenario();
+        let goal = supported::goal(scenario).map_err(|error| Error::Refused(error.to_string()))?;
+        let Launched { children, endpoints, file } = launch(&plan)?;
+        let observer = Observer::open(&endpoints.swarm, &endpoints.all());
+        Ok(Self {
+            json,
+            interrupts,
+            children,
+            _file: file,
+            observer: observer.map_err(|error| Error::Failed(error.to_string()))?,
+            ring: formation::ring(&scenario.formation),
+            centre_ne_m: goal.centre_ne_m,
+            metrics: Metrics::new(scenario, Run::new(scenario, "fly")),
+            stage: Stage::Gathering,
+            since: clock::now(),
+            asked_before: 0,
+            zero: None,
+            report: None,
+            land: None,
+            events: Vec::new(),
+            lost: Vec::new(),
+            left_running: None,
+            screen: Screen::open(json),
+            plan,
+        })
+    }
+
+    /// Flies to the end.
+    ///
+    /// # Errors
+    /// A flight that never began, lost all its vehicles, or did not end on the ground.
+    pub fn fly(mut self) -> Result<(), Error> {
+        let mut next = clock::now();
+        let ended = loop {
+            let now = clock::now();
+            self.look(now);
+            match self.decide(now) {
+                Ok(true) => break Ok(()),
+                Ok(false) => {}
+                Err(error) => break Err(error),
+            }
+            if self.screen.is_due(now) {
+                self.screen.show(&self.status(now), now);
+            }
+            next = (next + TICK).max(now);
+            clock::sleep(next.saturating_duration_since(clock::now()));
+        };
+        self.children.kill();
+        self.screen.show(&self.status(clock::now()), clock::now());
+        // The terminal is given back before anything is said to it.
+        let Self { screen, json, report, lost, left_running, plan, .. } = self;
+        drop(screen);
+        lost.iter().for_each(|lost| eprintln!("{lost}"));
+        ended?;
+        let Some(report) = report else { return Err(Error::Failed("stopped before everybody took part".to_owned())) };
+        crate::say(&if json { crate::json(&report) } else { summary(&report, &plan) });
+        left_running.map_or(Ok(()), |why| Err(Error::Failed(why)))
+    }
+
+    /// Takes in what has happened since the last time.
+    fn look(&mut self, now: Instant) {
+        for _ in 0..self.screen.asked_to_end() {
+            self.interrupts.add();
+        }
+        for heard in self.observer.poll() {
+            match heard {
+                Heard::Trace(trace) if self.stage == Stage::Flying => {
+                    trace.peers.iter().for_each(|peer| self.metrics.observe_age(peer.age_s));
+                    trace.step_us.into_iter().for_each(|step_us| self.metrics.observe_step(step_us));
+                }
+                Heard::Event(event) => self.tell(now, format!("vehicle {}: {}", event.header.sender, event.what)),
+                _ => {}
+            }
+        }
+        for ended in self.children.reap() {
+            self.take_leave(now, &ended);
+        }
+    }
+
+    /// One step of the stages' picture. True when the flight is over.
+    fn decide(&mut self, now: Instant) -> Result<bool, Error> {
+        let asked = self.interrupts.count() > self.asked_before;
+        let agents = self.children.any(Role::Agent);
+        match self.stage {
+            Stage::Gathering if !agents => {
+                Err(Error::Failed(format!("every agent ended before the flight began; logs: {}", self.logs())))
+            }
+            Stage::Gathering if asked => self.enter_landing(now),
+            Stage::Gathering => {
+                if self.live().all(|(_, seen)| seen.is_some_and(takes_part)) {
+                    self.zero = Some(Zero { at: now, plant_s: self.plant_s(now).collect() });
+                    self.enter(Stage::Flying, now);
+                    self.tell(now, "everybody takes part, the clock runs".to_owned());
+                }
+                Ok(false)
+            }
+            Stage::Flying => {
+                self.measure(now);
+                if agents && !asked && !self.is_over(now) {
+                    return Ok(false);
+                }
+                self.end_window(now)?;
+                if agents { self.enter_landing(now) } else { Err(Error::Failed("every vehicle was lost".to_owned())) }
+            }
+            Stage::Landing => self.bring_down(now, asked),
+            Stage::Ending if !agents => Ok(true),
+            Stage::Ending if asked || now.duration_since(self.since) > END => {
+                let hanging: Vec<_> = self.live().map(|(id, _)| id.to_string()).collect();
+                self.left_running = Some(format!("vehicle {}: did not end, killed", hanging.join(", ")));
+                Ok(true)
+            }
+            Stage::Ending => Ok(false),
+        }
+    }
+
+    /// The duration is over, or somebody has ordered everybody down.
+    fn is_over(&self, now: Instant) -> bool {
+        let is_late = self.plan.scenario().duration_s.is_some_and(|duration_s| self.since_zero_s(now) >= duration_s);
+        is_late
+            || self
+                .live()
+                .any(|(_, seen)| seen.and_then(|seen| seen.mission?.order).is_some_and(|o| o.verb == Verb::Land))
+    }
+
+    fn measure(&mut self, now: Instant) {
+        let vehicles: Vec<VehicleNow> = self
+            .live()
+            .filter_map(|(id, seen)| Some((id, fresh(seen?, now)?)))
+            .map(|(id, trace)| VehicleNow {
+                id,
+                is_member: trace.membership == Membership::Active,
+                truth: truth(trace),
+                sticks: trace.sticks.map(|[roll, pitch, yaw, collective]| Sticks { roll, pitch, yaw, collective }),
+            })
+            .collect();
+        self.metrics.observe(self.flown_s(now), &vehicles);
+        let all = || self.observer.vehicles().values().filter_map(|seen| seen.trace.as_ref());
+        self.metrics.count(
+            all().map(|trace| trace.state_messages).sum(),
+            all().map(|trace| trace.state_bytes).sum(),
+            all().map(|trace| trace.frame_overruns).sum(),
+        );
+    }
+
+    /// Closes the window and writes its figures: whatever comes later, they are there.
+    fn end_window(&mut self, now: Instant) -> Result<(), Error> {
+        let wall_s = self.since_zero_s(now);
+        let report = self.metrics.report(Wall { wall_s, real_time_factor: self.simulated_s(now) / wall_s.max(1e-9) });
+        let path = self.plan.out.join("metrics.json");
+        fs::write(&path, crate::json(&report))
+            .map_err(|error| Error::Failed(format!("{}: {error}", path.display())))?;
+        self.report = Some(report);
+        Ok(())
+    }
+
+    fn enter(&mut self, stage: Stage, now: Instant) {
+        (self.stage, self.since, self.asked_before) = (stage, now, self.interrupts.count());
+    }
+
+    fn enter_landing(&mut self, now: Instant) -> Result<bool, Error> {
+        self.enter(Stage::Landing, now);
+        self.land = Some((order::new(&self.observer, Verb::Land), now));
+        self.tell(now, "everybody is asked to land".to_owned());
+        Ok(false)
+    }
+
+    /// Repeats the order until everybody is down, or cannot be brought down.
+    fn bring_down(&mut self, now: Instant, asked: bool) -> Result<bool, Error> {
+        if let Some((order, again)) = &mut self.land
+            && now >= *again
+        {
+            *again = now + ORDER_AGAIN;
+            self.observer.order(order).map_err(|error| Error::Failed(error.to_string()))?;
+        }
+        let waited = now.duration_since(self.since);
+        let highest_m = self.observer.vehicles().values().filter_map(|seen| Some(seen.trace.as_ref()?.height_m));
+        let limit = LANDING + Duration::from_secs_f64(highest_m.fold(0.0, f64::max).clamp(0.0, 1e5) / SLOW_DESCENT_M_S);
+        let in_the_air = |waited: Duration| {
+            let air = self.live().filter(|(_, seen)| seen.is_some_and(|seen| !is_down(seen, now, waited)));
+            air.map(|(id, _)| id.to_string()).collect::<Vec<_>>()
+        };
+        let flying = in_the_air(waited);
+        if asked || waited > limit {
+            let why = if asked { "ended by Ctrl-C" } else { "did not land in time" };
+            self.left_running = (!flying.is_empty()).then(|| format!("vehicle {}: {why}", flying.join(", ")));
+            return Ok(true);
+        }
+        if flying.is_empty() {
+            self.children.ask_agents_to_end();
+            self.enter(Stage::Ending, now);
+        }
+        Ok(false)
+    }
+
+    /// A process has ended: says so, and remembers it if nobody asked for it.
+    fn take_leave(&mut self, now: Instant, ended: &Ended) {
+        let Ended { role, id, status, last_words } = ended;
+        let what = match role {
+            Role::Agent => format!("vehicle {id}"),
+            Role::Standin => format!("vehicle {id}'s simulator"),
+        };
+        let last_words = last_words.as_ref().map(|words| format!(" ({words})")).unwrap_or_default();
+        let sentence = format!("{what}: {}{last_words}", os::how_it_ended(*status));
+        if !status.success() {
+            let when =
+                self.zero.as_ref().map_or_else(String::new, |_| format!(" after {:.1} s", self.since_zero_s(now)));
+            self.lost.push(format!("lost{when}: {sentence}"));
+        }
+        self.tell(now, sentence);
+    }
+
+    fn tell(&mut self, now: Instant, what: String) {
+        let at = self.zero.as_ref().map_or_else(|| "   -".to_owned(), |_| format!("{:6.1}", self.since_zero_s(now)));
+        self.events.push(format!("{at} s  {what}"));
+    }
+
+    /// Vehicles whose agents run, with what is known of them.
+    fn live(&self) -> impl Iterator<Item = (VehicleId, Option<&Seen>)> {
+        let running = self.plan.scenario().ids().filter(|id| self.children.how_agent_ended(*id).is_none());
+        running.map(|id| (id, self.observer.vehicles().get(&id)))
+    }
+
+    /// Into the window, never beyond its end, s.
+    fn flown_s(&self, now: Instant) -> f64 {
+        self.since_zero_s(now).min(self.plan.scenario().duration_s.unwrap_or(f64::INFINITY))
+    }
+
+    fn since_zero_s(&self, now: Instant) -> f64 {
+        self.zero.as_ref().map_or(0.0, |zero| now.saturating_duration_since(zero.at).as_secs_f64())
+    }
+
+    /// Time on the clocks of live vehicles' simulators, s.
+    fn plant_s(&self, now: Instant) -> impl Iterator<Item = (VehicleId, f64)> {
+        self.live().filter_map(move |(id, seen)| Some((id, fresh(seen?, now)?.plant_time.seconds())))
+    }
+
+    /// How much the simulators' clocks have moved since the window began, on average, s.
+    fn simulated_s(&self, now: Instant) -> f64 {
+        let since = |(id, plant_s)| Some(plant_s - self.zero.as_ref()?.plant_s.get(&id)?);
+        let moved: Vec<f64> = self.plant_s(now).filter_map(since).collect();
+        moved.iter().sum::<f64>() / moved.len().max(1) as f64
+    }
+
+    fn logs(&self) -> String {
+        self.plan.out.join("agents").display().to_string()
+    }
+
+    fn status(&self, now: Instant) -> Status {
+        let scenario = self.plan.scenario();
+        let ending = |id| {
+            let status = self.children.how_agent_ended(id)?;
+            Some(if status.success() { Ending::Asked } else { Ending::Lost })
+        };
+        let known: Vec<Known<'_>> =
+            scenario.ids().map(|id| Known { id, seen: self.observer.vehicles().get(&id), ended: ending(id) }).collect();
+        let flown_s = self.report.as_ref().map_or_else(|| self.flown_s(now), |report| report.duration_s);
+        Status {
+            swarm: scenario.swarm.name.to_string(),
+            plant: Run::new(scenario, "fly").plant,
+            stage: self.stage,
+            flown_s,
+            duration_s: scenario.duration_s,
+            out: self.plan.out.display().to_string(),
+            rows: status::rows(&known, &self.ring, self.centre_ne_m, now),
+            events: self.events.clone(),
+        }
+    }
+}
+
+fn takes_part(seen: &Seen) -> bool {
+    seen.trace.as_ref().is_some_and(|trace| trace.membership != Membership::Joining)
+}
+
+/// The newest step, if it is new enough to be true.
+fn fresh(seen: &Seen, now: Instant) -> Option<&Trace> {
+    seen.trace.as_ref().filter(|_| seen.trace_at.is_some_and(|at| now.duration_since(at) < SILENT))
+}
+
+/// Landed, or never off the ground, or helpless: without data or a voice, and given up.
+fn is_down(seen: &Seen, now: Instant, waited: Duration) -> bool {
+    match fresh(seen, now).map(|trace| trace.activity) {
+        Some(Activity::Landed) => true,
+        None if seen.trace.is_none() => true,
+        Some(Activity::Blind) | None => waited > HELPLESS,
+        Some(_) => false,
+    }
+}
+
+fn truth(trace: &Trace) -> Truth {
+    Truth {
+        position: trace.position,
+        height_m: trace.height_m,
+        velocity: trace.velocity,
+        attitude: trace.attitude,
+        power_w: trace.power_w,
+    }
+}
+
+/// The figures that a reader looks for first.
+fn summary(report: &Report, plan: &Plan) -> String {
+    let figure = |value: Option<f64>, unit: &str| value.map_or_else(|| "-".to_owned(), |v| format!("{v:.2} {unit}"));
+    let lines = [
+        ("flown", figure(Some(report.duration_s), "s")),
+        ("at altitude", figure(report.at_altitude_s, "s")),
+        ("in the band", figure(report.in_band_s, "s")),
+        ("even within 10°", figure(report.even_10deg_s, "s")),
+        ("radial rms", figure(report.radial_rms_m, "m")),
+        ("least separation", figure(report.min_separation_m, "m")),
+        ("peers' words p99", figure(report.peer_age_p99_ms, "ms")),
+        ("step p50, p99", format!("{}, {}", figure(report.step_p50_us, "µs"), figure(report.step_p99_us, "µs"))),
+        ("late frames", report.frame_overruns.map_or_else(|| "-".to_owned(), |late| late.to_string())),
+        ("files", plan.out.display().to_string()),
+    ];
+    lines.iter().map(|(name, value)| format!("{name:<18}{value}\n")).collect()
+}

@@ -1,0 +1,209 @@
+//! Putting a swarm onto this PC: ports, files, processes.
+
+use std::collections::BTreeMap;
+use std::ffi::OsString;
+use std::fs;
+use std::io;
+use std::path::{Path, PathBuf};
+
+use skein_agent::aircraft::Aircraft;
+use skein_agent::plant::helicopter::Start;
+use skein_common::frame::{Origin, PositionNed};
+use skein_common::id::{SwarmName, VehicleId};
+use skein_common::scenario::{PlantKind, Scenario};
+
+use super::children::{Children, Role};
+use super::plan::Plan;
+use super::ports;
+use crate::endpoints::{self, Endpoints, EndpointsFile};
+use crate::error::Error;
+
+/// A swarm whose processes have been started.
+#[derive(Debug)]
+pub struct Launched {
+    /// All of them.
+    pub children: Children,
+    /// Where the agents listen.
+    pub endpoints: Endpoints,
+    /// Tells others where that is.
+    pub file: EndpointsFile,
+}
+
+/// Starts a process for each vehicle, and one for its simulator where that is a stand-in.
+///
+/// # Errors
+/// If a swarm of this name flies here already (nothing is started or written then), or a file, port or process cannot be
+/// had; what was started by then is ended.
+pub fn launch(plan: &Plan) -> Result<Launched, Error> {
+    let scenario = plan.scenario();
+    refuse_a_second(&scenario.swarm.name)?;
+    let failed = |what: &str, error: io::Error| Error::Failed(format!("{what}: {error}"));
+    let folder = plan.out.join("agents");
+    let written =
+        fs::create_dir_all(&folder).and_then(|()| fs::write(plan.out.join("scenario.toml"), plan.loaded.to_toml()));
+    written.map_err(|error| failed(&plan.out.display().to_string(), error))?;
+
+    let listen = endpoints_of(scenario).map_err(|error| failed("no free ports", error))?;
+    let endpoints = Endpoints {
+        swarm: scenario.swarm.name.clone(),
+        pid: std::process::id(),
+        out: plan.out.clone(),
+        agents: listen,
+    };
+    // Before the agents: whoever outlives this process can be found.
+    let file = endpoints.leave(&endpoints::folder()).map_err(|error| failed("the runtime folder", error))?;
+    let mut children = Children::default();
+    let simulators = match scenario.swarm.plant {
+        PlantKind::Standin => start_standins(plan, &folder, &mut children).map_err(|e| failed("stand-ins", e))?,
+        PlantKind::Builtin | PlantKind::Xplane => plan.xplanes.clone(),
+    };
+    for (nth, id) in scenario.ids().enumerate() {
+        let file = agent_file(id, &endpoints.agents, simulators.get(nth));
+        let path = folder.join(format!("{id}.toml"));
+        let started = fs::write(&path, file).and_then(|()| {
+            let arguments = ["agent".into(), "--config".into(), path.into(), "--child".into()];
+            children.start(Role::Agent, id, arguments.into(), &log(&folder, Role::Agent, id))
+        });
+        started.map_err(|error| failed(&format!("agent {id}"), error))?;
+    }
+    Ok(Launched { children, endpoints, file })
+}
+
+/// Where the log of a process is.
+pub fn log(folder: &Path, role: Role, id: VehicleId) -> PathBuf {
+    folder.join(match role {
+        Role::Agent => format!("{id}.log"),
+        Role::Standin => format!("{id}-standin.log"),
+    })
+}
+
+fn refuse_a_second(swarm: &SwarmName) -> Result<(), Error> {
+    let folder = endpoints::folder();
+    match endpoints::read(&folder, swarm) {
+        Ok(Some(there)) if there.anybody_there() => Err(Error::Refused(format!(
+            "a swarm named {swarm} flies here already; land it with `skein order land --swarm {swarm}`, or give this one \
+             another name with --set swarm.name=NAME"
+        ))),
+        // What is left of a swarm that is gone is written over.
+        _ => Ok(()),
+    }
+}
+
+/// An endpoint on the loopback for every agent.
+fn endpoints_of(scenario: &Scenario) -> io::Result<BTreeMap<VehicleId, String>> {
+    let ports = ports::tcp(scenario.swarm.vehicles)?;
+    Ok(scenario.ids().zip(ports).map(|(id, port)| (id, format!("tcp/127.0.0.1:{port}"))).collect())
+}
+
+/// What an agent is told: it dials those with smaller ids, so that every pair has one direction.
+fn agent_file(id: VehicleId, agents: &BTreeMap<VehicleId, String>, simulator: Option<&String>) -> String {
+    let mut file = toml::Table::new();
+    file.insert("scenario".to_owned(), "../scenario.toml".into());
+    file.insert("id".to_owned(), i64::from(id.get()).into());
+    file.insert("listen".to_owned(), vec![agents[&id].clone()].into());
+    file.insert("dial".to_owned(), agents.range(..id).map(|(_, agent)| agent.clone()).collect::<Vec<_>>().into());
+    if let Some(simulator) = simulator {
+        file.insert("xplane".to_owned(), simulator.clone().into());
+    }
+    file.to_string()
+}
+
+/// Starts a stand-in for every vehicle. Gives their addresses.
+fn start_standins(plan: &Plan, folder: &Path, children: &mut Children) -> io::Result<Vec<String>> {
+    let scenario = plan.scenario();
+    let first = ports::udp_row(scenario.swarm.vehicles)?;
+    let origin = Origin::new(scenario.origin.geodetic());
+    let mut addresses = Vec::new();
+    for (vehicle, start) in scenario.vehicle.iter().zip(&plan.starts) {
+        let aircraft = folder.join(format!("{}.toml", vehicle.aircraft));
+        let (_, text) = Aircraft::SHIPPED.iter().find(|(name, _)| *name == vehicle.aircraft).unwrap_or(&("", ""));
+        fs::write(&aircraft, text)?;
+        let arguments = standin_arguments(scenario, &origin, vehicle.id, start, first, &aircraft);
+        children.start(Role::Standin, vehicle.id, arguments, &log(folder, Role::Standin, vehicle.id))?;
+        let port = ports::simulator(first, vehicle.id).ok_or(io::ErrorKind::AddrNotAvailable)?;
+        addresses.push(format!("127.0.0.1:{port}"));
+    }
+    Ok(addresses)
+}
+
+fn standin_arguments(
+    scenario: &Scenario,
+    origin: &Origin,
+    id: VehicleId,
+    start: &Start,
+    first_port: u16,
+    aircraft: &Path,
+) -> Vec<OsString> {
+    let place = origin.geodetic_from_ned(PositionNed::new(start.north_m, start.east_m, 0.0));
+    let world = &scenario.world;
+    let options = [
+        ("port", first_port.to_string()),
+        ("id", id.to_string()),
+        ("lat", place.latitude_deg().to_string()),
+        ("lon", place.longitude_deg().to_string()),
+        ("alt", scenario.origin.elevation_m.to_string()),
+        ("heading", start.heading_rad.to_degrees().to_string()),
+        ("beacon", false.to_string()),
+        ("seed", scenario.seed.to_string()),
+        ("wind-m-s", world.wind_m_s.to_string()),
+        ("wind-from-deg", world.wind_from_deg.to_string()),
+        ("gust-w20-m-s", world.gust_w20_m_s.to_string()),
+    ];
+    let options = options.into_iter().flat_map(|(name, value)| [format!("--{name}").into(), value.into()]);
+    let whole = [OsString::from("standin"), "--until-unused".into(), "--aircraft".into(), aircraft.into()];
+    whole.into_iter().chain(options).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scenario::ScenarioArgs;
+
+    #[test]
+    fn of_every_pair_one_dials_the_other() {
+        let scenario = ScenarioArgs::default().read(Vec::new()).unwrap().scenario;
+        let agents = endpoints_of(&scenario).unwrap();
+        let mut pairs = Vec::new();
+        for id in scenario.ids() {
+            let file: toml::Table = agent_file(id, &agents, None).parse().unwrap();
+            assert_eq!(file["listen"].as_array().unwrap()[0].as_str(), Some(agents[&id].as_str()));
+            for dialled in file["dial"].as_array().unwrap() {
+                let (other, _) = agents.iter().find(|(_, agent)| dialled.as_str() == Some(agent)).unwrap();
+                pairs.push((other.get(), id.get()));
+            }
+        }
+        pairs.sort_unstable();
+        assert_eq!(pairs, [(1, 2), (1, 3), (1, 4), (2, 3), (2, 4), (3, 4)]);
+    }
+
+    #[test]
+    fn a_stand_in_stands_where_the_vehicle_starts() {
+        use clap::Parser;
+        use skein_agent::plant::xplane::standin::StandinOptions;
+
+        #[derive(Parser)]
+        struct Cli {
+            #[command(flatten)]
+            options: StandinOptions,
+        }
+        let sets =
+            ["seed=7", "world.wind_m_s=3", "world.wind_from_deg=-90", "origin.elevation_m=12"].map(str::to_owned);
+        let scenario = ScenarioArgs::default().read(sets.into()).unwrap().scenario;
+        let origin = Origin::new(scenario.origin.geodetic());
+        let start = Start { north_m: -40.0, east_m: 30.0, heading_rad: -1.0 };
+        let id = VehicleId::new(3).unwrap();
+        let arguments = standin_arguments(&scenario, &origin, id, &start, 50_000, Path::new("a.toml"));
+        let StandinOptions {
+            port, lat, lon, alt, heading, seed, wind_m_s, wind_from_deg, until_unused, beacon, ..
+        } = Cli::try_parse_from(arguments).unwrap().options;
+        assert_eq!((port, alt, seed, wind_m_s, wind_from_deg), (50_000, 12.0, 7, 3.0, -90.0));
+        assert!(until_unused && !beacon);
+        assert!((heading.to_radians() + 1.0).abs() < 1e-12);
+        let place = skein_common::frame::Geodetic::from_degrees(lat, lon, alt);
+        let offset = origin.ned_from_geodetic(&place);
+        assert!(
+            (offset.north_m() + 40.0).hypot(offset.east_m() - 30.0) < 1e-4,
+            "to a tenth of a millimetre: {offset:?}"
+        );
+    }
+}

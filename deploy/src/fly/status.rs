@@ -1,0 +1,180 @@
+//! A flight as people look at it: figures of every vehicle, what happened, how it stands.
+
+use std::f64::consts::TAU;
+use std::time::{Duration, Instant};
+
+use nalgebra::Vector2;
+use skein_agent::formation::ring::Ring;
+use skein_common::id::VehicleId;
+use skein_common::message::Trace;
+use skein_common::state::{Activity, Membership, Standing};
+
+use crate::observe::Seen;
+
+/// A vehicle silent for this long is said to be silent.
+const SILENT: Duration = Duration::from_secs(1);
+
+/// How far a flight is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Stage {
+    /// The agents start and find each other.
+    Gathering,
+    /// The clock of the flight runs.
+    Flying,
+    /// Everybody was asked to land.
+    Landing,
+    /// The processes end.
+    Ending,
+}
+
+/// Everything that the screen shows.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Status {
+    /// The swarm's name.
+    pub swarm: String,
+    /// What moves, in a word.
+    pub plant: String,
+    /// How far the flight is.
+    pub stage: Stage,
+    /// Time flown, s.
+    pub flown_s: f64,
+    /// Time to be flown, s; `None` until somebody stops it.
+    pub duration_s: Option<f64>,
+    /// Where the files of the run are.
+    pub out: String,
+    /// One for each vehicle, by id.
+    pub rows: Vec<Row>,
+    /// What happened, the newest last.
+    pub events: Vec<String>,
+}
+
+/// One vehicle.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Row {
+    /// Who.
+    pub id: VehicleId,
+    /// What it is doing.
+    pub phase: String,
+    /// Something is wrong with it.
+    pub bad: bool,
+    /// Above the origin.
+    pub altitude_m: Option<f64>,
+    /// ρ: distance from the centre, measured as the formation's ellipse does.
+    pub from_centre_m: Option<f64>,
+    /// Angle to the next vehicle clockwise, and how much that is more than an even share.
+    pub gap_deg: Option<(f64, f64)>,
+    /// To the nearest other vehicle.
+    pub nearest_m: Option<f64>,
+    /// Simulator frames a second.
+    pub frame_rate_hz: Option<f64>,
+    /// Age of the oldest word of a peer that counts as fresh.
+    pub peer_age_ms: Option<f64>,
+    /// 99th percentile of the time from a frame to its last control.
+    pub step_p99_us: Option<f64>,
+    /// Steps that were late, and words and datagrams that were dropped.
+    pub late_dropped: Option<(u64, u64)>,
+}
+
+/// What is known of one vehicle.
+#[derive(Clone, Copy, Debug)]
+pub struct Known<'a> {
+    /// Who.
+    pub id: VehicleId,
+    /// What it said.
+    pub seen: Option<&'a Seen>,
+    /// How its process ended, if it has.
+    pub ended: Option<Ending>,
+}
+
+/// How an agent's process ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Ending {
+    /// As it was to: it had landed, or was told to.
+    Asked,
+    /// On its own, or by somebody's hand.
+    Lost,
+}
+
+impl Known<'_> {
+    /// Its newest step, while it flies and is heard.
+    fn flying(&self, now: Instant) -> Option<&Trace> {
+        let seen = self.seen.filter(|_| self.ended.is_none())?;
+        seen.trace.as_ref().filter(|_| seen.trace_at.is_some_and(|at| now.duration_since(at) < SILENT))
+    }
+
+    fn phase(&self, now: Instant) -> (String, bool) {
+        match (self.ended, self.seen.and_then(|seen| seen.trace.as_ref()), self.flying(now)) {
+            (Some(Ending::Asked), ..) => ("ended".to_owned(), false),
+            (Some(Ending::Lost), ..) => ("lost".to_owned(), true),
+            (None, None, _) if self.seen.is_some_and(|seen| seen.health.is_some()) => ("no frames".to_owned(), true),
+            (None, None, _) => ("starting".to_owned(), false),
+            (None, Some(_), None) => ("silent".to_owned(), true),
+            (None, Some(_), Some(trace)) => (trace.activity.to_string(), trace.activity == Activity::Blind),
+        }
+    }
+}
+
+/// One row for each vehicle, seen at `now`; `centre_ne_m` is the formation's.
+pub fn rows(vehicles: &[Known<'_>], ring: &Ring, centre_ne_m: Vector2<f64>, now: Instant) -> Vec<Row> {
+    let members: Vec<(VehicleId, f64)> = vehicles
+        .iter()
+        .filter_map(|known| Some((known.id, known.flying(now)?)))
+        .filter(|(_, trace)| trace.membership == Membership::Active)
+        .map(|(id, trace)| {
+            let from_centre_ne_m = trace.position.horizontal() - centre_ne_m;
+            (id, from_centre_ne_m.y.atan2(from_centre_ne_m.x))
+        })
+        .collect();
+    let row = |known: &Known<'_>| {
+        let trace = known.flying(now);
+        let health = known.seen.filter(|_| trace.is_some()).and_then(|seen| seen.health.as_ref());
+        let others = || vehicles.iter().filter(|other| other.id != known.id).filter_map(|other| other.flying(now));
+        let (phase, bad) = known.phase(now);
+        Row {
+            id: known.id,
+            phase,
+            bad,
+            altitude_m: trace.map(|trace| trace.position.altitude_m()),
+            from_centre_m: trace.map(|trace| ring.level_m(trace.position.horizontal() - centre_ne_m)),
+            gap_deg: gap_deg(known.id, &members),
+            nearest_m: trace
+                .and_then(|own| others().map(|other| (own.position - other.position).norm()).reduce(f64::min)),
+            frame_rate_hz: health.map(|health| health.frame_rate_hz),
+            peer_age_ms: trace.and_then(oldest_fresh_ms),
+            step_p99_us: health.map(|health| health.step_p99_us),
+            late_dropped: health.map(|health| (health.frame_overruns, health.drops.total())),
+        }
+    };
+    vehicles.iter().map(row).collect()
+}
+
+/// Angle from a member clockwise to the next, and its excess over an even share, given everybody's bearing.
+fn gap_deg(id: VehicleId, members: &[(VehicleId, f64)]) -> Option<(f64, f64)> {
+    let (_, own_rad) = members.iter().find(|(member, _)| *member == id)?;
+    let others = members.iter().filter(|(member, _)| *member != id);
+    let gap_rad = others.map(|(_, bearing_rad)| (bearing_rad - own_rad).rem_euclid(TAU)).reduce(f64::min)?;
+    Some((gap_rad.to_degrees(), (gap_rad - TAU / members.len() as f64).to_degrees()))
+}
+
+fn oldest_fresh_ms(trace: &Trace) -> Option<f64> {
+    let fresh = trace.peers.iter().filter(|peer| peer.standing == Standing::Fresh);
+    fresh.map(|peer| 1e3 * peer.age_s).reduce(f64::max)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn gaps_run_clockwise_and_add_up_to_a_circle() {
+        let id = |number| VehicleId::new(number).unwrap();
+        let bearings = [(1, 10.0_f64), (2, 350.0), (3, 100.0), (4, 200.0)];
+        let members: Vec<_> = bearings.iter().map(|(number, deg)| (id(*number), deg.to_radians())).collect();
+        let gaps: Vec<_> = members.iter().map(|(id, _)| gap_deg(*id, &members).unwrap()).collect();
+        for ((gap, excess), expected) in gaps.iter().zip([90.0, 20.0, 100.0, 150.0]) {
+            assert!((gap - expected).abs() < 1e-9 && (excess - (expected - 90.0)).abs() < 1e-9, "{gaps:?}");
+        }
+        assert_eq!(gap_deg(id(9), &members), None, "no member");
+        assert_eq!(gap_deg(id(1), &members[..1]), None, "nobody else");
+    }
+}
