@@ -58,7 +58,7 @@ pub struct AgentFile {
     pub dial: Vec<String>,
     /// What to fly, if not what the scenario says.
     pub plant: Option<PlantKind>,
-    /// HOST[:PORT] of the simulator.
+    /// `HOST[:PORT]` of the simulator.
     pub xplane: Option<String>,
 }
 

@@ -1,6 +1,6 @@
 //! The edge to the other agents: Zenoh peers without a broker.
 //!
-//! Hearing: callbacks on Zenoh's threads decode, check and file the newest word of each peer in a bounded [`Inbox`]; they
+//! Hearing: callbacks on Zenoh's threads decode, check and file the newest word of each peer in a bounded `inbox`; they
 //! never wait. The control thread empties it once a step. Speaking: everything is sent as "drop", so that a peer that is
 //! slow or gone costs the control thread nothing.
 
@@ -276,15 +276,14 @@ fn hear_tokens(session: &Session, own: VehicleId, inbox: &Arc<Inbox>, clock: Loc
 
 /// What Zenoh says, without the places in its source, `at .../tcp.rs:61.`, that it mixes in.
 fn plain(error: &zenoh::Error) -> String {
-    let mut plain = String::new();
-    for part in error.to_string().split(" at ") {
-        let (place, rest) = part.split_once(".rs:").unwrap_or(("", part));
-        let rest =
-            if place.contains(' ') { part } else { rest.trim_start_matches(|c: char| c.is_ascii_digit() || c == '.') };
-        plain.push_str(if rest == part && !plain.is_empty() { " at " } else { "" });
-        plain.push_str(rest);
+    let mut text = error.to_string();
+    while let Some(place) = text.find(".rs:") {
+        let begin = text[..place].rfind(" at ").unwrap_or(place);
+        let number = place + ".rs:".len();
+        let after = text[number..].find(|c: char| !c.is_ascii_digit() && c != '.');
+        text.replace_range(begin..after.map_or(text.len(), |after| number + after), "");
     }
-    plain
+    text
 }
 
 fn declaring(key: &str) -> impl FnOnce(zenoh::Error) -> LinkError {

@@ -77,7 +77,7 @@ pub struct Frame {
 }
 
 /// Why a plant woke its agent.
-#[expect(clippy::large_enum_variant, reason = "lives for one step on the stack, and a box would be allocated every frame")]
+#[expect(clippy::large_enum_variant, reason = "lives for one step, and a box would be allocated every frame")]
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Wake {
     /// A new frame.

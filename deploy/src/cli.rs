@@ -63,7 +63,7 @@ pub fn run(command: Command) -> ExitCode {
 
 fn standin(options: &StandinOptions) -> Result<(), Error> {
     let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new("info"));
-    tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr).init();
+    tracing_subscriber::fmt().with_env_filter(filter).with_ansi(false).with_writer(std::io::stderr).init();
     run_standin(options, &AtomicBool::new(false)).map_err(|error| Error::Refused(error.to_string()))
 }
 

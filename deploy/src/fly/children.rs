@@ -77,9 +77,9 @@ impl Children {
         ended
     }
 
-    /// How this agent ended, if it has.
-    pub fn how_agent_ended(&self, id: VehicleId) -> Option<ExitStatus> {
-        self.0.iter().find(|child| child.role == Role::Agent && child.id == id)?.ended
+    /// How this process ended, if it has.
+    pub fn how_ended(&self, role: Role, id: VehicleId) -> Option<ExitStatus> {
+        self.0.iter().find(|child| child.role == role && child.id == id)?.ended
     }
 
     /// Whether any process of this kind still runs.

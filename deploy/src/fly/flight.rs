@@ -70,8 +70,8 @@ pub struct Flight {
     land: Option<(Order, Instant)>,
     events: Vec<String>,
     lost: Vec<String>,
-    /// Why some processes had to be killed.
-    left_running: Option<String>,
+    /// What went wrong, though the flight came to its end.
+    failure: Option<String>,
 }
 
 /// The beginning of the window.
@@ -109,7 +109,7 @@ impl Flight {
             land: None,
             events: Vec::new(),
             lost: Vec::new(),
-            left_running: None,
+            failure: None,
             screen: Screen::open(json),
             plan,
         })
@@ -121,30 +121,34 @@ impl Flight {
     /// A flight that never began, lost all its vehicles, or did not end on the ground.
     pub fn fly(mut self) -> Result<(), Error> {
         let mut next = clock::now();
-        let ended = loop {
+        loop {
             let now = clock::now();
             self.look(now);
-            match self.decide(now) {
-                Ok(true) => break Ok(()),
-                Ok(false) => {}
-                Err(error) => break Err(error),
+            if self.decide(now) {
+                break;
             }
-            if self.screen.is_due(now) {
+            if self.screen.is_due(now, self.events.len()) {
                 self.screen.show(&self.status(now), now);
             }
             next = (next + TICK).max(now);
             clock::sleep(next.saturating_duration_since(clock::now()));
-        };
+        }
+        let nobody_came_back = self.plan.scenario().ids().all(|id| self.ending(id) == Some(Ending::Lost));
         self.children.kill();
         self.screen.show(&self.status(clock::now()), clock::now());
         // The terminal is given back before anything is said to it.
-        let Self { screen, json, report, lost, left_running, plan, .. } = self;
+        let Self { screen, json, report, lost, failure, plan, .. } = self;
         drop(screen);
         lost.iter().for_each(|lost| eprintln!("{lost}"));
-        ended?;
-        let Some(report) = report else { return Err(Error::Failed("stopped before everybody took part".to_owned())) };
-        crate::say(&if json { crate::json(&report) } else { summary(&report, &plan) });
-        left_running.map_or(Ok(()), |why| Err(Error::Failed(why)))
+        if let Some(report) = &report {
+            crate::say(&if json { crate::json(report) } else { summary(report, &plan) });
+        }
+        match (failure, report) {
+            (Some(why), _) => Err(Error::Failed(why)),
+            (None, None) => Err(Error::Failed("stopped before everybody took part".to_owned())),
+            (None, Some(_)) if nobody_came_back => Err(Error::Failed("every vehicle was lost".to_owned())),
+            (None, Some(_)) => Ok(()),
+        }
     }
 
     /// Takes in what has happened since the last time.
@@ -168,39 +172,50 @@ impl Flight {
     }
 
     /// One step of the stages' picture. True when the flight is over.
-    fn decide(&mut self, now: Instant) -> Result<bool, Error> {
+    fn decide(&mut self, now: Instant) -> bool {
         let asked = self.interrupts.count() > self.asked_before;
         let agents = self.children.any(Role::Agent);
         match self.stage {
             Stage::Gathering if !agents => {
-                Err(Error::Failed(format!("every agent ended before the flight began; logs: {}", self.logs())))
+                self.fail(format!("every agent ended before the flight began; logs: {}", self.logs()));
+                return true;
             }
             Stage::Gathering if asked => self.enter_landing(now),
-            Stage::Gathering => {
-                if self.live().all(|(_, seen)| seen.is_some_and(takes_part)) {
-                    self.zero = Some(Zero { at: now, plant_s: self.plant_s(now).collect() });
-                    self.enter(Stage::Flying, now);
-                    self.tell(now, "everybody takes part, the clock runs".to_owned());
-                }
-                Ok(false)
+            Stage::Gathering if self.everybody_takes_part() => {
+                self.zero = Some(Zero { at: now, plant_s: self.plant_s(now).collect() });
+                self.enter(Stage::Flying, now);
+                self.tell(now, "everybody takes part, the clock runs".to_owned());
             }
+            Stage::Gathering => {}
             Stage::Flying => {
                 self.measure(now);
-                if agents && !asked && !self.is_over(now) {
-                    return Ok(false);
+                if !agents || asked || self.is_over(now) {
+                    self.end_window(now);
+                    self.enter_landing(now);
                 }
-                self.end_window(now)?;
-                if agents { self.enter_landing(now) } else { Err(Error::Failed("every vehicle was lost".to_owned())) }
             }
-            Stage::Landing => self.bring_down(now, asked),
-            Stage::Ending if !agents => Ok(true),
+            Stage::Landing => return self.bring_down(now, asked),
+            Stage::Ending if !agents => return true,
             Stage::Ending if asked || now.duration_since(self.since) > END => {
                 let hanging: Vec<_> = self.live().map(|(id, _)| id.to_string()).collect();
-                self.left_running = Some(format!("vehicle {}: did not end, killed", hanging.join(", ")));
-                Ok(true)
+                self.fail(format!("vehicle {}: did not end, killed", hanging.join(", ")));
+                return true;
             }
-            Stage::Ending => Ok(false),
+            Stage::Ending => {}
         }
+        false
+    }
+
+    /// The first thing that goes wrong is the one to be told.
+    fn fail(&mut self, why: String) {
+        self.failure.get_or_insert(why);
+    }
+
+    /// Everybody who can: an agent whose stand-in has ended never will.
+    fn everybody_takes_part(&self) -> bool {
+        let can = |id| self.children.how_ended(Role::Standin, id).is_none();
+        let mut awaited = self.live().filter(|(id, _)| can(*id)).peekable();
+        awaited.peek().is_some() && awaited.all(|(_, seen)| seen.is_some_and(takes_part))
     }
 
     /// The duration is over, or somebody has ordered everybody down.
@@ -233,53 +248,61 @@ impl Flight {
     }
 
     /// Closes the window and writes its figures: whatever comes later, they are there.
-    fn end_window(&mut self, now: Instant) -> Result<(), Error> {
+    fn end_window(&mut self, now: Instant) {
         let wall_s = self.since_zero_s(now);
         let report = self.metrics.report(Wall { wall_s, real_time_factor: self.simulated_s(now) / wall_s.max(1e-9) });
         let path = self.plan.out.join("metrics.json");
-        fs::write(&path, crate::json(&report))
-            .map_err(|error| Error::Failed(format!("{}: {error}", path.display())))?;
+        if let Err(error) = fs::write(&path, crate::json(&report)) {
+            self.fail(format!("{}: {error}", path.display()));
+        }
         self.report = Some(report);
-        Ok(())
     }
 
     fn enter(&mut self, stage: Stage, now: Instant) {
         (self.stage, self.since, self.asked_before) = (stage, now, self.interrupts.count());
     }
 
-    fn enter_landing(&mut self, now: Instant) -> Result<bool, Error> {
+    fn enter_landing(&mut self, now: Instant) {
         self.enter(Stage::Landing, now);
         self.land = Some((order::new(&self.observer, Verb::Land), now));
         self.tell(now, "everybody is asked to land".to_owned());
-        Ok(false)
     }
 
-    /// Repeats the order until everybody is down, or cannot be brought down.
-    fn bring_down(&mut self, now: Instant, asked: bool) -> Result<bool, Error> {
+    /// Repeats the order until everybody is down, or cannot be brought down. True when the flight is over.
+    fn bring_down(&mut self, now: Instant, asked: bool) -> bool {
         if let Some((order, again)) = &mut self.land
             && now >= *again
         {
             *again = now + ORDER_AGAIN;
-            self.observer.order(order).map_err(|error| Error::Failed(error.to_string()))?;
+            if self.observer.order(order).is_err() {
+                // The other way to say it: each agent lands before it ends.
+                self.children.ask_agents_to_end();
+            }
         }
         let waited = now.duration_since(self.since);
-        let highest_m = self.observer.vehicles().values().filter_map(|seen| Some(seen.trace.as_ref()?.height_m));
-        let limit = LANDING + Duration::from_secs_f64(highest_m.fold(0.0, f64::max).clamp(0.0, 1e5) / SLOW_DESCENT_M_S);
-        let in_the_air = |waited: Duration| {
-            let air = self.live().filter(|(_, seen)| seen.is_some_and(|seen| !is_down(seen, now, waited)));
-            air.map(|(id, _)| id.to_string()).collect::<Vec<_>>()
-        };
-        let flying = in_the_air(waited);
-        if asked || waited > limit {
-            let why = if asked { "ended by Ctrl-C" } else { "did not land in time" };
-            self.left_running = (!flying.is_empty()).then(|| format!("vehicle {}: {why}", flying.join(", ")));
-            return Ok(true);
-        }
+        let flying = self.flying(now, waited);
         if flying.is_empty() {
             self.children.ask_agents_to_end();
             self.enter(Stage::Ending, now);
+            return false;
         }
-        Ok(false)
+        if asked || waited > self.landing_limit() {
+            let why = if asked { "ended by Ctrl-C" } else { "did not land in time" };
+            self.fail(format!("vehicle {}: {why}", flying.join(", ")));
+            return true;
+        }
+        false
+    }
+
+    /// Vehicles that are still to come down, `waited` after they were asked to.
+    fn flying(&self, now: Instant, waited: Duration) -> Vec<String> {
+        let flying = self.live().filter(|(_, seen)| seen.is_some_and(|seen| !is_down(seen, now, waited)));
+        flying.map(|(id, _)| id.to_string()).collect()
+    }
+
+    fn landing_limit(&self) -> Duration {
+        let heights_m = self.observer.vehicles().values().filter_map(|seen| Some(seen.trace.as_ref()?.height_m));
+        LANDING + Duration::from_secs_f64(heights_m.fold(0.0, f64::max).clamp(0.0, 1e5) / SLOW_DESCENT_M_S)
     }
 
     /// A process has ended: says so, and remembers it if nobody asked for it.
@@ -306,7 +329,7 @@ impl Flight {
 
     /// Vehicles whose agents run, with what is known of them.
     fn live(&self) -> impl Iterator<Item = (VehicleId, Option<&Seen>)> {
-        let running = self.plan.scenario().ids().filter(|id| self.children.how_agent_ended(*id).is_none());
+        let running = self.plan.scenario().ids().filter(|id| self.children.how_ended(Role::Agent, *id).is_none());
         running.map(|id| (id, self.observer.vehicles().get(&id)))
     }
 
@@ -335,14 +358,17 @@ impl Flight {
         self.plan.out.join("agents").display().to_string()
     }
 
+    fn ending(&self, id: VehicleId) -> Option<Ending> {
+        let status = self.children.how_ended(Role::Agent, id)?;
+        Some(if status.success() { Ending::Asked } else { Ending::Lost })
+    }
+
     fn status(&self, now: Instant) -> Status {
         let scenario = self.plan.scenario();
-        let ending = |id| {
-            let status = self.children.how_agent_ended(id)?;
-            Some(if status.success() { Ending::Asked } else { Ending::Lost })
-        };
-        let known: Vec<Known<'_>> =
-            scenario.ids().map(|id| Known { id, seen: self.observer.vehicles().get(&id), ended: ending(id) }).collect();
+        let known: Vec<Known<'_>> = scenario
+            .ids()
+            .map(|id| Known { id, seen: self.observer.vehicles().get(&id), ended: self.ending(id) })
+            .collect();
         let flown_s = self.report.as_ref().map_or_else(|| self.flown_s(now), |report| report.duration_s);
         Status {
             swarm: scenario.swarm.name.to_string(),

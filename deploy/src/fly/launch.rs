@@ -113,11 +113,13 @@ fn start_standins(plan: &Plan, folder: &Path, children: &mut Children) -> io::Re
     let scenario = plan.scenario();
     let first = ports::udp_row(scenario.swarm.vehicles)?;
     let origin = Origin::new(scenario.origin.geodetic());
+    // All of them first: a file that is written again while a stand-in reads it is empty.
+    for (name, text) in Aircraft::SHIPPED {
+        fs::write(folder.join(name).with_extension("toml"), text)?;
+    }
     let mut addresses = Vec::new();
     for (vehicle, start) in scenario.vehicle.iter().zip(&plan.starts) {
-        let aircraft = folder.join(format!("{}.toml", vehicle.aircraft));
-        let (_, text) = Aircraft::SHIPPED.iter().find(|(name, _)| *name == vehicle.aircraft).unwrap_or(&("", ""));
-        fs::write(&aircraft, text)?;
+        let aircraft = folder.join(&vehicle.aircraft).with_extension("toml");
         let arguments = standin_arguments(scenario, &origin, vehicle.id, start, first, &aircraft);
         children.start(Role::Standin, vehicle.id, arguments, &log(folder, Role::Standin, vehicle.id))?;
         let port = ports::simulator(first, vehicle.id).ok_or(io::ErrorKind::AddrNotAvailable)?;

@@ -43,9 +43,10 @@ impl Screen {
         Self { face, next: None }
     }
 
-    /// Whether it is time for [`Self::show`].
-    pub fn is_due(&self, now: Instant) -> bool {
-        self.next.is_none_or(|next| now >= next) || matches!(self.face, Face::Lines { .. })
+    /// Whether it is time for [`Self::show`], if so many events have happened so far.
+    pub fn is_due(&self, now: Instant, events: usize) -> bool {
+        let has_news = matches!(self.face, Face::Lines { written, .. } if written < events);
+        has_news || self.next.is_none_or(|next| now >= next)
     }
 
     /// Shows the flight as it is. What cannot be shown is not: nobody may be looking any more.

@@ -1,0 +1,271 @@
+//! Garbage on every port of a flying agent: on its simulator's, on its Zenoh listener, in its peers' names. All of it is
+//! counted, nothing of it is believed, and no control leaves its travel.
+#![expect(clippy::disallowed_methods, reason = "a live agent takes real time")]
+#![expect(clippy::unwrap_used, reason = "what a test cannot do has failed")]
+
+use std::io::Write;
+use std::net::{SocketAddr, TcpStream, UdpSocket};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering::Relaxed};
+use std::thread;
+use std::time::{Duration, Instant};
+
+use rand::{Rng, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use skein_agent::aircraft::Aircraft;
+use skein_agent::config::{Node, PlantChoice};
+use skein_agent::control::Rules;
+use skein_agent::link;
+use skein_agent::plant::xplane::standin::{Standin, StandinOptions};
+use skein_agent::plant::xplane::wire::dref::Write as DrefWrite;
+use skein_agent::run::{self, Stop};
+use skein_common::frame::{Geodetic, VelocityNed};
+use skein_common::id::{Incarnation, SwarmName, VehicleId};
+use skein_common::message::{Header, Health, Mission, Order, State, Trace, Verb, decode, encode};
+use skein_common::scenario::{Source, load};
+use skein_common::state::{Activity, Membership, VehicleState};
+use skein_common::time::SenderStamp;
+use skein_common::topic::{Cell, Topic, all};
+use zenoh::Wait;
+use zenoh::handlers::FifoChannel;
+
+fn id(number: u8) -> VehicleId {
+    VehicleId::new(number).unwrap()
+}
+
+fn noise(rng: &mut ChaCha8Rng, most: usize) -> Vec<u8> {
+    let mut bytes = vec![0; rng.next_u32() as usize % most];
+    rng.fill_bytes(&mut bytes);
+    bytes
+}
+
+/// Stands between an agent and its stand-in: passes both ways, checks every control, and adds garbage.
+struct Meddler {
+    agent_side: UdpSocket,
+    simulator_side: UdpSocket,
+    simulator: SocketAddr,
+    agent: Option<SocketAddr>,
+    last_position: Vec<u8>,
+    rng: ChaCha8Rng,
+    controls: Arc<AtomicU64>,
+}
+
+impl Meddler {
+    fn new(simulator: SocketAddr) -> Self {
+        let socket = || {
+            let socket = UdpSocket::bind("127.0.0.1:0").unwrap();
+            socket.set_nonblocking(true).unwrap();
+            socket
+        };
+        let (agent_side, simulator_side) = (socket(), socket());
+        let rng = ChaCha8Rng::seed_from_u64(1);
+        let (agent, last_position) = (None, Vec::new());
+        Self { agent_side, simulator_side, simulator, agent, last_position, rng, controls: Arc::default() }
+    }
+
+    fn run(mut self, stop: &AtomicBool) {
+        let mut buffer = [0; 2048];
+        while !stop.load(Relaxed) {
+            while let Ok((size, from)) = self.agent_side.recv_from(&mut buffer) {
+                self.agent = Some(from);
+                self.check(&buffer[..size]);
+                self.simulator_side.send_to(&buffer[..size], self.simulator).unwrap();
+            }
+            while let Ok((size, _)) = self.simulator_side.recv_from(&mut buffer) {
+                let Some(agent) = self.agent else { continue };
+                if buffer.starts_with(b"RPOS") {
+                    self.last_position = buffer[..size].to_vec();
+                }
+                self.agent_side.send_to(&buffer[..size], agent).unwrap();
+                self.meddle(agent);
+            }
+            thread::sleep(Duration::from_micros(300));
+        }
+    }
+
+    /// Every control that the agent writes is finite and within its travel.
+    fn check(&self, datagram: &[u8]) {
+        let Ok(DrefWrite { path, value }) = DrefWrite::decode(datagram) else { return };
+        let least = if path.contains("yoke") { -1.0 } else { 0.0 };
+        assert!((least..=1.0).contains(&value), "{path} = {value}");
+        self.controls.fetch_add(1, Relaxed);
+    }
+
+    /// What no simulator says, from the simulator's own address and from another port of it.
+    fn meddle(&mut self, agent: SocketAddr) {
+        let mut words = vec![noise(&mut self.rng, 200), noise(&mut self.rng, 9000), b"RPOS".to_vec()];
+        let mut tagged = b"RREF,".to_vec();
+        tagged.extend(noise(&mut self.rng, 64));
+        words.push(tagged);
+        if !self.last_position.is_empty() {
+            words.push(self.last_position[..40].to_vec());
+            let longer = [self.last_position.as_slice(), &[0; 500]].concat();
+            words.push(longer);
+            for (offset, value) in [(13, f64::NAN), (13, 1e9), (21, f64::INFINITY)] {
+                let mut spoilt = self.last_position.clone();
+                spoilt[offset..offset + 8].copy_from_slice(&value.to_le_bytes());
+                words.push(spoilt);
+            }
+            for (offset, value) in [(33, f32::NAN), (45, 1e20_f32), (57, f32::INFINITY)] {
+                let mut spoilt = self.last_position.clone();
+                spoilt[offset..offset + 4].copy_from_slice(&value.to_le_bytes());
+                words.push(spoilt);
+            }
+        }
+        for word in words {
+            let _ = self.agent_side.send_to(&word, agent);
+            let _ = self.simulator_side.send_to(&word, agent);
+            // The stand-in gets its share.
+            let _ = self.agent_side.send_to(&word, self.simulator);
+        }
+    }
+}
+
+/// What a stranger with a link to the agent can say.
+struct Stranger {
+    session: zenoh::Session,
+    rng: ChaCha8Rng,
+    sequence: u64,
+}
+
+impl Stranger {
+    fn put(&self, topic: Topic, bytes: Vec<u8>) {
+        self.session.put(topic.key(), bytes).wait().unwrap();
+    }
+
+    fn header(&mut self, sender: u8) -> Header {
+        self.sequence += 1;
+        Header {
+            sender: id(sender),
+            incarnation: Incarnation(5),
+            sequence: self.sequence,
+            stamp: SenderStamp::ZERO,
+        }
+    }
+
+    fn state(&mut self, sender: u8) -> State {
+        let position = Geodetic::from_degrees(28.0, -82.001, 30.0);
+        let state = VehicleState { position, velocity: VelocityNed::default(), heading_rad: 0.0 };
+        State { header: self.header(sender), state }
+    }
+
+    fn meddle(&mut self) {
+        let cell = Cell::default();
+        for sender in [1, 2, 3, 200] {
+            for bytes in [noise(&mut self.rng, 300), vec![], vec![1; 100_000]] {
+                self.put(Topic::State(id(sender), cell), bytes.clone());
+                self.put(Topic::Mission(id(sender)), bytes.clone());
+                self.put(Topic::Order(7), bytes);
+            }
+        }
+        let good = self.state(2);
+        let mut other_version = encode(&good);
+        other_version[0] = 77;
+        self.put(Topic::State(id(2), cell), other_version);
+        let mut nowhere = good;
+        nowhere.state.position.latitude_rad = f64::NAN;
+        self.put(Topic::State(id(2), cell), encode(&nowhere));
+        // Vehicle 2 under vehicle 3's key; in the agent's own name; of a vehicle that is not in the swarm.
+        self.put(Topic::State(id(3), cell), encode(&good));
+        let own = self.state(1);
+        self.put(Topic::State(id(1), cell), encode(&own));
+        let alien = self.state(200);
+        self.put(Topic::State(id(200), cell), encode(&alien));
+        let order = Order { epoch: u64::MAX, issuer: 1, verb: Verb::Land };
+        let mission =
+            Mission { header: self.header(3), plan: 1, membership: Membership::Active, order: Some(order) };
+        self.put(Topic::Mission(id(3)), encode(&mission));
+        // Once and again: a replay.
+        self.put(Topic::State(id(2), cell), encode(&good));
+        self.put(Topic::State(id(2), cell), encode(&good));
+    }
+}
+
+#[test]
+fn garbage_on_every_port_is_counted_and_nothing_of_it_is_believed() {
+    let swarm = SwarmName::new(format!("garbage-{}", std::process::id())).unwrap();
+    let text = format!("swarm.vehicles = 4\nswarm.name = {:?}\nformation.altitude_m = 8", swarm.as_str());
+    let scenario = load(&Source { name: "garbage.toml", text: &text }, &[]).unwrap().scenario;
+
+    let options = <StandinOptions as clap::FromArgMatches>::from_arg_matches(
+        &<StandinOptions as clap::Args>::augment_args(clap::Command::new("standin"))
+            .get_matches_from(["standin", "--port", "0", "--beacon", "false"]),
+    )
+    .unwrap();
+    let mut standin = Standin::open(&options).unwrap();
+    let simulator = SocketAddr::from(([127, 0, 0, 1], standin.address().port()));
+    let meddler = Meddler::new(simulator);
+    let controls = meddler.controls.clone();
+    let between = meddler.agent_side.local_addr().unwrap();
+
+    let stop_edges = Arc::new(AtomicBool::new(false));
+    let edges = [
+        thread::spawn({
+            let stop = stop_edges.clone();
+            move || standin.run(&stop)
+        }),
+        thread::spawn({
+            let stop = stop_edges.clone();
+            move || meddler.run(&stop)
+        }),
+    ];
+
+    let session = link::open(&swarm, &["tcp/127.0.0.1:0".to_owned()], &[]).unwrap();
+    let locator = session.info().locators().wait()[0].to_string();
+    let node = Node {
+        scenario,
+        notes: Vec::new(),
+        id: id(1),
+        listen: Vec::new(),
+        dial: Vec::new(),
+        aircraft: Aircraft::shipped("xcell60").unwrap().unwrap(),
+        rules: Rules::shipped(),
+        plant: PlantChoice::Standin(between),
+    };
+    let tokio = tokio::runtime::Builder::new_multi_thread().worker_threads(1).enable_all().build().unwrap();
+    let stop = Arc::new(Stop::default());
+    let flight = thread::spawn({
+        let (stop, handle) = (stop.clone(), tokio.handle().clone());
+        move || run::fly(&node, session, &stop, &handle)
+    });
+
+    let strange = link::open(&swarm, &[], std::slice::from_ref(&locator)).unwrap();
+    let healths = strange.declare_subscriber(all::HEALTH).with(FifoChannel::new(256)).wait().unwrap();
+    let traces = strange.declare_subscriber(all::TRACES).with(FifoChannel::new(4096)).wait().unwrap();
+    let mut stranger = Stranger { session: strange, rng: ChaCha8Rng::seed_from_u64(2), sequence: 0 };
+    let port: SocketAddr = locator.trim_start_matches("tcp/").parse().unwrap();
+
+    let (mut health, mut highest_m) = (None::<Health>, 0.0_f64);
+    let mut activities = Vec::new();
+    let until = Instant::now() + Duration::from_secs(14);
+    while Instant::now() < until {
+        assert!(!flight.is_finished(), "the agent has ended");
+        stranger.meddle();
+        if let Ok(mut raw) = TcpStream::connect(port) {
+            let _ = raw.write_all(&noise(&mut stranger.rng, 4096));
+        }
+        for sample in healths.drain() {
+            health = Some(decode(&sample.payload().to_bytes()).unwrap());
+        }
+        for sample in traces.drain() {
+            let trace: Trace = decode(&sample.payload().to_bytes()).unwrap();
+            highest_m = highest_m.max(trace.height_m);
+            if activities.last() != Some(&trace.activity) {
+                activities.push(trace.activity);
+            }
+        }
+        thread::sleep(Duration::from_millis(50));
+    }
+    stop.ask();
+    flight.join().unwrap().unwrap();
+    stop_edges.store(true, Relaxed);
+    edges.into_iter().for_each(|edge| edge.join().unwrap());
+
+    let drops = health.unwrap().drops;
+    println!("{drops:?}, {activities:?}, highest {highest_m:.1} m, {} controls", controls.load(Relaxed));
+    assert!(drops.plant_malformed > 100, "{drops:?}");
+    assert!(drops.undecodable > 10 && drops.other_version > 1 && drops.forged > 10 && drops.old > 1, "{drops:?}");
+    assert!(controls.load(Relaxed) > 1000);
+    assert!((7.0..11.0).contains(&highest_m), "climbs as it does undisturbed: {highest_m}");
+    assert!(!activities.contains(&Activity::Landing), "a stranger's plan orders nothing: {activities:?}");
+}
