@@ -214,7 +214,8 @@ impl AgentOptions {
                     aircraft.helicopter.as_ref().ok_or_else(|| ConfigError::NoModel(vehicle.aircraft.clone()))?;
                 let start = &start[usize::from(id.get()) - 1];
                 let origin = Origin::new(scenario.origin.geodetic());
-                let vehicle = BuiltInVehicle::new(&origin, helicopter, start, &weather(&scenario), scenario.seed, id);
+                let vehicle =
+                    BuiltInVehicle::new(&origin, helicopter, start, &Weather::from(&scenario.world), scenario.seed, id);
                 PlantChoice::BuiltIn(Box::new(vehicle))
             }
             (PlantKind::Standin, address) => {
@@ -257,11 +258,6 @@ fn listen_for(simulator: IpAddr) -> IpAddr {
         IpAddr::V4(_) => Ipv4Addr::UNSPECIFIED.into(),
         IpAddr::V6(_) => Ipv6Addr::UNSPECIFIED.into(),
     }
-}
-
-fn weather(scenario: &Scenario) -> Weather {
-    let world = &scenario.world;
-    Weather { wind_m_s: world.wind_m_s, wind_from_rad: world.wind_from_rad(), gust_w20_m_s: world.gust_w20_m_s }
 }
 
 fn read(path: &Path) -> Result<String, ConfigError> {

@@ -240,7 +240,7 @@ fn hear<M: Message + 'static>(
         let at = clock.now();
         let key = sample.key_expr().as_str();
         match message::decode::<M>(&sample.payload().to_bytes()) {
-            Ok(said) if Topic::parse(key).is_some_and(|topic| topic.vehicle() == said.sender()) => {
+            Ok(said) if Topic::parse(key).is_some_and(|topic| said.may_stand_under(&topic)) => {
                 inbox.file(Heard { word: word(said), at });
             }
             Ok(_) => inbox.forged(key),
@@ -260,9 +260,10 @@ fn hear<M: Message + 'static>(
 fn hear_tokens(session: &Session, own: VehicleId, inbox: &Arc<Inbox>, clock: LocalClock) -> Result<(), LinkError> {
     let inbox = inbox.clone();
     let callback = move |sample: Sample| {
-        let vehicle = Topic::parse(sample.key_expr().as_str()).and_then(|topic| topic.vehicle());
         // One's own token is reported like any other.
-        if let Some(id) = vehicle.filter(|&id| id != own) {
+        if let Some(Topic::Alive(id)) = Topic::parse(sample.key_expr().as_str())
+            && id != own
+        {
             let word = match sample.kind() {
                 SampleKind::Put => Word::Appeared(id),
                 SampleKind::Delete => Word::Vanished(id),

@@ -159,10 +159,10 @@ impl Peers {
         self.known.iter().filter(|peer| peer.lost_at.is_none()).filter_map(|peer| Some(&peer.mission.as_ref()?.0))
     }
 
-    /// Somebody was lost, and of those who did not leave of their own will nobody is heard any more.
+    /// Somebody was lost who had not left of its own will, and nobody is heard any more.
     pub fn all_lost(&self) -> bool {
-        let mut stayed = self.known.iter().filter(|peer| peer.membership() != Membership::Left && peer.state.is_some());
-        stayed.clone().next().is_some() && stayed.all(|peer| peer.lost_at.is_some())
+        let mut met = self.known.iter().filter(|peer| peer.state.is_some());
+        met.clone().any(|peer| peer.membership() != Membership::Left) && met.all(|peer| peer.lost_at.is_some())
     }
 
     /// Words dropped because a later one was already heard.

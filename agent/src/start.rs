@@ -58,14 +58,15 @@ fn random_starts(scenario: &Scenario, generator: &mut impl Rng) -> Result<Vec<St
     for _ in 0..BEGINNINGS {
         let mut starts: Vec<Start> = Vec::with_capacity(vehicles);
         for _ in 0..DRAWS * vehicles {
-            if starts.len() == vehicles {
-                return Ok(starts);
-            }
+            let Some(vehicle) = scenario.vehicle.get(starts.len()) else { return Ok(starts) };
             let mut coordinate = || (random::uniform(generator) - 0.5) * start.square_m;
             let (north_m, east_m) = (coordinate(), coordinate());
             let heading_rad = (random::uniform(generator) - 0.5) * TAU;
-            let far = |other: &Start| (other.north_m - north_m).hypot(other.east_m - east_m) >= start.separation_m;
-            if starts.iter().all(far) {
+            // Places given in the file stand before any draw; who has one is drawn for all the same, and moved there.
+            let mut given = scenario.vehicle.iter().filter_map(|vehicle| vehicle.start_ne_m);
+            let is_far = |[n_m, e_m]: [f64; 2]| (n_m - north_m).hypot(e_m - east_m) >= start.separation_m;
+            let is_free = starts.iter().all(|start| is_far([start.north_m, start.east_m])) && given.all(is_far);
+            if vehicle.start_ne_m.is_some() || is_free {
                 starts.push(Start { north_m, east_m, heading_rad });
             }
         }
@@ -97,6 +98,16 @@ mod tests {
             }
             assert_eq!(starts, of_seed(seed));
             assert_ne!(starts, of_seed(seed + 1));
+        }
+    }
+
+    #[test]
+    fn random_starts_keep_their_distance_from_given_ones() {
+        for seed in 0..50 {
+            let text = format!("seed = {seed}\nswarm.vehicles = 9\n[vehicle.9]\nstart_ne_m = [0, 0]");
+            let starts = starts(&scenario(&text)).unwrap();
+            assert_eq!((starts[8].north_m, starts[8].east_m), (0.0, 0.0));
+            assert!(starts[..8].iter().all(|start| start.north_m.hypot(start.east_m) >= 15.0), "seed {seed}");
         }
     }
 

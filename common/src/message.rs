@@ -14,6 +14,7 @@ use serde::{Deserialize, Serialize};
 use crate::id::{Incarnation, VehicleId};
 use crate::state::{Membership, VehicleState};
 use crate::time::SenderStamp;
+use crate::topic::{Author, Topic};
 
 pub use health::{Drops, Health, PeerHealth};
 pub use trace::{PeerAge, Trace};
@@ -49,8 +50,8 @@ pub trait Message: Serialize + DeserializeOwned {
     /// Every number is finite and in its range.
     fn is_plausible(&self) -> bool;
 
-    /// The vehicle that says it; none for an operator's order.
-    fn sender(&self) -> Option<VehicleId>;
+    /// Whether it may be said under this topic: a vehicle speaks in its own branch, an issuer under its own number.
+    fn may_stand_under(&self, topic: &Topic) -> bool;
 }
 
 /// Who says it, in which life, and in which order.
@@ -175,7 +176,7 @@ impl std::fmt::Display for Happening {
 }
 
 macro_rules! message {
-    ($name:ident, $max_bytes:expr, $sender:expr, $plausible:expr) => {
+    ($name:ident, $max_bytes:expr, $author:expr, $plausible:expr) => {
         impl Message for $name {
             const MAX_BYTES: usize = $max_bytes;
 
@@ -184,19 +185,19 @@ macro_rules! message {
                 plausible(self)
             }
 
-            fn sender(&self) -> Option<VehicleId> {
-                let sender: fn(&Self) -> Option<VehicleId> = $sender;
-                sender(self)
+            fn may_stand_under(&self, topic: &Topic) -> bool {
+                let author: fn(&Self) -> Author = $author;
+                topic.author() == author(self)
             }
         }
     };
 }
 use message;
 
-message!(State, 128, |said| Some(said.header.sender), |said| said.state.is_plausible());
-message!(Mission, 128, |said| Some(said.header.sender), |_| true);
-message!(Event, 128, |said| Some(said.header.sender), |_| true);
-message!(Order, 64, |_| None, |_| true);
+message!(State, 128, |said| Author::Vehicle(said.header.sender), |said| said.state.is_plausible());
+message!(Mission, 128, |said| Author::Vehicle(said.header.sender), |_| true);
+message!(Event, 128, |said| Author::Vehicle(said.header.sender), |_| true);
+message!(Order, 64, |said| Author::Issuer(said.issuer), |_| true);
 
 /// The message as bytes.
 ///

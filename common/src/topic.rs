@@ -25,6 +25,15 @@ pub enum Topic {
     Order(u64),
 }
 
+/// Who speaks.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Author {
+    /// A vehicle.
+    Vehicle(VehicleId),
+    /// An operator's process, by its number.
+    Issuer(u64),
+}
+
 /// Key expressions that match one kind of message of every vehicle.
 pub mod all {
     /// States of all vehicles in all cells.
@@ -102,16 +111,16 @@ impl Topic {
         parts.next().is_none().then_some(topic)
     }
 
-    /// The vehicle whose branch the key stands in.
-    pub fn vehicle(&self) -> Option<VehicleId> {
+    /// Who alone may speak under this key.
+    pub fn author(&self) -> Author {
         match *self {
             Self::State(id, _)
             | Self::Alive(id)
             | Self::Health(id)
             | Self::Mission(id)
             | Self::Event(id)
-            | Self::Trace(id) => Some(id),
-            Self::Order(_) => None,
+            | Self::Trace(id) => Author::Vehicle(id),
+            Self::Order(issuer) => Author::Issuer(issuer),
         }
     }
 }

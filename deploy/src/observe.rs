@@ -191,8 +191,8 @@ enum Unbelieved {
 /// The message under this key, if it decodes and its sender is the one whose branch the key stands in.
 fn read<M: Message>(key: &str, bytes: &[u8]) -> Result<M, Unbelieved> {
     let said: M = message::decode(bytes).map_err(|_| Unbelieved::Undecodable)?;
-    let branch = Topic::parse(key).and_then(|topic| topic.vehicle());
-    if branch.is_some() && branch == said.sender() { Ok(said) } else { Err(Unbelieved::Forged) }
+    let is_its_own = Topic::parse(key).is_some_and(|topic| said.may_stand_under(&topic));
+    if is_its_own { Ok(said) } else { Err(Unbelieved::Forged) }
 }
 
 /// Keeps the newest of everything. False for what is older than what is known.

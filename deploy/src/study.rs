@@ -138,11 +138,7 @@ pub fn measure(world: &World, zero_s: f64, metrics: &mut Metrics, vehicles: &mut
 
 /// Writes a study: `scenario.toml` and `metrics.json` of every run, and of the whole `runs.csv` and `summary.json`.
 /// `as_flown` gives the complete scenario file of a seed.
-pub fn write(
-    out: &Path,
-    as_flown: impl Fn(u64) -> Result<String, Error>,
-    reports: &[Report],
-) -> Result<(), Error> {
+pub fn write(out: &Path, as_flown: impl Fn(u64) -> Result<String, Error>, reports: &[Report]) -> Result<(), Error> {
     let to = |path: PathBuf, text: String| {
         let parent = path.parent().map_or(Ok(()), fs::create_dir_all);
         let written = parent.and_then(|()| fs::write(&path, text));

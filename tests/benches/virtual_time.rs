@@ -82,9 +82,8 @@ fn print_ratios() {
     for preset in ["default", "paper"] {
         let study = hover(preset);
         let reports = study.fly_all(0..10, jobs, |_| {}).expect("the hover flies");
-        let (flown_s, wall_s) = reports
-            .iter()
-            .fold((0.0, 0.0), |sum, report| (sum.0 + report.duration_s, sum.1 + report.wall_s));
+        let (flown_s, wall_s) =
+            reports.iter().fold((0.0, 0.0), |sum, report| (sum.0 + report.duration_s, sum.1 + report.wall_s));
         let vehicles = study.scenario.swarm.vehicles as f64;
         println!(
             "hover, preset {preset}: {:.0} times real time on one core ({:.0} vehicle-seconds a CPU second)",

@@ -135,12 +135,7 @@ impl Stranger {
 
     fn header(&mut self, sender: u8) -> Header {
         self.sequence += 1;
-        Header {
-            sender: id(sender),
-            incarnation: Incarnation(5),
-            sequence: self.sequence,
-            stamp: SenderStamp::ZERO,
-        }
+        Header { sender: id(sender), incarnation: Incarnation(5), sequence: self.sequence, stamp: SenderStamp::ZERO }
     }
 
     fn state(&mut self, sender: u8) -> State {
@@ -172,8 +167,7 @@ impl Stranger {
         let alien = self.state(200);
         self.put(Topic::State(id(200), cell), encode(&alien));
         let order = Order { epoch: u64::MAX, issuer: 1, verb: Verb::Land };
-        let mission =
-            Mission { header: self.header(3), plan: 1, membership: Membership::Active, order: Some(order) };
+        let mission = Mission { header: self.header(3), plan: 1, membership: Membership::Active, order: Some(order) };
         self.put(Topic::Mission(id(3)), encode(&mission));
         // Once and again: a replay.
         self.put(Topic::State(id(2), cell), encode(&good));

@@ -1,4 +1,5 @@
 //! The swarm in virtual time against its acceptance figures, and twice the same.
+#![expect(clippy::unwrap_used, reason = "what a test cannot do has failed")]
 
 use std::num::NonZeroUsize;
 
@@ -104,9 +105,8 @@ fn without_wall_clock(report: &Report) -> String {
 #[test]
 fn a_seed_gives_the_same_figures_again_with_any_number_of_jobs() {
     let study = study("hover.toml", &["duration_s=120", "world.wind_m_s=4", "world.gust_w20_m_s=4"]);
-    let figures = |jobs| -> Vec<_> {
-        study.fly_all(3..7, jobs, |_| {}).unwrap().iter().map(without_wall_clock).collect()
-    };
+    let figures =
+        |jobs| -> Vec<_> { study.fly_all(3..7, jobs, |_| {}).unwrap().iter().map(without_wall_clock).collect() };
     let one = figures(NonZeroUsize::MIN);
     assert_eq!(one, figures(NonZeroUsize::MIN), "twice");
     assert_eq!(one, figures(TWO), "two jobs");
@@ -120,12 +120,13 @@ fn a_seed_gives_the_same_history_bit_for_bit() {
     for tick in 0..3_000 {
         let [one, other] = worlds.each_mut().map(|world| {
             world.tick();
-            let bits = |(_, _, truth, sticks): (_, _, &skein_agent::plant::Truth, Option<skein_agent::plant::Sticks>)| {
-                let place: [f64; 3] = truth.position.into();
-                let velocity: [f64; 3] = truth.velocity.into();
-                let sticks = sticks.map_or([0.0; 4], |s| [s.roll, s.pitch, s.yaw, s.collective]);
-                (place.map(f64::to_bits), velocity.map(f64::to_bits), sticks.map(f64::to_bits))
-            };
+            let bits =
+                |(_, _, truth, sticks): (_, _, &skein_agent::plant::Truth, Option<skein_agent::plant::Sticks>)| {
+                    let place: [f64; 3] = truth.position.into();
+                    let velocity: [f64; 3] = truth.velocity.into();
+                    let sticks = sticks.map_or([0.0; 4], |s| [s.roll, s.pitch, s.yaw, s.collective]);
+                    (place.map(f64::to_bits), velocity.map(f64::to_bits), sticks.map(f64::to_bits))
+                };
             world.vehicles().map(bits).collect::<Vec<_>>()
         });
         assert_eq!(one, other, "tick {tick}");

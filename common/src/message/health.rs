@@ -5,6 +5,7 @@ use serde::{Deserialize, Serialize};
 use super::{Header, Message, message};
 use crate::id::VehicleId;
 use crate::state::{Activity, Standing};
+use crate::topic::{Author, Topic};
 
 /// How well an agent does: what tells an algorithm's fault from the PC's.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -74,7 +75,7 @@ pub struct PeerHealth {
     pub age_s: f64,
 }
 
-message!(Health, 16 * 1024, |said| Some(said.header.sender), |said| {
+message!(Health, 16 * 1024, |said| Author::Vehicle(said.header.sender), |said| {
     let numbers = [said.uptime_s, said.frame_rate_hz, said.jitter_ms, said.step_p50_us, said.step_p99_us];
     numbers.iter().all(|number| number.is_finite())
         && said.plant.len() <= 64

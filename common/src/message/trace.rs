@@ -7,6 +7,7 @@ use crate::frame::{Attitude, PositionNed, VelocityNed};
 use crate::id::VehicleId;
 use crate::state::{Activity, Membership, Standing};
 use crate::time::PlantTime;
+use crate::topic::{Author, Topic};
 
 /// One step of an agent: what it believed, how it really was, what it did. Said only while somebody listens.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -64,7 +65,7 @@ pub struct PeerAge {
     pub age_s: f64,
 }
 
-message!(Trace, 16 * 1024, |said| Some(said.header.sender), |said| {
+message!(Trace, 16 * 1024, |said| Author::Vehicle(said.header.sender), |said| {
     let pairs = said.field_ne.iter().chain(&said.error_ne_m);
     let options = said.power_w.iter().chain(&said.step_us);
     said.estimate.is_finite()

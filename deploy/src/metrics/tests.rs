@@ -57,7 +57,8 @@ fn separations_count_pairs_in_the_air_and_collisions_count_pairs() {
     metrics.observe(0.1, &[vehicle(1, 0.0, 1.0, 1.0), vehicle(2, 180.0, 0.5, 30.0), vehicle(3, 90.0, 100.0, 30.0)]);
     assert_eq!(report(&metrics).collisions, 0, "one of the near pair is on the ground");
     for t_s in [0.2, 0.3] {
-        metrics.observe(t_s, &[vehicle(1, 0.0, 1.0, 30.0), vehicle(2, 180.0, 0.5, 30.0), vehicle(3, 90.0, 100.0, 30.0)]);
+        metrics
+            .observe(t_s, &[vehicle(1, 0.0, 1.0, 30.0), vehicle(2, 180.0, 0.5, 30.0), vehicle(3, 90.0, 100.0, 30.0)]);
     }
     metrics.observe(0.4, &[vehicle(1, 0.0, 10.0, 30.0), vehicle(2, 180.0, 10.0, 30.0), vehicle(3, 90.0, 100.0, 30.0)]);
     let report = report(&metrics);
@@ -73,7 +74,7 @@ fn steady_figures_use_the_last_hundred_seconds() {
     for tick in 1..=20_000_u32 {
         let t_s = f64::from(tick) * 0.01;
         // Before the last hundred seconds far out; then 101 m, drifting by 1 m, with a swing of 0.5 m.
-        let swing_m = 0.5 * (t_s * std::f64::consts::TAU / 7.0).sin();
+        let swing_m = 0.5 * (t_s * TAU / 7.0).sin();
         let distance_m = if t_s < 100.0 { 500.0 } else { 101.0 + (t_s - 100.0) * 0.01 + swing_m };
         metrics.observe(t_s, &[vehicle(1, 0.0, distance_m, 31.0), vehicle(2, 176.0, distance_m, 31.0)]);
     }

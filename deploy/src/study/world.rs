@@ -46,11 +46,7 @@ impl World {
     /// The swarm of this scenario on the ground.
     pub fn new(scenario: &Scenario, aircraft: &[Aircraft], rules: &Rules) -> Result<Self, StudyError> {
         let origin = Origin::new(scenario.origin.geodetic());
-        let weather = Weather {
-            wind_m_s: scenario.world.wind_m_s,
-            wind_from_rad: scenario.world.wind_from_rad(),
-            gust_w20_m_s: scenario.world.gust_w20_m_s,
-        };
+        let weather = Weather::from(&scenario.world);
         let starts = starts(scenario)?;
         let vehicles = scenario.ids().zip(&starts).zip(aircraft).map(|((id, start), aircraft)| {
             let parameters = aircraft.helicopter.as_ref().ok_or(StudyError::NoModel(id))?;

@@ -2,6 +2,7 @@
 
 use rand_chacha::ChaCha8Rng;
 use skein_common::frame::VelocityNed;
+use skein_common::scenario;
 
 use super::TICK_S;
 use crate::random;
@@ -16,6 +17,12 @@ pub struct Weather {
     /// W20: wind speed 20 ft above the ground, m/s, that sets how strong the gusts are. Light turbulence is 7.7, moderate
     /// 15.4, severe 23.2; no gusts at zero.
     pub gust_w20_m_s: f64,
+}
+
+impl From<&scenario::World> for Weather {
+    fn from(world: &scenario::World) -> Self {
+        Self { wind_m_s: world.wind_m_s, wind_from_rad: world.wind_from_rad(), gust_w20_m_s: world.gust_w20_m_s }
+    }
 }
 
 /// The form holds between these heights (the upper one is 1000 ft).
