@@ -85,7 +85,7 @@ impl Agent {
             origin,
             estimator: Estimator::new(origin, &scenario.sensing),
             peers: Peers::new(own, roster, scenario.network.peer_stale_s),
-            mission: Mission::new(goal, scenario.plan_hash()),
+            mission: Mission::new(goal, scenario.plan_hash(), aircraft.take_off_rotor_rad_s()),
             formation: Formation::new(own, &scenario.formation),
             controller: VehicleController::new(rules, trim, scenario.control.auto_trim),
             speech: Speech::new(own, incarnation, &scenario.network),

@@ -12,6 +12,9 @@ use crate::plant::xplane::Profile;
 pub struct Aircraft {
     /// Controls and attitude in a hover without wind.
     pub trim: Trim,
+    /// Main rotor speed in flight, rad/s, for an aircraft without a flight model here; without it the agent does not wait
+    /// for the rotor before it takes off.
+    pub rotor_speed_rad_s: Option<f64>,
     /// The built-in flight model. An aircraft that only X-Plane flies has none.
     pub helicopter: Option<Parameters>,
     /// Which datarefs are its controls.
@@ -30,7 +33,16 @@ pub enum AircraftError {
     Parameters(String, ParameterError),
 }
 
+/// Share of its speed in flight at which a rotor lifts.
+const TAKE_OFF_SHARE: f64 = 0.9;
+
 impl Aircraft {
+    /// Rotor speed below which nobody takes off, rad/s, if it is known.
+    pub fn take_off_rotor_rad_s(&self) -> Option<f64> {
+        let of_model = self.helicopter.as_ref().map(|helicopter| helicopter.head.nominal_speed_rad_s);
+        self.rotor_speed_rad_s.or(of_model).map(|speed_rad_s| TAKE_OFF_SHARE * speed_rad_s)
+    }
+
     /// The aircraft that come with the program.
     pub const SHIPPED: [(&'static str, &'static str); 1] =
         [("xcell60", include_str!("../../deploy/aircraft/xcell60.toml"))];

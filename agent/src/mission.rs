@@ -1,7 +1,7 @@
 //! What this vehicle does now: join, fly in formation, hold, land.
 //!
 //! ```text
-//!                 2 s of listening                     order: land
+//!        2 s of listening, rotor at speed              order: land
 //!   Joining ------------------------> Active ---------------------------> Left (descends, lands)
 //!                                      formation <----> hold (ordered, or nobody is heard)
 //! ```
@@ -77,6 +77,8 @@ pub struct Goal {
 pub struct Mission {
     goal: Goal,
     plan: u64,
+    /// Nobody takes off with a slower rotor, rad/s.
+    take_off_rotor_rad_s: Option<f64>,
     /// Peers already told of for flying another plan.
     strangers: Vec<VehicleId>,
     /// Since when this life has listened.
@@ -108,11 +110,13 @@ struct Landing {
 }
 
 impl Mission {
-    /// A mission not yet begun; `plan` is the hash of the plan it is part of.
-    pub fn new(goal: Goal, plan: u64) -> Self {
+    /// A mission not yet begun; `plan` is the hash of the plan it is part of. Before the rotor has reached
+    /// `take_off_rotor_rad_s` the vehicle does not take part, if the plant tells the rotor's speed.
+    pub fn new(goal: Goal, plan: u64, take_off_rotor_rad_s: Option<f64>) -> Self {
         Self {
             goal,
             plan,
+            take_off_rotor_rad_s,
             strangers: Vec::new(),
             since: None,
             membership: Membership::Joining,
@@ -159,7 +163,8 @@ impl Mission {
             self.heading_rad = estimate.attitude.heading_rad;
             now.local
         });
-        if self.membership == Membership::Joining && now.local.seconds_since(since) >= JOIN_S {
+        let has_listened = now.local.seconds_since(since) >= JOIN_S;
+        if self.membership == Membership::Joining && has_listened && self.is_rotor_ready(estimate) {
             self.membership = Membership::Active;
         }
         match (self.membership, self.order.map(|order| order.verb)) {
@@ -190,6 +195,11 @@ impl Mission {
     /// The newest order known.
     pub fn order(&self) -> Option<Order> {
         self.order
+    }
+
+    fn is_rotor_ready(&self, estimate: &Estimate) -> bool {
+        let speeds = estimate.rotor_speed_rad_s.zip(self.take_off_rotor_rad_s);
+        speeds.is_none_or(|(speed_rad_s, least_rad_s)| speed_rad_s >= least_rad_s)
     }
 
     /// Joining on the ground leaves the controls alone; joining in the air (after a restart) stays in place.

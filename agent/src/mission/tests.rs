@@ -27,7 +27,7 @@ fn estimate(altitude_m: f64, down_m_s: f64) -> Estimate {
 
 /// A mission whose two seconds of joining are over.
 fn active() -> Mission {
-    let mut mission = Mission::new(GOAL, 7);
+    let mut mission = Mission::new(GOAL, 7, None);
     mission.step(at(0.0), &estimate(0.24, 0.0), false);
     mission.step(at(2.0), &estimate(0.24, 0.0), false);
     mission
@@ -35,7 +35,7 @@ fn active() -> Mission {
 
 #[test]
 fn two_seconds_of_listening_then_take_off_with_the_first_heading() {
-    let mut mission = Mission::new(GOAL, 7);
+    let mut mission = Mission::new(GOAL, 7, None);
     assert_eq!(mission.step(at(5.0), &estimate(0.24, 0.0), false), Task::Wait);
     assert_eq!(mission.step(at(6.9), &estimate(0.24, 0.0), false), Task::Wait);
     assert_eq!(mission.membership(), Membership::Joining);
@@ -48,7 +48,7 @@ fn two_seconds_of_listening_then_take_off_with_the_first_heading() {
 
 #[test]
 fn an_agent_that_joins_in_the_air_stays_there_until_it_takes_part() {
-    let mut mission = Mission::new(GOAL, 7);
+    let mut mission = Mission::new(GOAL, 7, None);
     let Task::Stay { at_ne_m, altitude_m, .. } = mission.step(at(0.0), &estimate(25.0, 0.0), false) else {
         panic!("in the air it holds")
     };
@@ -108,7 +108,7 @@ fn a_landing_descends_gently_unloads_and_leaves() {
 
 #[test]
 fn an_order_to_land_on_the_ground_does_not_take_off() {
-    let mut mission = Mission::new(GOAL, 7);
+    let mut mission = Mission::new(GOAL, 7, None);
     mission.merge(LAND);
     for tick in 0..300 {
         let task = mission.step(at(f64::from(tick) * 0.02), &estimate(0.24, 0.0), false);
@@ -132,4 +132,17 @@ fn orders_spread_from_peer_to_peer_among_those_with_the_same_plan() {
     assert_eq!(mission.listen(&said(7, Some(LAND))), Some(Happening::OrderTaken(LAND)));
     assert_eq!(mission.listen(&said(7, Some(LAND))), None);
     assert_eq!(mission.order(), Some(LAND));
+}
+
+#[test]
+fn nobody_takes_part_before_the_rotor_is_at_speed() {
+    let mut mission = Mission::new(GOAL, 7, Some(150.0));
+    let with_rotor = |speed_rad_s| Estimate { rotor_speed_rad_s: speed_rad_s, ..estimate(0.24, 0.0) };
+    mission.step(at(0.0), &with_rotor(Some(0.0)), false);
+    assert_eq!(mission.step(at(9.0), &with_rotor(Some(149.0)), false), Task::Wait);
+    assert_eq!(mission.membership(), Membership::Joining);
+    assert!(matches!(mission.step(at(9.1), &with_rotor(Some(151.0)), false), Task::Formation { .. }));
+    let mut untold = Mission::new(GOAL, 7, Some(150.0));
+    untold.step(at(0.0), &with_rotor(None), false);
+    assert!(matches!(untold.step(at(2.0), &with_rotor(None), false), Task::Formation { .. }));
 }
