@@ -146,7 +146,7 @@ mod tests {
     fn rules_are_found_from_the_folder_of_the_file() {
         let args = ScenarioArgs {
             scenario: Some("scenarios/hover.toml".into()),
-            sets: ["control.rules=../controllers", "formation.safety_filter=none"].map(str::to_owned).into(),
+            sets: vec!["control.rules=../controllers".to_owned()],
         };
         let scenario = args.read(Vec::new()).unwrap().scenario;
         let scenario::Rules::Folder(folder) = &scenario.control.rules else { panic!("a folder") };

@@ -53,9 +53,7 @@ impl Place {
     fn fly_into(&self, out: &str) -> Command {
         let mut command = self.command();
         command.arg("fly").arg("--out").arg(self.folder.path().join(out));
-        for set in
-            ["swarm.vehicles=3", "formation.altitude_m=8", "formation.radius_m=60", "formation.safety_filter=none"]
-        {
+        for set in ["swarm.vehicles=3", "formation.altitude_m=8", "formation.radius_m=60"] {
             command.args(["--set", set]);
         }
         command.arg("--set").arg(format!("swarm.name={}", self.name));

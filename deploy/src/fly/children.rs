@@ -44,7 +44,7 @@ pub struct Ended {
     pub id: VehicleId,
     /// How it ended.
     pub status: ExitStatus,
-    /// The last thing it wrote, if it failed.
+    /// The last thing it wrote, if it failed by itself.
     pub last_words: Option<String>,
 }
 
@@ -70,7 +70,8 @@ impl Children {
         for child in self.0.iter_mut().filter(|child| child.ended.is_none()) {
             if let Ok(Some(status)) = child.process.try_wait() {
                 child.ended = Some(status);
-                let last_words = if status.success() { None } else { last_line(&child.log) };
+                let has_failed = status.code().is_some_and(|code| code != 0);
+                let last_words = has_failed.then(|| last_line(&child.log)).flatten();
                 ended.push(Ended { role: child.role, id: child.id, status, last_words });
             }
         }

@@ -111,8 +111,7 @@ mod tests {
     use crate::scenario::ScenarioArgs;
 
     fn args(sets: &[&str]) -> FlyArgs {
-        let sets =
-            sets.iter().map(|set| (*set).to_owned()).chain(["formation.safety_filter=none".to_owned()]).collect();
+        let sets = sets.iter().map(|set| (*set).to_owned()).collect();
         FlyArgs { scenario: ScenarioArgs { scenario: None, sets }, ..FlyArgs::default() }
     }
 
