@@ -80,12 +80,13 @@ impl Agent {
         let goal = supported::goal(scenario)?;
         let origin = Origin::new(scenario.origin.geodetic());
         let trim = with_hidden_error(aircraft.trim, scenario, own);
+        let plan = scenario.plan_hash();
         let roster = scenario.swarm.vehicles.min(VehicleId::MAX.into()) as u8;
         Ok(Self {
             origin,
             estimator: Estimator::new(origin, &scenario.sensing),
-            peers: Peers::new(own, roster, scenario.network.peer_stale_s),
-            mission: Mission::new(goal, scenario.plan_hash(), aircraft.take_off_rotor_rad_s()),
+            peers: Peers::new(own, roster, plan, scenario.network.peer_stale_s),
+            mission: Mission::new(goal, plan, aircraft.take_off_rotor_rad_s()),
             formation: Formation::new(own, &scenario.formation),
             controller: VehicleController::new(rules, trim, scenario.control.auto_trim),
             speech: Speech::new(own, incarnation, &scenario.network),

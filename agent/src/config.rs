@@ -204,7 +204,7 @@ impl AgentOptions {
             return Err(ConfigError::NotInSwarm { id, file: name, vehicles });
         };
         let folder = path.parent().unwrap_or(Path::new(""));
-        let aircraft = aircraft(&vehicle.aircraft, folder)?;
+        let (aircraft, _) = aircraft(&vehicle.aircraft, folder)?;
         let rules = rules(&scenario.control.rules, folder)?;
         let address = self.xplane.as_ref().or(xplane.as_ref());
         let plant = match (plant.unwrap_or(scenario.swarm.plant), address) {
@@ -279,16 +279,25 @@ fn parse<T: DeserializeOwned>(name: &str, text: &str) -> Result<T, ConfigError> 
     })
 }
 
-/// The aircraft of this name: one that comes with the program, or else `NAME.toml` beside the scenario.
-fn aircraft(name: &str, folder: &Path) -> Result<Aircraft, ConfigError> {
-    if let Some(shipped) = Aircraft::shipped(name) {
-        return Ok(shipped?);
-    }
+/// The aircraft of this name and its file's text: one that comes with the program, or else `NAME.toml` in the scenario's
+/// folder.
+///
+/// # Errors
+/// If there is no such file, or it is no aircraft's.
+pub fn aircraft(name: &str, folder: &Path) -> Result<(Aircraft, String), ConfigError> {
     let path = folder.join(format!("{name}.toml"));
-    Ok(Aircraft::from_text(&path.display().to_string(), &read(&path)?)?)
+    let (file, text) = match Aircraft::SHIPPED.iter().find(|(shipped, _)| *shipped == name) {
+        Some((_, text)) => (name.to_owned(), (*text).to_owned()),
+        None => (path.display().to_string(), read(&path)?),
+    };
+    Ok((Aircraft::from_text(&file, &text)?, text))
 }
 
-fn rules(rules: &scenario::Rules, folder: &Path) -> Result<Rules, ConfigError> {
+/// The rules that a scenario in this folder names: those that come with the program, or the four files of a folder.
+///
+/// # Errors
+/// If a file cannot be read or is no rule base.
+pub fn rules(rules: &scenario::Rules, folder: &Path) -> Result<Rules, ConfigError> {
     let scenario::Rules::Folder(rules) = rules else { return Ok(Rules::shipped()) };
     let paths = ["roll", "pitch", "heading", "collective"].map(|axis| folder.join(rules).join(format!("{axis}.fis")));
     let names = paths.each_ref().map(|path| path.display().to_string());

@@ -94,6 +94,7 @@ pub enum Change {
 pub struct Peers {
     own: VehicleId,
     roster: u8,
+    plan: u64,
     stale_s: f64,
     known: Vec<Peer>,
     seen: Vec<Seen>,
@@ -123,10 +124,11 @@ struct Told {
 }
 
 impl Peers {
-    /// Nobody heard yet in a swarm of vehicles 1 to `roster`. A word older than `stale_s` counts for nothing.
-    pub fn new(own: VehicleId, roster: u8, stale_s: f64) -> Self {
+    /// Nobody heard yet in a swarm of vehicles 1 to `roster`. Only who flies the plan with hash `plan` can be a member. A
+    /// word older than `stale_s` counts for nothing.
+    pub fn new(own: VehicleId, roster: u8, plan: u64, stale_s: f64) -> Self {
         let (known, seen, changes) = (Vec::new(), Vec::new(), Vec::new());
-        Self { own, roster, stale_s, known, seen, changes, old: 0, forged: 0 }
+        Self { own, roster, plan, stale_s, known, seen, changes, old: 0, forged: 0 }
     }
 
     /// Takes up what was heard and carries everybody forward to `now`.
@@ -140,7 +142,7 @@ impl Peers {
             if let Some(change) = peer.age(now, self.stale_s) {
                 self.changes.push(change);
             }
-            self.seen.extend(peer.seen(now));
+            self.seen.extend(peer.seen(now, self.plan));
         }
     }
 
@@ -278,7 +280,7 @@ impl Peer {
         }
     }
 
-    fn seen(&self, now: LocalTime) -> Option<Seen> {
+    fn seen(&self, now: LocalTime, plan: u64) -> Option<Seen> {
         let told = self.state?;
         let age_s = now.seconds_since(told.at).max(0.0);
         let standing = match self.lost_at {
@@ -286,8 +288,9 @@ impl Peer {
             None if age_s > FRESH_S => Standing::Stale,
             None => Standing::Fresh,
         };
+        let flies_along = self.mission.is_some_and(|(said, _)| said.plan == plan);
         let role = match (self.membership(), self.lost_at) {
-            (Membership::Active, None) => Role::Member,
+            (Membership::Active, None) if flies_along => Role::Member,
             (_, Some(lost_at)) if now.seconds_since(lost_at) > OBSTACLE_FOR_S => Role::Nothing,
             _ => Role::Obstacle { radius_m: OBSTACLE_RADIUS_M + OBSTACLE_GROWTH_M_S * age_s },
         };

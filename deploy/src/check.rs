@@ -4,7 +4,7 @@ use serde_json::json;
 use skein_common::scenario::{Explained, Loaded};
 
 use crate::error::Error;
-use crate::scenario::{ScenarioArgs, ready};
+use crate::scenario::ScenarioArgs;
 
 /// `skein check`
 #[derive(Clone, Debug, clap::Args)]
@@ -25,7 +25,7 @@ pub fn run(args: &CheckArgs) -> Result<(), Error> {
     let loaded = args.scenario.read(Vec::new())?;
     loaded.notes.iter().for_each(|note| eprintln!("{note}"));
     crate::say(&if args.json { crate::json(&as_json(&loaded)) } else { as_text(&loaded) });
-    ready(&loaded.scenario).map(drop).map_err(|why| Error::Refused(format!("{}: {why}", args.scenario.name())))
+    args.scenario.ready(&loaded.scenario).map(drop)
 }
 
 /// A line for each key: key, value, origin.

@@ -136,7 +136,7 @@ impl Metrics {
         }
     }
 
-    /// Age of one peer's word at one step, s, by the receiver's clock.
+    /// Age of one peer's word at one step, s, by the receiver's clock; of a peer that is not lost.
     pub fn observe_age(&mut self, age_s: f64) {
         self.ages.add(age_s);
     }

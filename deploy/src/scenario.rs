@@ -1,9 +1,11 @@
 //! A command's scenario: read, checked against what can be flown today, refused before anything else happens.
 
+use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
 
 use skein_agent::aircraft::Aircraft;
+use skein_agent::config;
 use skein_agent::control::Rules;
 use skein_agent::plant::helicopter::Start;
 use skein_agent::start::starts;
@@ -52,6 +54,14 @@ impl ScenarioArgs {
         }
     }
 
+    /// Makes sure that agents of this build can fly the scenario, as [`ScenarioArgs::read`] gave it.
+    ///
+    /// # Errors
+    /// A sentence that says what stands against it.
+    pub fn ready(&self, scenario: &Scenario) -> Result<Ready, Error> {
+        ready(scenario, self.folder()).map_err(|why| Error::Refused(format!("{}: {why}", self.name())))
+    }
+
     /// The folder that the file's paths start from.
     fn folder(&self) -> &Path {
         self.scenario.as_deref().and_then(Path::parent).unwrap_or(Path::new(""))
@@ -70,47 +80,31 @@ pub struct Ready {
     pub starts: Vec<Start>,
     /// What each vehicle is, in the order of ids.
     pub aircraft: Vec<Aircraft>,
+    /// The files of these aircraft, by name.
+    pub aircraft_files: BTreeMap<String, String>,
     /// How the vehicle controllers decide.
     pub rules: Rules,
 }
 
-/// Makes sure that agents of this build can fly the scenario, as [`ScenarioArgs::read`] gave it.
-///
-/// # Errors
-/// A sentence that says what stands against it.
-pub fn ready(scenario: &Scenario) -> Result<Ready, String> {
+/// Makes sure that agents of this build can fly the scenario, whose paths start from `folder`.
+fn ready(scenario: &Scenario, folder: &Path) -> Result<Ready, String> {
     supported::goal(scenario).map_err(|error| error.to_string())?;
-    let aircraft = scenario.vehicle.iter().map(|vehicle| aircraft(scenario, vehicle)).collect::<Result<Vec<_>, _>>()?;
-    Ok(Ready {
-        starts: starts(scenario).map_err(|error| error.to_string())?,
-        aircraft,
-        rules: rules(&scenario.control.rules)?,
-    })
-}
-
-fn aircraft(scenario: &Scenario, vehicle: &scenario::Vehicle) -> Result<Aircraft, String> {
-    let (id, name) = (vehicle.id, &vehicle.aircraft);
-    let aircraft = Aircraft::shipped(name).ok_or_else(|| {
-        let known = Aircraft::SHIPPED.map(|(known, _)| known).join(", ");
-        format!("vehicle {id}: there is no aircraft \"{name}\"; there is {known}")
-    })?;
-    let aircraft = aircraft.map_err(|error| error.to_string())?;
-    if scenario.swarm.plant != PlantKind::Xplane && aircraft.helicopter.is_none() {
-        return Err(format!("vehicle {id}: only X-Plane can fly the aircraft \"{name}\""));
+    let (mut aircraft, mut aircraft_files) = (Vec::new(), BTreeMap::new());
+    for vehicle in &scenario.vehicle {
+        let (id, name) = (vehicle.id, &vehicle.aircraft);
+        let (its, text) = config::aircraft(name, folder).map_err(|error| {
+            let known = Aircraft::SHIPPED.map(|(known, _)| known).join(", ");
+            format!("vehicle {id}: no aircraft \"{name}\" ({error}); with the program come {known}")
+        })?;
+        if scenario.swarm.plant != PlantKind::Xplane && its.helicopter.is_none() {
+            return Err(format!("vehicle {id}: only X-Plane can fly the aircraft \"{name}\""));
+        }
+        aircraft.push(its);
+        aircraft_files.insert(name.clone(), text);
     }
-    Ok(aircraft)
-}
-
-fn rules(rules: &scenario::Rules) -> Result<Rules, String> {
-    let scenario::Rules::Folder(folder) = rules else { return Ok(Rules::shipped()) };
-    let paths = ["roll", "pitch", "heading", "collective"].map(|axis| folder.join(axis).with_extension("fis"));
-    let names = paths.each_ref().map(|path| path.display().to_string());
-    let mut texts: [String; 4] = Default::default();
-    for ((text, path), name) in texts.iter_mut().zip(&paths).zip(&names) {
-        *text = fs::read_to_string(path).map_err(|error| format!("control.rules: {name}: {error}"))?;
-    }
-    Rules::from_texts(std::array::from_fn(|axis| (names[axis].as_str(), texts[axis].as_str())))
-        .map_err(|error| format!("control.rules: {error}"))
+    let rules = config::rules(&scenario.control.rules, folder).map_err(|error| format!("control.rules: {error}"))?;
+    let starts = starts(scenario).map_err(|error| error.to_string())?;
+    Ok(Ready { starts, aircraft, aircraft_files, rules })
 }
 
 #[cfg(test)]
@@ -119,7 +113,7 @@ mod tests {
 
     fn refused(set: &str) -> String {
         let args = ScenarioArgs::default();
-        ready(&args.read(vec![set.to_owned()]).unwrap().scenario).unwrap_err()
+        args.ready(&args.read(vec![set.to_owned()]).unwrap().scenario).unwrap_err().to_string()
     }
 
     #[test]
@@ -139,7 +133,9 @@ mod tests {
     #[test]
     fn what_is_not_flown_is_refused() {
         assert!(refused("formation.law=flock").contains("not flown yet"));
-        assert_eq!(refused("vehicle.3.aircraft=r22"), "vehicle 3: there is no aircraft \"r22\"; there is xcell60");
+        let unknown = refused("vehicle.3.aircraft=r22");
+        assert!(unknown.starts_with("hover.toml: vehicle 3: no aircraft \"r22\" (cannot read r22.toml"), "{unknown}");
+        assert!(unknown.ends_with("with the program come xcell60"), "{unknown}");
     }
 
     #[test]
@@ -151,10 +147,10 @@ mod tests {
         let scenario = args.read(Vec::new()).unwrap().scenario;
         let scenario::Rules::Folder(folder) = &scenario.control.rules else { panic!("a folder") };
         assert!(folder.is_absolute(), "{folder:?}");
-        assert!(ready(&scenario).is_ok());
+        assert!(args.ready(&scenario).is_ok());
         let nowhere = args.read(vec!["control.rules=nowhere".to_owned()]).unwrap().scenario;
-        let refused = ready(&nowhere).unwrap_err();
-        assert!(refused.starts_with("control.rules: ") && refused.contains("roll.fis"), "{refused}");
+        let refused = args.ready(&nowhere).unwrap_err().to_string();
+        assert!(refused.contains("control.rules: ") && refused.contains("roll.fis"), "{refused}");
     }
 
     #[test]

@@ -22,7 +22,7 @@ use skein_agent::start::TooFull;
 use skein_agent::supported::NotFlown;
 use skein_common::id::VehicleId;
 use skein_common::scenario::Scenario;
-use skein_common::state::Membership;
+use skein_common::state::{Membership, Standing};
 
 use crate::clock::now;
 use crate::error::Error;
@@ -129,7 +129,7 @@ pub fn measure(world: &World, zero_s: f64, metrics: &mut Metrics, vehicles: &mut
     for (id, agent, truth, sticks) in world.vehicles() {
         let is_member = agent.membership() == Membership::Active;
         vehicles.push(VehicleNow { id, is_member, truth: *truth, sticks });
-        for peer in agent.peers() {
+        for peer in agent.peers().iter().filter(|peer| peer.standing != Standing::Lost) {
             metrics.observe_age(peer.age_s);
         }
     }

@@ -306,3 +306,36 @@ fn what_cannot_be_flown_is_refused_before_anything_is_begun() {
         assert!(!place.out().exists() && !place.runtime().exists(), "{arguments:?} wrote something");
     }
 }
+
+/// Ninety seconds of the default hover formation: what the first minute and a half can show of its limits.
+fn flies_the_default_formation(name: &'static str, plant: &str) {
+    let place = Place::new(name);
+    let mut command = place.command();
+    command.args(["fly", "--json", "--duration", "90", "--plant", plant, "--out"]).arg(place.out());
+    let flown = command.arg("--set").arg(format!("swarm.name={name}")).output().unwrap();
+    assert!(flown.status.success(), "{}", String::from_utf8_lossy(&flown.stderr));
+    assert_eq!(place.processes(), []);
+    let metrics = place.metrics();
+    let figure = |key: &str| metrics[key].as_f64().unwrap_or_else(|| panic!("{key} in {metrics:#}"));
+    println!(
+        "{plant}: at altitude {:.1} s, in band {:.1} s, least separation {:.1} m, tilt {:.1} deg, step p99 {:.0} us",
+        figure("at_altitude_s"),
+        figure("in_band_s"),
+        figure("min_separation_m"),
+        figure("max_tilt_deg"),
+        figure("step_p99_us"),
+    );
+    assert!(figure("at_altitude_s") <= 20.0 && figure("in_band_s") <= 30.0, "{metrics:#}");
+    assert!(figure("min_separation_m") >= 10.0 && figure("max_tilt_deg") <= 25.0, "{metrics:#}");
+    assert!(figure("nearest_pair_end_m") >= 100.0 && figure("collisions") == 0.0, "{metrics:#}");
+}
+
+#[test]
+fn four_processes_fly_the_default_formation_on_the_built_in_model() {
+    flies_the_default_formation("ninety-builtin", "builtin");
+}
+
+#[test]
+fn four_processes_fly_the_default_formation_over_the_simulators_protocol() {
+    flies_the_default_formation("ninety-standin", "standin");
+}

@@ -17,7 +17,7 @@ struct Cli {
 fn main() -> ExitCode {
     let Cli { options } = Cli::parse();
     let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new("info"));
-    tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr).init();
+    tracing_subscriber::fmt().with_env_filter(filter).with_ansi(false).with_writer(std::io::stderr).init();
     match run_standin(&options, &AtomicBool::new(false)) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {

@@ -240,7 +240,7 @@ fn a_replayed_word_is_dropped_by_the_core() {
         |heard| word(heard, |word| matches!(word, Word::State(_))),
     );
     let origin = Origin::new(Geodetic::from_degrees(28.0, -82.0, 0.0));
-    let mut peers = Peers::new(id(1), 4, 2.0);
+    let mut peers = Peers::new(id(1), 4, 0, 2.0);
     peers.update(newest.at, &origin, &[newest]);
     let before = peers.old();
     let old = until(

@@ -1,5 +1,5 @@
 use skein_common::frame::Geodetic;
-use skein_common::message::{Order, Verb};
+use skein_common::message::{Mission as MissionWord, Order, Verb};
 use skein_common::state::VehicleState;
 use skein_common::time::SenderStamp;
 
@@ -38,7 +38,7 @@ struct Table(Peers);
 
 impl Table {
     fn new() -> Self {
-        Self(Peers::new(id(1), 4, 2.0))
+        Self(Peers::new(id(1), 4, 1, 2.0))
     }
 
     fn hear(&mut self, at_s: f64, words: &[Word]) -> Vec<Change> {
@@ -109,6 +109,15 @@ fn words_in_the_own_name_or_of_strangers_are_forged() {
     assert!(table.0.seen().is_empty());
     table.hear(1.0, &[Word::Order(Order { epoch: 1, issuer: 1, verb: Verb::Land }), Word::Vanished(id(9))]);
     assert!(table.0.seen().is_empty());
+}
+
+#[test]
+fn who_flies_another_plan_is_an_obstacle() {
+    let mut table = Table::new();
+    let header = header(2, 1, 1);
+    let stranger = MissionWord { header, plan: 99, membership: Membership::Active, order: None };
+    table.hear(1.0, &[state(2, 1, 1, 0.0), Word::Mission(stranger)]);
+    assert!(matches!(table.only().role, Role::Obstacle { .. }));
 }
 
 #[test]

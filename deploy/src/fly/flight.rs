@@ -18,7 +18,7 @@ use skein_agent::plant::{Sticks, Truth};
 use skein_agent::supported;
 use skein_common::id::VehicleId;
 use skein_common::message::{Order, Trace, Verb};
-use skein_common::state::{Activity, Membership};
+use skein_common::state::{Activity, Membership, Standing};
 
 use super::children::{Children, Ended, Role};
 use super::launch::{Launched, launch};
@@ -159,7 +159,8 @@ impl Flight {
         for heard in self.observer.poll() {
             match heard {
                 Heard::Trace(trace) if self.stage == Stage::Flying => {
-                    trace.peers.iter().for_each(|peer| self.metrics.observe_age(peer.age_s));
+                    let heard = trace.peers.iter().filter(|peer| peer.standing != Standing::Lost);
+                    heard.for_each(|peer| self.metrics.observe_age(peer.age_s));
                     trace.step_us.into_iter().for_each(|step_us| self.metrics.observe_step(step_us));
                 }
                 Heard::Event(event) => self.tell(now, format!("vehicle {}: {}", event.header.sender, event.what)),

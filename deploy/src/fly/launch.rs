@@ -6,7 +6,6 @@ use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 
-use skein_agent::aircraft::Aircraft;
 use skein_agent::plant::helicopter::Start;
 use skein_common::frame::{Origin, PositionNed};
 use skein_common::id::{SwarmName, VehicleId};
@@ -39,8 +38,10 @@ pub fn launch(plan: &Plan) -> Result<Launched, Error> {
     refuse_a_second(&scenario.swarm.name)?;
     let failed = |what: &str, error: io::Error| Error::Failed(format!("{what}: {error}"));
     let folder = plan.out.join("agents");
-    let written =
-        fs::create_dir_all(&folder).and_then(|()| fs::write(plan.out.join("scenario.toml"), plan.loaded.to_toml()));
+    let mut aircraft = plan.ready.aircraft_files.iter();
+    let written = fs::create_dir_all(&folder)
+        .and_then(|()| fs::write(plan.out.join("scenario.toml"), plan.loaded.to_toml()))
+        .and_then(|()| aircraft.try_for_each(|(name, text)| fs::write(aircraft_file(plan, name), text)));
     written.map_err(|error| failed(&plan.out.display().to_string(), error))?;
 
     let listen = endpoints_of(scenario).map_err(|error| failed("no free ports", error))?;
@@ -67,6 +68,11 @@ pub fn launch(plan: &Plan) -> Result<Launched, Error> {
         started.map_err(|error| failed(&format!("agent {id}"), error))?;
     }
     Ok(Launched { children, endpoints, file })
+}
+
+/// An aircraft's file stands beside the scenario as flown, where its agents look for it.
+fn aircraft_file(plan: &Plan, name: &str) -> PathBuf {
+    plan.out.join(format!("{name}.toml"))
 }
 
 /// Where the log of a process is.
@@ -113,13 +119,9 @@ fn start_standins(plan: &Plan, folder: &Path, children: &mut Children) -> io::Re
     let scenario = plan.scenario();
     let first = ports::udp_row(scenario.swarm.vehicles)?;
     let origin = Origin::new(scenario.origin.geodetic());
-    // All of them first: a file that is written again while a stand-in reads it is empty.
-    for (name, text) in Aircraft::SHIPPED {
-        fs::write(folder.join(name).with_extension("toml"), text)?;
-    }
     let mut addresses = Vec::new();
-    for (vehicle, start) in scenario.vehicle.iter().zip(&plan.starts) {
-        let aircraft = folder.join(&vehicle.aircraft).with_extension("toml");
+    for (vehicle, start) in scenario.vehicle.iter().zip(&plan.ready.starts) {
+        let aircraft = aircraft_file(plan, &vehicle.aircraft);
         let arguments = standin_arguments(scenario, &origin, vehicle.id, start, first, &aircraft);
         children.start(Role::Standin, vehicle.id, arguments, &log(folder, Role::Standin, vehicle.id))?;
         let port = ports::simulator(first, vehicle.id).ok_or(io::ErrorKind::AddrNotAvailable)?;

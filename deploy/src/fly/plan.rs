@@ -3,7 +3,6 @@
 use std::net::ToSocketAddrs;
 use std::path::PathBuf;
 
-use skein_agent::plant::helicopter::Start;
 use skein_agent::plant::xplane::wire;
 use skein_common::id::VehicleId;
 use skein_common::scenario::{Loaded, PlantKind, Scenario};
@@ -11,15 +10,15 @@ use skein_common::scenario::{Loaded, PlantKind, Scenario};
 use super::{FlyArgs, PlantArg, ports};
 use crate::error::Error;
 use crate::out;
-use crate::scenario::ready;
+use crate::scenario::Ready;
 
 /// A flight that may begin.
 #[derive(Clone, Debug)]
 pub struct Plan {
     /// The scenario with the origin of its values.
     pub loaded: Loaded,
-    /// Where each vehicle stands at first, in the order of ids.
-    pub starts: Vec<Start>,
+    /// What it begins with.
+    pub ready: Ready,
     /// HOST:PORT of each vehicle's X-Plane, in the order of ids; empty for other plants.
     pub xplanes: Vec<String>,
     /// The folder for everything that is written; does not exist yet, or is empty.
@@ -34,14 +33,13 @@ impl Plan {
     pub fn new(args: &FlyArgs) -> Result<Self, Error> {
         let loaded = args.scenario.read(sets(args)?)?;
         let scenario = &loaded.scenario;
-        let about = |why: String| Error::Refused(format!("{}: {why}", args.scenario.name()));
-        let ready = ready(scenario).map_err(about)?;
+        let ready = args.scenario.ready(scenario)?;
         let xplanes = match scenario.swarm.plant {
             PlantKind::Xplane => xplanes(scenario, args.xplane.as_ref())?,
             PlantKind::Builtin | PlantKind::Standin => Vec::new(),
         };
         let out = out::folder(args.out.as_deref(), &scenario.name)?;
-        Ok(Self { starts: ready.starts, xplanes, out, loaded })
+        Ok(Self { ready, xplanes, out, loaded })
     }
 
     /// What flies.
@@ -128,7 +126,7 @@ mod tests {
         let plan = Plan::new(&args).unwrap();
         let scenario = plan.scenario();
         assert_eq!((scenario.seed, scenario.duration_s, scenario.swarm.plant), (7, Some(20.5), PlantKind::Standin));
-        assert_eq!(plan.starts.len(), 4);
+        assert_eq!(plan.ready.starts.len(), 4);
         assert!(plan.xplanes.is_empty() && plan.out.is_absolute());
         assert!(!folder.path().join("run").exists(), "a plan writes nothing");
     }

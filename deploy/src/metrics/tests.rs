@@ -74,7 +74,7 @@ fn steady_figures_use_the_last_hundred_seconds() {
     for tick in 1..=20_000_u32 {
         let t_s = f64::from(tick) * 0.01;
         // Before the last hundred seconds far out; then 101 m, drifting by 1 m, with a swing of 0.5 m.
-        let swing_m = 0.5 * (t_s * TAU / 7.0).sin();
+        let swing_m = 0.5 * (t_s * TAU / 5.0).cos();
         let distance_m = if t_s < 100.0 { 500.0 } else { 101.0 + (t_s - 100.0) * 0.01 + swing_m };
         metrics.observe(t_s, &[vehicle(1, 0.0, distance_m, 31.0), vehicle(2, 176.0, distance_m, 31.0)]);
     }

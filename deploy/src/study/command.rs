@@ -9,7 +9,7 @@ use comfy_table::{CellAlignment, Table, presets};
 
 use super::{Study, Summary, progress, summarize, write};
 use crate::error::Error;
-use crate::scenario::{ScenarioArgs, ready};
+use crate::scenario::ScenarioArgs;
 use crate::{json, out, say};
 
 /// `skein study`
@@ -51,8 +51,7 @@ fn seeds(text: &str) -> Result<Range<u64>, String> {
 pub fn run(args: &StudyArgs) -> Result<(), Error> {
     let loaded = args.scenario.read(Vec::new())?;
     loaded.notes.iter().for_each(|note| eprintln!("{note}"));
-    let about = |why: String| Error::Refused(format!("{}: {why}", args.scenario.name()));
-    let ready = ready(&loaded.scenario).map_err(about)?;
+    let ready = args.scenario.ready(&loaded.scenario)?;
     let out = out::folder(args.out.as_deref(), &format!("{}-study", loaded.scenario.name))?;
     let own = args.seed.unwrap_or(loaded.scenario.seed);
     let seeds = args.seeds.clone().unwrap_or(own..own + 1);
@@ -60,7 +59,9 @@ pub fn run(args: &StudyArgs) -> Result<(), Error> {
 
     let study = Study { scenario: loaded.scenario, aircraft: ready.aircraft, rules: ready.rules };
     let bar = progress(seeds.end - seeds.start);
-    let reports = study.fly_all(seeds, jobs, |_| bar.inc(1)).map_err(|error| about(error.to_string()))?;
+    let reports = study
+        .fly_all(seeds, jobs, |_| bar.inc(1))
+        .map_err(|error| Error::Refused(format!("{}: {error}", args.scenario.name())))?;
     bar.finish_and_clear();
     let as_flown = |seed| args.scenario.read(vec![format!("seed={seed}")]).map(|loaded| loaded.to_toml());
     write(&out, as_flown, &reports)?;
