@@ -170,7 +170,8 @@ impl Mission {
         match (self.membership, self.order.map(|order| order.verb)) {
             (Membership::Joining, _) => self.join(estimate),
             (_, Some(Verb::Land)) => self.land(now, estimate),
-            _ if self.leaving => self.land(now, estimate),
+            // Whoever is on the way down stays on it.
+            _ if self.leaving || self.landing.is_some() => self.land(now, estimate),
             (_, Some(Verb::Hold)) => self.hold(estimate),
             _ if alone => self.hold(estimate),
             _ => self.fly(estimate),

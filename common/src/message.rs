@@ -107,14 +107,17 @@ pub enum Verb {
     Hold,
     /// Descend where you are.
     Land,
+    /// Fly on, at this step of the mission or a later one.
+    Goto(u32),
 }
 
 impl std::fmt::Display for Verb {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.write_str(match self {
-            Self::Hold => "hold",
-            Self::Land => "land",
-        })
+        match self {
+            Self::Hold => f.write_str("hold"),
+            Self::Land => f.write_str("land"),
+            Self::Goto(step) => write!(f, "goto {step}"),
+        }
     }
 }
 

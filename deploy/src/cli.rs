@@ -108,6 +108,7 @@ mod tests {
             assert_eq!(parse(line).unwrap_err().exit_code(), 2, "{line}");
         }
         assert!(parse("skein order land --swarm lab").is_ok());
+        assert!(parse("skein order --swarm lab goto 2").is_ok() && parse("skein order goto").is_err());
         assert!(parse("skein check").is_ok());
     }
 }

@@ -23,18 +23,24 @@ const REPEAT: Duration = Duration::from_millis(200);
 #[derive(Clone, Debug, clap::Args)]
 pub struct OrderArgs {
     /// What the swarm is to do
-    #[arg(value_enum)]
+    #[command(subcommand)]
     pub verb: VerbArg,
     /// The swarm; not needed if only one flies here
-    #[arg(long, value_name = "NAME", value_parser = |text: &str| SwarmName::new(text))]
+    #[arg(long, global = true, value_name = "NAME", value_parser = |text: &str| SwarmName::new(text))]
     pub swarm: Option<SwarmName>,
 }
 
 /// What an operator can ask for.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::Subcommand)]
 pub enum VerbArg {
     /// Stop where they are, at the altitude they have
     Hold,
+    /// Fly on, at this step of the mission or a later one; ends a hold
+    Goto {
+        /// The step, counted from 0
+        #[arg(value_name = "K")]
+        step: u32,
+    },
     /// Descend where they are, and end
     Land,
 }
@@ -43,6 +49,7 @@ impl From<VerbArg> for Verb {
     fn from(verb: VerbArg) -> Self {
         match verb {
             VerbArg::Hold => Self::Hold,
+            VerbArg::Goto { step } => Self::Goto(step),
             VerbArg::Land => Self::Land,
         }
     }

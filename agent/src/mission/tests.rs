@@ -70,6 +70,15 @@ fn holds_while_alone_and_goes_on_when_somebody_is_back() {
 }
 
 #[test]
+fn an_order_to_go_on_ends_a_hold() {
+    let mut mission = active();
+    mission.merge(HOLD);
+    assert!(matches!(mission.step(at(20.0), &estimate(30.0, 0.0), false), Task::Stay { .. }));
+    mission.merge(Order { epoch: 2, issuer: 1, verb: Verb::Goto(0) });
+    assert!(matches!(mission.step(at(21.0), &estimate(30.0, 0.0), false), Task::Formation { .. }));
+}
+
+#[test]
 fn the_larger_order_stands() {
     let mut mission = active();
     assert!(mission.merge(HOLD));
