@@ -164,6 +164,7 @@ impl Agent {
                 .map(|peer| PeerAge { id: peer.id, standing: peer.standing, age_s: peer.age_s })
                 .collect(),
             step_us: None,
+            safety_activations: self.formation.safety_activations(),
             frame_overruns: 0,
             state_messages: self.speech.state_messages(),
             state_bytes: self.speech.state_bytes(),
@@ -188,6 +189,11 @@ impl Agent {
     /// Words about state said so far, and their payload in bytes.
     pub fn spoken(&self) -> (u64, u64) {
         (self.speech.state_messages(), self.speech.state_bytes())
+    }
+
+    /// How often the safety filter has stepped in so far; `None` without one.
+    pub fn safety_activations(&self) -> Option<u64> {
+        self.formation.safety_activations()
     }
 
     /// What was dropped so far; what the edges drop is theirs to add.

@@ -5,6 +5,7 @@
 
 pub mod conversion;
 pub mod ring;
+pub mod safety;
 
 use nalgebra::Vector2;
 use skein_common::id::VehicleId;
@@ -16,7 +17,13 @@ use crate::mission::Task;
 use crate::peers::{Role, Seen};
 use conversion::Conversion;
 use ring::{AvoidDistance, Avoidance, Ring};
+use safety::{Constraint, SafetyFilter};
 
+/// The vehicle controller flies a velocity of this many m/s for each metre of error, up to an error of [`FASTEST_M`].
+const VELOCITY_PER_ERROR_PER_S: f64 = 0.5;
+const FASTEST_M: f64 = 15.0;
+/// Nearer than this two vehicles have no direction between them, m.
+const COINCIDENT_M: f64 = 1e-3;
 /// Farther above or below than this an obstacle is nobody's concern, m.
 const OBSTACLE_REACH_M: f64 = 15.0;
 
@@ -55,8 +62,12 @@ pub struct Formation {
     own: VehicleId,
     ring: Ring,
     conversion: Conversion,
+    filter: Option<SafetyFilter>,
     neighbours: Vec<Neighbour>,
     obstacles: Vec<Obstacle>,
+    constraints: Vec<Constraint>,
+    is_restrained: bool,
+    activations: u64,
 }
 
 impl Formation {
@@ -68,12 +79,33 @@ impl Formation {
                 Conversion::Nonlinear { gain_m: wanted.gain_m, far_gain_m: wanted.far_gain_m, knee: wanted.gain_knee }
             }
         };
-        Self { own, ring: ring(wanted), conversion, neighbours: Vec::new(), obstacles: Vec::new() }
+        let filter = match wanted.safety_filter {
+            scenario::SafetyFilter::None => None,
+            scenario::SafetyFilter::Cbf => {
+                Some(SafetyFilter { distance_m: wanted.safety_distance_m, rate_per_s: wanted.safety_rate_per_s })
+            }
+        };
+        Self {
+            own,
+            ring: ring(wanted),
+            conversion,
+            filter,
+            neighbours: Vec::new(),
+            obstacles: Vec::new(),
+            constraints: Vec::new(),
+            is_restrained: false,
+            activations: 0,
+        }
     }
 
     /// Other members counted in the last step.
     pub fn neighbours(&self) -> &[Neighbour] {
         &self.neighbours
+    }
+
+    /// How often the safety filter has stepped in; `None` without one.
+    pub fn safety_activations(&self) -> Option<u64> {
+        self.filter.map(|_| self.activations)
     }
 
     /// What to fly now. `None` when the task leaves the controls alone.
@@ -85,15 +117,32 @@ impl Formation {
             Task::Wait | Task::Park => None,
             Task::Formation { centre_ne_m, altitude_m, heading_rad } => {
                 let field_ne = self.ring.field_ne(self.own, own_ne_m, centre_ne_m, &self.neighbours, &self.obstacles);
-                let error_ne_m = self.conversion.error_ne_m(field_ne);
+                let error_ne_m = self.restrain(own_ne_m, self.conversion.error_ne_m(field_ne));
                 Some(Wish { field_ne, setpoint: Setpoint { error_ne_m, feedforward_ne_m_s, altitude_m, heading_rad } })
             }
             Task::Stay { at_ne_m, altitude_m, heading_rad } => {
-                let error_ne_m = at_ne_m - own_ne_m;
+                let error_ne_m = self.restrain(own_ne_m, at_ne_m - own_ne_m);
                 let setpoint = Setpoint { error_ne_m, feedforward_ne_m_s, altitude_m, heading_rad };
                 Some(Wish { field_ne: Vector2::zeros(), setpoint })
             }
         }
+    }
+
+    /// The error with which nobody is come too near; the wanted one, if that does it.
+    fn restrain(&mut self, own_ne_m: Vector2<f64>, wanted_m: Vector2<f64>) -> Vector2<f64> {
+        let Some(filter) = self.filter else { return wanted_m };
+        let members = self.neighbours.iter().map(|member| (member.position_ne_m, 0.0));
+        let obstacles = self.obstacles.iter().map(|obstacle| (obstacle.position_ne_m, obstacle.radius_m));
+        let near = members.chain(obstacles).map(|(place_ne_m, clear_m)| (own_ne_m - place_ne_m, clear_m));
+        // Two at the very same place are parted by the law.
+        let parted = near.filter(|(from_other_m, _)| from_other_m.norm_squared() > COINCIDENT_M * COINCIDENT_M);
+        self.constraints.clear();
+        self.constraints.extend(parted.map(|(from_other_m, clear_m)| filter.constraint(from_other_m, clear_m)));
+        let wanted_m_s = wanted_m.cap_magnitude(FASTEST_M) * VELOCITY_PER_ERROR_PER_S;
+        let restrained = filter.restrain(wanted_m_s, &self.constraints);
+        self.activations += u64::from(restrained.is_some() && !self.is_restrained);
+        self.is_restrained = restrained.is_some();
+        restrained.map_or(wanted_m, |velocity_m_s| velocity_m_s / VELOCITY_PER_ERROR_PER_S)
     }
 
     /// Tells members from obstacles.

@@ -2,7 +2,7 @@
 //! else in its place would be worse than not flying.
 
 use nalgebra::Vector2;
-use skein_common::scenario::{ControlMode, Graph, Law, SafetyFilter, Scenario, Target, Vertical};
+use skein_common::scenario::{ControlMode, Graph, Law, Scenario, Target, Vertical};
 
 use crate::mission::Goal;
 
@@ -18,7 +18,6 @@ pub fn goal(scenario: &Scenario) -> Result<Goal, NotFlown> {
     let refused = [
         (formation.law != Law::Ring, "a formation.law other than \"ring\""),
         (formation.vertical != Vertical::Bands || formation.band_step_m != 0.0, "a formation with different heights"),
-        (formation.safety_filter != SafetyFilter::None, "formation.safety_filter = \"cbf\""),
         (scenario.control.mode != ControlMode::Each, "control.mode = \"central\""),
         (!scenario.mission.events.is_empty(), "a mission with events"),
         (network.loss > 0.0 || network.delay_s > 0.0 || network.jitter_s > 0.0, "an imperfect network"),

@@ -67,9 +67,20 @@ pub struct Metrics {
     ages: AgeHistogram,
     steps_us: Vec<f64>,
     bearings: Vec<f64>,
-    frame_overruns: u64,
-    state_messages: u64,
-    state_bytes: u64,
+    totals: Totals,
+}
+
+/// What all agents together have counted since the start.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Totals {
+    /// States said.
+    pub state_messages: u64,
+    /// Their payload, bytes.
+    pub state_bytes: u64,
+    /// How often safety filters have stepped in; `None` without filters.
+    pub safety_activations: Option<u64>,
+    /// Steps that ended after the next frame was due.
+    pub frame_overruns: u64,
 }
 
 /// What one vehicle spent.
@@ -108,9 +119,7 @@ impl Metrics {
             ages: AgeHistogram::default(),
             steps_us: Vec::new(),
             bearings: Vec::with_capacity(vehicles),
-            frame_overruns: 0,
-            state_messages: 0,
-            state_bytes: 0,
+            totals: Totals::default(),
         }
     }
 
@@ -147,10 +156,8 @@ impl Metrics {
     }
 
     /// Totals over all vehicles since the start.
-    pub fn count(&mut self, state_messages: u64, state_bytes: u64, frame_overruns: u64) {
-        self.state_messages = state_messages;
-        self.state_bytes = state_bytes;
-        self.frame_overruns = frame_overruns;
+    pub fn count(&mut self, totals: Totals) {
+        self.totals = totals;
     }
 
     /// Seconds into the window.

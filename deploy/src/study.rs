@@ -26,7 +26,7 @@ use skein_common::state::{Membership, Standing};
 
 use crate::clock::now;
 use crate::error::Error;
-use crate::metrics::{Metrics, Report, Run, VehicleNow, Wall};
+use crate::metrics::{Metrics, Report, Run, Totals, VehicleNow, Wall};
 pub use command::{StudyArgs, run};
 pub use summary::{Summary, summarize};
 use world::World;
@@ -84,9 +84,14 @@ impl Study {
             world.tick();
             measure(&world, zero_s, &mut metrics, &mut vehicles);
         }
-        let spoken = world.vehicles().map(|(_, agent, ..)| agent.spoken());
-        let (messages, bytes) = spoken.fold((0, 0), |sum, one| (sum.0 + one.0, sum.1 + one.1));
-        metrics.count(messages, bytes, 0);
+        let mut totals = Totals::default();
+        for (_, agent, ..) in world.vehicles() {
+            let (messages, bytes) = agent.spoken();
+            totals.state_messages += messages;
+            totals.state_bytes += bytes;
+            totals.safety_activations = agent.safety_activations().map(|n| n + totals.safety_activations.unwrap_or(0));
+        }
+        metrics.count(totals);
         let wall_s = now().duration_since(started).as_secs_f64();
         Ok(metrics.report(Wall { wall_s, real_time_factor: world.t_s() / wall_s.max(1e-9) }))
     }

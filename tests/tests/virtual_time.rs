@@ -94,6 +94,22 @@ fn a_steep_linear_conversion_swings_and_the_nonlinear_one_does_not() {
     assert!(calm_m <= 0.8, "nonlinear: {calm_m} m");
 }
 
+#[test]
+fn the_safety_filter_keeps_a_crowd_apart() {
+    let closest = |filter: &str| {
+        let filter = format!("formation.safety_filter={filter}");
+        let sets = ["swarm.vehicles=12", "start.square_m=80", "start.separation_m=10", "duration_s=60", &filter];
+        let reports = study("hover.toml", &sets).fly_all(20..30, TWO, |_| {}).unwrap();
+        let activations: Option<u64> = reports.iter().map(|report| report.safety_activations).sum();
+        (summarize(&reports)["min_separation_m"].worst.unwrap(), activations)
+    };
+    let (with_m, activations) = closest("cbf");
+    let (without_m, none) = closest("none");
+    println!("twelve who start 10 m apart: closest {with_m:.1} m, without the filter {without_m:.1} m");
+    assert!(with_m > 8.0 && with_m > without_m + 1.0, "{with_m} m, without {without_m} m");
+    assert!(activations.is_some_and(|activations| activations > 0) && none.is_none());
+}
+
 /// The report as text, without what the wall clock decides.
 fn without_wall_clock(report: &Report) -> String {
     let mut value = serde_json::to_value(report).unwrap();

@@ -177,7 +177,6 @@ fn what_is_not_flown_yet_is_refused_by_name() {
         agent.map(|_| ()).unwrap_err().to_string()
     };
     assert_eq!(refusal(&["formation.law=flock"]), "a formation.law other than \"ring\" is not flown yet");
-    assert_eq!(refusal(&["formation.safety_filter=cbf"]), "formation.safety_filter = \"cbf\" is not flown yet");
     assert_eq!(refusal(&["network.loss=0.1"]), "an imperfect network is not flown yet");
 }
 

@@ -46,6 +46,8 @@ pub struct Trace {
     pub peers: Vec<PeerAge>,
     /// Time from the previous frame's arrival to its last control, µs.
     pub step_us: Option<f64>,
+    /// How often the safety filter has stepped in since the start, where there is one.
+    pub safety_activations: Option<u64>,
     /// Steps that ended after the next frame was due, since the start.
     pub frame_overruns: u64,
     /// State messages said since the start.

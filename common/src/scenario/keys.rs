@@ -198,7 +198,7 @@ pub const KEYS: &[Key] = &[
     key("formation.far_gain_m", above_zero(1e3), number(28.0), "c1: gain of the nonlinear conversion far away; 56 brings vehicles closer together"),
     key("formation.gain_knee", above_zero(10.0), number(0.3), "v_b: field at which the nonlinear conversion turns"),
     key("formation.feedforward", Kind::Bool, Bool(true), "the centre's velocity is fed forward; else vehicles trail behind it").paper(Bool(false)),
-    key("formation.safety_filter", OneOf(&["none", "cbf"]), text("none"), "control barrier function behind the law: leaves it alone while all are apart"),
+    key("formation.safety_filter", OneOf(&["none", "cbf"]), text("cbf"), "control barrier function behind the law: leaves it alone while all are apart").paper(text("none")),
     key("formation.safety_distance_m", above_zero(1e3), number(8.0), "d_s: 5 m and 3 m for the vehicle's lag"),
     key("formation.safety_rate_per_s", above_zero(100.0), number(0.5), "kappa: how fast the filter lets vehicles close in"),
     key("formation.external.command", Texts, Nothing, "program and arguments of law = \"external\", one process a vehicle; this, listen or udp"),

@@ -28,7 +28,7 @@ use super::status::{self, Ending, Known, Stage, Status};
 use crate::clock;
 use crate::endpoints::EndpointsFile;
 use crate::error::Error;
-use crate::metrics::{Metrics, Report, Run, VehicleNow, Wall};
+use crate::metrics::{Metrics, Report, Run, Totals, VehicleNow, Wall};
 use crate::observe::{Heard, Observer, Seen};
 use crate::order;
 use crate::os::{self, Interrupts};
@@ -241,11 +241,12 @@ impl Flight {
             .collect();
         self.metrics.observe(self.flown_s(now), &vehicles);
         let all = || self.observer.vehicles().values().filter_map(|seen| seen.trace.as_ref());
-        self.metrics.count(
-            all().map(|trace| trace.state_messages).sum(),
-            all().map(|trace| trace.state_bytes).sum(),
-            all().map(|trace| trace.frame_overruns).sum(),
-        );
+        self.metrics.count(Totals {
+            state_messages: all().map(|trace| trace.state_messages).sum(),
+            state_bytes: all().map(|trace| trace.state_bytes).sum(),
+            safety_activations: all().map(|trace| trace.safety_activations).sum(),
+            frame_overruns: all().map(|trace| trace.frame_overruns).sum(),
+        });
     }
 
     /// Closes the window and writes its figures: whatever comes later, they are there.

@@ -103,7 +103,7 @@ fn defaults_and_paper_values_are_the_documented_ones() {
         ("network.loss", "0.0", None), ("network.delay_s", "0.0", None), ("network.jitter_s", "0.0", None),
         ("network.range_m", r#""none""#, None), ("network.state_json_hz", "0.0", None),
         ("formation.edge_steepness_per_m", r#""from_widths""#, None),
-        ("formation.safety_filter", r#""none""#, None),
+        ("formation.safety_filter", r#""cbf""#, Some(r#""none""#)),
         ("formation.safety_distance_m", "8.0", None), ("formation.safety_rate_per_s", "0.5", None),
         ("formation.edge_share", "0.01", None), ("formation.heading_deg", "0.0", None),
         ("formation.feedforward", "true", Some("false")),
@@ -317,7 +317,7 @@ fn every_default_passes_its_own_check() {
 fn the_plan_hash_is_of_what_is_meant() {
     let hash = |text: &str, sets: &[&str]| loaded(text, sets).scenario.plan_hash();
     let hover = hash(HOVER, &[]);
-    let pinned = [0x8f4e_ce02_ca98_b6a2, 0x9431_6906_4d07_4aba, 0x8e7c_a80e_275c_406b, 0xf0f5_3daa_c286_23a6];
+    let pinned = [0x3455_c4e1_cd77_a548, 0xcee7_5a56_3abd_b3be, 0x8aef_34b2_8daf_cec9, 0x5b80_0d18_47e6_e710];
     assert_eq!(SHIPPED.map(|(_, text)| hash(text, &[])), pinned);
     assert_eq!(hash(&HOVER.replace('\n', "\r\n"), &[]), hover);
     assert_eq!(hash(&format!("\u{feff}# a comment\n{HOVER}"), &[]), hover);

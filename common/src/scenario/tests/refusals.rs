@@ -223,7 +223,7 @@ fn values_that_do_not_go_together() {
         ("far_gain_m = 3", "5:14: `formation.far_gain_m` is 3, but has to be at least `gain_m`, 7"),
         ("band_step_m = 20", "5:15: the lowest of 4 bands is at 0 m, but has to be at 3.5 m at least"),
         (
-            "safety_filter = 'cbf'\nsafety_distance_m = 150",
+            "safety_distance_m = 150",
             "4:12: 4 neighbours on this ring are 141.4 m apart, less than `formation.safety_distance_m`, 150; \
              `radius_m` = 107 is enough",
         ),
@@ -258,8 +258,8 @@ fn values_that_do_not_go_together() {
     let crowd =
         "a.toml:1:18: 120 random starts 15 m apart do not fit in a square of 150 m; `start.square_m` = 216 is enough";
     assert_eq!(refusal("swarm.vehicles = 120", &[]), crowd);
-    let room = ["start.square_m=216", "formation.safety_filter=cbf", "formation.radius_m=153"];
-    assert!(refusal("swarm.vehicles = 120", &room[..2]).ends_with("`radius_m` = 153 is enough"));
+    let room = ["start.square_m=216", "formation.radius_m=153"];
+    assert!(refusal("swarm.vehicles = 120", &room[..1]).ends_with("`radius_m` = 153 is enough"));
     loaded("swarm.vehicles = 120", &room);
 }
 
