@@ -106,35 +106,37 @@ impl Agent {
     pub fn step(&mut self, now: Now, inputs: &Inputs<'_>) -> Outputs {
         let estimate = self.estimator.update(now, inputs.measurement);
         self.peers.update(now.local, &self.origin, inputs.heard);
-        let mut happened = self.what_peers_did(inputs.heard);
-        if inputs.leave {
-            self.mission.leave();
-        }
+        let mut happened = self.listen(inputs);
 
         let age_s = self.estimator.age_s(now.local);
         let response = failsafe::respond(estimate.as_ref(), age_s, self.peers.all_lost());
-        let is_new = age_s == Some(0.0);
-        let (task, wish, command) = match (response, &estimate) {
-            (Response::FlyOn | Response::HoldPlace, Some(estimate)) if is_new => {
-                let task = self.mission.step(now, estimate, response == Response::HoldPlace);
-                let wish = self.formation.step(estimate, self.peers.seen(), &task);
-                let command = self.control(now, estimate, &task, wish.as_ref(), &mut happened);
-                (Some(task), wish, command)
+        let command = match (response, &estimate) {
+            (Response::FlyOn | Response::HoldPlace, Some(estimate)) if age_s == Some(0.0) => {
+                self.fly(now, estimate, response, &mut happened)
             }
-            (Response::Neutral, _) if self.last.command.is_some() => (None, None, Some(self.controller.neutral())),
-            _ => (None, None, None),
+            (Response::Neutral, _) => self.last.command.map(|_| self.controller.neutral()),
+            // A late frame changes nothing yet; a simulator that is gone is left alone.
+            _ => None,
         };
-        self.tell_changes(response, &mut happened);
-        self.last.estimate = estimate;
-        self.last.command = command.or(self.last.command.filter(|_| task.is_none() && response < Response::LetGo));
-        self.last.wish = wish.or(self.last.wish.filter(|_| task.is_none()));
-        if is_new {
-            self.last.plant_time = Some(now.plant);
-        }
+        self.tell_changes(response, estimate, &mut happened);
 
-        let flown_on = estimate.as_ref().filter(|_| response <= Response::HoldPlace);
-        let said = self.speech.say(now.local, flown_on, &self.mission, happened);
-        Outputs { command, said }
+        let own = estimate.as_ref().filter(|_| response <= Response::HoldPlace);
+        Outputs { command, said: self.speech.say(now.local, own, &self.mission, happened) }
+    }
+
+    /// Mission, formation, control.
+    fn fly(
+        &mut self,
+        now: Now,
+        estimate: &Estimate,
+        response: Response,
+        happened: &mut Vec<Happening>,
+    ) -> Option<Sticks> {
+        let task = self.mission.step(now, estimate, response == Response::HoldPlace);
+        let wish = self.formation.step(estimate, self.peers.seen(), &task);
+        let command = self.control(now, estimate, &task, wish.as_ref(), happened);
+        (self.last.wish, self.last.command, self.last.plant_time) = (wish, command, Some(now.plant));
+        command
     }
 
     /// This step for those who measure and watch; `truth` is the plant's, which the agent itself never looks at.
@@ -207,7 +209,10 @@ impl Agent {
     }
 
     /// Takes up what was said about orders and plans, and lists what is worth telling.
-    fn what_peers_did(&mut self, heard: &[Heard]) -> Vec<Happening> {
+    fn listen(&mut self, inputs: &Inputs<'_>) -> Vec<Happening> {
+        if inputs.leave {
+            self.mission.leave();
+        }
         let mut happened: Vec<_> = self
             .peers
             .changes()
@@ -217,7 +222,7 @@ impl Agent {
                 Change::Lost(id) => Happening::PeerLost(id),
             })
             .collect();
-        for heard in heard {
+        for heard in inputs.heard {
             if let Word::Order(order) = heard.word
                 && self.mission.merge(order)
             {
@@ -254,7 +259,8 @@ impl Agent {
     }
 
     /// Compares with the last step and lists what has changed.
-    fn tell_changes(&mut self, response: Response, happened: &mut Vec<Happening>) {
+    fn tell_changes(&mut self, response: Response, estimate: Option<Estimate>, happened: &mut Vec<Happening>) {
+        self.last.estimate = estimate;
         let before = self.last.response;
         let blind = Response::Neutral;
         if response != before {
