@@ -76,7 +76,13 @@ impl Port {
     pub(super) fn receive(&mut self, deadline: Option<Instant>) -> Received {
         let patience =
             deadline.map(|deadline| deadline.saturating_duration_since(now())).filter(|wait| !wait.is_zero());
-        match self.set_patience(patience).and_then(|()| self.socket.recv_from(&mut *self.buffer)) {
+        let outcome = self.set_patience(patience).and_then(|()| self.socket.recv_from(&mut *self.buffer));
+        self.judge(outcome, patience)
+    }
+
+    /// What an attempt to receive means. A fault that may last is not tried again at once.
+    fn judge(&mut self, outcome: io::Result<(usize, SocketAddr)>, patience: Option<Duration>) -> Received {
+        match outcome {
             Ok((size, from)) => Received::Datagram(size, from),
             Err(error) if matches!(error.kind(), io::ErrorKind::WouldBlock | io::ErrorKind::TimedOut) => {
                 Received::Nothing
@@ -125,7 +131,9 @@ mod tests {
     fn only_this_hosts_own_addresses_are_this_host() {
         assert!(is_this_host(Ipv4Addr::LOCALHOST.into()));
         assert!(is_this_host("127.0.0.7".parse().unwrap()));
-        for stranger in ["203.0.113.77", "8.8.8.8", "0.0.0.0", "255.255.255.255", "239.255.1.1", "2001:db8::1", "::"] {
+        for stranger in
+            ["203.0.113.77", "198.51.100.7", "0.0.0.0", "255.255.255.255", "239.255.1.1", "2001:db8::1", "::"]
+        {
             assert!(!is_this_host(stranger.parse().unwrap()), "{stranger}");
         }
     }
@@ -144,6 +152,21 @@ mod tests {
         friend.send_to(b"here", port.local_addr().unwrap()).unwrap();
         let mut attempts = (0..10).map(|_| port.receive(Some(now() + Duration::from_secs(1))));
         assert!(attempts.any(|heard| matches!(heard, Received::Datagram(4, _))));
+    }
+
+    #[test]
+    fn an_injected_reset_is_counted_and_holds_nothing_up() {
+        let mut port = Port::new(UdpSocket::bind((Ipv4Addr::LOCALHOST, 0)).unwrap()).unwrap();
+        let friend = UdpSocket::bind((Ipv4Addr::LOCALHOST, 0)).unwrap();
+        let begin = now();
+        for _ in 0..1000 {
+            let reset = Err(io::ErrorKind::ConnectionReset.into());
+            assert!(matches!(port.judge(reset, Some(Duration::from_secs(1))), Received::Fault));
+        }
+        assert!(now() < begin + Duration::from_secs(1), "a thousand resets wait for nothing");
+        assert_eq!(port.faults, 1000);
+        friend.send_to(b"here", port.local_addr().unwrap()).unwrap();
+        assert!(matches!(port.receive(Some(now() + Duration::from_secs(1))), Received::Datagram(4, _)));
     }
 
     #[test]
