@@ -260,7 +260,6 @@ impl Agent {
 
     /// Compares with the last step and lists what has changed.
     fn tell_changes(&mut self, response: Response, estimate: Option<Estimate>, happened: &mut Vec<Happening>) {
-        self.last.estimate = estimate;
         let before = self.last.response;
         let blind = Response::Neutral;
         if response != before {
@@ -283,6 +282,8 @@ impl Agent {
                 _ => {}
             }
         }
+        // Until here the last step's: data that come for the first time are not back.
+        self.last.estimate = estimate;
         self.last.response = response;
         self.last.membership = membership;
         self.last.activity = if response >= blind && self.last.estimate.is_some() { Activity::Blind } else { activity };

@@ -91,6 +91,7 @@ fn nothing_is_commanded_before_the_agent_takes_part() {
     let mut flight = Flight { agent: agent(&scenario(&[])), plant_s: 0.0, local_s: 0.0 };
     let mut first_command_s = None;
     let mut active_s = None;
+    let mut happened = Vec::new();
     for _ in 0..150 {
         let outputs = flight.frame(Some(&measured(0.24)), &[]);
         if outputs.command.is_some() {
@@ -99,7 +100,9 @@ fn nothing_is_commanded_before_the_agent_takes_part() {
         if outputs.said.happened.contains(&Happening::BecameActive) {
             active_s = Some(flight.local_s);
         }
+        happened.extend(outputs.said.happened);
     }
+    assert_eq!(happened, [Happening::BecameActive], "data that come for the first time are not back");
     assert!((active_s.unwrap() - 2.02).abs() < 1e-9, "two seconds after the first frame");
     assert_eq!(first_command_s, active_s);
 }
