@@ -28,6 +28,7 @@ use crate::plant::Sticks;
 
 pub use fis::{Fis, FisError};
 pub use sugeno::Sugeno;
+pub(crate) use trim::VELOCITY_PER_ERROR;
 pub use trim::{AutoTrim, BadTrim, Trim};
 
 /// No step counts for longer than this, s: after a pause of the plant the integrals do not jump.

@@ -11,19 +11,16 @@ use nalgebra::Vector2;
 use skein_common::id::VehicleId;
 use skein_common::scenario;
 
-use crate::control::Setpoint;
+use crate::control::{Setpoint, VELOCITY_PER_ERROR};
 use crate::estimate::Estimate;
 use crate::mission::Task;
 use crate::peers::{Role, Seen};
 use conversion::Conversion;
-use ring::{AvoidDistance, Avoidance, Ring};
+use ring::{AvoidDistance, Avoidance, COINCIDENT_M, Ring};
 use safety::{Constraint, SafetyFilter};
 
-/// The vehicle controller flies a velocity of this many m/s for each metre of error, up to an error of [`FASTEST_M`].
-const VELOCITY_PER_ERROR_PER_S: f64 = 0.5;
+/// Beyond this error the vehicle controller flies no faster, m.
 const FASTEST_M: f64 = 15.0;
-/// Nearer than this two vehicles have no direction between them, m.
-const COINCIDENT_M: f64 = 1e-3;
 /// Farther above or below than this an obstacle is nobody's concern, m.
 const OBSTACLE_REACH_M: f64 = 15.0;
 
@@ -138,11 +135,11 @@ impl Formation {
         let parted = near.filter(|(from_other_m, _)| from_other_m.norm_squared() > COINCIDENT_M * COINCIDENT_M);
         self.constraints.clear();
         self.constraints.extend(parted.map(|(from_other_m, clear_m)| filter.constraint(from_other_m, clear_m)));
-        let wanted_m_s = wanted_m.cap_magnitude(FASTEST_M) * VELOCITY_PER_ERROR_PER_S;
+        let wanted_m_s = wanted_m.cap_magnitude(FASTEST_M) * VELOCITY_PER_ERROR;
         let restrained = filter.restrain(wanted_m_s, &self.constraints);
         self.activations += u64::from(restrained.is_some() && !self.is_restrained);
         self.is_restrained = restrained.is_some();
-        restrained.map_or(wanted_m, |velocity_m_s| velocity_m_s / VELOCITY_PER_ERROR_PER_S)
+        restrained.map_or(wanted_m, |velocity_m_s| velocity_m_s / VELOCITY_PER_ERROR)
     }
 
     /// Tells members from obstacles.

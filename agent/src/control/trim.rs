@@ -84,7 +84,7 @@ const TILT_GAIN: f64 = 0.01;
 /// Of the collective integral, 1/s per m/s.
 const COLLECTIVE_GAIN: f64 = 0.45 * TILT_GAIN;
 /// Velocity that the rules ask for per metre of error, 1/s.
-const VELOCITY_PER_ERROR: f64 = 0.5;
+pub(crate) const VELOCITY_PER_ERROR: f64 = 0.5;
 /// Fastest climb that the rules ask for, m/s.
 const FASTEST_CLIMB_M_S: f64 = 2.5;
 /// Larger velocity errors are manoeuvres, not trim errors, m/s. Under wind the steady error of the climb lies near

@@ -18,7 +18,7 @@ use super::{Neighbour, Obstacle};
 /// The pushes of all neighbours together are never stronger than this: a crowd must not expel its members.
 const MAX_AVOIDANCE: f64 = 2.0;
 /// Nearer than this two vehicles have no direction between them, m.
-const COINCIDENT_M: f64 = 1e-3;
+pub(super) const COINCIDENT_M: f64 = 1e-3;
 
 /// The ring's parameters; symbols of the paper in brackets.
 #[derive(Clone, Copy, Debug, PartialEq)]
