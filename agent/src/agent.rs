@@ -4,19 +4,20 @@
 //! plant -> estimate -> peers -> mission -> formation -> control -> plant
 //! ```
 
-use skein_common::frame::Origin;
-use skein_common::id::{Incarnation, VehicleId};
+use nalgebra::Vector2;
+use skein_common::frame::{Origin, VelocityNed};
+use skein_common::id::{Incarnation, VehicleId, VehicleSet};
 use skein_common::message::{Drops, Happening, PeerAge, Trace};
 use skein_common::scenario::Scenario;
 use skein_common::state::{Activity, Membership};
-use skein_common::time::{Now, PlantTime};
+use skein_common::time::{LocalTime, Now, PlantTime};
 
 use crate::aircraft::Aircraft;
 use crate::control::{Rules, Setpoint, Trim, VehicleController};
 use crate::estimate::{Estimate, Estimator};
 use crate::failsafe::{self, Response};
 use crate::formation::{Formation, Wish};
-use crate::mission::{Mission, Task};
+use crate::mission::{Mission, Task, View};
 use crate::peers::{Change, Heard, Peers, Seen, Word};
 use crate::plant::{Measurement, Sticks, Truth};
 use crate::random::{self, Purpose};
@@ -53,6 +54,7 @@ pub struct Agent {
     formation: Formation,
     controller: VehicleController,
     speech: Speech,
+    clock: SteadyClock,
     last: LastStep,
 }
 
@@ -77,7 +79,7 @@ impl Agent {
         aircraft: &Aircraft,
         rules: Rules,
     ) -> Result<Self, NotFlown> {
-        let goal = supported::goal(scenario)?;
+        supported::check(scenario)?;
         let origin = Origin::new(scenario.origin.geodetic());
         let trim = with_hidden_error(aircraft.trim, scenario, own);
         let plan = scenario.plan_hash();
@@ -86,10 +88,11 @@ impl Agent {
             origin,
             estimator: Estimator::new(origin, &scenario.sensing),
             peers: Peers::new(own, roster, plan, scenario.network.peer_stale_s),
-            mission: Mission::new(goal, plan, aircraft.take_off_rotor_rad_s()),
-            formation: Formation::new(own, &scenario.formation),
+            mission: Mission::new(own, scenario, aircraft.take_off_rotor_rad_s()),
+            formation: Formation::new(own, scenario),
             controller: VehicleController::new(rules, trim, scenario.control.auto_trim),
             speech: Speech::new(own, incarnation, &scenario.network),
+            clock: SteadyClock::default(),
             last: LastStep {
                 response: Response::LetGo,
                 membership: Membership::Joining,
@@ -104,9 +107,11 @@ impl Agent {
 
     /// Once round the loop.
     pub fn step(&mut self, now: Now, inputs: &Inputs<'_>) -> Outputs {
+        let (now, jumped) = self.clock.read(now);
         let estimate = self.estimator.update(now, inputs.measurement);
         self.peers.update(now.local, &self.origin, inputs.heard);
         let mut happened = self.listen(inputs);
+        happened.extend(jumped.then_some(Happening::ClockJumped));
 
         let age_s = self.estimator.age_s(now.local);
         let response = failsafe::respond(estimate.as_ref(), age_s, self.peers.all_lost());
@@ -115,13 +120,22 @@ impl Agent {
                 self.fly(now, estimate, response, &mut happened)
             }
             (Response::Neutral, _) => self.last.command.map(|_| self.controller.neutral()),
-            // A late frame changes nothing yet; a simulator that is gone is left alone.
+            (Response::LetGo, _) => {
+                self.mission.withdraw();
+                None
+            }
+            // A late frame changes nothing yet.
             _ => None,
         };
         self.tell_changes(response, estimate, &mut happened);
 
-        let own = estimate.as_ref().filter(|_| response <= Response::HoldPlace);
-        Outputs { command, said: self.speech.say(now.local, own, &self.mission, happened) }
+        let own = match response {
+            Response::FlyOn | Response::HoldPlace => estimate,
+            Response::Neutral => None,
+            // A simulator that stands still has left its vehicle where it was.
+            Response::LetGo => estimate.map(|estimate| Estimate { velocity: VelocityNed::default(), ..estimate }),
+        };
+        Outputs { command, said: self.speech.say(now.local, own.as_ref(), &self.mission, happened) }
     }
 
     /// Mission, formation, control.
@@ -132,9 +146,18 @@ impl Agent {
         response: Response,
         happened: &mut Vec<Happening>,
     ) -> Option<Sticks> {
-        let task = self.mission.step(now, estimate, response == Response::HoldPlace);
-        let wish = self.formation.step(estimate, self.peers.seen(), &task);
-        let command = self.control(now, estimate, &task, wish.as_ref(), happened);
+        let wish = self.last.wish.as_ref();
+        let view = View {
+            heard: self.peers.heard(),
+            alone: response == Response::HoldPlace,
+            at_altitude: wish.is_some_and(|wish| wish.is_at_altitude(estimate)),
+            in_place: wish.is_some_and(|wish| wish.in_place),
+            failure: None,
+        };
+        let task = self.mission.step(now, estimate, &view, happened);
+        let dt_s = self.last.plant_time.map_or(0.0, |before| now.plant.seconds_since(before));
+        let wish = self.formation.step(dt_s, estimate, self.peers.seen(), &task);
+        let command = self.control(dt_s, estimate, &task, wish.as_ref(), happened);
         (self.last.wish, self.last.command, self.last.plant_time) = (wish, command, Some(now.plant));
         command
     }
@@ -150,6 +173,9 @@ impl Agent {
             membership: *membership,
             activity: *activity,
             live: (self.formation.neighbours().len() + 1).min(usize::from(VehicleId::MAX)) as u8,
+            step: self.mission.at(),
+            reached: self.mission.reached(),
+            centre_ne_m: self.centre_ne_m().into(),
             estimate: estimate.map(|estimate| estimate.position).unwrap_or_default(),
             position: truth.position,
             height_m: truth.height_m,
@@ -188,6 +214,31 @@ impl Agent {
         self.last.activity
     }
 
+    /// The step of the mission that it is at, counted from 0.
+    pub fn at_step(&self) -> u32 {
+        self.mission.at()
+    }
+
+    /// The highest step that it reached in this life.
+    pub fn reached(&self) -> Option<u32> {
+        self.mission.reached()
+    }
+
+    /// Whether nothing of the mission is left to it but to land, or not even that.
+    pub fn has_finished(&self) -> bool {
+        self.mission.is_at_landing() || self.membership() == Membership::Left
+    }
+
+    /// Where it takes the formation's centre to be, north and east, m.
+    pub fn centre_ne_m(&self) -> Vector2<f64> {
+        self.mission.centre().0
+    }
+
+    /// The others that it hears.
+    pub fn hears(&self) -> VehicleSet {
+        self.peers.heard()
+    }
+
     /// Words about state said so far, and their payload in bytes.
     pub fn spoken(&self) -> (u64, u64) {
         (self.speech.state_messages(), self.speech.state_bytes())
@@ -223,14 +274,12 @@ impl Agent {
             })
             .collect();
         for heard in inputs.heard {
-            if let Word::Order(order) = heard.word
-                && self.mission.merge(order)
-            {
-                happened.push(Happening::OrderTaken(order));
+            if let Word::Order(order) = heard.word {
+                self.mission.merge(order, &mut happened);
             }
         }
         for said in self.peers.missions() {
-            happened.extend(self.mission.listen(said));
+            self.mission.listen(said, &mut happened);
         }
         happened
     }
@@ -238,13 +287,12 @@ impl Agent {
     /// The vehicle controller's stage.
     fn control(
         &mut self,
-        now: Now,
+        dt_s: f64,
         estimate: &Estimate,
         task: &Task,
         wish: Option<&Wish>,
         happened: &mut Vec<Happening>,
     ) -> Option<Sticks> {
-        let dt_s = self.last.plant_time.map_or(0.0, |before| now.plant.seconds_since(before));
         match (task, wish) {
             (Task::Park, _) => Some(self.controller.unload(dt_s)),
             (_, Some(wish)) => {
@@ -287,6 +335,29 @@ impl Agent {
         self.last.response = response;
         self.last.membership = membership;
         self.last.activity = if response >= blind && self.last.estimate.is_some() { Activity::Blind } else { activity };
+    }
+}
+
+/// The own clock without its jumps: time that this process cannot have lived through never passed.
+#[derive(Clone, Copy, Debug, Default)]
+struct SteadyClock {
+    /// What the clock showed last, and what that was taken for.
+    last: Option<(LocalTime, LocalTime)>,
+}
+
+/// Nothing that is needed takes an agent this long between two steps: after it all that it knows is worthless anyway, s.
+const JUMP_S: f64 = 10.0;
+
+impl SteadyClock {
+    /// The time since the last reading, which may not be negative nor above [`JUMP_S`]; and whether it was.
+    fn read(&mut self, now: Now) -> (Now, bool) {
+        let (shown, taken) = self.last.unwrap_or((now.local, now.local));
+        let since_s = now.local.seconds_since(shown);
+        let jumped = !(0.0..=JUMP_S).contains(&since_s);
+        let since = if jumped { 0 } else { now.local.nanoseconds() - shown.nanoseconds() };
+        let local = LocalTime::from_nanoseconds(taken.nanoseconds().saturating_add(since));
+        self.last = Some((now.local, local));
+        (Now { local, ..now }, jumped)
     }
 }
 

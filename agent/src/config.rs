@@ -15,7 +15,7 @@ use crate::aircraft::{Aircraft, AircraftError};
 use crate::control::{FisError, Rules};
 use crate::plant::Plant;
 use crate::plant::builtin::BuiltIn;
-use crate::plant::helicopter::{BuiltInVehicle, TICK_S, Weather};
+use crate::plant::helicopter::{BuiltInVehicle, Script, TICK_S, Weather};
 use crate::plant::xplane::{self, XPlane, wire};
 use crate::start::{TooFull, starts};
 use crate::supported::{self, NotFlown};
@@ -198,7 +198,7 @@ impl AgentOptions {
         let name = path.display().to_string();
         let loaded = scenario::load(&Source { name: &name, text: &read(&path)? }, &self.sets)?;
         let (notes, scenario) = (loaded.notes, loaded.scenario);
-        supported::goal(&scenario).map_err(|source| ConfigError::NotFlown { file: name.clone(), source })?;
+        supported::check(&scenario).map_err(|source| ConfigError::NotFlown { file: name.clone(), source })?;
         let vehicles = scenario.swarm.vehicles;
         let Some(vehicle) = scenario.vehicle(id) else {
             return Err(ConfigError::NotInSwarm { id, file: name, vehicles });
@@ -240,7 +240,10 @@ impl Node {
     /// If a socket for talking to the simulator cannot be had.
     pub fn open_plant(&self) -> Result<Box<dyn Plant>, xplane::LinkError> {
         let address = match &self.plant {
-            PlantChoice::BuiltIn(vehicle) => return Ok(Box::new(BuiltIn::new((**vehicle).clone()))),
+            PlantChoice::BuiltIn(vehicle) => {
+                let script = Script::of(&self.scenario.mission.events, self.id);
+                return Ok(Box::new(BuiltIn::new((**vehicle).clone(), script)));
+            }
             PlantChoice::Standin(address) => Some(*address),
             PlantChoice::XPlane(address) => *address,
         };

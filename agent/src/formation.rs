@@ -9,11 +9,11 @@ pub mod safety;
 
 use nalgebra::Vector2;
 use skein_common::id::VehicleId;
-use skein_common::scenario;
+use skein_common::scenario::{self, Scenario};
 
 use crate::control::{Setpoint, VELOCITY_PER_ERROR};
 use crate::estimate::Estimate;
-use crate::mission::Task;
+use crate::mission::{Goal, Task};
 use crate::peers::{Role, Seen};
 use conversion::Conversion;
 use ring::{AvoidDistance, Avoidance, COINCIDENT_M, Ring};
@@ -51,14 +51,29 @@ pub struct Wish {
     pub field_ne: Vector2<f64>,
     /// What the vehicle controller is to fly.
     pub setpoint: Setpoint,
+    /// The vehicle is where the law wants it, at height and slow: after a while of this it has "reached".
+    pub in_place: bool,
+}
+
+/// This close to an altitude is at it, m.
+const AT_ALTITUDE_M: f64 = 1.0;
+/// In place, a vehicle is slower than this relative to the centre, m/s, and its field is weaker than this.
+const IN_PLACE_M_S: f64 = 0.5;
+const IN_PLACE_FIELD: f64 = 0.15;
+
+impl Wish {
+    /// Whether the vehicle is at the altitude that it is asked to be at.
+    pub fn is_at_altitude(&self, estimate: &Estimate) -> bool {
+        (estimate.position.altitude_m() - self.setpoint.altitude_m).abs() < AT_ALTITUDE_M
+    }
 }
 
 /// The formation stage of one vehicle.
 #[derive(Clone, Debug)]
 pub struct Formation {
     own: VehicleId,
-    ring: Ring,
-    conversion: Conversion,
+    /// One for each step of the mission.
+    shapes: Vec<Shape>,
     filter: Option<SafetyFilter>,
     neighbours: Vec<Neighbour>,
     obstacles: Vec<Obstacle>,
@@ -67,9 +82,18 @@ pub struct Formation {
     activations: u64,
 }
 
-impl Formation {
-    /// The formation of a scenario, as vehicle `own` flies it.
-    pub fn new(own: VehicleId, wanted: &scenario::Formation) -> Self {
+/// What the formation is during one step of the mission.
+#[derive(Clone, Debug)]
+struct Shape {
+    ring: Ring,
+    conversion: Conversion,
+    filter: Option<SafetyFilter>,
+    altitude_m: f64,
+    feedforward: bool,
+}
+
+impl Shape {
+    fn new(wanted: &scenario::Formation) -> Self {
         let conversion = match wanted.conversion {
             scenario::Conversion::Linear => Conversion::Linear { gain_m: wanted.gain_m },
             scenario::Conversion::Nonlinear => {
@@ -82,11 +106,19 @@ impl Formation {
                 Some(SafetyFilter { distance_m: wanted.safety_distance_m, rate_per_s: wanted.safety_rate_per_s })
             }
         };
+        let (ring, altitude_m, feedforward) = (ring(wanted), wanted.altitude_m, wanted.feedforward);
+        Self { ring, conversion, filter, altitude_m, feedforward }
+    }
+}
+
+impl Formation {
+    /// The formations of a scenario's mission, as vehicle `own` flies them.
+    pub fn new(own: VehicleId, scenario: &Scenario) -> Self {
+        let shapes: Vec<_> = scenario.mission.steps.iter().map(|step| Shape::new(&step.formation)).collect();
         Self {
             own,
-            ring: ring(wanted),
-            conversion,
-            filter,
+            filter: shapes.first().and_then(|shape| shape.filter),
+            shapes,
             neighbours: Vec::new(),
             obstacles: Vec::new(),
             constraints: Vec::new(),
@@ -105,24 +137,44 @@ impl Formation {
         self.filter.map(|_| self.activations)
     }
 
-    /// What to fly now. `None` when the task leaves the controls alone.
-    pub fn step(&mut self, estimate: &Estimate, peers: &[Seen], task: &Task) -> Option<Wish> {
+    /// What to fly now, `dt_s` after the last step. `None` when the task leaves the controls alone.
+    pub fn step(&mut self, dt_s: f64, estimate: &Estimate, peers: &[Seen], task: &Task) -> Option<Wish> {
         self.sort_out(estimate, peers);
-        let own_ne_m = estimate.position.horizontal();
-        let feedforward_ne_m_s = Vector2::zeros();
-        match *task {
-            Task::Wait | Task::Park => None,
-            Task::Formation { centre_ne_m, altitude_m, heading_rad } => {
-                let field_ne = self.ring.field_ne(self.own, own_ne_m, centre_ne_m, &self.neighbours, &self.obstacles);
-                let error_ne_m = self.restrain(own_ne_m, self.conversion.error_ne_m(field_ne));
-                Some(Wish { field_ne, setpoint: Setpoint { error_ne_m, feedforward_ne_m_s, altitude_m, heading_rad } })
-            }
+        match task {
+            Task::Wait | Task::Park | Task::ComeDown { .. } => None,
+            Task::Formation(goal) => self.fly(dt_s, estimate, goal),
             Task::Stay { at_ne_m, altitude_m, heading_rad } => {
+                let own_ne_m = estimate.position.horizontal();
                 let error_ne_m = self.restrain(own_ne_m, at_ne_m - own_ne_m);
-                let setpoint = Setpoint { error_ne_m, feedforward_ne_m_s, altitude_m, heading_rad };
-                Some(Wish { field_ne: Vector2::zeros(), setpoint })
+                let setpoint = Setpoint {
+                    error_ne_m,
+                    feedforward_ne_m_s: Vector2::zeros(),
+                    altitude_m: *altitude_m,
+                    heading_rad: *heading_rad,
+                };
+                Some(Wish { field_ne: Vector2::zeros(), setpoint, in_place: false })
             }
         }
+    }
+
+    /// The law of the goal's step.
+    fn fly(&mut self, _dt_s: f64, estimate: &Estimate, goal: &Goal) -> Option<Wish> {
+        let own_ne_m = estimate.position.horizontal();
+        let shape = self.shapes.get(goal.step)?;
+        let Shape { ring, altitude_m, .. } = shape;
+        let field_ne = ring.field_ne(self.own, own_ne_m, goal.centre_ne_m, &self.neighbours, &self.obstacles);
+        let feedforward_ne_m_s =
+            if shape.feedforward { goal.centre_velocity_ne_m_s } else { Vector2::zeros() };
+        let wanted_m = shape.conversion.error_ne_m(field_ne);
+        let relative_m_s = (estimate.velocity.horizontal() - goal.centre_velocity_ne_m_s).norm();
+        let is_in_band = ring.is_in_band(own_ne_m - goal.centre_ne_m);
+        let settled = is_in_band && relative_m_s < IN_PLACE_M_S && field_ne.norm() < IN_PLACE_FIELD;
+        let altitude_m = *altitude_m;
+        self.filter = shape.filter;
+        let error_ne_m = self.restrain(own_ne_m, wanted_m);
+        let setpoint = Setpoint { error_ne_m, feedforward_ne_m_s, altitude_m, heading_rad: goal.heading_rad };
+        let wish = Wish { field_ne, setpoint, in_place: false };
+        Some(Wish { in_place: settled && wish.is_at_altitude(estimate), ..wish })
     }
 
     /// The error with which nobody is come too near; the wanted one, if that does it.

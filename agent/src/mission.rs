@@ -1,40 +1,37 @@
-//! What this vehicle does now: join, fly in formation, hold, land.
+//! What this vehicle does now: join, fly the mission's steps in formation, hold, land.
 //!
 //! ```text
-//!        2 s of listening, rotor at speed              order: land
+//!        2 s of listening, rotor at speed        ordered down, last step, something failed
 //!   Joining ------------------------> Active ---------------------------> Left (descends, lands)
-//!                                      formation <----> hold (ordered, or nobody is heard)
+//!      ^                               | formation <----> hold (ordered, nobody or too few are heard)
+//!      +------ own data lost ----------+
 //! ```
 //!
-//! Nobody leads. Orders are registers: the larger one wins, every agent repeats the largest that it knows of, so an order
-//! that reaches one vehicle reaches all.
+//! Nobody leads. Which step the swarm is at is agreed on ([`agreement`]), where a moving centre is too ([`centre`]). Orders
+//! are registers: the larger one wins, every agent repeats the largest that it knows of, so an order that reaches one
+//! vehicle reaches all.
+
+pub mod agreement;
+pub mod centre;
+pub mod landing;
+pub mod plan;
 
 use nalgebra::Vector2;
-use skein_common::id::VehicleId;
-use skein_common::message::{Happening, Mission as MissionMessage, Order, Verb};
+use skein_common::id::{VehicleId, VehicleSet};
+use skein_common::message::{self, Failure, Happening, Order, Verb};
+use skein_common::scenario::Scenario;
 use skein_common::state::{Activity, Membership};
 use skein_common::time::{LocalTime, Now, PlantTime};
 
 use crate::estimate::Estimate;
+use agreement::{Agreement, Event, Part, Progress};
+use landing::{Descent, Landing};
+use plan::{Kind, Leg};
 
 /// An agent listens for this long before it takes part, s.
 pub const JOIN_S: f64 = 2.0;
 /// Above this height of the centre of gravity a vehicle flies, m.
 const FLYING_ABOVE_M: f64 = 1.5;
-/// At altitude: this close to it, m.
-const ALTITUDE_REACHED_M: f64 = 1.0;
-/// Descent to land, m/s, and the gentler one below [`GENTLE_BELOW_M`].
-const DESCENT_M_S: f64 = 2.0;
-const GENTLE_DESCENT_M_S: f64 = 0.7;
-const GENTLE_BELOW_M: f64 = 6.0;
-/// The altitude asked for runs at most this far below the vehicle: an error that holds the wanted sink rate, m.
-const DESCENT_LEAD_M: f64 = 3.0;
-/// Below this height and for [`TOUCHDOWN_S`] not sinking: down, m, m/s, s.
-const TOUCHDOWN_BELOW_M: f64 = 3.0;
-const TOUCHDOWN_SINK_M_S: f64 = 0.15;
-const TOUCHDOWN_S: f64 = 1.0;
-/// The rotor is unloaded within this time after touchdown, s.
-const UNLOAD_S: f64 = 2.0;
 
 /// What the formation stage is asked for.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -42,20 +39,18 @@ pub enum Task {
     /// Nothing: leave the controls alone.
     Wait,
     /// Fly the formation law.
-    Formation {
-        /// Centre of the formation, north and east, m.
-        centre_ne_m: Vector2<f64>,
-        /// Above the origin, m.
-        altitude_m: f64,
-        /// Clockwise from north.
-        heading_rad: f64,
-    },
+    Formation(Goal),
     /// Go to this place and stay.
     Stay {
         /// North and east, m.
         at_ne_m: Vector2<f64>,
         /// Above the origin, m; sinks during a landing.
         altitude_m: f64,
+        /// Clockwise from north.
+        heading_rad: f64,
+    },
+    /// Without power: come down as softly as it goes.
+    ComeDown {
         /// Clockwise from north.
         heading_rad: f64,
     },
@@ -66,32 +61,71 @@ pub enum Task {
 /// Where the formation is to be.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Goal {
+    /// The step of the mission, which says what the formation is.
+    pub step: usize,
     /// Centre, north and east, m.
     pub centre_ne_m: Vector2<f64>,
-    /// Above the origin, m.
-    pub altitude_m: f64,
+    /// How the centre moves, north and east, m/s.
+    pub centre_velocity_ne_m_s: Vector2<f64>,
+    /// The vehicle's heading, clockwise from north.
+    pub heading_rad: f64,
+}
+
+/// What the other stages know that the mission needs.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct View {
+    /// The others that are heard.
+    pub heard: VehicleSet,
+    /// There were others, and nobody is heard any more.
+    pub alone: bool,
+    /// At the altitude that was asked for.
+    pub at_altitude: bool,
+    /// Where the formation wants the vehicle, at height and slow.
+    pub in_place: bool,
+    /// What has failed of the own vehicle.
+    pub failure: Option<Failure>,
 }
 
 /// The mission stage of one vehicle.
 #[derive(Clone, Debug)]
 pub struct Mission {
-    goal: Goal,
+    legs: Vec<Leg>,
     plan: u64,
     /// Nobody takes off with a slower rotor, rad/s.
     take_off_rotor_rad_s: Option<f64>,
     /// Peers already told of for flying another plan.
-    strangers: Vec<VehicleId>,
-    /// Since when this life has listened.
+    strangers: VehicleSet,
+    /// Since when this agent has listened.
     since: Option<LocalTime>,
-    membership: Membership,
     activity: Activity,
+    agreement: Agreement,
+    /// Others at the same step, and how far they take the centre to be, m.
+    others_m: Vec<(VehicleId, f64)>,
+    /// Members at some time of this step.
+    counted: VehicleSet,
+    has_quorum: bool,
     order: Option<Order>,
     leaving: bool,
     heading_rad: f64,
     at_altitude: bool,
+    leg: LegState,
     /// Where to stay, once that has begun.
     stay: Option<Place>,
     landing: Option<Landing>,
+}
+
+/// How far the present step is.
+#[derive(Clone, Copy, Debug, Default)]
+struct LegState {
+    last: Option<PlantTime>,
+    /// Time spent in it, s.
+    spent_s: f64,
+    /// Time in place without interruption, s.
+    placed_s: f64,
+    /// How far the centre is along the path, m.
+    progress_m: f64,
+    /// How fast it moves along it, m/s.
+    speed_m_s: f64,
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -100,43 +134,44 @@ struct Place {
     altitude_m: f64,
 }
 
-#[derive(Clone, Copy, Debug)]
-struct Landing {
-    last: PlantTime,
-    /// How long the vehicle has not been sinking near the ground, s.
-    resting_s: f64,
-    /// How long the rotor has been unloaded, s.
-    unloading_s: Option<f64>,
-}
-
 impl Mission {
-    /// A mission not yet begun; `plan` is the hash of the plan it is part of. Before the rotor has reached
+    /// The mission of a scenario, not yet begun, as vehicle `own` flies it. Before the rotor has reached
     /// `take_off_rotor_rad_s` the vehicle does not take part, if the plant tells the rotor's speed.
-    pub fn new(goal: Goal, plan: u64, take_off_rotor_rad_s: Option<f64>) -> Self {
+    pub fn new(own: VehicleId, scenario: &Scenario, take_off_rotor_rad_s: Option<f64>) -> Self {
+        let legs = plan::legs(&scenario.mission);
+        let roster = scenario.swarm.vehicles.min(VehicleId::MAX.into()) as u8;
+        let last_step = legs.len().saturating_sub(1).min(message::MAX_STEP as usize) as u32;
         Self {
-            goal,
-            plan,
+            legs,
+            plan: scenario.plan_hash(),
             take_off_rotor_rad_s,
-            strangers: Vec::new(),
+            strangers: VehicleSet::default(),
             since: None,
-            membership: Membership::Joining,
             activity: Activity::Joining,
+            agreement: Agreement::new(own, roster, last_step, scenario.mission.partition),
+            others_m: Vec::new(),
+            counted: VehicleSet::default(),
+            has_quorum: true,
             order: None,
             leaving: false,
             heading_rad: 0.0,
             at_altitude: false,
+            leg: LegState::default(),
             stay: None,
             landing: None,
         }
     }
 
-    /// Merges an order: the larger register stands. True if it is news.
-    pub fn merge(&mut self, order: Order) -> bool {
-        let news = self.order < Some(order);
-        if news {
-            self.order = Some(order);
+    /// Merges an order: the larger register stands.
+    pub fn merge(&mut self, order: Order, happened: &mut Vec<Happening>) {
+        if self.order >= Some(order) {
+            return;
         }
-        news
+        self.order = Some(order);
+        happened.push(Happening::OrderTaken(order));
+        if let Verb::Goto(step) = order.verb {
+            self.agree(Event::Ordered(step), happened);
+        }
     }
 
     /// This vehicle lands and leaves, whatever the others do.
@@ -144,38 +179,64 @@ impl Mission {
         self.leaving = true;
     }
 
-    /// Takes up a peer's register: its order, if it flies the same plan. Gives what is worth telling.
-    pub fn listen(&mut self, said: &MissionMessage) -> Option<Happening> {
-        if said.plan == self.plan {
-            return said.order.filter(|&order| self.merge(order)).map(Happening::OrderTaken);
+    /// The vehicle knows nothing of itself any more: nobody is to wait for it. It joins anew when it does.
+    pub fn withdraw(&mut self) {
+        if self.membership() == Membership::Active {
+            self.agreement.step(Event::Became(Membership::Joining));
+            self.since = None;
+            self.leg = LegState { last: None, ..self.leg };
         }
-        let stranger = said.header.sender;
-        let news = !self.strangers.contains(&stranger);
-        if news {
-            self.strangers.push(stranger);
-        }
-        news.then_some(Happening::PlanDiffers(stranger))
     }
 
-    /// What to do now. `alone` says that there were others and that nobody is heard any more.
-    pub fn step(&mut self, now: Now, estimate: &Estimate, alone: bool) -> Task {
+    /// Takes up a peer's register, if it flies the same plan: its part in the agreement, and its order.
+    pub fn listen(&mut self, said: &message::Mission, happened: &mut Vec<Happening>) {
+        let id = said.header.sender;
+        if said.plan != self.plan {
+            if !self.strangers.contains(id) {
+                self.strangers.insert(id);
+                happened.push(Happening::PlanDiffers(id));
+            }
+            return;
+        }
+        let part = Part {
+            incarnation: said.header.incarnation,
+            sequence: said.header.sequence,
+            membership: said.membership,
+            step: said.step,
+            reached: said.reached,
+        };
+        let was_at = self.agreement.at();
+        self.agree(Event::Heard(id, part), happened);
+        if said.step == self.agreement.at() {
+            self.others_m.push((id, said.progress_m));
+        }
+        if self.agreement.at() != was_at {
+            self.catch_up();
+        }
+        if let Some(order) = said.order {
+            self.merge(order, happened);
+        }
+    }
+
+    /// What to do now, after everything that was heard since the last step was listened to.
+    pub fn step(&mut self, now: Now, estimate: &Estimate, view: &View, happened: &mut Vec<Happening>) -> Task {
         let since = *self.since.get_or_insert_with(|| {
             self.heading_rad = estimate.attitude.heading_rad;
             now.local
         });
+        self.agreement.step(Event::Sees(view.heard));
+        self.agreement.members().iter().for_each(|id| self.counted.insert(id));
+        self.watch_quorum(happened);
         let has_listened = now.local.seconds_since(since) >= JOIN_S;
-        if self.membership == Membership::Joining && has_listened && self.is_rotor_ready(estimate) {
-            self.membership = Membership::Active;
+        if self.membership() == Membership::Joining {
+            self.catch_up();
+            if has_listened && self.is_rotor_ready(estimate) {
+                self.agreement.step(Event::Became(Membership::Active));
+            }
         }
-        match (self.membership, self.order.map(|order| order.verb)) {
-            (Membership::Joining, _) => self.join(estimate),
-            (_, Some(Verb::Land)) => self.land(now, estimate),
-            // Whoever is on the way down stays on it.
-            _ if self.leaving || self.landing.is_some() => self.land(now, estimate),
-            (_, Some(Verb::Hold)) => self.hold(estimate),
-            _ if alone => self.hold(estimate),
-            _ => self.fly(estimate),
-        }
+        let task = self.decide(now, estimate, view, happened);
+        self.others_m.clear();
+        task
     }
 
     /// Hash of the plan.
@@ -185,7 +246,38 @@ impl Mission {
 
     /// Whether the others may count on this vehicle.
     pub fn membership(&self) -> Membership {
-        self.membership
+        self.agreement.membership()
+    }
+
+    /// The step that this vehicle is at, counted from 0.
+    pub fn at(&self) -> u32 {
+        self.agreement.at()
+    }
+
+    /// The highest step that it reached in this life.
+    pub fn reached(&self) -> Option<u32> {
+        self.agreement.reached()
+    }
+
+    /// How far it takes the centre to be along this step's path, m.
+    pub fn progress_m(&self) -> f64 {
+        self.leg.progress_m
+    }
+
+    /// Where it takes the centre to be and how that moves, north and east, m and m/s.
+    pub fn centre(&self) -> (Vector2<f64>, Vector2<f64>) {
+        match self.leg() {
+            Some(Leg { kind: Kind::Path(path), .. }) => {
+                let (centre_ne_m, along) = path.at(self.leg.progress_m);
+                (centre_ne_m, along * self.leg.speed_m_s)
+            }
+            leg => (leg.map(|leg| leg.from_ne_m).unwrap_or_default(), Vector2::zeros()),
+        }
+    }
+
+    /// Whether the mission has come to its landing.
+    pub fn is_at_landing(&self) -> bool {
+        self.leg().is_some_and(|leg| leg.kind == Kind::Land)
     }
 
     /// What the vehicle is doing.
@@ -196,6 +288,65 @@ impl Mission {
     /// The newest order known.
     pub fn order(&self) -> Option<Order> {
         self.order
+    }
+
+    fn leg(&self) -> Option<&Leg> {
+        self.legs.get(self.agreement.at() as usize)
+    }
+
+    fn decide(&mut self, now: Now, estimate: &Estimate, view: &View, happened: &mut Vec<Happening>) -> Task {
+        let order = self.order.map(|order| order.verb);
+        if view.failure.is_some() {
+            return self.come_down(now, estimate, view.failure);
+        }
+        let is_over = self.is_at_landing() && self.membership() != Membership::Joining;
+        match (self.membership(), order) {
+            (Membership::Joining, _) => self.join(estimate),
+            (_, Some(Verb::Land | Verb::Abort)) => self.land(now, estimate),
+            _ if self.leaving || is_over || self.is_down() => self.land(now, estimate),
+            (_, Some(Verb::Hold)) => self.hold(estimate),
+            _ if view.alone || !self.has_quorum => self.hold(estimate),
+            _ => self.fly(now, view, happened),
+        }
+    }
+
+    /// Hands an event to the agreement and tells where that led.
+    fn agree(&mut self, event: Event, happened: &mut Vec<Happening>) {
+        let Some(progress) = self.agreement.step(event) else { return };
+        let to = self.agreement.at();
+        let told = match progress {
+            Progress::Advanced => {
+                let before = to - 1;
+                let left = |id: &VehicleId| {
+                    let part = self.agreement.part(*id);
+                    let gone = !self.agreement.members().contains(*id);
+                    gone && part.is_some_and(|p| p.membership == Membership::Active && !p.has_reached(before))
+                };
+                let without: VehicleSet = self.counted.iter().filter(left).collect();
+                if without.is_empty() { Happening::Advanced(to) } else { Happening::ForcedAdvance { to, without } }
+            }
+            Progress::Carried { reached: true, .. } => Happening::Advanced(to),
+            Progress::Carried { from, reached: false } => Happening::Skipped { from, to },
+        };
+        // Whoever has left only looks on.
+        happened.extend((self.membership() != Membership::Left).then_some(told));
+        self.counted = self.agreement.members();
+        self.leg = LegState { last: self.leg.last, ..LegState::default() };
+        self.others_m.clear();
+    }
+
+    /// Whoever comes late takes the centre to be where the foremost has it, so that nobody waits for it.
+    fn catch_up(&mut self) {
+        let foremost_m = self.others_m.iter().map(|(_, progress_m)| *progress_m).fold(self.leg.progress_m, f64::max);
+        self.leg.progress_m = foremost_m;
+    }
+
+    fn watch_quorum(&mut self, happened: &mut Vec<Happening>) {
+        let has_quorum = self.agreement.has_quorum();
+        if has_quorum != self.has_quorum && self.membership() == Membership::Active {
+            happened.push(if has_quorum { Happening::QuorumBack } else { Happening::QuorumLost });
+        }
+        self.has_quorum = has_quorum;
     }
 
     fn is_rotor_ready(&self, estimate: &Estimate) -> bool {
@@ -213,19 +364,62 @@ impl Mission {
         }
     }
 
-    fn fly(&mut self, estimate: &Estimate) -> Task {
-        let Goal { centre_ne_m, altitude_m } = self.goal;
+    /// The step's formation; the next step, when everybody has reached this one.
+    fn fly(&mut self, now: Now, view: &View, happened: &mut Vec<Happening>) -> Task {
         self.stay = None;
-        self.at_altitude |= (estimate.position.altitude_m() - altitude_m).abs() < ALTITUDE_REACHED_M;
+        if self.landing.take().is_some() {
+            // Called back on the way down.
+            self.agreement.step(Event::Became(Membership::Active));
+        }
+        self.at_altitude |= view.at_altitude;
         self.activity = if self.at_altitude { Activity::Formation } else { Activity::TakingOff };
-        Task::Formation { centre_ne_m, altitude_m, heading_rad: self.heading_rad }
+        self.pass_time(now.plant, view.in_place);
+        let at = self.agreement.at();
+        if self.is_reached() && self.agreement.reached() < Some(at) {
+            self.agreement.step(Event::Reached);
+            happened.push(Happening::Reached(at));
+        }
+        self.agree(Event::Free, happened);
+        let (centre_ne_m, centre_velocity_ne_m_s) = self.centre();
+        let step = self.agreement.at() as usize;
+        Task::Formation(Goal { step, centre_ne_m, centre_velocity_ne_m_s, heading_rad: self.heading_rad })
+    }
+
+    /// Counts the step's times and moves its centre.
+    fn pass_time(&mut self, now: PlantTime, in_place: bool) {
+        let dt_s = self.leg.last.map_or(0.0, |last| now.seconds_since(last).max(0.0));
+        self.leg.last = Some(now);
+        self.leg.spent_s += dt_s;
+        self.leg.placed_s = if in_place { self.leg.placed_s + dt_s } else { 0.0 };
+        let Some(Leg { kind: Kind::Path(path), .. }) = self.legs.get(self.agreement.at() as usize) else { return };
+        let members = self.agreement.members();
+        let others_m = self.others_m.iter().filter(|(id, _)| members.contains(*id)).map(|(_, progress_m)| *progress_m);
+        self.leg.speed_m_s = centre::speed_m_s(path, self.leg.progress_m, others_m, members.len() + 1);
+        self.leg.progress_m = (self.leg.progress_m + self.leg.speed_m_s * dt_s).min(path.length_m());
+    }
+
+    /// Whether this step is over for this vehicle.
+    fn is_reached(&self) -> bool {
+        let Some(leg) = self.leg() else { return false };
+        let is_placed = self.leg.placed_s >= leg.dwell_s && self.leg.placed_s > 0.0;
+        match &leg.kind {
+            Kind::Place => is_placed,
+            Kind::Hold(hold_s) => self.leg.spent_s >= *hold_s,
+            Kind::Path(path) => is_placed && self.leg.progress_m >= path.length_m(),
+            Kind::Land => false,
+        }
     }
 
     /// On the ground there is nothing to hold.
     fn hold(&mut self, estimate: &Estimate) -> Task {
+        self.leg.last = None;
+        self.leg.speed_m_s = 0.0;
         if estimate.height_m < FLYING_ABOVE_M && !self.at_altitude && self.stay.is_none() {
             self.activity = Activity::Holding;
             return Task::Wait;
+        }
+        if self.landing.take().is_some() {
+            self.agreement.step(Event::Became(Membership::Active));
         }
         self.stay(estimate, Activity::Holding)
     }
@@ -244,29 +438,41 @@ impl Mission {
         })
     }
 
-    fn land(&mut self, now: Now, estimate: &Estimate) -> Task {
-        self.membership = Membership::Left;
-        let mut landing = self.landing.unwrap_or(Landing { last: now.plant, resting_s: 0.0, unloading_s: None });
-        let dt_s = now.plant.seconds_since(landing.last).max(0.0);
-        landing.last = now.plant;
-        let resting = estimate.height_m < TOUCHDOWN_BELOW_M && estimate.velocity.down_m_s().abs() < TOUCHDOWN_SINK_M_S;
-        landing.resting_s = if resting { landing.resting_s + dt_s } else { 0.0 };
-        if landing.resting_s > TOUCHDOWN_S || self.activity == Activity::Joining {
-            landing.unloading_s.get_or_insert(0.0);
-        }
-        if let Some(unloading_s) = &mut landing.unloading_s {
-            *unloading_s += dt_s;
-            self.activity = if *unloading_s > UNLOAD_S { Activity::Landed } else { Activity::Landing };
-            self.landing = Some(landing);
-            return Task::Park;
-        }
-        self.landing = Some(landing);
+    /// On the ground after a flight: there is no way back.
+    fn is_down(&self) -> bool {
+        self.landing.is_some_and(|landing| landing.is_on_ground())
+    }
 
-        let sink_m_s = if estimate.height_m > GENTLE_BELOW_M { DESCENT_M_S } else { GENTLE_DESCENT_M_S };
-        let lowest_m = estimate.position.altitude_m() - DESCENT_LEAD_M;
-        let place = self.place(estimate);
-        place.altitude_m = (place.altitude_m - sink_m_s * dt_s).max(lowest_m);
-        self.stay(estimate, Activity::Landing)
+    /// What a vehicle does of which something has failed: on the ground nothing, in the air come down.
+    fn come_down(&mut self, now: Now, estimate: &Estimate, failure: Option<Failure>) -> Task {
+        let task = self.land(now, estimate);
+        match task {
+            Task::Stay { heading_rad, .. } if failure == Some(Failure::Engine) => Task::ComeDown { heading_rad },
+            _ => task,
+        }
+    }
+
+    fn land(&mut self, now: Now, estimate: &Estimate) -> Task {
+        let is_on_ground = self.activity == Activity::Joining && estimate.height_m < FLYING_ABOVE_M;
+        self.agreement.step(Event::Became(Membership::Left));
+        let mut landing = self.landing.unwrap_or_else(|| Landing::begin(now.plant, is_on_ground));
+        let altitude_m = self.place(estimate).altitude_m;
+        let descent = landing.step(now.plant, estimate, altitude_m);
+        self.landing = Some(landing);
+        match descent {
+            Descent::To(altitude_m) => {
+                self.place(estimate).altitude_m = altitude_m;
+                self.stay(estimate, Activity::Landing)
+            }
+            Descent::Unloading => {
+                self.activity = Activity::Landing;
+                Task::Park
+            }
+            Descent::Down => {
+                self.activity = Activity::Landed;
+                Task::Park
+            }
+        }
     }
 }
 

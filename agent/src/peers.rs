@@ -4,14 +4,16 @@
 //! arrives late, twice, from an earlier life or in somebody else's name is counted and changes nothing.
 //!
 //! ```text
-//!            age > FRESH_S            age > T_stale, or token gone           OBSTACLE_FOR_S later
+//!        no state for FRESH_S       no word for T_stale, or token gone      OBSTACLE_FOR_S later
 //!   Fresh ----------------> Stale ------------------------------> Lost ----------------------> no obstacle
 //!     ^                       |                                     |
-//!     +------- a word --------+----------- a word, token there -----+
+//!     +------ a state --------+----------- a word, token there -----+
 //! ```
+//!
+//! Any word keeps a peer from being lost; only a state younger than T_stale keeps it in the formation.
 
 use skein_common::frame::{Origin, PositionNed, VelocityNed};
-use skein_common::id::{Incarnation, VehicleId};
+use skein_common::id::{Incarnation, VehicleId, VehicleSet};
 use skein_common::message::{Header, Mission, Order, State};
 use skein_common::state::{Membership, Standing};
 use skein_common::time::LocalTime;
@@ -22,8 +24,12 @@ pub const FRESH_S: f64 = 0.5;
 pub const OBSTACLE_FOR_S: f64 = 10.0;
 /// Radius of an obstacle whose place is known, m.
 const OBSTACLE_RADIUS_M: f64 = 8.0;
-/// How fast what is not known of a silent vehicle's place grows, m/s.
+/// How fast what is not known of a silent vehicle's place grows, m/s, and how far.
 const OBSTACLE_GROWTH_M_S: f64 = 1.0;
+const OBSTACLE_GROWTH_M: f64 = 12.0;
+/// Whoever hears nobody any more waits this long for them before it takes itself for the only one left, s: as long as they
+/// are obstacles.
+const ALONE_FOR_S: f64 = OBSTACLE_FOR_S;
 
 /// Something heard, and when.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -99,6 +105,9 @@ pub struct Peers {
     known: Vec<Peer>,
     seen: Vec<Seen>,
     changes: Vec<Change>,
+    now: LocalTime,
+    /// Since when nobody is heard who was.
+    alone_since: Option<LocalTime>,
     old: u64,
     forged: u64,
 }
@@ -108,8 +117,10 @@ struct Peer {
     id: VehicleId,
     incarnation: Incarnation,
     state: Option<Told>,
-    mission: Option<(Mission, LocalTime)>,
+    mission: Option<Mission>,
     token: Option<bool>,
+    /// When any word of this life was heard last.
+    heard_at: Option<LocalTime>,
     found: bool,
     lost_at: Option<LocalTime>,
 }
@@ -128,13 +139,16 @@ impl Peers {
     /// word older than `stale_s` counts for nothing.
     pub fn new(own: VehicleId, roster: u8, plan: u64, stale_s: f64) -> Self {
         let (known, seen, changes) = (Vec::new(), Vec::new(), Vec::new());
-        Self { own, roster, plan, stale_s, known, seen, changes, old: 0, forged: 0 }
+        let now = LocalTime::ZERO;
+        Self { own, roster, plan, stale_s, known, seen, changes, now, alone_since: None, old: 0, forged: 0 }
     }
 
-    /// Takes up what was heard and carries everybody forward to `now`.
+    /// Takes up what was heard since the last update and carries everybody forward to `now`.
     pub fn update(&mut self, now: LocalTime, origin: &Origin, heard: &[Heard]) {
+        let before = std::mem::replace(&mut self.now, now).min(now);
         for heard in heard {
-            self.hear(origin, heard);
+            // Whatever the clock said when it came: it came between the two updates.
+            self.hear(origin, heard, heard.at.clamp(before, now));
         }
         self.changes.clear();
         self.seen.clear();
@@ -142,8 +156,12 @@ impl Peers {
             if let Some(change) = peer.age(now, self.stale_s) {
                 self.changes.push(change);
             }
-            self.seen.extend(peer.seen(now, self.plan));
+            self.seen.extend(peer.seen(now, self.plan, self.stale_s));
         }
+        let mut met = self.known.iter().filter(|peer| peer.found);
+        let missed = met.clone().any(|peer| peer.membership() != Membership::Left);
+        let alone = missed && met.all(|peer| peer.lost_at.is_some());
+        self.alone_since = if alone { self.alone_since.or(Some(now)) } else { None };
     }
 
     /// Everybody whose state was ever heard, by id.
@@ -158,13 +176,17 @@ impl Peers {
 
     /// Newest agreement registers of all who still count, whoever they are.
     pub fn missions(&self) -> impl Iterator<Item = &Mission> {
-        self.known.iter().filter(|peer| peer.lost_at.is_none()).filter_map(|peer| Some(&peer.mission.as_ref()?.0))
+        self.known.iter().filter(|peer| peer.lost_at.is_none()).filter_map(|peer| peer.mission.as_ref())
     }
 
-    /// Somebody was lost who had not left of its own will, and nobody is heard any more.
+    /// Those who count as heard: their tokens are there and their last words young.
+    pub fn heard(&self) -> VehicleSet {
+        self.known.iter().filter(|peer| peer.found && peer.lost_at.is_none()).map(|peer| peer.id).collect()
+    }
+
+    /// Somebody was lost who had not left of its own will, nobody is heard any more, and that is news.
     pub fn all_lost(&self) -> bool {
-        let mut met = self.known.iter().filter(|peer| peer.state.is_some());
-        met.clone().any(|peer| peer.membership() != Membership::Left) && met.all(|peer| peer.lost_at.is_some())
+        self.alone_since.is_some_and(|since| self.now.seconds_since(since) < ALONE_FOR_S)
     }
 
     /// Words dropped because a later one was already heard.
@@ -177,7 +199,7 @@ impl Peers {
         self.forged
     }
 
-    fn hear(&mut self, origin: &Origin, heard: &Heard) {
+    fn hear(&mut self, origin: &Origin, heard: &Heard, at: LocalTime) {
         match heard.word {
             Word::State(said) => {
                 let Some(peer) = self.speaker(&said.header) else { return };
@@ -187,15 +209,17 @@ impl Peers {
                     return;
                 }
                 let position = origin.ned_from_geodetic(&said.state.position);
-                peer.state = Some(Told { sequence, position, velocity: said.state.velocity, at: heard.at });
+                peer.state = Some(Told { sequence, position, velocity: said.state.velocity, at });
+                peer.heard_at = Some(at);
             }
             Word::Mission(said) => {
                 let Some(peer) = self.speaker(&said.header) else { return };
-                if peer.mission.is_some_and(|(told, _)| told.header.sequence >= said.header.sequence) {
+                if peer.mission.is_some_and(|told| told.header.sequence >= said.header.sequence) {
                     self.old += 1;
                     return;
                 }
-                peer.mission = Some((said, heard.at));
+                peer.mission = Some(said);
+                peer.heard_at = Some(at);
             }
             Word::Appeared(id) | Word::Vanished(id) => {
                 if let Some(peer) = self.member(id) {
@@ -254,19 +278,20 @@ impl Peer {
             state: None,
             mission: None,
             token: None,
+            heard_at: None,
             found: false,
             lost_at: None,
         }
     }
 
     fn membership(&self) -> Membership {
-        self.mission.map_or(Membership::Joining, |(said, _)| said.membership)
+        self.mission.map_or(Membership::Joining, |said| said.membership)
     }
 
     /// Moves between lost and not lost.
     fn age(&mut self, now: LocalTime, stale_s: f64) -> Option<Change> {
-        let told = self.state?;
-        let gone = self.token == Some(false) || now.seconds_since(told.at) > stale_s;
+        let heard_at = self.heard_at?;
+        let gone = self.token == Some(false) || now.seconds_since(heard_at) > stale_s;
         if gone && self.lost_at.is_none() {
             self.lost_at = Some(now);
             // Who left of its own will is not missed.
@@ -280,7 +305,7 @@ impl Peer {
         }
     }
 
-    fn seen(&self, now: LocalTime, plan: u64) -> Option<Seen> {
+    fn seen(&self, now: LocalTime, plan: u64, stale_s: f64) -> Option<Seen> {
         let told = self.state?;
         let age_s = now.seconds_since(told.at).max(0.0);
         let standing = match self.lost_at {
@@ -288,11 +313,14 @@ impl Peer {
             None if age_s > FRESH_S => Standing::Stale,
             None => Standing::Fresh,
         };
-        let flies_along = self.mission.is_some_and(|(said, _)| said.plan == plan);
+        let flies_along = age_s <= stale_s && self.mission.is_some_and(|said| said.plan == plan);
         let role = match (self.membership(), self.lost_at) {
             (Membership::Active, None) if flies_along => Role::Member,
             (_, Some(lost_at)) if now.seconds_since(lost_at) > OBSTACLE_FOR_S => Role::Nothing,
-            _ => Role::Obstacle { radius_m: OBSTACLE_RADIUS_M + OBSTACLE_GROWTH_M_S * age_s },
+            _ => {
+                let unknown_m = (OBSTACLE_GROWTH_M_S * age_s).min(OBSTACLE_GROWTH_M);
+                Role::Obstacle { radius_m: OBSTACLE_RADIUS_M + unknown_m }
+            }
         };
         let position = told.position + told.velocity.0 * age_s;
         Some(Seen { id: self.id, position, velocity: told.velocity, age_s, standing, role })

@@ -82,7 +82,7 @@ impl Speech {
         Self { own, incarnation, need, told, mission, state_messages: 0, state_bytes: 0, missions: 0, traces: 0 }
     }
 
-    /// What to say now. Without an estimate that is flown on, the state is kept to oneself: the others carry the last one
+    /// What to say now. Without an estimate that still holds, the state is kept to oneself: the others carry the last one
     /// forward and see its age.
     pub fn say(
         &mut self,
@@ -122,15 +122,18 @@ impl Speech {
     }
 
     fn mission(&mut self, now: LocalTime, mission: &Mission) -> Option<MissionMessage> {
-        let (plan, membership, order) = (mission.plan(), mission.membership(), mission.order());
+        let (membership, step, reached, order) =
+            (mission.membership(), mission.at(), mission.reached(), mission.order());
         if let Some((told, at)) = &self.mission {
-            let same = told.membership == membership && told.order == order;
+            let same = (told.membership, told.step, told.reached, told.order) == (membership, step, reached, order);
             if same && now.seconds_since(*at) < MISSION_PERIOD_S - 1e-6 {
                 return None;
             }
         }
         self.missions += 1;
-        let said = MissionMessage { header: self.header(now, self.missions), plan, membership, order };
+        let header = self.header(now, self.missions);
+        let (plan, progress_m) = (mission.plan(), mission.progress_m());
+        let said = MissionMessage { header, plan, membership, step, reached, progress_m, order };
         self.mission = Some((said, now));
         Some(said)
     }

@@ -66,6 +66,71 @@ impl fmt::Display for VehicleId {
     }
 }
 
+/// Some of the vehicles of a swarm.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+pub struct VehicleSet([u64; 4]);
+
+impl VehicleSet {
+    /// Adds a vehicle.
+    pub fn insert(&mut self, id: VehicleId) {
+        let (word, bit) = Self::place(id);
+        self.0[word] |= bit;
+    }
+
+    /// Takes a vehicle out.
+    pub fn remove(&mut self, id: VehicleId) {
+        let (word, bit) = Self::place(id);
+        self.0[word] &= !bit;
+    }
+
+    /// Whether the vehicle is one of them.
+    pub fn contains(&self, id: VehicleId) -> bool {
+        let (word, bit) = Self::place(id);
+        self.0[word] & bit != 0
+    }
+
+    /// How many they are.
+    pub fn len(&self) -> usize {
+        self.0.iter().map(|word| word.count_ones() as usize).sum()
+    }
+
+    /// Whether there is none.
+    pub fn is_empty(&self) -> bool {
+        self.0 == [0; 4]
+    }
+
+    /// All of them, in order.
+    pub fn iter(&self) -> impl Iterator<Item = VehicleId> + Clone + '_ {
+        VehicleId::first(VehicleId::MAX.into()).filter(|&id| self.contains(id))
+    }
+
+    fn place(id: VehicleId) -> (usize, u64) {
+        let index = usize::from(id.get()) - 1;
+        (index / 64, 1 << (index % 64))
+    }
+}
+
+impl FromIterator<VehicleId> for VehicleSet {
+    fn from_iter<I: IntoIterator<Item = VehicleId>>(ids: I) -> Self {
+        ids.into_iter().fold(Self::default(), |mut set, id| {
+            set.insert(id);
+            set
+        })
+    }
+}
+
+impl fmt::Display for VehicleSet {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        for (nth, id) in self.iter().enumerate() {
+            if nth > 0 {
+                f.write_str(", ")?;
+            }
+            write!(f, "{id}")?;
+        }
+        Ok(())
+    }
+}
+
 /// One life of an agent: a restarted agent has a larger one. Taken from the clock at its start (nanoseconds of UTC), so
 /// that it grows from start to start without anything kept on disk.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]

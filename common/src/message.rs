@@ -11,7 +11,7 @@ mod trace;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
-use crate::id::{Incarnation, VehicleId};
+use crate::id::{Incarnation, VehicleId, VehicleSet};
 use crate::state::{Membership, VehicleState};
 use crate::time::SenderStamp;
 use crate::topic::{Author, Topic};
@@ -20,7 +20,10 @@ pub use health::{Drops, Health, PeerHealth};
 pub use trace::{PeerAge, Trace};
 
 /// The first byte of every message.
-pub const VERSION: u8 = 1;
+pub const VERSION: u8 = 2;
+
+/// No mission has more steps than this.
+pub const MAX_STEP: u32 = 10_000;
 
 /// Why bytes are not a message.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
@@ -85,12 +88,19 @@ pub struct Mission {
     pub plan: u64,
     /// Whether the others count on the speaker.
     pub membership: Membership,
+    /// The step of the mission that the speaker is at, counted from 0.
+    pub step: u32,
+    /// The highest step that the speaker itself reached in this life.
+    pub reached: Option<u32>,
+    /// How far the speaker takes the centre to be along this step's path, m.
+    pub progress_m: f64,
     /// The newest order the speaker knows of.
     pub order: Option<Order>,
 }
 
-/// An operator's order: a register, merged by taking the larger one, so that it spreads from any node to all.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+/// An operator's order: a register, merged by taking the larger one, so that it spreads from any node to all. An order to
+/// abort is larger than any other: nothing takes it back.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Order {
     /// One more than the largest epoch that the issuer had heard of.
     pub epoch: u64,
@@ -100,15 +110,30 @@ pub struct Order {
     pub verb: Verb,
 }
 
+impl Ord for Order {
+    fn cmp(&self, other: &Self) -> std::cmp::Ordering {
+        let rank = |order: &Self| (order.verb == Verb::Abort, order.epoch, order.issuer, order.verb);
+        rank(self).cmp(&rank(other))
+    }
+}
+
+impl PartialOrd for Order {
+    fn partial_cmp(&self, other: &Self) -> Option<std::cmp::Ordering> {
+        Some(self.cmp(other))
+    }
+}
+
 /// What an operator can ask for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 pub enum Verb {
     /// Stop where you are, at the altitude you have.
     Hold,
-    /// Descend where you are.
+    /// Descend where you are. Until it is down a vehicle can be called back.
     Land,
     /// Fly on, at this step of the mission or a later one.
     Goto(u32),
+    /// Give up: descend where you are, whatever is ordered later.
+    Abort,
 }
 
 impl std::fmt::Display for Verb {
@@ -117,6 +142,7 @@ impl std::fmt::Display for Verb {
             Self::Hold => f.write_str("hold"),
             Self::Land => f.write_str("land"),
             Self::Goto(step) => write!(f, "goto {step}"),
+            Self::Abort => f.write_str("abort"),
         }
     }
 }
@@ -145,6 +171,32 @@ pub enum Happening {
     AllPeersLost,
     /// An order was taken up.
     OrderTaken(Order),
+    /// The speaker has reached this step's goal.
+    Reached(u32),
+    /// The speaker goes on to this step: everybody who counts had reached the one before.
+    Advanced(u32),
+    /// The speaker goes on without some who had counted at the step before, had not reached it, and are not heard now.
+    ForcedAdvance {
+        /// The step gone on to.
+        to: u32,
+        /// Those not waited for.
+        without: VehicleSet,
+    },
+    /// The speaker was carried forward to where others are, past a step that it had not reached.
+    Skipped {
+        /// The step that it had not reached.
+        from: u32,
+        /// The step that it is at now.
+        to: u32,
+    },
+    /// Too few are heard for a swarm that only goes on with more than half: the speaker holds its place.
+    QuorumLost,
+    /// More than half are heard again.
+    QuorumBack,
+    /// Something of the speaker's own vehicle has failed.
+    Failed(Failure),
+    /// The own clock has jumped; ages are counted anew from it.
+    ClockJumped,
     /// The speaker is at its altitude.
     AtAltitude,
     /// The speaker is down.
@@ -159,6 +211,30 @@ pub enum Happening {
     ControlFault,
 }
 
+/// What a vehicle finds failed of itself, from the mildest to the most severe, with what it does then.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+pub enum Failure {
+    /// The position repeats: it reckons on by its velocity, and lands.
+    Position,
+    /// The yaw gyro is dead: it lands, its nose anywhere.
+    Gyro,
+    /// A servo does not follow: it lands as well as it can.
+    Servo,
+    /// No power: it comes down.
+    Engine,
+}
+
+impl std::fmt::Display for Failure {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self {
+            Self::Position => "position frozen, reckons on and lands",
+            Self::Gyro => "yaw gyro off, lands",
+            Self::Servo => "servo stuck, lands",
+            Self::Engine => "engine out, comes down",
+        })
+    }
+}
+
 impl std::fmt::Display for Happening {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {
@@ -168,6 +244,14 @@ impl std::fmt::Display for Happening {
             Self::PlanDiffers(id) => write!(f, "vehicle {id} flies another plan, ignored"),
             Self::AllPeersLost => f.write_str("hears nobody, holds its place"),
             Self::OrderTaken(order) => write!(f, "takes the order: {}", order.verb),
+            Self::Reached(step) => write!(f, "reached step {step}"),
+            Self::Advanced(step) => write!(f, "goes on to step {step}"),
+            Self::ForcedAdvance { to, without } => write!(f, "goes on to step {to} without vehicle {without}"),
+            Self::Skipped { from, to } => write!(f, "carried forward from step {from} to step {to}"),
+            Self::QuorumLost => f.write_str("hears too few to go on, holds its place"),
+            Self::QuorumBack => f.write_str("hears enough to go on"),
+            Self::Failed(failure) => write!(f, "{failure}"),
+            Self::ClockJumped => f.write_str("own clock jumped, ages counted anew"),
             Self::AtAltitude => f.write_str("at altitude"),
             Self::Landed => f.write_str("landed"),
             Self::OwnDataStale => f.write_str("own data stale, controls neutral"),
@@ -198,7 +282,9 @@ macro_rules! message {
 use message;
 
 message!(State, 128, |said| Author::Vehicle(said.header.sender), |said| said.state.is_plausible());
-message!(Mission, 128, |said| Author::Vehicle(said.header.sender), |_| true);
+message!(Mission, 128, |said| Author::Vehicle(said.header.sender), |said| {
+    said.step <= MAX_STEP && said.reached.is_none_or(|reached| reached <= MAX_STEP) && said.progress_m.abs() < 1e9
+});
 message!(Event, 128, |said| Author::Vehicle(said.header.sender), |_| true);
 message!(Order, 64, |said| Author::Issuer(said.issuer), |_| true);
 

@@ -28,7 +28,7 @@ impl VehicleState {
 }
 
 /// Where an agent stands in the swarm's agreement.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 pub enum Membership {
     /// Listening to what the others already agreed on; nobody waits for it.
     #[default]

@@ -252,6 +252,9 @@ mod tests {
             },
             plan: 0,
             membership: Membership::Active,
+            step: 0,
+            reached: None,
+            progress_m: 0.0,
             order: Some(Order { epoch: sequence, issuer: 1, verb: Verb::Hold }),
         }
     }

@@ -41,8 +41,10 @@ pub enum VerbArg {
         #[arg(value_name = "K")]
         step: u32,
     },
-    /// Descend where they are, and end
+    /// Descend where they are, and end; until they are down, another order calls them back
     Land,
+    /// Give up: descend where they are, and end, whatever is ordered later
+    Abort,
 }
 
 impl From<VerbArg> for Verb {
@@ -51,6 +53,7 @@ impl From<VerbArg> for Verb {
             VerbArg::Hold => Self::Hold,
             VerbArg::Goto { step } => Self::Goto(step),
             VerbArg::Land => Self::Land,
+            VerbArg::Abort => Self::Abort,
         }
     }
 }

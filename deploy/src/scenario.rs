@@ -88,7 +88,7 @@ pub struct Ready {
 
 /// Makes sure that agents of this build can fly the scenario, whose paths start from `folder`.
 fn ready(scenario: &Scenario, folder: &Path) -> Result<Ready, String> {
-    supported::goal(scenario).map_err(|error| error.to_string())?;
+    supported::check(scenario).map_err(|error| error.to_string())?;
     let (mut aircraft, mut aircraft_files) = (Vec::new(), BTreeMap::new());
     for vehicle in &scenario.vehicle {
         let (id, name) = (vehicle.id, &vehicle.aircraft);

@@ -122,7 +122,12 @@ fn stale_data_turn_neutral_and_a_gone_simulator_is_said_and_waited_for() {
     let back = flight.frame(Some(&measured(30.0)), &[]);
     assert_eq!(back.said.happened, [Happening::OwnDataBack]);
     assert!(back.command.is_some());
-    assert_eq!(flight.agent.activity(), Activity::Formation);
+    let joins = (flight.agent.membership(), flight.agent.activity());
+    assert_eq!(joins, (Membership::Joining, Activity::Joining), "it joins anew, in the air");
+    for _ in 0..101 {
+        flight.frame(Some(&measured(30.0)), &[]);
+    }
+    assert_eq!(flight.agent.membership(), Membership::Active);
 }
 
 #[test]
@@ -139,7 +144,15 @@ fn while_blind_the_state_is_kept_to_oneself() {
 #[test]
 fn with_nobody_left_the_vehicle_holds_its_place() {
     let mut flight = Flight::new(&scenario(&[]));
-    let active = MissionMessage { header: header(2, 1), plan: 0, membership: Membership::Active, order: None };
+    let active = MissionMessage {
+        header: header(2, 1),
+        plan: 0,
+        membership: Membership::Active,
+        step: 0,
+        reached: None,
+        progress_m: 0.0,
+        order: None,
+    };
     flight.frame(Some(&measured(30.0)), &[Word::Appeared(id(2)), state_of(2, 1, 80.0), Word::Mission(active)]);
     let outputs = flight.frame(Some(&measured(30.0)), &[Word::Vanished(id(2))]);
     assert_eq!(outputs.said.happened, [Happening::PeerLost(id(2)), Happening::AllPeersLost]);
@@ -179,8 +192,9 @@ fn what_is_not_flown_yet_is_refused_by_name() {
         let agent = Agent::new(&scenario(sets), id(1), Incarnation(1), &aircraft, Rules::shipped());
         agent.map(|_| ()).unwrap_err().to_string()
     };
-    assert_eq!(refusal(&["formation.law=flock"]), "a formation.law other than \"ring\" is not flown yet");
-    assert_eq!(refusal(&["network.loss=0.1"]), "an imperfect network is not flown yet");
+    let laws = "a formation.law other than \"ring\", \"flock\" and \"virtual-structure\"";
+    assert_eq!(refusal(&["formation.law=vasarhelyi"]), format!("{laws} is not flown yet"));
+    assert_eq!(refusal(&["network.jitter_s=0.1"]), "network.jitter_s is not flown yet");
 }
 
 /// Any number at all, the impossible ones often.

@@ -101,7 +101,7 @@ fn a_scenarios_faults_are_told_in_its_own_words() {
         |set: &str| AgentOptions { sets: vec![set.into()], ..by_scenario(&folder, 1) }.node().unwrap_err().to_string();
     let unknown = refused("formation.raduis_m=50");
     assert!(unknown.starts_with("--set formation.raduis_m=50: unknown key"), "{unknown}");
-    let not_flown = refused("formation.law=flock");
+    let not_flown = refused("formation.law=vasarhelyi");
     assert!(not_flown.contains("three.toml") && not_flown.ends_with("is not flown yet"), "{not_flown}");
 }
 

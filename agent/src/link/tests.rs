@@ -78,7 +78,15 @@ fn two_agents_hear_each_other_and_not_themselves() {
     assert!(matches!(heard.word, Word::State(said) if said.state == state(2, 1).state));
     assert!(LocalTime::ZERO < heard.at && heard.at <= clock.now());
 
-    let mission = Mission { header: state(1, 1).header, plan: 7, membership: Default::default(), order: None };
+    let mission = Mission {
+        header: state(1, 1).header,
+        plan: 7,
+        membership: Default::default(),
+        step: 0,
+        reached: None,
+        progress_m: 0.0,
+        order: None,
+    };
     let all = until(
         &two,
         || {
@@ -125,7 +133,7 @@ fn what_no_peer_can_have_said_is_counted_and_dropped() {
 
     say(&stranger, "vehicle/3/cell/0/0/state", &good);
     say(&stranger, "vehicle/0/cell/0/0/state", &good);
-    say(&stranger, "vehicle/2/mission", b"\x01garbage");
+    say(&stranger, "vehicle/2/mission", b"\x02garbage");
     say(&stranger, "vehicle/2/mission", b"");
     say(&stranger, "vehicle/2/cell/0/0/state", &good[..good.len() - 1]);
     say(&stranger, "order/1", &[VERSION + 1, 1, 1, 0]);
@@ -217,8 +225,15 @@ fn every_vehicle_fits_into_the_inbox_without_growing() {
     let before = inbox.capacity();
     for _ in 0..3 {
         for vehicle in 1..=VehicleId::MAX {
-            let mission =
-                Mission { header: state(vehicle, 1).header, plan: 7, membership: Default::default(), order: None };
+            let mission = Mission {
+                header: state(vehicle, 1).header,
+                plan: 7,
+                membership: Default::default(),
+                step: 0,
+                reached: None,
+                progress_m: 0.0,
+                order: None,
+            };
             for word in [Word::State(state(vehicle, 1)), Word::Mission(mission), Word::Appeared(id(vehicle))] {
                 inbox.file(Heard { word, at });
             }

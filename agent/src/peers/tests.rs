@@ -1,5 +1,5 @@
 use skein_common::frame::Geodetic;
-use skein_common::message::{Mission as MissionWord, Order, Verb};
+use skein_common::message::{Order, Verb};
 use skein_common::state::VehicleState;
 use skein_common::time::SenderStamp;
 
@@ -30,7 +30,11 @@ fn state(sender: u8, incarnation: u64, sequence: u64, north_m: f64) -> Word {
 }
 
 fn mission(sender: u8, incarnation: u64, sequence: u64, membership: Membership) -> Word {
-    Word::Mission(Mission { header: header(sender, incarnation, sequence), plan: 1, membership, order: None })
+    Word::Mission(register(header(sender, incarnation, sequence), 1, membership))
+}
+
+fn register(header: Header, plan: u64, membership: Membership) -> Mission {
+    Mission { header, plan, membership, step: 0, reached: None, progress_m: 0.0, order: None }
 }
 
 /// Vehicle 1's table of a swarm of four.
@@ -114,8 +118,7 @@ fn words_in_the_own_name_or_of_strangers_are_forged() {
 #[test]
 fn who_flies_another_plan_is_an_obstacle() {
     let mut table = Table::new();
-    let header = header(2, 1, 1);
-    let stranger = MissionWord { header, plan: 99, membership: Membership::Active, order: None };
+    let stranger = register(header(2, 1, 1), 99, Membership::Active);
     table.hear(1.0, &[state(2, 1, 1, 0.0), Word::Mission(stranger)]);
     assert!(matches!(table.only().role, Role::Obstacle { .. }));
 }
@@ -131,4 +134,39 @@ fn joining_and_landed_peers_are_no_members() {
     assert!(matches!(table.only().role, Role::Obstacle { .. }), "leaving");
     assert_eq!(table.hear(1.3, &[Word::Vanished(id(2))]), [], "who left is not missed");
     assert!(!table.0.all_lost());
+}
+
+#[test]
+fn a_peer_that_speaks_but_does_not_know_where_it_is_counts_as_heard_and_is_given_room() {
+    let mut table = Table::new();
+    table.hear(1.0, &[state(2, 1, 1, 0.0), mission(2, 1, 1, Membership::Active)]);
+    for sequence in 2..60 {
+        table.hear(1.0 + 0.2 * sequence as f64, &[mission(2, 1, sequence, Membership::Joining)]);
+    }
+    assert!(table.0.heard().contains(id(2)) && !table.0.all_lost());
+    let Role::Obstacle { radius_m } = table.only().role else { panic!("no member without a state") };
+    assert!((19.0..=20.0).contains(&radius_m), "its radius stops growing: {radius_m}");
+}
+
+#[test]
+fn who_hears_nobody_waits_for_them_and_then_takes_itself_for_the_only_one() {
+    let mut table = Table::new();
+    table.hear(1.0, &[state(2, 1, 1, 0.0), mission(2, 1, 1, Membership::Active)]);
+    table.hear(3.1, &[]);
+    assert!(table.0.all_lost() && table.0.heard().is_empty());
+    table.hear(13.0, &[]);
+    assert!(table.0.all_lost());
+    table.hear(13.2, &[]);
+    assert!(!table.0.all_lost());
+}
+
+#[test]
+fn what_a_jumping_clock_stamped_came_since_the_last_update() {
+    let mut table = Table::new();
+    table.hear(1.0, &[]);
+    let heard =
+        [(2, 0.2), (3, 999.0)].map(|(sender, at_s)| Heard { word: state(sender, 1, 1, 0.0), at: seconds(at_s) });
+    table.0.update(seconds(1.5), &origin(), &heard);
+    let ages: Vec<_> = table.0.seen().iter().map(|seen| seen.age_s).collect();
+    assert_eq!(ages, [0.5, 0.0]);
 }

@@ -25,7 +25,15 @@ fn state() -> State {
 
 fn mission() -> Mission {
     let order = Order { epoch: 1, issuer: 9, verb: Verb::Land };
-    Mission { header: header(), plan: 7, membership: Membership::Active, order: Some(order) }
+    Mission {
+        header: header(),
+        plan: 7,
+        membership: Membership::Active,
+        step: 3,
+        reached: Some(2),
+        progress_m: 0.5,
+        order: Some(order),
+    }
 }
 
 /// The header above: id 3, incarnation, sequence 42, stamp, as postcard's variable-length integers.
@@ -46,7 +54,9 @@ fn a_state_has_these_bytes() {
 fn agreement_and_events_have_these_bytes() {
     let mut golden = vec![VERSION];
     golden.extend(HEADER);
-    golden.extend([7, 1, 1, 1, 9, 1]);
+    golden.extend([7, 1, 3, 1, 2]);
+    golden.extend(0.5_f64.to_le_bytes());
+    golden.extend([1, 1, 9, 1]);
     assert_eq!(encode(&mission()), golden);
     assert_eq!(decode(&golden), Ok(mission()));
 
@@ -85,6 +95,8 @@ fn the_larger_order_wins_whoever_is_asked_first() {
     let early = Order { epoch: 1, issuer: 900, verb: Verb::Land };
     let late = Order { epoch: 2, issuer: 1, verb: Verb::Hold };
     assert_eq!(early.max(late), late);
+    let end = Order { epoch: 1, issuer: 0, verb: Verb::Abort };
+    assert_eq!(end.max(late), end, "nothing takes an abort back");
     assert_eq!(Some(early).max(None), Some(early));
 }
 

@@ -22,6 +22,12 @@ pub struct Trace {
     pub activity: Activity,
     /// Members it counts as live, itself included.
     pub live: u8,
+    /// The step of the mission that it is at, counted from 0.
+    pub step: u32,
+    /// The highest step that it reached in this life.
+    pub reached: Option<u32>,
+    /// Where it takes the formation's centre to be, north and east, m.
+    pub centre_ne_m: [f64; 2],
     /// Own position as estimated.
     pub estimate: PositionNed,
     /// Position as it really was.
@@ -68,7 +74,7 @@ pub struct PeerAge {
 }
 
 message!(Trace, 16 * 1024, |said| Author::Vehicle(said.header.sender), |said| {
-    let pairs = said.field_ne.iter().chain(&said.error_ne_m);
+    let pairs = said.field_ne.iter().chain(&said.error_ne_m).chain(&said.centre_ne_m);
     let options = said.power_w.iter().chain(&said.step_us);
     said.estimate.is_finite()
         && said.position.is_finite()

@@ -12,10 +12,8 @@ use std::collections::BTreeMap;
 use std::fs;
 use std::time::{Duration, Instant};
 
-use nalgebra::Vector2;
 use skein_agent::formation::{self, ring::Ring};
 use skein_agent::plant::{Sticks, Truth};
-use skein_agent::supported;
 use skein_common::id::VehicleId;
 use skein_common::message::{Order, Trace, Verb};
 use skein_common::state::{Activity, Membership, Standing};
@@ -57,8 +55,8 @@ pub struct Flight {
     /// There while the swarm is.
     _file: EndpointsFile,
     observer: Observer,
-    ring: Ring,
-    centre_ne_m: Vector2<f64>,
+    /// The formation's in each step of the mission.
+    rings: Vec<Ring>,
     metrics: Metrics,
     stage: Stage,
     /// When the stage began, and how often this process had been asked to end by then.
@@ -89,7 +87,6 @@ impl Flight {
     /// If something cannot be started; then nothing is left running.
     pub fn begin(plan: Plan, interrupts: Interrupts, json: bool) -> Result<Self, Error> {
         let scenario = plan.scenario();
-        let goal = supported::goal(scenario).map_err(|error| Error::Refused(error.to_string()))?;
         let Launched { children, endpoints, file } = launch(&plan)?;
         let observer = Observer::open(&endpoints.swarm, &endpoints.all());
         Ok(Self {
@@ -98,8 +95,7 @@ impl Flight {
             children,
             _file: file,
             observer: observer.map_err(|error| Error::Failed(error.to_string()))?,
-            ring: formation::ring(&scenario.formation),
-            centre_ne_m: goal.centre_ne_m,
+            rings: scenario.mission.steps.iter().map(|step| formation::ring(&step.formation)).collect(),
             metrics: Metrics::new(scenario, Run::new(scenario, "fly")),
             stage: Stage::Gathering,
             since: clock::now(),
@@ -379,7 +375,7 @@ impl Flight {
             flown_s,
             duration_s: scenario.duration_s,
             out: self.plan.out.display().to_string(),
-            rows: status::rows(&known, &self.ring, self.centre_ne_m, now),
+            rows: status::rows(&known, &self.rings, now),
             events: self.events.clone(),
         }
     }

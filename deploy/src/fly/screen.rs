@@ -134,6 +134,7 @@ mod tests {
             phase: String::new(),
             bad: false,
             altitude_m,
+            step: altitude_m.map(|_| 0),
             from_centre_m: altitude_m.map(|_| 100.0 + f64::from(id)),
             gap_deg: altitude_m.map(|_| (90.0, -1.5)),
             nearest_m: altitude_m.map(|_| 141.0),

@@ -59,6 +59,8 @@ pub struct Row {
     pub bad: bool,
     /// Above the origin.
     pub altitude_m: Option<f64>,
+    /// The step of the mission that it is at, counted from 0.
+    pub step: Option<u32>,
     /// ρ: distance from the centre, measured as the formation's ellipse does.
     pub from_centre_m: Option<f64>,
     /// Angle to the next vehicle clockwise, and how much that is more than an even share.
@@ -114,16 +116,14 @@ impl Known<'_> {
     }
 }
 
-/// One row for each vehicle, seen at `now`; `centre_ne_m` is the formation's.
-pub fn rows(vehicles: &[Known<'_>], ring: &Ring, centre_ne_m: Vector2<f64>, now: Instant) -> Vec<Row> {
+/// One row for each vehicle, seen at `now`; `rings` are the formation's in each step of the mission.
+pub fn rows(vehicles: &[Known<'_>], rings: &[Ring], now: Instant) -> Vec<Row> {
+    let from_centre_ne_m = |trace: &Trace| trace.position.horizontal() - Vector2::from(trace.centre_ne_m);
     let members: Vec<(VehicleId, f64)> = vehicles
         .iter()
         .filter_map(|known| Some((known.id, known.flying(now)?)))
         .filter(|(_, trace)| trace.membership == Membership::Active)
-        .map(|(id, trace)| {
-            let from_centre_ne_m = trace.position.horizontal() - centre_ne_m;
-            (id, from_centre_ne_m.y.atan2(from_centre_ne_m.x))
-        })
+        .map(|(id, trace)| (id, from_centre_ne_m(trace).y.atan2(from_centre_ne_m(trace).x)))
         .collect();
     let row = |known: &Known<'_>| {
         let trace = known.flying(now);
@@ -135,7 +135,9 @@ pub fn rows(vehicles: &[Known<'_>], ring: &Ring, centre_ne_m: Vector2<f64>, now:
             phase,
             bad,
             altitude_m: trace.map(|trace| trace.position.altitude_m()),
-            from_centre_m: trace.map(|trace| ring.level_m(trace.position.horizontal() - centre_ne_m)),
+            step: trace.map(|trace| trace.step),
+            from_centre_m: trace
+                .and_then(|trace| Some(rings.get(trace.step as usize)?.level_m(from_centre_ne_m(trace)))),
             gap_deg: gap_deg(known.id, &members),
             nearest_m: trace
                 .and_then(|own| others().map(|other| (own.position - other.position).norm()).reduce(f64::min)),

@@ -12,17 +12,18 @@ use super::status::{Row, Stage, Status};
 const EVENT_LINES: u16 = 4;
 
 /// Title and width of each column.
-const COLUMNS: [(&str, u16); 10] = [
+const COLUMNS: [(&str, u16); 11] = [
     ("id", 3),
     ("phase", 10),
-    ("alt m", 6),
+    ("step", 4),
+    ("alt m", 5),
     ("ρ m", 6),
-    ("gap °", 12),
+    ("gap °", 11),
     ("near m", 6),
-    ("Hz", 5),
+    ("Hz", 4),
     ("peer ms", 7),
     ("p99 µs", 6),
-    ("late/drop", 9),
+    ("late/dr", 7),
 ];
 
 /// Draws all of it.
@@ -85,6 +86,7 @@ fn vehicles(rows: &[Row]) -> Table<'_> {
         let cells = [
             right(row.id.to_string()),
             Cell::from(row.phase.clone()),
+            right(row.step.map_or_else(|| "-".to_owned(), |step| step.to_string())),
             number(row.altitude_m, 1),
             number(row.from_centre_m, 1),
             right(gap),
@@ -134,6 +136,7 @@ mod tests {
             phase: "formation".to_owned(),
             bad: false,
             altitude_m: Some(30.04),
+            step: Some(2),
             from_centre_m: Some(101.26),
             gap_deg: Some((92.14, 2.14)),
             nearest_m: Some(141.4),
@@ -172,10 +175,10 @@ mod tests {
         status.rows[1] = Row { gap_deg: None, late_dropped: None, altitude_m: None, ..lost };
         let expected = [
             "hover  3 vehicles, builtin  01:23 of 06:40",
-            " id phase       alt m    ρ m        gap ° near m    Hz peer ms p99 µs late/drop",
-            "  1 formation    30.0  101.3    92.1 +2.1  141.4  50.0     187     84       0/3",
-            "  2 lost            -  101.3            -  141.4  50.0     187     84         -",
-            "  3 formation    30.0  101.3    92.1 +2.1  141.4  50.0     187     84       0/3",
+            " id phase      step alt m    ρ m       gap ° near m   Hz peer ms p99 µs late/dr",
+            "  1 formation     2  30.0  101.3   92.1 +2.1  141.4 50.0     187     84     0/3",
+            "  2 lost          2     -  101.3           -  141.4 50.0     187     84       -",
+            "  3 formation     2  30.0  101.3   92.1 +2.1  141.4 50.0     187     84     0/3",
             &"─".repeat(80),
             "event 6",
             "event 7",

@@ -1,0 +1,68 @@
+//! The way down: descend where the vehicle is, notice the ground, take the load off the rotor.
+
+use skein_common::time::PlantTime;
+
+use crate::estimate::Estimate;
+
+/// Descent to land, m/s, and the gentler one below [`GENTLE_BELOW_M`].
+const DESCENT_M_S: f64 = 2.0;
+const GENTLE_DESCENT_M_S: f64 = 0.7;
+const GENTLE_BELOW_M: f64 = 6.0;
+/// The altitude asked for runs at most this far below the vehicle: an error that holds the wanted sink rate, m.
+const DESCENT_LEAD_M: f64 = 3.0;
+/// Below this height and for [`TOUCHDOWN_S`] not sinking: down, m, m/s, s.
+const TOUCHDOWN_BELOW_M: f64 = 3.0;
+const TOUCHDOWN_SINK_M_S: f64 = 0.15;
+const TOUCHDOWN_S: f64 = 1.0;
+/// The rotor is unloaded within this time after touchdown, s.
+const UNLOAD_S: f64 = 2.0;
+
+/// A landing under way.
+#[derive(Clone, Copy, Debug)]
+pub struct Landing {
+    last: PlantTime,
+    /// How long the vehicle has not been sinking near the ground, s.
+    resting_s: f64,
+    /// How long the rotor has been unloaded, s.
+    unloading_s: Option<f64>,
+}
+
+/// How far a landing is.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Descent {
+    /// In the air: fly at this altitude above the origin, m.
+    To(f64),
+    /// On the ground; the rotor is being unloaded.
+    Unloading,
+    /// Over.
+    Down,
+}
+
+impl Landing {
+    /// Begins now. Whoever never left the ground has nothing to descend.
+    pub fn begin(now: PlantTime, on_ground: bool) -> Self {
+        Self { last: now, resting_s: 0.0, unloading_s: on_ground.then_some(0.0) }
+    }
+
+    /// Whether the ground was found.
+    pub fn is_on_ground(&self) -> bool {
+        self.unloading_s.is_some()
+    }
+
+    /// Goes on, from `altitude_m`, the altitude asked for so far.
+    pub fn step(&mut self, now: PlantTime, estimate: &Estimate, altitude_m: f64) -> Descent {
+        let dt_s = now.seconds_since(self.last).max(0.0);
+        self.last = now;
+        let resting = estimate.height_m < TOUCHDOWN_BELOW_M && estimate.velocity.down_m_s().abs() < TOUCHDOWN_SINK_M_S;
+        self.resting_s = if resting { self.resting_s + dt_s } else { 0.0 };
+        if self.resting_s > TOUCHDOWN_S {
+            self.unloading_s.get_or_insert(0.0);
+        }
+        if let Some(unloading_s) = &mut self.unloading_s {
+            *unloading_s += dt_s;
+            return if *unloading_s > UNLOAD_S { Descent::Down } else { Descent::Unloading };
+        }
+        let sink_m_s = if estimate.height_m > GENTLE_BELOW_M { DESCENT_M_S } else { GENTLE_DESCENT_M_S };
+        Descent::To((altitude_m - sink_m_s * dt_s).max(estimate.position.altitude_m() - DESCENT_LEAD_M))
+    }
+}
