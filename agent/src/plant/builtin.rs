@@ -2,7 +2,8 @@
 
 use std::time::{Duration, Instant};
 
-use super::helicopter::{BuiltInVehicle, TICK_S};
+use super::helicopter::failures::Now;
+use super::helicopter::{BuiltInVehicle, Script, TICK_S};
 use super::{Plant, Sticks, Wake};
 use crate::clock::{now, sleep_until};
 
@@ -11,8 +12,15 @@ use crate::clock::{now, sleep_until};
 /// A tick that is late is made up at once if the next one is not due yet. Beyond that it is left out and counted, never
 /// made up in a burst: simulated time then falls behind, as a simulator's does on a slow computer, and every frame's plant
 /// time stays what the helicopter has really flown.
+///
+/// Its script of failures counts from the first command, which is when the helicopter comes alive, on the computer's clock:
+/// the script may freeze the simulator, and simulated time then stands still. Where an earlier agent has flown the vehicle
+/// the script goes on from there.
 pub struct BuiltIn {
     vehicle: BuiltInVehicle,
+    script: Script,
+    /// When the helicopter came alive, and how much of the script was over by then, s.
+    alive_since: Option<(Instant, f64)>,
     sticks: Option<Sticks>,
     due: Option<Instant>,
     skipped: u64,
@@ -21,9 +29,16 @@ pub struct BuiltIn {
 const TICK: Duration = Duration::from_nanos((TICK_S * 1e9) as u64);
 
 impl BuiltIn {
-    /// Time begins with the first [`Plant::wait`].
-    pub fn new(vehicle: BuiltInVehicle) -> Self {
-        Self { vehicle, sticks: None, due: None, skipped: 0 }
+    /// Time begins with the first [`Plant::wait`]; the script's now, if an earlier agent has flown for `flown_s`.
+    pub fn new(vehicle: BuiltInVehicle, script: Script, flown_s: Option<f64>) -> Self {
+        let alive_since = flown_s.map(|flown_s| (now(), flown_s));
+        Self { vehicle, script, alive_since, sticks: None, due: None, skipped: 0 }
+    }
+
+    /// How the script stands. Before the first command nothing has failed.
+    fn script_now(&self) -> Now {
+        let since = |(at, flown_s)| self.script.at(flown_s + now().saturating_duration_since(at).as_secs_f64());
+        self.alive_since.map(since).unwrap_or_default()
     }
 }
 
@@ -34,6 +49,14 @@ impl Plant for BuiltIn {
         if deadline < due {
             return Wake::Deadline;
         }
+        let Now { failures, simulator_frozen } = self.script_now();
+        if simulator_frozen {
+            // A new grid begins with the thaw: what was not flown meanwhile was not skipped.
+            self.due = None;
+            sleep_until(deadline);
+            return Wake::Deadline;
+        }
+        self.vehicle.fail(failures);
         self.vehicle.advance(self.sticks);
         let (next, skipped) = next_due(due, now());
         self.due = Some(next);
@@ -42,6 +65,7 @@ impl Plant for BuiltIn {
     }
 
     fn command(&mut self, sticks: Sticks) {
+        self.alive_since.get_or_insert_with(|| (now(), 0.0));
         self.sticks = Some(sticks);
     }
 
@@ -74,17 +98,18 @@ fn next_due(due: Instant, now: Instant) -> (Instant, u64) {
 mod tests {
     use skein_common::frame::{Geodetic, Origin};
     use skein_common::id::VehicleId;
+    use skein_common::scenario::{Event, Fault, What};
 
     use super::*;
     use crate::aircraft::Aircraft;
     use crate::plant::helicopter::{Start, Weather};
 
-    fn plant() -> BuiltIn {
+    fn plant(script: Script) -> BuiltIn {
         let parameters = Aircraft::shipped("xcell60").unwrap().unwrap().helicopter.unwrap();
         let origin = Origin::new(Geodetic::from_degrees(28.0, -82.0, 0.0));
         let id = VehicleId::new(1).unwrap();
         let (start, weather) = (Start::default(), Weather::default());
-        BuiltIn::new(BuiltInVehicle::new(&origin, &parameters, &start, &weather, 1, id))
+        BuiltIn::new(BuiltInVehicle::new(&origin, &parameters, &start, &weather, 1, id), script, None)
     }
 
     #[test]
@@ -100,7 +125,7 @@ mod tests {
 
     #[test]
     fn frames_come_a_tick_apart_and_deadlines_are_kept() {
-        let mut plant = plant();
+        let mut plant = plant(Script::default());
         let begin = now();
         assert_eq!(plant.wait(begin + TICK / 4), Wake::Deadline);
         assert!(now() >= begin + TICK / 4);
@@ -113,6 +138,53 @@ mod tests {
         assert!(now() >= begin + 10 * TICK, "faster than time");
         for (tick, time) in (1..).zip(times) {
             assert_eq!(time.nanoseconds(), tick * TICK.as_nanos() as u64);
+        }
+    }
+
+    #[test]
+    fn a_script_goes_on_where_an_earlier_agent_left_it() {
+        let vehicle = VehicleId::new(1).unwrap();
+        let fault = |at_s, for_s, fault| Event { at_s, for_s, what: What::Fault(fault) };
+        let over = fault(10.0, Some(80.0), Fault::EngineOut { vehicle });
+        let lasting = fault(20.0, None, Fault::GyroOff { vehicle });
+        let BuiltIn { vehicle, script, .. } = plant(Script::of(&[over, lasting], vehicle));
+        let mut plant = BuiltIn::new(vehicle, script, Some(95.0));
+        assert!(matches!(plant.wait(now() + 2 * TICK), Wake::Frame(_)));
+        let failures = plant.vehicle.failures();
+        assert!(failures.gyro_off && !failures.engine_out, "{failures:?}");
+    }
+
+    #[test]
+    fn a_frozen_simulator_gives_no_frame_and_its_time_stands_still() {
+        let vehicle = VehicleId::new(1).unwrap();
+        let fault = |at_s, for_s, fault| Event { at_s, for_s, what: What::Fault(fault) };
+        let freeze = fault(0.2, Some(0.3), Fault::SimulatorFreeze { vehicle });
+        let engine_out = fault(0.0, Some(0.1), Fault::EngineOut { vehicle });
+        let mut plant = plant(Script::of(&[freeze, engine_out], vehicle));
+        // The script has not begun: nobody has commanded.
+        let Wake::Frame(first) = plant.wait(now() + 2 * TICK) else { panic!("no frame") };
+        assert!(!plant.vehicle.failures().engine_out);
+        plant.command(Sticks::default());
+        let begin = now();
+        let (mut frames, mut deadlines) = (Vec::new(), Vec::new());
+        while now() < begin + Duration::from_millis(800) {
+            let deadline = now() + 3 * TICK / 2;
+            match plant.wait(deadline) {
+                Wake::Frame(frame) => frames.push((now() - begin, frame.time, plant.vehicle.failures().engine_out)),
+                Wake::Deadline => {
+                    assert!(now() >= deadline, "it came back early");
+                    deadlines.push(now() - begin);
+                }
+            }
+        }
+        let ms = Duration::from_millis;
+        assert!(deadlines.iter().any(|&at| at > ms(400)), "{deadlines:?}");
+        assert!(frames.iter().all(|&(at, ..)| at < ms(230) || at >= ms(500)), "{frames:?}");
+        assert!(frames.iter().any(|&(at, ..)| at < ms(200)) && frames.iter().any(|&(at, ..)| at > ms(500)));
+        assert!(frames[0].2 && !frames[frames.len() - 1].2, "the engine stops at once and comes back");
+        // Frames are a tick apart, whatever froze between them.
+        for (tick, (_, time, _)) in (1..).zip(&frames) {
+            assert_eq!(time.nanoseconds(), first.time.nanoseconds() + tick * TICK.as_nanos() as u64);
         }
     }
 }

@@ -14,9 +14,11 @@
 //! | `ground` | contact of the skids, ground effect |
 //! | `hover` | the steady hover, for the start |
 //! | `dynamics` | the state and its step in time |
+//! | [`failures`] | what may fail, and when |
 //! | [`wind`] | mean wind and gusts |
 //! | [`vehicle`] | all of it, with what is measured |
 
+pub mod failures;
 pub mod parameters;
 pub mod vehicle;
 pub mod wind;
@@ -33,6 +35,7 @@ mod tail;
 use nalgebra::Vector3;
 use skein_common::frame::{Attitude, BodyRates, PositionNed, VelocityNed};
 
+pub use failures::{Failures, Script};
 pub use parameters::{ParameterError, Parameters};
 pub use vehicle::{BuiltInVehicle, Start};
 pub use wind::{Air, Weather};
@@ -49,6 +52,8 @@ const STEPS: usize = 4;
 #[derive(Clone, Debug)]
 pub struct Helicopter {
     dynamics: Dynamics,
+    /// `dynamics` with nothing failed.
+    sound: Dynamics,
     controls: Controls,
     state: State,
 }
@@ -107,7 +112,7 @@ impl Helicopter {
             hover.tail_pitch_rad,
         ]);
         state[21..].copy_from_slice(&[hover.lambda, hover.lambda_t]);
-        Self { dynamics, controls: Controls::new(parameters), state: State(state) }
+        Self { sound: dynamics.clone(), dynamics, controls: Controls::new(parameters), state: State(state) }
     }
 
     /// One tick on, the sticks and the wind held. Sticks must be finite; beyond their travel they stand at its end.
@@ -116,6 +121,11 @@ impl Helicopter {
         for _ in 0..STEPS {
             self.state = self.dynamics.step(&self.state, &command, &wind.0);
         }
+    }
+
+    /// From here on this has failed and nothing else. Of no effect on what is measured.
+    pub fn fail(&mut self, failures: &Failures) {
+        self.dynamics = failures.applied_to(&self.sound);
     }
 
     /// Position of the centre of gravity.

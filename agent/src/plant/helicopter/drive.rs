@@ -53,6 +53,11 @@ impl Drive {
         (power_w / speed_rad_s.max(MIN_SPEED_RAD_S) - load_n_m) * self.inverse_inertia
     }
 
+    /// No power from here on. The governor goes on asking for it.
+    pub(super) fn stop(&mut self) {
+        self.max_power_w = 0.0;
+    }
+
     /// The governor's integral that holds this power at nominal speed.
     pub(super) fn integral_for(&self, power_w: f64) -> f64 {
         power_w / (self.max_power_w * self.integral_gain)

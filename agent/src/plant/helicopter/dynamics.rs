@@ -80,7 +80,8 @@ pub(super) struct Dynamics {
     pub(super) body: Body,
     pub(super) drive: Drive,
     contact: Contact,
-    inverse_servo_lag: f64,
+    /// 1/τ of the three servos; 0 for one that is stuck.
+    pub(super) inverse_servo_lags: [f64; 3],
     /// Down coordinate of the ground.
     pub(super) ground_down_m: f64,
 }
@@ -93,7 +94,7 @@ impl Dynamics {
             body: Body::new(parameters),
             drive: Drive::new(parameters),
             contact: Contact::new(parameters),
-            inverse_servo_lag: 1.0 / parameters.servos.lag_s,
+            inverse_servo_lags: [1.0 / parameters.servos.lag_s; 3],
             ground_down_m: -ground_altitude_m,
         }
     }
@@ -109,6 +110,8 @@ impl Dynamics {
         for (i, value) in next.0.iter_mut().enumerate() {
             *value += STEP_S / 6.0 * (k1.0[i] + 2.0 * (k2.0[i] + k3.0[i]) + k4.0[i]);
         }
+        // Drag stops a rotor without power; it does not turn it backwards.
+        next.0[15] = next.0[15].max(0.0);
         next.with_unit_quaternion().without_negligible()
     }
 
@@ -165,9 +168,9 @@ impl Dynamics {
             self.drive.shaft_acceleration(speed_rad_s, throttle.power_w, load_n_m),
             throttle.integral_rate,
             gyro_rate,
-            (command.lateral_rad - lateral_rad) * self.inverse_servo_lag,
-            (command.longitudinal_rad - longitudinal_rad) * self.inverse_servo_lag,
-            (command.collective_rad - collective_rad) * self.inverse_servo_lag,
+            (command.lateral_rad - lateral_rad) * self.inverse_servo_lags[0],
+            (command.longitudinal_rad - longitudinal_rad) * self.inverse_servo_lags[1],
+            (command.collective_rad - collective_rad) * self.inverse_servo_lags[2],
             main.lambda_rate,
             tail.lambda_rate,
         ])

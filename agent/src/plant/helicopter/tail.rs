@@ -56,6 +56,11 @@ impl Tail {
         }
     }
 
+    /// The gyro is off from here on: the blades stay at the pitch of its integral.
+    pub(super) fn hold_pitch(&mut self) {
+        (self.gyro_gain_s, self.gyro_integral_gain) = (0.0, 0.0);
+    }
+
     /// Blade pitch at the two stops.
     pub(super) fn stops_rad(&self) -> (f64, f64) {
         (self.min_pitch_rad, self.max_pitch_rad)

@@ -62,7 +62,7 @@ impl Flight {
     /// As a helicopter, for its accessors.
     fn helicopter(&self) -> Helicopter {
         let (dynamics, controls) = (self.dynamics.clone(), Controls::new(&xcell60()));
-        Helicopter { dynamics, controls, state: self.state }
+        Helicopter { sound: dynamics.clone(), dynamics, controls, state: self.state }
     }
 
     /// The samples of `value` at each step until `end_s`, with their times.

@@ -1,11 +1,11 @@
 //! A whole vehicle: the helicopter, the air around it, and what is measured of it.
 
-use skein_common::frame::Origin;
+use skein_common::frame::{Geodetic, Origin};
 use skein_common::id::VehicleId;
 use skein_common::time::PlantTime;
 
 use super::wind::{Air, Weather};
-use super::{Helicopter, Parameters, TICK_S};
+use super::{Failures, Helicopter, Parameters, TICK_S};
 use crate::plant::{Frame, Measurement, Sticks, Truth};
 use crate::random::{self, Purpose};
 
@@ -29,6 +29,9 @@ pub struct BuiltInVehicle {
     ticks: u64,
     /// What the controls were last set to; `None` while they never were.
     sticks: Option<Sticks>,
+    failures: Failures,
+    /// The position that is measured while it is frozen.
+    frozen: Option<Geodetic>,
 }
 
 impl BuiltInVehicle {
@@ -47,10 +50,12 @@ impl BuiltInVehicle {
             air: Air::new(weather, random::generator(seed, Some(vehicle), Purpose::Wind)),
             ticks: 0,
             sticks: None,
+            failures: Failures::default(),
+            frozen: None,
         }
     }
 
-    /// How it is now. The measurement is exact.
+    /// How it is now. The measurement is exact, unless it has failed.
     pub fn frame(&self) -> Frame {
         let helicopter = &self.helicopter;
         let (position, attitude) = (helicopter.position(), helicopter.attitude());
@@ -58,7 +63,7 @@ impl BuiltInVehicle {
         Frame {
             time: PlantTime::from_seconds(self.ticks as f64 * TICK_S),
             measurement: Measurement {
-                position: self.origin.geodetic_from_ned(position),
+                position: self.frozen.unwrap_or_else(|| self.origin.geodetic_from_ned(position)),
                 height_m,
                 velocity,
                 attitude,
@@ -79,6 +84,21 @@ impl BuiltInVehicle {
         let Some(sticks) = self.sticks else { return };
         let wind = self.air.advance(self.helicopter.height_m());
         self.helicopter.advance(&sticks, wind);
+    }
+
+    /// From here on this has failed and nothing else: what had failed and is not in `failures` has healed.
+    pub fn fail(&mut self, failures: Failures) {
+        if failures == self.failures {
+            return;
+        }
+        self.frozen = failures.position_frozen.then(|| self.frame().measurement.position);
+        self.helicopter.fail(&failures);
+        self.failures = failures;
+    }
+
+    /// What has failed.
+    pub fn failures(&self) -> Failures {
+        self.failures
     }
 
     /// The machine itself.
