@@ -25,6 +25,7 @@ pub mod failsafe;
 pub mod formation;
 pub mod link;
 pub mod mission;
+pub mod network;
 pub mod peers;
 pub mod plant;
 pub mod random;

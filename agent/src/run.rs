@@ -30,6 +30,7 @@ use crate::agent::Agent;
 use crate::clock::{LocalClock, new_incarnation};
 use crate::config::{AgentOptions, Node};
 use crate::link::{self, Line, Link, LinkError, ZENOH_RUNTIME};
+use crate::network::Ear;
 use crate::plant::xplane;
 use crate::supported::NotFlown;
 use crate::unix;
@@ -144,6 +145,8 @@ pub fn fly(node: &Node, session: Session, stop: &Arc<Stop>, tokio: &Handle) -> R
         plant,
         plant_name: node.plant.name(),
         link,
+        ear: Ear::new(&node.scenario, node.id),
+        flown_before_s: node.flown_s,
         clock,
         origin: Origin::new(node.scenario.origin.geodetic()),
         own: node.id,

@@ -18,23 +18,26 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use skein_agent::aircraft::Aircraft;
 use skein_agent::control::Rules;
+use skein_agent::peers::FRESH_S;
+use skein_agent::plant::helicopter::TICK_S;
 use skein_agent::start::TooFull;
 use skein_agent::supported::NotFlown;
 use skein_common::id::VehicleId;
-use skein_common::scenario::Scenario;
+use skein_common::scenario::{Scenario, Target};
 use skein_common::state::{Membership, Standing};
 
 use crate::clock::now;
 use crate::error::Error;
-use crate::metrics::{Metrics, Report, Run, Totals, VehicleNow, Wall};
+use crate::metrics::{Metrics, Report, Run, VehicleNow, Wall};
 pub use command::{StudyArgs, run};
 pub use summary::{Summary, summarize};
 use world::World;
 
 /// Virtual time after which joining has failed, s.
 const JOIN_LIMIT_S: f64 = 60.0;
-/// Without a duration in the scenario a study flies this long, s.
+/// Without a duration in the scenario a study flies this long, s, and a mission that ends may take this long.
 const DEFAULT_DURATION_S: f64 = 400.0;
+const LONGEST_MISSION_S: f64 = 3600.0;
 
 /// Why a study cannot be run.
 #[derive(Debug, thiserror::Error)]
@@ -65,7 +68,10 @@ pub struct Study {
 }
 
 impl Study {
-    /// Flies one seed from the ground to the end of the window.
+    /// Flies one seed from the ground to the end of the window, or of the mission if that is earlier.
+    ///
+    /// # Errors
+    /// If the scenario is not flown, or not everybody joins.
     pub fn fly(&self, seed: u64) -> Result<Report, StudyError> {
         let started = now();
         let scenario = Scenario { seed, ..self.scenario.clone() };
@@ -77,21 +83,16 @@ impl Study {
             }
             world.tick();
         }
-        let (zero_s, duration_s) = (world.t_s(), scenario.duration_s.unwrap_or(DEFAULT_DURATION_S));
+        let zero_s = world.t_s();
         let mut vehicles = Vec::with_capacity(scenario.swarm.vehicles);
-        let ticks = (duration_s / skein_agent::plant::helicopter::TICK_S).round() as u64;
-        for _ in 0..ticks {
+        for _ in 0..(longest_s(&scenario) / TICK_S).round() as u64 {
             world.tick();
             measure(&world, zero_s, &mut metrics, &mut vehicles);
+            if world.has_finished() {
+                break;
+            }
         }
-        let mut totals = Totals::default();
-        for (_, agent, ..) in world.vehicles() {
-            let (messages, bytes) = agent.spoken();
-            totals.state_messages += messages;
-            totals.state_bytes += bytes;
-            totals.safety_activations = agent.safety_activations().map(|n| n + totals.safety_activations.unwrap_or(0));
-        }
-        metrics.count(totals);
+        metrics.count(world.totals());
         let wall_s = now().duration_since(started).as_secs_f64();
         Ok(metrics.report(Wall { wall_s, real_time_factor: world.t_s() / wall_s.max(1e-9) }))
     }
@@ -128,17 +129,42 @@ impl Study {
     }
 }
 
+/// The window's length if the mission does not end it, s.
+fn longest_s(scenario: &Scenario) -> f64 {
+    let last = scenario.mission.steps.last().map(|step| &step.target);
+    let ends = matches!(last, Some(Target::Land(_)));
+    scenario.duration_s.unwrap_or(if ends { LONGEST_MISSION_S } else { DEFAULT_DURATION_S })
+}
+
 /// Hands the world's last tick to the metrics; `vehicles` is only room to work in.
 pub fn measure(world: &World, zero_s: f64, metrics: &mut Metrics, vehicles: &mut Vec<VehicleNow>) {
+    let t_s = world.t_s() - zero_s;
+    world.incidents().iter().for_each(|incident| metrics.incident(t_s, incident));
+    world.happened().iter().for_each(|(speaker, what)| metrics.tell(t_s, *speaker, what));
     vehicles.clear();
-    for (id, agent, truth, sticks) in world.vehicles() {
-        let is_member = agent.membership() == Membership::Active;
-        vehicles.push(VehicleNow { id, is_member, truth: *truth, sticks });
-        for peer in agent.peers().iter().filter(|peer| peer.standing != Standing::Lost) {
-            metrics.observe_age(peer.age_s);
+    for (id, agent, truth, sticks) in world.everybody() {
+        let mut vehicle = VehicleNow::dead(id, *truth);
+        if let Some(agent) = agent {
+            for peer in agent.peers().iter().filter(|peer| peer.standing != Standing::Lost) {
+                metrics.observe_age(peer.age_s);
+                if peer.age_s < FRESH_S {
+                    vehicle.fresh.insert(peer.id);
+                }
+            }
+            vehicle = VehicleNow {
+                runs: true,
+                is_member: agent.membership() == Membership::Active,
+                sticks,
+                step: agent.at_step(),
+                reached: agent.reached(),
+                centre_ne_m: agent.centre_ne_m(),
+                hears: agent.hears(),
+                ..vehicle
+            };
         }
+        vehicles.push(vehicle);
     }
-    metrics.observe(world.t_s() - zero_s, vehicles);
+    metrics.observe(t_s, vehicles);
 }
 
 /// Writes a study: `scenario.toml` and `metrics.json` of every run, and of the whole `runs.csv` and `summary.json`.

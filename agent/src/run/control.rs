@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 use skein_common::frame::Origin;
 use skein_common::id::{Incarnation, VehicleId};
 use skein_common::message::{Drops, Event, Header, Health, PeerHealth};
-use skein_common::state::Activity;
+use skein_common::state::{Activity, Membership};
 use skein_common::time::{LocalTime, Now, PlantTime};
 use skein_common::topic::Cell;
 use tokio::sync::mpsc;
@@ -17,6 +17,7 @@ use crate::agent::{Agent, Inputs, Outputs};
 use crate::clock::{LocalClock, now, sleep_until};
 use crate::failsafe::SIMULATOR_LOST_AFTER_S;
 use crate::link::Link;
+use crate::network::Ear;
 use crate::peers::Heard;
 use crate::plant::{Frame, Plant, Wake};
 use crate::speech::Said;
@@ -30,6 +31,10 @@ pub(super) struct Control {
     pub(super) plant: Box<dyn Plant>,
     pub(super) plant_name: &'static str,
     pub(super) link: Link,
+    /// Between the link and the agent: the scenario's network.
+    pub(super) ear: Ear,
+    /// How long an earlier agent has flown the vehicle, s.
+    pub(super) flown_before_s: Option<f64>,
     pub(super) clock: LocalClock,
     pub(super) origin: Origin,
     pub(super) own: VehicleId,
@@ -43,7 +48,10 @@ pub(super) struct Control {
 struct Since {
     timing: Timing,
     plant_time: PlantTime,
+    arriving: Vec<Heard>,
     heard: Vec<Heard>,
+    /// Since when the agent has been a member.
+    member_since: Option<LocalTime>,
     events: u64,
     healths: u64,
 }
@@ -56,7 +64,9 @@ impl Control {
         let mut since = Since {
             timing: Timing::new(period, now()),
             plant_time: PlantTime::ZERO,
+            arriving: Vec::new(),
             heard: Vec::new(),
+            member_since: None,
             events: 0,
             healths: 0,
         };
@@ -86,7 +96,9 @@ impl Control {
         };
         since.plant_time = frame.map_or(since.plant_time, |frame| frame.time);
         let now_here = Now { plant: since.plant_time, local: self.clock.at(woken) };
-        self.link.drain(&mut since.heard);
+        self.link.drain(&mut since.arriving);
+        let flown_s = self.flown_s(now_here.local, since);
+        self.ear.hear(now_here.local, flown_s, since.arriving.drain(..), &mut since.heard);
         let inputs = Inputs {
             measurement: frame.map(|frame| &frame.measurement),
             heard: &since.heard,
@@ -99,6 +111,9 @@ impl Control {
         let done = now();
 
         since.heard.clear();
+        if self.agent.membership() == Membership::Active {
+            since.member_since.get_or_insert(now_here.local);
+        }
         if let Some(frame) = frame {
             self.trace(now_here, frame, since);
             since.timing.frame(woken, self.plant.skipped_frames());
@@ -111,6 +126,12 @@ impl Control {
             // Whoever is behind with the last one does not need this one.
             let _ = self.health.try_send(health);
         }
+    }
+
+    /// Since the vehicle's take-off, under whichever agent, s.
+    fn flown_s(&self, now: LocalTime, since: &Since) -> Option<f64> {
+        let own_s = since.member_since.map(|member_since| now.seconds_since(member_since));
+        self.flown_before_s.map(|before_s| before_s + now.seconds()).or(own_s)
     }
 
     fn say(&mut self, now: LocalTime, said: Said, since: &mut Since) {

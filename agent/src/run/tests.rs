@@ -3,7 +3,7 @@ use std::time::{Duration, Instant};
 
 use skein_common::id::{SwarmName, VehicleId};
 use skein_common::message::{Event, Happening, Health, Message, Order, Trace, Verb, decode, encode};
-use skein_common::scenario::{Source, load};
+use skein_common::scenario::{self, Fault, Source, What, load};
 use skein_common::state::Standing;
 use skein_common::topic::{Topic, all};
 use tokio::runtime::Runtime;
@@ -32,7 +32,7 @@ fn node(swarm: &SwarmName, number: u8) -> Node {
     let vehicle = BuiltInVehicle::new(&origin, helicopter, &start, &Weather::default(), scenario.seed, id);
     let plant = PlantChoice::BuiltIn(Box::new(vehicle));
     let (listen, dial, notes) = (vec!["tcp/127.0.0.1:0".to_owned()], Vec::new(), Vec::new());
-    Node { scenario, notes, id, listen, dial, aircraft, rules: Rules::shipped(), plant }
+    Node { scenario, notes, id, listen, dial, aircraft, rules: Rules::shipped(), plant, flown_s: None }
 }
 
 /// An agent in flight.
@@ -129,6 +129,49 @@ fn two_agents_find_each_other_take_part_and_land_when_stopped() {
     two.end();
     told.extend(events());
     assert!(has(&told, 1, Happening::Landed) && has(&told, 2, Happening::Landed), "{told:?}");
+}
+
+#[test]
+fn a_cut_of_the_scenario_parts_two_agents_and_heals() {
+    let tokio = Builder::new_multi_thread().worker_threads(1).enable_all().build().unwrap();
+    let (swarm, session, dial) = hub("cut");
+    let [one, two] = [1, 2].map(|number| {
+        let mut node = node(&swarm, number);
+        let [one, two] = [1, 2].map(|number| vec![VehicleId::new(number).unwrap()]);
+        let cut = Fault::Cut { from: one, to: two, both_ways: false };
+        node.scenario.mission.events = vec![scenario::Event { at_s: 1.0, for_s: Some(2.0), what: What::Fault(cut) }];
+        (node.scenario.network.loss, node.scenario.network.delay_s) = (0.1, 0.1);
+        node
+    });
+    let second = link::open(&swarm, &[], &dial).unwrap();
+    let observer = link::open(&swarm, &[], &dial).unwrap();
+    let mut events = listen::<Event>(&observer, all::EVENTS);
+    let flights = [Flight::begin(one, session, &tokio), Flight::begin(two, second, &tokio)];
+    let mut told: Vec<(Instant, Event)> = Vec::new();
+    for number in [1, 2] {
+        let other = VehicleId::new(3 - number).unwrap();
+        let mut when = |what, nth: usize| {
+            let mut at = None;
+            wait_until(&format!("{number}: {what}"), || {
+                told.extend(events().into_iter().map(|event| (now(), event)));
+                let mut its =
+                    told.iter().filter(|(_, event)| event.header.sender.get() == number && event.what == what);
+                at = its.nth(nth).map(|(at, _)| *at);
+                at.is_some()
+            });
+            at.unwrap()
+        };
+        let (member, lost) = (when(Happening::BecameActive, 0), when(Happening::PeerLost(other), 0));
+        let back = when(Happening::PeerFound(other), 1);
+        // A lease and the delay after the cut; a retry at least after its end. Half a second for the way to this test.
+        assert!(lost > member + Duration::from_millis(1_600), "{:?}", lost - member);
+        assert!(back > lost + Duration::from_millis(700), "{:?}", back - lost);
+    }
+    for flight in flights {
+        flight.stop.ask();
+        flight.stop.ask();
+        flight.end();
+    }
 }
 
 #[test]

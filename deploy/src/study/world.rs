@@ -1,92 +1,166 @@
-//! A whole swarm in one thread and in virtual time: the same agents that fly in real time, over an ideal network.
+//! A whole swarm in one thread and in virtual time: the same agents that fly in real time, over the scenario's network
+//! and under its faults.
 //!
 //! One tick is one frame of every vehicle. What is said in a tick is heard in the next, by everybody, through the same
-//! encoding as on the wire.
+//! encoding as on the wire and through each hearer's [`Ear`]. What the scenario does to the swarm it does between hearing
+//! and stepping.
+
+pub(crate) mod script;
 
 use std::mem;
 
 use skein_agent::agent::{Agent, Inputs, Outputs};
 use skein_agent::aircraft::Aircraft;
 use skein_agent::control::Rules;
+use skein_agent::network::Ear;
 use skein_agent::peers::{Heard, Word};
-use skein_agent::plant::helicopter::{BuiltInVehicle, TICK_S, Weather};
+use skein_agent::plant::helicopter::{BuiltInVehicle, Script, TICK_S, Weather};
 use skein_agent::plant::{Sticks, Truth};
+use skein_agent::speech;
 use skein_agent::start::starts;
+use skein_agent::supported::NotFlown;
 use skein_common::frame::Origin;
 use skein_common::id::{Incarnation, VehicleId};
-use skein_common::message::{self, Message};
+use skein_common::message::{self, Happening, Message, Mission};
 use skein_common::scenario::Scenario;
 use skein_common::state::Membership;
 use skein_common::time::{LocalTime, Now};
 
 use super::StudyError;
+use crate::metrics::Totals;
+use script::{Agenda, Deed, Operator};
+
+/// Nanoseconds of a tick.
+const TICK_NS: u64 = (TICK_S * 1e9) as u64;
 
 /// A swarm in virtual time.
 #[derive(Debug)]
 pub struct World {
+    scenario: Scenario,
+    rules: Rules,
     vehicles: Vec<Vehicle>,
-    said: Vec<(VehicleId, Word)>,
+    operator: Operator,
+    /// What was said since everybody last heard.
+    said: Vec<Said>,
+    happened: Vec<(VehicleId, Happening)>,
+    incidents: Vec<Incident>,
+    /// What was done since the last tick.
+    done: Vec<Incident>,
+    /// Of agents that have ended.
+    ended: Totals,
     ticks: u64,
+}
+
+/// Something that was done to the swarm, whoever notices.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Incident {
+    /// A vehicle's agent ended without a word. The helicopter flies on with its last controls.
+    Died(VehicleId),
+    /// It began a new life, in the air or on the ground.
+    Restarted(VehicleId),
+    /// Something of a vehicle failed, in the scenario's word.
+    Failed(VehicleId, &'static str),
+    /// Directions of links that are dead from now on.
+    Cut {
+        /// Speaker and hearer.
+        links: Vec<(VehicleId, VehicleId)>,
+    },
+    /// Directions of links that are alive again; sessions may take a while longer.
+    Healed {
+        /// Speaker and hearer.
+        links: Vec<(VehicleId, VehicleId)>,
+    },
 }
 
 /// One vehicle with its agent.
 #[derive(Debug)]
 struct Vehicle {
     id: VehicleId,
+    aircraft: Aircraft,
     plant: BuiltInVehicle,
-    agent: Agent,
-    /// Whether its agent still runs. Without, the helicopter flies on with its last controls.
-    runs: bool,
+    /// What fails of the plant.
+    script: Script,
+    /// What else is done to the vehicle.
+    deeds: Agenda<Deed>,
+    /// `None` while it is dead.
+    agent: Option<Agent>,
+    /// The agent's, or the last one's.
+    incarnation: Incarnation,
+    /// What the own clock shows beyond the world's, s.
+    clock_ahead_s: f64,
+    /// In which tick the vehicle first became a member: scripted time counts from here.
+    took_off: Option<u64>,
+    ear: Ear,
+    heard: Vec<Heard>,
+    /// What the others find of it when they come late.
+    register: Option<Mission>,
     truth: Truth,
     command: Option<Sticks>,
-    heard: Vec<Heard>,
+}
+
+/// A word on its way.
+#[derive(Debug)]
+struct Said {
+    /// `None` for the operator.
+    speaker: Option<VehicleId>,
+    /// `None` for everybody.
+    hearer: Option<VehicleId>,
+    word: Word,
 }
 
 impl World {
     /// The swarm of this scenario on the ground.
+    ///
+    /// # Errors
+    /// If the scenario asks for what is not flown.
     pub fn new(scenario: &Scenario, aircraft: &[Aircraft], rules: &Rules) -> Result<Self, StudyError> {
-        let origin = Origin::new(scenario.origin.geodetic());
-        let weather = Weather::from(&scenario.world);
+        let (origin, weather) = (Origin::new(scenario.origin.geodetic()), Weather::from(&scenario.world));
         let starts = starts(scenario)?;
         let vehicles = scenario.ids().zip(&starts).zip(aircraft).map(|((id, start), aircraft)| {
             let parameters = aircraft.helicopter.as_ref().ok_or(StudyError::NoModel(id))?;
             let plant = BuiltInVehicle::new(&origin, parameters, start, &weather, scenario.seed, id);
-            let agent = Agent::new(scenario, id, Incarnation(1), aircraft, rules.clone())?;
-            let truth = plant.frame().truth;
-            Ok(Vehicle { id, plant, agent, runs: true, truth, command: None, heard: Vec::new() })
+            Ok(Vehicle::new(scenario, id, aircraft, rules, plant)?)
         });
         let vehicles = vehicles.collect::<Result<Vec<_>, StudyError>>()?;
-        let said = scenario.ids().map(|id| (id, Word::Appeared(id))).collect();
-        Ok(Self { vehicles, said, ticks: 0 })
+        Ok(Self {
+            vehicles,
+            said: scenario.ids().map(|id| Said::to_all(id, Word::Appeared(id))).collect(),
+            operator: Operator::new(scenario),
+            scenario: scenario.clone(),
+            rules: rules.clone(),
+            happened: Vec::new(),
+            incidents: Vec::new(),
+            done: Vec::new(),
+            ended: Totals::default(),
+            ticks: 0,
+        })
     }
 
     /// One frame of everybody.
     pub fn tick(&mut self) {
-        let local = LocalTime::from_nanoseconds(self.ticks * (TICK_S * 1e9) as u64);
-        self.deliver(local);
+        self.happened.clear();
+        self.incidents.clear();
+        self.incidents.append(&mut self.done);
+        let now = LocalTime::from_nanoseconds(self.ticks * TICK_NS);
+        self.deliver(now);
+        self.follow_script();
         for vehicle in &mut self.vehicles {
-            let frame = vehicle.plant.frame();
-            vehicle.truth = frame.truth;
-            if !vehicle.runs {
-                vehicle.plant.advance(None);
-                continue;
+            let Some(said) = vehicle.turn(now, self.ticks) else { continue };
+            let id = vehicle.id;
+            self.said.extend(said.state.map(|state| Said::to_all(id, Word::State(through_wire(&state)))));
+            if let Some(mission) = said.mission {
+                vehicle.register = Some(through_wire(&mission));
+                self.said.extend(vehicle.register.map(|mission| Said::to_all(id, Word::Mission(mission))));
             }
-            let now = Now { plant: frame.time, local };
-            let inputs = Inputs { measurement: Some(&frame.measurement), heard: &vehicle.heard, leave: false };
-            let Outputs { command, said } = vehicle.agent.step(now, &inputs);
-            vehicle.command = command;
-            self.said.extend(said.state.map(|state| (vehicle.id, Word::State(through_wire(&state)))));
-            self.said.extend(said.mission.map(|mission| (vehicle.id, Word::Mission(through_wire(&mission)))));
-            vehicle.plant.advance(command);
+            self.happened.extend(said.happened.into_iter().map(|what| (id, what)));
         }
         self.ticks += 1;
     }
 
     /// The agent of this vehicle ends without a word, as by `kill -9`: its token is gone for the others in the next tick.
     pub fn kill(&mut self, id: VehicleId) {
-        for vehicle in self.vehicles.iter_mut().filter(|vehicle| vehicle.id == id && vehicle.runs) {
-            vehicle.runs = false;
-            self.said.push((id, Word::Vanished(id)));
+        if let Some(index) = self.vehicles.iter().position(|vehicle| vehicle.id == id) {
+            self.end(index);
         }
     }
 
@@ -100,22 +174,206 @@ impl World {
         self.vehicles().all(|(_, agent, ..)| agent.membership() == Membership::Active)
     }
 
-    /// Every agent that runs, how its vehicle really was in the last frame, and what was done with the controls.
-    pub fn vehicles(&self) -> impl Iterator<Item = (VehicleId, &Agent, &Truth, Option<Sticks>)> {
-        let running = self.vehicles.iter().filter(|vehicle| vehicle.runs);
-        running.map(|vehicle| (vehicle.id, &vehicle.agent, &vehicle.truth, vehicle.command))
+    /// Nobody who still takes part has anything of the mission left but to land.
+    pub fn has_finished(&self) -> bool {
+        self.vehicles().count() > 0 && self.vehicles().all(|(_, agent, ..)| agent.has_finished())
     }
 
-    /// What was said in the last tick arrives with everybody else.
-    fn deliver(&mut self, at: LocalTime) {
-        let said = mem::take(&mut self.said);
-        for vehicle in &mut self.vehicles {
-            vehicle.heard.clear();
-            let others = said.iter().filter(|(speaker, _)| *speaker != vehicle.id);
-            vehicle.heard.extend(others.map(|&(_, word)| Heard { word, at }));
+    /// Every agent that runs, how its vehicle really was in the last frame, and what was done with the controls.
+    pub fn vehicles(&self) -> impl Iterator<Item = (VehicleId, &Agent, &Truth, Option<Sticks>)> {
+        self.everybody().filter_map(|(id, agent, truth, sticks)| Some((id, agent?, truth, sticks)))
+    }
+
+    /// Every vehicle: its agent if one runs, how it really was in the last frame, and what the agent did with the controls.
+    pub fn everybody(&self) -> impl Iterator<Item = (VehicleId, Option<&Agent>, &Truth, Option<Sticks>)> {
+        self.vehicles.iter().map(|vehicle| (vehicle.id, vehicle.agent.as_ref(), &vehicle.truth, vehicle.command))
+    }
+
+    /// What the agents told of themselves in the last tick.
+    pub fn happened(&self) -> &[(VehicleId, Happening)] {
+        &self.happened
+    }
+
+    /// What was done to the swarm in the last tick.
+    pub fn incidents(&self) -> &[Incident] {
+        &self.incidents
+    }
+
+    /// What all agents together have counted, those that have ended included.
+    pub fn totals(&self) -> Totals {
+        self.vehicles().fold(self.ended, |totals, (_, agent, ..)| with_counts(totals, agent))
+    }
+
+    /// What was said in the last tick arrives with everybody else who lives.
+    fn deliver(&mut self, now: LocalTime) {
+        let mut said = mem::take(&mut self.said);
+        for vehicle in self.vehicles.iter_mut().filter(|vehicle| vehicle.agent.is_some()) {
+            vehicle.hear(now, self.ticks, &said);
         }
+        said.clear();
         self.said = said;
-        self.said.clear();
+    }
+
+    /// Does what is due.
+    fn follow_script(&mut self) {
+        let (mut cut, mut healed) = (Vec::new(), Vec::new());
+        for index in 0..self.vehicles.len() {
+            let id = self.vehicles[index].id;
+            while let Some(deed) = self.vehicles[index].due(self.ticks) {
+                match deed {
+                    Deed::Kill => self.end(index),
+                    Deed::Restart => self.restart(index),
+                    Deed::Fail(what) => self.done.push(Incident::Failed(id, what)),
+                    Deed::Jump(by_s) => self.vehicles[index].clock_ahead_s += by_s,
+                    Deed::Deafen(speaker) => cut.push((speaker, id)),
+                    Deed::Heal(speaker) => healed.push((speaker, id)),
+                }
+            }
+        }
+        self.done.extend((!healed.is_empty()).then_some(Incident::Healed { links: healed }));
+        self.done.extend((!cut.is_empty()).then_some(Incident::Cut { links: cut }));
+        self.incidents.append(&mut self.done);
+        self.order();
+    }
+
+    /// The operator's clock begins with the first take-off.
+    fn order(&mut self) {
+        let Some(first) = self.vehicles.iter().filter_map(|vehicle| vehicle.took_off).min() else { return };
+        let t_s = (self.ticks - first) as f64 * TICK_S;
+        let repeats = |vehicle: &Vehicle, order| vehicle.register.is_some_and(|register| register.order >= Some(order));
+        let living = self.vehicles.iter().filter(|vehicle| vehicle.agent.is_some());
+        let order = self.operator.says(t_s, |order| living.clone().all(|vehicle| repeats(vehicle, *order)));
+        self.said.extend(order.map(|order| Said {
+            speaker: None,
+            hearer: None,
+            word: Word::Order(through_wire(&order)),
+        }));
+    }
+
+    fn end(&mut self, index: usize) {
+        let vehicle = &mut self.vehicles[index];
+        let Some(agent) = vehicle.agent.take() else { return };
+        (vehicle.register, vehicle.command) = (None, None);
+        self.ended = with_counts(self.ended, &agent);
+        self.said.push(Said::to_all(vehicle.id, Word::Vanished(vehicle.id)));
+        self.done.push(Incident::Died(vehicle.id));
+    }
+
+    /// A new life finds the tokens of those who live and their registers.
+    fn restart(&mut self, index: usize) {
+        let vehicle = &mut self.vehicles[index];
+        if vehicle.agent.is_some() {
+            return;
+        }
+        vehicle.incarnation.0 += 1;
+        let agent = vehicle.new_agent(&self.scenario, &self.rules);
+        // A study whose scenario is refused never begins.
+        #[expect(clippy::expect_used, reason = "the same scenario made the first agent")]
+        let agent = agent.expect("a scenario that was flown");
+        (vehicle.agent, vehicle.ear) = (Some(agent), Ear::new(&self.scenario, vehicle.id));
+        vehicle.heard.clear();
+        let newborn = vehicle.id;
+        self.said.push(Said::to_all(newborn, Word::Appeared(newborn)));
+        for other in self.vehicles.iter().filter(|other| other.id != newborn && other.agent.is_some()) {
+            let words = [Some(Word::Appeared(other.id)), other.register.map(Word::Mission)];
+            let to_newborn = |word| Said { speaker: Some(other.id), hearer: Some(newborn), word };
+            self.said.extend(words.into_iter().flatten().map(to_newborn));
+        }
+        self.done.push(Incident::Restarted(newborn));
+    }
+}
+
+impl Vehicle {
+    fn new(
+        scenario: &Scenario,
+        id: VehicleId,
+        aircraft: &Aircraft,
+        rules: &Rules,
+        plant: BuiltInVehicle,
+    ) -> Result<Self, NotFlown> {
+        let mut vehicle = Self {
+            id,
+            aircraft: aircraft.clone(),
+            truth: plant.frame().truth,
+            plant,
+            script: Script::of(&scenario.mission.events, id),
+            deeds: script::deeds(scenario, id),
+            agent: None,
+            incarnation: Incarnation(1),
+            clock_ahead_s: script::clock_begins_s(scenario, id),
+            took_off: None,
+            ear: Ear::new(scenario, id),
+            heard: Vec::new(),
+            register: None,
+            command: None,
+        };
+        vehicle.agent = Some(vehicle.new_agent(scenario, rules)?);
+        Ok(vehicle)
+    }
+
+    fn new_agent(&self, scenario: &Scenario, rules: &Rules) -> Result<Agent, NotFlown> {
+        Agent::new(scenario, self.id, self.incarnation, &self.aircraft, rules.clone())
+    }
+
+    /// Since take-off, s; it goes on while the agent is dead.
+    fn flown_s(&self, tick: u64) -> Option<f64> {
+        self.took_off.map(|took_off| (tick - took_off) as f64 * TICK_S)
+    }
+
+    /// The next that is to be done to it now.
+    fn due(&mut self, tick: u64) -> Option<Deed> {
+        self.deeds.due(self.flown_s(tick)?)
+    }
+
+    /// Takes in what the others have said. The network knows nothing of this vehicle's clock.
+    fn hear(&mut self, now: LocalTime, tick: u64, said: &[Said]) {
+        self.heard.clear();
+        let id = self.id;
+        let is_for_it = |said: &&Said| said.speaker != Some(id) && said.hearer.is_none_or(|hearer| hearer == id);
+        let arriving = said.iter().filter(is_for_it).map(|said| Heard { word: said.word, at: now });
+        self.ear.hear(now, self.flown_s(tick), arriving, &mut self.heard);
+        if self.clock_ahead_s != 0.0 {
+            self.heard.iter_mut().for_each(|heard| heard.at = heard.at.plus_seconds(self.clock_ahead_s));
+        }
+    }
+
+    /// One frame: the agent's step, if it lives, and the helicopter's. Gives what the agent says.
+    fn turn(&mut self, now: LocalTime, tick: u64) -> Option<speech::Said> {
+        let script = self.flown_s(tick).map(|flown_s| self.script.at(flown_s)).unwrap_or_default();
+        self.plant.fail(script.failures);
+        let frame = self.plant.frame();
+        self.truth = frame.truth;
+        let said = self.agent.as_mut().map(|agent| {
+            let now = Now { plant: frame.time, local: now.plus_seconds(self.clock_ahead_s) };
+            let measurement = (!script.simulator_frozen).then_some(&frame.measurement);
+            let Outputs { command, said } = agent.step(now, &Inputs { measurement, heard: &self.heard, leave: false });
+            self.command = command;
+            if agent.membership() == Membership::Active {
+                self.took_off.get_or_insert(tick);
+            }
+            said
+        });
+        if !script.simulator_frozen {
+            self.plant.advance(self.command);
+        }
+        said
+    }
+}
+
+impl Said {
+    fn to_all(speaker: VehicleId, word: Word) -> Self {
+        Self { speaker: Some(speaker), hearer: None, word }
+    }
+}
+
+fn with_counts(totals: Totals, agent: &Agent) -> Totals {
+    let (messages, bytes) = agent.spoken();
+    let activations = agent.safety_activations().map(|more| more + totals.safety_activations.unwrap_or(0));
+    Totals {
+        state_messages: totals.state_messages + messages,
+        state_bytes: totals.state_bytes + bytes,
+        safety_activations: activations.or(totals.safety_activations),
+        ..totals
     }
 }
 

@@ -1,0 +1,268 @@
+//! A swarm in virtual time over a bad network and under faults: the same again bit for bit, and what the others notice when.
+#![expect(clippy::unwrap_used, reason = "what a test cannot do has failed")]
+
+use skein::study::Study;
+use skein::study::world::{Incident, World};
+use skein_agent::agent::Agent;
+use skein_agent::plant::Truth;
+use skein_common::id::VehicleId;
+use skein_common::message::{Happening, Verb};
+use skein_common::state::{Activity, Membership};
+use skein_tests::study;
+
+const FRAME_S: f64 = 0.02;
+
+fn id(number: u8) -> VehicleId {
+    VehicleId::new(number).unwrap()
+}
+
+/// The same tick.
+fn near(one_s: f64, other_s: f64) -> bool {
+    (one_s - other_s).abs() < 1e-6
+}
+
+/// A flight that remembers what happened.
+struct Flight {
+    world: World,
+    /// When everybody had become a member, s.
+    zero_s: f64,
+    /// Since then, s.
+    incidents: Vec<(f64, Incident)>,
+    happened: Vec<(f64, VehicleId, Happening)>,
+}
+
+impl Flight {
+    /// Four in the hover under these events, up to where everybody is a member.
+    fn new(sets: &[&str], events: &str) -> Self {
+        let list = format!("mission.events=[{events}]");
+        let sets: Vec<_> = sets.iter().copied().chain((!events.is_empty()).then_some(list.as_str())).collect();
+        let Study { scenario, aircraft, rules } = study("hover.toml", &sets);
+        let mut world = World::new(&scenario, &aircraft, &rules).unwrap();
+        while !world.all_active() {
+            world.tick();
+        }
+        let zero_s = world.t_s();
+        Self { world, zero_s, incidents: Vec::new(), happened: Vec::new() }
+    }
+
+    fn t_s(&self) -> f64 {
+        self.world.t_s() - self.zero_s
+    }
+
+    fn until(&mut self, t_s: f64) {
+        while self.t_s() < t_s {
+            self.tick();
+        }
+    }
+
+    fn tick(&mut self) {
+        self.world.tick();
+        let t_s = self.t_s();
+        self.incidents.extend(self.world.incidents().iter().map(|incident| (t_s, incident.clone())));
+        self.happened.extend(self.world.happened().iter().map(|(id, what)| (t_s, *id, *what)));
+    }
+
+    fn agent(&self, number: u8) -> Option<&Agent> {
+        self.world.everybody().find(|(of, ..)| *of == id(number)).and_then(|(_, agent, ..)| agent)
+    }
+
+    fn truth(&self, number: u8) -> Truth {
+        *self.world.everybody().find(|(of, ..)| *of == id(number)).unwrap().2
+    }
+
+    /// When this was done to the swarm, s.
+    fn done_s(&self, is_it: impl Fn(&Incident) -> bool) -> f64 {
+        let times: Vec<_> = self.incidents.iter().filter(|(_, it)| is_it(it)).map(|(t_s, _)| *t_s).collect();
+        assert_eq!(times.len(), 1, "{:?}", self.incidents);
+        times[0]
+    }
+
+    /// Who said this, and how long after `since_s`.
+    fn said(&self, what: Happening, since_s: f64) -> Vec<(u8, f64)> {
+        let said = self.happened.iter().filter(|(t_s, _, it)| *it == what && *t_s >= since_s);
+        said.map(|(t_s, id, _)| (id.get(), t_s - since_s)).collect()
+    }
+}
+
+/// Everything at once.
+const EVERYTHING: &str = "
+    { at_s = 10, fault = 'kill', vehicle = 3, for_s = 3 },
+    { at_s = 20, fault = 'cut', from = [1, 2], to = [3, 4], both_ways = true, for_s = 5 },
+    { at_s = 30, fault = 'cut', from = [1], to = [2], for_s = 5 },
+    { at_s = 35, fault = 'clock_jump', vehicle = 1, by_s = -7200 },
+    { at_s = 36, fault = 'clock_jump', vehicle = 2, by_s = 3600, for_s = 4 },
+    { at_s = 40, fault = 'simulator_freeze', vehicle = 4, for_s = 2 },
+    { at_s = 45, fault = 'gps_frozen', vehicle = 2, for_s = 0.5 },
+    { at_s = 50, order = 'hold', for_s = 5 },
+    { at_s = 60, fault = 'engine_out', vehicle = 1 }";
+
+#[test]
+fn a_seed_gives_the_same_history_bit_for_bit_whatever_the_network_and_the_faults_do() {
+    let sets = |seed: &'static str| ["network.loss=0.2", "network.delay_s=0.15", "world.gust_w20_m_s=3", seed];
+    let [mut one, mut same, mut other] =
+        ["seed=1", "seed=1", "seed=2"].map(|seed| Flight::new(&sets(seed), EVERYTHING));
+    let bits = |flight: &Flight| {
+        let bits = |number| {
+            let truth = flight.truth(number);
+            let (place, velocity): ([f64; 3], [f64; 3]) = (truth.position.into(), truth.velocity.into());
+            (place.map(f64::to_bits), velocity.map(f64::to_bits), flight.agent(number).map(Agent::spoken))
+        };
+        [1, 2, 3, 4].map(bits)
+    };
+    while one.t_s() < 80.0 {
+        [&mut one, &mut same, &mut other].into_iter().for_each(Flight::tick);
+        assert_eq!(bits(&one), bits(&same), "at {} s", one.t_s());
+    }
+    assert_eq!((&one.incidents, &one.happened), (&same.incidents, &same.happened));
+    assert_ne!(one.happened, other.happened, "another seed");
+    let kinds = |flight: &Flight| flight.incidents.iter().map(|(_, incident)| incident.clone()).collect::<Vec<_>>();
+    assert_eq!(kinds(&one), kinds(&other), "the script is the scenario's, not the seed's");
+    assert_eq!(one.incidents.len(), 11, "{:?}", one.incidents);
+}
+
+#[test]
+fn a_dead_agents_helicopter_flies_on_and_a_new_life_takes_it_over_in_the_air() {
+    for seed in ["seed=0", "seed=1", "seed=2"] {
+        let mut flight = Flight::new(&[seed], "{ at_s = 60, fault = 'kill', vehicle = 3, for_s = 3 }");
+        flight.until(59.9);
+        let (before, sticks) = (flight.truth(3), flight.world.vehicles().nth(2).unwrap().3);
+        assert!(sticks.is_some() && flight.world.vehicles().count() == 4);
+        flight.until(62.9);
+        assert!(near(flight.done_s(|it| *it == Incident::Died(id(3))), 60.0));
+        assert!(flight.agent(3).is_none() && flight.world.vehicles().count() == 3);
+        assert_eq!(flight.world.everybody().count(), 4);
+        let after = flight.truth(3);
+        assert!(after.height_m > 10.0 && after.position != before.position, "{after:?}");
+        flight.until(63.0);
+        let restarted_s = flight.done_s(|it| *it == Incident::Restarted(id(3)));
+        assert!(near(restarted_s, 63.0));
+        assert_eq!(flight.agent(3).unwrap().membership(), Membership::Joining);
+        flight.until(72.0);
+        let [(3, active_s)] = flight.said(Happening::BecameActive, restarted_s)[..] else {
+            panic!("{:?}", flight.happened)
+        };
+        assert!((2.0..3.0).contains(&active_s), "active {active_s} s after the restart");
+        // A new life's first words take a frame at least.
+        let found = flight.said(Happening::PeerFound(id(3)), restarted_s);
+        assert_eq!(found.len(), 3, "{found:?}");
+        assert!(found.iter().all(|(_, found_s)| (FRAME_S..0.3).contains(found_s)), "{found:?}");
+        let finds: Vec<_> = [1, 2, 4].map(|peer| flight.said(Happening::PeerFound(id(peer)), restarted_s)).concat();
+        assert!(finds.len() == 3 && finds.iter().all(|(by, found_s)| *by == 3 && *found_s < 0.3), "{finds:?}");
+        flight.until(120.0);
+        let truth = flight.truth(3);
+        assert!(
+            (truth.height_m - 30.0).abs() < 2.0,
+            "taken over at {:.1} m, at {:.1} m now",
+            after.height_m,
+            truth.height_m
+        );
+    }
+}
+
+#[test]
+fn a_death_is_noticed_in_two_frames_and_a_cut_after_a_lease() {
+    let events = "{ at_s = 20, fault = 'kill', vehicle = 4, for_s = 10 },
+                  { at_s = 50, fault = 'cut', from = [1], to = [2, 3], for_s = 5 },
+                  { at_s = 70, fault = 'cut', from = [1, 2], to = [3, 4], both_ways = true, for_s = 5 }";
+    let mut flight = Flight::new(&[], events);
+    flight.until(20.5);
+    let died_s = flight.done_s(|it| *it == Incident::Died(id(4)));
+    let lost = flight.said(Happening::PeerLost(id(4)), died_s);
+    assert_eq!(lost.iter().map(|(by, _)| *by).collect::<Vec<_>>(), [1, 2, 3]);
+    assert!(lost.iter().all(|(_, lost_s)| (0.01..0.03).contains(lost_s)), "{lost:?}");
+
+    flight.until(49.0);
+    let link = |speaker, hearer| (id(speaker), id(hearer));
+    let one_way = vec![link(1, 2), link(1, 3)];
+    flight.until(60.0);
+    let cut_s = flight.done_s(|it| *it == Incident::Cut { links: one_way.clone() });
+    let healed_s = flight.done_s(|it| *it == Incident::Healed { links: one_way.clone() });
+    assert!(near(cut_s, 50.0) && near(healed_s, 55.0));
+    // The session is one: vehicle 1 loses those who do not hear it.
+    for (lost, by) in [(1, vec![2, 3]), (2, vec![1]), (3, vec![1]), (4, vec![])] {
+        let lost = flight.said(Happening::PeerLost(id(lost)), cut_s);
+        assert_eq!(lost.iter().map(|(by, _)| *by).collect::<Vec<_>>(), by);
+        assert!(lost.iter().all(|(_, lost_s)| (1.0..1.05).contains(lost_s)), "{lost:?}");
+    }
+    let found = [1, 2, 3, 4].map(|peer| flight.said(Happening::PeerFound(id(peer)), healed_s)).concat();
+    assert_eq!(found.len(), 4, "{found:?}");
+    assert!(found.iter().all(|(_, found_s)| (0.2..1.05).contains(found_s)), "{found:?}");
+
+    flight.until(80.0);
+    let halves = |(_, it): &&(f64, Incident)| matches!(it, Incident::Cut { links } if links.len() == 8);
+    let cut_s = flight.incidents.iter().find(halves).unwrap().0;
+    let lost = [1, 2, 3, 4].map(|peer| flight.said(Happening::PeerLost(id(peer)), cut_s)).concat();
+    assert_eq!(lost.len(), 8);
+    assert!(lost.iter().all(|(_, lost_s)| (1.0..1.05).contains(lost_s)), "{lost:?}");
+}
+
+#[test]
+fn a_new_life_finds_the_order_that_was_given_while_it_was_dead() {
+    let events = "{ at_s = 20, fault = 'kill', vehicle = 2, for_s = 5 }, { at_s = 22, order = 'hold' }";
+    let mut flight = Flight::new(&[], events);
+    flight.until(28.0);
+    let orders = |flight: &Flight, verb| {
+        let taken = |(t_s, by, what): &(f64, VehicleId, Happening)| match what {
+            Happening::OrderTaken(order) if order.verb == verb => Some((by.get(), *t_s)),
+            _ => None,
+        };
+        flight.happened.iter().filter_map(taken).collect::<Vec<_>>()
+    };
+    let taken = orders(&flight, Verb::Hold);
+    assert_eq!(taken.iter().map(|(by, _)| *by).collect::<Vec<_>>(), [1, 3, 4, 2]);
+    assert!(taken[..3].iter().all(|(_, t_s)| near(*t_s, 22.02)), "{taken:?}");
+    assert!(near(taken[3].1, 25.02), "{taken:?}");
+    assert!([1, 2, 3, 4].iter().all(|&number| flight.agent(number).unwrap().activity() == Activity::Holding));
+}
+
+#[test]
+fn a_hold_reaches_everybody_over_a_bad_network_and_ends() {
+    let mut flight =
+        Flight::new(&["network.loss=0.6", "network.delay_s=0.3"], "{ at_s = 30, order = 'hold', for_s = 10 }");
+    flight.until(35.0);
+    assert!(flight.world.vehicles().all(|(_, agent, ..)| agent.activity() == Activity::Holding));
+    flight.until(45.0);
+    assert!(flight.world.vehicles().all(|(_, agent, ..)| agent.activity() == Activity::Formation));
+}
+
+#[test]
+fn a_frozen_simulator_stands_still_while_the_others_fly() {
+    let mut flight = Flight::new(&[], "{ at_s = 10, fault = 'simulator_freeze', vehicle = 2, for_s = 4 }");
+    flight.until(10.1);
+    let (frozen, free) = (flight.truth(2), flight.truth(1));
+    assert!(frozen.velocity.0.norm() > 0.5, "it was on its way");
+    flight.until(13.9);
+    assert_eq!(flight.truth(2), frozen);
+    assert_ne!(flight.truth(1), free);
+    assert!(near(flight.done_s(|it| *it == Incident::Failed(id(2), "simulator_freeze")), 10.0));
+    assert!(flight.agent(2).is_some());
+    flight.until(14.5);
+    assert_ne!(flight.truth(2), frozen);
+}
+
+#[test]
+fn a_clock_that_jumps_changes_no_flight() {
+    let jumps = "{ at_s = 20, fault = 'clock_jump', vehicle = 2, by_s = 3600 },
+                 { at_s = 25, fault = 'clock_jump', vehicle = 2, by_s = -100000, for_s = 10 }";
+    let [mut steady, mut jumping] = ["", jumps].map(|events| Flight::new(&[], events));
+    steady.until(40.0);
+    jumping.until(40.0);
+    let told = jumping.said(Happening::ClockJumped, 0.0);
+    assert_eq!(told.iter().map(|(by, _)| *by).collect::<Vec<_>>(), [2, 2, 2]);
+    for number in [1, 2, 3, 4] {
+        let apart_m = (steady.truth(number).position - jumping.truth(number).position).norm();
+        assert!(apart_m < 0.5, "vehicle {number} is {apart_m} m from where it would be");
+        assert!(jumping.said(Happening::PeerLost(id(number)), 0.0).is_empty());
+    }
+}
+
+#[test]
+fn a_study_ends_with_the_mission_or_when_its_time_is_over() {
+    let ends_s = |sets: &[&str]| study("hover.toml", sets).fly(1).unwrap().duration_s;
+    let steps = "mission.steps=[{ centre_ne_m = [0, 0] }, { land = true }]";
+    let early_s = ends_s(&[steps]);
+    assert!((20.0..300.0).contains(&early_s), "{early_s} s");
+    assert!((ends_s(&[steps, "duration_s=15"]) - 15.0).abs() < 1e-9);
+    let abort_s = ends_s(&["mission.events=[{ at_s = 30, order = 'abort' }]"]);
+    assert!((30.0..30.2).contains(&abort_s), "{abort_s} s");
+}
