@@ -4,6 +4,7 @@ use serde_json::json;
 use skein_common::scenario::{Explained, Loaded};
 
 use crate::error::Error;
+use crate::fly::script;
 use crate::scenario::ScenarioArgs;
 
 /// `skein check`
@@ -17,13 +18,14 @@ pub struct CheckArgs {
     pub json: bool,
 }
 
-/// Prints every value with its origin, then what would stop a flight.
+/// Prints every value with its origin; then, on stderr, what of the events `fly` would skip and what would stop a flight.
 ///
 /// # Errors
 /// A scenario that is at fault or that is not flown yet.
 pub fn run(args: &CheckArgs) -> Result<(), Error> {
     let loaded = args.scenario.read(Vec::new())?;
     loaded.notes.iter().for_each(|note| eprintln!("{note}"));
+    script::skipped(&loaded.scenario).iter().for_each(|skipped| eprintln!("{skipped}"));
     crate::say(&if args.json { crate::json(&as_json(&loaded)) } else { as_text(&loaded) });
     args.scenario.ready(&loaded.scenario).map(drop)
 }

@@ -8,6 +8,8 @@
 //! | [`launch`] | files and processes |
 //! | [`children`] | the processes while they run |
 //! | [`flight`] | from the first sign of life to the last process's end |
+//! | [`ground`] | what really happens to the swarm, whoever notices |
+//! | [`script`] | what the scenario does to the swarm, as far as it is done from here |
 //! | [`status`] | figures of every vehicle |
 //! | [`table`], [`screen`] | what people see |
 
@@ -19,10 +21,12 @@ use crate::scenario::ScenarioArgs;
 
 pub mod children;
 pub mod flight;
+pub mod ground;
 pub mod launch;
 pub mod plan;
 pub mod ports;
 pub mod screen;
+pub mod script;
 pub mod status;
 pub mod table;
 
@@ -83,14 +87,16 @@ impl PlantArg {
     }
 }
 
-/// Flies until the duration is over, until everybody was ordered to land, or until Ctrl-C; then lands everybody and ends
-/// every process. A vehicle that is lost on the way is named, and the others' flight counts.
+/// Flies until the duration is over, until the mission has come to its landing, until everybody was ordered to land, or
+/// until Ctrl-C; then lands everybody and ends every process. A vehicle that is lost on the way is named, and the others'
+/// flight counts.
 ///
 /// # Errors
 /// What stands against the flight; or a flight that never began, lost all its vehicles, or did not end on the ground.
 pub fn run(args: &FlyArgs) -> Result<(), Error> {
     let plan = Plan::new(args)?;
     plan.loaded.notes.iter().for_each(|note| eprintln!("{note}"));
+    script::skipped(plan.scenario()).iter().for_each(|skipped| eprintln!("{skipped}"));
     if args.view.is_some() {
         eprintln!("--view: there is no live page yet, the flight goes without it");
     }

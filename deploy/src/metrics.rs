@@ -1,26 +1,62 @@
 //! One definition of every figure, for live runs, recordings and studies alike.
 //!
-//! Everything is measured on how the vehicles really were ([`VehicleNow::truth`]), never on what they believed.
+//! Everything is measured on how the vehicles really were ([`VehicleNow::truth`]) and on who really lived and could be heard
+//! ([`Incident`]), never on what they believed. Only the formation's centre and the step of the mission are each vehicle's
+//! own: nobody else has one.
 //!
+//! * A **live member** is an active member whose agent runs. The formation is made of live members; separations are those
+//!   of all vehicles.
 //! * **Settling** figures (`at_altitude_s`, `in_band_s`, `even_*_s`) are the first time after which the condition holds to the
-//!   end of the window; what never settles is `null` and stands in `never`.
-//! * **Steady** figures use the last [`STEADY_S`] of the window and are `null` in a shorter one.
+//!   end of the window, in the formation of the step that each vehicle is at; what never settles is `null` and stands in
+//!   `never`. In a mission of more than one place it is `null` alone: there the swarm is to go on.
+//! * **Steady** figures use the last [`STEADY_S`] of the window and are `null` in a shorter one. Figures of the network
+//!   (`union`, `connectivity`, `connected_share`) use all of it.
 //! * Separations and collisions count pairs of which both are higher than [`AIRBORNE_ABOVE_M`].
+//! * **A centre moves** from where a vehicle takes it to have left the beginning of a path until it has come to its end.
+//!   `max_centre_distance_m` is taken while the member's own centre moves. Under law `flock` `band_occupancy` (here the share
+//!   with ρ ≤ R*) is too; `centroid_lag_m`, separations and collisions count from the first movement on, if the mission has
+//!   a path: random starts lie closer together and farther out than a flock may be.
+//! * `polarization` and `order` leave out whoever is slower than 0.2 m/s, and instants with fewer than two others.
+//! * **A step is open** when every live member has reached or passed it, be it that the last one did so or that it died.
+//!   `advance_latency_s` is the longest that any of them was late in entering the next. `setpoints_reached` are the steps that
+//!   were open at the end. Who is carried forward over several steps was late for none of them.
+//! * **Noticing**: `detection_s` is from a death or a cut until every living vehicle that heard the speaker has it lost;
+//!   `rejoin_s` from a restart, or from a healed cut that had been noticed, until it is heard again and an active member. What
+//!   is undone before it is noticed does not count. What is not noticed in 30 s never is. A `false_suspicion` is a loss of a
+//!   speaker that lives, has not left, and has no cut link with the hearer either way; the 2 s after a restart or a healed cut
+//!   are left out. `response_s` is from a vehicle's own failure until it tells of one.
+//! * `transient_s` (of formations that spread evenly): from a change of the live members, or from a healed cut, until all are
+//!   in the band and evenly spaced to 10°, for good until the next such change, cut, or step. What has not settled when the
+//!   swarm goes on may do so at the next place. What does not, though it had more than 120 s for it, never does; in less time
+//!   it does not count.
 //! * `null` otherwise means that a figure does not apply to this run.
 
+mod flock;
+mod graph;
+mod membership;
+mod mission;
 mod report;
 mod series;
+mod transient;
 
 use std::f64::consts::TAU;
 
-use nalgebra::Vector2;
+use nalgebra::{Vector2, Vector3};
 use skein_agent::formation::{self, ring::Ring};
 use skein_agent::plant::{Sticks, Truth};
-use skein_common::id::VehicleId;
-use skein_common::scenario::{Scenario, Target};
+use skein_common::frame::PositionNed;
+use skein_common::id::{VehicleId, VehicleSet};
+use skein_common::message::Happening;
+use skein_common::scenario::{self, Law, Scenario, Step, Target, Vertical};
 
+use crate::study::world::Incident;
+use flock::{Alignment, Following};
+use graph::Graph;
+use membership::Membership;
+use mission::Steps;
 pub use report::{DIRECTIONS, Direction, Report, Run, VehicleReport, WALL_CLOCK_KEYS, Wall};
-use series::{AgeHistogram, RadialSeries, Settling};
+use series::{AgeHistogram, InFormation, RadialSeries, Settling};
+use transient::Transients;
 
 /// Steady figures use this much of the window's end, s.
 pub const STEADY_S: f64 = 100.0;
@@ -36,21 +72,61 @@ const AT_ALTITUDE_SHARE: f64 = 0.9;
 pub struct VehicleNow {
     /// Who.
     pub id: VehicleId,
-    /// Whether it is a member of the formation, which settling and spacing are about.
+    /// Its agent runs. Without, nothing but its truth says anything.
+    pub runs: bool,
+    /// It is an active member.
     pub is_member: bool,
     /// How it really is.
     pub truth: Truth,
     /// Its controls, if anybody holds them.
     pub sticks: Option<Sticks>,
+    /// The step of the mission that it is at, counted from 0.
+    pub step: u32,
+    /// The highest step that it reached in this life.
+    pub reached: Option<u32>,
+    /// Where it takes the formation's centre to be, north and east, m.
+    pub centre_ne_m: Vector2<f64>,
+    /// Peers that it does not count as lost.
+    pub hears: VehicleSet,
+    /// Peers whose word is fresh: younger than half a second.
+    pub fresh: VehicleSet,
+}
+
+impl VehicleNow {
+    /// A vehicle without an agent: something to keep away from.
+    pub fn dead(id: VehicleId, truth: Truth) -> Self {
+        Self {
+            id,
+            runs: false,
+            is_member: false,
+            truth,
+            sticks: None,
+            step: 0,
+            reached: None,
+            centre_ne_m: Vector2::zeros(),
+            hears: VehicleSet::default(),
+            fresh: VehicleSet::default(),
+        }
+    }
+
+    /// It is a live member: the formation is made of those.
+    pub fn takes_part(&self) -> bool {
+        self.runs && self.is_member
+    }
 }
 
 /// Measures a run while it happens.
 #[derive(Debug)]
 pub struct Metrics {
     run: Run,
-    ring: Ring,
-    centre_ne_m: Vector2<f64>,
-    altitude_m: f64,
+    is_flock: bool,
+    /// The formation is a ring, or slots on one: what is evenly spread about the centre, seen from above.
+    is_round: bool,
+    has_altitude: bool,
+    /// The formation in each step of the mission.
+    shapes: Vec<Shape>,
+    /// Steps that are no landing.
+    places: usize,
     t_s: f64,
     at_altitude: Settling,
     in_band: Settling,
@@ -59,6 +135,13 @@ pub struct Metrics {
     radial: Vec<RadialSeries>,
     spacing: series::Window,
     centroid: series::Window,
+    following: Following,
+    alignment: Alignment,
+    graph: Graph,
+    steps: Steps,
+    forced_advances: u64,
+    membership: Membership,
+    transients: Transients,
     nearest_pair_m: Option<f64>,
     separations: Vec<f64>,
     max_tilt_rad: f64,
@@ -68,6 +151,48 @@ pub struct Metrics {
     steps_us: Vec<f64>,
     bearings: Vec<f64>,
     totals: Totals,
+}
+
+/// The formation during one step of the mission.
+#[derive(Debug)]
+struct Shape {
+    ring: Ring,
+    altitude_m: f64,
+    /// Between the altitudes of neighbouring ranks.
+    band_step_m: f64,
+    /// Beginning and end of the centre's path.
+    path_ends: Option<[Vector2<f64>; 2]>,
+}
+
+impl Shape {
+    fn new(step: &Step) -> Self {
+        let path_ends = match &step.target {
+            Target::Path(corners) => corners.first().zip(corners.last()),
+            _ => None,
+        };
+        Self {
+            ring: formation::ring(&step.formation),
+            altitude_m: step.formation.altitude_m,
+            band_step_m: step.formation.band_step_m,
+            path_ends: path_ends.map(|(first, last)| [Vector2::from(*first), Vector2::from(*last)]),
+        }
+    }
+
+    /// ρ of a place given from the centre, m.
+    fn level_m(&self, from_centre_m: Vector3<f64>) -> f64 {
+        let flat_m = self.ring.level_m(from_centre_m.xy());
+        self.ring.gamma_z.map_or(flat_m, |gamma_z| (flat_m.powi(2) + gamma_z * from_centre_m.z.powi(2)).sqrt())
+    }
+
+    /// The altitude of a rank, counted from the middle one, m; none on an ellipsoid, which has all altitudes.
+    fn altitude_m(&self, rank: f64) -> Option<f64> {
+        self.ring.gamma_z.is_none().then_some(self.altitude_m + rank * self.band_step_m)
+    }
+
+    /// Whether a centre that is here is on its way.
+    fn is_on_the_way(&self, centre_ne_m: Vector2<f64>) -> bool {
+        self.path_ends.is_some_and(|ends| !ends.contains(&centre_ne_m))
+    }
 }
 
 /// What all agents together have counted since the start.
@@ -94,15 +219,15 @@ impl Metrics {
     /// Nothing measured yet.
     pub fn new(scenario: &Scenario, run: Run) -> Self {
         let vehicles = scenario.swarm.vehicles;
-        let centre_ne_m = match scenario.mission.steps.first().map(|step| &step.target) {
-            Some(Target::Centre(centre)) => Vector2::from(*centre),
-            _ => Vector2::zeros(),
-        };
+        let steps = &scenario.mission.steps;
+        let scenario::Formation { law, vertical, .. } = scenario.formation;
         Self {
             run,
-            ring: formation::ring(&scenario.formation),
-            centre_ne_m,
-            altitude_m: scenario.formation.altitude_m,
+            is_flock: law == Law::Flock,
+            has_altitude: vertical == Vertical::Bands,
+            is_round: law != Law::Flock && vertical == Vertical::Bands,
+            shapes: steps.iter().map(Shape::new).collect(),
+            places: steps.iter().filter(|step| !matches!(step.target, Target::Land(_))).count(),
             t_s: 0.0,
             at_altitude: Settling::default(),
             in_band: Settling::default(),
@@ -111,6 +236,13 @@ impl Metrics {
             radial: vec![RadialSeries::default(); vehicles],
             spacing: series::Window::default(),
             centroid: series::Window::default(),
+            following: Following::default(),
+            alignment: Alignment::default(),
+            graph: Graph::default(),
+            steps: Steps::new(steps.len(), vehicles),
+            forced_advances: 0,
+            membership: Membership::new(vehicles),
+            transients: Transients::default(),
             nearest_pair_m: None,
             separations: vec![f64::INFINITY; vehicles * vehicles],
             max_tilt_rad: 0.0,
@@ -123,26 +255,35 @@ impl Metrics {
         }
     }
 
-    /// All vehicles that still report at `t_s` seconds into the window; call it about fifty times a second.
+    /// All vehicles whose state is known `t_s` seconds into the window, in the order of ids, after the incidents and the words
+    /// that came until then; call it about fifty times a second.
     pub fn observe(&mut self, t_s: f64, vehicles: &[VehicleNow]) {
         let dt_s = t_s - self.t_s;
         self.t_s = t_s;
+        self.membership.observe(t_s, vehicles);
+        self.steps.observe(t_s, vehicles);
+        self.alignment.observe(t_s, vehicles);
+        self.graph.observe(t_s, vehicles);
         self.observe_members(t_s, vehicles);
         self.observe_pairs(vehicles);
-        for vehicle in vehicles {
-            let truth = &vehicle.truth;
-            let tilt_rad = truth.attitude.roll_rad.abs().max(truth.attitude.pitch_rad.abs());
-            self.max_tilt_rad = self.max_tilt_rad.max(tilt_rad);
-            let Some(effort) = self.effort.get_mut(index(vehicle.id)) else { continue };
-            if let Some(power_w) = truth.power_w {
-                *effort.energy_j.get_or_insert(0.0) += power_w * dt_s;
-            }
-            if let Some(sticks) = vehicle.sticks {
-                let square = (sticks.roll.powi(2) + sticks.pitch.powi(2) + sticks.yaw.powi(2)) / 3.0;
-                effort.stick_square.add(square);
-                self.stick_square.add(square);
-            }
+        self.observe_effort(dt_s, vehicles);
+    }
+
+    /// Something that really happened to the swarm.
+    pub fn incident(&mut self, t_s: f64, incident: &Incident) {
+        match incident {
+            Incident::Died(id) => self.membership.died(t_s, *id),
+            Incident::Restarted(id) => self.membership.restarted(t_s, *id),
+            Incident::Failed(id, ..) => self.membership.failed(t_s, *id),
+            Incident::Cut { links } => self.membership.cut(t_s, links),
+            Incident::Healed { links } => self.membership.healed(t_s, links),
         }
+    }
+
+    /// Something that a vehicle said of itself.
+    pub fn tell(&mut self, t_s: f64, speaker: VehicleId, what: &Happening) {
+        self.forced_advances += u64::from(matches!(what, Happening::ForcedAdvance { .. }));
+        self.membership.told(t_s, speaker, what);
     }
 
     /// Age of one peer's word at one step, s, by the receiver's clock; of a peer that is not lost.
@@ -167,37 +308,80 @@ impl Metrics {
 
     /// What the members' places say.
     fn observe_members(&mut self, t_s: f64, vehicles: &[VehicleNow]) {
+        let members = || vehicles.iter().filter(|vehicle| vehicle.takes_part());
+        let count = members().count();
+        let middle_rank = (count as f64 - 1.0) / 2.0;
         let (mut high, mut inside, mut sum_ne_m) = (true, true, Vector2::zeros());
         self.bearings.clear();
-        for vehicle in vehicles.iter().filter(|vehicle| vehicle.is_member) {
-            let from_centre_ne_m = vehicle.truth.position.horizontal() - self.centre_ne_m;
-            let rho_m = self.ring.level_m(from_centre_ne_m);
-            let altitude_m = vehicle.truth.position.altitude_m();
-            high &= altitude_m >= AT_ALTITUDE_SHARE * self.altitude_m;
-            inside &= self.is_in_band(rho_m);
+        for (rank, member) in members().enumerate() {
+            let Some(shape) = self.shapes.get(member.step as usize) else { continue };
+            let centre = PositionNed::new(member.centre_ne_m.x, member.centre_ne_m.y, -shape.altitude_m);
+            let from_centre_m = member.truth.position - centre;
+            let (from_centre_ne_m, rho_m) = (from_centre_m.xy(), shape.level_m(from_centre_m));
+            let is_inside = shape.ring.holds(from_centre_m);
+            let altitude_m = member.truth.position.altitude_m();
+            let wanted_m = shape.altitude_m(rank as f64 - middle_rank);
+            high &= wanted_m.is_some_and(|wanted_m| altitude_m >= AT_ALTITUDE_SHARE * wanted_m);
+            inside &= is_inside;
             sum_ne_m += from_centre_ne_m;
             self.bearings.push(from_centre_ne_m.y.atan2(from_centre_ne_m.x));
-            if let Some(series) = self.radial.get_mut(index(vehicle.id)) {
-                series.add(t_s, rho_m, altitude_m - self.altitude_m);
+            if shape.is_on_the_way(member.centre_ne_m) {
+                self.following.follow(from_centre_ne_m.norm(), is_inside);
+            }
+            if let Some(series) = self.radial.get_mut(index(member.id)) {
+                let radial_error_m = rho_m - shape.ring.radius_m;
+                let altitude_error_m = wanted_m.map(|wanted_m| altitude_m - wanted_m);
+                series.add(InFormation { t_s, rho_m, radial_error_m, altitude_error_m, inside: is_inside });
             }
         }
-        let members = self.bearings.len();
-        let deviation_deg = largest_gap_deviation_rad(&mut self.bearings).map(f64::to_degrees);
-        self.at_altitude.observe(t_s, members > 0 && high);
-        self.in_band.observe(t_s, members > 0 && inside);
-        self.even_10deg.observe(t_s, deviation_deg.is_some_and(|deviation| deviation < 10.0));
-        self.even_5deg.observe(t_s, deviation_deg.is_some_and(|deviation| deviation < 5.0));
+        if count > 0 {
+            let lag_m = sum_ne_m.norm() / count as f64;
+            self.centroid.add(t_s, lag_m);
+            self.following.trail(lag_m);
+        }
+        self.settle(t_s, count > 0 && high, count > 0 && inside, members().map(|member| member.step).max());
+    }
+
+    /// What of the formation holds now, at this step.
+    fn settle(&mut self, t_s: f64, high: bool, inside: bool, step: Option<u32>) {
+        self.at_altitude.observe(t_s, high);
+        self.in_band.observe(t_s, inside);
+        let deviation_deg =
+            largest_gap_deviation_rad(&mut self.bearings).filter(|_| self.is_round).map(f64::to_degrees);
+        self.even_10deg.observe(t_s, deviation_deg.is_some_and(|deviation_deg| deviation_deg < 10.0));
+        self.even_5deg.observe(t_s, deviation_deg.is_some_and(|deviation_deg| deviation_deg < 5.0));
         if let Some(deviation_deg) = deviation_deg {
             self.spacing.add(t_s, deviation_deg);
         }
-        if members > 0 {
-            self.centroid.add(t_s, sum_ne_m.norm() / members as f64);
+        // One alone has no gaps.
+        let is_even = deviation_deg.is_none_or(|deviation_deg| deviation_deg < 10.0);
+        let (members, is_split) = (self.membership.members(), self.membership.is_split());
+        self.transients.observe(t_s, members, is_split, step, inside && is_even);
+    }
+
+    /// What the vehicles spend.
+    fn observe_effort(&mut self, dt_s: f64, vehicles: &[VehicleNow]) {
+        for vehicle in vehicles.iter().filter(|vehicle| vehicle.runs) {
+            let truth = &vehicle.truth;
+            let tilt_rad = truth.attitude.roll_rad.abs().max(truth.attitude.pitch_rad.abs());
+            self.max_tilt_rad = self.max_tilt_rad.max(tilt_rad);
+            let Some(effort) = self.effort.get_mut(index(vehicle.id)) else { continue };
+            if let Some(power_w) = truth.power_w {
+                *effort.energy_j.get_or_insert(0.0) += power_w * dt_s;
+            }
+            if let Some(sticks) = vehicle.sticks {
+                let square = (sticks.roll.powi(2) + sticks.pitch.powi(2) + sticks.yaw.powi(2)) / 3.0;
+                effort.stick_square.add(square);
+                self.stick_square.add(square);
+            }
         }
     }
 
     /// What every pair's distance says.
     fn observe_pairs(&mut self, vehicles: &[VehicleNow]) {
         let count = self.radial.len();
+        let has_path = self.shapes.iter().any(|shape| shape.path_ends.is_some());
+        let counts = !self.is_flock || !has_path || self.following.has_begun;
         let mut nearest_square = f64::INFINITY;
         for (nth, one) in vehicles.iter().enumerate() {
             for other in &vehicles[..nth] {
@@ -207,17 +391,12 @@ impl Metrics {
                 let square = (one.truth.position - other.truth.position).norm_squared();
                 nearest_square = nearest_square.min(square);
                 let (low, high) = (index(one.id).min(index(other.id)), index(one.id).max(index(other.id)));
-                if let Some(least) = self.separations.get_mut(low * count + high) {
+                if let Some(least) = self.separations.get_mut(low * count + high).filter(|_| counts) {
                     *least = least.min(square);
                 }
             }
         }
         self.nearest_pair_m = nearest_square.is_finite().then(|| nearest_square.sqrt());
-    }
-
-    fn is_in_band(&self, rho_m: f64) -> bool {
-        let Ring { radius_m, inner_width_m, outer_width_m, .. } = self.ring;
-        (radius_m - inner_width_m..=radius_m + outer_width_m).contains(&rho_m)
     }
 }
 

@@ -3,7 +3,7 @@
 
 use std::io;
 use std::path::Path;
-use std::process::{Command, ExitStatus};
+use std::process::{Child, Command, ExitStatus};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
@@ -56,6 +56,17 @@ pub fn how_it_ended(status: ExitStatus) -> String {
     }
 }
 
+/// Whether processes can be made to stand still here.
+pub const CAN_FREEZE: bool = cfg!(unix);
+
+/// Makes a child stand still, or lets it go on.
+///
+/// # Errors
+/// If the system cannot, or the child is gone.
+pub fn freeze(child: &Child, frozen: bool) -> io::Result<()> {
+    imp::freeze(child, frozen)
+}
+
 /// Makes a folder that is only this user's, or makes sure that it is.
 ///
 /// # Errors
@@ -76,10 +87,11 @@ mod imp {
     use std::os::unix::fs::{DirBuilderExt, MetadataExt};
     use std::os::unix::process::{CommandExt, ExitStatusExt};
     use std::path::Path;
-    use std::process::{Command, ExitStatus};
+    use std::process::{Child, Command, ExitStatus};
     use std::sync::Arc;
     use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
+    use rustix::process::{Pid, Signal, kill_process};
     use tokio::signal::unix::SignalKind;
 
     pub(super) fn on_interrupt(count: &Arc<AtomicU32>) -> io::Result<()> {
@@ -101,6 +113,10 @@ mod imp {
 
     pub(super) fn signal(status: ExitStatus) -> Option<i32> {
         status.signal()
+    }
+
+    pub(super) fn freeze(child: &Child, frozen: bool) -> io::Result<()> {
+        Ok(kill_process(Pid::from_child(child), if frozen { Signal::STOP } else { Signal::CONT })?)
     }
 
     pub(super) fn private_folder(path: &Path) -> io::Result<()> {
@@ -127,7 +143,7 @@ mod imp {
 mod imp {
     use std::io;
     use std::path::Path;
-    use std::process::{Command, ExitStatus};
+    use std::process::{Child, Command, ExitStatus};
     use std::sync::Arc;
     use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
@@ -145,6 +161,10 @@ mod imp {
 
     pub(super) fn signal(_status: ExitStatus) -> Option<i32> {
         None
+    }
+
+    pub(super) fn freeze(_child: &Child, _frozen: bool) -> io::Result<()> {
+        Err(io::ErrorKind::Unsupported.into())
     }
 
     pub(super) fn private_folder(path: &Path) -> io::Result<()> {

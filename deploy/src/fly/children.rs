@@ -28,6 +28,8 @@ pub struct Children(Vec<Child>);
 struct Child {
     role: Role,
     id: VehicleId,
+    /// How it was started the first time.
+    arguments: Vec<OsString>,
     process: Process,
     /// Open for as long as the process is wanted.
     stdin: Option<ChildStdin>,
@@ -49,19 +51,50 @@ pub struct Ended {
 }
 
 impl Children {
-    /// Starts this program with these arguments; what it writes goes to `log`.
+    /// Starts this program with these arguments; what it writes goes to the end of `log`.
     ///
     /// # Errors
     /// If it cannot be started.
     pub fn start(&mut self, role: Role, id: VehicleId, arguments: Vec<OsString>, log: &Path) -> io::Result<()> {
-        let mut command = Command::new(std::env::current_exe()?);
-        os::in_own_group(&mut command);
-        command.args(arguments).env(ZENOH_RUNTIME.0, ZENOH_RUNTIME.1);
-        command.stdin(Stdio::piped()).stdout(Stdio::null()).stderr(File::create(log)?);
-        let mut process = command.spawn()?;
+        let mut process = spawn(&arguments, log)?;
         let stdin = process.stdin.take();
-        self.0.push(Child { role, id, process, stdin, log: log.to_owned(), ended: None });
+        self.0.push(Child { role, id, arguments, process, stdin, log: log.to_owned(), ended: None });
         Ok(())
+    }
+
+    /// Starts a process again that has ended, with `more` arguments than the first time.
+    ///
+    /// # Errors
+    /// If it cannot be started.
+    pub fn restart(&mut self, role: Role, id: VehicleId, more: [OsString; 2]) -> io::Result<()> {
+        let Some(child) = self.child(role, id).filter(|child| child.ended.is_some()) else { return Ok(()) };
+        let arguments = [child.arguments.as_slice(), &more].concat();
+        let mut process = spawn(&arguments, &child.log)?;
+        (child.stdin, child.process, child.ended) = (process.stdin.take(), process, None);
+        Ok(())
+    }
+
+    /// Ends one process and waits for it; `None` if it has ended before.
+    pub fn kill_one(&mut self, role: Role, id: VehicleId) -> Option<Ended> {
+        let child = self.child(role, id).filter(|child| child.ended.is_none())?;
+        let _ = child.process.kill();
+        let status = child.process.wait().ok()?;
+        Some(child.end(status))
+    }
+
+    /// Makes one process stand still, or lets it go on.
+    ///
+    /// # Errors
+    /// If the system cannot, or the process is gone.
+    pub fn freeze(&mut self, role: Role, id: VehicleId, frozen: bool) -> io::Result<()> {
+        match self.child(role, id) {
+            Some(child) if child.ended.is_none() => os::freeze(&child.process, frozen),
+            _ => Err(io::ErrorKind::NotFound.into()),
+        }
+    }
+
+    fn child(&mut self, role: Role, id: VehicleId) -> Option<&mut Child> {
+        self.0.iter_mut().find(|child| child.role == role && child.id == id)
     }
 
     /// Processes that have ended since the last call.
@@ -69,10 +102,7 @@ impl Children {
         let mut ended = Vec::new();
         for child in self.0.iter_mut().filter(|child| child.ended.is_none()) {
             if let Ok(Some(status)) = child.process.try_wait() {
-                child.ended = Some(status);
-                let has_failed = status.code().is_some_and(|code| code != 0);
-                let last_words = has_failed.then(|| last_line(&child.log)).flatten();
-                ended.push(Ended { role: child.role, id: child.id, status, last_words });
+                ended.push(child.end(status));
             }
         }
         ended
@@ -107,10 +137,28 @@ impl Children {
     }
 }
 
+impl Child {
+    fn end(&mut self, status: ExitStatus) -> Ended {
+        self.ended = Some(status);
+        let has_failed = status.code().is_some_and(|code| code != 0);
+        let last_words = has_failed.then(|| last_line(&self.log)).flatten();
+        Ended { role: self.role, id: self.id, status, last_words }
+    }
+}
+
 impl Drop for Children {
     fn drop(&mut self) {
         self.kill();
     }
+}
+
+/// Starts this program with these arguments; what it writes goes to the end of `log`.
+fn spawn(arguments: &[OsString], log: &Path) -> io::Result<Process> {
+    let mut command = Command::new(std::env::current_exe()?);
+    os::in_own_group(&mut command);
+    command.args(arguments).env(ZENOH_RUNTIME.0, ZENOH_RUNTIME.1);
+    let log = File::options().create(true).append(true).open(log)?;
+    command.stdin(Stdio::piped()).stdout(Stdio::null()).stderr(log).spawn()
 }
 
 /// The last line of a log that says something.

@@ -1,40 +1,45 @@
 //! One flight, from the first sign of life to the last process's end.
 //!
 //! ```text
-//!   Gathering ---- everybody takes part ----> Flying ---- time over, Ctrl-C, ----> Landing ---- all down ----> Ending
-//!       |                                               an order to land             ^
-//!       +----------------------------- Ctrl-C ---------------------------------------+
+//!   Gathering ---- everybody takes part ----> Flying ---- time or mission over, -----> Landing ---- all down ----> Ending
+//!       |                                               Ctrl-C, an order to land         ^
+//!       +----------------------------- Ctrl-C -------------------------------------------+
 //! ```
 //!
-//! The window of the figures is the stage Flying.
+//! The window of the figures is the stage Flying; the scenario's events happen in it.
+
+mod events;
 
 use std::collections::BTreeMap;
 use std::fs;
 use std::time::{Duration, Instant};
 
 use skein_agent::formation::{self, ring::Ring};
+use skein_agent::peers::FRESH_S;
 use skein_agent::plant::{Sticks, Truth};
-use skein_common::id::VehicleId;
-use skein_common::message::{Order, Trace, Verb};
+use skein_common::id::{VehicleId, VehicleSet};
+use skein_common::message::{Trace, Verb};
+use skein_common::scenario::Target;
 use skein_common::state::{Activity, Membership, Standing};
 
 use super::children::{Children, Ended, Role};
+use super::ground::Ground;
 use super::launch::{Launched, launch};
 use super::plan::Plan;
 use super::screen::Screen;
+use super::script::{self, Deed};
 use super::status::{self, Ending, Known, Stage, Status};
 use crate::clock;
 use crate::endpoints::EndpointsFile;
 use crate::error::Error;
 use crate::metrics::{Metrics, Report, Run, Totals, VehicleNow, Wall};
 use crate::observe::{Heard, Observer, Seen};
-use crate::order;
 use crate::os::{self, Interrupts};
+use crate::study::world::script::Agenda;
+use events::UnderWay;
 
 /// Between two looks at the swarm: the metrics want fifty a second.
 const TICK: Duration = Duration::from_millis(20);
-/// Between two sayings of the order to land.
-const ORDER_AGAIN: Duration = Duration::from_millis(200);
 /// A vehicle silent for this long says nothing that is still true.
 const SILENT: Duration = Duration::from_secs(1);
 /// A vehicle that was asked to land and has no data of its own, or is silent, is waited for this long.
@@ -57,6 +62,7 @@ pub struct Flight {
     observer: Observer,
     /// The formation's in each step of the mission.
     rings: Vec<Ring>,
+    ground: Ground,
     metrics: Metrics,
     stage: Stage,
     /// When the stage began, and how often this process had been asked to end by then.
@@ -65,7 +71,11 @@ pub struct Flight {
     /// When the window began, by both clocks.
     zero: Option<Zero>,
     report: Option<Report>,
-    land: Option<(Order, Instant)>,
+    /// What the scenario has still to do.
+    agenda: Agenda<Deed>,
+    /// Vehicles whose agents it has ended.
+    killed: VehicleSet,
+    order: Option<UnderWay>,
     events: Vec<String>,
     lost: Vec<String>,
     /// What went wrong, though the flight came to its end.
@@ -96,13 +106,16 @@ impl Flight {
             _file: file,
             observer: observer.map_err(|error| Error::Failed(error.to_string()))?,
             rings: scenario.mission.steps.iter().map(|step| formation::ring(&step.formation)).collect(),
+            ground: Ground::new(scenario),
             metrics: Metrics::new(scenario, Run::new(scenario, "fly")),
             stage: Stage::Gathering,
             since: clock::now(),
             asked_before: 0,
             zero: None,
             report: None,
-            land: None,
+            agenda: script::agenda(scenario),
+            killed: VehicleSet::default(),
+            order: None,
             events: Vec::new(),
             lost: Vec::new(),
             failure: None,
@@ -129,7 +142,8 @@ impl Flight {
             next = (next + TICK).max(now);
             clock::sleep(next.saturating_duration_since(clock::now()));
         }
-        let nobody_came_back = self.plan.scenario().ids().all(|id| self.ending(id) == Some(Ending::Lost));
+        let is_lost = |id| self.ending(id).is_some_and(|ending| ending != Ending::Asked);
+        let nobody_came_back = self.plan.scenario().ids().all(is_lost);
         self.children.kill();
         self.screen.show(&self.status(clock::now()), clock::now());
         // The terminal is given back before anything is said to it.
@@ -154,12 +168,13 @@ impl Flight {
         }
         for heard in self.observer.poll() {
             match heard {
-                Heard::Trace(trace) if self.stage == Stage::Flying => {
-                    let heard = trace.peers.iter().filter(|peer| peer.standing != Standing::Lost);
-                    heard.for_each(|peer| self.metrics.observe_age(peer.age_s));
-                    trace.step_us.into_iter().for_each(|step_us| self.metrics.observe_step(step_us));
+                Heard::Trace(trace) => self.take_step(now, &trace),
+                Heard::Event(event) => {
+                    if self.stage == Stage::Flying {
+                        self.metrics.tell(self.flown_s(now), event.header.sender, &event.what);
+                    }
+                    self.tell(now, format!("vehicle {}: {}", event.header.sender, event.what));
                 }
-                Heard::Event(event) => self.tell(now, format!("vehicle {}: {}", event.header.sender, event.what)),
                 _ => {}
             }
         }
@@ -171,6 +186,10 @@ impl Flight {
     /// One step of the stages' picture. True when the flight is over.
     fn decide(&mut self, now: Instant) -> bool {
         let asked = self.interrupts.count() > self.asked_before;
+        if self.stage == Stage::Flying {
+            self.play(now);
+        }
+        self.repeat_order(now);
         let agents = self.children.any(Role::Agent);
         match self.stage {
             Stage::Gathering if !agents => {
@@ -186,7 +205,7 @@ impl Flight {
             Stage::Gathering => {}
             Stage::Flying => {
                 self.measure(now);
-                if !agents || asked || self.is_over(now) {
+                if !agents && !self.awaits_a_restart() || asked || self.is_over(now) {
                     self.end_window(now);
                     self.enter_landing(now);
                 }
@@ -215,27 +234,42 @@ impl Flight {
         awaited.peek().is_some() && awaited.all(|(_, seen)| seen.is_some_and(takes_part))
     }
 
-    /// The duration is over, or somebody has ordered everybody down.
+    /// The duration is over, or somebody has ordered everybody down, or nobody has anything left to do but to land.
     fn is_over(&self, now: Instant) -> bool {
         let is_late = self.plan.scenario().duration_s.is_some_and(|duration_s| self.since_zero_s(now) >= duration_s);
-        is_late
-            || self
-                .live()
-                .any(|(_, seen)| seen.and_then(|seen| seen.mission?.order).is_some_and(|o| o.verb == Verb::Land))
+        let orders = self.live().filter_map(|(_, seen)| seen?.mission?.order);
+        let is_down = |verb| matches!(verb, Verb::Land | Verb::Abort);
+        is_late || orders.map(|order| order.verb).any(is_down) || self.has_finished(now)
     }
 
+    /// Everybody who is heard is at the mission's landing, or has left.
+    fn has_finished(&self, now: Instant) -> bool {
+        let steps = &self.plan.scenario().mission.steps;
+        let landing = steps.iter().position(|step| matches!(step.target, Target::Land(_)));
+        let mut heard = self.live().filter_map(|(_, seen)| fresh(seen?, now)).peekable();
+        let has_finished = |step: &Trace| landing == Some(step.step as usize) || step.membership == Membership::Left;
+        heard.peek().is_some() && heard.all(has_finished)
+    }
+
+    /// Takes in what only one step tells.
+    fn take_step(&mut self, now: Instant, step: &Trace) {
+        if let Some(restarted) = self.ground.heard(now, step) {
+            self.metrics.incident(self.flown_s(now), &restarted);
+        }
+        if self.stage == Stage::Flying {
+            let heard = step.peers.iter().filter(|peer| peer.standing != Standing::Lost);
+            heard.for_each(|peer| self.metrics.observe_age(peer.age_s));
+            step.step_us.into_iter().for_each(|step_us| self.metrics.observe_step(step_us));
+        }
+    }
+
+    /// Hands the newest of everybody who lives to the metrics. Where a dead agent's helicopter is, nobody knows.
     fn measure(&mut self, now: Instant) {
-        let vehicles: Vec<VehicleNow> = self
-            .live()
-            .filter_map(|(id, seen)| Some((id, fresh(seen?, now)?)))
-            .map(|(id, trace)| VehicleNow {
-                id,
-                is_member: trace.membership == Membership::Active,
-                truth: truth(trace),
-                sticks: trace.sticks.map(|[roll, pitch, yaw, collective]| Sticks { roll, pitch, yaw, collective }),
-            })
-            .collect();
-        self.metrics.observe(self.flown_s(now), &vehicles);
+        let t_s = self.flown_s(now);
+        self.ground.due(now).iter().for_each(|incident| self.metrics.incident(t_s, incident));
+        let steps = self.observer.vehicles().values().filter_map(|seen| fresh(seen, now));
+        let vehicles: Vec<VehicleNow> = steps.filter(|step| self.ground.lives(step)).map(vehicle_now).collect();
+        self.metrics.observe(t_s, &vehicles);
         let all = || self.observer.vehicles().values().filter_map(|seen| seen.trace.as_ref());
         self.metrics.count(Totals {
             state_messages: all().map(|trace| trace.state_messages).sum(),
@@ -262,21 +296,13 @@ impl Flight {
 
     fn enter_landing(&mut self, now: Instant) {
         self.enter(Stage::Landing, now);
-        self.land = Some((order::new(&self.observer, Verb::Land), now));
+        self.end_events(now);
+        self.order(now, Verb::Land);
         self.tell(now, "everybody is asked to land".to_owned());
     }
 
-    /// Repeats the order until everybody is down, or cannot be brought down. True when the flight is over.
+    /// Waits until everybody is down, or cannot be brought down. True when the flight is over.
     fn bring_down(&mut self, now: Instant, asked: bool) -> bool {
-        if let Some((order, again)) = &mut self.land
-            && now >= *again
-        {
-            *again = now + ORDER_AGAIN;
-            if self.observer.order(order).is_err() {
-                // The other way to say it: each agent lands before it ends.
-                self.children.ask_agents_to_end();
-            }
-        }
         let waited = now.duration_since(self.since);
         let flying = self.flying(now, waited);
         if flying.is_empty() {
@@ -306,13 +332,18 @@ impl Flight {
     /// A process has ended: says so, and remembers it if nobody asked for it.
     fn take_leave(&mut self, now: Instant, ended: &Ended) {
         let Ended { role, id, status, last_words } = ended;
+        if *role == Role::Agent {
+            let step = self.observer.vehicles().get(id).and_then(|seen| seen.trace.as_ref());
+            let died = self.ground.ended(*id, step.map(|step| step.header.incarnation));
+            self.metrics.incident(self.flown_s(now), &died);
+        }
         let what = match role {
             Role::Agent => format!("vehicle {id}"),
             Role::Standin => format!("vehicle {id}'s simulator"),
         };
         let last_words = last_words.as_ref().map(|words| format!(" ({words})")).unwrap_or_default();
         let sentence = format!("{what}: {}{last_words}", os::how_it_ended(*status));
-        if !status.success() {
+        if !status.success() && !(*role == Role::Agent && self.killed.contains(*id)) {
             let when =
                 self.zero.as_ref().map_or_else(String::new, |_| format!(" after {:.1} s", self.since_zero_s(now)));
             self.lost.push(format!("lost{when}: {sentence}"));
@@ -358,7 +389,11 @@ impl Flight {
 
     fn ending(&self, id: VehicleId) -> Option<Ending> {
         let status = self.children.how_ended(Role::Agent, id)?;
-        Some(if status.success() { Ending::Asked } else { Ending::Lost })
+        Some(match status.success() {
+            true => Ending::Asked,
+            false if self.killed.contains(id) => Ending::Killed,
+            false => Ending::Lost,
+        })
     }
 
     fn status(&self, now: Instant) -> Status {
@@ -400,13 +435,25 @@ fn is_down(seen: &Seen, now: Instant, waited: Duration) -> bool {
     }
 }
 
-fn truth(trace: &Trace) -> Truth {
-    Truth {
-        position: trace.position,
-        height_m: trace.height_m,
-        velocity: trace.velocity,
-        attitude: trace.attitude,
-        power_w: trace.power_w,
+fn vehicle_now(step: &Trace) -> VehicleNow {
+    let truth = Truth {
+        position: step.position,
+        height_m: step.height_m,
+        velocity: step.velocity,
+        attitude: step.attitude,
+        power_w: step.power_w,
+    };
+    let peers = || step.peers.iter().filter(|peer| peer.standing != Standing::Lost);
+    VehicleNow {
+        runs: true,
+        is_member: step.membership == Membership::Active,
+        sticks: step.sticks.map(|[roll, pitch, yaw, collective]| Sticks { roll, pitch, yaw, collective }),
+        step: step.step,
+        reached: step.reached,
+        centre_ne_m: step.centre_ne_m.into(),
+        hears: peers().map(|peer| peer.id).collect(),
+        fresh: peers().filter(|peer| peer.age_s < FRESH_S).map(|peer| peer.id).collect(),
+        ..VehicleNow::dead(step.header.sender, truth)
     }
 }
 

@@ -93,6 +93,8 @@ pub struct Known<'a> {
 pub enum Ending {
     /// As it was to: it had landed, or was told to.
     Asked,
+    /// By the scenario's hand.
+    Killed,
     /// On its own, or by somebody's hand.
     Lost,
 }
@@ -107,6 +109,7 @@ impl Known<'_> {
     fn phase(&self, now: Instant) -> (String, bool) {
         match (self.ended, self.seen.and_then(|seen| seen.trace.as_ref()), self.flying(now)) {
             (Some(Ending::Asked), ..) => ("ended".to_owned(), false),
+            (Some(Ending::Killed), ..) => ("killed".to_owned(), true),
             (Some(Ending::Lost), ..) => ("lost".to_owned(), true),
             (None, None, _) if self.seen.is_some_and(|seen| seen.health.is_some()) => ("no frames".to_owned(), true),
             (None, None, _) => ("starting".to_owned(), false),

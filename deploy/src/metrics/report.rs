@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use serde::Serialize;
 use skein_common::scenario::Scenario;
 
-use super::series::{extremes, mean, quantile, rms};
+use super::series::{Worst, extremes, mean, quantile, rms};
 use super::{COLLISION_M, Metrics, STEADY_S};
 
 /// What was run.
@@ -69,7 +69,7 @@ pub enum Direction {
 }
 
 /// Which way each figure gets worse; figures that are neither good nor bad are missing.
-pub const DIRECTIONS: [(&str, Direction); 26] = [
+pub const DIRECTIONS: [(&str, Direction); 41] = [
     ("at_altitude_s", Direction::More),
     ("in_band_s", Direction::More),
     ("even_10deg_s", Direction::More),
@@ -87,8 +87,23 @@ pub const DIRECTIONS: [(&str, Direction); 26] = [
     ("stick_rms", Direction::More),
     ("energy_j", Direction::More),
     ("band_occupancy", Direction::Less),
+    ("polarization", Direction::Less),
+    ("order", Direction::Less),
     ("safety", Direction::Less),
+    ("union", Direction::Less),
+    ("connectivity", Direction::Less),
+    ("connected_share", Direction::Less),
     ("centroid_lag_m", Direction::More),
+    ("max_centre_distance_m", Direction::More),
+    ("setpoints_reached", Direction::Less),
+    ("setpoint_skew", Direction::More),
+    ("advance_latency_s", Direction::More),
+    ("forced_advances", Direction::More),
+    ("detection_s", Direction::More),
+    ("false_suspicions", Direction::More),
+    ("rejoin_s", Direction::More),
+    ("response_s", Direction::More),
+    ("transient_s", Direction::More),
     ("state_messages", Direction::More),
     ("state_bytes", Direction::More),
     ("peer_age_p50_ms", Direction::More),
@@ -150,6 +165,9 @@ pub struct Report {
     pub forced_advances: Option<u64>,
     pub detection_s: Option<f64>,
     pub false_suspicions: Option<u64>,
+    pub rejoin_s: Option<f64>,
+    pub response_s: Option<f64>,
+    pub transient_s: Option<f64>,
     pub state_messages: u64,
     pub state_bytes: u64,
     pub peer_age_p50_ms: Option<f64>,
@@ -182,23 +200,16 @@ impl Metrics {
     pub fn report(&self, wall: Wall) -> Report {
         let steady = self.t_s >= STEADY_S - 0.01;
         let when_steady = |figure: Option<f64>| figure.filter(|_| steady);
-        let rho_m = || self.radial.iter().flat_map(|series| series.rho_m());
-        let radial = extremes(rho_m()).filter(|_| steady);
-        let settled = [
-            ("at_altitude_s", self.at_altitude.since_s()),
-            ("in_band_s", self.in_band.since_s()),
-            ("even_10deg_s", self.even_10deg.since_s()),
-            ("even_5deg_s", self.even_5deg.since_s()),
-        ];
-        // A single vehicle has no spacing: that does not apply rather than never happen.
-        let applies = |key: &str| !key.starts_with("even") || self.run.vehicles > 1;
-        let never =
-            settled.iter().filter(|(key, since)| since.is_none() && applies(key)).map(|(key, _)| *key).collect();
+        let since_s = self.t_s - STEADY_S;
+        let samples = || self.radial.iter().flat_map(|series| series.samples(since_s));
+        let radial = extremes(samples().map(|sample| sample.rho_m)).filter(|_| steady);
+        let settled = self.settled();
+        let came = self.came();
         let (least_m, collisions) = self.separation();
         let pairs = self.run.vehicles * self.run.vehicles.saturating_sub(1) / 2;
         let mut steps_us = self.steps_us.clone();
         let live = !steps_us.is_empty();
-        let radius_m = self.ring.radius_m;
+        let on_the_way = |figure: Option<u64>| figure.filter(|_| self.shapes.len() > 1);
         Report {
             run: self.run.clone(),
             duration_s: self.t_s,
@@ -206,35 +217,48 @@ impl Metrics {
             in_band_s: settled[1].1,
             even_10deg_s: settled[2].1,
             even_5deg_s: settled[3].1,
-            radial_rms_m: when_steady(rms(rho_m().map(|rho_m| rho_m - radius_m))),
-            radial_mean_m: when_steady(mean(rho_m())),
+            radial_rms_m: when_steady(rms(samples().map(|sample| sample.radial_error_m))),
+            radial_mean_m: when_steady(mean(samples().map(|sample| sample.rho_m))),
             radial_min_m: radial.map(|(least, _)| least),
             radial_max_m: radial.map(|(_, largest)| largest),
-            spacing_error_deg: when_steady(self.spacing.mean()),
+            spacing_error_deg: when_steady(self.spacing.mean(since_s)),
             nearest_pair_end_m: self.nearest_pair_m,
             min_separation_m: least_m,
             collisions,
             safety_activations: self.totals.safety_activations,
-            oscillation_m: when_steady(extremes(self.radial.iter().filter_map(|s| s.oscillation_m())).map(|e| e.1)),
+            oscillation_m: when_steady(
+                extremes(self.radial.iter().filter_map(|s| s.oscillation_m(since_s))).map(|e| e.1),
+            ),
             max_tilt_deg: self.max_tilt_rad.to_degrees(),
-            altitude_rms_m: when_steady(rms(self.radial.iter().flat_map(|series| series.altitude_error_m()))),
+            altitude_rms_m: when_steady(rms(samples().filter_map(|sample| sample.altitude_error_m))),
             stick_rms: self.stick_square.mean().map(f64::sqrt),
             energy_j: self.effort.iter().filter_map(|effort| effort.energy_j).reduce(|sum, energy| sum + energy),
-            band_occupancy: when_steady(mean(rho_m().map(|rho_m| f64::from(u8::from(self.is_in_band(rho_m)))))),
-            polarization: None,
-            order: None,
+            band_occupancy: if self.is_flock {
+                self.following.inside.mean()
+            } else {
+                when_steady(mean(samples().map(|sample| if sample.inside { 1.0 } else { 0.0 })))
+            },
+            polarization: when_steady(self.alignment.polarization.mean(since_s)),
+            order: when_steady(self.alignment.order.mean(since_s)),
             safety: (pairs > 0).then(|| 1.0 - collisions as f64 / pairs as f64),
-            union: None,
-            connectivity: None,
-            connected_share: None,
-            centroid_lag_m: when_steady(self.centroid.mean()),
-            max_centre_distance_m: None,
-            setpoints_reached: None,
-            setpoint_skew: None,
-            advance_latency_s: None,
-            forced_advances: None,
-            detection_s: None,
-            false_suspicions: None,
+            union: self.graph.union.mean(),
+            connectivity: self.graph.connectivity.mean(),
+            connected_share: self.graph.connected.mean(),
+            centroid_lag_m: if self.is_flock {
+                self.following.lag_m.mean()
+            } else {
+                when_steady(self.centroid.mean(since_s))
+            },
+            max_centre_distance_m: self.following.farthest_m,
+            setpoints_reached: self.steps.passed(),
+            setpoint_skew: on_the_way(self.steps.skew()),
+            advance_latency_s: self.steps.latency_s(),
+            forced_advances: on_the_way(Some(self.forced_advances)),
+            detection_s: came[0].1.s(),
+            false_suspicions: (pairs > 0).then(|| self.membership.false_suspicions()),
+            rejoin_s: came[1].1.s(),
+            response_s: came[2].1.s(),
+            transient_s: came[3].1.s(),
             state_messages: self.totals.state_messages,
             state_bytes: self.totals.state_bytes,
             peer_age_p50_ms: self.ages.quantile_ms(0.5),
@@ -245,9 +269,44 @@ impl Metrics {
             law_misses: None,
             wall_s: wall.wall_s,
             real_time_factor: wall.real_time_factor,
-            never,
+            never: self.never(&settled, &came),
             vehicle: self.vehicles(steady),
         }
+    }
+
+    /// What settles for good, and since when it has.
+    fn settled(&self) -> [(&'static str, Option<f64>); 4] {
+        [
+            ("at_altitude_s", self.at_altitude.since_s()),
+            ("in_band_s", self.in_band.since_s()),
+            ("even_10deg_s", self.even_10deg.since_s()),
+            ("even_5deg_s", self.even_5deg.since_s()),
+        ]
+    }
+
+    /// What should come after an incident.
+    fn came(&self) -> [(&'static str, Worst); 4] {
+        let transient = if self.is_round { self.transients.worst(self.t_s) } else { Worst::default() };
+        [
+            ("detection_s", self.membership.detection(self.t_s)),
+            ("rejoin_s", self.membership.rejoin(self.t_s)),
+            ("response_s", self.membership.response(self.t_s)),
+            ("transient_s", transient),
+        ]
+    }
+
+    /// Keys of what could have happened and never did.
+    fn never(&self, settled: &[(&'static str, Option<f64>)], came: &[(&'static str, Worst)]) -> Vec<&'static str> {
+        // A single vehicle has no spacing, a flock has none to keep, an ellipsoid has all altitudes: that does not apply rather
+        // than never happen. Nor does settling where the swarm is to go on.
+        let applies = |key: &str| match key {
+            _ if self.places > 1 => false,
+            "at_altitude_s" => self.has_altitude,
+            "even_10deg_s" | "even_5deg_s" => self.is_round && self.run.vehicles > 1,
+            _ => true,
+        };
+        let unsettled = settled.iter().filter(|(key, since_s)| since_s.is_none() && applies(key)).map(|(key, _)| *key);
+        unsettled.chain(came.iter().filter(|(_, worst)| worst.is_never()).map(|(key, _)| *key)).collect()
     }
 
     /// Least distance of any airborne pair, and how many pairs collided.
@@ -259,11 +318,12 @@ impl Metrics {
 
     fn vehicles(&self, steady: bool) -> BTreeMap<String, VehicleReport> {
         let when_steady = |figure: Option<f64>| figure.filter(|_| steady);
+        let since_s = self.t_s - STEADY_S;
         let rows = self.radial.iter().zip(&self.effort).enumerate().map(|(nth, (series, effort))| {
             let report = VehicleReport {
-                radial_rms_m: when_steady(rms(series.rho_m().map(|rho_m| rho_m - self.ring.radius_m))),
-                radial_mean_m: when_steady(mean(series.rho_m())),
-                oscillation_m: when_steady(series.oscillation_m()),
+                radial_rms_m: when_steady(rms(series.samples(since_s).map(|sample| sample.radial_error_m))),
+                radial_mean_m: when_steady(mean(series.samples(since_s).map(|sample| sample.rho_m))),
+                oscillation_m: when_steady(series.oscillation_m(since_s)),
                 stick_rms: effort.stick_square.mean().map(f64::sqrt),
                 energy_j: effort.energy_j,
             };

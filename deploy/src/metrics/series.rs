@@ -20,6 +20,35 @@ impl Settling {
     }
 }
 
+/// The longest of several times that something took; what never came ranks above all.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Worst {
+    longest_s: Option<f64>,
+    is_never: bool,
+}
+
+impl Worst {
+    /// It came after this long, s.
+    pub(super) fn took(&mut self, took_s: f64) {
+        self.longest_s = Some(self.longest_s.map_or(took_s, |longest_s| longest_s.max(took_s)));
+    }
+
+    /// It had the time to come, and did not.
+    pub(super) fn never_came(&mut self) {
+        self.is_never = true;
+    }
+
+    /// The longest time, if it always came, s.
+    pub(super) fn s(&self) -> Option<f64> {
+        self.longest_s.filter(|_| !self.is_never)
+    }
+
+    /// Whether it once did not come.
+    pub(super) fn is_never(&self) -> bool {
+        self.is_never
+    }
+}
+
 /// A running mean.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Mean {
@@ -50,42 +79,50 @@ impl Window {
         self.samples.push_back((t_s, value));
     }
 
-    pub(super) fn values(&self) -> impl Iterator<Item = f64> + Clone {
-        self.samples.iter().map(|sample| sample.1)
-    }
-
-    pub(super) fn mean(&self) -> Option<f64> {
-        mean(self.values())
+    /// Of the values since then; the last of all may be long ago.
+    pub(super) fn mean(&self, since_s: f64) -> Option<f64> {
+        mean(self.samples.iter().filter(|sample| sample.0 >= since_s).map(|sample| sample.1))
     }
 }
 
-/// One vehicle's distance from the centre and error of altitude over the last [`STEADY_S`].
+/// One vehicle in its formation at one instant.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct InFormation {
+    pub(super) t_s: f64,
+    /// Distance from the centre, measured as the formation's ellipse does.
+    pub(super) rho_m: f64,
+    /// ρ − R*.
+    pub(super) radial_error_m: f64,
+    pub(super) altitude_error_m: Option<f64>,
+    /// Where the formation wants it: in the band, or inside.
+    pub(super) inside: bool,
+}
+
+/// One vehicle in its formation over the last [`STEADY_S`].
 #[derive(Clone, Debug, Default)]
 pub(super) struct RadialSeries {
-    samples: VecDeque<[f64; 3]>,
+    samples: VecDeque<InFormation>,
 }
 
 impl RadialSeries {
-    pub(super) fn add(&mut self, t_s: f64, rho_m: f64, altitude_error_m: f64) {
-        drop_before(&mut self.samples, t_s - STEADY_S, |sample| sample[0]);
-        self.samples.push_back([t_s, rho_m, altitude_error_m]);
+    pub(super) fn add(&mut self, sample: InFormation) {
+        drop_before(&mut self.samples, sample.t_s - STEADY_S, |sample| sample.t_s);
+        self.samples.push_back(sample);
     }
 
-    pub(super) fn rho_m(&self) -> impl Iterator<Item = f64> + Clone {
-        self.samples.iter().map(|sample| sample[1])
-    }
-
-    pub(super) fn altitude_error_m(&self) -> impl Iterator<Item = f64> + Clone {
-        self.samples.iter().map(|sample| sample[2])
+    /// Since then; of who is gone, the last of all may be long ago.
+    pub(super) fn samples(&self, since_s: f64) -> impl Iterator<Item = &InFormation> + Clone {
+        self.samples.iter().filter(move |sample| sample.t_s >= since_s)
     }
 
     /// Half the peak-to-peak of ρ after its quadratic trend is taken out, m.
-    pub(super) fn oscillation_m(&self) -> Option<f64> {
-        let (first, last) = (self.samples.front()?[0], self.samples.back()?[0]);
+    pub(super) fn oscillation_m(&self, since_s: f64) -> Option<f64> {
+        let (first, last) = (self.samples(since_s).next()?.t_s, self.samples.back()?.t_s);
         let middle_s = (first + last) / 2.0;
         let scale_s = ((last - first) / 2.0).max(f64::MIN_POSITIVE);
         // Abscissae from −1 to 1 keep the normal equations well conditioned.
-        let points: Vec<_> = self.samples.iter().map(|[t_s, rho_m, _]| ((t_s - middle_s) / scale_s, *rho_m)).collect();
+        let points: Vec<_> =
+            self.samples(since_s).map(|sample| ((sample.t_s - middle_s) / scale_s, sample.rho_m)).collect();
         let mut normal = nalgebra::Matrix3::zeros();
         let mut right = nalgebra::Vector3::zeros();
         for &(x, y) in &points {

@@ -1,4 +1,5 @@
 use skein_common::frame::{Attitude, PositionNed, VelocityNed};
+use skein_common::message::Failure;
 use skein_common::scenario::{Source, load};
 
 use super::*;
@@ -17,7 +18,7 @@ fn report(metrics: &Metrics) -> Report {
 }
 
 /// Vehicle `number` at a bearing and a distance from the centre.
-fn vehicle(number: u8, bearing_deg: f64, distance_m: f64, height_m: f64) -> VehicleNow {
+pub(super) fn vehicle(number: u8, bearing_deg: f64, distance_m: f64, height_m: f64) -> VehicleNow {
     let (sin, cos) = bearing_deg.to_radians().sin_cos();
     let truth = Truth {
         position: PositionNed::new(distance_m * cos, distance_m * sin, -height_m),
@@ -27,7 +28,18 @@ fn vehicle(number: u8, bearing_deg: f64, distance_m: f64, height_m: f64) -> Vehi
         power_w: Some(1000.0),
     };
     let sticks = Some(Sticks { roll: 0.3, pitch: 0.0, yaw: 0.0, collective: 0.6 });
-    VehicleNow { id: VehicleId::new(number).unwrap(), is_member: true, truth, sticks }
+    VehicleNow {
+        runs: true,
+        is_member: true,
+        sticks,
+        hears: VehicleId::first(3).collect(),
+        ..VehicleNow::dead(VehicleId::new(number).unwrap(), truth)
+    }
+}
+
+/// These vehicles.
+pub(super) fn set(numbers: &[u8]) -> VehicleSet {
+    numbers.iter().map(|&number| VehicleId::new(number).unwrap()).collect()
 }
 
 #[test]
@@ -124,8 +136,146 @@ fn every_key_of_the_file_is_there_even_without_a_value() {
         connectivity, connected_share, centroid_lag_m, max_centre_distance_m, setpoints_reached, setpoint_skew, \
         advance_latency_s, forced_advances, detection_s, false_suspicions, state_messages, state_bytes, \
         peer_age_p50_ms, peer_age_p99_ms, step_p50_us, step_p99_us, frame_overruns, law_misses, wall_s, \
-        real_time_factor, never";
+        real_time_factor, never, rejoin_s, response_s, transient_s";
     for key in wanted.split(", ") {
         assert!(keys.contains_key(key), "{key}");
     }
+}
+
+/// The same vehicle about another centre, at a step.
+fn about(vehicle: VehicleNow, step: u32, north_m: f64) -> VehicleNow {
+    let mut vehicle = VehicleNow { step, centre_ne_m: Vector2::new(north_m, 0.0), ..vehicle };
+    vehicle.truth.position.0.x += north_m;
+    vehicle
+}
+
+#[test]
+fn a_formation_is_the_one_of_the_step_about_the_vehicles_own_centre() {
+    let mut metrics = metrics(
+        "swarm.vehicles = 2\nmission.steps = [{ centre_ne_m = [0, 0] }, { centre_ne_m = [300, 0], formation = { radius_m = \
+         50, altitude_m = 60 } }]",
+    );
+    let at = |step, north_m, distance_m, height_m| {
+        [(1, 0.0), (2, 178.0)]
+            .map(|(number, bearing_deg)| about(vehicle(number, bearing_deg, distance_m, height_m), step, north_m))
+    };
+    for tick in 1..=15_000_u32 {
+        let t_s = f64::from(tick) * 0.01;
+        metrics.observe(t_s, &if t_s < 20.0 { at(0, 0.0, 100.0, 30.0) } else { at(1, 300.0, 52.0, 61.0) });
+    }
+    let report = report(&metrics);
+    assert!((report.radial_rms_m.unwrap() - 2.0).abs() < 1e-9, "about 50 m: {:?}", report.radial_rms_m);
+    assert!((report.altitude_rms_m.unwrap() - 1.0).abs() < 1e-9, "about 60 m");
+    assert_eq!((report.in_band_s, report.at_altitude_s, report.even_5deg_s), (Some(0.01), Some(0.01), Some(0.01)));
+    assert!((report.spacing_error_deg.unwrap() - 2.0).abs() < 1e-9);
+    assert_eq!((report.setpoints_reached, report.setpoint_skew, report.forced_advances), (Some(1), Some(0), Some(0)));
+}
+
+#[test]
+fn where_the_swarm_is_to_go_on_settling_does_not_apply_rather_than_never_happen() {
+    let steps = "swarm.vehicles = 2\nmission.steps = [{ centre_ne_m = [0, 0] }, { centre_ne_m = [300, 0] }]";
+    let far = |number| vehicle(number, 0.0, 200.0, 1.0);
+    let report = |text: &str| {
+        let mut metrics = metrics(text);
+        metrics.observe(1.0, &[far(1), far(2)]);
+        report(&metrics)
+    };
+    let several = report(steps);
+    assert_eq!((several.in_band_s, several.never.len()), (None, 0));
+    let one = report("swarm.vehicles = 2\nmission.steps = [{ centre_ne_m = [0, 0] }, { land = true }]");
+    assert_eq!(one.never, ["at_altitude_s", "in_band_s", "even_10deg_s", "even_5deg_s"]);
+    assert_eq!((one.setpoint_skew, one.advance_latency_s), (Some(0), None));
+    let flock = report("swarm.vehicles = 2\nformation.law = \"flock\"");
+    assert_eq!(flock.never, ["at_altitude_s", "in_band_s"], "a flock has no even spacing");
+    assert_eq!((flock.setpoint_skew, flock.forced_advances), (None, None), "nowhere to go on to");
+}
+
+#[test]
+fn a_flock_counts_from_its_centres_first_movement_on() {
+    let mut metrics = metrics(
+        "swarm.vehicles = 2\nformation.law = \"flock\"\nmission.steps = [{ hold_s = 1 }, { path_ne_m = [[0, 0], [30, 0]] }]",
+    );
+    let pair = |step, north_m, one_m, other_m| {
+        [about(vehicle(1, 0.0, one_m, 30.0), step, north_m), about(vehicle(2, 180.0, other_m, 30.0), step, north_m)]
+    };
+    // 1.5 m and 200 m apart before the centre moves.
+    metrics.observe(1.0, &pair(0, 0.0, 0.75, 0.75));
+    metrics.observe(2.0, &pair(1, 0.0, 100.0, 100.0));
+    metrics.observe(3.0, &pair(1, 10.0, 40.0, 20.0));
+    metrics.observe(4.0, &pair(1, 20.0, 60.0, 0.0));
+    // At the end of the path it stands again.
+    metrics.observe(5.0, &pair(1, 30.0, 90.0, 50.0));
+    let report = report(&metrics);
+    assert_eq!(report.collisions, 0);
+    assert!((report.min_separation_m.unwrap() - 60.0).abs() < 1e-9, "{:?}", report.min_separation_m);
+    assert!((report.max_centre_distance_m.unwrap() - 60.0).abs() < 1e-9, "while it moves");
+    assert_eq!(report.band_occupancy, Some(0.75), "three of four within 50 m");
+    assert!((report.centroid_lag_m.unwrap() - 20.0).abs() < 1e-9, "10, 30 and 20 m");
+}
+
+#[test]
+fn bands_have_their_own_altitudes_and_an_ellipsoid_has_all() {
+    let report = |text: &str, heights_m: [f64; 2]| {
+        let mut metrics = metrics(&format!("swarm.vehicles = 2\n{text}"));
+        for tick in 0..=101_u32 {
+            let [low_m, high_m] = heights_m;
+            metrics.observe(f64::from(tick), &[vehicle(1, 0.0, 100.0, low_m), vehicle(2, 180.0, 100.0, high_m)]);
+        }
+        report(&metrics)
+    };
+    let bands = report("formation.band_step_m = 10", [25.0, 36.0]);
+    assert!(
+        (bands.altitude_rms_m.unwrap() - 0.5_f64.sqrt()).abs() < 1e-9,
+        "exact, and 1 m: {:?}",
+        bands.altitude_rms_m
+    );
+    assert_eq!(bands.at_altitude_s, Some(0.0));
+    // gamma_z = 4, 40 m above a centre at 130 m: rho = sqrt(100^2 + 4 * 40^2) = 128.06 m, outside the band.
+    let text = "formation.altitude_m = 130\nformation.vertical = \"ellipsoid\"\nformation.gamma_z = 4";
+    let ellipsoid = report(text, [130.0, 170.0]);
+    assert!((ellipsoid.radial_max_m.unwrap() - 16_400.0_f64.sqrt()).abs() < 1e-9, "{:?}", ellipsoid.radial_max_m);
+    assert_eq!((ellipsoid.altitude_rms_m, ellipsoid.at_altitude_s), (None, None));
+    assert_eq!((ellipsoid.never, ellipsoid.band_occupancy), (vec!["in_band_s"], Some(0.5)));
+}
+
+#[test]
+fn steady_figures_leave_out_who_was_gone_by_then() {
+    let mut metrics = metrics("swarm.vehicles = 3");
+    for t_s in 0..=300_u32 {
+        let alive = [vehicle(1, 0.0, 101.0, 30.0), vehicle(2, 180.0, 101.0, 30.0)];
+        let gone = VehicleNow { runs: t_s < 150, ..vehicle(3, 90.0, 500.0, 30.0) };
+        metrics.observe(f64::from(t_s), &[alive[0], alive[1], gone]);
+    }
+    let report = report(&metrics);
+    assert!((report.radial_rms_m.unwrap() - 1.0).abs() < 1e-9, "{:?}", report.radial_rms_m);
+    assert_eq!(report.vehicle["3"].radial_mean_m, None);
+    assert!((report.min_separation_m.unwrap() - 202.0).abs() < 1e-9);
+}
+
+#[test]
+fn what_happens_to_the_swarm_and_what_it_says_come_to_the_report() {
+    let id = |number| VehicleId::new(number).unwrap();
+    let mut metrics =
+        metrics("swarm.vehicles = 3\nmission.steps = [{ centre_ne_m = [0, 0] }, { centre_ne_m = [9, 0] }]");
+    let member = |number: u8, bearing_deg, hears: &[u8]| VehicleNow {
+        hears: set(hears),
+        ..vehicle(number, bearing_deg, 100.0, 30.0)
+    };
+    metrics.observe(0.0, &[member(1, 0.0, &[2, 3]), member(2, 120.0, &[1, 3]), member(3, 240.0, &[1, 2])]);
+    metrics.incident(10.0, &Incident::Died(id(3)));
+    metrics.incident(10.0, &Incident::Failed(id(2), "gyro_off"));
+    let dead = VehicleNow::dead(id(3), vehicle(3, 0.0, 0.0, 30.0).truth);
+    metrics.tell(10.5, id(2), &Happening::Failed(Failure::Gyro));
+    metrics.tell(10.5, id(2), &Happening::ForcedAdvance { to: 1, without: set(&[3]) });
+    metrics.tell(10.5, id(1), &Happening::PeerLost(id(3)));
+    metrics.observe(10.5, &[member(1, 0.0, &[2]), member(2, 120.0, &[1]), dead]);
+    metrics.observe(40.0, &[member(1, 0.0, &[2]), member(2, 175.0, &[1]), dead]);
+    metrics.incident(50.0, &Incident::Cut { links: vec![(id(1), id(2))] });
+    metrics.observe(85.0, &[member(1, 0.0, &[2]), member(2, 175.0, &[1]), dead]);
+    let report = report(&metrics);
+    assert_eq!((report.response_s, report.transient_s), (Some(0.5), Some(29.5)));
+    assert_eq!((report.detection_s, report.rejoin_s), (None, None), "the cut was never noticed");
+    assert_eq!(report.never, ["detection_s"]);
+    assert_eq!((report.forced_advances, report.false_suspicions), (Some(1), Some(0)));
+    assert!((report.min_separation_m.unwrap() - 100.0).abs() < 1e-9, "to the dead one at the centre too");
 }

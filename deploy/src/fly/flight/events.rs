@@ -1,0 +1,96 @@
+//! What `fly` itself does to the swarm: the scenario's events, and orders.
+
+use std::time::{Duration, Instant};
+
+use skein_common::id::VehicleId;
+use skein_common::message::{Mission, Order, Verb};
+
+use super::Flight;
+use crate::fly::children::Role;
+use crate::fly::script::Deed;
+use crate::fly::status::Stage;
+use crate::order;
+
+/// Between two sayings of an order.
+const AGAIN: Duration = Duration::from_millis(200);
+
+/// An order under way, with the time of its next saying.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct UnderWay {
+    order: Order,
+    again: Instant,
+}
+
+impl Flight {
+    /// Does what the scenario has for now.
+    pub(super) fn play(&mut self, now: Instant) {
+        while let Some(deed) = self.agenda.due(self.since_zero_s(now)) {
+            self.tell(now, format!("event: {deed}"));
+            self.carry_out(now, &deed);
+        }
+    }
+
+    /// What is still to come does not come any more; but whoever stands still for a time is to be able to land.
+    pub(super) fn end_events(&mut self, now: Instant) {
+        let thaws: Vec<Deed> = self.agenda.left().filter(|deed| matches!(deed, Deed::Thaw(_))).cloned().collect();
+        while self.agenda.due(f64::INFINITY).is_some() {}
+        thaws.iter().for_each(|deed| self.carry_out(now, deed));
+    }
+
+    /// Whether somebody who is dead comes back.
+    pub(super) fn awaits_a_restart(&self) -> bool {
+        self.agenda.left().any(|deed| matches!(deed, Deed::Restart(_)))
+    }
+
+    fn carry_out(&mut self, now: Instant, deed: &Deed) {
+        let failed = match deed {
+            Deed::Kill(id) => {
+                self.killed.insert(*id);
+                if let Some(ended) = self.children.kill_one(Role::Agent, *id) {
+                    self.take_leave(now, &ended);
+                }
+                None
+            }
+            Deed::Restart(id) => self.restart(now, *id).err(),
+            Deed::Freeze(id) => self.children.freeze(Role::Standin, *id, true).err(),
+            Deed::Thaw(id) => self.children.freeze(Role::Standin, *id, false).err(),
+            Deed::Order(verb) => {
+                self.order(now, *verb);
+                None
+            }
+            Deed::Tell(_) => None,
+        };
+        if let Some(error) = failed {
+            self.tell(now, format!("event: {deed}: {error}"));
+        }
+    }
+
+    /// An agent with the same files goes on in the scenario where the one before it was.
+    fn restart(&mut self, now: Instant, id: VehicleId) -> std::io::Result<()> {
+        let flown_s = self.ground.since_take_off_s(now, id).unwrap_or_else(|| self.since_zero_s(now));
+        self.children.restart(Role::Agent, id, ["--flown-s".into(), flown_s.to_string().into()])?;
+        self.killed.remove(id);
+        Ok(())
+    }
+
+    /// Gives an order, larger than all that were heard of or given from here.
+    pub(super) fn order(&mut self, now: Instant, verb: Verb) {
+        let order = order::new(&self.observer, verb);
+        let epoch = self.order.map_or(0, |before| before.order.epoch.saturating_add(1)).max(order.epoch);
+        self.order = Some(UnderWay { order: Order { epoch, ..order }, again: now });
+    }
+
+    /// Says the newest order until everybody has taken it.
+    pub(super) fn repeat_order(&mut self, now: Instant) {
+        let Some(UnderWay { order, again }) = self.order.filter(|order| now >= order.again) else { return };
+        self.order = Some(UnderWay { order, again: again.max(now) + AGAIN });
+        let has_taken = |said: Mission| said.order >= Some(order);
+        if self.live().all(|(_, seen)| seen.and_then(|seen| seen.mission).is_some_and(has_taken)) {
+            return;
+        }
+        if self.observer.order(&order).is_err() && self.stage == Stage::Landing {
+            // The other way to say it: each agent lands before it ends.
+            self.children.ask_agents_to_end();
+        }
+    }
+}

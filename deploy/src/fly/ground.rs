@@ -1,0 +1,177 @@
+//! What really happens to a live swarm, whoever notices: whose agents end and begin anew, which links the scenario cuts.
+
+use std::collections::BTreeMap;
+use std::time::Instant;
+
+use skein_agent::network::silences;
+use skein_common::id::{Incarnation, VehicleId};
+use skein_common::message::Trace;
+use skein_common::scenario::Scenario;
+use skein_common::state::Membership;
+
+use crate::study::world::Incident;
+
+/// The ground truth of a flight.
+#[derive(Debug)]
+pub struct Ground {
+    /// What is still to be done to the links.
+    agenda: Vec<Deed>,
+    /// When each vehicle first took part: the scenario's cuts count from the hearer's.
+    took_off: BTreeMap<VehicleId, Instant>,
+    /// The lives that ended last; without a number, of agents that were never heard.
+    ended: BTreeMap<VehicleId, Option<Incarnation>>,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Deed {
+    at_s: f64,
+    link: (VehicleId, VehicleId),
+    is_cut: bool,
+}
+
+impl Ground {
+    /// Nothing has happened yet to the swarm of this scenario.
+    pub fn new(scenario: &Scenario) -> Self {
+        let links = scenario.ids().flat_map(|speaker| scenario.ids().map(move |hearer| (speaker, hearer)));
+        let deeds = links.flat_map(|link| {
+            let silences = silences(&scenario.mission.events, link.0, link.1).into_iter();
+            silences.flat_map(move |silence| {
+                let deed = |at_s, is_cut| Deed { at_s, link, is_cut };
+                [deed(silence.start, true), deed(silence.end, false)]
+            })
+        });
+        Self { agenda: deeds.collect(), took_off: BTreeMap::new(), ended: BTreeMap::new() }
+    }
+
+    /// A step of an agent was heard. Gives its restart, if it is the first of a new life.
+    pub fn heard(&mut self, now: Instant, step: &Trace) -> Option<Incident> {
+        let id = step.header.sender;
+        if step.membership != Membership::Joining {
+            self.took_off.entry(id).or_insert(now);
+        }
+        let is_new = self.lives(step) && self.ended.remove(&id).is_some();
+        is_new.then_some(Incident::Restarted(id))
+    }
+
+    /// The agent of this vehicle has ended; `life` is the last that was heard of.
+    pub fn ended(&mut self, id: VehicleId, life: Option<Incarnation>) -> Incident {
+        self.ended.insert(id, life);
+        Incident::Died(id)
+    }
+
+    /// Whether the life that said this is not known to have ended.
+    pub fn lives(&self, step: &Trace) -> bool {
+        let ended = self.ended.get(&step.header.sender);
+        ended.is_none_or(|life| *life < Some(step.header.incarnation))
+    }
+
+    /// How long ago this vehicle first took part, s.
+    pub fn since_take_off_s(&self, now: Instant, id: VehicleId) -> Option<f64> {
+        self.took_off.get(&id).map(|at| now.saturating_duration_since(*at).as_secs_f64())
+    }
+
+    /// What has been done to the links since the last call.
+    pub fn due(&mut self, now: Instant) -> Vec<Incident> {
+        let Self { agenda, took_off, .. } = self;
+        let is_due = |deed: &mut Deed| {
+            let took_off = took_off.get(&deed.link.1);
+            took_off.is_some_and(|at| now.saturating_duration_since(*at).as_secs_f64() >= deed.at_s)
+        };
+        let (cut, healed): (Vec<_>, Vec<_>) = agenda.extract_if(.., is_due).partition(|deed| deed.is_cut);
+        let links = |deeds: Vec<Deed>| -> Vec<_> { deeds.into_iter().map(|deed| deed.link).collect() };
+        let (cut, healed) = (links(cut), links(healed));
+        let healed = (!healed.is_empty()).then_some(Incident::Healed { links: healed });
+        let cut = (!cut.is_empty()).then_some(Incident::Cut { links: cut });
+        healed.into_iter().chain(cut).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::time::Duration;
+
+    use skein_common::frame::{Attitude, PositionNed, VelocityNed};
+    use skein_common::message::Header;
+    use skein_common::scenario::{Source, load};
+    use skein_common::state::Activity;
+    use skein_common::time::{PlantTime, SenderStamp};
+
+    use super::*;
+    use crate::clock;
+
+    fn id(number: u8) -> VehicleId {
+        VehicleId::new(number).unwrap()
+    }
+
+    fn ground(events: &str) -> Ground {
+        let text = format!("swarm.vehicles = 3\n{events}");
+        Ground::new(&load(&Source { name: "test.toml", text: &text }, &[]).unwrap().scenario)
+    }
+
+    fn step(sender: u8, life: u64, membership: Membership) -> Trace {
+        Trace {
+            header: Header {
+                sender: id(sender),
+                incarnation: Incarnation(life),
+                sequence: 1,
+                stamp: SenderStamp::ZERO,
+            },
+            plant_time: PlantTime::ZERO,
+            membership,
+            activity: Activity::Formation,
+            live: 3,
+            step: 0,
+            reached: None,
+            centre_ne_m: [0.0; 2],
+            estimate: PositionNed::default(),
+            position: PositionNed::default(),
+            height_m: 0.0,
+            velocity: VelocityNed::default(),
+            attitude: Attitude::default(),
+            power_w: None,
+            field_ne: [0.0; 2],
+            error_ne_m: [0.0; 2],
+            altitude_setpoint_m: 0.0,
+            sticks: None,
+            peers: Vec::new(),
+            step_us: None,
+            safety_activations: None,
+            frame_overruns: 0,
+            state_messages: 0,
+            state_bytes: 0,
+        }
+    }
+
+    #[test]
+    fn a_new_life_is_a_restart_and_what_the_old_one_said_is_nobodys() {
+        let mut ground = ground("");
+        let now = clock::now();
+        let (old, new) = (step(2, 7, Membership::Active), step(2, 8, Membership::Joining));
+        assert_eq!(ground.heard(now, &old), None);
+        assert!(ground.lives(&old));
+        assert_eq!(ground.ended(id(2), Some(Incarnation(7))), Incident::Died(id(2)));
+        assert_eq!(ground.heard(now, &old), None, "a word of the dead that was late");
+        assert!(!ground.lives(&old) && ground.lives(&new));
+        assert_eq!(ground.heard(now, &new), Some(Incident::Restarted(id(2))));
+        assert_eq!(ground.heard(now, &new), None, "once");
+    }
+
+    #[test]
+    fn a_cut_begins_and_ends_on_the_hearers_own_clock() {
+        let mut ground =
+            ground("mission.events = [{ at_s = 10, fault = \"cut\", from = [1], to = [2, 3], for_s = 5 }]");
+        let zero = clock::now();
+        let at = |t_s: f64| zero + Duration::from_secs_f64(t_s);
+        assert_eq!(ground.due(at(20.0)), [], "nobody has taken off");
+        ground.heard(at(0.0), &step(2, 1, Membership::Active));
+        ground.heard(at(0.0), &step(3, 1, Membership::Joining));
+        ground.heard(at(2.0), &step(3, 1, Membership::Active));
+        let [to_2, to_3] = [2, 3].map(|hearer| vec![(id(1), id(hearer))]);
+        assert_eq!(ground.due(at(9.9)), []);
+        assert_eq!(ground.due(at(10.1)), [Incident::Cut { links: to_2.clone() }]);
+        assert_eq!(ground.due(at(10.2)), []);
+        let both = [Incident::Healed { links: to_2 }, Incident::Cut { links: to_3.clone() }];
+        assert_eq!(ground.due(at(15.5)), both);
+        assert_eq!(ground.due(at(30.0)), [Incident::Healed { links: to_3 }]);
+    }
+}

@@ -1,0 +1,210 @@
+//! What the scenario does to a flight, as far as its launcher does it: processes that end, begin anew or stand still, and
+//! orders. What happens to links, and to plants inside the agents, the agents play by themselves.
+
+use std::fmt;
+use std::ops::Range;
+
+use skein_agent::network::{lasting, union};
+use skein_common::id::VehicleId;
+use skein_common::message::Verb;
+use skein_common::scenario::{Event, Fault, PlantKind, Scenario, Servo, What};
+
+use crate::os;
+use crate::study::world::script::{Agenda, kills, orders};
+
+/// Something to be done, or to be told of.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Deed {
+    /// End this vehicle's agent at once.
+    Kill(VehicleId),
+    /// Give it an agent again.
+    Restart(VehicleId),
+    /// Stop its stand-in.
+    Freeze(VehicleId),
+    /// Let its stand-in go on.
+    Thaw(VehicleId),
+    /// Order the swarm.
+    Order(Verb),
+    /// Somebody else does it.
+    Tell(String),
+}
+
+impl fmt::Display for Deed {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Kill(id) => write!(f, "kills vehicle {id}"),
+            Self::Restart(id) => write!(f, "restarts vehicle {id}"),
+            Self::Freeze(id) => write!(f, "freezes the simulator of vehicle {id}"),
+            Self::Thaw(id) => write!(f, "lets the simulator of vehicle {id} go on"),
+            Self::Order(verb) => write!(f, "orders {verb}"),
+            Self::Tell(what) => f.write_str(what),
+        }
+    }
+}
+
+/// Where the fault of an event is played.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Player {
+    Launcher,
+    Agent,
+    /// This target cannot produce it.
+    Nobody,
+}
+
+impl Player {
+    fn of(fault: &Fault, plant: PlantKind) -> Self {
+        match (fault, plant) {
+            (Fault::Kill { .. }, _) => Self::Launcher,
+            (Fault::Cut { .. }, _) => Self::Agent,
+            // Agents measure time by a clock that nobody sets.
+            (Fault::ClockJump { .. }, _) => Self::Nobody,
+            (_, PlantKind::Builtin) => Self::Agent,
+            (Fault::SimulatorFreeze { .. }, PlantKind::Standin) if os::CAN_FREEZE => Self::Launcher,
+            _ => Self::Nobody,
+        }
+    }
+}
+
+/// Everything that `fly` does or tells of, in its order. The times count from the beginning of the flight's window.
+pub(super) fn agenda(scenario: &Scenario) -> Agenda<Deed> {
+    let events = &scenario.mission.events;
+    let mut deeds: Vec<_> = orders(events).into_iter().map(|(at_s, verb)| (at_s, Deed::Order(verb))).collect();
+    let mut span = |Range { start, end }: Range<f64>, from, until| deeds.extend([(start, from), (end, until)]);
+    for id in scenario.ids() {
+        kills(events, id).into_iter().for_each(|dead| span(dead, Deed::Kill(id), Deed::Restart(id)));
+        let is_its = |fault: &Fault| *fault == Fault::SimulatorFreeze { vehicle: id };
+        let frozen = faults(scenario, Player::Launcher).filter(|(_, fault)| is_its(fault));
+        let frozen = union(frozen.map(|(event, _)| lasting(event)));
+        frozen.into_iter().for_each(|frozen| span(frozen, Deed::Freeze(id), Deed::Thaw(id)));
+    }
+    for (event, fault) in faults(scenario, Player::Agent) {
+        let what = describe(fault);
+        span(lasting(event), Deed::Tell(what.clone()), Deed::Tell(format!("{what}: over")));
+    }
+    Agenda::new(deeds)
+}
+
+/// Events that `fly` cannot produce on the scenario's plant, a sentence each.
+pub fn skipped(scenario: &Scenario) -> Vec<String> {
+    let plant = match scenario.swarm.plant {
+        PlantKind::Builtin => "the built-in plant",
+        PlantKind::Standin => "a stand-in",
+        PlantKind::Xplane => "X-Plane",
+    };
+    let sentence = |(event, fault): (&Event, &Fault)| {
+        let why = match fault {
+            Fault::ClockJump { .. } => "agents in real time have a clock that nobody sets".to_owned(),
+            _ => format!("{plant} cannot be made to fail so"),
+        };
+        format!("at {} s: {}: skipped by `fly`: {why}", event.at_s, describe(fault))
+    };
+    faults(scenario, Player::Nobody).map(sentence).collect()
+}
+
+fn faults(scenario: &Scenario, player: Player) -> impl Iterator<Item = (&Event, &Fault)> {
+    scenario.mission.events.iter().filter_map(move |event| match &event.what {
+        What::Fault(fault) if Player::of(fault, scenario.swarm.plant) == player => Some((event, fault)),
+        _ => None,
+    })
+}
+
+fn describe(fault: &Fault) -> String {
+    let list = |ids: &[VehicleId]| ids.iter().map(VehicleId::to_string).collect::<Vec<_>>().join(", ");
+    match fault {
+        Fault::Kill { vehicle } => format!("kill of vehicle {vehicle}"),
+        Fault::Cut { from, to, both_ways } => {
+            let between = if *both_ways { "both ways" } else { "one way" };
+            format!("cut from vehicle {} to vehicle {}, {between}", list(from), list(to))
+        }
+        Fault::EngineOut { vehicle } => format!("engine_out of vehicle {vehicle}"),
+        Fault::SimulatorFreeze { vehicle } => format!("simulator_freeze of vehicle {vehicle}"),
+        Fault::ServoStuck { vehicle, servo } => {
+            let servo = match servo {
+                Servo::Roll => "roll",
+                Servo::Pitch => "pitch",
+                Servo::Collective => "collective",
+            };
+            format!("servo_stuck ({servo}) of vehicle {vehicle}")
+        }
+        Fault::GyroOff { vehicle } => format!("gyro_off of vehicle {vehicle}"),
+        Fault::GpsFrozen { vehicle } => format!("gps_frozen of vehicle {vehicle}"),
+        Fault::ClockJump { vehicle, by_s } => format!("clock_jump of vehicle {vehicle} by {by_s} s"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scenario::ScenarioArgs;
+
+    const EVENTS: &str = r#"mission.events=[
+        { at_s = 60, fault = "kill", vehicle = 3, for_s = 20 },
+        { at_s = 70, fault = "kill", vehicle = 3, for_s = 30 },
+        { at_s = 90, fault = "kill", vehicle = 1 },
+        { at_s = 50, fault = "cut", from = [1, 2], to = [3, 4], both_ways = true, for_s = 20 },
+        { at_s = 10, fault = "simulator_freeze", vehicle = 2, for_s = 1.5 },
+        { at_s = 20, fault = "engine_out", vehicle = 2 },
+        { at_s = 30, fault = "clock_jump", vehicle = 4, by_s = -5 },
+        { at_s = 55, order = "hold", for_s = 15 },
+        { at_s = 200, order = "land" },
+    ]"#;
+
+    fn scenario(plant: &str) -> Scenario {
+        let sets = vec![EVENTS.replace('\n', " "), format!("swarm.plant={plant}")];
+        ScenarioArgs::default().read(sets).unwrap().scenario
+    }
+
+    fn told(plant: &str) -> Vec<(f64, String)> {
+        let mut agenda = agenda(&scenario(plant));
+        let mut told = Vec::new();
+        for at_s in (0..600).map(|half_seconds| f64::from(half_seconds) / 2.0) {
+            while let Some(deed) = agenda.due(at_s) {
+                told.push((at_s, deed.to_string()));
+            }
+        }
+        told
+    }
+
+    #[test]
+    fn the_launcher_does_what_is_its_and_tells_of_the_rest() {
+        let cut = "cut from vehicle 1, 2 to vehicle 3, 4, both ways";
+        let always = [
+            (50.0, cut),
+            (55.0, "orders hold"),
+            (60.0, "kills vehicle 3"),
+            (70.0, "orders goto 0"),
+            (70.0, &format!("{cut}: over")),
+            (90.0, "kills vehicle 1"),
+            (100.0, "restarts vehicle 3"),
+            (200.0, "orders land"),
+        ]
+        .map(|(at_s, what)| (at_s, what.to_owned()));
+        let with = |first: &[(f64, &str)]| -> Vec<_> {
+            let first = first.iter().map(|(at_s, what)| (*at_s, (*what).to_owned()));
+            first.chain(always.iter().cloned()).collect()
+        };
+        let frozen = [(10.0, "freezes the simulator of vehicle 2"), (11.5, "lets the simulator of vehicle 2 go on")];
+        let inside = [
+            (10.0, "simulator_freeze of vehicle 2"),
+            (11.5, "simulator_freeze of vehicle 2: over"),
+            (20.0, "engine_out of vehicle 2"),
+        ];
+        assert_eq!(told("builtin"), with(&inside));
+        assert_eq!(told("standin"), with(if os::CAN_FREEZE { &frozen } else { &[] }));
+        assert_eq!(told("xplane"), with(&[]));
+    }
+
+    #[test]
+    fn what_is_skipped_is_said_once_each() {
+        let clock = "at 30 s: clock_jump of vehicle 4 by -5 s: skipped by `fly`: agents in real time have a clock that \
+                     nobody sets";
+        assert_eq!(skipped(&scenario("builtin")), [clock]);
+        let engine =
+            |plant| format!("at 20 s: engine_out of vehicle 2: skipped by `fly`: {plant} cannot be made to fail so");
+        let standin = skipped(&scenario("standin"));
+        assert_eq!(standin[standin.len() - 2..], [engine("a stand-in"), clock.to_owned()]);
+        assert_eq!(standin.len(), if os::CAN_FREEZE { 2 } else { 3 });
+        assert_eq!(skipped(&scenario("xplane"))[1], engine("X-Plane"));
+        assert_eq!(skipped(&scenario("xplane")).len(), 3);
+    }
+}

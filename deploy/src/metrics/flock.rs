@@ -1,0 +1,155 @@
+//! How the swarm flies together: whether all go the same way, and whether they keep to a centre that moves.
+
+use nalgebra::Vector3;
+use skein_common::frame::VelocityNed;
+
+use super::VehicleNow;
+use super::series::{Mean, Window};
+
+/// Slower than this nobody has a direction, m/s.
+const MOVING_M_S: f64 = 0.2;
+
+/// How much the members' velocities point the same way.
+#[derive(Debug, Default)]
+pub(super) struct Alignment {
+    /// Φ.
+    pub(super) polarization: Window,
+    /// Mean over the members of the mean cosine between the own velocity and those of the members that it hears.
+    pub(super) order: Window,
+    /// Room to work in.
+    directions: Vec<Option<Vector3<f64>>>,
+}
+
+impl Alignment {
+    pub(super) fn observe(&mut self, t_s: f64, vehicles: &[VehicleNow]) {
+        let direction = |vehicle: &VehicleNow| direction(&vehicle.truth.velocity).filter(|_| vehicle.takes_part());
+        self.directions.clear();
+        self.directions.extend(vehicles.iter().map(direction));
+        // One alone always agrees with itself.
+        if self.directions.iter().flatten().count() < 2 {
+            return;
+        }
+        if let Some(polarization) = polarization(&self.directions) {
+            self.polarization.add(t_s, polarization);
+        }
+        if let Some(order) = order(vehicles, &self.directions) {
+            self.order.add(t_s, order);
+        }
+    }
+}
+
+fn direction(velocity: &VelocityNed) -> Option<Vector3<f64>> {
+    let speed_m_s = velocity.0.norm();
+    (speed_m_s > MOVING_M_S).then(|| velocity.0 / speed_m_s)
+}
+
+/// Length of the mean direction.
+fn polarization(directions: &[Option<Vector3<f64>>]) -> Option<f64> {
+    let (count, sum) =
+        directions.iter().flatten().fold((0_u32, Vector3::zeros()), |(count, sum), one| (count + 1, sum + one));
+    (count > 0).then(|| sum.norm() / f64::from(count))
+}
+
+/// Mean of the mean cosines; of those who move and hear somebody who does.
+fn order(vehicles: &[VehicleNow], directions: &[Option<Vector3<f64>>]) -> Option<f64> {
+    let mut all = Mean::default();
+    for (vehicle, own) in vehicles.iter().zip(directions) {
+        let Some(own) = own else { continue };
+        let mut cosines = Mean::default();
+        for (other, theirs) in vehicles.iter().zip(directions) {
+            if let Some(theirs) = theirs
+                && vehicle.hears.contains(other.id)
+            {
+                cosines.add(own.dot(theirs));
+            }
+        }
+        if let Some(cosine) = cosines.mean() {
+            all.add(cosine);
+        }
+    }
+    all.mean()
+}
+
+/// How the members keep to their centres while these move.
+#[derive(Debug, Default)]
+pub(super) struct Following {
+    /// Whether a centre has ever moved.
+    pub(super) has_begun: bool,
+    /// Largest horizontal distance of a member from its centre.
+    pub(super) farthest_m: Option<f64>,
+    /// 1 for each member within its ellipse, 0 for each without.
+    pub(super) inside: Mean,
+    /// Distance of the centroid from the centre, from the first movement on.
+    pub(super) lag_m: Mean,
+}
+
+impl Following {
+    /// One member, while its centre moves.
+    pub(super) fn follow(&mut self, distance_m: f64, inside: bool) {
+        self.has_begun = true;
+        self.farthest_m = Some(self.farthest_m.map_or(distance_m, |farthest_m| farthest_m.max(distance_m)));
+        self.inside.add(if inside { 1.0 } else { 0.0 });
+    }
+
+    /// The distance of the members' centroid from the centre.
+    pub(super) fn trail(&mut self, lag_m: f64) {
+        if self.has_begun {
+            self.lag_m.add(lag_m);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::tests::{set, vehicle};
+    use super::*;
+
+    fn moving(number: u8, hears: &[u8], velocity: [f64; 3]) -> VehicleNow {
+        let mut vehicle = vehicle(number, 0.0, 100.0, 30.0);
+        vehicle.hears = set(hears);
+        vehicle.truth.velocity = VelocityNed::from(velocity);
+        vehicle
+    }
+
+    fn observed(vehicles: &[VehicleNow]) -> (Option<f64>, Option<f64>) {
+        let mut alignment = Alignment::default();
+        alignment.observe(0.0, vehicles);
+        (alignment.polarization.mean(0.0), alignment.order.mean(0.0))
+    }
+
+    #[test]
+    fn polarization_is_the_length_of_the_mean_direction() {
+        let all = [moving(1, &[2, 3], [3.0, 0.0, 0.0]), moving(2, &[1, 3], [0.0, 0.5, 0.0])];
+        let (polarization, order) = observed(&all);
+        assert!((polarization.unwrap() - 0.5_f64.sqrt()).abs() < 1e-12, "north and east: {polarization:?}");
+        assert!(order.unwrap().abs() < 1e-12, "at right angles: {order:?}");
+        let slow = moving(3, &[1, 2], [-0.1, -0.1, 0.1]);
+        assert_eq!(observed(&[all[0], all[1], slow]), (polarization, order), "who hovers has no direction");
+        assert_eq!(observed(&[all[0], slow]), (None, None), "one alone says nothing");
+    }
+
+    #[test]
+    fn order_is_among_those_who_hear_each_other() {
+        // 1 hears 2, which flies its way; 2 hears 3, which flies the opposite way; 3 hears nobody.
+        let all =
+            [moving(1, &[2], [2.0, 0.0, 0.0]), moving(2, &[3], [4.0, 0.0, 0.0]), moving(3, &[], [-1.0, 0.0, 0.0])];
+        let (polarization, order) = observed(&all);
+        assert!((polarization.unwrap() - 1.0 / 3.0).abs() < 1e-12);
+        assert_eq!(order, Some(0.0), "the mean of 1 and -1");
+        let mut dead = all;
+        dead[2].runs = false;
+        assert_eq!(observed(&dead), (Some(1.0), Some(1.0)), "who does not fly by itself is no neighbour");
+    }
+
+    #[test]
+    fn the_centroids_lag_counts_from_the_first_movement_on() {
+        let mut following = Following::default();
+        following.trail(100.0);
+        following.follow(30.0, true);
+        following.trail(10.0);
+        following.follow(60.0, false);
+        following.trail(20.0);
+        assert_eq!((following.farthest_m, following.inside.mean()), (Some(60.0), Some(0.5)));
+        assert_eq!(following.lag_m.mean(), Some(15.0));
+    }
+}

@@ -1,0 +1,178 @@
+use skein_common::message::Failure;
+
+use super::super::tests::{set, vehicle};
+use super::*;
+
+fn id(number: u8) -> VehicleId {
+    VehicleId::new(number).unwrap()
+}
+
+fn links(links: &[(u8, u8)]) -> Vec<Link> {
+    links.iter().map(|&(speaker, hearer)| (id(speaker), id(hearer))).collect()
+}
+
+/// Vehicle `number`, a member that hears these.
+fn member(number: u8, hears: &[u8]) -> VehicleNow {
+    VehicleNow { hears: set(hears), ..vehicle(number, 0.0, 100.0, 30.0) }
+}
+
+fn dead(number: u8) -> VehicleNow {
+    VehicleNow { runs: false, ..member(number, &[]) }
+}
+
+fn joining(number: u8, hears: &[u8]) -> VehicleNow {
+    VehicleNow { is_member: false, ..member(number, hears) }
+}
+
+/// Three members who hear each other.
+fn three() -> Membership {
+    let mut membership = Membership::new(3);
+    membership.observe(0.0, &[member(1, &[2, 3]), member(2, &[1, 3]), member(3, &[1, 2])]);
+    membership
+}
+
+fn figures(membership: &Membership, t_s: f64) -> (Worst, Worst) {
+    (membership.detection(t_s), membership.rejoin(t_s))
+}
+
+#[track_caller]
+fn assert_took(worst: Worst, expected_s: f64) {
+    assert!(worst.s().is_some_and(|took_s| (took_s - expected_s).abs() < 1e-9), "{worst:?}, expected {expected_s} s");
+}
+
+#[test]
+fn a_death_is_detected_when_the_last_one_has_lost_it() {
+    let mut membership = three();
+    membership.died(10.0, id(2));
+    membership.observe(10.0, &[member(1, &[2, 3]), dead(2), member(3, &[1, 2])]);
+    membership.observe(10.5, &[member(1, &[3]), dead(2), member(3, &[1, 2])]);
+    assert_eq!(membership.detection(10.5).s(), None);
+    membership.observe(11.25, &[member(1, &[3]), dead(2), member(3, &[1])]);
+    assert_took(membership.detection(11.25), 1.25);
+    assert_eq!(membership.members(), set(&[1, 3]));
+}
+
+#[test]
+fn what_is_not_noticed_in_time_never_is() {
+    let mut membership = three();
+    membership.died(10.0, id(2));
+    membership.observe(10.0, &[member(1, &[3]), dead(2), member(3, &[1, 2])]);
+    let (early, late) = (membership.detection(40.0), membership.detection(40.1));
+    assert_eq!((early.s(), early.is_never(), late.s(), late.is_never()), (None, false, None, true));
+}
+
+#[test]
+fn a_restarted_agent_is_back_when_everybody_counts_on_it() {
+    let mut membership = three();
+    membership.died(10.0, id(2));
+    membership.observe(10.1, &[member(1, &[3]), dead(2), member(3, &[1])]);
+    membership.restarted(30.0, id(2));
+    membership.observe(30.0, &[member(1, &[3]), joining(2, &[]), member(3, &[1])]);
+    membership.observe(31.0, &[member(1, &[2, 3]), joining(2, &[1, 3]), member(3, &[1, 2])]);
+    assert_eq!(membership.rejoin(31.0).s(), None, "heard by all, and does not take part yet");
+    membership.observe(32.5, &[member(1, &[2, 3]), member(2, &[1, 3]), member(3, &[1, 2])]);
+    let (detection, rejoin) = figures(&membership, 32.5);
+    assert_took(detection, 0.1);
+    assert_took(rejoin, 2.5);
+}
+
+#[test]
+fn a_restart_before_the_death_was_noticed_leaves_nothing_to_detect() {
+    let mut membership = three();
+    membership.died(10.0, id(2));
+    membership.observe(10.0, &[member(1, &[2, 3]), dead(2), member(3, &[1, 2])]);
+    membership.restarted(10.2, id(2));
+    membership.observe(12.4, &[member(1, &[2, 3]), member(2, &[1, 3]), member(3, &[1, 2])]);
+    let (detection, rejoin) = figures(&membership, 60.0);
+    assert_eq!((detection.s(), detection.is_never()), (None, false));
+    assert_took(rejoin, 2.2);
+}
+
+#[test]
+fn a_cut_is_detected_by_those_who_hear_nothing_any_more_and_healed_when_they_do_again() {
+    let mut membership = three();
+    // 3 does not hear 1 and 2; they hear it.
+    let cut = links(&[(1, 3), (2, 3)]);
+    membership.cut(20.0, &cut);
+    assert!(membership.is_split());
+    membership.observe(21.0, &[member(1, &[2, 3]), member(2, &[1, 3]), member(3, &[1])]);
+    membership.observe(22.0, &[member(1, &[2, 3]), member(2, &[1, 3]), member(3, &[])]);
+    assert_took(membership.detection(22.0), 2.0);
+    membership.healed(40.0, &cut);
+    assert!(!membership.is_split());
+    membership.observe(40.0, &[member(1, &[2, 3]), member(2, &[1, 3]), member(3, &[])]);
+    membership.observe(40.5, &[member(1, &[2, 3]), member(2, &[1, 3]), member(3, &[1])]);
+    membership.observe(41.0, &[member(1, &[2, 3]), member(2, &[1, 3]), member(3, &[1, 2])]);
+    assert_took(membership.rejoin(41.0), 1.0);
+}
+
+#[test]
+fn a_cut_that_is_healed_unnoticed_is_neither_detected_nor_rejoined() {
+    let mut membership = three();
+    let cut = links(&[(1, 3)]);
+    membership.cut(20.0, &cut);
+    membership.observe(20.0, &[member(1, &[2, 3]), member(2, &[1, 3]), member(3, &[1, 2])]);
+    membership.healed(20.5, &cut);
+    membership.observe(20.5, &[member(1, &[2, 3]), member(2, &[1, 3]), member(3, &[1, 2])]);
+    let (detection, rejoin) = figures(&membership, 100.0);
+    assert_eq!((detection.s(), detection.is_never(), rejoin.s(), rejoin.is_never()), (None, false, None, false));
+}
+
+#[test]
+fn who_is_cut_off_cannot_see_a_return() {
+    let mut membership = three();
+    membership.cut(5.0, &links(&[(2, 3), (3, 2)]));
+    membership.died(10.0, id(2));
+    membership.restarted(30.0, id(2));
+    membership.observe(32.0, &[member(1, &[2, 3]), member(2, &[1]), member(3, &[1])]);
+    assert_took(membership.rejoin(32.0), 2.0);
+}
+
+#[test]
+fn who_loses_a_living_peer_that_it_could_hear_suspects_it_falsely() {
+    let everybody = [member(1, &[2, 3]), member(2, &[1, 3]), member(3, &[1, 2])];
+    let lost_by = |membership: &mut Membership, t_s, lost, by| {
+        membership.told(t_s, id(by), &Happening::PeerLost(id(lost)));
+        membership.observe(t_s, &everybody);
+        membership.false_suspicions()
+    };
+    let mut membership = three();
+    assert_eq!(lost_by(&mut membership, 1.0, 2, 1), 1);
+    membership.cut(2.0, &links(&[(2, 1)]));
+    assert_eq!(lost_by(&mut membership, 2.5, 2, 1), 1, "it cannot hear it");
+    assert_eq!(lost_by(&mut membership, 2.5, 1, 2), 1, "the other way round it can, and is not blamed");
+    assert_eq!(lost_by(&mut membership, 2.5, 3, 2), 2, "another link");
+    membership.healed(3.0, &links(&[(2, 1)]));
+    assert_eq!(lost_by(&mut membership, 4.9, 2, 1), 2, "healed just now");
+    assert_eq!(lost_by(&mut membership, 5.1, 2, 1), 3);
+}
+
+#[test]
+fn the_loss_of_somebody_dead_restarted_or_gone_is_right() {
+    let mut membership = three();
+    // In a live run a death may come to be known after others have told of it.
+    membership.told(1.0, id(1), &Happening::PeerLost(id(2)));
+    membership.died(1.0, id(2));
+    membership.observe(1.0, &[member(1, &[3]), dead(2), member(3, &[1])]);
+    membership.restarted(3.0, id(2));
+    membership.told(4.0, id(3), &Happening::PeerLost(id(2)));
+    membership.observe(4.0, &[member(1, &[2, 3]), member(2, &[1, 3]), member(3, &[1])]);
+    // Vehicle 1 has landed.
+    membership.observe(9.0, &[joining(1, &[2, 3]), member(2, &[1, 3]), member(3, &[1, 2])]);
+    membership.told(10.0, id(3), &Happening::PeerLost(id(1)));
+    membership.observe(10.0, &[joining(1, &[2, 3]), member(2, &[1, 3]), member(3, &[2])]);
+    assert_eq!(membership.false_suspicions(), 0);
+}
+
+#[test]
+fn a_failure_is_answered_when_its_vehicle_tells_of_it() {
+    let mut membership = three();
+    membership.failed(50.0, id(2));
+    membership.told(50.5, id(1), &Happening::OwnDataStale);
+    assert_eq!(membership.response(50.5).s(), None, "somebody else's");
+    membership.told(51.5, id(2), &Happening::Failed(Failure::Engine));
+    membership.told(70.0, id(2), &Happening::OwnDataStale);
+    assert_took(membership.response(70.0), 1.5);
+    membership.failed(80.0, id(3));
+    assert!(!membership.response(110.0).is_never() && membership.response(110.1).is_never());
+}

@@ -1,0 +1,140 @@
+//! How the swarm goes from step to step of its mission.
+
+use super::{VehicleNow, index};
+
+/// The steps that the live members are at.
+#[derive(Debug)]
+pub(super) struct Steps {
+    /// How many steps every live member has reached or passed; `None` before anybody was a member.
+    passed: Option<u32>,
+    /// When every live member had come to have reached or passed each step, s. Not known of those that the window began
+    /// with.
+    open_s: Vec<Option<f64>>,
+    /// The step that each vehicle was last seen at as a live member, by id.
+    at: Vec<Option<u32>>,
+    skew: Option<u32>,
+    latency_s: Option<f64>,
+}
+
+impl Steps {
+    /// Nothing seen yet of a mission with so many steps, flown by so many vehicles.
+    pub(super) fn new(steps: usize, vehicles: usize) -> Self {
+        Self { passed: None, open_s: vec![None; steps], at: vec![None; vehicles], skew: None, latency_s: None }
+    }
+
+    pub(super) fn observe(&mut self, t_s: f64, vehicles: &[VehicleNow]) {
+        self.open(t_s, vehicles);
+        for vehicle in vehicles {
+            let Some(at) = self.at.get_mut(index(vehicle.id)) else { continue };
+            let before = std::mem::replace(at, vehicle.takes_part().then_some(vehicle.step));
+            // Whoever goes on to a landing is no member any more, and has still entered that step.
+            let has_entered = vehicle.runs && before.is_some_and(|before| vehicle.step > before);
+            let left = vehicle.step.checked_sub(1).filter(|_| has_entered);
+            if let Some(open_s) = left.and_then(|left| *self.open_s.get(left as usize)?) {
+                self.latency_s = Some(self.latency_s.unwrap_or(0.0).max(t_s - open_s));
+            }
+        }
+    }
+
+    /// How many steps every live member has reached or passed.
+    pub(super) fn passed(&self) -> Option<u64> {
+        self.passed.map(u64::from)
+    }
+
+    /// The largest difference of two live members' steps.
+    pub(super) fn skew(&self) -> Option<u64> {
+        self.skew.map(u64::from)
+    }
+
+    /// The longest that a live member was late in leaving a step that everybody had reached, s.
+    pub(super) fn latency_s(&self) -> Option<f64> {
+        self.latency_s
+    }
+
+    /// Notes which steps have just come to be reached or passed by everybody.
+    fn open(&mut self, t_s: f64, vehicles: &[VehicleNow]) {
+        let members = || vehicles.iter().filter(|vehicle| vehicle.takes_part());
+        let passed = members().map(|member| member.reached.map_or(0, |reached| reached + 1).max(member.step)).min();
+        let Some(passed) = passed else { return };
+        let steps = members().map(|member| member.step);
+        if let (Some(least), Some(most)) = (steps.clone().min(), steps.max()) {
+            self.skew = self.skew.max(Some(most - least));
+        }
+        if let Some(before) = self.passed {
+            for step in before..passed {
+                if let Some(open_s) = self.open_s.get_mut(step as usize) {
+                    *open_s = Some(t_s);
+                }
+            }
+        }
+        self.passed = Some(passed);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::tests::vehicle;
+    use super::*;
+
+    /// Vehicle `number` at a step, having reached some.
+    fn at(number: u8, step: u32, reached: Option<u32>) -> VehicleNow {
+        VehicleNow { step, reached, ..vehicle(number, 0.0, 100.0, 30.0) }
+    }
+
+    fn observed(history: &[(f64, &[VehicleNow])]) -> Steps {
+        let mut steps = Steps::new(4, 3);
+        history.iter().for_each(|(t_s, vehicles)| steps.observe(*t_s, vehicles));
+        steps
+    }
+
+    #[test]
+    fn latency_is_from_the_last_reach_to_the_last_entry() {
+        let steps = observed(&[
+            (0.0, &[at(1, 0, None), at(2, 0, None)]),
+            (10.0, &[at(1, 0, Some(0)), at(2, 0, None)]),
+            (14.0, &[at(1, 0, Some(0)), at(2, 0, Some(0))]),
+            (14.2, &[at(1, 1, Some(0)), at(2, 0, Some(0))]),
+            (14.5, &[at(1, 1, Some(0)), at(2, 1, Some(0))]),
+            (30.0, &[at(1, 1, Some(1)), at(2, 1, Some(1))]),
+            (30.1, &[at(1, 2, Some(1)), at(2, 2, Some(1))]),
+        ]);
+        assert!((steps.latency_s().unwrap() - 0.5).abs() < 1e-9, "{:?}", steps.latency_s());
+        assert_eq!((steps.passed(), steps.skew()), (Some(2), Some(1)));
+    }
+
+    #[test]
+    fn nobody_waits_for_the_dead_and_their_end_opens_the_step() {
+        let dead = VehicleNow { runs: false, ..at(2, 0, None) };
+        let steps = observed(&[
+            (0.0, &[at(1, 0, Some(0)), at(2, 0, None)]),
+            (20.0, &[at(1, 0, Some(0)), dead]),
+            (20.5, &[at(1, 1, Some(0)), dead]),
+        ]);
+        assert!((steps.latency_s().unwrap() - 0.5).abs() < 1e-9, "since the death: {:?}", steps.latency_s());
+        assert_eq!((steps.passed(), steps.skew()), (Some(1), Some(0)));
+    }
+
+    #[test]
+    fn somebody_carried_forward_adds_to_the_skew_and_not_to_the_latency() {
+        let steps = observed(&[
+            (0.0, &[at(1, 0, Some(0)), at(2, 0, None)]),
+            (5.0, &[at(1, 1, Some(1)), at(2, 0, None)]),
+            (20.0, &[at(1, 2, Some(1)), at(2, 0, None)]),
+            (30.0, &[at(1, 2, Some(1)), at(2, 2, None)]),
+        ]);
+        assert_eq!((steps.passed(), steps.skew(), steps.latency_s()), (Some(2), Some(2), Some(0.0)));
+    }
+
+    #[test]
+    fn a_joiner_is_no_latecomer_and_a_landing_is_an_entry() {
+        let joining = |step| VehicleNow { is_member: false, ..at(3, step, None) };
+        let landing = VehicleNow { is_member: false, ..at(1, 3, Some(2)) };
+        let steps = observed(&[
+            (0.0, &[at(1, 2, None), joining(0)]),
+            (10.0, &[at(1, 2, Some(2)), joining(0)]),
+            (11.0, &[at(1, 2, Some(2)), joining(2)]),
+            (12.0, &[landing, joining(2)]),
+        ]);
+        assert_eq!((steps.passed(), steps.skew(), steps.latency_s()), (Some(3), Some(0), Some(2.0)));
+    }
+}

@@ -1,0 +1,155 @@
+//! How long the formation takes to settle after somebody has come or gone.
+
+use skein_common::id::VehicleSet;
+
+use super::series::{Settling, Worst};
+
+/// A formation that has not settled in this time, though nothing disturbed it, never does, s.
+const LIMIT_S: f64 = 120.0;
+
+/// The formation's transients. One begins when the set of live members changes, or when a cut is healed, and ends with the
+/// next such change or cut; its length is the time after which the formation was settled until then. While a link is cut
+/// there is no common formation to settle. A swarm that goes on to another step breaks its formation up: one that had
+/// settled has settled, one that had not gets a new chance.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Transients {
+    members: Option<VehicleSet>,
+    is_split: bool,
+    step: Option<u32>,
+    current: Option<Transient>,
+    worst: Worst,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Transient {
+    since_s: f64,
+    /// Since when the swarm is at its step, or since the transient began.
+    calm_since_s: f64,
+    settling: Settling,
+}
+
+impl Transients {
+    /// The live members, whether any link is cut, the latest step that a member is at, whether the formation is as it is to
+    /// be.
+    pub(super) fn observe(
+        &mut self,
+        t_s: f64,
+        members: VehicleSet,
+        is_split: bool,
+        step: Option<u32>,
+        is_settled: bool,
+    ) {
+        let is_change = self.members.is_some_and(|before| before != members);
+        if is_change || is_split != self.is_split {
+            self.close(t_s);
+            let begins = Transient { since_s: t_s, calm_since_s: t_s, settling: Settling::default() };
+            self.current = (!is_split).then_some(begins);
+        } else if step != self.step {
+            match &mut self.current {
+                Some(current) if current.settling.since_s().is_none() => current.calm_since_s = t_s,
+                _ => self.close(t_s),
+            }
+        }
+        (self.members, self.is_split, self.step) = (Some(members), is_split, step);
+        if let Some(current) = &mut self.current {
+            current.settling.observe(t_s, is_settled);
+        }
+    }
+
+    /// The longest transient of a window that ends at `t_s`.
+    pub(super) fn worst(&self, t_s: f64) -> Worst {
+        let mut ended = self.clone();
+        ended.close(t_s);
+        ended.worst
+    }
+
+    fn close(&mut self, t_s: f64) {
+        let Some(Transient { since_s, calm_since_s, settling }) = self.current.take() else { return };
+        match settling.since_s() {
+            Some(settled_s) => self.worst.took(settled_s - since_s),
+            None if t_s - calm_since_s > LIMIT_S => self.worst.never_came(),
+            None => {}
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::tests::set;
+    use super::*;
+
+    /// The figure of a window of `end_s`, seen once a second.
+    fn worst(
+        end_s: u32,
+        members: impl Fn(u32) -> VehicleSet,
+        is_split: impl Fn(u32) -> bool,
+        is_settled: impl Fn(u32) -> bool,
+    ) -> (Option<f64>, bool) {
+        with_steps(end_s, members, is_split, |_| 0, is_settled)
+    }
+
+    fn with_steps(
+        end_s: u32,
+        members: impl Fn(u32) -> VehicleSet,
+        is_split: impl Fn(u32) -> bool,
+        step: impl Fn(u32) -> u32,
+        is_settled: impl Fn(u32) -> bool,
+    ) -> (Option<f64>, bool) {
+        let mut transients = Transients::default();
+        for t_s in 0..=end_s {
+            transients.observe(f64::from(t_s), members(t_s), is_split(t_s), Some(step(t_s)), is_settled(t_s));
+        }
+        let worst = transients.worst(f64::from(end_s));
+        (worst.s(), worst.is_never())
+    }
+
+    #[test]
+    fn without_a_change_there_is_no_transient() {
+        assert_eq!(worst(300, |_| set(&[1, 2]), |_| false, |t_s| t_s > 80), (None, false));
+    }
+
+    #[test]
+    fn a_transient_lasts_until_the_formation_is_settled_for_good() {
+        let loses_one = |t_s| if t_s < 100 { set(&[1, 2, 3]) } else { set(&[1, 3]) };
+        let figure = worst(300, loses_one, |_| false, |t_s| t_s < 100 || t_s == 120 || t_s >= 140);
+        assert_eq!(figure, (Some(40.0), false));
+    }
+
+    #[test]
+    fn the_next_change_ends_it_and_the_worst_counts() {
+        let members = |t_s| match t_s {
+            0..50 => set(&[1, 2, 3]),
+            50..100 => set(&[1, 3]),
+            _ => set(&[1, 2, 3]),
+        };
+        let settled = |t_s| (80..100).contains(&t_s) || t_s >= 115;
+        assert_eq!(worst(300, members, |_| false, settled), (Some(30.0), false));
+    }
+
+    #[test]
+    fn what_has_time_and_does_not_settle_never_does() {
+        let members = |t_s| if t_s < 50 { set(&[1, 2]) } else { set(&[1]) };
+        assert_eq!(worst(170, members, |_| false, |t_s| t_s < 50), (None, false), "only 120 s were left");
+        assert_eq!(worst(171, members, |_| false, |t_s| t_s < 50), (None, true));
+    }
+
+    #[test]
+    fn a_split_swarm_has_no_transient_and_a_healed_one_has() {
+        let split = |t_s| (50..250).contains(&t_s);
+        let figure = worst(400, |_| set(&[1, 2, 3, 4]), split, |t_s| !(50..262).contains(&t_s));
+        assert_eq!(figure, (Some(12.0), false), "the 200 s of the cut are nobody's fault");
+    }
+
+    #[test]
+    fn a_step_ends_what_has_settled_and_gives_the_rest_a_new_chance() {
+        let loses_one = |t_s| if t_s < 50 { set(&[1, 2, 3]) } else { set(&[1, 3]) };
+        let whole = |_| false;
+        let step = |t_s| u32::from(t_s >= 100);
+        let settled = |t_s| (80..100).contains(&t_s);
+        assert_eq!(with_steps(400, loses_one, whole, step, settled), (Some(30.0), false), "on the way it need not be");
+        let later = |t_s| t_s >= 190;
+        assert_eq!(with_steps(400, loses_one, whole, step, later), (Some(140.0), false), "at the next place");
+        assert_eq!(with_steps(220, loses_one, whole, step, |_| false), (None, false), "120 s at the next place");
+        assert_eq!(with_steps(221, loses_one, whole, step, |_| false), (None, true));
+    }
+}
