@@ -15,6 +15,7 @@ pub mod agreement;
 pub mod centre;
 pub mod landing;
 pub mod plan;
+pub mod progress;
 
 use nalgebra::Vector2;
 use skein_common::id::{VehicleId, VehicleSet};
@@ -27,6 +28,7 @@ use crate::estimate::Estimate;
 use agreement::{Agreement, Event, Part, Progress};
 use landing::{Descent, Landing};
 use plan::{Kind, Leg};
+use progress::LegProgress;
 
 /// An agent listens for this long before it takes part, s.
 pub const JOIN_S: f64 = 2.0;
@@ -108,24 +110,10 @@ pub struct Mission {
     leaving: bool,
     heading_rad: f64,
     at_altitude: bool,
-    leg: LegState,
+    progress: LegProgress,
     /// Where to stay, once that has begun.
     stay: Option<Place>,
     landing: Option<Landing>,
-}
-
-/// How far the present step is.
-#[derive(Clone, Copy, Debug, Default)]
-struct LegState {
-    last: Option<PlantTime>,
-    /// Time spent in it, s.
-    spent_s: f64,
-    /// Time in place without interruption, s.
-    placed_s: f64,
-    /// How far the centre is along the path, m.
-    progress_m: f64,
-    /// How fast it moves along it, m/s.
-    speed_m_s: f64,
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -156,7 +144,7 @@ impl Mission {
             leaving: false,
             heading_rad: 0.0,
             at_altitude: false,
-            leg: LegState::default(),
+            progress: LegProgress::default(),
             stay: None,
             landing: None,
         }
@@ -184,7 +172,7 @@ impl Mission {
         if self.membership() == Membership::Active {
             self.agreement.step(Event::Became(Membership::Joining));
             self.since = None;
-            self.leg = LegState { last: None, ..self.leg };
+            self.progress.pause();
         }
     }
 
@@ -225,7 +213,7 @@ impl Mission {
             now.local
         });
         self.agreement.step(Event::Sees(view.heard));
-        self.agreement.members().iter().for_each(|id| self.counted.insert(id));
+        self.counted.extend(self.agreement.members());
         self.watch_quorum(happened);
         let has_listened = now.local.seconds_since(since) >= JOIN_S;
         if self.membership() == Membership::Joining {
@@ -261,18 +249,12 @@ impl Mission {
 
     /// How far it takes the centre to be along this step's path, m.
     pub fn progress_m(&self) -> f64 {
-        self.leg.progress_m
+        self.progress.along_m()
     }
 
     /// Where it takes the centre to be and how that moves, north and east, m and m/s.
     pub fn centre(&self) -> (Vector2<f64>, Vector2<f64>) {
-        match self.leg() {
-            Some(Leg { kind: Kind::Path(path), .. }) => {
-                let (centre_ne_m, along) = path.at(self.leg.progress_m);
-                (centre_ne_m, along * self.leg.speed_m_s)
-            }
-            leg => (leg.map(|leg| leg.from_ne_m).unwrap_or_default(), Vector2::zeros()),
-        }
+        self.leg().map(|leg| self.progress.centre(leg)).unwrap_or_default()
     }
 
     /// Whether the mission has come to its landing.
@@ -331,14 +313,13 @@ impl Mission {
         // Whoever has left only looks on.
         happened.extend((self.membership() != Membership::Left).then_some(told));
         self.counted = self.agreement.members();
-        self.leg = LegState { last: self.leg.last, ..LegState::default() };
+        self.progress.begin_next();
         self.others_m.clear();
     }
 
     /// Whoever comes late takes the centre to be where the foremost has it, so that nobody waits for it.
     fn catch_up(&mut self) {
-        let foremost_m = self.others_m.iter().map(|(_, progress_m)| *progress_m).fold(self.leg.progress_m, f64::max);
-        self.leg.progress_m = foremost_m;
+        self.others_m.iter().for_each(|(_, along_m)| self.progress.catch_up(*along_m));
     }
 
     fn watch_quorum(&mut self, happened: &mut Vec<Happening>) {
@@ -373,47 +354,28 @@ impl Mission {
         }
         self.at_altitude |= view.at_altitude;
         self.activity = if self.at_altitude { Activity::Formation } else { Activity::TakingOff };
-        self.pass_time(now.plant, view.in_place);
-        let at = self.agreement.at();
-        if self.is_reached() && self.agreement.reached() < Some(at) {
+        if self.is_over(now.plant, view.in_place) && self.reached() < Some(self.at()) {
             self.agreement.step(Event::Reached);
-            happened.push(Happening::Reached(at));
+            happened.push(Happening::Reached(self.at()));
         }
         self.agree(Event::Free, happened);
         let (centre_ne_m, centre_velocity_ne_m_s) = self.centre();
-        let step = self.agreement.at() as usize;
+        let step = self.at() as usize;
         Task::Formation(Goal { step, centre_ne_m, centre_velocity_ne_m_s, heading_rad: self.heading_rad })
     }
 
-    /// Counts the step's times and moves its centre.
-    fn pass_time(&mut self, now: PlantTime, in_place: bool) {
-        let dt_s = self.leg.last.map_or(0.0, |last| now.seconds_since(last).max(0.0));
-        self.leg.last = Some(now);
-        self.leg.spent_s += dt_s;
-        self.leg.placed_s = if in_place { self.leg.placed_s + dt_s } else { 0.0 };
-        let Some(Leg { kind: Kind::Path(path), .. }) = self.legs.get(self.agreement.at() as usize) else { return };
+    /// Lets time pass within the step. True if nothing of it is left to this vehicle.
+    fn is_over(&mut self, now: PlantTime, in_place: bool) -> bool {
+        let Some(leg) = self.legs.get(self.agreement.at() as usize) else { return false };
         let members = self.agreement.members();
-        let others_m = self.others_m.iter().filter(|(id, _)| members.contains(*id)).map(|(_, progress_m)| *progress_m);
-        self.leg.speed_m_s = centre::speed_m_s(path, self.leg.progress_m, others_m, members.len() + 1);
-        self.leg.progress_m = (self.leg.progress_m + self.leg.speed_m_s * dt_s).min(path.length_m());
-    }
-
-    /// Whether this step is over for this vehicle.
-    fn is_reached(&self) -> bool {
-        let Some(leg) = self.leg() else { return false };
-        let is_placed = self.leg.placed_s >= leg.dwell_s && self.leg.placed_s > 0.0;
-        match &leg.kind {
-            Kind::Place => is_placed,
-            Kind::Hold(hold_s) => self.leg.spent_s >= *hold_s,
-            Kind::Path(path) => is_placed && self.leg.progress_m >= path.length_m(),
-            Kind::Land => false,
-        }
+        let others_m = self.others_m.iter().filter(|(id, _)| members.contains(*id)).map(|(_, along_m)| *along_m);
+        self.progress.pass(now, leg, in_place, others_m, members.len() + 1);
+        self.progress.is_over(leg)
     }
 
     /// On the ground there is nothing to hold.
     fn hold(&mut self, estimate: &Estimate) -> Task {
-        self.leg.last = None;
-        self.leg.speed_m_s = 0.0;
+        self.progress.pause();
         if estimate.height_m < FLYING_ABOVE_M && !self.at_altitude && self.stay.is_none() {
             self.activity = Activity::Holding;
             return Task::Wait;

@@ -1,7 +1,8 @@
 //! What an agent tells the others, and when.
 //!
 //! A state is said on need, as in DIS (IEEE 1278.1): when the others' dead reckoning of this vehicle would be off by more
-//! than a threshold, and at least every so often. The agreement's register is said on change and five times a second.
+//! than a threshold, and at least every so often. The agreement's register is said on change, a few times more in the frames after
+//! it, and five times a second.
 
 use skein_common::frame::{PositionNed, VelocityNed};
 use skein_common::id::{Incarnation, VehicleId};
@@ -14,6 +15,8 @@ use crate::mission::Mission;
 
 /// The agreement's register is repeated this often, s.
 const MISSION_PERIOD_S: f64 = 0.2;
+/// After a change it is repeated in so many frames: with three words in ten lost, one peer in 50,000 then misses all nine.
+const CHANGE_REPEATS: u32 = 8;
 
 /// What one step says.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -34,6 +37,8 @@ pub struct Speech {
     need: Need,
     told: Option<Told>,
     mission: Option<(MissionMessage, LocalTime)>,
+    /// How often the register is still to be repeated for its last change.
+    repeats: u32,
     state_messages: u64,
     state_bytes: u64,
     missions: u64,
@@ -79,7 +84,18 @@ impl Speech {
             max_period_s: network.state_max_period_s,
         };
         let (told, mission) = (None, None);
-        Self { own, incarnation, need, told, mission, state_messages: 0, state_bytes: 0, missions: 0, traces: 0 }
+        Self {
+            own,
+            incarnation,
+            need,
+            told,
+            mission,
+            repeats: 0,
+            state_messages: 0,
+            state_bytes: 0,
+            missions: 0,
+            traces: 0,
+        }
     }
 
     /// What to say now. Without an estimate that still holds, the state is kept to oneself: the others carry the last one
@@ -124,12 +140,16 @@ impl Speech {
     fn mission(&mut self, now: LocalTime, mission: &Mission) -> Option<MissionMessage> {
         let (membership, step, reached, order) =
             (mission.membership(), mission.at(), mission.reached(), mission.order());
-        if let Some((told, at)) = &self.mission {
-            let same = (told.membership, told.step, told.reached, told.order) == (membership, step, reached, order);
-            if same && now.seconds_since(*at) < MISSION_PERIOD_S - 1e-6 {
-                return None;
+        let due = self.mission.as_ref().is_none_or(|(told, at)| {
+            if (told.membership, told.step, told.reached, told.order) != (membership, step, reached, order) {
+                self.repeats = CHANGE_REPEATS + 1;
             }
+            self.repeats > 0 || now.seconds_since(*at) >= MISSION_PERIOD_S - 1e-6
+        });
+        if !due {
+            return None;
         }
+        self.repeats = self.repeats.saturating_sub(1);
         self.missions += 1;
         let header = self.header(now, self.missions);
         let (plan, progress_m) = (mission.plan(), mission.progress_m());

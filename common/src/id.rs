@@ -99,9 +99,19 @@ impl VehicleSet {
         self.0 == [0; 4]
     }
 
+    /// Adds all of another set.
+    pub fn extend(&mut self, others: Self) {
+        self.0.iter_mut().zip(others.0).for_each(|(word, other)| *word |= other);
+    }
+
     /// All of them, in order.
     pub fn iter(&self) -> impl Iterator<Item = VehicleId> + Clone + '_ {
-        VehicleId::first(VehicleId::MAX.into()).filter(|&id| self.contains(id))
+        let of_word = |(nth, word): (usize, u64)| {
+            // Each step clears the lowest bit.
+            let bits = std::iter::successors(Some(word), |word| Some(word & word.wrapping_sub(1))).take_while(|word| *word != 0);
+            bits.filter_map(move |word| VehicleId::new((nth * 64) as u8 + word.trailing_zeros() as u8 + 1).ok())
+        };
+        self.0.into_iter().enumerate().flat_map(of_word)
     }
 
     fn place(id: VehicleId) -> (usize, u64) {
@@ -198,5 +208,22 @@ mod tests {
         for bad in ["", "a/b", "*", "a b", "ä"] {
             assert!(SwarmName::new(bad).is_err(), "{bad:?}");
         }
+    }
+
+    #[test]
+    fn a_set_of_vehicles_holds_what_was_put_in() {
+        let ids = [1, 2, 64, 65, 128, 129, 200, 250].map(|number| VehicleId::new(number).unwrap());
+        let mut set: VehicleSet = ids.into_iter().collect();
+        assert_eq!(set.iter().collect::<Vec<_>>(), ids);
+        assert_eq!(
+            (set.len(), set.contains(ids[3]), set.to_string()),
+            (8, true, "1, 2, 64, 65, 128, 129, 200, 250".into())
+        );
+        set.remove(ids[3]);
+        assert!(!set.contains(ids[3]) && set.len() == 7);
+        let mut more: VehicleSet = [ids[3]].into_iter().collect();
+        more.extend(set);
+        assert_eq!(more.iter().collect::<Vec<_>>(), ids);
+        assert!(VehicleSet::default().is_empty() && VehicleSet::default().iter().next().is_none());
     }
 }

@@ -1,5 +1,12 @@
 //! What the whole-swarm tests share.
 
+pub mod faults;
+pub mod tour;
+
+use std::ops::Range;
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicU64, Ordering};
+
 use skein::study::Study;
 use skein_agent::aircraft::Aircraft;
 use skein_agent::control::Rules;
@@ -28,7 +35,50 @@ pub fn scenario(name: &str, sets: &[&str]) -> Scenario {
 /// # Panics
 /// As [`scenario`].
 pub fn study(name: &str, sets: &[&str]) -> Study {
-    let scenario = scenario(name, sets);
+    of_scenario(scenario(name, sets))
+}
+
+/// A study of a scenario with the shipped aircraft and rules.
+///
+/// # Panics
+/// If they are not well formed.
+pub fn of_scenario(scenario: Scenario) -> Study {
     let aircraft = Aircraft::shipped("xcell60").expect("it is shipped").expect("it is well formed");
     Study { aircraft: vec![aircraft; scenario.swarm.vehicles], scenario, rules: Rules::shipped() }
+}
+
+/// What `fly` gives for each seed, in their order; one thread for each core.
+pub fn in_parallel<T: Send>(seeds: Range<u64>, fly: impl Fn(u64) -> T + Sync) -> Vec<T> {
+    let next = AtomicU64::new(seeds.start);
+    let done = Mutex::new(Vec::new());
+    let work = || {
+        loop {
+            let seed = next.fetch_add(1, Ordering::Relaxed);
+            if seed >= seeds.end {
+                return;
+            }
+            let flown = fly(seed);
+            done.lock().unwrap_or_else(|poisoned| poisoned.into_inner()).push((seed, flown));
+        }
+    };
+    std::thread::scope(|scope| {
+        for _ in 0..std::thread::available_parallelism().map_or(1, usize::from) {
+            scope.spawn(work);
+        }
+    });
+    let mut done = done.into_inner().unwrap_or_else(|poisoned| poisoned.into_inner());
+    done.sort_by_key(|(seed, _)| *seed);
+    done.into_iter().map(|(_, flown)| flown).collect()
+}
+
+/// `median [largest]` of those that have a value, with how many have none: `1.20 [3.40] 2 never`.
+pub fn median_and_worst(values: impl Iterator<Item = Option<f64>>) -> String {
+    let all: Vec<_> = values.collect();
+    let mut some: Vec<f64> = all.iter().copied().flatten().collect();
+    some.sort_by(f64::total_cmp);
+    let never = if some.len() < all.len() { format!(" {} never", all.len() - some.len()) } else { String::new() };
+    match some.last() {
+        Some(worst) => format!("{:.2} [{worst:.2}]{never}", some[some.len() / 2]),
+        None => "-".to_owned(),
+    }
 }

@@ -11,7 +11,7 @@ use skein_common::scenario::Partition;
 use skein_common::state::Membership;
 
 /// What is known of one agent's part in the agreement.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Part {
     /// Its life.
     pub incarnation: Incarnation,
@@ -74,7 +74,7 @@ pub enum Progress {
 }
 
 /// One agent's side of the agreement.
-#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+#[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Agreement {
     own: VehicleId,
     roster: u8,
@@ -85,7 +85,7 @@ pub struct Agreement {
     reached: Option<u32>,
     /// The others, by id.
     parts: Vec<(VehicleId, Part)>,
-    members: VehicleSet,
+    heard: VehicleSet,
 }
 
 impl Agreement {
@@ -100,7 +100,7 @@ impl Agreement {
             step: 0,
             reached: None,
             parts: Vec::new(),
-            members: VehicleSet::default(),
+            heard: VehicleSet::default(),
         }
     }
 
@@ -121,7 +121,7 @@ impl Agreement {
                 None
             }
             Event::Sees(heard) => {
-                self.members = self.active(heard).map(|(id, _)| id).collect();
+                self.heard = heard;
                 None
             }
             Event::Free => self.advance(),
@@ -143,9 +143,9 @@ impl Agreement {
         self.membership
     }
 
-    /// The other members when it last looked.
+    /// The other members: those who are heard and take part.
     pub fn members(&self) -> VehicleSet {
-        self.members
+        self.others().map(|(id, _)| id).collect()
     }
 
     /// What is known of another agent.
@@ -156,7 +156,7 @@ impl Agreement {
 
     /// Whether enough are heard to go on: always, or under [`Partition::Quorum`] more than half of the roster.
     pub fn has_quorum(&self) -> bool {
-        let live = self.members.len() + 1;
+        let live = self.others().count() + 1;
         self.partition == Partition::Continue || 2 * live > usize::from(self.roster)
     }
 
@@ -183,17 +183,17 @@ impl Agreement {
     fn advance(&mut self) -> Option<Progress> {
         let step = self.step;
         let may = self.membership == Membership::Active && self.reached >= Some(step) && step < self.last_step;
-        let all = || self.active(self.members).all(|(_, part)| part.has_reached(step));
+        let all = || self.others().all(|(_, part)| part.has_reached(step));
         (may && self.has_quorum() && all()).then(|| {
             self.step += 1;
             Progress::Advanced
         })
     }
 
-    /// The active ones among these.
-    fn active(&self, heard: VehicleSet) -> impl Iterator<Item = (VehicleId, &Part)> {
+    /// The other members and their parts.
+    fn others(&self) -> impl Iterator<Item = (VehicleId, &Part)> {
         let counts =
-            move |(id, part): &&(VehicleId, Part)| part.membership == Membership::Active && heard.contains(*id);
+            |(id, part): &&(VehicleId, Part)| part.membership == Membership::Active && self.heard.contains(*id);
         self.parts.iter().filter(counts).map(|(id, part)| (*id, part))
     }
 }

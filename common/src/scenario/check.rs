@@ -195,7 +195,11 @@ impl Texts<'_> {
         }
     }
 
+    /// A mission has steps, but nothing needs to happen to it.
     fn tables(&self, node: &mut Node, path: &str) -> Result<(), ScenarioError> {
+        if path == "mission.events" && matches!(&node.value, Value::List(items) if items.is_empty()) {
+            return Ok(());
+        }
         let mut index = 0;
         self.each(node, path, "a list of one table or more", |item| {
             index += 1;

@@ -338,3 +338,11 @@ fn the_plan_hash_is_of_what_is_meant() {
         assert_ne!(hash(HOVER, &[other]), hover, "{other}");
     }
 }
+
+#[test]
+fn a_set_takes_all_events_away() {
+    let text = "swarm.vehicles = 2\n[mission]\nevents = [{ at_s = 5, order = \"hold\" }]\n";
+    let source = Source { name: "x.toml", text };
+    assert_eq!(load(&source, &[]).unwrap().scenario.mission.events.len(), 1);
+    assert!(load(&source, &["mission.events=[]".to_owned()]).unwrap().scenario.mission.events.is_empty());
+}
