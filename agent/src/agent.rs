@@ -7,13 +7,14 @@
 use nalgebra::Vector2;
 use skein_common::frame::{Origin, VelocityNed};
 use skein_common::id::{Incarnation, VehicleId, VehicleSet};
-use skein_common::message::{Drops, Happening, PeerAge, Trace};
+use skein_common::message::{Drops, Failure, Happening, PeerAge, Trace};
 use skein_common::scenario::Scenario;
 use skein_common::state::{Activity, Membership};
 use skein_common::time::{LocalTime, Now, PlantTime};
 
 use crate::aircraft::Aircraft;
 use crate::control::{Rules, Setpoint, Trim, VehicleController};
+use crate::diagnosis::Diagnosis;
 use crate::estimate::{Estimate, Estimator};
 use crate::failsafe::{self, Response};
 use crate::formation::{Formation, Wish};
@@ -49,6 +50,7 @@ pub struct Outputs {
 pub struct Agent {
     origin: Origin,
     estimator: Estimator,
+    diagnosis: Diagnosis,
     peers: Peers,
     mission: Mission,
     formation: Formation,
@@ -87,6 +89,7 @@ impl Agent {
         Ok(Self {
             origin,
             estimator: Estimator::new(origin, &scenario.sensing),
+            diagnosis: Diagnosis::new(aircraft),
             peers: Peers::new(own, roster, plan, scenario.network.peer_stale_s),
             mission: Mission::new(own, scenario, aircraft.take_off_rotor_rad_s()),
             formation: Formation::new(own, scenario),
@@ -117,6 +120,7 @@ impl Agent {
         let response = failsafe::respond(estimate.as_ref(), age_s, self.peers.all_lost());
         let command = match (response, &estimate) {
             (Response::FlyOn | Response::HoldPlace, Some(estimate)) if age_s == Some(0.0) => {
+                self.examine(now, inputs.measurement, &mut happened);
                 self.fly(now, estimate, response, &mut happened)
             }
             (Response::Neutral, _) => self.last.command.map(|_| self.controller.neutral()),
@@ -138,6 +142,17 @@ impl Agent {
         Outputs { command, said: self.speech.say(now.local, own.as_ref(), &self.mission, happened) }
     }
 
+    /// Looks for what has failed of the own vehicle.
+    fn examine(&mut self, now: Now, measurement: Option<&Measurement>, happened: &mut Vec<Happening>) {
+        let Some(measurement) = measurement else { return };
+        let dt_s = self.last.plant_time.map_or(0.0, |before| now.plant.seconds_since(before));
+        let found = self.diagnosis.update(dt_s, measurement, self.last.command);
+        if found == Some(Failure::Position) {
+            self.estimator.reckon_on();
+        }
+        happened.extend(found.map(Happening::Failed));
+    }
+
     /// Mission, formation, control.
     fn fly(
         &mut self,
@@ -152,7 +167,7 @@ impl Agent {
             alone: response == Response::HoldPlace,
             at_altitude: wish.is_some_and(|wish| wish.is_at_altitude(estimate)),
             in_place: wish.is_some_and(|wish| wish.in_place),
-            failure: None,
+            failure: self.diagnosis.worst(),
         };
         let task = self.mission.step(now, estimate, &view, happened);
         let dt_s = self.last.plant_time.map_or(0.0, |before| now.plant.seconds_since(before));
@@ -293,17 +308,14 @@ impl Agent {
         wish: Option<&Wish>,
         happened: &mut Vec<Happening>,
     ) -> Option<Sticks> {
-        match (task, wish) {
-            (Task::Park, _) => Some(self.controller.unload(dt_s)),
-            (_, Some(wish)) => {
-                let controls = self.controller.step(dt_s, estimate, &wish.setpoint);
-                if controls.fault.is_some() {
-                    happened.push(Happening::ControlFault);
-                }
-                Some(controls.sticks)
-            }
-            (_, None) => None,
-        }
+        let controls = match (task, wish) {
+            (Task::Park, _) => return Some(self.controller.unload(dt_s)),
+            (Task::ComeDown { heading_rad }, _) => self.controller.come_down(dt_s, estimate, *heading_rad),
+            (_, Some(wish)) => self.controller.step(dt_s, estimate, &wish.setpoint),
+            (_, None) => return None,
+        };
+        happened.extend(controls.fault.is_some().then_some(Happening::ControlFault));
+        Some(controls.sticks)
     }
 
     /// Compares with the last step and lists what has changed.

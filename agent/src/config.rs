@@ -42,6 +42,9 @@ pub struct AgentOptions {
     /// Take the line "stop" from standard input like a signal to end
     #[arg(long, hide = true)]
     pub child: bool,
+    /// How long an earlier agent has flown the vehicle, s: the scenario's events go on from there
+    #[arg(long, hide = true, value_name = "S", value_parser = seconds)]
+    pub flown_s: Option<f64>,
 }
 
 /// A node's own file.
@@ -143,6 +146,8 @@ pub struct Node {
     pub rules: Rules,
     /// Where its aircraft is.
     pub plant: PlantChoice,
+    /// How long an earlier agent has flown the vehicle, s; `None` for the first.
+    pub flown_s: Option<f64>,
 }
 
 /// Where an aircraft is.
@@ -229,7 +234,7 @@ impl AgentOptions {
                 PlantChoice::XPlane(address)
             }
         };
-        Ok(Node { scenario, notes, id, listen, dial, aircraft, rules, plant })
+        Ok(Node { scenario, notes, id, listen, dial, aircraft, rules, plant, flown_s: self.flown_s })
     }
 }
 
@@ -242,7 +247,7 @@ impl Node {
         let address = match &self.plant {
             PlantChoice::BuiltIn(vehicle) => {
                 let script = Script::of(&self.scenario.mission.events, self.id);
-                return Ok(Box::new(BuiltIn::new((**vehicle).clone(), script)));
+                return Ok(Box::new(BuiltIn::new((**vehicle).clone(), script, self.flown_s)));
             }
             PlantChoice::Standin(address) => Some(*address),
             PlantChoice::XPlane(address) => *address,
@@ -307,6 +312,11 @@ pub fn rules(rules: &scenario::Rules, folder: &Path) -> Result<Rules, ConfigErro
     let [roll, pitch, heading, collective] = paths.each_ref().map(|path| read(path));
     let texts = [roll?, pitch?, heading?, collective?];
     Ok(Rules::from_texts(std::array::from_fn(|axis| (names[axis].as_str(), texts[axis].as_str())))?)
+}
+
+fn seconds(text: &str) -> Result<f64, String> {
+    let seconds = text.parse().ok().filter(|seconds| (0.0..=1e9).contains(seconds));
+    seconds.ok_or_else(|| "has to be a number of seconds, 0 to 1e9".to_owned())
 }
 
 /// The address in `HOST[:PORT]`, IPv4 first where a name has several.

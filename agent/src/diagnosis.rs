@@ -3,7 +3,7 @@
 //! | failure | found by |
 //! | --- | --- |
 //! | engine | the rotor, once at speed, turns too slowly to lift; not found where the plant tells no rotor speed |
-//! | servo | roll, pitch or climb rate is not what the stick asks for |
+//! | servo | roll or pitch rate is not what the stick asks for, or it climbs where it should sink, or sinks where it should climb |
 //! | gyro | yaw rate is not what the pedals ask for |
 //! | position | it repeats, bit for bit, while the velocity has led metres away from it |
 //!
@@ -133,83 +133,142 @@ enum Control {
 #[derive(Clone, Debug)]
 struct Controls {
     trim: Sticks,
-    roll: Channel,
-    pitch: Channel,
-    yaw: Channel,
-    climb: Channel,
+    roll: Rate,
+    pitch: Rate,
+    yaw: Rate,
+    climb: Climb,
 }
 
 impl Controls {
-    /// From the flight model of a hover: a held cyclic stick asks for the body rate at which the stabiliser bar's lag
-    /// lets the disc stay level with the body, p = B δ/τ_e with τ_e = 16/(γ_fb Ω); pedals for a yaw rate; a collective
-    /// above trim for the climb at which momentum theory gives the thrust of the hover, w = (4/3) Ω R Δθ0.
-    ///
-    /// The limits are twice what normal flights in gusts of W20 = 8 m/s and transits at 7 m/s against them showed.
+    /// From the flight model of a hover. A held cyclic stick asks for the body rate at which the lag of the stabiliser
+    /// bar keeps the disc level with the body, p = B δ/τ_e with τ_e = 16/(γ_fb Ω); pedals ask for a yaw rate; collective
+    /// for the climb in which momentum theory has the thrust of the hover, w = (4/3) Ω R Δθ0.
     fn new(model: &Parameters, trim: Sticks) -> Self {
         let Parameters { head, servos, .. } = model;
         let speed_rad_s = head.nominal_speed_rad_s;
         let rate_rad_s = |gain: f64| gain * servos.cyclic_throw_rad * head.flybar_lock_number * speed_rad_s / 16.0;
         let collective_range_rad = servos.max_collective_rad - servos.min_collective_rad;
         let climb_m_s = 4.0 / 3.0 * speed_rad_s * model.main_rotor.radius_m * collective_range_rad;
-        let cyclic = |gain: f64| Channel::new(rate_rad_s(gain), 0.045, 0.6, 0.4);
+        let cyclic = |gain: f64| Rate::new(rate_rad_s(gain), 0.045, Excess::over(0.25, 0.05));
         Self {
             trim,
             roll: cyclic(head.lateral_flap_gain_rad_per_rad),
             pitch: cyclic(head.longitudinal_flap_gain_rad_per_rad),
-            yaw: Channel::new(model.gyro.max_rate_rad_s, 0.06, 0.6, 0.6),
-            climb: Channel::new(climb_m_s, 1.2, 1.0, 9.0),
+            yaw: Rate::new(model.gyro.max_rate_rad_s, 0.06, Excess::over(0.6, 1.2)),
+            climb: Climb { gain_m_s: climb_m_s, expected_m_s: 0.0, done_m_s: 0.0, excess: Excess::over(7.0, 15.0) },
         }
     }
 
     /// The worst control that the vehicle does not follow.
     fn deaf(&mut self, dt_s: f64, measurement: &Measurement, sticks: &Sticks) -> Option<Control> {
         let Measurement { rates, velocity, height_m, .. } = measurement;
-        let climb = sticks.collective - self.trim.collective;
-        if *height_m < FREE_ABOVE_M {
-            // The ground holds attitude and heading, and whoever would sink.
-            [&mut self.roll, &mut self.pitch, &mut self.yaw].into_iter().for_each(Channel::rest);
-            let is_deaf = self.climb.differs(dt_s, climb.max(0.0), -velocity.down_m_s());
-            return is_deaf.then_some(Control::Servo(Servo::Collective));
-        }
-        let differ = [
-            (self.roll.differs(dt_s, sticks.roll - self.trim.roll, rates.roll_rad_s), Control::Servo(Servo::Roll)),
-            (self.pitch.differs(dt_s, sticks.pitch - self.trim.pitch, rates.pitch_rad_s), Control::Servo(Servo::Pitch)),
-            (self.climb.differs(dt_s, climb, -velocity.down_m_s()), Control::Servo(Servo::Collective)),
-            (self.yaw.differs(dt_s, sticks.yaw - self.trim.yaw, rates.yaw_rad_s), Control::Gyro),
+        let is_free = *height_m > FREE_ABOVE_M;
+        let climb = self.climb.is_wrong(dt_s, sticks.collective - self.trim.collective, -velocity.down_m_s(), is_free);
+        let rates = [
+            (&mut self.roll, sticks.roll - self.trim.roll, rates.roll_rad_s),
+            (&mut self.pitch, sticks.pitch - self.trim.pitch, rates.pitch_rad_s),
+            (&mut self.yaw, sticks.yaw - self.trim.yaw, rates.yaw_rad_s),
         ];
-        differ.into_iter().find_map(|(differs, control)| differs.then_some(control))
+        let [roll, pitch, yaw] = rates.map(|(rate, stick, done_rad_s)| {
+            if !is_free {
+                rate.rest();
+            }
+            is_free && rate.differs(dt_s, stick, done_rad_s)
+        });
+        let wrong = [
+            (roll, Control::Servo(Servo::Roll)),
+            (pitch, Control::Servo(Servo::Pitch)),
+            (climb, Control::Servo(Servo::Collective)),
+            (yaw, Control::Gyro),
+        ];
+        wrong.into_iter().find_map(|(is_wrong, control)| is_wrong.then_some(control))
     }
 }
 
-/// One stick: what it asks for follows it with a lag, and what the vehicle does is compared with that over a while.
+/// A stick that asks for a body rate.
 #[derive(Clone, Debug)]
-struct Channel {
-    /// Of full stick.
-    gain: f64,
+struct Rate {
+    /// At full stick.
+    gain_rad_s: f64,
+    /// Of the machine.
     lag_s: f64,
-    /// Of the comparison.
-    while_s: f64,
-    limit: f64,
-    expected: f64,
-    /// Done less expected.
-    difference: f64,
+    expected_rad_s: f64,
+    /// Done less expected, smoothed.
+    difference_rad_s: f64,
+    excess: Excess,
 }
 
-impl Channel {
-    fn new(gain: f64, lag_s: f64, while_s: f64, limit: f64) -> Self {
-        Self { gain, lag_s, while_s, limit, expected: 0.0, difference: 0.0 }
+/// Differences are smoothed over this time: the machine's own oscillations are faster, s.
+const RATE_SMOOTHING_S: f64 = 0.6;
+
+impl Rate {
+    fn new(gain_rad_s: f64, lag_s: f64, excess: Excess) -> Self {
+        Self { gain_rad_s, lag_s, expected_rad_s: 0.0, difference_rad_s: 0.0, excess }
     }
 
-    fn differs(&mut self, dt_s: f64, stick: f64, done: f64) -> bool {
-        let share = |over_s: f64| (dt_s / over_s).min(1.0);
-        self.expected += (self.gain * stick - self.expected) * share(self.lag_s);
-        self.difference += (done - self.expected - self.difference) * share(self.while_s);
-        self.difference.abs() > self.limit
+    fn differs(&mut self, dt_s: f64, stick: f64, done_rad_s: f64) -> bool {
+        follow(&mut self.expected_rad_s, self.gain_rad_s * stick, dt_s / self.lag_s);
+        follow(&mut self.difference_rad_s, done_rad_s - self.expected_rad_s, dt_s / RATE_SMOOTHING_S);
+        self.excess.adds_up(dt_s, self.difference_rad_s.abs())
     }
 
     fn rest(&mut self) {
-        (self.expected, self.difference) = (0.0, 0.0);
+        (self.expected_rad_s, self.difference_rad_s, self.excess.sum) = (0.0, 0.0, 0.0);
     }
+}
+
+/// The collective. How much climb it gives depends on the air's speed, which is not known: only who climbs where it should
+/// sink, or the other way round, counts.
+#[derive(Clone, Debug)]
+struct Climb {
+    /// Over the collective's whole travel.
+    gain_m_s: f64,
+    expected_m_s: f64,
+    done_m_s: f64,
+    excess: Excess,
+}
+
+/// Time constant of heave in the hover, s.
+const HEAVE_S: f64 = 1.2;
+/// Of the measured climb, s.
+const CLIMB_SMOOTHING_S: f64 = 0.5;
+/// Slower than this it neither climbs nor sinks, m/s.
+const STILL_M_S: f64 = 0.1;
+
+impl Climb {
+    fn is_wrong(&mut self, dt_s: f64, above_trim: f64, done_m_s: f64, is_free: bool) -> bool {
+        // The ground holds whoever would sink, and helps whoever would climb.
+        let above_trim = if is_free { above_trim } else { 2.0 * above_trim.max(0.0) };
+        follow(&mut self.expected_m_s, self.gain_m_s * above_trim, dt_s / HEAVE_S);
+        follow(&mut self.done_m_s, done_m_s, dt_s / CLIMB_SMOOTHING_S);
+        let follows = self.done_m_s * self.expected_m_s.signum() > STILL_M_S;
+        self.excess.adds_up(dt_s, if follows { 0.0 } else { (self.expected_m_s - self.done_m_s).abs() })
+    }
+}
+
+/// What goes beyond the normal, added up over time (the cumulative sum of Page, "Continuous Inspection Schemes", 1954).
+#[derive(Clone, Debug)]
+struct Excess {
+    normal: f64,
+    /// Times seconds.
+    limit: f64,
+    sum: f64,
+}
+
+impl Excess {
+    fn over(normal: f64, limit: f64) -> Self {
+        Self { normal, limit, sum: 0.0 }
+    }
+
+    fn adds_up(&mut self, dt_s: f64, value: f64) -> bool {
+        self.sum = (self.sum + (value - self.normal) * dt_s).max(0.0);
+        self.sum > self.limit
+    }
+}
+
+/// One step of a first-order lag, `share` of the way.
+fn follow(value: &mut f64, target: f64, share: f64) {
+    *value += (target - *value) * share.min(1.0);
 }
 
 #[cfg(test)]

@@ -2,11 +2,12 @@
 //!
 //! What a vehicle may know is the scenario's choice. `f32_latlon` rounds latitude and longitude in degrees to single
 //! precision, as X-Plane's data rows do and as Garcia & Barnes 2010 read them: a grid of 0.2 to 0.8 m. `differenced` gives
-//! up the measured velocity for the filtered difference of positions. Both are selectable over any plant.
+//! up the measured velocity for the filtered difference of positions. Both are selectable over any plant. A vehicle whose
+//! position has frozen reckons on from where it was, by the measured velocity.
 
 use std::f64::consts::TAU;
 
-use nalgebra::Vector2;
+use nalgebra::{Vector2, Vector3};
 use skein_common::frame::{Attitude, BodyRates, Geodetic, Origin, PositionNed, VelocityNed};
 use skein_common::scenario::{PositionSensing, Sensing, VelocitySensing};
 use skein_common::state::VehicleState;
@@ -49,8 +50,18 @@ pub struct Estimator {
     origin: Origin,
     rounds_to_f32: bool,
     difference: Option<Difference>,
+    reckoning: Reckoning,
     latest: Option<(Estimate, LocalTime)>,
     refused: u64,
+}
+
+/// Where the velocity has led since the measured position last changed.
+#[derive(Clone, Copy, Debug, Default)]
+struct Reckoning {
+    is_on: bool,
+    /// The position, and when it was last looked at.
+    last: Option<(Geodetic, PlantTime)>,
+    way_ned_m: Vector3<f64>,
 }
 
 /// Velocity as the filtered difference of positions.
@@ -75,9 +86,16 @@ impl Estimator {
             origin,
             rounds_to_f32: sensing.position == PositionSensing::F32Latlon,
             difference,
+            reckoning: Reckoning::default(),
             latest: None,
             refused: 0,
         }
+    }
+
+    /// From here on the measured position is not looked at: it stands since it last changed. The vehicle is where the
+    /// measured velocity has taken it since then.
+    pub fn reckon_on(&mut self) {
+        self.reckoning.is_on = true;
     }
 
     /// Takes up a measurement if there is one and it can be true; gives the newest estimate, however old it is.
@@ -103,10 +121,16 @@ impl Estimator {
     }
 
     fn estimate(&mut self, at: PlantTime, measurement: &Measurement) -> Estimate {
-        let geodetic = if self.rounds_to_f32 { rounded(&measurement.position) } else { measurement.position };
-        let position = self.origin.ned_from_geodetic(&geodetic);
+        let place = self.reckoning.update(at, measurement);
+        let mut geodetic = if self.rounds_to_f32 { rounded(&place) } else { place };
+        let mut position = self.origin.ned_from_geodetic(&geodetic);
+        if self.reckoning.is_on {
+            position.0 += self.reckoning.way_ned_m;
+            geodetic = self.origin.geodetic_from_ned(position);
+        }
         let velocity = match &mut self.difference {
             None => measurement.velocity,
+            Some(_) if self.reckoning.is_on => measurement.velocity,
             Some(difference) => {
                 let [north_m_s, east_m_s] = difference.update(at, position.horizontal()).into();
                 VelocityNed::new(north_m_s, east_m_s, measurement.velocity.down_m_s())
@@ -121,6 +145,21 @@ impl Estimator {
             rates: measurement.rates,
             rotor_speed_rad_s: measurement.rotor_speed_rad_s,
         }
+    }
+}
+
+impl Reckoning {
+    /// Gives the position that the way begins at.
+    fn update(&mut self, at: PlantTime, measurement: &Measurement) -> Geodetic {
+        let (begin, way_ned_m) = match self.last {
+            Some((begin, before)) if self.is_on || begin == measurement.position => {
+                let dt_s = at.seconds_since(before).max(0.0);
+                (begin, self.way_ned_m + measurement.velocity.0 * dt_s)
+            }
+            _ => (measurement.position, Vector3::zeros()),
+        };
+        (self.last, self.way_ned_m) = (Some((begin, at)), way_ned_m);
+        begin
     }
 }
 
@@ -223,6 +262,30 @@ mod tests {
         }
         assert!((velocity.north_m_s() - 2.0 * (1.0 - f64::exp(-1.0))).abs() < 0.02, "63 % after one time constant");
         assert_eq!(velocity.down_m_s(), 3.0, "the climb rate stays measured");
+    }
+
+    #[test]
+    fn a_frozen_position_is_reckoned_on_from_where_it_froze() {
+        for velocity in [VelocitySensing::Measured, VelocitySensing::Differenced] {
+            let mut estimator = Estimator::new(origin(), &sensing(PositionSensing::Exact, velocity));
+            estimator.update(at(0.0), Some(&measured(7.0, -3.0)));
+            for tick in 1..=50 {
+                // It froze one second before that is noticed.
+                let estimate = estimator.update(at(f64::from(tick) * 0.02), Some(&measured(10.0, 20.0))).unwrap();
+                assert!((estimate.position - PositionNed::new(10.0, 20.0, -30.0)).norm() < 1e-5);
+            }
+            estimator.reckon_on();
+            // Whatever it measures now.
+            for tick in 51..=100 {
+                estimator.update(at(f64::from(tick) * 0.02), Some(&measured(f64::from(tick), 0.0)));
+            }
+            let estimate = estimator.update(at(2.02), Some(&measured(0.0, 0.0))).unwrap();
+            let way = estimate.position - PositionNed::new(10.0, 20.0, -30.0);
+            assert!((way - Vector3::new(2.0, 4.0, 6.0)).norm() < 1e-5, "{way:?}");
+            assert_eq!(estimate.velocity, VelocityNed::new(1.0, 2.0, 3.0));
+            let told = origin().ned_from_geodetic(&estimate.geodetic);
+            assert!((told - estimate.position).norm() < 1e-5);
+        }
     }
 
     #[test]

@@ -20,6 +20,7 @@ pub mod aircraft;
 pub mod clock;
 pub mod config;
 pub mod control;
+pub mod diagnosis;
 pub mod estimate;
 pub mod failsafe;
 pub mod formation;

@@ -2,10 +2,12 @@
 //!
 //! Hearing: callbacks on Zenoh's threads decode, check and file the newest word of each peer in a bounded `inbox`; they
 //! never wait. The control thread empties it once a step. Speaking: everything is sent as "drop", so that a peer that is
-//! slow or gone costs the control thread nothing.
+//! slow or gone costs the control thread nothing. Whoever comes late asks each peer whose token it sees for the last
+//! register that it said, and Zenoh's threads answer.
 
 mod inbox;
 mod line;
+mod register;
 
 use std::str::FromStr;
 use std::sync::Arc;
@@ -28,11 +30,20 @@ use crate::clock::LocalClock;
 use crate::peers::{Heard, Word};
 use inbox::Inbox;
 pub use line::Line;
+use register::Register;
 
-/// Environment variable and value that put all of Zenoh onto one runtime: a third less time on the way, half the
-/// processor. Zenoh reads it once, at the start of the process.
-pub const ZENOH_RUNTIME: (&str, &str) =
-    ("ZENOH_RUNTIME", "(rx:(handover:app),acc:(handover:app),net:(handover:app),tx:(handover:app))");
+/// Environment variable that says on which threads Zenoh runs. It is read once, at the start of the process.
+pub const ZENOH_RUNTIME: &str = "ZENOH_RUNTIME";
+
+/// What that says in an agent of a swarm of so many: everything on one runtime, which takes a third less time on the way and
+/// half the processor. It has a thread for every link and some to spare. Zenoh's sockets linger: closing one whose other end
+/// fell silent blocks its thread for up to ten seconds, and after a cut that must not make the others wait.
+pub fn zenoh_runtime(vehicles: usize) -> String {
+    let threads = vehicles + 2;
+    format!(
+        "(rx:(handover:app),acc:(handover:app),net:(handover:app),tx:(handover:app),app:(worker_threads:{threads}))"
+    )
+}
 
 /// A session that does not close within this time is left to the end of the process.
 const CLOSE_WITHIN: Duration = Duration::from_secs(1);
@@ -112,13 +123,15 @@ pub struct Link {
     inbox: Arc<Inbox>,
     state_key: Option<(Cell, String)>,
     mission: Line<Mission>,
+    register: Register,
     event: Line<Event>,
     trace: Line<Trace>,
     trace_is_wanted: Arc<AtomicBool>,
     /// Gone with the session: then the others know that this agent is.
     _alive: LivelinessToken,
     own: VehicleId,
-    session: Session,
+    /// The only one but for a moment of a callback: with it the session ends.
+    session: Arc<Session>,
 }
 
 impl Link {
@@ -127,7 +140,8 @@ impl Link {
     /// # Errors
     /// If the session is closed.
     pub fn new(session: Session, own: VehicleId, clock: LocalClock) -> Result<Self, LinkError> {
-        let inbox = Arc::new(Inbox::new());
+        let (session, inbox) = (Arc::new(session), Arc::new(Inbox::new()));
+        let register = Register::open(&session, Topic::Mission(own))?;
         hear::<State>(&session, all::STATES, &inbox, clock, Word::State)?;
         hear::<Mission>(&session, all::MISSIONS, &inbox, clock, Word::Mission)?;
         hear::<message::Order>(&session, all::ORDERS, &inbox, clock, Word::Order)?;
@@ -143,6 +157,7 @@ impl Link {
             inbox,
             state_key: None,
             mission: Line::open(&session, Topic::Mission(own), Priority::InteractiveHigh)?,
+            register,
             event: Line::open(&session, Topic::Event(own), Priority::DataHigh)?,
             trace,
             trace_is_wanted,
@@ -176,8 +191,9 @@ impl Link {
             .wait();
     }
 
-    /// Says the own part in the agreement.
+    /// Says the own part in the agreement, and keeps it for whoever comes late.
     pub fn say_mission(&self, mission: &Mission) {
+        self.register.keep(mission);
         self.mission.say(mission);
     }
 
@@ -211,7 +227,7 @@ impl Link {
 
     /// Takes leave of the others. Zenoh's own closing can take ten seconds on a bad network; this never does.
     pub fn close(self) {
-        close(self.session.clone(), self);
+        close(Session::clone(&self.session), self);
     }
 }
 
@@ -236,29 +252,31 @@ fn hear<M: Message + 'static>(
     word: fn(M) -> Word,
 ) -> Result<(), LinkError> {
     let inbox = inbox.clone();
-    let callback = move |sample: Sample| {
-        let at = clock.now();
-        let key = sample.key_expr().as_str();
-        match message::decode::<M>(&sample.payload().to_bytes()) {
-            Ok(said) if Topic::parse(key).is_some_and(|topic| said.may_stand_under(&topic)) => {
-                inbox.file(Heard { word: word(said), at });
-            }
-            Ok(_) => inbox.forged(key),
-            Err(error) => inbox.refuse(key, error),
-        }
-    };
     session
         .declare_subscriber(key)
         .allowed_origin(Locality::Remote)
-        .callback(callback)
+        .callback(move |sample| file(&inbox, clock, &sample, word))
         .background()
         .wait()
         .map_err(declaring(key))
 }
 
-/// Files who of the others comes and goes, those already there included.
-fn hear_tokens(session: &Session, own: VehicleId, inbox: &Arc<Inbox>, clock: LocalClock) -> Result<(), LinkError> {
-    let inbox = inbox.clone();
+/// Files a message that stands under its speaker's own key.
+fn file<M: Message>(inbox: &Inbox, clock: LocalClock, sample: &Sample, word: fn(M) -> Word) {
+    let at = clock.now();
+    let key = sample.key_expr().as_str();
+    match message::decode::<M>(&sample.payload().to_bytes()) {
+        Ok(said) if Topic::parse(key).is_some_and(|topic| said.may_stand_under(&topic)) => {
+            inbox.file(Heard { word: word(said), at });
+        }
+        Ok(_) => inbox.forged(key),
+        Err(error) => inbox.refuse(key, error),
+    }
+}
+
+/// Files who of the others comes and goes, those already there included, and asks who comes for its register.
+fn hear_tokens(session: &Arc<Session>, own: VehicleId, inbox: &Arc<Inbox>, clock: LocalClock) -> Result<(), LinkError> {
+    let (inbox, asking) = (inbox.clone(), Arc::downgrade(session));
     let callback = move |sample: Sample| {
         // One's own token is reported like any other.
         if let Some(Topic::Alive(id)) = Topic::parse(sample.key_expr().as_str())
@@ -269,6 +287,10 @@ fn hear_tokens(session: &Session, own: VehicleId, inbox: &Arc<Inbox>, clock: Loc
                 SampleKind::Delete => Word::Vanished(id),
             };
             inbox.file(Heard { word, at: clock.now() });
+            if let (SampleKind::Put, Some(session)) = (sample.kind(), asking.upgrade()) {
+                let inbox = inbox.clone();
+                register::ask(&session, Topic::Mission(id), move |said| file(&inbox, clock, said, Word::Mission));
+            }
         }
     };
     let tokens = session.liveliness().declare_subscriber(all::ALIVE).history(true).callback(callback);

@@ -34,6 +34,9 @@ use progress::LegProgress;
 pub const JOIN_S: f64 = 2.0;
 /// Above this height of the centre of gravity a vehicle flies, m.
 const FLYING_ABOVE_M: f64 = 1.5;
+/// A vehicle that for so long is not at its altitude and moves neither up nor down never will be, s, m/s.
+const STUCK_AFTER_S: f64 = 20.0;
+const STUCK_M_S: f64 = 0.3;
 
 /// What the formation stage is asked for.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -50,6 +53,8 @@ pub enum Task {
         altitude_m: f64,
         /// Clockwise from north.
         heading_rad: f64,
+        /// On the way down: nothing changes the altitude.
+        lands: bool,
     },
     /// Without power: come down as softly as it goes.
     ComeDown {
@@ -110,6 +115,8 @@ pub struct Mission {
     leaving: bool,
     heading_rad: f64,
     at_altitude: bool,
+    /// How long the vehicle has neither been at its altitude nor come nearer to it, s.
+    stuck_s: f64,
     progress: LegProgress,
     /// Where to stay, once that has begun.
     stay: Option<Place>,
@@ -144,6 +151,7 @@ impl Mission {
             leaving: false,
             heading_rad: 0.0,
             at_altitude: false,
+            stuck_s: 0.0,
             progress: LegProgress::default(),
             stay: None,
             landing: None,
@@ -278,7 +286,7 @@ impl Mission {
 
     fn decide(&mut self, now: Now, estimate: &Estimate, view: &View, happened: &mut Vec<Happening>) -> Task {
         let order = self.order.map(|order| order.verb);
-        if view.failure.is_some() {
+        if view.failure.is_some() || self.stuck_s > STUCK_AFTER_S {
             return self.come_down(now, estimate, view.failure);
         }
         let is_over = self.is_at_landing() && self.membership() != Membership::Joining;
@@ -288,7 +296,7 @@ impl Mission {
             _ if self.leaving || is_over || self.is_down() => self.land(now, estimate),
             (_, Some(Verb::Hold)) => self.hold(estimate),
             _ if view.alone || !self.has_quorum => self.hold(estimate),
-            _ => self.fly(now, view, happened),
+            _ => self.fly(now, estimate, view, happened),
         }
     }
 
@@ -346,7 +354,7 @@ impl Mission {
     }
 
     /// The step's formation; the next step, when everybody has reached this one.
-    fn fly(&mut self, now: Now, view: &View, happened: &mut Vec<Happening>) -> Task {
+    fn fly(&mut self, now: Now, estimate: &Estimate, view: &View, happened: &mut Vec<Happening>) -> Task {
         self.stay = None;
         if self.landing.take().is_some() {
             // Called back on the way down.
@@ -354,6 +362,9 @@ impl Mission {
         }
         self.at_altitude |= view.at_altitude;
         self.activity = if self.at_altitude { Activity::Formation } else { Activity::TakingOff };
+        let is_stuck = !view.at_altitude && estimate.velocity.down_m_s().abs() < STUCK_M_S;
+        self.stuck_s = if is_stuck { self.stuck_s + self.progress.since_s(now.plant) } else { 0.0 };
+        happened.extend((self.stuck_s > STUCK_AFTER_S).then_some(Happening::Failed(Failure::Altitude)));
         if self.is_over(now.plant, view.in_place) && self.reached() < Some(self.at()) {
             self.agreement.step(Event::Reached);
             happened.push(Happening::Reached(self.at()));
@@ -389,7 +400,8 @@ impl Mission {
     fn stay(&mut self, estimate: &Estimate, activity: Activity) -> Task {
         self.activity = activity;
         let Place { at_ne_m, altitude_m } = *self.place(estimate);
-        Task::Stay { at_ne_m, altitude_m, heading_rad: self.heading_rad }
+        let lands = activity == Activity::Landing;
+        Task::Stay { at_ne_m, altitude_m, heading_rad: self.heading_rad, lands }
     }
 
     /// The place to stay at: where the vehicle was when staying began.

@@ -27,9 +27,9 @@ const OBSTACLE_RADIUS_M: f64 = 8.0;
 /// How fast what is not known of a silent vehicle's place grows, m/s, and how far.
 const OBSTACLE_GROWTH_M_S: f64 = 1.0;
 const OBSTACLE_GROWTH_M: f64 = 12.0;
-/// Whoever hears nobody any more waits this long for them before it takes itself for the only one left, s: as long as they
-/// are obstacles.
-const ALONE_FOR_S: f64 = OBSTACLE_FOR_S;
+/// A member that is lost may be flying the mission somewhere else for this long, s. Whoever hears nobody any more waits this
+/// long for them before it takes itself for the only one left.
+const MISSED_FOR_S: f64 = 60.0;
 
 /// Something heard, and when.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -70,6 +70,8 @@ pub struct Seen {
     pub standing: Standing,
     /// What it is to the own formation.
     pub role: Role,
+    /// Lost while it took part: it may go on with the mission, unheard.
+    pub is_missed: bool,
 }
 
 /// What a peer is to the own formation.
@@ -186,7 +188,7 @@ impl Peers {
 
     /// Somebody was lost who had not left of its own will, nobody is heard any more, and that is news.
     pub fn all_lost(&self) -> bool {
-        self.alone_since.is_some_and(|since| self.now.seconds_since(since) < ALONE_FOR_S)
+        self.alone_since.is_some_and(|since| self.now.seconds_since(since) < MISSED_FOR_S)
     }
 
     /// Words dropped because a later one was already heard.
@@ -322,8 +324,10 @@ impl Peer {
                 Role::Obstacle { radius_m: OBSTACLE_RADIUS_M + unknown_m }
             }
         };
+        let is_missed = self.membership() == Membership::Active
+            && self.lost_at.is_some_and(|lost_at| now.seconds_since(lost_at) < MISSED_FOR_S);
         let position = told.position + told.velocity.0 * age_s;
-        Some(Seen { id: self.id, position, velocity: told.velocity, age_s, standing, role })
+        Some(Seen { id: self.id, position, velocity: told.velocity, age_s, standing, role, is_missed })
     }
 }
 

@@ -29,7 +29,7 @@ use zenoh::Session;
 use crate::agent::Agent;
 use crate::clock::{LocalClock, new_incarnation};
 use crate::config::{AgentOptions, Node};
-use crate::link::{self, Line, Link, LinkError, ZENOH_RUNTIME};
+use crate::link::{self, Line, Link, LinkError, ZENOH_RUNTIME, zenoh_runtime};
 use crate::network::Ear;
 use crate::plant::xplane;
 use crate::supported::NotFlown;
@@ -91,11 +91,11 @@ pub enum RunError {
 ///
 /// Exit codes: 0 it has landed or was ended, 1 it failed, 2 a file or an argument is wrong.
 pub fn program(options: &AgentOptions) -> ExitCode {
-    unix::restart_with(ZENOH_RUNTIME);
     let node = match options.node() {
         Ok(node) => node,
         Err(error) => return failed(&error, 2),
     };
+    unix::restart_with((ZENOH_RUNTIME, &zenoh_runtime(node.scenario.swarm.vehicles)));
     if !options.child {
         // Who starts a child has read them.
         node.notes.iter().for_each(|note| eprintln!("{note}"));

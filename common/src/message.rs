@@ -218,6 +218,8 @@ pub enum Failure {
     Position,
     /// The yaw gyro is dead: it lands, its nose anywhere.
     Gyro,
+    /// It neither is at its altitude nor comes nearer to it, whatever the reason: it lands, or stays on the ground.
+    Altitude,
     /// A servo does not follow: it lands as well as it can.
     Servo,
     /// No power: it comes down.
@@ -229,6 +231,7 @@ impl std::fmt::Display for Failure {
         f.write_str(match self {
             Self::Position => "position frozen, reckons on and lands",
             Self::Gyro => "yaw gyro off, lands",
+            Self::Altitude => "does not come to its altitude, lands",
             Self::Servo => "servo stuck, lands",
             Self::Engine => "engine out, comes down",
         })

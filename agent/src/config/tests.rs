@@ -18,7 +18,7 @@ fn folder(agent: &str) -> TempDir {
 
 fn by_config(folder: &TempDir) -> AgentOptions {
     let config = Some(folder.path().join("agent.toml"));
-    AgentOptions { config, scenario: None, id: None, xplane: None, sets: Vec::new(), child: false }
+    AgentOptions { config, scenario: None, id: None, xplane: None, sets: Vec::new(), child: false, flown_s: None }
 }
 
 fn by_scenario(folder: &TempDir, id: u8) -> AgentOptions {

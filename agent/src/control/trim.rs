@@ -28,7 +28,7 @@ pub struct Trim {
 
 impl Trim {
     /// The controls in the hover, within their travel whatever the fields hold.
-    pub(super) fn sticks(&self) -> Sticks {
+    pub(crate) fn sticks(&self) -> Sticks {
         let within = |value: f64, low: f64| if value.is_finite() { value.clamp(low, 1.0) } else { 0.0 };
         Sticks {
             roll: within(self.roll_stick, -1.0),

@@ -113,9 +113,7 @@ impl Ring {
     pub fn holds(&self, from_centre_m: Vector3<f64>) -> bool {
         let rho_m = self.level_and_normal(from_centre_m).0;
         match self.region {
-            Region::Band => {
-                (self.radius_m - self.inner_width_m..=self.radius_m + self.outer_width_m).contains(&rho_m)
-            }
+            Region::Band => (self.radius_m - self.inner_width_m..=self.radius_m + self.outer_width_m).contains(&rho_m),
             Region::Inside => rho_m <= self.radius_m,
         }
     }

@@ -32,8 +32,20 @@ fn state(sender: u8, sequence: u64) -> State {
     State { header, state: VehicleState { position, velocity: VelocityNed::new(1.0, 0.0, 0.0), heading_rad: 0.0 } }
 }
 
+fn mission(sender: u8, sequence: u64) -> Mission {
+    Mission {
+        header: state(sender, sequence).header,
+        plan: 7,
+        membership: Default::default(),
+        step: 0,
+        reached: None,
+        progress_m: 0.0,
+        order: None,
+    }
+}
+
 /// Does `again` until `found` finds what it looks for among all that was heard.
-fn until<T>(link: &Link, mut again: impl FnMut(), found: impl Fn(&[Heard]) -> Option<T>) -> T {
+fn until<T>(link: &Link, mut again: impl FnMut(), mut found: impl FnMut(&[Heard]) -> Option<T>) -> T {
     let mut heard = Vec::new();
     let deadline = now() + PATIENCE;
     loop {
@@ -78,15 +90,7 @@ fn two_agents_hear_each_other_and_not_themselves() {
     assert!(matches!(heard.word, Word::State(said) if said.state == state(2, 1).state));
     assert!(LocalTime::ZERO < heard.at && heard.at <= clock.now());
 
-    let mission = Mission {
-        header: state(1, 1).header,
-        plan: 7,
-        membership: Default::default(),
-        step: 0,
-        reached: None,
-        progress_m: 0.0,
-        order: None,
-    };
+    let mission = mission(1, 1);
     let all = until(
         &two,
         || {
@@ -116,6 +120,38 @@ fn a_peer_that_goes_is_missed_at_once() {
     two.close();
     until(&one, || {}, |heard| word(heard, |word| *word == Word::Vanished(id(2))));
     assert!(now() < begin + Duration::from_secs(2));
+}
+
+/// Both ways to come late: to a swarm that flies, and to a peer that could not be reached before.
+#[test]
+fn a_late_joiner_has_the_register_of_a_peer_that_says_nothing_any_more() {
+    let (swarm, hub, dial) = hub("late");
+    let silent = Link::new(hub, id(1), LocalClock::start()).unwrap();
+    silent.say_mission(&mission(1, 4));
+    silent.say_mission(&mission(1, 5));
+    let newest = |sender, sequence| move |word: &Word| *word == Word::Mission(mission(sender, sequence));
+    let born = now();
+    let late = Link::new(open(&swarm, &[], &dial).unwrap(), id(2), LocalClock::start()).unwrap();
+    until(&late, || {}, |heard| word(heard, newest(1, 5)));
+    assert!(now() < born + Duration::from_secs(1), "heard after {:?}", now() - born);
+
+    let free = std::net::TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
+    let endpoint = vec![format!("tcp/{free}")];
+    let waiting = Link::new(open(&swarm, &[], &endpoint).unwrap(), id(3), LocalClock::start()).unwrap();
+    let hidden = Link::new(open(&swarm, &endpoint, &[]).unwrap(), id(4), LocalClock::start()).unwrap();
+    hidden.say_mission(&mission(4, 9));
+    let mut appeared = None;
+    until(
+        &waiting,
+        || {},
+        |heard| {
+            let _ = word(heard, |word| *word == Word::Appeared(id(4))).map(|_| appeared.get_or_insert_with(now));
+            word(heard, newest(4, 9))
+        },
+    );
+    let after = now() - appeared.expect("the token comes first");
+    assert!(after < Duration::from_secs(1), "heard {after:?} after the token");
+    assert_eq!((late.drops().forged, waiting.drops().undecodable), (0, 0));
 }
 
 #[test]
@@ -225,16 +261,8 @@ fn every_vehicle_fits_into_the_inbox_without_growing() {
     let before = inbox.capacity();
     for _ in 0..3 {
         for vehicle in 1..=VehicleId::MAX {
-            let mission = Mission {
-                header: state(vehicle, 1).header,
-                plan: 7,
-                membership: Default::default(),
-                step: 0,
-                reached: None,
-                progress_m: 0.0,
-                order: None,
-            };
-            for word in [Word::State(state(vehicle, 1)), Word::Mission(mission), Word::Appeared(id(vehicle))] {
+            let mission = Word::Mission(mission(vehicle, 1));
+            for word in [Word::State(state(vehicle, 1)), mission, Word::Appeared(id(vehicle))] {
                 inbox.file(Heard { word, at });
             }
         }

@@ -42,6 +42,11 @@ impl LegProgress {
         self.along_m = self.along_m.max(along_m);
     }
 
+    /// Time since it was counted last, s.
+    pub fn since_s(&self, now: PlantTime) -> f64 {
+        self.last.map_or(0.0, |last| now.seconds_since(last).max(0.0))
+    }
+
     /// Time passes: `others_m` are how far the other live members at this step take the centre to be, `live` how many
     /// members there are at all.
     pub fn pass(
@@ -52,7 +57,7 @@ impl LegProgress {
         others_m: impl Iterator<Item = f64>,
         live: usize,
     ) {
-        let dt_s = self.last.map_or(0.0, |last| now.seconds_since(last).max(0.0));
+        let dt_s = self.since_s(now);
         self.last = Some(now);
         self.spent_s += dt_s;
         self.placed_s = if in_place { self.placed_s + dt_s } else { 0.0 };

@@ -173,7 +173,7 @@ fn a_straggler_is_carried_forward_and_says_what_it_skipped() {
 #[test]
 fn a_hold_is_over_by_the_own_clock() {
     let mut one = One::active("{ hold_s = 40 }, { centre_ne_m = [9, 0] }", "");
-    one.view.heard = VehicleSet::default();
+    one.view = View { at_altitude: true, ..View::default() };
     for second in 2..42 {
         one.step(f64::from(second), 30.0);
         assert_eq!(one.mission.at(), 0, "after {} s", second - 2);
@@ -198,12 +198,12 @@ const PATH: &str = "{ path_ne_m = [[0, 0], [100, 0]], speed_m_s = 2 }, { centre_
 #[test]
 fn the_centre_moves_along_its_path_at_its_speed_and_stops_at_its_end() {
     let mut one = One::active(PATH, "");
-    one.view.heard = VehicleSet::default();
+    one.view = View { at_altitude: true, ..View::default() };
     let goal = along(&mut one, 10.0, |_, _| {});
     assert!((goal.centre_ne_m - Vector2::new(20.0, 0.0)).norm() < 0.05, "{goal:?}");
     assert_eq!(goal.centre_velocity_ne_m_s, Vector2::new(2.0, 0.0));
     let mut one = One::active(PATH, "");
-    one.view.heard = VehicleSet::default();
+    one.view = View { at_altitude: true, ..View::default() };
     let goal = along(&mut one, 60.0, |_, _| {});
     assert_eq!((goal.centre_ne_m, goal.centre_velocity_ne_m_s), (Vector2::new(100.0, 0.0), Vector2::zeros()));
 }
@@ -337,6 +337,21 @@ fn a_failure_brings_the_vehicle_down_whatever_is_ordered() {
     assert_eq!((one.mission.membership(), one.mission.activity()), (Membership::Left, Activity::Landing));
     one.view.failure = Some(Failure::Engine);
     assert!(matches!(one.step(20.1, 30.0), Task::ComeDown { .. }));
+}
+
+#[test]
+fn who_does_not_come_to_its_altitude_keeps_nobody_waiting() {
+    let mut one = One::active(ONE, "");
+    for second in 3..30 {
+        let climbs = estimate(f64::from(second), if second < 10 { -1.0 } else { 0.0 });
+        one.step_at(f64::from(second), &climbs);
+    }
+    assert_eq!(one.mission.membership(), Membership::Active, "19 s");
+    for second in 30..32 {
+        one.step(f64::from(second), 12.0);
+    }
+    assert_eq!(one.mission.membership(), Membership::Left);
+    assert_eq!(one.told(), [Happening::Failed(Failure::Altitude)]);
 }
 
 #[test]

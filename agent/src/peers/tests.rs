@@ -154,10 +154,10 @@ fn who_hears_nobody_waits_for_them_and_then_takes_itself_for_the_only_one() {
     table.hear(1.0, &[state(2, 1, 1, 0.0), mission(2, 1, 1, Membership::Active)]);
     table.hear(3.1, &[]);
     assert!(table.0.all_lost() && table.0.heard().is_empty());
-    table.hear(13.0, &[]);
-    assert!(table.0.all_lost());
-    table.hear(13.2, &[]);
-    assert!(!table.0.all_lost());
+    table.hear(63.0, &[]);
+    assert!(table.0.all_lost() && table.only().is_missed);
+    table.hear(63.2, &[]);
+    assert!(!table.0.all_lost() && !table.only().is_missed);
 }
 
 #[test]

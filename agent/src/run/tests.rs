@@ -134,7 +134,7 @@ fn two_agents_find_each_other_take_part_and_land_when_stopped() {
 #[test]
 fn a_cut_of_the_scenario_parts_two_agents_and_heals() {
     let tokio = Builder::new_multi_thread().worker_threads(1).enable_all().build().unwrap();
-    let (swarm, session, dial) = hub("cut");
+    let (swarm, session, mut dial) = hub("cut");
     let [one, two] = [1, 2].map(|number| {
         let mut node = node(&swarm, number);
         let [one, two] = [1, 2].map(|number| vec![VehicleId::new(number).unwrap()]);
@@ -143,7 +143,8 @@ fn a_cut_of_the_scenario_parts_two_agents_and_heals() {
         (node.scenario.network.loss, node.scenario.network.delay_s) = (0.1, 0.1);
         node
     });
-    let second = link::open(&swarm, &[], &dial).unwrap();
+    let second = link::open(&swarm, &["tcp/127.0.0.1:0".to_owned()], &dial).unwrap();
+    dial.extend(second.info().locators().wait().iter().map(ToString::to_string));
     let observer = link::open(&swarm, &[], &dial).unwrap();
     let mut events = listen::<Event>(&observer, all::EVENTS);
     let flights = [Flight::begin(one, session, &tokio), Flight::begin(two, second, &tokio)];

@@ -15,6 +15,8 @@ const RANDOM_COVER: f64 = 0.40;
 
 /// Lowest height at which sideways commands act in full, m.
 const LOWEST_M: f64 = 3.5;
+/// Lowest height that the field of an ellipsoid sends anybody to, m.
+const LOWEST_ON_ELLIPSOID_M: f64 = 5.0;
 
 /// The first thing in the scenario that does not go together.
 pub(super) fn check(texts: &Texts<'_>, written: &Node, scenario: &Scenario) -> Result<(), ScenarioError> {
@@ -184,10 +186,25 @@ impl Check<'_> {
         Ok(())
     }
 
-    /// The lowest band is high enough to fly in.
+    /// The lowest band, or the lowest point of the ellipsoid, is high enough to fly in.
     fn heights(&self, formation: &Formation, step: Option<usize>) -> Result<(), ScenarioError> {
-        let lowest_m = formation.altitude_m - (self.count() - 1) as f64 / 2.0 * formation.band_step_m;
-        if formation.vertical == Vertical::Ellipsoid || lowest_m >= LOWEST_M {
+        let &Formation { law, altitude_m, .. } = formation;
+        if formation.vertical == Vertical::Ellipsoid {
+            let lowest_m = altitude_m - formation.radius_m / formation.gamma_z.sqrt();
+            let message = if !matches!(law, Law::Ring | Law::Flock) {
+                "`formation.vertical` = \"ellipsoid\" needs law \"ring\" or \"flock\": no other has such a field"
+                    .to_owned()
+            } else if lowest_m < LOWEST_ON_ELLIPSOID_M {
+                format!(
+                    "the ellipsoid reaches down to {lowest_m:.1} m, but has to end at {LOWEST_ON_ELLIPSOID_M} m at least"
+                )
+            } else {
+                return Ok(());
+            };
+            return Err(self.formation_fault(step, ["vertical", "altitude_m"], message));
+        }
+        let lowest_m = altitude_m - (self.count() - 1) as f64 / 2.0 * formation.band_step_m;
+        if lowest_m >= LOWEST_M {
             return Ok(());
         }
         let count = self.count();
@@ -203,7 +220,8 @@ impl Check<'_> {
         let widest_m = formation.radius_m * (1.0 / formation.gamma.sqrt()).max(1.0);
         let chord_m = 2.0 * widest_m * (PI / self.count() as f64).sin();
         let least_m = formation.safety_distance_m;
-        if formation.law != Law::Ring || !is_flat || !is_filtered || self.count() == 1 || chord_m >= least_m {
+        let is_ring = matches!(formation.law, Law::Ring | Law::VirtualStructure);
+        if !is_ring || !is_flat || !is_filtered || self.count() == 1 || chord_m >= least_m {
             return Ok(());
         }
         let message = format!(

@@ -4,11 +4,12 @@ mod loading;
 mod properties;
 mod refusals;
 
-const SHIPPED: [(&str, &str); 4] = [
+const SHIPPED: [(&str, &str); 5] = [
     ("hover.toml", include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/../deploy/scenarios/hover.toml"))),
     ("flock.toml", include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/../deploy/scenarios/flock.toml"))),
     ("tour.toml", include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/../deploy/scenarios/tour.toml"))),
     ("sinusoid.toml", include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/../deploy/scenarios/sinusoid.toml"))),
+    ("crossing.toml", include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/../deploy/scenarios/crossing.toml"))),
 ];
 const HOVER: &str = SHIPPED[0].1;
 

@@ -109,7 +109,9 @@ impl Flight {
     pub(crate) fn land(&mut self) {
         let until_s = self.time_s + 120.0;
         while self.truth().height_m > 0.26 {
-            if self.time_s > until_s { panic!("{:?} {}", self.truth(), self.altitude_m); }
+            if self.time_s > until_s {
+                panic!("{:?} {}", self.truth(), self.altitude_m);
+            }
             let sink_m_s = if self.truth().height_m > 6.0 { 2.0 } else { 0.7 };
             let lowest_m = self.truth().position.altitude_m() - 3.0;
             self.altitude_m = (self.altitude_m - sink_m_s * TICK_S).max(lowest_m);

@@ -288,7 +288,7 @@ fn every_choice_loads() {
         for word in words {
             // What some of the words need beside them.
             let text = "swarm.vehicles = 2\nswarm.plant = 'xplane'\nnetwork.edges = [[1, 2]]\n\
-                        formation.external.command = ['a']\n";
+                        formation.external.command = ['a']\nformation.gamma_z = 25\n";
             let loaded = loaded(text, &[&format!("{}={word}", key.path)]);
             assert_eq!(line(&loaded, key.path).0, Some(format!("{word:?}")));
         }
@@ -317,7 +317,13 @@ fn every_default_passes_its_own_check() {
 fn the_plan_hash_is_of_what_is_meant() {
     let hash = |text: &str, sets: &[&str]| loaded(text, sets).scenario.plan_hash();
     let hover = hash(HOVER, &[]);
-    let pinned = [0x3455_c4e1_cd77_a548, 0xcee7_5a56_3abd_b3be, 0x8aef_34b2_8daf_cec9, 0x5b80_0d18_47e6_e710];
+    let pinned = [
+        0x3455_c4e1_cd77_a548,
+        0xcee7_5a56_3abd_b3be,
+        0x8aef_34b2_8daf_cec9,
+        0x5b80_0d18_47e6_e710,
+        0x081c_3fd2_1f33_a2f7,
+    ];
     assert_eq!(SHIPPED.map(|(_, text)| hash(text, &[])), pinned);
     assert_eq!(hash(&HOVER.replace('\n', "\r\n"), &[]), hover);
     assert_eq!(hash(&format!("\u{feff}# a comment\n{HOVER}"), &[]), hover);

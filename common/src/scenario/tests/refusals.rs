@@ -222,6 +222,11 @@ fn values_that_do_not_go_together() {
         ),
         ("far_gain_m = 3", "5:14: `formation.far_gain_m` is 3, but has to be at least `gain_m`, 7"),
         ("band_step_m = 20", "5:15: the lowest of 4 bands is at 0 m, but has to be at 3.5 m at least"),
+        ("vertical = 'ellipsoid'", "5:12: the ellipsoid reaches down to -70.0 m, but has to end at 5 m at least"),
+        (
+            "law = 'virtual-structure'\nvertical = 'ellipsoid'",
+            "6:12: `formation.vertical` = \"ellipsoid\" needs law \"ring\" or \"flock\": no other has such a field",
+        ),
         (
             "safety_distance_m = 150",
             "4:12: 4 neighbours on this ring are 141.4 m apart, less than `formation.safety_distance_m`, 150; \

@@ -1,0 +1,118 @@
+use skein_common::frame::{Attitude, BodyRates, Geodetic};
+use skein_common::scenario::{Source, load};
+use skein_common::state::Standing;
+
+use super::*;
+
+/// Vehicle 2 of four, with these lines under `[formation]`.
+fn formation(lines: &str) -> Formation {
+    let text = format!("swarm.vehicles = 4\n[formation]\n{lines}");
+    let scenario = load(&Source { name: "test.toml", text: &text }, &[]).unwrap().scenario;
+    Formation::new(VehicleId::new(2).unwrap(), &scenario)
+}
+
+fn at(north_m: f64, east_m: f64, altitude_m: f64) -> Estimate {
+    Estimate {
+        position: PositionNed::new(north_m, east_m, -altitude_m),
+        geodetic: Geodetic::from_degrees(0.0, 0.0, 0.0),
+        height_m: altitude_m,
+        velocity: VelocityNed::default(),
+        attitude: Attitude::default(),
+        rates: BodyRates::default(),
+        rotor_speed_rad_s: None,
+    }
+}
+
+fn member(number: u8, north_m: f64, east_m: f64, altitude_m: f64) -> Seen {
+    Seen {
+        id: VehicleId::new(number).unwrap(),
+        position: PositionNed::new(north_m, east_m, -altitude_m),
+        velocity: VelocityNed::default(),
+        age_s: 0.0,
+        standing: Standing::Fresh,
+        role: Role::Member,
+        is_missed: false,
+    }
+}
+
+/// Around a centre at the origin that moves north.
+fn task(speed_m_s: f64) -> Task {
+    Task::Formation(Goal {
+        step: 0,
+        centre_ne_m: Vector2::zeros(),
+        centre_velocity_ne_m_s: Vector2::new(speed_m_s, 0.0),
+        heading_rad: 0.0,
+    })
+}
+
+fn wish(formation: &mut Formation, estimate: &Estimate, peers: &[Seen], speed_m_s: f64) -> Wish {
+    formation.step(0.02, estimate, peers, &task(speed_m_s)).unwrap()
+}
+
+#[test]
+fn each_law_has_its_own_rule_for_being_in_place() {
+    let placed = |lines: &str, estimate: Estimate| wish(&mut formation(lines), &estimate, &[], 0.0).in_place;
+    assert!(placed("", at(100.0, 0.0, 30.0)) && !placed("", at(70.0, 0.0, 30.0)), "ring: in the band");
+    assert!(!placed("", at(85.0, 0.0, 30.0)), "and without a strong wish to be elsewhere");
+    assert!(placed("law = 'flock'", at(45.0, 0.0, 30.0)) && !placed("law = 'flock'", at(51.0, 0.0, 30.0)), "inside");
+    let slots = "law = 'virtual-structure'";
+    assert!(placed(slots, at(102.0, 0.0, 30.0)) && !placed(slots, at(104.0, 0.0, 30.0)), "near the slot");
+    for lines in ["", "law = 'flock'\nradius_m = 101", slots] {
+        assert!(placed(lines, at(100.0, 0.0, 30.5)) && !placed(lines, at(100.0, 0.0, 28.0)), "{lines}: at height");
+        let drifts = Estimate { velocity: VelocityNed::new(0.0, 0.6, 0.0), ..at(100.0, 0.0, 30.0) };
+        assert!(!placed(lines, drifts), "{lines}: slow");
+    }
+}
+
+#[test]
+fn slow_is_relative_to_the_centre_which_is_fed_forward_if_it_is_asked_for() {
+    let along = Estimate { velocity: VelocityNed::new(2.0, 0.0, 0.0), ..at(10.0, 0.0, 30.0) };
+    let fed = wish(&mut formation("law = 'flock'"), &along, &[], 2.0);
+    assert!(fed.in_place && fed.setpoint.feedforward_ne_m_s == Vector2::new(2.0, 0.0));
+    let trailing = wish(&mut formation("law = 'flock'\nfeedforward = false"), &along, &[], 2.0);
+    assert!(trailing.in_place && trailing.setpoint.feedforward_ne_m_s == Vector2::zeros());
+}
+
+#[test]
+fn slots_and_bands_follow_the_ranks_of_the_live() {
+    let peers = [member(1, 0.0, 100.0, 30.0), member(4, 0.0, -100.0, 30.0)];
+    let lines = "law = 'virtual-structure'\nradius_m = 60\nband_step_m = 4";
+    let second_of_three = wish(&mut formation(lines), &at(-30.0, 50.0, 30.0), &peers, 0.0);
+    assert_eq!(second_of_three.setpoint.altitude_m, 30.0, "the middle band");
+    assert!(
+        (second_of_three.setpoint.error_ne_m - Vector2::new(0.0, 1.9615)).norm() < 1e-3,
+        "a third round the circle"
+    );
+    let first_of_two = wish(&mut formation(lines), &at(-30.0, 50.0, 30.0), &peers[1..], 0.0);
+    assert_eq!(first_of_two.setpoint.altitude_m, 28.0);
+    assert!((first_of_two.setpoint.error_ne_m.norm() - 15.0).abs() < 1e-9, "never more than 15 m");
+}
+
+#[test]
+fn on_an_ellipsoid_whoever_is_under_another_goes_down() {
+    let mut formation = formation("vertical = 'ellipsoid'\nradius_m = 40\naltitude_m = 60");
+    let peers = [member(1, 40.0, 0.0, 75.0)];
+    let first_m = wish(&mut formation, &at(40.0, 0.0, 60.0), &peers, 0.0).setpoint.altitude_m;
+    let second = wish(&mut formation, &at(40.0, 0.0, 60.0), &peers, 0.0);
+    assert!(second.setpoint.altitude_m < first_m && !second.in_place);
+}
+
+#[test]
+fn the_filter_sees_all_that_is_flown_and_nobody_far_above() {
+    let slots = "law = 'virtual-structure'\nradius_m = 100";
+    // In its slot if there are three; the centre moves north, where somebody hovers.
+    let (sin, cos) = (std::f64::consts::TAU / 3.0).sin_cos();
+    let place = at(100.0 * cos, 100.0 * sin, 30.0);
+    let ahead = |altitude_m| [member(1, 100.0 * cos + 12.0, 100.0 * sin, altitude_m), member(3, 0.0, -90.0, 30.0)];
+    let mut filtered = formation(slots);
+    let held = wish(&mut filtered, &place, &ahead(30.0), 4.0);
+    let flown_m_s = held.setpoint.error_ne_m * VELOCITY_PER_ERROR + held.setpoint.feedforward_ne_m_s;
+    assert!((flown_m_s.x - 0.125 * 80.0 / 12.0).abs() < 1e-9, "κ/4 h / d: {flown_m_s}");
+    assert_eq!(filtered.safety_activations(), Some(1));
+    wish(&mut filtered, &place, &ahead(30.0), 4.0);
+    assert_eq!(filtered.safety_activations(), Some(1), "once for each time that it steps in");
+    let above = wish(&mut filtered, &place, &ahead(38.5), 4.0);
+    assert!(above.setpoint.error_ne_m.norm() < 1e-6);
+    let free = wish(&mut formation("law = 'virtual-structure'\nsafety_filter = 'none'"), &place, &ahead(30.0), 4.0);
+    assert!(free.setpoint.error_ne_m.norm() < 1e-6);
+}

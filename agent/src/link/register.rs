@@ -1,0 +1,72 @@
+//! The last register that an agent said, kept for whoever comes late: Zenoh's threads answer with it, whatever the agent
+//! does.
+
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+
+use skein_common::message::{Message, encode};
+use skein_common::topic::Topic;
+use zenoh::qos::{CongestionControl, Priority};
+use zenoh::query::{ConsolidationMode, Query, Queryable};
+use zenoh::sample::{Locality, Sample};
+use zenoh::{Session, Wait};
+
+use super::{LinkError, declaring};
+
+/// An answer that takes longer is not waited for: the next register is said by then.
+const ANSWER_WITHIN: Duration = Duration::from_secs(1);
+
+/// What is answered to those who ask.
+pub(super) struct Register {
+    last: Arc<Mutex<Vec<u8>>>,
+    _answering: Queryable<()>,
+}
+
+impl Register {
+    /// Answers whoever asks for this topic; nobody before the first [`Register::keep`].
+    pub(super) fn open(session: &Session, topic: Topic) -> Result<Self, LinkError> {
+        let (key, last) = (topic.key(), Arc::<Mutex<Vec<u8>>>::default());
+        let (own_key, kept) = (key.clone(), last.clone());
+        let answer = move |query: Query| {
+            let said = lock(&kept).clone();
+            if !said.is_empty() {
+                // It fails only on a closed session. The answer is dropped rather than waited for, as its question was.
+                let _ = query.reply(&own_key, said).express(true).wait();
+            }
+        };
+        let answering = session.declare_queryable(&key).allowed_origin(Locality::Remote).callback(answer);
+        let answering = answering.wait().map_err(declaring(&key))?;
+        Ok(Self { last, _answering: answering })
+    }
+
+    /// From now on this is the answer.
+    pub(super) fn keep<M: Message>(&self, said: &M) {
+        let said = encode(said);
+        *lock(&self.last) = said;
+    }
+}
+
+/// Held for a copy of some bytes, in which nothing can panic.
+fn lock(kept: &Mutex<Vec<u8>>) -> MutexGuard<'_, Vec<u8>> {
+    kept.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// Asks for somebody's register; `take` gets the answer on one of Zenoh's threads. Never waits for it.
+pub(super) fn ask(session: &Session, topic: Topic, take: impl Fn(&Sample) + Send + Sync + 'static) {
+    let asked = session
+        .get(topic.key())
+        .congestion_control(CongestionControl::Drop)
+        .priority(Priority::InteractiveHigh)
+        .express(true)
+        // Otherwise Zenoh keeps the answer until the last one has come.
+        .consolidation(ConsolidationMode::None)
+        .allowed_destination(Locality::Remote)
+        .timeout(ANSWER_WITHIN)
+        .callback(move |reply| {
+            if let Ok(said) = reply.result() {
+                take(said);
+            }
+        });
+    // It fails only on a closed session.
+    let _ = asked.wait();
+}
