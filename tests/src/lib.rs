@@ -1,6 +1,7 @@
 //! What the whole-swarm tests share.
 
 pub mod faults;
+pub mod halves;
 pub mod tour;
 
 use std::ops::Range;
@@ -13,11 +14,12 @@ use skein_agent::control::Rules;
 use skein_common::scenario::{Scenario, Source, load};
 
 /// The shipped scenarios, by name.
-pub const SHIPPED: [(&str, &str); 4] = [
+pub const SHIPPED: [(&str, &str); 5] = [
     ("hover.toml", include_str!("../../deploy/scenarios/hover.toml")),
     ("flock.toml", include_str!("../../deploy/scenarios/flock.toml")),
     ("tour.toml", include_str!("../../deploy/scenarios/tour.toml")),
     ("sinusoid.toml", include_str!("../../deploy/scenarios/sinusoid.toml")),
+    ("crossing.toml", include_str!("../../deploy/scenarios/crossing.toml")),
 ];
 
 /// A shipped scenario with some keys set.

@@ -6,7 +6,6 @@ use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 use std::process::{Child as Process, ChildStdin, Command, ExitStatus, Stdio};
 
-use skein_agent::link::ZENOH_RUNTIME;
 use skein_common::id::VehicleId;
 
 use crate::os;
@@ -156,7 +155,7 @@ impl Drop for Children {
 fn spawn(arguments: &[OsString], log: &Path) -> io::Result<Process> {
     let mut command = Command::new(std::env::current_exe()?);
     os::in_own_group(&mut command);
-    command.args(arguments).env(ZENOH_RUNTIME.0, ZENOH_RUNTIME.1);
+    command.args(arguments);
     let log = File::options().create(true).append(true).open(log)?;
     command.stdin(Stdio::piped()).stdout(Stdio::null()).stderr(log).spawn()
 }

@@ -1,10 +1,4 @@
-//! The mission agreement in every order in which things can happen: all states that three agents can come to by delivery
-//! in any order, loss, repetition, a fall and a return, a cut and its heal.
-//!
-//! The model holds the agents' own [`Agreement`]s and around them only what they cannot know: which words are under way,
-//! who is up, which links are cut. An agent says its part whenever that changes. A word that was ever said stays under way
-//! for good and may arrive at any time, any number of times, or never: that is loss, repetition, delay and reordering at
-//! once. Time is left out, and so is reaching the last step, which nobody leaves.
+//! Three agents, the words under way between them, and who has been left behind.
 //!
 //! # Who counts
 //!
@@ -19,13 +13,13 @@
 //! All are settled at first, and can be again after everything that happens, which is checked too.
 
 use std::hash::{Hash, Hasher};
-use std::time::Instant;
 
 use skein_agent::mission::agreement::{Agreement, Event, Part, Progress};
 use skein_common::id::{Incarnation, VehicleId};
 use skein_common::scenario::Partition;
 use skein_common::state::Membership;
-use stateright::{Checker, HasDiscoveries, Model, Property};
+
+use super::{P1, P2, P3, P4};
 
 const AGENTS: usize = 3;
 /// Agents by index, one bit each.
@@ -34,25 +28,17 @@ const ALL: Bits = (1 << AGENTS) - 1;
 /// Every way to name them.
 const NAMINGS: [[usize; AGENTS]; 6] = [[0, 1, 2], [0, 2, 1], [1, 0, 2], [1, 2, 0], [2, 0, 1], [2, 1, 0]];
 
-const P1: &str = "P1: neither step nor reached goes back in one life";
-const P2: &str = "P2: whoever advances has heard from everybody in view that they were there";
-const P3: &str = "P3: nobody passes a step before all settled agents reached it";
-const P3_SKEW: &str = "P3: nobody is two steps ahead of a settled agent";
-const P4: &str = "P4: no step begins before somebody reached the one before";
-const P5: &str = "P5: a fair schedule completes from here";
-const P7: &str = "P7: the two sides of a cut never both advance without the other";
-
 /// What may happen.
 #[derive(Clone, Copy, Debug)]
-struct Bounds {
-    last_step: u32,
-    partition: Partition,
+pub(super) struct Bounds {
+    pub(super) last_step: u32,
+    pub(super) partition: Partition,
     /// How often somebody falls: crashes, or loses its own data and takes part no longer. Each may come back.
-    falls: u8,
+    pub(super) falls: u8,
     /// How often one is cut off from the two others. Each cut may heal.
-    cuts: u8,
+    pub(super) cuts: u8,
     /// Whether somebody can be suspected who is up and not cut off.
-    false_suspicion: bool,
+    pub(super) false_suspicion: bool,
 }
 
 #[derive(Clone, Debug, PartialEq)]
@@ -70,7 +56,7 @@ struct Agent {
 }
 
 #[derive(Clone, Debug, PartialEq)]
-struct Swarm {
+pub(super) struct Swarm {
     agents: [Agent; AGENTS],
     /// The one that is cut off.
     cut_off: Option<usize>,
@@ -83,7 +69,7 @@ struct Swarm {
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
-enum Action {
+pub(super) enum Action {
     Reach(usize),
     Advance(usize),
     Deliver {
@@ -117,6 +103,7 @@ fn has(bits: Bits, agent: usize) -> bool {
 }
 
 impl Agent {
+    /// At the beginning of a life.
     fn new(own: usize, bounds: &Bounds, incarnation: u64) -> Self {
         Self {
             agreement: Agreement::new(id(own), AGENTS as u8, bounds.last_step, bounds.partition),
@@ -143,6 +130,7 @@ impl Agent {
         self.is_up && self.agreement.membership() == Membership::Active
     }
 
+    /// Takes part from now on, or no longer.
     fn turn(&mut self, membership: Membership) {
         self.agreement.step(Event::Became(membership));
         self.sequence += 1;
@@ -160,14 +148,20 @@ impl Agent {
         self.agreement.step(Event::Sees((0..AGENTS).filter(|&other| has(sees, other)).map(id).collect()));
     }
 
-    /// Whether a word says that its speaker has become active since it last was not.
+    /// Whether it has heard of a step that it has not come to.
+    fn is_behind(&self) -> bool {
+        (0..AGENTS).filter_map(|other| self.agreement.part(id(other))).any(|part| part.step > self.agreement.at())
+    }
+
+    /// Whether it has said this since it became active, and is.
     fn is_latest(&self, word: &Part) -> bool {
         self.is_active() && (word.incarnation, word.sequence) == (Incarnation(self.incarnation), self.sequence)
     }
 }
 
 impl Swarm {
-    fn start(bounds: &Bounds) -> Self {
+    /// Everybody is active and has heard so.
+    pub(super) fn start(bounds: &Bounds) -> Self {
         let mut swarm = Self {
             agents: std::array::from_fn(|agent| Agent::new(agent, bounds, 0)),
             cut_off: None,
@@ -185,6 +179,50 @@ impl Swarm {
             others(to).for_each(|from| swarm.deliver(to, from, 0));
         }
         swarm
+    }
+
+    /// What may happen next.
+    pub(super) fn actions(&self, bounds: &Bounds, actions: &mut Vec<Action>) {
+        for agent in 0..AGENTS {
+            let Agent { agreement, is_up, .. } = &self.agents[agent];
+            if !is_up {
+                actions.push(Action::Restart(agent));
+                continue;
+            }
+            actions.push(Action::Advance(agent));
+            let is_there = agreement.reached() >= Some(agreement.at()) || agreement.at() >= bounds.last_step;
+            let is_active = self.agents[agent].is_active();
+            actions.extend((is_active && !is_there).then_some(Action::Reach(agent)));
+            if self.falls_left > 0 {
+                actions.push(Action::Crash(agent));
+                actions.extend(is_active.then_some(Action::Withdraw(agent)));
+            }
+            if self.may_activate(agent) {
+                actions.push(Action::Activate(agent));
+            }
+            for other in others(agent) {
+                let suspects = self.may_suspect(agent, other, bounds.false_suspicion);
+                actions.extend(suspects.then_some(Action::Suspect { by: agent, whom: other }));
+                let arrives =
+                    |(_, word): &(usize, &Part)| self.are_linked(agent, other) && self.is_news(agent, other, word);
+                let words = self.agents[other].said.iter().enumerate().filter(arrives);
+                actions.extend(words.map(|(word, _)| Action::Deliver { to: agent, from: other, word }));
+            }
+        }
+        match self.cut_off {
+            Some(_) => actions.push(Action::Heal),
+            None if self.cuts_left > 0 => actions.extend((0..AGENTS).map(Action::CutOff)),
+            None => {}
+        }
+    }
+
+    /// How it is after that, unless it changes nothing.
+    pub(super) fn after(&self, action: Action, bounds: &Bounds) -> Option<Self> {
+        let mut swarm = self.clone();
+        swarm.apply(action, bounds);
+        swarm.judge(self);
+        swarm.settle();
+        (swarm != *self).then_some(swarm)
     }
 
     fn are_linked(&self, one: usize, other: usize) -> bool {
@@ -225,7 +263,8 @@ impl Swarm {
         to.admitted |= Bits::from(admits) << from;
     }
 
-    fn is_admitted_no_more(&mut self, agent: usize) {
+    /// Nobody has it admitted any longer.
+    fn expel(&mut self, agent: usize) {
         self.agents.iter_mut().for_each(|other| other.admitted &= !(1 << agent));
     }
 
@@ -245,19 +284,19 @@ impl Swarm {
                 let dead = &mut self.agents[agent];
                 let (next, said) = (dead.incarnation + 1, std::mem::take(&mut dead.said));
                 *dead = Agent { said, is_up: false, ..Agent::new(agent, bounds, next) };
-                self.is_admitted_no_more(agent);
+                self.expel(agent);
             }
             Action::Restart(agent) => self.agents[agent].is_up = true,
             Action::Withdraw(agent) => {
                 self.falls_left -= 1;
                 self.agents[agent].turn(Membership::Joining);
-                self.is_admitted_no_more(agent);
+                self.expel(agent);
             }
             Action::Activate(agent) => self.agents[agent].turn(Membership::Active),
             Action::CutOff(lone) => {
                 self.cuts_left -= 1;
                 self.cut_off = Some(lone);
-                self.is_admitted_no_more(lone);
+                self.expel(lone);
                 self.agents[lone].admitted = 0;
             }
             Action::Heal => {
@@ -326,7 +365,21 @@ impl Swarm {
         self.settled = (0..AGENTS).filter(is_settled).fold(0, |settled, agent| settled | 1 << agent);
     }
 
-    fn is_skewed(&self) -> bool {
+    pub(super) fn breaks(&self, property: &str) -> bool {
+        self.broken == Some(property)
+    }
+
+    pub(super) fn is_behind(&self) -> bool {
+        self.agents.iter().any(Agent::is_behind)
+    }
+
+    /// Both sides of the cut have gone on without the other.
+    pub(super) fn is_split(&self) -> bool {
+        self.advanced == [true; 2]
+    }
+
+    /// Whether somebody is two steps ahead of a settled agent.
+    pub(super) fn is_skewed(&self) -> bool {
         (0..AGENTS).filter(|&late| has(self.settled, late)).any(|late| {
             let is_ahead = |other: &Agent| other.agreement.at() > self.agents[late].agreement.at() + 1;
             others(late).any(|other| self.are_linked(late, other) && is_ahead(&self.agents[other]))
@@ -334,14 +387,14 @@ impl Swarm {
     }
 
     /// All that may go wrong has, and all are settled, still at the first step.
-    fn has_recovered(&self) -> bool {
+    pub(super) fn has_recovered(&self) -> bool {
         let is_over = self.falls_left + self.cuts_left == 0 && self.cut_off.is_none();
         is_over && self.settled == ALL && self.agents.iter().all(|agent| agent.agreement.at() == 0)
     }
 
     /// Whether everybody up comes to the last step if from here on links are whole, words arrive, and everybody reaches
     /// the step that it is at: in a round of publishing for every step.
-    fn completes(mut self, last_step: u32) -> bool {
+    pub(super) fn completes(mut self, last_step: u32) -> bool {
         self.cut_off = None;
         let up: Vec<usize> = (0..AGENTS).filter(|&agent| self.agents[agent].is_up).collect();
         let sees = up.iter().fold(0, |sees, &agent| sees | 1 << agent);
@@ -401,123 +454,4 @@ impl Hash for Swarm {
         let sorting = NAMINGS.iter().filter(|naming| naming.is_sorted_by_key(|&agent| own[agent]));
         sorting.map(|naming| (naming.map(|agent| own[agent]), self.key(naming))).min().hash(hasher);
     }
-}
-
-impl Model for Bounds {
-    type State = Swarm;
-    type Action = Action;
-
-    /// Everybody is active and has heard so.
-    fn init_states(&self) -> Vec<Swarm> {
-        vec![Swarm::start(self)]
-    }
-
-    fn actions(&self, swarm: &Swarm, actions: &mut Vec<Action>) {
-        for agent in 0..AGENTS {
-            let Agent { agreement, is_up, .. } = &swarm.agents[agent];
-            if !is_up {
-                actions.push(Action::Restart(agent));
-                continue;
-            }
-            if swarm.agents[agent].is_active() && agreement.at() < self.last_step {
-                let is_there = agreement.reached() >= Some(agreement.at());
-                actions.push(if is_there { Action::Advance(agent) } else { Action::Reach(agent) });
-            }
-            if swarm.falls_left > 0 {
-                actions.push(Action::Crash(agent));
-                actions.extend(swarm.agents[agent].is_active().then_some(Action::Withdraw(agent)));
-            }
-            if swarm.may_activate(agent) {
-                actions.push(Action::Activate(agent));
-            }
-            for other in others(agent) {
-                let suspects = swarm.may_suspect(agent, other, self.false_suspicion);
-                actions.extend(suspects.then_some(Action::Suspect { by: agent, whom: other }));
-                let arrives =
-                    |(_, word): &(usize, &Part)| swarm.are_linked(agent, other) && swarm.is_news(agent, other, word);
-                let words = swarm.agents[other].said.iter().enumerate().filter(arrives);
-                actions.extend(words.map(|(word, _)| Action::Deliver { to: agent, from: other, word }));
-            }
-        }
-        match swarm.cut_off {
-            Some(_) => actions.push(Action::Heal),
-            None if swarm.cuts_left > 0 => actions.extend((0..AGENTS).map(Action::CutOff)),
-            None => {}
-        }
-    }
-
-    fn next_state(&self, before: &Swarm, action: Action) -> Option<Swarm> {
-        let mut swarm = before.clone();
-        swarm.apply(action, self);
-        swarm.judge(before);
-        swarm.settle();
-        (swarm != *before).then_some(swarm)
-    }
-
-    fn properties(&self) -> Vec<Property<Self>> {
-        let mut properties = vec![
-            Property::always(P1, |_, swarm: &Swarm| swarm.broken != Some(P1)),
-            Property::always(P2, |_, swarm: &Swarm| swarm.broken != Some(P2)),
-            Property::always(P3, |_, swarm: &Swarm| swarm.broken != Some(P3)),
-            Property::always(P3_SKEW, |_, swarm: &Swarm| !swarm.is_skewed()),
-            Property::always(P4, |_, swarm: &Swarm| swarm.broken != Some(P4)),
-            Property::always(P5, |bounds: &Self, swarm: &Swarm| swarm.clone().completes(bounds.last_step)),
-            Property::sometimes("all are settled again", |_, swarm: &Swarm| swarm.has_recovered()),
-        ];
-        match self.partition {
-            Partition::Quorum => properties.push(Property::always(P7, |_, swarm: &Swarm| swarm.advanced != [true; 2])),
-            Partition::Continue if self.cuts > 0 => {
-                properties.push(Property::sometimes("both sides of a cut go on", |_, swarm: &Swarm| {
-                    swarm.advanced == [true; 2]
-                }));
-            }
-            Partition::Continue => {}
-        }
-        properties
-    }
-}
-
-/// Searches all states within the bounds.
-fn check(bounds: Bounds) -> impl Checker<Bounds> {
-    let begin = Instant::now();
-    let checker = bounds.checker().threads(2).spawn_bfs().join();
-    let (states, transitions, depth) = (checker.unique_state_count(), checker.state_count(), checker.max_depth());
-    println!("{bounds:?}: {states} states, {transitions} transitions, depth {depth}, {:.1?}", begin.elapsed());
-    checker
-}
-
-const POLICIES: [Partition; 2] = [Partition::Continue, Partition::Quorum];
-
-#[test]
-fn nobody_is_left_behind_whoever_falls_and_comes_back() {
-    for partition in POLICIES {
-        check(Bounds { last_step: 2, partition, falls: 1, cuts: 0, false_suspicion: false }).assert_properties();
-    }
-}
-
-#[test]
-fn nobody_is_left_behind_whoever_is_cut_off_for_a_while() {
-    for partition in POLICIES {
-        check(Bounds { last_step: 2, partition, falls: 0, cuts: 1, false_suspicion: false }).assert_properties();
-    }
-}
-
-#[test]
-fn nobody_is_left_behind_by_a_fall_and_a_cut_together() {
-    for partition in POLICIES {
-        check(Bounds { last_step: 1, partition, falls: 1, cuts: 1, false_suspicion: false }).assert_properties();
-    }
-}
-
-#[test]
-fn a_false_suspicion_leaves_somebody_behind_but_stops_nobody() {
-    let bounds = Bounds { last_step: 2, partition: Partition::Continue, falls: 0, cuts: 0, false_suspicion: true };
-    let checker = check(bounds);
-    for property in [P1, P2, P4, P5] {
-        checker.assert_no_discovery(property);
-    }
-    checker.assert_any_discovery(P3_SKEW);
-    checker.assert_any_discovery(P3);
-    let shortest = bounds.checker().finish_when(HasDiscoveries::AnyOf([P3].into())).spawn_bfs().join();
-    println!("{P3}, unless {:?}", shortest.assert_any_discovery(P3).into_actions());
 }

@@ -1,0 +1,153 @@
+//! A swarm that is cut in two for a while: what each part does, and how soon it is one again.
+
+use skein::study::world::{Incident, World};
+use skein_agent::agent::Agent;
+use skein_common::id::{VehicleId, VehicleSet};
+use skein_common::scenario::{Scenario, Source, load};
+
+use crate::{in_parallel, median_and_worst, of_scenario};
+
+/// How long the cut lasts, s.
+const CUT_S: f64 = 20.0;
+/// By then everybody has noticed it, s: a lease and a frame or two.
+const NOTICED_S: f64 = 1.2;
+/// Two centres of gravity nearer than this have collided, if both are higher than [`AIRBORNE_M`], m.
+const COLLISION_M: f64 = 2.0;
+const AIRBORNE_M: f64 = 2.0;
+
+/// One flight.
+#[derive(Clone, Copy, Debug)]
+pub struct Flight {
+    /// Steps that the first part went on by while it knew of the cut.
+    pub first_went_on: u32,
+    /// The same of the second.
+    pub second_went_on: u32,
+    /// From healing until everybody hears everybody and is at the same step, s.
+    pub one_again_s: Option<f64>,
+    /// Least distance between two in the air, m.
+    pub closest_m: f64,
+}
+
+impl Flight {
+    /// Whether two came too near to each other.
+    pub fn has_collided(&self) -> bool {
+        self.closest_m < COLLISION_M
+    }
+}
+
+/// Vehicles 1 to `first` against the rest of `vehicles`, with many places close to each other.
+fn scenario(partition: &str, first: usize, vehicles: usize, seed: u64) -> Scenario {
+    let ids = |range: std::ops::RangeInclusive<usize>| range.map(|id| id.to_string()).collect::<Vec<_>>().join(", ");
+    let places: Vec<_> = (0..30).map(|nth| format!("{{ centre_ne_m = [{}, 0] }}", 10 * nth)).collect();
+    let (from, to) = (ids(1..=first), ids(first + 1..=vehicles));
+    let text = format!(
+        r#"
+        name = "halves"
+        seed = {seed}
+        swarm.vehicles = {vehicles}
+        formation.radius_m = 40
+        [mission]
+        partition = "{partition}"
+        dwell_s = 1
+        steps = [{}]
+        events = [{{ at_s = {}, fault = "cut", from = [{from}], to = [{to}], both_ways = true, for_s = {CUT_S} }}]
+        "#,
+        places.join(", "),
+        40 + seed
+    );
+    load(&Source { name: "halves", text: &text }, &[]).expect("a scenario that may fly").scenario
+}
+
+/// Flies it until 30 s after healing.
+///
+/// # Panics
+/// If it cannot begin.
+pub fn fly(partition: &str, first: usize, vehicles: usize, seed: u64) -> Flight {
+    let study = of_scenario(scenario(partition, first, vehicles, seed));
+    let mut world = World::new(&study.scenario, &study.aircraft, &study.rules).expect("it may fly");
+    let is_first = |id: VehicleId| usize::from(id.get()) <= first;
+    let foremost = |world: &World, wanted: bool| {
+        let part = world.vehicles().filter(|(id, ..)| is_first(*id) == wanted);
+        part.map(|(_, agent, ..)| agent.at_step()).max().unwrap_or(0)
+    };
+    let (mut cut_s, mut healed_s, mut steps_then) = (None, None, None);
+    let mut flight = Flight { first_went_on: 0, second_went_on: 0, one_again_s: None, closest_m: f64::INFINITY };
+    while healed_s.is_none_or(|healed_s| world.t_s() < healed_s + 30.0) {
+        world.tick();
+        let t_s = world.t_s();
+        for incident in world.incidents() {
+            match incident {
+                Incident::Cut { .. } => cut_s = cut_s.or(Some(t_s)),
+                Incident::Healed { .. } if healed_s.is_none() => {
+                    healed_s = Some(t_s);
+                    let (one, two) = steps_then.unwrap_or_default();
+                    flight.first_went_on = foremost(&world, true) - one;
+                    flight.second_went_on = foremost(&world, false) - two;
+                }
+                _ => {}
+            }
+        }
+        if cut_s.is_some_and(|cut_s| t_s >= cut_s + NOTICED_S) && steps_then.is_none() {
+            steps_then = Some((foremost(&world, true), foremost(&world, false)));
+        }
+        if let Some(healed_s) = healed_s
+            && is_one(&world)
+        {
+            flight.one_again_s.get_or_insert(t_s - healed_s);
+        }
+        flight.closest_m = flight.closest_m.min(closest_m(&world));
+    }
+    flight
+}
+
+fn is_one(world: &World) -> bool {
+    let all: VehicleSet = world.vehicles().map(|(id, ..)| id).collect();
+    let step = |agent: &Agent| agent.at_step();
+    let first = world.vehicles().next().map(|(_, agent, ..)| step(agent));
+    world.vehicles().all(|(id, agent, ..)| {
+        let mut known = agent.hears();
+        known.insert(id);
+        known == all && Some(step(agent)) == first
+    })
+}
+
+fn closest_m(world: &World) -> f64 {
+    let airborne: Vec<_> = world
+        .everybody()
+        .filter(|(_, _, truth, _)| truth.height_m > AIRBORNE_M)
+        .map(|(_, _, t, _)| t.position)
+        .collect();
+    let pairs =
+        airborne.iter().enumerate().flat_map(|(nth, one)| airborne[..nth].iter().map(move |other| (one, other)));
+    pairs.map(|(one, other)| (*one - *other).norm()).fold(f64::INFINITY, f64::min)
+}
+
+/// Policy, size of the first part, and of all.
+pub const CASES: [(&str, usize, usize); 4] =
+    [("continue", 2, 4), ("continue", 3, 5), ("quorum", 2, 4), ("quorum", 3, 5)];
+
+/// The table over so many seeds.
+pub fn table(seeds: u64) -> String {
+    let mut lines = vec![format!(
+        "{:<9} {:>6} {:>7} {:>14} {:>14} {:>10} {:>15} {:>9}",
+        "policy", "parts", "flights", "first goes on", "second goes on", "collisions", "one again s", "closest m"
+    )];
+    for (partition, first, vehicles) in CASES {
+        let flights = in_parallel(0..seeds, |seed| fly(partition, first, vehicles, seed));
+        let range = |steps: fn(&Flight) -> u32| {
+            let steps = || flights.iter().map(steps);
+            format!("{} to {}", steps().min().unwrap_or(0), steps().max().unwrap_or(0))
+        };
+        lines.push(format!(
+            "{partition:<9} {:>6} {:>7} {:>14} {:>14} {:>10} {:>15} {:>9.1}",
+            format!("{first}+{}", vehicles - first),
+            flights.len(),
+            range(|flight| flight.first_went_on),
+            range(|flight| flight.second_went_on),
+            flights.iter().filter(|flight| flight.has_collided()).count(),
+            median_and_worst(flights.iter().map(|flight| flight.one_again_s)),
+            flights.iter().map(|flight| flight.closest_m).fold(f64::INFINITY, f64::min),
+        ));
+    }
+    lines.join("\n")
+}

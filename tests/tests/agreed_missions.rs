@@ -1,0 +1,59 @@
+//! Missions in virtual time over bad networks, split swarms and broken vehicles: a few cells of the tables that
+//! `cargo run --release -p skein-tests --bin tables` prints whole.
+#![expect(clippy::unwrap_used, reason = "what a test cannot do has failed")]
+
+use skein_tests::{faults, halves, in_parallel, tour};
+
+/// An agreement's register is said this often, s.
+const PUBLISH_PERIOD_S: f64 = 0.2;
+/// One frame of virtual time, s.
+const FRAME_S: f64 = 0.02;
+
+#[test]
+fn a_tour_comes_to_its_end_together_over_any_network() {
+    let cells = [(2, 0.0, 0.0, 1.0), (4, 0.2, 0.5, 3.0), (8, 0.0, 1.0, 1.0), (8, 0.3, 0.2, 3.0), (16, 0.2, 0.0, 3.0)];
+    for (vehicles, loss, delay_s, periods) in cells {
+        for report in in_parallel(0..2, |seed| tour::fly(vehicles, loss, delay_s, seed)) {
+            let cell = format!("{vehicles} vehicles, loss {loss}, delay {delay_s} s, seed {}", report.run.seed);
+            assert_eq!(report.setpoints_reached, Some(tour::PLACES), "{cell}");
+            assert!(report.setpoint_skew.unwrap() <= 1, "{cell}: {:?}", report.setpoint_skew);
+            assert_eq!((report.false_suspicions, report.forced_advances), (Some(0), Some(0)), "{cell}");
+            let latency_s = report.advance_latency_s.unwrap();
+            let limit_s = delay_s + periods * PUBLISH_PERIOD_S + FRAME_S;
+            assert!(latency_s >= delay_s && latency_s <= limit_s, "{cell}: {latency_s} s");
+            assert_eq!(report.collisions, 0, "{cell}");
+        }
+    }
+}
+
+#[test]
+fn halves_go_on_or_hold_as_their_policy_says_and_are_soon_one_again() {
+    for (partition, first, vehicles) in halves::CASES {
+        for (seed, flight) in in_parallel(0..4, |seed| halves::fly(partition, first, vehicles, seed)).iter().enumerate() {
+            let case = format!("{partition}, {first} of {vehicles}, seed {seed}: {flight:?}");
+            let first_goes_on = partition == "continue" || 2 * first > vehicles;
+            let second_goes_on = partition == "continue";
+            assert_eq!(flight.first_went_on > 0, first_goes_on, "{case}");
+            assert_eq!(flight.second_went_on > 0, second_goes_on, "{case}");
+            assert!(flight.one_again_s.is_some_and(|s| s > 0.0 && s < 3.0), "{case}");
+            assert!(!flight.has_collided(), "{case}");
+        }
+    }
+}
+
+#[test]
+fn no_fault_of_one_keeps_the_others_from_their_mission() {
+    for (name, fault) in faults::FAULTS {
+        for (seed, flight) in in_parallel(2..5, |seed| faults::fly(Some(fault), 4, seed)).iter().enumerate() {
+            let case = format!("{name}, seed {}: {flight:?}", seed + 2);
+            assert_eq!(flight.collisions, 0, "{case}");
+            assert!(flight.finished, "{case}");
+            let (is_noticed, is_back) = (flight.noticed_s.is_some(), flight.back_s.is_some());
+            match name {
+                "clock jump" => assert!(!is_noticed, "{case}: nobody is to notice"),
+                "engine out" | "servo stuck" | "gyro off" | "gps frozen" => assert!(is_noticed && !is_back, "{case}"),
+                _ => assert!(flight.noticed_s.unwrap() < 2.1 && flight.back_s.unwrap() < 25.0, "{case}"),
+            }
+        }
+    }
+}

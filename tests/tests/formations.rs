@@ -1,0 +1,160 @@
+//! Formations besides the ring in virtual time, against their limits: few seeds here, fifty by `skein study`.
+#![expect(clippy::unwrap_used, reason = "what a test cannot do has failed")]
+
+use std::f64::consts::{PI, TAU};
+use std::num::NonZeroUsize;
+
+use nalgebra::Vector2;
+use skein::metrics::Report;
+use skein::study::world::World;
+use skein_common::frame::PositionNed;
+use skein_common::scenario::Scenario;
+use skein_tests::{in_parallel, study};
+
+const TWO: NonZeroUsize = NonZeroUsize::MIN.saturating_add(1);
+
+fn median(mut figures: Vec<f64>) -> f64 {
+    figures.sort_unstable_by(f64::total_cmp);
+    figures[figures.len() / 2]
+}
+
+fn worst(figures: &[f64]) -> f64 {
+    figures.iter().copied().fold(f64::INFINITY, f64::min)
+}
+
+/// Four seeds of the flock: everybody stays inside while the centre moves, and arrives. Least separation of each.
+fn flock_m(sets: &[&str]) -> Vec<f64> {
+    let study = study("flock.toml", sets);
+    let within_m = study.scenario.formation.radius_m;
+    let separation_m = |report: &Report| {
+        let (seed, farthest_m) = (report.run.seed, report.max_centre_distance_m.unwrap());
+        assert!(farthest_m <= within_m, "seed {seed}: {farthest_m} m from the centre");
+        assert_eq!(report.setpoints_reached, Some(2), "seed {seed}");
+        report.min_separation_m.unwrap()
+    };
+    study.fly_all(0..4, TWO, |_| {}).unwrap().iter().map(separation_m).collect()
+}
+
+#[test]
+fn a_flock_follows_its_centre_together_and_apart() {
+    let calm_m = flock_m(&[]);
+    assert!(worst(&calm_m) >= 20.0 && median(calm_m.clone()) >= 28.0, "2 m/s: {calm_m:?} m");
+    let fast_m = flock_m(&["mission.speed_m_s=4"]);
+    assert!(worst(&fast_m) >= 18.0, "4 m/s: {fast_m:?} m");
+    let papers_m = flock_m(&["preset=paper"]);
+    assert!(worst(&papers_m) >= 18.0, "without feed-forward: {papers_m:?} m");
+}
+
+/// One crossing: least separation from the beginning of the second step on, pairs that collided, and when all were in their
+/// new places, s after that beginning.
+fn cross(sets: &[&str], seed: u64) -> (f64, usize, Option<f64>) {
+    let study = study("crossing.toml", sets);
+    let scenario = Scenario { seed, ..study.scenario };
+    let mut world = World::new(&scenario, &study.aircraft, &study.rules).unwrap();
+    let count = scenario.swarm.vehicles;
+    let mut least_m = vec![f64::INFINITY; count * count];
+    let mut began_s = None;
+    while world.t_s() < 150.0 {
+        world.tick();
+        let crossing = world.vehicles().all(|(_, agent, ..)| agent.at_step() > 0);
+        let places: Vec<PositionNed> = world.vehicles().map(|(_, _, truth, _)| truth.position).collect();
+        if !crossing {
+            continue;
+        }
+        let began_s = *began_s.get_or_insert(world.t_s());
+        for (nth, one) in places.iter().enumerate() {
+            for (mth, other) in places[..nth].iter().enumerate() {
+                least_m[nth * count + mth] = least_m[nth * count + mth].min((*one - *other).norm());
+            }
+        }
+        let opposite_m = |nth: usize| {
+            let bearing_rad = PI + TAU * nth as f64 / count as f64;
+            Vector2::new(bearing_rad.cos(), bearing_rad.sin()) * scenario.formation.radius_m
+        };
+        if places.iter().enumerate().all(|(nth, place)| (place.horizontal() - opposite_m(nth)).norm() < 3.0) {
+            let collided = least_m.iter().filter(|distance_m| **distance_m < 2.0).count();
+            return (worst(&least_m), collided, Some(world.t_s() - began_s));
+        }
+    }
+    (worst(&least_m), least_m.iter().filter(|distance_m| **distance_m < 2.0).count(), None)
+}
+
+#[test]
+fn sixteen_change_places_through_one_middle_and_nobody_is_touched() {
+    let crossings = in_parallel(0..6, |seed| cross(&[], seed));
+    for (seed, (separation_m, collided, placed_s)) in crossings.iter().enumerate() {
+        println!("seed {seed}: {separation_m:.1} m, all in place after {placed_s:?} s");
+        assert!(*separation_m >= 4.0 && *collided == 0, "seed {seed}: {separation_m} m");
+        assert!(placed_s.is_some_and(|placed_s| placed_s <= 120.0), "seed {seed}: {placed_s:?} s");
+    }
+    let (separation_m, collided, _) = cross(&["formation.safety_filter=none"], 0);
+    println!("without the filter {separation_m:.2} m, {collided} pairs collide");
+    assert!(collided > 0, "what the filter is there for");
+}
+
+#[test]
+fn from_anywhere_sixteen_find_their_places_and_no_knot_stays_tied() {
+    let anywhere = ["start.pattern=random", "start.separation_m=12"];
+    // Of the first 50 seeds those that end in a knot of three or four if nobody turns more than 37 degrees.
+    for seed in [2, 7, 12, 15] {
+        let (separation_m, _, placed_s) = cross(&anywhere, seed);
+        assert!(separation_m >= 4.0 && placed_s.is_some(), "seed {seed}: {separation_m} m, {placed_s:?} s");
+    }
+}
+
+/// Six around one place, flown for so long; where they are then, and the least separation on the way.
+fn six(sets: &[&str], seed: u64, for_s: f64) -> (Vec<PositionNed>, f64) {
+    let common = ["swarm.vehicles=6", "formation.radius_m=40", "formation.altitude_m=60"];
+    let study = study("hover.toml", &[&common, sets].concat());
+    let mut world = World::new(&Scenario { seed, ..study.scenario }, &study.aircraft, &study.rules).unwrap();
+    let mut separation_m = f64::INFINITY;
+    loop {
+        world.tick();
+        let flying = world.vehicles().filter(|(_, _, truth, _)| truth.height_m > 2.0);
+        let places: Vec<PositionNed> = flying.map(|(_, _, truth, _)| truth.position).collect();
+        separation_m = separation_m.min(nearest_m(&places).into_iter().fold(f64::INFINITY, f64::min));
+        if world.t_s() > for_s {
+            return (places, separation_m);
+        }
+    }
+}
+
+/// Distance of each to its nearest neighbour.
+fn nearest_m(places: &[PositionNed]) -> Vec<f64> {
+    let others = |nth: usize| places.iter().enumerate().filter(move |(mth, _)| *mth != nth).map(|(_, place)| *place);
+    let nearest = |(nth, one): (usize, &PositionNed)| others(nth).map(|other| (*one - other).norm()).reduce(f64::min);
+    places.iter().enumerate().filter_map(nearest).collect()
+}
+
+#[test]
+fn six_in_bands_fly_one_above_the_other_around_an_even_ring() {
+    for (seed, (places, separation_m)) in
+        in_parallel(0..3, |seed| six(&["formation.band_step_m=5"], seed, 250.0)).into_iter().enumerate()
+    {
+        let altitudes_m: Vec<f64> = places.iter().map(PositionNed::altitude_m).collect();
+        for (rank, altitude_m) in altitudes_m.iter().enumerate() {
+            assert!((altitude_m - (47.5 + 5.0 * rank as f64)).abs() < 0.3, "seed {seed}: {altitudes_m:?} m");
+        }
+        let mut bearings: Vec<f64> = places.iter().map(|place| place.east_m().atan2(place.north_m())).collect();
+        let uneven_deg = skein::metrics::largest_gap_deviation_rad(&mut bearings).unwrap().to_degrees();
+        assert!(uneven_deg < 10.0, "seed {seed}: {uneven_deg} degrees");
+        assert!(separation_m >= 10.0, "seed {seed}: {separation_m} m");
+    }
+}
+
+#[test]
+fn six_on_an_ellipsoid_spread_over_all_of_it() {
+    for (seed, (places, separation_m)) in
+        in_parallel(0..4, |seed| six(&["formation.vertical=ellipsoid"], seed, 300.0)).into_iter().enumerate()
+    {
+        let centre = PositionNed::new(0.0, 0.0, -60.0);
+        for place in &places {
+            let radius_m = (*place - centre).norm();
+            assert!((38.0..44.0).contains(&radius_m), "seed {seed}: {radius_m} m from the centre");
+        }
+        // The corners of an octahedron are as far apart as six can be on a sphere: 57 m on one of 40 m.
+        let apart_m = nearest_m(&places);
+        assert!(apart_m.iter().all(|apart_m| *apart_m > 55.0), "seed {seed}: {apart_m:?} m");
+        assert!(separation_m >= 10.0, "seed {seed}: {separation_m} m");
+    }
+}

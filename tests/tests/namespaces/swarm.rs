@@ -1,0 +1,239 @@
+//! A swarm in such a network, known by what its agents write and by what a watcher sees.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::fs::{self, File};
+use std::io::{Read, Write};
+use std::process::{Child, Stdio};
+use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
+use std::thread::sleep;
+use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
+
+use skein::observe::Observer;
+use skein_common::id::SwarmName;
+use tempfile::TempDir;
+
+use super::network::{Network, Side};
+
+const PROGRAM: &str = env!("CARGO_BIN_EXE_skein-under-test");
+/// Whatever is waited for comes within this time.
+const SOON: Duration = Duration::from_secs(60);
+const DAY_S: f64 = 86_400.0;
+/// Below this height nothing counts, m.
+const AIRBORNE_M: f64 = 2.0;
+/// What the watcher is told, and how its answer begins.
+const WATCHED: &str = "SKEIN_WATCHED";
+const ANSWER: &str = "least separation ";
+
+/// A line of an agent's log.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Line {
+    /// Since the swarm was started, by the computer's clock.
+    pub(super) at_s: f64,
+    pub(super) id: u8,
+    pub(super) what: String,
+}
+
+pub(super) struct Swarm {
+    agents: BTreeMap<u8, Child>,
+    watcher: Child,
+    began_s: f64,
+    folder: TempDir,
+    network: Network,
+}
+
+impl Swarm {
+    /// One agent on each of these sides, with ids from 1.
+    pub(super) fn start(test: &str, scenario: &str, sides: &[Side]) -> Self {
+        let network = Network::new(test, sides);
+        let folder = tempfile::tempdir().unwrap();
+        fs::write(folder.path().join("scenario.toml"), format!("name = \"{test}\"\n{scenario}")).unwrap();
+        let ids = 1..=u8::try_from(sides.len()).unwrap();
+        for id in ids.clone() {
+            let dial: Vec<String> = (1..id).map(|other| format!("\"tcp/10.77.0.{other}:7447\"")).collect();
+            let file = format!(
+                "scenario = \"scenario.toml\"\nid = {id}\nlisten = [\"tcp/10.77.0.{id}:7447\", \"tcp/10.78.0.{id}:7447\"]\n\
+                 dial = [{}]\n",
+                dial.join(", ")
+            );
+            fs::write(folder.path().join(format!("{id}.toml")), file).unwrap();
+        }
+        let watched: Vec<String> = ids.clone().map(|id| format!("tcp/10.78.0.{id}:7447")).collect();
+        let this = std::env::current_exe().unwrap();
+        let mut watcher = network.command_of_watcher(this.to_str().unwrap());
+        watcher
+            .args(["--exact", "watcher", "--ignored", "--nocapture"])
+            .env(WATCHED, format!("{test} {}", watched.join(" ")));
+        watcher.stdin(Stdio::piped()).stdout(Stdio::piped());
+        let watcher = watcher.spawn().unwrap();
+        let mut swarm = Self { agents: BTreeMap::new(), watcher, began_s: day_s(), folder, network };
+        for id in ids {
+            swarm.begin(id);
+        }
+        swarm
+    }
+
+    /// Ends an agent without a word. Gives when.
+    pub(super) fn kill(&mut self, id: u8) -> f64 {
+        let at_s = self.now_s();
+        end(self.agents.get_mut(&id).unwrap());
+        at_s
+    }
+
+    /// Begins a new life of an agent. Gives when.
+    pub(super) fn restart(&mut self, id: u8) -> f64 {
+        let at_s = self.now_s();
+        self.begin(id);
+        at_s
+    }
+
+    /// Cuts the left from the right, or joins them again. Gives when.
+    pub(super) fn cut(&self, cut: bool) -> f64 {
+        let at_s = self.now_s();
+        self.network.cut(cut);
+        at_s
+    }
+
+    /// Everything that was logged by the vehicles, in the order of time.
+    pub(super) fn lines(&self) -> Vec<Line> {
+        let text = |id: &u8| fs::read_to_string(self.log(*id)).unwrap();
+        let mut lines: Vec<_> = self.agents.keys().map(text).flat_map(|text| self.parsed(&text)).collect();
+        lines.sort_by(|one, other| one.at_s.total_cmp(&other.at_s));
+        lines
+    }
+
+    /// Waits until `found` finds something in what was logged.
+    pub(super) fn wait_for<T>(&self, what: &str, found: impl Fn(&[Line]) -> Option<T>) -> T {
+        let until = Instant::now() + SOON;
+        loop {
+            let lines = self.lines();
+            if let Some(found) = found(&lines) {
+                return found;
+            }
+            assert!(Instant::now() < until, "they do not {what}: {lines:#?}");
+            sleep(Duration::from_millis(50));
+        }
+    }
+
+    /// The step that each vehicle is at now.
+    pub(super) fn steps(&self) -> BTreeMap<u8, u32> {
+        let mut steps = self.agents.keys().map(|id| (*id, 0)).collect();
+        self.lines().iter().for_each(|line| take_step(&mut steps, line));
+        steps
+    }
+
+    /// When, after `since_s`, everybody had found again whom it had lost, and all were at the same step.
+    pub(super) fn one_again(lines: &[Line], since_s: f64) -> Option<f64> {
+        let mut steps: BTreeMap<u8, u32> = lines.iter().map(|line| (line.id, 0)).collect();
+        let mut lost = BTreeSet::new();
+        for line in lines {
+            take_step(&mut steps, line);
+            if let Some(peer) = line.what.strip_prefix("lost vehicle ") {
+                lost.insert((line.id, peer.to_owned()));
+            } else if let Some(peer) = line.what.strip_prefix("hears vehicle ") {
+                lost.remove(&(line.id, peer.to_owned()));
+            }
+            if line.at_s >= since_s && lost.is_empty() && steps.values().all(|step| *step == steps[&line.id]) {
+                return Some(line.at_s);
+            }
+        }
+        None
+    }
+
+    /// The least distance between two vehicles in the air so far, m. Ends the watching.
+    pub(super) fn least_separation_m(&mut self) -> f64 {
+        drop(self.watcher.stdin.take());
+        let mut said = String::new();
+        self.watcher.stdout.take().unwrap().read_to_string(&mut said).unwrap();
+        let answer = said.lines().find_map(|line| line.strip_prefix(ANSWER));
+        answer.unwrap_or_else(|| panic!("the watcher says {said:?}")).parse().unwrap()
+    }
+
+    fn begin(&mut self, id: u8) {
+        let log = File::options().create(true).append(true).open(self.log(id)).unwrap();
+        let mut command = self.network.command_of(id, PROGRAM);
+        command.arg("agent").arg("--config").arg(self.folder.path().join(format!("{id}.toml")));
+        command.env_remove("RUST_LOG");
+        let agent = command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(log).spawn().unwrap();
+        self.agents.insert(id, agent);
+    }
+
+    fn log(&self, id: u8) -> std::path::PathBuf {
+        self.folder.path().join(format!("{id}.log"))
+    }
+
+    fn now_s(&self) -> f64 {
+        (day_s() - self.began_s).rem_euclid(DAY_S)
+    }
+
+    /// `2026-01-31T11:14:50.434371Z  INFO vehicle 2 reached step 1`
+    fn parsed(&self, log: &str) -> Vec<Line> {
+        let line = |line: &str| {
+            let (stamp, said) = line.split_once('Z')?;
+            let (_, time) = stamp.split_once('T')?;
+            let fields: Vec<f64> = time.split(':').map(str::parse).collect::<Result<_, _>>().ok()?;
+            let &[hours, minutes, seconds] = fields.as_slice() else { return None };
+            let at_s = (3600.0 * hours + 60.0 * minutes + seconds - self.began_s).rem_euclid(DAY_S);
+            let (id, what) = said.trim().strip_prefix("INFO vehicle ")?.split_once(' ')?;
+            Some(Line { at_s, id: id.parse().ok()?, what: what.to_owned() })
+        };
+        log.lines().filter_map(line).collect()
+    }
+}
+
+impl Drop for Swarm {
+    /// Before the network goes: whatever fails, nothing is left.
+    fn drop(&mut self) {
+        self.agents.values_mut().for_each(end);
+        end(&mut self.watcher);
+    }
+}
+
+fn end(process: &mut Child) {
+    let _ = process.kill();
+    let _ = process.wait();
+}
+
+/// Since midnight by the computer's clock, as the logs count.
+fn day_s() -> f64 {
+    SystemTime::now().duration_since(UNIX_EPOCH).unwrap().as_secs_f64().rem_euclid(DAY_S)
+}
+
+fn take_step(steps: &mut BTreeMap<u8, u32>, line: &Line) {
+    let forward = line.what.strip_prefix("carried forward").and_then(|rest| rest.rsplit_once("to step "));
+    let to = forward.map(|(_, to)| to).or_else(|| line.what.strip_prefix("goes on to step "));
+    if let Some(to) = to.and_then(|to| to.split(' ').next()?.parse().ok()) {
+        steps.insert(line.id, to);
+    } else if line.what.starts_with("flies ") {
+        // A new life.
+        steps.insert(line.id, 0);
+    }
+}
+
+/// The watcher's own process: looks on until its input ends, then answers.
+pub(super) fn watch() {
+    let Ok(watched) = std::env::var(WATCHED) else { return };
+    let mut words = watched.split(' ').map(str::to_owned);
+    let swarm = SwarmName::new(&words.next().unwrap()).unwrap();
+    let mut observer = Observer::open(&swarm, &words.collect::<Vec<_>>()).unwrap();
+    let is_over = std::sync::Arc::new(AtomicBool::new(false));
+    let flag = is_over.clone();
+    std::thread::spawn(move || {
+        let _ = std::io::copy(&mut std::io::stdin(), &mut std::io::sink());
+        flag.store(true, Relaxed);
+    });
+    let mut least_m = f64::INFINITY;
+    while !is_over.load(Relaxed) {
+        sleep(Duration::from_millis(20));
+        observer.poll();
+        let now = Instant::now();
+        let is_new = |at: Option<Instant>| at.is_some_and(|at| now.duration_since(at) < Duration::from_millis(200));
+        let seen =
+            observer.vehicles().values().filter(|seen| is_new(seen.trace_at)).filter_map(|seen| seen.trace.as_ref());
+        let places: Vec<_> = seen.filter(|trace| trace.height_m > AIRBORNE_M).map(|trace| trace.position).collect();
+        for (nth, one) in places.iter().enumerate() {
+            let distances_m = places[nth + 1..].iter().map(|other| (*one - *other).norm());
+            least_m = distances_m.fold(least_m, f64::min);
+        }
+    }
+    writeln!(std::io::stdout(), "\n{ANSWER}{least_m}").unwrap();
+}
