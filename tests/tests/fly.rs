@@ -4,6 +4,7 @@
 #![expect(clippy::disallowed_methods, reason = "real processes take real time")]
 #![expect(clippy::unwrap_used, reason = "what a test cannot do has failed")]
 
+use std::collections::BTreeMap;
 use std::fs;
 use std::io::{BufRead, BufReader};
 use std::path::PathBuf;
@@ -13,7 +14,11 @@ use std::time::{Duration, Instant};
 
 use rustix::process::{Pid, Signal, kill_process};
 use serde_json::Value;
+use skein::endpoints;
+use skein::observe::{Heard, Observer};
+use skein_common::message::Trace;
 use skein_common::scenario::{Source, load};
+use skein_common::time::SenderStamp;
 use tempfile::TempDir;
 
 const PROGRAM: &str = env!("CARGO_BIN_EXE_skein-under-test");
@@ -78,8 +83,21 @@ impl Place {
     }
 
     fn agent(&self, id: u8) -> Option<Pid> {
-        let file = format!("agents/{id}.toml --child");
-        self.processes().into_iter().find(|(_, arguments)| arguments.contains(&file)).map(|(pid, _)| pid)
+        self.process(&format!("agents/{id}.toml --child"))
+    }
+
+    fn standin(&self, id: u8) -> Option<Pid> {
+        self.process(&format!("--id {id} --lat"))
+    }
+
+    fn process(&self, arguments: &str) -> Option<Pid> {
+        self.processes().into_iter().find(|(_, line)| line.contains(arguments)).map(|(pid, _)| pid)
+    }
+
+    /// Looks on, as `fly` does.
+    fn observer(&self) -> Observer {
+        let endpoints = endpoints::find(&self.runtime().join("skein"), None).unwrap();
+        Observer::open(&endpoints.swarm, &endpoints.all()).unwrap()
     }
 
     fn wait_until_nobody_is_left(&self) {
@@ -282,6 +300,103 @@ fn a_swarm_whose_launcher_is_killed_flies_on_until_it_is_ordered_to_land() {
     let nobody = place.order("hold");
     assert_eq!(nobody.status.code(), Some(1));
     assert_eq!(String::from_utf8_lossy(&nobody.stderr), "nobody of the swarm orphaned answers\n");
+}
+
+/// What is heard of everybody's steps until this time is over.
+fn steps(observer: &mut Observer, within: Duration) -> Vec<Trace> {
+    std::thread::sleep(within);
+    let heard = observer.poll().into_iter().filter_map(|heard| match heard {
+        Heard::Trace(trace) => Some(trace),
+        _ => None,
+    });
+    heard.collect()
+}
+
+/// Longest time without a step of each vehicle, by its own clock, s, in steps that were heard over a `window`.
+fn pauses_s(steps: &[Trace], window: Duration) -> BTreeMap<u8, f64> {
+    let mut stamps: BTreeMap<u8, Vec<SenderStamp>> = BTreeMap::new();
+    steps.iter().for_each(|step| stamps.entry(step.header.sender.get()).or_default().push(step.header.stamp));
+    let pause_s = |stamps: Vec<SenderStamp>| {
+        let span_s = stamps[stamps.len() - 1].seconds_since(stamps[0]);
+        let between = stamps.windows(2).map(|pair| pair[1].seconds_since(pair[0]));
+        between.fold(window.as_secs_f64() - span_s, f64::max)
+    };
+    stamps.into_iter().map(|(id, stamps)| (id, pause_s(stamps))).collect()
+}
+
+#[test]
+fn whichever_process_is_killed_the_others_never_stop() {
+    let place = Place::new("survivors");
+    let mut flight = Flight::start(&place, &["--plant", "standin", "--set", "swarm.vehicles=4"]);
+    flight.wait_for("everybody takes part");
+    let mut observer = place.observer();
+    steps(&mut observer, Duration::from_secs(3));
+    let window = Duration::from_millis(1500);
+    let all = [1, 2, 3, 4];
+    let kill = |process: Option<Pid>| kill_process(process.unwrap(), Signal::KILL).unwrap();
+    let victims: [(&str, &dyn Fn(&mut Flight), &[u8]); 7] = [
+        ("agent 1", &|_| kill(place.agent(1)), &all[1..]),
+        ("stand-in 1", &|_| kill(place.standin(1)), &all[1..]),
+        ("fly", &|flight| (flight.process.kill().unwrap(), flight.process.wait().unwrap()).0, &all[1..]),
+        ("stand-in 2", &|_| kill(place.standin(2)), &all[2..]),
+        ("agent 2", &|_| kill(place.agent(2)), &all[2..]),
+        ("agent 3", &|_| kill(place.agent(3)), &all[3..]),
+        ("stand-in 3", &|_| kill(place.standin(3)), &all[3..]),
+    ];
+    for (victim, kill, others) in victims {
+        steps(&mut observer, Duration::ZERO);
+        kill(&mut flight);
+        let pauses_s = pauses_s(&steps(&mut observer, window), window);
+        println!("{victim} killed: longest pause of each vehicle that is heard, s: {pauses_s:.3?}");
+        for other in others {
+            assert!(pauses_s.get(other).is_some_and(|pause_s| *pause_s <= 0.2), "{victim}: {other} in {pauses_s:?}");
+        }
+    }
+    assert!(place.order("land").status.success());
+    place.wait_until_nobody_is_left();
+}
+
+#[test]
+fn a_scenario_kills_and_restarts_an_agent_whose_helicopter_flies_on() {
+    let place = Place::new("relieved");
+    let file = place.folder.path().join("relieved.toml");
+    let mission = r#"
+        swarm.plant = "standin"
+        [mission]
+        steps = [{ hold_s = 14 }, { land = true }]
+        events = [
+            { at_s = 9, fault = "kill", vehicle = 2, for_s = 1.5 },
+            { at_s = 13, order = "hold", for_s = 2 },
+            { at_s = 14, fault = "simulator_freeze", vehicle = 3, for_s = 0.4 },
+            { at_s = 15, fault = "gyro_off", vehicle = 3 },
+        ]
+    "#;
+    fs::write(&file, mission).unwrap();
+    let flight = Flight::start(&place, &[file.to_str().unwrap(), "--set", "formation.altitude_m=10"]);
+    flight.wait_for("event: kills vehicle 2");
+    flight.wait_for_all(&["vehicle 1: lost vehicle 2", "vehicle 3: lost vehicle 2"]);
+    let restarted = flight.wait_for("event: restarts vehicle 2");
+    let mut observer = place.observer();
+    let joined = flight.wait_for("vehicle 2: takes part").duration_since(restarted);
+    assert!(joined < Duration::from_secs(4), "{joined:?}");
+    flight.wait_for_all(&[
+        "event: orders hold",
+        "event: freezes the simulator of vehicle 3",
+        "vehicle 3: own data stale",
+        "event: lets the simulator of vehicle 3 go on",
+        "vehicle 3: own data back",
+        "event: orders goto 0",
+        "vehicle 2: goes on to step 1",
+    ]);
+    let lowest_m = steps(&mut observer, Duration::ZERO).iter().map(|step| step.height_m).fold(f64::INFINITY, f64::min);
+    assert!(lowest_m > 5.0, "down to {lowest_m} m");
+    flight.wait_for_all(&["everybody is asked to land", "vehicle 2: landed"]);
+    flight.wait_for("files");
+    let (status, said) = flight.end();
+    let skipped = "at 15 s: gyro_off of vehicle 3: skipped by `fly`: a stand-in cannot be made to fail so\n";
+    assert_eq!((status, said.as_str()), (Some(0), skipped), "a mission that ends ends the flight");
+    assert_eq!(place.processes(), []);
+    assert_eq!(place.metrics()["collisions"], 0);
 }
 
 #[test]

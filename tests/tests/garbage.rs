@@ -21,7 +21,7 @@ use skein_agent::plant::xplane::wire::dref::Write as DrefWrite;
 use skein_agent::run::{self, Stop};
 use skein_common::frame::{Geodetic, VelocityNed};
 use skein_common::id::{Incarnation, SwarmName, VehicleId};
-use skein_common::message::{Header, Health, Mission, Order, State, Trace, Verb, decode, encode};
+use skein_common::message::{Header, Health, MAX_STEP, Mission, Order, State, Trace, Verb, decode, encode};
 use skein_common::scenario::{Source, load};
 use skein_common::state::{Activity, Membership, VehicleState};
 use skein_common::time::SenderStamp;
@@ -167,7 +167,15 @@ impl Stranger {
         let alien = self.state(200);
         self.put(Topic::State(id(200), cell), encode(&alien));
         let order = Order { epoch: u64::MAX, issuer: 1, verb: Verb::Land };
-        let mission = Mission { header: self.header(3), plan: 1, membership: Membership::Active, order: Some(order) };
+        let mission = Mission {
+            header: self.header(3),
+            plan: 1,
+            membership: Membership::Active,
+            step: MAX_STEP,
+            reached: Some(MAX_STEP),
+            progress_m: 1e8,
+            order: Some(order),
+        };
         self.put(Topic::Mission(id(3)), encode(&mission));
         // Once and again: a replay.
         self.put(Topic::State(id(2), cell), encode(&good));
@@ -215,6 +223,7 @@ fn garbage_on_every_port_is_counted_and_nothing_of_it_is_believed() {
         aircraft: Aircraft::shipped("xcell60").unwrap().unwrap(),
         rules: Rules::shipped(),
         plant: PlantChoice::Standin(between),
+        flown_s: None,
     };
     let tokio = tokio::runtime::Builder::new_multi_thread().worker_threads(1).enable_all().build().unwrap();
     let stop = Arc::new(Stop::default());

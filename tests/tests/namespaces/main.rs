@@ -122,7 +122,7 @@ fn two_halves_of_a_cut_swarm_go_on_and_are_one_again_when_it_is_healed() {
         return;
     }
     // The fourth has a long way: its half comes to the next step later than the other.
-    let starts = [on_ring(0.0), on_ring(180.0), on_ring(90.0), [0.0, -95.0]];
+    let starts = [on_ring(0.0), on_ring(90.0), on_ring(180.0), [0.0, -95.0]];
     let sides = [Side::Left, Side::Left, Side::Right, Side::Right];
     let (left, right, all) = ([1, 2], [3, 4], [1, 2, 3, 4]);
     let mut swarm = Swarm::start("halves", &scenario(&starts, "continue"), &sides);
