@@ -311,6 +311,7 @@ impl Agent {
         let controls = match (task, wish) {
             (Task::Park, _) => return Some(self.controller.unload(dt_s)),
             (Task::ComeDown { heading_rad }, _) => self.controller.come_down(dt_s, estimate, *heading_rad),
+            (_, Some(wish)) if self.diagnosis.is_cyclic_stuck() => self.controller.turn(dt_s, estimate, &wish.setpoint),
             (_, Some(wish)) => self.controller.step(dt_s, estimate, &wish.setpoint),
             (_, None) => return None,
         };

@@ -171,6 +171,15 @@ impl VehicleController {
         self.last
     }
 
+    /// [`Self::step`] with the pedals at their stop, for a vehicle whose roll or pitch servo is stuck. The stuck axis makes
+    /// it tip over at a steady body rate p. Turning at a rate r carries that tilt round: it stays at p/r in the body, and
+    /// has no direction in the mean. The axis that is left points everywhere in turn and holds the place.
+    pub fn turn(&mut self, dt_s: f64, estimate: &Estimate, setpoint: &Setpoint) -> Controls {
+        let controls = self.step(dt_s, estimate, setpoint);
+        self.last.yaw = 1.0;
+        Controls { sticks: self.last, ..controls }
+    }
+
     /// Without power: upright and slow over the ground, the collective out so that the air from below keeps the rotor
     /// turning. For the last metres the rotor's energy brakes the fall: above the speed from which `BRAKING_M_S2` stops in
     /// this height, the collective comes in.

@@ -82,9 +82,10 @@ impl Diagnosis {
         self.worst
     }
 
-    /// The servo that does not follow.
-    pub fn stuck(&self) -> Option<Servo> {
-        self.stuck
+    /// Whether roll or pitch does not follow: a vehicle that has to turn to keep its place
+    /// ([`crate::control::VehicleController::turn`]).
+    pub fn is_cyclic_stuck(&self) -> bool {
+        matches!(self.stuck, Some(Servo::Roll | Servo::Pitch))
     }
 }
 
@@ -143,6 +144,9 @@ impl Controls {
     /// From the flight model of a hover. A held cyclic stick asks for the body rate at which the lag of the stabiliser
     /// bar keeps the disc level with the body, p = B δ/τ_e with τ_e = 16/(γ_fb Ω); pedals ask for a yaw rate; collective
     /// for the climb in which momentum theory has the thrust of the hover, w = (4/3) Ω R Δθ0.
+    ///
+    /// Lags and limits were found on the built-in helicopter: 240 flights with steps, turns and transits at 7 m/s, in wind
+    /// and gusts of up to 8 m/s, come to two thirds of the limits of climb and yaw and to none of those of roll and pitch.
     fn new(model: &Parameters, trim: Sticks) -> Self {
         let Parameters { head, servos, .. } = model;
         let speed_rad_s = head.nominal_speed_rad_s;

@@ -108,7 +108,8 @@ impl VehicleSet {
     pub fn iter(&self) -> impl Iterator<Item = VehicleId> + Clone + '_ {
         let of_word = |(nth, word): (usize, u64)| {
             // Each step clears the lowest bit.
-            let bits = std::iter::successors(Some(word), |word| Some(word & word.wrapping_sub(1))).take_while(|word| *word != 0);
+            let bits = std::iter::successors(Some(word), |word| Some(word & word.wrapping_sub(1)))
+                .take_while(|word| *word != 0);
             bits.filter_map(move |word| VehicleId::new((nth * 64) as u8 + word.trailing_zeros() as u8 + 1).ok())
         };
         self.0.into_iter().enumerate().flat_map(of_word)

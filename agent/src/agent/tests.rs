@@ -26,7 +26,7 @@ fn measured(altitude_m: f64) -> Measurement {
         position: Geodetic::from_degrees(28.0, -82.0, altitude_m),
         height_m: altitude_m,
         velocity: VelocityNed::default(),
-        attitude: Attitude::default(),
+        attitude: Attitude { roll_rad: 4.61_f64.to_radians(), ..Attitude::default() },
         rates: BodyRates::default(),
         rotor_speed_rad_s: Some(167.0),
     }

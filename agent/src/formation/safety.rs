@@ -23,10 +23,12 @@
 //! of random starts one swarm in ten ends in a knot of three or four, each of which wants through the others; with the
 //! larger turns none of 50 does, and the crossing takes 61 instead of 74 s.
 
+use std::f64::consts::{FRAC_PI_2, FRAC_PI_4};
+
 use nalgebra::{Rotation2, Vector2, Vector3};
 
 /// A velocity that is cut is first turned right by one of these, rad: the first that leaves this share of its length.
-const TURNS_RAD: [f64; 3] = [0.6435, 1.5708, 2.3562];
+const TURNS_RAD: [f64; 3] = [0.6435, FRAC_PI_2, 3.0 * FRAC_PI_4];
 const STUCK_SHARE: f64 = 0.1;
 /// What a constraint may be short of by rounding, m²/s.
 const SLACK: f64 = 1e-9;

@@ -16,7 +16,7 @@ use crate::plant::{Sticks, Truth};
 
 /// What a vehicle knows of itself.
 #[derive(Clone, Copy, Debug)]
-pub(crate) enum Senses {
+pub(super) enum Senses {
     Exact,
     /// As in Garcia & Barnes 2010.
     Paper,
@@ -26,25 +26,25 @@ pub(crate) enum Senses {
 const FARTHEST_M: f64 = 28.0;
 
 #[derive(Clone)]
-pub(crate) struct Flight {
-    pub(crate) vehicle: BuiltInVehicle,
+pub(super) struct Flight {
+    pub(super) vehicle: BuiltInVehicle,
     estimator: Estimator,
-    pub(crate) controller: VehicleController,
-    pub(crate) diagnosis: Diagnosis,
-    pub(crate) command: Option<Sticks>,
+    pub(super) controller: VehicleController,
+    pub(super) diagnosis: Diagnosis,
+    pub(super) command: Option<Sticks>,
     time_s: f64,
     /// Where it is to be, north and east, and how that place moves.
-    pub(crate) place_ne_m: Vector2<f64>,
-    pub(crate) moves_ne_m_s: Vector2<f64>,
-    pub(crate) altitude_m: f64,
-    pub(crate) heading_rad: f64,
+    pub(super) place_ne_m: Vector2<f64>,
+    pub(super) moves_ne_m_s: Vector2<f64>,
+    pub(super) altitude_m: f64,
+    pub(super) heading_rad: f64,
     /// What was found, and when.
-    pub(crate) found: Vec<(f64, Failure)>,
+    pub(super) found: Vec<(f64, Failure)>,
 }
 
 impl Flight {
     /// On the ground, told to hover at 30 m. Gusts are those of this wind, from a direction of the seed's.
-    pub(crate) fn new(senses: Senses, wind_m_s: f64, gust_w20_m_s: f64, seed: u64) -> Self {
+    pub(super) fn new(senses: Senses, wind_m_s: f64, gust_w20_m_s: f64, seed: u64) -> Self {
         let aircraft = Aircraft::shipped("xcell60").unwrap().unwrap();
         let parameters = aircraft.helicopter.as_ref().unwrap();
         let origin = Origin::new(Geodetic::from_degrees(28.0, -82.0, 0.0));
@@ -72,7 +72,7 @@ impl Flight {
     }
 
     /// The estimate of now, after the diagnosis had its look.
-    pub(crate) fn look(&mut self) -> Estimate {
+    pub(super) fn look(&mut self) -> Estimate {
         let frame = self.vehicle.frame();
         let now = Now { plant: PlantTime::from_seconds(self.time_s), local: LocalTime::from_seconds(self.time_s) };
         let estimate = self.estimator.update(now, Some(&frame.measurement)).unwrap();
@@ -83,21 +83,21 @@ impl Flight {
     }
 
     /// Where the flight wants it.
-    pub(crate) fn setpoint(&self, estimate: &Estimate) -> Setpoint {
+    pub(super) fn setpoint(&self, estimate: &Estimate) -> Setpoint {
         let error_ne_m = (self.place_ne_m - estimate.position.horizontal()).cap_magnitude(FARTHEST_M);
         let Self { moves_ne_m_s: feedforward_ne_m_s, altitude_m, heading_rad, .. } = *self;
         Setpoint { error_ne_m, feedforward_ne_m_s, altitude_m, heading_rad }
     }
 
     /// One tick on with these controls.
-    pub(crate) fn advance(&mut self, sticks: Sticks) {
+    pub(super) fn advance(&mut self, sticks: Sticks) {
         self.command = Some(sticks);
         self.vehicle.advance(self.command);
         self.time_s += TICK_S;
         self.place_ne_m += self.moves_ne_m_s * TICK_S;
     }
 
-    pub(crate) fn fly(&mut self, seconds: f64) {
+    pub(super) fn fly(&mut self, seconds: f64) {
         for _ in 0..(seconds / TICK_S).round() as u32 {
             let estimate = self.look();
             let controls = self.controller.step(TICK_S, &estimate, &self.setpoint(&estimate));
@@ -105,13 +105,19 @@ impl Flight {
         }
     }
 
+    /// Its place is where it takes itself to be.
+    pub(super) fn stop_here(&mut self) {
+        let estimate = self.look();
+        self.place_ne_m = estimate.position.horizontal();
+        self.altitude_m = estimate.position.altitude_m();
+        self.moves_ne_m_s = Vector2::zeros();
+    }
+
     /// Down at 2 m/s and at last at 0.7 m/s, until it stands.
-    pub(crate) fn land(&mut self) {
+    pub(super) fn land(&mut self) {
         let until_s = self.time_s + 120.0;
         while self.truth().height_m > 0.26 {
-            if self.time_s > until_s {
-                panic!("{:?} {}", self.truth(), self.altitude_m);
-            }
+            assert!(self.time_s < until_s, "it does not come down: {:?}", self.truth());
             let sink_m_s = if self.truth().height_m > 6.0 { 2.0 } else { 0.7 };
             let lowest_m = self.truth().position.altitude_m() - 3.0;
             self.altitude_m = (self.altitude_m - sink_m_s * TICK_S).max(lowest_m);
@@ -120,15 +126,19 @@ impl Flight {
         self.fly(1.0);
     }
 
-    pub(crate) fn fail(&mut self, failures: Failures) {
+    pub(super) fn reckon_on(&mut self) {
+        self.estimator.reckon_on();
+    }
+
+    pub(super) fn fail(&mut self, failures: Failures) {
         self.vehicle.fail(failures);
     }
 
-    pub(crate) fn time_s(&self) -> f64 {
+    pub(super) fn time_s(&self) -> f64 {
         self.time_s
     }
 
-    pub(crate) fn truth(&self) -> Truth {
+    pub(super) fn truth(&self) -> Truth {
         self.vehicle.frame().truth
     }
 }
