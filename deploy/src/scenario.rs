@@ -132,7 +132,7 @@ mod tests {
 
     #[test]
     fn what_is_not_flown_is_refused() {
-        assert!(refused("formation.law=flock").contains("not flown yet"));
+        assert!(refused("formation.law=vasarhelyi").contains("not flown yet"));
         let unknown = refused("vehicle.3.aircraft=r22");
         assert!(unknown.starts_with("hover.toml: vehicle 3: no aircraft \"r22\" (cannot read r22.toml"), "{unknown}");
         assert!(unknown.ends_with("with the program come xcell60"), "{unknown}");

@@ -1,6 +1,5 @@
 //! Missions in virtual time over bad networks, split swarms and broken vehicles: a few cells of the tables that
 //! `cargo run --release -p skein-tests --bin tables` prints whole.
-#![expect(clippy::unwrap_used, reason = "what a test cannot do has failed")]
 
 use skein_tests::{faults, halves, in_parallel, tour};
 

@@ -332,26 +332,25 @@ fn whichever_process_is_killed_the_others_never_stop() {
     let mut observer = place.observer();
     steps(&mut observer, Duration::from_secs(3));
     let window = Duration::from_millis(1500);
-    let all = [1, 2, 3, 4];
-    let kill = |process: Option<Pid>| kill_process(process.unwrap(), Signal::KILL).unwrap();
-    let victims: [(&str, &dyn Fn(&mut Flight), &[u8]); 7] = [
-        ("agent 1", &|_| kill(place.agent(1)), &all[1..]),
-        ("stand-in 1", &|_| kill(place.standin(1)), &all[1..]),
-        ("fly", &|flight| (flight.process.kill().unwrap(), flight.process.wait().unwrap()).0, &all[1..]),
-        ("stand-in 2", &|_| kill(place.standin(2)), &all[2..]),
-        ("agent 2", &|_| kill(place.agent(2)), &all[2..]),
-        ("agent 3", &|_| kill(place.agent(3)), &all[3..]),
-        ("stand-in 3", &|_| kill(place.standin(3)), &all[3..]),
+    let victims: [(&str, Option<Pid>, &[u8]); 7] = [
+        ("agent 1", place.agent(1), &[2, 3, 4]),
+        ("stand-in 1", place.standin(1), &[2, 3, 4]),
+        ("fly", Some(flight.pid()), &[2, 3, 4]),
+        ("stand-in 2", place.standin(2), &[3, 4]),
+        ("agent 2", place.agent(2), &[3, 4]),
+        ("agent 3", place.agent(3), &[4]),
+        ("stand-in 3", place.standin(3), &[4]),
     ];
-    for (victim, kill, others) in victims {
-        steps(&mut observer, Duration::ZERO);
-        kill(&mut flight);
+    for (victim, pid, others) in victims {
+        observer.poll();
+        kill_process(pid.unwrap(), Signal::KILL).unwrap();
         let pauses_s = pauses_s(&steps(&mut observer, window), window);
         println!("{victim} killed: longest pause of each vehicle that is heard, s: {pauses_s:.3?}");
         for other in others {
             assert!(pauses_s.get(other).is_some_and(|pause_s| *pause_s <= 0.2), "{victim}: {other} in {pauses_s:?}");
         }
     }
+    flight.process.wait().unwrap();
     assert!(place.order("land").status.success());
     place.wait_until_nobody_is_left();
 }

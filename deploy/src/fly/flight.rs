@@ -9,18 +9,16 @@
 //! The window of the figures is the stage Flying; the scenario's events happen in it.
 
 mod events;
+mod figures;
 
 use std::collections::BTreeMap;
-use std::fs;
 use std::time::{Duration, Instant};
 
 use skein_agent::formation::{self, ring::Ring};
-use skein_agent::peers::FRESH_S;
-use skein_agent::plant::{Sticks, Truth};
 use skein_common::id::{VehicleId, VehicleSet};
 use skein_common::message::{Trace, Verb};
 use skein_common::scenario::Target;
-use skein_common::state::{Activity, Membership, Standing};
+use skein_common::state::{Activity, Membership};
 
 use super::children::{Children, Ended, Role};
 use super::ground::Ground;
@@ -32,11 +30,12 @@ use super::status::{self, Ending, Known, Stage, Status};
 use crate::clock;
 use crate::endpoints::EndpointsFile;
 use crate::error::Error;
-use crate::metrics::{Metrics, Report, Run, Totals, VehicleNow, Wall};
+use crate::metrics::{Metrics, Report, Run, Totals};
 use crate::observe::{Heard, Observer, Seen};
 use crate::os::{self, Interrupts};
 use crate::study::world::script::Agenda;
 use events::UnderWay;
+use figures::summary;
 
 /// Between two looks at the swarm: the metrics want fifty a second.
 const TICK: Duration = Duration::from_millis(20);
@@ -75,6 +74,8 @@ pub struct Flight {
     agenda: Agenda<Deed>,
     /// Vehicles whose agents it has ended.
     killed: VehicleSet,
+    /// What agents that have ended had counted.
+    ended: Totals,
     order: Option<UnderWay>,
     events: Vec<String>,
     lost: Vec<String>,
@@ -115,6 +116,7 @@ impl Flight {
             report: None,
             agenda: script::agenda(scenario),
             killed: VehicleSet::default(),
+            ended: Totals::default(),
             order: None,
             events: Vec::new(),
             lost: Vec::new(),
@@ -251,45 +253,6 @@ impl Flight {
         heard.peek().is_some() && heard.all(has_finished)
     }
 
-    /// Takes in what only one step tells.
-    fn take_step(&mut self, now: Instant, step: &Trace) {
-        if let Some(restarted) = self.ground.heard(now, step) {
-            self.metrics.incident(self.flown_s(now), &restarted);
-        }
-        if self.stage == Stage::Flying {
-            let heard = step.peers.iter().filter(|peer| peer.standing != Standing::Lost);
-            heard.for_each(|peer| self.metrics.observe_age(peer.age_s));
-            step.step_us.into_iter().for_each(|step_us| self.metrics.observe_step(step_us));
-        }
-    }
-
-    /// Hands the newest of everybody who lives to the metrics. Where a dead agent's helicopter is, nobody knows.
-    fn measure(&mut self, now: Instant) {
-        let t_s = self.flown_s(now);
-        self.ground.due(now).iter().for_each(|incident| self.metrics.incident(t_s, incident));
-        let steps = self.observer.vehicles().values().filter_map(|seen| fresh(seen, now));
-        let vehicles: Vec<VehicleNow> = steps.filter(|step| self.ground.lives(step)).map(vehicle_now).collect();
-        self.metrics.observe(t_s, &vehicles);
-        let all = || self.observer.vehicles().values().filter_map(|seen| seen.trace.as_ref());
-        self.metrics.count(Totals {
-            state_messages: all().map(|trace| trace.state_messages).sum(),
-            state_bytes: all().map(|trace| trace.state_bytes).sum(),
-            safety_activations: all().map(|trace| trace.safety_activations).sum(),
-            frame_overruns: all().map(|trace| trace.frame_overruns).sum(),
-        });
-    }
-
-    /// Closes the window and writes its figures: whatever comes later, they are there.
-    fn end_window(&mut self, now: Instant) {
-        let wall_s = self.since_zero_s(now);
-        let report = self.metrics.report(Wall { wall_s, real_time_factor: self.simulated_s(now) / wall_s.max(1e-9) });
-        let path = self.plan.out.join("metrics.json");
-        if let Err(error) = fs::write(&path, crate::json(&report)) {
-            self.fail(format!("{}: {error}", path.display()));
-        }
-        self.report = Some(report);
-    }
-
     fn enter(&mut self, stage: Stage, now: Instant) {
         (self.stage, self.since, self.asked_before) = (stage, now, self.interrupts.count());
     }
@@ -333,9 +296,7 @@ impl Flight {
     fn take_leave(&mut self, now: Instant, ended: &Ended) {
         let Ended { role, id, status, last_words } = ended;
         if *role == Role::Agent {
-            let step = self.observer.vehicles().get(id).and_then(|seen| seen.trace.as_ref());
-            let died = self.ground.ended(*id, step.map(|step| step.header.incarnation));
-            self.metrics.incident(self.flown_s(now), &died);
+            self.count_out(now, *id);
         }
         let what = match role {
             Role::Agent => format!("vehicle {id}"),
@@ -343,7 +304,8 @@ impl Flight {
         };
         let last_words = last_words.as_ref().map(|words| format!(" ({words})")).unwrap_or_default();
         let sentence = format!("{what}: {}{last_words}", os::how_it_ended(*status));
-        if !status.success() && !(*role == Role::Agent && self.killed.contains(*id)) {
+        let was_killed = *role == Role::Agent && self.killed.contains(*id);
+        if !status.success() && !was_killed {
             let when =
                 self.zero.as_ref().map_or_else(String::new, |_| format!(" after {:.1} s", self.since_zero_s(now)));
             self.lost.push(format!("lost{when}: {sentence}"));
@@ -369,18 +331,6 @@ impl Flight {
 
     fn since_zero_s(&self, now: Instant) -> f64 {
         self.zero.as_ref().map_or(0.0, |zero| now.saturating_duration_since(zero.at).as_secs_f64())
-    }
-
-    /// Time on the clocks of live vehicles' simulators, s.
-    fn plant_s(&self, now: Instant) -> impl Iterator<Item = (VehicleId, f64)> {
-        self.live().filter_map(move |(id, seen)| Some((id, fresh(seen?, now)?.plant_time.seconds())))
-    }
-
-    /// How much the simulators' clocks have moved since the window began, on average, s.
-    fn simulated_s(&self, now: Instant) -> f64 {
-        let since = |(id, plant_s)| Some(plant_s - self.zero.as_ref()?.plant_s.get(&id)?);
-        let moved: Vec<f64> = self.plant_s(now).filter_map(since).collect();
-        moved.iter().sum::<f64>() / moved.len().max(1) as f64
     }
 
     fn logs(&self) -> String {
@@ -433,44 +383,4 @@ fn is_down(seen: &Seen, now: Instant, waited: Duration) -> bool {
         Some(Activity::Blind) | None => waited > HELPLESS,
         Some(_) => false,
     }
-}
-
-fn vehicle_now(step: &Trace) -> VehicleNow {
-    let truth = Truth {
-        position: step.position,
-        height_m: step.height_m,
-        velocity: step.velocity,
-        attitude: step.attitude,
-        power_w: step.power_w,
-    };
-    let peers = || step.peers.iter().filter(|peer| peer.standing != Standing::Lost);
-    VehicleNow {
-        runs: true,
-        is_member: step.membership == Membership::Active,
-        sticks: step.sticks.map(|[roll, pitch, yaw, collective]| Sticks { roll, pitch, yaw, collective }),
-        step: step.step,
-        reached: step.reached,
-        centre_ne_m: step.centre_ne_m.into(),
-        hears: peers().map(|peer| peer.id).collect(),
-        fresh: peers().filter(|peer| peer.age_s < FRESH_S).map(|peer| peer.id).collect(),
-        ..VehicleNow::dead(step.header.sender, truth)
-    }
-}
-
-/// The figures that a reader looks for first.
-fn summary(report: &Report, plan: &Plan) -> String {
-    let figure = |value: Option<f64>, unit: &str| value.map_or_else(|| "-".to_owned(), |v| format!("{v:.2} {unit}"));
-    let lines = [
-        ("flown", figure(Some(report.duration_s), "s")),
-        ("at altitude", figure(report.at_altitude_s, "s")),
-        ("in the band", figure(report.in_band_s, "s")),
-        ("even within 10°", figure(report.even_10deg_s, "s")),
-        ("radial rms", figure(report.radial_rms_m, "m")),
-        ("least separation", figure(report.min_separation_m, "m")),
-        ("peers' words p99", figure(report.peer_age_p99_ms, "ms")),
-        ("step p50, p99", format!("{}, {}", figure(report.step_p50_us, "µs"), figure(report.step_p99_us, "µs"))),
-        ("late frames", report.frame_overruns.map_or_else(|| "-".to_owned(), |late| late.to_string())),
-        ("files", plan.out.display().to_string()),
-    ];
-    lines.iter().map(|(name, value)| format!("{name:<18}{value}\n")).collect()
 }

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::time::Instant;
 
 use skein_agent::network::silences;
-use skein_common::id::{Incarnation, VehicleId};
+use skein_common::id::{Incarnation, VehicleId, VehicleSet};
 use skein_common::message::Trace;
 use skein_common::scenario::Scenario;
 use skein_common::state::Membership;
@@ -20,6 +20,8 @@ pub struct Ground {
     took_off: BTreeMap<VehicleId, Instant>,
     /// The lives that ended last; without a number, of agents that were never heard.
     ended: BTreeMap<VehicleId, Option<Incarnation>>,
+    /// Agents that were given a new life from here and have not been heard yet.
+    restarted: VehicleSet,
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -40,22 +42,38 @@ impl Ground {
                 [deed(silence.start, true), deed(silence.end, false)]
             })
         });
-        Self { agenda: deeds.collect(), took_off: BTreeMap::new(), ended: BTreeMap::new() }
+        Self {
+            agenda: deeds.collect(),
+            took_off: BTreeMap::new(),
+            ended: BTreeMap::new(),
+            restarted: VehicleSet::default(),
+        }
     }
 
-    /// A step of an agent was heard. Gives its restart, if it is the first of a new life.
+    /// A step of an agent was heard. Gives its restart, if it is the first of a new life that is not known of.
     pub fn heard(&mut self, now: Instant, step: &Trace) -> Option<Incident> {
         let id = step.header.sender;
         if step.membership != Membership::Joining {
             self.took_off.entry(id).or_insert(now);
         }
         let is_new = self.lives(step) && self.ended.remove(&id).is_some();
-        is_new.then_some(Incident::Restarted(id))
+        let was_known = self.restarted.contains(id);
+        if is_new {
+            self.restarted.remove(id);
+        }
+        (is_new && !was_known).then_some(Incident::Restarted(id))
+    }
+
+    /// The agent of this vehicle was started again.
+    pub fn restarted(&mut self, id: VehicleId) -> Incident {
+        self.restarted.insert(id);
+        Incident::Restarted(id)
     }
 
     /// The agent of this vehicle has ended; `life` is the last that was heard of.
     pub fn ended(&mut self, id: VehicleId, life: Option<Incarnation>) -> Incident {
         self.ended.insert(id, life);
+        self.restarted.remove(id);
         Incident::Died(id)
     }
 
@@ -154,6 +172,12 @@ mod tests {
         assert!(!ground.lives(&old) && ground.lives(&new));
         assert_eq!(ground.heard(now, &new), Some(Incident::Restarted(id(2))));
         assert_eq!(ground.heard(now, &new), None, "once");
+        ground.ended(id(2), Some(Incarnation(8)));
+        assert_eq!(ground.restarted(id(2)), Incident::Restarted(id(2)));
+        assert!(!ground.lives(&new));
+        let third = step(2, 9, Membership::Joining);
+        assert_eq!(ground.heard(now, &third), None, "that is known");
+        assert!(ground.lives(&third));
     }
 
     #[test]

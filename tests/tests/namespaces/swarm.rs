@@ -2,7 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs::{self, File};
-use std::io::{Read, Write};
+use std::io::Read;
 use std::process::{Child, Stdio};
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::thread::sleep;
@@ -213,7 +213,7 @@ fn take_step(steps: &mut BTreeMap<u8, u32>, line: &Line) {
 pub(super) fn watch() {
     let Ok(watched) = std::env::var(WATCHED) else { return };
     let mut words = watched.split(' ').map(str::to_owned);
-    let swarm = SwarmName::new(&words.next().unwrap()).unwrap();
+    let swarm = SwarmName::new(words.next().unwrap()).unwrap();
     let mut observer = Observer::open(&swarm, &words.collect::<Vec<_>>()).unwrap();
     let is_over = std::sync::Arc::new(AtomicBool::new(false));
     let flag = is_over.clone();
@@ -235,5 +235,5 @@ pub(super) fn watch() {
             least_m = distances_m.fold(least_m, f64::min);
         }
     }
-    writeln!(std::io::stdout(), "\n{ANSWER}{least_m}").unwrap();
+    println!("\n{ANSWER}{least_m}");
 }

@@ -70,6 +70,7 @@ impl Flight {
         let flown_s = self.ground.since_take_off_s(now, id).unwrap_or_else(|| self.since_zero_s(now));
         self.children.restart(Role::Agent, id, ["--flown-s".into(), flown_s.to_string().into()])?;
         self.killed.remove(id);
+        self.count_in(now, id);
         Ok(())
     }
 

@@ -1,0 +1,134 @@
+//! What is measured of a flight, and what is written of that.
+
+use std::fs;
+use std::time::Instant;
+
+use skein_agent::peers::FRESH_S;
+use skein_agent::plant::{Sticks, Truth};
+use skein_common::id::VehicleId;
+use skein_common::message::Trace;
+use skein_common::state::{Membership, Standing};
+
+use super::{Flight, fresh};
+use crate::fly::plan::Plan;
+use crate::fly::status::Stage;
+use crate::metrics::{Report, Totals, VehicleNow, Wall};
+
+impl Flight {
+    /// Takes in what only one step tells.
+    pub(super) fn take_step(&mut self, now: Instant, step: &Trace) {
+        if let Some(restarted) = self.ground.heard(now, step) {
+            self.metrics.incident(self.flown_s(now), &restarted);
+        }
+        if self.stage == Stage::Flying {
+            let heard = step.peers.iter().filter(|peer| peer.standing != Standing::Lost);
+            heard.for_each(|peer| self.metrics.observe_age(peer.age_s));
+            step.step_us.into_iter().for_each(|step_us| self.metrics.observe_step(step_us));
+        }
+    }
+
+    /// Hands the newest of everybody who lives to the metrics. Where a dead agent's helicopter is, nobody knows.
+    pub(super) fn measure(&mut self, now: Instant) {
+        let t_s = self.flown_s(now);
+        self.ground.due(now).iter().for_each(|incident| self.metrics.incident(t_s, incident));
+        let steps = self.observer.vehicles().values().filter_map(|seen| fresh(seen, now));
+        let vehicles: Vec<VehicleNow> = steps.filter(|step| self.ground.lives(step)).map(vehicle_now).collect();
+        self.metrics.observe(t_s, &vehicles);
+        let steps = self.observer.vehicles().values().filter_map(|seen| seen.trace.as_ref());
+        let living = steps.filter(|step| self.ground.lives(step));
+        self.metrics.count(living.fold(self.ended, with_counts));
+    }
+
+    /// The agent of this vehicle has ended.
+    pub(super) fn count_out(&mut self, now: Instant, id: VehicleId) {
+        let step = self.observer.vehicles().get(&id).and_then(|seen| seen.trace.as_ref());
+        if let Some(last) = step.filter(|step| self.ground.lives(step)) {
+            self.ended = with_counts(self.ended, last);
+        }
+        let died = self.ground.ended(id, step.map(|step| step.header.incarnation));
+        self.metrics.incident(self.flown_s(now), &died);
+    }
+
+    /// It has a new one, whose simulator's clock may begin anew.
+    pub(super) fn count_in(&mut self, now: Instant, id: VehicleId) {
+        let restarted = self.ground.restarted(id);
+        self.metrics.incident(self.flown_s(now), &restarted);
+        if let Some(zero) = &mut self.zero {
+            zero.plant_s.remove(&id);
+        }
+    }
+
+    /// Closes the window and writes its figures: whatever comes later, they are there.
+    pub(super) fn end_window(&mut self, now: Instant) {
+        let wall_s = self.since_zero_s(now);
+        let report = self.metrics.report(Wall { wall_s, real_time_factor: self.simulated_s(now) / wall_s.max(1e-9) });
+        let path = self.plan.out.join("metrics.json");
+        if let Err(error) = fs::write(&path, crate::json(&report)) {
+            self.fail(format!("{}: {error}", path.display()));
+        }
+        self.report = Some(report);
+    }
+
+    /// Time on the clocks of live vehicles' simulators, s.
+    pub(super) fn plant_s(&self, now: Instant) -> impl Iterator<Item = (VehicleId, f64)> {
+        self.live().filter_map(move |(id, seen)| Some((id, fresh(seen?, now)?.plant_time.seconds())))
+    }
+
+    /// How much the simulators' clocks have moved since the window began, on average, s.
+    fn simulated_s(&self, now: Instant) -> f64 {
+        let since = |(id, plant_s)| Some(plant_s - self.zero.as_ref()?.plant_s.get(&id)?);
+        let moved: Vec<f64> = self.plant_s(now).filter_map(since).collect();
+        moved.iter().sum::<f64>() / moved.len().max(1) as f64
+    }
+}
+
+/// What was counted before, and what the agent that says this step has counted.
+fn with_counts(before: Totals, step: &Trace) -> Totals {
+    let activations = step.safety_activations.map(|more| more + before.safety_activations.unwrap_or(0));
+    Totals {
+        state_messages: before.state_messages + step.state_messages,
+        state_bytes: before.state_bytes + step.state_bytes,
+        safety_activations: activations.or(before.safety_activations),
+        frame_overruns: before.frame_overruns + step.frame_overruns,
+    }
+}
+
+fn vehicle_now(step: &Trace) -> VehicleNow {
+    let truth = Truth {
+        position: step.position,
+        height_m: step.height_m,
+        velocity: step.velocity,
+        attitude: step.attitude,
+        power_w: step.power_w,
+    };
+    let peers = || step.peers.iter().filter(|peer| peer.standing != Standing::Lost);
+    VehicleNow {
+        runs: true,
+        is_member: step.membership == Membership::Active,
+        sticks: step.sticks.map(|[roll, pitch, yaw, collective]| Sticks { roll, pitch, yaw, collective }),
+        step: step.step,
+        reached: step.reached,
+        centre_ne_m: step.centre_ne_m.into(),
+        hears: peers().map(|peer| peer.id).collect(),
+        fresh: peers().filter(|peer| peer.age_s < FRESH_S).map(|peer| peer.id).collect(),
+        ..VehicleNow::dead(step.header.sender, truth)
+    }
+}
+
+/// The figures that a reader looks for first.
+pub(super) fn summary(report: &Report, plan: &Plan) -> String {
+    let figure = |value: Option<f64>, unit: &str| value.map_or_else(|| "-".to_owned(), |v| format!("{v:.2} {unit}"));
+    let lines = [
+        ("flown", figure(Some(report.duration_s), "s")),
+        ("at altitude", figure(report.at_altitude_s, "s")),
+        ("in the band", figure(report.in_band_s, "s")),
+        ("even within 10°", figure(report.even_10deg_s, "s")),
+        ("radial rms", figure(report.radial_rms_m, "m")),
+        ("least separation", figure(report.min_separation_m, "m")),
+        ("peers' words p99", figure(report.peer_age_p99_ms, "ms")),
+        ("step p50, p99", format!("{}, {}", figure(report.step_p50_us, "µs"), figure(report.step_p99_us, "µs"))),
+        ("late frames", report.frame_overruns.map_or_else(|| "-".to_owned(), |late| late.to_string())),
+        ("files", plan.out.display().to_string()),
+    ];
+    lines.iter().map(|(name, value)| format!("{name:<18}{value}\n")).collect()
+}
