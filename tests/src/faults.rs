@@ -1,14 +1,18 @@
 //! Every fault against a small mission: what it does to the swarm, and how soon the swarm is over it.
 
+use std::collections::BTreeSet;
+
+use skein::metrics::COLLISION_M;
 use skein::study::world::World;
+use skein_agent::agent::Agent;
 use skein_agent::peers::Role;
 use skein_common::id::VehicleId;
 use skein_common::scenario::{Scenario, Source, load};
 use skein_common::state::Membership;
 
-use crate::{in_parallel, median_and_worst, of_scenario};
+use crate::{airborne_pairs, in_parallel, median_and_worst, of_scenario};
 
-/// Name of a fault, and the event that it is; vehicle 2 has it, `AT` is when.
+/// Name of a fault, and the event that it is; vehicle 2 has it, and the seed says when.
 pub const FAULTS: [(&str, &str); 9] = [
     ("engine out", r#"fault = "engine_out", vehicle = 2"#),
     ("servo stuck", r#"fault = "servo_stuck", vehicle = 2, servo = "SERVO""#),
@@ -23,9 +27,6 @@ pub const FAULTS: [(&str, &str); 9] = [
 
 /// The mission is given up after this time, s.
 const LIMIT_S: f64 = 900.0;
-/// Two centres of gravity nearer than this have collided, if both are higher than [`AIRBORNE_M`], m.
-const COLLISION_M: f64 = 2.0;
-const AIRBORNE_M: f64 = 2.0;
 
 /// One flight with one fault.
 #[derive(Clone, Copy, Debug, Default)]
@@ -88,7 +89,7 @@ pub fn fly(fault: Option<&str>, vehicles: usize, seed: u64) -> Flight {
     let at_s = study.scenario.mission.events.first().map(|event| event.at_s);
     let victim = VehicleId::new(2).expect("an id");
     let mut flight = Flight { closest_m: f64::INFINITY, ..Flight::default() };
-    let (mut began_s, mut step_then, mut near) = (None, 0, std::collections::BTreeSet::new());
+    let (mut began_s, mut step_then, mut near) = (None, 0, BTreeSet::new());
     while world.t_s() < LIMIT_S && !flight.finished {
         world.tick();
         if began_s.is_none() && world.all_active() {
@@ -101,13 +102,12 @@ pub fn fly(fault: Option<&str>, vehicles: usize, seed: u64) -> Flight {
         let step = healthy().map(|(_, agent, ..)| agent.at_step()).min().unwrap_or(0);
         match since_s {
             Some(since_s) if since_s >= 0.0 => {
-                let counts = |agent: &skein_agent::agent::Agent| {
-                    agent.peers().iter().any(|peer| peer.id == victim && peer.role == Role::Member)
-                };
+                let counts =
+                    |agent: &Agent| agent.peers().iter().any(|peer| peer.id == victim && peer.role == Role::Member);
                 if !healthy().any(|(_, agent, ..)| counts(agent)) {
                     flight.noticed_s.get_or_insert(since_s);
                 }
-                let takes_part = |(id, agent, ..): (VehicleId, &skein_agent::agent::Agent, _, _)| {
+                let takes_part = |(id, agent, ..): (VehicleId, &Agent, _, _)| {
                     id == victim && agent.membership() == Membership::Active
                 };
                 if flight.noticed_s.is_some()
@@ -129,15 +129,11 @@ pub fn fly(fault: Option<&str>, vehicles: usize, seed: u64) -> Flight {
     flight
 }
 
-fn look_at_pairs(world: &World, flight: &mut Flight, near: &mut std::collections::BTreeSet<(VehicleId, VehicleId)>) {
-    let airborne: Vec<_> = world.everybody().filter(|(_, _, truth, _)| truth.height_m > AIRBORNE_M).collect();
-    for (nth, (id, _, truth, _)) in airborne.iter().enumerate() {
-        for (other, _, its, _) in &airborne[..nth] {
-            let distance_m = (truth.position - its.position).norm();
-            flight.closest_m = flight.closest_m.min(distance_m);
-            if distance_m < COLLISION_M {
-                near.insert((*other, *id));
-            }
+fn look_at_pairs(world: &World, flight: &mut Flight, near: &mut BTreeSet<(VehicleId, VehicleId)>) {
+    for (one, other, distance_m) in airborne_pairs(world) {
+        flight.closest_m = flight.closest_m.min(distance_m);
+        if distance_m < COLLISION_M {
+            near.insert((one, other));
         }
     }
 }

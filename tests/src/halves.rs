@@ -1,19 +1,17 @@
 //! A swarm that is cut in two for a while: what each part does, and how soon it is one again.
 
+use skein::metrics::COLLISION_M;
 use skein::study::world::{Incident, World};
 use skein_agent::agent::Agent;
 use skein_common::id::{VehicleId, VehicleSet};
 use skein_common::scenario::{Scenario, Source, load};
 
-use crate::{in_parallel, median_and_worst, of_scenario};
+use crate::{airborne_pairs, in_parallel, median_and_worst, of_scenario};
 
 /// How long the cut lasts, s.
 const CUT_S: f64 = 20.0;
 /// By then everybody has noticed it, s: a lease and a frame or two.
 const NOTICED_S: f64 = 1.2;
-/// Two centres of gravity nearer than this have collided, if both are higher than [`AIRBORNE_M`], m.
-const COLLISION_M: f64 = 2.0;
-const AIRBORNE_M: f64 = 2.0;
 
 /// One flight.
 #[derive(Clone, Copy, Debug)]
@@ -95,7 +93,8 @@ pub fn fly(partition: &str, first: usize, vehicles: usize, seed: u64) -> Flight 
         {
             flight.one_again_s.get_or_insert(t_s - healed_s);
         }
-        flight.closest_m = flight.closest_m.min(closest_m(&world));
+        let distances_m = airborne_pairs(&world).into_iter().map(|(.., distance_m)| distance_m);
+        flight.closest_m = distances_m.fold(flight.closest_m, f64::min);
     }
     flight
 }
@@ -109,17 +108,6 @@ fn is_one(world: &World) -> bool {
         known.insert(id);
         known == all && Some(step(agent)) == first
     })
-}
-
-fn closest_m(world: &World) -> f64 {
-    let airborne: Vec<_> = world
-        .everybody()
-        .filter(|(_, _, truth, _)| truth.height_m > AIRBORNE_M)
-        .map(|(_, _, t, _)| t.position)
-        .collect();
-    let pairs =
-        airborne.iter().enumerate().flat_map(|(nth, one)| airborne[..nth].iter().map(move |other| (one, other)));
-    pairs.map(|(one, other)| (*one - *other).norm()).fold(f64::INFINITY, f64::min)
 }
 
 /// Policy, size of the first part, and of all.

@@ -8,9 +8,12 @@ use std::ops::Range;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
 
+use skein::metrics::AIRBORNE_ABOVE_M;
 use skein::study::Study;
+use skein::study::world::World;
 use skein_agent::aircraft::Aircraft;
 use skein_agent::control::Rules;
+use skein_common::id::VehicleId;
 use skein_common::scenario::{Scenario, Source, load};
 
 /// The shipped scenarios, by name.
@@ -47,6 +50,14 @@ pub fn study(name: &str, sets: &[&str]) -> Study {
 pub fn of_scenario(scenario: Scenario) -> Study {
     let aircraft = Aircraft::shipped("xcell60").expect("it is shipped").expect("it is well formed");
     Study { aircraft: vec![aircraft; scenario.swarm.vehicles], scenario, rules: Rules::shipped() }
+}
+
+/// Every pair of which both are in the air, the smaller id first, with its distance, m.
+pub fn airborne_pairs(world: &World) -> Vec<(VehicleId, VehicleId, f64)> {
+    let airborne = world.everybody().filter(|(_, _, truth, _)| truth.height_m > AIRBORNE_ABOVE_M);
+    let places: Vec<_> = airborne.map(|(id, _, truth, _)| (id, truth.position)).collect();
+    let pairs = places.iter().enumerate().flat_map(|(nth, one)| places[..nth].iter().map(move |other| (other, one)));
+    pairs.map(|(one, other)| (one.0, other.0, (one.1 - other.1).norm())).collect()
 }
 
 /// What `fly` gives for each seed, in their order; one thread for each core.
