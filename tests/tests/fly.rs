@@ -395,7 +395,10 @@ fn a_scenario_kills_and_restarts_an_agent_whose_helicopter_flies_on() {
     let skipped = "at 15 s: gyro_off of vehicle 3: skipped by `fly`: a stand-in cannot be made to fail so\n";
     assert_eq!((status, said.as_str()), (Some(0), skipped), "a mission that ends ends the flight");
     assert_eq!(place.processes(), []);
-    assert_eq!(place.metrics()["collisions"], 0);
+    let metrics = place.metrics();
+    let figure = |key: &str| metrics[key].as_f64().unwrap_or_else(|| panic!("{key} in {metrics:#}"));
+    assert!(figure("detection_s") < 0.5 && (2.0..4.0).contains(&figure("rejoin_s")), "{metrics:#}");
+    assert_eq!((figure("collisions"), figure("false_suspicions")), (0.0, 0.0));
 }
 
 #[test]
