@@ -216,6 +216,10 @@ impl Peers {
             }
             Word::Mission(said) => {
                 let Some(peer) = self.speaker(&said.header) else { return };
+                // A register is told again to whoever asks for it.
+                if peer.mission == Some(said) {
+                    return;
+                }
                 if peer.mission.is_some_and(|told| told.header.sequence >= said.header.sequence) {
                     self.old += 1;
                     return;
