@@ -1,7 +1,7 @@
 //! From where everybody is to where this vehicle should go.
 //!
 //! A law sees its own place, the live members as last heard, and the goal: nothing else, so that it can be moved to any
-//! vehicle and any swarm. Ring and flock give a dimensionless field, of which [`conversion`] makes metres; the virtual
+//! vehicle and any swarm. Ring and flock give a dimensionless field, of which [`mod@conversion`] makes metres; the virtual
 //! structure gives the way to a slot. What comes out of either passes the safety filter.
 
 pub mod conversion;
