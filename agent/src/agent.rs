@@ -5,7 +5,7 @@
 //! ```
 
 use nalgebra::Vector2;
-use skein_common::frame::{Origin, VelocityNed};
+use skein_common::frame::{Origin, PositionNed, VelocityNed};
 use skein_common::id::{Incarnation, VehicleId, VehicleSet};
 use skein_common::message::{Drops, Failure, Happening, PeerAge, Trace};
 use skein_common::scenario::Scenario;
@@ -17,6 +17,7 @@ use crate::control::{Rules, Setpoint, Trim, VehicleController};
 use crate::diagnosis::Diagnosis;
 use crate::estimate::{Estimate, Estimator};
 use crate::failsafe::{self, Response};
+use crate::formation::external::{Answer, Ask};
 use crate::formation::{Formation, Wish};
 use crate::mission::{Mission, Task, View};
 use crate::peers::{Change, Heard, Peers, Seen, Word};
@@ -34,6 +35,8 @@ pub struct Inputs<'a> {
     pub heard: &'a [Heard],
     /// This vehicle alone is to land and leave, because its agent is about to end.
     pub leave: bool,
+    /// What an external law has answered to the last ask.
+    pub answer: Option<&'a Answer>,
 }
 
 /// What goes out.
@@ -43,6 +46,8 @@ pub struct Outputs {
     pub command: Option<Sticks>,
     /// What to tell the others.
     pub said: Said,
+    /// What to ask an external law: its answer is for a later step.
+    pub ask: Option<Ask>,
 }
 
 /// One vehicle's core: no clock, no input or output, no randomness but its seed's. Same inputs, same outputs, bit for bit.
@@ -90,9 +95,9 @@ impl Agent {
             origin,
             estimator: Estimator::new(origin, &scenario.sensing),
             diagnosis: Diagnosis::new(aircraft),
-            peers: Peers::new(own, roster, plan, scenario.network.peer_stale_s),
+            peers: Peers::new(own, roster, plan, &scenario.network),
             mission: Mission::new(own, scenario, aircraft.take_off_rotor_rad_s()),
-            formation: Formation::new(own, scenario),
+            formation: Formation::new(own, scenario)?,
             controller: VehicleController::new(rules, trim, scenario.control.auto_trim),
             speech: Speech::new(own, incarnation, &scenario.network),
             clock: SteadyClock::default(),
@@ -118,6 +123,7 @@ impl Agent {
 
         let age_s = self.estimator.age_s(now.local);
         let response = failsafe::respond(estimate.as_ref(), age_s, self.peers.all_lost());
+        self.formation.hear(now.plant, inputs.answer);
         let command = match (response, &estimate) {
             (Response::FlyOn | Response::HoldPlace, Some(estimate)) if age_s == Some(0.0) => {
                 self.examine(now, inputs.measurement, &mut happened);
@@ -131,6 +137,7 @@ impl Agent {
             // A late frame changes nothing yet.
             _ => None,
         };
+        let ask = self.formation.asked(&mut happened);
         self.tell_changes(response, estimate, &mut happened);
 
         let own = match response {
@@ -139,7 +146,7 @@ impl Agent {
             // A simulator that stands still has left its vehicle where it was.
             Response::LetGo => estimate.map(|estimate| Estimate { velocity: VelocityNed::default(), ..estimate }),
         };
-        Outputs { command, said: self.speech.say(now.local, own.as_ref(), &self.mission, happened) }
+        Outputs { command, said: self.speech.say(now.local, own.as_ref(), &self.mission, happened), ask }
     }
 
     /// Looks for what has failed of the own vehicle.
@@ -171,7 +178,7 @@ impl Agent {
         };
         let task = self.mission.step(now, estimate, &view, happened);
         let dt_s = self.last.plant_time.map_or(0.0, |before| now.plant.seconds_since(before));
-        let wish = self.formation.step(dt_s, estimate, self.peers.seen(), &task);
+        let wish = self.formation.step(dt_s, estimate, self.peers.seen(), self.peers.unseen(), &task);
         let command = self.control(dt_s, estimate, &task, wish.as_ref(), happened);
         (self.last.wish, self.last.command, self.last.plant_time) = (wish, command, Some(now.plant));
         command
@@ -187,7 +194,7 @@ impl Agent {
             plant_time: now.plant,
             membership: *membership,
             activity: *activity,
-            live: (self.formation.neighbours().len() + 1).min(usize::from(VehicleId::MAX)) as u8,
+            live: self.formation.live().min(usize::from(VehicleId::MAX)) as u8,
             step: self.mission.at(),
             reached: self.mission.reached(),
             centre_ne_m: self.centre_ne_m().into(),
@@ -204,14 +211,21 @@ impl Agent {
             peers: self
                 .peers()
                 .iter()
-                .map(|peer| PeerAge { id: peer.id, standing: peer.standing, age_s: peer.age_s })
+                .map(|peer| PeerAge { id: peer.id, standing: peer.standing, age_s: peer.age_s, delivered_age_s: 0.0 })
                 .collect(),
             step_us: None,
             safety_activations: self.formation.safety_activations(),
+            law_misses: self.law_misses(),
+            law_log: self.formation.law_log().to_vec(),
             frame_overruns: 0,
             state_messages: self.speech.state_messages(),
             state_bytes: self.speech.state_bytes(),
         }
+    }
+
+    /// Where the vehicle takes itself to be; `None` without data of its own.
+    pub fn position(&self) -> Option<PositionNed> {
+        self.last.estimate.map(|estimate| estimate.position)
     }
 
     /// The others as they are thought to be now.
@@ -259,9 +273,27 @@ impl Agent {
         (self.speech.state_messages(), self.speech.state_bytes())
     }
 
+    /// Words about the agreement said so far, and their payload in bytes.
+    pub fn agreed(&self) -> (u64, u64) {
+        self.speech.missions()
+    }
+
     /// How often the safety filter has stepped in so far; `None` without one.
     pub fn safety_activations(&self) -> Option<u64> {
         self.formation.safety_activations()
+    }
+
+    /// Asks that an external law has not answered so far; `None` without one.
+    pub fn law_misses(&self) -> Option<u64> {
+        self.formation.law_misses()
+    }
+
+    /// What it finds failed of its own vehicle, from the mildest to the most severe.
+    pub fn failures(&self) -> Vec<Failure> {
+        let stuck = self.mission.is_stuck().then_some(Failure::Altitude);
+        let mut failures: Vec<Failure> = self.diagnosis.found().chain(stuck).collect();
+        failures.sort_unstable();
+        failures
     }
 
     /// What was dropped so far; what the edges drop is theirs to add.
@@ -272,6 +304,11 @@ impl Agent {
             measurement: self.estimator.refused(),
             ..Drops::default()
         }
+    }
+
+    /// Of whom so many words were dropped because a later one was already heard.
+    pub fn old_words(&self) -> impl Iterator<Item = (VehicleId, u64)> {
+        self.peers.old_words()
     }
 
     /// Takes up what was said about orders and plans, and lists what is worth telling.

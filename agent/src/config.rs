@@ -1,4 +1,6 @@
-//! What one agent is told at its start: who it is, what it flies, where it listens and whom it dials.
+//! What one agent is told at its start: who it is, what it flies, where it listens, whom it dials, and whom it trusts.
+
+mod security;
 
 use std::fs;
 use std::io;
@@ -13,12 +15,16 @@ use skein_common::scenario::{self, PlantKind, Scenario, ScenarioError, Source};
 
 use crate::aircraft::{Aircraft, AircraftError};
 use crate::control::{FisError, Rules};
+use crate::external::{self, ExternalError};
+use crate::link::Security;
 use crate::plant::Plant;
 use crate::plant::builtin::BuiltIn;
 use crate::plant::helicopter::{BuiltInVehicle, Script, TICK_S, Weather};
 use crate::plant::xplane::{self, XPlane, wire};
 use crate::start::{TooFull, starts};
 use crate::supported::{self, NotFlown};
+use crate::unix;
+pub use security::SecurityTable;
 
 /// What an agent is asked to be.
 #[derive(Clone, Debug, PartialEq, clap::Args)]
@@ -45,6 +51,9 @@ pub struct AgentOptions {
     /// How long an earlier agent has flown the vehicle, s: the scenario's events go on from there
     #[arg(long, hide = true, value_name = "S", value_parser = seconds)]
     pub flown_s: Option<f64>,
+    /// The run of the swarm, decimal or 0x...: orders of another run are void
+    #[arg(long, hide = true, value_name = "N", value_parser = number)]
+    pub run: Option<u64>,
 }
 
 /// A node's own file.
@@ -63,6 +72,8 @@ pub struct AgentFile {
     pub plant: Option<PlantKind>,
     /// `HOST[:PORT]` of the simulator.
     pub xplane: Option<String>,
+    /// Keys; without them everything is plain.
+    pub security: Option<SecurityTable>,
 }
 
 /// Why an agent cannot be what it is asked to be. Each is one sentence, and the user's to mend.
@@ -114,6 +125,9 @@ pub enum ConfigError {
     /// An aircraft that only X-Plane flies.
     #[error("the aircraft {0} has no [helicopter] table, which the built-in plant needs")]
     NoModel(String),
+    /// An external law that cannot be reached.
+    #[error(transparent)]
+    Law(#[from] ExternalError),
     /// Rules that are none.
     #[error(transparent)]
     Rules(#[from] FisError),
@@ -148,6 +162,12 @@ pub struct Node {
     pub plant: PlantChoice,
     /// How long an earlier agent has flown the vehicle, s; `None` for the first.
     pub flown_s: Option<f64>,
+    /// How its links are secured.
+    pub security: Security,
+    /// The Ed25519 public key that orders are sealed with; without it they are believed unsealed.
+    pub orders_key: Option<[u8; 32]>,
+    /// The run of the swarm; 0 where nobody counts.
+    pub run: u64,
 }
 
 /// Where an aircraft is.
@@ -184,7 +204,7 @@ impl AgentOptions {
     /// The first fault found.
     pub fn node(&self) -> Result<Node, ConfigError> {
         let file = match (&self.config, &self.scenario, self.id) {
-            (Some(path), ..) => read_agent_file(path)?,
+            (Some(path), ..) => return self.node_of(read_agent_file(path)?, path.parent().unwrap_or(Path::new(""))),
             (None, Some(scenario), Some(id)) => AgentFile {
                 scenario: scenario.clone(),
                 id,
@@ -192,23 +212,27 @@ impl AgentOptions {
                 dial: VehicleId::first(usize::from(id.get()) - 1).map(loopback_endpoint).collect(),
                 plant: None,
                 xplane: None,
+                security: None,
             },
             _ => return Err(ConfigError::File("either --config, or --scenario and --id".to_owned())),
         };
-        self.node_of(file)
+        self.node_of(file, Path::new(""))
     }
 
-    fn node_of(&self, file: AgentFile) -> Result<Node, ConfigError> {
-        let AgentFile { scenario: path, id, listen, dial, plant, xplane } = file;
+    /// `own_folder` is where the node's file stands.
+    fn node_of(&self, file: AgentFile, own_folder: &Path) -> Result<Node, ConfigError> {
+        let AgentFile { scenario: path, id, listen, dial, plant, xplane, security } = file;
+        let path = own_folder.join(path);
         let name = path.display().to_string();
         let loaded = scenario::load(&Source { name: &name, text: &read(&path)? }, &self.sets)?;
-        let (notes, scenario) = (loaded.notes, loaded.scenario);
-        supported::check(&scenario).map_err(|source| ConfigError::NotFlown { file: name.clone(), source })?;
+        let (mut notes, mut scenario) = (loaded.notes, loaded.scenario);
+        supported::check_live(&scenario).map_err(|source| ConfigError::NotFlown { file: name.clone(), source })?;
         let vehicles = scenario.swarm.vehicles;
+        let folder = path.parent().unwrap_or(Path::new(""));
+        external::find(&mut scenario, folder)?;
         let Some(vehicle) = scenario.vehicle(id) else {
             return Err(ConfigError::NotInSwarm { id, file: name, vehicles });
         };
-        let folder = path.parent().unwrap_or(Path::new(""));
         let (aircraft, _) = aircraft(&vehicle.aircraft, folder)?;
         let rules = rules(&scenario.control.rules, folder)?;
         let address = self.xplane.as_ref().or(xplane.as_ref());
@@ -234,7 +258,16 @@ impl AgentOptions {
                 PlantChoice::XPlane(address)
             }
         };
-        Ok(Node { scenario, notes, id, listen, dial, aircraft, rules, plant, flown_s: self.flown_s })
+        let (security, orders_key) = match security {
+            None => (Security::Plain, None),
+            Some(table) => {
+                let (security, orders_key) = table.of(id, own_folder);
+                notes.extend(open_key(&security));
+                (security, Some(orders_key))
+            }
+        };
+        let (flown_s, run) = (self.flown_s, self.run.unwrap_or(0));
+        Ok(Node { scenario, notes, id, listen, dial, aircraft, rules, plant, flown_s, security, orders_key, run })
     }
 }
 
@@ -260,7 +293,7 @@ impl Node {
 }
 
 /// The local address from which a simulator is reached.
-fn listen_for(simulator: IpAddr) -> IpAddr {
+pub fn listen_for(simulator: IpAddr) -> IpAddr {
     match simulator {
         _ if simulator.is_loopback() => simulator,
         IpAddr::V4(_) => Ipv4Addr::UNSPECIFIED.into(),
@@ -273,9 +306,14 @@ fn read(path: &Path) -> Result<String, ConfigError> {
 }
 
 fn read_agent_file(path: &Path) -> Result<AgentFile, ConfigError> {
-    let file: AgentFile = parse(&path.display().to_string(), &read(path)?)?;
-    let scenario = path.parent().unwrap_or(Path::new("")).join(&file.scenario);
-    Ok(AgentFile { scenario, ..file })
+    parse(&path.display().to_string(), &read(path)?)
+}
+
+/// What to say of a private key that is not private.
+fn open_key(security: &Security) -> Option<String> {
+    let Security::Tls(tls) = security else { return None };
+    let key = tls.key.display();
+    unix::others_can_read(&tls.key).then(|| format!("{key}: others can read this key; chmod 600 {key}"))
 }
 
 fn parse<T: DeserializeOwned>(name: &str, text: &str) -> Result<T, ConfigError> {
@@ -319,8 +357,16 @@ fn seconds(text: &str) -> Result<f64, String> {
     seconds.ok_or_else(|| "has to be a number of seconds, 0 to 1e9".to_owned())
 }
 
+fn number(text: &str) -> Result<u64, String> {
+    let number = match text.strip_prefix("0x") {
+        Some(digits) => u64::from_str_radix(digits, 16),
+        None => text.parse(),
+    };
+    number.map_err(|_| "has to be a number, decimal or 0x...".to_owned())
+}
+
 /// The address in `HOST[:PORT]`, IPv4 first where a name has several.
-fn simulator(text: &str) -> Result<SocketAddr, ConfigError> {
+pub fn simulator(text: &str) -> Result<SocketAddr, ConfigError> {
     let addresses = if let Ok(ip) = text.parse::<IpAddr>() {
         Ok(vec![(ip, wire::PORT).into()])
     } else if text.contains(':') {

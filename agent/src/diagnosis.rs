@@ -82,6 +82,12 @@ impl Diagnosis {
         self.worst
     }
 
+    /// Everything that has failed, as far as it is looked for: the worst, and the position.
+    pub fn found(&self) -> impl Iterator<Item = Failure> + use<> {
+        let position = self.is_frozen.then_some(Failure::Position);
+        position.into_iter().chain(self.worst.filter(|worst| Some(*worst) != position))
+    }
+
     /// Whether roll or pitch does not follow: a vehicle that has to turn to keep its place
     /// ([`crate::control::VehicleController::turn`]).
     pub fn is_cyclic_stuck(&self) -> bool {

@@ -1,56 +1,57 @@
 //! From where everybody is to where this vehicle should go.
 //!
-//! A law sees its own place, the live members as last heard, and the goal: nothing else, so that it can be moved to any
-//! vehicle and any swarm. Ring and flock give a dimensionless field, of which [`mod@conversion`] makes metres; the virtual
-//! structure gives the way to a slot. What comes out of either passes the safety filter.
+//! A [`law`](law::Law) sees its own place, the live members as last heard, and the goal. It answers a dimensionless field, of
+//! which [`mod@conversion`] makes metres, a way to go, or a velocity; what comes out of any of them passes the safety filter.
+//!
+//! | module | what it holds |
+//! | --- | --- |
+//! | [`law`], [`laws`] | what a law is; which there are |
+//! | [`mod@ring`], `olfati_saber`, `vasarhelyi`, `virtual_structure`, `displacement_consensus` | the laws |
+//! | [`slots`] | patterns of places |
+//! | [`external`] | the law that is another program |
+//! | [`mod@conversion`], [`vertical`], [`safety`] | what they share: from a wish to a set-point |
 
 pub mod conversion;
+pub mod external;
+pub mod law;
+pub mod laws;
 pub mod ring;
 pub mod safety;
-pub mod structure;
+pub mod slots;
 pub mod vertical;
+
+mod displacement_consensus;
+mod olfati_saber;
+mod vasarhelyi;
+mod virtual_structure;
 
 use nalgebra::{Vector2, Vector3};
 use skein_common::frame::{PositionNed, VelocityNed};
-use skein_common::id::VehicleId;
+use skein_common::id::{VehicleId, VehicleSet};
+use skein_common::message::{Happening, LawNumber};
 use skein_common::scenario::{self, Scenario};
+use skein_common::state::Standing;
+use skein_common::time::PlantTime;
 
 use crate::control::{Setpoint, VELOCITY_PER_ERROR};
 use crate::estimate::Estimate;
-use crate::mission::{Goal, Task};
+use crate::mission::{self, Task};
 use crate::peers::{Role, Seen};
+use crate::supported::NotFlown;
 use conversion::Conversion;
-use ring::{AvoidDistance, Avoidance, COINCIDENT_M, Region, Ring};
+use external::{Ask, External};
+use law::{Answer, Goal, Law, Neighbour, Obstacle, Sight, Wanted};
 use safety::{Constraint, SafetyFilter};
-use structure::Structure;
 use vertical::Heights;
+
+pub use ring::of as ring;
 
 /// Beyond this error the vehicle controller flies no faster, m.
 const FASTEST_M: f64 = 15.0;
 /// Farther above or below than this an obstacle is nobody's concern, m.
 const OBSTACLE_REACH_M: f64 = 15.0;
-
-/// Another live member.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Neighbour {
-    /// Who.
-    pub id: VehicleId,
-    /// Its place now.
-    pub position: PositionNed,
-    /// As last heard.
-    pub velocity: VelocityNed,
-}
-
-/// Something to keep away from that is no member.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Obstacle {
-    /// Whose place it is.
-    pub id: VehicleId,
-    /// Where it is thought to be.
-    pub position: PositionNed,
-    /// How far around that it may be, m.
-    pub radius_m: f64,
-}
+/// Nearer than this two vehicles have no direction between them, m.
+const COINCIDENT_M: f64 = 1e-3;
 
 /// What the formation wants of this vehicle.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -65,9 +66,6 @@ pub struct Wish {
 
 /// This close to an altitude is at it, m.
 const AT_ALTITUDE_M: f64 = 1.0;
-/// In place, a vehicle is slower than this relative to the centre, m/s, and its field is weaker than this.
-const IN_PLACE_M_S: f64 = 0.5;
-const IN_PLACE_FIELD: f64 = 0.15;
 
 impl Wish {
     /// Whether the vehicle is at the altitude that it is asked to be at.
@@ -80,31 +78,36 @@ impl Wish {
 #[derive(Clone, Debug)]
 pub struct Formation {
     own: VehicleId,
-    /// One for each step of the mission.
+    /// One for each different formation of the mission: steps with the same share the law and what it remembers.
     shapes: Vec<Shape>,
+    /// Which of them each step of the mission flies.
+    steps: Vec<usize>,
+    /// If a step's law is another program.
+    external: Option<External>,
     filter: Option<SafetyFilter>,
     heights: Heights,
     neighbours: Vec<Neighbour>,
+    unseen: VehicleSet,
     obstacles: Vec<Obstacle>,
     constraints: Vec<Constraint>,
     is_restrained: bool,
     activations: u64,
 }
 
-/// What the formation is during one step of the mission.
-#[derive(Clone, Copy, Debug)]
+/// What the formation is during steps of the mission.
+#[derive(Clone, Debug)]
 struct Shape {
-    law: Law,
+    /// Or the fallback.
+    law: Box<dyn Law>,
+    is_external: bool,
+    conversion: Conversion,
     filter: Option<SafetyFilter>,
     altitude_m: f64,
     vertical: Vertical,
     feedforward: bool,
-}
-
-#[derive(Clone, Copy, Debug)]
-enum Law {
-    Field(Ring, Conversion),
-    Slots(Structure),
+    heading_rad: f64,
+    radius_m: f64,
+    gamma: f64,
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -113,92 +116,73 @@ enum Vertical {
     Ellipsoid,
 }
 
-/// What a law wants of a vehicle.
-struct Wanted {
-    /// NED.
-    field: Vector3<f64>,
-    error_ne_m: Vector2<f64>,
-    /// Where the law wants it.
-    is_there: bool,
-}
-
 impl Shape {
-    fn new(wanted: &scenario::Formation) -> Self {
+    fn new(law: Box<dyn Law>, wanted: &scenario::Formation) -> Self {
         let filter = match wanted.safety_filter {
             scenario::SafetyFilter::None => None,
             scenario::SafetyFilter::Cbf => {
                 Some(SafetyFilter { distance_m: wanted.safety_distance_m, rate_per_s: wanted.safety_rate_per_s })
             }
         };
-        let law = match wanted.law {
-            scenario::Law::VirtualStructure => Law::Slots(Structure {
-                radius_m: wanted.radius_m,
-                gamma: wanted.gamma,
-                heading_rad: wanted.heading_rad(),
-            }),
-            _ => Law::Field(ring(wanted), conversion(wanted)),
-        };
         let vertical = match wanted.vertical {
             scenario::Vertical::Bands => Vertical::Bands { step_m: wanted.band_step_m },
             scenario::Vertical::Ellipsoid => Vertical::Ellipsoid,
         };
-        Self { law, filter, altitude_m: wanted.altitude_m, vertical, feedforward: wanted.feedforward }
-    }
-}
-
-impl Law {
-    /// For vehicle `own` at `place`, with the formation's centre at `centre`.
-    fn ask(
-        &self,
-        own: VehicleId,
-        place: PositionNed,
-        centre: PositionNed,
-        neighbours: &[Neighbour],
-        obstacles: &[Obstacle],
-    ) -> Wanted {
-        match self {
-            Self::Field(ring, conversion) => {
-                let field = ring.field(own, place, centre, neighbours, obstacles);
-                let is_calm = ring.region == Region::Inside || field.norm() < IN_PLACE_FIELD;
-                let is_there = is_calm && ring.holds(place - centre);
-                Wanted { field, error_ne_m: conversion.error_ne_m(field.xy()), is_there }
-            }
-            Self::Slots(structure) => {
-                let slot_ne_m = structure.slot_ne_m(rank(own, neighbours), neighbours.len() + 1);
-                // v = 0.5 (slot − p) + the centre's velocity; the vehicle controller asks for half its error, plus that.
-                let way_ne_m = centre.horizontal() + slot_ne_m - place.horizontal();
-                let is_there = structure.is_in_slot(way_ne_m);
-                Wanted { field: Vector3::zeros(), error_ne_m: way_ne_m.cap_magnitude(FASTEST_M), is_there }
-            }
+        Self {
+            law,
+            is_external: wanted.law == scenario::Law::External,
+            conversion: conversion(wanted),
+            filter,
+            altitude_m: wanted.altitude_m,
+            vertical,
+            feedforward: wanted.feedforward,
+            heading_rad: wanted.heading_rad(),
+            radius_m: wanted.radius_m,
+            gamma: wanted.gamma,
         }
     }
-}
-
-/// Place in the order of all live ids, from 0.
-fn rank(own: VehicleId, neighbours: &[Neighbour]) -> usize {
-    neighbours.iter().filter(|neighbour| neighbour.id < own).count()
 }
 
 impl Formation {
     /// The formations of a scenario's mission, as vehicle `own` flies them.
-    pub fn new(own: VehicleId, scenario: &Scenario) -> Self {
-        let shapes: Vec<_> = scenario.mission.steps.iter().map(|step| Shape::new(&step.formation)).collect();
-        Self {
+    ///
+    /// # Errors
+    /// A law that this program does not fly, or not with these parameters.
+    pub fn new(own: VehicleId, scenario: &Scenario) -> Result<Self, NotFlown> {
+        let mut different: Vec<&scenario::Formation> = Vec::new();
+        let (mut shapes, mut steps) = (Vec::new(), Vec::new());
+        for scenario::Step { formation, .. } in &scenario.mission.steps {
+            let known = different.iter().position(|known| *known == formation);
+            steps.push(known.unwrap_or(shapes.len()));
+            if known.is_none() {
+                different.push(formation);
+                let law = match formation.law {
+                    scenario::Law::External => formation.external.fallback,
+                    law => law,
+                };
+                let law = laws::make(scenario, &scenario::Formation { law, ..formation.clone() }, own)?;
+                shapes.push(Shape::new(law, formation));
+            }
+        }
+        Ok(Self {
             own,
             filter: shapes.first().and_then(|shape| shape.filter),
+            external: shapes.iter().any(|shape| shape.is_external).then(|| External::new(&scenario.formation.external)),
             shapes,
+            steps,
             heights: Heights::default(),
             neighbours: Vec::new(),
+            unseen: VehicleSet::default(),
             obstacles: Vec::new(),
             constraints: Vec::new(),
             is_restrained: false,
             activations: 0,
-        }
+        })
     }
 
-    /// Other members counted in the last step.
-    pub fn neighbours(&self) -> &[Neighbour] {
-        &self.neighbours
+    /// Members counted in the last step, the own vehicle included.
+    pub fn live(&self) -> usize {
+        self.neighbours.len() + self.unseen.len() + 1
     }
 
     /// How often the safety filter has stepped in; `None` without one.
@@ -206,12 +190,46 @@ impl Formation {
         self.filter.map(|_| self.activations)
     }
 
-    /// What to fly now, `dt_s` after the last step. `None` when the task leaves the controls alone.
-    pub fn step(&mut self, dt_s: f64, estimate: &Estimate, peers: &[Seen], task: &Task) -> Option<Wish> {
+    /// The time of the step that follows, and what an external law has answered.
+    pub fn hear(&mut self, now: PlantTime, answer: Option<&external::Answer>) {
+        if let Some(external) = &mut self.external {
+            external.hear(now, answer);
+        }
+    }
+
+    /// What the last step has to ask of an external law, and to tell of it.
+    pub fn asked(&mut self, happened: &mut Vec<Happening>) -> Option<Ask> {
+        self.external.as_mut().and_then(|external| external.asked(happened))
+    }
+
+    /// Asks that an external law has not answered; `None` without one.
+    pub fn law_misses(&self) -> Option<u64> {
+        self.external.as_ref().map(External::misses)
+    }
+
+    /// What an external law wants recorded.
+    pub fn law_log(&self) -> &[LawNumber] {
+        self.external.as_ref().map_or(&[], External::log)
+    }
+
+    /// What to fly now, `dt_s` after the last step; `unseen` are members of whose places nothing is known. `None` when the task
+    /// leaves the controls alone.
+    pub fn step(
+        &mut self,
+        dt_s: f64,
+        estimate: &Estimate,
+        peers: &[Seen],
+        unseen: VehicleSet,
+        task: &Task,
+    ) -> Option<Wish> {
         self.sort_out(estimate, peers);
+        self.unseen = unseen;
         let lowest = self.neighbours.iter().map(|neighbour| neighbour.id).fold(self.own, VehicleId::min);
         let is_above = peers.iter().any(|peer| peer.is_missed && peer.id < lowest);
         let above_missed_m = self.heights.above_missed(dt_s, is_above);
+        if let (Some(external), false) = (&mut self.external, matches!(task, Task::Formation(_))) {
+            external.rest();
+        }
         match task {
             Task::Wait | Task::Park | Task::ComeDown { .. } => None,
             Task::Formation(goal) => self.fly(dt_s, estimate, goal, above_missed_m),
@@ -228,26 +246,63 @@ impl Formation {
     }
 
     /// The law of the goal's step.
-    fn fly(&mut self, dt_s: f64, estimate: &Estimate, goal: &Goal, above_missed_m: f64) -> Option<Wish> {
-        let shape = *self.shapes.get(goal.step)?;
+    fn fly(&mut self, dt_s: f64, estimate: &Estimate, goal: &mission::Goal, above_missed_m: f64) -> Option<Wish> {
+        let shape = self.shapes.get_mut(*self.steps.get(goal.step)?)?;
         let level_m = shape.altitude_m + above_missed_m;
-        let Goal { centre_ne_m, centre_velocity_ne_m_s, heading_rad, .. } = *goal;
-        let centre = PositionNed::new(centre_ne_m.x, centre_ne_m.y, -level_m);
-        let wanted = shape.law.ask(self.own, estimate.position, centre, &self.neighbours, &self.obstacles);
-        let altitude_m = match shape.vertical {
-            Vertical::Bands { step_m } => {
-                let (rank, live) = (rank(self.own, &self.neighbours), self.neighbours.len() + 1);
-                self.heights.in_band(dt_s, level_m, step_m, rank, live)
+        let mission::Goal { step, centre_ne_m, centre_velocity_ne_m_s, heading_rad } = *goal;
+        let sight = Sight {
+            own: self.own,
+            position: estimate.position,
+            velocity: estimate.velocity,
+            heading_rad: estimate.attitude.heading_rad,
+            neighbours: &self.neighbours,
+            unseen: self.unseen,
+            obstacles: &self.obstacles,
+            goal: Goal {
+                step,
+                centre: PositionNed::new(centre_ne_m.x, centre_ne_m.y, -level_m),
+                centre_velocity: VelocityNed::new(centre_velocity_ne_m_s.x, centre_velocity_ne_m_s.y, 0.0),
+                heading_rad: shape.heading_rad,
+                radius_m: shape.radius_m,
+                gamma: shape.gamma,
+            },
+            dt_s,
+        };
+        let consulted = match &mut self.external {
+            Some(external) if shape.is_external => external.consult(&sight),
+            Some(external) => {
+                external.rest();
+                None
             }
-            Vertical::Ellipsoid => self.heights.on_surface(dt_s, level_m, -wanted.field.z, estimate),
+            None => None,
+        };
+        let Answer { wanted, is_there } = consulted.map_or_else(|| shape.law.ask(&sight), |consulted| consulted.answer);
+        let heading_rad = consulted.and_then(|consulted| consulted.heading_rad).unwrap_or(heading_rad);
+        let (rank, live) = (sight.rank(), sight.live());
+        let feedforward_ne_m_s = if shape.feedforward { centre_velocity_ne_m_s } else { Vector2::zeros() };
+        let mut field = Vector3::zeros();
+        let mut climb_m_s = None;
+        let error_ne_m = match wanted.sane() {
+            Wanted::Field(wanted) => {
+                field = wanted;
+                shape.conversion.error_ne_m(field.xy())
+            }
+            Wanted::Way(way_ne_m) => way_ne_m.cap_magnitude(FASTEST_M),
+            Wanted::Velocity { ne_m_s, down_m_s } => {
+                climb_m_s = down_m_s.map(|down_m_s| -down_m_s);
+                ((ne_m_s - feedforward_ne_m_s) / VELOCITY_PER_ERROR).cap_magnitude(FASTEST_M)
+            }
+        };
+        let altitude_m = match (climb_m_s, shape.vertical) {
+            (Some(climb_m_s), _) => self.heights.climbing(dt_s, level_m, climb_m_s, estimate),
+            (None, Vertical::Bands { step_m }) => self.heights.in_band(dt_s, level_m, step_m, rank, live),
+            (None, Vertical::Ellipsoid) => self.heights.on_surface(dt_s, level_m, -field.z, estimate),
         };
         self.filter = shape.filter;
-        let feedforward_ne_m_s = if shape.feedforward { centre_velocity_ne_m_s } else { Vector2::zeros() };
-        let error_ne_m = self.restrain(estimate, wanted.error_ne_m, feedforward_ne_m_s);
+        let error_ne_m = self.restrain(estimate, error_ne_m, feedforward_ne_m_s);
         let setpoint = Setpoint { error_ne_m, feedforward_ne_m_s, altitude_m, heading_rad };
-        let is_slow = (estimate.velocity.horizontal() - centre_velocity_ne_m_s).norm() < IN_PLACE_M_S;
-        let wish = Wish { field_ne: wanted.field.xy(), setpoint, in_place: false };
-        Some(Wish { in_place: wanted.is_there && is_slow && wish.is_at_altitude(estimate), ..wish })
+        let wish = Wish { field_ne: field.xy(), setpoint, in_place: false };
+        Some(Wish { in_place: is_there && wish.is_at_altitude(estimate), ..wish })
     }
 
     /// The error with which nobody is come too near, for what it and the feed-forward together make the vehicle fly; the
@@ -284,9 +339,12 @@ impl Formation {
     fn sort_out(&mut self, estimate: &Estimate, peers: &[Seen]) {
         self.neighbours.clear();
         self.obstacles.clear();
-        for &Seen { id, position, velocity, role, .. } in peers {
+        for &Seen { id, position, velocity, heading_rad, age_s, standing, role, .. } in peers {
             match role {
-                Role::Member => self.neighbours.push(Neighbour { id, position, velocity }),
+                Role::Member => {
+                    let is_fresh = standing == Standing::Fresh;
+                    self.neighbours.push(Neighbour { id, position, velocity, heading_rad, age_s, is_fresh });
+                }
                 Role::Obstacle { radius_m } => {
                     if (position - estimate.position).z.abs() < OBSTACLE_REACH_M {
                         self.obstacles.push(Obstacle { id, position, radius_m });
@@ -308,31 +366,7 @@ fn conversion(wanted: &scenario::Formation) -> Conversion {
     }
 }
 
-/// The ring of a scenario.
-pub fn ring(wanted: &scenario::Formation) -> Ring {
-    let edge_exponent = ring::edge_exponent(wanted.edge_share);
-    let steepness = |width_m: f64| wanted.edge_steepness_per_m.unwrap_or(edge_exponent / width_m);
-    Ring {
-        radius_m: wanted.radius_m,
-        gamma: wanted.gamma,
-        gamma_z: (wanted.vertical == scenario::Vertical::Ellipsoid).then_some(wanted.gamma_z),
-        heading_rad: wanted.heading_rad(),
-        region: if wanted.law == scenario::Law::Flock { Region::Inside } else { Region::Band },
-        inner_width_m: wanted.inner_width_m,
-        outer_width_m: wanted.outer_width_m,
-        edge_steepness_per_m: [steepness(wanted.inner_width_m), steepness(wanted.outer_width_m)],
-        edge_exponent,
-        avoidance: match wanted.avoidance {
-            scenario::Avoidance::Tangential => Avoidance::Tangential,
-            scenario::Avoidance::Full => Avoidance::Full,
-        },
-        avoid_distance: match wanted.avoid_distance_m {
-            scenario::AvoidDistance::Adaptive => AvoidDistance::Adaptive,
-            scenario::AvoidDistance::Fixed(distance_m) => AvoidDistance::Fixed(distance_m),
-        },
-        circulation: wanted.circulation,
-    }
-}
-
+#[cfg(test)]
+mod point_mass;
 #[cfg(test)]
 mod tests;

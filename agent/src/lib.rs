@@ -22,6 +22,7 @@ pub mod config;
 pub mod control;
 pub mod diagnosis;
 pub mod estimate;
+pub mod external;
 pub mod failsafe;
 pub mod formation;
 pub mod link;

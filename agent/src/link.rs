@@ -5,32 +5,48 @@
 //! slow or gone costs the control thread nothing. Whoever comes late asks each peer whose token it sees for the last
 //! register that it said, and Zenoh's threads answer.
 
+mod clocks;
+mod doubles;
+mod health;
 mod inbox;
 mod line;
+mod refusals;
 mod register;
+pub mod seal;
+pub mod security;
+mod sessions;
+mod trust;
 
-use std::str::FromStr;
+use std::io;
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
-use std::sync::mpsc;
-use std::thread;
-use std::time::Duration;
 
 use serde_json::json;
 use skein_common::id::{SwarmName, VehicleId};
-use skein_common::message::{self, Drops, Event, Health, Message, Mission, State, Trace};
+use skein_common::message::{self, Drops, Event, Message, Mission, Reason, Refused, State, Trace};
 use skein_common::topic::{Cell, Topic, all};
-use zenoh::config::EndPoint;
+use zenoh::bytes::ZBytes;
 use zenoh::liveliness::LivelinessToken;
+use zenoh::pubsub::Publisher;
 use zenoh::qos::{CongestionControl, Priority, Reliability};
 use zenoh::sample::{Locality, Sample, SampleKind};
+use zenoh::session::LinkEvent;
 use zenoh::{Config, Session, Wait};
 
 use crate::clock::LocalClock;
 use crate::peers::{Heard, Word};
+use clocks::Clocks;
+pub use clocks::{ASK_EVERY, Utc};
+pub use health::HealthLine;
 use inbox::Inbox;
 pub use line::Line;
+use refusals::reason;
 use register::Register;
+pub use security::Security;
+pub use sessions::Sessions;
+use trust::Judge;
+pub use trust::Trust;
 
 /// Environment variable that says on which threads Zenoh runs. It is read once, at the start of the process.
 pub const ZENOH_RUNTIME: &str = "ZENOH_RUNTIME";
@@ -45,8 +61,8 @@ pub fn zenoh_runtime(vehicles: usize) -> String {
     )
 }
 
-/// A session that does not close within this time is left to the end of the process.
-const CLOSE_WITHIN: Duration = Duration::from_secs(1);
+/// A message from the network may be this large.
+const MAX_MESSAGE_BYTES: usize = 1 << 20;
 
 /// Why there is no link.
 #[derive(Debug, thiserror::Error)]
@@ -60,6 +76,32 @@ pub enum LinkError {
     /// A text that is no endpoint.
     #[error("{0:?} is no endpoint; one is written like tcp/127.0.0.1:7447")]
     Endpoint(String),
+    /// An endpoint of the other kind.
+    #[error(
+        "{endpoint:?}: {}",
+        if *wanted == "tls" { "links are secured here, so an endpoint is written like tls/10.0.0.11:7447" }
+        else { "there are no keys for secured links; a plain endpoint is written like tcp/127.0.0.1:7447" }
+    )]
+    Protocol {
+        /// The endpoint.
+        endpoint: String,
+        /// What it has to begin with.
+        wanted: &'static str,
+    },
+    /// A file of keys that is none.
+    #[error("{}: {source}", path.display())]
+    File {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong with it.
+        source: io::Error,
+    },
+    /// A name that does not tell who it is.
+    #[error("the certificates' name {0:?} has to stand for one and only one of vehicles, observer and operator")]
+    Name(String),
+    /// A vehicle that the rules do not know.
+    #[error("the names of certificates do not tell vehicle {0}'s")]
+    Nameless(VehicleId),
     /// No session: most often an address that is taken or not ours.
     #[error("cannot listen on {}: {}", listen.join(", "), plain(source))]
     Open {
@@ -78,41 +120,51 @@ pub enum LinkError {
     },
 }
 
+impl LinkError {
+    /// Whether an argument or a file is at fault, not the network.
+    pub fn is_the_users(&self) -> bool {
+        !matches!(self, Self::Configuration { .. } | Self::Open { .. } | Self::Declare { .. })
+    }
+}
+
 /// A session of this swarm, for agents and observers alike: a peer that finds nobody by itself, listens only on `listen`
-/// (an observer: nowhere) and keeps dialling `dial`. Endpoints as Zenoh writes them: `tcp/127.0.0.1:7447`. Peers do not
-/// relay for each other, so every pair needs one direction, and exactly one, in somebody's `dial`.
+/// (an observer: nowhere) and keeps dialling `dial`. Endpoints as Zenoh writes them: `tls/10.0.0.11:7447`, or
+/// `tcp/127.0.0.1:7447` where nothing is secured. Peers do not relay for each other, so every pair needs one direction, and
+/// exactly one, in somebody's `dial`.
 ///
 /// It succeeds with nobody there. Blocks for up to half a second; within Tokio only on a multi-thread runtime.
 ///
 /// # Errors
-/// An endpoint that is none, or an address that cannot be listened on.
-pub fn open(swarm: &SwarmName, listen: &[String], dial: &[String]) -> Result<Session, LinkError> {
-    if let Some(text) = listen.iter().chain(dial).find(|text| EndPoint::from_str(text).is_err()) {
-        return Err(LinkError::Endpoint(text.clone()));
-    }
-    let configuration = configuration(swarm, listen, dial).map_err(|source| LinkError::Configuration { source })?;
+/// An endpoint that is none, keys that are none, or an address that cannot be listened on.
+pub fn open(swarm: &SwarmName, listen: &[String], dial: &[String], security: &Security) -> Result<Session, LinkError> {
+    security.check(listen, dial)?;
+    let configuration =
+        configuration(swarm, listen, dial, security).map_err(|source| LinkError::Configuration { source })?;
     zenoh::open(configuration).wait().map_err(|source| LinkError::Open { listen: listen.to_vec(), source })
 }
 
-fn configuration(swarm: &SwarmName, listen: &[String], dial: &[String]) -> zenoh::Result<Config> {
+fn configuration(swarm: &SwarmName, listen: &[String], dial: &[String], security: &Security) -> zenoh::Result<Config> {
     let mut configuration = Config::default();
     let values = [
         ("mode", json!("peer")),
         ("namespace", json!(swarm.as_str())),
         ("listen/endpoints", json!(listen)),
-        ("connect/endpoints", json!(dial)),
+        ("connect/endpoints", dial.iter().map(|endpoint| security.dialled(endpoint)).collect()),
         // A broken link is dialled again soon: a peer is back within a second of the network's healing.
         ("connect/retry", json!({ "period_init_ms": 200, "period_max_ms": 1000, "period_increase_factor": 1.5 })),
         ("transport/unicast/open_timeout", json!(1000)),
         ("scouting/multicast/enabled", json!(false)),
         ("scouting/gossip/enabled", json!(false)),
+        ("adminspace/enabled", json!(false)),
         // A silent peer is gone after a second.
         ("transport/link/tx/lease", json!(1000)),
         ("transport/link/tx/keep_alive", json!(4)),
         // Speaking never waits: what finds its queue full is dropped at once, the next word is newer.
         ("transport/link/tx/queue/congestion_control/drop/wait_before_drop", json!(0)),
+        // Memory for what comes in pieces, before anybody looks at it: many times the largest word.
+        ("transport/link/rx/max_message_size", json!(MAX_MESSAGE_BYTES)),
     ];
-    for (key, value) in values {
+    for (key, value) in values.into_iter().chain(security.configuration(swarm)) {
         configuration.insert_json5(key, &value.to_string())?;
     }
     Ok(configuration)
@@ -120,57 +172,72 @@ fn configuration(swarm: &SwarmName, listen: &[String], dial: &[String]) -> zenoh
 
 /// One agent's ears and mouth.
 pub struct Link {
-    inbox: Arc<Inbox>,
+    ear: Arc<Ear>,
     state_key: Option<(Cell, String)>,
     mission: Line<Mission>,
     register: Register,
     event: Line<Event>,
     trace: Line<Trace>,
-    trace_is_wanted: Arc<AtomicBool>,
-    /// Gone with the session: then the others know that this agent is.
-    _alive: LivelinessToken,
+    /// In each session.
+    trace_is_wanted: Vec<Arc<AtomicBool>>,
+    /// Gone with the sessions: then the others know that this agent is.
+    _alive: Vec<LivelinessToken>,
     own: VehicleId,
-    /// The only one but for a moment of a callback: with it the session ends.
-    session: Arc<Session>,
+    /// The only ones but for a moment of a callback: with them the sessions end.
+    sessions: Sessions,
 }
 
 impl Link {
-    /// Makes vehicle `own` heard and lets it hear the others, whose words get their time of arrival from `clock`.
+    /// Makes vehicle `own` heard and lets it hear those of the others whom it trusts; their words get their time of arrival
+    /// from `clock`.
     ///
     /// # Errors
-    /// If the session is closed.
-    pub fn new(session: Session, own: VehicleId, clock: LocalClock) -> Result<Self, LinkError> {
-        let (session, inbox) = (Arc::new(session), Arc::new(Inbox::new()));
-        let register = Register::open(&session, Topic::Mission(own))?;
-        hear::<State>(&session, all::STATES, &inbox, clock, Word::State)?;
-        hear::<Mission>(&session, all::MISSIONS, &inbox, clock, Word::Mission)?;
-        hear::<message::Order>(&session, all::ORDERS, &inbox, clock, Word::Order)?;
-        hear_tokens(&session, own, &inbox, clock)?;
-        let trace = Line::open(&session, Topic::Trace(own), Priority::DataLow)?;
-        let trace_is_wanted = Arc::new(AtomicBool::new(false));
-        let is_wanted = trace_is_wanted.clone();
-        let listener =
-            trace.publisher.matching_listener().callback(move |status| is_wanted.store(status.matching(), Relaxed));
-        listener.background().wait().map_err(declaring(&Topic::Trace(own).key()))?;
+    /// If a session is closed.
+    pub fn new(
+        sessions: impl Into<Sessions>,
+        own: VehicleId,
+        clock: LocalClock,
+        trust: Trust,
+    ) -> Result<Self, LinkError> {
+        let ear = Arc::new(Ear { inbox: Inbox::new(), judge: Judge::new(own, trust), clock });
+        let sessions = sessions.into();
+        for session in &sessions.0 {
+            watch_links(session, &ear)?;
+        }
+        let register = Register::open(&sessions, Topic::Mission(own))?;
+        for session in &sessions.0 {
+            hear::<State>(session, all::STATES, &ear, Word::State)?;
+            hear::<Mission>(session, all::MISSIONS, &ear, Word::Mission)?;
+            hear::<message::Order>(session, all::ORDERS, &ear, Word::Order)?;
+            hear_tokens(session, own, &ear)?;
+        }
+        let trace = Line::open(&sessions, Topic::Trace(own), Priority::DataLow)?;
+        let trace_is_wanted = trace.publishers.iter().map(watch_matching).collect::<Result<_, _>>()?;
+        let mission = Line::open(&sessions, Topic::Mission(own), Priority::InteractiveHigh)?;
+        let event = Line::open(&sessions, Topic::Event(own), Priority::DataHigh)?;
         let alive = Topic::Alive(own).key();
+        let token = |session: &Arc<Session>| {
+            session.liveliness().declare_token(alive.clone()).wait().map_err(declaring(&alive))
+        };
+        // Last: who sees the token can be heard.
+        let alive = sessions.0.iter().map(token).collect::<Result<_, _>>()?;
         Ok(Self {
-            inbox,
+            ear,
             state_key: None,
-            mission: Line::open(&session, Topic::Mission(own), Priority::InteractiveHigh)?,
+            mission,
             register,
-            event: Line::open(&session, Topic::Event(own), Priority::DataHigh)?,
+            event,
             trace,
             trace_is_wanted,
-            // Last: who sees the token can be heard.
-            _alive: session.liveliness().declare_token(alive.clone()).wait().map_err(declaring(&alive))?,
+            _alive: alive,
             own,
-            session,
+            sessions,
         })
     }
 
     /// Moves what was heard since the last time to the end of `heard`: the newest word of each peer and kind.
     pub fn drain(&self, heard: &mut Vec<Heard>) {
-        self.inbox.drain(heard);
+        self.ear.inbox.drain(heard);
     }
 
     /// Says the own state, filed under the cell it is in.
@@ -179,22 +246,25 @@ impl Link {
             Some((of, key)) if *of == cell => key,
             key => &mut key.insert((cell, Topic::State(self.own, cell).key())).1,
         };
-        // Like a line's: it fails only on a closed session. Cells change, so no publisher is declared.
-        let _ = self
-            .session
-            .put(key.as_str(), message::encode(state))
-            .congestion_control(CongestionControl::Drop)
-            .priority(Priority::RealTime)
-            .express(true)
-            .reliability(Reliability::BestEffort)
-            .allowed_destination(Locality::Remote)
-            .wait();
+        let said = ZBytes::from(message::encode(state));
+        for session in &self.sessions.0 {
+            // Like a line's: it fails only on a closed session. Cells change, so no publisher is declared.
+            let _ = session
+                .put(key.as_str(), said.clone())
+                .congestion_control(CongestionControl::Drop)
+                .priority(Priority::RealTime)
+                .express(true)
+                .reliability(Reliability::BestEffort)
+                .allowed_destination(Locality::Remote)
+                .wait();
+        }
     }
 
-    /// Says the own part in the agreement, and keeps it for whoever comes late.
+    /// Says the own part in the agreement, and keeps it for whoever comes late. Its run is this edge's to say.
     pub fn say_mission(&self, mission: &Mission) {
-        self.register.keep(mission);
-        self.mission.say(mission);
+        let mission = Mission { run: self.ear.judge.run(), ..*mission };
+        self.register.keep(&mission);
+        self.mission.say(&mission);
     }
 
     /// Says what happened.
@@ -204,7 +274,7 @@ impl Link {
 
     /// Whether somebody listens to the trace.
     pub fn trace_is_wanted(&self) -> bool {
-        self.trace_is_wanted.load(Relaxed)
+        self.trace_is_wanted.iter().any(|wanted| wanted.load(Relaxed))
     }
 
     /// Says how a step went.
@@ -212,84 +282,111 @@ impl Link {
         self.trace.say(trace);
     }
 
-    /// The line for health, which another thread speaks on.
+    /// The line for health, which another thread speaks on. From now on whoever asks is told what `utc` shows.
     ///
     /// # Errors
     /// If the session is closed.
-    pub fn health(&self) -> Result<Line<Health>, LinkError> {
-        Line::open(&self.session, Topic::Health(self.own), Priority::DataHigh)
+    pub fn health(&self, utc: Utc) -> Result<HealthLine, LinkError> {
+        let line = Line::open(&self.sessions, Topic::Health(self.own), Priority::DataHigh)?;
+        let clocks = Clocks::open(&self.sessions, self.own, utc)?;
+        Ok(HealthLine { line, ear: self.ear.clone(), clocks, live: Vec::new() })
     }
 
     /// What was dropped so far.
     pub fn drops(&self) -> Drops {
-        self.inbox.drops()
+        self.ear.inbox.drops()
     }
 
     /// Takes leave of the others. Zenoh's own closing can take ten seconds on a bad network; this never does.
     pub fn close(self) {
-        close(Session::clone(&self.session), self);
+        self.sessions.clone().close(self);
     }
 }
 
-/// Closes a session and drops what stands on it, within [`CLOSE_WITHIN`] or else in the background.
-fn close(session: Session, rest: impl Send + 'static) {
-    let (done, is_done) = mpsc::channel();
-    thread::spawn(move || {
-        // A session that cannot be closed ends with the process.
-        let _ = session.close().wait();
-        drop(rest);
-        let _ = done.send(());
-    });
-    let _ = is_done.recv_timeout(CLOSE_WITHIN);
+/// What Zenoh's threads do with what they hear: they never wait.
+struct Ear {
+    inbox: Inbox,
+    judge: Judge,
+    clock: LocalClock,
 }
 
-/// Files every message of this kind that stands under its speaker's own key.
+impl Ear {
+    /// Files what is believed of a message that stands under its speaker's own key.
+    fn hear<M: Message>(&self, sample: &Sample, word: fn(M) -> Word) {
+        let key = sample.key_expr().as_str();
+        match message::decode::<M>(&sample.payload().to_bytes()) {
+            Ok(said) if Topic::parse(key).is_some_and(|topic| said.may_stand_under(&topic)) => {
+                self.file(key, word(said));
+            }
+            Ok(_) => self.inbox.refuse(Reason::Forged, key, &"said in somebody else's name"),
+            Err(error) => self.inbox.refuse(reason(error), key, &error),
+        }
+    }
+
+    fn file(&self, key: &str, word: Word) {
+        let at = self.clock.now();
+        let refused = |reason: Reason| self.inbox.refuse(reason, key, &reason);
+        if let Some(word) = self.judge.hear(word, refused) {
+            self.inbox.file(key, Heard { word, at });
+        }
+    }
+
+    fn refused(&self) -> Vec<Refused> {
+        self.inbox.refused()
+    }
+}
+
+/// Notes which links there are, before anything is heard of them.
+fn watch_links(session: &Session, ear: &Arc<Ear>) -> Result<(), LinkError> {
+    let ear = ear.clone();
+    let own = session.zid().to_string();
+    let note = move |event: LinkEvent| ear.judge.doubles.take_up(&own, &event);
+    session.info().link_events_listener().history(true).callback(note).background().wait().map_err(declaring("links"))
+}
+
+/// From now on tells whether somebody listens to this publisher.
+fn watch_matching(publisher: &Publisher<'static>) -> Result<Arc<AtomicBool>, LinkError> {
+    let is_wanted = Arc::new(AtomicBool::new(false));
+    let noted = is_wanted.clone();
+    let listener = publisher.matching_listener().callback(move |status| noted.store(status.matching(), Relaxed));
+    listener.background().wait().map_err(declaring(publisher.key_expr().as_str()))?;
+    Ok(is_wanted)
+}
+
+/// Files every message of this kind.
 fn hear<M: Message + 'static>(
     session: &Session,
     key: &str,
-    inbox: &Arc<Inbox>,
-    clock: LocalClock,
+    ear: &Arc<Ear>,
     word: fn(M) -> Word,
 ) -> Result<(), LinkError> {
-    let inbox = inbox.clone();
+    let ear = ear.clone();
     session
         .declare_subscriber(key)
         .allowed_origin(Locality::Remote)
-        .callback(move |sample| file(&inbox, clock, &sample, word))
+        .callback(move |sample| ear.hear(&sample, word))
         .background()
         .wait()
         .map_err(declaring(key))
 }
 
-/// Files a message that stands under its speaker's own key.
-fn file<M: Message>(inbox: &Inbox, clock: LocalClock, sample: &Sample, word: fn(M) -> Word) {
-    let at = clock.now();
-    let key = sample.key_expr().as_str();
-    match message::decode::<M>(&sample.payload().to_bytes()) {
-        Ok(said) if Topic::parse(key).is_some_and(|topic| said.may_stand_under(&topic)) => {
-            inbox.file(Heard { word: word(said), at });
-        }
-        Ok(_) => inbox.forged(key),
-        Err(error) => inbox.refuse(key, error),
-    }
-}
-
 /// Files who of the others comes and goes, those already there included, and asks who comes for its register.
-fn hear_tokens(session: &Arc<Session>, own: VehicleId, inbox: &Arc<Inbox>, clock: LocalClock) -> Result<(), LinkError> {
-    let (inbox, asking) = (inbox.clone(), Arc::downgrade(session));
+fn hear_tokens(session: &Arc<Session>, own: VehicleId, ear: &Arc<Ear>) -> Result<(), LinkError> {
+    let (ear, asking) = (ear.clone(), Arc::downgrade(session));
     let callback = move |sample: Sample| {
+        let key = sample.key_expr().as_str();
         // One's own token is reported like any other.
-        if let Some(Topic::Alive(id)) = Topic::parse(sample.key_expr().as_str())
+        if let Some(Topic::Alive(id)) = Topic::parse(key)
             && id != own
         {
             let word = match sample.kind() {
                 SampleKind::Put => Word::Appeared(id),
                 SampleKind::Delete => Word::Vanished(id),
             };
-            inbox.file(Heard { word, at: clock.now() });
+            ear.file(key, word);
             if let (SampleKind::Put, Some(session)) = (sample.kind(), asking.upgrade()) {
-                let inbox = inbox.clone();
-                register::ask(&session, Topic::Mission(id), move |said| file(&inbox, clock, said, Word::Mission));
+                let ear = ear.clone();
+                register::ask(&session, Topic::Mission(id), move |said| ear.hear(said, Word::Mission));
             }
         }
     };

@@ -164,7 +164,7 @@ impl Mission {
             return;
         }
         self.order = Some(order);
-        happened.push(Happening::OrderTaken(order));
+        happened.push(Happening::OrderTaken(Order { seal: None, ..order }));
         if let Verb::Goto(step) = order.verb {
             self.agree(Event::Ordered(step), happened);
         }
@@ -270,6 +270,11 @@ impl Mission {
         self.leg().is_some_and(|leg| leg.kind == Kind::Land)
     }
 
+    /// Whether the vehicle neither is at its altitude nor comes nearer to it.
+    pub fn is_stuck(&self) -> bool {
+        self.stuck_s > STUCK_AFTER_S
+    }
+
     /// What the vehicle is doing.
     pub fn activity(&self) -> Activity {
         self.activity
@@ -286,7 +291,7 @@ impl Mission {
 
     fn decide(&mut self, now: Now, estimate: &Estimate, view: &View, happened: &mut Vec<Happening>) -> Task {
         let order = self.order.map(|order| order.verb);
-        if view.failure.is_some() || self.stuck_s > STUCK_AFTER_S {
+        if view.failure.is_some() || self.is_stuck() {
             return self.come_down(now, estimate, view.failure);
         }
         let is_over = self.is_at_landing() && self.membership() != Membership::Joining;
@@ -364,7 +369,7 @@ impl Mission {
         self.activity = if self.at_altitude { Activity::Formation } else { Activity::TakingOff };
         let is_stuck = !view.at_altitude && estimate.velocity.down_m_s().abs() < STUCK_M_S;
         self.stuck_s = if is_stuck { self.stuck_s + self.progress.since_s(now.plant) } else { 0.0 };
-        happened.extend((self.stuck_s > STUCK_AFTER_S).then_some(Happening::Failed(Failure::Altitude)));
+        happened.extend(self.is_stuck().then_some(Happening::Failed(Failure::Altitude)));
         if self.is_over(now.plant, view.in_place) && self.reached() < Some(self.at()) {
             self.agreement.step(Event::Reached);
             happened.push(Happening::Reached(self.at()));

@@ -1,25 +1,32 @@
-//! What the network does to what one agent hears: words that are lost, words that are late, links that are cut.
+//! What the network does to what one agent hears: words that are lost, late, doubled or out of order, links that are narrow,
+//! cut or too long, and states that are nobody's business.
 //!
 //! All of it happens at the hearing end, so that the same [`Ear`] makes a study's network and, between Zenoh and the agent,
 //! a real one's faults. Chance comes from the scenario's seed.
 //!
-//! * A state, a part in the agreement or an order is lost with the probability `network.loss`, each on its own. Tokens are
-//!   never lost: Zenoh repeats them.
-//! * Everything takes `network.delay_s` longer.
+//! * What a scenario asks for besides loss and delay, each direction of a link does for itself (`channel`), and so does it
+//!   what depends on who is where (`air`).
+//! * States, parts in the agreement and orders suffer all of it. Tokens only take the link's `delay_s`: Zenoh repeats them, in
+//!   order. An operator's orders have no place, and suffer what `[network]` says of every link.
 //! * A cut silences directions of links, and ends sessions as `link.rs` tells.
 
+mod air;
+mod channel;
 mod cuts;
 mod link;
 
 use std::collections::VecDeque;
 
 use rand_chacha::ChaCha8Rng;
-use skein_common::id::VehicleId;
+use skein_common::frame::PositionNed;
+use skein_common::id::{Incarnation, VehicleId};
+use skein_common::message::{PeerAge, State};
 use skein_common::scenario::Scenario;
 use skein_common::time::LocalTime;
 
 use crate::peers::{Heard, Word};
 use crate::random::{self, Purpose};
+use air::Air;
 pub use cuts::{lasting, silences, union};
 use link::Link;
 
@@ -29,10 +36,77 @@ pub struct Ear {
     loss: f64,
     delay_s: f64,
     generator: ChaCha8Rng,
+    /// `None` where loss and delay are all there is, alike everywhere.
+    air: Option<Box<Air>>,
     /// Those that are ever cut, by the other end's id.
     links: Vec<Link>,
     /// What has yet to arrive, the earliest first.
-    under_way: VecDeque<Heard>,
+    under_way: VecDeque<UnderWay>,
+    /// How late the newest state of each speaker came, by its id.
+    lateness: Vec<Late>,
+    tally: Tally,
+}
+
+/// What the network has to know of the vehicle that hears.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Whereabouts {
+    /// Since its take-off, s, as the cuts count; `None` before it.
+    pub flown_s: Option<f64>,
+    /// Where it takes itself to be.
+    pub position: Option<PositionNed>,
+}
+
+/// What became of all words so far. On a network that does nothing nobody counts.
+///
+/// Always `said + doubled = unlinked + crowded_out + too_far + lost + cut + heard`, and what is under way.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Tally {
+    /// Words that came to the network, and what a link that is whole again repeats.
+    pub said: u64,
+    /// Copies that the network made.
+    pub doubled: u64,
+    /// States that `network.graph` keeps from this vehicle.
+    pub unlinked: u64,
+    /// Dropped because they would have waited too long for the bandwidth.
+    pub crowded_out: u64,
+    /// Lost by distance.
+    pub too_far: u64,
+    /// Lost by chance.
+    pub lost: u64,
+    /// Stopped by a cut; the newest may be repeated later.
+    pub cut: u64,
+    /// Delivered, copies included.
+    pub heard: u64,
+}
+
+/// What becomes of a word.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Fate {
+    Unlinked,
+    CrowdedOut,
+    TooFar,
+    Lost,
+    Arrives {
+        at: LocalTime,
+        /// When it comes once more, if it does.
+        copy_at: Option<LocalTime>,
+    },
+}
+
+/// A word on its way.
+#[derive(Clone, Copy, Debug)]
+struct UnderWay {
+    /// With the time of its arrival.
+    heard: Heard,
+    said_at: LocalTime,
+}
+
+/// How late a speaker's newest state came.
+#[derive(Clone, Copy, Debug)]
+struct Late {
+    speaker: VehicleId,
+    newest: (Incarnation, u64),
+    by_s: f64,
 }
 
 impl Ear {
@@ -43,68 +117,139 @@ impl Ear {
             loss: scenario.network.loss,
             delay_s: scenario.network.delay_s,
             generator: random::generator(scenario.seed, Some(own), Purpose::Network),
+            air: Air::new(scenario, own).map(Box::new),
             links: peers.filter_map(|peer| Link::new(scenario, own, peer)).collect(),
             under_way: VecDeque::new(),
+            lateness: Vec::new(),
+            tally: Tally::default(),
         }
     }
 
     /// Moves to the end of `out` what is heard by `now`, in the order in which it arrives. `arriving` is what a perfect
-    /// network brings, each with the time at which it does; `flown_s` counts from the own take-off, as the cuts do: `None`
-    /// before it.
+    /// network brings, each with the time at which it does.
     pub fn hear(
         &mut self,
         now: LocalTime,
-        flown_s: Option<f64>,
+        own: Whereabouts,
         arriving: impl IntoIterator<Item = Heard>,
         out: &mut Vec<Heard>,
     ) {
-        if self.loss == 0.0 && self.delay_s == 0.0 && self.links.is_empty() {
+        if self.is_perfect() {
             out.extend(arriving);
             return;
         }
-        let Self { links, under_way, delay_s, .. } = self;
-        if let Some(flown_s) = flown_s {
-            for link in links {
-                link.update(flown_s, |word| send(under_way, *delay_s, Heard { word, at: now }));
-            }
+        if let Some(air) = &mut self.air {
+            air.update(now, own.position);
         }
+        self.pass_time(now, own.flown_s);
         for heard in arriving {
-            if !self.loses(&heard.word) && self.gets_through(&heard.word) {
-                send(&mut self.under_way, self.delay_s, heard);
+            self.tally.said += 1;
+            match self.fate(&heard) {
+                Fate::Unlinked => self.tally.unlinked += 1,
+                Fate::CrowdedOut => self.tally.crowded_out += 1,
+                Fate::TooFar => self.tally.too_far += 1,
+                Fate::Lost => self.tally.lost += 1,
+                Fate::Arrives { .. } if !self.gets_through(&heard) => self.tally.cut += 1,
+                Fate::Arrives { at, copy_at } => {
+                    send(&mut self.under_way, heard, at);
+                    if let Some(copy_at) = copy_at {
+                        self.tally.doubled += 1;
+                        send(&mut self.under_way, heard, copy_at);
+                    }
+                }
             }
         }
-        let arrived = self.under_way.partition_point(|heard| heard.at <= now);
-        out.extend(self.under_way.drain(..arrived));
+        self.deliver(now, out);
     }
 
-    fn loses(&mut self, word: &Word) -> bool {
-        let may_be_lost = match word {
-            Word::State(_) | Word::Mission(_) | Word::Order(_) => self.loss > 0.0,
-            Word::Appeared(_) | Word::Vanished(_) => false,
-        };
-        may_be_lost && random::uniform(&mut self.generator) < self.loss
+    /// What became of all words so far.
+    pub fn tally(&self) -> Tally {
+        self.tally
     }
 
-    /// An operator is at no end of a link that a cut names.
-    fn gets_through(&mut self, word: &Word) -> bool {
-        let speaker = match word {
-            Word::State(said) => said.header.sender,
-            Word::Mission(said) => said.header.sender,
-            Word::Appeared(id) | Word::Vanished(id) => *id,
-            Word::Order(_) => return true,
-        };
-        match self.links.binary_search_by_key(&speaker, Link::peer) {
-            Ok(index) => self.links[index].carries(word),
-            Err(_) => true,
+    /// Words that have yet to arrive.
+    pub fn under_way(&self) -> usize {
+        self.under_way.len()
+    }
+
+    /// Whether the scenario asks for a network that changes nothing.
+    pub fn is_perfect(&self) -> bool {
+        self.loss == 0.0 && self.delay_s == 0.0 && self.links.is_empty() && self.air.is_none()
+    }
+
+    /// Writes down how late each peer's newest state was when it was delivered.
+    pub fn tell_lateness(&self, peers: &mut [PeerAge]) {
+        for peer in peers {
+            if let Ok(index) = self.late(peer.id) {
+                peer.delivered_age_s = self.lateness[index].by_s;
+            }
         }
+    }
+
+    /// What links that were cut bring by themselves.
+    fn pass_time(&mut self, now: LocalTime, flown_s: Option<f64>) {
+        let Self { links, under_way, air, tally, .. } = self;
+        let Some(flown_s) = flown_s else { return };
+        for link in links {
+            let delay_s = air.as_ref().map_or(self.delay_s, |air| air.delay_s(Some(link.peer())));
+            link.update(flown_s, now, |heard| {
+                tally.said += 1;
+                send(under_way, heard, now.plus_seconds(delay_s));
+            });
+        }
+    }
+
+    fn fate(&mut self, heard: &Heard) -> Fate {
+        let is_cut = self.air.is_some() && self.link(&heard.word).is_some_and(|index| self.links[index].is_dead());
+        if let Some(air) = &mut self.air {
+            return air.fate(heard, is_cut);
+        }
+        let may_be_lost = self.loss > 0.0 && !matches!(heard.word, Word::Appeared(_) | Word::Vanished(_));
+        if may_be_lost && random::uniform(&mut self.generator) < self.loss {
+            return Fate::Lost;
+        }
+        Fate::Arrives { at: heard.at.plus_seconds(self.delay_s), copy_at: None }
+    }
+
+    fn gets_through(&mut self, heard: &Heard) -> bool {
+        self.link(&heard.word).is_none_or(|index| self.links[index].carries(heard))
+    }
+
+    /// Which of those that are ever cut it comes over. An operator is at no end of one.
+    fn link(&self, word: &Word) -> Option<usize> {
+        self.links.binary_search_by_key(&word.speaker()?, Link::peer).ok()
+    }
+
+    fn deliver(&mut self, now: LocalTime, out: &mut Vec<Heard>) {
+        while let Some(UnderWay { heard, said_at }) = self.under_way.pop_front_if(|word| word.heard.at <= now) {
+            self.tally.heard += 1;
+            if let Word::State(said) = &heard.word {
+                self.note(said, heard.at.seconds_since(said_at));
+            }
+            out.push(heard);
+        }
+    }
+
+    /// How late a state is, if nothing newer was heard.
+    fn note(&mut self, said: &State, by_s: f64) {
+        let newest = (said.header.incarnation, said.header.sequence);
+        let late = Late { speaker: said.header.sender, newest, by_s };
+        match self.late(late.speaker) {
+            Ok(index) if self.lateness[index].newest < newest => self.lateness[index] = late,
+            Ok(_) => {}
+            Err(index) => self.lateness.insert(index, late),
+        }
+    }
+
+    fn late(&self, speaker: VehicleId) -> Result<usize, usize> {
+        self.lateness.binary_search_by_key(&speaker, |late| late.speaker)
     }
 }
 
 /// Puts a word where its arrival belongs: behind those that arrive no later.
-fn send(under_way: &mut VecDeque<Heard>, delay_s: f64, heard: Heard) {
-    let at = heard.at.plus_seconds(delay_s);
-    let place = under_way.partition_point(|earlier| earlier.at <= at);
-    under_way.insert(place, Heard { at, ..heard });
+fn send(under_way: &mut VecDeque<UnderWay>, said: Heard, at: LocalTime) {
+    let place = under_way.partition_point(|earlier| earlier.heard.at <= at);
+    under_way.insert(place, UnderWay { heard: Heard { at, ..said }, said_at: said.at });
 }
 
 #[cfg(test)]

@@ -10,12 +10,15 @@
 //!     +------ a state --------+----------- a word, token there -----+
 //! ```
 //!
-//! Any word keeps a peer from being lost; only a state younger than T_stale keeps it in the formation.
+//! Any word keeps a peer from being lost; only a state younger than T_stale keeps it in the formation. Where the scenario
+//! keeps states from a vehicle (`network.graph`), a peer that it still hears otherwise is no obstacle then: it is out of
+//! sight, and the two agree on the mission all the same.
 
 use skein_common::frame::{Origin, PositionNed, VelocityNed};
 use skein_common::id::{Incarnation, VehicleId, VehicleSet};
 use skein_common::message::{Header, Mission, Order, State};
-use skein_common::state::{Membership, Standing};
+use skein_common::scenario::{Graph, Network};
+use skein_common::state::{Membership, Standing, VehicleState};
 use skein_common::time::LocalTime;
 
 /// A word younger than this is fresh, s.
@@ -55,6 +58,18 @@ pub enum Word {
     Order(Order),
 }
 
+impl Word {
+    /// Who says it; `None` for an operator.
+    pub fn speaker(&self) -> Option<VehicleId> {
+        match self {
+            Self::State(said) => Some(said.header.sender),
+            Self::Mission(said) => Some(said.header.sender),
+            Self::Appeared(id) | Self::Vanished(id) => Some(*id),
+            Self::Order(_) => None,
+        }
+    }
+}
+
 /// A peer as it is thought to be now.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Seen {
@@ -64,6 +79,8 @@ pub struct Seen {
     pub position: PositionNed,
     /// As last heard.
     pub velocity: VelocityNed,
+    /// As last heard, clockwise from true north, rad.
+    pub heading_rad: f64,
     /// Of its last state, s.
     pub age_s: f64,
     /// How that word stands.
@@ -104,13 +121,15 @@ pub struct Peers {
     roster: u8,
     plan: u64,
     stale_s: f64,
+    /// Every peer's states are meant to be heard.
+    sees_all: bool,
     known: Vec<Peer>,
     seen: Vec<Seen>,
+    unseen: VehicleSet,
     changes: Vec<Change>,
     now: LocalTime,
     /// Since when nobody is heard who was.
     alone_since: Option<LocalTime>,
-    old: u64,
     forged: u64,
 }
 
@@ -125,6 +144,8 @@ struct Peer {
     heard_at: Option<LocalTime>,
     found: bool,
     lost_at: Option<LocalTime>,
+    /// Of its words, those that were dropped because a later one was already heard.
+    old: u64,
 }
 
 /// A state as it was told.
@@ -133,16 +154,19 @@ struct Told {
     sequence: u64,
     position: PositionNed,
     velocity: VelocityNed,
+    heading_rad: f64,
     at: LocalTime,
 }
 
 impl Peers {
     /// Nobody heard yet in a swarm of vehicles 1 to `roster`. Only who flies the plan with hash `plan` can be a member. A
-    /// word older than `stale_s` counts for nothing.
-    pub fn new(own: VehicleId, roster: u8, plan: u64, stale_s: f64) -> Self {
+    /// word older than `network.peer_stale_s` counts for nothing.
+    pub fn new(own: VehicleId, roster: u8, plan: u64, network: &Network) -> Self {
         let (known, seen, changes) = (Vec::new(), Vec::new(), Vec::new());
-        let now = LocalTime::ZERO;
-        Self { own, roster, plan, stale_s, known, seen, changes, now, alone_since: None, old: 0, forged: 0 }
+        let (stale_s, sees_all) = (network.peer_stale_s, network.graph == Graph::All);
+        let (unseen, now) = (VehicleSet::default(), LocalTime::ZERO);
+        let (alone_since, forged) = (None, 0);
+        Self { own, roster, plan, stale_s, sees_all, known, seen, unseen, changes, now, alone_since, forged }
     }
 
     /// Takes up what was heard since the last update and carries everybody forward to `now`.
@@ -154,11 +178,16 @@ impl Peers {
         }
         self.changes.clear();
         self.seen.clear();
+        self.unseen = VehicleSet::default();
         for peer in &mut self.known {
             if let Some(change) = peer.age(now, self.stale_s) {
                 self.changes.push(change);
             }
-            self.seen.extend(peer.seen(now, self.plan, self.stale_s));
+            if self.sees_all || peer.is_in_sight(now, self.stale_s) {
+                self.seen.extend(peer.seen(now, self.plan, self.stale_s));
+            } else if peer.takes_part(self.plan) {
+                self.unseen.insert(peer.id);
+            }
         }
         let mut met = self.known.iter().filter(|peer| peer.found);
         let missed = met.clone().any(|peer| peer.membership() != Membership::Left);
@@ -166,9 +195,14 @@ impl Peers {
         self.alone_since = if alone { self.alone_since.or(Some(now)) } else { None };
     }
 
-    /// Everybody whose state was ever heard, by id.
+    /// Everybody whose state was ever heard and who is not out of sight, by id.
     pub fn seen(&self) -> &[Seen] {
         &self.seen
+    }
+
+    /// Those who are heard, take part and are out of sight.
+    pub fn unseen(&self) -> VehicleSet {
+        self.unseen
     }
 
     /// What the last update changed.
@@ -193,7 +227,12 @@ impl Peers {
 
     /// Words dropped because a later one was already heard.
     pub fn old(&self) -> u64 {
-        self.old
+        self.old_words().map(|(_, count)| count).sum()
+    }
+
+    /// The same by who had said them, where there are any.
+    pub fn old_words(&self) -> impl Iterator<Item = (VehicleId, u64)> {
+        self.known.iter().filter(|peer| peer.old > 0).map(|peer| (peer.id, peer.old))
     }
 
     /// Words dropped because their speaker is not of this swarm, or is said to be this very vehicle.
@@ -207,11 +246,12 @@ impl Peers {
                 let Some(peer) = self.speaker(&said.header) else { return };
                 let sequence = said.header.sequence;
                 if peer.state.is_some_and(|told| told.sequence >= sequence) {
-                    self.old += 1;
+                    peer.old += 1;
                     return;
                 }
                 let position = origin.ned_from_geodetic(&said.state.position);
-                peer.state = Some(Told { sequence, position, velocity: said.state.velocity, at });
+                let VehicleState { velocity, heading_rad, .. } = said.state;
+                peer.state = Some(Told { sequence, position, velocity, heading_rad, at });
                 peer.heard_at = Some(at);
             }
             Word::Mission(said) => {
@@ -221,7 +261,7 @@ impl Peers {
                     return;
                 }
                 if peer.mission.is_some_and(|told| told.header.sequence >= said.header.sequence) {
-                    self.old += 1;
+                    peer.old += 1;
                     return;
                 }
                 peer.mission = Some(said);
@@ -245,7 +285,7 @@ impl Peers {
         };
         let peer = &mut self.known[index];
         if header.incarnation < peer.incarnation {
-            self.old += 1;
+            peer.old += 1;
             return None;
         }
         if header.incarnation > peer.incarnation {
@@ -287,6 +327,7 @@ impl Peer {
             heard_at: None,
             found: false,
             lost_at: None,
+            old: 0,
         }
     }
 
@@ -311,6 +352,22 @@ impl Peer {
         }
     }
 
+    /// It is heard, and a member that flies this plan.
+    fn takes_part(&self, plan: u64) -> bool {
+        let is_heard = self.found && self.lost_at.is_none();
+        is_heard && self.mission.is_some_and(|said| said.plan == plan && said.membership == Membership::Active)
+    }
+
+    /// Its state is young, or was until the peer was lost.
+    fn is_in_sight(&self, now: LocalTime, stale_s: f64) -> bool {
+        let Some(told) = self.state else { return false };
+        match self.lost_at {
+            None => now.seconds_since(told.at) <= stale_s,
+            // The last word of all may be a little younger than the last state.
+            Some(lost_at) => lost_at.seconds_since(told.at) <= stale_s + FRESH_S,
+        }
+    }
+
     fn seen(&self, now: LocalTime, plan: u64, stale_s: f64) -> Option<Seen> {
         let told = self.state?;
         let age_s = now.seconds_since(told.at).max(0.0);
@@ -331,7 +388,8 @@ impl Peer {
         let is_missed = self.membership() == Membership::Active
             && self.lost_at.is_some_and(|lost_at| now.seconds_since(lost_at) < MISSED_FOR_S);
         let position = told.position + told.velocity.0 * age_s;
-        Some(Seen { id: self.id, position, velocity: told.velocity, age_s, standing, role, is_missed })
+        let Told { velocity, heading_rad, .. } = told;
+        Some(Seen { id: self.id, position, velocity, heading_rad, age_s, standing, role, is_missed })
     }
 }
 

@@ -21,6 +21,10 @@ pub enum Purpose {
     Network = 4,
     /// The seed an external law is told.
     Law = 5,
+    /// What one direction of a link does.
+    Link = 6,
+    /// What belongs to many runs at once: which points a sweep samples, which runs a bootstrap draws.
+    Study = 64,
 }
 
 /// The stream of this vehicle (`None`: of the whole swarm) for this purpose.
@@ -29,6 +33,14 @@ pub fn generator(seed: u64, vehicle: Option<VehicleId>, purpose: Purpose) -> Cha
     // Ids start at one: zero is the swarm's.
     let vehicle = vehicle.map_or(0, VehicleId::get);
     generator.set_stream(u64::from(vehicle) << 32 | purpose as u64);
+    generator
+}
+
+/// The stream of one direction of a link, from `speaker` (`None`: an operator) to `hearer`.
+pub fn link_generator(seed: u64, speaker: Option<VehicleId>, hearer: VehicleId) -> ChaCha8Rng {
+    let mut generator = generator(seed, Some(hearer), Purpose::Link);
+    let speaker = speaker.map_or(0, VehicleId::get);
+    generator.set_stream(generator.get_stream() | u64::from(speaker) << 40);
     generator
 }
 
@@ -61,11 +73,16 @@ mod tests {
         let mut draws = Vec::new();
         for seed in [0, 1, u64::MAX] {
             for vehicle in [None, Some(1), Some(2), Some(250)] {
+                // Those of links have speakers besides.
                 for purpose in [Purpose::Start, Purpose::Trim, Purpose::Wind, Purpose::Network, Purpose::Law] {
                     draws.push(first_draw(seed, vehicle, purpose));
                     assert_eq!(draws.last(), Some(&first_draw(seed, vehicle, purpose)));
                 }
             }
+        }
+        let id = |number| VehicleId::new(number).unwrap();
+        for (speaker, hearer) in [(None, 1), (Some(1), 1), (Some(1), 2), (Some(2), 1), (Some(250), 250)] {
+            draws.push(link_generator(1, speaker.map(id), id(hearer)).next_u64());
         }
         let count = draws.len();
         draws.sort_unstable();

@@ -4,37 +4,50 @@
 //! | --- | --- |
 //! | control | waits for the plant's frame, steps the [`Agent`], writes the controls; then speaks |
 //! | Zenoh's | file what is heard ([`crate::link`]) |
-//! | Tokio's | health once a second, signals |
+//! | law's | asks an external law, if one flies ([`crate::external::live`]) |
+//! | Tokio's | health once a second, how far clocks are apart, signals |
 //! | log, standard input | may block, each alone |
 //!
 //! Nothing that the control thread does can wait for another of them: it takes one lock that is held for a copy (the
-//! inbox), and everything it hands over may be dropped.
+//! inbox; another one it only tries), and everything it hands over may be dropped.
 
 mod control;
 mod log;
 mod timing;
 
 use std::io::{self, BufRead};
+use std::path::Path;
 use std::process::ExitCode;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU32, Ordering::Relaxed};
 use std::thread;
 
 use skein_common::frame::Origin;
-use skein_common::message::Health;
+use skein_common::id::Incarnation;
+use skein_common::message::{Health, Refused};
 use tokio::runtime::{Builder, Handle};
 use tokio::sync::mpsc;
-use zenoh::Session;
+use tokio::time::MissedTickBehavior;
 
 use crate::agent::Agent;
-use crate::clock::{LocalClock, new_incarnation};
+use crate::clock::{LocalClock, Skew, new_incarnation, next_incarnation, utc_nanoseconds};
 use crate::config::{AgentOptions, Node};
-use crate::link::{self, Line, Link, LinkError, ZENOH_RUNTIME, zenoh_runtime};
+use crate::external::ExternalError;
+use crate::external::live::LiveLaw;
+use crate::link::seal::OrderKey;
+use crate::link::{ASK_EVERY, HealthLine, Link, LinkError, Sessions, Trust, ZENOH_RUNTIME, zenoh_runtime};
 use crate::network::Ear;
 use crate::plant::xplane;
 use crate::supported::NotFlown;
 use crate::unix;
 use control::Control;
+
+/// Environment variable that says which release was installed here.
+pub const RELEASE: &str = "SKEIN_RELEASE";
+
+/// Environment variable that names a file in which an agent keeps its life's number, so that the next one's is larger even if
+/// the clock was set back: to its peers it would be speaking in an earlier life else, and not be heard.
+pub const LIFE: &str = "SKEIN_LIFE";
 
 /// How an agent is asked to end.
 #[derive(Debug, Default)]
@@ -49,7 +62,7 @@ impl Stop {
         self.times.fetch_add(1, Relaxed);
     }
 
-    /// Whoever started this agent is gone: fly on, and end once an order has brought it down.
+    /// Whoever started this agent is gone, or never stood by: fly on, and end once an order has brought it down.
     pub fn forsake(&self) {
         self.forsaken.store(true, Relaxed);
     }
@@ -79,6 +92,9 @@ pub enum RunError {
     /// A scenario that asks for what is not flown yet.
     #[error(transparent)]
     NotFlown(#[from] NotFlown),
+    /// No law.
+    #[error(transparent)]
+    Law(#[from] ExternalError),
     /// No threads.
     #[error("the system gives no threads: {0}")]
     Threads(#[from] io::Error),
@@ -109,12 +125,15 @@ pub fn program(options: &AgentOptions) -> ExitCode {
     stop_on_signals(runtime.handle(), stop.clone());
     if options.child {
         stop_on_stdin(stop.clone());
+    } else if node.run != 0 {
+        // On a cluster nobody stands beside it who could end it: whom an order has landed ends.
+        stop.forsake();
     }
     let flown = run(&node, &stop, runtime.handle());
     runtime.shutdown_background();
     match flown {
         Ok(()) => ExitCode::SUCCESS,
-        Err(error @ RunError::Link(LinkError::Endpoint(_))) => failed(&error, 2),
+        Err(RunError::Link(error)) if error.is_the_users() => failed(&error, 2),
         Err(error) => failed(&error, 1),
     }
 }
@@ -124,30 +143,36 @@ pub fn program(options: &AgentOptions) -> ExitCode {
 /// # Errors
 /// If it cannot begin, or if the control thread has panicked.
 pub fn run(node: &Node, stop: &Arc<Stop>, tokio: &Handle) -> Result<(), RunError> {
-    let session = link::open(&node.scenario.swarm.name, &node.listen, &node.dial)?;
-    fly(node, session, stop, tokio)
+    let sessions = Sessions::open(&node.scenario.swarm.name, &node.listen, &node.dial, &node.security)?;
+    fly(node, sessions, stop, tokio)
 }
 
-/// [`run`] over a session that is already open.
+/// [`run`] over sessions that are already open.
 ///
 /// # Errors
 /// As [`run`].
-pub fn fly(node: &Node, session: Session, stop: &Arc<Stop>, tokio: &Handle) -> Result<(), RunError> {
+pub fn fly(node: &Node, sessions: impl Into<Sessions>, stop: &Arc<Stop>, tokio: &Handle) -> Result<(), RunError> {
     let clock = LocalClock::start();
-    let incarnation = new_incarnation();
+    let incarnation = incarnation();
     let agent = Agent::new(&node.scenario, node.id, incarnation, &node.aircraft, node.rules.clone())?;
     let plant = node.open_plant()?;
-    let link = Link::new(session, node.id, clock)?;
+    let orders = node.orders_key.map(OrderKey::from);
+    let certificates = node.security.certificates();
+    let trust = Trust { orders, run: node.run, certificates, ..Trust::of(&node.scenario) };
+    let link = Link::new(sessions, node.id, clock, trust)?;
     let (health, healths) = mpsc::channel(2);
-    tokio.spawn(publish(link.health()?, healths));
+    tokio.spawn(publish(link.health(utc_nanoseconds)?, healths));
     let control = Control {
         agent,
         plant,
         plant_name: node.plant.name(),
+        release: release(),
         link,
         ear: Ear::new(&node.scenario, node.id),
+        law: LiveLaw::start(&node.scenario, node.id)?,
         flown_before_s: node.flown_s,
         clock,
+        skew: Skew::new(&node.scenario, node.id),
         origin: Origin::new(node.scenario.origin.geodetic()),
         own: node.id,
         incarnation,
@@ -160,17 +185,44 @@ pub fn fly(node: &Node, session: Session, stop: &Arc<Stop>, tokio: &Handle) -> R
         tracing::info!("vehicle {id} flies {plant}: {priority}, {memory}");
         control.run()
     })?;
+    unix::tell_service("READY=1");
     let link = thread.join().map_err(|_| RunError::Panicked)?;
+    unix::tell_service("STOPPING=1");
     link.close();
     tracing::info!("vehicle {id} ends");
     Ok(())
 }
 
-/// Says health as it comes, until the control thread is gone.
-async fn publish(line: Line<Health>, mut healths: mpsc::Receiver<Health>) {
-    while let Some(health) = healths.recv().await {
-        line.say(&health);
+/// Says health as it comes, and asks for the others' time, until the control thread is gone. Health comes only while that
+/// thread goes round: whoever watches over this process hears of it too.
+async fn publish(mut line: HealthLine, mut healths: mpsc::Receiver<Health>) {
+    let mut turns = tokio::time::interval(ASK_EVERY);
+    turns.set_missed_tick_behavior(MissedTickBehavior::Delay);
+    loop {
+        tokio::select! {
+            health = healths.recv() => {
+                let Some(health) = health else { return };
+                line.say(health);
+                unix::tell_service("WATCHDOG=1");
+            }
+            _ = turns.tick() => line.ask_a_clock(),
+        }
     }
+}
+
+/// The number of this life.
+fn incarnation() -> Incarnation {
+    let Some(file) = std::env::var_os(LIFE) else { return new_incarnation() };
+    let (incarnation, fault) = next_incarnation(Path::new(&file));
+    fault.iter().for_each(|fault| tracing::warn!("this life's number cannot be kept: {fault}"));
+    incarnation
+}
+
+/// What runs here: who has installed it says so in the environment.
+fn release() -> String {
+    let installed = std::env::var(RELEASE).ok().filter(|release| !release.is_empty());
+    let release = installed.unwrap_or_else(|| env!("CARGO_PKG_VERSION").to_owned());
+    Refused::printable(&release)
 }
 
 fn stop_on_signals(tokio: &Handle, stop: Arc<Stop>) {

@@ -14,7 +14,10 @@ use crate::estimate::Estimate;
 use crate::mission::Mission;
 
 /// The agreement's register is repeated this often, s.
-const MISSION_PERIOD_S: f64 = 0.2;
+pub const MISSION_PERIOD_S: f64 = 0.2;
+/// A period is over this share of it early, so that a clock that runs slow, as quartz may by 100 ppm, does not make it a frame
+/// longer.
+const EARLY: f64 = 2e-4;
 /// After a change it is repeated in so many frames: with three words in ten lost, one peer in 50,000 then misses all nine.
 const CHANGE_REPEATS: u32 = 8;
 
@@ -42,6 +45,7 @@ pub struct Speech {
     state_messages: u64,
     state_bytes: u64,
     missions: u64,
+    mission_bytes: u64,
     traces: u64,
 }
 
@@ -68,7 +72,7 @@ impl Need {
         let since_s = now.seconds_since(told.at);
         let reckoned = told.position + told.velocity.0 * since_s;
         self.every_frame
-            || since_s >= self.max_period_s - 1e-6
+            || since_s >= self.max_period_s * (1.0 - EARLY)
             || (estimate.velocity - told.velocity).norm_squared() > self.error_m_s.powi(2)
             || (estimate.position - reckoned).norm_squared() > self.error_m.powi(2)
     }
@@ -94,6 +98,7 @@ impl Speech {
             state_messages: 0,
             state_bytes: 0,
             missions: 0,
+            mission_bytes: 0,
             traces: 0,
         }
     }
@@ -120,6 +125,11 @@ impl Speech {
         self.state_bytes
     }
 
+    /// Words about the agreement said in this life, and their payload, bytes.
+    pub fn missions(&self) -> (u64, u64) {
+        (self.missions, self.mission_bytes)
+    }
+
     /// The header of the next trace.
     pub fn header_of_trace(&mut self, now: LocalTime) -> Header {
         self.traces += 1;
@@ -144,7 +154,7 @@ impl Speech {
             if (told.membership, told.step, told.reached, told.order) != (membership, step, reached, order) {
                 self.repeats = CHANGE_REPEATS + 1;
             }
-            self.repeats > 0 || now.seconds_since(*at) >= MISSION_PERIOD_S - 1e-6
+            self.repeats > 0 || now.seconds_since(*at) >= MISSION_PERIOD_S * (1.0 - EARLY)
         });
         if !due {
             return None;
@@ -153,7 +163,9 @@ impl Speech {
         self.missions += 1;
         let header = self.header(now, self.missions);
         let (plan, progress_m) = (mission.plan(), mission.progress_m());
-        let said = MissionMessage { header, plan, membership, step, reached, progress_m, order };
+        // The run is the edge's: what is agreed on is the same in all of them.
+        let said = MissionMessage { header, plan, membership, step, reached, progress_m, run: 0, order };
+        self.mission_bytes += message::encode(&said).len() as u64;
         self.mission = Some((said, now));
         Some(said)
     }

@@ -8,7 +8,13 @@ pub use plain::*;
 #[cfg(unix)]
 mod on_unix {
     use std::env;
+    use std::ffi::OsStr;
+    use std::io;
+    use std::os::unix::ffi::OsStrExt;
+    use std::os::unix::fs::PermissionsExt;
+    use std::os::unix::net::UnixDatagram;
     use std::os::unix::process::CommandExt;
+    use std::path::Path;
     use std::process::Command;
 
     use thread_priority::{
@@ -73,6 +79,37 @@ mod on_unix {
         }
     }
 
+    /// Whether this file is more than its owner's.
+    pub fn others_can_read(path: &Path) -> bool {
+        std::fs::metadata(path).is_ok_and(|about| about.permissions().mode() & 0o077 != 0)
+    }
+
+    /// Tells systemd, if it has started this process and listens. Never waits.
+    pub fn tell_service(what: &str) {
+        if let Some(socket) = env::var_os("NOTIFY_SOCKET") {
+            // A service manager that does not hear is none of ours to mend.
+            let _ = notify(&socket, what);
+        }
+    }
+
+    /// The name of a socket, or after an `@` one that is in no file system.
+    fn notify(socket: &OsStr, what: &str) -> io::Result<usize> {
+        let datagram = UnixDatagram::unbound()?;
+        datagram.set_nonblocking(true)?;
+        #[cfg(target_os = "linux")]
+        if let Some(name) = socket.as_bytes().strip_prefix(b"@") {
+            use std::os::linux::net::SocketAddrExt;
+            let address = std::os::unix::net::SocketAddr::from_abstract_name(name)?;
+            return datagram.send_to_addr(what.as_bytes(), &address);
+        }
+        datagram.send_to(what.as_bytes(), socket)
+    }
+
+    /// The terminal's Ctrl-C is not to reach this child.
+    pub fn in_own_group(command: &mut Command) {
+        command.process_group(0);
+    }
+
     /// SIGINT, SIGTERM and SIGHUP (a terminal that is closed): all mean that the agent shall end.
     pub struct Signals([Signal; 3]);
 
@@ -81,7 +118,7 @@ mod on_unix {
         ///
         /// # Errors
         /// If the system refuses.
-        pub fn catch() -> std::io::Result<Self> {
+        pub fn catch() -> io::Result<Self> {
             let kinds = [SignalKind::interrupt(), SignalKind::terminate(), SignalKind::hangup()];
             let [interrupt, terminate, hangup] = kinds.map(signal);
             Ok(Self([interrupt?, terminate?, hangup?]))
@@ -95,6 +132,49 @@ mod on_unix {
                 _ = terminate.recv() => {}
                 _ = hangup.recv() => {}
             }
+        }
+    }
+
+    #[cfg(test)]
+    mod tests {
+        use super::*;
+
+        fn hears(service: &UnixDatagram, name: &OsStr) {
+            let mut heard = [0; 64];
+            for what in ["READY=1", "WATCHDOG=1"] {
+                assert_eq!(notify(name, what).unwrap(), what.len());
+                let length = service.recv(&mut heard).unwrap();
+                assert_eq!(&heard[..length], what.as_bytes());
+            }
+        }
+
+        #[test]
+        fn a_service_manager_is_told() {
+            let folder = tempfile::tempdir().unwrap();
+            let path = folder.path().join("notify");
+            hears(&UnixDatagram::bind(&path).unwrap(), path.as_os_str());
+            assert!(notify(path.with_extension("not").as_os_str(), "READY=1").is_err());
+        }
+
+        #[cfg(target_os = "linux")]
+        #[test]
+        fn a_service_manager_in_no_file_system_is_told() {
+            use std::os::linux::net::SocketAddrExt;
+            let name = format!("skein-notify-{}", std::process::id());
+            let address = std::os::unix::net::SocketAddr::from_abstract_name(&name).unwrap();
+            hears(&UnixDatagram::bind_addr(&address).unwrap(), OsStr::new(&format!("@{name}")));
+        }
+
+        #[test]
+        fn a_key_that_others_can_read_is_noticed() {
+            let folder = tempfile::tempdir().unwrap();
+            let path = folder.path().join("key");
+            std::fs::write(&path, "").unwrap();
+            for (mode, others_can) in [(0o600, false), (0o640, true), (0o604, true), (0o400, false)] {
+                std::fs::set_permissions(&path, std::fs::Permissions::from_mode(mode)).unwrap();
+                assert_eq!(others_can_read(&path), others_can, "{mode:o}");
+            }
+            assert!(!others_can_read(&folder.path().join("none")));
         }
     }
 }
@@ -113,6 +193,17 @@ mod plain {
 
     /// Does nothing: Zenoh's defaults serve.
     pub fn restart_with(_variable: (&str, &str)) {}
+
+    /// Does nothing: nobody asks.
+    pub fn tell_service(_what: &str) {}
+
+    /// Not known: there are no such modes.
+    pub fn others_can_read(_path: &std::path::Path) -> bool {
+        false
+    }
+
+    /// Does nothing: there are no such groups.
+    pub fn in_own_group(_command: &mut std::process::Command) {}
 
     /// Ctrl-C.
     pub struct Signals;

@@ -5,7 +5,9 @@
 //! [`decode`] accepts only what a correct peer can have said: right version, right size, nothing left over, every number
 //! finite and in range.
 
+mod clock;
 mod health;
+mod order;
 mod trace;
 
 use serde::de::DeserializeOwned;
@@ -16,11 +18,13 @@ use crate::state::{Membership, VehicleState};
 use crate::time::SenderStamp;
 use crate::topic::{Author, Topic};
 
-pub use health::{Drops, Health, PeerHealth};
-pub use trace::{PeerAge, Trace};
+pub use clock::{ClockAnswer, ClockOffset};
+pub use health::{Drops, Health, PeerHealth, Reason, Refused};
+pub use order::{Order, Seal, Verb};
+pub use trace::{LawNumber, PeerAge, Trace};
 
 /// The first byte of every message.
-pub const VERSION: u8 = 2;
+pub const VERSION: u8 = 4;
 
 /// No mission has more steps than this.
 pub const MAX_STEP: u32 = 10_000;
@@ -94,57 +98,10 @@ pub struct Mission {
     pub reached: Option<u32>,
     /// How far the speaker takes the centre to be along this step's path, m.
     pub progress_m: f64,
+    /// The run of the swarm that the speaker is in: orders are sealed for one run. 0 for a swarm that counts none.
+    pub run: u64,
     /// The newest order the speaker knows of.
     pub order: Option<Order>,
-}
-
-/// An operator's order: a register, merged by taking the larger one, so that it spreads from any node to all. An order to
-/// abort is larger than any other: nothing takes it back.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Order {
-    /// One more than the largest epoch that the issuer had heard of.
-    pub epoch: u64,
-    /// Random number of the issuing process: breaks ties between two who spoke at once.
-    pub issuer: u64,
-    /// What to do.
-    pub verb: Verb,
-}
-
-impl Ord for Order {
-    fn cmp(&self, other: &Self) -> std::cmp::Ordering {
-        let rank = |order: &Self| (order.verb == Verb::Abort, order.epoch, order.issuer, order.verb);
-        rank(self).cmp(&rank(other))
-    }
-}
-
-impl PartialOrd for Order {
-    fn partial_cmp(&self, other: &Self) -> Option<std::cmp::Ordering> {
-        Some(self.cmp(other))
-    }
-}
-
-/// What an operator can ask for.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
-pub enum Verb {
-    /// Stop where you are, at the altitude you have.
-    Hold,
-    /// Descend where you are. Until it is down a vehicle can be called back.
-    Land,
-    /// Fly on, at this step of the mission or a later one.
-    Goto(u32),
-    /// Give up: descend where you are, whatever is ordered later.
-    Abort,
-}
-
-impl std::fmt::Display for Verb {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        match self {
-            Self::Hold => f.write_str("hold"),
-            Self::Land => f.write_str("land"),
-            Self::Goto(step) => write!(f, "goto {step}"),
-            Self::Abort => f.write_str("abort"),
-        }
-    }
 }
 
 /// Something that happened, said once.
@@ -169,7 +126,7 @@ pub enum Happening {
     PlanDiffers(VehicleId),
     /// Nobody is heard any more; the speaker holds its place.
     AllPeersLost,
-    /// An order was taken up.
+    /// An order was taken up; told without its seal.
     OrderTaken(Order),
     /// The speaker has reached this step's goal.
     Reached(u32),
@@ -209,6 +166,10 @@ pub enum Happening {
     OwnDataBack,
     /// The controller was given a number it cannot use; the last controls stand.
     ControlFault,
+    /// The external law does not answer: the fallback flies.
+    LawLost,
+    /// The external law answers, and flies again.
+    LawBack,
 }
 
 /// What a vehicle finds failed of itself, from the mildest to the most severe, with what it does then.
@@ -224,6 +185,11 @@ pub enum Failure {
     Servo,
     /// No power: it comes down.
     Engine,
+}
+
+impl Failure {
+    /// How many there are.
+    pub const KINDS: usize = 5;
 }
 
 impl std::fmt::Display for Failure {
@@ -261,6 +227,8 @@ impl std::fmt::Display for Happening {
             Self::SimulatorLost => f.write_str("simulator gone, waiting for it"),
             Self::OwnDataBack => f.write_str("own data back"),
             Self::ControlFault => f.write_str("controller refused its input, controls held"),
+            Self::LawLost => f.write_str("own law does not answer, the fallback flies"),
+            Self::LawBack => f.write_str("own law answers, flies again"),
         }
     }
 }
@@ -285,11 +253,10 @@ macro_rules! message {
 use message;
 
 message!(State, 128, |said| Author::Vehicle(said.header.sender), |said| said.state.is_plausible());
-message!(Mission, 128, |said| Author::Vehicle(said.header.sender), |said| {
+message!(Mission, 192, |said| Author::Vehicle(said.header.sender), |said| {
     said.step <= MAX_STEP && said.reached.is_none_or(|reached| reached <= MAX_STEP) && said.progress_m.abs() < 1e9
 });
 message!(Event, 128, |said| Author::Vehicle(said.header.sender), |_| true);
-message!(Order, 64, |said| Author::Issuer(said.issuer), |_| true);
 
 /// The message as bytes.
 ///

@@ -20,17 +20,21 @@ mod across;
 mod check;
 mod error;
 mod keys;
+mod law;
 mod layers;
 mod model;
 mod plan;
 mod shape;
 mod tree;
+mod written;
 
 use std::fmt;
 
 pub use error::ScenarioError;
-pub use keys::{KEYS, Key, Kind, Literal, Range};
+pub use keys::{KEYS, Key, Kind, Literal, Range, is_whole};
+pub use law::{LawName, OwnLaw, add_laws};
 pub use model::*;
+pub use written::Written;
 
 use layers::Layers;
 use tree::Texts;
@@ -52,7 +56,7 @@ pub struct Source<'a> {
 /// The first fault found: not TOML, an unknown key, a value of the wrong kind or out of its range, or values that do
 /// not go together.
 pub fn load(source: &Source<'_>, sets: &[String]) -> Result<Loaded, ScenarioError> {
-    let texts = Texts { source, sets };
+    let texts = Texts { keys: KEYS, source, sets };
     let mut written = texts.parse()?;
     texts.check_table(&mut written, "")?;
     for index in 0..sets.len() {

@@ -21,6 +21,8 @@ pub enum Topic {
     Event(VehicleId),
     /// Every step.
     Trace(VehicleId),
+    /// What its clock shows, for whoever asks.
+    Clock(VehicleId),
     /// An operator's order.
     Order(u64),
 }
@@ -82,6 +84,7 @@ impl Topic {
             Self::Mission(id) => format!("vehicle/{id}/mission"),
             Self::Event(id) => format!("vehicle/{id}/event"),
             Self::Trace(id) => format!("vehicle/{id}/trace"),
+            Self::Clock(id) => format!("vehicle/{id}/clock"),
             Self::Order(issuer) => format!("order/{issuer}"),
         }
     }
@@ -99,6 +102,7 @@ impl Topic {
                     "mission" => Self::Mission(id),
                     "event" => Self::Event(id),
                     "trace" => Self::Trace(id),
+                    "clock" => Self::Clock(id),
                     "cell" => {
                         let cell = Cell { x: parts.next()?.parse().ok()?, y: parts.next()?.parse().ok()? };
                         (parts.next()? == "state").then_some(Self::State(id, cell))?
@@ -119,7 +123,8 @@ impl Topic {
             | Self::Health(id)
             | Self::Mission(id)
             | Self::Event(id)
-            | Self::Trace(id) => Author::Vehicle(id),
+            | Self::Trace(id)
+            | Self::Clock(id) => Author::Vehicle(id),
             Self::Order(issuer) => Author::Issuer(issuer),
         }
     }
@@ -141,6 +146,7 @@ mod tests {
             (Topic::Mission(id), "vehicle/7/mission"),
             (Topic::Event(id), "vehicle/7/event"),
             (Topic::Trace(id), "vehicle/7/trace"),
+            (Topic::Clock(id), "vehicle/7/clock"),
             (Topic::Order(12), "order/12"),
         ];
         for (topic, key) in topics {

@@ -1,9 +1,14 @@
-//! `skein check`: the complete scenario with the origin of every value, and what would stop a flight.
+//! `skein check`: what would stop a flight: of a scenario, with every value and its origin; of a cluster; of an X-Plane.
+
+use std::path::PathBuf;
 
 use serde_json::json;
 use skein_common::scenario::{Explained, Loaded};
 
+use crate::cluster;
+use crate::cluster::host::probe;
 use crate::error::Error;
+use crate::fly::plan::HostPort;
 use crate::fly::script;
 use crate::scenario::ScenarioArgs;
 
@@ -13,21 +18,47 @@ pub struct CheckArgs {
     /// The scenario.
     #[command(flatten)]
     pub scenario: ScenarioArgs,
-    /// Print the values as JSON, with what each key means
+    /// A cluster: its keys, hosts, clocks, disks, versions, simulators and ports, each fault with its remedy
+    #[arg(short = 'f', long = "file", value_name = "CLUSTER.toml", conflicts_with_all = ["scenario", "sets"])]
+    pub file: Option<PathBuf>,
+    /// An X-Plane: what is heard of it from here
+    #[arg(long, value_name = "HOST[:PORT]")]
+    pub xplane: Option<HostPort>,
+    /// Print it as JSON; of a scenario with what each key means
     #[arg(long)]
     pub json: bool,
 }
 
-/// Prints every value with its origin; then, on stderr, what of the events `fly` would skip and what would stop a flight.
+/// Prints what was asked for. Of a scenario every value with its origin; then, on stderr, what of the events `fly` would skip and
+/// what would stop a flight. Without anything else to look at, an X-Plane alone.
 ///
 /// # Errors
-/// A scenario that is at fault or that is not flown yet.
+/// A file that is at fault, a scenario that is not flown yet, or anything that would stop a flight.
 pub fn run(args: &CheckArgs) -> Result<(), Error> {
+    if let Some(xplane) = &args.xplane {
+        simulator(xplane, args.json)?;
+    }
+    match (&args.file, &args.xplane) {
+        (Some(file), _) => cluster::check::run(file, args.json),
+        (None, Some(_)) if args.scenario.scenario.is_none() && args.scenario.sets.is_empty() => Ok(()),
+        (None, _) => scenario(args),
+    }
+}
+
+fn simulator(xplane: &HostPort, json: bool) -> Result<(), Error> {
+    let address = format!("{}:{}", xplane.host, xplane.port);
+    let heard = probe::simulator_at(&address).map_err(Error::Failed)?;
+    let text = format!("{address}: {heard}\n");
+    crate::say(&if json { crate::json(&json!({ "xplane": address, "heard": heard })) } else { text });
+    Ok(())
+}
+
+fn scenario(args: &CheckArgs) -> Result<(), Error> {
     let loaded = args.scenario.read(Vec::new())?;
     loaded.notes.iter().for_each(|note| eprintln!("{note}"));
     script::skipped(&loaded.scenario).iter().for_each(|skipped| eprintln!("{skipped}"));
     crate::say(&if args.json { crate::json(&as_json(&loaded)) } else { as_text(&loaded) });
-    args.scenario.ready(&loaded.scenario).map(drop)
+    args.scenario.ready_live(&loaded.scenario).map(drop)
 }
 
 /// A line for each key: key, value, origin.

@@ -5,13 +5,19 @@ use std::sync::atomic::AtomicBool;
 
 use clap::{Parser, Subcommand};
 use skein_agent::config::AgentOptions;
+use skein_agent::formation::laws::Laws;
 use skein_agent::plant::xplane::standin::{StandinOptions, run_standin};
 use tracing_subscriber::EnvFilter;
 
 use crate::check::{self, CheckArgs};
+use crate::cluster::host::{self, NodeArgs};
+use crate::cluster::{self, ClusterArgs};
+use crate::compare::{self, CompareArgs};
 use crate::error::Error;
 use crate::fly::{self, FlyArgs};
 use crate::order::{self, OrderArgs};
+use crate::record::{self, RecordArgs};
+use crate::report::{self, ReportArgs};
 use crate::study::{self, StudyArgs};
 
 /// Helicopters that fly as a swarm with no one in charge.
@@ -32,10 +38,21 @@ pub enum Command {
     Fly(FlyArgs),
     /// Fly a scenario in virtual time, many seeds at once, and measure it
     Study(StudyArgs),
+    /// Judge the runs of one folder against those of another, seed by seed; exit status 1 if a figure is worse
+    Compare(CompareArgs),
+    /// Record a live swarm until Ctrl-C; or repair a recording, or join several
+    Record(RecordArgs),
+    /// Draw what was flown: pictures and tables on one page
+    Report(ReportArgs),
     /// Give an order to a live swarm, from anywhere; nobody leads, agents pass it on
     Order(OrderArgs),
-    /// Print the complete scenario with the origin of every value, and what would stop a flight
+    /// What would stop a flight: of a scenario, with the origin of every value; of a cluster; of an X-Plane
     Check(CheckArgs),
+    /// Install a swarm on every node of a cluster, start it, look at it, land it
+    Cluster(ClusterArgs),
+    /// A node's own side of the cluster's commands
+    #[command(hide = true)]
+    Node(NodeArgs),
     /// Fly one vehicle; the same as the program skein-agent
     Agent(AgentOptions),
     /// A helicopter without a screen that speaks X-Plane's UDP protocol; the same as the program xplane-standin
@@ -44,7 +61,16 @@ pub enum Command {
 
 /// The whole program.
 pub fn main() -> ExitCode {
-    run(Cli::parse().command)
+    main_with(Laws::default())
+}
+
+/// The whole program, which can fly these laws too: `formation.law` takes their names in every command, and the agents that
+/// it starts know them as well. See [`crate::law`].
+pub fn main_with(laws: Laws) -> ExitCode {
+    match laws.add() {
+        Ok(()) => run(Cli::parse().command),
+        Err(fault) => Error::Refused(fault.to_string()).report(),
+    }
 }
 
 /// One command. Its exit status: 0 success, 1 a run that failed, 2 an argument or a file at fault.
@@ -52,8 +78,13 @@ pub fn run(command: Command) -> ExitCode {
     let done = match command {
         Command::Fly(args) => fly::run(&args),
         Command::Study(args) => study::run(&args),
+        Command::Compare(args) => compare::run(&args),
+        Command::Record(args) => record::run(&args),
+        Command::Report(args) => report::run(&args),
         Command::Order(args) => order::run(&args),
         Command::Check(args) => check::run(&args),
+        Command::Cluster(args) => cluster::run(&args),
+        Command::Node(args) => host::run(&args),
         // Both have exit statuses and logs of their own.
         Command::Agent(options) => return skein_agent::run::program(&options),
         Command::Standin(options) => standin(&options),
@@ -104,11 +135,25 @@ mod tests {
             "skein order",
             "skein order dance",
             "skein order land --swarm a/b",
+            "skein record",
+            "skein record --merge a.mcap b.mcap",
+            "skein record --repair a.mcap --out b.mcap",
+            "skein record --repair a.mcap --merge b.mcap --out c.mcap",
+            "skein record --swarm lab --merge a.mcap --out b.mcap",
+            "skein report",
+            "skein report --capacity here",
+            "skein report here --json",
         ] {
             assert_eq!(parse(line).unwrap_err().exit_code(), 2, "{line}");
         }
         assert!(parse("skein order land --swarm lab").is_ok());
         assert!(parse("skein order --swarm lab goto 2").is_ok() && parse("skein order goto").is_err());
-        assert!(parse("skein check").is_ok());
+        assert!(parse("skein check").is_ok() && parse("skein check -f lab.toml --json").is_ok());
+        assert!(parse("skein check --xplane heli7").is_ok() && parse("skein check my.toml -f lab.toml").is_err());
+        assert!(
+            parse("skein record --swarm lab --out a.mcap").is_ok() && parse("skein record --repair a.mcap").is_ok()
+        );
+        assert!(parse("skein record --merge a.mcap b.mcap --out c.mcap").is_ok());
+        assert!(parse("skein report --capacity --json --out x").is_ok());
     }
 }

@@ -61,11 +61,6 @@ impl Endpoints {
         let addresses = self.agents.values().filter_map(|agent| agent.strip_prefix("tcp/")?.parse::<SocketAddr>().ok());
         addresses.into_iter().any(|address| TcpStream::connect_timeout(&address, ANSWER).is_ok())
     }
-
-    /// All endpoints, in the order of ids.
-    pub fn all(&self) -> Vec<String> {
-        self.agents.values().cloned().collect()
-    }
 }
 
 /// The file of this swarm.

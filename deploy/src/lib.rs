@@ -1,17 +1,25 @@
 //! The operator's and researcher's command: flies a swarm on this PC, studies it in virtual time, looks at it. It is never
 //! in the loop: kill it and the swarm flies on.
 
+pub mod capacity;
 pub mod check;
 pub mod cli;
 pub mod clock;
+pub mod cluster;
+pub mod compare;
 pub mod endpoints;
 pub mod error;
 pub mod fly;
+pub mod law;
 pub mod metrics;
 pub mod observe;
 pub mod order;
 pub mod os;
 pub mod out;
+pub mod reach;
+pub mod record;
+pub mod recording;
+pub mod report;
 pub mod scenario;
 pub mod study;
 

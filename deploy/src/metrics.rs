@@ -13,10 +13,16 @@
 //!   (`union`, `connectivity`, `connected_share`) use all of it.
 //! * Separations and collisions count pairs of which both are higher than [`AIRBORNE_ABOVE_M`].
 //! * **A centre moves** from where a vehicle takes it to have left the beginning of a path until it has come to its end.
-//!   `max_centre_distance_m` is taken while the member's own centre moves. Under law `flock` `band_occupancy` (here the share
-//!   with ρ ≤ R*) is too; `centroid_lag_m`, separations and collisions count from the first movement on, if the mission has
-//!   a path: random starts lie closer together and farther out than a flock may be.
-//! * `polarization` and `order` leave out whoever is slower than 0.2 m/s, and instants with fewer than two others.
+//!   `max_centre_distance_m` is taken while the member's own centre moves. Under the laws of flocks (`flock`, `olfati-saber`,
+//!   `vasarhelyi`) `band_occupancy` (here the share with ρ ≤ R*) is too; `centroid_lag_m`, separations and collisions count
+//!   from the first movement on, if the mission has a path: random starts lie closer together and farther out than a flock
+//!   may be.
+//! * Slots in a line, a V, a grid or a list have no distance from the centre and no even angles: those figures are `null`
+//!   there. A law that is none of Skein's is measured as a ring is.
+//! * `polarization`, `order` and `velocity_correlation` leave out whoever is slower than 0.2 m/s, and instants with fewer than
+//!   two others. SwarmLab counts who has no neighbours as in order; here it says nothing.
+//! * `collision_risk` is the mean over time of what `safety` counts over the whole window: the share of all pairs that are in a
+//!   collision.
 //! * **A step is open** when every live member has reached or passed it, be it that the last one did so or that it died.
 //!   `advance_latency_s` is the longest that any of them was late in entering the next. `setpoints_reached` are the steps that
 //!   were open at the end. Who is carried forward over several steps was late for none of them.
@@ -29,8 +35,11 @@
 //!   in the band and evenly spaced to 10°, for good until the next such change, cut, or step. What has not settled when the
 //!   swarm goes on may do so at the next place. What does not, though it had more than 120 s for it, never does; in less time
 //!   it does not count.
+//! * A **crash** is a vehicle that was in the air and touches the ground too fast, too far from upright, or without an agent
+//!   that lands it (`crashes`); each counts once. What becomes of it afterwards is the plant's affair, and no damage is part of it.
 //! * `null` otherwise means that a figure does not apply to this run.
 
+mod crashes;
 mod flock;
 mod graph;
 mod membership;
@@ -47,14 +56,16 @@ use skein_agent::plant::{Sticks, Truth};
 use skein_common::frame::PositionNed;
 use skein_common::id::{VehicleId, VehicleSet};
 use skein_common::message::Happening;
-use skein_common::scenario::{self, Law, Scenario, Step, Target, Vertical};
+use skein_common::scenario::{self, ControlMode, Pattern, Scenario, Step, Target, Vertical};
 
 use crate::study::world::Incident;
+use crashes::Crashes;
 use flock::{Alignment, Following};
 use graph::Graph;
 use membership::Membership;
 use mission::Steps;
 pub use report::{DIRECTIONS, Direction, Report, Run, VehicleReport, WALL_CLOCK_KEYS, Wall};
+pub(crate) use series::quantile;
 use series::{AgeHistogram, InFormation, RadialSeries, Settling};
 use transient::Transients;
 
@@ -119,7 +130,11 @@ impl VehicleNow {
 #[derive(Debug)]
 pub struct Metrics {
     run: Run,
+    /// One machine flies everybody: nobody has words of others.
+    is_central: bool,
     is_flock: bool,
+    /// The formation has to do with a distance from the centre.
+    is_radial: bool,
     /// The formation is a ring, or slots on one: what is evenly spread about the centre, seen from above.
     is_round: bool,
     has_altitude: bool,
@@ -142,8 +157,10 @@ pub struct Metrics {
     forced_advances: u64,
     membership: Membership,
     transients: Transients,
+    crashes: Crashes,
     nearest_pair_m: Option<f64>,
     separations: Vec<f64>,
+    collision_risk: series::Mean,
     max_tilt_rad: f64,
     stick_square: series::Mean,
     effort: Vec<Effort>,
@@ -155,7 +172,7 @@ pub struct Metrics {
 
 /// The formation during one step of the mission.
 #[derive(Debug)]
-struct Shape {
+pub(crate) struct Shape {
     ring: Ring,
     altitude_m: f64,
     /// Between the altitudes of neighbouring ranks.
@@ -165,7 +182,7 @@ struct Shape {
 }
 
 impl Shape {
-    fn new(step: &Step) -> Self {
+    pub(crate) fn new(step: &Step) -> Self {
         let path_ends = match &step.target {
             Target::Path(corners) => corners.first().zip(corners.last()),
             _ => None,
@@ -179,7 +196,7 @@ impl Shape {
     }
 
     /// ρ of a place given from the centre, m.
-    fn level_m(&self, from_centre_m: Vector3<f64>) -> f64 {
+    pub(crate) fn level_m(&self, from_centre_m: Vector3<f64>) -> f64 {
         let flat_m = self.ring.level_m(from_centre_m.xy());
         self.ring.gamma_z.map_or(flat_m, |gamma_z| (flat_m.powi(2) + gamma_z * from_centre_m.z.powi(2)).sqrt())
     }
@@ -204,7 +221,9 @@ pub struct Totals {
     pub state_bytes: u64,
     /// How often safety filters have stepped in; `None` without filters.
     pub safety_activations: Option<u64>,
-    /// Steps that ended after the next frame was due.
+    /// Asks that external laws have not answered; `None` without such laws.
+    pub law_misses: Option<u64>,
+    /// Steps that ended after the next frame was due; of one machine that controls everybody, the frames that it left out.
     pub frame_overruns: u64,
 }
 
@@ -220,12 +239,15 @@ impl Metrics {
     pub fn new(scenario: &Scenario, run: Run) -> Self {
         let vehicles = scenario.swarm.vehicles;
         let steps = &scenario.mission.steps;
-        let scenario::Formation { law, vertical, .. } = scenario.formation;
+        let scenario::Formation { law, vertical, ref slots, .. } = scenario.formation;
+        let is_radial = !law.has_slots() || slots.pattern == Pattern::Circle;
         Self {
             run,
-            is_flock: law == Law::Flock,
+            is_central: scenario.control.mode == ControlMode::Central,
+            is_flock: law.is_flock(),
+            is_radial,
             has_altitude: vertical == Vertical::Bands,
-            is_round: law != Law::Flock && vertical == Vertical::Bands,
+            is_round: !law.is_flock() && is_radial && vertical == Vertical::Bands,
             shapes: steps.iter().map(Shape::new).collect(),
             places: steps.iter().filter(|step| !matches!(step.target, Target::Land(_))).count(),
             t_s: 0.0,
@@ -241,10 +263,12 @@ impl Metrics {
             graph: Graph::default(),
             steps: Steps::new(steps.len(), vehicles),
             forced_advances: 0,
-            membership: Membership::new(vehicles),
+            membership: Membership::new(vehicles, scenario.network.fade_m.or(scenario.network.range_m)),
             transients: Transients::default(),
+            crashes: Crashes::new(vehicles),
             nearest_pair_m: None,
             separations: vec![f64::INFINITY; vehicles * vehicles],
+            collision_risk: series::Mean::default(),
             max_tilt_rad: 0.0,
             stick_square: series::Mean::default(),
             effort: vec![Effort::default(); vehicles],
@@ -263,7 +287,8 @@ impl Metrics {
         self.membership.observe(t_s, vehicles);
         self.steps.observe(t_s, vehicles);
         self.alignment.observe(t_s, vehicles);
-        self.graph.observe(t_s, vehicles);
+        self.graph.observe(t_s, vehicles, self.alignment.directions());
+        self.crashes.observe(vehicles);
         self.observe_members(t_s, vehicles);
         self.observe_pairs(vehicles);
         self.observe_effort(dt_s, vehicles);
@@ -288,7 +313,9 @@ impl Metrics {
 
     /// Age of one peer's word at one step, s, by the receiver's clock; of a peer that is not lost.
     pub fn observe_age(&mut self, age_s: f64) {
-        self.ages.add(age_s);
+        if !self.is_central {
+            self.ages.add(age_s);
+        }
     }
 
     /// Time from one frame's arrival to its last control, µs.
@@ -382,7 +409,7 @@ impl Metrics {
         let count = self.radial.len();
         let has_path = self.shapes.iter().any(|shape| shape.path_ends.is_some());
         let counts = !self.is_flock || !has_path || self.following.has_begun;
-        let mut nearest_square = f64::INFINITY;
+        let (mut nearest_square, mut colliding) = (f64::INFINITY, 0_u32);
         for (nth, one) in vehicles.iter().enumerate() {
             for other in &vehicles[..nth] {
                 if one.truth.height_m <= AIRBORNE_ABOVE_M || other.truth.height_m <= AIRBORNE_ABOVE_M {
@@ -390,6 +417,7 @@ impl Metrics {
                 }
                 let square = (one.truth.position - other.truth.position).norm_squared();
                 nearest_square = nearest_square.min(square);
+                colliding += u32::from(square < COLLISION_M * COLLISION_M);
                 let (low, high) = (index(one.id).min(index(other.id)), index(one.id).max(index(other.id)));
                 if let Some(least) = self.separations.get_mut(low * count + high).filter(|_| counts) {
                     *least = least.min(square);
@@ -397,7 +425,15 @@ impl Metrics {
             }
         }
         self.nearest_pair_m = nearest_square.is_finite().then(|| nearest_square.sqrt());
+        if counts && count > 1 {
+            self.collision_risk.add(f64::from(colliding) / pairs(count));
+        }
     }
+}
+
+/// How many pairs so many vehicles make.
+fn pairs(vehicles: usize) -> f64 {
+    (vehicles * vehicles.saturating_sub(1) / 2) as f64
 }
 
 /// Where the vehicle stands in tables that are in the order of ids.

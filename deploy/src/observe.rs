@@ -7,6 +7,7 @@ use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::time::Instant;
 
+use skein_agent::link::seal::{Checker, OrderKey, Sealer, most_said_run};
 use skein_agent::link::{self, LinkError};
 use skein_common::id::{SwarmName, VehicleId};
 use skein_common::message::{self, Event, Health, Message, Mission, Order, Trace};
@@ -16,6 +17,8 @@ use zenoh::qos::{CongestionControl, Priority};
 use zenoh::sample::{Locality, Sample, SampleKind};
 
 use crate::clock;
+use crate::error::Error;
+use crate::reach::Reach;
 
 /// What waits to be read; what comes on top is dropped and counted. Two seconds of 250 vehicles.
 const QUEUE: usize = 25_000;
@@ -66,6 +69,10 @@ pub struct Observer {
     inbox: Receiver<(Heard, Instant)>,
     dropped: Arc<Dropped>,
     vehicles: BTreeMap<VehicleId, Seen>,
+    swarm: SwarmName,
+    /// Tells which orders are an operator's, where they are sealed.
+    orders: Option<Checker>,
+    sealer: Option<Arc<Sealer>>,
 }
 
 /// Why nothing can be observed.
@@ -79,13 +86,22 @@ pub enum ObserveError {
     Zenoh(#[from] zenoh::Error),
 }
 
+impl From<ObserveError> for Error {
+    fn from(error: ObserveError) -> Self {
+        match &error {
+            ObserveError::Link(fault) if fault.is_the_users() => Self::Refused(error.to_string()),
+            _ => Self::Failed(error.to_string()),
+        }
+    }
+}
+
 impl Observer {
-    /// Listens to this swarm, whose agents are dialled at these endpoints; those that are not there yet are tried again.
+    /// Listens to this swarm; agents that are not there yet are dialled again and again.
     ///
     /// # Errors
-    /// If Zenoh refuses.
-    pub fn open(swarm: &SwarmName, agents: &[String]) -> Result<Self, ObserveError> {
-        let session = link::open(swarm, &[], agents)?;
+    /// If a key is none, or Zenoh refuses.
+    pub fn open(reach: &Reach) -> Result<Self, ObserveError> {
+        let session = link::open(&reach.swarm, &[], &reach.all(), &reach.security)?;
         let (sender, inbox) = sync_channel(QUEUE);
         let dropped = Arc::new(Dropped::default());
         let ear = Ear { sender, dropped: dropped.clone() };
@@ -95,15 +111,22 @@ impl Observer {
         ear.subscribe(&session, topic::all::EVENTS, Heard::Event)?;
         let alive = move |sample: Sample| ear.hear_token(&sample);
         session.liveliness().declare_subscriber(topic::all::ALIVE).history(true).callback(alive).background().wait()?;
-        Ok(Self { session, inbox, dropped, vehicles: BTreeMap::new() })
+        let (swarm, sealer) = (reach.swarm.clone(), reach.sealer.clone());
+        let orders = reach.orders_key.map(|key| Checker::new(OrderKey::from(key), swarm.clone()));
+        Ok(Self { session, inbox, dropped, vehicles: BTreeMap::new(), swarm, orders, sealer })
     }
 
     /// Everything heard since the last call, in order; takes it up in [`Self::vehicles`]. Never waits.
     pub fn poll(&mut self) -> Vec<Heard> {
+        self.poll_timed().into_iter().map(|(heard, _)| heard).collect()
+    }
+
+    /// As [`Self::poll`], with when it came.
+    pub fn poll_timed(&mut self) -> Vec<(Heard, Instant)> {
         let mut all = Vec::new();
         while let Ok((heard, at)) = self.inbox.try_recv() {
             if take_up(&mut self.vehicles, &heard, at) {
-                all.push(heard);
+                all.push((heard, at));
             }
         }
         all
@@ -120,10 +143,26 @@ impl Observer {
         undecodable.load(Relaxed) + forged.load(Relaxed) + overflow.load(Relaxed)
     }
 
+    /// The run that most of the vehicles are in; 0 where none is counted.
+    pub fn run(&self) -> u64 {
+        most_said_run(self.vehicles.values().filter_map(|seen| Some(seen.mission?.run)))
+    }
+
+    /// The order that a vehicle repeats, if it is an operator's: where orders are sealed, anybody can make one up, but no seal.
+    pub fn order_of(&self, seen: &Seen) -> Option<Order> {
+        let is_sealed = |order: &Order| self.orders.as_ref().is_none_or(|orders| orders.is_sealed(self.run(), order));
+        seen.mission?.order.filter(is_sealed)
+    }
+
     /// One more than the largest epoch of any order that was heard of.
     pub fn next_epoch(&self) -> u64 {
-        let orders = self.vehicles.values().filter_map(|seen| seen.mission?.order);
+        let orders = self.vehicles.values().filter_map(|seen| self.order_of(seen));
         orders.map(|order| order.epoch).max().unwrap_or(0).saturating_add(1)
+    }
+
+    /// The order as the swarm believes it: where orders are sealed, with a seal, if this is an operator's PC.
+    pub fn sealed(&self, order: Order) -> Order {
+        self.sealer.as_ref().map_or(order, |sealer| sealer.seal(&self.swarm, self.run(), order))
     }
 
     /// Says an order to whoever can be reached now. It is a register: saying it again changes nothing.
@@ -235,12 +274,15 @@ fn take_up(vehicles: &mut BTreeMap<VehicleId, Seen>, heard: &Heard, at: Instant)
 
 #[cfg(test)]
 mod tests {
+    use ring::rand::SystemRandom;
+    use ring::signature::{Ed25519KeyPair, KeyPair};
     use skein_common::id::Incarnation;
     use skein_common::message::{Happening, Header, Verb};
     use skein_common::state::Membership;
     use skein_common::time::SenderStamp;
 
     use super::*;
+    use crate::reach::Flown;
 
     fn mission(sender: u8, life: u64, sequence: u64) -> Mission {
         Mission {
@@ -255,7 +297,8 @@ mod tests {
             step: 0,
             reached: None,
             progress_m: 0.0,
-            order: Some(Order { epoch: sequence, issuer: 1, verb: Verb::Hold }),
+            run: 0,
+            order: Some(Order { epoch: sequence, issuer: 1, verb: Verb::Hold, seal: None }),
         }
     }
 
@@ -293,5 +336,40 @@ mod tests {
             assert!(take_up(&mut vehicles, &heard, clock::now()));
             assert_eq!(vehicles[&id].alive, alive);
         }
+    }
+
+    #[test]
+    fn an_order_that_somebody_has_made_up_counts_for_nothing() {
+        let key = Ed25519KeyPair::generate_pkcs8(&SystemRandom::new()).unwrap();
+        let sealer = Arc::new(Sealer::from_pkcs8(key.as_ref()).unwrap());
+        let swarm = SwarmName::new(format!("observe-{}", std::process::id())).unwrap();
+        let mut public = [0; 32];
+        public.copy_from_slice(Ed25519KeyPair::from_pkcs8(key.as_ref()).unwrap().public_key().as_ref());
+        let scenario = Flown::Text(String::new());
+        let plain = Reach::plain(swarm.clone(), BTreeMap::new(), scenario);
+        let sealed = Reach { orders_key: Some(public), sealer: Some(sealer.clone()), ..plain.clone() };
+        let order = |epoch| Order { epoch, issuer: 1, verb: Verb::Hold, seal: None };
+        // The run that most are in; and what each of them repeats.
+        let said = [
+            (1, 7, sealer.seal(&swarm, 7, order(3))),
+            (2, 7, order(u64::MAX - 1)),
+            (3, 6, sealer.seal(&swarm, 6, order(50))),
+        ];
+        let observe = |reach: &Reach| {
+            let mut observer = Observer::open(reach).unwrap();
+            for (sender, run, order) in said {
+                let mission = Mission { run, order: Some(order), ..mission(sender, 1, 1) };
+                take_up(&mut observer.vehicles, &Heard::Mission(mission), clock::now());
+            }
+            observer
+        };
+        let observer = observe(&sealed);
+        assert_eq!((observer.run(), observer.next_epoch()), (7, 4));
+        let given = observer.sealed(order(4));
+        assert!(OrderKey::from(public).has_sealed(&swarm, 7, &given));
+        let seen = Seen { mission: Some(Mission { order: Some(given), ..mission(1, 1, 2) }), ..Seen::default() };
+        assert_eq!(observer.order_of(&seen), Some(given));
+        let anybody = observe(&plain);
+        assert_eq!((anybody.next_epoch(), anybody.sealed(order(4))), (u64::MAX, order(4)), "where nothing is sealed");
     }
 }

@@ -4,13 +4,14 @@
 use std::hash::{BuildHasher, RandomState};
 use std::time::{Duration, Instant};
 
-use skein_common::id::{SwarmName, VehicleId};
+use skein_agent::link::security::Role;
+use skein_common::id::VehicleId;
 use skein_common::message::{Order, Verb};
 
 use crate::clock;
-use crate::endpoints::{self, Endpoints};
 use crate::error::Error;
 use crate::observe::{Observer, Seen};
+use crate::reach::{Reach, SwarmArgs};
 
 /// An agent says its register five times a second; whoever is silent this long is not there.
 const LISTEN: Duration = Duration::from_millis(1500);
@@ -25,9 +26,9 @@ pub struct OrderArgs {
     /// What the swarm is to do
     #[command(subcommand)]
     pub verb: VerbArg,
-    /// The swarm; not needed if only one flies here
-    #[arg(long, global = true, value_name = "NAME", value_parser = |text: &str| SwarmName::new(text))]
-    pub swarm: Option<SwarmName>,
+    /// Whom to order.
+    #[command(flatten)]
+    pub swarm: SwarmArgs,
 }
 
 /// What an operator can ask for.
@@ -63,12 +64,11 @@ impl From<VerbArg> for Verb {
 /// # Errors
 /// If no swarm is there, or not every vehicle that is heard takes the order.
 pub fn run(args: &OrderArgs) -> Result<(), Error> {
-    let endpoints = endpoints::find(&endpoints::folder(), args.swarm.as_ref())?;
-    let observer = Observer::open(&endpoints.swarm, &endpoints.all());
-    let mut observer = observer.map_err(|error| Error::Failed(error.to_string()))?;
-    listen(&mut observer, &endpoints);
+    let reach = args.swarm.reach(Role::Operator)?;
+    let mut observer = Observer::open(&reach)?;
+    listen(&mut observer, &reach);
     if speakers(&observer).next().is_none() {
-        return Err(Error::Failed(format!("nobody of the swarm {} answers", endpoints.swarm)));
+        return Err(Error::Failed(format!("nobody of the swarm {} answers", reach.swarm)));
     }
     let order = new(&observer, args.verb.into());
     let (taken, deaf) = give(&mut observer, &order)?;
@@ -82,13 +82,14 @@ pub fn run(args: &OrderArgs) -> Result<(), Error> {
 /// An order larger than all that were heard of, by an issuer whom nobody else is.
 pub fn new(observer: &Observer, verb: Verb) -> Order {
     // The standard library's only source of randomness is the seed of its hashes.
-    Order { epoch: observer.next_epoch(), issuer: RandomState::new().hash_one(std::process::id()), verb }
+    let issuer = RandomState::new().hash_one(std::process::id());
+    observer.sealed(Order { epoch: observer.next_epoch(), issuer, verb, seal: None })
 }
 
 /// Waits until every agent has said its register, or long enough.
-fn listen(observer: &mut Observer, endpoints: &Endpoints) {
+pub fn listen(observer: &mut Observer, reach: &Reach) {
     let until = clock::now() + LISTEN;
-    while clock::now() < until && speakers(observer).count() < endpoints.agents.len() {
+    while clock::now() < until && speakers(observer).count() < reach.agents.len() {
         clock::sleep(Duration::from_millis(20));
         observer.poll();
     }
@@ -100,18 +101,21 @@ fn speakers(observer: &Observer) -> impl Iterator<Item = VehicleId> {
 }
 
 /// Says the order until everybody who is there has taken it, or long enough. Gives who has, and who has not.
-fn give(observer: &mut Observer, order: &Order) -> Result<(Vec<VehicleId>, Vec<VehicleId>), Error> {
+///
+/// # Errors
+/// If Zenoh refuses.
+pub fn give(observer: &mut Observer, order: &Order) -> Result<(Vec<VehicleId>, Vec<VehicleId>), Error> {
     let until = clock::now() + SPREAD;
     let mut next: Option<Instant> = None;
     loop {
         let now = clock::now();
         if next.is_none_or(|next| now >= next) {
-            observer.order(order).map_err(|error| Error::Failed(error.to_string()))?;
+            observer.order(order)?;
             next = Some(now + REPEAT);
         }
         clock::sleep(Duration::from_millis(20));
         observer.poll();
-        let has_taken = |seen: &Seen| seen.mission.is_some_and(|said| said.order >= Some(*order));
+        let has_taken = |seen: &Seen| observer.order_of(seen) >= Some(*order);
         let ids = |wanted: fn(bool, bool) -> bool| {
             let vehicles = observer.vehicles().iter();
             vehicles.filter(|(_, seen)| wanted(has_taken(seen), seen.alive)).map(|(id, _)| *id).collect::<Vec<_>>()

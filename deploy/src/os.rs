@@ -1,7 +1,8 @@
-//! What differs between operating systems: signals, process groups, whose a folder is. Elsewhere than on Unix a plain
-//! alternative serves.
+//! What differs between operating systems: signals, process groups, modes and owners of files. Elsewhere than on Unix a plain
+//! alternative serves, or says that it cannot be done there.
 
-use std::io;
+use std::fs::{self, File};
+use std::io::{self, Write};
 use std::path::Path;
 use std::process::{Child, Command, ExitStatus};
 use std::sync::Arc;
@@ -75,23 +76,137 @@ pub fn private_folder(path: &Path) -> io::Result<()> {
     imp::private_folder(path)
 }
 
+/// Whether nobody but its owner may do anything with this file or folder.
+///
+/// # Errors
+/// If it is not there or may not be looked at.
+pub fn is_private(path: &Path) -> io::Result<bool> {
+    imp::is_private(path)
+}
+
+/// Writes a file whole or not at all, so that whoever reads it meanwhile reads the one before. A secret one is its owner's only
+/// from the first byte on.
+///
+/// # Errors
+/// If it cannot be written.
+pub fn write_whole(path: &Path, content: &[u8], is_secret: bool) -> io::Result<()> {
+    let mut name = path.file_name().ok_or(io::ErrorKind::InvalidInput)?.to_owned();
+    name.push(format!(".{}.draft", std::process::id()));
+    let draft = path.with_file_name(name);
+    let written = imp::create(&draft, is_secret).and_then(|mut file| {
+        file.write_all(content)?;
+        file.sync_all()?;
+        fs::rename(&draft, path)
+    });
+    if written.is_err() {
+        // What is left behind is not taken for the file.
+        let _ = fs::remove_file(&draft);
+    }
+    written
+}
+
 /// Names the user in a file's name.
 pub fn user_name() -> String {
     imp::user_name()
 }
 
+/// Whether this is the system's administrator.
+pub fn is_root() -> bool {
+    imp::is_root()
+}
+
+/// Makes this folder and those above it that are missing, for nobody but this user.
+///
+/// # Errors
+/// If the system refuses.
+pub fn make_private(path: &Path) -> io::Result<()> {
+    imp::make_private(path)
+}
+
+/// Says who may do what with a file: the lowest nine bits.
+///
+/// # Errors
+/// If the system refuses.
+pub fn set_mode(path: &Path, mode: u32) -> io::Result<()> {
+    imp::set_mode(path, mode)
+}
+
+/// Who may do what with a file: the lowest nine bits.
+///
+/// # Errors
+/// If it cannot be told.
+pub fn mode(path: &Path) -> io::Result<u32> {
+    imp::mode(path)
+}
+
+/// Makes a link to a path, which it keeps as it is given.
+///
+/// # Errors
+/// If there is something already, or such links are not had here.
+pub fn symlink(to: &Path, link: &Path) -> io::Result<()> {
+    imp::symlink(to, link)
+}
+
+/// Whether this open file is still the one at this path.
+pub fn is_file_at(file: &File, path: &Path) -> bool {
+    imp::is_file_at(file, path)
+}
+
+/// Space that this user has left in the file system of a path, bytes.
+///
+/// # Errors
+/// If there is nothing at this path.
+pub fn free_bytes(path: &Path) -> io::Result<u64> {
+    imp::free_bytes(path)
+}
+
+/// Whether a process of this number runs.
+pub fn is_running(pid: u32) -> bool {
+    imp::is_running(pid)
+}
+
+/// Asks a process to end, SIGTERM.
+pub fn ask_to_end(pid: u32) {
+    imp::ask_to_end(pid);
+}
+
+/// Ends a process at once.
+pub fn kill(pid: u32) {
+    imp::kill(pid);
+}
+
+/// From now on the end of the session that this process was started in is nothing to it.
+pub fn leave_session() {
+    imp::leave_session();
+}
+
+/// This process becomes another program, under its number. Comes back only if it cannot.
+pub fn become_program(command: &mut Command) -> io::Error {
+    imp::become_program(command)
+}
+
+/// What every process of this host reads on the same clock, which nobody sets, s.
+pub fn uptime_s() -> f64 {
+    imp::uptime_s()
+}
+
+/// Processor time that this process has taken so far, all its threads together, s; `None` where the system does not tell.
+pub fn cpu_s() -> Option<f64> {
+    imp::cpu_s()
+}
+
 #[cfg(unix)]
 mod imp {
-    use std::fs;
+    use std::fs::{self, File, OpenOptions};
     use std::io;
-    use std::os::unix::fs::{DirBuilderExt, MetadataExt};
+    use std::os::unix::fs::{DirBuilderExt, MetadataExt, OpenOptionsExt, PermissionsExt};
     use std::os::unix::process::{CommandExt, ExitStatusExt};
     use std::path::Path;
     use std::process::{Child, Command, ExitStatus};
     use std::sync::Arc;
     use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
-    use rustix::process::{Pid, Signal, kill_process};
+    use rustix::process::{Pid, Signal, kill_process, test_kill_process};
     use tokio::signal::unix::SignalKind;
 
     pub(super) fn on_interrupt(count: &Arc<AtomicU32>) -> io::Result<()> {
@@ -134,13 +249,95 @@ mod imp {
         Err(io::Error::new(io::ErrorKind::PermissionDenied, format!("{} is not this user's folder", path.display())))
     }
 
+    pub(super) fn is_private(path: &Path) -> io::Result<bool> {
+        Ok(fs::metadata(path)?.mode() & 0o077 == 0)
+    }
+
+    pub(super) fn create(path: &Path, is_secret: bool) -> io::Result<File> {
+        let mode = if is_secret { 0o600 } else { 0o644 };
+        // One that a process of this number left behind has another mode, perhaps.
+        match fs::remove_file(path) {
+            Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(error),
+            _ => {}
+        }
+        OpenOptions::new().write(true).create_new(true).mode(mode).open(path)
+    }
+
     pub(super) fn user_name() -> String {
         rustix::process::getuid().as_raw().to_string()
+    }
+
+    pub(super) fn is_root() -> bool {
+        rustix::process::geteuid().is_root()
+    }
+
+    pub(super) fn make_private(path: &Path) -> io::Result<()> {
+        fs::DirBuilder::new().recursive(true).mode(0o700).create(path)
+    }
+
+    pub(super) fn set_mode(path: &Path, mode: u32) -> io::Result<()> {
+        fs::set_permissions(path, fs::Permissions::from_mode(mode))
+    }
+
+    pub(super) fn mode(path: &Path) -> io::Result<u32> {
+        Ok(fs::metadata(path)?.mode() & 0o777)
+    }
+
+    pub(super) fn symlink(to: &Path, link: &Path) -> io::Result<()> {
+        std::os::unix::fs::symlink(to, link)
+    }
+
+    pub(super) fn is_file_at(file: &File, path: &Path) -> bool {
+        let both = file.metadata().and_then(|open| Ok((open, fs::metadata(path)?)));
+        both.is_ok_and(|(open, there)| (open.dev(), open.ino()) == (there.dev(), there.ino()))
+    }
+
+    pub(super) fn free_bytes(path: &Path) -> io::Result<u64> {
+        let told = rustix::fs::statvfs(path)?;
+        Ok(told.f_bavail.saturating_mul(told.f_frsize))
+    }
+
+    fn process(pid: u32) -> Option<Pid> {
+        i32::try_from(pid).ok().and_then(Pid::from_raw)
+    }
+
+    pub(super) fn is_running(pid: u32) -> bool {
+        // Somebody else's process runs too.
+        let told = process(pid).map(test_kill_process);
+        matches!(told, Some(Ok(()) | Err(rustix::io::Errno::PERM)))
+    }
+
+    pub(super) fn ask_to_end(pid: u32) {
+        let _ = process(pid).map(|pid| kill_process(pid, Signal::TERM));
+    }
+
+    pub(super) fn kill(pid: u32) {
+        let _ = process(pid).map(|pid| kill_process(pid, Signal::KILL));
+    }
+
+    pub(super) fn leave_session() {
+        // One that leads a group already has none to leave.
+        let _ = rustix::process::setsid();
+    }
+
+    pub(super) fn become_program(command: &mut Command) -> io::Error {
+        command.exec()
+    }
+
+    pub(super) fn uptime_s() -> f64 {
+        let time = rustix::time::clock_gettime(rustix::time::ClockId::Monotonic);
+        time.tv_sec as f64 + time.tv_nsec as f64 * 1e-9
+    }
+
+    pub(super) fn cpu_s() -> Option<f64> {
+        let time = rustix::time::clock_gettime(rustix::time::ClockId::ProcessCPUTime);
+        Some(time.tv_sec as f64 + time.tv_nsec as f64 * 1e-9)
     }
 }
 
 #[cfg(not(unix))]
 mod imp {
+    use std::fs::File;
     use std::io;
     use std::path::Path;
     use std::process::{Child, Command, ExitStatus};
@@ -171,8 +368,66 @@ mod imp {
         std::fs::create_dir_all(path)
     }
 
+    pub(super) fn is_private(path: &Path) -> io::Result<bool> {
+        std::fs::metadata(path).map(|_| true)
+    }
+
+    pub(super) fn create(path: &Path, _is_secret: bool) -> io::Result<File> {
+        File::create(path)
+    }
+
     pub(super) fn user_name() -> String {
         let name = std::env::var("USERNAME").unwrap_or_default();
         name.chars().filter(char::is_ascii_alphanumeric).collect()
+    }
+
+    pub(super) fn is_root() -> bool {
+        false
+    }
+
+    pub(super) fn make_private(path: &Path) -> io::Result<()> {
+        std::fs::create_dir_all(path)
+    }
+
+    pub(super) fn set_mode(_path: &Path, _mode: u32) -> io::Result<()> {
+        Ok(())
+    }
+
+    pub(super) fn mode(_path: &Path) -> io::Result<u32> {
+        Err(io::ErrorKind::Unsupported.into())
+    }
+
+    pub(super) fn symlink(_to: &Path, _link: &Path) -> io::Result<()> {
+        Err(io::ErrorKind::Unsupported.into())
+    }
+
+    pub(super) fn is_file_at(_file: &File, _path: &Path) -> bool {
+        true
+    }
+
+    pub(super) fn free_bytes(_path: &Path) -> io::Result<u64> {
+        Err(io::ErrorKind::Unsupported.into())
+    }
+
+    pub(super) fn is_running(_pid: u32) -> bool {
+        false
+    }
+
+    pub(super) fn ask_to_end(_pid: u32) {}
+
+    pub(super) fn kill(_pid: u32) {}
+
+    pub(super) fn leave_session() {}
+
+    pub(super) fn become_program(_command: &mut Command) -> io::Error {
+        io::ErrorKind::Unsupported.into()
+    }
+
+    pub(super) fn uptime_s() -> f64 {
+        0.0
+    }
+
+    pub(super) fn cpu_s() -> Option<f64> {
+        None
     }
 }

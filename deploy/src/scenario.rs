@@ -2,11 +2,13 @@
 
 use std::collections::BTreeMap;
 use std::fs;
+use std::io;
 use std::path::{Path, PathBuf};
 
 use skein_agent::aircraft::Aircraft;
 use skein_agent::config;
 use skein_agent::control::Rules;
+use skein_agent::external;
 use skein_agent::plant::helicopter::Start;
 use skein_agent::start::starts;
 use skein_agent::supported;
@@ -15,7 +17,9 @@ use skein_common::scenario::{self, Loaded, PlantKind, Scenario, Source, load};
 use crate::error::Error;
 
 /// What flies when nobody says what.
-const HOVER: Source<'_> = Source { name: "hover.toml", text: include_str!("../scenarios/hover.toml") };
+pub(crate) const HOVER: Source<'_> = Source { name: "hover.toml", text: include_str!("../scenarios/hover.toml") };
+/// A moving centre.
+pub(crate) const FLOCK: Source<'_> = Source { name: "flock.toml", text: include_str!("../scenarios/flock.toml") };
 
 /// Which scenario.
 #[derive(Clone, Debug, Default, clap::Args)]
@@ -43,15 +47,21 @@ impl ScenarioArgs {
                 .map_err(|fault| Error::Scenario { fault: fault.into(), text: text.clone() })
         };
         let loaded = load(&sets)?;
-        match &loaded.scenario.control.rules {
-            scenario::Rules::Folder(rules) if rules.is_relative() => {
-                let rules = std::path::absolute(self.folder().join(rules));
-                let rules = rules.map_err(|error| Error::Refused(format!("control.rules: {error}")))?;
-                sets.push(format!("control.rules={}", toml::Value::String(rules.display().to_string())));
-                load(&sets)
-            }
-            _ => Ok(loaded),
+        let given = sets.len();
+        let refused = |key: &str, error: io::Error| Error::Refused(format!("{key}: {error}"));
+        if let scenario::Rules::Folder(rules) = &loaded.scenario.control.rules
+            && rules.is_relative()
+        {
+            let rules = std::path::absolute(self.folder().join(rules)).map_err(|e| refused("control.rules", e))?;
+            sets.push(format!("control.rules={}", toml::Value::String(rules.display().to_string())));
         }
+        if let Some(command) = &loaded.scenario.formation.external.command {
+            let key = "formation.external.command";
+            let resolved = external::resolve(command, self.folder()).map_err(|error| refused(key, error))?;
+            let changed = (resolved != *command).then(|| format!("{key}={}", toml::Value::from(resolved)));
+            sets.extend(changed);
+        }
+        if sets.len() > given { load(&sets) } else { Ok(loaded) }
     }
 
     /// Makes sure that agents of this build can fly the scenario, as [`ScenarioArgs::read`] gave it.
@@ -60,6 +70,15 @@ impl ScenarioArgs {
     /// A sentence that says what stands against it.
     pub fn ready(&self, scenario: &Scenario) -> Result<Ready, Error> {
         ready(scenario, self.folder()).map_err(|why| Error::Refused(format!("{}: {why}", self.name())))
+    }
+
+    /// As [`Self::ready`], for a flight in real time.
+    ///
+    /// # Errors
+    /// A sentence that says what stands against it.
+    pub fn ready_live(&self, scenario: &Scenario) -> Result<Ready, Error> {
+        supported::check_live(scenario).map_err(|why| Error::Refused(format!("{}: {why}", self.name())))?;
+        self.ready(scenario)
     }
 
     /// The folder that the file's paths start from.
@@ -87,8 +106,9 @@ pub struct Ready {
 }
 
 /// Makes sure that agents of this build can fly the scenario, whose paths start from `folder`.
-fn ready(scenario: &Scenario, folder: &Path) -> Result<Ready, String> {
+pub(crate) fn ready(scenario: &Scenario, folder: &Path) -> Result<Ready, String> {
     supported::check(scenario).map_err(|error| error.to_string())?;
+    external::Way::of(scenario).map_err(|error| error.to_string())?;
     let (mut aircraft, mut aircraft_files) = (Vec::new(), BTreeMap::new());
     for vehicle in &scenario.vehicle {
         let (id, name) = (vehicle.id, &vehicle.aircraft);
@@ -113,7 +133,7 @@ mod tests {
 
     fn refused(set: &str) -> String {
         let args = ScenarioArgs::default();
-        args.ready(&args.read(vec![set.to_owned()]).unwrap().scenario).unwrap_err().to_string()
+        args.ready_live(&args.read(vec![set.to_owned()]).unwrap().scenario).unwrap_err().to_string()
     }
 
     #[test]
@@ -132,10 +152,18 @@ mod tests {
 
     #[test]
     fn what_is_not_flown_is_refused() {
-        assert!(refused("formation.law=vasarhelyi").contains("not flown yet"));
+        assert!(refused("network.state_json_hz=1").contains("not flown yet"));
         let unknown = refused("vehicle.3.aircraft=r22");
         assert!(unknown.starts_with("hover.toml: vehicle 3: no aircraft \"r22\" (cannot read r22.toml"), "{unknown}");
         assert!(unknown.ends_with("with the program come xcell60"), "{unknown}");
+    }
+
+    #[test]
+    fn one_control_machine_flies_only_in_a_study() {
+        let refused = refused("control.mode=central");
+        assert_eq!(refused, "hover.toml: control.mode = \"central\" is flown only in a study");
+        let args = ScenarioArgs::default();
+        assert!(args.ready(&args.read(vec!["control.mode=central".to_owned()]).unwrap().scenario).is_ok());
     }
 
     #[test]

@@ -4,18 +4,21 @@
 //! does not depend on how many at once.
 
 mod command;
+pub mod laws;
+mod measured;
+pub mod plan;
+mod progress;
+mod recorded;
 mod summary;
+pub mod sweep;
+mod table;
 pub mod world;
 
-use std::fs;
-use std::io::IsTerminal;
 use std::num::NonZeroUsize;
 use std::ops::Range;
-use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use skein_agent::aircraft::Aircraft;
 use skein_agent::control::Rules;
 use skein_agent::peers::FRESH_S;
@@ -27,10 +30,13 @@ use skein_common::scenario::{Scenario, Target};
 use skein_common::state::{Membership, Standing};
 
 use crate::clock::now;
-use crate::error::Error;
 use crate::metrics::{Metrics, Report, Run, VehicleNow, Wall};
+use crate::recording::Watch;
 pub use command::{StudyArgs, run};
-pub use summary::{Summary, summarize};
+use laws::{LawError, LawPool};
+pub use measured::{Measured, Outcome, is_worse, worst_and_median};
+pub use summary::{Figure, PointSummary, Summary, summarize, summary};
+pub use table::rounded;
 use world::World;
 
 /// Virtual time after which joining has failed, s.
@@ -51,6 +57,9 @@ pub enum StudyError {
     /// This vehicle's aircraft has no flight model.
     #[error("vehicle {0}: its aircraft has no [helicopter] table, so only X-Plane can fly it")]
     NoModel(VehicleId),
+    /// An external law.
+    #[error(transparent)]
+    Law(#[from] LawError),
     /// Not everybody became active.
     #[error("not everybody takes part after {JOIN_LIMIT_S} s")]
     NeverActive,
@@ -65,34 +74,55 @@ pub struct Study {
     pub aircraft: Vec<Aircraft>,
     /// The controllers' rules.
     pub rules: Rules,
+    /// Where external laws wait for their next run.
+    pub laws: LawPool,
 }
 
 impl Study {
     /// Flies one seed from the ground to the end of the window, or of the mission if that is earlier.
     ///
     /// # Errors
-    /// If the scenario is not flown, or not everybody joins.
+    /// If the scenario is not flown, not everybody joins, or an external law is silent or gone.
     pub fn fly(&self, seed: u64) -> Result<Report, StudyError> {
+        self.fly_watched(seed, None)
+    }
+
+    /// As [`Self::fly`], with somebody looking on at this rate, Hz. That changes nothing of the flight.
+    ///
+    /// # Errors
+    /// As [`Self::fly`].
+    pub fn fly_watched(&self, seed: u64, mut watch: Option<(&mut dyn Watch, f64)>) -> Result<Report, StudyError> {
         let started = now();
         let scenario = Scenario { seed, ..self.scenario.clone() };
         let mut world = World::new(&scenario, &self.aircraft, &self.rules)?;
+        let mut laws = self.laws.hire(&scenario)?;
         let mut metrics = Metrics::new(&scenario, Run::new(&scenario, "study"));
+        let mut tick_with_laws = |world: &mut World| {
+            world.tick();
+            laws.as_mut().map_or(Ok(()), |laws| laws.serve(world))
+        };
         while !world.all_active() {
             if world.t_s() > JOIN_LIMIT_S {
                 return Err(StudyError::NeverActive);
             }
-            world.tick();
+            tick_with_laws(&mut world)?;
         }
         let zero_s = world.t_s();
         let mut vehicles = Vec::with_capacity(scenario.swarm.vehicles);
-        for _ in 0..(longest_s(&scenario) / TICK_S).round() as u64 {
-            world.tick();
+        for tick in 0..(longest_s(&scenario) / TICK_S).round() as u64 {
+            tick_with_laws(&mut world)?;
             measure(&world, zero_s, &mut metrics, &mut vehicles);
+            if let Some((watch, rate_hz)) = &mut watch {
+                let every = (1.0 / (TICK_S * *rate_hz)).round().max(1.0) as u64;
+                show(&mut world, zero_s, *watch, tick % every == 0);
+            }
             if world.has_finished() {
                 break;
             }
         }
         metrics.count(world.totals());
+        // Laws of a run that failed are not kept.
+        laws.into_iter().for_each(|laws| self.laws.keep(laws));
         let wall_s = now().duration_since(started).as_secs_f64();
         Ok(metrics.report(Wall { wall_s, real_time_factor: world.t_s() / wall_s.max(1e-9) }))
     }
@@ -104,29 +134,46 @@ impl Study {
         jobs: NonZeroUsize,
         done: impl Fn(&Report) + Sync,
     ) -> Result<Vec<Report>, StudyError> {
-        let seeds: Vec<u64> = seeds.collect();
-        let next = AtomicUsize::new(0);
-        let reports = Mutex::new(Vec::with_capacity(seeds.len()));
-        std::thread::scope(|scope| {
-            for _ in 0..jobs.get().min(seeds.len()) {
-                scope.spawn(|| {
-                    while let Some(&seed) = seeds.get(next.fetch_add(1, Ordering::Relaxed)) {
-                        let flown = self.fly(seed);
-                        if let Ok(report) = &flown {
-                            done(report);
-                        } else {
-                            // Nobody needs the seeds that are left.
-                            next.store(seeds.len(), Ordering::Relaxed);
-                        }
-                        reports.lock().unwrap_or_else(|poisoned| poisoned.into_inner()).push((seed, flown));
-                    }
-                });
-            }
-        });
-        let mut reports = reports.into_inner().unwrap_or_else(|poisoned| poisoned.into_inner());
-        reports.sort_by_key(|(seed, _)| *seed);
-        reports.into_iter().map(|(_, flown)| flown).collect()
+        in_parallel((seeds.end - seeds.start) as usize, jobs, |nth| {
+            let report = self.fly(seeds.start + nth as u64)?;
+            done(&report);
+            Ok(report)
+        })
     }
+}
+
+/// What `work` gives for 0 to `count` - 1, in this order, `jobs` at a time.
+///
+/// # Errors
+/// Its first error. Nothing is begun after one.
+pub fn in_parallel<T: Send, E: Send>(
+    count: usize,
+    jobs: NonZeroUsize,
+    work: impl Fn(usize) -> Result<T, E> + Sync,
+) -> Result<Vec<T>, E> {
+    let next = AtomicUsize::new(0);
+    let done = Mutex::new(Vec::with_capacity(count));
+    std::thread::scope(|scope| {
+        for _ in 0..jobs.get().min(count) {
+            scope.spawn(|| {
+                loop {
+                    let nth = next.fetch_add(1, Ordering::Relaxed);
+                    if nth >= count {
+                        return;
+                    }
+                    let given = work(nth);
+                    if given.is_err() {
+                        // Nobody needs those that are left.
+                        next.store(count, Ordering::Relaxed);
+                    }
+                    done.lock().unwrap_or_else(|poisoned| poisoned.into_inner()).push((nth, given));
+                }
+            });
+        }
+    });
+    let mut done = done.into_inner().unwrap_or_else(|poisoned| poisoned.into_inner());
+    done.sort_by_key(|(nth, _)| *nth);
+    done.into_iter().map(|(_, given)| given).collect()
 }
 
 /// The window's length if the mission does not end it, s.
@@ -134,6 +181,16 @@ fn longest_s(scenario: &Scenario) -> f64 {
     let last = scenario.mission.steps.last().map(|step| &step.target);
     let ends = matches!(last, Some(Target::Land(_)));
     scenario.duration_s.unwrap_or(if ends { LONGEST_MISSION_S } else { DEFAULT_DURATION_S })
+}
+
+/// Shows the world's last tick to somebody who looks on; the vehicles' steps only if they are `due`.
+fn show(world: &mut World, zero_s: f64, watch: &mut dyn Watch, due: bool) {
+    let t_s = world.t_s() - zero_s;
+    world.incidents().iter().for_each(|incident| watch.incident(t_s, incident));
+    world.happened().iter().for_each(|(speaker, what)| watch.happened(t_s, *speaker, what));
+    if due {
+        world.traces().for_each(|trace| watch.step(t_s, &trace));
+    }
 }
 
 /// Hands the world's last tick to the metrics; `vehicles` is only room to work in.
@@ -165,34 +222,4 @@ pub fn measure(world: &World, zero_s: f64, metrics: &mut Metrics, vehicles: &mut
         vehicles.push(vehicle);
     }
     metrics.observe(t_s, vehicles);
-}
-
-/// Writes a study: `scenario.toml` and `metrics.json` of every run, and of the whole `runs.csv` and `summary.json`.
-/// `as_flown` gives the complete scenario file of a seed.
-pub fn write(out: &Path, as_flown: impl Fn(u64) -> Result<String, Error>, reports: &[Report]) -> Result<(), Error> {
-    let to = |path: PathBuf, text: String| {
-        let parent = path.parent().map_or(Ok(()), fs::create_dir_all);
-        let written = parent.and_then(|()| fs::write(&path, text));
-        written.map_err(|error| Error::Failed(format!("{}: {error}", path.display())))
-    };
-    for report in reports {
-        let folder = match reports {
-            [_] => out.to_owned(),
-            _ => out.join(format!("seed-{}", report.run.seed)),
-        };
-        to(folder.join("scenario.toml"), as_flown(report.run.seed)?)?;
-        to(folder.join("metrics.json"), crate::json(report))?;
-    }
-    to(out.join("runs.csv"), summary::csv(reports))?;
-    to(out.join("summary.json"), crate::json(&summarize(reports)))
-}
-
-/// A bar on a terminal, silence elsewhere.
-pub fn progress(runs: u64) -> ProgressBar {
-    let bar = ProgressBar::with_draw_target(Some(runs), ProgressDrawTarget::stderr());
-    if !std::io::stderr().is_terminal() {
-        bar.set_draw_target(ProgressDrawTarget::hidden());
-    }
-    let style = ProgressStyle::with_template("{bar:40} {pos}/{len} runs, {elapsed} gone, {eta} left {msg}");
-    bar.with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()))
 }

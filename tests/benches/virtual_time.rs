@@ -9,6 +9,7 @@ use std::time::{Duration, Instant};
 use criterion::{Criterion, Throughput};
 use nalgebra::Vector2;
 use skein::study::Study;
+use skein::study::laws::LawPool;
 use skein::study::world::World;
 use skein_agent::aircraft::Aircraft;
 use skein_agent::control::{Rules, Setpoint, VehicleController};
@@ -26,7 +27,12 @@ fn hover(preset: &str) -> Study {
     let sets = [format!("preset={preset}"), "duration_s=100".to_owned()];
     let scenario = load(&Source { name: "hover.toml", text: HOVER }, &sets).expect("the shipped scenario").scenario;
     let aircraft = Aircraft::shipped("xcell60").expect("shipped").expect("well formed");
-    Study { aircraft: vec![aircraft; scenario.swarm.vehicles], scenario, rules: Rules::shipped() }
+    Study {
+        aircraft: vec![aircraft; scenario.swarm.vehicles],
+        scenario,
+        rules: Rules::shipped(),
+        laws: LawPool::default(),
+    }
 }
 
 /// One vehicle in the hover, and what its parts need.

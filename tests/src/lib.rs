@@ -1,7 +1,13 @@
 //! What the whole-swarm tests share.
 
+pub mod central;
+pub mod divergence;
 pub mod faults;
+pub mod formation_error;
 pub mod halves;
+#[cfg(target_os = "linux")]
+pub mod namespaces;
+pub mod python;
 pub mod tour;
 
 use std::ops::Range;
@@ -10,6 +16,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 use skein::metrics::AIRBORNE_ABOVE_M;
 use skein::study::Study;
+use skein::study::laws::LawPool;
 use skein::study::world::World;
 use skein_agent::aircraft::Aircraft;
 use skein_agent::control::Rules;
@@ -17,12 +24,13 @@ use skein_common::id::VehicleId;
 use skein_common::scenario::{Scenario, Source, load};
 
 /// The shipped scenarios, by name.
-pub const SHIPPED: [(&str, &str); 5] = [
+pub const SHIPPED: [(&str, &str); 6] = [
     ("hover.toml", include_str!("../../deploy/scenarios/hover.toml")),
     ("flock.toml", include_str!("../../deploy/scenarios/flock.toml")),
     ("tour.toml", include_str!("../../deploy/scenarios/tour.toml")),
     ("sinusoid.toml", include_str!("../../deploy/scenarios/sinusoid.toml")),
     ("crossing.toml", include_str!("../../deploy/scenarios/crossing.toml")),
+    ("laws.toml", include_str!("../../deploy/scenarios/laws.toml")),
 ];
 
 /// A shipped scenario with some keys set.
@@ -49,7 +57,12 @@ pub fn study(name: &str, sets: &[&str]) -> Study {
 /// If they are not well formed.
 pub fn of_scenario(scenario: Scenario) -> Study {
     let aircraft = Aircraft::shipped("xcell60").expect("it is shipped").expect("it is well formed");
-    Study { aircraft: vec![aircraft; scenario.swarm.vehicles], scenario, rules: Rules::shipped() }
+    Study {
+        aircraft: vec![aircraft; scenario.swarm.vehicles],
+        scenario,
+        rules: Rules::shipped(),
+        laws: LawPool::default(),
+    }
 }
 
 /// Every pair of which both are in the air, the smaller id first, with its distance, m.

@@ -16,7 +16,9 @@ use rustix::process::{Pid, Signal, kill_process};
 use serde_json::Value;
 use skein::endpoints;
 use skein::observe::{Heard, Observer};
-use skein_common::message::Trace;
+use skein::record;
+use skein::recording::{Track, What};
+use skein_common::message::{Happening, Trace};
 use skein_common::scenario::{Source, load};
 use skein_common::time::SenderStamp;
 use tempfile::TempDir;
@@ -97,7 +99,7 @@ impl Place {
     /// Looks on, as `fly` does.
     fn observer(&self) -> Observer {
         let endpoints = endpoints::find(&self.runtime().join("skein"), None).unwrap();
-        Observer::open(&endpoints.swarm, &endpoints.all()).unwrap()
+        Observer::open(&endpoints.into()).unwrap()
     }
 
     fn wait_until_nobody_is_left(&self) {
@@ -211,6 +213,14 @@ fn a_flight_of_twenty_seconds_leaves_its_files_and_no_process() {
     let flown_as = fs::read_to_string(place.out().join("scenario.toml")).unwrap();
     let scenario = load(&Source { name: "scenario.toml", text: &flown_as }, &[]).unwrap().scenario;
     assert_eq!((scenario.seed, scenario.duration_s, scenario.swarm.vehicles), (5, Some(20.0), 3));
+    let recording = record::read(&place.out().join(record::FILE)).unwrap();
+    assert_eq!((recording.run.seed, recording.run.target.as_str(), &recording.scenario), (5, "fly", &scenario));
+    for Track { id, steps } in &recording.tracks {
+        assert!((950..=1_001).contains(&steps.len()), "vehicle {id}: {} steps of 20 s at 50 Hz", steps.len());
+        assert!(steps[0].t_s < 0.1 && steps[steps.len() - 1].t_s > 19.8);
+        let high = recording.noted.iter().filter(|noted| noted.what == What::Said(*id, Happening::AtAltitude)).count();
+        assert_eq!(high, 1, "vehicle {id} came to its altitude once: {:#?}", recording.noted);
+    }
     for phrase in ["everybody takes part", "everybody is asked to land", "vehicle 3: landed", "vehicle 3: ended"] {
         assert!(said.contains(phrase), "{phrase:?} is missing in\n{said}");
     }
@@ -411,7 +421,7 @@ fn what_cannot_be_flown_is_refused_before_anything_is_begun() {
         (&[my], format!("{my}:4:1: unknown key `formation.raduis_m`; did you mean `formation.radius_m`?\n")),
         (&["--set", "seed=x"], "--set seed=x: `seed` has to be a whole number, not \"x\"\n".to_owned()),
         (&["--duration", "-4"], String::new()),
-        (&["--set", "formation.law=vasarhelyi"], String::new()),
+        (&["--set", "network.state_json_hz=1"], String::new()),
         (&["--plant", "builtin", "--xplane", "heli:49000"], String::new()),
     ];
     for (arguments, said) in cases {

@@ -15,7 +15,7 @@ use rand_chacha::ChaCha8Rng;
 use skein_agent::aircraft::Aircraft;
 use skein_agent::config::{Node, PlantChoice};
 use skein_agent::control::Rules;
-use skein_agent::link;
+use skein_agent::link::{self, Security};
 use skein_agent::plant::xplane::standin::{Standin, StandinOptions};
 use skein_agent::plant::xplane::wire::dref::Write as DrefWrite;
 use skein_agent::run::{self, Stop};
@@ -166,7 +166,7 @@ impl Stranger {
         self.put(Topic::State(id(1), cell), encode(&own));
         let alien = self.state(200);
         self.put(Topic::State(id(200), cell), encode(&alien));
-        let order = Order { epoch: u64::MAX, issuer: 1, verb: Verb::Land };
+        let order = Order { epoch: u64::MAX, issuer: 1, verb: Verb::Land, seal: None };
         let mission = Mission {
             header: self.header(3),
             plan: 1,
@@ -174,6 +174,7 @@ impl Stranger {
             step: MAX_STEP,
             reached: Some(MAX_STEP),
             progress_m: 1e8,
+            run: 0,
             order: Some(order),
         };
         self.put(Topic::Mission(id(3)), encode(&mission));
@@ -212,7 +213,7 @@ fn garbage_on_every_port_is_counted_and_nothing_of_it_is_believed() {
         }),
     ];
 
-    let session = link::open(&swarm, &["tcp/127.0.0.1:0".to_owned()], &[]).unwrap();
+    let session = link::open(&swarm, &["tcp/127.0.0.1:0".to_owned()], &[], &Security::Plain).unwrap();
     let locator = session.info().locators().wait()[0].to_string();
     let node = Node {
         scenario,
@@ -224,6 +225,9 @@ fn garbage_on_every_port_is_counted_and_nothing_of_it_is_believed() {
         rules: Rules::shipped(),
         plant: PlantChoice::Standin(between),
         flown_s: None,
+        security: Security::Plain,
+        orders_key: None,
+        run: 0,
     };
     let tokio = tokio::runtime::Builder::new_multi_thread().worker_threads(1).enable_all().build().unwrap();
     let stop = Arc::new(Stop::default());
@@ -232,7 +236,7 @@ fn garbage_on_every_port_is_counted_and_nothing_of_it_is_believed() {
         move || run::fly(&node, session, &stop, &handle)
     });
 
-    let strange = link::open(&swarm, &[], std::slice::from_ref(&locator)).unwrap();
+    let strange = link::open(&swarm, &[], std::slice::from_ref(&locator), &Security::Plain).unwrap();
     let healths = strange.declare_subscriber(all::HEALTH).with(FifoChannel::new(256)).wait().unwrap();
     let traces = strange.declare_subscriber(all::TRACES).with(FifoChannel::new(4096)).wait().unwrap();
     let mut stranger = Stranger { session: strange, rng: ChaCha8Rng::seed_from_u64(2), sequence: 0 };

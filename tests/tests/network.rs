@@ -36,7 +36,7 @@ impl Flight {
     fn new(sets: &[&str], events: &str) -> Self {
         let list = format!("mission.events=[{events}]");
         let sets: Vec<_> = sets.iter().copied().chain((!events.is_empty()).then_some(list.as_str())).collect();
-        let Study { scenario, aircraft, rules } = study("hover.toml", &sets);
+        let Study { scenario, aircraft, rules, .. } = study("hover.toml", &sets);
         let mut world = World::new(&scenario, &aircraft, &rules).unwrap();
         while !world.all_active() {
             world.tick();

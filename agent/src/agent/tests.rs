@@ -58,7 +58,7 @@ impl Flight {
         }
         let now = Now { plant: PlantTime::from_seconds(self.plant_s), local: LocalTime::from_seconds(self.local_s) };
         let heard: Vec<_> = words.iter().map(|&word| Heard { word, at: now.local }).collect();
-        self.agent.step(now, &Inputs { measurement, heard: &heard, leave: false })
+        self.agent.step(now, &Inputs { measurement, heard: &heard, leave: false, answer: None })
     }
 
     /// Steps without frames for a while; what happened in it.
@@ -151,6 +151,7 @@ fn with_nobody_left_the_vehicle_holds_its_place() {
         step: 0,
         reached: None,
         progress_m: 0.0,
+        run: 0,
         order: None,
     };
     flight.frame(Some(&measured(30.0)), &[Word::Appeared(id(2)), state_of(2, 1, 80.0), Word::Mission(active)]);
@@ -164,7 +165,7 @@ fn with_nobody_left_the_vehicle_holds_its_place() {
 #[test]
 fn an_order_heard_once_is_taken_and_repeated() {
     let mut flight = Flight::new(&scenario(&[]));
-    let order = Order { epoch: 3, issuer: 9, verb: Verb::Land };
+    let order = Order { epoch: 3, issuer: 9, verb: Verb::Land, seal: None };
     let outputs = flight.frame(Some(&measured(30.0)), &[Word::Order(order)]);
     assert_eq!(outputs.said.happened, [Happening::OrderTaken(order)]);
     assert_eq!(outputs.said.mission.and_then(|mission| mission.order), Some(order), "at once");
@@ -192,9 +193,9 @@ fn what_is_not_flown_yet_is_refused_by_name() {
         let agent = Agent::new(&scenario(sets), id(1), Incarnation(1), &aircraft, Rules::shipped());
         agent.map(|_| ()).unwrap_err().to_string()
     };
-    let laws = "a formation.law other than \"ring\", \"flock\" and \"virtual-structure\"";
-    assert_eq!(refusal(&["formation.law=vasarhelyi"]), format!("{laws} is not flown yet"));
-    assert_eq!(refusal(&["network.jitter_s=0.1"]), "network.jitter_s is not flown yet");
+    let uneven = refusal(&["formation.law=olfati-saber", "formation.olfati_saber.action_a=6"]);
+    assert!(uneven.ends_with("`formation.olfati_saber.action_a` is 6, but may not be above `action_b`, 5"), "{uneven}");
+    assert_eq!(refusal(&["network.state_json_hz=1"]), "network.state_json_hz is not flown yet");
 }
 
 /// Any number at all, the impossible ones often.

@@ -3,6 +3,7 @@ use std::fs;
 use tempfile::TempDir;
 
 use super::*;
+use crate::link::security::Role;
 
 const SCENARIO: &str =
     "[swarm]\nvehicles = 3\n[formation]\nsafety_filter = \"none\"\n[vehicle.2]\nxplane = \"[::1]:5000\"\n";
@@ -18,7 +19,8 @@ fn folder(agent: &str) -> TempDir {
 
 fn by_config(folder: &TempDir) -> AgentOptions {
     let config = Some(folder.path().join("agent.toml"));
-    AgentOptions { config, scenario: None, id: None, xplane: None, sets: Vec::new(), child: false, flown_s: None }
+    let (scenario, id, xplane, sets) = (None, None, None, Vec::new());
+    AgentOptions { config, scenario, id, xplane, sets, child: false, flown_s: None, run: None }
 }
 
 fn by_scenario(folder: &TempDir, id: u8) -> AgentOptions {
@@ -42,6 +44,69 @@ fn a_nodes_file_says_who_and_where() {
     assert_eq!((node.id.get(), node.scenario.swarm.vehicles), (3, 3));
     assert_eq!((node.listen, node.dial), (vec!["tcp/10.0.0.3:7449".into()], vec!["tcp/10.0.0.1:7447".into()]));
     assert_eq!((node.plant.name(), address(&node.plant)), ("xplane", Some("10.0.0.9:49000".into())));
+}
+
+const SECURED: &str = r#"
+scenario = "scenarios/three.toml"
+id = 3
+listen = ["tls/10.0.0.3:7449"]
+dial = []
+[security]
+authority = "authority.pem"
+certificate = "node.pem"
+key = "keys/node.key"
+orders = "000102030405060708090a0b0c0d0e0f101112131415161718191a1b1c1d1eFF"
+observer = "observer"
+operator = "operator.2"
+[security.vehicles]
+1 = "vehicle-1"
+3 = "vehicle-3.2"
+"#;
+
+#[test]
+fn a_nodes_file_names_its_keys_and_everybody() {
+    let folder = folder(SECURED);
+    fs::create_dir(folder.path().join("keys")).unwrap();
+    fs::write(folder.path().join("keys/node.key"), "").unwrap();
+    let node = AgentOptions { run: Some(7), ..by_config(&folder) }.node().unwrap();
+    let Security::Tls(tls) = &node.security else { panic!("plain") };
+    assert_eq!(tls.authority, folder.path().join("authority.pem"));
+    assert_eq!(tls.key, folder.path().join("keys/node.key"));
+    assert_eq!(tls.role, Role::Vehicle(node.id));
+    let names: Vec<_> = tls.names.vehicles.iter().map(|(id, name)| (id.get(), name.as_str())).collect();
+    assert_eq!(names, [(1, "vehicle-1"), (3, "vehicle-3.2")]);
+    assert_eq!((tls.names.observer.as_str(), tls.names.operator.as_str()), ("observer", "operator.2"));
+    let mut orders_key: [u8; 32] = std::array::from_fn(|nth| nth as u8);
+    orders_key[31] = 255;
+    assert_eq!((node.orders_key, node.run), (Some(orders_key), 7));
+    if cfg!(unix) {
+        let note = node.notes.last().unwrap();
+        assert!(note.contains("keys/node.key: others can read this key; chmod 600 "), "{note}");
+    }
+
+    let refused = |from: &str, to: &str| {
+        assert!(SECURED.contains(from));
+        fs::write(folder.path().join("agent.toml"), SECURED.replace(from, to)).unwrap();
+        by_config(&folder).node().unwrap_err().to_string()
+    };
+    let table = [
+        ("1eFF", "1e", "agent.toml:10:10: a key for orders has 64 hexadecimal digits"),
+        ("1eFF", "1eGG", "a key for orders has 64 hexadecimal digits"),
+        ("1eFF", "1eä", "a key for orders has 64 hexadecimal digits"),
+        ("3 = \"v", "300 = \"v", "vehicle ids run from 1 to 250, not 300"),
+        ("operator = ", "boss = ", "unknown field `boss`"),
+        ("key = \"keys/node.key\"\n", "", "missing field `key`"),
+    ];
+    for (from, to, expected) in table {
+        let error = refused(from, to);
+        assert!(error.contains(expected), "{error}");
+    }
+}
+
+#[test]
+fn a_run_is_a_number_in_either_notation() {
+    assert_eq!((number("7"), number("0xfFfFfFfFfFfFfFfF"), number("0x")), (Ok(7), Ok(u64::MAX), number("x")));
+    assert!(number("-1").is_err());
 }
 
 #[test]
@@ -101,7 +166,7 @@ fn a_scenarios_faults_are_told_in_its_own_words() {
         |set: &str| AgentOptions { sets: vec![set.into()], ..by_scenario(&folder, 1) }.node().unwrap_err().to_string();
     let unknown = refused("formation.raduis_m=50");
     assert!(unknown.starts_with("--set formation.raduis_m=50: unknown key"), "{unknown}");
-    let not_flown = refused("formation.law=vasarhelyi");
+    let not_flown = refused("network.state_json_hz=1");
     assert!(not_flown.contains("three.toml") && not_flown.ends_with("is not flown yet"), "{not_flown}");
 }
 

@@ -21,13 +21,15 @@ use std::f64::consts::{FRAC_PI_6, PI, SQRT_2};
 use nalgebra::{Rotation2, Vector2, Vector3};
 use skein_common::frame::PositionNed;
 use skein_common::id::VehicleId;
+use skein_common::scenario;
 
-use super::{Neighbour, Obstacle};
+use super::COINCIDENT_M;
+use super::law::{Answer, Law, Neighbour, Obstacle, Setup, Sight, Wanted};
 
 /// The pushes of all neighbours together are never stronger than this: a crowd must not expel its members.
 const MAX_AVOIDANCE: f64 = 2.0;
-/// Nearer than this two vehicles have no direction between them, m.
-pub(super) const COINCIDENT_M: f64 = 1e-3;
+/// In place, a vehicle's field is weaker than this.
+const IN_PLACE_FIELD: f64 = 0.15;
 
 /// The ring's parameters; symbols of the paper in brackets.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -96,6 +98,49 @@ pub fn edge_exponent(edge_share: f64) -> f64 {
 #[inline]
 fn limiting(z: f64) -> f64 {
     1.0 / (1.0 + z.exp())
+}
+
+/// The ring of a scenario.
+pub fn of(wanted: &scenario::Formation) -> Ring {
+    let edge_exponent = edge_exponent(wanted.edge_share);
+    let steepness = |width_m: f64| wanted.edge_steepness_per_m.unwrap_or(edge_exponent / width_m);
+    Ring {
+        radius_m: wanted.radius_m,
+        gamma: wanted.gamma,
+        gamma_z: (wanted.vertical == scenario::Vertical::Ellipsoid).then_some(wanted.gamma_z),
+        heading_rad: wanted.heading_rad(),
+        region: if wanted.law.is_flock() { Region::Inside } else { Region::Band },
+        inner_width_m: wanted.inner_width_m,
+        outer_width_m: wanted.outer_width_m,
+        edge_steepness_per_m: [steepness(wanted.inner_width_m), steepness(wanted.outer_width_m)],
+        edge_exponent,
+        avoidance: match wanted.avoidance {
+            scenario::Avoidance::Tangential => Avoidance::Tangential,
+            scenario::Avoidance::Full => Avoidance::Full,
+        },
+        avoid_distance: match wanted.avoid_distance_m {
+            scenario::AvoidDistance::Adaptive => AvoidDistance::Adaptive,
+            scenario::AvoidDistance::Fixed(distance_m) => AvoidDistance::Fixed(distance_m),
+        },
+        circulation: wanted.circulation,
+    }
+}
+
+/// The law of a scenario.
+pub(super) fn make(setup: &Setup<'_>) -> Result<Box<dyn Law>, String> {
+    Ok(Box::new(of(setup.formation)))
+}
+
+impl Law for Ring {
+    fn ask(&mut self, sight: &Sight<'_>) -> Answer {
+        let centre = sight.goal.centre;
+        // Room is made for those who are not seen, too.
+        let ring = Self { avoid_distance: AvoidDistance::Fixed(self.avoid_distance_m(sight.live())), ..*self };
+        let field = ring.field(sight.own, sight.position, centre, sight.neighbours, sight.obstacles);
+        let is_calm = self.region == Region::Inside || field.norm() < IN_PLACE_FIELD;
+        let is_there = is_calm && self.holds(sight.position - centre) && sight.is_slow();
+        Answer { wanted: Wanted::Field(field), is_there }
+    }
 }
 
 impl Ring {

@@ -1,3 +1,5 @@
+use proptest::prelude::*;
+use proptest::sample::select;
 use skein_common::frame::{Attitude, BodyRates, Geodetic};
 use skein_common::scenario::{Source, load};
 use skein_common::state::Standing;
@@ -8,7 +10,7 @@ use super::*;
 fn formation(lines: &str) -> Formation {
     let text = format!("swarm.vehicles = 4\n[formation]\n{lines}");
     let scenario = load(&Source { name: "test.toml", text: &text }, &[]).unwrap().scenario;
-    Formation::new(VehicleId::new(2).unwrap(), &scenario)
+    Formation::new(VehicleId::new(2).unwrap(), &scenario).unwrap()
 }
 
 fn at(north_m: f64, east_m: f64, altitude_m: f64) -> Estimate {
@@ -28,6 +30,7 @@ fn member(number: u8, north_m: f64, east_m: f64, altitude_m: f64) -> Seen {
         id: VehicleId::new(number).unwrap(),
         position: PositionNed::new(north_m, east_m, -altitude_m),
         velocity: VelocityNed::default(),
+        heading_rad: 0.0,
         age_s: 0.0,
         standing: Standing::Fresh,
         role: Role::Member,
@@ -37,7 +40,7 @@ fn member(number: u8, north_m: f64, east_m: f64, altitude_m: f64) -> Seen {
 
 /// Around a centre at the origin that moves north.
 fn task(speed_m_s: f64) -> Task {
-    Task::Formation(Goal {
+    Task::Formation(mission::Goal {
         step: 0,
         centre_ne_m: Vector2::zeros(),
         centre_velocity_ne_m_s: Vector2::new(speed_m_s, 0.0),
@@ -46,7 +49,7 @@ fn task(speed_m_s: f64) -> Task {
 }
 
 fn wish(formation: &mut Formation, estimate: &Estimate, peers: &[Seen], speed_m_s: f64) -> Wish {
-    formation.step(0.02, estimate, peers, &task(speed_m_s)).unwrap()
+    formation.step(0.02, estimate, peers, VehicleSet::default(), &task(speed_m_s)).unwrap()
 }
 
 #[test]
@@ -115,4 +118,94 @@ fn the_filter_sees_all_that_is_flown_and_nobody_far_above() {
     assert!(above.setpoint.error_ne_m.norm() < 1e-6);
     let free = wish(&mut formation("law = 'virtual-structure'\nsafety_filter = 'none'"), &place, &ahead(30.0), 4.0);
     assert!(free.setpoint.error_ne_m.norm() < 1e-6);
+}
+
+const LAWS: [&str; 6] = ["ring", "flock", "olfati-saber", "vasarhelyi", "virtual-structure", "displacement-consensus"];
+
+/// Often the same place as somebody else's, often one far away.
+fn coordinate_m() -> impl Strategy<Value = f64> {
+    prop_oneof![Just(0.0), Just(1e-9), -1.0..1.0, -200.0..200.0, -1e5..1e5]
+}
+
+fn any_member() -> impl Strategy<Value = Seen> {
+    let place = (coordinate_m(), coordinate_m(), 20.0..40.0);
+    (1_u8..9, place, -300.0..300.0, prop::option::of(0.1..30.0)).prop_map(|(id, (n, e, altitude_m), speed, radius)| {
+        let role = radius.map_or(Role::Member, |radius_m| Role::Obstacle { radius_m });
+        Seen { velocity: VelocityNed::new(speed, -speed / 3.0, 0.0), role, ..member(id, n, e, altitude_m) }
+    })
+}
+
+proptest! {
+    /// Alone, coincident, with ranks that nobody else has, with a peer that cannot be: no law loses its head.
+    #[test]
+    fn every_law_answers_anything_finitely_and_within_bounds(
+        law in select(&LAWS[..]), pattern in select(&["circle", "line", "v", "grid"][..]),
+        mut peers in prop::collection::vec(any_member(), 0..8), own in (coordinate_m(), coordinate_m()),
+        speed in -300.0..300.0, centre in -5.0..5.0, dt_s in select(&[0.0, 0.02, 1e6][..]),
+    ) {
+        peers.sort_by_key(|peer| peer.id);
+        peers.dedup_by_key(|peer| peer.id);
+        peers.retain(|peer| peer.id.get() != 2);
+        let estimate = Estimate { velocity: VelocityNed::new(speed, speed / 2.0, 1.0), ..at(own.0, own.1, 30.0) };
+        for filter in ["cbf", "none"] {
+            let lines = format!("law = '{law}'\nsafety_filter = '{filter}'\nslots.pattern = '{pattern}'");
+            let mut formation = formation(&lines);
+            for _ in 0..2 {
+                let wish = formation.step(dt_s, &estimate, &peers, VehicleSet::default(), &task(centre)).unwrap();
+                let Setpoint { error_ne_m, feedforward_ne_m_s, altitude_m, heading_rad } = wish.setpoint;
+                let numbers = error_ne_m.iter().chain(&feedforward_ne_m_s).chain(&wish.field_ne);
+                prop_assert!(numbers.chain([&altitude_m, &heading_rad]).all(|x| x.is_finite()), "{law}: {wish:?}");
+                let is_field = ["ring", "flock"].contains(&law);
+                let bound_m = if is_field { 28.0 * 20.0 } else { 15.0 + 1e-9 };
+                prop_assert!(filter == "cbf" || error_ne_m.norm() <= bound_m, "{law}: {error_ne_m}");
+            }
+        }
+    }
+}
+
+#[test]
+fn a_velocity_is_flown_over_the_ground_whatever_is_fed_forward() {
+    for feedforward in [true, false] {
+        let lines = format!("law = 'vasarhelyi'\nfeedforward = {feedforward}\nsafety_filter = 'none'");
+        let setpoint = wish(&mut formation(&lines), &at(0.0, 0.0, 30.0), &[], 3.0).setpoint;
+        let flown_m_s = setpoint.error_ne_m * VELOCITY_PER_ERROR + setpoint.feedforward_ne_m_s;
+        assert!((flown_m_s - Vector2::new(3.0, 0.0)).norm() < 1e-12, "at the centre: with it");
+    }
+}
+
+/// Wants what it was made for, and counts how often it was asked.
+#[derive(Clone, Debug)]
+struct Wants(Wanted, usize);
+
+impl Law for Wants {
+    fn ask(&mut self, _: &Sight<'_>) -> Answer {
+        self.1 += 1;
+        Answer { wanted: self.0, is_there: true }
+    }
+}
+
+#[test]
+fn a_law_may_climb_and_what_is_not_finite_is_no_wish() {
+    let mut formation = formation("altitude_m = 30\nsafety_filter = 'none'");
+    let mut flown = |wanted, altitude_m| {
+        formation.shapes[0].law = Box::new(Wants(wanted, 0));
+        wish(&mut formation, &at(0.0, 0.0, altitude_m), &[], 0.0).setpoint
+    };
+    let climbs = |up_m_s: f64| Wanted::Velocity { ne_m_s: Vector2::new(1.0, 0.0), down_m_s: Some(-up_m_s) };
+    assert_eq!(flown(climbs(1.0), 10.0).altitude_m, 30.0, "first it takes off");
+    let up = flown(climbs(1.0), 31.0);
+    assert!((up.altitude_m - 31.02).abs() < 1e-9 && up.error_ne_m == Vector2::new(2.0, 0.0), "{up:?}");
+    for nothing in [climbs(f64::NAN), Wanted::Way(Vector2::new(f64::INFINITY, 0.0))] {
+        let setpoint = flown(nothing, 31.0);
+        assert!(setpoint.error_ne_m == Vector2::zeros() && setpoint.altitude_m == 30.0, "{setpoint:?}");
+    }
+}
+
+#[test]
+fn steps_with_the_same_formation_share_what_the_law_remembers() {
+    let steps = "[{ hold_s = 1 }, { centre_ne_m = [9, 0], formation = { radius_m = 50 } }, { centre_ne_m = [5, 0] }]";
+    let text = format!("swarm.vehicles = 4\nmission.steps = {steps}");
+    let scenario = load(&Source { name: "test.toml", text: &text }, &[]).unwrap().scenario;
+    let formation = Formation::new(VehicleId::new(2).unwrap(), &scenario).unwrap();
+    assert_eq!((formation.shapes.len(), formation.steps), (2, vec![0, 1, 0]));
 }

@@ -55,6 +55,11 @@ impl Heights {
     /// The altitude on an ellipsoid around a centre at `centre_m`, for the field's upward part, m. A vehicle first rises to
     /// the centre's altitude.
     pub fn on_surface(&mut self, dt_s: f64, centre_m: f64, field_up: f64, estimate: &Estimate) -> f64 {
+        self.climbing(dt_s, centre_m, CLIMB_PER_FIELD_M_S * field_up, estimate)
+    }
+
+    /// The altitude of a vehicle that is to climb like this, once it has risen to the centre's altitude; m.
+    pub fn climbing(&mut self, dt_s: f64, centre_m: f64, climb_m_s: f64, estimate: &Estimate) -> f64 {
         let altitude_m = estimate.position.altitude_m();
         let lowest_m = altitude_m - estimate.height_m + LOWEST_M;
         self.offset_m = None;
@@ -62,7 +67,7 @@ impl Heights {
         if !self.has_risen {
             return centre_m;
         }
-        let climb_m_s = (CLIMB_PER_FIELD_M_S * field_up).clamp(-FASTEST_CLIMB_M_S, FASTEST_CLIMB_M_S);
+        let climb_m_s = climb_m_s.clamp(-FASTEST_CLIMB_M_S, FASTEST_CLIMB_M_S);
         let moved_m = self.surface_m.unwrap_or(altitude_m) + climb_m_s * dt_s.clamp(0.0, LONGEST_STEP_S);
         let surface_m = moved_m.clamp(altitude_m - LEASH_M, altitude_m + LEASH_M).max(lowest_m);
         self.surface_m = Some(surface_m);

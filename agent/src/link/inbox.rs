@@ -3,12 +3,12 @@
 //! Every word is a register (a later state replaces an earlier one, the larger order stands, a token is there or not), so
 //! nothing is queued, nothing overflows, and the size is bounded by the number of vehicle ids.
 
-use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use skein_common::id::VehicleId;
-use skein_common::message::{DecodeError, Drops};
+use skein_common::message::{Drops, Reason, Refused};
 
+use super::refusals::Refusals;
 use crate::peers::{Heard, Word};
 
 /// State, agreement and token of each vehicle, and the largest order.
@@ -18,32 +18,25 @@ const CAPACITY: usize = 3 * VehicleId::MAX as usize + 1;
 #[derive(Debug)]
 pub(super) struct Inbox {
     heard: Mutex<Vec<Heard>>,
-    undecodable: AtomicU64,
-    other_version: AtomicU64,
-    forged: AtomicU64,
-    old: AtomicU64,
+    refusals: Refusals,
 }
 
 impl Inbox {
     pub(super) fn new() -> Self {
-        let counter = || AtomicU64::new(0);
-        Self {
-            heard: Mutex::new(Vec::with_capacity(CAPACITY)),
-            undecodable: counter(),
-            other_version: counter(),
-            forged: counter(),
-            old: counter(),
-        }
+        Self { heard: Mutex::new(Vec::with_capacity(CAPACITY)), refusals: Refusals::default() }
     }
 
-    /// Files a word in place of an earlier one of the same peer and kind.
-    pub(super) fn file(&self, new: Heard) {
+    /// Files a word, which came under this key, in place of an earlier one of the same peer and kind.
+    pub(super) fn file(&self, key: &str, new: Heard) {
         let mut heard = self.lock();
         match heard.iter_mut().find(|kept| is_same_register(&kept.word, &new.word)) {
             Some(kept) if is_later(&new.word, &kept.word) => *kept = new,
             // A register is told again to whoever asks for it.
             Some(kept) if matches!(new.word, Word::Mission(_)) && kept.word == new.word => {}
-            Some(_) => _ = count(&self.old),
+            Some(_) => {
+                drop(heard);
+                self.refusals.count(Reason::Old, key);
+            }
             None => heard.push(new),
         }
     }
@@ -53,28 +46,21 @@ impl Inbox {
         heard.append(&mut self.lock());
     }
 
-    /// Counts bytes that are not a word; the first, second, fourth, eighth time with a line in the log.
-    pub(super) fn refuse(&self, key: &str, error: DecodeError) {
-        let counter = match error {
-            DecodeError::Version(_) => &self.other_version,
-            _ => &self.undecodable,
-        };
-        log_some(count(counter), key, &error);
-    }
-
-    /// Counts a word under a key that is not its speaker's.
-    pub(super) fn forged(&self, key: &str) {
-        log_some(count(&self.forged), key, &"said in somebody else's name");
+    /// Counts something that is not believed; the first, second, fourth, eighth time with a line in the log.
+    pub(super) fn refuse(&self, reason: Reason, key: &str, what: &dyn std::fmt::Display) {
+        let count = self.refusals.count(reason, key);
+        if count.is_power_of_two() {
+            tracing::warn!(count, key, "not believed: {what}");
+        }
     }
 
     pub(super) fn drops(&self) -> Drops {
-        Drops {
-            undecodable: self.undecodable.load(Relaxed),
-            other_version: self.other_version.load(Relaxed),
-            forged: self.forged.load(Relaxed),
-            old: self.old.load(Relaxed),
-            ..Drops::default()
-        }
+        self.refusals.drops()
+    }
+
+    /// What was refused, the latest kinds first.
+    pub(super) fn refused(&self) -> Vec<Refused> {
+        self.refusals.named()
     }
 
     /// Nothing that holds the lock can panic half way.
@@ -103,17 +89,6 @@ fn is_later(new: &Word, kept: &Word) -> bool {
         }
         (Word::Order(new), Word::Order(kept)) => new > kept,
         _ => true,
-    }
-}
-
-/// One more; gives the count.
-fn count(counter: &AtomicU64) -> u64 {
-    counter.fetch_add(1, Relaxed) + 1
-}
-
-fn log_some(count: u64, key: &str, what: &dyn std::fmt::Display) {
-    if count.is_power_of_two() {
-        tracing::warn!(count, key, "dropped: {what}");
     }
 }
 

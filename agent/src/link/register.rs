@@ -11,7 +11,7 @@ use zenoh::query::{ConsolidationMode, Query, Queryable};
 use zenoh::sample::{Locality, Sample};
 use zenoh::{Session, Wait};
 
-use super::{LinkError, declaring};
+use super::{LinkError, Sessions, declaring};
 
 /// An answer that takes longer is not waited for: the next register is said by then.
 const ANSWER_WITHIN: Duration = Duration::from_secs(1);
@@ -19,23 +19,16 @@ const ANSWER_WITHIN: Duration = Duration::from_secs(1);
 /// What is answered to those who ask.
 pub(super) struct Register {
     last: Arc<Mutex<Vec<u8>>>,
-    _answering: Queryable<()>,
+    _answering: Vec<Queryable<()>>,
 }
 
 impl Register {
     /// Answers whoever asks for this topic; nobody before the first [`Register::keep`].
-    pub(super) fn open(session: &Session, topic: Topic) -> Result<Self, LinkError> {
-        let (key, last) = (topic.key(), Arc::<Mutex<Vec<u8>>>::default());
-        let (own_key, kept) = (key.clone(), last.clone());
-        let answer = move |query: Query| {
-            let said = lock(&kept).clone();
-            if !said.is_empty() {
-                // It fails only on a closed session. The answer is dropped rather than waited for, as its question was.
-                let _ = query.reply(&own_key, said).express(true).wait();
-            }
-        };
-        let answering = session.declare_queryable(&key).allowed_origin(Locality::Remote).callback(answer);
-        let answering = answering.wait().map_err(declaring(&key))?;
+    pub(super) fn open(sessions: &Sessions, topic: Topic) -> Result<Self, LinkError> {
+        let last = Arc::<Mutex<Vec<u8>>>::default();
+        let kept = last.clone();
+        let said = move || Some(lock(&kept).clone()).filter(|said| !said.is_empty());
+        let answering = answer(sessions, topic, said)?;
         Ok(Self { last, _answering: answering })
     }
 
@@ -51,7 +44,28 @@ fn lock(kept: &Mutex<Vec<u8>>) -> MutexGuard<'_, Vec<u8>> {
     kept.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Asks for somebody's register; `take` gets the answer on one of Zenoh's threads. Never waits for it.
+/// Answers whoever asks for this topic with what `said` gives, on one of Zenoh's threads.
+pub(super) fn answer(
+    sessions: &Sessions,
+    topic: Topic,
+    said: impl Fn() -> Option<Vec<u8>> + Clone + Send + Sync + 'static,
+) -> Result<Vec<Queryable<()>>, LinkError> {
+    let key = topic.key();
+    let declare = |session: &Arc<Session>| {
+        let (own_key, said) = (key.clone(), said.clone());
+        let answer = move |query: Query| {
+            if let Some(said) = said() {
+                // It fails only on a closed session. The answer is dropped rather than waited for, as its question was.
+                let _ = query.reply(&own_key, said).express(true).wait();
+            }
+        };
+        let answering = session.declare_queryable(&key).allowed_origin(Locality::Remote).callback(answer);
+        answering.wait().map_err(declaring(&key))
+    };
+    sessions.0.iter().map(declare).collect()
+}
+
+/// Asks for somebody's register, or clock; `take` gets the answer on one of Zenoh's threads. Never waits for it.
 pub(super) fn ask(session: &Session, topic: Topic, take: impl Fn(&Sample) + Send + Sync + 'static) {
     let asked = session
         .get(topic.key())

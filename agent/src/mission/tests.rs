@@ -6,8 +6,8 @@ use skein_common::time::SenderStamp;
 
 use super::*;
 
-const LAND: Order = Order { epoch: 2, issuer: 1, verb: Verb::Land };
-const HOLD: Order = Order { epoch: 1, issuer: 1, verb: Verb::Hold };
+const LAND: Order = Order { epoch: 2, issuer: 1, verb: Verb::Land, seal: None };
+const HOLD: Order = Order { epoch: 1, issuer: 1, verb: Verb::Hold, seal: None };
 
 fn at(seconds: f64) -> Now {
     Now { plant: PlantTime::from_seconds(seconds), local: LocalTime::from_seconds(seconds) }
@@ -80,7 +80,7 @@ impl One {
         let header =
             Header { sender: id(sender), incarnation: Incarnation(1), sequence: self.said, stamp: SenderStamp::ZERO };
         let (plan, membership) = (self.mission.plan(), Membership::Active);
-        message::Mission { header, plan, membership, step, reached, progress_m, order: None }
+        message::Mission { header, plan, membership, step, reached, progress_m, run: 0, order: None }
     }
 
     fn told(&mut self) -> Vec<Happening> {
@@ -295,9 +295,9 @@ fn an_order_to_go_on_ends_a_hold() {
     let mut one = One::active(TWO, "");
     one.order(HOLD);
     assert!(matches!(one.step(20.0, 30.0), Task::Stay { .. }));
-    one.order(Order { epoch: 2, issuer: 1, verb: Verb::Goto(0) });
+    one.order(Order { epoch: 2, issuer: 1, verb: Verb::Goto(0), seal: None });
     assert_eq!(formation(one.step(21.0, 30.0)).step, 0);
-    one.order(Order { epoch: 3, issuer: 1, verb: Verb::Goto(1) });
+    one.order(Order { epoch: 3, issuer: 1, verb: Verb::Goto(1), seal: None });
     assert_eq!(formation(one.step(22.0, 30.0)).step, 1);
 }
 
@@ -313,7 +313,7 @@ fn the_larger_order_stands() {
 
 #[test]
 fn whoever_lands_by_order_can_be_called_back_and_who_aborts_cannot() {
-    let later = Order { epoch: 9, issuer: 1, verb: Verb::Goto(0) };
+    let later = Order { epoch: 9, issuer: 1, verb: Verb::Goto(0), seal: None };
     let mut one = One::active(ONE, "");
     one.order(LAND);
     assert!(matches!(one.step(20.0, 30.0), Task::Stay { .. }));
@@ -352,6 +352,7 @@ fn who_does_not_come_to_its_altitude_keeps_nobody_waiting() {
     }
     assert_eq!(one.mission.membership(), Membership::Left);
     assert_eq!(one.told(), [Happening::Failed(Failure::Altitude)]);
+    assert!(one.mission.is_stuck());
 }
 
 #[test]

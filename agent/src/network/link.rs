@@ -14,9 +14,10 @@ use std::ops::Range;
 
 use skein_common::id::VehicleId;
 use skein_common::scenario::Scenario;
+use skein_common::time::LocalTime;
 
 use super::cuts::{self, Outage};
-use crate::peers::Word;
+use crate::peers::{Heard, Word};
 
 /// The hearing end of a link.
 #[derive(Clone, Debug)]
@@ -47,9 +48,9 @@ enum Session {
 #[derive(Clone, Copy, Debug, Default)]
 struct Held {
     /// TCP sends it again while the session lasts.
-    state: Option<Word>,
+    state: Option<Heard>,
     /// The peer keeps it for whoever comes late.
-    mission: Option<Word>,
+    mission: Option<Heard>,
 }
 
 impl Link {
@@ -65,8 +66,13 @@ impl Link {
         self.peer
     }
 
-    /// Time goes on to `flown_s` after take-off; `hear` is called with what that alone brings.
-    pub(super) fn update(&mut self, flown_s: f64, mut hear: impl FnMut(Word)) {
+    /// Whether nothing comes from the peer now.
+    pub(super) fn is_dead(&self) -> bool {
+        matches!(self.session, Session::Failing { deaf: true } | Session::Closed)
+    }
+
+    /// Time goes on to `flown_s` after take-off; `hear` is called with what that alone brings, as it was said first.
+    pub(super) fn update(&mut self, flown_s: f64, now: LocalTime, mut hear: impl FnMut(Heard)) {
         let session = self.session_at(flown_s);
         if session == self.session {
             return;
@@ -77,18 +83,19 @@ impl Link {
                 self.held.state = None;
                 if self.told == Some(true) {
                     self.told = Some(false);
-                    hear(Word::Vanished(self.peer));
+                    hear(Heard { word: Word::Vanished(self.peer), at: now });
                 }
             }
-            Session::Open => self.catch_up(hear),
+            Session::Open => self.catch_up(now, hear),
             // A session that was there is there.
-            Session::Failing { deaf: false } if self.told == Some(true) => self.catch_up(hear),
+            Session::Failing { deaf: false } if self.told == Some(true) => self.catch_up(now, hear),
             Session::Failing { .. } => {}
         }
     }
 
     /// Whether the agent hears this word now. What it does not may come back later.
-    pub(super) fn carries(&mut self, word: &Word) -> bool {
+    pub(super) fn carries(&mut self, heard: &Heard) -> bool {
+        let word = &heard.word;
         match word {
             Word::Appeared(_) => self.token = Some(true),
             // Nothing is kept of who is gone.
@@ -103,8 +110,8 @@ impl Link {
         };
         match word {
             Word::Appeared(_) | Word::Vanished(_) if is_heard => self.told = self.token,
-            Word::State(_) if !is_heard && self.session != Session::Closed => self.held.state = Some(*word),
-            Word::Mission(_) if !is_heard => self.held.mission = Some(*word),
+            Word::State(_) if !is_heard && self.session != Session::Closed => self.held.state = Some(*heard),
+            Word::Mission(_) if !is_heard => self.held.mission = Some(*heard),
             _ => {}
         }
         is_heard
@@ -123,10 +130,11 @@ impl Link {
     }
 
     /// Tells what was missed.
-    fn catch_up(&mut self, mut hear: impl FnMut(Word)) {
+    fn catch_up(&mut self, now: LocalTime, mut hear: impl FnMut(Heard)) {
         if let Some(is_there) = self.token.filter(|_| self.token != self.told) {
             self.told = self.token;
-            hear(if is_there { Word::Appeared(self.peer) } else { Word::Vanished(self.peer) });
+            let word = if is_there { Word::Appeared(self.peer) } else { Word::Vanished(self.peer) };
+            hear(Heard { word, at: now });
         }
         let Held { state, mission } = std::mem::take(&mut self.held);
         state.into_iter().chain(mission).for_each(hear);

@@ -9,6 +9,8 @@ use skein_common::time::SenderStamp;
 
 use super::*;
 
+mod impaired;
+
 const FRAME_S: f64 = 0.02;
 
 fn scenario(text: &str) -> Scenario {
@@ -31,7 +33,7 @@ fn header(sender: u8, sequence: u64) -> Header {
 
 fn state(sender: u8, sequence: u64) -> Word {
     let (position, velocity) = (Geodetic::from_degrees(28.0, -82.0, 30.0), VelocityNed::default());
-    Word::State(message::State {
+    Word::State(State {
         header: header(sender, sequence),
         state: VehicleState { position, velocity, heading_rad: 0.0 },
     })
@@ -45,30 +47,41 @@ fn mission(sender: u8, sequence: u64) -> Word {
         step: 0,
         reached: None,
         progress_m: 0.0,
+        run: 0,
         order: None,
     })
 }
 
 fn order(epoch: u64) -> Word {
-    Word::Order(Order { epoch, issuer: 1, verb: Verb::Hold })
+    Word::Order(Order { epoch, issuer: 1, verb: Verb::Hold, seal: None })
+}
+
+/// Somewhere, so long after the take-off.
+fn flown(flown_s: f64) -> Whereabouts {
+    Whereabouts { flown_s: Some(flown_s), position: None }
 }
 
 /// An ear that has flown since its clock's zero.
 struct Hearer {
     ear: Ear,
+    position: Option<PositionNed>,
     told: Vec<(f64, Word)>,
 }
 
 impl Hearer {
     fn new(scenario: &Scenario, own: u8) -> Self {
-        Self { ear: Ear::new(scenario, id(own)), told: Vec::new() }
+        Self { ear: Ear::new(scenario, id(own)), position: None, told: Vec::new() }
+    }
+
+    fn own(&self, t_s: f64) -> Whereabouts {
+        Whereabouts { position: self.position, ..flown(t_s) }
     }
 
     /// Hears what arrives at `t_s`; gives what is heard then.
     fn hear(&mut self, t_s: f64, words: impl IntoIterator<Item = Word>) -> Vec<Word> {
         let at = LocalTime::from_seconds(t_s);
         let mut out = Vec::new();
-        self.ear.hear(at, Some(t_s), words.into_iter().map(|word| Heard { word, at }), &mut out);
+        self.ear.hear(at, self.own(t_s), words.into_iter().map(|word| Heard { word, at }), &mut out);
         assert!(out.iter().all(|heard| heard.at <= at), "heard before it arrives");
         self.told.extend(out.iter().map(|heard| (heard.at.seconds(), heard.word)));
         out.into_iter().map(|heard| heard.word).collect()
@@ -117,7 +130,7 @@ fn a_perfect_network_brings_everything_at_once_and_as_it_came() {
         words.map(|word| Heard { word, at: at(1.0) }).into_iter().chain([Heard { word: state(3, 2), at: at(1.01) }]);
     let arriving: Vec<_> = arriving.collect();
     let mut out = vec![Heard { word: order(0), at: at(0.5) }];
-    ear.hear(at(1.0), None, arriving.iter().copied(), &mut out);
+    ear.hear(at(1.0), Whereabouts::default(), arriving.iter().copied(), &mut out);
     assert_eq!(out[1..], arriving[..]);
 }
 
@@ -172,8 +185,8 @@ fn what_comes_out_of_order_is_put_in_order() {
     let at = LocalTime::from_seconds;
     let arriving = [(state(2, 1), 0.99), (state(3, 1), 0.97), (state(4, 1), 0.98)];
     let mut out = Vec::new();
-    ear.hear(at(1.0), None, arriving.map(|(word, t_s)| Heard { word, at: at(t_s) }), &mut out);
-    ear.hear(at(1.085), None, [], &mut out);
+    ear.hear(at(1.0), Whereabouts::default(), arriving.map(|(word, t_s)| Heard { word, at: at(t_s) }), &mut out);
+    ear.hear(at(1.085), Whereabouts::default(), [], &mut out);
     assert_eq!(out.iter().map(|heard| heard.word).collect::<Vec<_>>(), [state(3, 1), state(4, 1)]);
 }
 
@@ -262,7 +275,7 @@ fn a_death_on_the_far_side_of_a_cut_is_noticed_with_the_lease_and_a_new_life_aft
     dead.hear(0.0, [Word::Appeared(id(2))]);
     dead.listen(2, FRAME_S, 10.4);
     assert_eq!(dead.hear(10.4, [Word::Vanished(id(2))]), []);
-    let mut reborn = Hearer { ear: dead.ear.clone(), told: Vec::new() };
+    let mut reborn = Hearer { ear: dead.ear.clone(), position: None, told: Vec::new() };
     for frame in 521..2_000 {
         let t_s = f64::from(frame) * FRAME_S;
         dead.hear(t_s, []);
@@ -330,9 +343,14 @@ fn cuts_wait_for_the_take_off() {
     let mut ear = Ear::new(&scenario, id(1));
     let mut out = Vec::new();
     let at = LocalTime::from_seconds(100.0);
-    ear.hear(at, None, [Heard { word: Word::Appeared(id(2)), at }, Heard { word: state(2, 1), at }], &mut out);
+    ear.hear(
+        at,
+        Whereabouts::default(),
+        [Heard { word: Word::Appeared(id(2)), at }, Heard { word: state(2, 1), at }],
+        &mut out,
+    );
     assert_eq!(out.len(), 2);
-    ear.hear(at, Some(0.0), [Heard { word: state(2, 2), at }], &mut out);
+    ear.hear(at, flown(0.0), [Heard { word: state(2, 2), at }], &mut out);
     assert_eq!(out.len(), 2);
 }
 

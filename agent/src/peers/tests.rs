@@ -1,5 +1,6 @@
 use skein_common::frame::Geodetic;
 use skein_common::message::{Order, Verb};
+use skein_common::scenario::{Source, load};
 use skein_common::state::VehicleState;
 use skein_common::time::SenderStamp;
 
@@ -34,7 +35,13 @@ fn mission(sender: u8, incarnation: u64, sequence: u64, membership: Membership) 
 }
 
 fn register(header: Header, plan: u64, membership: Membership) -> Mission {
-    Mission { header, plan, membership, step: 0, reached: None, progress_m: 0.0, order: None }
+    Mission { header, plan, membership, step: 0, reached: None, progress_m: 0.0, run: 0, order: None }
+}
+
+/// The network with these keys.
+fn network(keys: &str) -> Network {
+    let text = format!("swarm.vehicles = 4\n{keys}");
+    load(&Source { name: "test.toml", text: &text }, &[]).unwrap().scenario.network
 }
 
 /// Vehicle 1's table of a swarm of four.
@@ -42,7 +49,11 @@ struct Table(Peers);
 
 impl Table {
     fn new() -> Self {
-        Self(Peers::new(id(1), 4, 1, 2.0))
+        Self::of("")
+    }
+
+    fn of(keys: &str) -> Self {
+        Self(Peers::new(id(1), 4, 1, &network(keys)))
     }
 
     fn hear(&mut self, at_s: f64, words: &[Word]) -> Vec<Change> {
@@ -103,6 +114,9 @@ fn late_repeated_and_earlier_words_change_nothing() {
     assert_eq!(table.0.old(), 4);
     table.hear(1.0, &[state(2, 6, 1, 7.0)]);
     assert!((table.only().position.north_m() - 7.0).abs() < 1e-5, "a restarted peer counts from one");
+    table.hear(1.0, &[state(3, 1, 1, 0.0), state(3, 1, 1, 0.0), state(4, 1, 1, 90.0)]);
+    assert_eq!(table.0.old_words().collect::<Vec<_>>(), [(id(2), 4), (id(3), 1)], "who had said them");
+    assert_eq!(table.0.old(), 5);
 }
 
 #[test]
@@ -111,7 +125,7 @@ fn words_in_the_own_name_or_of_strangers_are_forged() {
     table.hear(1.0, &[state(1, 9, 1, 0.0), state(5, 9, 1, 0.0), mission(1, 9, 1, Membership::Active)]);
     assert_eq!(table.0.forged(), 3);
     assert!(table.0.seen().is_empty());
-    table.hear(1.0, &[Word::Order(Order { epoch: 1, issuer: 1, verb: Verb::Land }), Word::Vanished(id(9))]);
+    table.hear(1.0, &[Word::Order(Order { epoch: 1, issuer: 1, verb: Verb::Land, seal: None }), Word::Vanished(id(9))]);
     assert!(table.0.seen().is_empty());
 }
 
@@ -169,4 +183,37 @@ fn what_a_jumping_clock_stamped_came_since_the_last_update() {
     table.0.update(seconds(1.5), &origin(), &heard);
     let ages: Vec<_> = table.0.seen().iter().map(|seen| seen.age_s).collect();
     assert_eq!(ages, [0.5, 0.0]);
+}
+
+#[test]
+fn whose_states_are_kept_from_a_vehicle_is_out_of_its_sight_but_not_lost() {
+    let graph = "network.graph = 'edges'\nnetwork.edges = [[2, 1]]";
+    for (keys, is_seen) in [("", true), (graph, false)] {
+        let mut table = Table::of(keys);
+        table.hear(1.0, &[state(2, 1, 1, 0.0), mission(2, 1, 1, Membership::Active)]);
+        // It has gone out of the nearest few: of what it says, its part in the agreement still comes.
+        for sequence in 2..100_u64 {
+            let at_s = 1.0 + 0.2 * sequence as f64;
+            assert_eq!(table.hear(at_s, &[mission(2, 1, sequence, Membership::Active)]), [], "never lost");
+            let is_young = at_s <= 3.0;
+            assert_eq!(table.0.seen().len(), usize::from(is_young || is_seen), "{keys}: at {at_s} s");
+        }
+        assert!(table.0.heard().contains(id(2)), "the mission counts on it");
+        assert_eq!(table.0.unseen().contains(id(2)), !is_seen, "it has its rank in the formation");
+        // Its death, too, is known; it was nowhere near.
+        assert_eq!(table.hear(21.0, &[Word::Vanished(id(2))]), [Change::Lost(id(2))]);
+        assert_eq!(table.0.seen().len(), usize::from(is_seen));
+        assert!(table.0.unseen().is_empty());
+    }
+}
+
+#[test]
+fn who_is_lost_in_sight_stays_an_obstacle_whatever_the_graph() {
+    let mut table = Table::of("network.graph = 'nearest'\nnetwork.neighbours = 2");
+    table.hear(1.0, &[state(2, 1, 1, 10.0), mission(2, 1, 1, Membership::Active)]);
+    assert_eq!(table.hear(1.2, &[mission(2, 1, 2, Membership::Active)]), []);
+    assert_eq!(table.hear(3.3, &[]), [Change::Lost(id(2))]);
+    assert!(matches!(table.only().role, Role::Obstacle { .. }), "{:?}", table.only());
+    table.hear(13.4, &[]);
+    assert_eq!(table.only().role, Role::Nothing);
 }

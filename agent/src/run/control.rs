@@ -5,7 +5,7 @@ use std::time::{Duration, Instant};
 
 use skein_common::frame::Origin;
 use skein_common::id::{Incarnation, VehicleId};
-use skein_common::message::{Drops, Event, Header, Health, PeerHealth};
+use skein_common::message::{Drops, Event, Header, Health, PeerHealth, Reason, Refused};
 use skein_common::state::{Activity, Membership};
 use skein_common::time::{LocalTime, Now, PlantTime};
 use skein_common::topic::Cell;
@@ -14,10 +14,11 @@ use tokio::sync::mpsc;
 use super::Stop;
 use super::timing::{Summary, Timing};
 use crate::agent::{Agent, Inputs, Outputs};
-use crate::clock::{LocalClock, now, sleep_until};
+use crate::clock::{LocalClock, Skew, now, sleep_until};
+use crate::external::live::LiveLaw;
 use crate::failsafe::SIMULATOR_LOST_AFTER_S;
 use crate::link::Link;
-use crate::network::Ear;
+use crate::network::{Ear, Whereabouts};
 use crate::peers::Heard;
 use crate::plant::{Frame, Plant, Wake};
 use crate::speech::Said;
@@ -30,12 +31,18 @@ pub(super) struct Control {
     pub(super) agent: Agent,
     pub(super) plant: Box<dyn Plant>,
     pub(super) plant_name: &'static str,
+    /// What runs here.
+    pub(super) release: String,
     pub(super) link: Link,
     /// Between the link and the agent: the scenario's network.
     pub(super) ear: Ear,
+    /// The law that is another program.
+    pub(super) law: Option<LiveLaw>,
     /// How long an earlier agent has flown the vehicle, s.
     pub(super) flown_before_s: Option<f64>,
     pub(super) clock: LocalClock,
+    /// How far from `clock` the agent's own is.
+    pub(super) skew: Skew,
     pub(super) origin: Origin,
     pub(super) own: VehicleId,
     pub(super) incarnation: Incarnation,
@@ -85,6 +92,9 @@ impl Control {
             }
         }
         self.plant.release();
+        if !self.ear.is_perfect() {
+            tracing::info!("vehicle {} heard over the scenario's network: {:?}", self.own, self.ear.tally());
+        }
         self.link
     }
 
@@ -95,24 +105,29 @@ impl Control {
             Wake::Deadline => None,
         };
         since.plant_time = frame.map_or(since.plant_time, |frame| frame.time);
-        let now_here = Now { plant: since.plant_time, local: self.clock.at(woken) };
-        self.link.drain(&mut since.arriving);
-        let flown_s = self.flown_s(now_here.local, since);
-        self.ear.hear(now_here.local, flown_s, since.arriving.drain(..), &mut since.heard);
+        let right = self.clock.at(woken);
+        let now_here = Now { plant: since.plant_time, local: self.skew.shown(right) };
+        self.hear(right, since);
+        let answer = self.law.as_ref().and_then(LiveLaw::answer);
         let inputs = Inputs {
             measurement: frame.map(|frame| &frame.measurement),
             heard: &since.heard,
             leave: self.stop.is_asked(),
+            answer: answer.as_ref(),
         };
-        let Outputs { command, said } = self.agent.step(now_here, &inputs);
+        let Outputs { command, said, ask } = self.agent.step(now_here, &inputs);
         if let Some(sticks) = command {
             self.plant.command(sticks);
         }
         let done = now();
 
+        if let Some((law, ask)) = self.law.as_ref().zip(ask) {
+            law.ask(ask);
+        }
+
         since.heard.clear();
         if self.agent.membership() == Membership::Active {
-            since.member_since.get_or_insert(now_here.local);
+            since.member_since.get_or_insert(right);
         }
         if let Some(frame) = frame {
             self.trace(now_here, frame, since);
@@ -122,9 +137,19 @@ impl Control {
         self.say(now_here.local, said, since);
         if let Some(summary) = since.timing.summary(done) {
             since.healths += 1;
-            let health = self.health(now_here.local, summary, since);
+            let health = self.health(now_here.local, right.seconds(), summary, since);
             // Whoever is behind with the last one does not need this one.
             let _ = self.health.try_send(health);
+        }
+    }
+
+    /// What the link has brought passes the scenario's network, which knows nothing of the agent's clock.
+    fn hear(&mut self, right: LocalTime, since: &mut Since) {
+        self.link.drain(&mut since.arriving);
+        let own = Whereabouts { flown_s: self.flown_s(right, since), position: self.agent.position() };
+        self.ear.hear(right, own, since.arriving.drain(..), &mut since.heard);
+        if !self.skew.is_none() {
+            since.heard.iter_mut().for_each(|heard| heard.at = self.skew.shown(heard.at));
         }
     }
 
@@ -153,27 +178,36 @@ impl Control {
     fn trace(&mut self, now: Now, frame: &Frame, since: &Since) {
         if self.link.trace_is_wanted() {
             let mut trace = self.agent.trace(now, &frame.truth);
+            self.ear.tell_lateness(&mut trace.peers);
             trace.step_us = since.timing.last_step_us();
             trace.frame_overruns = since.timing.overruns();
             self.link.say_trace(&trace);
         }
     }
 
-    fn health(&self, now: LocalTime, summary: Summary, since: &Since) -> Health {
+    fn health(&self, now: LocalTime, uptime_s: f64, summary: Summary, since: &Since) -> Health {
         let (state_messages, state_bytes) = self.agent.spoken();
-        let peer = |peer: &crate::peers::Seen| PeerHealth { id: peer.id, standing: peer.standing, age_s: peer.age_s };
+        let peer = |peer: &crate::peers::Seen| PeerHealth {
+            id: peer.id,
+            standing: peer.standing,
+            age_s: peer.age_s,
+            clock: None,
+        };
+        let old = |(id, count)| Refused { reason: Reason::Old, key: format!("vehicle/{id}"), count };
         Health {
             header: self.header(now, since.healths),
-            uptime_s: now.seconds(),
+            uptime_s,
             activity: self.agent.activity(),
             plant: self.plant_name.to_owned(),
-            version: env!("CARGO_PKG_VERSION").to_owned(),
+            version: self.release.clone(),
+            failures: self.agent.failures(),
             frame_rate_hz: summary.frame_rate_hz,
             jitter_ms: summary.jitter_ms,
             step_p50_us: summary.step_p50_us,
             step_p99_us: summary.step_p99_us,
             frame_overruns: since.timing.overruns(),
             drops: self.drops(),
+            refused: self.agent.old_words().map(old).take(Refused::MAX_COUNT).collect(),
             state_messages,
             state_bytes,
             peers: self.agent.peers().iter().map(peer).collect(),
@@ -190,6 +224,8 @@ impl Control {
             forged: core.forged + link.forged,
             old: core.old + link.old,
             measurement: core.measurement,
+            unsealed: link.unsealed,
+            other_plan: link.other_plan,
         }
     }
 

@@ -1,12 +1,16 @@
 use std::process;
 use std::time::{Duration, Instant};
 
-use skein_common::id::{SwarmName, VehicleId};
-use skein_common::message::{Event, Happening, Health, Message, Order, Trace, Verb, decode, encode};
-use skein_common::scenario::{self, Fault, Source, What, load};
-use skein_common::state::Standing;
+use skein_common::id::{Incarnation, SwarmName, VehicleId};
+use skein_common::message::{
+    Event, Happening, Header, Health, Message, Mission, Order, Reason, Refused, Trace, Verb, decode, encode,
+};
+use skein_common::scenario::{self, Fault, Graph, Network, Source, What, load};
+use skein_common::state::{Membership, Standing};
+use skein_common::time::SenderStamp;
 use skein_common::topic::{Topic, all};
 use tokio::runtime::Runtime;
+use zenoh::Session;
 use zenoh::Wait;
 use zenoh::handlers::FifoChannel;
 
@@ -15,6 +19,8 @@ use crate::aircraft::Aircraft;
 use crate::clock::{now, sleep_until};
 use crate::config::PlantChoice;
 use crate::control::Rules;
+use crate::link::seal::tests::sealer;
+use crate::link::{self, Security};
 use crate::plant::helicopter::{BuiltInVehicle, Start, Weather};
 
 /// For tests that fail; those that pass need a third of it.
@@ -32,7 +38,20 @@ fn node(swarm: &SwarmName, number: u8) -> Node {
     let vehicle = BuiltInVehicle::new(&origin, helicopter, &start, &Weather::default(), scenario.seed, id);
     let plant = PlantChoice::BuiltIn(Box::new(vehicle));
     let (listen, dial, notes) = (vec!["tcp/127.0.0.1:0".to_owned()], Vec::new(), Vec::new());
-    Node { scenario, notes, id, listen, dial, aircraft, rules: Rules::shipped(), plant, flown_s: None }
+    Node {
+        scenario,
+        notes,
+        id,
+        listen,
+        dial,
+        aircraft,
+        rules: Rules::shipped(),
+        plant,
+        flown_s: None,
+        security: Security::Plain,
+        orders_key: None,
+        run: 0,
+    }
 }
 
 /// An agent in flight.
@@ -66,7 +85,7 @@ fn wait_until(what: &str, mut is_so: impl FnMut() -> bool) {
 /// A swarm's name, a session of vehicle 1, and how it is dialled.
 fn hub(test: &str) -> (SwarmName, Session, Vec<String>) {
     let swarm = SwarmName::new(format!("run-{test}-{}", process::id())).unwrap();
-    let session = link::open(&swarm, &["tcp/127.0.0.1:0".to_owned()], &[]).unwrap();
+    let session = link::open(&swarm, &["tcp/127.0.0.1:0".to_owned()], &[], &Security::Plain).unwrap();
     let locators = session.info().locators().wait().iter().map(ToString::to_string).collect();
     (swarm, session, locators)
 }
@@ -82,9 +101,9 @@ fn two_agents_find_each_other_take_part_and_land_when_stopped() {
     let tokio = Builder::new_multi_thread().worker_threads(1).enable_all().build().unwrap();
     let (swarm, session, mut dial) = hub("two");
     let one = Flight::begin(node(&swarm, 1), session, &tokio);
-    let second = link::open(&swarm, &["tcp/127.0.0.1:0".to_owned()], &dial).unwrap();
+    let second = link::open(&swarm, &["tcp/127.0.0.1:0".to_owned()], &dial, &Security::Plain).unwrap();
     dial.extend(second.info().locators().wait().iter().map(ToString::to_string));
-    let observer = link::open(&swarm, &[], &dial).unwrap();
+    let observer = link::open(&swarm, &[], &dial, &Security::Plain).unwrap();
     let mut events = listen::<Event>(&observer, all::EVENTS);
     let mut healths = listen::<Health>(&observer, all::HEALTH);
     let mut traces = listen::<Trace>(&observer, all::TRACES);
@@ -110,7 +129,9 @@ fn two_agents_find_each_other_take_part_and_land_when_stopped() {
         health.extend(healths());
         trace.extend(traces());
         [1, 2].iter().all(|&number| {
-            let of_both = |said: &Health| said.header.sender.get() == number && said.peers.len() == 1;
+            let of_both = |said: &Health| {
+                said.header.sender.get() == number && said.peers.first().is_some_and(|peer| peer.clock.is_some())
+            };
             health.iter().any(of_both) && trace.iter().any(|said| said.header.sender.get() == number)
         })
     });
@@ -118,6 +139,12 @@ fn two_agents_find_each_other_take_part_and_land_when_stopped() {
     assert_eq!((last.plant.as_str(), last.drops.total()), ("builtin", 0));
     assert!(last.frame_rate_hz > 25.0 && last.step_p50_us > 0.0 && last.step_p50_us <= last.step_p99_us, "{last:?}");
     assert_eq!(last.peers[0].standing, Standing::Fresh);
+    let clocks: Vec<_> = health.iter().filter_map(|said| said.peers.first()?.clock).collect();
+    assert!(clocks.iter().all(|clock| clock.offset_s.abs() <= clock.bound_s && clock.bound_s < 0.5), "{clocks:?}");
+    assert!(
+        last.failures.is_empty() && last.refused.is_empty() && last.version == env!("CARGO_PKG_VERSION"),
+        "{last:?}"
+    );
     let of_one = trace.iter().filter(|said| said.header.sender.get() == 1);
     let sequence: Vec<u64> = of_one.map(|said| said.header.sequence).collect();
     assert!(sequence.windows(2).all(|pair| pair[0] < pair[1]));
@@ -143,9 +170,9 @@ fn a_cut_of_the_scenario_parts_two_agents_and_heals() {
         (node.scenario.network.loss, node.scenario.network.delay_s) = (0.1, 0.1);
         node
     });
-    let second = link::open(&swarm, &["tcp/127.0.0.1:0".to_owned()], &dial).unwrap();
+    let second = link::open(&swarm, &["tcp/127.0.0.1:0".to_owned()], &dial, &Security::Plain).unwrap();
     dial.extend(second.info().locators().wait().iter().map(ToString::to_string));
-    let observer = link::open(&swarm, &[], &dial).unwrap();
+    let observer = link::open(&swarm, &[], &dial, &Security::Plain).unwrap();
     let mut events = listen::<Event>(&observer, all::EVENTS);
     let flights = [Flight::begin(one, session, &tokio), Flight::begin(two, second, &tokio)];
     let mut told: Vec<(Instant, Event)> = Vec::new();
@@ -176,12 +203,70 @@ fn a_cut_of_the_scenario_parts_two_agents_and_heals() {
 }
 
 #[test]
+fn what_the_scenario_does_to_the_network_and_the_clocks_happens_to_real_agents() {
+    let tokio = Builder::new_multi_thread().worker_threads(1).enable_all().build().unwrap();
+    let (swarm, session, mut dial) = hub("impaired");
+    let [one, two] = [1, 2].map(|number| {
+        let mut node = node(&swarm, number);
+        node.scenario.network = Network {
+            loss: 0.2,
+            burst_s: Some(0.1),
+            delay_s: 0.2,
+            jitter_s: 0.3,
+            reorder: 0.2,
+            reorder_s: 0.4,
+            duplicate: 0.3,
+            bandwidth_bit_s: Some(1e6),
+            range_m: Some(500.0),
+            graph: Graph::Nearest,
+            neighbours: 1,
+            ..node.scenario.network
+        };
+        node.scenario.vehicle[1].clock_offset_s = -7200.0;
+        node.scenario.vehicle[1].clock_drift_ppm = 100.0;
+        node
+    });
+    let second = link::open(&swarm, &["tcp/127.0.0.1:0".to_owned()], &dial, &Security::Plain).unwrap();
+    dial.extend(second.info().locators().wait().iter().map(ToString::to_string));
+    let observer = link::open(&swarm, &[], &dial, &Security::Plain).unwrap();
+    let mut healths = listen::<Health>(&observer, all::HEALTH);
+    let mut traces = listen::<Trace>(&observer, all::TRACES);
+    let flights = [Flight::begin(one, session, &tokio), Flight::begin(two, second, &tokio)];
+    let (mut steps, mut health): (Vec<Trace>, Vec<Health>) = (Vec::new(), Vec::new());
+    let of = |said: &Header, number: u8| said.sender.get() == number;
+    for number in [1, 2] {
+        wait_until("two hundred steps of a member that hears the other, and drops what is overtaken", || {
+            steps.extend(traces().into_iter().filter(|step| step.peers.first().is_some_and(|peer| peer.age_s < 1.0)));
+            health.extend(healths());
+            steps.iter().filter(|step| of(&step.header, number) && step.membership == Membership::Active).count() > 200
+                && health.iter().any(|said| of(&said.header, number) && said.drops.old > 3)
+        });
+    }
+    let named =
+        |said: &Health| said.refused.iter().any(|kind| kind.reason == Reason::Old && kind.key.starts_with("vehicle/"));
+    assert!(health.iter().filter(|said| said.drops.old > 3).all(named), "{health:?}");
+    let late: Vec<f64> = steps.iter().map(|step| step.peers[0].delivered_age_s).collect();
+    assert!(late.iter().all(|late_s| (0.2..=0.9 + 0.2).contains(late_s)), "{late:?}");
+    let spread_s = late.iter().fold(0.0, |most: f64, late_s| most.max(*late_s)) - 0.2;
+    assert!(spread_s > 0.1, "{spread_s} s of 0.3 s");
+    // No clock is told how the other is set, and no age shows it.
+    let hours = |number| steps.iter().rfind(|step| of(&step.header, number)).unwrap().header.stamp.seconds() / 3600.0;
+    assert!((2.0..2.1).contains(&hours(1)) && (0.0..0.1).contains(&hours(2)), "{} and {}", hours(1), hours(2));
+    assert!(health.iter().all(|said| said.uptime_s < 100.0), "{health:?}");
+    for flight in flights {
+        flight.stop.ask();
+        flight.stop.ask();
+        flight.end();
+    }
+}
+
+#[test]
 fn an_agent_whose_launcher_is_gone_flies_until_an_order_has_landed_it() {
     let tokio = Builder::new_multi_thread().worker_threads(1).enable_all().build().unwrap();
     let (swarm, session, dial) = hub("order");
     let flight = Flight::begin(node(&swarm, 1), session, &tokio);
     flight.stop.forsake();
-    let observer = link::open(&swarm, &[], &dial).unwrap();
+    let observer = link::open(&swarm, &[], &dial, &Security::Plain).unwrap();
     let mut events = listen::<Event>(&observer, all::EVENTS);
     let mut told: Vec<Happening> = Vec::new();
     wait_until("a member", || {
@@ -189,11 +274,69 @@ fn an_agent_whose_launcher_is_gone_flies_until_an_order_has_landed_it() {
         told.contains(&Happening::BecameActive)
     });
     assert!(!flight.thread.is_finished());
-    let order = Order { epoch: 1, issuer: 5, verb: Verb::Land };
+    let order = Order { epoch: 1, issuer: 5, verb: Verb::Land, seal: None };
     observer.put(Topic::Order(order.issuer).key(), encode(&order)).wait().unwrap();
     flight.end();
     told.extend(events().iter().map(|event| event.what));
     assert!(told.contains(&Happening::OrderTaken(order)) && told.contains(&Happening::Landed), "{told:?}");
+}
+
+#[test]
+fn what_a_node_makes_up_lands_nobody_and_is_named_and_what_the_operator_has_sealed_does() {
+    let tokio = Builder::new_multi_thread().worker_threads(1).enable_all().build().unwrap();
+    let (swarm, session, dial) = hub("sealed");
+    let operator = sealer();
+    let one = Node { orders_key: Some(operator.key().into()), run: 7, ..node(&swarm, 1) };
+    let plan = one.scenario.plan_hash();
+    let flight = Flight::begin(one, session, &tokio);
+    flight.stop.forsake();
+    let other = link::open(&swarm, &[], &dial, &Security::Plain).unwrap();
+    let (mut events, mut healths) = (listen::<Event>(&other, all::EVENTS), listen::<Health>(&other, all::HEALTH));
+    let mut missions = listen::<Mission>(&other, all::MISSIONS);
+    let mut told: Vec<Happening> = Vec::new();
+    let abort = Order { epoch: u64::MAX, issuer: 5, verb: Verb::Abort, seal: None };
+    let mut register = Mission {
+        header: Header {
+            sender: VehicleId::new(2).unwrap(),
+            incarnation: Incarnation(1),
+            sequence: 0,
+            stamp: SenderStamp::ZERO,
+        },
+        plan,
+        membership: Membership::Active,
+        step: 0,
+        reached: None,
+        progress_m: 0.0,
+        run: 7,
+        order: None,
+    };
+    let put = |topic: Topic, bytes: Vec<u8>| other.put(topic.key(), bytes).wait().unwrap();
+    let mut named: Vec<Refused> = Vec::new();
+    wait_until("a member that has refused a made-up order and yesterday's", || {
+        register.header.sequence += 1;
+        register.order = Some(abort);
+        put(Topic::Mission(register.header.sender), encode(&register));
+        put(Topic::Order(5), encode(&operator.seal(&swarm, 6, abort)));
+        told.extend(events().iter().map(|event| event.what));
+        named = healths().pop().map_or_else(|| named.clone(), |said| said.refused);
+        let refused = |key: &str| named.iter().any(|kind| kind.reason == Reason::Unsealed && kind.key == key);
+        told.contains(&Happening::BecameActive) && refused("vehicle/2/mission") && refused("order")
+    });
+    assert!(!told.iter().any(|what| matches!(what, Happening::OrderTaken(_))), "{told:?}");
+    let said: Vec<_> = missions().into_iter().filter(|said| said.header.sender.get() == 1).collect();
+    assert!(!said.is_empty() && said.iter().all(|said| said.run == 7 && said.order.is_none()), "{said:?}");
+
+    // By way of the other's register alone: it needs to reach one of them.
+    let land = Order { epoch: 1, issuer: 5, verb: Verb::Land, seal: None };
+    register.order = Some(operator.seal(&swarm, 7, land));
+    wait_until("the order to be passed on", || {
+        register.header.sequence += 1;
+        put(Topic::Mission(register.header.sender), encode(&register));
+        missions().iter().any(|said| said.header.sender.get() == 1 && said.order == register.order)
+    });
+    flight.end();
+    told.extend(events().iter().map(|event| event.what));
+    assert!(told.contains(&Happening::OrderTaken(land)) && told.contains(&Happening::Landed), "{told:?}");
 }
 
 #[test]

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::{Header, Message, message};
+use super::{ClockOffset, Failure, Header, Message, message};
 use crate::id::VehicleId;
 use crate::state::{Activity, Standing};
 use crate::topic::{Author, Topic};
@@ -18,8 +18,10 @@ pub struct Health {
     pub activity: Activity,
     /// Whether the built-in model or an X-Plane is flown.
     pub plant: String,
-    /// Version of the agent.
+    /// What the agent is: the release that was installed, or else its version.
     pub version: String,
+    /// What it finds failed of its own vehicle.
+    pub failures: Vec<Failure>,
     /// Simulator frames a second, over the last second.
     pub frame_rate_hz: f64,
     /// 99th percentile of the distance between frames beyond their period over the last second, ms.
@@ -32,12 +34,19 @@ pub struct Health {
     pub frame_overruns: u64,
     /// What was dropped, since the start.
     pub drops: Drops,
+    /// What of others was not believed, the latest kinds first, at most [`Refused::MAX_COUNT`].
+    pub refused: Vec<Refused>,
     /// State messages said, since the start.
     pub state_messages: u64,
     /// Their payload, bytes.
     pub state_bytes: u64,
     /// How each peer's word stands.
     pub peers: Vec<PeerHealth>,
+}
+
+impl Health {
+    /// Longest name of a release, bytes.
+    pub const MAX_VERSION: usize = 64;
 }
 
 /// What was dropped instead of believed, by reason, since the start.
@@ -53,6 +62,10 @@ pub struct Drops {
     pub forged: u64,
     /// Messages older than one already heard: late, replayed or of an earlier life.
     pub old: u64,
+    /// Orders, in an operator's name or repeated by a peer, without a valid seal of this run.
+    pub unsealed: u64,
+    /// Registers of peers that fly another plan: they count for nothing in the agreement.
+    pub other_plan: u64,
     /// Own measurements that were not finite or not possible.
     pub measurement: u64,
 }
@@ -60,7 +73,77 @@ pub struct Drops {
 impl Drops {
     /// All of them.
     pub fn total(&self) -> u64 {
-        self.plant_malformed + self.undecodable + self.other_version + self.forged + self.old + self.measurement
+        self.plant_malformed + self.measurement + self.old + self.refused()
+    }
+
+    /// What no honest peer of this swarm says, however bad the network.
+    pub fn refused(&self) -> u64 {
+        self.undecodable + self.other_version + self.forged + self.unsealed + self.other_plan
+    }
+}
+
+/// Something of others that was not believed, since the start.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Refused {
+    /// Why not.
+    pub reason: Reason,
+    /// Under which key it came, without the cell; at most [`Self::MAX_KEY`] bytes of printable ASCII.
+    pub key: String,
+    /// How often.
+    pub count: u64,
+}
+
+impl Refused {
+    /// Longest key, bytes.
+    pub const MAX_KEY: usize = 48;
+    /// Most kinds that are told.
+    pub const MAX_COUNT: usize = 8;
+
+    /// Nothing of `key`, which anybody may have chosen, is longer than it should be or does something to a terminal.
+    pub fn printable(key: &str) -> String {
+        let printable = |c: char| if Self::is_printable(c) { c } else { '?' };
+        key.chars().take(Self::MAX_KEY).map(printable).collect()
+    }
+
+    fn is_printable(c: char) -> bool {
+        c == ' ' || c.is_ascii_graphic()
+    }
+
+    fn is_plausible(&self) -> bool {
+        self.key.len() <= Self::MAX_KEY && self.key.chars().all(Self::is_printable)
+    }
+}
+
+/// Why something was not believed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Reason {
+    /// Bytes that are no message, or one with an impossible value.
+    Undecodable,
+    /// A message of another version of Skein.
+    OtherVersion,
+    /// Said in somebody else's name.
+    Forged,
+    /// Said by a vehicle that is not of this swarm.
+    Stranger,
+    /// An order without a valid seal of this run.
+    Unsealed,
+    /// A register of another plan.
+    OtherPlan,
+    /// Older than what was already heard: late, repeated or replayed.
+    Old,
+}
+
+impl std::fmt::Display for Reason {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.pad(match self {
+            Self::Undecodable => "undecodable",
+            Self::OtherVersion => "another version",
+            Self::Forged => "forged",
+            Self::Stranger => "not of this swarm",
+            Self::Unsealed => "order without a valid seal",
+            Self::OtherPlan => "another plan",
+            Self::Old => "old or replayed",
+        })
     }
 }
 
@@ -73,12 +156,17 @@ pub struct PeerHealth {
     pub standing: Standing,
     /// Age of its last word by the receiver's clock, s.
     pub age_s: f64,
+    /// How far its clock is ahead of the own, once measured. Nothing in flight relies on it.
+    pub clock: Option<ClockOffset>,
 }
 
 message!(Health, 16 * 1024, |said| Author::Vehicle(said.header.sender), |said| {
     let numbers = [said.uptime_s, said.frame_rate_hz, said.jitter_ms, said.step_p50_us, said.step_p99_us];
     numbers.iter().all(|number| number.is_finite())
         && said.plant.len() <= 64
-        && said.version.len() <= 64
-        && said.peers.iter().all(|peer| peer.age_s.is_finite())
+        && said.version.len() <= Health::MAX_VERSION
+        && said.failures.len() <= Failure::KINDS
+        && said.refused.len() <= Refused::MAX_COUNT
+        && said.refused.iter().all(Refused::is_plausible)
+        && said.peers.iter().all(|peer| peer.age_s.is_finite() && peer.clock.is_none_or(|clock| clock.is_plausible()))
 });

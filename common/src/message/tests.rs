@@ -2,6 +2,7 @@ use proptest::prelude::*;
 
 use super::*;
 use crate::frame::{Geodetic, VelocityNed};
+use crate::state::{Activity, Standing};
 
 fn header() -> Header {
     Header {
@@ -23,8 +24,12 @@ fn state() -> State {
     }
 }
 
+fn seal() -> Seal {
+    Seal::from_bytes(std::array::from_fn(|nth| nth as u8))
+}
+
 fn mission() -> Mission {
-    let order = Order { epoch: 1, issuer: 9, verb: Verb::Land };
+    let order = Order { epoch: 1, issuer: 9, verb: Verb::Land, seal: Some(seal()) };
     Mission {
         header: header(),
         plan: 7,
@@ -32,6 +37,7 @@ fn mission() -> Mission {
         step: 3,
         reached: Some(2),
         progress_m: 0.5,
+        run: 300,
         order: Some(order),
     }
 }
@@ -56,9 +62,13 @@ fn agreement_and_events_have_these_bytes() {
     golden.extend(HEADER);
     golden.extend([7, 1, 3, 1, 2]);
     golden.extend(0.5_f64.to_le_bytes());
-    golden.extend([1, 1, 9, 1]);
+    // Run 300, then the order and its seal.
+    golden.extend([0xac, 2, 1, 1, 9, 1, 1]);
+    golden.extend(seal().to_bytes());
     assert_eq!(encode(&mission()), golden);
     assert_eq!(decode(&golden), Ok(mission()));
+    let plain = Mission { run: 0, order: mission().order.map(|order| Order { seal: None, ..order }), ..mission() };
+    assert_eq!(encode(&plain).len(), golden.len() - 1 - 64, "a swarm without seals pays two bytes");
 
     let mut golden = vec![VERSION];
     golden.extend(HEADER);
@@ -92,12 +102,93 @@ fn what_no_correct_peer_says_is_refused() {
 
 #[test]
 fn the_larger_order_wins_whoever_is_asked_first() {
-    let early = Order { epoch: 1, issuer: 900, verb: Verb::Land };
-    let late = Order { epoch: 2, issuer: 1, verb: Verb::Hold };
+    let early = Order { epoch: 1, issuer: 900, verb: Verb::Land, seal: None };
+    let late = Order { epoch: 2, issuer: 1, verb: Verb::Hold, seal: None };
     assert_eq!(early.max(late), late);
-    let end = Order { epoch: 1, issuer: 0, verb: Verb::Abort };
+    let end = Order { epoch: 1, issuer: 0, verb: Verb::Abort, seal: None };
     assert_eq!(end.max(late), end, "nothing takes an abort back");
     assert_eq!(Some(early).max(None), Some(early));
+    let sealed = Order { seal: Some(seal()), ..late };
+    assert!(sealed > late && sealed.max(late) == sealed && sealed != late, "whatever differs has an order");
+}
+
+#[test]
+fn the_largest_words_fit() {
+    let most = Header {
+        sender: VehicleId::new(VehicleId::MAX).unwrap(),
+        incarnation: Incarnation(u64::MAX),
+        sequence: u64::MAX,
+        stamp: SenderStamp::from_nanoseconds(u64::MAX),
+    };
+    let order = Order { epoch: u64::MAX, issuer: u64::MAX, verb: Verb::Goto(u32::MAX), seal: Some(seal()) };
+    let mission = Mission {
+        header: most,
+        plan: u64::MAX,
+        membership: Membership::Left,
+        step: MAX_STEP,
+        reached: Some(MAX_STEP),
+        progress_m: 1e8,
+        run: u64::MAX,
+        order: Some(order),
+    };
+    assert_eq!(decode(&encode(&mission)), Ok(mission));
+    assert_eq!(decode(&encode(&order)), Ok(order));
+    let event = Event { header: most, what: Happening::OrderTaken(order) };
+    assert_eq!(decode(&encode(&event)), Ok(event));
+    let health = health(VehicleId::MAX);
+    assert_eq!(decode(&encode(&health)).as_ref(), Ok(&health));
+}
+
+/// Of a swarm of so many, with as much to tell as there can be.
+fn health(vehicles: u8) -> Health {
+    let peer = |id| PeerHealth {
+        id,
+        standing: Standing::Fresh,
+        age_s: 0.1,
+        clock: Some(ClockOffset { offset_s: -0.5, bound_s: 0.001 }),
+    };
+    let refused = Refused { reason: Reason::Forged, key: "k".repeat(Refused::MAX_KEY), count: u64::MAX };
+    Health {
+        header: header(),
+        uptime_s: 1.0,
+        activity: Activity::Formation,
+        plant: "standin".to_owned(),
+        version: "v".repeat(Health::MAX_VERSION),
+        failures: vec![Failure::Servo; Failure::KINDS],
+        frame_rate_hz: 50.0,
+        jitter_ms: 1.0,
+        step_p50_us: 1.0,
+        step_p99_us: 2.0,
+        frame_overruns: u64::MAX,
+        drops: Drops { forged: u64::MAX, ..Drops::default() },
+        refused: vec![refused; Refused::MAX_COUNT],
+        state_messages: u64::MAX,
+        state_bytes: u64::MAX,
+        peers: VehicleId::first(vehicles.into()).map(peer).collect(),
+    }
+}
+
+#[test]
+fn no_health_holds_more_or_worse_than_it_may() {
+    let with = |change: fn(&mut Health)| {
+        let mut health = health(2);
+        change(&mut health);
+        decode::<Health>(&encode(&health)).err()
+    };
+    let implausible = Some(DecodeError::Implausible);
+    assert_eq!(with(|_| {}), None);
+    assert_eq!(with(|health| health.refused.push(health.refused[0].clone())), implausible);
+    assert_eq!(with(|health| health.refused[0].key = "\u{1b}[2J".to_owned()), implausible, "it would clear the screen");
+    assert_eq!(with(|health| health.refused[0].key.push('k')), implausible);
+    assert_eq!(with(|health| health.failures.push(Failure::Gyro)), implausible);
+    assert_eq!(with(|health| health.version.push('v')), implausible);
+    assert_eq!(
+        with(|health| health.peers[1].clock = Some(ClockOffset { offset_s: f64::NAN, bound_s: 0.0 })),
+        implausible
+    );
+    assert_eq!(with(|health| health.peers[1].clock = Some(ClockOffset { offset_s: 0.0, bound_s: -1.0 })), implausible);
+    let printable = Refused::printable("vehicle/7\u{1b}/ü");
+    assert_eq!((printable.as_str(), Refused::printable(&"x".repeat(200)).len()), ("vehicle/7?/?", Refused::MAX_KEY));
 }
 
 proptest! {
@@ -116,6 +207,7 @@ proptest! {
             prop_assert!(said.is_plausible());
         }
         let _ = decode::<Mission>(&bytes);
+        let _ = decode::<Order>(&bytes);
         let _ = decode::<Event>(&bytes);
     }
 

@@ -54,12 +54,36 @@ pub struct Trace {
     pub step_us: Option<f64>,
     /// How often the safety filter has stepped in since the start, where there is one.
     pub safety_activations: Option<u64>,
+    /// Asks that an external law has not answered since the start, where one flies.
+    pub law_misses: Option<u64>,
+    /// What an external law wants recorded, with its last answer.
+    pub law_log: Vec<LawNumber>,
     /// Steps that ended after the next frame was due, since the start.
     pub frame_overruns: u64,
     /// State messages said since the start.
     pub state_messages: u64,
     /// Their payload, bytes.
     pub state_bytes: u64,
+}
+
+/// A number that an external law wants recorded.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct LawNumber {
+    /// The law's name for it, of [`LawNumber::MAX_NAME`] bytes at most.
+    pub name: String,
+    /// Finite.
+    pub value: f64,
+}
+
+impl LawNumber {
+    /// Longest name, bytes.
+    pub const MAX_NAME: usize = 32;
+    /// Most numbers of one answer.
+    pub const MAX_COUNT: usize = 16;
+
+    fn is_plausible(&self) -> bool {
+        self.name.len() <= Self::MAX_NAME && self.value.is_finite()
+    }
 }
 
 /// Age of one peer's word at one step.
@@ -71,6 +95,8 @@ pub struct PeerAge {
     pub standing: Standing,
     /// By the receiver's clock, s.
     pub age_s: f64,
+    /// How late the newest of its states was when it was delivered, s: what the scenario's network imposed on it, exactly.
+    pub delivered_age_s: f64,
 }
 
 message!(Trace, 16 * 1024, |said| Author::Vehicle(said.header.sender), |said| {
@@ -83,5 +109,7 @@ message!(Trace, 16 * 1024, |said| Author::Vehicle(said.header.sender), |said| {
         && said.height_m.is_finite()
         && said.altitude_setpoint_m.is_finite()
         && pairs.chain(options).chain(said.sticks.iter().flatten()).all(|number| number.is_finite())
-        && said.peers.iter().all(|peer| peer.age_s.is_finite())
+        && said.peers.iter().all(|peer| peer.age_s.is_finite() && peer.delivered_age_s.is_finite())
+        && said.law_log.len() <= LawNumber::MAX_COUNT
+        && said.law_log.iter().all(LawNumber::is_plausible)
 });

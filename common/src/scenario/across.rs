@@ -4,7 +4,8 @@ use std::f64::consts::PI;
 
 use super::error::ScenarioError;
 use super::model::{
-    Conversion, Fault, Formation, Graph, Law, Order, PlantKind, SafetyFilter, Scenario, StartPattern, Vertical, What,
+    ControlMode, Conversion, Fault, Formation, Graph, Law, Order, Pattern, PlantKind, SafetyFilter, Scenario,
+    StartPattern, Vertical, What,
 };
 use super::tree::{Node, Place, Texts};
 use crate::id::VehicleId;
@@ -29,6 +30,7 @@ pub(super) fn check(texts: &Texts<'_>, written: &Node, scenario: &Scenario) -> R
         check.formation(&step.formation, Some(index))?;
     }
     check.external()?;
+    check.central()?;
     check.events()
 }
 
@@ -138,6 +140,22 @@ impl Check<'_> {
                 return Err(self.fault(&[&path], format!("`{path}`: vehicle {from} hears itself anyway")));
             }
         }
+        for (index, change) in network.links.iter().enumerate() {
+            for (name, ids) in [("from", &change.from), ("to", &change.to)] {
+                for (place, id) in ids.iter().enumerate() {
+                    self.flies(*id, &format!("network.links[{index}].{name}[{place}]"))?;
+                }
+            }
+        }
+        if let Some(fade_m) = network.fade_m
+            && network.range_m.is_none_or(|range_m| fade_m > range_m)
+        {
+            let message = match network.range_m {
+                Some(range_m) => format!("`network.fade_m` is {fade_m}, but may not be above `range_m`, {range_m}"),
+                None => "`network.fade_m` needs `network.range_m`, where nothing is heard any more".to_owned(),
+            };
+            return Err(self.fault(&["network.fade_m", "network.range_m"], message));
+        }
         let (stale_s, period_s) = (network.peer_stale_s, network.state_max_period_s);
         if stale_s <= period_s {
             return Err(self.fault(
@@ -155,6 +173,7 @@ impl Check<'_> {
     fn formation(&self, formation: &Formation, step: Option<usize>) -> Result<(), ScenarioError> {
         self.field(formation, step)?;
         self.heights(formation, step)?;
+        self.slots(formation, step)?;
         self.room(formation, step)
     }
 
@@ -212,6 +231,34 @@ impl Check<'_> {
         Err(self.formation_fault(step, ["band_step_m", "altitude_m"], message))
     }
 
+    /// Every vehicle has a slot, and is not too near to another's.
+    fn slots(&self, formation: &Formation, step: Option<usize>) -> Result<(), ScenarioError> {
+        let slots = &formation.slots;
+        if !formation.law.has_slots() || slots.pattern == Pattern::Circle {
+            return Ok(());
+        }
+        let listed = slots.offsets_ne_m.as_deref().unwrap_or_default();
+        if slots.pattern == Pattern::List && listed.len() < self.count() {
+            let (listed, count) = (listed.len(), self.count());
+            let message = format!("`formation.slots.offsets_ne_m` has {listed} slots for {count} vehicles");
+            return Err(self.formation_fault(step, ["slots.offsets_ne_m", "slots.pattern"], message));
+        }
+        let is_flat = formation.band_step_m == 0.0;
+        let apart_m = |[a, b]: [&[f64; 2]; 2]| (a[0] - b[0]).hypot(a[1] - b[1]);
+        let pairs = listed.iter().enumerate().flat_map(|(nth, a)| listed[..nth].iter().map(move |b| [a, b]));
+        let nearest_m = match slots.pattern {
+            Pattern::List => pairs.map(apart_m).fold(f64::INFINITY, f64::min),
+            _ => slots.spacing_m,
+        };
+        let least_m = formation.safety_distance_m;
+        if formation.safety_filter == SafetyFilter::None || !is_flat || self.count() == 1 || nearest_m >= least_m {
+            return Ok(());
+        }
+        let message =
+            format!("two slots are {nearest_m:.1} m apart, less than `formation.safety_distance_m`, {least_m}");
+        Err(self.formation_fault(step, ["slots.spacing_m", "slots.offsets_ne_m"], message))
+    }
+
     /// The ring is long enough for all to keep the filter's distance: a necessary condition, since on an ellipse nobody is
     /// farther from the neighbours than on a circle around it.
     fn room(&self, formation: &Formation, step: Option<usize>) -> Result<(), ScenarioError> {
@@ -220,7 +267,10 @@ impl Check<'_> {
         let widest_m = formation.radius_m * (1.0 / formation.gamma.sqrt()).max(1.0);
         let chord_m = 2.0 * widest_m * (PI / self.count() as f64).sin();
         let least_m = formation.safety_distance_m;
-        let is_ring = matches!(formation.law, Law::Ring | Law::VirtualStructure);
+        let is_ring = match formation.law {
+            Law::Ring => true,
+            law => law.has_slots() && formation.slots.pattern == Pattern::Circle,
+        };
         if !is_ring || !is_flat || !is_filtered || self.count() == 1 || chord_m >= least_m {
             return Ok(());
         }
@@ -259,6 +309,39 @@ impl Check<'_> {
         Ok(())
     }
 
+    /// Under one machine vehicles have no computers and say nothing to each other, and without it there is none to kill.
+    fn central(&self) -> Result<(), ScenarioError> {
+        let is_central = self.scenario.control.mode == ControlMode::Central;
+        if is_central && self.count() >= usize::from(VehicleId::MAX) {
+            let most = VehicleId::MAX - 1;
+            let message =
+                format!("`control.mode` = \"central\" is for {most} vehicles at most: the machine has an id too");
+            return Err(self.fault(&["control.mode", "swarm.vehicles"], message));
+        }
+        for (index, event) in self.scenario.mission.events.iter().enumerate() {
+            let (fault, why) = match &event.what {
+                What::Fault(Fault::KillControl) if !is_central => {
+                    ("kill_control", "needs `control.mode` = \"central\": here no one machine controls the swarm")
+                }
+                What::Fault(Fault::Kill { .. }) if is_central => {
+                    ("kill", "means nothing under `control.mode` = \"central\": \"kill_control\" ends the one machine")
+                }
+                What::Fault(Fault::ClockJump { .. }) if is_central => (
+                    "clock_jump",
+                    "means nothing under `control.mode` = \"central\": no vehicle has a clock of its own",
+                ),
+                What::Fault(Fault::Cut { .. }) if is_central => {
+                    ("cut", "means nothing under `control.mode` = \"central\": no vehicle talks to another")
+                }
+                _ => continue,
+            };
+            let path = format!("mission.events[{index}]");
+            let message = format!("`{path}`: fault = \"{fault}\" {why}");
+            return Err(self.fault(&[&format!("{path}.fault"), "control.mode"], message));
+        }
+        Ok(())
+    }
+
     fn events(&self) -> Result<(), ScenarioError> {
         for (index, event) in self.scenario.mission.events.iter().enumerate() {
             let path = |name: &str| format!("mission.events[{index}].{name}");
@@ -284,7 +367,7 @@ impl Check<'_> {
                     let path = path("step");
                     return Err(self.fault(&[&path], format!("`{path}` is {step}, but the last step is {last}")));
                 }
-                What::Order(_) => {}
+                What::Fault(Fault::KillControl) | What::Order(_) => {}
             }
         }
         Ok(())

@@ -4,6 +4,7 @@ use toml::Value as Toml;
 
 use super::error::ScenarioError;
 use super::keys::{self, Key, Kind, Meaning};
+use super::law;
 use super::tree::{Node, Texts, Value, shown};
 use crate::id::{SwarmName, VehicleId};
 
@@ -15,14 +16,17 @@ impl Texts<'_> {
         };
         for (name, (name_place, value)) in table {
             let path = keys::join(path, name);
-            match keys::meaning(&path) {
+            match keys::meaning(self.keys, &path) {
                 Some(Meaning::Key(key)) => self.check_value(value, &path, key)?,
                 Some(Meaning::Table) => self.check_table(value, &path)?,
-                _ if path.starts_with("vehicle.") && path.matches('.').count() == 1 => {
-                    let message = format!("`{}`: vehicles are tables by id, 1 to {}", shown(&path), VehicleId::MAX);
-                    return Err(self.fault(name_place, &path, message));
-                }
-                _ => return Err(self.unknown(name_place, &path)),
+                _ => match keys::no_id(self.keys, &path) {
+                    Some(table) => {
+                        let max = VehicleId::MAX;
+                        let message = format!("`{}`: {table}s are tables by id, 1 to {max}", shown(&path));
+                        return Err(self.fault(name_place, &path, message));
+                    }
+                    None => return Err(self.unknown(name_place, &path)),
+                },
             }
         }
         Ok(())
@@ -45,7 +49,8 @@ impl Texts<'_> {
                 Value::Plain(Toml::Boolean(true)) => Ok(()),
                 _ => Err(self.wrong(node, path, "true, or left out")),
             },
-            Kind::OneOf(words) => self.one_of(node, path, words),
+            Kind::OneOf(words) => self.one_of(node, path, words.iter().copied()),
+            Kind::Law => self.one_of(node, path, law::names()),
             Kind::Name => {
                 let name = self.text(node, path)?;
                 SwarmName::new(name).map(drop).map_err(|_| {
@@ -99,13 +104,20 @@ impl Texts<'_> {
         }
     }
 
-    fn one_of(&self, node: &Node, path: &str, words: &[&str]) -> Result<(), ScenarioError> {
+    fn one_of(
+        &self,
+        node: &Node,
+        path: &str,
+        words: impl Iterator<Item = &'static str> + Clone,
+    ) -> Result<(), ScenarioError> {
         let text = self.text(node, path)?;
-        if words.contains(&text) {
+        if words.clone().any(|word| word == text) {
             return Ok(());
         }
-        let list = words.iter().map(|word| format!("\"{word}\"")).collect::<Vec<_>>().join(", ");
-        Err(self.fault(&node.place, path, format!("`{path}` is \"{}\", but has to be one of {list}", shown(text))))
+        let list = words.clone().map(|word| format!("\"{word}\"")).collect::<Vec<_>>().join(", ");
+        let message = format!("`{path}` is \"{}\", but has to be one of {list}", shown(text));
+        let help = keys::nearest_of(words, text).map(|nearest| format!("did you mean \"{nearest}\"?").into());
+        Err(ScenarioError { help, ..self.fault(&node.place, path, message) })
     }
 
     fn text<'n>(&self, node: &'n Node, path: &str) -> Result<&'n str, ScenarioError> {
@@ -195,9 +207,9 @@ impl Texts<'_> {
         }
     }
 
-    /// A mission has steps, but nothing needs to happen to it.
+    /// A mission has steps, but nothing needs to happen to it, and all links may be alike.
     fn tables(&self, node: &mut Node, path: &str) -> Result<(), ScenarioError> {
-        if path == "mission.events" && matches!(&node.value, Value::List(items) if items.is_empty()) {
+        if path != "mission.steps" && matches!(&node.value, Value::List(items) if items.is_empty()) {
             return Ok(());
         }
         let mut index = 0;
@@ -211,6 +223,9 @@ impl Texts<'_> {
     fn free(&self, node: &Node, path: &str) -> Result<(), ScenarioError> {
         match &node.value {
             Value::Plain(Toml::Datetime(_)) => Err(self.wrong(node, path, "something that JSON can say")),
+            Value::Plain(Toml::Float(number)) if !number.is_finite() => {
+                Err(self.wrong(node, path, "something that JSON can say"))
+            }
             Value::Plain(_) => Ok(()),
             Value::List(items) => items.iter().try_for_each(|item| self.free(item, path)),
             Value::Table(table) => {

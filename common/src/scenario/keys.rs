@@ -1,14 +1,14 @@
 //! Every key of a scenario file, once: kind, range, defaults, meaning.
 //!
 //! The loader, the presets, `--set`, the messages and the complete file all read this table; a test holds it against the
-//! fields of [`Scenario`](super::Scenario).
+//! fields of [`Scenario`](super::Scenario). What looks keys up takes the table: other files have their own.
 
 use std::fmt;
 
 /// A key: how it is spelled, what it takes and what it is when nobody says anything.
 #[derive(Clone, Copy, Debug)]
 pub struct Key {
-    /// Dotted; `N` stands for a vehicle's id, `[N]` for a place in a list. A step takes the keys of `formation` too.
+    /// Dotted; `N` stands for an id, `[N]` for a place in a list. A step takes the keys of `formation` too.
     pub path: &'static str,
     /// What it takes.
     pub kind: Kind,
@@ -37,6 +37,8 @@ pub enum Kind {
     True,
     /// One of these texts.
     OneOf(&'static [&'static str]),
+    /// A law's name.
+    Law,
     /// 1 to 64 letters, digits, '-' or '_'.
     Name,
     /// A text that is not empty.
@@ -150,8 +152,6 @@ const fn text(value: &'static str) -> Literal {
     Literal::Text(value)
 }
 
-const LAWS: &[&str] =
-    &["ring", "flock", "olfati-saber", "vasarhelyi", "virtual-structure", "displacement-consensus", "external"];
 const BUILT_IN_LAWS: &[&str] =
     &["ring", "flock", "olfati-saber", "vasarhelyi", "virtual-structure", "displacement-consensus"];
 
@@ -177,7 +177,7 @@ pub const KEYS: &[Key] = &[
     key("origin.longitude_deg", from(-180.0, 180.0), number(-82.0), "of the local frame; the authors' site in Florida"),
     key("origin.elevation_m", from(-500.0, 9000.0), number(0.0), "of the local frame above the ellipsoid; altitudes count from here"),
 
-    key("formation.law", OneOf(LAWS), text("ring"), "who goes where; the paper's ellipse"),
+    key("formation.law", Kind::Law, text("ring"), "who goes where; the paper's ellipse"),
     key("formation.radius_m", above_zero(1e5), number(100.0), "R*; Garcia & Barnes 2010, Table 1").flock(number(50.0)),
     key("formation.gamma", from(0.01, 100.0), number(1.0), "semi-axes are R* north and R*/sqrt(gamma) east; Table 1"),
     key("formation.gamma_z", from(0.01, 100.0), number(1.0), "vertical semi-axis of an ellipsoid is R*/sqrt(gamma_z)"),
@@ -201,6 +201,33 @@ pub const KEYS: &[Key] = &[
     key("formation.safety_filter", OneOf(&["none", "cbf"]), text("cbf"), "control barrier function behind the law: leaves it alone while all are apart").paper(text("none")),
     key("formation.safety_distance_m", above_zero(1e3), number(8.0), "d_s: 5 m and 3 m for the vehicle's lag"),
     key("formation.safety_rate_per_s", above_zero(100.0), number(0.5), "kappa: how fast the filter lets vehicles close in"),
+    key("formation.parameters", Free, Literal::Toml("{}"), "of a law that is none of Skein's, handed over as they are"),
+    key("formation.slots.pattern", OneOf(&["circle", "line", "v", "grid", "list"]), text("circle"), "of virtual-structure and displacement-consensus: the ellipse; or abreast, like geese, in rows, across the heading"),
+    key("formation.slots.spacing_m", above_zero(1e4), number(20.0), "between neighbours in a line, v or grid"),
+    key("formation.slots.offsets_ne_m", Path, Nothing, "from the centre, turned with the heading, one for each vehicle, under pattern = \"list\""),
+    key("formation.displacement_consensus.gain_per_s", from(0.0, 10.0), number(0.05), "k; ours: sixteen who all hear each other are as fast as a helicopter can follow"),
+    key("formation.displacement_consensus.goal_gain_per_s", from(0.0, 10.0), number(0.1), "k_g towards the own place about the centre; ours. 0: consensus alone, which goes nowhere"),
+    key("formation.olfati_saber.distance_m", above_zero(1e4), number(30.0), "d, which the source calls 7; ours"),
+    key("formation.olfati_saber.range_ratio", from(1.0, 10.0), number(1.2), "r/d; Olfati-Saber 2006, section IX"),
+    key("formation.olfati_saber.epsilon", from(1e-3, 10.0), number(0.1), "of the sigma-norm; the source's"),
+    key("formation.olfati_saber.action_a", above_zero(1e3), number(5.0), "of the action function; the source's"),
+    key("formation.olfati_saber.action_b", above_zero(1e3), number(5.0), "of the action function, not below a; the source's"),
+    key("formation.olfati_saber.bump_h", from(0.0, 0.99), number(0.2), "where the bump function begins to fall; the source's"),
+    key("formation.olfati_saber.time_unit_s", above_zero(1e3), number(8.0), "what the source's unit of time is here; ours: a helicopter follows within a second"),
+    key("formation.olfati_saber.c1_per_s2", from(0.0, 10.0), number(0.004), "towards the goal; ours: 0.02 presses sixteen together until the lattice breaks"),
+    key("formation.olfati_saber.c2_per_s", from(0.0, 10.0), number(0.13), "towards its velocity; ours: 2 sqrt(c1)"),
+    key("formation.olfati_saber.horizon_s", above_zero(10.0), number(1.0), "an acceleration is flown as the velocity that it leads to by then; ours: the helicopter's lag"),
+    key("formation.olfati_saber.max_speed_m_s", above_zero(50.0), number(5.0), "a faster velocity is cut to this; ours"),
+    key("formation.vasarhelyi.flock_speed_m_s", above_zero(20.0), number(4.0), "v_flock; Vasarhelyi et al. 2018, set evolved for 4 m/s"),
+    key("formation.vasarhelyi.max_speed_m_s", above_zero(50.0), number(6.0), "v_max; the source's"),
+    key("formation.vasarhelyi.repulsion_range_m", above_zero(1e4), number(25.6), "r0_rep; the source's"),
+    key("formation.vasarhelyi.repulsion_per_s", from(0.0, 10.0), number(0.13), "p_rep; the source's"),
+    key("formation.vasarhelyi.friction_offset_m", from(0.0, 1e4), number(85.3), "r0_frict; the source's"),
+    key("formation.vasarhelyi.friction_gain", from(0.0, 10.0), number(0.05), "C_frict; the source's"),
+    key("formation.vasarhelyi.friction_slack_m_s", from(0.0, 50.0), number(0.63), "v_frict; the source's"),
+    key("formation.vasarhelyi.friction_slope_per_s", above_zero(100.0), number(3.2), "p_frict; the source's"),
+    key("formation.vasarhelyi.friction_m_s2", above_zero(100.0), number(4.16), "a_frict; the source's"),
+    key("formation.vasarhelyi.homing_per_s", from(0.0, 10.0), number(0.05), "towards the centre, from half of R* on; ours, in place of the source's walls"),
     key("formation.external.command", Texts, Nothing, "program and arguments of law = \"external\", one process a vehicle; this, listen or udp"),
     key("formation.external.listen", Address("tcp/"), Nothing, "tcp/HOST:PORT: vehicle i connects to PORT + i"),
     key("formation.external.period_s", from(0.02, 10.0), number(0.1), "between two asks; the vehicle controller keeps its own 50 Hz"),
@@ -239,6 +266,7 @@ pub const KEYS: &[Key] = &[
     key("control.auto_trim", Kind::Bool, Bool(true), "integrates what trim error and wind leave: metres, without it").paper(Bool(false)),
     key("control.rules", Text, text("shipped"), "folder of .fis rule bases; \"shipped\": those of this build"),
     key("control.mode", OneOf(&["each", "central"]), text("each"), "where controllers run; central (study only) is the paper's one machine"),
+    key("control.central_step_s", from(0.0, 1.0), number(0.0001), "that machine's time for one vehicle and frame; what a live agent of ours takes, frame in to controls out"),
 
     key("sensing.position", OneOf(&["exact", "f32_latlon"]), text("exact"), "f32_latlon rounds degrees to single precision, as the paper's vehicles did").paper(text("f32_latlon")),
     key("sensing.velocity", OneOf(&["measured", "differenced"]), text("measured"), "differenced: from positions, as a poor receiver does"),
@@ -254,12 +282,32 @@ pub const KEYS: &[Key] = &[
     key("network.state_max_period_s", from(0.02, 10.0), number(0.2), "a state is sent at least this often"),
     key("network.peer_stale_s", from(0.1, 600.0), number(2.0), "T_stale: 2 s make false suspicions rare at 30 % loss"),
     key("network.loss", from(0.0, 1.0), number(0.0), "share of messages that never arrive"),
+    key("network.burst_s", above_zero_or("none", 60.0), text("none"), "mean length of a burst of loss, of each directed link; \"none\": each message is lost on its own"),
     key("network.delay_s", from(0.0, 60.0), number(0.0), "of every message"),
-    key("network.jitter_s", from(0.0, 60.0), number(0.0), "added to the delay, 0 to this, anew for every message"),
+    key("network.jitter_s", from(0.0, 60.0), number(0.0), "added to the delay, 0 to this, anew for every message: a later one may overtake it"),
+    key("network.reorder", from(0.0, 1.0), number(0.0), "share of messages that are held back by reorder_s more"),
+    key("network.reorder_s", above_zero(60.0), number(0.3), "how long; above state_max_period_s, so that a later message overtakes"),
+    key("network.duplicate", from(0.0, 1.0), number(0.0), "share of messages that come once more, up to jitter_s after the first time"),
+    key("network.bandwidth_bit_s", above_zero_or("none", 1e12), text("none"), "of each directed link; a speaker's one uplink to n others is an n-th of it"),
+    key("network.queue_s", from(0.0, 60.0), number(0.2), "a message that would wait longer for the bandwidth is dropped; by then the next state is there"),
     key("network.range_m", above_zero_or("none", 1e6), text("none"), "farther apart, nobody hears"),
+    key("network.fade_m", above_zero_or("none", 1e6), text("none"), "from here on messages are lost, smoothly up to all at range_m; \"none\": from range_m on, all at once"),
     key("network.graph", OneOf(&["all", "nearest", "edges"]), text("all"), "who hears whose state; agreement and orders go to everybody"),
     key("network.neighbours", Integer(1, 249), Literal::Integer(6), "how many under graph = \"nearest\"; starlings heed six or seven"),
     key("network.edges", Edges, Nothing, "[speaker, hearer] pairs under graph = \"edges\""),
+    key("network.links", Tables, Nothing, "links that are not like the others; a later entry stands above an earlier one"),
+    key("network.links[N].from", Ids, Nothing, "speakers; without it, everybody"),
+    key("network.links[N].to", Ids, Nothing, "hearers; without it, everybody"),
+    key("network.links[N].both_ways", Kind::Bool, Bool(false), "the entry holds for the other way too"),
+    key("network.links[N].loss", from(0.0, 1.0), Nothing, "network.loss of these links"),
+    key("network.links[N].burst_s", above_zero(60.0), Nothing, "network.burst_s of these links"),
+    key("network.links[N].delay_s", from(0.0, 60.0), Nothing, "network.delay_s of these links"),
+    key("network.links[N].jitter_s", from(0.0, 60.0), Nothing, "network.jitter_s of these links"),
+    key("network.links[N].reorder", from(0.0, 1.0), Nothing, "network.reorder of these links"),
+    key("network.links[N].reorder_s", above_zero(60.0), Nothing, "network.reorder_s of these links"),
+    key("network.links[N].duplicate", from(0.0, 1.0), Nothing, "network.duplicate of these links"),
+    key("network.links[N].bandwidth_bit_s", above_zero(1e12), Nothing, "network.bandwidth_bit_s of these links"),
+    key("network.links[N].queue_s", from(0.0, 60.0), Nothing, "network.queue_s of these links"),
     key("network.state_json_hz", from(0.0, 50.0), number(0.0), "the state once more, as JSON for people; 0 is off"),
 
     key("record.runs", OneOf(&["worst-and-median", "all", "none"]), text("worst-and-median"), "of which runs of a study recordings are kept"),
@@ -269,6 +317,8 @@ pub const KEYS: &[Key] = &[
     key("vehicle.N.start_ne_m", Point, Nothing, "where it stands at first, whatever start.pattern says"),
     key("vehicle.N.heading_deg", from(-360.0, 360.0), Nothing, "where its nose points at first, clockwise from north"),
     key("vehicle.N.xplane", Address(""), Nothing, "HOST:PORT of its simulator"),
+    key("vehicle.N.clock_offset_s", from(-1e6, 1e6), number(0.0), "how far its clock is ahead of the others'; nothing assumes that clocks agree"),
+    key("vehicle.N.clock_drift_ppm", from(-1e3, 1e3), number(0.0), "how much too fast its clock runs; quartz is within 100"),
 ];
 
 /// What an event of a kind takes besides `at_s` and `for_s`: the kind, what it needs, what it may have.
@@ -281,9 +331,19 @@ pub(super) const FAULT_KEYS: &[(&str, &[&str], &[&str])] = &[
     ("gyro_off", &["vehicle"], &[]),
     ("gps_frozen", &["vehicle"], &[]),
     ("clock_jump", &["vehicle"], &["by_s"]),
+    ("kill_control", &[], &[]),
 ];
-const FAULTS: &[&str] =
-    &["kill", "cut", "engine_out", "simulator_freeze", "servo_stuck", "gyro_off", "gps_frozen", "clock_jump"];
+const FAULTS: &[&str] = &[
+    "kill",
+    "cut",
+    "engine_out",
+    "simulator_freeze",
+    "servo_stuck",
+    "gyro_off",
+    "gps_frozen",
+    "clock_jump",
+    "kill_control",
+];
 
 /// The same for orders.
 pub(super) const ORDER_KEYS: &[(&str, &[&str], &[&str])] =
@@ -301,21 +361,26 @@ pub(super) enum Meaning {
     Inside,
 }
 
+/// Whether this dotted path is a key that takes whole numbers.
+pub fn is_whole(path: &str) -> bool {
+    matches!(meaning(KEYS, path), Some(Meaning::Key(key)) if matches!(key.kind, Integer(..) | Id))
+}
+
 /// What this dotted path stands for, if anything.
-pub(super) fn meaning(path: &str) -> Option<Meaning> {
-    let pattern = pattern(path);
-    let below = |key: &Key| key.path.strip_prefix(pattern.as_str()).is_some_and(|rest| rest.starts_with(['.', '[']));
-    if let Some(key) = key_at(&pattern) {
+pub(super) fn meaning(known: &'static [Key], path: &str) -> Option<Meaning> {
+    let pattern = pattern(known, path);
+    let table = in_step(&pattern).unwrap_or(&pattern);
+    let below = |key: &Key| key.path.strip_prefix(table).is_some_and(|rest| rest.starts_with(['.', '[']));
+    if let Some(key) = key_at(known, &pattern) {
         return Some(Meaning::Key(key));
     }
-    // A step has no `formation.external`: one program flies the whole mission.
-    if pattern == "mission.steps[N].formation" || KEYS.iter().any(below) {
+    if known.iter().any(below) {
         return Some(Meaning::Table);
     }
     let mut around = pattern.as_str();
     while let Some(end) = around.rfind(['.', '[']) {
         around = &around[..end];
-        match key_at(around) {
+        match key_at(known, around) {
             Some(key) if matches!(key.kind, Free) => return Some(Meaning::Inside),
             Some(key) if pattern[around.len()..].replace("[N]", "").is_empty() && is_list(key.kind) => {
                 return Some(Meaning::Inside);
@@ -330,27 +395,34 @@ fn is_list(kind: Kind) -> bool {
     matches!(kind, Texts | Ids | Edges | Point | Path)
 }
 
+/// The table of the formation that is meant by one inside a step.
+fn in_step(pattern: &str) -> Option<&str> {
+    let table = pattern.strip_prefix("mission.steps[N].").filter(|table| table.split('.').next() == Some("formation"));
+    // A step has no `formation.external`: one program flies the whole mission.
+    table.filter(|table| table.split('.').nth(1) != Some("external"))
+}
+
 /// The key of this pattern, those of `formation` inside a step included.
-fn key_at(pattern: &str) -> Option<&'static Key> {
+fn key_at(known: &'static [Key], pattern: &str) -> Option<&'static Key> {
     match pattern.strip_prefix("mission.steps[N].formation.") {
-        Some(rest) => KEYS.iter().find(|key| key.path.strip_prefix("formation.") == Some(rest)),
-        None => KEYS.iter().find(|key| key.path == pattern),
+        Some(rest) => known.iter().find(|key| key.path.strip_prefix("formation.") == Some(rest)),
+        None => known.iter().find(|key| key.path == pattern),
     }
 }
 
-/// The key with this path, which stands in the table.
+/// The key with this path, which stands in the scenario's table.
 pub(super) fn find(path: &str) -> Option<&'static Key> {
     KEYS.iter().find(|key| key.path == path)
 }
 
 /// `mission.steps[3].name` to `mission.steps[N].name`, `vehicle.3.aircraft` to `vehicle.N.aircraft`.
-fn pattern(path: &str) -> String {
+fn pattern(known: &[Key], path: &str) -> String {
     let mut pattern = String::with_capacity(path.len());
     for (place, segment) in path.split('.').enumerate() {
         if place > 0 {
             pattern.push('.');
         }
-        if pattern == "vehicle." {
+        if place == 1 && has_ids(known, &pattern) {
             // What is not an id matches nothing, not even a literal N.
             let is_id = segment.parse::<u32>().is_ok_and(|id| id.to_string() == segment);
             pattern.push(if is_id { 'N' } else { '?' });
@@ -365,34 +437,45 @@ fn pattern(path: &str) -> String {
     pattern
 }
 
+/// Whether tables of ids stand below this one, `vehicle.`.
+fn has_ids(known: &[Key], table: &str) -> bool {
+    known.iter().any(|key| key.path.strip_prefix(table).is_some_and(|rest| rest.starts_with("N.")))
+}
+
+/// The table of ids that this path goes into with something that is no id.
+pub(super) fn no_id<'p>(known: &[Key], path: &'p str) -> Option<&'p str> {
+    let (table, name) = path.split_once('.')?;
+    (!name.contains('.') && has_ids(known, &format!("{table}."))).then_some(table)
+}
+
 /// The valid path nearest to one that is not, if any is near: a letter or two off, or right but in another table.
-pub(super) fn nearest(path: &str) -> Option<String> {
+pub(super) fn nearest(known: &[Key], path: &str) -> Option<String> {
     if path.len() > 100 {
         return None;
     }
     let (table, name) = path.rsplit_once('.').unwrap_or(("", path));
-    let siblings = siblings(table);
+    let siblings = siblings(known, table);
     let close = |candidate: &str, to: &str| {
         let distance = edit_distance(candidate, to);
         (distance <= 1 + to.len() / 4).then_some(distance)
     };
     let beside = siblings.iter().filter_map(|sibling| Some((close(sibling, name)?, join(table, sibling))));
-    let elsewhere = KEYS.iter().filter(|key| !key.path.contains("N")).filter_map(|key| {
+    let elsewhere = known.iter().filter(|key| !key.path.contains("N")).filter_map(|key| {
         let last = key.path.rsplit_once('.').map_or(key.path, |(_, last)| last);
         Some((1 + close(last, name)?, key.path.to_owned()))
     });
-    let whole = KEYS.iter().filter_map(|key| Some((close(key.path, path)?, key.path.to_owned())));
+    let whole = known.iter().filter_map(|key| Some((close(key.path, path)?, key.path.to_owned())));
     beside.chain(elsewhere).chain(whole).min_by_key(|(distance, _)| *distance).map(|(_, path)| path)
 }
 
 /// Names of keys and tables directly inside a table.
-fn siblings(table: &str) -> Vec<&'static str> {
-    let pattern = pattern(table);
-    let prefix = if pattern == "mission.steps[N].formation" { "formation".to_owned() } else { pattern.clone() };
-    let mut names: Vec<&str> = KEYS
+fn siblings(known: &[Key], table: &str) -> Vec<&'static str> {
+    let pattern = pattern(known, table);
+    let prefix = in_step(&pattern).unwrap_or(&pattern);
+    let mut names: Vec<&str> = known
         .iter()
         .filter_map(
-            |key| if prefix.is_empty() { Some(key.path) } else { key.path.strip_prefix(&prefix)?.strip_prefix('.') },
+            |key| if prefix.is_empty() { Some(key.path) } else { key.path.strip_prefix(prefix)?.strip_prefix('.') },
         )
         .filter_map(|rest| rest.split(['.', '[']).next())
         .collect();
@@ -415,6 +498,13 @@ pub(super) fn join(table: &str, name: &str) -> String {
 /// Whether a name needs no quotes in TOML.
 pub(super) fn is_bare(name: &str) -> bool {
     !name.is_empty() && name.chars().all(|c| c.is_ascii_alphanumeric() || c == '-' || c == '_')
+}
+
+/// The word nearest to one that is none of these, if any is near.
+pub(super) fn nearest_of<'a>(words: impl Iterator<Item = &'a str>, word: &str) -> Option<&'a str> {
+    let close = |known: &'a str| (edit_distance(known, word), known);
+    let nearest = words.filter(|known| word.len() <= 2 * known.len()).map(close).min();
+    nearest.filter(|(distance, known)| *distance <= 1 + known.len() / 4).map(|(_, known)| known)
 }
 
 /// Letters to insert, remove, replace or swap with their neighbour (optimal string alignment).

@@ -76,6 +76,10 @@ impl<'a> Layers<'a> {
             mission.insert("steps".to_owned(), Toml::Array(steps));
             mission.insert("events".to_owned(), Toml::Array(events));
         }
+        let links = self.entries("network.links").iter().map(|link| Toml::Table(link_in_full(link))).collect();
+        if let Some(Toml::Table(network)) = root.get_mut("network") {
+            network.insert("links".to_owned(), Toml::Array(links));
+        }
         let vehicles = self.named("swarm.vehicles").and_then(|count| count.as_integer()).unwrap_or(0);
         root.insert(
             "vehicle".to_owned(),
@@ -106,7 +110,7 @@ impl<'a> Layers<'a> {
         let mut formation = toml::Table::new();
         for key in formation_keys() {
             let name = key.path.trim_start_matches("formation.");
-            put(&mut formation, key, name, changes.get(name).cloned().or_else(|| self.value(key).0));
+            put(&mut formation, key, name, at(&changes, name).cloned().or_else(|| self.value(key).0));
         }
         step.insert("formation".to_owned(), Toml::Table(formation));
         step
@@ -196,6 +200,14 @@ impl<'a> Layers<'a> {
     }
 }
 
+/// What stands at a dotted path, if anything does.
+fn at<'t>(table: &'t toml::Table, path: &str) -> Option<&'t Toml> {
+    match path.split_once('.') {
+        Some((name, rest)) => at(table.get(name)?.as_table()?, rest),
+        None => table.get(path),
+    }
+}
+
 fn formation_keys() -> impl Iterator<Item = &'static Key> {
     KEYS.iter().filter(|key| key.path.starts_with("formation."))
 }
@@ -211,6 +223,17 @@ fn event_in_full(written: &toml::Table) -> toml::Table {
         }
     }
     event
+}
+
+/// An entry of `network.links` with what nobody said and is not simply left to the other links.
+fn link_in_full(written: &toml::Table) -> toml::Table {
+    let mut link = written.clone();
+    for key in KEYS {
+        if let Some((name, value)) = key.path.strip_prefix("network.links[N].").zip(literal(key.default)) {
+            link.entry(name).or_insert(value);
+        }
+    }
+    link
 }
 
 /// Puts a value where the types expect it; a word that means "no number" is no value.

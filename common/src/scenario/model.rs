@@ -3,7 +3,9 @@
 //! Names of fields are names of keys, so units are the file's: angles stay in degrees here and the `_rad` methods give
 //! them to the code. What each key means, its range and its default stand in [`KEYS`](super::KEYS), once.
 
+mod laws;
 mod mission;
+mod network;
 
 use std::path::PathBuf;
 
@@ -12,7 +14,10 @@ use serde::{Deserialize, Serialize};
 use crate::frame::Geodetic;
 use crate::id::{SwarmName, VehicleId};
 
+pub use super::law::Law;
+pub use laws::{DisplacementConsensus, OlfatiSaber, Pattern, Slots, Vasarhelyi};
 pub use mission::{Event, Fault, Mission, Order, Partition, Servo, Step, Target, What};
+pub use network::{Graph, LinkChange, Network, Quality, SendMode};
 
 /// One swarm, for every target. Made by [`load`](super::load), which alone checks it: `Deserialize` reads back what
 /// `Serialize` wrote and checks only the shape. Both need a format that says what it holds (TOML, JSON; not postcard).
@@ -198,6 +203,16 @@ pub struct Formation {
     pub safety_distance_m: f64,
     /// κ.
     pub safety_rate_per_s: f64,
+    /// Of `law = "olfati-saber"`.
+    pub olfati_saber: OlfatiSaber,
+    /// Of `law = "vasarhelyi"`.
+    pub vasarhelyi: Vasarhelyi,
+    /// Of the laws with slots.
+    pub slots: Slots,
+    /// Of `law = "displacement-consensus"`.
+    pub displacement_consensus: DisplacementConsensus,
+    /// Of a law that is none of Skein's.
+    pub parameters: toml::Table,
     /// The program behind `law = "external"`.
     pub external: External,
 }
@@ -207,26 +222,6 @@ impl Formation {
     pub fn heading_rad(&self) -> f64 {
         self.heading_deg.to_radians()
     }
-}
-
-/// `formation.law`
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Law {
-    /// Even spacing on an ellipse.
-    Ring,
-    /// Together inside an ellipse, in no fixed places.
-    Flock,
-    /// Olfati-Saber 2006, algorithm 2.
-    OlfatiSaber,
-    /// Vásárhelyi et al. 2018.
-    Vasarhelyi,
-    /// Slots that turn with the ranks.
-    VirtualStructure,
-    /// Slots by displacements to neighbours.
-    DisplacementConsensus,
-    /// Another program.
-    External,
 }
 
 /// `formation.avoid_distance_m`
@@ -321,6 +316,8 @@ pub struct Control {
     pub rules: Rules,
     /// Where the controllers run.
     pub mode: ControlMode,
+    /// What the machine of [`ControlMode::Central`] takes for one vehicle and frame; 0 is infinitely fast.
+    pub central_step_s: f64,
 }
 
 /// `control.rules`
@@ -393,60 +390,6 @@ impl World {
     }
 }
 
-/// `[network]`
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Network {
-    /// When the state is sent.
-    pub send: SendMode,
-    /// Error of the peers' dead reckoning that sends.
-    pub state_error_m: f64,
-    /// The same of the velocity.
-    pub state_error_m_s: f64,
-    /// At least this often.
-    pub state_max_period_s: f64,
-    /// T_stale.
-    pub peer_stale_s: f64,
-    /// Share of messages lost.
-    pub loss: f64,
-    /// Of every message.
-    pub delay_s: f64,
-    /// Added to the delay, 0 to this.
-    pub jitter_s: f64,
-    /// Farther apart, nobody hears; without it no limit.
-    pub range_m: Option<f64>,
-    /// Who hears whose state.
-    pub graph: Graph,
-    /// How many under [`Graph::Nearest`].
-    pub neighbours: usize,
-    /// Speaker and hearer under [`Graph::Edges`], else empty or unused.
-    #[serde(default)]
-    pub edges: Vec<[VehicleId; 2]>,
-    /// The state for people; 0 is off.
-    pub state_json_hz: f64,
-}
-
-/// `network.send`
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum SendMode {
-    /// When the peers' dead reckoning is off.
-    OnNeed,
-    /// Every frame.
-    EveryFrame,
-}
-
-/// `network.graph`
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Graph {
-    /// Everybody.
-    All,
-    /// The nearest `neighbours`.
-    Nearest,
-    /// As listed.
-    Edges,
-}
-
 /// `[record]`
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Record {
@@ -510,6 +453,10 @@ pub struct Vehicle {
     pub heading_deg: Option<f64>,
     /// HOST:PORT of its simulator, where the target does not know better.
     pub xplane: Option<String>,
+    /// How far its clock is ahead of the others'.
+    pub clock_offset_s: f64,
+    /// How much too fast its clock runs, in millionths.
+    pub clock_drift_ppm: f64,
 }
 
 impl Vehicle {

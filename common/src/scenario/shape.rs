@@ -1,4 +1,4 @@
-//! Tables of which only some keys go together: steps, events, ways to reach a program.
+//! Tables of which only some keys go together: steps, events, links, ways to reach a program.
 
 use super::error::ScenarioError;
 use super::keys::{FAULT_KEYS, ORDER_KEYS};
@@ -18,7 +18,25 @@ pub(super) fn check(texts: &Texts<'_>, written: &Node) -> Result<(), ScenarioErr
     for (index, event) in events.iter().enumerate() {
         check_event(texts, event, &format!("mission.events[{index}]"))?;
     }
+    let links = written.at("network.links").map(Node::list).unwrap_or_default();
+    for (index, link) in links.iter().enumerate() {
+        check_link(texts, link, &format!("network.links[{index}]"))?;
+    }
     check_udp(texts, written)
+}
+
+/// An entry says which links and what is different about them.
+fn check_link(texts: &Texts<'_>, link: &Node, path: &str) -> Result<(), ScenarioError> {
+    let Some(table) = link.table() else { return Ok(()) };
+    let (which, what) = (["from", "to"], |name: &&String| !["from", "to", "both_ways"].contains(&name.as_str()));
+    let lacks = if !which.iter().any(|name| table.contains_key(*name)) {
+        "does not say which links: one of `from`, `to`"
+    } else if !table.keys().any(|name| what(&name)) {
+        "changes nothing about its links"
+    } else {
+        return Ok(());
+    };
+    Err(texts.fault(&link.place, path, format!("`{path}` {lacks}")))
 }
 
 fn check_step(texts: &Texts<'_>, step: &Node, path: &str, is_last: bool) -> Result<(), ScenarioError> {

@@ -4,12 +4,13 @@ mod loading;
 mod properties;
 mod refusals;
 
-const SHIPPED: [(&str, &str); 5] = [
+const SHIPPED: [(&str, &str); 6] = [
     ("hover.toml", include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/../deploy/scenarios/hover.toml"))),
     ("flock.toml", include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/../deploy/scenarios/flock.toml"))),
     ("tour.toml", include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/../deploy/scenarios/tour.toml"))),
     ("sinusoid.toml", include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/../deploy/scenarios/sinusoid.toml"))),
     ("crossing.toml", include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/../deploy/scenarios/crossing.toml"))),
+    ("laws.toml", include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/../deploy/scenarios/laws.toml"))),
 ];
 const HOVER: &str = SHIPPED[0].1;
 

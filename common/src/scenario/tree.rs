@@ -7,7 +7,7 @@ use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
 use super::error::ScenarioError;
-use super::keys;
+use super::keys::{self, Key};
 use super::{Layer, Source};
 
 /// Where something was written.
@@ -80,8 +80,9 @@ impl Node {
     }
 }
 
-/// The file and the `--set`s, for messages.
+/// The file and the `--set`s, for messages, and what may stand in them.
 pub(super) struct Texts<'a> {
+    pub(super) keys: &'static [Key],
     pub(super) source: &'a Source<'a>,
     pub(super) sets: &'a [String],
 }
@@ -107,7 +108,7 @@ impl Texts<'_> {
     /// A name that is not a key, with the nearest that is.
     pub(super) fn unknown(&self, place: &Place, path: &str) -> ScenarioError {
         ScenarioError {
-            help: keys::nearest(path).map(|nearest| format!("did you mean `{nearest}`?").into()),
+            help: keys::nearest(self.keys, path).map(|nearest| format!("did you mean `{nearest}`?").into()),
             ..self.fault(place, path, format!("unknown key `{}`", shown(path)))
         }
     }
@@ -150,7 +151,7 @@ impl Texts<'_> {
         let (path, word) = (path.trim(), word.trim());
         let spelling = "no key is spelled so: they look like formation.radius_m and mission.steps[0].name";
         let steps = steps(path).ok_or_else(|| self.fault(&place, path, spelling))?;
-        if keys::meaning(path).is_none() {
+        if keys::meaning(self.keys, path).is_none() {
             return Err(self.unknown(&place, path));
         }
         let value = self.word(word, index, path)?;

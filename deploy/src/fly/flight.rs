@@ -17,7 +17,7 @@ use std::time::{Duration, Instant};
 use skein_agent::formation::{self, ring::Ring};
 use skein_common::id::{VehicleId, VehicleSet};
 use skein_common::message::{Trace, Verb};
-use skein_common::scenario::Target;
+use skein_common::scenario::{RecordRuns, Target};
 use skein_common::state::{Activity, Membership};
 
 use super::children::{Children, Ended, Role};
@@ -33,6 +33,7 @@ use crate::error::Error;
 use crate::metrics::{Metrics, Report, Run, Totals};
 use crate::observe::{Heard, Observer, Seen};
 use crate::os::{self, Interrupts};
+use crate::record::{self, About, Recorder};
 use crate::study::world::script::Agenda;
 use events::UnderWay;
 use figures::summary;
@@ -63,6 +64,8 @@ pub struct Flight {
     rings: Vec<Ring>,
     ground: Ground,
     metrics: Metrics,
+    /// Absent if the scenario wants no recording.
+    recorder: Option<Recorder>,
     stage: Stage,
     /// When the stage began, and how often this process had been asked to end by then.
     since: Instant,
@@ -99,16 +102,18 @@ impl Flight {
     pub fn begin(plan: Plan, interrupts: Interrupts, json: bool) -> Result<Self, Error> {
         let scenario = plan.scenario();
         let Launched { children, endpoints, file } = launch(&plan)?;
-        let observer = Observer::open(&endpoints.swarm, &endpoints.all());
+        let observer = Observer::open(&endpoints.into());
+        let recorder = recorder(&plan)?;
         Ok(Self {
             json,
             interrupts,
             children,
             _file: file,
-            observer: observer.map_err(|error| Error::Failed(error.to_string()))?,
+            observer: observer?,
             rings: scenario.mission.steps.iter().map(|step| formation::ring(&step.formation)).collect(),
             ground: Ground::new(scenario),
             metrics: Metrics::new(scenario, Run::new(scenario, "fly")),
+            recorder,
             stage: Stage::Gathering,
             since: clock::now(),
             asked_before: 0,
@@ -149,8 +154,11 @@ impl Flight {
         self.children.kill();
         self.screen.show(&self.status(clock::now()), clock::now());
         // The terminal is given back before anything is said to it.
-        let Self { screen, json, report, lost, failure, plan, .. } = self;
+        let Self { screen, json, report, lost, failure, plan, recorder, .. } = self;
         drop(screen);
+        if let Some(sentence) = recorder.and_then(end_recording) {
+            eprintln!("{sentence}");
+        }
         lost.iter().for_each(|lost| eprintln!("{lost}"));
         if let Some(report) = &report {
             crate::say(&if json { crate::json(report) } else { summary(report, &plan) });
@@ -168,14 +176,18 @@ impl Flight {
         for _ in 0..self.screen.asked_to_end() {
             self.interrupts.add();
         }
-        for heard in self.observer.poll() {
+        for (heard, at) in self.observer.poll_timed() {
             match heard {
-                Heard::Trace(trace) => self.take_step(now, &trace),
+                Heard::Trace(trace) => {
+                    self.record(|recorder| recorder.step(at, &trace));
+                    self.take_step(now, &trace);
+                }
                 Heard::Event(event) => {
                     if self.stage == Stage::Flying {
                         self.metrics.tell(self.flown_s(now), event.header.sender, &event.what);
                     }
-                    self.tell(now, format!("vehicle {}: {}", event.header.sender, event.what));
+                    self.record(|recorder| recorder.happened(at, event.header.sender, &event.what));
+                    self.show(now, format!("vehicle {}: {}", event.header.sender, event.what));
                 }
                 _ => {}
             }
@@ -201,6 +213,7 @@ impl Flight {
             Stage::Gathering if asked => self.enter_landing(now),
             Stage::Gathering if self.everybody_takes_part() => {
                 self.zero = Some(Zero { at: now, plant_s: self.plant_s(now).collect() });
+                self.record(|recorder| recorder.window_begins(now));
                 self.enter(Stage::Flying, now);
                 self.tell(now, "everybody takes part, the clock runs".to_owned());
             }
@@ -314,6 +327,17 @@ impl Flight {
     }
 
     fn tell(&mut self, now: Instant, what: String) {
+        self.record(|recorder| recorder.note(now, false, "fly", &what));
+        self.show(now, what);
+    }
+
+    fn record(&mut self, record: impl FnOnce(&mut Recorder)) {
+        if let Some(recorder) = &mut self.recorder {
+            record(recorder);
+        }
+    }
+
+    fn show(&mut self, now: Instant, what: String) {
         let at = self.zero.as_ref().map_or_else(|| "   -".to_owned(), |_| format!("{:6.1}", self.since_zero_s(now)));
         self.events.push(format!("{at} s  {what}"));
     }
@@ -363,6 +387,27 @@ impl Flight {
             rows: status::rows(&known, &self.rings, now),
             events: self.events.clone(),
         }
+    }
+}
+
+/// The recorder of a flight, if the scenario wants a recording.
+fn recorder(plan: &Plan) -> Result<Option<Recorder>, Error> {
+    let scenario = plan.scenario();
+    if scenario.record.runs == RecordRuns::None {
+        return Ok(None);
+    }
+    let (run, path) = (Run::new(scenario, "fly"), plan.out.join(record::FILE));
+    let about = About { scenario, scenario_toml: &plan.loaded.to_toml(), run: &run, clock: "" };
+    let recorder = Recorder::begin(&path, &about, scenario.record.hz.live_hz());
+    recorder.map(Some).map_err(|error| Error::Failed(format!("no recording: {error}")))
+}
+
+/// Closes the recording. A flight is not to blame for what became of it, but its user is to know.
+fn end_recording(recorder: Recorder) -> Option<String> {
+    match recorder.finish() {
+        Ok(0) => None,
+        Ok(dropped) => Some(format!("recording: {dropped} steps or events came faster than they could be written")),
+        Err(error) => Some(format!("the recording is not complete: {error}")),
     }
 }
 

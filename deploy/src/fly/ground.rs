@@ -154,6 +154,8 @@ mod tests {
             peers: Vec::new(),
             step_us: None,
             safety_activations: None,
+            law_misses: None,
+            law_log: Vec::new(),
             frame_overruns: 0,
             state_messages: 0,
             state_bytes: 0,

@@ -33,7 +33,7 @@ impl Plan {
     pub fn new(args: &FlyArgs) -> Result<Self, Error> {
         let loaded = args.scenario.read(sets(args)?)?;
         let scenario = &loaded.scenario;
-        let ready = args.scenario.ready(scenario)?;
+        let ready = args.scenario.ready_live(scenario)?;
         let xplanes = match scenario.swarm.plant {
             PlantKind::Xplane => xplanes(scenario, args.xplane.as_ref())?,
             PlantKind::Builtin | PlantKind::Standin => Vec::new(),

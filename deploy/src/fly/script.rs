@@ -10,7 +10,8 @@ use skein_common::message::Verb;
 use skein_common::scenario::{Event, Fault, PlantKind, Scenario, Servo, What};
 
 use crate::os;
-use crate::study::world::script::{Agenda, kills, orders};
+use crate::study::world::Incident;
+use crate::study::world::script::{Agenda, failing, kills, orders};
 
 /// Something to be done, or to be told of.
 #[derive(Clone, Debug, PartialEq)]
@@ -25,8 +26,8 @@ pub enum Deed {
     Thaw(VehicleId),
     /// Order the swarm.
     Order(Verb),
-    /// Somebody else does it.
-    Tell(String),
+    /// Somebody else does it: what, and what of which vehicle fails then.
+    Tell(String, Option<Incident>),
 }
 
 impl fmt::Display for Deed {
@@ -37,7 +38,7 @@ impl fmt::Display for Deed {
             Self::Freeze(id) => write!(f, "freezes the simulator of vehicle {id}"),
             Self::Thaw(id) => write!(f, "lets the simulator of vehicle {id} go on"),
             Self::Order(verb) => write!(f, "orders {verb}"),
-            Self::Tell(what) => f.write_str(what),
+            Self::Tell(what, _) => f.write_str(what),
         }
     }
 }
@@ -58,6 +59,8 @@ impl Player {
             (Fault::Cut { .. }, _) => Self::Agent,
             // Agents measure time by a clock that nobody sets.
             (Fault::ClockJump { .. }, _) => Self::Nobody,
+            // Only a study has one machine to kill.
+            (Fault::KillControl, _) => Self::Nobody,
             (_, PlantKind::Builtin) => Self::Agent,
             (Fault::SimulatorFreeze { .. }, PlantKind::Standin) if os::CAN_FREEZE => Self::Launcher,
             _ => Self::Nobody,
@@ -79,7 +82,8 @@ pub(super) fn agenda(scenario: &Scenario) -> Agenda<Deed> {
     }
     for (event, fault) in faults(scenario, Player::Agent) {
         let what = describe(fault);
-        span(lasting(event), Deed::Tell(what.clone()), Deed::Tell(format!("{what}: over")));
+        let failed = failing(fault).map(|(id, word)| Incident::Failed(id, word));
+        span(lasting(event), Deed::Tell(what.clone(), failed), Deed::Tell(format!("{what}: over"), None));
     }
     Agenda::new(deeds)
 }
@@ -94,6 +98,7 @@ pub fn skipped(scenario: &Scenario) -> Vec<String> {
     let sentence = |(event, fault): (&Event, &Fault)| {
         let why = match fault {
             Fault::ClockJump { .. } => "agents in real time have a clock that nobody sets".to_owned(),
+            Fault::KillControl => "there is no one machine to kill".to_owned(),
             _ => format!("{plant} cannot be made to fail so"),
         };
         format!("at {} s: {}: skipped by `fly`: {why}", event.at_s, describe(fault))
@@ -129,6 +134,7 @@ fn describe(fault: &Fault) -> String {
         Fault::GyroOff { vehicle } => format!("gyro_off of vehicle {vehicle}"),
         Fault::GpsFrozen { vehicle } => format!("gps_frozen of vehicle {vehicle}"),
         Fault::ClockJump { vehicle, by_s } => format!("clock_jump of vehicle {vehicle} by {by_s} s"),
+        Fault::KillControl => "kill_control".to_owned(),
     }
 }
 

@@ -16,15 +16,26 @@ pub(super) struct Alignment {
     pub(super) polarization: Window,
     /// Mean over the members of the mean cosine between the own velocity and those of the members that it hears.
     pub(super) order: Window,
-    /// Room to work in.
+    /// Mean speed of the members, m/s: Vásárhelyi's φ^vel.
+    pub(super) speed_m_s: Window,
+    /// Of each live member that has one.
     directions: Vec<Option<Vector3<f64>>>,
 }
 
 impl Alignment {
     pub(super) fn observe(&mut self, t_s: f64, vehicles: &[VehicleNow]) {
-        let direction = |vehicle: &VehicleNow| direction(&vehicle.truth.velocity).filter(|_| vehicle.takes_part());
         self.directions.clear();
-        self.directions.extend(vehicles.iter().map(direction));
+        let mut speeds_m_s = Mean::default();
+        for vehicle in vehicles {
+            let moving = vehicle.takes_part().then(|| speed_and_direction(&vehicle.truth.velocity));
+            if let Some((speed_m_s, _)) = moving {
+                speeds_m_s.add(speed_m_s);
+            }
+            self.directions.push(moving.and_then(|(_, direction)| direction));
+        }
+        if let Some(speed_m_s) = speeds_m_s.mean() {
+            self.speed_m_s.add(t_s, speed_m_s);
+        }
         // One alone always agrees with itself.
         if self.directions.iter().flatten().count() < 2 {
             return;
@@ -36,11 +47,17 @@ impl Alignment {
             self.order.add(t_s, order);
         }
     }
+
+    /// The directions of the vehicles last observed: of each live member that has one.
+    pub(super) fn directions(&self) -> &[Option<Vector3<f64>>] {
+        &self.directions
+    }
 }
 
-fn direction(velocity: &VelocityNed) -> Option<Vector3<f64>> {
+/// m/s, and where to, if it moves.
+fn speed_and_direction(velocity: &VelocityNed) -> (f64, Option<Vector3<f64>>) {
     let speed_m_s = velocity.0.norm();
-    (speed_m_s > MOVING_M_S).then(|| velocity.0 / speed_m_s)
+    (speed_m_s, (speed_m_s > MOVING_M_S).then(|| velocity.0 / speed_m_s))
 }
 
 /// Length of the mean direction.
@@ -139,6 +156,17 @@ mod tests {
         let mut dead = all;
         dead[2].runs = false;
         assert_eq!(observed(&dead), (Some(1.0), Some(1.0)), "who does not fly by itself is no neighbour");
+    }
+
+    #[test]
+    fn mean_speed_is_of_members_and_includes_who_hovers() {
+        let mut all =
+            [moving(1, &[], [3.0, 0.0, 4.0]), moving(2, &[], [0.0, 0.1, 0.0]), moving(3, &[], [9.0, 0.0, 0.0])];
+        all[2].is_member = false;
+        let mut alignment = Alignment::default();
+        alignment.observe(0.0, &all);
+        assert!((alignment.speed_m_s.mean(0.0).unwrap() - 2.55).abs() < 1e-12);
+        assert_eq!(alignment.directions().iter().flatten().count(), 1);
     }
 
     #[test]

@@ -1,9 +1,14 @@
 //! Who hears whom, as a graph: its nodes are the live members, an edge joins two who both have fresh words of each other.
+//!
+//! SwarmLab (E. Soria, F. Schiano, D. Floreano, "SwarmLab: a Matlab drone swarm simulator", IROS 2020) takes the edges from
+//! distances, and joins two if one of them sees the other. Vásárhelyi et al. ("Optimized flocking of autonomous drones in
+//! confined environments", Science Robotics 3, 2018) join two who are nearer than their law's forces reach. Here the graph is
+//! the network that the swarm really had, the same for every law.
 
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, Vector3};
 
 use super::VehicleNow;
-use super::series::Mean;
+use super::series::{Mean, Window};
 
 /// At least this long between two looks, s.
 const PERIOD_S: f64 = 0.1;
@@ -21,25 +26,45 @@ pub(super) struct Graph {
     pub(super) connectivity: Mean,
     /// 1 while connected, 0 while not.
     pub(super) connected: Mean,
+    /// Members that are joined to nobody: Vásárhelyi's φ^disc.
+    pub(super) disconnected: Mean,
+    /// Members of the smallest component, one who is alone being one of 1: Vásárhelyi's N_min.
+    pub(super) smallest: Mean,
+    /// Vásárhelyi's φ^corr.
+    pub(super) correlation: Window,
+    /// Room to work in: where the nodes stand among the vehicles, and the components that they are in.
+    nodes: Vec<usize>,
+    components: Components,
 }
 
 impl Graph {
-    pub(super) fn observe(&mut self, t_s: f64, vehicles: &[VehicleNow]) {
+    /// All vehicles, and the direction of each live member that has one.
+    pub(super) fn observe(&mut self, t_s: f64, vehicles: &[VehicleNow], directions: &[Option<Vector3<f64>>]) {
         if t_s < self.next_s {
             return;
         }
         self.next_s = t_s + PERIOD_S;
-        let nodes: Vec<&VehicleNow> = vehicles.iter().filter(|vehicle| vehicle.takes_part()).collect();
+        let Self { nodes, components, .. } = self;
+        nodes.clear();
+        nodes.extend((0..vehicles.len()).filter(|&nth| vehicles[nth].takes_part()));
         let count = nodes.len();
         if count < 2 {
             return;
         }
         let joined = |one: usize, other: usize| {
-            nodes[one].fresh.contains(nodes[other].id) && nodes[other].fresh.contains(nodes[one].id)
+            let (one, other) = (&vehicles[nodes[one]], &vehicles[nodes[other]]);
+            one.fresh.contains(other.id) && other.fresh.contains(one.id)
         };
-        let components = components(count, joined);
-        self.union.add((count - components) as f64 / (count - 1) as f64);
-        self.connected.add(if components == 1 { 1.0 } else { 0.0 });
+        components.find(count, joined);
+        let sizes = components.sizes();
+        self.union.add((count - sizes.len()) as f64 / (count - 1) as f64);
+        self.connected.add(if sizes.len() == 1 { 1.0 } else { 0.0 });
+        self.disconnected.add(sizes.iter().filter(|&&size| size == 1).count() as f64);
+        self.smallest.add(sizes.iter().copied().min().unwrap_or(count) as f64);
+        let direction = |node: usize| directions.get(nodes[node]).copied().flatten();
+        if let Some(correlation) = components.correlation(direction) {
+            self.correlation.add(t_s, correlation);
+        }
         if self.looks.is_multiple_of(SPECTRUM_EVERY) {
             self.connectivity.add(second_eigenvalue(count, joined) / count as f64);
         }
@@ -47,19 +72,63 @@ impl Graph {
     }
 }
 
-/// How many parts of the graph hang together.
-fn components(count: usize, joined: impl Fn(usize, usize) -> bool) -> usize {
-    let mut rest: Vec<usize> = (0..count).collect();
-    let mut components = 0;
-    while let Some(first) = rest.pop() {
-        components += 1;
-        let mut reached = vec![first];
-        while let Some(node) = reached.pop() {
-            let neighbours = rest.extract_if(.., |other| joined(node, *other));
-            reached.extend(neighbours);
+/// The parts of a graph that hang together, and room to find them in.
+#[derive(Debug, Default)]
+struct Components {
+    /// The nodes, those of one component together.
+    nodes: Vec<usize>,
+    sizes: Vec<usize>,
+}
+
+impl Components {
+    fn find(&mut self, count: usize, joined: impl Fn(usize, usize) -> bool) {
+        let Self { nodes, sizes } = self;
+        nodes.clear();
+        nodes.extend(0..count);
+        sizes.clear();
+        let mut first = 0;
+        while first < count {
+            // From `first` to `reached` stands what was found of this component, from there on what is left.
+            let (mut reached, mut looked) = (first + 1, first);
+            while looked < reached {
+                let mut other = reached;
+                while other < count {
+                    if joined(nodes[looked], nodes[other]) {
+                        nodes.swap(reached, other);
+                        reached += 1;
+                    }
+                    other += 1;
+                }
+                looked += 1;
+            }
+            sizes.push(reached - first);
+            first = reached;
         }
     }
-    components
+
+    /// How many nodes each component has.
+    fn sizes(&self) -> &[usize] {
+        &self.sizes
+    }
+
+    /// Mean over the nodes of the mean cosine between the own direction and those of all others in the component; of nodes
+    /// that have a direction and somebody beside them who has one too.
+    fn correlation(&self, direction: impl Fn(usize) -> Option<Vector3<f64>>) -> Option<f64> {
+        let (mut begin, mut all, mut cosines) = (0, 0.0, 0.0);
+        for size in &self.sizes {
+            let component = &self.nodes[begin..begin + size];
+            begin += size;
+            let directions = component.iter().filter_map(|&node| direction(node));
+            let (count, sum) = directions.fold((0.0, Vector3::zeros()), |(count, sum), one| (count + 1.0, sum + one));
+            if count > 1.0 {
+                // The cosines of one with all others add up to its product with their sum; those of all with all others to
+                // the square of the whole sum, but for the ones of each with itself.
+                cosines += (sum.norm_squared() - count) / (count - 1.0);
+                all += count;
+            }
+        }
+        (all > 0.0).then(|| cosines / all)
+    }
 }
 
 /// Second-smallest eigenvalue of the graph's Laplacian (M. Fiedler, "Algebraic connectivity of graphs", Czechoslovak
@@ -89,10 +158,41 @@ mod tests {
     }
 
     #[test]
-    fn components_are_counted() {
-        assert_eq!(components(5, edges(&[])), 5);
-        assert_eq!(components(5, edges(&[(0, 3), (3, 1)])), 3);
-        assert_eq!(components(5, edges(&[(0, 3), (3, 1), (1, 2), (2, 4)])), 1);
+    fn components_are_told_apart() {
+        let sizes = |list: &[(usize, usize)]| {
+            let mut components = Components::default();
+            components.find(5, edges(list));
+            assert_eq!(components.nodes.len(), 5);
+            components.sizes
+        };
+        assert_eq!(sizes(&[]), [1, 1, 1, 1, 1]);
+        assert_eq!(sizes(&[(0, 3), (3, 1)]), [3, 1, 1]);
+        assert_eq!(sizes(&[(0, 3), (2, 4)]), [2, 2, 1]);
+        assert_eq!(sizes(&[(0, 3), (3, 1), (1, 2), (2, 4)]), [5]);
+    }
+
+    #[test]
+    fn velocities_are_compared_within_components_only() {
+        let north = Vector3::x();
+        let east = Vector3::y();
+        let correlation = |list: &[(usize, usize)], directions: [Option<Vector3<f64>>; 5]| {
+            let mut components = Components::default();
+            components.find(5, edges(list));
+            components.correlation(|node| directions[node])
+        };
+        let near = |one: Option<f64>, other: f64| assert!((one.unwrap() - other).abs() < 1e-12, "{one:?}, not {other}");
+        // Three north and two south: 3 + 1 of ten pairs agree, 6 do not.
+        let opposed = [Some(north), Some(north), Some(north), Some(-north), Some(-north)];
+        near(correlation(&[(0, 1), (1, 2), (2, 3), (3, 4)], opposed), -0.2);
+        near(correlation(&[(0, 1), (1, 2), (3, 4)], opposed), 1.0);
+        // A pair at right angles, a pair that agrees; one who hovers beside somebody, and so says nothing.
+        let mixed = [Some(north), Some(east), Some(north), Some(north), None];
+        near(correlation(&[(0, 1), (2, 3), (3, 4)], mixed), 0.5);
+        // Vertices of a triangle, 120 degrees apart, each with two cosines of -1/2; the fourth is alone.
+        let turned = |degrees: f64| Some(Vector3::new(degrees.to_radians().cos(), degrees.to_radians().sin(), 0.0));
+        let triangle = [turned(0.0), turned(120.0), turned(240.0), Some(north), None];
+        near(correlation(&[(0, 1), (1, 2), (3, 4)], triangle), -0.5);
+        assert_eq!(correlation(&[], opposed), None, "nobody has company");
     }
 
     #[test]
@@ -117,14 +217,17 @@ mod tests {
         vehicles[3].fresh = set(&[1, 2, 3]);
         vehicles[3].runs = false;
         let mut graph = Graph::default();
-        graph.observe(1.0, &vehicles);
+        graph.observe(1.0, &vehicles, &[]);
         assert_eq!((graph.union.mean(), graph.connected.mean()), (Some(1.0), Some(1.0)));
         assert!((graph.connectivity.mean().unwrap() - 1.0 / 3.0).abs() < 1e-9, "a path of three");
+        assert_eq!((graph.disconnected.mean(), graph.smallest.mean()), (Some(0.0), Some(3.0)));
 
-        graph.observe(1.05, &vehicles);
+        graph.observe(1.05, &vehicles, &[]);
         vehicles[2].fresh = set(&[]);
-        graph.observe(1.2, &vehicles);
+        graph.observe(1.2, &vehicles, &[]);
         assert_eq!(graph.connected.mean(), Some(0.5), "not looked at 50 ms after the first");
         assert_eq!(graph.union.mean(), Some(0.75), "(3 - 2)/(3 - 1) the second time");
+        assert_eq!(graph.disconnected.mean(), Some(0.5), "none, then the third");
+        assert_eq!(graph.smallest.mean(), Some(2.0), "three, then one");
     }
 }

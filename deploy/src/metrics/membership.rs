@@ -20,6 +20,8 @@ type Link = (VehicleId, VehicleId);
 #[derive(Clone, Debug)]
 pub(super) struct Membership {
     vehicles: usize,
+    /// Farther apart, nobody can count on being heard, m.
+    reach_m: f64,
     alive: VehicleSet,
     members: VehicleSet,
     /// Have been members in their present life.
@@ -59,10 +61,11 @@ enum Notice {
 }
 
 impl Membership {
-    /// Everybody lives, nobody hears anybody, nothing is cut.
-    pub(super) fn new(vehicles: usize) -> Self {
+    /// Everybody lives, nobody hears anybody, nothing is cut. Farther apart than `reach_m` distance loses words.
+    pub(super) fn new(vehicles: usize, reach_m: Option<f64>) -> Self {
         Self {
             vehicles,
+            reach_m: reach_m.unwrap_or(f64::INFINITY),
             alive: VehicleId::first(vehicles).collect(),
             members: VehicleSet::default(),
             joined: VehicleSet::default(),
@@ -163,7 +166,8 @@ impl Membership {
             }
         }
         for link in mem::take(&mut self.suspected) {
-            self.false_suspicions += u64::from(self.is_falsely_suspected(t_s, link));
+            let is_false = self.is_falsely_suspected(t_s, link) && !self.is_far(vehicles, link);
+            self.false_suspicions += u64::from(is_false);
         }
         for mut awaited in mem::take(&mut self.awaited) {
             awaited.links.retain(|&link| self.is_still_awaited(awaited.what, link));
@@ -258,6 +262,13 @@ impl Membership {
             Notice::Loss => !self.is_heard(link),
             Notice::Return => self.is_heard(link) && self.members.contains(link.0),
         }
+    }
+
+    /// The speaker is too far away to be heard for certain.
+    fn is_far(&self, vehicles: &[VehicleNow], (speaker, hearer): Link) -> bool {
+        let place = |id| vehicles.iter().find(|vehicle| vehicle.id == id).map(|vehicle| vehicle.truth.position);
+        let apart_m = place(speaker).zip(place(hearer)).map(|(one, other)| (one - other).norm());
+        apart_m.is_some_and(|apart_m| apart_m > self.reach_m)
     }
 
     fn is_falsely_suspected(&self, t_s: f64, (speaker, hearer): Link) -> bool {

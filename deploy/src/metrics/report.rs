@@ -6,10 +6,10 @@ use serde::Serialize;
 use skein_common::scenario::Scenario;
 
 use super::series::{Worst, extremes, mean, quantile, rms};
-use super::{COLLISION_M, Metrics, STEADY_S};
+use super::{COLLISION_M, Metrics, STEADY_S, pairs};
 
 /// What was run.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Run {
     /// Name of the scenario.
     pub scenario: String,
@@ -69,7 +69,7 @@ pub enum Direction {
 }
 
 /// Which way each figure gets worse; figures that are neither good nor bad are missing.
-pub const DIRECTIONS: [(&str, Direction); 41] = [
+pub const DIRECTIONS: [(&str, Direction); 47] = [
     ("at_altitude_s", Direction::More),
     ("in_band_s", Direction::More),
     ("even_10deg_s", Direction::More),
@@ -81,6 +81,8 @@ pub const DIRECTIONS: [(&str, Direction); 41] = [
     ("nearest_pair_end_m", Direction::Less),
     ("min_separation_m", Direction::Less),
     ("collisions", Direction::More),
+    ("collision_risk", Direction::More),
+    ("crashes", Direction::More),
     ("oscillation_m", Direction::More),
     ("max_tilt_deg", Direction::More),
     ("altitude_rms_m", Direction::More),
@@ -93,6 +95,9 @@ pub const DIRECTIONS: [(&str, Direction); 41] = [
     ("union", Direction::Less),
     ("connectivity", Direction::Less),
     ("connected_share", Direction::Less),
+    ("velocity_correlation", Direction::Less),
+    ("disconnected_vehicles", Direction::More),
+    ("min_cluster_vehicles", Direction::Less),
     ("centroid_lag_m", Direction::More),
     ("max_centre_distance_m", Direction::More),
     ("setpoints_reached", Direction::Less),
@@ -111,6 +116,7 @@ pub const DIRECTIONS: [(&str, Direction); 41] = [
     ("step_p50_us", Direction::More),
     ("step_p99_us", Direction::More),
     ("frame_overruns", Direction::More),
+    ("law_misses", Direction::More),
 ];
 
 /// The only keys that may differ between two runs of the same scenario and seed in virtual time.
@@ -144,6 +150,7 @@ pub struct Report {
     pub nearest_pair_end_m: Option<f64>,
     pub min_separation_m: Option<f64>,
     pub collisions: u64,
+    pub crashes: u64,
     pub safety_activations: Option<u64>,
     pub oscillation_m: Option<f64>,
     pub max_tilt_deg: f64,
@@ -157,6 +164,11 @@ pub struct Report {
     pub union: Option<f64>,
     pub connectivity: Option<f64>,
     pub connected_share: Option<f64>,
+    pub velocity_correlation: Option<f64>,
+    pub collision_risk: Option<f64>,
+    pub mean_speed_m_s: Option<f64>,
+    pub disconnected_vehicles: Option<f64>,
+    pub min_cluster_vehicles: Option<f64>,
     pub centroid_lag_m: Option<f64>,
     pub max_centre_distance_m: Option<f64>,
     pub setpoints_reached: Option<u64>,
@@ -202,11 +214,12 @@ impl Metrics {
         let when_steady = |figure: Option<f64>| figure.filter(|_| steady);
         let since_s = self.t_s - STEADY_S;
         let samples = || self.radial.iter().flat_map(|series| series.samples(since_s));
-        let radial = extremes(samples().map(|sample| sample.rho_m)).filter(|_| steady);
+        let when_radial = |figure: Option<f64>| figure.filter(|_| steady && self.is_radial);
+        let radial = extremes(samples().map(|sample| sample.rho_m)).filter(|_| steady && self.is_radial);
         let settled = self.settled();
         let came = self.came();
         let (least_m, collisions) = self.separation();
-        let pairs = self.run.vehicles * self.run.vehicles.saturating_sub(1) / 2;
+        let pairs = pairs(self.run.vehicles);
         let mut steps_us = self.steps_us.clone();
         let live = !steps_us.is_empty();
         let on_the_way = |figure: Option<u64>| figure.filter(|_| self.shapes.len() > 1);
@@ -217,14 +230,15 @@ impl Metrics {
             in_band_s: settled[1].1,
             even_10deg_s: settled[2].1,
             even_5deg_s: settled[3].1,
-            radial_rms_m: when_steady(rms(samples().map(|sample| sample.radial_error_m))),
-            radial_mean_m: when_steady(mean(samples().map(|sample| sample.rho_m))),
+            radial_rms_m: when_radial(rms(samples().map(|sample| sample.radial_error_m))),
+            radial_mean_m: when_radial(mean(samples().map(|sample| sample.rho_m))),
             radial_min_m: radial.map(|(least, _)| least),
             radial_max_m: radial.map(|(_, largest)| largest),
             spacing_error_deg: when_steady(self.spacing.mean(since_s)),
             nearest_pair_end_m: self.nearest_pair_m,
             min_separation_m: least_m,
             collisions,
+            crashes: self.crashes.count(),
             safety_activations: self.totals.safety_activations,
             oscillation_m: when_steady(
                 extremes(self.radial.iter().filter_map(|s| s.oscillation_m(since_s))).map(|e| e.1),
@@ -236,14 +250,19 @@ impl Metrics {
             band_occupancy: if self.is_flock {
                 self.following.inside.mean()
             } else {
-                when_steady(mean(samples().map(|sample| if sample.inside { 1.0 } else { 0.0 })))
+                when_radial(mean(samples().map(|sample| if sample.inside { 1.0 } else { 0.0 })))
             },
             polarization: when_steady(self.alignment.polarization.mean(since_s)),
             order: when_steady(self.alignment.order.mean(since_s)),
-            safety: (pairs > 0).then(|| 1.0 - collisions as f64 / pairs as f64),
+            safety: (pairs > 0.0).then(|| 1.0 - collisions as f64 / pairs),
             union: self.graph.union.mean(),
             connectivity: self.graph.connectivity.mean(),
             connected_share: self.graph.connected.mean(),
+            velocity_correlation: when_steady(self.graph.correlation.mean(since_s)),
+            collision_risk: self.collision_risk.mean(),
+            mean_speed_m_s: when_steady(self.alignment.speed_m_s.mean(since_s)),
+            disconnected_vehicles: self.graph.disconnected.mean(),
+            min_cluster_vehicles: self.graph.smallest.mean(),
             centroid_lag_m: if self.is_flock {
                 self.following.lag_m.mean()
             } else {
@@ -255,7 +274,7 @@ impl Metrics {
             advance_latency_s: self.steps.latency_s(),
             forced_advances: on_the_way(Some(self.forced_advances)),
             detection_s: came[0].1.s(),
-            false_suspicions: (pairs > 0).then(|| self.membership.false_suspicions()),
+            false_suspicions: (pairs > 0.0).then(|| self.membership.false_suspicions()),
             rejoin_s: came[1].1.s(),
             response_s: came[2].1.s(),
             transient_s: came[3].1.s(),
@@ -265,8 +284,8 @@ impl Metrics {
             peer_age_p99_ms: self.ages.quantile_ms(0.99),
             step_p50_us: quantile(&mut steps_us, 0.5),
             step_p99_us: quantile(&mut steps_us, 0.99),
-            frame_overruns: live.then_some(self.totals.frame_overruns),
-            law_misses: None,
+            frame_overruns: (live || self.is_central).then_some(self.totals.frame_overruns),
+            law_misses: self.totals.law_misses,
             wall_s: wall.wall_s,
             real_time_factor: wall.real_time_factor,
             never: self.never(&settled, &came),
@@ -278,7 +297,7 @@ impl Metrics {
     fn settled(&self) -> [(&'static str, Option<f64>); 4] {
         [
             ("at_altitude_s", self.at_altitude.since_s()),
-            ("in_band_s", self.in_band.since_s()),
+            ("in_band_s", self.in_band.since_s().filter(|_| self.is_radial)),
             ("even_10deg_s", self.even_10deg.since_s()),
             ("even_5deg_s", self.even_5deg.since_s()),
         ]
@@ -302,6 +321,7 @@ impl Metrics {
         let applies = |key: &str| match key {
             _ if self.places > 1 => false,
             "at_altitude_s" => self.has_altitude,
+            "in_band_s" => self.is_radial,
             "even_10deg_s" | "even_5deg_s" => self.is_round && self.run.vehicles > 1,
             _ => true,
         };
@@ -318,11 +338,12 @@ impl Metrics {
 
     fn vehicles(&self, steady: bool) -> BTreeMap<String, VehicleReport> {
         let when_steady = |figure: Option<f64>| figure.filter(|_| steady);
+        let when_radial = |figure: Option<f64>| when_steady(figure).filter(|_| self.is_radial);
         let since_s = self.t_s - STEADY_S;
         let rows = self.radial.iter().zip(&self.effort).enumerate().map(|(nth, (series, effort))| {
             let report = VehicleReport {
-                radial_rms_m: when_steady(rms(series.samples(since_s).map(|sample| sample.radial_error_m))),
-                radial_mean_m: when_steady(mean(series.samples(since_s).map(|sample| sample.rho_m))),
+                radial_rms_m: when_radial(rms(series.samples(since_s).map(|sample| sample.radial_error_m))),
+                radial_mean_m: when_radial(mean(series.samples(since_s).map(|sample| sample.rho_m))),
                 oscillation_m: when_steady(series.oscillation_m(since_s)),
                 stick_rms: effort.stick_square.mean().map(f64::sqrt),
                 energy_j: effort.energy_j,

@@ -196,7 +196,7 @@ pub(super) fn extremes(values: impl Iterator<Item = f64>) -> Option<(f64, f64)> 
 }
 
 /// The value that a share of all does not exceed (nearest rank); sorts them.
-pub(super) fn quantile(values: &mut [f64], share: f64) -> Option<f64> {
+pub(crate) fn quantile(values: &mut [f64], share: f64) -> Option<f64> {
     values.sort_unstable_by(f64::total_cmp);
     let rank = (share * values.len() as f64).ceil().max(1.0) as usize;
     values.get(rank - 1).copied()

@@ -78,6 +78,7 @@ fn separations_count_pairs_in_the_air_and_collisions_count_pairs() {
     assert!((report.min_separation_m.unwrap() - 1.5).abs() < 1e-9);
     assert!((report.nearest_pair_end_m.unwrap() - 20.0).abs() < 1e-9);
     assert!((report.safety.unwrap() - 2.0 / 3.0).abs() < 1e-12);
+    assert!((report.collision_risk.unwrap() - 1.0 / 6.0).abs() < 1e-12, "one of three pairs, at two of four instants");
 }
 
 #[test]
@@ -131,12 +132,13 @@ fn every_key_of_the_file_is_there_even_without_a_value() {
     let serde_json::Value::Object(keys) = serde_json::to_value(&report).unwrap() else { panic!("an object") };
     let wanted = "scenario, preset, law, conversion, plant, target, seed, version, revision, vehicles, duration_s, \
         at_altitude_s, in_band_s, even_10deg_s, even_5deg_s, radial_rms_m, radial_mean_m, radial_min_m, radial_max_m, \
-        spacing_error_deg, nearest_pair_end_m, min_separation_m, collisions, safety_activations, oscillation_m, \
+        spacing_error_deg, nearest_pair_end_m, min_separation_m, collisions, crashes, safety_activations, oscillation_m, \
         max_tilt_deg, altitude_rms_m, stick_rms, energy_j, band_occupancy, polarization, order, safety, union, \
         connectivity, connected_share, centroid_lag_m, max_centre_distance_m, setpoints_reached, setpoint_skew, \
         advance_latency_s, forced_advances, detection_s, false_suspicions, state_messages, state_bytes, \
         peer_age_p50_ms, peer_age_p99_ms, step_p50_us, step_p99_us, frame_overruns, law_misses, wall_s, \
-        real_time_factor, never, rejoin_s, response_s, transient_s";
+        real_time_factor, never, rejoin_s, response_s, transient_s, velocity_correlation, collision_risk, mean_speed_m_s, \
+        disconnected_vehicles, min_cluster_vehicles";
     for key in wanted.split(", ") {
         assert!(keys.contains_key(key), "{key}");
     }

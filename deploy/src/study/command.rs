@@ -5,12 +5,15 @@ use std::ops::Range;
 use std::path::PathBuf;
 use std::thread;
 
-use comfy_table::{CellAlignment, Table, presets};
-
-use super::{Study, Summary, progress, summarize, write};
+use super::measured::Measured;
+use super::plan::{Plan, write};
+use super::progress::Progress;
+use super::recorded::record;
+use super::sweep::Sweep;
+use super::{in_parallel, summary, table};
 use crate::error::Error;
 use crate::scenario::ScenarioArgs;
-use crate::{json, out, say};
+use crate::{json, say};
 
 /// `skein study`
 #[derive(Clone, Debug, clap::Args)]
@@ -24,13 +27,22 @@ pub struct StudyArgs {
     /// Seeds A to B, B not included
     #[arg(long, value_name = "A..B", value_parser = seeds)]
     pub seeds: Option<Range<u64>>,
+    /// Any scenario key at each of several values, such as network.loss=0,0.1,0.3; several sweeps span a grid. A range
+    /// LO..HI, or LO..HI:log, both ends included, is sampled instead, see --points
+    #[arg(long = "sweep", value_name = "KEY=V1,V2,...")]
+    pub sweep: Vec<Sweep>,
+    /// Points of a Latin hypercube over all swept ranges, at each point of the grid if there is one. The scenario's own
+    /// seed says which (--set seed=N gives others)
+    #[arg(long, value_name = "N", value_parser = samples)]
+    pub points: Option<usize>,
     /// Runs at once; without it one for each core. The results do not depend on it
     #[arg(long, value_name = "N")]
     pub jobs: Option<NonZeroUsize>,
-    /// Folder for what is written, new or empty; without it a new one in skein-runs
+    /// Folder for what is written, new or empty, or that of the very same study, interrupted: it goes on there. Without
+    /// it a new one in skein-runs
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
-    /// Write no recordings. There are none yet: without effect
+    /// Write no recordings, whatever record.runs says
     #[arg(long)]
     pub no_record: bool,
     /// Print the summary (of one seed: its figures) as JSON on stdout, everything else on stderr
@@ -44,64 +56,60 @@ fn seeds(text: &str) -> Result<Range<u64>, String> {
     range.filter(|range| !range.is_empty()).ok_or_else(|| "two numbers A..B with A below B".to_owned())
 }
 
-/// Flies the seeds, writes what they measured, prints the summary.
+/// At least one.
+fn samples(text: &str) -> Result<usize, String> {
+    text.parse().ok().filter(|&n| n > 0).ok_or_else(|| "a number of points, at least 1".to_owned())
+}
+
+/// Flies what is not there yet, writes what was measured, prints the summary.
 ///
 /// # Errors
-/// What stands against the study: nothing was written then.
+/// What stands against the study: nothing was flown then. Or a run that failed; those that were done are written.
 pub fn run(args: &StudyArgs) -> Result<(), Error> {
-    let loaded = args.scenario.read(Vec::new())?;
-    loaded.notes.iter().for_each(|note| eprintln!("{note}"));
-    let ready = args.scenario.ready(&loaded.scenario)?;
-    let out = out::folder(args.out.as_deref(), &format!("{}-study", loaded.scenario.name))?;
-    let own = args.seed.unwrap_or(loaded.scenario.seed);
-    let seeds = args.seeds.clone().unwrap_or(own..own + 1);
-    let jobs = args.jobs.or_else(|| thread::available_parallelism().ok()).unwrap_or(NonZeroUsize::MIN);
-
-    let study = Study { scenario: loaded.scenario, aircraft: ready.aircraft, rules: ready.rules };
-    let bar = progress(seeds.end - seeds.start);
-    let reports = study
-        .fly_all(seeds, jobs, |_| bar.inc(1))
-        .map_err(|error| Error::Refused(format!("{}: {error}", args.scenario.name())))?;
-    bar.finish_and_clear();
-    let as_flown = |seed| args.scenario.read(vec![format!("seed={seed}")]).map(|loaded| loaded.to_toml());
-    write(&out, as_flown, &reports)?;
-
-    let summary = summarize(&reports);
-    match reports.as_slice() {
-        _ if !args.json => say(&table(&summary)),
-        [report] => say(&json(report)),
-        _ => say(&json(&summary)),
+    let plan = Plan::new(args)?;
+    let jobs = plan.jobs.or_else(|| thread::available_parallelism().ok()).unwrap_or(NonZeroUsize::MIN);
+    let runs = fly(&plan, jobs)?;
+    if !args.no_record {
+        record(&plan, &runs, jobs)?;
     }
-    eprintln!("written to {}", out.display());
+
+    write(&plan.out.join("runs.csv"), &summary::csv(&plan.points, &runs))?;
+    let (text, told) = match args.sweep.is_empty() {
+        true => {
+            let summary = summary(&runs);
+            (json(&summary), table::of_figures(&summary))
+        }
+        false => {
+            let summaries = summary::by_point(&plan.points, &runs);
+            (json(&summaries), table::of_points(&plan.points, &summaries))
+        }
+    };
+    // The last of all: the study is finished when it is there.
+    write(&plan.out.join("summary.json"), &text)?;
+    match runs.as_slice() {
+        _ if !args.json => say(&told),
+        [_] if args.sweep.is_empty() => say(&plan.run(0).text()?),
+        _ => say(&text),
+    }
+    eprintln!("written to {}", plan.out.display());
     Ok(())
 }
 
-/// The summary for people.
-fn table(summary: &Summary) -> String {
-    let mut table = Table::new();
-    table.load_style(presets::NOTHING).set_header(["", "runs", "never", "median", "quartiles", "worst", "seed"]);
-    let number = |value: Option<f64>| value.map_or_else(|| "–".to_owned(), rounded);
-    for (key, figure) in summary {
-        let quartiles = format!("{} … {}", number(figure.q1), number(figure.q3));
-        let worst = if figure.worst_seed.is_some() { number(figure.worst) } else { String::new() };
-        let seed = figure.worst_seed.map(|seed| seed.to_string()).unwrap_or_default();
-        let (n, never) = (figure.n.to_string(), figure.never.to_string());
-        table.add_row([key.clone(), n, never, number(figure.median), quartiles, worst, seed]);
+/// All runs in their order; those that were there already are only read.
+fn fly(plan: &Plan, jobs: NonZeroUsize) -> Result<Vec<Measured>, Error> {
+    let mut there: Vec<Option<Measured>> = (0..plan.runs()).map(|nth| plan.run(nth).measured()).collect();
+    let left: Vec<usize> = (0..there.len()).filter(|&nth| there[nth].is_none()).collect();
+    if left.len() < there.len() {
+        eprintln!("{} of {} runs are there already", there.len() - left.len(), there.len());
     }
-    table.column_iter_mut().skip(1).for_each(|column| column.set_cell_alignment(CellAlignment::Right));
-    format!("{table}\n")
-}
-
-/// The digits that say something.
-fn rounded(value: f64) -> String {
-    match value.abs() {
-        size if size >= 1000.0 => format!("{value:.0}"),
-        size if size >= 100.0 => format!("{value:.1}"),
-        size if size >= 1.0 => format!("{value:.2}"),
-        0.0 => "0".to_owned(),
-        size if size >= 0.001 => format!("{value:.3}"),
-        _ => format!("{value:.1e}"),
-    }
+    let progress = Progress::new(there.len(), there.len() - left.len());
+    let flown = in_parallel(left.len(), jobs, |nth| {
+        let measured = plan.run(left[nth]).fly()?;
+        progress.inc();
+        Ok::<_, Error>(measured)
+    })?;
+    left.into_iter().zip(flown).for_each(|(nth, measured)| there[nth] = Some(measured));
+    Ok(there.into_iter().flatten().collect())
 }
 
 #[cfg(test)]
@@ -113,21 +121,6 @@ mod tests {
         assert_eq!(seeds("0..100"), Ok(0..100));
         for bad in ["5..5", "7..3", "1..", "..4", "a..b", "3"] {
             assert!(seeds(bad).is_err(), "{bad}");
-        }
-    }
-
-    #[test]
-    fn figures_are_cut_to_what_they_say() {
-        let cases = [
-            (123_456.7, "123457"),
-            (142.56, "142.6"),
-            (0.797_33, "0.797"),
-            (0.0, "0"),
-            (-3.456, "-3.46"),
-            (1.23e-5, "1.2e-5"),
-        ];
-        for (value, text) in cases {
-            assert_eq!(rounded(value), text);
         }
     }
 }

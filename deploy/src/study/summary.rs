@@ -3,9 +3,11 @@
 use std::collections::BTreeMap;
 
 use serde::Serialize;
-use serde_json::Value;
+use serde_json::{Map, Value};
 
-use crate::metrics::{DIRECTIONS, Direction, Report};
+use super::measured::{Measured, is_worse, worst_and_median};
+use super::sweep::Point;
+use crate::metrics::{Direction, Report};
 
 /// One figure over all seeds.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -33,29 +35,58 @@ pub struct Figure {
 /// Every figure over all seeds, by its key in `metrics.json`.
 pub type Summary = BTreeMap<String, Figure>;
 
-/// Every number of a report by its key, `null` included.
-fn figures(report: &Report) -> Vec<(String, Option<f64>)> {
-    // A struct of numbers always has a JSON form.
-    let Ok(Value::Object(keys)) = serde_json::to_value(report) else { return Vec::new() };
-    let keys = keys.into_iter().filter(|(key, _)| !["seed", "vehicles"].contains(&key.as_str()));
-    keys.filter(|(_, value)| value.is_number() || value.is_null()).map(|(key, value)| (key, value.as_f64())).collect()
-}
-
 /// Medians, quartiles and the worst of each figure.
 pub fn summarize(reports: &[Report]) -> Summary {
-    let mut columns: BTreeMap<String, Vec<(u64, Option<f64>)>> = BTreeMap::new();
-    for report in reports {
-        for (key, value) in figures(report) {
-            if value.is_some() || report.never.contains(&key.as_str()) {
-                columns.entry(key).or_default().push((report.run.seed, value));
+    summary(&reports.iter().map(Measured::of).collect::<Vec<_>>())
+}
+
+/// As [`summarize`], of runs read back.
+pub fn summary(runs: &[Measured]) -> Summary {
+    let mut columns: BTreeMap<&str, Vec<(u64, Option<f64>)>> = BTreeMap::new();
+    for run in runs {
+        for (key, value) in &run.figures {
+            if value.is_some() || run.never.contains(key) {
+                columns.entry(key).or_default().push((run.seed, *value));
             }
         }
     }
-    columns.into_iter().map(|(key, column)| (key.clone(), figure(&key, &column))).collect()
+    columns.into_iter().map(|(key, column)| (key.to_owned(), figure(key, &column))).collect()
+}
+
+/// One point of a sweep over all seeds.
+#[derive(Clone, Debug, Serialize)]
+pub struct PointSummary {
+    /// Counted from 1, as its folder is.
+    pub point: usize,
+    /// What is set there.
+    pub set: Map<String, Value>,
+    /// The seed of the worst run, and of the middle one.
+    pub worst_seed: u64,
+    /// See `worst_seed`.
+    pub median_seed: u64,
+    /// Every figure over all seeds.
+    pub figures: Summary,
+}
+
+/// The points of a sweep; `runs` are those of the first point, then those of the next.
+pub(super) fn by_point(points: &[Point], runs: &[Measured]) -> Vec<PointSummary> {
+    let of_each = runs.chunks(runs.len() / points.len().max(1)).zip(points).enumerate();
+    let summary = |(nth, (runs, point)): (usize, (&[Measured], &Point))| {
+        let (worst_seed, median_seed) = worst_and_median(runs)?;
+        let set = point.0.iter().map(|(key, value)| (key.clone(), as_json(value))).collect();
+        Some(PointSummary { point: nth + 1, set, worst_seed, median_seed, figures: summary(runs) })
+    };
+    of_each.filter_map(summary).collect()
+}
+
+/// A value as `--set` takes it: TOML, or else a text.
+fn as_json(value: &str) -> Value {
+    let parsed = value.parse::<toml::Value>().ok().and_then(|value| serde_json::to_value(value).ok());
+    parsed.unwrap_or_else(|| Value::String(value.to_owned()))
 }
 
 fn figure(key: &str, column: &[(u64, Option<f64>)]) -> Figure {
-    let direction = DIRECTIONS.iter().find(|(known, _)| *known == key).map(|(_, direction)| *direction);
+    let direction = is_worse(key);
     // From best to worst; without a direction, from least to largest. What never happened stands last.
     let sign = if direction == Some(Direction::Less) { -1.0 } else { 1.0 };
     let mut ranked = column.to_vec();
@@ -82,18 +113,53 @@ fn figure(key: &str, column: &[(u64, Option<f64>)]) -> Figure {
     }
 }
 
-/// One row a run: the seed, then every figure; empty where there is none.
-pub(super) fn csv(reports: &[Report]) -> String {
-    let mut text = String::new();
-    for (nth, report) in reports.iter().enumerate() {
-        let figures = figures(report);
-        if nth == 0 {
-            let names: Vec<_> = figures.iter().map(|(key, _)| key.as_str()).collect();
-            text += &format!("seed,{}\n", names.join(","));
-        }
-        let cells: Vec<_> =
-            figures.iter().map(|(_, value)| value.map(|number| number.to_string()).unwrap_or_default()).collect();
-        text += &format!("{},{}\n", report.run.seed, cells.join(","));
+/// One row a run: the seed, what is set at its point, then every figure; empty where there is none.
+pub(super) fn csv(points: &[Point], runs: &[Measured]) -> String {
+    let (Some(first), Some(point)) = (runs.first(), points.first()) else { return String::new() };
+    let swept = point.0.iter().map(|(key, _)| key.as_str());
+    let names: Vec<_> = ["seed"].into_iter().chain(swept).chain(first.figures.keys().map(String::as_str)).collect();
+    let mut text = names.join(",") + "\n";
+    for (nth, run) in runs.iter().enumerate() {
+        let set = points[nth * points.len() / runs.len()].0.iter().map(|(_, value)| quoted(value));
+        let figures = first.figures.keys().map(|key| run.figures.get(key).copied().flatten());
+        let figures = figures.map(|value| value.map(|number| number.to_string()).unwrap_or_default());
+        let cells: Vec<_> = [run.seed.to_string()].into_iter().chain(set).chain(figures).collect();
+        text += &(cells.join(",") + "\n");
     }
     text
+}
+
+/// A cell, in quotes if it has to be (RFC 4180).
+fn quoted(cell: &str) -> String {
+    match cell.contains([',', '"', '\n', '\r']) {
+        true => format!("\"{}\"", cell.replace('"', "\"\"")),
+        false => cell.to_owned(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_swept_value_has_a_cell_and_a_column_of_its_own() {
+        let run = |seed| Measured::read(&format!("{{\"seed\":{seed},\"a_m\":0.5,\"b_s\":null}}")).unwrap();
+        let point = |loss: &str| {
+            let set = [("network.loss", loss), ("mission.steps[0]", "{ a = [1, \"x\"] }")];
+            Point(set.map(|(key, value)| (key.to_owned(), value.to_owned())).to_vec())
+        };
+        let (points, runs) = ([point("0"), point("0.10")], [run(7), run(8), run(7), run(8)]);
+        let cell = "\"{ a = [1, \"\"x\"\"] }\"";
+        assert_eq!(
+            csv(&points, &runs),
+            format!(
+                "seed,network.loss,mission.steps[0],a_m,b_s\n7,0,{cell},0.5,\n8,0,{cell},0.5,\n7,0.10,{cell},0.5,\n8,0.10,{cell},0.5,\n"
+            )
+        );
+        let summaries = by_point(&points, &runs);
+        assert_eq!((summaries.len(), summaries[1].point, summaries[1].worst_seed), (2, 2, 8));
+        assert_eq!(summaries[1].set["network.loss"], serde_json::json!(0.1));
+        assert_eq!(summaries[1].set["mission.steps[0]"], serde_json::json!({ "a": [1, "x"] }));
+        assert_eq!(as_json("paper"), Value::String("paper".to_owned()));
+    }
 }

@@ -4,30 +4,38 @@
 //! One tick is one frame of every vehicle. What is said in a tick is heard in the next, by everybody, through the same
 //! encoding as on the wire and through each hearer's [`Ear`]. What the scenario does to the swarm it does between hearing
 //! and stepping.
+//!
+//! Under `control.mode = "central"` the agents stand on one machine instead of beside their vehicles (`world/central.rs`).
 
+mod central;
 pub(crate) mod script;
 
+use std::fmt;
 use std::mem;
 
+use serde::{Deserialize, Serialize};
 use skein_agent::agent::{Agent, Inputs, Outputs};
 use skein_agent::aircraft::Aircraft;
+use skein_agent::clock::Skew;
 use skein_agent::control::Rules;
-use skein_agent::network::Ear;
+use skein_agent::formation::external::{Answer, Ask};
+use skein_agent::network::{Ear, Whereabouts};
 use skein_agent::peers::{Heard, Word};
 use skein_agent::plant::helicopter::{BuiltInVehicle, Script, TICK_S, Weather};
-use skein_agent::plant::{Sticks, Truth};
+use skein_agent::plant::{Frame, Measurement, Sticks, Truth};
 use skein_agent::speech;
 use skein_agent::start::starts;
-use skein_agent::supported::NotFlown;
+use skein_agent::supported::{self, NotFlown};
 use skein_common::frame::Origin;
 use skein_common::id::{Incarnation, VehicleId};
-use skein_common::message::{self, Happening, Message, Mission};
+use skein_common::message::{self, Happening, Message, Mission, Trace};
 use skein_common::scenario::Scenario;
 use skein_common::state::Membership;
-use skein_common::time::{LocalTime, Now};
+use skein_common::time::{LocalTime, Now, PlantTime};
 
 use super::StudyError;
 use crate::metrics::Totals;
+use central::Machine;
 use script::{Agenda, Deed, Operator};
 
 /// Nanoseconds of a tick.
@@ -36,12 +44,17 @@ const TICK_NS: u64 = (TICK_S * 1e9) as u64;
 /// A swarm in virtual time.
 #[derive(Debug)]
 pub struct World {
+    /// As the agents fly it.
     scenario: Scenario,
     rules: Rules,
     vehicles: Vec<Vehicle>,
+    /// All agents stand on it, if there is one.
+    machine: Option<Machine>,
     operator: Operator,
     /// What was said since everybody last heard.
     said: Vec<Said>,
+    /// What external laws were asked since anybody took it.
+    asks: Vec<Ask>,
     happened: Vec<(VehicleId, Happening)>,
     incidents: Vec<Incident>,
     /// What was done since the last tick.
@@ -51,15 +64,18 @@ pub struct World {
     ticks: u64,
 }
 
+/// The scenario's word for what has failed. (Spelled out in the field below, it would let nobody read one back.)
+pub type FailureWord = &'static str;
+
 /// Something that was done to the swarm, whoever notices.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Incident {
     /// A vehicle's agent ended without a word. The helicopter flies on with its last controls.
     Died(VehicleId),
     /// It began a new life, in the air or on the ground.
     Restarted(VehicleId),
     /// Something of a vehicle failed, in the scenario's word.
-    Failed(VehicleId, &'static str),
+    Failed(VehicleId, #[serde(deserialize_with = "script::failure")] FailureWord),
     /// Directions of links that are dead from now on.
     Cut {
         /// Speaker and hearer.
@@ -70,6 +86,22 @@ pub enum Incident {
         /// Speaker and hearer.
         links: Vec<(VehicleId, VehicleId)>,
     },
+}
+
+impl fmt::Display for Incident {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let list = |links: &[(VehicleId, VehicleId)]| {
+            let link = |(speaker, hearer): &(VehicleId, VehicleId)| format!("{speaker} to {hearer}");
+            links.iter().map(link).collect::<Vec<_>>().join(", ")
+        };
+        match self {
+            Self::Died(id) => write!(f, "the agent of vehicle {id} ended"),
+            Self::Restarted(id) => write!(f, "vehicle {id} has a new agent"),
+            Self::Failed(id, what) => write!(f, "{what} of vehicle {id}"),
+            Self::Cut { links } => write!(f, "cut: vehicle {}", list(links)),
+            Self::Healed { links } => write!(f, "healed: vehicle {}", list(links)),
+        }
+    }
 }
 
 /// One vehicle with its agent.
@@ -86,15 +118,21 @@ struct Vehicle {
     agent: Option<Agent>,
     /// The agent's, or the last one's.
     incarnation: Incarnation,
-    /// What the own clock shows beyond the world's, s.
+    /// How far the own clock is from the world's, but for its jumps.
+    skew: Skew,
+    /// How far it has jumped, s.
     clock_ahead_s: f64,
     /// In which tick the vehicle first became a member: scripted time counts from here.
     took_off: Option<u64>,
     ear: Ear,
     heard: Vec<Heard>,
+    /// Of its external law, for the next step.
+    answer: Option<Answer>,
     /// What the others find of it when they come late.
     register: Option<Mission>,
     truth: Truth,
+    /// Of the last frame.
+    plant_time: PlantTime,
     command: Option<Sticks>,
 }
 
@@ -114,20 +152,26 @@ impl World {
     /// # Errors
     /// If the scenario asks for what is not flown.
     pub fn new(scenario: &Scenario, aircraft: &[Aircraft], rules: &Rules) -> Result<Self, StudyError> {
+        supported::check(scenario)?;
+        let machine = Machine::of(scenario);
+        let scenario = &central::as_agents_see_it(scenario);
         let (origin, weather) = (Origin::new(scenario.origin.geodetic()), Weather::from(&scenario.world));
         let starts = starts(scenario)?;
         let vehicles = scenario.ids().zip(&starts).zip(aircraft).map(|((id, start), aircraft)| {
             let parameters = aircraft.helicopter.as_ref().ok_or(StudyError::NoModel(id))?;
             let plant = BuiltInVehicle::new(&origin, parameters, start, &weather, scenario.seed, id);
-            Ok(Vehicle::new(scenario, id, aircraft, rules, plant)?)
+            let known = central::as_agents_know_it(aircraft, scenario.control.mode);
+            Ok(Vehicle::new(scenario, id, known, rules, plant)?)
         });
         let vehicles = vehicles.collect::<Result<Vec<_>, StudyError>>()?;
         Ok(Self {
             vehicles,
+            machine,
             said: scenario.ids().map(|id| Said::to_all(id, Word::Appeared(id))).collect(),
             operator: Operator::new(scenario),
             scenario: scenario.clone(),
             rules: rules.clone(),
+            asks: Vec::new(),
             happened: Vec::new(),
             incidents: Vec::new(),
             done: Vec::new(),
@@ -144,15 +188,24 @@ impl World {
         let now = LocalTime::from_nanoseconds(self.ticks * TICK_NS);
         self.deliver(now);
         self.follow_script();
+        let is_read = self.machine.as_mut().map(|machine| machine.read(now, self.ticks, &mut self.vehicles));
         for vehicle in &mut self.vehicles {
-            let Some(said) = vehicle.turn(now, self.ticks) else { continue };
-            let id = vehicle.id;
+            let turned = match &mut self.machine {
+                None => vehicle.turn(now, self.ticks),
+                Some(machine) if is_read == Some(true) => machine.step(now, self.ticks, vehicle),
+                Some(_) => None,
+            };
+            let (Some((said, ask)), id) = (turned, vehicle.id) else { continue };
+            self.asks.extend(ask);
             self.said.extend(said.state.map(|state| Said::to_all(id, Word::State(through_wire(&state)))));
             if let Some(mission) = said.mission {
                 vehicle.register = Some(through_wire(&mission));
                 self.said.extend(vehicle.register.map(|mission| Said::to_all(id, Word::Mission(mission))));
             }
             self.happened.extend(said.happened.into_iter().map(|what| (id, what)));
+        }
+        if let Some(machine) = &mut self.machine {
+            machine.write(now, self.ticks, &mut self.vehicles);
         }
         self.ticks += 1;
     }
@@ -161,6 +214,18 @@ impl World {
     pub fn kill(&mut self, id: VehicleId) {
         if let Some(index) = self.vehicles.iter().position(|vehicle| vehicle.id == id) {
             self.end(index);
+        }
+    }
+
+    /// What external laws were asked since the last call, by vehicle.
+    pub fn take_asks(&mut self) -> Vec<Ask> {
+        mem::take(&mut self.asks)
+    }
+
+    /// What the law of a vehicle has answered: its agent learns of it in the next tick.
+    pub fn answer(&mut self, answer: Answer) {
+        if let Some(vehicle) = self.vehicles.iter_mut().find(|vehicle| vehicle.id == answer.vehicle) {
+            vehicle.answer = Some(answer);
         }
     }
 
@@ -189,6 +254,12 @@ impl World {
         self.vehicles.iter().map(|vehicle| (vehicle.id, vehicle.agent.as_ref(), &vehicle.truth, vehicle.command))
     }
 
+    /// The last tick's step of every agent that runs.
+    pub fn traces(&mut self) -> impl Iterator<Item = Trace> {
+        let now = LocalTime::from_nanoseconds(self.ticks.saturating_sub(1) * TICK_NS);
+        self.vehicles.iter_mut().filter_map(move |vehicle| vehicle.trace(now))
+    }
+
     /// What the agents told of themselves in the last tick.
     pub fn happened(&self) -> &[(VehicleId, Happening)] {
         &self.happened
@@ -200,12 +271,18 @@ impl World {
     }
 
     /// What all agents together have counted, those that have ended included.
+    ///
+    /// Of states it is what crossed the network: under one machine states and controls.
     pub fn totals(&self) -> Totals {
-        self.vehicles().fold(self.ended, |totals, (_, agent, ..)| with_counts(totals, agent))
+        let totals = self.vehicles().fold(self.ended, |totals, (_, agent, ..)| with_counts(totals, agent));
+        self.machine.as_ref().map_or(totals, |machine| machine.add_to(totals))
     }
 
     /// What was said in the last tick arrives with everybody else who lives.
     fn deliver(&mut self, now: LocalTime) {
+        if self.machine.as_ref().is_some_and(|machine| machine.is_busy(now)) {
+            return;
+        }
         let mut said = mem::take(&mut self.said);
         for vehicle in self.vehicles.iter_mut().filter(|vehicle| vehicle.agent.is_some()) {
             vehicle.hear(now, self.ticks, &said);
@@ -232,14 +309,34 @@ impl World {
         }
         self.done.extend((!healed.is_empty()).then_some(Incident::Healed { links: healed }));
         self.done.extend((!cut.is_empty()).then_some(Incident::Cut { links: cut }));
+        if let Some(t_s) = self.flown_s() {
+            self.strike_machine(t_s);
+            self.order(t_s);
+        }
         self.incidents.append(&mut self.done);
-        self.order();
     }
 
-    /// The operator's clock begins with the first take-off.
-    fn order(&mut self) {
-        let Some(first) = self.vehicles.iter().filter_map(|vehicle| vehicle.took_off).min() else { return };
-        let t_s = (self.ticks - first) as f64 * TICK_S;
+    /// Since the first take-off, s: the operator's clock and the one machine's begin with it.
+    fn flown_s(&self) -> Option<f64> {
+        let first = self.vehicles.iter().filter_map(|vehicle| vehicle.took_off).min()?;
+        Some((self.ticks - first) as f64 * TICK_S)
+    }
+
+    /// Does to the one machine what is due, and with it to every agent.
+    fn strike_machine(&mut self, t_s: f64) {
+        while let Some(deed) = self.machine.as_mut().and_then(|machine| machine.due(t_s)) {
+            let Some(machine) = &mut self.machine else { return };
+            if deed == Deed::Kill {
+                machine.end();
+                (0..self.vehicles.len()).for_each(|index| self.end(index));
+            } else {
+                machine.restart();
+                (0..self.vehicles.len()).for_each(|index| self.restart(index));
+            }
+        }
+    }
+
+    fn order(&mut self, t_s: f64) {
         let repeats = |vehicle: &Vehicle, order| vehicle.register.is_some_and(|register| register.order >= Some(order));
         let living = self.vehicles.iter().filter(|vehicle| vehicle.agent.is_some());
         let order = self.operator.says(t_s, |order| living.clone().all(|vehicle| repeats(vehicle, *order)));
@@ -253,7 +350,7 @@ impl World {
     fn end(&mut self, index: usize) {
         let vehicle = &mut self.vehicles[index];
         let Some(agent) = vehicle.agent.take() else { return };
-        (vehicle.register, vehicle.command) = (None, None);
+        (vehicle.register, vehicle.command, vehicle.answer) = (None, None, None);
         self.ended = with_counts(self.ended, &agent);
         self.said.push(Said::to_all(vehicle.id, Word::Vanished(vehicle.id)));
         self.done.push(Incident::Died(vehicle.id));
@@ -287,24 +384,27 @@ impl Vehicle {
     fn new(
         scenario: &Scenario,
         id: VehicleId,
-        aircraft: &Aircraft,
+        aircraft: Aircraft,
         rules: &Rules,
         plant: BuiltInVehicle,
     ) -> Result<Self, NotFlown> {
         let mut vehicle = Self {
             id,
-            aircraft: aircraft.clone(),
+            aircraft,
             truth: plant.frame().truth,
             plant,
             script: Script::of(&scenario.mission.events, id),
             deeds: script::deeds(scenario, id),
             agent: None,
             incarnation: Incarnation(1),
+            skew: Skew::new(scenario, id),
             clock_ahead_s: script::clock_begins_s(scenario, id),
             took_off: None,
             ear: Ear::new(scenario, id),
             heard: Vec::new(),
+            answer: None,
             register: None,
+            plant_time: PlantTime::ZERO,
             command: None,
         };
         vehicle.agent = Some(vehicle.new_agent(scenario, rules)?);
@@ -331,32 +431,62 @@ impl Vehicle {
         let id = self.id;
         let is_for_it = |said: &&Said| said.speaker != Some(id) && said.hearer.is_none_or(|hearer| hearer == id);
         let arriving = said.iter().filter(is_for_it).map(|said| Heard { word: said.word, at: now });
-        self.ear.hear(now, self.flown_s(tick), arriving, &mut self.heard);
-        if self.clock_ahead_s != 0.0 {
-            self.heard.iter_mut().for_each(|heard| heard.at = heard.at.plus_seconds(self.clock_ahead_s));
+        let position = self.agent.as_ref().and_then(Agent::position);
+        let own = Whereabouts { flown_s: self.flown_s(tick), position };
+        self.ear.hear(now, own, arriving, &mut self.heard);
+        if self.clock_ahead_s != 0.0 || !self.skew.is_none() {
+            let mut heard = mem::take(&mut self.heard);
+            heard.iter_mut().for_each(|heard| heard.at = self.shown(heard.at));
+            self.heard = heard;
         }
     }
 
-    /// One frame: the agent's step, if it lives, and the helicopter's. Gives what the agent says.
-    fn turn(&mut self, now: LocalTime, tick: u64) -> Option<speech::Said> {
-        let script = self.flown_s(tick).map(|flown_s| self.script.at(flown_s)).unwrap_or_default();
-        self.plant.fail(script.failures);
-        let frame = self.plant.frame();
-        self.truth = frame.truth;
-        let said = self.agent.as_mut().map(|agent| {
-            let now = Now { plant: frame.time, local: now.plus_seconds(self.clock_ahead_s) };
-            let measurement = (!script.simulator_frozen).then_some(&frame.measurement);
-            let Outputs { command, said } = agent.step(now, &Inputs { measurement, heard: &self.heard, leave: false });
+    /// What its own clock shows now.
+    fn shown(&self, now: LocalTime) -> LocalTime {
+        self.skew.shown(now).plus_seconds(self.clock_ahead_s)
+    }
+
+    /// One frame: the agent's step, if it lives, and the helicopter's. Gives what the agent says and asks.
+    fn turn(&mut self, now: LocalTime, tick: u64) -> Option<(speech::Said, Option<Ask>)> {
+        let (frame, simulator_frozen) = self.frame(tick);
+        let now = Now { plant: frame.time, local: self.shown(now) };
+        let measurement = (!simulator_frozen).then_some(&frame.measurement);
+        let said = self.think(now, measurement, tick).map(|Outputs { command, said, ask }| {
             self.command = command;
-            if agent.membership() == Membership::Active {
-                self.took_off.get_or_insert(tick);
-            }
-            said
+            (said, ask)
         });
-        if !script.simulator_frozen {
+        if !simulator_frozen {
             self.plant.advance(self.command);
         }
         said
+    }
+
+    /// The plant's frame under what has failed of it, and whether it stands still.
+    fn frame(&mut self, tick: u64) -> (Frame, bool) {
+        let script = self.flown_s(tick).map(|flown_s| self.script.at(flown_s)).unwrap_or_default();
+        self.plant.fail(script.failures);
+        let frame = self.plant.frame();
+        (self.truth, self.plant_time) = (frame.truth, frame.time);
+        (frame, script.simulator_frozen)
+    }
+
+    /// The agent's step, if it lives.
+    fn think(&mut self, now: Now, measurement: Option<&Measurement>, tick: u64) -> Option<Outputs> {
+        let agent = self.agent.as_mut()?;
+        let answer = self.answer.take();
+        let inputs = Inputs { measurement, heard: &self.heard, leave: false, answer: answer.as_ref() };
+        let outputs = agent.step(now, &inputs);
+        if agent.membership() == Membership::Active {
+            self.took_off.get_or_insert(tick);
+        }
+        Some(outputs)
+    }
+
+    fn trace(&mut self, now: LocalTime) -> Option<Trace> {
+        let now = Now { plant: self.plant_time, local: self.shown(now) };
+        let mut trace = self.agent.as_mut()?.trace(now, &self.truth);
+        self.ear.tell_lateness(&mut trace.peers);
+        Some(trace)
     }
 }
 
@@ -369,10 +499,12 @@ impl Said {
 fn with_counts(totals: Totals, agent: &Agent) -> Totals {
     let (messages, bytes) = agent.spoken();
     let activations = agent.safety_activations().map(|more| more + totals.safety_activations.unwrap_or(0));
+    let misses = agent.law_misses().map(|more| more + totals.law_misses.unwrap_or(0));
     Totals {
         state_messages: totals.state_messages + messages,
         state_bytes: totals.state_bytes + bytes,
         safety_activations: activations.or(totals.safety_activations),
+        law_misses: misses.or(totals.law_misses),
         ..totals
     }
 }

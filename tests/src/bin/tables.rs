@@ -1,7 +1,9 @@
 //! Prints the tables that the README quotes: `cargo run --release -p skein-tests --bin tables -- faults`.
 
+use std::process::ExitCode;
+
 use clap::Parser;
-use skein_tests::{faults, halves, tour};
+use skein_tests::{central, divergence, faults, formation_error, halves, tour};
 
 /// Flies many swarms in virtual time and prints what became of them
 #[derive(Parser)]
@@ -17,22 +19,45 @@ struct Tables {
 /// The tables.
 #[derive(clap::Subcommand)]
 enum Table {
+    /// One control machine against every vehicle for itself, with 4 to 32 vehicles and 0 to 30 % loss
+    Central,
+    /// One control machine over longer and longer delays, and slower and slower
+    CentralLimits,
     /// Every fault against a small mission, with four and with eight vehicles
     Faults,
     /// A swarm cut in two for 20 s, under both policies
     Halves,
+    /// The ring's error with 4 to 32 vehicles, 0 to 50 % loss and 0 to 2 s delay: the golden file
+    Network,
+    /// The same flight in virtual time, in real time, and in real time behind X-Plane's protocol, a seed after the other
+    Divergence,
     /// The tour with 2 to 16 vehicles, 0 to 30 % loss and 0 to 1 s delay
     Tour,
 }
 
-fn main() {
+fn main() -> ExitCode {
+    if std::env::args().nth(1).is_some_and(|word| divergence::WORDS.contains(&word.as_str())) {
+        return skein::cli::main();
+    }
     let Tables { table, seeds } = Tables::parse();
     println!(
         "{}",
         match table {
+            Table::Central => {
+                let networks = [(0.0, 0.0), (0.1, 0.0), (0.3, 0.0), (0.3, 0.05)];
+                central::table(&[4, 8, 16, 32], &networks, seeds)
+            }
+            Table::CentralLimits => {
+                let delays_s = [0.0, 0.02, 0.04, 0.06, 0.08, 0.09, 0.1, 0.12, 0.15, 0.2];
+                let steps_s = [0.001, 0.002, 0.005, 0.01, 0.015, 0.02, 0.025, 0.03, 0.05];
+                central::limits(8, &delays_s, &steps_s, seeds)
+            }
             Table::Faults => faults::table(&[4, 8], seeds),
             Table::Halves => halves::table(seeds),
+            Table::Network => formation_error::table(seeds),
+            Table::Divergence => divergence::table(seeds),
             Table::Tour => tour::table(&[2, 4, 8, 16], &[0.0, 0.1, 0.2, 0.3], &[0.0, 0.2, 0.5, 1.0], seeds),
         }
     );
+    ExitCode::SUCCESS
 }

@@ -13,7 +13,8 @@ use std::io::{Write, stdout};
 use std::thread::sleep;
 use std::time::Duration;
 
-use network::{Side, missing};
+use network::Side;
+use skein_tests::namespaces::missing;
 use swarm::{Line, Swarm};
 
 /// How long a network is cut.

@@ -9,7 +9,8 @@ use std::thread::sleep;
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 use skein::observe::Observer;
-use skein_common::id::SwarmName;
+use skein::reach::{Flown, Reach};
+use skein_common::id::{SwarmName, VehicleId};
 use tempfile::TempDir;
 
 use super::network::{Network, Side};
@@ -214,7 +215,9 @@ pub(super) fn watch() {
     let Ok(watched) = std::env::var(WATCHED) else { return };
     let mut words = watched.split(' ').map(str::to_owned);
     let swarm = SwarmName::new(words.next().unwrap()).unwrap();
-    let mut observer = Observer::open(&swarm, &words.collect::<Vec<_>>()).unwrap();
+    let agents = VehicleId::first(250).zip(words).collect();
+    let reach = Reach::plain(swarm, agents, Flown::Text(String::new()));
+    let mut observer = Observer::open(&reach).unwrap();
     let is_over = std::sync::Arc::new(AtomicBool::new(false));
     let flag = is_over.clone();
     std::thread::spawn(move || {

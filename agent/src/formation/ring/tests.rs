@@ -47,7 +47,8 @@ fn alone(ring: &Ring, place: Vector2<f64>) -> Vector2<f64> {
 }
 
 fn neighbour(number: u8, position: PositionNed) -> Neighbour {
-    Neighbour { id: id(number), position, velocity: VelocityNed::default() }
+    let velocity = VelocityNed::default();
+    Neighbour { id: id(number), position, velocity, heading_rad: 0.0, age_s: 0.0, is_fresh: true }
 }
 
 fn neighbours(places: &[Vector2<f64>]) -> Vec<Neighbour> {

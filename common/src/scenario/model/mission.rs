@@ -127,6 +127,9 @@ pub enum Fault {
         /// Forward, if positive.
         by_s: f64,
     },
+    /// The one machine of `control.mode = "central"` dies, and with it everybody's control; it is restarted after `for_s`.
+    /// Its time counts from the swarm's first take-off.
+    KillControl,
 }
 
 /// `servo`

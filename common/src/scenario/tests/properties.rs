@@ -19,6 +19,7 @@ fn value(kind: Kind) -> BoxedStrategy<String> {
         Kind::Integer(min, max) => (min..=max).prop_map(|number| number.to_string()).boxed(),
         Kind::Bool => any::<bool>().prop_map(|truth| truth.to_string()).boxed(),
         Kind::True => Just("true".to_owned()).boxed(),
+        Kind::Law => select(law::NAMES).prop_map(str::to_owned).boxed(),
         Kind::OneOf(words) => select(words).prop_map(str::to_owned).boxed(),
         Kind::Name => "[A-Za-z][A-Za-z0-9_-]{0,20}".boxed(),
         Kind::Text => "[a-zé'\"\\\\/ ]{1,10}x".prop_map(|text| format!("{}", toml::Value::String(text))).boxed(),
@@ -29,13 +30,13 @@ fn value(kind: Kind) -> BoxedStrategy<String> {
         Kind::Edges => Just("[[1, 2], [2, 1]]".to_owned()).boxed(),
         Kind::Point => (-500..500i32, -5e2..5e2).prop_map(|(north, east)| format!("[{north}, {east:?}]")).boxed(),
         Kind::Path => Just("[[0, 0], [3, 4]]".to_owned()).boxed(),
-        Kind::Tables => tables().boxed(),
+        Kind::Tables => steps().boxed(),
         Kind::Free => Just("{ gain = 0.3, 'a b' = [1, { c = \"\"\"x\ny\"\"\" }], t = true }".to_owned()).boxed(),
     }
 }
 
-/// Steps; events come from the shipped tour.
-fn tables() -> impl Strategy<Value = String> {
+/// Steps; events come from the shipped tour, links from [`links`].
+fn steps() -> impl Strategy<Value = String> {
     let step = select(vec![
         "{ hold_s = 3 }",
         "{ centre_ne_m = [1, 2], dwell_s = 7, name = \"x # y\" }",
@@ -45,18 +46,30 @@ fn tables() -> impl Strategy<Value = String> {
     prop::collection::vec(step, 1..4).prop_map(|steps| format!("[{}]", steps.join(", ")))
 }
 
+/// Links that are not like the others.
+fn links() -> impl Strategy<Value = String> {
+    let link = select(vec![
+        "{ from = [1], loss = 0.5 }",
+        "{ to = [2, 1], both_ways = true, delay_s = 1, jitter_s = 2.5 }",
+        "{ from = [2], to = [1], bandwidth_bit_s = 9600, queue_s = 1, burst_s = 3 }",
+    ]);
+    prop::collection::vec(link, 0..4).prop_map(|links| format!("[{}]", links.join(", ")))
+}
+
 /// `--set`s of any keys, each valid on its own.
 fn sets() -> impl Strategy<Value = Vec<String>> {
     let keys = KEYS.iter().filter(|key| {
-        let later = ["vehicle.N", "mission.events", "mission.steps["].iter().any(|prefix| key.path.starts_with(prefix));
+        let lists = ["vehicle.N", "mission.events", "mission.steps[", "network.links["];
+        let later = lists.iter().any(|prefix| key.path.starts_with(prefix));
         // Most values of these two fit no other value.
         !later && key.path != "swarm.vehicles" && !key.path.contains("udp")
     });
+    let of = |key: &Key| if key.path == "network.links" { links().boxed() } else { value(key.kind) };
     let vehicle = KEYS
         .iter()
         .filter(|key| key.path.starts_with("vehicle.N"))
         .map(|key| (Just(key.path.replace('N', "2")), value(key.kind)).boxed());
-    let all: Vec<_> = keys.map(|key| (Just(key.path.to_owned()), value(key.kind)).boxed()).chain(vehicle).collect();
+    let all: Vec<_> = keys.map(|key| (Just(key.path.to_owned()), of(key)).boxed()).chain(vehicle).collect();
     prop::collection::vec(select(all).prop_flat_map(|set| set), 0..6)
         .prop_map(|sets| sets.into_iter().map(|(path, value)| format!("{path}={value}")).collect())
 }

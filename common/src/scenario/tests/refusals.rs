@@ -82,6 +82,11 @@ fn values_of_another_kind() {
             "5:20: `formation.avoid_distance_m` has to be a number or \"adaptive\", not \"none\"",
         ),
         ("feedforward = 1", "5:15: `formation.feedforward` has to be true or false, not 1"),
+        (
+            "law = 'vasarheli'",
+            "5:7: `formation.law` is \"vasarheli\", but has to be one of \"ring\", \"flock\", \"olfati-saber\", \
+             \"vasarhelyi\", \"virtual-structure\", \"displacement-consensus\", \"external\"; did you mean \"vasarhelyi\"?",
+        ),
         ("law = 3", "5:7: `formation.law` has to be a text, not 3"),
         ("vertical = 'flat'", "5:12: `formation.vertical` is \"flat\", but has to be one of \"bands\", \"ellipsoid\""),
         ("[mission]\nsteps = []", "6:9: `mission.steps` has to be a list of one table or more, not an empty list"),
@@ -157,6 +162,10 @@ fn vehicles_that_do_not_fly() {
         ("[network]\ngraph = 'edges'", "6:9: `network.graph` = \"edges\" needs `network.edges`"),
         ("[network]\nedges = [[1, 2], [2, 5]]", "6:22: `network.edges[1][1]`: there is no vehicle 5 among 4"),
         ("[network]\nedges = [[2, 2]]", "6:10: `network.edges[0]`: vehicle 2 hears itself anyway"),
+        (
+            "[network]\nlinks = [{ from = [1], loss = 0 }, { to = [3, 5], loss = 1 }]",
+            "6:47: `network.links[1].to[1]`: there is no vehicle 5 among 4",
+        ),
         (
             "[mission]\nevents = [{ at_s = 1, fault = 'kill', vehicle = 5 }]",
             "6:49: `mission.events[0].vehicle`: there is no vehicle 5 among 4",
@@ -236,6 +245,18 @@ fn values_that_do_not_go_together() {
             "[mission]\nsteps = [{ hold_s = 1, formation = { radius_m = 9 } }]",
             "6:49: `formation.inner_width_m` is 20, but has to be below `radius_m`, 9",
         ),
+        (
+            "law = 'virtual-structure'\nslots.pattern = 'list'\nslots.offsets_ne_m = [[0, 0], [20, 0]]",
+            "7:22: `formation.slots.offsets_ne_m` has 2 slots for 4 vehicles",
+        ),
+        (
+            "law = 'displacement-consensus'\nslots = { pattern = 'grid', spacing_m = 5 }",
+            "6:41: two slots are 5.0 m apart, less than `formation.safety_distance_m`, 8",
+        ),
+        (
+            "slots.spacin_m = 3",
+            "5:7: unknown key `formation.slots.spacin_m`; did you mean `formation.slots.spacing_m`?",
+        ),
         ("law = 'external'", "5:7: law \"external\" needs one of `command`, `listen`, `udp` in `[formation.external]`"),
         (
             "law = 'external'\nexternal = { command = ['a'], listen = 'tcp/a:1' }",
@@ -251,6 +272,18 @@ fn values_that_do_not_go_together() {
             "6:16: `network.peer_stale_s` is 0.15, but has to be above `network.state_max_period_s`, 0.2: or every peer is stale",
         ),
         (
+            "[network]\nlinks = [{ loss = 0.5 }]",
+            "6:10: `network.links[0]` does not say which links: one of `from`, `to`",
+        ),
+        ("[network]\nlinks = [{ to = [1] }]", "6:10: `network.links[0]` changes nothing about its links"),
+        (
+            "[network]\nlinks = [{ to = [1], los = 1 }]",
+            "6:22: unknown key `network.links[0].los`; did you mean `network.links[0].loss`?",
+        ),
+        ("[network]\nlinks = [{ to = [1], loss = 2 }]", "6:29: `network.links[0].loss` is 2, out of its range: 0 to 1"),
+        ("[network]\nrange_m = 50\nfade_m = 60", "7:10: `network.fade_m` is 60, but may not be above `range_m`, 50"),
+        ("[network]\nfade_m = 60", "6:10: `network.fade_m` needs `network.range_m`, where nothing is heard any more"),
+        (
             "[start]\npattern = 'as_is'",
             "6:11: only X-Plane's aircraft stand somewhere already: others need `start_ne_m` in `[vehicle.N]`",
         ),
@@ -258,6 +291,16 @@ fn values_that_do_not_go_together() {
         (
             "[vehicle]\n1.start_ne_m = [0, 0]\n2.start_ne_m = [3, 4]",
             "7:16: vehicles 1 and 2 start 5 m apart, less than `start.separation_m`, 15",
+        ),
+        (
+            "[mission]\nevents = [{ at_s = 1, fault = 'kill_control' }]",
+            "6:31: `mission.events[0]`: fault = \"kill_control\" needs `control.mode` = \"central\": here no one machine \
+             controls the swarm",
+        ),
+        (
+            "[control]\nmode = 'central'\n[mission]\nevents = [{ at_s = 1, fault = 'kill', vehicle = 2 }]",
+            "8:31: `mission.events[0]`: fault = \"kill\" means nothing under `control.mode` = \"central\": \
+             \"kill_control\" ends the one machine",
         ),
     ]);
     let crowd =

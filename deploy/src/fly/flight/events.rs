@@ -10,6 +10,8 @@ use crate::fly::children::Role;
 use crate::fly::script::Deed;
 use crate::fly::status::Stage;
 use crate::order;
+use crate::study::world::Incident;
+use crate::study::world::script::FROZEN;
 
 /// Between two sayings of an order.
 const AGAIN: Duration = Duration::from_millis(200);
@@ -52,13 +54,20 @@ impl Flight {
                 None
             }
             Deed::Restart(id) => self.restart(now, *id).err(),
-            Deed::Freeze(id) => self.children.freeze(Role::Standin, *id, true).err(),
+            Deed::Freeze(id) => {
+                self.record(|recorder| recorder.incident(now, &Incident::Failed(*id, FROZEN)));
+                self.children.freeze(Role::Standin, *id, true).err()
+            }
             Deed::Thaw(id) => self.children.freeze(Role::Standin, *id, false).err(),
             Deed::Order(verb) => {
                 self.order(now, *verb);
                 None
             }
-            Deed::Tell(_) => None,
+            Deed::Tell(_, failed) => {
+                let failed = failed.iter();
+                failed.for_each(|failed| self.record(|recorder| recorder.incident(now, failed)));
+                None
+            }
         };
         if let Some(error) = failed {
             self.tell(now, format!("event: {deed}: {error}"));

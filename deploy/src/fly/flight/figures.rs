@@ -13,12 +13,13 @@ use super::{Flight, fresh};
 use crate::fly::plan::Plan;
 use crate::fly::status::Stage;
 use crate::metrics::{Report, Totals, VehicleNow, Wall};
+use crate::study::world::Incident;
 
 impl Flight {
     /// Takes in what only one step tells.
     pub(super) fn take_step(&mut self, now: Instant, step: &Trace) {
         if let Some(restarted) = self.ground.heard(now, step) {
-            self.metrics.incident(self.flown_s(now), &restarted);
+            self.incident(now, &restarted);
         }
         if self.stage == Stage::Flying {
             let heard = step.peers.iter().filter(|peer| peer.standing != Standing::Lost);
@@ -30,13 +31,19 @@ impl Flight {
     /// Hands the newest of everybody who lives to the metrics. Where a dead agent's helicopter is, nobody knows.
     pub(super) fn measure(&mut self, now: Instant) {
         let t_s = self.flown_s(now);
-        self.ground.due(now).iter().for_each(|incident| self.metrics.incident(t_s, incident));
+        self.ground.due(now).iter().for_each(|incident| self.incident(now, incident));
         let steps = self.observer.vehicles().values().filter_map(|seen| fresh(seen, now));
         let vehicles: Vec<VehicleNow> = steps.filter(|step| self.ground.lives(step)).map(vehicle_now).collect();
         self.metrics.observe(t_s, &vehicles);
         let steps = self.observer.vehicles().values().filter_map(|seen| seen.trace.as_ref());
         let living = steps.filter(|step| self.ground.lives(step));
         self.metrics.count(living.fold(self.ended, with_counts));
+    }
+
+    /// Something was done to the swarm.
+    fn incident(&mut self, now: Instant, incident: &Incident) {
+        self.metrics.incident(self.flown_s(now), incident);
+        self.record(|recorder| recorder.incident(now, incident));
     }
 
     /// The agent of this vehicle has ended.
@@ -46,13 +53,13 @@ impl Flight {
             self.ended = with_counts(self.ended, last);
         }
         let died = self.ground.ended(id, step.map(|step| step.header.incarnation));
-        self.metrics.incident(self.flown_s(now), &died);
+        self.incident(now, &died);
     }
 
     /// It has a new one, whose simulator's clock may begin anew.
     pub(super) fn count_in(&mut self, now: Instant, id: VehicleId) {
         let restarted = self.ground.restarted(id);
-        self.metrics.incident(self.flown_s(now), &restarted);
+        self.incident(now, &restarted);
         if let Some(zero) = &mut self.zero {
             zero.plant_s.remove(&id);
         }
@@ -61,6 +68,7 @@ impl Flight {
     /// Closes the window and writes its figures: whatever comes later, they are there.
     pub(super) fn end_window(&mut self, now: Instant) {
         let wall_s = self.since_zero_s(now);
+        self.record(|recorder| recorder.window_ends(now));
         let report = self.metrics.report(Wall { wall_s, real_time_factor: self.simulated_s(now) / wall_s.max(1e-9) });
         let path = self.plan.out.join("metrics.json");
         if let Err(error) = fs::write(&path, crate::json(&report)) {
@@ -85,10 +93,12 @@ impl Flight {
 /// What was counted before, and what the agent that says this step has counted.
 fn with_counts(before: Totals, step: &Trace) -> Totals {
     let activations = step.safety_activations.map(|more| more + before.safety_activations.unwrap_or(0));
+    let misses = step.law_misses.map(|more| more + before.law_misses.unwrap_or(0));
     Totals {
         state_messages: before.state_messages + step.state_messages,
         state_bytes: before.state_bytes + step.state_bytes,
         safety_activations: activations.or(before.safety_activations),
+        law_misses: misses.or(before.law_misses),
         frame_overruns: before.frame_overruns + step.frame_overruns,
     }
 }

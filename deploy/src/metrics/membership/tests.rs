@@ -26,7 +26,7 @@ fn joining(number: u8, hears: &[u8]) -> VehicleNow {
 
 /// Three members who hear each other.
 fn three() -> Membership {
-    let mut membership = Membership::new(3);
+    let mut membership = Membership::new(3, None);
     membership.observe(0.0, &[member(1, &[2, 3]), member(2, &[1, 3]), member(3, &[1, 2])]);
     membership
 }
@@ -145,6 +145,18 @@ fn who_loses_a_living_peer_that_it_could_hear_suspects_it_falsely() {
     membership.healed(3.0, &links(&[(2, 1)]));
     assert_eq!(lost_by(&mut membership, 4.9, 2, 1), 2, "healed just now");
     assert_eq!(lost_by(&mut membership, 5.1, 2, 1), 3);
+}
+
+#[test]
+fn who_is_lost_beyond_where_loss_by_distance_begins_is_not_suspected_falsely() {
+    for (reach_m, expected) in [(None, 1), (Some(250.0), 1), (Some(150.0), 0)] {
+        let mut membership = Membership::new(2, reach_m);
+        let everybody = [vehicle(1, 0.0, 100.0, 30.0), vehicle(2, 180.0, 100.0, 30.0)];
+        membership.observe(0.0, &everybody);
+        membership.told(9.0, id(1), &Happening::PeerLost(id(2)));
+        membership.observe(9.0, &everybody);
+        assert_eq!(membership.false_suspicions(), expected, "200 m apart, {reach_m:?}");
+    }
 }
 
 #[test]

@@ -1,11 +1,16 @@
 //! What the scenario does to the swarm, and when.
 
+use std::borrow::Cow;
 use std::ops::Range;
 
+use serde::de::Error;
+use serde::{Deserialize, Deserializer};
 use skein_agent::network::{lasting, silences, union};
 use skein_common::id::VehicleId;
 use skein_common::message::{Order, Verb};
 use skein_common::scenario::{self, Event, Fault, Scenario, What};
+
+use super::FailureWord;
 
 /// Between two sayings of an order, s.
 const REPEAT_S: f64 = 0.2;
@@ -75,6 +80,12 @@ pub(crate) fn kills(events: &[Event], own: VehicleId) -> Vec<Range<f64>> {
     union(kills.map(lasting))
 }
 
+/// When the one control machine is dead, s after the first take-off.
+pub(super) fn control_kills(events: &[Event]) -> Vec<Range<f64>> {
+    let kills = events.iter().filter(|event| event.what == What::Fault(Fault::KillControl));
+    union(kills.map(lasting))
+}
+
 /// What an operator says, each order at its time. Of orders only a hold has an end.
 pub(crate) fn orders(events: &[Event]) -> Vec<(f64, Verb)> {
     let verbs = events.iter().filter_map(|event| match &event.what {
@@ -84,24 +95,41 @@ pub(crate) fn orders(events: &[Event]) -> Vec<(f64, Verb)> {
     verbs.flatten().collect()
 }
 
+/// The word for a simulator that stands still.
+pub(crate) const FROZEN: FailureWord = "simulator_freeze";
+/// The scenario's words for what can fail of a vehicle.
+const FAILURES: [FailureWord; 6] = ["engine_out", FROZEN, "servo_stuck", "gyro_off", "gps_frozen", "clock_jump"];
+
+/// Reads one of [`FAILURES`].
+pub(super) fn failure<'de, D: Deserializer<'de>>(from: D) -> Result<FailureWord, D::Error> {
+    let word = Cow::<str>::deserialize(from)?;
+    let known = FAILURES.into_iter().find(|known| *known == word);
+    known.ok_or_else(|| D::Error::custom(format!("no failure is called {word:?}")))
+}
+
 /// What the event does to vehicle `own` besides killing and cutting.
 fn faults(event: &Event, own: VehicleId) -> Vec<(f64, Deed)> {
     let What::Fault(fault) = &event.what else { return Vec::new() };
-    let (vehicle, name) = match fault {
-        Fault::EngineOut { vehicle } => (vehicle, "engine_out"),
-        Fault::SimulatorFreeze { vehicle } => (vehicle, "simulator_freeze"),
-        Fault::ServoStuck { vehicle, .. } => (vehicle, "servo_stuck"),
-        Fault::GyroOff { vehicle } => (vehicle, "gyro_off"),
-        Fault::GpsFrozen { vehicle } => (vehicle, "gps_frozen"),
-        Fault::ClockJump { vehicle, .. } => (vehicle, "clock_jump"),
-        Fault::Kill { .. } | Fault::Cut { .. } => return Vec::new(),
-    };
+    let Some((vehicle, name)) = failing(fault) else { return Vec::new() };
     let mut deeds = vec![(event.at_s, Deed::Fail(name))];
     if let Fault::ClockJump { by_s, .. } = fault {
         deeds.extend([(event.at_s, Deed::Jump(*by_s)), (lasting(event).end, Deed::Jump(-by_s))]);
     }
-    deeds.retain(|_| *vehicle == own);
+    deeds.retain(|_| vehicle == own);
     deeds
+}
+
+/// Which vehicle something of which fails by this fault, and the scenario's word for it.
+pub(crate) fn failing(fault: &Fault) -> Option<(VehicleId, FailureWord)> {
+    match fault {
+        Fault::EngineOut { vehicle } => Some((*vehicle, "engine_out")),
+        Fault::SimulatorFreeze { vehicle } => Some((*vehicle, FROZEN)),
+        Fault::ServoStuck { vehicle, .. } => Some((*vehicle, "servo_stuck")),
+        Fault::GyroOff { vehicle } => Some((*vehicle, "gyro_off")),
+        Fault::GpsFrozen { vehicle } => Some((*vehicle, "gps_frozen")),
+        Fault::ClockJump { vehicle, .. } => Some((*vehicle, "clock_jump")),
+        Fault::Kill { .. } | Fault::KillControl | Fault::Cut { .. } => None,
+    }
 }
 
 /// How far the clock of vehicle `own` jumps back in all, s: where it has to begin, or it would come to its zero.
@@ -131,7 +159,7 @@ impl Operator {
     pub(super) fn says(&mut self, t_s: f64, has_taken_all: impl Fn(&Order) -> bool) -> Option<Order> {
         while let Some(verb) = self.agenda.due(t_s) {
             self.epoch += 1;
-            self.order = Some((Order { epoch: self.epoch, issuer: ISSUER, verb }, t_s));
+            self.order = Some((Order { epoch: self.epoch, issuer: ISSUER, verb, seal: None }, t_s));
         }
         self.order = self.order.filter(|(order, _)| !has_taken_all(order));
         let (order, next_s) = self.order.as_mut().filter(|(_, next_s)| *next_s <= t_s)?;
@@ -204,7 +232,7 @@ mod tests {
     fn the_operator_repeats_an_order_until_everybody_has_it_and_ends_a_hold() {
         let events = "{ at_s = 1, for_s = 2, order = 'hold' }, { at_s = 5, order = 'goto', step = 0 }";
         let mut operator = Operator::new(&scenario(events));
-        let order = |epoch, verb| Order { epoch, issuer: ISSUER, verb };
+        let order = |epoch, verb| Order { epoch, issuer: ISSUER, verb, seal: None };
         assert_eq!(operator.says(0.9, |_| true), None);
         for t_s in [1.0, 1.2] {
             assert_eq!(operator.says(t_s, |_| false), Some(order(1, Verb::Hold)));

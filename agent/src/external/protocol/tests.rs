@@ -1,0 +1,180 @@
+use proptest::prelude::*;
+use skein_common::scenario::{Source, load};
+
+use super::*;
+use crate::formation::external::{Goal, Own, Peer};
+
+fn id(number: u8) -> VehicleId {
+    VehicleId::new(number).unwrap()
+}
+
+fn text(said: &Said<'_>) -> String {
+    String::from_utf8(said.line()).unwrap()
+}
+
+fn answer_to(line: &str) -> Result<Answer, Fault> {
+    match read(line.as_bytes())? {
+        Heard::Answer(answer) => Ok(answer),
+        Heard::Ready => panic!("ready"),
+    }
+}
+
+/// The lines of the interface's own documentation, letter for letter.
+#[test]
+fn what_is_said_has_these_letters() {
+    let mut parameters = toml::Table::new();
+    parameters.insert("gain".to_owned(), 0.3.into());
+    let hello = Hello {
+        protocol: 1,
+        run: "hover/42".to_owned(),
+        vehicle: id(3),
+        ids: VehicleId::first(4).collect(),
+        seed: 9001,
+        time: Time::Virtual,
+        period_s: 0.1,
+        max_speed_m_s: 5.0,
+        parameters,
+    };
+    let said = r#"{"say":"hello","protocol":1,"run":"hover/42","vehicle":3,"ids":[1,2,3,4],"seed":9001,"time":"virtual","period_s":0.1,"max_speed_m_s":5.0,"parameters":{"gain":0.3}}"#;
+    assert_eq!(text(&Said::Hello(&hello)), format!("{said}\n"));
+    let ask = Ask {
+        vehicle: id(3),
+        tick: 417,
+        time_s: 41.7,
+        dt_s: 0.1,
+        own: Own {
+            position_ned_m: [81.0, -60.2, -30.0],
+            velocity_ned_m_s: [0.1, 0.4, 0.0],
+            heading_rad: 1.57,
+            age_s: 0.02,
+        },
+        peers: vec![Peer {
+            id: id(1),
+            position_ned_m: [99.1, 3.2, -30.1],
+            velocity_ned_m_s: [0.0, 0.2, 0.0],
+            heading_rad: 0.0,
+            age_s: 0.06,
+            fresh: true,
+        }],
+        goal: Goal {
+            step: 0,
+            centre_ned_m: [0.0, 0.0, -30.0],
+            centre_velocity_ned_m_s: [0.0, 0.0, 0.0],
+            heading_rad: 0.0,
+            radius_m: 100.0,
+            gamma: 1.0,
+        },
+    };
+    let said = r#"{"say":"ask","vehicle":3,"tick":417,"time_s":41.7,"dt_s":0.1,"own":{"position_ned_m":[81.0,-60.2,-30.0],"velocity_ned_m_s":[0.1,0.4,0.0],"heading_rad":1.57,"age_s":0.02},"peers":[{"id":1,"position_ned_m":[99.1,3.2,-30.1],"velocity_ned_m_s":[0.0,0.2,0.0],"heading_rad":0.0,"age_s":0.06,"fresh":true}],"goal":{"step":0,"centre_ned_m":[0.0,0.0,-30.0],"centre_velocity_ned_m_s":[0.0,0.0,0.0],"heading_rad":0.0,"radius_m":100.0,"gamma":1.0}}"#;
+    assert_eq!(text(&Said::Ask(&ask)), format!("{said}\n"));
+    assert_eq!(text(&Said::Bye), "{\"say\":\"bye\"}\n");
+}
+
+#[test]
+fn what_a_law_says_is_understood() {
+    assert_eq!(read(br#"{"say":"ready","protocol":1}"#), Ok(Heard::Ready));
+    assert_eq!(
+        read(br#"{"protocol":1.0,"say":"ready","name":"mine"}"#),
+        Ok(Heard::Ready),
+        "what is unknown is ignored"
+    );
+    let said =
+        r#"{"say":"answer","vehicle":3,"tick":417,"velocity_ned_m_s":[0.4,-1.2,0],"log":{"consensus_error":0.31}}"#;
+    let answer = answer_to(said).unwrap();
+    assert_eq!((answer.vehicle, answer.tick), (id(3), 417));
+    assert_eq!(answer.wanted, Wanted::VelocityNed(Vector3::new(0.4, -1.2, 0.0)));
+    assert_eq!(answer.log, [LawNumber { name: "consensus_error".to_owned(), value: 0.31 }]);
+    assert_eq!((answer.heading_rad, answer.reached), (None, None));
+    let said = r#"{"say":"answer","vehicle":3.0,"tick":4e2,"field_ne":[0.1,-0.3],"heading_rad":1.5,"reached":false}"#;
+    let answer = answer_to(said).unwrap();
+    assert_eq!((answer.tick, answer.heading_rad, answer.reached), (400, Some(1.5), Some(false)));
+    assert_eq!(answer.wanted, Wanted::FieldNe(Vector2::new(0.1, -0.3)));
+}
+
+#[test]
+fn what_is_not_as_agreed_is_named() {
+    let kind = |line: &str| read(line.as_bytes()).unwrap_err().kind();
+    let answer = |rest: &str| format!("{{\"say\":\"answer\",\"vehicle\":3,\"tick\":4{rest}}}");
+    let velocity = |value: &str| answer(&format!(",\"velocity_ned_m_s\":{value}"));
+    let content = Fault::Content("").kind();
+    for broken in ["", "{", "[1]", "7", "nonsense", "{\"say\":\"answer\",", "\u{fffd}", &velocity("[NaN,0,0]")] {
+        assert_eq!(kind(broken), Fault::NotJson(String::new(), String::new()).kind(), "{broken}");
+    }
+    for displaced in ["{}", "{\"say\":7}", "{\"say\":\"ask\"}", "{\"tick\":3}"] {
+        assert_eq!(kind(displaced), Fault::OutOfPlace(String::new()).kind(), "{displaced}");
+    }
+    assert_eq!(kind("{\"say\":\"ready\",\"protocol\":2}"), Fault::Protocol.kind());
+    assert_eq!(kind("{\"say\":\"ready\"}"), Fault::Protocol.kind());
+    let both = answer(",\"velocity_ned_m_s\":[0,0,0],\"field_ne\":[0,0]");
+    let wrong = [
+        answer(""),
+        both,
+        velocity("[1,2]"),
+        velocity("[1,2,null]"),
+        velocity("[1,2,\"3\"]"),
+        velocity("[1,2,1e300]"),
+        velocity("[1,2,3,4]"),
+        velocity("5"),
+        answer(",\"field_ne\":[0,0,0]"),
+        answer(",\"field_ne\":[0,0],\"heading_rad\":\"north\""),
+        answer(",\"field_ne\":[0,0],\"reached\":1"),
+        "{\"say\":\"answer\",\"vehicle\":-1,\"tick\":4,\"field_ne\":[0,0]}".to_owned(),
+        "{\"say\":\"answer\",\"vehicle\":1,\"tick\":4.5,\"field_ne\":[0,0]}".to_owned(),
+    ];
+    for wrong in wrong {
+        assert_eq!(kind(&wrong), content, "{wrong}");
+    }
+    let nobody = "{\"say\":\"answer\",\"vehicle\":251,\"tick\":4,\"field_ne\":[0,0]}";
+    assert_eq!(read(nobody.as_bytes()), Err(Fault::Vehicle(251)));
+}
+
+#[test]
+fn a_log_is_cut_to_what_a_recording_takes() {
+    let many: Vec<String> = (0..40).map(|nth| format!("\"n{nth:02}\":{nth}")).collect();
+    let said = |log: &str| format!("{{\"say\":\"answer\",\"vehicle\":3,\"tick\":4,\"field_ne\":[0,0],\"log\":{log}}}");
+    let log = answer_to(&said(&format!("{{{}}}", many.join(",")))).unwrap().log;
+    assert_eq!((log.len(), log[15].name.as_str(), log[15].value), (LawNumber::MAX_COUNT, "n15", 15.0));
+    let long = "ü".repeat(40);
+    let log = answer_to(&said(&format!("{{\"{long}\":1,\"text\":\"x\",\"none\":null}}"))).unwrap().log;
+    assert_eq!(log, [LawNumber { name: "ü".repeat(16), value: 1.0 }], "32 bytes; what is no number is left out");
+    assert!(answer_to(&said("7")).unwrap().log.is_empty());
+}
+
+#[test]
+fn every_vehicle_and_run_has_a_seed_of_its_own() {
+    let hello = |seed: u64, own: u8, time| {
+        let sets = [format!("seed={seed}")];
+        let text = "swarm.vehicles = 3\nformation.external.parameters = { gain = 0.3, names = ['a'] }";
+        Hello::new(&load(&Source { name: "test.toml", text }, &sets).unwrap().scenario, id(own), time)
+    };
+    let one = hello(7, 1, Time::Real);
+    assert_eq!((one.run.as_str(), one.ids.len(), one.period_s), ("swarm/7", 3, 0.1));
+    assert!(text(&Said::Hello(&one)).contains(r#""time":"real""#));
+    assert!(text(&Said::Hello(&one)).contains(r#""parameters":{"gain":0.3,"names":["a"]}"#));
+    assert_eq!(one.seed, hello(7, 1, Time::Virtual).seed);
+    assert!(one.seed != hello(7, 2, Time::Real).seed && one.seed != hello(8, 1, Time::Real).seed);
+    assert!(one.seed < 1 << 32, "exact in any language");
+}
+
+proptest! {
+    #[test]
+    fn any_line_is_read_or_refused(line in proptest::collection::vec(any::<u8>(), 0..300)) {
+        let _ = read(&line);
+    }
+
+    #[test]
+    fn what_is_read_can_be_flown(
+        key in prop_oneof![Just("velocity_ned_m_s"), Just("field_ne"), Just("heading_rad"), Just("log"), Just("tick")],
+        value in "[0-9eE+.,\\-\\[\\]{}\":nulNaI ]{0,30}",
+    ) {
+        let line = format!(r#"{{"say":"answer","vehicle":3,"tick":1,"field_ne":[0.5,0],"{key}":{value}}}"#);
+        if let Ok(Heard::Answer(answer)) = read(line.as_bytes()) {
+            let wanted: Vec<f64> = match answer.wanted {
+                Wanted::VelocityNed(velocity) => velocity.iter().copied().collect(),
+                Wanted::FieldNe(field) => field.iter().copied().collect(),
+            };
+            prop_assert!(wanted.iter().chain(&answer.heading_rad).all(|number| number.abs() <= MAX_NUMBER));
+            prop_assert!(answer.log.len() <= LawNumber::MAX_COUNT);
+        }
+    }
+}

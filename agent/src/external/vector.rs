@@ -1,0 +1,86 @@
+//! Asks and answers as vectors of little-endian f64, one datagram each: for programs that read no JSON, as Simulink.
+//!
+//! | ask, 144 values | | answer, 9 values | |
+//! | --- | --- | --- | --- |
+//! | 1-6 | protocol 1, vehicle, tick, time_s, dt_s, step | 1-3 | protocol 1, vehicle, tick |
+//! | 7-9, 10-12, 13 | own position, velocity, heading | 4, 5-7 | kind (1 velocity NED, 2 field NE, 0), its values |
+//! | 14-16, 17-19, 20, 21, 22 | centre, centre velocity, goal heading, radius_m, gamma | 8, 9 | heading_rad, 1 if meant |
+//! | 23, 24, then 25 + 8k | number of peers n, 0; id, position, velocity, age_s | | k = 0..14 |
+//!
+//! Counted from 1. Rows of peers that are not there are zero; of more than 15, the nearest are told, by id.
+
+use nalgebra::{Vector2, Vector3};
+
+use super::protocol::{Fault, PROTOCOL, is_sane, vehicle_id, whole_f64};
+use crate::formation::external::{Answer, Ask, Peer, Wanted};
+
+/// Values of an ask.
+pub const ASK: usize = 144;
+/// Values of an answer.
+pub const ANSWER: usize = 9;
+/// As many peers have a row.
+const PEERS: usize = 15;
+
+const KIND_VELOCITY: f64 = 1.0;
+const KIND_FIELD: f64 = 2.0;
+
+/// The ask's datagram.
+pub fn write(ask: &Ask) -> Vec<u8> {
+    let Ask { vehicle, tick, time_s, dt_s, own, peers, goal } = ask;
+    let peers = nearest(own.position_ned_m.into(), peers);
+    let mut values = Vec::with_capacity(ASK);
+    values.extend([PROTOCOL as f64, vehicle.get().into(), *tick as f64, *time_s, *dt_s, goal.step as f64]);
+    values.extend(own.position_ned_m.iter().chain(&own.velocity_ned_m_s));
+    values.push(own.heading_rad);
+    values.extend(goal.centre_ned_m.iter().chain(&goal.centre_velocity_ned_m_s));
+    values.extend([goal.heading_rad, goal.radius_m, goal.gamma, peers.len() as f64, 0.0]);
+    for peer in peers {
+        values.push(peer.id.get().into());
+        values.extend(peer.position_ned_m.iter().chain(&peer.velocity_ned_m_s));
+        values.push(peer.age_s);
+    }
+    values.resize(ASK, 0.0);
+    values.iter().flat_map(|value| value.to_le_bytes()).collect()
+}
+
+/// The nearest, in the order of ids.
+fn nearest(own_m: Vector3<f64>, peers: &[Peer]) -> Vec<&Peer> {
+    let distance_m = |peer: &Peer| (Vector3::from(peer.position_ned_m) - own_m).norm();
+    let mut nearest: Vec<&Peer> = peers.iter().collect();
+    nearest.sort_by(|one, other| distance_m(one).total_cmp(&distance_m(other)));
+    nearest.truncate(PEERS);
+    nearest.sort_by_key(|peer| peer.id);
+    nearest
+}
+
+/// Reads the datagram of an answer.
+///
+/// # Errors
+/// What is wrong with it. Whether it is the answer to an open ask is the caller's to see.
+pub fn read(datagram: &[u8]) -> Result<Answer, Fault> {
+    let wrong_length = || Fault::Length(datagram.len());
+    let (chunks, []) = datagram.as_chunks::<8>() else { return Err(wrong_length()) };
+    let chunks: &[[u8; 8]; ANSWER] = chunks.try_into().map_err(|_| wrong_length())?;
+    let values = chunks.map(f64::from_le_bytes);
+    if !values.iter().all(|value| is_sane(*value)) {
+        return Err(Fault::Content("numbers are not all finite"));
+    }
+    let [protocol, vehicle, tick, kind, x, y, z, heading_rad, heading_is_meant] = values;
+    if protocol != PROTOCOL as f64 {
+        return Err(Fault::Protocol);
+    }
+    let vehicle = vehicle_id(whole_f64(vehicle).ok_or(Fault::Content("vehicle is no whole number"))?)?;
+    let tick = whole_f64(tick).ok_or(Fault::Content("tick is no whole number"))?;
+    let wanted = if kind == KIND_VELOCITY {
+        Wanted::VelocityNed(Vector3::new(x, y, z))
+    } else if kind == KIND_FIELD {
+        Wanted::FieldNe(Vector2::new(x, y))
+    } else {
+        return Err(Fault::Content("kind is neither 1 nor 2"));
+    };
+    let heading_rad = (heading_is_meant == 1.0).then_some(heading_rad);
+    Ok(Answer { vehicle, tick, wanted, heading_rad, reached: None, log: Vec::new() })
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,117 @@
+use proptest::prelude::*;
+use skein_common::id::VehicleId;
+
+use super::*;
+use crate::formation::external::{Goal, Own};
+
+fn id(number: u8) -> VehicleId {
+    VehicleId::new(number).unwrap()
+}
+
+fn peer(number: u8, north_m: f64) -> Peer {
+    Peer {
+        id: id(number),
+        position_ned_m: [north_m, 3.2, -30.1],
+        velocity_ned_m_s: [0.5, 0.2, 0.1],
+        heading_rad: 7.0,
+        age_s: 0.06,
+        fresh: true,
+    }
+}
+
+fn ask(peers: Vec<Peer>) -> Ask {
+    Ask {
+        vehicle: id(3),
+        tick: 417,
+        time_s: 41.7,
+        dt_s: 0.1,
+        own: Own {
+            position_ned_m: [81.0, -60.2, -30.0],
+            velocity_ned_m_s: [0.1, 0.4, 0.3],
+            heading_rad: 1.57,
+            age_s: 0.0,
+        },
+        peers,
+        goal: Goal {
+            step: 2,
+            centre_ned_m: [11.0, 12.0, -30.0],
+            centre_velocity_ned_m_s: [1.0, 2.0, 3.0],
+            heading_rad: 0.5,
+            radius_m: 100.0,
+            gamma: 4.0,
+        },
+    }
+}
+
+/// Values of a datagram, by their indices counted from 1.
+fn values(datagram: &[u8]) -> impl Fn(usize) -> f64 + use<> {
+    let values: Vec<f64> = datagram.chunks(8).map(|chunk| f64::from_le_bytes(chunk.try_into().unwrap())).collect();
+    assert_eq!(values.len(), ASK);
+    move |index| values[index - 1]
+}
+
+#[test]
+fn an_ask_has_its_values_at_these_indices() {
+    let at = values(&write(&ask(vec![peer(1, 99.1), peer(2, 50.0)])));
+    let head = [1.0, 3.0, 417.0, 41.7, 0.1, 2.0, 81.0, -60.2, -30.0, 0.1, 0.4, 0.3, 1.57];
+    let goal = [11.0, 12.0, -30.0, 1.0, 2.0, 3.0, 0.5, 100.0, 4.0, 2.0, 0.0];
+    let rows = [1.0, 99.1, 3.2, -30.1, 0.5, 0.2, 0.1, 0.06, 2.0, 50.0];
+    for (index, value) in head.iter().chain(&goal).chain(&rows).enumerate() {
+        assert_eq!(at(index + 1), *value, "value {}", index + 1);
+    }
+    assert!((41..=144).all(|index| at(index) == 0.0));
+}
+
+#[test]
+fn of_many_peers_the_nearest_are_told_by_id() {
+    let peers: Vec<Peer> = (4..=24).map(|number| peer(number, 81.0 + 10.0 * f64::from(25 - number))).collect();
+    let at = values(&write(&ask(peers)));
+    let ids: Vec<f64> = (0..15).map(|k| at(25 + 8 * k)).collect();
+    assert_eq!((at(23), ids), (15.0, (10..=24).map(f64::from).collect()));
+}
+
+fn datagram(values: &[f64]) -> Vec<u8> {
+    values.iter().flat_map(|value| value.to_le_bytes()).collect()
+}
+
+#[test]
+fn an_answer_has_its_values_at_these_indices() {
+    let answer = read(&datagram(&[1.0, 3.0, 417.0, 1.0, 0.4, -1.2, 0.1, 1.5, 1.0])).unwrap();
+    assert_eq!((answer.vehicle, answer.tick, answer.heading_rad), (id(3), 417, Some(1.5)));
+    assert_eq!(answer.wanted, Wanted::VelocityNed(Vector3::new(0.4, -1.2, 0.1)));
+    let answer = read(&datagram(&[1.0, 3.0, 417.0, 2.0, 0.4, -1.2, 0.0, 1.5, 0.0])).unwrap();
+    assert_eq!((answer.wanted, answer.heading_rad), (Wanted::FieldNe(Vector2::new(0.4, -1.2)), None));
+}
+
+#[test]
+fn what_is_no_answer_is_named() {
+    let good = [1.0, 3.0, 417.0, 1.0, 0.4, -1.2, 0.1, 1.5, 1.0];
+    let with = |index: usize, value: f64| {
+        let mut values = good;
+        values[index - 1] = value;
+        read(&datagram(&values)).map(drop).unwrap_err()
+    };
+    assert_eq!(read(&datagram(&good)[..71]), Err(Fault::Length(71)));
+    assert_eq!(read(&datagram(&[0.0; 10])), Err(Fault::Length(80)));
+    assert_eq!(read(&[]), Err(Fault::Length(0)));
+    assert_eq!(with(1, 2.0), Fault::Protocol);
+    assert_eq!(with(2, 300.0), Fault::Vehicle(300));
+    for (index, value) in [(2, 0.5), (3, -1.0), (4, 3.0), (5, f64::NAN), (7, f64::INFINITY), (6, 1e300), (8, 1e10)] {
+        assert!(matches!(with(index, value), Fault::Content(_)), "{value} at {index}");
+    }
+}
+
+proptest! {
+    #[test]
+    fn any_datagram_is_read_or_refused(datagram in proptest::collection::vec(any::<u8>(), 0..200)) {
+        let _ = read(&datagram);
+    }
+
+    #[test]
+    fn any_numbers_are_read_or_refused(values in proptest::array::uniform9(any::<f64>())) {
+        if let Ok(answer) = read(&datagram(&values)) {
+            let Wanted::VelocityNed(wanted) = answer.wanted else { return Ok(()) };
+            prop_assert!(wanted.iter().all(|number| is_sane(*number)));
+        }
+    }
+}

@@ -1,0 +1,105 @@
+//! Points that do what a law says, at once: what a law's source promises is checked on these, without a helicopter's lag.
+
+use nalgebra::Vector2;
+use skein_common::frame::{PositionNed, VelocityNed};
+use skein_common::id::{VehicleId, VehicleSet};
+use skein_common::scenario::{Source, load};
+
+use super::law::{Goal, Law, Neighbour, Sight, Wanted};
+use super::laws;
+use crate::random::{Purpose, generator, uniform};
+
+/// Some points about a goal. Vehicle i + 1 is point i.
+#[derive(Clone, Debug)]
+pub(super) struct Points {
+    pub(super) places_m: Vec<Vector2<f64>>,
+    pub(super) velocities_m_s: Vec<Vector2<f64>>,
+    pub(super) goal: Goal,
+}
+
+impl Points {
+    /// At rest, `count` of them anywhere in a square; the goal rests too.
+    pub(super) fn scattered(count: usize, square_m: f64, seed: u64) -> Self {
+        let mut rng = generator(seed, None, Purpose::Start);
+        let mut coordinate_m = || square_m * (uniform(&mut rng) - 0.5);
+        Self::at((0..count).map(|_| Vector2::new(coordinate_m(), coordinate_m())).collect())
+    }
+
+    /// At rest at these places; the goal rests at the origin.
+    pub(super) fn at(places_m: Vec<Vector2<f64>>) -> Self {
+        let goal = Goal {
+            step: 0,
+            centre: PositionNed::default(),
+            centre_velocity: VelocityNed::default(),
+            heading_rad: 0.0,
+            radius_m: 100.0,
+            gamma: 1.0,
+        };
+        Self { velocities_m_s: vec![Vector2::zeros(); places_m.len()], places_m, goal }
+    }
+
+    pub(super) fn pass(&mut self, dt_s: f64) {
+        self.places_m.iter_mut().zip(&self.velocities_m_s).for_each(|(place, velocity)| *place += velocity * dt_s);
+        self.goal.centre = self.goal.centre + self.goal.centre_velocity.0 * dt_s;
+    }
+
+    /// What `ask` makes of what each of them sees, `hears(i, j)` saying whether i hears j.
+    pub(super) fn each<T>(
+        &self,
+        hears: impl Fn(usize, usize) -> bool,
+        mut ask: impl FnMut(usize, &Sight<'_>) -> T,
+    ) -> Vec<T> {
+        let count = self.places_m.len();
+        let heard = |own: usize| (0..count).filter(|&other| other != own && hears(own, other)).collect::<Vec<_>>();
+        let mut one = |own: usize| {
+            let neighbours: Vec<_> = heard(own).into_iter().map(|other| self.neighbour(other)).collect();
+            let Neighbour { id, position, velocity, heading_rad, .. } = self.neighbour(own);
+            let goal = self.goal;
+            let neighbours = &neighbours[..];
+            let unseen = VehicleSet::default();
+            let (obstacles, dt_s) = (&[][..], 0.02);
+            let sight = Sight { own: id, position, velocity, heading_rad, neighbours, unseen, obstacles, goal, dt_s };
+            ask(own, &sight)
+        };
+        (0..count).map(&mut one).collect()
+    }
+
+    /// All fly what their laws want for this long.
+    pub(super) fn fly(&mut self, laws: &mut [Box<dyn Law>], hears: impl Fn(usize, usize) -> bool, for_s: f64) {
+        let dt_s = 0.02;
+        for _ in 0..(for_s / dt_s) as usize {
+            self.velocities_m_s = self.each(&hears, |own, sight| match laws[own].ask(sight).wanted {
+                Wanted::Velocity { ne_m_s, .. } => ne_m_s,
+                Wanted::Way(way_ne_m) => way_ne_m / 2.0 + sight.goal.centre_velocity.horizontal(),
+                Wanted::Field(field) => field.xy(),
+            });
+            self.pass(dt_s);
+        }
+    }
+
+    /// Distances of all pairs, m.
+    pub(super) fn distances_m(&self) -> Vec<f64> {
+        let places_m = &self.places_m;
+        let pairs = places_m.iter().enumerate().flat_map(|(nth, one)| places_m[..nth].iter().map(move |it| it - one));
+        pairs.map(|apart_m| apart_m.norm()).collect()
+    }
+
+    fn neighbour(&self, nth: usize) -> Neighbour {
+        let (place, velocity) = (self.places_m[nth], self.velocities_m_s[nth]);
+        Neighbour {
+            id: VehicleId::new(nth as u8 + 1).unwrap(),
+            position: PositionNed::new(place.x, place.y, 0.0),
+            velocity: VelocityNed::new(velocity.x, velocity.y, 0.0),
+            heading_rad: 0.0,
+            age_s: 0.0,
+            is_fresh: true,
+        }
+    }
+}
+
+/// A law for each of `count` vehicles, with these lines under `[formation]`.
+pub(super) fn laws(count: usize, lines: &str) -> Vec<Box<dyn Law>> {
+    let text = format!("swarm.vehicles = {count}\n[formation]\n{lines}");
+    let scenario = load(&Source { name: "test.toml", text: &text }, &[]).unwrap().scenario;
+    scenario.ids().map(|own| laws::make(&scenario, &scenario.formation, own).unwrap()).collect()
+}

@@ -1,0 +1,184 @@
+//! How far the others' clocks are apart from the own: each agent tells whoever asks what its UTC is, and asks the others in
+//! turn, as NTP does (RFC 5905). For people who compare logs and recordings of several hosts; nothing in flight relies on it.
+
+use std::collections::{BTreeMap, VecDeque};
+use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
+use std::time::Duration;
+
+use skein_common::id::VehicleId;
+use skein_common::message::{ClockAnswer, ClockOffset, PeerHealth, decode, encode};
+use skein_common::state::Standing;
+use skein_common::topic::Topic;
+use zenoh::Session;
+use zenoh::query::Queryable;
+use zenoh::sample::Sample;
+
+use super::{LinkError, Sessions, register};
+use crate::clock::now;
+
+/// One of the others is asked this often.
+pub const ASK_EVERY: Duration = Duration::from_millis(500);
+/// Of so many exchanges the one with the smallest bound counts.
+const KEPT: usize = 8;
+/// Clocks that are farther apart are worth a line in the log, s.
+const TOLERATED_S: f64 = 0.020;
+
+/// A clock of UTC, ns since 1970.
+pub type Utc = fn() -> u64;
+
+/// Answers for the own clock and asks for the others'.
+pub(super) struct Clocks {
+    sessions: Vec<Weak<Session>>,
+    utc: Utc,
+    measured: Arc<Mutex<BTreeMap<VehicleId, Measured>>>,
+    /// Who was asked last.
+    asked: Option<VehicleId>,
+    _answering: Vec<Queryable<()>>,
+}
+
+/// What is known of one of the others' clocks.
+#[derive(Debug, Default)]
+struct Measured {
+    last: VecDeque<ClockOffset>,
+    /// It was told to be off.
+    is_off: bool,
+}
+
+impl Clocks {
+    pub(super) fn open(sessions: &Sessions, own: VehicleId, utc: Utc) -> Result<Self, LinkError> {
+        let answer = move || {
+            let received_ns = utc();
+            let answer = ClockAnswer { sender: own, received_ns, answered_ns: utc().max(received_ns) };
+            Some(encode(&answer))
+        };
+        let answering = register::answer(sessions, Topic::Clock(own), answer)?;
+        let sessions = sessions.0.iter().map(Arc::downgrade).collect();
+        Ok(Self { sessions, utc, measured: Arc::default(), asked: None, _answering: answering })
+    }
+
+    /// Asks the next of those who are heard. Never waits for the answer.
+    pub(super) fn ask_next(&mut self, live: &[VehicleId]) {
+        let after = live.iter().find(|id| Some(**id) > self.asked).or(live.first());
+        let Some(&id) = after else { return };
+        self.asked = Some(id);
+        let (measured, answered) = (self.measured.clone(), Arc::new(AtomicBool::new(false)));
+        // Over the way the monotonic clock counts: the own UTC may be set meanwhile.
+        let (asked_ns, asked) = ((self.utc)(), now());
+        let take = move |said: &Sample| {
+            let round_trip = now().saturating_duration_since(asked);
+            let topic = Topic::parse(said.key_expr().as_str());
+            let answer = decode::<ClockAnswer>(&said.payload().to_bytes()).ok();
+            let answer = answer.filter(|answer| answer.sender == id && topic == Some(Topic::Clock(id)));
+            let round_trip_ns = u64::try_from(round_trip.as_nanos()).unwrap_or(u64::MAX);
+            let offset = answer.and_then(|answer| ClockOffset::of_exchange(asked_ns, &answer, round_trip_ns));
+            // Who is asked once counts once.
+            if let Some(offset) = offset.filter(|_| !answered.swap(true, Relaxed)) {
+                lock(&measured).entry(id).or_default().take_up(offset);
+            }
+        };
+        // It is linked to one of them.
+        for session in self.sessions.iter().filter_map(Weak::upgrade) {
+            register::ask(&session, Topic::Clock(id), take.clone());
+        }
+    }
+
+    /// Writes to each of the others what is known of its clock; logs which clocks are off, and when they no longer are.
+    pub(super) fn tell(&self, peers: &mut [PeerHealth]) {
+        let mut measured = lock(&self.measured);
+        for peer in peers {
+            let Some(known) = measured.get_mut(&peer.id) else { continue };
+            peer.clock = known.best();
+            if let Some(ClockOffset { offset_s, bound_s }) = known.news() {
+                let (id, offset_ms, bound_ms) = (peer.id, offset_s * 1e3, bound_s * 1e3);
+                if known.is_off {
+                    tracing::warn!(
+                        "vehicle {id}'s clock is off from this one's by {offset_ms:+.1} ms, known to {bound_ms:.1} ms; \
+                         no flight relies on it, but logs and recordings will not match"
+                    );
+                } else {
+                    tracing::info!(
+                        "vehicle {id}'s clock is no longer off: {offset_ms:+.1} ms, known to {bound_ms:.1} ms"
+                    );
+                }
+            }
+        }
+    }
+}
+
+impl Measured {
+    fn take_up(&mut self, new: ClockOffset) {
+        // A clock that was set since: what was measured before says nothing any more.
+        self.last.retain(|old| old.agrees_with(&new));
+        if self.last.len() == KEPT {
+            self.last.pop_front();
+        }
+        self.last.push_back(new);
+    }
+
+    fn best(&self) -> Option<ClockOffset> {
+        self.last.iter().copied().min_by(|one, other| one.bound_s.total_cmp(&other.bound_s))
+    }
+
+    /// What it is, if whether it is off has changed.
+    fn news(&mut self) -> Option<ClockOffset> {
+        let best = self.best()?;
+        let is_off = best.offset_s.abs() - best.bound_s > TOLERATED_S;
+        (std::mem::replace(&mut self.is_off, is_off) != is_off).then_some(best)
+    }
+}
+
+/// Whom to ask: those who are heard.
+pub(super) fn live(peers: &[PeerHealth]) -> Vec<VehicleId> {
+    peers.iter().filter(|peer| peer.standing != Standing::Lost).map(|peer| peer.id).collect()
+}
+
+/// Nothing that holds the lock can panic half way.
+fn lock(measured: &Mutex<BTreeMap<VehicleId, Measured>>) -> MutexGuard<'_, BTreeMap<VehicleId, Measured>> {
+    measured.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn offset(offset_s: f64, bound_s: f64) -> ClockOffset {
+        ClockOffset { offset_s, bound_s }
+    }
+
+    #[test]
+    fn of_the_last_eight_exchanges_the_surest_counts() {
+        let mut measured = Measured::default();
+        assert_eq!(measured.best(), None);
+        measured.take_up(offset(0.0, 0.001));
+        for _ in 1..KEPT {
+            measured.take_up(offset(0.002, 0.005));
+            assert_eq!(measured.best(), Some(offset(0.0, 0.001)));
+        }
+        measured.take_up(offset(0.002, 0.005));
+        assert_eq!(measured.best(), Some(offset(0.002, 0.005)), "the surest is too old");
+        assert_eq!(measured.last.len(), KEPT);
+    }
+
+    #[test]
+    fn a_clock_that_is_set_is_measured_anew() {
+        let mut measured = Measured::default();
+        measured.take_up(offset(0.0, 0.000_1));
+        measured.take_up(offset(0.3, 0.005));
+        assert_eq!(measured.best(), Some(offset(0.3, 0.005)), "not both can be true");
+    }
+
+    #[test]
+    fn a_clock_that_is_off_is_news_once_and_once_when_it_no_longer_is() {
+        let mut measured = Measured::default();
+        let mut news = |offset_s, bound_s| {
+            measured.take_up(offset(offset_s, bound_s));
+            measured.news().map(|_| measured.is_off)
+        };
+        assert_eq!(news(0.021, 0.002), None, "it may be 19 ms");
+        assert_eq!(news(-0.5, 0.002), Some(true));
+        assert_eq!(news(-0.5, 0.002), None);
+        assert_eq!(news(0.001, 0.002), Some(false));
+        assert_eq!(news(0.001, 0.002), None);
+    }
+}

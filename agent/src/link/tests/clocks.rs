@@ -1,0 +1,106 @@
+//! Clock offsets between sessions of one process, where the truth is known.
+
+use std::sync::atomic::AtomicUsize;
+
+use skein_common::message::{ClockAnswer, Health, PeerHealth};
+use skein_common::state::{Activity, Standing};
+use zenoh::query::Query;
+
+use super::*;
+use crate::clock::utc_nanoseconds;
+
+/// A quarter of a second fast.
+fn fast() -> u64 {
+    utc_nanoseconds() + 250_000_000
+}
+
+fn health(sender: u8, sequence: u64, peers: &[u8]) -> Health {
+    let peer = |&peer: &u8| PeerHealth { id: id(peer), standing: Standing::Fresh, age_s: 0.0, clock: None };
+    Health {
+        header: state(sender, sequence).header,
+        uptime_s: 1.0,
+        activity: Activity::Formation,
+        plant: "builtin".to_owned(),
+        version: "0".to_owned(),
+        failures: Vec::new(),
+        frame_rate_hz: 50.0,
+        jitter_ms: 0.0,
+        step_p50_us: 0.0,
+        step_p99_us: 0.0,
+        frame_overruns: 0,
+        drops: Drops::default(),
+        refused: Vec::new(),
+        state_messages: 0,
+        state_bytes: 0,
+        peers: peers.iter().map(peer).collect(),
+    }
+}
+
+/// Says health and asks until the others' clocks are known as `wanted`; gives what was said last.
+fn measure(line: &mut HealthLine, listener: &Session, own: u8, peers: &[u8], wanted: fn(&Health) -> bool) -> Health {
+    let subscriber = listener.declare_subscriber(Topic::Health(id(own)).key()).wait().unwrap();
+    let deadline = now() + PATIENCE;
+    let mut last = None;
+    for sequence in 1.. {
+        line.say(health(own, sequence, peers));
+        line.ask_a_clock();
+        pause();
+        while let Some(sample) = subscriber.try_recv().unwrap() {
+            let said = message::decode::<Health>(&sample.payload().to_bytes()).unwrap();
+            if wanted(&said) {
+                return said;
+            }
+            last = Some(said);
+        }
+        assert!(now() < deadline, "{last:?}");
+    }
+    unreachable!()
+}
+
+#[test]
+fn clocks_are_measured_within_their_bounds_and_a_wrong_one_is_seen() {
+    let (swarm, hub, mut dial) = hub("clocks");
+    let second = open(&swarm, &["tcp/127.0.0.1:0".to_owned()], &dial, &Security::Plain).unwrap();
+    dial.extend(second.info().locators().wait().iter().map(ToString::to_string));
+    let third = open(&swarm, &[], &dial, &Security::Plain).unwrap();
+    let listener = open(&swarm, &[], &dial[..1], &Security::Plain).unwrap();
+    let [one, two, three] = [(1, hub), (2, second), (3, third)].map(|(own, session)| link(session, own, trust(&swarm)));
+    let mut asking = one.health(utc_nanoseconds).unwrap();
+    let _right = two.health(utc_nanoseconds).unwrap();
+    let _wrong = three.health(fast).unwrap();
+    let said = measure(&mut asking, &listener, 1, &[2, 3], |said| said.peers.iter().all(|peer| peer.clock.is_some()));
+    let [right, wrong] = [0, 1].map(|nth| said.peers[nth].clock.unwrap());
+    println!("{right:?}, {wrong:?}");
+    assert!(right.offset_s.abs() <= right.bound_s, "{right:?}");
+    assert!((wrong.offset_s - 0.25).abs() <= wrong.bound_s, "{wrong:?}");
+    assert!([right, wrong].iter().all(|clock| (0.0..0.1).contains(&clock.bound_s)));
+}
+
+#[test]
+fn what_a_liar_says_of_its_clock_breaks_nothing_and_nobody_answers_for_another() {
+    let (swarm, hub, dial) = hub("liar");
+    let agent = link(hub, 1, trust(&swarm));
+    let liar = open(&swarm, &[], &dial, &Security::Plain).unwrap();
+    // One after the other.
+    let lie = |key: &'static str, answers: Vec<Vec<u8>>| {
+        let next = AtomicUsize::new(0);
+        let answer = move |query: Query| {
+            let nth = next.fetch_add(1, Relaxed) % answers.len();
+            query.reply(key, answers[nth].clone()).wait().unwrap();
+        };
+        liar.declare_queryable(key).callback(answer).wait().unwrap()
+    };
+    let clock =
+        |sender: u8, received_ns, answered_ns| encode(&ClockAnswer { sender: id(sender), received_ns, answered_ns });
+    let _garbage =
+        lie("vehicle/2/clock", vec![vec![], b"garbage".to_vec(), clock(3, 0, 0), clock(2, u64::MAX, u64::MAX)]);
+    let _in_the_past =
+        lie("vehicle/3/clock", vec![clock(3, 5, 4), clock(3, 0, u64::MAX), clock(3, 0, 0), clock(3, 9, 9)]);
+    let mut asking = agent.health(utc_nanoseconds).unwrap();
+    let listener = open(&swarm, &[], &dial, &Security::Plain).unwrap();
+    let said =
+        measure(&mut asking, &listener, 1, &[2, 3, 4], |said| said.peers[..2].iter().all(|peer| peer.clock.is_some()));
+    let offsets_s = [0, 1].map(|nth| said.peers[nth].clock.unwrap().offset_s);
+    assert!(offsets_s[0] > 1e9 && offsets_s[1] < -1e9, "{said:?}");
+    assert_eq!(said.peers[2].clock, None, "nobody is there");
+}

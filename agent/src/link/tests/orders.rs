@@ -1,0 +1,185 @@
+//! Whose orders are taken: an agent with an orders key, an operator, and a node that makes things up.
+
+use super::*;
+use crate::link::seal::OrderKey;
+use crate::link::seal::tests::sealer;
+
+const RUN: u64 = 77;
+
+/// An agent that was started in a run and knows the operator's key.
+fn trust_in(swarm: &SwarmName, key: OrderKey, run: u64) -> Trust {
+    Trust { orders: Some(key), run, ..trust(swarm) }
+}
+
+fn order(epoch: u64, verb: Verb) -> Order {
+    Order { epoch, issuer: 9, verb, seal: None }
+}
+
+fn with_order(sender: u8, sequence: u64, order: Order) -> Mission {
+    Mission { run: RUN, order: Some(order), ..mission(sender, sequence) }
+}
+
+/// Says a register again and again, each time as its speaker's next; gives what of it was filed.
+fn file_register(link: &Link, speaker: &Session, sender: u8, order: Order) -> Mission {
+    let key = Topic::Mission(id(sender)).key();
+    let mut sequence = 0;
+    let again = || {
+        sequence += 1;
+        say(speaker, &key, &encode(&with_order(sender, sequence, order)));
+    };
+    until(link, again, |heard| {
+        heard.iter().find_map(|heard| match heard.word {
+            Word::Mission(said) if said.header.sender == id(sender) => Some(said),
+            _ => None,
+        })
+    })
+}
+
+fn orders(heard: &[Heard]) -> Vec<Order> {
+    heard.iter().filter_map(|heard| if let Word::Order(order) = heard.word { Some(order) } else { None }).collect()
+}
+
+/// Says what nobody is to believe until that was counted, and then an order of the operator, which has to be taken; gives all
+/// orders that were filed.
+fn refused_then(link: &Link, session: &Session, bad: &[Order], good: Order) -> Vec<Order> {
+    let before = link.drops().unsealed;
+    let deadline = now() + PATIENCE;
+    while link.drops().unsealed < before + bad.len() as u64 {
+        assert!(now() < deadline, "{:?}", link.drops());
+        bad.iter().for_each(|order| say(session, &Topic::Order(order.issuer).key(), &encode(order)));
+        pause();
+    }
+    let key = Topic::Order(good.issuer).key();
+    until(
+        link,
+        || say(session, &key, &encode(&good)),
+        |heard| Some(orders(heard)).filter(|orders| orders.contains(&good)),
+    )
+}
+
+#[test]
+fn only_an_order_that_the_operator_has_sealed_in_this_run_is_taken() {
+    let (swarm, hub, dial) = hub("sealed");
+    let operator = sealer();
+    let agent = link(hub, 1, trust_in(&swarm, operator.key(), RUN));
+    let session = open(&swarm, &[], &dial, &Security::Plain).unwrap();
+    let good = operator.seal(&swarm, RUN, order(2, Verb::Hold));
+    let bad = [
+        order(9, Verb::Abort),
+        sealer().seal(&swarm, RUN, order(9, Verb::Abort)),
+        // Yesterday's, which nothing would take back.
+        operator.seal(&swarm, RUN - 1, order(9, Verb::Abort)),
+        operator.seal(&SwarmName::new("another").unwrap(), RUN, order(9, Verb::Abort)),
+        Order { verb: Verb::Abort, ..good },
+    ];
+    assert_eq!(refused_then(&agent, &session, &bad, good), [good]);
+    let refused = agent.ear.refused();
+    assert_eq!((refused.len(), refused[0].reason, refused[0].key.as_str()), (1, Reason::Unsealed, "order"));
+    assert!(refused[0].count == agent.drops().unsealed && agent.drops().total() == refused[0].count);
+}
+
+#[test]
+fn an_order_that_a_node_makes_up_in_its_own_register_is_left_out_of_it_and_named() {
+    let (swarm, hub, dial) = hub("made-up");
+    let operator = sealer();
+    let agent = link(hub, 1, trust_in(&swarm, operator.key(), RUN));
+    let node = open(&swarm, &[], &dial, &Security::Plain).unwrap();
+    let made_up = order(u64::MAX, Verb::Abort);
+    let filed = file_register(&agent, &node, 2, made_up);
+    assert_eq!(filed, Mission { order: None, ..with_order(2, filed.header.sequence, made_up) });
+    let refused = agent.ear.refused();
+    assert_eq!((refused[0].reason, refused[0].key.as_str()), (Reason::Unsealed, "vehicle/2/mission"));
+    assert_eq!(agent.drops(), Drops { unsealed: refused[0].count, ..Drops::default() });
+
+    // What it only passes on is the operator's, whoever says it.
+    let sealed = operator.seal(&swarm, RUN, order(1, Verb::Land));
+    assert_eq!(file_register(&agent, &node, 3, sealed).order, Some(sealed));
+}
+
+#[test]
+fn without_an_orders_key_any_order_is_taken() {
+    let (swarm, hub, dial) = hub("plain");
+    let agent = link(hub, 1, trust(&swarm));
+    let session = open(&swarm, &[], &dial, &Security::Plain).unwrap();
+    let plain = order(1, Verb::Hold);
+    assert_eq!(refused_then(&agent, &session, &[], plain), [plain]);
+    assert_eq!(file_register(&agent, &session, 2, order(2, Verb::Land)).order, Some(order(2, Verb::Land)));
+    assert_eq!(agent.drops(), Drops::default());
+}
+
+#[test]
+fn an_agent_that_was_not_told_its_run_is_in_the_one_that_most_peers_say() {
+    let (swarm, hub, dial) = hub("by-hand");
+    let operator = sealer();
+    let by_hand = link(hub, 1, trust_in(&swarm, operator.key(), 0));
+    assert_eq!(by_hand.ear.judge.run(), 0);
+    let other = open(&swarm, &[], &dial, &Security::Plain).unwrap();
+    let says = |sender: u8, run: u64| {
+        let said = Mission { run, ..mission(sender, 1) };
+        by_hand.ear.file("vehicle/2/mission", Word::Mission(said));
+        by_hand.ear.judge.run()
+    };
+    assert_eq!(says(2, RUN), RUN);
+    assert_eq!((says(3, 0), says(3, 5), says(4, RUN)), (RUN, RUN, RUN), "one of three says another");
+    let good = operator.seal(&swarm, RUN, order(2, Verb::Hold));
+    let bad = [operator.seal(&swarm, 5, order(9, Verb::Abort)), operator.seal(&swarm, 0, order(9, Verb::Abort))];
+    assert_eq!(refused_then(&by_hand, &other, &bad, good), [good]);
+
+    // It says so itself.
+    let listener = other.declare_subscriber(all::MISSIONS).wait().unwrap();
+    let said = || {
+        by_hand.say_mission(&mission(1, 1));
+        listener.try_recv().unwrap().and_then(|sample| message::decode::<Mission>(&sample.payload().to_bytes()).ok())
+    };
+    let deadline = now() + PATIENCE;
+    while said().is_none_or(|said| said.run != RUN) {
+        assert!(now() < deadline);
+        pause();
+    }
+    for gone in [2, 4] {
+        by_hand.ear.file("vehicle/2/alive", Word::Vanished(id(gone)));
+    }
+    assert_eq!(by_hand.ear.judge.run(), 5, "of those who are there");
+}
+
+#[test]
+fn an_agent_that_was_told_its_run_asks_nobody() {
+    let (swarm, hub, _) = hub("told");
+    let agent = link(hub, 1, trust_in(&swarm, sealer().key(), RUN));
+    for sender in 2..9 {
+        agent.ear.file("vehicle/2/mission", Word::Mission(Mission { run: 5, ..mission(sender, 1) }));
+    }
+    assert_eq!(agent.ear.judge.run(), RUN);
+}
+
+#[test]
+fn strangers_other_plans_and_ones_own_name_are_refused_by_name() {
+    let (swarm, hub, _) = hub("strangers");
+    let agent = link(hub, 1, Trust { vehicles: 4, ..trust(&swarm) });
+    let file = |key: &str, word| agent.ear.file(key, word);
+    file("vehicle/9/cell/0/0/state", Word::State(state(9, 1)));
+    file("vehicle/5/alive", Word::Appeared(id(5)));
+    file("vehicle/1/cell/0/0/state", Word::State(state(1, 1)));
+    let other_plan = Mission { plan: 8, ..mission(2, 1) };
+    file("vehicle/2/mission", Word::Mission(other_plan));
+    file("vehicle/4/cell/0/0/state", Word::State(state(4, 2)));
+    file("vehicle/4/cell/3/0/state", Word::State(state(4, 1)));
+    let mut heard = Vec::new();
+    agent.drain(&mut heard);
+    let words: Vec<Word> = heard.iter().map(|heard| heard.word).collect();
+    assert_eq!(
+        words,
+        [Word::Mission(other_plan), Word::State(state(4, 2))],
+        "who flies another plan is there all the same"
+    );
+    let named: Vec<_> = agent.ear.refused().into_iter().map(|kind| (kind.reason, kind.key, kind.count)).collect();
+    let expected = [
+        (Reason::Old, "vehicle/4/state"),
+        (Reason::OtherPlan, "vehicle/2/mission"),
+        (Reason::Forged, "vehicle/1/state"),
+        (Reason::Stranger, "vehicle/5/alive"),
+        (Reason::Stranger, "vehicle/9/state"),
+    ];
+    assert_eq!(named, expected.map(|(reason, key)| (reason, key.to_owned(), 1)));
+    assert_eq!(agent.drops(), Drops { forged: 3, other_plan: 1, old: 1, ..Drops::default() });
+}

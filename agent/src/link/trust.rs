@@ -1,0 +1,135 @@
+//! Whose words are taken up, and which of them are not.
+
+use std::collections::BTreeMap;
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+use skein_common::id::{SwarmName, VehicleId};
+use skein_common::message::{Mission, Order, Reason};
+use skein_common::scenario::Scenario;
+
+use super::doubles::Doubles;
+use super::seal::{Checker, OrderKey, most_said_run};
+use crate::peers::Word;
+
+/// Whom an agent believes, and whose orders it takes.
+#[derive(Clone, Debug)]
+pub struct Trust {
+    /// Its swarm: vehicles 1 to `vehicles` of this name.
+    pub swarm: SwarmName,
+    /// How many there are.
+    pub vehicles: usize,
+    /// Hash of the plan that they fly.
+    pub plan: u64,
+    /// Known for an operator's are the orders that this key has sealed; without a key, any.
+    pub orders: Option<OrderKey>,
+    /// The run of the swarm that the agent was started in; 0 if it was not told.
+    ///
+    /// An agent that was not told, because somebody has started it by hand, is in the run that most of its peers say, as long
+    /// as it lives. That lets it join a swarm that flies, and protects less: while it hears only nodes that lie, it takes
+    /// their word for the run, and with it an order that was sealed for that run; while nobody says a run, it takes orders
+    /// sealed for none, however old. An agent that was told its run asks nobody.
+    pub run: u64,
+    /// Whose a certificate of this common name is; none where links are plain.
+    pub certificates: BTreeMap<String, VehicleId>,
+}
+
+impl Trust {
+    /// In the swarm of this scenario: no seals, no runs.
+    pub fn of(scenario: &Scenario) -> Self {
+        let (swarm, vehicles) = (scenario.swarm.name.clone(), scenario.swarm.vehicles);
+        let certificates = BTreeMap::new();
+        Self { swarm, vehicles, plan: scenario.plan_hash(), orders: None, run: 0, certificates }
+    }
+}
+
+/// What stands between the network and the inbox.
+#[derive(Debug)]
+pub(super) struct Judge {
+    own: VehicleId,
+    vehicles: usize,
+    plan: u64,
+    orders: Option<Checker>,
+    given_run: u64,
+    pub(super) doubles: Doubles,
+    /// What the peers say, and what follows from it; unused with a given run.
+    heard: Mutex<Runs>,
+}
+
+#[derive(Debug, Default)]
+struct Runs {
+    said: BTreeMap<VehicleId, u64>,
+    most: u64,
+}
+
+impl Judge {
+    pub(super) fn new(own: VehicleId, trust: Trust) -> Self {
+        let Trust { swarm, vehicles, plan, orders, run, certificates } = trust;
+        let doubles = Doubles::new(certificates);
+        let orders = orders.map(|key| Checker::new(key, swarm));
+        Self { own, vehicles, plan, orders, given_run: run, doubles, heard: Mutex::default() }
+    }
+
+    /// The run that this agent is in.
+    pub(super) fn run(&self) -> u64 {
+        if self.given_run != 0 { self.given_run } else { self.heard().most }
+    }
+
+    /// What is left of a word to take up. `refused` is told what is not believed of it, and why.
+    pub(super) fn hear(&self, word: Word, mut refused: impl FnMut(Reason)) -> Option<Word> {
+        let stranger = |id: VehicleId| usize::from(id.get()) > self.vehicles;
+        match (word.speaker(), word) {
+            (Some(id), _) if id == self.own || self.doubles.is_double(id) => {
+                refused(Reason::Forged);
+                None
+            }
+            (Some(id), _) if stranger(id) => {
+                refused(Reason::Stranger);
+                None
+            }
+            (_, Word::Mission(said)) => {
+                self.note_run(said.header.sender, Some(said.run));
+                if said.plan != self.plan {
+                    refused(Reason::OtherPlan);
+                }
+                let order = said.order.filter(|order| self.is_sealed(order));
+                if order != said.order {
+                    refused(Reason::Unsealed);
+                }
+                // The register itself is its speaker's own; whatever plan it is of, its speaker is there.
+                Some(Word::Mission(Mission { order, ..said }))
+            }
+            (_, Word::Order(order)) if !self.is_sealed(&order) => {
+                refused(Reason::Unsealed);
+                None
+            }
+            (_, Word::Vanished(id)) => {
+                self.note_run(id, None);
+                Some(word)
+            }
+            _ => Some(word),
+        }
+    }
+
+    fn is_sealed(&self, order: &Order) -> bool {
+        self.orders.as_ref().is_none_or(|orders| orders.is_sealed(self.run(), order))
+    }
+
+    fn note_run(&self, id: VehicleId, run: Option<u64>) {
+        if self.given_run != 0 {
+            return;
+        }
+        let mut heard = self.heard();
+        let before = match run {
+            Some(run) => heard.said.insert(id, run),
+            None => heard.said.remove(&id),
+        };
+        if before != run {
+            heard.most = most_said_run(heard.said.values().copied());
+        }
+    }
+
+    /// Nothing that holds the lock can panic half way.
+    fn heard(&self) -> MutexGuard<'_, Runs> {
+        self.heard.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}

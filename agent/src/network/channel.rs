@@ -1,0 +1,134 @@
+//! One direction of a link: what it does to a word on its way.
+//!
+//! In the order in which it happens: the word waits for the bandwidth and may be dropped there, it is lost, it takes its time,
+//! it comes twice. Six numbers are drawn for every word, whatever is asked for, from a stream that belongs to this direction
+//! alone. So turning one thing on does not change what another one does, and what becomes of a vehicle's n-th word depends
+//! on nobody else.
+
+use rand_chacha::ChaCha8Rng;
+use skein_common::id::VehicleId;
+use skein_common::message;
+use skein_common::scenario::Quality;
+use skein_common::time::LocalTime;
+
+use super::Fate;
+use crate::peers::Word;
+use crate::random;
+
+/// What a word costs on the wire beyond its encoding, bytes. Measured on a mesh of TCP links: 20 of Zenoh's framing and 52 of
+/// IPv4 and TCP with time stamps, acknowledgements riding along. Ethernet's preamble, header, checksum and gap are 38 more.
+const OVERHEAD_BYTES: usize = 20 + 52 + 38;
+/// A state goes out under its key in full, for the key changes with the cell: `hover/vehicle/3/cell/0/-1/state`.
+const STATE_KEY_BYTES: usize = 30;
+
+/// The hearing end of one direction.
+#[derive(Clone, Debug)]
+pub(super) struct Channel {
+    quality: Quality,
+    generator: ChaCha8Rng,
+    burst: Option<Burst>,
+    /// When the last word that was let into the queue has left it.
+    free_at: LocalTime,
+}
+
+/// What chance says of one word; each evenly distributed in [0, 1).
+struct Chance {
+    loss: f64,
+    distance: f64,
+    jitter: f64,
+    reorder: f64,
+    duplicate: f64,
+    copy: f64,
+}
+
+impl Channel {
+    /// The direction from `speaker`, `None` for an operator, to `hearer`.
+    pub(super) fn new(quality: Quality, seed: u64, speaker: Option<VehicleId>, hearer: VehicleId) -> Self {
+        let generator = random::link_generator(seed, speaker, hearer);
+        let burst = quality.burst_s.map(|mean_s| Burst { loss: quality.loss, mean_s, state: None });
+        Self { quality, generator, burst, free_at: LocalTime::ZERO }
+    }
+
+    /// What becomes of a word that is said at `at`, to one who is so far away that this share of words is lost.
+    pub(super) fn fate(&mut self, word: &Word, at: LocalTime, lost_by_distance: f64) -> Fate {
+        let chance = self.draw();
+        let Some(sent_at) = self.through_queue(word, at) else { return Fate::CrowdedOut };
+        let is_lost = match &mut self.burst {
+            Some(burst) => burst.is_on(sent_at, chance.loss),
+            None => chance.loss < self.quality.loss,
+        };
+        if chance.distance < lost_by_distance {
+            return Fate::TooFar;
+        }
+        if is_lost {
+            return Fate::Lost;
+        }
+        let Quality { delay_s, jitter_s, reorder, reorder_s, duplicate, .. } = self.quality;
+        let held_s = if chance.reorder < reorder { reorder_s } else { 0.0 };
+        let at = sent_at.plus_seconds(delay_s + chance.jitter * jitter_s + held_s);
+        // The copy comes later, as one that was sent again does. So copies only ever repeat what is known.
+        let copy_at = (chance.duplicate < duplicate).then(|| at.plus_seconds(chance.copy * jitter_s));
+        Fate::Arrives { at, copy_at }
+    }
+
+    /// What everything takes, tokens included, s.
+    pub(super) fn delay_s(&self) -> f64 {
+        self.quality.delay_s
+    }
+
+    fn draw(&mut self) -> Chance {
+        let mut next = || random::uniform(&mut self.generator);
+        Chance { loss: next(), distance: next(), jitter: next(), reorder: next(), duplicate: next(), copy: next() }
+    }
+
+    /// When the word has left; `None` if it would have to wait too long.
+    fn through_queue(&mut self, word: &Word, at: LocalTime) -> Option<LocalTime> {
+        let Some(bandwidth_bit_s) = self.quality.bandwidth_bit_s else { return Some(at) };
+        let begins_at = self.free_at.max(at);
+        if begins_at.seconds_since(at) > self.quality.queue_s {
+            return None;
+        }
+        self.free_at = begins_at.plus_seconds(8.0 * size_bytes(word) as f64 / bandwidth_bit_s);
+        Some(self.free_at)
+    }
+}
+
+/// What a word takes on the wire, bytes.
+pub(super) fn size_bytes(word: &Word) -> usize {
+    let encoded = match word {
+        Word::State(said) => message::encode(said).len() + STATE_KEY_BYTES,
+        Word::Mission(said) => message::encode(said).len(),
+        Word::Order(said) => message::encode(said).len(),
+        Word::Appeared(_) | Word::Vanished(_) => 0,
+    };
+    encoded + OVERHEAD_BYTES
+}
+
+/// Loss in bursts: Gilbert's two states, between which the link changes in continuous time (Gilbert 1960, "Capacity of a
+/// burst-noise channel"; with Elliott's 1963 probabilities of loss, 0 in the good state and 1 in the bad one). The link is
+/// bad for a mean time of `mean_s` and for a share `loss` of all time. Counted in time, not in words: a fade does not
+/// pass sooner because more is said.
+#[derive(Clone, Copy, Debug)]
+struct Burst {
+    loss: f64,
+    mean_s: f64,
+    /// Whether the link was bad at the last word, and when that was.
+    state: Option<(bool, LocalTime)>,
+}
+
+impl Burst {
+    /// Whether the link is bad at `at`; `chance` is evenly distributed in [0, 1). Exact however far words lie apart: with rates
+    /// 1/`mean_s` out of the bad state and loss / ((1 − loss)·`mean_s`) into it, what is known of the state fades with
+    /// the time constant (1 − loss)·`mean_s`.
+    fn is_on(&mut self, at: LocalTime, chance: f64) -> bool {
+        let known = self.state.map_or(0.0, |(was_bad, before)| {
+            let fades_s = (1.0 - self.loss) * self.mean_s;
+            let since_s = at.seconds_since(before);
+            let left = if since_s > 0.0 { (-since_s / fades_s).exp() } else { 1.0 };
+            left * (f64::from(u8::from(was_bad)) - self.loss)
+        });
+        let is_bad = chance < self.loss + known;
+        self.state = Some((is_bad, at));
+        is_bad
+    }
+}

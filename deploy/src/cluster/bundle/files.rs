@@ -1,0 +1,218 @@
+//! Making it.
+
+use std::fs;
+use std::path::Path;
+
+use skein_agent::aircraft::Aircraft;
+use skein_agent::config;
+use skein_agent::link::security::{Names, Role};
+use skein_agent::start::starts;
+use skein_agent::supported;
+use skein_common::id::VehicleId;
+use skein_common::scenario::{self, Loaded, PlantKind, Source};
+use toml::Value as Toml;
+
+use super::{Bundle, BundleFile};
+use crate::clock;
+use crate::cluster::inventory::{Install, Inventory, Node, SecurityKind};
+use crate::cluster::keys::certificate::{Unfit, unfit};
+use crate::cluster::keys::folder::{AUTHORITY, Folder, NAMES, ORDERS_PUBLIC, certificate_file, key_file};
+use crate::cluster::keys::wanted;
+use crate::error::Error;
+
+/// The four axes whose rules are files.
+const AXES: [&str; 4] = ["roll", "pitch", "heading", "collective"];
+/// The program of an external law.
+const COMMAND: &str = "formation.external.command";
+
+impl Bundle {
+    /// What this node is given.
+    ///
+    /// # Errors
+    /// A scenario that agents cannot fly, a file of it that cannot be read, or keys that are missing or do not serve.
+    pub fn of(inventory: &Inventory, id: VehicleId) -> Result<Self, Error> {
+        let node = inventory.nodes.get(&id);
+        let node =
+            node.ok_or_else(|| Error::Refused(format!("vehicle {id} is not in {}", inventory.path.display())))?;
+        let mut bundle = Self::default();
+        bundle.add_scenario(inventory)?;
+        let security = match inventory.security {
+            SecurityKind::Tls => bundle.add_keys(inventory, node)?,
+            SecurityKind::None => String::new(),
+        };
+        bundle.add("agent.toml", agent_toml(inventory, node) + &security);
+        bundle.add("cluster.toml", cluster_toml(inventory));
+        Ok(bundle)
+    }
+
+    fn add(&mut self, path: &str, content: impl Into<Vec<u8>>) {
+        let file = BundleFile { is_secret: false, is_executable: false, content: content.into() };
+        self.files.insert(path.to_owned(), file);
+    }
+
+    fn add_secret(&mut self, path: &str, content: impl Into<Vec<u8>>) {
+        let file = BundleFile { is_secret: true, is_executable: false, content: content.into() };
+        self.files.insert(path.to_owned(), file);
+    }
+
+    /// The complete scenario, and the files that it names, beside it.
+    fn add_scenario(&mut self, inventory: &Inventory) -> Result<(), Error> {
+        let refused = |why: String| Error::Refused(format!("{}: {why}", inventory.scenario_path.display()));
+        let scenario = &inventory.scenario.scenario;
+        let from = inventory.scenario_folder();
+        supported::check_live(scenario).map_err(|error| refused(error.to_string()))?;
+        starts(scenario).map_err(|error| refused(error.to_string()))?;
+        for vehicle in &scenario.vehicle {
+            let (id, name) = (vehicle.id, &vehicle.aircraft);
+            let (aircraft, text) = config::aircraft(name, from)
+                .map_err(|error| refused(format!("vehicle {id}: no aircraft \"{name}\" ({error})")))?;
+            let plant = inventory.nodes.get(&id).map(|node| node.plant);
+            if plant == Some(PlantKind::Builtin) && aircraft.helicopter.is_none() {
+                return Err(refused(format!("vehicle {id}: only X-Plane can fly the aircraft \"{name}\"")));
+            }
+            // The others come with the program.
+            if !Aircraft::SHIPPED.iter().any(|(shipped, _)| shipped == name) {
+                self.add(&format!("{name}.toml"), text);
+            }
+        }
+        let mut sets = vec![format!("swarm.name={}", Toml::from(inventory.swarm.as_str()))];
+        if let scenario::Rules::Folder(rules) = &scenario.control.rules {
+            config::rules(&scenario.control.rules, from).map_err(|error| refused(format!("control.rules: {error}")))?;
+            for axis in AXES {
+                let path = rules.join(format!("{axis}.fis"));
+                self.add(&format!("rules/{axis}.fis"), read(&path).map_err(&refused)?);
+            }
+            sets.push("control.rules=rules".to_owned());
+        }
+        // Named without its folder, so that what the complete file says of origins is the same from wherever it is made.
+        let name = inventory.scenario_path.file_name().map_or_else(String::new, |name| name.to_string_lossy().into());
+        let load = |sets: &[String]| {
+            let text = &inventory.scenario_text;
+            scenario::load(&Source { name: &name, text }, sets)
+                .map_err(|fault| Error::Scenario { fault: fault.into(), text: text.clone() })
+        };
+        let mut loaded = load(&sets)?;
+        if let Some(command) = self.add_law(&loaded, from).map_err(&refused)? {
+            sets.push(format!("{COMMAND}={}", Toml::from(command)));
+            loaded = load(&sets)?;
+        }
+        self.add("scenario.toml", loaded.to_toml());
+        Ok(())
+    }
+
+    /// The files that the command of an external law names. Gives the command with their places here, if there are any.
+    fn add_law(&mut self, loaded: &Loaded, from: &Path) -> Result<Option<Vec<String>>, String> {
+        let Some(mut command) = loaded.scenario.formation.external.command.clone() else { return Ok(None) };
+        let mut found = false;
+        for (nth, word) in command.iter_mut().enumerate() {
+            let path = from.join(&*word);
+            let is_program = nth == 0;
+            // A program without a path is looked for in the node's `PATH`.
+            let may_be_here = !is_program || Path::new(word).components().count() > 1;
+            if !may_be_here || Path::new(word).is_absolute() || !path.is_file() {
+                continue;
+            }
+            let name = path.file_name().map_or_else(String::new, |name| name.to_string_lossy().into());
+            let content = read(&path).map_err(|error| format!("{COMMAND}: {error}"))?;
+            // Files of one name from two folders have two places.
+            let places = (1..).map(|nth| if nth == 1 { format!("law/{name}") } else { format!("law/{nth}/{name}") });
+            let file = BundleFile { is_secret: false, is_executable: is_program, content };
+            let is_free = |place: &String| self.files.get(place).is_none_or(|there| *there == file);
+            let Some(place) = { places }.find(is_free) else { continue };
+            self.files.insert(place.clone(), file);
+            *word = place;
+            found = true;
+        }
+        Ok(found.then_some(command))
+    }
+
+    /// The node's certificate, and an observer's, so that the swarm can be looked at from it. Gives `[security]` of its file.
+    fn add_keys(&mut self, inventory: &Inventory, node: &Node) -> Result<String, Error> {
+        let keys = Folder(inventory.keys.clone());
+        keys.check_private()?;
+        let names = keys.names(inventory.nodes.keys().copied())?;
+        let (authority, orders) = (keys.need(AUTHORITY)?, keys.need(ORDERS_PUBLIC)?);
+        for (role, place) in [(Role::Vehicle(node.id), "node"), (Role::Observer, "keys/observer")] {
+            let pair = keys.need_pair(&certificate_file(role), &key_file(role))?;
+            if let Some(why) =
+                unfit(&pair, &wanted(inventory, &names, role), &authority, clock::utc()).filter(Unfit::is_fatal)
+            {
+                let path = keys.path(&certificate_file(role));
+                let remedy = format!("`skein cluster keys -f {}` issues it anew", inventory.path.display());
+                return Err(Error::Refused(format!("{} {why}: {remedy}", path.display())));
+            }
+            self.add(&format!("{place}.pem"), pair.certificate);
+            self.add_secret(&format!("{place}.key"), pair.key);
+        }
+        self.add(&format!("keys/{AUTHORITY}"), authority.as_str());
+        self.add("authority.pem", authority);
+        self.add(&format!("keys/{ORDERS_PUBLIC}"), orders.as_str());
+        self.add(&format!("keys/{NAMES}"), Folder::names_text(&names));
+        Ok(security_toml(inventory, &names, orders.trim()))
+    }
+}
+
+fn read(path: &Path) -> Result<Vec<u8>, String> {
+    fs::read(path).map_err(|error| format!("{}: {error}", path.display()))
+}
+
+/// What the agent reads at its start.
+fn agent_toml(inventory: &Inventory, node: &Node) -> String {
+    let (id, swarm, plant) = (node.id, &inventory.swarm, plant(node.plant));
+    let listen = Toml::from(vec![node.endpoint(inventory.security)]);
+    let dial = Toml::from(inventory.dialled_by(id));
+    let mut text = format!(
+        "# Node {id} of {swarm}.\nscenario = \"scenario.toml\"\nid = {id}\nlisten = {listen}\ndial = {dial}\nplant = \"{plant}\"\n"
+    );
+    if let Some(xplane) = &node.xplane {
+        text += &format!("xplane = {}\n", Toml::from(xplane.as_str()));
+    }
+    text
+}
+
+fn security_toml(inventory: &Inventory, names: &Names, orders: &str) -> String {
+    let text = |text: &str| Toml::from(text);
+    let head = format!(
+        "\n[security]\nauthority = \"authority.pem\"\ncertificate = \"node.pem\"\nkey = \"node.key\"\norders = {}\n\
+         observer = {}\noperator = {}\n\n[security.vehicles]\n",
+        text(orders),
+        text(&names.observer),
+        text(&names.operator),
+    );
+    let vehicles = names.vehicles.iter().filter(|(id, _)| inventory.nodes.contains_key(id));
+    head + &vehicles.map(|(id, name)| format!("{id} = {}\n", text(name))).collect::<String>()
+}
+
+/// The cluster's file as it works beside the others: `skein cluster status` takes it. It says where the others are and nothing
+/// else of them: what changes at one node is not a new configuration for all.
+fn cluster_toml(inventory: &Inventory) -> String {
+    let security = match inventory.security {
+        SecurityKind::Tls => "tls",
+        SecurityKind::None => "none",
+    };
+    let mut text = format!(
+        "# To look at the swarm from here: skein cluster status -f cluster.toml\nswarm = \"{}\"\nscenario = \"scenario.toml\"\n\
+         security = \"{security}\"\nkeys = \"keys\"\n",
+        inventory.swarm
+    );
+    for (id, node) in &inventory.nodes {
+        text += &format!("\n[node.{id}]\n");
+        let words = [
+            ("host", node.host.as_deref()),
+            ("address", Some(node.address.as_str())),
+            ("install", (node.install == Install::Manual).then_some("manual")),
+        ];
+        let line = |(name, word): (&str, Option<&str>)| Some(format!("{name} = {}\n", Toml::from(word?)));
+        text.extend(words.into_iter().filter_map(line));
+    }
+    text
+}
+
+/// As files spell it.
+fn plant(plant: PlantKind) -> &'static str {
+    match plant {
+        PlantKind::Builtin => "builtin",
+        PlantKind::Standin => "standin",
+        PlantKind::Xplane => "xplane",
+    }
+}

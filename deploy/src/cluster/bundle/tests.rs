@@ -1,0 +1,196 @@
+use std::fs;
+use std::path::Path;
+
+use clap::Parser;
+use skein_agent::plant::xplane::wire;
+use skein_common::id::VehicleId;
+use skein_common::scenario::PlantKind;
+
+use super::*;
+use crate::cli::{Cli, Command};
+use crate::clock;
+use crate::cluster::inventory::Inventory;
+use crate::cluster::inventory::tests::lab;
+use crate::cluster::keys;
+
+fn id(number: u8) -> VehicleId {
+    VehicleId::new(number).unwrap()
+}
+
+/// A cluster of three with keys.
+fn cluster(folder: &Path, more: &str) -> Inventory {
+    let inventory = lab(folder, 3, more);
+    keys::make(&inventory, None, None, clock::utc()).unwrap();
+    inventory
+}
+
+/// Writes it as a node's host does.
+fn unpack(bundle: &Bundle, folder: &Path) {
+    for (path, file) in &bundle.files {
+        let path = folder.join(path);
+        fs::create_dir_all(path.parent().unwrap()).unwrap();
+        crate::os::write_whole(&path, &file.content, file.is_secret).unwrap();
+    }
+}
+
+/// What an agent makes of it.
+fn node(folder: &Path) -> skein_agent::config::Node {
+    let config = folder.join("agent.toml");
+    let line = ["skein", "agent", "--config", config.to_str().unwrap()];
+    let Command::Agent(options) = Cli::try_parse_from(line).unwrap().command else { panic!("an agent") };
+    options.node().unwrap_or_else(|error| panic!("{error}"))
+}
+
+fn text<'b>(bundle: &'b Bundle, path: &str) -> &'b str {
+    std::str::from_utf8(&bundle.files[path].content).unwrap()
+}
+
+#[test]
+fn an_agent_starts_from_what_its_node_is_given() {
+    let folder = tempfile::tempdir().unwrap();
+    let inventory = cluster(folder.path(), "[defaults]\nplant = 'standin'\nxplane = '127.0.0.1:49000'");
+    let bundle = Bundle::of(&inventory, id(2)).unwrap();
+    let there = tempfile::tempdir().unwrap();
+    unpack(&bundle, there.path());
+    let node = node(there.path());
+    assert_eq!((node.id, node.listen), (id(2), vec!["tls/10.0.0.12:7448".to_owned()]));
+    assert_eq!(node.dial, ["tls/10.0.0.11:7447"], "of each pair, one dials");
+    assert_eq!(node.scenario.swarm.name.as_str(), "lab");
+    let standin = (std::net::Ipv4Addr::LOCALHOST, wire::PORT).into();
+    assert!(matches!(node.plant, skein_agent::config::PlantChoice::Standin(address) if address == standin));
+    for (path, file) in &bundle.files {
+        assert_eq!(file.is_secret, path.ends_with(".key"), "{path}");
+    }
+    let names: Vec<_> = bundle.files.keys().map(String::as_str).collect();
+    let expected = [
+        "agent.toml",
+        "authority.pem",
+        "cluster.toml",
+        "keys/authority.pem",
+        "keys/names.toml",
+        "keys/observer.key",
+        "keys/observer.pem",
+        "keys/orders.pub",
+        "node.key",
+        "node.pem",
+        "scenario.toml",
+    ];
+    assert_eq!(names, expected, "never the operator's key");
+}
+
+#[test]
+fn the_swarm_can_be_looked_at_from_a_node() {
+    let folder = tempfile::tempdir().unwrap();
+    let inventory = cluster(folder.path(), "[defaults]\nuser = 'lab'\nfolder = 'elsewhere'");
+    let there = tempfile::tempdir().unwrap();
+    unpack(&Bundle::of(&inventory, id(3)).unwrap(), there.path());
+    let read = Inventory::read(&there.path().join("cluster.toml")).unwrap();
+    let hosts = |inventory: &Inventory| inventory.nodes.values().map(|node| node.host.clone()).collect::<Vec<_>>();
+    assert_eq!(hosts(&read), hosts(&inventory));
+    assert_eq!((&read.swarm, read.endpoints()), (&inventory.swarm, inventory.endpoints()));
+    assert_eq!(read.scenario.scenario, inventory.scenario.scenario);
+    assert_eq!(read.keys, there.path().join("keys"));
+}
+
+#[test]
+fn the_same_cluster_gives_the_same_bytes_from_anywhere() {
+    let (folder, elsewhere) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
+    let inventory = cluster(folder.path(), "");
+    let bundle = Bundle::of(&inventory, id(1)).unwrap();
+    assert_eq!(Bundle::of(&inventory, id(1)).unwrap().id(), bundle.id());
+    assert_ne!(Bundle::of(&inventory, id(2)).unwrap().id(), bundle.id());
+    for entry in fs::read_dir(&inventory.keys).unwrap().map(Result::unwrap) {
+        let path = elsewhere.path().join("keys").join(entry.file_name());
+        crate::os::private_folder(path.parent().unwrap()).unwrap();
+        fs::copy(entry.path(), path).unwrap();
+    }
+    let copy = Bundle::of(&lab(elsewhere.path(), 3, ""), id(1)).unwrap();
+    assert_eq!(copy.id(), bundle.id());
+    assert!(
+        bundle
+            .files
+            .values()
+            .all(|file| { !String::from_utf8_lossy(&file.content).contains(folder.path().to_str().unwrap()) })
+    );
+}
+
+#[test]
+fn what_changes_at_one_node_is_nothing_new_for_the_others() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut inventory = cluster(folder.path(), "");
+    let before = [1, 2].map(|number| Bundle::of(&inventory, id(number)).unwrap().id());
+    let second = inventory.nodes.get_mut(&id(2)).unwrap();
+    second.plant = PlantKind::Xplane;
+    second.xplane = Some("10.0.0.22".to_owned());
+    second.folder = "elsewhere".to_owned();
+    let after = [1, 2].map(|number| Bundle::of(&inventory, id(number)).unwrap().id());
+    assert_eq!((before[0] == after[0], before[1] == after[1]), (true, false));
+}
+
+#[test]
+fn a_revocation_is_in_everybodys_rules() {
+    let folder = tempfile::tempdir().unwrap();
+    let inventory = cluster(folder.path(), "");
+    let before = Bundle::of(&inventory, id(1)).unwrap();
+    keys::make(&inventory, None, Some("3".parse().unwrap()), clock::utc()).unwrap();
+    let after = Bundle::of(&inventory, id(1)).unwrap();
+    assert!(text(&before, "agent.toml").contains("3 = \"vehicle-3\"\n"));
+    assert!(text(&after, "agent.toml").contains("3 = \"vehicle-3.2\"\n"));
+    assert_ne!(before.id(), after.id());
+}
+
+#[test]
+fn without_keys_that_serve_there_is_none() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut inventory = lab(folder.path(), 3, "");
+    let missing = Bundle::of(&inventory, id(1)).unwrap_err().to_string();
+    assert!(missing.ends_with("authority.pem is not there: `skein cluster keys` makes it"), "{missing}");
+    keys::make(&inventory, None, None, clock::utc()).unwrap();
+    inventory.nodes.get_mut(&id(1)).unwrap().address = "10.0.0.99".to_owned();
+    let moved = Bundle::of(&inventory, id(1)).unwrap_err().to_string();
+    assert!(moved.contains("vehicle-1.pem has another address: `skein cluster keys -f "), "{moved}");
+    let plain = Bundle::of(&lab(folder.path(), 3, "security = 'none'"), id(1)).unwrap();
+    assert!(!text(&plain, "agent.toml").contains("[security]") && !plain.files.contains_key("node.key"));
+    assert!(text(&plain, "agent.toml").contains("listen = [\"tcp/10.0.0.11:7447\"]"));
+}
+
+#[test]
+fn what_the_scenario_names_is_carried() {
+    let folder = tempfile::tempdir().unwrap();
+    let (lab_folder, laws) = (folder.path().join("lab"), folder.path().join("laws"));
+    fs::create_dir_all(&lab_folder).unwrap();
+    fs::create_dir(&laws).unwrap();
+    fs::write(laws.join("law.py"), "print(1)").unwrap();
+    fs::write(lab_folder.join("law.py"), "print(2)").unwrap();
+    let controllers = Path::new(env!("CARGO_MANIFEST_DIR")).join("controllers");
+    let (_, shipped) = skein_agent::aircraft::Aircraft::SHIPPED[0];
+    fs::write(lab_folder.join("mine.toml"), shipped).unwrap();
+    let scenario = |command: &str| {
+        format!(
+            "swarm.vehicles = 1\nswarm.aircraft = 'mine'\ncontrol.rules = '{}'\nformation.law = 'external'\n\
+             formation.external.command = {command}\n",
+            controllers.display()
+        )
+    };
+    let read = |command: &str| {
+        fs::write(lab_folder.join("my.toml"), scenario(command)).unwrap();
+        let path = lab_folder.join("cluster.toml");
+        let text = "swarm = 'lab'\nscenario = 'my.toml'\nsecurity = 'none'\nnode.1.host = '10.0.0.1'\n";
+        fs::write(&path, text).unwrap();
+        Bundle::of(&Inventory::read(&path).unwrap(), id(1))
+    };
+    let bundle = read("['cargo', '-u', '../laws/law.py', 'law.py', '--fast']").unwrap();
+    assert_eq!((text(&bundle, "law/law.py"), text(&bundle, "law/2/law.py")), ("print(1)", "print(2)"));
+    assert_eq!(text(&bundle, "mine.toml"), shipped);
+    let there = tempfile::tempdir().unwrap();
+    unpack(&bundle, there.path());
+    let node = node(there.path());
+    let law = |path: &str| there.path().join(path).display().to_string();
+    let command = node.scenario.formation.external.command.unwrap();
+    assert_eq!(command, ["cargo", "-u", &law("law/law.py"), &law("law/2/law.py"), "--fast"]);
+    assert!(node.scenario.swarm.plant == PlantKind::Builtin && bundle.files.contains_key("rules/roll.fis"));
+    fs::write(lab_folder.join("fly"), "#!/bin/sh").unwrap();
+    let bundle = read("['./fly', 'law.py']").unwrap();
+    assert!(bundle.files["law/fly"].is_executable && !bundle.files["law/law.py"].is_executable);
+    assert!(text(&bundle, "scenario.toml").contains("command = [\"law/fly\", \"law/law.py\"]"));
+}

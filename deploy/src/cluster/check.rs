@@ -1,0 +1,140 @@
+//! `skein check -f CLUSTER.toml`: what would stop a flight of this cluster, each line with its remedy.
+//!
+//! Keys are looked at here; every host is asked over ssh, eight at once; ports are called from here and from every host that has
+//! a program to ask. A host that hangs is given up after 7 s.
+
+mod clock;
+mod host;
+mod keys;
+mod ports;
+
+use std::path::Path;
+use std::time::Duration;
+
+use serde::Serialize;
+
+use super::inventory::{Inventory, Node};
+use super::nodes;
+use super::ssh::{Ssh, at_once, by_host};
+use crate::error::Error;
+use host::Look;
+
+/// Who does not let in within this time is not asked any more.
+const LOGIN: Duration = Duration::from_secs(7);
+
+/// Something that was looked at.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub(super) struct Line {
+    /// At which node or host.
+    place: String,
+    /// What.
+    what: &'static str,
+    state: State,
+    /// What was found.
+    found: String,
+    /// What to do about it.
+    remedy: Option<String>,
+}
+
+/// How it is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub(super) enum State {
+    Good,
+    /// It does not stop a flight.
+    Warning,
+    Fault,
+    /// It could not be looked at.
+    Unknown,
+}
+
+impl Line {
+    fn new(place: impl Into<String>, what: &'static str, found: impl Into<String>) -> Self {
+        Self { place: place.into(), what, state: State::Good, found: found.into(), remedy: None }
+    }
+
+    fn of(node: &Node, what: &'static str, found: impl Into<String>) -> Self {
+        Self::new(format!("node {}", node.id), what, found)
+    }
+
+    fn fault(self, remedy: impl Into<String>) -> Self {
+        Self { state: State::Fault, remedy: Some(remedy.into()), ..self }
+    }
+
+    fn warning(self, remedy: impl Into<String>) -> Self {
+        Self { state: State::Warning, ..self.fault(remedy) }
+    }
+
+    fn unknown(self) -> Self {
+        Self { state: State::Unknown, ..self }
+    }
+
+    /// Of a sentence `what is wrong; what to do`.
+    fn of_sentence(place: impl Into<String>, what: &'static str, sentence: &str, or: &str) -> Self {
+        let (found, remedy) = sentence.split_once("; ").unwrap_or((sentence, or));
+        Self::new(place, what, found).fault(remedy)
+    }
+}
+
+/// Looks at everything and prints it.
+///
+/// # Errors
+/// A cluster's file or scenario at fault, or anything found that stops a flight.
+pub(crate) fn run(file: &Path, json: bool) -> Result<(), Error> {
+    let inventory = Inventory::read(file)?;
+    let lines = look(&inventory, &file.display().to_string());
+    crate::say(&if json { crate::json(&lines) } else { as_table(&lines) });
+    match lines.iter().filter(|line| line.state == State::Fault).count() {
+        0 => Ok(()),
+        1 => Err(Error::Failed("one fault stands against a flight".to_owned())),
+        faults => Err(Error::Failed(format!("{faults} faults stand against a flight"))),
+    }
+}
+
+/// Every line there is.
+fn look(inventory: &Inventory, file: &str) -> Vec<Line> {
+    let hosts = by_host(inventory.nodes.values());
+    let flown = &inventory.scenario.scenario;
+    let count = |count: usize, what: &str| format!("{count} {what}{}", if count == 1 { "" } else { "s" });
+    let found = format!("{} on {}: {}", count(inventory.nodes.len(), "node"), count(hosts.len(), "host"), flown.name);
+    let mut lines = vec![Line::new("this PC", "inventory", found)];
+    lines.extend(keys::lines(inventory, file));
+    let ssh = Ssh::new(false);
+    let programs = host::programs(inventory);
+    let look = Look { inventory, ssh: &ssh, file, programs: &programs };
+    // Called from here while hosts are asked.
+    let (here, asked) = std::thread::scope(|scope| {
+        let here = scope.spawn(|| ports::call_all(inventory));
+        let asked = at_once(&hosts, |(host, nodes)| look.host(host, nodes));
+        (here.join().ok(), asked)
+    });
+    let mut calls: Vec<_> = here.into_iter().collect();
+    let mut agents = std::collections::BTreeMap::new();
+    for asked in asked {
+        lines.extend(asked.lines);
+        calls.extend(asked.calls);
+        agents.extend(asked.agents);
+    }
+    let by_hand = inventory.nodes.values().filter(|node| node.host.is_none());
+    lines.extend(by_hand.map(|node| Line::of(node, "ssh", "installed by hand: only its port is looked at").unknown()));
+    lines.extend(ports::lines(inventory, &calls, &agents));
+    lines
+}
+
+fn as_table(lines: &[Line]) -> String {
+    let row = |line: &Line| {
+        let state = match line.state {
+            State::Good => "ok",
+            State::Warning => "warning",
+            State::Fault => "FAULT",
+            State::Unknown => "?",
+        };
+        let words = [&*line.place, line.what, state, &line.found, line.remedy.as_deref().unwrap_or_default()];
+        words.map(str::to_owned).to_vec()
+    };
+    nodes::table(&["where", "what", "", "found", "remedy"], lines.iter().map(row))
+}
+
+#[cfg(test)]
+#[cfg(unix)]
+mod tests;

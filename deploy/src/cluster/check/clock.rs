@@ -1,0 +1,83 @@
+//! A host's clock against this PC's, over one ssh channel: the host is asked for its time and answers at once.
+
+use std::io::{BufRead, BufReader, Write};
+use std::sync::mpsc;
+use std::thread;
+use std::time::Duration;
+
+use crate::clock::{self, Utc};
+use crate::cluster::ssh::{Host, Ssh};
+
+/// The smallest round trip of so many counts.
+const EXCHANGES: usize = 8;
+/// For all of them.
+const WITHIN: Duration = Duration::from_secs(5);
+/// A line for a line, by what every Linux has.
+const ANSWERS: &str = "sh -c 'while read x; do date +%s.%N; done'";
+
+/// How far a clock is ahead of this PC's, and how wrong that can be.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Offset {
+    pub(super) offset_s: f64,
+    /// Half of the round trip: where in it the clock was read is not known.
+    pub(super) bound_s: f64,
+}
+
+/// Measures it.
+pub(super) fn measure(ssh: &Ssh, host: &Host) -> Result<Offset, String> {
+    let mut child = ssh.spawn(host, ANSWERS)?;
+    let pipes = child.stdin.take().zip(child.stdout.take());
+    let (tell, told) = mpsc::channel();
+    if let Some((mut ask, answer)) = pipes {
+        thread::spawn(move || {
+            let utc = Utc::read();
+            let mut answers = BufReader::new(answer).lines();
+            let exchanges = (0..EXCHANGES).map_while(|_| {
+                let asked = clock::now();
+                ask.write_all(b"\n").ok()?;
+                let theirs = answers.next()?.ok()?;
+                let answered = clock::now();
+                Some(offset(utc.nanoseconds(asked), &theirs, utc.nanoseconds(answered)))
+            });
+            let _ = tell.send(exchanges.collect::<Option<Vec<Offset>>>());
+        });
+    }
+    let exchanges = told.recv_timeout(WITHIN);
+    // It ends with its input anyway; a host that hangs does not.
+    let _ = child.kill();
+    let _ = child.wait();
+    let best = exchanges.ok().flatten().unwrap_or_default().into_iter().min_by(|a, b| a.bound_s.total_cmp(&b.bound_s));
+    best.ok_or_else(|| format!("{host}: does not tell the time (`date +%s.%N`)"))
+}
+
+/// Of one exchange: asked and answered by this PC's clock, ns since 1970; in between the other said this.
+fn offset(asked_ns: u64, theirs: &str, answered_ns: u64) -> Option<Offset> {
+    let (seconds, fraction) = theirs.trim().split_once('.')?;
+    let nanoseconds: u64 = fraction.parse().ok().filter(|_| fraction.len() == 9)?;
+    let theirs_ns = seconds.parse::<u64>().ok()?.checked_mul(1_000_000_000)?.checked_add(nanoseconds)?;
+    let bound_s = answered_ns.checked_sub(asked_ns)? as f64 / 2.0 * 1e-9;
+    // The difference of the two is exact; as numbers with a fraction they would not be.
+    let since_asked_s = (i128::from(theirs_ns) - i128::from(asked_ns)) as f64 * 1e-9;
+    Some(Offset { offset_s: since_asked_s - bound_s, bound_s })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_middle_of_an_exchange_counts() {
+        let asked_ns = 1_795_248_902_000_000_000;
+        let read = |theirs: &str| offset(asked_ns, theirs, asked_ns + 4_000_000);
+        let near = |offset: Option<Offset>, wanted_s: f64| {
+            let Offset { offset_s, bound_s } = offset.unwrap();
+            assert!((offset_s - wanted_s).abs() < 1e-9 && (bound_s - 0.002).abs() < 1e-12, "{offset_s} {bound_s}");
+        };
+        near(read("1795248902.002000000"), 0.0);
+        near(read("1795248902.252000000\r"), 0.25);
+        near(read("1795248842.002000000"), -60.0);
+        for bad in ["", "1795248902", "1795248902.N", "1795248902.25", "x.000000000"] {
+            assert_eq!(read(bad), None, "{bad:?}");
+        }
+    }
+}

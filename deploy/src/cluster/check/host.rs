@@ -1,0 +1,226 @@
+//! One host, asked over ssh: whether it lets in, its clock, its disk, its platform, and of each of its nodes what is installed,
+//! what runs, and whether its simulator answers.
+
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::thread;
+
+use skein_common::id::VehicleId;
+use skein_common::scenario::PlantKind;
+
+use super::clock;
+use super::ports::{Agent, Calls};
+use super::{LOGIN, Line};
+use crate::cluster::bundle::Bundle;
+use crate::cluster::install::ROOM;
+use crate::cluster::inventory::{Inventory, Node};
+use crate::cluster::program::Program;
+use crate::cluster::protocol::{Answer, Ask, Facts, Installed};
+use crate::cluster::remote::{Fault, Probed, Remote};
+use crate::cluster::ssh::{Host, Ssh};
+use crate::cluster::status::CLOCK_S;
+use crate::error::Error;
+
+/// Looks at the hosts of one cluster.
+pub(super) struct Look<'a> {
+    pub(super) inventory: &'a Inventory,
+    pub(super) ssh: &'a Ssh,
+    /// The cluster's file as the user has named it.
+    pub(super) file: &'a str,
+    /// What would be installed, by its path.
+    pub(super) programs: &'a Programs,
+}
+
+/// Programs by their path; without one, what runs now.
+pub(super) type Programs = BTreeMap<Option<PathBuf>, Result<Program, Error>>;
+
+/// Every program that a node wants, read once.
+pub(super) fn programs(inventory: &Inventory) -> Programs {
+    let mut programs = Programs::new();
+    for node in inventory.nodes.values() {
+        programs.entry(node.binary.clone()).or_insert_with_key(|path| Program::read(path.as_deref()));
+    }
+    programs
+}
+
+/// What there is to say of one host.
+#[derive(Default)]
+pub(super) struct Asked {
+    pub(super) lines: Vec<Line>,
+    /// What became of its calls to everybody's port.
+    pub(super) calls: Option<Calls>,
+    pub(super) agents: BTreeMap<VehicleId, Agent>,
+}
+
+impl Look<'_> {
+    /// Everything of one host.
+    pub(super) fn host(&self, host: &Host, nodes: &[&Node]) -> Asked {
+        let mut asked = Asked::default();
+        let place = host.to_string();
+        // A kept connection would hide a key that was taken away, and a host's that has changed.
+        self.ssh.forget(host);
+        if let Err(sentence) = self.ssh.run(host, "true", &Arc::default(), LOGIN) {
+            let sentence = sentence.strip_prefix(&format!("{host}: ")).unwrap_or(&sentence).to_owned();
+            asked.lines.push(Line::of_sentence(place, "ssh", &sentence, &format!("`ssh {host} true` shows more")));
+            asked.agents.extend(nodes.iter().map(|node| (node.id, Agent::Unknown)));
+            return asked;
+        }
+        asked.lines.push(Line::new(place.as_str(), "ssh", "lets in"));
+        asked.lines.push(self.clock(host));
+        for node in nodes {
+            self.node(host, node, &mut asked);
+        }
+        let simulators = thread::scope(|scope| {
+            let of_node = |node| scope.spawn(move || self.simulator(host, node));
+            let asking: Vec<_> = nodes.iter().copied().map(of_node).collect();
+            asking.into_iter().filter_map(|asking| asking.join().ok().flatten()).collect::<Vec<_>>()
+        });
+        asked.lines.extend(simulators);
+        asked.calls = nodes.iter().find_map(|node| self.calls(host, node));
+        asked
+    }
+
+    fn remote(&self) -> Remote<'_> {
+        Remote { ssh: self.ssh, swarm: &self.inventory.swarm }
+    }
+
+    fn clock(&self, host: &Host) -> Line {
+        let line = |found: String| Line::new(host.to_string(), "clock", found);
+        match clock::measure(self.ssh, host) {
+            Err(why) => line(why.strip_prefix(&format!("{host}: ")).unwrap_or(&why).to_owned()).unknown(),
+            Ok(offset) => {
+                let found = format!("{:+.1} ±{:.1} ms", offset.offset_s * 1e3, offset.bound_s * 1e3);
+                match offset.offset_s.abs() - offset.bound_s > CLOCK_S {
+                    true => line(format!("{found} from this PC's")).fault(format!(
+                        "`ssh {host} sudo timedatectl set-ntp true`; or chrony, on a network without internet"
+                    )),
+                    false => line(found),
+                }
+            }
+        }
+    }
+
+    /// What is there before anything of ours, and what is of ours.
+    fn node(&self, host: &Host, node: &Node, asked: &mut Asked) {
+        let line = |what, found: String| Line::of(node, what, found);
+        let install = format!("`skein cluster install -f {}`", self.file);
+        let program = match self.programs.get(&node.binary) {
+            Some(Ok(program)) => program,
+            why => {
+                let why = why.and_then(|why| why.as_ref().err()).map(ToString::to_string).unwrap_or_default();
+                return asked.lines.push(line("program", why).fault("name one that is there with `binary`"));
+            }
+        };
+        match self.remote().probe(host, node, &program.release) {
+            Err(why) => asked.lines.push(line("platform", why).fault(format!("`ssh {host} uname -sm` shows more"))),
+            Ok(probed) => asked.lines.extend(of_probe(host, node, program, &probed)),
+        }
+        let facts = match self.remote().ask(host, node, Ask::Facts) {
+            Ok(Answer::Facts(facts)) => facts,
+            Err(Fault::NotInstalled) => {
+                asked.agents.insert(node.id, Agent::DoesNot);
+                return asked.lines.push(line("version", "nothing is installed".to_owned()).fault(install));
+            }
+            Ok(_) => {
+                return asked
+                    .lines
+                    .push(line("version", "what is there gives another answer".to_owned()).fault(install));
+            }
+            Err(Fault::Failed(why)) => return asked.lines.push(line("version", why).fault(install)),
+        };
+        let agent = if facts.agent.is_some() { Agent::Runs } else { Agent::DoesNot };
+        asked.agents.insert(node.id, agent);
+        match Bundle::of(self.inventory, node.id) {
+            Err(error) => asked.lines.push(Line::of_sentence(
+                format!("node {}", node.id),
+                "configuration",
+                &error.to_string(),
+                "mend the scenario's file",
+            )),
+            Ok(bundle) => {
+                let wanted = Installed { release: program.release.clone(), bundle: bundle.id() };
+                asked.lines.push(of_version(node, &facts, &wanted, self.file));
+            }
+        }
+    }
+
+    fn simulator(&self, host: &Host, node: &Node) -> Option<Line> {
+        let address = match (node.plant, &node.xplane) {
+            (PlantKind::Builtin, _) | (PlantKind::Standin, None) => return None,
+            (_, Some(address)) => address.clone(),
+            (PlantKind::Xplane, None) => "127.0.0.1".to_owned(),
+        };
+        match self.remote().ask(host, node, Ask::Simulator { address: address.clone() }) {
+            Ok(Answer::Simulator(Ok(heard))) => Some(Line::of(node, "X-Plane", heard)),
+            Ok(Answer::Simulator(Err(why))) => {
+                let found = why.split("; ").next().unwrap_or_default();
+                let remedy = format!(
+                    "start X-Plane at {address} as {} sees it, with a flight loaded, and let UDP through both ways; is `xplane` right?",
+                    host.name
+                );
+                Some(Line::of(node, "X-Plane", found).fault(remedy))
+            }
+            _ => Some(Line::of(node, "X-Plane", "asked once there is something installed").unknown()),
+        }
+    }
+
+    fn calls(&self, host: &Host, node: &Node) -> Option<Calls> {
+        let nodes = self.inventory.nodes.values();
+        let endpoints = nodes.map(super::ports::address).collect();
+        match self.remote().ask(host, node, Ask::Reach { endpoints }) {
+            Ok(Answer::Reach(reached)) => {
+                let reached = self.inventory.nodes.keys().copied().zip(reached).collect();
+                Some(Calls { from: host.name.clone(), reached })
+            }
+            _ => None,
+        }
+    }
+}
+
+/// Of the host before anything of ours is there.
+fn of_probe(host: &Host, node: &Node, program: &Program, probed: &Probed) -> [Line; 2] {
+    let glibc = probed.glibc.map(|(major, minor)| format!(", C library {major}.{minor}")).unwrap_or_default();
+    let platform = match program.fits(&probed.platform, probed.glibc) {
+        Ok(()) => Line::of(node, "platform", format!("{}{glibc}", probed.platform)),
+        Err(why) => {
+            Line::of_sentence(format!("node {}", node.id), "platform", &why, "name another program with `binary`")
+        }
+    };
+    let is_there = probed.sum.as_deref() == Some(program.sum.as_str());
+    let wanted = ROOM + if is_there { 0 } else { program.bytes.len() as u64 };
+    let mebibytes = |bytes: u64| bytes >> 20;
+    let free = format!("{} MiB free", mebibytes(probed.free_bytes));
+    let disk = match probed.free_bytes < wanted {
+        true => Line::of(node, "disk", format!("{free}, {} MiB wanted, where {} is", mebibytes(wanted), node.folder))
+            .fault(format!("`ssh {host} df -h` shows which disk is full: make room, or set `folder` to another")),
+        false => Line::of(node, "disk", free),
+    };
+    [platform, disk]
+}
+
+/// Of what is installed and what runs.
+pub(super) fn of_version(node: &Node, facts: &Facts, wanted: &Installed, file: &str) -> Line {
+    let line = |found: String| Line::of(node, "version", found);
+    let install = format!("`skein cluster install -f {file}`");
+    let Some(current) = &facts.current else { return line("nothing is installed".to_owned()).fault(install) };
+    if current.release != wanted.release {
+        return line(format!("{} is installed, this PC has {}", current.release, wanted.release)).fault(install);
+    }
+    if current.bundle != wanted.bundle {
+        return line("its configuration or keys are not this PC's any more".to_owned()).fault(install);
+    }
+    match &facts.agent {
+        Some(agent) if agent.installed != *current => {
+            line(format!("runs {}, and {} was installed since", agent.installed.release, current.release))
+                .fault(format!("`skein cluster down -f {file}`, then `skein cluster up -f {file}`"))
+        }
+        Some(agent) if agent.restarts > 0 => {
+            let times = if agent.restarts == 1 { "once".to_owned() } else { format!("{} times", agent.restarts) };
+            let found = format!("{}, runs, and was started again {times}", current.release);
+            line(found).warning(format!("`skein cluster logs --file {file}` shows why"))
+        }
+        Some(_) => line(format!("{}, runs", current.release)),
+        None => line(format!("{}, does not run", current.release)),
+    }
+}

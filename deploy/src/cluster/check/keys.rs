@@ -1,0 +1,56 @@
+//! Whether the keys are there, good for the inventory, and nobody else's to read.
+
+use super::Line;
+use crate::clock;
+use crate::cluster::inventory::{Inventory, SecurityKind};
+use crate::cluster::keys::certificate::{Unfit, expires, unfit};
+use crate::cluster::keys::folder::{AUTHORITY, Folder, ORDERS_PUBLIC, certificate_file, key_file};
+use crate::cluster::keys::{day, roles, wanted};
+use crate::error::Error;
+
+/// What stands against them, or one line that all are good.
+pub(super) fn lines(inventory: &Inventory, file: &str) -> Vec<Line> {
+    if inventory.security == SecurityKind::None {
+        let found = "links are plain and orders unsealed: whoever is on the network can join and command";
+        return vec![
+            Line::new("this PC", "keys", found).warning("delete `security = \"none\"`, then `skein cluster keys`"),
+        ];
+    }
+    let faults = faults(inventory, file).unwrap_or_else(|error| {
+        let error = error.to_string();
+        let (found, remedy) =
+            error.split_once(": `").map_or((&*error, None), |(found, rest)| (found, Some(format!("`{rest}"))));
+        let remedy = remedy.unwrap_or_else(|| format!("`skein cluster keys -f {file}`"));
+        vec![Line::new("this PC", "keys", found).fault(remedy)]
+    });
+    if !faults.is_empty() {
+        return faults;
+    }
+    let folder = Folder(inventory.keys.clone());
+    let ends = roles(inventory).filter_map(|role| expires(&folder.read(&certificate_file(role)).ok()??)).min();
+    let until = ends.map_or(String::new(), |end| format!("; the first ends on {}", day(end)));
+    vec![Line::new("this PC", "keys", format!("all {} are good{until}", inventory.nodes.len() + 2))]
+}
+
+fn faults(inventory: &Inventory, file: &str) -> Result<Vec<Line>, Error> {
+    let folder = Folder(inventory.keys.clone());
+    folder.check_private()?;
+    let names = folder.names(inventory.nodes.keys().copied())?;
+    let authority = folder.need(AUTHORITY)?;
+    folder.need(ORDERS_PUBLIC)?;
+    let mut lines = Vec::new();
+    for role in roles(inventory) {
+        let certificate = certificate_file(role);
+        let again = format!("`skein cluster keys -f {file}`, then `skein cluster install -f {file}`");
+        let line = |found: String| Line::new("this PC", "keys", found);
+        match folder.pair(&certificate, &key_file(role))? {
+            None => lines.push(line(format!("{certificate} or its key is missing")).fault(again)),
+            Some(pair) => match unfit(&pair, &wanted(inventory, &names, role), &authority, clock::utc()) {
+                None => {}
+                Some(Unfit::Expiring) => lines.push(line(format!("{certificate} {}", Unfit::Expiring)).warning(again)),
+                Some(why) => lines.push(line(format!("{certificate} {why}")).fault(again)),
+            },
+        }
+    }
+    Ok(lines)
+}

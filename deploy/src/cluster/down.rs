@@ -1,0 +1,169 @@
+//! `skein cluster down`: an order to land over the mesh, which reaches whoever can be reached there; and over ssh the end of
+//! every agent, after it has landed, so that nothing starts it again.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::thread;
+use std::time::Duration;
+
+use serde::Serialize;
+use skein_agent::link::security::Role;
+use skein_common::id::VehicleId;
+use skein_common::message::Verb;
+
+use super::nodes::{self, Chosen, Line, NodesArgs, Outcome, Progress, is_seconds};
+use super::protocol::{Answer, Ask};
+use super::ready::Watch;
+use super::remote::{Fault, LANDING_S, Remote};
+use super::ssh::{Ssh, at_once};
+use crate::clock;
+use crate::error::Error;
+use crate::order;
+
+/// `skein cluster down`
+#[derive(Clone, Debug, clap::Args)]
+pub struct DownArgs {
+    /// The nodes.
+    #[command(flatten)]
+    pub nodes: NodesArgs,
+    /// How long the vehicles may take to land, s; then agents are ended wherever they are
+    #[arg(long, value_name = "S", default_value_t = LANDING_S, value_parser = is_seconds)]
+    pub timeout: f64,
+}
+
+/// What came of it.
+#[derive(Debug, Serialize)]
+struct Report {
+    swarm: String,
+    /// Whether they were ordered to land over the mesh, or why not.
+    order: String,
+    /// Beginning to end, s.
+    seconds: f64,
+    nodes: Vec<Outcome>,
+}
+
+/// Does it.
+///
+/// # Errors
+/// If the cluster's file is at fault, or it is not known of every vehicle that it has landed and ended.
+pub fn run(args: &DownArgs) -> Result<(), Error> {
+    let chosen = args.nodes.read()?;
+    let ssh = args.nodes.ssh();
+    let progress = args.nodes.progress();
+    let landed = land(&chosen, &ssh, &progress, args.timeout)?;
+    let seconds = progress.seconds();
+    drop(progress);
+    let report =
+        Report { swarm: chosen.inventory.swarm.to_string(), order: landed.order, seconds, nodes: landed.nodes };
+    crate::say(&match args.nodes.json {
+        true => crate::json(&report),
+        false => format!("{}{}, {seconds:.1} s\n", Outcome::table(&report.nodes), report.order),
+    });
+    Outcome::judge(&report.nodes, "not known to be down")
+}
+
+/// What became of the vehicles.
+pub(super) struct Landed {
+    pub(super) order: String,
+    pub(super) nodes: Vec<Outcome>,
+}
+
+/// Lands the chosen vehicles and ends their agents.
+///
+/// # Errors
+/// If the swarm cannot be listened to.
+pub(super) fn land(chosen: &Chosen, ssh: &Ssh, progress: &Progress, timeout_s: f64) -> Result<Landed, Error> {
+    let until = clock::now() + Duration::from_secs_f64(timeout_s);
+    let all = chosen.ids.len() == chosen.inventory.nodes.len();
+    let line = progress.line(&"swarm");
+    let (mut watch, order) = match chosen.inventory.reach(Role::Operator) {
+        // An order is for all of them.
+        Ok(reach) if all => {
+            let mut watch = Watch::open(&reach, 0)?;
+            let order = order_to_land(&mut watch, &reach, &line);
+            (Some(watch), order)
+        }
+        Ok(_) => (None, "landed each by its own host".to_owned()),
+        Err(error) => (None, format!("landed each by its own host, without an order ({error})")),
+    };
+    line.say(&order);
+    let heard: BTreeSet<VehicleId> = match &watch {
+        Some(watch) => chosen.ids.iter().copied().filter(|id| watch.is_there(*id)).collect(),
+        None => BTreeSet::new(),
+    };
+    let remote = Remote { ssh, swarm: &chosen.inventory.swarm };
+    let (still, stopped) = thread::scope(|scope| {
+        let still = scope.spawn(|| {
+            let gone = |id| line.say(&format!("node {id} has landed and is gone"));
+            watch.as_mut().map_or_else(BTreeSet::new, |watch| watch.gone(&heard, until, gone))
+        });
+        let stopped = stop(chosen, &remote, progress, timeout_s);
+        (still.join().unwrap_or_else(|_| heard.clone()), stopped)
+    });
+    let nodes = chosen.nodes().map(|node| {
+        let mut outcome = Outcome::new(node);
+        let was_heard = heard.contains(&node.id);
+        let has_gone = was_heard && !still.contains(&node.id);
+        let (done, seconds) = stopped.get(&node.id).cloned().unzip();
+        outcome.seconds = seconds.unwrap_or_default();
+        match done {
+            Some(Ok(changed)) => outcome.done = if changed || was_heard { "landed" } else { "was not running" },
+            Some(Err(Fault::NotInstalled)) => outcome.done = "nothing is installed",
+            Some(Err(Fault::Failed(why))) if has_gone => {
+                outcome.done = "landed";
+                outcome.note = Some(format!("ordered over the network, and gone from it; {why}"));
+            }
+            Some(Err(Fault::Failed(why))) => outcome.fail(why),
+            None if has_gone => outcome.done = "landed",
+            None if was_heard => outcome.fail("is still heard on the network".to_owned()),
+            None => outcome.done = "was not heard",
+        }
+        outcome
+    });
+    Ok(Landed { order, nodes: nodes.collect() })
+}
+
+/// Tells what came of the order.
+fn order_to_land(watch: &mut Watch, reach: &crate::reach::Reach, line: &Line<'_>) -> String {
+    line.say("listening who flies");
+    order::listen(&mut watch.observer, reach);
+    let there = watch.observer.vehicles().values().filter(|seen| seen.alive).count();
+    if there == 0 {
+        return "nobody was heard on the network".to_owned();
+    }
+    line.say(&format!("ordering {there} vehicles to land"));
+    let order = order::new(&watch.observer, Verb::Land);
+    match order::give(&mut watch.observer, &order) {
+        Ok((taken, deaf)) if deaf.is_empty() => format!("ordered to land: taken by node {}", nodes::list(&taken)),
+        Ok((taken, deaf)) => {
+            format!("ordered to land: taken by node {}, not by {}", nodes::list(&taken), nodes::list(&deaf))
+        }
+        Err(error) => format!("not ordered to land: {error}"),
+    }
+}
+
+type Stopped = BTreeMap<VehicleId, (Result<bool, Fault>, f64)>;
+
+/// Over ssh: each lands, if it has not, and nothing starts it again.
+fn stop(chosen: &Chosen, remote: &Remote<'_>, progress: &Progress, within_s: f64) -> Stopped {
+    let done = at_once(&chosen.hosts(), |(host, nodes)| {
+        let line = progress.line(host);
+        line.say("waiting until its vehicles have landed");
+        let mut all = Vec::new();
+        for node in nodes {
+            let begun = clock::now();
+            let done = match remote.ask(host, node, Ask::Stop { within_s }) {
+                Ok(Answer::Done { changed, .. }) => Ok(changed),
+                Ok(other) => Err(Fault::Failed(format!("{host}: answers {other:?}"))),
+                Err(fault) => Err(fault),
+            };
+            line.say(&match &done {
+                Ok(true) => format!("node {} landed", node.id),
+                Ok(false) => format!("node {} does not run", node.id),
+                Err(fault) => fault.clone().sentence(host),
+            });
+            all.push((node.id, (done, (clock::now() - begun).as_secs_f64())));
+        }
+        all
+    });
+    done.into_iter().flatten().collect()
+}

@@ -1,0 +1,293 @@
+//! Where everything is on a node's host:
+//!
+//! ```text
+//! <folder>/<swarm>/releases/<release>/skein                  the program, shared by the agents of this host
+//!                  node-<id>/installs/<release>_<bundle>/    one node's configuration; `skein` in it is a link to the program
+//!                            current, previous               links to installs
+//!                            settings.json                   who starts it again, what it logs
+//!                            log/agent.log, .1, ...          what the agent wrote, under our own supervisor
+//!                            run/active                      a link to the install that was started last
+//!                                started.json, agent.json    in which run; the agent's process
+//!                                lock, supervisor            held by a request and by the supervisor
+//! ```
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+use serde::de::DeserializeOwned;
+use serde::{Deserialize, Serialize};
+use skein_common::id::{SwarmName, VehicleId};
+
+use super::files::{self, Lock, at};
+use super::process::Process;
+use super::systemd::Systemd;
+use crate::cluster::protocol::{Facts, Installed, RunningAgent, Service};
+use crate::{clock, os};
+
+/// The program's name, in a release and in an install.
+pub(super) const PROGRAM: &str = "skein";
+/// A supervisor that has begun has said who it is within this time, and between two looks at its word.
+const INTRODUCTION: Duration = Duration::from_secs(2);
+const LOOK: Duration = Duration::from_millis(5);
+/// How long a request waits for another one to be done.
+const PATIENCE: Duration = Duration::from_secs(5);
+
+/// One swarm's folder on this host, and the release that works in it.
+#[derive(Clone, Debug)]
+pub(super) struct Place {
+    /// `<folder>/<swarm>`
+    pub(super) folder: PathBuf,
+    /// Its last name.
+    pub(super) swarm: SwarmName,
+    /// Of the program that answers.
+    pub(super) release: String,
+    /// This host's.
+    pub(super) systemd: Systemd,
+}
+
+impl Place {
+    /// The place that this program is installed in.
+    pub(super) fn of_this_program() -> Result<Self, String> {
+        let program = std::env::current_exe().and_then(fs::canonicalize);
+        let program = program.map_err(|error| format!("this program does not know where it is: {error}"))?;
+        Self::of(&program).ok_or_else(|| {
+            let is = program.display();
+            format!("{is} is not installed: it has to be <folder>/<swarm>/releases/<release>/{PROGRAM}")
+        })
+    }
+
+    pub(super) fn of(program: &Path) -> Option<Self> {
+        let release = program.parent()?;
+        let releases = release.parent().filter(|folder| folder.ends_with("releases"))?;
+        let folder = releases.parent()?;
+        let swarm = SwarmName::new(files::name(folder)?).ok()?;
+        Some(Self {
+            folder: folder.to_owned(),
+            swarm,
+            release: files::name(release)?.to_owned(),
+            systemd: Systemd::here(),
+        })
+    }
+
+    /// Who starts the agents, if it is not our own supervisor.
+    pub(super) fn systemd(&self, service: Service) -> Option<&Systemd> {
+        (service != Service::Own).then_some(&self.systemd)
+    }
+
+    /// Everything of one node.
+    pub(super) fn node(&self, id: VehicleId) -> NodeFolder {
+        NodeFolder { path: self.folder.join(format!("node-{id}")), id }
+    }
+
+    pub(super) fn releases(&self) -> PathBuf {
+        self.folder.join("releases")
+    }
+
+    /// Held while what several nodes share is changed.
+    pub(super) fn lock(&self) -> Result<Lock, String> {
+        let busy = || "another request changes what the nodes of this host share".to_owned();
+        Lock::take(&self.lock_path(), PATIENCE)?.ok_or_else(busy)
+    }
+
+    pub(super) fn lock_path(&self) -> PathBuf {
+        self.folder.join("lock")
+    }
+}
+
+/// One node's folder.
+#[derive(Clone, Debug)]
+pub(super) struct NodeFolder {
+    pub(super) path: PathBuf,
+    pub(super) id: VehicleId,
+}
+
+/// How a node is started; beside its configuration.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub(super) struct Settings {
+    /// Who starts it again when it has died.
+    pub(super) service: Service,
+    /// As `RUST_LOG` takes it.
+    pub(super) log: Option<String>,
+}
+
+/// What was started last. Agents that take the place of one that has died are the same in all of it.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub(super) struct Started {
+    pub(super) installed: Installed,
+    pub(super) run: u64,
+    /// When, on the clock that every process of this host reads, s.
+    pub(super) at_s: f64,
+}
+
+/// The agent that was started last.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub(super) struct AgentProcess {
+    pub(super) process: Process,
+    /// How often it has died and was started again.
+    pub(super) restarts: u32,
+}
+
+impl NodeFolder {
+    pub(super) fn installs(&self) -> PathBuf {
+        self.path.join("installs")
+    }
+
+    pub(super) fn install(&self, installed: &Installed) -> PathBuf {
+        self.installs().join(install_name(installed))
+    }
+
+    pub(super) fn current(&self) -> PathBuf {
+        self.path.join("current")
+    }
+
+    pub(super) fn previous(&self) -> PathBuf {
+        self.path.join("previous")
+    }
+
+    pub(super) fn run(&self) -> PathBuf {
+        self.path.join("run")
+    }
+
+    pub(super) fn active(&self) -> PathBuf {
+        self.run().join("active")
+    }
+
+    pub(super) fn log(&self) -> PathBuf {
+        self.path.join("log")
+    }
+
+    fn settings_path(&self) -> PathBuf {
+        self.path.join("settings.json")
+    }
+
+    fn started_path(&self) -> PathBuf {
+        self.run().join("started.json")
+    }
+
+    pub(super) fn agent_path(&self) -> PathBuf {
+        self.run().join("agent.json")
+    }
+
+    pub(super) fn supervisor_path(&self) -> PathBuf {
+        self.run().join("supervisor")
+    }
+
+    /// Held by a request that changes something of this node.
+    pub(super) fn lock(&self) -> Result<Lock, String> {
+        let busy = || format!("another request is at work on node {}", self.id);
+        Lock::take(&self.run().join("lock"), PATIENCE)?.ok_or_else(busy)
+    }
+
+    pub(super) fn settings(&self) -> Option<Settings> {
+        read(&self.settings_path())
+    }
+
+    pub(super) fn set_settings(&self, settings: &Settings) -> Result<(), String> {
+        write(&self.settings_path(), settings)
+    }
+
+    pub(super) fn started(&self) -> Option<Started> {
+        read(&self.started_path())
+    }
+
+    pub(super) fn set_started(&self, started: &Started) -> Result<(), String> {
+        write(&self.started_path(), started)
+    }
+
+    /// The agent that was started last, whether it runs or not.
+    pub(super) fn last_agent(&self) -> Option<AgentProcess> {
+        read(&self.agent_path())
+    }
+
+    pub(super) fn set_agent(&self, agent: &AgentProcess) -> Result<(), String> {
+        write(&self.agent_path(), agent)
+    }
+
+    /// The agent that runs.
+    pub(super) fn agent(&self) -> Option<AgentProcess> {
+        self.last_agent().filter(|agent| agent.process.is_running())
+    }
+
+    /// The supervisor's process, if there is one.
+    pub(super) fn supervisor(&self) -> Option<Process> {
+        let (path, until) = (self.supervisor_path(), clock::now() + INTRODUCTION);
+        while Lock::is_held(&path) && clock::now() < until {
+            // Until it has said who it is, the word of the one before it stands there.
+            if let Some(process) = read(&path).filter(Process::is_running) {
+                return Some(process);
+            }
+            clock::sleep(LOOK);
+        }
+        None
+    }
+
+    /// What is there.
+    pub(super) fn facts(&self) -> Facts {
+        let agent = self.agent().zip(self.started()).map(|(agent, started)| RunningAgent {
+            pid: agent.process.pid,
+            installed: started.installed,
+            run: started.run,
+            restarts: agent.restarts,
+        });
+        Facts {
+            current: linked(&self.current()),
+            previous: linked(&self.previous()),
+            service: self.settings().map(|settings| settings.service),
+            agent,
+            free_bytes: self.path.ancestors().find_map(|path| os::free_bytes(path).ok()).unwrap_or(0),
+            utc_ns: clock::Utc::read().nanoseconds(clock::now()),
+        }
+    }
+}
+
+/// The name of an install's folder.
+pub(super) fn install_name(installed: &Installed) -> String {
+    format!("{}_{}", installed.release, installed.bundle)
+}
+
+/// What a folder of this name has installed.
+pub(super) fn installed(folder: &Path) -> Option<Installed> {
+    let (release, bundle) = files::name(folder).filter(|_| !files::is_draft(folder))?.rsplit_once('_')?;
+    Some(Installed { release: release.to_owned(), bundle: bundle.to_owned() })
+}
+
+/// What a link leads to, if that is there.
+pub(super) fn linked(link: &Path) -> Option<Installed> {
+    let to = fs::read_link(link).ok()?;
+    link.is_dir().then(|| installed(&to)).flatten()
+}
+
+/// A file of ours; none if it is not there, or not whole.
+fn read<T: DeserializeOwned>(path: &Path) -> Option<T> {
+    serde_json::from_slice(&fs::read(path).ok()?).ok()
+}
+
+fn write(path: &Path, value: &impl Serialize) -> Result<(), String> {
+    files::write(path, crate::json(value).as_bytes(), true)
+}
+
+/// Makes folders for nobody but this user.
+pub(super) fn make_folders(folders: &[PathBuf]) -> Result<(), String> {
+    folders.iter().try_for_each(|folder| os::make_private(folder).map_err(at(folder)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_program_knows_its_place() {
+        let place = Place::of(Path::new("/home/lab/.skein/lab/releases/0.1.0-1f2e3d4c5b6a/skein")).unwrap();
+        assert_eq!(place.folder, Path::new("/home/lab/.skein/lab"));
+        assert_eq!((place.swarm.as_str(), place.release.as_str()), ("lab", "0.1.0-1f2e3d4c5b6a"));
+        let node = place.node(VehicleId::new(3).unwrap());
+        let of = Installed { release: place.release, bundle: "00ff".to_owned() };
+        assert_eq!(node.install(&of), place.folder.join("node-3/installs/0.1.0-1f2e3d4c5b6a_00ff"));
+        assert_eq!(installed(&node.install(&of)), Some(of));
+        for elsewhere in ["/usr/bin/skein", "/skein", "/home/a b/releases/x/skein", "/lab/release/x/skein"] {
+            assert!(Place::of(Path::new(elsewhere)).is_none(), "{elsewhere}");
+        }
+        assert_eq!(installed(Path::new("installs/0.1.0-1f2e3d4c5b6a_00ff.draft")), None);
+    }
+}

@@ -1,0 +1,145 @@
+//! What a host can reach: its simulator, its peers.
+
+use std::io;
+use std::net::{SocketAddr, TcpStream, ToSocketAddrs};
+use std::thread;
+use std::time::Duration;
+
+use skein_agent::config::{listen_for, simulator};
+use skein_agent::plant::helicopter::TICK_S;
+use skein_agent::plant::xplane::{Profile, XPlane};
+use skein_agent::plant::{Plant, Wake};
+use skein_common::frame::{Geodetic, Origin};
+
+use crate::clock;
+use crate::cluster::protocol::Reached;
+
+/// How long a simulator is listened for, and how long a peer is given to take a call.
+const SIMULATOR: Duration = Duration::from_secs(2);
+const PEER: Duration = Duration::from_secs(1);
+/// One wait for a simulator's position.
+const ATTEMPT: Duration = Duration::from_millis(100);
+
+/// What is heard of the X-Plane at `HOST[:PORT]`, by the agent's own end of the wire. Its controls are not touched.
+pub(crate) fn simulator_at(address: &str) -> Result<String, String> {
+    let address = simulator(address).map_err(|error| error.to_string())?;
+    // Only distances from it would be wrong, and none is asked for.
+    let anywhere = Origin::new(Geodetic::from_degrees(0.0, 0.0, 0.0));
+    let rate_hz = (1.0 / TICK_S).round() as u32;
+    let link = XPlane::new(&anywhere, Some(address), &Profile::default(), rate_hz, listen_for(address.ip()));
+    let mut link = link.map_err(|error| error.to_string())?;
+    let until = clock::now() + SIMULATOR;
+    let mut place = None;
+    while clock::now() < until && (place.is_none() || link.version().is_none()) {
+        // Whoever waits is subscribed again, should nothing come.
+        if let Wake::Frame(frame) = link.wait(until.min(clock::now() + ATTEMPT)) {
+            place = Some(frame.measurement.position);
+        }
+    }
+    let heard = link.counters();
+    let version = link.version().map(|version| format!("X-Plane {}", version_text(version)));
+    let name = version.unwrap_or_else(|| "an X-Plane that does not tell its version".to_owned());
+    match place {
+        Some(place) => Ok(format!(
+            "{name}, aircraft at {:.5}°, {:.5}°, {:.0} m",
+            place.latitude_deg(),
+            place.longitude_deg(),
+            place.altitude_m
+        )),
+        None if heard.standing_frames > 0 => Ok(format!("{name}, paused")),
+        None if heard.malformed > 0 => Err(format!("{address}: what answers there is no X-Plane")),
+        None => Err(format!(
+            "{address}: no answer within {} s; is X-Plane running with a flight loaded, and UDP let through both ways?",
+            SIMULATOR.as_secs()
+        )),
+    }
+}
+
+/// 121400 is 12.1.4.
+fn version_text(version: u32) -> String {
+    let (major, minor, patch) = (version / 10_000, version / 1_000 % 10, version / 100 % 10);
+    format!("{major}.{minor}.{patch}")
+}
+
+/// What becomes of a call to each of these endpoints, all at once.
+pub(crate) fn reach(endpoints: &[String]) -> Vec<Reached> {
+    let calls: Vec<_> = endpoints.iter().cloned().map(|endpoint| thread::spawn(move || call(&endpoint))).collect();
+    let nobody = |_| Reached::No("the call was broken off".to_owned());
+    calls.into_iter().map(|call| call.join().unwrap_or_else(nobody)).collect()
+}
+
+fn call(endpoint: &str) -> Reached {
+    let addresses: Vec<SocketAddr> = match endpoint.to_socket_addrs() {
+        Ok(addresses) => addresses.collect(),
+        Err(error) => return Reached::No(error.to_string()),
+    };
+    let mut reached = Reached::No("it has no address".to_owned());
+    for address in addresses {
+        reached = match TcpStream::connect_timeout(&address, PEER).map_err(|error| (error.kind(), error)) {
+            Ok(_) => return Reached::Taken,
+            Err((io::ErrorKind::ConnectionRefused, _)) => Reached::Refused,
+            Err((io::ErrorKind::TimedOut, _)) => Reached::No(format!("no answer within {} s", PEER.as_secs())),
+            Err((_, error)) => Reached::No(error.to_string()),
+        };
+    }
+    reached
+}
+
+#[cfg(test)]
+mod tests {
+    use std::net::{TcpListener, UdpSocket};
+
+    use super::*;
+
+    #[test]
+    fn calls_are_taken_or_refused() {
+        let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+        let open = listener.local_addr().unwrap().to_string();
+        let closed = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().to_string();
+        let reached = reach(&[open, closed, "no.such.host.invalid:1".to_owned(), "127.0.0.1".to_owned()]);
+        assert_eq!(reached[..2], [Reached::Taken, Reached::Refused]);
+        assert!(matches!(&reached[2..], [Reached::No(_), Reached::No(_)]), "{reached:?}");
+    }
+
+    #[test]
+    fn a_simulator_says_what_and_where_it_is() {
+        use std::sync::Arc;
+        use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
+
+        use clap::Parser;
+        use skein_agent::plant::xplane::standin::{StandinOptions, run_standin};
+
+        #[derive(Parser)]
+        struct Cli {
+            #[command(flatten)]
+            options: StandinOptions,
+        }
+        // Free a moment ago.
+        let port = UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
+        let port_text = port.to_string();
+        let options = ["standin", "--port", &port_text, "--beacon", "false", "--lat", "28.5", "--lon", "-82.25"];
+        let options = Cli::parse_from(options).options;
+        let stop = Arc::new(AtomicBool::new(false));
+        let of_thread = stop.clone();
+        let standin = thread::spawn(move || run_standin(&options, &of_thread));
+        let heard = simulator_at(&format!("127.0.0.1:{port}"));
+        stop.store(true, Relaxed);
+        standin.join().unwrap().unwrap();
+        let heard = heard.unwrap();
+        assert!(heard.starts_with("X-Plane 12.1.4, aircraft at 28.50000°, -82.25000°, "), "{heard}");
+    }
+
+    #[test]
+    fn a_simulator_that_is_not_there_is_missed() {
+        let silent = UdpSocket::bind("127.0.0.1:0").unwrap();
+        let address = silent.local_addr().unwrap().to_string();
+        let error = simulator_at(&address).unwrap_err();
+        assert!(error.contains(&address) && error.contains("no answer within 2 s"), "{error}");
+        assert!(simulator_at("127.0.0.1:x").is_err());
+    }
+
+    #[test]
+    fn versions_are_written_as_everybody_does() {
+        assert_eq!([121_400, 115_501].map(version_text), ["12.1.4", "11.5.5"]);
+    }
+}

@@ -1,0 +1,135 @@
+use std::fs;
+use std::path::Path;
+
+use skein_common::id::SwarmName;
+
+use super::systemd::Systemd;
+use super::*;
+use crate::cluster::bundle::{Bundle, BundleFile};
+use crate::cluster::inventory::ServiceKind;
+use crate::cluster::protocol::{Facts, Service};
+use crate::os;
+
+/// As the operator's PC leaves a host before the first request.
+fn place(folder: &Path) -> Place {
+    let release = folder.join("skein/lab/releases/r1");
+    fs::create_dir_all(&release).unwrap();
+    fs::write(release.join("skein"), "a program").unwrap();
+    Place::of(&release.join("skein")).unwrap()
+}
+
+fn ask(place: &Place, ask: Ask) -> Result<Answer, String> {
+    let request = Request { swarm: place.swarm.clone(), id: VehicleId::new(1).unwrap(), ask };
+    // As it comes over the wire.
+    let line = serde_json::to_vec(&request).unwrap();
+    answer(place, read(&line[..])?)
+}
+
+fn apply() -> Ask {
+    apply_with(ServiceKind::Own)
+}
+
+fn apply_with(service: ServiceKind) -> Ask {
+    let file = BundleFile { is_secret: false, is_executable: false, content: b"id = 1".to_vec() };
+    let bundle = Bundle { files: [("agent.toml".to_owned(), file)].into() };
+    Ask::Apply { bundle, service, log: Some("info".to_owned()) }
+}
+
+fn done(answer: Result<Answer, String>) -> (bool, Facts) {
+    match answer {
+        Ok(Answer::Done { changed, facts }) => (changed, facts),
+        other => panic!("{other:?}"),
+    }
+}
+
+#[test]
+fn a_node_is_installed_and_taken_away_again() {
+    let folder = tempfile::tempdir().unwrap();
+    let place = place(folder.path());
+    let before = ask(&place, Ask::Facts).unwrap();
+    let Answer::Facts(facts) = before else { panic!("{before:?}") };
+    assert!(facts.current.is_none() && facts.service.is_none() && facts.free_bytes > 0 && facts.utc_ns > 0);
+    assert!(!place.node(VehicleId::new(1).unwrap()).path.exists(), "nothing is written to tell what is there");
+
+    let (changed, facts) = done(ask(&place, apply()));
+    assert!(changed && facts.current.is_some() && facts.service == Some(Service::Own));
+    let (changed, again) = done(ask(&place, apply()));
+    assert!(!changed && again.current == facts.current);
+    assert!(!done(ask(&place, Ask::Stop { within_s: 0.0 })).0, "there is nothing to end");
+
+    assert!(done(ask(&place, Ask::Remove)).0);
+    assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 0);
+}
+
+#[test]
+fn what_cannot_be_done_is_said_and_writes_nothing() {
+    let folder = tempfile::tempdir().unwrap();
+    let place = place(folder.path());
+    for asked in [Ask::Start { run: 1 }, Ask::Stop { within_s: 1.0 }, Ask::Rollback] {
+        assert_eq!(ask(&place, asked), Err("nothing is installed for node 1".to_owned()));
+    }
+    let other = Place { swarm: SwarmName::new("other").unwrap(), ..place.clone() };
+    let request = Request { swarm: other.swarm, id: VehicleId::new(1).unwrap(), ask: Ask::Facts };
+    assert_eq!(answer(&place, request), Err("this is swarm lab, and other was asked".to_owned()));
+    assert!(read(&b"{\"swarm\":3}"[..]).unwrap_err().starts_with("this is no request: "));
+    assert_eq!(fs::read_dir(folder.path().join("skein/lab")).unwrap().count(), 1, "only the releases");
+
+    done(ask(&place, apply()));
+    for within_s in [-1.0, f64::INFINITY] {
+        assert!(ask(&place, Ask::Stop { within_s }).is_err(), "{within_s}");
+    }
+}
+
+#[test]
+fn the_rest_of_the_input_is_not_waited_for() {
+    let (input, mut output) = io::pipe().unwrap();
+    let request = r#"{"swarm":"lab","id":1,"ask":{"Log":{"lines":3,"follow":true}}}"#;
+    io::Write::write_all(&mut output, request.as_bytes()).unwrap();
+    assert_eq!(read(input).unwrap().ask, Ask::Log { lines: 3, follow: true });
+}
+
+/// A `systemctl` that starts and stops what the unit says, and an agent that does nothing.
+#[test]
+fn systemd_starts_and_stops_what_is_active() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    let script = |path: &Path, text: &str| {
+        fs::write(path, format!("#!/bin/sh\n{text}\n")).unwrap();
+        os::set_mode(path, 0o755).unwrap();
+    };
+    let (bin, run) = (at.join("bin"), at.join("skein/lab/node-1/run"));
+    fs::create_dir(&bin).unwrap();
+    let run_text = run.display();
+    script(
+        &bin.join("systemctl"),
+        &format!(
+            "case \"$*\" in *reset-failed*) ;;\n\
+             *start*) {run_text}/active/skein node --fly 1 >/dev/null 2>&1 & ;;\n\
+             *stop*) kill $(cat {run_text}/pid) ;; esac"
+        ),
+    );
+    script(&bin.join("loginctl"), "echo Linger=yes");
+    let path = std::env::join_paths([bin, "/usr/bin".into(), "/bin".into()]).unwrap();
+    let place = Place { systemd: Systemd { is_users: true, units: at.join("units"), path: Some(path) }, ..place(at) };
+    let agent = r#"{"process":{"pid":%s,"began":null},"restarts":0}"#;
+    script(
+        &place.releases().join("r1/skein"),
+        &format!("printf '{agent}' $$ >{run_text}/agent.json; echo $$ >{run_text}/pid; exec sleep 60"),
+    );
+
+    let (changed, facts) = done(ask(&place, apply_with(ServiceKind::Systemd)));
+    assert!(changed && facts.service == Some(Service::SystemdUser) && at.join("units/skein-lab-1.service").is_file());
+    let (_, facts) = done(ask(&place, apply_with(ServiceKind::Auto)));
+    assert_eq!(facts.service, Some(Service::SystemdUser), "what was chosen stays");
+    let (changed, facts) = done(ask(&place, Ask::Start { run: 5 }));
+    assert!(changed && facts.agent.as_ref().is_some_and(|agent| agent.run == 5));
+    let (changed, again) = done(ask(&place, Ask::Start { run: 6 }));
+    assert!(!changed && again.agent == facts.agent);
+    let refused = ask(&place, apply_with(ServiceKind::Own)).unwrap_err();
+    assert!(refused.contains("runs under another service"), "{refused}");
+    let (changed, facts) = done(ask(&place, Ask::Stop { within_s: 20.0 }));
+    assert!(changed && facts.agent.is_none());
+    let (changed, facts) = done(ask(&place, apply_with(ServiceKind::Own)));
+    assert!(changed && facts.service == Some(Service::Own) && fs::read_dir(at.join("units")).unwrap().count() == 0);
+    assert!(done(ask(&place, Ask::Remove)).0 && !at.join("skein").exists());
+}

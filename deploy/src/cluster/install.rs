@@ -1,0 +1,268 @@
+//! `skein cluster install`: the program, its configuration and its keys on every node. Three calls for each host: what is
+//! there, the program if it is not, the configuration; so that a second time nothing is done. Whatever fails leaves a node
+//! as it was. Vehicles in the air fly on; then those whose node has something new are restarted one by one.
+
+mod manual;
+mod roll;
+mod row;
+
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use serde::Serialize;
+use skein_common::id::VehicleId;
+
+use super::bundle::Bundle;
+use super::inventory::Node;
+use super::nodes::{self, Chosen, Line, NodesArgs, Progress, is_seconds};
+use super::program::Program;
+use super::protocol::{Answer, Ask, Facts, Installed};
+use super::remote::{Fault, Remote};
+use super::ssh::{Host, at_once};
+use crate::clock;
+use crate::error::Error;
+use roll::Restart;
+use row::{Done, Row};
+
+/// A disk is not filled to its last byte: logs have to go somewhere.
+pub(super) const ROOM: u64 = 32 << 20;
+
+/// `skein cluster install`
+#[derive(Clone, Debug, clap::Args)]
+pub struct InstallArgs {
+    /// The nodes.
+    #[command(flatten)]
+    pub nodes: NodesArgs,
+    /// Look at every node and say what would be done; nothing is changed
+    #[arg(long)]
+    pub dry_run: bool,
+    /// Bring back what each node had before, instead of installing anything
+    #[arg(long, conflicts_with = "dry_run")]
+    pub rollback: bool,
+    /// How long a vehicle that is restarted may take to be ready again, s
+    #[arg(long, value_name = "S", default_value_t = 60.0, value_parser = is_seconds)]
+    pub timeout: f64,
+    /// Folder for the files of nodes that are installed by hand
+    #[arg(long, value_name = "FOLDER", default_value = "manual")]
+    pub out: PathBuf,
+}
+
+/// What came of it.
+#[derive(Debug, Serialize)]
+struct Report {
+    swarm: String,
+    dry_run: bool,
+    /// Beginning to end, s.
+    seconds: f64,
+    /// Until every node had its files, s.
+    installed_s: f64,
+    nodes: Vec<Row>,
+}
+
+/// Does it.
+///
+/// # Errors
+/// If the cluster's file is at fault, and if any node failed; the others are done then.
+pub fn run(args: &InstallArgs) -> Result<(), Error> {
+    let chosen = args.nodes.read()?;
+    let ssh = args.nodes.ssh();
+    let progress = args.nodes.progress();
+    let remote = Remote { ssh: &ssh, swarm: &chosen.inventory.swarm };
+    let given = if args.rollback { BTreeMap::new() } else { prepare(&chosen)? };
+    let install = Install { args, remote, given: &given, progress: &progress };
+    let done = at_once(&chosen.hosts(), |(host, nodes)| install.on(host, nodes));
+    let (mut rows, mut restarts) = (BTreeMap::new(), Vec::new());
+    for (row, restart) in done.into_iter().flatten() {
+        rows.insert(row.node, row);
+        restarts.extend(restart);
+    }
+    for node in chosen.manual() {
+        rows.insert(node.id, manual::write(args, &chosen, node, given.get(&node.id)));
+    }
+    let installed_s = progress.seconds();
+    if !restarts.is_empty() && !args.dry_run {
+        restarts.sort_by_key(|restart| restart.node.id);
+        roll::roll(&install.remote, &chosen.inventory, &restarts, args.timeout, &progress, &mut rows)?;
+    }
+    let seconds = progress.seconds();
+    drop(progress);
+    let swarm = chosen.inventory.swarm.to_string();
+    let report = Report { swarm, dry_run: args.dry_run, seconds, installed_s, nodes: rows.into_values().collect() };
+    crate::say(&if args.nodes.json { crate::json(&report) } else { row::table(&report.nodes, args.dry_run) });
+    let failed: Vec<VehicleId> = report.nodes.iter().filter(|row| row.why.is_some()).map(|row| row.node).collect();
+    nodes::judge(&failed, report.nodes.len(), "failed")
+}
+
+/// What a node is to be given.
+struct Given {
+    program: Arc<Program>,
+    bundle: Bundle,
+}
+
+impl Given {
+    fn installed(&self) -> Installed {
+        Installed { release: self.program.release.clone(), bundle: self.bundle.id() }
+    }
+}
+
+/// Everything is read and checked before the first host is called.
+fn prepare(chosen: &Chosen) -> Result<BTreeMap<VehicleId, Given>, Error> {
+    let mut programs = BTreeMap::<Option<PathBuf>, Arc<Program>>::new();
+    let mut given = BTreeMap::new();
+    for node in chosen.nodes() {
+        let program = match programs.get(&node.binary) {
+            Some(program) => program.clone(),
+            None => {
+                let program = Arc::new(Program::read(node.binary.as_deref())?);
+                programs.insert(node.binary.clone(), program.clone());
+                program
+            }
+        };
+        given.insert(node.id, Given { program, bundle: Bundle::of(&chosen.inventory, node.id)? });
+    }
+    Ok(given)
+}
+
+struct Install<'a> {
+    args: &'a InstallArgs,
+    remote: Remote<'a>,
+    given: &'a BTreeMap<VehicleId, Given>,
+    progress: &'a Progress,
+}
+
+/// What became of a node, and whether its vehicle is to be restarted.
+type Became<'a> = (Row, Option<Restart<'a>>);
+
+impl Install<'_> {
+    /// All nodes of a host, one after the other.
+    fn on<'a>(&self, host: &Host, nodes: &[&'a Node]) -> Vec<Became<'a>> {
+        let line = self.progress.line(host);
+        // What is probed and copied for one of them is there for all that have the same folder and program.
+        let mut places = BTreeMap::new();
+        let mut all = Vec::new();
+        for node in nodes {
+            let begun = clock::now();
+            let mut row = Row::new(node);
+            let facts = match self.args.rollback {
+                true => self.roll_back(host, node, &mut row),
+                false => self.install(host, node, &mut row, &mut places, &line),
+            };
+            row.seconds = (clock::now() - begun).as_secs_f64();
+            let restart = match facts {
+                Ok(facts) => {
+                    row.runs = facts.current.clone();
+                    Restart::needed(host, node, &facts)
+                }
+                Err(why) => {
+                    row.fail(why);
+                    None
+                }
+            };
+            line.say(&row.in_words());
+            all.push((row, restart));
+        }
+        all
+    }
+
+    fn install(
+        &self,
+        host: &Host,
+        node: &Node,
+        row: &mut Row,
+        places: &mut BTreeMap<(String, String), Result<(), String>>,
+        line: &Line<'_>,
+    ) -> Result<Facts, String> {
+        let given = &self.given[&node.id];
+        let place = (node.folder.clone(), given.program.release.clone());
+        if !places.contains_key(&place) {
+            let there = self.prepare(host, node, given, row, line);
+            places.insert(place.clone(), there);
+        }
+        places[&place].clone()?;
+        if self.args.dry_run {
+            return self.foresee(host, node, given, row);
+        }
+        line.say(&format!("configuring node {}", node.id));
+        let begun = clock::now();
+        let ask = Ask::Apply { bundle: given.bundle.clone(), service: node.service, log: node.log.clone() };
+        let answer = self.remote.ask_release(host, node, &given.program.release, ask);
+        row.apply_s = (clock::now() - begun).as_secs_f64();
+        let (changed, facts) = done(host, answer)?;
+        if facts.current.as_ref() != Some(&given.installed()) {
+            return Err(format!("{host}: has {:?} now, not what it was given", facts.current));
+        }
+        row.done = match (changed || row.copied_bytes > 0, &facts.previous) {
+            (false, _) => Done::Unchanged,
+            (true, None) => Done::Installed,
+            (true, Some(_)) => Done::Upgraded,
+        };
+        Ok(facts)
+    }
+
+    /// The program on this host, verified.
+    fn prepare(&self, host: &Host, node: &Node, given: &Given, row: &mut Row, line: &Line<'_>) -> Result<(), String> {
+        let program = &given.program;
+        line.say("asking what it is");
+        let begun = clock::now();
+        let probed = self.remote.probe(host, node, &program.release)?;
+        row.probe_s = (clock::now() - begun).as_secs_f64();
+        program.fits(&probed.platform, probed.glibc).map_err(|why| format!("{host}: {why}"))?;
+        if probed.sum.as_ref() == Some(&program.sum) {
+            return Ok(());
+        }
+        let size = program.bytes.len() as u64;
+        if probed.free_bytes < size + ROOM {
+            return Err(format!(
+                "{host}: has {} free where {} is to be, and {} are needed; make room there, or set another `folder`",
+                row::megabytes(probed.free_bytes),
+                node.folder,
+                row::megabytes(size + ROOM)
+            ));
+        }
+        row.copied_bytes = size;
+        if !self.args.dry_run {
+            line.say(&format!("copying {}", row::megabytes(size)));
+            let begun = clock::now();
+            let copied = self.remote.copy(host, node, program);
+            row.copy_s = (clock::now() - begun).as_secs_f64();
+            copied?;
+        }
+        Ok(())
+    }
+
+    /// What would become of a node.
+    fn foresee(&self, host: &Host, node: &Node, given: &Given, row: &mut Row) -> Result<Facts, String> {
+        let facts = match self.remote.ask(host, node, Ask::Facts) {
+            Ok(Answer::Facts(facts)) => facts,
+            Err(Fault::NotInstalled) => Facts::default(),
+            Ok(other) => return Err(format!("{host}: answers {other:?}")),
+            Err(Fault::Failed(why)) => return Err(why),
+        };
+        row.done = match &facts.current {
+            None => Done::Installed,
+            Some(current) if *current == given.installed() && row.copied_bytes == 0 => Done::Unchanged,
+            Some(_) => Done::Upgraded,
+        };
+        Ok(facts)
+    }
+
+    fn roll_back(&self, host: &Host, node: &Node, row: &mut Row) -> Result<Facts, String> {
+        let (changed, facts) = done(host, self.remote.ask(host, node, Ask::Rollback))?;
+        row.done = if changed { Done::RolledBack } else { Done::Unchanged };
+        Ok(facts)
+    }
+}
+
+/// What an answer to something that changes says.
+fn done(host: &Host, answer: Result<Answer, Fault>) -> Result<(bool, Facts), String> {
+    match answer {
+        Ok(Answer::Done { changed, facts }) => Ok((changed, facts)),
+        Ok(other) => Err(format!("{host}: answers {other:?}")),
+        Err(fault) => Err(fault.sentence(host)),
+    }
+}
+
+#[cfg(test)]
+#[cfg(unix)]
+mod tests;

@@ -1,0 +1,89 @@
+//! Vehicles that fly something else than what their node has now: one after the other lands, starts again and has to say
+//! over the mesh that it takes part, before the next does. One that does not come back gets what it had, and the roll ends.
+
+use std::collections::BTreeMap;
+use std::time::Duration;
+
+use skein_agent::link::security::Role;
+use skein_common::id::VehicleId;
+
+use super::done;
+use super::row::{Done, Row};
+use crate::clock;
+use crate::cluster::inventory::{Inventory, Node};
+use crate::cluster::nodes::{Line, Progress};
+use crate::cluster::protocol::{Ask, Facts};
+use crate::cluster::ready::Watch;
+use crate::cluster::remote::{LANDING_S, Remote};
+use crate::cluster::ssh::Host;
+use crate::error::Error;
+
+/// An agent to be restarted.
+#[derive(Clone, Debug)]
+pub(super) struct Restart<'a> {
+    pub(super) host: Host,
+    pub(super) node: &'a Node,
+    /// In this run of the swarm.
+    pub(super) run: u64,
+}
+
+impl<'a> Restart<'a> {
+    /// If it runs something else than what is current.
+    pub(super) fn needed(host: &Host, node: &'a Node, facts: &Facts) -> Option<Self> {
+        let agent = facts.agent.as_ref().filter(|agent| Some(&agent.installed) != facts.current.as_ref())?;
+        Some(Self { host: host.clone(), node, run: agent.run })
+    }
+}
+
+/// One after the other; what became of each goes to its row.
+pub(super) fn roll(
+    remote: &Remote<'_>,
+    inventory: &Inventory,
+    restarts: &[Restart<'_>],
+    timeout_s: f64,
+    progress: &Progress,
+    rows: &mut BTreeMap<VehicleId, Row>,
+) -> Result<(), Error> {
+    let mut watch = Watch::open(&inventory.reach(Role::Observer)?, 0)?;
+    let within = Duration::from_secs_f64(timeout_s);
+    let mut stopped_at = None;
+    for restart in restarts {
+        let Some(row) = rows.get_mut(&restart.node.id) else { continue };
+        if let Some(id) = stopped_at {
+            row.why = Some(format!("flies on with what it had: the roll stopped at node {id}"));
+            continue;
+        }
+        let line = progress.line(&format!("node {}", restart.node.id));
+        let begun = clock::now();
+        watch.run = restart.run;
+        let life = watch.life(restart.node.id);
+        let mut comes_back = |line: &Line<'_>| {
+            done(&restart.host, remote.ask(&restart.host, restart.node, Ask::Stop { within_s: LANDING_S }))?;
+            line.say("landed, starting");
+            done(&restart.host, remote.ask(&restart.host, restart.node, Ask::Start { run: restart.run }))?;
+            let until = clock::now() + within;
+            let missing = watch.ready(&BTreeMap::from([(restart.node.id, life)]), |_| until, |_| {});
+            let why = || watch.lacks(restart.node.id, life).unwrap_or_default();
+            if missing.is_empty() { Ok(()) } else { Err(format!("not ready within {timeout_s} s: {}", why())) }
+        };
+        line.say("landing, to be restarted");
+        if let Err(why) = comes_back(&line) {
+            stopped_at = Some(restart.node.id);
+            line.say(&format!("{why}; bringing back what it had"));
+            let back = done(&restart.host, remote.ask(&restart.host, restart.node, Ask::Rollback));
+            let back = back.and_then(|(_, facts)| {
+                row.runs = facts.current;
+                comes_back(&line)
+            });
+            row.fail(match back {
+                Ok(()) => format!("{why}; it flies again with what it had, and the roll has stopped"),
+                Err(again) => format!("{why}; with what it had: {again}; the roll has stopped"),
+            });
+        } else if row.done == Done::Unchanged {
+            row.note = Some("restarted: it still flew what was before".to_owned());
+        }
+        row.restart_s = Some((clock::now() - begun).as_secs_f64());
+        line.say(row.why.as_deref().unwrap_or("ready again"));
+    }
+    Ok(())
+}

@@ -1,0 +1,119 @@
+//! What became of each node, for people and for scripts.
+
+use serde::Serialize;
+use skein_common::id::VehicleId;
+
+use crate::cluster::inventory::Node;
+use crate::cluster::nodes;
+use crate::cluster::protocol::Installed;
+
+/// What was done on a node.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub(super) enum Done {
+    /// For the first time.
+    Installed,
+    /// Something newer, or other.
+    Upgraded,
+    /// Nothing.
+    Unchanged,
+    /// What was before.
+    RolledBack,
+    /// A folder to carry there.
+    Written,
+    /// See why.
+    Failed,
+}
+
+impl Done {
+    fn word(self) -> &'static str {
+        match self {
+            Self::Installed => "installed",
+            Self::Upgraded => "upgraded",
+            Self::Unchanged => "unchanged",
+            Self::RolledBack => "rolled back",
+            Self::Written => "written",
+            Self::Failed => "failed",
+        }
+    }
+}
+
+/// One node.
+#[derive(Clone, Debug, Serialize)]
+pub(super) struct Row {
+    pub(super) node: VehicleId,
+    pub(super) host: String,
+    pub(super) done: Done,
+    /// Why not, or what is not as it should be.
+    pub(super) why: Option<String>,
+    /// Something to know that is no fault.
+    pub(super) note: Option<String>,
+    /// What its next start runs.
+    #[serde(flatten)]
+    pub(super) runs: Option<Installed>,
+    /// All of it but the restart, s.
+    pub(super) seconds: f64,
+    /// Connecting, and asking what is there, s.
+    pub(super) probe_s: f64,
+    pub(super) copied_bytes: u64,
+    pub(super) copy_s: f64,
+    /// Its configuration, s.
+    pub(super) apply_s: f64,
+    /// From the order to land until it was ready again, s.
+    pub(super) restart_s: Option<f64>,
+}
+
+impl Row {
+    pub(super) fn new(node: &Node) -> Self {
+        Self {
+            node: node.id,
+            host: nodes::place(node),
+            done: Done::Unchanged,
+            why: None,
+            note: None,
+            runs: None,
+            seconds: 0.0,
+            probe_s: 0.0,
+            copied_bytes: 0,
+            copy_s: 0.0,
+            apply_s: 0.0,
+            restart_s: None,
+        }
+    }
+
+    pub(super) fn fail(&mut self, why: String) {
+        self.done = Done::Failed;
+        self.why = Some(why);
+    }
+
+    /// A line of progress.
+    pub(super) fn in_words(&self) -> String {
+        match &self.why {
+            Some(why) => format!("node {} {}: {why}", self.node, self.done.word()),
+            None => format!("node {} {}", self.node, self.done.word()),
+        }
+    }
+}
+
+/// The table in the end.
+pub(super) fn table(rows: &[Row], dry_run: bool) -> String {
+    let restarted = rows.iter().any(|row| row.restart_s.is_some());
+    let mut header = vec!["node", "host", "done", "all s", "copied MB", "copying s"];
+    header.extend(restarted.then_some("restart s"));
+    header.push("");
+    let cells = |row: &Row| {
+        let number = |value: f64| if value > 0.0 { format!("{value:.1}") } else { String::new() };
+        let mut cells = vec![row.node.to_string(), row.host.clone(), row.done.word().to_owned(), number(row.seconds)];
+        cells.extend([number(row.copied_bytes as f64 * 1e-6), number(row.copy_s)]);
+        cells.extend(restarted.then(|| row.restart_s.map_or_else(String::new, number)));
+        cells.push(row.why.clone().or_else(|| row.note.clone()).unwrap_or_default());
+        cells
+    };
+    let note = if dry_run { "nothing was changed: this is what would be done\n" } else { "" };
+    nodes::table(&header, rows.iter().map(cells)) + note
+}
+
+/// Bytes for people.
+pub(super) fn megabytes(bytes: u64) -> String {
+    format!("{:.1} MB", bytes as f64 * 1e-6)
+}

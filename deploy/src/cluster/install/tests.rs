@@ -1,0 +1,85 @@
+use std::fs;
+use std::os::unix::fs::PermissionsExt;
+use std::path::Path;
+
+use super::super::bundle::BundleFile;
+use super::super::inventory::Install as How;
+use super::super::inventory::tests::lab;
+use super::super::protocol::RunningAgent;
+use super::super::ssh::tests::{heli, node};
+use super::*;
+
+fn installed(release: &str) -> Installed {
+    Installed { release: release.to_owned(), bundle: "b".to_owned() }
+}
+
+#[test]
+fn only_a_vehicle_that_flies_something_else_is_restarted() {
+    let node = node(3, Some("heli1"));
+    let agent = |release| RunningAgent { pid: 1, installed: installed(release), run: 7, restarts: 0 };
+    let needed = |current, agent: Option<RunningAgent>| {
+        let facts = Facts { current: Some(installed(current)), agent, ..Facts::default() };
+        Restart::needed(&heli("heli1"), &node, &facts).map(|restart| restart.run)
+    };
+    assert_eq!(needed("new", Some(agent("old"))), Some(7));
+    assert_eq!(needed("new", Some(agent("new"))), None);
+    assert_eq!(needed("new", None), None);
+}
+
+#[test]
+fn the_table_says_what_was_done() {
+    let mut rows = vec![Row::new(&node(1, Some("heli1"))), Row::new(&node(10, Some("heli10")))];
+    rows[0].done = Done::Installed;
+    (rows[0].seconds, rows[0].copied_bytes, rows[0].copy_s) = (2.34, 12_345_678, 0.96);
+    rows[1].fail("heli10: no room".to_owned());
+    let wanted = " node  host    done       all s  copied MB  copying s
+    1  heli1   installed    2.3       12.3        1.0
+   10  heli10  failed                                  heli10: no room\n";
+    assert_eq!(row::table(&rows, false), wanted);
+    rows[0].restart_s = Some(4.0);
+    assert!(row::table(&rows, true).contains("restart s"));
+    assert!(row::table(&rows, true).ends_with("nothing was changed: this is what would be done\n"));
+}
+
+#[test]
+fn a_node_without_ssh_gets_a_folder_to_carry() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut inventory = lab(folder.path(), 2, "");
+    let id = VehicleId::new(2).unwrap();
+    inventory.nodes.get_mut(&id).unwrap().install = How::Manual;
+    let chosen = Chosen { ids: inventory.nodes.keys().copied().collect(), inventory };
+    let node = chosen.manual().next().unwrap();
+    assert_eq!((node.id, chosen.hosts().len()), (id, 1));
+    let file = |content: &str, is_secret| BundleFile { is_secret, is_executable: false, content: content.into() };
+    let files = [("agent.toml", file("id = 2", false)), ("keys/observer.key", file("secret", true))];
+    let files = files.map(|(path, file)| (path.to_owned(), file));
+    let program = Arc::new(Program::read(None).unwrap());
+    let mut given = Given { program, bundle: Bundle { files: files.into() } };
+    let nodes = NodesArgs {
+        file: crate::cluster::FileArgs { file: chosen.inventory.path.clone() },
+        nodes: Vec::new(),
+        verbose: false,
+        json: false,
+    };
+    let out = folder.path().join("manual");
+    let mut args = InstallArgs { nodes, dry_run: true, rollback: false, timeout: 1.0, out: out.clone() };
+    let write = |args: &InstallArgs, given: &Given| {
+        let row = manual::write(args, &chosen, node, Some(given));
+        assert_eq!(row.why, None);
+        row.done
+    };
+    assert_eq!(write(&args, &given), Done::Written);
+    assert!(!out.exists(), "only said");
+    args.dry_run = false;
+    assert_eq!(write(&args, &given), Done::Written);
+    assert_eq!(write(&args, &given), Done::Unchanged);
+    given.bundle.files.get_mut("agent.toml").unwrap().content = b"id = 2 # other".to_vec();
+    assert_eq!(write(&args, &given), Done::Written);
+    let mode = |path: &Path| fs::metadata(path).unwrap().permissions().mode() & 0o777;
+    let there = out.join("node-2");
+    assert_eq!((mode(&there), mode(&there.join("keys/observer.key"))), (0o700, 0o600));
+    assert_eq!(fs::read_to_string(there.join("agent.toml")).unwrap(), "id = 2 # other");
+    let readme = fs::read_to_string(there.join("README.txt")).unwrap();
+    assert!(readme.contains("./skein agent --config agent.toml --run RUN") && readme.contains("7448"), "{readme}");
+    assert!(!there.join("skein").exists(), "nobody said for which platform");
+}

@@ -1,0 +1,165 @@
+use std::fs;
+
+use super::*;
+
+/// A cluster of so many hosts on 10.0.0.11 and above, written into `folder` and read.
+pub(in crate::cluster) fn lab(folder: &Path, vehicles: usize, more: &str) -> Inventory {
+    let nodes: String = (1..=vehicles).map(|id| format!("[node.{id}]\nhost = '10.0.0.{}'\n", 10 + id)).collect();
+    read(folder, vehicles, &format!("swarm = 'lab'\nscenario = 'hover.toml'\n{more}\n{nodes}")).unwrap()
+}
+
+fn read(folder: &Path, vehicles: usize, text: &str) -> Result<Inventory, crate::error::Error> {
+    fs::write(folder.join("hover.toml"), format!("name = 'hover'\nswarm.vehicles = {vehicles}\n")).unwrap();
+    let path = folder.join("cluster.toml");
+    fs::write(&path, text).unwrap();
+    Inventory::read(&path)
+}
+
+/// What is said of this file of two nodes, without the folder.
+fn refused(text: &str) -> String {
+    let folder = tempfile::tempdir().unwrap();
+    let error = read(folder.path(), 2, text).map(|read| format!("{:?}", read.nodes)).unwrap_err();
+    assert_eq!(error.exit_code(), 2);
+    error.to_string().replace(&format!("{}/", folder.path().display()), "")
+}
+
+const HEAD: &str = "swarm = 'lab'\nscenario = 'hover.toml'\n";
+
+/// As [`refused`], of a file with this as its first node's lines.
+fn node_refused(lines: &str) -> String {
+    refused(&format!("{HEAD}[node.2]\nhost = '10.0.0.2'\n[node.1]\n{lines}\n"))
+}
+
+fn id(number: u8) -> VehicleId {
+    VehicleId::new(number).unwrap()
+}
+
+#[test]
+fn the_example_is_read() {
+    let folder = tempfile::tempdir().unwrap();
+    fs::create_dir(folder.path().join("scenarios")).unwrap();
+    fs::write(folder.path().join("scenarios/hover.toml"), include_str!("../../../scenarios/hover.toml")).unwrap();
+    let path = folder.path().join("cluster.toml");
+    fs::write(&path, include_str!("../../../cluster.example.toml")).unwrap();
+    let cluster = Inventory::read(&path).unwrap();
+    assert_eq!((cluster.swarm.as_str(), cluster.scenario.scenario.swarm.name.as_str()), ("lab", "lab"));
+    assert_eq!(cluster.scenario.scenario.name, "hover");
+    assert_eq!(cluster.keys, folder.path().join("keys"));
+    assert_eq!(cluster.scenario_folder(), folder.path().join("scenarios"));
+    let endpoints: Vec<_> = cluster.endpoints().into_values().collect();
+    assert_eq!(endpoints, ["tls/10.0.0.11:7447", "tls/10.0.0.12:7448", "tls/10.0.0.12:7449", "tls/10.0.0.14:7450"]);
+    assert_eq!(cluster.dialled_by(id(3)), endpoints[..2]);
+    let [first, _, third, fourth] = [1, 2, 3, 4].map(|number| &cluster.nodes[&id(number)]);
+    assert_eq!((first.host.as_deref(), first.user.as_deref()), (Some("heli1"), Some("lab")));
+    assert_eq!((first.plant, first.xplane.as_deref()), (PlantKind::Xplane, Some("127.0.0.1:49000")));
+    assert_eq!(third.xplane.as_deref(), Some("10.0.0.23:49000"));
+    assert_eq!((fourth.host.as_ref(), fourth.install), (None, Install::Manual));
+    assert_eq!((fourth.folder.as_str(), fourth.service), (".skein", ServiceKind::Auto));
+}
+
+#[test]
+fn what_a_node_says_stands_above_what_all_say() {
+    let folder = tempfile::tempdir().unwrap();
+    let text = format!(
+        "{HEAD}security = 'none'\n[defaults]\nplant = 'standin'\nxplane = '127.0.0.1:49000'\nlog = 'debug'\nservice = 'own'\n\
+         folder = '/opt/skein'\nbinary = 'bin/skein'\n[node.1]\nhost = '10.0.0.1'\n[node.2]\nhost = 'fe80::2'\n\
+         plant = 'builtin'\nlog = 'info'\nservice = 'auto'\nfolder = 'elsewhere'\n"
+    );
+    let cluster = read(folder.path(), 2, &text).unwrap();
+    let [first, second] = [1, 2].map(|number| &cluster.nodes[&id(number)]);
+    assert_eq!((first.plant, first.xplane.as_deref()), (PlantKind::Standin, Some("127.0.0.1:49000")));
+    assert_eq!((second.plant, second.xplane.as_ref()), (PlantKind::Builtin, None), "it has no simulator");
+    assert_eq!((first.log.as_deref(), second.log.as_deref()), (Some("debug"), Some("info")));
+    assert_eq!((first.service, second.service), (ServiceKind::Own, ServiceKind::Auto));
+    assert_eq!((first.folder.as_str(), second.folder.as_str()), ("/opt/skein", "elsewhere"));
+    assert_eq!(first.binary, Some(folder.path().join("bin/skein")));
+    assert_eq!(second.endpoint(cluster.security), "tcp/[fe80::2]:7448");
+}
+
+#[test]
+fn a_fault_has_a_line_and_a_remedy() {
+    assert_eq!(refused("swrm = 'lab'"), "cluster.toml:1:1: unknown key `swrm`; did you mean `swarm`?");
+    assert_eq!(
+        node_refused("hots = 'heli1'"),
+        "cluster.toml:6:1: unknown key `node.1.hots`; did you mean `node.1.host`?"
+    );
+    assert_eq!(
+        refused(&format!("{HEAD}security = 'tsl'")),
+        "cluster.toml:3:12: `security` is \"tsl\", but has to be one of \"tls\", \"none\"; did you mean \"tls\"?"
+    );
+    assert_eq!(refused("swarm = 7"), "cluster.toml:1:9: `swarm` has to be a text, not 7");
+    assert_eq!(refused(&format!("{HEAD}[node.one]")), "cluster.toml:3:7: `node.one`: nodes are tables by id, 1 to 250");
+    assert!(refused("swarm = ").starts_with("cluster.toml:1:9: not TOML: "));
+    for empty in ["", "\n# nothing\n"] {
+        assert!(refused(empty).starts_with("cluster.toml:1:1: nothing stands in this cluster's file; it has `swarm`"));
+    }
+    assert!(refused("scenario = 'hover.toml'").contains("`swarm` is missing"));
+    assert!(refused("swarm = 'lab'").contains("`scenario` is missing"));
+}
+
+#[test]
+fn nodes_are_exactly_the_vehicles() {
+    let one = "[node.1]\nhost = '10.0.0.1'\n";
+    assert_eq!(
+        refused(&format!("{HEAD}{one}")),
+        "cluster.toml:3:2: `node.2` is missing: hover.toml flies vehicles 1 to 2; say where vehicle 2 is: `[node.2]`"
+    );
+    let three = refused(&format!("{HEAD}{one}[node.2]\nhost = '10.0.0.2'\n[node.3]\nhost = '10.0.0.3'\n"));
+    assert!(three.starts_with("cluster.toml:7:"), "{three}");
+    assert!(three.ends_with(": `node.3` has no vehicle: hover.toml flies vehicles 1 to 2"), "{three}");
+    assert!(refused(&format!("{HEAD}[node.300]\nhost = '10.0.0.1'\n")).contains("`node.300` has no vehicle"));
+}
+
+#[test]
+fn a_node_can_be_reached() {
+    assert!(node_refused("host = 'heli1'").contains("`node.1.address` is missing: peers do not know"));
+    assert!(node_refused("address = '10.0.0.1'").contains("`node.1.host` is missing"));
+    assert!(!node_refused("address = '10.0.0.1'\ninstall = 'manual'\nplant = 'x'").contains("host"));
+    for host in ["-oProxyCommand=reboot", "a b", "a;b", "lab@heli1", "$(x)", "ä"] {
+        let refused = node_refused(&format!("host = '{host}'\naddress = '10.0.0.1'"));
+        assert!(refused.contains("`node.1.host` is"), "{host}: {refused}");
+    }
+    for address in ["0.0.0.0", "224.0.0.1", "10.0.0", "10.0.0.256", "10.0.0.1:7447", "-x", "a b", "a..b", ""] {
+        let refused = node_refused(&format!("host = 'heli1'\naddress = '{address}'"));
+        assert!(refused.contains("`node.1.address`"), "{address}: {refused}");
+    }
+    assert!(node_refused("host = '10.0.0.1'\nuser = '-l'").contains("`node.1.user`"));
+}
+
+#[test]
+fn what_else_a_node_says_is_plausible() {
+    for folder in ["../x", "~/skein", "a b", "/", ".", "-rf", "a/../../b"] {
+        let refused = node_refused(&format!("host = '10.0.0.1'\nfolder = '{folder}'"));
+        assert!(refused.contains("`node.1.folder`"), "{folder}: {refused}");
+    }
+    assert!(node_refused("host = '10.0.0.1'\nlog = 'loud=='").contains("`node.1.log`"));
+    assert!(node_refused("host = '10.0.0.1'\nplant = 'xplane'\nxplane = 'heli:x'").contains("`node.1.xplane`"));
+    let no_simulator = node_refused("host = '10.0.0.1'\nplant = 'builtin'\nxplane = 'heli:49000'");
+    assert!(no_simulator.contains("means nothing beside plant"), "{no_simulator}");
+}
+
+#[test]
+fn two_vehicles_do_not_fly_in_one_simulator() {
+    let two = |first: &str, second: &str, xplane: &str| {
+        format!(
+            "{HEAD}[defaults]\nplant = 'xplane'\nxplane = '{xplane}'\n[node.1]\nhost = '{first}'\n[node.2]\nhost = '{second}'\n"
+        )
+    };
+    let folder = tempfile::tempdir().unwrap();
+    assert!(read(folder.path(), 2, &two("10.0.0.1", "10.0.0.2", "127.0.0.1:49000")).is_ok(), "each its own");
+    let shared = refused(&two("10.0.0.1", "10.0.0.1", "127.0.0.1:49000"));
+    assert!(shared.contains("`node.2.xplane`: that simulator is flown by vehicle 1 already"), "{shared}");
+    assert!(refused(&two("10.0.0.1", "10.0.0.2", "10.0.0.9")).contains("flown by vehicle 1 already"));
+}
+
+#[test]
+fn a_scenario_at_fault_is_named_itself() {
+    let folder = tempfile::tempdir().unwrap();
+    fs::write(folder.path().join("bad.toml"), "swarm.vehicels = 2\n").unwrap();
+    let bad = read(folder.path(), 2, "swarm = 'lab'\nscenario = 'bad.toml'\n").unwrap_err().to_string();
+    assert!(bad.ends_with("bad.toml:1:7: unknown key `swarm.vehicels`; did you mean `swarm.vehicles`?"), "{bad}");
+    let none = refused("swarm = 'lab'\nscenario = 'no.toml'\n");
+    assert!(none.starts_with("cluster.toml:2:12: `scenario`: no.toml: "), "{none}");
+    let nowhere = Inventory::read(&folder.path().join("none.toml")).unwrap_err();
+    assert!(nowhere.to_string().ends_with("; a cluster's file is named with -f CLUSTER.toml"), "{nowhere}");
+}

@@ -1,0 +1,356 @@
+//! `skein cluster keys`: the swarm's authority, and what it has signed: a certificate for each node, one for observers, one
+//! for the operator. The key that seals orders goes with the operator's.
+//!
+//! A second run changes nothing. A certificate is revoked by issuing another one under another name: every agent's rules name
+//! only those that count (`names.toml`), so that `install` is what makes a revocation felt.
+
+pub(crate) mod certificate;
+pub(crate) mod folder;
+mod reach;
+
+use std::str::FromStr;
+
+use serde_json::json;
+use skein_agent::link::security::{Names, Role};
+use time::OffsetDateTime;
+
+use super::inventory::{Inventory, SecurityKind};
+use super::{FileArgs, nodes};
+use crate::clock;
+use crate::error::Error;
+use crate::os;
+use certificate::{Authority, Unfit, Wanted, expires, unfit};
+use folder::{AUTHORITY, AUTHORITY_KEY, Folder, NAMES, ORDERS_KEY, ORDERS_PUBLIC, certificate_file, key_file};
+
+/// `skein cluster keys`
+#[derive(Clone, Debug, clap::Args)]
+pub struct KeysArgs {
+    /// The cluster.
+    #[command(flatten)]
+    pub file: FileArgs,
+    /// Issue certificates anew, under the same names: all of them, a vehicle's, `observer` or `operator`
+    #[arg(long, value_name = "WHOSE", num_args = 0..=1, default_missing_value = "all", conflicts_with = "revoke")]
+    pub renew: Option<Whose>,
+    /// Issue a certificate under a new name, so that the present one counts for nothing; `operator`: also the key that seals
+    /// orders
+    #[arg(long, value_name = "N|observer|operator")]
+    pub revoke: Option<Whose>,
+    /// Print the result as JSON
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Whose certificate is meant.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Whose {
+    /// Everybody's.
+    All,
+    /// One's.
+    One(Role),
+}
+
+impl FromStr for Whose {
+    type Err = String;
+    fn from_str(text: &str) -> Result<Self, String> {
+        match text {
+            "all" => Ok(Self::All),
+            "observer" => Ok(Self::One(Role::Observer)),
+            "operator" => Ok(Self::One(Role::Operator)),
+            id => match id.parse() {
+                Ok(id) => Ok(Self::One(Role::Vehicle(id))),
+                Err(_) => Err("has to be a vehicle's number, observer, operator or all".to_owned()),
+            },
+        }
+    }
+}
+
+/// What became of one file.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Line {
+    /// Whose it is.
+    pub who: String,
+    /// Its common name.
+    pub name: String,
+    /// The address that it is for.
+    pub address: Option<String>,
+    /// When it ends; seals never do.
+    pub expires: Option<OffsetDateTime>,
+    /// What was done, and why.
+    pub done: Option<String>,
+}
+
+/// Makes what is missing and prints what there is.
+///
+/// # Errors
+/// A cluster that wants no keys, a folder that others can read, or what cannot be written.
+pub fn run(args: &KeysArgs) -> Result<(), Error> {
+    let inventory = Inventory::read(&args.file.file)?;
+    let lines = make(&inventory, args.renew, args.revoke, clock::utc())?;
+    let changed = lines.iter().any(|line| line.done.is_some());
+    if args.json {
+        crate::say(&crate::json(&as_json(&inventory, &lines)));
+    } else {
+        crate::say(&as_table(&lines));
+        let next = match changed {
+            true => format!("next: skein cluster install -f {}", args.file.file.display()),
+            false => "nothing had to be done".to_owned(),
+        };
+        crate::say(&format!("keys are in {}; {next}\n", inventory.keys.display()));
+    }
+    Ok(())
+}
+
+/// Makes what is missing, no longer good, or asked for.
+///
+/// # Errors
+/// As [`run`].
+pub(crate) fn make(
+    inventory: &Inventory,
+    renew: Option<Whose>,
+    revoke: Option<Whose>,
+    now: OffsetDateTime,
+) -> Result<Vec<Line>, Error> {
+    if inventory.security == SecurityKind::None {
+        let path = inventory.path.display();
+        return Err(Error::Refused(format!(
+            "{path}: security = \"none\": this cluster has no keys; delete that line first"
+        )));
+    }
+    for whose in [renew, revoke].into_iter().flatten() {
+        if let Whose::One(Role::Vehicle(id)) = whose
+            && !inventory.nodes.contains_key(&id)
+        {
+            return Err(Error::Refused(format!("vehicle {id} is not in {}", inventory.path.display())));
+        }
+    }
+    let folder = Folder(inventory.keys.clone());
+    folder.check_private()?;
+    os::private_folder(&folder.0).map_err(|error| Error::Refused(error.to_string()))?;
+    let revoked = match revoke {
+        Some(Whose::All) => {
+            let why = "--revoke all: to begin anew, move the folder of keys away, then `skein cluster keys`";
+            return Err(Error::Refused(why.to_owned()));
+        }
+        Some(Whose::One(role)) => Some(role),
+        None => None,
+    };
+    Maker { inventory, folder, now }.make(renew, revoked)
+}
+
+/// Makes keys at one time.
+struct Maker<'a> {
+    inventory: &'a Inventory,
+    folder: Folder,
+    now: OffsetDateTime,
+}
+
+impl Maker<'_> {
+    /// A crash between two writes leaves what the next run finds unfit and makes good: a new name before what carries it.
+    fn make(&self, renew: Option<Whose>, revoked: Option<Role>) -> Result<Vec<Line>, Error> {
+        let (authority, authority_line) = self.authority()?;
+        let orders_line = self.orders(revoked == Some(Role::Operator))?;
+        let mut names = self.folder.names(self.inventory.nodes.keys().copied())?;
+        if let Some(role) = revoked {
+            let name = name_mut(&mut names, role);
+            *name = next_name(name);
+        }
+        self.write_if_new(NAMES, &Folder::names_text(&names))?;
+        let mut lines = vec![authority_line];
+        for role in roles(self.inventory) {
+            let wanted = wanted(self.inventory, &names, role);
+            let asked = match renew {
+                Some(Whose::All) => true,
+                Some(Whose::One(one)) => one == role,
+                None => false,
+            };
+            lines.push(self.certificate(&authority, &wanted, asked, revoked == Some(role))?);
+        }
+        lines.push(orders_line);
+        Ok(lines)
+    }
+
+    fn authority(&self) -> Result<(Authority, Line), Error> {
+        let there = (self.folder.read(AUTHORITY)?, self.folder.read(AUTHORITY_KEY)?);
+        let swarm = self.inventory.swarm.as_str();
+        let (authority, pair, done) = match there {
+            (None, None) => {
+                let (authority, pair) = Authority::new(swarm, self.now).map_err(failed)?;
+                (authority, Some(pair), Some("made".to_owned()))
+            }
+            (Some(_), None) => {
+                return Err(Error::Refused(format!(
+                    "{} is not there, and nothing can be issued without it: put it back, or move the folder away and install \
+                     all nodes anew",
+                    self.folder.path(AUTHORITY_KEY).display()
+                )));
+            }
+            (None, Some(key)) => {
+                let (authority, pair) =
+                    Authority::renewed(swarm, &key, self.now).map_err(|e| self.bad(AUTHORITY_KEY, &e))?;
+                (authority, Some(pair), Some("issued anew: the file was missing".to_owned()))
+            }
+            (Some(certificate), Some(key)) => {
+                let pair = certificate::Pair { certificate, key };
+                match Authority::unfit(&pair, self.now) {
+                    None => (Authority::read(&pair).map_err(|e| self.bad(AUTHORITY, &e))?, None, None),
+                    Some(why @ (Unfit::Expiring | Unfit::Expired)) => {
+                        let renewed = Authority::renewed(swarm, &pair.key, self.now);
+                        let (authority, pair) = renewed.map_err(|e| self.bad(AUTHORITY_KEY, &e))?;
+                        (authority, Some(pair), Some(format!("issued anew: {why}")))
+                    }
+                    Some(unfit) => return Err(self.bad(AUTHORITY, &unfit)),
+                }
+            }
+        };
+        if let Some(pair) = pair {
+            self.folder.write(AUTHORITY_KEY, &pair.key)?;
+            self.folder.write(AUTHORITY, &pair.certificate)?;
+        }
+        let line = Line {
+            who: "authority".to_owned(),
+            name: Authority::name(swarm),
+            address: None,
+            expires: expires(authority.certificate()),
+            done,
+        };
+        Ok((authority, line))
+    }
+
+    /// The key that seals orders. Its public half follows from it.
+    fn orders(&self, revoked: bool) -> Result<Line, Error> {
+        let there = self.folder.read(ORDERS_KEY)?;
+        let (key, done) = match there {
+            Some(_) if revoked => (folder::new_orders_key().map_err(failed)?, Some("made anew: revoked")),
+            Some(key) => (key, None),
+            None => (folder::new_orders_key().map_err(failed)?, Some("made")),
+        };
+        let public = folder::public_of(&key).ok_or_else(|| self.bad(ORDERS_KEY, &"no Ed25519 key"))?;
+        if done.is_some() {
+            self.folder.write(ORDERS_KEY, &key)?;
+        }
+        self.write_if_new(ORDERS_PUBLIC, &format!("{public}\n"))?;
+        let name = format!("{}…", &public[..8]);
+        Ok(Line { who: "orders' seal".to_owned(), name, address: None, expires: None, done: done.map(str::to_owned) })
+    }
+
+    fn certificate(
+        &self,
+        authority: &Authority,
+        wanted: &Wanted<'_>,
+        asked: bool,
+        revoked: bool,
+    ) -> Result<Line, Error> {
+        let (certificate, key) = (certificate_file(wanted.role), key_file(wanted.role));
+        let there = self.folder.pair(&certificate, &key)?;
+        let unfit = there.as_ref().map(|pair| unfit(pair, wanted, authority.certificate(), self.now));
+        let done = match unfit {
+            None => Some("made".to_owned()),
+            Some(_) if revoked => Some("issued anew: revoked".to_owned()),
+            Some(Some(why)) => Some(format!("issued anew: {why}")),
+            Some(None) => asked.then(|| "issued anew".to_owned()),
+        };
+        let pair = match there.filter(|_| done.is_none()) {
+            Some(pair) => pair,
+            None => {
+                let pair = authority.issue(wanted, self.now).map_err(failed)?;
+                self.folder.write(&key, &pair.key)?;
+                self.folder.write(&certificate, &pair.certificate)?;
+                pair
+            }
+        };
+        Ok(Line {
+            who: who(wanted.role),
+            name: wanted.name.to_owned(),
+            address: wanted.address.map(str::to_owned),
+            expires: expires(&pair.certificate),
+            done,
+        })
+    }
+
+    fn write_if_new(&self, name: &str, text: &str) -> Result<(), Error> {
+        if self.folder.read(name)?.as_deref() == Some(text) { Ok(()) } else { self.folder.write(name, text) }
+    }
+
+    fn bad(&self, name: &str, why: &dyn std::fmt::Display) -> Error {
+        Error::Refused(format!("{}: {why}", self.folder.path(name).display()))
+    }
+}
+
+fn failed(error: rcgen::Error) -> Error {
+    Error::Failed(format!("no key can be made: {error}"))
+}
+
+/// Who has a certificate.
+pub(crate) fn roles(inventory: &Inventory) -> impl Iterator<Item = Role> {
+    inventory.nodes.keys().map(|id| Role::Vehicle(*id)).chain([Role::Observer, Role::Operator])
+}
+
+/// What the certificate of this one says.
+pub(crate) fn wanted<'a>(inventory: &'a Inventory, names: &'a Names, role: Role) -> Wanted<'a> {
+    let (name, address) = match role {
+        Role::Vehicle(id) => (
+            names.vehicles.get(&id).map_or("", String::as_str),
+            inventory.nodes.get(&id).map(|node| node.address.as_str()),
+        ),
+        Role::Observer => (names.observer.as_str(), None),
+        Role::Operator => (names.operator.as_str(), None),
+    };
+    Wanted { role, name, address }
+}
+
+fn name_mut(names: &mut Names, role: Role) -> &mut String {
+    match role {
+        Role::Vehicle(id) => names.vehicles.entry(id).or_insert_with(|| folder::stem(role)),
+        Role::Observer => &mut names.observer,
+        Role::Operator => &mut names.operator,
+    }
+}
+
+/// `vehicle-3`, `vehicle-3.2`, `vehicle-3.3`, ...
+fn next_name(name: &str) -> String {
+    let (stem, number) = name.rsplit_once('.').unwrap_or((name, "1"));
+    format!("{stem}.{}", number.parse::<u64>().unwrap_or(1) + 1)
+}
+
+fn who(role: Role) -> String {
+    match role {
+        Role::Vehicle(id) => format!("node {id}"),
+        Role::Observer => "observers".to_owned(),
+        Role::Operator => "operator".to_owned(),
+    }
+}
+
+/// `2026-11-21`.
+pub(crate) fn day(at: OffsetDateTime) -> String {
+    let (year, month, day) = at.to_calendar_date();
+    format!("{year:04}-{:02}-{day:02}", u8::from(month))
+}
+
+fn as_table(lines: &[Line]) -> String {
+    let or_dash = |text: Option<String>| text.unwrap_or_else(|| "-".to_owned());
+    let row = |line: &Line| {
+        let Line { who, name, address, expires, done } = line.clone();
+        vec![who, name, or_dash(address), or_dash(expires.map(day)), or_dash(done)]
+    };
+    nodes::table(&["who", "name", "address", "expires", "done"], lines.iter().map(row))
+}
+
+fn as_json(inventory: &Inventory, lines: &[Line]) -> serde_json::Value {
+    let line = |line: &Line| {
+        json!({
+            "who": line.who,
+            "name": line.name,
+            "address": line.address,
+            "expires": line.expires.map(day),
+            "done": line.done,
+        })
+    };
+    json!({
+        "keys": inventory.keys,
+        "changed": lines.iter().any(|line| line.done.is_some()),
+        "certificates": lines.iter().map(line).collect::<Vec<_>>(),
+    })
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,208 @@
+//! One certificate: issued, and read back to see whether it still is what it should be.
+
+use std::net::IpAddr;
+
+use rcgen::{
+    BasicConstraints, CertificateParams, DistinguishedName, DnType, ExtendedKeyUsagePurpose, IsCa, Issuer, KeyPair,
+    KeyUsagePurpose, PublicKeyData,
+};
+use skein_agent::link::security::Role;
+use time::{Duration, OffsetDateTime};
+use x509_parser::certificate::X509Certificate;
+use x509_parser::extensions::GeneralName;
+use x509_parser::pem::Pem;
+
+/// How long a certificate lasts.
+const VALID: Duration = Duration::days(365);
+/// How long the authority's lasts.
+const AUTHORITY_VALID: Duration = Duration::days(3650);
+/// With so little left it is issued anew.
+const RENEW_BEFORE: Duration = Duration::days(30);
+/// Certificates begin this much before they are made: a node whose clock is behind would not take part until then.
+const BACKDATED: Duration = Duration::hours(1);
+
+/// A certificate and its private key, PEM.
+#[derive(Clone)]
+pub(crate) struct Pair {
+    pub(crate) certificate: String,
+    pub(crate) key: String,
+}
+
+/// What a certificate is to say.
+#[derive(Clone, Debug)]
+pub(crate) struct Wanted<'a> {
+    pub(crate) role: Role,
+    /// Its common name.
+    pub(crate) name: &'a str,
+    /// Where a vehicle's agent is dialled.
+    pub(crate) address: Option<&'a str>,
+}
+
+/// Who signs the swarm's certificates.
+pub(crate) struct Authority {
+    issuer: Issuer<'static, KeyPair>,
+    /// Its own certificate, PEM.
+    certificate: String,
+}
+
+/// Why a certificate does not serve.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Unfit {
+    /// It is none, or its key is none.
+    Unreadable,
+    /// Another authority has signed it.
+    Stranger,
+    /// The key is another one's.
+    OtherKey,
+    /// It is another one's, or the name was revoked.
+    OtherName,
+    /// Its node has moved.
+    OtherAddress,
+    /// It has ended.
+    Expired,
+    /// It ends soon, and serves until then.
+    Expiring,
+}
+
+impl Unfit {
+    /// Whether nobody believes the certificate as it is.
+    pub(crate) fn is_fatal(&self) -> bool {
+        *self != Self::Expiring
+    }
+}
+
+impl std::fmt::Display for Unfit {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self {
+            Self::Unreadable => "unreadable",
+            Self::Stranger => "signed by another authority",
+            Self::OtherKey => "does not belong to its key",
+            Self::OtherName => "has another name",
+            Self::OtherAddress => "has another address",
+            Self::Expired => "has expired",
+            Self::Expiring => "expires soon",
+        })
+    }
+}
+
+impl Authority {
+    /// A new one.
+    pub(crate) fn new(swarm: &str, now: OffsetDateTime) -> Result<(Self, Pair), rcgen::Error> {
+        let key = KeyPair::generate()?;
+        let pair = Pair { certificate: Self::sign_itself(swarm, &key, now)?, key: key.serialize_pem() };
+        Ok((Self::read(&pair)?, pair))
+    }
+
+    /// The same one's certificate with a new end. What it has signed stays good: the key is the same.
+    pub(crate) fn renewed(swarm: &str, key: &str, now: OffsetDateTime) -> Result<(Self, Pair), rcgen::Error> {
+        let pair = Pair { certificate: Self::sign_itself(swarm, &KeyPair::from_pem(key)?, now)?, key: key.to_owned() };
+        Ok((Self::read(&pair)?, pair))
+    }
+
+    fn sign_itself(swarm: &str, key: &KeyPair, now: OffsetDateTime) -> Result<String, rcgen::Error> {
+        let mut params = CertificateParams::new(Vec::new())?;
+        params.distinguished_name = DistinguishedName::new();
+        params.distinguished_name.push(DnType::CommonName, Self::name(swarm));
+        params.is_ca = IsCa::Ca(BasicConstraints::Constrained(0));
+        params.key_usages = vec![KeyUsagePurpose::KeyCertSign];
+        (params.not_before, params.not_after) = (now - BACKDATED, now + AUTHORITY_VALID);
+        Ok(params.self_signed(key)?.pem())
+    }
+
+    /// Its common name.
+    pub(crate) fn name(swarm: &str) -> String {
+        format!("authority of {swarm}")
+    }
+
+    /// Why it cannot sign or be believed, if so.
+    pub(crate) fn unfit(pair: &Pair, now: OffsetDateTime) -> Option<Unfit> {
+        let own = pem(&pair.certificate);
+        let own = own.as_ref().and_then(|own| own.parse_x509().ok());
+        let Some((own, key)) = own.zip(KeyPair::from_pem(&pair.key).ok()) else { return Some(Unfit::Unreadable) };
+        if own.public_key().subject_public_key.data.as_ref() != key.der_bytes() {
+            return Some(Unfit::OtherKey);
+        }
+        ends(&own, now)
+    }
+
+    /// From its files.
+    pub(crate) fn read(pair: &Pair) -> Result<Self, rcgen::Error> {
+        let issuer = Issuer::from_ca_cert_pem(&pair.certificate, KeyPair::from_pem(&pair.key)?)?;
+        Ok(Self { issuer, certificate: pair.certificate.clone() })
+    }
+
+    /// Makes a key and a certificate of it.
+    pub(crate) fn issue(&self, wanted: &Wanted<'_>, now: OffsetDateTime) -> Result<Pair, rcgen::Error> {
+        let key = KeyPair::generate()?;
+        let mut params = CertificateParams::new(wanted.address.map(str::to_owned).into_iter().collect::<Vec<_>>())?;
+        params.distinguished_name = DistinguishedName::new();
+        params.distinguished_name.push(DnType::CommonName, wanted.name);
+        params.key_usages = vec![KeyUsagePurpose::DigitalSignature];
+        params.extended_key_usages = vec![ExtendedKeyUsagePurpose::ClientAuth];
+        if matches!(wanted.role, Role::Vehicle(_)) {
+            // Agents are dialled too.
+            params.extended_key_usages.push(ExtendedKeyUsagePurpose::ServerAuth);
+        }
+        params.use_authority_key_identifier_extension = true;
+        (params.not_before, params.not_after) = (now - BACKDATED, now + VALID);
+        Ok(Pair { certificate: params.signed_by(&key, &self.issuer)?.pem(), key: key.serialize_pem() })
+    }
+
+    /// Its certificate, PEM.
+    pub(crate) fn certificate(&self) -> &str {
+        &self.certificate
+    }
+}
+
+/// When a certificate ends.
+pub(crate) fn expires(certificate: &str) -> Option<OffsetDateTime> {
+    let pem = pem(certificate)?;
+    Some(pem.parse_x509().ok()?.validity().not_after.to_datetime())
+}
+
+/// Why this pair, signed by the authority with this certificate, does not serve as it should, if so.
+pub(crate) fn unfit(pair: &Pair, wanted: &Wanted<'_>, authority: &str, now: OffsetDateTime) -> Option<Unfit> {
+    let (own, authority) = (pem(&pair.certificate), pem(authority));
+    let (own, authority) = (own.as_ref(), authority.as_ref());
+    let parsed = own.and_then(|own| own.parse_x509().ok()).zip(authority.and_then(|its| its.parse_x509().ok()));
+    let Some(((own, authority), key)) = parsed.zip(KeyPair::from_pem(&pair.key).ok()) else {
+        return Some(Unfit::Unreadable);
+    };
+    let faults = [
+        (own.verify_signature(Some(authority.public_key())).is_err(), Unfit::Stranger),
+        (own.public_key().subject_public_key.data.as_ref() != key.der_bytes(), Unfit::OtherKey),
+        (common_name(&own) != Some(wanted.name), Unfit::OtherName),
+        (!wanted.address.is_none_or(|address| is_for(&own, address)), Unfit::OtherAddress),
+    ];
+    faults.into_iter().find(|(is_so, _)| *is_so).map(|(_, fault)| fault).or_else(|| ends(&own, now))
+}
+
+fn ends(certificate: &X509Certificate<'_>, now: OffsetDateTime) -> Option<Unfit> {
+    match certificate.validity().not_after.to_datetime() {
+        end if end < now => Some(Unfit::Expired),
+        end if end < now + RENEW_BEFORE => Some(Unfit::Expiring),
+        _ => None,
+    }
+}
+
+fn pem(text: &str) -> Option<Pem> {
+    Pem::iter_from_buffer(text.as_bytes()).next()?.ok()
+}
+
+fn common_name<'c>(certificate: &'c X509Certificate<'_>) -> Option<&'c str> {
+    certificate.subject().iter_common_name().next()?.as_str().ok()
+}
+
+/// Whether whoever dials this address believes the certificate.
+fn is_for(certificate: &X509Certificate<'_>, address: &str) -> bool {
+    let Ok(Some(names)) = certificate.subject_alternative_name() else { return false };
+    let octets = address.parse::<IpAddr>().ok().map(|ip| match ip {
+        IpAddr::V4(ip) => ip.octets().to_vec(),
+        IpAddr::V6(ip) => ip.octets().to_vec(),
+    });
+    names.value.general_names.iter().any(|name| match (name, &octets) {
+        (GeneralName::IPAddress(bytes), Some(octets)) => bytes == octets,
+        (GeneralName::DNSName(name), None) => *name == address,
+        _ => false,
+    })
+}

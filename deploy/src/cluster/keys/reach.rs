@@ -1,0 +1,90 @@
+//! How the swarm is reached with what the folder holds: of a cluster's own folder, or of the part of it that a node is given.
+
+use std::path::Path;
+use std::sync::Arc;
+
+use rcgen::KeyPair;
+use skein_agent::link::Security;
+use skein_agent::link::seal::{OrderKey, Sealer};
+use skein_agent::link::security::{Role, Tls};
+
+use super::certificate::{Unfit, unfit};
+use super::folder::{AUTHORITY, Folder, ORDERS_KEY, ORDERS_PUBLIC, certificate_file, key_file};
+use super::wanted;
+use crate::clock;
+use crate::cluster::inventory::{Inventory, SecurityKind};
+use crate::error::Error;
+use crate::reach::{Flown, Reach};
+
+impl Inventory {
+    /// How this swarm is reached by such a one.
+    ///
+    /// # Errors
+    /// If its keys are not there, do not serve or can be read by others.
+    pub fn reach(&self, role: Role) -> Result<Reach, Error> {
+        let scenario = Flown::Text(self.scenario.to_toml());
+        if self.security == SecurityKind::None {
+            return Ok(Reach::plain(self.swarm.clone(), self.endpoints(), scenario));
+        }
+        let folder = Folder(self.keys.clone());
+        let (certificate, key) = (certificate_file(role), key_file(role));
+        folder.check_private_file(&key)?;
+        let pair = folder.need_pair(&certificate, &key)?;
+        let mut names = folder.names(self.nodes.keys().copied())?;
+        if let Some(why) =
+            unfit(&pair, &wanted(self, &names, role), &folder.need(AUTHORITY)?, clock::utc()).filter(Unfit::is_fatal)
+        {
+            let path = folder.path(&certificate);
+            let remedy = format!("`skein cluster keys -f {}` issues it anew", self.path.display());
+            return Err(Error::Refused(format!("{} {why}: {remedy}", path.display())));
+        }
+        // Who is in the cluster no more is nobody.
+        names.vehicles.retain(|id, _| self.nodes.contains_key(id));
+        let tls = Tls {
+            authority: folder.path(AUTHORITY),
+            certificate: folder.path(&certificate),
+            key: folder.path(&key),
+            role,
+            names,
+        };
+        let orders_key = orders_key(&folder)?;
+        let sealer = (role == Role::Operator).then(|| sealer(&folder, orders_key)).transpose()?;
+        Ok(Reach {
+            swarm: self.swarm.clone(),
+            agents: self.endpoints(),
+            security: Security::Tls(Box::new(tls)),
+            orders_key: Some(orders_key),
+            sealer: sealer.map(Arc::new),
+            scenario,
+        })
+    }
+}
+
+/// What seals the orders known by this key.
+fn sealer(folder: &Folder, known_by: [u8; 32]) -> Result<Sealer, Error> {
+    folder.check_private_file(ORDERS_KEY)?;
+    let path = folder.path(ORDERS_KEY);
+    let key = KeyPair::from_pem(&folder.need(ORDERS_KEY)?).map_err(|error| bad(&path, &error.to_string()))?;
+    let sealer = Sealer::from_pkcs8(&key.serialize_der()).map_err(|error| bad(&path, &error.to_string()))?;
+    if sealer.key() != OrderKey::from(known_by) {
+        return Err(bad(&path, &format!("not the key that {ORDERS_PUBLIC} is of")));
+    }
+    Ok(sealer)
+}
+
+/// The key by which sealed orders are known.
+fn orders_key(folder: &Folder) -> Result<[u8; 32], Error> {
+    let text = folder.need(ORDERS_PUBLIC)?;
+    let digits = text.trim();
+    let mut key = [0; 32];
+    let byte = |nth: usize| u8::from_str_radix(digits.get(2 * nth..2 * nth + 2)?, 16).ok();
+    let read = key.iter_mut().enumerate().try_for_each(|(nth, to)| byte(nth).map(|byte| *to = byte));
+    match read {
+        Some(()) if digits.len() == 64 => Ok(key),
+        _ => Err(bad(&folder.path(ORDERS_PUBLIC), "has to be 64 hexadecimal digits")),
+    }
+}
+
+fn bad(path: &Path, why: &str) -> Error {
+    Error::Refused(format!("{}: {why}", path.display()))
+}

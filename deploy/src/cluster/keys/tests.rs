@@ -1,0 +1,217 @@
+use std::fs;
+use std::path::Path;
+
+use super::*;
+use crate::cluster::inventory::tests::lab;
+use certificate::Pair;
+use skein_agent::link::Security;
+use skein_agent::link::seal::OrderKey;
+use skein_common::id::VehicleId;
+use time::Duration;
+
+/// What was done, by who.
+fn done(lines: &[Line]) -> Vec<(&str, &str)> {
+    lines.iter().filter_map(|line| Some((line.who.as_str(), line.done.as_deref()?))).collect()
+}
+
+/// Every file's bytes.
+fn files(folder: &Path) -> Vec<(String, Vec<u8>)> {
+    let read = |entry: fs::DirEntry| (entry.file_name().into_string().unwrap(), fs::read(entry.path()).unwrap());
+    let mut files: Vec<_> = fs::read_dir(folder).unwrap().map(|entry| read(entry.unwrap())).collect();
+    files.sort();
+    files
+}
+
+fn pair(folder: &Folder, role: Role) -> Pair {
+    folder.pair(&certificate_file(role), &key_file(role)).unwrap().unwrap()
+}
+
+fn vehicle(number: u8) -> Role {
+    Role::Vehicle(VehicleId::new(number).unwrap())
+}
+
+#[test]
+fn a_second_run_changes_nothing() {
+    let temporary = tempfile::tempdir().unwrap();
+    let inventory = lab(temporary.path(), 3, "");
+    let now = clock::utc();
+    let lines = make(&inventory, None, None, now).unwrap();
+    assert_eq!(done(&lines).len(), 7, "authority, three nodes, observers, operator, seal");
+    assert_eq!((lines[3].name.as_str(), lines[3].address.as_deref()), ("vehicle-3", Some("10.0.0.13")));
+    let before = files(&inventory.keys);
+    let names: Vec<_> = before.iter().map(|(name, _)| name.as_str()).collect();
+    let of = |stem: &str| [format!("{stem}.key"), format!("{stem}.pem")];
+    let mut expected: Vec<_> =
+        ["authority", "observer", "operator", "vehicle-1", "vehicle-2", "vehicle-3"].into_iter().flat_map(of).collect();
+    expected.extend(["names.toml", "orders.key", "orders.pub"].map(str::to_owned));
+    expected.sort();
+    assert_eq!(names, expected);
+    assert_eq!(done(&make(&inventory, None, None, now).unwrap()), []);
+    assert_eq!(files(&inventory.keys), before);
+}
+
+#[cfg(unix)]
+#[test]
+fn secrets_are_their_owners_only() {
+    use std::os::unix::fs::PermissionsExt;
+
+    let temporary = tempfile::tempdir().unwrap();
+    let inventory = lab(temporary.path(), 1, "");
+    make(&inventory, None, None, clock::utc()).unwrap();
+    let mode = |path: &Path| fs::metadata(path).unwrap().permissions().mode() & 0o777;
+    assert_eq!(mode(&inventory.keys), 0o700);
+    for (name, _) in files(&inventory.keys) {
+        let expected = if name.ends_with(".key") { 0o600 } else { 0o644 };
+        assert_eq!(mode(&inventory.keys.join(&name)), expected, "{name}");
+    }
+    for (name, given, remedy) in [("", 0o750, "chmod 700"), ("operator.key", 0o640, "chmod 600")] {
+        let path = if name.is_empty() { inventory.keys.clone() } else { inventory.keys.join(name) };
+        let before = mode(&path);
+        fs::set_permissions(&path, fs::Permissions::from_mode(given)).unwrap();
+        let refused = make(&inventory, None, None, clock::utc()).unwrap_err();
+        assert!(refused.to_string().contains(remedy) && refused.exit_code() == 2, "{refused}");
+        fs::set_permissions(&path, fs::Permissions::from_mode(before)).unwrap();
+    }
+    assert!(make(&inventory, None, None, clock::utc()).is_ok());
+}
+
+#[test]
+fn what_is_missing_moved_or_ending_is_issued_anew_and_nothing_else() {
+    let temporary = tempfile::tempdir().unwrap();
+    let inventory = lab(temporary.path(), 3, "");
+    let now = clock::utc();
+    make(&inventory, None, None, now).unwrap();
+    fs::remove_file(inventory.keys.join("vehicle-2.key")).unwrap();
+    assert_eq!(done(&make(&inventory, None, None, now).unwrap()), [("node 2", "made")]);
+    let mut moved = inventory.clone();
+    moved.nodes.get_mut(&VehicleId::new(3).unwrap()).unwrap().address = "heli3.lab".to_owned();
+    assert_eq!(done(&make(&moved, None, None, now).unwrap()), [("node 3", "issued anew: has another address")]);
+    assert_eq!(done(&make(&moved, None, None, now).unwrap()), []);
+    let certificate = inventory.keys.join("vehicle-1.pem");
+    fs::copy(inventory.keys.join("vehicle-2.pem"), &certificate).unwrap();
+    assert_eq!(done(&make(&moved, None, None, now).unwrap()), [("node 1", "issued anew: does not belong to its key")]);
+    fs::write(&certificate, "nothing").unwrap();
+    assert_eq!(done(&make(&moved, None, None, now).unwrap()), [("node 1", "issued anew: unreadable")]);
+    // All of them have a year; the authority has ten.
+    assert_eq!(done(&make(&moved, None, None, now + Duration::days(334)).unwrap()), []);
+    let late = make(&moved, None, None, now + Duration::days(336)).unwrap();
+    assert_eq!(done(&late).len(), 5);
+    assert!(done(&late).iter().all(|(_, why)| *why == "issued anew: expires soon"), "{late:?}");
+    let authority = fs::read_to_string(inventory.keys.join(AUTHORITY_KEY)).unwrap();
+    let late = make(&moved, None, None, now + Duration::days(3640)).unwrap();
+    assert_eq!(done(&late).len(), 6);
+    assert_eq!(fs::read_to_string(inventory.keys.join(AUTHORITY_KEY)).unwrap(), authority, "the same key goes on");
+}
+
+#[test]
+fn a_certificate_says_who_where_and_until_when() {
+    let temporary = tempfile::tempdir().unwrap();
+    let inventory = lab(temporary.path(), 2, "");
+    let now = clock::utc();
+    make(&inventory, None, None, now).unwrap();
+    let folder = Folder(inventory.keys.clone());
+    let names = folder.names(inventory.nodes.keys().copied()).unwrap();
+    let authority = folder.need(AUTHORITY).unwrap();
+    let its = |role| wanted(&inventory, &names, role);
+    for role in roles(&inventory) {
+        assert_eq!(unfit(&pair(&folder, role), &its(role), &authority, now), None, "{role:?}");
+    }
+    let pem = fs::read(inventory.keys.join("vehicle-2.pem")).unwrap();
+    let (_, pem) = x509_parser::pem::parse_x509_pem(&pem).unwrap();
+    let certificate = pem.parse_x509().unwrap();
+    let usage = certificate.extended_key_usage().unwrap().unwrap().value;
+    assert!(usage.client_auth && usage.server_auth && !certificate.is_ca());
+    assert_eq!(certificate.validity().not_before.to_datetime(), now - Duration::hours(1), "for clocks that are behind");
+    assert_eq!(certificate.validity().not_after.to_datetime(), now + Duration::days(365));
+    // Another swarm's authority has signed nothing here.
+    let elsewhere = tempfile::tempdir().unwrap();
+    let other = lab(elsewhere.path(), 2, "");
+    make(&other, None, None, now).unwrap();
+    let stranger = Folder(other.keys.clone()).need(AUTHORITY).unwrap();
+    assert_eq!(unfit(&pair(&folder, vehicle(2)), &its(vehicle(2)), &stranger, now), Some(Unfit::Stranger));
+    assert_eq!(unfit(&pair(&folder, vehicle(2)), &its(vehicle(1)), &authority, now), Some(Unfit::OtherName));
+}
+
+#[test]
+fn renewing_keeps_the_name_and_revoking_takes_it() {
+    let temporary = tempfile::tempdir().unwrap();
+    let inventory = lab(temporary.path(), 3, "");
+    let now = clock::utc();
+    make(&inventory, None, None, now).unwrap();
+    let seal = fs::read_to_string(inventory.keys.join(ORDERS_PUBLIC)).unwrap();
+    let lines = make(&inventory, Some(Whose::One(vehicle(1))), None, now).unwrap();
+    assert_eq!(done(&lines), [("node 1", "issued anew")]);
+    assert_eq!(lines[1].name, "vehicle-1");
+    assert_eq!(done(&make(&inventory, Some(Whose::All), None, now).unwrap()).len(), 5);
+    for name in ["vehicle-3.2", "vehicle-3.3"] {
+        let lines = make(&inventory, None, Some(Whose::One(vehicle(3))), now).unwrap();
+        assert_eq!(done(&lines), [("node 3", "issued anew: revoked")]);
+        assert_eq!(lines[3].name, name);
+    }
+    assert_eq!(fs::read_to_string(inventory.keys.join(ORDERS_PUBLIC)).unwrap(), seal);
+    let lines = make(&inventory, None, Some(Whose::One(Role::Operator)), now).unwrap();
+    assert_eq!(done(&lines), [("operator", "issued anew: revoked"), ("orders' seal", "made anew: revoked")]);
+    let anew = fs::read_to_string(inventory.keys.join(ORDERS_PUBLIC)).unwrap();
+    assert!(anew != seal && anew.trim().len() == 64 && anew.trim().bytes().all(|digit| digit.is_ascii_hexdigit()));
+    assert_eq!(done(&make(&inventory, None, None, now).unwrap()), [], "all of it is kept");
+    let names = Folder(inventory.keys.clone()).names(inventory.nodes.keys().copied()).unwrap();
+    assert_eq!((names.operator.as_str(), names.vehicles.len()), ("operator.2", 3));
+    // A vehicle that leaves and comes back does not have its revoked name again.
+    let fewer = lab(temporary.path(), 2, "");
+    make(&fewer, None, None, now).unwrap();
+    let back = make(&lab(temporary.path(), 3, ""), None, None, now).unwrap();
+    assert_eq!(back[3].name, "vehicle-3.3");
+}
+
+#[test]
+fn the_seal_is_a_key_that_ring_takes() {
+    let key = folder::new_orders_key().unwrap();
+    let der = rcgen::KeyPair::from_pem(&key).unwrap().serialize_der();
+    let pair = ring::signature::Ed25519KeyPair::from_pkcs8(&der).unwrap();
+    let public = ring::signature::KeyPair::public_key(&pair);
+    let hex: String = public.as_ref().iter().map(|byte| format!("{byte:02x}")).collect();
+    assert_eq!(folder::public_of(&key), Some(hex));
+    assert_eq!(folder::public_of(&rcgen::KeyPair::generate().unwrap().serialize_pem()), None, "no seal");
+}
+
+#[test]
+fn what_cannot_be_done_is_said() {
+    let temporary = tempfile::tempdir().unwrap();
+    let inventory = lab(temporary.path(), 2, "");
+    let now = clock::utc();
+    let refused = |renew, revoke| make(&inventory, renew, revoke, now).unwrap_err().to_string();
+    assert!(refused(Some(Whose::One(vehicle(7))), None).starts_with("vehicle 7 is not in "));
+    assert!(refused(None, Some(Whose::All)).starts_with("--revoke all: "));
+    make(&inventory, None, None, now).unwrap();
+    fs::remove_file(inventory.keys.join(AUTHORITY_KEY)).unwrap();
+    assert!(refused(None, None).contains("authority.key is not there, and nothing can be issued without it"));
+    let plain = lab(temporary.path(), 2, "security = 'none'");
+    assert!(make(&plain, None, None, now).unwrap_err().to_string().contains("this cluster has no keys"));
+    assert_eq!("3".parse(), Ok(Whose::One(vehicle(3))));
+    assert!("three".parse::<Whose>().is_err());
+}
+
+#[test]
+fn the_swarm_is_reached_with_what_the_folder_holds() {
+    let temporary = tempfile::tempdir().unwrap();
+    let inventory = lab(temporary.path(), 2, "");
+    assert!(inventory.reach(Role::Observer).unwrap_err().to_string().contains("`skein cluster keys` makes it"));
+    make(&inventory, None, None, clock::utc()).unwrap();
+    let reach = inventory.reach(Role::Operator).unwrap();
+    assert_eq!((reach.swarm.as_str(), reach.agents.len()), ("lab", 2));
+    let Security::Tls(tls) = reach.security else { panic!("secured") };
+    assert_eq!((tls.role, tls.key), (Role::Operator, inventory.keys.join("operator.key")));
+    assert_eq!(tls.names.vehicles.len(), 2);
+    let seal = rcgen::KeyPair::from_pem(&fs::read_to_string(inventory.keys.join("orders.key")).unwrap()).unwrap();
+    assert_eq!(reach.orders_key.map(|key| key.to_vec()).unwrap(), seal.public_key_raw());
+    assert_eq!(reach.sealer.unwrap().key(), OrderKey::from(reach.orders_key.unwrap()));
+    assert!(inventory.reach(Role::Observer).unwrap().sealer.is_none(), "an observer orders nothing");
+    fs::write(inventory.keys.join("orders.pub"), "0".repeat(64)).unwrap();
+    let error = inventory.reach(Role::Operator).unwrap_err().to_string();
+    assert!(error.contains("orders.key") && error.contains("not the key that orders.pub is of"), "{error}");
+    fs::write(inventory.keys.join("orders.pub"), "7").unwrap();
+    assert!(inventory.reach(Role::Observer).unwrap_err().to_string().contains("64 hexadecimal digits"));
+    let plain = lab(temporary.path(), 2, "security = 'none'");
+    let reach = plain.reach(Role::Observer).unwrap();
+    assert_eq!((reach.security, reach.orders_key, reach.sealer.is_none()), (Security::Plain, None, true));
+}

@@ -1,0 +1,168 @@
+//! `skein cluster logs`: what the agents have written, from all hosts at once, each line with its node's name in front.
+
+use std::io::IsTerminal;
+use std::path::PathBuf;
+use std::sync::mpsc::{SyncSender, sync_channel};
+use std::thread;
+use std::time::Duration;
+
+use serde::Serialize;
+use skein_common::id::VehicleId;
+
+use super::inventory::Node;
+use super::nodes::{self, Chosen};
+use super::remote::{Fault, Remote};
+use super::ssh::{Host, Ssh, at_once};
+use crate::clock;
+use crate::error::Error;
+
+/// Lines that wait to be written; hosts wait beyond that.
+const QUEUE: usize = 1000;
+/// Before a host that was lost is called again.
+const AGAIN: Duration = Duration::from_secs(2);
+/// Colours of the nodes' names, as ANSI numbers them: none is red, which stands for errors.
+const COLOURS: [u8; 6] = [36, 33, 32, 35, 34, 96];
+
+/// `skein cluster logs`
+#[derive(Clone, Debug, clap::Args)]
+pub struct LogsArgs {
+    /// Only these nodes; without any all
+    #[arg(value_name = "NODE", value_parser = node)]
+    pub nodes: Vec<VehicleId>,
+    /// The cluster's file
+    #[arg(long, value_name = "CLUSTER.toml", default_value = "cluster.toml")]
+    pub file: PathBuf,
+    /// Go on with what comes, until Ctrl-C
+    #[arg(short = 'f', long)]
+    pub follow: bool,
+    /// So many of the last lines of each node
+    #[arg(short = 'n', long, value_name = "N", default_value_t = 20)]
+    pub lines: usize,
+    /// Say every ssh command before it runs
+    #[arg(short, long)]
+    pub verbose: bool,
+    /// A JSON object for each line
+    #[arg(long)]
+    pub json: bool,
+}
+
+fn node(text: &str) -> Result<VehicleId, String> {
+    text.strip_prefix("node-")
+        .unwrap_or(text)
+        .parse()
+        .map_err(|_| "not a node's number (the cluster's file goes with --file here; -f follows the logs)".to_owned())
+}
+
+/// Does it.
+///
+/// # Errors
+/// If the cluster's file is at fault, or a host could not be asked; the others are shown then.
+pub fn run(args: &LogsArgs) -> Result<(), Error> {
+    let chosen = Chosen::read(&args.file, &args.nodes)?;
+    let ssh = Ssh::new(args.verbose);
+    let remote = Remote { ssh: &ssh, swarm: &chosen.inventory.swarm };
+    for node in chosen.manual() {
+        eprintln!("{}: installed by hand, its log is where it was started", name(node.id));
+    }
+    let writer = Writer { json: args.json, colours: std::io::stdout().is_terminal() && !args.json };
+    let width = chosen.ids.iter().map(|id| name(*id).len()).max().unwrap_or(0);
+    let (lines, inbox) = sync_channel::<Said>(QUEUE);
+    let source = Source { remote, lines: args.lines, follow: args.follow };
+    let hosts = chosen.hosts();
+    let failed = thread::scope(|scope| {
+        let all = hosts.iter().flat_map(|(host, nodes)| nodes.iter().map(move |node| (host, *node)));
+        if args.follow {
+            // All of them at once: each has a line open for as long as anybody looks.
+            for (host, node) in all {
+                let (source, lines) = (&source, lines.clone());
+                scope.spawn(move || source.follow(host, node, &lines));
+            }
+        }
+        let rest = if args.follow { &[][..] } else { &hosts };
+        let (source, lines) = (&source, lines);
+        let asked = scope.spawn(move || {
+            at_once(rest, |(host, nodes)| {
+                let failed = nodes.iter().filter(|node| !source.once(host, node, &lines));
+                failed.map(|node| node.id).collect::<Vec<_>>()
+            })
+        });
+        inbox.iter().for_each(|said| crate::say(&writer.line(&said, width)));
+        asked.join().unwrap_or_default().concat()
+    });
+    nodes::judge(&failed, chosen.ids.len(), "not shown")
+}
+
+/// A line of a node's log.
+#[derive(Debug, Serialize)]
+struct Said {
+    node: VehicleId,
+    line: String,
+}
+
+struct Source<'a> {
+    remote: Remote<'a>,
+    lines: usize,
+    follow: bool,
+}
+
+impl Source<'_> {
+    /// The last lines. If they cannot be had, that is said.
+    fn once(&self, host: &Host, node: &Node, lines: &SyncSender<Said>) -> bool {
+        let ended = self.ask(host, node, self.lines, lines);
+        if let Err(fault) = &ended {
+            eprintln!("{}: {}", name(node.id), fault.clone().sentence(host));
+        }
+        ended.is_ok()
+    }
+
+    /// For as long as anybody looks; a host that is lost is called again, and what it wrote meanwhile is not shown twice.
+    fn follow(&self, host: &Host, node: &Node, lines: &SyncSender<Said>) {
+        let (mut last, mut wanted) = (None, self.lines);
+        loop {
+            let why = match self.ask(host, node, wanted, lines) {
+                Ok(()) => format!("{host}: its log has ended"),
+                Err(fault) => fault.sentence(host),
+            };
+            if last.as_ref() != Some(&why) {
+                eprintln!("{}: {why}", name(node.id));
+                last = Some(why);
+            }
+            wanted = 0;
+            clock::sleep(AGAIN);
+        }
+    }
+
+    fn ask(&self, host: &Host, node: &Node, wanted: usize, lines: &SyncSender<Said>) -> Result<(), Fault> {
+        self.remote.log(host, node, (wanted, self.follow), |line| {
+            // Nobody reads any more only when this process ends.
+            let _ = lines.send(Said { node: node.id, line: line.to_owned() });
+        })
+    }
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Writer {
+    json: bool,
+    colours: bool,
+}
+
+impl Writer {
+    fn line(self, said: &Said, width: usize) -> String {
+        if self.json {
+            let json = serde_json::to_string(said).unwrap_or_default();
+            return json + "\n";
+        }
+        let name = name(said.node);
+        let name = match self.colours {
+            true => {
+                format!("\u{1b}[{}m{name:width$} |\u{1b}[0m", COLOURS[usize::from(said.node.get()) % COLOURS.len()])
+            }
+            false => format!("{name:width$} |"),
+        };
+        format!("{name} {}\n", said.line)
+    }
+}
+
+fn name(id: VehicleId) -> String {
+    format!("node-{id}")
+}

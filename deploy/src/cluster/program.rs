@@ -1,0 +1,213 @@
+//! The program that is put on a node: where it runs, which C library it wants, and what it is called there.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use crate::error::Error;
+
+/// A version of the C library.
+pub type Glibc = (u32, u32);
+
+/// A program's file, read.
+#[derive(Clone, Debug)]
+pub struct Program {
+    /// Where it is here.
+    pub path: PathBuf,
+    /// All of it.
+    pub bytes: Arc<[u8]>,
+    /// SHA-256, 64 hexadecimal digits.
+    pub sum: String,
+    /// Version and checksum, `0.1.0-1f2e3d4c5b6a`: the folder's name on a host.
+    pub release: String,
+    /// Where it runs, as `uname -sm` says it; `None` for what is no program of Linux.
+    pub platform: Option<String>,
+    /// The newest version of the C library that it asks for, if it asks for one.
+    pub glibc: Option<Glibc>,
+}
+
+impl Program {
+    /// Reads it; without a path the program that runs now.
+    ///
+    /// # Errors
+    /// If it cannot be read.
+    pub fn read(path: Option<&Path>) -> Result<Self, Error> {
+        let path = match path {
+            Some(path) => path.to_owned(),
+            None => {
+                std::env::current_exe().map_err(|error| Error::Failed(format!("this program's own file: {error}")))?
+            }
+        };
+        let bytes = std::fs::read(&path).map_err(|error| Error::Refused(format!("{}: {error}", path.display())))?;
+        Ok(Self::new(path, bytes))
+    }
+
+    fn new(path: PathBuf, bytes: Vec<u8>) -> Self {
+        let digest = ring::digest::digest(&ring::digest::SHA256, &bytes);
+        let sum: String = digest.as_ref().iter().map(|byte| format!("{byte:02x}")).collect();
+        let release = format!("{}-{}", env!("CARGO_PKG_VERSION"), &sum[..12]);
+        let elf = Elf::open(&bytes);
+        let platform = elf.as_ref().and_then(Elf::machine).map(|machine| format!("Linux {machine}"));
+        let glibc = elf.as_ref().and_then(Elf::newest_glibc);
+        Self { path, sum, release, platform, glibc, bytes: bytes.into() }
+    }
+
+    /// Why it would not run on a host that says this of itself, if it would not.
+    ///
+    /// # Errors
+    /// One sentence with a remedy.
+    pub fn fits(&self, platform: &str, glibc: Option<Glibc>) -> Result<(), String> {
+        let path = self.path.display();
+        match &self.platform {
+            None => return Err(format!("{path} is no program for Linux; name one for {platform} with `binary`")),
+            Some(own) if own != platform => {
+                return Err(format!("is {platform}, but {path} is for {own}; name one for it with `binary`"));
+            }
+            Some(_) => {}
+        }
+        match (self.glibc, glibc) {
+            (Some((major, minor)), None) => {
+                Err(format!("has no GNU C library, and {path} wants {major}.{minor}; name another with `binary`"))
+            }
+            (Some(wanted), Some(there)) if wanted > there => Err(format!(
+                "has the C library {}.{}, and {path} wants {}.{}; name one that was built for an older one with `binary`",
+                there.0, there.1, wanted.0, wanted.1
+            )),
+            _ => Ok(()),
+        }
+    }
+}
+
+/// `glibc 2.36`, as `getconf GNU_LIBC_VERSION` says it.
+pub fn glibc(text: &str) -> Option<Glibc> {
+    version(text.trim().strip_prefix("glibc ")?)
+}
+
+fn version(text: &str) -> Option<Glibc> {
+    let mut numbers = text.split('.').map(str::parse);
+    Some((numbers.next()?.ok()?, numbers.next()?.ok()?))
+}
+
+/// An executable of Linux, as far as it is read here: 64 bit, little-endian, as all machines are that X-Plane or an agent runs on.
+struct Elf<'a>(&'a [u8]);
+
+/// A section of this kind holds the versions that are asked of libraries.
+const VERSIONS_NEEDED: u32 = 0x6fff_fffe;
+
+impl<'a> Elf<'a> {
+    fn open(bytes: &'a [u8]) -> Option<Self> {
+        bytes.starts_with(b"\x7fELF\x02\x01").then_some(Self(bytes))
+    }
+
+    fn machine(&self) -> Option<&'static str> {
+        match self.number::<2>(18)? {
+            0x3e => Some("x86_64"),
+            0xb7 => Some("aarch64"),
+            0xf3 => Some("riscv64"),
+            _ => None,
+        }
+    }
+
+    fn number<const BYTES: usize>(&self, at: usize) -> Option<usize> {
+        let bytes = self.0.get(at..at.checked_add(BYTES)?)?;
+        Some(bytes.iter().rev().fold(0, |number, byte| number << 8 | usize::from(*byte)))
+    }
+
+    /// The header of the nth section.
+    fn section(&self, nth: usize) -> Option<usize> {
+        let (first, size) = (self.number::<8>(0x28)?, self.number::<2>(0x3a)?);
+        first.checked_add(nth.checked_mul(size)?)
+    }
+
+    /// The largest `GLIBC_x.y` among the versions needed.
+    fn newest_glibc(&self) -> Option<Glibc> {
+        let sections = self.number::<2>(0x3c)?;
+        let needed = (0..sections).filter_map(|nth| self.section(nth));
+        let needed = needed.into_iter().find(|at| self.number::<4>(at + 4) == Some(VERSIONS_NEEDED as usize))?;
+        let (mut library, libraries) = (self.number::<8>(needed + 0x18)?, self.number::<4>(needed + 0x2c)?);
+        let texts = self.number::<8>(self.section(self.number::<4>(needed + 0x28)?)? + 0x18)?;
+        let mut newest = None;
+        for _ in 0..libraries {
+            let mut wanted = library.checked_add(self.number::<4>(library + 8)?)?;
+            for _ in 0..self.number::<2>(library + 2)? {
+                let name = self.text(texts.checked_add(self.number::<4>(wanted + 8)?)?);
+                newest = newest.max(name.and_then(|name| version(name.strip_prefix("GLIBC_")?)));
+                wanted = wanted.checked_add(self.number::<4>(wanted + 12)?)?;
+            }
+            library = library.checked_add(self.number::<4>(library + 12)?)?;
+        }
+        newest
+    }
+
+    fn text(&self, at: usize) -> Option<&'a str> {
+        let text = self.0.get(at..)?;
+        std::str::from_utf8(&text[..text.iter().position(|byte| *byte == 0)?]).ok()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn program(platform: Option<&str>, glibc: Option<Glibc>) -> Program {
+        let bytes: Arc<[u8]> = Arc::default();
+        let platform = platform.map(str::to_owned);
+        let (path, sum, release) = (PathBuf::from("skein-x"), String::new(), String::new());
+        Program { path, bytes, sum, release, platform, glibc }
+    }
+
+    #[test]
+    fn a_program_goes_only_where_it_runs() {
+        let linux = program(Some("Linux x86_64"), Some((2, 34)));
+        let fits = |platform, glibc| linux.fits(platform, glibc);
+        assert_eq!(fits("Linux x86_64", Some((2, 34))), Ok(()));
+        assert_eq!(fits("Linux x86_64", Some((3, 0))), Ok(()));
+        for (platform, glibc, why) in [
+            ("Linux aarch64", Some((2, 40)), "is Linux aarch64, but skein-x is for Linux x86_64"),
+            ("Darwin arm64", None, "is Darwin arm64, but skein-x is for Linux x86_64"),
+            ("Linux x86_64", Some((2, 28)), "has the C library 2.28, and skein-x wants 2.34"),
+            ("Linux x86_64", None, "has no GNU C library, and skein-x wants 2.34"),
+        ] {
+            let said = fits(platform, glibc).unwrap_err();
+            assert!(said.starts_with(why) && said.contains("`binary`"), "{said}");
+        }
+        assert_eq!(program(Some("Linux x86_64"), None).fits("Linux x86_64", None), Ok(()), "static");
+        assert!(program(None, None).fits("Linux x86_64", None).is_err());
+    }
+
+    #[test]
+    fn what_the_host_says_of_its_library_is_read() {
+        assert_eq!(glibc("glibc 2.36\n"), Some((2, 36)));
+        assert_eq!(glibc("glibc 2.9"), Some((2, 9)));
+        assert_eq!(glibc(""), None);
+        assert!(Some((2, 9)) < glibc("glibc 2.28"));
+    }
+
+    #[test]
+    #[cfg(target_os = "linux")]
+    fn this_very_program_runs_here() {
+        let own = Program::read(None).unwrap();
+        assert_eq!(own.platform.as_deref(), Some(format!("Linux {}", std::env::consts::ARCH).as_str()));
+        assert_eq!(own.sum.len(), 64);
+        assert_eq!(own.release, format!("{}-{}", env!("CARGO_PKG_VERSION"), &own.sum[..12]));
+        // A test program of the standard library asks for a C library of the last ten years, and it runs here.
+        let wanted = own.glibc.unwrap();
+        let said = std::process::Command::new("getconf").arg("GNU_LIBC_VERSION").output().unwrap();
+        let there = glibc(&String::from_utf8(said.stdout).unwrap());
+        assert!(wanted > (2, 17) && Some(wanted) <= there, "{wanted:?} {there:?}");
+    }
+
+    #[test]
+    fn what_is_damaged_is_no_program_and_no_panic() {
+        let own = Program::read(None).unwrap();
+        for bytes in [&b""[..], b"\x7fELF", b"MZ\0\0", b"#!/bin/sh\n"] {
+            assert_eq!(Program::new(PathBuf::new(), bytes.to_vec()).platform, None);
+        }
+        for length in [6, 19, 20, 0x3b, 64, 1000, own.bytes.len() / 2, own.bytes.len() - 1] {
+            let _ = Program::new(PathBuf::new(), own.bytes[..length].to_vec());
+        }
+        let mut wild = own.bytes[..64].to_vec();
+        wild[0x28..0x30].fill(0xff);
+        wild[0x3a..0x40].fill(0xff);
+        assert_eq!(Program::new(PathBuf::new(), wild).glibc, None);
+    }
+}

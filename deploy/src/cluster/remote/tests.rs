@@ -1,0 +1,177 @@
+//! With a host that is this PC, and a program that is a script.
+
+use std::fs;
+use std::os::unix::fs::{PermissionsExt, symlink};
+use std::path::Path;
+
+use super::*;
+use crate::cluster::ssh::tests::{heli, local, node};
+
+const VERSION: &str = concat!("skein ", env!("CARGO_PKG_VERSION"));
+
+/// A program that says this is its version, and answers everything with what it was asked.
+fn program(folder: &Path, version: &str) -> Program {
+    let path = folder.join("program");
+    let echo = r#"[ "$1" = node ] && read -r asked && printf '%s %s\n' "$0" "$asked" > asked; echo '{"Simulator":{"Ok":"it"}}'"#;
+    fs::write(&path, format!("#!/bin/sh\n[ \"$1\" = --version ] && {{ echo {version}; exit; }}\n{echo}\n")).unwrap();
+    Program::read(Some(&path)).unwrap()
+}
+
+/// Everything below the home, sorted.
+fn tree(folder: &Path) -> Vec<String> {
+    let mut all = Vec::new();
+    let mut folders = vec![folder.join("home")];
+    while let Some(next) = folders.pop() {
+        for entry in fs::read_dir(next).unwrap() {
+            let path = entry.unwrap().path();
+            all.push(path.strip_prefix(folder.join("home")).unwrap().to_str().unwrap().to_owned());
+            folders.extend((path.is_dir() && !path.is_symlink()).then_some(path));
+        }
+    }
+    all.sort();
+    all
+}
+
+#[test]
+fn a_program_is_there_whole_or_not_at_all() {
+    let folder = tempfile::tempdir().unwrap();
+    let ssh = local(folder.path());
+    let swarm = SwarmName::new("lab").unwrap();
+    let remote = Remote { ssh: &ssh, swarm: &swarm };
+    let (host, mut node) = (heli("heli1"), node(3, Some("heli1")));
+    let good = program(folder.path(), VERSION);
+
+    let before = remote.probe(&host, &node, &good.release).unwrap();
+    let uname = std::process::Command::new("uname").arg("-sm").output().unwrap();
+    assert_eq!(before.platform, String::from_utf8(uname.stdout).unwrap().trim());
+    assert_eq!(before.sum, None);
+    assert!(before.free_bytes > 0);
+    assert!(tree(folder.path()).is_empty(), "looking leaves nothing");
+
+    // Damaged on its way: another checksum.
+    let damaged = Program { bytes: good.bytes[1..].into(), ..good.clone() };
+    let error = remote.copy(&host, &node, &damaged).unwrap_err();
+    assert_eq!(error, "heli1: the program was damaged on its way");
+    assert!(tree(folder.path()).is_empty(), "{:?}", tree(folder.path()));
+    // Another version.
+    let old = program(folder.path(), "skein 0.0.1");
+    let error = remote.copy(&host, &node, &old).unwrap_err();
+    assert_eq!(error, format!("heli1: the program says it is skein 0.0.1, not {VERSION}"));
+    assert!(tree(folder.path()).is_empty(), "{:?}", tree(folder.path()));
+    // What does not run there.
+    let mut none = program(folder.path(), VERSION);
+    none.bytes = b"\x7fELF".as_slice().into();
+    none.sum = Program::read(Some(&{
+        let path = folder.path().join("none");
+        fs::write(&path, &none.bytes).unwrap();
+        path
+    }))
+    .unwrap()
+    .sum;
+    assert!(remote.copy(&host, &node, &none).is_err());
+    assert!(tree(folder.path()).is_empty(), "{:?}", tree(folder.path()));
+
+    remote.copy(&host, &node, &good).unwrap();
+    let release = format!(".skein/lab/releases/{}", good.release);
+    let file = format!("{release}/skein");
+    let all = [".skein", ".skein/lab", ".skein/lab/releases", release.as_str(), file.as_str()];
+    assert_eq!(tree(folder.path()), all);
+    let path = folder.path().join("home").join(&file);
+    assert_eq!(fs::metadata(&path).unwrap().permissions().mode() & 0o777, 0o700);
+    assert_eq!(remote.probe(&host, &node, &good.release).unwrap().sum.as_deref(), Some(good.sum.as_str()));
+    // Again: the same, and what stands beside is left alone.
+    remote.copy(&host, &node, &good).unwrap();
+    remote.copy(&host, &node, &damaged).unwrap_err();
+    assert_eq!(tree(folder.path()), all);
+
+    // A folder of any name, and an absolute one.
+    for name in ["it's a $HOME", "/absolute"] {
+        node.folder = match name.strip_prefix('/') {
+            Some(name) => folder.path().join("home").join(name).display().to_string(),
+            None => name.to_owned(),
+        };
+        remote.copy(&host, &node, &good).unwrap();
+        assert!(remote.probe(&host, &node, &good.release).unwrap().sum.is_some(), "{name}");
+        let name = name.trim_start_matches('/');
+        assert!(folder.path().join("home").join(name).join("lab/releases").is_dir(), "{name}");
+    }
+}
+
+#[test]
+fn a_node_is_asked_by_the_program_that_it_runs() {
+    let folder = tempfile::tempdir().unwrap();
+    let ssh = local(folder.path());
+    let swarm = SwarmName::new("lab").unwrap();
+    let remote = Remote { ssh: &ssh, swarm: &swarm };
+    let (host, node) = (heli("heli1"), node(3, Some("heli1")));
+    assert_eq!(remote.ask(&host, &node, Ask::Facts), Err(Fault::NotInstalled));
+    assert_eq!(remote.log(&host, &node, (5, false), |_| ()), Err(Fault::NotInstalled));
+
+    let first = program(folder.path(), VERSION);
+    remote.copy(&host, &node, &first).unwrap();
+    let second = Program { release: "9.9.9-abc".to_owned(), ..first.clone() };
+    remote.copy(&host, &node, &second).unwrap();
+    let asked = |with: &Program, ask: Ask| {
+        let asked = fs::read_to_string(folder.path().join("home/asked")).unwrap();
+        let request = Request { swarm: swarm.clone(), id: node.id, ask };
+        let json = serde_json::to_string(&request).unwrap();
+        assert_eq!(asked, format!(".skein/lab/releases/{}/skein {json}\n", with.release));
+    };
+    let simulator = Ok(Answer::Simulator(Ok("it".to_owned())));
+    // None is current: any will do.
+    assert_eq!(remote.ask(&host, &node, Ask::Rollback), simulator);
+    asked(&first, Ask::Rollback);
+    assert_eq!(remote.ask_release(&host, &node, &second.release, Ask::Facts), simulator);
+    asked(&second, Ask::Facts);
+    let home = folder.path().join("home/.skein/lab/node-3");
+    fs::create_dir_all(&home).unwrap();
+    symlink("installs/9.9.9-abc_0123456789abcdef", home.join("current")).unwrap();
+    assert_eq!(remote.ask(&host, &node, Ask::Start { run: 7 }), simulator);
+    asked(&second, Ask::Start { run: 7 });
+    let mut lines = Vec::new();
+    remote.log(&host, &node, (5, true), |line| lines.push(line.to_owned())).unwrap();
+    asked(&second, Ask::Log { lines: 5, follow: true });
+    assert_eq!(lines, [r#"{"Simulator":{"Ok":"it"}}"#]);
+    let error = remote.ask_release(&host, &node, "none", Ask::Facts).unwrap_err();
+    assert!(matches!(error, Fault::Failed(_)), "{error:?}");
+}
+
+#[test]
+fn a_probe_is_read_behind_whatever_the_shell_says() {
+    let said = "Welcome to heli1!\nskein platform Linux x86_64\nskein libc glibc 2.36\nskein sum 00ff  -\n\
+                skein disk /dev/my disk 1000 400 600 40% /\n";
+    let full = probed(said).unwrap();
+    let glibc = Some((2, 36));
+    let sum = Some("00ff".to_owned());
+    assert_eq!(full, Probed { platform: "Linux x86_64".to_owned(), glibc, sum, free_bytes: 600 * 1024 });
+    let bare = said.replace("skein sum 00ff  -\n", "").replace("glibc 2.36", "");
+    let bare = probed(&bare).unwrap();
+    assert_eq!((bare.glibc, bare.sum), (None, None));
+    assert_eq!(probed("Welcome\n"), None);
+}
+
+#[test]
+fn the_last_line_answers() {
+    let said =
+        |status, stdout: &str, stderr: &str| Said { status, stdout: stdout.to_owned(), stderr: stderr.to_owned() };
+    let answered = |said: Said| answer(&heli("heli1"), &said);
+    let simulator = Answer::Simulator(Ok("X-Plane".to_owned()));
+    let line = serde_json::to_string(&simulator).unwrap();
+    assert_eq!(answered(said(0, &format!("Welcome\n{line}\n\n"), "")), Ok(simulator));
+    assert_eq!(answered(said(0, "Welcome\nskein: not installed\n", "")), Err(Fault::NotInstalled));
+    let failed = |why: &str| Err(Fault::Failed(format!("heli1: {why}")));
+    assert_eq!(answered(said(0, "{\"Failed\":\"no room\"}\n", "")), failed("no room"));
+    let none = "{\"Failed\":\"nothing is installed for node 3\"}\n";
+    assert_eq!(answered(said(0, none, "")), Err(Fault::NotInstalled));
+    assert_eq!(answered(said(127, "", "sh: 1: x: not found\n")), failed("sh: 1: x: not found"));
+    assert_eq!(answered(said(3, "", "")), failed("exit status 3"));
+}
+
+#[test]
+fn scripts_are_one_word_for_any_shell() {
+    for script in [PROBE, COPY, NODE] {
+        assert!(!script.contains(['\'', '\n']), "{script}");
+        // Before `=` it is none to csh either.
+        assert!(!script.replace("!=", "").contains('!'), "{script}");
+    }
+}

@@ -1,0 +1,194 @@
+//! With an `ssh` that is a script.
+
+use std::fs;
+use std::sync::atomic::AtomicBool;
+
+use skein_common::scenario::PlantKind;
+
+use super::*;
+use crate::cluster::inventory::{Install, ServiceKind};
+
+/// An `ssh` that leaves its arguments in `said`, one a line, and then runs this script, with the command as `$command`.
+pub(in crate::cluster) fn fake(folder: &Path, script: &str) -> Ssh {
+    let path = folder.join("ssh");
+    let said = folder.join("said");
+    let text = format!(
+        "cd '{}' || exit\nprintf '%s\\n' \"$@\" >> '{}'\nfor command; do :; done\n{script}\n",
+        folder.display(),
+        said.display()
+    );
+    fs::write(&path, text).unwrap();
+    Ssh { program: vec!["sh".into(), path.into()], sharing: None, verbose: false }
+}
+
+/// A host that is this PC, with its home in `folder`.
+pub(in crate::cluster) fn local(folder: &Path) -> Ssh {
+    fs::create_dir_all(folder.join("home")).unwrap();
+    fake(folder, "export HOME=\"$PWD/home\"; cd home; exec sh -c \"$command\"")
+}
+
+pub(in crate::cluster) fn node(id: u8, host: Option<&str>) -> Node {
+    Node {
+        id: skein_common::id::VehicleId::new(id).unwrap(),
+        host: host.map(str::to_owned),
+        user: None,
+        address: format!("10.0.0.{id}"),
+        port: 7446 + u16::from(id),
+        plant: PlantKind::Builtin,
+        xplane: None,
+        install: Install::Ssh,
+        binary: None,
+        folder: ".skein".to_owned(),
+        service: ServiceKind::Auto,
+        log: None,
+    }
+}
+
+pub(in crate::cluster) fn heli(name: &str) -> Host {
+    Host { name: name.to_owned(), user: None }
+}
+
+const LONG: Duration = Duration::from_secs(30);
+
+fn none() -> Arc<[u8]> {
+    Arc::default()
+}
+
+#[test]
+fn the_command_line_leaves_everything_to_peoples_configuration() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut ssh = fake(folder.path(), "exit 0");
+    ssh.run(&heli("heli1"), "uname -sm", &none(), LONG).unwrap();
+    ssh.sharing = Some("/run/user/7/skein/s-%C".to_owned());
+    let host = Host { name: "heli2".to_owned(), user: Some("lab".to_owned()) };
+    ssh.run(&host, "sh -c 'x y'", &none(), LONG).unwrap();
+    ssh.close(&host);
+    let said = fs::read_to_string(folder.path().join("said")).unwrap();
+    let plain = "-T -o BatchMode=yes -o ConnectTimeout=5";
+    let shared = format!(
+        "{plain} -o ControlMaster=auto -o ControlPersist=60 -o ControlPath=/run/user/7/skein/s-%C -o ServerAliveInterval=5 \
+         -o ServerAliveCountMax=2 -l lab"
+    );
+    let wanted = [plain, "-- heli1", "uname -sm", &shared, "-- heli2", "sh -c 'x y'", &shared, "-O exit -- heli2"];
+    assert_eq!(said.replace('\n', " ").trim_end(), wanted.join(" "));
+    assert!(!said.contains("KnownHosts") && !said.contains("StrictHostKey"));
+    let typed = shown(Command::new("ssh").args(["-o", "A=b", "--", "heli1", "sh -c 'x'"]));
+    assert_eq!(typed, r"ssh -o A=b -- heli1 'sh -c '\''x'\'''");
+}
+
+#[test]
+fn a_socket_of_a_shared_connection_has_a_short_path_or_there_is_none() {
+    let folder = tempfile::tempdir().unwrap();
+    let short = folder.path().join("r");
+    assert_eq!(sharing(&short), Some(format!("{}/s-%C", short.display())));
+    assert!(os::private_folder(&short).is_ok());
+    assert_eq!(sharing(&folder.path().join("x".repeat(50))), None);
+    assert_eq!(sharing(&folder.path().join("a b")), None, "ssh would read two words");
+}
+
+#[test]
+fn what_is_given_and_what_is_said_are_whole() {
+    let folder = tempfile::tempdir().unwrap();
+    let ssh = local(folder.path());
+    let bytes: Arc<[u8]> = (0..2_000_000_u32).map(|n| b'a' + (n % 26) as u8).collect();
+    let said = ssh.run(&heli("h"), "echo one >&2; echo two >&2; echo >&2; cat; exit 3", &bytes, LONG).unwrap();
+    assert_eq!((said.status, said.stdout.as_bytes() == &*bytes, said.complaint().as_str()), (3, true, "two"));
+    // Nobody reads it: that is no reason to wait, or to fail.
+    assert_eq!(ssh.run(&heli("h"), "echo done", &bytes, LONG).unwrap().stdout, "done\n");
+    // More than anybody has to say is not kept.
+    let said = ssh.run(&heli("h"), "head -c 40000000 /dev/zero", &none(), LONG).unwrap();
+    assert!(said.stdout.len() as u64 <= MAX_ANSWER, "{}", said.stdout.len());
+    let silent = ssh.run(&heli("h"), "exit 7", &none(), LONG).unwrap();
+    assert_eq!(silent.complaint(), "exit status 7");
+}
+
+#[test]
+fn lines_come_while_they_are_written() {
+    let folder = tempfile::tempdir().unwrap();
+    let ssh = local(folder.path());
+    let mut lines = Vec::new();
+    // It goes on only after its first line was taken.
+    let command = "echo one; until [ -e taken ]; do sleep 0.01; done; printf 'two\\377\\r\\nthree'";
+    let taken = folder.path().join("home/taken");
+    let ended = ssh.lines(&heli("h"), command, &none(), |line| {
+        fs::write(&taken, "").unwrap();
+        lines.push(line.to_owned());
+    });
+    assert_eq!(ended, Ok(()));
+    assert_eq!(lines, ["one", "two\u{fffd}", "three"]);
+    let failed = ssh.lines(&heli("h"), "echo no log >&2; exit 1", &none(), |_| ());
+    assert_eq!(failed, Err("h: no log".to_owned()));
+}
+
+#[test]
+fn a_failure_is_one_sentence() {
+    let folder = tempfile::tempdir().unwrap();
+    let refuses = "echo 'ssh: connect to host heli1 port 22: Connection refused' >&2; exit 255";
+    let ssh = fake(folder.path(), refuses);
+    let sentence = "heli1: no ssh server answers there; start its sshd, or give its port in ~/.ssh/config";
+    assert_eq!(ssh.run(&heli("heli1"), "x", &none(), LONG), Err(sentence.to_owned()));
+    assert_eq!(ssh.lines(&heli("heli1"), "x", &none(), |_| ()), Err(sentence.to_owned()));
+    let missing = Ssh { program: vec![folder.path().join("none").into()], sharing: None, verbose: false };
+    let error = missing.run(&heli("heli1"), "x", &none(), LONG).unwrap_err();
+    assert_eq!(error, "there is no `ssh` here; install OpenSSH's client");
+}
+
+#[test]
+fn a_host_that_hangs_is_given_up() {
+    let folder = tempfile::tempdir().unwrap();
+    let ssh = fake(folder.path(), "exec sleep 100");
+    let begun = clock::now();
+    let error = ssh.run(&heli("heli1"), "x", &none(), Duration::from_millis(300)).unwrap_err();
+    assert!(error.starts_with("heli1: did not do it within "), "{error}");
+    assert!(clock::now() - begun < LONG);
+}
+
+#[test]
+fn a_connection_that_stays_behind_keeps_nobody_waiting() {
+    let folder = tempfile::tempdir().unwrap();
+    // As ssh's own did before it let go of its standard error.
+    let ssh = fake(folder.path(), "sleep 100 >/dev/null & echo $! > pid; echo warned >&2; echo done");
+    let begun = clock::now();
+    let said = ssh.run(&heli("heli1"), "x", &none(), LONG).unwrap();
+    assert_eq!((said.stdout.as_str(), said.complaint().as_str()), ("done\n", "warned"));
+    assert!(clock::now() - begun < LONG);
+    let pid = fs::read_to_string(folder.path().join("pid")).unwrap();
+    Command::new("kill").arg(pid.trim()).status().unwrap();
+}
+
+#[test]
+fn eight_at_once_and_no_more() {
+    let all: Vec<usize> = (0..30).collect();
+    let running = AtomicUsize::new(0);
+    let most = AtomicUsize::new(0);
+    let full = AtomicBool::new(false);
+    let until = clock::now() + LONG;
+    let done = at_once(&all, |nth| {
+        let now = running.fetch_add(1, Relaxed) + 1;
+        most.fetch_max(now, Relaxed);
+        if now == AT_ONCE {
+            full.store(true, Relaxed);
+        }
+        // None goes before eight were there together.
+        while !full.load(Relaxed) && clock::now() < until {
+            clock::sleep(Duration::from_millis(1));
+        }
+        running.fetch_sub(1, Relaxed);
+        nth * 2
+    });
+    assert_eq!(done, all.iter().map(|nth| nth * 2).collect::<Vec<_>>(), "in their order");
+    assert_eq!(most.load(Relaxed), AT_ONCE);
+    assert!(at_once(&[], |nth: &usize| *nth).is_empty());
+}
+
+#[test]
+fn nodes_of_one_host_are_together() {
+    let mut nodes = [node(1, Some("b")), node(2, Some("a")), node(3, None), node(4, Some("b")), node(5, Some("b"))];
+    nodes[4].user = Some("other".to_owned());
+    let hosts = by_host(&nodes);
+    let told: Vec<_> = hosts
+        .iter()
+        .map(|(host, nodes)| (host.to_string(), nodes.iter().map(|node| node.id.get()).collect::<Vec<_>>()))
+        .collect();
+    assert_eq!(told, [("b".to_owned(), vec![1, 4]), ("a".to_owned(), vec![2]), ("other@b".to_owned(), vec![5])]);
+}

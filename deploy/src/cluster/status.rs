@@ -1,0 +1,244 @@
+//! `skein cluster status`: how every node does, as the swarm itself says. Any computer with the observers' keys can ask: the
+//! operator's, or a node with the file that it was given.
+
+mod table;
+
+use std::collections::BTreeMap;
+use std::io::IsTerminal;
+use std::time::{Duration, Instant};
+
+use serde::Serialize;
+use skein_agent::link::security::Role;
+use skein_common::id::VehicleId;
+use skein_common::message::Health;
+use skein_common::state::{Activity, Standing};
+
+use super::FileArgs;
+use super::clocks::ahead_of_swarm;
+use super::inventory::{Inventory, Node};
+use crate::clock;
+use crate::error::Error;
+use crate::observe::{Heard, Observer};
+
+/// Agents say how they do once a second; a link takes a while at first.
+const LISTEN: Duration = Duration::from_millis(2500);
+/// How often is looked whether all are there.
+const LOOK: Duration = Duration::from_millis(20);
+/// Between two tables.
+const REFRESH: Duration = Duration::from_secs(1);
+/// Who was not heard for so long is not there.
+const SILENT: Duration = Duration::from_millis(3500);
+/// Clocks may be so far apart before it is worth a word, s. Nothing in flight relies on them.
+pub(crate) const CLOCK_S: f64 = 0.020;
+
+/// `skein cluster status`
+#[derive(Clone, Debug, clap::Args)]
+pub struct StatusArgs {
+    /// The cluster.
+    #[command(flatten)]
+    pub file: FileArgs,
+    /// Show it again every second, until Ctrl-C
+    #[arg(short, long)]
+    pub watch: bool,
+    /// Print the result as JSON; with --watch a line a second
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// How the nodes of a swarm do.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Status {
+    /// The swarm.
+    pub swarm: String,
+    /// Every node's, in the order of ids.
+    pub nodes: Vec<NodeStatus>,
+}
+
+/// How one node does.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct NodeStatus {
+    /// Its vehicle.
+    pub id: VehicleId,
+    /// What ssh takes, where there is ssh.
+    pub host: Option<String>,
+    /// Where it should be heard.
+    pub endpoint: String,
+    /// What it says; `None`: nothing was heard of it.
+    pub said: Option<Said>,
+}
+
+/// What a node says of itself.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Said {
+    /// The release that it runs.
+    pub version: String,
+    /// What it flies.
+    pub plant: String,
+    /// What it does.
+    pub phase: String,
+    /// Frames of its simulator a second.
+    pub frame_rate_hz: f64,
+    /// 99th percentile of the distance between frames beyond their period, ms.
+    pub jitter_ms: f64,
+    /// Peers that it hears.
+    pub peers_seen: usize,
+    /// Peers that there should be.
+    pub peers: usize,
+    /// Age of the oldest word of those that it hears, ms.
+    pub peer_age_ms: Option<f64>,
+    /// How far its clock is ahead of the swarm's, ms, once measured.
+    pub clock_offset_ms: Option<f64>,
+    /// The truth is within this of it, ms.
+    pub clock_bound_ms: Option<f64>,
+    /// The clock is farther off than 20 ms, beyond the bound.
+    pub clock_is_off: bool,
+    /// What of its own has failed.
+    pub faults: Vec<String>,
+    /// What it did not believe, since its start.
+    pub refused: u64,
+    /// The last kinds of it.
+    pub refusals: Vec<Refusal>,
+    /// Since its start, s.
+    pub uptime_s: f64,
+}
+
+/// Something that was not believed.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct Refusal {
+    /// Why not.
+    pub reason: String,
+    /// The key that it came under.
+    pub key: String,
+    /// How often.
+    pub count: u64,
+}
+
+impl Status {
+    /// Whether every node reports and none is faulty.
+    pub fn is_good(&self) -> bool {
+        self.nodes.iter().all(|node| node.said.as_ref().is_some_and(|said| said.faults.is_empty()))
+    }
+
+    /// Of this cluster, from what was heard.
+    fn of(inventory: &Inventory, heard: &BTreeMap<VehicleId, (Health, Instant)>, now: Instant) -> Self {
+        let node = |(id, node): (&VehicleId, &Node)| NodeStatus {
+            id: *id,
+            host: node.host.clone(),
+            endpoint: node.endpoint(inventory.security),
+            said: heard
+                .get(id)
+                .filter(|(_, at)| now.saturating_duration_since(*at) < SILENT)
+                .map(|(health, _)| Said::of(health, inventory.nodes.len() - 1)),
+        };
+        Self { swarm: inventory.swarm.to_string(), nodes: inventory.nodes.iter().map(node).collect() }
+    }
+}
+
+impl Said {
+    fn of(health: &Health, peers: usize) -> Self {
+        let fresh = health.peers.iter().filter(|peer| peer.standing == Standing::Fresh);
+        let clock = ahead_of_swarm(&health.peers);
+        let blind = (health.activity == Activity::Blind).then(|| "hears nothing of its simulator".to_owned());
+        Self {
+            version: health.version.clone(),
+            plant: health.plant.clone(),
+            phase: health.activity.to_string(),
+            frame_rate_hz: health.frame_rate_hz,
+            jitter_ms: health.jitter_ms,
+            peers_seen: fresh.clone().count(),
+            peers,
+            peer_age_ms: fresh.map(|peer| peer.age_s * 1e3).max_by(f64::total_cmp),
+            clock_offset_ms: clock.map(|clock| clock.offset_s * 1e3),
+            clock_bound_ms: clock.map(|clock| clock.bound_s * 1e3),
+            clock_is_off: clock.is_some_and(|clock| clock.offset_s.abs() - clock.bound_s > CLOCK_S),
+            faults: health.failures.iter().map(ToString::to_string).chain(blind).collect(),
+            refused: health.drops.refused(),
+            refusals: health
+                .refused
+                .iter()
+                .map(|refused| Refusal {
+                    reason: refused.reason.to_string(),
+                    key: refused.key.clone(),
+                    count: refused.count,
+                })
+                .collect(),
+            uptime_s: health.uptime_s,
+        }
+    }
+}
+
+/// Prints how every node does.
+///
+/// # Errors
+/// If the swarm cannot be listened to, a node is not heard, or one is faulty.
+pub fn run(args: &StatusArgs) -> Result<(), Error> {
+    let inventory = Inventory::read(&args.file.file)?;
+    let observer = Observer::open(&inventory.reach(Role::Observer)?);
+    let mut observer = observer.map_err(|error| Error::Failed(error.to_string()))?;
+    let mut heard = BTreeMap::new();
+    let file = args.file.file.display().to_string();
+    let mut until = clock::now() + LISTEN;
+    loop {
+        let early = !args.watch || heard.is_empty();
+        listen(&mut observer, &inventory, &mut heard, until, early);
+        let status = Status::of(&inventory, &heard, clock::now());
+        show(&status, &file, args);
+        if !args.watch {
+            return verdict(&status);
+        }
+        until = clock::now() + REFRESH;
+    }
+}
+
+/// Listens until then, or `early` until every node was heard.
+fn listen(
+    observer: &mut Observer,
+    inventory: &Inventory,
+    heard: &mut BTreeMap<VehicleId, (Health, Instant)>,
+    until: Instant,
+    early: bool,
+) {
+    loop {
+        for (word, at) in observer.poll_timed() {
+            if let Heard::Health(health) = word {
+                heard.insert(health.header.sender, (health, at));
+            }
+        }
+        let all = inventory.nodes.keys().all(|id| heard.contains_key(id));
+        if clock::now() >= until || early && all {
+            return;
+        }
+        clock::sleep(LOOK);
+    }
+}
+
+fn show(status: &Status, file: &str, args: &StatusArgs) {
+    let is_screen = args.watch && std::io::stdout().is_terminal();
+    let text = match (args.json, args.watch) {
+        (true, true) => format!("{}\n", serde_json::to_string(status).unwrap_or_default()),
+        (true, false) => crate::json(status),
+        // The screen is written anew: home, and what is left of the one before.
+        (false, _) if is_screen => format!("\x1b[H\x1b[2J{}", table::of(status, file)),
+        (false, _) => table::of(status, file),
+    };
+    crate::say(&text);
+}
+
+fn verdict(status: &Status) -> Result<(), Error> {
+    let ids = |wanted: fn(&NodeStatus) -> bool| {
+        let ids = status.nodes.iter().filter(|node| wanted(node)).map(|node| node.id.to_string());
+        ids.collect::<Vec<_>>().join(", ")
+    };
+    let silent = ids(|node| node.said.is_none());
+    let faulty = ids(|node| node.said.as_ref().is_some_and(|said| !said.faults.is_empty()));
+    let why = [("not heard: node", silent), ("faulty: node", faulty)];
+    let why: Vec<_> = why.into_iter().filter(|(_, ids)| !ids.is_empty()).collect();
+    if status.is_good() {
+        return Ok(());
+    }
+    let sentence = why.iter().map(|(what, ids)| format!("{what} {ids}")).collect::<Vec<_>>().join("; ");
+    Err(Error::Failed(sentence))
+}
+
+#[cfg(test)]
+mod tests;

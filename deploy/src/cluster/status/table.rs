@@ -1,0 +1,101 @@
+//! The table, for 120 columns.
+
+use comfy_table::{CellAlignment, Table, presets};
+
+use super::{NodeStatus, Said, Status};
+
+const HEADER: [&str; 12] =
+    ["node", "version", "plant", "phase", "Hz", "jitter", "peers", "age", "clock ms", "faults", "refused", "uptime"];
+/// Columns of words; the others are numbers.
+const WORDS: [usize; 3] = [1, 2, 3];
+
+/// All of it; `file` is the cluster's as the user has named it.
+pub(super) fn of(status: &Status, file: &str) -> String {
+    let mut table = Table::new();
+    table.load_style(presets::NOTHING).set_header(HEADER);
+    for node in &status.nodes {
+        table.add_row(row(node));
+    }
+    for (nth, column) in table.column_iter_mut().enumerate() {
+        column.set_padding((0, 2));
+        if !WORDS.contains(&nth) {
+            column.set_cell_alignment(CellAlignment::Right);
+        }
+    }
+    let lines = table.to_string();
+    let mut text: String = lines.lines().map(|line| format!("{}\n", line.trim_end())).collect();
+    text += "jitter (99 %) and age (of the peer heard longest ago) in ms; clock: ahead of the swarm's\n";
+    status.nodes.iter().for_each(|node| text += &words(node));
+    if status.nodes.iter().any(|node| node.said.is_none()) {
+        text += &format!(
+            "`skein check -f {file}` looks why not, `skein cluster logs --file {file}` shows what was written\n"
+        );
+    }
+    text
+}
+
+fn row(node: &NodeStatus) -> [String; 12] {
+    let id = node.id.to_string();
+    let Some(said) = &node.said else {
+        let mut row = [(); 12].map(|()| "-".to_owned());
+        row[0] = id;
+        row[3] = "not heard".to_owned();
+        return row;
+    };
+    [
+        id,
+        said.version.clone(),
+        said.plant.clone(),
+        said.phase.clone(),
+        format!("{:.0}", said.frame_rate_hz),
+        format!("{:.1}", said.jitter_ms),
+        format!("{}/{}", said.peers_seen, said.peers),
+        said.peer_age_ms.map_or("-".to_owned(), |age| format!("{age:.0}")),
+        clock(said),
+        if said.faults.is_empty() { "-".to_owned() } else { said.faults.len().to_string() },
+        said.refused.to_string(),
+        uptime(said.uptime_s),
+    ]
+}
+
+/// `+0.1 ±0.3`, and a mark if it is far off. Seconds where milliseconds would not fit.
+fn clock(said: &Said) -> String {
+    let (Some(offset), Some(bound)) = (said.clock_offset_ms, said.clock_bound_ms) else { return "-".to_owned() };
+    let mark = if said.clock_is_off { "!" } else { "" };
+    match offset.abs() < 1e4 {
+        // Never minus zero.
+        true => format!("{mark}{:+.1} ±{bound:.1}", (offset * 10.0).round() / 10.0 + 0.0),
+        false => format!("{mark}{:+.0} s", offset / 1e3),
+    }
+}
+
+/// What a number does not say.
+fn words(node: &NodeStatus) -> String {
+    let id = node.id;
+    let Some(said) = &node.said else {
+        let host = node.host.as_deref().map(|host| format!("{host}, ")).unwrap_or_default();
+        return format!("node {id} ({host}{}) is not heard\n", node.endpoint);
+    };
+    let mut text: String = said.faults.iter().map(|fault| format!("node {id}: {fault}\n")).collect();
+    if said.clock_is_off {
+        text += &format!(
+            "node {id}: its clock is {:+.0} ms off; nothing in flight relies on it, but logs and recordings are read by it: \
+             have it set by NTP (`timedatectl set-ntp true`)\n",
+            said.clock_offset_ms.unwrap_or_default()
+        );
+    }
+    for refusal in &said.refusals {
+        let times = if refusal.count == 1 { "once" } else { &format!("{} times", refusal.count) };
+        text += &format!("node {id} refused {times}: {}, under {}\n", refusal.reason, refusal.key);
+    }
+    text
+}
+
+/// `0:42`, `12:07`, `3:25:10`.
+fn uptime(seconds: f64) -> String {
+    let whole = seconds.max(0.0) as u64;
+    match whole / 3600 {
+        0 => format!("{}:{:02}", whole / 60, whole % 60),
+        hours => format!("{hours}:{:02}:{:02}", whole / 60 % 60, whole % 60),
+    }
+}

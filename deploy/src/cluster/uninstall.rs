@@ -1,0 +1,102 @@
+//! `skein cluster uninstall`: everything that `install` put on the nodes goes. Nothing goes from under a vehicle in the air.
+
+use serde::Serialize;
+use skein_common::id::VehicleId;
+
+use super::down;
+use super::nodes::{self, NodesArgs, Outcome, is_seconds};
+use super::protocol::{Answer, Ask};
+use super::remote::{Fault, LANDING_S, Remote};
+use super::ssh::at_once;
+use crate::clock;
+use crate::error::Error;
+
+/// `skein cluster uninstall`
+#[derive(Clone, Debug, clap::Args)]
+pub struct UninstallArgs {
+    /// The nodes.
+    #[command(flatten)]
+    pub nodes: NodesArgs,
+    /// Land vehicles that fly first; without it nothing is done while one does
+    #[arg(long)]
+    pub force: bool,
+    /// How long the vehicles may take to land, s
+    #[arg(long, value_name = "S", default_value_t = LANDING_S, value_parser = is_seconds, requires = "force")]
+    pub timeout: f64,
+}
+
+/// What came of it.
+#[derive(Debug, Serialize)]
+struct Report {
+    swarm: String,
+    /// Beginning to end, s.
+    seconds: f64,
+    nodes: Vec<Outcome>,
+}
+
+/// Does it.
+///
+/// # Errors
+/// If a vehicle flies, and then nothing was done; if the cluster's file is at fault, or any node failed.
+pub fn run(args: &UninstallArgs) -> Result<(), Error> {
+    let chosen = args.nodes.read()?;
+    let ssh = args.nodes.ssh();
+    let progress = args.nodes.progress();
+    let remote = Remote { ssh: &ssh, swarm: &chosen.inventory.swarm };
+    let hosts = chosen.hosts();
+    let asked = at_once(&hosts, |(host, nodes)| {
+        progress.line(host).say("asking what runs");
+        let flies = |id: &VehicleId| {
+            let node = nodes.iter().find(|node| node.id == *id);
+            let facts = node.map(|node| remote.ask(host, node, Ask::Facts));
+            matches!(facts, Some(Ok(Answer::Facts(facts))) if facts.agent.is_some())
+        };
+        nodes.iter().map(|node| node.id).filter(flies).collect::<Vec<_>>()
+    });
+    let flying: Vec<VehicleId> = asked.into_iter().flatten().collect();
+    if !flying.is_empty() {
+        if !args.force {
+            return Err(Error::Refused(format!(
+                "vehicles fly (node {}): land them with `skein cluster down`, or give --force; nothing was taken away",
+                nodes::list(&flying)
+            )));
+        }
+        down::land(&chosen, &ssh, &progress, args.timeout)?;
+    }
+    let removed = at_once(&hosts, |(host, nodes)| {
+        let line = progress.line(host);
+        line.say("taking away");
+        let mut all = Vec::new();
+        for node in nodes {
+            let begun = clock::now();
+            let mut outcome = Outcome::new(node);
+            match remote.ask(host, node, Ask::Remove) {
+                Ok(Answer::Done { changed: true, .. }) => outcome.done = "removed",
+                Ok(Answer::Done { changed: false, .. }) | Err(Fault::NotInstalled) => {
+                    outcome.done = "nothing was there"
+                }
+                Ok(other) => outcome.fail(format!("{host}: answers {other:?}")),
+                Err(Fault::Failed(why)) => outcome.fail(why),
+            }
+            outcome.seconds = (clock::now() - begun).as_secs_f64();
+            line.say(&outcome.in_words());
+            all.push(outcome);
+        }
+        all
+    });
+    // When all are done: two names of one host share a connection.
+    hosts.iter().for_each(|(host, _)| ssh.close(host));
+    let mut outcomes: Vec<Outcome> = removed.into_iter().flatten().collect();
+    outcomes.extend(chosen.manual().map(|node| {
+        let mut outcome = Outcome::new(node);
+        outcome.done = "left";
+        outcome.note = Some("installed by hand: delete its folder there".to_owned());
+        outcome
+    }));
+    outcomes.sort_by_key(|outcome| outcome.node);
+    let seconds = progress.seconds();
+    drop(progress);
+    let report = Report { swarm: chosen.inventory.swarm.to_string(), seconds, nodes: outcomes };
+    crate::say(&if args.nodes.json { crate::json(&report) } else { Outcome::table(&report.nodes) });
+    Outcome::judge(&report.nodes, "failed")
+}

@@ -1,0 +1,306 @@
+//! `skein cluster up`: every agent started, in one run of the swarm; and then it listens, as anybody could, until every
+//! vehicle has said by itself that it takes part. It may end at any moment: nothing depends on it.
+
+use std::collections::BTreeMap;
+use std::time::Duration;
+
+use ring::rand::{SecureRandom, SystemRandom};
+use serde::Serialize;
+use skein_agent::link::seal::most_said_run;
+use skein_agent::link::security::Role;
+use skein_common::id::VehicleId;
+
+use super::inventory::{Install, Node};
+use super::nodes::{self, Chosen, NodesArgs, Progress, is_seconds};
+use super::protocol::{Answer, Ask, RunningAgent};
+use super::ready::{HEARD, Watch};
+use super::remote::{Fault, Remote};
+use super::ssh::at_once;
+use crate::clock;
+use crate::error::Error;
+
+/// A run has a number that people can type and every reader of JSON can hold.
+const RUNS: u64 = 1 << 48;
+
+/// `skein cluster up`
+#[derive(Clone, Debug, clap::Args)]
+pub struct UpArgs {
+    /// The nodes.
+    #[command(flatten)]
+    pub nodes: NodesArgs,
+    /// How long the vehicles may take to be ready, s
+    #[arg(long, value_name = "S", default_value_t = 60.0, value_parser = is_seconds)]
+    pub timeout: f64,
+}
+
+/// What came of it.
+#[derive(Debug, Serialize)]
+struct Report {
+    swarm: String,
+    run: u64,
+    /// Until every host had told what it runs, s.
+    asked_s: f64,
+    /// Until every agent was started, s.
+    started_s: f64,
+    /// Beginning to end, s.
+    seconds: f64,
+    nodes: Vec<Row>,
+}
+
+#[derive(Clone, Debug, Serialize)]
+struct Row {
+    node: VehicleId,
+    host: String,
+    state: State,
+    /// It flew before.
+    ran: bool,
+    /// Until its host said that it was started, s.
+    started_s: Option<f64>,
+    /// Until it said itself that it takes part, s.
+    ready_s: Option<f64>,
+    why: Option<String>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+enum State {
+    Ready,
+    Missing,
+}
+
+/// Does it.
+///
+/// # Errors
+/// If the cluster's file or the keys are at fault, or not every vehicle is ready in time; the others fly then.
+pub fn run(args: &UpArgs) -> Result<(), Error> {
+    let chosen = args.nodes.read()?;
+    let ssh = args.nodes.ssh();
+    let progress = args.nodes.progress();
+    // It listens from the beginning: whoever flies is known when the last host has answered.
+    let mut watch = Watch::open(&chosen.inventory.reach(Role::Observer)?, 0)?;
+    let up = Up { remote: Remote { ssh: &ssh, swarm: &chosen.inventory.swarm }, chosen: &chosen, progress: &progress };
+
+    let mut rows: BTreeMap<VehicleId, Row> = chosen.nodes().map(|node| (node.id, Row::new(node))).collect();
+    let running = up.ask(&mut rows);
+    let asked_s = progress.seconds();
+    watch.observer.poll();
+    let heard = watch.observer.vehicles().values().filter(|seen| seen.alive);
+    let said = heard.filter_map(|seen| Some(seen.mission.as_ref()?.run));
+    watch.run = match most_said_run(running.values().map(|agent| agent.run).chain(said)) {
+        0 => draw()?,
+        run => run,
+    };
+    up.start(watch.run, &running, &mut rows);
+    let started_s = progress.seconds();
+    up.wait(&mut watch, Duration::from_secs_f64(args.timeout), &mut rows);
+
+    let seconds = progress.seconds();
+    drop(progress);
+    let swarm = chosen.inventory.swarm.to_string();
+    let report = Report { swarm, run: watch.run, asked_s, started_s, seconds, nodes: rows.into_values().collect() };
+    crate::say(&if args.nodes.json { crate::json(&report) } else { report.in_words() });
+    let missing: Vec<VehicleId> =
+        report.nodes.iter().filter(|row| row.state == State::Missing).map(|row| row.node).collect();
+    nodes::judge(&missing, report.nodes.len(), "not ready")
+}
+
+struct Up<'a> {
+    remote: Remote<'a>,
+    chosen: &'a Chosen,
+    progress: &'a Progress,
+}
+
+impl Up<'_> {
+    /// What runs already. A host that cannot be asked is said in its rows.
+    fn ask(&self, rows: &mut BTreeMap<VehicleId, Row>) -> BTreeMap<VehicleId, RunningAgent> {
+        let asked = at_once(&self.chosen.hosts(), |(host, nodes)| {
+            let line = self.progress.line(host);
+            line.say("asking what runs");
+            let mut all = Vec::new();
+            for node in nodes {
+                let fact = match self.remote.ask(host, node, Ask::Facts) {
+                    Ok(Answer::Facts(facts)) if facts.current.is_some() => Ok(facts.agent),
+                    Ok(Answer::Facts(_)) => Err(Fault::NotInstalled.sentence(host)),
+                    Ok(other) => Err(format!("{host}: answers {other:?}")),
+                    Err(fault) => Err(fault.sentence(host)),
+                };
+                if let Err(why) = &fact {
+                    line.say(why);
+                }
+                all.push((node.id, fact));
+            }
+            all
+        });
+        let mut running = BTreeMap::new();
+        for (id, fact) in asked.into_iter().flatten() {
+            match fact {
+                Ok(Some(agent)) => drop(running.insert(id, agent)),
+                Ok(None) => {}
+                Err(why) => {
+                    rows.entry(id).and_modify(|row| row.why = Some(why));
+                }
+            }
+        }
+        running
+    }
+
+    /// Starts what does not run yet, where the host could be asked.
+    fn start(&self, run: u64, running: &BTreeMap<VehicleId, RunningAgent>, rows: &mut BTreeMap<VehicleId, Row>) {
+        let hosts = self.chosen.hosts();
+        let asked: Vec<_> =
+            hosts.iter().filter(|(_, nodes)| nodes.iter().any(|node| rows[&node.id].why.is_none())).collect();
+        let seen = &*rows;
+        let started = at_once(&asked, |(host, nodes)| {
+            let line = self.progress.line(host);
+            let mut all = Vec::new();
+            for node in nodes.iter().filter(|node| seen[&node.id].why.is_none()) {
+                let ran = running.contains_key(&node.id);
+                let done = match ran {
+                    true => Ok(()),
+                    false => {
+                        self.remote.ask(host, node, Ask::Start { run }).map(drop).map_err(|why| why.sentence(host))
+                    }
+                };
+                line.say(&match &done {
+                    Ok(()) if ran => format!("node {} flies already", node.id),
+                    Ok(()) => format!("node {} started", node.id),
+                    Err(why) => why.clone(),
+                });
+                all.push((node.id, ran, done.map(|()| self.progress.seconds())));
+            }
+            all
+        });
+        for (id, ran, done) in started.into_iter().flatten() {
+            rows.entry(id).and_modify(|row| {
+                row.ran = ran;
+                match done {
+                    Ok(at_s) => row.started_s = Some(at_s),
+                    Err(why) => row.why = Some(why),
+                }
+            });
+        }
+        for node in self.chosen.manual() {
+            let command = format!("skein agent --config agent.toml --run {run}");
+            self.progress.line(&format!("node {}", node.id)).say(&format!("start it by hand there: {command}"));
+        }
+    }
+
+    /// Listens until everybody has said that it is ready, or long enough; then asks what became of the missing.
+    fn wait(&self, watch: &mut Watch, timeout: Duration, rows: &mut BTreeMap<VehicleId, Row>) {
+        let begun = clock::now();
+        let line = self.progress.line(&"swarm");
+        let all = rows.len();
+        line.say(&format!("waiting for {all} vehicles to say that they are ready"));
+        let wanted = rows.keys().map(|id| (*id, None)).collect();
+        let doubtful: Vec<VehicleId> = rows.values().filter(|row| row.why.is_some()).map(|row| row.node).collect();
+        let until = |id| begun + if doubtful.contains(&id) { timeout.min(HEARD) } else { timeout };
+        let mut ready = 0;
+        let missing = watch.ready(&wanted, until, |id| {
+            ready += 1;
+            line.say(&format!("node {id} ready, {ready} of {all}"));
+            rows.entry(id).and_modify(|row| {
+                row.state = State::Ready;
+                row.ready_s = Some(self.progress.seconds());
+            });
+        });
+        for id in &missing {
+            let lacks = watch.lacks(*id, None).unwrap_or_default();
+            rows.entry(*id).and_modify(|row| {
+                row.why = Some(row.why.take().map_or_else(|| lacks.clone(), |why| format!("{why}; {lacks}")));
+            });
+        }
+        self.last_words(rows);
+    }
+
+    /// What those that were started and are not ready wrote last.
+    fn last_words(&self, rows: &mut BTreeMap<VehicleId, Row>) {
+        let silent = |node: &&Node| rows[&node.id].state == State::Missing && rows[&node.id].started_s.is_some();
+        let hosts = super::ssh::by_host(self.chosen.nodes().filter(|node| node.install == Install::Ssh).filter(silent));
+        let words = at_once(&hosts, |(host, nodes)| {
+            let mut all = Vec::new();
+            for node in nodes {
+                let mut last = None;
+                // Without it the rest of the reason stands.
+                let _ = self.remote.log(host, node, (1, false), |line| last = Some(line.to_owned()));
+                all.push((node.id, last));
+            }
+            all
+        });
+        for (id, last) in words.into_iter().flatten() {
+            let Some((row, last)) = rows.get_mut(&id).zip(last) else { continue };
+            row.why = Some(format!("{}; wrote last: {last}", row.why.take().unwrap_or_default()));
+        }
+    }
+}
+
+impl Row {
+    fn new(node: &Node) -> Self {
+        let host = nodes::place(node);
+        Self { node: node.id, host, state: State::Missing, ran: false, started_s: None, ready_s: None, why: None }
+    }
+}
+
+impl Report {
+    fn in_words(&self) -> String {
+        let number = |value: Option<f64>| value.map_or_else(String::new, |value| format!("{value:.1}"));
+        let rows = self.nodes.iter().map(|row| {
+            let state = match (row.state, row.ran) {
+                (State::Ready, true) => "ready, flew before",
+                (State::Ready, false) => "ready",
+                (State::Missing, _) => "missing",
+            };
+            let times = [number(row.started_s), number(row.ready_s)];
+            let why = row.why.clone().unwrap_or_default();
+            [row.node.to_string(), row.host.clone(), state.to_owned()].into_iter().chain(times).chain([why]).collect()
+        });
+        let ready = self.nodes.iter().filter(|row| row.state == State::Ready).count();
+        let table = nodes::table(&["node", "host", "state", "started s", "ready s", ""], rows);
+        let (all, swarm, run) = (self.nodes.len(), &self.swarm, self.run);
+        format!("{table}{ready} of {all} vehicles of {swarm} are ready after {:.1} s (run {run})\n", self.seconds)
+    }
+}
+
+/// The number of a new run: never one that was before, and not 0.
+fn draw() -> Result<u64, Error> {
+    let mut bytes = [0; 8];
+    let drawn = SystemRandom::new().fill(&mut bytes);
+    drawn.map_err(|_| Error::Failed("the system gives no random numbers".to_owned()))?;
+    Ok(u64::from_le_bytes(bytes) % (RUNS - 1) + 1)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn no_two_runs_are_the_same() {
+        let drawn: std::collections::BTreeSet<u64> = (0..100).map(|_| draw().unwrap()).collect();
+        assert_eq!(drawn.len(), 100);
+        assert!(drawn.iter().all(|run| (1..RUNS).contains(run)));
+    }
+
+    #[test]
+    fn the_table_says_what_is_missing() {
+        let row = |id: u8, state, why: Option<&str>| Row {
+            node: VehicleId::new(id).unwrap(),
+            host: format!("heli{id}"),
+            state,
+            ran: id == 2,
+            started_s: Some(0.5),
+            ready_s: (state == State::Ready).then_some(1.25),
+            why: why.map(str::to_owned),
+        };
+        let nodes = vec![
+            row(1, State::Ready, None),
+            row(2, State::Ready, None),
+            row(10, State::Missing, Some("not heard on the network")),
+        ];
+        let report = Report { swarm: "lab".to_owned(), run: 42, asked_s: 0.3, started_s: 0.6, seconds: 60.04, nodes };
+        let wanted = " node  host    state               started s  ready s
+    1  heli1   ready                     0.5      1.2
+    2  heli2   ready, flew before        0.5      1.2
+   10  heli10  missing                   0.5           not heard on the network
+2 of 3 vehicles of lab are ready after 60.0 s (run 42)\n";
+        assert_eq!(report.in_words(), wanted);
+    }
+}

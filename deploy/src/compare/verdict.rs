@@ -1,0 +1,252 @@
+//! One figure of one point: better, the same, or worse.
+
+use serde::Serialize;
+
+use super::pairs::Pair;
+use super::statistics::{ALPHA, Estimate, difference, estimate, median, notable, sign_test};
+use crate::metrics::Direction;
+use crate::study::Outcome;
+
+/// Differences up to this share of the larger of the two medians do not count.
+pub const NEGLIGIBLE: f64 = 0.01;
+/// Fewer pairs can agree by chance: 2 · 0.5⁵ is more than 5 %.
+const FEWEST: usize = 6;
+
+/// What B is against A.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Verdict {
+    /// Shown to be better.
+    Better,
+    /// No difference is shown.
+    Same,
+    /// Shown to be worse.
+    Worse,
+    /// They differ, and there are too few pairs to say more.
+    Unclear,
+}
+
+/// One side, or the difference, with its interval; `null` for what is never or without end.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Side {
+    /// Median.
+    pub median: Option<f64>,
+    /// Lower end of the interval.
+    pub low: Option<f64>,
+    /// Upper end.
+    pub high: Option<f64>,
+}
+
+/// One figure.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Compared {
+    /// Its key in `metrics.json`.
+    pub key: &'static str,
+    /// Pairs in which it applies.
+    pub pairs: usize,
+    /// Median of A.
+    pub a: Side,
+    /// Median of B.
+    pub b: Side,
+    /// Runs of A and of B in which it never came.
+    pub never: [usize; 2],
+    /// Median of B minus A in each pair.
+    pub difference: Side,
+    /// Share of pairs in which B is notably better, minus share in which it is notably worse; with its interval.
+    pub effect: Side,
+    /// Pairs in which B is notably better.
+    pub better: usize,
+    /// Pairs in which B is notably worse.
+    pub worse: usize,
+    /// What follows.
+    pub verdict: Verdict,
+    /// Seed of the pair in which B lost most; none if it did nowhere.
+    pub worst_seed: Option<u64>,
+    /// The command that flies B's run of this pair again.
+    pub replay: Option<String>,
+}
+
+impl Compared {
+    /// Compares a figure of [`DIRECTIONS`](crate::metrics::DIRECTIONS); `None` if no pair has it.
+    pub fn new(key: &'static str, pairs: &[Pair<'_>]) -> Option<Self> {
+        let (key, direction) = crate::metrics::DIRECTIONS.into_iter().find(|(known, _)| *known == key)?;
+        let outcome = |run: usize, pair: &Pair<'_>| pair[run].measured.outcome(key);
+        let both = pairs.iter().filter_map(|pair| Some((pair, [outcome(0, pair)?, outcome(1, pair)?])));
+        let (applies, outcomes): (Vec<&Pair<'_>>, Vec<[Outcome; 2]>) = both.unzip();
+        if applies.is_empty() {
+            return None;
+        }
+        let bad = if direction == Direction::Less { -1.0 } else { 1.0 };
+        let values: Vec<[f64; 2]> = outcomes.iter().map(|both| both.map(|outcome| value(outcome, bad))).collect();
+        let negligible = NEGLIGIBLE * scale(&values);
+        let estimates = estimate(&values, negligible);
+        let count = |sign: f64| values.iter().filter(|&&pair| notable(pair, negligible) == sign).count();
+        let (worse, better) = (count(bad), count(-bad));
+        let lost = |pair: &[f64; 2]| bad * difference(*pair);
+        let worst = (0..values.len()).max_by(|&one, &other| {
+            // Of equal ones the first.
+            lost(&values[one]).total_cmp(&lost(&values[other])).then(other.cmp(&one))
+        });
+        let worst = worst.filter(|&nth| lost(&values[nth]) > 0.0).map(|nth| applies[nth][1]);
+        let never = [0, 1].map(|side| outcomes.iter().filter(|both| both[side] == Outcome::Never).count());
+        Some(Self {
+            key,
+            pairs: values.len(),
+            a: Side::from(estimates.one),
+            b: Side::from(estimates.other),
+            never,
+            difference: Side::from(estimates.difference),
+            effect: Side::from(turned(estimates.dominance, -bad)),
+            better,
+            worse,
+            verdict: verdict(turned(estimates.difference, bad), negligible, [better, worse], values.len()),
+            worst_seed: worst.map(|run| run.measured.seed),
+            replay: worst.map(super::folder::Flown::replay),
+        })
+    }
+
+    /// Every pair is equal to the last bit.
+    pub fn is_equal(&self) -> bool {
+        let nothing = Some(0.0);
+        self.difference == Side { median: nothing, low: nothing, high: nothing }
+            && self.better + self.worse == 0
+            && self.worst_seed.is_none()
+    }
+}
+
+/// `lost` is how much B lost on A.
+fn verdict(lost: Estimate, negligible: f64, [better, worse]: [usize; 2], pairs: usize) -> Verdict {
+    if pairs < FEWEST {
+        return if better + worse == 0 { Verdict::Same } else { Verdict::Unclear };
+    }
+    let is_shown = lost.is_off_zero() && lost.value.abs() > negligible;
+    let is_frequent = sign_test(worse, better) < ALPHA;
+    match () {
+        () if is_shown && lost.value > 0.0 || is_frequent && worse > better => Verdict::Worse,
+        () if is_shown || is_frequent => Verdict::Better,
+        () => Verdict::Same,
+    }
+}
+
+/// What never came is infinitely bad.
+fn value(outcome: Outcome, bad: f64) -> f64 {
+    match outcome {
+        Outcome::Value(value) => value,
+        Outcome::Never => bad * f64::INFINITY,
+    }
+}
+
+/// The larger size of the two medians; of a side that never comes there is none.
+fn scale(values: &[[f64; 2]]) -> f64 {
+    let size = |side: usize| median(&mut values.iter().map(|pair| pair[side]).collect::<Vec<_>>()).abs();
+    [size(0), size(1)].into_iter().filter(|size| size.is_finite()).fold(0.0, f64::max)
+}
+
+/// Times 1 or -1.
+fn turned(estimate: Estimate, sign: f64) -> Estimate {
+    let [one, other] = [sign * estimate.low, sign * estimate.high];
+    // Adding zero turns -0.0 into 0.0.
+    Estimate { value: sign * estimate.value + 0.0, low: one.min(other) + 0.0, high: one.max(other) + 0.0 }
+}
+
+impl From<Estimate> for Side {
+    fn from(estimate: Estimate) -> Self {
+        let finite = |value: f64| value.is_finite().then_some(value);
+        Self { median: finite(estimate.value), low: finite(estimate.low), high: finite(estimate.high) }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::{BTreeMap, BTreeSet};
+
+    use skein_agent::random::{self, Purpose};
+
+    use super::super::folder::Flown;
+    use super::*;
+    use crate::study::Measured;
+
+    /// A run of a seed with one figure; none is never.
+    fn run(seed: u64, key: &str, value: Option<f64>) -> Flown {
+        let never = if value.is_none() { BTreeSet::from([key.to_owned()]) } else { BTreeSet::new() };
+        let figures = BTreeMap::from([(key.to_owned(), value)]);
+        let measured = Measured { seed, words: BTreeMap::new(), figures, never };
+        Flown { folder: format!("b/seed-{seed}").into(), measured, scenario: BTreeMap::new() }
+    }
+
+    fn compared(key: &'static str, values: &[[Option<f64>; 2]]) -> Compared {
+        let both = |(seed, both): (usize, &[Option<f64>; 2])| both.map(|value| run(seed as u64, key, value));
+        let runs: Vec<[Flown; 2]> = values.iter().enumerate().map(both).collect();
+        let pairs: Vec<Pair<'_>> = runs.iter().map(|[a, b]| [a, b]).collect();
+        Compared::new(key, &pairs).unwrap()
+    }
+
+    fn some(values: &[[f64; 2]]) -> Vec<[Option<f64>; 2]> {
+        values.iter().map(|both| both.map(Some)).collect()
+    }
+
+    #[test]
+    fn a_shift_is_better_or_worse_as_the_figure_has_it() {
+        let larger: Vec<[f64; 2]> = (0..10).map(|n| [f64::from(n), f64::from(n) + 1.0 + f64::from(n % 3)]).collect();
+        let error = compared("radial_rms_m", &some(&larger));
+        assert_eq!((error.verdict, error.worse, error.better), (Verdict::Worse, 10, 0));
+        assert_eq!((error.effect.median, error.worst_seed), (Some(-1.0), Some(2)), "of equal losses the first");
+        assert_eq!(error.replay.as_deref(), Some("skein study b/seed-2/scenario.toml"));
+        let separation = compared("min_separation_m", &some(&larger));
+        assert_eq!((separation.verdict, separation.effect.median), (Verdict::Better, Some(1.0)));
+        assert_eq!((separation.worst_seed, separation.replay), (None, None));
+        assert_eq!(error.difference, separation.difference, "always B minus A");
+        let few = compared("radial_rms_m", &some(&larger[..5]));
+        assert_eq!(few.verdict, Verdict::Unclear);
+    }
+
+    #[test]
+    fn what_is_negligible_or_equal_is_the_same() {
+        let hardly: Vec<[f64; 2]> = (0..20).map(|n| [100.0 + f64::from(n), 100.5 + f64::from(n)]).collect();
+        let figure = compared("radial_rms_m", &some(&hardly));
+        assert_eq!((figure.verdict, figure.is_equal(), figure.worst_seed), (Verdict::Same, false, Some(0)));
+        let equal = compared("radial_rms_m", &some(&[[3.0, 3.0]; 4]));
+        assert!(equal.is_equal() && equal.verdict == Verdict::Same);
+    }
+
+    #[test]
+    fn never_ranks_worst() {
+        let mut values: Vec<[Option<f64>; 2]> = some(&[[50.0, 50.0]; 12]);
+        values.iter_mut().take(6).for_each(|both| both[1] = None);
+        let figure = compared("even_10deg_s", &values);
+        assert_eq!((figure.verdict, figure.worse, figure.never), (Verdict::Worse, 6, [0, 6]));
+        assert_eq!((figure.b.median, figure.b.low, figure.b.high), (None, Some(50.0), None), "half of them never");
+        values.iter_mut().for_each(|both| both.swap(0, 1));
+        assert_eq!(compared("even_10deg_s", &values).verdict, Verdict::Better);
+        let always = compared("even_10deg_s", &[[None, None]; 7]);
+        assert!(always.is_equal() && always.never == [7, 7]);
+        // Less is worse: nothing is worse than no separation at all.
+        let separation = compared("min_separation_m", &[[Some(10.0), None]; 7]);
+        assert_eq!(separation.verdict, Verdict::Worse);
+    }
+
+    #[test]
+    fn what_happens_to_a_few_runs_is_found() {
+        let collided =
+            |of: usize| -> Vec<[f64; 2]> { (0..50).map(|n| [0.0, if n < of { 1.0 } else { 0.0 }]).collect() };
+        let figure = compared("collisions", &some(&collided(7)));
+        assert_eq!((figure.verdict, figure.difference.median), (Verdict::Worse, Some(0.0)));
+        assert_eq!(compared("collisions", &some(&collided(3))).verdict, Verdict::Same, "three may be chance");
+    }
+
+    #[test]
+    fn chance_alone_is_seldom_worse() {
+        let mut rng = random::generator(3, None, Purpose::Wind);
+        for n in [8, 25] {
+            let mut worse = 0;
+            for _ in 0..200 {
+                let pairs: Vec<[f64; 2]> =
+                    (0..n).map(|_| [0, 1].map(|_| 10.0 + random::standard_normal(&mut rng))).collect();
+                worse += usize::from(compared("radial_rms_m", &some(&pairs)).verdict == Verdict::Worse);
+            }
+            println!("{n} pairs: {worse} of 200 worse");
+            // 2.5 % on either side is 5, with a standard deviation of 2.2; the percentile interval of few is a little short.
+            assert!((1..=14).contains(&worse), "{n} pairs: {worse} of 200");
+        }
+    }
+}

@@ -1,0 +1,113 @@
+//! Who has come down otherwise than by a landing.
+
+use super::{AIRBORNE_ABOVE_M, VehicleNow, index};
+
+/// Touching the ground faster than this, in any direction, is a crash, m/s. Landings here touch at less than 1 m/s.
+const CRASH_M_S: f64 = 3.0;
+/// Touching it this far from upright is one at any speed.
+const CRASH_TILT_DEG: f64 = 45.0;
+/// Who stands has its centre of gravity this high, m, where nobody has seen it stand.
+const STANDING_M: f64 = 0.5;
+/// Who is not higher than this above where it stands touches the ground, m.
+const TOUCH_M: f64 = 0.3;
+
+/// Counts vehicles that have crashed.
+#[derive(Debug)]
+pub(super) struct Crashes(Vec<Flight>);
+
+/// One vehicle between the ground and the ground.
+#[derive(Clone, Debug, Default)]
+struct Flight {
+    /// The least height seen before it was in the air, m.
+    standing_m: Option<f64>,
+    is_in_the_air: bool,
+    /// When it was last seen, m/s.
+    speed_m_s: f64,
+    has_crashed: bool,
+}
+
+impl Crashes {
+    pub(super) fn new(vehicles: usize) -> Self {
+        Self(vec![Flight::default(); vehicles])
+    }
+
+    pub(super) fn observe(&mut self, vehicles: &[VehicleNow]) {
+        for vehicle in vehicles {
+            if let Some(flight) = self.0.get_mut(index(vehicle.id)) {
+                flight.observe(vehicle);
+            }
+        }
+    }
+
+    /// Vehicles that have crashed, each once.
+    pub(super) fn count(&self) -> u64 {
+        self.0.iter().filter(|flight| flight.has_crashed).count() as u64
+    }
+}
+
+impl Flight {
+    fn observe(&mut self, vehicle: &VehicleNow) {
+        let truth = &vehicle.truth;
+        // The ground has braked what is seen to touch it.
+        let speed_m_s = truth.velocity.0.norm();
+        let fastest_m_s = std::mem::replace(&mut self.speed_m_s, speed_m_s).max(speed_m_s);
+        if truth.height_m > AIRBORNE_ABOVE_M {
+            self.is_in_the_air = true;
+        } else if !self.is_in_the_air {
+            self.standing_m = Some(self.standing_m.map_or(truth.height_m, |least_m| least_m.min(truth.height_m)));
+        } else if truth.height_m <= self.standing_m.unwrap_or(STANDING_M) + TOUCH_M {
+            self.is_in_the_air = false;
+            let up = truth.attitude.roll_rad.cos() * truth.attitude.pitch_rad.cos();
+            let lands = vehicle.runs && !vehicle.is_member;
+            self.has_crashed |= !lands || fastest_m_s > CRASH_M_S || up < CRASH_TILT_DEG.to_radians().cos();
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use skein_common::frame::VelocityNed;
+
+    use super::super::tests::vehicle;
+    use super::*;
+
+    /// Vehicle 1 at a height, sinking, landing or not.
+    fn at(height_m: f64, sinks_m_s: f64, lands: bool) -> VehicleNow {
+        let mut seen = vehicle(1, 0.0, 0.0, height_m);
+        seen.truth.velocity = VelocityNed::new(0.0, 0.0, sinks_m_s);
+        VehicleNow { is_member: !lands, ..seen }
+    }
+
+    fn crashes(history: &[VehicleNow]) -> u64 {
+        let mut crashes = Crashes::new(1);
+        history.iter().for_each(|seen| crashes.observe(&[*seen]));
+        crashes.count()
+    }
+
+    #[test]
+    fn a_landing_is_none() {
+        let down = [at(0.25, 0.0, false), at(30.0, 1.0, true), at(1.0, 0.8, true), at(0.3, 0.4, true)];
+        assert_eq!(crashes(&down), 0);
+        assert_eq!(crashes(&[at(0.25, 0.0, false), at(1.0, 9.0, false), at(0.25, 9.0, false)]), 0, "it never flew");
+    }
+
+    #[test]
+    fn the_speed_before_the_ground_brakes_it_counts() {
+        let down = [at(0.25, 0.0, false), at(30.0, 1.0, true), at(0.6, 4.0, true), at(0.4, 1.0, true)];
+        assert_eq!(crashes(&down), 1);
+    }
+
+    #[test]
+    fn who_comes_down_without_landing_crashes_at_any_speed() {
+        let dead = VehicleNow { runs: false, ..at(0.3, 0.2, true) };
+        assert_eq!(crashes(&[at(30.0, 0.2, false), dead, dead]), 1);
+        assert_eq!(crashes(&[at(30.0, 0.2, false), at(0.3, 0.2, false), at(3.0, 0.0, false), at(0.3, 0.2, false)]), 1);
+    }
+
+    #[test]
+    fn on_its_side_it_has_crashed() {
+        let mut down = at(0.3, 0.2, true);
+        down.truth.attitude.roll_rad = 1.5;
+        assert_eq!(crashes(&[at(30.0, 1.0, true), down]), 1);
+    }
+}

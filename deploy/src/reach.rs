@@ -1,0 +1,125 @@
+//! How a live swarm is reached, wherever it flies: on this PC, as the file says that `fly` has left, or on a cluster.
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use skein_agent::link::Security;
+use skein_agent::link::seal::Sealer;
+use skein_agent::link::security::Role;
+use skein_common::id::{SwarmName, VehicleId};
+
+use crate::cluster::inventory::Inventory;
+use crate::endpoints::{self, Endpoints};
+use crate::error::Error;
+
+/// What one needs to take part in a swarm's traffic.
+#[derive(Clone, Debug)]
+pub struct Reach {
+    /// The swarm's name.
+    pub swarm: SwarmName,
+    /// Every agent's endpoint in Zenoh's notation, `tls/10.0.0.11:7447`.
+    pub agents: BTreeMap<VehicleId, String>,
+    /// How links to them are secured, and as whom.
+    pub security: Security,
+    /// The Ed25519 public key that orders are sealed with, if they are.
+    pub orders_key: Option<[u8; 32]>,
+    /// What seals them: an operator's alone.
+    pub sealer: Option<Arc<Sealer>>,
+    /// What flies.
+    pub scenario: Flown,
+}
+
+/// A complete scenario as it is flown.
+#[derive(Clone, Debug)]
+pub enum Flown {
+    /// In this file.
+    File(PathBuf),
+    /// This text.
+    Text(String),
+}
+
+impl Reach {
+    /// A swarm whose links are plain.
+    pub fn plain(swarm: SwarmName, agents: BTreeMap<VehicleId, String>, scenario: Flown) -> Self {
+        Self { swarm, agents, security: Security::Plain, orders_key: None, sealer: None, scenario }
+    }
+
+    /// All endpoints, in the order of ids.
+    pub fn all(&self) -> Vec<String> {
+        self.agents.values().cloned().collect()
+    }
+
+    /// What flies: where it stands, for who reads of a fault in it, and its text.
+    ///
+    /// # Errors
+    /// If its file cannot be read.
+    pub fn flown(&self) -> Result<(String, String), Error> {
+        match &self.scenario {
+            Flown::Text(text) => Ok((format!("the scenario of {}", self.swarm), text.clone())),
+            Flown::File(path) => {
+                let name = path.display().to_string();
+                let text = fs::read_to_string(path).map_err(|error| Error::Failed(format!("{name}: {error}")))?;
+                Ok((name, text))
+            }
+        }
+    }
+}
+
+impl From<Endpoints> for Reach {
+    fn from(there: Endpoints) -> Self {
+        Self::plain(there.swarm, there.agents, Flown::File(there.out.join("scenario.toml")))
+    }
+}
+
+/// Which swarm a command is about.
+#[derive(Clone, Debug, Default, clap::Args)]
+pub struct SwarmArgs {
+    /// The swarm of this PC; not needed if only one flies here
+    #[arg(long, global = true, value_name = "NAME", value_parser = |text: &str| SwarmName::new(text))]
+    pub swarm: Option<SwarmName>,
+    /// The file of the cluster that it flies on
+    #[arg(short = 'f', long = "file", global = true, value_name = "CLUSTER.toml")]
+    pub file: Option<PathBuf>,
+}
+
+impl SwarmArgs {
+    /// How it is reached by such a one.
+    ///
+    /// # Errors
+    /// If there is no such swarm, or several to choose from, or the cluster's file or keys are at fault.
+    pub fn reach(&self, role: Role) -> Result<Reach, Error> {
+        match (&self.swarm, &self.file) {
+            (Some(_), Some(_)) => {
+                Err(Error::Refused("either --swarm, for a swarm of this PC, or -f, for a cluster's".to_owned()))
+            }
+            (None, Some(file)) => Inventory::read(file)?.reach(role),
+            (swarm, None) => Ok(endpoints::find(&endpoints::folder(), swarm.as_ref())?.into()),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_swarm_is_here_or_on_a_cluster() {
+        let both = SwarmArgs { swarm: SwarmName::new("lab").ok(), file: Some("cluster.toml".into()) };
+        let error = both.reach(Role::Observer).unwrap_err();
+        assert_eq!(error.to_string(), "either --swarm, for a swarm of this PC, or -f, for a cluster's");
+        let missing = SwarmArgs { swarm: None, file: Some("no such/cluster.toml".into()) };
+        let error = missing.reach(Role::Observer).unwrap_err();
+        assert!(error.exit_code() == 2 && error.to_string().contains("no such/cluster.toml"), "{error}");
+    }
+
+    #[test]
+    fn a_scenario_is_read_when_it_is_asked_for() {
+        let swarm = SwarmName::new("lab").unwrap();
+        let missing = Reach::plain(swarm.clone(), BTreeMap::new(), Flown::File("none/scenario.toml".into()));
+        assert!(missing.flown().unwrap_err().to_string().starts_with("none/scenario.toml: "));
+        let (name, text) = Reach::plain(swarm, BTreeMap::new(), Flown::Text("x".to_owned())).flown().unwrap();
+        assert_eq!((name.as_str(), text.as_str()), ("the scenario of lab", "x"));
+    }
+}

@@ -1,0 +1,158 @@
+//! `skein record` as it is typed.
+
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+use skein_agent::link::security::Role;
+use skein_common::scenario::{Source, load};
+use skein_common::state::Membership;
+
+use super::{About, RecordError, Recorder, merge, repair};
+use crate::clock;
+use crate::error::Error;
+use crate::metrics::Run;
+use crate::observe::{Heard, Observer};
+use crate::os::Interrupts;
+use crate::reach::{Reach, SwarmArgs};
+
+/// Between two looks at the swarm.
+const TICK: Duration = Duration::from_millis(20);
+/// A swarm of which nobody is heard within this time is not there.
+const LISTEN: Duration = Duration::from_secs(5);
+
+/// `skein record`
+#[derive(Clone, Debug, clap::Args)]
+pub struct RecordArgs {
+    /// What to record.
+    #[command(flatten)]
+    pub swarm: SwarmArgs,
+    /// The file to be written; there must be none of that name
+    #[arg(long, value_name = "FILE", required_unless_present = "repair")]
+    pub out: Option<PathBuf>,
+    /// Make a whole file of one that is cut off or damaged, beside it: run.mcap becomes run.repaired.mcap
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["swarm", "file", "out", "merge"])]
+    pub repair: Option<PathBuf>,
+    /// Join these into one, in the order of their times
+    #[arg(long, value_name = "FILE", num_args = 1.., conflicts_with_all = ["swarm", "file"])]
+    pub merge: Vec<PathBuf>,
+}
+
+/// Records, repairs or merges.
+///
+/// # Errors
+/// If a file cannot be read or written, or no swarm is there.
+pub fn run(args: &RecordArgs) -> Result<(), Error> {
+    match (&args.repair, &args.out) {
+        (Some(broken), _) => {
+            refuse_existing(&broken.with_extension("repaired.mcap"))?;
+            let repaired = repair(broken).map_err(|error| about_file(broken, error))?;
+            crate::say(&format!("{}: {repaired}\n", broken.display()));
+            Ok(())
+        }
+        (None, Some(out)) if args.merge.is_empty() => record(&args.swarm, out),
+        (None, Some(out)) => {
+            refuse_existing(out)?;
+            let messages = merge(&args.merge, out).map_err(|error| about_file(out, error))?;
+            crate::say(&format!("{}: {messages} messages of {} files\n", out.display(), args.merge.len()));
+            Ok(())
+        }
+        (None, None) => Err(Error::Refused("--out FILE says where to record".to_owned())),
+    }
+}
+
+fn refuse_existing(path: &Path) -> Result<(), Error> {
+    match path.exists() {
+        true => Err(Error::Refused(format!("{}: there is such a file already", path.display()))),
+        false => Ok(()),
+    }
+}
+
+fn about_file(path: &Path, error: RecordError) -> Error {
+    match error {
+        // Names its file.
+        RecordError::Io { .. } => Error::Refused(error.to_string()),
+        _ => Error::Refused(format!("{}: {error}", path.display())),
+    }
+}
+
+/// Records a live swarm until Ctrl-C. It flies the same with and without.
+fn record(swarm: &SwarmArgs, out: &Path) -> Result<(), Error> {
+    refuse_existing(out)?;
+    let reach = swarm.reach(Role::Observer)?;
+    let interrupts = Interrupts::listen().map_err(|error| Error::Failed(format!("signals: {error}")))?;
+    let mut observer = Observer::open(&reach)?;
+    let heard = first_words(&mut observer, &reach)?;
+    let mut recorder = begin(&reach, out)?;
+    eprintln!("records the swarm {} into {}; Ctrl-C ends it", reach.swarm, out.display());
+    let mut window = Window::default();
+    heard.iter().for_each(|(heard, at)| put(&mut recorder, heard, *at));
+    while interrupts.count() == 0 {
+        observer.poll_timed().iter().for_each(|(heard, at)| put(&mut recorder, heard, *at));
+        if window.begins(&observer) {
+            recorder.window_begins(clock::now());
+        }
+        clock::sleep(TICK);
+    }
+    let (steps, unheard) = (recorder.steps(), observer.dropped());
+    let dropped = recorder.finish().map_err(|error| Error::Failed(about_file(out, error).to_string()))?;
+    let vehicles = observer.vehicles().values().filter(|seen| seen.trace.is_some()).count();
+    crate::say(&format!(
+        "{}: {steps} steps of {vehicles} vehicles; dropped: {dropped}, not understood: {unheard}\n",
+        out.display()
+    ));
+    Ok(())
+}
+
+/// Waits until somebody is heard.
+fn first_words(observer: &mut Observer, reach: &Reach) -> Result<Vec<(Heard, Instant)>, Error> {
+    let until = clock::now() + LISTEN;
+    loop {
+        let heard = observer.poll_timed();
+        if !heard.is_empty() {
+            return Ok(heard);
+        }
+        if clock::now() >= until {
+            return Err(Error::Failed(format!("nobody of the swarm {} answers", reach.swarm)));
+        }
+        clock::sleep(TICK);
+    }
+}
+
+fn begin(reach: &Reach, out: &Path) -> Result<Recorder, Error> {
+    let (name, text) = reach.flown()?;
+    let loaded = load(&Source { name: &name, text: &text }, &[])
+        .map_err(|fault| Error::Scenario { fault: fault.into(), text: text.clone() })?;
+    let scenario = &loaded.scenario;
+    let about = About { scenario, scenario_toml: &text, run: &Run::new(scenario, "fly"), clock: "" };
+    Recorder::begin(out, &about, scenario.record.hz.live_hz()).map_err(|error| about_file(out, error))
+}
+
+fn put(recorder: &mut Recorder, heard: &Heard, at: Instant) {
+    match heard {
+        Heard::Trace(trace) => recorder.step(at, trace),
+        Heard::Event(event) => recorder.happened(at, event.header.sender, &event.what),
+        Heard::Appeared(id) => recorder.note(at, false, &format!("vehicle {id}"), "its agent is there"),
+        Heard::Vanished(id) => recorder.note(at, true, &format!("vehicle {id}"), "its agent is gone"),
+        Heard::Health(_) | Heard::Mission(_) => {}
+    }
+}
+
+/// The window of the figures begins as that of `fly` does, or as soon as it can be told for who comes late: when everybody
+/// alive takes part.
+#[derive(Debug, Default)]
+struct Window {
+    has_begun: bool,
+}
+
+impl Window {
+    /// True once.
+    fn begins(&mut self, observer: &Observer) -> bool {
+        let takes_part = |seen: &crate::observe::Seen| {
+            seen.trace.as_ref().is_some_and(|trace| trace.membership != Membership::Joining)
+        };
+        let mut alive = observer.vehicles().values().filter(|seen| seen.alive).peekable();
+        let begins = !self.has_begun && alive.peek().is_some() && alive.all(takes_part);
+        self.has_begun |= begins;
+        begins
+    }
+}

@@ -1,0 +1,86 @@
+//! What repairing and merging share: pieces of files go into another one, channels and schemas once.
+
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::io::BufWriter;
+use std::path::Path;
+
+use mcap::records::{AttachmentHeader, MessageHeader, Metadata};
+use mcap::{Attachment, Channel};
+
+use super::RecordError;
+use super::draft::Draft;
+use super::writer::options;
+
+/// A file that is written piece by piece, and appears when it is whole.
+pub(super) struct Copy {
+    mcap: mcap::Writer<BufWriter<File>>,
+    /// Numbers here of channels there, by file and number there.
+    channels: BTreeMap<(usize, u16), u16>,
+    attachments: Vec<(AttachmentHeader, Vec<u8>)>,
+    metadata: Vec<Metadata>,
+    draft: Draft,
+}
+
+impl Copy {
+    pub(super) fn new(path: &Path) -> Result<Self, RecordError> {
+        let draft = Draft::new(path);
+        Ok(Self {
+            mcap: options().create(BufWriter::new(draft.create()?))?,
+            channels: BTreeMap::new(),
+            attachments: Vec::new(),
+            metadata: Vec::new(),
+            draft,
+        })
+    }
+
+    /// A message of the `file`-th file.
+    pub(super) fn message(
+        &mut self,
+        file: usize,
+        channel: &Channel<'_>,
+        header: MessageHeader,
+        data: &[u8],
+    ) -> Result<(), RecordError> {
+        let channel_id = match self.channels.get(&(file, channel.id)) {
+            Some(known) => *known,
+            None => {
+                let schema = channel.schema.as_ref();
+                let schema = schema.map(|schema| self.mcap.add_schema(&schema.name, &schema.encoding, &schema.data));
+                let schema = schema.transpose()?.unwrap_or(0);
+                let Channel { topic, message_encoding, metadata, .. } = channel;
+                let new = self.mcap.add_channel(schema, topic, message_encoding, metadata)?;
+                self.channels.insert((file, channel.id), new);
+                new
+            }
+        };
+        Ok(self.mcap.write_to_known_channel(&MessageHeader { channel_id, ..header }, data)?)
+    }
+
+    /// An attachment, unless the same is there.
+    pub(super) fn attachment(&mut self, header: AttachmentHeader, data: &[u8]) -> Result<(), RecordError> {
+        let is_same = |(other, theirs): &(AttachmentHeader, Vec<u8>)| other.name == header.name && theirs == data;
+        if self.attachments.iter().any(is_same) {
+            return Ok(());
+        }
+        let AttachmentHeader { log_time, create_time, name, media_type } = header.clone();
+        self.mcap.attach(&Attachment { log_time, create_time, name, media_type, data: data.into() })?;
+        self.attachments.push((header, data.to_vec()));
+        Ok(())
+    }
+
+    /// A metadata record, unless the same is there.
+    pub(super) fn metadata(&mut self, metadata: Metadata) -> Result<(), RecordError> {
+        if !self.metadata.contains(&metadata) {
+            self.mcap.write_metadata(&metadata)?;
+            self.metadata.push(metadata);
+        }
+        Ok(())
+    }
+
+    pub(super) fn finish(mut self) -> Result<(), RecordError> {
+        self.mcap.finish()?;
+        let file = self.mcap.into_inner().into_inner().map_err(|error| self.draft.error(error.into_error()))?;
+        self.draft.finish(&file)
+    }
+}

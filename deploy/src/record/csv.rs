@@ -1,0 +1,151 @@
+//! A recording as tables: one row a vehicle and step, one row a pair and step, one row a number that an external law logs,
+//! one row a thing that happened.
+//!
+//! Names of columns are kept from release to release; new ones come last. Times before the window of the figures are
+//! negative. An empty cell is what does not apply.
+
+use std::fs::File;
+use std::io::{self, BufWriter, Write};
+use std::path::{Path, PathBuf};
+
+use skein_common::message::Trace;
+
+use super::reader::{Whole, read_all};
+use super::{RecordError, format};
+use crate::recording::{Recording, Step, What};
+
+/// Writes `trace.csv`, `peers.csv`, `laws.csv` and `events.csv` of a recording into a folder, which is made if it is not there.
+/// Gives their paths.
+///
+/// # Errors
+/// If the recording cannot be read, or a table not written.
+pub fn csv(recording: &Path, folder: &Path) -> Result<Vec<PathBuf>, RecordError> {
+    let Whole { recording, .. } = read_all(recording)?;
+    std::fs::create_dir_all(folder).map_err(|error| RecordError::Io { path: folder.to_owned(), error })?;
+    type Table = fn(&mut dyn Write, &Recording) -> io::Result<()>;
+    let tables: [(&str, Table); 4] =
+        [("trace.csv", traces), ("peers.csv", peers), ("laws.csv", laws), ("events.csv", events)];
+    let write = |(name, table): (&str, Table)| {
+        let path = folder.join(name);
+        let written = File::create(&path).and_then(|file| {
+            let mut file = BufWriter::new(file);
+            table(&mut file, &recording)?;
+            file.flush()
+        });
+        written.map_err(|error| RecordError::Io { path: path.clone(), error })?;
+        Ok(path)
+    };
+    tables.into_iter().map(write).collect()
+}
+
+/// Every step, in the order of time.
+fn steps(recording: &Recording) -> Vec<&Step> {
+    let mut steps: Vec<_> = recording.tracks.iter().flat_map(|track| &track.steps).collect();
+    // Stable: of one instant in the order of ids.
+    steps.sort_by(|one, two| one.t_s.total_cmp(&two.t_s));
+    steps
+}
+
+fn traces(to: &mut dyn Write, recording: &Recording) -> io::Result<()> {
+    writeln!(to, "t_s,{}", COLUMNS.map(|(name, _)| name).join(","))?;
+    for Step { t_s, trace } in steps(recording) {
+        write!(to, "{t_s}")?;
+        for (_, cell) in &COLUMNS {
+            write!(to, ",{}", cell(trace))?;
+        }
+        writeln!(to)?;
+    }
+    Ok(())
+}
+
+/// What a cell of a step holds.
+type Cell = fn(&Trace) -> String;
+
+/// The columns of `trace.csv` behind the time.
+const COLUMNS: [(&str, Cell); 41] = [
+    ("vehicle", |said| said.header.sender.to_string()),
+    ("incarnation", |said| said.header.incarnation.0.to_string()),
+    ("sequence", |said| said.header.sequence.to_string()),
+    ("stamp_s", |said| said.header.stamp.seconds().to_string()),
+    ("plant_time_s", |said| said.plant_time.seconds().to_string()),
+    ("membership", |said| format::word(&said.membership)),
+    ("activity", |said| format::word(&said.activity)),
+    ("live", |said| said.live.to_string()),
+    ("step", |said| said.step.to_string()),
+    ("reached", |said| number(said.reached.map(u64::from))),
+    ("centre_north_m", |said| said.centre_ne_m[0].to_string()),
+    ("centre_east_m", |said| said.centre_ne_m[1].to_string()),
+    ("estimate_north_m", |said| said.estimate.north_m().to_string()),
+    ("estimate_east_m", |said| said.estimate.east_m().to_string()),
+    ("estimate_down_m", |said| said.estimate.down_m().to_string()),
+    ("north_m", |said| said.position.north_m().to_string()),
+    ("east_m", |said| said.position.east_m().to_string()),
+    ("down_m", |said| said.position.down_m().to_string()),
+    ("height_m", |said| said.height_m.to_string()),
+    ("velocity_north_m_s", |said| said.velocity.north_m_s().to_string()),
+    ("velocity_east_m_s", |said| said.velocity.east_m_s().to_string()),
+    ("velocity_down_m_s", |said| said.velocity.down_m_s().to_string()),
+    ("roll_rad", |said| said.attitude.roll_rad.to_string()),
+    ("pitch_rad", |said| said.attitude.pitch_rad.to_string()),
+    ("heading_rad", |said| said.attitude.heading_rad.to_string()),
+    ("power_w", |said| number(said.power_w)),
+    ("field_north", |said| said.field_ne[0].to_string()),
+    ("field_east", |said| said.field_ne[1].to_string()),
+    ("error_north_m", |said| said.error_ne_m[0].to_string()),
+    ("error_east_m", |said| said.error_ne_m[1].to_string()),
+    ("altitude_setpoint_m", |said| said.altitude_setpoint_m.to_string()),
+    ("stick_roll", |said| number(said.sticks.map(|sticks| sticks[0]))),
+    ("stick_pitch", |said| number(said.sticks.map(|sticks| sticks[1]))),
+    ("stick_yaw", |said| number(said.sticks.map(|sticks| sticks[2]))),
+    ("stick_collective", |said| number(said.sticks.map(|sticks| sticks[3]))),
+    ("step_us", |said| number(said.step_us)),
+    ("safety_activations", |said| number(said.safety_activations)),
+    ("frame_overruns", |said| said.frame_overruns.to_string()),
+    ("state_messages", |said| said.state_messages.to_string()),
+    ("state_bytes", |said| said.state_bytes.to_string()),
+    ("law_misses", |said| number(said.law_misses)),
+];
+
+/// A cell that may be empty.
+fn number(value: Option<impl ToString>) -> String {
+    value.map(|value| value.to_string()).unwrap_or_default()
+}
+
+/// How old every word was with whoever heard it.
+fn peers(to: &mut dyn Write, recording: &Recording) -> io::Result<()> {
+    writeln!(to, "t_s,vehicle,peer,standing,age_s,delivered_age_s")?;
+    for Step { t_s, trace } in steps(recording) {
+        for peer in &trace.peers {
+            let standing = format::word(&peer.standing);
+            let ages = format!("{},{}", peer.age_s, peer.delivered_age_s);
+            writeln!(to, "{t_s},{},{},{standing},{ages}", trace.header.sender, peer.id)?;
+        }
+    }
+    Ok(())
+}
+
+/// What external laws log.
+fn laws(to: &mut dyn Write, recording: &Recording) -> io::Result<()> {
+    writeln!(to, "t_s,vehicle,name,value")?;
+    for Step { t_s, trace } in steps(recording) {
+        for number in &trace.law_log {
+            let name = number.name.replace('"', "\"\"");
+            writeln!(to, "{t_s},{},\"{name}\",{}", trace.header.sender, number.value)?;
+        }
+    }
+    Ok(())
+}
+
+fn events(to: &mut dyn Write, recording: &Recording) -> io::Result<()> {
+    writeln!(to, "t_s,kind,vehicle,text")?;
+    for noted in &recording.noted {
+        let (kind, vehicle, what) = match &noted.what {
+            What::Said(id, what) => ("event", Some(*id), what.to_string()),
+            What::Done(incident) => ("fault", format::of_whom(incident), incident.to_string()),
+        };
+        let vehicle = vehicle.map(|id| id.to_string()).unwrap_or_default();
+        // Our sentences hold commas, and no quotes.
+        writeln!(to, "{},{kind},{vehicle},\"{what}\"", noted.t_s)?;
+    }
+    Ok(())
+}

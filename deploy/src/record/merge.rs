@@ -1,0 +1,49 @@
+//! Joining recordings, for example of several hosts.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use mcap::Channel;
+use mcap::records::MessageHeader;
+
+use super::RecordError;
+use super::copy::Copy;
+use super::scan::{Piece, scan};
+
+/// One message of one file.
+struct One {
+    file: usize,
+    channel: Arc<Channel<'static>>,
+    header: MessageHeader,
+    data: Vec<u8>,
+}
+
+/// Joins files into `to`: messages in the order of log time, of one instant in the order of the files; schemas, channels,
+/// attachments and metadata records that are the same once. Everything is held in memory meanwhile. A file that is cut off
+/// counts up to its end. Gives how many messages there are.
+///
+/// # Errors
+/// If one of them is no MCAP file or cannot be read, or `to` cannot be written.
+pub fn merge(files: &[PathBuf], to: &Path) -> Result<u64, RecordError> {
+    let mut copy = Copy::new(to)?;
+    let mut messages = Vec::new();
+    for (file, path) in files.iter().enumerate() {
+        let bytes = fs::read(path).map_err(|error| RecordError::Io { path: path.clone(), error })?;
+        scan(&bytes, |piece| match piece {
+            Piece::Message(channel, header, data) => {
+                messages.push(One { file, channel: channel.clone(), header, data: data.to_vec() });
+                Ok(())
+            }
+            Piece::Attachment(header, data) => copy.attachment(header, data),
+            Piece::Metadata(metadata) => copy.metadata(metadata),
+        })?;
+    }
+    // Stable.
+    messages.sort_by_key(|one| one.header.log_time);
+    for One { file, channel, header, data } in &messages {
+        copy.message(*file, channel, *header, data)?;
+    }
+    copy.finish()?;
+    Ok(messages.len() as u64)
+}

@@ -1,0 +1,151 @@
+//! Reading a recording back.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::fs;
+use std::path::Path;
+
+use mcap::records::Metadata;
+use serde::Deserialize;
+use skein_common::id::VehicleId;
+use skein_common::message::{Message, Trace};
+use skein_common::scenario::{Source, load};
+
+use super::RecordError;
+use super::format::{self, EventLine, FaultLine, seconds_since};
+use super::scan::{Piece, scan};
+use crate::metrics::Run;
+use crate::recording::{Noted, Recording, Step, What};
+
+/// A recording as it was made, up to where its file is cut off or the window of the figures ends, and from where that begins.
+/// Step by step it is what whoever looked on saw, with times rounded to nanoseconds; a step that two recorders wrote into
+/// one merged file is there once.
+///
+/// # Errors
+/// If the file cannot be read, or is no recording of ours.
+pub fn read(path: &Path) -> Result<Recording, RecordError> {
+    let mut whole = read_all(path)?;
+    let end_s = whole.end_s.unwrap_or(f64::INFINITY);
+    let is_in_window = |t_s: f64| (0.0..=end_s).contains(&t_s);
+    whole.recording.tracks.iter_mut().for_each(|track| track.steps.retain(|step| is_in_window(step.t_s)));
+    whole.recording.noted.retain(|noted| is_in_window(noted.t_s));
+    Ok(whole.recording)
+}
+
+/// Everything in a file, also what was before the window and after it.
+#[derive(Debug)]
+pub(super) struct Whole {
+    /// With negative times for what was before the window.
+    pub(super) recording: Recording,
+    /// When the window ended, s.
+    pub(super) end_s: Option<f64>,
+}
+
+pub(super) fn read_all(path: &Path) -> Result<Whole, RecordError> {
+    let bytes = fs::read(path).map_err(|error| RecordError::Io { path: path.to_owned(), error })?;
+    let mut pieces = Pieces::default();
+    scan(&bytes, |piece| pieces.take(piece))?;
+    pieces.assemble()
+}
+
+/// What a file held, before the beginning of the window is known.
+#[derive(Default)]
+struct Pieces {
+    run: Option<BTreeMap<String, String>>,
+    scenario: Option<String>,
+    begins_ns: Option<u64>,
+    ends_ns: Option<u64>,
+    first_ns: Option<u64>,
+    steps: Vec<(u64, Trace)>,
+    noted: Vec<(u64, What)>,
+}
+
+impl Pieces {
+    fn take(&mut self, piece: Piece<'_>) -> Result<(), RecordError> {
+        match piece {
+            Piece::Message(channel, header, data) => return self.take_message(&channel.topic, header.log_time, data),
+            Piece::Attachment(header, data) if header.name == format::SCENARIO => {
+                let text = String::from_utf8_lossy(data).into_owned();
+                self.scenario.get_or_insert(text);
+            }
+            Piece::Attachment(..) => {}
+            Piece::Metadata(Metadata { name, metadata }) => {
+                let log_time_ns = || metadata.get(format::LOG_TIME)?.parse().ok();
+                match name.as_str() {
+                    format::BEGINS => self.begins_ns = self.begins_ns.or_else(log_time_ns),
+                    format::ENDS => self.ends_ns = self.ends_ns.or_else(log_time_ns),
+                    format::RUN => {
+                        self.run.get_or_insert(metadata);
+                    }
+                    _ => {}
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn take_message(&mut self, topic: &str, log_time_ns: u64, data: &[u8]) -> Result<(), RecordError> {
+        let what = match (format::traced(topic), topic) {
+            (Some(id), _) => {
+                self.first_ns.get_or_insert(log_time_ns);
+                self.steps.push((log_time_ns, trace(id, topic, data)?));
+                return Ok(());
+            }
+            (None, format::EVENTS) => {
+                let EventLine { vehicle, what, .. } = parse(topic, data)?;
+                What::Said(vehicle, what)
+            }
+            (None, format::FAULTS) => What::Done(parse::<FaultLine<'_>>(topic, data)?.what.into_owned()),
+            // Drawn from the above for people.
+            _ => return Ok(()),
+        };
+        self.noted.push((log_time_ns, what));
+        Ok(())
+    }
+
+    fn assemble(self) -> Result<Whole, RecordError> {
+        let run = self.run.ok_or(RecordError::Missing(format::RUN))?;
+        let entry = |key: &str| run.get(key).cloned().unwrap_or_default();
+        if entry("format") != format::FORMAT {
+            return Err(RecordError::Format(entry("format")));
+        }
+        let text = self.scenario.ok_or(RecordError::Missing(format::SCENARIO))?;
+        let loaded = load(&Source { name: format::SCENARIO, text: &text }, &[]);
+        let scenario = loaded.map_err(|fault| RecordError::Scenario(fault.into()))?.scenario;
+        let run =
+            Run { version: entry("version"), revision: entry("revision"), ..Run::new(&scenario, &entry("target")) };
+        // Cut off before everybody took part: then the file's first step is as good as any.
+        let zero_ns = self.begins_ns.or(self.first_ns).unwrap_or(0);
+        let mut recording = Recording::new(&scenario, run);
+        let mut known = BTreeSet::new();
+        for (log_time_ns, trace) in self.steps {
+            let header = trace.header;
+            let is_new = known.insert((header.sender, header.incarnation, header.sequence));
+            let track = recording.tracks.iter_mut().find(|track| track.id == header.sender);
+            if let Some(track) = track.filter(|_| is_new) {
+                track.steps.push(Step { t_s: seconds_since(zero_ns, log_time_ns), trace });
+            }
+        }
+        recording.tracks.iter_mut().for_each(|track| track.steps.sort_by(|one, two| one.t_s.total_cmp(&two.t_s)));
+        let noted = |(log_time_ns, what)| Noted { t_s: seconds_since(zero_ns, log_time_ns), what };
+        recording.noted = self.noted.into_iter().map(noted).collect();
+        recording.noted.sort_by(|one, two| one.t_s.total_cmp(&two.t_s));
+        Ok(Whole { recording, end_s: self.ends_ns.map(|ends_ns| seconds_since(zero_ns, ends_ns)) })
+    }
+}
+
+/// A step that this vehicle can have traced.
+fn trace(id: VehicleId, topic: &str, data: &[u8]) -> Result<Trace, RecordError> {
+    let trace: Trace = parse(topic, data)?;
+    match trace.header.sender == id && trace.is_plausible() {
+        true => Ok(trace),
+        false => Err(unreadable(topic, "impossible values")),
+    }
+}
+
+fn parse<'a, T: Deserialize<'a>>(topic: &str, data: &'a [u8]) -> Result<T, RecordError> {
+    serde_json::from_slice(data).map_err(|error| unreadable(topic, error))
+}
+
+fn unreadable(topic: &str, what: impl ToString) -> RecordError {
+    RecordError::Message { topic: topic.to_owned(), what: what.to_string() }
+}

@@ -1,0 +1,124 @@
+//! Reading whatever is whole of an MCAP file, in the order in which it was written, up to where it ends.
+//!
+//! The file is taken as it is: cut off anywhere, or damaged. A chunk counts if its checksum is right; a damaged one is left
+//! out, and reading goes on behind it. A record whose length leads beyond the end is where the file ends.
+
+use std::sync::Arc;
+
+use mcap::read::ChannelAccumulator;
+use mcap::records::{AttachmentHeader, MessageHeader, Metadata, Record, op};
+use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
+use mcap::{Channel, MAGIC, parse_record};
+
+use super::RecordError;
+
+/// A larger chunk is none of anybody's, bytes: a damaged length must not ask for all memory.
+const LARGEST_CHUNK: usize = 1 << 28;
+/// Bytes before a record's content: its kind and its length.
+const PREFIX: usize = 9;
+
+/// One thing in a file.
+pub(super) enum Piece<'a> {
+    /// A message with its channel.
+    Message(&'a Arc<Channel<'static>>, MessageHeader, &'a [u8]),
+    /// A file within the file.
+    Attachment(AttachmentHeader, &'a [u8]),
+    /// Words about the whole.
+    Metadata(Metadata),
+}
+
+/// What was found besides.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(super) struct Found {
+    /// The file ends as it should, and nothing in it is damaged.
+    pub(super) is_whole: bool,
+    /// Damaged chunks and records, left out.
+    pub(super) damaged: usize,
+    /// Bytes at the end that are no whole record.
+    pub(super) left_over: usize,
+}
+
+/// Hands everything that is whole to `take`.
+///
+/// # Errors
+/// If this is no MCAP file at all, or `take` fails.
+pub(super) fn scan(
+    bytes: &[u8],
+    mut take: impl FnMut(Piece<'_>) -> Result<(), RecordError>,
+) -> Result<Found, RecordError> {
+    let mut rest = bytes.strip_prefix(MAGIC).ok_or(RecordError::NoMcap)?;
+    let mut channels = ChannelAccumulator::default();
+    let mut found = Found::default();
+    while let Some((kind, content, behind)) = split(rest) {
+        let taken = match kind {
+            op::DATA_END => {
+                let ends_well = behind.ends_with(MAGIC);
+                return Ok(Found { is_whole: ends_well && found.damaged == 0, ..found });
+            }
+            op::CHUNK => unpack(&rest[..PREFIX + content.len()], &mut channels, &mut take)?,
+            _ => pass_on(kind, content, &mut channels, &mut take)?,
+        };
+        found.damaged += usize::from(!taken);
+        rest = behind;
+    }
+    Ok(Found { left_over: rest.len(), ..found })
+}
+
+/// The first record's kind and content, and what stands behind it; `None` if it is not all there.
+fn split(bytes: &[u8]) -> Option<(u8, &[u8], &[u8])> {
+    let (prefix, rest) = bytes.split_at_checked(PREFIX)?;
+    let length = u64::from_le_bytes(prefix[1..].try_into().ok()?);
+    let (content, behind) = rest.split_at_checked(usize::try_from(length).ok()?)?;
+    Some((prefix[0], content, behind))
+}
+
+/// Hands on what stands in a chunk. False if that is damaged.
+fn unpack(
+    record: &[u8],
+    channels: &mut ChannelAccumulator<'static>,
+    take: &mut impl FnMut(Piece<'_>) -> Result<(), RecordError>,
+) -> Result<bool, RecordError> {
+    let options = LinearReaderOptions::default()
+        .with_skip_start_magic(true)
+        .with_skip_end_magic(true)
+        .with_prevalidate_chunk_crcs(true)
+        .with_record_length_limit(LARGEST_CHUNK);
+    let mut reader = LinearReader::new_with_options(options);
+    let (mut rest, mut is_good) = (record, true);
+    while let Some(event) = reader.next_event() {
+        match event {
+            Ok(LinearReadEvent::ReadRequest(_)) if rest.is_empty() => break,
+            Ok(LinearReadEvent::ReadRequest(wanted)) => {
+                let (next, behind) = rest.split_at(wanted.min(rest.len()));
+                reader.insert(next.len()).copy_from_slice(next);
+                reader.notify_read(next.len());
+                rest = behind;
+            }
+            Ok(LinearReadEvent::Record { data, opcode }) => is_good &= pass_on(opcode, data, channels, take)?,
+            Err(_) => return Ok(false),
+        }
+    }
+    Ok(is_good)
+}
+
+/// Hands on one record that is no chunk. False if it is damaged.
+fn pass_on(
+    kind: u8,
+    content: &[u8],
+    channels: &mut ChannelAccumulator<'static>,
+    take: &mut impl FnMut(Piece<'_>) -> Result<(), RecordError>,
+) -> Result<bool, RecordError> {
+    let Ok(record) = parse_record(kind, content) else { return Ok(false) };
+    match record {
+        Record::Schema { header, data } => return Ok(channels.add_schema(header, data.into_owned().into()).is_ok()),
+        Record::Channel(channel) => return Ok(channels.add_channel(channel).is_ok()),
+        Record::Message { header, data } => match channels.get(header.channel_id) {
+            Some(channel) => take(Piece::Message(&channel, header, &data))?,
+            None => return Ok(false),
+        },
+        Record::Attachment { header, data, .. } => take(Piece::Attachment(header, &data))?,
+        Record::Metadata(metadata) => take(Piece::Metadata(metadata))?,
+        _ => {}
+    }
+    Ok(true)
+}

@@ -1,0 +1,249 @@
+//! What Foxglove draws: frames, places on the globe, helicopters, the formation.
+//!
+//! Foxglove's world is east, north, up, and its bodies are forward, left, up (as in ROS, REP 103); ours are north, east,
+//! down and forward, right, down. Both differ by a constant rotation on each side:
+//!
+//! ```text
+//!   enu_from_flu = enu_from_ned * ned_from_frd * frd_from_flu
+//! ```
+
+use foxglove::messages::{
+    Color, CubePrimitive, CylinderPrimitive, FrameTransform, FrameTransforms, LinePrimitive, LocationFix, Log, Point3,
+    Pose, Quaternion, SceneEntity, SceneUpdate, TextPrimitive, Timestamp, Vector3, line_primitive, log,
+};
+use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector2};
+use skein_agent::formation::{self, ring::Region};
+use skein_common::frame::{Attitude, Origin};
+use skein_common::id::VehicleId;
+use skein_common::message::Trace;
+use skein_common::scenario::Formation;
+
+/// The root frame: east, north, up at the scenario's origin.
+pub(super) const WORLD: &str = "world";
+/// Where the formation's centre is, in the axes of the world.
+pub(super) const CENTRE: &str = "centre";
+
+/// Model helicopters would be dots in a formation of 100 m: this is the length of what is drawn, m.
+const DRAWN_LENGTH_M: f64 = 8.0;
+/// Corners of a drawn ellipse.
+const CORNERS: usize = 90;
+
+/// M. Okabe & K. Ito's colours, without black and yellow.
+const COLOURS: [[f64; 3]; 6] = [
+    [0.0, 0.45, 0.70],
+    [0.90, 0.60, 0.0],
+    [0.0, 0.62, 0.45],
+    [0.84, 0.37, 0.0],
+    [0.80, 0.47, 0.65],
+    [0.35, 0.70, 0.90],
+];
+
+/// The frame of a vehicle: forward, left, up.
+pub(super) fn frame(id: VehicleId) -> String {
+    format!("vehicle/{id}")
+}
+
+pub(super) fn timestamp(log_time_ns: u64) -> Timestamp {
+    let seconds = u32::try_from(log_time_ns / 1_000_000_000).unwrap_or(u32::MAX);
+    Timestamp::new(seconds, (log_time_ns % 1_000_000_000) as u32)
+}
+
+/// North, east, down to east, north, up.
+fn enu_from_ned(ned: nalgebra::Vector3<f64>) -> Vector3 {
+    Vector3 { x: ned.y, y: ned.x, z: -ned.z }
+}
+
+/// Turns components along a vehicle's forward, left and up into components along east, north and up.
+fn enu_from_flu(attitude: &Attitude) -> UnitQuaternion<f64> {
+    let enu_from_ned = Matrix3::new(0.0, 1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, -1.0);
+    let frd_from_flu = Matrix3::from_diagonal(&nalgebra::Vector3::new(1.0, -1.0, -1.0));
+    let rotation = enu_from_ned * attitude.ned_from_body().matrix() * frd_from_flu;
+    UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(rotation))
+}
+
+/// Where the vehicle really was.
+pub(super) fn vehicle_transform(time: Timestamp, trace: &Trace) -> FrameTransforms {
+    let rotation = enu_from_flu(&trace.attitude);
+    transform(time, frame(trace.header.sender), enu_from_ned(trace.position.0), rotation)
+}
+
+/// Where a vehicle takes the formation's centre to be, at this altitude.
+pub(super) fn centre_transform(time: Timestamp, centre_ne_m: [f64; 2], altitude_m: f64) -> FrameTransforms {
+    let centre = Vector3 { x: centre_ne_m[1], y: centre_ne_m[0], z: altitude_m };
+    transform(time, CENTRE.to_owned(), centre, UnitQuaternion::identity())
+}
+
+fn transform(time: Timestamp, child: String, place: Vector3, rotation: UnitQuaternion<f64>) -> FrameTransforms {
+    let transform = FrameTransform {
+        timestamp: Some(time),
+        parent_frame_id: WORLD.to_owned(),
+        child_frame_id: child,
+        translation: Some(place),
+        rotation: Some(Quaternion { x: rotation.i, y: rotation.j, z: rotation.k, w: rotation.w }),
+    };
+    FrameTransforms { transforms: vec![transform] }
+}
+
+/// Where on the globe the vehicle really was.
+pub(super) fn location(time: Timestamp, origin: &Origin, trace: &Trace) -> LocationFix {
+    let place = origin.geodetic_from_ned(trace.position);
+    LocationFix {
+        timestamp: Some(time),
+        frame_id: frame(trace.header.sender),
+        latitude: place.latitude_deg(),
+        longitude: place.longitude_deg(),
+        altitude: place.altitude_m,
+        heading: Some(trace.attitude.heading_rad),
+        velocity: Some(enu_from_ned(trace.velocity.0)),
+        color: Some(colour(trace.header.sender, 1.0)),
+        ..LocationFix::default()
+    }
+}
+
+/// A helicopter in the frame of each vehicle, larger than life, with its number.
+pub(super) fn vehicles(time: Timestamp, ids: impl Iterator<Item = VehicleId>) -> SceneUpdate {
+    let entity = |id: VehicleId| {
+        let at = |x: f64, z: f64| pose(DRAWN_LENGTH_M * x, 0.0, DRAWN_LENGTH_M * z);
+        let size =
+            |x: f64, y: f64, z: f64| Vector3 { x: DRAWN_LENGTH_M * x, y: DRAWN_LENGTH_M * y, z: DRAWN_LENGTH_M * z };
+        let cube = |x, size| CubePrimitive { pose: Some(at(x, 0.0)), size: Some(size), color: Some(colour(id, 1.0)) };
+        let rotor = CylinderPrimitive {
+            pose: Some(at(0.0, 0.16)),
+            size: Some(size(1.0, 1.0, 0.02)),
+            bottom_scale: 1.0,
+            top_scale: 1.0,
+            color: Some(colour(id, 0.35)),
+        };
+        let number = TextPrimitive {
+            pose: Some(at(0.0, 0.5)),
+            billboard: true,
+            font_size: 14.0,
+            scale_invariant: true,
+            color: Some(colour(id, 1.0)),
+            text: id.to_string(),
+        };
+        SceneEntity {
+            timestamp: Some(time),
+            frame_id: frame(id),
+            id: frame(id),
+            frame_locked: true,
+            // A cabin before a boom.
+            cubes: vec![cube(0.1, size(0.4, 0.18, 0.2)), cube(-0.35, size(0.5, 0.05, 0.06))],
+            cylinders: vec![rotor],
+            texts: vec![number],
+            ..SceneEntity::default()
+        }
+    };
+    SceneUpdate { deletions: Vec::new(), entities: ids.map(entity).collect() }
+}
+
+/// The formation's ellipse and the edges of where vehicles belong, about the frame `centre`.
+pub(super) fn formation(time: Timestamp, wanted: &Formation) -> SceneUpdate {
+    let ring = formation::ring(wanted);
+    let edges_m = match ring.region {
+        Region::Band => vec![ring.radius_m - ring.inner_width_m, ring.radius_m + ring.outer_width_m],
+        Region::Inside => Vec::new(),
+    };
+    let line = |radius_m: f64, thickness: f64, alpha: f64| LinePrimitive {
+        r#type: line_primitive::Type::LineLoop.into(),
+        pose: Some(pose(0.0, 0.0, 0.0)),
+        thickness,
+        scale_invariant: true,
+        points: ellipse(radius_m, ring.gamma, ring.heading_rad),
+        color: Some(Color { r: 0.5, g: 0.5, b: 0.5, a: alpha }),
+        ..LinePrimitive::default()
+    };
+    let edges = edges_m.into_iter().filter(|radius_m| *radius_m > 0.0).map(|radius_m| line(radius_m, 1.0, 0.6));
+    let entity = SceneEntity {
+        timestamp: Some(time),
+        frame_id: CENTRE.to_owned(),
+        id: "formation".to_owned(),
+        frame_locked: true,
+        lines: std::iter::once(line(ring.radius_m, 2.0, 1.0)).chain(edges).collect(),
+        ..SceneEntity::default()
+    };
+    SceneUpdate { deletions: Vec::new(), entities: vec![entity] }
+}
+
+/// Where ρ is `radius_m`: semi-axes ρ along the heading and ρ/√γ across it. East, north, up.
+fn ellipse(radius_m: f64, gamma: f64, heading_rad: f64) -> Vec<Point3> {
+    let corner = |nth: usize| {
+        let (sin, cos) = (std::f64::consts::TAU * nth as f64 / CORNERS as f64).sin_cos();
+        let along = Vector2::new(radius_m * cos, radius_m / gamma.sqrt() * sin);
+        let (sin_h, cos_h) = heading_rad.sin_cos();
+        let (north, east) = (along.x * cos_h - along.y * sin_h, along.x * sin_h + along.y * cos_h);
+        Point3 { x: east, y: north, z: 0.0 }
+    };
+    (0..CORNERS).map(corner).collect()
+}
+
+/// A line for people.
+pub(super) fn line(time: Timestamp, is_bad: bool, who: String, what: String) -> Log {
+    let level = if is_bad { log::Level::Warning } else { log::Level::Info };
+    Log { timestamp: Some(time), level: level.into(), message: what, name: who, ..Log::default() }
+}
+
+fn pose(x: f64, y: f64, z: f64) -> Pose {
+    Pose { position: Some(Vector3 { x, y, z }), orientation: Some(Quaternion { x: 0.0, y: 0.0, z: 0.0, w: 1.0 }) }
+}
+
+fn colour(id: VehicleId, alpha: f64) -> Color {
+    let [r, g, b] = COLOURS[usize::from(id.get() - 1) % COLOURS.len()];
+    Color { r, g, b, a: alpha }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::f64::consts::FRAC_PI_2;
+
+    use skein_common::frame::PositionNed;
+
+    use super::*;
+
+    /// What a vehicle's forward, left and up are in east, north, up.
+    fn axes(roll_rad: f64, pitch_rad: f64, heading_rad: f64) -> [[f64; 3]; 3] {
+        let rotation = enu_from_flu(&Attitude { roll_rad, pitch_rad, heading_rad });
+        let axes = [nalgebra::Vector3::x(), nalgebra::Vector3::y(), nalgebra::Vector3::z()];
+        axes.map(|axis| (rotation * axis).map(|c| (c * 1e9).round() / 1e9 + 0.0).into())
+    }
+
+    #[test]
+    fn forward_left_and_up_are_where_a_pilot_has_them() {
+        let (east, north, up) = ([1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]);
+        let [west, south, down] = [east, north, up].map(|axis| axis.map(|c| 0.0 - c));
+        assert_eq!(axes(0.0, 0.0, 0.0), [north, west, up], "nose north");
+        assert_eq!(axes(0.0, 0.0, FRAC_PI_2), [east, north, up], "nose east: the world's own axes");
+        assert_eq!(axes(0.0, FRAC_PI_2, 0.0), [up, west, south], "nose up");
+        assert_eq!(axes(FRAC_PI_2, 0.0, 0.0), [north, up, east], "right side down");
+        assert_eq!(axes(0.0, 0.0, -FRAC_PI_2), [west, south, up]);
+        assert_eq!(axes(0.0, -FRAC_PI_2, FRAC_PI_2), [down, north, east], "nose east, then down");
+    }
+
+    #[test]
+    fn a_place_is_east_north_and_up() {
+        let ned = PositionNed::new(10.0, 20.0, -30.0);
+        assert_eq!(enu_from_ned(ned.0), Vector3 { x: 20.0, y: 10.0, z: 30.0 });
+    }
+
+    #[test]
+    fn an_ellipse_lies_along_its_heading() {
+        // Semi-axes 100 along the heading, which is east, and 50 across it.
+        let points = ellipse(100.0, 4.0, FRAC_PI_2);
+        let farthest = |part: fn(&Point3) -> f64| points.iter().map(part).fold(0.0, f64::max);
+        assert!((farthest(|point| point.x) - 100.0).abs() < 0.1 && (farthest(|point| point.y) - 50.0).abs() < 0.1);
+        let ring = formation::ring::Ring {
+            gamma: 4.0,
+            heading_rad: 0.5,
+            ..formation::ring(&crate::scenario::ScenarioArgs::default().read(Vec::new()).unwrap().scenario.formation)
+        };
+        for point in ellipse(70.0, 4.0, 0.5) {
+            assert!((ring.level_m(Vector2::new(point.y, point.x)) - 70.0).abs() < 1e-9);
+        }
+    }
+
+    #[test]
+    fn times_beyond_a_stamp_stay_at_its_end() {
+        assert_eq!(timestamp(1_500_000_000), Timestamp::new(1, 500_000_000));
+        assert_eq!(timestamp(u64::MAX).sec(), u32::MAX);
+    }
+}

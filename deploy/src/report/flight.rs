@@ -1,0 +1,306 @@
+//! The figures of one flight.
+//!
+//! All are drawn from what the vehicles really did, sampled at the same instants for all of them. Up to [`FEW`] vehicles each
+//! has its own line, in its own colour with its own dots and its name; of more, the least, the middle and the largest are
+//! drawn.
+
+mod ages;
+mod map;
+mod marks;
+mod timeline;
+mod traces;
+
+use nalgebra::Vector2;
+use skein_common::frame::PositionNed;
+use skein_common::id::VehicleId;
+use skein_common::message::Trace;
+use skein_common::scenario::{Law, Preset, Scenario, Step as Leg, Target};
+use skein_common::state::{Activity, Membership};
+
+use super::figure::{self, Axis, Colour, Figure, Item, Panel, WIDTH_PX};
+use crate::metrics::{Run, Shape, quantile};
+use crate::recording::{Recording, Step};
+
+/// So many vehicles have lines of their own.
+pub const FEW: usize = 10;
+/// The flight is looked at so many times at most.
+const SAMPLES: f64 = 2400.0;
+/// A step older than this, and than what is between two recorded ones, says nothing about now, s.
+const OLDEST_S: f64 = 0.5;
+
+/// One flight, all vehicles at the same instants.
+#[derive(Debug)]
+pub struct Flight<'a> {
+    recording: &'a Recording,
+    /// Into the window, s; in order.
+    times_s: Vec<f64>,
+    /// Of each vehicle in the order of ids, at each time: its last step, unless its agent was dead.
+    seen: Vec<Vec<Option<&'a Step>>>,
+}
+
+/// All figures of a flight that it gives rise to.
+pub fn figures(recording: &Recording) -> Vec<Figure> {
+    let flight = Flight::new(recording);
+    let figures = [
+        Some(map::overview(&flight)),
+        Some(map::final_places(&flight)),
+        Some(traces::centre_distance(&flight)),
+        traces::pair_distance(&flight),
+        map::snapshots(&flight),
+        map::field(&flight),
+        traces::separations(&flight),
+        Some(traces::altitude(&flight)),
+        Some(traces::effort(&flight)),
+        ages::ages(&flight),
+        Some(timeline::timeline(&flight)),
+    ];
+    figures.into_iter().flatten().collect()
+}
+
+/// What was run, in a line for people.
+pub fn subject(run: &Run) -> String {
+    let Run { scenario, preset, law, conversion, target, seed, version, vehicles, .. } = run;
+    let law =
+        if matches!(law.as_str(), "ring" | "flock") { format!("{law}, {conversion} conversion") } else { law.clone() };
+    let vehicles = if *vehicles == 1 { "1 vehicle".to_owned() } else { format!("{vehicles} vehicles") };
+    let time = if target == "study" { "virtual time" } else { target };
+    format!("{scenario} · {law} · preset {preset} · {vehicles} · seed {seed} · {time} · skein {version}")
+}
+
+impl<'a> Flight<'a> {
+    /// Samples a recording.
+    pub fn new(recording: &'a Recording) -> Self {
+        let all =
+            || recording.tracks.iter().flat_map(|track| track.steps.first().into_iter().chain(track.steps.last()));
+        let ends = all().map(|step| step.t_s).filter(|t_s| t_s.is_finite());
+        let ends = ends.fold(None, |ends: Option<(f64, f64)>, t_s| {
+            Some(ends.map_or((t_s, t_s), |(from, to)| (from.min(t_s), to.max(t_s))))
+        });
+        // As often as was recorded, or there would be stairs to be seen.
+        let between_steps = recording.tracks.iter().flat_map(|track| track.steps.windows(2).take(1));
+        let recorded_s = between_steps.map(|pair| pair[1].t_s - pair[0].t_s).fold(f64::INFINITY, f64::min);
+        let recorded_s = if recorded_s.is_finite() { recorded_s.max(0.1) } else { 0.1 };
+        let times_s: Vec<f64> = ends.map_or(Vec::new(), |(from_s, to_s)| {
+            let apart_s = ((to_s - from_s) / SAMPLES).max(recorded_s);
+            let last = ((to_s - from_s) / apart_s).floor() as u32;
+            // Counted from the end: the last sample is the last step.
+            (0..=last).rev().map(|nth| to_s - f64::from(nth) * apart_s).collect()
+        });
+        let seen = recording.tracks.iter().map(|track| at_times(&track.steps, &times_s, recorded_s)).collect();
+        Self { recording, times_s, seen }
+    }
+
+    fn scenario(&self) -> &Scenario {
+        &self.recording.scenario
+    }
+
+    /// How many vehicles fly.
+    fn count(&self) -> usize {
+        self.seen.len()
+    }
+
+    /// Where this vehicle stands among the others.
+    fn index(&self, id: VehicleId) -> Option<usize> {
+        self.recording.tracks.binary_search_by_key(&id, |track| track.id).ok()
+    }
+
+    fn is_few(&self) -> bool {
+        self.count() <= FEW
+    }
+
+    fn id(&self, index: usize) -> VehicleId {
+        self.recording.tracks[index].id
+    }
+
+    /// Every vehicle that has one at this sample, with its trace.
+    fn at(&self, sample: usize) -> impl Iterator<Item = (usize, &'a Trace)> + '_ {
+        let steps = self.seen.iter().enumerate();
+        steps.filter_map(move |(index, steps)| Some((index, &steps.get(sample).copied().flatten()?.trace)))
+    }
+
+    /// The same of members that have not landed.
+    fn members(&self, sample: usize) -> impl Iterator<Item = (usize, &'a Trace)> + '_ {
+        self.at(sample).filter(|(_, trace)| takes_part(trace))
+    }
+
+    /// The step of the mission that the first of the swarm are at.
+    fn leading_step(&self, sample: usize) -> Option<u32> {
+        self.members(sample).map(|(_, trace)| trace.step).max()
+    }
+
+    fn leg(&self, step: u32) -> Option<&Leg> {
+        self.scenario().mission.steps.get(step as usize)
+    }
+
+    /// The last sample at which the swarm still flew in formation; the last of all if it never did.
+    fn last_in_formation(&self) -> Option<usize> {
+        let flies = |sample: &usize| {
+            let leg = self.leading_step(*sample).and_then(|step| self.leg(step));
+            leg.is_some_and(|leg| !matches!(leg.target, Target::Land(_)))
+        };
+        (0..self.times_s.len()).rev().find(flies).or_else(|| self.times_s.len().checked_sub(1))
+    }
+
+    /// Where the swarm's centre is: as the leading member of the lowest id takes it.
+    fn centre_ne_m(&self, sample: usize) -> Option<[f64; 2]> {
+        let step = self.leading_step(sample)?;
+        self.members(sample).find(|(_, trace)| trace.step == step).map(|(_, trace)| trace.centre_ne_m)
+    }
+
+    /// Whether the formation has one place all the time.
+    fn has_one_place(&self) -> bool {
+        let mut legs = self.scenario().mission.steps.iter().filter(|leg| !matches!(leg.target, Target::Land(_)));
+        legs.next().is_some_and(|leg| matches!(leg.target, Target::Centre(_))) && legs.next().is_none()
+    }
+
+    /// Which of the paper's figures this one is, where the paper's settings fly.
+    fn number_in_paper(&self, name: &str) -> Option<u8> {
+        let Scenario { preset, formation, .. } = self.scenario();
+        match (formation.law, name) {
+            _ if *preset != Preset::Paper => None,
+            (Law::Ring, "final-places") => Some(5),
+            (Law::Ring, "centre-distance") => Some(6),
+            (Law::Ring, "pair-distance") => Some(7),
+            (Law::Flock, "snapshots") => Some(8),
+            (Law::Flock, "centre-distance" | "pair-distance") => Some(9),
+            _ => None,
+        }
+    }
+
+    /// A figure of this flight.
+    fn figure(
+        &self,
+        name: &str,
+        title: &str,
+        caption: impl Into<String>,
+        height_px: f64,
+        panels: Vec<Panel>,
+    ) -> Figure {
+        Figure {
+            name: name.to_owned(),
+            title: match self.number_in_paper(name) {
+                Some(number) => format!("{title} (figure {number} of the paper)"),
+                None => title.to_owned(),
+            },
+            subject: subject(&self.recording.run),
+            caption: caption.into(),
+            size_px: [WIDTH_PX, height_px],
+            panels,
+        }
+    }
+
+    /// The time axis of this flight.
+    fn time_axis(&self) -> Axis {
+        let axis = Axis::new("time", "s");
+        match (self.times_s.first(), self.times_s.last()) {
+            (Some(from_s), Some(to_s)) if to_s > from_s => {
+                // The last sample lies a little before the end that was asked for.
+                let end_s = self.scenario().duration_s.filter(|end_s| (0.0..1.0).contains(&(end_s - to_s)));
+                axis.within(from_s.min(0.0), end_s.unwrap_or(*to_s))
+            }
+            _ => axis,
+        }
+    }
+
+    /// A line of each vehicle over time, or of many their least, middle and largest.
+    fn lines(&self, value: impl Fn(&Trace) -> Option<f64>) -> Vec<Item> {
+        if !self.is_few() {
+            return self.envelope("vehicles", |sample| self.at(sample).filter_map(|(_, trace)| value(trace)).collect());
+        }
+        let line = |index: usize| {
+            let values = self.seen[index].iter().map(|step| step.and_then(|step| value(&step.trace)));
+            let name = self.id(index).to_string();
+            Item::line(self.over_time(values), Colour::nth(index)).marked(index).at_end(name)
+        };
+        (0..self.count()).map(line).collect()
+    }
+
+    /// The least, middle and largest of many values at each sample.
+    fn envelope(&self, of_what: &str, values: impl Fn(usize) -> Vec<f64>) -> Vec<Item> {
+        let mut all: Vec<_> = (0..self.times_s.len()).map(values).collect();
+        let mut line = |share: f64| self.over_time(all.iter_mut().map(|values| quantile(values, share)));
+        let (least, middle, largest) = (line(0.0), line(0.5), line(1.0));
+        let between =
+            |(low, high): (&Vec<[f64; 2]>, &Vec<[f64; 2]>)| low.iter().chain(high.iter().rev()).copied().collect();
+        let area = least.iter().zip(&largest).map(between).collect();
+        vec![
+            Item::new(figure::Shape::Area(area), Colour::SKY.faint(0.35))
+                .in_legend(format!("all {of_what}, least to largest")),
+            Item::line(least, Colour::BLUE).wide(0.9).at_end("least"),
+            Item::line(largest, Colour::BLUE).wide(0.9).at_end("largest"),
+            Item::line(middle, Colour::VERMILLION).wide(1.8).at_end("median"),
+        ]
+    }
+
+    /// A line over time, in pieces where there is no value.
+    fn over_time(&self, values: impl Iterator<Item = Option<f64>>) -> Vec<Vec<[f64; 2]>> {
+        pieces(self.times_s.iter().zip(values).map(|(t_s, value)| Some([*t_s, value?])))
+    }
+}
+
+/// Takes part in the formation, and has not landed.
+fn takes_part(trace: &Trace) -> bool {
+    trace.membership == Membership::Active && trace.activity != Activity::Landed
+}
+
+/// The last step at or before each time.
+fn at_times<'a>(steps: &'a [Step], times_s: &[f64], recorded_s: f64) -> Vec<Option<&'a Step>> {
+    let oldest_s = OLDEST_S.max(1.5 * recorded_s);
+    let at = |t_s: &f64| {
+        // Half a microsecond for the rounding of sums.
+        let past = steps.partition_point(|step| step.t_s <= t_s + 5e-7);
+        steps.get(past.checked_sub(1)?).filter(|step| t_s - step.t_s < oldest_s)
+    };
+    times_s.iter().map(at).collect()
+}
+
+/// Places in a row, parted where one is missing.
+pub(super) fn pieces(places: impl Iterator<Item = Option<[f64; 2]>>) -> Vec<Vec<[f64; 2]>> {
+    let mut pieces = vec![Vec::new()];
+    for place in places {
+        match (place, pieces.last_mut()) {
+            (Some(place), Some(piece)) => piece.push(place),
+            (None, Some(piece)) if !piece.is_empty() => pieces.push(Vec::new()),
+            _ => {}
+        }
+    }
+    pieces.retain(|piece| !piece.is_empty());
+    pieces
+}
+
+/// ρ of a member with respect to the formation of the step that it is at, m: the level of its ellipse through it.
+fn level_m(scenario: &Scenario, trace: &Trace) -> Option<f64> {
+    let leg = scenario.mission.steps.get(trace.step as usize)?;
+    let centre = PositionNed::new(trace.centre_ne_m[0], trace.centre_ne_m[1], -leg.formation.altitude_m);
+    Some(Shape::new(leg).level_m(trace.position - centre))
+}
+
+/// The radii R_in, R*, R_out of a step's formation, m, as far as its law has them.
+fn radii_m(leg: &Leg) -> [Option<f64>; 3] {
+    let wanted = &leg.formation;
+    let is_ring = wanted.law == Law::Ring;
+    let edge_m = |width_m: f64| is_ring.then_some(wanted.radius_m + width_m);
+    [edge_m(-wanted.inner_width_m), Some(wanted.radius_m), edge_m(wanted.outer_width_m)]
+}
+
+/// East and north, for a map.
+fn on_map(ne_m: [f64; 2]) -> [f64; 2] {
+    [ne_m[1], ne_m[0]]
+}
+
+fn place_on_map(position: PositionNed) -> [f64; 2] {
+    let ne_m: Vector2<f64> = position.horizontal();
+    [ne_m.y, ne_m.x]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_line_has_a_gap_where_a_place_is_missing() {
+        let places = [None, Some([0.0, 1.0]), Some([1.0, 1.0]), None, None, Some([4.0, 2.0])];
+        assert_eq!(pieces(places.into_iter()), [vec![[0.0, 1.0], [1.0, 1.0]], vec![[4.0, 2.0]]]);
+        assert!(pieces(std::iter::empty()).is_empty());
+    }
+}

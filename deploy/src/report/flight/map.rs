@@ -1,0 +1,331 @@
+//! Seen from above.
+
+use std::f64::consts::TAU;
+
+use nalgebra::{Rotation2, Vector2};
+use skein_agent::formation;
+use skein_agent::formation::law::Neighbour;
+use skein_common::frame::PositionNed;
+use skein_common::id::VehicleId;
+use skein_common::message::Trace;
+use skein_common::scenario::{Law, Step as Leg, Target};
+
+use super::traces::{centre_distance_panel, pair_distance_panel};
+use super::{Flight, on_map, pieces, place_on_map, radii_m, takes_part};
+use crate::report::figure::{Axis, Colour, Figure, Item, Marker, Panel, Shape, WIDTH_PX};
+
+/// Of a flight whose centre moves, trails are this long, s.
+const TRAIL_S: f64 = 60.0;
+/// Snapshots along one path, and of a whole flight.
+const ALONG_PATH: usize = 6;
+const MOST_SNAPSHOTS: usize = 9;
+/// Arrows across the field.
+const ARROWS: i32 = 23;
+/// Width and height of figures of one round thing, px.
+const SQUARE_PX: f64 = 720.0;
+
+/// A figure of one round thing.
+fn square(figure: Figure) -> Figure {
+    Figure { size_px: [SQUARE_PX; 2], ..figure }
+}
+
+/// East to the right, north up.
+fn map() -> Panel {
+    Panel { is_map: true, ..Panel::new(Axis::new("east", "m"), Axis::new("north", "m")) }
+}
+
+/// Where everybody was at the end, with the ellipses and the way there (the paper's figure 5).
+pub(super) fn final_places(flight: &Flight<'_>) -> Figure {
+    let caption = format!(
+        "Where the vehicles are at {}, with R* (solid), the band's edges (broken) and their way there{}; small dots: where the way begins.",
+        flight.last_in_formation().map_or("the end".to_owned(), |last| format!("{:.0} s", flight.times_s[last])),
+        if flight.has_one_place() { String::new() } else { format!(" in the last {TRAIL_S} s") },
+    );
+    square(flight.figure("final-places", "Final positions", caption, SQUARE_PX, vec![final_places_panel(flight)]))
+}
+
+fn final_places_panel(flight: &Flight<'_>) -> Panel {
+    let mut panel = map();
+    let Some(last) = flight.last_in_formation() else { return panel };
+    let since_s = if flight.has_one_place() { f64::NEG_INFINITY } else { flight.times_s[last] - TRAIL_S };
+    let first = flight.times_s.partition_point(|t_s| *t_s < since_s);
+    panel.items = ellipses(flight, last);
+    panel.items.extend(trails(flight, first, last, true));
+    panel.items.extend(vehicles(flight, last));
+    panel
+}
+
+/// R_in, R* and R_out of the step that the swarm is at.
+fn ellipses(flight: &Flight<'_>, sample: usize) -> Vec<Item> {
+    let leg = flight.leading_step(sample).and_then(|step| flight.leg(step));
+    let Some((leg, centre_ne_m)) = leg.zip(flight.centre_ne_m(sample)) else { return Vec::new() };
+    let line = |(nth, radius_m): (usize, Option<f64>)| {
+        let line = Item::line(vec![ellipse(leg, radius_m?, centre_ne_m)], Colour::BLACK);
+        Some(if nth == 1 { line.wide(1.2) } else { line.wide(0.9).dashed() })
+    };
+    radii_m(leg).into_iter().enumerate().filter_map(line).collect()
+}
+
+/// The ellipse of this level.
+fn ellipse(leg: &Leg, radius_m: f64, centre_ne_m: [f64; 2]) -> Vec<[f64; 2]> {
+    let turn = Rotation2::new(leg.formation.heading_rad());
+    let point = |nth: i32| {
+        let (east, north) = (f64::from(nth) * TAU / 120.0).sin_cos();
+        let axes = Vector2::new(north * radius_m, east * radius_m / leg.formation.gamma.sqrt());
+        let ne_m = Vector2::from(centre_ne_m) + turn * axes;
+        on_map([ne_m.x, ne_m.y])
+    };
+    (0..=120).map(point).collect()
+}
+
+/// Everybody's way from one sample to another.
+fn trails(flight: &Flight<'_>, first: usize, last: usize, with_beginning: bool) -> Vec<Item> {
+    let way = |index: usize| {
+        let steps = &flight.seen[index][first..=last];
+        pieces(steps.iter().map(|step| step.map(|step| place_on_map(step.trace.position))))
+    };
+    let (width_px, opacity) = if flight.is_few() { (1.2, 0.75) } else { (0.7, 0.3) };
+    let mut items = Vec::new();
+    for index in 0..flight.count() {
+        let way = way(index);
+        let beginning = way.first().and_then(|piece| piece.first()).copied();
+        items.push(Item::line(way, colour(flight, index).faint(opacity)).wide(width_px));
+        let dot = Shape::Dots { at: beginning.into_iter().collect(), marker: Marker::Circle, size_px: 4.0 };
+        items.extend(with_beginning.then(|| Item::new(dot, colour(flight, index))));
+    }
+    items
+}
+
+fn colour(flight: &Flight<'_>, index: usize) -> Colour {
+    if flight.is_few() { Colour::nth(index) } else { Colour::BLUE }
+}
+
+/// Everybody where it is; who takes no part any more as a cross.
+fn vehicles(flight: &Flight<'_>, sample: usize) -> Vec<Item> {
+    let centre = flight.centre_ne_m(sample).map_or([0.0; 2], on_map);
+    let mut items = Vec::new();
+    for (index, trace) in flight.at(sample) {
+        let at = place_on_map(trace.position);
+        let is_member = takes_part(trace);
+        let (colour, marker) = match is_member {
+            true if flight.is_few() => (Colour::nth(index), Marker::nth(index)),
+            true => (Colour::BLUE, Marker::Circle),
+            false => (Colour::GREY, Marker::Cross),
+        };
+        let size_px = if flight.is_few() { 11.0 } else { 6.0 };
+        items.push(Item::new(Shape::Dots { at: vec![at], marker, size_px }, colour));
+        if flight.is_few() || !is_member {
+            let text = flight.id(index).to_string();
+            let text = if is_member { text } else { format!("{text}, out") };
+            let side = [at[0] - centre[0], at[1] - centre[1]];
+            items.push(Item::new(Shape::Note { at, text, side }, Colour::BLACK));
+        }
+    }
+    items
+}
+
+/// The swarm along its way (the paper's figure 8). None of a swarm that stays.
+pub(super) fn snapshots(flight: &Flight<'_>) -> Option<Figure> {
+    let samples = instants(flight);
+    if samples.len() < 2 {
+        return None;
+    }
+    let disc = |sample: &usize| {
+        let (step, centre_ne_m) = flight.leading_step(*sample).zip(flight.centre_ne_m(*sample))?;
+        Some((Vector2::from(centre_ne_m), reach_m(flight.leg(step)?)))
+    };
+    let (samples, discs): (Vec<_>, Vec<_>) =
+        samples.into_iter().filter_map(|sample| Some((sample, disc(&sample)?))).unzip();
+    let overlap = |(nth, (centre, reach_m)): (usize, &(Vector2<f64>, f64))| {
+        discs[..nth].iter().any(|(other, other_m)| (centre - other).norm() < reach_m + other_m)
+    };
+    if discs.iter().enumerate().any(overlap) {
+        return Some(one_by_one(flight, &samples));
+    }
+    let mut panel = map();
+    panel.items.push(centre_way(flight));
+    panel.items.extend(trails(flight, 0, *samples.last()?, true));
+    for &sample in &samples {
+        panel.items.extend(ellipses(flight, sample));
+        panel.items.extend(vehicles_small(flight, sample));
+    }
+    panel.items.extend(times(flight, &samples, &discs));
+    let caption =
+        "The swarm at some instants, with the ellipse and its band, the centre's way (broken) and the vehicles'.";
+    Some(flight.figure("snapshots", "Snapshots along the way", caption, 640.0, vec![panel]))
+}
+
+/// The time of each snapshot, beside its ellipse, where the fewest others' ways and ellipses are.
+fn times(flight: &Flight<'_>, samples: &[usize], discs: &[(Vector2<f64>, f64)]) -> Vec<Item> {
+    let ways_ne_m: Vec<Vector2<f64>> = (0..flight.times_s.len())
+        .step_by(8)
+        .flat_map(|sample| flight.at(sample).map(|(_, trace)| trace.position.horizontal()))
+        .collect();
+    let beside = |(sample, (centre, reach_m)): (&usize, &(Vector2<f64>, f64))| {
+        let crowd = |towards: &Vector2<f64>| {
+            let label = centre + towards * (reach_m * 1.45);
+            let ways = ways_ne_m.iter().filter(|way| (*way - label).norm() < 0.5 * reach_m).count();
+            let others =
+                discs.iter().filter(|(other, other_m)| (other - label).norm() < other_m + 0.5 * reach_m).count();
+            ways + 1000 * others
+        };
+        // East first: a text is wide.
+        let towards =
+            [(0.0, 1.0), (0.0, -1.0), (-0.7, 0.7), (0.7, 0.7), (-0.7, -0.7), (0.7, -0.7), (-1.0, 0.0), (1.0, 0.0)];
+        let towards =
+            towards.map(|(north, east)| Vector2::new(north, east)).into_iter().min_by_key(crowd).unwrap_or_default();
+        let edge = centre + towards * *reach_m;
+        let text = format!("{:.0} s", flight.times_s[*sample]);
+        let shape = Shape::Note { at: on_map([edge.x, edge.y]), text, side: [towards.y, towards.x] };
+        Item::new(shape, Colour::BLACK)
+    };
+    samples.iter().zip(discs).map(beside).collect()
+}
+
+/// The same in a panel for each instant, where they lie on top of each other.
+fn one_by_one(flight: &Flight<'_>, samples: &[usize]) -> Figure {
+    let columns = 3.0;
+    let rows = (samples.len() as f64 / columns).ceil();
+    let mut before = 0;
+    let mut panels = Vec::new();
+    for (nth, &sample) in samples.iter().enumerate() {
+        let mut panel = map();
+        let step = flight.leading_step(sample);
+        let name = step.and_then(|step| flight.leg(step)).and_then(|leg| leg.name.as_deref()).unwrap_or_default();
+        panel.title = format!("{:.0} s  {name}", flight.times_s[sample]);
+        panel.items = ellipses(flight, sample);
+        panel.items.extend(trails(flight, before, sample, false));
+        panel.items.extend(vehicles_small(flight, sample));
+        let (column, row) = ((nth % 3) as f64, (nth / 3) as f64);
+        panel.place = [column / columns, row / rows, (column + 1.0) / columns, (row + 1.0) / rows];
+        panels.push(panel);
+        before = sample;
+    }
+    let caption = "The swarm before it leaves each place, with the ellipse and its band; lines: the way since the panel before. Crosses: who takes no part any more.";
+    flight.figure("snapshots", "Snapshots along the way", caption, 50.0 + rows * 300.0, panels)
+}
+
+/// Without names, which would be too many.
+fn vehicles_small(flight: &Flight<'_>, sample: usize) -> Vec<Item> {
+    let mut items = vehicles(flight, sample);
+    items.retain(|item| matches!(item.shape, Shape::Dots { .. }));
+    for item in &mut items {
+        if let Shape::Dots { size_px, .. } = &mut item.shape {
+            *size_px = size_px.min(7.0);
+        }
+    }
+    items
+}
+
+/// How far a step's formation reaches, m.
+fn reach_m(leg: &Leg) -> f64 {
+    let outer_m = radii_m(leg).into_iter().flatten().fold(0.0, f64::max);
+    outer_m * leg.formation.gamma.sqrt().recip().max(1.0)
+}
+
+/// When to look: at the end of every step, and on the way along a path.
+fn instants(flight: &Flight<'_>) -> Vec<usize> {
+    let Some(last) = flight.last_in_formation() else { return Vec::new() };
+    let steps: Vec<_> = (0..=last).map(|sample| flight.leading_step(sample)).collect();
+    let mut instants = Vec::new();
+    for (step, leg) in flight.scenario().mission.steps.iter().enumerate() {
+        let is_at = |at: &Option<u32>| *at == Some(step as u32);
+        let (Some(from), Some(to)) = (steps.iter().position(is_at), steps.iter().rposition(is_at)) else { continue };
+        match leg.target {
+            Target::Path(_) => {
+                instants.extend((0..=ALONG_PATH).map(|nth| from + (to - from) * nth / ALONG_PATH));
+            }
+            Target::Centre(_) => instants.push(to),
+            // Where it waits, it was before.
+            Target::Hold(_) | Target::Land(_) => {}
+        }
+    }
+    instants.dedup();
+    let many = instants.len();
+    let kept = |nth: usize| nth * (many - 1) / (MOST_SNAPSHOTS - 1);
+    if many <= MOST_SNAPSHOTS { instants } else { (0..MOST_SNAPSHOTS).map(|nth| instants[kept(nth)]).collect() }
+}
+
+fn centre_way(flight: &Flight<'_>) -> Item {
+    let way = pieces((0..flight.times_s.len()).map(|sample| flight.centre_ne_m(sample).map(on_map)));
+    Item::line(way, Colour::GREY).wide(1.0).dashed()
+}
+
+/// What the law makes of every place around the formation. None of laws without a field.
+pub(super) fn field(flight: &Flight<'_>) -> Option<Figure> {
+    let last = flight.last_in_formation()?;
+    let leg = flight.leading_step(last).and_then(|step| flight.leg(step))?;
+    if !matches!(leg.formation.law, Law::Ring | Law::Flock) {
+        return None;
+    }
+    let centre_ne_m = flight.centre_ne_m(last)?;
+    let members: Vec<(usize, &Trace)> = flight.members(last).collect();
+    let (own, _) = *members.first()?;
+    let neighbours: Vec<_> = members[1..].iter().map(|(index, trace)| neighbour(flight.id(*index), trace)).collect();
+    let ring = formation::ring(&leg.formation);
+    let centre = PositionNed::new(centre_ne_m[0], centre_ne_m[1], -leg.formation.altitude_m);
+    let half_m = reach_m(leg) * 1.35;
+    let apart_m = 2.0 * half_m / f64::from(ARROWS - 1);
+    let mut shades: Vec<Vec<([f64; 2], [f64; 2])>> = vec![Vec::new(); 5];
+    for nth in 0..ARROWS * ARROWS {
+        let from_centre_m = |nth: i32| f64::from(nth - ARROWS / 2) * apart_m;
+        let (north_m, east_m) = (from_centre_m(nth / ARROWS), from_centre_m(nth % ARROWS));
+        let place = PositionNed::new(centre_ne_m[0] + north_m, centre_ne_m[1] + east_m, centre.0.z);
+        let field_ne = ring.field(flight.id(own), place, centre, &neighbours, &[]).xy();
+        let size = field_ne.norm();
+        // The root leaves weak parts of the field long enough to have a direction.
+        let arrow_ne_m = field_ne / size.max(1e-9) * size.min(1.0).sqrt() * 0.92 * apart_m;
+        let [east_m, north_m] = place_on_map(place);
+        let half = [arrow_ne_m.y / 2.0, arrow_ne_m.x / 2.0];
+        let shade = ((size * 5.0) as usize).min(4);
+        shades[shade].push(([east_m - half[0], north_m - half[1]], [east_m + half[0], north_m + half[1]]));
+    }
+    let mut panel = map();
+    for (nth, arrows) in shades.into_iter().enumerate() {
+        let share = nth as f64 / 5.0;
+        let name = if nth == 4 { format!("|V| above {share:.1}") } else { format!("{share:.1}–{:.1}", share + 0.2) };
+        panel.items.push(Item::new(Shape::Arrows(arrows), Colour::of_amount(share + 0.1)).in_legend(name));
+    }
+    panel.items.extend(ellipses(flight, last));
+    panel.items.extend(
+        vehicles(flight, last).into_iter().filter(|item| flight.is_few() || matches!(item.shape, Shape::Dots { .. })),
+    );
+    let own = flight.id(own);
+    let caption = format!(
+        "The dimensionless field V that vehicle {own} would feel at each place at {:.0} s, the others standing where they are. An arrow's length grows with the root of |V|.",
+        flight.times_s[last],
+    );
+    let title = format!("Field around the formation, as vehicle {own} feels it");
+    Some(square(flight.figure("field", &title, caption, SQUARE_PX, vec![panel])))
+}
+
+/// As a vehicle that hears everything at once would know it.
+fn neighbour(id: VehicleId, trace: &Trace) -> Neighbour {
+    let heading_rad = trace.attitude.heading_rad;
+    Neighbour { id, position: trace.position, velocity: trace.velocity, heading_rad, age_s: 0.0, is_fresh: true }
+}
+
+/// The flight in one picture.
+pub(super) fn overview(flight: &Flight<'_>) -> Figure {
+    let mut places = final_places_panel(flight);
+    if !flight.has_one_place() {
+        let last = flight.last_in_formation().unwrap_or(0);
+        places = map();
+        places.items.push(centre_way(flight));
+        places.items.extend(ellipses(flight, last));
+        if last < flight.times_s.len() {
+            places.items.extend(trails(flight, 0, last, true));
+        }
+        places.items.extend(vehicles_small(flight, last));
+    }
+    places.place = [0.0, 0.0, 0.47, 1.0];
+    let (mut distance, mut pairs) = (centre_distance_panel(flight), pair_distance_panel(flight));
+    let has_pairs = flight.count() > 1;
+    distance.place = [0.47, 0.0, 1.0, if has_pairs { 0.5 } else { 1.0 }];
+    pairs.place = [0.47, 0.5, 1.0, 1.0];
+    let caption = "Left, the ways from above, with R* (solid) and the band's edges (broken). Right, how far every vehicle is from the centre, and how far apart they are.";
+    let panels = if has_pairs { vec![places, distance, pairs] } else { vec![places, distance] };
+    let mut figure = flight.figure("overview", "The flight at a glance", caption, 560.0, panels);
+    figure.size_px[0] = WIDTH_PX + 80.0;
+    figure
+}

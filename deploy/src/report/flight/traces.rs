@@ -1,0 +1,226 @@
+//! Quantities over time.
+
+use std::f64::consts::PI;
+
+use skein_common::scenario::{AvoidDistance, Law, SafetyFilter, Target};
+
+use super::marks::with_marks;
+use super::{Flight, level_m, radii_m, takes_part};
+use crate::metrics::{AIRBORNE_ABOVE_M, COLLISION_M};
+use crate::report::figure::{Axis, Colour, Figure, Item, Mark, Panel, Shape};
+
+/// Lines of so many pairs are told apart.
+const FEW_PAIRS: usize = 10;
+/// Effort is the root mean square over this long, s.
+const EFFORT_S: f64 = 5.0;
+/// Bars of a histogram.
+const BARS: usize = 48;
+
+/// How far each vehicle is from the formation's centre, with the band (the paper's figures 6 and 9).
+pub(super) fn centre_distance_panel(flight: &Flight<'_>) -> Panel {
+    let scenario = flight.scenario();
+    let is_round = scenario.mission.steps.iter().all(|leg| leg.formation.gamma == 1.0);
+    let quantity = if is_round { "distance from the centre" } else { "ρ, level of the ellipse" };
+    let mut panel = Panel::new(flight.time_axis(), Axis::new(quantity, "m").including(0.0));
+    panel.items = band(flight);
+    panel.items.extend(flight.lines(|trace| level_m(scenario, trace).filter(|_| takes_part(trace))));
+    panel
+}
+
+/// The band of the step that the swarm is at, over time.
+fn band(flight: &Flight<'_>) -> Vec<Item> {
+    let radii = |sample| {
+        let leg = flight.leading_step(sample).and_then(|step| flight.leg(step));
+        leg.filter(|leg| !matches!(leg.target, Target::Land(_))).map_or([None; 3], radii_m)
+    };
+    let radii: Vec<_> = (0..flight.times_s.len()).map(radii).collect();
+    let [inner, middle, outer] = [0, 1, 2].map(|nth| flight.over_time(radii.iter().map(|radii| radii[nth])));
+    let mut items = Vec::new();
+    let is_ring = !inner.is_empty();
+    if is_ring {
+        let between =
+            |(low, high): (&Vec<[f64; 2]>, &Vec<[f64; 2]>)| low.iter().chain(high.iter().rev()).copied().collect();
+        let area = inner.iter().zip(&outer).map(between).collect();
+        items.push(Item::new(Shape::Area(area), Colour::PALE.faint(0.6)).in_legend("band, R_in to R_out"));
+    }
+    items.push(Item::line(middle, Colour::BLACK).wide(1.2).dashed().in_legend("R*"));
+    items
+}
+
+pub(super) fn centre_distance(flight: &Flight<'_>) -> Figure {
+    let panel = with_marks(flight, centre_distance_panel(flight));
+    let (panel, marked) = panel;
+    let caption = format!(
+        "Distance of every member from where it takes the formation's centre to be, measured so that the ellipse is R*.{marked}"
+    );
+    flight.figure("centre-distance", "Distance from the centre", caption, 400.0, vec![panel])
+}
+
+/// The distance of every pair (the paper's figure 7).
+pub(super) fn pair_distance_panel(flight: &Flight<'_>) -> Panel {
+    let mut panel = Panel::new(flight.time_axis(), Axis::new("distance apart", "m").including(0.0));
+    panel.items = even_distances(flight);
+    let count = flight.count();
+    if count * (count.max(1) - 1) / 2 > FEW_PAIRS {
+        panel.items.extend(flight.envelope("pairs", |sample| pairs_m(flight, sample)));
+        return panel;
+    }
+    let pairs = (0..count).flat_map(|one| (one + 1..count).map(move |other| (one, other)));
+    for (nth, (one, other)) in pairs.enumerate() {
+        let distances = (0..flight.times_s.len()).map(|sample| pair_m(flight, sample, one, other));
+        let name = format!("{}–{}", flight.id(one), flight.id(other));
+        panel.items.push(Item::line(flight.over_time(distances), Colour::nth(nth)).marked(nth).at_end(name));
+    }
+    panel
+}
+
+/// What the distances are on an even ring, as far as it is a circle that stays.
+fn even_distances(flight: &Flight<'_>) -> Vec<Item> {
+    let wanted = &flight.scenario().formation;
+    let count = flight.count();
+    let is_known = flight.has_one_place() && wanted.law == Law::Ring && wanted.gamma == 1.0;
+    if !is_known || !(2..=5).contains(&count) {
+        return Vec::new();
+    }
+    let ends = [flight.times_s.first(), flight.times_s.last()].map(|t_s| t_s.copied().unwrap_or(0.0));
+    let line = |chords: usize| {
+        let distance_m = 2.0 * wanted.radius_m * (PI * chords as f64 / count as f64).sin();
+        let line = Item::line(vec![ends.map(|t_s| [t_s, distance_m]).to_vec()], Colour::BLACK);
+        line.wide(1.0).dashed().in_legend("evenly spread on R*")
+    };
+    (1..=count / 2).map(line).collect()
+}
+
+pub(super) fn pair_distance(flight: &Flight<'_>) -> Option<Figure> {
+    if flight.count() < 2 {
+        return None;
+    }
+    let (panel, marked) = with_marks(flight, pair_distance_panel(flight));
+    let caption = format!("True distance, in three dimensions, of every two members that have not landed.{marked}");
+    Some(flight.figure("pair-distance", "Distance between vehicles", caption, 400.0, vec![panel]))
+}
+
+fn pair_m(flight: &Flight<'_>, sample: usize, one: usize, other: usize) -> Option<f64> {
+    let position = |index: usize| {
+        let trace = &flight.seen[index].get(sample).copied().flatten()?.trace;
+        takes_part(trace).then_some(trace.position)
+    };
+    Some((position(one)? - position(other)?).norm())
+}
+
+fn pairs_m(flight: &Flight<'_>, sample: usize) -> Vec<f64> {
+    let members: Vec<_> = flight.members(sample).map(|(_, trace)| trace.position).collect();
+    let pairs = members.iter().enumerate().flat_map(|(nth, one)| members[..nth].iter().map(move |other| (one, other)));
+    pairs.map(|(one, other)| (*one - *other).norm()).collect()
+}
+
+/// How far the nearest other is, all vehicles and all the time.
+pub(super) fn separations(flight: &Flight<'_>) -> Option<Figure> {
+    let nearest_m = |sample: usize| {
+        let high: Vec<_> = flight
+            .at(sample)
+            .filter(|(_, trace)| trace.height_m > AIRBORNE_ABOVE_M)
+            .map(|(_, trace)| trace.position)
+            .collect();
+        let of = |nth: usize| {
+            let others = high.iter().enumerate().filter(|(other, _)| *other != nth);
+            others.map(|(_, other)| (*other - high[nth]).norm()).reduce(f64::min)
+        };
+        (0..high.len()).filter_map(of).collect::<Vec<_>>()
+    };
+    let all_m: Vec<f64> = (0..flight.times_s.len()).flat_map(nearest_m).collect();
+    let least_m = all_m.iter().copied().reduce(f64::min)?;
+    let mut panel = histogram(&all_m, Axis::new("distance to the nearest other", "m").including(0.0));
+    panel.marks.push(Mark { x: COLLISION_M, text: format!("collision, {COLLISION_M} m") });
+    let wanted = &flight.scenario().formation;
+    if wanted.safety_filter != SafetyFilter::None {
+        panel.marks.push(Mark {
+            x: wanted.safety_distance_m,
+            text: format!("safety distance, {} m", wanted.safety_distance_m),
+        });
+    }
+    if let AvoidDistance::Fixed(distance_m) = wanted.avoid_distance_m {
+        panel.marks.push(Mark { x: distance_m, text: format!("avoidance at half strength, {distance_m} m") });
+    }
+    panel.marks.sort_by(|one, other| one.x.total_cmp(&other.x));
+    let caption = format!(
+        "How far from every vehicle above {AIRBORNE_ABOVE_M} m the nearest other one is, all the time. The least of all is {least_m:.1} m."
+    );
+    Some(flight.figure("separation", "How near the nearest other is", caption, 340.0, vec![panel]))
+}
+
+/// How often values are how large, in shares.
+pub(super) fn histogram(values: &[f64], x: Axis) -> Panel {
+    let (from, to) = values.iter().fold((0.0_f64, 0.0_f64), |(from, to), value| (from.min(*value), to.max(*value)));
+    let width = if to > from { (to - from) / BARS as f64 } else { 1.0 / BARS as f64 };
+    let mut counts = [0_usize; BARS];
+    for value in values {
+        counts[(((value - from) / width) as usize).min(BARS - 1)] += 1;
+    }
+    let bar = |(nth, count): (usize, &usize)| {
+        let left = from + nth as f64 * width;
+        ([left, 0.0], [left + 0.92 * width, 100.0 * *count as f64 / values.len() as f64], String::new())
+    };
+    let bars = counts.iter().enumerate().filter(|(_, count)| **count > 0).map(bar).collect();
+    let mut panel = Panel::new(x, Axis::new("share of samples", "%").including(0.0));
+    panel.items.push(Item::new(Shape::Bars(bars), Colour::BLUE));
+    panel
+}
+
+/// How high everybody is, and is asked to be.
+pub(super) fn altitude(flight: &Flight<'_>) -> Figure {
+    let mut panel = Panel::new(flight.time_axis(), Axis::new("altitude", "m").including(0.0));
+    let leader = |sample| flight.members(sample).next().map(|(_, trace)| trace.altitude_setpoint_m);
+    let wanted = flight.over_time((0..flight.times_s.len()).map(leader));
+    panel.items.push(Item::line(wanted, Colour::BLACK).wide(1.2).dashed().in_legend("asked of the lowest id"));
+    panel.items.extend(flight.lines(|trace| Some(trace.position.altitude_m())));
+    let (panel, marked) = with_marks(flight, panel);
+    let caption = format!("Above the origin, as it really was.{marked}");
+    flight.figure("altitude", "Altitude", caption, 360.0, vec![panel])
+}
+
+/// What the controllers do.
+pub(super) fn effort(flight: &Flight<'_>) -> Figure {
+    let cyclic = smooth(flight);
+    let mut above =
+        Panel::new(flight.time_axis(), Axis::new("cyclic and pedals (rms)", "share of full").including(0.0));
+    above.items = if flight.is_few() {
+        let line = |index: usize| {
+            let values = flight.over_time(cyclic[index].iter().copied());
+            Item::line(values, Colour::nth(index)).marked(index).at_end(flight.id(index).to_string())
+        };
+        (0..flight.count()).map(line).collect()
+    } else {
+        flight.envelope("vehicles", |sample| cyclic.iter().filter_map(|values| values[sample]).collect())
+    };
+    let (mut above, marked) = with_marks(flight, above);
+    above.place = [0.0, 0.0, 1.0, 0.54];
+    let mut below = Panel::new(flight.time_axis(), Axis::new("collective", "share of full"));
+    below.items = flight.lines(|trace| trace.sticks.map(|sticks| sticks[3]));
+    below.place = [0.0, 0.54, 1.0, 1.0];
+    let caption = format!(
+        "Above, roll, pitch and yaw sticks (full deflection is 1): root mean square over {EFFORT_S} s. Below, the collective.{marked}"
+    );
+    flight.figure("effort", "Control effort", caption, 560.0, vec![above, below])
+}
+
+/// Of each vehicle at each sample: the root mean square of its sticks over the last while.
+fn smooth(flight: &Flight<'_>) -> Vec<Vec<Option<f64>>> {
+    let apart_s = flight.times_s.windows(2).next().map_or(1.0, |pair| pair[1] - pair[0]);
+    let window = (EFFORT_S / apart_s).round().max(1.0) as usize;
+    let of = |steps: &Vec<Option<&crate::recording::Step>>| {
+        let squares: Vec<Option<f64>> = steps
+            .iter()
+            .map(|step| step.and_then(|step| step.trace.sticks))
+            .map(|sticks| sticks.map(|[roll, pitch, yaw, _]| (roll * roll + pitch * pitch + yaw * yaw) / 3.0))
+            .collect();
+        let rms = |sample: usize| {
+            squares[sample]?;
+            let recent = squares[(sample + 1).saturating_sub(window)..=sample].iter().flatten();
+            let (count, sum) = recent.fold((0, 0.0), |(count, sum), square| (count + 1, sum + square));
+            Some((sum / f64::from(count)).sqrt())
+        };
+        (0..squares.len()).map(rms).collect()
+    };
+    flight.seen.iter().map(of).collect()
+}

@@ -1,0 +1,152 @@
+//! One page that needs nothing else: text, tables, pictures.
+
+use std::fs;
+use std::num::NonZeroUsize;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::thread;
+
+use super::figure::{Figure, escaped};
+use crate::error::Error;
+
+/// A cell with more letters is no number: it begins at the left.
+const LONG: usize = 28;
+/// How the page looks. Without scripts, letters or anything else from elsewhere.
+const STYLE: &str = include_str!("page.css");
+
+/// A report.
+#[derive(Clone, Debug)]
+pub struct Page {
+    /// What it is about.
+    pub title: String,
+    /// Below the title.
+    pub about: String,
+    /// In their order.
+    pub sections: Vec<Section>,
+}
+
+/// What belongs together.
+#[derive(Clone, Debug)]
+pub struct Section {
+    /// What it is about.
+    pub title: String,
+    /// Before the names of its figures' files; its own among the sections.
+    pub name: String,
+    /// In their order.
+    pub parts: Vec<Part>,
+}
+
+/// One thing on a page.
+#[derive(Clone, Debug)]
+pub enum Part {
+    /// A paragraph.
+    Text(String),
+    /// Rows of cells.
+    Table {
+        /// Above it.
+        caption: String,
+        /// Of the columns.
+        head: Vec<String>,
+        /// As long as the head each; the first cell names the row.
+        rows: Vec<Vec<String>>,
+    },
+    /// A picture.
+    Figure(Figure),
+}
+
+impl Page {
+    /// Writes `index.html` into the folder, and each figure as SVG and PNG into its `figures`.
+    ///
+    /// # Errors
+    /// If that cannot be written.
+    pub fn write(&self, out: &Path) -> Result<(), Error> {
+        let failed = |path: &Path, error| Error::Failed(format!("{}: {error}", path.display()));
+        let folder = out.join("figures");
+        fs::create_dir_all(&folder).map_err(|error| failed(&folder, error))?;
+        let put = |path: PathBuf, text: &str| fs::write(&path, text).map_err(|error| failed(&path, error));
+
+        let mut body = String::new();
+        let mut figures = Vec::new();
+        for section in &self.sections {
+            body += &format!("<section id=\"{}\">\n<h2>{}</h2>\n", escaped(&section.name), escaped(&section.title));
+            for part in &section.parts {
+                let Part::Figure(figure) = part else {
+                    body += &part.html();
+                    continue;
+                };
+                let (name, svg) = (format!("{}-{}", section.name, figure.name), figure.svg()?);
+                body += &shown(figure, &name, &svg);
+                put(folder.join(format!("{name}.svg")), &svg)?;
+                figures.push((folder.join(format!("{name}.png")), figure));
+            }
+            body += "</section>\n";
+        }
+        put(out.join("index.html"), &self.html(&body))?;
+        write_pngs(&figures)
+    }
+
+    fn html(&self, body: &str) -> String {
+        let (title, about) = (escaped(&self.title), escaped(&self.about));
+        let link = |section: &Section| {
+            format!("<li><a href=\"#{}\">{}</a></li>\n", escaped(&section.name), escaped(&section.title))
+        };
+        let contents: String =
+            if self.sections.len() > 1 { self.sections.iter().map(link).collect() } else { String::new() };
+        let contents = if contents.is_empty() { contents } else { format!("<nav><ol>\n{contents}</ol></nav>\n") };
+        format!(
+            "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
+             <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n\
+             <title>{title}</title>\n<style>\n{STYLE}</style>\n</head>\n<body>\n<main>\n\
+             <h1>{title}</h1>\n<p class=\"about\">{about}</p>\n{contents}{body}</main>\n</body>\n</html>\n"
+        )
+    }
+}
+
+impl Part {
+    fn html(&self) -> String {
+        match self {
+            Self::Text(text) => format!("<p>{}</p>\n", escaped(text)),
+            Self::Table { caption, head, rows } => {
+                let cell = |tag: &str, cell: &String| {
+                    let class = if cell.chars().count() > LONG { " class=\"text\"" } else { "" };
+                    format!("<{tag}{class}>{}</{tag}>", escaped(cell))
+                };
+                let cells = |tag: &str, cells: &[String]| -> String {
+                    format!("<tr>{}</tr>\n", cells.iter().map(|text| cell(tag, text)).collect::<String>())
+                };
+                let body: String = rows.iter().map(|row| cells("td", row)).collect();
+                let head = cells("th", head);
+                let caption = escaped(caption);
+                format!(
+                    "<div class=\"wide\"><table>\n<caption>{caption}</caption>\n<thead>{head}</thead>\n<tbody>\n{body}</tbody>\n</table></div>\n"
+                )
+            }
+            Self::Figure(_) => String::new(),
+        }
+    }
+}
+
+/// A figure on the page.
+fn shown(figure: &Figure, name: &str, svg: &str) -> String {
+    let files =
+        ["svg", "png"].map(|ending| format!("<a href=\"figures/{name}.{ending}\">{}</a>", ending.to_uppercase()));
+    let caption = escaped(&figure.caption);
+    format!("<figure id=\"{name}\">\n{svg}<figcaption>{caption} {}</figcaption>\n</figure>\n", files.join(" "))
+}
+
+/// On all cores: compressing takes longer than anything else of a report.
+fn write_pngs(figures: &[(PathBuf, &Figure)]) -> Result<(), Error> {
+    let next = AtomicUsize::new(0);
+    let work = || {
+        while let Some((path, figure)) = figures.get(next.fetch_add(1, Ordering::Relaxed)) {
+            figure.write_png(path)?;
+        }
+        Ok(())
+    };
+    let jobs = thread::available_parallelism().map_or(1, NonZeroUsize::get);
+    thread::scope(|scope| {
+        let workers: Vec<_> = (0..jobs).map(|_| scope.spawn(work)).collect();
+        let panicked = |_| Err(Error::Failed("a figure cannot be drawn".to_owned()));
+        workers.into_iter().try_for_each(|worker| worker.join().unwrap_or_else(panicked))
+    })
+}

@@ -1,0 +1,417 @@
+//! Many runs: what they measured, point by point.
+
+use std::collections::BTreeMap;
+
+use super::figure::{Axis, Colour, Figure, Item, Marker, Panel, Shape, WIDTH_PX};
+use super::page::{Page, Part, Section};
+use super::{flight_parts, recording, slug};
+use crate::compare::folder::{Flown, Folder};
+use crate::error::Error;
+use crate::record;
+use crate::study::{self, Measured, Outcome, Summary, rounded, worst_and_median};
+
+/// What pictures are drawn of, the most telling first; of those that vary, the first [`MOST_PANELS`].
+const DRAWN: [&str; 24] = [
+    "even_10deg_s",
+    "in_band_s",
+    "radial_rms_m",
+    "spacing_error_deg",
+    "min_separation_m",
+    "nearest_pair_end_m",
+    "collisions",
+    "setpoints_reached",
+    "duration_s",
+    "advance_latency_s",
+    "max_centre_distance_m",
+    "centroid_lag_m",
+    "band_occupancy",
+    "transient_s",
+    "detection_s",
+    "forced_advances",
+    "order",
+    "connected_share",
+    "oscillation_m",
+    "max_tilt_deg",
+    "stick_rms",
+    "peer_age_p99_ms",
+    "state_messages",
+    "safety_activations",
+];
+const MOST_PANELS: usize = 9;
+/// Panels side by side, and their height, px.
+const COLUMNS: usize = 3;
+const PANEL_PX: f64 = 250.0;
+/// More runs of a point are not drawn one by one.
+const MOST_DOTS: usize = 200;
+/// Lines of different colours in a panel.
+const MOST_LINES: usize = 6;
+/// More recorded flights make no page that anybody reads.
+const MOST_FLIGHTS: usize = 6;
+
+/// Runs that differ in their seeds alone.
+struct Point<'a> {
+    /// The values of the swept keys; of what is no sweep, the folder.
+    values: Vec<String>,
+    runs: Vec<&'a Flown>,
+    summary: Summary,
+}
+
+impl Point<'_> {
+    fn name(&self) -> String {
+        self.values.join(", ")
+    }
+
+    fn measured(&self) -> Vec<Measured> {
+        self.runs.iter().map(|run| run.measured.clone()).collect()
+    }
+}
+
+/// The page of a folder of runs.
+///
+/// # Errors
+/// If a recording in it cannot be read.
+pub(super) fn page(folder: &Folder) -> Result<Page, Error> {
+    let points = points(folder);
+    let subject = subject(folder);
+    let mut parts = Vec::new();
+    if folder.is_unfinished {
+        parts.push(Part::Text("This study is not finished: some runs are missing.".to_owned()));
+    }
+    match points.as_slice() {
+        [point] => parts.push(of_figures(&point.summary, folder.runs.len())),
+        points => parts.push(of_points(&folder.swept, points)),
+    }
+    let mut sections = vec![Section { title: "What was measured".to_owned(), name: "study".to_owned(), parts }];
+    let mut drawn = Vec::new();
+    if folder.runs.len() > 1 {
+        drawn.extend(lines(&folder.swept, &points, &subject));
+        drawn.extend(spread(&folder.swept, &points, &subject));
+    }
+    sections[0].parts.extend(drawn.into_iter().map(Part::Figure));
+    sections.extend(flights(folder, &points)?);
+    let title = match folder.runs.as_slice() {
+        [run] => format!("{}, seed {}", run.word("scenario").unwrap_or("A run"), run.measured.seed),
+        runs => {
+            format!("{}: {} runs", runs.first().and_then(|run| run.word("scenario")).unwrap_or("Study"), runs.len())
+        }
+    };
+    Ok(Page { title, about: format!("{subject} · {}", folder.path.display()), sections })
+}
+
+/// The runs in their points, in the order of their folders.
+fn points(folder: &Folder) -> Vec<Point<'_>> {
+    let mut points: Vec<Point<'_>> = Vec::new();
+    for run in &folder.runs {
+        let value = |key: &String| run.scenario.get(key).cloned().unwrap_or_default().trim_matches('"').to_owned();
+        let values: Vec<String> = match folder.swept.as_slice() {
+            [] => vec![above(run, folder)],
+            swept => swept.iter().map(value).collect(),
+        };
+        match points.iter_mut().find(|point| point.values == values) {
+            Some(point) => point.runs.push(run),
+            None => points.push(Point { values, runs: vec![run], summary: Summary::new() }),
+        }
+    }
+    for point in &mut points {
+        point.summary = study::summary(&point.measured());
+    }
+    points
+}
+
+/// Where a run's folder lies in the whole, without the seed's own folder.
+fn above(run: &Flown, folder: &Folder) -> String {
+    let inside = run.folder.strip_prefix(&folder.path).unwrap_or(&run.folder);
+    let is_seed = inside.file_name().is_some_and(|name| name.to_string_lossy().starts_with("seed-"));
+    let above = if is_seed { inside.parent().unwrap_or(inside) } else { inside };
+    above.display().to_string()
+}
+
+/// What all runs have in common, in a line.
+fn subject(folder: &Folder) -> String {
+    let words = |key: &str| folder.words(key).into_iter().collect::<Vec<_>>().join(", ");
+    let vehicles =
+        folder.constant("swarm.vehicles").flatten().map_or_else(String::new, |count| format!(" · {count} vehicles"));
+    let seeds = folder.runs.iter().map(|run| run.measured.seed);
+    let seeds = match (seeds.clone().min(), seeds.max()) {
+        (Some(first), Some(last)) if first < last => format!("seeds {first} to {last}"),
+        (first, _) => format!("seed {}", first.unwrap_or(0)),
+    };
+    format!(
+        "{} · {} · preset {}{vehicles} · {seeds} · {} · skein {}",
+        words("scenario"),
+        words("law"),
+        words("preset"),
+        words("target"),
+        words("version"),
+    )
+}
+
+/// A row for each figure of one point.
+fn of_figures(summary: &Summary, runs: usize) -> Part {
+    let number = |value: Option<f64>| value.map_or_else(|| "–".to_owned(), rounded);
+    if runs == 1 {
+        let row = |(key, figure): (&String, &study::Figure)| {
+            let value = if figure.never > 0 { "never".to_owned() } else { number(figure.median) };
+            vec![key.clone(), value]
+        };
+        let head = ["figure", "value"].map(str::to_owned).to_vec();
+        return Part::Table { caption: "One run.".to_owned(), head, rows: summary.iter().map(row).collect() };
+    }
+    let row = |(key, figure): (&String, &study::Figure)| {
+        let quartiles = format!("{} … {}", number(figure.q1), number(figure.q3));
+        let worst = if figure.worst_seed.is_some() { number(figure.worst) } else { String::new() };
+        let seed = figure.worst_seed.map(|seed| seed.to_string()).unwrap_or_default();
+        vec![key.clone(), figure.n.to_string(), figure.never.to_string(), number(figure.median), quartiles, worst, seed]
+    };
+    let head = ["figure", "runs", "never", "median", "quartiles", "worst", "its seed"].map(str::to_owned).to_vec();
+    Part::Table { caption: format!("Of {runs} runs."), head, rows: summary.iter().map(row).collect() }
+}
+
+/// A row for each point.
+fn of_points(swept: &[String], points: &[Point<'_>]) -> Part {
+    let keys: Vec<&str> = drawn(points);
+    let keys: Vec<&str> = keys.into_iter().take(6).collect();
+    let cell = |point: &Point<'_>, key: &str| {
+        let Some(figure) = point.summary.get(key) else { return "–".to_owned() };
+        let median = figure.median.map_or_else(|| "never".to_owned(), rounded);
+        match figure.worst.or(figure.max).filter(|_| figure.never == 0) {
+            Some(worst) => format!("{median} [{}]", rounded(worst)),
+            None => format!("{median} [{} never]", figure.never),
+        }
+    };
+    let row = |point: &Point<'_>| {
+        let seed = worst_and_median(&point.measured()).map(|(worst, _)| worst.to_string()).unwrap_or_default();
+        let cells = keys.iter().map(|key| cell(point, key));
+        let values = point.values.iter().cloned().chain([point.runs.len().to_string()]);
+        values.chain(cells).chain([seed]).collect()
+    };
+    let names = if swept.is_empty() { vec!["folder".to_owned()] } else { swept.to_vec() };
+    let head = names.into_iter().chain(["runs".to_owned()]).chain(keys.iter().map(|key| (*key).to_owned()));
+    Part::Table {
+        caption: "Median [worst] of the runs at each point.".to_owned(),
+        head: head.chain(["worst seed".to_owned()]).collect(),
+        rows: points.iter().map(row).collect(),
+    }
+}
+
+/// Figures that are worth a picture: those that are not the same in every run.
+fn drawn(points: &[Point<'_>]) -> Vec<&'static str> {
+    let varies = |key: &&str| {
+        let mut all = points.iter().flat_map(|point| &point.runs).filter_map(|run| run.measured.outcome(key));
+        all.next().is_some_and(|first| all.any(|other| other != first))
+    };
+    DRAWN.into_iter().filter(varies).take(MOST_PANELS).collect()
+}
+
+/// The values of a figure at a point, and how many runs never came to one.
+fn values(point: &Point<'_>, key: &str) -> (Vec<f64>, usize) {
+    let outcomes = || point.runs.iter().filter_map(|run| run.measured.outcome(key));
+    let value = |outcome| match outcome {
+        Outcome::Value(value) => Some(value),
+        Outcome::Never => None,
+    };
+    (outcomes().filter_map(value).collect(), outcomes().filter(|outcome| *outcome == Outcome::Never).count())
+}
+
+/// Every run of every point as a dot, with the quartiles and the median.
+fn spread(swept: &[String], points: &[Point<'_>], subject: &str) -> Option<Figure> {
+    let keys = drawn(points);
+    let names = || points.iter().enumerate().map(|(nth, point)| (nth as f64 + 1.0, point.name())).collect::<Vec<_>>();
+    let what = if points.len() == 1 { "all runs".to_owned() } else { short(swept).join(", ") };
+    let panel = |key: &&str| {
+        let mut panel = Panel::new(Axis::named(&what, names()), axis(key));
+        if points.len() == 1 {
+            panel.x = Axis::named(&what, vec![(1.0, String::new())]);
+        }
+        for (nth, point) in points.iter().enumerate() {
+            panel.items.extend(strip(nth as f64 + 1.0, point, key));
+        }
+        let never: usize = points.iter().map(|point| values(point, key).1).sum();
+        if never > 0 {
+            panel.title = format!("{never} runs never");
+        }
+        panel
+    };
+    let panels = keys.iter().map(panel).collect();
+    let caption = "A dot is a run; the bar reaches from the first to the third quartile, the line in it is the median. Where runs never came to a value, quartiles and median rank them worst, and are missing where they fall among them.";
+    grid("spread", "All runs", subject, caption, panels)
+}
+
+fn strip(x: f64, point: &Point<'_>, key: &str) -> Vec<Item> {
+    let (values, _) = values(point, key);
+    let every = values.len().div_ceil(MOST_DOTS).max(1);
+    // The golden ratio spreads the dots of neighbouring seeds.
+    let dot = |(nth, value): (usize, &f64)| [x + ((nth as f64 * 0.618).fract() - 0.5) * 0.5, *value];
+    let dots = values.iter().enumerate().step_by(every).map(dot).collect();
+    let mut items = Vec::new();
+    if let Some((low, high)) = point.summary.get(key).and_then(|figure| figure.q1.zip(figure.q3)) {
+        items.push(Item::new(Shape::Bars(vec![([x - 0.33, low], [x + 0.33, high], String::new())]), Colour::PALE));
+    }
+    items.push(Item::new(Shape::Dots { at: dots, marker: Marker::Circle, size_px: 4.5 }, Colour::BLUE.faint(0.55)));
+    if let Some(median) = point.summary.get(key).and_then(|figure| figure.median) {
+        let line = vec![vec![[x - 0.33, median], [x + 0.33, median]]];
+        items.push(Item::line(line, Colour::VERMILLION).wide(2.2));
+    }
+    items
+}
+
+/// Medians and quartiles over the key with most values, a line for each value of the others. None where it is no number.
+fn lines(swept: &[String], points: &[Point<'_>], subject: &str) -> Option<Figure> {
+    let number = |point: &Point<'_>, nth: usize| point.values.get(nth)?.parse::<f64>().ok();
+    let choices = |nth: usize| {
+        let mut values: Vec<f64> = points.iter().map(|point| number(point, nth)).collect::<Option<_>>()?;
+        values.sort_by(f64::total_cmp);
+        values.dedup();
+        (values.len() > 1).then_some(values)
+    };
+    let over = (0..swept.len()).filter_map(|nth| Some((nth, choices(nth)?.len())));
+    // Of equals, the first.
+    let (over, _) = over.rev().max_by_key(|(_, count)| *count)?;
+    let xs = choices(over)?;
+    let mut series: BTreeMap<usize, (String, Vec<&Point<'_>>)> = BTreeMap::new();
+    for point in points {
+        let others: Vec<String> =
+            (0..swept.len()).filter(|nth| *nth != over).map(|nth| point.values[nth].clone()).collect();
+        let name = others.join(", ");
+        let known = series.iter().find(|(_, (other, _))| *other == name).map(|(nth, _)| *nth);
+        let nth = known.unwrap_or(series.len());
+        series.entry(nth).or_insert_with(|| (name, Vec::new())).1.push(point);
+    }
+    // A line has to go somewhere, and to be told from others.
+    if series.len() > MOST_LINES || series.values().any(|(_, points)| points.len() < 2) {
+        return None;
+    }
+    let is_wide = xs[0] > 0.0 && xs[xs.len() - 1] / xs[0] > 30.0;
+    let others = short(swept).into_iter().enumerate().filter(|(nth, _)| *nth != over).map(|(_, name)| name);
+    let others = others.collect::<Vec<_>>().join(", ");
+    let panel = |key: &&str| {
+        let x = axis(swept[over].rsplit('.').next().unwrap_or(&swept[over]));
+        let mut panel = Panel::new(if is_wide { x.log() } else { x }, axis(key));
+        for (nth, (name, points)) in &series {
+            let name = if others.is_empty() { String::new() } else { format!("{others} {name}") };
+            panel.items.extend(line(*nth, name, points, over, key));
+        }
+        panel
+    };
+    let panels = drawn(points).iter().map(panel).collect();
+    let caption = format!(
+        "Medians over {}, with the quartiles as an area. A line is missing where the median run never came to a value.",
+        swept[over]
+    );
+    grid("sweep", &format!("Over {}", swept[over]), subject, &caption, panels)
+}
+
+fn line(nth: usize, name: String, points: &[&Point<'_>], over: usize, key: &str) -> Vec<Item> {
+    let x = |point: &&&Point<'_>| point.values[over].parse::<f64>().unwrap_or(0.0);
+    let mut points: Vec<_> = points.iter().collect();
+    points.sort_by(|one, other| x(one).total_cmp(&x(other)));
+    let figure = |point: &&&Point<'_>| point.summary.get(key).cloned();
+    let median = |point: &&&Point<'_>| Some([x(point), figure(point)?.median?]);
+    let medians = super::flight::pieces(points.iter().map(median));
+    let between = |point: &&&Point<'_>| Some((x(point), figure(point)?.q1?, figure(point)?.q3?));
+    let between: Vec<_> = points.iter().filter_map(between).collect();
+    let low = between.iter().map(|(x, low, _)| [*x, *low]);
+    let area = low.chain(between.iter().rev().map(|(x, _, high)| [*x, *high])).collect();
+    let colour = Colour::nth(nth);
+    let dots = Shape::Dots { at: medians.iter().flatten().copied().collect(), marker: Marker::nth(nth), size_px: 7.0 };
+    let (mut line, mut dots) = (Item::line(medians, colour), Item::new(dots, colour));
+    if !name.is_empty() {
+        (line, dots) = (line.in_legend(name.clone()), dots.in_legend(name));
+    }
+    vec![Item::new(Shape::Area(vec![area]), colour.faint(0.18)), line, dots]
+}
+
+/// Panels in rows.
+fn grid(name: &str, title: &str, subject: &str, caption: &str, mut panels: Vec<Panel>) -> Option<Figure> {
+    if panels.is_empty() {
+        return None;
+    }
+    let columns = panels.len().min(COLUMNS);
+    let rows = panels.len().div_ceil(columns);
+    for (nth, panel) in panels.iter_mut().enumerate() {
+        let (column, row) = ((nth % columns) as f64, (nth / columns) as f64);
+        let (wide, high) = (1.0 / columns as f64, 1.0 / rows as f64);
+        panel.place = [column * wide, row * high, (column + 1.0) * wide, (row + 1.0) * high];
+    }
+    Some(Figure {
+        name: name.to_owned(),
+        title: title.to_owned(),
+        subject: subject.to_owned(),
+        caption: caption.to_owned(),
+        size_px: [WIDTH_PX, 50.0 + PANEL_PX * rows as f64],
+        panels,
+    })
+}
+
+/// The last parts of keys.
+fn short(keys: &[String]) -> Vec<String> {
+    keys.iter().map(|key| key.rsplit('.').next().unwrap_or(key).to_owned()).collect()
+}
+
+/// The axis of a key that ends in its unit.
+fn axis(key: &str) -> Axis {
+    const UNITS: [(&str, &str); 11] = [
+        ("_m_s", "m/s"),
+        ("_per_m", "1/m"),
+        ("_per_s", "1/s"),
+        ("_ms", "ms"),
+        ("_us", "µs"),
+        ("_s", "s"),
+        ("_m", "m"),
+        ("_deg", "°"),
+        ("_hz", "Hz"),
+        ("_j", "J"),
+        ("_bytes", "bytes"),
+    ];
+    let found = UNITS.into_iter().find_map(|(ending, unit)| Some((key.strip_suffix(ending)?, unit)));
+    let (quantity, unit) = found.unwrap_or((key, "1"));
+    Axis::new(&quantity.replace('_', " "), unit)
+}
+
+/// The recorded runs: of each point the worst and the median, of many points only the first ones'.
+fn flights(folder: &Folder, points: &[Point<'_>]) -> Result<Vec<Section>, Error> {
+    let mut sections: Vec<Section> = Vec::new();
+    let recorded = |run: &&&Flown| run.folder.join(record::FILE).is_file();
+    for point in points {
+        let Some((worst, median)) = worst_and_median(&point.measured()) else { continue };
+        let told = if worst == median {
+            vec![(worst, "")]
+        } else {
+            vec![(worst, "the worst run"), (median, "the median run")]
+        };
+        for (seed, which) in told {
+            let Some(run) = point.runs.iter().filter(recorded).find(|run| run.measured.seed == seed) else { continue };
+            if sections.len() == MOST_FLIGHTS {
+                let more = "More runs are recorded: any of their folders makes a report of its own.";
+                sections.iter_mut().last().into_iter().for_each(|last| last.parts.push(Part::Text(more.to_owned())));
+                return Ok(sections);
+            }
+            let (recording, title) = recording(&run.folder.join(record::FILE))?;
+            let inside = run.folder.strip_prefix(&folder.path).unwrap_or(&run.folder);
+            let words = [&title, &point.name(), which].map(str::to_owned);
+            let title = words.into_iter().filter(|word| !word.is_empty()).collect::<Vec<_>>().join(", ");
+            let name = format!("flight-{}", slug(&inside.display().to_string())).trim_end_matches('-').to_owned();
+            sections.push(Section { title, name, parts: flight_parts(&recording) });
+        }
+    }
+    Ok(sections)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_key_says_its_unit() {
+        for (key, label) in [
+            ("in_band_s", "in band, s"),
+            ("min_separation_m", "min separation, m"),
+            ("speed_m_s", "speed, m/s"),
+            ("collisions", "collisions, 1"),
+            ("spacing_error_deg", "spacing error, °"),
+            ("peer_age_p99_ms", "peer age p99, ms"),
+        ] {
+            assert_eq!(axis(key).label(), label);
+        }
+    }
+}

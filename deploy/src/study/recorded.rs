@@ -1,0 +1,75 @@
+//! Which runs of a study are recorded: they are flown again, with a recorder looking on.
+
+use std::collections::BTreeSet;
+use std::num::NonZeroUsize;
+
+use skein_common::scenario::RecordRuns;
+
+use super::in_parallel;
+use super::measured::{Measured, worst_and_median};
+use super::plan::{Plan, Run};
+use crate::error::Error;
+use crate::metrics::WALL_CLOCK_KEYS;
+use crate::record::{self, record_run};
+
+/// Records what the scenario of each point asks for, beside the figures of the run. What is there already is left.
+///
+/// # Errors
+/// If a recording cannot be written, or a run measures something else than the first time.
+pub(super) fn record(plan: &Plan, runs: &[Measured], jobs: NonZeroUsize) -> Result<(), Error> {
+    let per_point = (runs.len() / plan.points.len().max(1)).max(1);
+    let mut chosen = Vec::new();
+    for (point, its) in runs.chunks(per_point).enumerate() {
+        let first = point * per_point;
+        let (study, _) = plan.run(first).study()?;
+        let seeds: BTreeSet<u64> = match study.scenario.record.runs {
+            RecordRuns::None => BTreeSet::new(),
+            RecordRuns::All => its.iter().map(|run| run.seed).collect(),
+            RecordRuns::WorstAndMedian => worst_and_median(its).into_iter().flat_map(|(w, m)| [w, m]).collect(),
+        };
+        chosen.extend((first..first + its.len()).filter(|&nth| seeds.contains(&runs[nth].seed)));
+    }
+    chosen.retain(|&nth| !plan.run(nth).folder().join(record::FILE).exists());
+    in_parallel(chosen.len(), jobs, |nth| again(&plan.run(chosen[nth]), &runs[chosen[nth]])).map(|_| ())
+}
+
+/// Flies a run again and records it.
+fn again(run: &Run<'_>, measured: &Measured) -> Result<(), Error> {
+    let (study, text) = run.study()?;
+    let path = run.folder().join(record::FILE);
+    let report = record_run(&study, run.seed, &text, &path);
+    let report = report.map_err(|error| Error::Failed(format!("{run}: recording: {error}")))?;
+    match first_difference(measured, &Measured::of(&report)) {
+        None => Ok(()),
+        Some(key) => Err(Error::Failed(format!(
+            "{run}: flown again to be recorded, it measured another {key}: something in it is not repeatable; the study goes \
+             on in its folder with --no-record"
+        ))),
+    }
+}
+
+/// The first figure that differs, besides those of the wall clock.
+fn first_difference<'a>(one: &'a Measured, other: &'a Measured) -> Option<&'a str> {
+    let keys = one.figures.keys().chain(other.figures.keys()).map(String::as_str);
+    let same = |key: &str| one.figures.get(key) == other.figures.get(key);
+    let differs = |key: &&str| !WALL_CLOCK_KEYS.contains(key) && !same(key);
+    keys.into_iter().find(differs).or((one.never != other.never).then_some("never"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_the_wall_clock_may_differ() {
+        let run = |wall: f64, rms: f64, never: &str| {
+            let text =
+                format!("{{\n  \"seed\": 1,\n  \"wall_s\": {wall},\n  \"rms_m\": {rms},\n  \"never\": [{never}]\n}}");
+            Measured::read(&text).unwrap()
+        };
+        let first = run(1.0, 0.5, "");
+        assert_eq!(first_difference(&first, &run(2.0, 0.5, "")), None);
+        assert_eq!(first_difference(&first, &run(1.0, 0.500_000_000_000_000_1, "")), Some("rms_m"));
+        assert_eq!(first_difference(&first, &run(1.0, 0.5, "\"in_band_s\"")), Some("never"));
+    }
+}

@@ -1,0 +1,46 @@
+//! All circle the centre, each as fast as brings it halfway between the one ahead and the one behind.
+//!
+//! Pursuit on a circle, after J. Marshall, M. Broucke & B. Francis, "Formations of Vehicles in Cyclic Pursuit", IEEE Trans.
+//! Automatic Control 49(11) (2004), with whoever happens to be ahead instead of the next id.
+
+use std::f64::consts::TAU;
+use std::process::ExitCode;
+
+use skein::law::{Answer, Law, Laws, Setup, Sight, Vector2, Wanted, number};
+
+#[derive(Clone, Debug)]
+struct Pursuit {
+    speed_m_s: f64,
+    homing_per_s: f64,
+}
+
+impl Pursuit {
+    fn make(setup: &Setup<'_>) -> Result<Box<dyn Law>, String> {
+        let speed_m_s = number(setup, "speed_m_s", 3.0)?;
+        Ok(Box::new(Self { speed_m_s, homing_per_s: number(setup, "homing_per_s", 0.1)? }))
+    }
+}
+
+impl Law for Pursuit {
+    fn ask(&mut self, sight: &Sight<'_>) -> Answer {
+        let out_ne_m = sight.from_centre_ne_m();
+        let bearing_rad = |from_centre: Vector2<f64>| from_centre.y.atan2(from_centre.x);
+        let centre = sight.goal.centre.horizontal();
+        let (mut ahead_rad, mut behind_rad) = (TAU, TAU);
+        for neighbour in sight.neighbours {
+            let gap_rad = bearing_rad(neighbour.position.horizontal() - centre) - bearing_rad(out_ne_m);
+            ahead_rad = ahead_rad.min(gap_rad.rem_euclid(TAU));
+            behind_rad = behind_rad.min((-gap_rad).rem_euclid(TAU));
+        }
+        let outward = out_ne_m.try_normalize(1e-6).unwrap_or(Vector2::x());
+        let clockwise = Vector2::new(-outward.y, outward.x);
+        let haste = (1.0 + ahead_rad - behind_rad).clamp(0.0, 2.0);
+        let off_m = sight.goal.radius_m - out_ne_m.norm();
+        let wanted = clockwise * (self.speed_m_s * haste) + outward * (self.homing_per_s * off_m);
+        Answer { wanted: Wanted::level(wanted), is_there: off_m.abs() < 10.0 }
+    }
+}
+
+fn main() -> ExitCode {
+    skein::cli::main_with(Laws::default().with("pursuit", Pursuit::make))
+}

@@ -1,0 +1,253 @@
+//! One control machine against every vehicle for itself: the same ring, the same network, and what is killed.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use skein::metrics::{Metrics, Report, Run, VehicleNow, Wall};
+use skein::study::world::World;
+use skein::study::{Study, measure};
+use skein_common::message::Happening;
+
+use crate::{in_parallel, median_and_worst, study};
+
+/// What is killed is killed at this time, s after the first take-off.
+pub const KILLED_AT_S: u32 = 120;
+/// Length of a flight, s.
+const DURATION_S: u32 = 300;
+/// Half the width of the ring's band, m.
+const BAND_M: f64 = 20.0;
+
+/// One kind of flight.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Case {
+    /// One machine controls everybody.
+    pub central: bool,
+    /// How many fly.
+    pub vehicles: usize,
+    /// Share of datagrams that are lost.
+    pub loss: f64,
+    /// Of each datagram, one way, s.
+    pub delay_s: f64,
+    /// Wind and gusts of `BREEZE` instead of calm air.
+    pub breeze: bool,
+    /// The machine is killed; where there is none, the agent of vehicle 2.
+    pub killed: bool,
+    /// What the machine needs for a vehicle and frame, s; without it the default.
+    pub step_s: Option<f64>,
+}
+
+/// Four vehicles, each for itself, a perfect network, calm air, nobody killed.
+pub const PLAIN: Case =
+    Case { central: false, vehicles: 4, loss: 0.0, delay_s: 0.0, breeze: false, killed: false, step_s: None };
+
+/// Some weather: 5 m/s from the north and what MIL-F-8785C calls light turbulence, 15 knots at 20 ft.
+const BREEZE: [&str; 2] = ["world.wind_m_s=5", "world.gust_w20_m_s=7.7"];
+
+/// One flight.
+#[derive(Clone, Debug)]
+pub struct Flight {
+    /// Its figures.
+    pub report: Report,
+    /// Vehicles that were live members in the band and at their altitude at the end.
+    pub in_formation: usize,
+    /// The farthest that any vehicle was from the ring at the end, seen from above, m.
+    pub strayed_m: f64,
+    /// Vehicles whose agents took them for broken. Nothing of them was.
+    pub alarms: usize,
+    /// Words of the agreement, and their payload, bytes.
+    agreed: (u64, u64),
+}
+
+impl Case {
+    /// What it changes of `hover.toml`. The ring grows with the swarm, so that neighbours stay as far apart as the paper's
+    /// four, up to the eight that make it 200 m: farther out everybody would still be on the way when something is killed.
+    pub fn sets(&self) -> Vec<String> {
+        let radius_m = (25 * self.vehicles).min(200);
+        let killed = match (self.killed, self.central) {
+            (false, _) => String::new(),
+            (true, true) => format!("{{ at_s = {KILLED_AT_S}, fault = \"kill_control\" }}"),
+            (true, false) => format!("{{ at_s = {KILLED_AT_S}, fault = \"kill\", vehicle = 2 }}"),
+        };
+        let mut sets = vec![
+            format!("duration_s={DURATION_S}"),
+            format!("swarm.vehicles={}", self.vehicles),
+            format!("formation.radius_m={radius_m}"),
+            format!("network.loss={}", self.loss),
+            format!("network.delay_s={}", self.delay_s),
+            format!("control.mode={}", if self.central { "central" } else { "each" }),
+            format!("mission.events=[{killed}]"),
+        ];
+        sets.extend(BREEZE.iter().filter(|_| self.breeze).map(|&set| set.to_owned()));
+        sets.extend(self.step_s.map(|step_s| format!("control.central_step_s={step_s}")));
+        sets
+    }
+
+    /// The study that flies it.
+    ///
+    /// # Panics
+    /// If it is no scenario that may fly.
+    pub fn study(&self) -> Study {
+        let sets = self.sets();
+        study("hover.toml", &sets.iter().map(String::as_str).collect::<Vec<_>>())
+    }
+
+    /// The command that flies this seed.
+    pub fn command(&self, seed: u64) -> String {
+        let sets: Vec<_> = self.sets().iter().map(|set| format!("--set '{set}'")).collect();
+        format!("skein study deploy/scenarios/hover.toml --seed {seed} {}", sets.join(" "))
+    }
+
+    /// Flies this seed.
+    ///
+    /// # Panics
+    /// If it cannot begin.
+    pub fn fly(&self, seed: u64) -> Flight {
+        let Study { mut scenario, aircraft, rules, .. } = self.study();
+        scenario.seed = seed;
+        let mut world = World::new(&scenario, &aircraft, &rules).expect("it may fly");
+        let mut metrics = Metrics::new(&scenario, Run::new(&scenario, "study"));
+        // Over a network that loses everything nobody ever takes part.
+        while !world.all_active() && world.t_s() < 60.0 {
+            world.tick();
+        }
+        let (zero_s, mut vehicles) = (world.t_s(), Vec::new());
+        let (mut alarms, mut agreed) = (BTreeSet::new(), BTreeMap::new());
+        while world.t_s() - zero_s < f64::from(DURATION_S) {
+            world.tick();
+            measure(&world, zero_s, &mut metrics, &mut vehicles);
+            let failed = world.happened().iter().filter(|(_, what)| matches!(what, Happening::Failed(_)));
+            alarms.extend(failed.map(|(id, _)| *id));
+            agreed.extend(world.vehicles().map(|(id, agent, ..)| (id, agent.agreed())));
+        }
+        metrics.count(world.totals());
+        let (radius_m, altitude_m) = (scenario.formation.radius_m, scenario.formation.altitude_m);
+        let off_m = |here: &VehicleNow| (here.truth.position.horizontal().norm() - radius_m).abs();
+        let is_in = |here: &&VehicleNow| {
+            let too_high_m = here.truth.position.altitude_m() - altitude_m;
+            here.takes_part() && off_m(here) <= BAND_M && too_high_m.abs() <= 0.1 * altitude_m
+        };
+        Flight {
+            in_formation: vehicles.iter().filter(is_in).count(),
+            strayed_m: vehicles.iter().map(off_m).fold(0.0, f64::max),
+            alarms: alarms.len(),
+            agreed: agreed.values().fold((0, 0), |sum, (words, bytes)| (sum.0 + words, sum.1 + bytes)),
+            report: metrics.report(Wall { wall_s: 0.0, real_time_factor: 0.0 }),
+        }
+    }
+}
+
+impl Flight {
+    /// What crossed the network in a second: datagrams, and their payload in kB. A word of an agent, of its state or of the
+    /// agreement, goes to every other; on one machine none goes anywhere.
+    pub fn sent(&self, case: &Case) -> (f64, f64) {
+        let Report { state_messages, state_bytes, .. } = self.report;
+        let (messages, bytes) = match case.central {
+            true => (state_messages, state_bytes),
+            false => {
+                let copies = case.vehicles as u64 - 1;
+                ((state_messages + self.agreed.0) * copies, (state_bytes + self.agreed.1) * copies)
+            }
+        };
+        (messages as f64 / f64::from(DURATION_S), bytes as f64 / f64::from(DURATION_S) / 1e3)
+    }
+}
+
+/// The table: both ways of control with these numbers of vehicles over these networks, over so many seeds; below it the
+/// commands that fly the worst.
+pub fn table(vehicles: &[usize], networks: &[(f64, f64)], seeds: u64) -> String {
+    let mut lines = vec![heading()];
+    let mut worst = Vec::new();
+    for &n in vehicles {
+        for &(loss, delay_s) in networks {
+            for (central, killed) in [(false, false), (true, false), (false, true), (true, true)] {
+                let case = Case { central, vehicles: n, loss, delay_s, killed, breeze: true, ..PLAIN };
+                let flights = in_parallel(0..seeds, |seed| case.fly(seed));
+                lines.push(row(&case, &flights));
+                worst.extend(worst_of(&flights).map(|(seed, flight)| (case, seed, flight.report.crashes)));
+            }
+        }
+    }
+    let most = |central: bool| {
+        let of_mode = worst.iter().filter(|(case, ..)| case.central == central);
+        of_mode.max_by_key(|(.., crashes)| *crashes).map(|(case, seed, _)| case.command(*seed))
+    };
+    lines.extend([false, true].into_iter().filter_map(most));
+    lines.join("\n")
+}
+
+/// How long a loop one machine bears: the table over delays of each datagram, one way, s, and over what the machine needs
+/// for a vehicle and frame, s.
+pub fn limits(vehicles: usize, delays_s: &[f64], steps_s: &[f64], seeds: u64) -> String {
+    let central = Case { central: true, vehicles, breeze: true, ..PLAIN };
+    let delayed = delays_s.iter().map(|&delay_s| Case { delay_s, ..central });
+    let loaded = steps_s.iter().map(|&step_s| Case { step_s: Some(step_s), ..central });
+    let mut lines = vec![heading()];
+    for case in delayed.chain(loaded) {
+        lines.push(row(&case, &in_parallel(0..seeds, |seed| case.fly(seed))));
+    }
+    lines.join("\n")
+}
+
+/// The seed that did worst: most crashes, then fewest in formation, then farthest from the ring.
+fn worst_of(flights: &[Flight]) -> Option<(u64, &Flight)> {
+    let badness = |flight: &Flight| {
+        let Report { crashes, radial_rms_m, .. } = flight.report;
+        (crashes, std::cmp::Reverse(flight.in_formation), radial_rms_m.map(|rms_m| (rms_m * 1e3) as u64))
+    };
+    (0..).zip(flights).max_by_key(|(_, flight)| badness(flight))
+}
+
+fn heading() -> String {
+    format!(
+        "{:<8} {:>3} {:>5} {:>7} {:>7} {:>7} {:>7} {:>12} {:>7} {:>6} {:>10} {:>9} {:>15} {:>13} {:>15} {:>7} {:>7} {:>10}",
+        "control",
+        "N",
+        "loss",
+        "delay s",
+        "step ms",
+        "killed",
+        "flights",
+        "in formation",
+        "crashes",
+        "alarms",
+        "collisions",
+        "closest m",
+        "strayed m",
+        "radial rms m",
+        "spacing deg",
+        "sent /s",
+        "kB/s",
+        "worst seed"
+    )
+}
+
+fn row(case: &Case, flights: &[Flight]) -> String {
+    let of = |figure: fn(&Flight) -> Option<f64>| median_and_worst(flights.iter().map(figure));
+    let sum = |figure: fn(&Flight) -> u64| flights.iter().map(figure).sum::<u64>();
+    let mean = |figure: &dyn Fn(&Flight) -> f64| flights.iter().map(figure).sum::<f64>() / flights.len() as f64;
+    let closest_m = flights.iter().filter_map(|it| it.report.min_separation_m).fold(f64::INFINITY, f64::min);
+    let step_ms = case.step_s.filter(|_| case.central).map_or_else(|| "-".to_owned(), |s| format!("{}", s * 1e3));
+    format!(
+        "{:<8} {:>3} {:>5} {:>7} {step_ms:>7} {:>7} {:>7} {:>12} {:>7} {:>6} {:>10} {closest_m:>9.1} {:>15} {:>13} {:>15} \
+         {:>7.0} {:>7.1} {:>10}",
+        if case.central { "central" } else { "each" },
+        case.vehicles,
+        case.loss,
+        case.delay_s,
+        match (case.killed, case.central) {
+            (false, _) => "-",
+            (true, true) => "machine",
+            (true, false) => "agent",
+        },
+        flights.len(),
+        format!("{:.1} %", 100.0 * mean(&|it| it.in_formation as f64 / case.vehicles as f64)),
+        sum(|it| it.report.crashes),
+        sum(|it| it.alarms as u64),
+        sum(|it| it.report.collisions),
+        of(|it| Some(it.strayed_m)),
+        of(|it| it.report.radial_rms_m),
+        of(|it| it.report.spacing_error_deg),
+        mean(&|it| it.sent(case).0),
+        mean(&|it| it.sent(case).1),
+        worst_of(flights).map_or_else(String::new, |(seed, _)| seed.to_string()),
+    )
+}

@@ -1,0 +1,220 @@
+//! Who comes uninvited to a swarm that flies, and who has taken over a node: everything that they can say is said, over and
+//! over, with Zenoh itself and without any rules of ours.
+
+use std::fs;
+use std::io::Write;
+use std::path::Path;
+use std::process::{Child, Stdio};
+use std::sync::{Arc, Mutex};
+use std::thread::sleep;
+use std::time::{Duration, Instant};
+
+use rcgen::{CertificateParams, DnType, ExtendedKeyUsagePurpose, Issuer, KeyPair, date_time_ymd};
+use serde_json::json;
+use skein_common::frame::{Geodetic, VelocityNed};
+use skein_common::id::{Incarnation, VehicleId};
+use skein_common::message::{self, Header, Mission, Order, Seal, State, Verb};
+use skein_common::state::{Membership, VehicleState};
+use skein_common::time::SenderStamp;
+use skein_common::topic::{Cell, Topic};
+use zenoh::{Config, Session, Wait};
+
+use super::lab::{HOSTS, Lab};
+
+/// Who can come, by the folder of what they hold.
+pub(super) const UNINVITED: [&str; 3] = ["none", "other", "expired"];
+/// Who has taken over node 3.
+pub(super) const TAKEN_OVER: &str = "valid";
+/// With what they listen.
+const EAR: &str = "ear";
+/// Whose node that is, in whose name they speak, and who gives their orders.
+pub(super) const OWN: u8 = 3;
+const VICTIM: u8 = 5;
+const FORGER: u64 = 77;
+/// How long they go on.
+const LONG: Duration = Duration::from_secs(6);
+/// In the environment of an intruder: what it holds.
+const HOLDS: &str = "SKEIN_INTRUDER";
+
+/// Puts what each of them holds onto the stranger's PC.
+pub(super) fn equip(lab: &Lab) {
+    let keys = lab.operator().path("/root/lab/keys");
+    lab.stranger().put_program(&std::env::current_exe().unwrap(), "/opt/intruder");
+    lab.operator().sh("mkdir other && cp lab/*.toml other").good();
+    lab.skein("cluster keys -f other/cluster.toml", 30).good();
+    let others = lab.operator().path("/root/other/keys");
+    let folder = |who: &str| {
+        let folder = lab.stranger().path("/root").join(who);
+        fs::create_dir_all(&folder).unwrap();
+        fs::copy(keys.join("authority.pem"), folder.join("authority.pem")).unwrap();
+        folder
+    };
+    folder("none");
+    let own = format!("vehicle-{OWN}");
+    for (who, keys, name) in [("other", &others, &*own), (TAKEN_OVER, &keys, &own), (EAR, &keys, "observer")] {
+        let folder = folder(who);
+        for end in ["pem", "key"] {
+            fs::copy(keys.join(format!("{name}.{end}")), folder.join(format!("own.{end}"))).unwrap();
+        }
+    }
+    expired(&keys, &folder("expired"));
+}
+
+/// A certificate of the right name and authority that ended last year.
+fn expired(keys: &Path, folder: &Path) {
+    let read = |name: &str| fs::read_to_string(keys.join(name)).unwrap();
+    let authority = KeyPair::from_pem(&read("authority.key")).unwrap();
+    let issuer = Issuer::from_ca_cert_pem(&read("authority.pem"), authority).unwrap();
+    let key = KeyPair::generate().unwrap();
+    let mut about = CertificateParams::default();
+    about.distinguished_name.push(DnType::CommonName, format!("vehicle-{OWN}"));
+    about.extended_key_usages = vec![ExtendedKeyUsagePurpose::ServerAuth, ExtendedKeyUsagePurpose::ClientAuth];
+    (about.not_before, about.not_after) = (date_time_ymd(2020, 1, 1), date_time_ymd(2021, 1, 1));
+    fs::write(folder.join("own.pem"), about.signed_by(&key, &issuer).unwrap().pem()).unwrap();
+    fs::write(folder.join("own.key"), key.serialize_pem()).unwrap();
+}
+
+/// What came of one of them.
+#[derive(Debug)]
+pub(super) struct Came {
+    /// Nodes that it was linked with, at most.
+    pub(super) links: u64,
+    /// What it said.
+    pub(super) said: u64,
+}
+
+/// Lets all of these come at once.
+pub(super) fn come(lab: &Lab, who: &[&str]) -> Vec<Came> {
+    let start = |who: &&str| -> Child {
+        let mut command = lab.stranger().command("env");
+        command.arg(format!("{HOLDS}={who}")).arg("/opt/intruder").args(["--exact", "intruder", "--ignored"]);
+        command.arg("--nocapture").stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::null()).spawn().unwrap()
+    };
+    let children: Vec<Child> = who.iter().map(start).collect();
+    let came = children.into_iter().map(|child| {
+        let out = child.wait_with_output().unwrap().stdout;
+        let out = String::from_utf8_lossy(&out).into_owned();
+        let value = out.lines().find_map(|line| serde_json::from_str::<serde_json::Value>(line).ok());
+        let value = value.filter(serde_json::Value::is_object).unwrap_or_else(|| panic!("an intruder says {out:?}"));
+        Came { links: value["links"].as_u64().unwrap(), said: value["said"].as_u64().unwrap() }
+    });
+    came.collect()
+}
+
+/// An intruder's own process.
+pub(super) fn intrude() {
+    let Ok(who) = std::env::var(HOLDS) else { return };
+    let session = open(&who);
+    let heard = Arc::<Mutex<Vec<(String, Vec<u8>)>>>::default();
+    let into = heard.clone();
+    // Node 3 tells nothing to whoever shows its own name: what it says was heard by other means.
+    let ear = open(if who == TAKEN_OVER { EAR } else { &who });
+    let listen = move |sample: zenoh::sample::Sample| {
+        into.lock().unwrap().push((sample.key_expr().to_string(), sample.payload().to_bytes().into_owned()));
+    };
+    ear.declare_subscriber("vehicle/*/**").callback(listen).background().wait().unwrap();
+    let (mut links, mut said) = (0, 0);
+    let until = Instant::now() + LONG;
+    while Instant::now() < until {
+        sleep(Duration::from_millis(100));
+        links = links.max(session.info().peers_zid().wait().count());
+        said += make_up(&session);
+        said += repeat(&session, &heard.lock().unwrap());
+    }
+    let mut out = std::io::stdout().lock();
+    writeln!(out, "\n{}", json!({ "links": links, "said": said })).unwrap();
+}
+
+/// As what stands in its folder allows.
+fn open(who: &str) -> Session {
+    let folder = Path::new("/root").join(who);
+    let mut tls = json!({ "root_ca_certificate": folder.join("authority.pem"), "verify_name_on_connect": false });
+    if folder.join("own.pem").exists() {
+        for end in ["listen", "connect"] {
+            tls[format!("{end}_certificate")] = json!(folder.join("own.pem"));
+            tls[format!("{end}_private_key")] = json!(folder.join("own.key"));
+        }
+        tls["enable_mtls"] = json!(true);
+    }
+    let dial: Vec<String> = (1..=HOSTS).map(|id| format!("tls/10.79.0.{id}:{}", 7446 + u16::from(id))).collect();
+    let mut config = Config::default();
+    for (key, value) in [
+        ("mode", json!("peer")),
+        ("namespace", json!("lab")),
+        ("listen/endpoints", json!([])),
+        ("connect/endpoints", json!(dial)),
+        ("scouting/multicast/enabled", json!(false)),
+        ("scouting/gossip/enabled", json!(false)),
+        ("transport/link/tls", tls),
+    ] {
+        config.insert_json5(key, &value.to_string()).unwrap();
+    }
+    zenoh::open(config).wait().unwrap()
+}
+
+/// Says it. Who is linked with nobody says it to nobody.
+fn say(session: &Session, key: &str, bytes: Vec<u8>) -> u64 {
+    session.put(key, bytes).wait().unwrap();
+    1
+}
+
+/// In another vehicle's name, and in an operator's.
+fn make_up(session: &Session) -> u64 {
+    let id = VehicleId::new(VICTIM).unwrap();
+    let header =
+        Header { sender: id, incarnation: Incarnation(u64::MAX), sequence: u64::MAX, stamp: SenderStamp::ZERO };
+    let position = Geodetic::from_degrees(28.0, -82.0, 5.0);
+    let state = VehicleState { position, velocity: VelocityNed::new(0.0, 0.0, 0.0), heading_rad: 0.0 };
+    let mission = Mission {
+        header,
+        plan: 0,
+        membership: Membership::Active,
+        step: 399,
+        reached: Some(399),
+        progress_m: 0.0,
+        run: 0,
+        order: Some(order(None)),
+    };
+    let key = Topic::State(id, Cell::default()).key();
+    let said = say(session, &key, message::encode(&State { header, state }))
+        + say(session, &Topic::Mission(id).key(), message::encode(&mission))
+        + say(session, &Topic::Order(FORGER).key(), message::encode(&order(None)));
+    // Its token comes and goes.
+    drop(session.liveliness().declare_token(Topic::Alive(id).key()).wait().unwrap());
+    said + 1
+}
+
+/// What was heard: own words again, another's under the own key, and an order in the own register.
+fn repeat(session: &Session, heard: &[(String, Vec<u8>)]) -> u64 {
+    let of = |id: u8, kind: &str| {
+        let branch = format!("vehicle/{id}/");
+        heard
+            .iter()
+            .filter(move |(key, _)| key.starts_with(&branch))
+            .filter(move |(key, _)| key.ends_with(kind))
+            .cloned()
+            .collect::<Vec<_>>()
+    };
+    let mut said = 0;
+    for kind in ["state", "mission"] {
+        if let Some((key, bytes)) = of(OWN, kind).first() {
+            said += say(session, key, bytes.clone());
+        }
+        if let (Some((key, _)), Some((_, bytes))) = (of(OWN, kind).last(), of(VICTIM, kind).last()) {
+            said += say(session, key, bytes.clone());
+        }
+    }
+    if let Some((key, bytes)) = of(OWN, "mission").last()
+        && let Ok(own) = message::decode::<Mission>(bytes)
+    {
+        for seal in [None, Some(Seal::from_bytes([7; Seal::BYTES]))] {
+            let header = Header { sequence: own.header.sequence + 1, ..own.header };
+            said += say(session, key, message::encode(&Mission { header, order: Some(order(seal)), ..own }));
+        }
+    }
+    said
+}
+
+fn order(seal: Option<Seal>) -> Order {
+    Order { epoch: 1 << 40, issuer: FORGER, verb: Verb::Abort, seal }
+}

@@ -1,0 +1,194 @@
+//! Swarms over a network that does everything to them at once, in virtual time.
+#![expect(clippy::unwrap_used, reason = "what a test cannot do has failed")]
+
+use skein::metrics::Report;
+use skein::study::world::World;
+use skein_agent::agent::Agent;
+use skein_common::id::VehicleId;
+use skein_common::message::{Happening, Trace, encode};
+use skein_common::scenario::Scenario;
+use skein_common::state::Membership;
+use skein_tests::{of_scenario, scenario, study};
+
+/// Everything at once, and clocks of which no two agree.
+const ALL: [&str; 16] = [
+    "network.loss=0.2",
+    "network.burst_s=0.3",
+    "network.delay_s=0.1",
+    "network.jitter_s=0.3",
+    "network.reorder=0.1",
+    "network.reorder_s=0.5",
+    "network.duplicate=0.1",
+    "network.bandwidth_bit_s=200000",
+    "network.queue_s=0.3",
+    "network.range_m=400",
+    "network.fade_m=150",
+    "network.graph=nearest",
+    "network.neighbours=3",
+    "network.links=[{ from = [2], to = [1, 3], both_ways = true, loss = 0.4, delay_s = 0.2 }]",
+    "vehicle.1={ clock_offset_s = -7200, clock_drift_ppm = 100 }",
+    "vehicle.3={ clock_offset_s = 86400, clock_drift_ppm = -100 }",
+];
+
+fn world(scenario: &Scenario) -> World {
+    let study = of_scenario(scenario.clone());
+    World::new(&study.scenario, &study.aircraft, &study.rules).unwrap()
+}
+
+/// The world's last tick: what every agent traced, byte for byte.
+fn bytes(world: &mut World) -> Vec<Vec<u8>> {
+    world.traces().map(|trace| encode(&trace)).collect()
+}
+
+#[test]
+fn everything_at_once_is_the_same_again_bit_for_bit() {
+    let tour = scenario("tour.toml", &[&ALL[..], &["seed=3"]].concat());
+    let (mut one, mut other) = (world(&tour), world(&tour));
+    for tick in 0..6_000 {
+        one.tick();
+        other.tick();
+        assert_eq!(bytes(&mut one), bytes(&mut other), "tick {tick}");
+        assert_eq!(one.happened(), other.happened());
+    }
+}
+
+#[test]
+fn words_that_come_twice_change_no_decision() {
+    let sets = ["network.loss=0.1", "network.burst_s=0.2", "network.jitter_s=0.4", "network.reorder=0.1"];
+    let with = |share: &str| world(&scenario("tour.toml", &[&sets[..], &[share]].concat()));
+    let (mut once, mut twice) = (with("network.duplicate=0"), with("network.duplicate=0.5"));
+    let old = |world: &World| world.vehicles().map(|(_, agent, ..)| agent.drops().old).sum::<u64>();
+    for tick in 0..6_000 {
+        once.tick();
+        twice.tick();
+        if tick % 10 == 0 {
+            assert_eq!(bytes(&mut once), bytes(&mut twice), "tick {tick}");
+        }
+        assert_eq!(once.happened(), twice.happened());
+    }
+    assert!(old(&twice) > old(&once) + 1_000, "{} and {} words were dropped", old(&once), old(&twice));
+}
+
+#[test]
+fn clocks_that_are_set_wrong_and_run_wrong_change_next_to_nothing() {
+    let clocks = [
+        "vehicle.1={ clock_offset_s = -10800, clock_drift_ppm = 100 }",
+        "vehicle.2={ clock_offset_s = 7200, clock_drift_ppm = -100 }",
+        "vehicle.4={ clock_offset_s = 86400.5, clock_drift_ppm = -50 }",
+    ];
+    let duration = ["duration_s=200"];
+    let fly = |sets: &[&str]| study("hover.toml", &[&duration[..], sets].concat()).fly(1).unwrap();
+    let (right, wrong) = (fly(&[]), fly(&clocks));
+    let near = |name: &str, figure: fn(&Report) -> Option<f64>, bound: f64| {
+        let (right, wrong) = (figure(&right).unwrap(), figure(&wrong).unwrap());
+        assert!((right - wrong).abs() <= bound, "{name}: {right} with right clocks, {wrong} with wrong ones");
+    };
+    near("in_band_s", |it| it.in_band_s, 0.04);
+    near("even_10deg_s", |it| it.even_10deg_s, 0.1);
+    near("even_5deg_s", |it| it.even_5deg_s, 0.1);
+    near("radial_rms_m", |it| it.radial_rms_m, 1e-3);
+    near("spacing_error_deg", |it| it.spacing_error_deg, 1e-2);
+    near("min_separation_m", |it| it.min_separation_m, 0.01);
+    near("peer_age_p99_ms", |it| it.peer_age_p99_ms, 1.0);
+    let messages = [&right, &wrong].map(|it| it.state_messages as f64);
+    assert!((messages[0] / messages[1] - 1.0).abs() < 0.01, "{messages:?}");
+    assert_eq!(wrong.false_suspicions, Some(0));
+}
+
+/// How late the newest state of each peer was, over all traces of a flight of the hover: one list for each hearer.
+fn delivered_ages(sets: &[&str]) -> Vec<Vec<(VehicleId, f64)>> {
+    let mut world = world(&scenario("hover.toml", sets));
+    let mut ages = vec![Vec::new(); 4];
+    for _ in 0..2_000 {
+        world.tick();
+        for Trace { header, peers, .. } in world.traces() {
+            let its = peers.iter().map(|peer| (peer.id, peer.delivered_age_s));
+            ages[usize::from(header.sender.get()) - 1].extend(its);
+        }
+    }
+    ages
+}
+
+#[test]
+fn a_trace_says_how_late_each_peers_word_was() {
+    assert!(delivered_ages(&[]).iter().flatten().all(|(_, age_s)| *age_s == 0.0));
+    let exact = delivered_ages(&["network.delay_s=0.15"]);
+    assert!(exact.iter().all(|ages| ages.len() > 5_000));
+    assert!(exact.iter().flatten().all(|(_, age_s)| (age_s - 0.15).abs() < 1e-9));
+    let link = "network.links=[{ from = [2], to = [3], delay_s = 0.75 }]";
+    let ages = delivered_ages(&["network.delay_s=0.1", "network.jitter_s=0.2", link]);
+    for (hearer, ages) in (1..).zip(&ages) {
+        for (speaker, age_s) in ages {
+            let is_slow = (speaker.get(), hearer) == (2, 3);
+            let least_s = if is_slow { 0.75 } else { 0.1 };
+            assert!((least_s..least_s + 0.2).contains(age_s), "{hearer} of {speaker}: {age_s} s");
+        }
+    }
+}
+
+#[test]
+fn who_sees_only_some_loses_nobody_and_all_agree_on_the_mission() {
+    for graph in [
+        &["network.graph=nearest", "network.neighbours=2"][..],
+        &["network.graph=edges", "network.edges=[[1,2],[2,3],[3,4],[4,5],[5,6],[6,1],[1,6],[2,1]]"],
+    ] {
+        let sets = [graph, &["mission.events=[]", "formation.altitude_m=30"]].concat();
+        let mut world = world(&scenario("tour.toml", &sets));
+        let (mut seen, mut began) = (Vec::new(), false);
+        while !world.has_finished() && world.t_s() < 900.0 {
+            world.tick();
+            let lost = |what: &Happening| matches!(what, Happening::PeerLost(_) | Happening::ForcedAdvance { .. });
+            assert!(!world.happened().iter().any(|(_, what)| lost(what)), "{graph:?}: {:?}", world.happened());
+            began |= world.all_active();
+            if began {
+                let steps = || world.vehicles().map(|(_, agent, ..)| agent.at_step());
+                assert!(steps().max().unwrap() - steps().min().unwrap() <= 1);
+                let all = |(_, agent, ..): (VehicleId, &Agent, _, _)| agent.hears().len() == 5;
+                assert!(world.t_s() < 5.0 || world.vehicles().all(all));
+                seen.extend(world.vehicles().map(|(_, agent, ..)| agent.peers().len()));
+            }
+        }
+        assert!(world.has_finished(), "{graph:?}: not within {} s", world.t_s());
+        let mean = seen.iter().sum::<usize>() as f64 / seen.len() as f64;
+        assert!((1.3..2.5).contains(&mean), "{graph:?}: {mean} peers are seen at a time");
+    }
+}
+
+#[test]
+fn who_flies_out_of_range_is_lost_and_found_again() {
+    // Two start 60 m apart and fly a ring of 100 m, beyond a range of 150 m.
+    let sets = ["swarm.vehicles=2", "network.range_m=150", "vehicle.1.start_ne_m=[0,0]", "vehicle.2.start_ne_m=[0,60]"];
+    let mut world = world(&scenario("hover.toml", &sets));
+    let (mut lost, mut found) = (0, 0);
+    while world.t_s() < 200.0 {
+        world.tick();
+        for (_, what) in world.happened() {
+            lost += u32::from(matches!(what, Happening::PeerLost(_)));
+            found += u32::from(matches!(what, Happening::PeerFound(_)));
+        }
+    }
+    assert!(lost >= 2 && found >= 2, "lost {lost}, found {found}");
+    assert!(world.vehicles().all(|(_, agent, ..)| agent.membership() == Membership::Active));
+    let places: Vec<_> = world.vehicles().map(|(_, _, truth, _)| truth.position).collect();
+    assert!((places[0] - places[1]).norm() > 140.0);
+}
+
+#[test]
+fn a_tour_over_a_hard_network_comes_to_its_end_together() {
+    let hard = [
+        "mission.events=[]",
+        "network.loss=0.2",
+        "network.burst_s=0.3",
+        "network.jitter_s=0.3",
+        "network.reorder=0.1",
+        "network.duplicate=0.1",
+        // Bursts of 0.3 s are now and then longer than two seconds.
+        "network.peer_stale_s=5",
+    ];
+    for seed in 0..2 {
+        let report = study("tour.toml", &hard).fly(seed).unwrap();
+        assert_eq!((report.setpoints_reached, report.setpoint_skew), (Some(6), Some(1)), "seed {seed}");
+        let suspicions = (report.false_suspicions, report.forced_advances, report.collisions);
+        assert_eq!(suspicions, (Some(0), Some(0), 0), "seed {seed}");
+    }
+}

@@ -1,0 +1,243 @@
+//! `skein node` as the operator's PC finds it on a host without systemd: the installed program, asked on its standard input,
+//! with a supervisor and an agent of its own. Everything is in one temporary folder, and no process is left behind.
+#![cfg(unix)]
+#![expect(clippy::disallowed_methods, reason = "real processes take real time")]
+#![expect(clippy::unwrap_used, reason = "what a test cannot do has failed")]
+
+use std::fs;
+use std::io::{BufRead, BufReader, Write};
+use std::net::TcpListener;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+use std::time::{Duration, Instant};
+
+use rustix::process::{Pid, Signal, kill_process, test_kill_process};
+use skein::cluster::bundle::{Bundle, BundleFile};
+use skein::cluster::inventory::ServiceKind;
+use skein::cluster::protocol::{Answer, Ask, Facts, Request, Service};
+use skein_common::id::{SwarmName, VehicleId};
+use tempfile::TempDir;
+
+const PROGRAM: &str = env!("CARGO_BIN_EXE_skein-under-test");
+/// For tests that fail; those that pass need a tenth of it.
+const PATIENCE: Duration = Duration::from_secs(60);
+
+/// A host with one node, and release `r1` of the program.
+struct Host {
+    folder: TempDir,
+}
+
+impl Host {
+    fn new() -> Self {
+        let host = Self { folder: tempfile::tempdir().unwrap() };
+        host.copy("r1");
+        host
+    }
+
+    fn copy(&self, release: &str) {
+        let program = self.program(release);
+        fs::create_dir_all(program.parent().unwrap()).unwrap();
+        // Its place is told by its name.
+        fs::hard_link(PROGRAM, &program).or_else(|_| fs::copy(PROGRAM, &program).map(drop)).unwrap();
+    }
+
+    fn swarm(&self) -> PathBuf {
+        self.folder.path().join(".skein/lab")
+    }
+
+    fn program(&self, release: &str) -> PathBuf {
+        self.swarm().join("releases").join(release).join("skein")
+    }
+
+    fn log(&self) -> String {
+        fs::read_to_string(self.swarm().join("node-1/log/agent.log")).unwrap_or_default()
+    }
+
+    fn request(ask: Ask) -> Vec<u8> {
+        let request = Request { swarm: SwarmName::new("lab").unwrap(), id: VehicleId::new(1).unwrap(), ask };
+        serde_json::to_vec(&request).unwrap()
+    }
+
+    fn node(&self, release: &str) -> Child {
+        let mut command = Command::new(self.program(release));
+        command.arg("node").env_remove("RUST_LOG");
+        command.stdin(Stdio::piped()).stdout(Stdio::piped()).spawn().unwrap()
+    }
+
+    fn ask(&self, release: &str, ask: Ask) -> Answer {
+        let mut node = self.node(release);
+        node.stdin.take().unwrap().write_all(&Self::request(ask)).unwrap();
+        // It ends when nobody else holds its output: neither supervisor nor agent may.
+        let output = node.wait_with_output().unwrap();
+        assert!(output.status.success());
+        let said = String::from_utf8(output.stdout).unwrap();
+        serde_json::from_str(said.lines().last().unwrap()).unwrap()
+    }
+
+    fn done(&self, release: &str, ask: Ask) -> (bool, Facts) {
+        match self.ask(release, ask) {
+            Answer::Done { changed, facts } => (changed, facts),
+            other => panic!("{other:?}\n{}", self.log()),
+        }
+    }
+
+    fn facts(&self) -> Facts {
+        match self.ask("r1", Ask::Facts) {
+            Answer::Facts(facts) => facts,
+            other => panic!("{other:?}"),
+        }
+    }
+
+    /// The agent that took the place of `old`.
+    fn restarted(&self, old: u32) -> (u32, u32) {
+        let mut agent = None;
+        wait_until("another agent", || {
+            agent = self.facts().agent.map(|agent| (agent.pid, agent.restarts)).filter(|(pid, _)| *pid != old);
+            agent.is_some()
+        });
+        agent.unwrap()
+    }
+
+    fn supervisor(&self) -> u32 {
+        let said = fs::read(self.swarm().join("node-1/run/supervisor")).unwrap();
+        let said: serde_json::Value = serde_json::from_slice(&said).unwrap();
+        u32::try_from(said["pid"].as_u64().unwrap()).unwrap()
+    }
+}
+
+impl Drop for Host {
+    /// A test that has failed leaves nothing behind either.
+    fn drop(&mut self) {
+        let folder = self.folder.path().to_str().unwrap();
+        for id in processes(folder) {
+            let _ = kill_process(pid(id), Signal::KILL);
+        }
+    }
+}
+
+/// Whose command line names this folder.
+fn processes(folder: &str) -> Vec<u32> {
+    let listed = Command::new("ps").args(["-axww", "-o", "pid=,args="]).output().unwrap();
+    let listed = String::from_utf8_lossy(&listed.stdout).into_owned();
+    let ours = listed.lines().filter(|line| line.contains(folder) && !line.contains("<defunct>"));
+    ours.filter_map(|line| line.split_ascii_whitespace().next()?.parse().ok()).collect()
+}
+
+fn pid(id: u32) -> Pid {
+    Pid::from_raw(i32::try_from(id).unwrap()).unwrap()
+}
+
+fn runs(id: u32) -> bool {
+    let is_dead = fs::read_to_string(format!("/proc/{id}/stat")).is_ok_and(|stat| stat.contains(") Z "));
+    test_kill_process(pid(id)).is_ok() && !is_dead
+}
+
+fn kill(id: u32) {
+    kill_process(pid(id), Signal::KILL).unwrap();
+    wait_until("the end of a process", || !runs(id));
+}
+
+fn wait_until(what: &str, mut is_so: impl FnMut() -> bool) {
+    let deadline = Instant::now() + PATIENCE;
+    while !is_so() {
+        assert!(Instant::now() < deadline, "waited for {what}");
+        std::thread::sleep(Duration::from_millis(20));
+    }
+}
+
+/// A swarm of one that flies low over the built-in plant.
+fn bundle(port: u16, altitude_m: f64) -> Bundle {
+    let scenario = format!(
+        "swarm.vehicles = 1\nswarm.name = \"lab\"\nformation.altitude_m = {altitude_m}\nformation.radius_m = 60\n"
+    );
+    let agent = format!("scenario = \"scenario.toml\"\nid = 1\nlisten = [\"tcp/127.0.0.1:{port}\"]\ndial = []\n");
+    let file = |text: String| BundleFile { is_secret: false, is_executable: false, content: text.into_bytes() };
+    let files = [("agent.toml", agent), ("scenario.toml", scenario)];
+    Bundle { files: files.map(|(name, text)| (name.to_owned(), file(text))).into() }
+}
+
+fn apply(bundle: &Bundle) -> Ask {
+    Ask::Apply { bundle: bundle.clone(), service: ServiceKind::Own, log: None }
+}
+
+fn entries(folder: &Path) -> usize {
+    fs::read_dir(folder).map_or(0, Iterator::count)
+}
+
+#[test]
+fn a_node_is_installed_started_kept_alive_landed_and_taken_away() {
+    let host = Host::new();
+    // Free a moment ago.
+    let port = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
+    let (first, second) = (bundle(port, 4.0), bundle(port, 5.0));
+    assert!(host.facts().current.is_none());
+    let (changed, facts) = host.done("r1", apply(&first));
+    assert!(changed && facts.service == Some(Service::Own));
+    assert!(!host.done("r1", apply(&first)).0);
+
+    // Started once, however often it is asked.
+    let (changed, facts) = host.done("r1", Ask::Start { run: 7 });
+    let agent = facts.agent.unwrap();
+    assert!(changed && (agent.run, agent.restarts) == (7, 0));
+    let (changed, facts) = host.done("r1", Ask::Start { run: 8 });
+    assert!(!changed && facts.agent == Some(agent.clone()), "what runs goes on, in its run");
+
+    // Killed, it is started again, and its supervisor with the next request.
+    kill(agent.pid);
+    let (agent, restarts) = host.restarted(agent.pid);
+    assert_eq!(restarts, 1);
+    kill(host.supervisor());
+    assert!(runs(agent), "it flies on without");
+    let (changed, facts) = host.done("r1", Ask::Start { run: 9 });
+    assert!(changed && facts.agent.map(|agent| (agent.pid, agent.run)) == Some((agent, 7)));
+    assert!(!host.done("r1", Ask::Start { run: 9 }).0);
+    kill(agent);
+    let (agent, restarts) = host.restarted(agent);
+    assert_eq!(restarts, 2);
+
+    // An upgrade lets what flies go on. It lands before it ends, and is not started again then.
+    host.copy("r2");
+    let (changed, facts) = host.done("r2", apply(&second));
+    assert!(changed && facts.current.unwrap().release == "r2" && facts.previous.unwrap().release == "r1");
+    let running = facts.agent.unwrap();
+    assert!(running.pid == agent && running.installed.release == "r1");
+    wait_until("it flies", || host.log().contains("vehicle 1 at altitude"));
+    let (changed, facts) = host.done("r2", Ask::Stop { within_s: 40.0 });
+    assert!(changed && facts.agent.is_none());
+    let log = host.log();
+    assert!(
+        log.contains("vehicle 1 landed")
+            && log.contains("vehicle 1 ends")
+            && log.contains("supervisor: the agent ended\n"),
+        "{log}"
+    );
+    assert!(log.contains("supervisor: the agent was killed by signal 9\n"), "{log}");
+    wait_until("the supervisor's end", || processes(host.folder.path().to_str().unwrap()).is_empty());
+
+    // What cannot begin is not tried again and again.
+    let occupied = TcpListener::bind(("127.0.0.1", port)).unwrap();
+    let Answer::Failed(why) = host.ask("r2", Ask::Start { run: 10 }) else { panic!("the port is not free") };
+    assert!(why.contains("has ended at once: ") && why.contains(&port.to_string()), "{why}");
+    assert!(processes(host.folder.path().to_str().unwrap()).is_empty());
+    drop(occupied);
+
+    // Back to what there was, and again an agent: ended at once, wherever it is.
+    let (_, facts) = host.done("r2", Ask::Rollback);
+    assert_eq!(facts.current.unwrap().bundle, first.id());
+    let (_, facts) = host.done("r2", Ask::Start { run: 10 });
+    let agent = facts.agent.unwrap();
+    assert_eq!((agent.installed.release.as_str(), agent.run, agent.restarts), ("r1", 10, 0));
+    let mut follower = host.node("r1");
+    let mut follower_input = follower.stdin.take().unwrap();
+    follower_input.write_all(&Host::request(Ask::Log { lines: 1, follow: true })).unwrap();
+    let mut lines = BufReader::new(follower.stdout.take().unwrap()).lines();
+    lines.next().unwrap().unwrap();
+    assert!(host.done("r2", Ask::Stop { within_s: 0.0 }).0);
+    assert!(lines.any(|line| line.unwrap().ends_with("supervisor: ends")), "the log is followed");
+    drop(follower_input);
+    wait_until("the follower's end", || follower.try_wait().unwrap().is_some());
+
+    assert!(host.done("r2", Ask::Remove).0);
+    assert_eq!(entries(host.folder.path()), 0, "nothing is left");
+    assert!(processes(host.folder.path().to_str().unwrap()).is_empty());
+}

@@ -1,0 +1,201 @@
+//! Reports: every picture that a flight gives rise to, the same each time, on a page that needs nothing else.
+#![expect(clippy::unwrap_used, reason = "what a test cannot do has failed")]
+
+use std::fs;
+use std::path::Path;
+use std::process::ExitCode;
+
+use clap::Parser;
+use skein::cli::{self, Cli};
+use skein::metrics::Run;
+use skein::record::record_run;
+use skein::recording::Recording;
+use skein::report::figure::Figure;
+use skein::report::flight;
+use skein::scenario::ScenarioArgs;
+use skein::study::Study;
+use skein_common::scenario::Scenario;
+use skein_tests::{of_scenario, scenario};
+
+fn record(study: &Study, rate_hz: f64) -> Recording {
+    let scenario = &study.scenario;
+    let mut recording = Recording::new(scenario, Run::new(scenario, "study"));
+    study.fly_watched(scenario.seed, Some((&mut recording, rate_hz))).unwrap();
+    recording
+}
+
+fn recorded(name: &str, sets: &[&str], rate_hz: f64) -> Recording {
+    record(&of_scenario(scenario(name, sets)), rate_hz)
+}
+
+/// Draws every figure, and checks what has to be true of any.
+fn drawn(recording: &Recording) -> Vec<(Figure, String)> {
+    let figures = flight::figures(recording);
+    let drawn: Vec<_> = figures.into_iter().map(|figure| (figure.svg().unwrap(), figure)).collect();
+    for (svg, figure) in &drawn {
+        let name = &figure.name;
+        assert!(!svg.contains("NaN") && !svg.contains("inf"), "{name}");
+        assert!(figure.subject.contains(&recording.scenario.name) && figure.subject.contains("seed"), "{name}");
+        assert!(figure.subject.contains(&format!("skein {}", env!("CARGO_PKG_VERSION"))), "{name}");
+        assert!(!figure.caption.is_empty(), "{name}");
+        for axis in figure.panels.iter().flat_map(|panel| [&panel.x, &panel.y]) {
+            let (_, unit) = axis.label().rsplit_once(", ").unwrap_or_default();
+            let is_named = ["vehicle", "speaker", "hearer"].contains(&axis.label());
+            assert!(is_named || ["s", "m", "%", "ms", "share of full"].contains(&unit), "{name}: {}", axis.label());
+        }
+    }
+    drawn.into_iter().map(|(svg, figure)| (figure, svg)).collect()
+}
+
+fn names(drawn: &[(Figure, String)]) -> Vec<&str> {
+    drawn.iter().map(|(figure, _)| figure.name.as_str()).collect()
+}
+
+fn svg<'a>(drawn: &'a [(Figure, String)], name: &str) -> &'a str {
+    &drawn.iter().find(|(figure, _)| figure.name == name).unwrap().1
+}
+
+const ALWAYS: [&str; 6] = ["overview", "final-places", "centre-distance", "altitude", "effort", "timeline"];
+
+/// The paper's scenarios as they lie there.
+fn of_paper(name: &str) -> Scenario {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../deploy/scenarios/paper").join(name);
+    ScenarioArgs { scenario: Some(path), sets: Vec::new() }.read(Vec::new()).unwrap().scenario
+}
+
+/// Without numbers, which on other machines differ in their last digits.
+fn structure(svg: &str) -> String {
+    svg.chars().filter(|letter| !letter.is_ascii_digit() && !matches!(letter, '.' | '-' | ',' | ' ')).collect()
+}
+
+/// The README's picture is the one that flies today: `skein report deploy/scenarios/paper` makes it anew, as
+/// `figures/hover-overview.svg`.
+#[test]
+fn the_picture_in_the_readme_is_what_flies() {
+    let drawn = drawn(&record(&of_scenario(of_paper("hover.toml")), 10.0));
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../deploy/scenarios/paper/hover.svg");
+    let there = fs::read_to_string(&path).unwrap().replace('\r', "");
+    let flown = svg(&drawn, "overview");
+    // Elsewhere the elementary functions differ in their last bits.
+    if cfg!(all(target_os = "linux", target_arch = "x86_64")) {
+        assert!(there == flown, "{} is not what flies: see the comment above this test", path.display());
+    } else {
+        assert_eq!(structure(&there), structure(flown));
+    }
+    for name in ALWAYS.iter().chain(&["pair-distance", "field", "message-age", "separation"]) {
+        assert!(names(&drawn).contains(name), "{name}");
+    }
+    for text in ["R*", "band, R_in to R_out", "evenly spread on R*", "preset paper"] {
+        assert!(flown.contains(text), "{text}");
+    }
+}
+
+#[test]
+fn a_flock_on_its_way_has_snapshots_of_it() {
+    let drawn = drawn(&record(&of_scenario(of_paper("flock.toml")), 2.0));
+    for name in ALWAYS.iter().chain(&["pair-distance", "field", "snapshots"]) {
+        assert!(names(&drawn).contains(name), "{name}");
+    }
+    let times = svg(&drawn, "snapshots").lines().filter(|line| line.trim().ends_with(" s")).count();
+    assert!(times >= 6, "{times} snapshots");
+}
+
+#[test]
+fn faults_are_marked_on_whatever_runs_over_time() {
+    let recording = recorded("tour.toml", &["duration_s=320"], 2.0);
+    let drawn = drawn(&recording);
+    for name in ALWAYS.iter().chain(&["pair-distance", "message-age", "snapshots"]) {
+        assert!(names(&drawn).contains(name), "{name}");
+    }
+    for name in ["centre-distance", "pair-distance", "altitude", "timeline"] {
+        let svg = svg(&drawn, name);
+        for mark in ["3 killed", "3 restarted", "links cut", "links healed", "5 engine out", "order: hold"] {
+            assert!(svg.contains(mark), "{name}: {mark}");
+        }
+    }
+    let timeline = svg(&drawn, "timeline");
+    for text in ["gather", "gate", "reached the step", "told of a failure", "out of formation"] {
+        assert!(timeline.contains(text), "{text}");
+    }
+}
+
+#[test]
+fn fifty_vehicles_are_drawn_as_an_envelope_and_one_alone_has_no_pairs() {
+    let fifty = ["swarm.vehicles=50", "start.square_m=300", "formation.radius_m=200", "duration_s=20"];
+    let fifty = drawn(&recorded("hover.toml", &fifty, 1.0));
+    assert!(svg(&fifty, "centre-distance").contains("all vehicles, least to largest"));
+    assert!(svg(&fifty, "pair-distance").contains("all pairs, least to largest"));
+    let alone = drawn(&recorded("hover.toml", &["swarm.vehicles=1", "duration_s=20"], 1.0));
+    assert!(!names(&alone).contains(&"pair-distance") && !names(&alone).contains(&"separation"));
+}
+
+#[test]
+fn nothing_and_one_instant_are_drawn_too() {
+    let mut recording = recorded("hover.toml", &["duration_s=2"], 1.0);
+    recording.tracks.iter_mut().for_each(|track| track.steps.truncate(1));
+    for name in ALWAYS {
+        assert!(names(&drawn(&recording)).contains(&name), "{name}");
+    }
+    recording.tracks.iter_mut().for_each(|track| track.steps.clear());
+    assert!(ALWAYS.iter().all(|name| names(&drawn(&recording)).contains(name)));
+    recording.tracks.clear();
+    recording.noted.clear();
+    assert_eq!(names(&drawn(&recording)), ALWAYS);
+}
+
+fn skein(line: &[&str]) -> ExitCode {
+    cli::run(Cli::try_parse_from(["skein"].iter().chain(line)).unwrap().command)
+}
+
+/// The page, which must not need anything but itself.
+fn page(folder: &Path) -> String {
+    let page = fs::read_to_string(folder.join("index.html")).unwrap();
+    let elsewhere = page.replace("http://www.w3.org/2000/svg", "");
+    for needs in ["http:", "https:", "<script", "<link", "<img", "src=", "@import", "url("] {
+        assert!(!elsewhere.contains(needs), "{needs}");
+    }
+    for (_, rest) in page.match_indices("href=\"").map(|(at, it)| page.split_at(at + it.len())) {
+        let target = &rest[..rest.find('"').unwrap()];
+        let is_there = match target.strip_prefix('#') {
+            Some(id) => page.contains(&format!("id=\"{id}\"")),
+            None => folder.join(target).is_file(),
+        };
+        assert!(is_there, "{target}");
+    }
+    page
+}
+
+#[test]
+fn a_folder_of_scenarios_and_a_study_become_pages_that_need_nothing_else() {
+    let temporary = tempfile::tempdir().unwrap();
+    let at = |name: &str| temporary.path().join(name).display().to_string();
+    let text = "name = 'two'\nduration_s = 20\nswarm.vehicles = 2\nformation.radius_m = 40\n";
+    fs::create_dir(at("scenarios")).unwrap();
+    fs::write(at("scenarios/two.toml"), text).unwrap();
+    let (scenarios, report) = (at("scenarios"), at("report"));
+    assert_eq!(skein(&["report", &scenarios, "--out", &report]), ExitCode::SUCCESS);
+    let page_of_scenarios = page(Path::new(&report));
+    assert!(page_of_scenarios.contains("two, seed 1") && page_of_scenarios.contains("<svg"));
+    assert!(page_of_scenarios.contains("<td>formation.radius_m</td><td>40.0</td>"));
+
+    let (scenario, study, report) = (at("scenarios/two.toml"), at("study"), at("study-report"));
+    let sweep = ["--seeds", "0..3", "--sweep", "network.delay_s=0,0.3", "--no-record"];
+    let line = [&["study", &scenario, "--out", &study][..], &sweep].concat();
+    assert_eq!(skein(&line), ExitCode::SUCCESS);
+    let recording = at("alone.mcap");
+    let loaded = ScenarioArgs { scenario: Some(scenario.into()), sets: Vec::new() }.read(Vec::new()).unwrap();
+    record_run(&of_scenario(loaded.scenario.clone()), 1, &loaded.to_toml(), Path::new(&recording)).unwrap();
+    (0..3).for_each(|seed| _ = fs::copy(&recording, at(&format!("study/point-1/seed-{seed}/run.mcap"))).unwrap());
+    assert_eq!(skein(&["report", &study, "--out", &report]), ExitCode::SUCCESS);
+    let page_of_study = page(Path::new(&report));
+    for text in
+        ["two: 6 runs", "network.delay_s", "figures/study-sweep.png", "figures/study-spread.png", "the worst run"]
+    {
+        assert!(page_of_study.contains(text), "{text}");
+    }
+    let report = at("flight-report");
+    assert_eq!(skein(&["report", &recording, "--csv", "--out", &report]), ExitCode::SUCCESS);
+    assert!(page(Path::new(&report)).contains("two, seed 1"));
+    assert!(fs::read_dir(Path::new(&report).join("csv/alone")).unwrap().count() > 1);
+    assert_eq!(skein(&["report", &at("nowhere")]), ExitCode::from(2));
+}
