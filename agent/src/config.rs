@@ -17,6 +17,7 @@ use crate::aircraft::{Aircraft, AircraftError};
 use crate::control::{FisError, Rules};
 use crate::external::{self, ExternalError};
 use crate::link::Security;
+use crate::link::seal::SealKey;
 use crate::plant::Plant;
 use crate::plant::builtin::BuiltIn;
 use crate::plant::helicopter::{BuiltInVehicle, Script, TICK_S, Weather};
@@ -164,8 +165,8 @@ pub struct Node {
     pub flown_s: Option<f64>,
     /// How its links are secured.
     pub security: Security,
-    /// The Ed25519 public key that orders are sealed with; without it they are believed unsealed.
-    pub orders_key: Option<[u8; 32]>,
+    /// The key that orders are sealed with; without it they are believed unsealed.
+    pub orders_key: Option<SealKey>,
     /// The run of the swarm; 0 where nobody counts.
     pub run: u64,
 }
@@ -261,7 +262,7 @@ impl AgentOptions {
         let (security, orders_key) = match security {
             None => (Security::Plain, None),
             Some(table) => {
-                let (security, orders_key) = table.of(id, own_folder);
+                let (security, orders_key) = table.of(own_folder);
                 notes.extend(open_key(&security));
                 (security, Some(orders_key))
             }

@@ -6,10 +6,10 @@
 //! register that it said, and Zenoh's threads answer.
 
 mod clocks;
-mod doubles;
 mod health;
 mod inbox;
 mod line;
+pub mod presence;
 mod refusals;
 mod register;
 pub mod seal;
@@ -24,14 +24,13 @@ use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 
 use serde_json::json;
 use skein_common::id::{SwarmName, VehicleId};
-use skein_common::message::{self, Drops, Event, Message, Mission, Reason, Refused, State, Trace};
-use skein_common::topic::{Cell, Topic, all};
+use skein_common::message::{Drops, Event, Message, Mission, Order, Reason, Refused, State, Trace};
+use skein_common::topic::{Author, Cell, Topic, all};
 use zenoh::bytes::ZBytes;
 use zenoh::liveliness::LivelinessToken;
 use zenoh::pubsub::Publisher;
 use zenoh::qos::{CongestionControl, Priority, Reliability};
 use zenoh::sample::{Locality, Sample, SampleKind};
-use zenoh::session::LinkEvent;
 use zenoh::{Config, Session, Wait};
 
 use crate::clock::LocalClock;
@@ -41,8 +40,10 @@ pub use clocks::{ASK_EVERY, Utc};
 pub use health::HealthLine;
 use inbox::Inbox;
 pub use line::Line;
-use refusals::reason;
+use presence::{Presence, watch_tokens};
 use register::Register;
+use seal::Sealer;
+use seal::words::Voices;
 pub use security::Security;
 pub use sessions::Sessions;
 use trust::Judge;
@@ -97,11 +98,11 @@ pub enum LinkError {
         source: io::Error,
     },
     /// A name that does not tell who it is.
-    #[error("the certificates' name {0:?} has to stand for one and only one of vehicles, observer and operator")]
+    #[error("the certificates' name {0:?} has to stand for one vehicle and only one")]
     Name(String),
-    /// A vehicle that the rules do not know.
-    #[error("the names of certificates do not tell vehicle {0}'s")]
-    Nameless(VehicleId),
+    /// A vehicle that the others know by another key.
+    #[error("the swarm does not know vehicle {0} by this key")]
+    Key(VehicleId),
     /// No session: most often an address that is taken or not ours.
     #[error("cannot listen on {}: {}", listen.join(", "), plain(source))]
     Open {
@@ -164,7 +165,7 @@ fn configuration(swarm: &SwarmName, listen: &[String], dial: &[String], security
         // Memory for what comes in pieces, before anybody looks at it: many times the largest word.
         ("transport/link/rx/max_message_size", json!(MAX_MESSAGE_BYTES)),
     ];
-    for (key, value) in values.into_iter().chain(security.configuration(swarm)) {
+    for (key, value) in values.into_iter().chain(security.configuration()) {
         configuration.insert_json5(key, &value.to_string())?;
     }
     Ok(configuration)
@@ -199,22 +200,21 @@ impl Link {
         clock: LocalClock,
         trust: Trust,
     ) -> Result<Self, LinkError> {
-        let ear = Arc::new(Ear { inbox: Inbox::new(), judge: Judge::new(own, trust), clock });
+        let Trust { voices, sealer, certificates, .. } = &trust;
+        let (voices, sealer, presence) = (voices.clone(), sealer.clone(), Presence::new(certificates.clone()));
+        let ear = Arc::new(Ear { inbox: Inbox::new(), judge: Judge::new(own, trust), clock, presence, voices, sealer });
         let sessions = sessions.into();
-        for session in &sessions.0 {
-            watch_links(session, &ear)?;
-        }
         let register = Register::open(&sessions, Topic::Mission(own))?;
         for session in &sessions.0 {
+            hear_presence(session, own, &ear)?;
             hear::<State>(session, all::STATES, &ear, Word::State)?;
             hear::<Mission>(session, all::MISSIONS, &ear, Word::Mission)?;
-            hear::<message::Order>(session, all::ORDERS, &ear, Word::Order)?;
-            hear_tokens(session, own, &ear)?;
+            hear::<Order>(session, all::ORDERS, &ear, Word::Order)?;
         }
-        let trace = Line::open(&sessions, Topic::Trace(own), Priority::DataLow)?;
+        let trace = Line::open(&sessions, &ear, Topic::Trace(own), Priority::DataLow)?;
         let trace_is_wanted = trace.publishers.iter().map(watch_matching).collect::<Result<_, _>>()?;
-        let mission = Line::open(&sessions, Topic::Mission(own), Priority::InteractiveHigh)?;
-        let event = Line::open(&sessions, Topic::Event(own), Priority::DataHigh)?;
+        let mission = Line::open(&sessions, &ear, Topic::Mission(own), Priority::InteractiveHigh)?;
+        let event = Line::open(&sessions, &ear, Topic::Event(own), Priority::DataHigh)?;
         let alive = Topic::Alive(own).key();
         let token = |session: &Arc<Session>| {
             session.liveliness().declare_token(alive.clone()).wait().map_err(declaring(&alive))
@@ -246,7 +246,7 @@ impl Link {
             Some((of, key)) if *of == cell => key,
             key => &mut key.insert((cell, Topic::State(self.own, cell).key())).1,
         };
-        let said = ZBytes::from(message::encode(state));
+        let said = ZBytes::from(self.ear.write(key, state));
         for session in &self.sessions.0 {
             // Like a line's: it fails only on a closed session. Cells change, so no publisher is declared.
             let _ = session
@@ -260,11 +260,11 @@ impl Link {
         }
     }
 
-    /// Says the own part in the agreement, and keeps it for whoever comes late. Its run is this edge's to say.
+    /// Says the own part in the agreement, and keeps it for whoever comes late.
     pub fn say_mission(&self, mission: &Mission) {
-        let mission = Mission { run: self.ear.judge.run(), ..*mission };
-        self.register.keep(&mission);
-        self.mission.say(&mission);
+        let said = self.mission.write(mission);
+        self.register.keep(said.clone());
+        self.mission.put(said);
     }
 
     /// Says what happened.
@@ -287,8 +287,8 @@ impl Link {
     /// # Errors
     /// If the session is closed.
     pub fn health(&self, utc: Utc) -> Result<HealthLine, LinkError> {
-        let line = Line::open(&self.sessions, Topic::Health(self.own), Priority::DataHigh)?;
-        let clocks = Clocks::open(&self.sessions, self.own, utc)?;
+        let line = Line::open(&self.sessions, &self.ear, Topic::Health(self.own), Priority::DataHigh)?;
+        let clocks = Clocks::open(&self.sessions, &self.ear, self.own, utc)?;
         Ok(HealthLine { line, ear: self.ear.clone(), clocks, live: Vec::new() })
     }
 
@@ -303,45 +303,49 @@ impl Link {
     }
 }
 
-/// What Zenoh's threads do with what they hear: they never wait.
+/// What Zenoh's threads do with what they hear: they never wait. And how the own words are made out.
 struct Ear {
     inbox: Inbox,
     judge: Judge,
     clock: LocalClock,
+    presence: Arc<Presence>,
+    voices: Voices,
+    sealer: Option<Arc<Sealer>>,
 }
 
 impl Ear {
     /// Files what is believed of a message that stands under its speaker's own key.
     fn hear<M: Message>(&self, sample: &Sample, word: fn(M) -> Word) {
         let key = sample.key_expr().as_str();
-        match message::decode::<M>(&sample.payload().to_bytes()) {
-            Ok(said) if Topic::parse(key).is_some_and(|topic| said.may_stand_under(&topic)) => {
-                self.file(key, word(said));
+        match Topic::parse(key).map(|topic| topic.author()) {
+            // Replayed by somebody else, or on its way while its link broke.
+            Some(Author::Vehicle(id)) if !self.presence.may_speak(id) => {
+                self.inbox.refuse(Reason::Old, key, &"its speaker is not there");
             }
-            Ok(_) => self.inbox.refuse(Reason::Forged, key, &"said in somebody else's name"),
-            Err(error) => self.inbox.refuse(reason(error), key, &error),
+            _ => match self.voices.read::<M>(key, &sample.payload().to_bytes()) {
+                Ok(said) => self.file(key, word(said.message), said.run),
+                Err(error) => self.inbox.refuse(error.reason(), key, &error),
+            },
         }
     }
 
-    fn file(&self, key: &str, word: Word) {
+    /// Files what is believed of a word, which its speaker has said in this run, if it is sealed.
+    fn file(&self, key: &str, word: Word, run: Option<u64>) {
         let at = self.clock.now();
         let refused = |reason: Reason| self.inbox.refuse(reason, key, &reason);
-        if let Some(word) = self.judge.hear(word, refused) {
+        if let Some(word) = self.judge.hear(word, run, refused) {
             self.inbox.file(key, Heard { word, at });
         }
+    }
+
+    /// One of the own words, as it is said.
+    fn write(&self, key: &str, message: &impl Message) -> Vec<u8> {
+        self.voices.write(self.sealer.as_deref(), self.judge.run(), key, message)
     }
 
     fn refused(&self) -> Vec<Refused> {
         self.inbox.refused()
     }
-}
-
-/// Notes which links there are, before anything is heard of them.
-fn watch_links(session: &Session, ear: &Arc<Ear>) -> Result<(), LinkError> {
-    let ear = ear.clone();
-    let own = session.zid().to_string();
-    let note = move |event: LinkEvent| ear.judge.doubles.take_up(&own, &event);
-    session.info().link_events_listener().history(true).callback(note).background().wait().map_err(declaring("links"))
 }
 
 /// From now on tells whether somebody listens to this publisher.
@@ -371,27 +375,28 @@ fn hear<M: Message + 'static>(
 }
 
 /// Files who of the others comes and goes, those already there included, and asks who comes for its register.
-fn hear_tokens(session: &Arc<Session>, own: VehicleId, ear: &Arc<Ear>) -> Result<(), LinkError> {
-    let (ear, asking) = (ear.clone(), Arc::downgrade(session));
-    let callback = move |sample: Sample| {
-        let key = sample.key_expr().as_str();
-        // One's own token is reported like any other.
-        if let Some(Topic::Alive(id)) = Topic::parse(key)
-            && id != own
-        {
-            let word = match sample.kind() {
-                SampleKind::Put => Word::Appeared(id),
-                SampleKind::Delete => Word::Vanished(id),
-            };
-            ear.file(key, word);
-            if let (SampleKind::Put, Some(session)) = (sample.kind(), asking.upgrade()) {
-                let ear = ear.clone();
-                register::ask(&session, Topic::Mission(id), move |said| ear.hear(said, Word::Mission));
+fn hear_presence(session: &Arc<Session>, own: VehicleId, ear: &Arc<Ear>) -> Result<(), LinkError> {
+    let note = {
+        let ear = ear.clone();
+        move |id: VehicleId, kind| {
+            // One's own token is reported like any other.
+            if id != own {
+                let word = if kind == SampleKind::Put { Word::Appeared(id) } else { Word::Vanished(id) };
+                ear.file(&Topic::Alive(id).key(), word, None);
             }
         }
     };
-    let tokens = session.liveliness().declare_subscriber(all::ALIVE).history(true).callback(callback);
-    tokens.background().wait().map_err(declaring(all::ALIVE))
+    let ask = {
+        let (ear, asking) = (ear.clone(), Arc::downgrade(session));
+        move |id: VehicleId, kind| {
+            if let (true, SampleKind::Put, Some(session)) = (id != own, kind, asking.upgrade()) {
+                let ear = ear.clone();
+                register::ask(&session, Topic::Mission(id), &[], move |said| ear.hear(said, Word::Mission));
+            }
+        }
+    };
+    ear.presence.watch(session, note)?;
+    watch_tokens(session, ask)
 }
 
 /// What Zenoh says, without the places in its source, `at .../tcp.rs:61.`, that it mixes in.

@@ -34,7 +34,6 @@ use crate::clock::{LocalClock, Skew, new_incarnation, next_incarnation, utc_nano
 use crate::config::{AgentOptions, Node};
 use crate::external::ExternalError;
 use crate::external::live::LiveLaw;
-use crate::link::seal::OrderKey;
 use crate::link::{ASK_EVERY, HealthLine, Link, LinkError, Sessions, Trust, ZENOH_RUNTIME, zenoh_runtime};
 use crate::network::Ear;
 use crate::plant::xplane;
@@ -156,9 +155,14 @@ pub fn fly(node: &Node, sessions: impl Into<Sessions>, stop: &Arc<Stop>, tokio: 
     let incarnation = incarnation();
     let agent = Agent::new(&node.scenario, node.id, incarnation, &node.aircraft, node.rules.clone())?;
     let plant = node.open_plant()?;
-    let orders = node.orders_key.map(OrderKey::from);
-    let certificates = node.security.certificates();
-    let trust = Trust { orders, run: node.run, certificates, ..Trust::of(&node.scenario) };
+    let trust = Trust {
+        orders: node.orders_key,
+        run: node.run,
+        voices: node.security.voices(&node.scenario.swarm.name),
+        sealer: node.security.sealer(node.id)?.map(Arc::new),
+        certificates: node.security.certificates(),
+        ..Trust::of(&node.scenario)
+    };
     let link = Link::new(sessions, node.id, clock, trust)?;
     let (health, healths) = mpsc::channel(2);
     tokio.spawn(publish(link.health(utc_nanoseconds)?, healths));

@@ -164,7 +164,7 @@ impl Speech {
         let header = self.header(now, self.missions);
         let (plan, progress_m) = (mission.plan(), mission.progress_m());
         // The run is the edge's: what is agreed on is the same in all of them.
-        let said = MissionMessage { header, plan, membership, step, reached, progress_m, run: 0, order };
+        let said = MissionMessage { header, plan, membership, step, reached, progress_m, order };
         self.mission_bytes += message::encode(&said).len() as u64;
         self.mission = Some((said, now));
         Some(said)

@@ -98,8 +98,6 @@ pub struct Mission {
     pub reached: Option<u32>,
     /// How far the speaker takes the centre to be along this step's path, m.
     pub progress_m: f64,
-    /// The run of the swarm that the speaker is in: orders are sealed for one run. 0 for a swarm that counts none.
-    pub run: u64,
     /// The newest order the speaker knows of.
     pub order: Option<Order>,
 }

@@ -7,10 +7,13 @@ use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::time::Instant;
 
-use skein_agent::link::seal::{Checker, OrderKey, Sealer, most_said_run};
+use skein_agent::link::presence::Presence;
+use skein_agent::link::seal::orders::{self, Checker};
+use skein_agent::link::seal::words::Voices;
+use skein_agent::link::seal::{Sealer, most_said_run};
 use skein_agent::link::{self, LinkError};
 use skein_common::id::{SwarmName, VehicleId};
-use skein_common::message::{self, Event, Health, Message, Mission, Order, Trace};
+use skein_common::message::{self, Event, Health, Message, Mission, Order, Reason, Trace};
 use skein_common::topic::{self, Topic};
 use zenoh::Wait;
 use zenoh::qos::{CongestionControl, Priority};
@@ -23,7 +26,7 @@ use crate::reach::Reach;
 /// What waits to be read; what comes on top is dropped and counted. Two seconds of 250 vehicles.
 const QUEUE: usize = 25_000;
 
-/// Something that a vehicle said, or that became of its liveliness.
+/// Something that a vehicle said, or that became of it.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Heard {
     /// One of its steps.
@@ -34,17 +37,27 @@ pub enum Heard {
     Mission(Mission),
     /// What happened.
     Event(Event),
-    /// Its liveliness token appeared.
+    /// It is there.
     Appeared(VehicleId),
-    /// It vanished.
+    /// It is gone.
     Vanished(VehicleId),
+}
+
+/// As it is handed over.
+struct Caught {
+    heard: Heard,
+    /// The run that its speaker has sealed it for.
+    run: Option<u64>,
+    at: Instant,
 }
 
 /// The newest that is known of one vehicle.
 #[derive(Clone, Debug, Default)]
 pub struct Seen {
-    /// Its liveliness token is there.
+    /// It is there: its liveliness token, or its link where links are secured.
     pub alive: bool,
+    /// The run of the swarm that it is in, where words are sealed.
+    pub run: Option<u64>,
     /// Its newest step.
     pub trace: Option<Trace>,
     /// When that was heard.
@@ -66,7 +79,7 @@ struct Dropped {
 /// Listens to one swarm.
 pub struct Observer {
     session: zenoh::Session,
-    inbox: Receiver<(Heard, Instant)>,
+    inbox: Receiver<Caught>,
     dropped: Arc<Dropped>,
     vehicles: BTreeMap<VehicleId, Seen>,
     swarm: SwarmName,
@@ -104,15 +117,17 @@ impl Observer {
         let session = link::open(&reach.swarm, &[], &reach.all(), &reach.security)?;
         let (sender, inbox) = sync_channel(QUEUE);
         let dropped = Arc::new(Dropped::default());
-        let ear = Ear { sender, dropped: dropped.clone() };
+        let ear = Ear { sender, dropped: dropped.clone(), voices: reach.security.voices(&reach.swarm) };
         ear.subscribe(&session, topic::all::TRACES, Heard::Trace)?;
         ear.subscribe(&session, topic::all::HEALTH, Heard::Health)?;
         ear.subscribe(&session, topic::all::MISSIONS, Heard::Mission)?;
         ear.subscribe(&session, topic::all::EVENTS, Heard::Event)?;
-        let alive = move |sample: Sample| ear.hear_token(&sample);
-        session.liveliness().declare_subscriber(topic::all::ALIVE).history(true).callback(alive).background().wait()?;
+        let note = move |id: VehicleId, kind| {
+            ear.hand_over(if kind == SampleKind::Put { Heard::Appeared(id) } else { Heard::Vanished(id) }, None);
+        };
+        Presence::new(reach.security.certificates()).watch(&session, note)?;
         let (swarm, sealer) = (reach.swarm.clone(), reach.sealer.clone());
-        let orders = reach.orders_key.map(|key| Checker::new(OrderKey::from(key), swarm.clone()));
+        let orders = reach.orders_key.map(|key| Checker::new(key, swarm.clone()));
         Ok(Self { session, inbox, dropped, vehicles: BTreeMap::new(), swarm, orders, sealer })
     }
 
@@ -124,9 +139,9 @@ impl Observer {
     /// As [`Self::poll`], with when it came.
     pub fn poll_timed(&mut self) -> Vec<(Heard, Instant)> {
         let mut all = Vec::new();
-        while let Ok((heard, at)) = self.inbox.try_recv() {
-            if take_up(&mut self.vehicles, &heard, at) {
-                all.push((heard, at));
+        while let Ok(caught) = self.inbox.try_recv() {
+            if take_up(&mut self.vehicles, &caught) {
+                all.push((caught.heard, caught.at));
             }
         }
         all
@@ -145,7 +160,7 @@ impl Observer {
 
     /// The run that most of the vehicles are in; 0 where none is counted.
     pub fn run(&self) -> u64 {
-        most_said_run(self.vehicles.values().filter_map(|seen| Some(seen.mission?.run)))
+        most_said_run(self.vehicles.values().filter_map(|seen| seen.run))
     }
 
     /// The order that a vehicle repeats, if it is an operator's: where orders are sealed, anybody can make one up, but no seal.
@@ -162,7 +177,7 @@ impl Observer {
 
     /// The order as the swarm believes it: where orders are sealed, with a seal, if this is an operator's PC.
     pub fn sealed(&self, order: Order) -> Order {
-        self.sealer.as_ref().map_or(order, |sealer| sealer.seal(&self.swarm, self.run(), order))
+        self.sealer.as_ref().map_or(order, |sealer| orders::seal(sealer, &self.swarm, self.run(), order))
     }
 
     /// Says an order to whoever can be reached now. It is a register: saying it again changes nothing.
@@ -179,8 +194,9 @@ impl Observer {
 /// What Zenoh's threads do: decode, check, hand over. They never wait.
 #[derive(Clone)]
 struct Ear {
-    sender: SyncSender<(Heard, Instant)>,
+    sender: SyncSender<Caught>,
     dropped: Arc<Dropped>,
+    voices: Voices,
 }
 
 impl Ear {
@@ -191,26 +207,19 @@ impl Ear {
         heard: fn(M) -> Heard,
     ) -> zenoh::Result<()> {
         let ear = self.clone();
-        let listen = move |sample: Sample| match read(sample.key_expr().as_str(), &sample.payload().to_bytes()) {
-            Ok(said) => ear.hand_over(heard(said)),
-            Err(Unbelieved::Undecodable) => count(&ear.dropped.undecodable),
-            Err(Unbelieved::Forged) => count(&ear.dropped.forged),
-        };
+        let listen =
+            move |sample: Sample| match ear.voices.read(sample.key_expr().as_str(), &sample.payload().to_bytes()) {
+                Ok(said) => ear.hand_over(heard(said.message), said.run),
+                Err(error) => count(match error.reason() {
+                    Reason::Undecodable | Reason::OtherVersion => &ear.dropped.undecodable,
+                    _ => &ear.dropped.forged,
+                }),
+            };
         session.declare_subscriber(keys).allowed_origin(Locality::Remote).callback(listen).background().wait()
     }
 
-    fn hear_token(&self, sample: &Sample) {
-        let Some(Topic::Alive(id)) = Topic::parse(sample.key_expr().as_str()) else {
-            return count(&self.dropped.undecodable);
-        };
-        self.hand_over(match sample.kind() {
-            SampleKind::Put => Heard::Appeared(id),
-            SampleKind::Delete => Heard::Vanished(id),
-        });
-    }
-
-    fn hand_over(&self, heard: Heard) {
-        if self.sender.try_send((heard, clock::now())).is_err() {
+    fn hand_over(&self, heard: Heard, run: Option<u64>) {
+        if self.sender.try_send(Caught { heard, run, at: clock::now() }).is_err() {
             count(&self.dropped.overflow);
         }
     }
@@ -220,22 +229,8 @@ fn count(counter: &AtomicU64) {
     counter.fetch_add(1, Relaxed);
 }
 
-/// Why something was not believed.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Unbelieved {
-    Undecodable,
-    Forged,
-}
-
-/// The message under this key, if it decodes and its sender is the one whose branch the key stands in.
-fn read<M: Message>(key: &str, bytes: &[u8]) -> Result<M, Unbelieved> {
-    let said: M = message::decode(bytes).map_err(|_| Unbelieved::Undecodable)?;
-    let is_its_own = Topic::parse(key).is_some_and(|topic| said.may_stand_under(&topic));
-    if is_its_own { Ok(said) } else { Err(Unbelieved::Forged) }
-}
-
 /// Keeps the newest of everything. False for what is older than what is known.
-fn take_up(vehicles: &mut BTreeMap<VehicleId, Seen>, heard: &Heard, at: Instant) -> bool {
+fn take_up(vehicles: &mut BTreeMap<VehicleId, Seen>, Caught { heard, run, at }: &Caught) -> bool {
     let order = |header: &message::Header| (header.incarnation, header.sequence);
     let newer = |header: &message::Header, known: Option<&message::Header>| known.map(order) < Some(order(header));
     match heard {
@@ -244,7 +239,7 @@ fn take_up(vehicles: &mut BTreeMap<VehicleId, Seen>, heard: &Heard, at: Instant)
             let news = newer(&trace.header, seen.trace.as_ref().map(|known| &known.header));
             if news {
                 seen.trace = Some(trace.clone());
-                seen.trace_at = Some(at);
+                seen.trace_at = Some(*at);
             }
             news
         }
@@ -260,7 +255,7 @@ fn take_up(vehicles: &mut BTreeMap<VehicleId, Seen>, heard: &Heard, at: Instant)
             let seen = vehicles.entry(mission.header.sender).or_default();
             let news = newer(&mission.header, seen.mission.as_ref().map(|known| &known.header));
             if news {
-                seen.mission = Some(*mission);
+                (seen.mission, seen.run) = (Some(*mission), *run);
             }
             news
         }
@@ -275,7 +270,7 @@ fn take_up(vehicles: &mut BTreeMap<VehicleId, Seen>, heard: &Heard, at: Instant)
 #[cfg(test)]
 mod tests {
     use ring::rand::SystemRandom;
-    use ring::signature::{Ed25519KeyPair, KeyPair};
+    use ring::signature::Ed25519KeyPair;
     use skein_common::id::Incarnation;
     use skein_common::message::{Happening, Header, Verb};
     use skein_common::state::Membership;
@@ -297,27 +292,19 @@ mod tests {
             step: 0,
             reached: None,
             progress_m: 0.0,
-            run: 0,
             order: Some(Order { epoch: sequence, issuer: 1, verb: Verb::Hold, seal: None }),
         }
     }
 
-    #[test]
-    fn nobody_speaks_in_anothers_name() {
-        let said = mission(3, 1, 1);
-        let bytes = message::encode(&said);
-        assert_eq!(read::<Mission>("vehicle/3/mission", &bytes), Ok(said));
-        assert_eq!(read::<Mission>("vehicle/4/mission", &bytes), Err(Unbelieved::Forged));
-        assert_eq!(read::<Mission>("order/3", &bytes), Err(Unbelieved::Forged));
-        assert_eq!(read::<Mission>("vehicle/3/mission", &bytes[1..]), Err(Unbelieved::Undecodable));
-        assert_eq!(read::<Mission>("vehicle/3/mission", &[]), Err(Unbelieved::Undecodable));
+    fn caught(heard: Heard) -> Caught {
+        Caught { heard, run: None, at: clock::now() }
     }
 
     #[test]
     fn the_newest_word_of_the_newest_life_stands() {
         let mut vehicles = BTreeMap::new();
         let mut hear = |life, sequence| {
-            let news = take_up(&mut vehicles, &Heard::Mission(mission(2, life, sequence)), clock::now());
+            let news = take_up(&mut vehicles, &caught(Heard::Mission(mission(2, life, sequence))));
             (news, vehicles[&VehicleId::new(2).unwrap()].mission.unwrap().header.sequence)
         };
         assert_eq!(hear(1, 5), (true, 5));
@@ -333,7 +320,7 @@ mod tests {
         let mut vehicles = BTreeMap::new();
         let event = Event { header: mission(1, 1, 1).header, what: Happening::Landed };
         for (heard, alive) in [(Heard::Appeared(id), true), (Heard::Event(event), true), (Heard::Vanished(id), false)] {
-            assert!(take_up(&mut vehicles, &heard, clock::now()));
+            assert!(take_up(&mut vehicles, &caught(heard)));
             assert_eq!(vehicles[&id].alive, alive);
         }
     }
@@ -343,30 +330,29 @@ mod tests {
         let key = Ed25519KeyPair::generate_pkcs8(&SystemRandom::new()).unwrap();
         let sealer = Arc::new(Sealer::from_pkcs8(key.as_ref()).unwrap());
         let swarm = SwarmName::new(format!("observe-{}", std::process::id())).unwrap();
-        let mut public = [0; 32];
-        public.copy_from_slice(Ed25519KeyPair::from_pkcs8(key.as_ref()).unwrap().public_key().as_ref());
+        let public = sealer.key();
         let scenario = Flown::Text(String::new());
         let plain = Reach::plain(swarm.clone(), BTreeMap::new(), scenario);
         let sealed = Reach { orders_key: Some(public), sealer: Some(sealer.clone()), ..plain.clone() };
         let order = |epoch| Order { epoch, issuer: 1, verb: Verb::Hold, seal: None };
         // The run that most are in; and what each of them repeats.
         let said = [
-            (1, 7, sealer.seal(&swarm, 7, order(3))),
+            (1, 7, orders::seal(&sealer, &swarm, 7, order(3))),
             (2, 7, order(u64::MAX - 1)),
-            (3, 6, sealer.seal(&swarm, 6, order(50))),
+            (3, 6, orders::seal(&sealer, &swarm, 6, order(50))),
         ];
         let observe = |reach: &Reach| {
             let mut observer = Observer::open(reach).unwrap();
             for (sender, run, order) in said {
-                let mission = Mission { run, order: Some(order), ..mission(sender, 1, 1) };
-                take_up(&mut observer.vehicles, &Heard::Mission(mission), clock::now());
+                let mission = Mission { order: Some(order), ..mission(sender, 1, 1) };
+                take_up(&mut observer.vehicles, &Caught { run: Some(run), ..caught(Heard::Mission(mission)) });
             }
             observer
         };
         let observer = observe(&sealed);
         assert_eq!((observer.run(), observer.next_epoch()), (7, 4));
         let given = observer.sealed(order(4));
-        assert!(OrderKey::from(public).has_sealed(&swarm, 7, &given));
+        assert!(orders::is_sealed(&public, &swarm, 7, &given));
         let seen = Seen { mission: Some(Mission { order: Some(given), ..mission(1, 1, 2) }), ..Seen::default() };
         assert_eq!(observer.order_of(&seen), Some(given));
         let anybody = observe(&plain);

@@ -4,7 +4,7 @@
 use std::hash::{BuildHasher, RandomState};
 use std::time::{Duration, Instant};
 
-use skein_agent::link::security::Role;
+use crate::reach::Role;
 use skein_common::id::VehicleId;
 use skein_common::message::{Order, Verb};
 

@@ -6,8 +6,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use skein_agent::link::Security;
-use skein_agent::link::seal::Sealer;
-use skein_agent::link::security::Role;
+use skein_agent::link::seal::{SealKey, Sealer};
 use skein_common::id::{SwarmName, VehicleId};
 
 use crate::cluster::inventory::Inventory;
@@ -23,12 +22,23 @@ pub struct Reach {
     pub agents: BTreeMap<VehicleId, String>,
     /// How links to them are secured, and as whom.
     pub security: Security,
-    /// The Ed25519 public key that orders are sealed with, if they are.
-    pub orders_key: Option<[u8; 32]>,
+    /// The key that orders are sealed with, if they are.
+    pub orders_key: Option<SealKey>,
     /// What seals them: an operator's alone.
     pub sealer: Option<Arc<Sealer>>,
     /// What flies.
     pub scenario: Flown,
+}
+
+/// Who takes part in a swarm's traffic.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Role {
+    /// A vehicle's agent: says what this vehicle may say.
+    Vehicle(VehicleId),
+    /// Says nothing.
+    Observer,
+    /// Gives orders.
+    Operator,
 }
 
 /// A complete scenario as it is flown.

@@ -174,7 +174,6 @@ impl Stranger {
             step: MAX_STEP,
             reached: Some(MAX_STEP),
             progress_m: 1e8,
-            run: 0,
             order: Some(order),
         };
         self.put(Topic::Mission(id(3)), encode(&mission));

@@ -151,7 +151,6 @@ fn with_nobody_left_the_vehicle_holds_its_place() {
         step: 0,
         reached: None,
         progress_m: 0.0,
-        run: 0,
         order: None,
     };
     flight.frame(Some(&measured(30.0)), &[Word::Appeared(id(2)), state_of(2, 1, 80.0), Word::Mission(active)]);

@@ -3,7 +3,6 @@ use std::fs;
 use tempfile::TempDir;
 
 use super::*;
-use crate::link::security::Role;
 
 const SCENARIO: &str =
     "[swarm]\nvehicles = 3\n[formation]\nsafety_filter = \"none\"\n[vehicle.2]\nxplane = \"[::1]:5000\"\n";
@@ -56,11 +55,9 @@ authority = "authority.pem"
 certificate = "node.pem"
 key = "keys/node.key"
 orders = "000102030405060708090a0b0c0d0e0f101112131415161718191a1b1c1d1eFF"
-observer = "observer"
-operator = "operator.2"
 [security.vehicles]
-1 = "vehicle-1"
-3 = "vehicle-3.2"
+1 = { name = "vehicle-1", key = "0101010101010101010101010101010101010101010101010101010101010101" }
+3 = { name = "vehicle-3.2", key = "0202020202020202020202020202020202020202020202020202020202020202" }
 "#;
 
 #[test]
@@ -72,13 +69,11 @@ fn a_nodes_file_names_its_keys_and_everybody() {
     let Security::Tls(tls) = &node.security else { panic!("plain") };
     assert_eq!(tls.authority, folder.path().join("authority.pem"));
     assert_eq!(tls.key, folder.path().join("keys/node.key"));
-    assert_eq!(tls.role, Role::Vehicle(node.id));
-    let names: Vec<_> = tls.names.vehicles.iter().map(|(id, name)| (id.get(), name.as_str())).collect();
-    assert_eq!(names, [(1, "vehicle-1"), (3, "vehicle-3.2")]);
-    assert_eq!((tls.names.observer.as_str(), tls.names.operator.as_str()), ("observer", "operator.2"));
+    let known: Vec<_> = tls.vehicles.iter().map(|(id, known)| (id.get(), known.name.as_str(), known.key)).collect();
+    assert_eq!(known, [(1, "vehicle-1", [1; 32].into()), (3, "vehicle-3.2", [2; 32].into())]);
     let mut orders_key: [u8; 32] = std::array::from_fn(|nth| nth as u8);
     orders_key[31] = 255;
-    assert_eq!((node.orders_key, node.run), (Some(orders_key), 7));
+    assert_eq!((node.orders_key, node.run), (Some(orders_key.into()), 7));
     if cfg!(unix) {
         let note = node.notes.last().unwrap();
         assert!(note.contains("keys/node.key: others can read this key; chmod 600 "), "{note}");
@@ -90,11 +85,12 @@ fn a_nodes_file_names_its_keys_and_everybody() {
         by_config(&folder).node().unwrap_err().to_string()
     };
     let table = [
-        ("1eFF", "1e", "agent.toml:10:10: a key for orders has 64 hexadecimal digits"),
-        ("1eFF", "1eGG", "a key for orders has 64 hexadecimal digits"),
-        ("1eFF", "1eä", "a key for orders has 64 hexadecimal digits"),
-        ("3 = \"v", "300 = \"v", "vehicle ids run from 1 to 250, not 300"),
-        ("operator = ", "boss = ", "unknown field `boss`"),
+        ("1eFF", "1e", "agent.toml:10:10: a public key has to be 64 hexadecimal digits"),
+        ("1eFF", "1eGG", "a public key has to be 64 hexadecimal digits"),
+        ("1eFF", "1eä", "a public key has to be 64 hexadecimal digits"),
+        ("0202\" }", "02\" }", "a public key has to be 64 hexadecimal digits"),
+        ("3 = { n", "300 = { n", "vehicle ids run from 1 to 250, not 300"),
+        ("orders = ", "boss = ", "unknown field `boss`"),
         ("key = \"keys/node.key\"\n", "", "missing field `key`"),
     ];
     for (from, to, expected) in table {

@@ -7,14 +7,14 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
 use std::time::Duration;
 
 use skein_common::id::VehicleId;
-use skein_common::message::{ClockAnswer, ClockOffset, PeerHealth, decode, encode};
+use skein_common::message::{ClockAnswer, ClockOffset, PeerHealth};
 use skein_common::state::Standing;
 use skein_common::topic::Topic;
 use zenoh::Session;
-use zenoh::query::Queryable;
+use zenoh::query::{Query, Queryable};
 use zenoh::sample::Sample;
 
-use super::{LinkError, Sessions, register};
+use super::{Ear, LinkError, Sessions, register};
 use crate::clock::now;
 
 /// One of the others is asked this often.
@@ -30,6 +30,7 @@ pub type Utc = fn() -> u64;
 /// Answers for the own clock and asks for the others'.
 pub(super) struct Clocks {
     sessions: Vec<Weak<Session>>,
+    ear: Arc<Ear>,
     utc: Utc,
     measured: Arc<Mutex<BTreeMap<VehicleId, Measured>>>,
     /// Who was asked last.
@@ -46,15 +47,18 @@ struct Measured {
 }
 
 impl Clocks {
-    pub(super) fn open(sessions: &Sessions, own: VehicleId, utc: Utc) -> Result<Self, LinkError> {
-        let answer = move || {
+    pub(super) fn open(sessions: &Sessions, ear: &Arc<Ear>, own: VehicleId, utc: Utc) -> Result<Self, LinkError> {
+        let answering = ear.clone();
+        let answer = move |query: &Query| {
             let received_ns = utc();
-            let answer = ClockAnswer { sender: own, received_ns, answered_ns: utc().max(received_ns) };
-            Some(encode(&answer))
+            let question = u64::from_le_bytes(query.payload()?.to_bytes().as_ref().try_into().ok()?);
+            let answer = ClockAnswer { sender: own, question, received_ns, answered_ns: utc().max(received_ns) };
+            Some(answering.write(&Topic::Clock(own).key(), &answer))
         };
         let answering = register::answer(sessions, Topic::Clock(own), answer)?;
         let sessions = sessions.0.iter().map(Arc::downgrade).collect();
-        Ok(Self { sessions, utc, measured: Arc::default(), asked: None, _answering: answering })
+        let (ear, measured) = (ear.clone(), Arc::default());
+        Ok(Self { sessions, ear, utc, measured, asked: None, _answering: answering })
     }
 
     /// Asks the next of those who are heard. Never waits for the answer.
@@ -62,14 +66,15 @@ impl Clocks {
         let after = live.iter().find(|id| Some(**id) > self.asked).or(live.first());
         let Some(&id) = after else { return };
         self.asked = Some(id);
-        let (measured, answered) = (self.measured.clone(), Arc::new(AtomicBool::new(false)));
+        let (measured, ear, answered) = (self.measured.clone(), self.ear.clone(), Arc::new(AtomicBool::new(false)));
         // Over the way the monotonic clock counts: the own UTC may be set meanwhile.
         let (asked_ns, asked) = ((self.utc)(), now());
         let take = move |said: &Sample| {
             let round_trip = now().saturating_duration_since(asked);
-            let topic = Topic::parse(said.key_expr().as_str());
-            let answer = decode::<ClockAnswer>(&said.payload().to_bytes()).ok();
-            let answer = answer.filter(|answer| answer.sender == id && topic == Some(Topic::Clock(id)));
+            let answer = ear.voices.read::<ClockAnswer>(said.key_expr().as_str(), &said.payload().to_bytes()).ok();
+            let answer = answer.map(|said| said.message);
+            // To this question, by its number: what somebody has kept of an earlier answer is none.
+            let answer = answer.filter(|answer| (answer.sender, answer.question) == (id, asked_ns));
             let round_trip_ns = u64::try_from(round_trip.as_nanos()).unwrap_or(u64::MAX);
             let offset = answer.and_then(|answer| ClockOffset::of_exchange(asked_ns, &answer, round_trip_ns));
             // Who is asked once counts once.
@@ -79,7 +84,7 @@ impl Clocks {
         };
         // It is linked to one of them.
         for session in self.sessions.iter().filter_map(Weak::upgrade) {
-            register::ask(&session, Topic::Clock(id), take.clone());
+            register::ask(&session, Topic::Clock(id), &asked_ns.to_le_bytes(), take.clone());
         }
     }
 

@@ -3,7 +3,7 @@
 use std::marker::PhantomData;
 use std::sync::Arc;
 
-use skein_common::message::{Message, encode};
+use skein_common::message::Message;
 use skein_common::topic::Topic;
 use zenoh::bytes::ZBytes;
 use zenoh::pubsub::Publisher;
@@ -11,11 +11,13 @@ use zenoh::qos::{CongestionControl, Priority};
 use zenoh::sample::Locality;
 use zenoh::{Session, Wait};
 
-use super::{LinkError, Sessions, declaring};
+use super::{Ear, LinkError, Sessions, declaring};
 
 /// A declared publisher of one kind of message, in each session. What it says is dropped rather than waited for.
 pub struct Line<M> {
     pub(super) publishers: Vec<Publisher<'static>>,
+    key: String,
+    ear: Arc<Ear>,
     kind: PhantomData<fn(M)>,
 }
 
@@ -24,7 +26,12 @@ impl<M: Message> Line<M> {
     ///
     /// # Errors
     /// If the session is closed.
-    pub(super) fn open(sessions: &Sessions, topic: Topic, priority: Priority) -> Result<Self, LinkError> {
+    pub(super) fn open(
+        sessions: &Sessions,
+        ear: &Arc<Ear>,
+        topic: Topic,
+        priority: Priority,
+    ) -> Result<Self, LinkError> {
         let key = topic.key();
         let declare = |session: &Arc<Session>| {
             session
@@ -36,12 +43,22 @@ impl<M: Message> Line<M> {
                 .map_err(declaring(&key))
         };
         let publishers = sessions.0.iter().map(declare).collect::<Result<_, _>>()?;
-        Ok(Self { publishers, kind: PhantomData })
+        Ok(Self { publishers, key, ear: ear.clone(), kind: PhantomData })
     }
 
     /// Says it to whoever listens.
     pub fn say(&self, message: &M) {
-        let said = ZBytes::from(encode(message));
+        self.put(self.write(message));
+    }
+
+    /// The bytes that are said.
+    pub(super) fn write(&self, message: &M) -> Vec<u8> {
+        self.ear.write(&self.key, message)
+    }
+
+    /// Says these bytes.
+    pub(super) fn put(&self, said: Vec<u8>) {
+        let said = ZBytes::from(said);
         for publisher in &self.publishers {
             // It fails only on a closed session, and then nobody is there to hear.
             let _ = publisher.put(said.clone()).wait();

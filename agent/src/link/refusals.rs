@@ -3,7 +3,7 @@
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-use skein_common::message::{DecodeError, Drops, Reason, Refused};
+use skein_common::message::{Drops, Reason, Refused};
 use skein_common::topic::Topic;
 
 /// How many kinds of reason there are.
@@ -41,7 +41,7 @@ impl Refusals {
         Drops {
             undecodable: count(Reason::Undecodable),
             other_version: count(Reason::OtherVersion),
-            forged: count(Reason::Forged) + count(Reason::Stranger),
+            forged: [Reason::Forged, Reason::Stranger, Reason::OtherRun].into_iter().map(count).sum(),
             old: count(Reason::Old),
             unsealed: count(Reason::Unsealed),
             other_plan: count(Reason::OtherPlan),
@@ -61,14 +61,6 @@ impl Refusals {
     /// Nothing that holds the lock can panic half way.
     fn lock(&self) -> MutexGuard<'_, Vec<Refused>> {
         self.named.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-}
-
-/// Why bytes are not believed.
-pub(super) fn reason(error: DecodeError) -> Reason {
-    match error {
-        DecodeError::Version(_) => Reason::OtherVersion,
-        _ => Reason::Undecodable,
     }
 }
 

@@ -4,10 +4,9 @@
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-use skein_common::message::{Message, encode};
 use skein_common::topic::Topic;
 use zenoh::qos::{CongestionControl, Priority};
-use zenoh::query::{ConsolidationMode, Query, Queryable};
+use zenoh::query::{ConsolidationMode, Query, QueryTarget, Queryable};
 use zenoh::sample::{Locality, Sample};
 use zenoh::{Session, Wait};
 
@@ -27,14 +26,13 @@ impl Register {
     pub(super) fn open(sessions: &Sessions, topic: Topic) -> Result<Self, LinkError> {
         let last = Arc::<Mutex<Vec<u8>>>::default();
         let kept = last.clone();
-        let said = move || Some(lock(&kept).clone()).filter(|said| !said.is_empty());
+        let said = move |_: &Query| Some(lock(&kept).clone()).filter(|said| !said.is_empty());
         let answering = answer(sessions, topic, said)?;
         Ok(Self { last, _answering: answering })
     }
 
     /// From now on this is the answer.
-    pub(super) fn keep<M: Message>(&self, said: &M) {
-        let said = encode(said);
+    pub(super) fn keep(&self, said: Vec<u8>) {
         *lock(&self.last) = said;
     }
 }
@@ -48,13 +46,13 @@ fn lock(kept: &Mutex<Vec<u8>>) -> MutexGuard<'_, Vec<u8>> {
 pub(super) fn answer(
     sessions: &Sessions,
     topic: Topic,
-    said: impl Fn() -> Option<Vec<u8>> + Clone + Send + Sync + 'static,
+    said: impl Fn(&Query) -> Option<Vec<u8>> + Clone + Send + Sync + 'static,
 ) -> Result<Vec<Queryable<()>>, LinkError> {
     let key = topic.key();
     let declare = |session: &Arc<Session>| {
         let (own_key, said) = (key.clone(), said.clone());
         let answer = move |query: Query| {
-            if let Some(said) = said() {
+            if let Some(said) = said(&query) {
                 // It fails only on a closed session. The answer is dropped rather than waited for, as its question was.
                 let _ = query.reply(&own_key, said).express(true).wait();
             }
@@ -65,10 +63,14 @@ pub(super) fn answer(
     sessions.0.iter().map(declare).collect()
 }
 
-/// Asks for somebody's register, or clock; `take` gets the answer on one of Zenoh's threads. Never waits for it.
-pub(super) fn ask(session: &Session, topic: Topic, take: impl Fn(&Sample) + Send + Sync + 'static) {
+/// Asks for somebody's register, or clock, with these bytes of a question; `take` gets the answers on one of Zenoh's threads.
+/// Never waits for them.
+pub(super) fn ask(session: &Session, topic: Topic, question: &[u8], take: impl Fn(&Sample) + Send + Sync + 'static) {
     let asked = session
         .get(topic.key())
+        .payload(question)
+        // Whoever says that it answers for all must not be the only one who is asked.
+        .target(QueryTarget::All)
         .congestion_control(CongestionControl::Drop)
         .priority(Priority::InteractiveHigh)
         .express(true)

@@ -1,83 +1,96 @@
-//! Orders that only an operator can have given: sealed with a key that no node has.
-//!
-//! An order spreads from register to register, so access control cannot tell whose it is: any node could make one up and
-//! say that it had heard it. So the operator signs it (Ed25519, RFC 8032), and every agent checks that before the core
-//! sees it. A seal holds in one run of one swarm: yesterday's orders, or another swarm's, are worth nothing today.
+//! Who has said something, proven by a signature (Ed25519, RFC 8032): [`orders`] by the operator, every other word
+//! ([`words`]) by its vehicle. A seal holds in one run of one swarm: what was said yesterday, or in another swarm, is worth
+//! nothing today.
+
+pub mod orders;
+pub mod words;
 
 use std::fmt;
-use std::sync::{Mutex, PoisonError};
+use std::str::FromStr;
 
 use ring::signature::{ED25519, Ed25519KeyPair, KeyPair, UnparsedPublicKey};
+use rustls_pki_types::PrivatePkcs8KeyDer;
+use rustls_pki_types::pem::PemObject;
+use serde::{Deserialize, Serialize};
 use skein_common::id::SwarmName;
-use skein_common::message::{Order, Seal, Verb};
+use skein_common::message::Seal;
 
-/// Nothing else that anybody signs with this key begins like this.
-const CONTEXT: &[u8] = b"skein order v1\0";
-
-/// Answers that are kept. Every peer repeats the same order five times a second; there are rarely two that matter.
-const KEPT: usize = 16;
-
-/// A private key that is none.
+/// A text or bytes that are no key.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("not an Ed25519 key in PKCS#8")]
-pub struct NotAKey;
-
-/// What is signed: everything that an order says, and where it holds. Every field but the name has a fixed length, and the
-/// name's stands before it: no two orders have the same bytes.
-fn signed(swarm: &SwarmName, run: u64, order: &Order) -> Vec<u8> {
-    let (verb, step) = match order.verb {
-        Verb::Hold => (0, 0),
-        Verb::Land => (1, 0),
-        Verb::Goto(step) => (2, step),
-        Verb::Abort => (3, 0),
-    };
-    let name = swarm.as_str().as_bytes();
-    let mut bytes = CONTEXT.to_vec();
-    bytes.extend((name.len() as u64).to_le_bytes());
-    bytes.extend(name);
-    bytes.extend(run.to_le_bytes());
-    bytes.extend(order.epoch.to_le_bytes());
-    bytes.extend(order.issuer.to_le_bytes());
-    bytes.push(verb);
-    bytes.extend(step.to_le_bytes());
-    bytes
+pub enum NotAKey {
+    /// No private key.
+    #[error("not an Ed25519 key in PKCS#8")]
+    Private,
+    /// No public key.
+    #[error("a public key has to be 64 hexadecimal digits")]
+    Public,
 }
 
-/// The public key by which an order is known for an operator's.
-#[derive(Clone, Copy, PartialEq, Eq)]
-pub struct OrderKey([u8; 32]);
+/// The public key by which somebody's seal is known. As text 64 hexadecimal digits.
+#[derive(Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(try_from = "String", into = "String")]
+pub struct SealKey([u8; 32]);
 
-impl OrderKey {
-    /// Whether an operator of this swarm has given this order in this run. Takes some 100 µs.
-    pub fn has_sealed(&self, swarm: &SwarmName, run: u64, order: &Order) -> bool {
-        order.seal.is_some_and(|seal| {
-            let key = UnparsedPublicKey::new(&ED25519, self.0);
-            key.verify(&signed(swarm, run, order), &seal.to_bytes()).is_ok()
-        })
+impl SealKey {
+    /// Its bytes.
+    pub fn to_bytes(self) -> [u8; 32] {
+        self.0
+    }
+
+    /// Whether whoever has the private key has sealed these bytes. Takes some 100 µs.
+    fn has_sealed(&self, bytes: &[u8], seal: Seal) -> bool {
+        UnparsedPublicKey::new(&ED25519, self.0).verify(bytes, &seal.to_bytes()).is_ok()
     }
 }
 
-impl fmt::Debug for OrderKey {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str("OrderKey(")?;
-        self.0.iter().try_for_each(|byte| write!(f, "{byte:02x}"))?;
-        f.write_str(")")
-    }
-}
-
-impl From<OrderKey> for [u8; 32] {
-    fn from(key: OrderKey) -> Self {
-        key.0
-    }
-}
-
-impl From<[u8; 32]> for OrderKey {
+impl From<[u8; 32]> for SealKey {
     fn from(key: [u8; 32]) -> Self {
         Self(key)
     }
 }
 
-/// An operator's private key.
+impl FromStr for SealKey {
+    type Err = NotAKey;
+    fn from_str(text: &str) -> Result<Self, NotAKey> {
+        let digits = text.as_bytes();
+        if digits.len() != 64 || !digits.iter().all(u8::is_ascii_hexdigit) {
+            return Err(NotAKey::Public);
+        }
+        let mut key = [0; 32];
+        for (byte, two) in key.iter_mut().zip(digits.chunks(2)) {
+            let two = str::from_utf8(two).map_err(|_| NotAKey::Public)?;
+            *byte = u8::from_str_radix(two, 16).map_err(|_| NotAKey::Public)?;
+        }
+        Ok(Self(key))
+    }
+}
+
+impl TryFrom<String> for SealKey {
+    type Error = NotAKey;
+    fn try_from(text: String) -> Result<Self, NotAKey> {
+        text.parse()
+    }
+}
+
+impl From<SealKey> for String {
+    fn from(key: SealKey) -> Self {
+        key.to_string()
+    }
+}
+
+impl fmt::Display for SealKey {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.0.iter().try_for_each(|byte| write!(f, "{byte:02x}"))
+    }
+}
+
+impl fmt::Debug for SealKey {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "SealKey({self})")
+    }
+}
+
+/// A private key that seals.
 pub struct Sealer(Ed25519KeyPair);
 
 impl Sealer {
@@ -86,21 +99,29 @@ impl Sealer {
     /// # Errors
     /// If it is not one.
     pub fn from_pkcs8(der: &[u8]) -> Result<Self, NotAKey> {
-        Ed25519KeyPair::from_pkcs8_maybe_unchecked(der).map(Self).map_err(|_| NotAKey)
+        Ed25519KeyPair::from_pkcs8_maybe_unchecked(der).map(Self).map_err(|_| NotAKey::Private)
+    }
+
+    /// The same in PEM.
+    ///
+    /// # Errors
+    /// As [`Self::from_pkcs8`].
+    pub fn from_pem(text: &str) -> Result<Self, NotAKey> {
+        let der = PrivatePkcs8KeyDer::from_pem_slice(text.as_bytes()).map_err(|_| NotAKey::Private)?;
+        Self::from_pkcs8(der.secret_pkcs8_der())
     }
 
     /// What its seals are known by.
-    pub fn key(&self) -> OrderKey {
+    pub fn key(&self) -> SealKey {
         let mut key = [0; 32];
         key.copy_from_slice(self.0.public_key().as_ref());
-        OrderKey(key)
+        SealKey(key)
     }
 
-    /// The order, sealed for this run of this swarm.
-    pub fn seal(&self, swarm: &SwarmName, run: u64, order: Order) -> Order {
+    fn seal(&self, bytes: &[u8]) -> Seal {
         let mut seal = [0; Seal::BYTES];
-        seal.copy_from_slice(self.0.sign(&signed(swarm, run, &order)).as_ref());
-        Order { seal: Some(Seal::from_bytes(seal)), ..order }
+        seal.copy_from_slice(self.0.sign(bytes).as_ref());
+        Seal::from_bytes(seal)
     }
 }
 
@@ -111,36 +132,16 @@ impl fmt::Debug for Sealer {
     }
 }
 
-/// Tells an operator's orders, the same few again and again, at no cost.
-#[derive(Debug)]
-pub struct Checker {
-    key: OrderKey,
-    swarm: SwarmName,
-    /// The latest answers: whether this order is one in this run.
-    known: Mutex<Vec<(u64, Order, bool)>>,
-}
-
-impl Checker {
-    /// By this key, in this swarm.
-    pub fn new(key: OrderKey, swarm: SwarmName) -> Self {
-        Self { key, swarm, known: Mutex::new(Vec::with_capacity(KEPT)) }
-    }
-
-    /// Whether an operator has given this order in this run.
-    pub fn is_sealed(&self, run: u64, order: &Order) -> bool {
-        // Nothing that holds the lock can panic half way.
-        let known = || self.known.lock().unwrap_or_else(PoisonError::into_inner);
-        let answer = known().iter().find(|(of, known, _)| (*of, known) == (run, order)).map(|(.., answer)| *answer);
-        answer.unwrap_or_else(|| {
-            let answer = self.key.has_sealed(&self.swarm, run, order);
-            let mut known = known();
-            if known.len() == KEPT {
-                known.remove(0);
-            }
-            known.push((run, *order, answer));
-            answer
-        })
-    }
+/// The beginning of what is signed: for what, in which swarm and which run. The name's length stands before it, so that no
+/// two things signed have the same bytes; nothing else that is signed with these keys (TLS 1.3 begins with 64 spaces, RFC 8446,
+/// 4.4.3) begins like one of our contexts.
+fn signed(context: &[u8], swarm: &SwarmName, run: u64) -> Vec<u8> {
+    let name = swarm.as_str().as_bytes();
+    let mut bytes = context.to_vec();
+    bytes.extend((name.len() as u64).to_le_bytes());
+    bytes.extend(name);
+    bytes.extend(run.to_le_bytes());
+    bytes
 }
 
 /// The run that most say; of several that as many say, the largest. 0 says nothing, and is what is said where nobody knows.
@@ -161,42 +162,8 @@ pub(crate) mod tests {
         Sealer::from_pkcs8(Ed25519KeyPair::generate_pkcs8(&SystemRandom::new()).unwrap().as_ref()).unwrap()
     }
 
-    fn name(text: &str) -> SwarmName {
+    pub(crate) fn name(text: &str) -> SwarmName {
         SwarmName::new(text).unwrap()
-    }
-
-    const ORDER: Order = Order { epoch: 5, issuer: 9, verb: Verb::Goto(2), seal: None };
-
-    #[test]
-    fn a_seal_holds_for_one_order_in_one_run_of_one_swarm() {
-        let (sealer, lab) = (sealer(), name("lab"));
-        let (key, sealed) = (sealer.key(), sealer.seal(&lab, 7, ORDER));
-        assert_eq!(Order { seal: None, ..sealed }, ORDER);
-        assert!(key.has_sealed(&lab, 7, &sealed));
-        assert!(!key.has_sealed(&lab, 7, &ORDER), "without a seal");
-        assert!(!key.has_sealed(&lab, 8, &sealed), "in another run");
-        assert!(!key.has_sealed(&name("lab2"), 7, &sealed), "in another swarm");
-        let others = [
-            Order { epoch: 6, ..sealed },
-            Order { issuer: 10, ..sealed },
-            Order { verb: Verb::Goto(3), ..sealed },
-            Order { verb: Verb::Abort, ..sealed },
-            Order { seal: Some(Seal::from_bytes([0; Seal::BYTES])), ..sealed },
-        ];
-        for other in others {
-            assert!(!key.has_sealed(&lab, 7, &other), "{other:?}");
-        }
-        assert!(!self::sealer().key().has_sealed(&lab, 7, &sealed), "by another operator");
-    }
-
-    /// The bytes under a seal are part of the protocol.
-    #[test]
-    fn what_is_signed_has_these_bytes() {
-        let mut golden = b"skein order v1\0".to_vec();
-        golden.extend([3, 0, 0, 0, 0, 0, 0, 0]);
-        golden.extend(b"lab");
-        golden.extend([7, 0, 0, 0, 0, 0, 0, 0, 5, 0, 0, 0, 0, 0, 0, 0, 9, 0, 0, 0, 0, 0, 0, 0, 2, 2, 0, 0, 0]);
-        assert_eq!(signed(&name("lab"), 7, &ORDER), golden);
     }
 
     /// RFC 8032, 7.1, test 3.
@@ -210,27 +177,22 @@ pub(crate) mod tests {
         // PKCS#8 version 1 as OpenSSL writes it: a fixed head and the seed.
         let der = [hex("302e020100300506032b657004220420"), seed].concat();
         let sealer = Sealer::from_pkcs8(&der).unwrap();
-        assert_eq!(sealer.key(), OrderKey::from(<[u8; 32]>::try_from(hex(public)).unwrap()));
-        assert_eq!(format!("{sealer:?}"), format!("Sealer(of OrderKey({public}))"), "and nothing secret");
-        assert!(Sealer::from_pkcs8(b"key").is_err());
+        assert_eq!(Ok(sealer.key()), public.parse());
+        assert_eq!(format!("{sealer:?}"), format!("Sealer(of SealKey({public}))"), "and nothing secret");
+        assert!(Sealer::from_pkcs8(b"key").is_err() && Sealer::from_pem("key").is_err());
         let signature = "6291d657deec24024827e69c3abe01a30ce548a284743a445e3680d7db5ac3ac18ff9b538d16f290ae67f760984dc6594a7c15e9716ed28dc027beceea1ec40a";
-        assert_eq!(sealer.0.sign(&[0xaf, 0x82]).as_ref(), hex(signature));
+        let seal = sealer.seal(&[0xaf, 0x82]);
+        assert_eq!(seal.to_bytes().as_slice(), hex(signature));
+        assert!(sealer.key().has_sealed(&[0xaf, 0x82], seal) && !sealer.key().has_sealed(&[0xaf, 0x83], seal));
     }
 
     #[test]
-    fn what_was_checked_is_known_and_nothing_grows() {
-        let (sealer, lab) = (sealer(), name("lab"));
-        let checker = Checker::new(sealer.key(), lab.clone());
-        let sealed = |epoch| sealer.seal(&lab, 7, Order { epoch, ..ORDER });
-        for epoch in 0..100 {
-            assert!(checker.is_sealed(7, &sealed(epoch)));
-            assert!(!checker.is_sealed(8, &sealed(epoch)));
+    fn keys_are_read_as_they_are_written() {
+        let key = sealer().key();
+        assert_eq!(key.to_string().parse(), Ok(key));
+        for text in ["", "0", &"0".repeat(63), &"0".repeat(65), &"g".repeat(64), &"é".repeat(32)] {
+            assert_eq!(text.parse::<SealKey>(), Err(NotAKey::Public), "{text:?}");
         }
-        let known = || checker.known.lock().unwrap().clone();
-        let before = known();
-        assert_eq!(before.len(), KEPT);
-        assert!(checker.is_sealed(7, &sealed(99)) && !checker.is_sealed(8, &sealed(99)));
-        assert_eq!(known(), before, "not checked again");
     }
 
     #[test]

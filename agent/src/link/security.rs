@@ -1,13 +1,5 @@
-//! Who may join a swarm, and who may say what in it: mutual TLS on every link, and rules by the common name in the other
-//! end's certificate. Zenoh enforces both before anything reaches our code, and each session for itself: whoever runs a
-//! program without rules is stopped by the others.
-//!
-//! Nothing passes but what a rule allows. Everybody who has a name may listen and ask; a vehicle says only what stands in its own
-//! branch; an observer says nothing; the operator says orders. A certificate of the swarm's authority whose name is none
-//! of these (one that was issued anew since) makes a link and is neither heard nor told anything.
-//!
-//! What Zenoh lets by unchecked says nothing: abbreviations of keys, the end of an answer, interest in subscribers (what is
-//! answered to it is checked), and hints about the network's shape, which nobody heeds without gossip.
+//! Who may join a swarm: mutual TLS on every link, with certificates of the swarm's authority. Who may say what in it is told
+//! by seals ([`super::seal`]): a link lets in, and lets nobody speak for another.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
@@ -15,22 +7,26 @@ use std::io;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
+use serde::de::Error as _;
+use serde::{Deserialize, Deserializer, Serialize};
 use serde_json::{Value, json};
 use skein_common::id::{SwarmName, VehicleId};
 use zenoh::config::EndPoint;
 
 use super::LinkError;
+use super::seal::words::Voices;
+use super::seal::{SealKey, Sealer};
 
 /// What Zenoh's endpoints separate their parts with; a path among them cannot have one.
 const SEPARATORS: [char; 4] = ['?', '#', ';', '|'];
 
-/// How links are secured.
+/// How the links of a session are secured.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Security {
     /// Plain TCP: whoever reaches it takes part. For the loopback, and for who asks for it by name.
     Plain,
-    /// Mutual TLS, and rules.
-    Tls(Box<Tls>),
+    /// Mutual TLS, and seals.
+    Tls(Tls),
 }
 
 /// One end of secured links.
@@ -40,52 +36,29 @@ pub struct Tls {
     pub authority: PathBuf,
     /// File of the own certificate, PEM.
     pub certificate: PathBuf,
-    /// File of its private key, PEM.
+    /// File of its private key, PEM; a vehicle's seals its words too.
     pub key: PathBuf,
-    /// Who this is.
-    pub role: Role,
-    /// Who everybody is.
-    pub names: Names,
+    /// Who flies in the swarm.
+    pub vehicles: BTreeMap<VehicleId, Known>,
 }
 
-/// Who takes part in a swarm's traffic.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Role {
-    /// A vehicle's agent: says what this vehicle may say.
-    Vehicle(VehicleId),
-    /// Says nothing.
-    Observer,
-    /// Gives orders.
-    Operator,
+/// By what a vehicle is known.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Known {
+    /// The common name of its certificate; one that was replaced has another.
+    pub name: String,
+    /// The key that its words are sealed with, which is its certificate's.
+    pub key: SealKey,
 }
 
-/// The common names of the certificates that count; one that was replaced has another.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Names {
-    /// Every vehicle's.
-    pub vehicles: BTreeMap<VehicleId, String>,
-    /// All observers'.
-    pub observer: String,
-    /// The operator's.
-    pub operator: String,
-}
-
-impl Names {
-    /// With the names that first certificates have: `vehicle-1`, ..., `observer`, `operator`.
-    pub fn first(vehicles: impl IntoIterator<Item = VehicleId>) -> Self {
-        Self {
-            vehicles: vehicles.into_iter().map(|id| (id, format!("vehicle-{id}"))).collect(),
-            observer: "observer".to_owned(),
-            operator: "operator".to_owned(),
-        }
-    }
-
-    /// The first name that stands for two, or for nobody.
-    fn ambiguous(&self) -> Option<&str> {
-        let mut known = BTreeSet::new();
-        let mut all = self.vehicles.values().chain([&self.observer, &self.operator]);
-        all.find(|name| name.trim().is_empty() || !known.insert(*name)).map(String::as_str)
-    }
+/// A table of what vehicles are known by, whose keys are ids.
+///
+/// # Errors
+/// If one of them is no id.
+pub fn known_by_vehicle<'de, D: Deserializer<'de>>(of: D) -> Result<BTreeMap<VehicleId, Known>, D::Error> {
+    let vehicles = BTreeMap::<String, Known>::deserialize(of)?.into_iter();
+    vehicles.map(|(id, known)| id.parse().map(|id| (id, known)).map_err(D::Error::custom)).collect()
 }
 
 impl Security {
@@ -99,13 +72,11 @@ impl Security {
             }
         }
         let Self::Tls(tls) = self else { return Ok(()) };
-        if let Some(name) = tls.names.ambiguous() {
-            return Err(LinkError::Name(name.to_owned()));
-        }
-        if let Role::Vehicle(id) = tls.role
-            && !tls.names.vehicles.contains_key(&id)
+        let mut names = BTreeSet::new();
+        if let Some(known) =
+            tls.vehicles.values().find(|known| known.name.trim().is_empty() || !names.insert(&known.name))
         {
-            return Err(LinkError::Nameless(id));
+            return Err(LinkError::Name(known.name.clone()));
         }
         pem(&tls.authority, "CERTIFICATE-----")?;
         pem(&tls.certificate, "CERTIFICATE-----")?;
@@ -120,11 +91,36 @@ impl Security {
         }
     }
 
-    /// Whose vehicle's a certificate of this common name is.
-    pub fn certificates(&self) -> BTreeMap<String, VehicleId> {
+    /// Whose a certificate of this common name is, where there are certificates.
+    pub fn certificates(&self) -> Option<BTreeMap<String, VehicleId>> {
+        let Self::Tls(tls) = self else { return None };
+        Some(tls.vehicles.iter().map(|(id, known)| (known.name.clone(), *id)).collect())
+    }
+
+    /// By what one tells whose a word is.
+    pub fn voices(&self, swarm: &SwarmName) -> Voices {
         match self {
-            Self::Plain => BTreeMap::new(),
-            Self::Tls(tls) => tls.names.vehicles.iter().map(|(id, name)| (name.clone(), *id)).collect(),
+            Self::Plain => Voices::plain(swarm.clone()),
+            Self::Tls(tls) => {
+                let keys = tls.vehicles.iter().map(|(id, known)| (*id, known.key)).collect();
+                Voices::sealed(swarm.clone(), keys)
+            }
+        }
+    }
+
+    /// What seals this vehicle's words, where words are sealed.
+    ///
+    /// # Errors
+    /// If the file has no such key, or one by which the others do not know this vehicle.
+    pub fn sealer(&self, own: VehicleId) -> Result<Option<Sealer>, LinkError> {
+        let Self::Tls(tls) = self else { return Ok(None) };
+        let fault = |source| LinkError::File { path: tls.key.clone(), source };
+        let text = fs::read_to_string(&tls.key).map_err(fault)?;
+        let sealer =
+            Sealer::from_pem(&text).map_err(|error| fault(io::Error::new(io::ErrorKind::InvalidData, error)))?;
+        match tls.vehicles.get(&own) {
+            Some(known) if known.key == sealer.key() => Ok(Some(sealer)),
+            _ => Err(LinkError::Key(own)),
         }
     }
 
@@ -136,77 +132,20 @@ impl Security {
         }
     }
 
-    /// What Zenoh is to be told.
-    pub(super) fn configuration(&self, swarm: &SwarmName) -> Vec<(&'static str, Value)> {
-        let Self::Tls(tls) = self else { return Vec::new() };
-        vec![("transport/link/tls", tls.files()), ("access_control", tls.rules(swarm))]
-    }
-}
-
-impl Tls {
-    /// Each end shows its certificate, whoever has dialled.
-    fn files(&self) -> Value {
-        json!({
-            "root_ca_certificate": self.authority,
-            "listen_certificate": self.certificate,
-            "listen_private_key": self.key,
-            "connect_certificate": self.certificate,
-            "connect_private_key": self.key,
+    /// What Zenoh is to be told. Each end shows its certificate, whoever has dialled.
+    pub(super) fn configuration(&self) -> Option<(&'static str, Value)> {
+        let Self::Tls(tls) = self else { return None };
+        let files = json!({
+            "root_ca_certificate": tls.authority,
+            "listen_certificate": tls.certificate,
+            "listen_private_key": tls.key,
+            "connect_certificate": tls.certificate,
+            "connect_private_key": tls.key,
             "enable_mtls": true,
             "verify_name_on_connect": true,
             "close_link_on_expiration": true,
-        })
-    }
-
-    /// Rules for what comes in from each other end, and for what goes out to it. Keys carry the swarm's name, as on the wire.
-    fn rules(&self, swarm: &SwarmName) -> Value {
-        let own = match self.role {
-            Role::Vehicle(id) => Some(id),
-            Role::Observer | Role::Operator => None,
-        };
-        let rule = |id: &str, flow: &str, key: String, messages: &[&str]| json!({ "id": id, "permission": "allow", "flows": [flow], "key_exprs": [key], "messages": messages });
-        let branch = |id: &VehicleId| format!("{swarm}/vehicle/{id}/**");
-        let (orders, all) = (format!("{swarm}/order/*"), format!("{swarm}/**"));
-        // Nobody deletes; a token that goes is a token's message too.
-        let says = ["put", "reply", "liveliness_token", "declare_queryable"];
-        let listens = ["declare_subscriber", "query", "declare_liveliness_subscriber", "liveliness_query"];
-
-        let mut rules =
-            vec![rule("is-listened-to", "ingress", all.clone(), &listens), rule("listens", "egress", all, &listens)];
-        let mut everybody = vec!["is-listened-to", "listens"];
-        match self.role {
-            Role::Vehicle(id) => {
-                rules.push(rule("says", "egress", branch(&id), &says));
-                rules.push(rule("is-ordered", "ingress", orders, &["put"]));
-                everybody.push("says");
-            }
-            Role::Operator => {
-                rules.push(rule("orders", "egress", orders, &["put"]));
-                everybody.push("orders");
-            }
-            Role::Observer => {}
-        }
-        let (mut subjects, mut policies) = (Vec::new(), Vec::new());
-        let mut subject = |name: &str, rules: &[&str]| {
-            subjects.push(json!({ "id": name, "cert_common_names": [name] }));
-            policies.push(json!({ "subjects": [name], "rules": rules }));
-        };
-        // Nobody else has the own name.
-        for (id, name) in self.names.vehicles.iter().filter(|(id, _)| Some(**id) != own) {
-            let is_heard = format!("{name} is heard");
-            subject(name, &[&everybody[..], &[&is_heard]].concat());
-            rules.push(rule(&is_heard, "ingress", branch(id), &says));
-        }
-        subject(&self.names.observer, &everybody);
-        let orders: &[&str] = if own.is_some() { &["is-ordered"] } else { &[] };
-        subject(&self.names.operator, &[&everybody[..], orders].concat());
-        json!({
-            "enabled": true,
-            "default_permission": "deny",
-            "rules": rules,
-            "subjects": subjects,
-            "policies": policies,
-        })
+        });
+        Some(("transport/link/tls", files))
     }
 }
 

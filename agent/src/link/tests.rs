@@ -2,7 +2,6 @@ mod clocks;
 mod orders;
 mod secured;
 
-use std::collections::BTreeMap;
 use std::process;
 use std::time::{Duration, Instant};
 
@@ -39,7 +38,9 @@ fn trust(swarm: &SwarmName) -> Trust {
         plan: 7,
         orders: None,
         run: 0,
-        certificates: BTreeMap::new(),
+        voices: Voices::plain(swarm.clone()),
+        sealer: None,
+        certificates: None,
     }
 }
 
@@ -62,7 +63,6 @@ fn mission(sender: u8, sequence: u64) -> Mission {
         step: 0,
         reached: None,
         progress_m: 0.0,
-        run: 0,
         order: None,
     }
 }

@@ -1,14 +1,15 @@
 //! Whose words are taken up, and which of them are not.
 
 use std::collections::BTreeMap;
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use skein_common::id::{SwarmName, VehicleId};
 use skein_common::message::{Mission, Order, Reason};
 use skein_common::scenario::Scenario;
 
-use super::doubles::Doubles;
-use super::seal::{Checker, OrderKey, most_said_run};
+use super::seal::orders::Checker;
+use super::seal::words::Voices;
+use super::seal::{SealKey, Sealer, most_said_run};
 use crate::peers::Word;
 
 /// Whom an agent believes, and whose orders it takes.
@@ -21,7 +22,7 @@ pub struct Trust {
     /// Hash of the plan that they fly.
     pub plan: u64,
     /// Known for an operator's are the orders that this key has sealed; without a key, any.
-    pub orders: Option<OrderKey>,
+    pub orders: Option<SealKey>,
     /// The run of the swarm that the agent was started in; 0 if it was not told.
     ///
     /// An agent that was not told, because somebody has started it by hand, is in the run that most of its peers say, as long
@@ -29,16 +30,20 @@ pub struct Trust {
     /// their word for the run, and with it an order that was sealed for that run; while nobody says a run, it takes orders
     /// sealed for none, however old. An agent that was told its run asks nobody.
     pub run: u64,
+    /// By what one tells whose a word is.
+    pub voices: Voices,
+    /// What seals the own words, where words are sealed.
+    pub sealer: Option<Arc<Sealer>>,
     /// Whose a certificate of this common name is; none where links are plain.
-    pub certificates: BTreeMap<String, VehicleId>,
+    pub certificates: Option<BTreeMap<String, VehicleId>>,
 }
 
 impl Trust {
-    /// In the swarm of this scenario: no seals, no runs.
+    /// In the swarm of this scenario: plain links, no seals, no runs.
     pub fn of(scenario: &Scenario) -> Self {
         let (swarm, vehicles) = (scenario.swarm.name.clone(), scenario.swarm.vehicles);
-        let certificates = BTreeMap::new();
-        Self { swarm, vehicles, plan: scenario.plan_hash(), orders: None, run: 0, certificates }
+        let (plan, voices) = (scenario.plan_hash(), Voices::plain(swarm.clone()));
+        Self { swarm, vehicles, plan, orders: None, run: 0, voices, sealer: None, certificates: None }
     }
 }
 
@@ -50,7 +55,6 @@ pub(super) struct Judge {
     plan: u64,
     orders: Option<Checker>,
     given_run: u64,
-    pub(super) doubles: Doubles,
     /// What the peers say, and what follows from it; unused with a given run.
     heard: Mutex<Runs>,
 }
@@ -63,10 +67,9 @@ struct Runs {
 
 impl Judge {
     pub(super) fn new(own: VehicleId, trust: Trust) -> Self {
-        let Trust { swarm, vehicles, plan, orders, run, certificates } = trust;
-        let doubles = Doubles::new(certificates);
+        let Trust { swarm, vehicles, plan, orders, run, .. } = trust;
         let orders = orders.map(|key| Checker::new(key, swarm));
-        Self { own, vehicles, plan, orders, given_run: run, doubles, heard: Mutex::default() }
+        Self { own, vehicles, plan, orders, given_run: run, heard: Mutex::default() }
     }
 
     /// The run that this agent is in.
@@ -74,11 +77,12 @@ impl Judge {
         if self.given_run != 0 { self.given_run } else { self.heard().most }
     }
 
-    /// What is left of a word to take up. `refused` is told what is not believed of it, and why.
-    pub(super) fn hear(&self, word: Word, mut refused: impl FnMut(Reason)) -> Option<Word> {
+    /// What is left of a word to take up; its speaker has said it in this run, if it is sealed. `refused` is told what is not
+    /// believed of it, and why.
+    pub(super) fn hear(&self, word: Word, run: Option<u64>, mut refused: impl FnMut(Reason)) -> Option<Word> {
         let stranger = |id: VehicleId| usize::from(id.get()) > self.vehicles;
         match (word.speaker(), word) {
-            (Some(id), _) if id == self.own || self.doubles.is_double(id) => {
+            (Some(id), _) if id == self.own => {
                 refused(Reason::Forged);
                 None
             }
@@ -86,8 +90,11 @@ impl Judge {
                 refused(Reason::Stranger);
                 None
             }
+            (Some(id), _) if run.is_some() && self.is_of_another_run(id, run) => {
+                refused(Reason::OtherRun);
+                None
+            }
             (_, Word::Mission(said)) => {
-                self.note_run(said.header.sender, Some(said.run));
                 if said.plan != self.plan {
                     refused(Reason::OtherPlan);
                 }
@@ -112,6 +119,12 @@ impl Judge {
 
     fn is_sealed(&self, order: &Order) -> bool {
         self.orders.as_ref().is_none_or(|orders| orders.is_sealed(self.run(), order))
+    }
+
+    /// Whether a word is not of the run that this agent is in, now that it knows of this word.
+    fn is_of_another_run(&self, speaker: VehicleId, run: Option<u64>) -> bool {
+        self.note_run(speaker, run);
+        run != Some(self.run())
     }
 
     fn note_run(&self, id: VehicleId, run: Option<u64>) {

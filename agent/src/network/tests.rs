@@ -47,7 +47,6 @@ fn mission(sender: u8, sequence: u64) -> Word {
         step: 0,
         reached: None,
         progress_m: 0.0,
-        run: 0,
         order: None,
     })
 }

@@ -35,7 +35,7 @@ fn mission(sender: u8, incarnation: u64, sequence: u64, membership: Membership) 
 }
 
 fn register(header: Header, plan: u64, membership: Membership) -> Mission {
-    Mission { header, plan, membership, step: 0, reached: None, progress_m: 0.0, run: 0, order: None }
+    Mission { header, plan, membership, step: 0, reached: None, progress_m: 0.0, order: None }
 }
 
 /// The network with these keys.

@@ -11,13 +11,15 @@ use crate::topic::{Author, Topic};
 pub struct ClockAnswer {
     /// Whose clock.
     pub sender: VehicleId,
+    /// The number that the question had.
+    pub question: u64,
     /// When the question came.
     pub received_ns: u64,
     /// When the answer left.
     pub answered_ns: u64,
 }
 
-message!(ClockAnswer, 32, |said| Author::Vehicle(said.sender), |said| said.received_ns <= said.answered_ns);
+message!(ClockAnswer, 40, |said| Author::Vehicle(said.sender), |said| said.received_ns <= said.answered_ns);
 
 /// How far another's clock is ahead of the own, and how wrong that can be.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -57,7 +59,7 @@ mod tests {
     use super::*;
 
     fn answer(received_ns: u64, answered_ns: u64) -> ClockAnswer {
-        ClockAnswer { sender: VehicleId::new(1).unwrap(), received_ns, answered_ns }
+        ClockAnswer { sender: VehicleId::new(1).unwrap(), question: 0, received_ns, answered_ns }
     }
 
     #[test]

@@ -58,7 +58,7 @@ pub struct Drops {
     pub undecodable: u64,
     /// Peers' messages of another version.
     pub other_version: u64,
-    /// Messages whose sender is not the one their key names, or who is not of this swarm.
+    /// Messages that are not what the vehicle of their key has said in this run of the swarm.
     pub forged: u64,
     /// Messages older than one already heard: late, replayed or of an earlier life.
     pub old: u64,
@@ -129,6 +129,8 @@ pub enum Reason {
     Unsealed,
     /// A register of another plan.
     OtherPlan,
+    /// Said in another run of the swarm.
+    OtherRun,
     /// Older than what was already heard: late, repeated or replayed.
     Old,
 }
@@ -142,6 +144,7 @@ impl std::fmt::Display for Reason {
             Self::Stranger => "not of this swarm",
             Self::Unsealed => "order without a valid seal",
             Self::OtherPlan => "another plan",
+            Self::OtherRun => "of another run",
             Self::Old => "old or replayed",
         })
     }

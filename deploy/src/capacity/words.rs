@@ -1,6 +1,5 @@
 //! Words between agents, measured: real Zenoh sessions of this process, behind the agents' own [`Link`], over loopback TCP.
 
-use std::collections::BTreeMap;
 use std::net::SocketAddr;
 use std::process;
 use std::sync::atomic::AtomicU64;
@@ -9,6 +8,7 @@ use std::time::Duration;
 
 use serde::Serialize;
 use skein_agent::clock::{LocalClock, new_incarnation, sleep_until};
+use skein_agent::link::seal::words::Voices;
 use skein_agent::link::{self, Link, Security, Trust};
 use skein_agent::peers::{Heard, Word};
 use skein_common::frame::{Geodetic, PositionNed, VelocityNed};
@@ -181,7 +181,9 @@ impl Speaker {
                 plan: PLAN,
                 orders: None,
                 run: 0,
-                certificates: BTreeMap::new(),
+                voices: Voices::plain(swarm.clone()),
+                sealer: None,
+                certificates: None,
             };
             let link = Link::new(session, id, clock, trust).map_err(in_words)?;
             let (said, heard_of, heard) = (0, vec![0; count.into()], Vec::new());
@@ -210,8 +212,7 @@ impl Speaker {
     /// Says its part in the agreement.
     fn say_register(&mut self) -> usize {
         let (header, membership) = (self.header(), Membership::Active);
-        let said =
-            Mission { header, plan: PLAN, membership, step: 0, reached: Some(0), progress_m: 0.0, run: 0, order: None };
+        let said = Mission { header, plan: PLAN, membership, step: 0, reached: Some(0), progress_m: 0.0, order: None };
         self.link.say_mission(&said);
         message::encode(&said).len()
     }

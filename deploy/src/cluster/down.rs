@@ -5,8 +5,8 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::thread;
 use std::time::Duration;
 
+use crate::reach::Role;
 use serde::Serialize;
-use skein_agent::link::security::Role;
 use skein_common::id::VehicleId;
 use skein_common::message::Verb;
 

@@ -1,17 +1,18 @@
 //! `skein cluster keys`: the swarm's authority, and what it has signed: a certificate for each node, one for observers, one
 //! for the operator. The key that seals orders goes with the operator's.
 //!
-//! A second run changes nothing. A certificate is revoked by issuing another one under another name: every agent's rules name
-//! only those that count (`names.toml`), so that `install` is what makes a revocation felt.
+//! A second run changes nothing. A vehicle's certificate is revoked by issuing another one under another name and with another
+//! key: every agent believes only those that count (`names.toml`), so that `install` is what makes a revocation felt.
 
 pub(crate) mod certificate;
 pub(crate) mod folder;
-mod reach;
+pub(crate) mod reach;
 
 use std::str::FromStr;
 
 use serde_json::json;
-use skein_agent::link::security::{Names, Role};
+use skein_agent::link::seal::{SealKey, Sealer};
+use skein_agent::link::security::Known;
 use time::OffsetDateTime;
 
 use super::inventory::{Inventory, SecurityKind};
@@ -19,8 +20,9 @@ use super::{FileArgs, nodes};
 use crate::clock;
 use crate::error::Error;
 use crate::os;
+use crate::reach::Role;
 use certificate::{Authority, Unfit, Wanted, expires, unfit};
-use folder::{AUTHORITY, AUTHORITY_KEY, Folder, NAMES, ORDERS_KEY, ORDERS_PUBLIC, certificate_file, key_file};
+use folder::{AUTHORITY, AUTHORITY_KEY, Folder, NAMES, Names, ORDERS_KEY, ORDERS_PUBLIC, certificate_file, key_file};
 
 /// `skein cluster keys`
 #[derive(Clone, Debug, clap::Args)]
@@ -31,8 +33,8 @@ pub struct KeysArgs {
     /// Issue certificates anew, under the same names: all of them, a vehicle's, `observer` or `operator`
     #[arg(long, value_name = "WHOSE", num_args = 0..=1, default_missing_value = "all", conflicts_with = "revoke")]
     pub renew: Option<Whose>,
-    /// Issue a certificate under a new name, so that the present one counts for nothing; `operator`: also the key that seals
-    /// orders
+    /// Issue a certificate under a new name and with a new key, so that nothing is believed any more that is said with the
+    /// present one; `operator`: also the key that seals orders
     #[arg(long, value_name = "N|observer|operator")]
     pub revoke: Option<Whose>,
     /// Print the result as JSON
@@ -145,16 +147,26 @@ struct Maker<'a> {
 }
 
 impl Maker<'_> {
-    /// A crash between two writes leaves what the next run finds unfit and makes good: a new name before what carries it.
+    /// A crash between two writes leaves what the next run finds unfit and makes good: first a key, then the name and the key
+    /// that count, then the certificate that shows both.
     fn make(&self, renew: Option<Whose>, revoked: Option<Role>) -> Result<Vec<Line>, Error> {
         let (authority, authority_line) = self.authority()?;
         let orders_line = self.orders(revoked == Some(Role::Operator))?;
-        let mut names = self.folder.names(self.inventory.nodes.keys().copied())?;
-        if let Some(role) = revoked {
-            let name = name_mut(&mut names, role);
-            *name = next_name(name);
+        let mut names = self.folder.names()?.unwrap_or_default();
+        for role in roles(self.inventory) {
+            let key = self.key(&key_file(role), revoked == Some(role))?;
+            let name = match name_of(&names, role) {
+                name if name.is_empty() => folder::stem(role),
+                name if revoked == Some(role) => next_name(name),
+                name => name.to_owned(),
+            };
+            match role {
+                Role::Vehicle(id) => _ = names.vehicles.insert(id, Known { name, key }),
+                Role::Observer => names.observer = name,
+                Role::Operator => names.operator = name,
+            }
         }
-        self.write_if_new(NAMES, &Folder::names_text(&names))?;
+        self.write_if_new(NAMES, &names.to_toml())?;
         let mut lines = vec![authority_line];
         for role in roles(self.inventory) {
             let wanted = wanted(self.inventory, &names, role);
@@ -167,6 +179,17 @@ impl Maker<'_> {
         }
         lines.push(orders_line);
         Ok(lines)
+    }
+
+    /// The public half of the private key in this file, which is made anew if it was revoked or is none.
+    fn key(&self, file: &str, revoked: bool) -> Result<SealKey, Error> {
+        let there = self.folder.read(file)?.filter(|_| !revoked);
+        if let Some(sealer) = there.and_then(|text| Sealer::from_pem(&text).ok()) {
+            return Ok(sealer.key());
+        }
+        let key = folder::new_key().map_err(failed)?;
+        self.folder.write(file, &key)?;
+        Sealer::from_pem(&key).map(|sealer| sealer.key()).map_err(|why| self.bad(file, &why))
     }
 
     fn authority(&self) -> Result<(Authority, Line), Error> {
@@ -218,16 +241,18 @@ impl Maker<'_> {
 
     /// The key that seals orders. Its public half follows from it.
     fn orders(&self, revoked: bool) -> Result<Line, Error> {
-        let there = self.folder.read(ORDERS_KEY)?;
-        let (key, done) = match there {
-            Some(_) if revoked => (folder::new_orders_key().map_err(failed)?, Some("made anew: revoked")),
-            Some(key) => (key, None),
-            None => (folder::new_orders_key().map_err(failed)?, Some("made")),
-        };
-        let public = folder::public_of(&key).ok_or_else(|| self.bad(ORDERS_KEY, &"no Ed25519 key"))?;
-        if done.is_some() {
-            self.folder.write(ORDERS_KEY, &key)?;
+        let before = self.folder.read(ORDERS_KEY)?;
+        if let Some(there) = &before
+            && let Err(why) = Sealer::from_pem(there)
+        {
+            // Whoever put something else there is told, before the swarm is.
+            return Err(self.bad(ORDERS_KEY, &why));
         }
+        let public = self.key(ORDERS_KEY, revoked)?.to_string();
+        let done = match before {
+            Some(_) => revoked.then_some("made anew: revoked"),
+            None => Some("made"),
+        };
         self.write_if_new(ORDERS_PUBLIC, &format!("{public}\n"))?;
         let name = format!("{}…", &public[..8]);
         Ok(Line { who: "orders' seal".to_owned(), name, address: None, expires: None, done: done.map(str::to_owned) })
@@ -249,20 +274,19 @@ impl Maker<'_> {
             Some(Some(why)) => Some(format!("issued anew: {why}")),
             Some(None) => asked.then(|| "issued anew".to_owned()),
         };
-        let pair = match there.filter(|_| done.is_none()) {
-            Some(pair) => pair,
+        let certificate = match there.filter(|_| done.is_none()) {
+            Some(pair) => pair.certificate,
             None => {
-                let pair = authority.issue(wanted, self.now).map_err(failed)?;
-                self.folder.write(&key, &pair.key)?;
-                self.folder.write(&certificate, &pair.certificate)?;
-                pair
+                let issued = authority.issue(wanted, &self.folder.need(&key)?, self.now).map_err(failed)?;
+                self.folder.write(&certificate, &issued)?;
+                issued
             }
         };
         Ok(Line {
             who: who(wanted.role),
             name: wanted.name.to_owned(),
             address: wanted.address.map(str::to_owned),
-            expires: expires(&pair.certificate),
+            expires: expires(&certificate),
             done,
         })
     }
@@ -287,22 +311,19 @@ pub(crate) fn roles(inventory: &Inventory) -> impl Iterator<Item = Role> {
 
 /// What the certificate of this one says.
 pub(crate) fn wanted<'a>(inventory: &'a Inventory, names: &'a Names, role: Role) -> Wanted<'a> {
-    let (name, address) = match role {
-        Role::Vehicle(id) => (
-            names.vehicles.get(&id).map_or("", String::as_str),
-            inventory.nodes.get(&id).map(|node| node.address.as_str()),
-        ),
-        Role::Observer => (names.observer.as_str(), None),
-        Role::Operator => (names.operator.as_str(), None),
+    let address = match role {
+        Role::Vehicle(id) => inventory.nodes.get(&id).map(|node| node.address.as_str()),
+        Role::Observer | Role::Operator => None,
     };
-    Wanted { role, name, address }
+    Wanted { role, name: name_of(names, role), address }
 }
 
-fn name_mut(names: &mut Names, role: Role) -> &mut String {
+/// The common name that counts; empty if there is none yet.
+fn name_of(names: &Names, role: Role) -> &str {
     match role {
-        Role::Vehicle(id) => names.vehicles.entry(id).or_insert_with(|| folder::stem(role)),
-        Role::Observer => &mut names.observer,
-        Role::Operator => &mut names.operator,
+        Role::Vehicle(id) => names.vehicles.get(&id).map_or("", |known| &known.name),
+        Role::Observer => &names.observer,
+        Role::Operator => &names.operator,
     }
 }
 

@@ -115,7 +115,7 @@ fn lacks(seen: Option<&Seen>, run: u64, after: Option<Incarnation>) -> Option<St
     if after.is_some_and(|before| mission.header.incarnation <= before) {
         return Some("not started again".to_owned());
     }
-    if mission.run != run {
+    if seen.run.is_some_and(|said| said != run) {
         return Some("flies in another run of the swarm; `skein cluster down` first".to_owned());
     }
     match mission.membership {

@@ -7,8 +7,8 @@ use std::collections::BTreeMap;
 use std::io::IsTerminal;
 use std::time::{Duration, Instant};
 
+use crate::reach::Role;
 use serde::Serialize;
-use skein_agent::link::security::Role;
 use skein_common::id::VehicleId;
 use skein_common::message::Health;
 use skein_common::state::{Activity, Standing};

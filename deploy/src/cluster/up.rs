@@ -4,10 +4,10 @@
 use std::collections::BTreeMap;
 use std::time::Duration;
 
+use crate::reach::Role;
 use ring::rand::{SecureRandom, SystemRandom};
 use serde::Serialize;
 use skein_agent::link::seal::most_said_run;
-use skein_agent::link::security::Role;
 use skein_common::id::VehicleId;
 
 use super::inventory::{Install, Node};
@@ -85,7 +85,7 @@ pub fn run(args: &UpArgs) -> Result<(), Error> {
     let asked_s = progress.seconds();
     watch.observer.poll();
     let heard = watch.observer.vehicles().values().filter(|seen| seen.alive);
-    let said = heard.filter_map(|seen| Some(seen.mission.as_ref()?.run));
+    let said = heard.filter_map(|seen| seen.run);
     watch.run = match most_said_run(running.values().map(|agent| agent.run).chain(said)) {
         0 => draw()?,
         run => run,

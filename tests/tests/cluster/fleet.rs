@@ -7,7 +7,6 @@ use std::process::{Child, Stdio};
 use skein_common::frame::{Origin, PositionNed};
 use skein_common::scenario::{Source, load};
 
-use super::flight::LOGGED;
 use super::host::Host;
 use super::lab::{HOSTS, Lab};
 
@@ -21,9 +20,6 @@ pub(super) const ALTITUDE_M: f64 = 5.0;
 const PORT: u16 = 49_000;
 /// Another helicopter, on host 8 too.
 pub(super) const SECOND_PORT: u16 = 49_100;
-
-/// What one node logs: whom Zenoh does not let in, and what it does not let through.
-const LOG: &str = "log = \"info,zenoh::net::routing::interceptor::access_control=trace\"\n";
 
 /// Simulators: they end with their value, as with their host.
 pub(super) struct Fleet {
@@ -97,9 +93,6 @@ fn inventory(hosts: &[Host], vehicles: u8) -> String {
         let port = if id > HOSTS { SECOND_PORT } else { PORT };
         writeln!(text, "[node.{id}]\nhost = \"{name}\"\naddress = \"{address}\"\nxplane = \"127.0.0.1:{port}\"")
             .unwrap();
-        if id == LOGGED {
-            text += LOG;
-        }
     }
     text
 }

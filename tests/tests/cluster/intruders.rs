@@ -1,6 +1,7 @@
 //! Who comes uninvited to a swarm that flies, and who has taken over a node: everything that they can say is said, over and
-//! over, with Zenoh itself and without any rules of ours.
+//! over, with Zenoh itself.
 
+use std::collections::BTreeMap;
 use std::fs;
 use std::io::Write;
 use std::path::Path;
@@ -11,9 +12,11 @@ use std::time::{Duration, Instant};
 
 use rcgen::{CertificateParams, DnType, ExtendedKeyUsagePurpose, Issuer, KeyPair, date_time_ymd};
 use serde_json::json;
+use skein_agent::link::seal::Sealer;
+use skein_agent::link::seal::words::{ADDED_BYTES, Voices};
 use skein_common::frame::{Geodetic, VelocityNed};
-use skein_common::id::{Incarnation, VehicleId};
-use skein_common::message::{self, Header, Mission, Order, Seal, State, Verb};
+use skein_common::id::{Incarnation, SwarmName, VehicleId};
+use skein_common::message::{self, Header, Message, Mission, Order, Seal, State, Verb};
 use skein_common::state::{Membership, VehicleState};
 use skein_common::time::SenderStamp;
 use skein_common::topic::{Cell, Topic};
@@ -25,11 +28,9 @@ use super::lab::{HOSTS, Lab};
 pub(super) const UNINVITED: [&str; 3] = ["none", "other", "expired"];
 /// Who has taken over node 3.
 pub(super) const TAKEN_OVER: &str = "valid";
-/// With what they listen.
-const EAR: &str = "ear";
 /// Whose node that is, in whose name they speak, and who gives their orders.
 pub(super) const OWN: u8 = 3;
-const VICTIM: u8 = 5;
+pub(super) const VICTIM: u8 = 5;
 const FORGER: u64 = 77;
 /// How long they go on.
 const LONG: Duration = Duration::from_secs(6);
@@ -51,7 +52,7 @@ pub(super) fn equip(lab: &Lab) {
     };
     folder("none");
     let own = format!("vehicle-{OWN}");
-    for (who, keys, name) in [("other", &others, &*own), (TAKEN_OVER, &keys, &own), (EAR, &keys, "observer")] {
+    for (who, keys, name) in [("other", &others, &*own), (TAKEN_OVER, &keys, &own)] {
         let folder = folder(who);
         for end in ["pem", "key"] {
             fs::copy(keys.join(format!("{name}.{end}")), folder.join(format!("own.{end}"))).unwrap();
@@ -104,25 +105,31 @@ pub(super) fn come(lab: &Lab, who: &[&str]) -> Vec<Came> {
 /// An intruder's own process.
 pub(super) fn intrude() {
     let Ok(who) = std::env::var(HOLDS) else { return };
-    let session = open(&who);
+    let mouth = Mouth::open(&who);
+    let session = &mouth.session;
     let heard = Arc::<Mutex<Vec<(String, Vec<u8>)>>>::default();
     let into = heard.clone();
-    // Node 3 tells nothing to whoever shows its own name: what it says was heard by other means.
-    let ear = open(if who == TAKEN_OVER { EAR } else { &who });
     let listen = move |sample: zenoh::sample::Sample| {
         into.lock().unwrap().push((sample.key_expr().to_string(), sample.payload().to_bytes().into_owned()));
     };
-    ear.declare_subscriber("vehicle/*/**").callback(listen).background().wait().unwrap();
+    session.declare_subscriber("vehicle/*/**").callback(listen).background().wait().unwrap();
     let (mut links, mut said) = (0, 0);
     let until = Instant::now() + LONG;
     while Instant::now() < until {
         sleep(Duration::from_millis(100));
         links = links.max(session.info().peers_zid().wait().count());
-        said += make_up(&session);
-        said += repeat(&session, &heard.lock().unwrap());
+        let heard = heard.lock().unwrap();
+        said += mouth.make_up(run(&heard));
+        said += mouth.repeat(run(&heard), &heard);
     }
     let mut out = std::io::stdout().lock();
     writeln!(out, "\n{}", json!({ "links": links, "said": said })).unwrap();
+}
+
+/// The run that they all speak in.
+fn run(heard: &[(String, Vec<u8>)]) -> u64 {
+    let run = |bytes: &[u8]| Some(u64::from_le_bytes(*bytes[..bytes.len().checked_sub(Seal::BYTES)?].last_chunk()?));
+    heard.first().and_then(|(_, bytes)| run(bytes)).unwrap_or(0)
 }
 
 /// As what stands in its folder allows.
@@ -152,67 +159,89 @@ fn open(who: &str) -> Session {
     zenoh::open(config).wait().unwrap()
 }
 
-/// Says it. Who is linked with nobody says it to nobody.
-fn say(session: &Session, key: &str, bytes: Vec<u8>) -> u64 {
-    session.put(key, bytes).wait().unwrap();
-    1
+/// What somebody says, with what it seals it.
+struct Mouth {
+    session: Session,
+    voices: Voices,
+    sealer: Option<Sealer>,
 }
 
-/// In another vehicle's name, and in an operator's.
-fn make_up(session: &Session) -> u64 {
-    let id = VehicleId::new(VICTIM).unwrap();
-    let header =
-        Header { sender: id, incarnation: Incarnation(u64::MAX), sequence: u64::MAX, stamp: SenderStamp::ZERO };
-    let position = Geodetic::from_degrees(28.0, -82.0, 5.0);
-    let state = VehicleState { position, velocity: VelocityNed::new(0.0, 0.0, 0.0), heading_rad: 0.0 };
-    let mission = Mission {
-        header,
-        plan: 0,
-        membership: Membership::Active,
-        step: 399,
-        reached: Some(399),
-        progress_m: 0.0,
-        run: 0,
-        order: Some(order(None)),
-    };
-    let key = Topic::State(id, Cell::default()).key();
-    let said = say(session, &key, message::encode(&State { header, state }))
-        + say(session, &Topic::Mission(id).key(), message::encode(&mission))
-        + say(session, &Topic::Order(FORGER).key(), message::encode(&order(None)));
-    // Its token comes and goes.
-    drop(session.liveliness().declare_token(Topic::Alive(id).key()).wait().unwrap());
-    said + 1
-}
+impl Mouth {
+    fn open(who: &str) -> Self {
+        let key = fs::read_to_string(Path::new("/root").join(who).join("own.key"));
+        let sealer = key.ok().and_then(|key| Sealer::from_pem(&key).ok());
+        let voices = Voices::sealed(SwarmName::new("lab").unwrap(), BTreeMap::new());
+        Self { session: open(who), voices, sealer }
+    }
 
-/// What was heard: own words again, another's under the own key, and an order in the own register.
-fn repeat(session: &Session, heard: &[(String, Vec<u8>)]) -> u64 {
-    let of = |id: u8, kind: &str| {
-        let branch = format!("vehicle/{id}/");
-        heard
-            .iter()
-            .filter(move |(key, _)| key.starts_with(&branch))
-            .filter(move |(key, _)| key.ends_with(kind))
-            .cloned()
-            .collect::<Vec<_>>()
-    };
-    let mut said = 0;
-    for kind in ["state", "mission"] {
-        if let Some((key, bytes)) = of(OWN, kind).first() {
-            said += say(session, key, bytes.clone());
-        }
-        if let (Some((key, _)), Some((_, bytes))) = (of(OWN, kind).last(), of(VICTIM, kind).last()) {
-            said += say(session, key, bytes.clone());
-        }
+    /// Who is linked with nobody says it to nobody.
+    fn say(&self, key: &str, bytes: Vec<u8>) -> u64 {
+        self.session.put(key, bytes).wait().unwrap();
+        1
     }
-    if let Some((key, bytes)) = of(OWN, "mission").last()
-        && let Ok(own) = message::decode::<Mission>(bytes)
-    {
-        for seal in [None, Some(Seal::from_bytes([7; Seal::BYTES]))] {
-            let header = Header { sequence: own.header.sequence + 1, ..own.header };
-            said += say(session, key, message::encode(&Mission { header, order: Some(order(seal)), ..own }));
-        }
+
+    /// Under its own seal, and under none.
+    fn say_word(&self, run: u64, topic: Topic, said: &impl Message) -> u64 {
+        let key = topic.key();
+        self.say(&key, self.voices.write(self.sealer.as_ref(), run, &key, said)) + self.say(&key, message::encode(said))
     }
-    said
+
+    /// In another vehicle's name, and in an operator's.
+    fn make_up(&self, run: u64) -> u64 {
+        let id = VehicleId::new(VICTIM).unwrap();
+        let header =
+            Header { sender: id, incarnation: Incarnation(u64::MAX), sequence: u64::MAX, stamp: SenderStamp::ZERO };
+        let position = Geodetic::from_degrees(28.0, -82.0, 5.0);
+        let state = VehicleState { position, velocity: VelocityNed::new(0.0, 0.0, 0.0), heading_rad: 0.0 };
+        let mission = Mission {
+            header,
+            plan: 0,
+            membership: Membership::Active,
+            step: 399,
+            reached: Some(399),
+            progress_m: 0.0,
+            order: Some(order(None)),
+        };
+        let said = self.say_word(run, Topic::State(id, Cell::default()), &State { header, state })
+            + self.say_word(run, Topic::Mission(id), &mission)
+            + self.say(&Topic::Order(FORGER).key(), message::encode(&order(None)));
+        // Its token comes and goes.
+        drop(self.session.liveliness().declare_token(Topic::Alive(id).key()).wait().unwrap());
+        said + 1
+    }
+
+    /// What was heard: own and another's words again, another's under the own key, and an order in the own register.
+    fn repeat(&self, run: u64, heard: &[(String, Vec<u8>)]) -> u64 {
+        let of = |id: u8, kind: &str| {
+            let branch = format!("vehicle/{id}/");
+            heard
+                .iter()
+                .filter(move |(key, _)| key.starts_with(&branch))
+                .filter(move |(key, _)| key.ends_with(kind))
+                .cloned()
+                .collect::<Vec<_>>()
+        };
+        let mut said = 0;
+        for kind in ["state", "mission"] {
+            for (key, bytes) in [OWN, VICTIM].iter().filter_map(|id| of(*id, kind).first().cloned()) {
+                said += self.say(&key, bytes);
+            }
+            if let (Some((key, _)), Some((_, bytes))) = (of(OWN, kind).last(), of(VICTIM, kind).last()) {
+                said += self.say(key, bytes.clone());
+            }
+        }
+        let last = of(OWN, "mission").pop().filter(|(_, bytes)| bytes.len() > ADDED_BYTES);
+        if let Some((_, bytes)) = last
+            && let Ok(own) = message::decode::<Mission>(&bytes[..bytes.len() - ADDED_BYTES])
+        {
+            for seal in [None, Some(Seal::from_bytes([7; Seal::BYTES]))] {
+                let header = Header { sequence: own.header.sequence + 1, ..own.header };
+                let order = Some(order(seal));
+                said += self.say_word(run, Topic::Mission(header.sender), &Mission { header, order, ..own });
+            }
+        }
+        said
+    }
 }
 
 fn order(seal: Option<Seal>) -> Order {

@@ -11,7 +11,7 @@ use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 use serde_json::{Value, json};
 use skein::cluster::inventory::Inventory;
 use skein::observe::{Heard, Observer};
-use skein_agent::link::security::Role;
+use skein::reach::Role;
 
 use super::lab::Lab;
 

@@ -2,7 +2,7 @@
 
 use std::sync::atomic::AtomicUsize;
 
-use skein_common::message::{ClockAnswer, Health, PeerHealth};
+use skein_common::message::{ClockAnswer, Health, PeerHealth, decode};
 use skein_common::state::{Activity, Standing};
 use zenoh::query::Query;
 
@@ -46,7 +46,7 @@ fn measure(line: &mut HealthLine, listener: &Session, own: u8, peers: &[u8], wan
         line.ask_a_clock();
         pause();
         while let Some(sample) = subscriber.try_recv().unwrap() {
-            let said = message::decode::<Health>(&sample.payload().to_bytes()).unwrap();
+            let said = decode::<Health>(&sample.payload().to_bytes()).unwrap();
             if wanted(&said) {
                 return said;
             }
@@ -82,20 +82,39 @@ fn what_a_liar_says_of_its_clock_breaks_nothing_and_nobody_answers_for_another()
     let agent = link(hub, 1, trust(&swarm));
     let liar = open(&swarm, &[], &dial, &Security::Plain).unwrap();
     // One after the other.
-    let lie = |key: &'static str, answers: Vec<Vec<u8>>| {
+    let lie = |key: &'static str, answers: Vec<fn(u64) -> Vec<u8>>| {
         let next = AtomicUsize::new(0);
         let answer = move |query: Query| {
             let nth = next.fetch_add(1, Relaxed) % answers.len();
-            query.reply(key, answers[nth].clone()).wait().unwrap();
+            // To the right question, or else nothing would be looked at.
+            let question =
+                query.payload().map_or(0, |asked| u64::from_le_bytes(asked.to_bytes().as_ref().try_into().unwrap()));
+            query.reply(key, answers[nth](question)).wait().unwrap();
         };
         liar.declare_queryable(key).callback(answer).wait().unwrap()
     };
-    let clock =
-        |sender: u8, received_ns, answered_ns| encode(&ClockAnswer { sender: id(sender), received_ns, answered_ns });
-    let _garbage =
-        lie("vehicle/2/clock", vec![vec![], b"garbage".to_vec(), clock(3, 0, 0), clock(2, u64::MAX, u64::MAX)]);
-    let _in_the_past =
-        lie("vehicle/3/clock", vec![clock(3, 5, 4), clock(3, 0, u64::MAX), clock(3, 0, 0), clock(3, 9, 9)]);
+    fn clock(sender: u8, question: u64, received_ns: u64, answered_ns: u64) -> Vec<u8> {
+        encode(&ClockAnswer { sender: id(sender), question, received_ns, answered_ns })
+    }
+    let _garbage = lie(
+        "vehicle/2/clock",
+        vec![
+            |_| vec![],
+            |_| b"garbage".to_vec(),
+            |question| clock(3, question, 0, 0),
+            |question| clock(2, question - 1, 0, 0),
+            |question| clock(2, question, u64::MAX, u64::MAX),
+        ],
+    );
+    let _in_the_past = lie(
+        "vehicle/3/clock",
+        vec![
+            |question| clock(3, question, 5, 4),
+            |question| clock(3, question, 0, u64::MAX),
+            |question| clock(3, question, 0, 0),
+            |question| clock(3, question, 9, 9),
+        ],
+    );
     let mut asking = agent.health(utc_nanoseconds).unwrap();
     let listener = open(&swarm, &[], &dial, &Security::Plain).unwrap();
     let said =

@@ -1,13 +1,14 @@
 //! Whose orders are taken: an agent with an orders key, an operator, and a node that makes things up.
 
 use super::*;
-use crate::link::seal::OrderKey;
+use crate::link::seal::SealKey;
+use crate::link::seal::orders::seal;
 use crate::link::seal::tests::sealer;
 
 const RUN: u64 = 77;
 
 /// An agent that was started in a run and knows the operator's key.
-fn trust_in(swarm: &SwarmName, key: OrderKey, run: u64) -> Trust {
+fn trust_in(swarm: &SwarmName, key: SealKey, run: u64) -> Trust {
     Trust { orders: Some(key), run, ..trust(swarm) }
 }
 
@@ -16,7 +17,7 @@ fn order(epoch: u64, verb: Verb) -> Order {
 }
 
 fn with_order(sender: u8, sequence: u64, order: Order) -> Mission {
-    Mission { run: RUN, order: Some(order), ..mission(sender, sequence) }
+    Mission { order: Some(order), ..mission(sender, sequence) }
 }
 
 /// Says a register again and again, each time as its speaker's next; gives what of it was filed.
@@ -63,13 +64,13 @@ fn only_an_order_that_the_operator_has_sealed_in_this_run_is_taken() {
     let operator = sealer();
     let agent = link(hub, 1, trust_in(&swarm, operator.key(), RUN));
     let session = open(&swarm, &[], &dial, &Security::Plain).unwrap();
-    let good = operator.seal(&swarm, RUN, order(2, Verb::Hold));
+    let good = seal(&operator, &swarm, RUN, order(2, Verb::Hold));
     let bad = [
         order(9, Verb::Abort),
-        sealer().seal(&swarm, RUN, order(9, Verb::Abort)),
+        seal(&sealer(), &swarm, RUN, order(9, Verb::Abort)),
         // Yesterday's, which nothing would take back.
-        operator.seal(&swarm, RUN - 1, order(9, Verb::Abort)),
-        operator.seal(&SwarmName::new("another").unwrap(), RUN, order(9, Verb::Abort)),
+        seal(&operator, &swarm, RUN - 1, order(9, Verb::Abort)),
+        seal(&operator, &SwarmName::new("another").unwrap(), RUN, order(9, Verb::Abort)),
         Order { verb: Verb::Abort, ..good },
     ];
     assert_eq!(refused_then(&agent, &session, &bad, good), [good]);
@@ -92,7 +93,7 @@ fn an_order_that_a_node_makes_up_in_its_own_register_is_left_out_of_it_and_named
     assert_eq!(agent.drops(), Drops { unsealed: refused[0].count, ..Drops::default() });
 
     // What it only passes on is the operator's, whoever says it.
-    let sealed = operator.seal(&swarm, RUN, order(1, Verb::Land));
+    let sealed = seal(&operator, &swarm, RUN, order(1, Verb::Land));
     assert_eq!(file_register(&agent, &node, 3, sealed).order, Some(sealed));
 }
 
@@ -115,29 +116,17 @@ fn an_agent_that_was_not_told_its_run_is_in_the_one_that_most_peers_say() {
     assert_eq!(by_hand.ear.judge.run(), 0);
     let other = open(&swarm, &[], &dial, &Security::Plain).unwrap();
     let says = |sender: u8, run: u64| {
-        let said = Mission { run, ..mission(sender, 1) };
-        by_hand.ear.file("vehicle/2/mission", Word::Mission(said));
+        by_hand.ear.file("vehicle/2/mission", Word::Mission(mission(sender, 1)), Some(run));
         by_hand.ear.judge.run()
     };
     assert_eq!(says(2, RUN), RUN);
     assert_eq!((says(3, 0), says(3, 5), says(4, RUN)), (RUN, RUN, RUN), "one of three says another");
-    let good = operator.seal(&swarm, RUN, order(2, Verb::Hold));
-    let bad = [operator.seal(&swarm, 5, order(9, Verb::Abort)), operator.seal(&swarm, 0, order(9, Verb::Abort))];
+    let good = seal(&operator, &swarm, RUN, order(2, Verb::Hold));
+    let bad = [seal(&operator, &swarm, 5, order(9, Verb::Abort)), seal(&operator, &swarm, 0, order(9, Verb::Abort))];
     assert_eq!(refused_then(&by_hand, &other, &bad, good), [good]);
 
-    // It says so itself.
-    let listener = other.declare_subscriber(all::MISSIONS).wait().unwrap();
-    let said = || {
-        by_hand.say_mission(&mission(1, 1));
-        listener.try_recv().unwrap().and_then(|sample| message::decode::<Mission>(&sample.payload().to_bytes()).ok())
-    };
-    let deadline = now() + PATIENCE;
-    while said().is_none_or(|said| said.run != RUN) {
-        assert!(now() < deadline);
-        pause();
-    }
     for gone in [2, 4] {
-        by_hand.ear.file("vehicle/2/alive", Word::Vanished(id(gone)));
+        by_hand.ear.file("vehicle/2/alive", Word::Vanished(id(gone)), None);
     }
     assert_eq!(by_hand.ear.judge.run(), 5, "of those who are there");
 }
@@ -147,16 +136,22 @@ fn an_agent_that_was_told_its_run_asks_nobody() {
     let (swarm, hub, _) = hub("told");
     let agent = link(hub, 1, trust_in(&swarm, sealer().key(), RUN));
     for sender in 2..9 {
-        agent.ear.file("vehicle/2/mission", Word::Mission(Mission { run: 5, ..mission(sender, 1) }));
+        agent.ear.file("vehicle/2/mission", Word::Mission(mission(sender, 1)), Some(5));
     }
     assert_eq!(agent.ear.judge.run(), RUN);
+    let mut heard = Vec::new();
+    agent.drain(&mut heard);
+    assert_eq!(heard, [], "of another run");
+    let refused = agent.ear.refused();
+    assert_eq!((refused[0].reason, refused[0].count), (Reason::OtherRun, 7));
+    assert_eq!(agent.drops(), Drops { forged: 7, ..Drops::default() });
 }
 
 #[test]
 fn strangers_other_plans_and_ones_own_name_are_refused_by_name() {
     let (swarm, hub, _) = hub("strangers");
     let agent = link(hub, 1, Trust { vehicles: 4, ..trust(&swarm) });
-    let file = |key: &str, word| agent.ear.file(key, word);
+    let file = |key: &str, word| agent.ear.file(key, word, None);
     file("vehicle/9/cell/0/0/state", Word::State(state(9, 1)));
     file("vehicle/5/alive", Word::Appeared(id(5)));
     file("vehicle/1/cell/0/0/state", Word::State(state(1, 1)));

@@ -5,7 +5,7 @@ use std::path::Path;
 
 use skein_agent::aircraft::Aircraft;
 use skein_agent::config;
-use skein_agent::link::security::{Names, Role};
+use skein_agent::link::seal::SealKey;
 use skein_agent::start::starts;
 use skein_agent::supported;
 use skein_common::id::VehicleId;
@@ -16,9 +16,13 @@ use super::{Bundle, BundleFile};
 use crate::clock;
 use crate::cluster::inventory::{Install, Inventory, Node, SecurityKind};
 use crate::cluster::keys::certificate::{Unfit, unfit};
-use crate::cluster::keys::folder::{AUTHORITY, Folder, NAMES, ORDERS_PUBLIC, certificate_file, key_file};
+use crate::cluster::keys::folder::{
+    AUTHORITY, Folder, NAMES, Names, ORDERS_PUBLIC, certificate_file, key_file, vehicles_toml,
+};
+use crate::cluster::keys::reach::orders_key;
 use crate::cluster::keys::wanted;
 use crate::error::Error;
+use crate::reach::Role;
 
 /// The four axes whose rules are files.
 const AXES: [&str; 4] = ["roll", "pitch", "heading", "collective"];
@@ -130,8 +134,8 @@ impl Bundle {
     fn add_keys(&mut self, inventory: &Inventory, node: &Node) -> Result<String, Error> {
         let keys = Folder(inventory.keys.clone());
         keys.check_private()?;
-        let names = keys.names(inventory.nodes.keys().copied())?;
-        let (authority, orders) = (keys.need(AUTHORITY)?, keys.need(ORDERS_PUBLIC)?);
+        let (authority, names) = (keys.need(AUTHORITY)?, keys.need_names()?);
+        let orders = orders_key(&keys)?;
         for (role, place) in [(Role::Vehicle(node.id), "node"), (Role::Observer, "keys/observer")] {
             let pair = keys.need_pair(&certificate_file(role), &key_file(role))?;
             if let Some(why) =
@@ -146,9 +150,9 @@ impl Bundle {
         }
         self.add(&format!("keys/{AUTHORITY}"), authority.as_str());
         self.add("authority.pem", authority);
-        self.add(&format!("keys/{ORDERS_PUBLIC}"), orders.as_str());
-        self.add(&format!("keys/{NAMES}"), Folder::names_text(&names));
-        Ok(security_toml(inventory, &names, orders.trim()))
+        self.add(&format!("keys/{ORDERS_PUBLIC}"), format!("{orders}\n"));
+        self.add(&format!("keys/{NAMES}"), names.to_toml());
+        Ok(security_toml(inventory, names, orders))
     }
 }
 
@@ -170,17 +174,14 @@ fn agent_toml(inventory: &Inventory, node: &Node) -> String {
     text
 }
 
-fn security_toml(inventory: &Inventory, names: &Names, orders: &str) -> String {
-    let text = |text: &str| Toml::from(text);
-    let head = format!(
-        "\n[security]\nauthority = \"authority.pem\"\ncertificate = \"node.pem\"\nkey = \"node.key\"\norders = {}\n\
-         observer = {}\noperator = {}\n\n[security.vehicles]\n",
-        text(orders),
-        text(&names.observer),
-        text(&names.operator),
-    );
-    let vehicles = names.vehicles.iter().filter(|(id, _)| inventory.nodes.contains_key(id));
-    head + &vehicles.map(|(id, name)| format!("{id} = {}\n", text(name))).collect::<String>()
+fn security_toml(inventory: &Inventory, names: Names, orders: SealKey) -> String {
+    let mut vehicles = names.vehicles;
+    vehicles.retain(|id, _| inventory.nodes.contains_key(id));
+    format!(
+        "\n[security]\nauthority = \"authority.pem\"\ncertificate = \"node.pem\"\nkey = \"node.key\"\norders = \"{orders}\"\n\n\
+         [security.vehicles]\n{}",
+        vehicles_toml(&vehicles)
+    )
 }
 
 /// The cluster's file as it works beside the others: `skein cluster status` takes it. It says where the others are and nothing

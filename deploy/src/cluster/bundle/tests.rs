@@ -134,8 +134,8 @@ fn a_revocation_is_in_everybodys_rules() {
     let before = Bundle::of(&inventory, id(1)).unwrap();
     keys::make(&inventory, None, Some("3".parse().unwrap()), clock::utc()).unwrap();
     let after = Bundle::of(&inventory, id(1)).unwrap();
-    assert!(text(&before, "agent.toml").contains("3 = \"vehicle-3\"\n"));
-    assert!(text(&after, "agent.toml").contains("3 = \"vehicle-3.2\"\n"));
+    assert!(text(&before, "agent.toml").contains("\n3 = { name = \"vehicle-3\", key = \""));
+    assert!(text(&after, "agent.toml").contains("\n3 = { name = \"vehicle-3.2\", key = \""));
     assert_ne!(before.id(), after.id());
 }
 

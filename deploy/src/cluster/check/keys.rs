@@ -35,8 +35,7 @@ pub(super) fn lines(inventory: &Inventory, file: &str) -> Vec<Line> {
 fn faults(inventory: &Inventory, file: &str) -> Result<Vec<Line>, Error> {
     let folder = Folder(inventory.keys.clone());
     folder.check_private()?;
-    let names = folder.names(inventory.nodes.keys().copied())?;
-    let authority = folder.need(AUTHORITY)?;
+    let (authority, names) = (folder.need(AUTHORITY)?, folder.need_names()?);
     folder.need(ORDERS_PUBLIC)?;
     let mut lines = Vec::new();
     for role in roles(inventory) {

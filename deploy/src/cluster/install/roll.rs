@@ -4,7 +4,7 @@
 use std::collections::BTreeMap;
 use std::time::Duration;
 
-use skein_agent::link::security::Role;
+use crate::reach::Role;
 use skein_common::id::VehicleId;
 
 use super::done;

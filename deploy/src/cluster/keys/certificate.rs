@@ -2,11 +2,11 @@
 
 use std::net::IpAddr;
 
+use crate::reach::Role;
 use rcgen::{
     BasicConstraints, CertificateParams, DistinguishedName, DnType, ExtendedKeyUsagePurpose, IsCa, Issuer, KeyPair,
     KeyUsagePurpose, PublicKeyData,
 };
-use skein_agent::link::security::Role;
 use time::{Duration, OffsetDateTime};
 use x509_parser::certificate::X509Certificate;
 use x509_parser::extensions::GeneralName;
@@ -131,9 +131,9 @@ impl Authority {
         Ok(Self { issuer, certificate: pair.certificate.clone() })
     }
 
-    /// Makes a key and a certificate of it.
-    pub(crate) fn issue(&self, wanted: &Wanted<'_>, now: OffsetDateTime) -> Result<Pair, rcgen::Error> {
-        let key = KeyPair::generate()?;
+    /// The certificate of this private key, PEM.
+    pub(crate) fn issue(&self, wanted: &Wanted<'_>, key: &str, now: OffsetDateTime) -> Result<String, rcgen::Error> {
+        let key = KeyPair::from_pem(key)?;
         let mut params = CertificateParams::new(wanted.address.map(str::to_owned).into_iter().collect::<Vec<_>>())?;
         params.distinguished_name = DistinguishedName::new();
         params.distinguished_name.push(DnType::CommonName, wanted.name);
@@ -145,7 +145,7 @@ impl Authority {
         }
         params.use_authority_key_identifier_extension = true;
         (params.not_before, params.not_after) = (now - BACKDATED, now + VALID);
-        Ok(Pair { certificate: params.signed_by(&key, &self.issuer)?.pem(), key: key.serialize_pem() })
+        Ok(params.signed_by(&key, &self.issuer)?.pem())
     }
 
     /// Its certificate, PEM.

@@ -5,9 +5,10 @@ use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 
-use rcgen::{KeyPair, PKCS_ED25519, PublicKeyData};
+use crate::reach::Role;
+use rcgen::{KeyPair, PKCS_ED25519};
 use serde::{Deserialize, Serialize};
-use skein_agent::link::security::{Names, Role};
+use skein_agent::link::security::{Known, known_by_vehicle};
 use skein_common::id::VehicleId;
 
 use super::certificate::Pair;
@@ -40,13 +41,15 @@ pub(crate) fn key_file(role: Role) -> String {
     stem(role) + ".key"
 }
 
-/// `names.toml`: the common names that count. A certificate that was revoked has another.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+/// `names.toml`: the common names that count, and the keys that seal the vehicles' words. A certificate that was revoked has
+/// another name and another key.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-struct NamesFile {
-    observer: String,
-    operator: String,
-    vehicles: BTreeMap<String, String>,
+pub(crate) struct Names {
+    pub(crate) observer: String,
+    pub(crate) operator: String,
+    #[serde(deserialize_with = "known_by_vehicle")]
+    pub(crate) vehicles: BTreeMap<VehicleId, Known>,
 }
 
 /// The folder of one cluster's keys.
@@ -127,34 +130,45 @@ impl Folder {
         Ok(Pair { certificate: self.need(certificate)?, key: self.need(key)? })
     }
 
-    /// The names that count, with first ones for these vehicles if they have none. Names of vehicles that are in the cluster
-    /// no more are kept: a revoked one must not come back.
+    /// The names that count, if there are any yet. Names of vehicles that are in the cluster no more are kept: a revoked one must
+    /// not come back.
     ///
     /// # Errors
     /// If the file is none of ours.
-    pub(crate) fn names(&self, vehicles: impl Iterator<Item = VehicleId>) -> Result<Names, Error> {
-        let mut names = Names::first(vehicles);
-        let Some(text) = self.read(NAMES)? else { return Ok(names) };
+    pub(crate) fn names(&self) -> Result<Option<Names>, Error> {
+        let Some(text) = self.read(NAMES)? else { return Ok(None) };
         let bad = |why: String| Error::Refused(format!("{}: {why}", self.path(NAMES).display()));
-        let file: NamesFile = toml::from_str(&text).map_err(|error| bad(error.message().to_owned()))?;
-        (names.observer, names.operator) = (file.observer, file.operator);
-        for (id, name) in file.vehicles {
-            let id = id.parse::<VehicleId>().map_err(|error| bad(error.to_string()))?;
-            names.vehicles.insert(id, name);
-        }
-        Ok(names)
+        toml::from_str(&text).map(Some).map_err(|error| bad(error.message().to_owned()))
     }
 
-    /// As text.
-    pub(crate) fn names_text(names: &Names) -> String {
-        let vehicles = names.vehicles.iter().map(|(id, name)| (id.to_string(), name.clone())).collect::<Vec<_>>();
-        let mut text =
-            "# The common names of the certificates that count. A certificate that was revoked has another.\n"
-                .to_owned();
-        text += &format!("observer = \"{}\"\noperator = \"{}\"\n\n[vehicles]\n", names.observer, names.operator);
-        text += &vehicles.iter().map(|(id, name)| format!("{id} = \"{name}\"\n")).collect::<String>();
-        text
+    /// As [`Self::names`], which have to be there.
+    ///
+    /// # Errors
+    /// With the remedy, if they are not.
+    pub(crate) fn need_names(&self) -> Result<Names, Error> {
+        self.need(NAMES)?;
+        Ok(self.names()?.unwrap_or_default())
     }
+}
+
+impl Names {
+    /// As text.
+    pub(crate) fn to_toml(&self) -> String {
+        let mut text =
+            "# The common names of the certificates that count, and the keys that vehicles' words are sealed with. A\n\
+                        # certificate that was revoked has another name and another key.\n"
+                .to_owned();
+        text += &format!("observer = \"{}\"\noperator = \"{}\"\n\n[vehicles]\n", self.observer, self.operator);
+        text + &vehicles_toml(&self.vehicles)
+    }
+}
+
+/// A line each: `1 = { name = "vehicle-1", key = "..." }`.
+pub(crate) fn vehicles_toml(vehicles: &BTreeMap<VehicleId, Known>) -> String {
+    vehicles
+        .iter()
+        .map(|(id, Known { name, key })| format!("{id} = {{ name = \"{name}\", key = \"{key}\" }}\n"))
+        .collect()
 }
 
 fn check_private(path: &Path, mode: &str) -> Result<(), Error> {
@@ -170,13 +184,7 @@ fn check_private(path: &Path, mode: &str) -> Result<(), Error> {
     }
 }
 
-/// A new key that seals orders: PKCS#8, PEM.
-pub(crate) fn new_orders_key() -> Result<String, rcgen::Error> {
+/// A new private key: Ed25519 in PKCS#8, PEM.
+pub(crate) fn new_key() -> Result<String, rcgen::Error> {
     Ok(KeyPair::generate_for(&PKCS_ED25519)?.serialize_pem())
-}
-
-/// The public half of the key that seals orders, 64 hexadecimal digits; `None` for a text that is no such key.
-pub(crate) fn public_of(orders_key: &str) -> Option<String> {
-    let key = KeyPair::from_pem(orders_key).ok().filter(|key| key.algorithm() == &PKCS_ED25519)?;
-    Some(key.der_bytes().iter().map(|byte| format!("{byte:02x}")).collect())
 }

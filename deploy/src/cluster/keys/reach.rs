@@ -3,10 +3,9 @@
 use std::path::Path;
 use std::sync::Arc;
 
-use rcgen::KeyPair;
 use skein_agent::link::Security;
-use skein_agent::link::seal::{OrderKey, Sealer};
-use skein_agent::link::security::{Role, Tls};
+use skein_agent::link::seal::{NotAKey, SealKey, Sealer};
+use skein_agent::link::security::Tls;
 
 use super::certificate::{Unfit, unfit};
 use super::folder::{AUTHORITY, Folder, ORDERS_KEY, ORDERS_PUBLIC, certificate_file, key_file};
@@ -14,7 +13,7 @@ use super::wanted;
 use crate::clock;
 use crate::cluster::inventory::{Inventory, SecurityKind};
 use crate::error::Error;
-use crate::reach::{Flown, Reach};
+use crate::reach::{Flown, Reach, Role};
 
 impl Inventory {
     /// How this swarm is reached by such a one.
@@ -30,7 +29,7 @@ impl Inventory {
         let (certificate, key) = (certificate_file(role), key_file(role));
         folder.check_private_file(&key)?;
         let pair = folder.need_pair(&certificate, &key)?;
-        let mut names = folder.names(self.nodes.keys().copied())?;
+        let mut names = folder.need_names()?;
         if let Some(why) =
             unfit(&pair, &wanted(self, &names, role), &folder.need(AUTHORITY)?, clock::utc()).filter(Unfit::is_fatal)
         {
@@ -44,15 +43,14 @@ impl Inventory {
             authority: folder.path(AUTHORITY),
             certificate: folder.path(&certificate),
             key: folder.path(&key),
-            role,
-            names,
+            vehicles: names.vehicles,
         };
         let orders_key = orders_key(&folder)?;
         let sealer = (role == Role::Operator).then(|| sealer(&folder, orders_key)).transpose()?;
         Ok(Reach {
             swarm: self.swarm.clone(),
             agents: self.endpoints(),
-            security: Security::Tls(Box::new(tls)),
+            security: Security::Tls(tls),
             orders_key: Some(orders_key),
             sealer: sealer.map(Arc::new),
             scenario,
@@ -61,28 +59,20 @@ impl Inventory {
 }
 
 /// What seals the orders known by this key.
-fn sealer(folder: &Folder, known_by: [u8; 32]) -> Result<Sealer, Error> {
+fn sealer(folder: &Folder, known_by: SealKey) -> Result<Sealer, Error> {
     folder.check_private_file(ORDERS_KEY)?;
     let path = folder.path(ORDERS_KEY);
-    let key = KeyPair::from_pem(&folder.need(ORDERS_KEY)?).map_err(|error| bad(&path, &error.to_string()))?;
-    let sealer = Sealer::from_pkcs8(&key.serialize_der()).map_err(|error| bad(&path, &error.to_string()))?;
-    if sealer.key() != OrderKey::from(known_by) {
+    let sealer = Sealer::from_pem(&folder.need(ORDERS_KEY)?).map_err(|error| bad(&path, &error.to_string()))?;
+    if sealer.key() != known_by {
         return Err(bad(&path, &format!("not the key that {ORDERS_PUBLIC} is of")));
     }
     Ok(sealer)
 }
 
 /// The key by which sealed orders are known.
-fn orders_key(folder: &Folder) -> Result<[u8; 32], Error> {
+pub(crate) fn orders_key(folder: &Folder) -> Result<SealKey, Error> {
     let text = folder.need(ORDERS_PUBLIC)?;
-    let digits = text.trim();
-    let mut key = [0; 32];
-    let byte = |nth: usize| u8::from_str_radix(digits.get(2 * nth..2 * nth + 2)?, 16).ok();
-    let read = key.iter_mut().enumerate().try_for_each(|(nth, to)| byte(nth).map(|byte| *to = byte));
-    match read {
-        Some(()) if digits.len() == 64 => Ok(key),
-        _ => Err(bad(&folder.path(ORDERS_PUBLIC), "has to be 64 hexadecimal digits")),
-    }
+    text.trim().parse().map_err(|error: NotAKey| bad(&folder.path(ORDERS_PUBLIC), &error.to_string()))
 }
 
 fn bad(path: &Path, why: &str) -> Error {

@@ -5,7 +5,6 @@ use super::*;
 use crate::cluster::inventory::tests::lab;
 use certificate::Pair;
 use skein_agent::link::Security;
-use skein_agent::link::seal::OrderKey;
 use skein_common::id::VehicleId;
 use time::Duration;
 
@@ -82,7 +81,10 @@ fn what_is_missing_moved_or_ending_is_issued_anew_and_nothing_else() {
     let now = clock::utc();
     make(&inventory, None, None, now).unwrap();
     fs::remove_file(inventory.keys.join("vehicle-2.key")).unwrap();
-    assert_eq!(done(&make(&inventory, None, None, now).unwrap()), [("node 2", "made")]);
+    assert_eq!(
+        done(&make(&inventory, None, None, now).unwrap()),
+        [("node 2", "issued anew: does not belong to its key")]
+    );
     let mut moved = inventory.clone();
     moved.nodes.get_mut(&VehicleId::new(3).unwrap()).unwrap().address = "heli3.lab".to_owned();
     assert_eq!(done(&make(&moved, None, None, now).unwrap()), [("node 3", "issued anew: has another address")]);
@@ -110,7 +112,7 @@ fn a_certificate_says_who_where_and_until_when() {
     let now = clock::utc();
     make(&inventory, None, None, now).unwrap();
     let folder = Folder(inventory.keys.clone());
-    let names = folder.names(inventory.nodes.keys().copied()).unwrap();
+    let names = folder.need_names().unwrap();
     let authority = folder.need(AUTHORITY).unwrap();
     let its = |role| wanted(&inventory, &names, role);
     for role in roles(&inventory) {
@@ -154,7 +156,7 @@ fn renewing_keeps_the_name_and_revoking_takes_it() {
     let anew = fs::read_to_string(inventory.keys.join(ORDERS_PUBLIC)).unwrap();
     assert!(anew != seal && anew.trim().len() == 64 && anew.trim().bytes().all(|digit| digit.is_ascii_hexdigit()));
     assert_eq!(done(&make(&inventory, None, None, now).unwrap()), [], "all of it is kept");
-    let names = Folder(inventory.keys.clone()).names(inventory.nodes.keys().copied()).unwrap();
+    let names = Folder(inventory.keys.clone()).need_names().unwrap();
     assert_eq!((names.operator.as_str(), names.vehicles.len()), ("operator.2", 3));
     // A vehicle that leaves and comes back does not have its revoked name again.
     let fewer = lab(temporary.path(), 2, "");
@@ -164,14 +166,34 @@ fn renewing_keeps_the_name_and_revoking_takes_it() {
 }
 
 #[test]
-fn the_seal_is_a_key_that_ring_takes() {
-    let key = folder::new_orders_key().unwrap();
-    let der = rcgen::KeyPair::from_pem(&key).unwrap().serialize_der();
-    let pair = ring::signature::Ed25519KeyPair::from_pkcs8(&der).unwrap();
-    let public = ring::signature::KeyPair::public_key(&pair);
-    let hex: String = public.as_ref().iter().map(|byte| format!("{byte:02x}")).collect();
-    assert_eq!(folder::public_of(&key), Some(hex));
-    assert_eq!(folder::public_of(&rcgen::KeyPair::generate().unwrap().serialize_pem()), None, "no seal");
+fn the_key_that_counts_is_the_certificates() {
+    let temporary = tempfile::tempdir().unwrap();
+    let inventory = lab(temporary.path(), 2, "");
+    let now = clock::utc();
+    let folder = Folder(inventory.keys.clone());
+    let known = || folder.need_names().unwrap().vehicles[&VehicleId::new(1).unwrap()].key;
+    make(&inventory, None, None, now).unwrap();
+    let first = known();
+    assert_eq!(Sealer::from_pem(&pair(&folder, vehicle(1)).key).unwrap().key(), first);
+    make(&inventory, Some(Whose::All), None, now).unwrap();
+    assert_eq!(known(), first, "renewing changes nothing for the others");
+    make(&inventory, None, Some(Whose::One(vehicle(1))), now).unwrap();
+    let second = known();
+    assert_ne!(second, first);
+    // A key of another kind seals nothing.
+    fs::write(folder.path("vehicle-1.key"), rcgen::KeyPair::generate().unwrap().serialize_pem()).unwrap();
+    assert_eq!(
+        done(&make(&inventory, None, None, now).unwrap()),
+        [("node 1", "issued anew: does not belong to its key")]
+    );
+    assert_eq!(Sealer::from_pem(&pair(&folder, vehicle(1)).key).unwrap().key(), known());
+    fs::write(folder.path(ORDERS_KEY), "no key").unwrap();
+    assert!(
+        make(&inventory, None, None, now)
+            .unwrap_err()
+            .to_string()
+            .ends_with("orders.key: not an Ed25519 key in PKCS#8")
+    );
 }
 
 #[test]
@@ -200,11 +222,10 @@ fn the_swarm_is_reached_with_what_the_folder_holds() {
     let reach = inventory.reach(Role::Operator).unwrap();
     assert_eq!((reach.swarm.as_str(), reach.agents.len()), ("lab", 2));
     let Security::Tls(tls) = reach.security else { panic!("secured") };
-    assert_eq!((tls.role, tls.key), (Role::Operator, inventory.keys.join("operator.key")));
-    assert_eq!(tls.names.vehicles.len(), 2);
-    let seal = rcgen::KeyPair::from_pem(&fs::read_to_string(inventory.keys.join("orders.key")).unwrap()).unwrap();
-    assert_eq!(reach.orders_key.map(|key| key.to_vec()).unwrap(), seal.public_key_raw());
-    assert_eq!(reach.sealer.unwrap().key(), OrderKey::from(reach.orders_key.unwrap()));
+    assert_eq!((tls.key, tls.vehicles.len()), (inventory.keys.join("operator.key"), 2));
+    assert_eq!(tls.vehicles[&VehicleId::new(1).unwrap()].name, "vehicle-1");
+    let seal = Sealer::from_pem(&fs::read_to_string(inventory.keys.join("orders.key")).unwrap()).unwrap();
+    assert_eq!((reach.orders_key, reach.sealer.unwrap().key()), (Some(seal.key()), seal.key()));
     assert!(inventory.reach(Role::Observer).unwrap().sealer.is_none(), "an observer orders nothing");
     fs::write(inventory.keys.join("orders.pub"), "0".repeat(64)).unwrap();
     let error = inventory.reach(Role::Operator).unwrap_err().to_string();

@@ -1,0 +1,217 @@
+//! A vehicle's words, which nobody else can have said: each carries the seal of its vehicle's own key, and whoever hears it
+//! looks that key up by the vehicle that the word's topic names. So a node that was taken over speaks for its own vehicle
+//! alone, whatever it sends, and to whatever session it manages to send it.
+//!
+//! The bytes of a sealed word: the message, the run of the swarm it was said in (8 bytes, little-endian), the seal (64
+//! bytes). Under the seal: a context, the swarm's name, the run, the key expression, the message. What was said twice is told
+//! by the message's own number, as everywhere.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use skein_common::id::{SwarmName, VehicleId};
+use skein_common::message::{self, DecodeError, Message, Reason, Seal};
+use skein_common::topic::{Author, Topic};
+
+use super::{SealKey, Sealer};
+
+const CONTEXT: &[u8] = b"skein word v1\0";
+
+/// What a seal adds to a message, bytes.
+pub const ADDED_BYTES: usize = 8 + Seal::BYTES;
+
+/// A message that is believed to be its speaker's.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Said<M> {
+    /// What was said.
+    pub message: M,
+    /// The run of the swarm it was said in, where words are sealed.
+    pub run: Option<u64>,
+}
+
+/// Why bytes are not what somebody has said.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum Unbelieved {
+    /// No message.
+    #[error(transparent)]
+    Undecodable(#[from] DecodeError),
+    /// Said under a key that is not its speaker's.
+    #[error("said in somebody else's name")]
+    OtherName,
+    /// The vehicle is not in the swarm.
+    #[error("said by a vehicle that is not of this swarm")]
+    Stranger,
+    /// Nobody but the vehicle could have sealed it, and it did not.
+    #[error("without its vehicle's seal")]
+    NoSeal,
+}
+
+impl Unbelieved {
+    /// As it is counted.
+    pub fn reason(self) -> Reason {
+        match self {
+            Self::Undecodable(DecodeError::Version(_)) => Reason::OtherVersion,
+            Self::Undecodable(_) => Reason::Undecodable,
+            Self::OtherName | Self::NoSeal => Reason::Forged,
+            Self::Stranger => Reason::Stranger,
+        }
+    }
+}
+
+/// By what one tells who has said something.
+#[derive(Clone, Debug)]
+pub struct Voices {
+    swarm: SwarmName,
+    /// Where links are plain, nobody has a seal.
+    keys: Option<Arc<BTreeMap<VehicleId, SealKey>>>,
+}
+
+impl Voices {
+    /// Everybody is believed to be who it says.
+    pub fn plain(swarm: SwarmName) -> Self {
+        Self { swarm, keys: None }
+    }
+
+    /// Vehicles are known by these keys.
+    pub fn sealed(swarm: SwarmName, keys: BTreeMap<VehicleId, SealKey>) -> Self {
+        Self { swarm, keys: Some(Arc::new(keys)) }
+    }
+
+    /// What was said under this key. Where words are sealed that takes some 100 µs; an order has an operator's seal in it
+    /// ([`super::orders`]), which is not looked at here.
+    ///
+    /// # Errors
+    /// If these bytes are not what its speaker says.
+    pub fn read<M: Message>(&self, key: &str, bytes: &[u8]) -> Result<Said<M>, Unbelieved> {
+        let topic = Topic::parse(key).ok_or(Unbelieved::OtherName)?;
+        let keys = match (&self.keys, topic.author()) {
+            (Some(keys), Author::Vehicle(id)) => Some(keys.get(&id).ok_or(Unbelieved::Stranger)?),
+            _ => None,
+        };
+        let Some(known_by) = keys else {
+            return Ok(Said { message: own(&topic, bytes)?, run: None });
+        };
+        let (rest, seal) = bytes.split_last_chunk().ok_or(Unbelieved::NoSeal)?;
+        let (said, run) = rest.split_last_chunk().ok_or(Unbelieved::NoSeal)?;
+        let (run, seal) = (u64::from_le_bytes(*run), Seal::from_bytes(*seal));
+        // First what costs nothing.
+        let message = own(&topic, said)?;
+        if known_by.has_sealed(&self.signed(run, key, said), seal) {
+            Ok(Said { message, run: Some(run) })
+        } else {
+            Err(Unbelieved::NoSeal)
+        }
+    }
+
+    /// The bytes of a word, sealed by its vehicle, if it has a seal.
+    pub fn write(&self, sealer: Option<&Sealer>, run: u64, key: &str, message: &impl Message) -> Vec<u8> {
+        let mut bytes = message::encode(message);
+        if let Some(sealer) = sealer {
+            let seal = sealer.seal(&self.signed(run, key, &bytes));
+            bytes.extend(run.to_le_bytes());
+            bytes.extend(seal.to_bytes());
+        }
+        bytes
+    }
+
+    fn signed(&self, run: u64, key: &str, message: &[u8]) -> Vec<u8> {
+        let mut bytes = super::signed(CONTEXT, &self.swarm, run);
+        bytes.extend((key.len() as u64).to_le_bytes());
+        bytes.extend(key.as_bytes());
+        bytes.extend(message);
+        bytes
+    }
+}
+
+/// The message, if whoever may speak under this topic has said it.
+fn own<M: Message>(topic: &Topic, bytes: &[u8]) -> Result<M, Unbelieved> {
+    let message: M = message::decode(bytes)?;
+    if message.may_stand_under(topic) { Ok(message) } else { Err(Unbelieved::OtherName) }
+}
+
+#[cfg(test)]
+mod tests {
+    use skein_common::id::Incarnation;
+    use skein_common::message::{Event, Happening, Header, Order, Verb};
+    use skein_common::time::SenderStamp;
+
+    use super::super::tests::{name, sealer};
+    use super::*;
+
+    fn id(number: u8) -> VehicleId {
+        VehicleId::new(number).unwrap()
+    }
+
+    fn event(sender: u8) -> Event {
+        let header = Header {
+            sender: id(sender),
+            incarnation: Incarnation(1),
+            sequence: 5,
+            stamp: SenderStamp::from_seconds(1.0),
+        };
+        Event { header, what: Happening::Landed }
+    }
+
+    #[test]
+    fn a_word_is_believed_under_its_speakers_key_in_its_speakers_seal() {
+        let (one, two) = (sealer(), sealer());
+        let keys = BTreeMap::from([(id(1), one.key()), (id(2), two.key())]);
+        let lab = Voices::sealed(name("lab"), keys.clone());
+        let said = lab.write(Some(&one), 7, "vehicle/1/event", &event(1));
+        let read = |voices: &Voices, key: &str, bytes: &[u8]| voices.read::<Event>(key, bytes);
+        assert_eq!(read(&lab, "vehicle/1/event", &said), Ok(Said { message: event(1), run: Some(7) }));
+        assert_eq!(said.len(), message::encode(&event(1)).len() + ADDED_BYTES);
+
+        let forged = Err(Unbelieved::NoSeal);
+        assert_eq!(read(&lab, "vehicle/1/health", &said), forged, "another kind of word");
+        assert_eq!(read(&Voices::sealed(name("lab2"), keys), "vehicle/1/event", &said), forged, "another swarm's");
+        for by_two in [lab.write(Some(&two), 7, "vehicle/1/event", &event(1)), message::encode(&event(1))] {
+            assert!(read(&lab, "vehicle/1/event", &by_two).is_err());
+        }
+        assert_eq!(read(&lab, "vehicle/2/event", &said), Err(Unbelieved::OtherName));
+        assert_eq!(read(&lab, "order/1", &said).unwrap_err().reason(), Reason::Undecodable);
+        assert_eq!(read(&lab, "vehicle/3/event", &said), Err(Unbelieved::Stranger));
+        assert_eq!(read(&lab, "somewhere/else", &said), Err(Unbelieved::OtherName));
+    }
+
+    #[test]
+    fn no_byte_of_a_sealed_word_can_be_changed_and_none_left_out() {
+        let one = sealer();
+        let lab = Voices::sealed(name("lab"), BTreeMap::from([(id(1), one.key())]));
+        let said = lab.write(Some(&one), 7, "vehicle/1/event", &event(1));
+        for nth in 0..said.len() {
+            for bit in 0..8 {
+                let mut changed = said.clone();
+                changed[nth] ^= 1 << bit;
+                assert!(lab.read::<Event>("vehicle/1/event", &changed).is_err(), "bit {bit} of byte {nth}");
+            }
+            assert!(lab.read::<Event>("vehicle/1/event", &said[..nth]).is_err(), "{nth} bytes");
+        }
+    }
+
+    #[test]
+    fn where_nobody_has_a_seal_and_of_orders_the_message_is_all() {
+        let plain = Voices::plain(name("lab"));
+        let said = plain.write(None, 7, "vehicle/1/event", &event(1));
+        assert_eq!(said, message::encode(&event(1)));
+        assert_eq!(plain.read("vehicle/1/event", &said), Ok(Said { message: event(1), run: None }));
+        assert_eq!(plain.read::<Event>("vehicle/2/event", &said), Err(Unbelieved::OtherName));
+        let order = Order { epoch: 1, issuer: 9, verb: Verb::Land, seal: None };
+        for voices in [plain, Voices::sealed(name("lab"), BTreeMap::new())] {
+            assert_eq!(voices.read("order/9", &message::encode(&order)), Ok(Said { message: order, run: None }));
+            assert_eq!(voices.read::<Order>("order/8", &message::encode(&order)), Err(Unbelieved::OtherName));
+        }
+    }
+
+    /// The bytes under a seal are part of the protocol.
+    #[test]
+    fn what_is_signed_has_these_bytes() {
+        let mut golden = b"skein word v1\0".to_vec();
+        golden.extend([3, 0, 0, 0, 0, 0, 0, 0]);
+        golden.extend(b"lab");
+        golden.extend([7, 0, 0, 0, 0, 0, 0, 0, 15, 0, 0, 0, 0, 0, 0, 0]);
+        golden.extend(b"vehicle/1/event");
+        golden.extend([4, 1, 2]);
+        assert_eq!(Voices::plain(name("lab")).signed(7, "vehicle/1/event", &[4, 1, 2]), golden);
+    }
+}
