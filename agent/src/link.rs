@@ -16,13 +16,14 @@ pub mod seal;
 pub mod security;
 mod sessions;
 mod trust;
+mod tunnel;
 
 use std::io;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 
-use serde_json::json;
+use serde_json::{Value, json};
 use skein_common::id::{SwarmName, VehicleId};
 use skein_common::message::{Drops, Event, Message, Mission, Order, Reason, Refused, State, Trace};
 use skein_common::topic::{Author, Cell, Topic, all};
@@ -40,7 +41,7 @@ pub use clocks::{ASK_EVERY, Utc};
 pub use health::HealthLine;
 use inbox::Inbox;
 pub use line::Line;
-use presence::{Presence, watch_tokens};
+use presence::{Change, Presence, watch_tokens};
 use register::Register;
 use seal::Sealer;
 use seal::words::Voices;
@@ -98,7 +99,7 @@ pub enum LinkError {
         source: io::Error,
     },
     /// A name that does not tell who it is.
-    #[error("the certificates' name {0:?} has to stand for one vehicle and only one")]
+    #[error("the certificates' name {0:?} has to stand for one and only one of vehicles, observer and operator")]
     Name(String),
     /// A vehicle that the others know by another key.
     #[error("the swarm does not know vehicle {0} by this key")]
@@ -128,29 +129,30 @@ impl LinkError {
     }
 }
 
-/// A session of this swarm, for agents and observers alike: a peer that finds nobody by itself, listens only on `listen`
-/// (an observer: nowhere) and keeps dialling `dial`. Endpoints as Zenoh writes them: `tls/10.0.0.11:7447`, or
-/// `tcp/127.0.0.1:7447` where nothing is secured. Peers do not relay for each other, so every pair needs one direction, and
-/// exactly one, in somebody's `dial`.
-///
-/// It succeeds with nobody there. Blocks for up to half a second; within Tokio only on a multi-thread runtime.
-///
-/// # Errors
-/// An endpoint that is none, keys that are none, or an address that cannot be listened on.
-pub fn open(swarm: &SwarmName, listen: &[String], dial: &[String], security: &Security) -> Result<Session, LinkError> {
-    security.check(listen, dial)?;
+/// A Zenoh session of this swarm: a peer that finds nobody by itself, and that is told `more` than all of them.
+pub(crate) fn open_zenoh(
+    swarm: &SwarmName,
+    listen: &[String],
+    dial: &[String],
+    more: &[(&str, Value)],
+) -> Result<Session, LinkError> {
     let configuration =
-        configuration(swarm, listen, dial, security).map_err(|source| LinkError::Configuration { source })?;
+        configuration(swarm, listen, dial, more).map_err(|source| LinkError::Configuration { source })?;
     zenoh::open(configuration).wait().map_err(|source| LinkError::Open { listen: listen.to_vec(), source })
 }
 
-fn configuration(swarm: &SwarmName, listen: &[String], dial: &[String], security: &Security) -> zenoh::Result<Config> {
+fn configuration(
+    swarm: &SwarmName,
+    listen: &[String],
+    dial: &[String],
+    more: &[(&str, Value)],
+) -> zenoh::Result<Config> {
     let mut configuration = Config::default();
     let values = [
         ("mode", json!("peer")),
         ("namespace", json!(swarm.as_str())),
         ("listen/endpoints", json!(listen)),
-        ("connect/endpoints", dial.iter().map(|endpoint| security.dialled(endpoint)).collect()),
+        ("connect/endpoints", json!(dial)),
         // A broken link is dialled again soon: a peer is back within a second of the network's healing.
         ("connect/retry", json!({ "period_init_ms": 200, "period_max_ms": 1000, "period_increase_factor": 1.5 })),
         ("transport/unicast/open_timeout", json!(1000)),
@@ -165,7 +167,7 @@ fn configuration(swarm: &SwarmName, listen: &[String], dial: &[String], security
         // Memory for what comes in pieces, before anybody looks at it: many times the largest word.
         ("transport/link/rx/max_message_size", json!(MAX_MESSAGE_BYTES)),
     ];
-    for (key, value) in values.into_iter().chain(security.configuration()) {
+    for (key, value) in values.iter().chain(more) {
         configuration.insert_json5(key, &value.to_string())?;
     }
     Ok(configuration)
@@ -200,13 +202,12 @@ impl Link {
         clock: LocalClock,
         trust: Trust,
     ) -> Result<Self, LinkError> {
-        let Trust { voices, sealer, certificates, .. } = &trust;
-        let (voices, sealer, presence) = (voices.clone(), sealer.clone(), Presence::new(certificates.clone()));
-        let ear = Arc::new(Ear { inbox: Inbox::new(), judge: Judge::new(own, trust), clock, presence, voices, sealer });
         let sessions = sessions.into();
+        let (voices, sealer, presence) = (trust.voices.clone(), trust.sealer.clone(), sessions.presence());
+        let ear = Arc::new(Ear { inbox: Inbox::new(), judge: Judge::new(own, trust), clock, presence, voices, sealer });
         let register = Register::open(&sessions, Topic::Mission(own))?;
-        for session in &sessions.0 {
-            hear_presence(session, own, &ear)?;
+        hear_presence(&sessions, own, &ear)?;
+        for session in &sessions.all {
             hear::<State>(session, all::STATES, &ear, Word::State)?;
             hear::<Mission>(session, all::MISSIONS, &ear, Word::Mission)?;
             hear::<Order>(session, all::ORDERS, &ear, Word::Order)?;
@@ -220,7 +221,7 @@ impl Link {
             session.liveliness().declare_token(alive.clone()).wait().map_err(declaring(&alive))
         };
         // Last: who sees the token can be heard.
-        let alive = sessions.0.iter().map(token).collect::<Result<_, _>>()?;
+        let alive = sessions.all.iter().map(token).collect::<Result<_, _>>()?;
         Ok(Self {
             ear,
             state_key: None,
@@ -247,7 +248,7 @@ impl Link {
             key => &mut key.insert((cell, Topic::State(self.own, cell).key())).1,
         };
         let said = ZBytes::from(self.ear.write(key, state));
-        for session in &self.sessions.0 {
+        for session in &self.sessions.all {
             // Like a line's: it fails only on a closed session. Cells change, so no publisher is declared.
             let _ = session
                 .put(key.as_str(), said.clone())
@@ -375,28 +376,31 @@ fn hear<M: Message + 'static>(
 }
 
 /// Files who of the others comes and goes, those already there included, and asks who comes for its register.
-fn hear_presence(session: &Arc<Session>, own: VehicleId, ear: &Arc<Ear>) -> Result<(), LinkError> {
-    let note = {
-        let ear = ear.clone();
-        move |id: VehicleId, kind| {
+fn hear_presence(sessions: &Sessions, own: VehicleId, ear: &Arc<Ear>) -> Result<(), LinkError> {
+    // The ear knows whom it tells.
+    let told = Arc::downgrade(ear);
+    let note = move |change| {
+        let Some(ear) = told.upgrade() else { return };
+        match change {
             // One's own token is reported like any other.
-            if id != own {
-                let word = if kind == SampleKind::Put { Word::Appeared(id) } else { Word::Vanished(id) };
-                ear.file(&Topic::Alive(id).key(), word, None);
-            }
+            Change::Came(id) if id != own => ear.file(&Topic::Alive(id).key(), Word::Appeared(id), None),
+            Change::Went(id) if id != own => ear.file(&Topic::Alive(id).key(), Word::Vanished(id), None),
+            Change::Came(_) | Change::Went(_) => {}
+            Change::Refused(address) => ear.inbox.count(Reason::Link, &address),
         }
     };
-    let ask = {
+    ear.presence.watch(sessions, note)?;
+    for session in &sessions.all {
         let (ear, asking) = (ear.clone(), Arc::downgrade(session));
-        move |id: VehicleId, kind| {
+        let ask = move |id: VehicleId, kind| {
             if let (true, SampleKind::Put, Some(session)) = (id != own, kind, asking.upgrade()) {
                 let ear = ear.clone();
                 register::ask(&session, Topic::Mission(id), &[], move |said| ear.hear(said, Word::Mission));
             }
-        }
-    };
-    ear.presence.watch(session, note)?;
-    watch_tokens(session, ask)
+        };
+        watch_tokens(session, ask)?;
+    }
+    Ok(())
 }
 
 /// What Zenoh says, without the places in its source, `at .../tcp.rs:61.`, that it mixes in.

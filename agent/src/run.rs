@@ -160,7 +160,6 @@ pub fn fly(node: &Node, sessions: impl Into<Sessions>, stop: &Arc<Stop>, tokio: 
         run: node.run,
         voices: node.security.voices(&node.scenario.swarm.name),
         sealer: node.security.sealer(node.id)?.map(Arc::new),
-        certificates: node.security.certificates(),
         ..Trust::of(&node.scenario)
     };
     let link = Link::new(sessions, node.id, clock, trust)?;

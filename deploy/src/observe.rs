@@ -7,17 +7,17 @@ use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::time::Instant;
 
-use skein_agent::link::presence::Presence;
+use skein_agent::link::presence::Change;
 use skein_agent::link::seal::orders::{self, Checker};
 use skein_agent::link::seal::words::Voices;
 use skein_agent::link::seal::{Sealer, most_said_run};
-use skein_agent::link::{self, LinkError};
+use skein_agent::link::{LinkError, Sessions};
 use skein_common::id::{SwarmName, VehicleId};
 use skein_common::message::{self, Event, Health, Message, Mission, Order, Reason, Trace};
 use skein_common::topic::{self, Topic};
 use zenoh::Wait;
 use zenoh::qos::{CongestionControl, Priority};
-use zenoh::sample::{Locality, Sample, SampleKind};
+use zenoh::sample::{Locality, Sample};
 
 use crate::clock;
 use crate::error::Error;
@@ -78,7 +78,7 @@ struct Dropped {
 
 /// Listens to one swarm.
 pub struct Observer {
-    session: zenoh::Session,
+    sessions: Sessions,
     inbox: Receiver<Caught>,
     dropped: Arc<Dropped>,
     vehicles: BTreeMap<VehicleId, Seen>,
@@ -114,21 +114,24 @@ impl Observer {
     /// # Errors
     /// If a key is none, or Zenoh refuses.
     pub fn open(reach: &Reach) -> Result<Self, ObserveError> {
-        let session = link::open(&reach.swarm, &[], &reach.all(), &reach.security)?;
+        let sessions = Sessions::open(&reach.swarm, &[], &reach.all(), &reach.security)?;
+        let session = sessions.first();
         let (sender, inbox) = sync_channel(QUEUE);
         let dropped = Arc::new(Dropped::default());
         let ear = Ear { sender, dropped: dropped.clone(), voices: reach.security.voices(&reach.swarm) };
-        ear.subscribe(&session, topic::all::TRACES, Heard::Trace)?;
-        ear.subscribe(&session, topic::all::HEALTH, Heard::Health)?;
-        ear.subscribe(&session, topic::all::MISSIONS, Heard::Mission)?;
-        ear.subscribe(&session, topic::all::EVENTS, Heard::Event)?;
-        let note = move |id: VehicleId, kind| {
-            ear.hand_over(if kind == SampleKind::Put { Heard::Appeared(id) } else { Heard::Vanished(id) }, None);
+        ear.subscribe(session, topic::all::TRACES, Heard::Trace)?;
+        ear.subscribe(session, topic::all::HEALTH, Heard::Health)?;
+        ear.subscribe(session, topic::all::MISSIONS, Heard::Mission)?;
+        ear.subscribe(session, topic::all::EVENTS, Heard::Event)?;
+        let note = move |change| match change {
+            Change::Came(id) => ear.hand_over(Heard::Appeared(id), None),
+            Change::Went(id) => ear.hand_over(Heard::Vanished(id), None),
+            Change::Refused(_) => {}
         };
-        Presence::new(reach.security.certificates()).watch(&session, note)?;
+        sessions.presence().watch(&sessions, note)?;
         let (swarm, sealer) = (reach.swarm.clone(), reach.sealer.clone());
         let orders = reach.orders_key.map(|key| Checker::new(key, swarm.clone()));
-        Ok(Self { session, inbox, dropped, vehicles: BTreeMap::new(), swarm, orders, sealer })
+        Ok(Self { sessions, inbox, dropped, vehicles: BTreeMap::new(), swarm, orders, sealer })
     }
 
     /// Everything heard since the last call, in order; takes it up in [`Self::vehicles`]. Never waits.
@@ -186,7 +189,7 @@ impl Observer {
     /// If Zenoh refuses.
     pub fn order(&self, order: &Order) -> Result<(), ObserveError> {
         let key = Topic::Order(order.issuer).key();
-        let put = self.session.put(key, message::encode(order)).congestion_control(CongestionControl::Drop);
+        let put = self.sessions.first().put(key, message::encode(order)).congestion_control(CongestionControl::Drop);
         Ok(put.priority(Priority::RealTime).express(true).wait()?)
     }
 }

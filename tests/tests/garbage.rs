@@ -15,7 +15,7 @@ use rand_chacha::ChaCha8Rng;
 use skein_agent::aircraft::Aircraft;
 use skein_agent::config::{Node, PlantChoice};
 use skein_agent::control::Rules;
-use skein_agent::link::{self, Security};
+use skein_agent::link::{Security, Sessions};
 use skein_agent::plant::xplane::standin::{Standin, StandinOptions};
 use skein_agent::plant::xplane::wire::dref::Write as DrefWrite;
 use skein_agent::run::{self, Stop};
@@ -212,8 +212,8 @@ fn garbage_on_every_port_is_counted_and_nothing_of_it_is_believed() {
         }),
     ];
 
-    let session = link::open(&swarm, &["tcp/127.0.0.1:0".to_owned()], &[], &Security::Plain).unwrap();
-    let locator = session.info().locators().wait()[0].to_string();
+    let sessions = Sessions::open(&swarm, &["tcp/127.0.0.1:0".to_owned()], &[], &Security::Plain).unwrap();
+    let locator = sessions.endpoints()[0].clone();
     let node = Node {
         scenario,
         notes: Vec::new(),
@@ -232,10 +232,11 @@ fn garbage_on_every_port_is_counted_and_nothing_of_it_is_believed() {
     let stop = Arc::new(Stop::default());
     let flight = thread::spawn({
         let (stop, handle) = (stop.clone(), tokio.handle().clone());
-        move || run::fly(&node, session, &stop, &handle)
+        move || run::fly(&node, sessions, &stop, &handle)
     });
 
-    let strange = link::open(&swarm, &[], std::slice::from_ref(&locator), &Security::Plain).unwrap();
+    let strange = Sessions::open(&swarm, &[], std::slice::from_ref(&locator), &Security::Plain).unwrap();
+    let strange = strange.first().clone();
     let healths = strange.declare_subscriber(all::HEALTH).with(FifoChannel::new(256)).wait().unwrap();
     let traces = strange.declare_subscriber(all::TRACES).with(FifoChannel::new(4096)).wait().unwrap();
     let mut stranger = Stranger { session: strange, rng: ChaCha8Rng::seed_from_u64(2), sequence: 0 };

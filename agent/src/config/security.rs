@@ -22,6 +22,10 @@ pub struct SecurityTable {
     pub key: PathBuf,
     /// The key that orders are sealed with.
     pub orders: SealKey,
+    /// The common name of observers' certificates.
+    pub observer: String,
+    /// The common name of the operator's.
+    pub operator: String,
     /// By what each vehicle is known.
     #[serde(deserialize_with = "known_by_vehicle")]
     pub vehicles: BTreeMap<VehicleId, Known>,
@@ -30,8 +34,8 @@ pub struct SecurityTable {
 impl SecurityTable {
     /// The same with paths relative to nothing, and the key that orders are sealed with.
     pub fn of(self, folder: &Path) -> (Security, SealKey) {
-        let Self { authority, certificate, key, orders, vehicles } = self;
+        let Self { authority, certificate, key, orders, observer, operator, vehicles } = self;
         let [authority, certificate, key] = [authority, certificate, key].map(|file| folder.join(file));
-        (Security::Tls(Tls { authority, certificate, key, vehicles }), orders)
+        (Security::Tls(Tls { authority, certificate, key, vehicles, observer, operator }), orders)
     }
 }

@@ -55,6 +55,8 @@ authority = "authority.pem"
 certificate = "node.pem"
 key = "keys/node.key"
 orders = "000102030405060708090a0b0c0d0e0f101112131415161718191a1b1c1d1eFF"
+observer = "observer"
+operator = "operator.2"
 [security.vehicles]
 1 = { name = "vehicle-1", key = "0101010101010101010101010101010101010101010101010101010101010101" }
 3 = { name = "vehicle-3.2", key = "0202020202020202020202020202020202020202020202020202020202020202" }
@@ -71,6 +73,7 @@ fn a_nodes_file_names_its_keys_and_everybody() {
     assert_eq!(tls.key, folder.path().join("keys/node.key"));
     let known: Vec<_> = tls.vehicles.iter().map(|(id, known)| (id.get(), known.name.as_str(), known.key)).collect();
     assert_eq!(known, [(1, "vehicle-1", [1; 32].into()), (3, "vehicle-3.2", [2; 32].into())]);
+    assert_eq!((tls.observer.as_str(), tls.operator.as_str()), ("observer", "operator.2"));
     let mut orders_key: [u8; 32] = std::array::from_fn(|nth| nth as u8);
     orders_key[31] = 255;
     assert_eq!((node.orders_key, node.run), (Some(orders_key.into()), 7));

@@ -56,7 +56,7 @@ impl Clocks {
             Some(answering.write(&Topic::Clock(own).key(), &answer))
         };
         let answering = register::answer(sessions, Topic::Clock(own), answer)?;
-        let sessions = sessions.0.iter().map(Arc::downgrade).collect();
+        let sessions = sessions.all.iter().map(Arc::downgrade).collect();
         let (ear, measured) = (ear.clone(), Arc::default());
         Ok(Self { sessions, ear, utc, measured, asked: None, _answering: answering })
     }

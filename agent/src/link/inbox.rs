@@ -46,6 +46,11 @@ impl Inbox {
         heard.append(&mut self.lock());
     }
 
+    /// Counts something that is not believed, and that the log knows already.
+    pub(super) fn count(&self, reason: Reason, key: &str) {
+        self.refusals.count(reason, key);
+    }
+
     /// Counts something that is not believed; the first, second, fourth, eighth time with a line in the log.
     pub(super) fn refuse(&self, reason: Reason, key: &str, what: &dyn std::fmt::Display) {
         let count = self.refusals.count(reason, key);

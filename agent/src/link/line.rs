@@ -42,7 +42,7 @@ impl<M: Message> Line<M> {
                 .wait()
                 .map_err(declaring(&key))
         };
-        let publishers = sessions.0.iter().map(declare).collect::<Result<_, _>>()?;
+        let publishers = sessions.all.iter().map(declare).collect::<Result<_, _>>()?;
         Ok(Self { publishers, key, ear: ear.clone(), kind: PhantomData })
     }
 

@@ -1,95 +1,144 @@
 //! Who is there. Where links are plain, whoever's liveliness token is. Where they are secured, whoever has a link under its own
 //! certificate: that, nobody else can make or break, while a token can be anybody's.
 
-use std::collections::{BTreeMap, BTreeSet};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::collections::BTreeMap;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
 
 use skein_common::id::VehicleId;
 use skein_common::topic::{Topic, all};
 use zenoh::sample::{Sample, SampleKind};
-use zenoh::session::LinkEvent;
 use zenoh::{Session, Wait};
 
-use super::{LinkError, declaring};
+use super::{LinkError, Sessions, declaring};
+use crate::clock::now;
 
-/// Follows who is there, in all the sessions that it is told to watch.
-#[derive(Debug)]
-pub struct Presence {
-    /// Whose a certificate of this common name is; none where links are plain.
-    certificates: Option<BTreeMap<String, VehicleId>>,
-    links: Mutex<Links>,
+/// The log is told the same of somebody who was refused so often.
+const LOG_EVERY: Duration = Duration::from_secs(60);
+/// And of so many within that time.
+const LOG_AT_MOST: usize = 32;
+
+/// What changes.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Change {
+    /// A vehicle is there.
+    Came(VehicleId),
+    /// It is gone.
+    Went(VehicleId),
+    /// Whoever is at this address was not let in, or does not let this one in.
+    Refused(String),
 }
 
-/// Own session's number, both ends' addresses; whose it is. A link that broke may be found dead after the next one stands.
-type Links = BTreeMap<(String, String, String), VehicleId>;
+type Tell = Box<dyn Fn(Change) + Send + Sync>;
+
+/// Follows who is there.
+#[derive(Default)]
+pub struct Presence {
+    /// By tokens, if not by links.
+    by_links: bool,
+    noted: Mutex<Noted>,
+}
+
+#[derive(Default)]
+struct Noted {
+    /// How many links each has: one that broke may be found dead after the next one stands.
+    links: BTreeMap<VehicleId, u32>,
+    tell: Vec<Tell>,
+    /// What the log was told of those who were refused, and when.
+    logged: Vec<(String, Instant)>,
+}
 
 impl Presence {
-    /// By certificates of these common names; without any, by tokens.
-    pub fn new(certificates: Option<BTreeMap<String, VehicleId>>) -> Arc<Self> {
-        Arc::new(Self { certificates, links: Mutex::default() })
+    /// Of those who have tokens.
+    pub(super) fn by_tokens() -> Arc<Self> {
+        Arc::default()
     }
 
-    /// Tells from now on, on Zenoh's threads, who comes (put) and who goes (delete), those already there included.
+    /// Of those who have links.
+    pub(super) fn by_links() -> Arc<Self> {
+        Arc::new(Self { by_links: true, ..Self::default() })
+    }
+
+    /// Tells from now on what changes, beginning with those already there; on threads that must not wait.
     ///
     /// # Errors
     /// If the session is closed.
-    pub fn watch(
-        self: &Arc<Self>,
-        session: &Session,
-        tell: impl Fn(VehicleId, SampleKind) + Send + Sync + 'static,
-    ) -> Result<(), LinkError> {
-        if self.certificates.is_none() {
-            return watch_tokens(session, tell);
+    pub fn watch(&self, sessions: &Sessions, tell: impl Fn(Change) + Send + Sync + 'static) -> Result<(), LinkError> {
+        if !self.by_links {
+            let tell = Arc::new(tell);
+            return sessions.all.iter().try_for_each(|session| {
+                let tell = tell.clone();
+                watch_tokens(session, move |id, kind| {
+                    tell(if kind == SampleKind::Put { Change::Came(id) } else { Change::Went(id) });
+                })
+            });
         }
-        let (presence, own) = (self.clone(), session.zid().to_string());
-        let note = move |event: LinkEvent| {
-            let link = event.link();
-            let link_of = (own.clone(), link.src().to_string(), link.dst().to_string());
-            presence.note(event.kind(), link_of, link.auth_identifier(), &tell);
-        };
-        session
-            .info()
-            .link_events_listener()
-            .history(true)
-            .callback(note)
-            .background()
-            .wait()
-            .map_err(declaring("links"))
+        let mut noted = self.lock();
+        noted.links.keys().for_each(|id| tell(Change::Came(*id)));
+        noted.tell.push(Box::new(tell));
+        Ok(())
     }
 
     /// Whether words of this vehicle can be its own: peers hand nothing on, so who has no link says nothing.
     pub(super) fn may_speak(&self, id: VehicleId) -> bool {
-        self.certificates.is_none() || self.lock().values().any(|there| *there == id)
+        !self.by_links || self.lock().links.contains_key(&id)
     }
 
-    /// `tell` is called while nobody else can note anything: who comes and goes at once ends as it is told last.
-    fn note(
-        &self,
-        kind: SampleKind,
-        link: (String, String, String),
-        name: Option<&str>,
-        tell: impl Fn(VehicleId, SampleKind),
-    ) {
-        let mut links = self.lock();
-        let before: BTreeSet<VehicleId> = links.values().copied().collect();
-        match kind {
-            SampleKind::Put => {
-                let known = self.certificates.as_ref().zip(name).and_then(|(known, name)| known.get(name));
-                match known {
-                    Some(id) => _ = links.insert(link, *id),
-                    None => tracing::info!("linked to {}, which speaks for no vehicle", name.unwrap_or("nobody")),
-                }
+    /// A link stands until the answer is dropped; with whom, unless with an observer or an operator.
+    pub(super) fn link(self: &Arc<Self>, with: Option<VehicleId>) -> Linked {
+        if let Some(id) = with {
+            let mut noted = self.lock();
+            let count = noted.links.entry(id).or_default();
+            *count += 1;
+            if *count == 1 {
+                noted.tell(&Change::Came(id));
             }
-            SampleKind::Delete => _ = links.remove(&link),
         }
-        let after: BTreeSet<VehicleId> = links.values().copied().collect();
-        after.difference(&before).for_each(|id| tell(*id, SampleKind::Put));
-        before.difference(&after).for_each(|id| tell(*id, SampleKind::Delete));
+        Linked { presence: self.clone(), with }
     }
 
-    /// Nothing that holds the lock can panic half way.
-    fn lock(&self) -> std::sync::MutexGuard<'_, Links> {
-        self.links.lock().unwrap_or_else(PoisonError::into_inner)
+    /// No link with whoever is at this address. However often that is tried, the log is told once in a while.
+    pub(super) fn refuse(&self, address: &str, why: &str) {
+        let mut noted = self.lock();
+        noted.tell(&Change::Refused(address.to_owned()));
+        let (line, at) = (format!("no link with {address}: {why}"), now());
+        noted.logged.retain(|(_, told)| at.saturating_duration_since(*told) < LOG_EVERY);
+        if noted.logged.len() < LOG_AT_MOST && noted.logged.iter().all(|(told, _)| *told != line) {
+            tracing::warn!("{line}");
+            noted.logged.push((line, at));
+        }
+    }
+
+    /// Nothing that holds the lock can panic half way. While one tells nobody else does: who comes and goes at once ends as it
+    /// is told last.
+    fn lock(&self) -> MutexGuard<'_, Noted> {
+        self.noted.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl Noted {
+    fn tell(&self, change: &Change) {
+        self.tell.iter().for_each(|tell| tell(change.clone()));
+    }
+}
+
+/// A link that stands.
+pub(super) struct Linked {
+    presence: Arc<Presence>,
+    with: Option<VehicleId>,
+}
+
+impl Drop for Linked {
+    fn drop(&mut self) {
+        let Some(id) = self.with else { return };
+        let mut noted = self.presence.lock();
+        let left = noted.links.get(&id).map_or(0, |count| count.saturating_sub(1));
+        if left == 0 {
+            noted.links.remove(&id);
+            noted.tell(&Change::Went(id));
+        } else {
+            noted.links.insert(id, left);
+        }
     }
 }
 
@@ -109,37 +158,37 @@ pub(super) fn watch_tokens(
 
 #[cfg(test)]
 mod tests {
-    use std::cell::RefCell;
-
     use super::*;
 
-    #[test]
-    fn a_vehicle_is_there_while_one_of_its_links_stands() {
-        let id = |number| VehicleId::new(number).unwrap();
-        let names = (1..=3).map(|number| (format!("vehicle-{number}"), id(number))).collect();
-        let presence = Presence::new(Some(names));
-        let told = RefCell::new(Vec::new());
-        let note = |kind, there: &str, name: Option<&str>| {
-            let link = ["own", "here", there].map(str::to_owned);
-            presence.note(kind, link.into(), name, |id, kind| told.borrow_mut().push((id.get(), kind)));
-            told.take()
-        };
-        let (put, delete) = (SampleKind::Put, SampleKind::Delete);
-        assert_eq!(note(put, "a", Some("vehicle-1")), [(1, put)]);
-        assert!(presence.may_speak(id(1)) && !presence.may_speak(id(2)));
-        assert_eq!(note(put, "b", Some("vehicle-1")), [], "dialled again before the first link was found dead");
-        assert_eq!(note(delete, "a", None), []);
-        assert_eq!(note(put, "c", Some("vehicle-3")), [(3, put)]);
-        assert_eq!(note(delete, "b", None), [(1, delete)]);
-        assert!(!presence.may_speak(id(1)) && presence.may_speak(id(3)));
-        for name in [Some("vehicle-1.old"), Some("observer"), None] {
-            assert_eq!(note(put, "d", name), [], "a name that is nobody's");
-            assert_eq!(note(delete, "d", name), []);
-        }
+    fn id(number: u8) -> VehicleId {
+        VehicleId::new(number).unwrap()
     }
 
     #[test]
-    fn without_certificates_anybody_may_speak() {
-        assert!(Presence::new(None).may_speak(VehicleId::new(1).unwrap()));
+    fn a_vehicle_is_there_while_one_of_its_links_stands() {
+        let presence = Presence::by_links();
+        let told = Arc::<Mutex<Vec<Change>>>::default();
+        let into = told.clone();
+        presence.lock().tell.push(Box::new(move |change| into.lock().unwrap().push(change)));
+        let told = || std::mem::take(&mut *told.lock().unwrap());
+        let first = presence.link(Some(id(1)));
+        assert_eq!(told(), [Change::Came(id(1))]);
+        assert!(presence.may_speak(id(1)) && !presence.may_speak(id(2)));
+        let second = presence.link(Some(id(1)));
+        drop(first);
+        assert_eq!(told(), [], "dialled again before the first link was found dead");
+        drop(presence.link(Some(id(3))));
+        assert_eq!(told(), [Change::Came(id(3)), Change::Went(id(3))]);
+        drop(second);
+        assert_eq!(told(), [Change::Went(id(1))]);
+        drop(presence.link(None));
+        presence.refuse("10.0.0.9", "no certificate");
+        assert_eq!(told(), [Change::Refused("10.0.0.9".to_owned())], "observers are not told of");
+        assert!(!presence.may_speak(id(1)));
+    }
+
+    #[test]
+    fn where_links_have_no_names_anybody_may_speak() {
+        assert!(Presence::by_tokens().may_speak(id(1)));
     }
 }

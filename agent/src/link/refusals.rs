@@ -45,6 +45,7 @@ impl Refusals {
             old: count(Reason::Old),
             unsealed: count(Reason::Unsealed),
             other_plan: count(Reason::OtherPlan),
+            links: count(Reason::Link),
             ..Drops::default()
         }
     }

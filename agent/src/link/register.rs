@@ -60,7 +60,7 @@ pub(super) fn answer(
         let answering = session.declare_queryable(&key).allowed_origin(Locality::Remote).callback(answer);
         answering.wait().map_err(declaring(&key))
     };
-    sessions.0.iter().map(declare).collect()
+    sessions.all.iter().map(declare).collect()
 }
 
 /// Asks for somebody's register, or clock, with these bytes of a question; `take` gets the answers on one of Zenoh's threads.

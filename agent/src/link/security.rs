@@ -1,24 +1,20 @@
-//! Who may join a swarm: mutual TLS on every link, with certificates of the swarm's authority. Who may say what in it is told
-//! by seals ([`super::seal`]): a link lets in, and lets nobody speak for another.
+//! Who may join a swarm: mutual TLS on every link ([`super::tunnel`]), with certificates of the swarm's authority and names
+//! that count. Who may say what in it is told by seals ([`super::seal`]): a link lets in, and lets nobody speak for another.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 use std::fs;
 use std::io;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::str::FromStr;
 
 use serde::de::Error as _;
 use serde::{Deserialize, Deserializer, Serialize};
-use serde_json::{Value, json};
 use skein_common::id::{SwarmName, VehicleId};
 use zenoh::config::EndPoint;
 
 use super::LinkError;
 use super::seal::words::Voices;
 use super::seal::{SealKey, Sealer};
-
-/// What Zenoh's endpoints separate their parts with; a path among them cannot have one.
-const SEPARATORS: [char; 4] = ['?', '#', ';', '|'];
 
 /// How the links of a session are secured.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -40,6 +36,10 @@ pub struct Tls {
     pub key: PathBuf,
     /// Who flies in the swarm.
     pub vehicles: BTreeMap<VehicleId, Known>,
+    /// The common name of observers' certificates.
+    pub observer: String,
+    /// The common name of the operator's.
+    pub operator: String,
 }
 
 /// By what a vehicle is known.
@@ -62,7 +62,7 @@ pub fn known_by_vehicle<'de, D: Deserializer<'de>>(of: D) -> Result<BTreeMap<Veh
 }
 
 impl Security {
-    /// Whether everything is in order before Zenoh is asked: it would try again and again in silence.
+    /// Whether endpoints and names are in order.
     pub(super) fn check(&self, listen: &[String], dial: &[String]) -> Result<(), LinkError> {
         let wanted = self.protocol();
         for text in listen.iter().chain(dial) {
@@ -72,29 +72,12 @@ impl Security {
             }
         }
         let Self::Tls(tls) = self else { return Ok(()) };
-        let mut names = BTreeSet::new();
-        if let Some(known) =
-            tls.vehicles.values().find(|known| known.name.trim().is_empty() || !names.insert(&known.name))
-        {
-            return Err(LinkError::Name(known.name.clone()));
+        let guests = [&tls.observer, &tls.operator];
+        let names = || tls.vehicles.values().map(|known| &known.name).chain(guests);
+        match names().find(|name| name.trim().is_empty() || names().filter(|other| other == name).count() > 1) {
+            Some(name) => Err(LinkError::Name(name.clone())),
+            None => Ok(()),
         }
-        pem(&tls.authority, "CERTIFICATE-----")?;
-        pem(&tls.certificate, "CERTIFICATE-----")?;
-        pem(&tls.key, "PRIVATE KEY-----")
-    }
-
-    /// What to tell Zenoh of an endpoint to be dialled: over TLS it does not know an IPv6 address in its brackets.
-    pub(super) fn dialled(&self, endpoint: &str) -> String {
-        match self {
-            Self::Plain => endpoint.to_owned(),
-            Self::Tls(_) => endpoint.replace(['[', ']'], ""),
-        }
-    }
-
-    /// Whose a certificate of this common name is, where there are certificates.
-    pub fn certificates(&self) -> Option<BTreeMap<String, VehicleId>> {
-        let Self::Tls(tls) = self else { return None };
-        Some(tls.vehicles.iter().map(|(id, known)| (known.name.clone(), *id)).collect())
     }
 
     /// By what one tells whose a word is.
@@ -130,37 +113,5 @@ impl Security {
             Self::Plain => "tcp",
             Self::Tls(_) => "tls",
         }
-    }
-
-    /// What Zenoh is to be told. Each end shows its certificate, whoever has dialled.
-    pub(super) fn configuration(&self) -> Option<(&'static str, Value)> {
-        let Self::Tls(tls) = self else { return None };
-        let files = json!({
-            "root_ca_certificate": tls.authority,
-            "listen_certificate": tls.certificate,
-            "listen_private_key": tls.key,
-            "connect_certificate": tls.certificate,
-            "connect_private_key": tls.key,
-            "enable_mtls": true,
-            "verify_name_on_connect": true,
-            "close_link_on_expiration": true,
-        });
-        Some(("transport/link/tls", files))
-    }
-}
-
-/// Whether there is such a thing in this file, under a path that Zenoh takes.
-fn pem(path: &Path, what: &str) -> Result<(), LinkError> {
-    let fault = |source| LinkError::File { path: path.to_owned(), source };
-    let text = fs::read_to_string(path).map_err(fault)?;
-    if !text.contains(what) {
-        return Err(fault(io::Error::new(
-            io::ErrorKind::InvalidData,
-            format!("no {} in it", what.trim_end_matches('-')),
-        )));
-    }
-    match path.to_str() {
-        Some(path) if !path.contains(SEPARATORS) => Ok(()),
-        _ => Err(fault(io::Error::new(io::ErrorKind::InvalidInput, "its path has one of ? # ; | or is not UTF-8"))),
     }
 }

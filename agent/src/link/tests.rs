@@ -21,7 +21,7 @@ const PATIENCE: Duration = Duration::from_secs(5);
 /// A session that listens, and how it is dialled. Every test has a swarm of its own.
 fn hub(test: &str) -> (SwarmName, Session, Vec<String>) {
     let swarm = SwarmName::new(format!("{test}-{}", process::id())).unwrap();
-    let session = open(&swarm, &["tcp/127.0.0.1:0".to_owned()], &[], &Security::Plain).unwrap();
+    let session = open_zenoh(&swarm, &["tcp/127.0.0.1:0".to_owned()], &[], &[]).unwrap();
     let locators = session.info().locators().wait().iter().map(ToString::to_string).collect();
     (swarm, session, locators)
 }
@@ -40,7 +40,6 @@ fn trust(swarm: &SwarmName) -> Trust {
         run: 0,
         voices: Voices::plain(swarm.clone()),
         sealer: None,
-        certificates: None,
     }
 }
 
@@ -99,7 +98,7 @@ fn two_agents_hear_each_other_and_not_themselves() {
     let (swarm, hub, dial) = hub("two");
     let clock = LocalClock::start();
     let mut one = Link::new(hub, id(1), clock, trust(&swarm)).unwrap();
-    let mut two = Link::new(open(&swarm, &[], &dial, &Security::Plain).unwrap(), id(2), clock, trust(&swarm)).unwrap();
+    let mut two = Link::new(open_zenoh(&swarm, &[], &dial, &[]).unwrap(), id(2), clock, trust(&swarm)).unwrap();
     let cell = Cell { x: -1, y: 3 };
     let mut sequence = 0;
     let heard = until(
@@ -138,7 +137,7 @@ fn two_agents_hear_each_other_and_not_themselves() {
 fn a_peer_that_goes_is_missed_at_once() {
     let (swarm, hub, dial) = hub("goes");
     let one = link(hub, 1, trust(&swarm));
-    let two = link(open(&swarm, &[], &dial, &Security::Plain).unwrap(), 2, trust(&swarm));
+    let two = link(open_zenoh(&swarm, &[], &dial, &[]).unwrap(), 2, trust(&swarm));
     until(&one, || {}, |heard| word(heard, |word| *word == Word::Appeared(id(2))));
     let begin = now();
     two.close();
@@ -155,14 +154,14 @@ fn a_late_joiner_has_the_register_of_a_peer_that_says_nothing_any_more() {
     silent.say_mission(&mission(1, 5));
     let newest = |sender, sequence| move |word: &Word| *word == Word::Mission(mission(sender, sequence));
     let born = now();
-    let late = link(open(&swarm, &[], &dial, &Security::Plain).unwrap(), 2, trust(&swarm));
+    let late = link(open_zenoh(&swarm, &[], &dial, &[]).unwrap(), 2, trust(&swarm));
     until(&late, || {}, |heard| word(heard, newest(1, 5)));
     assert!(now() < born + Duration::from_secs(1), "heard after {:?}", now() - born);
 
     let free = std::net::TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
     let endpoint = vec![format!("tcp/{free}")];
-    let waiting = link(open(&swarm, &[], &endpoint, &Security::Plain).unwrap(), 3, trust(&swarm));
-    let hidden = link(open(&swarm, &endpoint, &[], &Security::Plain).unwrap(), 4, trust(&swarm));
+    let waiting = link(open_zenoh(&swarm, &[], &endpoint, &[]).unwrap(), 3, trust(&swarm));
+    let hidden = link(open_zenoh(&swarm, &endpoint, &[], &[]).unwrap(), 4, trust(&swarm));
     hidden.say_mission(&mission(4, 9));
     let mut appeared = None;
     until(
@@ -182,7 +181,7 @@ fn a_late_joiner_has_the_register_of_a_peer_that_says_nothing_any_more() {
 fn what_no_peer_can_have_said_is_counted_and_dropped() {
     let (swarm, hub, dial) = hub("dropped");
     let link = link(hub, 1, trust(&swarm));
-    let stranger = open(&swarm, &[], &dial, &Security::Plain).unwrap();
+    let stranger = open_zenoh(&swarm, &[], &dial, &[]).unwrap();
     let good = encode(&state(2, 1));
     until(
         &link,
@@ -212,7 +211,7 @@ fn what_no_peer_can_have_said_is_counted_and_dropped() {
 fn an_operators_order_is_heard() {
     let (swarm, hub, dial) = hub("order");
     let link = link(hub, 1, trust(&swarm));
-    let observer = open(&swarm, &[], &dial, &Security::Plain).unwrap();
+    let observer = open_zenoh(&swarm, &[], &dial, &[]).unwrap();
     let order = Order { epoch: 1, issuer: 9, verb: Verb::Land, seal: None };
     let key = Topic::Order(order.issuer).key();
     until(&link, || say(&observer, &key, &encode(&order)), |heard| word(heard, |word| *word == Word::Order(order)));
@@ -222,7 +221,7 @@ fn an_operators_order_is_heard() {
 fn the_trace_is_said_only_while_somebody_listens() {
     let (swarm, hub, dial) = hub("trace");
     let link = link(hub, 1, trust(&swarm));
-    let observer = open(&swarm, &[], &dial, &Security::Plain).unwrap();
+    let observer = open_zenoh(&swarm, &[], &dial, &[]).unwrap();
     assert!(!link.trace_is_wanted());
     for _ in 0..2 {
         let subscriber = observer.declare_subscriber(all::TRACES).wait().unwrap();
@@ -299,7 +298,7 @@ fn every_vehicle_fits_into_the_inbox_without_growing() {
 fn a_replayed_word_is_dropped_by_the_core() {
     let (swarm, hub, dial) = hub("replay");
     let link = link(hub, 1, trust(&swarm));
-    let replayer = open(&swarm, &[], &dial, &Security::Plain).unwrap();
+    let replayer = open_zenoh(&swarm, &[], &dial, &[]).unwrap();
     let key = "vehicle/2/cell/0/0/state";
     let newest = until(
         &link,
@@ -333,7 +332,7 @@ fn an_endpoint_that_is_none_is_refused() {
     let swarm = SwarmName::new("endpoint").unwrap();
     let refused = |listen: &str, dial: &str| {
         let endpoints = |text: &str| text.split_whitespace().map(str::to_owned).collect::<Vec<_>>();
-        open(&swarm, &endpoints(listen), &endpoints(dial), &Security::Plain).map(|_| ()).unwrap_err()
+        Sessions::open(&swarm, &endpoints(listen), &endpoints(dial), &Security::Plain).map(|_| ()).unwrap_err()
     };
     assert!(matches!(refused("localhost", ""), LinkError::Endpoint(text) if text == "localhost"));
     assert!(matches!(refused("", "tcp"), LinkError::Endpoint(_)));

@@ -34,8 +34,6 @@ pub struct Trust {
     pub voices: Voices,
     /// What seals the own words, where words are sealed.
     pub sealer: Option<Arc<Sealer>>,
-    /// Whose a certificate of this common name is; none where links are plain.
-    pub certificates: Option<BTreeMap<String, VehicleId>>,
 }
 
 impl Trust {
@@ -43,7 +41,7 @@ impl Trust {
     pub fn of(scenario: &Scenario) -> Self {
         let (swarm, vehicles) = (scenario.swarm.name.clone(), scenario.swarm.vehicles);
         let (plan, voices) = (scenario.plan_hash(), Voices::plain(swarm.clone()));
-        Self { swarm, vehicles, plan, orders: None, run: 0, voices, sealer: None, certificates: None }
+        Self { swarm, vehicles, plan, orders: None, run: 0, voices, sealer: None }
     }
 }
 

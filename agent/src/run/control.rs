@@ -226,6 +226,7 @@ impl Control {
             measurement: core.measurement,
             unsealed: link.unsealed,
             other_plan: link.other_plan,
+            links: link.links,
         }
     }
 

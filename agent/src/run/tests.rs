@@ -86,7 +86,7 @@ fn wait_until(what: &str, mut is_so: impl FnMut() -> bool) {
 /// A swarm's name, a session of vehicle 1, and how it is dialled.
 fn hub(test: &str) -> (SwarmName, Session, Vec<String>) {
     let swarm = SwarmName::new(format!("run-{test}-{}", process::id())).unwrap();
-    let session = link::open(&swarm, &["tcp/127.0.0.1:0".to_owned()], &[], &Security::Plain).unwrap();
+    let session = link::open_zenoh(&swarm, &["tcp/127.0.0.1:0".to_owned()], &[], &[]).unwrap();
     let locators = session.info().locators().wait().iter().map(ToString::to_string).collect();
     (swarm, session, locators)
 }
@@ -102,9 +102,9 @@ fn two_agents_find_each_other_take_part_and_land_when_stopped() {
     let tokio = Builder::new_multi_thread().worker_threads(1).enable_all().build().unwrap();
     let (swarm, session, mut dial) = hub("two");
     let one = Flight::begin(node(&swarm, 1), session, &tokio);
-    let second = link::open(&swarm, &["tcp/127.0.0.1:0".to_owned()], &dial, &Security::Plain).unwrap();
+    let second = link::open_zenoh(&swarm, &["tcp/127.0.0.1:0".to_owned()], &dial, &[]).unwrap();
     dial.extend(second.info().locators().wait().iter().map(ToString::to_string));
-    let observer = link::open(&swarm, &[], &dial, &Security::Plain).unwrap();
+    let observer = link::open_zenoh(&swarm, &[], &dial, &[]).unwrap();
     let mut events = listen::<Event>(&observer, all::EVENTS);
     let mut healths = listen::<Health>(&observer, all::HEALTH);
     let mut traces = listen::<Trace>(&observer, all::TRACES);
@@ -171,9 +171,9 @@ fn a_cut_of_the_scenario_parts_two_agents_and_heals() {
         (node.scenario.network.loss, node.scenario.network.delay_s) = (0.1, 0.1);
         node
     });
-    let second = link::open(&swarm, &["tcp/127.0.0.1:0".to_owned()], &dial, &Security::Plain).unwrap();
+    let second = link::open_zenoh(&swarm, &["tcp/127.0.0.1:0".to_owned()], &dial, &[]).unwrap();
     dial.extend(second.info().locators().wait().iter().map(ToString::to_string));
-    let observer = link::open(&swarm, &[], &dial, &Security::Plain).unwrap();
+    let observer = link::open_zenoh(&swarm, &[], &dial, &[]).unwrap();
     let mut events = listen::<Event>(&observer, all::EVENTS);
     let flights = [Flight::begin(one, session, &tokio), Flight::begin(two, second, &tokio)];
     let mut told: Vec<(Instant, Event)> = Vec::new();
@@ -227,9 +227,9 @@ fn what_the_scenario_does_to_the_network_and_the_clocks_happens_to_real_agents()
         node.scenario.vehicle[1].clock_drift_ppm = 100.0;
         node
     });
-    let second = link::open(&swarm, &["tcp/127.0.0.1:0".to_owned()], &dial, &Security::Plain).unwrap();
+    let second = link::open_zenoh(&swarm, &["tcp/127.0.0.1:0".to_owned()], &dial, &[]).unwrap();
     dial.extend(second.info().locators().wait().iter().map(ToString::to_string));
-    let observer = link::open(&swarm, &[], &dial, &Security::Plain).unwrap();
+    let observer = link::open_zenoh(&swarm, &[], &dial, &[]).unwrap();
     let mut healths = listen::<Health>(&observer, all::HEALTH);
     let mut traces = listen::<Trace>(&observer, all::TRACES);
     let flights = [Flight::begin(one, session, &tokio), Flight::begin(two, second, &tokio)];
@@ -267,7 +267,7 @@ fn an_agent_whose_launcher_is_gone_flies_until_an_order_has_landed_it() {
     let (swarm, session, dial) = hub("order");
     let flight = Flight::begin(node(&swarm, 1), session, &tokio);
     flight.stop.forsake();
-    let observer = link::open(&swarm, &[], &dial, &Security::Plain).unwrap();
+    let observer = link::open_zenoh(&swarm, &[], &dial, &[]).unwrap();
     let mut events = listen::<Event>(&observer, all::EVENTS);
     let mut told: Vec<Happening> = Vec::new();
     wait_until("a member", || {
@@ -291,7 +291,7 @@ fn what_a_node_makes_up_lands_nobody_and_is_named_and_what_the_operator_has_seal
     let plan = one.scenario.plan_hash();
     let flight = Flight::begin(one, session, &tokio);
     flight.stop.forsake();
-    let other = link::open(&swarm, &[], &dial, &Security::Plain).unwrap();
+    let other = link::open_zenoh(&swarm, &[], &dial, &[]).unwrap();
     let (mut events, mut healths) = (listen::<Event>(&other, all::EVENTS), listen::<Health>(&other, all::HEALTH));
     let mut missions = listen::<Mission>(&other, all::MISSIONS);
     let mut told: Vec<Happening> = Vec::new();

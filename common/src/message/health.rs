@@ -66,6 +66,8 @@ pub struct Drops {
     pub unsealed: u64,
     /// Registers of peers that fly another plan: they count for nothing in the agreement.
     pub other_plan: u64,
+    /// Links that were refused: somebody without a certificate that counts here, or for whom the own one does not.
+    pub links: u64,
     /// Own measurements that were not finite or not possible.
     pub measurement: u64,
 }
@@ -78,7 +80,7 @@ impl Drops {
 
     /// What no honest peer of this swarm says, however bad the network.
     pub fn refused(&self) -> u64 {
-        self.undecodable + self.other_version + self.forged + self.unsealed + self.other_plan
+        self.undecodable + self.other_version + self.forged + self.unsealed + self.other_plan + self.links
     }
 }
 
@@ -131,6 +133,8 @@ pub enum Reason {
     OtherPlan,
     /// Said in another run of the swarm.
     OtherRun,
+    /// A link without a certificate that counts.
+    Link,
     /// Older than what was already heard: late, repeated or replayed.
     Old,
 }
@@ -145,6 +149,7 @@ impl std::fmt::Display for Reason {
             Self::Unsealed => "order without a valid seal",
             Self::OtherPlan => "another plan",
             Self::OtherRun => "of another run",
+            Self::Link => "link refused",
             Self::Old => "old or replayed",
         })
     }

@@ -9,14 +9,13 @@ use std::time::Duration;
 use serde::Serialize;
 use skein_agent::clock::{LocalClock, new_incarnation, sleep_until};
 use skein_agent::link::seal::words::Voices;
-use skein_agent::link::{self, Link, Security, Trust};
+use skein_agent::link::{Link, Security, Sessions, Trust};
 use skein_agent::peers::{Heard, Word};
 use skein_common::frame::{Geodetic, PositionNed, VelocityNed};
 use skein_common::id::{Incarnation, SwarmName, VehicleId};
 use skein_common::message::{self, Header, Mission, State};
 use skein_common::state::{Membership, VehicleState};
 use skein_common::topic::Cell;
-use zenoh::Wait;
 
 use super::relay;
 use crate::clock::now;
@@ -169,10 +168,9 @@ impl Speaker {
         let clock = LocalClock::start();
         let (mut mesh, mut dial) = (Vec::new(), Vec::new());
         for id in VehicleId::first(count.into()) {
-            let session =
-                link::open(&swarm, &["tcp/127.0.0.1:0".to_owned()], &dial, &Security::Plain).map_err(in_words)?;
-            let locators = session.info().locators().wait();
-            let listens = locators.first().map(ToString::to_string).unwrap_or_default();
+            let sessions =
+                Sessions::open(&swarm, &["tcp/127.0.0.1:0".to_owned()], &dial, &Security::Plain).map_err(in_words)?;
+            let listens = sessions.endpoints().into_iter().next().unwrap_or_default();
             let listens = listens.trim_start_matches("tcp/").parse().map_err(in_words)?;
             dial.push(format!("tcp/{}", through(listens).map_err(in_words)?));
             let trust = Trust {
@@ -183,9 +181,8 @@ impl Speaker {
                 run: 0,
                 voices: Voices::plain(swarm.clone()),
                 sealer: None,
-                certificates: None,
             };
-            let link = Link::new(session, id, clock, trust).map_err(in_words)?;
+            let link = Link::new(sessions, id, clock, trust).map_err(in_words)?;
             let (said, heard_of, heard) = (0, vec![0; count.into()], Vec::new());
             mesh.push(Self { link, id, incarnation, clock, said, heard_of, heard });
         }

@@ -176,9 +176,9 @@ impl Flight {
              expired one {}",
             now_s() - before.at_s,
             came.iter().map(|came| came.said).collect::<Vec<_>>(),
-            self.logged(["peer sent no certificates", "link was refused"]),
-            self.logged(["BadSignature", "link was refused"]),
-            self.logged(["xpired", "link was refused"]),
+            self.logged(["no link with", "peer sent no certificates"]),
+            self.logged(["no link with", "BadSignature"]),
+            self.logged(["no link with", "xpired"]),
         ));
     }
 

@@ -1,9 +1,10 @@
 //! Who comes uninvited to a swarm that flies, and who has taken over a node: everything that they can say is said, over and
-//! over, with Zenoh itself.
+//! over, with our own links and without any restraint.
 
 use std::collections::BTreeMap;
 use std::fs;
-use std::io::Write;
+use std::io::{Read, Write};
+use std::net::TcpStream;
 use std::path::Path;
 use std::process::{Child, Stdio};
 use std::sync::{Arc, Mutex};
@@ -11,16 +12,23 @@ use std::thread::sleep;
 use std::time::{Duration, Instant};
 
 use rcgen::{CertificateParams, DnType, ExtendedKeyUsagePurpose, Issuer, KeyPair, date_time_ymd};
+use rustls_pki_types::CertificateDer;
+use rustls_pki_types::pem::PemObject;
 use serde_json::json;
 use skein_agent::link::seal::Sealer;
 use skein_agent::link::seal::words::{ADDED_BYTES, Voices};
+use skein_agent::link::security::{Known, Tls};
+use skein_agent::link::{Security, Sessions};
 use skein_common::frame::{Geodetic, VelocityNed};
 use skein_common::id::{Incarnation, SwarmName, VehicleId};
 use skein_common::message::{self, Header, Message, Mission, Order, Seal, State, Verb};
 use skein_common::state::{Membership, VehicleState};
 use skein_common::time::SenderStamp;
 use skein_common::topic::{Cell, Topic};
-use zenoh::{Config, Session, Wait};
+use tokio_rustls::rustls::crypto::ring;
+use tokio_rustls::rustls::{ClientConfig, ClientConnection, RootCertStore, Stream};
+use zenoh::Wait;
+use zenoh::sample::Locality;
 
 use super::lab::{HOSTS, Lab};
 
@@ -106,19 +114,28 @@ pub(super) fn come(lab: &Lab, who: &[&str]) -> Vec<Came> {
 pub(super) fn intrude() {
     let Ok(who) = std::env::var(HOLDS) else { return };
     let mouth = Mouth::open(&who);
-    let session = &mouth.session;
+    let session = mouth.sessions.first();
     let heard = Arc::<Mutex<Vec<(String, Vec<u8>)>>>::default();
     let into = heard.clone();
     let listen = move |sample: zenoh::sample::Sample| {
         into.lock().unwrap().push((sample.key_expr().to_string(), sample.payload().to_bytes().into_owned()));
     };
-    session.declare_subscriber("vehicle/*/**").callback(listen).background().wait().unwrap();
+    session
+        .declare_subscriber("vehicle/*/**")
+        .allowed_origin(Locality::Remote)
+        .callback(listen)
+        .background()
+        .wait()
+        .unwrap();
     let (mut links, mut said) = (0, 0);
     let until = Instant::now() + LONG;
+    if who == UNINVITED[0] {
+        knock(&Path::new("/root").join(&who));
+    }
     while Instant::now() < until {
         sleep(Duration::from_millis(100));
         links = links.max(session.info().peers_zid().wait().count());
-        let heard = heard.lock().unwrap();
+        let heard = heard.lock().unwrap().clone();
         said += mouth.make_up(run(&heard));
         said += mouth.repeat(run(&heard), &heard);
     }
@@ -132,36 +149,47 @@ fn run(heard: &[(String, Vec<u8>)]) -> u64 {
     heard.first().and_then(|(_, bytes)| run(bytes)).unwrap_or(0)
 }
 
-/// As what stands in its folder allows.
-fn open(who: &str) -> Session {
+/// Shows nothing to each of them.
+fn knock(folder: &Path) {
+    let mut roots = RootCertStore::empty();
+    roots.add(CertificateDer::from_pem_file(folder.join("authority.pem")).unwrap()).unwrap();
+    let config = ClientConfig::builder_with_provider(Arc::new(ring::default_provider()));
+    let config = config.with_safe_default_protocol_versions().unwrap().with_root_certificates(roots);
+    let config = Arc::new(config.with_no_client_auth());
+    for (address, port) in nodes() {
+        let mut tls = ClientConnection::new(config.clone(), address.clone().try_into().unwrap()).unwrap();
+        let mut socket = TcpStream::connect((address, port)).unwrap();
+        let answer = Stream::new(&mut tls, &mut socket).read(&mut [0; 1]);
+        assert!(answer.is_err(), "it is let in");
+    }
+}
+
+/// Where each node listens.
+fn nodes() -> impl Iterator<Item = (String, u16)> {
+    (1..=HOSTS).map(|id| (format!("10.79.0.{id}"), 7446 + u16::from(id)))
+}
+
+/// As what stands in its folder allows: whoever has no certificate comes in the clear.
+fn open(who: &str) -> Sessions {
     let folder = Path::new("/root").join(who);
-    let mut tls = json!({ "root_ca_certificate": folder.join("authority.pem"), "verify_name_on_connect": false });
-    if folder.join("own.pem").exists() {
-        for end in ["listen", "connect"] {
-            tls[format!("{end}_certificate")] = json!(folder.join("own.pem"));
-            tls[format!("{end}_private_key")] = json!(folder.join("own.key"));
+    let [authority, certificate, key] = ["authority.pem", "own.pem", "own.key"].map(|file| folder.join(file));
+    let (protocol, security) = match certificate.exists() {
+        false => ("tcp", Security::Plain),
+        true => {
+            // It lets everybody in.
+            let known = |id: VehicleId| Known { name: format!("vehicle-{id}"), key: [0; 32].into() };
+            let vehicles = VehicleId::first(HOSTS.into()).map(|id| (id, known(id))).collect();
+            let (observer, operator) = ("observer".to_owned(), "operator".to_owned());
+            ("tls", Security::Tls(Tls { authority, certificate, key, vehicles, observer, operator }))
         }
-        tls["enable_mtls"] = json!(true);
-    }
-    let dial: Vec<String> = (1..=HOSTS).map(|id| format!("tls/10.79.0.{id}:{}", 7446 + u16::from(id))).collect();
-    let mut config = Config::default();
-    for (key, value) in [
-        ("mode", json!("peer")),
-        ("namespace", json!("lab")),
-        ("listen/endpoints", json!([])),
-        ("connect/endpoints", json!(dial)),
-        ("scouting/multicast/enabled", json!(false)),
-        ("scouting/gossip/enabled", json!(false)),
-        ("transport/link/tls", tls),
-    ] {
-        config.insert_json5(key, &value.to_string()).unwrap();
-    }
-    zenoh::open(config).wait().unwrap()
+    };
+    let dial: Vec<String> = nodes().map(|(address, port)| format!("{protocol}/{address}:{port}")).collect();
+    Sessions::open(&SwarmName::new("lab").unwrap(), &[], &dial, &security).unwrap()
 }
 
 /// What somebody says, with what it seals it.
 struct Mouth {
-    session: Session,
+    sessions: Sessions,
     voices: Voices,
     sealer: Option<Sealer>,
 }
@@ -171,12 +199,12 @@ impl Mouth {
         let key = fs::read_to_string(Path::new("/root").join(who).join("own.key"));
         let sealer = key.ok().and_then(|key| Sealer::from_pem(&key).ok());
         let voices = Voices::sealed(SwarmName::new("lab").unwrap(), BTreeMap::new());
-        Self { session: open(who), voices, sealer }
+        Self { sessions: open(who), voices, sealer }
     }
 
     /// Who is linked with nobody says it to nobody.
     fn say(&self, key: &str, bytes: Vec<u8>) -> u64 {
-        self.session.put(key, bytes).wait().unwrap();
+        self.sessions.first().put(key, bytes).wait().unwrap();
         1
     }
 
@@ -206,7 +234,7 @@ impl Mouth {
             + self.say_word(run, Topic::Mission(id), &mission)
             + self.say(&Topic::Order(FORGER).key(), message::encode(&order(None)));
         // Its token comes and goes.
-        drop(self.session.liveliness().declare_token(Topic::Alive(id).key()).wait().unwrap());
+        drop(self.sessions.first().liveliness().declare_token(Topic::Alive(id).key()).wait().unwrap());
         said + 1
     }
 

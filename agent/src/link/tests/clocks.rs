@@ -60,10 +60,10 @@ fn measure(line: &mut HealthLine, listener: &Session, own: u8, peers: &[u8], wan
 #[test]
 fn clocks_are_measured_within_their_bounds_and_a_wrong_one_is_seen() {
     let (swarm, hub, mut dial) = hub("clocks");
-    let second = open(&swarm, &["tcp/127.0.0.1:0".to_owned()], &dial, &Security::Plain).unwrap();
+    let second = open_zenoh(&swarm, &["tcp/127.0.0.1:0".to_owned()], &dial, &[]).unwrap();
     dial.extend(second.info().locators().wait().iter().map(ToString::to_string));
-    let third = open(&swarm, &[], &dial, &Security::Plain).unwrap();
-    let listener = open(&swarm, &[], &dial[..1], &Security::Plain).unwrap();
+    let third = open_zenoh(&swarm, &[], &dial, &[]).unwrap();
+    let listener = open_zenoh(&swarm, &[], &dial[..1], &[]).unwrap();
     let [one, two, three] = [(1, hub), (2, second), (3, third)].map(|(own, session)| link(session, own, trust(&swarm)));
     let mut asking = one.health(utc_nanoseconds).unwrap();
     let _right = two.health(utc_nanoseconds).unwrap();
@@ -80,7 +80,7 @@ fn clocks_are_measured_within_their_bounds_and_a_wrong_one_is_seen() {
 fn what_a_liar_says_of_its_clock_breaks_nothing_and_nobody_answers_for_another() {
     let (swarm, hub, dial) = hub("liar");
     let agent = link(hub, 1, trust(&swarm));
-    let liar = open(&swarm, &[], &dial, &Security::Plain).unwrap();
+    let liar = open_zenoh(&swarm, &[], &dial, &[]).unwrap();
     // One after the other.
     let lie = |key: &'static str, answers: Vec<fn(u64) -> Vec<u8>>| {
         let next = AtomicUsize::new(0);
@@ -116,7 +116,7 @@ fn what_a_liar_says_of_its_clock_breaks_nothing_and_nobody_answers_for_another()
         ],
     );
     let mut asking = agent.health(utc_nanoseconds).unwrap();
-    let listener = open(&swarm, &[], &dial, &Security::Plain).unwrap();
+    let listener = open_zenoh(&swarm, &[], &dial, &[]).unwrap();
     let said =
         measure(&mut asking, &listener, 1, &[2, 3, 4], |said| said.peers[..2].iter().all(|peer| peer.clock.is_some()));
     let offsets_s = [0, 1].map(|nth| said.peers[nth].clock.unwrap().offset_s);

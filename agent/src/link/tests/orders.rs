@@ -63,7 +63,7 @@ fn only_an_order_that_the_operator_has_sealed_in_this_run_is_taken() {
     let (swarm, hub, dial) = hub("sealed");
     let operator = sealer();
     let agent = link(hub, 1, trust_in(&swarm, operator.key(), RUN));
-    let session = open(&swarm, &[], &dial, &Security::Plain).unwrap();
+    let session = open_zenoh(&swarm, &[], &dial, &[]).unwrap();
     let good = seal(&operator, &swarm, RUN, order(2, Verb::Hold));
     let bad = [
         order(9, Verb::Abort),
@@ -84,7 +84,7 @@ fn an_order_that_a_node_makes_up_in_its_own_register_is_left_out_of_it_and_named
     let (swarm, hub, dial) = hub("made-up");
     let operator = sealer();
     let agent = link(hub, 1, trust_in(&swarm, operator.key(), RUN));
-    let node = open(&swarm, &[], &dial, &Security::Plain).unwrap();
+    let node = open_zenoh(&swarm, &[], &dial, &[]).unwrap();
     let made_up = order(u64::MAX, Verb::Abort);
     let filed = file_register(&agent, &node, 2, made_up);
     assert_eq!(filed, Mission { order: None, ..with_order(2, filed.header.sequence, made_up) });
@@ -101,7 +101,7 @@ fn an_order_that_a_node_makes_up_in_its_own_register_is_left_out_of_it_and_named
 fn without_an_orders_key_any_order_is_taken() {
     let (swarm, hub, dial) = hub("plain");
     let agent = link(hub, 1, trust(&swarm));
-    let session = open(&swarm, &[], &dial, &Security::Plain).unwrap();
+    let session = open_zenoh(&swarm, &[], &dial, &[]).unwrap();
     let plain = order(1, Verb::Hold);
     assert_eq!(refused_then(&agent, &session, &[], plain), [plain]);
     assert_eq!(file_register(&agent, &session, 2, order(2, Verb::Land)).order, Some(order(2, Verb::Land)));
@@ -114,7 +114,7 @@ fn an_agent_that_was_not_told_its_run_is_in_the_one_that_most_peers_say() {
     let operator = sealer();
     let by_hand = link(hub, 1, trust_in(&swarm, operator.key(), 0));
     assert_eq!(by_hand.ear.judge.run(), 0);
-    let other = open(&swarm, &[], &dial, &Security::Plain).unwrap();
+    let other = open_zenoh(&swarm, &[], &dial, &[]).unwrap();
     let says = |sender: u8, run: u64| {
         by_hand.ear.file("vehicle/2/mission", Word::Mission(mission(sender, 1)), Some(run));
         by_hand.ear.judge.run()

@@ -178,8 +178,10 @@ fn security_toml(inventory: &Inventory, names: Names, orders: SealKey) -> String
     let mut vehicles = names.vehicles;
     vehicles.retain(|id, _| inventory.nodes.contains_key(id));
     format!(
-        "\n[security]\nauthority = \"authority.pem\"\ncertificate = \"node.pem\"\nkey = \"node.key\"\norders = \"{orders}\"\n\n\
-         [security.vehicles]\n{}",
+        "\n[security]\nauthority = \"authority.pem\"\ncertificate = \"node.pem\"\nkey = \"node.key\"\norders = \"{orders}\"\n\
+         observer = \"{}\"\noperator = \"{}\"\n\n[security.vehicles]\n{}",
+        names.observer,
+        names.operator,
         vehicles_toml(&vehicles)
     )
 }

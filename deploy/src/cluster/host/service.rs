@@ -162,6 +162,8 @@ pub(super) fn become_agent(node: &NodeFolder) -> Result<(), String> {
         command.arg("--flown-s").arg(format!("{flown_s:.3}"));
     }
     command.env(RELEASE, &started.installed.release).env(LIFE, node.run().join("life"));
+    // Where its sockets are, and what a crash of it is to tell.
+    command.env("RUNTIME_DIRECTORY", node.run()).env("RUST_BACKTRACE", "1");
     if let Some(log) = &settings.log {
         command.env("RUST_LOG", log);
     }

@@ -44,6 +44,8 @@ impl Inventory {
             certificate: folder.path(&certificate),
             key: folder.path(&key),
             vehicles: names.vehicles,
+            observer: names.observer,
+            operator: names.operator,
         };
         let orders_key = orders_key(&folder)?;
         let sealer = (role == Role::Operator).then(|| sealer(&folder, orders_key)).transpose()?;

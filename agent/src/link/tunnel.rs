@@ -1,0 +1,228 @@
+//! Secured links between hosts: mutual TLS 1.3 around what Zenoh says. On each host Zenoh speaks over sockets that nobody else
+//! gets at ([`local`]), and this carries what it says to the other hosts:
+//!
+//! ```text
+//! Zenoh -- local socket -- tunnel == TLS over TCP == tunnel -- local socket -- Zenoh
+//! ```
+//!
+//! Zenoh's own TLS links are not used: they let two threads use one TLS connection at once, which corrupts memory
+//! ([zenoh#2557](https://github.com/eclipse-zenoh/zenoh/issues/2557)). Here each end is known by its certificate before
+//! Zenoh hears of it: a name that does not count, because it was replaced, makes no link; and who has a link is who is there
+//! ([`super::presence`]).
+
+mod local;
+mod tls;
+
+use std::io;
+use std::net::TcpListener as StdListener;
+use std::sync::Arc;
+use std::time::Duration;
+
+use skein_common::id::VehicleId;
+use tokio::io::{AsyncRead, AsyncWrite, AsyncWriteExt, copy, split};
+use tokio::net::{TcpListener, TcpStream};
+use tokio::runtime::{Builder, Runtime};
+use tokio::sync::Semaphore;
+use tokio::time::{sleep, timeout};
+use zenoh::Session;
+
+use super::LinkError;
+use super::presence::Presence;
+use super::security::Tls;
+use local::{Locals, ZenohListener};
+pub(super) use tls::{Ends, Peer};
+
+/// Longest time to reach another host, and then to agree with it on who is who. Zenoh gives up after a second.
+const REACH_WITHIN: Duration = Duration::from_millis(900);
+/// So many may be asked at once who they are.
+const AT_ONCE: usize = 64;
+/// A link that ends says so within this time.
+const GOODBYE_WITHIN: Duration = Duration::from_millis(200);
+/// What a PC without a file descriptor left waits before it accepts again.
+const PAUSE: Duration = Duration::from_millis(100);
+
+/// All links of one agent or observer to other hosts; they end with it.
+pub(super) struct Tunnel {
+    shared: Arc<Shared>,
+    listeners: Vec<StdListener>,
+    locals: Locals,
+    /// Taken when it ends: the last thread of a runtime must not be waited for by itself.
+    runtime: Option<Runtime>,
+}
+
+struct Shared {
+    ends: Ends,
+    presence: Arc<Presence>,
+}
+
+impl Tunnel {
+    /// Binds `listen` and a local socket for each of `dial`, endpoints like `tls/10.0.0.11:7447`. Nothing is carried before
+    /// [`Self::carry`].
+    ///
+    /// # Errors
+    /// Keys that are none, or an address that cannot be listened on.
+    pub(super) fn open(listen: &[String], dial: &[String], tls: &Tls) -> Result<Self, LinkError> {
+        let ends = Ends::new(tls)?;
+        let taken = |source: io::Error| LinkError::Open { listen: listen.to_vec(), source: source.into() };
+        let bind = |endpoint: &String| {
+            let listener = StdListener::bind(address(endpoint))?;
+            listener.set_nonblocking(true)?;
+            Ok(listener)
+        };
+        let listeners = listen.iter().map(bind).collect::<io::Result<_>>().map_err(taken)?;
+        let runtime =
+            Builder::new_multi_thread().worker_threads(1).thread_name("tls").enable_all().build().map_err(taken)?;
+        let locals = runtime.block_on(async { Locals::open(dial) }).map_err(taken)?;
+        let presence = Presence::by_links();
+        Ok(Self { shared: Arc::new(Shared { ends, presence }), listeners, locals, runtime: Some(runtime) })
+    }
+
+    /// Where Zenoh is to listen here, if it is reached from other hosts.
+    pub(super) fn zenoh_listens(&self) -> Vec<String> {
+        if self.listeners.is_empty() { Vec::new() } else { vec![self.locals.zenoh_listens()] }
+    }
+
+    /// What Zenoh is to dial here, to reach each of the others.
+    pub(super) fn zenoh_dials(&self) -> Vec<String> {
+        self.locals.zenoh_dials()
+    }
+
+    /// Where others reach this host, with the ports that it was given.
+    pub(super) fn endpoints(&self) -> Vec<String> {
+        let addresses = self.listeners.iter().filter_map(|listener| listener.local_addr().ok());
+        addresses.map(|address| format!("tls/{address}")).collect()
+    }
+
+    /// Who is there.
+    pub(super) fn presence(&self) -> &Arc<Presence> {
+        &self.shared.presence
+    }
+
+    /// Carries from now on what the session that listens, if one does, and those that dial say and hear.
+    pub(super) fn carry(&mut self, listening: Option<&Session>) -> io::Result<()> {
+        let Some(runtime) = &self.runtime else { return Ok(()) };
+        let _in_runtime = runtime.enter();
+        if let Some(session) = listening {
+            let zenoh = Arc::new(self.locals.zenoh(session)?);
+            for listener in &self.listeners {
+                let listener = TcpListener::from_std(listener.try_clone()?)?;
+                runtime.spawn(accept(listener, zenoh.clone(), self.shared.clone()));
+            }
+        }
+        for (local, endpoint) in self.locals.take_dialled() {
+            let shared = self.shared.clone();
+            runtime.spawn(async move {
+                loop {
+                    match local.accept().await {
+                        Ok(zenoh) => _ = tokio::spawn(dial(zenoh, endpoint.clone(), shared.clone())),
+                        Err(_) => sleep(PAUSE).await,
+                    }
+                }
+            });
+        }
+        Ok(())
+    }
+}
+
+impl Drop for Tunnel {
+    fn drop(&mut self) {
+        if let Some(runtime) = self.runtime.take() {
+            runtime.shutdown_background();
+        }
+    }
+}
+
+/// Lets in who shows a certificate that counts.
+async fn accept(listener: TcpListener, zenoh: Arc<ZenohListener>, shared: Arc<Shared>) {
+    let at_once = Arc::new(Semaphore::new(AT_ONCE));
+    loop {
+        let Ok((socket, from)) = listener.accept().await else {
+            sleep(PAUSE).await;
+            continue;
+        };
+        // It is never closed.
+        let Ok(asked) = at_once.clone().acquire_owned().await else { return };
+        let (zenoh, shared) = (zenoh.clone(), shared.clone());
+        tokio::spawn(async move {
+            let let_in = async {
+                socket.set_nodelay(true)?;
+                shared.ends.accept(socket).await
+            };
+            let let_in = timeout(REACH_WITHIN, let_in).await.unwrap_or(Err(io::ErrorKind::TimedOut.into()));
+            drop(asked);
+            match let_in {
+                Ok((there, peer)) => {
+                    if let Ok(here) = zenoh.connect().await {
+                        carry(there, here, (&from.ip().to_string(), &peer), &shared.presence).await;
+                    }
+                }
+                // Somebody who only looked whether the port is open, or whose network has gone.
+                Err(error) if error.kind() != io::ErrorKind::InvalidData => {
+                    tracing::debug!("no link from {from}: {error}")
+                }
+                Err(error) => shared.presence.refuse(&from.ip().to_string(), &error.to_string()),
+            }
+        });
+    }
+}
+
+/// Reaches another host for Zenoh, which tries again if that fails.
+async fn dial(here: local::Stream, endpoint: String, shared: Arc<Shared>) {
+    let address = address(&endpoint);
+    let reach = async {
+        let socket = TcpStream::connect(address).await?;
+        socket.set_nodelay(true)?;
+        shared.ends.connect(host(address), socket).await
+    };
+    match timeout(REACH_WITHIN, reach).await {
+        Ok(Ok((there, peer))) => carry(there, here, (address, &peer), &shared.presence).await,
+        Ok(Err(error)) if error.kind() == io::ErrorKind::InvalidData => {
+            shared.presence.refuse(address, &error.to_string());
+        }
+        Ok(Err(error)) => tracing::debug!("{address} is not reached: {error}"),
+        Err(_) => tracing::debug!("{address} is not reached: no answer"),
+    }
+}
+
+/// Carries everything both ways until one of the two ends, or the other's certificate.
+async fn carry(
+    there: impl AsyncRead + AsyncWrite + Unpin,
+    here: impl AsyncRead + AsyncWrite + Unpin,
+    (address, peer): (&str, &Peer),
+    presence: &Arc<Presence>,
+) {
+    let _is_there = presence.link(peer.vehicle);
+    let (mut from_there, mut to_there) = split(there);
+    let (mut from_here, mut to_here) = split(here);
+    // Neither waits for the other: one that was cut off would not be missed for a quarter of an hour.
+    tokio::select! {
+        copied = copy(&mut from_there, &mut to_here) => match copied {
+            // It tells so only when the link stands already.
+            Err(error) if error.kind() == io::ErrorKind::InvalidData => {
+                presence.refuse(address, &error.to_string());
+            }
+            _ => {}
+        },
+        _ = copy(&mut from_here, &mut to_there) => {}
+        () = sleep(peer.lasts) => tracing::warn!("the link with {} has ended with its certificate", peer.name),
+    }
+    let _ = timeout(GOODBYE_WITHIN, to_there.shutdown()).await;
+}
+
+/// `10.0.0.11:7447` of `tls/10.0.0.11:7447`.
+fn address(endpoint: &str) -> &str {
+    endpoint.split_once('/').map_or(endpoint, |(_, address)| address)
+}
+
+/// `10.0.0.11` of `10.0.0.11:7447`, `::1` of `[::1]:7447`.
+fn host(address: &str) -> &str {
+    address.rsplit_once(':').map_or(address, |(host, _)| host).trim_matches(['[', ']'])
+}
+
+/// Whose a link is.
+impl Peer {
+    /// Of this name, as long as its certificate lasts.
+    fn new(name: String, vehicle: Option<VehicleId>, lasts: Duration) -> Self {
+        Self { name, vehicle, lasts }
+    }
+}

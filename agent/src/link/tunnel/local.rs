@@ -1,0 +1,191 @@
+//! The sockets between Zenoh and the tunnel, on one host: Unix sockets in a folder that only the own user gets into. A system
+//! without them has TCP on the loopback, which every user of the PC reaches; what is said there counts for nothing without
+//! its speaker's seal.
+
+use std::io;
+
+use zenoh::Session;
+
+#[cfg(unix)]
+pub(super) use unix::{Locals, Stream, ZenohListener};
+
+#[cfg(not(unix))]
+pub(super) use loopback::{Locals, Stream, ZenohListener};
+
+#[cfg(unix)]
+mod unix {
+    use std::env;
+    use std::fs::{self, DirBuilder};
+    use std::os::unix::fs::DirBuilderExt;
+    use std::path::{Path, PathBuf};
+    use std::process;
+    use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
+
+    use tokio::net::{UnixListener, UnixStream};
+
+    use super::{Session, io};
+
+    pub(in super::super) type Stream = UnixStream;
+
+    /// A socket's path is at most so long, bytes (108 with its end on Linux, 104 on macOS).
+    const MAX_PATH: usize = 100;
+    /// The longest name of ours in the folder.
+    const LONGEST: &str = "/skein-4294967295-4294967295/dial-250.lock";
+
+    /// All of one tunnel's, in a folder that goes with it.
+    pub(in super::super) struct Locals {
+        folder: PathBuf,
+        dialled: Vec<(Dialled, String)>,
+        dials: Vec<String>,
+    }
+
+    impl Locals {
+        pub(in super::super) fn open(dial: &[String]) -> io::Result<Self> {
+            let mut locals = Self { folder: new_folder()?, dialled: Vec::new(), dials: Vec::new() };
+            for (nth, endpoint) in dial.iter().enumerate() {
+                let path = locals.folder.join(format!("dial-{nth}"));
+                locals.dials.push(zenoh_endpoint(&path));
+                locals.dialled.push((Dialled(UnixListener::bind(path)?), endpoint.clone()));
+            }
+            Ok(locals)
+        }
+
+        pub(in super::super) fn zenoh_listens(&self) -> String {
+            zenoh_endpoint(&self.folder.join("zenoh"))
+        }
+
+        pub(in super::super) fn zenoh_dials(&self) -> Vec<String> {
+            self.dials.clone()
+        }
+
+        pub(in super::super) fn take_dialled(&mut self) -> Vec<(Dialled, String)> {
+            std::mem::take(&mut self.dialled)
+        }
+
+        pub(in super::super) fn zenoh(&self, _: &Session) -> io::Result<ZenohListener> {
+            Ok(ZenohListener(self.folder.join("zenoh")))
+        }
+    }
+
+    impl Drop for Locals {
+        fn drop(&mut self) {
+            // Nothing depends on it.
+            let _ = fs::remove_dir_all(&self.folder);
+        }
+    }
+
+    /// Where Zenoh dials to reach one of the others.
+    pub(in super::super) struct Dialled(UnixListener);
+
+    impl Dialled {
+        pub(in super::super) async fn accept(&self) -> io::Result<Stream> {
+            self.0.accept().await.map(|(stream, _)| stream)
+        }
+    }
+
+    /// Where Zenoh listens.
+    pub(in super::super) struct ZenohListener(PathBuf);
+
+    impl ZenohListener {
+        pub(in super::super) async fn connect(&self) -> io::Result<Stream> {
+            UnixStream::connect(&self.0).await
+        }
+    }
+
+    fn zenoh_endpoint(path: &Path) -> String {
+        format!("unixsock-stream/{}", path.display())
+    }
+
+    /// In the folder that a service is given, in the user's own, or else in that for whatever is temporary: what a killed
+    /// agent leaves there, its next start, its uninstallation or the system takes away.
+    fn new_folder() -> io::Result<PathBuf> {
+        static COUNT: AtomicU32 = AtomicU32::new(0);
+        let fits = |folder: &PathBuf| {
+            let text = folder.to_str().filter(|text| !text.contains(['?', '#', ';', '|']));
+            text.is_some_and(|text| text.len() + LONGEST.len() <= MAX_PATH) && folder.is_dir()
+        };
+        let given = ["RUNTIME_DIRECTORY", "XDG_RUNTIME_DIR"].into_iter().filter_map(env::var_os).map(PathBuf::from);
+        let base = given.chain([env::temp_dir()]).find(fits).unwrap_or_else(|| "/tmp".into());
+        let id = process::id();
+        loop {
+            let folder = base.join(format!("skein-{id}-{}", COUNT.fetch_add(1, Relaxed)));
+            match DirBuilder::new().mode(0o700).create(&folder) {
+                // An earlier process of this number has left it.
+                Err(error) if error.kind() == io::ErrorKind::AlreadyExists => {}
+                Err(error) => return Err(error),
+                Ok(()) => return Ok(folder),
+            }
+        }
+    }
+}
+
+#[cfg(not(unix))]
+mod loopback {
+    use std::net::SocketAddr;
+
+    use tokio::net::{TcpListener, TcpStream};
+    use zenoh::Wait;
+
+    use super::{Session, io};
+
+    pub(in super::super) type Stream = TcpStream;
+
+    /// All of one tunnel's.
+    pub(in super::super) struct Locals {
+        dialled: Vec<(Dialled, String)>,
+        dials: Vec<String>,
+    }
+
+    impl Locals {
+        pub(in super::super) fn open(dial: &[String]) -> io::Result<Self> {
+            let mut locals = Self { dialled: Vec::new(), dials: Vec::new() };
+            for endpoint in dial {
+                let listener = std::net::TcpListener::bind("127.0.0.1:0")?;
+                listener.set_nonblocking(true)?;
+                locals.dials.push(format!("tcp/{}", listener.local_addr()?));
+                locals.dialled.push((Dialled(TcpListener::from_std(listener)?), endpoint.clone()));
+            }
+            Ok(locals)
+        }
+
+        pub(in super::super) fn zenoh_listens(&self) -> String {
+            "tcp/127.0.0.1:0".to_owned()
+        }
+
+        pub(in super::super) fn zenoh_dials(&self) -> Vec<String> {
+            self.dials.clone()
+        }
+
+        pub(in super::super) fn take_dialled(&mut self) -> Vec<(Dialled, String)> {
+            std::mem::take(&mut self.dialled)
+        }
+
+        pub(in super::super) fn zenoh(&self, session: &Session) -> io::Result<ZenohListener> {
+            let locators = session.info().locators().wait();
+            let address = locators.iter().find_map(|locator| locator.address().as_str().parse().ok());
+            address.map(ZenohListener).ok_or_else(|| io::Error::other("Zenoh does not say where it listens"))
+        }
+    }
+
+    /// Where Zenoh dials to reach one of the others.
+    pub(in super::super) struct Dialled(TcpListener);
+
+    impl Dialled {
+        pub(in super::super) async fn accept(&self) -> io::Result<Stream> {
+            let (stream, _) = self.0.accept().await?;
+            stream.set_nodelay(true)?;
+            Ok(stream)
+        }
+    }
+
+    /// Where Zenoh listens.
+    pub(in super::super) struct ZenohListener(SocketAddr);
+
+    impl ZenohListener {
+        pub(in super::super) async fn connect(&self) -> io::Result<Stream> {
+            let stream = TcpStream::connect(self.0).await?;
+            stream.set_nodelay(true)?;
+            Ok(stream)
+        }
+    }
+}
