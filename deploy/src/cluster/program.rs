@@ -146,6 +146,9 @@ impl<'a> Elf<'a> {
 
 #[cfg(test)]
 mod tests {
+    use std::ffi::OsStr;
+    use std::process::Command;
+
     use super::*;
 
     fn program(platform: Option<&str>, glibc: Option<Glibc>) -> Program {
@@ -189,11 +192,17 @@ mod tests {
         assert_eq!(own.platform.as_deref(), Some(format!("Linux {}", std::env::consts::ARCH).as_str()));
         assert_eq!(own.sum.len(), 64);
         assert_eq!(own.release, format!("{}-{}", env!("CARGO_PKG_VERSION"), &own.sum[..12]));
-        // A test program of the standard library asks for a C library of the last ten years, and it runs here.
-        let wanted = own.glibc.unwrap();
-        let said = std::process::Command::new("getconf").arg("GNU_LIBC_VERSION").output().unwrap();
-        let there = glibc(&String::from_utf8(said.stdout).unwrap());
-        assert!(wanted > (2, 17) && Some(wanted) <= there, "{wanted:?} {there:?}");
+        let said = |program: &str, arguments: &[&OsStr]| {
+            let output =
+                Command::new(program).args(arguments).output().unwrap_or_else(|why| panic!("{program}: {why}"));
+            String::from_utf8(output.stdout).unwrap()
+        };
+        let there = glibc(&said("getconf", &["GNU_LIBC_VERSION".as_ref()]));
+        assert!(own.glibc.is_some() && own.glibc <= there, "{:?} {there:?}", own.glibc);
+        // Whoever links programs has readelf.
+        let needs = said("readelf", &["--version-info".as_ref(), "--wide".as_ref(), own.path.as_ref()]);
+        let names = needs.split("Name: GLIBC_").skip(1).filter_map(|rest| version(rest.split_whitespace().next()?));
+        assert_eq!(own.glibc, names.max());
     }
 
     #[test]
