@@ -60,7 +60,7 @@ impl Place {
     fn fly_into(&self, out: &str) -> Command {
         let mut command = self.command();
         command.arg("fly").arg("--out").arg(self.folder.path().join(out));
-        for set in ["swarm.vehicles=3", "formation.altitude_m=8", "formation.radius_m=60"] {
+        for set in ["swarm.vehicles=3", "formation.altitude_m=5", "formation.radius_m=60"] {
             command.args(["--set", set]);
         }
         command.arg("--set").arg(format!("swarm.name={}", self.name));
@@ -226,7 +226,15 @@ fn a_flight_of_twenty_seconds_leaves_its_files_and_no_process() {
     }
 }
 
+/// Side by side: these only wait.
 #[test]
+fn control_c_lands_everybody_and_a_second_one_ends_at_once() {
+    std::thread::scope(|scope| {
+        scope.spawn(control_c_lands_everybody);
+        scope.spawn(control_c_twice_ends_at_once);
+    });
+}
+
 fn control_c_lands_everybody() {
     let place = Place::new("stopped");
     let flight = Flight::start(&place, &["--plant", "standin"]);
@@ -244,7 +252,6 @@ fn control_c_lands_everybody() {
     assert_eq!(metrics["plant"], "standin");
 }
 
-#[test]
 fn control_c_twice_ends_at_once() {
     let place = Place::new("urgent");
     let flight = Flight::start(&place, &[]);
@@ -263,7 +270,15 @@ fn control_c_twice_ends_at_once() {
     assert!(place.metrics()["duration_s"].is_number(), "the window was over before");
 }
 
+/// Side by side: these only wait.
 #[test]
+fn a_swarm_flies_on_without_a_vehicle_and_without_its_launcher() {
+    std::thread::scope(|scope| {
+        scope.spawn(a_vehicle_that_is_killed_is_named_and_the_others_fly_on);
+        scope.spawn(a_swarm_whose_launcher_is_killed_flies_on_until_it_is_ordered_to_land);
+    });
+}
+
 fn a_vehicle_that_is_killed_is_named_and_the_others_fly_on() {
     let place = Place::new("bereft");
     let flight = Flight::start(&place, &[]);
@@ -284,7 +299,6 @@ fn a_vehicle_that_is_killed_is_named_and_the_others_fly_on() {
     assert_eq!(place.processes(), []);
 }
 
-#[test]
 fn a_swarm_whose_launcher_is_killed_flies_on_until_it_is_ordered_to_land() {
     let place = Place::new("orphaned");
     let mut flight = Flight::start(&place, &["--plant", "standin"]);
@@ -335,7 +349,7 @@ fn pauses_s(steps: &[Trace], window: Duration) -> BTreeMap<u8, f64> {
 }
 
 #[test]
-fn whichever_process_is_killed_the_others_never_stop() {
+fn a_process_that_is_killed_whichever_it_is_never_stops_the_others() {
     let place = Place::new("survivors");
     let mut flight = Flight::start(&place, &["--plant", "standin", "--set", "swarm.vehicles=4"]);
     flight.wait_for("everybody takes part");
@@ -434,11 +448,11 @@ fn what_cannot_be_flown_is_refused_before_anything_is_begun() {
     }
 }
 
-/// Ninety seconds of the default hover formation: what the first minute and a half can show of its limits.
+/// Fifty seconds of the default hover formation: what they can show of its limits. At their end it is spread already.
 fn flies_the_default_formation(name: &'static str, plant: &str) {
     let place = Place::new(name);
     let mut command = place.command();
-    command.args(["fly", "--json", "--duration", "90", "--plant", plant, "--out"]).arg(place.out());
+    command.args(["fly", "--json", "--duration", "50", "--plant", plant, "--out"]).arg(place.out());
     let flown = command.arg("--set").arg(format!("swarm.name={name}")).output().unwrap();
     assert!(flown.status.success(), "{}", String::from_utf8_lossy(&flown.stderr));
     assert_eq!(place.processes(), []);
@@ -457,12 +471,11 @@ fn flies_the_default_formation(name: &'static str, plant: &str) {
     assert!(figure("nearest_pair_end_m") >= 100.0 && figure("collisions") == 0.0, "{metrics:#}");
 }
 
+/// Side by side, and by its name before the shorter tests.
 #[test]
-fn four_processes_fly_the_default_formation_on_the_built_in_model() {
-    flies_the_default_formation("ninety-builtin", "builtin");
-}
-
-#[test]
-fn four_processes_fly_the_default_formation_over_the_simulators_protocol() {
-    flies_the_default_formation("ninety-standin", "standin");
+fn a_default_formation_is_flown_by_four_processes_on_the_built_in_model_and_over_the_simulators_protocol() {
+    std::thread::scope(|scope| {
+        scope.spawn(|| flies_the_default_formation("default-builtin", "builtin"));
+        scope.spawn(|| flies_the_default_formation("default-standin", "standin"));
+    });
 }
