@@ -1,10 +1,10 @@
-//! What stands on the hosts before Skein comes: a helicopter in each one's X-Plane. And what Skein is told of it.
+//! What stands on the hosts and PCs before Skein comes: a helicopter in each one's X-Plane. And what Skein is told of it.
 
 use std::fmt::Write;
 use std::fs;
 use std::process::{Child, Stdio};
 
-use skein_common::frame::{Origin, PositionNed};
+use skein_common::frame::{Geodetic, Origin, PositionNed};
 use skein_common::scenario::{Source, load};
 
 use super::host::Host;
@@ -16,10 +16,8 @@ pub(super) const RADIUS_M: f64 = 40.0;
 pub(super) const BAND_M: f64 = 10.0;
 /// How high, m.
 pub(super) const ALTITUDE_M: f64 = 5.0;
-/// Where its X-Plane is, as each host sees it.
+/// Where every X-Plane listens.
 const PORT: u16 = 49_000;
-/// Another helicopter, on host 8 too.
-pub(super) const SECOND_PORT: u16 = 49_100;
 
 /// Simulators: they end with their value, as with their host.
 pub(super) struct Fleet {
@@ -27,27 +25,30 @@ pub(super) struct Fleet {
 }
 
 impl Fleet {
-    /// Starts X-Plane on every host, but on those in `without`.
+    /// Starts everybody's X-Plane, but those in `without`.
     pub(super) fn start(lab: &Lab, without: &[u8]) -> Self {
         let mut fleet = Self { simulators: Vec::new() };
         for id in (1..=HOSTS).filter(|id| !without.contains(id)) {
-            fleet.add(lab, lab.host(id), id, PORT);
+            fleet.add(lab, id);
         }
         fleet
     }
 
     /// Starts one more, with the helicopter of vehicle `id` in it.
-    pub(super) fn add(&mut self, lab: &Lab, host: &Host, id: u8, port: u16) {
-        if !host.path("/opt/x-plane").exists() {
-            host.put_program(&lab.operator().path("/opt/skein"), "/opt/x-plane");
+    pub(super) fn add(&mut self, lab: &Lab, id: u8) {
+        let pc = lab.pc(id);
+        pc.put_program(&lab.operator().path("/opt/skein"), "/opt/x-plane");
+        let place = start(id);
+        let mut command = pc.command("/opt/x-plane");
+        let beacon = is_elsewhere(id).to_string();
+        if is_elsewhere(id) {
+            // X-Plane listens to every PC. The stand-in does with its beacon, and where every address can be bound: it answers
+            // to none but its own.
+            pc.sh("echo 1 >/proc/sys/net/ipv4/ip_nonlocal_bind").good();
         }
-        let scenario = load(&Source { name: "fleet", text: &scenario(id) }, &[]).unwrap().scenario;
-        let [north_m, east_m] = start_ne_m(id);
-        let place = Origin::new(scenario.origin.geodetic()).geodetic_from_ned(PositionNed::new(north_m, east_m, 0.0));
-        let mut command = host.command("/opt/x-plane");
-        command.args(["standin", "--beacon", "false", "--port", &port.to_string()]);
+        command.args(["standin", "--beacon", &beacon, "--port", &PORT.to_string()]);
         command.args(["--lat", &place.latitude_deg().to_string(), "--lon", &place.longitude_deg().to_string()]);
-        command.args(["--alt", &scenario.origin.elevation_m.to_string()]);
+        command.args(["--alt", &place.altitude_m.to_string()]);
         let silent = command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null());
         self.simulators.push(silent.spawn().unwrap());
     }
@@ -60,6 +61,21 @@ impl Drop for Fleet {
             let _ = simulator.wait();
         }
     }
+}
+
+/// Where the helicopter of vehicle `id` stands at first.
+fn start(id: u8) -> Geodetic {
+    let scenario = load(&Source { name: "fleet", text: &scenario(id) }, &[]).unwrap().scenario;
+    let [north_m, east_m] = start_ne_m(id);
+    let on_ellipsoid =
+        Origin::new(scenario.origin.geodetic()).geodetic_from_ned(PositionNed::new(north_m, east_m, 0.0));
+    Geodetic { altitude_m: scenario.origin.elevation_m, ..on_ellipsoid }
+}
+
+/// The same as `skein check` says it.
+pub(super) fn place(id: u8) -> String {
+    let start = start(id);
+    format!("{:.5}°, {:.5}°", start.latitude_deg(), start.longitude_deg())
 }
 
 /// Inside the ring's band or outside of it, by turns: all have some way to go, and nobody meets anybody.
@@ -84,14 +100,19 @@ pub(super) fn scenario(vehicles: u8) -> String {
     text
 }
 
-/// `cluster.toml` of these eight hosts; a ninth agent flies from the eighth.
-fn inventory(hosts: &[Host], vehicles: u8) -> String {
+/// Whether this vehicle's X-Plane runs on another PC than its agent.
+fn is_elsewhere(id: u8) -> bool {
+    id >= HOSTS
+}
+
+/// `cluster.toml` of these eight hosts; the agent of a ninth vehicle runs on the eighth.
+fn inventory(lab: &Lab, vehicles: u8) -> String {
     let mut text =
         "swarm = \"lab\"\nscenario = \"ring.toml\"\nkeys = \"keys\"\n[defaults]\nplant = \"xplane\"\n".to_owned();
     for id in 1..=vehicles {
-        let Host { name, address, .. } = &hosts[usize::from(id.min(HOSTS)) - 1];
-        let port = if id > HOSTS { SECOND_PORT } else { PORT };
-        writeln!(text, "[node.{id}]\nhost = \"{name}\"\naddress = \"{address}\"\nxplane = \"127.0.0.1:{port}\"")
+        let Host { name, address, .. } = lab.host(id.min(HOSTS));
+        let xplane = if is_elsewhere(id) { &lab.pc(id).address } else { "127.0.0.1" };
+        writeln!(text, "[node.{id}]\nhost = \"{name}\"\naddress = \"{address}\"\nxplane = \"{xplane}:{PORT}\"")
             .unwrap();
     }
     text
@@ -102,5 +123,5 @@ pub(super) fn describe(lab: &Lab, vehicles: u8) {
     let folder = lab.operator().path("/root/lab");
     fs::create_dir_all(&folder).unwrap();
     fs::write(folder.join("ring.toml"), scenario(vehicles)).unwrap();
-    fs::write(folder.join("cluster.toml"), inventory(&lab.hosts, vehicles)).unwrap();
+    fs::write(folder.join("cluster.toml"), inventory(lab, vehicles)).unwrap();
 }

@@ -7,7 +7,7 @@ use std::thread::sleep;
 use std::time::Duration;
 
 use super::faults::other_release;
-use super::fleet::{self, ALTITUDE_M, BAND_M, Fleet, RADIUS_M, SECOND_PORT};
+use super::fleet::{self, ALTITUDE_M, BAND_M, Fleet, RADIUS_M};
 use super::host::{Host, kill};
 use super::intruders;
 use super::lab::{HOSTS, Lab};
@@ -281,13 +281,13 @@ impl Flight {
         ));
     }
 
-    /// Another release and a ninth vehicle, node by node while the others fly.
+    /// Another release and a ninth vehicle, node by node while the others fly. Host 8 then has two agents and no X-Plane.
     pub(super) fn upgrade(&mut self, sky: Sky) -> Sky {
         let program = self.lab.operator().path("/opt/skein");
         fs::rename(other_release(&program), &program).unwrap();
         let ninth = HOSTS + 1;
         fleet::describe(&self.lab, ninth);
-        self.fleet.add(&self.lab, self.lab.host(HOSTS), ninth, SECOND_PORT);
+        self.fleet.add(&self.lab, ninth);
         self.cluster("keys", 30).good();
 
         let releases = |look: &Look| look.vehicles.iter().map(|it| it.release.clone()).collect::<Vec<_>>();
@@ -303,6 +303,16 @@ impl Flight {
             let down: Vec<_> = look.vehicles.iter().filter(|it| it.height_m < OFF_M).map(|it| it.id).collect();
             assert!(down.len() <= 1, "one after the other: {down:?} were down");
         }
+        let check = self.lab.skein("check -f lab/cluster.toml --json", 60);
+        let simulator = format!("aircraft at {}", fleet::place(ninth));
+        let checked = check.json();
+        let is_heard = |line: &serde_json::Value| {
+            line["place"] == format!("node {ninth}")
+                && line["what"] == "X-Plane"
+                && line["state"] == "good"
+                && line["found"].as_str().is_some_and(|found| found.contains(&simulator))
+        };
+        assert!(checked.as_array().unwrap().iter().any(is_heard), "no {simulator} in {check}");
         self.cluster("up", 60).good();
         drop(sky);
         // Who is in the swarm now stands in other files.
@@ -310,9 +320,16 @@ impl Flight {
         let nine = |look: &Look| look.all(9, |it| it.is_active && it.height_m > ALOFT_M);
         sky.wait(60, 0.0, "nine fly", nine);
         assert!(releases(&sky.now()).iter().all(|release| !old.contains(release)), "{:?}", sky.now());
+        let shared = self.lab.host(HOSTS);
+        let of_host = [&["skein", "agent"][..], &["x-plane"]].map(|words| shared.processes(words).len());
+        assert_eq!(of_host, [2, 0], "agents and X-Planes on {}", shared.name);
+        for id in [HOSTS, ninth] {
+            let of_pc = [&["x-plane"][..], &["skein"]].map(|words| self.lab.pc(id).processes(words).len());
+            assert_eq!(of_pc, [1, 0], "X-Planes and agents on {}", self.lab.pc(id).name);
+        }
         say(&format!(
             "another release and a ninth vehicle: all in {:.1} s, each lands, starts and is back within {:.1} s (the slowest), \
-             one after the other while the rest fly on; then nine fly",
+             one after the other while the rest fly on; then nine fly, two of them from one host over X-Planes on other PCs",
             install.took_s(),
             restarted.iter().copied().fold(0.0, f64::max)
         ));

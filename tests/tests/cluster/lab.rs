@@ -1,7 +1,8 @@
 //! Eight hosts and the operator's PC on one bridge.
 //!
 //! ```text
-//!   heli1 ... heli8     10.79.0.1 ... 10.79.0.8   each with sshd, and with X-Plane's stand-in on its loopback
+//!   heli1 ... heli8     10.79.0.1 ... 10.79.0.8   each with sshd, the first seven with X-Plane's stand-in on their loopback
+//!   pc8, pc9            10.79.0.208, 10.79.0.209  nothing but such a stand-in: vehicles 8 and 9 are flown from heli8
 //!   operator            10.79.0.100               with an ssh key, the hosts' keys, and the program
 //!   eye                 10.79.0.200               looks on
 //!   stranger            10.79.0.201               nobody has invited it
@@ -25,8 +26,9 @@ pub(super) const HOSTS: u8 = 8;
 /// What the operator's PC is called.
 const OPERATOR: &str = "operator";
 const OPERATOR_ADDRESS: &str = "10.79.0.100";
-/// Others on the bridge.
-const OTHERS: [(&str, &str); 2] = [("eye", "10.79.0.200"), ("stranger", "10.79.0.201")];
+/// Others on the bridge: without sshd.
+const OTHERS: [(&str, &str); 4] =
+    [("eye", "10.79.0.200"), ("stranger", "10.79.0.201"), ("pc8", "10.79.0.208"), ("pc9", "10.79.0.209")];
 /// The bridge's namespace.
 const BRIDGE: &str = "switch";
 /// How the folders of these tests begin; the number of the test's process follows.
@@ -119,6 +121,15 @@ impl Lab {
     /// The PC that nobody has invited.
     pub(super) fn stranger(&self) -> &Host {
         &self.others[1]
+    }
+
+    /// Where the X-Plane of vehicle `id` runs.
+    pub(super) fn pc(&self, id: u8) -> &Host {
+        match id {
+            8 => &self.others[2],
+            9 => &self.others[3],
+            _ => self.host(id),
+        }
     }
 
     /// Host `id`.
