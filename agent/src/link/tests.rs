@@ -16,7 +16,7 @@ use super::*;
 use crate::clock::{now, sleep_until};
 use crate::peers::Peers;
 
-const PATIENCE: Duration = Duration::from_secs(5);
+const PATIENCE: Duration = Duration::from_secs(20);
 
 /// A session that listens, and how it is dialled. Every test has a swarm of its own.
 fn hub(test: &str) -> (SwarmName, Session, Vec<String>) {

@@ -99,7 +99,7 @@ impl Refused {
     /// Longest key, bytes.
     pub const MAX_KEY: usize = 48;
     /// Most kinds that are told.
-    pub const MAX_COUNT: usize = 8;
+    pub const MAX_COUNT: usize = 16;
 
     /// Nothing of `key`, which anybody may have chosen, is longer than it should be or does something to a terminal.
     pub fn printable(key: &str) -> String {

@@ -5,6 +5,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::io::Read;
 use std::net::{TcpListener, TcpStream};
+use std::sync::atomic::AtomicUsize;
 
 use rcgen::{
     BasicConstraints, CertificateParams, DnType, ExtendedKeyUsagePurpose, IsCa, Issuer, KeyPair, PKCS_ED25519,
@@ -669,6 +670,8 @@ fn links_over_ipv6_are_secured_too() {
 /// Whoever comes and goes while everybody speaks harms nobody: with links of Zenoh's own this ended the process within seconds.
 #[test]
 fn links_that_come_and_go_harm_nobody() {
+    const GUESTS: usize = 3;
+    const VISITS: usize = 12;
     let name = SwarmName::new(format!("busy-{}", process::id())).unwrap();
     let authority = Authority::new();
     let here = ["tls/127.0.0.1:0".to_owned()];
@@ -680,12 +683,13 @@ fn links_that_come_and_go_harm_nobody() {
     }
     let observer = secured(authority.tls("observer"));
     let (name, endpoints, observer) = (&name, &endpoints, &observer);
-    let until = now() + Duration::from_secs(5);
+    let still_come = &AtomicUsize::new(GUESTS);
+    let all_went = || still_come.load(Relaxed) == 0;
     std::thread::scope(|scope| {
         for (own, mut link) in links {
             scope.spawn(move || {
                 let (mut said, mut heard) = (0, Vec::new());
-                while now() < until {
+                while !all_went() {
                     said += 1;
                     link.say_state(&state(own, said), Cell::default());
                     link.say_mission(&mission(own, said));
@@ -700,17 +704,26 @@ fn links_that_come_and_go_harm_nobody() {
                 assert_eq!(link.drops().refused(), 0);
             });
         }
-        for _ in 0..3 {
+        for _ in 0..GUESTS {
             scope.spawn(move || {
-                while now() < until {
+                let _gone = Gone(still_come);
+                for _ in 0..VISITS {
                     let sessions = Sessions::open(name, &[], endpoints, observer).unwrap();
                     let heard = sessions.first().declare_subscriber(all::STATES).wait().unwrap();
-                    sleep_until(now() + Duration::from_millis(300));
-                    assert!(heard.drain().count() > 0);
+                    wait_until(|| heard.drain().count() > 0);
                     drop(heard);
                     sessions.close(());
                 }
             });
         }
     });
+}
+
+/// Takes itself off a count, also when a test fails.
+struct Gone<'a>(&'a AtomicUsize);
+
+impl Drop for Gone<'_> {
+    fn drop(&mut self) {
+        self.0.fetch_sub(1, Relaxed);
+    }
 }
