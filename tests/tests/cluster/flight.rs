@@ -17,8 +17,8 @@ use super::sky::{Look, Sky, now_s};
 
 /// Off the ground for good, m.
 const OFF_M: f64 = 1.5;
-/// From nothing installed to all off the ground, copying aside, s.
-const OFF_WITHIN_S: f64 = 10.0;
+/// From nothing installed to all off the ground, copying aside, it takes a busy PC at most so long, s; an idle one a quarter.
+const OFF_WITHIN_S: f64 = 30.0;
 /// Nearer than this two have collided, m.
 const COLLISION_M: f64 = 2.0;
 /// Eight neighbours on the ring are so far apart, at least this share of it, once it is formed.
@@ -190,7 +190,7 @@ impl Flight {
         sleep(Duration::from_millis(1500));
         self.nothing_has_changed(sky, &before);
 
-        let status = self.cluster("status", 20).good();
+        let status = soon_good(|| self.cluster("status", 20));
         let status_json = status.json();
         let refusals: Vec<_> = rows(&status_json)
             .iter()
@@ -271,7 +271,7 @@ impl Flight {
         self.lab.put_operator();
         let order = |verb: &str| self.lab.skein(&format!("order {verb} -f lab/cluster.toml"), 20).good();
         let hold = order("hold");
-        sky.wait(5, gone_s, "all hold", |look| look.all(8, |it| it.order == "hold"));
+        sky.wait(20, gone_s, "all hold", |look| look.all(8, |it| it.order == "hold"));
         let step = sky.now().vehicles.iter().map(|it| it.step).max().unwrap() + 1;
         order(&format!("goto {step}"));
         sky.wait(20, gone_s, "all go on", |look| look.all(8, |it| it.step >= step && it.order.starts_with("goto")));
@@ -339,7 +339,7 @@ impl Flight {
     /// From a node itself, with nothing but what it was given.
     pub(super) fn status_from_a_node(&self) {
         let script = "cd .skein/lab && releases/*/skein cluster status -f node-2/current/cluster.toml";
-        let status = self.lab.operator().sh(&format!("ssh heli2 '{script}'")).good();
+        let status = soon_good(|| self.lab.operator().sh(&format!("ssh heli2 '{script}'")));
         let lines = status.out.lines().filter(|line| line.contains("formation")).count();
         assert_eq!(lines, usize::from(HOSTS), "{status}");
         say(&format!("skein cluster status, on node 2 itself:\n{}", status.out));
@@ -375,6 +375,18 @@ impl Flight {
         }
         assert!(ids.iter().all(|id| sky.now().of(*id).is_some_and(|it| it.is_there && it.is_active)));
     }
+}
+
+/// A PC with other things to do may make a simulator falter for a moment, which a status tells too.
+fn soon_good(status: impl Fn() -> Ran) -> Ran {
+    for _ in 0..10 {
+        let ran = status();
+        if ran.status == Some(0) {
+            return ran;
+        }
+        sleep(Duration::from_secs(1));
+    }
+    status().good()
 }
 
 /// The rows of a report.

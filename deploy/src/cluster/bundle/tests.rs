@@ -128,7 +128,7 @@ fn what_changes_at_one_node_is_nothing_new_for_the_others() {
 }
 
 #[test]
-fn a_revocation_is_in_everybodys_rules() {
+fn everybody_is_told_of_a_revocation() {
     let folder = tempfile::tempdir().unwrap();
     let inventory = cluster(folder.path(), "");
     let before = Bundle::of(&inventory, id(1)).unwrap();
