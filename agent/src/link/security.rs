@@ -1,4 +1,4 @@
-//! Who may join a swarm: mutual TLS on every link ([`super::tunnel`]), with certificates of the swarm's authority and names
+//! Who may join a swarm: mutual TLS on every link (`link/tunnel.rs`), with certificates of the swarm's authority and names
 //! that count. Who may say what in it is told by seals ([`super::seal`]): a link lets in, and lets nobody speak for another.
 
 use std::collections::BTreeMap;

@@ -5,7 +5,7 @@ use std::fs;
 use std::io;
 use std::path::Path;
 use std::sync::Arc;
-use std::time::{Duration, SystemTime, UNIX_EPOCH};
+use std::time::Duration;
 
 use rustls_pki_types::pem::PemObject;
 use rustls_pki_types::{CertificateDer, PrivateKeyDer, ServerName};
@@ -20,6 +20,7 @@ use tokio_rustls::{TlsAcceptor, TlsConnector, TlsStream};
 use x509_parser::certificate::X509Certificate;
 use x509_parser::prelude::FromDer;
 
+use crate::clock::utc_nanoseconds;
 use crate::link::LinkError;
 use crate::link::security::Tls;
 
@@ -120,7 +121,7 @@ impl Ends {
         let vehicle = vehicle.ok_or_else(|| refused(format!("the certificate {name:?} does not count here")))?;
         let ends_s = u64::try_from(shown.validity().not_after.timestamp()).unwrap_or(0);
         // UTC, for that is what certificates end by.
-        let now = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
+        let now = Duration::from_nanos(utc_nanoseconds());
         Ok(Peer::new(name.to_owned(), *vehicle, Duration::from_secs(ends_s).saturating_sub(now)))
     }
 }
