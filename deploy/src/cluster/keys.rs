@@ -156,7 +156,7 @@ impl Maker<'_> {
         for role in roles(self.inventory) {
             let key = self.key(&key_file(role), revoked == Some(role))?;
             let name = match name_of(&names, role) {
-                name if name.is_empty() => folder::stem(role),
+                "" => folder::stem(role),
                 name if revoked == Some(role) => next_name(name),
                 name => name.to_owned(),
             };
