@@ -19,7 +19,7 @@ const FAULTS: [(u8, &str, &str, &str, &str); 8] = [
     (2, "cut off", "ssh", "", "see that"),
     (3, "another host key", "ssh", "host key is not the one known here", "ssh-keygen -R heli3"),
     (4, "a firewall before its port", "port", "10.79.0.4:7450 is closed for this PC", "TCP port 7450"),
-    (5, "a clock 2 s ahead", "clock", "+2", "timedatectl set-ntp true"),
+    (5, "a clock 2.5 s ahead", "clock", "+2", "timedatectl set-ntp true"),
     (6, "no X-Plane", "X-Plane", "", "X-Plane"),
     (7, "a full disk", "disk", "MiB free", "make room"),
     (8, "another release", "version", "is installed, this PC has", "skein cluster install"),
@@ -30,7 +30,7 @@ fn environment(id: u8) -> &'static [&'static str] {
     match id {
         5 => &[
             "LD_PRELOAD=/usr/lib/x86_64-linux-gnu/faketime/libfaketime.so.1",
-            "FAKETIME=+2.0s",
+            "FAKETIME=+2.5s",
             "DONT_FAKE_MONOTONIC=1",
         ],
         _ => &[],
