@@ -1,0 +1,181 @@
+//! Who makes a link, and what becomes of it.
+
+use super::*;
+
+#[test]
+fn who_has_no_certificate_is_not_let_in() {
+    let mut swarm = Swarm::begin("none");
+    // To the right place in the clear, and in TLS without showing anything.
+    let address = swarm.endpoints[0].trim_start_matches("tls/").to_owned();
+    let plain = open_zenoh(&swarm.name, &[], &[format!("tcp/{address}")], &[]).unwrap();
+    // Not even the right seal helps.
+    let forger = swarm.forger("vehicle-1");
+    swarm.never_hear(|| attack(&plain, &forger));
+    assert!(!is_linked(&plain));
+
+    let mut roots = RootCertStore::empty();
+    roots.add(CertificateDer::from_pem_file(swarm.authority.folder.path().join("authority.pem")).unwrap()).unwrap();
+    let config = ClientConfig::builder_with_provider(Arc::new(ring::default_provider()));
+    let config = config.with_protocol_versions(&[&TLS13]).unwrap().with_root_certificates(roots).with_no_client_auth();
+    let mut tls = ClientConnection::new(Arc::new(config), "127.0.0.1".try_into().unwrap()).unwrap();
+    let mut socket = TcpStream::connect(address).unwrap();
+    let ended = Stream::new(&mut tls, &mut socket).read(&mut [0; 1]);
+    assert!(ended.is_err(), "{ended:?}");
+    wait_until(|| swarm.one.ear.refused().iter().any(|kind| kind.reason == Reason::Link));
+}
+
+#[test]
+fn a_certificate_of_another_authority_is_worth_nothing() {
+    let mut swarm = Swarm::begin("other");
+    // It would take the swarm for its own, if the swarm took it.
+    let others = Authority::new();
+    let tls = Tls { authority: swarm.authority.folder.path().join("authority.pem"), ..others.tls("vehicle-3.2") };
+    let intruder = swarm.guest(tls);
+    let forger = swarm.forger("vehicle-1");
+    swarm.never_hear(|| attack(intruder.first(), &forger));
+    assert!(!is_linked(intruder.first()));
+}
+
+#[test]
+fn an_expired_certificate_is_worth_nothing() {
+    let mut swarm = Swarm::begin("expired");
+    let tls = swarm.authority.tls("vehicle-3.2");
+    swarm.authority.certify("vehicle-3.2", 2021);
+    let intruder = swarm.guest(tls);
+    let forger = swarm.forger("vehicle-1");
+    swarm.never_hear(|| attack(intruder.first(), &forger));
+    assert!(!is_linked(intruder.first()));
+}
+
+#[test]
+fn a_name_that_was_replaced_is_not_let_in() {
+    let mut swarm = Swarm::begin("revoked");
+    let intruder = swarm.guest(swarm.authority.tls("vehicle-3"));
+    let forger = swarm.forger("vehicle-1");
+    swarm.never_hear(|| attack(intruder.first(), &forger));
+    assert!(!is_linked(intruder.first()));
+    assert!(swarm.one.drops().links > 0 && swarm.two.drops().links > 0, "it is told to them, and counted");
+}
+
+/// Peers hand nothing on, but a router would, if they listened to it.
+#[test]
+fn a_router_is_nobody_special() {
+    let mut swarm = Swarm::begin("router");
+    let router = [("mode", json!("router"))];
+    let tunnel = Tunnel::open(&[], &swarm.endpoints, &swarm.authority.tls("vehicle-3.2")).unwrap();
+    let intruder = Sessions::secured(tunnel, |listen, dial| open_zenoh(&swarm.name, listen, dial, &router)).unwrap();
+    let forger = swarm.forger("vehicle-3.2");
+    swarm.withstand(|| attack(intruder.first(), &forger));
+}
+
+#[test]
+fn keys_that_are_none_are_named() {
+    let authority = Authority::new();
+    let name = SwarmName::new("named").unwrap();
+    let good = authority.tls("vehicle-1");
+    let refused = |tls: Tls, listen: &str| {
+        let Err(error) = Sessions::open(&name, &[listen.to_owned()], &[], &secured(tls)) else {
+            panic!("it is opened")
+        };
+        error.to_string()
+    };
+    let here = "tls/127.0.0.1:0";
+    let missing = authority.folder.path().join("missing.pem");
+    let named = missing.display().to_string();
+    let error = refused(Tls { certificate: missing, ..good.clone() }, here);
+    assert!(error.starts_with(&named) && error.contains("No such file"), "{error}");
+    let error = refused(Tls { key: good.certificate.clone(), ..good.clone() }, here);
+    assert!(error.ends_with("vehicle-1.pem: no PRIVATE KEY in it"), "{error}");
+    let error = refused(good.clone(), "tcp/127.0.0.1:0");
+    assert_eq!(error, "\"tcp/127.0.0.1:0\": links are secured here, so an endpoint is written like tls/10.0.0.11:7447");
+    let Err(error) = Sessions::open(&name, &[], &[here.to_owned()], &Security::Plain) else { panic!("it is opened") };
+    assert!(error.is_the_users() && error.to_string().contains("no keys for secured links"), "{error}");
+    let mut vehicles = good.vehicles.clone();
+    vehicles.insert(id(4), vehicles[&id(1)].clone());
+    assert!(refused(Tls { vehicles, ..good.clone() }, here).contains("\"vehicle-1\" has to stand for one"));
+    assert!(refused(Tls { observer: "vehicle-2".to_owned(), ..good.clone() }, here).contains("\"vehicle-2\" has to"));
+    let other = authority.key_file("vehicle-2");
+    assert!(refused(Tls { key: other, ..good.clone() }, here).contains("vehicle-2.key: "), "of another certificate");
+
+    let sealer = |tls: Tls, own: u8| secured(tls).sealer(id(own));
+    assert!(sealer(good.clone(), 1).unwrap().is_some() && Security::Plain.sealer(id(1)).unwrap().is_none());
+    let error = sealer(good.clone(), 2).unwrap_err();
+    assert!(error.is_the_users() && error.to_string() == "the swarm does not know vehicle 2 by this key", "{error}");
+    let error = sealer(Tls { key: good.certificate.clone(), ..good }, 1).unwrap_err().to_string();
+    assert!(error.ends_with("vehicle-1.pem: not an Ed25519 key in PKCS#8"), "{error}");
+}
+
+#[test]
+fn links_over_ipv6_are_secured_too() {
+    let authority = Authority::new();
+    let name = SwarmName::new(format!("six-{}", process::id())).unwrap();
+    let tls = |number| secured(authority.tls(&format!("vehicle-{number}")));
+    if TcpListener::bind("[::1]:0").is_err() {
+        // A machine without IPv6.
+        return;
+    }
+    let one = Sessions::open(&name, &["tls/[::1]:0".to_owned()], &[], &tls(1)).unwrap();
+    let two = Sessions::open(&name, &[], &one.endpoints(), &tls(2)).unwrap();
+    wait_until(|| is_linked(two.first()));
+}
+
+/// Whoever comes and goes while everybody speaks harms nobody: with links of Zenoh's own this ended the process within seconds.
+#[test]
+fn links_that_come_and_go_harm_nobody() {
+    const GUESTS: usize = 3;
+    const VISITS: usize = 12;
+    let name = SwarmName::new(format!("busy-{}", process::id())).unwrap();
+    let authority = Authority::new();
+    let here = ["tls/127.0.0.1:0".to_owned()];
+    let (mut endpoints, mut links) = (Vec::new(), Vec::new());
+    for (own, vehicle) in (1..).zip(["vehicle-1", "vehicle-2", "vehicle-3.2"]) {
+        let sessions = Sessions::open(&name, &here, &endpoints, &secured(authority.tls(vehicle))).unwrap();
+        endpoints.extend(sessions.endpoints());
+        links.push((own, Link::new(sessions, id(own), LocalClock::start(), authority.trust(&name, vehicle)).unwrap()));
+    }
+    let observer = secured(authority.tls("observer"));
+    let (name, endpoints, observer) = (&name, &endpoints, &observer);
+    let still_come = &AtomicUsize::new(GUESTS);
+    let all_went = || still_come.load(Relaxed) == 0;
+    std::thread::scope(|scope| {
+        for (own, mut link) in links {
+            scope.spawn(move || {
+                let (mut said, mut heard) = (0, Vec::new());
+                while !all_went() {
+                    said += 1;
+                    link.say_state(&state(own, said), Cell::default());
+                    link.say_mission(&mission(own, said));
+                    pause();
+                    link.drain(&mut heard);
+                }
+                let others = [1, 2, 3].into_iter().filter(|other| *other != own);
+                for other in others {
+                    let is_others = |word: &Word| matches!(word, Word::State(_)) && word.speaker() == Some(id(other));
+                    assert!(word(&heard, is_others).is_some(), "{own} hears {other}");
+                }
+                assert_eq!(link.drops().refused(), 0);
+            });
+        }
+        for _ in 0..GUESTS {
+            scope.spawn(move || {
+                let _gone = Gone(still_come);
+                for _ in 0..VISITS {
+                    let sessions = Sessions::open(name, &[], endpoints, observer).unwrap();
+                    let heard = sessions.first().declare_subscriber(all::STATES).wait().unwrap();
+                    wait_until(|| heard.drain().count() > 0);
+                    drop(heard);
+                    sessions.close(());
+                }
+            });
+        }
+    });
+}
+
+/// Takes itself off a count, also when a test fails.
+struct Gone<'a>(&'a AtomicUsize);
+
+impl Drop for Gone<'_> {
+    fn drop(&mut self) {
+        self.0.fetch_sub(1, Relaxed);
+    }
+}

@@ -1,0 +1,263 @@
+//! What is believed of those who have a link.
+
+use super::*;
+
+/// What the other tests rely on: without seals everything that is made up is heard.
+#[test]
+fn without_seals_a_valid_node_could_say_anything() {
+    let swarm = Swarm::without_seals("unsealed");
+    let intruder = swarm.guest(swarm.authority.tls("vehicle-3.2"));
+    let forger = Forger { voices: Voices::plain(swarm.name.clone()), sealer: swarm.authority.sealer("vehicle-3.2") };
+    wait_until(|| is_linked(intruder.first()));
+    let mut heard = Vec::new();
+    let deadline = now() + PATIENCE;
+    let kinds: [fn(&Word) -> bool; 3] = [
+        |word| matches!(word, Word::State(_)),
+        |word| matches!(word, Word::Mission(_)),
+        |word| matches!(word, Word::Order(_)),
+    ];
+    let is_heard =
+        |heard: &[Heard]| kinds.iter().all(|kind| word(heard, |word| is_forged(word) && kind(word)).is_some());
+    while !is_heard(&heard) {
+        assert!(now() < deadline, "{heard:?}");
+        forger.forge(intruder.first(), &[1, 2]);
+        forge_order(intruder.first());
+        swarm.one.drain(&mut heard);
+        pause();
+    }
+}
+
+#[test]
+fn whoever_is_invited_takes_part_fully() {
+    let mut swarm = Swarm::begin("honest");
+    let observer = swarm.guest(swarm.authority.tls("observer"));
+    let operator = swarm.guest(swarm.authority.tls("operator"));
+    let observer = observer.first();
+    let subscriber =
+        |key| observer.declare_subscriber(key).with(zenoh::handlers::FifoChannel::new(4096)).wait().unwrap();
+    let (states, missions, events, traces) =
+        (subscriber(all::STATES), subscriber(all::MISSIONS), subscriber(all::EVENTS), subscriber(all::TRACES));
+    let healths = subscriber(all::HEALTH);
+    let tokens = observer.liveliness().declare_subscriber(all::ALIVE).history(true).wait().unwrap();
+    wait_until(|| swarm.one.trace_is_wanted() && swarm.two.trace_is_wanted());
+    let mut lines = [&swarm.one, &swarm.two].map(|link| link.health(|| 0).unwrap());
+
+    let mut there = BTreeSet::new();
+    let mut told = [false; 4];
+    let deadline = now() + PATIENCE;
+    while there.len() < 2 || told != [true; 4] {
+        assert!(now() < deadline, "tokens {there:?}, told {told:?}");
+        swarm.talk(1, || {});
+        swarm.one.say_mission(&mission(1, 1));
+        swarm.two.say_event(&Event { header: state(2, 1).header, what: Happening::Landed });
+        for publisher in lines.iter().flat_map(|line| &line.line.publishers) {
+            publisher.put(b"health").wait().unwrap();
+        }
+        there.extend(tokens.drain().map(|token| token.key_expr().as_str().to_owned()));
+        for (told, lines) in told.iter_mut().zip([&states, &missions, &events, &healths]) {
+            *told |= lines.drain().count() > 0;
+        }
+    }
+    assert_eq!(traces.drain().count(), 0, "nobody has said one");
+
+    // Registers by query, as a late observer asks for them.
+    let answers = observer.get("vehicle/*/mission").timeout(PATIENCE).wait().unwrap();
+    let keys: Vec<String> = answers.iter().map(|reply| reply.result().unwrap().key_expr().to_string()).collect();
+    assert_eq!(keys, ["vehicle/1/mission"]);
+
+    // Clocks by query, both ways round.
+    for (line, other) in lines.iter_mut().zip([2, 1]) {
+        let mut peers = [PeerHealth { id: id(other), standing: Standing::Fresh, age_s: 0.0, clock: None }];
+        line.live = vec![id(other)];
+        let deadline = now() + PATIENCE;
+        while peers[0].clock.is_none() {
+            assert!(now() < deadline, "{other} does not tell its time");
+            line.ask_a_clock();
+            pause();
+            line.clocks.tell(&mut peers);
+        }
+    }
+
+    let order = Order { epoch: 1, issuer: 9, verb: Verb::Land, seal: None };
+    let order = seal::orders::seal(&swarm.authority.sealer("operator"), &swarm.name, 0, order);
+    for link in [&swarm.one, &swarm.two] {
+        let give = || say(operator.first(), &Topic::Order(9).key(), &encode(&order));
+        until(link, give, |heard| word(heard, |word| *word == Word::Order(order)));
+    }
+}
+
+#[test]
+fn a_late_vehicle_has_the_registers_of_the_others() {
+    let swarm = Swarm::begin("late-secured");
+    swarm.one.say_mission(&mission(1, 5));
+    let trust = swarm.authority.trust(&swarm.name, "vehicle-3.2");
+    let late = Link::new(swarm.guest(swarm.authority.tls("vehicle-3.2")), id(3), LocalClock::start(), trust).unwrap();
+    until(&late, || {}, |heard| word(heard, |word| *word == Word::Mission(mission(1, 5))));
+    until(&swarm.two, || {}, |heard| word(heard, |word| *word == Word::Appeared(id(3))));
+}
+
+/// What vehicle 3 says in its own name arrives, so that what it has said before in another's has been refused.
+#[test]
+fn a_valid_vehicle_speaks_for_itself_alone() {
+    let mut swarm = Swarm::begin("branch");
+    let intruder = swarm.guest(swarm.authority.tls("vehicle-3.2"));
+    wait_until(|| is_linked(intruder.first()));
+    let forger = swarm.forger("vehicle-3.2");
+    let mut said = 0;
+    for receiver in [1, 2] {
+        for _ in 0..5 {
+            attack(intruder.first(), &forger);
+            said += 1;
+            let link = if receiver == 1 { &swarm.one } else { &swarm.two };
+            let heard = until(
+                link,
+                || forger.say(intruder.first(), Topic::State(id(3), Cell::default()), &state(3, said)),
+                |heard| word(heard, |word| *word == Word::State(state(3, said))).map(|_| heard.to_vec()),
+            );
+            assert_eq!(heard.iter().find(|heard| is_forged(&heard.word)), None);
+        }
+    }
+    swarm.refuse(|| attack(intruder.first(), &forger));
+}
+
+/// Whoever comes late asks for registers; what vehicle 3 answers for others is not believed.
+#[test]
+fn a_valid_vehicle_answers_for_itself_alone() {
+    let swarm = Swarm::begin("reply");
+    swarm.one.say_mission(&mission(1, 5));
+    let own = swarm.authority.tls("vehicle-3.2");
+    let forger = swarm.forger("vehicle-3.2");
+    let intruder = Sessions::open(&swarm.name, &["tls/127.0.0.1:0".to_owned()], &[], &secured(own)).unwrap();
+    let answer = move |query: zenoh::query::Query| {
+        for sender in [1, 3] {
+            let said = Mission { header: forged_header(sender), ..mission(sender, 1) };
+            let key = Topic::Mission(id(sender)).key();
+            // Zenoh refuses what was not asked for.
+            let _ = query.reply(&key, forger.voices.write(Some(&forger.sealer), 0, &key, &said)).wait();
+        }
+    };
+    // It says that it answers for all of them.
+    let _answers =
+        intruder.first().declare_queryable("vehicle/*/mission").complete(true).callback(answer).wait().unwrap();
+    let _token = intruder.first().liveliness().declare_token(Topic::Alive(id(3)).key()).wait().unwrap();
+    let dial = [&swarm.endpoints[..1], &intruder.endpoints()].concat();
+    let sessions = Sessions::open(&swarm.name, &[], &dial, &secured(swarm.authority.tls("vehicle-2"))).unwrap();
+    let trust = swarm.authority.trust(&swarm.name, "vehicle-2");
+    let late = Link::new(sessions, id(2), LocalClock::start(), trust).unwrap();
+    // Asked again and again, for the intruder may have been linked later than vehicle 1.
+    let ask = || {
+        for sender in [1, 3] {
+            let ear = late.ear.clone();
+            register::ask(late.sessions.first(), Topic::Mission(id(sender)), &[], move |said| {
+                ear.hear(said, Word::Mission)
+            });
+        }
+    };
+    let heard = until(&late, ask, |heard| {
+        (late.drops().forged > 0).then_some(())?;
+        word(heard, |word| *word == Word::Mission(mission(1, 5)))?;
+        word(heard, |word| is_forged(word) && word.speaker() == Some(id(3))).map(|_| heard.to_vec())
+    });
+    assert_eq!(word(&heard, |word| is_forged(word) && word.speaker() == Some(id(1))), None);
+}
+
+#[test]
+fn observers_and_operators_speak_for_no_vehicle() {
+    for who in ["observer", "operator"] {
+        let mut swarm = Swarm::begin(&format!("{who}-says"));
+        let intruder = swarm.guest(swarm.authority.tls(who));
+        wait_until(|| is_linked(intruder.first()));
+        let forger = swarm.forger(who);
+        swarm.refuse(|| attack(intruder.first(), &forger));
+    }
+}
+
+/// Vehicle 3 keeps what vehicle 1 has said, and says it again when vehicle 1 is gone, to one who never heard it.
+#[test]
+fn what_was_said_is_worth_nothing_once_its_speaker_is_gone() {
+    let swarm = Swarm::begin("replay");
+    let intruder = swarm.guest(swarm.authority.tls("vehicle-3.2"));
+    let kept = intruder.first().declare_subscriber("vehicle/1/**").wait().unwrap();
+    let deadline = now() + PATIENCE;
+    let mut words = Vec::new();
+    while words.len() < 2 {
+        assert!(now() < deadline);
+        swarm.one.say_mission(&mission(1, 1));
+        words.extend(
+            kept.drain().map(|sample| (sample.key_expr().to_string(), sample.payload().to_bytes().into_owned())),
+        );
+        pause();
+    }
+    let Swarm { one, two, authority, name, .. } = swarm;
+    one.close();
+    until(&two, || {}, |heard| word(heard, |word| *word == Word::Vanished(id(1))));
+    two.close();
+    let here = ["tls/127.0.0.1:0".to_owned()];
+    let sessions = Sessions::open(&name, &here, &[], &secured(authority.tls("vehicle-2"))).unwrap();
+    let dial = sessions.endpoints();
+    let newcomer = Link::new(sessions, id(2), LocalClock::start(), authority.trust(&name, "vehicle-2")).unwrap();
+    let again = Sessions::open(&name, &[], &dial, &secured(authority.tls("vehicle-3.2"))).unwrap();
+    let again = again.first();
+    let mut heard = Vec::new();
+    let deadline = now() + PATIENCE;
+    while newcomer.drops().old < 20 {
+        assert!(now() < deadline, "{:?}", newcomer.drops());
+        words.iter().for_each(|(key, bytes)| say(again, key, bytes));
+        drop(again.liveliness().declare_token(Topic::Alive(id(1)).key()).wait().unwrap());
+        newcomer.drain(&mut heard);
+        pause();
+    }
+    assert_eq!(word(&heard, |word| word.speaker() == Some(id(1))), None);
+}
+
+/// Zenoh knows a session by a number that everybody is shown who is linked to it.
+#[test]
+fn nobody_takes_anothers_place_by_its_number() {
+    let mut swarm = Swarm::begin("number");
+    let all = [&swarm.one, &swarm.two].map(|link| link.sessions.all.iter().map(|session| session.zid().to_string()));
+    let [ones, twos] = all.map(Iterator::collect::<Vec<_>>);
+    let valid = swarm.authority.tls("vehicle-3.2");
+    let forger = swarm.forger("vehicle-3.2");
+    let intruders: Vec<_> = [(&ones, 1), (&twos, 0)]
+        .into_iter()
+        .flat_map(|(numbers, victim)| numbers.iter().map(move |number| (number, victim)))
+        .map(|(number, victim)| as_number(&swarm, number, &[], &swarm.endpoints[victim..=victim], &valid))
+        .collect();
+    assert_eq!(intruders.len(), 3, "vehicle 1 dials nobody");
+    swarm.withstand(|| intruders.iter().for_each(|intruder| attack(intruder.first(), &forger)));
+}
+
+/// A node that is dialled can still take the number of another that is, and so comes to speak over that one's session: in
+/// its own seal.
+#[test]
+fn nobody_speaks_for_another_by_its_number() {
+    let swarm = Swarm::begin("voice");
+    let free = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
+    let of_intruder = vec![format!("tls/{free}")];
+    let dial = [&swarm.endpoints[..1], &of_intruder].concat();
+    let tls = swarm.authority.tls("vehicle-3.2");
+    let sessions = Sessions::open(&swarm.name, &["tls/127.0.0.1:0".to_owned()], &dial, &secured(tls)).unwrap();
+    let trust = swarm.authority.trust(&swarm.name, "vehicle-3.2");
+    let three = Link::new(sessions, id(3), LocalClock::start(), trust).unwrap();
+    until(&three, || {}, |heard| word(heard, |word| *word == Word::Appeared(id(1))));
+
+    let number = swarm.one.sessions.first().zid().to_string();
+    let intruder = as_number(&swarm, &number, &of_intruder, &[], &swarm.authority.tls("vehicle-2"));
+    let forger = swarm.forger("vehicle-2");
+    let mut heard = Vec::new();
+    let deadline = now() + PATIENCE;
+    while three.drops().forged < 20 {
+        assert!(now() < deadline, "{:?}", three.drops());
+        forger.forge(intruder.first(), &[1]);
+        three.drain(&mut heard);
+        pause();
+    }
+    assert_eq!(word(&heard, is_forged), None);
+}
+
+/// Somebody who has chosen the number of its session.
+fn as_number(swarm: &Swarm, number: &str, listen: &[String], dial: &[String], tls: &Tls) -> Sessions {
+    let chosen = [("id", json!(number))];
+    let tunnel = Tunnel::open(listen, dial, tls).unwrap();
+    Sessions::secured(tunnel, |listen, dial| open_zenoh(&swarm.name, listen, dial, &chosen)).unwrap()
+}
