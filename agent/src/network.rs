@@ -4,8 +4,8 @@
 //! All of it happens at the hearing end, so that the same [`Ear`] makes a study's network and, between Zenoh and the agent,
 //! a real one's faults. Chance comes from the scenario's seed.
 //!
-//! * What a scenario asks for besides loss and delay, each direction of a link does for itself (`channel`), and so does it
-//!   what depends on who is where (`air`).
+//! * What a scenario asks for besides a delay, each direction of a link does for itself (`channel`), and so does it what
+//!   depends on who is where (`air`).
 //! * States, parts in the agreement and orders suffer all of it. Tokens only take the link's `delay_s`: Zenoh repeats them, in
 //!   order. An operator's orders have no place, and suffer what `[network]` says of every link.
 //! * A cut silences directions of links, and ends sessions as `link.rs` tells.
@@ -17,7 +17,6 @@ mod link;
 
 use std::collections::VecDeque;
 
-use rand_chacha::ChaCha8Rng;
 use skein_common::frame::PositionNed;
 use skein_common::id::{Incarnation, VehicleId};
 use skein_common::message::{PeerAge, State};
@@ -25,7 +24,6 @@ use skein_common::scenario::Scenario;
 use skein_common::time::LocalTime;
 
 use crate::peers::{Heard, Word};
-use crate::random::{self, Purpose};
 use air::Air;
 pub use cuts::{lasting, silences, union};
 use link::Link;
@@ -33,10 +31,8 @@ use link::Link;
 /// The network as one agent hears it.
 #[derive(Clone, Debug)]
 pub struct Ear {
-    loss: f64,
     delay_s: f64,
-    generator: ChaCha8Rng,
-    /// `None` where loss and delay are all there is, alike everywhere.
+    /// `None` where a delay is all there is, alike everywhere.
     air: Option<Box<Air>>,
     /// Those that are ever cut, by the other end's id.
     links: Vec<Link>,
@@ -114,9 +110,7 @@ impl Ear {
     pub fn new(scenario: &Scenario, own: VehicleId) -> Self {
         let peers = scenario.ids().filter(|&id| id != own);
         Self {
-            loss: scenario.network.loss,
             delay_s: scenario.network.delay_s,
-            generator: random::generator(scenario.seed, Some(own), Purpose::Network),
             air: Air::new(scenario, own).map(Box::new),
             links: peers.filter_map(|peer| Link::new(scenario, own, peer)).collect(),
             under_way: VecDeque::new(),
@@ -174,7 +168,7 @@ impl Ear {
 
     /// Whether the scenario asks for a network that changes nothing.
     pub fn is_perfect(&self) -> bool {
-        self.loss == 0.0 && self.delay_s == 0.0 && self.links.is_empty() && self.air.is_none()
+        self.delay_s == 0.0 && self.links.is_empty() && self.air.is_none()
     }
 
     /// Writes down how late each peer's newest state was when it was delivered.
@@ -203,10 +197,6 @@ impl Ear {
         let is_cut = self.air.is_some() && self.link(&heard.word).is_some_and(|index| self.links[index].is_dead());
         if let Some(air) = &mut self.air {
             return air.fate(heard, is_cut);
-        }
-        let may_be_lost = self.loss > 0.0 && !matches!(heard.word, Word::Appeared(_) | Word::Vanished(_));
-        if may_be_lost && random::uniform(&mut self.generator) < self.loss {
-            return Fate::Lost;
         }
         Fate::Arrives { at: heard.at.plus_seconds(self.delay_s), copy_at: None }
     }

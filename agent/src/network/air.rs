@@ -1,5 +1,5 @@
-//! What lies between a vehicle and all others, where it is more than loss and delay: every direction's own [`Channel`],
-//! distance, and who hears whose state.
+//! What lies between a vehicle and all others, where it is more than a delay: every direction's own [`Channel`], distance,
+//! and who hears whose state.
 
 use skein_common::frame::{Origin, PositionNed};
 use skein_common::id::{VehicleId, VehicleSet};
@@ -73,11 +73,11 @@ enum Hearing {
 }
 
 impl Air {
-    /// What vehicle `own` hears others through; `None` where all that is asked for is loss and delay, alike everywhere.
+    /// What vehicle `own` hears others through; `None` where all that is asked for is a delay, alike everywhere.
     pub(super) fn new(scenario: &Scenario, own: VehicleId) -> Option<Self> {
         let Network { range_m, fade_m, graph, ref links, .. } = scenario.network;
         let everywhere = scenario.network.quality();
-        if links.is_empty() && range_m.is_none() && graph == Graph::All && only_loses_and_delays(&everywhere) {
+        if links.is_empty() && range_m.is_none() && graph == Graph::All && only_delays(&everywhere) {
             return None;
         }
         let speaker = |id| {
@@ -167,7 +167,7 @@ impl Hearing {
     }
 }
 
-fn only_loses_and_delays(quality: &Quality) -> bool {
-    let Quality { burst_s, jitter_s, reorder, duplicate, bandwidth_bit_s, .. } = *quality;
-    burst_s.is_none() && bandwidth_bit_s.is_none() && [jitter_s, reorder, duplicate] == [0.0; 3]
+fn only_delays(quality: &Quality) -> bool {
+    let Quality { loss, jitter_s, reorder, duplicate, bandwidth_bit_s, .. } = *quality;
+    bandwidth_bit_s.is_none() && [loss, jitter_s, reorder, duplicate] == [0.0; 4]
 }
