@@ -77,6 +77,16 @@ impl Diagnosis {
         froze
     }
 
+    /// The vehicle may have been set elsewhere, at rest: what was seen so far says nothing of what comes. What has failed
+    /// stays so.
+    pub fn begin_anew(&mut self) {
+        self.rotor.was_at_speed = false;
+        self.position = Position::default();
+        if let Some(controls) = &mut self.controls {
+            controls.rest();
+        }
+    }
+
     /// The worst that has failed.
     pub fn worst(&self) -> Option<Failure> {
         self.worst
@@ -169,6 +179,13 @@ impl Controls {
         }
     }
 
+    fn rest(&mut self) {
+        self.roll.rest();
+        self.pitch.rest();
+        self.yaw.rest();
+        self.climb.rest();
+    }
+
     /// The worst control that the vehicle does not follow.
     fn deaf(&mut self, dt_s: f64, measurement: &Measurement, sticks: &Sticks) -> Option<Control> {
         let Measurement { rates, velocity, height_m, .. } = measurement;
@@ -253,6 +270,10 @@ impl Climb {
         follow(&mut self.done_m_s, done_m_s, dt_s / CLIMB_SMOOTHING_S);
         let follows = self.done_m_s * self.expected_m_s.signum() > STILL_M_S;
         self.excess.adds_up(dt_s, if follows { 0.0 } else { (self.expected_m_s - self.done_m_s).abs() })
+    }
+
+    fn rest(&mut self) {
+        (self.expected_m_s, self.done_m_s, self.excess.sum) = (0.0, 0.0, 0.0);
     }
 }
 

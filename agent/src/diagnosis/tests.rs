@@ -278,6 +278,17 @@ fn a_rotor_that_speeds_up_or_is_not_told_of_has_not_failed() {
 }
 
 #[test]
+fn a_simulator_that_was_started_again_with_its_rotor_at_rest_is_no_failure() {
+    let mut diagnosis = Diagnosis::new(&xcell60());
+    assert_eq!(diagnosis.update(TICK_S, &measured(0.0, Some(167.0)), None), None);
+    diagnosis.begin_anew();
+    for speed in 0..168 {
+        assert_eq!(diagnosis.update(TICK_S, &measured(f64::from(speed), Some(f64::from(speed))), None), None);
+    }
+    assert_eq!(diagnosis.update(TICK_S, &measured(0.0, Some(100.0)), None), Some(Failure::Engine), "but later");
+}
+
+#[test]
 fn of_an_aircraft_without_a_model_only_engine_and_position_are_watched() {
     let aircraft = Aircraft { helicopter: None, rotor_speed_rad_s: Some(167.0), ..xcell60() };
     let mut diagnosis = Diagnosis::new(&aircraft);
