@@ -205,7 +205,8 @@ impl VehicleController {
         check(dt_s, estimate, setpoint)?;
         let found = self.auto_trim.unwrap_or_default();
         let gate = gate(estimate.height_m);
-        let gated = Setpoint { error_ne_m: setpoint.error_ne_m * gate, ..*setpoint };
+        let (error_ne_m, feedforward_ne_m_s) = (setpoint.error_ne_m * gate, setpoint.feedforward_ne_m_s * gate);
+        let gated = Setpoint { error_ne_m, feedforward_ne_m_s, ..*setpoint };
         let sticks = self.sticks(estimate, &gated, &found).ok_or(ControlFault::Rules)?;
         if let Some(auto_trim) = &mut self.auto_trim
             && gate >= 1.0

@@ -129,6 +129,9 @@ fn near_the_ground_nothing_pulls_sideways() {
         assert_near(sticks(&low, &setpoint).roll, TRIM.roll_stick + 0.25 * share);
         assert_near(sticks(&low, &setpoint).pitch, 0.25 * share);
     }
+    let moving = Setpoint { feedforward_ne_m_s: Vector2::new(4.0, -2.0), ..stay(0.0) };
+    let on_skids = Estimate { height_m: 0.24, ..hover(0.0) };
+    assert_eq!(sticks(&on_skids, &moving), sticks(&on_skids, &stay(0.0)), "nor forwards with a moving centre");
 }
 
 /// Steps for a second and tells what the integrals found.
