@@ -68,7 +68,19 @@ impl fmt::Display for VehicleId {
 
 /// Some of the vehicles of a swarm.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[serde(try_from = "[u64; 4]")]
 pub struct VehicleSet([u64; 4]);
+
+impl TryFrom<[u64; 4]> for VehicleSet {
+    type Error = NoSuchVehicle;
+    fn try_from(words: [u64; 4]) -> Result<Self, NoSuchVehicle> {
+        let beyond = words[3] >> (VehicleId::MAX - 192);
+        match beyond {
+            0 => Ok(Self(words)),
+            _ => Err(NoSuchVehicle(u64::from(VehicleId::MAX) + u64::from(beyond.trailing_zeros()) + 1)),
+        }
+    }
+}
 
 impl VehicleSet {
     /// Adds a vehicle.
