@@ -52,6 +52,8 @@ pub struct Estimator {
     difference: Option<Difference>,
     reckoning: Reckoning,
     latest: Option<(Estimate, LocalTime)>,
+    /// The last update took up a measurement.
+    is_new: bool,
     refused: u64,
 }
 
@@ -88,6 +90,7 @@ impl Estimator {
             difference,
             reckoning: Reckoning::default(),
             latest: None,
+            is_new: false,
             refused: 0,
         }
     }
@@ -100,14 +103,20 @@ impl Estimator {
 
     /// Takes up a measurement if there is one and it can be true; gives the newest estimate, however old it is.
     pub fn update(&mut self, now: Now, measurement: Option<&Measurement>) -> Option<Estimate> {
+        self.is_new = measurement.is_some_and(is_plausible);
         if let Some(measurement) = measurement {
-            if is_plausible(measurement) {
+            if self.is_new {
                 self.latest = Some((self.estimate(now.plant, measurement), now.local));
             } else {
                 self.refused += 1;
             }
         }
         self.latest.map(|(estimate, _)| estimate)
+    }
+
+    /// Whether the last update took up a measurement.
+    pub fn is_new(&self) -> bool {
+        self.is_new
     }
 
     /// Age of the estimate by the local clock, s; `None` before the first.
@@ -231,6 +240,9 @@ mod tests {
         assert!((estimate.position - PositionNed::new(12.0, -7.0, -30.0)).norm() < 1e-5);
         assert_eq!(estimate.velocity, VelocityNed::new(1.0, 2.0, 3.0));
         assert_eq!(estimator.age_s(LocalTime::from_seconds(1.5)), Some(0.5));
+        assert!(estimator.is_new());
+        estimator.update(at(1.0), None);
+        assert_eq!((estimator.is_new(), estimator.age_s(LocalTime::from_seconds(1.0))), (false, Some(0.0)));
     }
 
     #[test]
