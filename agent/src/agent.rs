@@ -125,13 +125,15 @@ impl Agent {
         let response = failsafe::respond(estimate.as_ref(), age_s, self.peers.all_lost());
         self.formation.hear(now.plant, inputs.answer);
         let command = match (response, &estimate) {
-            (Response::FlyOn | Response::HoldPlace, Some(estimate)) if age_s == Some(0.0) => {
+            (Response::FlyOn | Response::HoldPlace, Some(estimate)) if self.estimator.is_new() => {
                 self.examine(now, inputs.measurement, &mut happened);
                 self.fly(now, estimate, response, &mut happened)
             }
             (Response::Neutral, _) => self.last.command.map(|_| self.controller.neutral()),
             (Response::LetGo, _) => {
                 self.mission.withdraw();
+                // What comes back may be another life of the simulator, its rotor at rest.
+                self.diagnosis.begin_anew();
                 None
             }
             // A late frame changes nothing yet.
@@ -170,15 +172,15 @@ impl Agent {
     ) -> Option<Sticks> {
         let wish = self.last.wish.as_ref();
         let view = View {
-            heard: self.peers.heard(),
+            partners: self.peers.partners(),
             alone: response == Response::HoldPlace,
-            at_altitude: wish.is_some_and(|wish| wish.is_at_altitude(estimate)),
+            altitude_error_m: wish.map(|wish| wish.altitude_error_m(estimate)),
             in_place: wish.is_some_and(|wish| wish.in_place),
             failure: self.diagnosis.worst(),
         };
         let task = self.mission.step(now, estimate, &view, happened);
         let dt_s = self.last.plant_time.map_or(0.0, |before| now.plant.seconds_since(before));
-        let wish = self.formation.step(dt_s, estimate, self.peers.seen(), self.peers.unseen(), &task);
+        let wish = self.formation.step(dt_s, estimate, &self.peers.others(), &task);
         let command = self.control(dt_s, estimate, &task, wish.as_ref(), happened);
         (self.last.wish, self.last.command, self.last.plant_time) = (wish, command, Some(now.plant));
         command

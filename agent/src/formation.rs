@@ -36,7 +36,7 @@ use skein_common::time::PlantTime;
 use crate::control::{Setpoint, VELOCITY_PER_ERROR};
 use crate::estimate::Estimate;
 use crate::mission::{self, Task};
-use crate::peers::{Role, Seen};
+use crate::peers::{Others, Role, Seen};
 use crate::supported::NotFlown;
 use conversion::Conversion;
 use external::{Ask, External};
@@ -64,13 +64,10 @@ pub struct Wish {
     pub in_place: bool,
 }
 
-/// This close to an altitude is at it, m.
-const AT_ALTITUDE_M: f64 = 1.0;
-
 impl Wish {
-    /// Whether the vehicle is at the altitude that it is asked to be at.
-    pub fn is_at_altitude(&self, estimate: &Estimate) -> bool {
-        (estimate.position.altitude_m() - self.setpoint.altitude_m).abs() < AT_ALTITUDE_M
+    /// How far the vehicle is from the altitude that it is asked to be at, m.
+    pub fn altitude_error_m(&self, estimate: &Estimate) -> f64 {
+        (estimate.position.altitude_m() - self.setpoint.altitude_m).abs()
     }
 }
 
@@ -212,21 +209,11 @@ impl Formation {
         self.external.as_ref().map_or(&[], External::log)
     }
 
-    /// What to fly now, `dt_s` after the last step; `unseen` are members of whose places nothing is known. `None` when the task
-    /// leaves the controls alone.
-    pub fn step(
-        &mut self,
-        dt_s: f64,
-        estimate: &Estimate,
-        peers: &[Seen],
-        unseen: VehicleSet,
-        task: &Task,
-    ) -> Option<Wish> {
-        self.sort_out(estimate, peers);
-        self.unseen = unseen;
-        let lowest = self.neighbours.iter().map(|neighbour| neighbour.id).fold(self.own, VehicleId::min);
-        let is_above = peers.iter().any(|peer| peer.is_missed && peer.id < lowest);
-        let above_missed_m = self.heights.above_missed(dt_s, is_above);
+    /// What to fly now, `dt_s` after the last step. `None` when the task leaves the controls alone.
+    pub fn step(&mut self, dt_s: f64, estimate: &Estimate, others: &Others<'_>, task: &Task) -> Option<Wish> {
+        self.sort_out(estimate, others.seen);
+        self.unseen = others.unseen;
+        let above_missed_m = self.heights.above_missed(dt_s, others.flies_above);
         if let (Some(external), false) = (&mut self.external, matches!(task, Task::Formation(_))) {
             external.rest();
         }
@@ -237,7 +224,8 @@ impl Formation {
                 let wanted_m = at_ne_m - estimate.position.horizontal();
                 let feedforward_ne_m_s = Vector2::zeros();
                 let error_ne_m = self.restrain(estimate, wanted_m, feedforward_ne_m_s);
-                let altitude_m = altitude_m + if *lands { 0.0 } else { above_missed_m };
+                let risen_m = self.heights.risen_since_stay(above_missed_m, *lands);
+                let altitude_m = altitude_m + risen_m;
                 let heading_rad = *heading_rad;
                 let setpoint = Setpoint { error_ne_m, feedforward_ne_m_s, altitude_m, heading_rad };
                 Some(Wish { field_ne: Vector2::zeros(), setpoint, in_place: false })
@@ -248,6 +236,7 @@ impl Formation {
     /// The law of the goal's step.
     fn fly(&mut self, dt_s: f64, estimate: &Estimate, goal: &mission::Goal, above_missed_m: f64) -> Option<Wish> {
         let shape = self.shapes.get_mut(*self.steps.get(goal.step)?)?;
+        self.heights.end_stay();
         let level_m = shape.altitude_m + above_missed_m;
         let mission::Goal { step, centre_ne_m, centre_velocity_ne_m_s, heading_rad } = *goal;
         let sight = Sight {
@@ -302,7 +291,7 @@ impl Formation {
         let error_ne_m = self.restrain(estimate, error_ne_m, feedforward_ne_m_s);
         let setpoint = Setpoint { error_ne_m, feedforward_ne_m_s, altitude_m, heading_rad };
         let wish = Wish { field_ne: field.xy(), setpoint, in_place: false };
-        Some(Wish { in_place: is_there && wish.is_at_altitude(estimate), ..wish })
+        Some(Wish { in_place: is_there && wish.altitude_error_m(estimate) < mission::AT_ALTITUDE_M, ..wish })
     }
 
     /// The error with which nobody is come too near, for what it and the feed-forward together make the vehicle fly; the

@@ -34,9 +34,14 @@ use progress::LegProgress;
 pub const JOIN_S: f64 = 2.0;
 /// Above this height of the centre of gravity a vehicle flies, m.
 const FLYING_ABOVE_M: f64 = 1.5;
-/// A vehicle that for so long is not at its altitude and moves neither up nor down never will be, s, m/s.
+/// A vehicle that for so long is off its altitude and moves neither up nor down never will be there, s, m/s.
 const STUCK_AFTER_S: f64 = 20.0;
 const STUCK_M_S: f64 = 0.3;
+/// This close to an altitude is at it, m.
+pub const AT_ALTITUDE_M: f64 = 1.0;
+/// Without auto-trim the collective rules leave an error that grows with the air's speed, 2.4 m at 5 m/s and 7.6 m at
+/// 8 m/s: a healthy vehicle hovers there. Their outermost set is fully on from here, m.
+const OFF_ALTITUDE_UNTRIMMED_M: f64 = 10.0;
 
 /// What the formation stage is asked for.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -81,12 +86,12 @@ pub struct Goal {
 /// What the other stages know that the mission needs.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct View {
-    /// The others that are heard.
-    pub heard: VehicleSet,
+    /// The others that are heard and fly this plan.
+    pub partners: VehicleSet,
     /// There were others, and nobody is heard any more.
     pub alone: bool,
-    /// At the altitude that was asked for.
-    pub at_altitude: bool,
+    /// How far from the altitude that was asked for, m; `None` before one was.
+    pub altitude_error_m: Option<f64>,
     /// Where the formation wants the vehicle, at height and slow.
     pub in_place: bool,
     /// What has failed of the own vehicle.
@@ -100,6 +105,8 @@ pub struct Mission {
     plan: u64,
     /// Nobody takes off with a slower rotor, rad/s.
     take_off_rotor_rad_s: Option<f64>,
+    /// No healthy vehicle hovers farther from its altitude than this, m.
+    off_altitude_m: f64,
     /// Peers already told of for flying another plan.
     strangers: VehicleSet,
     /// Since when this agent has listened.
@@ -140,6 +147,7 @@ impl Mission {
             legs,
             plan: scenario.plan_hash(),
             take_off_rotor_rad_s,
+            off_altitude_m: if scenario.control.auto_trim { AT_ALTITUDE_M } else { OFF_ALTITUDE_UNTRIMMED_M },
             strangers: VehicleSet::default(),
             since: None,
             activity: Activity::Joining,
@@ -204,7 +212,11 @@ impl Mission {
         let was_at = self.agreement.at();
         self.agree(Event::Heard(id, part), happened);
         if said.step == self.agreement.at() {
-            self.others_m.push((id, said.progress_m));
+            // While the own simulator is silent, registers come and no step uses them up.
+            match self.others_m.iter_mut().find(|(known, _)| *known == id) {
+                Some((_, along_m)) => *along_m = said.progress_m,
+                None => self.others_m.push((id, said.progress_m)),
+            }
         }
         if self.agreement.at() != was_at {
             self.catch_up();
@@ -220,7 +232,7 @@ impl Mission {
             self.heading_rad = estimate.attitude.heading_rad;
             now.local
         });
-        self.agreement.step(Event::Sees(view.heard));
+        self.agreement.step(Event::Sees(view.partners));
         self.counted.extend(self.agreement.members());
         self.watch_quorum(happened);
         let has_listened = now.local.seconds_since(since) >= JOIN_S;
@@ -296,7 +308,7 @@ impl Mission {
         }
         let is_over = self.is_at_landing() && self.membership() != Membership::Joining;
         match (self.membership(), order) {
-            (Membership::Joining, _) => self.join(estimate),
+            (Membership::Joining, _) if !self.leaving => self.join(estimate),
             (_, Some(Verb::Land | Verb::Abort)) => self.land(now, estimate),
             _ if self.leaving || is_over || self.is_down() => self.land(now, estimate),
             (_, Some(Verb::Hold)) => self.hold(estimate),
@@ -365,9 +377,11 @@ impl Mission {
             // Called back on the way down.
             self.agreement.step(Event::Became(Membership::Active));
         }
-        self.at_altitude |= view.at_altitude;
+        let is_within = |limit_m| view.altitude_error_m.is_some_and(|error_m| error_m < limit_m);
+        self.at_altitude |= is_within(AT_ALTITUDE_M);
         self.activity = if self.at_altitude { Activity::Formation } else { Activity::TakingOff };
-        let is_stuck = !view.at_altitude && estimate.velocity.down_m_s().abs() < STUCK_M_S;
+        let normal_m = if estimate.height_m > FLYING_ABOVE_M { self.off_altitude_m } else { AT_ALTITUDE_M };
+        let is_stuck = !is_within(normal_m) && estimate.velocity.down_m_s().abs() < STUCK_M_S;
         self.stuck_s = if is_stuck { self.stuck_s + self.progress.since_s(now.plant) } else { 0.0 };
         happened.extend(self.is_stuck().then_some(Happening::Failed(Failure::Altitude)));
         if self.is_over(now.plant, view.in_place) && self.reached() < Some(self.at()) {

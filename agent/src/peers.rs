@@ -87,8 +87,18 @@ pub struct Seen {
     pub standing: Standing,
     /// What it is to the own formation.
     pub role: Role,
-    /// Lost while it took part: it may go on with the mission, unheard.
-    pub is_missed: bool,
+}
+
+/// What the formation has to know of the others.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Others<'a> {
+    /// Everybody whose state was ever heard and who is not out of sight, by id.
+    pub seen: &'a [Seen],
+    /// Those who are heard, take part and are out of sight.
+    pub unseen: VehicleSet,
+    /// Somebody is missed who may go on with the mission, unheard, and whose id is smaller than that of anybody who is not:
+    /// of two parts that do not hear each other, this one flies above.
+    pub flies_above: bool,
 }
 
 /// What a peer is to the own formation.
@@ -126,6 +136,7 @@ pub struct Peers {
     known: Vec<Peer>,
     seen: Vec<Seen>,
     unseen: VehicleSet,
+    flies_above: bool,
     changes: Vec<Change>,
     now: LocalTime,
     /// Since when nobody is heard who was.
@@ -165,8 +176,22 @@ impl Peers {
         let (known, seen, changes) = (Vec::new(), Vec::new(), Vec::new());
         let (stale_s, sees_all) = (network.peer_stale_s, network.graph == Graph::All);
         let (unseen, now) = (VehicleSet::default(), LocalTime::ZERO);
-        let (alone_since, forged) = (None, 0);
-        Self { own, roster, plan, stale_s, sees_all, known, seen, unseen, changes, now, alone_since, forged }
+        let (flies_above, alone_since, forged) = (false, None, 0);
+        Self {
+            own,
+            roster,
+            plan,
+            stale_s,
+            sees_all,
+            known,
+            seen,
+            unseen,
+            flies_above,
+            changes,
+            now,
+            alone_since,
+            forged,
+        }
     }
 
     /// Takes up what was heard since the last update and carries everybody forward to `now`.
@@ -189,6 +214,9 @@ impl Peers {
                 self.unseen.insert(peer.id);
             }
         }
+        let members = self.known.iter().filter(|peer| peer.takes_part(self.plan)).map(|peer| peer.id);
+        let lowest = members.fold(self.own, VehicleId::min);
+        self.flies_above = self.known.iter().any(|peer| peer.id < lowest && peer.is_missed(now));
         let mut met = self.known.iter().filter(|peer| peer.found);
         let missed = met.clone().any(|peer| peer.membership() != Membership::Left);
         let alone = missed && met.all(|peer| peer.lost_at.is_some());
@@ -200,9 +228,9 @@ impl Peers {
         &self.seen
     }
 
-    /// Those who are heard, take part and are out of sight.
-    pub fn unseen(&self) -> VehicleSet {
-        self.unseen
+    /// The same and what else the formation has to know.
+    pub fn others(&self) -> Others<'_> {
+        Others { seen: &self.seen, unseen: self.unseen, flies_above: self.flies_above }
     }
 
     /// What the last update changed.
@@ -218,6 +246,13 @@ impl Peers {
     /// Those who count as heard: their tokens are there and their last words young.
     pub fn heard(&self) -> VehicleSet {
         self.known.iter().filter(|peer| peer.found && peer.lost_at.is_none()).map(|peer| peer.id).collect()
+    }
+
+    /// Those of them who are known to fly this plan: whom this vehicle waits for, and who wait for it.
+    pub fn partners(&self) -> VehicleSet {
+        let flies_along = |peer: &&Peer| peer.mission.is_some_and(|said| said.plan == self.plan);
+        let counts = self.known.iter().filter(|peer| peer.found && peer.lost_at.is_none()).filter(flies_along);
+        counts.map(|peer| peer.id).collect()
     }
 
     /// Somebody was lost who had not left of its own will, nobody is heard any more, and that is news.
@@ -385,11 +420,15 @@ impl Peer {
                 Role::Obstacle { radius_m: OBSTACLE_RADIUS_M + unknown_m }
             }
         };
-        let is_missed = self.membership() == Membership::Active
-            && self.lost_at.is_some_and(|lost_at| now.seconds_since(lost_at) < MISSED_FOR_S);
         let position = told.position + told.velocity.0 * age_s;
         let Told { velocity, heading_rad, .. } = told;
-        Some(Seen { id: self.id, position, velocity, heading_rad, age_s, standing, role, is_missed })
+        Some(Seen { id: self.id, position, velocity, heading_rad, age_s, standing, role })
+    }
+
+    /// Lost while it took part: it may go on with the mission, unheard.
+    fn is_missed(&self, now: LocalTime) -> bool {
+        let is_missed = |lost_at: LocalTime| now.seconds_since(lost_at) < MISSED_FOR_S;
+        self.membership() == Membership::Active && self.lost_at.is_some_and(is_missed)
     }
 }
 

@@ -34,8 +34,11 @@ fn member(number: u8, north_m: f64, east_m: f64, altitude_m: f64) -> Seen {
         age_s: 0.0,
         standing: Standing::Fresh,
         role: Role::Member,
-        is_missed: false,
     }
+}
+
+fn seen(seen: &[Seen]) -> Others<'_> {
+    Others { seen, ..Others::default() }
 }
 
 /// Around a centre at the origin that moves north.
@@ -49,7 +52,7 @@ fn task(speed_m_s: f64) -> Task {
 }
 
 fn wish(formation: &mut Formation, estimate: &Estimate, peers: &[Seen], speed_m_s: f64) -> Wish {
-    formation.step(0.02, estimate, peers, VehicleSet::default(), &task(speed_m_s)).unwrap()
+    formation.step(0.02, estimate, &seen(peers), &task(speed_m_s)).unwrap()
 }
 
 #[test]
@@ -151,7 +154,7 @@ proptest! {
             let lines = format!("law = '{law}'\nsafety_filter = '{filter}'\nslots.pattern = '{pattern}'");
             let mut formation = formation(&lines);
             for _ in 0..2 {
-                let wish = formation.step(dt_s, &estimate, &peers, VehicleSet::default(), &task(centre)).unwrap();
+                let wish = formation.step(dt_s, &estimate, &seen(&peers), &task(centre)).unwrap();
                 let Setpoint { error_ne_m, feedforward_ne_m_s, altitude_m, heading_rad } = wish.setpoint;
                 let numbers = error_ne_m.iter().chain(&feedforward_ne_m_s).chain(&wish.field_ne);
                 prop_assert!(numbers.chain([&altitude_m, &heading_rad]).all(|x| x.is_finite()), "{law}: {wish:?}");
@@ -208,4 +211,20 @@ fn steps_with_the_same_formation_share_what_the_law_remembers() {
     let scenario = load(&Source { name: "test.toml", text: &text }, &[]).unwrap().scenario;
     let formation = Formation::new(VehicleId::new(2).unwrap(), &scenario).unwrap();
     assert_eq!((formation.shapes.len(), formation.steps), (2, vec![0, 1, 0]));
+}
+
+#[test]
+fn whoever_stays_after_its_part_has_risen_stays_at_the_altitude_it_has() {
+    let apart = Others { flies_above: true, ..Others::default() };
+    let stay = |altitude_m, lands| Task::Stay { at_ne_m: Vector2::zeros(), altitude_m, heading_rad: 0.0, lands };
+    let mut formation = formation("");
+    let mut fly = |others: &Others<'_>, task: &Task| {
+        let steps = (0..1000).filter_map(|_| formation.step(0.02, &at(100.0, 0.0, 40.0), others, task));
+        steps.map(|wish| wish.setpoint.altitude_m).last().unwrap()
+    };
+    assert!((fly(&apart, &task(0.0)) - 40.0).abs() < 1e-9, "10 m above the 30 m of the other part");
+    assert!((fly(&apart, &stay(40.0, false)) - 40.0).abs() < 1e-9);
+    assert!((fly(&Others::default(), &stay(40.0, false)) - 30.0).abs() < 1e-9, "and comes back when they are one");
+    assert!((fly(&apart, &stay(12.0, true)) - 12.0).abs() < 1e-9, "on the way down nothing is added");
+    assert!((fly(&apart, &stay(12.0, false)) - 12.0).abs() < 1e-9, "called back, it stays there");
 }

@@ -29,6 +29,8 @@ pub struct Heights {
     has_risen: bool,
     /// Above where it would fly if nobody were missed, m.
     above_missed_m: f64,
+    /// The same when the stay at a place began: the place's altitude has it.
+    above_missed_at_stay_m: Option<f64>,
 }
 
 impl Heights {
@@ -40,6 +42,20 @@ impl Heights {
         let furthest_m = BAND_CHANGE_M_S * dt_s.clamp(0.0, LONGEST_STEP_S);
         self.above_missed_m += (wanted_m - self.above_missed_m).clamp(-furthest_m, furthest_m);
         self.above_missed_m
+    }
+
+    /// How much higher the parts of the swarm have wanted this vehicle since it has stayed at its place, m; a vehicle that
+    /// `lands` comes down, and if it stays again, then where it is.
+    pub fn risen_since_stay(&mut self, above_missed_m: f64, lands: bool) -> f64 {
+        if lands {
+            self.above_missed_at_stay_m = Some(above_missed_m);
+        }
+        above_missed_m - *self.above_missed_at_stay_m.get_or_insert(above_missed_m)
+    }
+
+    /// The vehicle stays at its place no more.
+    pub fn end_stay(&mut self) {
+        self.above_missed_at_stay_m = None;
     }
 
     /// The altitude of the own band among `live` bands `step_m` apart around the centre's, m:

@@ -10,8 +10,9 @@ const GENTLE_DESCENT_M_S: f64 = 0.7;
 const GENTLE_BELOW_M: f64 = 6.0;
 /// The altitude asked for runs at most this far below the vehicle: an error that holds the wanted sink rate, m.
 const DESCENT_LEAD_M: f64 = 3.0;
-/// Below this height and for [`TOUCHDOWN_S`] not sinking: down, m, m/s, s.
+/// Below this height, asked to be lower by so much, and for [`TOUCHDOWN_S`] not sinking: down, m, m, m/s, s.
 const TOUCHDOWN_BELOW_M: f64 = 3.0;
+const TOUCHDOWN_LEAD_M: f64 = 1.0;
 const TOUCHDOWN_SINK_M_S: f64 = 0.15;
 const TOUCHDOWN_S: f64 = 1.0;
 /// The rotor is unloaded within this time after touchdown, s.
@@ -53,7 +54,11 @@ impl Landing {
     pub fn step(&mut self, now: PlantTime, estimate: &Estimate, altitude_m: f64) -> Descent {
         let dt_s = now.seconds_since(self.last).max(0.0);
         self.last = now;
-        let resting = estimate.height_m < TOUCHDOWN_BELOW_M && estimate.velocity.down_m_s().abs() < TOUCHDOWN_SINK_M_S;
+        let at_m = estimate.position.altitude_m();
+        // Whoever was only just asked to descend from a low hover does not sink yet, and is not down.
+        let is_asked_down = altitude_m < at_m - TOUCHDOWN_LEAD_M;
+        let is_still = estimate.velocity.down_m_s().abs() < TOUCHDOWN_SINK_M_S;
+        let resting = estimate.height_m < TOUCHDOWN_BELOW_M && is_asked_down && is_still;
         self.resting_s = if resting { self.resting_s + dt_s } else { 0.0 };
         if self.resting_s > TOUCHDOWN_S {
             self.unloading_s.get_or_insert(0.0);
@@ -63,6 +68,6 @@ impl Landing {
             return if *unloading_s > UNLOAD_S { Descent::Down } else { Descent::Unloading };
         }
         let sink_m_s = if estimate.height_m > GENTLE_BELOW_M { DESCENT_M_S } else { GENTLE_DESCENT_M_S };
-        Descent::To((altitude_m - sink_m_s * dt_s).max(estimate.position.altitude_m() - DESCENT_LEAD_M))
+        Descent::To((altitude_m.min(at_m) - sink_m_s * dt_s).max(at_m - DESCENT_LEAD_M))
     }
 }

@@ -45,7 +45,7 @@ struct One {
 impl One {
     fn new(steps: &str, more: &str) -> Self {
         let mission = Mission::new(id(1), &scenario(steps, more), None);
-        let view = View { heard: [2, 3].map(id).into_iter().collect(), ..View::default() };
+        let view = View { partners: [2, 3].map(id).into_iter().collect(), ..View::default() };
         Self { mission, view, told: Vec::new(), said: 0 }
     }
 
@@ -105,7 +105,7 @@ fn two_seconds_of_listening_then_take_off_with_the_first_heading() {
     let goal = formation(one.step(7.0, 0.24));
     assert_eq!((goal.step, goal.centre_ne_m, goal.heading_rad), (0, Vector2::new(3.0, 4.0), 1.0));
     assert_eq!((one.mission.membership(), one.mission.activity()), (Membership::Active, Activity::TakingOff));
-    one.view.at_altitude = true;
+    one.view.altitude_error_m = Some(0.0);
     one.step(20.0, 29.5);
     assert_eq!(one.mission.activity(), Activity::Formation);
 }
@@ -156,10 +156,21 @@ fn who_is_lost_is_not_waited_for_and_is_named() {
     one.step(3.0, 30.0);
     one.step(7.0, 30.0);
     assert_eq!(one.mission.at(), 0);
-    one.view.heard.remove(id(3));
+    one.view.partners.remove(id(3));
     one.step(7.1, 30.0);
     let without = [id(3)].into_iter().collect();
     assert_eq!(one.told(), [Happening::Reached(0), Happening::ForcedAdvance { to: 1, without }]);
+}
+
+#[test]
+fn registers_that_no_step_uses_up_do_not_pile_up() {
+    let mut one = One::active(TWO, "");
+    for _ in 0..100 {
+        one.hear(2, 0, None, 1.0);
+        one.hear(3, 0, None, 2.0);
+    }
+    one.hear(2, 0, None, 5.0);
+    assert_eq!(one.mission.others_m, [(id(2), 5.0), (id(3), 2.0)]);
 }
 
 #[test]
@@ -173,7 +184,7 @@ fn a_straggler_is_carried_forward_and_says_what_it_skipped() {
 #[test]
 fn a_hold_is_over_by_the_own_clock() {
     let mut one = One::active("{ hold_s = 40 }, { centre_ne_m = [9, 0] }", "");
-    one.view = View { at_altitude: true, ..View::default() };
+    one.view = View { altitude_error_m: Some(0.0), ..View::default() };
     for second in 2..42 {
         one.step(f64::from(second), 30.0);
         assert_eq!(one.mission.at(), 0, "after {} s", second - 2);
@@ -198,12 +209,12 @@ const PATH: &str = "{ path_ne_m = [[0, 0], [100, 0]], speed_m_s = 2 }, { centre_
 #[test]
 fn the_centre_moves_along_its_path_at_its_speed_and_stops_at_its_end() {
     let mut one = One::active(PATH, "");
-    one.view = View { at_altitude: true, ..View::default() };
+    one.view = View { altitude_error_m: Some(0.0), ..View::default() };
     let goal = along(&mut one, 10.0, |_, _| {});
     assert!((goal.centre_ne_m - Vector2::new(20.0, 0.0)).norm() < 0.05, "{goal:?}");
     assert_eq!(goal.centre_velocity_ne_m_s, Vector2::new(2.0, 0.0));
     let mut one = One::active(PATH, "");
-    one.view = View { at_altitude: true, ..View::default() };
+    one.view = View { altitude_error_m: Some(0.0), ..View::default() };
     let goal = along(&mut one, 60.0, |_, _| {});
     assert_eq!((goal.centre_ne_m, goal.centre_velocity_ne_m_s), (Vector2::new(100.0, 0.0), Vector2::zeros()));
 }
@@ -241,7 +252,7 @@ fn who_joins_late_takes_the_centre_where_the_foremost_has_it() {
 #[test]
 fn the_last_step_lands() {
     let mut one = One::active("{ hold_s = 1 }, { land = true }", "");
-    one.view.heard = VehicleSet::default();
+    one.view.partners = VehicleSet::default();
     for second in 2..5 {
         one.step(f64::from(second), 30.0);
     }
@@ -256,9 +267,9 @@ fn a_minority_holds_its_place_under_quorum() {
         one.hear(peer, 0, None, 0.0);
     }
     formation(one.step(3.0, 30.0));
-    one.view.heard = VehicleSet::default();
+    one.view.partners = VehicleSet::default();
     assert!(matches!(one.step(4.0, 30.0), Task::Stay { .. }));
-    one.view.heard.insert(id(2));
+    one.view.partners.insert(id(2));
     formation(one.step(5.0, 30.0));
     let quorum = |told: &Happening| matches!(told, Happening::QuorumLost | Happening::QuorumBack);
     let told: Vec<_> = one.told().into_iter().filter(quorum).collect();
@@ -356,6 +367,45 @@ fn who_does_not_come_to_its_altitude_keeps_nobody_waiting() {
 }
 
 #[test]
+fn without_auto_trim_a_vehicle_may_hover_some_metres_off_its_altitude() {
+    let flown = |height_m, error_m| {
+        let mut one = One::active(ONE, "control.auto_trim = false");
+        one.view.altitude_error_m = Some(error_m);
+        for second in 3..30 {
+            one.step(f64::from(second), height_m);
+        }
+        one.mission.membership()
+    };
+    assert_eq!(flown(25.0, 5.0), Membership::Active, "as the collective rules leave it in wind");
+    assert_eq!(flown(15.0, 15.0), Membership::Left, "where they do all they can");
+    assert_eq!(flown(0.24, 4.8), Membership::Left, "and on the ground");
+}
+
+#[test]
+fn a_low_hover_is_no_touchdown() {
+    let mut one = One::active(ONE, "");
+    one.order(HOLD);
+    one.step(3.0, 2.5);
+    one.order(LAND);
+    for tick in 0..60 {
+        // It does not follow yet.
+        let task = one.step(4.0 + 0.02 * f64::from(tick), 2.5);
+        assert!(matches!(task, Task::Stay { .. }), "{task:?} after {tick} frames");
+    }
+}
+
+#[test]
+fn a_landing_from_below_the_place_held_goes_only_down() {
+    let mut one = One::active(ONE, "");
+    one.order(HOLD);
+    one.step(3.0, 40.0);
+    one.order(LAND);
+    one.step(4.0, 30.0);
+    let Task::Stay { altitude_m, .. } = one.step(4.02, 30.0) else { panic!("it comes down") };
+    assert!(altitude_m < 30.0, "{altitude_m}");
+}
+
+#[test]
 fn a_landing_descends_gently_unloads_and_leaves() {
     let mut one = One::active(ONE, "");
     one.order(LAND);
@@ -417,6 +467,12 @@ fn nobody_takes_part_before_the_rotor_is_at_speed() {
     one.step_at(0.0, &with_rotor(Some(0.0)));
     assert_eq!(one.step_at(9.0, &with_rotor(Some(149.0))), Task::Wait);
     assert_eq!(one.mission.membership(), Membership::Joining);
+    let mut told_to_leave = one.mission.clone();
+    told_to_leave.leave();
+    for tick in 0..150 {
+        told_to_leave.step(at(9.1 + 0.02 * f64::from(tick)), &with_rotor(Some(0.0)), &one.view, &mut one.told);
+    }
+    assert_eq!(told_to_leave.activity(), Activity::Landed, "nobody waits for a rotor that nobody starts");
     formation(one.step_at(9.1, &with_rotor(Some(151.0))));
     let mut untold = One::new(ONE, "");
     untold.mission.take_off_rotor_rad_s = Some(150.0);

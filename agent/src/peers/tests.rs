@@ -169,9 +169,36 @@ fn who_hears_nobody_waits_for_them_and_then_takes_itself_for_the_only_one() {
     table.hear(3.1, &[]);
     assert!(table.0.all_lost() && table.0.heard().is_empty());
     table.hear(63.0, &[]);
-    assert!(table.0.all_lost() && table.only().is_missed);
+    assert!(table.0.all_lost());
     table.hear(63.2, &[]);
-    assert!(!table.0.all_lost() && !table.only().is_missed);
+    assert!(!table.0.all_lost());
+}
+
+#[test]
+fn of_two_parts_that_miss_each_other_the_one_without_the_smallest_id_flies_above() {
+    // Of four in a chain, 3 hears the state of 2 alone, and of 1 that it takes part.
+    let mut table = Table(Peers::new(id(3), 4, 1, &network("network.graph = 'edges'\nnetwork.edges = [[2, 3]]")));
+    let all = |sequence| [1, 2, 4].map(|peer| mission(peer, 1, sequence, Membership::Active));
+    table.hear(1.0, &all(1));
+    table.hear(1.1, &[Word::Vanished(id(4))]);
+    assert!(!table.0.others().flies_above, "with the smallest id");
+    table.hear(1.2, &[Word::Vanished(id(2))]);
+    assert!(!table.0.others().flies_above, "1 is heard, out of sight as it is");
+    table.hear(1.3, &[Word::Vanished(id(1))]);
+    assert!(table.0.others().flies_above, "missed, though never seen");
+    table.hear(61.5, &[]);
+    assert!(!table.0.others().flies_above, "after a minute nobody is missed any more");
+}
+
+#[test]
+fn only_those_of_the_same_plan_are_waited_for() {
+    let mut table = Table::new();
+    table.hear(1.0, &[mission(2, 1, 1, Membership::Active), mission(3, 1, 1, Membership::Active), state(4, 1, 1, 0.0)]);
+    assert_eq!(table.0.partners(), [2, 3].map(id).into_iter().collect(), "4 has not said what it flies");
+    // 2 comes back with a scenario that was changed.
+    table.hear(1.2, &[Word::Mission(register(header(2, 2, 1), 9, Membership::Active))]);
+    assert!(table.0.heard().contains(id(2)));
+    assert_eq!(table.0.partners(), [id(3)].into_iter().collect());
 }
 
 #[test]
@@ -199,11 +226,11 @@ fn whose_states_are_kept_from_a_vehicle_is_out_of_its_sight_but_not_lost() {
             assert_eq!(table.0.seen().len(), usize::from(is_young || is_seen), "{keys}: at {at_s} s");
         }
         assert!(table.0.heard().contains(id(2)), "the mission counts on it");
-        assert_eq!(table.0.unseen().contains(id(2)), !is_seen, "it has its rank in the formation");
+        assert_eq!(table.0.others().unseen.contains(id(2)), !is_seen, "it has its rank in the formation");
         // Its death, too, is known; it was nowhere near.
         assert_eq!(table.hear(21.0, &[Word::Vanished(id(2))]), [Change::Lost(id(2))]);
         assert_eq!(table.0.seen().len(), usize::from(is_seen));
-        assert!(table.0.unseen().is_empty());
+        assert!(table.0.others().unseen.is_empty());
     }
 }
 
