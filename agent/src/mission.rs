@@ -450,7 +450,7 @@ impl Mission {
         self.agreement.step(Event::Became(Membership::Left));
         let mut landing = self.landing.unwrap_or_else(|| Landing::begin(now.plant, is_on_ground));
         let altitude_m = self.place(estimate).altitude_m;
-        let descent = landing.step(now.plant, estimate, altitude_m);
+        let descent = landing.step(now.plant, estimate, altitude_m, self.off_altitude_m - AT_ALTITUDE_M);
         self.landing = Some(landing);
         match descent {
             Descent::To(altitude_m) => {

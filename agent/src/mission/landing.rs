@@ -8,7 +8,8 @@ use crate::estimate::Estimate;
 const DESCENT_M_S: f64 = 2.0;
 const GENTLE_DESCENT_M_S: f64 = 0.7;
 const GENTLE_BELOW_M: f64 = 6.0;
-/// The altitude asked for runs at most this far below the vehicle: an error that holds the wanted sink rate, m.
+/// The altitude asked for runs at most this far below the one that the vehicle would keep: an error that holds the wanted
+/// sink rate, m.
 const DESCENT_LEAD_M: f64 = 3.0;
 /// Below this height, asked to be lower by so much, and for [`TOUCHDOWN_S`] not sinking: down, m, m, m/s, s.
 const TOUCHDOWN_BELOW_M: f64 = 3.0;
@@ -50,8 +51,8 @@ impl Landing {
         self.unloading_s.is_some()
     }
 
-    /// Goes on, from `altitude_m`, the altitude asked for so far.
-    pub fn step(&mut self, now: PlantTime, estimate: &Estimate, altitude_m: f64) -> Descent {
+    /// Goes on, from `altitude_m`, the altitude asked for so far. A healthy vehicle may hover `off_m` above what is asked.
+    pub fn step(&mut self, now: PlantTime, estimate: &Estimate, altitude_m: f64, off_m: f64) -> Descent {
         let dt_s = now.seconds_since(self.last).max(0.0);
         self.last = now;
         let at_m = estimate.position.altitude_m();
@@ -68,6 +69,6 @@ impl Landing {
             return if *unloading_s > UNLOAD_S { Descent::Down } else { Descent::Unloading };
         }
         let sink_m_s = if estimate.height_m > GENTLE_BELOW_M { DESCENT_M_S } else { GENTLE_DESCENT_M_S };
-        Descent::To((altitude_m.min(at_m) - sink_m_s * dt_s).max(at_m - DESCENT_LEAD_M))
+        Descent::To((altitude_m.min(at_m) - sink_m_s * dt_s).max(at_m - DESCENT_LEAD_M - off_m))
     }
 }
