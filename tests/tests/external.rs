@@ -155,6 +155,18 @@ fn what_is_no_answer_is_a_miss_and_the_fallback_flies() {
 }
 
 #[test]
+fn what_a_law_says_once_too_often_costs_no_more_than_one_answer() {
+    let cases = [
+        ("m['tick'] == 30 and say('debug'); say(good(m))", 1),
+        ("say(good(m)); m['tick'] == 30 and say('debug')", 1),
+        ("say(good(m)); m['tick'] % 30 == 0 and say(good(m))", 0),
+    ];
+    for (ask, misses) in cases {
+        assert_eq!(Law::ready(ask).fly().unwrap().law_misses, Some(misses), "{ask}");
+    }
+}
+
+#[test]
 fn a_law_that_is_silent_or_gone_fails_the_run_in_one_sentence() {
     let say_nothing = "the law of vehicle 1 has said nothing for 10 s: it owes ";
     let ended = "the law of vehicle 1 has ended (exit status: 3)";

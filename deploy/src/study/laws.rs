@@ -6,7 +6,7 @@
 //!
 //! One set of laws serves one run at a time. It is kept for the next one, which begins with a hello.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::net::TcpListener;
 use std::num::NonZeroUsize;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, sync_channel};
@@ -124,6 +124,8 @@ struct Conversation {
     words: Receiver<Word>,
     /// Somebody is there.
     was_heard: bool,
+    /// Vehicles and ticks of this run's asks that are answered, or whose answer may still come after what came in its place.
+    settled: BTreeSet<(VehicleId, u64)>,
     /// Kinds of faults that were told.
     told: [bool; Fault::KINDS],
 }
@@ -254,7 +256,7 @@ fn ear() -> (impl Sink, Receiver<Word>) {
 
 impl Conversation {
     fn new(vehicles: Vec<VehicleId>, talk: Talk, words: Receiver<Word>) -> Self {
-        Self { vehicles, talk, words, was_heard: false, told: [false; Fault::KINDS] }
+        Self { vehicles, talk, words, was_heard: false, settled: BTreeSet::new(), told: [false; Fault::KINDS] }
     }
 
     /// Of several that one law serves, the first stands for it.
@@ -276,8 +278,12 @@ impl Conversation {
     /// Says hello for those whose law is here.
     fn greet(&mut self, hellos: &[Hello]) -> Result<(), LawError> {
         let vehicles = self.vehicles.clone();
-        let mut its = hellos.iter().filter(|hello| vehicles.contains(&hello.vehicle));
-        its.try_for_each(|hello| self.say(&Said::Hello(hello)))
+        for hello in hellos.iter().filter(|hello| vehicles.contains(&hello.vehicle)) {
+            // Its asks are counted anew.
+            self.settled.retain(|(vehicle, _)| *vehicle != hello.vehicle);
+            self.say(&Said::Hello(hello))?;
+        }
+        Ok(())
     }
 
     fn say(&mut self, said: &Said<'_>) -> Result<(), LawError> {
@@ -300,10 +306,12 @@ impl Conversation {
         Ok(())
     }
 
-    /// Waits until every ask is answered, or what was said in an answer's place was none.
+    /// Waits until every ask is answered, or as many lines were none as asks are left. Each of those lines costs one answer:
+    /// that answer may come later, and then it is not the next ask's.
     fn settle(&mut self, mut open: Vec<&Ask>, mut give: impl FnMut(Answer)) -> Result<(), LawError> {
         let since = now();
-        while !open.is_empty() {
+        let (mut faults, mut may_come) = (0, false);
+        while open.len() > faults {
             let fault = match self.next(since, "an answer")? {
                 None => {
                     // A datagram may be lost, or the model was not running yet.
@@ -313,15 +321,23 @@ impl Conversation {
                     continue;
                 }
                 Some(Ok(Heard::Answer(answer))) => {
-                    match open.iter().position(|ask| ask.vehicle == answer.vehicle) {
-                        Some(nth) if open[nth].tick == answer.tick => {
-                            open.remove(nth);
-                            give(answer);
-                            continue;
-                        }
-                        // To an ask that was sent twice.
-                        _ if self.talk.is_of_vectors() => continue,
-                        Some(nth) => Fault::Tick { got: answer.tick, open: open[nth].tick },
+                    let asked = (answer.vehicle, answer.tick);
+                    if let Some(nth) = open.iter().position(|ask| (ask.vehicle, ask.tick) == asked) {
+                        open.remove(nth);
+                        self.settled.insert(asked);
+                        give(answer);
+                        continue;
+                    }
+                    // To an ask that was sent twice.
+                    if self.talk.is_of_vectors() {
+                        continue;
+                    }
+                    if self.settled.contains(&asked) {
+                        self.tell(&Fault::Late(answer.tick));
+                        continue;
+                    }
+                    match open.iter().find(|ask| ask.vehicle == answer.vehicle) {
+                        Some(ask) => Fault::Tick { got: answer.tick, open: ask.tick },
                         None => Fault::Vehicle(answer.vehicle.get().into()),
                     }
                 }
@@ -329,8 +345,12 @@ impl Conversation {
                 Some(Err(fault)) => fault,
             };
             self.tell(&fault);
-            // Whatever it was meant for, it came in the place of this answer.
-            open.remove(0);
+            faults += 1;
+            // With a wrong tick it was the answer.
+            may_come |= !matches!(fault, Fault::Tick { .. });
+        }
+        if may_come {
+            self.settled.extend(open.iter().map(|ask| (ask.vehicle, ask.tick)));
         }
         Ok(())
     }
@@ -367,3 +387,6 @@ impl Conversation {
         LawError::Ended(self.name(), self.talk.how_it_ended())
     }
 }
+
+#[cfg(test)]
+mod tests;
