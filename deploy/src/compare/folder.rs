@@ -75,6 +75,13 @@ impl Folder {
         })
     }
 
+    /// Keys at or below a key that a study swept, which may be a table or a list.
+    pub fn below<'a>(swept: &str, keys: impl Iterator<Item = &'a str>) -> impl Iterator<Item = &'a str> {
+        keys.filter(move |key| {
+            key.strip_prefix(swept).is_some_and(|rest| rest.is_empty() || rest.starts_with(['.', '[']))
+        })
+    }
+
     /// Keys that are not the same in all runs.
     pub fn varying(&self) -> BTreeSet<&str> {
         let keys: BTreeSet<&str> = self.runs.iter().flat_map(|run| run.scenario.keys().map(String::as_str)).collect();

@@ -134,8 +134,7 @@ fn by_identity<'a>(folder: &'a Folder, varying: &BTreeSet<&str>) -> Result<BTree
 
 /// What is set at a run's point: the swept keys if a study says which, else all that vary.
 fn set(run: &Flown, varying: &BTreeSet<&str>, swept: &[String]) -> Vec<String> {
-    let keys =
-        swept.iter().flat_map(|swept| varying.iter().copied().filter(move |key| key.starts_with(swept.as_str())));
+    let keys = swept.iter().flat_map(|swept| Folder::below(swept, varying.iter().copied()));
     let keys: Vec<&str> = match keys.collect::<Vec<_>>() {
         keys if keys.is_empty() => varying.iter().copied().collect(),
         keys => keys,

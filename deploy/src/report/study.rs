@@ -1,6 +1,6 @@
 //! Many runs: what they measured, point by point.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use super::figure::{Axis, Colour, Figure, Item, Marker, Panel, Shape, WIDTH_PX};
 use super::page::{Page, Part, Section};
@@ -50,6 +50,8 @@ const MOST_FLIGHTS: usize = 6;
 
 /// Runs that differ in their seeds alone.
 struct Point<'a> {
+    /// Its folder in the whole.
+    place: String,
     /// The values of the swept keys; of what is no sweep, the folder.
     values: Vec<String>,
     runs: Vec<&'a Flown>,
@@ -100,22 +102,35 @@ pub(super) fn page(folder: &Folder) -> Result<Page, Error> {
 
 /// The runs in their points, in the order of their folders.
 fn points(folder: &Folder) -> Vec<Point<'_>> {
+    let varying = folder.varying();
     let mut points: Vec<Point<'_>> = Vec::new();
     for run in &folder.runs {
-        let value = |key: &String| run.scenario.get(key).cloned().unwrap_or_default().trim_matches('"').to_owned();
-        let values: Vec<String> = match folder.swept.as_slice() {
-            [] => vec![above(run, folder)],
-            swept => swept.iter().map(value).collect(),
-        };
-        match points.iter_mut().find(|point| point.values == values) {
-            Some(point) => point.runs.push(run),
-            None => points.push(Point { values, runs: vec![run], summary: Summary::new() }),
+        let place = above(run, folder);
+        if let Some(point) = points.iter_mut().find(|point| point.place == place) {
+            point.runs.push(run);
+            continue;
         }
+        let values = match folder.swept.as_slice() {
+            [] => vec![place.clone()],
+            swept => swept.iter().map(|key| value(run, key, &varying)).collect(),
+        };
+        points.push(Point { place, values, runs: vec![run], summary: Summary::new() });
     }
     for point in &mut points {
         point.summary = study::summary(&point.measured());
     }
     points
+}
+
+/// What a swept key is in a run; of a table or a list, what varies in it.
+fn value(run: &Flown, swept: &str, varying: &BTreeSet<&str>) -> String {
+    let word = |key: &str| run.scenario.get(key).map(|value| value.trim_matches('"'));
+    if let Some(value) = word(swept) {
+        return value.to_owned();
+    }
+    let inside = |key: &str| Some(format!("{}={}", key[swept.len()..].trim_start_matches('.'), word(key)?));
+    let values: Vec<String> = Folder::below(swept, varying.iter().copied()).filter_map(inside).collect();
+    if values.is_empty() { "–".to_owned() } else { values.join(" ") }
 }
 
 /// Where a run's folder lies in the whole, without the seed's own folder.
@@ -350,9 +365,13 @@ fn short(keys: &[String]) -> Vec<String> {
 
 /// The axis of a key that ends in its unit.
 fn axis(key: &str) -> Axis {
-    const UNITS: [(&str, &str); 11] = [
+    // Of two that fit, the longer one first.
+    const UNITS: [(&str, &str); 15] = [
+        ("_bit_s", "bit/s"),
+        ("_m_s2", "m/s²"),
         ("_m_s", "m/s"),
         ("_per_m", "1/m"),
+        ("_per_s2", "1/s²"),
         ("_per_s", "1/s"),
         ("_ms", "ms"),
         ("_us", "µs"),
@@ -362,8 +381,11 @@ fn axis(key: &str) -> Axis {
         ("_hz", "Hz"),
         ("_j", "J"),
         ("_bytes", "bytes"),
+        ("_ppm", "ppm"),
     ];
     let found = UNITS.into_iter().find_map(|(ending, unit)| Some((key.strip_suffix(ending)?, unit)));
+    // `record.hz` is nothing but a unit.
+    let found = found.or((key == "hz").then_some(("rate", "Hz")));
     let (quantity, unit) = found.unwrap_or((key, "1"));
     Axis::new(&quantity.replace('_', " "), unit)
 }
@@ -399,12 +421,72 @@ fn flights(folder: &Folder, points: &[Point<'_>]) -> Result<Vec<Section>, Error>
 
 #[cfg(test)]
 mod tests {
+    use skein_common::scenario::{KEYS, Kind};
+
     use super::*;
+
+    #[test]
+    fn every_point_of_a_sweep_stands_for_itself() {
+        let run = |point: usize, seed: u64, late_s: f64, scenario: &[(&str, &str)]| Flown {
+            folder: format!("sweep/point-{point}/seed-{seed}").into(),
+            measured: Measured {
+                seed,
+                words: BTreeMap::new(),
+                figures: BTreeMap::from([("in_band_s".to_owned(), Some(late_s))]),
+                never: BTreeSet::new(),
+            },
+            scenario: scenario.iter().map(|(key, value)| ((*key).to_owned(), (*value).to_owned())).collect(),
+        };
+        let calm = [("mission.events", "[]"), ("network.loss", "0"), ("vehicle.1.aircraft", "\"light\"")];
+        let killed = [
+            ("mission.events[0].at_s", "60"),
+            ("mission.events[0].fault", "\"kill\""),
+            ("network.loss", "0"),
+            ("vehicle.1.aircraft", "\"heavy\""),
+            ("vehicle.10.aircraft", "\"light\""),
+        ];
+        let folder = Folder {
+            path: "sweep".into(),
+            runs: vec![
+                run(1, 0, 5.0, &calm),
+                run(1, 1, 6.0, &calm),
+                run(2, 0, 50.0, &killed),
+                run(2, 1, 40.0, &killed),
+                run(3, 0, 7.0, &calm),
+            ],
+            is_unfinished: false,
+            swept: ["mission.events", "network.loss", "vehicle.1", "start"].map(str::to_owned).to_vec(),
+        };
+        let points = points(&folder);
+        let values: Vec<_> = points.iter().map(|point| point.values.join("|")).collect();
+        let of_calm = "[]|0|aircraft=light|–";
+        assert_eq!(values, [of_calm, "[0].at_s=60 [0].fault=kill|0|aircraft=heavy|–", of_calm]);
+        let medians: Vec<_> = points.iter().map(|point| point.summary["in_band_s"].median).collect();
+        assert_eq!(medians, [Some(5.5), Some(45.0), Some(7.0)]);
+        let worst: Vec<_> = points.iter().map(|point| worst_and_median(&point.measured())).collect();
+        assert_eq!(worst, [Some((1, 0)), Some((0, 1)), Some((0, 0))]);
+    }
+
+    #[test]
+    fn the_unit_is_what_ends_the_name_of_every_numeric_key() {
+        const WORDS: [&str; 13] = ["m", "s", "ms", "us", "s2", "per", "bit", "deg", "hz", "j", "bytes", "ppm", "rad"];
+        for key in KEYS.iter().filter(|key| matches!(key.kind, Kind::Number(_) | Kind::NumberOr(..))) {
+            let name = key.path.rsplit('.').next().unwrap_or(key.path);
+            let label = axis(name).label().to_owned();
+            let (quantity, unit) = label.rsplit_once(", ").unwrap();
+            let last = quantity.rsplit(' ').next().unwrap();
+            assert!(!WORDS.contains(&last), "{name}: {label}");
+            let spelled = unit.replace("1/", "per_").replace('/', "_").replace('²', "2").replace('°', "deg");
+            assert!(unit == "1" || name.ends_with(&spelled.replace("Hz", "hz")), "{name}: {label}");
+        }
+    }
 
     #[test]
     fn a_key_says_its_unit() {
         for (key, label) in [
             ("in_band_s", "in band, s"),
+            ("bandwidth_bit_s", "bandwidth, bit/s"),
+            ("friction_m_s2", "friction, m/s²"),
             ("min_separation_m", "min separation, m"),
             ("speed_m_s", "speed, m/s"),
             ("collisions", "collisions, 1"),
