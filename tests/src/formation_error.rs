@@ -4,6 +4,7 @@
 use std::ops::RangeInclusive;
 
 use skein::metrics::Report;
+use skein::study::Study;
 
 use crate::{in_parallel, study};
 
@@ -57,11 +58,11 @@ pub fn cells() -> Vec<Cell> {
     VEHICLES.iter().flat_map(|&vehicles| cells(vehicles)).collect()
 }
 
-/// Flies a cell: the shipped hover formation in gusts for 150 s, of which the last 100 s count. `sets` are set besides.
+/// A cell: the shipped hover formation in gusts for 150 s, of which the last 100 s count. `sets` are set besides.
 ///
 /// # Panics
-/// If it cannot fly.
-pub fn fly(cell: Cell, sets: &[&str], seed: u64) -> [f64; 4] {
+/// If a set is wrong.
+pub fn of_cell(cell: Cell, sets: &[&str]) -> Study {
     let Cell { vehicles, loss, delay_s } = cell;
     let own = [
         format!("swarm.vehicles={vehicles}"),
@@ -72,17 +73,21 @@ pub fn fly(cell: Cell, sets: &[&str], seed: u64) -> [f64; 4] {
         "duration_s=150".to_owned(),
     ];
     let sets: Vec<&str> = own.iter().map(String::as_str).chain(sets.iter().copied()).collect();
-    figures(&study("hover.toml", &sets).fly(seed).expect("a hover that may fly"))
+    study("hover.toml", &sets)
 }
 
-fn figures(report: &Report) -> [f64; 4] {
+/// What the table tells of a flight, in the order of [`FIGURES`].
+///
+/// # Panics
+/// If the flight was too short.
+pub fn figures(report: &Report) -> [f64; 4] {
     let figures = [report.radial_rms_m, report.spacing_error_deg, report.oscillation_m, report.min_separation_m];
     figures.map(|figure| figure.expect("several vehicles that fly for 150 s have it"))
 }
 
 /// The figures of a cell over so many seeds.
 pub fn spreads(cell: Cell, sets: &[&str], seeds: u64) -> [Spread; 4] {
-    let flown = in_parallel(0..seeds, |seed| fly(cell, sets, seed));
+    let flown = in_parallel(0..seeds, |seed| figures(&of_cell(cell, sets).fly(seed).expect("a hover that may fly")));
     [0, 1, 2, 3].map(|nth| Spread::of(flown.iter().map(|figures| figures[nth]).collect()))
 }
 
