@@ -10,6 +10,8 @@ fn main() {
         _ => "unknown".to_owned(),
     };
     println!("cargo::rustc-env=SKEIN_REVISION={revision}");
-    println!("cargo::rerun-if-changed=../.git/HEAD");
-    println!("cargo::rerun-if-changed=../.git/index");
+    // The revision says too when something is changed in what the program is made of.
+    for path in ["../.git/HEAD", "../.git/index", "src", "../agent/src", "../common/src"] {
+        println!("cargo::rerun-if-changed={path}");
+    }
 }

@@ -2,7 +2,7 @@
 //! was interrupted finds again.
 //!
 //! ```text
-//! DIR/study.json            what study this is: only the very same one goes on here
+//! DIR/study.json            what study this is: only the very same one, of the very same program, goes on here
 //! DIR/runs.csv, summary.json    when all runs are there
 //! DIR/scenario.toml, metrics.json           of a single run
 //! DIR/seed-N/...                            of several seeds
@@ -11,7 +11,8 @@
 //!
 //! A run is there when its `metrics.json` is. Files are renamed when they are whole, so that a kill leaves none torn.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
+use std::env;
 use std::fs;
 use std::hash::{DefaultHasher, Hash, Hasher};
 use std::io;
@@ -21,6 +22,7 @@ use std::path::{Path, PathBuf};
 
 use serde_json::{Value, json};
 use skein_agent::aircraft::Aircraft;
+use skein_agent::external::is_external;
 use skein_agent::start::starts;
 use skein_common::scenario::{Loaded, Scenario};
 
@@ -75,7 +77,7 @@ impl Plan {
             return Err(Error::Refused(format!("more than {MOST_RUNS} runs")));
         }
         let fingerprint = plan.check()?;
-        let study = plan.describe(&loaded.scenario, &args.sweep, fingerprint);
+        let study = plan.describe(&loaded.scenario, &args.sweep, fingerprint)?;
         plan.out = plan.folder_for(&study, args.out.as_deref(), &loaded.scenario.name)?;
         write(&plan.out.join("study.json"), &crate::json(&study))?;
         Ok(plan)
@@ -95,6 +97,7 @@ impl Plan {
     /// Reads every run's scenario and makes sure that it can begin. Gives what tells this study from any other.
     fn check(&mut self) -> Result<u64, Error> {
         let mut hasher = DefaultHasher::new();
+        let mut law_files = BTreeSet::new();
         let mut jobs = self.jobs;
         for point in 0..self.points.len() {
             let first = Run { plan: self, point, seed: self.seeds.start };
@@ -113,22 +116,29 @@ impl Plan {
             values_of(&scenario).hash(&mut hasher);
             ready.aircraft_files.hash(&mut hasher);
             format!("{:?}", ready.rules).hash(&mut hasher);
+            law_files.extend(files_of_law(&scenario));
         }
+        law_files.iter().try_for_each(|path| hash_file(path, &mut hasher))?;
         self.jobs = jobs;
         Ok(hasher.finish())
     }
 
-    fn describe(&self, scenario: &Scenario, sweeps: &[Sweep], fingerprint: u64) -> Value {
-        json!({
+    fn describe(&self, scenario: &Scenario, sweeps: &[Sweep], fingerprint: u64) -> Result<Value, Error> {
+        let own = env::current_exe().map_err(|error| Error::Failed(format!("the program itself: {error}")))?;
+        let mut program = DefaultHasher::new();
+        hash_file(&own, &mut program)?;
+        Ok(json!({
             "scenario": scenario.name,
             "version": env!("CARGO_PKG_VERSION"),
             "revision": env!("SKEIN_REVISION"),
             "seeds": format!("{}..{}", self.seeds.start, self.seeds.end),
             "sweep": sweeps.iter().map(Sweep::to_string).collect::<Vec<_>>(),
             "points": self.points.len(),
+            // Of the program's own file: a build with a change that no revision tells is another one.
+            "program": format!("{:016x}", program.finish()),
             // Of every value of every point, and of the files that they name.
             "fingerprint": format!("{fingerprint:016x}"),
-        })
+        }))
     }
 
     /// A new folder, or that of this very study if it has not come to its end.
@@ -146,7 +156,12 @@ impl Plan {
                 return refused(format!("another study is there: its {key} is {there}, not {here}"));
             }
             None if differing.is_empty() => {}
-            None => return refused("another study is there: something else stands in its scenario".to_owned()),
+            None => {
+                return refused(
+                    "another study is there: something else stands in its scenario or in a file that it names"
+                        .to_owned(),
+                );
+            }
         }
         if out.join("summary.json").exists() {
             return refused("this study is there already, and finished".to_owned());
@@ -159,6 +174,19 @@ impl Plan {
 fn values_of(scenario: &Scenario) -> String {
     // A struct of numbers, texts and lists always has a JSON form; the seed is the study's.
     serde_json::to_string(&Scenario { seed: 0, ..scenario.clone() }).unwrap_or_default()
+}
+
+/// Files of an external law's command: program and arguments, as far as they are files.
+fn files_of_law(scenario: &Scenario) -> impl Iterator<Item = PathBuf> {
+    let command = scenario.formation.external.command.as_deref().filter(|_| is_external(scenario));
+    command.unwrap_or_default().iter().map(PathBuf::from).filter(|path| path.is_file())
+}
+
+/// Takes in what stands in a file.
+fn hash_file(path: &Path, hasher: &mut impl Hasher) -> Result<(), Error> {
+    let bytes = fs::read(path).map_err(|error| Error::Refused(format!("{}: {error}", path.display())))?;
+    bytes.hash(hasher);
+    Ok(())
 }
 
 /// One run of a study.
@@ -266,4 +294,37 @@ pub fn write(path: &Path, text: &str) -> Result<(), Error> {
         fs::rename(&unfinished, path)
     };
     written().map_err(|error| Error::Failed(format!("{}: {error}", path.display())))
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::Parser;
+
+    use super::*;
+    use crate::cli::{Cli, Command};
+
+    #[test]
+    fn only_the_very_same_study_goes_on() {
+        let folder = tempfile::tempdir().unwrap();
+        let (law, scenario) = (folder.path().join("law.py"), folder.path().join("two.toml"));
+        let text = "swarm.vehicles = 2\n[formation]\nlaw = 'external'\nexternal.command = ['cargo', 'law.py']\n";
+        fs::write(&scenario, text).unwrap();
+        fs::write(&law, "first").unwrap();
+        let out = folder.path().join("out");
+        let line = ["skein", "study", scenario.to_str().unwrap(), "--out", out.to_str().unwrap()];
+        let Command::Study(args) = Cli::try_parse_from(line).unwrap().command else { panic!("a study") };
+        let plan = || Plan::new(&args).map(|plan| plan.out).map_err(|error| error.to_string());
+        assert_eq!(plan(), Ok(out.clone()));
+        assert_eq!(plan(), Ok(out.clone()), "it goes on");
+        fs::write(&law, "second").unwrap();
+        let why = plan().unwrap_err();
+        assert!(why.contains("something else stands in its scenario or in a file that it names"), "{why}");
+        fs::write(&law, "first").unwrap();
+        let there = fs::read_to_string(out.join("study.json")).unwrap();
+        let mut study: Value = serde_json::from_str(&there).unwrap();
+        study["program"] = "0123456789abcdef".into();
+        fs::write(out.join("study.json"), study.to_string()).unwrap();
+        let why = plan().unwrap_err();
+        assert!(why.contains("another study is there: its program is \"0123456789abcdef\", not "), "{why}");
+    }
 }
