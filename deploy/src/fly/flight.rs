@@ -66,6 +66,8 @@ pub struct Flight {
     metrics: Metrics,
     /// Absent if the scenario wants no recording.
     recorder: Option<Recorder>,
+    /// It cannot go on, and that was told.
+    recording_failed: bool,
     stage: Stage,
     /// When the stage began, and how often this process had been asked to end by then.
     since: Instant,
@@ -114,6 +116,7 @@ impl Flight {
             ground: Ground::new(scenario),
             metrics: Metrics::new(scenario, Run::new(scenario, "fly")),
             recorder,
+            recording_failed: false,
             stage: Stage::Gathering,
             since: clock::now(),
             asked_before: 0,
@@ -194,6 +197,10 @@ impl Flight {
         }
         for ended in self.children.reap() {
             self.take_leave(now, &ended);
+        }
+        let has_failed = self.recorder.as_ref().is_some_and(Recorder::has_failed);
+        if has_failed && !std::mem::replace(&mut self.recording_failed, true) {
+            self.show(now, "the recording cannot be written, the flight goes on without".to_owned());
         }
     }
 

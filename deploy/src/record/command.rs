@@ -75,7 +75,7 @@ fn about_file(path: &Path, error: RecordError) -> Error {
     }
 }
 
-/// Records a live swarm until Ctrl-C. It flies the same with and without.
+/// Records a live swarm until Ctrl-C, or until that cannot be written. It flies the same with and without.
 fn record(swarm: &SwarmArgs, out: &Path) -> Result<(), Error> {
     refuse_existing(out)?;
     let reach = swarm.reach(Role::Observer)?;
@@ -86,7 +86,7 @@ fn record(swarm: &SwarmArgs, out: &Path) -> Result<(), Error> {
     eprintln!("records the swarm {} into {}; Ctrl-C ends it", reach.swarm, out.display());
     let mut window = Window::default();
     heard.iter().for_each(|(heard, at)| put(&mut recorder, heard, *at));
-    while interrupts.count() == 0 {
+    while interrupts.count() == 0 && !recorder.has_failed() {
         observer.poll_timed().iter().for_each(|(heard, at)| put(&mut recorder, heard, *at));
         if window.begins(&observer) {
             recorder.window_begins(clock::now());

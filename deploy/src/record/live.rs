@@ -109,6 +109,11 @@ impl Recorder {
         self.steps
     }
 
+    /// Nothing is written any more: what went wrong is told by [`Self::finish`].
+    pub fn has_failed(&self) -> bool {
+        self.writing.is_finished()
+    }
+
     /// Closes the file; gives how much was dropped.
     ///
     /// # Errors
@@ -129,7 +134,7 @@ impl Recorder {
     }
 }
 
-/// What the thread does.
+/// What the thread does, to the end or to the first thing that cannot be written.
 fn write(
     mut writer: Writer<BufWriter<File>>,
     words: &Receiver<(u64, Word)>,
@@ -143,7 +148,7 @@ fn write(
         thread::Builder::new().name("record-sync".to_owned()).spawn(move || sync(&file, &stopped)).map_err(io)?;
     let mut dropped = 0;
     let mut flush_at = clock::now() + FLUSH;
-    loop {
+    while writer.failed().is_none() {
         match words.recv_timeout(flush_at.saturating_duration_since(clock::now())) {
             Ok((_, Word::Dropped(count))) => dropped = count,
             Ok((log_time_ns, word)) => put(&mut writer, log_time_ns, word),
@@ -250,6 +255,30 @@ mod tests {
         assert_eq!(words.try_iter().count(), 1);
         drop(words);
         assert_eq!(recorder.finish().unwrap(), 3);
+    }
+
+    #[test]
+    #[cfg(target_os = "linux")]
+    fn a_recording_that_cannot_be_written_says_so_at_once() {
+        let full = File::options().write(true).open("/dev/full").unwrap();
+        let loaded = crate::scenario::ScenarioArgs::default().read(Vec::new()).unwrap();
+        let run = crate::metrics::Run::new(&loaded.scenario, "fly");
+        let about = About { scenario: &loaded.scenario, scenario_toml: "", run: &run, clock: "" };
+        let synced = full.try_clone().unwrap();
+        // All that comes before the first words finds room in memory.
+        let to = BufWriter::with_capacity(1 << 20, full);
+        let writer = Writer::new(to, &about, 0);
+        let (queue, words) = sync_channel(QUEUE);
+        let writing = thread::spawn(move || write(writer?, &words, synced, "/dev/full".into()));
+        let mut recorder = Recorder { queue, writing, utc: Utc::read(), rate: Rate::new(50.0), dropped: 0, steps: 0 };
+        recorder.note(clock::now(), false, "fly", "nobody will read this");
+        let until = clock::now() + Duration::from_secs(30);
+        while !recorder.has_failed() {
+            assert!(clock::now() < until);
+            clock::sleep(Duration::from_millis(10));
+        }
+        recorder.note(clock::now(), false, "fly", "nor this");
+        assert!(matches!(recorder.finish(), Err(RecordError::Write(_))));
     }
 
     #[test]
