@@ -1,6 +1,7 @@
 //! Which runs of a study are recorded: they are flown again, with a recorder looking on.
 
 use std::collections::BTreeSet;
+use std::fs;
 use std::num::NonZeroUsize;
 
 use skein_common::scenario::RecordRuns;
@@ -41,10 +42,14 @@ fn again(run: &Run<'_>, measured: &Measured) -> Result<(), Error> {
     let report = report.map_err(|error| Error::Failed(format!("{run}: recording: {error}")))?;
     match first_difference(measured, &Measured::of(&report)) {
         None => Ok(()),
-        Some(key) => Err(Error::Failed(format!(
-            "{run}: flown again to be recorded, it measured another {key}: something in it is not repeatable; the study goes \
-             on in its folder with --no-record"
-        ))),
+        Some(key) => {
+            // Of another flight than the figures: it must not be taken for the run's.
+            fs::remove_file(&path).map_err(|error| Error::Failed(format!("{}: {error}", path.display())))?;
+            Err(Error::Failed(format!(
+                "{run}: flown again to be recorded, it measured another {key}: something in it is not repeatable; the study goes \
+                 on in its folder with --no-record"
+            )))
+        }
     }
 }
 
@@ -58,7 +63,27 @@ fn first_difference<'a>(one: &'a Measured, other: &'a Measured) -> Option<&'a st
 
 #[cfg(test)]
 mod tests {
+    use clap::Parser;
+
     use super::*;
+    use crate::cli::{Cli, Command};
+
+    #[test]
+    fn a_recording_of_another_flight_is_not_left() {
+        let folder = tempfile::tempdir().unwrap();
+        let out = folder.path().join("out").display().to_string();
+        let line = ["skein", "study", "--set", "swarm.vehicles=2", "--set", "duration_s=2", "--out", &out];
+        let Command::Study(args) = Cli::try_parse_from(line).unwrap().command else { panic!("a study") };
+        let plan = Plan::new(&args).unwrap();
+        let run = plan.run(0);
+        let (is_there, measured) = (|| run.folder().join(record::FILE).exists(), run.fly().unwrap());
+        let mut other = measured.clone();
+        other.figures.insert("max_tilt_deg".to_owned(), Some(-1.0));
+        let refusal = again(&run, &other).unwrap_err().to_string();
+        assert!(refusal.contains("it measured another max_tilt_deg") && !is_there(), "{refusal}");
+        again(&run, &measured).unwrap();
+        assert!(is_there());
+    }
 
     #[test]
     fn only_the_wall_clock_may_differ() {
