@@ -189,7 +189,7 @@ impl Flight {
                     if self.stage == Stage::Flying {
                         self.metrics.tell(self.flown_s(now), event.header.sender, &event.what);
                     }
-                    self.record(|recorder| recorder.happened(at, event.header.sender, &event.what));
+                    self.record(|recorder| recorder.happened(at, &event));
                     self.show(now, format!("vehicle {}: {}", event.header.sender, event.what));
                 }
                 _ => {}

@@ -130,7 +130,7 @@ fn begin(reach: &Reach, out: &Path) -> Result<Recorder, Error> {
 fn put(recorder: &mut Recorder, heard: &Heard, at: Instant) {
     match heard {
         Heard::Trace(trace) => recorder.step(at, trace),
-        Heard::Event(event) => recorder.happened(at, event.header.sender, &event.what),
+        Heard::Event(event) => recorder.happened(at, event),
         Heard::Appeared(id) => recorder.note(at, false, &format!("vehicle {id}"), "its agent is there"),
         Heard::Vanished(id) => recorder.note(at, true, &format!("vehicle {id}"), "its agent is gone"),
         Heard::Health(_) | Heard::Mission(_) => {}

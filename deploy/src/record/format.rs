@@ -3,7 +3,7 @@
 use std::borrow::Cow;
 
 use serde::{Deserialize, Serialize};
-use skein_common::id::VehicleId;
+use skein_common::id::{Incarnation, VehicleId};
 use skein_common::message::Happening;
 
 use crate::study::world::Incident;
@@ -49,6 +49,10 @@ pub(super) fn traced(topic: &str) -> Option<VehicleId> {
 pub(super) struct EventLine<'a> {
     /// Who says it.
     pub(super) vehicle: VehicleId,
+    /// In which life of its agent; none in virtual time.
+    pub(super) incarnation: Option<Incarnation>,
+    /// Which event of that life; none in virtual time.
+    pub(super) sequence: Option<u64>,
     /// As people read it.
     pub(super) text: Cow<'a, str>,
     /// As programs read it.

@@ -10,7 +10,7 @@ use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
 use skein_common::id::VehicleId;
-use skein_common::message::{Happening, Trace};
+use skein_common::message::{Event, Trace};
 
 use super::{About, FLUSH, RecordError, Writer};
 use crate::clock::{self, Utc};
@@ -36,7 +36,7 @@ pub struct Recorder {
 /// What is to be written.
 enum Word {
     Step(Box<Trace>),
-    Happened(VehicleId, Happening),
+    Happened(Event),
     Incident(Incident),
     Note {
         is_bad: bool,
@@ -80,8 +80,8 @@ impl Recorder {
     }
 
     /// Something that a vehicle said of itself.
-    pub fn happened(&mut self, at: Instant, speaker: VehicleId, what: &Happening) {
-        self.hand_over(at, Word::Happened(speaker, *what));
+    pub fn happened(&mut self, at: Instant, event: &Event) {
+        self.hand_over(at, Word::Happened(*event));
     }
 
     /// Something that was done to the swarm.
@@ -170,7 +170,7 @@ fn write(
 fn put(writer: &mut Writer<BufWriter<File>>, log_time_ns: u64, word: Word) {
     match word {
         Word::Step(trace) => writer.step(log_time_ns, &trace),
-        Word::Happened(speaker, what) => writer.happened(log_time_ns, speaker, &what),
+        Word::Happened(Event { header, what }) => writer.happened(log_time_ns, header.sender, Some(&header), &what),
         Word::Incident(incident) => writer.incident(log_time_ns, &incident),
         Word::Note { is_bad, who, what } => writer.note(log_time_ns, is_bad, who, what),
         Word::Begins => writer.window_begins(log_time_ns),

@@ -6,7 +6,7 @@ use std::path::Path;
 
 use mcap::records::Metadata;
 use serde::Deserialize;
-use skein_common::id::VehicleId;
+use skein_common::id::{Incarnation, VehicleId};
 use skein_common::message::{Message, Trace};
 use skein_common::scenario::{Source, load};
 
@@ -17,8 +17,8 @@ use crate::metrics::Run;
 use crate::recording::{Noted, Recording, Step, What};
 
 /// A recording as it was made, up to where its file is cut off or the window of the figures ends, and from where that begins.
-/// Step by step it is what whoever looked on saw, with times rounded to nanoseconds; a step that two recorders wrote into
-/// one merged file is there once.
+/// Step by step it is what whoever looked on saw, with times rounded to nanoseconds; a step or an event that two recorders
+/// wrote into one merged file is there once.
 ///
 /// # Errors
 /// If the file cannot be read, or is no recording of ours.
@@ -47,6 +47,15 @@ pub(super) fn read_all(path: &Path) -> Result<Whole, RecordError> {
     pieces.assemble()
 }
 
+/// What tells one noted thing from all others.
+#[derive(Debug, PartialEq, Eq, PartialOrd, Ord)]
+enum Name {
+    /// A vehicle's own number for it, which every recorder hears.
+    Numbered(VehicleId, Incarnation, u64),
+    /// When it was noted, to whom or by whom, in words.
+    Told(u64, Option<VehicleId>, String),
+}
+
 /// What a file held, before the beginning of the window is known.
 #[derive(Default)]
 struct Pieces {
@@ -56,7 +65,7 @@ struct Pieces {
     ends_ns: Option<u64>,
     first_ns: Option<u64>,
     steps: Vec<(u64, Trace)>,
-    noted: Vec<(u64, What)>,
+    noted: Vec<(u64, Name, What)>,
 }
 
 impl Pieces {
@@ -84,21 +93,28 @@ impl Pieces {
     }
 
     fn take_message(&mut self, topic: &str, log_time_ns: u64, data: &[u8]) -> Result<(), RecordError> {
-        let what = match (format::traced(topic), topic) {
+        let (name, what) = match (format::traced(topic), topic) {
             (Some(id), _) => {
                 self.first_ns.get_or_insert(log_time_ns);
                 self.steps.push((log_time_ns, trace(id, topic, data)?));
                 return Ok(());
             }
             (None, format::EVENTS) => {
-                let EventLine { vehicle, what, .. } = parse(topic, data)?;
-                What::Said(vehicle, what)
+                let EventLine { vehicle, incarnation, sequence, text, what } = parse(topic, data)?;
+                let name = match incarnation.zip(sequence) {
+                    Some((incarnation, sequence)) => Name::Numbered(vehicle, incarnation, sequence),
+                    None => Name::Told(log_time_ns, Some(vehicle), text.into_owned()),
+                };
+                (name, What::Said(vehicle, what))
             }
-            (None, format::FAULTS) => What::Done(parse::<FaultLine<'_>>(topic, data)?.what.into_owned()),
+            (None, format::FAULTS) => {
+                let FaultLine { vehicle, text, what } = parse(topic, data)?;
+                (Name::Told(log_time_ns, vehicle, text.into_owned()), What::Done(what.into_owned()))
+            }
             // Drawn from the above for people.
             _ => return Ok(()),
         };
-        self.noted.push((log_time_ns, what));
+        self.noted.push((log_time_ns, name, what));
         Ok(())
     }
 
@@ -126,8 +142,11 @@ impl Pieces {
             }
         }
         recording.tracks.iter_mut().for_each(|track| track.steps.sort_by(|one, two| one.t_s.total_cmp(&two.t_s)));
-        let noted = |(log_time_ns, what)| Noted { t_s: seconds_since(zero_ns, log_time_ns), what };
-        recording.noted = self.noted.into_iter().map(noted).collect();
+        let mut known = BTreeSet::new();
+        let once = self.noted.into_iter().filter_map(|(log_time_ns, name, what)| {
+            known.insert(name).then(|| Noted { t_s: seconds_since(zero_ns, log_time_ns), what })
+        });
+        recording.noted = once.collect();
         recording.noted.sort_by(|one, two| one.t_s.total_cmp(&two.t_s));
         Ok(Whole { recording, end_s: self.ends_ns.map(|ends_ns| seconds_since(zero_ns, ends_ns)) })
     }

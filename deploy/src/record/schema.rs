@@ -131,7 +131,12 @@ pub(super) fn trace() -> Value {
 
 /// What a vehicle said of itself.
 pub(super) fn event() -> Value {
-    let keys = [("vehicle", Kind::Integer, false, "who says it"), ("text", Kind::Text, false, "as people read it")];
+    let keys = [
+        ("vehicle", Kind::Integer, false, "who says it"),
+        ("incarnation", Kind::Integer, true, "its agent's life: a restarted agent has a larger one; null in a study"),
+        ("sequence", Kind::Integer, true, "grows with every event of this life; null in a study"),
+        ("text", Kind::Text, false, "as people read it"),
+    ];
     with(
         object(EVENT, &keys),
         "what",

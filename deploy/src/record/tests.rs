@@ -3,8 +3,8 @@ use std::collections::BTreeSet;
 use serde_json::Value;
 use skein_agent::aircraft::Aircraft;
 use skein_agent::control::Rules;
-use skein_common::id::VehicleId;
-use skein_common::message::{Happening, Trace};
+use skein_common::id::{Incarnation, VehicleId};
+use skein_common::message::{Happening, Header, Trace};
 
 use super::format::{EventLine, FaultLine, log_time_ns, seconds_since, traced};
 use super::*;
@@ -68,7 +68,9 @@ fn schemas_describe_every_key_of_every_message() {
         assert_described(&schema::trace(), &serde_json::to_value(&step).unwrap(), "trace");
     }
     let id = VehicleId::new(1).unwrap();
-    let event = EventLine { vehicle: id, text: "reached step 2".into(), what: Happening::Reached(2) };
+    let (incarnation, sequence) = (Some(Incarnation(5)), Some(7));
+    let event =
+        EventLine { vehicle: id, incarnation, sequence, text: "reached step 2".into(), what: Happening::Reached(2) };
     assert_described(&schema::event(), &serde_json::to_value(&event).unwrap(), "event");
     let fault = |vehicle, what: Incident| FaultLine {
         vehicle,
@@ -94,6 +96,29 @@ fn schemas_describe_every_key_of_every_message() {
         assert_eq!(back.what, line.what);
     }
     assert!(serde_json::from_str::<Incident>(r#"{"Failed":[1,"bored"]}"#).is_err(), "no word of the scenario's");
+}
+
+#[test]
+fn an_event_that_two_recorders_heard_counts_once() {
+    let folder = tempfile::tempdir().unwrap();
+    let loaded = ScenarioArgs::default().read(vec!["swarm.vehicles=2".to_owned()]).unwrap();
+    let (scenario, text) = (&loaded.scenario, loaded.to_toml());
+    let about = About { scenario, scenario_toml: &text, run: &Run::new(scenario, "fly"), clock: "" };
+    let header = steps()[0].header;
+    // The second recorder hears it a little later, and a restarted agent says the same in another life.
+    let heard = |life: u64, sequence| Header { incarnation: Incarnation(life), sequence, ..header };
+    let recorded = |name: &str, late_ns: u64| {
+        let mut writer = Writer::new(std::io::Cursor::new(Vec::new()), &about, 0).unwrap();
+        for (nth, header) in [heard(1, 1), heard(1, 2), heard(2, 1)].iter().enumerate() {
+            writer.happened(1_000 * nth as u64 + late_ns, header.sender, Some(header), &Happening::AtAltitude);
+        }
+        let path = folder.path().join(name);
+        std::fs::write(&path, writer.finish(0).unwrap().into_inner()).unwrap();
+        path
+    };
+    let (one, other, both) = (recorded("1.mcap", 0), recorded("2.mcap", 300), folder.path().join("both.mcap"));
+    merge(&[one.clone(), other], &both).unwrap();
+    assert_eq!((read(&both).unwrap().noted, read(&one).unwrap().noted.len()), (read(&one).unwrap().noted, 3));
 }
 
 #[test]

@@ -12,7 +12,7 @@ use serde::Serialize;
 use serde_json::Value;
 use skein_common::frame::Origin;
 use skein_common::id::VehicleId;
-use skein_common::message::{Happening, Message, Trace};
+use skein_common::message::{Happening, Header, Message, Trace};
 use skein_common::scenario::{Formation, Scenario};
 use skein_common::state::Membership;
 
@@ -125,11 +125,12 @@ impl<W: Write + Seek> Writer<W> {
         self.draw_formation(log_time_ns, trace);
     }
 
-    /// Something that a vehicle said of itself.
-    pub fn happened(&mut self, log_time_ns: u64, speaker: VehicleId, what: &Happening) {
+    /// Something that a vehicle said of itself, and the message's header, if it came as one.
+    pub fn happened(&mut self, log_time_ns: u64, speaker: VehicleId, header: Option<&Header>, what: &Happening) {
         let text = what.to_string();
         self.note(log_time_ns, matches!(what, Happening::Failed(_)), format!("vehicle {speaker}"), text.clone());
-        let line = EventLine { vehicle: speaker, text: text.into(), what: *what };
+        let (incarnation, sequence) = header.map(|header| (header.incarnation, header.sequence)).unzip();
+        let line = EventLine { vehicle: speaker, incarnation, sequence, text: text.into(), what: *what };
         self.say_json(|channels| Some(&mut channels.events), log_time_ns, &line);
     }
 
@@ -270,7 +271,7 @@ impl<W: Write + Seek> Watch for Writer<W> {
     }
 
     fn happened(&mut self, t_s: f64, speaker: VehicleId, what: &Happening) {
-        Self::happened(self, log_time_ns(self.zero_ns, t_s), speaker, what);
+        Self::happened(self, log_time_ns(self.zero_ns, t_s), speaker, None, what);
     }
 
     fn incident(&mut self, t_s: f64, incident: &Incident) {

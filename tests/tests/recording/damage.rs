@@ -185,7 +185,7 @@ fn merged_files_stand_in_the_order_of_time_and_each_step_counts_once() {
     let messages = chunks(&fs::read(&one).unwrap()).last().unwrap().1;
     assert_eq!(merge(&[one.clone(), one.clone()], &to).unwrap(), 2 * messages);
     let (twice, once) = (read(&to).unwrap(), read(&one).unwrap());
-    assert_eq!(twice.tracks, once.tracks);
+    assert_eq!((twice.tracks, twice.noted), (once.tracks, once.noted));
     let (.., other) = flown(&place.0, &[&SETS[..], &["duration_s=9"]].concat(), 5);
     let both = place.0.path().join("both.mcap");
     merge(&[one, other], &both).unwrap();
