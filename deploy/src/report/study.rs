@@ -11,7 +11,7 @@ use crate::record;
 use crate::study::{self, Measured, Outcome, Summary, rounded, worst_and_median};
 
 /// What pictures are drawn of, the most telling first; of those that vary, the first [`MOST_PANELS`].
-const DRAWN: [&str; 24] = [
+const DRAWN: [&str; 25] = [
     "even_10deg_s",
     "in_band_s",
     "radial_rms_m",
@@ -19,6 +19,7 @@ const DRAWN: [&str; 24] = [
     "min_separation_m",
     "nearest_pair_end_m",
     "collisions",
+    "crashes",
     "setpoints_reached",
     "duration_s",
     "advance_latency_s",

@@ -94,7 +94,7 @@ pub fn is_worse(key: &str) -> Option<Direction> {
     DIRECTIONS.iter().find(|(known, _)| *known == key).map(|(_, direction)| *direction)
 }
 
-/// What decides which of two runs is the worse one when neither has more collisions, nor more that never happened: the
+/// What decides which of two runs is the worse one when neither has more collisions and crashes, nor more that never happened: the
 /// first of these that differs. A mission's progress and length, how soon the formation stood, how well.
 const TELLING: [&str; 8] = [
     "setpoints_reached",
@@ -109,10 +109,11 @@ const TELLING: [&str; 8] = [
 
 /// The better of two runs of the same scenario first; of equal ones the lower seed.
 fn by_worth(one: &Measured, other: &Measured) -> Ordering {
+    let wrecks = |run: &Measured| ["collisions", "crashes"].map(|key| run.badness(key).max(0.0)).iter().sum::<f64>();
     let by = |key: &str| one.badness(key).total_cmp(&other.badness(key));
     let telling = || TELLING.iter().map(|key| by(key)).find(|order| order.is_ne()).unwrap_or(Ordering::Equal);
     let never = one.never.len().cmp(&other.never.len());
-    by("collisions").then(never).then_with(telling).then(one.seed.cmp(&other.seed))
+    wrecks(one).total_cmp(&wrecks(other)).then(never).then_with(telling).then(one.seed.cmp(&other.seed))
 }
 
 /// The seeds of the runs to look at among those of one scenario: the worst, and the middle one of all from best to worst
@@ -150,6 +151,16 @@ mod tests {
         assert_eq!((spread.seed, spread.outcome("b_s"), spread.outcome("c")), (3, Some(Outcome::Never), None));
         assert_eq!((spread.words["target"].as_str(), spread.figures.len()), ("fly", 1));
         assert!(Measured::read("[]").is_err() && Measured::read("{}").is_err() && Measured::read("{").is_err());
+    }
+
+    #[test]
+    fn a_crash_is_as_bad_as_a_collision() {
+        let wrecks = |seed, collisions, crashes| run(seed, &[("collisions", collisions), ("crashes", crashes)], &[]);
+        let whole = [wrecks(1, 0.0, 0.0), run(2, &[("collisions", 0.0)], &["even_10deg_s"])];
+        let crashed = [wrecks(3, 0.0, 2.0), wrecks(4, 1.0, 0.0)];
+        let runs = [&whole[..], &crashed].concat();
+        assert_eq!(worst_and_median(&runs), Some((3, 2)));
+        assert_eq!(worst_and_median(&runs[1..]), Some((3, 4)));
     }
 
     #[test]

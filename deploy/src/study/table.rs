@@ -43,7 +43,9 @@ pub(super) fn of_points(points: &[Point], summaries: &[PointSummary]) -> String 
         let ends = || figures().flat_map(|figure| [figure.min, figure.max]);
         figures().any(|figure| figure.never > 0) || ends().any(|end| Some(end) != ends().next())
     };
-    let telling = TELLING.into_iter().filter(told).take(COLUMNS).chain(["collisions"]);
+    let crash = |summary: &PointSummary| summary.figures.get("crashes").is_some_and(|figure| figure.max > Some(0.0));
+    let wrecks = ["collisions"].into_iter().chain(summaries.iter().any(crash).then_some("crashes"));
+    let telling = TELLING.into_iter().filter(told).take(COLUMNS).chain(wrecks);
     let telling: Vec<&str> = telling.collect();
     let swept = points.first().map(names).unwrap_or_default();
     let header = ["point".to_owned()].into_iter().chain(swept).chain(["runs".to_owned()]);
@@ -95,6 +97,8 @@ pub fn rounded(value: f64) -> String {
 
 #[cfg(test)]
 mod tests {
+    use super::super::measured::Measured;
+    use super::super::summary::by_point;
     use super::*;
 
     #[test]
@@ -110,6 +114,18 @@ mod tests {
         for (value, text) in cases {
             assert_eq!(rounded(value), text);
         }
+    }
+
+    #[test]
+    fn crashes_are_shown_where_there_are_some() {
+        let points = ["0", "0.5"].map(|loss| Point(vec![("network.loss".to_owned(), loss.to_owned())]));
+        let table = |crashes: u64| {
+            let run = |crashes| format!("{{\"seed\":1,\"collisions\":0,\"crashes\":{crashes}}}");
+            let runs = [0, crashes].map(|crashes| Measured::read(&run(crashes)).unwrap());
+            of_points(&points, &by_point(&points, &runs))
+        };
+        assert!(!table(0).contains("crashes"));
+        assert!(table(3).contains("crashes") && table(3).contains("3.00 [3.00]"), "{}", table(3));
     }
 
     #[test]
