@@ -10,14 +10,14 @@ pub mod namespaces;
 pub mod python;
 pub mod tour;
 
+use std::convert::Infallible;
+use std::num::NonZeroUsize;
 use std::ops::Range;
-use std::sync::Mutex;
-use std::sync::atomic::{AtomicU64, Ordering};
 
 use skein::metrics::AIRBORNE_ABOVE_M;
-use skein::study::Study;
 use skein::study::laws::LawPool;
 use skein::study::world::World;
+use skein::study::{self, Study};
 use skein_agent::aircraft::Aircraft;
 use skein_agent::control::Rules;
 use skein_common::id::VehicleId;
@@ -75,26 +75,10 @@ pub fn airborne_pairs(world: &World) -> Vec<(VehicleId, VehicleId, f64)> {
 
 /// What `fly` gives for each seed, in their order; one thread for each core.
 pub fn in_parallel<T: Send>(seeds: Range<u64>, fly: impl Fn(u64) -> T + Sync) -> Vec<T> {
-    let next = AtomicU64::new(seeds.start);
-    let done = Mutex::new(Vec::new());
-    let work = || {
-        loop {
-            let seed = next.fetch_add(1, Ordering::Relaxed);
-            if seed >= seeds.end {
-                return;
-            }
-            let flown = fly(seed);
-            done.lock().unwrap_or_else(|poisoned| poisoned.into_inner()).push((seed, flown));
-        }
-    };
-    std::thread::scope(|scope| {
-        for _ in 0..std::thread::available_parallelism().map_or(1, usize::from) {
-            scope.spawn(work);
-        }
-    });
-    let mut done = done.into_inner().unwrap_or_else(|poisoned| poisoned.into_inner());
-    done.sort_by_key(|(seed, _)| *seed);
-    done.into_iter().map(|(_, flown)| flown).collect()
+    let jobs = std::thread::available_parallelism().unwrap_or(NonZeroUsize::MIN);
+    let count = (seeds.end - seeds.start) as usize;
+    let Ok(flown) = study::in_parallel(count, jobs, |nth| Ok::<_, Infallible>(fly(seeds.start + nth as u64)));
+    flown
 }
 
 /// `median [largest]` of those that have a value, with how many have none: `1.20 [3.40] 2 never`.

@@ -3,11 +3,11 @@
 use std::fs;
 use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicUsize, Ordering};
 use std::thread;
 
 use super::figure::{Figure, escaped};
 use crate::error::Error;
+use crate::study::in_parallel;
 
 /// A cell with more letters is no number: it begins at the left.
 const LONG: usize = 28;
@@ -136,17 +136,7 @@ fn shown(figure: &Figure, name: &str, svg: &str) -> String {
 
 /// On all cores: compressing takes longer than anything else of a report.
 fn write_pngs(figures: &[(PathBuf, &Figure)]) -> Result<(), Error> {
-    let next = AtomicUsize::new(0);
-    let work = || {
-        while let Some((path, figure)) = figures.get(next.fetch_add(1, Ordering::Relaxed)) {
-            figure.write_png(path)?;
-        }
-        Ok(())
-    };
-    let jobs = thread::available_parallelism().map_or(1, NonZeroUsize::get);
-    thread::scope(|scope| {
-        let workers: Vec<_> = (0..jobs).map(|_| scope.spawn(work)).collect();
-        let panicked = |_| Err(Error::Failed("a figure cannot be drawn".to_owned()));
-        workers.into_iter().try_for_each(|worker| worker.join().unwrap_or_else(panicked))
-    })
+    let jobs = thread::available_parallelism().unwrap_or(NonZeroUsize::MIN);
+    let write = |nth: usize| figures[nth].1.write_png(&figures[nth].0);
+    in_parallel(figures.len(), jobs, write).map(drop)
 }
