@@ -8,6 +8,8 @@ use skein_agent::random::{self, Purpose};
 pub const ALPHA: f64 = 0.05;
 /// Resamples of a bootstrap: so many that both ends of an interval are draws, not between two.
 const RESAMPLES: usize = 1_999;
+/// So many of the figures of a row are summed up by their median, the others by their mean.
+const MEDIANS: usize = 3;
 
 /// A figure with its 95 % interval.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -43,7 +45,8 @@ pub struct Estimates {
 
 /// Estimates with percentile intervals of a bootstrap that draws whole pairs; always the same draws. Percentiles, because
 /// the jackknife inside BCa fails for medians: B. Efron and R. Tibshirani, "An Introduction to the Bootstrap" (1993), §11.6 and §13.3.
-/// `pairs` are not empty.
+/// Of few pairs such an interval of a median falls short, so it is widened to the exact one between two of the ordered values
+/// (W. J. Conover, "Practical Nonparametric Statistics", §3.2), which less than six pairs do not have. `pairs` are not empty.
 pub fn estimate(pairs: &[[f64; 2]], negligible: f64) -> Estimates {
     let columns = |pair: [f64; 2]| [pair[0], pair[1], difference(pair), notable(pair, negligible)];
     let rows: Vec<[f64; 4]> = pairs.iter().map(|&pair| columns(pair)).collect();
@@ -57,13 +60,27 @@ pub fn estimate(pairs: &[[f64; 2]], negligible: f64) -> Estimates {
         let figures = figures(sample.iter().map(|&nth| &rows[nth]), &mut room);
         drawn.iter_mut().zip(figures).for_each(|(drawn, figure)| drawn.push(figure));
     }
+    let rank = rank(rows.len());
     let [one, other, difference, dominance] = std::array::from_fn(|nth| {
         let drawn = &mut drawn[nth];
         drawn.sort_by(f64::total_cmp);
         let tail = (ALPHA / 2.0 * (RESAMPLES + 1) as f64).round() as usize;
-        Estimate { value: values[nth], low: drawn[tail - 1], high: drawn[RESAMPLES - tail] }
+        let (mut low, mut high) = (drawn[tail - 1], drawn[RESAMPLES - tail]);
+        if let Some(rank) = rank.filter(|_| nth < MEDIANS) {
+            let mut ordered: Vec<f64> = rows.iter().map(|row| row[nth]).collect();
+            ordered.sort_by(f64::total_cmp);
+            (low, high) = (low.min(ordered[rank - 1]), high.max(ordered[ordered.len() - rank]));
+        }
+        Estimate { value: values[nth], low, high }
     });
     Estimates { one, other, difference, dominance }
+}
+
+/// Which of `n` ordered values, counted from either end, bound the exact interval of a median: as far inside as they may
+/// be. None of fewer than six do.
+fn rank(n: usize) -> Option<usize> {
+    // The median lies below the k-th value if fewer than k lie below the median.
+    (1..=n / 2).take_while(|k| sign_test(k - 1, n - (k - 1)) <= ALPHA).last()
 }
 
 /// Medians of the first three columns, mean of the last.
@@ -72,7 +89,7 @@ fn figures<'a>(rows: impl Iterator<Item = &'a [f64; 4]> + Clone, room: &mut Vec<
     for (nth, figure) in figures.iter_mut().enumerate() {
         room.clear();
         room.extend(rows.clone().map(|row| row[nth]));
-        *figure = if nth < 3 { median(room) } else { room.iter().sum::<f64>() / room.len() as f64 };
+        *figure = if nth < MEDIANS { median(room) } else { room.iter().sum::<f64>() / room.len() as f64 };
     }
     figures
 }
@@ -157,6 +174,16 @@ mod tests {
     }
 
     #[test]
+    fn the_exact_interval_has_its_known_ranks() {
+        // Conover, table of the binomial distribution; 0 where no two values are far enough apart.
+        for (n, k) in [(1, 0), (5, 0), (6, 1), (7, 1), (8, 1), (9, 2), (13, 3), (20, 6), (23, 7), (50, 18), (100, 40)] {
+            assert_eq!(rank(n).unwrap_or(0), k, "{n} pairs");
+        }
+        let seven: Vec<[f64; 2]> = (0..7).map(|n| [0.0, f64::from(n)]).collect();
+        assert_eq!(estimate(&seven, 0.0).difference, Estimate { value: 3.0, low: 0.0, high: 6.0 });
+    }
+
+    #[test]
     fn estimates_are_those_of_the_pairs() {
         let pairs: Vec<[f64; 2]> = (0..9).map(|n| [f64::from(n), f64::from(n) * 2.0]).collect();
         let estimates = estimate(&pairs, 2.5);
@@ -174,8 +201,8 @@ mod tests {
     fn an_interval_holds_the_truth_as_often_as_it_says() {
         let mut rng = random::generator(7, None, Purpose::Wind);
         let mut normal = || random::standard_normal(&mut rng);
-        for n in [12, 40] {
-            let trials = 200;
+        for n in [7, 12, 13, 23, 40] {
+            let trials = 300;
             let (mut median_held, mut difference_held) = (0, 0);
             for _ in 0..trials {
                 // Skewed, with a large part common to both of a pair; the true median of the differences is 0.5.
@@ -191,8 +218,9 @@ mod tests {
             }
             let share = |held: usize| held as f64 / f64::from(trials);
             println!("{n} pairs: {} and {}", share(median_held), share(difference_held));
-            assert!((0.905..=0.985).contains(&share(median_held)), "{n} pairs: {}", share(median_held));
-            assert!((0.905..=0.985).contains(&share(difference_held)), "{n} pairs: {}", share(difference_held));
+            // 95 % is 285, with a standard deviation of 3.8; of few pairs the exact interval is a wide one.
+            assert!(share(median_held) >= 0.93, "{n} pairs: {}", share(median_held));
+            assert!(share(difference_held) >= 0.93, "{n} pairs: {}", share(difference_held));
         }
     }
 }

@@ -237,16 +237,16 @@ mod tests {
     #[test]
     fn chance_alone_is_seldom_worse() {
         let mut rng = random::generator(3, None, Purpose::Wind);
-        for n in [8, 25] {
+        for n in [7, 8, 13, 23, 25] {
             let mut worse = 0;
-            for _ in 0..200 {
+            for _ in 0..400 {
                 let pairs: Vec<[f64; 2]> =
                     (0..n).map(|_| [0, 1].map(|_| 10.0 + random::standard_normal(&mut rng))).collect();
                 worse += usize::from(compared("radial_rms_m", &some(&pairs)).verdict == Verdict::Worse);
             }
-            println!("{n} pairs: {worse} of 200 worse");
-            // 2.5 % on either side is 5, with a standard deviation of 2.2; the percentile interval of few is a little short.
-            assert!((1..=14).contains(&worse), "{n} pairs: {worse} of 200");
+            println!("{n} pairs: {worse} of 400 worse");
+            // 2.5 % on either side is 10, with a standard deviation of 3.1, and of few pairs less.
+            assert!(worse <= 15, "{n} pairs: {worse} of 400");
         }
     }
 }
