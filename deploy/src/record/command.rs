@@ -45,14 +45,14 @@ pub fn run(args: &RecordArgs) -> Result<(), Error> {
     match (&args.repair, &args.out) {
         (Some(broken), _) => {
             refuse_existing(&broken.with_extension("repaired.mcap"))?;
-            let repaired = repair(broken).map_err(|error| about_file(broken, error))?;
+            let repaired = repair(broken).map_err(|error| about_file(broken, std::slice::from_ref(broken), error))?;
             crate::say(&format!("{}: {repaired}\n", broken.display()));
             Ok(())
         }
         (None, Some(out)) if args.merge.is_empty() => record(&args.swarm, out),
         (None, Some(out)) => {
             refuse_existing(out)?;
-            let messages = merge(&args.merge, out).map_err(|error| about_file(out, error))?;
+            let messages = merge(&args.merge, out).map_err(|error| about_file(out, &args.merge, error))?;
             crate::say(&format!("{}: {messages} messages of {} files\n", out.display(), args.merge.len()));
             Ok(())
         }
@@ -67,10 +67,13 @@ fn refuse_existing(path: &Path) -> Result<(), Error> {
     }
 }
 
-fn about_file(path: &Path, error: RecordError) -> Error {
+/// What went wrong with reading `sources`, if there are some, and writing `path`.
+fn about_file(path: &Path, sources: &[PathBuf], error: RecordError) -> Error {
     match error {
         // Names its file.
-        RecordError::Io { .. } => Error::Refused(error.to_string()),
+        RecordError::Io { path: ref of, .. } if sources.contains(of) => Error::Refused(error.to_string()),
+        RecordError::Io { .. } => Error::Failed(error.to_string()),
+        RecordError::Write(_) => Error::Failed(format!("{}: {error}", path.display())),
         _ => Error::Refused(format!("{}: {error}", path.display())),
     }
 }
@@ -94,7 +97,7 @@ fn record(swarm: &SwarmArgs, out: &Path) -> Result<(), Error> {
         clock::sleep(TICK);
     }
     let (steps, unheard) = (recorder.steps(), observer.dropped());
-    let dropped = recorder.finish().map_err(|error| Error::Failed(about_file(out, error).to_string()))?;
+    let dropped = recorder.finish().map_err(|error| about_file(out, &[], error))?;
     let vehicles = observer.vehicles().values().filter(|seen| seen.trace.is_some()).count();
     crate::say(&format!(
         "{}: {steps} steps of {vehicles} vehicles; dropped: {dropped}, not understood: {unheard}\n",
@@ -124,7 +127,7 @@ fn begin(reach: &Reach, out: &Path) -> Result<Recorder, Error> {
         .map_err(|fault| Error::Scenario { fault: fault.into(), text: text.clone() })?;
     let scenario = &loaded.scenario;
     let about = About { scenario, scenario_toml: &text, run: &Run::new(scenario, "fly"), clock: "" };
-    Recorder::begin(out, &about, scenario.record.hz.live_hz()).map_err(|error| about_file(out, error))
+    Recorder::begin(out, &about, scenario.record.hz.live_hz()).map_err(|error| about_file(out, &[], error))
 }
 
 fn put(recorder: &mut Recorder, heard: &Heard, at: Instant) {
@@ -154,5 +157,21 @@ impl Window {
         let begins = !self.has_begun && alive.peek().is_some() && alive.all(takes_part);
         self.has_begun |= begins;
         begins
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_cannot_be_read_is_refused_and_what_cannot_be_written_has_failed() {
+        let (source, out) = (PathBuf::from("a.mcap"), PathBuf::from("all.mcap"));
+        let io = |path: &Path| RecordError::Io { path: path.to_owned(), error: std::io::ErrorKind::Other.into() };
+        let full = || RecordError::Write(std::io::Error::from(std::io::ErrorKind::StorageFull).into());
+        for (error, status) in [(io(&source), 2), (io(&out), 1), (full(), 1), (RecordError::NoMcap, 2)] {
+            let error = about_file(&out, std::slice::from_ref(&source), error);
+            assert_eq!(error.exit_code(), status, "{error}");
+        }
     }
 }

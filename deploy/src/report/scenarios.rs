@@ -68,11 +68,11 @@ pub(super) fn page(folder: &Path, scenarios: &[PathBuf]) -> Result<Page, Error> 
     for (path, loaded, study) in &all {
         let name = path.display();
         eprintln!("{name}: seeds {} to {} and a recording", SEEDS.start, SEEDS.end - 1);
-        let refused = |error| Error::Refused(format!("{name}: {error}"));
+        let failed = |error| Error::Failed(format!("{name}: {error}"));
         let mut recording = Recording::new(&loaded.scenario, Run::new(&loaded.scenario, "study"));
         let rate_hz = loaded.scenario.record.hz.in_study_hz();
-        study.fly_watched(loaded.scenario.seed, Some((&mut recording, rate_hz))).map_err(refused)?;
-        let mut parts = vec![measured(study).map_err(refused)?];
+        study.fly_watched(loaded.scenario.seed, Some((&mut recording, rate_hz))).map_err(failed)?;
+        let mut parts = vec![measured(study).map_err(failed)?];
         parts.extend(flight_parts(&recording));
         let title = format!("{}, seed {}", loaded.scenario.name, loaded.scenario.seed);
         sections.push(Section { title, name: stem(path), parts });
@@ -137,4 +137,20 @@ fn measured(study: &Study) -> Result<Part, crate::study::StudyError> {
         head: ["figure", "never", "median", "quartiles", "worst", "its seed"].map(str::to_owned).to_vec(),
         rows: TOLD.iter().filter_map(row).collect(),
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    #[cfg(unix)]
+    fn a_scenario_that_fails_in_flight_is_not_the_users_fault() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("gone.toml");
+        let text = "swarm.vehicles = 1\n[formation]\nlaw = 'external'\nexternal.command = ['true']\n";
+        fs::write(&path, text).unwrap();
+        let error = page(folder.path(), &in_folder(folder.path()).unwrap()).unwrap_err();
+        assert!(error.exit_code() == 1 && error.to_string().contains("the law of vehicle 1 has ended"), "{error}");
+    }
 }
