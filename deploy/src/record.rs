@@ -91,11 +91,19 @@ pub enum RecordError {
         what: String,
     },
     /// It cannot be written.
-    #[error("cannot write: {0}")]
+    #[error("cannot write: {}", why(.0))]
     Write(#[from] McapError),
     /// There is no flight to record.
     #[error(transparent)]
     Study(#[from] StudyError),
+}
+
+/// What the system says, if it was the system.
+fn why(error: &McapError) -> String {
+    match error {
+        McapError::Io(error) => error.to_string(),
+        error => error.to_string(),
+    }
 }
 
 #[cfg(test)]
