@@ -3,6 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::{Duration, Instant};
 
+use skein_agent::link::seal::most_said_run;
 use skein_common::id::{Incarnation, VehicleId};
 use skein_common::state::Membership;
 
@@ -36,6 +37,16 @@ impl Watch {
     /// What keeps this vehicle from being ready, in words; in a life after this one.
     pub fn lacks(&self, id: VehicleId, after: Option<Incarnation>) -> Option<String> {
         lacks(self.observer.vehicles().get(&id), self.run, after)
+    }
+
+    /// The run of the swarm that flies: that of those told of already, or whichever is heard first until then; 0 if there is
+    /// none.
+    pub fn flown_run(&mut self, told: &[u64], until: Instant) -> u64 {
+        first_run(told, until, || {
+            self.observer.poll();
+            let heard = self.observer.vehicles().values().filter(|seen| seen.alive);
+            heard.filter_map(|seen| seen.run).collect()
+        })
     }
 
     /// In which life it is now: it is given a moment to be heard.
@@ -104,6 +115,16 @@ impl Watch {
             }
             clock::sleep(LOOK);
         }
+    }
+}
+
+fn first_run(told: &[u64], until: Instant, mut heard: impl FnMut() -> Vec<u64>) -> u64 {
+    loop {
+        let run = most_said_run(told.iter().copied().chain(heard()));
+        if run != 0 || clock::now() >= until {
+            return run;
+        }
+        clock::sleep(LOOK);
     }
 }
 

@@ -7,10 +7,9 @@ use std::time::Duration;
 use crate::reach::Role;
 use ring::rand::{SecureRandom, SystemRandom};
 use serde::Serialize;
-use skein_agent::link::seal::most_said_run;
 use skein_common::id::VehicleId;
 
-use super::inventory::{Install, Node};
+use super::inventory::{Install, Inventory, Node, SecurityKind};
 use super::nodes::{self, Chosen, NodesArgs, Progress, is_seconds};
 use super::protocol::{Answer, Ask, RunningAgent};
 use super::ready::{HEARD, Watch};
@@ -78,19 +77,19 @@ pub fn run(args: &UpArgs) -> Result<(), Error> {
     let progress = args.nodes.progress();
     // It listens from the beginning: whoever flies is known when the last host has answered.
     let mut watch = Watch::open(&chosen.inventory.reach(Role::Observer)?, 0)?;
+    let heard_by = clock::now() + HEARD;
     let up = Up { remote: Remote { ssh: &ssh, swarm: &chosen.inventory.swarm }, chosen: &chosen, progress: &progress };
 
     let mut rows: BTreeMap<VehicleId, Row> = chosen.nodes().map(|node| (node.id, Row::new(node))).collect();
-    let running = up.ask(&mut rows);
+    let told = up.ask(&mut rows);
     let asked_s = progress.seconds();
-    watch.observer.poll();
-    let heard = watch.observer.vehicles().values().filter(|seen| seen.alive);
-    let said = heard.filter_map(|seen| seen.run);
-    watch.run = match most_said_run(running.values().map(|agent| agent.run).chain(said)) {
+    let until = if may_fly_unknown(&chosen.inventory, &told) { heard_by } else { clock::now() };
+    let runs: Vec<u64> = told.values().flatten().map(|agent| agent.run).collect();
+    watch.run = match watch.flown_run(&runs, until) {
         0 => draw()?,
         run => run,
     };
-    up.start(watch.run, &running, &mut rows);
+    up.start(watch.run, &told, &mut rows);
     let started_s = progress.seconds();
     up.wait(&mut watch, Duration::from_secs_f64(args.timeout), &mut rows);
 
@@ -104,6 +103,15 @@ pub fn run(args: &UpArgs) -> Result<(), Error> {
     nodes::judge(&missing, report.nodes.len(), "not ready")
 }
 
+/// What the hosts have told of the nodes that they could be asked about: the agent that runs, if one does.
+type Told = BTreeMap<VehicleId, Option<RunningAgent>>;
+
+/// Whether somebody may fly whom no host has told of: installed by hand, not chosen, or on a host that cannot be asked. A new
+/// run must not be begun beside theirs. Where words are not sealed, nobody says a run, and nobody minds another.
+fn may_fly_unknown(inventory: &Inventory, told: &Told) -> bool {
+    inventory.security == SecurityKind::Tls && inventory.nodes.keys().any(|id| !told.contains_key(id))
+}
+
 struct Up<'a> {
     remote: Remote<'a>,
     chosen: &'a Chosen,
@@ -112,7 +120,7 @@ struct Up<'a> {
 
 impl Up<'_> {
     /// What runs already. A host that cannot be asked is said in its rows.
-    fn ask(&self, rows: &mut BTreeMap<VehicleId, Row>) -> BTreeMap<VehicleId, RunningAgent> {
+    fn ask(&self, rows: &mut BTreeMap<VehicleId, Row>) -> Told {
         let asked = at_once(&self.chosen.hosts(), |(host, nodes)| {
             let line = self.progress.line(host);
             line.say("asking what runs");
@@ -131,21 +139,20 @@ impl Up<'_> {
             }
             all
         });
-        let mut running = BTreeMap::new();
+        let mut told = Told::new();
         for (id, fact) in asked.into_iter().flatten() {
             match fact {
-                Ok(Some(agent)) => drop(running.insert(id, agent)),
-                Ok(None) => {}
+                Ok(agent) => drop(told.insert(id, agent)),
                 Err(why) => {
                     rows.entry(id).and_modify(|row| row.why = Some(why));
                 }
             }
         }
-        running
+        told
     }
 
     /// Starts what does not run yet, where the host could be asked.
-    fn start(&self, run: u64, running: &BTreeMap<VehicleId, RunningAgent>, rows: &mut BTreeMap<VehicleId, Row>) {
+    fn start(&self, run: u64, told: &Told, rows: &mut BTreeMap<VehicleId, Row>) {
         let hosts = self.chosen.hosts();
         let asked: Vec<_> =
             hosts.iter().filter(|(_, nodes)| nodes.iter().any(|node| rows[&node.id].why.is_none())).collect();
@@ -154,7 +161,7 @@ impl Up<'_> {
             let line = self.progress.line(host);
             let mut all = Vec::new();
             for node in nodes.iter().filter(|node| seen[&node.id].why.is_none()) {
-                let ran = running.contains_key(&node.id);
+                let ran = told.get(&node.id).is_some_and(Option::is_some);
                 let done = match ran {
                     true => Ok(()),
                     false => {
@@ -271,12 +278,23 @@ fn draw() -> Result<u64, Error> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::cluster::inventory::tests::lab;
 
     #[test]
     fn no_two_runs_are_the_same() {
         let drawn: std::collections::BTreeSet<u64> = (0..100).map(|_| draw().unwrap()).collect();
         assert_eq!(drawn.len(), 100);
         assert!(drawn.iter().all(|run| (1..RUNS).contains(run)));
+    }
+
+    #[test]
+    fn a_swarm_may_fly_whom_no_host_has_told_of() {
+        let folder = tempfile::tempdir().unwrap();
+        let manual = "[defaults]\ninstall = 'manual'";
+        for (more, hosts, may) in [("", 2, false), ("", 1, true), (manual, 0, true), ("security = 'none'", 1, false)] {
+            let told: Told = VehicleId::first(hosts).map(|id| (id, None)).collect();
+            assert_eq!(may_fly_unknown(&lab(folder.path(), 2, more), &told), may, "{more} {told:?}");
+        }
     }
 
     #[test]
