@@ -10,6 +10,7 @@ pub mod compare;
 pub mod endpoints;
 pub mod error;
 pub mod fly;
+pub mod landing;
 pub mod law;
 pub mod metrics;
 pub mod observe;

@@ -237,7 +237,7 @@ fn a_node_is_installed_started_kept_alive_landed_and_taken_away() {
     drop(follower_input);
     wait_until("the follower's end", || follower.try_wait().unwrap().is_some());
 
-    assert!(host.done("r2", Ask::Remove).0);
+    assert!(host.done("r2", Ask::Remove { within_s: 20.0 }).0);
     assert_eq!(entries(host.folder.path()), 0, "nothing is left");
     assert!(processes(host.folder.path().to_str().unwrap()).is_empty());
 }

@@ -207,9 +207,9 @@ impl Check<'_> {
 
     /// The lowest band, or the lowest point of the ellipsoid, is high enough to fly in.
     fn heights(&self, formation: &Formation, step: Option<usize>) -> Result<(), ScenarioError> {
-        let &Formation { law, altitude_m, .. } = formation;
+        let law = formation.law;
+        let lowest_m = formation.altitude_m - formation.half_height_m(self.count());
         if formation.vertical == Vertical::Ellipsoid {
-            let lowest_m = altitude_m - formation.radius_m / formation.gamma_z.sqrt();
             let message = if !matches!(law, Law::Ring | Law::Flock) {
                 "`formation.vertical` = \"ellipsoid\" needs law \"ring\" or \"flock\": no other has such a field"
                     .to_owned()
@@ -222,7 +222,6 @@ impl Check<'_> {
             };
             return Err(self.formation_fault(step, ["vertical", "altitude_m"], message));
         }
-        let lowest_m = altitude_m - (self.count() - 1) as f64 / 2.0 * formation.band_step_m;
         if lowest_m >= LOWEST_M {
             return Ok(());
         }

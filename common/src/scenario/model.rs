@@ -222,6 +222,14 @@ impl Formation {
     pub fn heading_rad(&self) -> f64 {
         self.heading_deg.to_radians()
     }
+
+    /// How far above and below [`Formation::altitude_m`] so many vehicles fly, m.
+    pub fn half_height_m(&self, vehicles: usize) -> f64 {
+        match self.vertical {
+            Vertical::Bands => vehicles.saturating_sub(1) as f64 / 2.0 * self.band_step_m,
+            Vertical::Ellipsoid => self.radius_m / self.gamma_z.sqrt(),
+        }
+    }
 }
 
 /// `formation.avoid_distance_m`

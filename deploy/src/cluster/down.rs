@@ -13,7 +13,7 @@ use skein_common::message::Verb;
 use super::nodes::{self, Chosen, Line, NodesArgs, Outcome, Progress, is_seconds};
 use super::protocol::{Answer, Ask};
 use super::ready::Watch;
-use super::remote::{Fault, LANDING_S, Remote};
+use super::remote::{Fault, Remote};
 use super::ssh::{Ssh, at_once};
 use crate::clock;
 use crate::error::Error;
@@ -25,9 +25,10 @@ pub struct DownArgs {
     /// The nodes.
     #[command(flatten)]
     pub nodes: NodesArgs,
-    /// How long the vehicles may take to land, s; then agents are ended wherever they are
-    #[arg(long, value_name = "S", default_value_t = LANDING_S, value_parser = is_seconds)]
-    pub timeout: f64,
+    /// How long the vehicles may take to land, s; then agents are ended wherever they are. Without it long enough for the
+    /// scenario's greatest height
+    #[arg(long, value_name = "S", value_parser = is_seconds)]
+    pub timeout: Option<f64>,
 }
 
 /// What came of it.
@@ -71,7 +72,8 @@ pub(super) struct Landed {
 ///
 /// # Errors
 /// If the swarm cannot be listened to.
-pub(super) fn land(chosen: &Chosen, ssh: &Ssh, progress: &Progress, timeout_s: f64) -> Result<Landed, Error> {
+pub(super) fn land(chosen: &Chosen, ssh: &Ssh, progress: &Progress, timeout_s: Option<f64>) -> Result<Landed, Error> {
+    let timeout_s = timeout_s.unwrap_or_else(|| chosen.inventory.landing_s());
     let until = clock::now() + Duration::from_secs_f64(timeout_s);
     let all = chosen.ids.len() == chosen.inventory.nodes.len();
     let line = progress.line(&"swarm");

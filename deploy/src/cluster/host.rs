@@ -34,9 +34,6 @@ use super::protocol::{Answer, Ask, Request};
 use crate::error::Error;
 use place::{NodeFolder, Place, Settings};
 
-/// A vehicle whose node is taken away has this long to land.
-const LANDING: Duration = Duration::from_secs(180);
-
 /// `skein node`
 #[derive(Clone, Debug, clap::Args)]
 pub struct NodeArgs {
@@ -88,7 +85,7 @@ fn answer(place: &Place, request: Request) -> Result<Answer, String> {
         Ask::Reach { endpoints } => return Ok(Answer::Reach(probe::reach(&endpoints))),
         Ask::Apply { .. } => place::make_folders(&[node.installs(), node.run(), node.log()])?,
         // Nothing is left of it, or never was: the rest of its request is done below.
-        Ask::Remove if !node.path.exists() => {
+        Ask::Remove { .. } if !node.path.exists() => {
             return Ok(Answer::Done { changed: install::remove(place, &node)?, facts: node.facts() });
         }
         _ if !node.path.exists() => return Err(format!("nothing is installed for node {id}")),
@@ -105,8 +102,8 @@ fn answer(place: &Place, request: Request) -> Result<Answer, String> {
         Ask::Start { run } => service::start(place, &node, run)?,
         Ask::Stop { within_s } => service::stop(place, &node, seconds(within_s)?)?,
         Ask::Rollback => install::rollback(&node).map(|()| true)?,
-        Ask::Remove => {
-            service::stop(place, &node, LANDING)?;
+        Ask::Remove { within_s } => {
+            service::stop(place, &node, seconds(within_s)?)?;
             service::take_away(place, &node)?;
             install::remove(place, &node)?
         }

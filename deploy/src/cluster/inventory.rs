@@ -9,6 +9,8 @@ use serde::{Deserialize, Serialize};
 use skein_common::id::{SwarmName, VehicleId};
 use skein_common::scenario::{Loaded, PlantKind};
 
+use crate::landing;
+
 /// A cluster's file and its scenario, both read and checked.
 #[derive(Clone, Debug)]
 pub struct Inventory {
@@ -39,6 +41,11 @@ impl Inventory {
     /// Whom this agent dials: of each pair the one with the higher id dials the other.
     pub fn dialled_by(&self, id: VehicleId) -> Vec<String> {
         self.nodes.range(..id).map(|(_, node)| node.endpoint(self.security)).collect()
+    }
+
+    /// Whoever flies the scenario has landed within this time, s.
+    pub fn landing_s(&self) -> f64 {
+        landing::limit_of(&self.scenario.scenario).as_secs_f64()
     }
 
     /// The folder that the scenario's paths start from.

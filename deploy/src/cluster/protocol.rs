@@ -44,8 +44,11 @@ pub enum Ask {
     },
     /// Have what was there before the last `Apply` that changed something.
     Rollback,
-    /// Take away everything of this node, and what no other node of this host needs.
-    Remove,
+    /// As `Stop`; then take away everything of this node, and what no other node of this host needs.
+    Remove {
+        /// s
+        within_s: f64,
+    },
     /// Whether a simulator answers at this address within two seconds.
     Simulator {
         /// `HOST[:PORT]`

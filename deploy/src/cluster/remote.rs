@@ -11,12 +11,10 @@ use super::program::{self, Glibc, Program};
 use super::protocol::{Answer, Ask, Request};
 use super::ssh::{Host, Said, Ssh, quote};
 
-/// Within this time every question but [`Ask::Stop`] is answered, connecting included.
+/// Within this time every question is answered, connecting included; in addition to a landing that is part of it.
 const ANSWER: Duration = Duration::from_secs(20);
 /// A copy takes longer, by the slowest network that is still one, bytes/s.
 const SLOWEST: u64 = 256 * 1024;
-/// A swarm in the air at its highest is down within this time, s.
-pub const LANDING_S: f64 = 120.0;
 
 /// What `ssh` runs is one word for the login shell, whichever that is: a script without `'`, line ends and csh's `!`, and its
 /// arguments. `$1` is the swarm's folder.
@@ -90,7 +88,7 @@ impl Remote<'_> {
 
     fn ask_program(&self, host: &Host, command: &str, node: &Node, ask: Ask) -> Result<Answer, Fault> {
         let within = match ask {
-            Ask::Stop { within_s } => ANSWER + Duration::from_secs_f64(within_s.max(0.0)),
+            Ask::Stop { within_s } | Ask::Remove { within_s } => ANSWER + Duration::from_secs_f64(within_s.max(0.0)),
             _ => ANSWER,
         };
         let said = self.ssh.run(host, command, &self.request(node, ask), within).map_err(Fault::Failed)?;

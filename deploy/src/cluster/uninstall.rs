@@ -6,7 +6,7 @@ use skein_common::id::VehicleId;
 use super::down;
 use super::nodes::{self, NodesArgs, Outcome, is_seconds};
 use super::protocol::{Answer, Ask};
-use super::remote::{Fault, LANDING_S, Remote};
+use super::remote::{Fault, Remote};
 use super::ssh::at_once;
 use crate::clock;
 use crate::error::Error;
@@ -20,9 +20,9 @@ pub struct UninstallArgs {
     /// Land vehicles that fly first; without it nothing is done while one does
     #[arg(long)]
     pub force: bool,
-    /// How long the vehicles may take to land, s
-    #[arg(long, value_name = "S", default_value_t = LANDING_S, value_parser = is_seconds, requires = "force")]
-    pub timeout: f64,
+    /// How long the vehicles may take to land, s; without it long enough for the scenario's greatest height
+    #[arg(long, value_name = "S", value_parser = is_seconds, requires = "force")]
+    pub timeout: Option<f64>,
 }
 
 /// What came of it.
@@ -44,6 +44,7 @@ pub fn run(args: &UninstallArgs) -> Result<(), Error> {
     let progress = args.nodes.progress();
     let remote = Remote { ssh: &ssh, swarm: &chosen.inventory.swarm };
     let hosts = chosen.hosts();
+    let within_s = args.timeout.unwrap_or_else(|| chosen.inventory.landing_s());
     let asked = at_once(&hosts, |(host, nodes)| {
         progress.line(host).say("asking what runs");
         let flies = |id: &VehicleId| {
@@ -70,7 +71,7 @@ pub fn run(args: &UninstallArgs) -> Result<(), Error> {
         for node in nodes {
             let begun = clock::now();
             let mut outcome = Outcome::new(node);
-            match remote.ask(host, node, Ask::Remove) {
+            match remote.ask(host, node, Ask::Remove { within_s }) {
                 Ok(Answer::Done { changed: true, .. }) => outcome.done = "removed",
                 Ok(Answer::Done { changed: false, .. }) | Err(Fault::NotInstalled) => {
                     outcome.done = "nothing was there"

@@ -30,6 +30,7 @@ use super::status::{self, Ending, Known, Stage, Status};
 use crate::clock;
 use crate::endpoints::EndpointsFile;
 use crate::error::Error;
+use crate::landing;
 use crate::metrics::{Metrics, Report, Run, Totals};
 use crate::observe::{Heard, Observer, Seen};
 use crate::os::{self, Interrupts};
@@ -44,9 +45,6 @@ const TICK: Duration = Duration::from_millis(20);
 const SILENT: Duration = Duration::from_secs(1);
 /// A vehicle that was asked to land and has no data of its own, or is silent, is waited for this long.
 const HELPLESS: Duration = Duration::from_secs(10);
-/// A landing may take this long, and in addition the time of a descent at a quarter of the usual rate.
-const LANDING: Duration = Duration::from_secs(60);
-const SLOW_DESCENT_M_S: f64 = 0.5;
 /// An agent that was told to end does so within this time; helpless ones try to come down in it.
 const END: Duration = Duration::from_secs(15);
 
@@ -309,7 +307,7 @@ impl Flight {
 
     fn landing_limit(&self) -> Duration {
         let heights_m = self.observer.vehicles().values().filter_map(|seen| Some(seen.trace.as_ref()?.height_m));
-        LANDING + Duration::from_secs_f64(heights_m.fold(0.0, f64::max).clamp(0.0, 1e5) / SLOW_DESCENT_M_S)
+        landing::limit(heights_m.fold(0.0, f64::max))
     }
 
     /// A process has ended: says so, and remembers it if nobody asked for it.

@@ -10,6 +10,8 @@ use crate::cluster::inventory::ServiceKind;
 use crate::cluster::protocol::{Facts, Service};
 use crate::os;
 
+const REMOVE: Ask = Ask::Remove { within_s: 20.0 };
+
 /// As the operator's PC leaves a host before the first request.
 fn place(folder: &Path) -> Place {
     let release = folder.join("skein/lab/releases/r1");
@@ -57,7 +59,7 @@ fn a_node_is_installed_and_taken_away_again() {
     assert!(!changed && again.current == facts.current);
     assert!(!done(ask(&place, Ask::Stop { within_s: 0.0 })).0, "there is nothing to end");
 
-    assert!(done(ask(&place, Ask::Remove)).0);
+    assert!(done(ask(&place, REMOVE)).0);
     assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 0);
 }
 
@@ -131,5 +133,5 @@ fn systemd_starts_and_stops_what_is_active() {
     assert!(changed && facts.agent.is_none());
     let (changed, facts) = done(ask(&place, apply_with(ServiceKind::Own)));
     assert!(changed && facts.service == Some(Service::Own) && fs::read_dir(at.join("units")).unwrap().count() == 0);
-    assert!(done(ask(&place, Ask::Remove)).0 && !at.join("skein").exists());
+    assert!(done(ask(&place, REMOVE)).0 && !at.join("skein").exists());
 }

@@ -14,7 +14,7 @@ use crate::cluster::inventory::{Inventory, Node};
 use crate::cluster::nodes::{Line, Progress};
 use crate::cluster::protocol::{Ask, Facts};
 use crate::cluster::ready::Watch;
-use crate::cluster::remote::{LANDING_S, Remote};
+use crate::cluster::remote::Remote;
 use crate::cluster::ssh::Host;
 use crate::error::Error;
 
@@ -45,6 +45,7 @@ pub(super) fn roll(
     rows: &mut BTreeMap<VehicleId, Row>,
 ) -> Result<(), Error> {
     let mut watch = Watch::open(&inventory.reach(Role::Observer)?, 0)?;
+    let landing_s = inventory.landing_s();
     let within = Duration::from_secs_f64(timeout_s);
     let mut stopped_at = None;
     for restart in restarts {
@@ -58,7 +59,7 @@ pub(super) fn roll(
         watch.run = restart.run;
         let life = watch.life(restart.node.id);
         let mut comes_back = |line: &Line<'_>| {
-            done(&restart.host, remote.ask(&restart.host, restart.node, Ask::Stop { within_s: LANDING_S }))?;
+            done(&restart.host, remote.ask(&restart.host, restart.node, Ask::Stop { within_s: landing_s }))?;
             line.say("landed, starting");
             done(&restart.host, remote.ask(&restart.host, restart.node, Ask::Start { run: restart.run }))?;
             let until = clock::now() + within;
