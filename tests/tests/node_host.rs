@@ -76,7 +76,7 @@ impl Host {
 
     fn done(&self, release: &str, ask: Ask) -> (bool, Facts) {
         match self.ask(release, ask) {
-            Answer::Done { changed, facts } => (changed, facts),
+            Answer::Done { changed, facts, .. } => (changed, facts),
             other => panic!("{other:?}\n{}", self.log()),
         }
     }
@@ -202,8 +202,9 @@ fn a_node_is_installed_started_kept_alive_landed_and_taken_away() {
     let running = facts.agent.unwrap();
     assert!(running.pid == agent && running.installed.release == "r1");
     wait_until("it flies", || host.log().contains("vehicle 1 at altitude"));
-    let (changed, facts) = host.done("r2", Ask::Stop { within_s: 40.0 });
-    assert!(changed && facts.agent.is_none());
+    let stopped = host.ask("r2", Ask::Stop { within_s: 40.0 });
+    let Answer::Done { changed: true, forced: false, facts } = stopped else { panic!("{stopped:?}") };
+    assert!(facts.agent.is_none());
     let log = host.log();
     assert!(
         log.contains("vehicle 1 landed")
@@ -232,7 +233,8 @@ fn a_node_is_installed_started_kept_alive_landed_and_taken_away() {
     follower_input.write_all(&Host::request(Ask::Log { lines: 1, follow: true })).unwrap();
     let mut lines = BufReader::new(follower.stdout.take().unwrap()).lines();
     lines.next().unwrap().unwrap();
-    assert!(host.done("r2", Ask::Stop { within_s: 0.0 }).0);
+    let stopped = host.ask("r2", Ask::Stop { within_s: 0.0 });
+    assert!(matches!(stopped, Answer::Done { changed: true, forced: true, .. }), "{stopped:?}");
     assert!(lines.any(|line| line.unwrap().ends_with("supervisor: ends")), "the log is followed");
     drop(follower_input);
     wait_until("the follower's end", || follower.try_wait().unwrap().is_some());

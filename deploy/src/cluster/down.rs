@@ -10,8 +10,9 @@ use serde::Serialize;
 use skein_common::id::VehicleId;
 use skein_common::message::Verb;
 
+use super::inventory::Node;
 use super::nodes::{self, Chosen, Line, NodesArgs, Outcome, Progress, is_seconds};
-use super::protocol::{Answer, Ask};
+use super::protocol::{Answer, Ask, FORCED};
 use super::ready::Watch;
 use super::remote::{Fault, Remote};
 use super::ssh::{Ssh, at_once};
@@ -66,6 +67,8 @@ pub fn run(args: &DownArgs) -> Result<(), Error> {
 pub(super) struct Landed {
     pub(super) order: String,
     pub(super) nodes: Vec<Outcome>,
+    /// Those that were ended wherever they were.
+    pub(super) forced: BTreeSet<VehicleId>,
 }
 
 /// Lands the chosen vehicles and ends their agents.
@@ -88,6 +91,7 @@ pub(super) fn land(chosen: &Chosen, ssh: &Ssh, progress: &Progress, timeout_s: O
         Err(error) => (None, format!("landed each by its own host, without an order ({error})")),
     };
     line.say(&order);
+    let was_ordered = watch.is_some();
     let heard: BTreeSet<VehicleId> = match &watch {
         Some(watch) => chosen.ids.iter().copied().filter(|id| watch.is_there(*id)).collect(),
         None => BTreeSet::new(),
@@ -98,30 +102,57 @@ pub(super) fn land(chosen: &Chosen, ssh: &Ssh, progress: &Progress, timeout_s: O
             let gone = |id| line.say(&format!("node {id} has landed and is gone"));
             watch.as_mut().map_or_else(BTreeSet::new, |watch| watch.gone(&heard, until, gone))
         });
-        let stopped = stop(chosen, &remote, progress, timeout_s);
+        let stopped = stop_all(chosen, &remote, progress, timeout_s);
         (still.join().unwrap_or_else(|_| heard.clone()), stopped)
     });
+    let forced = stopped.iter().filter(|(_, (done, _))| *done == Ok(Stopped::Forced)).map(|(id, _)| *id).collect();
     let nodes = chosen.nodes().map(|node| {
-        let mut outcome = Outcome::new(node);
-        let was_heard = heard.contains(&node.id);
-        let has_gone = was_heard && !still.contains(&node.id);
+        let heard = match (was_ordered, heard.contains(&node.id)) {
+            (_, true) if still.contains(&node.id) => Mesh::There,
+            (_, true) => Mesh::Gone,
+            (true, false) => Mesh::Silent,
+            (false, false) => Mesh::NotAsked,
+        };
         let (done, seconds) = stopped.get(&node.id).cloned().unzip();
-        outcome.seconds = seconds.unwrap_or_default();
-        match done {
-            Some(Ok(changed)) => outcome.done = if changed || was_heard { "landed" } else { "was not running" },
-            Some(Err(Fault::NotInstalled)) => outcome.done = "nothing is installed",
-            Some(Err(Fault::Failed(why))) if has_gone => {
-                outcome.done = "landed";
-                outcome.note = Some(format!("ordered over the network, and gone from it; {why}"));
-            }
-            Some(Err(Fault::Failed(why))) => outcome.fail(why),
-            None if has_gone => outcome.done = "landed",
-            None if was_heard => outcome.fail("is still heard on the network".to_owned()),
-            None => outcome.done = "was not heard",
-        }
-        outcome
+        Outcome { seconds: seconds.unwrap_or_default(), ..became(node, heard, done) }
     });
-    Ok(Landed { order, nodes: nodes.collect() })
+    Ok(Landed { order, nodes: nodes.collect(), forced })
+}
+
+/// What is known of a vehicle over the mesh.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Mesh {
+    /// It was ordered to land and is there still.
+    There,
+    /// It was ordered to land and has gone.
+    Gone,
+    /// Everybody was ordered to land, and it was not heard.
+    Silent,
+    /// Nobody was ordered anything over the mesh.
+    NotAsked,
+}
+
+/// What became of a node, as the mesh and its host tell, where there is ssh.
+fn became(node: &Node, mesh: Mesh, done: Option<Result<Stopped, Fault>>) -> Outcome {
+    let mut outcome = Outcome::new(node);
+    let was_heard = matches!(mesh, Mesh::There | Mesh::Gone);
+    match done {
+        Some(Ok(Stopped::Forced)) => outcome.fail(FORCED.to_owned()),
+        Some(Ok(Stopped::Landed)) => outcome.done = "landed",
+        Some(Ok(Stopped::Nothing)) => outcome.done = if was_heard { "landed" } else { "was not running" },
+        Some(Err(Fault::NotInstalled)) => outcome.done = "nothing is installed",
+        Some(Err(Fault::Failed(why))) if mesh == Mesh::Gone => {
+            outcome.done = "landed";
+            outcome.note = Some(format!("ordered over the network, and gone from it; {why}"));
+        }
+        Some(Err(Fault::Failed(why))) => outcome.fail(why),
+        None => match mesh {
+            Mesh::Gone => outcome.done = "landed",
+            Mesh::There => outcome.fail("is still heard on the network".to_owned()),
+            Mesh::Silent | Mesh::NotAsked => outcome.done = "was not heard",
+        },
+    }
+    outcome
 }
 
 /// Tells what came of the order.
@@ -143,10 +174,22 @@ fn order_to_land(watch: &mut Watch, reach: &crate::reach::Reach, line: &Line<'_>
     }
 }
 
-type Stopped = BTreeMap<VehicleId, (Result<bool, Fault>, f64)>;
+/// How an agent has ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Stopped {
+    /// After its landing.
+    Landed,
+    /// Wherever it was: it had not landed in time.
+    Forced,
+    /// There was none.
+    Nothing,
+}
+
+/// What came of it at each host, and how long it took, s.
+type ByHost = BTreeMap<VehicleId, (Result<Stopped, Fault>, f64)>;
 
 /// Over ssh: each lands, if it has not, and nothing starts it again.
-fn stop(chosen: &Chosen, remote: &Remote<'_>, progress: &Progress, within_s: f64) -> Stopped {
+fn stop_all(chosen: &Chosen, remote: &Remote<'_>, progress: &Progress, within_s: f64) -> ByHost {
     let done = at_once(&chosen.hosts(), |(host, nodes)| {
         let line = progress.line(host);
         line.say("waiting until its vehicles have landed");
@@ -154,13 +197,16 @@ fn stop(chosen: &Chosen, remote: &Remote<'_>, progress: &Progress, within_s: f64
         for node in nodes {
             let begun = clock::now();
             let done = match remote.ask(host, node, Ask::Stop { within_s }) {
-                Ok(Answer::Done { changed, .. }) => Ok(changed),
+                Ok(Answer::Done { forced: true, .. }) => Ok(Stopped::Forced),
+                Ok(Answer::Done { changed: true, .. }) => Ok(Stopped::Landed),
+                Ok(Answer::Done { changed: false, .. }) => Ok(Stopped::Nothing),
                 Ok(other) => Err(Fault::Failed(format!("{host}: answers {other:?}"))),
                 Err(fault) => Err(fault),
             };
             line.say(&match &done {
-                Ok(true) => format!("node {} landed", node.id),
-                Ok(false) => format!("node {} does not run", node.id),
+                Ok(Stopped::Landed) => format!("node {} landed", node.id),
+                Ok(Stopped::Forced) => format!("node {} {FORCED}", node.id),
+                Ok(Stopped::Nothing) => format!("node {} does not run", node.id),
                 Err(fault) => fault.clone().sentence(host),
             });
             all.push((node.id, (done, (clock::now() - begun).as_secs_f64())));
@@ -168,4 +214,29 @@ fn stop(chosen: &Chosen, remote: &Remote<'_>, progress: &Progress, within_s: f64
         all
     });
     done.into_iter().flatten().collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::cluster::ssh::tests::node;
+
+    #[test]
+    fn landed_is_only_who_has_landed() {
+        let said = |host, mesh, done| {
+            let outcome = became(&node(1, host), mesh, done);
+            outcome.why.unwrap_or_else(|| outcome.done.to_owned())
+        };
+        let ssh = |mesh, done| said(Some("heli1"), mesh, Some(done));
+        assert_eq!(ssh(Mesh::Gone, Ok(Stopped::Landed)), "landed");
+        assert_eq!(ssh(Mesh::NotAsked, Ok(Stopped::Landed)), "landed");
+        assert_eq!(ssh(Mesh::Gone, Ok(Stopped::Nothing)), "landed");
+        assert_eq!(ssh(Mesh::Silent, Ok(Stopped::Nothing)), "was not running");
+        assert_eq!(ssh(Mesh::Gone, Ok(Stopped::Forced)), FORCED, "gone, and not because it had landed");
+        assert_eq!(ssh(Mesh::Gone, Err(Fault::Failed("no route".to_owned()))), "landed");
+        assert_eq!(ssh(Mesh::There, Err(Fault::Failed("no route".to_owned()))), "no route");
+        assert_eq!(said(None, Mesh::Gone, None), "landed");
+        assert_eq!(said(None, Mesh::There, None), "is still heard on the network");
+        assert_eq!(said(None, Mesh::Silent, None), "was not heard");
+    }
 }

@@ -86,12 +86,19 @@ fn answer(place: &Place, request: Request) -> Result<Answer, String> {
         Ask::Apply { .. } => place::make_folders(&[node.installs(), node.run(), node.log()])?,
         // Nothing is left of it, or never was: the rest of its request is done below.
         Ask::Remove { .. } if !node.path.exists() => {
-            return Ok(Answer::Done { changed: install::remove(place, &node)?, facts: node.facts() });
+            let changed = install::remove(place, &node)?;
+            return Ok(Answer::Done { changed, forced: false, facts: node.facts() });
         }
         _ if !node.path.exists() => return Err(format!("nothing is installed for node {id}")),
         _ => place::make_folders(&[node.run()])?,
     }
     let _lock = node.lock()?;
+    let mut forced = false;
+    let mut stop = |within_s| {
+        let ended = service::stop(place, &node, seconds(within_s)?)?;
+        forced = ended.by_force;
+        Ok::<_, String>(ended.was_busy)
+    };
     let changed = match ask {
         Ask::Apply { bundle, service, log } => {
             let settings = Settings { service: service::resolve(place, &node, service)?, log };
@@ -100,16 +107,16 @@ fn answer(place: &Place, request: Request) -> Result<Answer, String> {
             install::apply(place, &node, &bundle, &settings)? || of_service
         }
         Ask::Start { run } => service::start(place, &node, run)?,
-        Ask::Stop { within_s } => service::stop(place, &node, seconds(within_s)?)?,
+        Ask::Stop { within_s } => stop(within_s)?,
         Ask::Rollback => install::rollback(&node).map(|()| true)?,
         Ask::Remove { within_s } => {
-            service::stop(place, &node, seconds(within_s)?)?;
+            stop(within_s)?;
             service::take_away(place, &node)?;
             install::remove(place, &node)?
         }
         Ask::Facts | Ask::Simulator { .. } | Ask::Reach { .. } | Ask::Log { .. } => false,
     };
-    Ok(Answer::Done { changed, facts: node.facts() })
+    Ok(Answer::Done { changed, forced, facts: node.facts() })
 }
 
 fn seconds(seconds: f64) -> Result<Duration, String> {

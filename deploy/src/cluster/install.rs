@@ -17,7 +17,7 @@ use super::bundle::Bundle;
 use super::inventory::Node;
 use super::nodes::{self, Chosen, Line, NodesArgs, Progress, is_seconds};
 use super::program::Program;
-use super::protocol::{Answer, Ask, Facts, Installed};
+use super::protocol::{Answer, Ask, FORCED, Facts, Installed};
 use super::remote::{Fault, Remote};
 use super::ssh::{Host, at_once};
 use crate::clock;
@@ -257,7 +257,8 @@ impl Install<'_> {
 /// What an answer to something that changes says.
 fn done(host: &Host, answer: Result<Answer, Fault>) -> Result<(bool, Facts), String> {
     match answer {
-        Ok(Answer::Done { changed, facts }) => Ok((changed, facts)),
+        Ok(Answer::Done { forced: true, .. }) => Err(format!("{host}: {FORCED}")),
+        Ok(Answer::Done { changed, facts, .. }) => Ok((changed, facts)),
         Ok(other) => Err(format!("{host}: answers {other:?}")),
         Err(fault) => Err(fault.sentence(host)),
     }

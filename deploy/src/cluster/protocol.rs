@@ -79,6 +79,9 @@ pub enum Service {
     Own,
 }
 
+/// What is said where an answer is [`Answer::Done`] with `forced`.
+pub const FORCED: &str = "had not landed in time: its agent was ended wherever the vehicle was";
+
 /// What is answered.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Answer {
@@ -88,6 +91,9 @@ pub enum Answer {
     Done {
         /// Anything was written, started or ended.
         changed: bool,
+        /// An agent that had not landed in time was ended wherever its vehicle was.
+        #[serde(default)]
+        forced: bool,
         /// What is there now.
         facts: Facts,
     },

@@ -1,11 +1,13 @@
 //! `skein cluster uninstall`: everything that `install` put on the nodes goes. Nothing goes from under a vehicle in the air.
 
+use std::collections::BTreeSet;
+
 use serde::Serialize;
 use skein_common::id::VehicleId;
 
 use super::down;
 use super::nodes::{self, NodesArgs, Outcome, is_seconds};
-use super::protocol::{Answer, Ask};
+use super::protocol::{Answer, Ask, FORCED};
 use super::remote::{Fault, Remote};
 use super::ssh::at_once;
 use crate::clock;
@@ -55,6 +57,7 @@ pub fn run(args: &UninstallArgs) -> Result<(), Error> {
         nodes.iter().map(|node| node.id).filter(flies).collect::<Vec<_>>()
     });
     let flying: Vec<VehicleId> = asked.into_iter().flatten().collect();
+    let mut forced = BTreeSet::new();
     if !flying.is_empty() {
         if !args.force {
             return Err(Error::Refused(format!(
@@ -62,7 +65,7 @@ pub fn run(args: &UninstallArgs) -> Result<(), Error> {
                 nodes::list(&flying)
             )));
         }
-        down::land(&chosen, &ssh, &progress, args.timeout)?;
+        forced = down::land(&chosen, &ssh, &progress, args.timeout)?.forced;
     }
     let removed = at_once(&hosts, |(host, nodes)| {
         let line = progress.line(host);
@@ -72,6 +75,9 @@ pub fn run(args: &UninstallArgs) -> Result<(), Error> {
             let begun = clock::now();
             let mut outcome = Outcome::new(node);
             match remote.ask(host, node, Ask::Remove { within_s }) {
+                Ok(Answer::Done { forced: by_force, .. }) if by_force || forced.contains(&node.id) => {
+                    outcome.fail(format!("removed, but {FORCED}"));
+                }
                 Ok(Answer::Done { changed: true, .. }) => outcome.done = "removed",
                 Ok(Answer::Done { changed: false, .. }) | Err(Fault::NotInstalled) => {
                     outcome.done = "nothing was there"

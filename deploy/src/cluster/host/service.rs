@@ -24,6 +24,15 @@ const HASTY: Duration = Duration::from_millis(400);
 /// An agent that was asked a second time gives its controls back and ends.
 const AT_ONCE: Duration = Duration::from_secs(3);
 
+/// What there was to end, and how it has ended.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(super) struct Ended {
+    /// An agent ran, or somebody was there to start one.
+    pub(super) was_busy: bool,
+    /// The agent did not land in time.
+    pub(super) by_force: bool,
+}
+
 /// Who will start this node's agent again. What was chosen once stays.
 pub(super) fn resolve(place: &Place, node: &NodeFolder, kind: ServiceKind) -> Result<Service, String> {
     let systemd = &place.systemd;
@@ -94,13 +103,13 @@ pub(super) fn start(place: &Place, node: &NodeFolder, run: u64) -> Result<bool, 
     Ok(true)
 }
 
-/// Lets the agent land and end; after `within` it is ended wherever the vehicle is. Whether there was anything to end.
-pub(super) fn stop(place: &Place, node: &NodeFolder, within: Duration) -> Result<bool, String> {
+/// Lets the agent land and end; after `within` it is ended wherever the vehicle is.
+pub(super) fn stop(place: &Place, node: &NodeFolder, within: Duration) -> Result<Ended, String> {
     let systemd = node.settings().and_then(|settings| place.systemd(settings.service));
     end(node, systemd.map(|systemd| (systemd, place)), within)
 }
 
-fn end(node: &NodeFolder, systemd: Option<(&Systemd, &Place)>, within: Duration) -> Result<bool, String> {
+fn end(node: &NodeFolder, systemd: Option<(&Systemd, &Place)>, within: Duration) -> Result<Ended, String> {
     let was_busy = is_busy(node);
     let agent = node.agent().map(|agent| agent.process);
     match (systemd, node.supervisor()) {
@@ -110,7 +119,9 @@ fn end(node: &NodeFolder, systemd: Option<(&Systemd, &Place)>, within: Duration)
         (None, None) => agent.iter().for_each(Process::ask_to_end),
     }
     let is_over = || !is_busy(node);
+    let mut by_force = false;
     if !wait(within, is_over) {
+        by_force = node.agent().is_some();
         agent.iter().for_each(Process::ask_to_end);
         if !wait(AT_ONCE, is_over) {
             // The supervisor first: it would be the one to start another.
@@ -121,7 +132,7 @@ fn end(node: &NodeFolder, systemd: Option<(&Systemd, &Place)>, within: Duration)
             }
         }
     }
-    Ok(was_busy)
+    Ok(Ended { was_busy, by_force })
 }
 
 /// Whether an agent runs, or somebody is there to start one.

@@ -39,7 +39,7 @@ fn apply_with(service: ServiceKind) -> Ask {
 
 fn done(answer: Result<Answer, String>) -> (bool, Facts) {
     match answer {
-        Ok(Answer::Done { changed, facts }) => (changed, facts),
+        Ok(Answer::Done { changed, facts, .. }) => (changed, facts),
         other => panic!("{other:?}"),
     }
 }
