@@ -20,6 +20,9 @@ use crate::clock;
 use crate::error::Error;
 use crate::order;
 
+/// What is said of a node without ssh, where nobody was ordered over the mesh.
+const NOT_ORDERED: &str = "installed by hand, and not ordered to land: end it there, or land all with `skein cluster down` or `skein order land`";
+
 /// `skein cluster down`
 #[derive(Clone, Debug, clap::Args)]
 pub struct DownArgs {
@@ -149,7 +152,8 @@ fn became(node: &Node, mesh: Mesh, done: Option<Result<Stopped, Fault>>) -> Outc
         None => match mesh {
             Mesh::Gone => outcome.done = "landed",
             Mesh::There => outcome.fail("is still heard on the network".to_owned()),
-            Mesh::Silent | Mesh::NotAsked => outcome.done = "was not heard",
+            Mesh::Silent => outcome.done = "was not heard",
+            Mesh::NotAsked => outcome.fail(NOT_ORDERED.to_owned()),
         },
     }
     outcome
@@ -238,5 +242,6 @@ mod tests {
         assert_eq!(said(None, Mesh::Gone, None), "landed");
         assert_eq!(said(None, Mesh::There, None), "is still heard on the network");
         assert_eq!(said(None, Mesh::Silent, None), "was not heard");
+        assert_eq!(said(None, Mesh::NotAsked, None), NOT_ORDERED);
     }
 }
