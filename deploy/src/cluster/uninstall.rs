@@ -1,15 +1,16 @@
 //! `skein cluster uninstall`: everything that `install` put on the nodes goes. Nothing goes from under a vehicle in the air.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 
 use serde::Serialize;
 use skein_common::id::VehicleId;
 
 use super::down;
+use super::inventory::Node;
 use super::nodes::{self, NodesArgs, Outcome, is_seconds};
 use super::protocol::{Answer, Ask, FORCED};
 use super::remote::{Fault, Remote};
-use super::ssh::at_once;
+use super::ssh::{Host, at_once};
 use crate::clock;
 use crate::error::Error;
 
@@ -49,14 +50,11 @@ pub fn run(args: &UninstallArgs) -> Result<(), Error> {
     let within_s = args.timeout.unwrap_or_else(|| chosen.inventory.landing_s());
     let asked = at_once(&hosts, |(host, nodes)| {
         progress.line(host).say("asking what runs");
-        let flies = |id: &VehicleId| {
-            let node = nodes.iter().find(|node| node.id == *id);
-            let facts = node.map(|node| remote.ask(host, node, Ask::Facts));
-            matches!(facts, Some(Ok(Answer::Facts(facts))) if facts.agent.is_some())
-        };
-        nodes.iter().map(|node| node.id).filter(flies).collect::<Vec<_>>()
+        let flies = |node: &&Node| (node.id, flies(host, remote.ask(host, node, Ask::Facts)));
+        nodes.iter().map(flies).collect::<Vec<_>>()
     });
-    let flying: Vec<VehicleId> = asked.into_iter().flatten().collect();
+    let asked: BTreeMap<VehicleId, Result<bool, String>> = asked.into_iter().flatten().collect();
+    let flying: Vec<VehicleId> = asked.iter().filter(|(_, flies)| **flies == Ok(true)).map(|(id, _)| *id).collect();
     let mut forced = BTreeSet::new();
     if !flying.is_empty() {
         if !args.force {
@@ -74,6 +72,12 @@ pub fn run(args: &UninstallArgs) -> Result<(), Error> {
         for node in nodes {
             let begun = clock::now();
             let mut outcome = Outcome::new(node);
+            // It may fly, for all that is known.
+            if let Some(Err(why)) = asked.get(&node.id) {
+                outcome.fail(why.clone());
+                all.push(outcome);
+                continue;
+            }
             match remote.ask(host, node, Ask::Remove { within_s }) {
                 Ok(Answer::Done { forced: by_force, .. }) if by_force || forced.contains(&node.id) => {
                     outcome.fail(format!("removed, but {FORCED}"));
@@ -106,4 +110,30 @@ pub fn run(args: &UninstallArgs) -> Result<(), Error> {
     let report = Report { swarm: chosen.inventory.swarm.to_string(), seconds, nodes: outcomes };
     crate::say(&if args.nodes.json { crate::json(&report) } else { Outcome::table(&report.nodes) });
     Outcome::judge(&report.nodes, "failed")
+}
+
+/// Whether a node's vehicle flies, or why that is not known.
+fn flies(host: &Host, answer: Result<Answer, Fault>) -> Result<bool, String> {
+    match answer {
+        Ok(Answer::Facts(facts)) => Ok(facts.agent.is_some()),
+        Err(Fault::NotInstalled) => Ok(false),
+        Ok(other) => Err(format!("{host}: answers {other:?}")),
+        Err(Fault::Failed(why)) => Err(why),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::cluster::protocol::Facts;
+    use crate::cluster::ssh::tests::heli;
+
+    #[test]
+    fn who_cannot_be_asked_is_not_known_to_stand() {
+        let flies = |answer| flies(&heli("heli1"), answer);
+        assert_eq!(flies(Ok(Answer::Facts(Facts::default()))), Ok(false));
+        assert_eq!(flies(Err(Fault::NotInstalled)), Ok(false));
+        assert_eq!(flies(Err(Fault::Failed("no route".to_owned()))), Err("no route".to_owned()));
+        assert!(flies(Ok(Answer::Failed("busy".to_owned()))).is_err());
+    }
 }
