@@ -91,9 +91,11 @@ impl Systemd {
         self.call("systemctl", &["start", "--no-block", &unit]).map(drop)
     }
 
-    /// Stops the node's unit, and does not wait for it.
+    /// Stops the node's unit, and does not wait for it. One that was taken away already is not there to be stopped.
     pub(super) fn stop(&self, place: &Place, node: &NodeFolder) -> Result<(), String> {
-        self.call("systemctl", &["stop", "--no-block", &unit(place, node)]).map(drop)
+        let unit = unit(place, node);
+        let stopped = self.call("systemctl", &["stop", "--no-block", &unit]);
+        if self.units.join(&unit).exists() { stopped.map(drop) } else { Ok(()) }
     }
 
     /// Becomes the program that shows what the journal has of the node. Comes back only if it cannot.

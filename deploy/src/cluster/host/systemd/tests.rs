@@ -87,6 +87,12 @@ fn what_systemd_refuses_is_said_with_its_own_words() {
     fs::write(host.folder.path().join("bin/systemctl"), failing).unwrap();
     let error = host.systemd.ready().unwrap_err();
     assert_eq!(error, "systemctl --user show --property=Version: Failed to connect to bus");
+    // Where it has no unit there is nothing that it could stop.
+    let (place, node) = (host.place(), host.node());
+    host.systemd.stop(&place, &node).unwrap();
+    host.systemd.put(&place, &node).unwrap_err();
+    let error = host.systemd.stop(&place, &node).unwrap_err();
+    assert!(error.contains("stop --no-block skein-lab-3.service: Failed to connect"), "{error}");
 }
 
 #[test]
