@@ -26,6 +26,15 @@ use crate::reach::Reach;
 /// What waits to be read; what comes on top is dropped and counted. Two seconds of 250 vehicles.
 const QUEUE: usize = 25_000;
 
+/// Whether every step is listened to. A vehicle works out, seals and sends its steps only while somebody does.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Steps {
+    /// They are.
+    Heard,
+    /// Only everything else is.
+    Unheard,
+}
+
 /// Something that a vehicle said, or that became of it.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Heard {
@@ -113,13 +122,15 @@ impl Observer {
     ///
     /// # Errors
     /// If a key is none, or Zenoh refuses.
-    pub fn open(reach: &Reach) -> Result<Self, ObserveError> {
+    pub fn open(reach: &Reach, steps: Steps) -> Result<Self, ObserveError> {
         let sessions = Sessions::open(&reach.swarm, &[], &reach.all(), &reach.security)?;
         let session = sessions.first();
         let (sender, inbox) = sync_channel(QUEUE);
         let dropped = Arc::new(Dropped::default());
         let ear = Ear { sender, dropped: dropped.clone(), voices: reach.security.voices(&reach.swarm) };
-        ear.subscribe(session, topic::all::TRACES, Heard::Trace)?;
+        if steps == Steps::Heard {
+            ear.subscribe(session, topic::all::TRACES, Heard::Trace)?;
+        }
         ear.subscribe(session, topic::all::HEALTH, Heard::Health)?;
         ear.subscribe(session, topic::all::MISSIONS, Heard::Mission)?;
         ear.subscribe(session, topic::all::EVENTS, Heard::Event)?;
@@ -272,10 +283,15 @@ fn take_up(vehicles: &mut BTreeMap<VehicleId, Seen>, Caught { heard, run, at }: 
 
 #[cfg(test)]
 mod tests {
+    use std::time::Duration;
+
     use ring::rand::SystemRandom;
     use ring::signature::Ed25519KeyPair;
+    use skein_agent::clock::LocalClock;
+    use skein_agent::link::{Link, Security, Trust};
     use skein_common::id::Incarnation;
     use skein_common::message::{Happening, Header, Verb};
+    use skein_common::scenario::{Source, load};
     use skein_common::state::Membership;
     use skein_common::time::SenderStamp;
 
@@ -329,6 +345,31 @@ mod tests {
     }
 
     #[test]
+    fn steps_are_made_only_for_whoever_listens_to_them() {
+        let swarm = SwarmName::new(format!("steps-{}", std::process::id())).unwrap();
+        let id = VehicleId::new(1).unwrap();
+        let here = ["tcp/127.0.0.1:0".to_owned()];
+        let sessions = Sessions::open(&swarm, &here, &[], &Security::Plain).unwrap();
+        let agents = BTreeMap::from([(id, sessions.endpoints().remove(0))]);
+        let scenario = load(&Source { name: "x", text: "swarm.vehicles = 1" }, &[]).unwrap().scenario;
+        let trust = Trust { swarm: swarm.clone(), ..Trust::of(&scenario) };
+        let link = Link::new(sessions, id, LocalClock::start(), trust).unwrap();
+        let reach = Reach::plain(swarm, agents, Flown::Text(String::new()));
+        let event = Event { header: mission(1, 1, 1).header, what: Happening::Landed };
+        for (steps, wanted) in [(Steps::Unheard, false), (Steps::Heard, true)] {
+            let mut observer = Observer::open(&reach, steps).unwrap();
+            let until = clock::now() + Duration::from_secs(20);
+            let mut is_heard = false;
+            while !(is_heard && link.trace_is_wanted() == wanted) {
+                assert!(clock::now() < until, "heard: {is_heard}, {steps:?}");
+                link.say_event(&event);
+                clock::sleep(Duration::from_millis(20));
+                is_heard |= observer.poll().contains(&Heard::Event(event));
+            }
+        }
+    }
+
+    #[test]
     fn an_order_that_somebody_has_made_up_counts_for_nothing() {
         let key = Ed25519KeyPair::generate_pkcs8(&SystemRandom::new()).unwrap();
         let sealer = Arc::new(Sealer::from_pkcs8(key.as_ref()).unwrap());
@@ -345,7 +386,7 @@ mod tests {
             (3, 6, orders::seal(&sealer, &swarm, 6, order(50))),
         ];
         let observe = |reach: &Reach| {
-            let mut observer = Observer::open(reach).unwrap();
+            let mut observer = Observer::open(reach, Steps::Unheard).unwrap();
             for (sender, run, order) in said {
                 let mission = Mission { order: Some(order), ..mission(sender, 1, 1) };
                 take_up(&mut observer.vehicles, &Caught { run: Some(run), ..caught(Heard::Mission(mission)) });

@@ -10,7 +10,7 @@ use skein_common::message::{Order, Verb};
 
 use crate::clock;
 use crate::error::Error;
-use crate::observe::{Observer, Seen};
+use crate::observe::{Observer, Seen, Steps};
 use crate::reach::{Reach, SwarmArgs};
 
 /// An agent says its register five times a second; whoever is silent this long is not there.
@@ -65,7 +65,7 @@ impl From<VerbArg> for Verb {
 /// If no swarm is there, or not every vehicle that is heard takes the order.
 pub fn run(args: &OrderArgs) -> Result<(), Error> {
     let reach = args.swarm.reach(Role::Operator)?;
-    let mut observer = Observer::open(&reach)?;
+    let mut observer = Observer::open(&reach, Steps::Unheard)?;
     listen(&mut observer, &reach);
     if speakers(&observer).next().is_none() {
         return Err(Error::Failed(format!("nobody of the swarm {} answers", reach.swarm)));

@@ -15,7 +15,7 @@ use std::time::{Duration, Instant};
 use rustix::process::{Pid, Signal, kill_process};
 use serde_json::Value;
 use skein::endpoints;
-use skein::observe::{Heard, Observer};
+use skein::observe::{Heard, Observer, Steps};
 use skein::record;
 use skein::recording::{Track, What};
 use skein_common::message::{Happening, Trace};
@@ -102,7 +102,7 @@ impl Place {
     /// Looks on, as `fly` does.
     fn observer(&self) -> Observer {
         let endpoints = endpoints::find(&self.runtime().join("skein"), None).unwrap();
-        Observer::open(&endpoints.into()).unwrap()
+        Observer::open(&endpoints.into(), Steps::Heard).unwrap()
     }
 
     fn wait_until_nobody_is_left(&self) {

@@ -9,7 +9,7 @@ use skein_common::state::Membership;
 
 use crate::clock;
 use crate::error::Error;
-use crate::observe::{Observer, Seen};
+use crate::observe::{Observer, Seen, Steps};
 use crate::reach::Reach;
 
 /// Whoever flies is heard within this time.
@@ -31,7 +31,7 @@ impl Watch {
     /// # Errors
     /// If Zenoh refuses.
     pub fn open(reach: &Reach, run: u64) -> Result<Self, Error> {
-        Ok(Self { observer: Observer::open(reach)?, run })
+        Ok(Self { observer: Observer::open(reach, Steps::Unheard)?, run })
     }
 
     /// What keeps this vehicle from being ready, in words; in a life after this one.

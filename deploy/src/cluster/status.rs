@@ -18,7 +18,7 @@ use super::clocks::ahead_of_swarm;
 use super::inventory::{Inventory, Node};
 use crate::clock;
 use crate::error::Error;
-use crate::observe::{Heard, Observer};
+use crate::observe::{Heard, Observer, Steps};
 
 /// Agents say how they do once a second; a link takes a while at first.
 const LISTEN: Duration = Duration::from_millis(2500);
@@ -173,7 +173,7 @@ impl Said {
 /// If the swarm cannot be listened to, a node is not heard, or one is faulty.
 pub fn run(args: &StatusArgs) -> Result<(), Error> {
     let inventory = Inventory::read(&args.file.file)?;
-    let observer = Observer::open(&inventory.reach(Role::Observer)?);
+    let observer = Observer::open(&inventory.reach(Role::Observer)?, Steps::Unheard);
     let mut observer = observer.map_err(|error| Error::Failed(error.to_string()))?;
     let mut heard = BTreeMap::new();
     let file = args.file.file.display().to_string();

@@ -32,7 +32,7 @@ use crate::endpoints::EndpointsFile;
 use crate::error::Error;
 use crate::landing;
 use crate::metrics::{Metrics, Report, Run, Totals};
-use crate::observe::{Heard, Observer, Seen};
+use crate::observe::{Heard, Observer, Seen, Steps};
 use crate::os::{self, Interrupts};
 use crate::record::{self, About, Recorder};
 use crate::study::world::script::Agenda;
@@ -102,7 +102,7 @@ impl Flight {
     pub fn begin(plan: Plan, interrupts: Interrupts, json: bool) -> Result<Self, Error> {
         let scenario = plan.scenario();
         let Launched { children, endpoints, file } = launch(&plan)?;
-        let observer = Observer::open(&endpoints.into());
+        let observer = Observer::open(&endpoints.into(), Steps::Heard);
         let recorder = recorder(&plan)?;
         Ok(Self {
             json,

@@ -11,7 +11,7 @@ use super::{About, RecordError, Recorder, merge, repair};
 use crate::clock;
 use crate::error::Error;
 use crate::metrics::Run;
-use crate::observe::{Heard, Observer};
+use crate::observe::{Heard, Observer, Steps};
 use crate::os::Interrupts;
 use crate::reach::{Reach, SwarmArgs};
 
@@ -83,7 +83,7 @@ fn record(swarm: &SwarmArgs, out: &Path) -> Result<(), Error> {
     refuse_existing(out)?;
     let reach = swarm.reach(Role::Observer)?;
     let interrupts = Interrupts::listen().map_err(|error| Error::Failed(format!("signals: {error}")))?;
-    let mut observer = Observer::open(&reach)?;
+    let mut observer = Observer::open(&reach, Steps::Heard)?;
     let heard = first_words(&mut observer, &reach)?;
     let mut recorder = begin(&reach, out)?;
     eprintln!("records the swarm {} into {}; Ctrl-C ends it", reach.swarm, out.display());

@@ -10,7 +10,7 @@ use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 use serde_json::{Value, json};
 use skein::cluster::inventory::Inventory;
-use skein::observe::{Heard, Observer};
+use skein::observe::{Heard, Observer, Steps};
 use skein::reach::Role;
 
 use super::lab::Lab;
@@ -222,7 +222,7 @@ pub(super) fn now_s() -> f64 {
 /// The looker-on's own process.
 pub(super) fn look_on() {
     let Ok(inventory) = Inventory::read("lab/cluster.toml".as_ref()) else { return };
-    let mut observer = Observer::open(&inventory.reach(Role::Observer).unwrap()).unwrap();
+    let mut observer = Observer::open(&inventory.reach(Role::Observer).unwrap(), Steps::Heard).unwrap();
     thread::spawn(|| {
         let _ = std::io::copy(&mut std::io::stdin(), &mut std::io::sink());
         std::process::exit(0);
