@@ -48,7 +48,7 @@ pub struct Tls {
 pub struct Known {
     /// The common name of its certificate; one that was replaced has another.
     pub name: String,
-    /// The key that its words are sealed with, which is its certificate's.
+    /// The key that its words are sealed with and its certificate is for.
     pub key: SealKey,
 }
 

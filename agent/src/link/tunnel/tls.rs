@@ -1,4 +1,5 @@
-//! Who is at the other end: TLS 1.3 with certificates of the swarm's authority and of no other, and a name that counts.
+//! Who is at the other end: TLS 1.3 with certificates of the swarm's authority and of no other, and a name that
+//! counts; a vehicle's also has the key that it is known by.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -22,6 +23,7 @@ use x509_parser::prelude::FromDer;
 
 use crate::clock::utc_nanoseconds;
 use crate::link::LinkError;
+use crate::link::seal::SealKey;
 use crate::link::security::Tls;
 
 /// The other end of a link.
@@ -38,7 +40,8 @@ pub(in crate::link) struct Peer {
 pub(in crate::link) struct Ends {
     acceptor: TlsAcceptor,
     connector: TlsConnector,
-    names: BTreeMap<String, Option<VehicleId>>,
+    /// By common name: the vehicles, each with the key that its certificate has to be for, and those who are none.
+    names: BTreeMap<String, Option<(VehicleId, SealKey)>>,
 }
 
 impl Ends {
@@ -79,7 +82,7 @@ impl Ends {
         // Every link shows its certificates anew: one may have ended meanwhile.
         server.send_tls13_tickets = 0;
         client.resumption = Resumption::disabled();
-        let vehicles = tls.vehicles.iter().map(|(id, known)| (known.name.clone(), Some(*id)));
+        let vehicles = tls.vehicles.iter().map(|(id, known)| (known.name.clone(), Some((*id, known.key))));
         let guests = [&tls.observer, &tls.operator].map(|name| (name.clone(), None));
         Ok(Self {
             acceptor: Arc::new(server).into(),
@@ -117,12 +120,16 @@ impl Ends {
         let (_, shown) = X509Certificate::from_der(shown).map_err(refused)?;
         let name = shown.subject().iter_common_name().next().and_then(|name| name.as_str().ok());
         let name = name.ok_or_else(|| refused("a certificate without a name"))?;
-        let vehicle = self.names.get(name);
-        let vehicle = vehicle.ok_or_else(|| refused(format!("the certificate {name:?} does not count here")))?;
+        let known = self.names.get(name);
+        let known = known.ok_or_else(|| refused(format!("the certificate {name:?} does not count here")))?;
+        // One whose key was lost and made anew has the same name.
+        if known.is_some_and(|(_, key)| *shown.public_key().subject_public_key.data != key.to_bytes()) {
+            return Err(refused(format!("the certificate {name:?} is for a key that does not count here")));
+        }
         let ends_s = u64::try_from(shown.validity().not_after.timestamp()).unwrap_or(0);
         // UTC, for that is what certificates end by.
         let now = Duration::from_nanos(utc_nanoseconds());
-        Ok(Peer::new(name.to_owned(), *vehicle, Duration::from_secs(ends_s).saturating_sub(now)))
+        Ok(Peer::new(name.to_owned(), known.map(|(id, _)| id), Duration::from_secs(ends_s).saturating_sub(now)))
     }
 }
 

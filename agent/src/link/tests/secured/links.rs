@@ -57,6 +57,21 @@ fn a_name_that_was_replaced_is_not_let_in() {
     assert!(swarm.one.drops().links > 0 && swarm.two.drops().links > 0, "it is told to them, and counted");
 }
 
+#[test]
+fn a_key_that_was_replaced_is_not_let_in() {
+    // Its certificate is of the right name and has not ended.
+    let lost = Authority::new();
+    let mut swarm = Swarm::begin("lost");
+    let tls = swarm.authority.tls("vehicle-3.2");
+    fs::copy(lost.key_file("vehicle-3.2"), &tls.key).unwrap();
+    swarm.authority.certify("vehicle-3.2", 2100);
+    let intruder = swarm.guest(tls);
+    let forger = swarm.forger("vehicle-1");
+    swarm.never_hear(|| attack(intruder.first(), &forger));
+    assert!(!is_linked(intruder.first()));
+    assert!(swarm.one.drops().links > 0 && swarm.two.drops().links > 0, "it is told to them, and counted");
+}
+
 /// Peers hand nothing on, but a router would, if they listened to it.
 #[test]
 fn a_router_is_nobody_special() {
