@@ -57,10 +57,10 @@ impl Sessions {
     ) -> Result<Self, LinkError> {
         let (listen, dial) = (tunnel.zenoh_listens(), tunnel.zenoh_dials());
         let listening = if listen.is_empty() { None } else { Some(Arc::new(open(&listen, &[])?)) };
-        // First the one that listens: it is there when whoever is dialled dials back.
-        let dialling = if dial.is_empty() && listening.is_some() { None } else { Some(Arc::new(open(&[], &dial)?)) };
+        // Before the one that dials: it waits half a second for those whom it cannot reach.
         let carried = tunnel.carry(listening.as_deref());
         carried.map_err(|source| LinkError::Open { listen: tunnel.endpoints(), source: source.into() })?;
+        let dialling = if dial.is_empty() && listening.is_some() { None } else { Some(Arc::new(open(&[], &dial)?)) };
         Ok(Self { all: listening.into_iter().chain(dialling).collect(), tunnel: Some(Arc::new(tunnel)) })
     }
 

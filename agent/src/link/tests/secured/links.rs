@@ -83,6 +83,21 @@ fn a_router_is_nobody_special() {
     swarm.withstand(|| attack(intruder.first(), &forger));
 }
 
+/// Zenoh waits half a second for whoever it dials to say what there is: those who are there are reached before that is over.
+#[test]
+fn who_is_there_is_not_waited_for() {
+    let swarm = Swarm::begin("early");
+    let opens = (0..8).map(|_| {
+        let begun = now();
+        let guest = swarm.guest(swarm.authority.tls("observer"));
+        let opened = now() - begun;
+        guest.close(());
+        opened
+    });
+    let shortest = opens.min().unwrap();
+    assert!(shortest < Duration::from_millis(400), "{shortest:?}");
+}
+
 #[test]
 fn keys_that_are_none_are_named() {
     let authority = Authority::new();
