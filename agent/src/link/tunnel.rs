@@ -13,9 +13,10 @@
 mod local;
 mod tls;
 
+use std::collections::BTreeMap;
 use std::io;
-use std::net::TcpListener as StdListener;
-use std::sync::Arc;
+use std::net::{IpAddr, TcpListener as StdListener};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 use skein_common::id::VehicleId;
@@ -34,8 +35,10 @@ pub(super) use tls::{Ends, Peer};
 
 /// Longest time to reach another host, and then to agree with it on who is who. Zenoh gives up after a second.
 const REACH_WITHIN: Duration = Duration::from_millis(900);
-/// So many may be asked at once who they are.
+/// So many may be asked at once who they are, and so many of them from one address: a stranger who never tells must not keep
+/// the others waiting. Several agents may share a host; who is sent away dials again.
 const AT_ONCE: usize = 64;
+const AT_ONCE_OF_ONE: usize = 16;
 /// A link that ends says so within this time.
 const GOODBYE_WITHIN: Duration = Duration::from_millis(200);
 /// What a PC without a file descriptor left waits before it accepts again.
@@ -98,7 +101,7 @@ impl Tunnel {
         &self.shared.presence
     }
 
-    /// Carries from now on what the session that listens, if one does, and those that dial say and hear.
+    /// Carries from now on what the session that listens, if one does, and whoever dials the local sockets say and hear.
     pub(super) fn carry(&mut self, listening: Option<&Session>) -> io::Result<()> {
         let Some(runtime) = &self.runtime else { return Ok(()) };
         let _in_runtime = runtime.enter();
@@ -135,9 +138,14 @@ impl Drop for Tunnel {
 /// Lets in who shows a certificate that counts.
 async fn accept(listener: TcpListener, zenoh: Arc<ZenohListener>, shared: Arc<Shared>) {
     let at_once = Arc::new(Semaphore::new(AT_ONCE));
+    let doorstep = Arc::new(Doorstep::default());
     loop {
         let Ok((socket, from)) = listener.accept().await else {
             sleep(PAUSE).await;
+            continue;
+        };
+        let Some(waiting) = Waiting::new(&doorstep, from.ip()) else {
+            tracing::debug!("no link from {from}: {AT_ONCE_OF_ONE} others from there do not tell who they are");
             continue;
         };
         // It is never closed.
@@ -149,7 +157,7 @@ async fn accept(listener: TcpListener, zenoh: Arc<ZenohListener>, shared: Arc<Sh
                 shared.ends.accept(socket).await
             };
             let let_in = timeout(REACH_WITHIN, let_in).await.unwrap_or(Err(io::ErrorKind::TimedOut.into()));
-            drop(asked);
+            drop((asked, waiting));
             match let_in {
                 Ok((there, peer)) => {
                     if let Ok(here) = zenoh.connect().await {
@@ -164,6 +172,41 @@ async fn accept(listener: TcpListener, zenoh: Arc<ZenohListener>, shared: Arc<Sh
             }
         });
     }
+}
+
+/// How many wait to be let in, from each address.
+type Doorstep = Mutex<BTreeMap<IpAddr, usize>>;
+
+/// One of them, until it is let in or sent away.
+struct Waiting {
+    doorstep: Arc<Doorstep>,
+    from: IpAddr,
+}
+
+impl Waiting {
+    /// `None` if there are too many from this address.
+    fn new(doorstep: &Arc<Doorstep>, from: IpAddr) -> Option<Self> {
+        let mut counts = lock(doorstep);
+        let count = counts.entry(from).or_default();
+        if *count >= AT_ONCE_OF_ONE {
+            return None;
+        }
+        *count += 1;
+        Some(Self { doorstep: doorstep.clone(), from })
+    }
+}
+
+impl Drop for Waiting {
+    fn drop(&mut self) {
+        let mut counts = lock(&self.doorstep);
+        counts.entry(self.from).and_modify(|count| *count -= 1);
+        counts.retain(|_, count| *count > 0);
+    }
+}
+
+/// Nothing that holds it can panic half way.
+fn lock(doorstep: &Doorstep) -> MutexGuard<'_, BTreeMap<IpAddr, usize>> {
+    doorstep.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// Reaches another host for Zenoh, which tries again if that fails.
@@ -224,5 +267,23 @@ impl Peer {
     /// Of this name, as long as its certificate lasts.
     fn new(name: String, vehicle: Option<VehicleId>, lasts: Duration) -> Self {
         Self { name, vehicle, lasts }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn nobody_holds_the_whole_doorstep() {
+        let doorstep = Arc::new(Doorstep::default());
+        let [stranger, other] = ["10.0.0.9", "10.0.0.11"].map(|ip| ip.parse::<IpAddr>().unwrap());
+        let mut strangers: Vec<_> = (0..AT_ONCE).filter_map(|_| Waiting::new(&doorstep, stranger)).collect();
+        assert_eq!(strangers.len(), AT_ONCE_OF_ONE);
+        assert!(Waiting::new(&doorstep, other).is_some());
+        strangers.pop();
+        assert!(Waiting::new(&doorstep, stranger).is_some(), "one of them was sent away");
+        strangers.clear();
+        assert!(lock(&doorstep).is_empty(), "nothing is kept of who has gone");
     }
 }
