@@ -152,7 +152,10 @@ impl Maker<'_> {
     fn make(&self, renew: Option<Whose>, revoked: Option<Role>) -> Result<Vec<Line>, Error> {
         let (authority, authority_line) = self.authority()?;
         let orders_line = self.orders(revoked == Some(Role::Operator))?;
-        let mut names = self.folder.names()?.unwrap_or_default();
+        let mut names = match self.folder.names()? {
+            Some(names) => names,
+            None => self.folder.shown_names()?,
+        };
         for role in roles(self.inventory) {
             let key = self.key(&key_file(role), revoked == Some(role))?;
             let name = match name_of(&names, role) {

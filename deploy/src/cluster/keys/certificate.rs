@@ -7,6 +7,7 @@ use rcgen::{
     BasicConstraints, CertificateParams, DistinguishedName, DnType, ExtendedKeyUsagePurpose, IsCa, Issuer, KeyPair,
     KeyUsagePurpose, PublicKeyData,
 };
+use skein_agent::link::security::Known;
 use time::{Duration, OffsetDateTime};
 use x509_parser::certificate::X509Certificate;
 use x509_parser::extensions::GeneralName;
@@ -158,6 +159,14 @@ impl Authority {
 pub(crate) fn expires(certificate: &str) -> Option<OffsetDateTime> {
     let pem = pem(certificate)?;
     Some(pem.parse_x509().ok()?.validity().not_after.to_datetime())
+}
+
+/// The common name and the key that a certificate shows.
+pub(crate) fn shows(certificate: &str) -> Option<Known> {
+    let pem = pem(certificate)?;
+    let shown = pem.parse_x509().ok()?;
+    let key: [u8; 32] = shown.public_key().subject_public_key.data.as_ref().try_into().ok()?;
+    Some(Known { name: common_name(&shown)?.to_owned(), key: key.into() })
 }
 
 /// Why this pair, signed by the authority with this certificate, does not serve as it should, if so.

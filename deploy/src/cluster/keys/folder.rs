@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 use skein_agent::link::security::{Known, known_by_vehicle};
 use skein_common::id::VehicleId;
 
-use super::certificate::Pair;
+use super::certificate::{Pair, shows};
 use crate::error::Error;
 use crate::os;
 
@@ -29,6 +29,11 @@ pub(crate) fn stem(role: Role) -> String {
         Role::Observer => "observer".to_owned(),
         Role::Operator => "operator".to_owned(),
     }
+}
+
+/// `vehicle-3`, or `vehicle-3.2` after it was revoked once, ...
+fn is_name_of(role: Role, name: &str) -> bool {
+    name.strip_prefix(&stem(role)).is_some_and(|rest| rest.is_empty() || rest.starts_with('.'))
 }
 
 /// File of the certificate.
@@ -139,6 +144,26 @@ impl Folder {
         let Some(text) = self.read(NAMES)? else { return Ok(None) };
         let bad = |why: String| Error::Refused(format!("{}: {why}", self.path(NAMES).display()));
         toml::from_str(&text).map(Some).map_err(|error| bad(error.message().to_owned()))
+    }
+
+    /// The names that certificates show, where nothing says which count: a revoked one must not come back because a file was
+    /// lost.
+    ///
+    /// # Errors
+    /// If a certificate cannot be read.
+    pub(crate) fn shown_names(&self) -> Result<Names, Error> {
+        let shown = |role| {
+            let of_role = |known: &Known| is_name_of(role, &known.name);
+            Ok::<_, Error>(self.read(&certificate_file(role))?.and_then(|text| shows(&text)).filter(of_role))
+        };
+        let name = |role| Ok::<_, Error>(shown(role)?.map(|known| known.name).unwrap_or_default());
+        let mut names = Names { observer: name(Role::Observer)?, operator: name(Role::Operator)?, ..Names::default() };
+        for id in VehicleId::first(VehicleId::MAX.into()) {
+            if let Some(known) = shown(Role::Vehicle(id))? {
+                names.vehicles.insert(id, known);
+            }
+        }
+        Ok(names)
     }
 
     /// As [`Self::names`], which have to be there.

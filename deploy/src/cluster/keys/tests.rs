@@ -166,6 +166,31 @@ fn renewing_keeps_the_name_and_revoking_takes_it() {
 }
 
 #[test]
+fn a_revoked_name_does_not_come_back_with_a_lost_file() {
+    let temporary = tempfile::tempdir().unwrap();
+    let inventory = lab(temporary.path(), 3, "");
+    let now = clock::utc();
+    make(&inventory, None, None, now).unwrap();
+    for role in [vehicle(2), vehicle(3), Role::Observer] {
+        make(&inventory, None, Some(Whose::One(role)), now).unwrap();
+    }
+    let folder = Folder(inventory.keys.clone());
+    let names = folder.need_names().unwrap();
+    assert_eq!(names.observer, "observer.2");
+    let lose = || fs::remove_file(folder.path(NAMES)).unwrap();
+    lose();
+    assert_eq!(done(&make(&inventory, None, None, now).unwrap()), []);
+    assert_eq!(folder.need_names().unwrap(), names);
+    // Nor do those of vehicles that are not in the cluster now, or have lost their key.
+    lose();
+    fs::remove_file(folder.path("vehicle-2.key")).unwrap();
+    make(&lab(temporary.path(), 2, ""), None, None, now).unwrap();
+    let anew = folder.need_names().unwrap();
+    let name = |number| anew.vehicles[&VehicleId::new(number).unwrap()].name.as_str();
+    assert_eq!((name(2), name(3)), ("vehicle-2.2", "vehicle-3.2"));
+}
+
+#[test]
 fn the_key_that_counts_is_the_certificates() {
     let temporary = tempfile::tempdir().unwrap();
     let inventory = lab(temporary.path(), 2, "");
