@@ -129,8 +129,6 @@ pub struct Facts {
     pub agent: Option<RunningAgent>,
     /// Free space where its files are, bytes.
     pub free_bytes: u64,
-    /// Its host's clock as it answered, nanoseconds since 1970.
-    pub utc_ns: u64,
 }
 
 /// A program and a configuration.

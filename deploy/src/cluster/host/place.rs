@@ -236,7 +236,6 @@ impl NodeFolder {
             service: self.settings().map(|settings| settings.service),
             agent,
             free_bytes: self.path.ancestors().find_map(|path| os::free_bytes(path).ok()).unwrap_or(0),
-            utc_ns: clock::Utc::read().nanoseconds(clock::now()),
         }
     }
 }
