@@ -93,13 +93,22 @@ pub fn run(args: &KeysArgs) -> Result<(), Error> {
         crate::say(&crate::json(&as_json(&inventory, &lines)));
     } else {
         crate::say(&as_table(&lines));
-        let next = match changed {
-            true => format!("next: skein cluster install -f {}", args.file.file.display()),
-            false => "nothing had to be done".to_owned(),
-        };
+        let next = if changed { next(args) } else { "nothing had to be done".to_owned() };
         crate::say(&format!("keys are in {}; {next}\n", inventory.keys.display()));
     }
     Ok(())
+}
+
+/// What makes the new keys felt. A vehicle with another key is not let in by those who know the one before: while they are
+/// restarted one by one, a part of the swarm would fly without it.
+fn next(args: &KeysArgs) -> String {
+    let file = args.file.file.display();
+    match args.revoke {
+        Some(Whose::One(Role::Vehicle(_))) => {
+            format!("next: skein cluster down, install, up, each with -f {file}: in flight not all would let it in")
+        }
+        _ => format!("next: skein cluster install -f {file}"),
+    }
 }
 
 /// Makes what is missing, no longer good, or asked for.

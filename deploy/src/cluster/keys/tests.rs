@@ -166,6 +166,16 @@ fn renewing_keeps_the_name_and_revoking_takes_it() {
 }
 
 #[test]
+fn a_vehicles_new_key_is_not_for_a_swarm_in_flight() {
+    let file = FileArgs { file: "cluster.toml".into() };
+    let next = |revoke| next(&KeysArgs { file: file.clone(), renew: None, revoke, json: false });
+    assert_eq!(next(None), "next: skein cluster install -f cluster.toml");
+    assert_eq!(next(Some(Whose::One(Role::Operator))), next(None));
+    let of_vehicle = next(Some(Whose::One(vehicle(3))));
+    assert!(of_vehicle.starts_with("next: skein cluster down, install, up, each with -f cluster.toml"), "{of_vehicle}");
+}
+
+#[test]
 fn a_revoked_name_does_not_come_back_with_a_lost_file() {
     let temporary = tempfile::tempdir().unwrap();
     let inventory = lab(temporary.path(), 3, "");
