@@ -151,7 +151,7 @@ impl Up<'_> {
         told
     }
 
-    /// Starts what does not run yet, where the host could be asked.
+    /// Starts what does not run yet, where the host could be asked; and the supervisor of what runs, if that has died.
     fn start(&self, run: u64, told: &Told, rows: &mut BTreeMap<VehicleId, Row>) {
         let hosts = self.chosen.hosts();
         let asked: Vec<_> =
@@ -162,12 +162,8 @@ impl Up<'_> {
             let mut all = Vec::new();
             for node in nodes.iter().filter(|node| seen[&node.id].why.is_none()) {
                 let ran = told.get(&node.id).is_some_and(Option::is_some);
-                let done = match ran {
-                    true => Ok(()),
-                    false => {
-                        self.remote.ask(host, node, Ask::Start { run }).map(drop).map_err(|why| why.sentence(host))
-                    }
-                };
+                let done = self.remote.ask(host, node, Ask::Start { run });
+                let done = done.map(drop).map_err(|why| why.sentence(host));
                 line.say(&match &done {
                     Ok(()) if ran => format!("node {} flies already", node.id),
                     Ok(()) => format!("node {} started", node.id),
@@ -277,8 +273,15 @@ fn draw() -> Result<u64, Error> {
 
 #[cfg(test)]
 mod tests {
+    #[cfg(unix)]
+    use std::fs;
+
     use super::*;
     use crate::cluster::inventory::tests::lab;
+    #[cfg(unix)]
+    use crate::cluster::protocol::{Facts, Installed};
+    #[cfg(unix)]
+    use crate::cluster::ssh::tests::local;
 
     #[test]
     fn no_two_runs_are_the_same() {
@@ -295,6 +298,30 @@ mod tests {
             let told: Told = VehicleId::first(hosts).map(|id| (id, None)).collect();
             assert_eq!(may_fly_unknown(&lab(folder.path(), 2, more), &told), may, "{more} {told:?}");
         }
+    }
+
+    #[test]
+    #[cfg(unix)]
+    fn what_flies_is_started_too_for_its_supervisor_may_have_died() {
+        let folder = tempfile::tempdir().unwrap();
+        let (ssh, inventory) = (local(folder.path()), lab(folder.path(), 1, ""));
+        let installed = Installed { release: "r1".to_owned(), bundle: "00".to_owned() };
+        let agent = RunningAgent { pid: 7, installed, run: 5, restarts: 0 };
+        let facts = Facts { agent: Some(agent.clone()), ..Facts::default() };
+        let answer = serde_json::to_string(&Answer::Done { changed: false, forced: false, facts }).unwrap();
+        let program = folder.path().join("home/.skein/lab/releases/r1/skein");
+        fs::create_dir_all(program.parent().unwrap()).unwrap();
+        fs::write(&program, format!("#!/bin/sh\nread -r asked\necho \"$asked\" >asked\necho '{answer}'\n")).unwrap();
+        crate::os::set_mode(&program, 0o755).unwrap();
+        let chosen = Chosen { ids: inventory.nodes.keys().copied().collect(), inventory };
+        let mut rows: BTreeMap<_, _> = chosen.nodes().map(|node| (node.id, Row::new(node))).collect();
+        let remote = Remote { ssh: &ssh, swarm: &chosen.inventory.swarm };
+        let up = Up { remote, chosen: &chosen, progress: &Progress::new(true) };
+        let told: Told = chosen.ids.iter().map(|id| (*id, Some(agent.clone()))).collect();
+        up.start(5, &told, &mut rows);
+        let asked = fs::read_to_string(folder.path().join("home/asked")).unwrap();
+        assert!(asked.contains(r#""Start":{"run":5}"#), "{asked}");
+        assert!(rows.values().all(|row| row.ran && row.started_s.is_some() && row.why.is_none()), "{rows:?}");
     }
 
     #[test]
