@@ -86,7 +86,7 @@ pub fn run(command: Command) -> ExitCode {
         Command::Cluster(args) => cluster::run(&args),
         Command::Node(args) => host::run(&args),
         // Both have exit statuses and logs of their own.
-        Command::Agent(options) => return skein_agent::run::program(&options),
+        Command::Agent(options) => return host::fly(&options),
         Command::Standin(options) => standin(&options),
     };
     done.map_or_else(|error| error.report(), |()| ExitCode::SUCCESS)

@@ -182,10 +182,13 @@ fn a_node_is_installed_started_kept_alive_landed_and_taken_away() {
     let (changed, facts) = host.done("r1", Ask::Start { run: 8 });
     assert!(!changed && facts.agent == Some(agent.clone()), "what runs goes on, in its run");
 
-    // Killed, it is started again, and its supervisor with the next request.
+    // Killed, it is started again, and its supervisor with the next request. What it has left goes.
+    let sockets = host.swarm().join("node-1/run/skein-1-0");
+    fs::create_dir(&sockets).unwrap();
     kill(agent.pid);
     let (agent, restarts) = host.restarted(agent.pid);
     assert_eq!(restarts, 1);
+    assert!(!sockets.exists());
     kill(host.supervisor());
     assert!(runs(agent), "it flies on without");
     let (changed, facts) = host.done("r1", Ask::Start { run: 9 });
@@ -228,6 +231,13 @@ fn a_node_is_installed_started_kept_alive_landed_and_taken_away() {
     let (_, facts) = host.done("r2", Ask::Start { run: 10 });
     let agent = facts.agent.unwrap();
     assert_eq!((agent.installed.release.as_str(), agent.run, agent.restarts), ("r1", 10, 0));
+    // Landed by itself, it is not started again, also by a supervisor that did not start it.
+    kill(host.supervisor());
+    assert!(host.done("r2", Ask::Start { run: 10 }).0);
+    kill_process(pid(agent.pid), Signal::TERM).unwrap();
+    wait_until("its end and the supervisor's", || processes(host.folder.path().to_str().unwrap()).is_empty());
+    assert!(host.log().ends_with("supervisor: ends\n"), "{}", host.log());
+    assert!(host.done("r2", Ask::Start { run: 11 }).1.agent.is_some_and(|agent| agent.restarts == 0));
     let mut follower = host.node("r1");
     let mut follower_input = follower.stdin.take().unwrap();
     follower_input.write_all(&Host::request(Ask::Log { lines: 1, follow: true })).unwrap();

@@ -22,12 +22,14 @@ mod supervisor;
 mod systemd;
 
 use std::io::{self, Read};
+use std::process::ExitCode;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::thread;
 use std::time::Duration;
 
 use serde::Deserialize;
+use skein_agent::config::AgentOptions;
 use skein_common::id::VehicleId;
 
 use super::protocol::{Answer, Ask, Request};
@@ -65,6 +67,11 @@ pub fn run(args: &NodeArgs) -> Result<(), Error> {
     let answer = serde_json::to_string(&answer).map_err(|error| Error::Failed(error.to_string()))?;
     crate::say(&format!("{answer}\n"));
     Ok(())
+}
+
+/// `skein agent`: flies one vehicle.
+pub fn fly(options: &AgentOptions) -> ExitCode {
+    service::fly(options)
 }
 
 /// The first value of the input, which need not end after it.

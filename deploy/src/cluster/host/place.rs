@@ -8,6 +8,8 @@
 //!                            log/agent.log, .1, ...          what the agent wrote, under our own supervisor
 //!                            run/active                      a link to the install that was started last
 //!                                started.json, agent.json    in which run; the agent's process
+//!                                ended                       left by an agent that has ended well
+//!                                skein-*                     the agent's sockets, if its service has no folder for them
 //!                                lock, supervisor            held by a request and by the supervisor
 //! ```
 
@@ -167,6 +169,10 @@ impl NodeFolder {
 
     pub(super) fn agent_path(&self) -> PathBuf {
         self.run().join("agent.json")
+    }
+
+    pub(super) fn ended_path(&self) -> PathBuf {
+        self.run().join("ended")
     }
 
     pub(super) fn supervisor_path(&self) -> PathBuf {

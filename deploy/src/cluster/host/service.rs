@@ -1,9 +1,12 @@
 //! Starting and stopping a node's agent, whoever it is that starts it again when it has died.
 
-use std::path::Path;
-use std::process::{Command, Stdio};
+use std::ffi::OsString;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Command, ExitCode, Stdio};
 use std::time::{Duration, Instant};
 
+use skein_agent::config::AgentOptions;
 use skein_agent::run::{LIFE, RELEASE};
 
 use super::files::{self, at};
@@ -15,6 +18,10 @@ use crate::cluster::inventory::ServiceKind;
 use crate::cluster::protocol::Service;
 use crate::{clock, os};
 
+/// Environment variable that names the file which an agent leaves when it has ended well.
+const ENDED: &str = "SKEIN_ENDED";
+/// Environment variable that names the folder which systemd has made for a service.
+const RUNTIME_DIRECTORY: &str = "RUNTIME_DIRECTORY";
 /// Between two looks at a process.
 const LOOK: Duration = Duration::from_millis(20);
 /// A process that was started is there within this time, and one that was killed is gone.
@@ -161,6 +168,11 @@ pub(super) fn become_agent(node: &NodeFolder) -> Result<(), String> {
         return Err(format!("node {} was not started by a request", node.id));
     };
     let restarts = node.last_agent().map(|last| last.restarts + 1);
+    // Of one that has died: its sockets, and that an earlier one had ended well.
+    let left = files::entries(&node.run()).into_iter().filter(|path| is_socket_folder(path));
+    for path in left.chain([node.ended_path()]) {
+        files::remove(&path).map_err(at(&path))?;
+    }
     let agent = AgentProcess { process: Process::own(), restarts: restarts.unwrap_or(0) };
     node.set_agent(&agent)?;
     let program = std::env::current_exe().map_err(|error| error.to_string())?;
@@ -173,12 +185,36 @@ pub(super) fn become_agent(node: &NodeFolder) -> Result<(), String> {
         command.arg("--flown-s").arg(format!("{flown_s:.3}"));
     }
     command.env(RELEASE, &started.installed.release).env(LIFE, node.run().join("life"));
+    command.env(ENDED, node.ended_path());
     // Where its sockets are, and what a crash of it is to tell.
-    command.env("RUNTIME_DIRECTORY", node.run()).env("RUST_BACKTRACE", "1");
+    let given = std::env::var_os(RUNTIME_DIRECTORY);
+    command.env(RUNTIME_DIRECTORY, sockets(node, settings.service, given)).env("RUST_BACKTRACE", "1");
     if let Some(log) = &settings.log {
         command.env("RUST_LOG", log);
     }
     Err(at(&program)(os::become_program(&mut command)))
+}
+
+/// Flies one vehicle. An agent that has ended well leaves a mark, if whoever started it wants one: a supervisor that was not
+/// there yet is not told how it ends.
+pub(super) fn fly(options: &AgentOptions) -> ExitCode {
+    let status = skein_agent::run::program(options);
+    if let Some(mark) = std::env::var_os(ENDED).filter(|_| status == ExitCode::SUCCESS) {
+        // Without it the agent is started again.
+        let _ = fs::write(mark, "");
+    }
+    status
+}
+
+/// Where an agent has the folder of its sockets: in the one that goes with its service, if it was given one.
+pub(super) fn sockets(node: &NodeFolder, service: Service, given: Option<OsString>) -> PathBuf {
+    let given = given.filter(|_| service != Service::Own);
+    given.map_or_else(|| node.run(), PathBuf::from)
+}
+
+/// As the agent's links name it.
+fn is_socket_folder(path: &Path) -> bool {
+    files::name(path).is_some_and(|name| name.starts_with("skein-"))
 }
 
 /// The last that the agent wrote, as the end of a sentence.

@@ -2,6 +2,7 @@
 //! costs the log and the next restart, never the flight; the next one takes the agent on that it finds.
 
 use std::io;
+use std::path::Path;
 use std::process::{Child, Command, ExitStatus, Stdio};
 use std::sync::mpsc::{self, Receiver};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -51,7 +52,7 @@ struct Supervisor<'a> {
 enum Agent {
     /// Started by this process; what it writes is told to be read to its end.
     Own(Child, Receiver<()>),
-    /// Of a supervisor that has died. How it ends cannot be told.
+    /// Of a supervisor that has died. Only a mark tells whether it has ended well.
     Found(Process),
 }
 
@@ -63,11 +64,12 @@ impl Agent {
         }
     }
 
-    /// How it has ended, as far as that is known, if it has.
-    fn ended(&mut self) -> Option<Option<ExitStatus>> {
+    /// How it has ended, as far as that is known, if it has; `mark` is there then, if it has ended well.
+    fn ended(&mut self, mark: &Path) -> Option<Option<ExitStatus>> {
         match self {
             Self::Own(child, _) => child.try_wait().ok()?.map(Some),
-            Self::Found(process) => (!process.is_running()).then_some(None),
+            Self::Found(process) if process.is_running() => None,
+            Self::Found(_) => Some(mark.exists().then(ExitStatus::default)),
         }
     }
 }
@@ -117,13 +119,14 @@ impl Supervisor<'_> {
 
     /// Waits for the agent's end. Being asked to end is passed on.
     fn watch(&mut self, mut agent: Agent) -> Option<ExitStatus> {
+        let mark = self.node.ended_path();
         let status = loop {
             let asked = self.interrupts.count();
             for _ in self.passed_on..asked {
                 agent.ask_to_end();
             }
             self.passed_on = asked;
-            if let Some(status) = agent.ended() {
+            if let Some(status) = agent.ended(&mark) {
                 break status;
             }
             clock::sleep(LOOK);

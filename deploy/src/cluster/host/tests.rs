@@ -83,6 +83,16 @@ fn what_cannot_be_done_is_said_and_writes_nothing() {
 }
 
 #[test]
+fn sockets_are_where_they_go_with_the_agent() {
+    let folder = tempfile::tempdir().unwrap();
+    let node = place(folder.path()).node(VehicleId::new(1).unwrap());
+    let given = || Some("/run/skein-lab-1".into());
+    assert_eq!(service::sockets(&node, Service::SystemdSystem, given()), Path::new("/run/skein-lab-1"));
+    assert_eq!(service::sockets(&node, Service::SystemdSystem, None), node.run(), "an older systemd tells none");
+    assert_eq!(service::sockets(&node, Service::Own, given()), node.run(), "somebody else's");
+}
+
+#[test]
 fn the_rest_of_the_input_is_not_waited_for() {
     let (input, mut output) = io::pipe().unwrap();
     let request = r#"{"swarm":"lab","id":1,"ask":{"Log":{"lines":3,"follow":true}}}"#;
