@@ -15,6 +15,8 @@ use rcgen::{CertificateParams, DnType, ExtendedKeyUsagePurpose, Issuer, KeyPair,
 use rustls_pki_types::CertificateDer;
 use rustls_pki_types::pem::PemObject;
 use serde_json::json;
+use skein::cluster::inventory::Inventory;
+use skein::reach::Role;
 use skein_agent::link::seal::Sealer;
 use skein_agent::link::seal::words::{ADDED_BYTES, Voices};
 use skein_agent::link::security::{Known, Tls};
@@ -52,10 +54,14 @@ pub(super) fn equip(lab: &Lab) {
     lab.operator().sh("mkdir other && cp lab/*.toml other").good();
     lab.skein("cluster keys -f other/cluster.toml", 30).good();
     let others = lab.operator().path("/root/other/keys");
+    let inventory = Inventory::read(&lab.operator().path("/root/lab/cluster.toml")).unwrap();
+    let Security::Tls(tls) = inventory.reach(Role::Observer).unwrap().security else { panic!("it is secured") };
+    let known = serde_json::to_string(&tls.vehicles.values().collect::<Vec<_>>()).unwrap();
     let folder = |who: &str| {
         let folder = lab.stranger().path("/root").join(who);
         fs::create_dir_all(&folder).unwrap();
         fs::copy(keys.join("authority.pem"), folder.join("authority.pem")).unwrap();
+        fs::write(folder.join("known.json"), &known).unwrap();
         folder
     };
     folder("none");
@@ -177,8 +183,8 @@ fn open(who: &str) -> Sessions {
         false => ("tcp", Security::Plain),
         true => {
             // It lets everybody in.
-            let known = |id: VehicleId| Known { name: format!("vehicle-{id}"), key: [0; 32].into() };
-            let vehicles = VehicleId::first(HOSTS.into()).map(|id| (id, known(id))).collect();
+            let known: Vec<Known> = serde_json::from_slice(&fs::read(folder.join("known.json")).unwrap()).unwrap();
+            let vehicles = VehicleId::first(HOSTS.into()).zip(known).collect();
             let (observer, operator) = ("observer".to_owned(), "operator".to_owned());
             ("tls", Security::Tls(Tls { authority, certificate, key, vehicles, observer, operator }))
         }
