@@ -72,13 +72,12 @@ pub fn run(args: &UninstallArgs) -> Result<(), Error> {
         for node in nodes {
             let begun = clock::now();
             let mut outcome = Outcome::new(node);
-            // It may fly, for all that is known.
-            if let Some(Err(why)) = asked.get(&node.id) {
-                outcome.fail(why.clone());
-                all.push(outcome);
-                continue;
-            }
-            match remote.ask(host, node, Ask::Remove { within_s }) {
+            let removed = match asked.get(&node.id) {
+                // It may fly, for all that is known.
+                Some(Err(why)) => Err(Fault::Failed(why.clone())),
+                _ => remote.ask(host, node, Ask::Remove { within_s }),
+            };
+            match removed {
                 Ok(Answer::Done { forced: by_force, .. }) if by_force || forced.contains(&node.id) => {
                     outcome.fail(format!("removed, but {FORCED}"));
                 }
