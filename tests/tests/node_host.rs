@@ -179,6 +179,7 @@ fn a_node_is_installed_started_kept_alive_landed_and_taken_away() {
     let (changed, facts) = host.done("r1", Ask::Start { run: 7 });
     let agent = facts.agent.unwrap();
     assert!(changed && (agent.run, agent.restarts) == (7, 0));
+    assert_eq!(agent.landing_s, 68.0, "a minute, and 4 m at half a metre a second");
     let (changed, facts) = host.done("r1", Ask::Start { run: 8 });
     assert!(!changed && facts.agent == Some(agent.clone()), "what runs goes on, in its run");
 

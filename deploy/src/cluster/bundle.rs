@@ -9,6 +9,9 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
+/// The file of the scenario.
+pub const SCENARIO: &str = "scenario.toml";
+
 /// A node's files, by their path below its folder: relative, of plain names, with `/` between them.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Bundle {

@@ -151,4 +151,7 @@ pub struct RunningAgent {
     pub run: u64,
     /// How often it has died and was started again in this run.
     pub restarts: u32,
+    /// Whoever flies the scenario that it was started with has landed within this time, s; 0 if that is not known.
+    #[serde(default)]
+    pub landing_s: f64,
 }

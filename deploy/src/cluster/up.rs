@@ -306,7 +306,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let (ssh, inventory) = (local(folder.path()), lab(folder.path(), 1, ""));
         let installed = Installed { release: "r1".to_owned(), bundle: "00".to_owned() };
-        let agent = RunningAgent { pid: 7, installed, run: 5, restarts: 0 };
+        let agent = RunningAgent { pid: 7, installed, run: 5, restarts: 0, landing_s: 0.0 };
         let facts = Facts { agent: Some(agent.clone()), ..Facts::default() };
         let answer = serde_json::to_string(&Answer::Done { changed: false, forced: false, facts }).unwrap();
         let program = folder.path().join("home/.skein/lab/releases/r1/skein");

@@ -12,7 +12,7 @@ use skein_common::id::VehicleId;
 use skein_common::scenario::{self, Loaded, PlantKind, Source};
 use toml::Value as Toml;
 
-use super::{Bundle, BundleFile};
+use super::{Bundle, BundleFile, SCENARIO};
 use crate::clock;
 use crate::cluster::inventory::{Install, Inventory, Node, SecurityKind};
 use crate::cluster::keys::certificate::{Unfit, unfit};
@@ -100,7 +100,7 @@ impl Bundle {
             sets.push(format!("{COMMAND}={}", Toml::from(command)));
             loaded = load(&sets)?;
         }
-        self.add("scenario.toml", loaded.to_toml());
+        self.add(SCENARIO, loaded.to_toml());
         Ok(())
     }
 

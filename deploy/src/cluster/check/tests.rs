@@ -104,7 +104,7 @@ fn another_version_is_found_whether_installed_or_running() {
     let node = inventory.nodes.values().next().unwrap();
     let installed = |release: &str, bundle: &str| Installed { release: release.to_owned(), bundle: bundle.to_owned() };
     let wanted = installed("2", "b");
-    let running = |installed, restarts| Some(RunningAgent { pid: 7, installed, run: 1, restarts });
+    let running = |installed, restarts| Some(RunningAgent { pid: 7, installed, run: 1, restarts, landing_s: 0.0 });
     let of = |current: Installed, agent| {
         let facts = Facts { current: Some(current), agent, ..Facts::default() };
         host::of_version(node, &facts, &wanted, "lab.toml")

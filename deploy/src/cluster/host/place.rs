@@ -20,12 +20,14 @@ use std::time::Duration;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use skein_common::id::{SwarmName, VehicleId};
+use skein_common::scenario::{Source, load};
 
 use super::files::{self, Lock, at};
 use super::process::Process;
 use super::systemd::Systemd;
+use crate::cluster::bundle::SCENARIO;
 use crate::cluster::protocol::{Facts, Installed, RunningAgent, Service};
-use crate::{clock, os};
+use crate::{clock, landing, os};
 
 /// The program's name, in a release and in an install.
 pub(super) const PROGRAM: &str = "skein";
@@ -232,6 +234,7 @@ impl NodeFolder {
     pub(super) fn facts(&self) -> Facts {
         let agent = self.agent().zip(self.started()).map(|(agent, started)| RunningAgent {
             pid: agent.process.pid,
+            landing_s: landing_s(&self.install(&started.installed)),
             installed: started.installed,
             run: started.run,
             restarts: agent.restarts,
@@ -244,6 +247,13 @@ impl NodeFolder {
             free_bytes: self.path.ancestors().find_map(|path| os::free_bytes(path).ok()).unwrap_or(0),
         }
     }
+}
+
+/// How long a landing may take of whoever flies what is installed here, s; 0 if it cannot be read.
+fn landing_s(install: &Path) -> f64 {
+    let text = fs::read_to_string(install.join(SCENARIO)).ok();
+    let loaded = text.and_then(|text| load(&Source { name: SCENARIO, text: &text }, &[]).ok());
+    loaded.map_or(0.0, |loaded| landing::limit_of(&loaded.scenario).as_secs_f64())
 }
 
 /// The name of an install's folder.

@@ -25,13 +25,15 @@ pub(super) struct Restart<'a> {
     pub(super) node: &'a Node,
     /// In this run of the swarm.
     pub(super) run: u64,
+    /// What it flies now has landed within this time, s.
+    pub(super) landing_s: f64,
 }
 
 impl<'a> Restart<'a> {
     /// If it runs something else than what is current.
     pub(super) fn needed(host: &Host, node: &'a Node, facts: &Facts) -> Option<Self> {
         let agent = facts.agent.as_ref().filter(|agent| Some(&agent.installed) != facts.current.as_ref())?;
-        Some(Self { host: host.clone(), node, run: agent.run })
+        Some(Self { host: host.clone(), node, run: agent.run, landing_s: agent.landing_s })
     }
 }
 
@@ -45,7 +47,6 @@ pub(super) fn roll(
     rows: &mut BTreeMap<VehicleId, Row>,
 ) -> Result<(), Error> {
     let mut watch = Watch::open(&inventory.reach(Role::Observer)?, 0)?;
-    let landing_s = inventory.landing_s();
     let within = Duration::from_secs_f64(timeout_s);
     let mut stopped_at = None;
     for restart in restarts {
@@ -57,6 +58,8 @@ pub(super) fn roll(
         let line = progress.line(&format!("node {}", restart.node.id));
         let begun = clock::now();
         watch.run = restart.run;
+        // It may fly higher by what it had than by what it has now.
+        let landing_s = inventory.landing_s().max(restart.landing_s);
         let life = watch.life(restart.node.id);
         let mut comes_back = |line: &Line<'_>| {
             done(&restart.host, remote.ask(&restart.host, restart.node, Ask::Stop { within_s: landing_s }))?;

@@ -16,12 +16,12 @@ fn installed(release: &str) -> Installed {
 #[test]
 fn only_a_vehicle_that_flies_something_else_is_restarted() {
     let node = node(3, Some("heli1"));
-    let agent = |release| RunningAgent { pid: 1, installed: installed(release), run: 7, restarts: 0 };
+    let agent = |release| RunningAgent { pid: 1, installed: installed(release), run: 7, restarts: 0, landing_s: 660.0 };
     let needed = |current, agent: Option<RunningAgent>| {
         let facts = Facts { current: Some(installed(current)), agent, ..Facts::default() };
-        Restart::needed(&heli("heli1"), &node, &facts).map(|restart| restart.run)
+        Restart::needed(&heli("heli1"), &node, &facts).map(|restart| (restart.run, restart.landing_s))
     };
-    assert_eq!(needed("new", Some(agent("old"))), Some(7));
+    assert_eq!(needed("new", Some(agent("old"))), Some((7, 660.0)));
     assert_eq!(needed("new", Some(agent("new"))), None);
     assert_eq!(needed("new", None), None);
 }
