@@ -46,6 +46,8 @@ const PANEL_PX: f64 = 250.0;
 const MOST_DOTS: usize = 200;
 /// Lines of different colours in a panel.
 const MOST_LINES: usize = 6;
+/// Points with longer names are numbered below an axis.
+const LONGEST_NAME: usize = 14;
 /// More recorded flights make no page that anybody reads.
 const MOST_FLIGHTS: usize = 6;
 
@@ -62,6 +64,11 @@ struct Point<'a> {
 impl Point<'_> {
     fn name(&self) -> String {
         self.values.join(", ")
+    }
+
+    /// Of a study's point; what the folder is called, of any other.
+    fn number(&self) -> &str {
+        self.place.strip_prefix("point-").unwrap_or(&self.place)
     }
 
     fn measured(&self) -> Vec<Measured> {
@@ -198,10 +205,11 @@ fn of_points(swept: &[String], points: &[Point<'_>]) -> Part {
     let row = |point: &Point<'_>| {
         let seed = worst_and_median(&point.measured()).map(|(worst, _)| worst.to_string()).unwrap_or_default();
         let cells = keys.iter().map(|key| cell(point, key));
-        let values = point.values.iter().cloned().chain([point.runs.len().to_string()]);
+        let number = (!swept.is_empty()).then(|| point.number().to_owned());
+        let values = number.into_iter().chain(point.values.iter().cloned()).chain([point.runs.len().to_string()]);
         values.chain(cells).chain([seed]).collect()
     };
-    let names = if swept.is_empty() { vec!["folder".to_owned()] } else { swept.to_vec() };
+    let names = if swept.is_empty() { vec!["folder".to_owned()] } else { [&["point".to_owned()], swept].concat() };
     let head = names.into_iter().chain(["runs".to_owned()]).chain(keys.iter().map(|key| (*key).to_owned()));
     Part::Table {
         caption: "Median [worst] of the runs at each point.".to_owned(),
@@ -232,8 +240,15 @@ fn values(point: &Point<'_>, key: &str) -> (Vec<f64>, usize) {
 /// Every run of every point as a dot, with the quartiles and the median.
 fn spread(swept: &[String], points: &[Point<'_>], subject: &str) -> Option<Figure> {
     let keys = drawn(points);
-    let names = || points.iter().enumerate().map(|(nth, point)| (nth as f64 + 1.0, point.name())).collect::<Vec<_>>();
-    let what = if points.len() == 1 { "all runs".to_owned() } else { short(swept).join(", ") };
+    // Tables and lists are too long to stand side by side.
+    let is_long = !swept.is_empty() && points.iter().any(|point| point.name().chars().count() > LONGEST_NAME);
+    let name = |point: &Point<'_>| if is_long { point.number().to_owned() } else { point.name() };
+    let names = || points.iter().enumerate().map(|(nth, point)| (nth as f64 + 1.0, name(point))).collect::<Vec<_>>();
+    let what = match points {
+        [_] => "all runs".to_owned(),
+        _ if is_long => "point".to_owned(),
+        _ => short(swept).join(", "),
+    };
     let panel = |key: &&str| {
         let mut panel = Panel::new(Axis::named(&what, names()), axis(key));
         if points.len() == 1 {

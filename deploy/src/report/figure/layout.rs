@@ -18,6 +18,8 @@ const LINE_PX: f64 = 16.0;
 const WIDEST_NAME_PX: f64 = 150.0;
 /// Numbers beside the y axis are this far apart at least, px.
 const TICKS_PX: f64 = 38.0;
+/// And numbers below the x axis.
+const TICKS_ACROSS_PX: f64 = 80.0;
 
 /// A panel's plot, and how numbers become pixels in it.
 struct Plot {
@@ -72,14 +74,20 @@ fn scales(panel: &Panel) -> [Scale; 2] {
 /// Left and right of each panel's plot, px. Panels above each other have plots above each other.
 pub(super) fn margins(panels: &[Panel], place: impl Fn(&Panel) -> [f64; 4]) -> Vec<[f64; 2]> {
     let own = |panel: &Panel| {
-        let [_, top, _, bottom] = place(panel);
-        let ticks = panel.y.ticks(&scales(panel)[1], bottom - top, TICKS_PX);
-        let left_px = ticks.iter().map(|(_, text)| text_width(text, SMALL_PX)).fold(0.0, f64::max);
+        let [left, top, right, bottom] = place(panel);
+        let [x, y] = scales(panel);
+        let ticks = panel.y.ticks(&y, bottom - top, TICKS_PX);
+        let left_px = 36.0 + ticks.iter().map(|(_, text)| text_width(text, SMALL_PX)).fold(0.0, f64::max);
+        // A number stands around its tick, and the last tick may be at the very end.
+        let width_px = right - left - left_px;
+        let beyond_px = |(at, text): &(f64, String)| text_width(text, SMALL_PX) / 2.0 - (1.0 - x.share(*at)) * width_px;
+        let x_ticks = if panel.x.is_named() { Vec::new() } else { panel.x.ticks(&x, width_px, TICKS_ACROSS_PX) };
+        let right_px = x_ticks.iter().map(beyond_px).fold(16.0, f64::max);
         let names_px = panel.items.iter().filter_map(|item| match &item.name {
             Name::AtEnd(name) => Some(text_width(name, SMALL_PX) + 14.0),
             Name::None | Name::InLegend(_) => None,
         });
-        [36.0 + left_px, names_px.fold(16.0, f64::max).min(WIDEST_NAME_PX)]
+        [left_px, names_px.fold(right_px, f64::max).min(WIDEST_NAME_PX)]
     };
     let all: Vec<_> = panels.iter().map(|panel| (panel.place[0], panel.place[2], own(panel))).collect();
     let widest = |(left, right, _): &(f64, f64, [f64; 2])| {
@@ -138,7 +146,7 @@ fn axes<DB: DrawingBackend>(panel: &Panel, plot: &Plot, left: f64, canvas: &Canv
     let Plot { top, right, bottom, .. } = *plot;
     canvas.line(&[[plot.left, top], [plot.left, bottom], [right, bottom]], 1.0, Colour::BLACK)?;
     let widest_px = panel.x.names().map(|name| text_width(name, SMALL_PX) + 10.0).fold(0.0, f64::max);
-    let apart_px = if panel.x.is_named() { widest_px } else { 80.0 };
+    let apart_px = if panel.x.is_named() { widest_px } else { TICKS_ACROSS_PX };
     for (number, text) in panel.x.ticks(&plot.x, right - plot.left, apart_px) {
         let x = plot.x_px(number);
         canvas.line(&[[x, bottom], [x, bottom + 4.0]], 1.0, Colour::BLACK)?;
@@ -423,6 +431,15 @@ mod tests {
         assert_eq!(apart(&[98.0, 99.0], 10.0, 0.0, 100.0), [90.0, 100.0]);
         assert_eq!(apart(&[0.0, 1.0, 30.0], 10.0, 0.0, 100.0), [0.0, 10.0, 30.0]);
         assert!(apart(&[], 10.0, 0.0, 100.0).is_empty());
+    }
+
+    #[test]
+    fn the_last_number_below_an_axis_has_room() {
+        let axis = |to| crate::report::figure::Axis::new("bandwidth", "bit/s").within(0.0, to);
+        let right_px = |to| margins(&[Panel::new(axis(to), axis(1.0))], |_| [0.0, 0.0, 300.0, 250.0])[0][1];
+        let last_px = text_width("1,000,000", SMALL_PX);
+        assert!((right_px(1e6) - last_px / 2.0).abs() < 1e-9);
+        assert!(right_px(1.24e6) < last_px / 2.0, "the last number is not at the end");
     }
 
     #[test]
