@@ -173,8 +173,10 @@ impl Agent {
         let wish = self.last.wish.as_ref();
         let view = View {
             partners: self.peers.partners(),
+            misses_any: self.peers.misses_any(),
             alone: response == Response::HoldPlace,
             altitude_error_m: wish.map(|wish| wish.altitude_error_m(estimate)),
+            collective_limit: self.controller.collective_limit(),
             in_place: wish.is_some_and(|wish| wish.in_place),
             failure: self.diagnosis.worst(),
         };
@@ -296,6 +298,11 @@ impl Agent {
         let mut failures: Vec<Failure> = self.diagnosis.found().chain(stuck).collect();
         failures.sort_unstable();
         failures
+    }
+
+    /// The edge tells, before the next step, that this agent did not run for so long: its computer does not keep up.
+    pub fn did_not_run(&mut self, for_s: f64) {
+        self.peers.did_not_run(for_s);
     }
 
     /// What was dropped so far; what the edges drop is theirs to add.

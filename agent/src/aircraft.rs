@@ -1,9 +1,13 @@
 //! What is particular to one type of aircraft: its hover trim, its flight model's parameters, its controls in X-Plane.
 
+use std::ops::Range;
+
 use serde::Deserialize;
+use skein_common::scenario::Source;
+use toml::de::{DeTable, DeValue};
 
 use crate::control::Trim;
-use crate::plant::helicopter::{ParameterError, Parameters};
+use crate::plant::helicopter::Parameters;
 use crate::plant::xplane::Profile;
 
 /// An aircraft file, `deploy/aircraft/*.toml`.
@@ -22,15 +26,19 @@ pub struct Aircraft {
     pub xplane: Profile,
 }
 
-/// Why a text is no aircraft.
-#[derive(Debug, thiserror::Error)]
-pub enum AircraftError {
-    /// Not TOML, or not the keys of an aircraft.
-    #[error("{0}: {1}")]
-    Text(String, Box<toml::de::Error>),
-    /// Parameters that no helicopter can have.
-    #[error("{0}: {1}")]
-    Parameters(String, ParameterError),
+/// What is wrong with an aircraft file, and where: not TOML, not the keys of an aircraft, or parameters that no helicopter
+/// can have.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("{file}:{line}:{column}: {message}")]
+pub struct AircraftError {
+    /// The file as the caller named it.
+    pub file: String,
+    /// Counted from 1.
+    pub line: usize,
+    /// In characters, counted from 1.
+    pub column: usize,
+    /// What is wrong, in one line.
+    pub message: String,
 }
 
 /// Share of its speed in flight at which a rotor lifts.
@@ -55,13 +63,38 @@ impl Aircraft {
 
     /// The aircraft in this text; `name` is for messages.
     pub fn from_text(name: &str, text: &str) -> Result<Self, AircraftError> {
-        let aircraft: Self =
-            toml::from_str(text).map_err(|error| AircraftError::Text(name.to_owned(), Box::new(error)))?;
+        let fault = |at: usize, message: String| {
+            let (line, column) = Source { name, text }.position(at);
+            AircraftError { file: name.to_owned(), line, column, message }
+        };
+        let aircraft: Self = toml::from_str(text).map_err(|error| {
+            let at = error.span().map_or(0, |span| span.start);
+            fault(at, error.message().replace('\n', " "))
+        })?;
         if let Some(parameters) = &aircraft.helicopter {
-            parameters.check().map_err(|error| AircraftError::Parameters(name.to_owned(), error))?;
+            parameters.check().map_err(|error| {
+                let at = span_of(text, &error.key()).map_or(0, |span| span.start);
+                fault(at, error.to_string())
+            })?;
         }
         Ok(aircraft)
     }
+}
+
+/// Where the value of this dotted key stands in a TOML text; `None` if it is not there.
+fn span_of(text: &str, key: &str) -> Option<Range<usize>> {
+    let root = DeTable::parse(text).ok()?;
+    let mut table = root.get_ref();
+    let mut span = None;
+    for name in key.split('.') {
+        let (_, value) = table.iter().find(|(known, _)| known.get_ref() == name)?;
+        span = Some(value.span());
+        match value.get_ref() {
+            DeValue::Table(inner) => table = inner,
+            _ => return span,
+        }
+    }
+    span
 }
 
 #[cfg(test)]
@@ -79,10 +112,23 @@ mod tests {
 
     #[test]
     fn a_wrong_aircraft_is_refused() {
-        assert!(Aircraft::from_text("x", "wings = 2").unwrap_err().to_string().contains("wings"));
         let shipped = Aircraft::SHIPPED[0].1;
-        let weightless = shipped.replacen("mass_kg = 8.2", "mass_kg = -8.2", 1);
-        assert_ne!(weightless, shipped);
-        assert!(matches!(Aircraft::from_text("x", &weightless), Err(AircraftError::Parameters(..))));
+        let refusal = |from: &str, to: &str| {
+            let broken = shipped.replacen(from, to, 1);
+            assert_ne!(broken, shipped);
+            let line = 1 + broken.lines().position(|line| line.contains(to.lines().last().unwrap())).unwrap();
+            (Aircraft::from_text("my/x.toml", &broken).unwrap_err().to_string(), line)
+        };
+        let (weightless, line) = refusal("mass_kg = 8.2", "mass_kg = -8.2");
+        let rule = "helicopter.mass_kg = -8.2: must be finite and greater than 0";
+        assert_eq!(weightless, format!("my/x.toml:{line}:11: {rule}"));
+        let (unknown, line) = refusal("[trim]", "[trim]\nwings = 2");
+        assert!(unknown.starts_with(&format!("my/x.toml:{line}:1: unknown field `wings`")), "{unknown}");
+        let (no_number, line) = refusal("mass_kg = 8.2", "mass_kg = 'heavy'");
+        assert!(no_number.starts_with(&format!("my/x.toml:{line}:11: invalid type")), "{no_number}");
+        let no_toml = Aircraft::from_text("x.toml", "\n\n[trim").unwrap_err();
+        assert!(no_toml.line == 3 && !no_toml.to_string().contains('\n'), "{no_toml}");
+        let without_trim = Aircraft::from_text("x.toml", "").unwrap_err().to_string();
+        assert_eq!(without_trim, "x.toml:1:1: missing field `trim`");
     }
 }

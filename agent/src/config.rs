@@ -52,8 +52,8 @@ pub struct AgentOptions {
     /// How long an earlier agent has flown the vehicle, s: the scenario's events go on from there
     #[arg(long, hide = true, value_name = "S", value_parser = seconds)]
     pub flown_s: Option<f64>,
-    /// The run of the swarm, decimal or 0x...: orders of another run are void
-    #[arg(long, hide = true, value_name = "N", value_parser = number)]
+    /// The run of the swarm, which `skein cluster up` prints: orders of another run are void
+    #[arg(long, value_name = "N", value_parser = number)]
     pub run: Option<u64>,
 }
 
@@ -129,6 +129,12 @@ pub enum ConfigError {
     /// An external law that cannot be reached.
     #[error(transparent)]
     Law(#[from] ExternalError),
+    /// Secured links without the run of the swarm.
+    #[error(
+        "{0}: its links are secured, so it has to be told the run of the swarm: `--run N`, the number that `skein cluster up` \
+         prints"
+    )]
+    NoRun(String),
     /// Rules that are none.
     #[error(transparent)]
     Rules(#[from] FisError),
@@ -261,6 +267,10 @@ impl AgentOptions {
         };
         let (security, orders_key) = match security {
             None => (Security::Plain, None),
+            Some(_) if self.run.is_none_or(|run| run == 0) => {
+                let file = self.config.as_ref().map_or_else(String::new, |file| file.display().to_string());
+                return Err(ConfigError::NoRun(file));
+            }
             Some(table) => {
                 let (security, orders_key) = table.of(own_folder);
                 notes.extend(open_key(&security));
@@ -319,9 +329,7 @@ fn open_key(security: &Security) -> Option<String> {
 
 fn parse<T: DeserializeOwned>(name: &str, text: &str) -> Result<T, ConfigError> {
     toml::from_str(text).map_err(|error| {
-        let before = &text[..error.span().map_or(0, |span| span.start.min(text.len()))];
-        let line = before.matches('\n').count() + 1;
-        let column = before.chars().rev().take_while(|&c| c != '\n').count() + 1;
+        let (line, column) = Source { name, text }.position(error.span().map_or(0, |span| span.start));
         ConfigError::File(format!("{name}:{line}:{column}: {}", error.message().replace('\n', " ")))
     })
 }

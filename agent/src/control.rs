@@ -37,6 +37,10 @@ const LONGEST_STEP_S: f64 = 0.1;
 const GATE_FROM_M: f64 = 1.5;
 const GATE_OVER_M: f64 = 2.0;
 
+/// The outermost sets of the collective rules are fully on from this altitude error on, m. Without auto-trim a healthy vehicle
+/// hovers up to 7.6 m off its altitude in 8 m/s of wind: the rules leave an error that grows with the air's speed.
+const OUTERMOST_ALTITUDE_ERROR_M: f64 = 10.0;
+
 /// How hard the rotor's energy brakes the fall without power, m/s², and collective over m/s of speed beyond that. Found on
 /// the built-in helicopter: it hits the ground at 7.4 m/s at most, at 5.5 m/s in the mean, from 2 to 100 m.
 const BRAKING_M_S2: f64 = 7.0;
@@ -62,6 +66,36 @@ pub struct Controls {
     pub sticks: Sticks,
     /// Why `sticks` is the last good command instead of a new one.
     pub fault: Option<ControlFault>,
+}
+
+/// An end of the controller's authority over the climb: it has no more collective to give in this direction.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum CollectiveLimit {
+    /// The vehicle cannot be made to sink more.
+    Lowest,
+    /// The vehicle cannot be made to climb more.
+    Highest,
+}
+
+impl CollectiveLimit {
+    /// The end of the range from `low` to `high` that this value has reached.
+    fn of(value: f64, low: f64, high: f64) -> Option<Self> {
+        if value >= high {
+            Some(Self::Highest)
+        } else if value <= low {
+            Some(Self::Lowest)
+        } else {
+            None
+        }
+    }
+
+    /// Whether more collective could have been asked for in the direction of this altitude error, set-point less altitude.
+    pub fn is_towards(self, altitude_error_m: f64) -> bool {
+        match self {
+            Self::Lowest => altitude_error_m < 0.0,
+            Self::Highest => altitude_error_m > 0.0,
+        }
+    }
 }
 
 /// Why a step could not be computed.
@@ -135,12 +169,14 @@ pub struct VehicleController {
     trim: Trim,
     auto_trim: Option<AutoTrim>,
     last: Sticks,
+    collective_limit: Option<CollectiveLimit>,
 }
 
 impl VehicleController {
     /// A controller that has commanded nothing yet.
     pub fn new(rules: Rules, trim: Trim, auto_trim: bool) -> Self {
-        Self { rules, trim, auto_trim: auto_trim.then(AutoTrim::default), last: trim.sticks() }
+        let auto_trim = auto_trim.then(AutoTrim::default);
+        Self { rules, trim, auto_trim, last: trim.sticks(), collective_limit: None }
     }
 
     /// The next command. `dt_s` is the time since the last step; it matters to auto-trim only.
@@ -201,6 +237,11 @@ impl VehicleController {
         self.auto_trim
     }
 
+    /// The end of its authority over the climb at which the last step was, if any.
+    pub fn collective_limit(&self) -> Option<CollectiveLimit> {
+        self.collective_limit
+    }
+
     fn command(&mut self, dt_s: f64, estimate: &Estimate, setpoint: &Setpoint) -> Result<Sticks, ControlFault> {
         check(dt_s, estimate, setpoint)?;
         let found = self.auto_trim.unwrap_or_default();
@@ -213,7 +254,23 @@ impl VehicleController {
         {
             auto_trim.step(dt_s.clamp(0.0, LONGEST_STEP_S), estimate, &gated);
         }
+        self.collective_limit = self.limit_of(&sticks, estimate, &gated);
         Ok(sticks)
+    }
+
+    /// The collective's travel ends; or that of the integral does; or the integral rests because the error is large, and the
+    /// rules ask for all they can. A vehicle on the ground that is asked to climb has all the collective that it gets there.
+    fn limit_of(&self, sticks: &Sticks, estimate: &Estimate, setpoint: &Setpoint) -> Option<CollectiveLimit> {
+        let gate = gate(estimate.height_m);
+        let altitude_error_m = setpoint.altitude_m - estimate.position.altitude_m();
+        if gate == 0.0 && altitude_error_m > 0.0 {
+            return Some(CollectiveLimit::Highest);
+        }
+        let of_integral = self.auto_trim.filter(|_| gate >= 1.0).and_then(|auto_trim| auto_trim.collective_limit());
+        let full_m = if self.auto_trim.is_some() { trim::FASTEST_CLIMB_ERROR_M } else { OUTERMOST_ALTITUDE_ERROR_M };
+        of_integral
+            .or_else(|| CollectiveLimit::of(altitude_error_m, -full_m, full_m))
+            .or_else(|| CollectiveLimit::of(sticks.collective, 0.0, 1.0))
     }
 
     /// The four rule bases on their inputs; `None` if a number overflows.

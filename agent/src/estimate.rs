@@ -9,6 +9,7 @@ use std::f64::consts::TAU;
 
 use nalgebra::{Vector2, Vector3};
 use skein_common::frame::{Attitude, BodyRates, Geodetic, Origin, PositionNed, VelocityNed};
+use skein_common::math;
 use skein_common::scenario::{PositionSensing, Sensing, VelocitySensing};
 use skein_common::state::VehicleState;
 use skein_common::time::{LocalTime, Now, PlantTime};
@@ -198,7 +199,7 @@ fn is_plausible(measurement: &Measurement) -> bool {
     let rate = |rad_s: f64| rad_s.abs() <= MAX_RATE_RAD_S;
     position.is_plausible()
         && height_m.is_finite()
-        && velocity.0.norm_squared() <= VehicleState::MAX_SPEED_M_S.powi(2)
+        && velocity.0.norm_squared() <= math::square(VehicleState::MAX_SPEED_M_S)
         && [attitude.roll_rad, attitude.pitch_rad, attitude.heading_rad].iter().all(|angle| angle.abs() <= TAU)
         && rate(rates.roll_rad_s)
         && rate(rates.pitch_rad_s)
@@ -272,7 +273,7 @@ mod tests {
             let seconds = f64::from(tick) * 0.02;
             velocity = estimator.update(at(seconds), Some(&measured(2.0 * seconds, 0.0))).unwrap().velocity;
         }
-        assert!((velocity.north_m_s() - 2.0 * (1.0 - f64::exp(-1.0))).abs() < 0.02, "63 % after one time constant");
+        assert!((velocity.north_m_s() - 2.0 * (1.0 - math::exp(-1.0))).abs() < 0.02, "63 % after one time constant");
         assert_eq!(velocity.down_m_s(), 3.0, "the climb rate stays measured");
     }
 

@@ -65,9 +65,9 @@ pub struct Wish {
 }
 
 impl Wish {
-    /// How far the vehicle is from the altitude that it is asked to be at, m.
+    /// The altitude that the vehicle is asked to be at less its own, m.
     pub fn altitude_error_m(&self, estimate: &Estimate) -> f64 {
-        (estimate.position.altitude_m() - self.setpoint.altitude_m).abs()
+        self.setpoint.altitude_m - estimate.position.altitude_m()
     }
 }
 
@@ -291,7 +291,7 @@ impl Formation {
         let error_ne_m = self.restrain(estimate, error_ne_m, feedforward_ne_m_s);
         let setpoint = Setpoint { error_ne_m, feedforward_ne_m_s, altitude_m, heading_rad };
         let wish = Wish { field_ne: field.xy(), setpoint, in_place: false };
-        Some(Wish { in_place: is_there && wish.altitude_error_m(estimate) < mission::AT_ALTITUDE_M, ..wish })
+        Some(Wish { in_place: is_there && wish.altitude_error_m(estimate).abs() < mission::AT_ALTITUDE_M, ..wish })
     }
 
     /// The error with which nobody is come too near, for what it and the feed-forward together make the vehicle fly; the

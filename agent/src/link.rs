@@ -1,14 +1,15 @@
 //! The edge to the other agents: Zenoh peers without a broker.
 //!
 //! Hearing: callbacks on Zenoh's threads decode, check and file the newest word of each peer in a bounded `inbox`; they
-//! never wait. The control thread empties it once a step. Speaking: everything is sent as "drop", so that a peer that is
-//! slow or gone costs the control thread nothing. Whoever comes late asks each peer whose token it sees for the last
+//! never wait. The control thread empties it once a step. Speaking: the control thread hands over what a step sends and never
+//! calls Zenoh; a thread of its own sends it (`outgoing`). Whoever comes late asks each peer whose token it sees for the last
 //! register that it said, and Zenoh's threads answer.
 
 mod clocks;
 mod health;
 mod inbox;
 mod line;
+mod outgoing;
 pub mod presence;
 mod refusals;
 mod register;
@@ -22,6 +23,7 @@ use std::io;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
+use std::time::Duration;
 
 use serde_json::{Value, json};
 use skein_common::id::{SwarmName, VehicleId};
@@ -34,13 +36,15 @@ use zenoh::qos::{CongestionControl, Priority, Reliability};
 use zenoh::sample::{Locality, Sample, SampleKind};
 use zenoh::{Config, Session, Wait};
 
-use crate::clock::LocalClock;
+use crate::clock::{LocalClock, now, sleep_until};
 use crate::peers::{Heard, Word};
 use clocks::Clocks;
 pub use clocks::{ASK_EVERY, Utc};
 pub use health::HealthLine;
 use inbox::Inbox;
 pub use line::Line;
+pub use outgoing::Messages;
+use outgoing::{Outgoing, Waiting};
 use presence::{Change, Presence, watch_tokens};
 use register::Register;
 use seal::Sealer;
@@ -53,15 +57,23 @@ pub use trust::Trust;
 /// Environment variable that says on which threads Zenoh runs. It is read once, at the start of the process.
 pub const ZENOH_RUNTIME: &str = "ZENOH_RUNTIME";
 
-/// What that says in an agent of a swarm of so many: everything on one runtime, which takes a third less time on the way and
-/// half the processor. It has a thread for every link and some to spare. Zenoh's sockets linger: closing one whose other end
-/// fell silent blocks its thread for up to ten seconds, and after a cut that must not make the others wait.
-pub fn zenoh_runtime(vehicles: usize) -> String {
-    let threads = vehicles + 2;
-    format!(
-        "(rx:(handover:app),acc:(handover:app),net:(handover:app),tx:(handover:app),app:(worker_threads:{threads}))"
-    )
-}
+/// What that says in an agent: everything on one runtime, which takes a third less time on the way and half the processor, with
+/// two threads, however large the swarm is. More of them delay what they carry: each message wakes several. Two are enough
+/// because no thread of Zenoh's waits for a network that was cut: those sockets are the tunnel's.
+pub const ZENOH_ON_TWO_THREADS: &str =
+    "(rx:(handover:app),acc:(handover:app),net:(handover:app),tx:(handover:app),app:(worker_threads:2))";
+
+/// A peer has so long to answer when it is dialled. What cannot be reached over a network is given up sooner, by the tunnel.
+const OPEN_WITHIN: Duration = Duration::from_secs(10);
+/// A session that has said nothing for so long is over. Agents that are slow because their PC is stay linked: an agent is missed
+/// because of the age of what it said, not because of this.
+const LEASE: Duration = Duration::from_secs(4);
+
+/// A thread that sends what must not be dropped waits so long for a peer that does not take it; then that link is closed.
+const BLOCK_WITHIN: Duration = Duration::from_millis(20);
+
+/// Time for the last messages to arrive before the link ends.
+const LINGER: Duration = Duration::from_millis(500);
 
 /// A message from the network may be this large.
 const MAX_MESSAGE_BYTES: usize = 1 << 20;
@@ -120,12 +132,15 @@ pub enum LinkError {
         /// What Zenoh says.
         source: zenoh::Error,
     },
+    /// No thread that sends.
+    #[error("the system gives no thread: {0}")]
+    Thread(io::Error),
 }
 
 impl LinkError {
     /// Whether an argument or a file is at fault, not the network.
     pub fn is_the_users(&self) -> bool {
-        !matches!(self, Self::Configuration { .. } | Self::Open { .. } | Self::Declare { .. })
+        !matches!(self, Self::Configuration { .. } | Self::Open { .. } | Self::Declare { .. } | Self::Thread(_))
     }
 }
 
@@ -155,15 +170,27 @@ fn configuration(
         ("connect/endpoints", json!(dial)),
         // A broken link is dialled again soon: a peer is back within a second of the network's healing.
         ("connect/retry", json!({ "period_init_ms": 200, "period_max_ms": 1000, "period_increase_factor": 1.5 })),
-        ("transport/unicast/open_timeout", json!(1000)),
+        // A peer that is slow to answer is not dialled twice.
+        ("transport/unicast/open_timeout", json!(OPEN_WITHIN.as_millis())),
         ("scouting/multicast/enabled", json!(false)),
         ("scouting/gossip/enabled", json!(false)),
         ("adminspace/enabled", json!(false)),
-        // A silent peer is gone after a second.
-        ("transport/link/tx/lease", json!(1000)),
+        ("transport/link/tx/lease", json!(LEASE.as_millis())),
         ("transport/link/tx/keep_alive", json!(4)),
         // Speaking never waits: what finds its queue full is dropped at once, the next word is newer.
         ("transport/link/tx/queue/congestion_control/drop/wait_before_drop", json!(0)),
+        // Zenoh itself must not drop its declarations. A peer that does not take them soon loses its link.
+        ("transport/link/tx/queue/congestion_control/block/wait_before_close", json!(BLOCK_WITHIN.as_micros())),
+        // Answers get the quality of service of their question. Who asks does not choose it: an answer is dropped rather than
+        // waited for, and has a queue in which nothing else is sent.
+        (
+            "qos/network",
+            json!([{
+                "messages": ["query"],
+                "flows": ["ingress"],
+                "overwrite": { "congestion_control": "drop", "priority": "interactive_low", "express": true },
+            }]),
+        ),
         // Memory for what comes in pieces, before anybody looks at it: many times the largest word.
         ("transport/link/rx/max_message_size", json!(MAX_MESSAGE_BYTES)),
     ];
@@ -176,17 +203,13 @@ fn configuration(
 /// One agent's ears and mouth.
 pub struct Link {
     ear: Arc<Ear>,
-    state_key: Option<(Cell, String)>,
-    mission: Line<Mission>,
-    register: Register,
-    event: Line<Event>,
-    trace: Line<Trace>,
+    outgoing: Outgoing,
     /// In each session.
     trace_is_wanted: Vec<Arc<AtomicBool>>,
     /// Gone with the sessions: then the others know that this agent is.
     _alive: Vec<LivelinessToken>,
     own: VehicleId,
-    /// The only ones but for a moment of a callback: with them the sessions end.
+    /// With them and the publisher's thread the sessions end.
     sessions: Sessions,
 }
 
@@ -195,7 +218,7 @@ impl Link {
     /// from `clock`.
     ///
     /// # Errors
-    /// If a session is closed.
+    /// If a session is closed, or the system gives no thread.
     pub fn new(
         sessions: impl Into<Sessions>,
         own: VehicleId,
@@ -216,24 +239,17 @@ impl Link {
         let trace_is_wanted = trace.publishers.iter().map(watch_matching).collect::<Result<_, _>>()?;
         let mission = Line::open(&sessions, &ear, Topic::Mission(own), Priority::InteractiveHigh)?;
         let event = Line::open(&sessions, &ear, Topic::Event(own), Priority::DataHigh)?;
+        let (ear_of_mouth, all) = (ear.clone(), sessions.all.clone());
+        let mut mouth =
+            Mouth { ear: ear_of_mouth, sessions: all, own, state_key: None, mission, register, event, trace };
+        let outgoing = Outgoing::start(move |waiting| mouth.send(waiting)).map_err(LinkError::Thread)?;
         let alive = Topic::Alive(own).key();
         let token = |session: &Arc<Session>| {
             session.liveliness().declare_token(alive.clone()).wait().map_err(declaring(&alive))
         };
         // Last: who sees the token can be heard.
         let alive = sessions.all.iter().map(token).collect::<Result<_, _>>()?;
-        Ok(Self {
-            ear,
-            state_key: None,
-            mission,
-            register,
-            event,
-            trace,
-            trace_is_wanted,
-            _alive: alive,
-            own,
-            sessions,
-        })
+        Ok(Self { ear, outgoing, trace_is_wanted, _alive: alive, own, sessions })
     }
 
     /// Moves what was heard since the last time to the end of `heard`: the newest word of each peer and kind.
@@ -241,46 +257,29 @@ impl Link {
         self.ear.inbox.drain(heard);
     }
 
-    /// Says the own state, filed under the cell it is in.
-    pub fn say_state(&mut self, state: &State, cell: Cell) {
-        let key = match &mut self.state_key {
-            Some((of, key)) if *of == cell => key,
-            key => &mut key.insert((cell, Topic::State(self.own, cell).key())).1,
-        };
-        let said = ZBytes::from(self.ear.write(key, state));
-        for session in &self.sessions.all {
-            // Like a line's: it fails only on a closed session. Cells change, so no publisher is declared.
-            let _ = session
-                .put(key.as_str(), said.clone())
-                .congestion_control(CongestionControl::Drop)
-                .priority(Priority::RealTime)
-                .express(true)
-                .reliability(Reliability::BestEffort)
-                .allowed_destination(Locality::Remote)
-                .wait();
-        }
+    /// Hands over what a step sends. Never waits for the network.
+    pub fn send(&self, messages: Messages) {
+        self.outgoing.hand_over(messages);
     }
 
-    /// Says the own part in the agreement, and keeps it for whoever comes late.
+    /// Sends the own state, filed under the cell it is in.
+    pub fn say_state(&self, state: &State, cell: Cell) {
+        self.send(Messages { state: Some((*state, cell)), ..Messages::default() });
+    }
+
+    /// Sends the own register of the agreement, and keeps it for whoever comes late.
     pub fn say_mission(&self, mission: &Mission) {
-        let said = self.mission.write(mission);
-        self.register.keep(said.clone());
-        self.mission.put(said);
+        self.send(Messages { mission: Some(*mission), ..Messages::default() });
     }
 
-    /// Says what happened.
+    /// Sends what happened.
     pub fn say_event(&self, event: &Event) {
-        self.event.say(event);
+        self.send(Messages { events: vec![*event], ..Messages::default() });
     }
 
     /// Whether somebody listens to the trace.
     pub fn trace_is_wanted(&self) -> bool {
         self.trace_is_wanted.iter().any(|wanted| wanted.load(Relaxed))
-    }
-
-    /// Says how a step went.
-    pub fn say_trace(&self, trace: &Trace) {
-        self.trace.say(trace);
     }
 
     /// The line for health, which another thread speaks on. From now on whoever asks is told what `utc` shows.
@@ -298,9 +297,65 @@ impl Link {
         self.ear.inbox.drops()
     }
 
-    /// Takes leave of the others. Zenoh's own closing can take ten seconds on a bad network; this never does.
+    /// Events and traces that were not sent so far because the network was too slow.
+    pub fn unsent(&self) -> u64 {
+        self.outgoing.dropped()
+    }
+
+    /// Takes leave of the others, having sent what still waits. Zenoh's own closing can take ten seconds on a bad network; this
+    /// never does.
     pub fn close(self) {
+        self.outgoing.end();
+        // A receiver drops what it reads after the link has ended: the last event has to arrive before that.
+        sleep_until(now() + LINGER);
         self.sessions.clone().close(self);
+    }
+}
+
+/// What the publisher's thread sends, and how.
+struct Mouth {
+    ear: Arc<Ear>,
+    sessions: Vec<Arc<Session>>,
+    own: VehicleId,
+    state_key: Option<(Cell, String)>,
+    mission: Line<Mission>,
+    register: Register,
+    event: Line<Event>,
+    trace: Line<Trace>,
+}
+
+impl Mouth {
+    /// Sends everything that waits. Zenoh may make it wait for a slow peer.
+    fn send(&mut self, waiting: &mut Waiting) {
+        if let Some((state, cell)) = waiting.state.take() {
+            self.send_state(&state, cell);
+        }
+        if let Some(mission) = waiting.mission.take() {
+            let said = self.mission.write(&mission);
+            self.register.keep(said.clone());
+            self.mission.put(said);
+        }
+        waiting.events.drain(..).for_each(|event| self.event.say(&event));
+        waiting.traces.drain(..).for_each(|trace| self.trace.say(&trace));
+    }
+
+    fn send_state(&mut self, state: &State, cell: Cell) {
+        let key = match &mut self.state_key {
+            Some((of, key)) if *of == cell => key,
+            key => &mut key.insert((cell, Topic::State(self.own, cell).key())).1,
+        };
+        let said = ZBytes::from(self.ear.write(key, state));
+        for session in &self.sessions {
+            // Like a line's: it fails only on a closed session. Cells change, so no publisher is declared.
+            let _ = session
+                .put(key.as_str(), said.clone())
+                .congestion_control(CongestionControl::Drop)
+                .priority(Priority::RealTime)
+                .express(true)
+                .reliability(Reliability::BestEffort)
+                .allowed_destination(Locality::Remote)
+                .wait();
+        }
     }
 }
 

@@ -24,6 +24,7 @@ use skein_common::scenario::Scenario;
 use skein_common::state::{Activity, Membership};
 use skein_common::time::{LocalTime, Now, PlantTime};
 
+use crate::control::CollectiveLimit;
 use crate::estimate::Estimate;
 use agreement::{Agreement, Event, Part, Progress};
 use landing::{Descent, Landing};
@@ -34,14 +35,15 @@ use progress::LegProgress;
 pub const JOIN_S: f64 = 2.0;
 /// Above this height of the centre of gravity a vehicle flies, m.
 const FLYING_ABOVE_M: f64 = 1.5;
-/// A vehicle that for so long is off its altitude and moves neither up nor down never will be there, s, m/s.
+/// A vehicle that for so long is off its altitude and comes nearer no faster than this, its collective at its limit all the
+/// time, never will be there, s, m/s. While there is collective left the controller is still on its way.
 const STUCK_AFTER_S: f64 = 20.0;
 const STUCK_M_S: f64 = 0.3;
 /// This close to an altitude is at it, m.
 pub const AT_ALTITUDE_M: f64 = 1.0;
 /// Without auto-trim the collective rules leave an error that grows with the air's speed, 2.4 m at 5 m/s and 7.6 m at
-/// 8 m/s: a healthy vehicle hovers there. Their outermost set is fully on from here, m.
-const OFF_ALTITUDE_UNTRIMMED_M: f64 = 10.0;
+/// 8 m/s: a healthy vehicle may hover this far above what it is asked for, m.
+const ABOVE_ALTITUDE_UNTRIMMED_M: f64 = 9.0;
 
 /// What the formation stage is asked for.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -88,10 +90,14 @@ pub struct Goal {
 pub struct View {
     /// The others that are heard and fly this plan.
     pub partners: VehicleSet,
+    /// A further vehicle is not heard and may be flying the mission.
+    pub misses_any: bool,
     /// There were others, and nobody is heard any more.
     pub alone: bool,
-    /// How far from the altitude that was asked for, m; `None` before one was.
+    /// The altitude that was asked for less the vehicle's, m; `None` before one was.
     pub altitude_error_m: Option<f64>,
+    /// The end of the controller's authority over the climb, if it is there.
+    pub collective_limit: Option<CollectiveLimit>,
     /// Where the formation wants the vehicle, at height and slow.
     pub in_place: bool,
     /// What has failed of the own vehicle.
@@ -105,16 +111,16 @@ pub struct Mission {
     plan: u64,
     /// Nobody takes off with a slower rotor, rad/s.
     take_off_rotor_rad_s: Option<f64>,
-    /// No healthy vehicle hovers farther from its altitude than this, m.
-    off_altitude_m: f64,
+    /// A healthy vehicle may hover this far above the altitude that it is asked for, m.
+    above_altitude_m: f64,
     /// Peers already told of for flying another plan.
     strangers: VehicleSet,
     /// Since when this agent has listened.
     since: Option<LocalTime>,
     activity: Activity,
     agreement: Agreement,
-    /// Others at the same step, and how far they take the centre to be, m.
-    others_m: Vec<(VehicleId, f64)>,
+    /// The others: the step of each, and how far along its path it takes the centre to be, m.
+    others_m: Vec<(VehicleId, u32, f64)>,
     /// Members at some time of this step.
     counted: VehicleSet,
     has_quorum: bool,
@@ -122,9 +128,11 @@ pub struct Mission {
     leaving: bool,
     heading_rad: f64,
     at_altitude: bool,
-    /// How long the vehicle has neither been at its altitude nor come nearer to it, s.
+    /// How long the vehicle has neither been at its altitude nor come nearer to it, with no collective left, s.
     stuck_s: f64,
     progress: LegProgress,
+    /// The step has just begun, and others may be farther along it.
+    is_late: bool,
     /// Where to stay, once that has begun.
     stay: Option<Place>,
     landing: Option<Landing>,
@@ -147,7 +155,7 @@ impl Mission {
             legs,
             plan: scenario.plan_hash(),
             take_off_rotor_rad_s,
-            off_altitude_m: if scenario.control.auto_trim { AT_ALTITUDE_M } else { OFF_ALTITUDE_UNTRIMMED_M },
+            above_altitude_m: if scenario.control.auto_trim { 0.0 } else { ABOVE_ALTITUDE_UNTRIMMED_M },
             strangers: VehicleSet::default(),
             since: None,
             activity: Activity::Joining,
@@ -161,6 +169,7 @@ impl Mission {
             at_altitude: false,
             stuck_s: 0.0,
             progress: LegProgress::default(),
+            is_late: false,
             stay: None,
             landing: None,
         }
@@ -207,19 +216,14 @@ impl Mission {
             sequence: said.header.sequence,
             membership: said.membership,
             step: said.step,
+            vouched: said.vouched,
             reached: said.reached,
         };
-        let was_at = self.agreement.at();
         self.agree(Event::Heard(id, part), happened);
-        if said.step == self.agreement.at() {
-            // While the own simulator is silent, registers come and no step uses them up.
-            match self.others_m.iter_mut().find(|(known, _)| *known == id) {
-                Some((_, along_m)) => *along_m = said.progress_m,
-                None => self.others_m.push((id, said.progress_m)),
-            }
-        }
-        if self.agreement.at() != was_at {
-            self.catch_up();
+        // While the own simulator is silent, registers come and no step uses them up.
+        match self.others_m.iter_mut().find(|(known, ..)| *known == id) {
+            Some(known) => *known = (id, said.step, said.progress_m),
+            None => self.others_m.push((id, said.step, said.progress_m)),
         }
         if let Some(order) = said.order {
             self.merge(order, happened);
@@ -232,15 +236,15 @@ impl Mission {
             self.heading_rad = estimate.attitude.heading_rad;
             now.local
         });
-        self.agreement.step(Event::Sees(view.partners));
+        self.agree(Event::Sees { heard: view.partners, misses_any: view.misses_any }, happened);
         self.counted.extend(self.agreement.members());
         self.watch_quorum(happened);
         let has_listened = now.local.seconds_since(since) >= JOIN_S;
-        if self.membership() == Membership::Joining {
+        if std::mem::take(&mut self.is_late) || self.membership() == Membership::Joining {
             self.catch_up();
-            if has_listened && self.is_rotor_ready(estimate) {
-                self.agreement.step(Event::Became(Membership::Active));
-            }
+        }
+        if self.membership() == Membership::Joining && has_listened && self.is_rotor_ready(estimate) {
+            self.agreement.step(Event::Became(Membership::Active));
         }
         let task = self.decide(now, estimate, view, happened);
         self.others_m.clear();
@@ -260,6 +264,11 @@ impl Mission {
     /// The step that this vehicle is at, counted from 0.
     pub fn at(&self) -> u32 {
         self.agreement.at()
+    }
+
+    /// The latest step that it vouches for.
+    pub fn vouched(&self) -> u32 {
+        self.agreement.vouched()
     }
 
     /// The highest step that it reached in this life.
@@ -282,7 +291,7 @@ impl Mission {
         self.leg().is_some_and(|leg| leg.kind == Kind::Land)
     }
 
-    /// Whether the vehicle neither is at its altitude nor comes nearer to it.
+    /// Whether the vehicle neither is at its altitude nor comes nearer to it, with no collective left.
     pub fn is_stuck(&self) -> bool {
         self.stuck_s > STUCK_AFTER_S
     }
@@ -339,12 +348,19 @@ impl Mission {
         happened.extend((self.membership() != Membership::Left).then_some(told));
         self.counted = self.agreement.members();
         self.progress.begin_next();
-        self.others_m.clear();
+        self.is_late = true;
     }
 
-    /// Whoever comes late takes the centre to be where the foremost has it, so that nobody waits for it.
+    /// A vehicle that comes late takes the centre to be as far as two others have it, so that they hardly wait for it.
     fn catch_up(&mut self) {
-        self.others_m.iter().for_each(|(_, along_m)| self.progress.catch_up(*along_m));
+        let along_m = self.agreement.reliable(self.others_m());
+        along_m.into_iter().for_each(|along_m| self.progress.catch_up(along_m));
+    }
+
+    /// How far the others at this step take the centre to be, m.
+    fn others_m(&self) -> impl Iterator<Item = (VehicleId, f64)> {
+        let at = self.agreement.at();
+        self.others_m.iter().filter(move |(_, step, _)| *step == at).map(|(id, _, along_m)| (*id, *along_m))
     }
 
     fn watch_quorum(&mut self, happened: &mut Vec<Happening>) {
@@ -377,11 +393,10 @@ impl Mission {
             // Called back on the way down.
             self.agreement.step(Event::Became(Membership::Active));
         }
-        let is_within = |limit_m| view.altitude_error_m.is_some_and(|error_m| error_m < limit_m);
-        self.at_altitude |= is_within(AT_ALTITUDE_M);
+        let is_at_altitude = view.altitude_error_m.is_some_and(|error_m| error_m.abs() < AT_ALTITUDE_M);
+        self.at_altitude |= is_at_altitude;
         self.activity = if self.at_altitude { Activity::Formation } else { Activity::TakingOff };
-        let normal_m = if estimate.height_m > FLYING_ABOVE_M { self.off_altitude_m } else { AT_ALTITUDE_M };
-        let is_stuck = !is_within(normal_m) && estimate.velocity.down_m_s().abs() < STUCK_M_S;
+        let is_stuck = !is_at_altitude && Self::is_without_authority(estimate, view);
         self.stuck_s = if is_stuck { self.stuck_s + self.progress.since_s(now.plant) } else { 0.0 };
         happened.extend(self.is_stuck().then_some(Happening::Failed(Failure::Altitude)));
         if self.is_over(now.plant, view.in_place) && self.reached() < Some(self.at()) {
@@ -394,12 +409,21 @@ impl Mission {
         Task::Formation(Goal { step, centre_ne_m, centre_velocity_ne_m_s, heading_rad: self.heading_rad })
     }
 
+    /// The collective is at its limit and the vehicle does not come nearer to its altitude.
+    fn is_without_authority(estimate: &Estimate, view: &View) -> bool {
+        let Some((error_m, limit)) = view.altitude_error_m.zip(view.collective_limit) else { return false };
+        let nearing_m_s = -estimate.velocity.down_m_s() * error_m.signum();
+        limit.is_towards(error_m) && nearing_m_s < STUCK_M_S
+    }
+
     /// Lets time pass within the step. True if nothing of it is left to this vehicle.
     fn is_over(&mut self, now: PlantTime, in_place: bool) -> bool {
         let Some(leg) = self.legs.get(self.agreement.at() as usize) else { return false };
         let members = self.agreement.members();
-        let others_m = self.others_m.iter().filter(|(id, _)| members.contains(*id)).map(|(_, along_m)| *along_m);
-        self.progress.pass(now, leg, in_place, others_m, members.len() + 1);
+        let mut progress = self.progress;
+        let others_m = self.others_m().filter(|(id, _)| members.contains(*id)).map(|(_, along_m)| along_m);
+        progress.pass(now, leg, in_place, others_m, members.len() + 1);
+        self.progress = progress;
         self.progress.is_over(leg)
     }
 
@@ -450,7 +474,7 @@ impl Mission {
         self.agreement.step(Event::Became(Membership::Left));
         let mut landing = self.landing.unwrap_or_else(|| Landing::begin(now.plant, is_on_ground));
         let altitude_m = self.place(estimate).altitude_m;
-        let descent = landing.step(now.plant, estimate, altitude_m, self.off_altitude_m - AT_ALTITUDE_M);
+        let descent = landing.step(now.plant, estimate, altitude_m, self.above_altitude_m);
         self.landing = Some(landing);
         match descent {
             Descent::To(altitude_m) => {

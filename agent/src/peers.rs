@@ -30,8 +30,11 @@ const OBSTACLE_RADIUS_M: f64 = 8.0;
 /// How fast what is not known of a silent vehicle's place grows, m/s, and how far.
 const OBSTACLE_GROWTH_M_S: f64 = 1.0;
 const OBSTACLE_GROWTH_M: f64 = 12.0;
-/// A member that is lost may be flying the mission somewhere else for this long, s. Whoever hears nobody any more waits this
-/// long for them before it takes itself for the only one left.
+/// After this vehicle's own agent was late, peers may be silent for twice `network.peer_stale_s` for this long, s.
+const LENIENT_FOR_S: f64 = 10.0;
+/// A member that is lost may be flying the mission somewhere else for this long, s. A vehicle that hears no other any more
+/// waits this long before it takes itself for the only one left, and one that hears a single other before it takes the two of
+/// them for all that is left.
 const MISSED_FOR_S: f64 = 60.0;
 
 /// Something heard, and when.
@@ -139,6 +142,11 @@ pub struct Peers {
     flies_above: bool,
     changes: Vec<Change>,
     now: LocalTime,
+    /// Until then this computer is taken for one that does not keep up.
+    lenient_until: LocalTime,
+    /// The first update.
+    began: Option<LocalTime>,
+    misses_any: bool,
     /// Since when nobody is heard who was.
     alone_since: Option<LocalTime>,
     forged: u64,
@@ -175,7 +183,7 @@ impl Peers {
     pub fn new(own: VehicleId, roster: u8, plan: u64, network: &Network) -> Self {
         let (known, seen, changes) = (Vec::new(), Vec::new(), Vec::new());
         let (stale_s, sees_all) = (network.peer_stale_s, network.graph == Graph::All);
-        let (unseen, now) = (VehicleSet::default(), LocalTime::ZERO);
+        let (unseen, now, lenient_until) = (VehicleSet::default(), LocalTime::ZERO, LocalTime::ZERO);
         let (flies_above, alone_since, forged) = (false, None, 0);
         Self {
             own,
@@ -189,9 +197,21 @@ impl Peers {
             flies_above,
             changes,
             now,
+            lenient_until,
+            began: None,
+            misses_any: true,
             alone_since,
             forged,
         }
+    }
+
+    /// This agent itself did not run for so long before its next step: no peer counts as silent for that time, and for a while
+    /// a peer may be silent for longer.
+    pub fn did_not_run(&mut self, for_s: f64) {
+        for peer in &mut self.known {
+            peer.heard_at = peer.heard_at.map(|at| at.plus_seconds(for_s));
+        }
+        self.lenient_until = self.now.plus_seconds(for_s + LENIENT_FOR_S);
     }
 
     /// Takes up what was heard since the last update and carries everybody forward to `now`.
@@ -204,12 +224,13 @@ impl Peers {
         self.changes.clear();
         self.seen.clear();
         self.unseen = VehicleSet::default();
+        let stale_s = if now < self.lenient_until { 2.0 * self.stale_s } else { self.stale_s };
         for peer in &mut self.known {
-            if let Some(change) = peer.age(now, self.stale_s) {
+            if let Some(change) = peer.age(now, stale_s) {
                 self.changes.push(change);
             }
-            if self.sees_all || peer.is_in_sight(now, self.stale_s) {
-                self.seen.extend(peer.seen(now, self.plan, self.stale_s));
+            if self.sees_all || peer.is_in_sight(now, stale_s) {
+                self.seen.extend(peer.seen(now, self.plan, stale_s));
             } else if peer.takes_part(self.plan) {
                 self.unseen.insert(peer.id);
             }
@@ -217,6 +238,10 @@ impl Peers {
         let members = self.known.iter().filter(|peer| peer.takes_part(self.plan)).map(|peer| peer.id);
         let lowest = members.fold(self.own, VehicleId::min);
         self.flies_above = self.known.iter().any(|peer| peer.id < lowest && peer.is_missed(now));
+        let listened_s = now.seconds_since(*self.began.get_or_insert(now));
+        let found = self.known.iter().filter(|peer| peer.found).count();
+        let may_come = found + 1 < usize::from(self.roster) && listened_s < MISSED_FOR_S;
+        self.misses_any = may_come || self.known.iter().any(|peer| peer.may_come_back(now));
         let mut met = self.known.iter().filter(|peer| peer.found);
         let missed = met.clone().any(|peer| peer.membership() != Membership::Left);
         let alone = missed && met.all(|peer| peer.lost_at.is_some());
@@ -253,6 +278,12 @@ impl Peers {
         let flies_along = |peer: &&Peer| peer.mission.is_some_and(|said| said.plan == self.plan);
         let counts = self.known.iter().filter(|peer| peer.found && peer.lost_at.is_none()).filter(flies_along);
         counts.map(|peer| peer.id).collect()
+    }
+
+    /// A vehicle that is not heard may be flying the mission: it was never heard, or lost and had not left, and that no longer
+    /// than a minute ago.
+    pub fn misses_any(&self) -> bool {
+        self.misses_any
     }
 
     /// Somebody was lost who had not left of its own will, nobody is heard any more, and that is news.
@@ -427,8 +458,13 @@ impl Peer {
 
     /// Lost while it took part: it may go on with the mission, unheard.
     fn is_missed(&self, now: LocalTime) -> bool {
-        let is_missed = |lost_at: LocalTime| now.seconds_since(lost_at) < MISSED_FOR_S;
-        self.membership() == Membership::Active && self.lost_at.is_some_and(is_missed)
+        self.membership() == Membership::Active && self.may_come_back(now)
+    }
+
+    /// Lost before it had left, and not long ago.
+    fn may_come_back(&self, now: LocalTime) -> bool {
+        let is_recent = |lost_at: LocalTime| now.seconds_since(lost_at) < MISSED_FOR_S;
+        self.membership() != Membership::Left && self.lost_at.is_some_and(is_recent)
     }
 }
 

@@ -106,4 +106,7 @@ pub trait Plant: Send {
 
     /// Datagrams, or words of whatever the plant speaks, that were dropped as malformed so far.
     fn malformed(&self) -> u64;
+
+    /// Datagrams that were dropped so far because another program than the simulator had sent them.
+    fn foreign(&self) -> u64;
 }

@@ -6,6 +6,7 @@ use std::f64::consts::TAU;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use skein_common::id::VehicleId;
+use skein_common::math;
 
 /// What the numbers are drawn for. The numbers of the purposes are part of what a seed means: never reuse one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -54,8 +55,8 @@ pub fn uniform(rng: &mut impl Rng) -> f64 {
 /// is at least 2⁻⁵³, so no draw is beyond 8.6.
 #[inline]
 pub fn standard_normal(rng: &mut impl Rng) -> f64 {
-    let radius = (-2.0 * (1.0 - uniform(rng)).ln()).sqrt();
-    radius * (TAU * uniform(rng)).cos()
+    let radius = (-2.0 * math::ln(1.0 - uniform(rng))).sqrt();
+    radius * math::cos(TAU * uniform(rng))
 }
 
 #[cfg(test)]
@@ -106,7 +107,8 @@ mod tests {
         let mut rng = generator(7, None, Purpose::Wind);
         let n = 200_000;
         let draws: Vec<f64> = (0..n).map(|_| standard_normal(&mut rng)).collect();
-        let moment = |power: i32| draws.iter().map(|x| x.powi(power)).sum::<f64>() / f64::from(n);
+        let moment =
+            |power: i32| draws.iter().map(|x| (0..power).map(|_| x).product::<f64>()).sum::<f64>() / f64::from(n);
         // Four standard errors of each moment: sqrt(1, 2, 15, 96) / sqrt(n).
         for (power, expected, error) in [(1, 0.0, 0.009), (2, 1.0, 0.013), (3, 0.0, 0.035), (4, 3.0, 0.088)] {
             assert!((moment(power) - expected).abs() < error, "moment {power}: {}", moment(power));

@@ -2,17 +2,19 @@
 //!
 //! | thread | what it does |
 //! | --- | --- |
-//! | control | waits for the plant's frame, steps the [`Agent`], writes the controls; then speaks |
+//! | control | waits for the plant's frame, steps the [`Agent`], writes the controls; hands over what is to be sent |
+//! | publisher | sends it, and may have to wait for the network |
 //! | Zenoh's | file what is heard ([`crate::link`]) |
 //! | law's | asks an external law, if one flies ([`crate::external::live`]) |
 //! | Tokio's | health once a second, how far clocks are apart, signals |
 //! | log, standard input | may block, each alone |
 //!
-//! Nothing that the control thread does can wait for another of them: it takes one lock that is held for a copy (the
-//! inbox; another one it only tries), and everything it hands over may be dropped.
+//! Nothing that the control thread does can wait for another of them: it never calls Zenoh, it takes two locks that are held
+//! for a copy (the inbox and what is to be sent; another one it only tries), and everything it hands over may be dropped.
 
 mod control;
 mod log;
+mod silence;
 mod timing;
 
 use std::io::{self, BufRead};
@@ -25,6 +27,7 @@ use std::thread;
 use skein_common::frame::Origin;
 use skein_common::id::Incarnation;
 use skein_common::message::{Health, Refused};
+use skein_common::printable::printable_lines;
 use tokio::runtime::{Builder, Handle};
 use tokio::sync::mpsc;
 use tokio::time::MissedTickBehavior;
@@ -34,7 +37,7 @@ use crate::clock::{LocalClock, Skew, new_incarnation, next_incarnation, utc_nano
 use crate::config::{AgentOptions, Node};
 use crate::external::ExternalError;
 use crate::external::live::LiveLaw;
-use crate::link::{ASK_EVERY, HealthLine, Link, LinkError, Sessions, Trust, ZENOH_RUNTIME, zenoh_runtime};
+use crate::link::{ASK_EVERY, HealthLine, Link, LinkError, Sessions, Trust, ZENOH_ON_TWO_THREADS, ZENOH_RUNTIME};
 use crate::network::Ear;
 use crate::plant::xplane;
 use crate::supported::NotFlown;
@@ -110,7 +113,7 @@ pub fn program(options: &AgentOptions) -> ExitCode {
         Ok(node) => node,
         Err(error) => return failed(&error, 2),
     };
-    unix::restart_with((ZENOH_RUNTIME, &zenoh_runtime(node.scenario.swarm.vehicles)));
+    unix::restart_with((ZENOH_RUNTIME, ZENOH_ON_TWO_THREADS));
     if !options.child {
         // Who starts a child has read them.
         node.notes.iter().for_each(|note| eprintln!("{note}"));
@@ -253,7 +256,7 @@ fn stop_on_stdin(stop: Arc<Stop>) {
 }
 
 fn failed(error: &dyn std::error::Error, code: u8) -> ExitCode {
-    eprintln!("{error}");
+    eprintln!("{}", printable_lines(&error.to_string()));
     ExitCode::from(code)
 }
 

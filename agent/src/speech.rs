@@ -6,6 +6,7 @@
 
 use skein_common::frame::{PositionNed, VelocityNed};
 use skein_common::id::{Incarnation, VehicleId};
+use skein_common::math;
 use skein_common::message::{self, Happening, Header, Mission as MissionMessage, State};
 use skein_common::scenario::{Network, SendMode};
 use skein_common::time::LocalTime;
@@ -73,8 +74,8 @@ impl Need {
         let reckoned = told.position + told.velocity.0 * since_s;
         self.every_frame
             || since_s >= self.max_period_s * (1.0 - EARLY)
-            || (estimate.velocity - told.velocity).norm_squared() > self.error_m_s.powi(2)
-            || (estimate.position - reckoned).norm_squared() > self.error_m.powi(2)
+            || (estimate.velocity - told.velocity).norm_squared() > math::square(self.error_m_s)
+            || (estimate.position - reckoned).norm_squared() > math::square(self.error_m)
     }
 }
 
@@ -148,10 +149,11 @@ impl Speech {
     }
 
     fn mission(&mut self, now: LocalTime, mission: &Mission) -> Option<MissionMessage> {
-        let (membership, step, reached, order) =
-            (mission.membership(), mission.at(), mission.reached(), mission.order());
+        let (membership, step, vouched, reached, order) =
+            (mission.membership(), mission.at(), mission.vouched(), mission.reached(), mission.order());
         let due = self.mission.as_ref().is_none_or(|(told, at)| {
-            if (told.membership, told.step, told.reached, told.order) != (membership, step, reached, order) {
+            let before = (told.membership, told.step, told.vouched, told.reached, told.order);
+            if before != (membership, step, vouched, reached, order) {
                 self.repeats = CHANGE_REPEATS + 1;
             }
             self.repeats > 0 || now.seconds_since(*at) >= MISSION_PERIOD_S * (1.0 - EARLY)
@@ -164,7 +166,7 @@ impl Speech {
         let header = self.header(now, self.missions);
         let (plan, progress_m) = (mission.plan(), mission.progress_m());
         // The run is the edge's: what is agreed on is the same in all of them.
-        let said = MissionMessage { header, plan, membership, step, reached, progress_m, order };
+        let said = MissionMessage { header, plan, membership, step, vouched, reached, progress_m, order };
         self.mission_bytes += message::encode(&said).len() as u64;
         self.mission = Some((said, now));
         Some(said)

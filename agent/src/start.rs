@@ -3,6 +3,7 @@
 use std::f64::consts::TAU;
 
 use rand::Rng;
+use skein_common::math;
 use skein_common::scenario::{Scenario, StartPattern};
 
 use crate::plant::helicopter::Start;
@@ -29,7 +30,7 @@ pub fn starts(scenario: &Scenario) -> Result<Vec<Start>, TooFull> {
         StartPattern::Random => random_starts(scenario, &mut generator)?,
         StartPattern::Ring => (0..vehicles)
             .map(|index| {
-                let (sin, cos) = (TAU * index as f64 / vehicles as f64).sin_cos();
+                let (sin, cos) = math::sin_cos(TAU * index as f64 / vehicles as f64);
                 let radius_m = scenario.start.square_m / 2.0;
                 Start { north_m: radius_m * cos, east_m: radius_m * sin, heading_rad: 0.0 }
             })
@@ -64,7 +65,7 @@ fn random_starts(scenario: &Scenario, generator: &mut impl Rng) -> Result<Vec<St
             let heading_rad = (random::uniform(generator) - 0.5) * TAU;
             // Places given in the file stand before any draw; who has one is drawn for all the same, and moved there.
             let mut given = scenario.vehicle.iter().filter_map(|vehicle| vehicle.start_ne_m);
-            let is_far = |[n_m, e_m]: [f64; 2]| (n_m - north_m).hypot(e_m - east_m) >= start.separation_m;
+            let is_far = |[n_m, e_m]: [f64; 2]| math::hypot(n_m - north_m, e_m - east_m) >= start.separation_m;
             let is_free = starts.iter().all(|start| is_far([start.north_m, start.east_m])) && given.all(is_far);
             if vehicle.start_ne_m.is_some() || is_free {
                 starts.push(Start { north_m, east_m, heading_rad });
@@ -93,7 +94,7 @@ mod tests {
             for (index, one) in starts.iter().enumerate() {
                 assert!(one.north_m.abs() <= 75.0 && one.east_m.abs() <= 75.0);
                 for other in &starts[..index] {
-                    assert!((one.north_m - other.north_m).hypot(one.east_m - other.east_m) >= 15.0);
+                    assert!(math::hypot(one.north_m - other.north_m, one.east_m - other.east_m) >= 15.0);
                 }
             }
             assert_eq!(starts, of_seed(seed));
@@ -107,7 +108,7 @@ mod tests {
             let text = format!("seed = {seed}\nswarm.vehicles = 9\n[vehicle.9]\nstart_ne_m = [0, 0]");
             let starts = starts(&scenario(&text)).unwrap();
             assert_eq!((starts[8].north_m, starts[8].east_m), (0.0, 0.0));
-            assert!(starts[..8].iter().all(|start| start.north_m.hypot(start.east_m) >= 15.0), "seed {seed}");
+            assert!(starts[..8].iter().all(|start| math::hypot(start.north_m, start.east_m) >= 15.0), "seed {seed}");
         }
     }
 

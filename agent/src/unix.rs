@@ -79,6 +79,18 @@ mod on_unix {
         }
     }
 
+    /// A connection ends when what was sent on it is not acknowledged, or not taken, for this long. Only Linux can; elsewhere
+    /// Zenoh's lease ends it.
+    ///
+    /// # Errors
+    /// If the system refuses.
+    #[cfg_attr(not(any(target_os = "linux", target_os = "android")), expect(unused_variables))]
+    pub fn give_up_unacknowledged(socket: &tokio::net::TcpStream, after: std::time::Duration) -> io::Result<()> {
+        #[cfg(any(target_os = "linux", target_os = "android"))]
+        socket2::SockRef::from(socket).set_tcp_user_timeout(Some(after))?;
+        Ok(())
+    }
+
     /// Whether this file is more than its owner's.
     pub fn others_can_read(path: &Path) -> bool {
         std::fs::metadata(path).is_ok_and(|about| about.permissions().mode() & 0o077 != 0)
@@ -196,6 +208,14 @@ mod plain {
 
     /// Does nothing: nobody asks.
     pub fn tell_service(_what: &str) {}
+
+    /// Does nothing: Zenoh's lease ends a connection that was cut.
+    ///
+    /// # Errors
+    /// Never.
+    pub fn give_up_unacknowledged(_socket: &tokio::net::TcpStream, _after: std::time::Duration) -> std::io::Result<()> {
+        Ok(())
+    }
 
     /// Not known: there are no such modes.
     pub fn others_can_read(_path: &std::path::Path) -> bool {

@@ -8,6 +8,7 @@
 //!
 //! `altitude` is minus down, height above the origin; `height` is above the ground below the vehicle.
 
+use crate::math;
 use std::f64::consts::PI;
 use std::ops::{Add, Sub};
 
@@ -66,8 +67,8 @@ impl Geodetic {
     /// The same place, Earth-centred.
     #[inline]
     pub fn to_ecef(&self) -> Ecef {
-        let (sin_lat, cos_lat) = self.latitude_rad.sin_cos();
-        let (sin_lon, cos_lon) = self.longitude_rad.sin_cos();
+        let (sin_lat, cos_lat) = math::sin_cos(self.latitude_rad);
+        let (sin_lon, cos_lon) = math::sin_cos(self.longitude_rad);
         let prime_vertical_m = A / (1.0 - E2 * sin_lat * sin_lat).sqrt();
         let across_m = (prime_vertical_m + self.altitude_m) * cos_lat;
         Ecef(Vector3::new(
@@ -88,14 +89,14 @@ impl Ecef {
     #[inline]
     pub fn to_geodetic(self) -> Geodetic {
         let (x, y, z) = (self.0.x, self.0.y, self.0.z);
-        let across_m = x.hypot(y);
-        let from_centre_m = across_m.hypot(z);
+        let across_m = math::hypot(x, y);
+        let from_centre_m = math::hypot(across_m, z);
         let (sin_u, cos_u) = unit(B * z * (1.0 + EP2 * B / from_centre_m), A * across_m);
-        let (tan_num, tan_den) = (z + EP2 * B * sin_u.powi(3), across_m - E2 * A * cos_u.powi(3));
+        let (tan_num, tan_den) = (z + EP2 * B * math::cube(sin_u), across_m - E2 * A * math::cube(cos_u));
         let (sin_lat, cos_lat) = unit(tan_num, tan_den);
         Geodetic {
-            latitude_rad: tan_num.atan2(tan_den),
-            longitude_rad: y.atan2(x),
+            latitude_rad: math::atan2(tan_num, tan_den),
+            longitude_rad: math::atan2(y, x),
             altitude_m: across_m * cos_lat + z * sin_lat - A * (1.0 - E2 * sin_lat * sin_lat).sqrt(),
         }
     }
@@ -119,8 +120,8 @@ pub struct Origin {
 impl Origin {
     /// The frame at this place.
     pub fn new(geodetic: Geodetic) -> Self {
-        let (sin_lat, cos_lat) = geodetic.latitude_rad.sin_cos();
-        let (sin_lon, cos_lon) = geodetic.longitude_rad.sin_cos();
+        let (sin_lat, cos_lat) = math::sin_cos(geodetic.latitude_rad);
+        let (sin_lon, cos_lon) = math::sin_cos(geodetic.longitude_rad);
         #[rustfmt::skip]
         let ned_from_ecef = Matrix3::new(
             -sin_lat * cos_lon, -sin_lat * sin_lon,  cos_lat,
@@ -300,7 +301,7 @@ pub fn wrap_rad(angle_rad: f64) -> f64 {
 /// A horizontal north-east vector seen along a heading: forward and right components.
 #[inline]
 pub fn heading_from_ne(north_east: Vector2<f64>, heading_rad: f64) -> Vector2<f64> {
-    let (sin, cos) = heading_rad.sin_cos();
+    let (sin, cos) = math::sin_cos(heading_rad);
     Vector2::new(north_east.x * cos + north_east.y * sin, -north_east.x * sin + north_east.y * cos)
 }
 

@@ -24,7 +24,7 @@ pub use order::{Order, Seal, Verb};
 pub use trace::{LawNumber, PeerAge, Trace};
 
 /// The first byte of every message.
-pub const VERSION: u8 = 4;
+pub const VERSION: u8 = 5;
 
 /// No mission has more steps than this.
 pub const MAX_STEP: u32 = 10_000;
@@ -94,6 +94,9 @@ pub struct Mission {
     pub membership: Membership,
     /// The step of the mission that the speaker is at, counted from 0.
     pub step: u32,
+    /// The latest step that the speaker vouches for, at most [`Self::step`]: it came there with all active members, after
+    /// two others or by order, and not after a single one.
+    pub vouched: u32,
     /// The highest step that the speaker itself reached in this life.
     pub reached: Option<u32>,
     /// How far the speaker takes the centre to be along this step's path, m.
@@ -252,7 +255,10 @@ use message;
 
 message!(State, 128, |said| Author::Vehicle(said.header.sender), |said| said.state.is_plausible());
 message!(Mission, 192, |said| Author::Vehicle(said.header.sender), |said| {
-    said.step <= MAX_STEP && said.reached.is_none_or(|reached| reached <= MAX_STEP) && said.progress_m.abs() < 1e9
+    said.step <= MAX_STEP
+        && said.vouched <= said.step
+        && said.reached.is_none_or(|reached| reached <= MAX_STEP)
+        && said.progress_m.abs() < 1e9
 });
 message!(Event, 128, |said| Author::Vehicle(said.header.sender), |_| true);
 

@@ -48,6 +48,16 @@ pub struct Source<'a> {
     pub text: &'a str,
 }
 
+impl Source<'_> {
+    /// Line and column of a byte, both from 1, the column in characters; a byte order mark has no width.
+    pub fn position(&self, byte: usize) -> (usize, usize) {
+        let before = self.text.get(..byte).unwrap_or(self.text);
+        let line = before.matches('\n').count() + 1;
+        let start = before.rfind('\n').map_or(0, |end| end + 1);
+        (line, before[start..].chars().filter(|&c| c != '\u{feff}').count() + 1)
+    }
+}
+
 /// Reads a scenario: built-in default < `preset` < file < `sets`, each `key=value` as `--set` takes it, the last one
 /// winning. A value in `sets` is TOML, or else a text without quotes: `vehicle.3.aircraft=r22`. Lists count from 0:
 /// `mission.steps[1].formation.radius_m=50`.

@@ -3,6 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use crate::frame::{Geodetic, VelocityNed};
+use crate::math;
 
 /// Where a vehicle is and how it moves. The position is geodetic, because every simulator has its own local origin.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -22,7 +23,7 @@ impl VehicleState {
     /// On the globe, finite, and slower than [`Self::MAX_SPEED_M_S`].
     pub fn is_plausible(&self) -> bool {
         self.position.is_plausible()
-            && self.velocity.0.norm_squared() <= Self::MAX_SPEED_M_S.powi(2)
+            && self.velocity.0.norm_squared() <= math::square(Self::MAX_SPEED_M_S)
             && self.heading_rad.abs() <= 7.0
     }
 }

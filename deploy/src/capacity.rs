@@ -4,6 +4,7 @@
 //! take, `measure` finds out on this machine what a word costs in bytes and processor time, and `fleet` multiplies.
 
 mod fleet;
+mod here;
 mod measure;
 mod picture;
 mod relay;
@@ -15,13 +16,14 @@ use std::path::Path;
 
 use comfy_table::{CellAlignment, Table, presets};
 use serde::Serialize;
-use skein_agent::link::{ZENOH_RUNTIME, zenoh_runtime};
+use skein_agent::link::{ZENOH_ON_TWO_THREADS, ZENOH_RUNTIME};
 use skein_agent::unix;
 use skein_common::id::VehicleId;
 
 use crate::error::Error;
 use crate::out;
 pub use fleet::{Load, Scheme};
+pub use here::ask_for;
 pub use measure::{Effort, Measured, StepTime, Talk, measure};
 pub use wire::{PaperEquation, data_output_bytes, of_datagram_bytes, of_segment_bytes};
 pub use words::{WordSize, WordTime};
@@ -68,7 +70,7 @@ pub struct Fits {
 pub fn run(out: Option<&Path>, json: bool) -> Result<(), Error> {
     let out = out.map(|out| out::folder(Some(out), "")).transpose()?;
     // As agents run.
-    unix::restart_with((ZENOH_RUNTIME, &zenoh_runtime(4)));
+    unix::restart_with((ZENOH_RUNTIME, ZENOH_ON_TWO_THREADS));
     eprintln!("measuring for some ten seconds; what else this machine does is in the figures");
     let capacity = Capacity::of(measure(Effort::FULL)?);
     let text = capacity.to_text();

@@ -3,14 +3,15 @@
 use std::path::PathBuf;
 
 use serde_json::json;
-use skein_common::scenario::{Explained, Loaded};
+use skein_common::scenario::{ControlMode, Explained, Loaded};
 
 use crate::cluster;
-use crate::cluster::host::probe;
 use crate::error::Error;
-use crate::fly::plan::HostPort;
 use crate::fly::script;
+use crate::prepare::{Prepared, Target, prepare};
 use crate::scenario::ScenarioArgs;
+use crate::simulators::{self, HostPort};
+use crate::study::laws::Trial;
 
 /// `skein check`
 #[derive(Clone, Debug, clap::Args)]
@@ -30,7 +31,7 @@ pub struct CheckArgs {
 }
 
 /// Prints what was asked for. Of a scenario every value with its origin; then, on stderr, what of the events `fly` would skip and
-/// what would stop a flight. Without anything else to look at, an X-Plane alone.
+/// what would stop a flight: its external law is started, and X-Planes that it flies are asked. Without anything else to look at, an X-Plane alone.
 ///
 /// # Errors
 /// A file that is at fault, a scenario that is not flown yet, or anything that would stop a flight.
@@ -47,7 +48,7 @@ pub fn run(args: &CheckArgs) -> Result<(), Error> {
 
 fn simulator(xplane: &HostPort, json: bool) -> Result<(), Error> {
     let address = format!("{}:{}", xplane.host, xplane.port);
-    let heard = probe::simulator_at(&address).map_err(Error::Failed)?;
+    let heard = simulators::ask(&address)?;
     let text = format!("{address}: {heard}\n");
     crate::say(&if json { crate::json(&json!({ "xplane": address, "heard": heard })) } else { text });
     Ok(())
@@ -58,7 +59,23 @@ fn scenario(args: &CheckArgs) -> Result<(), Error> {
     loaded.notes.iter().for_each(|note| eprintln!("{note}"));
     script::skipped(&loaded.scenario).iter().for_each(|skipped| eprintln!("{skipped}"));
     crate::say(&if args.json { crate::json(&as_json(&loaded)) } else { as_text(&loaded) });
-    args.scenario.ready_live(&loaded.scenario).map(drop)
+    verdict(args, &loaded).map(drop)
+}
+
+/// Whether the scenario can fly.
+pub(crate) fn verdict(args: &CheckArgs, loaded: &Loaded) -> Result<Prepared, Error> {
+    prepare(&args.scenario, &loaded.scenario, target(args, loaded), &mut Trial::default())
+}
+
+/// Real time, unless only a study flies the scenario.
+fn target<'a>(args: &'a CheckArgs, loaded: &Loaded) -> Target<'a> {
+    match loaded.scenario.control.mode {
+        ControlMode::Central => {
+            eprintln!("control.mode = \"central\": checked for a study, because `skein fly` does not fly it");
+            Target::Study
+        }
+        ControlMode::Each => Target::Fly { xplane: args.xplane.as_ref() },
+    }
 }
 
 /// A line for each key: key, value, origin.

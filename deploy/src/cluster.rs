@@ -11,6 +11,7 @@
 //! | [`remote`] | what is asked of a node's host, in as few calls as it takes |
 //! | [`nodes`] | which nodes a command is for, how far it is, what came of it |
 //! | [`ready`] | waiting on the mesh until vehicles are ready, or gone |
+//! | `flown` | which run of the swarm flies, and whose word proves it |
 //! | [`program`] | the program that is put there: where it runs, which C library it wants |
 //! | [`host`] | the side of it that runs on a node's host: files, service, supervisor, logs |
 //! | the rest | one command each |
@@ -19,6 +20,7 @@ pub mod bundle;
 pub mod check;
 pub mod clocks;
 pub mod down;
+mod flown;
 pub mod host;
 pub mod install;
 pub mod inventory;

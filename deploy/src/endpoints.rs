@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 use std::fs;
-use std::io;
+use std::io::{self, Read};
 use std::net::{SocketAddr, TcpStream};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -15,6 +15,9 @@ use crate::os;
 
 /// How long an agent of this PC is given to answer a call, s.
 const ANSWER: Duration = Duration::from_millis(200);
+
+/// No such file is longer, bytes.
+const MAX_FILE: u64 = 1 << 20;
 
 /// Where the agents of one swarm listen.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -35,6 +38,13 @@ pub struct EndpointsFile {
     path: PathBuf,
 }
 
+impl EndpointsFile {
+    /// Leaves it there for as long as its swarm is.
+    pub fn stay(self) {
+        std::mem::forget(self);
+    }
+}
+
 impl Drop for EndpointsFile {
     fn drop(&mut self) {
         // Left behind it misleads nobody: whoever reads it finds nobody there.
@@ -51,7 +61,7 @@ impl Endpoints {
         os::private_folder(folder)?;
         let path = path(folder, &self.swarm);
         let draft = path.with_extension(format!("{}.draft", std::process::id()));
-        fs::write(&draft, crate::json(self))?;
+        os::write_whole(&draft, crate::json(self).as_bytes(), true)?;
         fs::rename(&draft, &path)?;
         Ok(EndpointsFile { path })
     }
@@ -79,14 +89,16 @@ pub fn folder() -> PathBuf {
 /// What is known of this swarm, if there is a file for it.
 ///
 /// # Errors
-/// If the file is none of ours.
+/// If the file is none of ours, or it or its folder is not this user's alone: orders would go wherever it says.
 pub fn read(folder: &Path, swarm: &SwarmName) -> Result<Option<Endpoints>, Error> {
     let path = path(folder, swarm);
-    match fs::read_to_string(&path) {
+    let opened = os::check_own_folder(folder).and_then(|()| os::open_own(&path));
+    match opened.and_then(|file| io::read_to_string(file.take(MAX_FILE))) {
         Ok(text) => serde_json::from_str(&text)
             .map(Some)
             .map_err(|error| Error::Refused(format!("{}: not a file of endpoints: {error}", path.display()))),
         Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(None),
+        Err(error) if error.kind() == io::ErrorKind::PermissionDenied => Err(Error::Refused(error.to_string())),
         Err(error) => Err(Error::Refused(format!("{}: {error}", path.display()))),
     }
 }
@@ -94,8 +106,12 @@ pub fn read(folder: &Path, swarm: &SwarmName) -> Result<Option<Endpoints>, Error
 /// The swarm of this name, or without a name the only one there.
 ///
 /// # Errors
-/// If there is none, or more than one to choose from.
+/// If there is none, or more than one to choose from, or what tells of it is not this user's alone.
 pub fn find(folder: &Path, swarm: Option<&SwarmName>) -> Result<Endpoints, Error> {
+    match os::check_own_folder(folder) {
+        Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(Error::Refused(error.to_string())),
+        _ => {}
+    }
     let mut names = match swarm {
         Some(name) => vec![name.clone()],
         None => names(folder),
@@ -154,9 +170,60 @@ mod tests {
         assert_eq!(error.exit_code(), 2);
     }
 
+    #[cfg(unix)]
+    #[test]
+    fn what_another_user_can_have_written_is_not_trusted() {
+        use std::os::unix::fs::{chown, symlink};
+
+        let place = tempfile::tempdir().unwrap();
+        let folder = place.path().join("skein");
+        let left = endpoints("lab", "tcp/127.0.0.1:7447");
+        let _file = left.leave(&folder).unwrap();
+        let path = path(&folder, &left.swarm);
+        assert_eq!(os::mode(&path).unwrap(), 0o600);
+        let refused = |why: &str| {
+            for swarm in [None, Some(&left.swarm)] {
+                let error = find(&folder, swarm).unwrap_err();
+                assert!(error.to_string().contains(why) && error.to_string().contains("it is not trusted"), "{error}");
+                assert_eq!(error.exit_code(), 2);
+            }
+        };
+        for (mode, why) in [(0o666, "mode 666"), (0o620, "mode 620")] {
+            os::set_mode(&path, mode).unwrap();
+            refused(why);
+        }
+        os::set_mode(&path, 0o600).unwrap();
+        for (mode, why) in [(0o777, "mode 777"), (0o770, "mode 770")] {
+            os::set_mode(&folder, mode).unwrap();
+            refused(why);
+            assert!(left.leave(&folder).is_err(), "nothing is left in it either");
+        }
+        os::set_mode(&folder, 0o700).unwrap();
+        if os::is_root() {
+            chown(&path, Some(65534), None).unwrap();
+            refused("belongs to user 65534");
+            chown(&path, Some(0), None).unwrap();
+            chown(&folder, Some(65534), None).unwrap();
+            refused("belongs to user 65534");
+            chown(&folder, Some(0), None).unwrap();
+        }
+        assert_eq!(find(&folder, None).unwrap(), left);
+        let elsewhere = place.path().join("lab.json");
+        fs::rename(&path, &elsewhere).unwrap();
+        symlink(&elsewhere, &path).unwrap();
+        refused("is a link");
+        fs::remove_file(&path).unwrap();
+        fs::rename(&elsewhere, &path).unwrap();
+        let moved = place.path().join("moved");
+        fs::rename(&folder, &moved).unwrap();
+        symlink(&moved, &folder).unwrap();
+        refused("is no folder");
+    }
+
     #[test]
     fn of_two_swarms_one_has_to_be_named() {
         let folder = tempfile::tempdir().unwrap();
+        os::set_mode(folder.path(), 0o700).unwrap();
         let agents = [(); 2].map(|()| TcpListener::bind("127.0.0.1:0").unwrap());
         let [b, a] = agents.each_ref().map(|agent| format!("tcp/{}", agent.local_addr().unwrap()));
         let _b = endpoints("b", &b).leave(folder.path()).unwrap();

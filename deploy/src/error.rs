@@ -39,7 +39,7 @@ impl Error {
     pub fn report(&self) -> ExitCode {
         match self.drawn().filter(|_| std::io::stderr().is_terminal()) {
             Some(drawn) => eprint!("{drawn}"),
-            None => eprintln!("{self}"),
+            None => crate::complain(&self.to_string()),
         }
         self.exit_code().into()
     }

@@ -14,10 +14,17 @@
 //! | [`table`], [`screen`] | what people see |
 
 use std::path::PathBuf;
+use std::time::Duration;
 
+use skein_agent::link::{ZENOH_ON_TWO_THREADS, ZENOH_RUNTIME};
+use skein_agent::unix;
+
+use crate::capacity;
+use crate::cluster::nodes::is_seconds;
 use crate::error::Error;
 use crate::os::Interrupts;
 use crate::scenario::ScenarioArgs;
+use crate::simulators::HostPort;
 
 pub mod children;
 pub mod flight;
@@ -31,7 +38,7 @@ pub mod status;
 pub mod table;
 
 use flight::Flight;
-use plan::{HostPort, Plan};
+use plan::Plan;
 
 /// `skein fly`
 #[derive(Clone, Debug, Default, clap::Args)]
@@ -60,10 +67,19 @@ pub struct FlyArgs {
     /// No live page. There is none yet: without effect
     #[arg(long)]
     pub no_view: bool,
+    /// How long the vehicles may take to find each other, s; without it 60
+    #[arg(long, value_name = "S", value_parser = is_seconds)]
+    pub timeout: Option<f64>,
+    /// Fly more vehicles than this PC carries
+    #[arg(long)]
+    pub anyway: bool,
     /// Print the figures as JSON on stdout, everything else on stderr
     #[arg(long)]
     pub json: bool,
 }
+
+/// A swarm gathers within this time unless `--timeout` says otherwise, s.
+const GATHER_WITHIN_S: f64 = 60.0;
 
 /// `--plant`
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
@@ -92,14 +108,19 @@ impl PlantArg {
 /// flight counts.
 ///
 /// # Errors
-/// What stands against the flight; or a flight that never began, lost all its vehicles, or did not end on the ground.
+/// What stands against the flight, such as a PC that does not carry so many agents; or a flight that never began, lost all its
+/// vehicles, or did not end on the ground.
 pub fn run(args: &FlyArgs) -> Result<(), Error> {
     let plan = Plan::new(args)?;
+    // As agents run, and once for all of them.
+    unix::restart_with((ZENOH_RUNTIME, ZENOH_ON_TWO_THREADS));
     plan.loaded.notes.iter().for_each(|note| eprintln!("{note}"));
     script::skipped(plan.scenario()).iter().for_each(|skipped| eprintln!("{skipped}"));
     if args.view.is_some() {
         eprintln!("--view: there is no live page yet, the flight goes without it");
     }
     let interrupts = Interrupts::listen().map_err(|error| Error::Failed(format!("signals: {error}")))?;
-    Flight::begin(plan, interrupts, args.json)?.fly()
+    capacity::ask_for(plan.scenario().swarm.vehicles, args.anyway)?;
+    let gather_within = Duration::from_secs_f64(args.timeout.unwrap_or(GATHER_WITHIN_S));
+    Flight::begin(plan, interrupts, gather_within, args.json)?.fly()
 }

@@ -34,3 +34,5 @@ pub use skein_agent::formation::laws::{Laws, MakeLaw};
 pub use skein_agent::formation::slots::Slots;
 pub use skein_common::frame::{PositionNed, VelocityNed};
 pub use skein_common::id::VehicleId;
+/// Elementary functions with the same bits on every machine: a law that uses them is as repeatable as Skein's own.
+pub use skein_common::math;

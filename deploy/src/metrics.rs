@@ -55,6 +55,7 @@ use skein_agent::formation::{self, ring::Ring};
 use skein_agent::plant::{Sticks, Truth};
 use skein_common::frame::PositionNed;
 use skein_common::id::{VehicleId, VehicleSet};
+use skein_common::math;
 use skein_common::message::Happening;
 use skein_common::scenario::{self, ControlMode, Pattern, Scenario, Step, Target, Vertical};
 
@@ -198,7 +199,9 @@ impl Shape {
     /// ρ of a place given from the centre, m.
     pub(crate) fn level_m(&self, from_centre_m: Vector3<f64>) -> f64 {
         let flat_m = self.ring.level_m(from_centre_m.xy());
-        self.ring.gamma_z.map_or(flat_m, |gamma_z| (flat_m.powi(2) + gamma_z * from_centre_m.z.powi(2)).sqrt())
+        self.ring
+            .gamma_z
+            .map_or(flat_m, |gamma_z| (math::square(flat_m) + gamma_z * math::square(from_centre_m.z)).sqrt())
     }
 
     /// The altitude of a rank, counted from the middle one, m; none on an ellipsoid, which has all altitudes.
@@ -351,7 +354,7 @@ impl Metrics {
             high &= wanted_m.is_some_and(|wanted_m| altitude_m >= AT_ALTITUDE_SHARE * wanted_m);
             inside &= is_inside;
             sum_ne_m += from_centre_ne_m;
-            self.bearings.push(from_centre_ne_m.y.atan2(from_centre_ne_m.x));
+            self.bearings.push(math::atan2(from_centre_ne_m.y, from_centre_ne_m.x));
             if shape.is_on_the_way(member.centre_ne_m) {
                 self.following.follow(from_centre_ne_m.norm(), is_inside);
             }
@@ -397,7 +400,7 @@ impl Metrics {
                 *effort.energy_j.get_or_insert(0.0) += power_w * dt_s;
             }
             if let Some(sticks) = vehicle.sticks {
-                let square = (sticks.roll.powi(2) + sticks.pitch.powi(2) + sticks.yaw.powi(2)) / 3.0;
+                let square = (math::square(sticks.roll) + math::square(sticks.pitch) + math::square(sticks.yaw)) / 3.0;
                 effort.stick_square.add(square);
                 self.stick_square.add(square);
             }

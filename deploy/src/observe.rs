@@ -1,20 +1,20 @@
 //! Listening to a live swarm: what every vehicle says of itself, decoded and checked. `fly` and `order` stand on it. An
 //! observer is never in the loop: the swarm flies the same with it and without it.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::time::Instant;
 
-use skein_agent::link::presence::Change;
+use skein_agent::link::presence::{Change, Presence};
+use skein_agent::link::seal::Sealer;
 use skein_agent::link::seal::orders::{self, Checker};
 use skein_agent::link::seal::words::Voices;
-use skein_agent::link::seal::{Sealer, most_said_run};
 use skein_agent::link::{LinkError, Sessions};
 use skein_common::id::{SwarmName, VehicleId};
 use skein_common::message::{self, Event, Health, Message, Mission, Order, Reason, Trace};
-use skein_common::topic::{self, Topic};
+use skein_common::topic::{self, Author, Topic};
 use zenoh::Wait;
 use zenoh::qos::{CongestionControl, Priority};
 use zenoh::sample::{Locality, Sample};
@@ -73,6 +73,10 @@ pub struct Seen {
     pub trace_at: Option<Instant>,
     /// How well it does.
     pub health: Option<Health>,
+    /// When that was received.
+    pub health_at: Option<Instant>,
+    /// The run of the swarm that it was sealed for, where messages are sealed.
+    pub health_run: Option<u64>,
     /// Its part in the agreement.
     pub mission: Option<Mission>,
 }
@@ -95,6 +99,8 @@ pub struct Observer {
     /// Tells which orders are an operator's, where they are sealed.
     orders: Option<Checker>,
     sealer: Option<Arc<Sealer>>,
+    /// The run that was begun from this PC last, if one was.
+    own_run: Option<u64>,
 }
 
 /// Why nothing can be observed.
@@ -127,7 +133,8 @@ impl Observer {
         let session = sessions.first();
         let (sender, inbox) = sync_channel(QUEUE);
         let dropped = Arc::new(Dropped::default());
-        let ear = Ear { sender, dropped: dropped.clone(), voices: reach.security.voices(&reach.swarm) };
+        let voices = reach.security.voices(&reach.swarm);
+        let ear = Ear { sender, dropped: dropped.clone(), voices, presence: sessions.presence() };
         if steps == Steps::Heard {
             ear.subscribe(session, topic::all::TRACES, Heard::Trace)?;
         }
@@ -142,7 +149,8 @@ impl Observer {
         sessions.presence().watch(&sessions, note)?;
         let (swarm, sealer) = (reach.swarm.clone(), reach.sealer.clone());
         let orders = reach.orders_key.map(|key| Checker::new(key, swarm.clone()));
-        Ok(Self { sessions, inbox, dropped, vehicles: BTreeMap::new(), swarm, orders, sealer })
+        let own_run = reach.own_run;
+        Ok(Self { sessions, inbox, dropped, vehicles: BTreeMap::new(), swarm, orders, sealer, own_run })
     }
 
     /// Everything heard since the last call, in order; takes it up in [`Self::vehicles`]. Never waits.
@@ -172,14 +180,29 @@ impl Observer {
         undecodable.load(Relaxed) + forged.load(Relaxed) + overflow.load(Relaxed)
     }
 
-    /// The run that most of the vehicles are in; 0 where none is counted.
-    pub fn run(&self) -> u64 {
-        most_said_run(self.vehicles.values().filter_map(|seen| seen.run))
+    /// The run that the swarm flies in, where runs are sealed: the one that more than half of the vehicles in contact name; if
+    /// none has a majority, the one that was begun from this PC, if a vehicle names it. `None` leaves it open.
+    pub fn run(&self) -> Option<u64> {
+        let named: Vec<u64> = self.vehicles.values().filter(|seen| seen.alive).filter_map(|seen| seen.run).collect();
+        majority(&named, named.len()).or(self.own_run.filter(|own| named.contains(own)))
     }
 
-    /// The order that a vehicle repeats, if it is an operator's: where orders are sealed, anybody can make one up, but no seal.
+    /// The health of a vehicle, and when it was received: while the vehicle is in contact, and if it sent this in its present
+    /// life and in the run that the swarm flies in.
+    pub fn health_of(&self, id: VehicleId) -> Option<(&Health, Instant)> {
+        let seen = self.vehicles.get(&id).filter(|seen| seen.alive)?;
+        let (health, at) = seen.health.as_ref().zip(seen.health_at)?;
+        let is_of_this_life =
+            seen.mission.is_none_or(|mission| mission.header.incarnation <= health.header.incarnation);
+        let is_of_this_run = seen.health_run.is_none_or(|run| self.run() == Some(run));
+        (is_of_this_life && is_of_this_run).then_some((health, at))
+    }
+
+    /// The order that a vehicle repeats, if it is an operator's: where orders are sealed, anybody can make one up, but no seal
+    /// of the run that this vehicle flies in.
     pub fn order_of(&self, seen: &Seen) -> Option<Order> {
-        let is_sealed = |order: &Order| self.orders.as_ref().is_none_or(|orders| orders.is_sealed(self.run(), order));
+        let is_sealed =
+            |order: &Order| self.orders.as_ref().is_none_or(|orders| orders.is_sealed(seen.run.unwrap_or(0), order));
         seen.mission?.order.filter(is_sealed)
     }
 
@@ -189,19 +212,27 @@ impl Observer {
         orders.map(|order| order.epoch).max().unwrap_or(0).saturating_add(1)
     }
 
-    /// The order as the swarm believes it: where orders are sealed, with a seal, if this is an operator's PC.
-    pub fn sealed(&self, order: Order) -> Order {
-        self.sealer.as_ref().map_or(order, |sealer| orders::seal(sealer, &self.swarm, self.run(), order))
+    /// The order as vehicles believe it: where orders are sealed, on an operator's PC, with a seal for each run that a vehicle
+    /// in contact flies in. So no vehicle decides for another which run is ordered, and none is left in the air because it is
+    /// of another run than most. A seal for a run that flies no more is of no use: that run is never joined again.
+    pub fn sealed(&self, order: Order) -> Vec<Order> {
+        let Some(sealer) = &self.sealer else { return vec![order] };
+        let there = self.vehicles.values().filter(|seen| seen.alive);
+        let runs: BTreeSet<u64> = there.filter_map(|seen| seen.run).filter(|run| *run != 0).collect();
+        runs.into_iter().map(|run| orders::seal(sealer, &self.swarm, run, order)).collect()
     }
 
-    /// Says an order to whoever can be reached now. It is a register: saying it again changes nothing.
+    /// Publishes an order to every agent that can be reached now. It is a register: publishing it again changes nothing.
     ///
     /// # Errors
     /// If Zenoh refuses.
     pub fn order(&self, order: &Order) -> Result<(), ObserveError> {
         let key = Topic::Order(order.issuer).key();
-        let put = self.sessions.first().put(key, message::encode(order)).congestion_control(CongestionControl::Drop);
-        Ok(put.priority(Priority::RealTime).express(true).wait()?)
+        self.sealed(*order).iter().try_for_each(|order| {
+            let put = self.sessions.first().put(key.as_str(), message::encode(order));
+            let put = put.congestion_control(CongestionControl::Drop).priority(Priority::RealTime);
+            Ok(put.express(true).wait()?)
+        })
     }
 }
 
@@ -211,6 +242,7 @@ struct Ear {
     sender: SyncSender<Caught>,
     dropped: Arc<Dropped>,
     voices: Voices,
+    presence: Arc<Presence>,
 }
 
 impl Ear {
@@ -221,14 +253,20 @@ impl Ear {
         heard: fn(M) -> Heard,
     ) -> zenoh::Result<()> {
         let ear = self.clone();
-        let listen =
-            move |sample: Sample| match ear.voices.read(sample.key_expr().as_str(), &sample.payload().to_bytes()) {
-                Ok(said) => ear.hand_over(heard(said.message), said.run),
-                Err(error) => count(match error.reason() {
-                    Reason::Undecodable | Reason::OtherVersion => &ear.dropped.undecodable,
-                    _ => &ear.dropped.forged,
-                }),
-            };
+        let listen = move |sample: Sample| {
+            let key = sample.key_expr().as_str();
+            match Topic::parse(key).map(|topic| topic.author()) {
+                // Replayed by another, or on its way while its link broke.
+                Some(Author::Vehicle(id)) if !ear.presence.may_speak(id) => count(&ear.dropped.forged),
+                _ => match ear.voices.read(key, &sample.payload().to_bytes()) {
+                    Ok(said) => ear.hand_over(heard(said.message), said.run),
+                    Err(error) => count(match error.reason() {
+                        Reason::Undecodable | Reason::OtherVersion => &ear.dropped.undecodable,
+                        _ => &ear.dropped.forged,
+                    }),
+                },
+            }
+        };
         session.declare_subscriber(keys).allowed_origin(Locality::Remote).callback(listen).background().wait()
     }
 
@@ -237,6 +275,12 @@ impl Ear {
             count(&self.dropped.overflow);
         }
     }
+}
+
+/// The run that more than half of `all` name; 0 names none.
+pub fn majority(named: &[u64], all: usize) -> Option<u64> {
+    let has_majority = |run: &u64| *run != 0 && 2 * named.iter().filter(|other| *other == run).count() > all;
+    named.iter().copied().find(has_majority)
 }
 
 fn count(counter: &AtomicU64) {
@@ -261,7 +305,7 @@ fn take_up(vehicles: &mut BTreeMap<VehicleId, Seen>, Caught { heard, run, at }: 
             let seen = vehicles.entry(health.header.sender).or_default();
             let news = newer(&health.header, seen.health.as_ref().map(|known| &known.header));
             if news {
-                seen.health = Some(health.clone());
+                (seen.health, seen.health_at, seen.health_run) = (Some(health.clone()), Some(*at), *run);
             }
             news
         }
@@ -277,6 +321,16 @@ fn take_up(vehicles: &mut BTreeMap<VehicleId, Seen>, Caught { heard, run, at }: 
         Heard::Appeared(id) | Heard::Vanished(id) => {
             vehicles.entry(*id).or_default().alive = matches!(heard, Heard::Appeared(_));
             true
+        }
+    }
+}
+
+#[cfg(test)]
+impl Observer {
+    /// Takes up what vehicles are supposed to have sent, each in a run and at a time.
+    pub(crate) fn suppose(&mut self, heard: impl IntoIterator<Item = (Heard, Option<u64>, Instant)>) {
+        for (heard, run, at) in heard {
+            take_up(&mut self.vehicles, &Caught { heard, run, at });
         }
     }
 }
@@ -309,6 +363,7 @@ mod tests {
             plan: 0,
             membership: Membership::Active,
             step: 0,
+            vouched: 0,
             reached: None,
             progress_m: 0.0,
             order: Some(Order { epoch: sequence, issuer: 1, verb: Verb::Hold, seal: None }),
@@ -370,6 +425,26 @@ mod tests {
     }
 
     #[test]
+    fn the_run_that_flies_is_named_by_more_than_half() {
+        assert_eq!((majority(&[5, 7, 7], 3), majority(&[7, 7], 3), majority(&[7], 3)), (Some(7), Some(7), None));
+        assert_eq!((majority(&[5, 5, 7, 7], 4), majority(&[0, 0, 0], 3), majority(&[], 0)), (None, None, None));
+        let reach = Reach::plain(SwarmName::new("runs").unwrap(), BTreeMap::new(), Flown::Text(String::new()));
+        let run = |own_run, named: &[(u8, u64, bool)]| {
+            let mut observer = Observer::open(&Reach { own_run, ..reach.clone() }, Steps::Unheard).unwrap();
+            for (sender, run, alive) in named {
+                let there = alive.then(|| Heard::Appeared(VehicleId::new(*sender).unwrap()));
+                let heard = there.into_iter().chain([Heard::Mission(mission(*sender, 1, 1))]);
+                observer.suppose(heard.map(|heard| (heard, Some(*run), clock::now())));
+            }
+            observer.run()
+        };
+        assert_eq!(run(None, &[(1, 7, true), (2, 5, true), (3, 5, false)]), None, "a tie of those in contact");
+        assert_eq!(run(Some(7), &[(1, 7, true), (2, 5, true)]), Some(7), "begun from here");
+        assert_eq!(run(Some(7), &[(1, 7, true), (2, 5, true), (3, 5, true)]), Some(5));
+        assert_eq!(run(Some(7), &[(2, 5, true), (3, 6, true)]), None, "nobody is in it");
+    }
+
+    #[test]
     fn an_order_that_somebody_has_made_up_counts_for_nothing() {
         let key = Ed25519KeyPair::generate_pkcs8(&SystemRandom::new()).unwrap();
         let sealer = Arc::new(Sealer::from_pkcs8(key.as_ref()).unwrap());
@@ -388,18 +463,27 @@ mod tests {
         let observe = |reach: &Reach| {
             let mut observer = Observer::open(reach, Steps::Unheard).unwrap();
             for (sender, run, order) in said {
+                let id = VehicleId::new(sender).unwrap();
+                take_up(&mut observer.vehicles, &caught(Heard::Appeared(id)));
                 let mission = Mission { order: Some(order), ..mission(sender, 1, 1) };
                 take_up(&mut observer.vehicles, &Caught { run: Some(run), ..caught(Heard::Mission(mission)) });
             }
             observer
         };
         let observer = observe(&sealed);
-        assert_eq!((observer.run(), observer.next_epoch()), (7, 4));
-        let given = observer.sealed(order(4));
-        assert!(orders::is_sealed(&public, &swarm, 7, &given));
-        let seen = Seen { mission: Some(Mission { order: Some(given), ..mission(1, 1, 2) }), ..Seen::default() };
-        assert_eq!(observer.order_of(&seen), Some(given));
+        assert_eq!((observer.run(), observer.next_epoch()), (Some(7), 51));
+        // An order is for every vehicle, whichever run it flies in, and is sealed for each of these runs.
+        let given = observer.sealed(order(51));
+        assert_eq!(given.len(), 2);
+        for (given, run) in given.into_iter().zip([6, 7]) {
+            assert!(orders::is_sealed(&public, &swarm, run, &given));
+            let mission = Some(Mission { order: Some(given), ..mission(1, 1, 2) });
+            let of_run = |run| Seen { mission, run: Some(run), ..Seen::default() };
+            assert_eq!(observer.order_of(&of_run(run)), Some(given));
+            assert_eq!(observer.order_of(&of_run(13 - run)), None, "a seal of another run");
+        }
         let anybody = observe(&plain);
-        assert_eq!((anybody.next_epoch(), anybody.sealed(order(4))), (u64::MAX, order(4)), "where nothing is sealed");
+        assert_eq!(anybody.next_epoch(), u64::MAX);
+        assert_eq!(anybody.sealed(order(4)), [order(4)], "where nothing is sealed");
     }
 }

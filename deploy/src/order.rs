@@ -1,22 +1,29 @@
 //! `skein order`: an order to a live swarm, from anywhere. It is a register that agents merge and pass on: it needs to
 //! reach one of them.
 
+mod effect;
+
+use std::collections::BTreeMap;
 use std::hash::{BuildHasher, RandomState};
 use std::time::{Duration, Instant};
 
 use crate::reach::Role;
 use skein_common::id::VehicleId;
 use skein_common::message::{Order, Verb};
+use skein_common::scenario::{Source, load};
 
 use crate::clock;
 use crate::error::Error;
 use crate::observe::{Observer, Seen, Steps};
 use crate::reach::{Reach, SwarmArgs};
+use effect::{Doing, Effect};
 
 /// An agent says its register five times a second; whoever is silent this long is not there.
 const LISTEN: Duration = Duration::from_millis(1500);
 /// Within this time an order has spread.
 const SPREAD: Duration = Duration::from_secs(5);
+/// A vehicle that has taken an order tells what it does now within this time, by several heartbeats.
+const SETTLED: Duration = Duration::from_secs(1);
 /// Between two sayings of the order.
 const REPEAT: Duration = Duration::from_millis(200);
 
@@ -59,31 +66,87 @@ impl From<VerbArg> for Verb {
     }
 }
 
-/// Gives the order and says who took it.
+/// Gives the order and tells what it has changed.
 ///
 /// # Errors
-/// If no swarm is there, or not every vehicle that is heard takes the order.
+/// If no swarm answers, the mission has no such step, not every vehicle in contact takes the order, or it changes nothing.
 pub fn run(args: &OrderArgs) -> Result<(), Error> {
     let reach = args.swarm.reach(Role::Operator)?;
+    let verb = args.verb.into();
     let mut observer = Observer::open(&reach, Steps::Unheard)?;
     listen(&mut observer, &reach);
     if speakers(&observer).next().is_none() {
-        return Err(Error::Failed(format!("nobody of the swarm {} answers", reach.swarm)));
+        return Err(Error::Failed(format!("no vehicle of swarm {} answers", reach.swarm)));
     }
-    let order = new(&observer, args.verb.into());
+    if let Verb::Goto(step) = verb
+        && let Some(why) = missing_step_of(&observer, &reach, step)
+    {
+        return Err(Error::Refused(why));
+    }
+    let before = effect::doing(&observer);
+    if verb != Verb::Abort && before.values().any(|doing| *doing == Doing::Aborted) {
+        return Err(Error::Failed(format!(
+            "{verb}: swarm {} was ordered to abort, and no order takes that back",
+            reach.swarm
+        )));
+    }
+    let order = new(&observer, verb);
+    if observer.sealed(order).is_empty() {
+        return Err(Error::Failed(format!("no vehicle of swarm {} tells which run it flies in", reach.swarm)));
+    }
+    note(&reach, verb);
     let (taken, deaf) = give(&mut observer, &order)?;
+    let effect = settle(&mut observer, &before);
     if !deaf.is_empty() {
-        return Err(Error::Failed(format!("{}: not taken by vehicle {}", order.verb, list(&deaf))));
+        let deaf = effect::ranges(&deaf);
+        return Err(Error::Failed(format!("{verb}: not taken by vehicle {deaf}; of those in contact {effect}")));
     }
-    crate::say(&format!("{}: taken by vehicle {}\n", order.verb, list(&taken)));
+    if !effect.is_any() {
+        return Err(Error::Failed(format!("{verb}: without effect: {effect}")));
+    }
+    crate::say(&format!("{verb}: taken by vehicle {}; {effect}\n", effect::ranges(&taken)));
     Ok(())
+}
+
+/// Notes an order before it is given, so that the run it is for is not joined again after a landing.
+pub fn note(reach: &Reach, verb: Verb) {
+    let noted = reach.run_file.as_ref().map_or(Ok(()), |file| file.note_order(verb));
+    if let Err(why) = noted {
+        // What is ordered may not wait for a disk.
+        crate::complain(&format!(
+            "the order is not noted on this PC ({why}): see that all have landed before the next `up`"
+        ));
+    }
+}
+
+/// Why the mission that is flown has no such step. `None` also if the vehicles fly another plan than is known here: then what
+/// the order changes is all that tells.
+fn missing_step_of(observer: &Observer, reach: &Reach, step: u32) -> Option<String> {
+    let (name, text) = reach.flown().ok()?;
+    let scenario = load(&Source { name: &name, text: &text }, &[]).ok()?.scenario;
+    let plan = scenario.plan_hash();
+    let fly_it = observer.vehicles().values().filter_map(|seen| seen.mission).all(|mission| mission.plan == plan);
+    effect::missing_step(&scenario, step).filter(|_| fly_it)
+}
+
+/// Waits until every vehicle does something else than before, or long enough for all of them to have told.
+fn settle(observer: &mut Observer, before: &BTreeMap<VehicleId, Doing>) -> Effect {
+    let until = clock::now() + SETTLED;
+    loop {
+        observer.poll();
+        let effect = Effect::of(before, effect::doing(observer));
+        if effect.is_all() || clock::now() >= until {
+            return effect;
+        }
+        clock::sleep(Duration::from_millis(20));
+    }
 }
 
 /// An order larger than all that were heard of, by an issuer whom nobody else is.
 pub fn new(observer: &Observer, verb: Verb) -> Order {
     // The standard library's only source of randomness is the seed of its hashes.
     let issuer = RandomState::new().hash_one(std::process::id());
-    observer.sealed(Order { epoch: observer.next_epoch(), issuer, verb, seal: None })
+    Order { epoch: observer.next_epoch(), issuer, verb, seal: None }
 }
 
 /// Waits until every agent has said its register, or long enough.
@@ -125,8 +188,4 @@ pub fn give(observer: &mut Observer, order: &Order) -> Result<(Vec<VehicleId>, V
             return Ok((taken, deaf));
         }
     }
-}
-
-fn list(ids: &[VehicleId]) -> String {
-    ids.iter().map(VehicleId::to_string).collect::<Vec<_>>().join(", ")
 }

@@ -57,6 +57,17 @@ pub fn how_it_ended(status: ExitStatus) -> String {
     }
 }
 
+/// How many processes wanted to run at once over the last minute, where the system tells.
+pub fn load() -> Option<f64> {
+    // Linux only; elsewhere there is no such file.
+    fs::read_to_string("/proc/loadavg").ok()?.split(' ').next()?.parse().ok()
+}
+
+/// Processors that this process may use.
+pub fn cores() -> usize {
+    std::thread::available_parallelism().map_or(1, usize::from)
+}
+
 /// Whether processes can be made to stand still here.
 pub const CAN_FREEZE: bool = cfg!(unix);
 
@@ -71,9 +82,26 @@ pub fn freeze(child: &Child, frozen: bool) -> io::Result<()> {
 /// Makes a folder that is only this user's, or makes sure that it is.
 ///
 /// # Errors
-/// If it cannot be made, or is somebody else's.
+/// If it cannot be made, is another user's, or others can write to it.
 pub fn private_folder(path: &Path) -> io::Result<()> {
     imp::private_folder(path)
+}
+
+/// Makes sure that what stands in a folder was put there by this user: the folder is its own, no link to one, and no other user
+/// can write to it.
+///
+/// # Errors
+/// If it is not there, or not this user's alone.
+pub fn check_own_folder(path: &Path) -> io::Result<()> {
+    imp::check_own_folder(path)
+}
+
+/// Opens a file that this user has written: the file is its own, no link to one, and no other user can write to it.
+///
+/// # Errors
+/// If it is not there, or not this user's alone.
+pub fn open_own(path: &Path) -> io::Result<File> {
+    imp::open_own(path)
 }
 
 /// Whether nobody but its owner may do anything with this file or folder.
@@ -197,7 +225,7 @@ pub fn cpu_s() -> Option<f64> {
 
 #[cfg(unix)]
 mod imp {
-    use std::fs::{self, File, OpenOptions};
+    use std::fs::{self, File, Metadata, OpenOptions};
     use std::io;
     use std::os::unix::fs::{DirBuilderExt, MetadataExt, OpenOptionsExt, PermissionsExt};
     use std::os::unix::process::{CommandExt, ExitStatusExt};
@@ -206,6 +234,7 @@ mod imp {
     use std::sync::Arc;
     use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
+    use rustix::fs::OFlags;
     use rustix::process::{Pid, Signal, kill_process, test_kill_process};
     use tokio::signal::unix::SignalKind;
 
@@ -242,11 +271,43 @@ mod imp {
             Err(error) if error.kind() != io::ErrorKind::AlreadyExists => return Err(error),
             _ => {}
         }
+        check_own_folder(path)
+    }
+
+    pub(super) fn check_own_folder(path: &Path) -> io::Result<()> {
         let found = fs::symlink_metadata(path)?;
-        if found.is_dir() && found.uid() == rustix::process::getuid().as_raw() {
-            return Ok(());
+        if found.is_dir() { check_own(path, &found) } else { Err(not_own(path, "is no folder")) }
+    }
+
+    pub(super) fn open_own(path: &Path) -> io::Result<File> {
+        // A pipe or a device that stands there must not be waited for, and a link not followed.
+        let flags = OFlags::NOFOLLOW | OFlags::NONBLOCK;
+        let file = OpenOptions::new().read(true).custom_flags(flags.bits().cast_signed()).open(path);
+        let file = file.map_err(|error| match fs::symlink_metadata(path) {
+            Ok(found) if found.is_symlink() => not_own(path, "is a link"),
+            _ => error,
+        })?;
+        let found = file.metadata()?;
+        if !found.is_file() {
+            return Err(not_own(path, "is no file"));
         }
-        Err(io::Error::new(io::ErrorKind::PermissionDenied, format!("{} is not this user's folder", path.display())))
+        check_own(path, &found)?;
+        Ok(file)
+    }
+
+    fn check_own(path: &Path, found: &Metadata) -> io::Result<()> {
+        if found.uid() != rustix::process::getuid().as_raw() {
+            return Err(not_own(path, &format!("belongs to user {}", found.uid())));
+        }
+        match found.mode() & 0o022 {
+            0 => Ok(()),
+            _ => Err(not_own(path, &format!("can be written by others (mode {:o})", found.mode() & 0o777))),
+        }
+    }
+
+    fn not_own(path: &Path, why: &str) -> io::Error {
+        let sentence = format!("{} {why}: it is not trusted; see who has made it, and remove it", path.display());
+        io::Error::new(io::ErrorKind::PermissionDenied, sentence)
     }
 
     pub(super) fn is_private(path: &Path) -> io::Result<bool> {
@@ -366,6 +427,14 @@ mod imp {
 
     pub(super) fn private_folder(path: &Path) -> io::Result<()> {
         std::fs::create_dir_all(path)
+    }
+
+    pub(super) fn check_own_folder(path: &Path) -> io::Result<()> {
+        std::fs::metadata(path).map(drop)
+    }
+
+    pub(super) fn open_own(path: &Path) -> io::Result<File> {
+        File::open(path)
     }
 
     pub(super) fn is_private(path: &Path) -> io::Result<bool> {

@@ -10,6 +10,7 @@ use skein_agent::link::seal::{SealKey, Sealer};
 use skein_common::id::{SwarmName, VehicleId};
 
 use crate::cluster::inventory::Inventory;
+use crate::cluster::keys::run::RunFile;
 use crate::endpoints::{self, Endpoints};
 use crate::error::Error;
 
@@ -26,6 +27,10 @@ pub struct Reach {
     pub orders_key: Option<SealKey>,
     /// What seals them: an operator's alone.
     pub sealer: Option<Arc<Sealer>>,
+    /// The run of the swarm that was begun from this PC last, if one was.
+    pub own_run: Option<u64>,
+    /// Where what is ordered in that run is noted.
+    pub run_file: Option<RunFile>,
     /// What flies.
     pub scenario: Flown,
 }
@@ -53,7 +58,16 @@ pub enum Flown {
 impl Reach {
     /// A swarm whose links are plain.
     pub fn plain(swarm: SwarmName, agents: BTreeMap<VehicleId, String>, scenario: Flown) -> Self {
-        Self { swarm, agents, security: Security::Plain, orders_key: None, sealer: None, scenario }
+        Self {
+            swarm,
+            agents,
+            security: Security::Plain,
+            orders_key: None,
+            sealer: None,
+            own_run: None,
+            run_file: None,
+            scenario,
+        }
     }
 
     /// All endpoints, in the order of ids.

@@ -6,13 +6,13 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 use skein_agent::aircraft::Aircraft;
-use skein_agent::config;
+use skein_agent::config::{self, ConfigError};
 use skein_agent::control::Rules;
 use skein_agent::external;
 use skein_agent::plant::helicopter::Start;
 use skein_agent::start::starts;
 use skein_agent::supported;
-use skein_common::scenario::{self, Loaded, PlantKind, Scenario, Source, load};
+use skein_common::scenario::{self, Loaded, Scenario, Source, Vehicle, load};
 
 use crate::error::Error;
 
@@ -69,16 +69,19 @@ impl ScenarioArgs {
     /// # Errors
     /// A sentence that says what stands against it.
     pub fn ready(&self, scenario: &Scenario) -> Result<Ready, Error> {
-        ready(scenario, self.folder()).map_err(|why| Error::Refused(format!("{}: {why}", self.name())))
-    }
-
-    /// As [`Self::ready`], for a flight in real time.
-    ///
-    /// # Errors
-    /// A sentence that says what stands against it.
-    pub fn ready_live(&self, scenario: &Scenario) -> Result<Ready, Error> {
-        supported::check_live(scenario).map_err(|why| Error::Refused(format!("{}: {why}", self.name())))?;
-        self.ready(scenario)
+        let refused = |why: String| Error::Refused(format!("{}: {why}", self.name()));
+        supported::check(scenario).map_err(|error| refused(error.to_string()))?;
+        external::Way::of(scenario).map_err(|error| refused(error.to_string()))?;
+        let (mut aircraft, mut aircraft_files) = (Vec::new(), BTreeMap::new());
+        for vehicle in &scenario.vehicle {
+            let (its, text) = aircraft_of(vehicle, self.folder(), &self.name())?;
+            aircraft.push(its);
+            aircraft_files.insert(vehicle.aircraft.clone(), text);
+        }
+        let rules = config::rules(&scenario.control.rules, self.folder());
+        let rules = rules.map_err(|error| refused(format!("control.rules: {error}")))?;
+        let starts = starts(scenario).map_err(|error| refused(error.to_string()))?;
+        Ok(Ready { starts, aircraft, aircraft_files, rules })
     }
 
     /// The folder that the file's paths start from.
@@ -105,26 +108,23 @@ pub struct Ready {
     pub rules: Rules,
 }
 
-/// Makes sure that agents of this build can fly the scenario, whose paths start from `folder`.
-pub(crate) fn ready(scenario: &Scenario, folder: &Path) -> Result<Ready, String> {
-    supported::check(scenario).map_err(|error| error.to_string())?;
-    external::Way::of(scenario).map_err(|error| error.to_string())?;
-    let (mut aircraft, mut aircraft_files) = (Vec::new(), BTreeMap::new());
-    for vehicle in &scenario.vehicle {
-        let (id, name) = (vehicle.id, &vehicle.aircraft);
-        let (its, text) = config::aircraft(name, folder).map_err(|error| {
-            let known = Aircraft::SHIPPED.map(|(known, _)| known).join(", ");
-            format!("vehicle {id}: no aircraft \"{name}\" ({error}); with the program come {known}")
-        })?;
-        if scenario.swarm.plant != PlantKind::Xplane && its.helicopter.is_none() {
-            return Err(format!("vehicle {id}: only X-Plane can fly the aircraft \"{name}\""));
+/// The aircraft of a vehicle and its file's text.
+///
+/// # Errors
+/// If there is no such aircraft, or its file is at fault: then with the file's line.
+pub(crate) fn aircraft_of(vehicle: &Vehicle, folder: &Path, scenario: &str) -> Result<(Aircraft, String), Error> {
+    let Vehicle { id, aircraft: name, .. } = vehicle;
+    config::aircraft(name, folder).map_err(|error| match error {
+        ConfigError::Aircraft(fault) => {
+            Error::Refused(format!("{fault}; it is the aircraft of vehicle {id} in {scenario}"))
         }
-        aircraft.push(its);
-        aircraft_files.insert(name.clone(), text);
-    }
-    let rules = config::rules(&scenario.control.rules, folder).map_err(|error| format!("control.rules: {error}"))?;
-    let starts = starts(scenario).map_err(|error| error.to_string())?;
-    Ok(Ready { starts, aircraft, aircraft_files, rules })
+        error => {
+            let known = Aircraft::SHIPPED.map(|(known, _)| known).join(", ");
+            Error::Refused(format!(
+                "{scenario}: vehicle {id}: no aircraft \"{name}\" ({error}); with the program come {known}"
+            ))
+        }
+    })
 }
 
 #[cfg(test)]
@@ -133,7 +133,7 @@ mod tests {
 
     fn refused(set: &str) -> String {
         let args = ScenarioArgs::default();
-        args.ready_live(&args.read(vec![set.to_owned()]).unwrap().scenario).unwrap_err().to_string()
+        args.ready(&args.read(vec![set.to_owned()]).unwrap().scenario).unwrap_err().to_string()
     }
 
     #[test]
@@ -156,14 +156,6 @@ mod tests {
         let unknown = refused("vehicle.3.aircraft=r22");
         assert!(unknown.starts_with("hover.toml: vehicle 3: no aircraft \"r22\" (cannot read r22.toml"), "{unknown}");
         assert!(unknown.ends_with("with the program come xcell60"), "{unknown}");
-    }
-
-    #[test]
-    fn one_control_machine_flies_only_in_a_study() {
-        let refused = refused("control.mode=central");
-        assert_eq!(refused, "hover.toml: control.mode = \"central\" is flown only in a study");
-        let args = ScenarioArgs::default();
-        assert!(args.ready(&args.read(vec!["control.mode=central".to_owned()]).unwrap().scenario).is_ok());
     }
 
     #[test]

@@ -1,74 +1,62 @@
-//! How well the ring stands in gusts, over worse and worse networks and in larger and larger swarms. The whole table is a golden file,
-//! `tests/golden/formation_error.csv`; a test flies some of its cells again.
-
-use std::ops::RangeInclusive;
+//! How well the ring keeps its shape in gusts, over worse and worse networks and in larger and larger swarms. Every flight of the
+//! table stands in a golden file, `tests/golden/formation_error.csv`, to the last bit; a test flies some of them again.
 
 use skein::metrics::Report;
 use skein::study::Study;
 
 use crate::{in_parallel, study};
 
-/// Rows of the table.
+/// Numbers of vehicles: rows of the table.
 pub const VEHICLES: [usize; 4] = [4, 8, 16, 32];
 /// Share of messages that never arrive.
 pub const LOSSES: [f64; 3] = [0.0, 0.2, 0.5];
-/// Of every message, s.
+/// Delay of every message, s.
 pub const DELAYS_S: [f64; 3] = [0.0, 0.5, 2.0];
-/// The figures of a cell: names as in `metrics.json`.
+/// The figures of a flight: names as in `metrics.json`.
 pub const FIGURES: [&str; 4] = ["radial_rms_m", "spacing_error_deg", "oscillation_m", "min_separation_m"];
+/// Each cell of the table is flown with the seeds below this one.
+pub const SEEDS: u64 = 5;
 
 /// One swarm over one network.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Cell {
-    /// How many fly.
+    /// Number of vehicles.
     pub vehicles: usize,
     /// Share of messages that never arrive.
     pub loss: f64,
-    /// Of every message, s.
+    /// Delay of every message, s.
     pub delay_s: f64,
 }
 
-/// A figure of a cell over its seeds.
+/// One flight of a cell.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Spread {
-    /// Median.
-    pub median: f64,
-    /// Least and largest.
-    pub range: [f64; 2],
+pub struct Flight {
+    /// What flew.
+    pub cell: Cell,
+    /// With which seed.
+    pub seed: u64,
+    /// The figures, in the order of [`FIGURES`].
+    pub figures: [f64; 4],
 }
 
-impl Spread {
-    fn of(mut values: Vec<f64>) -> Self {
-        values.sort_by(f64::total_cmp);
-        let (least, largest) = (values[0], values[values.len() - 1]);
-        Self { median: values[values.len() / 2], range: [least, largest] }
-    }
-
-    /// Where the median of a few of the seeds has to lie: where any of them lay when the table was made, and 2 % beyond.
-    pub fn allowed(&self) -> RangeInclusive<f64> {
-        let [least, largest] = self.range;
-        least - 0.02 * least.abs()..=largest + 0.02 * largest.abs()
-    }
-}
-
-/// All cells.
+/// All cells, in the order of the table.
 pub fn cells() -> Vec<Cell> {
     let networks = || LOSSES.iter().flat_map(|&loss| DELAYS_S.map(|delay_s| (loss, delay_s)));
     let cells = |vehicles| networks().map(move |(loss, delay_s)| Cell { vehicles, loss, delay_s });
     VEHICLES.iter().flat_map(|&vehicles| cells(vehicles)).collect()
 }
 
-/// A cell: the shipped hover formation in gusts for 150 s, of which the last 100 s count. `sets` are set besides.
+/// A cell: the shipped hover formation in gusts for 150 s, of which the last 100 s count. `sets` are further settings.
 ///
 /// # Panics
-/// If a set is wrong.
+/// If a setting is wrong.
 pub fn of_cell(cell: Cell, sets: &[&str]) -> Study {
     let Cell { vehicles, loss, delay_s } = cell;
     let own = [
         format!("swarm.vehicles={vehicles}"),
         format!("network.loss={loss}"),
         format!("network.delay_s={delay_s}"),
-        // In still air everybody soon stands, and who stands needs no network.
+        // In still air every vehicle soon hovers at its place, where it hardly needs the network.
         "world.gust_w20_m_s=5".to_owned(),
         "duration_s=150".to_owned(),
     ];
@@ -76,7 +64,7 @@ pub fn of_cell(cell: Cell, sets: &[&str]) -> Study {
     study("hover.toml", &sets)
 }
 
-/// What the table tells of a flight, in the order of [`FIGURES`].
+/// The figures of a flight, in the order of [`FIGURES`].
 ///
 /// # Panics
 /// If the flight was too short.
@@ -85,35 +73,60 @@ pub fn figures(report: &Report) -> [f64; 4] {
     figures.map(|figure| figure.expect("several vehicles that fly for 150 s have it"))
 }
 
-/// The figures of a cell over so many seeds.
-pub fn spreads(cell: Cell, sets: &[&str], seeds: u64) -> [Spread; 4] {
-    let flown = in_parallel(0..seeds, |seed| figures(&of_cell(cell, sets).fly(seed).expect("a hover that may fly")));
-    [0, 1, 2, 3].map(|nth| Spread::of(flown.iter().map(|figures| figures[nth]).collect()))
+/// The flights of a cell with the seeds below `seeds`.
+pub fn flights(cell: Cell, sets: &[&str], seeds: u64) -> Vec<Flight> {
+    in_parallel(0..seeds, |seed| {
+        let report = of_cell(cell, sets).fly(seed).expect("a hover that may fly");
+        Flight { cell, seed, figures: figures(&report) }
+    })
 }
 
-/// The golden file: of each cell and figure the median, the least and the largest of all seeds.
-pub fn golden() -> Vec<(Cell, [Spread; 4])> {
+/// The flights of the golden file.
+pub fn golden() -> Vec<Flight> {
     let row = |line: &str| {
-        let numbers: Vec<f64> = line.split(',').map(|cell| cell.parse().expect("a number")).collect();
-        let cell = Cell { vehicles: numbers[0] as usize, loss: numbers[1], delay_s: numbers[2] };
-        let spread = |nth: usize| {
-            let at = 3 + 3 * nth;
-            Spread { median: numbers[at], range: [numbers[at + 1], numbers[at + 2]] }
-        };
-        (cell, [0, 1, 2, 3].map(spread))
+        let cells: Vec<&str> = line.split(',').collect();
+        let number = |nth: usize| cells[nth].parse::<f64>().expect("a number");
+        Flight {
+            cell: Cell { vehicles: number(0) as usize, loss: number(1), delay_s: number(2) },
+            seed: number(3) as u64,
+            figures: [4, 5, 6, 7].map(number),
+        }
     };
     include_str!("../golden/formation_error.csv").lines().skip(1).map(row).collect()
 }
 
-/// The whole table over so many seeds, as the golden file has it.
-pub fn table(seeds: u64) -> String {
-    let heads = FIGURES.iter().flat_map(|name| ["", ".least", ".largest"].map(|part| format!(",{name}{part}")));
-    let mut text = format!("vehicles,loss,delay_s{}\n", heads.collect::<String>());
+/// The whole table as the golden file has it: a row a flight, every figure with all its digits.
+pub fn csv() -> String {
+    let mut text = format!("vehicles,loss,delay_s,seed,{}\n", FIGURES.join(","));
     for cell in cells() {
-        let spreads = spreads(cell, &[], seeds);
-        let numbers = spreads.iter().flat_map(|spread| [spread.median, spread.range[0], spread.range[1]]);
-        let numbers: String = numbers.map(|number| format!(",{number:.4}")).collect();
-        text += &format!("{},{},{}{numbers}\n", cell.vehicles, cell.loss, cell.delay_s);
+        for flight in flights(cell, &[], SEEDS) {
+            let figures = flight.figures.map(|figure| figure.to_string()).join(",");
+            text += &format!("{},{},{},{},{figures}\n", cell.vehicles, cell.loss, cell.delay_s, flight.seed);
+        }
+    }
+    text
+}
+
+/// The table as the documentation shows it: for each network and number of vehicles the medians of the radial rms and of the
+/// spacing error.
+pub fn markdown(flights: &[Flight]) -> String {
+    let median = |cell: Cell, figure: usize| {
+        let mut values: Vec<f64> =
+            flights.iter().filter(|flight| flight.cell == cell).map(|flight| flight.figures[figure]).collect();
+        values.sort_by(f64::total_cmp);
+        values[values.len() / 2]
+    };
+    let numbers = VEHICLES.map(|vehicles| vehicles.to_string()).join(" | ").replacen(" |", " vehicles |", 1);
+    let mut text = format!("| loss | delay | {numbers} |\n");
+    text += &format!("| --- | --- |{}\n", " --- |".repeat(VEHICLES.len()));
+    for loss in LOSSES {
+        for delay_s in DELAYS_S {
+            let shown = VEHICLES.map(|vehicles| {
+                let cell = Cell { vehicles, loss, delay_s };
+                format!(" {:.2} m, {:.1}° |", median(cell, 0), median(cell, 1))
+            });
+            text += &format!("| {:.0} % | {delay_s} s |{}\n", 100.0 * loss, shown.concat());
+        }
     }
     text
 }

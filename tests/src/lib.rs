@@ -4,11 +4,13 @@ pub mod central;
 pub mod divergence;
 pub mod faults;
 pub mod formation_error;
+pub mod golden;
 pub mod halves;
 #[cfg(target_os = "linux")]
 pub mod namespaces;
 pub mod python;
 pub mod tour;
+pub mod wind;
 
 use std::convert::Infallible;
 use std::num::NonZeroUsize;

@@ -7,6 +7,7 @@
 use std::collections::BTreeMap;
 use std::fs;
 use std::io::{BufRead, BufReader};
+use std::net::UdpSocket;
 use std::path::PathBuf;
 use std::process::{Child, Command, Output, Stdio};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
@@ -130,6 +131,25 @@ impl Drop for Place {
             let _ = kill_process(pid, Signal::KILL);
         }
     }
+}
+
+#[test]
+fn without_an_x_plane_fly_says_within_3_s_what_check_says() {
+    let place = Place::new("no-x-plane");
+    let silent = UdpSocket::bind("127.0.0.1:0").unwrap();
+    let address = silent.local_addr().unwrap().to_string();
+    let output = |command: &mut Command| {
+        let begin = Instant::now();
+        let output = command.output().unwrap();
+        let took = begin.elapsed();
+        assert!(took < Duration::from_secs(3), "{took:?}");
+        (output.status.code(), String::from_utf8(output.stderr).unwrap())
+    };
+    let check = output(place.command().args(["check", "--xplane", &address]));
+    let fly = output(place.fly().args(["--set", "swarm.vehicles=1", "--plant", "xplane", "--xplane", &address]));
+    assert_eq!(fly, check);
+    assert!(check.0 == Some(1) && check.1.contains("no answer within 2 s; is X-Plane running"), "{check:?}");
+    assert!(!place.out().exists() && place.processes().is_empty() && place.signposts() == 0);
 }
 
 /// A `skein fly` whose lines are read as they come.
@@ -319,15 +339,31 @@ fn a_swarm_whose_launcher_is_killed_flies_on_until_it_is_ordered_to_land() {
     assert!(refusal.contains("a swarm named orphaned flies here already"), "{refusal}");
     assert!(!place.folder.path().join("second").exists());
 
-    let ordered = place.order("land");
-    let answer = String::from_utf8_lossy(&ordered.stdout).into_owned();
-    assert!(ordered.status.success(), "{}", String::from_utf8_lossy(&ordered.stderr));
-    assert_eq!(answer, "land: taken by vehicle 1, 2, 3\n");
+    orders_tell_what_they_change(&place);
     place.wait_until_nobody_is_left();
 
     let nobody = place.order("hold");
     assert_eq!(nobody.status.code(), Some(1));
-    assert_eq!(String::from_utf8_lossy(&nobody.stderr), "nobody of the swarm orphaned answers\n");
+    assert_eq!(String::from_utf8_lossy(&nobody.stderr), "no vehicle of swarm orphaned answers\n");
+}
+
+/// Of three vehicles whose mission has one step; in the end they land.
+fn orders_tell_what_they_change(place: &Place) {
+    let order = |line: &str| {
+        let ran = place.command().arg("order").args(line.split(' ')).output().unwrap();
+        let said = String::from_utf8_lossy(&ran.stdout).into_owned() + &String::from_utf8_lossy(&ran.stderr);
+        (ran.status.code(), said)
+    };
+    let told = |code, said: &str| (Some(code), format!("{said}\n"));
+    assert_eq!(order("goto 5"), told(2, "the mission has no step 5: its only step is 0"));
+    assert_eq!(order("goto 0"), told(1, "goto 0: without effect: vehicle 1-3: step 0, as before"));
+    let held = "hold: taken by vehicle 1-3; vehicle 1-3: step 0 -> held at step 0";
+    assert_eq!(order("hold"), told(0, held));
+    assert_eq!(order("hold"), told(1, "hold: without effect: vehicle 1-3: held at step 0, as before"));
+    let on = "goto 0: taken by vehicle 1-3; vehicle 1-3: held at step 0 -> step 0";
+    assert_eq!(order("goto 0"), told(0, on));
+    assert_eq!(order("abort"), told(0, "abort: taken by vehicle 1-3; vehicle 1-3: step 0 -> aborted"));
+    assert_eq!(order("hold"), told(1, "hold: swarm orphaned was ordered to abort, and no order takes that back"));
 }
 
 /// What is heard of everybody's steps until this time is over.

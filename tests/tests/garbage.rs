@@ -18,6 +18,7 @@ use skein_agent::control::Rules;
 use skein_agent::link::{Security, Sessions};
 use skein_agent::plant::xplane::standin::{Standin, StandinOptions};
 use skein_agent::plant::xplane::wire::dref::Write as DrefWrite;
+use skein_agent::plant::xplane::wire::rpos::Position;
 use skein_agent::run::{self, Stop};
 use skein_common::frame::{Geodetic, VelocityNed};
 use skein_common::id::{Incarnation, SwarmName, VehicleId};
@@ -112,11 +113,26 @@ impl Meddler {
                 words.push(spoilt);
             }
         }
+        self.spoof(agent);
         for word in words {
             let _ = self.agent_side.send_to(&word, agent);
             let _ = self.simulator_side.send_to(&word, agent);
             // The stand-in gets its share.
             let _ = self.agent_side.send_to(&word, self.simulator);
+        }
+    }
+}
+
+impl Meddler {
+    /// Whole positions from the simulator's address and another port: a kilometre away, and where the simulator is but turning.
+    fn spoof(&self, agent: SocketAddr) {
+        let Ok(true_one) = Position::decode(&self.last_position) else { return };
+        let spoofed = Position { roll_deg: 60.0, yaw_rate_rad_s: 5.0, velocity_up_m_s: -10.0, ..true_one };
+        let far = Position { latitude_deg: spoofed.latitude_deg + 0.01, height_m: 90.0, ..spoofed };
+        for position in [spoofed, far] {
+            let mut word = Vec::new();
+            position.encode(&mut word);
+            let _ = self.simulator_side.send_to(&word, agent);
         }
     }
 }
@@ -172,6 +188,7 @@ impl Stranger {
             plan: 1,
             membership: Membership::Active,
             step: MAX_STEP,
+            vouched: MAX_STEP,
             reached: Some(MAX_STEP),
             progress_m: 1e8,
             order: Some(order),
@@ -271,6 +288,7 @@ fn garbage_on_every_port_is_counted_and_nothing_of_it_is_believed() {
     let drops = health.unwrap().drops;
     println!("{drops:?}, {activities:?}, highest {highest_m:.1} m, {} controls", controls.load(Relaxed));
     assert!(drops.plant_malformed > 100, "{drops:?}");
+    assert!(drops.plant_foreign > 100, "{drops:?}");
     assert!(drops.undecodable > 10 && drops.other_version > 1 && drops.forged > 10 && drops.old > 1, "{drops:?}");
     assert!(controls.load(Relaxed) > 1000);
     assert!((7.0..11.0).contains(&highest_m), "climbs as it does undisturbed: {highest_m}");

@@ -176,11 +176,11 @@ fn a_node_is_installed_started_kept_alive_landed_and_taken_away() {
     assert!(!host.done("r1", apply(&first)).0);
 
     // Started once, however often it is asked.
-    let (changed, facts) = host.done("r1", Ask::Start { run: 7 });
+    let (changed, facts) = host.done("r1", Ask::Start { run: 7, note: None });
     let agent = facts.agent.unwrap();
     assert!(changed && (agent.run, agent.restarts) == (7, 0));
     assert_eq!(agent.landing_s, 68.0, "a minute, and 4 m at half a metre a second");
-    let (changed, facts) = host.done("r1", Ask::Start { run: 8 });
+    let (changed, facts) = host.done("r1", Ask::Start { run: 8, note: None });
     assert!(!changed && facts.agent == Some(agent.clone()), "what runs goes on, in its run");
 
     // Killed, it is started again, and its supervisor with the next request. What it has left goes.
@@ -192,9 +192,9 @@ fn a_node_is_installed_started_kept_alive_landed_and_taken_away() {
     assert!(!sockets.exists());
     kill(host.supervisor());
     assert!(runs(agent), "it flies on without");
-    let (changed, facts) = host.done("r1", Ask::Start { run: 9 });
+    let (changed, facts) = host.done("r1", Ask::Start { run: 9, note: None });
     assert!(changed && facts.agent.map(|agent| (agent.pid, agent.run)) == Some((agent, 7)));
-    assert!(!host.done("r1", Ask::Start { run: 9 }).0);
+    assert!(!host.done("r1", Ask::Start { run: 9, note: None }).0);
     kill(agent);
     let (agent, restarts) = host.restarted(agent);
     assert_eq!(restarts, 2);
@@ -221,7 +221,9 @@ fn a_node_is_installed_started_kept_alive_landed_and_taken_away() {
 
     // What cannot begin is not tried again and again.
     let occupied = TcpListener::bind(("127.0.0.1", port)).unwrap();
-    let Answer::Failed(why) = host.ask("r2", Ask::Start { run: 10 }) else { panic!("the port is not free") };
+    let Answer::Failed(why) = host.ask("r2", Ask::Start { run: 10, note: None }) else {
+        panic!("the port is not free")
+    };
     assert!(why.contains("has ended at once: ") && why.contains(&port.to_string()), "{why}");
     assert!(processes(host.folder.path().to_str().unwrap()).is_empty());
     drop(occupied);
@@ -229,16 +231,16 @@ fn a_node_is_installed_started_kept_alive_landed_and_taken_away() {
     // Back to what there was, and again an agent: ended at once, wherever it is.
     let (_, facts) = host.done("r2", Ask::Rollback);
     assert_eq!(facts.current.unwrap().bundle, first.id());
-    let (_, facts) = host.done("r2", Ask::Start { run: 10 });
+    let (_, facts) = host.done("r2", Ask::Start { run: 10, note: None });
     let agent = facts.agent.unwrap();
     assert_eq!((agent.installed.release.as_str(), agent.run, agent.restarts), ("r1", 10, 0));
     // Landed by itself, it is not started again, also by a supervisor that did not start it.
     kill(host.supervisor());
-    assert!(host.done("r2", Ask::Start { run: 10 }).0);
+    assert!(host.done("r2", Ask::Start { run: 10, note: None }).0);
     kill_process(pid(agent.pid), Signal::TERM).unwrap();
     wait_until("its end and the supervisor's", || processes(host.folder.path().to_str().unwrap()).is_empty());
     assert!(host.log().ends_with("supervisor: ends\n"), "{}", host.log());
-    assert!(host.done("r2", Ask::Start { run: 11 }).1.agent.is_some_and(|agent| agent.restarts == 0));
+    assert!(host.done("r2", Ask::Start { run: 11, note: None }).1.agent.is_some_and(|agent| agent.restarts == 0));
     let mut follower = host.node("r1");
     let mut follower_input = follower.stdin.take().unwrap();
     follower_input.write_all(&Host::request(Ask::Log { lines: 1, follow: true })).unwrap();

@@ -149,6 +149,7 @@ fn with_nobody_left_the_vehicle_holds_its_place() {
         plan: 0,
         membership: Membership::Active,
         step: 0,
+        vouched: 0,
         reached: None,
         progress_m: 0.0,
         order: None,

@@ -82,6 +82,10 @@ fn a_nodes_file_names_its_keys_and_everybody() {
         assert!(note.contains("keys/node.key: others can read this key; chmod 600 "), "{note}");
     }
 
+    let without_run = by_config(&folder).node().unwrap_err().to_string();
+    assert!(without_run.ends_with("`--run N`, the number that `skein cluster up` prints"), "{without_run}");
+    assert_eq!(AgentOptions { run: Some(0), ..by_config(&folder) }.node().unwrap_err().to_string(), without_run);
+
     let refused = |from: &str, to: &str| {
         assert!(SECURED.contains(from));
         fs::write(folder.path().join("agent.toml"), SECURED.replace(from, to)).unwrap();

@@ -7,6 +7,7 @@ use std::f64::consts::TAU;
 use nalgebra::Vector3;
 use skein_common::frame::{Geodetic, Origin};
 use skein_common::id::VehicleId;
+use skein_common::math;
 
 use super::tests::TRIM;
 use super::*;
@@ -219,7 +220,7 @@ fn altitude_is_held_in_calm_air() {
         let mut flight = Flight::on_the_ground(0.0, auto_trim);
         flight.fly(100.0);
         let samples = flight.fly(100.0);
-        let square = |sample: &Sample| (sample.position_ned_m.z + ALTITUDE_M).powi(2);
+        let square = |sample: &Sample| math::square(sample.position_ned_m.z + ALTITUDE_M);
         let rms_m = (samples.iter().map(square).sum::<f64>() / samples.len() as f64).sqrt();
         let away_m = most(&samples, |sample| sample.position_ned_m.xy().norm());
         println!("hover, auto-trim {auto_trim}: altitude rms {rms_m:.4} m, place within {away_m:.3} m");

@@ -1,5 +1,7 @@
 //! Membership functions: how far a number belongs to a fuzzy set, 0 to 1.
 
+use skein_common::math;
+
 /// No parameter of a `.fis` file may be larger: differences and products then stay far from overflow.
 pub(super) const LARGEST: f64 = 1e12;
 
@@ -62,7 +64,7 @@ impl Membership {
             Self::Trapezoid(corners) => trapezoid(corners, x),
             Self::Gaussian([sigma, c]) => {
                 let z = (x - c) / sigma;
-                (-0.5 * z * z).exp()
+                math::exp(-0.5 * z * z)
             }
         }
     }

@@ -2,6 +2,7 @@ use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
 use proptest::prelude::*;
 use skein_common::frame::{Attitude, BodyRates, Geodetic, PositionNed, VelocityNed};
+use skein_common::math;
 
 use super::*;
 
@@ -196,6 +197,34 @@ fn auto_trim_is_clamped_and_steps_are_capped() {
     assert_eq!((found.tilt_ne_rad, found.collective), (Vector2::new(0.15, -0.15), -0.1));
 }
 
+/// The limit after so many seconds at this height, that far below the altitude asked for.
+fn limit_after(seconds: u32, auto_trim: bool, height_m: f64, error_m: f64) -> Option<CollectiveLimit> {
+    let mut controller = controller(auto_trim);
+    let (estimate, setpoint) =
+        (Estimate { height_m, ..hover(0.0) }, Setpoint { altitude_m: 30.0 + error_m, ..stay(0.0) });
+    for _ in 0..50 * seconds {
+        controller.step(0.02, &estimate, &setpoint);
+    }
+    controller.collective_limit()
+}
+
+#[test]
+fn the_collective_is_at_its_limit_when_rules_and_integral_have_no_more_to_give() {
+    use CollectiveLimit::{Highest, Lowest};
+    assert_eq!(limit_after(10, true, 30.0, -2.5), None, "2.5 m high, with trim left");
+    assert_eq!(limit_after(20, true, 30.0, -2.5), Some(Lowest), "the integral is at its end");
+    assert_eq!(limit_after(1, true, 30.0, -4.9), None, "the integral works");
+    assert_eq!(limit_after(1, true, 30.0, -5.0), Some(Lowest), "the integral rests");
+    assert_eq!(limit_after(60, true, 30.0, 0.0), None);
+    for auto_trim in [false, true] {
+        assert_eq!(limit_after(1, auto_trim, 0.24, 2.0), Some(Highest), "on the ground");
+        assert_eq!(limit_after(1, auto_trim, 0.24, -2.0), None);
+    }
+    assert_eq!(limit_after(60, false, 30.0, -7.6), None, "as the rules leave it in 8 m/s of wind");
+    assert_eq!(limit_after(60, false, 30.0, -10.0), Some(Lowest));
+    assert!(Highest.is_towards(1.0) && !Highest.is_towards(-1.0) && Lowest.is_towards(-1.0) && !Lowest.is_towards(1.0));
+}
+
 #[test]
 fn auto_trim_leans_the_way_it_integrated() {
     let found = AutoTrim { tilt_ne_rad: Vector2::new(0.1, 0.05), collective: 0.02 };
@@ -318,7 +347,7 @@ proptest! {
     #[test]
     fn pseudo_errors_keep_the_length(north in -9.0..9.0f64, east in -9.0..9.0f64, heading_rad in -9.0..9.0f64) {
         let [p, r] = pseudo_errors(Vector2::new(north, east), heading_rad);
-        prop_assert!((p.hypot(r) - north.hypot(east)).abs() < 1e-12);
+        prop_assert!((math::hypot(p, r) - math::hypot(north, east)).abs() < 1e-12);
     }
 
     #[test]

@@ -3,7 +3,7 @@
 use nalgebra::Vector2;
 use serde::Deserialize;
 
-use super::{Setpoint, climb_m_s};
+use super::{CollectiveLimit, Setpoint, climb_m_s};
 use crate::estimate::Estimate;
 use crate::plant::Sticks;
 
@@ -87,6 +87,8 @@ const COLLECTIVE_GAIN: f64 = 0.45 * TILT_GAIN;
 pub(crate) const VELOCITY_PER_ERROR: f64 = 0.5;
 /// Fastest climb that the rules ask for, m/s.
 const FASTEST_CLIMB_M_S: f64 = 2.5;
+/// From this altitude error on the rules ask for their fastest climb and the integral rests, m.
+pub(super) const FASTEST_CLIMB_ERROR_M: f64 = FASTEST_CLIMB_M_S / VELOCITY_PER_ERROR;
 /// Larger velocity errors are manoeuvres, not trim errors, m/s. Under wind the steady error of the climb lies near
 /// 1 m/s: its limit must be well above.
 const LARGEST_VELOCITY_ERROR_M_S: f64 = 1.5;
@@ -123,5 +125,10 @@ impl AutoTrim {
             let collective = self.collective + COLLECTIVE_GAIN * error_m_s * dt_s;
             self.collective = collective.clamp(-LARGEST_COLLECTIVE, LARGEST_COLLECTIVE);
         }
+    }
+
+    /// The limit at which the collective integral is.
+    pub(super) fn collective_limit(&self) -> Option<CollectiveLimit> {
+        CollectiveLimit::of(self.collective, -LARGEST_COLLECTIVE, LARGEST_COLLECTIVE)
     }
 }

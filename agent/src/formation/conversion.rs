@@ -44,6 +44,7 @@ impl Conversion {
 #[cfg(test)]
 mod tests {
     use proptest::prelude::*;
+    use skein_common::math;
 
     use super::*;
 
@@ -71,7 +72,7 @@ mod tests {
             prop_assert!(length(conversion, v + more) > length(conversion, v));
             prop_assert!(length(conversion, v) >= c0 * v - 1e-12);
             prop_assert!((length(conversion, -v) + length(conversion, v)).abs() < 1e-12);
-            let field = Vector2::new(f64::cos(angle), f64::sin(angle)) * v;
+            let field = Vector2::new(math::cos(angle), math::sin(angle)) * v;
             prop_assert!(conversion.error_ne_m(field).perp(&field).abs() < 1e-9);
             let flat = Conversion::Nonlinear { gain_m: c0, far_gain_m: c0, knee };
             let linear = Conversion::Linear { gain_m: c0 };

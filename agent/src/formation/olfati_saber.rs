@@ -14,6 +14,7 @@
 //! that. So the interaction is computed in the source's own units: a unit of length is d/7, a unit of time is a parameter.
 //! The law's own constants stay the source's. A helicopter takes velocities: it is asked for p_i + u_i · horizon.
 
+use skein_common::math;
 use std::f64::consts::PI;
 
 use nalgebra::Vector2;
@@ -78,7 +79,7 @@ impl OlfatiSaber {
         if z < self.h {
             1.0
         } else if z < 1.0 {
-            0.5 * (1.0 + (PI * (z - self.h) / (1.0 - self.h)).cos())
+            0.5 * (1.0 + math::cos(PI * (z - self.h) / (1.0 - self.h)))
         } else {
             0.0
         }

@@ -21,6 +21,7 @@ use std::f64::consts::{FRAC_PI_6, PI, SQRT_2};
 use nalgebra::{Rotation2, Vector2, Vector3};
 use skein_common::frame::PositionNed;
 use skein_common::id::VehicleId;
+use skein_common::math;
 use skein_common::scenario;
 
 use super::COINCIDENT_M;
@@ -91,13 +92,13 @@ pub enum AvoidDistance {
 
 /// ln((1 − ε)/ε): the exponent at which a sigmoid has fallen to ε.
 pub fn edge_exponent(edge_share: f64) -> f64 {
-    ((1.0 - edge_share) / edge_share).ln()
+    math::ln((1.0 - edge_share) / edge_share)
 }
 
 /// σ(z) = 1 / (1 + e^z), falling from 1 to 0.
 #[inline]
 fn limiting(z: f64) -> f64 {
-    1.0 / (1.0 + z.exp())
+    1.0 / (1.0 + math::exp(z))
 }
 
 /// The ring of a scenario.
@@ -169,10 +170,10 @@ impl Ring {
         match (self.avoid_distance, self.gamma_z) {
             (AvoidDistance::Fixed(distance_m), _) => distance_m,
             (AvoidDistance::Adaptive, Some(_)) if live > 2 => {
-                let apart = (4.0 - (FRAC_PI_6 * n / (n - 2.0)).sin().powi(-2)).sqrt();
+                let apart = (4.0 - 1.0 / math::square(math::sin(FRAC_PI_6 * n / (n - 2.0)))).sqrt();
                 self.radius_m * apart / SQRT_2
             }
-            (AvoidDistance::Adaptive, _) => self.radius_m * SQRT_2 * (PI / n).sin(),
+            (AvoidDistance::Adaptive, _) => self.radius_m * SQRT_2 * math::sin(PI / n),
         }
     }
 

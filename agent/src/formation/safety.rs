@@ -130,6 +130,7 @@ mod tests {
     use std::f64::consts::PI;
 
     use proptest::prelude::*;
+    use skein_common::math;
 
     use super::*;
 
@@ -177,7 +178,7 @@ mod tests {
     fn a_knot_of_three_unties_to_the_right() {
         // An even triangle with sides of d_s, from its southern corner: nobody may move towards anybody. Turned by 37° alone
         // the wanted velocity still lies between the two others, and nothing of it is left.
-        let apart = FILTER.distance_m * f64::cos(PI / 6.0);
+        let apart = FILTER.distance_m * math::cos(PI / 6.0);
         let others = [from(-apart, 4.0), from(-apart, -4.0)];
         let flown = FILTER.restrain(Vector2::new(2.0, -0.4), &others).unwrap();
         assert!(flown.y > 1.0 && flown.x < 0.0, "around them, to the right: {flown}");
@@ -223,7 +224,7 @@ mod tests {
                 flown = [fly(0, apart, flown[1]), fly(1, -apart, flown[0])];
             }
             let closing = 2.0 * apart.dot(&(flown[0] - flown[1]));
-            let h = apart.norm_squared() - FILTER.distance_m.powi(2);
+            let h = apart.norm_squared() - math::square(FILTER.distance_m);
             prop_assert!(closing >= -FILTER.rate_per_s * h - 1e-6, "ḣ ≥ −κ h: {closing}");
         }
     }

@@ -3,6 +3,7 @@
 use std::f64::consts::{FRAC_1_SQRT_2, TAU};
 
 use nalgebra::{Rotation2, Vector2};
+use skein_common::math;
 use skein_common::scenario::{Formation, Pattern};
 
 /// As near to its slot as this a vehicle is in it, m.
@@ -45,7 +46,7 @@ impl Slots {
         let count = count.max(1);
         let on_axes_m = match self.pattern {
             Pattern::Circle => {
-                let (sin, cos) = (TAU * rank as f64 / count as f64).sin_cos();
+                let (sin, cos) = math::sin_cos(TAU * rank as f64 / count as f64);
                 Vector2::new(self.radius_m * cos, self.radius_m / self.gamma.sqrt() * sin)
             }
             Pattern::List => self.listed_ne_m.get(rank).copied().unwrap_or_default(),

@@ -1,6 +1,7 @@
 use proptest::prelude::*;
 use proptest::sample::select;
 use skein_common::frame::{Attitude, BodyRates, Geodetic};
+use skein_common::math;
 use skein_common::scenario::{Source, load};
 use skein_common::state::Standing;
 
@@ -107,7 +108,7 @@ fn on_an_ellipsoid_whoever_is_under_another_goes_down() {
 fn the_filter_sees_all_that_is_flown_and_nobody_far_above() {
     let slots = "law = 'virtual-structure'\nradius_m = 100";
     // In its slot if there are three; the centre moves north, where somebody hovers.
-    let (sin, cos) = (std::f64::consts::TAU / 3.0).sin_cos();
+    let (sin, cos) = math::sin_cos(std::f64::consts::TAU / 3.0);
     let place = at(100.0 * cos, 100.0 * sin, 30.0);
     let ahead = |altitude_m| [member(1, 100.0 * cos + 12.0, 100.0 * sin, altitude_m), member(3, 0.0, -90.0, 30.0)];
     let mut filtered = formation(slots);

@@ -79,8 +79,8 @@ impl Presence {
         Ok(())
     }
 
-    /// Whether words of this vehicle can be its own: peers hand nothing on, so who has no link says nothing.
-    pub(super) fn may_speak(&self, id: VehicleId) -> bool {
+    /// Whether messages of this vehicle can be its own: peers hand nothing on, so a vehicle without a link sends nothing.
+    pub fn may_speak(&self, id: VehicleId) -> bool {
         !self.by_links || self.lock().links.contains_key(&id)
     }
 

@@ -53,8 +53,9 @@ pub(super) fn answer(
         let (own_key, said) = (key.clone(), said.clone());
         let answer = move |query: Query| {
             if let Some(said) = said(&query) {
-                // It fails only on a closed session. The answer is dropped rather than waited for, as its question was.
-                let _ = query.reply(&own_key, said).express(true).wait();
+                // It fails only on a closed session. Zenoh gives an answer the quality of service of its question, and that is
+                // set by our configuration when the question comes in: the answer is dropped rather than waited for.
+                let _ = query.reply(&own_key, said).wait();
             }
         };
         let answering = session.declare_queryable(&key).allowed_origin(Locality::Remote).callback(answer);

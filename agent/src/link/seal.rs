@@ -3,6 +3,7 @@
 //! nothing today.
 
 pub mod orders;
+pub mod runs;
 pub mod words;
 
 use std::fmt;
@@ -144,14 +145,6 @@ fn signed(context: &[u8], swarm: &SwarmName, run: u64) -> Vec<u8> {
     bytes
 }
 
-/// The run that most say; of several that as many say, the largest. 0 says nothing, and is what is said where nobody knows.
-pub fn most_said_run(runs: impl Iterator<Item = u64>) -> u64 {
-    let mut said: Vec<u64> = runs.filter(|&run| run != 0).collect();
-    said.sort_unstable();
-    let most = said.chunk_by(|one, other| one == other).max_by_key(|same| same.len());
-    most.and_then(|same| same.first()).copied().unwrap_or(0)
-}
-
 #[cfg(test)]
 pub(crate) mod tests {
     use ring::rand::SystemRandom;
@@ -193,12 +186,5 @@ pub(crate) mod tests {
         for text in ["", "0", &"0".repeat(63), &"0".repeat(65), &"g".repeat(64), &"é".repeat(32)] {
             assert_eq!(text.parse::<SealKey>(), Err(NotAKey::Public), "{text:?}");
         }
-    }
-
-    #[test]
-    fn the_run_is_what_most_say() {
-        let most = |runs: &[u64]| most_said_run(runs.iter().copied());
-        assert_eq!((most(&[]), most(&[0, 0])), (0, 0));
-        assert_eq!((most(&[0, 0, 5]), most(&[5, 3, 3, 0, 0, 0]), most(&[3, 5])), (5, 3, 5));
     }
 }

@@ -1,5 +1,6 @@
 //! The Zenoh sessions of one agent or observer.
 
+use std::net::SocketAddr;
 use std::sync::Arc;
 use std::sync::mpsc;
 use std::thread;
@@ -12,11 +13,17 @@ use super::presence::Presence;
 use super::tunnel::Tunnel;
 use super::{LinkError, Security, open_zenoh};
 
+/// Whether this endpoint is one of this PC's loopback.
+fn is_loopback(endpoint: &str) -> bool {
+    let address = endpoint.split_once('/').map_or(endpoint, |(_, address)| address);
+    address.parse::<SocketAddr>().is_ok_and(|address| address.ip().is_loopback())
+}
+
 /// Sessions that do not close within this time are left to the end of the process.
 const CLOSE_WITHIN: Duration = Duration::from_secs(1);
 
-/// One that listens and one that dials, or one that does both; and what carries their words to other hosts, where links are
-/// secured. Each of the others is linked to one of them.
+/// One that listens and one that dials, or one that does both; and what carries their words to other hosts, if they have
+/// links to any. Each of the others is linked to one of them.
 ///
 /// Whoever comes in under the number of a session that was *dialled* joins it; under the number of one that came in itself,
 /// it is turned away. So secured agents dial from a session that nobody can come in to, whose number only those are shown who
@@ -44,14 +51,19 @@ impl Sessions {
     /// An endpoint that is none, keys that are none, or an address that cannot be listened on.
     pub fn open(swarm: &SwarmName, listen: &[String], dial: &[String], security: &Security) -> Result<Self, LinkError> {
         security.check(listen, dial)?;
-        let Security::Tls(tls) = security else {
-            return Ok(open_zenoh(swarm, listen, dial, &[])?.into());
+        let tls = match security {
+            Security::Tls(tls) => Some(tls),
+            // Of this PC alone nothing is ever cut off.
+            Security::Plain if listen.iter().chain(dial).all(|endpoint| is_loopback(endpoint)) => {
+                return Ok(open_zenoh(swarm, listen, dial, &[])?.into());
+            }
+            Security::Plain => None,
         };
-        Self::secured(Tunnel::open(listen, dial, tls)?, |listen, dial| open_zenoh(swarm, listen, dial, &[]))
+        Self::through(Tunnel::open(listen, dial, tls)?, |listen, dial| open_zenoh(swarm, listen, dial, &[]))
     }
 
     /// Sessions as `open` makes them, which speak through this tunnel.
-    pub(super) fn secured(
+    pub(super) fn through(
         mut tunnel: Tunnel,
         open: impl Fn(&[String], &[String]) -> Result<Session, LinkError>,
     ) -> Result<Self, LinkError> {

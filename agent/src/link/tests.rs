@@ -60,6 +60,7 @@ fn mission(sender: u8, sequence: u64) -> Mission {
         plan: 7,
         membership: Default::default(),
         step: 0,
+        vouched: 0,
         reached: None,
         progress_m: 0.0,
         order: None,
@@ -97,8 +98,8 @@ fn say(session: &Session, key: &str, bytes: &[u8]) {
 fn two_agents_hear_each_other_and_not_themselves() {
     let (swarm, hub, dial) = hub("two");
     let clock = LocalClock::start();
-    let mut one = Link::new(hub, id(1), clock, trust(&swarm)).unwrap();
-    let mut two = Link::new(open_zenoh(&swarm, &[], &dial, &[]).unwrap(), id(2), clock, trust(&swarm)).unwrap();
+    let one = Link::new(hub, id(1), clock, trust(&swarm)).unwrap();
+    let two = Link::new(open_zenoh(&swarm, &[], &dial, &[]).unwrap(), id(2), clock, trust(&swarm)).unwrap();
     let cell = Cell { x: -1, y: 3 };
     let mut sequence = 0;
     let heard = until(

@@ -1,7 +1,6 @@
 //! Whose words are taken up, and which of them are not.
 
-use std::collections::BTreeMap;
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::Arc;
 
 use skein_common::id::{SwarmName, VehicleId};
 use skein_common::message::{Mission, Order, Reason};
@@ -9,7 +8,7 @@ use skein_common::scenario::Scenario;
 
 use super::seal::orders::Checker;
 use super::seal::words::Voices;
-use super::seal::{SealKey, Sealer, most_said_run};
+use super::seal::{SealKey, Sealer};
 use crate::peers::Word;
 
 /// Whom an agent believes, and whose orders it takes.
@@ -23,12 +22,8 @@ pub struct Trust {
     pub plan: u64,
     /// Known for an operator's are the orders that this key has sealed; without a key, any.
     pub orders: Option<SealKey>,
-    /// The run of the swarm that the agent was started in; 0 if it was not told.
-    ///
-    /// An agent that was not told, because somebody has started it by hand, is in the run that most of its peers say, as long
-    /// as it lives. That lets it join a swarm that flies, and protects less: while it hears only nodes that lie, it takes
-    /// their word for the run, and with it an order that was sealed for that run; while nobody says a run, it takes orders
-    /// sealed for none, however old. An agent that was told its run asks nobody.
+    /// The run of the swarm that the agent was started in; 0 where runs have no number. Peers are never asked for it. An order
+    /// with a seal is taken in a numbered run only: one for run 0 would hold again tomorrow.
     pub run: u64,
     /// By what one tells whose a word is.
     pub voices: Voices,
@@ -52,27 +47,19 @@ pub(super) struct Judge {
     vehicles: usize,
     plan: u64,
     orders: Option<Checker>,
-    given_run: u64,
-    /// What the peers say, and what follows from it; unused with a given run.
-    heard: Mutex<Runs>,
-}
-
-#[derive(Debug, Default)]
-struct Runs {
-    said: BTreeMap<VehicleId, u64>,
-    most: u64,
+    run: u64,
 }
 
 impl Judge {
     pub(super) fn new(own: VehicleId, trust: Trust) -> Self {
         let Trust { swarm, vehicles, plan, orders, run, .. } = trust;
         let orders = orders.map(|key| Checker::new(key, swarm));
-        Self { own, vehicles, plan, orders, given_run: run, heard: Mutex::default() }
+        Self { own, vehicles, plan, orders, run }
     }
 
     /// The run that this agent is in.
     pub(super) fn run(&self) -> u64 {
-        if self.given_run != 0 { self.given_run } else { self.heard().most }
+        self.run
     }
 
     /// What is left of a word to take up; its speaker has said it in this run, if it is sealed. `refused` is told what is not
@@ -88,7 +75,7 @@ impl Judge {
                 refused(Reason::Stranger);
                 None
             }
-            (Some(id), _) if run.is_some() && self.is_of_another_run(id, run) => {
+            (Some(_), _) if run.is_some_and(|run| run != self.run) => {
                 refused(Reason::OtherRun);
                 None
             }
@@ -107,40 +94,11 @@ impl Judge {
                 refused(Reason::Unsealed);
                 None
             }
-            (_, Word::Vanished(id)) => {
-                self.note_run(id, None);
-                Some(word)
-            }
             _ => Some(word),
         }
     }
 
     fn is_sealed(&self, order: &Order) -> bool {
-        self.orders.as_ref().is_none_or(|orders| orders.is_sealed(self.run(), order))
-    }
-
-    /// Whether a word is not of the run that this agent is in, now that it knows of this word.
-    fn is_of_another_run(&self, speaker: VehicleId, run: Option<u64>) -> bool {
-        self.note_run(speaker, run);
-        run != Some(self.run())
-    }
-
-    fn note_run(&self, id: VehicleId, run: Option<u64>) {
-        if self.given_run != 0 {
-            return;
-        }
-        let mut heard = self.heard();
-        let before = match run {
-            Some(run) => heard.said.insert(id, run),
-            None => heard.said.remove(&id),
-        };
-        if before != run {
-            heard.most = most_said_run(heard.said.values().copied());
-        }
-    }
-
-    /// Nothing that holds the lock can panic half way.
-    fn heard(&self) -> MutexGuard<'_, Runs> {
-        self.heard.lock().unwrap_or_else(PoisonError::into_inner)
+        self.orders.as_ref().is_none_or(|orders| self.run != 0 && orders.is_sealed(self.run, order))
     }
 }

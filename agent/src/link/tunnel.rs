@@ -1,9 +1,13 @@
-//! Secured links between hosts: mutual TLS 1.3 around what Zenoh says. On each host Zenoh speaks over sockets that nobody else
-//! gets at ([`local`]), and this carries what it says to the other hosts:
+//! Links between hosts: where they are secured, mutual TLS 1.3 around what Zenoh says; where they are plain, TCP. On each host
+//! Zenoh speaks over sockets that nobody else gets at ([`local`]), and this carries what it says to the other hosts:
 //!
 //! ```text
-//! Zenoh -- local socket -- tunnel == TLS over TCP == tunnel -- local socket -- Zenoh
+//! Zenoh -- local socket -- tunnel == TLS over TCP, or TCP == tunnel -- local socket -- Zenoh
 //! ```
+//!
+//! The sockets of the network are ours, so that a link that was cut ends when the other host's kernel has acknowledged nothing
+//! for [`CUT_AFTER`], whatever the processes at both ends have time for; so that closing it never blocks a thread (Zenoh's own
+//! TCP sockets linger for ten seconds); and so that a host that cannot be reached is given up soon.
 //!
 //! Zenoh's own TLS links are not used: they let two threads use one TLS connection at once, which corrupts memory
 //! ([zenoh#2557](https://github.com/eclipse-zenoh/zenoh/issues/2557)). Here each end is known by its certificate before
@@ -25,20 +29,24 @@ use tokio::net::{TcpListener, TcpStream};
 use tokio::runtime::{Builder, Runtime};
 use tokio::sync::Semaphore;
 use tokio::time::{sleep, timeout};
+use tokio_rustls::TlsStream;
 use zenoh::Session;
 
 use super::LinkError;
 use super::presence::Presence;
 use super::security::Tls;
+use crate::unix;
 use local::{Locals, ZenohListener};
 pub(super) use tls::{Ends, Peer};
 
-/// Longest time to reach another host, and then to agree with it on who is who. Zenoh gives up after a second.
+/// Longest time to reach another host, and then to agree with it on who is who. Zenoh tries again when this has ended.
 const REACH_WITHIN: Duration = Duration::from_millis(900);
 /// So many may be asked at once who they are, and so many of them from one address: a stranger who never tells must not keep
 /// the others waiting. Several agents may share a host; who is sent away dials again.
 const AT_ONCE: usize = 64;
 const AT_ONCE_OF_ONE: usize = 16;
+/// A link whose other end has acknowledged nothing for so long is cut. Something is sent at least five times a second.
+const CUT_AFTER: Duration = Duration::from_secs(1);
 /// A link that ends says so within this time.
 const GOODBYE_WITHIN: Duration = Duration::from_millis(200);
 /// What a PC without a file descriptor left waits before it accepts again.
@@ -54,18 +62,19 @@ pub(super) struct Tunnel {
 }
 
 struct Shared {
-    ends: Ends,
+    /// Absent where links are plain.
+    ends: Option<Ends>,
     presence: Arc<Presence>,
 }
 
 impl Tunnel {
-    /// Binds `listen` and a local socket for each of `dial`, endpoints like `tls/10.0.0.11:7447`. Nothing is carried before
-    /// [`Self::carry`].
+    /// Binds `listen` and a local socket for each of `dial`, endpoints like `tls/10.0.0.11:7447`, or `tcp/10.0.0.11:7447` without
+    /// keys. Nothing is carried before [`Self::carry`].
     ///
     /// # Errors
     /// Keys that are none, or an address that cannot be listened on.
-    pub(super) fn open(listen: &[String], dial: &[String], tls: &Tls) -> Result<Self, LinkError> {
-        let ends = Ends::new(tls)?;
+    pub(super) fn open(listen: &[String], dial: &[String], tls: Option<&Tls>) -> Result<Self, LinkError> {
+        let ends = tls.map(Ends::new).transpose()?;
         let taken = |source: io::Error| LinkError::Open { listen: listen.to_vec(), source: source.into() };
         let bind = |endpoint: &String| {
             let listener = StdListener::bind(address(endpoint))?;
@@ -74,9 +83,10 @@ impl Tunnel {
         };
         let listeners = listen.iter().map(bind).collect::<io::Result<_>>().map_err(taken)?;
         let runtime =
-            Builder::new_multi_thread().worker_threads(1).thread_name("tls").enable_all().build().map_err(taken)?;
+            Builder::new_multi_thread().worker_threads(1).thread_name("tunnel").enable_all().build().map_err(taken)?;
         let locals = runtime.block_on(async { Locals::open(dial) }).map_err(taken)?;
-        let presence = Presence::by_links();
+        // Only a certificate tells whose link it is.
+        let presence = if ends.is_some() { Presence::by_links() } else { Presence::by_tokens() };
         Ok(Self { shared: Arc::new(Shared { ends, presence }), listeners, locals, runtime: Some(runtime) })
     }
 
@@ -93,7 +103,8 @@ impl Tunnel {
     /// Where others reach this host, with the ports that it was given.
     pub(super) fn endpoints(&self) -> Vec<String> {
         let addresses = self.listeners.iter().filter_map(|listener| listener.local_addr().ok());
-        addresses.map(|address| format!("tls/{address}")).collect()
+        let protocol = if self.shared.ends.is_some() { "tls" } else { "tcp" };
+        addresses.map(|address| format!("{protocol}/{address}")).collect()
     }
 
     /// Who is there.
@@ -153,15 +164,18 @@ async fn accept(listener: TcpListener, zenoh: Arc<ZenohListener>, shared: Arc<Sh
         let (zenoh, shared) = (zenoh.clone(), shared.clone());
         tokio::spawn(async move {
             let let_in = async {
-                socket.set_nodelay(true)?;
-                shared.ends.accept(socket).await
+                prepare(&socket)?;
+                io::Result::Ok(match &shared.ends {
+                    Some(ends) => Way::secured(ends.accept(socket).await?),
+                    None => Way::Plain(socket),
+                })
             };
             let let_in = timeout(REACH_WITHIN, let_in).await.unwrap_or(Err(io::ErrorKind::TimedOut.into()));
             drop((asked, waiting));
             match let_in {
-                Ok((there, peer)) => {
+                Ok(way) => {
                     if let Ok(here) = zenoh.connect().await {
-                        carry(there, here, (&from.ip().to_string(), &peer), &shared.presence).await;
+                        way.carry(here, &from.ip().to_string(), &shared.presence).await;
                     }
                 }
                 // Somebody who only looked whether the port is open, or whose network has gone.
@@ -214,16 +228,45 @@ async fn dial(here: local::Stream, endpoint: String, shared: Arc<Shared>) {
     let address = address(&endpoint);
     let reach = async {
         let socket = TcpStream::connect(address).await?;
-        socket.set_nodelay(true)?;
-        shared.ends.connect(host(address), socket).await
+        prepare(&socket)?;
+        io::Result::Ok(match &shared.ends {
+            Some(ends) => Way::secured(ends.connect(host(address), socket).await?),
+            None => Way::Plain(socket),
+        })
     };
     match timeout(REACH_WITHIN, reach).await {
-        Ok(Ok((there, peer))) => carry(there, here, (address, &peer), &shared.presence).await,
+        Ok(Ok(way)) => way.carry(here, address, &shared.presence).await,
         Ok(Err(error)) if error.kind() == io::ErrorKind::InvalidData => {
             shared.presence.refuse(address, &error.to_string());
         }
         Ok(Err(error)) => tracing::debug!("{address} is not reached: {error}"),
         Err(_) => tracing::debug!("{address} is not reached: no answer"),
+    }
+}
+
+/// A socket to another host.
+fn prepare(socket: &TcpStream) -> io::Result<()> {
+    socket.set_nodelay(true)?;
+    unix::give_up_unacknowledged(socket, CUT_AFTER)
+}
+
+/// The way to another host.
+enum Way {
+    Plain(TcpStream),
+    Tls(Box<TlsStream<TcpStream>>, Peer),
+}
+
+impl Way {
+    fn secured((stream, peer): (TlsStream<TcpStream>, Peer)) -> Self {
+        Self::Tls(Box::new(stream), peer)
+    }
+
+    /// Carries what Zenoh says `here` and hears, while the link stands.
+    async fn carry(self, here: local::Stream, address: &str, presence: &Arc<Presence>) {
+        match self {
+            Self::Plain(there) => carry(there, here, (address, &Peer::unknown()), presence).await,
+            Self::Tls(there, peer) => carry(there, here, (address, &peer), presence).await,
+        }
     }
 }
 
@@ -267,6 +310,11 @@ impl Peer {
     /// Of this name, as long as its certificate lasts.
     fn new(name: String, vehicle: Option<VehicleId>, lasts: Duration) -> Self {
         Self { name, vehicle, lasts }
+    }
+
+    /// Where links are plain.
+    fn unknown() -> Self {
+        Self::new("a plain link".to_owned(), None, Duration::MAX)
     }
 }
 

@@ -80,7 +80,7 @@ impl One {
         let header =
             Header { sender: id(sender), incarnation: Incarnation(1), sequence: self.said, stamp: SenderStamp::ZERO };
         let (plan, membership) = (self.mission.plan(), Membership::Active);
-        message::Mission { header, plan, membership, step, reached, progress_m, order: None }
+        message::Mission { header, plan, membership, step, vouched: step, reached, progress_m, order: None }
     }
 
     fn told(&mut self) -> Vec<Happening> {
@@ -170,15 +170,17 @@ fn registers_that_no_step_uses_up_do_not_pile_up() {
         one.hear(3, 0, None, 2.0);
     }
     one.hear(2, 0, None, 5.0);
-    assert_eq!(one.mission.others_m, [(id(2), 5.0), (id(3), 2.0)]);
+    assert_eq!(one.mission.others_m, [(id(2), 0, 5.0), (id(3), 0, 2.0)]);
 }
 
 #[test]
 fn a_straggler_is_carried_forward_and_says_what_it_skipped() {
     let mut one = One::active("{ centre_ne_m = [0, 0] }, { centre_ne_m = [9, 0] }, { centre_ne_m = [5, 5] }", "");
     one.hear(2, 2, Some(1), 0.0);
-    assert_eq!(one.told(), [Happening::Skipped { from: 0, to: 2 }]);
+    assert_eq!(formation(one.step(2.5, 30.0)).step, 0, "a single vehicle carries no other");
+    one.hear(3, 2, None, 0.0);
     assert_eq!(formation(one.step(3.0, 30.0)).centre_ne_m, Vector2::new(5.0, 5.0));
+    assert_eq!(one.told(), [Happening::Skipped { from: 0, to: 2 }]);
 }
 
 #[test]
@@ -237,16 +239,27 @@ fn who_is_behind_hurries_and_who_is_ahead_waits_and_nobody_goes_back() {
 }
 
 #[test]
-fn who_joins_late_takes_the_centre_where_the_foremost_has_it() {
+fn who_joins_late_takes_the_centre_where_two_others_have_it() {
     let mut one = One::new(PATH, "");
     one.step(0.0, 30.0);
     for (second, progress_m) in [(0.5, 70.0), (1.0, 71.0), (1.9, 73.0)] {
         one.hear(2, 0, None, progress_m);
+        one.hear(3, 0, None, progress_m + 10.0);
         one.step(second, 30.0);
     }
     one.hear(2, 0, None, 73.2);
+    one.hear(3, 0, None, 1e8);
     let goal = formation(one.step(2.0, 30.0));
-    assert!((goal.centre_ne_m.x - 73.2).abs() < 0.1, "{goal:?}");
+    assert!((goal.centre_ne_m.x - 73.2).abs() < 0.1, "one vehicle alone moves it nowhere: {goal:?}");
+}
+
+#[test]
+fn a_vehicle_that_is_carried_forward_begins_where_the_others_have_the_centre() {
+    let mut one = One::active(&format!("{{ centre_ne_m = [0, 0] }}, {PATH}"), "");
+    one.hear(2, 1, Some(0), 40.0);
+    one.hear(3, 1, Some(0), 42.0);
+    let north_m = formation(one.step(3.0, 30.0)).centre_ne_m.x;
+    assert!((40.0..44.1).contains(&north_m), "at 2 to 4 m/s for the second since the last step: {north_m}");
 }
 
 #[test]
@@ -350,35 +363,52 @@ fn a_failure_brings_the_vehicle_down_whatever_is_ordered() {
     assert!(matches!(one.step(20.1, 30.0), Task::ComeDown { .. }));
 }
 
-#[test]
-fn who_does_not_come_to_its_altitude_keeps_nobody_waiting() {
-    let mut one = One::active(ONE, "");
+/// Flown for 27 s at a height of 25 m, `error_m` below its altitude, climbing at `climb_m_s`.
+fn flown(more: &str, error_m: f64, climb_m_s: f64, collective_limit: Option<CollectiveLimit>) -> One {
+    let mut one = One::active(ONE, more);
+    (one.view.altitude_error_m, one.view.collective_limit) = (Some(error_m), collective_limit);
     for second in 3..30 {
-        let climbs = estimate(f64::from(second), if second < 10 { -1.0 } else { 0.0 });
-        one.step_at(f64::from(second), &climbs);
+        one.step_at(f64::from(second), &estimate(25.0, -climb_m_s));
     }
-    assert_eq!(one.mission.membership(), Membership::Active, "19 s");
-    for second in 30..32 {
-        one.step(f64::from(second), 12.0);
-    }
-    assert_eq!(one.mission.membership(), Membership::Left);
-    assert_eq!(one.told(), [Happening::Failed(Failure::Altitude)]);
-    assert!(one.mission.is_stuck());
+    one
 }
 
 #[test]
-fn without_auto_trim_a_vehicle_may_hover_some_metres_off_its_altitude() {
-    let flown = |height_m, error_m| {
-        let mut one = One::active(ONE, "control.auto_trim = false");
-        one.view.altitude_error_m = Some(error_m);
-        for second in 3..30 {
-            one.step(f64::from(second), height_m);
-        }
-        one.mission.membership()
-    };
-    assert_eq!(flown(25.0, 5.0), Membership::Active, "as the collective rules leave it in wind");
-    assert_eq!(flown(15.0, 15.0), Membership::Left, "where they do all they can");
-    assert_eq!(flown(0.24, 4.8), Membership::Left, "and on the ground");
+fn a_vehicle_without_collective_left_that_does_not_come_to_its_altitude_lands() {
+    use CollectiveLimit::{Highest, Lowest};
+    // Held there, or moving away from its altitude.
+    for (error_m, climb_m_s, limit) in [(5.0, 0.0, Highest), (5.0, -2.0, Highest), (-5.0, 0.2, Lowest)] {
+        let mut one = flown("", error_m, climb_m_s, Some(limit));
+        assert_eq!(one.mission.membership(), Membership::Left, "{error_m} m, {climb_m_s} m/s");
+        assert_eq!(one.told(), [Happening::Failed(Failure::Altitude)]);
+        assert!(one.mission.is_stuck());
+    }
+    let mut one = One::active(ONE, "");
+    (one.view.altitude_error_m, one.view.collective_limit) = (Some(20.0), Some(Highest));
+    for second in 3..23 {
+        one.step(f64::from(second), 12.0);
+    }
+    assert_eq!(one.mission.membership(), Membership::Active, "19 s");
+}
+
+#[test]
+fn a_vehicle_whose_controller_has_collective_left_is_healthy_wherever_it_is() {
+    use CollectiveLimit::{Highest, Lowest};
+    for (error_m, climb_m_s, limit) in [
+        // Gusts and a wind that changes hold it off its altitude while its trim is found.
+        (-2.5, 0.0, None),
+        (15.0, 0.0, None),
+        // The end of the collective that is not asked for.
+        (-5.0, 0.0, Some(Highest)),
+        (5.0, 0.0, Some(Lowest)),
+        // On its way, or there.
+        (-15.0, -1.0, Some(Lowest)),
+        (15.0, 1.0, Some(Highest)),
+        (0.9, 0.0, Some(Highest)),
+    ] {
+        let one = flown("", error_m, climb_m_s, limit);
+        assert_eq!(one.mission.membership(), Membership::Active, "{error_m} m, {climb_m_s} m/s, {limit:?}");
+    }
 }
 
 #[test]

@@ -7,6 +7,7 @@
 
 use rand_chacha::ChaCha8Rng;
 use skein_common::id::VehicleId;
+use skein_common::math;
 use skein_common::message;
 use skein_common::scenario::Quality;
 use skein_common::time::LocalTime;
@@ -124,7 +125,7 @@ impl Burst {
         let known = self.state.map_or(0.0, |(was_bad, before)| {
             let fades_s = (1.0 - self.loss) * self.mean_s;
             let since_s = at.seconds_since(before);
-            let left = if since_s > 0.0 { (-since_s / fades_s).exp() } else { 1.0 };
+            let left = if since_s > 0.0 { math::exp(-since_s / fades_s) } else { 1.0 };
             left * (f64::from(u8::from(was_bad)) - self.loss)
         });
         let is_bad = chance < self.loss + known;

@@ -45,6 +45,7 @@ fn mission(sender: u8, sequence: u64) -> Word {
         plan: 1,
         membership: Membership::Active,
         step: 0,
+        vouched: 0,
         reached: None,
         progress_m: 0.0,
         order: None,

@@ -35,7 +35,7 @@ fn mission(sender: u8, incarnation: u64, sequence: u64, membership: Membership) 
 }
 
 fn register(header: Header, plan: u64, membership: Membership) -> Mission {
-    Mission { header, plan, membership, step: 0, reached: None, progress_m: 0.0, order: None }
+    Mission { header, plan, membership, step: 0, vouched: 0, reached: None, progress_m: 0.0, order: None }
 }
 
 /// The network with these keys.
@@ -243,4 +243,17 @@ fn who_is_lost_in_sight_stays_an_obstacle_whatever_the_graph() {
     assert!(matches!(table.only().role, Role::Obstacle { .. }), "{:?}", table.only());
     table.hear(13.4, &[]);
     assert_eq!(table.only().role, Role::Nothing);
+}
+
+#[test]
+fn a_peer_is_not_blamed_for_the_time_in_which_the_own_agent_did_not_run() {
+    let mut table = Table::new();
+    table.hear(1.0, &[state(2, 1, 1, 0.0)]);
+    table.0.did_not_run(5.0);
+    assert_eq!(table.hear(6.0, &[]), [], "five seconds do not count");
+    assert!((table.only().age_s - 5.0).abs() < 1e-9, "its state is as old as it is");
+    assert_eq!(table.hear(9.9, &[]), [], "twice the usual time");
+    assert_eq!(table.hear(10.1, &[]), [Change::Lost(id(2))]);
+    table.hear(20.0, &[state(2, 1, 2, 0.0)]);
+    assert_eq!(table.hear(22.1, &[]), [Change::Lost(id(2))], "the usual time again");
 }

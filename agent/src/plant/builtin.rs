@@ -84,6 +84,10 @@ impl Plant for BuiltIn {
     fn malformed(&self) -> u64 {
         0
     }
+
+    fn foreign(&self) -> u64 {
+        0
+    }
 }
 
 /// The next deadline of the grid after the one that was due and is being served at `now`: at most one tick ago. And how

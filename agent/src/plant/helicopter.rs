@@ -34,6 +34,7 @@ mod tail;
 
 use nalgebra::Vector3;
 use skein_common::frame::{Attitude, BodyRates, PositionNed, VelocityNed};
+use skein_common::math;
 
 pub use failures::{Failures, Script};
 pub use parameters::{ParameterError, Parameters};
@@ -102,7 +103,7 @@ impl Helicopter {
         let hover = dynamics.hover();
         let skids = &parameters.skids;
         let height_m = skids.down_m - dynamics.body.weight_n() / (4.0 * skids.stiffness_n_m);
-        let (sin, cos) = (0.5 * heading_rad).sin_cos();
+        let (sin, cos) = math::sin_cos(0.5 * heading_rad);
         let mut state = [0.0; 23];
         state[..3].copy_from_slice(&[north_m, east_m, dynamics.ground_down_m - height_m]);
         state[6..10].copy_from_slice(&[cos, 0.0, 0.0, sin]);
@@ -149,9 +150,9 @@ impl Helicopter {
     pub fn attitude(&self) -> Attitude {
         let r = body::ned_from_body(self.quaternion());
         Attitude {
-            roll_rad: r.m32.atan2(r.m33),
-            pitch_rad: (-r.m31).clamp(-1.0, 1.0).asin(),
-            heading_rad: r.m21.atan2(r.m11),
+            roll_rad: math::atan2(r.m32, r.m33),
+            pitch_rad: math::asin((-r.m31).clamp(-1.0, 1.0)),
+            heading_rad: math::atan2(r.m21, r.m11),
         }
     }
 

@@ -5,19 +5,19 @@ use std::time::{Duration, Instant};
 
 use skein_common::frame::Origin;
 use skein_common::id::{Incarnation, VehicleId};
-use skein_common::message::{Drops, Event, Header, Health, PeerHealth, Reason, Refused};
+use skein_common::message::{Drops, Event, Header, Health, PeerHealth, Reason, Refused, Trace};
 use skein_common::state::{Activity, Membership};
 use skein_common::time::{LocalTime, Now, PlantTime};
 use skein_common::topic::Cell;
 use tokio::sync::mpsc;
 
 use super::Stop;
+use super::silence::Silence;
 use super::timing::{Summary, Timing};
 use crate::agent::{Agent, Inputs, Outputs};
 use crate::clock::{LocalClock, Skew, now, sleep_until};
 use crate::external::live::LiveLaw;
-use crate::failsafe::SIMULATOR_LOST_AFTER_S;
-use crate::link::Link;
+use crate::link::{Link, Messages};
 use crate::network::{Ear, Whereabouts};
 use crate::peers::Heard;
 use crate::plant::{Frame, Plant, Wake};
@@ -25,6 +25,10 @@ use crate::speech::Said;
 
 /// The plant's frame is given up for this step after so many of its periods.
 const PATIENCE_PERIODS: f64 = 1.5;
+
+/// A simulator that was there and sends no frame for so long does not come back. One on a PC that does not keep up pauses for
+/// seconds, and its vehicle is still to be landed then.
+const SIMULATOR_GONE_AFTER: Duration = Duration::from_secs(10);
 
 /// What the control thread alone holds.
 pub(super) struct Control {
@@ -54,6 +58,7 @@ pub(super) struct Control {
 /// What one loop leaves to the next.
 struct Since {
     timing: Timing,
+    silence: Silence,
     plant_time: PlantTime,
     arriving: Vec<Heard>,
     heard: Vec<Heard>,
@@ -70,6 +75,7 @@ impl Control {
         let patience = period.mul_f64(PATIENCE_PERIODS);
         let mut since = Since {
             timing: Timing::new(period, now()),
+            silence: Silence::new(),
             plant_time: PlantTime::ZERO,
             arriving: Vec::new(),
             heard: Vec::new(),
@@ -129,12 +135,12 @@ impl Control {
         if self.agent.membership() == Membership::Active {
             since.member_since.get_or_insert(right);
         }
-        if let Some(frame) = frame {
-            self.trace(now_here, frame, since);
+        let trace = frame.and_then(|frame| self.trace(now_here, frame, since));
+        if frame.is_some() {
             since.timing.frame(woken, self.plant.skipped_frames());
             since.timing.step(woken, done);
         }
-        self.say(now_here.local, said, since);
+        self.send(now_here.local, said, trace, since);
         if let Some(summary) = since.timing.summary(done) {
             since.healths += 1;
             let health = self.health(now_here.local, right.seconds(), summary, since);
@@ -146,6 +152,9 @@ impl Control {
     /// What the link has brought passes the scenario's network, which knows nothing of the agent's clock.
     fn hear(&mut self, right: LocalTime, since: &mut Since) {
         self.link.drain(&mut since.arriving);
+        if let Some(late_s) = since.silence.watch(right, &mut since.arriving) {
+            self.agent.did_not_run(late_s);
+        }
         let own = Whereabouts { flown_s: self.flown_s(right, since), position: self.agent.position() };
         self.ear.hear(right, own, since.arriving.drain(..), &mut since.heard);
         if !self.skew.is_none() {
@@ -159,30 +168,29 @@ impl Control {
         self.flown_before_s.map(|before_s| before_s + now.seconds()).or(own_s)
     }
 
-    fn say(&mut self, now: LocalTime, said: Said, since: &mut Since) {
-        if let Some(state) = said.state {
-            let cell = Cell::of(self.origin.ned_from_geodetic(&state.state.position));
-            self.link.say_state(&state, cell);
-        }
-        if let Some(mission) = said.mission {
-            self.link.say_mission(&mission);
-        }
-        for what in said.happened {
+    /// Hands over what this step sends: another thread sends it.
+    fn send(&mut self, now: LocalTime, said: Said, trace: Option<Trace>, since: &mut Since) {
+        let state = said.state.map(|state| (state, Cell::of(self.origin.ned_from_geodetic(&state.state.position))));
+        let event = |what| {
             since.events += 1;
-            self.link.say_event(&Event { header: self.header(now, since.events), what });
             tracing::info!("vehicle {} {what}", self.own);
+            Event { header: self.header(now, since.events), what }
+        };
+        let events: Vec<Event> = said.happened.into_iter().map(event).collect();
+        if state.is_some() || said.mission.is_some() || !events.is_empty() || trace.is_some() {
+            self.link.send(Messages { state, mission: said.mission, events, trace });
         }
     }
 
-    /// The timing in it is the previous step's.
-    fn trace(&mut self, now: Now, frame: &Frame, since: &Since) {
-        if self.link.trace_is_wanted() {
+    /// If somebody listens to it. The timing in it is the previous step's.
+    fn trace(&mut self, now: Now, frame: &Frame, since: &Since) -> Option<Trace> {
+        self.link.trace_is_wanted().then(|| {
             let mut trace = self.agent.trace(now, &frame.truth);
             self.ear.tell_lateness(&mut trace.peers);
             trace.step_us = since.timing.last_step_us();
             trace.frame_overruns = since.timing.overruns();
-            self.link.say_trace(&trace);
-        }
+            trace
+        })
     }
 
     fn health(&self, now: LocalTime, uptime_s: f64, summary: Summary, since: &Since) -> Health {
@@ -219,6 +227,7 @@ impl Control {
         let (core, link) = (self.agent.drops(), self.link.drops());
         Drops {
             plant_malformed: self.plant.malformed(),
+            plant_foreign: self.plant.foreign(),
             undecodable: link.undecodable,
             other_version: link.other_version,
             forged: core.forged + link.forged,
@@ -236,8 +245,7 @@ impl Control {
 
     /// Whether this agent's flight has ended. Without a simulator there is nothing to land.
     fn is_over(&self, timing: &Timing) -> bool {
-        let lost_after = Duration::from_secs_f64(SIMULATOR_LOST_AFTER_S);
-        let is_flying = timing.last_frame().is_some_and(|last| now() < last + lost_after);
+        let is_flying = timing.last_frame().is_some_and(|last| now() < last + SIMULATOR_GONE_AFTER);
         let is_down = self.agent.activity() == Activity::Landed;
         self.stop.is_urgent() || self.stop.is_asked() && (is_down || !is_flying) || self.stop.is_forsaken() && is_down
     }

@@ -1,15 +1,18 @@
 //! Log lines to standard error by way of a thread of their own: a terminal that was stopped or a pipe that nobody reads
 //! delays nobody else, least of all the control thread.
 
-use std::io::{self, IsTerminal, Write};
+use std::io::{self, Write};
 use std::sync::mpsc::{self, Sender, SyncSender};
 use std::thread;
 use std::time::Duration;
 
+use skein_common::printable::printable;
 use tracing_subscriber::EnvFilter;
 
 /// Lines that may wait; what is beyond is lost.
 const QUEUE: usize = 1024;
+/// A longer line is cut, characters.
+const MAX_LINE: usize = 4000;
 /// At the end of the process the last lines get this long.
 const FLUSH_WITHIN: Duration = Duration::from_millis(500);
 
@@ -42,7 +45,8 @@ pub(super) fn start() -> Log {
     let subscriber = tracing_subscriber::fmt()
         .with_env_filter(filter)
         .with_target(false)
-        .with_ansi(io::stderr().is_terminal())
+        // Colours are escape sequences, and none is let through.
+        .with_ansi(false)
         .with_writer(move || Lines(lines.clone()));
     let _ = subscriber.try_init();
     Log(sender)
@@ -57,15 +61,45 @@ impl Drop for Log {
     }
 }
 
+/// An event as a line: what peers, laws and simulators have put into it can neither end the line nor reach the terminal as
+/// anything but text.
+fn line(event: &[u8]) -> Vec<u8> {
+    let text = String::from_utf8_lossy(event);
+    (printable(text.trim_end_matches('\n'), MAX_LINE) + "\n").into_bytes()
+}
+
 struct Lines(SyncSender<Item>);
 
 impl Write for Lines {
-    fn write(&mut self, line: &[u8]) -> io::Result<usize> {
-        let _ = self.0.try_send(Item::Line(line.to_vec()));
-        Ok(line.len())
+    /// Takes one event at a time, whole.
+    fn write(&mut self, event: &[u8]) -> io::Result<usize> {
+        let _ = self.0.try_send(Item::Line(line(event)));
+        Ok(event.len())
     }
 
     fn flush(&mut self) -> io::Result<()> {
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_a_law_or_a_peer_writes_stays_one_line_of_text() {
+        let (sender, queue) = mpsc::sync_channel(QUEUE);
+        let subscriber = tracing_subscriber::fmt()
+            .without_time()
+            .with_target(false)
+            .with_ansi(false)
+            .with_writer(move || Lines(sender.clone()))
+            .finish();
+        let line = "ready\u{1b}[2J\r\nINFO vehicle 2 landed \u{202e}txt";
+        tracing::subscriber::with_default(subscriber, || tracing::warn!("vehicle 3's law: {line}"));
+        let Ok(Item::Line(written)) = queue.recv() else { panic!("a line") };
+        let shown = " WARN vehicle 3's law: ready\\x1b[2J\\u000d\\u000aINFO vehicle 2 landed \\u202etxt\n";
+        assert_eq!(String::from_utf8_lossy(&written), shown);
+        assert!(queue.try_recv().is_err(), "one line");
     }
 }

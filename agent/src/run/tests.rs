@@ -306,6 +306,7 @@ fn what_a_node_makes_up_lands_nobody_and_is_named_and_what_the_operator_has_seal
         plan,
         membership: Membership::Active,
         step: 0,
+        vouched: 0,
         reached: None,
         progress_m: 0.0,
         order: None,

@@ -54,6 +54,8 @@ impl Health {
 pub struct Drops {
     /// Datagrams of the simulator that were malformed or impossible.
     pub plant_malformed: u64,
+    /// Datagrams that another program sent in the simulator's place.
+    pub plant_foreign: u64,
     /// Peers' messages that did not decode.
     pub undecodable: u64,
     /// Peers' messages of another version.
@@ -75,7 +77,7 @@ pub struct Drops {
 impl Drops {
     /// All of them.
     pub fn total(&self) -> u64 {
-        self.plant_malformed + self.measurement + self.old + self.refused()
+        self.plant_malformed + self.plant_foreign + self.measurement + self.old + self.refused()
     }
 
     /// What no honest peer of this swarm says, however bad the network.

@@ -35,6 +35,7 @@ fn mission() -> Mission {
         plan: 7,
         membership: Membership::Active,
         step: 3,
+        vouched: 1,
         reached: Some(2),
         progress_m: 0.5,
         order: Some(order),
@@ -59,7 +60,7 @@ fn a_state_has_these_bytes() {
 fn agreement_and_events_have_these_bytes() {
     let mut golden = vec![VERSION];
     golden.extend(HEADER);
-    golden.extend([7, 1, 3, 1, 2]);
+    golden.extend([7, 1, 3, 1, 1, 2]);
     golden.extend(0.5_f64.to_le_bytes());
     // The order and its seal.
     golden.extend([1, 1, 9, 1, 1]);
@@ -125,6 +126,7 @@ fn the_largest_words_fit() {
         plan: u64::MAX,
         membership: Membership::Left,
         step: MAX_STEP,
+        vouched: MAX_STEP,
         reached: Some(MAX_STEP),
         progress_m: 1e8,
         order: Some(order),

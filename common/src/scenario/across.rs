@@ -9,6 +9,7 @@ use super::model::{
 };
 use super::tree::{Node, Place, Texts};
 use crate::id::VehicleId;
+use crate::math;
 
 /// Discs thrown at random into a square one by one jam when they cover 55 % of it (random sequential adsorption). Up to
 /// this share 2 to 250 of them find their places within 2000 throws, now and then starting over.
@@ -85,8 +86,8 @@ impl Check<'_> {
         let all_given = self.scenario.vehicle.iter().all(|vehicle| vehicle.start_ne_m.is_some());
         let free = if all_given { 0 } else { self.count() };
         let paths = ["start.separation_m", "start.square_m", "start.pattern", "swarm.vehicles"];
-        let covered = free as f64 * PI / 4.0 * (apart_m / (square_m + apart_m)).powi(2);
-        let chord_m = square_m * (PI / free as f64).sin();
+        let covered = free as f64 * PI / 4.0 * math::square(apart_m / (square_m + apart_m));
+        let chord_m = square_m * math::sin(PI / free as f64);
         match start.pattern {
             StartPattern::Random if free > 1 && apart_m > 0.0 && covered > RANDOM_COVER => {
                 let enough_m = (apart_m * ((free as f64 * PI / 4.0 / RANDOM_COVER).sqrt() - 1.0)).ceil();
@@ -113,7 +114,7 @@ impl Check<'_> {
         let given: Vec<_> = self.scenario.vehicle.iter().filter_map(|it| Some((it.id, it.start_ne_m?))).collect();
         for (later, (id, [north, east])) in given.iter().enumerate() {
             for (other, [other_north, other_east]) in &given[..later] {
-                let apart_m = (north - other_north).hypot(east - other_east);
+                let apart_m = math::hypot(north - other_north, east - other_east);
                 if apart_m < self.scenario.start.separation_m {
                     let path = format!("vehicle.{id}.start_ne_m");
                     let least_m = self.scenario.start.separation_m;
@@ -243,7 +244,7 @@ impl Check<'_> {
             return Err(self.formation_fault(step, ["slots.offsets_ne_m", "slots.pattern"], message));
         }
         let is_flat = formation.band_step_m == 0.0;
-        let apart_m = |[a, b]: [&[f64; 2]; 2]| (a[0] - b[0]).hypot(a[1] - b[1]);
+        let apart_m = |[a, b]: [&[f64; 2]; 2]| math::hypot(a[0] - b[0], a[1] - b[1]);
         let pairs = listed.iter().enumerate().flat_map(|(nth, a)| listed[..nth].iter().map(move |b| [a, b]));
         let nearest_m = match slots.pattern {
             Pattern::List => pairs.map(apart_m).fold(f64::INFINITY, f64::min),
@@ -264,7 +265,7 @@ impl Check<'_> {
         let is_flat = formation.vertical == Vertical::Bands && formation.band_step_m == 0.0;
         let is_filtered = formation.safety_filter == SafetyFilter::Cbf;
         let widest_m = formation.radius_m * (1.0 / formation.gamma.sqrt()).max(1.0);
-        let chord_m = 2.0 * widest_m * (PI / self.count() as f64).sin();
+        let chord_m = 2.0 * widest_m * math::sin(PI / self.count() as f64);
         let least_m = formation.safety_distance_m;
         let is_ring = match formation.law {
             Law::Ring => true,

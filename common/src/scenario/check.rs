@@ -62,6 +62,7 @@ impl Texts<'_> {
                     )
                 })
             }
+            Kind::TomlName => self.toml_name(node, path),
             Kind::Text => self.text(node, path).map(drop),
             Kind::Address(prefix) => self.address(node, path, prefix),
             Kind::Texts => self.each(node, path, "a list of texts", |item| self.text(item, path).map(drop)),
@@ -118,6 +119,22 @@ impl Texts<'_> {
         let message = format!("`{path}` is \"{}\", but has to be one of {list}", shown(text));
         let help = keys::nearest_of(words, text).map(|nearest| format!("did you mean \"{nearest}\"?").into());
         Err(ScenarioError { help, ..self.fault(&node.place, path, message) })
+    }
+
+    /// Cuts off the file's ending.
+    fn toml_name(&self, node: &mut Node, path: &str) -> Result<(), ScenarioError> {
+        let text = self.text(node, path)?;
+        let name = text.strip_suffix(".toml").unwrap_or(text).to_owned();
+        if SwarmName::new(&*name).is_err() {
+            let message = format!(
+                "`{path}` names a TOML file beside this one by 1 to 64 letters, digits, '-' or '_', with or without \".toml\"; \
+                 \"{}\" does not",
+                shown(text)
+            );
+            return Err(self.fault(&node.place, path, message));
+        }
+        node.value = Value::Plain(Toml::String(name));
+        Ok(())
     }
 
     fn text<'n>(&self, node: &'n Node, path: &str) -> Result<&'n str, ScenarioError> {

@@ -41,6 +41,8 @@ pub enum Kind {
     Law,
     /// 1 to 64 letters, digits, '-' or '_'.
     Name,
+    /// The same as the name of a TOML file, whose ending may stand behind it and is cut off.
+    TomlName,
     /// A text that is not empty.
     Text,
     /// HOST:PORT, behind this prefix.
@@ -112,7 +114,7 @@ pub enum Literal {
     Toml(&'static str),
 }
 
-use Kind::{Address, Edges, Free, Id, Ids, Integer, Name, OneOf, Path, Point, Tables, Text, Texts, True};
+use Kind::{Address, Edges, Free, Id, Ids, Integer, Name, OneOf, Path, Point, Tables, Text, Texts, TomlName, True};
 use Literal::{Bool, Nothing, Required, Same};
 
 const fn key(path: &'static str, kind: Kind, default: Literal, about: &'static str) -> Key {
@@ -166,7 +168,7 @@ pub const KEYS: &[Key] = &[
     key("swarm.vehicles", Integer(1, 250), Required, "how many fly; ids 1 to this, as MAVLink allows"),
     key("swarm.name", Name, Same("name"), "namespace of all traffic: two swarms on one network need two"),
     key("swarm.plant", OneOf(&["builtin", "standin", "xplane"]), text("builtin"), "what moves; the built-in helicopter needs nothing else installed"),
-    key("swarm.aircraft", Name, text("xcell60"), "profile of the aircraft; the class that the paper imitated"),
+    key("swarm.aircraft", TomlName, text("xcell60"), "the aircraft: NAME.toml beside this file, or one of the program's; of the class that the paper imitated"),
     key("swarm.trim_error_rms_deg", from(0.0, 5.0), number(0.3), "hidden error of roll and pitch trim: no real machine is trimmed exactly"),
 
     key("start.pattern", OneOf(&["random", "as_is", "ring", "line"]), text("random"), "how they stand before take-off, around the origin"),
@@ -313,7 +315,7 @@ pub const KEYS: &[Key] = &[
     key("record.runs", OneOf(&["worst-and-median", "all", "none"]), text("worst-and-median"), "of which runs of a study recordings are kept"),
     key("record.hz", above_zero_or("auto", 1e3), text("auto"), "how often is recorded; auto: 10 in a study, 50 live"),
 
-    key("vehicle.N.aircraft", Name, Same("swarm.aircraft"), "swarm.aircraft for this vehicle"),
+    key("vehicle.N.aircraft", TomlName, Same("swarm.aircraft"), "swarm.aircraft for this vehicle"),
     key("vehicle.N.start_ne_m", Point, Nothing, "where it stands at first, whatever start.pattern says"),
     key("vehicle.N.heading_deg", from(-360.0, 360.0), Nothing, "where its nose points at first, clockwise from north"),
     key("vehicle.N.xplane", Address(""), Nothing, "HOST:PORT of its simulator"),

@@ -91,7 +91,9 @@ impl Texts<'_> {
     /// A fault at a place.
     pub(super) fn fault(&self, place: &Place, key: &str, message: impl Into<String>) -> ScenarioError {
         let (file, position, span) = match place {
-            Place::File(span) => (self.source.name.to_owned(), Some(self.position(span.start)), Some(span.clone())),
+            Place::File(span) => {
+                (self.source.name.to_owned(), Some(self.source.position(span.start)), Some(span.clone()))
+            }
             Place::Set(index) => (format!("--set {}", shown(&self.sets[*index])), None, None),
         };
         ScenarioError {
@@ -113,19 +115,11 @@ impl Texts<'_> {
         }
     }
 
-    /// Line and column, both from 1, the column in characters; a byte order mark has no width.
-    fn position(&self, byte: usize) -> (usize, usize) {
-        let before = self.source.text.get(..byte).unwrap_or(self.source.text);
-        let line = before.matches('\n').count() + 1;
-        let start = before.rfind('\n').map_or(0, |end| end + 1);
-        (line, before[start..].chars().filter(|&c| c != '\u{feff}').count() + 1)
-    }
-
     /// Where a value came from.
     pub(super) fn origin(&self, node: &Node) -> Layer {
         match &node.place {
             Place::File(span) if !node.is_set() => {
-                Layer::File { name: self.source.name.to_owned(), line: self.position(span.start).0 }
+                Layer::File { name: self.source.name.to_owned(), line: self.source.position(span.start).0 }
             }
             _ => Layer::Set,
         }

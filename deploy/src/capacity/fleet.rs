@@ -12,6 +12,7 @@
 
 use serde::Serialize;
 use skein_agent::plant::xplane::wire::{dref, rpos};
+use skein_common::math;
 use skein_common::topic::Cell;
 
 use super::measure::Measured;
@@ -86,7 +87,7 @@ impl Scheme {
         let on_need = Self::Mesh { name: "mesh, on need", states_hz };
         // As dense as the hover, if that went on and on.
         let apart_m = measured.talk.first().and_then(|talk| talk.nearest_pair_m);
-        let near = apart_m.map(|apart_m| (9.0 * (Cell::SIDE_M / apart_m).powi(2)).round());
+        let near = apart_m.map(|apart_m| (9.0 * math::square(Cell::SIDE_M / apart_m)).round());
         let by_cells = near.map(|near| Self::Cells { states_hz, near });
         [data, datarefs, Self::CentralWords, every_frame, on_need].into_iter().chain(by_cells).collect()
     }

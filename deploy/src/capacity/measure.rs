@@ -12,8 +12,11 @@ use super::words::{self, FRAME_HZ, WordSize, WordTime};
 use crate::clock::utc_name;
 use crate::error::Error;
 use crate::os::cpu_s;
-use crate::scenario::{FLOCK, HOVER, ready};
+use crate::scenario::{FLOCK, HOVER, ScenarioArgs};
 use crate::study::Study;
+
+/// How often an agent sends its part in the agreement, Hz.
+pub(super) const REGISTER_HZ: f64 = 1.0 / MISSION_PERIOD_S;
 
 /// How much to measure; less is less exact.
 #[derive(Clone, Copy, Debug)]
@@ -93,7 +96,7 @@ pub fn measure(effort: Effort) -> Result<Measured, Error> {
         when: utc_name(),
         state,
         register,
-        register_hz: 1.0 / MISSION_PERIOD_S,
+        register_hz: REGISTER_HZ,
         time,
         datagram_us,
         talk,
@@ -134,7 +137,7 @@ fn datagram_us(batches: u32) -> std::io::Result<Option<[f64; 2]>> {
 }
 
 /// What vehicles say in short flights, and what their steps cost.
-fn flights(flight_s: f64) -> Result<(Vec<Talk>, Option<StepTime>), String> {
+pub(super) fn flights(flight_s: f64) -> Result<(Vec<Talk>, Option<StepTime>), String> {
     let gusts = ["world.wind_m_s=5", "world.gust_w20_m_s=5"];
     let (hover, step_us) = flight("hover", HOVER, &[], flight_s)?;
     let (windy, _) = flight("hover in wind and gusts", HOVER, &gusts, flight_s)?;
@@ -152,7 +155,7 @@ fn flights(flight_s: f64) -> Result<(Vec<Talk>, Option<StepTime>), String> {
 fn flight(name: &'static str, source: Source<'_>, sets: &[&str], flight_s: f64) -> Result<(Talk, Option<f64>), String> {
     let sets: Vec<_> = sets.iter().map(|set| (*set).to_owned()).chain([format!("duration_s={flight_s}")]).collect();
     let scenario = load(&source, &sets).map_err(|fault| fault.to_string())?.scenario;
-    let ready = ready(&scenario, "".as_ref())?;
+    let ready = ScenarioArgs::default().ready(&scenario).map_err(|error| error.to_string())?;
     let (vehicles, seed) = (scenario.swarm.vehicles, scenario.seed);
     let study = Study { scenario, aircraft: ready.aircraft, rules: ready.rules, laws: Default::default() };
     let begin_s = cpu_s();

@@ -209,7 +209,16 @@ impl Speaker {
     /// Says its part in the agreement.
     fn say_register(&mut self) -> usize {
         let (header, membership) = (self.header(), Membership::Active);
-        let said = Mission { header, plan: PLAN, membership, step: 0, reached: Some(0), progress_m: 0.0, order: None };
+        let said = Mission {
+            header,
+            plan: PLAN,
+            membership,
+            step: 0,
+            vouched: 0,
+            reached: Some(0),
+            progress_m: 0.0,
+            order: None,
+        };
         self.link.say_mission(&said);
         message::encode(&said).len()
     }

@@ -11,6 +11,7 @@ use skein_common::id::VehicleId;
 use skein_common::message::Verb;
 
 use super::inventory::Node;
+use super::keys::run::RunFile;
 use super::nodes::{self, Chosen, Line, NodesArgs, Outcome, Progress, is_seconds};
 use super::protocol::{Answer, Ask, FORCED};
 use super::ready::Watch;
@@ -63,7 +64,11 @@ pub fn run(args: &DownArgs) -> Result<(), Error> {
         true => crate::json(&report),
         false => format!("{}{}, {seconds:.1} s\n", Outcome::table(&report.nodes), report.order),
     });
-    Outcome::judge(&report.nodes, "not known to be down")
+    Outcome::judge(&report.nodes, "not known to be down")?;
+    match RunFile::of(&chosen.inventory) {
+        Some(file) if chosen.ids.len() == chosen.inventory.nodes.len() => file.note_end(),
+        _ => Ok(()),
+    }
 }
 
 /// What became of the vehicles.
@@ -168,6 +173,7 @@ fn order_to_land(watch: &mut Watch, reach: &crate::reach::Reach, line: &Line<'_>
         return "nobody was heard on the network".to_owned();
     }
     line.say(&format!("ordering {there} vehicles to land"));
+    order::note(reach, Verb::Land);
     let order = order::new(&watch.observer, Verb::Land);
     match order::give(&mut watch.observer, &order) {
         Ok((taken, deaf)) if deaf.is_empty() => format!("ordered to land: taken by node {}", nodes::list(&taken)),

@@ -113,7 +113,7 @@ fn answer(place: &Place, request: Request) -> Result<Answer, String> {
             let of_service = service::put(place, &node, &settings)?;
             install::apply(place, &node, &bundle, &settings)? || of_service
         }
-        Ask::Start { run } => service::start(place, &node, run)?,
+        Ask::Start { run, note } => service::start(place, &node, run, note)?,
         Ask::Stop { within_s } => stop(within_s)?,
         Ask::Rollback => install::rollback(&node).map(|()| true)?,
         Ask::Remove { within_s } => {

@@ -26,6 +26,8 @@ pub struct Inventory {
     pub scenario_text: String,
     /// How links are secured.
     pub security: SecurityKind,
+    /// Files and folders outside the scenario's folder that may be copied to the nodes, relative to nothing.
+    pub files: Vec<PathBuf>,
     /// The folder of keys, relative to nothing.
     pub keys: PathBuf,
     /// Every vehicle's node.

@@ -7,6 +7,7 @@
 pub(crate) mod certificate;
 pub(crate) mod folder;
 pub(crate) mod reach;
+pub mod run;
 
 use std::str::FromStr;
 
@@ -114,7 +115,7 @@ fn next(args: &KeysArgs) -> String {
 /// Makes what is missing, no longer good, or asked for.
 ///
 /// # Errors
-/// As [`run`].
+/// As [`run()`].
 pub(crate) fn make(
     inventory: &Inventory,
     renew: Option<Whose>,

@@ -86,7 +86,7 @@ pub fn run(args: &LogsArgs) -> Result<(), Error> {
                 failed.map(|node| node.id).collect::<Vec<_>>()
             })
         });
-        inbox.iter().for_each(|said| crate::say(&writer.line(&said, width)));
+        inbox.iter().for_each(|said| crate::draw(&writer.line(&said, width)));
         asked.join().unwrap_or_default().concat()
     });
     nodes::judge(&failed, chosen.ids.len(), "not shown")
@@ -110,7 +110,7 @@ impl Source<'_> {
     fn once(&self, host: &Host, node: &Node, lines: &SyncSender<Said>) -> bool {
         let ended = self.ask(host, node, self.lines, lines);
         if let Err(fault) = &ended {
-            eprintln!("{}: {}", name(node.id), fault.clone().sentence(host));
+            crate::complain(&format!("{}: {}", name(node.id), fault.clone().sentence(host)));
         }
         ended.is_ok()
     }
@@ -124,7 +124,7 @@ impl Source<'_> {
                 Err(fault) => fault.sentence(host),
             };
             if last.as_ref() != Some(&why) {
-                eprintln!("{}: {why}", name(node.id));
+                crate::complain(&format!("{}: {why}", name(node.id)));
                 last = Some(why);
             }
             wanted = 0;

@@ -9,6 +9,7 @@ use comfy_table::{CellAlignment, ContentArrangement, Table, presets};
 use indicatif::{MultiProgress, ProgressBar, ProgressStyle};
 use serde::Serialize;
 use skein_common::id::VehicleId;
+use skein_common::printable::printable_lines;
 
 use super::FileArgs;
 use super::inventory::{Install, Inventory, Node};
@@ -197,8 +198,8 @@ impl Line<'_> {
     /// What happens now.
     pub fn say(&self, what: &str) {
         match &self.bar {
-            Some(bar) => bar.set_message(what.to_owned()),
-            None => eprintln!("{:5.1} s  {}: {what}", self.progress.seconds(), self.name),
+            Some(bar) => bar.set_message(printable_lines(what)),
+            None => crate::complain(&format!("{:5.1} s  {}: {what}", self.progress.seconds(), self.name)),
         }
     }
 }

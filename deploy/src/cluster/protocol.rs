@@ -2,6 +2,7 @@
 //! `skein node` there, JSON lines on its standard output, the last of them an [`Answer`].
 
 use serde::{Deserialize, Serialize};
+use skein_agent::link::seal::runs::RunNote;
 use skein_common::id::{SwarmName, VehicleId};
 
 use super::bundle::Bundle;
@@ -36,6 +37,9 @@ pub enum Ask {
     Start {
         /// Drawn by `up`: orders of another run are void.
         run: u64,
+        /// The operator's note of that run, kept with what was started.
+        #[serde(default)]
+        note: Option<RunNote>,
     },
     /// Land the vehicle and end its agent, within so many seconds; then end it wherever the vehicle is.
     Stop {
@@ -127,6 +131,9 @@ pub struct Facts {
     pub service: Option<Service>,
     /// The agent's process, if it runs.
     pub agent: Option<RunningAgent>,
+    /// The operator's note of the run that was started last, whether its agent runs or not.
+    #[serde(default)]
+    pub note: Option<RunNote>,
     /// Free space where its files are, bytes.
     pub free_bytes: u64,
 }

@@ -3,7 +3,6 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::{Duration, Instant};
 
-use skein_agent::link::seal::most_said_run;
 use skein_common::id::{Incarnation, VehicleId};
 use skein_common::state::Membership;
 
@@ -15,7 +14,7 @@ use crate::reach::Reach;
 /// Whoever flies is heard within this time.
 pub const HEARD: Duration = Duration::from_secs(3);
 /// How often what was heard is looked at.
-const LOOK: Duration = Duration::from_millis(10);
+pub(super) const LOOK: Duration = Duration::from_millis(10);
 
 /// Listens to a swarm.
 pub struct Watch {
@@ -39,14 +38,11 @@ impl Watch {
         lacks(self.observer.vehicles().get(&id), self.run, after)
     }
 
-    /// The run of the swarm that flies: that of those told of already, or whichever is heard first until then; 0 if there is
-    /// none.
-    pub fn flown_run(&mut self, told: &[u64], until: Instant) -> u64 {
-        first_run(told, until, || {
-            self.observer.poll();
-            let heard = self.observer.vehicles().values().filter(|seen| seen.alive);
-            heard.filter_map(|seen| seen.run).collect()
-        })
+    /// The run that each vehicle in contact flies in, by its own word, where runs are sealed.
+    pub fn named_runs(&mut self) -> BTreeMap<VehicleId, u64> {
+        self.observer.poll();
+        let there = self.observer.vehicles().iter().filter(|(_, seen)| seen.alive);
+        there.filter_map(|(id, seen)| Some((*id, seen.run.filter(|run| *run != 0)?))).collect()
     }
 
     /// In which life it is now: it is given a moment to be heard.
@@ -118,16 +114,6 @@ impl Watch {
     }
 }
 
-fn first_run(told: &[u64], until: Instant, mut heard: impl FnMut() -> Vec<u64>) -> u64 {
-    loop {
-        let run = most_said_run(told.iter().copied().chain(heard()));
-        if run != 0 || clock::now() >= until {
-            return run;
-        }
-        clock::sleep(LOOK);
-    }
-}
-
 fn lacks(seen: Option<&Seen>, run: u64, after: Option<Incarnation>) -> Option<String> {
     let Some((seen, true)) = seen.map(|seen| (seen, seen.alive)) else {
         return Some("not heard on the network".to_owned());
@@ -140,7 +126,7 @@ fn lacks(seen: Option<&Seen>, run: u64, after: Option<Incarnation>) -> Option<St
         return Some("flies in another run of the swarm; `skein cluster down` first".to_owned());
     }
     match mission.membership {
-        Membership::Active if seen.health.is_some() => None,
+        Membership::Active if seen.health.is_some() && seen.health_run.is_none_or(|said| said == run) => None,
         Membership::Active => Some("does not tell how it does".to_owned()),
         Membership::Joining => Some("joins still: it waits for its simulator, or listens".to_owned()),
         Membership::Left => Some("has landed for good".to_owned()),

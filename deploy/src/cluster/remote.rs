@@ -4,12 +4,14 @@
 use std::sync::Arc;
 use std::time::Duration;
 
+use serde_json::Value;
 use skein_common::id::SwarmName;
+use skein_common::printable::printable;
 
 use super::inventory::Node;
 use super::program::{self, Glibc, Program};
 use super::protocol::{Answer, Ask, Request};
-use super::ssh::{Host, Said, Ssh, quote};
+use super::ssh::{Host, MAX_SENTENCE, Said, Ssh, quote};
 
 /// Within this time every question is answered, connecting included; in addition to a landing that is part of it.
 const ANSWER: Duration = Duration::from_secs(20);
@@ -155,10 +157,12 @@ impl Remote<'_> {
     }
 }
 
-/// The last line that says something: what a login shell writes before it is none of ours.
+/// The last line that says something: what a login shell writes before it is none of ours. Every text in it is fit for a
+/// terminal.
 fn answer(host: &Host, said: &Said) -> Result<Answer, Fault> {
     let last = said.stdout.lines().rev().map(str::trim).find(|line| !line.is_empty());
-    match last.map(|line| (line, serde_json::from_str(line))) {
+    let read = |line: &str| serde_json::from_str(line).and_then(|said| serde_json::from_value(with_printable(said)));
+    match last.map(|line| (line, read(line))) {
         Some((NOT_INSTALLED, _)) => Err(Fault::NotInstalled),
         // Other nodes of this host are.
         Some((_, Ok(Answer::Failed(why)))) if why.starts_with("nothing is installed") => Err(Fault::NotInstalled),
@@ -168,13 +172,23 @@ fn answer(host: &Host, said: &Said) -> Result<Answer, Fault> {
     }
 }
 
+/// The same with every text as it may be shown.
+fn with_printable(said: Value) -> Value {
+    match said {
+        Value::String(text) => Value::String(printable(&text, MAX_SENTENCE)),
+        Value::Array(all) => all.into_iter().map(with_printable).collect(),
+        Value::Object(all) => all.into_iter().map(|(key, value)| (key, with_printable(value))).collect(),
+        other => other,
+    }
+}
+
 fn probed(stdout: &str) -> Option<Probed> {
     let value = |name: &str| {
         let mut lines = stdout.lines().filter_map(|line| line.trim().strip_prefix("skein ")?.strip_prefix(name));
         lines.next_back().map(str::trim)
     };
     Some(Probed {
-        platform: value("platform")?.to_owned(),
+        platform: printable(value("platform")?, MAX_SENTENCE),
         glibc: value("libc").and_then(program::glibc),
         sum: value("sum").and_then(|sum| sum.split(' ').next()).map(str::to_owned),
         free_bytes: free_bytes(value("disk")?)?,

@@ -18,6 +18,8 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::thread;
 use std::time::Duration;
 
+use skein_common::printable::printable;
+
 use super::inventory::Node;
 use crate::{clock, endpoints, os};
 
@@ -29,6 +31,9 @@ pub const AT_ONCE: usize = 8;
 const MAX_ANSWER: u64 = 16 << 20;
 /// Of what goes wrong so much is kept, bytes.
 const MAX_COMPLAINT: u64 = 64 << 10;
+/// Of a host's sentence, and of a line of its log, so much is shown, characters.
+pub(super) const MAX_SENTENCE: usize = 400;
+const MAX_LINE: usize = 4000;
 /// How often a call is looked at.
 const LOOK: Duration = Duration::from_millis(5);
 /// After the end of `ssh` its last words are there at once; a connection that stays behind may hold the pipe open.
@@ -77,10 +82,10 @@ pub struct Said {
 }
 
 impl Said {
-    /// The last line of standard error that says something, else the exit status.
+    /// The last line of standard error that says something, fit for a terminal; else the exit status.
     pub fn complaint(&self) -> String {
         let line = self.stderr.lines().rev().map(str::trim).find(|line| !line.is_empty());
-        line.map_or_else(|| format!("exit status {}", self.status), str::to_owned)
+        line.map_or_else(|| format!("exit status {}", self.status), |line| printable(line, MAX_SENTENCE))
     }
 }
 
@@ -127,9 +132,9 @@ impl Ssh {
         let stderr = collect(child.stderr.take(), MAX_COMPLAINT);
         let mut stdout = BufReader::new(child.stdout.take().ok_or_else(|| format!("{host}: no pipe"))?);
         let mut bytes = Vec::new();
-        // What is no text in it is shown as well as it can be.
+        // What is no text in it, or would be obeyed by a terminal, is shown as well as it can be.
         while stdout.read_until(b'\n', &mut bytes).is_ok_and(|read| read > 0) {
-            line(String::from_utf8_lossy(&bytes).trim_end_matches(['\r', '\n']));
+            line(&printable(String::from_utf8_lossy(&bytes).trim_end_matches(['\r', '\n']), MAX_LINE));
             bytes.clear();
         }
         let status = child.wait().map_err(|error| format!("{host}: {error}"))?;

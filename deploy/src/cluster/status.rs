@@ -3,7 +3,6 @@
 
 mod table;
 
-use std::collections::BTreeMap;
 use std::io::IsTerminal;
 use std::time::{Duration, Instant};
 
@@ -11,6 +10,7 @@ use crate::reach::Role;
 use serde::Serialize;
 use skein_common::id::VehicleId;
 use skein_common::message::Health;
+use skein_common::printable::printable;
 use skein_common::state::{Activity, Standing};
 
 use super::FileArgs;
@@ -18,7 +18,7 @@ use super::clocks::ahead_of_swarm;
 use super::inventory::{Inventory, Node};
 use crate::clock;
 use crate::error::Error;
-use crate::observe::{Heard, Observer, Steps};
+use crate::observe::{Observer, Steps};
 
 /// Agents say how they do once a second; a link takes a while at first.
 const LISTEN: Duration = Duration::from_millis(2500);
@@ -63,8 +63,10 @@ pub struct NodeStatus {
     pub host: Option<String>,
     /// Where it should be heard.
     pub endpoint: String,
-    /// What it says; `None`: nothing was heard of it.
+    /// What it says; `None`: nothing was heard of it that is believed.
     pub said: Option<Said>,
+    /// It is in contact, and this is why nothing of it is believed.
+    pub why: Option<String>,
 }
 
 /// What a node says of itself.
@@ -120,17 +122,28 @@ impl Status {
     }
 
     /// Of this cluster, from what was heard.
-    fn of(inventory: &Inventory, heard: &BTreeMap<VehicleId, (Health, Instant)>, now: Instant) -> Self {
-        let node = |(id, node): (&VehicleId, &Node)| NodeStatus {
-            id: *id,
-            host: node.host.clone(),
-            endpoint: node.endpoint(inventory.security),
-            said: heard
-                .get(id)
-                .filter(|(_, at)| now.saturating_duration_since(*at) < SILENT)
-                .map(|(health, _)| Said::of(health, inventory.nodes.len() - 1)),
+    fn of(inventory: &Inventory, observer: &Observer, now: Instant) -> Self {
+        let node = |(id, node): (&VehicleId, &Node)| {
+            let health = observer.health_of(*id).filter(|(_, at)| now.saturating_duration_since(*at) < SILENT);
+            NodeStatus {
+                id: *id,
+                host: node.host.clone(),
+                endpoint: node.endpoint(inventory.security),
+                said: health.map(|(health, _)| Said::of(health, inventory.nodes.len() - 1)),
+                why: if health.is_some() { None } else { stray(observer, *id) },
+            }
         };
         Self { swarm: inventory.swarm.to_string(), nodes: inventory.nodes.iter().map(node).collect() }
+    }
+}
+
+/// Why a vehicle in contact is not believed, where that is because of the run that it flies in.
+fn stray(observer: &Observer, id: VehicleId) -> Option<String> {
+    let run = observer.vehicles().get(&id).filter(|seen| seen.alive)?.run?;
+    match observer.run() {
+        Some(flown) if flown == run => None,
+        Some(flown) => Some(format!("flies in run {run}, and the swarm in run {flown}")),
+        None => Some(format!("flies in run {run}, and no run has a majority of the vehicles in contact")),
     }
 }
 
@@ -140,8 +153,8 @@ impl Said {
         let clock = ahead_of_swarm(&health.peers);
         let blind = (health.activity == Activity::Blind).then(|| "hears nothing of its simulator".to_owned());
         Self {
-            version: health.version.clone(),
-            plant: health.plant.clone(),
+            version: printable(&health.version, Health::MAX_VERSION),
+            plant: printable(&health.plant, Health::MAX_VERSION),
             phase: health.activity.to_string(),
             frame_rate_hz: health.frame_rate_hz,
             jitter_ms: health.jitter_ms,
@@ -175,13 +188,13 @@ pub fn run(args: &StatusArgs) -> Result<(), Error> {
     let inventory = Inventory::read(&args.file.file)?;
     let observer = Observer::open(&inventory.reach(Role::Observer)?, Steps::Unheard);
     let mut observer = observer.map_err(|error| Error::Failed(error.to_string()))?;
-    let mut heard = BTreeMap::new();
     let file = args.file.file.display().to_string();
     let mut until = clock::now() + LISTEN;
+    let mut is_first = true;
     loop {
-        let early = !args.watch || heard.is_empty();
-        listen(&mut observer, &inventory, &mut heard, until, early);
-        let status = Status::of(&inventory, &heard, clock::now());
+        let early = !args.watch || std::mem::take(&mut is_first);
+        listen(&mut observer, &inventory, until, early);
+        let status = Status::of(&inventory, &observer, clock::now());
         show(&status, &file, args);
         if !args.watch {
             return verdict(&status);
@@ -191,20 +204,10 @@ pub fn run(args: &StatusArgs) -> Result<(), Error> {
 }
 
 /// Listens until then, or `early` until every node was heard.
-fn listen(
-    observer: &mut Observer,
-    inventory: &Inventory,
-    heard: &mut BTreeMap<VehicleId, (Health, Instant)>,
-    until: Instant,
-    early: bool,
-) {
+fn listen(observer: &mut Observer, inventory: &Inventory, until: Instant, early: bool) {
     loop {
-        for (word, at) in observer.poll_timed() {
-            if let Heard::Health(health) = word {
-                heard.insert(health.header.sender, (health, at));
-            }
-        }
-        let all = inventory.nodes.keys().all(|id| heard.contains_key(id));
+        observer.poll();
+        let all = inventory.nodes.keys().all(|id| observer.health_of(*id).is_some());
         if clock::now() >= until || early && all {
             return;
         }
@@ -217,10 +220,12 @@ fn show(status: &Status, file: &str, args: &StatusArgs) {
     let text = match (args.json, args.watch) {
         (true, true) => format!("{}\n", serde_json::to_string(status).unwrap_or_default()),
         (true, false) => crate::json(status),
-        // The screen is written anew: home, and what is left of the one before.
-        (false, _) if is_screen => format!("\x1b[H\x1b[2J{}", table::of(status, file)),
         (false, _) => table::of(status, file),
     };
+    if is_screen && !args.json {
+        // The screen is written anew: home, and what is left of the one before.
+        crate::draw("\x1b[H\x1b[2J");
+    }
     crate::say(&text);
 }
 

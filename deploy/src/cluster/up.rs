@@ -2,17 +2,20 @@
 //! vehicle has said by itself that it takes part. It may end at any moment: nothing depends on it.
 
 use std::collections::BTreeMap;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
-use crate::reach::Role;
+use crate::reach::{Reach, Role};
 use ring::rand::{SecureRandom, SystemRandom};
 use serde::Serialize;
+use skein_agent::link::seal::runs::RunNote;
 use skein_common::id::VehicleId;
 
+use super::flown::Evidence;
 use super::inventory::{Install, Inventory, Node, SecurityKind};
+use super::keys::run::Record;
 use super::nodes::{self, Chosen, NodesArgs, Progress, is_seconds};
 use super::protocol::{Answer, Ask, RunningAgent};
-use super::ready::{HEARD, Watch};
+use super::ready::{HEARD, LOOK, Watch};
 use super::remote::{Fault, Remote};
 use super::ssh::at_once;
 use crate::clock;
@@ -75,21 +78,19 @@ pub fn run(args: &UpArgs) -> Result<(), Error> {
     let chosen = args.nodes.read()?;
     let ssh = args.nodes.ssh();
     let progress = args.nodes.progress();
+    let reach = chosen.inventory.reach(Role::Operator)?;
     // It listens from the beginning: whoever flies is known when the last host has answered.
-    let mut watch = Watch::open(&chosen.inventory.reach(Role::Observer)?, 0)?;
+    let mut watch = Watch::open(&reach, 0)?;
     let heard_by = clock::now() + HEARD;
     let up = Up { remote: Remote { ssh: &ssh, swarm: &chosen.inventory.swarm }, chosen: &chosen, progress: &progress };
 
     let mut rows: BTreeMap<VehicleId, Row> = chosen.nodes().map(|node| (node.id, Row::new(node))).collect();
-    let told = up.ask(&mut rows);
+    let (told, notes) = up.ask(&mut rows);
     let asked_s = progress.seconds();
     let until = if may_fly_unknown(&chosen.inventory, &told) { heard_by } else { clock::now() };
-    let runs: Vec<u64> = told.values().flatten().map(|agent| agent.run).collect();
-    watch.run = match watch.flown_run(&runs, until) {
-        0 => draw()?,
-        run => run,
-    };
-    up.start(watch.run, &told, &mut rows);
+    let note;
+    (watch.run, note) = run_of(&mut watch, &reach, &told, &notes, until)?;
+    up.start((watch.run, note), &told, &mut rows);
     let started_s = progress.seconds();
     up.wait(&mut watch, Duration::from_secs_f64(args.timeout), &mut rows);
 
@@ -112,6 +113,45 @@ fn may_fly_unknown(inventory: &Inventory, told: &Told) -> bool {
     inventory.security == SecurityKind::Tls && inventory.nodes.keys().any(|id| !told.contains_key(id))
 }
 
+/// The run that the vehicles are to fly in, and the operator's note of it: the one that flies, or else a new one.
+fn run_of(
+    watch: &mut Watch,
+    reach: &Reach,
+    told: &Told,
+    notes: &[RunNote],
+    until: Instant,
+) -> Result<(u64, Option<RunNote>), Error> {
+    let by_hosts: BTreeMap<VehicleId, u64> =
+        told.iter().filter_map(|(id, agent)| Some((*id, agent.as_ref()?.run))).collect();
+    let Some(((key, sealer), file)) = reach.orders_key.zip(reach.sealer.as_ref()).zip(reach.run_file.as_ref()) else {
+        // Nothing is sealed for a run here, and any of them is as good.
+        return Ok((by_hosts.into_values().next().map_or_else(draw, Ok)?, None));
+    };
+    let own = file.read()?;
+    let evidence = loop {
+        let mut named = by_hosts.clone();
+        named.extend(watch.named_runs());
+        let evidence = Evidence { vehicles: reach.agents.len(), named, own, notes };
+        if evidence.majority().is_some() || clock::now() >= until {
+            break evidence;
+        }
+        clock::sleep(LOOK);
+    };
+    let joined = evidence.run(&key, &reach.swarm).map_err(Error::Refused)?;
+    if let Some(own) = own.filter(|own| joined == Some(own.note.run) && own.note.is_sealed(&key, &reach.swarm)) {
+        return Ok((own.note.run, Some(own.note)));
+    }
+    let run = joined.map_or_else(draw, Ok)?;
+    let now_ms = clock::Utc::read().nanoseconds(clock::now()) / 1_000_000;
+    let sealed = notes.iter().filter(|note| note.is_sealed(&key, &reach.swarm));
+    let latest_ms = sealed.chain(own.iter().map(|own| &own.note)).map(|note| note.began_ms).max();
+    let began_ms = latest_ms.map_or(now_ms, |latest_ms| now_ms.max(latest_ms.saturating_add(1)));
+    let note = RunNote::new(sealer, &reach.swarm, run, began_ms);
+    // Before anything is started in it.
+    file.keep(&Record::of(note))?;
+    Ok((run, Some(note)))
+}
+
 struct Up<'a> {
     remote: Remote<'a>,
     chosen: &'a Chosen,
@@ -119,15 +159,15 @@ struct Up<'a> {
 }
 
 impl Up<'_> {
-    /// What runs already. A host that cannot be asked is said in its rows.
-    fn ask(&self, rows: &mut BTreeMap<VehicleId, Row>) -> Told {
+    /// What runs already, and the notes of runs that hosts keep. A host that cannot be asked is said in its rows.
+    fn ask(&self, rows: &mut BTreeMap<VehicleId, Row>) -> (Told, Vec<RunNote>) {
         let asked = at_once(&self.chosen.hosts(), |(host, nodes)| {
             let line = self.progress.line(host);
             line.say("asking what runs");
             let mut all = Vec::new();
             for node in nodes {
                 let fact = match self.remote.ask(host, node, Ask::Facts) {
-                    Ok(Answer::Facts(facts)) if facts.current.is_some() => Ok(facts.agent),
+                    Ok(Answer::Facts(facts)) if facts.current.is_some() => Ok((facts.agent, facts.note)),
                     Ok(Answer::Facts(_)) => Err(Fault::NotInstalled.sentence(host)),
                     Ok(other) => Err(format!("{host}: answers {other:?}")),
                     Err(fault) => Err(fault.sentence(host)),
@@ -139,20 +179,23 @@ impl Up<'_> {
             }
             all
         });
-        let mut told = Told::new();
+        let (mut told, mut notes) = (Told::new(), Vec::new());
         for (id, fact) in asked.into_iter().flatten() {
             match fact {
-                Ok(agent) => drop(told.insert(id, agent)),
+                Ok((agent, note)) => {
+                    told.insert(id, agent);
+                    notes.extend(note);
+                }
                 Err(why) => {
                     rows.entry(id).and_modify(|row| row.why = Some(why));
                 }
             }
         }
-        told
+        (told, notes)
     }
 
     /// Starts what does not run yet, where the host could be asked; and the supervisor of what runs, if that has died.
-    fn start(&self, run: u64, told: &Told, rows: &mut BTreeMap<VehicleId, Row>) {
+    fn start(&self, (run, note): (u64, Option<RunNote>), told: &Told, rows: &mut BTreeMap<VehicleId, Row>) {
         let hosts = self.chosen.hosts();
         let asked: Vec<_> =
             hosts.iter().filter(|(_, nodes)| nodes.iter().any(|node| rows[&node.id].why.is_none())).collect();
@@ -162,7 +205,7 @@ impl Up<'_> {
             let mut all = Vec::new();
             for node in nodes.iter().filter(|node| seen[&node.id].why.is_none()) {
                 let ran = told.get(&node.id).is_some_and(Option::is_some);
-                let done = self.remote.ask(host, node, Ask::Start { run });
+                let done = self.remote.ask(host, node, Ask::Start { run, note });
                 let done = done.map(drop).map_err(|why| why.sentence(host));
                 line.say(&match &done {
                     Ok(()) if ran => format!("node {} flies already", node.id),
@@ -318,9 +361,9 @@ mod tests {
         let remote = Remote { ssh: &ssh, swarm: &chosen.inventory.swarm };
         let up = Up { remote, chosen: &chosen, progress: &Progress::new(true) };
         let told: Told = chosen.ids.iter().map(|id| (*id, Some(agent.clone()))).collect();
-        up.start(5, &told, &mut rows);
+        up.start((5, None), &told, &mut rows);
         let asked = fs::read_to_string(folder.path().join("home/asked")).unwrap();
-        assert!(asked.contains(r#""Start":{"run":5}"#), "{asked}");
+        assert!(asked.contains(r#""Start":{"run":5,"note":null}"#), "{asked}");
         assert!(rows.values().all(|row| row.ran && row.started_s.is_some() && row.why.is_none()), "{rows:?}");
     }
 

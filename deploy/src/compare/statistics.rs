@@ -3,6 +3,7 @@
 //! What never came counts as infinitely bad: it ranks, and medians and intervals may be infinite.
 
 use skein_agent::random::{self, Purpose};
+use skein_common::math;
 
 /// Share of the runs in which an interval misses what it estimates.
 pub const ALPHA: f64 = 0.05;
@@ -128,8 +129,8 @@ pub fn sign_test(rise: usize, fall: usize) -> f64 {
     let mut ln_term = -(n as f64) * std::f64::consts::LN_2;
     let mut sum = 0.0;
     for k in 0..=rise.min(fall) {
-        sum += ln_term.exp();
-        ln_term += ((n - k) as f64 / (k + 1) as f64).ln();
+        sum += math::exp(ln_term);
+        ln_term += math::ln((n - k) as f64 / (k + 1) as f64);
     }
     f64::min(1.0, 2.0 * sum)
 }
@@ -208,7 +209,7 @@ mod tests {
                 // Skewed, with a large part common to both of a pair; the true median of the differences is 0.5.
                 let pairs: Vec<[f64; 2]> = (0..n)
                     .map(|_| {
-                        let common = normal().exp() * 10.0;
+                        let common = math::exp(normal()) * 10.0;
                         [common, common + 0.5 + normal()]
                     })
                     .collect();

@@ -6,7 +6,7 @@ use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 use std::process::{Child as Process, ChildStdin, Command, ExitStatus, Stdio};
 
-use skein_common::id::VehicleId;
+use skein_common::id::{VehicleId, VehicleSet};
 
 use crate::os;
 
@@ -19,7 +19,7 @@ pub enum Role {
     Standin,
 }
 
-/// All processes of a flight; those that still run when this value goes are killed.
+/// All processes of a flight; those that still run when this value goes are killed, except those that were left to themselves.
 #[derive(Debug, Default)]
 pub struct Children(Vec<Child>);
 
@@ -125,6 +125,11 @@ impl Children {
                 let _ = stdin.write_all(b"stop\n");
             }
         }
+    }
+
+    /// Leaves the processes of these vehicles to themselves: agents land and end, and their simulators with them.
+    pub fn leave(&mut self, vehicles: VehicleSet) {
+        self.0.retain(|child| !vehicles.contains(child.id));
     }
 
     /// Ends whatever still runs, and waits for it.

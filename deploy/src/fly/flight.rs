@@ -3,10 +3,13 @@
 //! ```text
 //!   Gathering ---- everybody takes part ----> Flying ---- time or mission over, -----> Landing ---- all down ----> Ending
 //!       |                                               Ctrl-C, an order to land         ^
-//!       +----------------------------- Ctrl-C -------------------------------------------+
+//!       +------------------ Ctrl-C, or not everybody in time ----------------------------+
 //! ```
 //!
 //! The window of the figures is the stage Flying; the scenario's events happen in it.
+//!
+//! An agent whose vehicle is in the air is killed only by the scenario or by a second Ctrl-C. A vehicle that is not heard, or
+//! does not come down in time, may be one that this PC is too slow for: its agent is asked to land, and left to do so.
 
 mod events;
 mod figures;
@@ -15,8 +18,9 @@ use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
 
 use skein_agent::formation::{self, ring::Ring};
-use skein_common::id::{VehicleId, VehicleSet};
+use skein_common::id::{SwarmName, VehicleId, VehicleSet};
 use skein_common::message::{Trace, Verb};
+use skein_common::printable::printable;
 use skein_common::scenario::{RecordRuns, Target};
 use skein_common::state::{Activity, Membership};
 
@@ -45,18 +49,27 @@ const TICK: Duration = Duration::from_millis(20);
 const SILENT: Duration = Duration::from_secs(1);
 /// A vehicle that was asked to land and has no data of its own, or is silent, is waited for this long.
 const HELPLESS: Duration = Duration::from_secs(10);
+/// A flight whose others have finished is not prolonged for a vehicle that is silent for this long.
+const GIVEN_UP: Duration = Duration::from_secs(60);
 /// An agent that was told to end does so within this time; helpless ones try to come down in it.
 const END: Duration = Duration::from_secs(15);
+/// Above this height a vehicle has left the ground, m.
+const LIFTED_M: f64 = 0.5;
+
+/// No event takes more room on the screen, characters.
+const MAX_EVENT: usize = 400;
 
 /// A flight under way.
 pub struct Flight {
     plan: Plan,
     json: bool,
+    /// The swarm gathers within this time, or does not fly.
+    gather_within: Duration,
     interrupts: Interrupts,
     screen: Screen,
     children: Children,
     /// There while the swarm is.
-    _file: EndpointsFile,
+    file: EndpointsFile,
     observer: Observer,
     /// The formation's in each step of the mission.
     rings: Vec<Ring>,
@@ -84,6 +97,8 @@ pub struct Flight {
     lost: Vec<String>,
     /// What went wrong, though the flight came to its end.
     failure: Option<String>,
+    /// Its user has asked twice: everything ends at once.
+    is_broken_off: bool,
 }
 
 /// The beginning of the window.
@@ -99,16 +114,17 @@ impl Flight {
     ///
     /// # Errors
     /// If something cannot be started; then nothing is left running.
-    pub fn begin(plan: Plan, interrupts: Interrupts, json: bool) -> Result<Self, Error> {
+    pub fn begin(plan: Plan, interrupts: Interrupts, gather_within: Duration, json: bool) -> Result<Self, Error> {
         let scenario = plan.scenario();
         let Launched { children, endpoints, file } = launch(&plan)?;
         let observer = Observer::open(&endpoints.into(), Steps::Heard);
         let recorder = recorder(&plan)?;
         Ok(Self {
             json,
+            gather_within,
             interrupts,
             children,
-            _file: file,
+            file,
             observer: observer?,
             rings: scenario.mission.steps.iter().map(|step| formation::ring(&step.formation)).collect(),
             ground: Ground::new(scenario),
@@ -124,9 +140,10 @@ impl Flight {
             killed: VehicleSet::default(),
             ended: Totals::default(),
             order: None,
-            events: Vec::new(),
+            events: vec![format!("   - s  the swarm gathers, within {} s", gather_within.as_secs())],
             lost: Vec::new(),
             failure: None,
+            is_broken_off: false,
             screen: Screen::open(json),
             plan,
         })
@@ -152,15 +169,21 @@ impl Flight {
         }
         let is_lost = |id| self.ending(id).is_some_and(|ending| ending != Ending::Asked);
         let nobody_came_back = self.plan.scenario().ids().all(is_lost);
+        let left = if self.is_broken_off { VehicleSet::default() } else { self.in_the_air() };
+        self.children.leave(left);
         self.children.kill();
         self.screen.show(&self.status(clock::now()), clock::now());
         // The terminal is given back before anything is said to it.
-        let Self { screen, json, report, lost, failure, plan, recorder, .. } = self;
+        let Self { screen, json, report, mut lost, failure, plan, recorder, file, .. } = self;
         drop(screen);
-        if let Some(sentence) = recorder.and_then(end_recording) {
-            eprintln!("{sentence}");
+        if !left.is_empty() {
+            file.stay();
+            lost.push(left_in_the_air(left, &plan.scenario().swarm.name));
         }
-        lost.iter().for_each(|lost| eprintln!("{lost}"));
+        if let Some(sentence) = recorder.and_then(end_recording) {
+            crate::complain(&sentence);
+        }
+        lost.iter().for_each(|lost| crate::complain(lost));
         if let Some(report) = &report {
             crate::say(&if json { crate::json(report) } else { summary(report, &plan) });
         }
@@ -222,6 +245,10 @@ impl Flight {
                 self.enter(Stage::Flying, now);
                 self.tell(now, "everybody takes part, the clock runs".to_owned());
             }
+            Stage::Gathering if now.duration_since(self.since) > self.gather_within => {
+                self.fail(self.why_not_gathered());
+                self.enter_landing(now);
+            }
             Stage::Gathering => {}
             Stage::Flying => {
                 self.measure(now);
@@ -233,8 +260,9 @@ impl Flight {
             Stage::Landing => return self.bring_down(now, asked),
             Stage::Ending if !agents => return true,
             Stage::Ending if asked || now.duration_since(self.since) > END => {
+                self.is_broken_off = asked;
                 let hanging: Vec<_> = self.live().map(|(id, _)| id.to_string()).collect();
-                self.fail(format!("vehicle {}: did not end, killed", hanging.join(", ")));
+                self.fail(format!("vehicle {}: the agent did not end within {} s", hanging.join(", "), END.as_secs()));
                 return true;
             }
             Stage::Ending => {}
@@ -262,13 +290,38 @@ impl Flight {
         is_late || orders.map(|order| order.verb).any(is_down) || self.has_finished(now)
     }
 
-    /// Everybody who is heard is at the mission's landing, or has left.
+    /// By its last known step every vehicle is at the mission's landing, or has left. One that is not heard for a while has not
+    /// finished because of that: its agent or this process may get no time from this PC.
     fn has_finished(&self, now: Instant) -> bool {
         let steps = &self.plan.scenario().mission.steps;
         let landing = steps.iter().position(|step| matches!(step.target, Target::Land(_)));
-        let mut heard = self.live().filter_map(|(_, seen)| fresh(seen?, now)).peekable();
+        let mut known = self.live().filter_map(|(_, seen)| heard_within(GIVEN_UP, seen?, now)).peekable();
         let has_finished = |step: &Trace| landing == Some(step.step as usize) || step.membership == Membership::Left;
-        heard.peek().is_some() && heard.all(has_finished)
+        known.peek().is_some() && known.all(has_finished)
+    }
+
+    /// Vehicles whose agents run and which, as far as is known, have left the ground and have not landed.
+    fn in_the_air(&self) -> VehicleSet {
+        let is_up = |step: &Trace| step.activity != Activity::Landed && step.height_m > LIFTED_M;
+        let up = self.live().filter(|(_, seen)| seen.and_then(|seen| seen.trace.as_ref()).is_some_and(is_up));
+        up.map(|(id, _)| id).collect()
+    }
+
+    fn why_not_gathered(&self) -> String {
+        let (all, within_s) = (self.plan.scenario().swarm.vehicles, self.gather_within.as_secs());
+        let takes_part = |(_, seen): &(VehicleId, Option<&Seen>)| seen.is_some_and(takes_part);
+        let ready = self.live().filter(takes_part).count();
+        let missing: Vec<String> =
+            self.live().filter(|known| !takes_part(known)).take(8).map(|(id, _)| id.to_string()).collect();
+        let more = if all - ready > missing.len() { ", ..." } else { "" };
+        let load = os::load().map(|load| format!("; this PC's load is {load:.0} on {} cores", os::cores()));
+        format!(
+            "only {ready} of {all} vehicles took part within {within_s} s (not vehicle {}{more}){}; more time: --timeout S; \
+             logs: {}",
+            missing.join(", "),
+            load.unwrap_or_default(),
+            self.logs()
+        )
     }
 
     fn enter(&mut self, stage: Stage, now: Instant) {
@@ -292,6 +345,7 @@ impl Flight {
             return false;
         }
         if asked || waited > self.landing_limit() {
+            self.is_broken_off = asked;
             let why = if asked { "ended by Ctrl-C" } else { "did not land in time" };
             self.fail(format!("vehicle {}: {why}", flying.join(", ")));
             return true;
@@ -343,6 +397,8 @@ impl Flight {
     }
 
     fn show(&mut self, now: Instant, what: String) {
+        // What a process wrote last may stand in it.
+        let what = printable(&what, MAX_EVENT);
         let at = self.zero.as_ref().map_or_else(|| "   -".to_owned(), |_| format!("{:6.1}", self.since_zero_s(now)));
         self.events.push(format!("{at} s  {what}"));
     }
@@ -422,7 +478,21 @@ fn takes_part(seen: &Seen) -> bool {
 
 /// The newest step, if it is new enough to be true.
 fn fresh(seen: &Seen, now: Instant) -> Option<&Trace> {
-    seen.trace.as_ref().filter(|_| seen.trace_at.is_some_and(|at| now.duration_since(at) < SILENT))
+    heard_within(SILENT, seen, now)
+}
+
+/// The newest step, if it is younger than this.
+fn heard_within(age: Duration, seen: &Seen, now: Instant) -> Option<&Trace> {
+    seen.trace.as_ref().filter(|_| seen.trace_at.is_some_and(|at| now.duration_since(at) < age))
+}
+
+fn left_in_the_air(left: VehicleSet, swarm: &SwarmName) -> String {
+    let ids: Vec<_> = left.iter().map(|id| id.to_string()).collect();
+    format!(
+        "vehicle {}: still in the air as far as is known; each agent lands and ends by itself (`skein status --swarm {swarm}` \
+         shows them, `skein order land --swarm {swarm}` asks again)",
+        ids.join(", ")
+    )
 }
 
 /// Landed, or never off the ground, or helpless: without data or a voice, and given up.

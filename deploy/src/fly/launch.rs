@@ -160,6 +160,8 @@ fn standin_arguments(
 
 #[cfg(test)]
 mod tests {
+    use skein_common::math;
+
     use super::*;
     use crate::scenario::ScenarioArgs;
 
@@ -206,7 +208,7 @@ mod tests {
         let place = skein_common::frame::Geodetic::from_degrees(lat, lon, alt);
         let offset = origin.ned_from_geodetic(&place);
         assert!(
-            (offset.north_m() + 40.0).hypot(offset.east_m() - 30.0) < 1e-4,
+            math::hypot(offset.north_m() + 40.0, offset.east_m() - 30.0) < 1e-4,
             "to a tenth of a millimetre: {offset:?}"
         );
     }

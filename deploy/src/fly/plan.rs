@@ -1,16 +1,15 @@
 //! What is to be flown, where its files go, and that nothing stands against it: all of it before anything is begun.
 
-use std::net::ToSocketAddrs;
 use std::path::PathBuf;
 
-use skein_agent::plant::xplane::wire;
-use skein_common::id::VehicleId;
-use skein_common::scenario::{Loaded, PlantKind, Scenario};
+use skein_common::scenario::{Loaded, Scenario};
 
-use super::{FlyArgs, PlantArg, ports};
+use super::{FlyArgs, PlantArg};
 use crate::error::Error;
 use crate::out;
+use crate::prepare::{Prepared, Target, prepare};
 use crate::scenario::Ready;
+use crate::study::laws::Trial;
 
 /// A flight that may begin.
 #[derive(Clone, Debug)]
@@ -33,11 +32,8 @@ impl Plan {
     pub fn new(args: &FlyArgs) -> Result<Self, Error> {
         let loaded = args.scenario.read(sets(args)?)?;
         let scenario = &loaded.scenario;
-        let ready = args.scenario.ready_live(scenario)?;
-        let xplanes = match scenario.swarm.plant {
-            PlantKind::Xplane => xplanes(scenario, args.xplane.as_ref())?,
-            PlantKind::Builtin | PlantKind::Standin => Vec::new(),
-        };
+        let target = Target::Fly { xplane: args.xplane.as_ref() };
+        let Prepared { ready, xplanes } = prepare(&args.scenario, scenario, target, &mut Trial::default())?;
         let out = out::folder(args.out.as_deref(), &scenario.name)?;
         Ok(Self { ready, xplanes, out, loaded })
     }
@@ -63,50 +59,15 @@ fn sets(args: &FlyArgs) -> Result<Vec<String>, Error> {
     Ok([plant, seed, duration].into_iter().flatten().collect())
 }
 
-/// Where each vehicle's X-Plane is: as the command says, else as the scenario says, else on this PC.
-fn xplanes(scenario: &Scenario, first: Option<&HostPort>) -> Result<Vec<String>, Error> {
-    let here = HostPort { host: "127.0.0.1".to_owned(), port: wire::PORT };
-    let address = |id: VehicleId| match (first, scenario.vehicle(id).and_then(|vehicle| vehicle.xplane.clone())) {
-        (None, Some(own)) => Ok(own),
-        (first, _) => {
-            let HostPort { host, port } = first.unwrap_or(&here);
-            let own = ports::simulator(*port, id)
-                .ok_or_else(|| Error::Refused(format!("--xplane: no port is left for vehicle {id}")))?;
-            Ok(format!("{host}:{own}"))
-        }
-    };
-    let addresses = scenario.ids().map(address).collect::<Result<Vec<_>, Error>>()?;
-    for address in &addresses {
-        address.to_socket_addrs().map_err(|error| Error::Refused(format!("X-Plane at {address}: {error}")))?;
-    }
-    Ok(addresses)
-}
-
-/// A host and a port of it.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct HostPort {
-    /// A name or an address.
-    pub host: String,
-    /// Of UDP.
-    pub port: u16,
-}
-
-impl std::str::FromStr for HostPort {
-    type Err = String;
-    fn from_str(text: &str) -> Result<Self, String> {
-        let (host, port) = text.rsplit_once(':').unwrap_or((text, ""));
-        let port = if port.is_empty() && !text.contains(':') { Ok(wire::PORT) } else { port.parse() };
-        match port {
-            Ok(port) if port > 0 && !host.is_empty() => Ok(Self { host: host.to_owned(), port }),
-            _ => Err("has to be HOST:PORT".to_owned()),
-        }
-    }
-}
-
 #[cfg(test)]
 mod tests {
+    use std::net::UdpSocket;
+
+    use skein_common::scenario::PlantKind;
+
     use super::*;
     use crate::scenario::ScenarioArgs;
+    use crate::simulators;
 
     fn args(sets: &[&str]) -> FlyArgs {
         let sets = sets.iter().map(|set| (*set).to_owned()).collect();
@@ -132,27 +93,19 @@ mod tests {
     }
 
     #[test]
-    fn every_vehicle_has_an_x_plane_of_its_own() {
-        let to = |text: &str| Some(text.parse::<HostPort>().unwrap());
-        let plan = Plan::new(&FlyArgs { xplane: to("127.0.0.2:50000"), ..args(&[]) }).unwrap();
-        assert_eq!(plan.scenario().swarm.plant, PlantKind::Xplane);
-        assert_eq!(plan.xplanes, ["127.0.0.2:50000", "127.0.0.2:50010", "127.0.0.2:50020", "127.0.0.2:50030"]);
-        let own = args(&["swarm.plant=xplane", "vehicle.2.xplane=127.0.0.3:49000"]);
-        assert_eq!(Plan::new(&own).unwrap().xplanes[..2], ["127.0.0.1:49000", "127.0.0.3:49000"]);
-        let beyond = Plan::new(&FlyArgs { xplane: to("127.0.0.2:65530"), ..args(&[]) }).unwrap_err();
-        assert_eq!(beyond.to_string(), "--xplane: no port is left for vehicle 2");
-        assert!(Plan::new(&args(&["swarm.plant=xplane", "vehicle.2.xplane=no host:49000"])).is_err());
-        let against = FlyArgs { xplane: to("heli"), plant: Some(PlantArg::Builtin), ..args(&[]) };
+    fn an_x_plane_that_does_not_answer_stands_against_the_flight() {
+        let silent = UdpSocket::bind("127.0.0.1:0").unwrap();
+        let address = silent.local_addr().unwrap().to_string();
+        let folder = tempfile::tempdir().unwrap();
+        let args = FlyArgs {
+            xplane: Some(address.parse().unwrap()),
+            out: Some(folder.path().join("run")),
+            ..args(&["swarm.vehicles=1"])
+        };
+        let error = Plan::new(&args).unwrap_err();
+        assert_eq!((error.to_string(), error.exit_code()), (simulators::ask(&address).unwrap_err().to_string(), 1));
+        assert!(!folder.path().join("run").exists());
+        let against = FlyArgs { plant: Some(PlantArg::Builtin), ..args };
         assert_eq!(Plan::new(&against).unwrap_err().exit_code(), 2);
-    }
-
-    #[test]
-    fn hosts_and_ports() {
-        let parse = |text: &str| text.parse::<HostPort>().map(|parsed| (parsed.host, parsed.port)).ok();
-        assert_eq!(parse("heli"), Some(("heli".to_owned(), 49_000)));
-        assert_eq!(parse("10.0.0.7:49010"), Some(("10.0.0.7".to_owned(), 49_010)));
-        for bad in ["", ":", ":1", "heli:", "heli:x", "heli:0", "heli:70000"] {
-            assert_eq!(parse(bad), None, "{bad:?}");
-        }
     }
 }

@@ -1,6 +1,6 @@
 //! Where a flight is shown: a table on a terminal, lines elsewhere.
 
-use std::io::{self, IsTerminal, Write};
+use std::io::{self, IsTerminal};
 use std::time::{Duration, Instant};
 
 use ratatui::DefaultTerminal;
@@ -95,8 +95,7 @@ impl Drop for Screen {
 }
 
 fn say(on_stderr: bool, line: &str) {
-    // Whoever read it may be gone; the flight goes on.
-    let _ = if on_stderr { writeln!(io::stderr(), "{line}") } else { writeln!(io::stdout(), "{line}") };
+    if on_stderr { crate::complain(line) } else { crate::say(&format!("{line}\n")) }
 }
 
 /// The essential figures in one line.

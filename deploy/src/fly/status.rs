@@ -6,6 +6,7 @@ use std::time::{Duration, Instant};
 use nalgebra::Vector2;
 use skein_agent::formation::ring::Ring;
 use skein_common::id::VehicleId;
+use skein_common::math;
 use skein_common::message::Trace;
 use skein_common::state::{Activity, Membership, Standing};
 
@@ -126,7 +127,7 @@ pub fn rows(vehicles: &[Known<'_>], rings: &[Ring], now: Instant) -> Vec<Row> {
         .iter()
         .filter_map(|known| Some((known.id, known.flying(now)?)))
         .filter(|(_, trace)| trace.membership == Membership::Active)
-        .map(|(id, trace)| (id, from_centre_ne_m(trace).y.atan2(from_centre_ne_m(trace).x)))
+        .map(|(id, trace)| (id, math::atan2(from_centre_ne_m(trace).y, from_centre_ne_m(trace).x)))
         .collect();
     let row = |known: &Known<'_>| {
         let trace = known.flying(now);

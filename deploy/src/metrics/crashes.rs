@@ -1,6 +1,7 @@
 //! Who has come down otherwise than by a landing.
 
 use super::{AIRBORNE_ABOVE_M, VehicleNow, index};
+use skein_common::math;
 
 /// Touching the ground faster than this, in any direction, is a crash, m/s. Landings here touch at less than 1 m/s.
 const CRASH_M_S: f64 = 3.0;
@@ -57,9 +58,9 @@ impl Flight {
             self.standing_m = Some(self.standing_m.map_or(truth.height_m, |least_m| least_m.min(truth.height_m)));
         } else if truth.height_m <= self.standing_m.unwrap_or(STANDING_M) + TOUCH_M {
             self.is_in_the_air = false;
-            let up = truth.attitude.roll_rad.cos() * truth.attitude.pitch_rad.cos();
+            let up = math::cos(truth.attitude.roll_rad) * math::cos(truth.attitude.pitch_rad);
             let lands = vehicle.runs && !vehicle.is_member;
-            self.has_crashed |= !lands || fastest_m_s > CRASH_M_S || up < CRASH_TILT_DEG.to_radians().cos();
+            self.has_crashed |= !lands || fastest_m_s > CRASH_M_S || up < math::cos(CRASH_TILT_DEG.to_radians());
         }
     }
 }

@@ -150,6 +150,8 @@ fn second_eigenvalue(count: usize, joined: impl Fn(usize, usize) -> bool) -> f64
 
 #[cfg(test)]
 mod tests {
+    use skein_common::math;
+
     use super::super::tests::{set, vehicle};
     use super::*;
 
@@ -189,7 +191,8 @@ mod tests {
         let mixed = [Some(north), Some(east), Some(north), Some(north), None];
         near(correlation(&[(0, 1), (2, 3), (3, 4)], mixed), 0.5);
         // Vertices of a triangle, 120 degrees apart, each with two cosines of -1/2; the fourth is alone.
-        let turned = |degrees: f64| Some(Vector3::new(degrees.to_radians().cos(), degrees.to_radians().sin(), 0.0));
+        let turned =
+            |degrees: f64| Some(Vector3::new(math::cos(degrees.to_radians()), math::sin(degrees.to_radians()), 0.0));
         let triangle = [turned(0.0), turned(120.0), turned(240.0), Some(north), None];
         near(correlation(&[(0, 1), (1, 2), (3, 4)], triangle), -0.5);
         assert_eq!(correlation(&[], opposed), None, "nobody has company");

@@ -1,4 +1,5 @@
 use skein_common::frame::{Attitude, PositionNed, VelocityNed};
+use skein_common::math;
 use skein_common::message::Failure;
 use skein_common::scenario::{Source, load};
 
@@ -19,7 +20,7 @@ fn report(metrics: &Metrics) -> Report {
 
 /// Vehicle `number` at a bearing and a distance from the centre.
 pub(super) fn vehicle(number: u8, bearing_deg: f64, distance_m: f64, height_m: f64) -> VehicleNow {
-    let (sin, cos) = bearing_deg.to_radians().sin_cos();
+    let (sin, cos) = math::sin_cos(bearing_deg.to_radians());
     let truth = Truth {
         position: PositionNed::new(distance_m * cos, distance_m * sin, -height_m),
         height_m,
@@ -87,7 +88,7 @@ fn steady_figures_use_the_last_hundred_seconds() {
     for tick in 1..=20_000_u32 {
         let t_s = f64::from(tick) * 0.01;
         // Before the last hundred seconds far out; then 101 m, drifting by 1 m, with a swing of 0.5 m.
-        let swing_m = 0.5 * (t_s * TAU / 5.0).cos();
+        let swing_m = 0.5 * math::cos(t_s * TAU / 5.0);
         let distance_m = if t_s < 100.0 { 500.0 } else { 101.0 + (t_s - 100.0) * 0.01 + swing_m };
         metrics.observe(t_s, &[vehicle(1, 0.0, distance_m, 31.0), vehicle(2, 176.0, distance_m, 31.0)]);
     }

@@ -15,6 +15,7 @@ use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector2};
 use skein_agent::formation::{self, ring::Region};
 use skein_common::frame::{Attitude, Origin};
 use skein_common::id::VehicleId;
+use skein_common::math;
 use skein_common::message::Trace;
 use skein_common::scenario::Formation;
 
@@ -168,9 +169,9 @@ pub(super) fn formation(time: Timestamp, wanted: &Formation) -> SceneUpdate {
 /// Where ρ is `radius_m`: semi-axes ρ along the heading and ρ/√γ across it. East, north, up.
 fn ellipse(radius_m: f64, gamma: f64, heading_rad: f64) -> Vec<Point3> {
     let corner = |nth: usize| {
-        let (sin, cos) = (std::f64::consts::TAU * nth as f64 / CORNERS as f64).sin_cos();
+        let (sin, cos) = math::sin_cos(std::f64::consts::TAU * nth as f64 / CORNERS as f64);
         let along = Vector2::new(radius_m * cos, radius_m / gamma.sqrt() * sin);
-        let (sin_h, cos_h) = heading_rad.sin_cos();
+        let (sin_h, cos_h) = math::sin_cos(heading_rad);
         let (north, east) = (along.x * cos_h - along.y * sin_h, along.x * sin_h + along.y * cos_h);
         Point3 { x: east, y: north, z: 0.0 }
     };

@@ -6,6 +6,8 @@
 //!
 //! One set of laws serves one run at a time. It is kept for the next one, which begins with a hello.
 
+mod trial;
+
 use std::collections::{BTreeMap, BTreeSet};
 use std::net::TcpListener;
 use std::num::NonZeroUsize;
@@ -22,6 +24,7 @@ use skein_common::scenario::Scenario;
 
 use super::world::World;
 use crate::clock::{now, sleep};
+pub use trial::Trial;
 
 /// A law that says nothing for so long has failed, s of wall clock.
 const SILENCE_S: u64 = 10;
@@ -76,7 +79,7 @@ impl LawPool {
         };
         let mut laws = match kept {
             Some(laws) => laws,
-            None => Laws::start(way, scenario)?,
+            None => Laws::start(way, scenario.ids())?,
         };
         laws.begin(scenario)?;
         Ok(Some(laws))
@@ -131,7 +134,7 @@ struct Conversation {
 }
 
 impl Laws {
-    fn start(way: Way, scenario: &Scenario) -> Result<Self, LawError> {
+    fn start(way: Way, ids: impl Iterator<Item = VehicleId>) -> Result<Self, LawError> {
         let bind = |host: &str, port: u16| {
             let listener = TcpListener::bind((host, port));
             let listener = listener.and_then(|listener| listener.set_nonblocking(true).map(|()| listener));
@@ -144,11 +147,11 @@ impl Laws {
                 Way::Command(_) | Way::Udp { .. } => None,
             },
             hellos: Vec::new(),
-            lives: scenario.ids().map(|id| (id, false)).collect(),
+            lives: ids.map(|id| (id, false)).collect(),
             way,
         };
         if laws.listener.is_none() {
-            laws.conversations = scenario.ids().map(|id| laws.converse(id)).collect::<Result<_, _>>()?;
+            laws.conversations = laws.lives.keys().map(|id| laws.converse(*id)).collect::<Result<_, _>>()?;
         }
         Ok(laws)
     }
@@ -158,7 +161,7 @@ impl Laws {
         let (sink, words) = ear();
         let talk = match &self.way {
             Way::Command(command) => {
-                let tell = move |line: &str| eprintln!("vehicle {id}'s law: {line}");
+                let tell = move |line: &str| crate::complain(&format!("vehicle {id}'s law: {line}"));
                 let started = Talk::process(command, false, sink, tell);
                 started.map_err(|error| ExternalError::Start(command.join(" "), error))?
             }
@@ -379,7 +382,7 @@ impl Conversation {
     /// Tells of the first fault of a kind.
     fn tell(&mut self, fault: &Fault) {
         if !std::mem::replace(&mut self.told[fault.kind()], true) {
-            eprintln!("vehicle {}'s law: {fault}; more of the kind are only counted", self.name());
+            crate::complain(&format!("vehicle {}'s law: {fault}; more of the kind are only counted", self.name()));
         }
     }
 

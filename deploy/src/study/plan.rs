@@ -26,12 +26,13 @@ use skein_agent::external::is_external;
 use skein_agent::start::starts;
 use skein_common::scenario::{Loaded, Scenario};
 
-use super::laws::{self, LawPool};
+use super::laws::{self, LawPool, Trial};
 use super::measured::Measured;
 use super::sweep::{self, Point, Sweep};
 use super::{Study, StudyArgs};
 use crate::error::Error;
 use crate::out;
+use crate::prepare::{Prepared, Target, prepare};
 use crate::scenario::{Ready, ScenarioArgs};
 
 /// Nobody waits for more runs than these.
@@ -99,13 +100,15 @@ impl Plan {
         let mut hasher = DefaultHasher::new();
         let mut law_files = BTreeSet::new();
         let mut jobs = self.jobs;
+        let mut trial = Trial::default();
         for point in 0..self.points.len() {
             let first = Run { plan: self, point, seed: self.seeds.start };
             let loaded = first.read().map_err(|error| first.at_point(error))?;
             if point == 0 {
                 loaded.notes.iter().for_each(|note| eprintln!("{note}"));
             }
-            let ready = self.scenario.ready(&loaded.scenario).map_err(|error| first.at_point(error))?;
+            let prepared = prepare(&self.scenario, &loaded.scenario, Target::Study, &mut trial);
+            let Prepared { ready, .. } = prepared.map_err(|error| first.at_point(error))?;
             let mut scenario = loaded.scenario;
             jobs = laws::jobs(&scenario, jobs).map_err(|error| first.at_point(Error::Refused(error)))?;
             for seed in self.seeds.clone() {
@@ -304,22 +307,27 @@ mod tests {
     use crate::cli::{Cli, Command};
 
     #[test]
+    #[cfg(unix)]
     fn only_the_very_same_study_goes_on() {
+        // It answers every hello, and ends with its input.
+        let script = |which: &str| {
+            format!("# {which}\nwhile read -r line; do echo '{{\"say\":\"ready\",\"protocol\":1}}'; done\n")
+        };
         let folder = tempfile::tempdir().unwrap();
-        let (law, scenario) = (folder.path().join("law.py"), folder.path().join("two.toml"));
-        let text = "swarm.vehicles = 2\n[formation]\nlaw = 'external'\nexternal.command = ['cargo', 'law.py']\n";
+        let (law, scenario) = (folder.path().join("law.sh"), folder.path().join("two.toml"));
+        let text = "swarm.vehicles = 2\n[formation]\nlaw = 'external'\nexternal.command = ['sh', 'law.sh']\n";
         fs::write(&scenario, text).unwrap();
-        fs::write(&law, "first").unwrap();
+        fs::write(&law, script("first")).unwrap();
         let out = folder.path().join("out");
         let line = ["skein", "study", scenario.to_str().unwrap(), "--out", out.to_str().unwrap()];
         let Command::Study(args) = Cli::try_parse_from(line).unwrap().command else { panic!("a study") };
         let plan = || Plan::new(&args).map(|plan| plan.out).map_err(|error| error.to_string());
         assert_eq!(plan(), Ok(out.clone()));
         assert_eq!(plan(), Ok(out.clone()), "it goes on");
-        fs::write(&law, "second").unwrap();
+        fs::write(&law, script("second")).unwrap();
         let why = plan().unwrap_err();
         assert!(why.contains("something else stands in its scenario or in a file that it names"), "{why}");
-        fs::write(&law, "first").unwrap();
+        fs::write(&law, script("first")).unwrap();
         let there = fs::read_to_string(out.join("study.json")).unwrap();
         let mut study: Value = serde_json::from_str(&there).unwrap();
         study["program"] = "0123456789abcdef".into();

@@ -6,6 +6,7 @@
 //! has all points of the hypercube.
 
 use skein_agent::random::{self, Purpose};
+use skein_common::math;
 use skein_common::scenario::is_whole;
 
 /// One `--sweep`: a key and what it is to be.
@@ -171,7 +172,7 @@ impl Sweep {
         // Whole numbers have parts of the same size if the last one reaches to where the next number would begin.
         let end = if whole { high + 1.0 } else { high };
         let at = |share: f64| {
-            let value = if log { low * (share * (end / low).ln()).exp() } else { low + share * (end - low) };
+            let value = if log { low * math::exp(share * math::ln(end / low)) } else { low + share * (end - low) };
             let value = value.clamp(low, end);
             if whole { value.floor().min(high) } else { value }
         };
@@ -236,7 +237,7 @@ mod tests {
         for n in [1, 2, 7, 64] {
             let points = points(&sweeps, Some(n), 42).unwrap();
             assert_eq!(points.len(), n);
-            let scales: [fn(f64) -> f64; 3] = [|x| x / 2.0, |x| x.ln() / 100_f64.ln(), |x| x + 0.5];
+            let scales: [fn(f64) -> f64; 3] = [|x| x / 2.0, |x| math::ln(x) / math::ln(100_f64), |x| x + 0.5];
             for (nth, share) in scales.iter().enumerate() {
                 let mut parts: Vec<usize> =
                     column(&points, nth).iter().map(|&x| (share(x) * n as f64) as usize).collect();

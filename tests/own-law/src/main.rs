@@ -6,7 +6,7 @@
 use std::f64::consts::TAU;
 use std::process::ExitCode;
 
-use skein::law::{Answer, Law, Laws, Setup, Sight, Vector2, Wanted, number};
+use skein::law::{Answer, Law, Laws, Setup, Sight, Vector2, Wanted, math, number};
 
 #[derive(Clone, Debug)]
 struct Pursuit {
@@ -24,7 +24,7 @@ impl Pursuit {
 impl Law for Pursuit {
     fn ask(&mut self, sight: &Sight<'_>) -> Answer {
         let out_ne_m = sight.from_centre_ne_m();
-        let bearing_rad = |from_centre: Vector2<f64>| from_centre.y.atan2(from_centre.x);
+        let bearing_rad = |from_centre: Vector2<f64>| math::atan2(from_centre.y, from_centre.x);
         let centre = sight.goal.centre.horizontal();
         let (mut ahead_rad, mut behind_rad) = (TAU, TAU);
         for neighbour in sight.neighbours {

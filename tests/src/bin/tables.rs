@@ -1,9 +1,10 @@
 //! Prints the tables that the README quotes: `cargo run --release -p skein-tests --bin tables -- faults`.
 
+use std::fs;
 use std::process::ExitCode;
 
 use clap::Parser;
-use skein_tests::{central, divergence, faults, formation_error, halves, tour};
+use skein_tests::{central, divergence, faults, formation_error, golden, halves, tour, wind};
 
 /// Flies many swarms in virtual time and prints what became of them
 #[derive(Parser)]
@@ -27,12 +28,18 @@ enum Table {
     Faults,
     /// A swarm cut in two for 20 s, under both policies
     Halves,
-    /// The ring's error with 4 to 32 vehicles, 0 to 50 % loss and 0 to 2 s delay: the golden file
+    /// Flies the golden files anew, writes them and prints which medians moved
+    Golden,
+    /// The ring's error with 4 to 32 vehicles, 0 to 50 % loss and 0 to 2 s delay, from the golden file
     Network,
     /// The same flight in virtual time, in real time, and in real time behind X-Plane's protocol, a seed after the other
     Divergence,
     /// The tour with 2 to 16 vehicles, 0 to 30 % loss and 0 to 1 s delay
     Tour,
+    /// Healthy flights of every kind in up to 10 m/s of wind with gusts: which vehicles took themselves for broken
+    Wind,
+    /// The shipped hover in 0 to 18 m/s of wind
+    WindHover,
 }
 
 fn main() -> ExitCode {
@@ -54,10 +61,27 @@ fn main() -> ExitCode {
             }
             Table::Faults => faults::table(&[4, 8], seeds),
             Table::Halves => halves::table(seeds),
-            Table::Network => formation_error::table(seeds),
+            Table::Golden => write_golden(),
+            Table::Network => formation_error::markdown(&formation_error::golden()),
             Table::Divergence => divergence::table(seeds),
             Table::Tour => tour::table(&[2, 4, 8, 16], &[0.0, 0.1, 0.2, 0.3], &[0.0, 0.2, 0.5, 1.0], seeds),
+            Table::Wind => wind::table(seeds),
+            Table::WindHover => wind::hovers(seeds),
         }
     );
     ExitCode::SUCCESS
+}
+
+/// Writes every golden file; the medians that moved.
+fn write_golden() -> String {
+    let mut text = String::new();
+    for file in golden::FILES {
+        let (path, new) = (file.path(), (file.make)());
+        let old = fs::read_to_string(&path).unwrap_or_default();
+        text += &format!("{}: medians old, new\n{}", file.name, golden::moved(&old, &new));
+        if let Err(error) = fs::write(&path, new) {
+            text += &format!("{}: {error}\n", path.display());
+        }
+    }
+    text
 }

@@ -1,4 +1,4 @@
-//! Three agents, the words under way between them, and who has been left behind.
+//! Honest agents, the words under way between them, who has been left behind, and what one liar does to them.
 //!
 //! # Who counts
 //!
@@ -11,6 +11,12 @@
 //!   heals: then words of the other side arrive.
 //!
 //! All are settled at first, and can be again after everything that happens, which is checked too.
+//!
+//! # The liar
+//!
+//! One further vehicle may say anything to any agent at any time, different things to different ones, or be silent. What it said
+//! matters only when an agent acts on it, so it is said just then, in the same action, and taken back after it: whether an agent
+//! hears the liar is part of the state, what the liar says is not. A lie that keeps agents waiting needs no action at all.
 
 use std::hash::{Hash, Hasher};
 
@@ -19,26 +25,46 @@ use skein_common::id::{Incarnation, VehicleId};
 use skein_common::scenario::Partition;
 use skein_common::state::Membership;
 
-use super::{P1, P2, P3, P4};
+use super::{MISLED, P1, P2, P3, P4, VOUCHED};
 
-const AGENTS: usize = 3;
-/// Agents by index, one bit each.
+/// Agents by index, one bit each; the liar's is that after the last.
 type Bits = u8;
-const ALL: Bits = (1 << AGENTS) - 1;
-/// Every way to name them.
-const NAMINGS: [[usize; AGENTS]; 6] = [[0, 1, 2], [0, 2, 1], [1, 0, 2], [1, 2, 0], [2, 0, 1], [2, 1, 0]];
+/// Every way to name three.
+const NAMINGS: [[usize; 3]; 6] = [[0, 1, 2], [0, 2, 1], [1, 0, 2], [1, 2, 0], [2, 0, 1], [2, 1, 0]];
 
-/// What may happen.
+/// Every way to name so many, three at most.
+fn namings<const N: usize>() -> impl Iterator<Item = [usize; N]> {
+    let is_of_so_many = |naming: &&[usize; 3]| naming[N..].iter().zip(N..).all(|(&name, own)| name == own);
+    NAMINGS.iter().filter(is_of_so_many).map(|naming| std::array::from_fn(|nth| naming[nth]))
+}
+
+/// What may happen to so many honest agents.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Bounds {
+pub(super) struct Bounds<const HONEST: usize> {
     pub(super) last_step: u32,
     pub(super) partition: Partition,
+    /// A further vehicle lies.
+    pub(super) liar: bool,
     /// How often somebody falls: crashes, or loses its own data and takes part no longer. Each may come back.
     pub(super) falls: u8,
-    /// How often one is cut off from the two others. Each cut may heal.
+    /// How often one is cut off from the others. Each cut may heal.
     pub(super) cuts: u8,
+    /// Whether a cut may last a minute, after which no further vehicle is taken to be flying on its other side.
+    pub(super) long_cuts: bool,
     /// Whether somebody can be suspected who is up and not cut off.
     pub(super) false_suspicion: bool,
+}
+
+impl<const HONEST: usize> Bounds<HONEST> {
+    /// Nothing happens but that words are late, lost and repeated.
+    pub(super) const fn new(last_step: u32, partition: Partition) -> Self {
+        let (liar, falls, cuts, long_cuts, false_suspicion) = (false, 0, 0, false, false);
+        Self { last_step, partition, liar, falls, cuts, long_cuts, false_suspicion }
+    }
+
+    fn vehicles(&self) -> usize {
+        HONEST + usize::from(self.liar)
+    }
 }
 
 #[derive(Clone, Debug, PartialEq)]
@@ -52,18 +78,26 @@ struct Agent {
     said: Vec<Part>,
     /// Who it takes to be there.
     sees: Bits,
+    /// Those that it does not see and takes to be flying no longer.
+    given_up: Bits,
     admitted: Bits,
+    /// In this life it has followed the liar, which it saw alone, to a step that no honest agent had earned.
+    is_misled: bool,
 }
 
 #[derive(Clone, Debug, PartialEq)]
-pub(super) struct Swarm {
-    agents: [Agent; AGENTS],
+pub(super) struct Swarm<const N: usize> {
+    agents: [Agent; N],
+    /// The liar's lives so far: each of its words is of a new one, so that nothing remains of the one before.
+    lies: u64,
+    /// The latest step that an agent has come to by having reached the one before with all that it saw, and not after the liar.
+    earned: u32,
     /// The one that is cut off.
     cut_off: Option<usize>,
     falls_left: u8,
     cuts_left: u8,
     settled: Bits,
-    /// Whether somebody of the two, and the one cut off, advanced in this cut with nobody of the other side in view.
+    /// Whether somebody of the others, and the one cut off, advanced in this cut with nobody of the other side in view.
     advanced: [bool; 2],
     broken: Option<&'static str>,
 }
@@ -81,6 +115,22 @@ pub(super) enum Action {
         by: usize,
         whom: usize,
     },
+    /// A minute after it was suspected.
+    GiveUp {
+        by: usize,
+        whom: usize,
+    },
+    /// The liar vouches for a step.
+    Lie {
+        to: usize,
+        vouched: u32,
+    },
+    /// An agent advances while the liar says that it has reached everything.
+    AdvanceWithLiar(usize),
+    /// The liar falls silent, or says that it has left.
+    Silence {
+        to: usize,
+    },
     Crash(usize),
     Restart(usize),
     Withdraw(usize),
@@ -94,8 +144,8 @@ fn id(agent: usize) -> VehicleId {
     VehicleId::new(agent as u8 + 1).unwrap()
 }
 
-fn others(agent: usize) -> impl Iterator<Item = usize> {
-    (0..AGENTS).filter(move |&other| other != agent)
+fn others<const N: usize>(agent: usize) -> impl Iterator<Item = usize> {
+    (0..N).filter(move |&other| other != agent)
 }
 
 fn has(bits: Bits, agent: usize) -> bool {
@@ -104,15 +154,17 @@ fn has(bits: Bits, agent: usize) -> bool {
 
 impl Agent {
     /// At the beginning of a life.
-    fn new(own: usize, bounds: &Bounds, incarnation: u64) -> Self {
+    fn new<const N: usize>(own: usize, bounds: &Bounds<N>, incarnation: u64) -> Self {
         Self {
-            agreement: Agreement::new(id(own), AGENTS as u8, bounds.last_step, bounds.partition),
+            agreement: Agreement::new(id(own), bounds.vehicles() as u8, bounds.last_step, bounds.partition),
             incarnation,
             sequence: 0,
             is_up: true,
             said: Vec::new(),
             sees: 0,
+            given_up: 0,
             admitted: 0,
+            is_misled: false,
         }
     }
 
@@ -122,6 +174,7 @@ impl Agent {
             sequence: self.sequence,
             membership: self.agreement.membership(),
             step: self.agreement.at(),
+            vouched: self.agreement.vouched(),
             reached: self.agreement.reached(),
         }
     }
@@ -143,14 +196,22 @@ impl Agent {
         }
     }
 
-    fn see(&mut self, sees: Bits) {
+    /// `own` is its own index among `N` that are honest. A liar that is not heard may have left: it is not missed.
+    fn see<const N: usize>(&mut self, own: usize, sees: Bits) -> Option<Progress> {
         self.sees = sees;
-        self.agreement.step(Event::Sees((0..AGENTS).filter(|&other| has(sees, other)).map(id).collect()));
+        self.given_up &= !sees;
+        let heard = (0..=N).filter(|&other| has(sees, other)).map(id).collect();
+        let misses_any = others::<N>(own).any(|other| !has(self.sees | self.given_up, other));
+        self.agreement.step(Event::Sees { heard, misses_any })
     }
 
-    /// Whether it has heard of a step that it has not come to.
-    fn is_behind(&self) -> bool {
-        (0..AGENTS).filter_map(|other| self.agreement.part(id(other))).any(|part| part.step > self.agreement.at())
+    /// Whether two that it sees vouch for a step that it has not come to.
+    fn is_behind<const N: usize>(&self) -> bool {
+        let vouches = |&other: &usize| {
+            let part = self.agreement.part(id(other));
+            has(self.sees, other) && part.is_some_and(|part| part.vouched > self.agreement.at())
+        };
+        (0..N).filter(vouches).count() >= 2
     }
 
     /// Whether it has said this since it became active, and is.
@@ -159,15 +220,19 @@ impl Agent {
     }
 }
 
-impl Swarm {
+impl<const N: usize> Swarm<N> {
+    const ALL: Bits = (1 << N) - 1;
+
     /// Everybody is active and has heard so.
-    pub(super) fn start(bounds: &Bounds) -> Self {
+    pub(super) fn start(bounds: &Bounds<N>) -> Self {
         let mut swarm = Self {
             agents: std::array::from_fn(|agent| Agent::new(agent, bounds, 0)),
+            lies: 0,
+            earned: 0,
             cut_off: None,
             falls_left: bounds.falls,
             cuts_left: bounds.cuts,
-            settled: ALL,
+            settled: Self::ALL,
             advanced: [false; 2],
             broken: None,
         };
@@ -175,15 +240,15 @@ impl Swarm {
             agent.turn(Membership::Active);
             agent.say();
         }
-        for to in 0..AGENTS {
-            others(to).for_each(|from| swarm.deliver(to, from, 0));
+        for to in 0..N {
+            others::<N>(to).for_each(|from| swarm.deliver(to, from, 0));
         }
         swarm
     }
 
     /// What may happen next.
-    pub(super) fn actions(&self, bounds: &Bounds, actions: &mut Vec<Action>) {
-        for agent in 0..AGENTS {
+    pub(super) fn actions(&self, bounds: &Bounds<N>, actions: &mut Vec<Action>) {
+        for agent in 0..N {
             let Agent { agreement, is_up, .. } = &self.agents[agent];
             if !is_up {
                 actions.push(Action::Restart(agent));
@@ -200,7 +265,13 @@ impl Swarm {
             if self.may_activate(agent) {
                 actions.push(Action::Activate(agent));
             }
-            for other in others(agent) {
+            if bounds.liar {
+                actions.extend((0..=bounds.last_step).map(|vouched| Action::Lie { to: agent, vouched }));
+                actions.extend([Action::AdvanceWithLiar(agent), Action::Silence { to: agent }]);
+            }
+            for other in others::<N>(agent) {
+                let gives_up = self.may_give_up(agent, other, bounds.long_cuts);
+                actions.extend(gives_up.then_some(Action::GiveUp { by: agent, whom: other }));
                 let suspects = self.may_suspect(agent, other, bounds.false_suspicion);
                 actions.extend(suspects.then_some(Action::Suspect { by: agent, whom: other }));
                 let arrives =
@@ -211,13 +282,13 @@ impl Swarm {
         }
         match self.cut_off {
             Some(_) => actions.push(Action::Heal),
-            None if self.cuts_left > 0 => actions.extend((0..AGENTS).map(Action::CutOff)),
+            None if self.cuts_left > 0 => actions.extend((0..N).map(Action::CutOff)),
             None => {}
         }
     }
 
     /// How it is after that, unless it changes nothing.
-    pub(super) fn after(&self, action: Action, bounds: &Bounds) -> Option<Self> {
+    pub(super) fn after(&self, action: Action, bounds: &Bounds<N>) -> Option<Self> {
         let mut swarm = self.clone();
         swarm.apply(action, bounds);
         swarm.judge(self);
@@ -233,13 +304,19 @@ impl Swarm {
         has(self.agents[by].sees, whom) && (falsely || !self.agents[whom].is_up || !self.are_linked(by, whom))
     }
 
+    fn may_give_up(&self, by: usize, whom: usize, in_cuts: bool) -> bool {
+        let Agent { sees, given_up, .. } = self.agents[by];
+        let is_silent = !self.agents[whom].is_up || in_cuts && !self.are_linked(by, whom);
+        is_silent && !has(sees | given_up, whom)
+    }
+
     fn may_activate(&self, agent: usize) -> bool {
         let own = &self.agents[agent].agreement;
         let has_heard = |other: usize| {
             let life = Incarnation(self.agents[other].incarnation);
             own.part(id(other)).is_some_and(|part| part.incarnation == life)
         };
-        let mut linked = others(agent).filter(|&other| self.agents[other].is_up && self.are_linked(agent, other));
+        let mut linked = others::<N>(agent).filter(|&other| self.agents[other].is_up && self.are_linked(agent, other));
         own.membership() == Membership::Joining && linked.all(has_heard)
     }
 
@@ -248,7 +325,6 @@ impl Swarm {
         let (to, speaker) = (&self.agents[to], &self.agents[from]);
         let known = to.agreement.part(id(from));
         known.is_none_or(|known| known.merge(*word) != *known)
-            || word.step > to.agreement.at()
             || (speaker.is_up && !has(to.sees, from))
             || (speaker.is_latest(word) && !has(to.admitted, from))
     }
@@ -257,10 +333,29 @@ impl Swarm {
         let speaker = &self.agents[from];
         let (part, is_up) = (speaker.said[word], speaker.is_up);
         let admits = speaker.is_latest(&part);
-        let to = &mut self.agents[to];
-        to.agreement.step(Event::Heard(id(from), part));
-        to.see(to.sees | Bits::from(is_up) << from);
-        to.admitted |= Bits::from(admits) << from;
+        let hearer = &mut self.agents[to];
+        hearer.agreement.step(Event::Heard(id(from), part));
+        hearer.see::<N>(to, hearer.sees | Bits::from(is_up) << from);
+        hearer.admitted |= Bits::from(admits) << from;
+    }
+
+    /// The liar's word, of a life of its own.
+    fn lie(&mut self, to: usize, lie: Part) {
+        self.lies += 1;
+        let lie = Part { incarnation: Incarnation(self.lies), ..lie };
+        self.agents[to].agreement.step(Event::Heard(id(N), lie));
+    }
+
+    /// An agent hears this from the liar, does something, and the liar takes it back.
+    fn lie_while(&mut self, to: usize, vouched: u32, bounds: &Bounds<N>, act: impl FnOnce(&mut Self)) {
+        let (step, reached) = (bounds.last_step, Some(bounds.last_step));
+        self.lie(to, Part { membership: Membership::Active, step, vouched, reached, ..Part::default() });
+        let sees = self.agents[to].sees | 1 << N;
+        let progress = self.agents[to].see::<N>(to, sees);
+        let is_unearned = self.agents[to].agreement.at() > self.earned;
+        self.agents[to].is_misled |= progress.is_some() && sees == 1 << N && is_unearned;
+        act(self);
+        self.lie(to, Part::default());
     }
 
     /// Nobody has it admitted any longer.
@@ -268,7 +363,7 @@ impl Swarm {
         self.agents.iter_mut().for_each(|other| other.admitted &= !(1 << agent));
     }
 
-    fn apply(&mut self, action: Action, bounds: &Bounds) {
+    fn apply(&mut self, action: Action, bounds: &Bounds<N>) {
         match action {
             Action::Reach(agent) => {
                 self.agents[agent].agreement.step(Event::Reached);
@@ -277,7 +372,18 @@ impl Swarm {
             Action::Deliver { to, from, word } => self.deliver(to, from, word),
             Action::Suspect { by, whom } => {
                 let sees = self.agents[by].sees & !(1 << whom);
-                self.agents[by].see(sees);
+                self.agents[by].see::<N>(by, sees);
+            }
+            Action::GiveUp { by, whom } => {
+                self.agents[by].given_up |= 1 << whom;
+                let sees = self.agents[by].sees;
+                self.agents[by].see::<N>(by, sees);
+            }
+            Action::Lie { to, vouched } => self.lie_while(to, vouched, bounds, |_| {}),
+            Action::AdvanceWithLiar(agent) => self.lie_while(agent, 0, bounds, |swarm| swarm.advance(agent)),
+            Action::Silence { to } => {
+                let sees = self.agents[to].sees & !(1 << N);
+                self.agents[to].see::<N>(to, sees);
             }
             Action::Crash(agent) => {
                 self.falls_left -= 1;
@@ -314,7 +420,11 @@ impl Swarm {
         if agreement.step(Event::Free) != Some(Progress::Advanced) {
             return;
         }
-        let in_view: Vec<usize> = (0..AGENTS).filter(|&other| view.contains(id(other))).collect();
+        let own = self.agents[agent].part();
+        if !self.agents[agent].is_misled || own.vouched == own.step {
+            self.earned = self.earned.max(own.step);
+        }
+        let in_view: Vec<usize> = (0..N).filter(|&other| view.contains(id(other))).collect();
         for &other in &in_view {
             let life = self.agents[agent].agreement.part(id(other)).map(|part| part.incarnation);
             let reports = |word: &Part| Some(word.incarnation) == life && word.has_reached(left);
@@ -329,21 +439,30 @@ impl Swarm {
 
     /// Notes what an action broke, given how things were before it.
     fn judge(&mut self, before: &Self) {
-        for agent in 0..AGENTS {
+        for agent in 0..N {
             let (was, is) = (before.agents[agent].part(), self.agents[agent].part());
             if was.incarnation != is.incarnation {
                 continue;
             }
-            if is.step < was.step || is.reached < was.reached {
+            if is.step < was.step || is.reached < was.reached || is.vouched < was.vouched {
                 self.broken = Some(P1);
+            }
+            if is.vouched > self.earned {
+                self.broken = Some(VOUCHED);
             }
             if is.step <= was.step {
                 continue;
             }
+            if self.agents[agent].is_misled {
+                continue;
+            }
+            if is.step > self.earned {
+                self.broken = Some(MISLED);
+            }
             let left = is.step - 1;
             let is_late =
                 |&other: &usize| self.are_linked(agent, other) && !self.agents[other].part().has_reached(left);
-            if (0..AGENTS).any(|other| has(before.settled, other) && is_late(&other)) {
+            if (0..N).any(|other| has(before.settled, other) && is_late(&other)) {
                 self.broken = Some(P3);
             }
             if !self.agents.iter().flat_map(|agent| &agent.said).any(|word| word.reached >= Some(left)) {
@@ -356,13 +475,13 @@ impl Swarm {
     fn settle(&mut self) {
         let is_settled = |&agent: &usize| {
             let is_linked = |&other: &usize| self.are_linked(agent, other);
-            let mut peers = others(agent).filter(is_linked).filter(|&other| self.agents[other].is_active());
-            let mut words = (0..AGENTS).filter(is_linked).flat_map(|other| &self.agents[other].said);
+            let mut peers = others::<N>(agent).filter(is_linked).filter(|&other| self.agents[other].is_active());
+            let mut words = (0..N).filter(is_linked).flat_map(|other| &self.agents[other].said);
             self.agents[agent].is_active()
                 && peers.all(|peer| has(self.agents[peer].admitted, agent))
                 && (has(self.settled, agent) || words.all(|word| word.step <= self.agents[agent].agreement.at()))
         };
-        self.settled = (0..AGENTS).filter(is_settled).fold(0, |settled, agent| settled | 1 << agent);
+        self.settled = (0..N).filter(is_settled).fold(0, |settled, agent| settled | 1 << agent);
     }
 
     pub(super) fn breaks(&self, property: &str) -> bool {
@@ -370,7 +489,12 @@ impl Swarm {
     }
 
     pub(super) fn is_behind(&self) -> bool {
-        self.agents.iter().any(Agent::is_behind)
+        self.agents.iter().any(Agent::is_behind::<N>)
+    }
+
+    /// Somebody has followed the liar.
+    pub(super) fn is_misled(&self) -> bool {
+        self.agents.iter().any(|agent| agent.is_misled)
     }
 
     /// Both sides of the cut have gone on without the other.
@@ -380,29 +504,34 @@ impl Swarm {
 
     /// Whether somebody is two steps ahead of a settled agent.
     pub(super) fn is_skewed(&self) -> bool {
-        (0..AGENTS).filter(|&late| has(self.settled, late)).any(|late| {
+        (0..N).filter(|&late| has(self.settled, late)).any(|late| {
             let is_ahead = |other: &Agent| other.agreement.at() > self.agents[late].agreement.at() + 1;
-            others(late).any(|other| self.are_linked(late, other) && is_ahead(&self.agents[other]))
+            others::<N>(late).any(|other| self.are_linked(late, other) && is_ahead(&self.agents[other]))
         })
     }
 
     /// All that may go wrong has, and all are settled, still at the first step.
     pub(super) fn has_recovered(&self) -> bool {
         let is_over = self.falls_left + self.cuts_left == 0 && self.cut_off.is_none();
-        is_over && self.settled == ALL && self.agents.iter().all(|agent| agent.agreement.at() == 0)
+        is_over && self.settled == Self::ALL && self.agents.iter().all(|agent| agent.agreement.at() == 0)
     }
 
-    /// Whether everybody up comes to the last step if from here on links are whole, words arrive, and everybody reaches
-    /// the step that it is at: in a round of publishing for every step.
-    pub(super) fn completes(mut self, last_step: u32) -> bool {
+    /// Whether everybody up comes to the last step if from here on links are whole, words arrive, the liar is silent, and
+    /// everybody reaches the step that it is at: in a round of publishing for every step. Who is down is given up.
+    pub(super) fn completes(mut self, bounds: &Bounds<N>) -> bool {
+        let last_step = bounds.last_step;
         self.cut_off = None;
-        let up: Vec<usize> = (0..AGENTS).filter(|&agent| self.agents[agent].is_up).collect();
+        let up: Vec<usize> = (0..N).filter(|&agent| self.agents[agent].is_up).collect();
+        if bounds.partition == Partition::Quorum && 2 * up.len() <= bounds.vehicles() {
+            return true;
+        }
         let sees = up.iter().fold(0, |sees, &agent| sees | 1 << agent);
         (0..=last_step).any(|_| {
             up.iter().for_each(|&agent| self.agents[agent].say());
             for &to in &up {
-                self.agents[to].see(sees & !(1 << to));
-                for from in others(to).filter(|&from| has(sees, from)) {
+                self.agents[to].given_up = !sees;
+                self.agents[to].see::<N>(to, sees & !(1 << to));
+                for from in others::<N>(to).filter(|&from| has(sees, from)) {
                     self.deliver(to, from, self.agents[from].said.len() - 1);
                 }
             }
@@ -419,39 +548,53 @@ impl Swarm {
     }
 
     /// What matters of an agent, whoever the others are.
-    fn own_key(&self, agent: usize) -> impl Ord + Hash + Copy + use<> {
-        let Agent { is_up, said, .. } = &self.agents[agent];
+    fn own_key(&self, agent: usize) -> impl Ord + Hash + Copy + use<N> {
+        let Agent { is_up, said, is_misled, sees, .. } = &self.agents[agent];
         let own = self.agents[agent].part();
-        let said = said.iter().fold(0_u64, |said, word| said | 1 << word_key(word, word.step));
-        (said, word_key(&own, own.step), *is_up, self.cut_off == Some(agent))
+        let mut keys = [0_u64; 4];
+        for word in said {
+            let key = said_key(word);
+            keys[usize::from(key >> 6)] |= 1 << (key & 63);
+        }
+        (keys, said_key(&own), *is_up, self.cut_off == Some(agent), *is_misled, has(*sees, N))
     }
 
-    /// What matters of a swarm to whatever may happen yet, beside the agents' own keys. An agent is never behind a step
-    /// that it has heard of, so of a word in its table only this does: whose life, whether that one takes part, and
-    /// whether it has reached the agent's own step.
-    fn key(&self, naming: &[usize; AGENTS]) -> impl Ord + Hash + use<> {
+    /// What matters of a swarm to whatever may happen yet, beside the agents' own keys. Of a word in an agent's table this
+    /// does: whose life, whether that one takes part, which of the agent's own and later steps it has reached, and how far
+    /// beyond what the agent itself vouches for it vouches.
+    fn key(&self, naming: &[usize; N]) -> impl Ord + Hash + use<N> {
         let rename = |bits: Bits| naming.iter().fold(0, |renamed, &agent| renamed << 1 | u8::from(has(bits, agent)));
         let views = naming.map(|agent| {
-            let Agent { agreement, sees, admitted, .. } = &self.agents[agent];
-            let known = |other| agreement.part(id(other)).map(|part| Part { step: 0, ..*part });
-            let known = naming.map(|other| known(other).map(|part| word_key(&part, agreement.at())));
-            (known, rename(*sees), rename(*admitted))
+            let Agent { agreement, sees, given_up, admitted, .. } = &self.agents[agent];
+            let (at, vouched) = (agreement.at(), agreement.vouched());
+            let known = naming.map(|other| agreement.part(id(other)).map(|part| known_key(part, at, vouched)));
+            (known, rename(*sees), rename(*given_up), rename(*admitted))
         });
-        (views, self.falls_left, self.cuts_left, rename(self.settled), self.advanced, self.broken)
+        (views, self.falls_left, self.cuts_left, rename(self.settled), self.advanced, self.earned, self.broken)
     }
 }
 
-/// One of the 64 words that differ in what matters to somebody at this step.
-fn word_key(word: &Part, step: u32) -> u8 {
-    let key = (word.incarnation.0 << 2 | word.sequence) << 3 | u64::from(word.step) << 1;
-    key as u8 | u8::from(word.has_reached(step))
+/// One of the 256 words that an agent can have said.
+fn said_key(word: &Part) -> u8 {
+    key(word, word.step << 1 | u32::from(word.has_reached(word.step)), word.vouched)
+}
+
+/// One of the 256 words that differ in what matters to an agent at this step that vouches for so much.
+fn known_key(word: &Part, step: u32, vouched: u32) -> u8 {
+    let past = word.step.max(word.reached.map_or(0, |reached| reached + 1));
+    key(word, past.max(step), word.vouched.max(vouched))
+}
+
+fn key(word: &Part, past: u32, vouched: u32) -> u8 {
+    assert!(word.incarnation.0 < 2 && word.sequence < 4 && past < 8 && vouched < 4, "too large for a key: {word:?}");
+    (word.incarnation.0 as u8) << 7 | (word.sequence as u8) << 5 | (past as u8) << 2 | vouched as u8
 }
 
 /// Swarms are one to the checker if they differ in names only, or in what does not matter.
-impl Hash for Swarm {
+impl<const N: usize> Hash for Swarm<N> {
     fn hash<H: Hasher>(&self, hasher: &mut H) {
-        let own: [_; AGENTS] = std::array::from_fn(|agent| self.own_key(agent));
-        let sorting = NAMINGS.iter().filter(|naming| naming.is_sorted_by_key(|&agent| own[agent]));
-        sorting.map(|naming| (naming.map(|agent| own[agent]), self.key(naming))).min().hash(hasher);
+        let own: [_; N] = std::array::from_fn(|agent| self.own_key(agent));
+        let sorting = namings::<N>().filter(|naming| naming.is_sorted_by_key(|&agent| own[agent]));
+        sorting.map(|naming| (naming.map(|agent| own[agent]), self.key(&naming))).min().hash(hasher);
     }
 }

@@ -5,6 +5,7 @@ use std::fs;
 use std::process::{Child, Stdio};
 
 use skein_common::frame::{Geodetic, Origin, PositionNed};
+use skein_common::math;
 use skein_common::scenario::{Source, load};
 
 use super::host::Host;
@@ -80,7 +81,7 @@ pub(super) fn place(id: u8) -> String {
 
 /// Inside the ring's band or outside of it, by turns: all have some way to go, and nobody meets anybody.
 fn start_ne_m(id: u8) -> [f64; 2] {
-    let (east, north) = (f64::from(id) * 40.0).to_radians().sin_cos();
+    let (east, north) = math::sin_cos((f64::from(id) * 40.0).to_radians());
     let from_centre_m = RADIUS_M + if id.is_multiple_of(2) { BAND_M + 6.0 } else { -BAND_M - 6.0 };
     [from_centre_m * north, from_centre_m * east]
 }

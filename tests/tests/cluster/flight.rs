@@ -1,5 +1,6 @@
 //! One cluster from bare PCs to bare PCs, as its operator does it; every part begins where the one before has ended.
 
+use skein_common::math;
 use std::fs;
 use std::os::unix::fs::PermissionsExt;
 use std::process::Stdio;
@@ -102,7 +103,7 @@ impl Flight {
     /// Until the ring is there.
     pub(super) fn form(&self, sky: &Sky) {
         let from_s = now_s();
-        let gap_m = 2.0 * RADIUS_M * (std::f64::consts::PI / f64::from(HOSTS)).sin();
+        let gap_m = 2.0 * RADIUS_M * math::sin(std::f64::consts::PI / f64::from(HOSTS));
         let is_ring = |look: &Look| {
             let in_band = |radius_m: f64| (radius_m - RADIUS_M).abs() < BAND_M;
             look.all(8, |it| in_band(it.radius_m()) && it.height_m > ALOFT_M) && look.least_m() > EVEN * gap_m

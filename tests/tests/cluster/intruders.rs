@@ -232,6 +232,7 @@ impl Mouth {
             plan: 0,
             membership: Membership::Active,
             step: 399,
+            vouched: 399,
             reached: Some(399),
             progress_m: 0.0,
             order: Some(order(None)),

@@ -1,6 +1,7 @@
 //! What really goes on in the sky, whatever the product's own commands say: another PC on the bridge that holds the observers'
 //! certificate and nothing else, and looks on.
 
+use skein_common::math;
 use std::fs;
 use std::io::{BufRead, BufReader, Write};
 use std::process::{Child, Stdio};
@@ -52,7 +53,7 @@ pub(super) struct Vehicle {
 impl Vehicle {
     /// From the ring's centre, m.
     pub(super) fn radius_m(&self) -> f64 {
-        self.north_m.hypot(self.east_m)
+        math::hypot(self.north_m, self.east_m)
     }
 
     pub(super) fn flies(&self) -> bool {
@@ -83,8 +84,8 @@ impl Look {
         let mut least_m = f64::INFINITY;
         for (nth, one) in self.vehicles.iter().enumerate() {
             for other in self.vehicles[..nth].iter().filter(|other| other.flies() && one.flies()) {
-                let level_m = (one.north_m - other.north_m).hypot(one.east_m - other.east_m);
-                least_m = least_m.min(level_m.hypot(one.height_m - other.height_m));
+                let level_m = math::hypot(one.north_m - other.north_m, one.east_m - other.east_m);
+                least_m = least_m.min(math::hypot(level_m, one.height_m - other.height_m));
             }
         }
         least_m

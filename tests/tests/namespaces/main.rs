@@ -9,6 +9,7 @@
 mod network;
 mod swarm;
 
+use skein_common::math;
 use std::io::{Write, stdout};
 use std::thread::sleep;
 use std::time::Duration;
@@ -55,7 +56,7 @@ fn scenario(starts_ne_m: &[[f64; 2]], partition: &str) -> String {
 
 /// A place on the ring.
 fn on_ring(deg: f64) -> [f64; 2] {
-    let (east, north) = deg.to_radians().sin_cos();
+    let (east, north) = math::sin_cos(deg.to_radians());
     [40.0 * north, 40.0 * east]
 }
 

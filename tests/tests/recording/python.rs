@@ -1,5 +1,6 @@
 //! What the public Python reader finds.
 
+use skein_common::math;
 use std::fs;
 use std::path::Path;
 
@@ -47,7 +48,7 @@ pub(super) fn check(found: &Value, vehicles: usize) {
         assert!(number(&found["upright"][&frame]) > 0.8, "never hung upside down");
         let heading_rad = number(&traced["attitude"]["heading_rad"]);
         let forward = numbers(&last["forward"]);
-        let along = forward[0] * heading_rad.sin() + forward[1] * heading_rad.cos();
+        let along = forward[0] * math::sin(heading_rad) + forward[1] * math::cos(heading_rad);
         assert!(along > 0.9, "its nose points where its heading says: {forward:?}, {heading_rad}");
         let fix = numbers(&found["fixes"][&frame]);
         // A degree of latitude is about 111 km.

@@ -1,3 +1,4 @@
+use skein_common::math;
 use std::f64::consts::{PI, TAU};
 
 use super::super::point_mass::{Points, laws};
@@ -28,8 +29,11 @@ fn the_rate_of_convergence_is_the_algebraic_connectivity_of_the_graph() {
     let ring: Hears = |one, other| [1, COUNT - 1].contains(&one.abs_diff(other));
     let complete: Hears = |_, _| true;
     let n = COUNT as f64;
-    let graphs =
-        [("line", line, 2.0 - 2.0 * (PI / n).cos()), ("ring", ring, 2.0 - 2.0 * (TAU / n).cos()), ("all", complete, n)];
+    let graphs = [
+        ("line", line, 2.0 - 2.0 * math::cos(PI / n)),
+        ("ring", ring, 2.0 - 2.0 * math::cos(TAU / n)),
+        ("all", complete, n),
+    ];
     let lines = format!(
         "law = 'displacement-consensus'\nslots = {{ pattern = 'line' }}\n\
          displacement_consensus = {{ gain_per_s = {GAIN_PER_S}, goal_gain_per_s = 0 }}"
@@ -46,7 +50,7 @@ fn the_rate_of_convergence_is_the_algebraic_connectivity_of_the_graph() {
         points.fly(&mut laws, hears, 3.0 * unit_s);
         // The time that has passed is a whole number of steps.
         let passed_s = (3.0 * unit_s / 0.02).trunc() * 0.02;
-        let rate_per_s = (first_m / disagreement_m(&points, &slots)).ln() / passed_s;
+        let rate_per_s = math::ln(first_m / disagreement_m(&points, &slots)) / passed_s;
         let share = rate_per_s / (GAIN_PER_S * lambda_2);
         assert!((share - 1.0).abs() < 0.02, "{name}: {rate_per_s} 1/s, {share} of k λ2");
         assert!((middle(&points) - before).norm() < 1e-6, "{name}: as a whole it goes nowhere");

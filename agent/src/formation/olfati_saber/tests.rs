@@ -1,5 +1,6 @@
 use proptest::prelude::*;
 use skein_common::frame::VelocityNed;
+use skein_common::math;
 use skein_common::scenario::{Source, load};
 
 use super::super::point_mass::Points;
@@ -22,9 +23,9 @@ fn potential(law: &OlfatiSaber, sigma: f64) -> f64 {
 
 /// The source's Hamiltonian in the frame of the goal (equation 36): potential of all pairs, of the goal, and motion; m²/s².
 fn energy(law: &OlfatiSaber, points: &Points) -> f64 {
-    let scale = (law.unit_m / law.unit_s).powi(2);
+    let scale = math::square(law.unit_m / law.unit_s);
     let pairs = points.distances_m().into_iter().map(|distance_m| {
-        let squared = (distance_m / law.unit_m).powi(2);
+        let squared = math::square(distance_m / law.unit_m);
         scale * potential(law, sigma_norm(law.epsilon, squared))
     });
     let (centre, drift) = (points.goal.centre.horizontal(), points.goal.centre_velocity.horizontal());
@@ -83,8 +84,8 @@ fn ten_points_become_a_lattice_that_moves_with_its_goal() {
     assert_eq!(pieces(&law, &points), 1);
     let d_m = SOURCE_DISTANCE * law.unit_m;
     let close: Vec<_> = points.distances_m().into_iter().filter(|&distance_m| distance_m < 1.2 * d_m).collect();
-    let deviation: f64 = close.iter().map(|distance_m| (distance_m - d_m).powi(2)).sum();
-    let normalised = deviation / (close.len() as f64 + 1.0) / d_m.powi(2);
+    let deviation: f64 = close.iter().map(|distance_m| math::square(distance_m - d_m)).sum();
+    let normalised = deviation / (close.len() as f64 + 1.0) / math::square(d_m);
     assert!(close.len() >= 15 && normalised < 2e-3, "{} links, deviation energy {normalised}", close.len());
 }
 
@@ -106,7 +107,7 @@ proptest! {
     fn norm_bump_and_action_are_the_sources(
         z in 0.01..100.0_f64, epsilon in 0.01..2.0_f64, a in 0.5..10.0_f64, more in 0.0..10.0_f64, h in 0.0..0.9_f64, share in 0.0..1.5_f64,
     ) {
-        let slope = (sigma_norm(epsilon, (z + 1e-5).powi(2)) - sigma_norm(epsilon, (z - 1e-5).powi(2))) / 2e-5;
+        let slope = (sigma_norm(epsilon, math::square(z + 1e-5)) - sigma_norm(epsilon, math::square(z - 1e-5))) / 2e-5;
         prop_assert!((slope - z / (1.0 + epsilon * z * z).sqrt()).abs() < 1e-5, "the gradient is n_ij");
         prop_assert!(sigma_norm(epsilon, 0.0) == 0.0);
 

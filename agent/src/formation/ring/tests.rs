@@ -1,6 +1,7 @@
 use nalgebra::Rotation3;
 use proptest::prelude::*;
 use skein_common::frame::VelocityNed;
+use skein_common::math;
 
 use super::*;
 
@@ -83,7 +84,7 @@ fn four_on_the_even_ring_are_in_equilibrium() {
 #[test]
 fn a_nearer_neighbour_pushes_along_the_ring() {
     let ring = table_1();
-    let at = |bearing: f64| Vector2::new(f64::cos(bearing), f64::sin(bearing)) * 100.0;
+    let at = |bearing: f64| Vector2::new(math::cos(bearing), math::sin(bearing)) * 100.0;
     let others = neighbours(&[at(1.2), at(-1.9), at(3.1)]);
     assert!(field(&ring, at(0.0), &others).y < 0.0, "the neighbour at 1.2 rad is nearer than the one at −1.9 rad");
 }

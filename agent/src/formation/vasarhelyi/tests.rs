@@ -1,5 +1,6 @@
 use proptest::prelude::*;
 use skein_common::frame::VelocityNed;
+use skein_common::math;
 
 use super::super::point_mass::{Points, laws};
 use super::*;
@@ -13,7 +14,7 @@ fn the_braking_curve_has_the_published_pieces() {
     assert_eq!(braking_m_s(0.2, a, p), 0.2 * p);
     let knee_m = a / (p * p);
     assert!((braking_m_s(knee_m, a, p) - a / p).abs() < 1e-9);
-    assert!((braking_m_s(10.0, a, p) - (2.0 * a * 10.0 - (a / p).powi(2)).sqrt()).abs() < 1e-12);
+    assert!((braking_m_s(10.0, a, p) - (2.0 * a * 10.0 - math::square(a / p)).sqrt()).abs() < 1e-12);
 }
 
 #[test]

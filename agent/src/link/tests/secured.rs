@@ -30,6 +30,8 @@ use super::*;
 /// The life and the issuer of everything that is made up.
 const FORGED: Incarnation = Incarnation(u64::MAX);
 const FORGER: u64 = 77;
+/// The run that they all fly in.
+const RUN: u64 = 7;
 /// Somebody who is not there.
 const NOBODY: u8 = 7;
 /// So often the honest vehicles hear each other during an attack.
@@ -104,6 +106,7 @@ impl Authority {
             voices: security.voices(swarm),
             sealer: Some(self.sealer(name)),
             orders: Some(self.sealer("operator").key()),
+            run: RUN,
             ..trust(swarm)
         }
     }
@@ -259,7 +262,7 @@ impl Forger {
     }
 
     fn say(&self, session: &Session, topic: Topic, message: &impl Message) {
-        say(session, &topic.key(), &self.voices.write(Some(&self.sealer), 0, &topic.key(), message));
+        say(session, &topic.key(), &self.voices.write(Some(&self.sealer), RUN, &topic.key(), message));
         say(session, &topic.key(), &encode(message));
     }
 }

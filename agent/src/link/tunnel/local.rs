@@ -16,7 +16,7 @@ pub(super) use loopback::{Locals, Stream, ZenohListener};
 mod unix {
     use std::env;
     use std::fs::{self, DirBuilder};
-    use std::os::unix::fs::DirBuilderExt;
+    use std::os::unix::fs::{DirBuilderExt, MetadataExt};
     use std::path::{Path, PathBuf};
     use std::process;
     use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
@@ -96,13 +96,24 @@ mod unix {
         format!("unixsock-stream/{}", path.display())
     }
 
+    /// Whether nobody else can put another folder in the place of one that is made in here: only this user can write to it, or,
+    /// as in `/tmp`, everybody changes only what is their own.
+    fn is_trusted(folder: &Path) -> bool {
+        let own = rustix::process::getuid().as_raw();
+        let is_sticky = |mode: u32| mode & 0o1000 != 0;
+        fs::metadata(folder).is_ok_and(|found| {
+            let is_ours_or_roots = [own, 0].contains(&found.uid());
+            found.is_dir() && is_ours_or_roots && (found.mode() & 0o022 == 0 || is_sticky(found.mode()))
+        })
+    }
+
     /// In the folder that a service is given, in the user's own, or else in that for whatever is temporary: what a killed
     /// agent leaves there, its next start, its uninstallation or the system takes away.
     fn new_folder() -> io::Result<PathBuf> {
         static COUNT: AtomicU32 = AtomicU32::new(0);
         let fits = |folder: &PathBuf| {
             let text = folder.to_str().filter(|text| !text.contains(['?', '#', ';', '|']));
-            text.is_some_and(|text| text.len() + LONGEST.len() <= MAX_PATH) && folder.is_dir()
+            text.is_some_and(|text| text.len() + LONGEST.len() <= MAX_PATH) && is_trusted(folder)
         };
         let given = ["RUNTIME_DIRECTORY", "XDG_RUNTIME_DIR"].into_iter().filter_map(env::var_os).map(PathBuf::from);
         let base = given.chain([env::temp_dir()]).find(fits).unwrap_or_else(|| "/tmp".into());
@@ -114,6 +125,29 @@ mod unix {
                 Err(error) if error.kind() == io::ErrorKind::AlreadyExists => {}
                 Err(error) => return Err(error),
                 Ok(()) => return Ok(folder),
+            }
+        }
+    }
+
+    #[cfg(test)]
+    mod tests {
+        use std::os::unix::fs::{PermissionsExt, chown};
+
+        use super::*;
+
+        #[test]
+        fn sockets_stand_where_no_other_user_can_exchange_their_folder() {
+            let folder = tempfile::tempdir().unwrap();
+            let with_mode = |mode| {
+                fs::set_permissions(folder.path(), fs::Permissions::from_mode(mode)).unwrap();
+                is_trusted(folder.path())
+            };
+            assert!(with_mode(0o700) && with_mode(0o755) && with_mode(0o1777));
+            assert!(!with_mode(0o777) && !with_mode(0o770) && !with_mode(0o702));
+            assert!(!is_trusted(&folder.path().join("none")));
+            if rustix::process::geteuid().is_root() {
+                chown(folder.path(), Some(65534), None).unwrap();
+                assert!(!with_mode(0o700) && !with_mode(0o1777));
             }
         }
     }

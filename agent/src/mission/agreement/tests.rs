@@ -16,7 +16,17 @@ fn set(numbers: &[u8]) -> VehicleSet {
 }
 
 fn active(step: u32, reached: Option<u32>) -> Part {
-    Part { incarnation: Incarnation(1), sequence: 5, membership: Membership::Active, step, reached }
+    Part { incarnation: Incarnation(1), sequence: 5, membership: Membership::Active, step, vouched: step, reached }
+}
+
+/// These others are heard. Of the four, those that are not may be flying.
+fn sees(numbers: &[u8]) -> Event {
+    Event::Sees { heard: set(numbers), misses_any: numbers.len() + 1 < usize::from(ROSTER) }
+}
+
+/// These others are heard, and all further ones have left or were silent for long.
+fn sees_all_that_are_left(numbers: &[u8]) -> Event {
+    Event::Sees { heard: set(numbers), misses_any: false }
 }
 
 /// Vehicle 1, active at the first step, which it has reached.
@@ -33,7 +43,7 @@ fn among(others: &[(u8, Part)]) -> Agreement {
     for &(number, part) in others {
         agreement.step(Event::Heard(id(number), part));
     }
-    agreement.step(Event::Sees(others.iter().map(|(number, _)| id(*number)).collect()));
+    agreement.step(sees(&others.iter().map(|(number, _)| *number).collect::<Vec<_>>()));
     agreement
 }
 
@@ -52,7 +62,7 @@ fn who_has_not_reached_the_step_itself_stays_though_all_others_have() {
     let mut agreement = Agreement::new(id(1), ROSTER, LAST_STEP, Partition::Continue);
     agreement.step(Event::Became(Membership::Active));
     agreement.step(Event::Heard(id(2), active(0, Some(0))));
-    agreement.step(Event::Sees(set(&[2])));
+    agreement.step(sees(&[2]));
     assert_eq!(agreement.step(Event::Free), None);
 }
 
@@ -65,7 +75,7 @@ fn nobody_waits_for_who_joins_or_has_left_or_is_not_heard() {
     }
     let mut agreement = among(&[(2, active(0, None))]);
     assert_eq!(agreement.step(Event::Free), None);
-    agreement.step(Event::Sees(set(&[])));
+    agreement.step(sees(&[]));
     assert_eq!(agreement.step(Event::Free), Some(Progress::Advanced));
 }
 
@@ -77,12 +87,13 @@ fn who_is_past_a_step_counts_as_having_reached_it() {
 }
 
 #[test]
-fn who_joins_follows_the_others_but_goes_nowhere_by_itself() {
+fn a_vehicle_that_joins_follows_two_others_but_goes_nowhere_by_itself() {
     let mut agreement = Agreement::new(id(1), ROSTER, LAST_STEP, Partition::Continue);
     agreement.step(Event::Reached);
     assert_eq!(agreement.step(Event::Free), None);
-    let carried = Progress::Carried { from: 0, reached: true };
-    assert_eq!(agreement.step(Event::Heard(id(2), active(2, Some(1)))), Some(carried));
+    agreement.step(Event::Heard(id(2), active(2, Some(1))));
+    agreement.step(Event::Heard(id(3), active(2, None)));
+    assert_eq!(agreement.step(sees(&[2, 3])), Some(Progress::Carried { from: 0, reached: true }));
     assert_eq!((agreement.at(), agreement.membership()), (2, Membership::Joining));
 }
 
@@ -108,14 +119,82 @@ fn a_restart_begins_again_and_its_former_life_is_silent() {
     assert_eq!(agreement.step(Event::Free), None);
 }
 
-#[test]
-fn who_hears_of_a_later_step_goes_there() {
+/// Vehicle 1 at the first step, after it has heard these registers and sees these others.
+fn after(others: &[(u8, Part)], event: Event) -> (Agreement, Option<Progress>) {
     let mut agreement = there(Partition::Continue);
-    let carried = |from, reached| Some(Progress::Carried { from, reached });
-    assert_eq!(agreement.step(Event::Heard(id(2), active(1, None))), carried(0, true));
-    assert_eq!(agreement.step(Event::Heard(id(3), active(3, None))), carried(1, false));
-    assert_eq!((agreement.at(), agreement.reached()), (3, Some(0)));
-    assert_eq!(agreement.step(Event::Heard(id(3), active(2, None))), None);
+    for &(number, part) in others {
+        assert_eq!(agreement.step(Event::Heard(id(number), part)), None);
+    }
+    let progress = agreement.step(event);
+    (agreement, progress)
+}
+
+#[test]
+fn one_later_register_carries_no_vehicle_and_two_carry_to_the_step_of_both() {
+    let (mut agreement, progress) = after(&[(2, active(3, Some(3))), (3, active(0, None))], sees(&[2, 3]));
+    assert_eq!((progress, agreement.at(), agreement.vouched()), (None, 0, 0), "one of them may lie");
+    agreement.step(Event::Heard(id(3), active(1, None)));
+    assert_eq!(agreement.step(sees(&[2, 3])), Some(Progress::Carried { from: 0, reached: true }));
+    assert_eq!((agreement.at(), agreement.vouched(), agreement.reached()), (1, 1, Some(0)));
+    agreement.step(Event::Heard(id(4), active(2, None)));
+    assert_eq!(agreement.step(sees(&[2, 3, 4])), Some(Progress::Carried { from: 1, reached: false }));
+    assert_eq!(agreement.at(), 2, "two are at step 2 or later");
+}
+
+#[test]
+fn a_vehicle_that_is_not_heard_vouches_for_nothing() {
+    let ahead = [(2, active(3, Some(3))), (3, active(3, Some(3)))];
+    assert_eq!(after(&ahead, sees(&[2])).1, None);
+    assert!(after(&ahead, sees(&[2, 3])).1.is_some());
+}
+
+#[test]
+fn a_register_alone_carries_only_if_no_other_vehicle_may_be_flying() {
+    let ahead = [(2, active(3, Some(2)))];
+    assert_eq!(after(&ahead, sees(&[2])).1, None);
+    let (mut agreement, progress) = after(&ahead, sees_all_that_are_left(&[2]));
+    assert_eq!(progress, Some(Progress::Carried { from: 0, reached: true }));
+    assert_eq!((agreement.at(), agreement.vouched()), (3, 0), "it has only one vehicle's register for it");
+    agreement.step(Event::Heard(id(3), active(3, None)));
+    agreement.step(sees(&[2, 3]));
+    assert_eq!(agreement.vouched(), 3, "two vouch for it now");
+}
+
+#[test]
+fn a_vehicle_that_was_carried_by_one_carries_no_further_one() {
+    let misled = Part { vouched: 0, ..active(3, None) };
+    let (agreement, progress) = after(&[(2, active(3, None)), (3, misled)], sees(&[2, 3]));
+    assert_eq!((progress, agreement.at()), (None, 0));
+    assert_eq!(after(&[(3, misled)], sees_all_that_are_left(&[3])).1, None);
+    // Nor does what it reaches after that.
+    let (mut agreement, _) = after(&[(2, active(2, None))], sees_all_that_are_left(&[2]));
+    agreement.step(Event::Reached);
+    agreement.step(Event::Heard(id(2), active(3, None)));
+    assert_eq!(agreement.step(Event::Free), Some(Progress::Advanced));
+    assert_eq!((agreement.at(), agreement.vouched()), (3, 0));
+}
+
+#[test]
+fn in_a_swarm_of_two_each_follows_the_other() {
+    let mut agreement = Agreement::new(id(1), 2, LAST_STEP, Partition::Quorum);
+    agreement.step(Event::Heard(id(2), active(2, None)));
+    assert!(agreement.step(sees_all_that_are_left(&[2])).is_some());
+    assert_eq!((agreement.at(), agreement.vouched()), (2, 2));
+}
+
+#[test]
+fn a_vehicle_that_ran_ahead_alone_waits_until_the_others_have_come_after_it() {
+    let mut others = after(&[(2, active(2, None)), (3, active(0, Some(0)))], sees(&[2, 3])).0;
+    assert_eq!(others.step(Event::Free), Some(Progress::Advanced), "it keeps no vehicle from reaching its own step");
+    others.step(Event::Reached);
+    others.step(Event::Heard(id(3), active(1, Some(1))));
+    assert_eq!(others.step(Event::Free), Some(Progress::Advanced));
+    let mut ahead = after(&[(2, active(0, None))], sees(&[2])).0;
+    ahead.step(Event::Ordered(2));
+    ahead.step(Event::Reached);
+    assert_eq!(ahead.step(Event::Free), None);
+    ahead.step(Event::Heard(id(2), active(2, Some(2))));
+    assert_eq!(ahead.step(Event::Free), Some(Progress::Advanced));
 }
 
 #[test]
@@ -144,7 +223,7 @@ fn under_quorum_half_of_the_roster_is_not_enough() {
             for number in 2..=ROSTER {
                 agreement.step(Event::Heard(id(number), active(0, Some(0))));
             }
-            agreement.step(Event::Sees(set(others)));
+            agreement.step(sees(others));
             assert_eq!(agreement.has_quorum(), goes_on, "{partition:?} with {others:?}");
             assert_eq!(agreement.step(Event::Free).is_some(), goes_on, "{partition:?} with {others:?}");
         }
@@ -158,9 +237,18 @@ fn membership() -> impl Strategy<Value = Membership> {
 /// Few lives, few words and few steps, so that they collide. A step reached is one that was entered.
 fn part() -> impl Strategy<Value = Part> {
     let step_and_reached = (0..=LAST_STEP).prop_flat_map(|step| (Just(step), proptest::option::of(0..=step)));
-    (0_u64..3, 0_u64..4, membership(), step_and_reached).prop_map(|(life, sequence, membership, (step, reached))| {
-        Part { incarnation: Incarnation(life), sequence, membership, step, reached }
-    })
+    let step_vouched_and_reached =
+        step_and_reached.prop_flat_map(|(step, reached)| (Just(step), 0..=step, Just(reached)));
+    (0_u64..3, 0_u64..4, membership(), step_vouched_and_reached).prop_map(
+        |(life, sequence, membership, (step, vouched, reached))| Part {
+            incarnation: Incarnation(life),
+            sequence,
+            membership,
+            step,
+            vouched,
+            reached,
+        },
+    )
 }
 
 fn vehicle() -> impl Strategy<Value = VehicleId> {
@@ -176,7 +264,9 @@ fn event() -> impl Strategy<Value = Event> {
         4 => word(),
         4 => Just(Event::Reached),
         4 => Just(Event::Free),
-        2 => vec(vehicle(), 0..4).prop_map(|heard| Event::Sees(heard.into_iter().collect())),
+        2 => (vec(vehicle(), 0..4), any::<bool>()).prop_map(|(heard, misses_any)| {
+            Event::Sees { heard: heard.into_iter().filter(|&heard| heard != id(1)).collect(), misses_any }
+        }),
         1 => (0..=LAST_STEP + 1).prop_map(Event::Ordered),
         1 => membership().prop_map(Event::Became),
     ]
@@ -197,7 +287,7 @@ impl Witness {
     fn note(&mut self, event: Event) {
         match event {
             Event::Heard(id, part) => self.words.push((id, part)),
-            Event::Sees(heard) => self.heard = heard,
+            Event::Sees { heard, .. } => self.heard = heard,
             _ => {}
         }
     }
@@ -238,6 +328,7 @@ proptest! {
         let told = |words: Vec<Event>| {
             let mut agreement = there(Partition::Continue);
             words.into_iter().for_each(|word| { agreement.step(word); });
+            agreement.step(sees(&[2, 3, 4]));
             agreement
         };
         prop_assert_eq!(told(words), told(shuffled));
@@ -251,6 +342,7 @@ proptest! {
             let progress = agreement.step(event);
             prop_assert!(agreement.at() >= step && agreement.reached() >= reached);
             prop_assert!(agreement.at() <= LAST_STEP && agreement.reached() <= Some(agreement.at()));
+            prop_assert!(agreement.vouched() <= agreement.at());
             prop_assert_eq!(progress.is_some(), agreement.at() > step);
         }
     }
@@ -274,6 +366,20 @@ proptest! {
             let may = is_ready && is_enough && members.iter().all(|has_reached| *has_reached);
             prop_assert_eq!(progress, may.then_some(Progress::Advanced));
             prop_assert_eq!(agreement.at(), step + u32::from(may));
+        }
+    }
+
+    #[test]
+    fn no_register_of_one_vehicle_moves_another_that_hears_a_third(
+        lies in vec(part(), 1..8), honest in part(), misses_any: bool,
+    ) {
+        let honest = Part { step: 0, vouched: 0, ..honest };
+        let mut agreement = there(Partition::Continue);
+        agreement.step(Event::Heard(id(2), honest));
+        for lie in lies {
+            agreement.step(Event::Heard(id(3), lie));
+            agreement.step(Event::Sees { heard: set(&[2, 3]), misses_any });
+            prop_assert_eq!((agreement.at(), agreement.vouched()), (0, 0));
         }
     }
 }

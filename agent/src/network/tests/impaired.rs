@@ -2,6 +2,7 @@
 
 use proptest::prelude::*;
 use skein_common::frame::Origin;
+use skein_common::math;
 use skein_common::state::Standing;
 
 use super::super::channel::size_bytes;
@@ -59,7 +60,7 @@ fn bursts_have_the_share_and_the_length_of_the_scenario() {
             is_heard.chunk_by(|a, b| a == b).filter(|run| !run[0]).map(|run| run.len() as f64 * FRAME_S).collect();
         let mean_s = bursts.iter().sum::<f64>() / bursts.len() as f64;
         // Looked at once a frame: a burst ends in one with this probability.
-        let expected_s = FRAME_S / ((1.0 - loss) * (1.0 - (-FRAME_S / fades_s).exp()));
+        let expected_s = FRAME_S / ((1.0 - loss) * (1.0 - math::exp(-FRAME_S / fades_s)));
         assert!((expected_s / burst_s - 1.0).abs() < 0.15, "{expected_s}");
         let bound_s = 5.0 * expected_s / (bursts.len() as f64).sqrt();
         assert!((mean_s - expected_s).abs() < bound_s, "{mean_s} s, expected {expected_s} s, bound {bound_s}");

@@ -218,6 +218,16 @@ pub enum ParameterError {
     CannotHover,
 }
 
+impl ParameterError {
+    /// The key at fault, dotted, as an aircraft file has it.
+    pub fn key(&self) -> String {
+        match self {
+            Self::Value { key, .. } => format!("helicopter.{key}"),
+            Self::CannotHover => "helicopter".to_owned(),
+        }
+    }
+}
+
 /// What a number must be, in words and as a test.
 struct Rule(&'static str, fn(f64) -> bool);
 

@@ -6,8 +6,10 @@ mod responses;
 mod safety;
 mod signs;
 mod trim;
+mod wind_envelope;
 
-use nalgebra::{SMatrix, SVector};
+use nalgebra::{ArrayStorage, SMatrix, SVector};
+use skein_common::math;
 
 use super::*;
 
@@ -36,21 +38,9 @@ impl Flight {
     /// In steady flight north at this speed, 100 m above the ground.
     fn trimmed(speed_m_s: f64) -> Self {
         let dynamics = Dynamics::new(&xcell60(), -100.0);
-        // Roll, pitch, a1, b1, w_i, g_i, δ_lat, δ_lon, θ0, λ, λ_t: the hover's figures to start from.
-        let mut unknowns = SVector::from([0.0, 0.0, 0.0, 0.0, 29.0, 0.2, 0.0, 0.0, 0.1, 0.03, 0.08]);
-        for _ in 0..30 {
-            let residual = residual(&dynamics, speed_m_s, &unknowns);
-            let mut jacobian = SMatrix::<f64, 11, 11>::zeros();
-            for i in 0..11 {
-                let mut shifted = unknowns;
-                shifted[i] += 1e-7;
-                jacobian.set_column(i, &((self::residual(&dynamics, speed_m_s, &shifted) - residual) / 1e-7));
-            }
-            unknowns -= jacobian.lu().solve(&residual).unwrap();
-        }
-        let (state, command) = unpack(speed_m_s, &unknowns);
-        let residual = residual(&dynamics, speed_m_s, &unknowns).amax();
-        assert!(residual < 1e-9, "no trim at {speed_m_s} m/s: {residual}");
+        let velocity = Vector3::new(speed_m_s, 0.0, 0.0);
+        let unknowns = solved(&dynamics, &velocity, HOVER).expect("a trim");
+        let (state, command) = unpack(&velocity, &unknowns);
         Self { dynamics, command, state, time_s: 0.0 }
     }
 
@@ -76,19 +66,41 @@ impl Flight {
     }
 }
 
-/// Trim: north at `speed_m_s`, level, heading north; the rates of change that must vanish are those of u to r, a1, b1, Ω, λ
+/// What [`solved`] finds: roll, pitch, a1, b1, w_i, g_i, δ_lat, δ_lon, θ0, λ, λ_t.
+type Unknowns = SVector<f64, 11>;
+
+/// Near those of a hover.
+const HOVER: Unknowns =
+    Unknowns::from_array_storage(ArrayStorage([[0.0, 0.0, 0.0, 0.0, 29.0, 0.2, 0.0, 0.0, 0.1, 0.03, 0.08]]));
+
+/// The trim at this velocity (north, east, down) heading north, by Newton's method from `unknowns`.
+fn solved(dynamics: &Dynamics, velocity: &Vector3<f64>, mut unknowns: Unknowns) -> Option<Unknowns> {
+    for _ in 0..30 {
+        let residual = residual(dynamics, velocity, &unknowns);
+        let mut jacobian = SMatrix::<f64, 11, 11>::zeros();
+        for i in 0..11 {
+            let mut shifted = unknowns;
+            shifted[i] += 1e-7;
+            jacobian.set_column(i, &((self::residual(dynamics, velocity, &shifted) - residual) / 1e-7));
+        }
+        unknowns -= jacobian.lu().solve(&residual)?;
+    }
+    (residual(dynamics, velocity, &unknowns).amax() < 1e-9).then_some(unknowns)
+}
+
+/// Trim: at this velocity (north, east, down), level, heading north; the rates of change that must vanish are those of u to r, a1, b1, Ω, λ
 /// and λ_t.
-fn residual(dynamics: &Dynamics, speed_m_s: f64, unknowns: &SVector<f64, 11>) -> SVector<f64, 11> {
-    let (state, command) = unpack(speed_m_s, unknowns);
+fn residual(dynamics: &Dynamics, velocity: &Vector3<f64>, unknowns: &Unknowns) -> SVector<f64, 11> {
+    let (state, command) = unpack(velocity, unknowns);
     let State(rate) = dynamics.rates(&state, &command, &CALM);
     SVector::from([3, 4, 5, 10, 11, 12, 13, 14, 15, 21, 22].map(|i: usize| rate[i]))
 }
 
-fn unpack(speed_m_s: f64, unknowns: &SVector<f64, 11>) -> (State, Command) {
+fn unpack(velocity: &Vector3<f64>, unknowns: &Unknowns) -> (State, Command) {
     let [roll, pitch, a1, b1, governor, gyro, lateral, longitudinal, collective, lambda, lambda_t] = unknowns.data.0[0];
-    let ((sin_roll, cos_roll), (sin_pitch, cos_pitch)) = ((0.5 * roll).sin_cos(), (0.5 * pitch).sin_cos());
+    let ((sin_roll, cos_roll), (sin_pitch, cos_pitch)) = (math::sin_cos(0.5 * roll), math::sin_cos(0.5 * pitch));
     let quaternion = [cos_roll * cos_pitch, sin_roll * cos_pitch, cos_roll * sin_pitch, -sin_roll * sin_pitch];
-    let velocity = body::ned_from_body(quaternion).tr_mul(&Vector3::new(speed_m_s, 0.0, 0.0));
+    let velocity = body::ned_from_body(quaternion).tr_mul(velocity);
     let mut state = [0.0; 23];
     state[3..6].copy_from_slice(velocity.as_slice());
     state[6..10].copy_from_slice(&quaternion);

@@ -2,6 +2,7 @@
 
 use rand_chacha::ChaCha8Rng;
 use skein_common::frame::VelocityNed;
+use skein_common::math;
 use skein_common::scenario;
 
 use super::TICK_S;
@@ -48,7 +49,7 @@ pub struct Air {
 impl Air {
     /// Still gusts; `generator` drives them.
     pub fn new(weather: &Weather, generator: ChaCha8Rng) -> Self {
-        let (sin, cos) = weather.wind_from_rad.sin_cos();
+        let (sin, cos) = math::sin_cos(weather.wind_from_rad);
         Self {
             weather: *weather,
             along: (-cos, -sin),
@@ -105,7 +106,7 @@ impl Spectrum {
     fn at(height_m: f64, w20_m_s: f64) -> Self {
         let height_m = height_m.clamp(HEIGHTS_M.0, HEIGHTS_M.1);
         let f = 0.177 + 0.000823 * (height_m * FEET_PER_M);
-        let f_04 = f.powf(0.4);
+        let f_04 = math::exp(0.4 * math::ln(f));
         let sigma_vertical_m_s = 0.1 * w20_m_s;
         Self {
             sigma_horizontal_m_s: sigma_vertical_m_s / f_04,

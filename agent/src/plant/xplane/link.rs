@@ -1,7 +1,8 @@
 //! The agent's end of the wire: X-Plane as a [`Plant`].
 //!
-//! One unconnected UDP socket on the control thread. X-Plane answers to the address that asked, from a port that nobody
-//! documents: so replies are known by the simulator's IP address alone, and anything from another is dropped.
+//! One unconnected UDP socket on the control thread. X-Plane answers to the address that asked, from a port that no source
+//! documents: so a reply is known by the simulator's IP address, by the indices of the session and by what they prove
+//! (`session`). Anything else is dropped and counted.
 //!
 //! The frame is the position (RPOS). Values of datarefs (RREF) are latest-value beside it and wake nobody. When several
 //! positions are queued the newest is the frame. The simulator's time is reckoned by `clock`; while it stands still, in a
@@ -9,7 +10,9 @@
 
 mod beacon;
 mod controls;
+mod session;
 
+use std::fmt;
 use std::io;
 use std::net::{IpAddr, Ipv4Addr, SocketAddr, UdpSocket};
 use std::time::{Duration, Instant};
@@ -25,6 +28,7 @@ use super::wire::{PORT, WireError, rref};
 use crate::plant::{Frame, Plant, Sticks, Wake};
 use beacon::Search;
 use controls::Controls;
+use session::{Answer, Indices, Sender, Senders, Value};
 
 /// X-Plane forgets its subscribers when it restarts.
 const RESUBSCRIBE: Duration = Duration::from_secs(5);
@@ -38,14 +42,6 @@ const STALE: Duration = Duration::from_secs(1);
 const MAX_QUEUED: u32 = 1024;
 /// The controls are given back more than once, because nobody confirms and a pilot's stick would stay dead.
 const GIVE_BACK_TIMES: u32 = 3;
-
-/// The datarefs beside the position, by the index that stands in X-Plane's answers.
-mod index {
-    pub(super) const RUNNING_TIME: i32 = 1;
-    pub(super) const PAUSED: i32 = 2;
-    pub(super) const ROTOR_SPEED: i32 = 3;
-    pub(super) const VERSION: i32 = 4;
-}
 
 /// Why the link could not be opened.
 #[derive(Debug, thiserror::Error)]
@@ -72,6 +68,9 @@ pub enum LinkError {
     /// A dataref of the profile fits no message.
     #[error("the aircraft's profile cannot be written: {0}")]
     Profile(WireError),
+    /// No indices that others cannot guess.
+    #[error("this system gives no random numbers, without which X-Plane's answers cannot be told from others'")]
+    NoRandomness,
 }
 
 /// What the link has counted since it was opened.
@@ -81,8 +80,11 @@ pub struct Counters {
     pub frames: u64,
     /// Datagrams that are not of this protocol, or whose numbers cannot be.
     pub malformed: u64,
-    /// Datagrams from an address that is not the simulator's.
+    /// Datagrams that the simulator has not sent: from another address, with indices that were not asked for, or positions
+    /// that are not its own.
     pub foreign: u64,
+    /// Positions that came before it was known from where the simulator sends them.
+    pub unproven: u64,
     /// Positions passed over because a newer one was queued behind them.
     pub skipped_frames: u64,
     /// Pauses of more than one and a half frame periods between two positions.
@@ -100,6 +102,8 @@ pub struct XPlane {
     origin: Origin,
     rate_hz: u32,
     rotor_speed_rpm: Dataref,
+    indices: Indices,
+    senders: Senders,
     port: Port,
     listen: IpAddr,
     simulator: Option<SocketAddr>,
@@ -140,6 +144,8 @@ impl XPlane {
             origin: *origin,
             rate_hz: rate_hz.max(1),
             rotor_speed_rpm: profile.rotor_speed_rpm.clone(),
+            indices: Indices::draw().ok_or(LinkError::NoRandomness)?,
+            senders: Senders::default(),
             port: port.map_err(|source| LinkError::Bind { listen, source })?,
             listen,
             simulator: address,
@@ -209,13 +215,9 @@ impl XPlane {
         rpos::Request { rate_hz }.encode(&mut self.outgoing);
         // What is lost is asked for again.
         let _ = self.port.send(&self.outgoing, simulator);
-        let datarefs = [
-            (index::RUNNING_TIME, rate_hz, "sim/time/total_running_time_sec"),
-            (index::PAUSED, rate_hz, "sim/time/paused"),
-            (index::ROTOR_SPEED, rate_hz, self.rotor_speed_rpm.as_str()),
-            (index::VERSION, slow_hz, "sim/version/xplane_internal_version"),
-        ];
-        for (index, frequency_hz, path) in datarefs {
+        for value in Value::ALL {
+            let frequency_hz = if value == Value::Version { slow_hz } else { rate_hz };
+            let (index, path) = (self.indices.of(value), value.path(&self.rotor_speed_rpm));
             if (rref::Request { frequency_hz, index, path }).encode(&mut self.outgoing).is_ok() {
                 let _ = self.port.send(&self.outgoing, simulator);
             }
@@ -230,7 +232,7 @@ impl XPlane {
             let at_once = newest.is_some() || now() >= deadline;
             match self.port.receive((!at_once).then_some(deadline)) {
                 Received::Datagram(size, from) => {
-                    if let Some(position) = self.digest(size, from.ip(), simulator) {
+                    if let Some(position) = self.digest(size, from, simulator) {
                         self.counters.skipped_frames += u64::from(newest.is_some());
                         newest = Some(position);
                     }
@@ -243,20 +245,23 @@ impl XPlane {
         newest
     }
 
-    /// Takes in one datagram; a position comes out.
-    fn digest(&mut self, size: usize, from: IpAddr, simulator: IpAddr) -> Option<(Position, Instant)> {
-        if from != simulator {
-            self.counters.foreign += 1;
+    /// Takes in one datagram; a position of the simulator comes out.
+    fn digest(&mut self, size: usize, from: SocketAddr, simulator: IpAddr) -> Option<(Position, Instant)> {
+        if from.ip() != simulator {
+            self.refuse_foreign(from, "which is not the simulator's address");
             return None;
         }
+        let now = now();
         let datagram = self.port.datagram(size);
         let outcome = match datagram.first_chunk() {
             Some(&rpos::TAG) => Position::decode(datagram).map(Some),
-            Some(&rref::TAG) => self.take_values(size).map(|()| None),
+            Some(&rref::TAG) => self.take_values(size, from, now).map(|()| None),
             _ => Err(WireError::WrongTag),
         };
         match outcome {
-            Ok(position) => position.map(|position| (position, now())),
+            Ok(position) => {
+                position.filter(|position| self.is_own(from, position, now)).map(|position| (position, now))
+            }
             Err(error) => {
                 self.refuse(error);
                 None
@@ -264,19 +269,52 @@ impl XPlane {
         }
     }
 
-    fn take_values(&mut self, size: usize) -> Result<(), WireError> {
-        let now = now();
+    /// Whether this position is the simulator's.
+    fn is_own(&mut self, from: SocketAddr, position: &Position, now: Instant) -> bool {
+        match self.senders.judge(from, position, now, self.frame_period_s(), self.clock.rate()) {
+            Sender::Simulator => return true,
+            Sender::Unproven => self.counters.unproven += 1,
+            Sender::Foreign(Some(beyond_m)) if beyond_m > 0.0 => {
+                self.refuse_foreign(
+                    from,
+                    format_args!("whose position is {beyond_m:.1} m beyond what X-Plane's values allow"),
+                );
+            }
+            Sender::Foreign(_) => self.refuse_foreign(from, "whose positions compete with another sender's"),
+        }
+        false
+    }
+
+    fn take_values(&mut self, size: usize, from: SocketAddr, now: Instant) -> Result<(), WireError> {
+        let values = rref::decode_values(self.port.datagram(size))?;
+        match self.indices.judge(values.map(|(index, _)| index)) {
+            Answer::Proof => self.senders.prove(from, now),
+            Answer::Ours => {}
+            Answer::Foreign => {
+                self.refuse_foreign(from, "whose values were not asked for");
+                return Ok(());
+            }
+        }
         for (index, value) in rref::decode_values(self.port.datagram(size))? {
-            match index {
+            match self.indices.value(index) {
                 _ if !value.is_finite() => self.counters.malformed += 1,
-                index::RUNNING_TIME => self.clock.running_time(now, value),
-                index::PAUSED => self.clock.set_paused(value != 0.0),
-                index::ROTOR_SPEED => self.rotor_speed = Some((now, value)),
-                index::VERSION => self.version = Some(value as u32),
-                _ => {}
+                Some(Value::RunningTime) => self.clock.running_time(now, value),
+                Some(Value::Paused) => self.clock.set_paused(value != 0.0),
+                Some(Value::RotorSpeed) => self.rotor_speed = Some((now, value)),
+                Some(Value::Version) => self.version = Some(value as u32),
+                Some(part) => self.senders.place(part, value, now),
+                None => {}
             }
         }
         Ok(())
+    }
+
+    /// Counts a datagram that another program sent, and says so at the first, second, fourth, eighth time.
+    fn refuse_foreign(&mut self, from: SocketAddr, why: impl fmt::Display) {
+        self.counters.foreign += 1;
+        if self.counters.foreign.is_power_of_two() {
+            tracing::warn!(foreign = self.counters.foreign, "dropped a datagram of {from}, {why}");
+        }
     }
 
     /// Counts, and says so at the first, second, fourth, eighth time.
@@ -362,6 +400,10 @@ impl Plant for XPlane {
 
     fn malformed(&self) -> u64 {
         self.counters.malformed
+    }
+
+    fn foreign(&self) -> u64 {
+        self.counters.foreign
     }
 }
 

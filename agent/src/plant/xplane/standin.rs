@@ -20,7 +20,7 @@ use socket2::SockRef;
 
 use super::server::{Server, Version};
 use super::socket::{Port, Received, is_nobody_there, is_this_host, now, sleep_until};
-use super::wire::{self, becn, prel::Placement};
+use super::wire::{self, becn, prel::Placement, rpos};
 use crate::plant::helicopter::{BuiltInVehicle, ParameterError, Parameters, Start, TICK_S, Weather};
 
 /// Between the ports of neighbouring vehicles on one computer.
@@ -64,6 +64,9 @@ pub struct StandinOptions {
     /// Whether to say by multicast on this computer that it is there
     #[arg(long, default_value_t = true, action = clap::ArgAction::Set)]
     pub beacon: bool,
+    /// Answer from ports of their own, values from one and positions from another: X-Plane does not document from which
+    #[arg(long)]
+    pub split_ports: bool,
     /// End once standard input is closed and nobody has been subscribed for five seconds
     #[arg(long, hide = true)]
     pub until_unused: bool,
@@ -130,6 +133,23 @@ pub fn run_standin(options: &StandinOptions, stop: &AtomicBool) -> Result<(), St
     Ok(())
 }
 
+/// A port for each kind of answer.
+struct Split {
+    positions: Port,
+    values: Port,
+}
+
+impl Split {
+    fn open(listen: Ipv4Addr) -> io::Result<Self> {
+        let port = || UdpSocket::bind((listen, 0)).and_then(Port::new);
+        Ok(Self { positions: port()?, values: port()? })
+    }
+
+    fn port_of(&mut self, datagram: &[u8]) -> &mut Port {
+        if datagram.starts_with(&rpos::TAG) { &mut self.positions } else { &mut self.values }
+    }
+}
+
 /// A simulator that is ready to run.
 pub struct Standin {
     options: StandinOptions,
@@ -139,6 +159,8 @@ pub struct Standin {
     vehicle: BuiltInVehicle,
     server: Server,
     port: Port,
+    /// From where positions and values are sent, if not from `port`.
+    split: Option<Split>,
     address: SocketAddr,
     beacons: Vec<UdpSocket>,
     computer: String,
@@ -166,6 +188,7 @@ impl Standin {
             weather,
             ticks_per_frame,
             server: Server::new(options.version, options.rate),
+            split: options.split_ports.then(|| Split::open(listen)).transpose().map_err(bind)?,
             address: (Ipv4Addr::LOCALHOST, port.local_addr().map_err(bind)?.port()).into(),
             port,
             beacons: if options.beacon { beacon_sockets() } else { Vec::new() },
@@ -208,8 +231,9 @@ impl Standin {
             self.vehicle.advance(sticks);
         }
         let mut gone = None;
-        let Self { server, port, vehicle, .. } = self;
+        let Self { server, port, split, vehicle, .. } = self;
         server.publish(&vehicle.frame(), |to, datagram| {
+            let port = split.as_mut().map_or(&mut *port, |split| split.port_of(datagram));
             if port.send(datagram, to).is_err_and(|error| is_nobody_there(&error)) {
                 gone = Some(to);
             }

@@ -5,12 +5,14 @@ use proptest::sample::{Index, select};
 use proptest::strategy::ValueTree;
 
 use super::*;
+use crate::math;
 
 /// A value of this kind as `--set` takes it, inside its range.
 fn value(kind: Kind) -> BoxedStrategy<String> {
     let number = |range: Range| {
-        let inside =
-            move |share: f64| (range.min + (range.max - range.min) * share.powi(4)).clamp(range.min, range.max);
+        let inside = move |share: f64| {
+            (range.min + (range.max - range.min) * math::square(math::square(share))).clamp(range.min, range.max)
+        };
         (1e-3..=1.0).prop_map(move |share| format!("{:?}", inside(share)))
     };
     match kind {
@@ -22,6 +24,7 @@ fn value(kind: Kind) -> BoxedStrategy<String> {
         Kind::Law => select(law::NAMES).prop_map(str::to_owned).boxed(),
         Kind::OneOf(words) => select(words).prop_map(str::to_owned).boxed(),
         Kind::Name => "[A-Za-z][A-Za-z0-9_-]{0,20}".boxed(),
+        Kind::TomlName => "[A-Za-z][A-Za-z0-9_-]{0,20}(\\.toml)?".boxed(),
         Kind::Text => "[a-zé'\"\\\\/ ]{1,10}x".prop_map(|text| format!("{}", toml::Value::String(text))).boxed(),
         Kind::Address(prefix) => (1..=65285u16).prop_map(move |port| format!("{prefix}10.0.0.1:{port}")).boxed(),
         Kind::Texts => Just("['python3', 'my \"law\".py']".to_owned()).boxed(),

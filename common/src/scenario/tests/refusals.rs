@@ -151,6 +151,24 @@ fn names_that_cannot_stand_in_a_key() {
 }
 
 #[test]
+fn an_aircraft_is_named_with_or_without_its_files_ending() {
+    for name in ["r22", "r22.toml"] {
+        let text = format!("[swarm]\nvehicles = 2\naircraft = '{name}'\n[vehicle.2]\naircraft = 'bell.toml'");
+        let scenario = try_load("a.toml", &text, &[]).unwrap().scenario;
+        let aircraft: Vec<_> = scenario.vehicle.iter().map(|vehicle| vehicle.aircraft.as_str()).collect();
+        assert_eq!((scenario.swarm.aircraft.as_str(), aircraft), ("r22", vec!["r22", "bell"]));
+    }
+    for bad in ["../r22.toml", "aircraft/r22", "r 22", ".toml", "r22.toml.toml", "r22.tml"] {
+        let refusal = refusal(&format!("swarm.vehicles = 2\nswarm.aircraft = '{bad}'"), &[]);
+        let expected = format!(
+            "a.toml:2:18: `swarm.aircraft` names a TOML file beside this one by 1 to 64 letters, digits, '-' or '_', with or \
+             without \".toml\"; \"{bad}\" does not"
+        );
+        assert_eq!(refusal, expected);
+    }
+}
+
+#[test]
 fn vehicles_that_do_not_fly() {
     check(&[
         ("[vehicle.x]", "5:10: `vehicle.x`: vehicles are tables by id, 1 to 250"),

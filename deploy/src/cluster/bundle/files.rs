@@ -1,7 +1,7 @@
 //! Making it.
 
 use std::fs;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use skein_agent::aircraft::Aircraft;
 use skein_agent::config;
@@ -23,6 +23,7 @@ use crate::cluster::keys::reach::orders_key;
 use crate::cluster::keys::wanted;
 use crate::error::Error;
 use crate::reach::Role;
+use crate::scenario::aircraft_of;
 
 /// The four axes whose rules are files.
 const AXES: [&str; 4] = ["roll", "pitch", "heading", "collective"];
@@ -64,18 +65,21 @@ impl Bundle {
         let refused = |why: String| Error::Refused(format!("{}: {why}", inventory.scenario_path.display()));
         let scenario = &inventory.scenario.scenario;
         let from = inventory.scenario_folder();
+        let sources = Sources::of(inventory);
         supported::check_live(scenario).map_err(|error| refused(error.to_string()))?;
         starts(scenario).map_err(|error| refused(error.to_string()))?;
         for vehicle in &scenario.vehicle {
             let (id, name) = (vehicle.id, &vehicle.aircraft);
-            let (aircraft, text) = config::aircraft(name, from)
-                .map_err(|error| refused(format!("vehicle {id}: no aircraft \"{name}\" ({error})")))?;
+            let (aircraft, text) = aircraft_of(vehicle, from, &inventory.scenario_path.display().to_string())?;
             let plant = inventory.nodes.get(&id).map(|node| node.plant);
             if plant == Some(PlantKind::Builtin) && aircraft.helicopter.is_none() {
                 return Err(refused(format!("vehicle {id}: only X-Plane can fly the aircraft \"{name}\"")));
             }
             // The others come with the program.
             if !Aircraft::SHIPPED.iter().any(|(shipped, _)| shipped == name) {
+                sources
+                    .check(&from.join(format!("{name}.toml")))
+                    .map_err(|why| refused(format!("vehicle {id}: {why}")))?;
                 self.add(&format!("{name}.toml"), text);
             }
         }
@@ -84,6 +88,7 @@ impl Bundle {
             config::rules(&scenario.control.rules, from).map_err(|error| refused(format!("control.rules: {error}")))?;
             for axis in AXES {
                 let path = rules.join(format!("{axis}.fis"));
+                sources.check(&path).map_err(|why| refused(format!("control.rules: {why}")))?;
                 self.add(&format!("rules/{axis}.fis"), read(&path).map_err(&refused)?);
             }
             sets.push("control.rules=rules".to_owned());
@@ -96,7 +101,7 @@ impl Bundle {
                 .map_err(|fault| Error::Scenario { fault: fault.into(), text: text.clone() })
         };
         let mut loaded = load(&sets)?;
-        if let Some(command) = self.add_law(&loaded, from).map_err(&refused)? {
+        if let Some(command) = self.add_law(&loaded, from, &sources).map_err(&refused)? {
             sets.push(format!("{COMMAND}={}", Toml::from(command)));
             loaded = load(&sets)?;
         }
@@ -105,7 +110,7 @@ impl Bundle {
     }
 
     /// The files that the command of an external law names. Gives the command with their places here, if there are any.
-    fn add_law(&mut self, loaded: &Loaded, from: &Path) -> Result<Option<Vec<String>>, String> {
+    fn add_law(&mut self, loaded: &Loaded, from: &Path, sources: &Sources) -> Result<Option<Vec<String>>, String> {
         let Some(mut command) = loaded.scenario.formation.external.command.clone() else { return Ok(None) };
         let mut found = false;
         for (nth, word) in command.iter_mut().enumerate() {
@@ -117,6 +122,7 @@ impl Bundle {
                 continue;
             }
             let name = path.file_name().map_or_else(String::new, |name| name.to_string_lossy().into());
+            sources.check(&path).map_err(|why| format!("{COMMAND}: {why}"))?;
             let content = read(&path).map_err(|error| format!("{COMMAND}: {error}"))?;
             // Files of one name from two folders have two places.
             let places = (1..).map(|nth| if nth == 1 { format!("law/{name}") } else { format!("law/{nth}/{name}") });
@@ -153,6 +159,47 @@ impl Bundle {
         self.add(&format!("keys/{ORDERS_PUBLIC}"), format!("{orders}\n"));
         self.add(&format!("keys/{NAMES}"), names.to_toml());
         Ok(security_toml(inventory, names, orders))
+    }
+}
+
+/// Where files may be copied from to the nodes: a scenario comes from elsewhere, and must not carry off what it likes.
+struct Sources {
+    /// Below these, links resolved: the scenario's folder, and what the cluster's file names.
+    free: Vec<PathBuf>,
+    /// Never below this.
+    keys: PathBuf,
+    /// The cluster's file.
+    file: PathBuf,
+}
+
+impl Sources {
+    fn of(inventory: &Inventory) -> Self {
+        let resolved = |path: &Path| fs::canonicalize(path).unwrap_or_else(|_| path.to_owned());
+        let folder = inventory.scenario_folder();
+        let free = inventory.files.iter().map(PathBuf::as_path).chain([folder]).map(resolved).collect();
+        Self { free, keys: resolved(&inventory.keys), file: inventory.path.clone() }
+    }
+
+    /// Whether this file may be copied, wherever links lead.
+    fn check(&self, path: &Path) -> Result<(), String> {
+        let real = fs::canonicalize(path).map_err(|error| format!("{}: {error}", path.display()))?;
+        let is_below = |folder: &PathBuf| real.starts_with(folder);
+        if is_below(&self.keys) {
+            return Err(format!(
+                "{} is in the folder of keys, of which nothing is copied for a scenario",
+                real.display()
+            ));
+        }
+        if self.free.iter().any(is_below) {
+            return Ok(());
+        }
+        Err(format!(
+            "{} is not in the scenario's folder, and is not copied to the hosts; put it there, or let it be copied with `files = \
+             [\"{}\"]` in {}",
+            path.display(),
+            real.display(),
+            self.file.display()
+        ))
     }
 }
 

@@ -36,7 +36,7 @@ fn unpack(bundle: &Bundle, folder: &Path) {
 /// What an agent makes of it.
 fn node(folder: &Path) -> skein_agent::config::Node {
     let config = folder.join("agent.toml");
-    let line = ["skein", "agent", "--config", config.to_str().unwrap()];
+    let line = ["skein", "agent", "--config", config.to_str().unwrap(), "--run", "7"];
     let Command::Agent(options) = Cli::try_parse_from(line).unwrap().command else { panic!("an agent") };
     options.node().unwrap_or_else(|error| panic!("{error}"))
 }
@@ -175,7 +175,10 @@ fn what_the_scenario_names_is_carried() {
     let read = |command: &str| {
         fs::write(lab_folder.join("my.toml"), scenario(command)).unwrap();
         let path = lab_folder.join("cluster.toml");
-        let text = "swarm = 'lab'\nscenario = 'my.toml'\nsecurity = 'none'\nnode.1.host = '10.0.0.1'\n";
+        let text = format!(
+            "swarm = 'lab'\nscenario = 'my.toml'\nsecurity = 'none'\nfiles = ['../laws', '{}']\nnode.1.host = '10.0.0.1'\n",
+            controllers.display()
+        );
         fs::write(&path, text).unwrap();
         Bundle::of(&Inventory::read(&path).unwrap(), id(1))
     };
@@ -193,4 +196,57 @@ fn what_the_scenario_names_is_carried() {
     let bundle = read("['./fly', 'law.py']").unwrap();
     assert!(bundle.files["law/fly"].is_executable && !bundle.files["law/law.py"].is_executable);
     assert!(text(&bundle, "scenario.toml").contains("command = [\"law/fly\", \"law/law.py\"]"));
+}
+
+#[cfg(unix)]
+#[test]
+fn what_a_scenario_names_elsewhere_is_copied_only_if_the_clusters_file_names_it() {
+    use std::os::unix::fs::symlink;
+
+    let folder = tempfile::tempdir().unwrap();
+    let [lab, ssh] = ["a/lab", "ssh"].map(|name| folder.path().join(name));
+    fs::create_dir_all(lab.join("keys")).unwrap();
+    fs::create_dir(&ssh).unwrap();
+    fs::write(ssh.join("id"), "a private key").unwrap();
+    fs::write(lab.join("keys/orders.key"), "another").unwrap();
+    fs::write(lab.join("law.py"), "print(1)").unwrap();
+    symlink(ssh.join("id"), lab.join("link.py")).unwrap();
+    symlink(&ssh, lab.join("linked")).unwrap();
+    fs::write(lab.join("mine.toml"), skein_agent::aircraft::Aircraft::SHIPPED[0].1).unwrap();
+    fs::rename(lab.join("mine.toml"), ssh.join("mine.toml")).unwrap();
+    symlink(ssh.join("mine.toml"), lab.join("mine.toml")).unwrap();
+    let path = lab.join("cluster.toml");
+    let bundle = |files: &str, more: &str| {
+        let scenario = format!("swarm.vehicles = 1\nformation.law = 'external'\n{more}\n");
+        fs::write(lab.join("my.toml"), scenario).unwrap();
+        let text =
+            format!("swarm = 'lab'\nscenario = 'my.toml'\nsecurity = 'none'\n{files}\nnode.1.host = '10.0.0.1'\n");
+        fs::write(&path, text).unwrap();
+        Bundle::of(&Inventory::read(&path)?, id(1))
+    };
+    let law = |word: &str| format!("formation.external.command = ['cat', 'law.py', '{word}']");
+    let copied = |bundle: &Bundle| bundle.files.values().any(|file| file.content == b"a private key");
+    for word in ["../../ssh/id", "link.py", "linked/id"] {
+        let error = bundle("", &law(word)).unwrap_err();
+        let said = error.to_string();
+        assert!(said.contains(&format!("{word} is not in the scenario's folder")), "{said}");
+        let remedy = format!("`files = [\"{}\"]` in {}", ssh.join("id").display(), path.display());
+        assert!(said.contains(&remedy) && error.exit_code() == 2, "{said}");
+        for files in ["files = ['../../ssh/id']", "files = ['nothing', '../../ssh']"] {
+            fs::write(lab.join("nothing"), "").unwrap();
+            assert!(copied(&bundle(files, &law(word)).unwrap()), "{files}");
+        }
+    }
+    assert!(!copied(&bundle("", &law("law.py")).unwrap()));
+    let key = bundle("files = ['keys']", &law("keys/orders.key")).unwrap_err().to_string();
+    assert!(key.contains("keys/orders.key is in the folder of keys"), "{key}");
+    let with_aircraft = format!("{}\nswarm.aircraft = 'mine'", law("law.py"));
+    let aircraft = bundle("", &with_aircraft).unwrap_err().to_string();
+    assert!(
+        aircraft.contains("vehicle 1: ") && aircraft.contains("mine.toml is not in the scenario's folder"),
+        "{aircraft}"
+    );
+    assert!(bundle("files = ['../../ssh/mine.toml']", &with_aircraft).is_ok());
+    let missing = bundle("files = ['../none']", &law("law.py")).unwrap_err().to_string();
+    assert!(missing.contains("cluster.toml:4") && missing.ends_with("a/lab/../none is not there"), "{missing}");
 }

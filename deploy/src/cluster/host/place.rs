@@ -19,6 +19,7 @@ use std::time::Duration;
 
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
+use skein_agent::link::seal::runs::RunNote;
 use skein_common::id::{SwarmName, VehicleId};
 use skein_common::scenario::{Source, load};
 
@@ -120,6 +121,9 @@ pub(super) struct Settings {
 pub(super) struct Started {
     pub(super) installed: Installed,
     pub(super) run: u64,
+    /// The operator's note of that run.
+    #[serde(default)]
+    pub(super) note: Option<RunNote>,
     /// When, on the clock that every process of this host reads, s.
     pub(super) at_s: f64,
 }
@@ -232,7 +236,9 @@ impl NodeFolder {
 
     /// What is there.
     pub(super) fn facts(&self) -> Facts {
-        let agent = self.agent().zip(self.started()).map(|(agent, started)| RunningAgent {
+        let started = self.started();
+        let note = started.as_ref().and_then(|started| started.note);
+        let agent = self.agent().zip(started).map(|(agent, started)| RunningAgent {
             pid: agent.process.pid,
             landing_s: landing_s(&self.install(&started.installed)),
             installed: started.installed,
@@ -244,6 +250,7 @@ impl NodeFolder {
             previous: linked(&self.previous()),
             service: self.settings().map(|settings| settings.service),
             agent,
+            note,
             free_bytes: self.path.ancestors().find_map(|path| os::free_bytes(path).ok()).unwrap_or(0),
         }
     }

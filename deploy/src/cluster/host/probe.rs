@@ -47,9 +47,17 @@ pub(crate) fn simulator_at(address: &str) -> Result<String, String> {
             place.altitude_m
         )),
         None if heard.standing_frames > 0 => Ok(format!("{name}, paused")),
+        // Its positions come from another port than its values, and the time was too short to be sure of that port.
+        None if heard.unproven > 0 && heard.foreign == 0 && link.version().is_some() => {
+            Ok(format!("{name}, its positions not yet verified"))
+        }
+        None if heard.foreign > 0 => Err(format!(
+            "{address}: positions come that cannot be told from another program's; does one beside X-Plane send to its clients?"
+        )),
         None if heard.malformed > 0 => Err(format!("{address}: what answers there is no X-Plane")),
         None => Err(format!(
-            "{address}: no answer within {} s; is X-Plane running with a flight loaded, and UDP let through both ways?",
+            "{address}: no answer within {} s; is X-Plane running with a flight loaded, its network setting \"Accept \
+             incoming connections\" on, and UDP let through both ways?",
             SIMULATOR.as_secs()
         )),
     }
@@ -107,26 +115,27 @@ mod tests {
         use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 
         use clap::Parser;
-        use skein_agent::plant::xplane::standin::{StandinOptions, run_standin};
+        use skein_agent::plant::xplane::standin::{Standin, StandinOptions};
 
         #[derive(Parser)]
         struct Cli {
             #[command(flatten)]
             options: StandinOptions,
         }
-        // Free a moment ago.
-        let port = UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
-        let port_text = port.to_string();
-        let options = ["standin", "--port", &port_text, "--beacon", "false", "--lat", "28.5", "--lon", "-82.25"];
-        let options = Cli::parse_from(options).options;
-        let stop = Arc::new(AtomicBool::new(false));
-        let of_thread = stop.clone();
-        let standin = thread::spawn(move || run_standin(&options, &of_thread));
-        let heard = simulator_at(&format!("127.0.0.1:{port}"));
-        stop.store(true, Relaxed);
-        standin.join().unwrap().unwrap();
-        let heard = heard.unwrap();
-        assert!(heard.starts_with("X-Plane 12.1.4, aircraft at 28.50000°, -82.25000°, "), "{heard}");
+        let place = ["standin", "--port", "0", "--beacon", "false", "--lat", "28.5", "--lon", "-82.25"];
+        for more in [&[][..], &["--split-ports"]] {
+            let options = Cli::parse_from(place.iter().chain(more)).options;
+            let mut standin = Standin::open(&options).unwrap();
+            let address = standin.address();
+            let stop = Arc::new(AtomicBool::new(false));
+            let of_thread = stop.clone();
+            let standin = thread::spawn(move || standin.run(&of_thread));
+            let heard = simulator_at(&address.to_string());
+            stop.store(true, Relaxed);
+            standin.join().unwrap();
+            let heard = heard.unwrap();
+            assert!(heard.starts_with("X-Plane 12.1.4, aircraft at 28.50000°, -82.25000°, "), "{more:?}: {heard}");
+        }
     }
 
     #[test]

@@ -7,6 +7,7 @@ use std::process::{Command, ExitCode, Stdio};
 use std::time::{Duration, Instant};
 
 use skein_agent::config::AgentOptions;
+use skein_agent::link::seal::runs::RunNote;
 use skein_agent::run::{LIFE, RELEASE};
 
 use super::files::{self, at};
@@ -77,7 +78,7 @@ pub(super) fn take_away(place: &Place, node: &NodeFolder) -> Result<(), String> 
 
 /// Starts what is current, in this run of the swarm, and waits until the agent's process is there. Whether anything was
 /// started; what runs goes on.
-pub(super) fn start(place: &Place, node: &NodeFolder, run: u64) -> Result<bool, String> {
+pub(super) fn start(place: &Place, node: &NodeFolder, run: u64, note: Option<RunNote>) -> Result<bool, String> {
     let (Some(installed), Some(settings)) = (linked(&node.current()), node.settings()) else {
         return Err(format!("nothing is installed for node {}", node.id));
     };
@@ -94,7 +95,7 @@ pub(super) fn start(place: &Place, node: &NodeFolder, run: u64) -> Result<bool, 
     let to = Path::new("../installs").join(install_name(&installed));
     files::remove(&node.agent_path()).map_err(at(&node.agent_path()))?;
     files::link(&node.active(), &to)?;
-    node.set_started(&Started { installed, run, at_s: os::uptime_s() })?;
+    node.set_started(&Started { installed, run, note, at_s: os::uptime_s() })?;
     match systemd {
         Some(systemd) => systemd.start(place, node)?,
         None => supervise(node)?,

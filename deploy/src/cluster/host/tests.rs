@@ -67,7 +67,7 @@ fn a_node_is_installed_and_taken_away_again() {
 fn what_cannot_be_done_is_said_and_writes_nothing() {
     let folder = tempfile::tempdir().unwrap();
     let place = place(folder.path());
-    for asked in [Ask::Start { run: 1 }, Ask::Stop { within_s: 1.0 }, Ask::Rollback] {
+    for asked in [Ask::Start { run: 1, note: None }, Ask::Stop { within_s: 1.0 }, Ask::Rollback] {
         assert_eq!(ask(&place, asked), Err("nothing is installed for node 1".to_owned()));
     }
     let other = Place { swarm: SwarmName::new("other").unwrap(), ..place.clone() };
@@ -133,9 +133,9 @@ fn systemd_starts_and_stops_what_is_active() {
     assert!(changed && facts.service == Some(Service::SystemdUser) && at.join("units/skein-lab-1.service").is_file());
     let (_, facts) = done(ask(&place, apply_with(ServiceKind::Auto)));
     assert_eq!(facts.service, Some(Service::SystemdUser), "what was chosen stays");
-    let (changed, facts) = done(ask(&place, Ask::Start { run: 5 }));
+    let (changed, facts) = done(ask(&place, Ask::Start { run: 5, note: None }));
     assert!(changed && facts.agent.as_ref().is_some_and(|agent| agent.run == 5));
-    let (changed, again) = done(ask(&place, Ask::Start { run: 6 }));
+    let (changed, again) = done(ask(&place, Ask::Start { run: 6, note: None }));
     assert!(!changed && again.agent == facts.agent);
     let refused = ask(&place, apply_with(ServiceKind::Own)).unwrap_err();
     assert!(refused.contains("runs under another service"), "{refused}");

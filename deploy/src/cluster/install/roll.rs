@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use std::time::Duration;
 
 use crate::reach::Role;
+use skein_agent::link::seal::runs::RunNote;
 use skein_common::id::VehicleId;
 
 use super::done;
@@ -25,6 +26,8 @@ pub(super) struct Restart<'a> {
     pub(super) node: &'a Node,
     /// In this run of the swarm.
     pub(super) run: u64,
+    /// The operator's note of it.
+    pub(super) note: Option<RunNote>,
     /// What it flies now has landed within this time, s.
     pub(super) landing_s: f64,
 }
@@ -33,7 +36,7 @@ impl<'a> Restart<'a> {
     /// If it runs something else than what is current.
     pub(super) fn needed(host: &Host, node: &'a Node, facts: &Facts) -> Option<Self> {
         let agent = facts.agent.as_ref().filter(|agent| Some(&agent.installed) != facts.current.as_ref())?;
-        Some(Self { host: host.clone(), node, run: agent.run, landing_s: agent.landing_s })
+        Some(Self { host: host.clone(), node, run: agent.run, note: facts.note, landing_s: agent.landing_s })
     }
 }
 
@@ -64,7 +67,10 @@ pub(super) fn roll(
         let mut comes_back = |line: &Line<'_>| {
             done(&restart.host, remote.ask(&restart.host, restart.node, Ask::Stop { within_s: landing_s }))?;
             line.say("landed, starting");
-            done(&restart.host, remote.ask(&restart.host, restart.node, Ask::Start { run: restart.run }))?;
+            done(
+                &restart.host,
+                remote.ask(&restart.host, restart.node, Ask::Start { run: restart.run, note: restart.note }),
+            )?;
             let until = clock::now() + within;
             let missing = watch.ready(&BTreeMap::from([(restart.node.id, life)]), |_| until, |_| {});
             let why = || watch.lacks(restart.node.id, life).unwrap_or_default();

@@ -11,8 +11,8 @@ use tracing_subscriber::EnvFilter;
 
 use super::{Install, Inventory, Node, SecurityKind, ServiceKind};
 use crate::error::Error;
-use crate::fly::plan::HostPort;
 use crate::scenario::ScenarioArgs;
+use crate::simulators::HostPort;
 
 /// Agents listen from here on: the port is this and the id.
 const BASE_PORT: u16 = 7446;
@@ -38,6 +38,7 @@ const KEYS: &[Key] = keys! {
         key("swarm", Kind::Name, Literal::Required, "the name of the swarm, namespace of all its traffic"),
         key("scenario", Kind::Text, Literal::Required, "the scenario's file, which says what flies"),
         key("security", Kind::OneOf(&["tls", "none"]), Literal::Text("tls"), "of every link; none has to be asked for"),
+        key("files", Kind::Texts, Literal::Nothing, "files and folders elsewhere than beside the scenario that `install` may copy"),
         key("keys", Kind::Text, Literal::Text("keys"), "folder that `skein cluster keys` writes"),
     ]
     [
@@ -114,6 +115,7 @@ fn read(
     alone_in_their_simulators(&written, &nodes)?;
     Ok(Inventory {
         security: if text("security") == "none" { SecurityKind::None } else { SecurityKind::Tls },
+        files: files(&written, folder)?,
         keys: folder.join(written.text("keys").unwrap_or("keys".to_owned())),
         path: path.to_owned(),
         swarm,
@@ -122,6 +124,17 @@ fn read(
         scenario,
         nodes,
     })
+}
+
+/// The files that are named as free to be copied, and that have to be there.
+fn files(written: &Written<'_>, folder: &Path) -> Result<Vec<PathBuf>, ScenarioError> {
+    let named = written.get("files");
+    let named = named.iter().filter_map(toml::Value::as_array).flatten().filter_map(toml::Value::as_str);
+    let paths: Vec<PathBuf> = named.map(|path| folder.join(path)).collect();
+    match paths.iter().find(|path| !path.exists()) {
+        Some(path) => Err(written.fault("files", format!("`files`: {} is not there", path.display()), None)),
+        None => Ok(paths),
+    }
 }
 
 /// The ids, which both files have to agree on.

@@ -9,9 +9,10 @@ use skein_agent::link::security::Tls;
 
 use super::certificate::{Unfit, unfit};
 use super::folder::{AUTHORITY, Folder, ORDERS_KEY, ORDERS_PUBLIC, certificate_file, key_file};
+use super::run::RunFile;
 use super::wanted;
 use crate::clock;
-use crate::cluster::inventory::{Inventory, SecurityKind};
+use crate::cluster::inventory::Inventory;
 use crate::error::Error;
 use crate::reach::{Flown, Reach, Role};
 
@@ -22,9 +23,9 @@ impl Inventory {
     /// If its keys are not there, do not serve or can be read by others.
     pub fn reach(&self, role: Role) -> Result<Reach, Error> {
         let scenario = Flown::Text(self.scenario.to_toml());
-        if self.security == SecurityKind::None {
+        let Some(run_file) = RunFile::of(self) else {
             return Ok(Reach::plain(self.swarm.clone(), self.endpoints(), scenario));
-        }
+        };
         let folder = Folder(self.keys.clone());
         let (certificate, key) = (certificate_file(role), key_file(role));
         folder.check_private_file(&key)?;
@@ -55,6 +56,8 @@ impl Inventory {
             security: Security::Tls(tls),
             orders_key: Some(orders_key),
             sealer: sealer.map(Arc::new),
+            own_run: run_file.read()?.map(|record| record.note.run),
+            run_file: Some(run_file),
             scenario,
         })
     }

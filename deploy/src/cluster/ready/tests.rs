@@ -9,7 +9,8 @@ fn id() -> VehicleId {
 
 fn seen(membership: Membership, run: u64, life: u64) -> Seen {
     let header = Header { sender: id(), incarnation: Incarnation(life), sequence: 1, stamp: SenderStamp::ZERO };
-    let mission = Mission { header, plan: 0, membership, step: 0, reached: None, progress_m: 0.0, order: None };
+    let mission =
+        Mission { header, plan: 0, membership, step: 0, vouched: 0, reached: None, progress_m: 0.0, order: None };
     Seen { alive: true, mission: Some(mission), run: Some(run), ..Seen::default() }
 }
 
@@ -36,19 +37,4 @@ fn what_it_said_before_its_restart_does_not_count() {
     let before = Some(Incarnation(5));
     assert_eq!(lacks(Some(&seen(Membership::Active, 7, 5)), 7, before).unwrap(), "not started again");
     assert_eq!(lacks(Some(&seen(Membership::Active, 7, 6)), 7, before).unwrap(), "does not tell how it does");
-}
-
-#[test]
-fn a_run_is_listened_for_before_there_is_none() {
-    let soon = clock::now() + Duration::from_millis(50);
-    let late = clock::now() + Duration::from_secs(60);
-    let mut looks = 0;
-    let heard = || {
-        looks += 1;
-        if looks < 3 { Vec::new() } else { vec![7] }
-    };
-    assert_eq!(first_run(&[], late, heard), 7, "the first word takes a while");
-    assert_eq!(first_run(&[5, 5], late, || vec![7]), 5, "most of them");
-    assert_eq!(first_run(&[], soon, Vec::new), 0);
-    assert!(clock::now() >= soon, "not before that");
 }

@@ -126,8 +126,8 @@ fn a_node_is_asked_by_the_program_that_it_runs() {
     let home = folder.path().join("home/.skein/lab/node-3");
     fs::create_dir_all(&home).unwrap();
     symlink("installs/9.9.9-abc_0123456789abcdef", home.join("current")).unwrap();
-    assert_eq!(remote.ask(&host, &node, Ask::Start { run: 7 }), simulator);
-    asked(&second, Ask::Start { run: 7 });
+    assert_eq!(remote.ask(&host, &node, Ask::Start { run: 7, note: None }), simulator);
+    asked(&second, Ask::Start { run: 7, note: None });
     let mut lines = Vec::new();
     remote.log(&host, &node, (5, true), |line| lines.push(line.to_owned())).unwrap();
     asked(&second, Ask::Log { lines: 5, follow: true });
@@ -148,6 +148,19 @@ fn a_probe_is_read_behind_whatever_the_shell_says() {
     let bare = probed(&bare).unwrap();
     assert_eq!((bare.glibc, bare.sum), (None, None));
     assert_eq!(probed("Welcome\n"), None);
+}
+
+#[test]
+fn every_text_of_an_answer_is_fit_for_a_terminal() {
+    let hostile = r#"{"Facts":{"current":{"release":"r\u001b[2J","bundle":"b\nnode 9"},"previous":null,"service":null,"agent":null,"free_bytes":1}}"#;
+    let said = Said { status: 0, stdout: hostile.to_owned(), stderr: String::new() };
+    let Ok(Answer::Facts(facts)) = answer(&heli("h"), &said) else { panic!("facts") };
+    let current = facts.current.unwrap();
+    assert_eq!((current.release.as_str(), current.bundle.as_str()), ("r\\u001b[2J", "b\\u000anode 9"));
+    let said = Said { stdout: "{\"Failed\":\"\\u009b31m\"}".to_owned(), ..said };
+    assert_eq!(answer(&heli("h"), &said), Err(Fault::Failed("h: \\u009b31m".to_owned())));
+    let said = Said { status: 1, stdout: String::new(), stderr: "no\u{7}\n".to_owned() };
+    assert_eq!(answer(&heli("h"), &said), Err(Fault::Failed("h: no\\u0007".to_owned())));
 }
 
 #[test]

@@ -2,7 +2,9 @@
 
 use std::path::{Path, PathBuf};
 
-use super::{CONNECT_S, Host};
+use skein_common::printable::printable;
+
+use super::{CONNECT_S, Host, MAX_SENTENCE};
 
 /// The sentence. `keys`: the key files that ssh tries for this host.
 pub(super) fn sentence(host: &Host, stderr: &str, keys: impl FnOnce() -> Vec<String>) -> String {
@@ -48,8 +50,9 @@ pub(super) fn sentence(host: &Host, stderr: &str, keys: impl FnOnce() -> Vec<Str
     format!("{host}: {}", last(stderr))
 }
 
-fn last(stderr: &str) -> &str {
-    stderr.lines().rev().map(str::trim).find(|line| !line.is_empty()).unwrap_or("ssh failed and says nothing")
+fn last(stderr: &str) -> String {
+    let last = stderr.lines().rev().map(str::trim).find(|line| !line.is_empty());
+    printable(last.unwrap_or("ssh failed and says nothing"), MAX_SENTENCE)
 }
 
 /// The key files that exist, of those that `ssh -G` names.
@@ -115,6 +118,7 @@ mod tests {
             ),
             ("one\nBad owner or permissions on config\n\n", "lab@heli1: Bad owner or permissions on config"),
             ("", "lab@heli1: ssh failed and says nothing"),
+            ("\u{1b}[2J\u{1b}]0;all ready\u{7}", "lab@heli1: \\u001b[2J\\u001b]0;all ready\\u0007"),
         ] {
             assert_eq!(sentence(&host, stderr, || vec!["~/.ssh/lab".to_owned()]), wanted);
         }

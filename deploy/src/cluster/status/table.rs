@@ -74,7 +74,9 @@ fn words(node: &NodeStatus) -> String {
     let id = node.id;
     let Some(said) = &node.said else {
         let host = node.host.as_deref().map(|host| format!("{host}, ")).unwrap_or_default();
-        return format!("node {id} ({host}{}) is not heard\n", node.endpoint);
+        let why =
+            node.why.as_ref().map(|why| format!(": it {why}; `skein cluster down`, then `up`")).unwrap_or_default();
+        return format!("node {id} ({host}{}) is not heard{why}\n", node.endpoint);
     };
     let mut text: String = said.faults.iter().map(|fault| format!("node {id}: {fault}\n")).collect();
     if said.clock_is_off {

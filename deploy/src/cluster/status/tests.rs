@@ -1,11 +1,15 @@
+use std::collections::BTreeMap;
 use std::path::Path;
 
 use skein_common::id::Incarnation;
-use skein_common::message::{ClockOffset, Drops, Failure, Header, PeerHealth, Reason, Refused};
+use skein_common::message::{ClockOffset, Drops, Failure, Header, Mission, PeerHealth, Reason, Refused};
+use skein_common::state::Membership;
 use skein_common::time::SenderStamp;
 
 use super::*;
 use crate::cluster::inventory::tests::lab;
+use crate::observe::Heard;
+use crate::reach::{Flown, Reach};
 
 fn id(number: u8) -> VehicleId {
     VehicleId::new(number).unwrap()
@@ -39,12 +43,97 @@ fn health(number: u8, ahead_s: f64) -> Health {
     }
 }
 
-/// The status of four when these were heard so long ago.
+/// The status of four, all in contact, when these were heard so long ago.
 fn status(folder: &Path, heard: Vec<Health>, ago: Duration) -> Status {
-    let inventory = lab(folder, 4, "");
     let at = clock::now();
-    let heard = heard.into_iter().map(|health| (health.header.sender, (health, at))).collect();
-    Status::of(&inventory, &heard, at + ago)
+    let there = VehicleId::first(4).map(|id| (Heard::Appeared(id), None, at));
+    let heard = heard.into_iter().map(|health| (Heard::Health(health), None, at));
+    status_of(folder, there.chain(heard), at + ago)
+}
+
+/// The status of four from what was heard in which run of the swarm.
+fn status_of(folder: &Path, heard: impl IntoIterator<Item = (Heard, Option<u64>, Instant)>, now: Instant) -> Status {
+    let inventory = lab(folder, 4, "");
+    let reach = Reach::plain(inventory.swarm.clone(), BTreeMap::new(), Flown::Text(String::new()));
+    let mut observer = Observer::open(&reach, Steps::Unheard).unwrap();
+    observer.suppose(heard);
+    Status::of(&inventory, &observer, now)
+}
+
+/// Its register in this life.
+fn mission(number: u8, life: u64) -> Mission {
+    let header = Header { incarnation: Incarnation(life), ..health(number, 0.0).header };
+    Mission {
+        header,
+        plan: 0,
+        membership: Membership::Active,
+        step: 0,
+        vouched: 0,
+        reached: None,
+        progress_m: 0.0,
+        order: None,
+    }
+}
+
+/// What vehicle `number` says in a run: that it is there, its register, its health.
+fn all_of(number: u8, run: u64) -> [(Heard, Option<u64>, Instant); 3] {
+    let said = [Heard::Appeared(id(number)), Heard::Mission(mission(number, 1)), Heard::Health(health(number, 0.0))];
+    said.map(|said| (said, Some(run), clock::now()))
+}
+
+#[test]
+fn a_text_from_the_network_does_nothing_to_the_terminal() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut second = health(2, 0.0);
+    second.version = "1\u{1b}[2J\nnode 9: \u{202e}good\u{9b}".to_owned();
+    second.plant = "\u{1b}]0;t\u{7}".to_owned();
+    let status = status(folder.path(), vec![second], Duration::ZERO);
+    let text = table::of(&status, "lab.toml");
+    assert!(text.contains("1\\u001b[2J\\u000anode 9: \\u202egood\\u009b"), "{text}");
+    assert!(text.contains("\\u001b]0;t\\u0007"), "{text}");
+    let shown = text + &serde_json::to_string(&status).unwrap();
+    assert!(!shown.contains(|c: char| c.is_control() && c != '\n' || c == '\u{202e}'), "{shown:?}");
+}
+
+#[test]
+fn health_of_a_vehicle_that_is_gone_or_of_another_life_is_not_heard() {
+    let folder = tempfile::tempdir().unwrap();
+    let now = clock::now();
+    let gone = all_of(1, 7).into_iter().chain([(Heard::Vanished(id(1)), None, now)]);
+    let restarted = all_of(2, 7).into_iter().chain([(Heard::Mission(mission(2, 2)), Some(7), now)]);
+    // What was recorded of it is published by another, while it is not there.
+    let never_there = [(Heard::Health(health(3, 0.0)), Some(7), now)];
+    let heard = gone.chain(restarted).chain(never_there).chain(all_of(4, 7));
+    let status = status_of(folder.path(), heard, now);
+    let said: Vec<bool> = status.nodes.iter().map(|node| node.said.is_some()).collect();
+    assert_eq!(said, [false, false, false, true]);
+    assert!(status.nodes.iter().all(|node| node.why.is_none()));
+    assert_eq!(verdict(&status).unwrap_err().to_string(), "not heard: node 1, 2, 3");
+}
+
+#[test]
+fn health_of_another_run_is_not_heard() {
+    let folder = tempfile::tempdir().unwrap();
+    let of_runs = |runs: [u64; 4]| {
+        let heard = (1..).zip(runs).flat_map(|(number, run)| all_of(number, run));
+        status_of(folder.path(), heard, clock::now())
+    };
+    let one_strays = of_runs([7, 7, 5, 7]);
+    assert_eq!(verdict(&one_strays).unwrap_err().to_string(), "not heard: node 3");
+    let text = table::of(&one_strays, "lab.toml");
+    let expected = "node 3 (10.0.0.13, tls/10.0.0.13:7449) is not heard: it flies in run 5, and the swarm in run 7; \
+                    `skein cluster down`, then `up`\n";
+    assert!(text.contains(expected), "{text}");
+    // As many say one as the other: neither is believed.
+    let undecided = of_runs([7, 7, 5, 5]);
+    assert!(undecided.nodes.iter().all(|node| node.said.is_none()));
+    assert!(table::of(&undecided, "lab.toml").contains("no run has a majority of the vehicles in contact"));
+    // Health of yesterday's run, from a vehicle that flies in today's.
+    let mut old = all_of(3, 7).to_vec();
+    old[2].1 = Some(5);
+    let heard = [1, 2, 4].into_iter().flat_map(|number| all_of(number, 7)).chain(old);
+    let status = status_of(folder.path(), heard, clock::now());
+    assert_eq!(verdict(&status).unwrap_err().to_string(), "not heard: node 3");
 }
 
 #[test]

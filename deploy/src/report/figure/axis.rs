@@ -1,5 +1,7 @@
 //! Axes: from quantities to shares of a length, and the numbers beside them.
 
+use skein_common::math;
+
 /// One axis of a panel.
 #[derive(Clone, Debug)]
 pub struct Axis {
@@ -56,7 +58,7 @@ impl Axis {
 
     /// The scale for these numbers; `padding` is the share of their span that is left free at either end.
     pub(super) fn scale(&self, numbers: impl Iterator<Item = f64>, padding: f64) -> Scale {
-        let on_it = |number: f64| if self.is_log { number.log10() } else { number };
+        let on_it = |number: f64| if self.is_log { math::log10(number) } else { number };
         if let Some([from, to]) = self.range.filter(|[from, to]| to > from) {
             return Scale { from: on_it(from), to: on_it(to), is_log: self.is_log };
         }
@@ -108,7 +110,7 @@ pub(super) struct Scale {
 impl Scale {
     /// As a share of the axis from its beginning.
     pub(super) fn share(&self, number: f64) -> f64 {
-        let on_it = if self.is_log { number.log10() } else { number };
+        let on_it = if self.is_log { math::log10(number) } else { number };
         (on_it - self.from) / (self.to - self.from)
     }
 
@@ -126,13 +128,13 @@ impl Scale {
     /// Multiples of 1, 2 or 5 times a power of ten.
     fn even(&self, room: f64) -> Vec<(f64, String)> {
         let least = self.span() / room;
-        let magnitude = 10_f64.powf(least.log10().floor());
+        let magnitude = math::pow(10.0, math::log10(least).floor());
         let steps = [0.2, 0.5, 1.0, 2.0, 5.0, 10.0].map(|times| times * magnitude);
         let fits = steps.iter().position(|step| *step >= least).unwrap_or(steps.len() - 1);
         // One number alone says nothing of the scale.
         let is_alone = |step: f64| (self.to / step + 1e-6).floor() - (self.from / step - 1e-6).ceil() < 1.0;
         let step = if is_alone(steps[fits]) { steps[fits - 1] } else { steps[fits] };
-        let decimals = (-step.log10() - 1e-9).floor() as i32 + 1;
+        let decimals = (-math::log10(step) - 1e-9).floor() as i32 + 1;
         let decimals = if step >= 1.0 - 1e-9 { 0 } else { decimals.max(0) as usize };
         let first = (self.from / step - 1e-6).ceil() as i64;
         let last = (self.to / step + 1e-6).floor() as i64;
@@ -147,7 +149,8 @@ impl Scale {
         let times: &[f64] = if self.span() * 3.0 <= room { &[1.0, 2.0, 5.0] } else { &[1.0] };
         let every = (self.span() / room).ceil().max(1.0) as i32;
         let powers = (self.from.floor() as i32..=self.to.ceil() as i32).filter(|power| power.rem_euclid(every) == 0);
-        let numbers = powers.flat_map(|power| times.iter().map(move |times| (power, times * 10_f64.powi(power))));
+        let numbers =
+            powers.flat_map(|power| times.iter().map(move |times| (power, times * math::pow(10.0, power.into()))));
         let inside = |number: f64| (-1e-9..=1.0 + 1e-9).contains(&self.share(number));
         let number = |(power, number): (i32, f64)| (number, grouped(&printed(number, (-power).max(0) as usize)));
         numbers.filter(|(_, number)| inside(*number)).map(number).collect()

@@ -1,6 +1,7 @@
 //! Where everything stands: axes, legend, marks and names, so that none covers another.
 
 use plotters::prelude::DrawingBackend;
+use skein_common::math;
 
 use super::axis::Scale;
 use super::canvas::{Anchor, Canvas, text_width};
@@ -210,7 +211,7 @@ fn draw<DB: DrawingBackend>(item: &Item, panel: &Panel, plot: &Plot, canvas: &Ca
             if plot.holds(from) && plot.holds(to) { arrow(from, to, item.colour, canvas) } else { Ok(()) }
         }),
         Shape::Note { at, text, side: [right, up] } => {
-            let length = right.hypot(*up).max(1e-9);
+            let length = math::hypot(*right, *up).max(1e-9);
             let [x, y] = plot.at(*at);
             let anchor = match right / length {
                 right if right > 0.4 => Anchor::Left,
@@ -230,7 +231,7 @@ fn arrow<DB: DrawingBackend>(
     canvas: &Canvas<'_, DB>,
 ) -> Result<(), Error> {
     let way = [to[0] - from[0], to[1] - from[1]];
-    let length = way[0].hypot(way[1]);
+    let length = math::hypot(way[0], way[1]);
     if length < 0.5 {
         return canvas.dot(from, Marker::Circle, 1.5, colour.faint(0.99));
     }

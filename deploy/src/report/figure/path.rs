@@ -1,5 +1,7 @@
 //! Lines in pixels: cut to the plot, without points that nobody sees, in dashes.
 
+use skein_common::math;
+
 /// Smaller differences than this are not seen, px.
 const UNSEEN_PX: f64 = 0.2;
 
@@ -66,7 +68,7 @@ fn distance(point: [f64; 2], from: [f64; 2], to: [f64; 2]) -> f64 {
     let off = [point[0] - from[0], point[1] - from[1]];
     let square = way[0] * way[0] + way[1] * way[1];
     let share = if square > 0.0 { ((off[0] * way[0] + off[1] * way[1]) / square).clamp(0.0, 1.0) } else { 0.0 };
-    (off[0] - share * way[0]).hypot(off[1] - share * way[1])
+    math::hypot(off[0] - share * way[0], off[1] - share * way[1])
 }
 
 /// The line in dashes as long as the gaps between them.
@@ -76,7 +78,7 @@ pub(super) fn dashes(line: &[[f64; 2]], dash_px: f64) -> Vec<Vec<[f64; 2]>> {
     for pair in line.windows(2) {
         let [mut from, to] = [pair[0], pair[1]];
         loop {
-            let length = (to[0] - from[0]).hypot(to[1] - from[1]);
+            let length = math::hypot(to[0] - from[0], to[1] - from[1]);
             if is_drawn && dash.is_empty() {
                 dash.push(from);
             }

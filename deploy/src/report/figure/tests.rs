@@ -1,10 +1,11 @@
 use super::*;
+use skein_common::math;
 
 fn figure() -> Figure {
     let mut panel = Panel::new(Axis::new("time", "s"), Axis::new("distance", "m"));
     panel.title = "a < b & c".to_owned();
     let line =
-        |height: f64| vec![(0..100).map(|nth| [f64::from(nth), height + (f64::from(nth) * 0.3).sin()]).collect()];
+        |height: f64| vec![(0..100).map(|nth| [f64::from(nth), height + math::sin(f64::from(nth) * 0.3)]).collect()];
     panel.items = vec![
         Item::line(line(3.0), Colour::BLUE).marked(0).at_end("1"),
         Item::line(line(3.1), Colour::VERMILLION).marked(1).at_end("2"),

@@ -7,6 +7,7 @@ use skein_agent::formation;
 use skein_agent::formation::law::Neighbour;
 use skein_common::frame::PositionNed;
 use skein_common::id::VehicleId;
+use skein_common::math;
 use skein_common::message::Trace;
 use skein_common::scenario::{Law, Step as Leg, Target};
 
@@ -70,7 +71,7 @@ fn ellipses(flight: &Flight<'_>, sample: usize) -> Vec<Item> {
 fn ellipse(leg: &Leg, radius_m: f64, centre_ne_m: [f64; 2]) -> Vec<[f64; 2]> {
     let turn = Rotation2::new(leg.formation.heading_rad());
     let point = |nth: i32| {
-        let (east, north) = (f64::from(nth) * TAU / 120.0).sin_cos();
+        let (east, north) = math::sin_cos(f64::from(nth) * TAU / 120.0);
         let axes = Vector2::new(north * radius_m, east * radius_m / leg.formation.gamma.sqrt());
         let ne_m = Vector2::from(centre_ne_m) + turn * axes;
         on_map([ne_m.x, ne_m.y])

@@ -2,6 +2,7 @@
 
 use std::f64::consts::PI;
 
+use skein_common::math;
 use skein_common::scenario::{AvoidDistance, Law, SafetyFilter, Target};
 
 use super::marks::with_marks;
@@ -84,7 +85,7 @@ fn even_distances(flight: &Flight<'_>) -> Vec<Item> {
     }
     let ends = [flight.times_s.first(), flight.times_s.last()].map(|t_s| t_s.copied().unwrap_or(0.0));
     let line = |chords: usize| {
-        let distance_m = 2.0 * wanted.radius_m * (PI * chords as f64 / count as f64).sin();
+        let distance_m = 2.0 * wanted.radius_m * math::sin(PI * chords as f64 / count as f64);
         let line = Item::line(vec![ends.map(|t_s| [t_s, distance_m]).to_vec()], Colour::BLACK);
         line.wide(1.0).dashed().in_legend("evenly spread on R*")
     };

@@ -77,8 +77,8 @@ fn a_key_that_was_replaced_is_not_let_in() {
 fn a_router_is_nobody_special() {
     let mut swarm = Swarm::begin("router");
     let router = [("mode", json!("router"))];
-    let tunnel = Tunnel::open(&[], &swarm.endpoints, &swarm.authority.tls("vehicle-3.2")).unwrap();
-    let intruder = Sessions::secured(tunnel, |listen, dial| open_zenoh(&swarm.name, listen, dial, &router)).unwrap();
+    let tunnel = Tunnel::open(&[], &swarm.endpoints, Some(&swarm.authority.tls("vehicle-3.2"))).unwrap();
+    let intruder = Sessions::through(tunnel, |listen, dial| open_zenoh(&swarm.name, listen, dial, &router)).unwrap();
     let forger = swarm.forger("vehicle-3.2");
     swarm.withstand(|| attack(intruder.first(), &forger));
 }
@@ -168,7 +168,7 @@ fn links_that_come_and_go_harm_nobody() {
     let still_come = &AtomicUsize::new(GUESTS);
     let all_went = || still_come.load(Relaxed) == 0;
     std::thread::scope(|scope| {
-        for (own, mut link) in links {
+        for (own, link) in links {
             scope.spawn(move || {
                 let (mut said, mut heard) = (0, Vec::new());
                 while !all_went() {

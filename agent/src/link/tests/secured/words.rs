@@ -79,7 +79,7 @@ fn whoever_is_invited_takes_part_fully() {
     }
 
     let order = Order { epoch: 1, issuer: 9, verb: Verb::Land, seal: None };
-    let order = seal::orders::seal(&swarm.authority.sealer("operator"), &swarm.name, 0, order);
+    let order = seal::orders::seal(&swarm.authority.sealer("operator"), &swarm.name, RUN, order);
     for link in [&swarm.one, &swarm.two] {
         let give = || say(operator.first(), &Topic::Order(9).key(), &encode(&order));
         until(link, give, |heard| word(heard, |word| *word == Word::Order(order)));
@@ -133,7 +133,7 @@ fn a_valid_vehicle_answers_for_itself_alone() {
             let said = Mission { header: forged_header(sender), ..mission(sender, 1) };
             let key = Topic::Mission(id(sender)).key();
             // Zenoh refuses what was not asked for.
-            let _ = query.reply(&key, forger.voices.write(Some(&forger.sealer), 0, &key, &said)).wait();
+            let _ = query.reply(&key, forger.voices.write(Some(&forger.sealer), RUN, &key, &said)).wait();
         }
     };
     // It says that it answers for all of them.
@@ -258,6 +258,6 @@ fn nobody_speaks_for_another_by_its_number() {
 /// Somebody who has chosen the number of its session.
 fn as_number(swarm: &Swarm, number: &str, listen: &[String], dial: &[String], tls: &Tls) -> Sessions {
     let chosen = [("id", json!(number))];
-    let tunnel = Tunnel::open(listen, dial, tls).unwrap();
-    Sessions::secured(tunnel, |listen, dial| open_zenoh(&swarm.name, listen, dial, &chosen)).unwrap()
+    let tunnel = Tunnel::open(listen, dial, Some(tls)).unwrap();
+    Sessions::through(tunnel, |listen, dial| open_zenoh(&swarm.name, listen, dial, &chosen)).unwrap()
 }

@@ -1,6 +1,7 @@
 //! The modes of the hover: eigenvalues of the numerically linearised model.
 
 use nalgebra::{Complex, DMatrix, Schur};
+use skein_common::math;
 
 use super::*;
 
@@ -27,14 +28,14 @@ fn eigenvalues() -> Vec<Complex<f64>> {
 
 /// The eigenvalue nearest to this one.
 fn nearest(eigenvalues: &[Complex<f64>], re: f64, im: f64) -> Complex<f64> {
-    let distance = |value: &&Complex<f64>| (value.re - re).hypot(value.im - im);
+    let distance = |value: &&Complex<f64>| math::hypot(value.re - re, value.im - im);
     *eigenvalues.iter().min_by(|a, b| distance(a).total_cmp(&distance(b))).unwrap()
 }
 
 /// The oscillation nearest to this frequency and damping: its own.
 fn oscillation(eigenvalues: &[Complex<f64>], omega: f64, zeta: f64) -> (f64, f64) {
     let value = nearest(eigenvalues, -zeta * omega, omega * (1.0 - zeta * zeta).sqrt());
-    (value.re.hypot(value.im), -value.re / value.re.hypot(value.im))
+    (math::hypot(value.re, value.im), -value.re / math::hypot(value.re, value.im))
 }
 
 #[test]

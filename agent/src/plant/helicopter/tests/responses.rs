@@ -1,6 +1,7 @@
 //! Steps of one control, the others at hover trim.
 
 use super::*;
+use skein_common::math;
 
 const P: usize = 10;
 const Q: usize = 11;
@@ -88,7 +89,7 @@ fn standing(gyro_integral: f64) -> (f64, f64, f64, f64) {
     for _ in 0..1_500 {
         helicopter.advance(&sticks, VelocityNed::default());
         let attitude = helicopter.attitude();
-        tilt_rad = tilt_rad.max(attitude.roll_rad.hypot(attitude.pitch_rad));
+        tilt_rad = tilt_rad.max(math::hypot(attitude.roll_rad, attitude.pitch_rad));
         yaw_rad = yaw_rad.max(attitude.heading_rad.abs());
     }
     let moved_m = helicopter.position().horizontal().norm();

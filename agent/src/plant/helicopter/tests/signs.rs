@@ -1,12 +1,13 @@
 //! Which way things go.
 
 use super::*;
+use skein_common::math;
 
 /// Rates and velocity a while after one control was moved from hover trim, heading as given.
 fn moved(heading_rad: f64, end_s: f64, control: impl Fn(&mut Command)) -> Helicopter {
     let mut flight = Flight::trimmed(0.0);
     // Trimmed heading north; turn the whole of it about the vertical.
-    let (sin, cos) = (0.5 * heading_rad).sin_cos();
+    let (sin, cos) = math::sin_cos(0.5 * heading_rad);
     let [w, x, y, z] = flight.helicopter().quaternion();
     let turned = [cos * w - sin * z, cos * x - sin * y, cos * y + sin * x, cos * z + sin * w];
     flight.state.0[6..10].copy_from_slice(&turned);
@@ -42,7 +43,7 @@ fn controls_act_along_the_heading() {
         let turned = moved(heading_rad, 2.0, |command| command.longitudinal_rad -= 0.005);
         assert_near(1e-9, turned.attitude().roll_rad, northward.attitude().roll_rad);
         assert_near(1e-9, turned.attitude().pitch_rad, northward.attitude().pitch_rad);
-        let (sin, cos) = heading_rad.sin_cos();
+        let (sin, cos) = math::sin_cos(heading_rad);
         let (north, east) = (northward.velocity().north_m_s(), northward.velocity().east_m_s());
         assert_near(1e-9, turned.velocity().north_m_s(), north * cos - east * sin);
         assert_near(1e-9, turned.velocity().east_m_s(), north * sin + east * cos);
@@ -131,10 +132,10 @@ fn ground_effect_acts_on_thrust_alone_and_at_the_hubs_height() {
     let mut flight = Flight::trimmed(0.0);
     let far = flight.dynamics.rates(&flight.state, &flight.command, &CALM).0;
     // The hub, tilted with the trim's bank, one radius above the ground.
-    let hub_above_cg_m = 0.235 * flight.helicopter().attitude().roll_rad.cos();
+    let hub_above_cg_m = 0.235 * math::cos(flight.helicopter().attitude().roll_rad);
     flight.state.0[2] = flight.dynamics.ground_down_m - (0.775 - hub_above_cg_m);
     let near = flight.dynamics.rates(&flight.state, &flight.command, &CALM).0;
-    let thrust_n = 8.2 * 9.81 * flight.helicopter().attitude().roll_rad.cos() / (1.0 - 0.15 / (4.0 * 0.9 * 1.887));
+    let thrust_n = 8.2 * 9.81 * math::cos(flight.helicopter().attitude().roll_rad) / (1.0 - 0.15 / (4.0 * 0.9 * 1.887));
     assert_within(0.001, far[5] - near[5], thrust_n / 15.0 / 8.2);
     // Rotor speed, inflows and flapping do not feel it.
     assert_eq!(far[13..], near[13..]);

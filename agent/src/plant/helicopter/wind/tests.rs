@@ -1,5 +1,6 @@
 use super::*;
 use crate::random::Purpose;
+use skein_common::math;
 
 const WIND_FROM_RAD: f64 = 0.7;
 /// Short scales, so that a run of moderate length holds many of them.
@@ -13,7 +14,7 @@ fn gusts(seed: u64, ticks: usize) -> [Vec<f64>; 3] {
     let mut air = Air::new(&weather, random::generator(seed, None, Purpose::Wind));
     let mut gusts = [const { Vec::new() }; 3];
     // The direction the wind blows to, and to the right of it.
-    let (sin, cos) = (WIND_FROM_RAD + std::f64::consts::PI).sin_cos();
+    let (sin, cos) = math::sin_cos(WIND_FROM_RAD + std::f64::consts::PI);
     for _ in 0..ticks {
         let air = air.advance(HEIGHT_M);
         let (north, east) = (air.north_m_s(), air.east_m_s());
@@ -41,7 +42,7 @@ fn gusts_have_the_strength_and_length_of_the_standard() {
         for lengths in [0.5_f64, 1.0, 2.0] {
             let lag = (lengths * length_m / WIND_M_S / TICK_S).round();
             let x = lag * TICK_S * WIND_M_S / length_m;
-            let expected = (-x).exp() * if axis == 0 { 1.0 } else { 1.0 - 0.5 * x };
+            let expected = math::exp(-x) * if axis == 0 { 1.0 } else { 1.0 - 0.5 * x };
             let measured = correlation(&gust[lag as usize..], gust);
             assert!((measured - expected).abs() < 0.03, "axis {axis}, {x} lengths: {measured}, not {expected}");
         }
@@ -57,8 +58,8 @@ fn stationary_variances_are_exact_at_any_bandwidth() {
         let first_order = noise * noise / (1.0 - decay * decay);
         assert!((first_order * 2.0 * a - 1.0).abs() < 1e-9, "{a}: {first_order}");
         let mut filter = ShapingFilter::default();
-        let mut variance = filter.advance(a, 1.0).powi(2);
-        variance += (0..200_000).map(|_| filter.advance(a, 0.0).powi(2)).sum::<f64>();
+        let mut variance = math::square(filter.advance(a, 1.0));
+        variance += (0..200_000).map(|_| math::square(filter.advance(a, 0.0))).sum::<f64>();
         assert!((variance - 1.0).abs() < 1e-9, "{a}: {variance}");
     }
 }

@@ -55,7 +55,8 @@ impl Search {
                         Err(_) => counters.malformed += 1,
                     }
                 }
-                Received::Datagram(..) => counters.foreign += 1,
+                // A neighbour's, which is what a beacon is for.
+                Received::Datagram(..) => {}
                 Received::Fault => {}
                 Received::Nothing => break,
             }

@@ -4,6 +4,7 @@ use crate::plant::Frame;
 use crate::plant::xplane::convert::{self, rpm_from_rad_s};
 use crate::plant::xplane::wire::name_and_element;
 use crate::plant::xplane::wire::rpos::Position;
+use skein_common::math;
 
 /// Elements of a per-engine array from X-Plane 12 on; before, there were eight.
 const ENGINES: usize = 16;
@@ -164,7 +165,7 @@ static DATAREFS: &[Dataref] = &{
 };
 
 fn groundspeed_m_s(situation: &Situation) -> f64 {
-    f64::from(situation.position.velocity_east_m_s).hypot(situation.position.velocity_south_m_s.into())
+    math::hypot(f64::from(situation.position.velocity_east_m_s), situation.position.velocity_south_m_s.into())
 }
 
 /// A dataref that exists, or one element of it.

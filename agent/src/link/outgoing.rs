@@ -1,0 +1,252 @@
+//! What an agent sends, on its way from the control thread to the network.
+//!
+//! The control thread hands over what a step sends and goes on at once: it takes one lock, which is never held for longer than
+//! a copy. The publisher's thread signs, encodes and sends. Zenoh may make that thread wait for a slow peer, and then it sends
+//! what is newest when it can: a state or a register that was not yet sent is replaced by the next one. Events and traces
+//! wait in queues; when a queue is full, its oldest message is dropped and counted.
+
+use std::collections::VecDeque;
+use std::io;
+use std::sync::mpsc;
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::thread;
+use std::time::Duration;
+
+use skein_common::message::{Event, Mission, State, Trace};
+use skein_common::topic::Cell;
+
+/// A vehicle has a handful of events in a minute.
+const MAX_EVENTS: usize = 64;
+/// A third of a second at 50 frames a second.
+const MAX_TRACES: usize = 16;
+/// At its end the publisher's thread has so long to send what still waits.
+const END_WITHIN: Duration = Duration::from_millis(200);
+
+/// What one step sends.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Messages {
+    /// The own state, and the cell that it is filed under.
+    pub state: Option<(State, Cell)>,
+    /// The own register of the agreement.
+    pub mission: Option<Mission>,
+    /// What happened.
+    pub events: Vec<Event>,
+    /// How the step went.
+    pub trace: Option<Trace>,
+}
+
+/// What was handed over and is not yet sent.
+#[derive(Debug, Default)]
+pub(super) struct Waiting {
+    pub(super) state: Option<(State, Cell)>,
+    pub(super) mission: Option<Mission>,
+    pub(super) events: VecDeque<Event>,
+    pub(super) traces: VecDeque<Trace>,
+}
+
+/// The publisher's thread, and what waits for it.
+#[derive(Debug)]
+pub(super) struct Outgoing {
+    shared: Arc<Shared>,
+    /// Closed when the thread has ended.
+    ended: mpsc::Receiver<()>,
+}
+
+#[derive(Debug, Default)]
+struct Shared {
+    held: Mutex<Held>,
+    handed_over: Condvar,
+}
+
+#[derive(Debug, Default)]
+struct Held {
+    waiting: Waiting,
+    /// Events and traces that found their queue full, since the start.
+    dropped: u64,
+    is_over: bool,
+}
+
+impl Outgoing {
+    /// Starts the thread. It calls `send` with what waits, again and again; `send` takes everything out.
+    ///
+    /// # Errors
+    /// If the system gives no thread.
+    pub(super) fn start(mut send: impl FnMut(&mut Waiting) + Send + 'static) -> io::Result<Self> {
+        let shared = Arc::<Shared>::default();
+        let (ending, ended) = mpsc::sync_channel::<()>(1);
+        let of_thread = shared.clone();
+        thread::Builder::new().name("publisher".to_owned()).spawn(move || {
+            let (mut waiting, mut known) = (Waiting::default(), 0);
+            while let Some(dropped) = of_thread.next(&mut waiting) {
+                if dropped > known {
+                    known = dropped;
+                    tracing::warn!(
+                        "the network is too slow: {dropped} events and traces were not sent since the start"
+                    );
+                }
+                send(&mut waiting);
+            }
+            drop(send);
+            drop(ending);
+        })?;
+        Ok(Self { shared, ended })
+    }
+
+    /// Hands over what a step sends. Never waits for the network.
+    pub(super) fn hand_over(&self, messages: Messages) {
+        self.shared.lock().take_up(messages);
+        self.shared.handed_over.notify_one();
+    }
+
+    /// Events and traces that were dropped since the start because the network was too slow.
+    pub(super) fn dropped(&self) -> u64 {
+        self.shared.lock().dropped
+    }
+
+    /// Ends the thread once everything that waits is sent, if that is soon.
+    pub(super) fn end(&self) {
+        self.shared.end();
+        let _ = self.ended.recv_timeout(END_WITHIN);
+    }
+}
+
+impl Drop for Outgoing {
+    fn drop(&mut self) {
+        self.shared.end();
+    }
+}
+
+impl Shared {
+    /// Waits for something to send and swaps it for `sent`, which is empty. Tells how much was dropped since the start; `None`
+    /// at the end, when nothing waits.
+    fn next(&self, sent: &mut Waiting) -> Option<u64> {
+        let mut held = self.lock();
+        while held.waiting.is_empty() {
+            if held.is_over {
+                return None;
+            }
+            held = self.handed_over.wait(held).unwrap_or_else(PoisonError::into_inner);
+        }
+        std::mem::swap(&mut held.waiting, sent);
+        Some(held.dropped)
+    }
+
+    fn end(&self) {
+        self.lock().is_over = true;
+        self.handed_over.notify_one();
+    }
+
+    /// Nothing that holds the lock can panic half way.
+    fn lock(&self) -> MutexGuard<'_, Held> {
+        self.held.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl Held {
+    fn take_up(&mut self, messages: Messages) {
+        let Self { waiting, dropped, .. } = self;
+        waiting.state = messages.state.or(waiting.state.take());
+        waiting.mission = messages.mission.or(waiting.mission.take());
+        for event in messages.events {
+            *dropped += push(&mut waiting.events, event, MAX_EVENTS);
+        }
+        if let Some(trace) = messages.trace {
+            *dropped += push(&mut waiting.traces, trace, MAX_TRACES);
+        }
+    }
+}
+
+impl Waiting {
+    fn is_empty(&self) -> bool {
+        self.state.is_none() && self.mission.is_none() && self.events.is_empty() && self.traces.is_empty()
+    }
+}
+
+/// Adds the newest message; gives how many old ones had to go.
+fn push<M>(queue: &mut VecDeque<M>, message: M, most: usize) -> u64 {
+    let is_full = queue.len() >= most;
+    if is_full {
+        queue.pop_front();
+    }
+    queue.push_back(message);
+    u64::from(is_full)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::time::Instant;
+
+    use skein_common::id::{Incarnation, VehicleId};
+    use skein_common::message::{Happening, Header};
+    use skein_common::time::SenderStamp;
+
+    use super::*;
+    use crate::clock::now;
+
+    fn header(sequence: u64) -> Header {
+        let sender = VehicleId::new(1).unwrap();
+        Header { sender, incarnation: Incarnation(1), sequence, stamp: SenderStamp::ZERO }
+    }
+
+    fn register(sequence: u64) -> Mission {
+        Mission {
+            header: header(sequence),
+            plan: 7,
+            membership: Default::default(),
+            step: 0,
+            vouched: 0,
+            reached: None,
+            progress_m: 0.0,
+            order: None,
+        }
+    }
+
+    fn step(sequence: u64) -> Messages {
+        let events = vec![Event { header: header(sequence), what: Happening::Landed }];
+        Messages { mission: Some(register(sequence)), events, ..Messages::default() }
+    }
+
+    #[test]
+    fn while_the_network_holds_the_publisher_up_the_newest_register_and_the_last_events_wait_and_the_rest_is_counted() {
+        let (begun, has_begun) = mpsc::channel();
+        let (let_go, held_up) = mpsc::channel::<()>();
+        let (sent, was_sent) = mpsc::channel();
+        let outgoing = Outgoing::start(move |waiting| {
+            begun.send(()).unwrap();
+            held_up.recv().unwrap();
+            let registers = waiting.mission.take().map(|said| said.header.sequence);
+            sent.send((registers, waiting.events.drain(..).map(|said| said.header.sequence).collect::<Vec<_>>()))
+                .unwrap();
+        })
+        .unwrap();
+        outgoing.hand_over(step(1));
+        has_begun.recv().unwrap();
+        let from: Instant = now();
+        let more = MAX_EVENTS as u64 + 6;
+        (2..2 + more).for_each(|sequence| outgoing.hand_over(step(sequence)));
+        assert!(now() - from < Duration::from_secs(1), "the control thread has waited");
+        assert_eq!(outgoing.dropped(), 6);
+        let_go.send(()).unwrap();
+        assert_eq!(was_sent.recv().unwrap(), (Some(1), vec![1]));
+        let_go.send(()).unwrap();
+        outgoing.end();
+        assert_eq!(was_sent.recv().unwrap(), (Some(1 + more), (2 + 6..2 + more).collect()));
+    }
+
+    #[test]
+    fn what_was_handed_over_last_is_sent_before_the_end_and_a_publisher_that_is_held_up_ends_without_it() {
+        let (sent, was_sent) = mpsc::channel();
+        let outgoing = Outgoing::start(move |waiting| sent.send(std::mem::take(waiting)).unwrap()).unwrap();
+        outgoing.hand_over(step(1));
+        outgoing.end();
+        assert_eq!(was_sent.try_recv().unwrap().mission, Some(register(1)));
+        assert!(was_sent.recv().is_err(), "the thread has ended");
+
+        let (_let_go, held_up) = mpsc::channel::<()>();
+        let outgoing = Outgoing::start(move |_| _ = held_up.recv()).unwrap();
+        outgoing.hand_over(step(1));
+        let from = now();
+        outgoing.end();
+        assert!(now() - from < END_WITHIN + Duration::from_secs(1));
+    }
+}

@@ -1,0 +1,91 @@
+//! The operator's note of a run of the swarm: nobody else can say that a run was begun.
+
+use serde::{Deserialize, Serialize};
+use skein_common::id::SwarmName;
+use skein_common::message::Seal;
+
+use super::{SealKey, Sealer};
+
+/// Nothing else that is signed with an orders key begins like this.
+const CONTEXT: &[u8] = b"skein run v1\0";
+
+/// A run, and when it was begun, signed with the key that seals orders.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct RunNote {
+    /// The run's number.
+    pub run: u64,
+    /// When it was begun by the operator's clock, ms since 1970; later than every run that the operator knew of.
+    pub began_ms: u64,
+    #[serde(with = "hex")]
+    seal: Seal,
+}
+
+impl RunNote {
+    /// A note of a run that begins now.
+    pub fn new(sealer: &Sealer, swarm: &SwarmName, run: u64, began_ms: u64) -> Self {
+        Self { run, began_ms, seal: sealer.seal(&signed(swarm, run, began_ms)) }
+    }
+
+    /// Whether the operator of this swarm, known by this key, has written it.
+    pub fn is_sealed(&self, key: &SealKey, swarm: &SwarmName) -> bool {
+        key.has_sealed(&signed(swarm, self.run, self.began_ms), self.seal)
+    }
+}
+
+fn signed(swarm: &SwarmName, run: u64, began_ms: u64) -> Vec<u8> {
+    let mut bytes = super::signed(CONTEXT, swarm, run);
+    bytes.extend(began_ms.to_le_bytes());
+    bytes
+}
+
+/// A signature as 128 hexadecimal digits.
+mod hex {
+    use serde::de::Error;
+    use serde::{Deserialize, Deserializer, Serializer};
+    use skein_common::message::Seal;
+
+    pub(super) fn serialize<S: Serializer>(seal: &Seal, to: S) -> Result<S::Ok, S::Error> {
+        to.collect_str(&seal.to_bytes().iter().map(|byte| format!("{byte:02x}")).collect::<String>())
+    }
+
+    pub(super) fn deserialize<'de, D: Deserializer<'de>>(from: D) -> Result<Seal, D::Error> {
+        let text = String::deserialize(from)?;
+        let digit = |digit: u8| char::from(digit).to_digit(16);
+        let byte = |two: &[u8]| Some((digit(two[0])? * 16 + digit(two[1])?) as u8);
+        let bytes: Option<Vec<u8>> = text.as_bytes().chunks_exact(2).map(byte).collect();
+        let bytes = bytes.filter(|_| text.len() == 2 * Seal::BYTES).and_then(|bytes| bytes.try_into().ok());
+        bytes.map(Seal::from_bytes).ok_or_else(|| D::Error::custom("a signature has 128 hexadecimal digits"))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::tests::{name, sealer};
+    use super::*;
+
+    #[test]
+    fn a_note_holds_for_one_run_of_one_swarm() {
+        let (operator, lab) = (sealer(), name("lab"));
+        let (key, note) = (operator.key(), RunNote::new(&operator, &lab, 7, 1000));
+        assert!(note.is_sealed(&key, &lab));
+        assert!(!note.is_sealed(&key, &name("lab2")), "in another swarm");
+        assert!(!note.is_sealed(&sealer().key(), &lab), "by another operator");
+        for other in [RunNote { run: 8, ..note }, RunNote { began_ms: 1001, ..note }] {
+            assert!(!other.is_sealed(&key, &lab), "{other:?}");
+        }
+    }
+
+    #[test]
+    fn a_note_is_read_as_it_is_written() {
+        let note = RunNote::new(&sealer(), &name("lab"), 7, 1000);
+        let written = format!("{{\"run\":7,\"began_ms\":1000,\"seal\":\"{}\"}}", "0f".repeat(Seal::BYTES));
+        let read: RunNote = serde_json::from_str(&written).unwrap();
+        assert_eq!(serde_json::to_string(&read).unwrap(), written);
+        let again: RunNote = serde_json::from_str(&serde_json::to_string(&note).unwrap()).unwrap();
+        assert_eq!(again, note);
+        for bad in ["", "0", &"0f".repeat(63), &"0f".repeat(65), &"0g".repeat(64), &"é".repeat(64)] {
+            let text = format!("{{\"run\":7,\"began_ms\":1000,\"seal\":\"{bad}\"}}");
+            assert!(serde_json::from_str::<RunNote>(&text).is_err(), "{bad:?}");
+        }
+    }
+}

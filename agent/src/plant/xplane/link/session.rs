@@ -1,0 +1,307 @@
+//! Which datagrams are the simulator's.
+//!
+//! Any program of this computer can send to the agent's port, and X-Plane does not document from which port it answers. Two
+//! facts hold all the same:
+//!
+//! * An answer to a request for a dataref (RREF) echoes the request's index. Each session draws its indices at random, so only
+//!   the simulator that was asked knows them. Of seven indices out of 2³¹, a datagram of 183 guesses holds three with
+//!   probability 2·10⁻²⁰.
+//! * A position (RPOS) echoes nothing. It is the simulator's if it comes from the port that values with our indices come from.
+//!   A simulator that sends the two kinds from different ports is known by agreement: its positions agree with the latitude,
+//!   longitude and elevation that came with our indices, and no other port's do. Once known, the port alone counts until it
+//!   has been silent for a second, because a port belongs to one process at a time.
+//!
+//! No clock and no socket: arrival times and addresses are the caller's.
+
+use std::net::SocketAddr;
+use std::time::{Duration, Instant};
+
+use ring::rand::{SecureRandom, SystemRandom};
+use skein_common::math::cos;
+
+use super::{RESUBSCRIBE_SILENT, STALE};
+use crate::plant::xplane::profile::Dataref;
+use crate::plant::xplane::wire::rpos::Position;
+
+/// A datagram with some index that is not ours is believed only with this many that are: too many to be guessed.
+const BEYOND_GUESSING: u32 = 3;
+/// Values older than this refute nothing and prove nothing. X-Plane slows its time below 19 frames a second, so a value comes at
+/// least every 53 ms; of four in a row one arrives.
+const FRESH: Duration = Duration::from_millis(250);
+/// How long one port's positions have to agree while no other's do, before the port is believed. Longer than a silent simulator
+/// waits to be asked again: a lost request does not leave the field to another sender.
+const TRIAL: Duration = RESUBSCRIBE_SILENT.saturating_add(Duration::from_millis(500));
+
+/// Metres in a degree of latitude.
+const METRES_PER_DEGREE: f64 = 111_320.0;
+/// No helicopter flies faster: what a position claims beyond it widens no tolerance.
+const TOP_SPEED_M_S: f64 = 100.0;
+/// Covers what a position's speed leaves out. An acceleration of 2 g over 270 ms, the longest time between a fresh value and a
+/// position, is 0.7 m.
+const MARGIN_M: f64 = 1.0;
+
+/// What is asked for beside the position.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Value {
+    RunningTime,
+    Paused,
+    RotorSpeed,
+    Version,
+    Latitude,
+    Longitude,
+    Elevation,
+}
+
+impl Value {
+    pub(super) const ALL: [Self; 7] = [
+        Self::RunningTime,
+        Self::Paused,
+        Self::RotorSpeed,
+        Self::Version,
+        Self::Latitude,
+        Self::Longitude,
+        Self::Elevation,
+    ];
+
+    /// Its dataref; the rotor speed's is the aircraft's own.
+    pub(super) fn path(self, rotor_speed_rpm: &Dataref) -> &str {
+        match self {
+            Self::RunningTime => "sim/time/total_running_time_sec",
+            Self::Paused => "sim/time/paused",
+            Self::RotorSpeed => rotor_speed_rpm.as_str(),
+            Self::Version => "sim/version/xplane_internal_version",
+            Self::Latitude => "sim/flightmodel/position/latitude",
+            Self::Longitude => "sim/flightmodel/position/longitude",
+            Self::Elevation => "sim/flightmodel/position/elevation",
+        }
+    }
+}
+
+/// The index of each value in this session.
+#[derive(Debug)]
+pub(super) struct Indices([i32; Value::ALL.len()]);
+
+impl Indices {
+    /// Unpredictable and distinct. X-Plane only echoes them; they are not negative because its documentation shows no
+    /// negative one. `None` if the system gives no randomness.
+    pub(super) fn draw() -> Option<Self> {
+        let system = SystemRandom::new();
+        loop {
+            let mut bytes = [[0; 4]; Value::ALL.len()];
+            system.fill(bytes.as_flattened_mut()).ok()?;
+            let indices = bytes.map(|bytes| i32::from_le_bytes(bytes) & i32::MAX);
+            let is_distinct = |(nth, index): (usize, &i32)| !indices[..nth].contains(index);
+            if indices.iter().enumerate().all(is_distinct) {
+                return Some(Self(indices));
+            }
+        }
+    }
+
+    pub(super) fn of(&self, value: Value) -> i32 {
+        self.0[value as usize]
+    }
+
+    /// What this index stands for; `None` if the session did not ask with it.
+    pub(super) fn value(&self, index: i32) -> Option<Value> {
+        let nth = self.0.iter().position(|own| *own == index)?;
+        Value::ALL.get(nth).copied()
+    }
+
+    /// Whose answer a datagram with these indices is.
+    pub(super) fn judge(&self, indices: impl Iterator<Item = i32>) -> Answer {
+        let (mut ours, mut others) = (0_u32, false);
+        for index in indices {
+            match self.value(index) {
+                Some(value) => ours |= 1 << value as u32,
+                None => others = true,
+            }
+        }
+        match ours.count_ones() {
+            BEYOND_GUESSING.. => Answer::Proof,
+            // X-Plane may send each value by itself, but has no reason to send others with it.
+            _ if !others => Answer::Ours,
+            _ => Answer::Foreign,
+        }
+    }
+}
+
+/// What the indices of a datagram of values say of its sender.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Answer {
+    /// Its sender is the simulator, beyond doubt.
+    Proof,
+    /// Nothing in it is against it.
+    Ours,
+    /// Its sender was not asked.
+    Foreign,
+}
+
+/// What is known of a position's sender.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Sender {
+    /// It is the simulator.
+    Simulator,
+    /// It may be: there are no values yet to compare with, or it has not agreed for long enough.
+    Unproven,
+    /// It is not: its position is this far from where the simulator's values say, or (`None`) other senders are as
+    /// credible.
+    Foreign(Option<f64>),
+}
+
+/// From where the simulator's positions come.
+#[derive(Debug, Default)]
+pub(super) struct Senders {
+    /// Latitude, longitude and elevation as they came with our indices.
+    place: [Option<(Instant, f32)>; 3],
+    /// Which port answers with our indices.
+    proven: Option<Seen>,
+    /// Which port's positions are believed.
+    believed: Option<Seen>,
+    /// The port on trial, since when its positions have agreed.
+    candidate: Option<(Seen, Instant)>,
+}
+
+/// A sender, and when its last datagram came.
+#[derive(Clone, Copy, Debug)]
+struct Seen {
+    address: SocketAddr,
+    at: Instant,
+}
+
+impl Seen {
+    fn is_silent(&self, now: Instant) -> bool {
+        now.saturating_duration_since(self.at) >= STALE
+    }
+}
+
+impl Senders {
+    /// An answer came that only the simulator can have sent.
+    pub(super) fn prove(&mut self, address: SocketAddr, at: Instant) {
+        self.proven = Some(Seen { address, at });
+    }
+
+    /// A part of the aircraft's place came with our index.
+    pub(super) fn place(&mut self, part: Value, value: f32, at: Instant) {
+        let part = match part {
+            Value::Latitude => 0,
+            Value::Longitude => 1,
+            Value::Elevation => 2,
+            Value::RunningTime | Value::Paused | Value::RotorSpeed | Value::Version => return,
+        };
+        self.place[part] = Some((at, value));
+    }
+
+    /// Whose position this is that came from `from` at `at`. Positions are `frame_period_s` apart, and the simulator's time
+    /// passes `time_rate` times as fast as ours.
+    pub(super) fn judge(
+        &mut self,
+        from: SocketAddr,
+        position: &Position,
+        at: Instant,
+        frame_period_s: f64,
+        time_rate: f64,
+    ) -> Sender {
+        let seen = Seen { address: from, at };
+        if self.proven.is_some_and(|proven| proven.address == from && !proven.is_silent(at)) {
+            self.believe(seen);
+            return Sender::Simulator;
+        }
+        let beyond_m = self.beyond_m(position, at, frame_period_s, time_rate);
+        let agrees = beyond_m.map(|beyond_m| beyond_m <= 0.0);
+        match self.believed {
+            Some(believed) if !believed.is_silent(at) => match agrees {
+                _ if believed.address != from => Sender::Foreign(beyond_m),
+                Some(false) => Sender::Foreign(beyond_m),
+                Some(true) | None => {
+                    self.believe(seen);
+                    Sender::Simulator
+                }
+            },
+            // A simulator that was only silent for a while does not compete with others for its place.
+            Some(believed) if believed.address == from && agrees == Some(true) => {
+                self.believe(seen);
+                Sender::Simulator
+            }
+            _ => match agrees {
+                Some(true) => self.try_out(seen),
+                Some(false) => Sender::Foreign(beyond_m),
+                None => Sender::Unproven,
+            },
+        }
+    }
+
+    fn believe(&mut self, seen: Seen) {
+        (self.believed, self.candidate) = (Some(seen), None);
+    }
+
+    /// A position agrees while no port is believed.
+    fn try_out(&mut self, seen: Seen) -> Sender {
+        let (rival, since) = match self.candidate {
+            Some((last, since)) if last.is_silent(seen.at) => (None, since),
+            Some((last, since)) => (Some(last.address), since),
+            None => (None, seen.at),
+        };
+        match rival {
+            Some(rival) if rival != seen.address => {
+                // Two agree, and nothing tells which is the simulator: both begin anew.
+                self.candidate = Some((seen, seen.at));
+                Sender::Foreign(None)
+            }
+            Some(_) if seen.at.saturating_duration_since(since) >= TRIAL => {
+                self.believe(seen);
+                Sender::Simulator
+            }
+            Some(_) => {
+                self.candidate = Some((seen, since));
+                Sender::Unproven
+            }
+            None => {
+                self.candidate = Some((seen, seen.at));
+                Sender::Unproven
+            }
+        }
+    }
+
+    /// How much farther the position is from the values' place than it may be, m; `None` without fresh values.
+    ///
+    /// A value is an f32: up to one step of it from the truth, whether X-Plane rounds or cuts (at most 0.85 m of latitude and
+    /// 1.7 m of longitude). It may be a frame older than the position or younger, and as old as it is: in that time the
+    /// aircraft moves by its speed.
+    fn beyond_m(&self, position: &Position, at: Instant, frame_period_s: f64, time_rate: f64) -> Option<f64> {
+        let [Some(latitude), Some(longitude), Some(elevation)] = self.place else { return None };
+        let oldest = latitude.0.min(longitude.0).min(elevation.0);
+        let age = at.saturating_duration_since(oldest);
+        if age > FRESH {
+            return None;
+        }
+        let east_m_per_degree = METRES_PER_DEGREE * cos(position.latitude_deg.to_radians());
+        let turn_deg = wrap_deg(position.longitude_deg - f64::from(longitude.1));
+        let off_m = [
+            off(position.latitude_deg - f64::from(latitude.1), latitude.1) * METRES_PER_DEGREE,
+            off(turn_deg, longitude.1) * east_m_per_degree,
+            off(position.elevation_m - f64::from(elevation.1), elevation.1),
+        ];
+        let speed_m_s = [position.velocity_east_m_s, position.velocity_up_m_s, position.velocity_south_m_s];
+        let may_move_m = length(speed_m_s.map(f64::from)).min(TOP_SPEED_M_S)
+            * time_rate.max(1.0)
+            * (age.as_secs_f64() + frame_period_s);
+        Some(length(off_m) - may_move_m - MARGIN_M)
+    }
+}
+
+/// How far a difference from a value is beyond one step of that value.
+fn off(difference: f64, value: f32) -> f64 {
+    let step = f64::from(value.abs().next_up() - value.abs());
+    (difference.abs() - step).max(0.0)
+}
+
+fn wrap_deg(degrees: f64) -> f64 {
+    (degrees + 180.0).rem_euclid(360.0) - 180.0
+}
+
+fn length(parts: [f64; 3]) -> f64 {
+    parts.iter().map(|part| part * part).sum::<f64>().sqrt()
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,220 @@
+use proptest::prelude::*;
+use skein_common::math::sin;
+
+use super::*;
+
+const FRAME_S: f64 = 0.02;
+
+fn address(port: u16) -> SocketAddr {
+    ([127, 0, 0, 1], port).into()
+}
+
+fn hovering() -> Position {
+    Position { latitude_deg: 48.1, longitude_deg: 11.5, elevation_m: 530.0, height_m: 30.0, ..Position::default() }
+}
+
+/// North of where it was.
+fn moved_m(position: Position, north_m: f64) -> Position {
+    Position { latitude_deg: position.latitude_deg + north_m / METRES_PER_DEGREE, ..position }
+}
+
+/// Senders and the time, one frame after the other.
+struct Bench {
+    senders: Senders,
+    at: Instant,
+}
+
+impl Bench {
+    fn new() -> Self {
+        Self { senders: Senders::default(), at: crate::plant::xplane::socket::now() }
+    }
+
+    fn wait_s(&mut self, seconds: f64) {
+        self.at += Duration::from_secs_f64(seconds);
+    }
+
+    /// Values with our indices.
+    fn values(&mut self, position: &Position) {
+        self.senders.place(Value::Latitude, position.latitude_deg as f32, self.at);
+        self.senders.place(Value::Longitude, position.longitude_deg as f32, self.at);
+        self.senders.place(Value::Elevation, position.elevation_m as f32, self.at);
+    }
+
+    fn position(&mut self, port: u16, position: &Position) -> Sender {
+        self.senders.judge(address(port), position, self.at, FRAME_S, 1.0)
+    }
+
+    /// Frames with values, and a position from each of these ports. What became of the first port's last.
+    fn frames(&mut self, seconds: f64, from: &[(u16, Position)]) -> Sender {
+        let mut last = Sender::Unproven;
+        for _ in 0..(seconds / FRAME_S).round() as u32 {
+            self.wait_s(FRAME_S);
+            self.values(&hovering());
+            for (nth, (port, position)) in from.iter().enumerate() {
+                let sender = self.position(*port, position);
+                last = if nth == 0 { sender } else { last };
+            }
+        }
+        last
+    }
+}
+
+#[test]
+fn indices_are_distinct_and_of_one_session_only() {
+    let (one, other) = (Indices::draw().unwrap(), Indices::draw().unwrap());
+    assert!(one.0.iter().all(|index| *index >= 0 && other.value(*index).is_none()), "{one:?} {other:?}");
+    for value in Value::ALL {
+        assert_eq!(one.value(one.of(value)), Some(value));
+    }
+}
+
+#[test]
+fn only_who_was_asked_knows_the_indices() {
+    let indices = Indices([5, 900, 17, 4000, 1000, 2000, 3000]);
+    let judge = |answer: &[i32]| indices.judge(answer.iter().copied());
+    assert_eq!(judge(&[5, 900, 17, 1000]), Answer::Proof);
+    assert_eq!(judge(&[5, 900, 17, 1]), Answer::Proof, "left over from a program that had this port before");
+    assert_eq!(judge(&[1000]), Answer::Ours);
+    assert_eq!(judge(&[1000, 1000, 1000, 5]), Answer::Ours, "two indices, however often");
+    assert_eq!(judge(&[1000, 5, 1]), Answer::Foreign);
+    assert_eq!(judge(&[1]), Answer::Foreign);
+    let guesses: Vec<i32> = (1..=183).collect();
+    assert_eq!(judge(&guesses), Answer::Foreign, "two were hit by chance");
+}
+
+#[test]
+fn the_port_of_the_values_is_believed_at_once_and_no_other() {
+    let mut bench = Bench::new();
+    bench.senders.prove(address(49_000), bench.at);
+    bench.values(&hovering());
+    assert_eq!(bench.position(49_000, &hovering()), Sender::Simulator);
+    assert!(matches!(bench.position(50_000, &hovering()), Sender::Foreign(_)), "however near it is");
+    assert!(matches!(bench.position(50_000, &moved_m(hovering(), 100.0)), Sender::Foreign(Some(_))));
+    assert_eq!(
+        bench.position(49_000, &moved_m(hovering(), 500.0)),
+        Sender::Simulator,
+        "an aircraft that was re-placed"
+    );
+}
+
+#[test]
+fn without_values_no_position_is_believed() {
+    let mut bench = Bench::new();
+    for _ in 0..500 {
+        bench.wait_s(FRAME_S);
+        assert_eq!(bench.position(49_000, &hovering()), Sender::Unproven);
+    }
+}
+
+#[test]
+fn another_port_is_believed_once_it_alone_has_agreed_for_the_trial() {
+    let mut bench = Bench::new();
+    assert_eq!(bench.frames(1.4, &[(49_001, hovering())]), Sender::Unproven);
+    assert_eq!(bench.frames(0.2, &[(49_001, hovering())]), Sender::Simulator);
+    assert_eq!(bench.frames(3.0, &[(49_001, hovering()), (50_000, hovering())]), Sender::Simulator);
+    assert!(matches!(bench.position(50_000, &hovering()), Sender::Foreign(_)), "a near one that comes later");
+    assert!(matches!(bench.position(49_001, &moved_m(hovering(), 9.0)), Sender::Foreign(Some(_))));
+}
+
+#[test]
+fn a_far_sender_never_is() {
+    let mut bench = Bench::new();
+    let far = moved_m(hovering(), 30.0);
+    assert!(matches!(bench.frames(10.0, &[(50_000, far)]), Sender::Foreign(Some(beyond_m)) if beyond_m > 25.0));
+    assert_eq!(
+        bench.frames(2.0, &[(49_001, hovering()), (50_000, far)]),
+        Sender::Simulator,
+        "nor does it keep others out"
+    );
+}
+
+#[test]
+fn of_two_that_agree_none_is_until_one_falls_silent() {
+    let mut bench = Bench::new();
+    let both = [(49_001, hovering()), (50_000, moved_m(hovering(), 0.5))];
+    assert_eq!(bench.frames(20.0, &both), Sender::Foreign(None));
+    assert!(bench.senders.believed.is_none());
+    assert_eq!(bench.frames(2.0, &both[..1]), Sender::Simulator);
+}
+
+#[test]
+fn proof_ends_any_trial_and_any_belief() {
+    let mut bench = Bench::new();
+    assert_eq!(bench.frames(2.0, &[(50_000, hovering())]), Sender::Simulator, "nobody else was there");
+    bench.senders.prove(address(49_000), bench.at);
+    assert_eq!(bench.position(49_000, &hovering()), Sender::Simulator);
+    assert!(matches!(bench.position(50_000, &hovering()), Sender::Foreign(_)));
+}
+
+#[test]
+fn after_a_silence_the_old_port_is_believed_at_once_and_a_new_one_after_a_trial() {
+    let mut bench = Bench::new();
+    assert_eq!(bench.frames(2.0, &[(49_001, hovering())]), Sender::Simulator);
+    bench.wait_s(1.5);
+    assert_eq!(bench.position(49_001, &hovering()), Sender::Unproven, "its values are as old");
+    assert_eq!(bench.frames(0.02, &[(49_001, hovering())]), Sender::Simulator);
+    bench.wait_s(1.5);
+    assert_eq!(bench.frames(0.5, &[(49_501, hovering())]), Sender::Unproven);
+    assert_eq!(bench.frames(1.2, &[(49_501, hovering())]), Sender::Simulator);
+    assert!(matches!(bench.position(49_001, &hovering()), Sender::Foreign(_)));
+}
+
+#[test]
+fn a_hovering_aircrafts_place_is_known_to_two_metres() {
+    let mut bench = Bench::new();
+    bench.values(&hovering());
+    bench.wait_s(FRAME_S);
+    for (north_m, agrees) in [(0.0, true), (0.9, true), (-0.9, true), (2.5, false), (-2.5, false)] {
+        let beyond_m = bench.senders.beyond_m(&moved_m(hovering(), north_m), bench.at, FRAME_S, 1.0).unwrap();
+        assert_eq!(beyond_m <= 0.0, agrees, "{north_m} m: {beyond_m}");
+    }
+    let up = Position { elevation_m: 532.0, ..hovering() };
+    assert!(bench.senders.beyond_m(&up, bench.at, FRAME_S, 1.0).unwrap() > 0.9);
+    let fast = Position { velocity_up_m_s: 500.0, ..moved_m(hovering(), 10.0) };
+    assert!(bench.senders.beyond_m(&fast, bench.at, FRAME_S, 1.0).unwrap() > 0.0, "a claimed speed has a limit");
+}
+
+proptest! {
+    /// An honest simulator always agrees: wherever on the globe, however fast, on either side of a value by up to a quarter of
+    /// a second and a frame, rounded to single precision or cut.
+    #[test]
+    fn an_honest_position_agrees(
+        (latitude_deg, longitude_deg, elevation_m) in (-85.0..85.0_f64, -180.0..180.0_f64, -400.0..9000.0_f64),
+        (speed_m_s, course_rad, climb_m_s) in (0.0..90.0_f64, 0.0..std::f64::consts::TAU, -15.0..15.0_f64),
+        accelerations_m_s2 in prop::array::uniform3(-9.0..9.0_f64),
+        age_s in 0.0..0.25_f64,
+        lead_s in 0.0..FRAME_S,
+        is_cut in any::<bool>(),
+    ) {
+        let single = |value: f64| {
+            let rounded = value as f32;
+            let is_outward = f64::from(rounded).abs() > value.abs();
+            if is_cut && is_outward { rounded.signum() * rounded.abs().next_down() } else { rounded }
+        };
+        let mut bench = Bench::new();
+        bench.senders.place(Value::Latitude, single(latitude_deg), bench.at);
+        bench.senders.place(Value::Longitude, single(longitude_deg), bench.at);
+        bench.senders.place(Value::Elevation, single(elevation_m), bench.at);
+        bench.wait_s(age_s);
+        let t_s = age_s + lead_s;
+        let [north, east, up] = accelerations_m_s2;
+        let speeds = [
+            speed_m_s * cos(course_rad) + north * t_s,
+            speed_m_s * sin(course_rad) + east * t_s,
+            climb_m_s + up * t_s,
+        ];
+        let way = |speed: f64, acceleration: f64| (speed - acceleration * t_s / 2.0) * t_s;
+        let east_m_per_degree = METRES_PER_DEGREE * cos(latitude_deg.to_radians());
+        let position = Position {
+            latitude_deg: latitude_deg + way(speeds[0], north) / METRES_PER_DEGREE,
+            longitude_deg: wrap_deg(longitude_deg + way(speeds[1], east) / east_m_per_degree),
+            elevation_m: elevation_m + way(speeds[2], up),
+            velocity_south_m_s: -speeds[0] as f32,
+            velocity_east_m_s: speeds[1] as f32,
+            velocity_up_m_s: speeds[2] as f32,
+            ..Position::default()
+        };
+        let beyond_m = bench.senders.beyond_m(&position, bench.at, FRAME_S, 1.0).unwrap();
+        prop_assert!(beyond_m <= 0.0, "{}", beyond_m);
+    }
+}

@@ -1,0 +1,198 @@
+//! Another program of the same computer that sends what looks like X-Plane's.
+
+use super::live::{Live, options};
+use super::*;
+
+/// Where the stand-in stands, as seen by a program that knows.
+const STANDING: Position = Position {
+    latitude_deg: 28.0,
+    longitude_deg: -82.0,
+    elevation_m: 0.242,
+    height_m: 0.242,
+    pitch_deg: 0.0,
+    heading_deg: 0.0,
+    roll_deg: 0.0,
+    velocity_east_m_s: 0.0,
+    velocity_up_m_s: 0.0,
+    velocity_south_m_s: 0.0,
+    roll_rate_rad_s: 0.0,
+    pitch_rate_rad_s: 0.0,
+    yaw_rate_rad_s: 0.0,
+};
+/// What a spoofer claims: it turns, which the stand-in does not.
+const SPOOFED: Position = Position { yaw_rate_rad_s: 3.0, roll_deg: 40.0, ..STANDING };
+const FAR: Position = Position { latitude_deg: 28.01, elevation_m: 80.0, height_m: 80.0, ..SPOOFED };
+
+fn encoded(position: &Position) -> Vec<u8> {
+    let mut datagram = Vec::new();
+    position.encode(&mut datagram);
+    datagram
+}
+
+/// Whether a frame is a spoofer's.
+fn is_spoofed(frame: &Frame) -> bool {
+    frame.measurement.rates.yaw_rad_s > 2.0
+}
+
+/// Sends these positions to the link, a thousand a second from a port of its own, while `fly` runs.
+fn under_attack<T>(link: &mut XPlane, positions: &[Position], fly: impl FnOnce(&mut XPlane) -> T) -> T {
+    let to = link.port.local_addr().unwrap();
+    let datagrams: Vec<_> = positions.iter().map(encoded).collect();
+    let stop = AtomicBool::new(false);
+    thread::scope(|scope| {
+        scope.spawn(|| {
+            let socket = UdpSocket::bind((LOCAL, 0)).unwrap();
+            while !stop.load(Relaxed) {
+                for datagram in &datagrams {
+                    let _ = socket.send_to(datagram, to);
+                }
+                sleep_until(now() + Duration::from_millis(1));
+            }
+        });
+        let flown = fly(link);
+        stop.store(true, Relaxed);
+        flown
+    })
+}
+
+fn split() -> Live {
+    Live::run(Standin::open(&StandinOptions { split_ports: true, ..options(0) }).unwrap())
+}
+
+#[test]
+fn another_address_and_another_port_are_not_the_simulator() {
+    let (simulator, mut link) = Scripted::silent();
+    let to = link.port.local_addr().unwrap();
+    let other_port = UdpSocket::bind((LOCAL, 0)).unwrap();
+    other_port.send_to(&encoded(&at_height(1.0)), to).unwrap();
+    assert_eq!(link.wait(soon()), Wake::Deadline, "before the simulator has said anything");
+    assert_eq!(link.counters().unproven, 1);
+
+    simulator.send_place(&link, &at_height(1.0));
+    simulator.send_position(&link, at_height(2.0));
+    other_port.send_to(&encoded(&at_height(3.0)), to).unwrap();
+    assert_eq!(next_frame(&mut link).measurement.height_m, 2.0);
+    assert_eq!((link.counters().foreign, link.malformed()), (1, 0));
+
+    let Ok(stranger) = UdpSocket::bind((Ipv4Addr::new(127, 0, 0, 2), 0)) else {
+        return println!("skipped: this computer has one loopback address only");
+    };
+    stranger.send_to(&encoded(&at_height(4.0)), to).unwrap();
+    assert_eq!(link.wait(soon()), Wake::Deadline);
+    assert_eq!((link.foreign(), link.malformed()), (2, 0));
+}
+
+#[test]
+fn values_with_guessed_indices_are_dropped() {
+    let (simulator, mut link) = Scripted::new();
+    let to = link.port.local_addr().unwrap();
+    let spoofer = UdpSocket::bind((LOCAL, 0)).unwrap();
+    let mut datagram = Vec::new();
+    for first in 0..100 {
+        let guesses: Vec<_> = (first * 183..(first + 1) * 183).map(|index| (index, 1.0)).collect();
+        rref::encode_values(&guesses, &mut datagram).unwrap();
+        spoofer.send_to(&datagram, to).unwrap();
+        link.wait(now());
+    }
+    // One index is known to it, which a flood of many hours may hit; it cannot know which.
+    let hit = [(simulator.index(PAUSED), 1.0), (7, 1.0)];
+    rref::encode_values(&hit, &mut datagram).unwrap();
+    spoofer.send_to(&datagram, to).unwrap();
+    assert_eq!(link.wait(soon()), Wake::Deadline);
+    assert!(!link.is_paused() && link.rotor_speed.is_none() && link.version().is_none());
+    assert_eq!(link.foreign(), 101);
+}
+
+#[test]
+fn no_session_has_the_indices_of_another() {
+    let indices = || {
+        let (simulator, _link) = Scripted::silent();
+        ["sim/flightmodel/position/latitude", PAUSED, ROTOR_SPEED].map(|path| simulator.index(path))
+    };
+    let (one, other) = (indices(), indices());
+    assert!(one.iter().all(|index| !other.contains(index)), "{one:?} {other:?}");
+}
+
+#[test]
+fn a_spoofer_of_this_computer_cannot_steer() {
+    let live = Live::start(0);
+    let mut link = link_to(live.address, LOCAL);
+    // From before the first answer on, far off and at the true place.
+    let frames =
+        under_attack(&mut link, &[FAR, SPOOFED], |link| (0..150).map(|_| next_frame(link)).collect::<Vec<_>>());
+    assert_eq!(frames.iter().filter(|frame| is_spoofed(frame)).count(), 0);
+    assert!(frames.windows(2).all(|pair| pair[0].time < pair[1].time));
+    assert!(link.foreign() > 500, "{:?}", link.counters());
+    assert_eq!(link.malformed(), 0);
+}
+
+#[test]
+fn an_attack_costs_no_frames() {
+    let live = Live::start(0);
+    let mut link = link_to(live.address, LOCAL);
+    next_frame(&mut link);
+    let begin = now();
+    under_attack(&mut link, &[FAR, SPOOFED], |link| (0..100).for_each(|_| assert!(!is_spoofed(&next_frame(link)))));
+    let took = now() - begin;
+    let counters = link.counters();
+    assert!(took < Duration::from_millis(2500), "100 frames at 50 Hz took {took:?}: {counters:?}");
+}
+
+#[test]
+fn a_simulator_that_answers_from_several_ports_is_flown() {
+    let live = split();
+    let mut link = link_to(live.address, LOCAL);
+    let begin = now();
+    next_frame(&mut link);
+    assert!(now() < begin + Duration::from_secs(3), "learned after {:?}", now() - begin);
+    let mut highest_m = 0.0_f64;
+    // Later senders are not believed, and the aircraft is flown off its place meanwhile.
+    let spoofed = under_attack(&mut link, &[FAR, SPOOFED], |link| {
+        let mut spoofed = 0;
+        for _ in 0..150 {
+            link.command(Sticks { collective: 0.7, ..Sticks::default() });
+            let frame = next_frame(link);
+            spoofed += u32::from(is_spoofed(&frame));
+            highest_m = highest_m.max(frame.measurement.height_m);
+        }
+        spoofed
+    });
+    assert_eq!(spoofed, 0);
+    assert!(highest_m > 1.0, "it was flown: {highest_m} m");
+    assert!(link.foreign() > 100 && link.counters().skipped_frames < 20, "{:?}", link.counters());
+}
+
+#[test]
+fn where_two_senders_are_as_credible_none_steers() {
+    let live = split();
+    let mut link = link_to(live.address, LOCAL);
+    under_attack(&mut link, &[SPOOFED], |link| {
+        let until = now() + Duration::from_secs(3);
+        while now() < until {
+            assert_eq!(link.wait(soon()), Wake::Deadline);
+        }
+    });
+    assert!(link.foreign() > 100, "{:?}", link.counters());
+    assert!(!is_spoofed(&next_frame(&mut link)), "and the simulator is learned when the other is gone");
+}
+
+#[test]
+fn a_simulator_that_restarts_on_other_ports_is_learned_anew() {
+    for is_split in [false, true] {
+        let options = |port| StandinOptions { split_ports: is_split, ..options(port) };
+        let first = Live::run(Standin::open(&options(0)).unwrap());
+        let address = first.address;
+        let mut link = link_to(address, LOCAL);
+        let before = next_frame(&mut link).time;
+        drop(first);
+        under_attack(&mut link, &[FAR], |link| {
+            while let Wake::Frame(frame) = link.wait(soon()) {
+                assert!(!is_spoofed(&frame));
+            }
+            sleep_until(now() + Duration::from_millis(1100));
+            let _again = Live::run(Standin::open(&options(address.port())).unwrap());
+            let after = next_frame(link);
+            assert!(after.time > before && !is_spoofed(&after));
+        });
+    }
+}

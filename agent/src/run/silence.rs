@@ -1,0 +1,196 @@
+//! Which peers are silent: suspicion by the age of what was received, not by Zenoh's lease.
+//!
+//! Agents send ten messages a second on links that lose nothing, so a second without any means that a peer hangs or is cut off.
+//! Where it is this computer that is slow, a peer must not be blamed: time in which the own control thread did not run does not
+//! count, and each sign of overload doubles how long a peer may be silent, up to what Zenoh itself takes to end the link. A
+//! peer that has just appeared is given that long too, because a whole swarm is starting then.
+
+use std::collections::BTreeMap;
+
+use skein_common::id::VehicleId;
+use skein_common::time::LocalTime;
+
+use crate::peers::{Heard, Word};
+
+/// A peer may be silent this long on a computer that keeps up, s.
+const SILENT_S: f64 = 1.0;
+/// And this long while a swarm gathers or a computer does not keep up, s.
+const SILENT_AT_MOST_S: f64 = 4.0;
+/// After a peer has appeared the swarm gathers for this long, s.
+const GATHERS_FOR_S: f64 = 10.0;
+/// The control thread looks every frame. A look this much after the last one is late, s.
+const LATE_S: f64 = 0.1;
+/// After so long without a sign of overload a peer may be silent for half as long, s.
+const CALM_S: f64 = 10.0;
+
+/// Watches the peers for silence.
+#[derive(Debug)]
+pub(super) struct Silence {
+    peers: BTreeMap<VehicleId, Peer>,
+    silent_s: f64,
+    looked: Option<LocalTime>,
+    /// When overload was last seen, or patience was last halved.
+    calm_since: LocalTime,
+}
+
+#[derive(Debug)]
+struct Peer {
+    /// When it was heard first, or again after its token had gone.
+    appeared: LocalTime,
+    /// For how long it has been silent while this computer kept up, s.
+    silent_s: f64,
+    is_suspected: bool,
+}
+
+impl Silence {
+    pub(super) fn new() -> Self {
+        Self { peers: BTreeMap::new(), silent_s: SILENT_S, looked: None, calm_since: LocalTime::ZERO }
+    }
+
+    /// Adds to what has just arrived who is silent now (its token is taken for gone), and who of them is heard again. Gives for
+    /// how long the own control thread did not run, if it is late, s.
+    pub(super) fn watch(&mut self, now: LocalTime, arrived: &mut Vec<Heard>) -> Option<f64> {
+        let since_s = self.looked.map_or(0.0, |looked| now.seconds_since(looked));
+        self.looked = Some(now);
+        let is_late = since_s > LATE_S;
+        if is_late {
+            self.back_off(now);
+        }
+        for peer in self.peers.values_mut().filter(|_| !is_late) {
+            peer.silent_s += since_s;
+        }
+        for nth in 0..arrived.len() {
+            let Heard { word, at } = arrived[nth];
+            match word {
+                Word::State(_) | Word::Mission(_) => {
+                    let Some(id) = word.speaker() else { continue };
+                    let peer =
+                        self.peers.entry(id).or_insert(Peer { appeared: at, silent_s: 0.0, is_suspected: false });
+                    peer.silent_s = 0.0;
+                    if std::mem::replace(&mut peer.is_suspected, false) {
+                        arrived.push(Heard { word: Word::Appeared(id), at });
+                        // It was blamed too soon.
+                        self.back_off(now);
+                    }
+                }
+                // The link tells.
+                Word::Vanished(id) | Word::Appeared(id) => drop(self.peers.remove(&id)),
+                Word::Order(_) => {}
+            }
+        }
+        for (&id, peer) in &mut self.peers {
+            let gathers = now.seconds_since(peer.appeared) < GATHERS_FOR_S;
+            let may_be_s = if gathers { SILENT_AT_MOST_S } else { self.silent_s };
+            if !peer.is_suspected && peer.silent_s > may_be_s {
+                peer.is_suspected = true;
+                arrived.push(Heard { word: Word::Vanished(id), at: now });
+            }
+        }
+        if now.seconds_since(self.calm_since) > CALM_S {
+            self.silent_s = (self.silent_s / 2.0).max(SILENT_S);
+            self.calm_since = now;
+        }
+        is_late.then_some(since_s)
+    }
+
+    fn back_off(&mut self, now: LocalTime) {
+        self.silent_s = (self.silent_s * 2.0).min(SILENT_AT_MOST_S);
+        self.calm_since = now;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use skein_common::id::Incarnation;
+    use skein_common::message::{Header, Mission};
+    use skein_common::time::SenderStamp;
+
+    use super::*;
+
+    const FRAME_S: f64 = 0.02;
+
+    fn id(number: u8) -> VehicleId {
+        VehicleId::new(number).unwrap()
+    }
+
+    fn register(sender: u8) -> Word {
+        let header = Header { sender: id(sender), incarnation: Incarnation(1), sequence: 1, stamp: SenderStamp::ZERO };
+        Word::Mission(Mission {
+            header,
+            plan: 7,
+            membership: Default::default(),
+            step: 0,
+            vouched: 0,
+            reached: None,
+            progress_m: 0.0,
+            order: None,
+        })
+    }
+
+    struct Watched {
+        silence: Silence,
+        now_s: f64,
+    }
+
+    impl Watched {
+        /// After the swarm has gathered: vehicle 2 has been heard for twenty seconds.
+        fn steady() -> Self {
+            let mut watched = Self { silence: Silence::new(), now_s: 0.0 };
+            assert_eq!(watched.pass(20.0, FRAME_S, &[2]), []);
+            watched
+        }
+
+        /// Looks every `every_s`; these are heard each time. Gives what was added, and when.
+        fn pass(&mut self, for_s: f64, every_s: f64, heard: &[u8]) -> Vec<(Word, f64)> {
+            let begin_s = self.now_s;
+            let mut added = Vec::new();
+            while self.now_s < begin_s + for_s - 1e-9 {
+                self.now_s += every_s;
+                let at = LocalTime::from_seconds(self.now_s);
+                let mut arrived: Vec<_> = heard.iter().map(|&sender| Heard { word: register(sender), at }).collect();
+                self.silence.watch(at, &mut arrived);
+                added.extend(arrived.split_off(heard.len()).iter().map(|heard| (heard.word, self.now_s - begin_s)));
+            }
+            added
+        }
+    }
+
+    #[test]
+    fn a_peer_that_is_silent_for_a_second_is_suspected_once_and_heard_again_with_its_next_message() {
+        let mut watched = Watched::steady();
+        let [(word, after_s)] = watched.pass(3.0, FRAME_S, &[])[..] else { panic!("not suspected once") };
+        assert!(word == Word::Vanished(id(2)) && (0.99..1.05).contains(&after_s), "{word:?} after {after_s} s");
+        let [(word, after_s)] = watched.pass(0.5, FRAME_S, &[2])[..] else { panic!("not heard again once") };
+        assert!(word == Word::Appeared(id(2)) && after_s < 0.03, "{word:?} after {after_s} s");
+    }
+
+    #[test]
+    fn a_peer_that_was_blamed_too_soon_may_be_silent_longer_until_all_is_calm_again() {
+        let mut watched = Watched::steady();
+        watched.pass(1.5, FRAME_S, &[]);
+        watched.pass(1.0, FRAME_S, &[2]);
+        assert_eq!(watched.pass(1.9, FRAME_S, &[]), [], "two seconds now");
+        watched.pass(21.0, FRAME_S, &[2]);
+        assert_eq!(watched.pass(1.1, FRAME_S, &[]).len(), 1);
+    }
+
+    #[test]
+    fn while_the_own_control_thread_is_late_no_peer_is_blamed() {
+        let mut watched = Watched::steady();
+        assert_eq!(watched.pass(30.0, 0.3, &[]), [], "what was not looked at does not count");
+        assert_eq!(watched.pass(3.9, FRAME_S, &[]), [], "and a peer may be silent longer for a while");
+        assert_eq!(watched.pass(0.3, FRAME_S, &[]).len(), 1, "but not for ever");
+    }
+
+    #[test]
+    fn a_swarm_that_gathers_is_given_time() {
+        let mut watched = Watched { silence: Silence::new(), now_s: 0.0 };
+        watched.pass(0.1, FRAME_S, &[2, 3]);
+        assert_eq!(watched.pass(3.8, FRAME_S, &[3]), []);
+        let [(word, _)] = watched.pass(0.4, FRAME_S, &[3])[..] else { panic!("not one suspected") };
+        assert_eq!(word, Word::Vanished(id(2)));
+        let at = LocalTime::from_seconds(watched.now_s);
+        watched.silence.watch(at, &mut vec![Heard { word: Word::Vanished(id(3)), at }]);
+        assert_eq!(watched.pass(10.0, FRAME_S, &[]), [], "of one whose link has gone the link tells");
+    }
+}

@@ -1,0 +1,87 @@
+//! Everything that can stand between a scenario and its flight, looked at before anything is started or written. `fly`, `study`
+//! and `check` all come through here: what `check` passes, flies, and what it refuses is refused with the same sentence.
+
+use skein_agent::external::is_external;
+use skein_agent::external::protocol::Time;
+use skein_agent::supported;
+use skein_common::scenario::{PlantKind, Scenario};
+
+use crate::error::Error;
+use crate::scenario::{Ready, ScenarioArgs};
+use crate::simulators::{self, HostPort};
+use crate::study::laws::{LawError, Trial};
+
+/// Where a scenario is to fly.
+#[derive(Clone, Copy, Debug)]
+pub enum Target<'a> {
+    /// In real time on this PC.
+    Fly {
+        /// The X-Plane of vehicle 1, if the command names it.
+        xplane: Option<&'a HostPort>,
+    },
+    /// In virtual time.
+    Study,
+}
+
+/// A scenario that may fly.
+#[derive(Clone, Debug)]
+pub struct Prepared {
+    /// What its flight begins with.
+    pub ready: Ready,
+    /// HOST:PORT of each vehicle's X-Plane, in the order of ids; empty for other plants.
+    pub xplanes: Vec<String>,
+}
+
+/// Makes sure that this scenario, as [`ScenarioArgs::read`] gave it, can fly: that agents of this build fly it, that its files
+/// are there and right, that its external law starts and gets ready, and that its X-Planes answer. A `trial` may serve several
+/// scenarios.
+///
+/// # Errors
+/// The first thing that stands against it, with its place and a remedy.
+pub fn prepare(
+    args: &ScenarioArgs,
+    scenario: &Scenario,
+    target: Target<'_>,
+    trial: &mut Trial,
+) -> Result<Prepared, Error> {
+    let refused = |why: String| Error::Refused(format!("{}: {why}", args.name()));
+    let time = match target {
+        Target::Fly { .. } => Time::Real,
+        Target::Study => Time::Virtual,
+    };
+    if time == Time::Real {
+        supported::check_live(scenario).map_err(|why| refused(why.to_string()))?;
+    }
+    let ready = args.ready(scenario)?;
+    let flies_in_xplane = time == Time::Real && scenario.swarm.plant == PlantKind::Xplane;
+    if !flies_in_xplane {
+        let mut vehicles = scenario.vehicle.iter().zip(&ready.aircraft);
+        if let Some((vehicle, _)) = vehicles.find(|(_, aircraft)| aircraft.helicopter.is_none()) {
+            let (id, name) = (vehicle.id, &vehicle.aircraft);
+            return Err(refused(format!(
+                "vehicle {id}: only X-Plane can fly the aircraft \"{name}\": {name}.toml has no [helicopter] table"
+            )));
+        }
+    }
+    trial.of(scenario, time).map_err(|error| refused(of_law(scenario, &error)))?;
+    let xplanes = match target {
+        Target::Fly { xplane } if flies_in_xplane => simulators::addresses(scenario, xplane)?,
+        Target::Fly { .. } | Target::Study => Vec::new(),
+    };
+    simulators::ask_all(&xplanes)?;
+    Ok(Prepared { ready, xplanes })
+}
+
+/// What stands against a law that was started, with its command as it was started.
+fn of_law(scenario: &Scenario, error: &LawError) -> String {
+    let command = scenario.formation.external.command.as_deref().filter(|_| is_external(scenario));
+    match (error, command) {
+        (LawError::Ended(..) | LawError::Silent { .. }, Some(command)) => {
+            format!("formation.external.command: {error}; does `{}` run by itself?", command.join(" "))
+        }
+        _ => error.to_string(),
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,215 @@
+//! Healthy helicopters in wind: a vehicle without a fault lands itself in none of these flights, and every ring spaces
+//! itself as evenly as in calm air.
+
+use std::collections::BTreeMap;
+use std::f64::consts::TAU;
+use std::fmt;
+
+use skein::metrics::Report;
+use skein::study::world::World;
+use skein_agent::random::{self, Purpose};
+use skein_common::id::VehicleId;
+use skein_common::message::{Failure, Happening};
+use skein_common::scenario::{Scenario, Source, load};
+use skein_common::state::Activity;
+
+use crate::{in_parallel, median_and_worst, of_scenario, study};
+
+/// Each flight lasts so long, s.
+const DURATION_S: f64 = 120.0;
+/// Every so many ticks the altitudes are looked at.
+const LOOK_TICKS: u64 = 5;
+/// A vehicle farther from its altitude than this that comes nearer no faster than this is off it, m, m/s.
+const OFF_M: f64 = 2.5;
+const NEARING_M_S: f64 = 1.0;
+/// The wind of the strongest flights, m/s.
+pub const STRONGEST_M_S: f64 = 10.0;
+
+const LAWS: [&str; 6] = ["ring", "flock", "olfati-saber", "vasarhelyi", "virtual-structure", "displacement-consensus"];
+const STARTS: [&str; 3] = ["random", "ring", "line"];
+
+/// What became of one flight without faults.
+#[derive(Clone, Debug, Default)]
+pub struct Flight {
+    /// Mean wind, m/s.
+    pub wind_m_s: f64,
+    /// Number of vehicles.
+    pub vehicles: usize,
+    /// Failures that healthy vehicles reported of themselves: when, s, which vehicle and what.
+    pub failures: Vec<(f64, VehicleId, Failure)>,
+    /// Longest time without interruption that a vehicle which had come to its altitude was more than 2.5 m off it and came
+    /// nearer by less than 1 m/s, s.
+    pub longest_off_s: f64,
+}
+
+impl fmt::Display for Flight {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let failures = self.failures.iter().map(|(t_s, id, failure)| format!("{t_s:.1} s vehicle {id}: {failure}"));
+        write!(f, "{}", failures.collect::<Vec<_>>().join(", "))
+    }
+}
+
+/// A healthy flight: its wind of up to `wind_m_s`, gusts, size, height, start, law and mission are all drawn from the seed.
+///
+/// # Panics
+/// If the scenario is not spelled as scenarios are.
+pub fn scenario(seed: u64, wind_m_s: f64) -> Scenario {
+    let mut generator = random::generator(seed, None, Purpose::Study);
+    let mut uniform = |from: f64, to: f64| from + (to - from) * random::uniform(&mut generator);
+    let vehicles = uniform(3.0, 9.0) as usize;
+    let altitude_m = uniform(20.0, 60.0);
+    let wind_m_s = uniform(0.0, wind_m_s);
+    let gust_w20_m_s = uniform(0.0, wind_m_s.max(1.0));
+    let from_deg = uniform(0.0, TAU).to_degrees();
+    let law = LAWS[uniform(0.0, LAWS.len() as f64) as usize];
+    let start = STARTS[uniform(0.0, STARTS.len() as f64) as usize];
+    let radius_m = uniform(40.0, 100.0);
+    let higher_m = uniform(3.5 - altitude_m, 30.0).max(-15.0) + altitude_m;
+    let (north_m, east_m, speed_m_s) = (uniform(-120.0, 120.0), uniform(-120.0, 120.0), uniform(1.0, 4.0));
+    let steps = [
+        // A hover, a place farther on at another height, and a centre that moves.
+        "{ centre_ne_m = [0, 0] }".to_owned(),
+        format!(
+            "{{ hold_s = 40 }}, {{ centre_ne_m = [{north_m}, {east_m}], formation = {{ altitude_m = {higher_m} }} }}"
+        ),
+        format!("{{ hold_s = 30 }}, {{ path_ne_m = [[0, 0], [{north_m}, {east_m}]], speed_m_s = {speed_m_s} }}"),
+    ];
+    let steps = &steps[uniform(0.0, steps.len() as f64) as usize];
+    let text = format!(
+        r#"
+        name = "wind"
+        seed = {seed}
+        duration_s = {DURATION_S}
+        swarm.vehicles = {vehicles}
+        start.pattern = "{start}"
+        formation = {{ law = "{law}", altitude_m = {altitude_m}, radius_m = {radius_m} }}
+        world = {{ wind_m_s = {wind_m_s}, wind_from_deg = {from_deg}, gust_w20_m_s = {gust_w20_m_s} }}
+        mission.steps = [{steps}]
+        "#
+    );
+    load(&Source { name: "wind", text: &text }, &[]).expect("a scenario that may fly").scenario
+}
+
+/// Flies it.
+///
+/// # Panics
+/// If it cannot begin.
+pub fn fly(scenario: Scenario) -> Flight {
+    let study = of_scenario(scenario);
+    let mut world = World::new(&study.scenario, &study.aircraft, &study.rules).expect("it may fly");
+    let (wind_m_s, vehicles) = (study.scenario.world.wind_m_s, study.scenario.swarm.vehicles);
+    let mut flight = Flight { wind_m_s, vehicles, ..Flight::default() };
+    let mut off_s: BTreeMap<VehicleId, f64> = BTreeMap::new();
+    let mut tick = 0;
+    while world.t_s() < DURATION_S {
+        world.tick();
+        tick += 1;
+        let t_s = world.t_s();
+        for (id, what) in world.happened() {
+            if let Happening::Failed(failure) = what {
+                flight.failures.push((t_s, *id, *failure));
+            }
+        }
+        if tick % LOOK_TICKS != 0 {
+            continue;
+        }
+        for trace in world.traces().filter(|trace| trace.activity == Activity::Formation) {
+            let error_m = trace.altitude_setpoint_m - trace.position.altitude_m();
+            let nearing_m_s = -trace.velocity.down_m_s() * error_m.signum();
+            let is_off = error_m.abs() > OFF_M && nearing_m_s < NEARING_M_S;
+            let off_s = off_s.entry(trace.header.sender).or_default();
+            *off_s = if is_off { *off_s + LOOK_TICKS as f64 * skein_agent::plant::helicopter::TICK_S } else { 0.0 };
+            flight.longest_off_s = flight.longest_off_s.max(*off_s);
+        }
+    }
+    flight
+}
+
+/// The table of so many healthy flights, by wind; then every flight in which a vehicle took itself for broken.
+pub fn table(seeds: u64) -> String {
+    let flights = in_parallel(0..seeds, |seed| fly(scenario(seed, STRONGEST_M_S)));
+    let mut lines =
+        vec![format!("{:>8} {:>7} {:>8} {:>8} {:>14}", "wind m/s", "flights", "vehicles", "failures", "longest off s")];
+    for from_m_s in [0.0, 2.0, 4.0, 6.0, 8.0] {
+        let of = |flight: &&Flight| (from_m_s..from_m_s + 2.0).contains(&flight.wind_m_s);
+        lines.push(row(&format!("{from_m_s:.0} to {:.0}", from_m_s + 2.0), flights.iter().filter(of)));
+    }
+    lines.push(row("all", flights.iter()));
+    for (seed, flight) in flights.iter().enumerate().filter(|(_, flight)| !flight.failures.is_empty()) {
+        lines.push(format!("seed {seed}, {:.1} m/s: {flight}", flight.wind_m_s));
+    }
+    lines.join("\n")
+}
+
+fn row<'a>(wind: &str, flights: impl Iterator<Item = &'a Flight>) -> String {
+    let (mut count, mut vehicles, mut failures, mut longest_off_s) = (0, 0, 0, 0.0_f64);
+    for flight in flights {
+        count += 1;
+        vehicles += flight.vehicles;
+        failures += flight.failures.len();
+        longest_off_s = longest_off_s.max(flight.longest_off_s);
+    }
+    format!("{wind:>8} {count:>7} {vehicles:>8} {failures:>8} {longest_off_s:>14.1}")
+}
+
+/// The shipped hover in winds and gusts up to this and beyond, m/s: (mean wind, W20 of the gusts).
+pub const HOVERS: [(f64, f64); 12] = [
+    (0.0, 0.0),
+    (5.0, 0.0),
+    (5.0, 5.0),
+    (8.0, 0.0),
+    (8.0, 5.0),
+    (10.0, 0.0),
+    (10.0, 5.0),
+    (12.0, 0.0),
+    (12.0, 5.0),
+    (14.0, 0.0),
+    (16.0, 0.0),
+    (18.0, 0.0),
+];
+
+/// One shipped hover in wind, from a direction that the seed sets.
+///
+/// # Panics
+/// If it cannot begin.
+pub fn hover(wind_m_s: f64, gust_w20_m_s: f64, seed: u64) -> Report {
+    let from_deg = (seed * 37) % 360;
+    let sets = [
+        format!("world.wind_m_s={wind_m_s}"),
+        format!("world.wind_from_deg={from_deg}"),
+        format!("world.gust_w20_m_s={gust_w20_m_s}"),
+    ];
+    let sets: Vec<&str> = sets.iter().map(String::as_str).collect();
+    study("hover.toml", &sets).fly(seed).expect("a hover that may fly")
+}
+
+/// The table of the shipped hover in stronger and stronger wind.
+pub fn hovers(seeds: u64) -> String {
+    let mut lines = vec![format!(
+        "{:>8} {:>8} {:>7} {:>24} {:>24} {:>24} {:>17} {:>17} {:>17}",
+        "wind m/s",
+        "gust m/s",
+        "flights",
+        "at altitude s",
+        "in band s",
+        "even to 10° s",
+        "radial rms m",
+        "spacing error °",
+        "altitude rms m"
+    )];
+    for (wind_m_s, gust_w20_m_s) in HOVERS {
+        let reports = in_parallel(0..seeds, |seed| hover(wind_m_s, gust_w20_m_s, seed));
+        let of = |figure: fn(&Report) -> Option<f64>| median_and_worst(reports.iter().map(figure));
+        lines.push(format!(
+            "{wind_m_s:>8.0} {gust_w20_m_s:>8.0} {:>7} {:>24} {:>24} {:>24} {:>17} {:>17} {:>17}",
+            reports.len(),
+            of(|report| report.at_altitude_s),
+            of(|report| report.in_band_s),
+            of(|report| report.even_10deg_s),
+            of(|report| report.radial_rms_m),
+            of(|report| report.spacing_error_deg),
+            of(|report| report.altitude_rms_m),
+        ));
+    }
+    lines.join("\n")
+}
