@@ -148,7 +148,8 @@ impl Agent {
             // A simulator that stands still has left its vehicle where it was.
             Response::LetGo => estimate.map(|estimate| Estimate { velocity: VelocityNed::default(), ..estimate }),
         };
-        Outputs { command, said: self.speech.say(now.local, own.as_ref(), &self.mission, happened), ask }
+        let echo = |stamp| self.peers.echo(stamp);
+        Outputs { command, said: self.speech.say(now.local, own.as_ref(), &self.mission, happened, echo), ask }
     }
 
     /// Looks for what has failed of the own vehicle.
@@ -215,7 +216,13 @@ impl Agent {
             peers: self
                 .peers()
                 .iter()
-                .map(|peer| PeerAge { id: peer.id, standing: peer.standing, age_s: peer.age_s, delivered_age_s: 0.0 })
+                .map(|&Seen { id, standing, age_s, delay_s, .. }| PeerAge {
+                    id,
+                    standing,
+                    age_s,
+                    delay_s,
+                    delivered_age_s: 0.0,
+                })
                 .collect(),
             step_us: None,
             safety_activations: self.formation.safety_activations(),

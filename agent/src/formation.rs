@@ -328,10 +328,11 @@ impl Formation {
     fn sort_out(&mut self, estimate: &Estimate, peers: &[Seen]) {
         self.neighbours.clear();
         self.obstacles.clear();
-        for &Seen { id, position, velocity, heading_rad, age_s, standing, role, .. } in peers {
+        for &Seen { id, position, velocity, heading_rad, carried_s, standing, role, .. } in peers {
             match role {
                 Role::Member => {
                     let is_fresh = standing == Standing::Fresh;
+                    let age_s = carried_s;
                     self.neighbours.push(Neighbour { id, position, velocity, heading_rad, age_s, is_fresh });
                 }
                 Role::Obstacle { radius_m } => {

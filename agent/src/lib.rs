@@ -20,6 +20,7 @@ pub mod aircraft;
 pub mod clock;
 pub mod config;
 pub mod control;
+pub mod delay;
 pub mod diagnosis;
 pub mod estimate;
 pub mod external;

@@ -3,8 +3,13 @@
 //! A peer's age is judged by the own clock alone, the order of its words by its own sequence numbers and incarnation. What
 //! arrives late, twice, from an earlier life or in somebody else's name is counted and changes nothing.
 //!
+//! The age of a state is an upper bound: the time since it came and the longest time that it can have been on its way
+//! ([`crate::delay`]). Until the first round trip the age is the time since it came alone, and the delay is marked as unknown.
+//! T_stale counts only the silence, not the delay: a swarm flies over a link that takes longer than T_stale, on old states, and
+//! its status says so. A state is carried forward from when it was most likely sent.
+//!
 //! ```text
-//!        no state for FRESH_S       no word for T_stale, or token gone      OBSTACLE_FOR_S later
+//!        age above FRESH_S          no word for T_stale, or token gone      OBSTACLE_FOR_S later
 //!   Fresh ----------------> Stale ------------------------------> Lost ----------------------> no obstacle
 //!     ^                       |                                     |
 //!     +------ a state --------+----------- a word, token there -----+
@@ -16,10 +21,12 @@
 
 use skein_common::frame::{Origin, PositionNed, VelocityNed};
 use skein_common::id::{Incarnation, VehicleId, VehicleSet};
-use skein_common::message::{Header, Mission, Order, State};
+use skein_common::message::{Echo, Header, Mission, Order, State};
 use skein_common::scenario::{Graph, Network};
 use skein_common::state::{Membership, Standing, VehicleState};
-use skein_common::time::LocalTime;
+use skein_common::time::{LocalTime, SenderStamp};
+
+use crate::delay::{Delay, Exchange, Way, since_stamp_s};
 
 /// A word younger than this is fresh, s.
 pub const FRESH_S: f64 = 0.5;
@@ -84,12 +91,23 @@ pub struct Seen {
     pub velocity: VelocityNed,
     /// As last heard, clockwise from true north, rad.
     pub heading_rad: f64,
-    /// Of its last state, s.
+    /// Upper bound of the age of its last state, s: the delay is included once it is known.
     pub age_s: f64,
+    /// Upper bound of the time that this state was on its way, s; `None` until a round trip is known.
+    pub delay_s: Option<f64>,
+    /// The most likely age of this state, s: it is carried forward for so long.
+    pub carried_s: f64,
     /// How that word stands.
     pub standing: Standing,
     /// What it is to the own formation.
     pub role: Role,
+}
+
+impl Seen {
+    /// The time since its last state came, s.
+    pub fn silent_s(&self) -> f64 {
+        self.age_s - self.delay_s.unwrap_or_default()
+    }
 }
 
 /// What the formation has to know of the others.
@@ -147,17 +165,21 @@ pub struct Peers {
     /// The first update.
     began: Option<LocalTime>,
     misses_any: bool,
+    exchange: Exchange,
     /// Since when nobody is heard who was.
     alone_since: Option<LocalTime>,
     forged: u64,
 }
 
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 struct Peer {
     id: VehicleId,
     incarnation: Incarnation,
     state: Option<Told>,
     mission: Option<Mission>,
+    /// When the last register came.
+    mission_at: LocalTime,
+    delay: Delay,
     token: Option<bool>,
     /// When any word of this life was heard last.
     heard_at: Option<LocalTime>,
@@ -175,6 +197,8 @@ struct Told {
     velocity: VelocityNed,
     heading_rad: f64,
     at: LocalTime,
+    /// Arrival by the own clock less the stamp by the peer's, s.
+    transit_s: f64,
 }
 
 impl Peers {
@@ -200,6 +224,7 @@ impl Peers {
             lenient_until,
             began: None,
             misses_any: true,
+            exchange: Exchange::default(),
             alone_since,
             forged,
         }
@@ -291,6 +316,18 @@ impl Peers {
         self.alone_since.is_some_and(|since| self.now.seconds_since(since) < MISSED_FOR_S)
     }
 
+    /// A heartbeat with this stamp goes out: the echo that belongs into it.
+    pub fn echo(&mut self, stamp: SenderStamp) -> Option<Echo> {
+        self.exchange.send(stamp);
+        let partners = self.known.iter().filter(|peer| peer.lost_at.is_none() && peer.mission.is_some());
+        let of = self.exchange.turn(partners.map(|peer| peer.id))?;
+        let peer = self.known.iter().find(|peer| peer.id == of)?;
+        let held_s = self.now.seconds_since(peer.mission_at).max(0.0);
+        // A hold of more than an hour measures nothing; cut there, it fits the field.
+        let held_us = (held_s * 1e6).round().min(3.6e9) as u32;
+        Some(Echo { of, stamp: peer.mission?.header.stamp, held_us })
+    }
+
     /// Words dropped because a later one was already heard.
     pub fn old(&self) -> u64 {
         self.old_words().map(|(_, count)| count).sum()
@@ -317,7 +354,8 @@ impl Peers {
                 }
                 let position = origin.ned_from_geodetic(&said.state.position);
                 let VehicleState { velocity, heading_rad, .. } = said.state;
-                peer.state = Some(Told { sequence, position, velocity, heading_rad, at });
+                let transit_s = since_stamp_s(at, said.header.stamp);
+                peer.state = Some(Told { sequence, position, velocity, heading_rad, at, transit_s });
                 peer.heard_at = Some(at);
             }
             Word::Mission(said) => {
@@ -330,8 +368,15 @@ impl Peers {
                     peer.old += 1;
                     return;
                 }
-                peer.mission = Some(said);
+                (peer.mission, peer.mission_at) = (Some(said), at);
                 peer.heard_at = Some(at);
+                let id = peer.id;
+                if let Some(echo) = said.echo.filter(|echo| echo.of == self.own)
+                    && let Some(round_trip_s) = self.exchange.round_trip_s(at, &echo)
+                    && let Some(peer) = self.member(id)
+                {
+                    peer.delay.take(at, since_stamp_s(at, said.header.stamp), round_trip_s);
+                }
             }
             Word::Appeared(id) | Word::Vanished(id) => {
                 if let Some(peer) = self.member(id) {
@@ -359,6 +404,7 @@ impl Peers {
             peer.incarnation = header.incarnation;
             peer.state = None;
             peer.mission = None;
+            peer.delay = Delay::default();
         }
         Some(peer)
     }
@@ -389,6 +435,8 @@ impl Peer {
             incarnation: Incarnation::default(),
             state: None,
             mission: None,
+            mission_at: LocalTime::ZERO,
+            delay: Delay::default(),
             token: None,
             heard_at: None,
             found: false,
@@ -436,13 +484,17 @@ impl Peer {
 
     fn seen(&self, now: LocalTime, plan: u64, stale_s: f64) -> Option<Seen> {
         let told = self.state?;
-        let age_s = now.seconds_since(told.at).max(0.0);
+        let silent_s = now.seconds_since(told.at).max(0.0);
+        let way = self.delay.of(now, told.transit_s);
+        let delay_s = way.map(|way| way.most_s);
+        let Way { most_s, likely_s } = way.unwrap_or_default();
+        let (age_s, carried_s) = (silent_s + most_s, silent_s + likely_s);
         let standing = match self.lost_at {
             Some(_) => Standing::Lost,
             None if age_s > FRESH_S => Standing::Stale,
             None => Standing::Fresh,
         };
-        let flies_along = age_s <= stale_s && self.mission.is_some_and(|said| said.plan == plan);
+        let flies_along = silent_s <= stale_s && self.mission.is_some_and(|said| said.plan == plan);
         let role = match (self.membership(), self.lost_at) {
             (Membership::Active, None) if flies_along => Role::Member,
             (_, Some(lost_at)) if now.seconds_since(lost_at) > OBSTACLE_FOR_S => Role::Nothing,
@@ -451,9 +503,9 @@ impl Peer {
                 Role::Obstacle { radius_m: OBSTACLE_RADIUS_M + unknown_m }
             }
         };
-        let position = told.position + told.velocity.0 * age_s;
+        let position = told.position + told.velocity.0 * carried_s;
         let Told { velocity, heading_rad, .. } = told;
-        Some(Seen { id: self.id, position, velocity, heading_rad, age_s, standing, role })
+        Some(Seen { id: self.id, position, velocity, heading_rad, age_s, delay_s, carried_s, standing, role })
     }
 
     /// Lost while it took part: it may go on with the mission, unheard.

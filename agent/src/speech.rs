@@ -7,9 +7,9 @@
 use skein_common::frame::{PositionNed, VelocityNed};
 use skein_common::id::{Incarnation, VehicleId};
 use skein_common::math;
-use skein_common::message::{self, Happening, Header, Mission as MissionMessage, State};
+use skein_common::message::{self, Echo, Happening, Header, Mission as MissionMessage, State};
 use skein_common::scenario::{Network, SendMode};
-use skein_common::time::LocalTime;
+use skein_common::time::{LocalTime, SenderStamp};
 
 use crate::estimate::Estimate;
 use crate::mission::Mission;
@@ -105,15 +105,16 @@ impl Speech {
     }
 
     /// What to say now. Without an estimate that still holds, the state is kept to oneself: the others carry the last one
-    /// forward and see its age.
+    /// forward and see its age. `echo` gives the echo for a heartbeat with this stamp.
     pub fn say(
         &mut self,
         now: LocalTime,
         estimate: Option<&Estimate>,
         mission: &Mission,
         happened: Vec<Happening>,
+        echo: impl FnOnce(SenderStamp) -> Option<Echo>,
     ) -> Said {
-        Said { state: estimate.and_then(|e| self.state(now, e)), mission: self.mission(now, mission), happened }
+        Said { state: estimate.and_then(|e| self.state(now, e)), mission: self.mission(now, mission, echo), happened }
     }
 
     /// States said in this life.
@@ -148,7 +149,12 @@ impl Speech {
         Some(said)
     }
 
-    fn mission(&mut self, now: LocalTime, mission: &Mission) -> Option<MissionMessage> {
+    fn mission(
+        &mut self,
+        now: LocalTime,
+        mission: &Mission,
+        echo: impl FnOnce(SenderStamp) -> Option<Echo>,
+    ) -> Option<MissionMessage> {
         let (membership, step, vouched, reached, order) =
             (mission.membership(), mission.at(), mission.vouched(), mission.reached(), mission.order());
         let due = self.mission.as_ref().is_none_or(|(told, at)| {
@@ -165,8 +171,9 @@ impl Speech {
         self.missions += 1;
         let header = self.header(now, self.missions);
         let (plan, progress_m) = (mission.plan(), mission.progress_m());
+        let echo = echo(header.stamp);
         // The run is the edge's: what is agreed on is the same in all of them.
-        let said = MissionMessage { header, plan, membership, step, vouched, reached, progress_m, order };
+        let said = MissionMessage { header, plan, membership, step, vouched, reached, progress_m, order, echo };
         self.mission_bytes += message::encode(&said).len() as u64;
         self.mission = Some((said, now));
         Some(said)

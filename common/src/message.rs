@@ -103,6 +103,26 @@ pub struct Mission {
     pub progress_m: f64,
     /// The newest order the speaker knows of.
     pub order: Option<Order>,
+    /// The newest stamp of one peer, each peer in turn: the peer measures the round trip by it.
+    pub echo: Option<Echo>,
+}
+
+/// The stamp of a peer's heartbeat, sent back to that peer.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Echo {
+    /// The vehicle that sent the heartbeat.
+    pub of: VehicleId,
+    /// The stamp of the heartbeat, by the clock of its sender.
+    pub stamp: SenderStamp,
+    /// The time between the heartbeat's arrival and this message, by the clock of this message's sender, µs.
+    pub held_us: u32,
+}
+
+impl Echo {
+    /// How long the stamp was held, s.
+    pub fn held_s(&self) -> f64 {
+        f64::from(self.held_us) * 1e-6
+    }
 }
 
 /// Something that happened, said once.

@@ -3,7 +3,8 @@
 //! * [`PlantTime`] is the simulator's: it stops when the simulator pauses. Control and missions run on it.
 //! * [`LocalTime`] is this process's own monotonic clock: the age of a peer's word is judged by it.
 //! * [`SenderStamp`] is another process's [`LocalTime`], which it wrote into its message. It orders that sender's
-//!   words and means nothing else: no synchronisation of clocks is assumed anywhere.
+//!   messages. Sent back, it gives its sender the round trip. The difference of two stamps of one sender gives the
+//!   receiver the difference of two delays. No synchronisation of clocks is assumed anywhere.
 //!
 //! ```compile_fail
 //! use skein_common::time::{LocalTime, PlantTime};

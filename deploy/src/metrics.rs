@@ -100,7 +100,7 @@ pub struct VehicleNow {
     pub centre_ne_m: Vector2<f64>,
     /// Peers that it does not count as lost.
     pub hears: VehicleSet,
-    /// Peers whose word is fresh: younger than half a second.
+    /// Peers whose last state came less than half a second ago, however long it was on its way.
     pub fresh: VehicleSet,
 }
 

@@ -367,6 +367,7 @@ mod tests {
             reached: None,
             progress_m: 0.0,
             order: Some(Order { epoch: sequence, issuer: 1, verb: Verb::Hold, seal: None }),
+            echo: None,
         }
     }
 

@@ -204,7 +204,7 @@ pub fn measure(world: &World, zero_s: f64, metrics: &mut Metrics, vehicles: &mut
         if let Some(agent) = agent {
             for peer in agent.peers().iter().filter(|peer| peer.standing != Standing::Lost) {
                 metrics.observe_age(peer.age_s);
-                if peer.age_s < FRESH_S {
+                if peer.silent_s() < FRESH_S {
                     vehicle.fresh.insert(peer.id);
                 }
             }

@@ -192,6 +192,7 @@ impl Stranger {
             reached: Some(MAX_STEP),
             progress_m: 1e8,
             order: Some(order),
+            echo: None,
         };
         self.put(Topic::Mission(id(3)), encode(&mission));
         // Once and again: a replay.

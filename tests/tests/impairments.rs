@@ -7,7 +7,7 @@ use skein_agent::agent::Agent;
 use skein_common::id::VehicleId;
 use skein_common::message::{Happening, Trace, encode};
 use skein_common::scenario::Scenario;
-use skein_common::state::Membership;
+use skein_common::state::{Membership, Standing};
 use skein_tests::{of_scenario, scenario, study};
 
 /// Everything at once, and clocks of which no two agree.
@@ -124,6 +124,27 @@ fn a_trace_says_how_late_each_peers_word_was() {
             assert!((least_s..least_s + 0.2).contains(age_s), "{hearer} of {speaker}: {age_s} s");
         }
     }
+}
+
+#[test]
+fn ages_include_the_delay_and_no_vehicle_is_lost_by_it_or_by_clocks_that_are_set() {
+    let jumps = "mission.events=[{ at_s = 15, fault = 'clock_jump', vehicle = 2, by_s = 3600 }, \
+                 { at_s = 20, fault = 'clock_jump', vehicle = 3, by_s = -100000 }]";
+    let mut world = world(&scenario("hover.toml", &["network.delay_s=2", jumps]));
+    let mut ages_s = Vec::new();
+    while world.t_s() < 60.0 {
+        world.tick();
+        // After a round trip and a turn of each of the three peers.
+        if world.t_s() > 6.0 {
+            let peers: Vec<_> = world.traces().flat_map(|trace| trace.peers).collect();
+            assert!(peers.iter().all(|peer| peer.standing == Standing::Stale), "{} s: {peers:?}", world.t_s());
+            ages_s.extend(peers.iter().map(|peer| peer.age_s));
+        }
+    }
+    assert!(ages_s.len() > 30_000, "{}", ages_s.len());
+    let [least_s, most_s] =
+        [f64::min as fn(f64, f64) -> f64, f64::max].map(|of| ages_s.iter().copied().reduce(of).unwrap());
+    assert!(least_s >= 4.0 && most_s < 4.4, "the round trip, and at most 0.2 s of silence: {least_s} to {most_s}");
 }
 
 #[test]

@@ -153,6 +153,7 @@ fn with_nobody_left_the_vehicle_holds_its_place() {
         reached: None,
         progress_m: 0.0,
         order: None,
+        echo: None,
     };
     flight.frame(Some(&measured(30.0)), &[Word::Appeared(id(2)), state_of(2, 1, 80.0), Word::Mission(active)]);
     let outputs = flight.frame(Some(&measured(30.0)), &[Word::Vanished(id(2))]);

@@ -100,9 +100,9 @@ pub struct Neighbour {
     pub velocity: VelocityNed,
     /// As last heard, clockwise from north, rad.
     pub heading_rad: f64,
-    /// Age of its last word, s.
+    /// The most likely age of its last state, s: it was carried forward for so long.
     pub age_s: f64,
-    /// That word is young; else it has not been heard for a while.
+    /// The upper bound of this age is below half a second. Otherwise the peer has been silent, or its messages take long.
     pub is_fresh: bool,
 }
 

@@ -33,6 +33,8 @@ fn member(number: u8, north_m: f64, east_m: f64, altitude_m: f64) -> Seen {
         velocity: VelocityNed::default(),
         heading_rad: 0.0,
         age_s: 0.0,
+        delay_s: Some(0.0),
+        carried_s: 0.0,
         standing: Standing::Fresh,
         role: Role::Member,
     }

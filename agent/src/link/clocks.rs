@@ -4,7 +4,7 @@
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use skein_common::id::VehicleId;
 use skein_common::message::{ClockAnswer, ClockOffset, PeerHealth};
@@ -21,6 +21,10 @@ use crate::clock::now;
 pub const ASK_EVERY: Duration = Duration::from_millis(500);
 /// Of so many exchanges the one with the smallest bound counts.
 const KEPT: usize = 8;
+/// A comparison is dropped after this time, or after three turns of all peers if that is longer.
+const VALID_FOR: Duration = Duration::from_secs(60);
+/// The bound of a comparison grows by this with its age, s/s: NTP's frequency tolerance (RFC 5905, PHI).
+const DRIFT: f64 = 15e-6;
 /// Clocks that are farther apart are worth a line in the log, s.
 const TOLERATED_S: f64 = 0.020;
 
@@ -41,7 +45,7 @@ pub(super) struct Clocks {
 /// What is known of one of the others' clocks.
 #[derive(Debug, Default)]
 struct Measured {
-    last: VecDeque<ClockOffset>,
+    last: VecDeque<(Instant, ClockOffset)>,
     /// It was told to be off.
     is_off: bool,
 }
@@ -79,7 +83,7 @@ impl Clocks {
             let offset = answer.and_then(|answer| ClockOffset::of_exchange(asked_ns, &answer, round_trip_ns));
             // Who is asked once counts once.
             if let Some(offset) = offset.filter(|_| !answered.swap(true, Relaxed)) {
-                lock(&measured).entry(id).or_default().take_up(offset);
+                lock(&measured).entry(id).or_default().take_up(now(), offset);
             }
         };
         // It is linked to one of them.
@@ -91,10 +95,13 @@ impl Clocks {
     /// Writes to each of the others what is known of its clock; logs which clocks are off, and when they no longer are.
     pub(super) fn tell(&self, peers: &mut [PeerHealth]) {
         let mut measured = lock(&self.measured);
+        let valid_for = VALID_FOR.max(ASK_EVERY * 3 * u32::try_from(measured.len()).unwrap_or(u32::MAX));
+        let now = now();
+        measured.values_mut().for_each(|known| known.forget(now, valid_for));
         for peer in peers {
             let Some(known) = measured.get_mut(&peer.id) else { continue };
-            peer.clock = known.best();
-            if let Some(ClockOffset { offset_s, bound_s }) = known.news() {
+            peer.clock = known.best(now);
+            if let Some(ClockOffset { offset_s, bound_s }) = known.news(now) {
                 let (id, offset_ms, bound_ms) = (peer.id, offset_s * 1e3, bound_s * 1e3);
                 if known.is_off {
                     tracing::warn!(
@@ -112,25 +119,36 @@ impl Clocks {
 }
 
 impl Measured {
-    fn take_up(&mut self, new: ClockOffset) {
+    fn take_up(&mut self, now: Instant, new: ClockOffset) {
         // A clock that was set since: what was measured before says nothing any more.
-        self.last.retain(|old| old.agrees_with(&new));
+        self.last.retain(|old| aged(old, now).agrees_with(&new));
         if self.last.len() == KEPT {
             self.last.pop_front();
         }
-        self.last.push_back(new);
+        self.last.push_back((now, new));
     }
 
-    fn best(&self) -> Option<ClockOffset> {
-        self.last.iter().copied().min_by(|one, other| one.bound_s.total_cmp(&other.bound_s))
+    /// Drops comparisons that are older than `valid_for`.
+    fn forget(&mut self, now: Instant, valid_for: Duration) {
+        self.last.retain(|(at, _)| now.saturating_duration_since(*at) <= valid_for);
+    }
+
+    fn best(&self, now: Instant) -> Option<ClockOffset> {
+        self.last.iter().map(|old| aged(old, now)).min_by(|one, other| one.bound_s.total_cmp(&other.bound_s))
     }
 
     /// What it is, if whether it is off has changed.
-    fn news(&mut self) -> Option<ClockOffset> {
-        let best = self.best()?;
+    fn news(&mut self, now: Instant) -> Option<ClockOffset> {
+        let best = self.best(now)?;
         let is_off = best.offset_s.abs() - best.bound_s > TOLERATED_S;
         (std::mem::replace(&mut self.is_off, is_off) != is_off).then_some(best)
     }
+}
+
+/// An earlier comparison with its bound as of now.
+fn aged((at, measured): &(Instant, ClockOffset), now: Instant) -> ClockOffset {
+    let age_s = now.saturating_duration_since(*at).as_secs_f64();
+    ClockOffset { bound_s: measured.bound_s + DRIFT * age_s, ..*measured }
 }
 
 /// Whom to ask: those who are heard.
@@ -153,37 +171,49 @@ mod tests {
 
     #[test]
     fn of_the_last_eight_exchanges_the_surest_counts() {
-        let mut measured = Measured::default();
-        assert_eq!(measured.best(), None);
-        measured.take_up(offset(0.0, 0.001));
+        let (mut measured, at) = (Measured::default(), now());
+        assert_eq!(measured.best(at), None);
+        measured.take_up(at, offset(0.0, 0.001));
         for _ in 1..KEPT {
-            measured.take_up(offset(0.002, 0.005));
-            assert_eq!(measured.best(), Some(offset(0.0, 0.001)));
+            measured.take_up(at, offset(0.002, 0.005));
+            assert_eq!(measured.best(at), Some(offset(0.0, 0.001)));
         }
-        measured.take_up(offset(0.002, 0.005));
-        assert_eq!(measured.best(), Some(offset(0.002, 0.005)), "the surest is too old");
+        measured.take_up(at, offset(0.002, 0.005));
+        assert_eq!(measured.best(at), Some(offset(0.002, 0.005)), "the surest is too old");
         assert_eq!(measured.last.len(), KEPT);
     }
 
     #[test]
     fn a_clock_that_is_set_is_measured_anew() {
-        let mut measured = Measured::default();
-        measured.take_up(offset(0.0, 0.000_1));
-        measured.take_up(offset(0.3, 0.005));
-        assert_eq!(measured.best(), Some(offset(0.3, 0.005)), "not both can be true");
+        let (mut measured, at) = (Measured::default(), now());
+        measured.take_up(at, offset(0.0, 0.000_1));
+        measured.take_up(at, offset(0.3, 0.005));
+        assert_eq!(measured.best(at), Some(offset(0.3, 0.005)), "not both can be true");
     }
 
     #[test]
     fn a_clock_that_is_off_is_news_once_and_once_when_it_no_longer_is() {
-        let mut measured = Measured::default();
+        let (mut measured, at) = (Measured::default(), now());
         let mut news = |offset_s, bound_s| {
-            measured.take_up(offset(offset_s, bound_s));
-            measured.news().map(|_| measured.is_off)
+            measured.take_up(at, offset(offset_s, bound_s));
+            measured.news(at).map(|_| measured.is_off)
         };
         assert_eq!(news(0.021, 0.002), None, "it may be 19 ms");
         assert_eq!(news(-0.5, 0.002), Some(true));
         assert_eq!(news(-0.5, 0.002), None);
         assert_eq!(news(0.001, 0.002), Some(false));
         assert_eq!(news(0.001, 0.002), None);
+    }
+
+    #[test]
+    fn a_comparison_ages_and_is_forgotten() {
+        let (mut measured, at) = (Measured::default(), now());
+        measured.take_up(at, offset(0.3, 0.001));
+        let later = at + Duration::from_secs(50);
+        measured.forget(later, VALID_FOR);
+        assert!((measured.best(later).unwrap().bound_s - 0.00175).abs() < 1e-9, "clocks run apart");
+        let later = at + Duration::from_secs(61);
+        measured.forget(later, VALID_FOR);
+        assert_eq!(measured.best(later), None, "a vehicle that no longer answers has no known clock");
     }
 }

@@ -198,6 +198,7 @@ mod tests {
             reached: None,
             progress_m: 0.0,
             order: None,
+            echo: None,
         }
     }
 

@@ -64,6 +64,7 @@ fn mission(sender: u8, sequence: u64) -> Mission {
         reached: None,
         progress_m: 0.0,
         order: None,
+        echo: None,
     }
 }
 

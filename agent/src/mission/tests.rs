@@ -80,7 +80,7 @@ impl One {
         let header =
             Header { sender: id(sender), incarnation: Incarnation(1), sequence: self.said, stamp: SenderStamp::ZERO };
         let (plan, membership) = (self.mission.plan(), Membership::Active);
-        message::Mission { header, plan, membership, step, vouched: step, reached, progress_m, order: None }
+        message::Mission { header, plan, membership, step, vouched: step, reached, progress_m, order: None, echo: None }
     }
 
     fn told(&mut self) -> Vec<Happening> {

@@ -49,6 +49,7 @@ fn mission(sender: u8, sequence: u64) -> Word {
         reached: None,
         progress_m: 0.0,
         order: None,
+        echo: None,
     })
 }
 

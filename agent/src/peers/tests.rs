@@ -6,6 +6,8 @@ use skein_common::time::SenderStamp;
 
 use super::*;
 
+mod ages;
+
 fn id(number: u8) -> VehicleId {
     VehicleId::new(number).unwrap()
 }
@@ -35,7 +37,7 @@ fn mission(sender: u8, incarnation: u64, sequence: u64, membership: Membership) 
 }
 
 fn register(header: Header, plan: u64, membership: Membership) -> Mission {
-    Mission { header, plan, membership, step: 0, vouched: 0, reached: None, progress_m: 0.0, order: None }
+    Mission { header, plan, membership, step: 0, vouched: 0, reached: None, progress_m: 0.0, order: None, echo: None }
 }
 
 /// The network with these keys.

@@ -199,6 +199,7 @@ impl Control {
             id: peer.id,
             standing: peer.standing,
             age_s: peer.age_s,
+            delay_s: peer.delay_s,
             clock: None,
         };
         let old = |(id, count)| Refused { reason: Reason::Old, key: format!("vehicle/{id}"), count };

@@ -124,6 +124,7 @@ mod tests {
             reached: None,
             progress_m: 0.0,
             order: None,
+            echo: None,
         })
     }
 

@@ -204,6 +204,48 @@ fn a_cut_of_the_scenario_parts_two_agents_and_heals() {
 }
 
 #[test]
+fn an_agent_publishes_ages_that_include_the_delay_of_the_network() {
+    let tokio = Builder::new_multi_thread().worker_threads(1).enable_all().build().unwrap();
+    let (swarm, session, mut dial) = hub("delayed");
+    let [one, two] = [1, 2].map(|number| {
+        let mut node = node(&swarm, number);
+        node.scenario.network.delay_s = 2.0;
+        node.scenario.vehicle[1].clock_offset_s = -7200.0;
+        node
+    });
+    let second = link::open_zenoh(&swarm, &["tcp/127.0.0.1:0".to_owned()], &dial, &[]).unwrap();
+    dial.extend(second.info().locators().wait().iter().map(ToString::to_string));
+    let observer = link::open_zenoh(&swarm, &[], &dial, &[]).unwrap();
+    let mut healths = listen::<Health>(&observer, all::HEALTH);
+    let mut traces = listen::<Trace>(&observer, all::TRACES);
+    let flights = [Flight::begin(one, session, &tokio), Flight::begin(two, second, &tokio)];
+    let (mut health, mut oldest_s): (Vec<Health>, [f64; 2]) = (Vec::new(), [0.0; 2]);
+    wait_until("the round trip in the ages of both", || {
+        health.extend(healths());
+        for step in traces() {
+            let oldest_s = &mut oldest_s[usize::from(step.header.sender.get()) - 1];
+            *oldest_s = step.peers.iter().map(|peer| peer.age_s).fold(*oldest_s, f64::max);
+        }
+        [1, 2].iter().all(|&number| {
+            let mut its = health.iter().filter(|said| said.header.sender.get() == number);
+            its.any(|said| said.peers.iter().any(|peer| peer.delay_s.is_some()))
+        }) && oldest_s.iter().all(|age_s| *age_s >= 4.0)
+    });
+    let peers = || health.iter().flat_map(|said| &said.peers);
+    for peer in peers().filter(|peer| peer.standing != Standing::Lost) {
+        let Some(delay_s) = peer.delay_s else { continue };
+        assert!((4.0..5.0).contains(&delay_s) && peer.age_s >= delay_s, "{peer:?}");
+        assert_eq!(peer.standing, Standing::Stale);
+    }
+    assert!(peers().any(|peer| peer.delay_s.is_none()), "nothing is known before the first round trip");
+    for flight in flights {
+        flight.stop.ask();
+        flight.stop.ask();
+        flight.end();
+    }
+}
+
+#[test]
 fn what_the_scenario_does_to_the_network_and_the_clocks_happens_to_real_agents() {
     let tokio = Builder::new_multi_thread().worker_threads(1).enable_all().build().unwrap();
     let (swarm, session, mut dial) = hub("impaired");
@@ -237,7 +279,7 @@ fn what_the_scenario_does_to_the_network_and_the_clocks_happens_to_real_agents()
     let of = |said: &Header, number: u8| said.sender.get() == number;
     for number in [1, 2] {
         wait_until("two hundred steps of a member that hears the other, and drops what is overtaken", || {
-            steps.extend(traces().into_iter().filter(|step| step.peers.first().is_some_and(|peer| peer.age_s < 1.0)));
+            steps.extend(traces().into_iter().filter(|step| step.peers.first().is_some_and(|peer| peer.age_s < 3.0)));
             health.extend(healths());
             steps.iter().filter(|step| of(&step.header, number) && step.membership == Membership::Active).count() > 200
                 && health.iter().any(|said| of(&said.header, number) && said.drops.old > 3)
@@ -310,6 +352,7 @@ fn what_a_node_makes_up_lands_nobody_and_is_named_and_what_the_operator_has_seal
         reached: None,
         progress_m: 0.0,
         order: None,
+        echo: None,
     };
     let put = |topic: Topic, bytes: Vec<u8>| other.put(topic.key(), bytes).wait().unwrap();
     let mut named: Vec<Refused> = Vec::new();

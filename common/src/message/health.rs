@@ -164,10 +164,20 @@ pub struct PeerHealth {
     pub id: VehicleId,
     /// Fresh, stale or lost.
     pub standing: Standing,
-    /// Age of its last word by the receiver's clock, s.
+    /// Upper bound of the age of its last state by the receiver's clock, s: the time since it came and [`Self::delay_s`].
     pub age_s: f64,
+    /// Upper bound of the time that this state was on its way, s; `None` until a round trip is known.
+    pub delay_s: Option<f64>,
     /// How far its clock is ahead of the own, once measured. Nothing in flight relies on it.
     pub clock: Option<ClockOffset>,
+}
+
+impl PeerHealth {
+    fn is_plausible(&self) -> bool {
+        self.age_s.is_finite()
+            && self.delay_s.is_none_or(|delay_s| delay_s.is_finite() && delay_s >= 0.0)
+            && self.clock.is_none_or(|clock| clock.is_plausible())
+    }
 }
 
 message!(Health, 16 * 1024, |said| Author::Vehicle(said.header.sender), |said| {
@@ -178,5 +188,5 @@ message!(Health, 16 * 1024, |said| Author::Vehicle(said.header.sender), |said| {
         && said.failures.len() <= Failure::KINDS
         && said.refused.len() <= Refused::MAX_COUNT
         && said.refused.iter().all(Refused::is_plausible)
-        && said.peers.iter().all(|peer| peer.age_s.is_finite() && peer.clock.is_none_or(|clock| clock.is_plausible()))
+        && said.peers.iter().all(PeerHealth::is_plausible)
 });

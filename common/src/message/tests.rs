@@ -39,6 +39,11 @@ fn mission() -> Mission {
         reached: Some(2),
         progress_m: 0.5,
         order: Some(order),
+        echo: Some(Echo {
+            of: VehicleId::new(2).unwrap(),
+            stamp: SenderStamp::from_nanoseconds(300),
+            held_us: 200_000,
+        }),
     }
 }
 
@@ -65,6 +70,8 @@ fn agreement_and_events_have_these_bytes() {
     // The order and its seal.
     golden.extend([1, 1, 9, 1, 1]);
     golden.extend(seal().to_bytes());
+    // Vehicle 2's stamp, held for 0.2 s.
+    golden.extend([1, 2, 0xac, 0x02, 0xc0, 0x9a, 0x0c]);
     assert_eq!(encode(&mission()), golden);
     assert_eq!(decode(&golden), Ok(mission()));
     let plain = Mission { order: mission().order.map(|order| Order { seal: None, ..order }), ..mission() };
@@ -130,6 +137,7 @@ fn the_largest_words_fit() {
         reached: Some(MAX_STEP),
         progress_m: 1e8,
         order: Some(order),
+        echo: Some(Echo { of: most.sender, stamp: most.stamp, held_us: u32::MAX }),
     };
     assert_eq!(decode(&encode(&mission)), Ok(mission));
     assert_eq!(decode(&encode(&order)), Ok(order));
@@ -145,6 +153,7 @@ fn health(vehicles: u8) -> Health {
         id,
         standing: Standing::Fresh,
         age_s: 0.1,
+        delay_s: Some(0.05),
         clock: Some(ClockOffset { offset_s: -0.5, bound_s: 0.001 }),
     };
     let refused = Refused { reason: Reason::Forged, key: "k".repeat(Refused::MAX_KEY), count: u64::MAX };

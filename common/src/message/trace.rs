@@ -93,10 +93,20 @@ pub struct PeerAge {
     pub id: VehicleId,
     /// Fresh, stale or lost.
     pub standing: Standing,
-    /// By the receiver's clock, s.
+    /// Upper bound of the age of its last state by the receiver's clock, s; the delay is included once a round trip is known.
     pub age_s: f64,
+    /// Upper bound of the time that this state was on its way, s; `None` until a round trip is known.
+    #[serde(default)]
+    pub delay_s: Option<f64>,
     /// How late the newest of its states was when it was delivered, s: what the scenario's network imposed on it, exactly.
     pub delivered_age_s: f64,
+}
+
+impl PeerAge {
+    /// The time since its last state came, s.
+    pub fn silent_s(&self) -> f64 {
+        self.age_s - self.delay_s.unwrap_or_default()
+    }
 }
 
 message!(Trace, 16 * 1024, |said| Author::Vehicle(said.header.sender), |said| {

@@ -13,7 +13,7 @@ use skein_agent::link::{Link, Security, Sessions, Trust};
 use skein_agent::peers::{Heard, Word};
 use skein_common::frame::{Geodetic, PositionNed, VelocityNed};
 use skein_common::id::{Incarnation, SwarmName, VehicleId};
-use skein_common::message::{self, Header, Mission, State};
+use skein_common::message::{self, Echo, Header, Mission, State};
 use skein_common::state::{Membership, VehicleState};
 use skein_common::topic::Cell;
 
@@ -209,6 +209,7 @@ impl Speaker {
     /// Says its part in the agreement.
     fn say_register(&mut self) -> usize {
         let (header, membership) = (self.header(), Membership::Active);
+        let echo = Some(Echo { of: header.sender, stamp: header.stamp, held_us: 100_000 });
         let said = Mission {
             header,
             plan: PLAN,
@@ -218,6 +219,7 @@ impl Speaker {
             reached: Some(0),
             progress_m: 0.0,
             order: None,
+            echo,
         };
         self.link.say_mission(&said);
         message::encode(&said).len()

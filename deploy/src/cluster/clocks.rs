@@ -38,6 +38,7 @@ mod tests {
             id,
             standing: Standing::Fresh,
             age_s: 0.0,
+            delay_s: None,
             clock: Some(ClockOffset { offset_s, bound_s: 0.001 }),
         };
         let peers: Vec<_> = VehicleId::first(peers_s.len()).zip(peers_s.iter().copied()).map(peer).collect();
@@ -63,7 +64,13 @@ mod tests {
 
     #[test]
     fn who_has_measured_nothing_says_nothing() {
-        let peer = PeerHealth { id: VehicleId::new(1).unwrap(), standing: Standing::Fresh, age_s: 0.0, clock: None };
+        let peer = PeerHealth {
+            id: VehicleId::new(1).unwrap(),
+            standing: Standing::Fresh,
+            age_s: 0.0,
+            delay_s: None,
+            clock: None,
+        };
         assert_eq!(ahead_of_swarm(&[peer]), None);
     }
 }

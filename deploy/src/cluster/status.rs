@@ -86,8 +86,10 @@ pub struct Said {
     pub peers_seen: usize,
     /// Peers that there should be.
     pub peers: usize,
-    /// Age of the oldest word of those that it hears, ms.
+    /// Upper bound of the age of the oldest state of the peers that it hears, ms; delays are included where they are known.
     pub peer_age_ms: Option<f64>,
+    /// Upper bound of the longest delay of these, ms; `None` while the delay of one of them is not known.
+    pub peer_delay_ms: Option<f64>,
     /// How far its clock is ahead of the swarm's, ms, once measured.
     pub clock_offset_ms: Option<f64>,
     /// The truth is within this of it, ms.
@@ -149,7 +151,8 @@ fn stray(observer: &Observer, id: VehicleId) -> Option<String> {
 
 impl Said {
     fn of(health: &Health, peers: usize) -> Self {
-        let fresh = health.peers.iter().filter(|peer| peer.standing == Standing::Fresh);
+        let heard = health.peers.iter().filter(|peer| peer.standing != Standing::Lost);
+        let delays_ms: Option<Vec<f64>> = heard.clone().map(|peer| Some(peer.delay_s? * 1e3)).collect();
         let clock = ahead_of_swarm(&health.peers);
         let blind = (health.activity == Activity::Blind).then(|| "hears nothing of its simulator".to_owned());
         Self {
@@ -158,9 +161,10 @@ impl Said {
             phase: health.activity.to_string(),
             frame_rate_hz: health.frame_rate_hz,
             jitter_ms: health.jitter_ms,
-            peers_seen: fresh.clone().count(),
+            peers_seen: heard.clone().count(),
             peers,
-            peer_age_ms: fresh.map(|peer| peer.age_s * 1e3).max_by(f64::total_cmp),
+            peer_age_ms: heard.map(|peer| peer.age_s * 1e3).max_by(f64::total_cmp),
+            peer_delay_ms: delays_ms.and_then(|delays_ms| delays_ms.into_iter().max_by(f64::total_cmp)),
             clock_offset_ms: clock.map(|clock| clock.offset_s * 1e3),
             clock_bound_ms: clock.map(|clock| clock.bound_s * 1e3),
             clock_is_off: clock.is_some_and(|clock| clock.offset_s.abs() - clock.bound_s > CLOCK_S),

@@ -146,7 +146,7 @@ pub fn rows(vehicles: &[Known<'_>], rings: &[Ring], now: Instant) -> Vec<Row> {
             nearest_m: trace
                 .and_then(|own| others().map(|other| (own.position - other.position).norm()).reduce(f64::min)),
             frame_rate_hz: health.map(|health| health.frame_rate_hz),
-            peer_age_ms: trace.and_then(oldest_fresh_ms),
+            peer_age_ms: trace.and_then(oldest_ms),
             step_p99_us: health.map(|health| health.step_p99_us),
             late_dropped: health.map(|health| (health.frame_overruns, health.drops.total())),
         }
@@ -162,9 +162,9 @@ fn gap_deg(id: VehicleId, members: &[(VehicleId, f64)]) -> Option<(f64, f64)> {
     Some((gap_rad.to_degrees(), (gap_rad - TAU / members.len() as f64).to_degrees()))
 }
 
-fn oldest_fresh_ms(trace: &Trace) -> Option<f64> {
-    let fresh = trace.peers.iter().filter(|peer| peer.standing == Standing::Fresh);
-    fresh.map(|peer| 1e3 * peer.age_s).reduce(f64::max)
+fn oldest_ms(trace: &Trace) -> Option<f64> {
+    let heard = trace.peers.iter().filter(|peer| peer.standing != Standing::Lost);
+    heard.map(|peer| 1e3 * peer.age_s).reduce(f64::max)
 }
 
 #[cfg(test)]

@@ -113,11 +113,11 @@ fn number(value: Option<impl ToString>) -> String {
 
 /// How old every word was with whoever heard it.
 fn peers(to: &mut dyn Write, recording: &Recording) -> io::Result<()> {
-    writeln!(to, "t_s,vehicle,peer,standing,age_s,delivered_age_s")?;
+    writeln!(to, "t_s,vehicle,peer,standing,age_s,delay_s,delivered_age_s")?;
     for Step { t_s, trace } in steps(recording) {
         for peer in &trace.peers {
             let standing = format::word(&peer.standing);
-            let ages = format!("{},{}", peer.age_s, peer.delivered_age_s);
+            let ages = format!("{},{},{}", peer.age_s, number(peer.delay_s), peer.delivered_age_s);
             writeln!(to, "{t_s},{},{},{standing},{ages}", trace.header.sender, peer.id)?;
         }
     }

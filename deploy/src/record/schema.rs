@@ -48,10 +48,21 @@ const ATTITUDE: [Key; 3] = [
     ("heading_rad", Kind::Number, false, "clockwise from true north"),
 ];
 
-const PEER: [Key; 4] = [
+const PEER: [Key; 5] = [
     ("id", Kind::Integer, false, "the peer"),
     ("standing", Kind::Text, false, "Fresh, Stale or Lost"),
-    ("age_s", Kind::Number, false, "age of its newest word by this vehicle's clock, s"),
+    (
+        "age_s",
+        Kind::Number,
+        false,
+        "upper bound of the age of its newest state by this vehicle's clock, its delay included once known, s",
+    ),
+    (
+        "delay_s",
+        Kind::Number,
+        true,
+        "upper bound of the time that this state was on its way, s; null until a round trip is known",
+    ),
     (
         "delivered_age_s",
         Kind::Number,

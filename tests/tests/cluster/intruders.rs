@@ -236,6 +236,7 @@ impl Mouth {
             reached: Some(399),
             progress_m: 0.0,
             order: Some(order(None)),
+            echo: None,
         };
         let said = self.say_word(run, Topic::State(id, Cell::default()), &State { header, state })
             + self.say_word(run, Topic::Mission(id), &mission)

@@ -15,7 +15,8 @@ fn fast() -> u64 {
 }
 
 fn health(sender: u8, sequence: u64, peers: &[u8]) -> Health {
-    let peer = |&peer: &u8| PeerHealth { id: id(peer), standing: Standing::Fresh, age_s: 0.0, clock: None };
+    let peer =
+        |&peer: &u8| PeerHealth { id: id(peer), standing: Standing::Fresh, age_s: 0.0, delay_s: None, clock: None };
     Health {
         header: state(sender, sequence).header,
         uptime_s: 1.0,

@@ -262,7 +262,13 @@ fn how_late_each_newest_state_came_is_told_of_each_pair() {
     let keys = "delay_s = 0.1\nreorder = 0.3\nreorder_s = 0.55\nlinks = [{ from = [3], to = [1], delay_s = 0.4 }]";
     let mut hearer = Hearer::new(&network(3, keys), 1);
     let ages = |hearer: &Hearer| {
-        let blank = |number| PeerAge { id: id(number), standing: Standing::Fresh, age_s: 0.0, delivered_age_s: 0.0 };
+        let blank = |number| PeerAge {
+            id: id(number),
+            standing: Standing::Fresh,
+            age_s: 0.0,
+            delay_s: None,
+            delivered_age_s: 0.0,
+        };
         let mut peers = [2, 3, 4].map(blank);
         hearer.ear.tell_lateness(&mut peers);
         peers.map(|peer| peer.delivered_age_s)

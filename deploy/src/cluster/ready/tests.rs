@@ -9,8 +9,17 @@ fn id() -> VehicleId {
 
 fn seen(membership: Membership, run: u64, life: u64) -> Seen {
     let header = Header { sender: id(), incarnation: Incarnation(life), sequence: 1, stamp: SenderStamp::ZERO };
-    let mission =
-        Mission { header, plan: 0, membership, step: 0, vouched: 0, reached: None, progress_m: 0.0, order: None };
+    let mission = Mission {
+        header,
+        plan: 0,
+        membership,
+        step: 0,
+        vouched: 0,
+        reached: None,
+        progress_m: 0.0,
+        order: None,
+        echo: None,
+    };
     Seen { alive: true, mission: Some(mission), run: Some(run), ..Seen::default() }
 }
 

@@ -24,7 +24,7 @@ pub(super) fn of(status: &Status, file: &str) -> String {
     }
     let lines = table.to_string();
     let mut text: String = lines.lines().map(|line| format!("{}\n", line.trim_end())).collect();
-    text += "jitter (99 %) and age (of the peer heard longest ago) in ms; clock: ahead of the swarm's\n";
+    text += "jitter (99 %) and age (of the oldest peer state, delay included) in ms; clock: ahead of the swarm's\n";
     status.nodes.iter().for_each(|node| text += &words(node));
     if status.nodes.iter().any(|node| node.said.is_none()) {
         text += &format!(
@@ -50,12 +50,18 @@ fn row(node: &NodeStatus) -> [String; 12] {
         format!("{:.0}", said.frame_rate_hz),
         format!("{:.1}", said.jitter_ms),
         format!("{}/{}", said.peers_seen, said.peers),
-        said.peer_age_ms.map_or("-".to_owned(), |age| format!("{age:.0}")),
+        age(said),
         clock(said),
         if said.faults.is_empty() { "-".to_owned() } else { said.faults.len().to_string() },
         said.refused.to_string(),
         uptime(said.uptime_s),
     ]
+}
+
+/// The upper bound of the age; with `>` it lacks a delay that is not known yet.
+fn age(said: &Said) -> String {
+    let mark = if said.peer_delay_ms.is_some() { "" } else { ">" };
+    said.peer_age_ms.map_or("-".to_owned(), |age_ms| format!("{mark}{age_ms:.0}"))
 }
 
 /// `+0.1 ±0.3`, and a mark if it is far off. Seconds where milliseconds would not fit.

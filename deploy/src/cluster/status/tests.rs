@@ -21,6 +21,7 @@ fn health(number: u8, ahead_s: f64) -> Health {
         id: peer,
         standing: Standing::Fresh,
         age_s: 0.1 * f64::from(peer.get()),
+        delay_s: Some(0.004),
         clock: Some(ClockOffset { offset_s: -ahead_s, bound_s: 0.0004 }),
     };
     Health {
@@ -72,6 +73,7 @@ fn mission(number: u8, life: u64) -> Mission {
         reached: None,
         progress_m: 0.0,
         order: None,
+        echo: None,
     }
 }
 
@@ -189,6 +191,22 @@ fn who_is_not_heard_or_faulty_is_named() {
         (&json["nodes"][2]["said"], &json["nodes"][1]["said"]["refused"]),
         (&serde_json::Value::Null, &3.into())
     );
+}
+
+#[test]
+fn a_peer_whose_messages_take_long_is_old_and_one_whose_delay_is_unknown_is_older_than_shown() {
+    let folder = tempfile::tempdir().unwrap();
+    let (mut late, mut unknown) = (health(1, 0.0), health(2, 0.0));
+    for peer in &mut late.peers {
+        (peer.standing, peer.age_s, peer.delay_s) = (Standing::Stale, 4.051, Some(4.0));
+    }
+    (unknown.peers[0].standing, unknown.peers[0].delay_s) = (Standing::Stale, None);
+    let status = status(folder.path(), vec![late, unknown], Duration::ZERO);
+    let said: Vec<_> = status.nodes.iter().filter_map(|node| node.said.as_ref()).collect();
+    assert_eq!((said[0].peers_seen, said[0].peer_age_ms, said[0].peer_delay_ms), (3, Some(4051.0), Some(4000.0)));
+    assert_eq!((said[1].peers_seen, said[1].peer_delay_ms), (3, None));
+    let text = table::of(&status, "cluster.toml");
+    assert!(text.contains(" 4051  ") && text.contains(" >400  "), "{text}");
 }
 
 #[test]

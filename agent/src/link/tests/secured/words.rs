@@ -67,7 +67,8 @@ fn whoever_is_invited_takes_part_fully() {
 
     // Clocks by query, both ways round.
     for (line, other) in lines.iter_mut().zip([2, 1]) {
-        let mut peers = [PeerHealth { id: id(other), standing: Standing::Fresh, age_s: 0.0, clock: None }];
+        let mut peers =
+            [PeerHealth { id: id(other), standing: Standing::Fresh, age_s: 0.0, delay_s: None, clock: None }];
         line.live = vec![id(other)];
         let deadline = now() + PATIENCE;
         while peers[0].clock.is_none() {
