@@ -258,8 +258,8 @@ impl VehicleController {
         Ok(sticks)
     }
 
-    /// The collective's travel ends; or that of the integral does; or the integral rests because the error is large, and the
-    /// rules ask for all they can. A vehicle on the ground that is asked to climb has all the collective that it gets there.
+    /// The collective's travel ends; or that of the integral does; or the altitude error is so large that the rules ask for
+    /// all they can. A vehicle on the ground that is asked to climb has all the collective that it gets there.
     fn limit_of(&self, sticks: &Sticks, estimate: &Estimate, setpoint: &Setpoint) -> Option<CollectiveLimit> {
         let gate = gate(estimate.height_m);
         let altitude_error_m = setpoint.altitude_m - estimate.position.altitude_m();

@@ -11,6 +11,7 @@
 //! position are watched. A servo that sticks where it is wanted shows nothing, and is found when it is wanted elsewhere.
 
 use skein_common::frame::Geodetic;
+use skein_common::math;
 use skein_common::message::Failure;
 use skein_common::scenario::Servo;
 
@@ -24,6 +25,11 @@ const AT_SPEED: f64 = 1.05;
 const FROZEN_OVER_M: f64 = 2.0;
 /// Below this height of the centre of gravity the ground may hold the vehicle, m.
 const FREE_ABOVE_M: f64 = 1.5;
+/// With so much collective beyond the hover's the main rotor's torque, and a wind of 14 m/s across, take the tail rotor to its
+/// stop: a nose that is blown left, against the pedals, shows no broken gyro.
+const TAIL_AT_STOP_OVER: f64 = 0.1;
+/// The share of the thrust that carries a vehicle is not taken for less than this: it leans by 0.64 rad then.
+const LEAST_UPRIGHT: f64 = 0.8;
 /// No step counts for longer than this, s.
 const LONGEST_STEP_S: f64 = 0.1;
 
@@ -161,7 +167,7 @@ impl Controls {
     /// bar keeps the disc level with the body, p = B δ/τ_e with τ_e = 16/(γ_fb Ω); pedals ask for a yaw rate; collective
     /// for the climb in which momentum theory has the thrust of the hover, w = (4/3) Ω R Δθ0.
     ///
-    /// Lags and limits were found on the built-in helicopter: 240 flights with steps, turns and transits at 7 m/s, in wind
+    /// Lags and limits were found on the built-in helicopter: 384 flights with steps, turns and transits at 7 m/s, in wind
     /// and gusts of up to 8 m/s, come to two thirds of the limits of climb and yaw and to none of those of roll and pitch.
     fn new(model: &Parameters, trim: Sticks) -> Self {
         let Parameters { head, servos, .. } = model;
@@ -188,19 +194,26 @@ impl Controls {
 
     /// The worst control that the vehicle does not follow.
     fn deaf(&mut self, dt_s: f64, measurement: &Measurement, sticks: &Sticks) -> Option<Control> {
-        let Measurement { rates, velocity, height_m, .. } = measurement;
+        let Measurement { rates, velocity, attitude, height_m, .. } = measurement;
         let is_free = *height_m > FREE_ABOVE_M;
-        let climb = self.climb.is_wrong(dt_s, sticks.collective - self.trim.collective, -velocity.down_m_s(), is_free);
+        // A rotor that leans carries the vehicle with a part of its thrust; the air that it leans into helps it, or does not.
+        let upright = (math::cos(attitude.roll_rad) * math::cos(attitude.pitch_rad)).max(LEAST_UPRIGHT);
+        let above_trim = sticks.collective - self.trim.collective;
+        let lifts =
+            if above_trim > 0.0 { (sticks.collective - self.trim.collective / upright).max(0.0) } else { above_trim };
+        let climb = self.climb.is_wrong(dt_s, lifts, -velocity.down_m_s(), is_free);
+        let lacks_tail = above_trim > TAIL_AT_STOP_OVER;
+        let short_rad_s = if lacks_tail { f64::NEG_INFINITY } else { 0.0 };
         let rates = [
-            (&mut self.roll, sticks.roll - self.trim.roll, rates.roll_rad_s),
-            (&mut self.pitch, sticks.pitch - self.trim.pitch, rates.pitch_rad_s),
-            (&mut self.yaw, sticks.yaw - self.trim.yaw, rates.yaw_rad_s),
+            (&mut self.roll, sticks.roll - self.trim.roll, rates.roll_rad_s, 0.0),
+            (&mut self.pitch, sticks.pitch - self.trim.pitch, rates.pitch_rad_s, 0.0),
+            (&mut self.yaw, sticks.yaw - self.trim.yaw, rates.yaw_rad_s, short_rad_s),
         ];
-        let [roll, pitch, yaw] = rates.map(|(rate, stick, done_rad_s)| {
+        let [roll, pitch, yaw] = rates.map(|(rate, stick, done_rad_s, short_rad_s)| {
             if !is_free {
                 rate.rest();
             }
-            is_free && rate.differs(dt_s, stick, done_rad_s)
+            is_free && rate.differs(dt_s, stick, done_rad_s, short_rad_s)
         });
         let wrong = [
             (roll, Control::Servo(Servo::Roll)),
@@ -233,10 +246,12 @@ impl Rate {
         Self { gain_rad_s, lag_s, expected_rad_s: 0.0, difference_rad_s: 0.0, excess }
     }
 
-    fn differs(&mut self, dt_s: f64, stick: f64, done_rad_s: f64) -> bool {
+    /// A difference between `short_rad_s` and 0 does not count: there the machine has no authority left.
+    fn differs(&mut self, dt_s: f64, stick: f64, done_rad_s: f64, short_rad_s: f64) -> bool {
         follow(&mut self.expected_rad_s, self.gain_rad_s * stick, dt_s / self.lag_s);
         follow(&mut self.difference_rad_s, done_rad_s - self.expected_rad_s, dt_s / RATE_SMOOTHING_S);
-        self.excess.adds_up(dt_s, self.difference_rad_s.abs())
+        let counts = !(short_rad_s..0.0).contains(&self.difference_rad_s);
+        self.excess.adds_up(dt_s, if counts { self.difference_rad_s.abs() } else { 0.0 })
     }
 
     fn rest(&mut self) {

@@ -40,6 +40,8 @@ pub struct Flight {
     /// Longest time without interruption that a vehicle which had come to its altitude was more than 2.5 m off it and came
     /// nearer by less than 1 m/s, s.
     pub longest_off_s: f64,
+    /// Which vehicle that was, when it ended, s, and how far below its altitude the vehicle was then, m.
+    pub longest_off: Option<(VehicleId, f64, f64)>,
 }
 
 impl fmt::Display for Flight {
@@ -119,7 +121,10 @@ pub fn fly(scenario: Scenario) -> Flight {
             let is_off = error_m.abs() > OFF_M && nearing_m_s < NEARING_M_S;
             let off_s = off_s.entry(trace.header.sender).or_default();
             *off_s = if is_off { *off_s + LOOK_TICKS as f64 * skein_agent::plant::helicopter::TICK_S } else { 0.0 };
-            flight.longest_off_s = flight.longest_off_s.max(*off_s);
+            if *off_s > flight.longest_off_s {
+                flight.longest_off_s = *off_s;
+                flight.longest_off = Some((trace.header.sender, t_s, error_m));
+            }
         }
     }
     flight
@@ -137,6 +142,15 @@ pub fn table(seeds: u64) -> String {
     lines.push(row("all", flights.iter()));
     for (seed, flight) in flights.iter().enumerate().filter(|(_, flight)| !flight.failures.is_empty()) {
         lines.push(format!("seed {seed}, {:.1} m/s: {flight}", flight.wind_m_s));
+    }
+    let mut longest: Vec<_> = flights.iter().enumerate().collect();
+    longest.sort_by(|(_, one), (_, other)| other.longest_off_s.total_cmp(&one.longest_off_s));
+    for (seed, Flight { wind_m_s, longest_off_s, longest_off, .. }) in longest.into_iter().take(5) {
+        let Some((id, until_s, below_m)) = longest_off else { continue };
+        lines.push(format!(
+            "seed {seed}, {wind_m_s:.1} m/s: vehicle {id} off its altitude for {longest_off_s:.1} s until {until_s:.1} s, \
+             then {below_m:.1} m below it"
+        ));
     }
     lines.join("\n")
 }

@@ -157,8 +157,8 @@ fn auto_trim_integrates_the_velocity_command_error() {
     let found = after_a_second(&drifting, &setpoint);
     assert_near(found.tilt_ne_rad.x, 0.005);
     assert_near(found.tilt_ne_rad.y, -0.01);
-    // 0.45 k (0.5·1 + 0.2).
-    assert_near(found.collective, 0.0045 * 0.7);
+    // 0.9 k (0.38·1 + 0.2).
+    assert_near(found.collective, 0.009 * 0.58);
     assert_eq!(controller(false).auto_trim(), None);
 }
 
@@ -169,16 +169,49 @@ fn auto_trim_sleeps_near_the_ground_and_in_manoeuvres() {
     assert_eq!(after_a_second(&Estimate { height_m: 3.49, ..hover(0.0) }, &setpoint), nothing);
     assert_ne!(after_a_second(&Estimate { height_m: 3.5, ..hover(0.0) }, &setpoint), nothing);
 
-    let found = |error_m: f64, altitude_m: f64| {
-        let error_ne_m = Vector2::new(error_m, 0.0);
-        after_a_second(&hover(0.0), &Setpoint { error_ne_m, altitude_m, ..stay(0.0) })
+    // At 1 m/s the velocity error is above and below 1.5 m/s.
+    let flies = Estimate { velocity: VelocityNed::new(1.0, 0.0, 0.0), ..hover(0.0) };
+    let found = |error_m: f64| {
+        after_a_second(&flies, &Setpoint { error_ne_m: Vector2::new(error_m, 0.0), ..stay(0.0) }).tilt_ne_rad
     };
-    assert_eq!(found(3.01, 30.0).tilt_ne_rad, Vector2::zeros());
-    assert_ne!(found(2.99, 30.0).tilt_ne_rad, Vector2::zeros());
-    // W is clamped at 2.5 m/s, where the integral is already off.
-    assert_eq!(found(0.0, 35.0).collective, 0.0);
-    assert_eq!(found(0.0, 300.0).collective, 0.0);
-    assert_ne!(found(0.0, 34.9).collective, 0.0);
+    assert_eq!(found(5.01), Vector2::zeros());
+    assert_ne!(found(4.99), Vector2::zeros());
+}
+
+#[test]
+fn auto_trim_works_where_a_steady_vehicle_is_held_up_but_not_where_it_flies() {
+    let wanted = Setpoint { error_ne_m: Vector2::new(4.0, 0.0), ..stay(0.0) };
+    let found = |velocity: VelocityNed, seconds: u32| {
+        let mut controller = controller(true);
+        for _ in 0..50 * seconds {
+            controller.step(0.02, &Estimate { velocity, ..hover(0.0) }, &wanted);
+        }
+        controller.auto_trim().unwrap().tilt_ne_rad
+    };
+    let blown_back = VelocityNed::new(-1.5, 0.0, 0.0);
+    assert_eq!(found(blown_back, 2), Vector2::zeros(), "its velocity has only just become so");
+    assert!(found(blown_back, 8).x > 0.1, "{:?}", found(blown_back, 8));
+    assert_eq!(found(VelocityNed::new(-2.5, 0.0, 0.0), 8), Vector2::zeros(), "that is no matter of trim");
+    assert!(found(VelocityNed::new(0.4, 0.0, 0.0), 8).x > 0.1, "it hardly gets on");
+    assert_eq!(found(VelocityNed::new(0.49, 0.0, 0.0), 0), Vector2::zeros());
+    let flies = Setpoint { error_ne_m: Vector2::new(6.0, 0.0), ..stay(0.0) };
+    let mut controller = controller(true);
+    (0..400).for_each(|_| {
+        controller.step(0.02, &Estimate { velocity: VelocityNed::new(1.0, 0.0, 0.0), ..hover(0.0) }, &flies);
+    });
+    assert_eq!(controller.auto_trim().unwrap().tilt_ne_rad, Vector2::zeros(), "it gets on");
+}
+
+#[test]
+fn a_steady_climb_fills_no_integral_and_a_large_error_of_the_climb_counts_like_2_5_m_s() {
+    let found = |altitude_m: f64, climb_m_s: f64| {
+        let climbing = Estimate { velocity: VelocityNed::new(0.0, 0.0, -climb_m_s), ..hover(0.0) };
+        after_a_second(&climbing, &Setpoint { altitude_m, ..stay(0.0) }).collective
+    };
+    assert_near(found(34.0, 0.38 * 4.0), 0.0);
+    assert_near(found(300.0, 1.9), 0.0);
+    // A vehicle that climbs though it is to descend as fast as it can, as after a stop in a strong wind.
+    assert_near(found(20.0, 1.0), -0.009 * 2.5);
 }
 
 #[test]
@@ -194,7 +227,9 @@ fn auto_trim_is_clamped_and_steps_are_capped() {
         controller.step(0.1, &hover(0.0), &setpoint);
     }
     let found = controller.auto_trim().unwrap();
-    assert_eq!((found.tilt_ne_rad, found.collective), (Vector2::new(0.15, -0.15), -0.1));
+    assert_near(found.tilt_ne_rad.norm(), 0.3);
+    assert_near(found.tilt_ne_rad.x, -found.tilt_ne_rad.y);
+    assert_eq!(found.collective, -0.12);
 }
 
 /// The limit after so many seconds at this height, that far below the altitude asked for.
@@ -214,7 +249,7 @@ fn the_collective_is_at_its_limit_when_rules_and_integral_have_no_more_to_give()
     assert_eq!(limit_after(10, true, 30.0, -2.5), None, "2.5 m high, with trim left");
     assert_eq!(limit_after(20, true, 30.0, -2.5), Some(Lowest), "the integral is at its end");
     assert_eq!(limit_after(1, true, 30.0, -4.9), None, "the integral works");
-    assert_eq!(limit_after(1, true, 30.0, -5.0), Some(Lowest), "the integral rests");
+    assert_eq!(limit_after(1, true, 30.0, -5.0), Some(Lowest), "the rules ask for all they can");
     assert_eq!(limit_after(60, true, 30.0, 0.0), None);
     for auto_trim in [false, true] {
         assert_eq!(limit_after(1, auto_trim, 0.24, 2.0), Some(Highest), "on the ground");
@@ -227,7 +262,7 @@ fn the_collective_is_at_its_limit_when_rules_and_integral_have_no_more_to_give()
 
 #[test]
 fn auto_trim_leans_the_way_it_integrated() {
-    let found = AutoTrim { tilt_ne_rad: Vector2::new(0.1, 0.05), collective: 0.02 };
+    let found = AutoTrim { tilt_ne_rad: Vector2::new(0.1, 0.05), collective: 0.02, ..AutoTrim::default() };
     let mut controller = controller(false);
     controller.auto_trim = Some(found);
     // Heading north: nose down to lean north, right to lean east.
@@ -367,7 +402,7 @@ proptest! {
                 prop_assert!(turning.is_within_limits() && turning.yaw == 1.0, "{turning:?}");
                 let falling = controller.come_down(*dt_s, estimate, setpoint.heading_rad).sticks;
                 prop_assert!(falling.is_within_limits(), "{falling:?}");
-                let AutoTrim { tilt_ne_rad, collective } = controller.auto_trim().unwrap_or_default();
+                let AutoTrim { tilt_ne_rad, collective, .. } = controller.auto_trim().unwrap_or_default();
                 prop_assert!(tilt_ne_rad.amax() <= 0.15 && collective.abs() <= 0.1);
             }
         }

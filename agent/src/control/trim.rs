@@ -82,20 +82,32 @@ impl TryFrom<TrimTable> for Trim {
 /// k of the tilt integral, rad/s per m/s.
 const TILT_GAIN: f64 = 0.01;
 /// Of the collective integral, 1/s per m/s.
-const COLLECTIVE_GAIN: f64 = 0.45 * TILT_GAIN;
+const COLLECTIVE_GAIN: f64 = 0.9 * TILT_GAIN;
 /// Velocity that the rules ask for per metre of error, 1/s.
 pub(crate) const VELOCITY_PER_ERROR: f64 = 0.5;
-/// Fastest climb that the rules ask for, m/s.
-const FASTEST_CLIMB_M_S: f64 = 2.5;
-/// From this altitude error on the rules ask for their fastest climb and the integral rests, m.
-pub(super) const FASTEST_CLIMB_ERROR_M: f64 = FASTEST_CLIMB_M_S / VELOCITY_PER_ERROR;
-/// Larger velocity errors are manoeuvres, not trim errors, m/s. Under wind the steady error of the climb lies near
-/// 1 m/s: its limit must be well above.
+/// From this altitude error on the rules ask for their fastest climb, m.
+pub(super) const FASTEST_CLIMB_ERROR_M: f64 = 5.0;
+/// Climb in which the rules settle, per metre of altitude error, where hover and climb are trimmed alike, 1/s. A climb
+/// takes more collective than a hover. The rules ask for 0.5 per metre; the integral must not fill with the rest, or the
+/// vehicle overshoots.
+const CLIMB_PER_ERROR: f64 = 0.38;
+/// Larger velocity errors are manoeuvres, not trim errors, m/s.
 const LARGEST_VELOCITY_ERROR_M_S: f64 = 1.5;
+/// No error of the climb counts for more than this, m/s. It must not rest beyond: a vehicle that stops in a strong wind has
+/// a collective found at speed, with which it climbs while the rules ask for the fastest descent.
 const LARGEST_CLIMB_ERROR_M_S: f64 = 2.5;
-/// Clamps of the integrals.
-const LARGEST_TILT_RAD: f64 = 0.15;
-const LARGEST_COLLECTIVE: f64 = 0.1;
+/// A velocity error up to this is a trim error too while the vehicle is steadily held up, m/s: a strong wind blows a vehicle
+/// without trim along at 2 to 4 m/s, and the rules ask for no more lean.
+const LARGEST_HELD_UP_ERROR_M_S: f64 = 4.0;
+/// A vehicle is held up if it does not fly faster than this where it is asked to, m/s.
+const HELD_UP_BELOW_M_S: f64 = 0.5;
+/// A velocity that differs by less than this from its own mean of the last seconds is steady, m/s, s.
+const STEADY_WITHIN_M_S: f64 = 0.3;
+const STEADY_OVER_S: f64 = 2.0;
+/// Clamps of the integrals. The lean is that of a hover in 13 m/s of wind; in 15 m/s the tail rotor comes to its stop. The
+/// collective is what a flight at 14 m/s takes beyond the hover.
+const LARGEST_TILT_RAD: f64 = 0.3;
+const LARGEST_COLLECTIVE: f64 = 0.12;
 
 /// A slow integrator of the velocity-command error: it finds the tilt and the collective that wind and a wrong trim
 /// call for. Unlike an integral of the position error its speed does not depend on how soft the formation's field is.
@@ -105,26 +117,34 @@ pub struct AutoTrim {
     pub tilt_ne_rad: Vector2<f64>,
     /// Collective beyond the aircraft's trim.
     pub collective: f64,
+    /// The velocity over the ground, north and east, averaged over the last seconds, m/s.
+    pub mean_velocity_ne_m_s: Vector2<f64>,
 }
 
 impl AutoTrim {
     /// One step of the integrals, to be called only in free flight. `setpoint` has its error after the gate.
-    /// With e_v = 0.5·error + feed-forward − v and e_w = clamp(0.5·altitude error, ±2.5) − climb:
-    /// ṫ = k e_v while |e_v| < 1.5 m/s, ċ = 0.45 k e_w while |e_w| < 2.5 m/s.
+    /// With e_v = 0.5·error + feed-forward − v and e_w = 0.38·clamp(altitude error, ±5 m) − climb:
+    /// ṫ = k e_v while |e_v| < 1.5 m/s, or < 4 m/s where it is held up, |t| ≤ 0.3 rad;
+    /// ċ = 0.9 k clamp(e_w, ±2.5 m/s), |c| ≤ 0.12.
     pub(super) fn step(&mut self, dt_s: f64, estimate: &Estimate, setpoint: &Setpoint) {
+        let velocity_ne_m_s = estimate.velocity.horizontal();
         let wanted_ne_m_s = setpoint.error_ne_m * VELOCITY_PER_ERROR + setpoint.feedforward_ne_m_s;
-        let error_ne_m_s = wanted_ne_m_s - estimate.velocity.horizontal();
-        if error_ne_m_s.norm() < LARGEST_VELOCITY_ERROR_M_S {
-            let tilt_ne_rad = self.tilt_ne_rad + error_ne_m_s * (TILT_GAIN * dt_s);
-            self.tilt_ne_rad = tilt_ne_rad.map(|tilt_rad| tilt_rad.clamp(-LARGEST_TILT_RAD, LARGEST_TILT_RAD));
+        let changed_m_s = (velocity_ne_m_s - self.mean_velocity_ne_m_s).norm();
+        self.mean_velocity_ne_m_s += (velocity_ne_m_s - self.mean_velocity_ne_m_s) * (dt_s / STEADY_OVER_S).min(1.0);
+        let is_held_up = changed_m_s < STEADY_WITHIN_M_S
+            && velocity_ne_m_s.dot(&wanted_ne_m_s) < HELD_UP_BELOW_M_S * wanted_ne_m_s.norm();
+
+        let error_ne_m_s = wanted_ne_m_s - velocity_ne_m_s;
+        let largest_m_s = if is_held_up { LARGEST_HELD_UP_ERROR_M_S } else { LARGEST_VELOCITY_ERROR_M_S };
+        if error_ne_m_s.norm() < largest_m_s {
+            self.tilt_ne_rad = (self.tilt_ne_rad + error_ne_m_s * (TILT_GAIN * dt_s)).cap_magnitude(LARGEST_TILT_RAD);
         }
         let altitude_error_m = setpoint.altitude_m - estimate.position.altitude_m();
-        let wanted_m_s = (VELOCITY_PER_ERROR * altitude_error_m).clamp(-FASTEST_CLIMB_M_S, FASTEST_CLIMB_M_S);
+        let wanted_m_s = CLIMB_PER_ERROR * altitude_error_m.clamp(-FASTEST_CLIMB_ERROR_M, FASTEST_CLIMB_ERROR_M);
         let error_m_s = wanted_m_s - climb_m_s(estimate);
-        if error_m_s.abs() < LARGEST_CLIMB_ERROR_M_S {
-            let collective = self.collective + COLLECTIVE_GAIN * error_m_s * dt_s;
-            self.collective = collective.clamp(-LARGEST_COLLECTIVE, LARGEST_COLLECTIVE);
-        }
+        let error_m_s = error_m_s.clamp(-LARGEST_CLIMB_ERROR_M_S, LARGEST_CLIMB_ERROR_M_S);
+        let collective = self.collective + COLLECTIVE_GAIN * error_m_s * dt_s;
+        self.collective = collective.clamp(-LARGEST_COLLECTIVE, LARGEST_COLLECTIVE);
     }
 
     /// The limit at which the collective integral is.
