@@ -23,7 +23,7 @@ use skein_common::id::VehicleId;
 use crate::error::Error;
 use crate::out;
 pub use fleet::{Load, Scheme};
-pub use here::ask_for;
+pub use here::{Demand, agrees, ask_for, exceeded_by};
 pub use measure::{Effort, Measured, StepTime, Talk, measure};
 pub use wire::{PaperEquation, data_output_bytes, of_datagram_bytes, of_segment_bytes};
 pub use words::{WordSize, WordTime};

@@ -33,6 +33,7 @@ use skein_agent::config::AgentOptions;
 use skein_common::id::VehicleId;
 
 use super::protocol::{Answer, Ask, Request};
+use crate::capacity::{self, Demand};
 use crate::error::Error;
 use place::{NodeFolder, Place, Settings};
 
@@ -90,6 +91,10 @@ fn answer(place: &Place, request: Request) -> Result<Answer, String> {
         Ask::Facts => return Ok(Answer::Facts(node.facts())),
         Ask::Simulator { address } => return Ok(Answer::Simulator(probe::simulator_at(&address))),
         Ask::Reach { endpoints } => return Ok(Answer::Reach(probe::reach(&endpoints))),
+        Ask::Carries { agents, swarm } => {
+            let demand = Demand { agents, swarm, traces: false };
+            return Ok(Answer::Carries(capacity::exceeded_by(demand).map_err(|error| error.to_string())?));
+        }
         Ask::Apply { .. } => place::make_folders(&[node.installs(), node.run(), node.log()])?,
         // Nothing is left of it, or never was: the rest of its request is done below.
         Ask::Remove { .. } if !node.path.exists() => {
@@ -121,7 +126,7 @@ fn answer(place: &Place, request: Request) -> Result<Answer, String> {
             service::take_away(place, &node)?;
             install::remove(place, &node)?
         }
-        Ask::Facts | Ask::Simulator { .. } | Ask::Reach { .. } | Ask::Log { .. } => false,
+        Ask::Facts | Ask::Simulator { .. } | Ask::Reach { .. } | Ask::Carries { .. } | Ask::Log { .. } => false,
     };
     Ok(Answer::Done { changed, forced, facts: node.facts() })
 }

@@ -63,6 +63,13 @@ pub enum Ask {
         /// Which.
         endpoints: Vec<String>,
     },
+    /// Whether the host carries these agents of the swarm, measured there.
+    Carries {
+        /// That many of them run there.
+        agents: usize,
+        /// The vehicles of the swarm.
+        swarm: usize,
+    },
     /// Write the log to standard output, raw, instead of an answer.
     Log {
         /// So many of the last lines.
@@ -103,6 +110,8 @@ pub enum Answer {
     },
     /// To [`Ask::Simulator`]: what was heard of it, or why nothing was.
     Simulator(Result<String, String>),
+    /// To [`Ask::Carries`]: why it does not, with figures; nothing if it does.
+    Carries(Option<String>),
     /// To [`Ask::Reach`]: each endpoint, in the order in which they were asked.
     Reach(Vec<Reached>),
     /// It could not be done, and nothing is half done.

@@ -18,6 +18,7 @@ use super::protocol::{Answer, Ask, RunningAgent};
 use super::ready::{HEARD, LOOK, Watch};
 use super::remote::{Fault, Remote};
 use super::ssh::at_once;
+use crate::capacity::{self, Demand};
 use crate::clock;
 use crate::error::Error;
 
@@ -33,6 +34,9 @@ pub struct UpArgs {
     /// How long the vehicles may take to be ready, s
     #[arg(long, value_name = "S", default_value_t = 60.0, value_parser = is_seconds)]
     pub timeout: f64,
+    /// Start the agents though a host carries fewer
+    #[arg(long)]
+    pub anyway: bool,
 }
 
 /// What came of it.
@@ -87,6 +91,16 @@ pub fn run(args: &UpArgs) -> Result<(), Error> {
     let mut rows: BTreeMap<VehicleId, Row> = chosen.nodes().map(|node| (node.id, Row::new(node))).collect();
     let (told, notes) = up.ask(&mut rows);
     let asked_s = progress.seconds();
+    if !args.anyway {
+        let full = up.full(&told, &rows);
+        if !full.is_empty() && !capacity::agrees(&full.join("\n")) {
+            drop(progress);
+            let all = full.join("; ");
+            return Err(Error::Refused(format!(
+                "{all}; give some of its nodes to other hosts, or start them with --anyway"
+            )));
+        }
+    }
     let until = if may_fly_unknown(&chosen.inventory, &told) { heard_by } else { clock::now() };
     let note;
     (watch.run, note) = run_of(&mut watch, &reach, &told, &notes, until)?;
@@ -192,6 +206,35 @@ impl Up<'_> {
             }
         }
         (told, notes)
+    }
+
+    /// The hosts that are to carry more agents than they can, measured there; in words. One that cannot be measured is told
+    /// and left to its operator.
+    fn full(&self, told: &Told, rows: &BTreeMap<VehicleId, Row>) -> Vec<String> {
+        let swarm = self.chosen.inventory.nodes.len();
+        let starts = |node: &&Node| rows[&node.id].why.is_none() && told.get(&node.id).is_none_or(Option::is_none);
+        let hosts = self.chosen.hosts();
+        let asked: Vec<_> = hosts
+            .iter()
+            .filter_map(|(host, nodes)| Some((host, *nodes.iter().find(|node| starts(node))?, nodes.len())))
+            .filter(|(_, _, agents)| !Demand { agents: *agents, swarm, traces: false }.is_small(1))
+            .collect();
+        let told = at_once(&asked, |(host, node, agents)| {
+            let line = self.progress.line(host);
+            line.say("measuring what it carries");
+            match self.remote.ask(host, node, Ask::Carries { agents: *agents, swarm }) {
+                Ok(Answer::Carries(finding)) => finding.map(|finding| format!("{host}: {finding}")),
+                Ok(other) => {
+                    line.say(&format!("not measured: answers {other:?}"));
+                    None
+                }
+                Err(fault) => {
+                    line.say(&format!("not measured: {}", fault.sentence(host)));
+                    None
+                }
+            }
+        });
+        told.into_iter().flatten().collect()
     }
 
     /// Starts what does not run yet, where the host could be asked; and the supervisor of what runs, if that has died.
@@ -365,6 +408,37 @@ mod tests {
         let asked = fs::read_to_string(folder.path().join("home/asked")).unwrap();
         assert!(asked.contains(r#""Start":{"run":5,"note":null}"#), "{asked}");
         assert!(rows.values().all(|row| row.ran && row.started_s.is_some() && row.why.is_none()), "{rows:?}");
+    }
+
+    #[test]
+    #[cfg(unix)]
+    fn a_host_that_is_to_carry_more_agents_than_it_can_is_named_with_its_figures() {
+        let folder = tempfile::tempdir().unwrap();
+        let ssh = local(folder.path());
+        let program = folder.path().join("home/.skein/lab/releases/r1/skein");
+        fs::create_dir_all(program.parent().unwrap()).unwrap();
+        let answer = serde_json::to_string(&Answer::Carries(Some("1 agents ask for 1.2 cores".to_owned()))).unwrap();
+        fs::write(&program, format!("#!/bin/sh\nread -r asked\necho \"$asked\" >>asked\necho '{answer}'\n")).unwrap();
+        crate::os::set_mode(&program, 0o755).unwrap();
+        let full_of = |vehicles: usize, runs: bool| {
+            let inventory = lab(folder.path(), vehicles, "");
+            let chosen = Chosen { ids: inventory.nodes.keys().copied().collect(), inventory };
+            let rows: BTreeMap<_, _> = chosen.nodes().map(|node| (node.id, Row::new(node))).collect();
+            let remote = Remote { ssh: &ssh, swarm: &chosen.inventory.swarm };
+            let up = Up { remote, chosen: &chosen, progress: &Progress::new(true) };
+            let installed = Installed { release: "r1".to_owned(), bundle: "00".to_owned() };
+            let agent = runs.then_some(RunningAgent { pid: 7, installed, run: 5, restarts: 0, landing_s: 0.0 });
+            let told: Told = chosen.ids.iter().map(|id| (*id, agent.clone())).collect();
+            up.full(&told, &rows)
+        };
+        let full = full_of(20, false);
+        assert_eq!(full.len(), 20);
+        assert_eq!(full[0], "10.0.0.11: 1 agents ask for 1.2 cores");
+        let asked = fs::read_to_string(folder.path().join("home/asked")).unwrap();
+        assert!(asked.contains(r#""Carries":{"agents":1,"swarm":20}"#), "{asked}");
+        assert_eq!(full_of(4, false), [""; 0], "so few fit anywhere");
+        assert_eq!(full_of(20, true), [""; 0], "they run already");
+        assert_eq!(fs::read_to_string(folder.path().join("home/asked")).unwrap(), asked, "nobody was asked again");
     }
 
     #[test]
