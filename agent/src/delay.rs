@@ -11,8 +11,8 @@
 //! delay(m) ≤ round trip(k) + transit(m) − transit(k).     If both directions are alike, it is half a round trip less.
 //!
 //! The smallest bound of the last round trips counts. The likely delay is that of the shortest round trip, as in NTP's clock
-//! filter (RFC 5905, section 10), and is wrong by at most half of it. Clocks run apart by [`DRIFT`], so a bound grows with the age
-//! of its round trip; after [`VALID_FOR_S`] it is dropped. After a clock was set, old round trips give a negative delay or one
+//! filter (RFC 5905, section 10), and is wrong by at most half of it. Clocks run apart by 2·10⁻⁴ s/s, so a bound grows with the age
+//! of its round trip; after a minute it is dropped. After a clock was set, old round trips give a negative delay or one
 //! larger than the new ones give: the former are dropped, the latter are not the smallest.
 //!
 //! A peer can lie about the hold, as about everything that it says of itself. Then its own messages look younger than they are;

@@ -2,7 +2,6 @@
 
 use skein::metrics::COLLISION_M;
 use skein::study::world::{Incident, World};
-use skein_agent::agent::Agent;
 use skein_common::id::{VehicleId, VehicleSet};
 use skein_common::scenario::{Scenario, Source, load};
 
@@ -20,7 +19,8 @@ pub struct Flight {
     pub first_went_on: u32,
     /// The same of the second.
     pub second_went_on: u32,
-    /// From healing until everybody hears everybody and is at the same step, s.
+    /// From healing until everybody hears everybody and all are at the same step, or all but one that had left it just before
+    /// it heard the others again and waits for them at the next, s.
     pub one_again_s: Option<f64>,
     /// Least distance between two in the air, m.
     pub closest_m: f64,
@@ -101,13 +101,15 @@ pub fn fly(partition: &str, first: usize, vehicles: usize, seed: u64) -> Flight 
 
 fn is_one(world: &World) -> bool {
     let all: VehicleSet = world.vehicles().map(|(id, ..)| id).collect();
-    let step = |agent: &Agent| agent.at_step();
-    let first = world.vehicles().next().map(|(_, agent, ..)| step(agent));
-    world.vehicles().all(|(id, agent, ..)| {
-        let mut known = agent.hears();
-        known.insert(id);
-        known == all && Some(step(agent)) == first
-    })
+    let last = world.vehicles().map(|(_, agent, ..)| agent.at_step()).min().unwrap_or_default();
+    let ahead: Vec<u32> = world.vehicles().map(|(_, agent, ..)| agent.at_step() - last).filter(|by| *by > 0).collect();
+    let are_together = matches!(ahead[..], [] | [1]);
+    are_together
+        && world.vehicles().all(|(id, agent, ..)| {
+            let mut known = agent.hears();
+            known.insert(id);
+            known == all
+        })
 }
 
 /// Policy, size of the first part, and of all.
