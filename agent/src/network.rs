@@ -9,6 +9,7 @@
 //! * States, parts in the agreement and orders suffer all of it. Tokens only take the link's `delay_s`: Zenoh repeats them, in
 //!   order. An operator's orders have no place, and suffer what `[network]` says of every link.
 //! * A cut silences directions of links, and ends sessions as `link.rs` tells.
+//! * A delay that an event adds comes last, on top of what the link takes.
 
 mod air;
 mod channel;
@@ -16,6 +17,7 @@ mod cuts;
 mod link;
 
 use std::collections::VecDeque;
+use std::ops::Range;
 
 use skein_common::frame::PositionNed;
 use skein_common::id::{Incarnation, VehicleId};
@@ -25,7 +27,7 @@ use skein_common::time::LocalTime;
 
 use crate::peers::{Heard, Word};
 use air::Air;
-pub use cuts::{lasting, silences, union};
+pub use cuts::{delays, lasting, silences, union};
 use link::Link;
 
 /// The network as one agent hears it.
@@ -36,6 +38,10 @@ pub struct Ear {
     air: Option<Box<Air>>,
     /// Those that are ever cut, by the other end's id.
     links: Vec<Link>,
+    /// What events add to the delay, of the peers of which they do, by id.
+    delays: Vec<(VehicleId, Vec<(Range<f64>, f64)>)>,
+    /// Since the own take-off, s; `None` before it.
+    flown_s: Option<f64>,
     /// What has yet to arrive, the earliest first.
     under_way: VecDeque<UnderWay>,
     /// How late the newest state of each speaker came, by its id.
@@ -109,9 +115,12 @@ impl Ear {
     /// The hearing of vehicle `own` at the beginning of a life.
     pub fn new(scenario: &Scenario, own: VehicleId) -> Self {
         let peers = scenario.ids().filter(|&id| id != own);
+        let delays = peers.clone().map(|peer| (peer, delays(&scenario.mission.events, peer, own)));
         Self {
             delay_s: scenario.network.delay_s,
             air: Air::new(scenario, own).map(Box::new),
+            delays: delays.filter(|(_, delays)| !delays.is_empty()).collect(),
+            flown_s: None,
             links: peers.filter_map(|peer| Link::new(scenario, own, peer)).collect(),
             under_way: VecDeque::new(),
             lateness: Vec::new(),
@@ -135,6 +144,7 @@ impl Ear {
         if let Some(air) = &mut self.air {
             air.update(now, own.position);
         }
+        self.flown_s = own.flown_s;
         self.pass_time(now, own.flown_s);
         for heard in arriving {
             self.tally.said += 1;
@@ -145,10 +155,11 @@ impl Ear {
                 Fate::Lost => self.tally.lost += 1,
                 Fate::Arrives { .. } if !self.gets_through(&heard) => self.tally.cut += 1,
                 Fate::Arrives { at, copy_at } => {
-                    send(&mut self.under_way, heard, at);
+                    let delay_s = heard.word.speaker().map_or(0.0, |sender| self.added_delay_s(sender));
+                    send(&mut self.under_way, heard, at.plus_seconds(delay_s));
                     if let Some(copy_at) = copy_at {
                         self.tally.doubled += 1;
-                        send(&mut self.under_way, heard, copy_at);
+                        send(&mut self.under_way, heard, copy_at.plus_seconds(delay_s));
                     }
                 }
             }
@@ -168,7 +179,7 @@ impl Ear {
 
     /// Whether the scenario asks for a network that changes nothing.
     pub fn is_perfect(&self) -> bool {
-        self.delay_s == 0.0 && self.links.is_empty() && self.air.is_none()
+        self.delay_s == 0.0 && self.links.is_empty() && self.delays.is_empty() && self.air.is_none()
     }
 
     /// Writes down how late each peer's newest state was when it was delivered.
@@ -182,15 +193,21 @@ impl Ear {
 
     /// What links that were cut bring by themselves.
     fn pass_time(&mut self, now: LocalTime, flown_s: Option<f64>) {
-        let Self { links, under_way, air, tally, .. } = self;
+        let Self { links, delays, under_way, air, tally, .. } = self;
         let Some(flown_s) = flown_s else { return };
         for link in links {
-            let delay_s = air.as_ref().map_or(self.delay_s, |air| air.delay_s(Some(link.peer())));
+            let delay_s = air.as_ref().map_or(self.delay_s, |air| air.delay_s(Some(link.peer())))
+                + added_delay_s(delays, Some(flown_s), link.peer());
             link.update(flown_s, now, |heard| {
                 tally.said += 1;
                 send(under_way, heard, now.plus_seconds(delay_s));
             });
         }
+    }
+
+    /// What events add to the delay of messages from this sender now, s.
+    fn added_delay_s(&self, sender: VehicleId) -> f64 {
+        added_delay_s(&self.delays, self.flown_s, sender)
     }
 
     fn fate(&mut self, heard: &Heard) -> Fate {
@@ -234,6 +251,12 @@ impl Ear {
     fn late(&self, speaker: VehicleId) -> Result<usize, usize> {
         self.lateness.binary_search_by_key(&speaker, |late| late.speaker)
     }
+}
+
+fn added_delay_s(delays: &[(VehicleId, Vec<(Range<f64>, f64)>)], flown_s: Option<f64>, sender: VehicleId) -> f64 {
+    let Ok(index) = delays.binary_search_by_key(&sender, |(id, _)| *id) else { return 0.0 };
+    let lasting = delays[index].1.iter().filter(|(lasts, _)| flown_s.is_some_and(|t_s| lasts.contains(&t_s)));
+    lasting.map(|(_, delay_s)| delay_s).sum()
 }
 
 /// Puts a word where its arrival belongs: behind those that arrive no later.

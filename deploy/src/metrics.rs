@@ -305,6 +305,7 @@ impl Metrics {
             Incident::Failed(id, ..) => self.membership.failed(t_s, *id),
             Incident::Cut { links } => self.membership.cut(t_s, links),
             Incident::Healed { links } => self.membership.healed(t_s, links),
+            Incident::Delayed { .. } | Incident::DelayOver { .. } => {}
         }
     }
 

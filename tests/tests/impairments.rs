@@ -2,10 +2,10 @@
 #![expect(clippy::unwrap_used, reason = "what a test cannot do has failed")]
 
 use skein::metrics::Report;
-use skein::study::world::World;
+use skein::study::world::{Incident, World};
 use skein_agent::agent::Agent;
 use skein_common::id::VehicleId;
-use skein_common::message::{Happening, Trace, encode};
+use skein_common::message::{Happening, PeerAge, Trace, encode};
 use skein_common::scenario::Scenario;
 use skein_common::state::{Membership, Standing};
 use skein_tests::{of_scenario, scenario, study};
@@ -124,6 +124,51 @@ fn a_trace_says_how_late_each_peers_word_was() {
             assert!((least_s..least_s + 0.2).contains(age_s), "{hearer} of {speaker}: {age_s} s");
         }
     }
+}
+
+#[test]
+fn a_delay_that_begins_in_flight_is_in_the_ages_from_its_first_message_on() {
+    let event = "mission.events=[{ at_s = 20, fault = 'delay', from = [1, 2, 3], to = [4], both_ways = true, \
+                 delay_s = 0.6, for_s = 15 }]";
+    let mut world = world(&scenario("hover.toml", &["record.hz=50", event]));
+    while !world.all_active() {
+        world.tick();
+    }
+    let zero_s = world.t_s();
+    let is_delayed = |one: VehicleId, other: VehicleId| (one.get() == 4) != (other.get() == 4);
+    let (mut incidents, mut late) = (Vec::new(), 0);
+    while world.t_s() < zero_s + 50.0 {
+        world.tick();
+        let t_s = world.t_s() - zero_s;
+        incidents.extend(world.incidents().iter().map(|incident| (t_s, incident.clone())));
+        assert!(!world.happened().iter().any(|(_, what)| matches!(what, Happening::PeerLost(_))), "{t_s} s");
+        for Trace { header, peers, .. } in world.traces() {
+            for peer in peers {
+                let PeerAge { id, age_s, delivered_age_s, .. } = peer;
+                // What arrives is never younger than it is; the network alone knows how late it was.
+                assert!(
+                    age_s >= delivered_age_s - 1e-9,
+                    "{t_s} s, {} of {id}: {age_s}, {delivered_age_s}",
+                    header.sender
+                );
+                late += u32::from(delivered_age_s > 0.59);
+                let bounds_s = match t_s {
+                    // The vehicles take off at slightly different times, from which each counts.
+                    21.5..34.0 if is_delayed(header.sender, id) => 0.6..1.8,
+                    21.5..34.0 | ..19.0 | 40.0.. => 0.0..0.4,
+                    _ => continue,
+                };
+                assert!(bounds_s.contains(&age_s), "{t_s} s, {} of {id}: {age_s} s", header.sender);
+            }
+        }
+    }
+    assert!(late > 6 * 700, "{late} ages with the delay in them");
+    let all_s =
+        |is: fn(&Incident) -> bool| incidents.iter().filter(|(_, it)| is(it)).map(|(t_s, _)| *t_s).collect::<Vec<_>>();
+    let (begins_s, ends_s) =
+        (all_s(|it| matches!(it, Incident::Delayed { .. })), all_s(|it| matches!(it, Incident::DelayOver { .. })));
+    assert!(!begins_s.is_empty() && begins_s.iter().all(|t_s| (19.0..20.1).contains(t_s)), "{begins_s:?}");
+    assert!(!ends_s.is_empty() && ends_s.iter().all(|t_s| (34.0..35.1).contains(t_s)), "{ends_s:?}");
 }
 
 #[test]

@@ -106,11 +106,14 @@ fn begun(phase: &str, wind_m_s: f64, seed: u64) -> Flight {
         }
         _ => unreachable!("{phase}"),
     }
-    flight.fly(0.2 * seed as f64);
+    flight.fly(0.2 * (seed % 16) as f64);
     flight
 }
 
-/// How a failure was found in sixteen flights.
+/// Flights of each kind: enough that their 95th percentile is no single flight.
+const FLIGHTS: u64 = 64;
+
+/// How a failure was found in [`FLIGHTS`] flights.
 #[derive(Debug, Default)]
 struct Finds {
     /// Sorted, s.
@@ -124,6 +127,11 @@ impl Finds {
         self.after_s.get(self.after_s.len() / 2).copied().unwrap_or(f64::INFINITY)
     }
 
+    /// Within this time 95 % of all flights found it.
+    fn p95_s(&self) -> f64 {
+        self.after_s.get((0.95 * FLIGHTS as f64) as usize).copied().unwrap_or(f64::INFINITY)
+    }
+
     fn worst_s(&self) -> f64 {
         self.after_s.last().copied().unwrap_or(f64::INFINITY)
     }
@@ -132,7 +140,7 @@ impl Finds {
 /// Flown on as if nothing were, until it is found, for 30 s.
 fn finds(phase: &str, wind_m_s: f64, failures: Failures, expected: Failure) -> Finds {
     let mut finds = Finds::default();
-    for seed in 0..16 {
+    for seed in 0..FLIGHTS {
         let mut flight = begun(phase, wind_m_s, seed);
         assert_eq!(flight.found, [], "{phase} {wind_m_s} {seed}");
         let from_s = flight.time_s();
@@ -153,9 +161,10 @@ fn finds(phase: &str, wind_m_s: f64, failures: Failures, expected: Failure) -> F
     }
     finds.after_s.sort_by(f64::total_cmp);
     println!(
-        "{expected:?}, {phase}, wind and gusts {wind_m_s} m/s: {} of 16 found, median {:.2} s, worst {:.2} s",
+        "{expected:?}, {phase}, wind and gusts {wind_m_s} m/s: {} of {FLIGHTS} found, median {:.2} s, 95 % within {:.2} s, worst {:.2} s",
         finds.after_s.len(),
         finds.median_s(),
+        finds.p95_s(),
         finds.worst_s()
     );
     finds
@@ -166,7 +175,7 @@ fn an_engine_that_stops_is_found_at_once() {
     for phase in ["take-off", "hover", "step", "transit"] {
         for wind_m_s in [0.0, 5.0, 8.0] {
             let finds = finds(phase, wind_m_s, ENGINE_OUT, Failure::Engine);
-            assert!(finds.after_s.len() == 16 && finds.worst_s() < 0.4, "{finds:?}");
+            assert!(finds.after_s.len() as u64 == FLIGHTS && finds.worst_s() < 0.4, "{finds:?}");
         }
     }
 }
@@ -176,7 +185,7 @@ fn a_frozen_position_is_found_within_two_metres() {
     for (phase, within_s) in [("take-off", 1.6), ("step", 1.6), ("transit", 0.6)] {
         for wind_m_s in [0.0, 5.0] {
             let finds = finds(phase, wind_m_s, POSITION_FROZEN, Failure::Position);
-            assert!(finds.after_s.len() == 16 && finds.worst_s() < within_s, "{finds:?}");
+            assert!(finds.after_s.len() as u64 == FLIGHTS && finds.worst_s() < within_s, "{finds:?}");
         }
     }
 }
@@ -184,11 +193,11 @@ fn a_frozen_position_is_found_within_two_metres() {
 #[test]
 fn a_stuck_cyclic_is_found_when_it_is_needed() {
     for servo in [0, 1] {
-        for (phase, median_s, within_s) in [("step", 2.5, 6.0), ("transit", 3.5, 11.0), ("take-off", 20.0, 27.0)] {
+        for (phase, median_s, within_s) in [("step", 2.5, 5.0), ("transit", 3.5, 10.5), ("take-off", 20.0, 23.0)] {
             for wind_m_s in [0.0, 5.0] {
                 let finds = finds(phase, wind_m_s, stuck(servo), Failure::Servo);
-                assert!(finds.after_s.len() == 16, "{finds:?}");
-                assert!(finds.median_s() < median_s && finds.worst_s() < within_s, "{finds:?}");
+                assert!(finds.after_s.len() as u64 == FLIGHTS, "{finds:?}");
+                assert!(finds.median_s() < median_s && finds.p95_s() < within_s, "{finds:?}");
             }
         }
     }
@@ -198,7 +207,7 @@ fn a_stuck_cyclic_is_found_when_it_is_needed() {
 fn a_dead_gyro_is_found_when_it_is_needed() {
     for wind_m_s in [0.0, 5.0] {
         let finds = finds("step", wind_m_s, GYRO_OFF, Failure::Gyro);
-        assert!(finds.after_s.len() >= 15 && finds.median_s() < 2.5, "{finds:?}");
+        assert!(finds.after_s.len() >= 56 && finds.median_s() < 2.5, "{finds:?}");
     }
 }
 
@@ -206,7 +215,7 @@ fn a_dead_gyro_is_found_when_it_is_needed() {
 fn a_stuck_collective_is_found_once_it_leads_astray() {
     for wind_m_s in [0.0, 5.0] {
         let finds = finds("transit", wind_m_s, stuck(2), Failure::Servo);
-        assert!(finds.after_s.len() >= 13 && finds.median_s() < 14.0, "{finds:?}");
+        assert!(finds.after_s.len() >= 56 && finds.median_s() < 11.0, "{finds:?}");
     }
 }
 
@@ -230,7 +239,7 @@ fn what_fails_where_it_is_not_needed_is_not_found_and_does_no_harm() {
         (POSITION_FROZEN, Failure::Position),
     ] {
         let finds = finds("hover", 0.0, failures, failure);
-        assert!(finds.after_s.len() < 16 && finds.unfound_off_m < 2.5, "{finds:?}");
+        assert!((finds.after_s.len() as u64) < FLIGHTS && finds.unfound_off_m < 2.5, "{finds:?}");
     }
 }
 

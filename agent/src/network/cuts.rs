@@ -1,4 +1,4 @@
-//! When a link is cut, and what its two ends make of it.
+//! When a link is cut or slow, and what the two ends of a cut one make of it.
 
 use std::ops::Range;
 
@@ -29,11 +29,25 @@ pub(super) struct Outage {
 pub fn silences(events: &[Event], speaker: VehicleId, hearer: VehicleId) -> Vec<Range<f64>> {
     let silence = |event: &Event| {
         let What::Fault(Fault::Cut { from, to, both_ways }) = &event.what else { return None };
-        let is_cut = |one: &VehicleId, other: &VehicleId| from.contains(one) && to.contains(other);
-        let is_silent = is_cut(&speaker, &hearer) || *both_ways && is_cut(&hearer, &speaker);
-        (is_silent && speaker != hearer).then(|| lasting(event))
+        is_among([from, to], *both_ways, speaker, hearer).then(|| lasting(event))
     };
     union(events.iter().filter_map(silence))
+}
+
+/// The times, s after the receiver's take-off, in which messages from `sender` to `receiver` take longer, in the order of the
+/// file, each with what it adds to their delay, s. Where some overlap, all are added.
+pub fn delays(events: &[Event], sender: VehicleId, receiver: VehicleId) -> Vec<(Range<f64>, f64)> {
+    let delay = |event: &Event| {
+        let What::Fault(Fault::Delay { from, to, both_ways, delay_s }) = &event.what else { return None };
+        is_among([from, to], *both_ways, sender, receiver).then(|| (lasting(event), *delay_s))
+    };
+    events.iter().filter_map(delay).collect()
+}
+
+/// Whether an event between these senders and receivers affects this direction of a link.
+fn is_among([from, to]: [&Vec<VehicleId>; 2], both_ways: bool, sender: VehicleId, receiver: VehicleId) -> bool {
+    let affects = |sender: &VehicleId, receiver: &VehicleId| from.contains(sender) && to.contains(receiver);
+    sender != receiver && (affects(&sender, &receiver) || both_ways && affects(&receiver, &sender))
 }
 
 /// From when to when an event lasts, s after take-off.

@@ -246,6 +246,57 @@ fn an_agent_publishes_ages_that_include_the_delay_of_the_network() {
 }
 
 #[test]
+fn a_delay_that_begins_in_flight_is_in_the_ages_of_real_agents_and_loses_no_peer() {
+    let tokio = Builder::new_multi_thread().worker_threads(1).enable_all().build().unwrap();
+    let (swarm, session, mut dial) = hub("slower");
+    let [one, two] = [1, 2].map(|number| {
+        let mut node = node(&swarm, number);
+        let [from, to] = [1, 2].map(|number| vec![VehicleId::new(number).unwrap()]);
+        let delay = Fault::Delay { from, to, both_ways: true, delay_s: 0.6 };
+        node.scenario.mission.events = vec![scenario::Event { at_s: 3.0, for_s: Some(4.0), what: What::Fault(delay) }];
+        node
+    });
+    let second = link::open_zenoh(&swarm, &["tcp/127.0.0.1:0".to_owned()], &dial, &[]).unwrap();
+    dial.extend(second.info().locators().wait().iter().map(ToString::to_string));
+    let observer = link::open_zenoh(&swarm, &[], &dial, &[]).unwrap();
+    let mut traces = listen::<Trace>(&observer, all::TRACES);
+    let mut events = listen::<Event>(&observer, all::EVENTS);
+    let flights = [Flight::begin(one, session, &tokio), Flight::begin(two, second, &tokio)];
+    // Of each vehicle: since its take-off, and the age and lateness of the other's newest state.
+    let mut ages: [Vec<(f64, f64, f64)>; 2] = [const { Vec::new() }; 2];
+    let mut took_off_s = [None; 2];
+    wait_until("ten seconds of flight", || {
+        for step in traces() {
+            let index = usize::from(step.header.sender.get()) - 1;
+            let t_s = step.plant_time.seconds();
+            if step.membership != Membership::Joining {
+                let begins_s = *took_off_s[index].get_or_insert(t_s);
+                ages[index].extend(step.peers.iter().map(|peer| (t_s - begins_s, peer.age_s, peer.delivered_age_s)));
+            }
+        }
+        ages.iter().all(|ages| ages.last().is_some_and(|(t_s, ..)| *t_s > 10.0))
+    });
+    for ages in ages {
+        let between = |from_s: f64, until_s: f64| {
+            let them = ages.iter().filter(move |(t_s, ..)| (from_s..until_s).contains(t_s)).map(|(_, age_s, _)| *age_s);
+            them.fold((f64::INFINITY, 0.0), |(least, most): (f64, f64), age_s| (least.min(age_s), most.max(age_s)))
+        };
+        assert!(between(1.0, 2.5).1 < 0.6, "before the delay {:?}", between(1.0, 2.5));
+        // One way, at least, and the round trip with the period of the states and room for a busy machine at most.
+        let (least_s, most_s) = between(5.0, 6.5);
+        assert!(least_s >= 0.6 && most_s < 2.2, "under the delay {least_s} to {most_s}");
+        assert!(between(9.0, 10.0).1 < 0.6, "after the delay {:?}", between(9.0, 10.0));
+        assert!(ages.iter().all(|(_, age_s, delivered_s)| age_s >= delivered_s), "younger than it is: {ages:?}");
+    }
+    assert!(!events().iter().any(|event| matches!(event.what, Happening::PeerLost(_))));
+    for flight in flights {
+        flight.stop.ask();
+        flight.stop.ask();
+        flight.end();
+    }
+}
+
+#[test]
 fn what_the_scenario_does_to_the_network_and_the_clocks_happens_to_real_agents() {
     let tokio = Builder::new_multi_thread().worker_threads(1).enable_all().build().unwrap();
     let (swarm, session, mut dial) = hub("impaired");

@@ -333,6 +333,9 @@ impl Check<'_> {
                 What::Fault(Fault::Cut { .. }) if is_central => {
                     ("cut", "means nothing under `control.mode` = \"central\": no vehicle talks to another")
                 }
+                What::Fault(Fault::Delay { .. }) if is_central => {
+                    ("delay", "means nothing under `control.mode` = \"central\": no vehicle talks to another")
+                }
                 _ => continue,
             };
             let path = format!("mission.events[{index}]");
@@ -346,7 +349,7 @@ impl Check<'_> {
         for (index, event) in self.scenario.mission.events.iter().enumerate() {
             let path = |name: &str| format!("mission.events[{index}].{name}");
             match &event.what {
-                What::Fault(Fault::Cut { from, to, .. }) => {
+                What::Fault(Fault::Cut { from, to, .. } | Fault::Delay { from, to, .. }) => {
                     for (name, ids) in [("from", from), ("to", to)] {
                         for (place, id) in ids.iter().enumerate() {
                             self.flies(*id, &format!("{}[{place}]", path(name)))?;

@@ -3,13 +3,12 @@
 use std::collections::BTreeMap;
 use std::time::Instant;
 
-use skein_agent::network::silences;
 use skein_common::id::{Incarnation, VehicleId, VehicleSet};
 use skein_common::message::Trace;
 use skein_common::scenario::Scenario;
 use skein_common::state::Membership;
 
-use crate::study::world::Incident;
+use crate::study::world::{Incident, LinkChange, LinkChanges, link_changes};
 
 /// The ground truth of a flight.
 #[derive(Debug)]
@@ -28,7 +27,7 @@ pub struct Ground {
 struct Deed {
     at_s: f64,
     link: (VehicleId, VehicleId),
-    is_cut: bool,
+    change: LinkChange,
 }
 
 impl Ground {
@@ -36,11 +35,8 @@ impl Ground {
     pub fn new(scenario: &Scenario) -> Self {
         let links = scenario.ids().flat_map(|speaker| scenario.ids().map(move |hearer| (speaker, hearer)));
         let deeds = links.flat_map(|link| {
-            let silences = silences(&scenario.mission.events, link.0, link.1).into_iter();
-            silences.flat_map(move |silence| {
-                let deed = |at_s, is_cut| Deed { at_s, link, is_cut };
-                [deed(silence.start, true), deed(silence.end, false)]
-            })
+            let changes = link_changes(&scenario.mission.events, link.0, link.1).into_iter();
+            changes.map(move |(at_s, change)| Deed { at_s, link, change })
         });
         Self {
             agenda: deeds.collect(),
@@ -95,12 +91,9 @@ impl Ground {
             let took_off = took_off.get(&deed.link.1);
             took_off.is_some_and(|at| now.saturating_duration_since(*at).as_secs_f64() >= deed.at_s)
         };
-        let (cut, healed): (Vec<_>, Vec<_>) = agenda.extract_if(.., is_due).partition(|deed| deed.is_cut);
-        let links = |deeds: Vec<Deed>| -> Vec<_> { deeds.into_iter().map(|deed| deed.link).collect() };
-        let (cut, healed) = (links(cut), links(healed));
-        let healed = (!healed.is_empty()).then_some(Incident::Healed { links: healed });
-        let cut = (!cut.is_empty()).then_some(Incident::Cut { links: cut });
-        healed.into_iter().chain(cut).collect()
+        let mut changes = LinkChanges::default();
+        agenda.extract_if(.., is_due).for_each(|deed| changes.add(deed.change, deed.link));
+        changes.incidents().collect()
     }
 }
 

@@ -56,7 +56,7 @@ impl Player {
     fn of(fault: &Fault, plant: PlantKind) -> Self {
         match (fault, plant) {
             (Fault::Kill { .. }, _) => Self::Launcher,
-            (Fault::Cut { .. }, _) => Self::Agent,
+            (Fault::Cut { .. } | Fault::Delay { .. }, _) => Self::Agent,
             // Agents measure time by a clock that nobody sets.
             (Fault::ClockJump { .. }, _) => Self::Nobody,
             // Only a study has one machine to kill.
@@ -120,6 +120,10 @@ fn describe(fault: &Fault) -> String {
         Fault::Cut { from, to, both_ways } => {
             let between = if *both_ways { "both ways" } else { "one way" };
             format!("cut from vehicle {} to vehicle {}, {between}", list(from), list(to))
+        }
+        Fault::Delay { from, to, both_ways, delay_s } => {
+            let between = if *both_ways { "both ways" } else { "one way" };
+            format!("delay of {delay_s} s from vehicle {} to vehicle {}, {between}", list(from), list(to))
         }
         Fault::EngineOut { vehicle } => format!("engine_out of vehicle {vehicle}"),
         Fault::SimulatorFreeze { vehicle } => format!("simulator_freeze of vehicle {vehicle}"),

@@ -93,6 +93,6 @@ pub(super) fn word(choice: &impl Serialize) -> String {
 pub(super) fn of_whom(incident: &Incident) -> Option<VehicleId> {
     match incident {
         Incident::Died(id) | Incident::Restarted(id) | Incident::Failed(id, _) => Some(*id),
-        Incident::Cut { .. } | Incident::Healed { .. } => None,
+        Incident::Cut { .. } | Incident::Healed { .. } | Incident::Delayed { .. } | Incident::DelayOver { .. } => None,
     }
 }

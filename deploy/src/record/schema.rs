@@ -160,7 +160,6 @@ pub(super) fn event() -> Value {
 pub(super) fn fault() -> Value {
     let keys =
         [("vehicle", Kind::Integer, true, "to whom, if to one"), ("text", Kind::Text, false, "as people read it")];
-    let what =
-        "as programs read it: Died, Restarted, Failed with the scenario's word, Cut or Healed with [speaker, hearer]";
+    let what = "as programs read it: Died, Restarted, Failed with the scenario's word, Cut, Healed, Delayed or DelayOver with [sender, receiver]";
     with(object(FAULT, &keys), "what", json!({ "description": what })).into()
 }

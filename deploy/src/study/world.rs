@@ -37,6 +37,7 @@ use super::StudyError;
 use crate::metrics::Totals;
 use central::Machine;
 use script::{Agenda, Deed, Operator};
+pub(crate) use script::{LinkChange, LinkChanges, link_changes};
 
 /// Nanoseconds of a tick.
 const TICK_NS: u64 = (TICK_S * 1e9) as u64;
@@ -86,6 +87,16 @@ pub enum Incident {
         /// Speaker and hearer.
         links: Vec<(VehicleId, VehicleId)>,
     },
+    /// Directions of links on which messages take longer from now on.
+    Delayed {
+        /// Sender and receiver.
+        links: Vec<(VehicleId, VehicleId)>,
+    },
+    /// Directions of links on which an added delay has ended.
+    DelayOver {
+        /// Sender and receiver.
+        links: Vec<(VehicleId, VehicleId)>,
+    },
 }
 
 impl fmt::Display for Incident {
@@ -100,6 +111,8 @@ impl fmt::Display for Incident {
             Self::Failed(id, what) => write!(f, "{what} of vehicle {id}"),
             Self::Cut { links } => write!(f, "cut: vehicle {}", list(links)),
             Self::Healed { links } => write!(f, "healed: vehicle {}", list(links)),
+            Self::Delayed { links } => write!(f, "delayed: vehicle {}", list(links)),
+            Self::DelayOver { links } => write!(f, "delay over: vehicle {}", list(links)),
         }
     }
 }
@@ -293,7 +306,7 @@ impl World {
 
     /// Does what is due.
     fn follow_script(&mut self) {
-        let (mut cut, mut healed) = (Vec::new(), Vec::new());
+        let mut changes = LinkChanges::default();
         for index in 0..self.vehicles.len() {
             let id = self.vehicles[index].id;
             while let Some(deed) = self.vehicles[index].due(self.ticks) {
@@ -302,13 +315,11 @@ impl World {
                     Deed::Restart => self.restart(index),
                     Deed::Fail(what) => self.done.push(Incident::Failed(id, what)),
                     Deed::Jump(by_s) => self.vehicles[index].clock_ahead_s += by_s,
-                    Deed::Deafen(speaker) => cut.push((speaker, id)),
-                    Deed::Heal(speaker) => healed.push((speaker, id)),
+                    Deed::Link(change, sender) => changes.add(change, (sender, id)),
                 }
             }
         }
-        self.done.extend((!healed.is_empty()).then_some(Incident::Healed { links: healed }));
-        self.done.extend((!cut.is_empty()).then_some(Incident::Cut { links: cut }));
+        self.done.extend(changes.incidents());
         if let Some(t_s) = self.flown_s() {
             self.strike_machine(t_s);
             self.order(t_s);

@@ -105,7 +105,11 @@ impl Failure {
             Fault::ServoStuck { vehicle, servo } => (vehicle, Self::Stuck(servo)),
             Fault::GpsFrozen { vehicle } => (vehicle, Self::PositionFrozen),
             Fault::SimulatorFreeze { vehicle } => (vehicle, Self::SimulatorFrozen),
-            Fault::Kill { .. } | Fault::KillControl | Fault::Cut { .. } | Fault::ClockJump { .. } => return None,
+            Fault::Kill { .. }
+            | Fault::KillControl
+            | Fault::Cut { .. }
+            | Fault::Delay { .. }
+            | Fault::ClockJump { .. } => return None,
         };
         (vehicle == own).then_some(what)
     }

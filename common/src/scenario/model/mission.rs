@@ -93,6 +93,17 @@ pub enum Fault {
         /// And the other way round.
         both_ways: bool,
     },
+    /// Every message from some to others takes longer.
+    Delay {
+        /// Senders.
+        from: Vec<VehicleId>,
+        /// Receivers.
+        to: Vec<VehicleId>,
+        /// And the other way round.
+        both_ways: bool,
+        /// By this much, s, on top of what the link takes already.
+        delay_s: f64,
+    },
     /// No power.
     EngineOut {
         /// Whose.

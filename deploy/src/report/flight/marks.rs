@@ -42,6 +42,8 @@ fn marks(flight: &Flight<'_>) -> Vec<Mark> {
             What::Done(Incident::Failed(id, what)) => (Some(*id), what.replace('_', " ")),
             What::Done(Incident::Cut { .. }) => (None, "links cut".to_owned()),
             What::Done(Incident::Healed { .. }) => (None, "links healed".to_owned()),
+            What::Done(Incident::Delayed { .. }) => (None, "links delayed".to_owned()),
+            What::Done(Incident::DelayOver { .. }) => (None, "delay over".to_owned()),
             What::Said(_, Happening::OrderTaken(order)) if !orders.contains(order) => {
                 orders.push(*order);
                 (None, format!("order: {}", order.verb))

@@ -5,12 +5,12 @@ use std::ops::Range;
 
 use serde::de::Error;
 use serde::{Deserialize, Deserializer};
-use skein_agent::network::{lasting, silences, union};
+use skein_agent::network::{delays, lasting, silences, union};
 use skein_common::id::VehicleId;
 use skein_common::message::{Order, Verb};
 use skein_common::scenario::{self, Event, Fault, Scenario, What};
 
-use super::FailureWord;
+use super::{FailureWord, Incident};
 
 /// Between two sayings of an order, s.
 const REPEAT_S: f64 = 0.2;
@@ -55,10 +55,57 @@ pub(super) enum Deed {
     Fail(&'static str),
     /// Its clock jumps, s.
     Jump(f64),
-    /// It hears this vehicle no more.
-    Deafen(VehicleId),
-    /// It hears this vehicle again.
-    Heal(VehicleId),
+    /// A direction of a link changes: from this vehicle to it.
+    Link(LinkChange, VehicleId),
+}
+
+/// What the scenario does to a direction of a link.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum LinkChange {
+    Healed,
+    Cut,
+    DelayOver,
+    Delayed,
+}
+
+impl LinkChange {
+    const ALL: [Self; 4] = [Self::Healed, Self::Cut, Self::DelayOver, Self::Delayed];
+
+    fn incident(self, links: Vec<(VehicleId, VehicleId)>) -> Incident {
+        match self {
+            Self::Healed => Incident::Healed { links },
+            Self::Cut => Incident::Cut { links },
+            Self::DelayOver => Incident::DelayOver { links },
+            Self::Delayed => Incident::Delayed { links },
+        }
+    }
+}
+
+/// What happens to links at one time, gathered by its kind.
+#[derive(Debug, Default)]
+pub(crate) struct LinkChanges([Vec<(VehicleId, VehicleId)>; 4]);
+
+impl LinkChanges {
+    /// `link` is sender and receiver.
+    pub(crate) fn add(&mut self, change: LinkChange, link: (VehicleId, VehicleId)) {
+        self.0[change as usize].push(link);
+    }
+
+    /// One of each kind that happened, ends before beginnings.
+    pub(crate) fn incidents(self) -> impl Iterator<Item = Incident> {
+        let kinds = LinkChange::ALL.into_iter().zip(self.0).filter(|(_, links)| !links.is_empty());
+        kinds.map(|(change, links)| change.incident(links))
+    }
+}
+
+/// What the scenario does to the direction from `sender` to `receiver`, each at its time, s after the receiver's take-off;
+/// infinite if never.
+pub(crate) fn link_changes(events: &[Event], sender: VehicleId, receiver: VehicleId) -> Vec<(f64, LinkChange)> {
+    let cuts = silences(events, sender, receiver).into_iter();
+    let cuts = cuts.flat_map(|lasts| [(lasts.start, LinkChange::Cut), (lasts.end, LinkChange::Healed)]);
+    let delays = union(delays(events, sender, receiver).into_iter().map(|(lasts, _)| lasts)).into_iter();
+    let delays = delays.flat_map(|lasts| [(lasts.start, LinkChange::Delayed), (lasts.end, LinkChange::DelayOver)]);
+    cuts.chain(delays).collect()
 }
 
 /// What is done to vehicle `own`, s after its take-off.
@@ -68,8 +115,8 @@ pub(super) fn deeds(scenario: &Scenario, own: VehicleId) -> Agenda<Deed> {
     let mut span = |from, until, lasts: Range<f64>| deeds.extend([(lasts.start, from), (lasts.end, until)]);
     kills(events, own).into_iter().for_each(|dead| span(Deed::Kill, Deed::Restart, dead));
     for speaker in scenario.ids() {
-        let silences = silences(events, speaker, own);
-        silences.into_iter().for_each(|silence| span(Deed::Deafen(speaker), Deed::Heal(speaker), silence));
+        let changes = link_changes(events, speaker, own).into_iter();
+        deeds.extend(changes.map(|(at_s, change)| (at_s, Deed::Link(change, speaker))));
     }
     Agenda::new(deeds)
 }
@@ -128,7 +175,7 @@ pub(crate) fn failing(fault: &Fault) -> Option<(VehicleId, FailureWord)> {
         Fault::GyroOff { vehicle } => Some((*vehicle, "gyro_off")),
         Fault::GpsFrozen { vehicle } => Some((*vehicle, "gps_frozen")),
         Fault::ClockJump { vehicle, .. } => Some((*vehicle, "clock_jump")),
-        Fault::Kill { .. } | Fault::KillControl | Fault::Cut { .. } => None,
+        Fault::Kill { .. } | Fault::KillControl | Fault::Cut { .. } | Fault::Delay { .. } => None,
     }
 }
 
@@ -210,8 +257,8 @@ mod tests {
             (10, Deed::Fail("clock_jump")),
             (10, Deed::Jump(-7.0)),
             (15, Deed::Jump(7.0)),
-            (20, Deed::Deafen(id(1))),
-            (23, Deed::Heal(id(1))),
+            (20, Deed::Link(LinkChange::Cut, id(1))),
+            (23, Deed::Link(LinkChange::Healed, id(1))),
             (50, Deed::Kill),
             (55, Deed::Restart),
         ];
