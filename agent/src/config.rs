@@ -13,19 +13,19 @@ use skein_common::frame::Origin;
 use skein_common::id::VehicleId;
 use skein_common::scenario::{self, PlantKind, Scenario, ScenarioError, Source};
 
-use crate::aircraft::{Aircraft, AircraftError};
-use crate::control::{FisError, Rules};
 use crate::external::{self, ExternalError};
 use crate::link::Security;
 use crate::link::seal::SealKey;
-use crate::plant::Plant;
 use crate::plant::builtin::BuiltIn;
-use crate::plant::helicopter::{BuiltInVehicle, Script, TICK_S, Weather};
 use crate::plant::xplane::{self, XPlane, wire};
-use crate::start::{TooFull, starts};
-use crate::supported::{self, NotFlown};
 use crate::unix;
 pub use security::SecurityTable;
+use skein_core::aircraft::{Aircraft, AircraftError};
+use skein_core::control::{FisError, Rules};
+use skein_core::helicopter::{BuiltInVehicle, Script, TICK_S, Weather};
+use skein_core::plant::Plant;
+use skein_core::start::{TooFull, starts};
+use skein_core::supported::{self, NotFlown};
 
 /// What an agent is asked to be.
 #[derive(Clone, Debug, PartialEq, clap::Args)]

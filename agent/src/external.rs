@@ -7,7 +7,7 @@
 //! | [`talk`] | a child process, a TCP connection or a UDP socket that carries them |
 //! | [`live`] | real time: a thread that asks, and that nobody waits for |
 //!
-//! The core knows none of this: it has [`crate::formation::external`]. In virtual time the study carries the words.
+//! The core knows none of this: it has [`skein_core::formation::external`]. In virtual time the study carries the words.
 
 pub mod live;
 pub mod protocol;

@@ -37,7 +37,6 @@ use zenoh::sample::{Locality, Sample, SampleKind};
 use zenoh::{Config, Session, Wait};
 
 use crate::clock::{LocalClock, now, sleep_until};
-use crate::peers::{Heard, Word};
 use clocks::Clocks;
 pub use clocks::{ASK_EVERY, Utc};
 pub use health::HealthLine;
@@ -51,6 +50,7 @@ use seal::Sealer;
 use seal::words::Voices;
 pub use security::Security;
 pub use sessions::Sessions;
+use skein_core::peers::{Heard, Word};
 use trust::Judge;
 pub use trust::Trust;
 

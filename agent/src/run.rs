@@ -32,17 +32,18 @@ use tokio::runtime::{Builder, Handle};
 use tokio::sync::mpsc;
 use tokio::time::MissedTickBehavior;
 
-use crate::agent::Agent;
-use crate::clock::{LocalClock, Skew, new_incarnation, next_incarnation, utc_nanoseconds};
+use crate::clock::{LocalClock, new_incarnation, next_incarnation, utc_nanoseconds};
 use crate::config::{AgentOptions, Node};
 use crate::external::ExternalError;
 use crate::external::live::LiveLaw;
 use crate::link::{ASK_EVERY, HealthLine, Link, LinkError, Sessions, Trust, ZENOH_ON_TWO_THREADS, ZENOH_RUNTIME};
-use crate::network::Ear;
 use crate::plant::xplane;
-use crate::supported::NotFlown;
 use crate::unix;
 use control::Control;
+use skein_core::agent::Agent;
+use skein_core::impairments::Ear;
+use skein_core::skew::Skew;
+use skein_core::supported::NotFlown;
 
 /// Environment variable that says which release was installed here.
 pub const RELEASE: &str = "SKEIN_RELEASE";

@@ -5,8 +5,8 @@ use std::sync::atomic::AtomicBool;
 
 use clap::{Parser, Subcommand};
 use skein_agent::config::AgentOptions;
-use skein_agent::formation::laws::Laws;
 use skein_agent::plant::xplane::standin::{StandinOptions, run_standin};
+use skein_core::formation::laws::Laws;
 use tracing_subscriber::EnvFilter;
 
 use crate::check::{self, CheckArgs};

@@ -29,10 +29,10 @@
 //! ```
 
 pub use nalgebra::{Rotation2, Vector2, Vector3};
-pub use skein_agent::formation::law::{Answer, Goal, Law, Neighbour, Obstacle, Setup, Sight, Wanted, number};
-pub use skein_agent::formation::laws::{Laws, MakeLaw};
-pub use skein_agent::formation::slots::Slots;
 pub use skein_common::frame::{PositionNed, VelocityNed};
 pub use skein_common::id::VehicleId;
 /// Elementary functions with the same bits on every machine: a law that uses them is as repeatable as Skein's own.
 pub use skein_common::math;
+pub use skein_core::formation::law::{Answer, Goal, Law, Neighbour, Obstacle, Setup, Sight, Wanted, number};
+pub use skein_core::formation::laws::{Laws, MakeLaw};
+pub use skein_core::formation::slots::Slots;

@@ -51,13 +51,13 @@ mod transient;
 use std::f64::consts::TAU;
 
 use nalgebra::{Vector2, Vector3};
-use skein_agent::formation::{self, ring::Ring};
-use skein_agent::plant::{Sticks, Truth};
 use skein_common::frame::PositionNed;
 use skein_common::id::{VehicleId, VehicleSet};
 use skein_common::math;
 use skein_common::message::Happening;
 use skein_common::scenario::{self, ControlMode, Pattern, Scenario, Step, Target, Vertical};
+use skein_core::formation::{self, ring::Ring};
+use skein_core::plant::{Sticks, Truth};
 
 use crate::study::world::Incident;
 use crashes::Crashes;

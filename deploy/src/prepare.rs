@@ -3,8 +3,8 @@
 
 use skein_agent::external::is_external;
 use skein_agent::external::protocol::Time;
-use skein_agent::supported;
 use skein_common::scenario::{PlantKind, Scenario};
+use skein_core::supported;
 
 use crate::error::Error;
 use crate::scenario::{Ready, ScenarioArgs};

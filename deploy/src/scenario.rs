@@ -5,14 +5,14 @@ use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 
-use skein_agent::aircraft::Aircraft;
 use skein_agent::config::{self, ConfigError};
-use skein_agent::control::Rules;
 use skein_agent::external;
-use skein_agent::plant::helicopter::Start;
-use skein_agent::start::starts;
-use skein_agent::supported;
 use skein_common::scenario::{self, Loaded, Scenario, Source, Vehicle, load};
+use skein_core::aircraft::Aircraft;
+use skein_core::control::Rules;
+use skein_core::helicopter::Start;
+use skein_core::start::starts;
+use skein_core::supported;
 
 use crate::error::Error;
 

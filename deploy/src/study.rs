@@ -19,15 +19,15 @@ use std::ops::Range;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-use skein_agent::aircraft::Aircraft;
-use skein_agent::control::Rules;
-use skein_agent::peers::FRESH_S;
-use skein_agent::plant::helicopter::TICK_S;
-use skein_agent::start::TooFull;
-use skein_agent::supported::NotFlown;
 use skein_common::id::VehicleId;
 use skein_common::scenario::{Scenario, Target};
 use skein_common::state::{Membership, Standing};
+use skein_core::aircraft::Aircraft;
+use skein_core::control::Rules;
+use skein_core::helicopter::TICK_S;
+use skein_core::peers::FRESH_S;
+use skein_core::start::TooFull;
+use skein_core::supported::NotFlown;
 
 use crate::clock::now;
 use crate::metrics::{Metrics, Report, Run, VehicleNow, Wall};

@@ -11,15 +11,15 @@ use nalgebra::Vector2;
 use skein::study::Study;
 use skein::study::laws::LawPool;
 use skein::study::world::World;
-use skein_agent::aircraft::Aircraft;
-use skein_agent::control::{Rules, Setpoint, VehicleController};
-use skein_agent::estimate::Estimator;
-use skein_agent::plant::Sticks;
-use skein_agent::plant::helicopter::{BuiltInVehicle, Start, TICK_S, Weather};
 use skein_common::frame::Origin;
 use skein_common::id::VehicleId;
 use skein_common::scenario::{Source, load};
 use skein_common::time::Now;
+use skein_core::aircraft::Aircraft;
+use skein_core::control::{Rules, Setpoint, VehicleController};
+use skein_core::estimate::Estimator;
+use skein_core::helicopter::{BuiltInVehicle, Start, TICK_S, Weather};
+use skein_core::plant::Sticks;
 
 const HOVER: &str = include_str!("../../deploy/scenarios/hover.toml");
 

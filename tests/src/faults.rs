@@ -4,11 +4,11 @@ use std::collections::BTreeSet;
 
 use skein::metrics::COLLISION_M;
 use skein::study::world::World;
-use skein_agent::agent::Agent;
-use skein_agent::peers::Role;
 use skein_common::id::VehicleId;
 use skein_common::scenario::{Scenario, Source, load};
 use skein_common::state::Membership;
+use skein_core::agent::Agent;
+use skein_core::peers::Role;
 
 use crate::{airborne_pairs, in_parallel, median_and_worst, of_scenario};
 

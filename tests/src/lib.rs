@@ -20,10 +20,10 @@ use skein::metrics::AIRBORNE_ABOVE_M;
 use skein::study::laws::LawPool;
 use skein::study::world::World;
 use skein::study::{self, Study};
-use skein_agent::aircraft::Aircraft;
-use skein_agent::control::Rules;
 use skein_common::id::VehicleId;
 use skein_common::scenario::{Scenario, Source, load};
+use skein_core::aircraft::Aircraft;
+use skein_core::control::Rules;
 
 /// The shipped scenarios, by name.
 pub const SHIPPED: [(&str, &str); 6] = [

@@ -7,11 +7,11 @@ use std::fmt;
 
 use skein::metrics::Report;
 use skein::study::world::World;
-use skein_agent::random::{self, Purpose};
 use skein_common::id::VehicleId;
 use skein_common::message::{Failure, Happening};
 use skein_common::scenario::{Scenario, Source, load};
 use skein_common::state::Activity;
+use skein_core::random::{self, Purpose};
 
 use crate::{in_parallel, median_and_worst, of_scenario, study};
 
@@ -120,7 +120,7 @@ pub fn fly(scenario: Scenario) -> Flight {
             let nearing_m_s = -trace.velocity.down_m_s() * error_m.signum();
             let is_off = error_m.abs() > OFF_M && nearing_m_s < NEARING_M_S;
             let off_s = off_s.entry(trace.header.sender).or_default();
-            *off_s = if is_off { *off_s + LOOK_TICKS as f64 * skein_agent::plant::helicopter::TICK_S } else { 0.0 };
+            *off_s = if is_off { *off_s + LOOK_TICKS as f64 * skein_core::helicopter::TICK_S } else { 0.0 };
             if *off_s > flight.longest_off_s {
                 flight.longest_off_s = *off_s;
                 flight.longest_off = Some((trace.header.sender, t_s, error_m));

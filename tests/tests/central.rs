@@ -5,8 +5,8 @@ use serde_json::Value;
 use skein::metrics::{Report, WALL_CLOCK_KEYS};
 use skein::study::Study;
 use skein::study::world::{Incident, World};
-use skein_agent::plant::Truth;
 use skein_common::state::Membership;
+use skein_core::plant::Truth;
 use skein_tests::central::{Case, PLAIN};
 use skein_tests::study;
 

@@ -12,9 +12,7 @@ use std::time::{Duration, Instant};
 
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use skein_agent::aircraft::Aircraft;
 use skein_agent::config::{Node, PlantChoice};
-use skein_agent::control::Rules;
 use skein_agent::link::{Security, Sessions};
 use skein_agent::plant::xplane::standin::{Standin, StandinOptions};
 use skein_agent::plant::xplane::wire::dref::Write as DrefWrite;
@@ -27,6 +25,8 @@ use skein_common::scenario::{Source, load};
 use skein_common::state::{Activity, Membership, VehicleState};
 use skein_common::time::SenderStamp;
 use skein_common::topic::{Cell, Topic, all};
+use skein_core::aircraft::Aircraft;
+use skein_core::control::Rules;
 use zenoh::Wait;
 use zenoh::handlers::FifoChannel;
 

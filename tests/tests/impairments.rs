@@ -3,11 +3,11 @@
 
 use skein::metrics::Report;
 use skein::study::world::{Incident, World};
-use skein_agent::agent::Agent;
 use skein_common::id::VehicleId;
 use skein_common::message::{Happening, PeerAge, Trace, encode};
 use skein_common::scenario::Scenario;
 use skein_common::state::{Membership, Standing};
+use skein_core::agent::Agent;
 use skein_tests::{of_scenario, scenario, study};
 
 /// Everything at once, and clocks of which no two agree.

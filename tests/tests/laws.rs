@@ -5,7 +5,7 @@ use std::num::NonZeroUsize;
 
 use skein::metrics::Report;
 use skein::study::world::World;
-use skein_agent::formation::slots::Slots;
+use skein_core::formation::slots::Slots;
 use skein_tests::study;
 
 const TWO: NonZeroUsize = NonZeroUsize::MIN.saturating_add(1);

@@ -3,11 +3,11 @@
 
 use skein::study::Study;
 use skein::study::world::{Incident, World};
-use skein_agent::agent::Agent;
-use skein_agent::plant::Truth;
 use skein_common::id::VehicleId;
 use skein_common::message::{Happening, Verb};
 use skein_common::state::{Activity, Membership};
+use skein_core::agent::Agent;
+use skein_core::plant::Truth;
 use skein_tests::study;
 
 const FRAME_S: f64 = 0.02;

@@ -24,7 +24,7 @@ use super::protocol::{self, Fault, Heard, Hello, Said, Time};
 use super::talk::{Deaf, Talk, Word};
 use super::{ExternalError, Way, port_of, vector};
 use crate::clock::now;
-use crate::formation::external::{Answer, Ask};
+use skein_core::formation::external::{Answer, Ask};
 
 /// Words between the threads: a law that floods its line loses asks, and the agent waits for none of them.
 const QUEUE: usize = 256;

@@ -11,8 +11,8 @@ use skein_common::id::VehicleId;
 use skein_common::message::LawNumber;
 use skein_common::scenario::Scenario;
 
-use crate::formation::external::{Answer, Ask, Wanted};
-use crate::random::{self, Purpose};
+use skein_core::formation::external::{Answer, Ask, Wanted};
+use skein_core::random::{self, Purpose};
 
 /// The version that is spoken.
 pub const PROTOCOL: u64 = 1;

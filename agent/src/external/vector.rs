@@ -12,7 +12,7 @@
 use nalgebra::{Vector2, Vector3};
 
 use super::protocol::{Fault, PROTOCOL, is_sane, vehicle_id, whole_f64};
-use crate::formation::external::{Answer, Ask, Peer, Wanted};
+use skein_core::formation::external::{Answer, Ask, Peer, Wanted};
 
 /// Values of an ask.
 pub const ASK: usize = 144;

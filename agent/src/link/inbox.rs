@@ -9,7 +9,7 @@ use skein_common::id::VehicleId;
 use skein_common::message::{Drops, Reason, Refused};
 
 use super::refusals::Refusals;
-use crate::peers::{Heard, Word};
+use skein_core::peers::{Heard, Word};
 
 /// State, agreement and token of each vehicle, and the largest order.
 const CAPACITY: usize = 3 * VehicleId::MAX as usize + 1;

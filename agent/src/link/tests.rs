@@ -14,7 +14,7 @@ use skein_common::time::{LocalTime, SenderStamp};
 
 use super::*;
 use crate::clock::{now, sleep_until};
-use crate::peers::Peers;
+use skein_core::peers::Peers;
 
 const PATIENCE: Duration = Duration::from_secs(20);
 

@@ -9,7 +9,7 @@ use skein_common::scenario::Scenario;
 use super::seal::orders::Checker;
 use super::seal::words::Voices;
 use super::seal::{SealKey, Sealer};
-use crate::peers::Word;
+use skein_core::peers::Word;
 
 /// Whom an agent believes, and whose orders it takes.
 #[derive(Clone, Debug)]

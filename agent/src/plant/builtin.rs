@@ -2,10 +2,10 @@
 
 use std::time::{Duration, Instant};
 
-use super::helicopter::failures::Now;
-use super::helicopter::{BuiltInVehicle, Script, TICK_S};
-use super::{Plant, Sticks, Wake};
 use crate::clock::{now, sleep_until};
+use skein_core::helicopter::failures::Now;
+use skein_core::helicopter::{BuiltInVehicle, Script, TICK_S};
+use skein_core::plant::{Plant, Sticks, Wake};
 
 /// A helicopter that moves one tick of 20 ms at each deadline of a fixed grid.
 ///
@@ -43,7 +43,8 @@ impl BuiltIn {
 }
 
 impl Plant for BuiltIn {
-    fn wait(&mut self, deadline: Instant) -> Wake {
+    fn wait(&mut self, patience: Duration) -> Wake {
+        let deadline = now() + patience;
         let due = *self.due.get_or_insert_with(|| now() + TICK);
         sleep_until(due.min(deadline));
         if deadline < due {
@@ -105,8 +106,8 @@ mod tests {
     use skein_common::scenario::{Event, Fault, What};
 
     use super::*;
-    use crate::aircraft::Aircraft;
-    use crate::plant::helicopter::{Start, Weather};
+    use skein_core::aircraft::Aircraft;
+    use skein_core::helicopter::{Start, Weather};
 
     fn plant(script: Script) -> BuiltIn {
         let parameters = Aircraft::shipped("xcell60").unwrap().unwrap().helicopter.unwrap();
@@ -131,11 +132,11 @@ mod tests {
     fn frames_come_a_tick_apart_and_deadlines_are_kept() {
         let mut plant = plant(Script::default());
         let begin = now();
-        assert_eq!(plant.wait(begin + TICK / 4), Wake::Deadline);
+        assert_eq!(plant.wait(TICK / 4), Wake::Deadline);
         assert!(now() >= begin + TICK / 4);
         let mut times = Vec::new();
         while times.len() < 10 {
-            if let Wake::Frame(frame) = plant.wait(now() + 2 * TICK) {
+            if let Wake::Frame(frame) = plant.wait(2 * TICK) {
                 times.push(frame.time);
             }
         }
@@ -153,7 +154,7 @@ mod tests {
         let lasting = fault(20.0, None, Fault::GyroOff { vehicle });
         let BuiltIn { vehicle, script, .. } = plant(Script::of(&[over, lasting], vehicle));
         let mut plant = BuiltIn::new(vehicle, script, Some(95.0));
-        assert!(matches!(plant.wait(now() + 2 * TICK), Wake::Frame(_)));
+        assert!(matches!(plant.wait(2 * TICK), Wake::Frame(_)));
         let failures = plant.vehicle.failures();
         assert!(failures.gyro_off && !failures.engine_out, "{failures:?}");
     }
@@ -166,14 +167,14 @@ mod tests {
         let engine_out = fault(0.0, Some(0.1), Fault::EngineOut { vehicle });
         let mut plant = plant(Script::of(&[freeze, engine_out], vehicle));
         // The script has not begun: nobody has commanded.
-        let Wake::Frame(first) = plant.wait(now() + 2 * TICK) else { panic!("no frame") };
+        let Wake::Frame(first) = plant.wait(2 * TICK) else { panic!("no frame") };
         assert!(!plant.vehicle.failures().engine_out);
         plant.command(Sticks::default());
         let begin = now();
         let (mut frames, mut deadlines) = (Vec::new(), Vec::new());
         while now() < begin + Duration::from_millis(800) {
             let deadline = now() + 3 * TICK / 2;
-            match plant.wait(deadline) {
+            match plant.wait(3 * TICK / 2) {
                 Wake::Frame(frame) => frames.push((now() - begin, frame.time, plant.vehicle.failures().engine_out)),
                 Wake::Deadline => {
                     assert!(now() >= deadline, "it came back early");

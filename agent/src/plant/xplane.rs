@@ -3,10 +3,11 @@
 //! | module | what it holds |
 //! | --- | --- |
 //! | [`wire`] | every datagram, both ways, byte for byte |
-//! | [`profile`] | which datarefs carry an aircraft's controls |
-//! | [`link`] | X-Plane as a [`Plant`](super::Plant) |
+//! | [`link`] | X-Plane as a [`Plant`](skein_core::plant::Plant) |
 //! | [`server`] | the simulator's side: subscriptions, datarefs, overrides; no sockets |
 //! | [`standin`] | a headless X-Plane: the built-in helicopter behind that server |
+//!
+//! Which datarefs carry an aircraft's controls stands in its file ([`skein_core::aircraft::Profile`]).
 //!
 //! Degrees, X-Plane's axes and its single precision do not leave this folder.
 
@@ -15,10 +16,8 @@ mod convert;
 mod socket;
 
 pub mod link;
-pub mod profile;
 pub mod server;
 pub mod standin;
 pub mod wire;
 
 pub use link::{Counters, LinkError, XPlane};
-pub use profile::Profile;

@@ -14,14 +14,15 @@ use tokio::sync::mpsc;
 use super::Stop;
 use super::silence::Silence;
 use super::timing::{Summary, Timing};
-use crate::agent::{Agent, Inputs, Outputs};
-use crate::clock::{LocalClock, Skew, now, sleep_until};
+use crate::clock::{LocalClock, now, sleep_until};
 use crate::external::live::LiveLaw;
 use crate::link::{Link, Messages};
-use crate::network::{Ear, Whereabouts};
-use crate::peers::Heard;
-use crate::plant::{Frame, Plant, Wake};
-use crate::speech::Said;
+use skein_core::agent::{Agent, Inputs, Outputs};
+use skein_core::impairments::{Ear, Whereabouts};
+use skein_core::peers::Heard;
+use skein_core::plant::{Frame, Plant, Wake};
+use skein_core::skew::Skew;
+use skein_core::speech::Said;
 
 /// The plant's frame is given up for this step after so many of its periods.
 const PATIENCE_PERIODS: f64 = 1.5;
@@ -85,7 +86,7 @@ impl Control {
         };
         let mut deadline = now() + patience;
         loop {
-            let wake = self.plant.wait(deadline);
+            let wake = self.plant.wait(deadline.saturating_duration_since(now()));
             if wake == Wake::Deadline {
                 // A plant that comes back early must not make a real-time thread spin.
                 sleep_until(deadline);
@@ -195,7 +196,7 @@ impl Control {
 
     fn health(&self, now: LocalTime, uptime_s: f64, summary: Summary, since: &Since) -> Health {
         let (state_messages, state_bytes) = self.agent.spoken();
-        let peer = |peer: &crate::peers::Seen| PeerHealth {
+        let peer = |peer: &skein_core::peers::Seen| PeerHealth {
             id: peer.id,
             standing: peer.standing,
             age_s: peer.age_s,

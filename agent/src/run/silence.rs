@@ -10,7 +10,7 @@ use std::collections::BTreeMap;
 use skein_common::id::VehicleId;
 use skein_common::time::LocalTime;
 
-use crate::peers::{Heard, Word};
+use skein_core::peers::{Heard, Word};
 
 /// A peer may be silent this long on a computer that keeps up, s.
 const SILENT_S: f64 = 1.0;

@@ -15,14 +15,14 @@ use zenoh::Wait;
 use zenoh::handlers::FifoChannel;
 
 use super::*;
-use crate::aircraft::Aircraft;
 use crate::clock::{now, sleep_until};
 use crate::config::PlantChoice;
-use crate::control::Rules;
 use crate::link::seal::orders::seal;
 use crate::link::seal::tests::sealer;
 use crate::link::{self, Security};
-use crate::plant::helicopter::{BuiltInVehicle, Start, Weather};
+use skein_core::aircraft::Aircraft;
+use skein_core::control::Rules;
+use skein_core::helicopter::{BuiltInVehicle, Start, Weather};
 
 /// For tests that fail; those that pass need a third of it.
 const PATIENCE: Duration = Duration::from_secs(30);

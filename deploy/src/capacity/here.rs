@@ -124,10 +124,11 @@ pub fn ask_for(vehicles: usize, anyway: bool) -> Result<(), Error> {
 fn finding(costs: &Costs, demand: Demand, cores: usize) -> Option<String> {
     let (needed, most) = (costs.cores(demand), costs.most(demand, cores as f64));
     (needed > cores as f64).then(|| {
+        let agents =
+            if demand.agents == 1 { "1 agent asks".to_owned() } else { format!("{} agents ask", demand.agents) };
         format!(
-            "{} agents ask for {needed:.1} cores and this PC has {cores}: it carries {most} (measured just now: {:.0} us of \
+            "{agents} for {needed:.1} cores and this PC has {cores}: it carries {most} (measured just now: {:.0} us of \
              processor for a message, {:.0} messages a second of each agent to each other)",
-            demand.agents,
             costs.message_us,
             costs.states_hz + costs.register_hz
         )

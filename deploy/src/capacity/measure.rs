@@ -4,8 +4,8 @@ use std::net::{Ipv4Addr, UdpSocket};
 use std::num::NonZeroUsize;
 
 use serde::Serialize;
-use skein_agent::speech::MISSION_PERIOD_S;
 use skein_common::scenario::{Source, load};
+use skein_core::speech::MISSION_PERIOD_S;
 
 use super::wire::data_output_bytes;
 use super::words::{self, FRAME_HZ, WordSize, WordTime};

@@ -10,12 +10,12 @@ use serde::Serialize;
 use skein_agent::clock::{LocalClock, new_incarnation, sleep_until};
 use skein_agent::link::seal::words::Voices;
 use skein_agent::link::{Link, Security, Sessions, Trust};
-use skein_agent::peers::{Heard, Word};
 use skein_common::frame::{Geodetic, PositionNed, VelocityNed};
 use skein_common::id::{Incarnation, SwarmName, VehicleId};
 use skein_common::message::{self, Echo, Header, Mission, State};
 use skein_common::state::{Membership, VehicleState};
 use skein_common::topic::Cell;
+use skein_core::peers::{Heard, Word};
 
 use super::relay;
 use crate::clock::now;

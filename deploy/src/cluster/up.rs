@@ -417,7 +417,7 @@ mod tests {
         let ssh = local(folder.path());
         let program = folder.path().join("home/.skein/lab/releases/r1/skein");
         fs::create_dir_all(program.parent().unwrap()).unwrap();
-        let answer = serde_json::to_string(&Answer::Carries(Some("1 agents ask for 1.2 cores".to_owned()))).unwrap();
+        let answer = serde_json::to_string(&Answer::Carries(Some("1 agent asks for 1.2 cores".to_owned()))).unwrap();
         fs::write(&program, format!("#!/bin/sh\nread -r asked\necho \"$asked\" >>asked\necho '{answer}'\n")).unwrap();
         crate::os::set_mode(&program, 0o755).unwrap();
         let full_of = |vehicles: usize, runs: bool| {
@@ -433,7 +433,7 @@ mod tests {
         };
         let full = full_of(20, false);
         assert_eq!(full.len(), 20);
-        assert_eq!(full[0], "10.0.0.11: 1 agents ask for 1.2 cores");
+        assert_eq!(full[0], "10.0.0.11: 1 agent asks for 1.2 cores");
         let asked = fs::read_to_string(folder.path().join("home/asked")).unwrap();
         assert!(asked.contains(r#""Carries":{"agents":1,"swarm":20}"#), "{asked}");
         assert_eq!(full_of(4, false), [""; 0], "so few fit anywhere");

@@ -2,8 +2,8 @@
 //!
 //! What never came counts as infinitely bad: it ranks, and medians and intervals may be infinite.
 
-use skein_agent::random::{self, Purpose};
 use skein_common::math;
+use skein_core::random::{self, Purpose};
 
 /// Share of the runs in which an interval misses what it estimates.
 pub const ALPHA: f64 = 0.05;

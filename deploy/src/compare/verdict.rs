@@ -160,7 +160,7 @@ impl From<Estimate> for Side {
 mod tests {
     use std::collections::{BTreeMap, BTreeSet};
 
-    use skein_agent::random::{self, Purpose};
+    use skein_core::random::{self, Purpose};
 
     use super::super::folder::Flown;
     use super::*;

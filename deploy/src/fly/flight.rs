@@ -17,12 +17,12 @@ mod figures;
 use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
 
-use skein_agent::formation::{self, ring::Ring};
 use skein_common::id::{SwarmName, VehicleId, VehicleSet};
 use skein_common::message::{Trace, Verb};
 use skein_common::printable::printable;
 use skein_common::scenario::{RecordRuns, Target};
 use skein_common::state::{Activity, Membership};
+use skein_core::formation::{self, ring::Ring};
 
 use super::children::{Children, Ended, Role};
 use super::ground::Ground;

@@ -6,10 +6,10 @@ use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 
-use skein_agent::plant::helicopter::Start;
 use skein_common::frame::{Origin, PositionNed};
 use skein_common::id::{SwarmName, VehicleId};
 use skein_common::scenario::{PlantKind, Scenario};
+use skein_core::helicopter::Start;
 
 use super::children::{Children, Role};
 use super::plan::Plan;

@@ -4,10 +4,10 @@
 use std::fmt;
 use std::ops::Range;
 
-use skein_agent::network::{lasting, union};
 use skein_common::id::VehicleId;
 use skein_common::message::Verb;
 use skein_common::scenario::{Event, Fault, PlantKind, Scenario, Servo, What};
+use skein_core::impairments::{lasting, union};
 
 use crate::os;
 use crate::study::world::Incident;

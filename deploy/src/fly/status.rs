@@ -4,11 +4,11 @@ use std::f64::consts::TAU;
 use std::time::{Duration, Instant};
 
 use nalgebra::Vector2;
-use skein_agent::formation::ring::Ring;
 use skein_common::id::VehicleId;
 use skein_common::math;
 use skein_common::message::Trace;
 use skein_common::state::{Activity, Membership, Standing};
+use skein_core::formation::ring::Ring;
 
 use crate::observe::Seen;
 

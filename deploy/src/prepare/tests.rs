@@ -84,7 +84,7 @@ fn workshop() -> TempDir {
         fs::create_dir_all(path.parent().unwrap()).unwrap();
         fs::write(path, text).unwrap();
     };
-    let xcell = skein_agent::aircraft::Aircraft::SHIPPED[0].1;
+    let xcell = skein_core::aircraft::Aircraft::SHIPPED[0].1;
     write("good.toml", xcell);
     write("winged.toml", &xcell.replacen("[trim]", "[trim]\nwings = 2", 1));
     write("weightless.toml", &xcell.replacen("mass_kg = 8.2", "mass_kg = -8.2", 1));

@@ -12,12 +12,12 @@ use foxglove::messages::{
     Pose, Quaternion, SceneEntity, SceneUpdate, TextPrimitive, Timestamp, Vector3, line_primitive, log,
 };
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector2};
-use skein_agent::formation::{self, ring::Region};
 use skein_common::frame::{Attitude, Origin};
 use skein_common::id::VehicleId;
 use skein_common::math;
 use skein_common::message::Trace;
 use skein_common::scenario::Formation;
+use skein_core::formation::{self, ring::Region};
 
 /// The root frame: east, north, up at the scenario's origin.
 pub(super) const WORLD: &str = "world";

@@ -1,10 +1,10 @@
 use std::collections::BTreeSet;
 
 use serde_json::Value;
-use skein_agent::aircraft::Aircraft;
-use skein_agent::control::Rules;
 use skein_common::id::{Incarnation, VehicleId};
 use skein_common::message::{Happening, Header, Trace};
+use skein_core::aircraft::Aircraft;
+use skein_core::control::Rules;
 
 use super::format::{EventLine, FaultLine, log_time_ns, seconds_since, traced};
 use super::*;

@@ -18,9 +18,9 @@ use std::time::{Duration, Instant};
 use skein_agent::external::protocol::{self, Fault, Heard, Hello, Said, Time};
 use skein_agent::external::talk::{Deaf, Sink, Talk, Word};
 use skein_agent::external::{ExternalError, Way, port_of, vector};
-use skein_agent::formation::external::{Answer, Ask};
 use skein_common::id::VehicleId;
 use skein_common::scenario::Scenario;
+use skein_core::formation::external::{Answer, Ask};
 
 use super::world::World;
 use crate::clock::{now, sleep};

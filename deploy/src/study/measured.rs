@@ -140,9 +140,9 @@ mod tests {
     #[test]
     fn numbers_are_read_to_the_last_bit() {
         // serde_json without its feature `float_roundtrip` reads some of these a bit off.
-        let mut rng = skein_agent::random::generator(1, None, skein_agent::random::Purpose::Start);
+        let mut rng = skein_core::random::generator(1, None, skein_core::random::Purpose::Start);
         for _ in 0..2_000 {
-            let value = skein_agent::random::standard_normal(&mut rng) * 1e3;
+            let value = skein_core::random::standard_normal(&mut rng) * 1e3;
             let text = crate::json(&serde_json::json!({ "seed": 1, "a_m": value, "vehicle": { "1": { "a_m": 7.5 } } }));
             assert_eq!(Measured::read(&text).unwrap().figures["a_m"], Some(value), "{text}");
         }

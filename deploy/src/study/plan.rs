@@ -21,10 +21,10 @@ use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 use serde_json::{Value, json};
-use skein_agent::aircraft::Aircraft;
 use skein_agent::external::is_external;
-use skein_agent::start::starts;
 use skein_common::scenario::{Loaded, Scenario};
+use skein_core::aircraft::Aircraft;
+use skein_core::start::starts;
 
 use super::laws::{self, LawPool, Trial};
 use super::measured::Measured;

@@ -5,9 +5,9 @@
 //! of Three Methods for Selecting Values of Input Variables", Technometrics 21 (1979). With both, every point of the grid
 //! has all points of the hypercube.
 
-use skein_agent::random::{self, Purpose};
 use skein_common::math;
 use skein_common::scenario::is_whole;
+use skein_core::random::{self, Purpose};
 
 /// One `--sweep`: a key and what it is to be.
 #[derive(Clone, Debug, PartialEq)]

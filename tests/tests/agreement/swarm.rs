@@ -20,10 +20,10 @@
 
 use std::hash::{Hash, Hasher};
 
-use skein_agent::mission::agreement::{Agreement, Event, Part, Progress};
 use skein_common::id::{Incarnation, VehicleId};
 use skein_common::scenario::Partition;
 use skein_common::state::Membership;
+use skein_core::mission::agreement::{Agreement, Event, Part, Progress};
 
 use super::{MISLED, P1, P2, P3, P4, VOUCHED};
 

@@ -6,7 +6,7 @@ use skein_common::scenario::{Source, load};
 
 use super::*;
 use crate::clock::sleep_until;
-use crate::formation::external::{Goal, Own, Wanted};
+use skein_core::formation::external::{Goal, Own, Wanted};
 
 /// For tests that fail.
 const PATIENCE: Duration = Duration::from_secs(30);

@@ -2,7 +2,7 @@ use proptest::prelude::*;
 use skein_common::scenario::{Source, load};
 
 use super::*;
-use crate::formation::external::{Goal, Own, Peer};
+use skein_core::formation::external::{Goal, Own, Peer};
 
 fn id(number: u8) -> VehicleId {
     VehicleId::new(number).unwrap()

@@ -5,7 +5,7 @@ use skein_common::id::VehicleId;
 
 use super::*;
 use crate::external::protocol::{Hello, Time};
-use crate::formation::external::{Ask, Goal, Own};
+use skein_core::formation::external::{Ask, Goal, Own};
 
 /// For tests that fail.
 const PATIENCE: Duration = Duration::from_secs(20);

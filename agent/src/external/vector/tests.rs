@@ -2,7 +2,7 @@ use proptest::prelude::*;
 use skein_common::id::VehicleId;
 
 use super::*;
-use crate::formation::external::{Goal, Own};
+use skein_core::formation::external::{Goal, Own};
 
 fn id(number: u8) -> VehicleId {
     VehicleId::new(number).unwrap()

@@ -9,7 +9,7 @@ use std::f64::consts::TAU;
 use skein_common::frame::{Attitude, BodyRates, Geodetic, Origin, VelocityNed, wrap_rad};
 
 use super::wire::rpos::Position;
-use crate::plant::{Measurement, Truth};
+use skein_core::plant::{Measurement, Truth};
 
 /// No helicopter flies faster, over the ground or along one axis.
 const MAX_SPEED_M_S: f64 = 500.0;

@@ -21,14 +21,14 @@ use skein_common::frame::Origin;
 
 use super::clock::Clock;
 use super::convert;
-use super::profile::{Dataref, Profile};
 use super::socket::{Port, Received, now};
 use super::wire::rpos::{self, Position};
 use super::wire::{PORT, WireError, rref};
-use crate::plant::{Frame, Plant, Sticks, Wake};
 use beacon::Search;
 use controls::Controls;
 use session::{Answer, Indices, Sender, Senders, Value};
+use skein_core::aircraft::{Dataref, Profile};
+use skein_core::plant::{Frame, Plant, Sticks, Wake};
 
 /// X-Plane forgets its subscribers when it restarts.
 const RESUBSCRIBE: Duration = Duration::from_secs(5);
@@ -348,7 +348,8 @@ impl XPlane {
 }
 
 impl Plant for XPlane {
-    fn wait(&mut self, deadline: Instant) -> Wake {
+    fn wait(&mut self, patience: Duration) -> Wake {
+        let deadline = now() + patience;
         let Some(simulator) = self.find(deadline) else { return Wake::Deadline };
         self.stay_subscribed(simulator);
         while let Some((position, at)) = self.newest_position(simulator.ip(), deadline) {

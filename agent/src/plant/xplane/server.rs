@@ -16,9 +16,9 @@ use super::wire::becn::{self, Beacon};
 use super::wire::dref::{self, Write};
 use super::wire::prel::{self, Placement};
 use super::wire::{WireError, rpos, rref};
-use crate::plant::{Frame, Sticks};
 use clients::Clients;
 use datarefs::{Handle, Setting, Settings, Situation};
+use skein_core::plant::{Frame, Sticks};
 
 /// A subscriber not heard for this long is presumed gone where that matters. Ours asks again every five seconds.
 const PRESUMED_GONE_S: u64 = 12;

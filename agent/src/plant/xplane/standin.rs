@@ -21,7 +21,7 @@ use socket2::SockRef;
 use super::server::{Server, Version};
 use super::socket::{Port, Received, is_nobody_there, is_this_host, now, sleep_until};
 use super::wire::{self, becn, prel::Placement, rpos};
-use crate::plant::helicopter::{BuiltInVehicle, ParameterError, Parameters, Start, TICK_S, Weather};
+use skein_core::helicopter::{BuiltInVehicle, ParameterError, Parameters, Start, TICK_S, Weather};
 
 /// Between the ports of neighbouring vehicles on one computer.
 const PORT_STEP: u16 = 10;

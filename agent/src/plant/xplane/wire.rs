@@ -137,14 +137,3 @@ fn path(text: &[u8]) -> Result<&str, WireError> {
         _ => Err(WireError::NotText),
     }
 }
-
-/// Splits `path[n]` into the dataref's name and its element; no index means element 0, so that `scalar[0]` is the scalar.
-pub fn name_and_element(path: &str) -> Result<(&str, usize), WireError> {
-    let Some(inner) = path.strip_suffix(']') else { return Ok((path, 0)) };
-    let (name, index) = inner.rsplit_once('[').ok_or(WireError::NotText)?;
-    let digits = !index.is_empty() && index.bytes().all(|byte| byte.is_ascii_digit());
-    if name.is_empty() || !digits {
-        return Err(WireError::NotText);
-    }
-    Ok((name, index.parse().map_err(|_| WireError::OutOfRange)?))
-}

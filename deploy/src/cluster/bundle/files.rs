@@ -3,13 +3,13 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use skein_agent::aircraft::Aircraft;
 use skein_agent::config;
 use skein_agent::link::seal::SealKey;
-use skein_agent::start::starts;
-use skein_agent::supported;
 use skein_common::id::VehicleId;
 use skein_common::scenario::{self, Loaded, PlantKind, Source};
+use skein_core::aircraft::Aircraft;
+use skein_core::start::starts;
+use skein_core::supported;
 use toml::Value as Toml;
 
 use super::{Bundle, BundleFile, SCENARIO};

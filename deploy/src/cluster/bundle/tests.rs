@@ -163,7 +163,7 @@ fn what_the_scenario_names_is_carried() {
     fs::write(laws.join("law.py"), "print(1)").unwrap();
     fs::write(lab_folder.join("law.py"), "print(2)").unwrap();
     let controllers = Path::new(env!("CARGO_MANIFEST_DIR")).join("controllers");
-    let (_, shipped) = skein_agent::aircraft::Aircraft::SHIPPED[0];
+    let (_, shipped) = skein_core::aircraft::Aircraft::SHIPPED[0];
     fs::write(lab_folder.join("mine.toml"), shipped).unwrap();
     let scenario = |command: &str| {
         format!(
@@ -212,7 +212,7 @@ fn what_a_scenario_names_elsewhere_is_copied_only_if_the_clusters_file_names_it(
     fs::write(lab.join("law.py"), "print(1)").unwrap();
     symlink(ssh.join("id"), lab.join("link.py")).unwrap();
     symlink(&ssh, lab.join("linked")).unwrap();
-    fs::write(lab.join("mine.toml"), skein_agent::aircraft::Aircraft::SHIPPED[0].1).unwrap();
+    fs::write(lab.join("mine.toml"), skein_core::aircraft::Aircraft::SHIPPED[0].1).unwrap();
     fs::rename(lab.join("mine.toml"), ssh.join("mine.toml")).unwrap();
     symlink(ssh.join("mine.toml"), lab.join("mine.toml")).unwrap();
     let path = lab.join("cluster.toml");

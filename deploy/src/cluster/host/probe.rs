@@ -6,10 +6,11 @@ use std::thread;
 use std::time::Duration;
 
 use skein_agent::config::{listen_for, simulator};
-use skein_agent::plant::helicopter::TICK_S;
-use skein_agent::plant::xplane::{Profile, XPlane};
-use skein_agent::plant::{Plant, Wake};
+use skein_agent::plant::xplane::XPlane;
 use skein_common::frame::{Geodetic, Origin};
+use skein_core::aircraft::Profile;
+use skein_core::helicopter::TICK_S;
+use skein_core::plant::{Plant, Wake};
 
 use crate::clock;
 use crate::cluster::protocol::Reached;
@@ -32,7 +33,7 @@ pub(crate) fn simulator_at(address: &str) -> Result<String, String> {
     let mut place = None;
     while clock::now() < until && (place.is_none() || link.version().is_none()) {
         // Whoever waits is subscribed again, should nothing come.
-        if let Wake::Frame(frame) = link.wait(until.min(clock::now() + ATTEMPT)) {
+        if let Wake::Frame(frame) = link.wait(ATTEMPT.min(until.saturating_duration_since(clock::now()))) {
             place = Some(frame.measurement.position);
         }
     }

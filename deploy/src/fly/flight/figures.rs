@@ -3,11 +3,11 @@
 use std::fs;
 use std::time::Instant;
 
-use skein_agent::peers::FRESH_S;
-use skein_agent::plant::{Sticks, Truth};
 use skein_common::id::VehicleId;
 use skein_common::message::Trace;
 use skein_common::state::{Membership, Standing};
+use skein_core::peers::FRESH_S;
+use skein_core::plant::{Sticks, Truth};
 
 use super::{Flight, fresh};
 use crate::fly::plan::Plan;

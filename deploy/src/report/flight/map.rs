@@ -3,13 +3,13 @@
 use std::f64::consts::TAU;
 
 use nalgebra::{Rotation2, Vector2};
-use skein_agent::formation;
-use skein_agent::formation::law::Neighbour;
 use skein_common::frame::PositionNed;
 use skein_common::id::VehicleId;
 use skein_common::math;
 use skein_common::message::Trace;
 use skein_common::scenario::{Law, Step as Leg, Target};
+use skein_core::formation;
+use skein_core::formation::law::Neighbour;
 
 use super::traces::{centre_distance_panel, pair_distance_panel};
 use super::{Flight, on_map, pieces, place_on_map, radii_m, takes_part};

@@ -1,7 +1,7 @@
 use std::net::TcpStream;
 use std::sync::mpsc::SyncSender;
 
-use skein_agent::formation::external::{Goal, Own};
+use skein_core::formation::external::{Goal, Own};
 
 use super::*;
 

@@ -23,19 +23,19 @@
 
 use std::collections::VecDeque;
 
-use skein_agent::agent::Outputs;
-use skein_agent::aircraft::Aircraft;
-use skein_agent::formation::external::Ask;
-use skein_agent::network::{Ear, Whereabouts};
-use skein_agent::peers::{Heard, Word};
-use skein_agent::plant::{Measurement, Sticks};
-use skein_agent::speech;
 use skein_common::frame::{Geodetic, PositionNed, VelocityNed};
 use skein_common::id::{Incarnation, VehicleId};
 use skein_common::message::{Header, State};
 use skein_common::scenario::{ControlMode, Graph, Network, Scenario, SendMode, Source, load};
 use skein_common::state::VehicleState;
 use skein_common::time::{LocalTime, Now, PlantTime};
+use skein_core::agent::Outputs;
+use skein_core::aircraft::Aircraft;
+use skein_core::formation::external::Ask;
+use skein_core::impairments::{Ear, Whereabouts};
+use skein_core::peers::{Heard, Word};
+use skein_core::plant::{Measurement, Sticks};
+use skein_core::speech;
 
 use super::script::{Agenda, Deed, control_kills};
 use super::{TICK_NS, Vehicle};

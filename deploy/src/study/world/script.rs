@@ -5,10 +5,10 @@ use std::ops::Range;
 
 use serde::de::Error;
 use serde::{Deserialize, Deserializer};
-use skein_agent::network::{delays, lasting, silences, union};
 use skein_common::id::VehicleId;
 use skein_common::message::{Order, Verb};
 use skein_common::scenario::{self, Event, Fault, Scenario, What};
+use skein_core::impairments::{delays, lasting, silences, union};
 
 use super::{FailureWord, Incident};
 

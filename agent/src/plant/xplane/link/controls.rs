@@ -2,11 +2,11 @@
 
 use std::net::SocketAddr;
 
-use crate::plant::Sticks;
-use crate::plant::xplane::profile::{Dataref, Profile};
 use crate::plant::xplane::socket::Port;
 use crate::plant::xplane::wire::WireError;
 use crate::plant::xplane::wire::dref::Template;
+use skein_core::aircraft::{Dataref, Profile};
+use skein_core::plant::Sticks;
 
 /// One template for each dataref of the profile.
 pub(super) struct Controls {

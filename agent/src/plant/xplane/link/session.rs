@@ -20,8 +20,8 @@ use ring::rand::{SecureRandom, SystemRandom};
 use skein_common::math::cos;
 
 use super::{RESUBSCRIBE_SILENT, STALE};
-use crate::plant::xplane::profile::Dataref;
 use crate::plant::xplane::wire::rpos::Position;
+use skein_core::aircraft::Dataref;
 
 /// A datagram with some index that is not ours is believed only with this many that are: too many to be guessed.
 const BEYOND_GUESSING: u32 = 3;

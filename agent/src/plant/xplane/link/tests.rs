@@ -23,14 +23,12 @@ fn link_to(simulator: SocketAddr, listen: IpAddr) -> XPlane {
     XPlane::new(&origin, Some(simulator), &Profile::default(), 50, listen).unwrap()
 }
 
-fn soon() -> Instant {
-    now() + Duration::from_millis(30)
-}
+const SOON: Duration = Duration::from_millis(30);
 
 fn next_frame(link: &mut XPlane) -> Frame {
     let give_up = now() + PATIENCE;
     while now() < give_up {
-        if let Wake::Frame(frame) = link.wait(soon()) {
+        if let Wake::Frame(frame) = link.wait(SOON) {
             return frame;
         }
     }
@@ -50,7 +48,7 @@ impl Scripted {
     fn new() -> (Self, XPlane) {
         let (simulator, mut link) = Self::silent();
         simulator.send_place(&link, &at_height(0.0));
-        link.wait(soon());
+        link.wait(SOON);
         (simulator, link)
     }
 
@@ -59,7 +57,7 @@ impl Scripted {
         let socket = UdpSocket::bind((LOCAL, 0)).unwrap();
         socket.set_read_timeout(Some(Duration::from_millis(50))).unwrap();
         let mut link = link_to(socket.local_addr().unwrap(), LOCAL);
-        link.wait(now());
+        link.wait(Duration::ZERO);
         let mut simulator = Self { socket, heard: Vec::new(), asked: Vec::new() };
         simulator.asked = simulator.hear().to_vec();
         (simulator, link)
@@ -219,10 +217,10 @@ fn values_wake_nobody_and_stand_beside_the_next_frame() {
     let (simulator, mut link) = Scripted::new();
     simulator.send_value(&link, ROTOR_SPEED, 1500.0);
     simulator.send_value(&link, VERSION, 121_400.0);
-    assert_eq!(link.wait(soon()), Wake::Deadline);
+    assert_eq!(link.wait(SOON), Wake::Deadline);
     assert_eq!(link.version(), Some(121_400));
     simulator.send_position(&link, at_height(3.0));
-    let Wake::Frame(frame) = link.wait(soon()) else { panic!("no frame") };
+    let Wake::Frame(frame) = link.wait(SOON) else { panic!("no frame") };
     assert_eq!(frame.measurement.height_m, 3.0);
     let rotor_speed_rad_s = frame.measurement.rotor_speed_rad_s.unwrap();
     assert!((rotor_speed_rad_s - 157.08).abs() < 0.01);
@@ -236,16 +234,16 @@ fn the_newest_queued_position_is_the_frame() {
     for height_m in [1.0, 2.0, 3.0] {
         simulator.send_position(&link, at_height(height_m));
     }
-    let Wake::Frame(frame) = link.wait(soon()) else { panic!("no frame") };
+    let Wake::Frame(frame) = link.wait(SOON) else { panic!("no frame") };
     assert_eq!((frame.measurement.height_m, link.counters().skipped_frames), (3.0, 2));
-    assert_eq!(link.wait(soon()), Wake::Deadline);
+    assert_eq!(link.wait(SOON), Wake::Deadline);
 }
 
 #[test]
 fn a_queued_position_is_had_even_after_the_deadline() {
     let (simulator, mut link) = Scripted::new();
     simulator.send_position(&link, at_height(1.0));
-    assert!(matches!(link.wait(now()), Wake::Frame(_)));
+    assert!(matches!(link.wait(Duration::ZERO), Wake::Frame(_)));
 }
 
 #[test]
@@ -256,7 +254,7 @@ fn a_paused_simulator_has_no_frames_and_its_time_stands() {
     simulator.send_value(&link, PAUSED, 1.0);
     for _ in 0..5 {
         simulator.send_position(&link, at_height(1.0));
-        assert_eq!(link.wait(soon()), Wake::Deadline);
+        assert_eq!(link.wait(SOON), Wake::Deadline);
     }
     assert!(link.is_paused() && link.counters().standing_frames == 5);
     simulator.send_value(&link, PAUSED, 0.0);
@@ -291,7 +289,7 @@ fn what_cannot_be_is_counted_and_dropped() {
     for datagram in [&b""[..], b"RPOS", b"RREF,123", b"DATA\0", &[b'x'; 2000]] {
         simulator.send(&link, datagram);
     }
-    assert_eq!(link.wait(soon()), Wake::Deadline);
+    assert_eq!(link.wait(SOON), Wake::Deadline);
     assert_eq!((link.malformed(), link.counters().frames), (9, 0));
     simulator.send_position(&link, at_height(1.0));
     assert_eq!(next_frame(&mut link).measurement.rotor_speed_rad_s, None);
@@ -313,8 +311,8 @@ fn a_simulator_that_is_not_there_is_waited_for() {
     let closed = UdpSocket::bind((LOCAL, 0)).unwrap().local_addr().unwrap();
     let mut link = link_to(closed, LOCAL);
     for _ in 0..3 {
-        let deadline = soon();
-        assert_eq!(link.wait(deadline), Wake::Deadline);
+        let deadline = now() + SOON;
+        assert_eq!(link.wait(SOON), Wake::Deadline);
         assert!(now() >= deadline);
         link.command(HOVER);
     }
@@ -353,10 +351,10 @@ mod beacons {
         simulator.send_to(b"BECN", to).unwrap();
         send(2, 1, 1000);
         send(1, 2, 2000);
-        assert_eq!(search.find(soon(), &mut counters), None);
+        assert_eq!(search.find(now() + SOON, &mut counters), None);
         send(1, 1, 49010);
         send(1, 1, 49020);
-        assert_eq!(search.find(soon(), &mut counters), Some(49010));
+        assert_eq!(search.find(now() + SOON, &mut counters), Some(49010));
         assert_eq!(counters.malformed, 1);
     }
 
@@ -371,7 +369,7 @@ mod beacons {
         let mut heard = Vec::new();
         // Other simulators may be on the air here.
         while !heard.contains(&address.port()) && now() < give_up {
-            heard.extend(search.find(soon(), &mut counters));
+            heard.extend(search.find(now() + SOON, &mut counters));
         }
         if heard.is_empty() {
             return println!("skipped: multicast does not come back here");
@@ -465,8 +463,8 @@ mod live {
         let mut link = link_to(address, LOCAL);
         let before = next_frame(&mut link).time;
         drop(live);
-        while let Wake::Frame(_) = link.wait(soon()) {}
-        assert_eq!(link.wait(soon()), Wake::Deadline);
+        while let Wake::Frame(_) = link.wait(SOON) {}
+        assert_eq!(link.wait(SOON), Wake::Deadline);
         let _again = Live::start(address.port());
         let after = next_frame(&mut link).time;
         assert!(after > before);

@@ -1,10 +1,10 @@
 //! The datarefs of the stand-in: which there are, which may be written, what they say.
 
-use crate::plant::Frame;
 use crate::plant::xplane::convert::{self, rpm_from_rad_s};
-use crate::plant::xplane::wire::name_and_element;
 use crate::plant::xplane::wire::rpos::Position;
 use skein_common::math;
+use skein_core::aircraft::name_and_element;
+use skein_core::plant::Frame;
 
 /// Elements of a per-engine array from X-Plane 12 on; before, there were eight.
 const ENGINES: usize = 16;
@@ -178,7 +178,7 @@ pub(super) struct Handle {
 impl Handle {
     /// Finds it by its path; `engines` is the length of per-engine arrays.
     pub(super) fn find(path: &str, engines: usize) -> Option<Self> {
-        let (name, element) = name_and_element(path).ok()?;
+        let (name, element) = name_and_element(path)?;
         let dataref = DATAREFS.iter().find(|dataref| dataref.path == name)?;
         let elements = if dataref.is_per_engine { engines.min(ENGINES) } else { 1 };
         (element < elements).then_some(Self { dataref, element })

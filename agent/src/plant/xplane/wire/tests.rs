@@ -200,16 +200,6 @@ mod tolerance {
         assert_eq!(Beacon::decode(&cut[..20]), Err(WireError::WrongSize));
         assert!(!Beacon { host_id: 2, ..beacon() }.is_master() && !Beacon { role: 2, ..beacon() }.is_master());
     }
-
-    #[test]
-    fn a_scalar_may_be_called_its_own_first_element() {
-        assert_eq!(name_and_element("a/b"), Ok(("a/b", 0)));
-        assert_eq!(name_and_element("a/b[0]"), Ok(("a/b", 0)));
-        assert_eq!(name_and_element("a/b[12]"), Ok(("a/b", 12)));
-        for nonsense in ["a]", "a[]", "a[-1]", "[1]", "a[+1]", "a[99999999999999999999999]"] {
-            assert!(name_and_element(nonsense).is_err(), "{nonsense}");
-        }
-    }
 }
 
 mod refused {
@@ -334,7 +324,6 @@ proptest! {
         }
         let _ = (Beacon::decode(&datagram), rpos::Request::decode(&datagram));
         let _ = (rref::Request::decode(&datagram), Placement::decode(&datagram));
-        let _ = name_and_element(&String::from_utf8_lossy(&datagram));
     }
 
     #[test]

@@ -1,0 +1,441 @@
+//! One vehicle, deciding alone: the way round the loop.
+//!
+//! ```text
+//! plant -> estimate -> peers -> mission -> formation -> control -> plant
+//! ```
+
+use alloc::vec::Vec;
+
+use nalgebra::Vector2;
+use skein_common::frame::{Origin, PositionNed, VelocityNed};
+use skein_common::id::{Incarnation, VehicleId, VehicleSet};
+use skein_common::message::{Drops, Failure, Happening, PeerAge, Trace};
+use skein_common::scenario::Scenario;
+use skein_common::state::{Activity, Membership};
+use skein_common::time::{LocalTime, Now, PlantTime};
+
+use crate::aircraft::Aircraft;
+use crate::control::{Rules, Setpoint, Trim, VehicleController};
+use crate::diagnosis::Diagnosis;
+use crate::estimate::{Estimate, Estimator};
+use crate::failsafe::{self, Response};
+use crate::formation::external::{Answer, Ask};
+use crate::formation::{Formation, Wish};
+use crate::mission::{Mission, Task, View};
+use crate::peers::{Change, Heard, Peers, Seen, Word};
+use crate::plant::{Measurement, Sticks, Truth};
+use crate::random::{self, Purpose};
+use crate::speech::{Said, Speech};
+use crate::supported::{self, NotFlown};
+
+/// What came in since the last step.
+#[derive(Clone, Copy, Debug)]
+pub struct Inputs<'a> {
+    /// What the plant's new frame measured; `None` if none came in time.
+    pub measurement: Option<&'a Measurement>,
+    /// What was heard of others, in any order.
+    pub heard: &'a [Heard],
+    /// This vehicle alone is to land and leave, because its agent is about to end.
+    pub leave: bool,
+    /// What an external law has answered to the last ask.
+    pub answer: Option<&'a Answer>,
+}
+
+/// What goes out.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Outputs {
+    /// The controls to write; `None` leaves them as they are.
+    pub command: Option<Sticks>,
+    /// What to tell the others.
+    pub said: Said,
+    /// What to ask an external law: its answer is for a later step.
+    pub ask: Option<Ask>,
+}
+
+/// One vehicle's core: no clock, no input or output, no randomness but its seed's. Same inputs, same outputs, bit for bit.
+#[derive(Clone, Debug)]
+pub struct Agent {
+    origin: Origin,
+    estimator: Estimator,
+    diagnosis: Diagnosis,
+    peers: Peers,
+    mission: Mission,
+    formation: Formation,
+    controller: VehicleController,
+    speech: Speech,
+    clock: SteadyClock,
+    last: LastStep,
+}
+
+/// What the last step found and did.
+#[derive(Clone, Debug)]
+struct LastStep {
+    response: Response,
+    membership: Membership,
+    activity: Activity,
+    plant_time: Option<PlantTime>,
+    estimate: Option<Estimate>,
+    wish: Option<Wish>,
+    command: Option<Sticks>,
+}
+
+impl Agent {
+    /// Vehicle `own` of a scenario, in a new life. Refuses a scenario that asks for what is not flown yet.
+    pub fn new(
+        scenario: &Scenario,
+        own: VehicleId,
+        incarnation: Incarnation,
+        aircraft: &Aircraft,
+        rules: Rules,
+    ) -> Result<Self, NotFlown> {
+        supported::check(scenario)?;
+        let origin = Origin::new(scenario.origin.geodetic());
+        let trim = with_hidden_error(aircraft.trim, scenario, own);
+        let plan = scenario.plan_hash();
+        let roster = scenario.swarm.vehicles.min(VehicleId::MAX.into()) as u8;
+        Ok(Self {
+            origin,
+            estimator: Estimator::new(origin, &scenario.sensing),
+            diagnosis: Diagnosis::new(aircraft),
+            peers: Peers::new(own, roster, plan, &scenario.network),
+            mission: Mission::new(own, scenario, aircraft.take_off_rotor_rad_s()),
+            formation: Formation::new(own, scenario)?,
+            controller: VehicleController::new(rules, trim, scenario.control.auto_trim),
+            speech: Speech::new(own, incarnation, &scenario.network),
+            clock: SteadyClock::default(),
+            last: LastStep {
+                response: Response::LetGo,
+                membership: Membership::Joining,
+                activity: Activity::Joining,
+                plant_time: None,
+                estimate: None,
+                wish: None,
+                command: None,
+            },
+        })
+    }
+
+    /// Once round the loop.
+    pub fn step(&mut self, now: Now, inputs: &Inputs<'_>) -> Outputs {
+        let (now, jumped) = self.clock.read(now);
+        let estimate = self.estimator.update(now, inputs.measurement);
+        self.peers.update(now.local, &self.origin, inputs.heard);
+        let mut happened = self.listen(inputs);
+        happened.extend(jumped.then_some(Happening::ClockJumped));
+
+        let age_s = self.estimator.age_s(now.local);
+        let response = failsafe::respond(estimate.as_ref(), age_s, self.peers.all_lost());
+        self.formation.hear(now.plant, inputs.answer);
+        let command = match (response, &estimate) {
+            (Response::FlyOn | Response::HoldPlace, Some(estimate)) if self.estimator.is_new() => {
+                self.examine(now, inputs.measurement, &mut happened);
+                self.fly(now, estimate, response, &mut happened)
+            }
+            (Response::Neutral, _) => self.last.command.map(|_| self.controller.neutral()),
+            (Response::LetGo, _) => {
+                self.mission.withdraw();
+                // What comes back may be another life of the simulator, its rotor at rest.
+                self.diagnosis.begin_anew();
+                None
+            }
+            // A late frame changes nothing yet.
+            _ => None,
+        };
+        let ask = self.formation.asked(&mut happened);
+        self.tell_changes(response, estimate, &mut happened);
+
+        let own = match response {
+            Response::FlyOn | Response::HoldPlace => estimate,
+            Response::Neutral => None,
+            // A simulator that stands still has left its vehicle where it was.
+            Response::LetGo => estimate.map(|estimate| Estimate { velocity: VelocityNed::default(), ..estimate }),
+        };
+        let echo = |stamp| self.peers.echo(stamp);
+        Outputs { command, said: self.speech.say(now.local, own.as_ref(), &self.mission, happened, echo), ask }
+    }
+
+    /// Looks for what has failed of the own vehicle.
+    fn examine(&mut self, now: Now, measurement: Option<&Measurement>, happened: &mut Vec<Happening>) {
+        let Some(measurement) = measurement else { return };
+        let dt_s = self.last.plant_time.map_or(0.0, |before| now.plant.seconds_since(before));
+        let found = self.diagnosis.update(dt_s, measurement, self.last.command);
+        if found == Some(Failure::Position) {
+            self.estimator.reckon_on();
+        }
+        happened.extend(found.map(Happening::Failed));
+    }
+
+    /// Mission, formation, control.
+    fn fly(
+        &mut self,
+        now: Now,
+        estimate: &Estimate,
+        response: Response,
+        happened: &mut Vec<Happening>,
+    ) -> Option<Sticks> {
+        let wish = self.last.wish.as_ref();
+        let view = View {
+            partners: self.peers.partners(),
+            misses_any: self.peers.misses_any(),
+            alone: response == Response::HoldPlace,
+            altitude_error_m: wish.map(|wish| wish.altitude_error_m(estimate)),
+            collective_limit: self.controller.collective_limit(),
+            in_place: wish.is_some_and(|wish| wish.in_place),
+            failure: self.diagnosis.worst(),
+        };
+        let task = self.mission.step(now, estimate, &view, happened);
+        let dt_s = self.last.plant_time.map_or(0.0, |before| now.plant.seconds_since(before));
+        let wish = self.formation.step(dt_s, estimate, &self.peers.others(), &task);
+        let command = self.control(dt_s, estimate, &task, wish.as_ref(), happened);
+        (self.last.wish, self.last.command, self.last.plant_time) = (wish, command, Some(now.plant));
+        command
+    }
+
+    /// This step for those who measure and watch; `truth` is the plant's, which the agent itself never looks at.
+    pub fn trace(&mut self, now: Now, truth: &Truth) -> Trace {
+        let LastStep { membership, activity, estimate, wish, command, .. } = &self.last;
+        let wish = wish.as_ref();
+        let setpoint: Option<&Setpoint> = wish.map(|wish| &wish.setpoint);
+        Trace {
+            header: self.speech.header_of_trace(now.local),
+            plant_time: now.plant,
+            membership: *membership,
+            activity: *activity,
+            live: self.formation.live().min(usize::from(VehicleId::MAX)) as u8,
+            step: self.mission.at(),
+            reached: self.mission.reached(),
+            centre_ne_m: self.centre_ne_m().into(),
+            estimate: estimate.map(|estimate| estimate.position).unwrap_or_default(),
+            position: truth.position,
+            height_m: truth.height_m,
+            velocity: truth.velocity,
+            attitude: truth.attitude,
+            power_w: truth.power_w,
+            field_ne: wish.map(|wish| wish.field_ne.into()).unwrap_or_default(),
+            error_ne_m: setpoint.map(|setpoint| setpoint.error_ne_m.into()).unwrap_or_default(),
+            altitude_setpoint_m: setpoint.map(|setpoint| setpoint.altitude_m).unwrap_or_default(),
+            sticks: command.map(|sticks| [sticks.roll, sticks.pitch, sticks.yaw, sticks.collective]),
+            peers: self
+                .peers()
+                .iter()
+                .map(|&Seen { id, standing, age_s, delay_s, .. }| PeerAge {
+                    id,
+                    standing,
+                    age_s,
+                    delay_s,
+                    delivered_age_s: 0.0,
+                })
+                .collect(),
+            step_us: None,
+            safety_activations: self.formation.safety_activations(),
+            law_misses: self.law_misses(),
+            law_log: self.formation.law_log().to_vec(),
+            frame_overruns: 0,
+            state_messages: self.speech.state_messages(),
+            state_bytes: self.speech.state_bytes(),
+        }
+    }
+
+    /// Where the vehicle takes itself to be; `None` without data of its own.
+    pub fn position(&self) -> Option<PositionNed> {
+        self.last.estimate.map(|estimate| estimate.position)
+    }
+
+    /// The others as they are thought to be now.
+    pub fn peers(&self) -> &[Seen] {
+        self.peers.seen()
+    }
+
+    /// Whether the others count on this vehicle.
+    pub fn membership(&self) -> Membership {
+        self.last.membership
+    }
+
+    /// What the vehicle is doing.
+    pub fn activity(&self) -> Activity {
+        self.last.activity
+    }
+
+    /// The step of the mission that it is at, counted from 0.
+    pub fn at_step(&self) -> u32 {
+        self.mission.at()
+    }
+
+    /// The highest step that it reached in this life.
+    pub fn reached(&self) -> Option<u32> {
+        self.mission.reached()
+    }
+
+    /// Whether nothing of the mission is left to it but to land, or not even that.
+    pub fn has_finished(&self) -> bool {
+        self.mission.is_at_landing() || self.membership() == Membership::Left
+    }
+
+    /// Where it takes the formation's centre to be, north and east, m.
+    pub fn centre_ne_m(&self) -> Vector2<f64> {
+        self.mission.centre().0
+    }
+
+    /// The others that it hears.
+    pub fn hears(&self) -> VehicleSet {
+        self.peers.heard()
+    }
+
+    /// Words about state said so far, and their payload in bytes.
+    pub fn spoken(&self) -> (u64, u64) {
+        (self.speech.state_messages(), self.speech.state_bytes())
+    }
+
+    /// Words about the agreement said so far, and their payload in bytes.
+    pub fn agreed(&self) -> (u64, u64) {
+        self.speech.missions()
+    }
+
+    /// How often the safety filter has stepped in so far; `None` without one.
+    pub fn safety_activations(&self) -> Option<u64> {
+        self.formation.safety_activations()
+    }
+
+    /// Asks that an external law has not answered so far; `None` without one.
+    pub fn law_misses(&self) -> Option<u64> {
+        self.formation.law_misses()
+    }
+
+    /// What it finds failed of its own vehicle, from the mildest to the most severe.
+    pub fn failures(&self) -> Vec<Failure> {
+        let stuck = self.mission.is_stuck().then_some(Failure::Altitude);
+        let mut failures: Vec<Failure> = self.diagnosis.found().chain(stuck).collect();
+        failures.sort_unstable();
+        failures
+    }
+
+    /// The edge tells, before the next step, that this agent did not run for so long: its computer does not keep up.
+    pub fn did_not_run(&mut self, for_s: f64) {
+        self.peers.did_not_run(for_s);
+    }
+
+    /// What was dropped so far; what the edges drop is theirs to add.
+    pub fn drops(&self) -> Drops {
+        Drops {
+            old: self.peers.old(),
+            forged: self.peers.forged(),
+            measurement: self.estimator.refused(),
+            ..Drops::default()
+        }
+    }
+
+    /// Of whom so many words were dropped because a later one was already heard.
+    pub fn old_words(&self) -> impl Iterator<Item = (VehicleId, u64)> {
+        self.peers.old_words()
+    }
+
+    /// Takes up what was said about orders and plans, and lists what is worth telling.
+    fn listen(&mut self, inputs: &Inputs<'_>) -> Vec<Happening> {
+        if inputs.leave {
+            self.mission.leave();
+        }
+        let mut happened: Vec<_> = self
+            .peers
+            .changes()
+            .iter()
+            .map(|change| match *change {
+                Change::Found(id) => Happening::PeerFound(id),
+                Change::Lost(id) => Happening::PeerLost(id),
+            })
+            .collect();
+        for heard in inputs.heard {
+            if let Word::Order(order) = heard.word {
+                self.mission.merge(order, &mut happened);
+            }
+        }
+        for said in self.peers.missions() {
+            self.mission.listen(said, &mut happened);
+        }
+        happened
+    }
+
+    /// The vehicle controller's stage.
+    fn control(
+        &mut self,
+        dt_s: f64,
+        estimate: &Estimate,
+        task: &Task,
+        wish: Option<&Wish>,
+        happened: &mut Vec<Happening>,
+    ) -> Option<Sticks> {
+        let controls = match (task, wish) {
+            (Task::Park, _) => return Some(self.controller.unload(dt_s)),
+            (Task::ComeDown { heading_rad }, _) => self.controller.come_down(dt_s, estimate, *heading_rad),
+            (_, Some(wish)) if self.diagnosis.is_cyclic_stuck() => self.controller.turn(dt_s, estimate, &wish.setpoint),
+            (_, Some(wish)) => self.controller.step(dt_s, estimate, &wish.setpoint),
+            (_, None) => return None,
+        };
+        happened.extend(controls.fault.is_some().then_some(Happening::ControlFault));
+        Some(controls.sticks)
+    }
+
+    /// Compares with the last step and lists what has changed.
+    fn tell_changes(&mut self, response: Response, estimate: Option<Estimate>, happened: &mut Vec<Happening>) {
+        let before = self.last.response;
+        let blind = Response::Neutral;
+        if response != before {
+            match response {
+                Response::LetGo => happened.push(Happening::SimulatorLost),
+                Response::Neutral => happened.push(Happening::OwnDataStale),
+                Response::HoldPlace if before < blind => happened.push(Happening::AllPeersLost),
+                _ if before >= blind && self.last.estimate.is_some() => happened.push(Happening::OwnDataBack),
+                _ => {}
+            }
+        }
+        let (membership, activity) = (self.mission.membership(), self.mission.activity());
+        if membership == Membership::Active && self.last.membership == Membership::Joining {
+            happened.push(Happening::BecameActive);
+        }
+        if activity != self.last.activity {
+            match (self.last.activity, activity) {
+                (Activity::TakingOff, Activity::Formation) => happened.push(Happening::AtAltitude),
+                (_, Activity::Landed) => happened.push(Happening::Landed),
+                _ => {}
+            }
+        }
+        // Until here the last step's: data that come for the first time are not back.
+        self.last.estimate = estimate;
+        self.last.response = response;
+        self.last.membership = membership;
+        self.last.activity = if response >= blind && self.last.estimate.is_some() { Activity::Blind } else { activity };
+    }
+}
+
+/// The own clock without its jumps: time that this process cannot have lived through never passed.
+#[derive(Clone, Copy, Debug, Default)]
+struct SteadyClock {
+    /// What the clock showed last, and what that was taken for.
+    last: Option<(LocalTime, LocalTime)>,
+}
+
+/// Nothing that is needed takes an agent this long between two steps: after it all that it knows is worthless anyway, s.
+const JUMP_S: f64 = 10.0;
+
+impl SteadyClock {
+    /// The time since the last reading, which may not be negative nor above [`JUMP_S`]; and whether it was.
+    fn read(&mut self, now: Now) -> (Now, bool) {
+        let (shown, taken) = self.last.unwrap_or((now.local, now.local));
+        let since_s = now.local.seconds_since(shown);
+        let jumped = !(0.0..=JUMP_S).contains(&since_s);
+        let since = if jumped { 0 } else { now.local.nanoseconds() - shown.nanoseconds() };
+        let local = LocalTime::from_nanoseconds(taken.nanoseconds().saturating_add(since));
+        self.last = Some((now.local, local));
+        (Now { local, ..now }, jumped)
+    }
+}
+
+/// The trim as this vehicle's controller believes it: off by a draw that the scenario hides from it.
+fn with_hidden_error(trim: Trim, scenario: &Scenario, own: VehicleId) -> Trim {
+    let mut generator = random::generator(scenario.seed, Some(own), Purpose::Trim);
+    let mut error_rad = || scenario.swarm.trim_error_rms_rad() * random::standard_normal(&mut generator);
+    let (roll_error_rad, pitch_error_rad) = (error_rad(), error_rad());
+    Trim { roll_rad: trim.roll_rad + roll_error_rad, pitch_rad: trim.pitch_rad + pitch_error_rad, ..trim }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,319 @@
+//! Closed loop on the built-in helicopter; `cargo test -- --nocapture diagnosis` prints what was measured.
+
+mod flight;
+mod responses;
+
+use nalgebra::Vector2;
+use skein_common::frame::VelocityNed;
+
+use super::*;
+use crate::helicopter::{Failures, TICK_S};
+use flight::{Flight, Senses};
+
+const SOUND: Failures = Failures { engine_out: false, gyro_off: false, stuck: [false; 3], position_frozen: false };
+const ENGINE_OUT: Failures = Failures { engine_out: true, ..SOUND };
+const GYRO_OFF: Failures = Failures { gyro_off: true, ..SOUND };
+const POSITION_FROZEN: Failures = Failures { position_frozen: true, ..SOUND };
+
+/// Roll, pitch or collective.
+fn stuck(servo: usize) -> Failures {
+    let mut stuck = [false; 3];
+    stuck[servo] = true;
+    Failures { stuck, ..SOUND }
+}
+
+/// How near normal flights come to each limit: roll, pitch, climb, yaw; and how slow the rotor turns.
+#[derive(Clone, Copy, Debug, Default)]
+struct Nearest {
+    shares: [f64; 4],
+    rotor_lost_rad_s: f64,
+}
+
+impl Nearest {
+    fn look(&mut self, flight: &Flight) {
+        let controls = flight.diagnosis.controls.as_ref().unwrap();
+        let Controls { roll, pitch, yaw, climb, .. } = controls;
+        for (share, excess) in self.shares.iter_mut().zip([&roll.excess, &pitch.excess, &climb.excess, &yaw.excess]) {
+            *share = share.max(excess.sum / excess.limit);
+        }
+        self.rotor_lost_rad_s = self.rotor_lost_rad_s.max(167.0 - flight.vehicle.helicopter().rotor_speed_rad_s());
+    }
+}
+
+/// Take-off, hover, steps across and up, turns on the spot, transit at 7 m/s round two corners, zigzag, landing.
+fn normal_flight(mut flight: Flight) -> (Flight, Nearest) {
+    let mut nearest = Nearest::default();
+    let mut fly = |flight: &mut Flight, seconds: f64| {
+        for _ in 0..(seconds * 50.0) as u32 {
+            flight.fly(0.02);
+            nearest.look(flight);
+        }
+    };
+    fly(&mut flight, 60.0);
+    flight.place_ne_m += Vector2::new(30.0, 30.0);
+    flight.altitude_m = 60.0;
+    fly(&mut flight, 20.0);
+    flight.heading_rad += 3.0;
+    fly(&mut flight, 10.0);
+    flight.altitude_m = 25.0;
+    fly(&mut flight, 25.0);
+    for moves_ne_m_s in [[7.0, 0.0], [0.0, 7.0], [-7.0, 0.0], [0.0, 0.0]] {
+        flight.moves_ne_m_s = moves_ne_m_s.into();
+        fly(&mut flight, 20.0);
+    }
+    for east_m in [28.0, -28.0, 28.0, -28.0] {
+        flight.place_ne_m += Vector2::new(10.0, east_m);
+        fly(&mut flight, 4.0);
+    }
+    fly(&mut flight, 10.0);
+    flight.land();
+    (flight, nearest)
+}
+
+#[test]
+fn normal_flights_raise_no_alarm() {
+    let mut worst = Nearest::default();
+    for seed in 0..384 {
+        let (wind_m_s, gust_w20_m_s) = [(0.0, 0.0), (3.0, 3.0), (8.0, 8.0), (5.0, 8.0)][seed as usize % 4];
+        let senses = if seed % 8 < 4 { Senses::Exact } else { Senses::Paper };
+        let (flight, nearest) = normal_flight(Flight::new(senses, wind_m_s, gust_w20_m_s, seed));
+        assert_eq!(flight.found, [], "seed {seed}");
+        for (worst, share) in worst.shares.iter_mut().zip(nearest.shares) {
+            *worst = worst.max(share);
+        }
+        worst.rotor_lost_rad_s = worst.rotor_lost_rad_s.max(nearest.rotor_lost_rad_s);
+    }
+    println!("shares of the limits of roll, pitch, climb, yaw: {worst:.2?}");
+}
+
+/// A flight in which something then fails: taking off, in the hover, on its way 14 m across and 5 m up, and while it speeds
+/// up to 7 m/s.
+fn begun(phase: &str, wind_m_s: f64, seed: u64) -> Flight {
+    let senses = if seed.is_multiple_of(2) { Senses::Exact } else { Senses::Paper };
+    let mut flight = Flight::new(senses, wind_m_s, wind_m_s, seed);
+    match phase {
+        "take-off" => flight.fly(4.0),
+        "hover" => flight.fly(60.0),
+        "step" => {
+            flight.fly(60.0);
+            flight.place_ne_m += Vector2::new(10.0, 10.0);
+            flight.altitude_m += 5.0;
+        }
+        "transit" => {
+            flight.fly(60.0);
+            flight.moves_ne_m_s = Vector2::new(7.0, 0.0);
+            flight.fly(1.5);
+        }
+        _ => unreachable!("{phase}"),
+    }
+    flight.fly(0.2 * (seed % 16) as f64);
+    flight
+}
+
+/// Flights of each kind: enough that their 95th percentile is no single flight.
+const FLIGHTS: u64 = 64;
+
+/// How a failure was found in [`FLIGHTS`] flights.
+#[derive(Debug, Default)]
+struct Finds {
+    /// Sorted, s.
+    after_s: Vec<f64>,
+    /// Farthest from its moving place over the ground where it was not found within 30 s, m.
+    unfound_off_m: f64,
+}
+
+impl Finds {
+    fn median_s(&self) -> f64 {
+        self.after_s.get(self.after_s.len() / 2).copied().unwrap_or(f64::INFINITY)
+    }
+
+    /// Within this time 95 % of all flights found it.
+    fn p95_s(&self) -> f64 {
+        self.after_s.get((0.95 * FLIGHTS as f64) as usize).copied().unwrap_or(f64::INFINITY)
+    }
+
+    fn worst_s(&self) -> f64 {
+        self.after_s.last().copied().unwrap_or(f64::INFINITY)
+    }
+}
+
+/// Flown on as if nothing were, until it is found, for 30 s.
+fn finds(phase: &str, wind_m_s: f64, failures: Failures, expected: Failure) -> Finds {
+    let mut finds = Finds::default();
+    for seed in 0..FLIGHTS {
+        let mut flight = begun(phase, wind_m_s, seed);
+        assert_eq!(flight.found, [], "{phase} {wind_m_s} {seed}");
+        let from_s = flight.time_s();
+        flight.fail(failures);
+        while flight.found.is_empty() && flight.time_s() < from_s + 30.0 {
+            flight.fly(TICK_S);
+        }
+        match flight.found.first() {
+            Some(&(time_s, found)) => {
+                assert_eq!(found, expected, "{phase} {wind_m_s} {seed}");
+                finds.after_s.push(time_s - from_s);
+            }
+            None => {
+                let off_m = (flight.truth().position.horizontal() - flight.place_ne_m).norm();
+                finds.unfound_off_m = finds.unfound_off_m.max(off_m);
+            }
+        }
+    }
+    finds.after_s.sort_by(f64::total_cmp);
+    println!(
+        "{expected:?}, {phase}, wind and gusts {wind_m_s} m/s: {} of {FLIGHTS} found, median {:.2} s, 95 % within {:.2} s, worst {:.2} s",
+        finds.after_s.len(),
+        finds.median_s(),
+        finds.p95_s(),
+        finds.worst_s()
+    );
+    finds
+}
+
+#[test]
+fn an_engine_that_stops_is_found_at_once() {
+    for phase in ["take-off", "hover", "step", "transit"] {
+        for wind_m_s in [0.0, 5.0, 8.0] {
+            let finds = finds(phase, wind_m_s, ENGINE_OUT, Failure::Engine);
+            assert!(finds.after_s.len() as u64 == FLIGHTS && finds.worst_s() < 0.4, "{finds:?}");
+        }
+    }
+}
+
+#[test]
+fn a_frozen_position_is_found_within_two_metres() {
+    for (phase, within_s) in [("take-off", 1.6), ("step", 1.6), ("transit", 0.6)] {
+        for wind_m_s in [0.0, 5.0] {
+            let finds = finds(phase, wind_m_s, POSITION_FROZEN, Failure::Position);
+            assert!(finds.after_s.len() as u64 == FLIGHTS && finds.worst_s() < within_s, "{finds:?}");
+        }
+    }
+}
+
+#[test]
+fn a_stuck_cyclic_is_found_when_it_is_needed() {
+    for servo in [0, 1] {
+        for (phase, median_s, within_s) in [("step", 2.5, 5.0), ("transit", 3.5, 10.5), ("take-off", 20.0, 23.0)] {
+            for wind_m_s in [0.0, 5.0] {
+                let finds = finds(phase, wind_m_s, stuck(servo), Failure::Servo);
+                assert!(finds.after_s.len() as u64 == FLIGHTS, "{finds:?}");
+                assert!(finds.median_s() < median_s && finds.p95_s() < within_s, "{finds:?}");
+            }
+        }
+    }
+}
+
+#[test]
+fn a_dead_gyro_is_found_when_it_is_needed() {
+    for wind_m_s in [0.0, 5.0] {
+        let finds = finds("step", wind_m_s, GYRO_OFF, Failure::Gyro);
+        assert!(finds.after_s.len() >= 56 && finds.median_s() < 2.5, "{finds:?}");
+    }
+}
+
+#[test]
+fn a_stuck_collective_is_found_once_it_leads_astray() {
+    for wind_m_s in [0.0, 5.0] {
+        let finds = finds("transit", wind_m_s, stuck(2), Failure::Servo);
+        assert!(finds.after_s.len() >= 56 && finds.median_s() < 11.0, "{finds:?}");
+    }
+}
+
+#[test]
+fn a_collective_stuck_on_the_ground_is_found() {
+    let mut flight = Flight::new(Senses::Exact, 3.0, 3.0, 1);
+    flight.fail(stuck(2));
+    flight.fly(20.0);
+    println!("collective stuck on the ground: {:?}", flight.found);
+    assert!(flight.truth().height_m < 0.3);
+    assert!(matches!(flight.found[..], [(_, Failure::Servo)]), "{:?}", flight.found);
+}
+
+#[test]
+fn what_fails_where_it_is_not_needed_is_not_found_and_does_no_harm() {
+    for (failures, failure) in [
+        (GYRO_OFF, Failure::Gyro),
+        (stuck(0), Failure::Servo),
+        (stuck(1), Failure::Servo),
+        (stuck(2), Failure::Servo),
+        (POSITION_FROZEN, Failure::Position),
+    ] {
+        let finds = finds("hover", 0.0, failures, failure);
+        assert!((finds.after_s.len() as u64) < FLIGHTS && finds.unfound_off_m < 2.5, "{finds:?}");
+    }
+}
+
+/// A hover that measures this position and this rotor speed.
+fn measured(east_m: f64, rotor_speed_rad_s: Option<f64>) -> Measurement {
+    let flight = Flight::new(Senses::Exact, 0.0, 0.0, 1);
+    let still = flight.vehicle.frame().measurement;
+    let longitude_rad = still.position.longitude_rad + east_m / 6.4e6;
+    let position = Geodetic { longitude_rad, ..still.position };
+    Measurement { position, height_m: 30.0, velocity: VelocityNed::new(0.0, 5.0, 0.0), rotor_speed_rad_s, ..still }
+}
+
+fn xcell60() -> Aircraft {
+    Aircraft::shipped("xcell60").unwrap().unwrap()
+}
+
+#[test]
+fn what_is_found_stays_found_and_only_worse_is_news_but_for_the_position() {
+    let mut diagnosis = Diagnosis::new(&xcell60());
+    let trim = Some(xcell60().trim.sticks());
+    let mut seconds = |number: u32, turn_rad_s: f64, rotor_rad_s: f64, moves: bool| {
+        let news = (0..50 * number).filter_map(|tick| {
+            let mut measured = measured(if moves { f64::from(tick) } else { 0.0 }, Some(rotor_rad_s));
+            measured.rates.yaw_rad_s = turn_rad_s;
+            diagnosis.update(TICK_S, &measured, trim)
+        });
+        (news.collect::<Vec<_>>(), diagnosis.worst())
+    };
+    assert_eq!(seconds(10, 0.0, 167.0, true), (vec![], None));
+    assert_eq!(seconds(10, 2.0, 167.0, true), (vec![Failure::Gyro], Some(Failure::Gyro)));
+    assert_eq!(seconds(10, 2.0, 167.0, false), (vec![Failure::Position], Some(Failure::Gyro)));
+    assert_eq!(seconds(10, 2.0, 100.0, true), (vec![Failure::Engine], Some(Failure::Engine)));
+    assert_eq!(seconds(10, 0.0, 167.0, false), (vec![], Some(Failure::Engine)));
+}
+
+#[test]
+fn a_rotor_that_speeds_up_or_is_not_told_of_has_not_failed() {
+    let mut diagnosis = Diagnosis::new(&xcell60());
+    for speed in 0..150 {
+        assert_eq!(diagnosis.update(TICK_S, &measured(f64::from(speed), Some(f64::from(speed))), None), None);
+    }
+    assert_eq!(diagnosis.update(TICK_S, &measured(0.0, Some(167.0)), None), None);
+    assert_eq!(diagnosis.update(TICK_S, &measured(1.0, None), None), None);
+    assert_eq!(diagnosis.update(TICK_S, &measured(2.0, Some(150.0)), None), Some(Failure::Engine));
+}
+
+#[test]
+fn a_simulator_that_was_started_again_with_its_rotor_at_rest_is_no_failure() {
+    let mut diagnosis = Diagnosis::new(&xcell60());
+    assert_eq!(diagnosis.update(TICK_S, &measured(0.0, Some(167.0)), None), None);
+    diagnosis.begin_anew();
+    for speed in 0..168 {
+        assert_eq!(diagnosis.update(TICK_S, &measured(f64::from(speed), Some(f64::from(speed))), None), None);
+    }
+    assert_eq!(diagnosis.update(TICK_S, &measured(0.0, Some(100.0)), None), Some(Failure::Engine), "but later");
+}
+
+#[test]
+fn of_an_aircraft_without_a_model_only_engine_and_position_are_watched() {
+    let aircraft = Aircraft { helicopter: None, rotor_speed_rad_s: Some(167.0), ..xcell60() };
+    let mut diagnosis = Diagnosis::new(&aircraft);
+    let full = Some(Sticks { roll: 1.0, pitch: -1.0, yaw: 1.0, collective: 0.0 });
+    for tick in 0..500 {
+        assert_eq!(diagnosis.update(TICK_S, &measured(f64::from(tick), Some(167.0)), full), None);
+    }
+    assert_eq!(diagnosis.update(TICK_S, &measured(0.0, Some(149.0)), full), Some(Failure::Engine));
+}
+
+#[test]
+fn time_that_stands_still_freezes_no_position() {
+    let mut diagnosis = Diagnosis::new(&xcell60());
+    for dt_s in [0.0, -5.0] {
+        for _ in 0..1_000 {
+            assert_eq!(diagnosis.update(dt_s, &measured(0.0, Some(167.0)), None), None);
+        }
+    }
+}

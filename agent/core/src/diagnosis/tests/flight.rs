@@ -1,0 +1,144 @@
+//! A helicopter of the built-in model, flown by the vehicle controller straight to where it is told, and watched.
+
+use nalgebra::Vector2;
+use skein_common::frame::{Geodetic, Origin};
+use skein_common::id::VehicleId;
+use skein_common::message::Failure;
+use skein_common::scenario::{PositionSensing, Sensing, VelocitySensing};
+use skein_common::time::{LocalTime, Now, PlantTime};
+
+use crate::aircraft::Aircraft;
+use crate::control::{Rules, Setpoint, VehicleController};
+use crate::diagnosis::Diagnosis;
+use crate::estimate::{Estimate, Estimator};
+use crate::helicopter::{BuiltInVehicle, Failures, Start, TICK_S, Weather};
+use crate::plant::{Sticks, Truth};
+
+/// What a vehicle knows of itself.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum Senses {
+    Exact,
+    /// As in Garcia & Barnes 2010.
+    Paper,
+}
+
+/// How far one may go, as the formation's conversion does it, m.
+const FARTHEST_M: f64 = 28.0;
+
+#[derive(Clone)]
+pub(super) struct Flight {
+    pub(super) vehicle: BuiltInVehicle,
+    estimator: Estimator,
+    pub(super) controller: VehicleController,
+    pub(super) diagnosis: Diagnosis,
+    pub(super) command: Option<Sticks>,
+    time_s: f64,
+    /// Where it is to be, north and east, and how that place moves.
+    pub(super) place_ne_m: Vector2<f64>,
+    pub(super) moves_ne_m_s: Vector2<f64>,
+    pub(super) altitude_m: f64,
+    pub(super) heading_rad: f64,
+    /// What was found, and when.
+    pub(super) found: Vec<(f64, Failure)>,
+}
+
+impl Flight {
+    /// On the ground, told to hover at 30 m. Gusts are those of this wind, from a direction of the seed's.
+    pub(super) fn new(senses: Senses, wind_m_s: f64, gust_w20_m_s: f64, seed: u64) -> Self {
+        let aircraft = Aircraft::shipped("xcell60").unwrap().unwrap();
+        let parameters = aircraft.helicopter.as_ref().unwrap();
+        let origin = Origin::new(Geodetic::from_degrees(28.0, -82.0, 0.0));
+        let weather = Weather { wind_m_s, wind_from_rad: seed as f64, gust_w20_m_s };
+        let (position, velocity) = match senses {
+            Senses::Exact => (PositionSensing::Exact, VelocitySensing::Measured),
+            Senses::Paper => (PositionSensing::F32Latlon, VelocitySensing::Differenced),
+        };
+        let heading_rad = 0.7 * seed as f64;
+        let start = Start { heading_rad, ..Start::default() };
+        let id = VehicleId::new(1).unwrap();
+        Self {
+            vehicle: BuiltInVehicle::new(&origin, parameters, &start, &weather, seed, id),
+            estimator: Estimator::new(origin, &Sensing { position, velocity, differenced_tau_s: 1.0 }),
+            controller: VehicleController::new(Rules::shipped(), aircraft.trim, true),
+            diagnosis: Diagnosis::new(&aircraft),
+            command: None,
+            time_s: 0.0,
+            place_ne_m: Vector2::zeros(),
+            moves_ne_m_s: Vector2::zeros(),
+            altitude_m: 30.0,
+            heading_rad,
+            found: Vec::new(),
+        }
+    }
+
+    /// The estimate of now, after the diagnosis had its look.
+    pub(super) fn look(&mut self) -> Estimate {
+        let frame = self.vehicle.frame();
+        let now = Now { plant: PlantTime::from_seconds(self.time_s), local: LocalTime::from_seconds(self.time_s) };
+        let estimate = self.estimator.update(now, Some(&frame.measurement)).unwrap();
+        if let Some(failure) = self.diagnosis.update(TICK_S, &frame.measurement, self.command) {
+            self.found.push((self.time_s, failure));
+        }
+        estimate
+    }
+
+    /// Where the flight wants it.
+    pub(super) fn setpoint(&self, estimate: &Estimate) -> Setpoint {
+        let error_ne_m = (self.place_ne_m - estimate.position.horizontal()).cap_magnitude(FARTHEST_M);
+        let Self { moves_ne_m_s: feedforward_ne_m_s, altitude_m, heading_rad, .. } = *self;
+        Setpoint { error_ne_m, feedforward_ne_m_s, altitude_m, heading_rad }
+    }
+
+    /// One tick on with these controls.
+    pub(super) fn advance(&mut self, sticks: Sticks) {
+        self.command = Some(sticks);
+        self.vehicle.advance(self.command);
+        self.time_s += TICK_S;
+        self.place_ne_m += self.moves_ne_m_s * TICK_S;
+    }
+
+    pub(super) fn fly(&mut self, seconds: f64) {
+        for _ in 0..(seconds / TICK_S).round() as u32 {
+            let estimate = self.look();
+            let controls = self.controller.step(TICK_S, &estimate, &self.setpoint(&estimate));
+            self.advance(controls.sticks);
+        }
+    }
+
+    /// Its place is where it takes itself to be.
+    pub(super) fn stop_here(&mut self) {
+        let estimate = self.look();
+        self.place_ne_m = estimate.position.horizontal();
+        self.altitude_m = estimate.position.altitude_m();
+        self.moves_ne_m_s = Vector2::zeros();
+    }
+
+    /// Down at 2 m/s and at last at 0.7 m/s, until it stands.
+    pub(super) fn land(&mut self) {
+        let until_s = self.time_s + 120.0;
+        while self.truth().height_m > 0.26 {
+            assert!(self.time_s < until_s, "it does not come down: {:?}", self.truth());
+            let sink_m_s = if self.truth().height_m > 6.0 { 2.0 } else { 0.7 };
+            let lowest_m = self.truth().position.altitude_m() - 3.0;
+            self.altitude_m = (self.altitude_m - sink_m_s * TICK_S).max(lowest_m);
+            self.fly(TICK_S);
+        }
+        self.fly(1.0);
+    }
+
+    pub(super) fn reckon_on(&mut self) {
+        self.estimator.reckon_on();
+    }
+
+    pub(super) fn fail(&mut self, failures: Failures) {
+        self.vehicle.fail(failures);
+    }
+
+    pub(super) fn time_s(&self) -> f64 {
+        self.time_s
+    }
+
+    pub(super) fn truth(&self) -> Truth {
+        self.vehicle.frame().truth
+    }
+}

@@ -1,0 +1,323 @@
+//! Measurements become an [`Estimate`]: what the vehicle believes of itself.
+//!
+//! What a vehicle may know is the scenario's choice. `f32_latlon` rounds latitude and longitude in degrees to single
+//! precision, as X-Plane's data rows do and as Garcia & Barnes 2010 read them: a grid of 0.2 to 0.8 m. `differenced` gives
+//! up the measured velocity for the filtered difference of positions. Both are selectable over any plant. A vehicle whose
+//! position has frozen reckons on from where it was, by the measured velocity.
+
+use core::f64::consts::TAU;
+
+use nalgebra::{Vector2, Vector3};
+use skein_common::frame::{Attitude, BodyRates, Geodetic, Origin, PositionNed, VelocityNed};
+use skein_common::math;
+use skein_common::scenario::{PositionSensing, Sensing, VelocitySensing};
+use skein_common::state::VehicleState;
+use skein_common::time::{LocalTime, Now, PlantTime};
+
+use crate::plant::Measurement;
+
+/// Turning faster than this is a broken sensor, rad/s.
+const MAX_RATE_RAD_S: f64 = 50.0;
+
+/// What the vehicle believes of itself at one instant. Every number is finite.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Estimate {
+    /// Position in the swarm's local frame.
+    pub position: PositionNed,
+    /// The same place as it is told to peers.
+    pub geodetic: Geodetic,
+    /// Height of the centre of gravity above the ground, m.
+    pub height_m: f64,
+    /// Velocity over the ground.
+    pub velocity: VelocityNed,
+    /// Attitude.
+    pub attitude: Attitude,
+    /// Angular velocity.
+    pub rates: BodyRates,
+    /// Main rotor speed, rad/s, where the plant tells it.
+    pub rotor_speed_rad_s: Option<f64>,
+}
+
+impl Estimate {
+    /// What of it is told to peers.
+    pub fn state(&self) -> VehicleState {
+        VehicleState { position: self.geodetic, velocity: self.velocity, heading_rad: self.attitude.heading_rad }
+    }
+}
+
+/// The estimation stage: keeps the last believable measurement and how old it is.
+#[derive(Clone, Debug)]
+pub struct Estimator {
+    origin: Origin,
+    rounds_to_f32: bool,
+    difference: Option<Difference>,
+    reckoning: Reckoning,
+    latest: Option<(Estimate, LocalTime)>,
+    /// The last update took up a measurement.
+    is_new: bool,
+    refused: u64,
+}
+
+/// Where the velocity has led since the measured position last changed.
+#[derive(Clone, Copy, Debug, Default)]
+struct Reckoning {
+    is_on: bool,
+    /// The position, and when it was last looked at.
+    last: Option<(Geodetic, PlantTime)>,
+    way_ned_m: Vector3<f64>,
+}
+
+/// Velocity as the filtered difference of positions.
+#[derive(Clone, Copy, Debug)]
+struct Difference {
+    /// Time constant τ of the first-order filter, s.
+    tau_s: f64,
+    previous: Option<(Vector2<f64>, PlantTime)>,
+    velocity_ne_m_s: Vector2<f64>,
+}
+
+impl Estimator {
+    /// What `sensing` lets a vehicle know, in the frame at `origin`.
+    pub fn new(origin: Origin, sensing: &Sensing) -> Self {
+        let difference = match sensing.velocity {
+            VelocitySensing::Measured => None,
+            VelocitySensing::Differenced => {
+                Some(Difference { tau_s: sensing.differenced_tau_s, previous: None, velocity_ne_m_s: Vector2::zeros() })
+            }
+        };
+        Self {
+            origin,
+            rounds_to_f32: sensing.position == PositionSensing::F32Latlon,
+            difference,
+            reckoning: Reckoning::default(),
+            latest: None,
+            is_new: false,
+            refused: 0,
+        }
+    }
+
+    /// From here on the measured position is not looked at: it stands since it last changed. The vehicle is where the
+    /// measured velocity has taken it since then.
+    pub fn reckon_on(&mut self) {
+        self.reckoning.is_on = true;
+    }
+
+    /// Takes up a measurement if there is one and it can be true; gives the newest estimate, however old it is.
+    pub fn update(&mut self, now: Now, measurement: Option<&Measurement>) -> Option<Estimate> {
+        self.is_new = measurement.is_some_and(is_plausible);
+        if let Some(measurement) = measurement {
+            if self.is_new {
+                self.latest = Some((self.estimate(now.plant, measurement), now.local));
+            } else {
+                self.refused += 1;
+            }
+        }
+        self.latest.map(|(estimate, _)| estimate)
+    }
+
+    /// Whether the last update took up a measurement.
+    pub fn is_new(&self) -> bool {
+        self.is_new
+    }
+
+    /// Age of the estimate by the local clock, s; `None` before the first.
+    pub fn age_s(&self, now: LocalTime) -> Option<f64> {
+        self.latest.map(|(_, at)| now.seconds_since(at))
+    }
+
+    /// Measurements that could not be true.
+    pub fn refused(&self) -> u64 {
+        self.refused
+    }
+
+    fn estimate(&mut self, at: PlantTime, measurement: &Measurement) -> Estimate {
+        let place = self.reckoning.update(at, measurement);
+        let mut geodetic = if self.rounds_to_f32 { rounded(&place) } else { place };
+        let mut position = self.origin.ned_from_geodetic(&geodetic);
+        if self.reckoning.is_on {
+            position.0 += self.reckoning.way_ned_m;
+            geodetic = self.origin.geodetic_from_ned(position);
+        }
+        let velocity = match &mut self.difference {
+            None => measurement.velocity,
+            Some(_) if self.reckoning.is_on => measurement.velocity,
+            Some(difference) => {
+                let [north_m_s, east_m_s] = difference.update(at, position.horizontal()).into();
+                VelocityNed::new(north_m_s, east_m_s, measurement.velocity.down_m_s())
+            }
+        };
+        Estimate {
+            position,
+            geodetic,
+            height_m: measurement.height_m,
+            velocity,
+            attitude: measurement.attitude,
+            rates: measurement.rates,
+            rotor_speed_rad_s: measurement.rotor_speed_rad_s,
+        }
+    }
+}
+
+impl Reckoning {
+    /// Gives the position that the way begins at.
+    fn update(&mut self, at: PlantTime, measurement: &Measurement) -> Geodetic {
+        let (begin, way_ned_m) = match self.last {
+            Some((begin, before)) if self.is_on || begin == measurement.position => {
+                let dt_s = at.seconds_since(before).max(0.0);
+                (begin, self.way_ned_m + measurement.velocity.0 * dt_s)
+            }
+            _ => (measurement.position, Vector3::zeros()),
+        };
+        (self.last, self.way_ned_m) = (Some((begin, at)), way_ned_m);
+        begin
+    }
+}
+
+impl Difference {
+    /// v += (dt/τ) ((p_k − p_{k−1})/dt − v), from v = 0.
+    fn update(&mut self, at: PlantTime, position_ne_m: Vector2<f64>) -> Vector2<f64> {
+        if let Some((before_ne_m, before)) = self.previous {
+            let dt_s = at.seconds_since(before);
+            if dt_s > 0.0 {
+                let share = (dt_s / self.tau_s).min(1.0);
+                self.velocity_ne_m_s += ((position_ne_m - before_ne_m) / dt_s - self.velocity_ne_m_s) * share;
+            }
+        }
+        self.previous = Some((position_ne_m, at));
+        self.velocity_ne_m_s
+    }
+}
+
+/// Latitude and longitude in degrees through single precision and back.
+fn rounded(place: &Geodetic) -> Geodetic {
+    let through_f32 = |degrees: f64| f64::from(degrees as f32);
+    Geodetic::from_degrees(through_f32(place.latitude_deg()), through_f32(place.longitude_deg()), place.altitude_m)
+}
+
+fn is_plausible(measurement: &Measurement) -> bool {
+    let Measurement { position, height_m, velocity, attitude, rates, rotor_speed_rad_s } = measurement;
+    let rate = |rad_s: f64| rad_s.abs() <= MAX_RATE_RAD_S;
+    position.is_plausible()
+        && height_m.is_finite()
+        && velocity.0.norm_squared() <= math::square(VehicleState::MAX_SPEED_M_S)
+        && [attitude.roll_rad, attitude.pitch_rad, attitude.heading_rad].iter().all(|angle| angle.abs() <= TAU)
+        && rate(rates.roll_rad_s)
+        && rate(rates.pitch_rad_s)
+        && rate(rates.yaw_rad_s)
+        && rotor_speed_rad_s.is_none_or(f64::is_finite)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn origin() -> Origin {
+        Origin::new(Geodetic::from_degrees(28.0, -82.0, 0.0))
+    }
+
+    fn sensing(position: PositionSensing, velocity: VelocitySensing) -> Sensing {
+        Sensing { position, velocity, differenced_tau_s: 1.0 }
+    }
+
+    fn measured(north_m: f64, east_m: f64) -> Measurement {
+        Measurement {
+            position: origin().geodetic_from_ned(PositionNed::new(north_m, east_m, -30.0)),
+            height_m: 30.0,
+            velocity: VelocityNed::new(1.0, 2.0, 3.0),
+            attitude: Attitude::default(),
+            rates: BodyRates::default(),
+            rotor_speed_rad_s: Some(167.0),
+        }
+    }
+
+    fn at(seconds: f64) -> Now {
+        Now { plant: PlantTime::from_seconds(seconds), local: LocalTime::from_seconds(seconds) }
+    }
+
+    #[test]
+    fn exact_sensing_is_the_measurement() {
+        let mut estimator = Estimator::new(origin(), &sensing(PositionSensing::Exact, VelocitySensing::Measured));
+        let estimate = estimator.update(at(1.0), Some(&measured(12.0, -7.0))).unwrap();
+        assert!((estimate.position - PositionNed::new(12.0, -7.0, -30.0)).norm() < 1e-5);
+        assert_eq!(estimate.velocity, VelocityNed::new(1.0, 2.0, 3.0));
+        assert_eq!(estimator.age_s(LocalTime::from_seconds(1.5)), Some(0.5));
+        assert!(estimator.is_new());
+        estimator.update(at(1.0), None);
+        assert_eq!((estimator.is_new(), estimator.age_s(LocalTime::from_seconds(1.0))), (false, Some(0.0)));
+    }
+
+    #[test]
+    fn single_precision_is_a_grid_of_its_published_size() {
+        let mut estimator = Estimator::new(origin(), &sensing(PositionSensing::F32Latlon, VelocitySensing::Measured));
+        let mut places = |direction: fn(f64) -> (f64, f64)| {
+            let mut places: Vec<f64> = (0..4000)
+                .map(|k| {
+                    let (north, east) = direction(f64::from(k) * 0.005);
+                    let position = estimator.update(at(1.0), Some(&measured(north, east))).unwrap().position;
+                    ((position.north_m() + position.east_m()) * 1e3).round() / 1e3
+                })
+                .collect();
+            places.dedup();
+            20.0 / places.len() as f64
+        };
+        let (north_step_m, east_step_m) = (places(|metres| (metres, 0.0)), places(|metres| (0.0, metres)));
+        assert!((north_step_m - 0.21).abs() < 0.02, "{north_step_m}");
+        assert!((east_step_m - 0.75).abs() < 0.05, "{east_step_m}");
+    }
+
+    #[test]
+    fn differenced_velocity_follows_with_its_time_constant() {
+        let mut estimator = Estimator::new(origin(), &sensing(PositionSensing::Exact, VelocitySensing::Differenced));
+        let mut velocity = VelocityNed::default();
+        for tick in 0..=50 {
+            let seconds = f64::from(tick) * 0.02;
+            velocity = estimator.update(at(seconds), Some(&measured(2.0 * seconds, 0.0))).unwrap().velocity;
+        }
+        assert!((velocity.north_m_s() - 2.0 * (1.0 - math::exp(-1.0))).abs() < 0.02, "63 % after one time constant");
+        assert_eq!(velocity.down_m_s(), 3.0, "the climb rate stays measured");
+    }
+
+    #[test]
+    fn a_frozen_position_is_reckoned_on_from_where_it_froze() {
+        for velocity in [VelocitySensing::Measured, VelocitySensing::Differenced] {
+            let mut estimator = Estimator::new(origin(), &sensing(PositionSensing::Exact, velocity));
+            estimator.update(at(0.0), Some(&measured(7.0, -3.0)));
+            for tick in 1..=50 {
+                // It froze one second before that is noticed.
+                let estimate = estimator.update(at(f64::from(tick) * 0.02), Some(&measured(10.0, 20.0))).unwrap();
+                assert!((estimate.position - PositionNed::new(10.0, 20.0, -30.0)).norm() < 1e-5);
+            }
+            estimator.reckon_on();
+            // Whatever it measures now.
+            for tick in 51..=100 {
+                estimator.update(at(f64::from(tick) * 0.02), Some(&measured(f64::from(tick), 0.0)));
+            }
+            let estimate = estimator.update(at(2.02), Some(&measured(0.0, 0.0))).unwrap();
+            let way = estimate.position - PositionNed::new(10.0, 20.0, -30.0);
+            assert!((way - Vector3::new(2.0, 4.0, 6.0)).norm() < 1e-5, "{way:?}");
+            assert_eq!(estimate.velocity, VelocityNed::new(1.0, 2.0, 3.0));
+            let told = origin().ned_from_geodetic(&estimate.geodetic);
+            assert!((told - estimate.position).norm() < 1e-5);
+        }
+    }
+
+    #[test]
+    fn what_cannot_be_true_is_refused_and_the_last_estimate_stands() {
+        let mut estimator = Estimator::new(origin(), &sensing(PositionSensing::Exact, VelocitySensing::Measured));
+        let good = estimator.update(at(1.0), Some(&measured(0.0, 0.0)));
+        let breakages: [fn(&mut Measurement); 5] = [
+            |m| m.position.latitude_rad = f64::NAN,
+            |m| m.height_m = f64::INFINITY,
+            |m| m.velocity = VelocityNed::new(1e4, 0.0, 0.0),
+            |m| m.attitude.heading_rad = f64::NAN,
+            |m| m.rates.yaw_rad_s = 1e3,
+        ];
+        for (count, breakage) in (1..).zip(breakages) {
+            let mut broken = measured(0.0, 0.0);
+            breakage(&mut broken);
+            assert_eq!(estimator.update(at(2.0), Some(&broken)), good);
+            assert_eq!(estimator.refused(), count);
+        }
+        assert_eq!(estimator.age_s(LocalTime::from_seconds(3.0)), Some(2.0));
+    }
+}

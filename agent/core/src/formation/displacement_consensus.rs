@@ -1,0 +1,68 @@
+//! Displacement consensus: everybody keeps the wanted displacement to each neighbour that it hears.
+//!
+//! W. Ren & R. W. Beard, "Distributed Consensus in Multi-vehicle Cooperative Control" (Springer, 2008), for single
+//! integrators; in the words of K.-K. Oh, M.-C. Park & H.-S. Ahn, "A survey of multi-agent formation control", Automatica 53
+//! (2015), section 4, displacement-based control. With x_i the place, s_i the slot, c the centre,
+//!
+//! v_i = ċ − k Σ_j ((x_i − s_i) − (x_j − s_j)) − k_g (x_i − s_i − c)      over the neighbours j that are heard.
+//!
+//! Without the last term, which is ours and ties the formation to the centre, the displacements converge as exp(−k λ₂ t), λ₂
+//! the algebraic connectivity of the graph of who hears whom, and the formation as a whole goes nowhere.
+//!
+//! Slots belong to ids, not to ranks: those who hear only some of the others would not agree on ranks. Whoever is lost
+//! leaves a gap.
+
+use alloc::boxed::Box;
+use alloc::string::String;
+use alloc::vec::Vec;
+
+use nalgebra::Vector2;
+use skein_common::id::VehicleId;
+
+use super::law::{Answer, Law, Setup, Sight, Wanted};
+use super::slots::{Slots, is_in_slot};
+
+/// Gains and slots.
+#[derive(Clone, Debug, PartialEq)]
+struct DisplacementConsensus {
+    /// From the centre, by id.
+    slots_ne_m: Vec<Vector2<f64>>,
+    gain_per_s: f64,
+    goal_gain_per_s: f64,
+}
+
+/// The law of a scenario.
+pub(super) fn make(setup: &Setup<'_>) -> Result<Box<dyn Law>, String> {
+    let gains = &setup.formation.displacement_consensus;
+    let slots = Slots::of(setup.formation);
+    Ok(Box::new(DisplacementConsensus {
+        slots_ne_m: (0..setup.vehicles).map(|nth| slots.slot_ne_m(nth, setup.vehicles)).collect(),
+        gain_per_s: gains.gain_per_s,
+        goal_gain_per_s: gains.goal_gain_per_s,
+    }))
+}
+
+impl DisplacementConsensus {
+    fn slot_ne_m(&self, id: VehicleId) -> Vector2<f64> {
+        self.slots_ne_m.get(usize::from(id.get()) - 1).copied().unwrap_or_default()
+    }
+}
+
+impl Law for DisplacementConsensus {
+    fn ask(&mut self, sight: &Sight<'_>) -> Answer {
+        let own_ne_m = sight.position.horizontal() - self.slot_ne_m(sight.own);
+        let apart_m = |id, place: Vector2<f64>| own_ne_m - (place - self.slot_ne_m(id));
+        let heard = sight.neighbours.iter().map(|neighbour| apart_m(neighbour.id, neighbour.position.horizontal()));
+        let (sum_m, worst_m) =
+            heard.fold((Vector2::zeros(), 0.0_f64), |(sum, worst), apart_m| (sum + apart_m, worst.max(apart_m.norm())));
+        let from_goal_m = own_ne_m - sight.goal.centre.horizontal();
+        let wanted =
+            sight.goal.centre_velocity.horizontal() - sum_m * self.gain_per_s - from_goal_m * self.goal_gain_per_s;
+        // In the own place; or, where nobody has one, in the right place from everybody heard.
+        let off_m = if self.goal_gain_per_s > 0.0 { from_goal_m.norm() } else { worst_m };
+        Answer { wanted: Wanted::level(wanted), is_there: is_in_slot(off_m) && sight.is_slow() }
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,70 @@
+//! Which laws this program can fly.
+
+use alloc::boxed::Box;
+use alloc::format;
+use alloc::string::String;
+use alloc::vec::Vec;
+
+use once_cell::race::OnceBox;
+use rand::Rng;
+use skein_common::id::VehicleId;
+use skein_common::scenario::{self, LawName, Scenario, add_laws};
+
+use super::law::{Law, Setup};
+use super::{displacement_consensus, olfati_saber, ring, vasarhelyi, virtual_structure};
+use crate::random::{Purpose, generator};
+use crate::supported::NotFlown;
+
+/// Makes a law for one vehicle, or says in half a sentence what is wrong with its parameters.
+pub type MakeLaw = fn(&Setup<'_>) -> Result<Box<dyn Law>, String>;
+
+/// The laws that come with Skein: a file and a line each. What `formation.law` spells, and who makes it.
+const BUILT_IN: &[(&str, MakeLaw)] = &[
+    ("ring", ring::make),
+    ("flock", ring::make),
+    ("olfati-saber", olfati_saber::make),
+    ("vasarhelyi", vasarhelyi::make),
+    ("virtual-structure", virtual_structure::make),
+    ("displacement-consensus", displacement_consensus::make),
+];
+
+/// Laws that a program brings along besides those of Skein.
+#[derive(Clone, Debug, Default)]
+pub struct Laws(Vec<(&'static str, MakeLaw)>);
+
+impl Laws {
+    /// One more, called `name` in scenario files.
+    #[must_use]
+    pub fn with(mut self, name: &'static str, make: MakeLaw) -> Self {
+        self.0.push((name, make));
+        self
+    }
+
+    /// From now on this program can fly them. Once at most, before the first scenario is read.
+    ///
+    /// # Errors
+    /// A name that is taken or misspelt; a second time.
+    pub fn add(self) -> Result<(), LawName> {
+        add_laws(self.0.iter().map(|(name, _)| *name).collect())?;
+        ADDED.set(Box::new(self)).map_err(|_| LawName::Late)
+    }
+}
+
+/// What a program brings along never changes while it runs: like its code, it is no input of a flight.
+static ADDED: OnceBox<Laws> = OnceBox::new();
+
+/// The law of a formation, for vehicle `own`.
+pub(super) fn make(
+    scenario: &Scenario,
+    formation: &scenario::Formation,
+    own: VehicleId,
+) -> Result<Box<dyn Law>, NotFlown> {
+    let name = formation.law.name();
+    let added = ADDED.get().map_or(&[][..], |laws| &laws.0);
+    let Some((_, make)) = BUILT_IN.iter().chain(added).find(|(known, _)| *known == name) else {
+        return Err(NotFlown::yet(&format!("formation.law = \"{name}\"")));
+    };
+    let seed = generator(scenario.seed, Some(own), Purpose::Law).next_u64();
+    make(&Setup { own, formation, vehicles: scenario.swarm.vehicles, seed })
+        .map_err(|why| NotFlown(format!("formation.law = \"{name}\": {why}")))
+}

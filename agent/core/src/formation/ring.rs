@@ -1,0 +1,274 @@
+//! The elliptical surface: every vehicle goes to the ring around the centre and spreads along it, or stays inside.
+//!
+//! After R. Garcia & L. Barnes, "Multi-UAV Simulator Utilizing X-Plane", J. Intelligent & Robotic Systems 57 (2010),
+//! section 4.1, equations 2 to 9. The limiting functions are sigmoids, after L. Barnes, M. Fields & K. Valavanis, "Swarm
+//! Formation Control Utilizing Elliptical Surfaces and Limiting Functions", IEEE Trans. SMC-B 39(6) (2009); their numbers
+//! here are ours.
+//!
+//! Level function of the ellipse: ρ² = x² + γ y², x and y along the ellipse's own axes from its centre. The ring is ρ = R*,
+//! so its semi-axes are R* and R*/√γ. The band is R* − inner width ≤ ρ ≤ R* + outer width.
+//!
+//! Two readings of the same field besides the ring (both ours in their numbers):
+//!
+//! * **Flock** (section 4.1, "weights turned off"): only the outer attraction and the avoidance are left, so that vehicles
+//!   stay together inside, ρ ≤ R*, in no fixed places. The outer edge lies one width inside R*: there it pulls in full.
+//! * **Ellipsoid**, the three dimensions that the paper leaves to the future: ρ² = x² + γ y² + γ_z z², z from the centre's
+//!   altitude. Gradient and avoidance are the same with one more component; across the band only the component along the
+//!   normal is taken out of the avoidance, so that vehicles spread over the whole surface. Flat laws see no heights at all.
+
+use alloc::boxed::Box;
+use alloc::string::String;
+use core::f64::consts::{FRAC_PI_6, PI, SQRT_2};
+
+use nalgebra::{Rotation2, Vector2, Vector3};
+use skein_common::frame::PositionNed;
+use skein_common::id::VehicleId;
+use skein_common::math;
+use skein_common::scenario;
+
+use super::COINCIDENT_M;
+use super::law::{Answer, Law, Neighbour, Obstacle, Setup, Sight, Wanted};
+
+/// The pushes of all neighbours together are never stronger than this: a crowd must not expel its members.
+const MAX_AVOIDANCE: f64 = 2.0;
+/// In place, a vehicle's field is weaker than this.
+const IN_PLACE_FIELD: f64 = 0.15;
+
+/// The ring's parameters; symbols of the paper in brackets.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Ring {
+    /// Semi-axis along the ellipse's heading, m (R*).
+    pub radius_m: f64,
+    /// Squared ratio of the semi-axes (γ).
+    pub gamma: f64,
+    /// The same of the first and the vertical semi-axis (γ_z) of an ellipsoid; `None` for a flat law.
+    pub gamma_z: Option<f64>,
+    /// Direction of the first axis, clockwise from north, rad.
+    pub heading_rad: f64,
+    /// Where on or in the surface vehicles belong.
+    pub region: Region,
+    /// Width of the band inside the ring, m (ΔR_in).
+    pub inner_width_m: f64,
+    /// Width of the band outside the ring, of a flock's soft edge inside it, m (ΔR_out).
+    pub outer_width_m: f64,
+    /// Steepness of the inner and the outer edge, 1/m (α_in, α_out).
+    pub edge_steepness_per_m: [f64; 2],
+    /// ln((1 − ε)/ε), for the share ε that a limiting function leaves one width beyond its edge (K).
+    pub edge_exponent: f64,
+    /// What of the neighbours' push is flown.
+    pub avoidance: Avoidance,
+    /// Distance at which a neighbour pushes with half its strength.
+    pub avoid_distance: AvoidDistance,
+    /// Constant circulation along the ring, clockwise seen from above if positive (w_circ).
+    pub circulation: f64,
+}
+
+/// Where on or in the surface vehicles belong.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Region {
+    /// In the band about it, evenly spread.
+    Band,
+    /// Anywhere inside.
+    Inside,
+}
+
+/// What of the neighbours' push is flown.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Avoidance {
+    /// In the band only its component along the ring, so that the ring keeps its size.
+    Tangential,
+    /// All of it, the literal reading of the paper: the ring settles wider.
+    Full,
+}
+
+/// Distance at which a neighbour pushes with half its strength (ΔR_avoid).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum AvoidDistance {
+    /// The same for any number of members, m.
+    Fixed(f64),
+    /// 1/√2 of the distance between neighbours who are evenly spread, whatever the number of members N: R* √2 sin(π/N) on
+    /// a ring. On a sphere it is L. Fejes Tóth's bound on that distance, R* √(4 − 1/sin²(πN/(6(N − 2)))), which N = 3, 4, 6
+    /// and 12 attain.
+    Adaptive,
+}
+
+/// ln((1 − ε)/ε): the exponent at which a sigmoid has fallen to ε.
+pub fn edge_exponent(edge_share: f64) -> f64 {
+    math::ln((1.0 - edge_share) / edge_share)
+}
+
+/// σ(z) = 1 / (1 + e^z), falling from 1 to 0.
+#[inline]
+fn limiting(z: f64) -> f64 {
+    1.0 / (1.0 + math::exp(z))
+}
+
+/// The ring of a scenario.
+pub fn of(wanted: &scenario::Formation) -> Ring {
+    let edge_exponent = edge_exponent(wanted.edge_share);
+    let steepness = |width_m: f64| wanted.edge_steepness_per_m.unwrap_or(edge_exponent / width_m);
+    Ring {
+        radius_m: wanted.radius_m,
+        gamma: wanted.gamma,
+        gamma_z: (wanted.vertical == scenario::Vertical::Ellipsoid).then_some(wanted.gamma_z),
+        heading_rad: wanted.heading_rad(),
+        region: if wanted.law.is_flock() { Region::Inside } else { Region::Band },
+        inner_width_m: wanted.inner_width_m,
+        outer_width_m: wanted.outer_width_m,
+        edge_steepness_per_m: [steepness(wanted.inner_width_m), steepness(wanted.outer_width_m)],
+        edge_exponent,
+        avoidance: match wanted.avoidance {
+            scenario::Avoidance::Tangential => Avoidance::Tangential,
+            scenario::Avoidance::Full => Avoidance::Full,
+        },
+        avoid_distance: match wanted.avoid_distance_m {
+            scenario::AvoidDistance::Adaptive => AvoidDistance::Adaptive,
+            scenario::AvoidDistance::Fixed(distance_m) => AvoidDistance::Fixed(distance_m),
+        },
+        circulation: wanted.circulation,
+    }
+}
+
+/// The law of a scenario.
+pub(super) fn make(setup: &Setup<'_>) -> Result<Box<dyn Law>, String> {
+    Ok(Box::new(of(setup.formation)))
+}
+
+impl Law for Ring {
+    fn ask(&mut self, sight: &Sight<'_>) -> Answer {
+        let centre = sight.goal.centre;
+        // Room is made for those who are not seen, too.
+        let ring = Self { avoid_distance: AvoidDistance::Fixed(self.avoid_distance_m(sight.live())), ..*self };
+        let field = ring.field(sight.own, sight.position, centre, sight.neighbours, sight.obstacles);
+        let is_calm = self.region == Region::Inside || field.norm() < IN_PLACE_FIELD;
+        let is_there = is_calm && self.holds(sight.position - centre) && sight.is_slow();
+        Answer { wanted: Wanted::Field(field), is_there }
+    }
+}
+
+impl Ring {
+    /// ρ at the centre's altitude: distance from the centre measured so that the ring is ρ = R*; m.
+    pub fn level_m(&self, from_centre_ne_m: Vector2<f64>) -> f64 {
+        self.level_and_normal(flat(from_centre_ne_m)).0
+    }
+
+    /// Whether a place at the centre's altitude, given from the centre, is where vehicles belong.
+    pub fn is_in_band(&self, from_centre_ne_m: Vector2<f64>) -> bool {
+        self.holds(flat(from_centre_ne_m))
+    }
+
+    /// Whether a place, given from the centre, is where vehicles belong: in the band, or inside. NED, m.
+    pub fn holds(&self, from_centre_m: Vector3<f64>) -> bool {
+        let rho_m = self.level_and_normal(from_centre_m).0;
+        match self.region {
+            Region::Band => (self.radius_m - self.inner_width_m..=self.radius_m + self.outer_width_m).contains(&rho_m),
+            Region::Inside => rho_m <= self.radius_m,
+        }
+    }
+
+    /// Distance at which a neighbour pushes with half its strength among `live` members, m.
+    pub fn avoid_distance_m(&self, live: usize) -> f64 {
+        let n = live.max(2) as f64;
+        match (self.avoid_distance, self.gamma_z) {
+            (AvoidDistance::Fixed(distance_m), _) => distance_m,
+            (AvoidDistance::Adaptive, Some(_)) if live > 2 => {
+                let apart = (4.0 - 1.0 / math::square(math::sin(FRAC_PI_6 * n / (n - 2.0)))).sqrt();
+                self.radius_m * apart / SQRT_2
+            }
+            (AvoidDistance::Adaptive, _) => self.radius_m * SQRT_2 * math::sin(PI / n),
+        }
+    }
+
+    /// The field V at the own place, NED, dimensionless; nothing vertical in a flat law. `neighbours` are the other live
+    /// members; `obstacles` are to be kept away from, and are no part of the formation.
+    ///
+    /// V = (w_in S_in − w_out S_out) g + A − S_perp (A·g) g + w_circ S_perp t, all weights but w_circ one. In a flock w_in and
+    /// S_perp are zero.
+    pub fn field(
+        &self,
+        own: VehicleId,
+        place: PositionNed,
+        centre: PositionNed,
+        neighbours: &[Neighbour],
+        obstacles: &[Obstacle],
+    ) -> Vector3<f64> {
+        let (rho_m, outward) = self.level_and_normal(place - centre);
+        let [alpha_in, alpha_out] = self.edge_steepness_per_m;
+        let (inward, s_perp) = match self.region {
+            Region::Band => {
+                let s_in = limiting(alpha_in * (rho_m - (self.radius_m - self.inner_width_m)));
+                let s_out = 1.0 - limiting(alpha_out * (rho_m - (self.radius_m + self.outer_width_m)));
+                (s_out - s_in, (1.0 - s_in) * (1.0 - s_out))
+            }
+            Region::Inside => (1.0 - limiting(alpha_out * (rho_m - (self.radius_m - self.outer_width_m))), 0.0),
+        };
+        let push = self.push(own, place, neighbours);
+        let push = match self.avoidance {
+            Avoidance::Tangential => push - outward * (s_perp * push.dot(&outward)),
+            Avoidance::Full => push,
+        };
+        let tangent = Vector3::new(-outward.y, outward.x, 0.0);
+        push - outward * inward + tangent * (self.circulation * s_perp) + keep_clear(self, own, place, obstacles)
+    }
+
+    /// ρ, and the unit vector of its gradient: zero at the very centre, from where no direction leads outward. NED.
+    fn level_and_normal(&self, from_centre_m: Vector3<f64>) -> (f64, Vector3<f64>) {
+        let turn = Rotation2::new(self.heading_rad);
+        let axes = turn.inverse() * from_centre_m.xy();
+        let gamma_z = self.gamma_z.unwrap_or(0.0);
+        let gradient = Vector3::new(axes.x, self.gamma * axes.y, gamma_z * from_centre_m.z);
+        let rho_m = (axes.x * gradient.x + axes.y * gradient.y + from_centre_m.z * gradient.z).sqrt();
+        let length = gradient.norm();
+        if length < 1e-6 {
+            return (rho_m, Vector3::zeros());
+        }
+        let level = turn * gradient.xy();
+        (rho_m, Vector3::new(level.x, level.y, gradient.z) / length)
+    }
+
+    /// A = Σ S_avoid(d_j) n_j over the neighbours, cut to a length of [`MAX_AVOIDANCE`].
+    fn push(&self, own: VehicleId, place: PositionNed, neighbours: &[Neighbour]) -> Vector3<f64> {
+        let half_m = self.avoid_distance_m(neighbours.len() + 1);
+        let alpha_av = self.edge_exponent / half_m;
+        let mut sum = Vector3::zeros();
+        for neighbour in neighbours {
+            let apart_m = place - neighbour.position;
+            let apart_m = if self.gamma_z.is_some() { apart_m } else { flat(apart_m.xy()) };
+            let (distance_m, direction) = away(own < neighbour.id, apart_m);
+            sum += direction * limiting(alpha_av * (distance_m - half_m));
+        }
+        sum.cap_magnitude(MAX_AVOIDANCE)
+    }
+}
+
+/// The avoidance for obstacles, each with its own radius in place of the avoidance distance and never weakened by the
+/// band: an obstacle is passed, not spaced. Always flat: nobody dives under one.
+fn keep_clear(ring: &Ring, own: VehicleId, place: PositionNed, obstacles: &[Obstacle]) -> Vector3<f64> {
+    let mut sum = Vector3::zeros();
+    for obstacle in obstacles {
+        let (distance_m, direction) = away(own < obstacle.id, flat((place - obstacle.position).xy()));
+        let alpha = ring.edge_exponent / obstacle.radius_m;
+        sum += direction * (limiting(alpha * (distance_m - obstacle.radius_m)) * MAX_AVOIDANCE);
+    }
+    sum
+}
+
+/// Length of the way from a neighbour to the own place and its direction; ±north where they coincide, so that the two
+/// disagree.
+#[inline]
+fn away(is_first: bool, apart_m: Vector3<f64>) -> (f64, Vector3<f64>) {
+    let distance_m = apart_m.norm();
+    if distance_m < COINCIDENT_M {
+        (distance_m, Vector3::new(if is_first { 1.0 } else { -1.0 }, 0.0, 0.0))
+    } else {
+        (distance_m, apart_m / distance_m)
+    }
+}
+
+/// At the centre's altitude.
+fn flat(ne_m: Vector2<f64>) -> Vector3<f64> {
+    Vector3::new(ne_m.x, ne_m.y, 0.0)
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,103 @@
+//! Flocking made for real delays and accelerations: short repulsion, and velocities that are alike enough to stop in time.
+//!
+//! G. Vásárhelyi, C. Virágh, G. Somorjai, T. Nepusz, A. E. Eiben & T. Vicsek, "Optimized flocking of autonomous drones in
+//! confined environments", Science Robotics 3 (2018), with the parameters evolved there for 4 m/s:
+//!
+//! ```text
+//! v_i = v_goal + Σ p_rep (r0_rep − r_ij) (r_i − r_j)/r_ij                                     for r_ij < r0_rep
+//!              + Σ C_frict (v_ij − v_max,ij) (v_j − v_i)/v_ij                                 for v_ij > v_max,ij
+//! v_max,ij = max(v_frict, D(r_ij − r0_frict, a_frict, p_frict)),   all cut to v_max
+//! D(r, a, p) = 0 up to r = 0;  r p while r p < a/p;  √(2 a r − a²/p²) from there on
+//! ```
+//!
+//! The source's drones fly on at v_flock between walls. Here they have a goal: in place of v_flock v̂_i stands the centre's
+//! velocity, and beyond half of R* a homing that grows to v_flock, in place of the walls. Both are ours.
+
+use alloc::boxed::Box;
+use alloc::string::String;
+
+use nalgebra::Vector2;
+use skein_common::scenario;
+
+use super::COINCIDENT_M;
+use super::law::{Answer, Law, Neighbour, Setup, Sight, Wanted};
+
+/// The law's parameters.
+#[derive(Clone, Debug, PartialEq)]
+struct Vasarhelyi(scenario::Vasarhelyi);
+
+/// The law of a scenario.
+pub(super) fn make(setup: &Setup<'_>) -> Result<Box<dyn Law>, String> {
+    Ok(Box::new(Vasarhelyi(setup.formation.vasarhelyi.clone())))
+}
+
+impl Vasarhelyi {
+    /// Away from whoever is too near.
+    fn repulsion_m_s(&self, sight: &Sight<'_>, neighbour: &Neighbour) -> Vector2<f64> {
+        let Self(its) = self;
+        let from_it_m = (sight.position - neighbour.position).xy();
+        let distance_m = from_it_m.norm();
+        if distance_m >= its.repulsion_range_m {
+            return Vector2::zeros();
+        }
+        // ±north where they coincide, so that the two disagree.
+        let away = if distance_m > COINCIDENT_M {
+            from_it_m / distance_m
+        } else {
+            Vector2::new(if sight.own < neighbour.id { 1.0 } else { -1.0 }, 0.0)
+        };
+        away * (its.repulsion_per_s * (its.repulsion_range_m - distance_m))
+    }
+
+    /// Towards a velocity from which this vehicle can still stop beside the other.
+    fn friction_m_s(&self, sight: &Sight<'_>, neighbour: &Neighbour) -> Vector2<f64> {
+        let Self(its) = self;
+        let difference_m_s = neighbour.velocity.horizontal() - sight.velocity.horizontal();
+        let speed_m_s = difference_m_s.norm();
+        let distance_m = (sight.position - neighbour.position).xy().norm();
+        let stoppable_m_s =
+            braking_m_s(distance_m - its.friction_offset_m, its.friction_m_s2, its.friction_slope_per_s);
+        let allowed_m_s = its.friction_slack_m_s.max(stoppable_m_s);
+        if speed_m_s <= allowed_m_s {
+            return Vector2::zeros();
+        }
+        difference_m_s * (its.friction_gain * (speed_m_s - allowed_m_s) / speed_m_s)
+    }
+
+    /// Towards the centre, from half of R* on.
+    fn homing_m_s(&self, sight: &Sight<'_>) -> Vector2<f64> {
+        let Self(its) = self;
+        let out_ne_m = sight.from_centre_ne_m();
+        let distance_m = out_ne_m.norm();
+        let beyond_m = distance_m - sight.goal.radius_m / 2.0;
+        if beyond_m <= 0.0 {
+            return Vector2::zeros();
+        }
+        out_ne_m * (-(its.homing_per_s * beyond_m).min(its.flock_speed_m_s) / distance_m)
+    }
+}
+
+impl Law for Vasarhelyi {
+    fn ask(&mut self, sight: &Sight<'_>) -> Answer {
+        let interaction: Vector2<f64> =
+            sight.neighbours.iter().map(|it| self.repulsion_m_s(sight, it) + self.friction_m_s(sight, it)).sum();
+        let velocity = sight.goal.centre_velocity.horizontal() + self.homing_m_s(sight) + interaction;
+        let is_there = sight.from_centre_ne_m().norm() <= sight.goal.radius_m && sight.is_slow();
+        Answer { wanted: Wanted::level(velocity.cap_magnitude(self.0.max_speed_m_s)), is_there }
+    }
+}
+
+/// D(r, a, p): the speed from which one can stop within r at constant deceleration a, and at last exponentially at rate p.
+fn braking_m_s(way_m: f64, deceleration_m_s2: f64, slope_per_s: f64) -> f64 {
+    let knee_m_s = deceleration_m_s2 / slope_per_s;
+    if way_m <= 0.0 {
+        0.0
+    } else if way_m * slope_per_s < knee_m_s {
+        way_m * slope_per_s
+    } else {
+        (2.0 * deceleration_m_s2 * way_m - knee_m_s * knee_m_s).sqrt()
+    }
+}
+
+#[cfg(test)]
+mod tests;

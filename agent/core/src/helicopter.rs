@@ -1,0 +1,183 @@
+//! The built-in helicopter: a small machine of the class that flies with X-Plane's aircraft, computed in the process.
+//!
+//! After V. Gavrilets, B. Mettler and E. Feron, "Dynamic Model for a Miniature Aerobatic Helicopter" (MIT, 2003; also a
+//! chapter of the Handbook of Unmanned Aerial Vehicles, 2015), with a dynamic inflow in place of their iterated one, which
+//! diverges in descents and gusts.
+//!
+//! | module | what it computes |
+//! | --- | --- |
+//! | [`parameters`] | what distinguishes one helicopter from another |
+//! | `rotor`, `main_rotor` | thrust, inflow, torque; tilt of the disc |
+//! | `tail` | tail rotor, fin, yaw gyro |
+//! | `body` | drag, stabiliser, motion of a rigid body |
+//! | `drive` | engine, governor, shaft |
+//! | `ground` | contact of the skids, ground effect |
+//! | `hover` | the steady hover, for the start |
+//! | `dynamics` | the state and its step in time |
+//! | [`failures`] | what may fail, and when |
+//! | [`wind`] | mean wind and gusts |
+//! | [`vehicle`] | all of it, with what is measured |
+
+pub mod failures;
+pub mod parameters;
+pub mod vehicle;
+pub mod wind;
+
+mod body;
+mod drive;
+mod dynamics;
+mod ground;
+mod hover;
+mod main_rotor;
+mod rotor;
+mod tail;
+
+use nalgebra::Vector3;
+use skein_common::frame::{Attitude, BodyRates, PositionNed, VelocityNed};
+use skein_common::math;
+
+pub use failures::{Failures, Script};
+pub use parameters::{ParameterError, Parameters};
+pub use vehicle::{BuiltInVehicle, Start};
+pub use wind::{Air, Weather};
+
+use crate::plant::Sticks;
+use dynamics::{Command, Dynamics, State};
+
+/// Controls and wind are held for this long, s.
+pub const TICK_S: f64 = 0.02;
+/// Integration steps of [`dynamics::STEP_S`] in one tick.
+const STEPS: usize = 4;
+
+/// One helicopter: what stays as it is, and its 23 states.
+#[derive(Clone, Debug)]
+pub struct Helicopter {
+    dynamics: Dynamics,
+    /// `dynamics` with nothing failed.
+    sound: Dynamics,
+    controls: Controls,
+    state: State,
+}
+
+/// From stick to blade.
+#[derive(Clone, Debug)]
+struct Controls {
+    cyclic_throw_rad: f64,
+    min_collective_rad: f64,
+    collective_range_rad: f64,
+    max_yaw_rate_rad_s: f64,
+}
+
+impl Controls {
+    fn new(parameters: &Parameters) -> Self {
+        let servos = &parameters.servos;
+        Self {
+            cyclic_throw_rad: servos.cyclic_throw_rad,
+            min_collective_rad: servos.min_collective_rad,
+            collective_range_rad: servos.max_collective_rad - servos.min_collective_rad,
+            max_yaw_rate_rad_s: parameters.gyro.max_rate_rad_s,
+        }
+    }
+
+    fn command(&self, sticks: &Sticks) -> Command {
+        Command {
+            lateral_rad: self.cyclic_throw_rad * sticks.roll.clamp(-1.0, 1.0),
+            longitudinal_rad: self.cyclic_throw_rad * sticks.pitch.clamp(-1.0, 1.0),
+            collective_rad: self.min_collective_rad + self.collective_range_rad * sticks.collective.clamp(0.0, 1.0),
+            yaw_rate_rad_s: self.max_yaw_rate_rad_s * sticks.yaw.clamp(-1.0, 1.0),
+        }
+    }
+}
+
+impl Helicopter {
+    /// Standing on the ground at `ground_altitude_m` above the frame's origin, level and still, the rotor at speed; the
+    /// inner states (governor, gyro, inflows) are those of a hover, without which it sags and swings at lift-off.
+    pub fn at_rest(
+        parameters: &Parameters,
+        north_m: f64,
+        east_m: f64,
+        ground_altitude_m: f64,
+        heading_rad: f64,
+    ) -> Self {
+        let dynamics = Dynamics::new(parameters, ground_altitude_m);
+        let hover = dynamics.hover();
+        let skids = &parameters.skids;
+        let height_m = skids.down_m - dynamics.body.weight_n() / (4.0 * skids.stiffness_n_m);
+        let (sin, cos) = math::sin_cos(0.5 * heading_rad);
+        let mut state = [0.0; 23];
+        state[..3].copy_from_slice(&[north_m, east_m, dynamics.ground_down_m - height_m]);
+        state[6..10].copy_from_slice(&[cos, 0.0, 0.0, sin]);
+        state[15..18].copy_from_slice(&[
+            parameters.head.nominal_speed_rad_s,
+            hover.governor_integral,
+            hover.tail_pitch_rad,
+        ]);
+        state[21..].copy_from_slice(&[hover.lambda, hover.lambda_t]);
+        Self { sound: dynamics.clone(), dynamics, controls: Controls::new(parameters), state: State(state) }
+    }
+
+    /// One tick on, the sticks and the wind held. Sticks must be finite; beyond their travel they stand at its end.
+    pub fn advance(&mut self, sticks: &Sticks, wind: VelocityNed) {
+        let command = self.controls.command(sticks);
+        for _ in 0..STEPS {
+            self.state = self.dynamics.step(&self.state, &command, &wind.0);
+        }
+    }
+
+    /// From here on this has failed and nothing else. Of no effect on what is measured.
+    pub fn fail(&mut self, failures: &Failures) {
+        self.dynamics = failures.applied_to(&self.sound);
+    }
+
+    /// Position of the centre of gravity.
+    pub fn position(&self) -> PositionNed {
+        let [north, east, down, ..] = self.state.0;
+        PositionNed::new(north, east, down)
+    }
+
+    /// Height of the centre of gravity above the ground, m.
+    pub fn height_m(&self) -> f64 {
+        self.dynamics.ground_down_m - self.state.0[2]
+    }
+
+    /// Velocity over the ground.
+    pub fn velocity(&self) -> VelocityNed {
+        let [_, _, _, u, v, w, ..] = self.state.0;
+        VelocityNed(body::ned_from_body(self.quaternion()) * Vector3::new(u, v, w))
+    }
+
+    /// Attitude.
+    pub fn attitude(&self) -> Attitude {
+        let r = body::ned_from_body(self.quaternion());
+        Attitude {
+            roll_rad: math::atan2(r.m32, r.m33),
+            pitch_rad: math::asin((-r.m31).clamp(-1.0, 1.0)),
+            heading_rad: math::atan2(r.m21, r.m11),
+        }
+    }
+
+    /// Angular velocity.
+    pub fn rates(&self) -> BodyRates {
+        let [_, _, _, _, _, _, _, _, _, _, p, q, r, ..] = self.state.0;
+        BodyRates { roll_rad_s: p, pitch_rad_s: q, yaw_rad_s: r }
+    }
+
+    /// Main rotor speed, rad/s.
+    pub fn rotor_speed_rad_s(&self) -> f64 {
+        self.state.0[15]
+    }
+
+    /// Shaft power, W.
+    pub fn power_w(&self) -> f64 {
+        let [.., speed_rad_s, governor_integral, _, _, _, _, _, _] = self.state.0;
+        self.dynamics.drive.throttle(speed_rad_s, governor_integral).power_w
+    }
+
+    fn quaternion(&self) -> [f64; 4] {
+        let [_, _, _, _, _, _, w, x, y, z, ..] = self.state.0;
+        [w, x, y, z]
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,126 @@
+//! The tail: rotor, fin and yaw gyro.
+
+use core::f64::consts::PI;
+
+use nalgebra::Vector3;
+
+use super::body::{self, Wrench};
+use super::parameters::Parameters;
+use super::rotor::{Hovering, Rotor};
+
+/// What is constant of the tail.
+#[derive(Clone, Debug)]
+pub(super) struct Tail {
+    rotor: Rotor,
+    pub(super) arm_m: f64,
+    pub(super) height_m: f64,
+    pub(super) gear_ratio: f64,
+    /// f_t = 1 − 0.75 S_vf/A_t.
+    blockage: f64,
+    /// ½ρ S_vf.
+    fin_half_density_area: f64,
+    fin_lift_slope: f64,
+    /// ε_vf.
+    fin_wake_share: f64,
+    gyro_gain_s: f64,
+    gyro_integral_gain: f64,
+    min_pitch_rad: f64,
+    max_pitch_rad: f64,
+}
+
+/// What the tail does.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct TailAction {
+    pub(super) wrench: Wrench,
+    /// n_tr Q_t: what the tail rotor asks of the main shaft.
+    pub(super) shaft_torque_n_m: f64,
+    pub(super) lambda_rate: f64,
+}
+
+impl Tail {
+    pub(super) fn new(parameters: &Parameters) -> Self {
+        let Parameters { fin, tail, tail_rotor, gyro, .. } = parameters;
+        Self {
+            rotor: Rotor::new(parameters, tail_rotor, tail.gear_ratio),
+            arm_m: tail.arm_m,
+            height_m: tail_rotor.height_m,
+            gear_ratio: tail.gear_ratio,
+            blockage: 1.0 - 0.75 * fin.area_m2 / (PI * tail_rotor.radius_m * tail_rotor.radius_m),
+            fin_half_density_area: 0.5 * parameters.air_density_kg_m3 * fin.area_m2,
+            fin_lift_slope: fin.lift_slope_per_rad,
+            fin_wake_share: fin.tail_wake_share,
+            gyro_gain_s: gyro.gain_s,
+            gyro_integral_gain: gyro.integral_gain,
+            min_pitch_rad: tail.min_pitch_rad,
+            max_pitch_rad: tail.max_pitch_rad,
+        }
+    }
+
+    /// The gyro is off from here on: the blades stay at the pitch of its integral.
+    pub(super) fn hold_pitch(&mut self) {
+        (self.gyro_gain_s, self.gyro_integral_gain) = (0.0, 0.0);
+    }
+
+    /// Blade pitch at the two stops.
+    pub(super) fn stops_rad(&self) -> (f64, f64) {
+        (self.min_pitch_rad, self.max_pitch_rad)
+    }
+
+    /// The gyro: blade pitch θ_t = K_p (r_cmd − r) + g within its stops, and the rate of its integral g, which rests at a
+    /// stop while it is pushed further out.
+    #[inline]
+    pub(super) fn gyro(&self, rate_error_rad_s: f64, integral_rad: f64) -> (f64, f64) {
+        let theta = self.gyro_gain_s * rate_error_rad_s + integral_rad;
+        let rate = self.gyro_integral_gain * rate_error_rad_s;
+        let pushed_out =
+            (integral_rad >= self.max_pitch_rad && rate > 0.0) || (integral_rad <= self.min_pitch_rad && rate < 0.0);
+        (theta.clamp(self.min_pitch_rad, self.max_pitch_rad), if pushed_out { 0.0 } else { rate })
+    }
+
+    /// Rotor and fin, at one point behind and above the centre of gravity, for the blade pitch θ_t, the inflow ratio λ_t,
+    /// the main shaft's speed, the air's velocity over the body, the body's rates and the main rotor's wake K_λ v_i:
+    ///
+    /// ```text
+    /// w_tr = w + l q − K_λ v_i                 T_t = f_t C_Tt ρ V_t² A_t, pushing left
+    /// v_tr = v − l r + h p                     Q_t = (|C_Tt λ_t| + C_D0t σ_t/8) ρ V_t² A_t R_t
+    /// v_f = v − ε λ_t V_t − l r                Y_f: lift for V_fin = √(u² + w_tr²) along, v_f across
+    /// ```
+    #[inline]
+    pub(super) fn action(
+        &self,
+        (theta, lambda): (f64, f64),
+        shaft_speed_rad_s: f64,
+        air: &Vector3<f64>,
+        rates: &Vector3<f64>,
+        wake_m_s: f64,
+    ) -> TailAction {
+        let w_tr = air.z + self.arm_m * rates.y - wake_m_s;
+        let sideways_m_s = air.y - self.arm_m * rates.z;
+        let in_plane_squared = air.x * air.x + w_tr * w_tr;
+        let flow = self.rotor.flow(shaft_speed_rad_s, in_plane_squared, sideways_m_s + self.height_m * rates.x);
+        let c_t = self.rotor.thrust_coefficient(theta, lambda, &flow);
+        let thrust_n = self.blockage * self.rotor.thrust_n(c_t, &flow);
+        let c_q = (c_t * lambda).abs() + self.rotor.profile_torque;
+        let v_f = sideways_m_s - self.fin_wake_share * lambda * flow.tip_speed_m_s;
+        let fin_n = body::lift_n(self.fin_half_density_area, self.fin_lift_slope, in_plane_squared.sqrt(), v_f);
+        TailAction {
+            wrench: self.side_force(fin_n - thrust_n),
+            shaft_torque_n_m: self.gear_ratio * self.rotor.torque_n_m(c_q, &flow),
+            lambda_rate: self.rotor.inflow_rate(c_t, lambda, &flow),
+        }
+    }
+
+    /// The tail rotor in a hover in which rotor and fin together push left with this force. The fin, in the rotor's wake,
+    /// takes ½ρ S (ε v_i)² off.
+    pub(super) fn hovering(&self, force_n: f64, shaft_speed_rad_s: f64) -> Hovering {
+        let fin = self.fin_half_density_area * self.fin_wake_share * self.fin_wake_share;
+        let thrust_n = force_n / (self.blockage - fin * self.rotor.induced_squared_per_thrust());
+        self.rotor.hovering(thrust_n, shaft_speed_rad_s)
+    }
+
+    /// A force to the right at the tail rotor's hub.
+    #[inline]
+    fn side_force(&self, y: f64) -> Wrench {
+        Wrench { force: Vector3::new(0.0, y, 0.0), moment: Vector3::new(y * self.height_m, 0.0, -y * self.arm_m) }
+    }
+}

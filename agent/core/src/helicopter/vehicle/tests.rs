@@ -1,0 +1,80 @@
+use skein_common::frame::Geodetic;
+
+use super::*;
+use crate::helicopter::tests::xcell60;
+
+const GUSTY: Weather = Weather { wind_m_s: 5.0, wind_from_rad: 0.5, gust_w20_m_s: 5.0 };
+const CLIMB: Sticks = Sticks { roll: 0.0185, pitch: 0.0, yaw: 0.0, collective: 0.65 };
+
+fn vehicle(number: u8, seed: u64) -> BuiltInVehicle {
+    let origin = Origin::new(Geodetic::from_degrees(28.0, -82.0, 10.0));
+    let start = Start { north_m: 30.0, east_m: -40.0, heading_rad: 2.0 };
+    BuiltInVehicle::new(&origin, &xcell60(), &start, &GUSTY, seed, VehicleId::new(number).unwrap())
+}
+
+fn after(mut vehicle: BuiltInVehicle, words: impl IntoIterator<Item = Option<Sticks>>) -> Frame {
+    words.into_iter().for_each(|word| vehicle.advance(word));
+    vehicle.frame()
+}
+
+#[test]
+fn in_chocks_only_time_passes() {
+    let start = vehicle(1, 1).frame();
+    let waited = after(vehicle(1, 1), [None; 500]);
+    assert_eq!(waited.time.seconds(), 10.0);
+    assert_eq!(Frame { time: start.time, ..waited }, start);
+    // And what follows does not depend on how long it stood there.
+    let flown = after(vehicle(1, 1), [Some(CLIMB); 100]);
+    let flown_later = after(vehicle(1, 1), [None; 500].into_iter().chain([Some(CLIMB); 100]));
+    assert_eq!(Frame { time: flown.time, ..flown_later }, flown);
+}
+
+#[test]
+fn released_controls_stay_where_they_were() {
+    let held = after(vehicle(1, 1), [Some(CLIMB); 100]);
+    assert!(held.truth.height_m > 0.5, "{held:?}");
+    assert_eq!(after(vehicle(1, 1), [Some(CLIMB)].into_iter().chain([None; 99])), held);
+}
+
+#[test]
+fn controls_beyond_their_travel_stop_at_its_end_and_nonsense_is_not_heard() {
+    let wild = Sticks { roll: -7.0, pitch: 9.0, yaw: -1e300, collective: 44.0 };
+    let end = Sticks { roll: -1.0, pitch: 1.0, yaw: -1.0, collective: 1.0 };
+    assert_eq!(after(vehicle(1, 1), [Some(wild); 20]), after(vehicle(1, 1), [Some(end); 20]));
+    for bad in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
+        let nonsense = Some(Sticks { pitch: bad, ..CLIMB });
+        assert_eq!(after(vehicle(1, 1), [nonsense; 20]), after(vehicle(1, 1), [None; 20]));
+        let words = [Some(CLIMB), nonsense, nonsense];
+        assert_eq!(after(vehicle(1, 1), words), after(vehicle(1, 1), [Some(CLIMB); 3]));
+    }
+}
+
+#[test]
+fn it_starts_where_it_is_put() {
+    let frame = vehicle(1, 1).frame();
+    assert_eq!(frame.time, PlantTime::ZERO);
+    assert_eq!((frame.truth.position.north_m(), frame.truth.position.east_m()), (30.0, -40.0));
+    assert!((frame.truth.attitude.heading_rad - 2.0).abs() < 1e-12);
+    assert!((frame.measurement.height_m - 0.242).abs() < 5e-4);
+    assert_eq!(frame.measurement.rotor_speed_rad_s, Some(167.0));
+}
+
+#[test]
+fn measurement_is_exact() {
+    let frame = after(vehicle(1, 1), [Some(CLIMB); 100]);
+    let origin = Origin::new(Geodetic::from_degrees(28.0, -82.0, 10.0));
+    let back = origin.ned_from_geodetic(&frame.measurement.position);
+    assert!((back - frame.truth.position).norm() < 1e-5, "{:?}", back - frame.truth.position);
+    assert_eq!(frame.measurement.velocity, frame.truth.velocity);
+    assert_eq!(frame.measurement.attitude, frame.truth.attitude);
+    assert!((frame.measurement.height_m + frame.truth.position.down_m()).abs() < 1e-12);
+    assert!(frame.truth.power_w.unwrap() > 900.0);
+}
+
+#[test]
+fn each_vehicle_and_seed_meets_its_own_gusts() {
+    let flown = |number, seed| after(vehicle(number, seed), [Some(CLIMB); 100]);
+    assert_eq!(flown(1, 1), flown(1, 1));
+    assert_ne!(flown(1, 1), flown(2, 1));
+    assert_ne!(flown(1, 1), flown(1, 2));
+}

@@ -1,0 +1,175 @@
+//! What lies between a vehicle and all others, where it is more than a delay: every direction's own [`Channel`], distance,
+//! and who hears whose state.
+
+use alloc::vec::Vec;
+
+use skein_common::frame::{Origin, PositionNed};
+use skein_common::id::{VehicleId, VehicleSet};
+use skein_common::scenario::{Graph, Network, Quality, Scenario};
+use skein_common::time::LocalTime;
+
+use super::Fate;
+use super::channel::Channel;
+use crate::peers::{Heard, Word};
+
+/// All that is said to one vehicle passes through here.
+#[derive(Clone, Debug)]
+pub(super) struct Air {
+    origin: Origin,
+    /// From every other vehicle, by its id.
+    speakers: Vec<Speaker>,
+    /// From operators, who are nowhere.
+    operator: Channel,
+    range: Option<Range>,
+    hearing: Hearing,
+    /// Who said nothing for this long is nowhere either, s.
+    stale_s: f64,
+    /// Where the hearer is.
+    own_position: Option<PositionNed>,
+}
+
+#[derive(Clone, Debug)]
+struct Speaker {
+    id: VehicleId,
+    channel: Channel,
+    /// Where it was, by its own last word, and when it said so.
+    place: Option<(PositionNed, LocalTime)>,
+}
+
+/// Loss by distance.
+#[derive(Clone, Copy, Debug)]
+struct Range {
+    fade_m: f64,
+    range_m: f64,
+}
+
+impl Range {
+    /// The share of words that is lost: none up to `fade_m`, all from `range_m` on, between them s²·(3 − 2s) of the way s. The
+    /// formula is ours: smooth, monotone, and S-shaped as the transitional region of real radios is (Zúñiga and
+    /// Krishnamachari 2004).
+    fn loss_at(self, distance_m: f64) -> f64 {
+        if distance_m >= self.range_m {
+            1.0
+        } else if distance_m <= self.fade_m {
+            0.0
+        } else {
+            let way = (distance_m - self.fade_m) / (self.range_m - self.fade_m);
+            way * way * (3.0 - 2.0 * way)
+        }
+    }
+}
+
+/// Whose states the vehicle hears.
+#[derive(Clone, Debug)]
+enum Hearing {
+    All,
+    /// These.
+    Edges(VehicleSet),
+    /// The `count` nearest; `none` until somebody's place is known.
+    Nearest {
+        count: usize,
+        them: Option<VehicleSet>,
+        /// Room to sort in.
+        distances: Vec<(f64, VehicleId)>,
+    },
+}
+
+impl Air {
+    /// What vehicle `own` hears others through; `None` where all that is asked for is a delay, alike everywhere.
+    pub(super) fn new(scenario: &Scenario, own: VehicleId) -> Option<Self> {
+        let Network { range_m, fade_m, graph, ref links, .. } = scenario.network;
+        let everywhere = scenario.network.quality();
+        if links.is_empty() && range_m.is_none() && graph == Graph::All && only_delays(&everywhere) {
+            return None;
+        }
+        let speaker = |id| {
+            let quality = scenario.network.link(id, own);
+            Speaker { id, channel: Channel::new(quality, scenario.seed, Some(id), own), place: None }
+        };
+        let hearing = match graph {
+            Graph::All => Hearing::All,
+            Graph::Edges => {
+                let to_own = scenario.network.edges.iter().filter(|[_, hearer]| *hearer == own);
+                Hearing::Edges(to_own.map(|[speaker, _]| *speaker).collect())
+            }
+            Graph::Nearest => {
+                Hearing::Nearest { count: scenario.network.neighbours, them: None, distances: Vec::new() }
+            }
+        };
+        Some(Self {
+            origin: Origin::new(scenario.origin.geodetic()),
+            speakers: scenario.ids().filter(|&id| id != own).map(speaker).collect(),
+            operator: Channel::new(everywhere, scenario.seed, None, own),
+            range: range_m.map(|range_m| Range { fade_m: fade_m.unwrap_or(range_m), range_m }),
+            hearing,
+            stale_s: scenario.network.peer_stale_s,
+            own_position: None,
+        })
+    }
+
+    /// The hearer is here now.
+    pub(super) fn update(&mut self, now: LocalTime, own_position: Option<PositionNed>) {
+        self.own_position = own_position;
+        let Hearing::Nearest { count, them, distances } = &mut self.hearing else { return };
+        let Some(own) = own_position else { return };
+        let near = self.speakers.iter().filter_map(|speaker| {
+            let (position, said_at) = speaker.place?;
+            (now.seconds_since(said_at) <= self.stale_s).then(|| ((position - own).norm_squared(), speaker.id))
+        });
+        distances.clear();
+        distances.extend(near);
+        distances.sort_unstable_by(|one, other| one.0.total_cmp(&other.0).then(one.1.cmp(&other.1)));
+        *them = (!distances.is_empty()).then(|| distances.iter().take(*count).map(|(_, id)| *id).collect());
+    }
+
+    /// What becomes of a word. `is_cut` tells whether its link is dead: nobody knows where such a speaker is.
+    pub(super) fn fate(&mut self, heard: &Heard, is_cut: bool) -> Fate {
+        let Heard { word, at } = heard;
+        let Some(speaker_id) = word.speaker() else { return self.operator.fate(word, *at, 0.0) };
+        let index = self.speakers.binary_search_by_key(&speaker_id, |speaker| speaker.id);
+        // In somebody else's name: the agent counts those.
+        let Some(speaker) = index.ok().and_then(|index| self.speakers.get_mut(index)) else {
+            return Fate::Arrives { at: *at, copy_at: None };
+        };
+        match word {
+            Word::Appeared(_) | Word::Vanished(_) => {
+                speaker.place = None;
+                return Fate::Arrives { at: at.plus_seconds(speaker.channel.delay_s()), copy_at: None };
+            }
+            Word::State(said) => {
+                if !is_cut {
+                    speaker.place = Some((self.origin.ned_from_geodetic(&said.state.position), *at));
+                }
+                if !self.hearing.includes(speaker_id) {
+                    return Fate::Unlinked;
+                }
+            }
+            Word::Mission(_) | Word::Order(_) => {}
+        }
+        let distance_m = self.own_position.zip(speaker.place).map(|(own, (other, _))| (own - other).norm());
+        let lost_by_distance = self.range.zip(distance_m).map_or(0.0, |(range, distance_m)| range.loss_at(distance_m));
+        speaker.channel.fate(word, *at, lost_by_distance)
+    }
+
+    /// What everything that this speaker says takes, s.
+    pub(super) fn delay_s(&self, speaker: Option<VehicleId>) -> f64 {
+        let of = |id| self.speakers.binary_search_by_key(&id, |speaker| speaker.id).ok();
+        let speaker = speaker.and_then(of).and_then(|index| self.speakers.get(index));
+        speaker.map_or(&self.operator, |speaker| &speaker.channel).delay_s()
+    }
+}
+
+impl Hearing {
+    fn includes(&self, speaker: VehicleId) -> bool {
+        match self {
+            Self::All => true,
+            Self::Edges(speakers) => speakers.contains(speaker),
+            Self::Nearest { them, .. } => them.is_none_or(|them| them.contains(speaker)),
+        }
+    }
+}
+
+fn only_delays(quality: &Quality) -> bool {
+    let Quality { loss, jitter_s, reorder, duplicate, bandwidth_bit_s, .. } = *quality;
+    bandwidth_bit_s.is_none() && [loss, jitter_s, reorder, duplicate] == [0.0; 4]
+}

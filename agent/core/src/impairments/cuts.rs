@@ -1,0 +1,98 @@
+//! When a link is cut or slow, and what the two ends of a cut one make of it.
+
+use alloc::vec::Vec;
+use core::ops::Range;
+
+use skein_common::id::VehicleId;
+use skein_common::scenario::{Event, Fault, Scenario, What};
+
+use crate::random::{self, Purpose};
+
+/// An end that hears nothing for this long gives the session up: the lease that agents give each other, s.
+pub(super) const LEASE_S: f64 = 1.0;
+/// Once it can be had again, a session is there within these times: the retry periods of whoever dials, s.
+const RETRY_S: Range<f64> = 0.2..1.0;
+
+/// A time in which the link of a pair is not whole, on the clock that counts from take-off.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Outage {
+    /// A direction is dead from here on, s.
+    pub(super) from_s: f64,
+    /// Both ends close the session, s; infinite if no direction is dead for so long.
+    pub(super) closes_s: f64,
+    /// Both directions are alive again, s; infinite if they never are.
+    pub(super) until_s: f64,
+    /// A session that was closed is there again, s.
+    pub(super) back_s: f64,
+}
+
+/// The times in which nothing that `speaker` says gets to `hearer`, s after take-off: in order, no two touch.
+pub fn silences(events: &[Event], speaker: VehicleId, hearer: VehicleId) -> Vec<Range<f64>> {
+    let silence = |event: &Event| {
+        let What::Fault(Fault::Cut { from, to, both_ways }) = &event.what else { return None };
+        is_among([from, to], *both_ways, speaker, hearer).then(|| lasting(event))
+    };
+    union(events.iter().filter_map(silence))
+}
+
+/// The times, s after the receiver's take-off, in which messages from `sender` to `receiver` take longer, in the order of the
+/// file, each with what it adds to their delay, s. Where some overlap, all are added.
+pub fn delays(events: &[Event], sender: VehicleId, receiver: VehicleId) -> Vec<(Range<f64>, f64)> {
+    let delay = |event: &Event| {
+        let What::Fault(Fault::Delay { from, to, both_ways, delay_s }) = &event.what else { return None };
+        is_among([from, to], *both_ways, sender, receiver).then(|| (lasting(event), *delay_s))
+    };
+    events.iter().filter_map(delay).collect()
+}
+
+/// Whether an event between these senders and receivers affects this direction of a link.
+fn is_among([from, to]: [&Vec<VehicleId>; 2], both_ways: bool, sender: VehicleId, receiver: VehicleId) -> bool {
+    let affects = |sender: &VehicleId, receiver: &VehicleId| from.contains(sender) && to.contains(receiver);
+    sender != receiver && (affects(&sender, &receiver) || both_ways && affects(&receiver, &sender))
+}
+
+/// From when to when an event lasts, s after take-off.
+pub fn lasting(event: &Event) -> Range<f64> {
+    event.at_s..event.for_s.map_or(f64::INFINITY, |for_s| event.at_s + for_s)
+}
+
+/// The same times with those that touch made one, in order.
+pub fn union(ranges: impl IntoIterator<Item = Range<f64>>) -> Vec<Range<f64>> {
+    let mut ranges: Vec<_> = ranges.into_iter().collect();
+    ranges.sort_by(|one, other| one.start.total_cmp(&other.start));
+    ranges.dedup_by(|later, kept| {
+        let touches = later.start <= kept.end;
+        if touches {
+            kept.end = kept.end.max(later.end);
+        }
+        touches
+    });
+    ranges
+}
+
+/// The outages between two, the same from either end: in order, no two touch.
+pub(super) fn outages(scenario: &Scenario, one: VehicleId, other: VehicleId) -> Vec<Outage> {
+    let events = &scenario.mission.events;
+    let directions = [silences(events, one, other), silences(events, other, one)].concat();
+    let outage = |(nth, Range { start, end }): (usize, Range<f64>)| {
+        let within = directions.iter().filter(|silence| (start..end).contains(&silence.start));
+        let closes_s = within.map(|silence| (silence.start + LEASE_S, silence.end)).filter(|(at, end)| at <= end);
+        Outage {
+            from_s: start,
+            closes_s: closes_s.map(|(at, _)| at).fold(f64::INFINITY, f64::min),
+            until_s: end,
+            back_s: end + retry_s(scenario.seed, [one.min(other), one.max(other)], nth),
+        }
+    };
+    union(directions.iter().cloned()).into_iter().enumerate().map(outage).collect()
+}
+
+/// How long after their `nth` outage two find each other again. Every outage of every pair has a place of its own in the
+/// swarm's stream, so both ends draw the same, whoever else is cut.
+fn retry_s(seed: u64, [low, high]: [VehicleId; 2], nth: usize) -> f64 {
+    let mut generator = random::generator(seed, None, Purpose::Network);
+    let place = (nth as u128) << 16 | u128::from(low.get()) << 8 | u128::from(high.get());
+    // A draw takes two words of the stream.
+    generator.set_word_pos(2 * place);
+    RETRY_S.start + (RETRY_S.end - RETRY_S.start) * random::uniform(&mut generator)
+}

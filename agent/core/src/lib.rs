@@ -1,0 +1,36 @@
+//! One vehicle of a swarm without a leader, as a pure function: [`agent::Agent::step`] takes the time, what the vehicle's
+//! sensors measured and what its peers sent, and gives the controls and what to send.
+//!
+//! ```text
+//!                        Agent::step(now, inputs) -> outputs                                (agent.rs)
+//!   +----------------------------------------------------------------------------------------------+
+//!   |  estimate -> diagnosis -> peers -> mission -> formation -> control -> speech                  |
+//!   +----^-----------------------^--------------------------------------|-------------------|-------+
+//!        | measurement           | messages                             | controls          | messages
+//!      plant                  peer agents                             plant             peer agents
+//! ```
+//!
+//! The crate has no clock, no file, no socket, no thread and no environment: it is `no_std`, so that the compiler keeps it so.
+//! Same inputs, same outputs, bit for bit, in real time and in virtual time alike.
+#![cfg_attr(not(test), no_std)]
+
+extern crate alloc;
+
+pub mod agent;
+pub mod aircraft;
+pub mod control;
+pub mod delay;
+pub mod diagnosis;
+pub mod estimate;
+pub mod failsafe;
+pub mod formation;
+pub mod helicopter;
+pub mod impairments;
+pub mod mission;
+pub mod peers;
+pub mod plant;
+pub mod random;
+pub mod skew;
+pub mod speech;
+pub mod start;
+pub mod supported;

@@ -1,0 +1,108 @@
+//! What an agent flies, and how it is flown.
+//!
+//! A plant hands out one [`Frame`] at a time and takes [`Sticks`]. Degrees, feet, knots and a simulator's own axes stop
+//! in the module of that plant.
+
+use core::time::Duration;
+
+use skein_common::frame::{Attitude, BodyRates, Geodetic, PositionNed, VelocityNed};
+use skein_common::time::PlantTime;
+
+/// What the pilot's controls are set to. The same numbers drive the built-in helicopter and X-Plane's overrides.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Sticks {
+    /// Lateral cyclic, −1 to 1, positive rolls right.
+    pub roll: f64,
+    /// Longitudinal cyclic, −1 to 1, positive lifts the nose.
+    pub pitch: f64,
+    /// Pedals, −1 to 1, positive turns the nose right; commands a yaw rate through the gyro.
+    pub yaw: f64,
+    /// Collective, 0 to 1, positive climbs.
+    pub collective: f64,
+}
+
+impl Sticks {
+    /// Within the controls' travel, every number finite.
+    pub fn is_within_limits(&self) -> bool {
+        let axis = |value: f64| (-1.0..=1.0).contains(&value);
+        axis(self.roll) && axis(self.pitch) && axis(self.yaw) && (0.0..=1.0).contains(&self.collective)
+    }
+}
+
+/// What the vehicle's sensors say at one instant.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Measurement {
+    /// Position of the centre of gravity.
+    pub position: Geodetic,
+    /// Height of the centre of gravity above the ground below it, m.
+    pub height_m: f64,
+    /// Velocity over the ground.
+    pub velocity: VelocityNed,
+    /// Attitude.
+    pub attitude: Attitude,
+    /// Angular velocity.
+    pub rates: BodyRates,
+    /// Main rotor speed, rad/s, where the plant tells it.
+    pub rotor_speed_rad_s: Option<f64>,
+}
+
+/// How it really is. For measuring and plotting only: no decision may look at it.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Truth {
+    /// Position of the centre of gravity in the swarm's frame.
+    pub position: PositionNed,
+    /// Height of the centre of gravity above the ground, m.
+    pub height_m: f64,
+    /// Velocity over the ground.
+    pub velocity: VelocityNed,
+    /// Attitude.
+    pub attitude: Attitude,
+    /// Shaft power, W, where the plant tells it.
+    pub power_w: Option<f64>,
+}
+
+/// One frame of the simulator: everything that was true at the same instant.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Frame {
+    /// The simulator's time of this frame.
+    pub time: PlantTime,
+    /// What the sensors say.
+    pub measurement: Measurement,
+    /// How it really is.
+    pub truth: Truth,
+}
+
+/// Why a plant woke its agent.
+#[expect(clippy::large_enum_variant, reason = "lives for one step, and a box would be allocated every frame")]
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Wake {
+    /// A new frame.
+    Frame(Frame),
+    /// The deadline passed without one.
+    Deadline,
+}
+
+/// A vehicle in real time. The control thread alone holds it.
+pub trait Plant: Send {
+    /// Blocks until the simulator's next frame or for as long as `patience`, whichever is first. Faults of the link (garbage,
+    /// a simulator that is gone) are counted and end as [`Wake::Deadline`], never as a panic.
+    fn wait(&mut self, patience: Duration) -> Wake;
+
+    /// Sets the controls; called at most once a frame, never blocks.
+    fn command(&mut self, sticks: Sticks);
+
+    /// Gives the controls back to whoever had them before.
+    fn release(&mut self);
+
+    /// Seconds between two frames as they should be.
+    fn frame_period_s(&self) -> f64;
+
+    /// Frames so far that were due and that nobody saw, because the agent or the computer was too late for them.
+    fn skipped_frames(&self) -> u64;
+
+    /// Datagrams, or words of whatever the plant speaks, that were dropped as malformed so far.
+    fn malformed(&self) -> u64;
+
+    /// Datagrams that were dropped so far because another program than the simulator had sent them.
+    fn foreign(&self) -> u64;
+}

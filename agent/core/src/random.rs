@@ -1,0 +1,151 @@
+//! Chance, from one seed: every vehicle and every purpose draws from a stream of its own, so that one more draw here
+//! changes nothing there. The streams are ChaCha8's and are the same on every machine and in every release.
+
+use core::f64::consts::TAU;
+
+use rand::{Rng, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use skein_common::id::VehicleId;
+use skein_common::math;
+
+/// What the numbers are drawn for. The numbers of the purposes are part of what a seed means: never reuse one.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u32)]
+pub enum Purpose {
+    /// Where a vehicle stands at the start, and which way it looks.
+    Start = 1,
+    /// The trim error its controller carries.
+    Trim = 2,
+    /// The gusts it meets.
+    Wind = 3,
+    /// What the network loses and delays.
+    Network = 4,
+    /// The seed an external law is told.
+    Law = 5,
+    /// What one direction of a link does.
+    Link = 6,
+    /// What belongs to many runs at once: which points a sweep samples, which runs a bootstrap draws.
+    Study = 64,
+}
+
+/// The stream of this vehicle (`None`: of the whole swarm) for this purpose.
+pub fn generator(seed: u64, vehicle: Option<VehicleId>, purpose: Purpose) -> ChaCha8Rng {
+    let mut generator = ChaCha8Rng::seed_from_u64(seed);
+    // Ids start at one: zero is the swarm's.
+    let vehicle = vehicle.map_or(0, VehicleId::get);
+    generator.set_stream(u64::from(vehicle) << 32 | purpose as u64);
+    generator
+}
+
+/// The stream of one direction of a link, from `speaker` (`None`: an operator) to `hearer`.
+pub fn link_generator(seed: u64, speaker: Option<VehicleId>, hearer: VehicleId) -> ChaCha8Rng {
+    let mut generator = generator(seed, Some(hearer), Purpose::Link);
+    let speaker = speaker.map_or(0, VehicleId::get);
+    generator.set_stream(generator.get_stream() | u64::from(speaker) << 40);
+    generator
+}
+
+/// Evenly distributed in [0, 1), in steps of 2⁻⁵³.
+#[inline]
+pub fn uniform(rng: &mut impl Rng) -> f64 {
+    (rng.next_u64() >> 11) as f64 * (1.0 / (1_u64 << 53) as f64)
+}
+
+/// Normally distributed with mean 0 and variance 1, by Box and Muller (1958). Always finite: the logarithm's argument
+/// is at least 2⁻⁵³, so no draw is beyond 8.6.
+#[inline]
+pub fn standard_normal(rng: &mut impl Rng) -> f64 {
+    let radius = (-2.0 * math::ln(1.0 - uniform(rng))).sqrt();
+    radius * math::cos(TAU * uniform(rng))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn first_draw(seed: u64, vehicle: Option<u8>, purpose: Purpose) -> u64 {
+        let vehicle = vehicle.map(|number| VehicleId::new(number).unwrap());
+        generator(seed, vehicle, purpose).next_u64()
+    }
+
+    #[test]
+    fn every_seed_vehicle_and_purpose_has_a_stream_of_its_own() {
+        let mut draws = Vec::new();
+        for seed in [0, 1, u64::MAX] {
+            for vehicle in [None, Some(1), Some(2), Some(250)] {
+                // Those of links have speakers besides.
+                for purpose in [Purpose::Start, Purpose::Trim, Purpose::Wind, Purpose::Network, Purpose::Law] {
+                    draws.push(first_draw(seed, vehicle, purpose));
+                    assert_eq!(draws.last(), Some(&first_draw(seed, vehicle, purpose)));
+                }
+            }
+        }
+        let id = |number| VehicleId::new(number).unwrap();
+        for (speaker, hearer) in [(None, 1), (Some(1), 1), (Some(1), 2), (Some(2), 1), (Some(250), 250)] {
+            draws.push(link_generator(1, speaker.map(id), id(hearer)).next_u64());
+        }
+        let count = draws.len();
+        draws.sort_unstable();
+        draws.dedup();
+        assert_eq!(draws.len(), count);
+    }
+
+    #[test]
+    fn streams_are_those_of_every_release() {
+        let draws = [(0, None, Purpose::Start), (1, Some(1), Purpose::Wind), (42, Some(250), Purpose::Law)]
+            .map(|(seed, vehicle, purpose)| first_draw(seed, vehicle, purpose));
+        assert_eq!(
+            draws,
+            [0xc16a7b0fc8d48f13, 0x2fef08f619f4d0af, 0xb5f24be049e28e34],
+            "recorded seeds would mean other flights"
+        );
+    }
+
+    #[test]
+    fn normal_draws_have_the_moments_of_the_normal_distribution() {
+        let mut rng = generator(7, None, Purpose::Wind);
+        let n = 200_000;
+        let draws: Vec<f64> = (0..n).map(|_| standard_normal(&mut rng)).collect();
+        let moment =
+            |power: i32| draws.iter().map(|x| (0..power).map(|_| x).product::<f64>()).sum::<f64>() / f64::from(n);
+        // Four standard errors of each moment: sqrt(1, 2, 15, 96) / sqrt(n).
+        for (power, expected, error) in [(1, 0.0, 0.009), (2, 1.0, 0.013), (3, 0.0, 0.035), (4, 3.0, 0.088)] {
+            assert!((moment(power) - expected).abs() < error, "moment {power}: {}", moment(power));
+        }
+        let beyond_two = draws.iter().filter(|x| x.abs() > 2.0).count() as f64 / f64::from(n);
+        assert!((beyond_two - 0.0455).abs() < 0.002, "{beyond_two}");
+    }
+
+    /// A generator that says the same for ever.
+    struct Stuck(u64);
+
+    impl rand::TryRng for Stuck {
+        type Error = core::convert::Infallible;
+        fn try_next_u32(&mut self) -> Result<u32, Self::Error> {
+            Ok(self.0 as u32)
+        }
+        fn try_next_u64(&mut self) -> Result<u64, Self::Error> {
+            Ok(self.0)
+        }
+        fn try_fill_bytes(&mut self, bytes: &mut [u8]) -> Result<(), Self::Error> {
+            bytes.fill(self.0 as u8);
+            Ok(())
+        }
+    }
+
+    #[test]
+    fn normal_draws_are_finite_at_both_ends_of_the_generator() {
+        for word in [0, 1, 1 << 11, u64::MAX - 1, u64::MAX] {
+            assert!(standard_normal(&mut Stuck(word)).is_finite(), "{word}");
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn uniform_draws_stay_below_one(word: u64) {
+            let draw = uniform(&mut Stuck(word));
+            prop_assert!((0.0..1.0).contains(&draw));
+        }
+    }
+}

@@ -1,0 +1,227 @@
+//! The borders between crates and modules, read from the sources and from cargo.
+#![expect(clippy::unwrap_used, reason = "what a test cannot do has failed")]
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+/// A module's path below its crate: empty for the crate itself.
+type Module = Vec<String>;
+
+fn root() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("..")
+}
+
+/// Every source of a crate with its module's path; tests are left out, wherever they are.
+fn sources(folder: &Path, module: &[String], found: &mut BTreeMap<Module, String>) {
+    let mut entries: Vec<_> = fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path()).collect();
+    entries.sort();
+    for path in entries {
+        let name = path.file_stem().unwrap().to_str().unwrap().to_owned();
+        if name == "tests" || name.ends_with("_tests") || name == "bin" {
+            continue;
+        }
+        let own = || module.iter().cloned().chain([name.clone()]).collect::<Module>();
+        if path.is_dir() {
+            sources(&path, &own(), found);
+        } else if path.extension().is_some_and(|extension| extension == "rs") {
+            let own = if ["lib", "main"].contains(&name.as_str()) { module.to_vec() } else { own() };
+            found.insert(own, code_of(&fs::read_to_string(&path).unwrap()));
+        }
+    }
+}
+
+/// A source without comments and without what is compiled for tests only.
+fn code_of(source: &str) -> String {
+    let lines: String =
+        source.lines().filter(|line| !line.trim_start().starts_with("//")).fold(String::new(), |mut code, line| {
+            code.push_str(line);
+            code.push('\n');
+            code
+        });
+    let mut code = String::new();
+    let mut rest = lines.as_str();
+    while let Some(at) = rest.find("#[cfg(test)]") {
+        code.push_str(&rest[..at]);
+        rest = after_item(&rest[at + "#[cfg(test)]".len()..]);
+    }
+    code + rest
+}
+
+/// What follows the item at the beginning: behind its `;` or its closing brace, whichever comes first.
+fn after_item(code: &str) -> &str {
+    let mut depth = 0;
+    for (at, letter) in code.char_indices() {
+        match letter {
+            ';' if depth == 0 => return &code[at + 1..],
+            '{' => depth += 1,
+            '}' => {
+                depth -= 1;
+                if depth == 0 {
+                    return &code[at + 1..];
+                }
+            }
+            _ => {}
+        }
+    }
+    ""
+}
+
+/// The paths that begin with `crate`, `super` or `self`, braces opened: `crate::a::{b, c::d}` is two.
+fn paths(code: &str) -> Vec<Vec<String>> {
+    let is_name = |letter: char| letter.is_alphanumeric() || letter == '_';
+    let mut found = Vec::new();
+    for keyword in ["crate::", "super::", "self::"] {
+        for (at, _) in code.match_indices(keyword) {
+            let before = code[..at].chars().next_back();
+            // `super::super::a` is found once, from its beginning.
+            if before.is_some_and(|letter| is_name(letter) || letter == ':' || letter == '$') {
+                continue;
+            }
+            open(&code[at..], Vec::new(), &mut found);
+        }
+    }
+    found
+}
+
+/// One path or, behind it, a group in braces. Gives what follows it.
+fn open<'a>(mut code: &'a str, mut path: Vec<String>, found: &mut Vec<Vec<String>>) -> &'a str {
+    loop {
+        code = code.trim_start();
+        let end = code.find(|letter: char| !letter.is_alphanumeric() && letter != '_').unwrap_or(code.len());
+        if end > 0 {
+            path.push(code[..end].to_owned());
+            code = &code[end..];
+        }
+        let Some(next) = code.strip_prefix("::") else { break };
+        code = next.trim_start();
+        let Some(mut inner) = code.strip_prefix('{') else { continue };
+        loop {
+            inner = open(inner, path.clone(), found).trim_start();
+            let after_name = inner.find([',', '}']).unwrap_or(inner.len());
+            inner = &inner[after_name..];
+            match inner.strip_prefix(',') {
+                Some(more) if !more.trim_start().starts_with('}') => inner = more,
+                Some(last) => return last.trim_start().strip_prefix('}').unwrap_or(last),
+                None => return inner.strip_prefix('}').unwrap_or(inner),
+            }
+        }
+    }
+    found.push(path);
+    code
+}
+
+/// The module in which a path from `here` ends, as far as it goes through modules.
+fn target(path: &[String], here: &[String], modules: &BTreeMap<Module, String>) -> Module {
+    let mut at: Module = here.to_vec();
+    for (nth, name) in path.iter().enumerate() {
+        match name.as_str() {
+            "crate" if nth == 0 => at.clear(),
+            "self" => {}
+            "super" => drop(at.pop()),
+            name => {
+                at.push(name.to_owned());
+                if !modules.contains_key(&at) {
+                    at.pop();
+                    break;
+                }
+            }
+        }
+    }
+    at
+}
+
+/// Which modules with the same parent use which, each with a place where it does.
+fn uses(modules: &BTreeMap<Module, String>) -> BTreeMap<(Module, Module), Module> {
+    let mut uses = BTreeMap::new();
+    for (here, code) in modules {
+        for path in paths(code) {
+            let there = target(&path, here, modules);
+            let common = here.iter().zip(&there).take_while(|(one, other)| one == other).count();
+            if here.len() > common && there.len() > common {
+                let pair = (here[..=common].to_vec(), there[..=common].to_vec());
+                uses.entry(pair).or_insert_with(|| here.clone());
+            }
+        }
+    }
+    uses
+}
+
+/// A way from a module back to itself; `None` if there is none.
+fn circle(uses: &BTreeMap<(Module, Module), Module>) -> Option<Vec<Module>> {
+    let all: BTreeSet<&Module> = uses.keys().map(|(from, _)| from).collect();
+    let next =
+        |from: &Module| uses.keys().filter(move |(one, _)| one == from).map(|(_, to)| to.clone()).collect::<Vec<_>>();
+    for start in all {
+        let mut seen = BTreeSet::new();
+        let mut ways = vec![vec![start.clone()]];
+        while let Some(way) = ways.pop() {
+            for to in next(way.last().unwrap()) {
+                let longer: Vec<_> = way.iter().cloned().chain([to.clone()]).collect();
+                if to == *start {
+                    return Some(longer);
+                }
+                if seen.insert(to) {
+                    ways.push(longer);
+                }
+            }
+        }
+    }
+    None
+}
+
+#[test]
+fn no_two_modules_import_each_other() {
+    let mut circles = Vec::new();
+    for member in ["common", "agent/core", "agent", "deploy", "tests"] {
+        let folder = root().join(member).join("src");
+        let mut modules = BTreeMap::from([(Module::new(), String::new())]);
+        sources(&folder, &[], &mut modules);
+        assert!(modules.len() > 4, "{member} has {} modules", modules.len());
+        let mut uses = uses(&modules);
+        while let Some(way) = circle(&uses) {
+            let arrows: Vec<_> = way.iter().map(|module| module.join("::")).collect();
+            let step = |pair: &[Module]| (pair[0].clone(), pair[1].clone());
+            let places: Vec<_> = way.windows(2).map(|pair| uses[&step(pair)].join("::")).collect();
+            circles.push(format!("{member}: {} (in {})", arrows.join(" -> "), places.join(", ")));
+            uses.remove(&step(&way[..2]));
+        }
+    }
+    assert!(circles.is_empty(), "modules that import each other:\n{}", circles.join("\n"));
+}
+
+#[test]
+fn the_reader_of_modules_sees_what_it_should() {
+    let module = |path: &str| path.split("::").map(str::to_owned).collect::<Module>();
+    let code = "use crate::a::{self, b::{C, d}, E};\nuse super::super::f;\n#[cfg(test)]\nmod tests { use crate::g; }\nlet x = self::h::I;";
+    let read = paths(&code_of(code));
+    let expected =
+        ["crate::a::self", "crate::a::b::C", "crate::a::b::d", "crate::a::E", "super::super::f", "self::h::I"];
+    assert_eq!(read, expected.map(module));
+    let both = [("one", "use crate::two::X;"), ("two", "fn f() { super::one::y() }"), ("three", "use super::one;")];
+    let modules = both.map(|(name, code)| (module(name), code.to_owned())).into_iter().collect();
+    assert_eq!(circle(&uses(&modules)), Some(["one", "two", "one"].map(module).to_vec()));
+}
+
+/// Every package that this one is built from, by cargo.
+fn built_from(package: &str) -> BTreeSet<String> {
+    let mut cargo = Command::new(env!("CARGO"));
+    cargo.current_dir(root()).args(["tree", "--locked", "--offline", "--edges", "normal", "--prefix", "none"]);
+    let output = cargo.args(["--format", "{p}", "-p", package]).output().unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let text = String::from_utf8(output.stdout).unwrap();
+    text.lines().filter_map(|line| line.split_whitespace().next()).map(str::to_owned).collect()
+}
+
+#[test]
+fn the_core_and_the_lab_are_built_without_network() {
+    let edges = ["tokio", "zenoh", "rustls", "socket2", "rustix", "skein-agent", "skein"];
+    for package in ["skein-common", "skein-core", "skein-lab"] {
+        let parts = built_from(package);
+        assert!(parts.contains(package) && parts.contains("serde"), "{parts:?}");
+        let wrong: Vec<_> = edges.iter().filter(|edge| parts.contains(**edge)).collect();
+        assert!(wrong.is_empty(), "{package} is built from {wrong:?}");
+    }
+    assert!(built_from("skein-agent").contains("zenoh"), "cargo names what a package is built from");
+}
