@@ -7,6 +7,7 @@
 //! | module | what it computes |
 //! | --- | --- |
 //! | [`parameters`] | what distinguishes one helicopter from another |
+//! | `check` | what its parameters must be |
 //! | `rotor`, `main_rotor` | thrust, inflow, torque; tilt of the disc |
 //! | `tail` | tail rotor, fin, yaw gyro |
 //! | `body` | drag, stabiliser, motion of a rigid body |
@@ -18,6 +19,7 @@
 //! | [`wind`] | mean wind and gusts |
 //! | [`vehicle`] | all of it, with what is measured |
 
+mod check;
 pub mod failures;
 pub mod parameters;
 pub mod vehicle;
@@ -36,8 +38,9 @@ use nalgebra::Vector3;
 use skein_common::frame::{Attitude, BodyRates, PositionNed, VelocityNed};
 use skein_common::math;
 
+pub use check::ParameterError;
 pub use failures::{Failures, Script};
-pub use parameters::{ParameterError, Parameters};
+pub use parameters::Parameters;
 pub use vehicle::{BuiltInVehicle, Start};
 pub use wind::{Air, Weather};
 

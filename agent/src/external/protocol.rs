@@ -124,8 +124,8 @@ pub enum Fault {
     #[error("another protocol than {PROTOCOL}")]
     Protocol,
     /// A datagram of the wrong length.
-    #[error("a datagram of {0} bytes, not {expected}", expected = 8 * super::vector::ANSWER)]
-    Length(usize),
+    #[error("a datagram of {0} bytes, not {expected}", expected = .1)]
+    Length(usize, usize),
     /// A key that is missing or is not what it has to be.
     #[error("an answer whose {0}")]
     Content(&'static str),
@@ -156,7 +156,7 @@ impl Fault {
             Self::TooLong => 1,
             Self::OutOfPlace(_) => 2,
             Self::Protocol => 3,
-            Self::Length(_) => 4,
+            Self::Length(..) => 4,
             Self::Content(_) => 5,
             Self::Vehicle(_) => 6,
             Self::Tick { .. } => 7,

@@ -58,7 +58,7 @@ fn nearest(own_m: Vector3<f64>, peers: &[Peer]) -> Vec<&Peer> {
 /// # Errors
 /// What is wrong with it. Whether it is the answer to an open ask is the caller's to see.
 pub fn read(datagram: &[u8]) -> Result<Answer, Fault> {
-    let wrong_length = || Fault::Length(datagram.len());
+    let wrong_length = || Fault::Length(datagram.len(), 8 * ANSWER);
     let (chunks, []) = datagram.as_chunks::<8>() else { return Err(wrong_length()) };
     let chunks: &[[u8; 8]; ANSWER] = chunks.try_into().map_err(|_| wrong_length())?;
     let values = chunks.map(f64::from_le_bytes);

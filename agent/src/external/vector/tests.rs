@@ -91,9 +91,9 @@ fn what_is_no_answer_is_named() {
         values[index - 1] = value;
         read(&datagram(&values)).map(drop).unwrap_err()
     };
-    assert_eq!(read(&datagram(&good)[..71]), Err(Fault::Length(71)));
-    assert_eq!(read(&datagram(&[0.0; 10])), Err(Fault::Length(80)));
-    assert_eq!(read(&[]), Err(Fault::Length(0)));
+    assert_eq!(read(&datagram(&good)[..71]), Err(Fault::Length(71, 72)));
+    assert_eq!(read(&datagram(&[0.0; 10])), Err(Fault::Length(80, 72)));
+    assert_eq!(read(&[]), Err(Fault::Length(0, 72)));
     assert_eq!(with(1, 2.0), Fault::Protocol);
     assert_eq!(with(2, 300.0), Fault::Vehicle(300));
     for (index, value) in [(2, 0.5), (3, -1.0), (4, 3.0), (5, f64::NAN), (7, f64::INFINITY), (6, 1e300), (8, 1e10)] {
