@@ -2,7 +2,6 @@
 
 mod security;
 
-use std::fs;
 use std::io;
 use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr, ToSocketAddrs};
 use std::path::{Path, PathBuf};
@@ -13,19 +12,20 @@ use skein_common::frame::Origin;
 use skein_common::id::VehicleId;
 use skein_common::scenario::{self, PlantKind, Scenario, ScenarioError, Source};
 
-use crate::external::{self, ExternalError};
 use crate::link::Security;
 use crate::link::seal::SealKey;
 use crate::plant::builtin::BuiltIn;
 use crate::plant::xplane::{self, XPlane, wire};
 use crate::unix;
 pub use security::SecurityTable;
-use skein_core::aircraft::{Aircraft, AircraftError};
-use skein_core::control::{FisError, Rules};
+use skein_core::aircraft::Aircraft;
+use skein_core::control::Rules;
 use skein_core::helicopter::{BuiltInVehicle, Script, TICK_S, Weather};
 use skein_core::plant::Plant;
 use skein_core::start::{TooFull, starts};
 use skein_core::supported::{self, NotFlown};
+use skein_host::external::{self, ExternalError};
+use skein_host::files::{self, FileError};
 
 /// What an agent is asked to be.
 #[derive(Clone, Debug, PartialEq, clap::Args)]
@@ -80,14 +80,9 @@ pub struct AgentFile {
 /// Why an agent cannot be what it is asked to be. Each is one sentence, and the user's to mend.
 #[derive(Debug, thiserror::Error)]
 pub enum ConfigError {
-    /// A file that cannot be read.
-    #[error("cannot read {}: {source}", path.display())]
-    Read {
-        /// The file.
-        path: PathBuf,
-        /// What the system says.
-        source: io::Error,
-    },
+    /// A file that cannot be used.
+    #[error(transparent)]
+    Named(#[from] FileError),
     /// A node's file that is none.
     #[error("{0}")]
     File(String),
@@ -120,9 +115,6 @@ pub enum ConfigError {
         /// What does not fit.
         source: TooFull,
     },
-    /// An aircraft file that is none.
-    #[error(transparent)]
-    Aircraft(#[from] AircraftError),
     /// An aircraft that only X-Plane flies.
     #[error("the aircraft {0} has no [helicopter] table, which the built-in plant needs")]
     NoModel(String),
@@ -135,9 +127,6 @@ pub enum ConfigError {
          prints"
     )]
     NoRun(String),
-    /// Rules that are none.
-    #[error(transparent)]
-    Rules(#[from] FisError),
     /// A simulator that cannot be addressed.
     #[error("{text:?} is no HOST[:PORT] of a simulator: {source}")]
     Address {
@@ -231,7 +220,7 @@ impl AgentOptions {
         let AgentFile { scenario: path, id, listen, dial, plant, xplane, security } = file;
         let path = own_folder.join(path);
         let name = path.display().to_string();
-        let loaded = scenario::load(&Source { name: &name, text: &read(&path)? }, &self.sets)?;
+        let loaded = scenario::load(&Source { name: &name, text: &files::read(&path)? }, &self.sets)?;
         let (mut notes, mut scenario) = (loaded.notes, loaded.scenario);
         supported::check_live(&scenario).map_err(|source| ConfigError::NotFlown { file: name.clone(), source })?;
         let vehicles = scenario.swarm.vehicles;
@@ -240,8 +229,8 @@ impl AgentOptions {
         let Some(vehicle) = scenario.vehicle(id) else {
             return Err(ConfigError::NotInSwarm { id, file: name, vehicles });
         };
-        let (aircraft, _) = aircraft(&vehicle.aircraft, folder)?;
-        let rules = rules(&scenario.control.rules, folder)?;
+        let (aircraft, _) = files::aircraft(&vehicle.aircraft, folder)?;
+        let rules = files::rules(&scenario.control.rules, folder)?;
         let address = self.xplane.as_ref().or(xplane.as_ref());
         let plant = match (plant.unwrap_or(scenario.swarm.plant), address) {
             (PlantKind::Builtin, None) => {
@@ -312,12 +301,8 @@ pub fn listen_for(simulator: IpAddr) -> IpAddr {
     }
 }
 
-fn read(path: &Path) -> Result<String, ConfigError> {
-    fs::read_to_string(path).map_err(|source| ConfigError::Read { path: path.to_owned(), source })
-}
-
 fn read_agent_file(path: &Path) -> Result<AgentFile, ConfigError> {
-    parse(&path.display().to_string(), &read(path)?)
+    parse(&path.display().to_string(), &files::read(path)?)
 }
 
 /// What to say of a private key that is not private.
@@ -332,33 +317,6 @@ fn parse<T: DeserializeOwned>(name: &str, text: &str) -> Result<T, ConfigError> 
         let (line, column) = Source { name, text }.position(error.span().map_or(0, |span| span.start));
         ConfigError::File(format!("{name}:{line}:{column}: {}", error.message().replace('\n', " ")))
     })
-}
-
-/// The aircraft of this name and its file's text: one that comes with the program, or else `NAME.toml` in the scenario's
-/// folder.
-///
-/// # Errors
-/// If there is no such file, or it is no aircraft's.
-pub fn aircraft(name: &str, folder: &Path) -> Result<(Aircraft, String), ConfigError> {
-    let path = folder.join(format!("{name}.toml"));
-    let (file, text) = match Aircraft::SHIPPED.iter().find(|(shipped, _)| *shipped == name) {
-        Some((_, text)) => (name.to_owned(), (*text).to_owned()),
-        None => (path.display().to_string(), read(&path)?),
-    };
-    Ok((Aircraft::from_text(&file, &text)?, text))
-}
-
-/// The rules that a scenario in this folder names: those that come with the program, or the four files of a folder.
-///
-/// # Errors
-/// If a file cannot be read or is no rule base.
-pub fn rules(rules: &scenario::Rules, folder: &Path) -> Result<Rules, ConfigError> {
-    let scenario::Rules::Folder(rules) = rules else { return Ok(Rules::shipped()) };
-    let paths = ["roll", "pitch", "heading", "collective"].map(|axis| folder.join(rules).join(format!("{axis}.fis")));
-    let names = paths.each_ref().map(|path| path.display().to_string());
-    let [roll, pitch, heading, collective] = paths.each_ref().map(|path| read(path));
-    let texts = [roll?, pitch?, heading?, collective?];
-    Ok(Rules::from_texts(std::array::from_fn(|axis| (names[axis].as_str(), texts[axis].as_str())))?)
 }
 
 fn seconds(text: &str) -> Result<f64, String> {

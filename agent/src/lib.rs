@@ -8,9 +8,8 @@
 //!      run.rs: one control thread, woken by the simulator's frame, calls skein_core::agent::Agent::step
 //! ```
 
-pub mod clock;
 pub mod config;
-pub mod external;
+pub mod law;
 pub mod link;
 pub mod plant;
 pub mod run;

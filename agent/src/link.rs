@@ -36,7 +36,6 @@ use zenoh::qos::{CongestionControl, Priority, Reliability};
 use zenoh::sample::{Locality, Sample, SampleKind};
 use zenoh::{Config, Session, Wait};
 
-use crate::clock::{LocalClock, now, sleep_until};
 use clocks::Clocks;
 pub use clocks::{ASK_EVERY, Utc};
 pub use health::HealthLine;
@@ -51,6 +50,7 @@ use seal::words::Voices;
 pub use security::Security;
 pub use sessions::Sessions;
 use skein_core::peers::{Heard, Word};
+use skein_host::clock::{LocalClock, now, sleep_until};
 use trust::Judge;
 pub use trust::Trust;
 

@@ -5,7 +5,7 @@
 //! | control | waits for the plant's frame, steps the [`Agent`], writes the controls; hands over what is to be sent |
 //! | publisher | sends it, and may have to wait for the network |
 //! | Zenoh's | file what is heard ([`crate::link`]) |
-//! | law's | asks an external law, if one flies ([`crate::external::live`]) |
+//! | law's | asks an external law, if one flies ([`crate::law`]) |
 //! | Tokio's | health once a second, how far clocks are apart, signals |
 //! | log, standard input | may block, each alone |
 //!
@@ -32,10 +32,8 @@ use tokio::runtime::{Builder, Handle};
 use tokio::sync::mpsc;
 use tokio::time::MissedTickBehavior;
 
-use crate::clock::{LocalClock, new_incarnation, next_incarnation, utc_nanoseconds};
 use crate::config::{AgentOptions, Node};
-use crate::external::ExternalError;
-use crate::external::live::LiveLaw;
+use crate::law::LiveLaw;
 use crate::link::{ASK_EVERY, HealthLine, Link, LinkError, Sessions, Trust, ZENOH_ON_TWO_THREADS, ZENOH_RUNTIME};
 use crate::plant::xplane;
 use crate::unix;
@@ -44,6 +42,8 @@ use skein_core::agent::Agent;
 use skein_core::impairments::Ear;
 use skein_core::skew::Skew;
 use skein_core::supported::NotFlown;
+use skein_host::clock::{LocalClock, new_incarnation, next_incarnation, utc_nanoseconds};
+use skein_host::external::ExternalError;
 
 /// Environment variable that says which release was installed here.
 pub const RELEASE: &str = "SKEIN_RELEASE";

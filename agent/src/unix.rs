@@ -117,11 +117,6 @@ mod on_unix {
         datagram.send_to(what.as_bytes(), socket)
     }
 
-    /// The terminal's Ctrl-C is not to reach this child.
-    pub fn in_own_group(command: &mut Command) {
-        command.process_group(0);
-    }
-
     /// SIGINT, SIGTERM and SIGHUP (a terminal that is closed): all mean that the agent shall end.
     pub struct Signals([Signal; 3]);
 
@@ -221,9 +216,6 @@ mod plain {
     pub fn others_can_read(_path: &std::path::Path) -> bool {
         false
     }
-
-    /// Does nothing: there are no such groups.
-    pub fn in_own_group(_command: &mut std::process::Command) {}
 
     /// Ctrl-C.
     pub struct Signals;

@@ -20,11 +20,11 @@ use skein_agent::link::{ZENOH_ON_TWO_THREADS, ZENOH_RUNTIME};
 use skein_agent::unix;
 use skein_common::id::VehicleId;
 
-use crate::error::Error;
-use crate::out;
 pub use fleet::{Load, Scheme};
 pub use here::{Demand, agrees, ask_for, exceeded_by};
 pub use measure::{Effort, Measured, StepTime, Talk, measure};
+use skein_lab::error::Error;
+use skein_lab::out;
 pub use wire::{PaperEquation, data_output_bytes, of_datagram_bytes, of_segment_bytes};
 pub use words::{WordSize, WordTime};
 
@@ -74,12 +74,12 @@ pub fn run(out: Option<&Path>, json: bool) -> Result<(), Error> {
     eprintln!("measuring for some ten seconds; what else this machine does is in the figures");
     let capacity = Capacity::of(measure(Effort::FULL)?);
     let text = capacity.to_text();
-    crate::say(&if json { crate::json(&capacity) } else { text.clone() });
+    skein_lab::terminal::say(&if json { skein_lab::terminal::json(&capacity) } else { text.clone() });
     let Some(out) = out else { return Ok(()) };
     let figure = picture::figure(&capacity.measured);
     let failed = |error: std::io::Error| Error::Failed(format!("{}: {error}", out.display()));
     fs::create_dir_all(&out).map_err(failed)?;
-    fs::write(out.join("capacity.json"), crate::json(&capacity)).map_err(failed)?;
+    fs::write(out.join("capacity.json"), skein_lab::terminal::json(&capacity)).map_err(failed)?;
     fs::write(out.join("capacity.txt"), text).map_err(failed)?;
     fs::write(out.join("capacity.svg"), figure.svg()?).map_err(failed)?;
     figure.write_png(&out.join("capacity.png"))?;

@@ -6,12 +6,12 @@ use serde_json::json;
 use skein_common::scenario::{ControlMode, Explained, Loaded};
 
 use crate::cluster;
-use crate::error::Error;
 use crate::fly::script;
 use crate::prepare::{Prepared, Target, prepare};
-use crate::scenario::ScenarioArgs;
 use crate::simulators::{self, HostPort};
-use crate::study::laws::Trial;
+use skein_lab::error::Error;
+use skein_lab::laws::Trial;
+use skein_lab::scenario::ScenarioArgs;
 
 /// `skein check`
 #[derive(Clone, Debug, clap::Args)]
@@ -50,7 +50,11 @@ fn simulator(xplane: &HostPort, json: bool) -> Result<(), Error> {
     let address = format!("{}:{}", xplane.host, xplane.port);
     let heard = simulators::ask(&address)?;
     let text = format!("{address}: {heard}\n");
-    crate::say(&if json { crate::json(&json!({ "xplane": address, "heard": heard })) } else { text });
+    skein_lab::terminal::say(&if json {
+        skein_lab::terminal::json(&json!({ "xplane": address, "heard": heard }))
+    } else {
+        text
+    });
     Ok(())
 }
 
@@ -58,7 +62,7 @@ fn scenario(args: &CheckArgs) -> Result<(), Error> {
     let loaded = args.scenario.read(Vec::new())?;
     loaded.notes.iter().for_each(|note| eprintln!("{note}"));
     script::skipped(&loaded.scenario).iter().for_each(|skipped| eprintln!("{skipped}"));
-    crate::say(&if args.json { crate::json(&as_json(&loaded)) } else { as_text(&loaded) });
+    skein_lab::terminal::say(&if args.json { skein_lab::terminal::json(&as_json(&loaded)) } else { as_text(&loaded) });
     verdict(args, &loaded).map(drop)
 }
 

@@ -12,13 +12,13 @@ use tracing_subscriber::EnvFilter;
 use crate::check::{self, CheckArgs};
 use crate::cluster::host::{self, NodeArgs};
 use crate::cluster::{self, ClusterArgs};
-use crate::compare::{self, CompareArgs};
-use crate::error::Error;
 use crate::fly::{self, FlyArgs};
 use crate::order::{self, OrderArgs};
 use crate::record::{self, RecordArgs};
 use crate::report::{self, ReportArgs};
-use crate::study::{self, StudyArgs};
+use skein_lab::compare::{self, CompareArgs};
+use skein_lab::error::Error;
+use skein_lab::study::{self, StudyArgs};
 
 /// Helicopters that fly as a swarm with no one in charge.
 ///
@@ -65,7 +65,7 @@ pub fn main() -> ExitCode {
 }
 
 /// The whole program, which can fly these laws too: `formation.law` takes their names in every command, and the agents that
-/// it starts know them as well. See [`crate::law`].
+/// it starts know them as well. See [`skein_lab::law`].
 pub fn main_with(laws: Laws) -> ExitCode {
     match laws.add() {
         Ok(()) => run(Cli::parse().command),

@@ -40,7 +40,7 @@ use std::path::PathBuf;
 
 use clap::Subcommand;
 
-use crate::error::Error;
+use skein_lab::error::Error;
 
 /// `skein cluster`
 #[derive(Clone, Debug, clap::Args)]

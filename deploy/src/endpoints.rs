@@ -10,8 +10,8 @@ use std::time::Duration;
 use serde::{Deserialize, Serialize};
 use skein_common::id::{SwarmName, VehicleId};
 
-use crate::error::Error;
 use crate::os;
+use skein_lab::error::Error;
 
 /// How long an agent of this PC is given to answer a call, s.
 const ANSWER: Duration = Duration::from_millis(200);
@@ -61,7 +61,7 @@ impl Endpoints {
         os::private_folder(folder)?;
         let path = path(folder, &self.swarm);
         let draft = path.with_extension(format!("{}.draft", std::process::id()));
-        os::write_whole(&draft, crate::json(self).as_bytes(), true)?;
+        os::write_whole(&draft, skein_lab::terminal::json(self).as_bytes(), true)?;
         fs::rename(&draft, &path)?;
         Ok(EndpointsFile { path })
     }

@@ -21,10 +21,10 @@ use skein_agent::unix;
 
 use crate::capacity;
 use crate::cluster::nodes::is_seconds;
-use crate::error::Error;
 use crate::os::Interrupts;
-use crate::scenario::ScenarioArgs;
 use crate::simulators::HostPort;
+use skein_lab::error::Error;
+use skein_lab::scenario::ScenarioArgs;
 
 pub mod children;
 pub mod flight;

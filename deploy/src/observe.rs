@@ -19,9 +19,9 @@ use zenoh::Wait;
 use zenoh::qos::{CongestionControl, Priority};
 use zenoh::sample::{Locality, Sample};
 
-use crate::clock;
-use crate::error::Error;
 use crate::reach::Reach;
+use skein_host::clock;
+use skein_lab::error::Error;
 
 /// What waits to be read; what comes on top is dropped and counted. Two seconds of 250 vehicles.
 const QUEUE: usize = 25_000;
@@ -341,13 +341,13 @@ mod tests {
 
     use ring::rand::SystemRandom;
     use ring::signature::Ed25519KeyPair;
-    use skein_agent::clock::LocalClock;
     use skein_agent::link::{Link, Security, Trust};
     use skein_common::id::Incarnation;
     use skein_common::message::{Happening, Header, Verb};
     use skein_common::scenario::{Source, load};
     use skein_common::state::Membership;
     use skein_common::time::SenderStamp;
+    use skein_host::clock::LocalClock;
 
     use super::*;
     use crate::reach::Flown;

@@ -12,11 +12,11 @@ use skein_common::id::VehicleId;
 use skein_common::message::{Order, Verb};
 use skein_common::scenario::{Source, load};
 
-use crate::clock;
-use crate::error::Error;
 use crate::observe::{Observer, Seen, Steps};
 use crate::reach::{Reach, SwarmArgs};
 use effect::{Doing, Effect};
+use skein_host::clock;
+use skein_lab::error::Error;
 
 /// An agent says its register five times a second; whoever is silent this long is not there.
 const LISTEN: Duration = Duration::from_millis(1500);
@@ -104,7 +104,7 @@ pub fn run(args: &OrderArgs) -> Result<(), Error> {
     if !effect.is_any() {
         return Err(Error::Failed(format!("{verb}: without effect: {effect}")));
     }
-    crate::say(&format!("{verb}: taken by vehicle {}; {effect}\n", effect::ranges(&taken)));
+    skein_lab::terminal::say(&format!("{verb}: taken by vehicle {}; {effect}\n", effect::ranges(&taken)));
     Ok(())
 }
 
@@ -113,7 +113,7 @@ pub fn note(reach: &Reach, verb: Verb) {
     let noted = reach.run_file.as_ref().map_or(Ok(()), |file| file.note_order(verb));
     if let Err(why) = noted {
         // What is ordered may not wait for a disk.
-        crate::complain(&format!(
+        skein_lab::terminal::complain(&format!(
             "the order is not noted on this PC ({why}): see that all have landed before the next `up`"
         ));
     }

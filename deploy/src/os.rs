@@ -42,11 +42,6 @@ impl Interrupts {
     }
 }
 
-/// Ctrl-C at the terminal is not to reach this child.
-pub fn in_own_group(command: &mut Command) {
-    imp::in_own_group(command);
-}
-
 /// How a process ended, in words.
 pub fn how_it_ended(status: ExitStatus) -> String {
     match (status.code(), imp::signal(status)) {
@@ -251,10 +246,6 @@ mod imp {
         Ok(())
     }
 
-    pub(super) fn in_own_group(command: &mut Command) {
-        command.process_group(0);
-    }
-
     pub(super) fn signal(status: ExitStatus) -> Option<i32> {
         status.signal()
     }
@@ -414,8 +405,6 @@ mod imp {
         });
         Ok(())
     }
-
-    pub(super) fn in_own_group(_command: &mut Command) {}
 
     pub(super) fn signal(_status: ExitStatus) -> Option<i32> {
         None

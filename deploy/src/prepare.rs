@@ -1,15 +1,15 @@
 //! Everything that can stand between a scenario and its flight, looked at before anything is started or written. `fly`, `study`
 //! and `check` all come through here: what `check` passes, flies, and what it refuses is refused with the same sentence.
 
-use skein_agent::external::is_external;
-use skein_agent::external::protocol::Time;
 use skein_common::scenario::{PlantKind, Scenario};
 use skein_core::supported;
+use skein_host::external::protocol::Time;
 
-use crate::error::Error;
-use crate::scenario::{Ready, ScenarioArgs};
 use crate::simulators::{self, HostPort};
-use crate::study::laws::{LawError, Trial};
+use skein_lab::error::Error;
+use skein_lab::laws::Trial;
+use skein_lab::prepare;
+use skein_lab::scenario::{Ready, ScenarioArgs};
 
 /// Where a scenario is to fly.
 #[derive(Clone, Copy, Debug)]
@@ -52,35 +52,20 @@ pub fn prepare(
     if time == Time::Real {
         supported::check_live(scenario).map_err(|why| refused(why.to_string()))?;
     }
-    let ready = args.ready(scenario)?;
     let flies_in_xplane = time == Time::Real && scenario.swarm.plant == PlantKind::Xplane;
-    if !flies_in_xplane {
-        let mut vehicles = scenario.vehicle.iter().zip(&ready.aircraft);
-        if let Some((vehicle, _)) = vehicles.find(|(_, aircraft)| aircraft.helicopter.is_none()) {
-            let (id, name) = (vehicle.id, &vehicle.aircraft);
-            return Err(refused(format!(
-                "vehicle {id}: only X-Plane can fly the aircraft \"{name}\": {name}.toml has no [helicopter] table"
-            )));
-        }
-    }
-    trial.of(scenario, time).map_err(|error| refused(of_law(scenario, &error)))?;
+    let ready = if flies_in_xplane {
+        let ready = args.ready(scenario)?;
+        prepare::try_law(args, scenario, time, trial)?;
+        ready
+    } else {
+        prepare::prepare(args, scenario, time, trial)?
+    };
     let xplanes = match target {
         Target::Fly { xplane } if flies_in_xplane => simulators::addresses(scenario, xplane)?,
         Target::Fly { .. } | Target::Study => Vec::new(),
     };
     simulators::ask_all(&xplanes)?;
     Ok(Prepared { ready, xplanes })
-}
-
-/// What stands against a law that was started, with its command as it was started.
-fn of_law(scenario: &Scenario, error: &LawError) -> String {
-    let command = scenario.formation.external.command.as_deref().filter(|_| is_external(scenario));
-    match (error, command) {
-        (LawError::Ended(..) | LawError::Silent { .. }, Some(command)) => {
-            format!("formation.external.command: {error}; does `{}` run by itself?", command.join(" "))
-        }
-        _ => error.to_string(),
-    }
 }
 
 #[cfg(test)]

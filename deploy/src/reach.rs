@@ -12,7 +12,7 @@ use skein_common::id::{SwarmName, VehicleId};
 use crate::cluster::inventory::Inventory;
 use crate::cluster::keys::run::RunFile;
 use crate::endpoints::{self, Endpoints};
-use crate::error::Error;
+use skein_lab::error::Error;
 
 /// What one needs to take part in a swarm's traffic.
 #[derive(Clone, Debug)]

@@ -8,8 +8,8 @@ use skein_common::id::VehicleId;
 use skein_common::scenario::Scenario;
 
 use crate::cluster::host::probe;
-use crate::error::Error;
 use crate::fly::ports;
+use skein_lab::error::Error;
 
 /// A host and a port of it.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -81,8 +81,8 @@ mod tests {
     use std::time::Duration;
 
     use super::*;
-    use crate::clock;
-    use crate::scenario::ScenarioArgs;
+    use skein_host::clock;
+    use skein_lab::scenario::ScenarioArgs;
 
     #[test]
     fn every_vehicle_has_an_x_plane_of_its_own() {

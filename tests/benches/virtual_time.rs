@@ -8,9 +8,6 @@ use std::time::{Duration, Instant};
 
 use criterion::{Criterion, Throughput};
 use nalgebra::Vector2;
-use skein::study::Study;
-use skein::study::laws::LawPool;
-use skein::study::world::World;
 use skein_common::frame::Origin;
 use skein_common::id::VehicleId;
 use skein_common::scenario::{Source, load};
@@ -20,6 +17,9 @@ use skein_core::control::{Rules, Setpoint, VehicleController};
 use skein_core::estimate::Estimator;
 use skein_core::helicopter::{BuiltInVehicle, Start, TICK_S, Weather};
 use skein_core::plant::Sticks;
+use skein_lab::laws::LawPool;
+use skein_lab::study::Study;
+use skein_lab::world::World;
 
 const HOVER: &str = include_str!("../../deploy/scenarios/hover.toml");
 

@@ -2,10 +2,10 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use skein::metrics::{Metrics, Report, Run, VehicleNow, Wall};
-use skein::study::world::World;
-use skein::study::{Study, measure};
 use skein_common::message::Happening;
+use skein_lab::metrics::{Metrics, Report, Run, VehicleNow, Wall};
+use skein_lab::study::{Study, measure};
+use skein_lab::world::World;
 
 use crate::{in_parallel, median_and_worst, study};
 

@@ -3,9 +3,9 @@
 use std::path::Path;
 use std::process::{Command, Stdio};
 
-use skein::compare::divergence;
-use skein::compare::folder::Folder;
-use skein::compare::pairs::Paired;
+use skein_lab::compare::divergence;
+use skein_lab::compare::folder::Folder;
+use skein_lab::compare::pairs::Paired;
 
 /// Commands that the program which prints the tables has to pass on to `skein`: flights start it again.
 pub const WORDS: [&str; 4] = ["study", "fly", "agent", "standin"];

@@ -2,13 +2,13 @@
 
 use std::collections::BTreeSet;
 
-use skein::metrics::COLLISION_M;
-use skein::study::world::World;
 use skein_common::id::VehicleId;
 use skein_common::scenario::{Scenario, Source, load};
 use skein_common::state::Membership;
 use skein_core::agent::Agent;
 use skein_core::peers::Role;
+use skein_lab::metrics::COLLISION_M;
+use skein_lab::world::World;
 
 use crate::{airborne_pairs, in_parallel, median_and_worst, of_scenario};
 

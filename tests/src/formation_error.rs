@@ -1,8 +1,8 @@
 //! How well the ring keeps its shape in gusts, over worse and worse networks and in larger and larger swarms. Every flight of the
 //! table stands in a golden file, `tests/golden/formation_error.csv`, to the last bit; a test flies some of them again.
 
-use skein::metrics::Report;
-use skein::study::Study;
+use skein_lab::metrics::Report;
+use skein_lab::study::Study;
 
 use crate::{in_parallel, study};
 

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use serde_json::Value;
-use skein::metrics::{Report, WALL_CLOCK_KEYS};
+use skein_lab::metrics::{Report, WALL_CLOCK_KEYS};
 
 use crate::{formation_error, in_parallel, study};
 

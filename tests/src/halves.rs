@@ -1,9 +1,10 @@
 //! A swarm that is cut in two for a while: what each part does, and how soon it is one again.
 
-use skein::metrics::COLLISION_M;
-use skein::study::world::{Incident, World};
 use skein_common::id::{VehicleId, VehicleSet};
 use skein_common::scenario::{Scenario, Source, load};
+use skein_lab::faults::Incident;
+use skein_lab::metrics::COLLISION_M;
+use skein_lab::world::World;
 
 use crate::{airborne_pairs, in_parallel, median_and_worst, of_scenario};
 

@@ -16,14 +16,14 @@ use std::convert::Infallible;
 use std::num::NonZeroUsize;
 use std::ops::Range;
 
-use skein::metrics::AIRBORNE_ABOVE_M;
-use skein::study::laws::LawPool;
-use skein::study::world::World;
-use skein::study::{self, Study};
 use skein_common::id::VehicleId;
 use skein_common::scenario::{Scenario, Source, load};
 use skein_core::aircraft::Aircraft;
 use skein_core::control::Rules;
+use skein_lab::laws::LawPool;
+use skein_lab::metrics::AIRBORNE_ABOVE_M;
+use skein_lab::study::{self, Study};
+use skein_lab::world::World;
 
 /// The shipped scenarios, by name.
 pub const SHIPPED: [(&str, &str); 6] = [

@@ -1,6 +1,6 @@
 //! The tour of six places over worse and worse networks: everybody comes to its end, and together.
 
-use skein::metrics::Report;
+use skein_lab::metrics::Report;
 
 use crate::{in_parallel, median_and_worst, study};
 

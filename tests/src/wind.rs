@@ -5,13 +5,13 @@ use std::collections::BTreeMap;
 use std::f64::consts::TAU;
 use std::fmt;
 
-use skein::metrics::Report;
-use skein::study::world::World;
 use skein_common::id::VehicleId;
 use skein_common::message::{Failure, Happening};
 use skein_common::scenario::{Scenario, Source, load};
 use skein_common::state::Activity;
 use skein_core::random::{self, Purpose};
+use skein_lab::metrics::Report;
+use skein_lab::world::World;
 
 use crate::{in_parallel, median_and_worst, of_scenario, study};
 

@@ -2,11 +2,12 @@
 #![expect(clippy::unwrap_used, reason = "what a test cannot do has failed")]
 
 use serde_json::Value;
-use skein::metrics::{Report, WALL_CLOCK_KEYS};
-use skein::study::Study;
-use skein::study::world::{Incident, World};
 use skein_common::state::Membership;
 use skein_core::plant::Truth;
+use skein_lab::faults::Incident;
+use skein_lab::metrics::{Report, WALL_CLOCK_KEYS};
+use skein_lab::study::Study;
+use skein_lab::world::World;
 use skein_tests::central::{Case, PLAIN};
 use skein_tests::study;
 

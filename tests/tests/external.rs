@@ -15,10 +15,10 @@ use std::time::{Duration, Instant};
 
 use rustix::process::{Pid, Signal, kill_process};
 use serde_json::Value;
-use skein::metrics::{Report, WALL_CLOCK_KEYS};
-use skein::scenario::ScenarioArgs;
-use skein::study::laws::LawPool;
-use skein::study::{Study, StudyError};
+use skein_lab::laws::LawPool;
+use skein_lab::metrics::{Report, WALL_CLOCK_KEYS};
+use skein_lab::scenario::ScenarioArgs;
+use skein_lab::study::{Study, StudyError};
 use tempfile::TempDir;
 
 const TWO: NonZeroUsize = NonZeroUsize::MIN.saturating_add(1);

@@ -17,11 +17,11 @@ use rustix::process::{Pid, Signal, kill_process};
 use serde_json::Value;
 use skein::endpoints;
 use skein::observe::{Heard, Observer, Steps};
-use skein::record;
-use skein::recording::{Track, What};
 use skein_common::message::{Happening, Trace};
 use skein_common::scenario::{Source, load};
 use skein_common::time::SenderStamp;
+use skein_lab::record;
+use skein_lab::recording::{Track, What};
 use tempfile::TempDir;
 
 const PROGRAM: &str = env!("CARGO_BIN_EXE_skein-under-test");

@@ -1,7 +1,7 @@
 //! The formation's error against loss, delay and size of the swarm: cells of the golden table, flown again.
 
-use skein::metrics::{Report, Run};
-use skein::recording::Recording;
+use skein_lab::metrics::{Report, Run};
+use skein_lab::recording::Recording;
 use skein_tests::formation_error::{self, Cell, FIGURES, Flight, cells, figures, flights, golden, markdown, of_cell};
 use skein_tests::in_parallel;
 

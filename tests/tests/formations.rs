@@ -5,11 +5,11 @@ use std::f64::consts::{PI, TAU};
 use std::num::NonZeroUsize;
 
 use nalgebra::Vector2;
-use skein::metrics::Report;
-use skein::study::world::World;
 use skein_common::frame::PositionNed;
 use skein_common::math;
 use skein_common::scenario::Scenario;
+use skein_lab::metrics::Report;
+use skein_lab::world::World;
 use skein_tests::{in_parallel, study, wind};
 
 const TWO: NonZeroUsize = NonZeroUsize::MIN.saturating_add(1);
@@ -137,7 +137,7 @@ fn six_in_bands_fly_one_above_the_other_around_an_even_ring() {
             assert!((altitude_m - (47.5 + 5.0 * rank as f64)).abs() < 0.3, "seed {seed}: {altitudes_m:?} m");
         }
         let mut bearings: Vec<f64> = places.iter().map(|place| math::atan2(place.east_m(), place.north_m())).collect();
-        let uneven_deg = skein::metrics::largest_gap_deviation_rad(&mut bearings).unwrap().to_degrees();
+        let uneven_deg = skein_lab::metrics::largest_gap_deviation_rad(&mut bearings).unwrap().to_degrees();
         assert!(uneven_deg < 10.0, "seed {seed}: {uneven_deg} degrees");
         assert!(separation_m >= 10.0, "seed {seed}: {separation_m} m");
     }

@@ -1,13 +1,14 @@
 //! Swarms over a network that does everything to them at once, in virtual time.
 #![expect(clippy::unwrap_used, reason = "what a test cannot do has failed")]
 
-use skein::metrics::Report;
-use skein::study::world::{Incident, World};
 use skein_common::id::VehicleId;
 use skein_common::message::{Happening, PeerAge, Trace, encode};
 use skein_common::scenario::Scenario;
 use skein_common::state::{Membership, Standing};
 use skein_core::agent::Agent;
+use skein_lab::faults::Incident;
+use skein_lab::metrics::Report;
+use skein_lab::world::World;
 use skein_tests::{of_scenario, scenario, study};
 
 /// Everything at once, and clocks of which no two agree.

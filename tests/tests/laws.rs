@@ -3,9 +3,9 @@
 
 use std::num::NonZeroUsize;
 
-use skein::metrics::Report;
-use skein::study::world::World;
 use skein_core::formation::slots::Slots;
+use skein_lab::metrics::Report;
+use skein_lab::world::World;
 use skein_tests::study;
 
 const TWO: NonZeroUsize = NonZeroUsize::MIN.saturating_add(1);

@@ -1,13 +1,14 @@
 //! A swarm in virtual time over a bad network and under faults: the same again bit for bit, and what the others notice when.
 #![expect(clippy::unwrap_used, reason = "what a test cannot do has failed")]
 
-use skein::study::Study;
-use skein::study::world::{Incident, World};
 use skein_common::id::VehicleId;
 use skein_common::message::{Happening, Verb};
 use skein_common::state::{Activity, Membership};
 use skein_core::agent::Agent;
 use skein_core::plant::Truth;
+use skein_lab::faults::Incident;
+use skein_lab::study::Study;
+use skein_lab::world::World;
 use skein_tests::study;
 
 const FRAME_S: f64 = 0.02;

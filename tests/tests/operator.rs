@@ -13,13 +13,13 @@ use std::thread;
 use std::time::Duration;
 
 use serde_json::{Value, json};
-use skein_agent::clock::{LocalClock, utc_nanoseconds};
 use skein_agent::link::{Link, Security, Sessions, Trust};
 use skein_common::id::{Incarnation, SwarmName, VehicleId};
 use skein_common::message::{Drops, Header, Health};
 use skein_common::scenario::{Source, load};
 use skein_common::state::Activity;
 use skein_common::time::SenderStamp;
+use skein_host::clock::{LocalClock, utc_nanoseconds};
 use tempfile::TempDir;
 
 const PROGRAM: &str = env!("CARGO_BIN_EXE_skein-under-test");

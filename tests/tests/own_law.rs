@@ -8,7 +8,7 @@ use std::process::{Command, Output};
 use std::sync::OnceLock;
 
 use serde_json::Value;
-use skein::metrics::WALL_CLOCK_KEYS;
+use skein_lab::metrics::WALL_CLOCK_KEYS;
 
 /// The crate's program, built beside the one under test: with the same lock file and profile, all that Skein stands on is
 /// there already.

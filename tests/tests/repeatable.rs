@@ -4,7 +4,7 @@
 use std::fs;
 use std::process::Command;
 
-use skein::metrics::WALL_CLOCK_KEYS;
+use skein_lab::metrics::WALL_CLOCK_KEYS;
 use skein_tests::golden::FILES;
 use tempfile::TempDir;
 

@@ -7,14 +7,14 @@ use std::process::ExitCode;
 
 use clap::Parser;
 use skein::cli::{self, Cli};
-use skein::metrics::Run;
-use skein::record::record_run;
-use skein::recording::Recording;
-use skein::report::figure::Figure;
-use skein::report::flight;
-use skein::scenario::ScenarioArgs;
-use skein::study::Study;
 use skein_common::scenario::Scenario;
+use skein_lab::metrics::Run;
+use skein_lab::recording::Recording;
+use skein_lab::report::figure::Figure;
+use skein_lab::report::flight;
+use skein_lab::scenario::ScenarioArgs;
+use skein_lab::study::Study;
+use skein_lab::study::record_run;
 use skein_tests::{of_scenario, scenario};
 
 fn record(study: &Study, rate_hz: f64) -> Recording {

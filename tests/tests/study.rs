@@ -10,7 +10,7 @@ use std::process::{Command, Output, Stdio};
 use std::time::Duration;
 
 use serde_json::Value;
-use skein::metrics::WALL_CLOCK_KEYS;
+use skein_lab::metrics::WALL_CLOCK_KEYS;
 use tempfile::TempDir;
 
 const PROGRAM: &str = env!("CARGO_BIN_EXE_skein-under-test");

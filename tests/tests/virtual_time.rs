@@ -4,11 +4,11 @@
 use std::num::NonZeroUsize;
 
 use serde_json::Value;
-use skein::metrics::{Metrics, Report, Run, WALL_CLOCK_KEYS, Wall};
-use skein::study::world::World;
-use skein::study::{Study, measure, summarize};
 use skein_common::id::VehicleId;
 use skein_common::state::{Membership, Standing};
+use skein_lab::metrics::{Metrics, Report, Run, WALL_CLOCK_KEYS, Wall};
+use skein_lab::study::{Study, measure, summarize};
+use skein_lab::world::World;
 use skein_tests::{scenario, study};
 
 const TWO: NonZeroUsize = NonZeroUsize::MIN.saturating_add(1);

@@ -15,7 +15,7 @@ use zenoh::query::{Query, Queryable};
 use zenoh::sample::Sample;
 
 use super::{Ear, LinkError, Sessions, register};
-use crate::clock::now;
+use skein_host::clock::now;
 
 /// One of the others is asked this often.
 pub const ASK_EVERY: Duration = Duration::from_millis(500);

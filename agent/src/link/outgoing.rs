@@ -181,7 +181,7 @@ mod tests {
     use skein_common::time::SenderStamp;
 
     use super::*;
-    use crate::clock::now;
+    use skein_host::clock::now;
 
     fn header(sequence: u64) -> Header {
         let sender = VehicleId::new(1).unwrap();

@@ -11,7 +11,7 @@ use zenoh::sample::{Sample, SampleKind};
 use zenoh::{Session, Wait};
 
 use super::{LinkError, Sessions, declaring};
-use crate::clock::now;
+use skein_host::clock::now;
 
 /// The log is told the same of somebody who was refused so often.
 const LOG_EVERY: Duration = Duration::from_secs(60);

@@ -13,8 +13,8 @@ use skein_common::state::VehicleState;
 use skein_common::time::{LocalTime, SenderStamp};
 
 use super::*;
-use crate::clock::{now, sleep_until};
 use skein_core::peers::Peers;
+use skein_host::clock::{now, sleep_until};
 
 const PATIENCE: Duration = Duration::from_secs(20);
 

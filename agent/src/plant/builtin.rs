@@ -2,10 +2,10 @@
 
 use std::time::{Duration, Instant};
 
-use crate::clock::{now, sleep_until};
 use skein_core::helicopter::failures::Now;
 use skein_core::helicopter::{BuiltInVehicle, Script, TICK_S};
 use skein_core::plant::{Plant, Sticks, Wake};
+use skein_host::clock::{now, sleep_until};
 
 /// A helicopter that moves one tick of 20 ms at each deadline of a fixed grid.
 ///

@@ -14,8 +14,7 @@ use tokio::sync::mpsc;
 use super::Stop;
 use super::silence::Silence;
 use super::timing::{Summary, Timing};
-use crate::clock::{LocalClock, now, sleep_until};
-use crate::external::live::LiveLaw;
+use crate::law::LiveLaw;
 use crate::link::{Link, Messages};
 use skein_core::agent::{Agent, Inputs, Outputs};
 use skein_core::impairments::{Ear, Whereabouts};
@@ -23,6 +22,7 @@ use skein_core::peers::Heard;
 use skein_core::plant::{Frame, Plant, Wake};
 use skein_core::skew::Skew;
 use skein_core::speech::Said;
+use skein_host::clock::{LocalClock, now, sleep_until};
 
 /// The plant's frame is given up for this step after so many of its periods.
 const PATIENCE_PERIODS: f64 = 1.5;

@@ -15,7 +15,6 @@ use zenoh::Wait;
 use zenoh::handlers::FifoChannel;
 
 use super::*;
-use crate::clock::{now, sleep_until};
 use crate::config::PlantChoice;
 use crate::link::seal::orders::seal;
 use crate::link::seal::tests::sealer;
@@ -23,6 +22,7 @@ use crate::link::{self, Security};
 use skein_core::aircraft::Aircraft;
 use skein_core::control::Rules;
 use skein_core::helicopter::{BuiltInVehicle, Start, Weather};
+use skein_host::clock::{now, sleep_until};
 
 /// For tests that fail; those that pass need a third of it.
 const PATIENCE: Duration = Duration::from_secs(30);

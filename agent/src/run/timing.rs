@@ -115,7 +115,7 @@ fn percentile(samples: &mut [f64], share: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::clock::now;
+    use skein_host::clock::now;
 
     const MS: Duration = Duration::from_millis(1);
 

@@ -4,8 +4,8 @@ use std::io::{self, BufRead, IsTerminal, Write};
 
 use super::measure::{self, StepTime};
 use super::words::{self, FRAME_HZ};
-use crate::error::Error;
 use crate::os;
+use skein_lab::error::Error;
 
 /// Smaller swarms fit onto any PC: so many vehicles a core are not measured.
 const UNMEASURED_A_CORE: usize = 4;

@@ -9,11 +9,11 @@ use skein_core::speech::MISSION_PERIOD_S;
 
 use super::wire::data_output_bytes;
 use super::words::{self, FRAME_HZ, WordSize, WordTime};
-use crate::clock::utc_name;
-use crate::error::Error;
 use crate::os::cpu_s;
-use crate::scenario::{FLOCK, HOVER, ScenarioArgs};
-use crate::study::Study;
+use skein_host::clock::utc_name;
+use skein_lab::error::Error;
+use skein_lab::scenario::{FLOCK, HOVER, ScenarioArgs};
+use skein_lab::study::Study;
 
 /// How often an agent sends its part in the agreement, Hz.
 pub(super) const REGISTER_HZ: f64 = 1.0 / MISSION_PERIOD_S;

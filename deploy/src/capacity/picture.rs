@@ -3,7 +3,7 @@
 use super::fleet::{Load, Scheme};
 use super::measure::Measured;
 use super::{GIGABIT_S, LARGEST_FLEET};
-use crate::report::figure::{Axis, Colour, Figure, Item, Panel, WIDTH_PX};
+use skein_lab::report::figure::{Axis, Colour, Figure, Item, Panel, WIDTH_PX};
 
 /// What is read from a load for one panel, if it has that.
 type Quantity = fn(&Load) -> Option<f64>;

@@ -39,7 +39,7 @@ fn the_tables_say_what_was_measured_and_what_fits() {
     ] {
         assert!(text.contains(part), "{part} is missing in\n{text}");
     }
-    let json: serde_json::Value = serde_json::from_str(&crate::json(&capacity)).unwrap();
+    let json: serde_json::Value = serde_json::from_str(&skein_lab::terminal::json(&capacity)).unwrap();
     assert_eq!(json["paper_vehicles"], 9727.0);
     assert_eq!(json["schemes"][0]["port_1_gbit"], 7739);
     assert_eq!(json["schemes"][0]["loads"][0][0], 4);

@@ -7,7 +7,6 @@ use std::sync::atomic::Ordering::Relaxed;
 use std::time::Duration;
 
 use serde::Serialize;
-use skein_agent::clock::{LocalClock, new_incarnation, sleep_until};
 use skein_agent::link::seal::words::Voices;
 use skein_agent::link::{Link, Security, Sessions, Trust};
 use skein_common::frame::{Geodetic, PositionNed, VelocityNed};
@@ -16,10 +15,11 @@ use skein_common::message::{self, Echo, Header, Mission, State};
 use skein_common::state::{Membership, VehicleState};
 use skein_common::topic::Cell;
 use skein_core::peers::{Heard, Word};
+use skein_host::clock::{LocalClock, new_incarnation, sleep_until};
 
 use super::relay;
-use crate::clock::now;
 use crate::os::cpu_s;
+use skein_host::clock::now;
 
 /// How often agents speak that send every frame, Hz.
 pub(super) const FRAME_HZ: f64 = 50.0;

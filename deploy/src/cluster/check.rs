@@ -16,8 +16,8 @@ use serde::Serialize;
 use super::inventory::{Inventory, Node};
 use super::nodes;
 use super::ssh::{Ssh, at_once, by_host};
-use crate::error::Error;
 use host::Look;
+use skein_lab::error::Error;
 
 /// Who does not let in within this time is not asked any more.
 const LOGIN: Duration = Duration::from_secs(7);
@@ -83,7 +83,7 @@ impl Line {
 pub(crate) fn run(file: &Path, json: bool) -> Result<(), Error> {
     let inventory = Inventory::read(file)?;
     let lines = look(&inventory, &file.display().to_string());
-    crate::say(&if json { crate::json(&lines) } else { as_table(&lines) });
+    skein_lab::terminal::say(&if json { skein_lab::terminal::json(&lines) } else { as_table(&lines) });
     match lines.iter().filter(|line| line.state == State::Fault).count() {
         0 => Ok(()),
         1 => Err(Error::Failed("one fault stands against a flight".to_owned())),

@@ -17,9 +17,9 @@ use super::protocol::{Answer, Ask, FORCED};
 use super::ready::Watch;
 use super::remote::{Fault, Remote};
 use super::ssh::{Ssh, at_once};
-use crate::clock;
-use crate::error::Error;
 use crate::order;
+use skein_host::clock;
+use skein_lab::error::Error;
 
 /// What is said of a node without ssh, where nobody was ordered over the mesh.
 const NOT_ORDERED: &str = "installed by hand, and not ordered to land: end it there, or land all with `skein cluster down` or `skein order land`";
@@ -60,8 +60,8 @@ pub fn run(args: &DownArgs) -> Result<(), Error> {
     drop(progress);
     let report =
         Report { swarm: chosen.inventory.swarm.to_string(), order: landed.order, seconds, nodes: landed.nodes };
-    crate::say(&match args.nodes.json {
-        true => crate::json(&report),
+    skein_lab::terminal::say(&match args.nodes.json {
+        true => skein_lab::terminal::json(&report),
         false => format!("{}{}, {seconds:.1} s\n", Outcome::table(&report.nodes), report.order),
     });
     Outcome::judge(&report.nodes, "not known to be down")?;

@@ -34,8 +34,8 @@ use skein_common::id::VehicleId;
 
 use super::protocol::{Answer, Ask, Request};
 use crate::capacity::{self, Demand};
-use crate::error::Error;
 use place::{NodeFolder, Place, Settings};
+use skein_lab::error::Error;
 
 /// `skein node`
 #[derive(Clone, Debug, clap::Args)]
@@ -66,7 +66,7 @@ pub fn run(args: &NodeArgs) -> Result<(), Error> {
     }
     let answer = answer(&place, request).unwrap_or_else(Answer::Failed);
     let answer = serde_json::to_string(&answer).map_err(|error| Error::Failed(error.to_string()))?;
-    crate::say(&format!("{answer}\n"));
+    skein_lab::terminal::say(&format!("{answer}\n"));
     Ok(())
 }
 

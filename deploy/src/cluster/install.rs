@@ -20,10 +20,10 @@ use super::program::Program;
 use super::protocol::{Answer, Ask, FORCED, Facts, Installed};
 use super::remote::{Fault, Remote};
 use super::ssh::{Host, at_once};
-use crate::clock;
-use crate::error::Error;
 use roll::Restart;
 use row::{Done, Row};
+use skein_host::clock;
+use skein_lab::error::Error;
 
 /// A disk is not filled to its last byte: logs have to go somewhere.
 pub(super) const ROOM: u64 = 32 << 20;
@@ -89,7 +89,11 @@ pub fn run(args: &InstallArgs) -> Result<(), Error> {
     drop(progress);
     let swarm = chosen.inventory.swarm.to_string();
     let report = Report { swarm, dry_run: args.dry_run, seconds, installed_s, nodes: rows.into_values().collect() };
-    crate::say(&if args.nodes.json { crate::json(&report) } else { row::table(&report.nodes, args.dry_run) });
+    skein_lab::terminal::say(&if args.nodes.json {
+        skein_lab::terminal::json(&report)
+    } else {
+        row::table(&report.nodes, args.dry_run)
+    });
     let failed: Vec<VehicleId> = report.nodes.iter().filter(|row| row.why.is_some()).map(|row| row.node).collect();
     nodes::judge(&failed, report.nodes.len(), "failed")
 }

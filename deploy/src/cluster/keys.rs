@@ -18,12 +18,12 @@ use time::OffsetDateTime;
 
 use super::inventory::{Inventory, SecurityKind};
 use super::{FileArgs, nodes};
-use crate::clock;
-use crate::error::Error;
 use crate::os;
 use crate::reach::Role;
 use certificate::{Authority, Unfit, Wanted, expires, unfit};
 use folder::{AUTHORITY, AUTHORITY_KEY, Folder, NAMES, Names, ORDERS_KEY, ORDERS_PUBLIC, certificate_file, key_file};
+use skein_host::clock;
+use skein_lab::error::Error;
 
 /// `skein cluster keys`
 #[derive(Clone, Debug, clap::Args)]
@@ -91,11 +91,11 @@ pub fn run(args: &KeysArgs) -> Result<(), Error> {
     let lines = make(&inventory, args.renew, args.revoke, clock::utc())?;
     let changed = lines.iter().any(|line| line.done.is_some());
     if args.json {
-        crate::say(&crate::json(&as_json(&inventory, &lines)));
+        skein_lab::terminal::say(&skein_lab::terminal::json(&as_json(&inventory, &lines)));
     } else {
-        crate::say(&as_table(&lines));
+        skein_lab::terminal::say(&as_table(&lines));
         let next = if changed { next(args) } else { "nothing had to be done".to_owned() };
-        crate::say(&format!("keys are in {}; {next}\n", inventory.keys.display()));
+        skein_lab::terminal::say(&format!("keys are in {}; {next}\n", inventory.keys.display()));
     }
     Ok(())
 }

@@ -13,8 +13,8 @@ use super::inventory::Node;
 use super::nodes::{self, Chosen};
 use super::remote::{Fault, Remote};
 use super::ssh::{Host, Ssh, at_once};
-use crate::clock;
-use crate::error::Error;
+use skein_host::clock;
+use skein_lab::error::Error;
 
 /// Lines that wait to be written; hosts wait beyond that.
 const QUEUE: usize = 1000;
@@ -86,7 +86,7 @@ pub fn run(args: &LogsArgs) -> Result<(), Error> {
                 failed.map(|node| node.id).collect::<Vec<_>>()
             })
         });
-        inbox.iter().for_each(|said| crate::draw(&writer.line(&said, width)));
+        inbox.iter().for_each(|said| skein_lab::terminal::draw(&writer.line(&said, width)));
         asked.join().unwrap_or_default().concat()
     });
     nodes::judge(&failed, chosen.ids.len(), "not shown")
@@ -110,7 +110,7 @@ impl Source<'_> {
     fn once(&self, host: &Host, node: &Node, lines: &SyncSender<Said>) -> bool {
         let ended = self.ask(host, node, self.lines, lines);
         if let Err(fault) = &ended {
-            crate::complain(&format!("{}: {}", name(node.id), fault.clone().sentence(host)));
+            skein_lab::terminal::complain(&format!("{}: {}", name(node.id), fault.clone().sentence(host)));
         }
         ended.is_ok()
     }
@@ -124,7 +124,7 @@ impl Source<'_> {
                 Err(fault) => fault.sentence(host),
             };
             if last.as_ref() != Some(&why) {
-                crate::complain(&format!("{}: {why}", name(node.id)));
+                skein_lab::terminal::complain(&format!("{}: {why}", name(node.id)));
                 last = Some(why);
             }
             wanted = 0;

@@ -14,8 +14,8 @@ use skein_common::printable::printable_lines;
 use super::FileArgs;
 use super::inventory::{Install, Inventory, Node};
 use super::ssh::{self, Host, Ssh};
-use crate::clock;
-use crate::error::Error;
+use skein_host::clock;
+use skein_lab::error::Error;
 
 /// Between two pictures of a line.
 const TICK: Duration = Duration::from_millis(120);
@@ -199,7 +199,7 @@ impl Line<'_> {
     pub fn say(&self, what: &str) {
         match &self.bar {
             Some(bar) => bar.set_message(printable_lines(what)),
-            None => crate::complain(&format!("{:5.1} s  {}: {what}", self.progress.seconds(), self.name)),
+            None => skein_lab::terminal::complain(&format!("{:5.1} s  {}: {what}", self.progress.seconds(), self.name)),
         }
     }
 }

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use crate::error::Error;
+use skein_lab::error::Error;
 
 /// A version of the C library.
 pub type Glibc = (u32, u32);

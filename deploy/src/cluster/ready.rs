@@ -6,10 +6,10 @@ use std::time::{Duration, Instant};
 use skein_common::id::{Incarnation, VehicleId};
 use skein_common::state::Membership;
 
-use crate::clock;
-use crate::error::Error;
 use crate::observe::{Observer, Seen, Steps};
 use crate::reach::Reach;
+use skein_host::clock;
+use skein_lab::error::Error;
 
 /// Whoever flies is heard within this time.
 pub const HEARD: Duration = Duration::from_secs(3);

@@ -21,7 +21,9 @@ use std::time::Duration;
 use skein_common::printable::printable;
 
 use super::inventory::Node;
-use crate::{clock, endpoints, os};
+use crate::endpoints;
+use crate::os;
+use skein_host::clock;
 
 /// A host that is not there within so many seconds is not there.
 pub const CONNECT_S: u32 = 5;

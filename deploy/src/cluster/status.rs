@@ -16,9 +16,9 @@ use skein_common::state::{Activity, Standing};
 use super::FileArgs;
 use super::clocks::ahead_of_swarm;
 use super::inventory::{Inventory, Node};
-use crate::clock;
-use crate::error::Error;
 use crate::observe::{Observer, Steps};
+use skein_host::clock;
+use skein_lab::error::Error;
 
 /// Agents say how they do once a second; a link takes a while at first.
 const LISTEN: Duration = Duration::from_millis(2500);
@@ -223,14 +223,14 @@ fn show(status: &Status, file: &str, args: &StatusArgs) {
     let is_screen = args.watch && std::io::stdout().is_terminal();
     let text = match (args.json, args.watch) {
         (true, true) => format!("{}\n", serde_json::to_string(status).unwrap_or_default()),
-        (true, false) => crate::json(status),
+        (true, false) => skein_lab::terminal::json(status),
         (false, _) => table::of(status, file),
     };
     if is_screen && !args.json {
         // The screen is written anew: home, and what is left of the one before.
-        crate::draw("\x1b[H\x1b[2J");
+        skein_lab::terminal::draw("\x1b[H\x1b[2J");
     }
-    crate::say(&text);
+    skein_lab::terminal::say(&text);
 }
 
 fn verdict(status: &Status) -> Result<(), Error> {

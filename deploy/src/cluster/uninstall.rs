@@ -11,8 +11,8 @@ use super::nodes::{self, NodesArgs, Outcome, is_seconds};
 use super::protocol::{Answer, Ask, FORCED};
 use super::remote::{Fault, Remote};
 use super::ssh::{Host, at_once};
-use crate::clock;
-use crate::error::Error;
+use skein_host::clock;
+use skein_lab::error::Error;
 
 /// `skein cluster uninstall`
 #[derive(Clone, Debug, clap::Args)]
@@ -107,7 +107,11 @@ pub fn run(args: &UninstallArgs) -> Result<(), Error> {
     let seconds = progress.seconds();
     drop(progress);
     let report = Report { swarm: chosen.inventory.swarm.to_string(), seconds, nodes: outcomes };
-    crate::say(&if args.nodes.json { crate::json(&report) } else { Outcome::table(&report.nodes) });
+    skein_lab::terminal::say(&if args.nodes.json {
+        skein_lab::terminal::json(&report)
+    } else {
+        Outcome::table(&report.nodes)
+    });
     Outcome::judge(&report.nodes, "failed")
 }
 

@@ -19,8 +19,8 @@ use super::ready::{HEARD, LOOK, Watch};
 use super::remote::{Fault, Remote};
 use super::ssh::at_once;
 use crate::capacity::{self, Demand};
-use crate::clock;
-use crate::error::Error;
+use skein_host::clock;
+use skein_lab::error::Error;
 
 /// A run has a number that people can type and every reader of JSON can hold.
 const RUNS: u64 = 1 << 48;
@@ -112,7 +112,7 @@ pub fn run(args: &UpArgs) -> Result<(), Error> {
     drop(progress);
     let swarm = chosen.inventory.swarm.to_string();
     let report = Report { swarm, run: watch.run, asked_s, started_s, seconds, nodes: rows.into_values().collect() };
-    crate::say(&if args.nodes.json { crate::json(&report) } else { report.in_words() });
+    skein_lab::terminal::say(&if args.nodes.json { skein_lab::terminal::json(&report) } else { report.in_words() });
     let missing: Vec<VehicleId> =
         report.nodes.iter().filter(|row| row.state == State::Missing).map(|row| row.node).collect();
     nodes::judge(&missing, report.nodes.len(), "not ready")

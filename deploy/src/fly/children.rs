@@ -159,7 +159,7 @@ impl Drop for Children {
 /// Starts this program with these arguments; what it writes goes to the end of `log`.
 fn spawn(arguments: &[OsString], log: &Path) -> io::Result<Process> {
     let mut command = Command::new(std::env::current_exe()?);
-    os::in_own_group(&mut command);
+    skein_host::process::in_own_group(&mut command);
     command.args(arguments);
     let log = File::options().create(true).append(true).open(log)?;
     command.stdin(Stdio::piped()).stdout(Stdio::null()).stderr(log).spawn()

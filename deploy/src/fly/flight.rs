@@ -31,17 +31,18 @@ use super::plan::Plan;
 use super::screen::Screen;
 use super::script::{self, Deed};
 use super::status::{self, Ending, Known, Stage, Status};
-use crate::clock;
 use crate::endpoints::EndpointsFile;
-use crate::error::Error;
 use crate::landing;
-use crate::metrics::{Metrics, Report, Run, Totals};
 use crate::observe::{Heard, Observer, Seen, Steps};
 use crate::os::{self, Interrupts};
-use crate::record::{self, About, Recorder};
-use crate::study::world::script::Agenda;
+use crate::record::Recorder;
 use events::UnderWay;
 use figures::summary;
+use skein_host::clock;
+use skein_lab::error::Error;
+use skein_lab::faults::Agenda;
+use skein_lab::metrics::{Metrics, Report, Run, Totals};
+use skein_lab::record::{self, About};
 
 /// Between two looks at the swarm: the metrics want fifty a second.
 const TICK: Duration = Duration::from_millis(20);
@@ -181,11 +182,11 @@ impl Flight {
             lost.push(left_in_the_air(left, &plan.scenario().swarm.name));
         }
         if let Some(sentence) = recorder.and_then(end_recording) {
-            crate::complain(&sentence);
+            skein_lab::terminal::complain(&sentence);
         }
-        lost.iter().for_each(|lost| crate::complain(lost));
+        lost.iter().for_each(|lost| skein_lab::terminal::complain(lost));
         if let Some(report) = &report {
-            crate::say(&if json { crate::json(report) } else { summary(report, &plan) });
+            skein_lab::terminal::say(&if json { skein_lab::terminal::json(report) } else { summary(report, &plan) });
         }
         match (failure, report) {
             (Some(why), _) => Err(Error::Failed(why)),

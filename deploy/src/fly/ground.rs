@@ -8,7 +8,7 @@ use skein_common::message::Trace;
 use skein_common::scenario::Scenario;
 use skein_common::state::Membership;
 
-use crate::study::world::{Incident, LinkChange, LinkChanges, link_changes};
+use skein_lab::faults::{Incident, LinkChange, LinkChanges, link_changes};
 
 /// The ground truth of a flight.
 #[derive(Debug)]
@@ -108,7 +108,7 @@ mod tests {
     use skein_common::time::{PlantTime, SenderStamp};
 
     use super::*;
-    use crate::clock;
+    use skein_host::clock;
 
     fn id(number: u8) -> VehicleId {
         VehicleId::new(number).unwrap()

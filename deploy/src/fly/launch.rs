@@ -15,7 +15,7 @@ use super::children::{Children, Role};
 use super::plan::Plan;
 use super::ports;
 use crate::endpoints::{self, Endpoints, EndpointsFile};
-use crate::error::Error;
+use skein_lab::error::Error;
 
 /// A swarm whose processes have been started.
 #[derive(Debug)]
@@ -163,7 +163,7 @@ mod tests {
     use skein_common::math;
 
     use super::*;
-    use crate::scenario::ScenarioArgs;
+    use skein_lab::scenario::ScenarioArgs;
 
     #[test]
     fn of_every_pair_one_dials_the_other() {

@@ -5,11 +5,11 @@ use std::path::PathBuf;
 use skein_common::scenario::{Loaded, Scenario};
 
 use super::{FlyArgs, PlantArg};
-use crate::error::Error;
-use crate::out;
 use crate::prepare::{Prepared, Target, prepare};
-use crate::scenario::Ready;
-use crate::study::laws::Trial;
+use skein_lab::error::Error;
+use skein_lab::laws::Trial;
+use skein_lab::out;
+use skein_lab::scenario::Ready;
 
 /// A flight that may begin.
 #[derive(Clone, Debug)]
@@ -66,8 +66,8 @@ mod tests {
     use skein_common::scenario::PlantKind;
 
     use super::*;
-    use crate::scenario::ScenarioArgs;
     use crate::simulators;
+    use skein_lab::scenario::ScenarioArgs;
 
     fn args(sets: &[&str]) -> FlyArgs {
         let sets = sets.iter().map(|set| (*set).to_owned()).collect();

@@ -95,7 +95,7 @@ impl Drop for Screen {
 }
 
 fn say(on_stderr: bool, line: &str) {
-    if on_stderr { crate::complain(line) } else { crate::say(&format!("{line}\n")) }
+    if on_stderr { skein_lab::terminal::complain(line) } else { skein_lab::terminal::say(&format!("{line}\n")) }
 }
 
 /// The essential figures in one line.

@@ -6,12 +6,12 @@ use std::ops::Range;
 
 use skein_common::id::VehicleId;
 use skein_common::message::Verb;
-use skein_common::scenario::{Event, Fault, PlantKind, Scenario, Servo, What};
+use skein_common::scenario::{Event, Fault, PlantKind, Scenario, What};
 use skein_core::impairments::{lasting, union};
 
 use crate::os;
-use crate::study::world::Incident;
-use crate::study::world::script::{Agenda, failing, kills, orders};
+use skein_lab::faults::Incident;
+use skein_lab::faults::{Agenda, describe, failing, kills, orders};
 
 /// Something to be done, or to be told of.
 #[derive(Clone, Debug, PartialEq)]
@@ -113,39 +113,10 @@ fn faults(scenario: &Scenario, player: Player) -> impl Iterator<Item = (&Event, 
     })
 }
 
-fn describe(fault: &Fault) -> String {
-    let list = |ids: &[VehicleId]| ids.iter().map(VehicleId::to_string).collect::<Vec<_>>().join(", ");
-    match fault {
-        Fault::Kill { vehicle } => format!("kill of vehicle {vehicle}"),
-        Fault::Cut { from, to, both_ways } => {
-            let between = if *both_ways { "both ways" } else { "one way" };
-            format!("cut from vehicle {} to vehicle {}, {between}", list(from), list(to))
-        }
-        Fault::Delay { from, to, both_ways, delay_s } => {
-            let between = if *both_ways { "both ways" } else { "one way" };
-            format!("delay of {delay_s} s from vehicle {} to vehicle {}, {between}", list(from), list(to))
-        }
-        Fault::EngineOut { vehicle } => format!("engine_out of vehicle {vehicle}"),
-        Fault::SimulatorFreeze { vehicle } => format!("simulator_freeze of vehicle {vehicle}"),
-        Fault::ServoStuck { vehicle, servo } => {
-            let servo = match servo {
-                Servo::Roll => "roll",
-                Servo::Pitch => "pitch",
-                Servo::Collective => "collective",
-            };
-            format!("servo_stuck ({servo}) of vehicle {vehicle}")
-        }
-        Fault::GyroOff { vehicle } => format!("gyro_off of vehicle {vehicle}"),
-        Fault::GpsFrozen { vehicle } => format!("gps_frozen of vehicle {vehicle}"),
-        Fault::ClockJump { vehicle, by_s } => format!("clock_jump of vehicle {vehicle} by {by_s} s"),
-        Fault::KillControl => "kill_control".to_owned(),
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scenario::ScenarioArgs;
+    use skein_lab::scenario::ScenarioArgs;
 
     const EVENTS: &str = r#"mission.events=[
         { at_s = 60, fault = "kill", vehicle = 3, for_s = 20 },

@@ -9,8 +9,9 @@ use tempfile::TempDir;
 
 use crate::check;
 use crate::cli::{Cli, Command};
-use crate::error::Error;
-use crate::{fly, study};
+use crate::fly;
+use skein_lab::error::Error;
+use skein_lab::study;
 
 /// What each command has against a scenario file; nothing is started.
 struct Verdicts {

@@ -7,13 +7,14 @@ use crate::reach::Role;
 use skein_common::scenario::{Source, load};
 use skein_common::state::Membership;
 
-use super::{About, RecordError, Recorder, merge, repair};
-use crate::clock;
-use crate::error::Error;
-use crate::metrics::Run;
+use super::Recorder;
 use crate::observe::{Heard, Observer, Steps};
 use crate::os::Interrupts;
 use crate::reach::{Reach, SwarmArgs};
+use skein_host::clock;
+use skein_lab::error::Error;
+use skein_lab::metrics::Run;
+use skein_lab::record::{About, RecordError, merge, repair};
 
 /// Between two looks at the swarm.
 const TICK: Duration = Duration::from_millis(20);
@@ -46,14 +47,18 @@ pub fn run(args: &RecordArgs) -> Result<(), Error> {
         (Some(broken), _) => {
             refuse_existing(&broken.with_extension("repaired.mcap"))?;
             let repaired = repair(broken).map_err(|error| about_file(broken, std::slice::from_ref(broken), error))?;
-            crate::say(&format!("{}: {repaired}\n", broken.display()));
+            skein_lab::terminal::say(&format!("{}: {repaired}\n", broken.display()));
             Ok(())
         }
         (None, Some(out)) if args.merge.is_empty() => record(&args.swarm, out),
         (None, Some(out)) => {
             refuse_existing(out)?;
             let messages = merge(&args.merge, out).map_err(|error| about_file(out, &args.merge, error))?;
-            crate::say(&format!("{}: {messages} messages of {} files\n", out.display(), args.merge.len()));
+            skein_lab::terminal::say(&format!(
+                "{}: {messages} messages of {} files\n",
+                out.display(),
+                args.merge.len()
+            ));
             Ok(())
         }
         (None, None) => Err(Error::Refused("--out FILE says where to record".to_owned())),
@@ -99,7 +104,7 @@ fn record(swarm: &SwarmArgs, out: &Path) -> Result<(), Error> {
     let (steps, unheard) = (recorder.steps(), observer.dropped());
     let dropped = recorder.finish().map_err(|error| about_file(out, &[], error))?;
     let vehicles = observer.vehicles().values().filter(|seen| seen.trace.is_some()).count();
-    crate::say(&format!(
+    skein_lab::terminal::say(&format!(
         "{}: {steps} steps of {vehicles} vehicles; dropped: {dropped}, not understood: {unheard}\n",
         out.display()
     ));

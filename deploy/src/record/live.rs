@@ -12,9 +12,9 @@ use std::time::{Duration, Instant};
 use skein_common::id::VehicleId;
 use skein_common::message::{Event, Trace};
 
-use super::{About, FLUSH, RecordError, Writer};
-use crate::clock::{self, Utc};
-use crate::study::world::Incident;
+use skein_host::clock::{self, Utc};
+use skein_lab::faults::Incident;
+use skein_lab::record::{About, FLUSH, RecordError, Writer};
 
 /// What waits to be written; two seconds of 250 vehicles.
 const QUEUE: usize = 25_000;
@@ -216,6 +216,8 @@ impl Rate {
 #[cfg(test)]
 mod tests {
     use skein_common::time::PlantTime;
+    use skein_lab::scenario::ScenarioArgs;
+    use skein_lab::world::World;
 
     use super::*;
 
@@ -223,7 +225,12 @@ mod tests {
     /// half after half of them.
     fn through(hz: f64, frame_s: f64) -> usize {
         let mut rate = Rate::new(hz);
-        let mut step = super::super::tests::steps().remove(0);
+        let args = ScenarioArgs::default();
+        let scenario = args.read(Vec::new()).unwrap().scenario;
+        let ready = args.ready(&scenario).unwrap();
+        let mut world = World::new(&scenario, &ready.aircraft, &ready.rules).unwrap();
+        world.tick();
+        let mut step = world.traces().next().unwrap();
         let frames = (10.0 / frame_s).round() as usize;
         let mut is_due = |nth: usize| {
             let t_s = if nth < frames / 2 { 100.0 + nth as f64 * frame_s } else { nth as f64 * frame_s };
@@ -261,8 +268,8 @@ mod tests {
     #[cfg(target_os = "linux")]
     fn a_recording_that_cannot_be_written_says_so_at_once() {
         let full = File::options().write(true).open("/dev/full").unwrap();
-        let loaded = crate::scenario::ScenarioArgs::default().read(Vec::new()).unwrap();
-        let run = crate::metrics::Run::new(&loaded.scenario, "fly");
+        let loaded = ScenarioArgs::default().read(Vec::new()).unwrap();
+        let run = skein_lab::metrics::Run::new(&loaded.scenario, "fly");
         let about = About { scenario: &loaded.scenario, scenario_toml: "", run: &run, clock: "" };
         let synced = full.try_clone().unwrap();
         // All that comes before the first words finds room in memory.
@@ -287,8 +294,8 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("run.mcap");
         std::fs::write(&path, "precious").unwrap();
-        let loaded = crate::scenario::ScenarioArgs::default().read(Vec::new()).unwrap();
-        let run = crate::metrics::Run::new(&loaded.scenario, "fly");
+        let loaded = ScenarioArgs::default().read(Vec::new()).unwrap();
+        let run = skein_lab::metrics::Run::new(&loaded.scenario, "fly");
         let about = About { scenario: &loaded.scenario, scenario_toml: "", run: &run, clock: "" };
         assert!(matches!(Recorder::begin(&path, &about, 50.0), Err(RecordError::Io { .. })));
         assert_eq!(std::fs::read(&path).unwrap(), b"precious");

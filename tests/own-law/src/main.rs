@@ -6,7 +6,7 @@
 use std::f64::consts::TAU;
 use std::process::ExitCode;
 
-use skein::law::{Answer, Law, Laws, Setup, Sight, Vector2, Wanted, math, number};
+use skein_lab::law::{Answer, Law, Laws, Setup, Sight, Vector2, Wanted, math, number};
 
 #[derive(Clone, Debug)]
 struct Pursuit {

@@ -5,8 +5,8 @@ use std::path::Path;
 
 use rand::{Rng, RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use skein::record::{RecordError, merge, read, repair};
-use skein::recording::Recording;
+use skein_lab::record::{RecordError, merge, read, repair};
+use skein_lab::recording::Recording;
 use skein_tests::in_parallel;
 use tempfile::TempDir;
 

@@ -7,7 +7,7 @@ use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 use rustix::process::{Pid, Signal, kill_process};
-use skein::record::{FILE, read, repair};
+use skein_lab::record::{FILE, read, repair};
 use skein_tests::python::look;
 use tempfile::TempDir;
 
@@ -124,12 +124,12 @@ fn what_was_heard_is_on_disk_within_a_quarter_of_a_second() {
     let whole = read(&other).unwrap();
     assert_eq!((whole.scenario.clone(), whole.run.target.as_str()), (cut_off.scenario.clone(), "fly"));
     let newest =
-        |recording: &skein::recording::Recording| recording.tracks[0].steps.last().unwrap().trace.header.sequence;
+        |recording: &skein_lab::recording::Recording| recording.tracks[0].steps.last().unwrap().trace.header.sequence;
     assert!(newest(&whole) > newest(&cut_off), "it outlived fly");
     // What both heard is the same.
     let mut shared = 0;
     for (one, two) in cut_off.tracks.iter().zip(&whole.tracks) {
-        let known = |step: &skein::recording::Step| two.steps.iter().any(|other| other.trace == step.trace);
+        let known = |step: &skein_lab::recording::Step| two.steps.iter().any(|other| other.trace == step.trace);
         shared += one.steps.iter().filter(|step| known(step)).count();
     }
     assert!(shared > 100, "{shared}");

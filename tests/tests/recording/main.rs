@@ -11,11 +11,12 @@ mod tables;
 use std::path::{Path, PathBuf};
 
 use serde_json::Value;
-use skein::metrics::{Report, Run, WALL_CLOCK_KEYS};
-use skein::record::{self, record_run};
-use skein::recording::{Recording, Step, Track, Watch};
-use skein::study::Study;
 use skein_common::scenario::{Loaded, Source, load};
+use skein_lab::metrics::{Report, Run, WALL_CLOCK_KEYS};
+use skein_lab::record;
+use skein_lab::recording::{Recording, Step, Track, Watch};
+use skein_lab::study::Study;
+use skein_lab::study::record_run;
 use skein_tests::{SHIPPED, of_scenario};
 use tempfile::TempDir;
 

@@ -5,7 +5,7 @@ use std::fs;
 use std::path::Path;
 
 use serde_json::Value;
-use skein::record::repair;
+use skein_lab::record::repair;
 use skein_tests::python::look;
 
 use super::{SETS, flown};

@@ -5,8 +5,8 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use serde_json::Value;
-use skein::record::{FILE, read};
-use skein::study::worst_and_median;
+use skein_lab::record::{FILE, read};
+use skein_lab::study::worst_and_median;
 
 use super::PROGRAM;
 
@@ -31,7 +31,7 @@ fn figures(out: &Path) -> Vec<Value> {
     let metrics = (3..8).map(|seed| fs::read_to_string(folder(out, seed).join("metrics.json")).unwrap());
     let without_clock = |text: String| {
         let mut metrics: Value = serde_json::from_str(&text).unwrap();
-        skein::metrics::WALL_CLOCK_KEYS.iter().for_each(|key| metrics[key] = 0.into());
+        skein_lab::metrics::WALL_CLOCK_KEYS.iter().for_each(|key| metrics[key] = 0.into());
         metrics
     };
     metrics.map(without_clock).collect()
@@ -44,7 +44,7 @@ fn the_worst_and_the_median_seed_are_recorded_and_nothing_else_changes() {
     let recorded = study(&at("default"), &[]);
     let runs: Vec<_> = (3..8)
         .map(|seed| fs::read_to_string(folder(&at("default"), seed).join("metrics.json")).unwrap())
-        .map(|text| skein::study::Measured::read(&text).unwrap())
+        .map(|text| skein_lab::study::Measured::read(&text).unwrap())
         .collect();
     let (worst, median) = worst_and_median(&runs).unwrap();
     assert!(recorded.len() == 2 && recorded.contains(&worst) && recorded.contains(&median), "{recorded:?}");

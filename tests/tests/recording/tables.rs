@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::fs;
 
-use skein::record::{csv, read};
+use skein_lab::record::{csv, read};
 
 use super::{SETS, flown};
 

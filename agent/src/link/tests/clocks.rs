@@ -7,7 +7,7 @@ use skein_common::state::{Activity, Standing};
 use zenoh::query::Query;
 
 use super::*;
-use crate::clock::utc_nanoseconds;
+use skein_host::clock::utc_nanoseconds;
 
 /// A quarter of a second fast.
 fn fast() -> u64 {

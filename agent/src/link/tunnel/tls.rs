@@ -21,10 +21,10 @@ use tokio_rustls::{TlsAcceptor, TlsConnector, TlsStream};
 use x509_parser::certificate::X509Certificate;
 use x509_parser::prelude::FromDer;
 
-use crate::clock::utc_nanoseconds;
 use crate::link::LinkError;
 use crate::link::seal::SealKey;
 use crate::link::security::Tls;
+use skein_host::clock::utc_nanoseconds;
 
 /// The other end of a link.
 pub(in crate::link) struct Peer {

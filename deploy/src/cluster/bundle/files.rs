@@ -3,7 +3,6 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use skein_agent::config;
 use skein_agent::link::seal::SealKey;
 use skein_common::id::VehicleId;
 use skein_common::scenario::{self, Loaded, PlantKind, Source};
@@ -13,7 +12,6 @@ use skein_core::supported;
 use toml::Value as Toml;
 
 use super::{Bundle, BundleFile, SCENARIO};
-use crate::clock;
 use crate::cluster::inventory::{Install, Inventory, Node, SecurityKind};
 use crate::cluster::keys::certificate::{Unfit, unfit};
 use crate::cluster::keys::folder::{
@@ -21,9 +19,10 @@ use crate::cluster::keys::folder::{
 };
 use crate::cluster::keys::reach::orders_key;
 use crate::cluster::keys::wanted;
-use crate::error::Error;
 use crate::reach::Role;
-use crate::scenario::aircraft_of;
+use skein_host::clock;
+use skein_lab::error::Error;
+use skein_lab::scenario::aircraft_of;
 
 /// The four axes whose rules are files.
 const AXES: [&str; 4] = ["roll", "pitch", "heading", "collective"];
@@ -85,7 +84,8 @@ impl Bundle {
         }
         let mut sets = vec![format!("swarm.name={}", Toml::from(inventory.swarm.as_str()))];
         if let scenario::Rules::Folder(rules) = &scenario.control.rules {
-            config::rules(&scenario.control.rules, from).map_err(|error| refused(format!("control.rules: {error}")))?;
+            skein_host::files::rules(&scenario.control.rules, from)
+                .map_err(|error| refused(format!("control.rules: {error}")))?;
             for axis in AXES {
                 let path = rules.join(format!("{axis}.fis"));
                 sources.check(&path).map_err(|why| refused(format!("control.rules: {why}")))?;

@@ -8,10 +8,10 @@ use skein_common::scenario::PlantKind;
 
 use super::*;
 use crate::cli::{Cli, Command};
-use crate::clock;
 use crate::cluster::inventory::Inventory;
 use crate::cluster::inventory::tests::lab;
 use crate::cluster::keys;
+use skein_host::clock;
 
 fn id(number: u8) -> VehicleId {
     VehicleId::new(number).unwrap()

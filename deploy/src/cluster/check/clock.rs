@@ -5,8 +5,8 @@ use std::sync::mpsc;
 use std::thread;
 use std::time::Duration;
 
-use crate::clock::{self, Utc};
 use crate::cluster::ssh::{Host, Ssh};
+use skein_host::clock::{self, Utc};
 
 /// The smallest round trip of so many counts.
 const EXCHANGES: usize = 8;

@@ -20,7 +20,7 @@ use crate::cluster::protocol::{Answer, Ask, Facts, Installed};
 use crate::cluster::remote::{Fault, Probed, Remote};
 use crate::cluster::ssh::{Host, Ssh};
 use crate::cluster::status::CLOCK_S;
-use crate::error::Error;
+use skein_lab::error::Error;
 
 /// Looks at the hosts of one cluster.
 pub(super) struct Look<'a> {

@@ -1,12 +1,12 @@
 //! Whether the keys are there, good for the inventory, and nobody else's to read.
 
 use super::Line;
-use crate::clock;
 use crate::cluster::inventory::{Inventory, SecurityKind};
 use crate::cluster::keys::certificate::{Unfit, expires, unfit};
 use crate::cluster::keys::folder::{AUTHORITY, Folder, ORDERS_PUBLIC, certificate_file, key_file};
 use crate::cluster::keys::{day, roles, wanted};
-use crate::error::Error;
+use skein_host::clock;
+use skein_lab::error::Error;
 
 /// What stands against them, or one line that all are good.
 pub(super) fn lines(inventory: &Inventory, file: &str) -> Vec<Line> {

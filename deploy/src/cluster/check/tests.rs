@@ -7,11 +7,11 @@ use skein_common::id::VehicleId;
 
 use super::ports::Agent;
 use super::*;
-use crate::clock;
 use crate::cluster::inventory::tests::lab;
 use crate::cluster::keys as cluster_keys;
 use crate::cluster::protocol::{Facts, Installed, RunningAgent};
 use crate::cluster::ssh::tests::{fake, heli};
+use skein_host::clock;
 
 /// What is found of a host whose programs in `bin` stand before the system's.
 fn asked(script: &str, bin: &[(&str, &str)]) -> host::Asked {

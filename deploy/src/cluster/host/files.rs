@@ -6,7 +6,8 @@ use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use crate::{clock, os};
+use crate::os;
+use skein_host::clock;
 
 /// A draft's ending: nobody reads what has it.
 const DRAFT: &str = "draft";

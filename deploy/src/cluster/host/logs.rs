@@ -6,7 +6,8 @@ use std::io::{self, BufRead, BufReader, Read, Write};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use crate::{clock, os};
+use crate::os;
+use skein_host::clock;
 
 /// The newest file.
 const FILE: &str = "agent.log";

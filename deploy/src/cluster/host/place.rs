@@ -28,7 +28,9 @@ use super::process::Process;
 use super::systemd::Systemd;
 use crate::cluster::bundle::SCENARIO;
 use crate::cluster::protocol::{Facts, Installed, RunningAgent, Service};
-use crate::{clock, landing, os};
+use crate::landing;
+use crate::os;
+use skein_host::clock;
 
 /// The program's name, in a release and in an install.
 pub(super) const PROGRAM: &str = "skein";
@@ -286,7 +288,7 @@ fn read<T: DeserializeOwned>(path: &Path) -> Option<T> {
 }
 
 fn write(path: &Path, value: &impl Serialize) -> Result<(), String> {
-    files::write(path, crate::json(value).as_bytes(), true)
+    files::write(path, skein_lab::terminal::json(value).as_bytes(), true)
 }
 
 /// Makes folders for nobody but this user.

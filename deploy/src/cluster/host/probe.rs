@@ -12,8 +12,8 @@ use skein_core::aircraft::Profile;
 use skein_core::helicopter::TICK_S;
 use skein_core::plant::{Plant, Wake};
 
-use crate::clock;
 use crate::cluster::protocol::Reached;
+use skein_host::clock;
 
 /// How long a simulator is listened for, and how long a peer is given to take a call.
 const SIMULATOR: Duration = Duration::from_secs(2);

@@ -60,7 +60,7 @@ mod tests {
     use std::process::{Command, Stdio};
 
     use super::*;
-    use crate::clock;
+    use skein_host::clock;
 
     #[test]
     fn a_name_with_parentheses_and_spaces_is_passed_over() {

@@ -17,7 +17,8 @@ use super::process::Process;
 use super::systemd::Systemd;
 use crate::cluster::inventory::ServiceKind;
 use crate::cluster::protocol::Service;
-use crate::{clock, os};
+use crate::os;
+use skein_host::clock;
 
 /// Environment variable that names the file which an agent leaves when it has ended well.
 const ENDED: &str = "SKEIN_ENDED";

@@ -13,8 +13,8 @@ use super::files::{Lock, at};
 use super::logs::{self, Log};
 use super::place::{NodeFolder, PROGRAM};
 use super::process::Process;
-use crate::clock;
 use crate::os::{self, Interrupts};
+use skein_host::clock;
 
 /// The first pause before an agent is started again, and the longest: each is twice the one before.
 const FIRST_PAUSE: Duration = Duration::from_millis(500);
@@ -35,7 +35,7 @@ pub(super) fn supervise(node: &NodeFolder) -> Result<(), String> {
     let path = node.supervisor_path();
     let another = || format!("node {} has a supervisor already", node.id);
     let mut lock = Lock::take(&path, LOCK_WITHIN)?.ok_or_else(another)?;
-    lock.say(&crate::json(&Process::own())).map_err(at(&path))?;
+    lock.say(&skein_lab::terminal::json(&Process::own())).map_err(at(&path))?;
     Supervisor { node, interrupts, passed_on: 0, log: Arc::new(Mutex::new(Log::new(&node.log()))) }.run();
     Ok(())
 }

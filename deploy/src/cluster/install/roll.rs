@@ -10,14 +10,14 @@ use skein_common::id::VehicleId;
 
 use super::done;
 use super::row::{Done, Row};
-use crate::clock;
 use crate::cluster::inventory::{Inventory, Node};
 use crate::cluster::nodes::{Line, Progress};
 use crate::cluster::protocol::{Ask, Facts};
 use crate::cluster::ready::Watch;
 use crate::cluster::remote::Remote;
 use crate::cluster::ssh::Host;
-use crate::error::Error;
+use skein_host::clock;
+use skein_lab::error::Error;
 
 /// An agent to be restarted.
 #[derive(Clone, Debug)]

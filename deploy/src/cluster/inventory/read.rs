@@ -10,9 +10,9 @@ use skein_common::scenario::{Key, Kind, Literal, Loaded, PlantKind, ScenarioErro
 use tracing_subscriber::EnvFilter;
 
 use super::{Install, Inventory, Node, SecurityKind, ServiceKind};
-use crate::error::Error;
-use crate::scenario::ScenarioArgs;
 use crate::simulators::HostPort;
+use skein_lab::error::Error;
+use skein_lab::scenario::ScenarioArgs;
 
 /// Agents listen from here on: the port is this and the id.
 const BASE_PORT: u16 = 7446;

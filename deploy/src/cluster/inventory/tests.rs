@@ -8,7 +8,7 @@ pub(in crate::cluster) fn lab(folder: &Path, vehicles: usize, more: &str) -> Inv
     read(folder, vehicles, &format!("swarm = 'lab'\nscenario = 'hover.toml'\n{more}\n{nodes}")).unwrap()
 }
 
-fn read(folder: &Path, vehicles: usize, text: &str) -> Result<Inventory, crate::error::Error> {
+fn read(folder: &Path, vehicles: usize, text: &str) -> Result<Inventory, skein_lab::error::Error> {
     fs::write(folder.join("hover.toml"), format!("name = 'hover'\nswarm.vehicles = {vehicles}\n")).unwrap();
     let path = folder.join("cluster.toml");
     fs::write(&path, text).unwrap();

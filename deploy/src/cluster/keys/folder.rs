@@ -12,8 +12,8 @@ use skein_agent::link::security::{Known, known_by_vehicle};
 use skein_common::id::VehicleId;
 
 use super::certificate::{Pair, shows};
-use crate::error::Error;
 use crate::os;
+use skein_lab::error::Error;
 
 /// Files of the authority, of the seal of orders, and of names.
 pub(crate) const AUTHORITY: &str = "authority.pem";

@@ -11,10 +11,10 @@ use super::certificate::{Unfit, unfit};
 use super::folder::{AUTHORITY, Folder, ORDERS_KEY, ORDERS_PUBLIC, certificate_file, key_file};
 use super::run::RunFile;
 use super::wanted;
-use crate::clock;
 use crate::cluster::inventory::Inventory;
-use crate::error::Error;
 use crate::reach::{Flown, Reach, Role};
+use skein_host::clock;
+use skein_lab::error::Error;
 
 impl Inventory {
     /// How this swarm is reached by such a one.

@@ -7,7 +7,7 @@ use skein_common::message::Verb;
 
 use super::folder::Folder;
 use crate::cluster::inventory::{Inventory, SecurityKind};
-use crate::error::Error;
+use skein_lab::error::Error;
 
 /// Its file.
 pub(crate) const RUN: &str = "run.json";
@@ -55,7 +55,7 @@ impl RunFile {
     /// # Errors
     /// If it cannot be written.
     pub(crate) fn keep(&self, record: &Record) -> Result<(), Error> {
-        self.0.write(RUN, &crate::json(record))
+        self.0.write(RUN, &skein_lab::terminal::json(record))
     }
 
     /// Notes what an order means for that run, before it is given.

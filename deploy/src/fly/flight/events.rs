@@ -10,8 +10,8 @@ use crate::fly::children::Role;
 use crate::fly::script::Deed;
 use crate::fly::status::Stage;
 use crate::order;
-use crate::study::world::Incident;
-use crate::study::world::script::FROZEN;
+use skein_lab::faults::FROZEN;
+use skein_lab::faults::Incident;
 
 /// Between two sayings of an order.
 const AGAIN: Duration = Duration::from_millis(200);

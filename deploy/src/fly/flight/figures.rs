@@ -12,8 +12,8 @@ use skein_core::plant::{Sticks, Truth};
 use super::{Flight, fresh};
 use crate::fly::plan::Plan;
 use crate::fly::status::Stage;
-use crate::metrics::{Report, Totals, VehicleNow, Wall};
-use crate::study::world::Incident;
+use skein_lab::faults::Incident;
+use skein_lab::metrics::{Report, Totals, VehicleNow, Wall};
 
 impl Flight {
     /// Takes in what only one step tells.
@@ -71,7 +71,7 @@ impl Flight {
         self.record(|recorder| recorder.window_ends(now));
         let report = self.metrics.report(Wall { wall_s, real_time_factor: self.simulated_s(now) / wall_s.max(1e-9) });
         let path = self.plan.out.join("metrics.json");
-        if let Err(error) = fs::write(&path, crate::json(&report)) {
+        if let Err(error) = fs::write(&path, skein_lab::terminal::json(&report)) {
             self.fail(format!("{}: {error}", path.display()));
         }
         self.report = Some(report);

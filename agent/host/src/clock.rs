@@ -1,0 +1,160 @@
+//! The clocks of a running process: the only place of the workspace that reads them. The core is told the time.
+
+use std::fs;
+use std::path::Path;
+use std::thread;
+use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
+
+use skein_common::id::Incarnation;
+use skein_common::time::LocalTime;
+use time::OffsetDateTime;
+
+/// This process's monotonic clock.
+#[derive(Clone, Copy, Debug)]
+pub struct LocalClock {
+    zero: Instant,
+}
+
+impl LocalClock {
+    /// A clock that shows zero now.
+    pub fn start() -> Self {
+        Self { zero: now() }
+    }
+
+    /// What it shows now.
+    pub fn now(&self) -> LocalTime {
+        self.at(now())
+    }
+
+    /// What it showed at an instant.
+    pub fn at(&self, instant: Instant) -> LocalTime {
+        LocalTime::from_nanoseconds(nanoseconds(instant.saturating_duration_since(self.zero)))
+    }
+}
+
+/// The monotonic clock as the system has it.
+#[expect(clippy::disallowed_methods, reason = "an edge: deadlines and arrival times")]
+pub fn now() -> Instant {
+    Instant::now()
+}
+
+/// Blocks this thread until the instant.
+#[expect(clippy::disallowed_methods, reason = "an edge: a thread of its own that waits for its time")]
+pub fn sleep_until(instant: Instant) {
+    thread::sleep(instant.saturating_duration_since(now()));
+}
+
+/// A life that begins now: a restarted agent has a larger incarnation.
+pub fn new_incarnation() -> Incarnation {
+    Incarnation(utc_nanoseconds())
+}
+
+/// The same where the clock may have been set back since the last life: that is in `file`, and from now on this one is. What
+/// cannot be kept is told in words.
+pub fn next_incarnation(file: &Path) -> (Incarnation, Option<String>) {
+    let last = fs::read_to_string(file).ok().and_then(|text| text.trim().parse::<u64>().ok());
+    let Incarnation(new) = new_incarnation();
+    let new = last.map_or(new, |last| new.max(last.saturating_add(1)));
+    let fault = fs::write(file, format!("{new}\n")).err();
+    (Incarnation(new), fault.map(|fault| format!("{}: {fault}", file.display())))
+}
+
+/// What the system takes UTC to be, ns since 1970. Other systems' differ, and nothing in flight relies on it.
+#[expect(clippy::disallowed_methods, reason = "an edge: new lives, and how far clocks are apart")]
+pub fn utc_nanoseconds() -> u64 {
+    nanoseconds(SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default())
+}
+
+fn nanoseconds(duration: Duration) -> u64 {
+    u64::try_from(duration.as_nanos()).unwrap_or(u64::MAX)
+}
+
+/// Blocks this thread for this long.
+pub fn sleep(duration: Duration) {
+    sleep_until(now() + duration);
+}
+
+/// UTC of instants, as nanoseconds since 1970: it is read once and goes on as monotonic time does, so that no setting of the
+/// clock turns the order of two instants round.
+#[derive(Clone, Copy, Debug)]
+pub struct Utc {
+    at: Instant,
+    unix_ns: u64,
+}
+
+impl Utc {
+    /// Read now.
+    pub fn read() -> Self {
+        Self { at: now(), unix_ns: utc_nanoseconds() }
+    }
+
+    /// UTC of this instant.
+    pub fn nanoseconds(&self, at: Instant) -> u64 {
+        match at.checked_duration_since(self.at) {
+            Some(since) => self.unix_ns.saturating_add(nanoseconds(since)),
+            None => self.unix_ns.saturating_sub(nanoseconds(self.at.duration_since(at))),
+        }
+    }
+}
+
+/// The present UTC, to the nanosecond.
+pub fn utc() -> OffsetDateTime {
+    // Nanoseconds since 1970 in 64 bits end in 2554.
+    OffsetDateTime::from_unix_timestamp_nanos(utc_nanoseconds().into()).unwrap_or(OffsetDateTime::UNIX_EPOCH)
+}
+
+/// The present UTC as a name for files, `20261121T081502Z`: it sorts by time and has no colon.
+pub fn utc_name() -> String {
+    name_of(utc())
+}
+
+/// The present UTC at the head of a log's line, `2026-11-21T08:15:02.123456Z`.
+pub fn utc_stamp() -> String {
+    let utc = utc();
+    let (hour, minute, second, us) = (utc.hour(), utc.minute(), utc.second(), utc.microsecond());
+    format!("{}T{hour:02}:{minute:02}:{second:02}.{us:06}Z", utc.date())
+}
+
+fn name_of(utc: OffsetDateTime) -> String {
+    let (year, month, day) = (utc.year(), u8::from(utc.month()), utc.day());
+    format!("{year:04}{month:02}{day:02}T{:02}{:02}{:02}Z", utc.hour(), utc.minute(), utc.second())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_life_is_larger_than_the_last_whatever_the_clock_says() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("life");
+        let now = utc_nanoseconds();
+        let (first, fault) = next_incarnation(&file);
+        assert!(first >= Incarnation(now) && fault.is_none(), "{first:?}, {fault:?}");
+        // The clock was an hour ahead at the last start.
+        let ahead = utc_nanoseconds() + 3_600_000_000_000;
+        fs::write(&file, ahead.to_string()).unwrap();
+        let lives = [(); 3].map(|()| next_incarnation(&file).0);
+        assert_eq!(lives, [1, 2, 3].map(|nth| Incarnation(ahead + nth)));
+        fs::write(&file, "half a num").unwrap();
+        let now = utc_nanoseconds();
+        assert!((now..ahead).contains(&next_incarnation(&file).0.0), "a file that is none says nothing");
+        let (life, fault) = next_incarnation(&folder.path().join("nowhere/life"));
+        assert!(life >= Incarnation(now) && fault.is_some());
+    }
+
+    #[test]
+    fn instants_have_their_calendar_names() {
+        // From `date -u -d @SECONDS +%Y%m%dT%H%M%SZ`.
+        for (unix_s, name) in [
+            (0, "19700101T000000Z"),
+            (951_782_399, "20000228T235959Z"),
+            (951_782_400, "20000229T000000Z"),
+            (1_772_323_199, "20260228T235959Z"),
+            (1_795_248_902, "20261121T081502Z"),
+            (4_107_542_400, "21000301T000000Z"),
+        ] {
+            assert_eq!(name_of(OffsetDateTime::from_unix_timestamp(unix_s).unwrap()), name);
+        }
+    }
+}

@@ -1,0 +1,219 @@
+use std::io::{BufRead, BufReader, Write};
+use std::net::{TcpStream, UdpSocket};
+
+use nalgebra::Vector3;
+use skein_common::scenario::{Source, load};
+
+use super::*;
+use skein_core::formation::external::{Goal, Own, Wanted};
+use skein_host::clock::sleep_until;
+
+/// For tests that fail.
+const PATIENCE: Duration = Duration::from_secs(30);
+
+fn id(number: u8) -> VehicleId {
+    VehicleId::new(number).unwrap()
+}
+
+/// The law of vehicle 2, reached in this way; every answer is in time unless it is more than ten seconds late.
+fn law(external: &str) -> Result<LiveLaw, ExternalError> {
+    let text =
+        format!("swarm.vehicles = 2\nformation.law = 'external'\n[formation.external]\nperiod_s = 10\n{external}");
+    let source = Source { name: "test.toml", text: &text };
+    LiveLaw::start(&load(&source, &[]).unwrap().scenario, id(2)).map(Option::unwrap)
+}
+
+/// A shell that is ready and then answers each ask with what `answer` prints.
+fn shell(answer: &str) -> LiveLaw {
+    let script = format!(
+        r#"read hello; echo '{{"say":"ready","protocol":1}}'; while read ask; do tick=$(echo "$ask" | sed 's/.*"tick":\([0-9]*\).*/\1/'); {answer}; done"#
+    );
+    law(&format!("deadline_s = 10\ncommand = ['sh', '-c', '''{script}''']")).unwrap()
+}
+
+const GOOD: &str = r#"echo "{\"say\":\"answer\",\"vehicle\":2,\"tick\":$tick,\"velocity_ned_m_s\":[1,2,3]}""#;
+
+fn ask(tick: u64) -> Ask {
+    let own = Own { position_ned_m: [0.0; 3], velocity_ned_m_s: [0.0; 3], heading_rad: 0.0, age_s: 0.0 };
+    let goal = Goal {
+        step: 0,
+        centre_ned_m: [0.0; 3],
+        centre_velocity_ned_m_s: [0.0; 3],
+        heading_rad: 0.0,
+        radius_m: 100.0,
+        gamma: 1.0,
+    };
+    Ask { vehicle: id(2), tick, time_s: 0.0, dt_s: 0.1, own, peers: Vec::new(), goal }
+}
+
+/// Asks again and again, as a vehicle does, from this tick on; gives the first answer, or nothing after `within`.
+fn answer_to(law: &LiveLaw, mut tick: u64, within: Duration) -> Option<Answer> {
+    let until = now() + within;
+    let mut next = now();
+    while now() < until {
+        if now() >= next {
+            law.ask(ask(tick));
+            (tick, next) = (tick + 1, now() + Duration::from_millis(200));
+        }
+        if let Some(answer) = law.answer() {
+            return Some(answer);
+        }
+        sleep_until(now() + Duration::from_millis(5));
+    }
+    None
+}
+
+#[test]
+fn a_process_answers() {
+    let law = shell(GOOD);
+    let answer = answer_to(&law, 40, PATIENCE).unwrap();
+    assert_eq!((answer.vehicle, answer.wanted), (id(2), Wanted::VelocityNed(Vector3::new(1.0, 2.0, 3.0))));
+    assert!(answer.tick >= 40);
+    assert_eq!(law.answer(), None, "every answer is given once");
+}
+
+#[test]
+fn what_is_no_answer_is_never_handed_on() {
+    let answer = |vehicle: &str, tick: &str, velocity: &str| {
+        format!(
+            r#"echo "{{\"say\":\"answer\",\"vehicle\":{vehicle},\"tick\":{tick},\"velocity_ned_m_s\":{velocity}}}""#
+        )
+    };
+    let laws = [
+        "echo '{'".to_owned(),
+        "echo 'Traceback'".to_owned(),
+        "head -c 200000 /dev/zero; echo".to_owned(),
+        "head -c 1000 /dev/urandom; echo".to_owned(),
+        "true".to_owned(),
+        answer("1", "$tick", "[1,2,3]"),
+        answer("2", "$((tick+1))", "[1,2,3]"),
+        answer("2", "0", "[1,2,3]"),
+        answer("2", "$tick", "[NaN,2,3]"),
+        answer("2", "$tick", "[1e300,2,3]"),
+        answer("2", "$tick", "[1,2]"),
+        "exec <&-; sleep 1000".to_owned(),
+        "exec >&-; sleep 1000".to_owned(),
+        "while true; do echo '{\"say\":\"ready\",\"protocol\":1}'; done".to_owned(),
+    ];
+    thread::scope(|scope| {
+        for script in &laws {
+            scope.spawn(move || {
+                let law = shell(script);
+                assert_eq!(answer_to(&law, 1, Duration::from_secs(2)), None, "{script}");
+            });
+        }
+    });
+}
+
+#[test]
+fn a_late_answer_is_none_and_the_next_in_time_is_one() {
+    // The first answer takes a while, all others come at once.
+    let late = format!(r#"if [ "$tick" = 1 ]; then sleep 1; fi; {GOOD}"#);
+    let script = format!(
+        r#"read hello; echo '{{"say":"ready","protocol":1}}'; while read ask; do tick=$(echo "$ask" | sed 's/.*"tick":\([0-9]*\).*/\1/'); {late}; done"#
+    );
+    let law = law(&format!("deadline_s = 0.5\ncommand = ['sh', '-c', '''{script}''']")).unwrap();
+    let until = now() + PATIENCE;
+    let mut tick = 1;
+    let answer = loop {
+        // One at a time: each is given up before the next.
+        law.ask(ask(tick));
+        sleep_until(now() + Duration::from_millis(700));
+        if let Some(answer) = law.answer() {
+            break answer;
+        }
+        assert!(now() < until);
+        tick += 1;
+    };
+    assert!(answer.tick > 1, "{answer:?}");
+}
+
+#[test]
+fn a_process_that_ends_is_started_again() {
+    let law = shell(&format!("{GOOD}; exit 1"));
+    let first = answer_to(&law, 1, PATIENCE).unwrap();
+    let second = answer_to(&law, first.tick + 1, PATIENCE).expect("another life");
+    assert!(second.tick > first.tick);
+}
+
+#[test]
+fn what_does_not_start_is_said_at_once() {
+    let error = law("command = ['no-such-program-7']").unwrap_err();
+    assert_eq!(error.to_string(), "formation.external.command: there is no program \"no-such-program-7\"");
+    let folder = tempfile::tempdir().unwrap();
+    let error = law(&format!("command = ['{}/']", folder.path().display())).unwrap_err();
+    assert!(error.to_string().contains("there is no program"), "{error}");
+    let taken = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
+    let held = TcpListener::bind(("127.0.0.1", taken)).unwrap();
+    let error = law(&format!("listen = 'tcp/127.0.0.1:{}'", taken - 2)).unwrap_err();
+    assert!(error.to_string().starts_with(&format!("formation.external: 127.0.0.1:{taken}: ")), "{error}");
+    drop(held);
+}
+
+/// A port such that it and that of vehicle 2 after it are free.
+fn ports(bind: impl Fn(u16) -> bool) -> u16 {
+    let free = || UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
+    (0..100).map(|_| free()).find(|&port| port < 60_000 && bind(port + 2)).unwrap()
+}
+
+#[test]
+fn a_law_that_connects_is_asked_and_may_come_again() {
+    let port = ports(|port| TcpListener::bind(("127.0.0.1", port)).is_ok());
+    let law = law(&format!("deadline_s = 10\nlisten = 'tcp/127.0.0.1:{port}'")).unwrap();
+    assert_eq!(answer_to(&law, 1, Duration::from_millis(300)), None, "nobody there yet");
+    for life in 1..=2 {
+        let stream = TcpStream::connect(("127.0.0.1", port + 2)).unwrap();
+        let mut to = stream.try_clone().unwrap();
+        let program = thread::spawn(move || {
+            let mut lines = BufReader::new(stream).lines().map_while(Result::ok);
+            assert!(lines.next().unwrap().starts_with("{\"say\":\"hello\""));
+            writeln!(to, "{{\"say\":\"ready\",\"protocol\":1}}").unwrap();
+            for line in lines.take(5) {
+                let asked: serde_json::Value = serde_json::from_str(&line).unwrap();
+                let tick = &asked["tick"];
+                let answer = format!("{{\"say\":\"answer\",\"vehicle\":2,\"tick\":{tick},\"field_ne\":[0.5,{life}]}}");
+                writeln!(to, "{answer}").unwrap();
+            }
+        });
+        let answer = answer_to(&law, 1000 * life, PATIENCE).unwrap();
+        assert_eq!(answer.wanted, Wanted::FieldNe(nalgebra::Vector2::new(0.5, life as f64)));
+        while !program.is_finished() {
+            answer_to(&law, 1000 * life + 500, Duration::from_millis(300));
+        }
+        program.join().unwrap();
+    }
+}
+
+#[test]
+fn vectors_are_asked_and_answered_from_any_port_and_sent_again() {
+    let port = ports(|port| {
+        let free = |port| UdpSocket::bind(("127.0.0.1", port)).is_ok();
+        free(port) && free(port + 100)
+    });
+    let model = UdpSocket::bind(("127.0.0.1", port + 2)).unwrap();
+    model.set_read_timeout(Some(PATIENCE)).unwrap();
+    let udp = format!("udp = {{ ask = '127.0.0.1:{port}', answer = '127.0.0.1:{}' }}", port + 100);
+    let law = law(&format!("deadline_s = 10\n{udp}")).unwrap();
+    law.ask(ask(7));
+    let mut datagram = [0; 2000];
+    for _ in 0..2 {
+        assert_eq!(model.recv(&mut datagram).unwrap(), 8 * vector::ASK, "unanswered, it comes again");
+        assert_eq!(datagram[16..24], 7.0_f64.to_le_bytes());
+    }
+    let elsewhere = UdpSocket::bind("127.0.0.1:0").unwrap();
+    let answer: Vec<u8> =
+        [1.0, 2.0, 7.0, 1.0, 0.5, 0.25, -0.5, 0.0, 0.0].iter().flat_map(|x: &f64| x.to_le_bytes()).collect();
+    elsewhere.send_to(&answer[1..], ("127.0.0.1", port + 102)).unwrap();
+    let until = now() + PATIENCE;
+    let answered = loop {
+        // What was no answer has taken the place of one.
+        law.ask(ask(7));
+        elsewhere.send_to(&answer, ("127.0.0.1", port + 102)).unwrap();
+        sleep_until(now() + Duration::from_millis(50));
+        if let Some(answered) = law.answer() {
+            break answered;
+        }
+        assert!(now() < until);
+    };
+    assert_eq!((answered.tick, answered.wanted), (7, Wanted::VelocityNed(Vector3::new(0.5, 0.25, -0.5))));
+}

@@ -1,0 +1,138 @@
+//! `skein compare`: two folders of runs, seed by seed.
+//!
+//! Runs are **paired**: equal seed, and equal in every key that varies within both folders (a sweep's point). Of each figure
+//! in [`DIRECTIONS`](crate::metrics::DIRECTIONS) that both of a pair have, or that came in one and never in the other, the median of either
+//! side, the median of the differences and the effect size are estimated with 95 % intervals, see [`statistics`]. What never came ranks worst.
+//!
+//! **Verdict** on B against A, of one figure:
+//!
+//! * A difference is *notable* if it is more than [`NEGLIGIBLE`] of the larger of the two medians.
+//! * *worse*: the interval of the median difference lies on the bad side of zero, and that median is notable; or among the pairs
+//!   that differ notably so many are worse that chance has less than 5 % of it (sign test). The second finds what happens to a few runs only,
+//!   such as collisions: there the median says nothing. Both need six pairs at least; with fewer the verdict is *unclear*.
+//! * *better* likewise, unless something is worse; *same*: no difference is shown.
+//!
+//! Of forty figures that differ by chance alone, one looks worse. A test that has to decide names its figures (`--only`).
+//!
+//! If the two sides are different targets (`study`, `fly`) or plants, nobody is better or worse: see [`divergence`].
+
+pub mod divergence;
+pub mod folder;
+pub mod pairs;
+pub mod statistics;
+mod table;
+mod verdict;
+
+use std::path::PathBuf;
+
+use serde::Serialize;
+use serde_json::{Map, Value};
+
+use crate::error::Error;
+use crate::study::is_worse;
+use crate::terminal::json;
+use crate::terminal::say;
+use folder::Folder;
+use pairs::{Paired, Point};
+pub use verdict::{Compared, NEGLIGIBLE, Side, Verdict};
+
+/// `skein compare`
+#[derive(Clone, Debug, clap::Args)]
+pub struct CompareArgs {
+    /// Runs to compare with: the folder of a study or of a flight, or any folder of such folders
+    #[arg(value_name = "DIR_A")]
+    pub a: PathBuf,
+    /// Runs to judge
+    #[arg(value_name = "DIR_B")]
+    pub b: PathBuf,
+    /// Compare these figures only, such as collisions,radial_rms_m
+    #[arg(long, value_name = "KEY,...", value_delimiter = ',')]
+    pub only: Vec<String>,
+    /// Print everything as JSON on stdout, everything else on stderr
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Compares and prints. Exit status: 0 nothing is worse, 1 something is, 2 an argument at fault.
+///
+/// # Errors
+/// What is worse, by name; or folders that cannot be compared.
+pub fn run(args: &CompareArgs) -> Result<(), Error> {
+    if let Some(unknown) = args.only.iter().find(|key| is_worse(key).is_none()) {
+        let known = crate::metrics::DIRECTIONS.map(|(key, _)| key).join(", ");
+        return Err(Error::Refused(format!("--only {unknown}: no figure that can be worse; there are {known}")));
+    }
+    let (a, b) = (Folder::read(&args.a)?, Folder::read(&args.b)?);
+    for folder in [&a, &b].into_iter().filter(|folder| folder.is_unfinished) {
+        eprintln!("{}: this study is not finished; the runs that are there are compared", folder.path.display());
+    }
+    let paired = Paired::new(&a, &b)?;
+    if ["target", "plant"].iter().any(|key| a.words(key) != b.words(key)) {
+        let divergence = divergence::divergence(&paired, &args.only);
+        say(&if args.json { json(&divergence) } else { paired.heading() + "\n" + &divergence::table(&divergence) });
+        return Ok(());
+    }
+    let comparison = Comparison::new(&paired, &args.only);
+    say(&if args.json { json(&comparison) } else { paired.heading() + &table::of(&comparison) });
+    match comparison.worse.as_slice() {
+        [] => Ok(()),
+        worse => Err(Error::Failed(format!("worse: {}", worse.join(", ")))),
+    }
+}
+
+/// All that is to be said.
+#[derive(Clone, Debug, Serialize)]
+pub struct Comparison {
+    /// What is compared with.
+    pub a: PathBuf,
+    /// What is judged.
+    pub b: PathBuf,
+    /// Keys of the scenario in which they differ, with the value in A and in B.
+    pub differ: Map<String, Value>,
+    /// Runs without a partner, in A and in B.
+    pub unpaired: [usize; 2],
+    /// Of the intervals.
+    pub confidence: f64,
+    /// Figures that are worse at some point.
+    pub worse: Vec<String>,
+    /// Where the scenarios are the same within a side: one without a sweep.
+    pub points: Vec<ComparedPoint>,
+}
+
+/// One point of a sweep, or the only one.
+#[derive(Clone, Debug, Serialize)]
+pub struct ComparedPoint {
+    /// What is set there, as `--set` takes it; empty without a sweep.
+    pub set: Vec<String>,
+    /// Pairs of runs.
+    pub pairs: usize,
+    /// Every figure that some pair has, by its key.
+    pub figures: Vec<Compared>,
+}
+
+impl Comparison {
+    /// Compares all figures, or those named.
+    pub fn new(paired: &Paired<'_>, only: &[String]) -> Self {
+        let keys = || crate::metrics::DIRECTIONS.iter().map(|(key, _)| *key);
+        let is_asked = |key: &&str| only.is_empty() || only.iter().any(|asked| asked == key);
+        let point = |point: &Point<'_>| ComparedPoint {
+            set: point.set.clone(),
+            pairs: point.pairs.len(),
+            figures: keys().filter(is_asked).filter_map(|key| Compared::new(key, &point.pairs)).collect(),
+        };
+        let points: Vec<ComparedPoint> = paired.points.iter().map(point).collect();
+        let is_worse = |key: &&str| {
+            let mut figures = points.iter().flat_map(|point| &point.figures);
+            figures.any(|figure| figure.key == *key && figure.verdict == Verdict::Worse)
+        };
+        Self {
+            a: paired.a.path.clone(),
+            b: paired.b.path.clone(),
+            differ: paired.differ(),
+            unpaired: paired.unpaired,
+            confidence: 1.0 - statistics::ALPHA,
+            worse: keys().filter(is_worse).map(str::to_owned).collect(),
+            points,
+        }
+    }
+}

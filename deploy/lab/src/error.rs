@@ -1,0 +1,117 @@
+//! What ends a command: said in one place, once, with the exit status that scripts rely on.
+
+use std::fmt;
+use std::io::IsTerminal;
+use std::process::ExitCode;
+
+use miette::{Diagnostic, GraphicalReportHandler, LabeledSpan, NamedSource, SourceCode};
+use skein_common::scenario::ScenarioError;
+
+/// Why a command did not do what it was asked for.
+#[derive(Debug, thiserror::Error)]
+pub enum Error {
+    /// A scenario file, or a `--set` on top of it, is at fault: exit status 2, nothing was written.
+    #[error("{fault}")]
+    Scenario {
+        /// What is wrong, and where.
+        fault: Box<ScenarioError>,
+        /// The file's text.
+        text: String,
+    },
+    /// What was asked for cannot be done: exit status 2, nothing was started or written.
+    #[error("{0}")]
+    Refused(String),
+    /// It was begun and went wrong: exit status 1.
+    #[error("{0}")]
+    Failed(String),
+}
+
+impl Error {
+    /// The exit status of the process.
+    pub fn exit_code(&self) -> u8 {
+        match self {
+            Self::Scenario { .. } | Self::Refused(_) => 2,
+            Self::Failed(_) => 1,
+        }
+    }
+
+    /// Says it on stderr: for people with the line of the file, otherwise as one line `file:line:column: message; help`.
+    pub fn report(&self) -> ExitCode {
+        match self.drawn().filter(|_| std::io::stderr().is_terminal()) {
+            Some(drawn) => eprint!("{drawn}"),
+            None => crate::terminal::complain(&self.to_string()),
+        }
+        self.exit_code().into()
+    }
+
+    /// The file's line with the fault marked, if a file is at fault.
+    fn drawn(&self) -> Option<String> {
+        let Self::Scenario { fault, text } = self else { return None };
+        let span = fault.span.clone()?;
+        let marked = Marked { fault, span, source: NamedSource::new(&*fault.file, text.clone()) };
+        let mut drawn = String::new();
+        GraphicalReportHandler::new().render_report(&mut drawn, &marked).ok()?;
+        Some(drawn)
+    }
+}
+
+/// A fault in its file.
+#[derive(Debug)]
+struct Marked<'a> {
+    fault: &'a ScenarioError,
+    span: std::ops::Range<usize>,
+    source: NamedSource<String>,
+}
+
+impl fmt::Display for Marked<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.fault.message)
+    }
+}
+
+impl std::error::Error for Marked<'_> {}
+
+impl Diagnostic for Marked<'_> {
+    fn help(&self) -> Option<Box<dyn fmt::Display + '_>> {
+        self.fault.help.as_ref().map(|help| Box::new(help) as Box<dyn fmt::Display>)
+    }
+
+    fn source_code(&self) -> Option<&dyn SourceCode> {
+        Some(&self.source)
+    }
+
+    fn labels(&self) -> Option<Box<dyn Iterator<Item = LabeledSpan> + '_>> {
+        Some(Box::new([LabeledSpan::new_with_span(Some("here".to_owned()), self.span.clone())].into_iter()))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use skein_common::scenario::{Source, load};
+
+    use super::*;
+
+    fn error(text: &str, sets: &[String]) -> Error {
+        let fault = load(&Source { name: "my.toml", text }, sets).unwrap_err().into();
+        Error::Scenario { fault, text: text.to_owned() }
+    }
+
+    #[test]
+    fn a_fault_is_drawn_in_its_line() {
+        let error = error("[swarm]\nvehicles = 4\n[formation]\nraduis_m = 80\n", &[]);
+        let line = "my.toml:4:1: unknown key `formation.raduis_m`; did you mean `formation.radius_m`?";
+        assert_eq!(error.to_string(), line);
+        assert_eq!(error.exit_code(), 2);
+        let drawn = error.drawn().unwrap();
+        for part in ["my.toml:4:1", "raduis_m = 80", "unknown key", "did you mean `formation.radius_m`?"] {
+            assert!(drawn.contains(part), "{part} is missing in\n{drawn}");
+        }
+    }
+
+    #[test]
+    fn a_fault_of_an_option_has_no_line() {
+        let error = error("swarm.vehicles = 4", &["seed=x".to_owned()]);
+        assert_eq!(error.drawn(), None);
+        assert!(error.to_string().starts_with("--set seed=x: "), "{error}");
+    }
+}

@@ -1,0 +1,231 @@
+//! What a scenario does to a swarm and when, and what was really done to one. Flights, studies, figures, recordings and
+//! reports share it.
+
+use std::borrow::Cow;
+use std::fmt;
+use std::ops::Range;
+
+use serde::de::Error;
+use serde::{Deserialize, Deserializer, Serialize};
+use skein_common::id::VehicleId;
+use skein_common::message::Verb;
+use skein_common::scenario::{self, Event, Fault, Servo, What};
+use skein_core::impairments::{delays, lasting, silences, union};
+
+/// The scenario's word for what has failed. (Spelled out in the field below, it would let nobody read one back.)
+pub type FailureWord = &'static str;
+
+/// Something that was done to the swarm, whoever notices.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Incident {
+    /// A vehicle's agent ended without a word. The helicopter flies on with its last controls.
+    Died(VehicleId),
+    /// It began a new life, in the air or on the ground.
+    Restarted(VehicleId),
+    /// Something of a vehicle failed, in the scenario's word.
+    Failed(VehicleId, #[serde(deserialize_with = "failure")] FailureWord),
+    /// Directions of links that are dead from now on.
+    Cut {
+        /// Speaker and hearer.
+        links: Vec<(VehicleId, VehicleId)>,
+    },
+    /// Directions of links that are alive again; sessions may take a while longer.
+    Healed {
+        /// Speaker and hearer.
+        links: Vec<(VehicleId, VehicleId)>,
+    },
+    /// Directions of links on which messages take longer from now on.
+    Delayed {
+        /// Sender and receiver.
+        links: Vec<(VehicleId, VehicleId)>,
+    },
+    /// Directions of links on which an added delay has ended.
+    DelayOver {
+        /// Sender and receiver.
+        links: Vec<(VehicleId, VehicleId)>,
+    },
+}
+
+impl fmt::Display for Incident {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let list = |links: &[(VehicleId, VehicleId)]| {
+            let link = |(speaker, hearer): &(VehicleId, VehicleId)| format!("{speaker} to {hearer}");
+            links.iter().map(link).collect::<Vec<_>>().join(", ")
+        };
+        match self {
+            Self::Died(id) => write!(f, "the agent of vehicle {id} ended"),
+            Self::Restarted(id) => write!(f, "vehicle {id} has a new agent"),
+            Self::Failed(id, what) => write!(f, "{what} of vehicle {id}"),
+            Self::Cut { links } => write!(f, "cut: vehicle {}", list(links)),
+            Self::Healed { links } => write!(f, "healed: vehicle {}", list(links)),
+            Self::Delayed { links } => write!(f, "delayed: vehicle {}", list(links)),
+            Self::DelayOver { links } => write!(f, "delay over: vehicle {}", list(links)),
+        }
+    }
+}
+
+/// What is to come, each at its time.
+#[derive(Debug)]
+pub struct Agenda<T> {
+    /// The latest first.
+    left: Vec<(f64, T)>,
+}
+
+impl<T> Agenda<T> {
+    /// These, each with its time, s.
+    pub fn new(mut entries: Vec<(f64, T)>) -> Self {
+        // What has no end never ends.
+        entries.retain(|(at_s, _)| at_s.is_finite());
+        entries.sort_by(|(one_s, _), (other_s, _)| one_s.total_cmp(other_s));
+        entries.reverse();
+        Self { left: entries }
+    }
+
+    /// The next that is due at `t_s`.
+    pub fn due(&mut self, t_s: f64) -> Option<T> {
+        self.left.pop_if(|(at_s, _)| *at_s <= t_s).map(|(_, what)| what)
+    }
+
+    /// What is left, the latest first.
+    pub fn left(&self) -> impl Iterator<Item = &T> {
+        self.left.iter().map(|(_, what)| what)
+    }
+}
+
+/// What the scenario does to a direction of a link.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum LinkChange {
+    /// Messages pass again after a cut.
+    Healed,
+    /// No message passes from now on.
+    Cut,
+    /// An added delay has ended.
+    DelayOver,
+    /// Messages take longer from now on.
+    Delayed,
+}
+
+impl LinkChange {
+    const ALL: [Self; 4] = [Self::Healed, Self::Cut, Self::DelayOver, Self::Delayed];
+
+    fn incident(self, links: Vec<(VehicleId, VehicleId)>) -> Incident {
+        match self {
+            Self::Healed => Incident::Healed { links },
+            Self::Cut => Incident::Cut { links },
+            Self::DelayOver => Incident::DelayOver { links },
+            Self::Delayed => Incident::Delayed { links },
+        }
+    }
+}
+
+/// What happens to links at one time, gathered by its kind.
+#[derive(Debug, Default)]
+pub struct LinkChanges([Vec<(VehicleId, VehicleId)>; 4]);
+
+impl LinkChanges {
+    /// `link` is sender and receiver.
+    pub fn add(&mut self, change: LinkChange, link: (VehicleId, VehicleId)) {
+        self.0[change as usize].push(link);
+    }
+
+    /// One of each kind that happened, ends before beginnings.
+    pub fn incidents(self) -> impl Iterator<Item = Incident> {
+        let kinds = LinkChange::ALL.into_iter().zip(self.0).filter(|(_, links)| !links.is_empty());
+        kinds.map(|(change, links)| change.incident(links))
+    }
+}
+
+/// What the scenario does to the direction from `sender` to `receiver`, each at its time, s after the receiver's take-off;
+/// infinite if never.
+pub fn link_changes(events: &[Event], sender: VehicleId, receiver: VehicleId) -> Vec<(f64, LinkChange)> {
+    let cuts = silences(events, sender, receiver).into_iter();
+    let cuts = cuts.flat_map(|lasts| [(lasts.start, LinkChange::Cut), (lasts.end, LinkChange::Healed)]);
+    let delays = union(delays(events, sender, receiver).into_iter().map(|(lasts, _)| lasts)).into_iter();
+    let delays = delays.flat_map(|lasts| [(lasts.start, LinkChange::Delayed), (lasts.end, LinkChange::DelayOver)]);
+    cuts.chain(delays).collect()
+}
+
+/// When vehicle `own` has no agent, s after its take-off.
+pub fn kills(events: &[Event], own: VehicleId) -> Vec<Range<f64>> {
+    let kills = events.iter().filter(|event| event.what == What::Fault(Fault::Kill { vehicle: own }));
+    union(kills.map(lasting))
+}
+
+/// When the one control machine is dead, s after the first take-off.
+pub fn control_kills(events: &[Event]) -> Vec<Range<f64>> {
+    let kills = events.iter().filter(|event| event.what == What::Fault(Fault::KillControl));
+    union(kills.map(lasting))
+}
+
+/// What an operator says, each order at its time. Of orders only a hold has an end.
+pub fn orders(events: &[Event]) -> Vec<(f64, Verb)> {
+    let verbs = events.iter().filter_map(|event| match &event.what {
+        What::Order(order) => Some([(event.at_s, verb(*order)), (lasting(event).end, Verb::Goto(0))]),
+        What::Fault(_) => None,
+    });
+    verbs.flatten().collect()
+}
+
+/// The word for a simulator that stands still.
+pub const FROZEN: FailureWord = "simulator_freeze";
+/// The scenario's words for what can fail of a vehicle.
+const FAILURES: [FailureWord; 6] = ["engine_out", FROZEN, "servo_stuck", "gyro_off", "gps_frozen", "clock_jump"];
+
+/// Reads one of [`FAILURES`].
+pub fn failure<'de, D: Deserializer<'de>>(from: D) -> Result<FailureWord, D::Error> {
+    let word = Cow::<str>::deserialize(from)?;
+    let known = FAILURES.into_iter().find(|known| *known == word);
+    known.ok_or_else(|| D::Error::custom(format!("no failure is called {word:?}")))
+}
+
+/// Which vehicle something of which fails by this fault, and the scenario's word for it.
+pub fn failing(fault: &Fault) -> Option<(VehicleId, FailureWord)> {
+    match fault {
+        Fault::EngineOut { vehicle } => Some((*vehicle, "engine_out")),
+        Fault::SimulatorFreeze { vehicle } => Some((*vehicle, FROZEN)),
+        Fault::ServoStuck { vehicle, .. } => Some((*vehicle, "servo_stuck")),
+        Fault::GyroOff { vehicle } => Some((*vehicle, "gyro_off")),
+        Fault::GpsFrozen { vehicle } => Some((*vehicle, "gps_frozen")),
+        Fault::ClockJump { vehicle, .. } => Some((*vehicle, "clock_jump")),
+        Fault::Kill { .. } | Fault::KillControl | Fault::Cut { .. } | Fault::Delay { .. } => None,
+    }
+}
+
+fn verb(order: scenario::Order) -> Verb {
+    match order {
+        scenario::Order::Hold => Verb::Hold,
+        scenario::Order::Goto { step } => Verb::Goto(u32::try_from(step).unwrap_or(u32::MAX)),
+        scenario::Order::Land => Verb::Land,
+        scenario::Order::Abort => Verb::Abort,
+    }
+}
+
+/// The fault as a line of text.
+pub fn describe(fault: &Fault) -> String {
+    let list = |ids: &[VehicleId]| ids.iter().map(VehicleId::to_string).collect::<Vec<_>>().join(", ");
+    match fault {
+        Fault::Kill { vehicle } => format!("kill of vehicle {vehicle}"),
+        Fault::Cut { from, to, both_ways } => {
+            let between = if *both_ways { "both ways" } else { "one way" };
+            format!("cut from vehicle {} to vehicle {}, {between}", list(from), list(to))
+        }
+        Fault::Delay { from, to, both_ways, delay_s } => {
+            let between = if *both_ways { "both ways" } else { "one way" };
+            format!("delay of {delay_s} s from vehicle {} to vehicle {}, {between}", list(from), list(to))
+        }
+        Fault::EngineOut { vehicle } => format!("engine_out of vehicle {vehicle}"),
+        Fault::SimulatorFreeze { vehicle } => format!("simulator_freeze of vehicle {vehicle}"),
+        Fault::ServoStuck { vehicle, servo } => {
+            let servo = match servo {
+                Servo::Roll => "roll",
+                Servo::Pitch => "pitch",
+                Servo::Collective => "collective",
+            };
+            format!("servo_stuck ({servo}) of vehicle {vehicle}")
+        }
+        Fault::GyroOff { vehicle } => format!("gyro_off of vehicle {vehicle}"),
+        Fault::GpsFrozen { vehicle } => format!("gps_frozen of vehicle {vehicle}"),
+        Fault::ClockJump { vehicle, by_s } => format!("clock_jump of vehicle {vehicle} by {by_s} s"),
+        Fault::KillControl => "kill_control".to_owned(),
+    }
+}

@@ -1,0 +1,39 @@
+//! A formation law of your own, in a crate of your own: all that it needs of Skein.
+//!
+//! A [`Law`] is asked at every step of one vehicle's controller what it wants. [`Laws`] gives it a name for scenario files, and
+//! [`cli::main_with`](crate::cli::main_with) makes a study program of it; the function of the same name in the crate `skein`
+//! makes one with every command of `skein`, which flies live swarms too but takes minutes to compile. Its parameters are the
+//! free table `[formation.parameters]` of the scenario.
+//!
+//! ```no_run
+//! use skein_lab::law::{Answer, Law, Laws, Sight, Wanted, number};
+//!
+//! /// Straight to the centre.
+//! #[derive(Clone, Debug)]
+//! struct Gather {
+//!     gain_per_s: f64,
+//! }
+//!
+//! impl Law for Gather {
+//!     fn ask(&mut self, sight: &Sight<'_>) -> Answer {
+//!         let way_ne_m = -sight.from_centre_ne_m();
+//!         Answer { wanted: Wanted::level(way_ne_m * self.gain_per_s), is_there: way_ne_m.norm() < 3.0 }
+//!     }
+//! }
+//!
+//! fn main() -> std::process::ExitCode {
+//!     let laws = Laws::default().with("gather", |setup| {
+//!         Ok(Box::new(Gather { gain_per_s: number(setup, "gain_per_s", 0.3)? }))
+//!     });
+//!     skein_lab::cli::main_with(laws)
+//! }
+//! ```
+
+pub use nalgebra::{Rotation2, Vector2, Vector3};
+pub use skein_common::frame::{PositionNed, VelocityNed};
+pub use skein_common::id::VehicleId;
+/// Elementary functions with the same bits on every machine: a law that uses them is as repeatable as Skein's own.
+pub use skein_common::math;
+pub use skein_core::formation::law::{Answer, Goal, Law, Neighbour, Obstacle, Setup, Sight, Wanted, number};
+pub use skein_core::formation::laws::{Laws, MakeLaw};
+pub use skein_core::formation::slots::Slots;

@@ -1,0 +1,462 @@
+//! One definition of every figure, for live runs, recordings and studies alike.
+//!
+//! Everything is measured on how the vehicles really were ([`VehicleNow::truth`]) and on who really lived and could be heard
+//! ([`Incident`]), never on what they believed. Only the formation's centre and the step of the mission are each vehicle's
+//! own: nobody else has one.
+//!
+//! * A **live member** is an active member whose agent runs. The formation is made of live members; separations are those
+//!   of all vehicles.
+//! * **Settling** figures (`at_altitude_s`, `in_band_s`, `even_*_s`) are the first time after which the condition holds to the
+//!   end of the window, in the formation of the step that each vehicle is at; what never settles is `null` and stands in
+//!   `never`. In a mission of more than one place it is `null` alone: there the swarm is to go on.
+//! * **Steady** figures use the last [`STEADY_S`] of the window and are `null` in a shorter one. Figures of the network
+//!   (`union`, `connectivity`, `connected_share`) use all of it.
+//! * Separations and collisions count pairs of which both are higher than [`AIRBORNE_ABOVE_M`].
+//! * **A centre moves** from where a vehicle takes it to have left the beginning of a path until it has come to its end.
+//!   `max_centre_distance_m` is taken while the member's own centre moves. Under the laws of flocks (`flock`, `olfati-saber`,
+//!   `vasarhelyi`) `band_occupancy` (here the share with ρ ≤ R*) is too; `centroid_lag_m`, separations and collisions count
+//!   from the first movement on, if the mission has a path: random starts lie closer together and farther out than a flock
+//!   may be.
+//! * Slots in a line, a V, a grid or a list have no distance from the centre and no even angles: those figures are `null`
+//!   there. A law that is none of Skein's is measured as a ring is.
+//! * `polarization`, `order` and `velocity_correlation` leave out whoever is slower than 0.2 m/s, and instants with fewer than
+//!   two others. SwarmLab counts who has no neighbours as in order; here it says nothing.
+//! * `collision_risk` is the mean over time of what `safety` counts over the whole window: the share of all pairs that are in a
+//!   collision.
+//! * **A step is open** when every live member has reached or passed it, be it that the last one did so or that it died.
+//!   `advance_latency_s` is the longest that any of them was late in entering the next. `setpoints_reached` are the steps that
+//!   were open at the end. Who is carried forward over several steps was late for none of them.
+//! * **Noticing**: `detection_s` is from a death or a cut until every living vehicle that heard the speaker has it lost;
+//!   `rejoin_s` from a restart, or from a healed cut that had been noticed, until it is heard again and an active member. What
+//!   is undone before it is noticed does not count. What is not noticed in 30 s never is. A `false_suspicion` is a loss of a
+//!   speaker that lives, has not left, and has no cut link with the hearer either way; the 2 s after a restart or a healed cut
+//!   are left out. `response_s` is from a vehicle's own failure until it tells of one.
+//! * `transient_s` (of formations that spread evenly): from a change of the live members, or from a healed cut, until all are
+//!   in the band and evenly spaced to 10°, for good until the next such change, cut, or step. What has not settled when the
+//!   swarm goes on may do so at the next place. What does not, though it had more than 120 s for it, never does; in less time
+//!   it does not count.
+//! * A **crash** is a vehicle that was in the air and touches the ground too fast, too far from upright, or without an agent
+//!   that lands it (`crashes`); each counts once. What becomes of it afterwards is the plant's affair, and no damage is part of it.
+//! * `null` otherwise means that a figure does not apply to this run.
+
+mod crashes;
+mod flock;
+mod graph;
+mod membership;
+mod mission;
+mod report;
+mod series;
+mod transient;
+
+use std::f64::consts::TAU;
+
+use nalgebra::{Vector2, Vector3};
+use skein_common::frame::PositionNed;
+use skein_common::id::{VehicleId, VehicleSet};
+use skein_common::math;
+use skein_common::message::Happening;
+use skein_common::scenario::{self, ControlMode, Pattern, Scenario, Step, Target, Vertical};
+use skein_core::formation::{self, ring::Ring};
+use skein_core::plant::{Sticks, Truth};
+
+use crate::faults::Incident;
+use crashes::Crashes;
+use flock::{Alignment, Following};
+use graph::Graph;
+use membership::Membership;
+use mission::Steps;
+pub use report::{DIRECTIONS, Direction, Report, Run, VehicleReport, WALL_CLOCK_KEYS, Wall};
+pub(crate) use series::quantile;
+use series::{AgeHistogram, InFormation, RadialSeries, Settling};
+use transient::Transients;
+
+/// Steady figures use this much of the window's end, s.
+pub const STEADY_S: f64 = 100.0;
+/// Pairs count as airborne above this height, m.
+pub const AIRBORNE_ABOVE_M: f64 = 2.0;
+/// Pairs below this distance have collided, m.
+pub const COLLISION_M: f64 = 2.0;
+/// Share of the altitude at which a vehicle is "at altitude".
+const AT_ALTITUDE_SHARE: f64 = 0.9;
+
+/// One vehicle at one instant.
+#[derive(Clone, Copy, Debug)]
+pub struct VehicleNow {
+    /// Who.
+    pub id: VehicleId,
+    /// Its agent runs. Without, nothing but its truth says anything.
+    pub runs: bool,
+    /// It is an active member.
+    pub is_member: bool,
+    /// How it really is.
+    pub truth: Truth,
+    /// Its controls, if anybody holds them.
+    pub sticks: Option<Sticks>,
+    /// The step of the mission that it is at, counted from 0.
+    pub step: u32,
+    /// The highest step that it reached in this life.
+    pub reached: Option<u32>,
+    /// Where it takes the formation's centre to be, north and east, m.
+    pub centre_ne_m: Vector2<f64>,
+    /// Peers that it does not count as lost.
+    pub hears: VehicleSet,
+    /// Peers whose last state came less than half a second ago, however long it was on its way.
+    pub fresh: VehicleSet,
+}
+
+impl VehicleNow {
+    /// A vehicle without an agent: something to keep away from.
+    pub fn dead(id: VehicleId, truth: Truth) -> Self {
+        Self {
+            id,
+            runs: false,
+            is_member: false,
+            truth,
+            sticks: None,
+            step: 0,
+            reached: None,
+            centre_ne_m: Vector2::zeros(),
+            hears: VehicleSet::default(),
+            fresh: VehicleSet::default(),
+        }
+    }
+
+    /// It is a live member: the formation is made of those.
+    pub fn takes_part(&self) -> bool {
+        self.runs && self.is_member
+    }
+}
+
+/// Measures a run while it happens.
+#[derive(Debug)]
+pub struct Metrics {
+    run: Run,
+    /// One machine flies everybody: nobody has words of others.
+    is_central: bool,
+    is_flock: bool,
+    /// The formation has to do with a distance from the centre.
+    is_radial: bool,
+    /// The formation is a ring, or slots on one: what is evenly spread about the centre, seen from above.
+    is_round: bool,
+    has_altitude: bool,
+    /// The formation in each step of the mission.
+    shapes: Vec<Shape>,
+    /// Steps that are no landing.
+    places: usize,
+    t_s: f64,
+    at_altitude: Settling,
+    in_band: Settling,
+    even_10deg: Settling,
+    even_5deg: Settling,
+    radial: Vec<RadialSeries>,
+    spacing: series::Window,
+    centroid: series::Window,
+    following: Following,
+    alignment: Alignment,
+    graph: Graph,
+    steps: Steps,
+    forced_advances: u64,
+    membership: Membership,
+    transients: Transients,
+    crashes: Crashes,
+    nearest_pair_m: Option<f64>,
+    separations: Vec<f64>,
+    collision_risk: series::Mean,
+    max_tilt_rad: f64,
+    stick_square: series::Mean,
+    effort: Vec<Effort>,
+    ages: AgeHistogram,
+    steps_us: Vec<f64>,
+    bearings: Vec<f64>,
+    totals: Totals,
+}
+
+/// The formation during one step of the mission.
+#[derive(Debug)]
+pub(crate) struct Shape {
+    ring: Ring,
+    altitude_m: f64,
+    /// Between the altitudes of neighbouring ranks.
+    band_step_m: f64,
+    /// Beginning and end of the centre's path.
+    path_ends: Option<[Vector2<f64>; 2]>,
+}
+
+impl Shape {
+    pub(crate) fn new(step: &Step) -> Self {
+        let path_ends = match &step.target {
+            Target::Path(corners) => corners.first().zip(corners.last()),
+            _ => None,
+        };
+        Self {
+            ring: formation::ring(&step.formation),
+            altitude_m: step.formation.altitude_m,
+            band_step_m: step.formation.band_step_m,
+            path_ends: path_ends.map(|(first, last)| [Vector2::from(*first), Vector2::from(*last)]),
+        }
+    }
+
+    /// ρ of a place given from the centre, m.
+    pub(crate) fn level_m(&self, from_centre_m: Vector3<f64>) -> f64 {
+        let flat_m = self.ring.level_m(from_centre_m.xy());
+        self.ring
+            .gamma_z
+            .map_or(flat_m, |gamma_z| (math::square(flat_m) + gamma_z * math::square(from_centre_m.z)).sqrt())
+    }
+
+    /// The altitude of a rank, counted from the middle one, m; none on an ellipsoid, which has all altitudes.
+    fn altitude_m(&self, rank: f64) -> Option<f64> {
+        self.ring.gamma_z.is_none().then_some(self.altitude_m + rank * self.band_step_m)
+    }
+
+    /// Whether a centre that is here is on its way.
+    fn is_on_the_way(&self, centre_ne_m: Vector2<f64>) -> bool {
+        self.path_ends.is_some_and(|ends| !ends.contains(&centre_ne_m))
+    }
+}
+
+/// What all agents together have counted since the start.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Totals {
+    /// States said.
+    pub state_messages: u64,
+    /// Their payload, bytes.
+    pub state_bytes: u64,
+    /// How often safety filters have stepped in; `None` without filters.
+    pub safety_activations: Option<u64>,
+    /// Asks that external laws have not answered; `None` without such laws.
+    pub law_misses: Option<u64>,
+    /// Steps that ended after the next frame was due; of one machine that controls everybody, the frames that it left out.
+    pub frame_overruns: u64,
+}
+
+/// What one vehicle spent.
+#[derive(Clone, Copy, Debug, Default)]
+struct Effort {
+    energy_j: Option<f64>,
+    stick_square: series::Mean,
+}
+
+impl Metrics {
+    /// Nothing measured yet.
+    pub fn new(scenario: &Scenario, run: Run) -> Self {
+        let vehicles = scenario.swarm.vehicles;
+        let steps = &scenario.mission.steps;
+        let scenario::Formation { law, vertical, ref slots, .. } = scenario.formation;
+        let is_radial = !law.has_slots() || slots.pattern == Pattern::Circle;
+        Self {
+            run,
+            is_central: scenario.control.mode == ControlMode::Central,
+            is_flock: law.is_flock(),
+            is_radial,
+            has_altitude: vertical == Vertical::Bands,
+            is_round: !law.is_flock() && is_radial && vertical == Vertical::Bands,
+            shapes: steps.iter().map(Shape::new).collect(),
+            places: steps.iter().filter(|step| !matches!(step.target, Target::Land(_))).count(),
+            t_s: 0.0,
+            at_altitude: Settling::default(),
+            in_band: Settling::default(),
+            even_10deg: Settling::default(),
+            even_5deg: Settling::default(),
+            radial: vec![RadialSeries::default(); vehicles],
+            spacing: series::Window::default(),
+            centroid: series::Window::default(),
+            following: Following::default(),
+            alignment: Alignment::default(),
+            graph: Graph::default(),
+            steps: Steps::new(steps.len(), vehicles),
+            forced_advances: 0,
+            membership: Membership::new(vehicles, scenario.network.fade_m.or(scenario.network.range_m)),
+            transients: Transients::default(),
+            crashes: Crashes::new(vehicles),
+            nearest_pair_m: None,
+            separations: vec![f64::INFINITY; vehicles * vehicles],
+            collision_risk: series::Mean::default(),
+            max_tilt_rad: 0.0,
+            stick_square: series::Mean::default(),
+            effort: vec![Effort::default(); vehicles],
+            ages: AgeHistogram::default(),
+            steps_us: Vec::new(),
+            bearings: Vec::with_capacity(vehicles),
+            totals: Totals::default(),
+        }
+    }
+
+    /// All vehicles whose state is known `t_s` seconds into the window, in the order of ids, after the incidents and the words
+    /// that came until then; call it about fifty times a second.
+    pub fn observe(&mut self, t_s: f64, vehicles: &[VehicleNow]) {
+        let dt_s = t_s - self.t_s;
+        self.t_s = t_s;
+        self.membership.observe(t_s, vehicles);
+        self.steps.observe(t_s, vehicles);
+        self.alignment.observe(t_s, vehicles);
+        self.graph.observe(t_s, vehicles, self.alignment.directions());
+        self.crashes.observe(vehicles);
+        self.observe_members(t_s, vehicles);
+        self.observe_pairs(vehicles);
+        self.observe_effort(dt_s, vehicles);
+    }
+
+    /// Something that really happened to the swarm.
+    pub fn incident(&mut self, t_s: f64, incident: &Incident) {
+        match incident {
+            Incident::Died(id) => self.membership.died(t_s, *id),
+            Incident::Restarted(id) => self.membership.restarted(t_s, *id),
+            Incident::Failed(id, ..) => self.membership.failed(t_s, *id),
+            Incident::Cut { links } => self.membership.cut(t_s, links),
+            Incident::Healed { links } => self.membership.healed(t_s, links),
+            Incident::Delayed { .. } | Incident::DelayOver { .. } => {}
+        }
+    }
+
+    /// Something that a vehicle said of itself.
+    pub fn tell(&mut self, t_s: f64, speaker: VehicleId, what: &Happening) {
+        self.forced_advances += u64::from(matches!(what, Happening::ForcedAdvance { .. }));
+        self.membership.told(t_s, speaker, what);
+    }
+
+    /// Age of one peer's word at one step, s, by the receiver's clock; of a peer that is not lost.
+    pub fn observe_age(&mut self, age_s: f64) {
+        if !self.is_central {
+            self.ages.add(age_s);
+        }
+    }
+
+    /// Time from one frame's arrival to its last control, µs.
+    pub fn observe_step(&mut self, step_us: f64) {
+        self.steps_us.push(step_us);
+    }
+
+    /// Totals over all vehicles since the start.
+    pub fn count(&mut self, totals: Totals) {
+        self.totals = totals;
+    }
+
+    /// Seconds into the window.
+    pub fn t_s(&self) -> f64 {
+        self.t_s
+    }
+
+    /// What the members' places say.
+    fn observe_members(&mut self, t_s: f64, vehicles: &[VehicleNow]) {
+        let members = || vehicles.iter().filter(|vehicle| vehicle.takes_part());
+        let count = members().count();
+        let middle_rank = (count as f64 - 1.0) / 2.0;
+        let (mut high, mut inside, mut sum_ne_m) = (true, true, Vector2::zeros());
+        self.bearings.clear();
+        for (rank, member) in members().enumerate() {
+            let Some(shape) = self.shapes.get(member.step as usize) else { continue };
+            let centre = PositionNed::new(member.centre_ne_m.x, member.centre_ne_m.y, -shape.altitude_m);
+            let from_centre_m = member.truth.position - centre;
+            let (from_centre_ne_m, rho_m) = (from_centre_m.xy(), shape.level_m(from_centre_m));
+            let is_inside = shape.ring.holds(from_centre_m);
+            let altitude_m = member.truth.position.altitude_m();
+            let wanted_m = shape.altitude_m(rank as f64 - middle_rank);
+            high &= wanted_m.is_some_and(|wanted_m| altitude_m >= AT_ALTITUDE_SHARE * wanted_m);
+            inside &= is_inside;
+            sum_ne_m += from_centre_ne_m;
+            self.bearings.push(math::atan2(from_centre_ne_m.y, from_centre_ne_m.x));
+            if shape.is_on_the_way(member.centre_ne_m) {
+                self.following.follow(from_centre_ne_m.norm(), is_inside);
+            }
+            if let Some(series) = self.radial.get_mut(index(member.id)) {
+                let radial_error_m = rho_m - shape.ring.radius_m;
+                let altitude_error_m = wanted_m.map(|wanted_m| altitude_m - wanted_m);
+                series.add(InFormation { t_s, rho_m, radial_error_m, altitude_error_m, inside: is_inside });
+            }
+        }
+        if count > 0 {
+            let lag_m = sum_ne_m.norm() / count as f64;
+            self.centroid.add(t_s, lag_m);
+            self.following.trail(lag_m);
+        }
+        self.settle(t_s, count > 0 && high, count > 0 && inside, members().map(|member| member.step).max());
+    }
+
+    /// What of the formation holds now, at this step.
+    fn settle(&mut self, t_s: f64, high: bool, inside: bool, step: Option<u32>) {
+        self.at_altitude.observe(t_s, high);
+        self.in_band.observe(t_s, inside);
+        let deviation_deg =
+            largest_gap_deviation_rad(&mut self.bearings).filter(|_| self.is_round).map(f64::to_degrees);
+        self.even_10deg.observe(t_s, deviation_deg.is_some_and(|deviation_deg| deviation_deg < 10.0));
+        self.even_5deg.observe(t_s, deviation_deg.is_some_and(|deviation_deg| deviation_deg < 5.0));
+        if let Some(deviation_deg) = deviation_deg {
+            self.spacing.add(t_s, deviation_deg);
+        }
+        // One alone has no gaps.
+        let is_even = deviation_deg.is_none_or(|deviation_deg| deviation_deg < 10.0);
+        let (members, is_split) = (self.membership.members(), self.membership.is_split());
+        self.transients.observe(t_s, members, is_split, step, inside && is_even);
+    }
+
+    /// What the vehicles spend.
+    fn observe_effort(&mut self, dt_s: f64, vehicles: &[VehicleNow]) {
+        for vehicle in vehicles.iter().filter(|vehicle| vehicle.runs) {
+            let truth = &vehicle.truth;
+            let tilt_rad = truth.attitude.roll_rad.abs().max(truth.attitude.pitch_rad.abs());
+            self.max_tilt_rad = self.max_tilt_rad.max(tilt_rad);
+            let Some(effort) = self.effort.get_mut(index(vehicle.id)) else { continue };
+            if let Some(power_w) = truth.power_w {
+                *effort.energy_j.get_or_insert(0.0) += power_w * dt_s;
+            }
+            if let Some(sticks) = vehicle.sticks {
+                let square = (math::square(sticks.roll) + math::square(sticks.pitch) + math::square(sticks.yaw)) / 3.0;
+                effort.stick_square.add(square);
+                self.stick_square.add(square);
+            }
+        }
+    }
+
+    /// What every pair's distance says.
+    fn observe_pairs(&mut self, vehicles: &[VehicleNow]) {
+        let count = self.radial.len();
+        let has_path = self.shapes.iter().any(|shape| shape.path_ends.is_some());
+        let counts = !self.is_flock || !has_path || self.following.has_begun;
+        let (mut nearest_square, mut colliding) = (f64::INFINITY, 0_u32);
+        for (nth, one) in vehicles.iter().enumerate() {
+            for other in &vehicles[..nth] {
+                if one.truth.height_m <= AIRBORNE_ABOVE_M || other.truth.height_m <= AIRBORNE_ABOVE_M {
+                    continue;
+                }
+                let square = (one.truth.position - other.truth.position).norm_squared();
+                nearest_square = nearest_square.min(square);
+                colliding += u32::from(square < COLLISION_M * COLLISION_M);
+                let (low, high) = (index(one.id).min(index(other.id)), index(one.id).max(index(other.id)));
+                if let Some(least) = self.separations.get_mut(low * count + high).filter(|_| counts) {
+                    *least = least.min(square);
+                }
+            }
+        }
+        self.nearest_pair_m = nearest_square.is_finite().then(|| nearest_square.sqrt());
+        if counts && count > 1 {
+            self.collision_risk.add(f64::from(colliding) / pairs(count));
+        }
+    }
+}
+
+/// How many pairs so many vehicles make.
+fn pairs(vehicles: usize) -> f64 {
+    (vehicles * vehicles.saturating_sub(1) / 2) as f64
+}
+
+/// Where the vehicle stands in tables that are in the order of ids.
+fn index(id: VehicleId) -> usize {
+    usize::from(id.get()) - 1
+}
+
+/// Largest deviation of a gap between neighbouring bearings from the even gap; `None` for fewer than two. Sorts them.
+pub fn largest_gap_deviation_rad(bearings_rad: &mut [f64]) -> Option<f64> {
+    let count = bearings_rad.len();
+    if count < 2 {
+        return None;
+    }
+    bearings_rad.sort_unstable_by(f64::total_cmp);
+    let even = TAU / count as f64;
+    let across = bearings_rad[0] + TAU - bearings_rad[count - 1];
+    let within = bearings_rad.windows(2).map(|pair| pair[1] - pair[0]);
+    Some(within.chain([across]).map(|gap| (gap - even).abs()).fold(0.0, f64::max))
+}
+
+#[cfg(test)]
+mod tests;

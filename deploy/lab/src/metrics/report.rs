@@ -1,0 +1,355 @@
+//! The figures of one run as they are written: the keys of `metrics.json`.
+
+use std::collections::BTreeMap;
+
+use serde::Serialize;
+use skein_common::scenario::Scenario;
+
+use super::series::{Worst, extremes, mean, quantile, rms};
+use super::{COLLISION_M, Metrics, STEADY_S, pairs};
+
+/// What was run.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct Run {
+    /// Name of the scenario.
+    pub scenario: String,
+    /// Its preset.
+    pub preset: String,
+    /// Formation law.
+    pub law: String,
+    /// Field conversion.
+    pub conversion: String,
+    /// What moved.
+    pub plant: String,
+    /// `fly` or `study`.
+    pub target: String,
+    /// Of all randomness.
+    pub seed: u64,
+    /// Of the program.
+    pub version: String,
+    /// Git revision that the program was built from.
+    pub revision: String,
+    /// How many vehicles.
+    pub vehicles: usize,
+}
+
+impl Run {
+    /// A run of this scenario by `target`.
+    pub fn new(scenario: &Scenario, target: &str) -> Self {
+        Self {
+            scenario: scenario.name.clone(),
+            preset: word(&scenario.preset),
+            law: word(&scenario.formation.law),
+            conversion: word(&scenario.formation.conversion),
+            plant: word(&scenario.swarm.plant),
+            target: target.to_owned(),
+            seed: scenario.seed,
+            version: crate::VERSION.to_owned(),
+            revision: crate::REVISION.to_owned(),
+            vehicles: scenario.swarm.vehicles,
+        }
+    }
+}
+
+/// A choice as the scenario file spells it.
+fn word(choice: &impl Serialize) -> String {
+    match serde_json::to_value(choice) {
+        Ok(serde_json::Value::String(word)) => word,
+        _ => String::new(),
+    }
+}
+
+/// Whether more or less of a figure is worse.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Direction {
+    /// More is worse.
+    More,
+    /// Less is worse.
+    Less,
+}
+
+/// Which way each figure gets worse; figures that are neither good nor bad are missing.
+pub const DIRECTIONS: [(&str, Direction); 47] = [
+    ("at_altitude_s", Direction::More),
+    ("in_band_s", Direction::More),
+    ("even_10deg_s", Direction::More),
+    ("even_5deg_s", Direction::More),
+    ("radial_rms_m", Direction::More),
+    ("radial_min_m", Direction::Less),
+    ("radial_max_m", Direction::More),
+    ("spacing_error_deg", Direction::More),
+    ("nearest_pair_end_m", Direction::Less),
+    ("min_separation_m", Direction::Less),
+    ("collisions", Direction::More),
+    ("collision_risk", Direction::More),
+    ("crashes", Direction::More),
+    ("oscillation_m", Direction::More),
+    ("max_tilt_deg", Direction::More),
+    ("altitude_rms_m", Direction::More),
+    ("stick_rms", Direction::More),
+    ("energy_j", Direction::More),
+    ("band_occupancy", Direction::Less),
+    ("polarization", Direction::Less),
+    ("order", Direction::Less),
+    ("safety", Direction::Less),
+    ("union", Direction::Less),
+    ("connectivity", Direction::Less),
+    ("connected_share", Direction::Less),
+    ("velocity_correlation", Direction::Less),
+    ("disconnected_vehicles", Direction::More),
+    ("min_cluster_vehicles", Direction::Less),
+    ("centroid_lag_m", Direction::More),
+    ("max_centre_distance_m", Direction::More),
+    ("setpoints_reached", Direction::Less),
+    ("setpoint_skew", Direction::More),
+    ("advance_latency_s", Direction::More),
+    ("forced_advances", Direction::More),
+    ("detection_s", Direction::More),
+    ("false_suspicions", Direction::More),
+    ("rejoin_s", Direction::More),
+    ("response_s", Direction::More),
+    ("transient_s", Direction::More),
+    ("state_messages", Direction::More),
+    ("state_bytes", Direction::More),
+    ("peer_age_p50_ms", Direction::More),
+    ("peer_age_p99_ms", Direction::More),
+    ("step_p50_us", Direction::More),
+    ("step_p99_us", Direction::More),
+    ("frame_overruns", Direction::More),
+    ("law_misses", Direction::More),
+];
+
+/// The only keys that may differ between two runs of the same scenario and seed in virtual time.
+pub const WALL_CLOCK_KEYS: [&str; 5] = ["wall_s", "real_time_factor", "step_p50_us", "step_p99_us", "frame_overruns"];
+
+/// How long a run took by the wall clock.
+#[derive(Clone, Copy, Debug)]
+pub struct Wall {
+    /// s.
+    pub wall_s: f64,
+    /// Seconds flown, joining included, for each second of wall clock.
+    pub real_time_factor: f64,
+}
+
+/// `metrics.json`.
+#[derive(Clone, Debug, Serialize)]
+#[expect(missing_docs, reason = "the keys are documented as a table in the README and defined in the module above")]
+pub struct Report {
+    #[serde(flatten)]
+    pub run: Run,
+    pub duration_s: f64,
+    pub at_altitude_s: Option<f64>,
+    pub in_band_s: Option<f64>,
+    pub even_10deg_s: Option<f64>,
+    pub even_5deg_s: Option<f64>,
+    pub radial_rms_m: Option<f64>,
+    pub radial_mean_m: Option<f64>,
+    pub radial_min_m: Option<f64>,
+    pub radial_max_m: Option<f64>,
+    pub spacing_error_deg: Option<f64>,
+    pub nearest_pair_end_m: Option<f64>,
+    pub min_separation_m: Option<f64>,
+    pub collisions: u64,
+    pub crashes: u64,
+    pub safety_activations: Option<u64>,
+    pub oscillation_m: Option<f64>,
+    pub max_tilt_deg: f64,
+    pub altitude_rms_m: Option<f64>,
+    pub stick_rms: Option<f64>,
+    pub energy_j: Option<f64>,
+    pub band_occupancy: Option<f64>,
+    pub polarization: Option<f64>,
+    pub order: Option<f64>,
+    pub safety: Option<f64>,
+    pub union: Option<f64>,
+    pub connectivity: Option<f64>,
+    pub connected_share: Option<f64>,
+    pub velocity_correlation: Option<f64>,
+    pub collision_risk: Option<f64>,
+    pub mean_speed_m_s: Option<f64>,
+    pub disconnected_vehicles: Option<f64>,
+    pub min_cluster_vehicles: Option<f64>,
+    pub centroid_lag_m: Option<f64>,
+    pub max_centre_distance_m: Option<f64>,
+    pub setpoints_reached: Option<u64>,
+    pub setpoint_skew: Option<u64>,
+    pub advance_latency_s: Option<f64>,
+    pub forced_advances: Option<u64>,
+    pub detection_s: Option<f64>,
+    pub false_suspicions: Option<u64>,
+    pub rejoin_s: Option<f64>,
+    pub response_s: Option<f64>,
+    pub transient_s: Option<f64>,
+    pub state_messages: u64,
+    pub state_bytes: u64,
+    pub peer_age_p50_ms: Option<f64>,
+    pub peer_age_p99_ms: Option<f64>,
+    pub step_p50_us: Option<f64>,
+    pub step_p99_us: Option<f64>,
+    pub frame_overruns: Option<u64>,
+    pub law_misses: Option<u64>,
+    pub wall_s: f64,
+    pub real_time_factor: f64,
+    /// Keys of what could have happened and never did.
+    pub never: Vec<&'static str>,
+    /// Radial error and effort of each vehicle, by id.
+    pub vehicle: BTreeMap<String, VehicleReport>,
+}
+
+/// One vehicle's own figures.
+#[derive(Clone, Copy, Debug, Serialize)]
+#[expect(missing_docs, reason = "the same keys as the swarm's")]
+pub struct VehicleReport {
+    pub radial_rms_m: Option<f64>,
+    pub radial_mean_m: Option<f64>,
+    pub oscillation_m: Option<f64>,
+    pub stick_rms: Option<f64>,
+    pub energy_j: Option<f64>,
+}
+
+impl Metrics {
+    /// The figures of the run so far.
+    pub fn report(&self, wall: Wall) -> Report {
+        let steady = self.t_s >= STEADY_S - 0.01;
+        let when_steady = |figure: Option<f64>| figure.filter(|_| steady);
+        let since_s = self.t_s - STEADY_S;
+        let samples = || self.radial.iter().flat_map(|series| series.samples(since_s));
+        let when_radial = |figure: Option<f64>| figure.filter(|_| steady && self.is_radial);
+        let radial = extremes(samples().map(|sample| sample.rho_m)).filter(|_| steady && self.is_radial);
+        let settled = self.settled();
+        let came = self.came();
+        let (least_m, collisions) = self.separation();
+        let pairs = pairs(self.run.vehicles);
+        let mut steps_us = self.steps_us.clone();
+        let live = !steps_us.is_empty();
+        let on_the_way = |figure: Option<u64>| figure.filter(|_| self.shapes.len() > 1);
+        Report {
+            run: self.run.clone(),
+            duration_s: self.t_s,
+            at_altitude_s: settled[0].1,
+            in_band_s: settled[1].1,
+            even_10deg_s: settled[2].1,
+            even_5deg_s: settled[3].1,
+            radial_rms_m: when_radial(rms(samples().map(|sample| sample.radial_error_m))),
+            radial_mean_m: when_radial(mean(samples().map(|sample| sample.rho_m))),
+            radial_min_m: radial.map(|(least, _)| least),
+            radial_max_m: radial.map(|(_, largest)| largest),
+            spacing_error_deg: when_steady(self.spacing.mean(since_s)),
+            nearest_pair_end_m: self.nearest_pair_m,
+            min_separation_m: least_m,
+            collisions,
+            crashes: self.crashes.count(),
+            safety_activations: self.totals.safety_activations,
+            oscillation_m: when_steady(
+                extremes(self.radial.iter().filter_map(|s| s.oscillation_m(since_s))).map(|e| e.1),
+            ),
+            max_tilt_deg: self.max_tilt_rad.to_degrees(),
+            altitude_rms_m: when_steady(rms(samples().filter_map(|sample| sample.altitude_error_m))),
+            stick_rms: self.stick_square.mean().map(f64::sqrt),
+            energy_j: self.effort.iter().filter_map(|effort| effort.energy_j).reduce(|sum, energy| sum + energy),
+            band_occupancy: if self.is_flock {
+                self.following.inside.mean()
+            } else {
+                when_radial(mean(samples().map(|sample| if sample.inside { 1.0 } else { 0.0 })))
+            },
+            polarization: when_steady(self.alignment.polarization.mean(since_s)),
+            order: when_steady(self.alignment.order.mean(since_s)),
+            safety: (pairs > 0.0).then(|| 1.0 - collisions as f64 / pairs),
+            union: self.graph.union.mean(),
+            connectivity: self.graph.connectivity.mean(),
+            connected_share: self.graph.connected.mean(),
+            velocity_correlation: when_steady(self.graph.correlation.mean(since_s)),
+            collision_risk: self.collision_risk.mean(),
+            mean_speed_m_s: when_steady(self.alignment.speed_m_s.mean(since_s)),
+            disconnected_vehicles: self.graph.disconnected.mean(),
+            min_cluster_vehicles: self.graph.smallest.mean(),
+            centroid_lag_m: if self.is_flock {
+                self.following.lag_m.mean()
+            } else {
+                when_steady(self.centroid.mean(since_s))
+            },
+            max_centre_distance_m: self.following.farthest_m,
+            setpoints_reached: self.steps.passed(),
+            setpoint_skew: on_the_way(self.steps.skew()),
+            advance_latency_s: self.steps.latency_s(),
+            forced_advances: on_the_way(Some(self.forced_advances)),
+            detection_s: came[0].1.s(),
+            false_suspicions: (pairs > 0.0).then(|| self.membership.false_suspicions()),
+            rejoin_s: came[1].1.s(),
+            response_s: came[2].1.s(),
+            transient_s: came[3].1.s(),
+            state_messages: self.totals.state_messages,
+            state_bytes: self.totals.state_bytes,
+            peer_age_p50_ms: self.ages.quantile_ms(0.5),
+            peer_age_p99_ms: self.ages.quantile_ms(0.99),
+            step_p50_us: quantile(&mut steps_us, 0.5),
+            step_p99_us: quantile(&mut steps_us, 0.99),
+            frame_overruns: (live || self.is_central).then_some(self.totals.frame_overruns),
+            law_misses: self.totals.law_misses,
+            wall_s: wall.wall_s,
+            real_time_factor: wall.real_time_factor,
+            never: self.never(&settled, &came),
+            vehicle: self.vehicles(steady),
+        }
+    }
+
+    /// What settles for good, and since when it has.
+    fn settled(&self) -> [(&'static str, Option<f64>); 4] {
+        [
+            ("at_altitude_s", self.at_altitude.since_s()),
+            ("in_band_s", self.in_band.since_s().filter(|_| self.is_radial)),
+            ("even_10deg_s", self.even_10deg.since_s()),
+            ("even_5deg_s", self.even_5deg.since_s()),
+        ]
+    }
+
+    /// What should come after an incident.
+    fn came(&self) -> [(&'static str, Worst); 4] {
+        let transient = if self.is_round { self.transients.worst(self.t_s) } else { Worst::default() };
+        [
+            ("detection_s", self.membership.detection(self.t_s)),
+            ("rejoin_s", self.membership.rejoin(self.t_s)),
+            ("response_s", self.membership.response(self.t_s)),
+            ("transient_s", transient),
+        ]
+    }
+
+    /// Keys of what could have happened and never did.
+    fn never(&self, settled: &[(&'static str, Option<f64>)], came: &[(&'static str, Worst)]) -> Vec<&'static str> {
+        // A single vehicle has no spacing, a flock has none to keep, an ellipsoid has all altitudes: that does not apply rather
+        // than never happen. Nor does settling where the swarm is to go on.
+        let applies = |key: &str| match key {
+            _ if self.places > 1 => false,
+            "at_altitude_s" => self.has_altitude,
+            "in_band_s" => self.is_radial,
+            "even_10deg_s" | "even_5deg_s" => self.is_round && self.run.vehicles > 1,
+            _ => true,
+        };
+        let unsettled = settled.iter().filter(|(key, since_s)| since_s.is_none() && applies(key)).map(|(key, _)| *key);
+        unsettled.chain(came.iter().filter(|(_, worst)| worst.is_never()).map(|(key, _)| *key)).collect()
+    }
+
+    /// Least distance of any airborne pair, and how many pairs collided.
+    fn separation(&self) -> (Option<f64>, u64) {
+        let met = || self.separations.iter().filter(|square| square.is_finite()).map(|square| square.sqrt());
+        let collisions = met().filter(|&distance_m| distance_m < COLLISION_M).count() as u64;
+        (extremes(met()).map(|(least, _)| least), collisions)
+    }
+
+    fn vehicles(&self, steady: bool) -> BTreeMap<String, VehicleReport> {
+        let when_steady = |figure: Option<f64>| figure.filter(|_| steady);
+        let when_radial = |figure: Option<f64>| when_steady(figure).filter(|_| self.is_radial);
+        let since_s = self.t_s - STEADY_S;
+        let rows = self.radial.iter().zip(&self.effort).enumerate().map(|(nth, (series, effort))| {
+            let report = VehicleReport {
+                radial_rms_m: when_radial(rms(series.samples(since_s).map(|sample| sample.radial_error_m))),
+                radial_mean_m: when_radial(mean(series.samples(since_s).map(|sample| sample.rho_m))),
+                oscillation_m: when_steady(series.oscillation_m(since_s)),
+                stick_rms: effort.stick_square.mean().map(f64::sqrt),
+                energy_j: effort.energy_j,
+            };
+            ((nth + 1).to_string(), report)
+        });
+        rows.collect()
+    }
+}

@@ -1,0 +1,61 @@
+//! The folder that a run writes into.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use crate::error::Error;
+use skein_host::clock;
+
+/// The absolute path of `out`, or of a new folder in `skein-runs` named after what runs and the time of day. Nothing is
+/// created yet.
+///
+/// # Errors
+/// A folder with files in it, or a path that is no folder: what a run wrote is never overwritten.
+pub fn folder(out: Option<&Path>, name: &str) -> Result<PathBuf, Error> {
+    let out = match out {
+        Some(out) => out.to_owned(),
+        None => fresh(&Path::new("skein-runs").join(format!("{name}-{}", clock::utc_name()))),
+    };
+    let out = std::path::absolute(&out).map_err(|error| Error::Refused(format!("{}: {error}", out.display())))?;
+    let refused = |why: &str| Err(Error::Refused(format!("--out {}: {why}", out.display())));
+    match fs::read_dir(&out).map(|mut entries| entries.next().is_some()) {
+        Ok(true) => refused("there are files in it already; choose another folder"),
+        Ok(false) => Ok(out),
+        Err(_) if out.exists() => refused("not a folder that can be written to"),
+        Err(_) => Ok(out),
+    }
+}
+
+/// The path, or with the first number behind it that makes it new.
+fn fresh(path: &Path) -> PathBuf {
+    let numbered = |number: u32| {
+        let mut name = path.as_os_str().to_owned();
+        name.push(format!("-{number}"));
+        PathBuf::from(name)
+    };
+    if path.exists() { (2..).map(numbered).find(|path| !path.exists()).unwrap_or_default() } else { path.to_owned() }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_folder_with_files_is_left_alone() {
+        let temporary = tempfile::tempdir().unwrap();
+        assert_eq!(folder(Some(temporary.path()), "x").unwrap(), temporary.path(), "an empty one is welcome");
+        let file = temporary.path().join("x");
+        fs::write(&file, "").unwrap();
+        assert_eq!(folder(Some(temporary.path()), "x").unwrap_err().exit_code(), 2);
+        assert_eq!(folder(Some(&file), "x").unwrap_err().exit_code(), 2);
+    }
+
+    #[test]
+    fn two_runs_in_a_second_have_two_folders() {
+        let temporary = tempfile::tempdir().unwrap();
+        let path = temporary.path().join("hover-1");
+        assert_eq!(fresh(&path), path);
+        fs::create_dir(&path).unwrap();
+        assert_eq!(fresh(&path), temporary.path().join("hover-1-2"));
+    }
+}

@@ -1,0 +1,336 @@
+//! Writing a recording.
+
+use std::borrow::Cow;
+use std::collections::BTreeMap;
+use std::io::{Seek, Write};
+
+use foxglove::Encode;
+use foxglove::messages::{FrameTransforms, LocationFix, Log, SceneUpdate};
+use mcap::records::{MessageHeader, Metadata};
+use mcap::{Attachment, Compression, WriteOptions};
+use serde::Serialize;
+use serde_json::Value;
+use skein_common::frame::Origin;
+use skein_common::id::VehicleId;
+use skein_common::message::{Happening, Header, Message, Trace};
+use skein_common::scenario::{Formation, Scenario};
+use skein_common::state::Membership;
+
+use super::format::{self, EventLine, FaultLine, log_time_ns, seconds_since};
+use super::{RecordError, scene, schema};
+use crate::faults::Incident;
+use crate::metrics::Run;
+use crate::recording::Watch;
+
+/// Uncompressed size at which a chunk is closed, bytes: what one fault of the disk can cost.
+const CHUNK_BYTES: u64 = 64 * 1024;
+/// A vehicle silent for this long tells nothing of the centre, s.
+const SILENT_S: f64 = 1.0;
+
+/// What is recorded.
+#[derive(Clone, Copy, Debug)]
+pub struct About<'a> {
+    /// What flies.
+    pub scenario: &'a Scenario,
+    /// The same as a complete file.
+    pub scenario_toml: &'a str,
+    /// In which run.
+    pub run: &'a Run,
+    /// What log times count from, for people.
+    pub clock: &'a str,
+}
+
+/// Writes a recording. Of what goes wrong the first is kept for [`Self::finish`]; nothing is written after it.
+pub struct Writer<W: Write + Seek> {
+    mcap: mcap::Writer<W>,
+    channels: Channels,
+    origin: Origin,
+    /// Of each step of the mission.
+    formations: Vec<Formation>,
+    /// Of each vehicle that takes part, when it was last seen to.
+    members: BTreeMap<VehicleId, u64>,
+    /// The step whose formation was drawn last.
+    drawn: Option<u32>,
+    /// What is recorded through [`Watch`] counts from here.
+    zero_ns: u64,
+    /// Steps with impossible numbers.
+    refused: u64,
+    failed: Option<RecordError>,
+    bytes: Vec<u8>,
+}
+
+/// Where each kind of message goes.
+struct Channels {
+    traces: BTreeMap<VehicleId, Channel>,
+    locations: BTreeMap<VehicleId, Channel>,
+    events: Channel,
+    faults: Channel,
+    transforms: Channel,
+    vehicles: Channel,
+    formation: Channel,
+    log: Channel,
+}
+
+/// One channel, with the number of its next message.
+struct Channel {
+    id: u16,
+    sequence: u32,
+}
+
+impl<W: Write + Seek> Writer<W> {
+    /// A recording that begins with what it is about. Log times that come through [`Watch`] count from `zero_ns`.
+    ///
+    /// # Errors
+    /// If it cannot be written.
+    pub fn new(to: W, about: &About<'_>, zero_ns: u64) -> Result<Self, RecordError> {
+        let mut mcap = options().create(to)?;
+        mcap.write_metadata(&Metadata { name: format::RUN.to_owned(), metadata: run_record(about) })?;
+        mcap.attach(&Attachment {
+            log_time: zero_ns,
+            create_time: zero_ns,
+            name: format::SCENARIO.to_owned(),
+            media_type: "application/toml".to_owned(),
+            data: about.scenario_toml.as_bytes().into(),
+        })?;
+        let scenario = about.scenario;
+        let mut writer = Self {
+            channels: Channels::new(&mut mcap, scenario)?,
+            mcap,
+            origin: Origin::new(scenario.origin.geodetic()),
+            formations: scenario.mission.steps.iter().map(|step| step.formation.clone()).collect(),
+            members: BTreeMap::new(),
+            drawn: None,
+            zero_ns,
+            refused: 0,
+            failed: None,
+            bytes: Vec::new(),
+        };
+        let vehicles = scene::vehicles(scene::timestamp(zero_ns), scenario.ids());
+        writer.say(|channels| Some(&mut channels.vehicles), zero_ns, &vehicles);
+        writer.flush();
+        Ok(writer)
+    }
+
+    /// One step of one vehicle. One with impossible numbers is counted, not written.
+    pub fn step(&mut self, log_time_ns: u64, trace: &Trace) {
+        if !trace.is_plausible() {
+            self.refused += 1;
+            return;
+        }
+        let (id, time) = (trace.header.sender, scene::timestamp(log_time_ns));
+        self.say_json(|channels| channels.traces.get_mut(&id), log_time_ns, trace);
+        self.say(|channels| Some(&mut channels.transforms), log_time_ns, &scene::vehicle_transform(time, trace));
+        let location = scene::location(time, &self.origin, trace);
+        self.say(|channels| channels.locations.get_mut(&id), log_time_ns, &location);
+        self.draw_formation(log_time_ns, trace);
+    }
+
+    /// Something that a vehicle said of itself, and the message's header, if it came as one.
+    pub fn happened(&mut self, log_time_ns: u64, speaker: VehicleId, header: Option<&Header>, what: &Happening) {
+        let text = what.to_string();
+        self.note(log_time_ns, matches!(what, Happening::Failed(_)), format!("vehicle {speaker}"), text.clone());
+        let (incarnation, sequence) = header.map(|header| (header.incarnation, header.sequence)).unzip();
+        let line = EventLine { vehicle: speaker, incarnation, sequence, text: text.into(), what: *what };
+        self.say_json(|channels| Some(&mut channels.events), log_time_ns, &line);
+    }
+
+    /// Something that was done to the swarm.
+    pub fn incident(&mut self, log_time_ns: u64, incident: &Incident) {
+        let text = incident.to_string();
+        self.note(log_time_ns, true, "swarm".to_owned(), text.clone());
+        let line = FaultLine { vehicle: format::of_whom(incident), text: text.into(), what: Cow::Borrowed(incident) };
+        self.say_json(|channels| Some(&mut channels.faults), log_time_ns, &line);
+    }
+
+    /// Something that only people read.
+    pub fn note(&mut self, log_time_ns: u64, is_bad: bool, who: String, what: String) {
+        let line = scene::line(scene::timestamp(log_time_ns), is_bad, who, what);
+        self.say(|channels| Some(&mut channels.log), log_time_ns, &line);
+    }
+
+    /// The window of the figures begins.
+    pub fn window_begins(&mut self, log_time_ns: u64) {
+        self.record(format::BEGINS, &[(format::LOG_TIME, log_time_ns)]);
+    }
+
+    /// It ends.
+    pub fn window_ends(&mut self, log_time_ns: u64) {
+        self.record(format::ENDS, &[(format::LOG_TIME, log_time_ns)]);
+    }
+
+    /// Hands everything so far to what is written to.
+    pub fn flush(&mut self) {
+        self.attempt(|mcap| mcap.flush());
+    }
+
+    /// Closes the file; `dropped` steps came faster than they could be written. Gives what was written to.
+    ///
+    /// # Errors
+    /// The first thing that went wrong since the beginning.
+    pub fn finish(mut self, dropped: u64) -> Result<W, RecordError> {
+        self.record(format::RECORDER, &[("refused_steps", self.refused), ("dropped", dropped)]);
+        self.attempt(|mcap| mcap.finish().map(|_| ()));
+        match self.failed {
+            Some(error) => Err(error),
+            None => Ok(self.mcap.into_inner()),
+        }
+    }
+
+    /// What went wrong so far, if anything did.
+    pub fn failed(&self) -> Option<&RecordError> {
+        self.failed.as_ref()
+    }
+
+    /// The centre as the vehicle with the smallest id that takes part sees it, and the formation there when it changes.
+    fn draw_formation(&mut self, log_time_ns: u64, trace: &Trace) {
+        let id = trace.header.sender;
+        match trace.membership {
+            Membership::Active => self.members.insert(id, log_time_ns),
+            Membership::Joining | Membership::Left => self.members.remove(&id),
+        };
+        self.members.retain(|_, seen_ns| seconds_since(*seen_ns, log_time_ns) < SILENT_S);
+        if self.members.keys().next() != Some(&id) {
+            return;
+        }
+        let Some(formation) = self.formations.get(trace.step as usize) else { return };
+        let time = scene::timestamp(log_time_ns);
+        let centre = scene::centre_transform(time, trace.centre_ne_m, formation.altitude_m);
+        let drawing = (self.drawn != Some(trace.step)).then(|| scene::formation(time, formation));
+        self.say(|channels| Some(&mut channels.transforms), log_time_ns, &centre);
+        if let Some(drawing) = drawing {
+            self.drawn = Some(trace.step);
+            self.say(|channels| Some(&mut channels.formation), log_time_ns, &drawing);
+        }
+    }
+
+    fn say_json(
+        &mut self,
+        channel: impl FnOnce(&mut Channels) -> Option<&mut Channel>,
+        log_time_ns: u64,
+        message: &impl Serialize,
+    ) {
+        self.bytes.clear();
+        // Messages of ours are structs of finite numbers and texts.
+        if serde_json::to_writer(&mut self.bytes, message).is_ok() {
+            self.put(channel, log_time_ns);
+        }
+    }
+
+    fn say(
+        &mut self,
+        channel: impl FnOnce(&mut Channels) -> Option<&mut Channel>,
+        log_time_ns: u64,
+        message: &impl Encode,
+    ) {
+        self.bytes.clear();
+        // Into memory that grows.
+        if message.encode(&mut self.bytes).is_ok() {
+            self.put(channel, log_time_ns);
+        }
+    }
+
+    /// Writes what `bytes` holds. A vehicle that is not of this swarm has no channel.
+    fn put(&mut self, channel: impl FnOnce(&mut Channels) -> Option<&mut Channel>, log_time_ns: u64) {
+        let Some(channel) = channel(&mut self.channels) else { return };
+        let (channel_id, sequence) = (channel.id, channel.sequence);
+        channel.sequence = sequence.wrapping_add(1);
+        let header = MessageHeader { channel_id, sequence, log_time: log_time_ns, publish_time: log_time_ns };
+        let bytes = std::mem::take(&mut self.bytes);
+        self.attempt(|mcap| mcap.write_to_known_channel(&header, &bytes));
+        self.bytes = bytes;
+    }
+
+    fn record(&mut self, name: &str, values: &[(&str, u64)]) {
+        let metadata = values.iter().map(|(key, value)| ((*key).to_owned(), value.to_string())).collect();
+        self.attempt(|mcap| mcap.write_metadata(&Metadata { name: name.to_owned(), metadata }));
+    }
+
+    fn attempt(&mut self, write: impl FnOnce(&mut mcap::Writer<W>) -> mcap::McapResult<()>) {
+        if self.failed.is_none() {
+            self.failed = write(&mut self.mcap).err().map(RecordError::Write);
+        }
+    }
+}
+
+/// How our files are written.
+pub(super) fn options() -> WriteOptions {
+    WriteOptions::new()
+        .compression(Some(Compression::Zstd))
+        // In the caller's thread: the same bytes everywhere.
+        .compression_threads(0)
+        .chunk_size(Some(CHUNK_BYTES))
+        // A chunk is written when it is whole: the file never holds a part of one that is still open.
+        .disable_seeking(true)
+        .library(format!("skein {}", env!("CARGO_PKG_VERSION")))
+}
+
+/// In virtual time.
+impl<W: Write + Seek> Watch for Writer<W> {
+    fn step(&mut self, t_s: f64, trace: &Trace) {
+        Self::step(self, log_time_ns(self.zero_ns, t_s), trace);
+    }
+
+    fn happened(&mut self, t_s: f64, speaker: VehicleId, what: &Happening) {
+        Self::happened(self, log_time_ns(self.zero_ns, t_s), speaker, None, what);
+    }
+
+    fn incident(&mut self, t_s: f64, incident: &Incident) {
+        Self::incident(self, log_time_ns(self.zero_ns, t_s), incident);
+    }
+}
+
+impl Channels {
+    fn new<W: Write + Seek>(mcap: &mut mcap::Writer<W>, scenario: &Scenario) -> Result<Self, RecordError> {
+        let trace = json_schema(mcap, schema::TRACE, &schema::trace())?;
+        let event = json_schema(mcap, schema::EVENT, &schema::event())?;
+        let fault = json_schema(mcap, schema::FAULT, &schema::fault())?;
+        let location = foxglove_schema::<LocationFix, W>(mcap)?;
+        let transforms = foxglove_schema::<FrameTransforms, W>(mcap)?;
+        let scene = foxglove_schema::<SceneUpdate, W>(mcap)?;
+        let log = foxglove_schema::<Log, W>(mcap)?;
+        let mut channel = |topic: &str, (schema, encoding): (u16, &str)| -> Result<Channel, RecordError> {
+            Ok(Channel { id: mcap.add_channel(schema, topic, encoding, &BTreeMap::new())?, sequence: 0 })
+        };
+        let (mut traces, mut locations) = (BTreeMap::new(), BTreeMap::new());
+        for id in scenario.ids() {
+            traces.insert(id, channel(&format::trace_topic(id), trace)?);
+            locations.insert(id, channel(&format::location_topic(id), location)?);
+        }
+        Ok(Self {
+            traces,
+            locations,
+            events: channel(format::EVENTS, event)?,
+            faults: channel(format::FAULTS, fault)?,
+            transforms: channel(format::TRANSFORMS, transforms)?,
+            vehicles: channel(format::VEHICLES, scene)?,
+            formation: channel(format::FORMATION, scene)?,
+            log: channel(format::LOG, log)?,
+        })
+    }
+}
+
+/// A schema with the encoding of its messages.
+type Schema = (u16, &'static str);
+
+fn json_schema<W: Write + Seek>(mcap: &mut mcap::Writer<W>, name: &str, schema: &Value) -> Result<Schema, RecordError> {
+    Ok((mcap.add_schema(name, "jsonschema", schema.to_string().as_bytes())?, "json"))
+}
+
+fn foxglove_schema<M: Encode, W: Write + Seek>(mcap: &mut mcap::Writer<W>) -> Result<Schema, RecordError> {
+    let schema = M::get_schema().ok_or(RecordError::Missing("a schema"))?;
+    Ok((mcap.add_schema(&schema.name, &schema.encoding, &schema.data)?, "protobuf"))
+}
+
+fn run_record(about: &About<'_>) -> BTreeMap<String, String> {
+    let Run { scenario, target, seed, version, revision, .. } = about.run;
+    let entries = [
+        ("format", format::FORMAT.to_owned()),
+        ("scenario", scenario.clone()),
+        ("target", target.clone()),
+        ("seed", seed.to_string()),
+        ("version", version.clone()),
+        ("revision", revision.clone()),
+        ("clock", about.clock.to_owned()),
+    ];
+    entries.into_iter().map(|(key, value)| (key.to_owned(), value)).collect()
+}

@@ -1,0 +1,105 @@
+//! What was done to the swarm, as marks on everything that is drawn over time.
+
+use skein_common::id::VehicleId;
+use skein_common::message::{Happening, Order};
+
+use super::Flight;
+use crate::faults::Incident;
+use crate::recording::What;
+use crate::report::figure::{Mark, Panel};
+
+/// More marks have numbers above, and their words in the caption.
+const FEW_MARKS: usize = 8;
+/// Of the same sort within this time is one mark, s.
+const TOGETHER_S: f64 = 0.5;
+
+/// The panel with the flight's marks, and what its caption says of them.
+pub(super) fn with_marks(flight: &Flight<'_>, panel: Panel) -> (Panel, String) {
+    let mut marks = marks(flight);
+    if marks.len() <= FEW_MARKS {
+        return (Panel { marks, ..panel }, String::new());
+    }
+    let told = marks.iter().enumerate().map(|(nth, mark)| format!("{} {} ({:.0} s)", nth + 1, mark.text, mark.x));
+    let caption = format!(" Marks: {}.", told.collect::<Vec<_>>().join(", "));
+    marks.iter_mut().enumerate().for_each(|(nth, mark)| mark.text = (nth + 1).to_string());
+    (Panel { marks, ..panel }, caption)
+}
+
+/// In the order of time.
+fn marks(flight: &Flight<'_>) -> Vec<Mark> {
+    /// The same sort of thing, about the same time.
+    struct Sort {
+        t_s: f64,
+        who: Vec<VehicleId>,
+        what: String,
+    }
+    let mut sorts: Vec<Sort> = Vec::new();
+    let mut orders: Vec<Order> = Vec::new();
+    for noted in &flight.recording.noted {
+        let (who, what) = match &noted.what {
+            What::Done(Incident::Died(id)) => (Some(*id), "killed".to_owned()),
+            What::Done(Incident::Restarted(id)) => (Some(*id), "restarted".to_owned()),
+            What::Done(Incident::Failed(id, what)) => (Some(*id), what.replace('_', " ")),
+            What::Done(Incident::Cut { .. }) => (None, "links cut".to_owned()),
+            What::Done(Incident::Healed { .. }) => (None, "links healed".to_owned()),
+            What::Done(Incident::Delayed { .. }) => (None, "links delayed".to_owned()),
+            What::Done(Incident::DelayOver { .. }) => (None, "delay over".to_owned()),
+            What::Said(_, Happening::OrderTaken(order)) if !orders.contains(order) => {
+                orders.push(*order);
+                (None, format!("order: {}", order.verb))
+            }
+            What::Said(..) => continue,
+        };
+        match sorts.iter_mut().rev().find(|sort| sort.what == what && noted.t_s - sort.t_s < TOGETHER_S) {
+            Some(sort) => sort.who.extend(who.filter(|who| !sort.who.contains(who))),
+            None => sorts.push(Sort { t_s: noted.t_s, who: who.into_iter().collect(), what }),
+        }
+    }
+    sorts.sort_by(|one, other| one.t_s.total_cmp(&other.t_s));
+    let word = |sort: Sort| {
+        let who: Vec<_> = sort.who.iter().map(ToString::to_string).collect();
+        let text = match who.len() {
+            0 => sort.what,
+            1..=4 => format!("{} {}", who.join(", "), sort.what),
+            many => format!("{many} vehicles {}", sort.what),
+        };
+        Mark { x: sort.t_s, text }
+    };
+    sorts.into_iter().map(word).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use skein_common::scenario::{Source, load};
+
+    use super::*;
+    use crate::metrics::Run;
+    use crate::recording::{Noted, Recording};
+    use crate::report::figure::Axis;
+
+    fn marked(noted: Vec<Noted>) -> (Vec<(f64, String)>, String) {
+        let scenario = load(&Source { name: "x", text: "swarm.vehicles = 9" }, &[]).unwrap().scenario;
+        let recording = Recording { noted, ..Recording::new(&scenario, Run::new(&scenario, "study")) };
+        let panel = Panel::new(Axis::new("time", "s"), Axis::new("altitude", "m"));
+        let (panel, caption) = with_marks(&Flight::new(&recording), panel);
+        (panel.marks.into_iter().map(|mark| (mark.x, mark.text)).collect(), caption)
+    }
+
+    fn died(t_s: f64, id: u8) -> Noted {
+        Noted { t_s, what: What::Done(Incident::Died(VehicleId::new(id).unwrap())) }
+    }
+
+    #[test]
+    fn what_happens_to_several_at_once_is_one_mark() {
+        let (marks, caption) = marked(vec![died(20.0, 3), died(20.02, 4), died(30.0, 5)]);
+        assert_eq!(marks, [(20.0, "3, 4 killed".to_owned()), (30.0, "5 killed".to_owned())]);
+        assert_eq!(caption, "");
+    }
+
+    #[test]
+    fn many_marks_have_numbers_and_their_words_in_the_caption() {
+        let (marks, caption) = marked((1..=9).map(|id| died(10.0 * f64::from(id), id)).collect());
+        assert_eq!(marks[8], (90.0, "9".to_owned()));
+        assert!(caption.contains("2 2 killed (20 s)"), "{caption}");
+    }
+}

@@ -1,0 +1,183 @@
+//! A command's scenario: read, checked against what can be flown today, refused before anything else happens.
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::io;
+use std::path::{Path, PathBuf};
+
+use skein_common::scenario::{self, Loaded, Scenario, Source, Vehicle, load};
+use skein_core::aircraft::Aircraft;
+use skein_core::control::Rules;
+use skein_core::helicopter::Start;
+use skein_core::start::starts;
+use skein_core::supported;
+use skein_host::external;
+use skein_host::files::{self, FileError};
+
+use crate::error::Error;
+
+/// What flies when nobody says what.
+pub const HOVER: Source<'_> = Source { name: "hover.toml", text: include_str!("../../scenarios/hover.toml") };
+/// A moving centre.
+pub const FLOCK: Source<'_> = Source { name: "flock.toml", text: include_str!("../../scenarios/flock.toml") };
+
+/// Which scenario.
+#[derive(Clone, Debug, Default, clap::Args)]
+pub struct ScenarioArgs {
+    /// Scenario file; without one, the hover formation of Garcia & Barnes 2010 flies
+    #[arg(value_name = "SCENARIO")]
+    pub scenario: Option<PathBuf>,
+    /// Any key of the scenario over what the file says, such as formation.radius_m=50; the last one wins
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    pub sets: Vec<String>,
+}
+
+impl ScenarioArgs {
+    /// Reads the scenario, `more` sets on top of those given. Its paths become absolute: it may be flown from elsewhere.
+    ///
+    /// # Errors
+    /// If the file cannot be read, or it or a set is at fault.
+    pub fn read(&self, more: Vec<String>) -> Result<Loaded, Error> {
+        let mut sets = [self.sets.clone(), more].concat();
+        let name = self.name();
+        let read = |path| fs::read_to_string(path).map_err(|error| Error::Refused(format!("{name}: {error}")));
+        let text = self.scenario.as_ref().map_or_else(|| Ok(HOVER.text.to_owned()), read)?;
+        let load = |sets: &[String]| {
+            load(&Source { name: &name, text: &text }, sets)
+                .map_err(|fault| Error::Scenario { fault: fault.into(), text: text.clone() })
+        };
+        let loaded = load(&sets)?;
+        let given = sets.len();
+        let refused = |key: &str, error: io::Error| Error::Refused(format!("{key}: {error}"));
+        if let scenario::Rules::Folder(rules) = &loaded.scenario.control.rules
+            && rules.is_relative()
+        {
+            let rules = std::path::absolute(self.folder().join(rules)).map_err(|e| refused("control.rules", e))?;
+            sets.push(format!("control.rules={}", toml::Value::String(rules.display().to_string())));
+        }
+        if let Some(command) = &loaded.scenario.formation.external.command {
+            let key = "formation.external.command";
+            let resolved = external::resolve(command, self.folder()).map_err(|error| refused(key, error))?;
+            let changed = (resolved != *command).then(|| format!("{key}={}", toml::Value::from(resolved)));
+            sets.extend(changed);
+        }
+        if sets.len() > given { load(&sets) } else { Ok(loaded) }
+    }
+
+    /// Makes sure that agents of this build can fly the scenario, as [`ScenarioArgs::read`] gave it.
+    ///
+    /// # Errors
+    /// A sentence that says what stands against it.
+    pub fn ready(&self, scenario: &Scenario) -> Result<Ready, Error> {
+        let refused = |why: String| Error::Refused(format!("{}: {why}", self.name()));
+        supported::check(scenario).map_err(|error| refused(error.to_string()))?;
+        external::Way::of(scenario).map_err(|error| refused(error.to_string()))?;
+        let (mut aircraft, mut aircraft_files) = (Vec::new(), BTreeMap::new());
+        for vehicle in &scenario.vehicle {
+            let (its, text) = aircraft_of(vehicle, self.folder(), &self.name())?;
+            aircraft.push(its);
+            aircraft_files.insert(vehicle.aircraft.clone(), text);
+        }
+        let rules = files::rules(&scenario.control.rules, self.folder());
+        let rules = rules.map_err(|error| refused(format!("control.rules: {error}")))?;
+        let starts = starts(scenario).map_err(|error| refused(error.to_string()))?;
+        Ok(Ready { starts, aircraft, aircraft_files, rules })
+    }
+
+    /// The folder that the file's paths start from.
+    fn folder(&self) -> &Path {
+        self.scenario.as_deref().and_then(Path::parent).unwrap_or(Path::new(""))
+    }
+
+    /// The file as messages name it.
+    pub fn name(&self) -> String {
+        self.scenario.as_ref().map_or_else(|| HOVER.name.to_owned(), |path| path.display().to_string())
+    }
+}
+
+/// What a flight of the scenario begins with.
+#[derive(Clone, Debug)]
+pub struct Ready {
+    /// Where each vehicle stands, in the order of ids.
+    pub starts: Vec<Start>,
+    /// What each vehicle is, in the order of ids.
+    pub aircraft: Vec<Aircraft>,
+    /// The files of these aircraft, by name.
+    pub aircraft_files: BTreeMap<String, String>,
+    /// How the vehicle controllers decide.
+    pub rules: Rules,
+}
+
+/// The aircraft of a vehicle and its file's text.
+///
+/// # Errors
+/// If there is no such aircraft, or its file is at fault: then with the file's line.
+pub fn aircraft_of(vehicle: &Vehicle, folder: &Path, scenario: &str) -> Result<(Aircraft, String), Error> {
+    let Vehicle { id, aircraft: name, .. } = vehicle;
+    files::aircraft(name, folder).map_err(|error| match error {
+        FileError::Aircraft(fault) => {
+            Error::Refused(format!("{fault}; it is the aircraft of vehicle {id} in {scenario}"))
+        }
+        error => {
+            let known = Aircraft::SHIPPED.map(|(known, _)| known).join(", ");
+            Error::Refused(format!(
+                "{scenario}: vehicle {id}: no aircraft \"{name}\" ({error}); with the program come {known}"
+            ))
+        }
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn refused(set: &str) -> String {
+        let args = ScenarioArgs::default();
+        args.ready(&args.read(vec![set.to_owned()]).unwrap().scenario).unwrap_err().to_string()
+    }
+
+    #[test]
+    fn without_a_file_the_hover_formation_is_read() {
+        let loaded = ScenarioArgs::default().read(vec!["seed=9".to_owned()]).unwrap();
+        assert_eq!((loaded.scenario.name.as_str(), loaded.scenario.seed), ("hover", 9));
+        assert_eq!(ScenarioArgs::default().name(), "hover.toml");
+    }
+
+    #[test]
+    fn sugar_stands_above_a_set() {
+        let args = ScenarioArgs { sets: vec!["seed=3".to_owned(), "duration_s=7".to_owned()], ..Default::default() };
+        let scenario = args.read(vec!["seed=4".to_owned()]).unwrap().scenario;
+        assert_eq!((scenario.seed, scenario.duration_s), (4, Some(7.0)));
+    }
+
+    #[test]
+    fn what_is_not_flown_is_refused() {
+        assert!(refused("network.state_json_hz=1").contains("not flown yet"));
+        let unknown = refused("vehicle.3.aircraft=r22");
+        assert!(unknown.starts_with("hover.toml: vehicle 3: no aircraft \"r22\" (cannot read r22.toml"), "{unknown}");
+        assert!(unknown.ends_with("with the program come xcell60"), "{unknown}");
+    }
+
+    #[test]
+    fn rules_are_found_from_the_folder_of_the_file() {
+        let args = ScenarioArgs {
+            scenario: Some("scenarios/hover.toml".into()),
+            sets: vec!["control.rules=../controllers".to_owned()],
+        };
+        let scenario = args.read(Vec::new()).unwrap().scenario;
+        let scenario::Rules::Folder(folder) = &scenario.control.rules else { panic!("a folder") };
+        assert!(folder.is_absolute(), "{folder:?}");
+        assert!(args.ready(&scenario).is_ok());
+        let nowhere = args.read(vec!["control.rules=nowhere".to_owned()]).unwrap().scenario;
+        let refused = args.ready(&nowhere).unwrap_err().to_string();
+        assert!(refused.contains("control.rules: ") && refused.contains("roll.fis"), "{refused}");
+    }
+
+    #[test]
+    fn a_file_that_is_not_there_is_refused() {
+        let args = ScenarioArgs { scenario: Some("no/such.toml".into()), sets: Vec::new() };
+        let error = args.read(Vec::new()).unwrap_err();
+        assert!(error.to_string().starts_with("no/such.toml: "), "{error}");
+        assert_eq!(error.exit_code(), 2);
+    }
+}

@@ -1,0 +1,215 @@
+//! `skein study`: many flights of one scenario in virtual time.
+//!
+//! The same agents as in real time, stepped in one thread over a simulated network. Seeds run in parallel; what comes out
+//! does not depend on how many at once.
+
+mod command;
+mod measured;
+pub mod plan;
+mod progress;
+mod recorded;
+mod summary;
+pub mod sweep;
+mod table;
+
+use std::num::NonZeroUsize;
+use std::ops::Range;
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+use skein_common::scenario::{Scenario, Target};
+use skein_common::state::{Membership, Standing};
+use skein_core::aircraft::Aircraft;
+use skein_core::control::Rules;
+use skein_core::helicopter::TICK_S;
+use skein_core::peers::FRESH_S;
+
+use crate::laws::{LawError, LawPool};
+use crate::metrics::{Metrics, Report, Run, VehicleNow, Wall};
+use crate::recording::Watch;
+use crate::world::{World, WorldError};
+pub use command::{StudyArgs, run};
+pub use measured::{Measured, Outcome, is_worse, worst_and_median};
+pub use recorded::{RecordRunError, record_run};
+use skein_host::clock::now;
+pub use summary::{Figure, PointSummary, Summary, summarize, summary};
+pub use table::rounded;
+
+/// Virtual time after which joining has failed, s.
+const JOIN_LIMIT_S: f64 = 60.0;
+/// Without a duration in the scenario a study flies this long, s, and a mission that ends may take this long.
+const DEFAULT_DURATION_S: f64 = 400.0;
+const LONGEST_MISSION_S: f64 = 3600.0;
+
+/// Why a study cannot be run.
+#[derive(Debug, thiserror::Error)]
+pub enum StudyError {
+    /// The scenario cannot be flown in virtual time.
+    #[error(transparent)]
+    World(#[from] WorldError),
+    /// An external law.
+    #[error(transparent)]
+    Law(#[from] LawError),
+    /// Not everybody became active.
+    #[error("not everybody takes part after {JOIN_LIMIT_S} s")]
+    NeverActive,
+}
+
+/// What every seed of a study shares.
+#[derive(Debug)]
+pub struct Study {
+    /// What flies; its seed is replaced by each run's.
+    pub scenario: Scenario,
+    /// The aircraft of each vehicle, in the order of ids.
+    pub aircraft: Vec<Aircraft>,
+    /// The controllers' rules.
+    pub rules: Rules,
+    /// Where external laws wait for their next run.
+    pub laws: LawPool,
+}
+
+impl Study {
+    /// Flies one seed from the ground to the end of the window, or of the mission if that is earlier.
+    ///
+    /// # Errors
+    /// If the scenario is not flown, not everybody joins, or an external law is silent or gone.
+    pub fn fly(&self, seed: u64) -> Result<Report, StudyError> {
+        self.fly_watched(seed, None)
+    }
+
+    /// As [`Self::fly`], with somebody looking on at this rate, Hz. That changes nothing of the flight.
+    ///
+    /// # Errors
+    /// As [`Self::fly`].
+    pub fn fly_watched(&self, seed: u64, mut watch: Option<(&mut dyn Watch, f64)>) -> Result<Report, StudyError> {
+        let started = now();
+        let scenario = Scenario { seed, ..self.scenario.clone() };
+        let mut world = World::new(&scenario, &self.aircraft, &self.rules)?;
+        let mut laws = self.laws.hire(&scenario)?;
+        let mut metrics = Metrics::new(&scenario, Run::new(&scenario, "study"));
+        let mut tick_with_laws = |world: &mut World| {
+            world.tick();
+            laws.as_mut().map_or(Ok(()), |laws| laws.serve(world))
+        };
+        while !world.all_active() {
+            if world.t_s() > JOIN_LIMIT_S {
+                return Err(StudyError::NeverActive);
+            }
+            tick_with_laws(&mut world)?;
+        }
+        let zero_s = world.t_s();
+        let mut vehicles = Vec::with_capacity(scenario.swarm.vehicles);
+        for tick in 0..(longest_s(&scenario) / TICK_S).round() as u64 {
+            tick_with_laws(&mut world)?;
+            measure(&world, zero_s, &mut metrics, &mut vehicles);
+            if let Some((watch, rate_hz)) = &mut watch {
+                let every = (1.0 / (TICK_S * *rate_hz)).round().max(1.0) as u64;
+                show(&mut world, zero_s, *watch, tick % every == 0);
+            }
+            if world.has_finished() {
+                break;
+            }
+        }
+        metrics.count(world.totals());
+        // Laws of a run that failed are not kept.
+        laws.into_iter().for_each(|laws| self.laws.keep(laws));
+        let wall_s = now().duration_since(started).as_secs_f64();
+        Ok(metrics.report(Wall { wall_s, real_time_factor: world.t_s() / wall_s.max(1e-9) }))
+    }
+
+    /// Flies all seeds, `jobs` at a time, and hands each report on as it comes; gives them in the order of seeds.
+    pub fn fly_all(
+        &self,
+        seeds: Range<u64>,
+        jobs: NonZeroUsize,
+        done: impl Fn(&Report) + Sync,
+    ) -> Result<Vec<Report>, StudyError> {
+        in_parallel((seeds.end - seeds.start) as usize, jobs, |nth| {
+            let report = self.fly(seeds.start + nth as u64)?;
+            done(&report);
+            Ok(report)
+        })
+    }
+}
+
+/// What `work` gives for 0 to `count` - 1, in this order, `jobs` at a time.
+///
+/// # Errors
+/// Its first error. Nothing is begun after one.
+pub fn in_parallel<T: Send, E: Send>(
+    count: usize,
+    jobs: NonZeroUsize,
+    work: impl Fn(usize) -> Result<T, E> + Sync,
+) -> Result<Vec<T>, E> {
+    let next = AtomicUsize::new(0);
+    let done = Mutex::new(Vec::with_capacity(count));
+    std::thread::scope(|scope| {
+        for _ in 0..jobs.get().min(count) {
+            scope.spawn(|| {
+                loop {
+                    let nth = next.fetch_add(1, Ordering::Relaxed);
+                    if nth >= count {
+                        return;
+                    }
+                    let given = work(nth);
+                    if given.is_err() {
+                        // Nobody needs those that are left.
+                        next.store(count, Ordering::Relaxed);
+                    }
+                    done.lock().unwrap_or_else(|poisoned| poisoned.into_inner()).push((nth, given));
+                }
+            });
+        }
+    });
+    let mut done = done.into_inner().unwrap_or_else(|poisoned| poisoned.into_inner());
+    done.sort_by_key(|(nth, _)| *nth);
+    done.into_iter().map(|(_, given)| given).collect()
+}
+
+/// The window's length if the mission does not end it, s.
+fn longest_s(scenario: &Scenario) -> f64 {
+    let last = scenario.mission.steps.last().map(|step| &step.target);
+    let ends = matches!(last, Some(Target::Land(_)));
+    scenario.duration_s.unwrap_or(if ends { LONGEST_MISSION_S } else { DEFAULT_DURATION_S })
+}
+
+/// Shows the world's last tick to somebody who looks on; the vehicles' steps only if they are `due`.
+fn show(world: &mut World, zero_s: f64, watch: &mut dyn Watch, due: bool) {
+    let t_s = world.t_s() - zero_s;
+    world.incidents().iter().for_each(|incident| watch.incident(t_s, incident));
+    world.happened().iter().for_each(|(speaker, what)| watch.happened(t_s, *speaker, what));
+    if due {
+        world.traces().for_each(|trace| watch.step(t_s, &trace));
+    }
+}
+
+/// Hands the world's last tick to the metrics; `vehicles` is only room to work in.
+pub fn measure(world: &World, zero_s: f64, metrics: &mut Metrics, vehicles: &mut Vec<VehicleNow>) {
+    let t_s = world.t_s() - zero_s;
+    world.incidents().iter().for_each(|incident| metrics.incident(t_s, incident));
+    world.happened().iter().for_each(|(speaker, what)| metrics.tell(t_s, *speaker, what));
+    vehicles.clear();
+    for (id, agent, truth, sticks) in world.everybody() {
+        let mut vehicle = VehicleNow::dead(id, *truth);
+        if let Some(agent) = agent {
+            for peer in agent.peers().iter().filter(|peer| peer.standing != Standing::Lost) {
+                metrics.observe_age(peer.age_s);
+                if peer.silent_s() < FRESH_S {
+                    vehicle.fresh.insert(peer.id);
+                }
+            }
+            vehicle = VehicleNow {
+                runs: true,
+                is_member: agent.membership() == Membership::Active,
+                sticks,
+                step: agent.at_step(),
+                reached: agent.reached(),
+                centre_ne_m: agent.centre_ne_m(),
+                hears: agent.hears(),
+                ..vehicle
+            };
+        }
+        vehicles.push(vehicle);
+    }
+    metrics.observe(t_s, vehicles);
+}

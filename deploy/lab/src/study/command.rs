@@ -1,0 +1,127 @@
+//! `skein study` as it is typed.
+
+use std::num::NonZeroUsize;
+use std::ops::Range;
+use std::path::PathBuf;
+use std::thread;
+
+use super::measured::Measured;
+use super::plan::{Plan, write};
+use super::progress::Progress;
+use super::recorded::record;
+use super::sweep::Sweep;
+use super::{in_parallel, summary, table};
+use crate::error::Error;
+use crate::scenario::ScenarioArgs;
+use crate::terminal::json;
+use crate::terminal::say;
+
+/// `skein study`
+#[derive(Clone, Debug, clap::Args)]
+pub struct StudyArgs {
+    /// The scenario.
+    #[command(flatten)]
+    pub scenario: ScenarioArgs,
+    /// One seed; without it the scenario's own
+    #[arg(long, value_name = "N", conflicts_with = "seeds")]
+    pub seed: Option<u64>,
+    /// Seeds A to B, B not included
+    #[arg(long, value_name = "A..B", value_parser = seeds)]
+    pub seeds: Option<Range<u64>>,
+    /// Any scenario key at each of several values, such as network.loss=0,0.1,0.3; several sweeps span a grid. A range
+    /// LO..HI, or LO..HI:log, both ends included, is sampled instead, see --points
+    #[arg(long = "sweep", value_name = "KEY=V1,V2,...")]
+    pub sweep: Vec<Sweep>,
+    /// Points of a Latin hypercube over all swept ranges, at each point of the grid if there is one. The scenario's own
+    /// seed says which (--set seed=N gives others)
+    #[arg(long, value_name = "N", value_parser = samples)]
+    pub points: Option<usize>,
+    /// Runs at once; without it one for each core. The results do not depend on it
+    #[arg(long, value_name = "N")]
+    pub jobs: Option<NonZeroUsize>,
+    /// Folder for what is written, new or empty, or that of the very same study, interrupted: it goes on there. Without
+    /// it a new one in skein-runs
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// Write no recordings, whatever record.runs says
+    #[arg(long)]
+    pub no_record: bool,
+    /// Print the summary (of one seed: its figures) as JSON on stdout, everything else on stderr
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// `A..B`, half open and not empty.
+fn seeds(text: &str) -> Result<Range<u64>, String> {
+    let range = text.split_once("..").and_then(|(from, to)| Some(from.parse().ok()?..to.parse().ok()?));
+    range.filter(|range| !range.is_empty()).ok_or_else(|| "two numbers A..B with A below B".to_owned())
+}
+
+/// At least one.
+fn samples(text: &str) -> Result<usize, String> {
+    text.parse().ok().filter(|&n| n > 0).ok_or_else(|| "a number of points, at least 1".to_owned())
+}
+
+/// Flies what is not there yet, writes what was measured, prints the summary.
+///
+/// # Errors
+/// What stands against the study: nothing was flown then. Or a run that failed; those that were done are written.
+pub fn run(args: &StudyArgs) -> Result<(), Error> {
+    let plan = Plan::new(args)?;
+    let jobs = plan.jobs.or_else(|| thread::available_parallelism().ok()).unwrap_or(NonZeroUsize::MIN);
+    let runs = fly(&plan, jobs)?;
+    if !args.no_record {
+        record(&plan, &runs, jobs)?;
+    }
+
+    write(&plan.out.join("runs.csv"), &summary::csv(&plan.points, &runs))?;
+    let (text, told) = match args.sweep.is_empty() {
+        true => {
+            let summary = summary(&runs);
+            (json(&summary), table::of_figures(&summary))
+        }
+        false => {
+            let summaries = summary::by_point(&plan.points, &runs);
+            (json(&summaries), table::of_points(&plan.points, &summaries))
+        }
+    };
+    // The last of all: the study is finished when it is there.
+    write(&plan.out.join("summary.json"), &text)?;
+    match runs.as_slice() {
+        _ if !args.json => say(&told),
+        [_] if args.sweep.is_empty() => say(&plan.run(0).text()?),
+        _ => say(&text),
+    }
+    eprintln!("written to {}", plan.out.display());
+    Ok(())
+}
+
+/// All runs in their order; those that were there already are only read.
+fn fly(plan: &Plan, jobs: NonZeroUsize) -> Result<Vec<Measured>, Error> {
+    let mut there: Vec<Option<Measured>> = (0..plan.runs()).map(|nth| plan.run(nth).measured()).collect();
+    let left: Vec<usize> = (0..there.len()).filter(|&nth| there[nth].is_none()).collect();
+    if left.len() < there.len() {
+        eprintln!("{} of {} runs are there already", there.len() - left.len(), there.len());
+    }
+    let progress = Progress::new(there.len(), there.len() - left.len());
+    let flown = in_parallel(left.len(), jobs, |nth| {
+        let measured = plan.run(left[nth]).fly()?;
+        progress.inc();
+        Ok::<_, Error>(measured)
+    })?;
+    left.into_iter().zip(flown).for_each(|(nth, measured)| there[nth] = Some(measured));
+    Ok(there.into_iter().flatten().collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn seeds_are_half_open() {
+        assert_eq!(seeds("0..100"), Ok(0..100));
+        for bad in ["5..5", "7..3", "1..", "..4", "a..b", "3"] {
+            assert!(seeds(bad).is_err(), "{bad}");
+        }
+    }
+}

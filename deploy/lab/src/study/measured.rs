@@ -1,0 +1,186 @@
+//! What one run measured, as its `metrics.json` tells it: what summaries, comparisons and the choice of runs to look at
+//! stand on, be the run just flown or read back.
+
+use std::cmp::Ordering;
+use std::collections::{BTreeMap, BTreeSet};
+
+use serde_json::Value;
+
+use crate::metrics::{DIRECTIONS, Direction, Report};
+
+/// The figures of one run.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Measured {
+    /// Of all randomness.
+    pub seed: u64,
+    /// What was run, by key: the scenario's name, `target`, `plant`, `version` and so on.
+    pub words: BTreeMap<String, String>,
+    /// Every figure by its key; `None` where it does not apply or never came.
+    pub figures: BTreeMap<String, Option<f64>>,
+    /// Keys of what could have happened and never did.
+    pub never: BTreeSet<String>,
+}
+
+/// A figure that one run has.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Outcome {
+    /// It has this value.
+    Value(f64),
+    /// It never came to one.
+    Never,
+}
+
+impl Measured {
+    /// As [`Measured::read`] gives it back once it is written.
+    pub fn of(report: &Report) -> Self {
+        #[expect(clippy::expect_used, reason = "what we write we can read")]
+        Self::read(&crate::terminal::json(report)).expect("a report is a metrics.json")
+    }
+
+    /// Reads a `metrics.json`. Every number is the very one that was written: serde_json's own reading may miss by a bit.
+    ///
+    /// # Errors
+    /// A sentence about what the text is not.
+    pub fn read(text: &str) -> Result<Self, String> {
+        let Ok(Value::Object(keys)) = serde_json::from_str(text) else {
+            return Err("not a JSON object".to_owned());
+        };
+        let seed = keys.get("seed").and_then(Value::as_u64).ok_or("it has no seed")?;
+        let exact: BTreeMap<&str, f64> = text.lines().filter_map(exact).collect();
+        let mut measured = Self { seed, words: BTreeMap::new(), figures: BTreeMap::new(), never: BTreeSet::new() };
+        for (key, value) in keys {
+            match value {
+                Value::String(word) => _ = measured.words.insert(key, word),
+                Value::Array(never) if key == "never" => {
+                    measured.never = never.iter().filter_map(|key| key.as_str().map(str::to_owned)).collect();
+                }
+                Value::Number(_) | Value::Null if key != "seed" && key != "vehicles" => {
+                    let number = exact.get(key.as_str()).copied().or(value.as_f64());
+                    measured.figures.insert(key, number);
+                }
+                _ => {}
+            }
+        }
+        Ok(measured)
+    }
+
+    /// A figure, if it applies to the run.
+    pub fn outcome(&self, key: &str) -> Option<Outcome> {
+        match self.figures.get(key).copied().flatten() {
+            Some(value) => Some(Outcome::Value(value)),
+            None => self.never.contains(key).then_some(Outcome::Never),
+        }
+    }
+
+    /// How bad a figure is, to be compared with that of other runs: more is worse, what never came is worst.
+    fn badness(&self, key: &str) -> f64 {
+        match self.outcome(key) {
+            Some(Outcome::Value(value)) if is_worse(key) == Some(Direction::Less) => -value,
+            Some(Outcome::Value(value)) => value,
+            Some(Outcome::Never) => f64::INFINITY,
+            None => f64::NEG_INFINITY,
+        }
+    }
+}
+
+/// A line of a `metrics.json` that holds a figure of the swarm.
+fn exact(line: &str) -> Option<(&str, f64)> {
+    let (key, value) = line.strip_prefix("  \"")?.split_once("\": ")?;
+    Some((key, value.trim_end_matches(',').parse().ok()?))
+}
+
+/// Whether more or less of a figure is worse; `None` for what is neither good nor bad.
+pub fn is_worse(key: &str) -> Option<Direction> {
+    DIRECTIONS.iter().find(|(known, _)| *known == key).map(|(_, direction)| *direction)
+}
+
+/// What decides which of two runs is the worse one when neither has more collisions and crashes, nor more that never happened: the
+/// first of these that differs. A mission's progress and length, how soon the formation stood, how well.
+const TELLING: [&str; 8] = [
+    "setpoints_reached",
+    "duration_s",
+    "even_10deg_s",
+    "in_band_s",
+    "transient_s",
+    "max_centre_distance_m",
+    "radial_rms_m",
+    "min_separation_m",
+];
+
+/// The better of two runs of the same scenario first; of equal ones the lower seed.
+fn by_worth(one: &Measured, other: &Measured) -> Ordering {
+    let wrecks = |run: &Measured| ["collisions", "crashes"].map(|key| run.badness(key).max(0.0)).iter().sum::<f64>();
+    let by = |key: &str| one.badness(key).total_cmp(&other.badness(key));
+    let telling = || TELLING.iter().map(|key| by(key)).find(|order| order.is_ne()).unwrap_or(Ordering::Equal);
+    let never = one.never.len().cmp(&other.never.len());
+    wrecks(one).total_cmp(&wrecks(other)).then(never).then_with(telling).then(one.seed.cmp(&other.seed))
+}
+
+/// The seeds of the runs to look at among those of one scenario: the worst, and the middle one of all from best to worst
+/// (of an even number the better of the two). `None` without runs.
+pub fn worst_and_median(runs: &[Measured]) -> Option<(u64, u64)> {
+    let mut ranked: Vec<&Measured> = runs.iter().collect();
+    ranked.sort_by(|one, other| by_worth(one, other));
+    Some((ranked.last()?.seed, ranked[(ranked.len() - 1) / 2].seed))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn run(seed: u64, figures: &[(&str, f64)], never: &[&str]) -> Measured {
+        Measured {
+            seed,
+            words: BTreeMap::new(),
+            figures: figures.iter().map(|(key, value)| ((*key).to_owned(), Some(*value))).collect(),
+            never: never.iter().map(|key| (*key).to_owned()).collect(),
+        }
+    }
+
+    #[test]
+    fn numbers_are_read_to_the_last_bit() {
+        // serde_json without its feature `float_roundtrip` reads some of these a bit off.
+        let mut rng = skein_core::random::generator(1, None, skein_core::random::Purpose::Start);
+        for _ in 0..2_000 {
+            let value = skein_core::random::standard_normal(&mut rng) * 1e3;
+            let text = crate::terminal::json(
+                &serde_json::json!({ "seed": 1, "a_m": value, "vehicle": { "1": { "a_m": 7.5 } } }),
+            );
+            assert_eq!(Measured::read(&text).unwrap().figures["a_m"], Some(value), "{text}");
+        }
+        let spread =
+            Measured::read("{\"seed\":3,\"never\":[\"b_s\"],\"b_s\":null,\"a\":[1,\n2],\"target\":\"fly\"}").unwrap();
+        assert_eq!((spread.seed, spread.outcome("b_s"), spread.outcome("c")), (3, Some(Outcome::Never), None));
+        assert_eq!((spread.words["target"].as_str(), spread.figures.len()), ("fly", 1));
+        assert!(Measured::read("[]").is_err() && Measured::read("{}").is_err() && Measured::read("{").is_err());
+    }
+
+    #[test]
+    fn a_crash_is_as_bad_as_a_collision() {
+        let wrecks = |seed, collisions, crashes| run(seed, &[("collisions", collisions), ("crashes", crashes)], &[]);
+        let whole = [wrecks(1, 0.0, 0.0), run(2, &[("collisions", 0.0)], &["even_10deg_s"])];
+        let crashed = [wrecks(3, 0.0, 2.0), wrecks(4, 1.0, 0.0)];
+        let runs = [&whole[..], &crashed].concat();
+        assert_eq!(worst_and_median(&runs), Some((3, 2)));
+        assert_eq!(worst_and_median(&runs[1..]), Some((3, 4)));
+    }
+
+    #[test]
+    fn the_worst_run_has_collided_then_never_settled_then_settled_late() {
+        let runs = [
+            run(1, &[("collisions", 0.0), ("even_10deg_s", 50.0)], &[]),
+            run(2, &[("collisions", 1.0), ("even_10deg_s", 10.0)], &[]),
+            run(3, &[("collisions", 0.0), ("even_10deg_s", 90.0)], &[]),
+            run(4, &[("collisions", 0.0)], &["even_10deg_s"]),
+            run(5, &[("collisions", 0.0), ("even_10deg_s", 50.0), ("min_separation_m", 9.0)], &[]),
+        ];
+        // From best to worst: 1 (a separation that nobody measured stands first), 5, 3, 4, 2.
+        assert_eq!(worst_and_median(&runs), Some((2, 3)));
+        assert_eq!(worst_and_median(&runs[..1]), Some((1, 1)));
+        let without_collision = [runs[0].clone(), runs[2].clone(), runs[3].clone(), runs[4].clone()];
+        assert_eq!(worst_and_median(&without_collision), Some((4, 5)));
+        assert_eq!(worst_and_median(&[]), None);
+        let far = |seed, reached| run(seed, &[("setpoints_reached", reached)], &[]);
+        assert_eq!(worst_and_median(&[far(1, 5.0), far(2, 6.0), far(3, 6.0)]), Some((1, 3)), "less is worse");
+    }
+}

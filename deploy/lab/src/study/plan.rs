@@ -1,0 +1,339 @@
+//! What a study flies and where it is written: every point checked before anything flies, and a folder that a study which
+//! was interrupted finds again.
+//!
+//! ```text
+//! DIR/study.json            what study this is: only the very same one, of the very same program, goes on here
+//! DIR/runs.csv, summary.json    when all runs are there
+//! DIR/scenario.toml, metrics.json           of a single run
+//! DIR/seed-N/...                            of several seeds
+//! DIR/point-P/seed-N/...                    of a sweep
+//! ```
+//!
+//! A run is there when its `metrics.json` is. Files are renamed when they are whole, so that a kill leaves none torn.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::env;
+use std::fs;
+use std::hash::{DefaultHasher, Hash, Hasher};
+use std::io;
+use std::num::NonZeroUsize;
+use std::ops::Range;
+use std::path::{Path, PathBuf};
+
+use serde_json::{Value, json};
+use skein_common::scenario::{Loaded, Scenario};
+use skein_core::aircraft::Aircraft;
+use skein_core::start::starts;
+use skein_host::external::is_external;
+use skein_host::external::protocol::Time;
+
+use super::measured::Measured;
+use super::sweep::{self, Point, Sweep};
+use super::{Study, StudyArgs};
+use crate::error::Error;
+use crate::laws::{self, LawPool, Trial};
+use crate::out;
+use crate::prepare::prepare;
+use crate::scenario::{Ready, ScenarioArgs};
+
+/// Nobody waits for more runs than these.
+const MOST_RUNS: usize = 10_000_000;
+
+/// A study before it flies.
+#[derive(Clone, Debug)]
+pub struct Plan {
+    scenario: ScenarioArgs,
+    /// What differs from point to point; one with nothing set without a sweep.
+    pub points: Vec<Point>,
+    /// Flown at each point.
+    pub seeds: Range<u64>,
+    /// The folder.
+    pub out: PathBuf,
+    /// Runs at once, if somebody minds.
+    pub jobs: Option<NonZeroUsize>,
+    is_swept: bool,
+    /// Where external laws wait for their next run.
+    laws: LawPool,
+}
+
+impl Plan {
+    /// Checks every run and finds the folder. Nothing is flown yet, and nothing written but `study.json`.
+    ///
+    /// # Errors
+    /// What stands against it; of a sweep, at which point.
+    pub fn new(args: &StudyArgs) -> Result<Self, Error> {
+        let loaded = args.scenario.read(Vec::new())?;
+        let own = args.seed.unwrap_or(loaded.scenario.seed);
+        let points = sweep::points(&args.sweep, args.points, loaded.scenario.seed).map_err(Error::Refused)?;
+        let mut plan = Self {
+            scenario: args.scenario.clone(),
+            points,
+            seeds: args.seeds.clone().unwrap_or(own..own + 1),
+            out: PathBuf::new(),
+            jobs: args.jobs,
+            is_swept: !args.sweep.is_empty(),
+            laws: LawPool::default(),
+        };
+        let seeds = usize::try_from(plan.seeds.end - plan.seeds.start).ok();
+        if seeds.and_then(|seeds| seeds.checked_mul(plan.points.len())).is_none_or(|runs| runs > MOST_RUNS) {
+            return Err(Error::Refused(format!("more than {MOST_RUNS} runs")));
+        }
+        let fingerprint = plan.check()?;
+        let study = plan.describe(&loaded.scenario, &args.sweep, fingerprint)?;
+        plan.out = plan.folder_for(&study, args.out.as_deref(), &loaded.scenario.name)?;
+        write(&plan.out.join("study.json"), &crate::terminal::json(&study))?;
+        Ok(plan)
+    }
+
+    /// How many runs it has: all seeds of the first point, then those of the next.
+    pub fn runs(&self) -> usize {
+        self.points.len() * (self.seeds.end - self.seeds.start) as usize
+    }
+
+    /// Which run that is.
+    pub fn run(&self, nth: usize) -> Run<'_> {
+        let seeds = (self.seeds.end - self.seeds.start) as usize;
+        Run { plan: self, point: nth / seeds, seed: self.seeds.start + (nth % seeds) as u64 }
+    }
+
+    /// Reads every run's scenario and makes sure that it can begin. Gives what tells this study from any other.
+    fn check(&mut self) -> Result<u64, Error> {
+        let mut hasher = DefaultHasher::new();
+        let mut law_files = BTreeSet::new();
+        let mut jobs = self.jobs;
+        let mut trial = Trial::default();
+        for point in 0..self.points.len() {
+            let first = Run { plan: self, point, seed: self.seeds.start };
+            let loaded = first.read().map_err(|error| first.at_point(error))?;
+            if point == 0 {
+                loaded.notes.iter().for_each(|note| eprintln!("{note}"));
+            }
+            let ready = prepare(&self.scenario, &loaded.scenario, Time::Virtual, &mut trial);
+            let ready = ready.map_err(|error| first.at_point(error))?;
+            let mut scenario = loaded.scenario;
+            jobs = laws::jobs(&scenario, jobs).map_err(|error| first.at_point(Error::Refused(error)))?;
+            for seed in self.seeds.clone() {
+                scenario.seed = seed;
+                let run = Run { seed, ..first };
+                starts(&scenario).map_err(|error| Error::Refused(format!("{run}: {error}")))?;
+            }
+            values_of(&scenario).hash(&mut hasher);
+            ready.aircraft_files.hash(&mut hasher);
+            format!("{:?}", ready.rules).hash(&mut hasher);
+            law_files.extend(files_of_law(&scenario));
+        }
+        law_files.iter().try_for_each(|path| hash_file(path, &mut hasher))?;
+        self.jobs = jobs;
+        Ok(hasher.finish())
+    }
+
+    fn describe(&self, scenario: &Scenario, sweeps: &[Sweep], fingerprint: u64) -> Result<Value, Error> {
+        let own = env::current_exe().map_err(|error| Error::Failed(format!("the program itself: {error}")))?;
+        let mut program = DefaultHasher::new();
+        hash_file(&own, &mut program)?;
+        Ok(json!({
+            "scenario": scenario.name,
+            "version": crate::VERSION,
+            "revision": crate::REVISION,
+            "seeds": format!("{}..{}", self.seeds.start, self.seeds.end),
+            "sweep": sweeps.iter().map(Sweep::to_string).collect::<Vec<_>>(),
+            "points": self.points.len(),
+            // Of the program's own file: a build with a change that no revision tells is another one.
+            "program": format!("{:016x}", program.finish()),
+            // Of every value of every point, and of the files that they name.
+            "fingerprint": format!("{fingerprint:016x}"),
+        }))
+    }
+
+    /// A new folder, or that of this very study if it has not come to its end.
+    fn folder_for(&self, study: &Value, out: Option<&Path>, name: &str) -> Result<PathBuf, Error> {
+        let begun = out.and_then(|out| Some((out, fs::read_to_string(out.join("study.json")).ok()?)));
+        let Some((out, begun)) = begun else { return out::folder(out, &format!("{name}-study")) };
+        let refused =
+            |why: String| Err(Error::Refused(format!("--out {}: {why}; choose another folder", out.display())));
+        let begun: Value = serde_json::from_str(&begun).unwrap_or_default();
+        let differs = |(key, here): &(&String, &Value)| begun.get(key.as_str()) != Some(*here);
+        let differing: Vec<_> = study.as_object().into_iter().flatten().filter(differs).collect();
+        match differing.iter().find(|(key, _)| *key != "fingerprint") {
+            Some((key, here)) => {
+                let there = begun.get(key.as_str()).unwrap_or(&Value::Null);
+                return refused(format!("another study is there: its {key} is {there}, not {here}"));
+            }
+            None if differing.is_empty() => {}
+            None => {
+                return refused(
+                    "another study is there: something else stands in its scenario or in a file that it names"
+                        .to_owned(),
+                );
+            }
+        }
+        if out.join("summary.json").exists() {
+            return refused("this study is there already, and finished".to_owned());
+        }
+        std::path::absolute(out).map_err(|error| Error::Refused(format!("{}: {error}", out.display())))
+    }
+}
+
+/// Every value of a scenario.
+fn values_of(scenario: &Scenario) -> String {
+    // A struct of numbers, texts and lists always has a JSON form; the seed is the study's.
+    serde_json::to_string(&Scenario { seed: 0, ..scenario.clone() }).unwrap_or_default()
+}
+
+/// Files of an external law's command: program and arguments, as far as they are files.
+fn files_of_law(scenario: &Scenario) -> impl Iterator<Item = PathBuf> {
+    let command = scenario.formation.external.command.as_deref().filter(|_| is_external(scenario));
+    command.unwrap_or_default().iter().map(PathBuf::from).filter(|path| path.is_file())
+}
+
+/// Takes in what stands in a file.
+fn hash_file(path: &Path, hasher: &mut impl Hasher) -> Result<(), Error> {
+    let bytes = fs::read(path).map_err(|error| Error::Refused(format!("{}: {error}", path.display())))?;
+    bytes.hash(hasher);
+    Ok(())
+}
+
+/// One run of a study.
+#[derive(Clone, Copy, Debug)]
+pub struct Run<'a> {
+    plan: &'a Plan,
+    /// Which point, from 0.
+    pub point: usize,
+    /// Its seed.
+    pub seed: u64,
+}
+
+impl Run<'_> {
+    /// Its folder.
+    pub fn folder(&self) -> PathBuf {
+        let seed = || format!("seed-{}", self.seed);
+        match () {
+            () if self.plan.is_swept => self.plan.out.join(format!("point-{}", self.point + 1)).join(seed()),
+            () if self.plan.runs() > 1 => self.plan.out.join(seed()),
+            () => self.plan.out.clone(),
+        }
+    }
+
+    /// What it measured, if it has been flown.
+    pub fn measured(&self) -> Option<Measured> {
+        Measured::read(&self.text().ok()?).ok()
+    }
+
+    /// Its `metrics.json`.
+    ///
+    /// # Errors
+    /// If it has not been flown.
+    pub fn text(&self) -> Result<String, Error> {
+        let path = self.folder().join("metrics.json");
+        fs::read_to_string(&path).map_err(|error| Error::Failed(format!("{}: {error}", path.display())))
+    }
+
+    /// Its study, whose own seed it is, and the complete scenario file.
+    ///
+    /// # Errors
+    /// If a file has changed since the plan was made.
+    pub fn study(&self) -> Result<(Study, String), Error> {
+        self.ready().map(|(study, text, _)| (study, text))
+    }
+
+    /// Flies it and writes its files.
+    ///
+    /// # Errors
+    /// What it failed of, naming the run.
+    pub fn fly(&self) -> Result<Measured, Error> {
+        let (study, text, aircraft) = self.ready()?;
+        let report = study.fly(self.seed).map_err(|error| Error::Failed(format!("{self}: {error}")))?;
+        let folder = self.folder();
+        write(&folder.join("scenario.toml"), &text)?;
+        // With these beside it, it flies again from here alone.
+        let is_shipped = |name: &str| Aircraft::SHIPPED.iter().any(|(shipped, _)| *shipped == name);
+        let mut own = aircraft.iter().filter(|(name, _)| !is_shipped(name));
+        own.try_for_each(|(name, text)| write(&folder.join(format!("{name}.toml")), text))?;
+        write(&folder.join("metrics.json"), &crate::terminal::json(&report))?;
+        Ok(Measured::of(&report))
+    }
+
+    /// Also with the files of its aircraft.
+    fn ready(&self) -> Result<(Study, String, BTreeMap<String, String>), Error> {
+        let loaded = self.read()?;
+        let Ready { aircraft, rules, aircraft_files, .. } = self.plan.scenario.ready(&loaded.scenario)?;
+        let text = loaded.to_toml();
+        let laws = self.plan.laws.clone();
+        Ok((Study { scenario: loaded.scenario, aircraft, rules, laws }, text, aircraft_files))
+    }
+
+    fn read(&self) -> Result<Loaded, Error> {
+        let point = self.plan.points[self.point].sets();
+        self.plan.scenario.read(point.chain([format!("seed={}", self.seed)]).collect())
+    }
+
+    /// Names the point, if there is more than one.
+    fn at_point(&self, error: Error) -> Error {
+        match self.plan.is_swept {
+            true => Error::Refused(format!("point {} ({}): {error}", self.point + 1, self.plan.points[self.point])),
+            false => error,
+        }
+    }
+}
+
+impl std::fmt::Display for Run<'_> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{}: ", self.plan.scenario.name())?;
+        if self.plan.is_swept {
+            write!(f, "point {} ({}): ", self.point + 1, self.plan.points[self.point])?;
+        }
+        write!(f, "seed {}", self.seed)
+    }
+}
+
+/// Writes a file that is there whole or not at all, with the folders above it.
+///
+/// # Errors
+/// A failure that names the file.
+pub fn write(path: &Path, text: &str) -> Result<(), Error> {
+    let unfinished = path.with_added_extension("part");
+    let written = || -> io::Result<()> {
+        path.parent().map_or(Ok(()), fs::create_dir_all)?;
+        fs::write(&unfinished, text)?;
+        fs::rename(&unfinished, path)
+    };
+    written().map_err(|error| Error::Failed(format!("{}: {error}", path.display())))
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::Parser;
+
+    use super::*;
+    use crate::cli::{Cli, Command};
+
+    #[test]
+    #[cfg(unix)]
+    fn only_the_very_same_study_goes_on() {
+        // It answers every hello, and ends with its input.
+        let script = |which: &str| {
+            format!("# {which}\nwhile read -r line; do echo '{{\"say\":\"ready\",\"protocol\":1}}'; done\n")
+        };
+        let folder = tempfile::tempdir().unwrap();
+        let (law, scenario) = (folder.path().join("law.sh"), folder.path().join("two.toml"));
+        let text = "swarm.vehicles = 2\n[formation]\nlaw = 'external'\nexternal.command = ['sh', 'law.sh']\n";
+        fs::write(&scenario, text).unwrap();
+        fs::write(&law, script("first")).unwrap();
+        let out = folder.path().join("out");
+        let line = ["skein", "study", scenario.to_str().unwrap(), "--out", out.to_str().unwrap()];
+        let Command::Study(args) = Cli::try_parse_from(line).unwrap().command else { panic!("a study") };
+        let plan = || Plan::new(&args).map(|plan| plan.out).map_err(|error| error.to_string());
+        assert_eq!(plan(), Ok(out.clone()));
+        assert_eq!(plan(), Ok(out.clone()), "it goes on");
+        fs::write(&law, script("second")).unwrap();
+        let why = plan().unwrap_err();
+        assert!(why.contains("something else stands in its scenario or in a file that it names"), "{why}");
+        fs::write(&law, script("first")).unwrap();
+        let there = fs::read_to_string(out.join("study.json")).unwrap();
+        let mut study: Value = serde_json::from_str(&there).unwrap();
+        study["program"] = "0123456789abcdef".into();
+        fs::write(out.join("study.json"), study.to_string()).unwrap();
+        let why = plan().unwrap_err();
+        assert!(why.contains("another study is there: its program is \"0123456789abcdef\", not "), "{why}");
+    }
+}

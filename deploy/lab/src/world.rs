@@ -1,0 +1,487 @@
+//! A whole swarm in one thread and in virtual time: the same agents that fly in real time, over the scenario's network
+//! and under its faults.
+//!
+//! One tick is one frame of every vehicle. What is said in a tick is heard in the next, by everybody, through the same
+//! encoding as on the wire and through each hearer's [`Ear`]. What the scenario does to the swarm it does between hearing
+//! and stepping.
+//!
+//! Under `control.mode = "central"` the agents stand on one machine instead of beside their vehicles (`world/central.rs`).
+
+mod central;
+mod script;
+
+use std::mem;
+
+use skein_common::frame::Origin;
+use skein_common::id::{Incarnation, VehicleId};
+use skein_common::message::{self, Happening, Message, Mission, Trace};
+use skein_common::scenario::Scenario;
+use skein_common::state::Membership;
+use skein_common::time::{LocalTime, Now, PlantTime};
+use skein_core::agent::{Agent, Inputs, Outputs};
+use skein_core::aircraft::Aircraft;
+use skein_core::control::Rules;
+use skein_core::formation::external::{Answer, Ask};
+use skein_core::helicopter::{BuiltInVehicle, Script, TICK_S, Weather};
+use skein_core::impairments::{Ear, Whereabouts};
+use skein_core::peers::{Heard, Word};
+use skein_core::plant::{Frame, Measurement, Sticks, Truth};
+use skein_core::skew::Skew;
+use skein_core::speech;
+use skein_core::start::{TooFull, starts};
+use skein_core::supported::{self, NotFlown};
+
+use crate::faults::{Agenda, Incident, LinkChanges};
+use crate::metrics::Totals;
+use central::Machine;
+use script::{Deed, Operator};
+
+/// Nanoseconds of a tick.
+const TICK_NS: u64 = (TICK_S * 1e9) as u64;
+
+/// Why a swarm cannot be flown in virtual time.
+#[derive(Debug, thiserror::Error)]
+pub enum WorldError {
+    /// The scenario asks for what is not flown.
+    #[error(transparent)]
+    NotFlown(#[from] NotFlown),
+    /// The starts do not fit.
+    #[error(transparent)]
+    Starts(#[from] TooFull),
+    /// This vehicle's aircraft has no flight model.
+    #[error("vehicle {0}: its aircraft has no [helicopter] table, so only X-Plane can fly it")]
+    NoModel(VehicleId),
+}
+
+/// A swarm in virtual time.
+#[derive(Debug)]
+pub struct World {
+    /// As the agents fly it.
+    scenario: Scenario,
+    rules: Rules,
+    vehicles: Vec<Vehicle>,
+    /// All agents stand on it, if there is one.
+    machine: Option<Machine>,
+    operator: Operator,
+    /// What was said since everybody last heard.
+    said: Vec<Said>,
+    /// What external laws were asked since anybody took it.
+    asks: Vec<Ask>,
+    happened: Vec<(VehicleId, Happening)>,
+    incidents: Vec<Incident>,
+    /// What was done since the last tick.
+    done: Vec<Incident>,
+    /// Of agents that have ended.
+    ended: Totals,
+    ticks: u64,
+}
+
+/// One vehicle with its agent.
+#[derive(Debug)]
+struct Vehicle {
+    id: VehicleId,
+    aircraft: Aircraft,
+    plant: BuiltInVehicle,
+    /// What fails of the plant.
+    script: Script,
+    /// What else is done to the vehicle.
+    deeds: Agenda<Deed>,
+    /// `None` while it is dead.
+    agent: Option<Agent>,
+    /// The agent's, or the last one's.
+    incarnation: Incarnation,
+    /// How far the own clock is from the world's, but for its jumps.
+    skew: Skew,
+    /// How far it has jumped, s.
+    clock_ahead_s: f64,
+    /// In which tick the vehicle first became a member: scripted time counts from here.
+    took_off: Option<u64>,
+    ear: Ear,
+    heard: Vec<Heard>,
+    /// Of its external law, for the next step.
+    answer: Option<Answer>,
+    /// What the others find of it when they come late.
+    register: Option<Mission>,
+    truth: Truth,
+    /// Of the last frame.
+    plant_time: PlantTime,
+    command: Option<Sticks>,
+}
+
+/// A word on its way.
+#[derive(Debug)]
+struct Said {
+    /// `None` for the operator.
+    speaker: Option<VehicleId>,
+    /// `None` for everybody.
+    hearer: Option<VehicleId>,
+    word: Word,
+}
+
+impl World {
+    /// The swarm of this scenario on the ground.
+    ///
+    /// # Errors
+    /// If the scenario asks for what is not flown.
+    pub fn new(scenario: &Scenario, aircraft: &[Aircraft], rules: &Rules) -> Result<Self, WorldError> {
+        supported::check(scenario)?;
+        let machine = Machine::of(scenario);
+        let scenario = &central::as_agents_see_it(scenario);
+        let (origin, weather) = (Origin::new(scenario.origin.geodetic()), Weather::from(&scenario.world));
+        let starts = starts(scenario)?;
+        let vehicles = scenario.ids().zip(&starts).zip(aircraft).map(|((id, start), aircraft)| {
+            let parameters = aircraft.helicopter.as_ref().ok_or(WorldError::NoModel(id))?;
+            let plant = BuiltInVehicle::new(&origin, parameters, start, &weather, scenario.seed, id);
+            let known = central::as_agents_know_it(aircraft, scenario.control.mode);
+            Ok(Vehicle::new(scenario, id, known, rules, plant)?)
+        });
+        let vehicles = vehicles.collect::<Result<Vec<_>, WorldError>>()?;
+        Ok(Self {
+            vehicles,
+            machine,
+            said: scenario.ids().map(|id| Said::to_all(id, Word::Appeared(id))).collect(),
+            operator: Operator::new(scenario),
+            scenario: scenario.clone(),
+            rules: rules.clone(),
+            asks: Vec::new(),
+            happened: Vec::new(),
+            incidents: Vec::new(),
+            done: Vec::new(),
+            ended: Totals::default(),
+            ticks: 0,
+        })
+    }
+
+    /// One frame of everybody.
+    pub fn tick(&mut self) {
+        self.happened.clear();
+        self.incidents.clear();
+        self.incidents.append(&mut self.done);
+        let now = LocalTime::from_nanoseconds(self.ticks * TICK_NS);
+        self.deliver(now);
+        self.follow_script();
+        let is_read = self.machine.as_mut().map(|machine| machine.read(now, self.ticks, &mut self.vehicles));
+        for vehicle in &mut self.vehicles {
+            let turned = match &mut self.machine {
+                None => vehicle.turn(now, self.ticks),
+                Some(machine) if is_read == Some(true) => machine.step(now, self.ticks, vehicle),
+                Some(_) => None,
+            };
+            let (Some((said, ask)), id) = (turned, vehicle.id) else { continue };
+            self.asks.extend(ask);
+            self.said.extend(said.state.map(|state| Said::to_all(id, Word::State(through_wire(&state)))));
+            if let Some(mission) = said.mission {
+                vehicle.register = Some(through_wire(&mission));
+                self.said.extend(vehicle.register.map(|mission| Said::to_all(id, Word::Mission(mission))));
+            }
+            self.happened.extend(said.happened.into_iter().map(|what| (id, what)));
+        }
+        if let Some(machine) = &mut self.machine {
+            machine.write(now, self.ticks, &mut self.vehicles);
+        }
+        self.ticks += 1;
+    }
+
+    /// The agent of this vehicle ends without a word, as by `kill -9`: its token is gone for the others in the next tick.
+    pub fn kill(&mut self, id: VehicleId) {
+        if let Some(index) = self.vehicles.iter().position(|vehicle| vehicle.id == id) {
+            self.end(index);
+        }
+    }
+
+    /// What external laws were asked since the last call, by vehicle.
+    pub fn take_asks(&mut self) -> Vec<Ask> {
+        mem::take(&mut self.asks)
+    }
+
+    /// What the law of a vehicle has answered: its agent learns of it in the next tick.
+    pub fn answer(&mut self, answer: Answer) {
+        if let Some(vehicle) = self.vehicles.iter_mut().find(|vehicle| vehicle.id == answer.vehicle) {
+            vehicle.answer = Some(answer);
+        }
+    }
+
+    /// Seconds since the beginning.
+    pub fn t_s(&self) -> f64 {
+        self.ticks as f64 * TICK_S
+    }
+
+    /// Everybody whose agent runs takes part.
+    pub fn all_active(&self) -> bool {
+        self.vehicles().all(|(_, agent, ..)| agent.membership() == Membership::Active)
+    }
+
+    /// Nobody who still takes part has anything of the mission left but to land.
+    pub fn has_finished(&self) -> bool {
+        self.vehicles().count() > 0 && self.vehicles().all(|(_, agent, ..)| agent.has_finished())
+    }
+
+    /// Every agent that runs, how its vehicle really was in the last frame, and what was done with the controls.
+    pub fn vehicles(&self) -> impl Iterator<Item = (VehicleId, &Agent, &Truth, Option<Sticks>)> {
+        self.everybody().filter_map(|(id, agent, truth, sticks)| Some((id, agent?, truth, sticks)))
+    }
+
+    /// Every vehicle: its agent if one runs, how it really was in the last frame, and what the agent did with the controls.
+    pub fn everybody(&self) -> impl Iterator<Item = (VehicleId, Option<&Agent>, &Truth, Option<Sticks>)> {
+        self.vehicles.iter().map(|vehicle| (vehicle.id, vehicle.agent.as_ref(), &vehicle.truth, vehicle.command))
+    }
+
+    /// The last tick's step of every agent that runs.
+    pub fn traces(&mut self) -> impl Iterator<Item = Trace> {
+        let now = LocalTime::from_nanoseconds(self.ticks.saturating_sub(1) * TICK_NS);
+        self.vehicles.iter_mut().filter_map(move |vehicle| vehicle.trace(now))
+    }
+
+    /// What the agents told of themselves in the last tick.
+    pub fn happened(&self) -> &[(VehicleId, Happening)] {
+        &self.happened
+    }
+
+    /// What was done to the swarm in the last tick.
+    pub fn incidents(&self) -> &[Incident] {
+        &self.incidents
+    }
+
+    /// What all agents together have counted, those that have ended included.
+    ///
+    /// Of states it is what crossed the network: under one machine states and controls.
+    pub fn totals(&self) -> Totals {
+        let totals = self.vehicles().fold(self.ended, |totals, (_, agent, ..)| with_counts(totals, agent));
+        self.machine.as_ref().map_or(totals, |machine| machine.add_to(totals))
+    }
+
+    /// What was said in the last tick arrives with everybody else who lives.
+    fn deliver(&mut self, now: LocalTime) {
+        if self.machine.as_ref().is_some_and(|machine| machine.is_busy(now)) {
+            return;
+        }
+        let mut said = mem::take(&mut self.said);
+        for vehicle in self.vehicles.iter_mut().filter(|vehicle| vehicle.agent.is_some()) {
+            vehicle.hear(now, self.ticks, &said);
+        }
+        said.clear();
+        self.said = said;
+    }
+
+    /// Does what is due.
+    fn follow_script(&mut self) {
+        let mut changes = LinkChanges::default();
+        for index in 0..self.vehicles.len() {
+            let id = self.vehicles[index].id;
+            while let Some(deed) = self.vehicles[index].due(self.ticks) {
+                match deed {
+                    Deed::Kill => self.end(index),
+                    Deed::Restart => self.restart(index),
+                    Deed::Fail(what) => self.done.push(Incident::Failed(id, what)),
+                    Deed::Jump(by_s) => self.vehicles[index].clock_ahead_s += by_s,
+                    Deed::Link(change, sender) => changes.add(change, (sender, id)),
+                }
+            }
+        }
+        self.done.extend(changes.incidents());
+        if let Some(t_s) = self.flown_s() {
+            self.strike_machine(t_s);
+            self.order(t_s);
+        }
+        self.incidents.append(&mut self.done);
+    }
+
+    /// Since the first take-off, s: the operator's clock and the one machine's begin with it.
+    fn flown_s(&self) -> Option<f64> {
+        let first = self.vehicles.iter().filter_map(|vehicle| vehicle.took_off).min()?;
+        Some((self.ticks - first) as f64 * TICK_S)
+    }
+
+    /// Does to the one machine what is due, and with it to every agent.
+    fn strike_machine(&mut self, t_s: f64) {
+        while let Some(deed) = self.machine.as_mut().and_then(|machine| machine.due(t_s)) {
+            let Some(machine) = &mut self.machine else { return };
+            if deed == Deed::Kill {
+                machine.end();
+                (0..self.vehicles.len()).for_each(|index| self.end(index));
+            } else {
+                machine.restart();
+                (0..self.vehicles.len()).for_each(|index| self.restart(index));
+            }
+        }
+    }
+
+    fn order(&mut self, t_s: f64) {
+        let repeats = |vehicle: &Vehicle, order| vehicle.register.is_some_and(|register| register.order >= Some(order));
+        let living = self.vehicles.iter().filter(|vehicle| vehicle.agent.is_some());
+        let order = self.operator.says(t_s, |order| living.clone().all(|vehicle| repeats(vehicle, *order)));
+        self.said.extend(order.map(|order| Said {
+            speaker: None,
+            hearer: None,
+            word: Word::Order(through_wire(&order)),
+        }));
+    }
+
+    fn end(&mut self, index: usize) {
+        let vehicle = &mut self.vehicles[index];
+        let Some(agent) = vehicle.agent.take() else { return };
+        (vehicle.register, vehicle.command, vehicle.answer) = (None, None, None);
+        self.ended = with_counts(self.ended, &agent);
+        self.said.push(Said::to_all(vehicle.id, Word::Vanished(vehicle.id)));
+        self.done.push(Incident::Died(vehicle.id));
+    }
+
+    /// A new life finds the tokens of those who live and their registers.
+    fn restart(&mut self, index: usize) {
+        let vehicle = &mut self.vehicles[index];
+        if vehicle.agent.is_some() {
+            return;
+        }
+        vehicle.incarnation.0 += 1;
+        let agent = vehicle.new_agent(&self.scenario, &self.rules);
+        // A study whose scenario is refused never begins.
+        #[expect(clippy::expect_used, reason = "the same scenario made the first agent")]
+        let agent = agent.expect("a scenario that was flown");
+        (vehicle.agent, vehicle.ear) = (Some(agent), Ear::new(&self.scenario, vehicle.id));
+        vehicle.heard.clear();
+        let newborn = vehicle.id;
+        self.said.push(Said::to_all(newborn, Word::Appeared(newborn)));
+        for other in self.vehicles.iter().filter(|other| other.id != newborn && other.agent.is_some()) {
+            let words = [Some(Word::Appeared(other.id)), other.register.map(Word::Mission)];
+            let to_newborn = |word| Said { speaker: Some(other.id), hearer: Some(newborn), word };
+            self.said.extend(words.into_iter().flatten().map(to_newborn));
+        }
+        self.done.push(Incident::Restarted(newborn));
+    }
+}
+
+impl Vehicle {
+    fn new(
+        scenario: &Scenario,
+        id: VehicleId,
+        aircraft: Aircraft,
+        rules: &Rules,
+        plant: BuiltInVehicle,
+    ) -> Result<Self, NotFlown> {
+        let mut vehicle = Self {
+            id,
+            aircraft,
+            truth: plant.frame().truth,
+            plant,
+            script: Script::of(&scenario.mission.events, id),
+            deeds: script::deeds(scenario, id),
+            agent: None,
+            incarnation: Incarnation(1),
+            skew: Skew::new(scenario, id),
+            clock_ahead_s: script::clock_begins_s(scenario, id),
+            took_off: None,
+            ear: Ear::new(scenario, id),
+            heard: Vec::new(),
+            answer: None,
+            register: None,
+            plant_time: PlantTime::ZERO,
+            command: None,
+        };
+        vehicle.agent = Some(vehicle.new_agent(scenario, rules)?);
+        Ok(vehicle)
+    }
+
+    fn new_agent(&self, scenario: &Scenario, rules: &Rules) -> Result<Agent, NotFlown> {
+        Agent::new(scenario, self.id, self.incarnation, &self.aircraft, rules.clone())
+    }
+
+    /// Since take-off, s; it goes on while the agent is dead.
+    fn flown_s(&self, tick: u64) -> Option<f64> {
+        self.took_off.map(|took_off| (tick - took_off) as f64 * TICK_S)
+    }
+
+    /// The next that is to be done to it now.
+    fn due(&mut self, tick: u64) -> Option<Deed> {
+        self.deeds.due(self.flown_s(tick)?)
+    }
+
+    /// Takes in what the others have said. The network knows nothing of this vehicle's clock.
+    fn hear(&mut self, now: LocalTime, tick: u64, said: &[Said]) {
+        self.heard.clear();
+        let id = self.id;
+        let is_for_it = |said: &&Said| said.speaker != Some(id) && said.hearer.is_none_or(|hearer| hearer == id);
+        let arriving = said.iter().filter(is_for_it).map(|said| Heard { word: said.word, at: now });
+        let position = self.agent.as_ref().and_then(Agent::position);
+        let own = Whereabouts { flown_s: self.flown_s(tick), position };
+        self.ear.hear(now, own, arriving, &mut self.heard);
+        if self.clock_ahead_s != 0.0 || !self.skew.is_none() {
+            let mut heard = mem::take(&mut self.heard);
+            heard.iter_mut().for_each(|heard| heard.at = self.shown(heard.at));
+            self.heard = heard;
+        }
+    }
+
+    /// What its own clock shows now.
+    fn shown(&self, now: LocalTime) -> LocalTime {
+        self.skew.shown(now).plus_seconds(self.clock_ahead_s)
+    }
+
+    /// One frame: the agent's step, if it lives, and the helicopter's. Gives what the agent says and asks.
+    fn turn(&mut self, now: LocalTime, tick: u64) -> Option<(speech::Said, Option<Ask>)> {
+        let (frame, simulator_frozen) = self.frame(tick);
+        let now = Now { plant: frame.time, local: self.shown(now) };
+        let measurement = (!simulator_frozen).then_some(&frame.measurement);
+        let said = self.think(now, measurement, tick).map(|Outputs { command, said, ask }| {
+            self.command = command;
+            (said, ask)
+        });
+        if !simulator_frozen {
+            self.plant.advance(self.command);
+        }
+        said
+    }
+
+    /// The plant's frame under what has failed of it, and whether it stands still.
+    fn frame(&mut self, tick: u64) -> (Frame, bool) {
+        let script = self.flown_s(tick).map(|flown_s| self.script.at(flown_s)).unwrap_or_default();
+        self.plant.fail(script.failures);
+        let frame = self.plant.frame();
+        (self.truth, self.plant_time) = (frame.truth, frame.time);
+        (frame, script.simulator_frozen)
+    }
+
+    /// The agent's step, if it lives.
+    fn think(&mut self, now: Now, measurement: Option<&Measurement>, tick: u64) -> Option<Outputs> {
+        let agent = self.agent.as_mut()?;
+        let answer = self.answer.take();
+        let inputs = Inputs { measurement, heard: &self.heard, leave: false, answer: answer.as_ref() };
+        let outputs = agent.step(now, &inputs);
+        if agent.membership() == Membership::Active {
+            self.took_off.get_or_insert(tick);
+        }
+        Some(outputs)
+    }
+
+    fn trace(&mut self, now: LocalTime) -> Option<Trace> {
+        let now = Now { plant: self.plant_time, local: self.shown(now) };
+        let mut trace = self.agent.as_mut()?.trace(now, &self.truth);
+        self.ear.tell_lateness(&mut trace.peers);
+        Some(trace)
+    }
+}
+
+impl Said {
+    fn to_all(speaker: VehicleId, word: Word) -> Self {
+        Self { speaker: Some(speaker), hearer: None, word }
+    }
+}
+
+fn with_counts(totals: Totals, agent: &Agent) -> Totals {
+    let (messages, bytes) = agent.spoken();
+    let activations = agent.safety_activations().map(|more| more + totals.safety_activations.unwrap_or(0));
+    let misses = agent.law_misses().map(|more| more + totals.law_misses.unwrap_or(0));
+    Totals {
+        state_messages: totals.state_messages + messages,
+        state_bytes: totals.state_bytes + bytes,
+        safety_activations: activations.or(totals.safety_activations),
+        law_misses: misses.or(totals.law_misses),
+        ..totals
+    }
+}
+
+/// What arrives of a message.
+fn through_wire<M: Message>(said: &M) -> M {
+    // An agent says nothing that it would not itself believe; if it did, the study is wrong and must not go on.
+    #[expect(clippy::expect_used, reason = "a message of ours that does not decode is a bug")]
+    message::decode(&message::encode(said)).expect("what an agent says can be heard")
+}
