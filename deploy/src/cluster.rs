@@ -23,7 +23,6 @@ pub mod down;
 mod flown;
 pub mod host;
 pub mod install;
-pub mod inventory;
 pub mod keys;
 pub mod logs;
 pub mod nodes;

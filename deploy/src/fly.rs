@@ -31,7 +31,6 @@ pub mod flight;
 pub mod ground;
 pub mod launch;
 pub mod plan;
-pub mod ports;
 pub mod screen;
 pub mod script;
 pub mod status;

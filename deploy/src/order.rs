@@ -7,7 +7,7 @@ use std::collections::BTreeMap;
 use std::hash::{BuildHasher, RandomState};
 use std::time::{Duration, Instant};
 
-use crate::reach::Role;
+use crate::keys::Role;
 use skein_common::id::VehicleId;
 use skein_common::message::{Order, Verb};
 use skein_common::scenario::{Source, load};

@@ -1,5 +1,7 @@
 //! How a live swarm is reached, wherever it flies: on this PC, as the file says that `fly` has left, or on a cluster.
 
+mod secured;
+
 use std::collections::BTreeMap;
 use std::fs;
 use std::path::PathBuf;
@@ -9,9 +11,11 @@ use skein_agent::link::Security;
 use skein_agent::link::seal::{SealKey, Sealer};
 use skein_common::id::{SwarmName, VehicleId};
 
-use crate::cluster::inventory::Inventory;
-use crate::cluster::keys::run::RunFile;
 use crate::endpoints::{self, Endpoints};
+use crate::inventory::Inventory;
+use crate::keys::Role;
+use crate::keys::run::RunFile;
+pub(crate) use secured::orders_key;
 use skein_lab::error::Error;
 
 /// What one needs to take part in a swarm's traffic.
@@ -33,17 +37,6 @@ pub struct Reach {
     pub run_file: Option<RunFile>,
     /// What flies.
     pub scenario: Flown,
-}
-
-/// Who takes part in a swarm's traffic.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Role {
-    /// A vehicle's agent: says what this vehicle may say.
-    Vehicle(VehicleId),
-    /// Says nothing.
-    Observer,
-    /// Gives orders.
-    Operator,
 }
 
 /// A complete scenario as it is flown.

@@ -1,5 +1,7 @@
 //! X-Planes that a flight of this PC is to fly: where they are, and whether each answers.
 
+mod probe;
+
 use std::net::ToSocketAddrs;
 use std::thread;
 
@@ -7,8 +9,7 @@ use skein_agent::plant::xplane::wire;
 use skein_common::id::VehicleId;
 use skein_common::scenario::Scenario;
 
-use crate::cluster::host::probe;
-use crate::fly::ports;
+use crate::ports;
 use skein_lab::error::Error;
 
 /// A host and a port of it.

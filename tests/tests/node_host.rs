@@ -13,8 +13,8 @@ use std::time::{Duration, Instant};
 
 use rustix::process::{Pid, Signal, kill_process, test_kill_process};
 use skein::cluster::bundle::{Bundle, BundleFile};
-use skein::cluster::inventory::ServiceKind;
 use skein::cluster::protocol::{Answer, Ask, Facts, Request, Service};
+use skein::inventory::ServiceKind;
 use skein_common::id::{SwarmName, VehicleId};
 use tempfile::TempDir;
 

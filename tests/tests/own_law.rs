@@ -39,7 +39,7 @@ fn program() -> &'static Path {
             // As in the workspace's manifest.
             cargo.args(["--release", "--config", "profile.release.strip='debuginfo'"]);
             // To another workspace Skein's own crates are new. A few seconds' flights need no optimizer.
-            for name in ["skein", "skein-agent", "skein-common"] {
+            for name in ["skein-lab", "skein-host", "skein-core", "skein-common"] {
                 cargo.arg("--config").arg(format!("profile.release.package.{name}.opt-level=0"));
             }
         }

@@ -161,7 +161,7 @@ mod tests {
     #[test]
     fn rules_are_found_from_the_folder_of_the_file() {
         let args = ScenarioArgs {
-            scenario: Some("scenarios/hover.toml".into()),
+            scenario: Some("../scenarios/hover.toml".into()),
             sets: vec!["control.rules=../controllers".to_owned()],
         };
         let scenario = args.read(Vec::new()).unwrap().scenario;

@@ -13,9 +13,9 @@ use std::time::Duration;
 
 use serde::Serialize;
 
-use super::inventory::{Inventory, Node};
 use super::nodes;
 use super::ssh::{Ssh, at_once, by_host};
+use crate::inventory::{Inventory, Node};
 use host::Look;
 use skein_lab::error::Error;
 

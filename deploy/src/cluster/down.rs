@@ -5,18 +5,18 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::thread;
 use std::time::Duration;
 
-use crate::reach::Role;
+use crate::keys::Role;
 use serde::Serialize;
 use skein_common::id::VehicleId;
 use skein_common::message::Verb;
 
-use super::inventory::Node;
-use super::keys::run::RunFile;
 use super::nodes::{self, Chosen, Line, NodesArgs, Outcome, Progress, is_seconds};
 use super::protocol::{Answer, Ask, FORCED};
 use super::ready::Watch;
 use super::remote::{Fault, Remote};
 use super::ssh::{Ssh, at_once};
+use crate::inventory::Node;
+use crate::keys::run::RunFile;
 use crate::order;
 use skein_host::clock;
 use skein_lab::error::Error;

@@ -7,8 +7,8 @@ use skein_agent::link::seal::SealKey;
 use skein_agent::link::seal::runs::RunNote;
 use skein_common::id::{SwarmName, VehicleId};
 
-use super::keys::run::Record;
 use super::nodes::list;
+use crate::keys::run::Record;
 use crate::observe::majority;
 
 /// What is known of the run that flies.

@@ -14,6 +14,7 @@
 mod files;
 mod install;
 mod logs;
+mod node;
 mod place;
 pub(crate) mod probe;
 mod process;
@@ -34,7 +35,8 @@ use skein_common::id::VehicleId;
 
 use super::protocol::{Answer, Ask, Request};
 use crate::capacity::{self, Demand};
-use place::{NodeFolder, Place, Settings};
+use node::{NodeFolder, Settings};
+use place::Place;
 use skein_lab::error::Error;
 
 /// `skein node`
@@ -89,20 +91,22 @@ fn answer(place: &Place, request: Request) -> Result<Answer, String> {
     let node = place.node(id);
     match ask {
         Ask::Facts => return Ok(Answer::Facts(node.facts())),
-        Ask::Simulator { address } => return Ok(Answer::Simulator(probe::simulator_at(&address))),
+        Ask::Simulator { address } => {
+            return Ok(Answer::Simulator(crate::simulators::ask(&address).map_err(|error| error.to_string())));
+        }
         Ask::Reach { endpoints } => return Ok(Answer::Reach(probe::reach(&endpoints))),
         Ask::Carries { agents, swarm } => {
             let demand = Demand { agents, swarm, traces: false };
             return Ok(Answer::Carries(capacity::exceeded_by(demand).map_err(|error| error.to_string())?));
         }
-        Ask::Apply { .. } => place::make_folders(&[node.installs(), node.run(), node.log()])?,
+        Ask::Apply { .. } => node::make_folders(&[node.installs(), node.run(), node.log()])?,
         // Nothing is left of it, or never was: the rest of its request is done below.
         Ask::Remove { .. } if !node.path.exists() => {
             let changed = install::remove(place, &node)?;
             return Ok(Answer::Done { changed, forced: false, facts: node.facts() });
         }
         _ if !node.path.exists() => return Err(format!("nothing is installed for node {id}")),
-        _ => place::make_folders(&[node.run()])?,
+        _ => node::make_folders(&[node.run()])?,
     }
     let _lock = node.lock()?;
     let mut forced = false;
@@ -139,7 +143,7 @@ fn seconds(seconds: f64) -> Result<Duration, String> {
 /// after whoever read it has gone.
 fn show_log(place: &Place, node: &NodeFolder, lines: usize, follow: bool) -> Result<(), String> {
     match node.settings().and_then(|settings| place.systemd(settings.service)) {
-        Some(systemd) => Err(systemd.become_log(place, node, lines, follow)),
+        Some(systemd) => Err(systemd.become_log(&place.swarm, node, lines, follow)),
         None => {
             let is_closed = Arc::new(AtomicBool::new(!follow));
             let watched = is_closed.clone();

@@ -14,12 +14,12 @@ use serde::Serialize;
 use skein_common::id::VehicleId;
 
 use super::bundle::Bundle;
-use super::inventory::Node;
 use super::nodes::{self, Chosen, Line, NodesArgs, Progress, is_seconds};
 use super::program::Program;
 use super::protocol::{Answer, Ask, FORCED, Facts, Installed};
 use super::remote::{Fault, Remote};
 use super::ssh::{Host, at_once};
+use crate::inventory::Node;
 use roll::Restart;
 use row::{Done, Row};
 use skein_host::clock;

@@ -4,11 +4,6 @@
 //! A second run changes nothing. A vehicle's certificate is revoked by issuing another one under another name and with another
 //! key: every agent believes only those that count (`names.toml`), so that `install` is what makes a revocation felt.
 
-pub(crate) mod certificate;
-pub(crate) mod folder;
-pub(crate) mod reach;
-pub mod run;
-
 use std::str::FromStr;
 
 use serde_json::json;
@@ -16,12 +11,14 @@ use skein_agent::link::seal::{SealKey, Sealer};
 use skein_agent::link::security::Known;
 use time::OffsetDateTime;
 
-use super::inventory::{Inventory, SecurityKind};
 use super::{FileArgs, nodes};
+use crate::inventory::{Inventory, SecurityKind};
+use crate::keys::certificate::{self, Authority, Unfit, Wanted, expires, unfit};
+use crate::keys::folder::{
+    self, AUTHORITY, AUTHORITY_KEY, Folder, NAMES, ORDERS_KEY, ORDERS_PUBLIC, certificate_file, key_file,
+};
+use crate::keys::{Role, day, name_of, roles, wanted};
 use crate::os;
-use crate::reach::Role;
-use certificate::{Authority, Unfit, Wanted, expires, unfit};
-use folder::{AUTHORITY, AUTHORITY_KEY, Folder, NAMES, Names, ORDERS_KEY, ORDERS_PUBLIC, certificate_file, key_file};
 use skein_host::clock;
 use skein_lab::error::Error;
 
@@ -317,29 +314,6 @@ fn failed(error: rcgen::Error) -> Error {
     Error::Failed(format!("no key can be made: {error}"))
 }
 
-/// Who has a certificate.
-pub(crate) fn roles(inventory: &Inventory) -> impl Iterator<Item = Role> {
-    inventory.nodes.keys().map(|id| Role::Vehicle(*id)).chain([Role::Observer, Role::Operator])
-}
-
-/// What the certificate of this one says.
-pub(crate) fn wanted<'a>(inventory: &'a Inventory, names: &'a Names, role: Role) -> Wanted<'a> {
-    let address = match role {
-        Role::Vehicle(id) => inventory.nodes.get(&id).map(|node| node.address.as_str()),
-        Role::Observer | Role::Operator => None,
-    };
-    Wanted { role, name: name_of(names, role), address }
-}
-
-/// The common name that counts; empty if there is none yet.
-fn name_of(names: &Names, role: Role) -> &str {
-    match role {
-        Role::Vehicle(id) => names.vehicles.get(&id).map_or("", |known| &known.name),
-        Role::Observer => &names.observer,
-        Role::Operator => &names.operator,
-    }
-}
-
 /// `vehicle-3`, `vehicle-3.2`, `vehicle-3.3`, ...
 fn next_name(name: &str) -> String {
     let (stem, number) = name.rsplit_once('.').unwrap_or((name, "1"));
@@ -352,12 +326,6 @@ fn who(role: Role) -> String {
         Role::Observer => "observers".to_owned(),
         Role::Operator => "operator".to_owned(),
     }
-}
-
-/// `2026-11-21`.
-pub(crate) fn day(at: OffsetDateTime) -> String {
-    let (year, month, day) = at.to_calendar_date();
-    format!("{year:04}-{:02}-{day:02}", u8::from(month))
 }
 
 fn as_table(lines: &[Line]) -> String {

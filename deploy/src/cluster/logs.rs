@@ -9,10 +9,10 @@ use std::time::Duration;
 use serde::Serialize;
 use skein_common::id::VehicleId;
 
-use super::inventory::Node;
 use super::nodes::{self, Chosen};
 use super::remote::{Fault, Remote};
 use super::ssh::{Host, Ssh, at_once};
+use crate::inventory::Node;
 use skein_host::clock;
 use skein_lab::error::Error;
 

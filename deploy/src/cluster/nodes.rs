@@ -12,8 +12,8 @@ use skein_common::id::VehicleId;
 use skein_common::printable::printable_lines;
 
 use super::FileArgs;
-use super::inventory::{Install, Inventory, Node};
 use super::ssh::{self, Host, Ssh};
+use crate::inventory::{Install, Inventory, Node};
 use skein_host::clock;
 use skein_lab::error::Error;
 

@@ -6,7 +6,7 @@ use skein_agent::link::seal::runs::RunNote;
 use skein_common::id::{SwarmName, VehicleId};
 
 use super::bundle::Bundle;
-use super::inventory::ServiceKind;
+use crate::inventory::ServiceKind;
 
 /// What is asked of one node.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

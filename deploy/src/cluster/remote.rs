@@ -8,10 +8,10 @@ use serde_json::Value;
 use skein_common::id::SwarmName;
 use skein_common::printable::printable;
 
-use super::inventory::Node;
 use super::program::{self, Glibc, Program};
 use super::protocol::{Answer, Ask, Request};
 use super::ssh::{Host, MAX_SENTENCE, Said, Ssh, quote};
+use crate::inventory::Node;
 
 /// Within this time every question is answered, connecting included; in addition to a landing that is part of it.
 const ANSWER: Duration = Duration::from_secs(20);

@@ -20,8 +20,8 @@ use std::time::Duration;
 
 use skein_common::printable::printable;
 
-use super::inventory::Node;
 use crate::endpoints;
+use crate::inventory::Node;
 use crate::os;
 use skein_host::clock;
 

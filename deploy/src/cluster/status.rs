@@ -6,7 +6,7 @@ mod table;
 use std::io::IsTerminal;
 use std::time::{Duration, Instant};
 
-use crate::reach::Role;
+use crate::keys::Role;
 use serde::Serialize;
 use skein_common::id::VehicleId;
 use skein_common::message::Health;
@@ -15,7 +15,7 @@ use skein_common::state::{Activity, Standing};
 
 use super::FileArgs;
 use super::clocks::ahead_of_swarm;
-use super::inventory::{Inventory, Node};
+use crate::inventory::{Inventory, Node};
 use crate::observe::{Observer, Steps};
 use skein_host::clock;
 use skein_lab::error::Error;

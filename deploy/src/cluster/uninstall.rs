@@ -6,11 +6,11 @@ use serde::Serialize;
 use skein_common::id::VehicleId;
 
 use super::down;
-use super::inventory::Node;
 use super::nodes::{self, NodesArgs, Outcome, is_seconds};
 use super::protocol::{Answer, Ask, FORCED};
 use super::remote::{Fault, Remote};
 use super::ssh::{Host, at_once};
+use crate::inventory::Node;
 use skein_host::clock;
 use skein_lab::error::Error;
 

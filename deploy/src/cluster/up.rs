@@ -4,21 +4,22 @@
 use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
 
-use crate::reach::{Reach, Role};
+use crate::keys::Role;
+use crate::reach::Reach;
 use ring::rand::{SecureRandom, SystemRandom};
 use serde::Serialize;
 use skein_agent::link::seal::runs::RunNote;
 use skein_common::id::VehicleId;
 
 use super::flown::Evidence;
-use super::inventory::{Install, Inventory, Node, SecurityKind};
-use super::keys::run::Record;
 use super::nodes::{self, Chosen, NodesArgs, Progress, is_seconds};
 use super::protocol::{Answer, Ask, RunningAgent};
 use super::ready::{HEARD, LOOK, Watch};
 use super::remote::{Fault, Remote};
 use super::ssh::at_once;
 use crate::capacity::{self, Demand};
+use crate::inventory::{Install, Inventory, Node, SecurityKind};
+use crate::keys::run::Record;
 use skein_host::clock;
 use skein_lab::error::Error;
 
@@ -363,11 +364,11 @@ mod tests {
     use std::fs;
 
     use super::*;
-    use crate::cluster::inventory::tests::lab;
     #[cfg(unix)]
     use crate::cluster::protocol::{Facts, Installed};
     #[cfg(unix)]
     use crate::cluster::ssh::tests::local;
+    use crate::inventory::tests::lab;
 
     #[test]
     fn no_two_runs_are_the_same() {

@@ -13,8 +13,8 @@ use skein_core::helicopter::Start;
 
 use super::children::{Children, Role};
 use super::plan::Plan;
-use super::ports;
 use crate::endpoints::{self, Endpoints, EndpointsFile};
+use crate::ports;
 use skein_lab::error::Error;
 
 /// A swarm whose processes have been started.

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-use crate::reach::Role;
+use crate::keys::Role;
 use skein_common::scenario::{Source, load};
 use skein_common::state::Membership;
 

@@ -42,5 +42,5 @@ impl Law for Pursuit {
 }
 
 fn main() -> ExitCode {
-    skein::cli::main_with(Laws::default().with("pursuit", Pursuit::make))
+    skein_lab::cli::main_with(Laws::default().with("pursuit", Pursuit::make))
 }

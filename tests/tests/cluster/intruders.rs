@@ -15,8 +15,8 @@ use rcgen::{CertificateParams, DnType, ExtendedKeyUsagePurpose, Issuer, KeyPair,
 use rustls_pki_types::CertificateDer;
 use rustls_pki_types::pem::PemObject;
 use serde_json::json;
-use skein::cluster::inventory::Inventory;
-use skein::reach::Role;
+use skein::inventory::Inventory;
+use skein::keys::Role;
 use skein_agent::link::seal::Sealer;
 use skein_agent::link::seal::words::{ADDED_BYTES, Voices};
 use skein_agent::link::security::{Known, Tls};

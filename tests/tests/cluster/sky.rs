@@ -10,9 +10,9 @@ use std::thread::{self, sleep};
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 use serde_json::{Value, json};
-use skein::cluster::inventory::Inventory;
+use skein::inventory::Inventory;
+use skein::keys::Role;
 use skein::observe::{Heard, Observer, Steps};
-use skein::reach::Role;
 
 use super::lab::Lab;
 

@@ -12,14 +12,12 @@ use skein_core::supported;
 use toml::Value as Toml;
 
 use super::{Bundle, BundleFile, SCENARIO};
-use crate::cluster::inventory::{Install, Inventory, Node, SecurityKind};
-use crate::cluster::keys::certificate::{Unfit, unfit};
-use crate::cluster::keys::folder::{
-    AUTHORITY, Folder, NAMES, Names, ORDERS_PUBLIC, certificate_file, key_file, vehicles_toml,
-};
-use crate::cluster::keys::reach::orders_key;
-use crate::cluster::keys::wanted;
-use crate::reach::Role;
+use crate::inventory::{Install, Inventory, Node, SecurityKind};
+use crate::keys::Role;
+use crate::keys::certificate::{Unfit, unfit};
+use crate::keys::folder::{AUTHORITY, Folder, NAMES, Names, ORDERS_PUBLIC, certificate_file, key_file, vehicles_toml};
+use crate::keys::wanted;
+use crate::reach::orders_key;
 use skein_host::clock;
 use skein_lab::error::Error;
 use skein_lab::scenario::aircraft_of;

@@ -8,9 +8,9 @@ use skein_common::scenario::PlantKind;
 
 use super::*;
 use crate::cli::{Cli, Command};
-use crate::cluster::inventory::Inventory;
-use crate::cluster::inventory::tests::lab;
 use crate::cluster::keys;
+use crate::inventory::Inventory;
+use crate::inventory::tests::lab;
 use skein_host::clock;
 
 fn id(number: u8) -> VehicleId {

@@ -14,12 +14,12 @@ use super::ports::{Agent, Calls};
 use super::{LOGIN, Line};
 use crate::cluster::bundle::Bundle;
 use crate::cluster::install::ROOM;
-use crate::cluster::inventory::{Inventory, Node};
 use crate::cluster::program::Program;
 use crate::cluster::protocol::{Answer, Ask, Facts, Installed};
 use crate::cluster::remote::{Fault, Probed, Remote};
 use crate::cluster::ssh::{Host, Ssh};
 use crate::cluster::status::CLOCK_S;
+use crate::inventory::{Inventory, Node};
 use skein_lab::error::Error;
 
 /// Looks at the hosts of one cluster.

@@ -1,10 +1,10 @@
 //! Whether the keys are there, good for the inventory, and nobody else's to read.
 
 use super::Line;
-use crate::cluster::inventory::{Inventory, SecurityKind};
-use crate::cluster::keys::certificate::{Unfit, expires, unfit};
-use crate::cluster::keys::folder::{AUTHORITY, Folder, ORDERS_PUBLIC, certificate_file, key_file};
-use crate::cluster::keys::{day, roles, wanted};
+use crate::inventory::{Inventory, SecurityKind};
+use crate::keys::certificate::{Unfit, expires, unfit};
+use crate::keys::folder::{AUTHORITY, Folder, ORDERS_PUBLIC, certificate_file, key_file};
+use crate::keys::{day, roles, wanted};
 use skein_host::clock;
 use skein_lab::error::Error;
 

@@ -6,8 +6,8 @@ use skein_common::id::VehicleId;
 
 use super::Line;
 use crate::cluster::host::probe;
-use crate::cluster::inventory::{Inventory, Node};
 use crate::cluster::protocol::Reached;
+use crate::inventory::{Inventory, Node};
 
 /// Who called, and what became of it at each node.
 pub(super) struct Calls {
@@ -85,7 +85,7 @@ fn line(node: &Node, calls: &[Calls], agent: Option<Agent>) -> Line {
 mod tests {
     use super::super::State;
     use super::*;
-    use crate::cluster::inventory::tests::lab;
+    use crate::inventory::tests::lab;
 
     /// The line of node 1, as this PC and heli2 have called it.
     fn line_of(pc: Reached, other: Reached, agent: Agent) -> Line {

@@ -7,10 +7,10 @@ use skein_common::id::VehicleId;
 
 use super::ports::Agent;
 use super::*;
-use crate::cluster::inventory::tests::lab;
 use crate::cluster::keys as cluster_keys;
 use crate::cluster::protocol::{Facts, Installed, RunningAgent};
 use crate::cluster::ssh::tests::{fake, heli};
+use crate::inventory::tests::lab;
 use skein_host::clock;
 
 /// What is found of a host whose programs in `bin` stand before the system's.

@@ -2,8 +2,8 @@ use skein_agent::link::seal::Sealer;
 use skein_common::message::Verb;
 
 use super::*;
-use crate::cluster::keys::folder::new_key;
-use crate::cluster::keys::run::RunFile;
+use crate::keys::folder::new_key;
+use crate::keys::run::RunFile;
 
 const OWN: u64 = 7;
 const YESTERDAYS: u64 = 5;
@@ -63,7 +63,7 @@ fn the_run_that_was_begun_here_is_joined_while_it_is_not_over() {
 #[test]
 fn a_run_is_over_from_the_order_to_land_on() {
     let folder = tempfile::tempdir().unwrap();
-    let inventory = crate::cluster::inventory::tests::lab(folder.path(), 1, "");
+    let inventory = crate::inventory::tests::lab(folder.path(), 1, "");
     std::fs::create_dir(&inventory.keys).unwrap();
     let file = RunFile::of(&inventory).unwrap();
     assert_eq!(file.read().unwrap(), None);
@@ -81,7 +81,7 @@ fn a_run_is_over_from_the_order_to_land_on() {
     std::fs::write(inventory.keys.join("run.json"), "{}").unwrap();
     let error = file.read().unwrap_err();
     assert!(error.exit_code() == 2 && error.to_string().contains("run.json: not the note of a run"), "{error}");
-    let plain = crate::cluster::inventory::tests::lab(folder.path(), 1, "security = 'none'");
+    let plain = crate::inventory::tests::lab(folder.path(), 1, "security = 'none'");
     assert!(RunFile::of(&plain).is_none());
 }
 

@@ -6,7 +6,9 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use super::files::{self, at};
-use super::place::{self, NodeFolder, PROGRAM, Place, Settings, install_name, linked};
+use super::node;
+use super::node::{NodeFolder, Settings, install_name, linked};
+use super::place::{PROGRAM, Place};
 use crate::cluster::bundle::{Bundle, BundleFile};
 use crate::cluster::protocol::Installed;
 use crate::os;
@@ -100,7 +102,7 @@ fn write_install(node: &NodeFolder, installed: &Installed, bundle: &Bundle) -> R
         let above = draft.join(name).ancestors().skip(1).map(Path::to_owned).collect::<Vec<_>>();
         folders.extend(above.into_iter().take_while(|folder| *folder != draft));
     }
-    place::make_folders(&Vec::from_iter(folders.iter().cloned()))?;
+    node::make_folders(&Vec::from_iter(folders.iter().cloned()))?;
     for (name, file) in &bundle.files {
         let path = draft.join(name);
         files::write_through(&path, &file.content, mode(file)).map_err(at(&path))?;
@@ -140,7 +142,7 @@ fn prune(place: &Place, node: &NodeFolder) -> Result<(), String> {
     let running = node.agent().and_then(|_| linked(&node.active()));
     let needed = [linked(&node.current()), linked(&node.previous()), running];
     for path in files::entries(&node.installs()) {
-        let installed = place::installed(&path);
+        let installed = node::installed(&path);
         if installed.is_none() || !needed.contains(&installed) {
             files::remove(&path).map_err(at(&path))?;
         }
@@ -156,7 +158,7 @@ fn prune(place: &Place, node: &NodeFolder) -> Result<(), String> {
 fn prune_releases(place: &Place, also: Option<&str>) -> Result<(), String> {
     let nodes = files::entries(&place.folder).into_iter().filter(|path| is_node(path));
     let installs = nodes.flat_map(|node| files::entries(&node.join("installs")));
-    let needed: BTreeSet<_> = installs.filter_map(|path| Some(place::installed(&path)?.release)).collect();
+    let needed: BTreeSet<_> = installs.filter_map(|path| Some(node::installed(&path)?.release)).collect();
     for path in files::entries(&place.releases()) {
         let is_needed = files::name(&path).is_some_and(|name| needed.contains(name) || also == Some(name));
         if !is_needed && path.join(PROGRAM).exists() {

@@ -1,74 +1,14 @@
-//! What a host can reach: its simulator, its peers.
+//! Which of its peers a host can reach.
 
 use std::io;
 use std::net::{SocketAddr, TcpStream, ToSocketAddrs};
 use std::thread;
 use std::time::Duration;
 
-use skein_agent::config::{listen_for, simulator};
-use skein_agent::plant::xplane::XPlane;
-use skein_common::frame::{Geodetic, Origin};
-use skein_core::aircraft::Profile;
-use skein_core::helicopter::TICK_S;
-use skein_core::plant::{Plant, Wake};
-
 use crate::cluster::protocol::Reached;
-use skein_host::clock;
 
-/// How long a simulator is listened for, and how long a peer is given to take a call.
-const SIMULATOR: Duration = Duration::from_secs(2);
+/// How long a peer is given to take a call.
 const PEER: Duration = Duration::from_secs(1);
-/// One wait for a simulator's position.
-const ATTEMPT: Duration = Duration::from_millis(100);
-
-/// What is heard of the X-Plane at `HOST[:PORT]`, by the agent's own end of the wire. Its controls are not touched.
-pub(crate) fn simulator_at(address: &str) -> Result<String, String> {
-    let address = simulator(address).map_err(|error| error.to_string())?;
-    // Only distances from it would be wrong, and none is asked for.
-    let anywhere = Origin::new(Geodetic::from_degrees(0.0, 0.0, 0.0));
-    let rate_hz = (1.0 / TICK_S).round() as u32;
-    let link = XPlane::new(&anywhere, Some(address), &Profile::default(), rate_hz, listen_for(address.ip()));
-    let mut link = link.map_err(|error| error.to_string())?;
-    let until = clock::now() + SIMULATOR;
-    let mut place = None;
-    while clock::now() < until && (place.is_none() || link.version().is_none()) {
-        // Whoever waits is subscribed again, should nothing come.
-        if let Wake::Frame(frame) = link.wait(ATTEMPT.min(until.saturating_duration_since(clock::now()))) {
-            place = Some(frame.measurement.position);
-        }
-    }
-    let heard = link.counters();
-    let version = link.version().map(|version| format!("X-Plane {}", version_text(version)));
-    let name = version.unwrap_or_else(|| "an X-Plane that does not tell its version".to_owned());
-    match place {
-        Some(place) => Ok(format!(
-            "{name}, aircraft at {:.5}°, {:.5}°, {:.0} m",
-            place.latitude_deg(),
-            place.longitude_deg(),
-            place.altitude_m
-        )),
-        None if heard.standing_frames > 0 => Ok(format!("{name}, paused")),
-        // Its positions come from another port than its values, and the time was too short to be sure of that port.
-        None if heard.unproven > 0 && heard.foreign == 0 && link.version().is_some() => {
-            Ok(format!("{name}, its positions not yet verified"))
-        }
-        None if heard.foreign > 0 => Err(format!(
-            "{address}: positions come that cannot be told from another program's; does one beside X-Plane send to its clients?"
-        )),
-        None if heard.malformed > 0 => Err(format!("{address}: what answers there is no X-Plane")),
-        None => Err(format!(
-            "{address}: no answer within {} s; is X-Plane running with a flight loaded, its network setting \"Accept \
-             incoming connections\" on, and UDP let through both ways?",
-            SIMULATOR.as_secs()
-        )),
-    }
-}
-
-/// 121400 is 12.1.4.
-fn version_text(version: u32) -> String {
-    let (major, minor, patch) = (version / 10_000, version / 1_000 % 10, version / 100 % 10);
-    format!("{major}.{minor}.{patch}")
-}
 
 /// What becomes of a call to each of these endpoints, all at once.
 pub(crate) fn reach(endpoints: &[String]) -> Vec<Reached> {
@@ -96,7 +36,7 @@ fn call(endpoint: &str) -> Reached {
 
 #[cfg(test)]
 mod tests {
-    use std::net::{TcpListener, UdpSocket};
+    use std::net::TcpListener;
 
     use super::*;
 
@@ -108,48 +48,5 @@ mod tests {
         let reached = reach(&[open, closed, "no.such.host.invalid:1".to_owned(), "127.0.0.1".to_owned()]);
         assert_eq!(reached[..2], [Reached::Taken, Reached::Refused]);
         assert!(matches!(&reached[2..], [Reached::No(_), Reached::No(_)]), "{reached:?}");
-    }
-
-    #[test]
-    fn a_simulator_says_what_and_where_it_is() {
-        use std::sync::Arc;
-        use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
-
-        use clap::Parser;
-        use skein_agent::plant::xplane::standin::{Standin, StandinOptions};
-
-        #[derive(Parser)]
-        struct Cli {
-            #[command(flatten)]
-            options: StandinOptions,
-        }
-        let place = ["standin", "--port", "0", "--beacon", "false", "--lat", "28.5", "--lon", "-82.25"];
-        for more in [&[][..], &["--split-ports"]] {
-            let options = Cli::parse_from(place.iter().chain(more)).options;
-            let mut standin = Standin::open(&options).unwrap();
-            let address = standin.address();
-            let stop = Arc::new(AtomicBool::new(false));
-            let of_thread = stop.clone();
-            let standin = thread::spawn(move || standin.run(&of_thread));
-            let heard = simulator_at(&address.to_string());
-            stop.store(true, Relaxed);
-            standin.join().unwrap();
-            let heard = heard.unwrap();
-            assert!(heard.starts_with("X-Plane 12.1.4, aircraft at 28.50000°, -82.25000°, "), "{more:?}: {heard}");
-        }
-    }
-
-    #[test]
-    fn a_simulator_that_is_not_there_is_missed() {
-        let silent = UdpSocket::bind("127.0.0.1:0").unwrap();
-        let address = silent.local_addr().unwrap().to_string();
-        let error = simulator_at(&address).unwrap_err();
-        assert!(error.contains(&address) && error.contains("no answer within 2 s"), "{error}");
-        assert!(simulator_at("127.0.0.1:x").is_err());
-    }
-
-    #[test]
-    fn versions_are_written_as_everybody_does() {
-        assert_eq!([121_400, 115_501].map(version_text), ["12.1.4", "11.5.5"]);
     }
 }

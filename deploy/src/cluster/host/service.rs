@@ -12,11 +12,12 @@ use skein_agent::run::{LIFE, RELEASE};
 
 use super::files::{self, at};
 use super::logs;
-use super::place::{AgentProcess, NodeFolder, PROGRAM, Place, Settings, Started, install_name, linked};
+use super::node::{AgentProcess, NodeFolder, Settings, Started, install_name, linked};
+use super::place::{PROGRAM, Place};
 use super::process::Process;
 use super::systemd::Systemd;
-use crate::cluster::inventory::ServiceKind;
 use crate::cluster::protocol::Service;
+use crate::inventory::ServiceKind;
 use crate::os;
 use skein_host::clock;
 
@@ -64,7 +65,7 @@ pub(super) fn put(place: &Place, node: &NodeFolder, settings: &Settings) -> Resu
         take_away(place, node)?;
     }
     match place.systemd(settings.service) {
-        Some(systemd) => systemd.put(place, node),
+        Some(systemd) => systemd.put(&place.swarm, node),
         None => Ok(false),
     }
 }
@@ -72,7 +73,7 @@ pub(super) fn put(place: &Place, node: &NodeFolder, settings: &Settings) -> Resu
 /// Takes the node's service away.
 pub(super) fn take_away(place: &Place, node: &NodeFolder) -> Result<(), String> {
     match node.settings().and_then(|settings| place.systemd(settings.service)) {
-        Some(systemd) => systemd.take_away(place, node),
+        Some(systemd) => systemd.take_away(&place.swarm, node),
         None => Ok(()),
     }
 }
@@ -98,7 +99,7 @@ pub(super) fn start(place: &Place, node: &NodeFolder, run: u64, note: Option<Run
     files::link(&node.active(), &to)?;
     node.set_started(&Started { installed, run, note, at_s: os::uptime_s() })?;
     match systemd {
-        Some(systemd) => systemd.start(place, node)?,
+        Some(systemd) => systemd.start(&place.swarm, node)?,
         None => supervise(node)?,
     }
     if !wait(SOON, || node.last_agent().is_some()) {
@@ -123,7 +124,7 @@ fn end(node: &NodeFolder, systemd: Option<(&Systemd, &Place)>, within: Duration)
     let agent = node.agent().map(|agent| agent.process);
     match (systemd, node.supervisor()) {
         // Also one that is about to be started again.
-        (Some((systemd, place)), _) => systemd.stop(place, node)?,
+        (Some((systemd, place)), _) => systemd.stop(&place.swarm, node)?,
         (None, Some(supervisor)) => supervisor.ask_to_end(),
         (None, None) => agent.iter().for_each(Process::ask_to_end),
     }

@@ -11,7 +11,8 @@ use std::time::Duration;
 
 use super::files::{Lock, at};
 use super::logs::{self, Log};
-use super::place::{NodeFolder, PROGRAM};
+use super::node::NodeFolder;
+use super::place::PROGRAM;
 use super::process::Process;
 use crate::os::{self, Interrupts};
 use skein_host::clock;

@@ -6,9 +6,10 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
 use super::files::{self, at};
-use super::place::{NodeFolder, Place};
+use super::node::NodeFolder;
 use crate::cluster::protocol::Service;
 use crate::os;
+use skein_common::id::SwarmName;
 
 const TEMPLATE: &str = include_str!("../../../service/skein-agent.service");
 /// There while systemd is the host's first process.
@@ -56,8 +57,8 @@ impl Systemd {
     }
 
     /// Has a unit for this node. Whether anything was written.
-    pub(super) fn put(&self, place: &Place, node: &NodeFolder) -> Result<bool, String> {
-        let (path, text) = (self.units.join(unit(place, node)), text(place, node)?);
+    pub(super) fn put(&self, swarm: &SwarmName, node: &NodeFolder) -> Result<bool, String> {
+        let (path, text) = (self.units.join(unit(swarm, node)), text(swarm, node)?);
         if fs::read_to_string(&path).is_ok_and(|there| there == text) {
             return Ok(false);
         }
@@ -68,8 +69,8 @@ impl Systemd {
     }
 
     /// Takes the node's unit away.
-    pub(super) fn take_away(&self, place: &Place, node: &NodeFolder) -> Result<(), String> {
-        let path = self.units.join(unit(place, node));
+    pub(super) fn take_away(&self, swarm: &SwarmName, node: &NodeFolder) -> Result<(), String> {
+        let path = self.units.join(unit(swarm, node));
         if path.exists() {
             files::remove(&path).map_err(at(&path))?;
             self.call("systemctl", &["daemon-reload"])?;
@@ -84,25 +85,25 @@ impl Systemd {
     }
 
     /// Starts the node's unit, and does not wait for it.
-    pub(super) fn start(&self, place: &Place, node: &NodeFolder) -> Result<(), String> {
-        let unit = unit(place, node);
+    pub(super) fn start(&self, swarm: &SwarmName, node: &NodeFolder) -> Result<(), String> {
+        let unit = unit(swarm, node);
         // One that has failed begins anew. One that never ran has nothing to forget.
         let _ = self.call("systemctl", &["reset-failed", &unit]);
         self.call("systemctl", &["start", "--no-block", &unit]).map(drop)
     }
 
     /// Stops the node's unit, and does not wait for it. One that was taken away already is not there to be stopped.
-    pub(super) fn stop(&self, place: &Place, node: &NodeFolder) -> Result<(), String> {
-        let unit = unit(place, node);
+    pub(super) fn stop(&self, swarm: &SwarmName, node: &NodeFolder) -> Result<(), String> {
+        let unit = unit(swarm, node);
         let stopped = self.call("systemctl", &["stop", "--no-block", &unit]);
         if self.units.join(&unit).exists() { stopped.map(drop) } else { Ok(()) }
     }
 
     /// Becomes the program that shows what the journal has of the node. Comes back only if it cannot.
-    pub(super) fn become_log(&self, place: &Place, node: &NodeFolder, lines: usize, follow: bool) -> String {
+    pub(super) fn become_log(&self, swarm: &SwarmName, node: &NodeFolder, lines: usize, follow: bool) -> String {
         let mut command = self.command("journalctl");
         // The agent's lines have times of their own.
-        command.args(["--quiet", "--no-pager", "--output=cat", "--unit", &unit(place, node)]);
+        command.args(["--quiet", "--no-pager", "--output=cat", "--unit", &unit(swarm, node)]);
         command.args(["--lines", &lines.to_string()]);
         if follow {
             command.arg("--follow");
@@ -160,16 +161,16 @@ fn users_units() -> PathBuf {
 }
 
 /// The name of a node's unit.
-fn unit(place: &Place, node: &NodeFolder) -> String {
-    format!("skein-{}-{}.service", place.swarm, node.id)
+fn unit(swarm: &SwarmName, node: &NodeFolder) -> String {
+    format!("skein-{}-{}.service", swarm, node.id)
 }
 
 /// A node's unit.
-fn text(place: &Place, node: &NodeFolder) -> Result<String, String> {
+fn text(swarm: &SwarmName, node: &NodeFolder) -> Result<String, String> {
     let folder = node.path.to_str().filter(|path| !path.contains(['"', '\\', '$', '\n']));
     let folder = folder.ok_or_else(|| format!("{}: a systemd unit cannot name this path", node.path.display()))?;
     let text = TEMPLATE.replace("@NODE@", &folder.replace('%', "%%"));
-    Ok(text.replace("@SWARM@", place.swarm.as_str()).replace("@ID@", &node.id.to_string()))
+    Ok(text.replace("@SWARM@", swarm.as_str()).replace("@ID@", &node.id.to_string()))
 }
 
 #[cfg(test)]

@@ -6,8 +6,8 @@ use skein_common::id::SwarmName;
 use super::systemd::Systemd;
 use super::*;
 use crate::cluster::bundle::{Bundle, BundleFile};
-use crate::cluster::inventory::ServiceKind;
 use crate::cluster::protocol::{Facts, Service};
+use crate::inventory::ServiceKind;
 use crate::os;
 
 const REMOVE: Ask = Ask::Remove { within_s: 20.0 };

@@ -7,8 +7,8 @@ use std::path::Path;
 use super::row::{Done, Row};
 use super::{Given, InstallArgs};
 use crate::cluster::bundle::BundleFile;
-use crate::cluster::inventory::Node;
 use crate::cluster::nodes::Chosen;
+use crate::inventory::Node;
 use crate::os;
 
 /// Its folder, with everything it needs.

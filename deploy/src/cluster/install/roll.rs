@@ -4,18 +4,18 @@
 use std::collections::BTreeMap;
 use std::time::Duration;
 
-use crate::reach::Role;
+use crate::keys::Role;
 use skein_agent::link::seal::runs::RunNote;
 use skein_common::id::VehicleId;
 
 use super::done;
 use super::row::{Done, Row};
-use crate::cluster::inventory::{Inventory, Node};
 use crate::cluster::nodes::{Line, Progress};
 use crate::cluster::protocol::{Ask, Facts};
 use crate::cluster::ready::Watch;
 use crate::cluster::remote::Remote;
 use crate::cluster::ssh::Host;
+use crate::inventory::{Inventory, Node};
 use skein_host::clock;
 use skein_lab::error::Error;
 

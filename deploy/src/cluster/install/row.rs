@@ -3,9 +3,9 @@
 use serde::Serialize;
 use skein_common::id::VehicleId;
 
-use crate::cluster::inventory::Node;
 use crate::cluster::nodes;
 use crate::cluster::protocol::Installed;
+use crate::inventory::Node;
 
 /// What was done on a node.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]

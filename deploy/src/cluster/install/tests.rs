@@ -3,11 +3,11 @@ use std::os::unix::fs::PermissionsExt;
 use std::path::Path;
 
 use super::super::bundle::BundleFile;
-use super::super::inventory::Install as How;
-use super::super::inventory::tests::lab;
 use super::super::protocol::RunningAgent;
 use super::super::ssh::tests::{heli, node};
 use super::*;
+use crate::inventory::Install as How;
+use crate::inventory::tests::lab;
 
 fn installed(release: &str) -> Installed {
     Installed { release: release.to_owned(), bundle: "b".to_owned() }

@@ -2,8 +2,8 @@ use std::fs;
 use std::path::Path;
 
 use super::*;
-use crate::cluster::inventory::tests::lab;
-use certificate::Pair;
+use crate::inventory::tests::lab;
+use crate::keys::certificate::Pair;
 use skein_agent::link::Security;
 use skein_common::id::VehicleId;
 use time::Duration;

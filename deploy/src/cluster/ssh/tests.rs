@@ -6,7 +6,7 @@ use std::sync::atomic::AtomicBool;
 use skein_common::scenario::PlantKind;
 
 use super::*;
-use crate::cluster::inventory::{Install, ServiceKind};
+use crate::inventory::{Install, ServiceKind};
 
 /// An `ssh` that leaves its arguments in `said`, one a line, and then runs this script, with the command as `$command`.
 pub(in crate::cluster) fn fake(folder: &Path, script: &str) -> Ssh {

@@ -7,7 +7,7 @@ use skein_common::state::Membership;
 use skein_common::time::SenderStamp;
 
 use super::*;
-use crate::cluster::inventory::tests::lab;
+use crate::inventory::tests::lab;
 use crate::observe::Heard;
 use crate::reach::{Flown, Reach};
 

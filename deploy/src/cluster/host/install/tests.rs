@@ -37,7 +37,7 @@ impl Host {
 
     fn node(&self, id: u8) -> NodeFolder {
         let node = self.place("r1").node(VehicleId::new(id).unwrap());
-        place::make_folders(&[node.installs(), node.run()]).unwrap();
+        node::make_folders(&[node.installs(), node.run()]).unwrap();
         node
     }
 

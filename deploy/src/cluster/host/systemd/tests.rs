@@ -1,6 +1,7 @@
 use tempfile::TempDir;
 
 use super::*;
+use crate::cluster::host::place::Place;
 use crate::cluster::protocol::Installed;
 use skein_common::id::{SwarmName, VehicleId};
 
@@ -52,10 +53,10 @@ fn a_unit_is_written_once_and_goes_again() {
     host.systemd.ready().unwrap();
     let linger = ["loginctl show-user --property=Linger", "loginctl enable-linger"];
     assert_eq!(host.calls(), [&["systemctl --user show --property=Version"], &linger[..]].concat());
-    assert_eq!((host.systemd.put(&place, &node), host.systemd.put(&place, &node)), (Ok(true), Ok(false)));
+    assert_eq!((host.systemd.put(&place.swarm, &node), host.systemd.put(&place.swarm, &node)), (Ok(true), Ok(false)));
     assert_eq!(host.calls(), ["systemctl --user daemon-reload"]);
-    host.systemd.start(&place, &node).unwrap();
-    host.systemd.stop(&place, &node).unwrap();
+    host.systemd.start(&place.swarm, &node).unwrap();
+    host.systemd.stop(&place.swarm, &node).unwrap();
     let unit = "skein-lab-3.service";
     assert_eq!(
         host.calls(),
@@ -65,10 +66,10 @@ fn a_unit_is_written_once_and_goes_again() {
             format!("systemctl --user stop --no-block {unit}"),
         ]
     );
-    host.systemd.take_away(&place, &node).unwrap();
+    host.systemd.take_away(&place.swarm, &node).unwrap();
     assert_eq!(host.calls(), ["systemctl --user daemon-reload", "loginctl disable-linger"]);
     assert!(files::entries(&host.systemd.units).is_empty());
-    host.systemd.take_away(&place, &node).unwrap();
+    host.systemd.take_away(&place.swarm, &node).unwrap();
     assert!(host.calls().is_empty(), "there is none any more");
 }
 
@@ -76,7 +77,7 @@ fn a_unit_is_written_once_and_goes_again() {
 fn the_systems_own_needs_nobody_to_linger() {
     let host = Host::new(false);
     host.systemd.ready().unwrap();
-    host.systemd.put(&host.place(), &host.node()).unwrap();
+    host.systemd.put(&host.place().swarm, &host.node()).unwrap();
     assert_eq!(host.calls(), ["systemctl show --property=Version", "systemctl daemon-reload"]);
 }
 
@@ -89,9 +90,9 @@ fn what_systemd_refuses_is_said_with_its_own_words() {
     assert_eq!(error, "systemctl --user show --property=Version: Failed to connect to bus");
     // Where it has no unit there is nothing that it could stop.
     let (place, node) = (host.place(), host.node());
-    host.systemd.stop(&place, &node).unwrap();
-    host.systemd.put(&place, &node).unwrap_err();
-    let error = host.systemd.stop(&place, &node).unwrap_err();
+    host.systemd.stop(&place.swarm, &node).unwrap();
+    host.systemd.put(&place.swarm, &node).unwrap_err();
+    let error = host.systemd.stop(&place.swarm, &node).unwrap_err();
     assert!(error.contains("stop --no-block skein-lab-3.service: Failed to connect"), "{error}");
 }
 
@@ -99,7 +100,7 @@ fn what_systemd_refuses_is_said_with_its_own_words() {
 fn a_path_that_no_unit_can_name_is_refused() {
     let host = Host::new(true);
     let place = Place { folder: "/home/a\"b/lab".into(), ..host.place() };
-    assert!(text(&place, &place.node(VehicleId::new(1).unwrap())).is_err());
+    assert!(text(&place.swarm, &place.node(VehicleId::new(1).unwrap())).is_err());
 }
 
 /// By systemd's own word; `SKEIN_NAMESPACES=required` where it has to be there.
@@ -107,8 +108,8 @@ fn a_path_that_no_unit_can_name_is_refused() {
 fn the_unit_is_one() {
     let host = Host::new(true);
     let (place, node) = (host.place(), host.node());
-    host.systemd.put(&place, &node).unwrap();
-    let unit = host.systemd.units.join(unit(&place, &node));
+    host.systemd.put(&place.swarm, &node).unwrap();
+    let unit = host.systemd.units.join(unit(&place.swarm, &node));
     let verify = |unit: &Path| Command::new("systemd-analyze").args(["verify", "--man=no"]).arg(unit).output();
     // The program has to be where the unit says.
     let install = node.install(&Installed { release: "r1".to_owned(), bundle: "00".to_owned() });

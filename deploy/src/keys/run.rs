@@ -6,7 +6,7 @@ use skein_agent::link::seal::runs::RunNote;
 use skein_common::message::Verb;
 
 use super::folder::Folder;
-use crate::cluster::inventory::{Inventory, SecurityKind};
+use crate::inventory::{Inventory, SecurityKind};
 use skein_lab::error::Error;
 
 /// Its file.

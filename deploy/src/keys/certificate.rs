@@ -2,7 +2,7 @@
 
 use std::net::IpAddr;
 
-use crate::reach::Role;
+use crate::keys::Role;
 use rcgen::{
     BasicConstraints, CertificateParams, DistinguishedName, DnType, ExtendedKeyUsagePurpose, IsCa, Issuer, KeyPair,
     KeyUsagePurpose, PublicKeyData,

@@ -7,12 +7,12 @@ use skein_agent::link::Security;
 use skein_agent::link::seal::{NotAKey, SealKey, Sealer};
 use skein_agent::link::security::Tls;
 
-use super::certificate::{Unfit, unfit};
-use super::folder::{AUTHORITY, Folder, ORDERS_KEY, ORDERS_PUBLIC, certificate_file, key_file};
-use super::run::RunFile;
-use super::wanted;
-use crate::cluster::inventory::Inventory;
-use crate::reach::{Flown, Reach, Role};
+use super::{Flown, Reach};
+use crate::inventory::Inventory;
+use crate::keys::certificate::{Unfit, unfit};
+use crate::keys::folder::{AUTHORITY, Folder, ORDERS_KEY, ORDERS_PUBLIC, certificate_file, key_file};
+use crate::keys::run::RunFile;
+use crate::keys::{Role, wanted};
 use skein_host::clock;
 use skein_lab::error::Error;
 

@@ -3,7 +3,7 @@ use std::fs;
 use super::*;
 
 /// A cluster of so many hosts on 10.0.0.11 and above, written into `folder` and read.
-pub(in crate::cluster) fn lab(folder: &Path, vehicles: usize, more: &str) -> Inventory {
+pub(crate) fn lab(folder: &Path, vehicles: usize, more: &str) -> Inventory {
     let nodes: String = (1..=vehicles).map(|id| format!("[node.{id}]\nhost = '10.0.0.{}'\n", 10 + id)).collect();
     read(folder, vehicles, &format!("swarm = 'lab'\nscenario = 'hover.toml'\n{more}\n{nodes}")).unwrap()
 }
@@ -38,9 +38,9 @@ fn id(number: u8) -> VehicleId {
 fn the_example_is_read() {
     let folder = tempfile::tempdir().unwrap();
     fs::create_dir(folder.path().join("scenarios")).unwrap();
-    fs::write(folder.path().join("scenarios/hover.toml"), include_str!("../../../scenarios/hover.toml")).unwrap();
+    fs::write(folder.path().join("scenarios/hover.toml"), include_str!("../../scenarios/hover.toml")).unwrap();
     let path = folder.path().join("cluster.toml");
-    fs::write(&path, include_str!("../../../cluster.example.toml")).unwrap();
+    fs::write(&path, include_str!("../../cluster.example.toml")).unwrap();
     let cluster = Inventory::read(&path).unwrap();
     assert_eq!((cluster.swarm.as_str(), cluster.scenario.scenario.swarm.name.as_str()), ("lab", "lab"));
     assert_eq!(cluster.scenario.scenario.name, "hover");
