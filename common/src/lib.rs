@@ -8,6 +8,7 @@
 //! | [`id`] | vehicle, swarm, incarnation |
 //! | [`state`] | what a vehicle knows of itself |
 //! | [`message`] | what is said between processes, byte for byte |
+//! | [`statistics`] | quantiles, by one definition |
 //! | [`topic`] | under which key it is said |
 //! | [`scenario`] | the one file that describes a swarm |
 //! | [`printable`] | how foreign text may reach a terminal or a log |
@@ -21,5 +22,6 @@ pub mod message;
 pub mod printable;
 pub mod scenario;
 pub mod state;
+pub mod statistics;
 pub mod time;
 pub mod topic;

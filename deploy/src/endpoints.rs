@@ -9,6 +9,7 @@ use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
 use skein_common::id::{SwarmName, VehicleId};
+use skein_host::whole::{self, Promise};
 
 use crate::os;
 use skein_lab::error::Error;
@@ -60,9 +61,7 @@ impl Endpoints {
     pub fn leave(&self, folder: &Path) -> io::Result<EndpointsFile> {
         os::private_folder(folder)?;
         let path = path(folder, &self.swarm);
-        let draft = path.with_extension(format!("{}.draft", std::process::id()));
-        os::write_whole(&draft, skein_lab::terminal::json(self).as_bytes(), true)?;
-        fs::rename(&draft, &path)?;
+        whole::write(&path, skein_lab::terminal::json(self).as_bytes(), Promise::Secret)?;
         Ok(EndpointsFile { path })
     }
 

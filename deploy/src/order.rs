@@ -4,7 +4,6 @@
 mod effect;
 
 use std::collections::BTreeMap;
-use std::hash::{BuildHasher, RandomState};
 use std::time::{Duration, Instant};
 
 use crate::keys::Role;
@@ -144,9 +143,7 @@ fn settle(observer: &mut Observer, before: &BTreeMap<VehicleId, Doing>) -> Effec
 
 /// An order larger than all that were heard of, by an issuer whom nobody else is.
 pub fn new(observer: &Observer, verb: Verb) -> Order {
-    // The standard library's only source of randomness is the seed of its hashes.
-    let issuer = RandomState::new().hash_one(std::process::id());
-    Order { epoch: observer.next_epoch(), issuer, verb, seal: None }
+    Order { epoch: observer.next_epoch(), issuer: crate::os::random(), verb, seal: None }
 }
 
 /// Waits until every agent has said its register, or long enough.

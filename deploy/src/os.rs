@@ -1,8 +1,9 @@
 //! What differs between operating systems: signals, process groups, modes and owners of files. Elsewhere than on Unix a plain
 //! alternative serves, or says that it cannot be done there.
 
+use ring::rand::{SecureRandom, SystemRandom};
 use std::fs::{self, File};
-use std::io::{self, Write};
+use std::io;
 use std::path::Path;
 use std::process::{Child, Command, ExitStatus};
 use std::sync::Arc;
@@ -107,25 +108,14 @@ pub fn is_private(path: &Path) -> io::Result<bool> {
     imp::is_private(path)
 }
 
-/// Writes a file whole or not at all, so that whoever reads it meanwhile reads the one before. A secret one is its owner's only
-/// from the first byte on.
-///
-/// # Errors
-/// If it cannot be written.
-pub fn write_whole(path: &Path, content: &[u8], is_secret: bool) -> io::Result<()> {
-    let mut name = path.file_name().ok_or(io::ErrorKind::InvalidInput)?.to_owned();
-    name.push(format!(".{}.draft", std::process::id()));
-    let draft = path.with_file_name(name);
-    let written = imp::create(&draft, is_secret).and_then(|mut file| {
-        file.write_all(content)?;
-        file.sync_all()?;
-        fs::rename(&draft, path)
-    });
-    if written.is_err() {
-        // What is left behind is not taken for the file.
-        let _ = fs::remove_file(&draft);
+/// A number that no other program knows or draws again.
+pub fn random() -> u64 {
+    let mut bytes = [0; 8];
+    // Where the system has no randomness to give, the time and this process are as good as it gets.
+    match SystemRandom::new().fill(&mut bytes) {
+        Ok(()) => u64::from_le_bytes(bytes),
+        Err(_) => skein_host::clock::utc_nanoseconds() ^ u64::from(std::process::id()) << 40,
     }
-    written
 }
 
 /// Names the user in a file's name.
@@ -305,16 +295,6 @@ mod imp {
         Ok(fs::metadata(path)?.mode() & 0o077 == 0)
     }
 
-    pub(super) fn create(path: &Path, is_secret: bool) -> io::Result<File> {
-        let mode = if is_secret { 0o600 } else { 0o644 };
-        // One that a process of this number left behind has another mode, perhaps.
-        match fs::remove_file(path) {
-            Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(error),
-            _ => {}
-        }
-        OpenOptions::new().write(true).create_new(true).mode(mode).open(path)
-    }
-
     pub(super) fn user_name() -> String {
         rustix::process::getuid().as_raw().to_string()
     }
@@ -428,10 +408,6 @@ mod imp {
 
     pub(super) fn is_private(path: &Path) -> io::Result<bool> {
         std::fs::metadata(path).map(|_| true)
-    }
-
-    pub(super) fn create(path: &Path, _is_secret: bool) -> io::Result<File> {
-        File::create(path)
     }
 
     pub(super) fn user_name() -> String {

@@ -1,6 +1,7 @@
 //! Golden files: figures of flights in virtual time, to the last bit. They are the same on every machine, so a test compares them
 //! exactly. `cargo run --release -p skein-tests --bin tables -- golden` writes them anew and prints which medians moved.
 
+use skein_common::statistics::median;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
@@ -91,17 +92,13 @@ pub fn moved(old: &str, new: &str) -> String {
         }
         columns
     };
-    let median = |mut values: Vec<f64>| {
-        values.sort_by(f64::total_cmp);
-        values.get(values.len() / 2).copied()
-    };
     let mut old = columns(old);
     let rows = columns(new).into_iter().filter_map(|(name, new)| {
         let before = old.remove(&name).unwrap_or_default();
         if before == new {
             return None;
         }
-        let (before, after) = (median(before), median(new));
+        let (before, after) = (median(&mut before.clone()), median(&mut new.clone()));
         let share = before
             .zip(after)
             .filter(|(before, _)| *before != 0.0)

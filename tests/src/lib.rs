@@ -18,6 +18,7 @@ use std::ops::Range;
 
 use skein_common::id::VehicleId;
 use skein_common::scenario::{Scenario, Source, load};
+use skein_common::statistics::median;
 use skein_core::aircraft::Aircraft;
 use skein_core::control::Rules;
 use skein_lab::laws::LawPool;
@@ -79,7 +80,8 @@ pub fn airborne_pairs(world: &World) -> Vec<(VehicleId, VehicleId, f64)> {
 pub fn in_parallel<T: Send>(seeds: Range<u64>, fly: impl Fn(u64) -> T + Sync) -> Vec<T> {
     let jobs = std::thread::available_parallelism().unwrap_or(NonZeroUsize::MIN);
     let count = (seeds.end - seeds.start) as usize;
-    let Ok(flown) = study::in_parallel(count, jobs, |nth| Ok::<_, Infallible>(fly(seeds.start + nth as u64)));
+    let Ok(flown) =
+        skein_host::parallel::in_parallel(count, jobs, |nth| Ok::<_, Infallible>(fly(seeds.start + nth as u64)));
     flown
 }
 
@@ -87,10 +89,7 @@ pub fn in_parallel<T: Send>(seeds: Range<u64>, fly: impl Fn(u64) -> T + Sync) ->
 pub fn median_and_worst(values: impl Iterator<Item = Option<f64>>) -> String {
     let all: Vec<_> = values.collect();
     let mut some: Vec<f64> = all.iter().copied().flatten().collect();
-    some.sort_by(f64::total_cmp);
     let never = if some.len() < all.len() { format!(" {} never", all.len() - some.len()) } else { String::new() };
-    match some.last() {
-        Some(worst) => format!("{:.2} [{worst:.2}]{never}", some[some.len() / 2]),
-        None => "-".to_owned(),
-    }
+    let worst = some.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    median(&mut some).map_or_else(|| "-".to_owned(), |median| format!("{median:.2} [{worst:.2}]{never}"))
 }

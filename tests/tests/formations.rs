@@ -8,6 +8,7 @@ use nalgebra::Vector2;
 use skein_common::frame::PositionNed;
 use skein_common::math;
 use skein_common::scenario::Scenario;
+use skein_common::statistics;
 use skein_lab::metrics::Report;
 use skein_lab::world::World;
 use skein_tests::{in_parallel, study, wind};
@@ -15,8 +16,7 @@ use skein_tests::{in_parallel, study, wind};
 const TWO: NonZeroUsize = NonZeroUsize::MIN.saturating_add(1);
 
 fn median(mut figures: Vec<f64>) -> f64 {
-    figures.sort_unstable_by(f64::total_cmp);
-    figures[figures.len() / 2]
+    statistics::median(&mut figures).unwrap()
 }
 
 fn worst(figures: &[f64]) -> f64 {

@@ -2,6 +2,8 @@
 
 use std::time::{Duration, Instant};
 
+use skein_common::statistics::quantile;
+
 /// Room for the samples of one second, so that none allocates.
 const SAMPLES: usize = 256;
 /// Between two summaries.
@@ -93,9 +95,9 @@ impl Timing {
         }
         let summary = Summary {
             frame_rate_hz: f64::from(self.frames) / window.as_secs_f64(),
-            jitter_ms: percentile(&mut self.late_ms, 0.99),
-            step_p50_us: percentile(&mut self.step_us, 0.5),
-            step_p99_us: percentile(&mut self.step_us, 0.99),
+            jitter_ms: quantile(&mut self.late_ms, 0.99).unwrap_or(0.0),
+            step_p50_us: quantile(&mut self.step_us, 0.5).unwrap_or(0.0),
+            step_p99_us: quantile(&mut self.step_us, 0.99).unwrap_or(0.0),
         };
         self.since = now;
         self.frames = 0;
@@ -103,13 +105,6 @@ impl Timing {
         self.step_us.clear();
         Some(summary)
     }
-}
-
-/// The smallest sample that at least this share of all do not exceed; zero without samples.
-fn percentile(samples: &mut [f64], share: f64) -> f64 {
-    samples.sort_unstable_by(f64::total_cmp);
-    let rank = (share * samples.len() as f64).ceil() as usize;
-    samples.get(rank.saturating_sub(1)).copied().unwrap_or(0.0)
 }
 
 #[cfg(test)]

@@ -66,7 +66,6 @@ use graph::Graph;
 use membership::Membership;
 use mission::Steps;
 pub use report::{DIRECTIONS, Direction, Report, Run, VehicleReport, WALL_CLOCK_KEYS, Wall};
-pub(crate) use series::quantile;
 use series::{AgeHistogram, InFormation, RadialSeries, Settling};
 use transient::Transients;
 

@@ -14,8 +14,6 @@ mod table;
 
 use std::num::NonZeroUsize;
 use std::ops::Range;
-use std::sync::Mutex;
-use std::sync::atomic::{AtomicUsize, Ordering};
 
 use skein_common::scenario::{Scenario, Target};
 use skein_common::state::{Membership, Standing};
@@ -32,6 +30,7 @@ pub use command::{StudyArgs, run};
 pub use measured::{Measured, Outcome, is_worse, worst_and_median};
 pub use recorded::{RecordRunError, record_run};
 use skein_host::clock::now;
+use skein_host::parallel::in_parallel;
 pub use summary::{Figure, PointSummary, Summary, summarize, summary};
 pub use table::rounded;
 
@@ -130,40 +129,6 @@ impl Study {
             Ok(report)
         })
     }
-}
-
-/// What `work` gives for 0 to `count` - 1, in this order, `jobs` at a time.
-///
-/// # Errors
-/// Its first error. Nothing is begun after one.
-pub fn in_parallel<T: Send, E: Send>(
-    count: usize,
-    jobs: NonZeroUsize,
-    work: impl Fn(usize) -> Result<T, E> + Sync,
-) -> Result<Vec<T>, E> {
-    let next = AtomicUsize::new(0);
-    let done = Mutex::new(Vec::with_capacity(count));
-    std::thread::scope(|scope| {
-        for _ in 0..jobs.get().min(count) {
-            scope.spawn(|| {
-                loop {
-                    let nth = next.fetch_add(1, Ordering::Relaxed);
-                    if nth >= count {
-                        return;
-                    }
-                    let given = work(nth);
-                    if given.is_err() {
-                        // Nobody needs those that are left.
-                        next.store(count, Ordering::Relaxed);
-                    }
-                    done.lock().unwrap_or_else(|poisoned| poisoned.into_inner()).push((nth, given));
-                }
-            });
-        }
-    });
-    let mut done = done.into_inner().unwrap_or_else(|poisoned| poisoned.into_inner());
-    done.sort_by_key(|(nth, _)| *nth);
-    done.into_iter().map(|(_, given)| given).collect()
 }
 
 /// The window's length if the mission does not end it, s.

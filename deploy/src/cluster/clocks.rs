@@ -1,6 +1,7 @@
 //! A node's clock against the whole swarm's.
 
 use skein_common::message::{ClockOffset, PeerHealth};
+use skein_common::statistics::median;
 
 /// How far a node's clock is ahead of the swarm's, from what it has measured of its peers: the swarm's is the median of all
 /// that the node knows of, its own among them. So one that is wrong is seen by everybody, and makes nobody else seem wrong
@@ -11,18 +12,14 @@ pub fn ahead_of_swarm(peers: &[PeerHealth]) -> Option<ClockOffset> {
         return None;
     }
     // Each peer's clock is somewhere between two ends: so is the median between the medians of either.
-    let end = |sign: f64| median(measured.iter().map(|clock| clock.offset_s + sign * clock.bound_s).chain([0.0]));
+    let end = |sign: f64| {
+        let mut ends: Vec<f64> =
+            measured.iter().map(|clock| clock.offset_s + sign * clock.bound_s).chain([0.0]).collect();
+        median(&mut ends).unwrap_or_default()
+    };
     let (low_s, high_s) = (end(-1.0), end(1.0));
     // What the swarm is ahead of the node, the node is behind; and never minus zero.
     Some(ClockOffset { offset_s: 0.0 - (low_s + high_s) / 2.0, bound_s: (high_s - low_s) / 2.0 })
-}
-
-/// Of at least one.
-fn median(numbers: impl Iterator<Item = f64>) -> f64 {
-    let mut sorted: Vec<f64> = numbers.collect();
-    sorted.sort_unstable_by(f64::total_cmp);
-    let middle = |nth: usize| sorted.get(nth).copied().unwrap_or_default();
-    (middle((sorted.len() - 1) / 2) + middle(sorted.len() / 2)) / 2.0
 }
 
 #[cfg(test)]

@@ -7,18 +7,20 @@
 mod reason;
 
 use std::collections::BTreeMap;
+use std::convert::Infallible;
 use std::ffi::{OsStr, OsString};
 use std::fmt;
 use std::io::{self, BufRead, BufReader, Read, Write};
+use std::num::NonZeroUsize;
 use std::path::Path;
 use std::process::{Child, ChildStdin, Command, ExitStatus, Stdio};
-use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
 use std::sync::mpsc::{Receiver, channel};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread;
 use std::time::Duration;
 
 use skein_common::printable::printable;
+use skein_host::parallel::in_parallel;
 
 use crate::endpoints;
 use crate::inventory::Node;
@@ -28,7 +30,7 @@ use skein_host::clock;
 /// A host that is not there within so many seconds is not there.
 pub const CONNECT_S: u32 = 5;
 /// So many hosts are called at once.
-pub const AT_ONCE: usize = 8;
+pub const AT_ONCE: NonZeroUsize = NonZeroUsize::MIN.saturating_add(7);
 /// Nobody has more to say in one answer, bytes.
 const MAX_ANSWER: u64 = 16 << 20;
 /// Of what goes wrong so much is kept, bytes.
@@ -309,21 +311,8 @@ pub fn by_host<'a>(nodes: impl IntoIterator<Item = &'a Node>) -> Vec<(Host, Vec<
 
 /// Does it for all of them, at most [`AT_ONCE`] at a time. What came of it, in their order.
 pub fn at_once<T: Sync, R: Send>(all: &[T], task: impl Fn(&T) -> R + Sync) -> Vec<R> {
-    let next = AtomicUsize::new(0);
-    let done = Mutex::new(BTreeMap::new());
-    thread::scope(|scope| {
-        for _ in 0..all.len().min(AT_ONCE) {
-            scope.spawn(|| {
-                loop {
-                    let nth = next.fetch_add(1, Relaxed);
-                    let Some(one) = all.get(nth) else { break };
-                    let result = task(one);
-                    done.lock().unwrap_or_else(PoisonError::into_inner).insert(nth, result);
-                }
-            });
-        }
-    });
-    done.into_inner().unwrap_or_else(PoisonError::into_inner).into_values().collect()
+    let Ok(done) = in_parallel(all.len(), AT_ONCE, |nth| Ok::<_, Infallible>(task(&all[nth])));
+    done
 }
 
 #[cfg(test)]

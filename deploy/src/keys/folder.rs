@@ -10,6 +10,7 @@ use rcgen::{KeyPair, PKCS_ED25519};
 use serde::{Deserialize, Serialize};
 use skein_agent::link::security::{Known, known_by_vehicle};
 use skein_common::id::VehicleId;
+use skein_host::whole::{self, Promise};
 
 use super::certificate::{Pair, shows};
 use crate::os;
@@ -114,7 +115,7 @@ impl Folder {
     pub(crate) fn write(&self, name: &str, text: &str) -> Result<(), Error> {
         let is_secret = Path::new(name).extension().is_some_and(|extension| extension == "key");
         let path = self.path(name);
-        os::write_whole(&path, text.as_bytes(), is_secret)
+        whole::write(&path, text.as_bytes(), Promise::of(is_secret))
             .map_err(|error| Error::Failed(format!("{}: {error}", path.display())))
     }
 

@@ -3,10 +3,11 @@
 
 use comfy_table::{CellAlignment, Table, presets};
 use serde::Serialize;
+use skein_common::statistics::median;
 
 use super::folder::Folder;
 use super::pairs::Paired;
-use super::statistics::{difference, median};
+use super::statistics::difference;
 use crate::study::{Outcome, rounded};
 
 /// Two targets or plants.
@@ -82,7 +83,9 @@ pub fn divergence(paired: &Paired<'_>, only: &[String]) -> Divergence {
 
 fn apart(key: &str, each: &[(u64, [f64; 2])]) -> Option<Apart> {
     let finite = |value: f64| value.is_finite().then_some(value);
-    let middle = |of: fn(&[f64; 2]) -> f64| median(&mut each.iter().map(|(_, both)| of(both)).collect::<Vec<_>>());
+    let middle = |of: fn(&[f64; 2]) -> f64| {
+        median(&mut each.iter().map(|(_, both)| of(both)).collect::<Vec<_>>()).unwrap_or(f64::NAN)
+    };
     let size = |both: &[f64; 2]| difference(*both).abs();
     let both = |&(seed, [a, b]): &(u64, [f64; 2])| Both { seed, a: finite(a), b: finite(b) };
     let farthest = each.iter().reduce(|most, next| if size(&next.1) > size(&most.1) { next } else { most })?;

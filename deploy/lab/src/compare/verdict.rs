@@ -1,9 +1,10 @@
 //! One figure of one point: better, the same, or worse.
 
 use serde::Serialize;
+use skein_common::statistics::median;
 
 use super::pairs::Pair;
-use super::statistics::{ALPHA, Estimate, difference, estimate, median, notable, sign_test};
+use super::statistics::{ALPHA, Estimate, difference, estimate, notable, sign_test};
 use crate::metrics::Direction;
 use crate::study::Outcome;
 
@@ -138,7 +139,8 @@ fn value(outcome: Outcome, bad: f64) -> f64 {
 
 /// The larger size of the two medians; of a side that never comes there is none.
 fn scale(values: &[[f64; 2]]) -> f64 {
-    let size = |side: usize| median(&mut values.iter().map(|pair| pair[side]).collect::<Vec<_>>()).abs();
+    let size =
+        |side: usize| median(&mut values.iter().map(|pair| pair[side]).collect::<Vec<_>>()).unwrap_or(f64::NAN).abs();
     [size(0), size(1)].into_iter().filter(|size| size.is_finite()).fold(0.0, f64::max)
 }
 

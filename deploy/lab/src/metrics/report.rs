@@ -5,8 +5,9 @@ use std::collections::BTreeMap;
 use serde::Serialize;
 use skein_common::scenario::Scenario;
 
-use super::series::{Worst, extremes, mean, quantile, rms};
+use super::series::{Worst, extremes, mean, rms};
 use super::{COLLISION_M, Metrics, STEADY_S, pairs};
+use skein_common::statistics::quantile;
 
 /// What was run.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]

@@ -163,15 +163,21 @@ impl AgeHistogram {
         self.count += 1;
     }
 
-    /// The age in ms that a share of the samples does not exceed.
+    /// The age in ms below which this share of the samples lies, by the definition of [`skein_common::statistics::quantile`].
     pub(super) fn quantile_ms(&self, share: f64) -> Option<f64> {
-        let rank = (share * self.count as f64).ceil().max(1.0) as u64;
+        let place = share * self.count.checked_sub(1)? as f64;
+        let (low, high) = (self.sample_ms(place.floor() as u64)?, self.sample_ms(place.ceil() as u64)?);
+        Some(low + (high - low) * (place - place.floor()))
+    }
+
+    /// The sample of this rank, from 0.
+    fn sample_ms(&self, rank: u64) -> Option<f64> {
         let mut below = 0;
         let bin = self.bins.iter().position(|count| {
             below += count;
-            below >= rank
+            below > rank
         })?;
-        (self.count > 0).then_some(bin as f64)
+        Some(bin as f64)
     }
 }
 
@@ -193,11 +199,4 @@ pub(super) fn extremes(values: impl Iterator<Item = f64>) -> Option<(f64, f64)> 
         None => Some((value, value)),
         Some((low, high)) => Some((low.min(value), high.max(value))),
     })
-}
-
-/// The value that a share of all does not exceed (nearest rank); sorts them.
-pub(crate) fn quantile(values: &mut [f64], share: f64) -> Option<f64> {
-    values.sort_unstable_by(f64::total_cmp);
-    let rank = (share * values.len() as f64).ceil().max(1.0) as usize;
-    values.get(rank - 1).copied()
 }

@@ -5,9 +5,9 @@
 //! negative. An empty cell is what does not apply.
 
 use std::fs::File;
-use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
 
+use csv::Writer;
 use skein_common::message::Trace;
 
 use super::reader::{Whole, read_all};
@@ -22,17 +22,16 @@ use crate::recording::{Recording, Step, What};
 pub fn csv(recording: &Path, folder: &Path) -> Result<Vec<PathBuf>, RecordError> {
     let Whole { recording, .. } = read_all(recording)?;
     std::fs::create_dir_all(folder).map_err(|error| RecordError::Io { path: folder.to_owned(), error })?;
-    type Table = fn(&mut dyn Write, &Recording) -> io::Result<()>;
+    type Table = fn(&mut Writer<File>, &Recording) -> csv::Result<()>;
     let tables: [(&str, Table); 4] =
         [("trace.csv", traces), ("peers.csv", peers), ("laws.csv", laws), ("events.csv", events)];
     let write = |(name, table): (&str, Table)| {
         let path = folder.join(name);
-        let written = File::create(&path).and_then(|file| {
-            let mut file = BufWriter::new(file);
+        let written = Writer::from_path(&path).and_then(|mut file| {
             table(&mut file, &recording)?;
-            file.flush()
+            Ok(file.flush()?)
         });
-        written.map_err(|error| RecordError::Io { path: path.clone(), error })?;
+        written.map_err(|error| RecordError::Io { path: path.clone(), error: error.into() })?;
         Ok(path)
     };
     tables.into_iter().map(write).collect()
@@ -46,14 +45,10 @@ fn steps(recording: &Recording) -> Vec<&Step> {
     steps
 }
 
-fn traces(to: &mut dyn Write, recording: &Recording) -> io::Result<()> {
-    writeln!(to, "t_s,{}", COLUMNS.map(|(name, _)| name).join(","))?;
+fn traces(to: &mut Writer<File>, recording: &Recording) -> csv::Result<()> {
+    to.write_record(["t_s"].into_iter().chain(COLUMNS.map(|(name, _)| name)))?;
     for Step { t_s, trace } in steps(recording) {
-        write!(to, "{t_s}")?;
-        for (_, cell) in &COLUMNS {
-            write!(to, ",{}", cell(trace))?;
-        }
-        writeln!(to)?;
+        to.write_record([t_s.to_string()].into_iter().chain(COLUMNS.map(|(_, cell)| cell(trace))))?;
     }
     Ok(())
 }
@@ -111,41 +106,39 @@ fn number(value: Option<impl ToString>) -> String {
     value.map(|value| value.to_string()).unwrap_or_default()
 }
 
-/// How old every word was with whoever heard it.
-fn peers(to: &mut dyn Write, recording: &Recording) -> io::Result<()> {
-    writeln!(to, "t_s,vehicle,peer,standing,age_s,delay_s,delivered_age_s")?;
+/// How old the newest message of every peer was at each vehicle.
+fn peers(to: &mut Writer<File>, recording: &Recording) -> csv::Result<()> {
+    to.write_record(["t_s", "vehicle", "peer", "standing", "age_s", "delay_s", "delivered_age_s"])?;
     for Step { t_s, trace } in steps(recording) {
         for peer in &trace.peers {
-            let standing = format::word(&peer.standing);
-            let ages = format!("{},{},{}", peer.age_s, number(peer.delay_s), peer.delivered_age_s);
-            writeln!(to, "{t_s},{},{},{standing},{ages}", trace.header.sender, peer.id)?;
+            let (vehicle, standing) = (trace.header.sender.to_string(), format::word(&peer.standing));
+            let ages = [peer.age_s.to_string(), number(peer.delay_s), peer.delivered_age_s.to_string()];
+            to.write_record([t_s.to_string(), vehicle, peer.id.to_string(), standing].iter().chain(&ages))?;
         }
     }
     Ok(())
 }
 
 /// What external laws log.
-fn laws(to: &mut dyn Write, recording: &Recording) -> io::Result<()> {
-    writeln!(to, "t_s,vehicle,name,value")?;
+fn laws(to: &mut Writer<File>, recording: &Recording) -> csv::Result<()> {
+    to.write_record(["t_s", "vehicle", "name", "value"])?;
     for Step { t_s, trace } in steps(recording) {
         for number in &trace.law_log {
-            let name = number.name.replace('"', "\"\"");
-            writeln!(to, "{t_s},{},\"{name}\",{}", trace.header.sender, number.value)?;
+            let vehicle = trace.header.sender.to_string();
+            to.write_record([t_s.to_string(), vehicle, number.name.to_string(), number.value.to_string()])?;
         }
     }
     Ok(())
 }
 
-fn events(to: &mut dyn Write, recording: &Recording) -> io::Result<()> {
-    writeln!(to, "t_s,kind,vehicle,text")?;
+fn events(to: &mut Writer<File>, recording: &Recording) -> csv::Result<()> {
+    to.write_record(["t_s", "kind", "vehicle", "text"])?;
     for noted in &recording.noted {
         let (kind, vehicle, what) = match &noted.what {
             What::Said(id, what) => ("event", Some(*id), what.to_string()),
             What::Done(incident) => ("fault", format::of_whom(incident), incident.to_string()),
         };
-        let vehicle = vehicle.map(|id| id.to_string()).unwrap_or_default();
-        // Our sentences hold commas, and no quotes.
-        writeln!(to, "{},{kind},{vehicle},\"{what}\"", noted.t_s)?;
+        to.write_record([noted.t_s.to_string(), kind.to_owned(), number(vehicle), what])?;
     }
     Ok(())
 }

@@ -18,8 +18,9 @@ use skein_common::scenario::{Law, Preset, Scenario, Step as Leg, Target};
 use skein_common::state::{Activity, Membership};
 
 use super::figure::{self, Axis, Colour, Figure, Item, Panel, WIDTH_PX};
-use crate::metrics::{Run, Shape, quantile};
+use crate::metrics::{Run, Shape};
 use crate::recording::{Recording, Step};
+use skein_common::statistics::quantile;
 
 /// So many vehicles have lines of their own.
 pub const FEW: usize = 10;

@@ -7,7 +7,7 @@ use std::thread;
 
 use super::figure::{Figure, escaped};
 use crate::error::Error;
-use crate::study::in_parallel;
+use skein_host::parallel::in_parallel;
 
 /// A cell with more letters is no number: it begins at the left.
 const LONG: usize = 28;

@@ -10,11 +10,12 @@ use super::plan::{Plan, write};
 use super::progress::Progress;
 use super::recorded::record;
 use super::sweep::Sweep;
-use super::{in_parallel, summary, table};
+use super::{summary, table};
 use crate::error::Error;
 use crate::scenario::ScenarioArgs;
 use crate::terminal::json;
 use crate::terminal::say;
+use skein_host::parallel::in_parallel;
 
 /// `skein study`
 #[derive(Clone, Debug, clap::Args)]

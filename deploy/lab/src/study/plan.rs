@@ -15,7 +15,6 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::env;
 use std::fs;
 use std::hash::{DefaultHasher, Hash, Hasher};
-use std::io;
 use std::num::NonZeroUsize;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
@@ -26,6 +25,7 @@ use skein_core::aircraft::Aircraft;
 use skein_core::start::starts;
 use skein_host::external::is_external;
 use skein_host::external::protocol::Time;
+use skein_host::whole::{self, Promise};
 
 use super::measured::Measured;
 use super::sweep::{self, Point, Sweep};
@@ -291,11 +291,9 @@ impl std::fmt::Display for Run<'_> {
 /// # Errors
 /// A failure that names the file.
 pub fn write(path: &Path, text: &str) -> Result<(), Error> {
-    let unfinished = path.with_added_extension("part");
-    let written = || -> io::Result<()> {
+    let written = || {
         path.parent().map_or(Ok(()), fs::create_dir_all)?;
-        fs::write(&unfinished, text)?;
-        fs::rename(&unfinished, path)
+        whole::write(path, text.as_bytes(), Promise::Whole)
     };
     written().map_err(|error| Error::Failed(format!("{}: {error}", path.display())))
 }

@@ -10,10 +10,11 @@ use skein_common::scenario::{RecordRuns, Scenario};
 
 use super::measured::{Measured, worst_and_median};
 use super::plan::{Plan, Run};
-use super::{Study, StudyError, in_parallel};
+use super::{Study, StudyError};
 use crate::error::Error;
 use crate::metrics::{Report, Run as Flight, WALL_CLOCK_KEYS};
 use crate::record::{self, About, Draft, RecordError, Writer, log_time_ns};
+use skein_host::parallel::in_parallel;
 
 /// Records what the scenario of each point asks for, beside the figures of the run. What is there already is left.
 ///

@@ -117,24 +117,19 @@ fn figure(key: &str, column: &[(u64, Option<f64>)]) -> Figure {
 pub(super) fn csv(points: &[Point], runs: &[Measured]) -> String {
     let (Some(first), Some(point)) = (runs.first(), points.first()) else { return String::new() };
     let swept = point.0.iter().map(|(key, _)| key.as_str());
-    let names: Vec<_> = ["seed"].into_iter().chain(swept).chain(first.figures.keys().map(String::as_str)).collect();
-    let mut text = names.join(",") + "\n";
+    let names = ["seed"].into_iter().chain(swept).chain(first.figures.keys().map(String::as_str));
+    let mut table = csv::Writer::from_writer(Vec::new());
+    let mut written = table.write_record(names);
     for (nth, run) in runs.iter().enumerate() {
-        let set = points[nth * points.len() / runs.len()].0.iter().map(|(_, value)| quoted(value));
+        let set = points[nth * points.len() / runs.len()].0.iter().map(|(_, value)| value.clone());
         let figures = first.figures.keys().map(|key| run.figures.get(key).copied().flatten());
         let figures = figures.map(|value| value.map(|number| number.to_string()).unwrap_or_default());
-        let cells: Vec<_> = [run.seed.to_string()].into_iter().chain(set).chain(figures).collect();
-        text += &(cells.join(",") + "\n");
+        let row = [run.seed.to_string()].into_iter().chain(set).chain(figures);
+        written = written.and_then(|()| table.write_record(row));
     }
-    text
-}
-
-/// A cell, in quotes if it has to be (RFC 4180).
-fn quoted(cell: &str) -> String {
-    match cell.contains([',', '"', '\n', '\r']) {
-        true => format!("\"{}\"", cell.replace('"', "\"\"")),
-        false => cell.to_owned(),
-    }
+    // Memory takes everything, every row has as many cells as the first, and numbers and TOML are UTF-8.
+    let text = written.ok().and_then(|()| String::from_utf8(table.into_inner().ok()?).ok());
+    text.unwrap_or_default()
 }
 
 #[cfg(test)]

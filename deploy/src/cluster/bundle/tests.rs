@@ -5,6 +5,7 @@ use clap::Parser;
 use skein_agent::plant::xplane::wire;
 use skein_common::id::VehicleId;
 use skein_common::scenario::PlantKind;
+use skein_host::whole::{self, Promise};
 
 use super::*;
 use crate::cli::{Cli, Command};
@@ -29,7 +30,7 @@ fn unpack(bundle: &Bundle, folder: &Path) {
     for (path, file) in &bundle.files {
         let path = folder.join(path);
         fs::create_dir_all(path.parent().unwrap()).unwrap();
-        crate::os::write_whole(&path, &file.content, file.is_secret).unwrap();
+        whole::write(&path, &file.content, Promise::of(file.is_secret)).unwrap();
     }
 }
 

@@ -2,6 +2,7 @@
 
 use std::fs;
 use std::sync::atomic::AtomicBool;
+use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
 
 use skein_common::scenario::PlantKind;
 
@@ -166,7 +167,7 @@ fn eight_at_once_and_no_more() {
     let done = at_once(&all, |nth| {
         let now = running.fetch_add(1, Relaxed) + 1;
         most.fetch_max(now, Relaxed);
-        if now == AT_ONCE {
+        if now == AT_ONCE.get() {
             full.store(true, Relaxed);
         }
         // None goes before eight were there together.
@@ -177,7 +178,7 @@ fn eight_at_once_and_no_more() {
         nth * 2
     });
     assert_eq!(done, all.iter().map(|nth| nth * 2).collect::<Vec<_>>(), "in their order");
-    assert_eq!(most.load(Relaxed), AT_ONCE);
+    assert_eq!(most.load(Relaxed), AT_ONCE.get());
     assert!(at_once(&[], |nth: &usize| *nth).is_empty());
 }
 

@@ -5,8 +5,8 @@ use skein_common::state::Standing;
 use super::Flight;
 use super::marks::with_marks;
 use super::traces::histogram;
-use crate::metrics::quantile;
 use crate::report::figure::{Axis, Colour, Figure, Item, Panel, Shape};
+use skein_common::statistics::quantile;
 
 /// Over time, so many stretches.
 const STRETCHES: usize = 160;

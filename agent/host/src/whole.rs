@@ -1,0 +1,84 @@
+//! Files that are there whole or not at all.
+
+use std::fs::{self, File, OpenOptions};
+use std::io::{self, Write};
+use std::path::Path;
+use std::process;
+
+/// What is promised of a file that is written.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Promise {
+    /// A program that reads it meanwhile reads the old content or the new one.
+    Whole,
+    /// Also, the new content is on the disk when the call returns.
+    Lasting,
+    /// Also, from the first byte on only its owner may read it.
+    Secret,
+}
+
+impl Promise {
+    /// [`Promise::Secret`] for a secret, else [`Promise::Lasting`].
+    pub fn of(is_secret: bool) -> Self {
+        if is_secret { Self::Secret } else { Self::Lasting }
+    }
+}
+
+/// Writes a file under another name and renames it when it is whole.
+///
+/// # Errors
+/// If it cannot be written; then what was there before is still there.
+pub fn write(path: &Path, content: &[u8], promise: Promise) -> io::Result<()> {
+    let mut name = path.file_name().ok_or(io::ErrorKind::InvalidInput)?.to_owned();
+    name.push(format!(".{}.draft", process::id()));
+    let draft = path.with_file_name(name);
+    let written = create(&draft, promise).and_then(|mut file| {
+        file.write_all(content)?;
+        if promise != Promise::Whole {
+            file.sync_all()?;
+        }
+        fs::rename(&draft, path)
+    });
+    if written.is_err() {
+        // A draft that is left behind is never taken for the file.
+        let _ = fs::remove_file(&draft);
+    }
+    written
+}
+
+fn create(path: &Path, promise: Promise) -> io::Result<File> {
+    // A draft that another process of this number left behind may have another mode.
+    match fs::remove_file(path) {
+        Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(error),
+        _ => {}
+    }
+    let mut options = OpenOptions::new();
+    options.write(true).create_new(true);
+    #[cfg(unix)]
+    std::os::unix::fs::OpenOptionsExt::mode(&mut options, if promise == Promise::Secret { 0o600 } else { 0o644 });
+    #[cfg(not(unix))]
+    let _ = promise;
+    options.open(path)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_file_is_replaced_whole_and_leaves_no_draft() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("key");
+        for (content, promise) in [("one", Promise::Whole), ("two", Promise::Lasting), ("three", Promise::Secret)] {
+            write(&path, content.as_bytes(), promise).unwrap();
+            assert_eq!(fs::read_to_string(&path).unwrap(), content);
+            #[cfg(unix)]
+            {
+                use std::os::unix::fs::PermissionsExt;
+                let mode = fs::metadata(&path).unwrap().permissions().mode() & 0o777;
+                assert_eq!(mode & 0o077 == 0, promise == Promise::Secret, "{mode:o}");
+            }
+        }
+        assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1);
+        assert!(write(&folder.path().join("no/such/folder"), b"", Promise::Whole).is_err());
+    }
+}
