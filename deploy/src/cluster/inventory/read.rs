@@ -18,7 +18,7 @@ use crate::simulators::HostPort;
 const BASE_PORT: u16 = 7446;
 
 const fn key(path: &'static str, kind: Kind, default: Literal, about: &'static str) -> Key {
-    Key { path, kind, default, paper: None, flock: None, about }
+    Key::new(path, kind, default, about)
 }
 
 /// The keys of the file, and those of a node both for one and for all.
