@@ -31,7 +31,7 @@ mod written;
 use std::fmt;
 
 pub use error::ScenarioError;
-pub use keys::{Implied, KEYS, Key, Kind, Literal, Range, is_whole};
+pub use keys::{Implied, KEYS, Key, Kind, Literal, Range, is_whole, matching, meant};
 pub use law::{LawName, OwnLaw, add_laws};
 pub use model::*;
 pub use written::Written;

@@ -58,6 +58,11 @@ fn unknown_keys_name_the_nearest() {
             "6:38: unknown key `mission.steps[0].formation.raduis_m`; did you mean `mission.steps[0].formation.radius_m`?",
         ),
     ]);
+    let step = |key: &str| refusal(&beside(&format!("[mission]\nsteps = [{{ {key} = [0, 0] }}]")), &[]);
+    assert!(step("path").ends_with("unknown key `mission.steps[0].path`; did you mean `mission.steps[0].path_ne_m`?"));
+    for dangerous in ["waypoint", "lnad", "lamd"] {
+        assert!(!step(dangerous).contains("did you mean"), "{}", step(dangerous));
+    }
     let events = "events = []\nswarm.vehicles = 4";
     assert_eq!(refusal(events, &[]), "a.toml:1:1: unknown key `events`; did you mean `mission.events`?");
     let external = beside("[mission]\nsteps = [{ hold_s = 1, formation = { external = { misses = 2 } } }]");
