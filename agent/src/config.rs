@@ -11,7 +11,7 @@ use serde::Deserialize;
 use serde::de::DeserializeOwned;
 use skein_common::frame::Origin;
 use skein_common::id::VehicleId;
-use skein_common::scenario::{self, PlantKind, Scenario, ScenarioError, Source};
+use skein_common::scenario::{self, ControlMode, PlantKind, Scenario, ScenarioError, Source};
 
 use crate::external::{self, ExternalError};
 use crate::link::Security;
@@ -22,10 +22,10 @@ use crate::unix;
 pub use security::SecurityTable;
 use skein_core::aircraft::{Aircraft, AircraftError};
 use skein_core::control::{FisError, Rules};
+use skein_core::formation::{self, NotFlown};
 use skein_core::helicopter::{BuiltInVehicle, Script, TICK_S, Weather};
 use skein_core::plant::Plant;
 use skein_core::start::{TooFull, starts};
-use skein_core::supported::{self, NotFlown};
 
 /// What an agent is asked to be.
 #[derive(Clone, Debug, PartialEq, clap::Args)]
@@ -94,7 +94,7 @@ pub enum ConfigError {
     /// A scenario that is none.
     #[error(transparent)]
     Scenario(#[from] ScenarioError),
-    /// A scenario that asks for what is not flown yet.
+    /// A scenario that this program cannot fly, or not in real time.
     #[error("{file}: {source}")]
     NotFlown {
         /// The scenario's file.
@@ -233,7 +233,7 @@ impl AgentOptions {
         let name = path.display().to_string();
         let loaded = scenario::load(&Source { name: &name, text: &read(&path)? }, &self.sets)?;
         let (mut notes, mut scenario) = (loaded.notes, loaded.scenario);
-        supported::check_live(&scenario).map_err(|source| ConfigError::NotFlown { file: name.clone(), source })?;
+        check_live(&scenario).map_err(|source| ConfigError::NotFlown { file: name.clone(), source })?;
         let vehicles = scenario.swarm.vehicles;
         let folder = path.parent().unwrap_or(Path::new(""));
         external::find(&mut scenario, folder)?;
@@ -310,6 +310,17 @@ pub fn listen_for(simulator: IpAddr) -> IpAddr {
         IpAddr::V4(_) => Ipv4Addr::UNSPECIFIED.into(),
         IpAddr::V6(_) => Ipv6Addr::UNSPECIFIED.into(),
     }
+}
+
+/// Refuses a scenario that cannot be flown in real time.
+///
+/// # Errors
+/// What of it cannot, by name.
+pub fn check_live(scenario: &Scenario) -> Result<(), NotFlown> {
+    if scenario.control.mode == ControlMode::Central {
+        return Err(NotFlown("control.mode = \"central\" is flown only in a study".to_owned()));
+    }
+    formation::check(scenario)
 }
 
 fn read(path: &Path) -> Result<String, ConfigError> {

@@ -41,9 +41,9 @@ use crate::plant::xplane;
 use crate::unix;
 use control::Control;
 use skein_core::agent::Agent;
+use skein_core::formation::NotFlown;
 use skein_core::impairments::Ear;
 use skein_core::skew::Skew;
-use skein_core::supported::NotFlown;
 
 /// Environment variable that says which release was installed here.
 pub const RELEASE: &str = "SKEIN_RELEASE";

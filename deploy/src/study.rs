@@ -24,10 +24,10 @@ use skein_common::scenario::{Scenario, Target};
 use skein_common::state::{Membership, Standing};
 use skein_core::aircraft::Aircraft;
 use skein_core::control::Rules;
+use skein_core::formation::NotFlown;
 use skein_core::helicopter::TICK_S;
 use skein_core::peers::FRESH_S;
 use skein_core::start::TooFull;
-use skein_core::supported::NotFlown;
 
 use crate::clock::now;
 use crate::metrics::{Metrics, Report, Run, VehicleNow, Wall};

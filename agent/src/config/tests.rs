@@ -169,8 +169,8 @@ fn a_scenarios_faults_are_told_in_its_own_words() {
         |set: &str| AgentOptions { sets: vec![set.into()], ..by_scenario(&folder, 1) }.node().unwrap_err().to_string();
     let unknown = refused("formation.raduis_m=50");
     assert!(unknown.starts_with("--set formation.raduis_m=50: unknown key"), "{unknown}");
-    let not_flown = refused("network.state_json_hz=1");
-    assert!(not_flown.contains("three.toml") && not_flown.ends_with("is not flown yet"), "{not_flown}");
+    let not_flown = refused("control.mode=central");
+    assert!(not_flown.contains("three.toml") && not_flown.ends_with("is flown only in a study"), "{not_flown}");
 }
 
 #[test]

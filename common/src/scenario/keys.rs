@@ -17,7 +17,7 @@ use Kind::{Edges, Free, Id, Ids, Integer, Path, Point, Texts};
 pub use nearest::{matching, meant};
 pub(super) use nearest::{nearest, nearest_of};
 pub use table::KEYS;
-pub(super) use table::{FAULT_KEYS, ORDER_KEYS};
+pub(super) use table::{FAULT_KEYS, ORDER_KEYS, REMOVED};
 
 /// A key: how it is spelled, what it takes, what it is when it is not written, what it means.
 #[derive(Clone, Copy, Debug)]
@@ -49,6 +49,15 @@ pub struct Implied {
     pub is: &'static str,
     /// The default then.
     pub value: Literal,
+}
+
+/// A key that earlier versions knew. A file that still has it is refused with the reason.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Removed {
+    /// As it was spelled.
+    pub(super) path: &'static str,
+    /// Why it is gone, or what takes its place.
+    pub(super) reason: &'static str,
 }
 
 /// What a key takes.

@@ -7,7 +7,7 @@ use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
 use super::error::ScenarioError;
-use super::keys::{self, Key};
+use super::keys::{self, KEYS, Key, REMOVED};
 use super::{Layer, Source};
 
 /// Where something was written.
@@ -107,8 +107,17 @@ impl Texts<'_> {
         }
     }
 
-    /// A name that is not a key, with the nearest that is.
+    /// A name that is not a key: one that was removed, or else with the nearest that is.
     pub(super) fn unknown(&self, place: &Place, path: &str) -> ScenarioError {
+        let is_scenario = std::ptr::eq(self.keys, KEYS);
+        if let Some(removed) = REMOVED.iter().find(|removed| is_scenario && removed.path == path) {
+            let help = match place {
+                Place::File(_) => "remove the line",
+                Place::Set(_) => "leave this `--set` out",
+            };
+            let message = format!("`{path}` was removed: {}", removed.reason);
+            return ScenarioError { help: Some(help.into()), ..self.fault(place, path, message) };
+        }
         ScenarioError {
             help: keys::nearest(self.keys, path).map(|nearest| format!("did you mean `{nearest}`?").into()),
             ..self.fault(place, path, format!("unknown key `{}`", shown(path)))

@@ -121,7 +121,7 @@ fn a_broken_scenario_is_refused_by_all_with_the_same_sentence() {
         ("[vehicle.9]\nheading_deg = 1", "no vehicle 9"),
         ("[start]\nsquare_m = 1", "do not fit"),
         ("[start]\npattern = 'as_is'", "X-Plane"),
-        ("[network]\nstate_json_hz = 1", "not flown yet"),
+        ("[network]\nstate_json_hz = 1", "was removed"),
         ("[network]\ngraph = 'edges'", "needs"),
         ("swarm.aircraft = 'r 22'", "with or without"),
         ("swarm.aircraft = 'nowhere'", "no aircraft \"nowhere\""),

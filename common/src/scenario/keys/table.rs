@@ -7,7 +7,7 @@ use super::Kind::{
     Address, Edges, Free, Id, Ids, Integer, Name, OneOf, Path, Point, Tables, Text, Texts, TomlName, True,
 };
 use super::Literal::{Bool, Nothing, Required, Same};
-use super::{Key, Kind, Literal, Range};
+use super::{Key, Kind, Literal, Range, Removed};
 use crate::scenario::law;
 
 const fn key(path: &'static str, kind: Kind, default: Literal, about: &'static str) -> Key {
@@ -350,7 +350,6 @@ pub const KEYS: &[Key] = &[
         "network.bandwidth_bit_s of these links"),
     key("network.links[N].queue_s", from(0.0, 60.0), Nothing,
         "network.queue_s of these links"),
-    key("network.state_json_hz", from(0.0, 50.0), number(0.0), "the state once more, as JSON for people; 0 is off"),
 
     key("record.runs", OneOf(&["worst-and-median", "all", "none"]), text("worst-and-median"),
         "runs of a study whose recordings are kept: two show what is typical and what can happen"),
@@ -370,6 +369,10 @@ pub const KEYS: &[Key] = &[
     key("vehicle.N.clock_drift_ppm", from(-1e3, 1e3), number(0.0),
         "how much too fast its clock runs; quartz clocks are within 100 ppm"),
 ];
+
+/// Keys that earlier versions knew.
+pub(in crate::scenario) const REMOVED: &[Removed] =
+    &[Removed { path: "network.state_json_hz", reason: "the state for people will be published as `summary`" }];
 
 /// What an event takes besides `at_s` and `for_s`: its kind, the keys it needs, the keys it may have.
 pub(in crate::scenario) type Rule = (&'static str, &'static [&'static str], &'static [&'static str]);

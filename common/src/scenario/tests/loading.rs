@@ -104,7 +104,7 @@ fn defaults_and_paper_values_are_the_documented_ones() {
         ("network.burst_s", r#""none""#, None), ("network.reorder", "0.0", None),
         ("network.duplicate", "0.0", None), ("network.bandwidth_bit_s", r#""none""#, None),
         ("network.fade_m", r#""none""#, None), ("network.queue_s", "0.2", None),
-        ("network.range_m", r#""none""#, None), ("network.state_json_hz", "0.0", None),
+        ("network.range_m", r#""none""#, None),
         ("formation.edge_steepness_per_m", r#""from_widths""#, None),
         ("formation.safety_filter", r#""cbf""#, Some(r#""none""#)),
         ("formation.safety_distance_m", "8.0", None), ("formation.safety_rate_per_s", "0.5", None),

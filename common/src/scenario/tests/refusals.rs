@@ -75,6 +75,15 @@ fn unknown_keys_name_the_nearest() {
 }
 
 #[test]
+fn a_removed_key_is_refused_at_its_place_with_the_reason() {
+    let removed = "`network.state_json_hz` was removed: the state for people will be published as `summary`";
+    let line = beside("[network]\nstate_json_hz = 0");
+    assert_eq!(refusal(&line, &[]), format!("a.toml:6:1: {removed}; remove the line"));
+    let set = "network.state_json_hz=5";
+    assert_eq!(refusal(HOVER, &[set]), format!("--set {set}: {removed}; leave this `--set` out"));
+}
+
+#[test]
 fn values_of_another_kind() {
     check(&[
         ("gamma = 'x'", "5:9: `formation.gamma` has to be a number, not \"x\""),
