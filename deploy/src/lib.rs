@@ -9,6 +9,7 @@ pub mod cluster;
 pub mod compare;
 pub mod endpoints;
 pub mod error;
+pub mod explain;
 pub mod fly;
 pub mod landing;
 pub mod law;
