@@ -8,10 +8,9 @@ use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr, ToSocketAddrs};
 use std::path::{Path, PathBuf};
 
 use serde::Deserialize;
-use serde::de::DeserializeOwned;
 use skein_common::frame::Origin;
 use skein_common::id::VehicleId;
-use skein_common::scenario::{self, ControlMode, PlantKind, Scenario, ScenarioError, Source};
+use skein_common::scenario::{self, ControlMode, FileKind, PlantKind, Scenario, ScenarioError, Source, Written};
 
 use crate::external::{self, ExternalError};
 use crate::link::Security;
@@ -328,7 +327,10 @@ fn read(path: &Path) -> Result<String, ConfigError> {
 }
 
 fn read_agent_file(path: &Path) -> Result<AgentFile, ConfigError> {
-    parse(&path.display().to_string(), &read(path)?)
+    let (name, text) = (path.display().to_string(), read(path)?);
+    let source = Source { name: &name, text: &text };
+    let read = Written::typed(&source, FileKind::Agent).map_err(|fault| ConfigError::File(fault.to_string()))?;
+    Ok(read.0)
 }
 
 /// What to say of a private key that is not private.
@@ -336,13 +338,6 @@ fn open_key(security: &Security) -> Option<String> {
     let Security::Tls(tls) = security else { return None };
     let key = tls.key.display();
     unix::others_can_read(&tls.key).then(|| format!("{key}: others can read this key; chmod 600 {key}"))
-}
-
-fn parse<T: DeserializeOwned>(name: &str, text: &str) -> Result<T, ConfigError> {
-    toml::from_str(text).map_err(|error| {
-        let (line, column) = Source { name, text }.position(error.span().map_or(0, |span| span.start));
-        ConfigError::File(format!("{name}:{line}:{column}: {}", error.message().replace('\n', " ")))
-    })
 }
 
 /// The aircraft of this name and its file's text: one that comes with the program, or else `NAME.toml` in the scenario's

@@ -115,9 +115,7 @@ pub struct Ready {
 pub(crate) fn aircraft_of(vehicle: &Vehicle, folder: &Path, scenario: &str) -> Result<(Aircraft, String), Error> {
     let Vehicle { id, aircraft: name, .. } = vehicle;
     config::aircraft(name, folder).map_err(|error| match error {
-        ConfigError::Aircraft(fault) => {
-            Error::Refused(format!("{fault}; it is the aircraft of vehicle {id} in {scenario}"))
-        }
+        ConfigError::Aircraft(fault) => Error::Refused(format!("{fault} (the aircraft of vehicle {id} in {scenario})")),
         error => {
             let known = Aircraft::SHIPPED.map(|(known, _)| known).join(", ");
             Error::Refused(format!(

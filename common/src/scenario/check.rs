@@ -250,7 +250,7 @@ impl Texts<'_> {
     }
 
     /// A value of another kind than the key's.
-    fn wrong(&self, node: &Node, path: &str, wanted: &str) -> ScenarioError {
+    pub(super) fn wrong(&self, node: &Node, path: &str, wanted: &str) -> ScenarioError {
         let found = match &node.value {
             Value::Plain(Toml::String(text)) => format!("\"{}\"", shown(text)),
             Value::Plain(value) => value.to_string(),

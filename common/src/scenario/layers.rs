@@ -24,8 +24,8 @@ impl<'a> Layers<'a> {
             let place = written.at("swarm").map_or(Place::File(0..0), |node| node.place.clone());
             let place = if matches!(place, Place::Set(_)) { Place::File(0..0) } else { place };
             return Err(ScenarioError {
-                help: Some("say how many fly: `[swarm]`, `vehicles = 4`".into()),
-                ..texts.fault(&place, "swarm.vehicles", "`swarm.vehicles` is missing: nobody flies")
+                help: Some("say how many vehicles fly: `[swarm]`, `vehicles = 4`".into()),
+                ..texts.fault(&place, "swarm.vehicles", "`swarm.vehicles` is missing")
             });
         }
         let word = |path| written.at(path).map(Node::plain);

@@ -208,7 +208,7 @@ pub struct Skids {
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum ParameterError {
     /// One number by itself.
-    #[error("helicopter.{key} = {value}: must be {rule}")]
+    #[error("`helicopter.{key}` is {value}, but has to be {rule}")]
     Value {
         /// The key within the `[helicopter]` table.
         key: &'static str,
@@ -218,7 +218,7 @@ pub enum ParameterError {
         rule: &'static str,
     },
     /// Each number for itself would do.
-    #[error("helicopter: cannot hover with these parameters, for want of engine power or of tail rotor thrust")]
+    #[error("`helicopter` cannot hover with these parameters: it lacks engine power or tail rotor thrust")]
     CannotHover,
 }
 

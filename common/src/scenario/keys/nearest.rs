@@ -41,7 +41,7 @@ pub(in crate::scenario) fn nearest(known: &[Key], path: &str) -> Option<String> 
 const MOST_IN_A_PATH: usize = 3;
 
 /// Names of keys and tables directly inside a table.
-fn siblings(known: &[Key], table: &str) -> Vec<&'static str> {
+pub(in crate::scenario) fn siblings(known: &[Key], table: &str) -> Vec<&'static str> {
     let pattern = pattern(known, table);
     let prefix = in_step(&pattern).unwrap_or(&pattern);
     let mut names: Vec<&str> = known
