@@ -7,10 +7,9 @@ use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr, ToSocketAddrs};
 use std::path::{Path, PathBuf};
 
 use serde::Deserialize;
-use serde::de::DeserializeOwned;
 use skein_common::frame::Origin;
 use skein_common::id::VehicleId;
-use skein_common::scenario::{self, PlantKind, Scenario, ScenarioError, Source};
+use skein_common::scenario::{self, ControlMode, FileKind, PlantKind, Scenario, ScenarioError, Source, Written};
 
 use crate::link::Security;
 use crate::link::seal::SealKey;
@@ -20,10 +19,10 @@ use crate::unix;
 pub use security::SecurityTable;
 use skein_core::aircraft::Aircraft;
 use skein_core::control::Rules;
+use skein_core::formation::{self, NotFlown};
 use skein_core::helicopter::{BuiltInVehicle, Script, TICK_S, Weather};
 use skein_core::plant::Plant;
 use skein_core::start::{TooFull, starts};
-use skein_core::supported::{self, NotFlown};
 use skein_host::external::{self, ExternalError};
 use skein_host::files::{self, FileError};
 
@@ -89,7 +88,7 @@ pub enum ConfigError {
     /// A scenario that is none.
     #[error(transparent)]
     Scenario(#[from] ScenarioError),
-    /// A scenario that asks for what is not flown yet.
+    /// A scenario that this program cannot fly, or not in real time.
     #[error("{file}: {source}")]
     NotFlown {
         /// The scenario's file.
@@ -222,7 +221,7 @@ impl AgentOptions {
         let name = path.display().to_string();
         let loaded = scenario::load(&Source { name: &name, text: &files::read(&path)? }, &self.sets)?;
         let (mut notes, mut scenario) = (loaded.notes, loaded.scenario);
-        supported::check_live(&scenario).map_err(|source| ConfigError::NotFlown { file: name.clone(), source })?;
+        check_live(&scenario).map_err(|source| ConfigError::NotFlown { file: name.clone(), source })?;
         let vehicles = scenario.swarm.vehicles;
         let folder = path.parent().unwrap_or(Path::new(""));
         external::find(&mut scenario, folder)?;
@@ -301,8 +300,22 @@ pub fn listen_for(simulator: IpAddr) -> IpAddr {
     }
 }
 
+/// Refuses a scenario that cannot be flown in real time.
+///
+/// # Errors
+/// What of it cannot, by name.
+pub fn check_live(scenario: &Scenario) -> Result<(), NotFlown> {
+    if scenario.control.mode == ControlMode::Central {
+        return Err(NotFlown("control.mode = \"central\" is flown only in a study".to_owned()));
+    }
+    formation::check(scenario)
+}
+
 fn read_agent_file(path: &Path) -> Result<AgentFile, ConfigError> {
-    parse(&path.display().to_string(), &files::read(path)?)
+    let (name, text) = (path.display().to_string(), files::read(path)?);
+    let source = Source { name: &name, text: &text };
+    let read = Written::typed(&source, FileKind::Agent).map_err(|fault| ConfigError::File(fault.to_string()))?;
+    Ok(read.0)
 }
 
 /// What to say of a private key that is not private.
@@ -310,13 +323,6 @@ fn open_key(security: &Security) -> Option<String> {
     let Security::Tls(tls) = security else { return None };
     let key = tls.key.display();
     unix::others_can_read(&tls.key).then(|| format!("{key}: others can read this key; chmod 600 {key}"))
-}
-
-fn parse<T: DeserializeOwned>(name: &str, text: &str) -> Result<T, ConfigError> {
-    toml::from_str(text).map_err(|error| {
-        let (line, column) = Source { name, text }.position(error.span().map_or(0, |span| span.start));
-        ConfigError::File(format!("{name}:{line}:{column}: {}", error.message().replace('\n', " ")))
-    })
 }
 
 fn seconds(text: &str) -> Result<f64, String> {

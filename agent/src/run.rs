@@ -39,9 +39,9 @@ use crate::plant::xplane;
 use crate::unix;
 use control::Control;
 use skein_core::agent::Agent;
+use skein_core::formation::NotFlown;
 use skein_core::impairments::Ear;
 use skein_core::skew::Skew;
-use skein_core::supported::NotFlown;
 use skein_host::clock::{LocalClock, new_incarnation, next_incarnation, utc_nanoseconds};
 use skein_host::external::ExternalError;
 

@@ -20,6 +20,7 @@ mod across;
 mod check;
 mod error;
 mod keys;
+mod kind;
 mod law;
 mod layers;
 mod model;
@@ -31,7 +32,8 @@ mod written;
 use std::fmt;
 
 pub use error::ScenarioError;
-pub use keys::{KEYS, Key, Kind, Literal, Range, is_whole};
+pub use keys::{Implied, KEYS, Key, Kind, Literal, Range, is_whole, matching, meant};
+pub use kind::FileKind;
 pub use law::{LawName, OwnLaw, add_laws};
 pub use model::*;
 pub use written::Written;
@@ -66,8 +68,9 @@ impl Source<'_> {
 /// The first fault found: not TOML, an unknown key, a value of the wrong kind or out of its range, or values that do
 /// not go together.
 pub fn load(source: &Source<'_>, sets: &[String]) -> Result<Loaded, ScenarioError> {
-    let texts = Texts { keys: KEYS, source, sets };
+    let texts = Texts { kind: FileKind::Scenario, keys: KEYS, source, sets };
     let mut written = texts.parse()?;
+    texts.check_kind(&written)?;
     texts.check_table(&mut written, "")?;
     for index in 0..sets.len() {
         texts.set(&mut written, index)?;

@@ -12,6 +12,7 @@ use tracing_subscriber::EnvFilter;
 use crate::check::{self, CheckArgs};
 use crate::cluster::host::{self, NodeArgs};
 use crate::cluster::{self, ClusterArgs};
+use crate::explain::{self, ExplainArgs};
 use crate::fly::{self, FlyArgs};
 use crate::order::{self, OrderArgs};
 use crate::record::{self, RecordArgs};
@@ -48,6 +49,8 @@ pub enum Command {
     Order(OrderArgs),
     /// What would stop a flight: of a scenario, with the origin of every value; of a cluster; of an X-Plane
     Check(CheckArgs),
+    /// What the keys of a scenario mean: kind, range, default and reason
+    Explain(ExplainArgs),
     /// Install a swarm on every node of a cluster, start it, look at it, land it
     Cluster(ClusterArgs),
     /// A node's own side of the cluster's commands
@@ -83,6 +86,7 @@ pub fn run(command: Command) -> ExitCode {
         Command::Report(args) => report::run(&args),
         Command::Order(args) => order::run(&args),
         Command::Check(args) => check::run(&args),
+        Command::Explain(args) => explain::run(&args),
         Command::Cluster(args) => cluster::run(&args),
         Command::Node(args) => host::run(&args),
         // Both have exit statuses and logs of their own.
@@ -149,6 +153,7 @@ mod tests {
         assert!(parse("skein order land --swarm lab").is_ok());
         assert!(parse("skein order --swarm lab goto 2").is_ok() && parse("skein order goto").is_err());
         assert!(parse("skein check").is_ok() && parse("skein check -f lab.toml --json").is_ok());
+        assert!(parse("skein explain").is_ok() && parse("skein explain radius --json").is_ok());
         assert!(parse("skein check --xplane heli7").is_ok() && parse("skein check my.toml -f lab.toml").is_err());
         assert!(
             parse("skein record --swarm lab --out a.mcap").is_ok() && parse("skein record --repair a.mcap").is_ok()

@@ -6,6 +6,7 @@ pub mod check;
 pub mod cli;
 pub mod cluster;
 pub mod endpoints;
+pub mod explain;
 pub mod fly;
 pub mod inventory;
 pub mod keys;

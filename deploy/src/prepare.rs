@@ -1,8 +1,8 @@
 //! Everything that can stand between a scenario and its flight, looked at before anything is started or written. `fly`, `study`
 //! and `check` all come through here: what `check` passes, flies, and what it refuses is refused with the same sentence.
 
+use skein_agent::config::check_live;
 use skein_common::scenario::{PlantKind, Scenario};
-use skein_core::supported;
 use skein_host::external::protocol::Time;
 
 use crate::simulators::{self, HostPort};
@@ -50,7 +50,7 @@ pub fn prepare(
         Target::Study => Time::Virtual,
     };
     if time == Time::Real {
-        supported::check_live(scenario).map_err(|why| refused(why.to_string()))?;
+        check_live(scenario).map_err(|why| refused(why.to_string()))?;
     }
     let flies_in_xplane = time == Time::Real && scenario.swarm.plant == PlantKind::Xplane;
     let ready = if flies_in_xplane {

@@ -471,11 +471,13 @@ fn what_cannot_be_flown_is_refused_before_anything_is_begun() {
     let file = place.folder.path().join("my.toml");
     fs::write(&file, "[swarm]\nvehicles = 3\n[formation]\nraduis_m = 80\n").unwrap();
     let my = file.to_str().unwrap();
+    let gone = "--set network.state_json_hz=1: `network.state_json_hz` was removed: the state for people will be published as \
+                `summary`; leave this `--set` out\n";
     let cases: [(&[&str], String); 5] = [
         (&[my], format!("{my}:4:1: unknown key `formation.raduis_m`; did you mean `formation.radius_m`?\n")),
         (&["--set", "seed=x"], "--set seed=x: `seed` has to be a whole number, not \"x\"\n".to_owned()),
         (&["--duration", "-4"], String::new()),
-        (&["--set", "network.state_json_hz=1"], String::new()),
+        (&["--set", "network.state_json_hz=1"], gone.to_owned()),
         (&["--plant", "builtin", "--xplane", "heli:49000"], String::new()),
     ];
     for (arguments, said) in cases {

@@ -20,13 +20,12 @@ use crate::diagnosis::Diagnosis;
 use crate::estimate::{Estimate, Estimator};
 use crate::failsafe::{self, Response};
 use crate::formation::external::{Answer, Ask};
-use crate::formation::{Formation, Wish};
+use crate::formation::{self, Formation, NotFlown, Wish};
 use crate::mission::{Mission, Task, View};
 use crate::peers::{Change, Heard, Peers, Seen, Word};
 use crate::plant::{Measurement, Sticks, Truth};
 use crate::random::{self, Purpose};
 use crate::speech::{Said, Speech};
-use crate::supported::{self, NotFlown};
 
 /// What came in since the last step.
 #[derive(Clone, Copy, Debug)]
@@ -88,7 +87,7 @@ impl Agent {
         aircraft: &Aircraft,
         rules: Rules,
     ) -> Result<Self, NotFlown> {
-        supported::check(scenario)?;
+        formation::check(scenario)?;
         let origin = Origin::new(scenario.origin.geodetic());
         let trim = with_hidden_error(aircraft.trim, scenario, own);
         let plan = scenario.plan_hash();

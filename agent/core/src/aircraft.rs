@@ -2,14 +2,11 @@
 
 mod profile;
 
-use alloc::borrow::ToOwned;
-use alloc::string::String;
+use alloc::boxed::Box;
 use alloc::string::ToString;
-use core::ops::Range;
 
 use serde::Deserialize;
-use skein_common::scenario::Source;
-use toml::de::{DeTable, DeValue};
+use skein_common::scenario::{FileKind, ScenarioError, Source, Written};
 
 use crate::control::Trim;
 use crate::helicopter::Parameters;
@@ -34,16 +31,13 @@ pub struct Aircraft {
 /// What is wrong with an aircraft file, and where: not TOML, not the keys of an aircraft, or parameters that no helicopter
 /// can have.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("{file}:{line}:{column}: {message}")]
-pub struct AircraftError {
-    /// The file as the caller named it.
-    pub file: String,
-    /// Counted from 1.
-    pub line: usize,
-    /// In characters, counted from 1.
-    pub column: usize,
-    /// What is wrong, in one line.
-    pub message: String,
+#[error(transparent)]
+pub struct AircraftError(pub Box<ScenarioError>);
+
+impl From<ScenarioError> for AircraftError {
+    fn from(fault: ScenarioError) -> Self {
+        Self(Box::new(fault))
+    }
 }
 
 /// Share of its speed in flight at which a rotor lifts.
@@ -68,38 +62,13 @@ impl Aircraft {
 
     /// The aircraft in this text; `name` is for messages.
     pub fn from_text(name: &str, text: &str) -> Result<Self, AircraftError> {
-        let fault = |at: usize, message: String| {
-            let (line, column) = Source { name, text }.position(at);
-            AircraftError { file: name.to_owned(), line, column, message }
-        };
-        let aircraft: Self = toml::from_str(text).map_err(|error| {
-            let at = error.span().map_or(0, |span| span.start);
-            fault(at, error.message().replace('\n', " "))
-        })?;
+        let source = Source { name, text };
+        let (aircraft, written) = Written::typed::<Self>(&source, FileKind::Aircraft)?;
         if let Some(parameters) = &aircraft.helicopter {
-            parameters.check().map_err(|error| {
-                let at = span_of(text, &error.key()).map_or(0, |span| span.start);
-                fault(at, error.to_string())
-            })?;
+            parameters.check().map_err(|error| written.fault(&error.key(), error.to_string(), None))?;
         }
         Ok(aircraft)
     }
-}
-
-/// Where the value of this dotted key stands in a TOML text; `None` if it is not there.
-fn span_of(text: &str, key: &str) -> Option<Range<usize>> {
-    let root = DeTable::parse(text).ok()?;
-    let mut table = root.get_ref();
-    let mut span = None;
-    for name in key.split('.') {
-        let (_, value) = table.iter().find(|(known, _)| known.get_ref() == name)?;
-        span = Some(value.span());
-        match value.get_ref() {
-            DeValue::Table(inner) => table = inner,
-            _ => return span,
-        }
-    }
-    span
 }
 
 #[cfg(test)]
@@ -125,15 +94,31 @@ mod tests {
             (Aircraft::from_text("my/x.toml", &broken).unwrap_err().to_string(), line)
         };
         let (weightless, line) = refusal("mass_kg = 8.2", "mass_kg = -8.2");
-        let rule = "helicopter.mass_kg = -8.2: must be finite and greater than 0";
+        let rule = "`helicopter.mass_kg` is -8.2, but has to be finite and greater than 0";
         assert_eq!(weightless, format!("my/x.toml:{line}:11: {rule}"));
         let (unknown, line) = refusal("[trim]", "[trim]\nwings = 2");
-        assert!(unknown.starts_with(&format!("my/x.toml:{line}:1: unknown field `wings`")), "{unknown}");
+        let keys = "`roll_stick`, `pitch_stick`, `yaw_stick`, `collective`, `roll_deg`, `pitch_deg`";
+        assert_eq!(unknown, format!("my/x.toml:{line}:1: unknown key `trim.wings`; the keys here are {keys}"));
+        let (misspelt, line) = refusal("arm_m = 0.91", "amr_m = 0.91");
+        let meant = "unknown key `helicopter.tail.amr_m`; did you mean `helicopter.tail.arm_m`?";
+        assert_eq!(misspelt, format!("my/x.toml:{line}:1: {meant}"));
         let (no_number, line) = refusal("mass_kg = 8.2", "mass_kg = 'heavy'");
-        assert!(no_number.starts_with(&format!("my/x.toml:{line}:11: invalid type")), "{no_number}");
+        let no_number_it_is = "`helicopter.mass_kg` has to be a number, not \"heavy\"";
+        assert_eq!(no_number, format!("my/x.toml:{line}:11: {no_number_it_is}"));
+        let (tilted, line) = refusal("roll_deg = 4.61", "roll_deg = 461");
+        assert_eq!(tilted, format!("my/x.toml:{line}:12: `trim.roll_deg` is 461, but has to be within -45 to 45"));
+        let (dataref, line) = refusal("[trim]", "[xplane]\nroll = 'a b'\n[trim]");
+        assert!(dataref.starts_with(&format!("my/x.toml:{}:8: `xplane.roll`: a dataref is", line - 1)), "{dataref}");
+        let no_mass = refusal("mass_kg = 8.2", "# mass_kg = 8.2").0;
+        assert!(no_mass.ends_with("`helicopter.mass_kg` is missing; add it to this table"), "{no_mass}");
+        let no_yaw = refusal("yaw_kg_m2 = 0.28", "# yaw_kg_m2 = 0.28").0;
+        assert!(no_yaw.ends_with("`helicopter.inertia.yaw_kg_m2` is missing; add it to this table"), "{no_yaw}");
         let no_toml = Aircraft::from_text("x.toml", "\n\n[trim").unwrap_err();
-        assert!(no_toml.line == 3 && !no_toml.to_string().contains('\n'), "{no_toml}");
+        assert!(no_toml.0.line == Some(3) && !no_toml.to_string().contains('\n'), "{no_toml}");
         let without_trim = Aircraft::from_text("x.toml", "").unwrap_err().to_string();
-        assert_eq!(without_trim, "x.toml:1:1: missing field `trim`");
+        assert_eq!(without_trim, "x.toml:1:1: `trim` is missing; add it to the file");
+        let scenario = Aircraft::from_text("hover.toml", "name = 'x'\n[formation]\n").unwrap_err().to_string();
+        let place = "hover.toml:1:1: this is a scenario, not an aircraft file; ";
+        assert!(scenario.starts_with(place), "{scenario}");
     }
 }

@@ -26,6 +26,7 @@ mod vasarhelyi;
 mod virtual_structure;
 
 use alloc::boxed::Box;
+use alloc::string::String;
 use alloc::vec::Vec;
 
 use nalgebra::{Vector2, Vector3};
@@ -40,7 +41,6 @@ use crate::control::{Setpoint, VELOCITY_PER_ERROR};
 use crate::estimate::Estimate;
 use crate::mission::{self, Task};
 use crate::peers::{Others, Role, Seen};
-use crate::supported::NotFlown;
 use conversion::Conversion;
 use external::{Ask, External};
 use law::{Answer, Goal, Law, Neighbour, Obstacle, Sight, Wanted};
@@ -55,6 +55,20 @@ const FASTEST_M: f64 = 15.0;
 const OBSTACLE_REACH_M: f64 = 15.0;
 /// Nearer than this two vehicles have no direction between them, m.
 const COINCIDENT_M: f64 = 1e-3;
+
+/// Why this program cannot fly a scenario, in one sentence.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("{0}")]
+pub struct NotFlown(pub String);
+
+/// Refuses a scenario in which a vehicle's formation cannot be made: to fly another one in its place would be worse than not
+/// to fly.
+///
+/// # Errors
+/// A law that this program does not know, or that refuses its parameters.
+pub fn check(scenario: &Scenario) -> Result<(), NotFlown> {
+    scenario.ids().try_for_each(|id| Formation::new(id, scenario).map(drop))
+}
 
 /// What the formation wants of this vehicle.
 #[derive(Clone, Copy, Debug, PartialEq)]

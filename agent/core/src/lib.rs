@@ -33,4 +33,3 @@ pub mod random;
 pub mod skew;
 pub mod speech;
 pub mod start;
-pub mod supported;

@@ -92,13 +92,13 @@ fn a_nodes_file_names_its_keys_and_everybody() {
         by_config(&folder).node().unwrap_err().to_string()
     };
     let table = [
-        ("1eFF", "1e", "agent.toml:10:10: a public key has to be 64 hexadecimal digits"),
+        ("1eFF", "1e", "agent.toml:10:10: `security.orders`: a public key has to be 64 hexadecimal digits"),
         ("1eFF", "1eGG", "a public key has to be 64 hexadecimal digits"),
         ("1eFF", "1eä", "a public key has to be 64 hexadecimal digits"),
         ("0202\" }", "02\" }", "a public key has to be 64 hexadecimal digits"),
         ("3 = { n", "300 = { n", "vehicle ids run from 1 to 250, not 300"),
-        ("orders = ", "boss = ", "unknown field `boss`"),
-        ("key = \"keys/node.key\"\n", "", "missing field `key`"),
+        ("orders = ", "boss = ", "unknown key `security.boss`"),
+        ("key = \"keys/node.key\"\n", "", "`security.key` is missing; add it to this table"),
     ];
     for (from, to, expected) in table {
         let error = refused(from, to);
@@ -143,9 +143,12 @@ fn the_simulator_is_where_the_nearest_word_says() {
 fn files_that_are_wrong_are_refused_in_a_sentence() {
     let place = "scenario = \"scenarios/three.toml\"\n";
     let table = [
-        ("id = 1\nspeed = 3", "agent.toml:3:1: unknown field `speed`"),
-        ("id = 251\nlisten = []\ndial = []", "agent.toml:2:6: vehicle ids run from 1 to 250, not 251"),
-        ("id = 1\ndial = []", "missing field `listen`"),
+        (
+            "id = 1\nspeed = 3",
+            "agent.toml:3:1: unknown key `speed`; the keys here are `scenario`, `id`, `listen`, `dial`",
+        ),
+        ("id = 251\nlisten = []\ndial = []", "agent.toml:2:6: `id`: vehicle ids run from 1 to 250, not 251"),
+        ("id = 1\ndial = []", "agent.toml:1:1: `listen` is missing; add it to the file"),
         ("id = 4\nlisten = []\ndial = []", "vehicle 4 does not fly in"),
         (
             "id = 1\nlisten = []\ndial = []\nxplane = \"no such host\"",
@@ -169,8 +172,8 @@ fn a_scenarios_faults_are_told_in_its_own_words() {
         |set: &str| AgentOptions { sets: vec![set.into()], ..by_scenario(&folder, 1) }.node().unwrap_err().to_string();
     let unknown = refused("formation.raduis_m=50");
     assert!(unknown.starts_with("--set formation.raduis_m=50: unknown key"), "{unknown}");
-    let not_flown = refused("network.state_json_hz=1");
-    assert!(not_flown.contains("three.toml") && not_flown.ends_with("is not flown yet"), "{not_flown}");
+    let not_flown = refused("control.mode=central");
+    assert!(not_flown.contains("three.toml") && not_flown.ends_with("is flown only in a study"), "{not_flown}");
 }
 
 #[test]

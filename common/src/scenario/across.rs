@@ -60,7 +60,10 @@ impl Check<'_> {
         if usize::from(id.get()) <= self.count() {
             return Ok(());
         }
-        Err(self.fault(&[path], format!("`{path}`: there is no vehicle {id} among {}", self.count())))
+        Err(self.fault(
+            &[path],
+            format!("`{path}`: there is no vehicle {id}: the swarm has vehicles 1 to {}", self.count()),
+        ))
     }
 
     fn vehicles(&self) -> Result<(), ScenarioError> {
@@ -70,7 +73,8 @@ impl Check<'_> {
             match name.parse::<VehicleId>() {
                 Ok(id) if usize::from(id.get()) <= self.count() => {}
                 Ok(id) => {
-                    let message = format!("`{path}`: there is no vehicle {id} among {}", self.count());
+                    let message =
+                        format!("`{path}`: there is no vehicle {id}: the swarm has vehicles 1 to {}", self.count());
                     return Err(self.texts.fault(place, &path, message));
                 }
                 Err(error) => return Err(self.texts.fault(place, &path, format!("`{path}`: {error}"))),

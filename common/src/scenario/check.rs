@@ -205,10 +205,8 @@ impl Texts<'_> {
     }
 
     fn point(&self, node: &mut Node, path: &str) -> Result<(), ScenarioError> {
-        // Farther out, the plane that touches the ellipsoid is 800 m above it.
-        let range = keys::Range { min: -1e5, max: 1e5, min_included: true };
         let wanted = "a point, [north, east]";
-        self.pair(node, path, wanted, |end| self.number(end, path, range, wanted))
+        self.pair(node, path, wanted, |end| self.number(end, path, keys::COORDINATES_M, wanted))
     }
 
     /// Two equal points in a row have no direction between them.
@@ -252,7 +250,7 @@ impl Texts<'_> {
     }
 
     /// A value of another kind than the key's.
-    fn wrong(&self, node: &Node, path: &str, wanted: &str) -> ScenarioError {
+    pub(super) fn wrong(&self, node: &Node, path: &str, wanted: &str) -> ScenarioError {
         let found = match &node.value {
             Value::Plain(Toml::String(text)) => format!("\"{}\"", shown(text)),
             Value::Plain(value) => value.to_string(),

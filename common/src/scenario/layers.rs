@@ -3,7 +3,7 @@
 use toml::Value as Toml;
 
 use super::error::ScenarioError;
-use super::keys::{self, FAULT_KEYS, KEYS, Key, Kind, Literal, ORDER_KEYS};
+use super::keys::{self, FAULT_KEYS, Implied, KEYS, Key, Kind, Literal, ORDER_KEYS};
 use super::model::Scenario;
 use super::tree::{Node, Place, Texts};
 use super::{Explained, Layer};
@@ -24,8 +24,8 @@ impl<'a> Layers<'a> {
             let place = written.at("swarm").map_or(Place::File(0..0), |node| node.place.clone());
             let place = if matches!(place, Place::Set(_)) { Place::File(0..0) } else { place };
             return Err(ScenarioError {
-                help: Some("say how many fly: `[swarm]`, `vehicles = 4`".into()),
-                ..texts.fault(&place, "swarm.vehicles", "`swarm.vehicles` is missing: nobody flies")
+                help: Some("say how many vehicles fly: `[swarm]`, `vehicles = 4`".into()),
+                ..texts.fault(&place, "swarm.vehicles", "`swarm.vehicles` is missing")
             });
         }
         let word = |path| written.at(path).map(Node::plain);
@@ -47,11 +47,10 @@ impl<'a> Layers<'a> {
         if let Some(value) = key.flock.filter(|_| law == "flock") {
             return (literal(value), Layer::Default);
         }
-        if key.path == "network.send"
-            && self.named("sensing.position").as_ref().and_then(Toml::as_str) == Some("f32_latlon")
+        if let Some(Implied { by, is, value }) = key.implied
+            && self.named(by).as_ref().and_then(Toml::as_str) == Some(is)
         {
-            // Quantised positions step by 0.2 to 0.8 m: "on need" would be every frame anyway, at more cost.
-            return (Some("every_frame".into()), Layer::Implied("sensing.position"));
+            return (literal(value), Layer::Implied(by));
         }
         match (key.paper.filter(|_| self.paper), key.default) {
             (Some(value), _) => (literal(value), Layer::Preset),

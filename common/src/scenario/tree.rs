@@ -7,7 +7,8 @@ use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
 use super::error::ScenarioError;
-use super::keys::{self, Key};
+use super::keys::{self, Key, REMOVED};
+use super::kind::FileKind;
 use super::{Layer, Source};
 
 /// Where something was written.
@@ -80,8 +81,17 @@ impl Node {
     }
 }
 
+/// More keys than this fill no message.
+const MOST_CHOICES: usize = 12;
+
+/// The keys of a table, for a message.
+pub(super) fn list_of_keys<'k>(names: impl Iterator<Item = &'k str>) -> String {
+    format!("the keys here are {}", names.map(|name| format!("`{name}`")).collect::<Vec<_>>().join(", "))
+}
+
 /// The file and the `--set`s, for messages, and what may stand in them.
 pub(super) struct Texts<'a> {
+    pub(super) kind: FileKind,
     pub(super) keys: &'static [Key],
     pub(super) source: &'a Source<'a>,
     pub(super) sets: &'a [String],
@@ -107,11 +117,54 @@ impl Texts<'_> {
         }
     }
 
-    /// A name that is not a key, with the nearest that is.
+    /// A file of another kind, told by its keys, is called what it is.
+    pub(super) fn check_kind(&self, root: &Node) -> Result<(), ScenarioError> {
+        let Some(table) = root.table() else { return Ok(()) };
+        let kind = |name: &str, node: &Node| FileKind::of_key(name, node.table().is_some());
+        let signs = table.iter().filter_map(|(name, (place, node))| Some((place, kind(name, node)?)));
+        let first = |place: &Place| match place {
+            Place::File(span) => span.start,
+            Place::Set(_) => usize::MAX,
+        };
+        let Some((place, found)) = signs.clone().min_by_key(|(place, _)| first(place)) else { return Ok(()) };
+        if found == self.kind || signs.clone().any(|(_, other)| other != found) {
+            return Ok(());
+        }
+        Err(ScenarioError {
+            help: Some(found.remedy(self.kind, self.source.name).into()),
+            ..self.fault(place, "", format!("this is {}, not {}", found.name(), self.kind.name()))
+        })
+    }
+
+    /// A name that is not a key: one that was removed, or else with the nearest that is, or with all that are.
     pub(super) fn unknown(&self, place: &Place, path: &str) -> ScenarioError {
+        let removed = REMOVED.iter().find(|removed| self.kind == FileKind::Scenario && removed.path == path);
+        if let Some(removed) = removed {
+            let help = match place {
+                Place::File(_) => "remove the line",
+                Place::Set(_) => "leave this `--set` out",
+            };
+            let message = format!("`{path}` was removed: {}", removed.reason);
+            return ScenarioError { help: Some(help.into()), ..self.fault(place, path, message) };
+        }
+        let nearest = keys::nearest(self.keys, path).map(|nearest| format!("did you mean `{nearest}`?"));
         ScenarioError {
-            help: keys::nearest(self.keys, path).map(|nearest| format!("did you mean `{nearest}`?").into()),
+            help: nearest.or_else(|| self.choices(path)).map(Into::into),
             ..self.fault(place, path, format!("unknown key `{}`", shown(path)))
+        }
+    }
+
+    /// The keys that there are where this path is not one.
+    fn choices(&self, path: &str) -> Option<String> {
+        let (table, _) = path.rsplit_once('.').unwrap_or_default();
+        let names = keys::siblings(self.keys, table);
+        match names.len() {
+            1..=MOST_CHOICES => Some(list_of_keys(names.into_iter())),
+            0 => None,
+            _ if self.kind == FileKind::Scenario => {
+                Some(format!("`{}` lists the keys", format!("skein explain {table}").trim_end()))
+            }
+            _ => None,
         }
     }
 
@@ -130,7 +183,11 @@ impl Texts<'_> {
         let text = self.source.text;
         let root = DeTable::parse(text).map_err(|error| {
             let span = error.span().unwrap_or(0..0);
-            self.fault(&Place::File(span), "", format!("not TOML: {}", error.message()))
+            let is_double = error.message() == "duplicate key";
+            ScenarioError {
+                help: is_double.then(|| "remove one of the two".into()),
+                ..self.fault(&Place::File(span), "", format!("not TOML: {}", error.message()))
+            }
         })?;
         let mut read = Reader { texts: self, place: Place::File };
         Ok(Node { place: Place::File(0..0), value: read.table(root.into_inner())? })

@@ -1,11 +1,15 @@
 //! Other files than a scenario's, with keys of their own: read, checked and refused in the same way.
 
+use std::ops::Range;
+
+use serde::de::DeserializeOwned;
 use toml::Value as Toml;
 
 use super::Source;
 use super::error::ScenarioError;
-use super::keys::{Key, Literal};
-use super::tree::{Node, Place, Texts};
+use super::keys::{self, Key, Literal};
+use super::kind::FileKind;
+use super::tree::{Node, Place, Texts, list_of_keys, shown};
 
 /// What stands in a file, every key of it known, of its kind and in its range.
 pub struct Written<'a> {
@@ -14,20 +18,88 @@ pub struct Written<'a> {
 }
 
 impl<'a> Written<'a> {
-    /// Reads a file whose keys are these. `paper` and `flock` of a [`Key`] mean nothing here.
+    /// Reads a file of this kind, whose keys are these. `paper`, `flock` and `implied` of a [`Key`] mean nothing here.
     ///
     /// # Errors
     /// The first fault found: not TOML, an unknown key, a value of the wrong kind or out of its range, or one that the file
     /// has to say and does not.
-    pub fn read(source: &'a Source<'a>, keys: &'static [Key]) -> Result<Self, ScenarioError> {
-        let texts = Texts { keys, source, sets: &[] };
+    pub fn read(source: &'a Source<'a>, kind: FileKind, keys: &'static [Key]) -> Result<Self, ScenarioError> {
+        let texts = Texts { kind, keys, source, sets: &[] };
         let mut root = texts.parse()?;
+        texts.check_kind(&root)?;
         texts.check_table(&mut root, "")?;
         let written = Self { texts, root };
         let lacks = |key: &&Key| key.default == Literal::Required && written.root.at(key.path).is_none();
         match keys.iter().find(lacks) {
-            Some(key) => Err(written.fault(key.path, format!("`{}` is missing: {}", key.path, key.about), None)),
+            Some(key) => {
+                let message = format!("`{}` is missing: {}", key.path, key.about);
+                Err(written.fault(key.path, message, Some("add it to the file".to_owned())))
+            }
             None => Ok(written),
+        }
+    }
+
+    /// Reads a file of this kind, whose keys are the fields of a type.
+    ///
+    /// # Errors
+    /// The first fault found: not TOML, or what the type refuses, with its place and the nearest field.
+    pub fn typed<T: DeserializeOwned>(source: &'a Source<'a>, kind: FileKind) -> Result<(T, Self), ScenarioError> {
+        let texts = Texts { kind, keys: &[], source, sets: &[] };
+        let root = texts.parse()?;
+        texts.check_kind(&root)?;
+        let written = Self { texts, root };
+        match toml::from_str(source.text) {
+            Ok(value) => Ok((value, written)),
+            Err(error) => Err(written.refused(&error)),
+        }
+    }
+
+    /// What a type refused, with the whole path of the key and a remedy.
+    fn refused<'e>(&self, error: &'e toml::de::Error) -> ScenarioError {
+        let span = error.span().unwrap_or(0..0);
+        let message = error.message();
+        let (path, node) = place_of(&self.root, "", &span).unwrap_or_default();
+        let place = Place::File(span);
+        let quoted = |text: &'e str| text.split('`').skip(1).step_by(2);
+        if message.starts_with("unknown field ") {
+            let known = message.rsplit_once(", expected ").map_or("", |(_, known)| known);
+            let (table, name) = path.rsplit_once('.').unwrap_or(("", &path));
+            let help = match keys::nearest_of(quoted(known), name) {
+                Some(near) => Some(format!("did you mean `{}`?", keys::join(table, near))),
+                None => (!known.is_empty()).then(|| list_of_keys(quoted(known))),
+            };
+            let message = format!("unknown key `{}`", shown(&path));
+            return ScenarioError { help: help.map(Into::into), ..self.texts.fault(&place, &path, message) };
+        }
+        if message.starts_with("missing field ")
+            && let Some(field) = quoted(message).next()
+        {
+            let path = keys::join(&path, field);
+            let help = Some(format!("add it to {}", if path == field { "the file" } else { "this table" }).into());
+            return ScenarioError { help, ..self.texts.fault(&place, &path, format!("`{path}` is missing")) };
+        }
+        if let (Some((_, wanted)), Some(node)) = (message.rsplit_once(", expected "), node)
+            && message.starts_with("invalid type: ")
+        {
+            let wanted = match wanted {
+                "f32" | "f64" => "a number",
+                "a string" => "a text",
+                "a sequence" => "a list",
+                "a map" => "a table",
+                other if other.starts_with("struct ") => "a table",
+                other => other,
+            };
+            return self.texts.wrong(node, &path, wanted);
+        }
+        // A rule of the type itself: it begins with the key, or is about the value.
+        let (key, rest) = message.split_once(' ').unwrap_or((message, ""));
+        match node.and_then(Node::table).and_then(|table| table.get(key)) {
+            Some((_, value)) => {
+                let path = keys::join(&path, key);
+                self.texts.fault(&value.place, &path, format!("`{path}` {rest}"))
+            }
+            None if path.is_empty() => self.texts.fault(&place, "", message.replace('\n', " ")),
+            None => self.texts.fault(&place, &path, format!("`{}`: {}", shown(&path), message.replace('\n', " "))),
         }
     }
 
@@ -64,4 +136,19 @@ impl<'a> Written<'a> {
         };
         ScenarioError { help: help.map(Into::into), ..self.texts.fault(&place, path, message) }
     }
+}
+
+/// The path and the node of what is written at this place of a file.
+fn place_of<'n>(node: &'n Node, path: &str, span: &Range<usize>) -> Option<(String, Option<&'n Node>)> {
+    let is_at = |place: &Place| matches!(place, Place::File(at) if at == span);
+    node.table()?.iter().find_map(|(name, (name_place, value))| {
+        let path = keys::join(path, name);
+        if is_at(name_place) || is_at(&value.place) {
+            return Some((path, Some(value)));
+        }
+        match value.list().iter().find(|item| is_at(&item.place)) {
+            Some(item) => Some((path, Some(item))),
+            None => place_of(value, &path, span),
+        }
+    })
 }

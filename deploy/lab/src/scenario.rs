@@ -8,9 +8,9 @@ use std::path::{Path, PathBuf};
 use skein_common::scenario::{self, Loaded, Scenario, Source, Vehicle, load};
 use skein_core::aircraft::Aircraft;
 use skein_core::control::Rules;
+use skein_core::formation;
 use skein_core::helicopter::Start;
 use skein_core::start::starts;
-use skein_core::supported;
 use skein_host::external;
 use skein_host::files::{self, FileError};
 
@@ -70,7 +70,7 @@ impl ScenarioArgs {
     /// A sentence that says what stands against it.
     pub fn ready(&self, scenario: &Scenario) -> Result<Ready, Error> {
         let refused = |why: String| Error::Refused(format!("{}: {why}", self.name()));
-        supported::check(scenario).map_err(|error| refused(error.to_string()))?;
+        formation::check(scenario).map_err(|error| refused(error.to_string()))?;
         external::Way::of(scenario).map_err(|error| refused(error.to_string()))?;
         let (mut aircraft, mut aircraft_files) = (Vec::new(), BTreeMap::new());
         for vehicle in &scenario.vehicle {
@@ -115,9 +115,7 @@ pub struct Ready {
 pub fn aircraft_of(vehicle: &Vehicle, folder: &Path, scenario: &str) -> Result<(Aircraft, String), Error> {
     let Vehicle { id, aircraft: name, .. } = vehicle;
     files::aircraft(name, folder).map_err(|error| match error {
-        FileError::Aircraft(fault) => {
-            Error::Refused(format!("{fault}; it is the aircraft of vehicle {id} in {scenario}"))
-        }
+        FileError::Aircraft(fault) => Error::Refused(format!("{fault} (the aircraft of vehicle {id} in {scenario})")),
         error => {
             let known = Aircraft::SHIPPED.map(|(known, _)| known).join(", ");
             Error::Refused(format!(
@@ -131,9 +129,10 @@ pub fn aircraft_of(vehicle: &Vehicle, folder: &Path, scenario: &str) -> Result<(
 mod tests {
     use super::*;
 
-    fn refused(set: &str) -> String {
+    fn refused(sets: &[&str]) -> String {
         let args = ScenarioArgs::default();
-        args.ready(&args.read(vec![set.to_owned()]).unwrap().scenario).unwrap_err().to_string()
+        let sets = sets.iter().map(|&set| set.to_owned()).collect();
+        args.ready(&args.read(sets).unwrap().scenario).unwrap_err().to_string()
     }
 
     #[test]
@@ -152,8 +151,12 @@ mod tests {
 
     #[test]
     fn what_is_not_flown_is_refused() {
-        assert!(refused("network.state_json_hz=1").contains("not flown yet"));
-        let unknown = refused("vehicle.3.aircraft=r22");
+        let uneven = refused(&["formation.law=olfati-saber", "formation.olfati_saber.action_a=6"]);
+        assert!(
+            uneven.contains("`formation.olfati_saber.action_a` is 6, but may not be above `action_b`, 5"),
+            "{uneven}"
+        );
+        let unknown = refused(&["vehicle.3.aircraft=r22"]);
         assert!(unknown.starts_with("hover.toml: vehicle 3: no aircraft \"r22\" (cannot read r22.toml"), "{unknown}");
         assert!(unknown.ends_with("with the program come xcell60"), "{unknown}");
     }

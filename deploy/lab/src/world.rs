@@ -22,6 +22,7 @@ use skein_core::agent::{Agent, Inputs, Outputs};
 use skein_core::aircraft::Aircraft;
 use skein_core::control::Rules;
 use skein_core::formation::external::{Answer, Ask};
+use skein_core::formation::{self, NotFlown};
 use skein_core::helicopter::{BuiltInVehicle, Script, TICK_S, Weather};
 use skein_core::impairments::{Ear, Whereabouts};
 use skein_core::peers::{Heard, Word};
@@ -29,7 +30,6 @@ use skein_core::plant::{Frame, Measurement, Sticks, Truth};
 use skein_core::skew::Skew;
 use skein_core::speech;
 use skein_core::start::{TooFull, starts};
-use skein_core::supported::{self, NotFlown};
 
 use crate::faults::{Agenda, Incident, LinkChanges};
 use crate::metrics::Totals;
@@ -124,7 +124,7 @@ impl World {
     /// # Errors
     /// If the scenario asks for what is not flown.
     pub fn new(scenario: &Scenario, aircraft: &[Aircraft], rules: &Rules) -> Result<Self, WorldError> {
-        supported::check(scenario)?;
+        formation::check(scenario)?;
         let machine = Machine::of(scenario);
         let scenario = &central::as_agents_see_it(scenario);
         let (origin, weather) = (Origin::new(scenario.origin.geodetic()), Weather::from(&scenario.world));

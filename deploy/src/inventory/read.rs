@@ -6,7 +6,7 @@ use std::net::IpAddr;
 use std::path::{Path, PathBuf};
 
 use skein_common::id::{SwarmName, VehicleId};
-use skein_common::scenario::{Key, Kind, Literal, Loaded, PlantKind, ScenarioError, Source, Written};
+use skein_common::scenario::{FileKind, Key, Kind, Literal, Loaded, PlantKind, ScenarioError, Source, Written};
 use tracing_subscriber::EnvFilter;
 
 use super::{Install, Inventory, Node, SecurityKind, ServiceKind};
@@ -18,7 +18,7 @@ use skein_lab::scenario::ScenarioArgs;
 const BASE_PORT: u16 = 7446;
 
 const fn key(path: &'static str, kind: Kind, default: Literal, about: &'static str) -> Key {
-    Key { path, kind, default, paper: None, flock: None, about }
+    Key::new(path, kind, default, about)
 }
 
 /// The keys of the file, and those of a node both for one and for all.
@@ -96,10 +96,10 @@ fn read(
 ) -> Result<Inventory, Fault> {
     if toml::from_str::<toml::Table>(source.text).is_ok_and(|table| table.is_empty()) {
         let help = "it has `swarm`, `scenario` and a table `[node.N]` with `host` and `address` for each vehicle";
-        let empty = Written::read(source, &[])?;
+        let empty = Written::read(source, FileKind::Cluster, &[])?;
         return Err(empty.fault("", "nothing stands in this cluster's file", Some(help.to_owned())).into());
     }
-    let written = Written::read(source, KEYS)?;
+    let written = Written::read(source, FileKind::Cluster, KEYS)?;
     let text = |key: &str| written.text(key).unwrap_or_default();
     let swarm = SwarmName::new(text("swarm")).map_err(|error| written.fault("swarm", error.to_string(), None))?;
     let folder = path.parent().unwrap_or(Path::new(""));

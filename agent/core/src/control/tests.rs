@@ -330,8 +330,8 @@ fn a_trim_table_is_read_in_degrees() {
     assert_near(trim.roll_rad, 4.61f64.to_radians());
     assert_eq!((trim.roll_stick, trim.collective), (0.0185, 0.6));
     let error = |from: &str, to: &str| toml::from_str::<Trim>(&table.replace(from, to)).unwrap_err().to_string();
-    assert!(error("0.6", "1.1").contains("collective = 1.1 is not within 0 to 1"));
-    assert!(error("4.61", "nan").contains("roll_deg = NaN is not within -45 to 45"));
+    assert!(error("0.6", "1.1").contains("collective is 1.1, but has to be within 0 to 1"));
+    assert!(error("4.61", "nan").contains("roll_deg is NaN, but has to be within -45 to 45"));
     assert!(error("yaw_stick", "jaw_stick").contains("unknown field `jaw_stick`"));
 }
 

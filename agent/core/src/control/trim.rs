@@ -53,7 +53,7 @@ struct TrimTable {
 
 /// A `[trim]` table with a number that no hover has.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
-#[error("{key} = {value} is not within {low} to {high}")]
+#[error("{key} is {value}, but has to be within {low} to {high}")]
 pub struct BadTrim {
     key: &'static str,
     value: f64,

@@ -10,10 +10,10 @@ use rand::Rng;
 use skein_common::id::VehicleId;
 use skein_common::scenario::{self, LawName, Scenario, add_laws};
 
+use super::NotFlown;
 use super::law::{Law, Setup};
 use super::{displacement_consensus, olfati_saber, ring, vasarhelyi, virtual_structure};
 use crate::random::{Purpose, generator};
-use crate::supported::NotFlown;
 
 /// Makes a law for one vehicle, or says in half a sentence what is wrong with its parameters.
 pub type MakeLaw = fn(&Setup<'_>) -> Result<Box<dyn Law>, String>;
@@ -62,7 +62,7 @@ pub(super) fn make(
     let name = formation.law.name();
     let added = ADDED.get().map_or(&[][..], |laws| &laws.0);
     let Some((_, make)) = BUILT_IN.iter().chain(added).find(|(known, _)| *known == name) else {
-        return Err(NotFlown::yet(&format!("formation.law = \"{name}\"")));
+        return Err(NotFlown(format!("formation.law = \"{name}\": this program does not know this law")));
     };
     let seed = generator(scenario.seed, Some(own), Purpose::Law).next_u64();
     make(&Setup { own, formation, vehicles: scenario.swarm.vehicles, seed })

@@ -11,7 +11,7 @@ use super::parameters::Parameters;
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum ParameterError {
     /// One number by itself.
-    #[error("helicopter.{key} = {value}: must be {rule}")]
+    #[error("`helicopter.{key}` is {value}, but has to be {rule}")]
     Value {
         /// The key within the `[helicopter]` table.
         key: &'static str,
@@ -21,7 +21,7 @@ pub enum ParameterError {
         rule: &'static str,
     },
     /// Each number for itself would do.
-    #[error("helicopter: cannot hover with these parameters, for want of engine power or of tail rotor thrust")]
+    #[error("`helicopter` cannot hover with these parameters: it lacks engine power or tail rotor thrust")]
     CannotHover,
 }
 

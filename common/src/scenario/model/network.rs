@@ -48,8 +48,6 @@ pub struct Network {
     pub edges: Vec<[VehicleId; 2]>,
     /// Links that are not like the others, the last of them on top.
     pub links: Vec<LinkChange>,
-    /// The state for people; 0 is off.
-    pub state_json_hz: f64,
 }
 
 /// `network.send`

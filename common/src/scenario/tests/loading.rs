@@ -104,7 +104,7 @@ fn defaults_and_paper_values_are_the_documented_ones() {
         ("network.burst_s", r#""none""#, None), ("network.reorder", "0.0", None),
         ("network.duplicate", "0.0", None), ("network.bandwidth_bit_s", r#""none""#, None),
         ("network.fade_m", r#""none""#, None), ("network.queue_s", "0.2", None),
-        ("network.range_m", r#""none""#, None), ("network.state_json_hz", "0.0", None),
+        ("network.range_m", r#""none""#, None),
         ("formation.edge_steepness_per_m", r#""from_widths""#, None),
         ("formation.safety_filter", r#""cbf""#, Some(r#""none""#)),
         ("formation.safety_distance_m", "8.0", None), ("formation.safety_rate_per_s", "0.5", None),
@@ -266,6 +266,7 @@ fn the_table_and_the_types_are_the_same_keys() {
         [vehicle.1]\nstart_ne_m = [99, 0]\nheading_deg = 0\nxplane = 'a:1'\n\
         [mission]\nsteps = [{ name = 'a', centre_ne_m = [0, 0] }, { hold_s = 1 }, { path_ne_m = [[0, 0], [1, 1]] }, { land = true }]\n\
         events = [{ at_s = 1, for_s = 1, fault = 'kill', vehicle = 1 }, { at_s = 1, fault = 'cut', from = [1], to = [2] },\n\
+        { at_s = 1, fault = 'delay', from = [1], to = [2], delay_s = 1 },\n\
         { at_s = 1, fault = 'servo_stuck', vehicle = 1 }, { at_s = 1, fault = 'clock_jump', vehicle = 1 },\n\
         { at_s = 1, order = 'goto', step = 1 }]\n";
     let scenario = loaded(text, &[]).scenario;
@@ -328,8 +329,32 @@ fn every_default_passes_its_own_check() {
             };
             loaded("swarm.vehicles = 2", &[&format!("{}={value}", key.path)]);
         }
-        assert!(!key.about.is_empty() && key.about.len() <= 120, "{}", key.path);
     }
+}
+
+#[test]
+fn every_key_says_what_it_means_and_in_which_unit_its_numbers_are() {
+    for key in KEYS {
+        let is_short = ["name", "mission.steps[N].name"].contains(&key.path);
+        let words = key.about.split_whitespace().count();
+        assert!((if is_short { 2 } else { 3 }..=30).contains(&words), "{}: {}", key.path, key.about);
+        assert!(!key.about.contains("  ") && !key.about.ends_with('.'), "{}: {}", key.path, key.about);
+        let units = usize::from(key.own_unit.is_some()) + usize::from(key.unit_in_name().is_some());
+        assert_eq!(units, usize::from(key.kind.has_numbers()), "{}: one unit, in the name or beside it", key.path);
+    }
+    let unit = |path: &str| KEYS.iter().find(|key| key.path == path).and_then(Key::unit);
+    assert_eq!(unit("network.bandwidth_bit_s"), Some("bit/s"));
+    assert_eq!(unit("formation.olfati_saber.c1_per_s2"), Some("1/s²"));
+    assert_eq!(unit("formation.vasarhelyi.friction_m_s2"), Some("m/s²"));
+    assert_eq!((unit("record.hz"), unit("formation.gamma"), unit("formation.law")), (Some("Hz"), Some("1"), None));
+}
+
+#[test]
+fn a_default_on_paper_may_follow_from_another_key() {
+    let on_paper = |path: &str| KEYS.iter().find(|key| key.path == path).and_then(Key::on_paper);
+    assert_eq!(on_paper("network.send"), Some(Literal::Text("every_frame")));
+    assert_eq!(on_paper("formation.conversion"), Some(Literal::Text("linear")));
+    assert_eq!(on_paper("formation.radius_m"), None);
 }
 
 #[test]

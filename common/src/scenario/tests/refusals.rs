@@ -22,13 +22,13 @@ fn check(cases: &[(&str, &str)]) {
 }
 
 #[test]
-fn an_empty_file_flies_nobody() {
-    let nobody = "`swarm.vehicles` is missing: nobody flies; say how many fly: `[swarm]`, `vehicles = 4`";
+fn an_empty_file_lacks_the_number_of_vehicles() {
+    let missing = "`swarm.vehicles` is missing; say how many vehicles fly: `[swarm]`, `vehicles = 4`";
     for text in ["", "# nothing\n", "[swarm]\n", "name = 'x'"] {
-        assert_eq!(refusal(text, &[]), format!("a.toml:1:1: {nobody}"), "{text:?}");
+        assert_eq!(refusal(text, &[]), format!("a.toml:1:1: {missing}"), "{text:?}");
     }
-    assert_eq!(refusal("name = 'x'\n\n  [swarm]\nname = 'x'", &[]), format!("a.toml:3:3: {nobody}"));
-    assert_eq!(refusal("", &["swarm.name=x"]), format!("a.toml:1:1: {nobody}"));
+    assert_eq!(refusal("name = 'x'\n\n  [swarm]\nname = 'x'", &[]), format!("a.toml:3:3: {missing}"));
+    assert_eq!(refusal("", &["swarm.name=x"]), format!("a.toml:1:1: {missing}"));
 }
 
 #[test]
@@ -36,8 +36,8 @@ fn what_is_not_toml() {
     check(&[
         ("hello", "5:6: not TOML: key with no value, expected `=`"),
         ("gamma = ", "5:9: not TOML: string values must be quoted, expected literal string"),
-        ("radius_m = 3", "5:1: not TOML: duplicate key"),
-        ("[vehicle.3]\n[vehicle.3]", "6:10: not TOML: duplicate key"),
+        ("radius_m = 3", "5:1: not TOML: duplicate key; remove one of the two"),
+        ("[vehicle.3]\n[vehicle.3]", "6:10: not TOML: duplicate key; remove one of the two"),
         ("[[[", "5:3: not TOML: unquoted keys cannot be empty, expected letters, numbers, `-`, `_`"),
     ]);
 }
@@ -50,7 +50,7 @@ fn unknown_keys_name_the_nearest() {
         ("speed_m_s = 3", "5:1: unknown key `formation.speed_m_s`; did you mean `mission.speed_m_s`?"),
         ("[formaton]", "5:2: unknown key `formaton`; did you mean `formation`?"),
         ("[vehicle.3]\naircarft = 'r22'", "6:1: unknown key `vehicle.3.aircarft`; did you mean `vehicle.3.aircraft`?"),
-        ("qqqqqqqqqqqq = 3", "5:1: unknown key `formation.qqqqqqqqqqqq`"),
+        ("qqqqqqqqqqqq = 3", "5:1: unknown key `formation.qqqqqqqqqqqq`; `skein explain formation` lists the keys"),
         ("\"radius_m \" = 3", "5:1: unknown key `formation.\"radius_m \"`; did you mean `formation.radius_m`?"),
         ("[\"formation.gamma\"]", "5:2: unknown key `\"formation.gamma\"`; did you mean `formation.gamma`?"),
         (
@@ -58,15 +58,62 @@ fn unknown_keys_name_the_nearest() {
             "6:38: unknown key `mission.steps[0].formation.raduis_m`; did you mean `mission.steps[0].formation.radius_m`?",
         ),
     ]);
+    let step = |key: &str| refusal(&beside(&format!("[mission]\nsteps = [{{ {key} = [0, 0] }}]")), &[]);
+    assert!(step("path").ends_with("unknown key `mission.steps[0].path`; did you mean `mission.steps[0].path_ne_m`?"));
+    for dangerous in ["waypoint", "lnad", "lamd"] {
+        assert!(!step(dangerous).contains("did you mean"), "{}", step(dangerous));
+    }
     let events = "events = []\nswarm.vehicles = 4";
     assert_eq!(refusal(events, &[]), "a.toml:1:1: unknown key `events`; did you mean `mission.events`?");
     let external = beside("[mission]\nsteps = [{ hold_s = 1, formation = { external = { misses = 2 } } }]");
-    assert_eq!(refusal(&external, &[]), "a.toml:6:38: unknown key `mission.steps[0].formation.external`");
-    let extrnal = refusal(&external.replace("external", "extrnal"), &[]);
-    assert_eq!(extrnal, "a.toml:6:38: unknown key `mission.steps[0].formation.extrnal`");
-    let set = "mission.steps[0].formation.external.misses=2";
+    let lists = "`skein explain mission.steps[0].formation` lists the keys";
     let unknown = "unknown key `mission.steps[0].formation.external`";
-    assert_eq!(refusal(SHIPPED[2].1, &[set]), format!("--set {set}: {unknown}"));
+    assert_eq!(refusal(&external, &[]), format!("a.toml:6:38: {unknown}; {lists}"));
+    let extrnal = refusal(&external.replace("external", "extrnal"), &[]);
+    assert_eq!(extrnal, format!("a.toml:6:38: unknown key `mission.steps[0].formation.extrnal`; {lists}"));
+    let set = "mission.steps[0].formation.external.misses=2";
+    assert_eq!(refusal(SHIPPED[2].1, &[set]), format!("--set {set}: {unknown}; {lists}"));
+}
+
+#[test]
+fn a_removed_key_is_refused_at_its_place_with_the_reason() {
+    let removed = "`network.state_json_hz` was removed: the state for people will be published as `summary`";
+    let line = beside("[network]\nstate_json_hz = 0");
+    assert_eq!(refusal(&line, &[]), format!("a.toml:6:1: {removed}; remove the line"));
+    let set = "network.state_json_hz=5";
+    assert_eq!(refusal(HOVER, &[set]), format!("--set {set}: {removed}; leave this `--set` out"));
+}
+
+#[test]
+fn an_unknown_key_that_is_near_no_other_is_answered_with_all_there_are() {
+    let steps = "unknown key `mission.steps[0].qqqq`; the keys here are `name`, `centre_ne_m`, `hold_s`, `path_ne_m`, `land`, \
+                 `dwell_s`, `speed_m_s`, `formation`";
+    check(&[
+        ("[mission]\nsteps = [{ qqqq = 1 }]", &format!("6:12: {steps}")),
+        ("qqqqqqqq = 3", "5:1: unknown key `formation.qqqqqqqq`; `skein explain formation` lists the keys"),
+    ]);
+}
+
+#[test]
+fn a_file_of_another_kind_is_called_what_it_is() {
+    let cluster = "swarm = 'lab'\nscenario = 'hover.toml'\n[node.1]\nhost = 'heli1'\n";
+    let it_is = "this is a cluster file, not a scenario; run `skein cluster up -f a.toml`";
+    assert_eq!(refusal(cluster, &[]), format!("a.toml:3:2: {it_is}"));
+    let aircraft = "rotor_speed_rad_s = 170\n[trim]\nroll_stick = 0\n";
+    let it_is = "this is an aircraft file, not a scenario; name it in a scenario: `swarm.aircraft = \"a\"`";
+    assert_eq!(refusal(aircraft, &[]), format!("a.toml:2:2: {it_is}"));
+    let agent = "scenario = 'hover.toml'\nid = 1\nlisten = []\ndial = []\n";
+    let it_is = "this is an agent's file, not a scenario; run `skein agent --config a.toml`";
+    assert_eq!(refusal(agent, &[]), format!("a.toml:3:1: {it_is}"));
+    let of = |kind: FileKind, text: &str| {
+        Written::read(&Source { name: "a.toml", text }, kind, &[]).map(drop).unwrap_err().to_string()
+    };
+    let it_is =
+        "this is a scenario, not a cluster file; run `skein fly a.toml`, or name it in a cluster file as `scenario`";
+    assert_eq!(of(FileKind::Cluster, HOVER.trim_start_matches(|c| c != '[')), format!("a.toml:1:2: {it_is}"));
+    assert!(of(FileKind::Aircraft, cluster).contains("this is a cluster file, not an aircraft file; `swarm.aircraft`"));
+    // What has signs of both is the kind that was asked for, with a key too many.
+    assert!(refusal(&format!("{HOVER}\n[trim]\n"), &[]).contains("unknown key `trim`"));
 }
 
 #[test]
@@ -174,23 +221,26 @@ fn vehicles_that_do_not_fly() {
         ("[vehicle.x]", "5:10: `vehicle.x`: vehicles are tables by id, 1 to 250"),
         ("[vehicle.N]", "5:10: `vehicle.N`: vehicles are tables by id, 1 to 250"),
         ("[vehicle.03]", "5:10: `vehicle.03`: vehicles are tables by id, 1 to 250"),
-        ("[vehicle.5]", "5:10: `vehicle.5`: there is no vehicle 5 among 4"),
+        ("[vehicle.5]", "5:10: `vehicle.5`: there is no vehicle 5: the swarm has vehicles 1 to 4"),
         ("[vehicle.0]", "5:10: `vehicle.0`: vehicle ids run from 1 to 250, not 0"),
         ("[vehicle.251]", "5:10: `vehicle.251`: vehicle ids run from 1 to 250, not 251"),
         ("[network]\ngraph = 'edges'", "6:9: `network.graph` = \"edges\" needs `network.edges`"),
-        ("[network]\nedges = [[1, 2], [2, 5]]", "6:22: `network.edges[1][1]`: there is no vehicle 5 among 4"),
+        (
+            "[network]\nedges = [[1, 2], [2, 5]]",
+            "6:22: `network.edges[1][1]`: there is no vehicle 5: the swarm has vehicles 1 to 4",
+        ),
         ("[network]\nedges = [[2, 2]]", "6:10: `network.edges[0]`: vehicle 2 hears itself anyway"),
         (
             "[network]\nlinks = [{ from = [1], loss = 0 }, { to = [3, 5], loss = 1 }]",
-            "6:47: `network.links[1].to[1]`: there is no vehicle 5 among 4",
+            "6:47: `network.links[1].to[1]`: there is no vehicle 5: the swarm has vehicles 1 to 4",
         ),
         (
             "[mission]\nevents = [{ at_s = 1, fault = 'kill', vehicle = 5 }]",
-            "6:49: `mission.events[0].vehicle`: there is no vehicle 5 among 4",
+            "6:49: `mission.events[0].vehicle`: there is no vehicle 5: the swarm has vehicles 1 to 4",
         ),
         (
             "[mission]\nevents = [{ at_s = 1, fault = 'cut', from = [1], to = [2, 7] }]",
-            "6:59: `mission.events[0].to[1]`: there is no vehicle 7 among 4",
+            "6:59: `mission.events[0].to[1]`: there is no vehicle 7: the swarm has vehicles 1 to 4",
         ),
     ]);
 }
@@ -347,7 +397,7 @@ fn a_wrong_set_is_quoted_instead_of_a_line() {
         ("..=3", spelling),
         ("formation=3", "`formation` has to be a table, not 3"),
         ("swarm.name=a b", "`swarm.name` has 1 to 64 letters, digits, '-' or '_'; \"a b\" has not"),
-        ("vehicle.9.aircraft=r22", "`vehicle.9`: there is no vehicle 9 among 4"),
+        ("vehicle.9.aircraft=r22", "`vehicle.9`: there is no vehicle 9: the swarm has vehicles 1 to 4"),
         ("mission.steps[0].hold_s=50", "`mission.steps` has no entries in a.toml"),
         // The file's width was right until the radius changed.
         ("formation.radius_m=15", "`formation.inner_width_m` is 20, but has to be below `radius_m`, 15"),
@@ -380,9 +430,9 @@ fn an_error_has_its_parts_for_other_tools() {
 
 #[test]
 fn a_byte_order_mark_has_no_width_and_letters_count_once() {
-    assert_eq!(refusal("\u{feff}x = 1", &[]), "a.toml:1:1: unknown key `x`");
+    assert_eq!(refusal("\u{feff}x = 1", &[]), "a.toml:1:1: unknown key `x`; `skein explain` lists the keys");
     let text = "swarm = { name = 'ä', vehicles = 4 }";
     assert_eq!(refusal(text, &[]), "a.toml:1:18: `swarm.name` has 1 to 64 letters, digits, '-' or '_'; \"ä\" has not");
     let text = "# ä\n\"ä\" = { u = 1 }\nswarm.vehicles = 4";
-    assert_eq!(refusal(text, &[]), "a.toml:2:1: unknown key `\"ä\"`");
+    assert_eq!(refusal(text, &[]), "a.toml:2:1: unknown key `\"ä\"`; `skein explain` lists the keys");
 }

@@ -8,7 +8,6 @@ use skein_common::id::VehicleId;
 use skein_common::scenario::{self, Loaded, PlantKind, Source};
 use skein_core::aircraft::Aircraft;
 use skein_core::start::starts;
-use skein_core::supported;
 use toml::Value as Toml;
 
 use super::{Bundle, BundleFile, SCENARIO};
@@ -63,7 +62,7 @@ impl Bundle {
         let scenario = &inventory.scenario.scenario;
         let from = inventory.scenario_folder();
         let sources = Sources::of(inventory);
-        supported::check_live(scenario).map_err(|error| refused(error.to_string()))?;
+        skein_agent::config::check_live(scenario).map_err(|error| refused(error.to_string()))?;
         starts(scenario).map_err(|error| refused(error.to_string()))?;
         for vehicle in &scenario.vehicle {
             let (id, name) = (vehicle.id, &vehicle.aircraft);

@@ -91,5 +91,5 @@ fn an_unknown_key_is_refused_by_name() {
 #[test]
 fn an_error_says_key_value_and_rule() {
     let error = ParameterError::Value { key: "mass_kg", value: -1.0, rule: "finite and greater than 0" };
-    assert_eq!(error.to_string(), "helicopter.mass_kg = -1: must be finite and greater than 0");
+    assert_eq!(error.to_string(), "`helicopter.mass_kg` is -1, but has to be finite and greater than 0");
 }

@@ -1,0 +1,222 @@
+//! `skein explain`: what each key of a scenario takes, what it is when it is not written, and why.
+
+use std::fmt::Write;
+use std::io::IsTerminal;
+
+use ratatui::crossterm::terminal;
+use serde_json::{Value, json};
+use skein_common::scenario::{Key, Kind, Literal, Range, matching, meant};
+
+use skein_lab::error::Error;
+
+/// `skein explain`
+#[derive(Clone, Debug, clap::Args)]
+pub struct ExplainArgs {
+    /// Part of a key's dotted path, in any case, such as radius or network.loss; without it, every key
+    #[arg(value_name = "PATTERN")]
+    pub pattern: Option<String>,
+    /// Print a JSON array of objects {name, kind, range, unit, default, paper, flock, about}
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Columns of a text that does not go to a terminal.
+const COLUMNS: usize = 100;
+/// The narrowest column of reasons: a narrower terminal breaks the lines itself.
+const LEAST_COLUMNS: usize = 40;
+/// Columns of the words "default" and so on, with the space around them.
+const INDENT: usize = 11;
+
+/// Prints the keys whose path contains the pattern.
+///
+/// # Errors
+/// If there is no such key.
+pub fn run(args: &ExplainArgs) -> Result<(), Error> {
+    let keys = find(args.pattern.as_deref().unwrap_or_default())?;
+    skein_lab::terminal::say(&if args.json {
+        skein_lab::terminal::json(&as_json(&keys))
+    } else {
+        as_text(&keys, columns())
+    });
+    Ok(())
+}
+
+fn find(pattern: &str) -> Result<Vec<&'static Key>, Error> {
+    let found = matching(pattern);
+    if !found.is_empty() {
+        return Ok(found);
+    }
+    let help = meant(pattern).map_or_else(
+        || "`skein explain` without a pattern lists every key".to_owned(),
+        |key| format!("did you mean {}?", key.path),
+    );
+    Err(Error::Refused(format!("no key contains \"{pattern}\"; {help}")))
+}
+
+/// The terminal's columns, or else [`COLUMNS`].
+fn columns() -> usize {
+    let terminal = std::io::stdout().is_terminal().then(terminal::size).and_then(Result::ok);
+    terminal.map_or(COLUMNS, |(columns, _)| usize::from(columns).max(LEAST_COLUMNS))
+}
+
+/// The name of each key, and below it a line for each thing that is to be said of it.
+fn as_text(keys: &[&Key], columns: usize) -> String {
+    keys.iter().map(|key| key_as_text(key, columns)).collect::<Vec<_>>().join("\n")
+}
+
+fn key_as_text(key: &Key, columns: usize) -> String {
+    let unit = key.unit().filter(|unit| *unit != "1");
+    let with_unit = |text: String| unit.map_or_else(|| text.clone(), |unit| spaced(&text, unit));
+    let value = |literal: Literal| match literal {
+        Literal::Number(_) | Literal::Integer(_) => with_unit(literal.to_string()),
+        _ => literal.to_string(),
+    };
+    let mut default = value(key.default);
+    for (value_there, place) in [(key.on_paper(), "preset = \"paper\""), (key.flock, "law = \"flock\"")] {
+        if let Some(there) = value_there {
+            let _ = write!(default, "; under {place}: {}", value(there));
+        }
+    }
+    let lines = [
+        ("kind", Some(key.kind.to_string())),
+        ("range", key.kind.range().map(with_unit)),
+        ("default", Some(default)),
+        ("reason", Some(key.about.to_owned())),
+    ];
+    let mut text = format!("{}\n", key.path);
+    for (word, content) in lines {
+        let Some(content) = content else { continue };
+        for (nth, line) in wrapped(&content, columns - INDENT).into_iter().enumerate() {
+            let word = if nth == 0 { word } else { "" };
+            let _ = writeln!(text, "  {word:<7}  {line}");
+        }
+    }
+    text
+}
+
+/// A number with its unit, as people write it: 45°, 100 m.
+fn spaced(number: &str, unit: &str) -> String {
+    if unit == "°" { format!("{number}{unit}") } else { format!("{number} {unit}") }
+}
+
+/// Lines of at most so many columns, broken between words.
+fn wrapped(text: &str, columns: usize) -> Vec<String> {
+    let mut lines: Vec<String> = Vec::new();
+    for word in text.split_whitespace() {
+        match lines.last_mut() {
+            Some(line) if line.chars().count() + 1 + word.chars().count() <= columns => *line += &format!(" {word}"),
+            _ => lines.push(word.to_owned()),
+        }
+    }
+    lines
+}
+
+/// An object for each key. `range` is `{min, max, min_included}` for numbers, the array of choices where there are only some,
+/// else null; `paper` and `flock` are null where the default holds there too. A default that another key gives is
+/// `{same_as}`, one that has to be written `{required}`.
+fn as_json(keys: &[&Key]) -> Value {
+    let object = |key: &&Key| {
+        json!({
+            "name": key.path,
+            "kind": key.kind.to_string(),
+            "range": range_as_json(key.kind),
+            "unit": key.unit(),
+            "default": literal_as_json(key.default),
+            "paper": key.on_paper().map(literal_as_json),
+            "flock": key.flock.map(literal_as_json),
+            "about": key.about,
+        })
+    };
+    keys.iter().map(object).collect()
+}
+
+fn range_as_json(kind: Kind) -> Value {
+    match kind {
+        Kind::Number(Range { min, max, min_included }) | Kind::NumberOr(_, Range { min, max, min_included }) => {
+            json!({ "min": min, "max": max, "min_included": min_included })
+        }
+        Kind::Integer(min, max) => json!({ "min": min, "max": max, "min_included": true }),
+        kind if !kind.words().is_empty() => json!(kind.words()),
+        _ => Value::Null,
+    }
+}
+
+fn literal_as_json(literal: Literal) -> Value {
+    match literal {
+        Literal::Required => json!({ "required": true }),
+        Literal::Nothing => Value::Null,
+        Literal::Same(path) => json!({ "same_as": path }),
+        Literal::Number(number) => json!(number),
+        Literal::Integer(number) => json!(number),
+        Literal::Bool(truth) => json!(truth),
+        Literal::Text(text) => json!(text),
+        Literal::Toml(text) => text.parse::<toml::Value>().map_or(Value::Null, |value| json!(value)),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use skein_common::scenario::KEYS;
+
+    use super::*;
+
+    #[test]
+    fn a_key_is_explained_in_aligned_lines() {
+        let avoid = "\
+formation.avoid_distance_m
+  kind     number or \"adaptive\"
+  range    above 0, at most 10000 m
+  default  \"adaptive\"; under preset = \"paper\": 100 m; under law = \"flock\": 20 m
+  reason   distance delta R_avoid below which neighbours repel each other; \"adaptive\": R* sqrt(2)
+           sin(pi/N) for N live vehicles, so that the survivors of a loss space out again
+";
+        assert_eq!(as_text(&find("Avoid_Distance").unwrap(), 100), avoid);
+        let send = "\
+network.send
+  kind     one of \"on_need\", \"every_frame\"
+  default  \"on_need\"; under preset = \"paper\": \"every_frame\"
+  reason   when a vehicle sends its state: when its peers' dead
+           reckoning of it is off, or every frame
+";
+        assert_eq!(as_text(&find("network.send").unwrap(), 65), send);
+    }
+
+    #[test]
+    fn every_key_appears_once_in_text_and_json() {
+        let (keys, text) = (find("").unwrap(), as_text(&find("").unwrap(), COLUMNS));
+        let json = as_json(&keys);
+        let names: Vec<_> = json.as_array().unwrap().iter().map(|key| key["name"].as_str().unwrap()).collect();
+        assert_eq!(names, KEYS.iter().map(|key| key.path).collect::<Vec<_>>());
+        let headings: Vec<_> = text.lines().filter(|line| !line.is_empty() && !line.starts_with(' ')).collect();
+        assert_eq!(headings, names);
+        assert!(text.lines().all(|line| line.chars().count() <= COLUMNS));
+        for key in json.as_array().unwrap() {
+            let fields: Vec<_> = key.as_object().unwrap().keys().map(String::as_str).collect();
+            assert_eq!(fields, ["about", "default", "flock", "kind", "name", "paper", "range", "unit"]);
+        }
+    }
+
+    #[test]
+    fn json_has_typed_values() {
+        let of = |path: &str| as_json(&find(path).unwrap())[0].clone();
+        let radius = of("formation.radius_m");
+        assert_eq!(
+            (&radius["default"], &radius["paper"], &radius["flock"]),
+            (&json!(100.0), &Value::Null, &json!(50.0))
+        );
+        assert_eq!((&radius["unit"], &radius["range"]["min_included"]), (&json!("m"), &json!(false)));
+        assert_eq!(of("formation.vertical")["range"], json!(["bands", "ellipsoid"]));
+        assert_eq!(of("swarm.vehicles")["default"], json!({ "required": true }));
+        assert_eq!(of("swarm.name")["default"], json!({ "same_as": "name" }));
+        assert_eq!(of("network.send")["paper"], json!("every_frame"));
+    }
+
+    #[test]
+    fn a_pattern_without_a_key_is_refused_with_the_nearest() {
+        let refused = |pattern: &str| find(pattern).unwrap_err();
+        assert_eq!(refused("raduis").to_string(), "no key contains \"raduis\"; did you mean formation.radius_m?");
+        assert_eq!(refused("raduis").exit_code(), 2);
+        let nothing = "no key contains \"zzzzzzzz\"; `skein explain` without a pattern lists every key";
+        assert_eq!(refused("zzzzzzzz").to_string(), nothing);
+    }
+}
