@@ -104,6 +104,11 @@ impl Diagnosis {
         position.into_iter().chain(self.worst.filter(|worst| Some(*worst) != position))
     }
 
+    /// Whether the measured position has frozen. It stays so.
+    pub fn is_position_frozen(&self) -> bool {
+        self.is_frozen
+    }
+
     /// Whether roll or pitch does not follow: a vehicle that has to turn to keep its place
     /// ([`crate::control::VehicleController::turn`]).
     pub fn is_cyclic_stuck(&self) -> bool {

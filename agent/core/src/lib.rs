@@ -4,11 +4,14 @@
 //! ```text
 //!                        Agent::step(now, inputs) -> outputs                                (agent.rs)
 //!   +----------------------------------------------------------------------------------------------+
-//!   |  estimate -> diagnosis -> peers -> mission -> formation -> control -> speech                  |
+//!   |  estimate -> diagnosis -> peers -> mission -> formation -> control -> outbox                  |
 //!   +----^-----------------------^--------------------------------------|-------------------|-------+
 //!        | measurement           | messages                             | controls          | messages
 //!      plant                  peer agents                             plant             peer agents
 //! ```
+//!
+//! Each stage is the module of its name. It takes the values of the stages before it and returns its own; the loop closes only
+//! through the plant and through what the last step left behind.
 //!
 //! The crate has no clock, no file, no socket, no thread and no environment: it is `no_std`, so that the compiler keeps it so.
 //! Same inputs, same outputs, bit for bit, in real time and in virtual time alike.
@@ -27,10 +30,10 @@ pub mod formation;
 pub mod helicopter;
 pub mod impairments;
 pub mod mission;
+pub mod outbox;
 pub mod peers;
 pub mod plant;
 pub mod random;
 pub mod skew;
-pub mod speech;
 pub mod start;
 pub mod supported;

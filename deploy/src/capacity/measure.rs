@@ -5,7 +5,7 @@ use std::num::NonZeroUsize;
 
 use serde::Serialize;
 use skein_common::scenario::{Source, load};
-use skein_core::speech::MISSION_PERIOD_S;
+use skein_core::outbox::MISSION_PERIOD_S;
 
 use super::wire::data_output_bytes;
 use super::words::{self, FRAME_HZ, WordSize, WordTime};

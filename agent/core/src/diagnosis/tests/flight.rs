@@ -127,7 +127,7 @@ impl Flight {
     }
 
     pub(super) fn reckon_on(&mut self) {
-        self.estimator.reckon_on();
+        self.estimator.dead_reckon();
     }
 
     pub(super) fn fail(&mut self, failures: Failures) {

@@ -1,8 +1,8 @@
-//! What an agent tells the others, and when.
+//! The last stage of the loop: what one step sends to the peers, and when it sends it.
 //!
-//! A state is said on need, as in DIS (IEEE 1278.1): when the others' dead reckoning of this vehicle would be off by more
-//! than a threshold, and at least every so often. The agreement's register is said on change, a few times more in the frames after
-//! it, and five times a second.
+//! The vehicle sends its state on need, as in DIS (IEEE 1278.1): when the peers' dead reckoning of it would be off by more than a
+//! threshold, and at least once per `network.state_max_period_s`. It sends a heartbeat with its agreement state when that state
+//! changes, again in a few frames after the change, and five times a second.
 
 use alloc::vec::Vec;
 
@@ -16,34 +16,34 @@ use skein_common::time::{LocalTime, SenderStamp};
 use crate::estimate::Estimate;
 use crate::mission::Mission;
 
-/// The agreement's register is repeated this often, s.
+/// The period of the heartbeat that carries the agreement state, s.
 pub const MISSION_PERIOD_S: f64 = 0.2;
-/// A period is over this share of it early, so that a clock that runs slow, as quartz may by 100 ppm, does not make it a frame
+/// A period ends this share of it early, so that a clock that runs slow, as quartz may by 100 ppm, does not make it a frame
 /// longer.
 const EARLY: f64 = 2e-4;
-/// After a change it is repeated in so many frames: with three words in ten lost, one peer in 50,000 then misses all nine.
+/// A changed agreement state is repeated in so many frames: if three messages in ten are lost, one peer in 50,000 misses all nine.
 const CHANGE_REPEATS: u32 = 8;
 
-/// What one step says.
+/// The messages that one step sends.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Said {
-    /// The own state, if the others need it.
+pub struct Outbox {
+    /// The own state, if the peers need it.
     pub state: Option<State>,
-    /// The part in the agreement, if it is time.
+    /// The heartbeat with the agreement state, if it is due.
     pub mission: Option<MissionMessage>,
-    /// What happened.
+    /// The events of this step, in the order of the stages that found them.
     pub happened: Vec<Happening>,
 }
 
-/// Decides what to say.
+/// Decides when the vehicle sends its state and its heartbeat, and counts what it sent.
 #[derive(Clone, Debug)]
-pub struct Speech {
+pub struct SendSchedule {
     own: VehicleId,
     incarnation: Incarnation,
     need: Need,
-    told: Option<Told>,
+    sent: Option<SentState>,
     mission: Option<(MissionMessage, LocalTime)>,
-    /// How often the register is still to be repeated for its last change.
+    /// How often the last change of the agreement state is still to be repeated.
     repeats: u32,
     state_messages: u64,
     state_bytes: u64,
@@ -52,7 +52,7 @@ pub struct Speech {
     traces: u64,
 }
 
-/// When the others need to hear a state.
+/// When the peers need a new state.
 #[derive(Clone, Copy, Debug)]
 struct Need {
     every_frame: bool,
@@ -61,28 +61,28 @@ struct Need {
     max_period_s: f64,
 }
 
-/// What the others know.
+/// The last state sent: the peers dead-reckon the vehicle from it.
 #[derive(Clone, Copy, Debug)]
-struct Told {
+struct SentState {
     position: PositionNed,
     velocity: VelocityNed,
     at: LocalTime,
 }
 
 impl Need {
-    fn is_there(&self, now: LocalTime, told: Option<&Told>, estimate: &Estimate) -> bool {
-        let Some(told) = told else { return true };
-        let since_s = now.seconds_since(told.at);
-        let reckoned = told.position + told.velocity.0 * since_s;
+    fn is_there(&self, now: LocalTime, sent: Option<&SentState>, estimate: &Estimate) -> bool {
+        let Some(sent) = sent else { return true };
+        let since_s = now.seconds_since(sent.at);
+        let reckoned = sent.position + sent.velocity.0 * since_s;
         self.every_frame
             || since_s >= self.max_period_s * (1.0 - EARLY)
-            || (estimate.velocity - told.velocity).norm_squared() > math::square(self.error_m_s)
+            || (estimate.velocity - sent.velocity).norm_squared() > math::square(self.error_m_s)
             || (estimate.position - reckoned).norm_squared() > math::square(self.error_m)
     }
 }
 
-impl Speech {
-    /// A vehicle that has said nothing in this life.
+impl SendSchedule {
+    /// The schedule of a vehicle that has sent nothing in this life.
     pub fn new(own: VehicleId, incarnation: Incarnation, network: &Network) -> Self {
         let need = Need {
             every_frame: network.send == SendMode::EveryFrame,
@@ -90,13 +90,12 @@ impl Speech {
             error_m_s: network.state_error_m_s,
             max_period_s: network.state_max_period_s,
         };
-        let (told, mission) = (None, None);
         Self {
             own,
             incarnation,
             need,
-            told,
-            mission,
+            sent: None,
+            mission: None,
             repeats: 0,
             state_messages: 0,
             state_bytes: 0,
@@ -106,30 +105,30 @@ impl Speech {
         }
     }
 
-    /// What to say now. Without an estimate that still holds, the state is kept to oneself: the others carry the last one
-    /// forward and see its age. `echo` gives the echo for a heartbeat with this stamp.
-    pub fn say(
+    /// The messages to send now. Without an estimate that still holds no state is sent: the peers carry the last one forward and
+    /// see its age. `echo` gives the echo for a heartbeat with this stamp.
+    pub fn outbox(
         &mut self,
         now: LocalTime,
         estimate: Option<&Estimate>,
         mission: &Mission,
         happened: Vec<Happening>,
         echo: impl FnOnce(SenderStamp) -> Option<Echo>,
-    ) -> Said {
-        Said { state: estimate.and_then(|e| self.state(now, e)), mission: self.mission(now, mission, echo), happened }
+    ) -> Outbox {
+        Outbox { state: estimate.and_then(|e| self.state(now, e)), mission: self.mission(now, mission, echo), happened }
     }
 
-    /// States said in this life.
+    /// The number of states sent in this life.
     pub fn state_messages(&self) -> u64 {
         self.state_messages
     }
 
-    /// Their payload, bytes.
+    /// The payload of the states sent in this life, bytes.
     pub fn state_bytes(&self) -> u64 {
         self.state_bytes
     }
 
-    /// Words about the agreement said in this life, and their payload, bytes.
+    /// The number of heartbeats sent in this life, and their payload, bytes.
     pub fn missions(&self) -> (u64, u64) {
         (self.missions, self.mission_bytes)
     }
@@ -141,14 +140,14 @@ impl Speech {
     }
 
     fn state(&mut self, now: LocalTime, estimate: &Estimate) -> Option<State> {
-        if !self.need.is_there(now, self.told.as_ref(), estimate) {
+        if !self.need.is_there(now, self.sent.as_ref(), estimate) {
             return None;
         }
-        self.told = Some(Told { position: estimate.position, velocity: estimate.velocity, at: now });
+        self.sent = Some(SentState { position: estimate.position, velocity: estimate.velocity, at: now });
         self.state_messages += 1;
-        let said = State { header: self.header(now, self.state_messages), state: estimate.state() };
-        self.state_bytes += message::encode(&said).len() as u64;
-        Some(said)
+        let message = State { header: self.header(now, self.state_messages), state: estimate.state() };
+        self.state_bytes += message::encode(&message).len() as u64;
+        Some(message)
     }
 
     fn mission(
@@ -159,8 +158,8 @@ impl Speech {
     ) -> Option<MissionMessage> {
         let (membership, step, vouched, reached, order) =
             (mission.membership(), mission.at(), mission.vouched(), mission.reached(), mission.order());
-        let due = self.mission.as_ref().is_none_or(|(told, at)| {
-            let before = (told.membership, told.step, told.vouched, told.reached, told.order);
+        let due = self.mission.as_ref().is_none_or(|(sent, at)| {
+            let before = (sent.membership, sent.step, sent.vouched, sent.reached, sent.order);
             if before != (membership, step, vouched, reached, order) {
                 self.repeats = CHANGE_REPEATS + 1;
             }
@@ -174,11 +173,10 @@ impl Speech {
         let header = self.header(now, self.missions);
         let (plan, progress_m) = (mission.plan(), mission.progress_m());
         let echo = echo(header.stamp);
-        // The run is the edge's: what is agreed on is the same in all of them.
-        let said = MissionMessage { header, plan, membership, step, vouched, reached, progress_m, order, echo };
-        self.mission_bytes += message::encode(&said).len() as u64;
-        self.mission = Some((said, now));
-        Some(said)
+        let heartbeat = MissionMessage { header, plan, membership, step, vouched, reached, progress_m, order, echo };
+        self.mission_bytes += message::encode(&heartbeat).len() as u64;
+        self.mission = Some((heartbeat, now));
+        Some(heartbeat)
     }
 
     fn header(&self, now: LocalTime, sequence: u64) -> Header {
@@ -208,18 +206,18 @@ mod tests {
     fn a_state_is_needed_when_dead_reckoning_would_be_off() {
         let need = Need { every_frame: false, error_m: 0.1, error_m_s: 0.1, max_period_s: 0.2 };
         let at = LocalTime::from_seconds;
-        let told = Told {
+        let sent = SentState {
             position: PositionNed::new(0.0, 0.0, -30.0),
             velocity: VelocityNed::new(5.0, 0.0, 0.0),
             at: at(1.0),
         };
         let needed =
-            |seconds, north_m, north_m_s| need.is_there(at(seconds), Some(&told), &estimate(north_m, north_m_s));
-        assert!(need.is_there(at(1.0), None, &estimate(0.0, 0.0)), "nothing told yet");
-        assert!(!needed(1.1, 0.5, 5.0), "just where the others think");
+            |seconds, north_m, north_m_s| need.is_there(at(seconds), Some(&sent), &estimate(north_m, north_m_s));
+        assert!(need.is_there(at(1.0), None, &estimate(0.0, 0.0)), "nothing sent yet");
+        assert!(!needed(1.1, 0.5, 5.0), "just where the peers dead-reckon it");
         assert!(needed(1.1, 0.61, 5.0), "0.11 m off");
         assert!(needed(1.1, 0.5, 5.11), "0.11 m/s off");
         assert!(needed(1.2, 1.0, 5.0), "long enough");
-        assert!(Need { every_frame: true, ..need }.is_there(at(1.0), Some(&told), &estimate(0.0, 5.0)));
+        assert!(Need { every_frame: true, ..need }.is_there(at(1.0), Some(&sent), &estimate(0.0, 5.0)));
     }
 }
