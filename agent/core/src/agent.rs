@@ -26,7 +26,7 @@ use crate::aircraft::Aircraft;
 use crate::control::{Controls, Rules, Setpoint, Trim, VehicleController};
 use crate::diagnosis::Diagnosis;
 use crate::estimate::{Estimate, Estimator};
-use crate::failsafe::{self, Response};
+use crate::failsafe::{Condition, Conditions, Response};
 use crate::formation::external::{Answer, Ask};
 use crate::formation::{Formation, Wish};
 use crate::mission::{Mission, Task, View};
@@ -83,8 +83,8 @@ struct Own {
     clock_jumped: bool,
     /// The newest estimate, however old.
     estimate: Option<Estimate>,
-    /// Its age by the local clock, s.
-    age_s: Option<f64>,
+    /// What is wrong with it.
+    condition: Option<Condition>,
     /// The estimate, if this step has measured it.
     new: Option<Estimate>,
     /// Plant time between the last two measurements, s; 0 before there are two.
@@ -94,7 +94,8 @@ struct Own {
 /// What the last step found and did: the only way by which a later stage reaches an earlier one.
 #[derive(Clone, Debug)]
 struct LastStep {
-    response: Response,
+    /// What was missing.
+    missing: Option<Condition>,
     membership: Membership,
     activity: Activity,
     plant_time: Option<PlantTime>,
@@ -128,7 +129,7 @@ impl Agent {
             schedule: SendSchedule::new(own, incarnation, &scenario.network),
             clock: SteadyClock::default(),
             last: LastStep {
-                response: Response::LetGo,
+                missing: Some(Condition::SimulatorLost),
                 membership: Membership::Joining,
                 activity: Activity::Joining,
                 plant_time: None,
@@ -143,12 +144,12 @@ impl Agent {
     pub fn step(&mut self, now: Now, inputs: &Inputs<'_>) -> Outputs {
         let own = self.estimate(now, inputs);
         let failure = self.diagnose(&own, inputs);
-        let response = self.hear(&own, inputs);
-        let (task, mut events) = self.decide(&own, failure, response, inputs);
+        let conditions = self.hear(&own, inputs);
+        let (task, mut events) = self.decide(&own, failure, conditions, inputs);
         let wish = self.form(&own, task.as_ref(), inputs);
-        let command = self.control(&own, response, task.as_ref(), wish.as_ref(), &mut events);
+        let command = self.control(&own, conditions, task.as_ref(), wish.as_ref(), &mut events);
         let ask = self.formation.asked(&mut events);
-        let outbox = self.send(&own, response, events);
+        let outbox = self.send(&own, conditions, events);
         Outputs { command, outbox, ask }
     }
 
@@ -300,12 +301,13 @@ impl Agent {
         let new = estimate.filter(|_| self.estimator.is_new());
         let before = if new.is_some() { self.last.plant_time.replace(now.plant) } else { None };
         let dt_s = before.map_or(0.0, |before| now.plant.seconds_since(before));
-        Own { now, clock_jumped, estimate, age_s: self.estimator.age_s(now.local), new, dt_s }
+        let condition = Condition::of_own_data(self.estimator.age_s(now.local), new.is_some());
+        Own { now, clock_jumped, estimate, condition, new, dt_s }
     }
 
     /// The diagnosis stage: what is newly found failed of the own vehicle.
     fn diagnose(&mut self, own: &Own, inputs: &Inputs<'_>) -> Option<Failure> {
-        if failsafe::respond(own.estimate.as_ref(), own.age_s, false) == Response::LetGo {
+        if own.condition == Some(Condition::SimulatorLost) {
             // The next measurement may come from another life of the simulator, with the rotor at rest.
             self.diagnosis.begin_anew();
         }
@@ -313,10 +315,13 @@ impl Agent {
         self.diagnosis.update(own.dt_s, measurement, self.last.command)
     }
 
-    /// The peers stage: where the peers are now. With the peers everything that can be missing is known, so the response is too.
-    fn hear(&mut self, own: &Own, inputs: &Inputs<'_>) -> Response {
+    /// The peers stage: where the peers are now; and all conditions so far.
+    fn hear(&mut self, own: &Own, inputs: &Inputs<'_>) -> Conditions {
         self.peers.update(own.now.local, &self.origin, inputs.heard);
-        failsafe::respond(own.estimate.as_ref(), own.age_s, self.peers.all_lost())
+        let mut conditions = self.diagnosis.conditions();
+        conditions.extend(own.condition);
+        conditions.extend(self.peers.all_lost().then_some(Condition::AllPeersLost));
+        conditions
     }
 
     /// The mission stage: the task of this step, `None` without a new measurement; and the events so far.
@@ -324,13 +329,13 @@ impl Agent {
         &mut self,
         own: &Own,
         failure: Option<Failure>,
-        response: Response,
+        conditions: Conditions,
         inputs: &Inputs<'_>,
     ) -> (Option<Task>, Vec<Happening>) {
         let mut events = self.listen(inputs);
         events.extend(own.clock_jumped.then_some(Happening::ClockJumped));
         events.extend(failure.map(Happening::Failed));
-        if response == Response::LetGo {
+        if conditions.response() == Response::LetGo {
             self.mission.withdraw();
         }
         let Some(estimate) = &own.new else { return (None, events) };
@@ -338,11 +343,10 @@ impl Agent {
         let view = View {
             partners: self.peers.partners(),
             misses_any: self.peers.misses_any(),
-            alone: response == Response::HoldPlace,
             altitude_error_m: wish.map(|wish| wish.altitude_error_m(estimate)),
             collective_limit: self.controller.collective_limit(),
             in_place: wish.is_some_and(|wish| wish.in_place),
-            failure: self.diagnosis.worst(),
+            conditions,
         };
         let task = self.mission.step(own.now, estimate, &view, &mut events);
         (Some(task), events)
@@ -381,19 +385,20 @@ impl Agent {
     fn control(
         &mut self,
         own: &Own,
-        response: Response,
+        conditions: Conditions,
         task: Option<&Task>,
         wish: Option<&Wish>,
         events: &mut Vec<Happening>,
     ) -> Option<Sticks> {
+        let response = conditions.response();
         let Some((estimate, task)) = own.new.as_ref().zip(task) else {
             let is_neutral = response == Response::Neutral && self.last.command.is_some();
             return is_neutral.then(|| self.controller.neutral());
         };
         let controls = match (task, wish) {
             (Task::Park, _) => Some(Controls { sticks: self.controller.unload(own.dt_s), fault: None }),
-            (Task::ComeDown { heading_rad }, _) => Some(self.controller.come_down(own.dt_s, estimate, *heading_rad)),
-            (_, Some(wish)) if self.diagnosis.is_cyclic_stuck() => {
+            (Task::Autorotate { heading_rad }, _) => Some(self.controller.autorotate(own.dt_s, estimate, *heading_rad)),
+            (_, Some(wish)) if response == Response::LandTurning => {
                 Some(self.controller.turn(own.dt_s, estimate, &wish.setpoint))
             }
             (_, Some(wish)) => Some(self.controller.step(own.dt_s, estimate, &wish.setpoint)),
@@ -406,47 +411,49 @@ impl Agent {
     }
 
     /// The outbox stage: the messages of this step.
-    fn send(&mut self, own: &Own, response: Response, mut events: Vec<Happening>) -> Outbox {
-        self.tell_changes(response, own.estimate, &mut events);
-        let estimate = match response {
-            Response::FlyOn | Response::HoldPlace => own.estimate,
+    fn send(&mut self, own: &Own, conditions: Conditions, mut events: Vec<Happening>) -> Outbox {
+        self.tell_changes(conditions, own.estimate, &mut events);
+        let estimate = match conditions.response() {
             Response::Neutral => None,
             // A simulator that stands still has left its vehicle where it was.
             Response::LetGo => own.estimate.map(|last| Estimate { velocity: VelocityNed::default(), ..last }),
+            _ => own.estimate,
         };
         let echo = |stamp| self.peers.echo(stamp);
         self.schedule.outbox(own.now.local, estimate.as_ref(), &self.mission, events, echo)
     }
 
     /// Compares with the last step and lists what has changed.
-    fn tell_changes(&mut self, response: Response, estimate: Option<Estimate>, happened: &mut Vec<Happening>) {
-        let before = self.last.response;
-        let blind = Response::Neutral;
-        if response != before {
-            match response {
-                Response::LetGo => happened.push(Happening::SimulatorLost),
-                Response::Neutral => happened.push(Happening::OwnDataStale),
-                Response::HoldPlace if before < blind => happened.push(Happening::AllPeersLost),
-                _ if before >= blind && self.last.estimate.is_some() => happened.push(Happening::OwnDataBack),
+    fn tell_changes(&mut self, conditions: Conditions, estimate: Option<Estimate>, events: &mut Vec<Happening>) {
+        const MISSING: [Condition; 3] = [Condition::SimulatorLost, Condition::OwnDataStale, Condition::AllPeersLost];
+        let is_blind = |missing| matches!(missing, Some(Condition::SimulatorLost | Condition::OwnDataStale));
+        let missing = MISSING.into_iter().find(|&condition| conditions.contains(condition));
+        let was_blind = is_blind(self.last.missing);
+        if missing != self.last.missing {
+            match missing {
+                Some(Condition::SimulatorLost) => events.push(Happening::SimulatorLost),
+                Some(Condition::OwnDataStale) => events.push(Happening::OwnDataStale),
+                Some(Condition::AllPeersLost) if !was_blind => events.push(Happening::AllPeersLost),
+                _ if was_blind && self.last.estimate.is_some() => events.push(Happening::OwnDataBack),
                 _ => {}
             }
         }
         let (membership, activity) = (self.mission.membership(), self.mission.activity());
         if membership == Membership::Active && self.last.membership == Membership::Joining {
-            happened.push(Happening::BecameActive);
+            events.push(Happening::BecameActive);
         }
         if activity != self.last.activity {
             match (self.last.activity, activity) {
-                (Activity::TakingOff, Activity::Formation) => happened.push(Happening::AtAltitude),
-                (_, Activity::Landed) => happened.push(Happening::Landed),
+                (Activity::TakingOff, Activity::Formation) => events.push(Happening::AtAltitude),
+                (_, Activity::Landed) => events.push(Happening::Landed),
                 _ => {}
             }
         }
         // Until here the last step's: data that come for the first time are not back.
         self.last.estimate = estimate;
-        self.last.response = response;
+        self.last.missing = missing;
         self.last.membership = membership;
-        self.last.activity = if response >= blind && self.last.estimate.is_some() { Activity::Blind } else { activity };
+        self.last.activity = if is_blind(missing) && self.last.estimate.is_some() { Activity::Blind } else { activity };
     }
 }
 

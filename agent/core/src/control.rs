@@ -222,7 +222,7 @@ impl VehicleController {
     /// Without power: upright and slow over the ground, the collective out so that the air from below keeps the rotor
     /// turning. For the last metres the rotor's energy brakes the fall: above the speed from which `BRAKING_M_S2` stops in
     /// this height, the collective comes in.
-    pub fn come_down(&mut self, dt_s: f64, estimate: &Estimate, heading_rad: f64) -> Controls {
+    pub fn autorotate(&mut self, dt_s: f64, estimate: &Estimate, heading_rad: f64) -> Controls {
         let altitude_m = estimate.position.altitude_m();
         let zero = Vector2::zeros();
         let level = Setpoint { error_ne_m: zero, feedforward_ne_m_s: zero, altitude_m, heading_rad };

@@ -221,7 +221,7 @@ impl Formation {
             external.rest();
         }
         match task {
-            Task::Wait | Task::Park | Task::ComeDown { .. } => None,
+            Task::Wait | Task::Park | Task::Autorotate { .. } => None,
             Task::Formation(goal) => self.fly(dt_s, estimate, goal, above_missed_m),
             Task::Stay { at_ne_m, altitude_m, heading_rad, lands } => {
                 let wanted_m = at_ne_m - estimate.position.horizontal();

@@ -28,6 +28,7 @@ use skein_common::time::{LocalTime, Now, PlantTime};
 
 use crate::control::CollectiveLimit;
 use crate::estimate::Estimate;
+use crate::failsafe::{Condition, Conditions, Response};
 use agreement::{Agreement, Event, Part, Progress};
 use landing::{Descent, Landing};
 use plan::{Kind, Leg};
@@ -66,7 +67,7 @@ pub enum Task {
         lands: bool,
     },
     /// Without power: come down as softly as it goes.
-    ComeDown {
+    Autorotate {
         /// Clockwise from north.
         heading_rad: f64,
     },
@@ -94,16 +95,14 @@ pub struct View {
     pub partners: VehicleSet,
     /// A further vehicle is not heard and may be flying the mission.
     pub misses_any: bool,
-    /// There were others, and nobody is heard any more.
-    pub alone: bool,
+    /// What is missing or broken, as far as the stages before the mission know.
+    pub conditions: Conditions,
     /// The altitude that was asked for less the vehicle's, m; `None` before one was.
     pub altitude_error_m: Option<f64>,
     /// The end of the controller's authority over the climb, if it is there.
     pub collective_limit: Option<CollectiveLimit>,
     /// Where the formation wants the vehicle, at height and slow.
     pub in_place: bool,
-    /// What has failed of the own vehicle.
-    pub failure: Option<Failure>,
 }
 
 /// The mission stage of one vehicle.
@@ -314,8 +313,9 @@ impl Mission {
 
     fn decide(&mut self, now: Now, estimate: &Estimate, view: &View, happened: &mut Vec<Happening>) -> Task {
         let order = self.order.map(|order| order.verb);
-        if view.failure.is_some() || self.is_stuck() {
-            return self.come_down(now, estimate, view.failure);
+        let response = self.conditions(view).response();
+        if matches!(response, Response::Land | Response::LandTurning | Response::Autorotate) {
+            return self.come_down(now, estimate, response);
         }
         let is_over = self.is_at_landing() && self.membership() != Membership::Joining;
         match (self.membership(), order) {
@@ -323,9 +323,17 @@ impl Mission {
             (_, Some(Verb::Land | Verb::Abort)) => self.land(now, estimate),
             _ if self.leaving || is_over || self.is_down() => self.land(now, estimate),
             (_, Some(Verb::Hold)) => self.hold(estimate),
-            _ if view.alone || !self.has_quorum => self.hold(estimate),
+            _ if response == Response::Hold => self.hold(estimate),
             _ => self.fly(now, estimate, view, happened),
         }
+    }
+
+    /// All conditions: those of the stages before, and the mission's own.
+    fn conditions(&self, view: &View) -> Conditions {
+        let mut conditions = view.conditions;
+        conditions.extend(self.is_stuck().then_some(Condition::AltitudeStuck));
+        conditions.extend((!self.has_quorum).then_some(Condition::QuorumLost));
+        conditions
     }
 
     /// Hands an event to the agreement and tells where that led.
@@ -462,11 +470,11 @@ impl Mission {
         self.landing.is_some_and(|landing| landing.is_on_ground())
     }
 
-    /// What a vehicle does of which something has failed: on the ground nothing, in the air come down.
-    fn come_down(&mut self, now: Now, estimate: &Estimate, failure: Option<Failure>) -> Task {
+    /// The way down of a vehicle of which something has failed. On the ground there is nothing to autorotate.
+    fn come_down(&mut self, now: Now, estimate: &Estimate, response: Response) -> Task {
         let task = self.land(now, estimate);
         match task {
-            Task::Stay { heading_rad, .. } if failure == Some(Failure::Engine) => Task::ComeDown { heading_rad },
+            Task::Stay { heading_rad, .. } if response == Response::Autorotate => Task::Autorotate { heading_rad },
             _ => task,
         }
     }

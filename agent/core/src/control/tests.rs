@@ -365,7 +365,7 @@ fn any_setpoint() -> impl Strategy<Value = Setpoint> {
 fn coming_down_the_collective_is_out_until_the_fall_has_to_be_braked() {
     let collective = |height_m: f64, sink_m_s: f64| {
         let falling = Estimate { height_m, velocity: VelocityNed::new(0.0, 0.0, sink_m_s), ..hover(0.0) };
-        controller(false).come_down(0.02, &falling, 0.0).sticks.collective
+        controller(false).autorotate(0.02, &falling, 0.0).sticks.collective
     };
     assert_eq!(collective(30.0, 10.0), 0.0);
     assert_eq!(collective(3.0, 10.0), 1.0);
@@ -375,7 +375,7 @@ fn coming_down_the_collective_is_out_until_the_fall_has_to_be_braked() {
     assert_eq!(collective(0.0, 0.0), TRIM.collective);
     let mut broken = controller(false);
     let unknown = Estimate { height_m: f64::NAN, ..hover(0.0) };
-    assert_eq!(broken.come_down(0.02, &unknown, 0.0).fault, Some(ControlFault::Estimate));
+    assert_eq!(broken.autorotate(0.02, &unknown, 0.0).fault, Some(ControlFault::Estimate));
 }
 
 proptest! {
@@ -400,7 +400,7 @@ proptest! {
                 prop_assert!(sticks.is_within_limits(), "{sticks:?}");
                 let turning = controller.turn(*dt_s, estimate, setpoint).sticks;
                 prop_assert!(turning.is_within_limits() && turning.yaw == 1.0, "{turning:?}");
-                let falling = controller.come_down(*dt_s, estimate, setpoint.heading_rad).sticks;
+                let falling = controller.autorotate(*dt_s, estimate, setpoint.heading_rad).sticks;
                 prop_assert!(falling.is_within_limits(), "{falling:?}");
                 let AutoTrim { tilt_ne_rad, collective, .. } = controller.auto_trim().unwrap_or_default();
                 prop_assert!(tilt_ne_rad.amax() <= 0.15 && collective.abs() <= 0.1);

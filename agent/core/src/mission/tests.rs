@@ -303,14 +303,14 @@ fn who_knows_nothing_of_itself_is_not_waited_for_and_joins_anew() {
 fn holds_while_alone_and_goes_on_when_somebody_is_back() {
     let mut one = One::active(ONE, "");
     one.step(20.0, 30.0);
-    one.view.alone = true;
+    one.view.conditions.insert(Condition::AllPeersLost);
     let held = one.step(21.0, 30.0);
     assert!(matches!(held, Task::Stay { altitude_m: 30.0, .. }));
     assert_eq!(one.mission.activity(), Activity::Holding);
     let mut elsewhere = estimate(30.0, 0.0);
     elsewhere.position = PositionNed::new(50.0, 50.0, -30.0);
     assert_eq!(one.step_at(22.0, &elsewhere), held, "the place does not drift with the vehicle");
-    one.view.alone = false;
+    one.view.conditions = Conditions::default();
     formation(one.step_at(23.0, &elsewhere));
 }
 
@@ -356,11 +356,11 @@ fn whoever_lands_by_order_can_be_called_back_and_who_aborts_cannot() {
 fn a_failure_brings_the_vehicle_down_whatever_is_ordered() {
     let mut one = One::active(ONE, "");
     one.order(HOLD);
-    one.view.failure = Some(Failure::Gyro);
+    one.view.conditions.insert(Failure::Gyro.into());
     assert!(matches!(one.step(20.0, 30.0), Task::Stay { .. }));
     assert_eq!((one.mission.membership(), one.mission.activity()), (Membership::Left, Activity::Landing));
-    one.view.failure = Some(Failure::Engine);
-    assert!(matches!(one.step(20.1, 30.0), Task::ComeDown { .. }));
+    one.view.conditions.insert(Failure::Engine.into());
+    assert!(matches!(one.step(20.1, 30.0), Task::Autorotate { .. }));
 }
 
 /// Flown for 27 s at a height of 25 m, `error_m` below its altitude, climbing at `climb_m_s`.
