@@ -213,8 +213,7 @@ impl Mission {
             return;
         }
         let part = Part {
-            incarnation: said.header.incarnation,
-            sequence: said.header.sequence,
+            order: said.header.order(),
             membership: said.membership,
             step: said.step,
             vouched: said.vouched,

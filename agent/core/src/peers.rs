@@ -23,7 +23,7 @@ use alloc::vec::Vec;
 
 use skein_common::frame::{Origin, PositionNed, VelocityNed};
 use skein_common::id::{Incarnation, VehicleId, VehicleSet};
-use skein_common::message::{Echo, Header, Mission, Order, State};
+use skein_common::message::{Echo, Header, MessageOrder, Mission, Order, State};
 use skein_common::scenario::{Graph, Network};
 use skein_common::state::{Membership, Standing, VehicleState};
 use skein_common::time::{LocalTime, SenderStamp};
@@ -194,7 +194,7 @@ struct Peer {
 /// A state as it was told.
 #[derive(Clone, Copy, Debug)]
 struct Told {
-    sequence: u64,
+    order: MessageOrder,
     position: PositionNed,
     velocity: VelocityNed,
     heading_rad: f64,
@@ -349,15 +349,15 @@ impl Peers {
         match heard.word {
             Word::State(said) => {
                 let Some(peer) = self.speaker(&said.header) else { return };
-                let sequence = said.header.sequence;
-                if peer.state.is_some_and(|told| told.sequence >= sequence) {
+                let order = said.header.order();
+                if peer.state.is_some_and(|told| told.order >= order) {
                     peer.old += 1;
                     return;
                 }
                 let position = origin.ned_from_geodetic(&said.state.position);
                 let VehicleState { velocity, heading_rad, .. } = said.state;
                 let transit_s = since_stamp_s(at, said.header.stamp);
-                peer.state = Some(Told { sequence, position, velocity, heading_rad, at, transit_s });
+                peer.state = Some(Told { order, position, velocity, heading_rad, at, transit_s });
                 peer.heard_at = Some(at);
             }
             Word::Mission(said) => {
@@ -366,7 +366,7 @@ impl Peers {
                 if peer.mission == Some(said) {
                     return;
                 }
-                if peer.mission.is_some_and(|told| told.header.sequence >= said.header.sequence) {
+                if peer.mission.is_some_and(|told| told.header.order() >= said.header.order()) {
                     peer.old += 1;
                     return;
                 }
