@@ -348,7 +348,7 @@ impl Agent {
             in_place: wish.is_some_and(|wish| wish.in_place),
             conditions,
         };
-        let task = self.mission.step(own.now, estimate, &view, &mut events);
+        let task = self.mission.step(own.now, estimate, &view, self.peers.missions(), &mut events);
         (Some(task), events)
     }
 

@@ -120,8 +120,6 @@ pub struct Mission {
     since: Option<LocalTime>,
     activity: Activity,
     agreement: Agreement,
-    /// The others: the step of each, and how far along its path it takes the centre to be, m.
-    others_m: Vec<(VehicleId, u32, f64)>,
     /// Members at some time of this step.
     counted: VehicleSet,
     has_quorum: bool,
@@ -161,7 +159,6 @@ impl Mission {
             since: None,
             activity: Activity::Joining,
             agreement: Agreement::new(own, roster, last_step, scenario.mission.partition),
-            others_m: Vec::new(),
             counted: VehicleSet::default(),
             has_quorum: true,
             order: None,
@@ -202,7 +199,7 @@ impl Mission {
         }
     }
 
-    /// Takes up a peer's register, if it flies the same plan: its part in the agreement, and its order.
+    /// Takes in a peer's heartbeat, if it flies the same plan: its part in the agreement, and its order.
     pub fn listen(&mut self, said: &message::Mission, happened: &mut Vec<Happening>) {
         let id = said.header.sender;
         if said.plan != self.plan {
@@ -220,18 +217,21 @@ impl Mission {
             reached: said.reached,
         };
         self.agree(Event::Heard(id, part), happened);
-        // While the own simulator is silent, registers come and no step uses them up.
-        match self.others_m.iter_mut().find(|(known, ..)| *known == id) {
-            Some(known) => *known = (id, said.step, said.progress_m),
-            None => self.others_m.push((id, said.step, said.progress_m)),
-        }
         if let Some(order) = said.order {
             self.merge(order, happened);
         }
     }
 
-    /// What to do now, after everything that was heard since the last step was listened to.
-    pub fn step(&mut self, now: Now, estimate: &Estimate, view: &View, happened: &mut Vec<Happening>) -> Task {
+    /// What to do now, after the mission has listened to everything received. `heartbeats` are the last ones of all peers in
+    /// contact, which the peers stage keeps: from them comes how far the peers take the centre to be.
+    pub fn step<'a>(
+        &mut self,
+        now: Now,
+        estimate: &Estimate,
+        view: &View,
+        heartbeats: impl Iterator<Item = &'a message::Mission> + Clone,
+        happened: &mut Vec<Happening>,
+    ) -> Task {
         let since = *self.since.get_or_insert_with(|| {
             self.heading_rad = estimate.attitude.heading_rad;
             now.local
@@ -241,14 +241,13 @@ impl Mission {
         self.watch_quorum(happened);
         let has_listened = now.local.seconds_since(since) >= JOIN_S;
         if core::mem::take(&mut self.is_late) || self.membership() == Membership::Joining {
-            self.catch_up();
+            self.catch_up(others_m(heartbeats.clone(), self.plan, self.at()));
         }
         if self.membership() == Membership::Joining && has_listened && self.is_rotor_ready(estimate) {
             self.agreement.step(Event::Became(Membership::Active));
         }
-        let task = self.decide(now, estimate, view, happened);
-        self.others_m.clear();
-        task
+        let others_m = others_m(heartbeats, self.plan, self.at());
+        self.decide(now, estimate, view, others_m, happened)
     }
 
     /// Hash of the plan.
@@ -310,7 +309,14 @@ impl Mission {
         self.legs.get(self.agreement.at() as usize)
     }
 
-    fn decide(&mut self, now: Now, estimate: &Estimate, view: &View, happened: &mut Vec<Happening>) -> Task {
+    fn decide(
+        &mut self,
+        now: Now,
+        estimate: &Estimate,
+        view: &View,
+        others_m: impl Iterator<Item = (VehicleId, f64)>,
+        happened: &mut Vec<Happening>,
+    ) -> Task {
         let order = self.order.map(|order| order.verb);
         let response = self.conditions(view).response();
         if matches!(response, Response::Land | Response::LandTurning | Response::Autorotate) {
@@ -323,7 +329,7 @@ impl Mission {
             _ if self.leaving || is_over || self.is_down() => self.land(now, estimate),
             (_, Some(Verb::Hold)) => self.hold(estimate),
             _ if response == Response::Hold => self.hold(estimate),
-            _ => self.fly(now, estimate, view, happened),
+            _ => self.fly(now, estimate, view, others_m, happened),
         }
     }
 
@@ -361,15 +367,9 @@ impl Mission {
     }
 
     /// A vehicle that comes late takes the centre to be as far as two others have it, so that they hardly wait for it.
-    fn catch_up(&mut self) {
-        let along_m = self.agreement.reliable(self.others_m());
+    fn catch_up(&mut self, others_m: impl Iterator<Item = (VehicleId, f64)>) {
+        let along_m = self.agreement.reliable(others_m);
         along_m.into_iter().for_each(|along_m| self.progress.catch_up(along_m));
-    }
-
-    /// How far the others at this step take the centre to be, m.
-    fn others_m(&self) -> impl Iterator<Item = (VehicleId, f64)> {
-        let at = self.agreement.at();
-        self.others_m.iter().filter(move |(_, step, _)| *step == at).map(|(id, _, along_m)| (*id, *along_m))
     }
 
     fn watch_quorum(&mut self, happened: &mut Vec<Happening>) {
@@ -396,7 +396,14 @@ impl Mission {
     }
 
     /// The step's formation; the next step, when everybody has reached this one.
-    fn fly(&mut self, now: Now, estimate: &Estimate, view: &View, happened: &mut Vec<Happening>) -> Task {
+    fn fly(
+        &mut self,
+        now: Now,
+        estimate: &Estimate,
+        view: &View,
+        others_m: impl Iterator<Item = (VehicleId, f64)>,
+        happened: &mut Vec<Happening>,
+    ) -> Task {
         self.stay = None;
         if self.landing.take().is_some() {
             // Called back on the way down.
@@ -408,7 +415,7 @@ impl Mission {
         let is_stuck = !is_at_altitude && Self::is_without_authority(estimate, view);
         self.stuck_s = if is_stuck { self.stuck_s + self.progress.since_s(now.plant) } else { 0.0 };
         happened.extend(self.is_stuck().then_some(Happening::Failed(Failure::Altitude)));
-        if self.is_over(now.plant, view.in_place) && self.reached() < Some(self.at()) {
+        if self.is_over(now.plant, view.in_place, others_m) && self.reached() < Some(self.at()) {
             self.agreement.step(Event::Reached);
             happened.push(Happening::Reached(self.at()));
         }
@@ -426,11 +433,11 @@ impl Mission {
     }
 
     /// Lets time pass within the step. True if nothing of it is left to this vehicle.
-    fn is_over(&mut self, now: PlantTime, in_place: bool) -> bool {
+    fn is_over(&mut self, now: PlantTime, in_place: bool, others_m: impl Iterator<Item = (VehicleId, f64)>) -> bool {
         let Some(leg) = self.legs.get(self.agreement.at() as usize) else { return false };
         let members = self.agreement.members();
         let mut progress = self.progress;
-        let others_m = self.others_m().filter(|(id, _)| members.contains(*id)).map(|(_, along_m)| along_m);
+        let others_m = others_m.filter(|(id, _)| members.contains(*id)).map(|(_, along_m)| along_m);
         progress.pass(now, leg, in_place, others_m, members.len() + 1);
         self.progress = progress;
         self.progress.is_over(leg)
@@ -500,6 +507,17 @@ impl Mission {
             }
         }
     }
+}
+
+/// How far the senders of these heartbeats that fly this plan and are at this step take the centre to be, m.
+fn others_m<'a>(
+    heartbeats: impl Iterator<Item = &'a message::Mission>,
+    plan: u64,
+    at: u32,
+) -> impl Iterator<Item = (VehicleId, f64)> {
+    heartbeats
+        .filter(move |sent| sent.plan == plan && sent.step == at)
+        .map(|sent| (sent.header.sender, sent.progress_m))
 }
 
 #[cfg(test)]

@@ -290,8 +290,9 @@ impl Peers {
         &self.changes
     }
 
-    /// Newest agreement registers of all who still count, whoever they are.
-    pub fn missions(&self) -> impl Iterator<Item = &Mission> {
+    /// The last heartbeats of all peers that are not lost, whatever plan they fly, by id. No other stage keeps them: the agreement
+    /// keeps what all heartbeats of a peer together say, which may be more than the last one does.
+    pub fn missions(&self) -> impl Iterator<Item = &Mission> + Clone {
         self.known.iter().filter(|peer| peer.lost_at.is_none()).filter_map(|peer| peer.mission.as_ref())
     }
 
