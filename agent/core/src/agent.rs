@@ -24,6 +24,7 @@ use skein_common::time::{LocalTime, Now, PlantTime};
 
 use crate::aircraft::Aircraft;
 use crate::control::{Controls, Rules, Setpoint, Trim, VehicleController};
+use crate::deadlines::Deadline;
 use crate::diagnosis::Diagnosis;
 use crate::estimate::{Estimate, Estimator};
 use crate::failsafe::{Condition, Conditions, Response};
@@ -464,15 +465,12 @@ struct SteadyClock {
     last: Option<(LocalTime, LocalTime)>,
 }
 
-/// Nothing that is needed takes an agent this long between two steps: after it all that it knows is worthless anyway, s.
-const JUMP_S: f64 = 10.0;
-
 impl SteadyClock {
-    /// The time since the last reading, which may not be negative nor above [`JUMP_S`]; and whether it was.
+    /// The time since the last reading, which may not be negative nor longer than [`Deadline::ClockJumped`] says; and whether it was.
     fn read(&mut self, now: Now) -> (Now, bool) {
         let (shown, taken) = self.last.unwrap_or((now.local, now.local));
         let since_s = now.local.seconds_since(shown);
-        let jumped = !(0.0..=JUMP_S).contains(&since_s);
+        let jumped = since_s < 0.0 || Deadline::ClockJumped.is_past(since_s);
         let since = if jumped { 0 } else { now.local.nanoseconds() - shown.nanoseconds() };
         let local = LocalTime::from_nanoseconds(taken.nanoseconds().saturating_add(since));
         self.last = Some((now.local, local));

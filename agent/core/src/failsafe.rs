@@ -13,10 +13,7 @@
 
 use skein_common::message::Failure;
 
-/// Own data older than this are not flown on, s: five frames at 50 Hz.
-pub const BLIND_AFTER_S: f64 = 0.1;
-/// Own data older than this mean that the simulator is lost, s.
-pub const SIMULATOR_LOST_AFTER_S: f64 = 2.0;
+use crate::deadlines::Deadline;
 
 /// One row: while this is so, the vehicle does that, unless a row above it applies.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -45,9 +42,9 @@ pub const TABLE: [Row; 11] = [
 /// What can be missing or broken.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Condition {
-    /// Own data are older than [`SIMULATOR_LOST_AFTER_S`], or there never were any.
+    /// Own data are older than [`Deadline::SimulatorLost`] says, or there never were any.
     SimulatorLost,
-    /// Own data are older than [`BLIND_AFTER_S`].
+    /// Own data are older than [`Deadline::OwnDataStale`] says.
     OwnDataStale,
     /// This step has no new measurement, and the last one is not stale yet.
     FrameLate,
@@ -134,8 +131,8 @@ impl Condition {
     /// What is wrong with own data of this age, s; `None` as age before the first. `is_new` if this step has measured them.
     pub fn of_own_data(age_s: Option<f64>, is_new: bool) -> Option<Self> {
         match age_s {
-            Some(age_s) if age_s <= BLIND_AFTER_S => (!is_new).then_some(Self::FrameLate),
-            Some(age_s) if age_s <= SIMULATOR_LOST_AFTER_S => Some(Self::OwnDataStale),
+            Some(age_s) if !Deadline::OwnDataStale.is_past(age_s) => (!is_new).then_some(Self::FrameLate),
+            Some(age_s) if !Deadline::SimulatorLost.is_past(age_s) => Some(Self::OwnDataStale),
             _ => Some(Self::SimulatorLost),
         }
     }

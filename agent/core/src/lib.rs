@@ -11,7 +11,8 @@
 //! ```
 //!
 //! Each stage is the module of its name. It takes the values of the stages before it and returns its own; the loop closes only
-//! through the plant and through what the last step left behind.
+//! through the plant and through what the last step left behind. What is missing or broken is answered by one table ([`failsafe`]);
+//! what time alone changes stands in another ([`deadlines`]).
 //!
 //! The crate has no clock, no file, no socket, no thread and no environment: it is `no_std`, so that the compiler keeps it so.
 //! Same inputs, same outputs, bit for bit, in real time and in virtual time alike.
@@ -22,6 +23,7 @@ extern crate alloc;
 pub mod agent;
 pub mod aircraft;
 pub mod control;
+pub mod deadlines;
 pub mod delay;
 pub mod diagnosis;
 pub mod estimate;

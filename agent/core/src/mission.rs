@@ -27,6 +27,7 @@ use skein_common::state::{Activity, Membership};
 use skein_common::time::{LocalTime, Now, PlantTime};
 
 use crate::control::CollectiveLimit;
+use crate::deadlines::Deadline;
 use crate::estimate::Estimate;
 use crate::failsafe::{Condition, Conditions, Response};
 use agreement::{Agreement, Event, Part, Progress};
@@ -34,13 +35,10 @@ use landing::{Descent, Landing};
 use plan::{Kind, Leg};
 use progress::LegProgress;
 
-/// An agent listens for this long before it takes part, s.
-pub const JOIN_S: f64 = 2.0;
 /// Above this height of the centre of gravity a vehicle flies, m.
 const FLYING_ABOVE_M: f64 = 1.5;
-/// A vehicle that for so long is off its altitude and comes nearer no faster than this, its collective at its limit all the
-/// time, never will be there, s, m/s. While there is collective left the controller is still on its way.
-const STUCK_AFTER_S: f64 = 20.0;
+/// A vehicle off its altitude that comes nearer no faster than this, its collective at its limit, is stuck there after a while
+/// ([`Deadline::AltitudeStuck`]), m/s.
 const STUCK_M_S: f64 = 0.3;
 /// This close to an altitude is at it, m.
 pub const AT_ALTITUDE_M: f64 = 1.0;
@@ -239,7 +237,7 @@ impl Mission {
         self.agree(Event::Sees { heard: view.partners, misses_any: view.misses_any }, happened);
         self.counted.extend(self.agreement.members());
         self.watch_quorum(happened);
-        let has_listened = now.local.seconds_since(since) >= JOIN_S;
+        let has_listened = Deadline::Listened.is_past(now.local.seconds_since(since));
         if core::mem::take(&mut self.is_late) || self.membership() == Membership::Joining {
             self.catch_up(others_m(heartbeats.clone(), self.plan, self.at()));
         }
@@ -292,7 +290,7 @@ impl Mission {
 
     /// Whether the vehicle neither is at its altitude nor comes nearer to it, with no collective left.
     pub fn is_stuck(&self) -> bool {
-        self.stuck_s > STUCK_AFTER_S
+        Deadline::AltitudeStuck.is_past(self.stuck_s)
     }
 
     /// What the vehicle is doing.

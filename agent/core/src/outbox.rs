@@ -13,14 +13,10 @@ use skein_common::message::{self, Echo, Happening, Header, Mission as MissionMes
 use skein_common::scenario::{Network, SendMode};
 use skein_common::time::{LocalTime, SenderStamp};
 
+use crate::deadlines::Deadline;
 use crate::estimate::Estimate;
 use crate::mission::Mission;
 
-/// The period of the heartbeat that carries the agreement state, s.
-pub const MISSION_PERIOD_S: f64 = 0.2;
-/// A period ends this share of it early, so that a clock that runs slow, as quartz may by 100 ppm, does not make it a frame
-/// longer.
-const EARLY: f64 = 2e-4;
 /// A changed agreement state is repeated in so many frames: if three messages in ten are lost, one peer in 50,000 misses all nine.
 const CHANGE_REPEATS: u32 = 8;
 
@@ -75,7 +71,7 @@ impl Need {
         let since_s = now.seconds_since(sent.at);
         let reckoned = sent.position + sent.velocity.0 * since_s;
         self.every_frame
-            || since_s >= self.max_period_s * (1.0 - EARLY)
+            || Deadline::StateDue(self.max_period_s).is_past(since_s)
             || (estimate.velocity - sent.velocity).norm_squared() > math::square(self.error_m_s)
             || (estimate.position - reckoned).norm_squared() > math::square(self.error_m)
     }
@@ -163,7 +159,7 @@ impl SendSchedule {
             if before != (membership, step, vouched, reached, order) {
                 self.repeats = CHANGE_REPEATS + 1;
             }
-            self.repeats > 0 || now.seconds_since(*at) >= MISSION_PERIOD_S * (1.0 - EARLY)
+            self.repeats > 0 || Deadline::HeartbeatDue.is_past(now.seconds_since(*at))
         });
         if !due {
             return None;
