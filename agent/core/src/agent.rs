@@ -175,7 +175,7 @@ impl Agent {
             attitude: truth.attitude,
             power_w: truth.power_w,
             field_ne: wish.map(|wish| wish.field_ne.into()).unwrap_or_default(),
-            error_ne_m: setpoint.map(|setpoint| setpoint.error_ne_m.into()).unwrap_or_default(),
+            error_ne_m: setpoint.map(|setpoint| setpoint.error_ne_m().into()).unwrap_or_default(),
             altitude_setpoint_m: setpoint.map(|setpoint| setpoint.altitude_m).unwrap_or_default(),
             sticks: command.map(|sticks| [sticks.roll, sticks.pitch, sticks.yaw, sticks.collective]),
             peers: self
