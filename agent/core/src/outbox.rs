@@ -182,7 +182,10 @@ impl SendSchedule {
 
 #[cfg(test)]
 mod tests {
-    use skein_common::frame::{Attitude, BodyRates, Geodetic};
+    use nalgebra::Vector3;
+    use proptest::prelude::*;
+    use skein_common::frame::{Attitude, BodyRates, Geodetic, Origin};
+    use skein_common::scenario::{Source, load};
 
     use super::*;
 
@@ -215,5 +218,45 @@ mod tests {
         assert!(needed(1.1, 0.5, 5.11), "0.11 m/s off");
         assert!(needed(1.2, 1.0, 5.0), "long enough");
         assert!(Need { every_frame: true, ..need }.is_there(at(1.0), Some(&sent), &estimate(0.0, 5.0)));
+    }
+
+    proptest! {
+        #[test]
+        fn a_peers_dead_reckoning_errs_no_more_than_the_thresholds_and_one_frames_motion(
+            accelerations in proptest::collection::vec((-8.0..8.0, -8.0..8.0_f64, -8.0..8.0), 1..400),
+            late_s in 0.0..0.02, state_error_m in 0.01..1.0, state_error_m_s in 0.05..3.0,
+        ) {
+            let scenario = load(&Source { name: "test.toml", text: "swarm.vehicles = 4" }, &[]).unwrap().scenario;
+            let network = Network { state_error_m, state_error_m_s, state_max_period_s: 5.0, ..scenario.network.clone() };
+            let own = VehicleId::new(1).unwrap();
+            let mission = Mission::new(own, &scenario, None);
+            let mut schedule = SendSchedule::new(own, Incarnation(1), &network);
+            let origin = Origin::new(scenario.origin.geodetic());
+            let mut flown = estimate(0.0, 0.0);
+            let mut known: Option<(PositionNed, VelocityNed, LocalTime)> = None;
+            let mut now = LocalTime::ZERO;
+            for (north, east, down) in accelerations {
+                let dt_s = 0.02 + late_s;
+                now = now.plus_seconds(dt_s);
+                let moved_m = flown.velocity.0 * dt_s;
+                flown.position = flown.position + moved_m;
+                flown.velocity.0 += Vector3::new(north, east, down) * dt_s;
+                flown.geodetic = origin.geodetic_from_ned(flown.position);
+                let errors = |(position, velocity, at): (PositionNed, VelocityNed, LocalTime)| {
+                    let reckoned = position + velocity.0 * now.seconds_since(at);
+                    ((flown.position - reckoned).norm(), (flown.velocity - velocity).norm())
+                };
+                if let Some(known) = known {
+                    let frame_m = moved_m.norm() + known.1.0.norm() * dt_s;
+                    prop_assert!(errors(known).0 <= state_error_m + frame_m + 1e-4, "before the next message");
+                }
+                let outbox = schedule.outbox(now, Some(&flown), &mission, Vec::new(), |_| None);
+                if let Some(State { state, .. }) = outbox.state {
+                    known = Some((origin.ned_from_geodetic(&state.position), state.velocity, now));
+                }
+                let (error_m, error_m_s) = errors(known.unwrap());
+                prop_assert!(error_m <= state_error_m + 1e-4 && error_m_s <= state_error_m_s + 1e-9);
+            }
+        }
     }
 }

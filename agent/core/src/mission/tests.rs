@@ -1,3 +1,4 @@
+use proptest::prelude::*;
 use skein_common::frame::{Attitude, BodyRates, Geodetic, PositionNed, VelocityNed};
 use skein_common::id::{Incarnation, VehicleId};
 use skein_common::message::Header;
@@ -515,4 +516,64 @@ fn nobody_takes_part_before_the_rotor_is_at_speed() {
     untold.mission.take_off_rotor_rad_s = Some(150.0);
     untold.step_at(0.0, &with_rotor(None));
     formation(untold.step_at(2.0, &with_rotor(None)));
+}
+
+/// What a mission's vehicle sends.
+fn heartbeat_of(mission: &Mission, number: u8, sequence: u64) -> message::Mission {
+    message::Mission {
+        header: Header { sender: id(number), incarnation: Incarnation(1), sequence, stamp: SenderStamp::ZERO },
+        plan: mission.plan(),
+        membership: mission.membership(),
+        step: mission.at(),
+        vouched: mission.vouched(),
+        reached: mission.reached(),
+        progress_m: mission.progress_m(),
+        order: None,
+        echo: None,
+    }
+}
+
+proptest! {
+    /// Three vehicles, of which each is in place, in contact and received now and then.
+    #[test]
+    fn no_step_goes_back_and_none_is_left_before_every_counted_member_has_reached_it(
+        script in proptest::collection::vec((0_u8..8, any::<u16>(), any::<u16>()), 1..150),
+    ) {
+        const STEP: &str = "{ centre_ne_m = [0, 0], dwell_s = 0.1 }";
+        let steps = [STEP; 6].join(", ");
+        let mut missions = [1, 2, 3].map(|number| Mission::new(id(number), &scenario(&steps, ""), None));
+        // What each vehicle has last received of each.
+        let mut received: [[Option<message::Mission>; 3]; 3] = [[None; 3]; 3];
+        for (tick, (in_place, contact, delivered)) in script.into_iter().enumerate() {
+            let sent = [0, 1, 2].map(|nth| heartbeat_of(&missions[nth], nth as u8 + 1, tick as u64 + 1));
+            for own in 0..3 {
+                let has = |bits: u16, other: usize| bits >> (3 * own + other) & 1 == 1;
+                let others = (0..3).filter(|&other| other != own);
+                let in_contact: Vec<usize> = others.filter(|&other| has(contact, other)).collect();
+                for &other in in_contact.iter().filter(|&&other| has(delivered, other)) {
+                    received[own][other] = Some(sent[other]);
+                    missions[own].listen(&sent[other], &mut Vec::new());
+                }
+                let known: Vec<_> = in_contact.iter().filter_map(|&other| received[own][other]).collect();
+                let view = View {
+                    partners: known.iter().map(|sent| sent.header.sender).collect(),
+                    misses_any: in_contact.len() < 2,
+                    altitude_error_m: Some(0.0),
+                    in_place: in_place >> own & 1 == 1,
+                    ..View::default()
+                };
+                let (left, reached) = (missions[own].at(), missions[own].reached());
+                let now = at(0.1 * tick as f64);
+                missions[own].step(now, &estimate(30.0, 0.0), &view, known.iter(), &mut Vec::new());
+                prop_assert!(missions[own].at() >= left && missions[own].reached() >= reached);
+                if missions[own].at() == left {
+                    continue;
+                }
+                for counted in known.iter().filter(|sent| sent.membership == Membership::Active) {
+                    let member = &missions[usize::from(counted.header.sender.get()) - 1];
+                    prop_assert!(member.at() > left || member.reached() >= Some(left), "{left}: {counted:?}");
+                }
+            }
+        }
+    }
 }
