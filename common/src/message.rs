@@ -74,6 +74,23 @@ pub struct Header {
     pub stamp: SenderStamp,
 }
 
+impl Header {
+    /// The place of the message among all messages of its kind from its sender.
+    pub fn order(&self) -> MessageOrder {
+        MessageOrder { incarnation: self.incarnation, sequence: self.sequence }
+    }
+}
+
+/// The place of a message among all messages of its kind from one sender: the newer message is the larger one. A message of a
+/// later life is newer than all messages of an earlier life.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct MessageOrder {
+    /// The sender's life.
+    pub incarnation: Incarnation,
+    /// The number of the message within that life.
+    pub sequence: u64,
+}
+
 /// The speaker's state, on need.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct State {

@@ -64,7 +64,7 @@ impl Bench {
         let measurement = self.vehicle.frame().measurement;
         let estimate = self.estimator.update(Now::default(), Some(black_box(&measurement)));
         let setpoint = Setpoint {
-            error_ne_m: Vector2::new(3.0, -2.0),
+            relative_velocity_ne_m_s: Vector2::new(1.5, -1.0),
             feedforward_ne_m_s: Vector2::zeros(),
             altitude_m: 30.0,
             heading_rad: 0.1,

@@ -1,8 +1,16 @@
-//! One vehicle, deciding alone: the way round the loop.
+//! One vehicle, deciding alone: [`Agent::step`] runs the loop once.
 //!
 //! ```text
-//! plant -> estimate -> peers -> mission -> formation -> control -> plant
+//!                        Agent::step(now, inputs) -> outputs
+//!   +----------------------------------------------------------------------------------------------+
+//!   |  estimate -> diagnosis -> peers -> mission -> formation -> control -> outbox                  |
+//!   +----^-----------------------^--------------------------------------|-------------------|-------+
+//!        | measurement           | messages                             | controls          | messages
+//!      plant                  peer agents                             plant             peer agents
 //! ```
+//!
+//! A step without a new measurement takes in messages and sends its own, but decides nothing: the mission gives no task, and
+//! without a task there is neither a setpoint nor a new command.
 
 use alloc::vec::Vec;
 
@@ -15,17 +23,18 @@ use skein_common::state::{Activity, Membership};
 use skein_common::time::{LocalTime, Now, PlantTime};
 
 use crate::aircraft::Aircraft;
-use crate::control::{Rules, Setpoint, Trim, VehicleController};
+use crate::control::{Controls, Rules, Setpoint, Trim, VehicleController};
+use crate::deadlines::Deadline;
 use crate::diagnosis::Diagnosis;
 use crate::estimate::{Estimate, Estimator};
-use crate::failsafe::{self, Response};
+use crate::failsafe::{Condition, Conditions, Response};
 use crate::formation::external::{Answer, Ask};
 use crate::formation::{self, Formation, NotFlown, Wish};
 use crate::mission::{Mission, Task, View};
+use crate::outbox::{Outbox, SendSchedule};
 use crate::peers::{Change, Heard, Peers, Seen, Word};
 use crate::plant::{Measurement, Sticks, Truth};
 use crate::random::{self, Purpose};
-use crate::speech::{Said, Speech};
 
 /// What came in since the last step.
 #[derive(Clone, Copy, Debug)]
@@ -45,8 +54,8 @@ pub struct Inputs<'a> {
 pub struct Outputs {
     /// The controls to write; `None` leaves them as they are.
     pub command: Option<Sticks>,
-    /// What to tell the others.
-    pub said: Said,
+    /// The messages to send.
+    pub outbox: Outbox,
     /// What to ask an external law: its answer is for a later step.
     pub ask: Option<Ask>,
 }
@@ -61,15 +70,32 @@ pub struct Agent {
     mission: Mission,
     formation: Formation,
     controller: VehicleController,
-    speech: Speech,
+    schedule: SendSchedule,
     clock: SteadyClock,
     last: LastStep,
 }
 
-/// What the last step found and did.
+/// What the estimate stage hands on.
+#[derive(Clone, Copy, Debug)]
+struct Own {
+    /// This step's time, by clocks without jumps.
+    now: Now,
+    clock_jumped: bool,
+    /// The newest estimate, however old.
+    estimate: Option<Estimate>,
+    /// What is wrong with it.
+    condition: Option<Condition>,
+    /// The estimate, if this step has measured it.
+    new: Option<Estimate>,
+    /// Plant time between the last two measurements, s; 0 before there are two.
+    dt_s: f64,
+}
+
+/// What the last step found and did: the only way by which a later stage reaches an earlier one.
 #[derive(Clone, Debug)]
 struct LastStep {
-    response: Response,
+    /// What was missing.
+    missing: Option<Condition>,
     membership: Membership,
     activity: Activity,
     plant_time: Option<PlantTime>,
@@ -100,10 +126,10 @@ impl Agent {
             mission: Mission::new(own, scenario, aircraft.take_off_rotor_rad_s()),
             formation: Formation::new(own, scenario)?,
             controller: VehicleController::new(rules, trim, scenario.control.auto_trim),
-            speech: Speech::new(own, incarnation, &scenario.network),
+            schedule: SendSchedule::new(own, incarnation, &scenario.network),
             clock: SteadyClock::default(),
             last: LastStep {
-                response: Response::LetGo,
+                missing: Some(Condition::SimulatorLost),
                 membership: Membership::Joining,
                 activity: Activity::Joining,
                 plant_time: None,
@@ -114,80 +140,17 @@ impl Agent {
         })
     }
 
-    /// Once round the loop.
+    /// Runs the loop once: every stage, in the order of the picture.
     pub fn step(&mut self, now: Now, inputs: &Inputs<'_>) -> Outputs {
-        let (now, jumped) = self.clock.read(now);
-        let estimate = self.estimator.update(now, inputs.measurement);
-        self.peers.update(now.local, &self.origin, inputs.heard);
-        let mut happened = self.listen(inputs);
-        happened.extend(jumped.then_some(Happening::ClockJumped));
-
-        let age_s = self.estimator.age_s(now.local);
-        let response = failsafe::respond(estimate.as_ref(), age_s, self.peers.all_lost());
-        self.formation.hear(now.plant, inputs.answer);
-        let command = match (response, &estimate) {
-            (Response::FlyOn | Response::HoldPlace, Some(estimate)) if self.estimator.is_new() => {
-                self.examine(now, inputs.measurement, &mut happened);
-                self.fly(now, estimate, response, &mut happened)
-            }
-            (Response::Neutral, _) => self.last.command.map(|_| self.controller.neutral()),
-            (Response::LetGo, _) => {
-                self.mission.withdraw();
-                // What comes back may be another life of the simulator, its rotor at rest.
-                self.diagnosis.begin_anew();
-                None
-            }
-            // A late frame changes nothing yet.
-            _ => None,
-        };
-        let ask = self.formation.asked(&mut happened);
-        self.tell_changes(response, estimate, &mut happened);
-
-        let own = match response {
-            Response::FlyOn | Response::HoldPlace => estimate,
-            Response::Neutral => None,
-            // A simulator that stands still has left its vehicle where it was.
-            Response::LetGo => estimate.map(|estimate| Estimate { velocity: VelocityNed::default(), ..estimate }),
-        };
-        let echo = |stamp| self.peers.echo(stamp);
-        Outputs { command, said: self.speech.say(now.local, own.as_ref(), &self.mission, happened, echo), ask }
-    }
-
-    /// Looks for what has failed of the own vehicle.
-    fn examine(&mut self, now: Now, measurement: Option<&Measurement>, happened: &mut Vec<Happening>) {
-        let Some(measurement) = measurement else { return };
-        let dt_s = self.last.plant_time.map_or(0.0, |before| now.plant.seconds_since(before));
-        let found = self.diagnosis.update(dt_s, measurement, self.last.command);
-        if found == Some(Failure::Position) {
-            self.estimator.reckon_on();
-        }
-        happened.extend(found.map(Happening::Failed));
-    }
-
-    /// Mission, formation, control.
-    fn fly(
-        &mut self,
-        now: Now,
-        estimate: &Estimate,
-        response: Response,
-        happened: &mut Vec<Happening>,
-    ) -> Option<Sticks> {
-        let wish = self.last.wish.as_ref();
-        let view = View {
-            partners: self.peers.partners(),
-            misses_any: self.peers.misses_any(),
-            alone: response == Response::HoldPlace,
-            altitude_error_m: wish.map(|wish| wish.altitude_error_m(estimate)),
-            collective_limit: self.controller.collective_limit(),
-            in_place: wish.is_some_and(|wish| wish.in_place),
-            failure: self.diagnosis.worst(),
-        };
-        let task = self.mission.step(now, estimate, &view, happened);
-        let dt_s = self.last.plant_time.map_or(0.0, |before| now.plant.seconds_since(before));
-        let wish = self.formation.step(dt_s, estimate, &self.peers.others(), &task);
-        let command = self.control(dt_s, estimate, &task, wish.as_ref(), happened);
-        (self.last.wish, self.last.command, self.last.plant_time) = (wish, command, Some(now.plant));
-        command
+        let own = self.estimate(now, inputs);
+        let failure = self.diagnose(&own, inputs);
+        let conditions = self.hear(&own, inputs);
+        let (task, mut events) = self.decide(&own, failure, conditions, inputs);
+        let wish = self.form(&own, task.as_ref(), inputs);
+        let command = self.control(&own, conditions, task.as_ref(), wish.as_ref(), &mut events);
+        let ask = self.formation.asked(&mut events);
+        let outbox = self.send(&own, conditions, events);
+        Outputs { command, outbox, ask }
     }
 
     /// This step for those who measure and watch; `truth` is the plant's, which the agent itself never looks at.
@@ -196,7 +159,7 @@ impl Agent {
         let wish = wish.as_ref();
         let setpoint: Option<&Setpoint> = wish.map(|wish| &wish.setpoint);
         Trace {
-            header: self.speech.header_of_trace(now.local),
+            header: self.schedule.header_of_trace(now.local),
             plant_time: now.plant,
             membership: *membership,
             activity: *activity,
@@ -211,7 +174,7 @@ impl Agent {
             attitude: truth.attitude,
             power_w: truth.power_w,
             field_ne: wish.map(|wish| wish.field_ne.into()).unwrap_or_default(),
-            error_ne_m: setpoint.map(|setpoint| setpoint.error_ne_m.into()).unwrap_or_default(),
+            error_ne_m: setpoint.map(|setpoint| setpoint.error_ne_m().into()).unwrap_or_default(),
             altitude_setpoint_m: setpoint.map(|setpoint| setpoint.altitude_m).unwrap_or_default(),
             sticks: command.map(|sticks| [sticks.roll, sticks.pitch, sticks.yaw, sticks.collective]),
             peers: self
@@ -230,8 +193,8 @@ impl Agent {
             law_misses: self.law_misses(),
             law_log: self.formation.law_log().to_vec(),
             frame_overruns: 0,
-            state_messages: self.speech.state_messages(),
-            state_bytes: self.speech.state_bytes(),
+            state_messages: self.schedule.state_messages(),
+            state_bytes: self.schedule.state_bytes(),
         }
     }
 
@@ -282,12 +245,12 @@ impl Agent {
 
     /// Words about state said so far, and their payload in bytes.
     pub fn spoken(&self) -> (u64, u64) {
-        (self.speech.state_messages(), self.speech.state_bytes())
+        (self.schedule.state_messages(), self.schedule.state_bytes())
     }
 
     /// Words about the agreement said so far, and their payload in bytes.
     pub fn agreed(&self) -> (u64, u64) {
-        self.speech.missions()
+        self.schedule.missions()
     }
 
     /// How often the safety filter has stepped in so far; `None` without one.
@@ -328,80 +291,169 @@ impl Agent {
         self.peers.old_words()
     }
 
-    /// Takes up what was said about orders and plans, and lists what is worth telling.
+    /// The estimate stage: what the vehicle believes of itself, and how old that is.
+    fn estimate(&mut self, now: Now, inputs: &Inputs<'_>) -> Own {
+        let (now, clock_jumped) = self.clock.read(now);
+        if self.diagnosis.is_position_frozen() {
+            self.estimator.dead_reckon();
+        }
+        let estimate = self.estimator.update(now, inputs.measurement);
+        let new = estimate.filter(|_| self.estimator.is_new());
+        let before = if new.is_some() { self.last.plant_time.replace(now.plant) } else { None };
+        let dt_s = before.map_or(0.0, |before| now.plant.seconds_since(before));
+        let condition = Condition::of_own_data(self.estimator.age_s(now.local), new.is_some());
+        Own { now, clock_jumped, estimate, condition, new, dt_s }
+    }
+
+    /// The diagnosis stage: what is newly found failed of the own vehicle.
+    fn diagnose(&mut self, own: &Own, inputs: &Inputs<'_>) -> Option<Failure> {
+        if own.condition == Some(Condition::SimulatorLost) {
+            // The next measurement may come from another life of the simulator, with the rotor at rest.
+            self.diagnosis.begin_anew();
+        }
+        let (Some(_), Some(measurement)) = (own.new, inputs.measurement) else { return None };
+        self.diagnosis.update(own.dt_s, measurement, self.last.command)
+    }
+
+    /// The peers stage: where the peers are now; and all conditions so far.
+    fn hear(&mut self, own: &Own, inputs: &Inputs<'_>) -> Conditions {
+        self.peers.update(own.now.local, &self.origin, inputs.heard);
+        let mut conditions = self.diagnosis.conditions();
+        conditions.extend(own.condition);
+        conditions.extend(self.peers.all_lost().then_some(Condition::AllPeersLost));
+        conditions
+    }
+
+    /// The mission stage: the task of this step, `None` without a new measurement; and the events so far.
+    fn decide(
+        &mut self,
+        own: &Own,
+        failure: Option<Failure>,
+        conditions: Conditions,
+        inputs: &Inputs<'_>,
+    ) -> (Option<Task>, Vec<Happening>) {
+        let mut events = self.listen(inputs);
+        events.extend(own.clock_jumped.then_some(Happening::ClockJumped));
+        events.extend(failure.map(Happening::Failed));
+        if conditions.response() == Response::LetGo {
+            self.mission.withdraw();
+        }
+        let Some(estimate) = &own.new else { return (None, events) };
+        let wish = self.last.wish.as_ref();
+        let view = View {
+            partners: self.peers.partners(),
+            misses_any: self.peers.misses_any(),
+            altitude_error_m: wish.map(|wish| wish.altitude_error_m(estimate)),
+            collective_limit: self.controller.collective_limit(),
+            in_place: wish.is_some_and(|wish| wish.in_place),
+            conditions,
+        };
+        let task = self.mission.step(own.now, estimate, &view, self.peers.missions(), &mut events);
+        (Some(task), events)
+    }
+
+    /// Takes in the agreement states of the peers and the operators' orders, and lists what they and the peers stage changed.
     fn listen(&mut self, inputs: &Inputs<'_>) -> Vec<Happening> {
         if inputs.leave {
             self.mission.leave();
         }
-        let mut happened: Vec<_> = self
-            .peers
-            .changes()
-            .iter()
-            .map(|change| match *change {
-                Change::Found(id) => Happening::PeerFound(id),
-                Change::Lost(id) => Happening::PeerLost(id),
-            })
-            .collect();
+        let event = |change: &Change| match *change {
+            Change::Found(id) => Happening::PeerFound(id),
+            Change::Lost(id) => Happening::PeerLost(id),
+        };
+        let mut events: Vec<_> = self.peers.changes().iter().map(event).collect();
         for heard in inputs.heard {
             if let Word::Order(order) = heard.word {
-                self.mission.merge(order, &mut happened);
+                self.mission.merge(order, &mut events);
             }
         }
-        for said in self.peers.missions() {
-            self.mission.listen(said, &mut happened);
+        for message in self.peers.missions() {
+            self.mission.listen(message, &mut events);
         }
-        happened
+        events
     }
 
-    /// The vehicle controller's stage.
+    /// The formation stage: where the vehicle is to go; `None` where the task leaves the controls alone, or there is none.
+    fn form(&mut self, own: &Own, task: Option<&Task>, inputs: &Inputs<'_>) -> Option<Wish> {
+        self.formation.hear(own.now.plant, inputs.answer);
+        let (estimate, task) = own.new.as_ref().zip(task)?;
+        self.last.wish = self.formation.step(own.dt_s, estimate, &self.peers.others(), task);
+        self.last.wish
+    }
+
+    /// The control stage: the command of this step; `None` leaves the controls as they are.
     fn control(
         &mut self,
-        dt_s: f64,
-        estimate: &Estimate,
-        task: &Task,
+        own: &Own,
+        conditions: Conditions,
+        task: Option<&Task>,
         wish: Option<&Wish>,
-        happened: &mut Vec<Happening>,
+        events: &mut Vec<Happening>,
     ) -> Option<Sticks> {
-        let controls = match (task, wish) {
-            (Task::Park, _) => return Some(self.controller.unload(dt_s)),
-            (Task::ComeDown { heading_rad }, _) => self.controller.come_down(dt_s, estimate, *heading_rad),
-            (_, Some(wish)) if self.diagnosis.is_cyclic_stuck() => self.controller.turn(dt_s, estimate, &wish.setpoint),
-            (_, Some(wish)) => self.controller.step(dt_s, estimate, &wish.setpoint),
-            (_, None) => return None,
+        let response = conditions.response();
+        let Some((estimate, task)) = own.new.as_ref().zip(task) else {
+            let is_neutral = response == Response::Neutral && self.last.command.is_some();
+            return is_neutral.then(|| self.controller.neutral());
         };
-        happened.extend(controls.fault.is_some().then_some(Happening::ControlFault));
-        Some(controls.sticks)
+        let controls = match (task, wish) {
+            (Task::Park, _) => Some(Controls { sticks: self.controller.unload(own.dt_s), fault: None }),
+            (Task::Autorotate { heading_rad }, _) => Some(self.controller.autorotate(own.dt_s, estimate, *heading_rad)),
+            (_, Some(wish)) if response == Response::LandTurning => {
+                Some(self.controller.turn(own.dt_s, estimate, &wish.setpoint))
+            }
+            (_, Some(wish)) => Some(self.controller.step(own.dt_s, estimate, &wish.setpoint)),
+            (_, None) => None,
+        };
+        let fault = controls.and_then(|controls| controls.fault);
+        events.extend(fault.map(|_| Happening::ControlFault));
+        self.last.command = controls.map(|controls| controls.sticks);
+        self.last.command
+    }
+
+    /// The outbox stage: the messages of this step.
+    fn send(&mut self, own: &Own, conditions: Conditions, mut events: Vec<Happening>) -> Outbox {
+        self.tell_changes(conditions, own.estimate, &mut events);
+        let estimate = match conditions.response() {
+            Response::Neutral => None,
+            // A simulator that stands still has left its vehicle where it was.
+            Response::LetGo => own.estimate.map(|last| Estimate { velocity: VelocityNed::default(), ..last }),
+            _ => own.estimate,
+        };
+        let echo = |stamp| self.peers.echo(stamp);
+        self.schedule.outbox(own.now.local, estimate.as_ref(), &self.mission, events, echo)
     }
 
     /// Compares with the last step and lists what has changed.
-    fn tell_changes(&mut self, response: Response, estimate: Option<Estimate>, happened: &mut Vec<Happening>) {
-        let before = self.last.response;
-        let blind = Response::Neutral;
-        if response != before {
-            match response {
-                Response::LetGo => happened.push(Happening::SimulatorLost),
-                Response::Neutral => happened.push(Happening::OwnDataStale),
-                Response::HoldPlace if before < blind => happened.push(Happening::AllPeersLost),
-                _ if before >= blind && self.last.estimate.is_some() => happened.push(Happening::OwnDataBack),
+    fn tell_changes(&mut self, conditions: Conditions, estimate: Option<Estimate>, events: &mut Vec<Happening>) {
+        const MISSING: [Condition; 3] = [Condition::SimulatorLost, Condition::OwnDataStale, Condition::AllPeersLost];
+        let is_blind = |missing| matches!(missing, Some(Condition::SimulatorLost | Condition::OwnDataStale));
+        let missing = MISSING.into_iter().find(|&condition| conditions.contains(condition));
+        let was_blind = is_blind(self.last.missing);
+        if missing != self.last.missing {
+            match missing {
+                Some(Condition::SimulatorLost) => events.push(Happening::SimulatorLost),
+                Some(Condition::OwnDataStale) => events.push(Happening::OwnDataStale),
+                Some(Condition::AllPeersLost) if !was_blind => events.push(Happening::AllPeersLost),
+                _ if was_blind && self.last.estimate.is_some() => events.push(Happening::OwnDataBack),
                 _ => {}
             }
         }
         let (membership, activity) = (self.mission.membership(), self.mission.activity());
         if membership == Membership::Active && self.last.membership == Membership::Joining {
-            happened.push(Happening::BecameActive);
+            events.push(Happening::BecameActive);
         }
         if activity != self.last.activity {
             match (self.last.activity, activity) {
-                (Activity::TakingOff, Activity::Formation) => happened.push(Happening::AtAltitude),
-                (_, Activity::Landed) => happened.push(Happening::Landed),
+                (Activity::TakingOff, Activity::Formation) => events.push(Happening::AtAltitude),
+                (_, Activity::Landed) => events.push(Happening::Landed),
                 _ => {}
             }
         }
         // Until here the last step's: data that come for the first time are not back.
         self.last.estimate = estimate;
-        self.last.response = response;
+        self.last.missing = missing;
         self.last.membership = membership;
-        self.last.activity = if response >= blind && self.last.estimate.is_some() { Activity::Blind } else { activity };
+        self.last.activity = if is_blind(missing) && self.last.estimate.is_some() { Activity::Blind } else { activity };
     }
 }
 
@@ -412,15 +464,12 @@ struct SteadyClock {
     last: Option<(LocalTime, LocalTime)>,
 }
 
-/// Nothing that is needed takes an agent this long between two steps: after it all that it knows is worthless anyway, s.
-const JUMP_S: f64 = 10.0;
-
 impl SteadyClock {
-    /// The time since the last reading, which may not be negative nor above [`JUMP_S`]; and whether it was.
+    /// The time since the last reading, which may not be negative nor longer than [`Deadline::ClockJumped`] says; and whether it was.
     fn read(&mut self, now: Now) -> (Now, bool) {
         let (shown, taken) = self.last.unwrap_or((now.local, now.local));
         let since_s = now.local.seconds_since(shown);
-        let jumped = !(0.0..=JUMP_S).contains(&since_s);
+        let jumped = since_s < 0.0 || Deadline::ClockJumped.is_past(since_s);
         let since = if jumped { 0 } else { now.local.nanoseconds() - shown.nanoseconds() };
         let local = LocalTime::from_nanoseconds(taken.nanoseconds().saturating_add(since));
         self.last = Some((now.local, local));

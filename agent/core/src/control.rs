@@ -14,6 +14,9 @@
 //! | collective | set-point minus altitude, climb rate | stick above hover |
 //!
 //! Velocities are over the ground, in the level frame that points along the heading, less the feed-forward.
+//!
+//! The formation asks for a velocity. The rules were written for position errors: R_E and P_E are the metres of error at which
+//! they ask for that velocity, and this stage alone knows of them ([`Setpoint::error_ne_m`]).
 
 mod fis;
 mod membership;
@@ -31,7 +34,7 @@ use crate::plant::Sticks;
 
 pub use fis::{Fis, FisError};
 pub use sugeno::Sugeno;
-pub(crate) use trim::VELOCITY_PER_ERROR;
+pub(crate) use trim::VELOCITY_PER_ERROR_PER_S;
 pub use trim::{AutoTrim, BadTrim, Trim};
 
 /// No step counts for longer than this, s: after a pause of the plant the integrals do not jump.
@@ -52,14 +55,22 @@ const BRAKE_PER_M_S: f64 = 2.0;
 /// Where the formation wants the vehicle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Setpoint {
-    /// The way to go, north and east, m: the formation's field after its conversion, before the gate.
-    pub error_ne_m: Vector2<f64>,
-    /// Velocity of the moving centre, north and east, m/s; zero if it is not fed forward.
+    /// The velocity relative to the feed-forward, north and east, m/s: the formation's field after its conversion and the safety
+    /// filter, before the gate.
+    pub relative_velocity_ne_m_s: Vector2<f64>,
+    /// The velocity of the moving centre, north and east, m/s; zero if it is not fed forward.
     pub feedforward_ne_m_s: Vector2<f64>,
     /// Altitude above the swarm's origin, m.
     pub altitude_m: f64,
     /// Heading, clockwise from north.
     pub heading_rad: f64,
+}
+
+impl Setpoint {
+    /// The relative velocity in the unit of the rule bases: the position error at which they ask for it, north and east, m.
+    pub fn error_ne_m(&self) -> Vector2<f64> {
+        self.relative_velocity_ne_m_s / VELOCITY_PER_ERROR_PER_S
+    }
 }
 
 /// What one step commands.
@@ -222,10 +233,10 @@ impl VehicleController {
     /// Without power: upright and slow over the ground, the collective out so that the air from below keeps the rotor
     /// turning. For the last metres the rotor's energy brakes the fall: above the speed from which `BRAKING_M_S2` stops in
     /// this height, the collective comes in.
-    pub fn come_down(&mut self, dt_s: f64, estimate: &Estimate, heading_rad: f64) -> Controls {
+    pub fn autorotate(&mut self, dt_s: f64, estimate: &Estimate, heading_rad: f64) -> Controls {
         let altitude_m = estimate.position.altitude_m();
         let zero = Vector2::zeros();
-        let level = Setpoint { error_ne_m: zero, feedforward_ne_m_s: zero, altitude_m, heading_rad };
+        let level = Setpoint { relative_velocity_ne_m_s: zero, feedforward_ne_m_s: zero, altitude_m, heading_rad };
         let controls = self.step(dt_s, estimate, &level);
         if controls.fault.is_none() {
             let stops_from_m_s = (2.0 * BRAKING_M_S2 * estimate.height_m.max(0.0)).sqrt();
@@ -249,8 +260,11 @@ impl VehicleController {
         check(dt_s, estimate, setpoint)?;
         let found = self.auto_trim.unwrap_or_default();
         let gate = gate(estimate.height_m);
-        let (error_ne_m, feedforward_ne_m_s) = (setpoint.error_ne_m * gate, setpoint.feedforward_ne_m_s * gate);
-        let gated = Setpoint { error_ne_m, feedforward_ne_m_s, ..*setpoint };
+        let gated = Setpoint {
+            relative_velocity_ne_m_s: setpoint.relative_velocity_ne_m_s * gate,
+            feedforward_ne_m_s: setpoint.feedforward_ne_m_s * gate,
+            ..*setpoint
+        };
         let sticks = self.sticks(estimate, &gated, &found).ok_or(ControlFault::Rules)?;
         if let Some(auto_trim) = &mut self.auto_trim
             && gate >= 1.0
@@ -279,7 +293,7 @@ impl VehicleController {
     /// The four rule bases on their inputs; `None` if a number overflows.
     fn sticks(&self, estimate: &Estimate, setpoint: &Setpoint, found: &AutoTrim) -> Option<Sticks> {
         let heading_rad = estimate.attitude.heading_rad;
-        let [pitch_error_m, roll_error_m] = pseudo_errors(setpoint.error_ne_m, heading_rad);
+        let [pitch_error_m, roll_error_m] = pseudo_errors(setpoint.error_ne_m(), heading_rad);
         let velocity = heading_from_ne(estimate.velocity.horizontal() - setpoint.feedforward_ne_m_s, heading_rad);
         let tilt = heading_from_ne(found.tilt_ne_rad, heading_rad);
         // A tilt forwards is a negative pitch.
@@ -304,9 +318,9 @@ impl VehicleController {
 
 fn check(dt_s: f64, estimate: &Estimate, setpoint: &Setpoint) -> Result<(), ControlFault> {
     let Estimate { position, height_m, velocity, attitude, rates, .. } = estimate;
-    let Setpoint { error_ne_m, feedforward_ne_m_s, altitude_m, heading_rad } = setpoint;
+    let Setpoint { relative_velocity_ne_m_s, feedforward_ne_m_s, altitude_m, heading_rad } = setpoint;
     let place_is_finite = position.is_finite() && height_m.is_finite() && velocity.is_finite();
-    let horizontal = error_ne_m.iter().chain(feedforward_ne_m_s);
+    let horizontal = relative_velocity_ne_m_s.iter().chain(feedforward_ne_m_s);
     if !(place_is_finite && attitude.is_finite() && rates.is_finite()) {
         Err(ControlFault::Estimate)
     } else if !horizontal.chain([altitude_m, heading_rad]).all(|x| x.is_finite()) {

@@ -24,12 +24,14 @@ use skein_common::id::VehicleId;
 use skein_common::message::Echo;
 use skein_common::time::{LocalTime, SenderStamp};
 
+use crate::deadlines::Deadline;
+
 /// The number of round trips that are kept.
 const KEPT: usize = 4;
 /// An upper bound for the drift between two quartz clocks, s/s.
 const DRIFT: f64 = 2e-4;
 /// A round trip is used for this long, s.
-const VALID_FOR_S: f64 = 60.0;
+const VALID_FOR_S: f64 = Deadline::RoundTripOld.after_s();
 /// A delay that seems more negative than this contradicts the round trip it was computed from, s.
 const TOLERANCE_S: f64 = 0.005;
 /// The number of own stamps that are remembered: 25 s of heartbeats.
@@ -83,7 +85,7 @@ impl Delay {
 
     /// The delay of a message with this transit; `None` until a round trip is known.
     pub fn of(&self, now: LocalTime, transit_s: f64) -> Option<Way> {
-        let valid = || self.trips.iter().filter(|trip| now.seconds_since(trip.at) <= VALID_FOR_S);
+        let valid = || self.trips.iter().filter(|trip| !Deadline::RoundTripOld.is_past(now.seconds_since(trip.at)));
         let shortest = valid().min_by(|one, other| one.s.total_cmp(&other.s))?;
         let most_s = valid().map(|trip| trip.way(now, transit_s).most_s).fold(f64::INFINITY, f64::min);
         let likely_s = shortest.way(now, transit_s).likely_s.min(most_s).max(0.0);

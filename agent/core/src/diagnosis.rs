@@ -16,6 +16,7 @@ use skein_common::message::Failure;
 use skein_common::scenario::Servo;
 
 use crate::aircraft::Aircraft;
+use crate::failsafe::{Condition, Conditions};
 use crate::helicopter::Parameters;
 use crate::plant::{Measurement, Sticks};
 
@@ -93,9 +94,10 @@ impl Diagnosis {
         }
     }
 
-    /// The worst that has failed.
-    pub fn worst(&self) -> Option<Failure> {
-        self.worst
+    /// What has failed, as the failsafe table knows it.
+    pub fn conditions(&self) -> Conditions {
+        let cyclic = matches!(self.stuck, Some(Servo::Roll | Servo::Pitch)).then_some(Condition::CyclicStuck);
+        self.found().map(Condition::from).chain(cyclic).collect()
     }
 
     /// Everything that has failed, as far as it is looked for: the worst, and the position.
@@ -104,10 +106,9 @@ impl Diagnosis {
         position.into_iter().chain(self.worst.filter(|worst| Some(*worst) != position))
     }
 
-    /// Whether roll or pitch does not follow: a vehicle that has to turn to keep its place
-    /// ([`crate::control::VehicleController::turn`]).
-    pub fn is_cyclic_stuck(&self) -> bool {
-        matches!(self.stuck, Some(Servo::Roll | Servo::Pitch))
+    /// Whether the measured position has frozen. It stays so.
+    pub fn is_position_frozen(&self) -> bool {
+        self.is_frozen
     }
 }
 

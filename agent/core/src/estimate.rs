@@ -3,7 +3,7 @@
 //! What a vehicle may know is the scenario's choice. `f32_latlon` rounds latitude and longitude in degrees to single
 //! precision, as X-Plane's data rows do and as Garcia & Barnes 2010 read them: a grid of 0.2 to 0.8 m. `differenced` gives
 //! up the measured velocity for the filtered difference of positions. Both are selectable over any plant. A vehicle whose
-//! position has frozen reckons on from where it was, by the measured velocity.
+//! position has frozen is dead-reckoned from where it was, by the measured velocity.
 
 use core::f64::consts::TAU;
 
@@ -96,9 +96,9 @@ impl Estimator {
         }
     }
 
-    /// From here on the measured position is not looked at: it stands since it last changed. The vehicle is where the
-    /// measured velocity has taken it since then.
-    pub fn reckon_on(&mut self) {
+    /// From here on the estimate ignores the measured position, which has been frozen since it last changed: it dead-reckons
+    /// the vehicle from there by the measured velocity.
+    pub fn dead_reckon(&mut self) {
         self.reckoning.is_on = true;
     }
 
@@ -278,7 +278,7 @@ mod tests {
     }
 
     #[test]
-    fn a_frozen_position_is_reckoned_on_from_where_it_froze() {
+    fn a_frozen_position_is_dead_reckoned_from_where_it_froze() {
         for velocity in [VelocitySensing::Measured, VelocitySensing::Differenced] {
             let mut estimator = Estimator::new(origin(), &sensing(PositionSensing::Exact, velocity));
             estimator.update(at(0.0), Some(&measured(7.0, -3.0)));
@@ -287,7 +287,7 @@ mod tests {
                 let estimate = estimator.update(at(f64::from(tick) * 0.02), Some(&measured(10.0, 20.0))).unwrap();
                 assert!((estimate.position - PositionNed::new(10.0, 20.0, -30.0)).norm() < 1e-5);
             }
-            estimator.reckon_on();
+            estimator.dead_reckon();
             // Whatever it measures now.
             for tick in 51..=100 {
                 estimator.update(at(f64::from(tick) * 0.02), Some(&measured(f64::from(tick), 0.0)));

@@ -1,7 +1,8 @@
 //! From where everybody is to where this vehicle should go.
 //!
-//! A [`law`](law::Law) sees its own place, the live members as last heard, and the goal. It answers a dimensionless field, of
-//! which [`mod@conversion`] makes metres, a way to go, or a velocity; what comes out of any of them passes the safety filter.
+//! A [`law`](law::Law) sees its own place, the live members as last heard, and the goal. It answers a dimensionless field, a
+//! way to go, or a velocity. Each becomes a velocity, the field's by [`mod@conversion`]; that passes the safety filter, and is the
+//! setpoint's relative velocity.
 //!
 //! | module | what it holds |
 //! | --- | --- |
@@ -9,7 +10,7 @@
 //! | [`mod@ring`], `olfati_saber`, `vasarhelyi`, `virtual_structure`, `displacement_consensus` | the laws |
 //! | [`slots`] | patterns of places |
 //! | [`external`] | the law that is another program |
-//! | [`mod@conversion`], [`vertical`], [`safety`] | what they share: from a wish to a set-point |
+//! | [`mod@conversion`], [`vertical`], [`safety`] | what they share: from a wish to a setpoint |
 
 pub mod conversion;
 pub mod external;
@@ -37,7 +38,7 @@ use skein_common::scenario::{self, Scenario};
 use skein_common::state::Standing;
 use skein_common::time::PlantTime;
 
-use crate::control::{Setpoint, VELOCITY_PER_ERROR};
+use crate::control::{Setpoint, VELOCITY_PER_ERROR_PER_S};
 use crate::estimate::Estimate;
 use crate::mission::{self, Task};
 use crate::peers::{Others, Role, Seen};
@@ -49,8 +50,8 @@ use vertical::Heights;
 
 pub use ring::of as ring;
 
-/// Beyond this error the vehicle controller flies no faster, m.
-const FASTEST_M: f64 = 15.0;
+/// The fastest that a place is flown to, relative to the centre, m/s: from 15 m away on.
+const FASTEST_M_S: f64 = 7.5;
 /// Farther above or below than this an obstacle is nobody's concern, m.
 const OBSTACLE_REACH_M: f64 = 15.0;
 /// Nearer than this two vehicles have no direction between them, m.
@@ -235,16 +236,16 @@ impl Formation {
             external.rest();
         }
         match task {
-            Task::Wait | Task::Park | Task::ComeDown { .. } => None,
+            Task::Wait | Task::Park | Task::Autorotate { .. } => None,
             Task::Formation(goal) => self.fly(dt_s, estimate, goal, above_missed_m),
             Task::Stay { at_ne_m, altitude_m, heading_rad, lands } => {
-                let wanted_m = at_ne_m - estimate.position.horizontal();
+                let wanted_ne_m_s = (at_ne_m - estimate.position.horizontal()) * VELOCITY_PER_ERROR_PER_S;
                 let feedforward_ne_m_s = Vector2::zeros();
-                let error_ne_m = self.restrain(estimate, wanted_m, feedforward_ne_m_s);
+                let relative_velocity_ne_m_s = self.restrain(estimate, wanted_ne_m_s, feedforward_ne_m_s);
                 let risen_m = self.heights.risen_since_stay(above_missed_m, *lands);
                 let altitude_m = altitude_m + risen_m;
                 let heading_rad = *heading_rad;
-                let setpoint = Setpoint { error_ne_m, feedforward_ne_m_s, altitude_m, heading_rad };
+                let setpoint = Setpoint { relative_velocity_ne_m_s, feedforward_ne_m_s, altitude_m, heading_rad };
                 Some(Wish { field_ne: Vector2::zeros(), setpoint, in_place: false })
             }
         }
@@ -288,15 +289,15 @@ impl Formation {
         let feedforward_ne_m_s = if shape.feedforward { centre_velocity_ne_m_s } else { Vector2::zeros() };
         let mut field = Vector3::zeros();
         let mut climb_m_s = None;
-        let error_ne_m = match wanted.sane() {
+        let wanted_ne_m_s = match wanted.sane() {
             Wanted::Field(wanted) => {
                 field = wanted;
-                shape.conversion.error_ne_m(field.xy())
+                shape.conversion.velocity_ne_m_s(field.xy())
             }
-            Wanted::Way(way_ne_m) => way_ne_m.cap_magnitude(FASTEST_M),
+            Wanted::Way(way_ne_m) => (way_ne_m * VELOCITY_PER_ERROR_PER_S).cap_magnitude(FASTEST_M_S),
             Wanted::Velocity { ne_m_s, down_m_s } => {
                 climb_m_s = down_m_s.map(|down_m_s| -down_m_s);
-                ((ne_m_s - feedforward_ne_m_s) / VELOCITY_PER_ERROR).cap_magnitude(FASTEST_M)
+                (ne_m_s - feedforward_ne_m_s).cap_magnitude(FASTEST_M_S)
             }
         };
         let altitude_m = match (climb_m_s, shape.vertical) {
@@ -305,21 +306,20 @@ impl Formation {
             (None, Vertical::Ellipsoid) => self.heights.on_surface(dt_s, level_m, -field.z, estimate),
         };
         self.filter = shape.filter;
-        let error_ne_m = self.restrain(estimate, error_ne_m, feedforward_ne_m_s);
-        let setpoint = Setpoint { error_ne_m, feedforward_ne_m_s, altitude_m, heading_rad };
+        let relative_velocity_ne_m_s = self.restrain(estimate, wanted_ne_m_s, feedforward_ne_m_s);
+        let setpoint = Setpoint { relative_velocity_ne_m_s, feedforward_ne_m_s, altitude_m, heading_rad };
         let wish = Wish { field_ne: field.xy(), setpoint, in_place: false };
         Some(Wish { in_place: is_there && wish.altitude_error_m(estimate).abs() < mission::AT_ALTITUDE_M, ..wish })
     }
 
-    /// The error with which nobody is come too near, for what it and the feed-forward together make the vehicle fly; the
-    /// wanted error, if that does it.
+    /// The relative velocity after the safety filter, feed-forward included; the wanted one, if that keeps all distances.
     fn restrain(
         &mut self,
         estimate: &Estimate,
-        wanted_m: Vector2<f64>,
+        wanted_ne_m_s: Vector2<f64>,
         feedforward_ne_m_s: Vector2<f64>,
     ) -> Vector2<f64> {
-        let Some(filter) = self.filter else { return wanted_m };
+        let Some(filter) = self.filter else { return wanted_ne_m_s };
         let beside = |position: PositionNed| (estimate.position - position).z.abs() < filter.distance_m;
         let members = self.neighbours.iter().filter(|member| beside(member.position));
         let members = members.map(|member| (member.position, member.velocity.horizontal(), 0.0));
@@ -334,11 +334,10 @@ impl Formation {
                 self.constraints.push(constraint.relative(feedforward_ne_m_s, velocity_ne_m_s));
             }
         }
-        let wanted_m_s = wanted_m.cap_magnitude(FASTEST_M) * VELOCITY_PER_ERROR;
-        let restrained = filter.restrain(wanted_m_s, &self.constraints);
+        let restrained = filter.restrain(wanted_ne_m_s.cap_magnitude(FASTEST_M_S), &self.constraints);
         self.activations += u64::from(restrained.is_some() && !self.is_restrained);
         self.is_restrained = restrained.is_some();
-        restrained.map_or(wanted_m, |velocity_m_s| velocity_m_s / VELOCITY_PER_ERROR)
+        restrained.unwrap_or(wanted_ne_m_s)
     }
 
     /// Tells members from obstacles.

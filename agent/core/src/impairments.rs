@@ -22,8 +22,8 @@ use alloc::vec::Vec;
 use core::ops::Range;
 
 use skein_common::frame::PositionNed;
-use skein_common::id::{Incarnation, VehicleId};
-use skein_common::message::{PeerAge, State};
+use skein_common::id::VehicleId;
+use skein_common::message::{MessageOrder, PeerAge, State};
 use skein_common::scenario::Scenario;
 use skein_common::time::LocalTime;
 
@@ -40,8 +40,7 @@ pub struct Ear {
     air: Option<Box<Air>>,
     /// Those that are ever cut, by the other end's id.
     links: Vec<Link>,
-    /// What events add to the delay, of the peers of which they do, by id.
-    delays: Vec<(VehicleId, Vec<(Range<f64>, f64)>)>,
+    delays: AddedDelays,
     /// Since the own take-off, s; `None` before it.
     flown_s: Option<f64>,
     /// What has yet to arrive, the earliest first.
@@ -50,6 +49,10 @@ pub struct Ear {
     lateness: Vec<Late>,
     tally: Tally,
 }
+
+/// What events add to the delay of messages from a sender: when, in s after the own take-off, and how much, s.
+#[derive(Clone, Debug)]
+struct AddedDelays(Vec<(VehicleId, (Range<f64>, f64))>);
 
 /// What the network has to know of the vehicle that hears.
 #[derive(Clone, Copy, Debug, Default)]
@@ -109,7 +112,7 @@ struct UnderWay {
 #[derive(Clone, Copy, Debug)]
 struct Late {
     speaker: VehicleId,
-    newest: (Incarnation, u64),
+    newest: MessageOrder,
     by_s: f64,
 }
 
@@ -117,11 +120,11 @@ impl Ear {
     /// The hearing of vehicle `own` at the beginning of a life.
     pub fn new(scenario: &Scenario, own: VehicleId) -> Self {
         let peers = scenario.ids().filter(|&id| id != own);
-        let delays = peers.clone().map(|peer| (peer, delays(&scenario.mission.events, peer, own)));
+        let delays = AddedDelays::new(scenario, own, peers.clone());
         Self {
             delay_s: scenario.network.delay_s,
             air: Air::new(scenario, own).map(Box::new),
-            delays: delays.filter(|(_, delays)| !delays.is_empty()).collect(),
+            delays,
             flown_s: None,
             links: peers.filter_map(|peer| Link::new(scenario, own, peer)).collect(),
             under_way: VecDeque::new(),
@@ -181,7 +184,7 @@ impl Ear {
 
     /// Whether the scenario asks for a network that changes nothing.
     pub fn is_perfect(&self) -> bool {
-        self.delay_s == 0.0 && self.links.is_empty() && self.delays.is_empty() && self.air.is_none()
+        self.delay_s == 0.0 && self.links.is_empty() && self.delays.0.is_empty() && self.air.is_none()
     }
 
     /// Writes down how late each peer's newest state was when it was delivered.
@@ -199,7 +202,7 @@ impl Ear {
         let Some(flown_s) = flown_s else { return };
         for link in links {
             let delay_s = air.as_ref().map_or(self.delay_s, |air| air.delay_s(Some(link.peer())))
-                + added_delay_s(delays, Some(flown_s), link.peer());
+                + delays.s(Some(flown_s), link.peer());
             link.update(flown_s, now, |heard| {
                 tally.said += 1;
                 send(under_way, heard, now.plus_seconds(delay_s));
@@ -209,7 +212,7 @@ impl Ear {
 
     /// What events add to the delay of messages from this sender now, s.
     fn added_delay_s(&self, sender: VehicleId) -> f64 {
-        added_delay_s(&self.delays, self.flown_s, sender)
+        self.delays.s(self.flown_s, sender)
     }
 
     fn fate(&mut self, heard: &Heard) -> Fate {
@@ -241,7 +244,7 @@ impl Ear {
 
     /// How late a state is, if nothing newer was heard.
     fn note(&mut self, said: &State, by_s: f64) {
-        let newest = (said.header.incarnation, said.header.sequence);
+        let newest = said.header.order();
         let late = Late { speaker: said.header.sender, newest, by_s };
         match self.late(late.speaker) {
             Ok(index) if self.lateness[index].newest < newest => self.lateness[index] = late,
@@ -255,10 +258,19 @@ impl Ear {
     }
 }
 
-fn added_delay_s(delays: &[(VehicleId, Vec<(Range<f64>, f64)>)], flown_s: Option<f64>, sender: VehicleId) -> f64 {
-    let Ok(index) = delays.binary_search_by_key(&sender, |(id, _)| *id) else { return 0.0 };
-    let lasting = delays[index].1.iter().filter(|(lasts, _)| flown_s.is_some_and(|t_s| lasts.contains(&t_s)));
-    lasting.map(|(_, delay_s)| delay_s).sum()
+impl AddedDelays {
+    /// Of the messages from these senders to vehicle `own`.
+    fn new(scenario: &Scenario, own: VehicleId, senders: impl Iterator<Item = VehicleId>) -> Self {
+        let of = |sender| delays(&scenario.mission.events, sender, own).into_iter().map(move |delay| (sender, delay));
+        Self(senders.flat_map(of).collect())
+    }
+
+    /// Added to the delay of messages from this sender now, s.
+    fn s(&self, flown_s: Option<f64>, sender: VehicleId) -> f64 {
+        let lasts = |lasting: &Range<f64>| flown_s.is_some_and(|t_s| lasting.contains(&t_s));
+        let lasting = self.0.iter().filter(|(id, (lasting, _))| *id == sender && lasts(lasting));
+        lasting.map(|(_, (_, delay_s))| delay_s).sum()
+    }
 }
 
 /// Puts a word where its arrival belongs: behind those that arrive no later.

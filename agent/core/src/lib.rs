@@ -4,11 +4,15 @@
 //! ```text
 //!                        Agent::step(now, inputs) -> outputs                                (agent.rs)
 //!   +----------------------------------------------------------------------------------------------+
-//!   |  estimate -> diagnosis -> peers -> mission -> formation -> control -> speech                  |
+//!   |  estimate -> diagnosis -> peers -> mission -> formation -> control -> outbox                  |
 //!   +----^-----------------------^--------------------------------------|-------------------|-------+
 //!        | measurement           | messages                             | controls          | messages
 //!      plant                  peer agents                             plant             peer agents
 //! ```
+//!
+//! Each stage is the module of its name. It takes the values of the stages before it and returns its own; the loop closes only
+//! through the plant and through what the last step left behind. What is missing or broken is answered by one table ([`failsafe`]);
+//! what time alone changes stands in another ([`deadlines`]).
 //!
 //! The crate has no clock, no file, no socket, no thread and no environment: it is `no_std`, so that the compiler keeps it so.
 //! Same inputs, same outputs, bit for bit, in real time and in virtual time alike.
@@ -19,6 +23,7 @@ extern crate alloc;
 pub mod agent;
 pub mod aircraft;
 pub mod control;
+pub mod deadlines;
 pub mod delay;
 pub mod diagnosis;
 pub mod estimate;
@@ -27,9 +32,9 @@ pub mod formation;
 pub mod helicopter;
 pub mod impairments;
 pub mod mission;
+pub mod outbox;
 pub mod peers;
 pub mod plant;
 pub mod random;
 pub mod skew;
-pub mod speech;
 pub mod start;

@@ -27,19 +27,18 @@ use skein_common::state::{Activity, Membership};
 use skein_common::time::{LocalTime, Now, PlantTime};
 
 use crate::control::CollectiveLimit;
+use crate::deadlines::Deadline;
 use crate::estimate::Estimate;
+use crate::failsafe::{Condition, Conditions, Response};
 use agreement::{Agreement, Event, Part, Progress};
 use landing::{Descent, Landing};
 use plan::{Kind, Leg};
 use progress::LegProgress;
 
-/// An agent listens for this long before it takes part, s.
-pub const JOIN_S: f64 = 2.0;
 /// Above this height of the centre of gravity a vehicle flies, m.
 const FLYING_ABOVE_M: f64 = 1.5;
-/// A vehicle that for so long is off its altitude and comes nearer no faster than this, its collective at its limit all the
-/// time, never will be there, s, m/s. While there is collective left the controller is still on its way.
-const STUCK_AFTER_S: f64 = 20.0;
+/// A vehicle off its altitude that comes nearer no faster than this, its collective at its limit, is stuck there after a while
+/// ([`Deadline::AltitudeStuck`]), m/s.
 const STUCK_M_S: f64 = 0.3;
 /// This close to an altitude is at it, m.
 pub const AT_ALTITUDE_M: f64 = 1.0;
@@ -66,7 +65,7 @@ pub enum Task {
         lands: bool,
     },
     /// Without power: come down as softly as it goes.
-    ComeDown {
+    Autorotate {
         /// Clockwise from north.
         heading_rad: f64,
     },
@@ -94,16 +93,14 @@ pub struct View {
     pub partners: VehicleSet,
     /// A further vehicle is not heard and may be flying the mission.
     pub misses_any: bool,
-    /// There were others, and nobody is heard any more.
-    pub alone: bool,
+    /// What is missing or broken, as far as the stages before the mission know.
+    pub conditions: Conditions,
     /// The altitude that was asked for less the vehicle's, m; `None` before one was.
     pub altitude_error_m: Option<f64>,
     /// The end of the controller's authority over the climb, if it is there.
     pub collective_limit: Option<CollectiveLimit>,
     /// Where the formation wants the vehicle, at height and slow.
     pub in_place: bool,
-    /// What has failed of the own vehicle.
-    pub failure: Option<Failure>,
 }
 
 /// The mission stage of one vehicle.
@@ -121,8 +118,6 @@ pub struct Mission {
     since: Option<LocalTime>,
     activity: Activity,
     agreement: Agreement,
-    /// The others: the step of each, and how far along its path it takes the centre to be, m.
-    others_m: Vec<(VehicleId, u32, f64)>,
     /// Members at some time of this step.
     counted: VehicleSet,
     has_quorum: bool,
@@ -162,7 +157,6 @@ impl Mission {
             since: None,
             activity: Activity::Joining,
             agreement: Agreement::new(own, roster, last_step, scenario.mission.partition),
-            others_m: Vec::new(),
             counted: VehicleSet::default(),
             has_quorum: true,
             order: None,
@@ -203,7 +197,7 @@ impl Mission {
         }
     }
 
-    /// Takes up a peer's register, if it flies the same plan: its part in the agreement, and its order.
+    /// Takes in a peer's heartbeat, if it flies the same plan: its part in the agreement, and its order.
     pub fn listen(&mut self, said: &message::Mission, happened: &mut Vec<Happening>) {
         let id = said.header.sender;
         if said.plan != self.plan {
@@ -214,26 +208,28 @@ impl Mission {
             return;
         }
         let part = Part {
-            incarnation: said.header.incarnation,
-            sequence: said.header.sequence,
+            order: said.header.order(),
             membership: said.membership,
             step: said.step,
             vouched: said.vouched,
             reached: said.reached,
         };
         self.agree(Event::Heard(id, part), happened);
-        // While the own simulator is silent, registers come and no step uses them up.
-        match self.others_m.iter_mut().find(|(known, ..)| *known == id) {
-            Some(known) => *known = (id, said.step, said.progress_m),
-            None => self.others_m.push((id, said.step, said.progress_m)),
-        }
         if let Some(order) = said.order {
             self.merge(order, happened);
         }
     }
 
-    /// What to do now, after everything that was heard since the last step was listened to.
-    pub fn step(&mut self, now: Now, estimate: &Estimate, view: &View, happened: &mut Vec<Happening>) -> Task {
+    /// What to do now, after the mission has listened to everything received. `heartbeats` are the last ones of all peers in
+    /// contact, which the peers stage keeps: from them comes how far the peers take the centre to be.
+    pub fn step<'a>(
+        &mut self,
+        now: Now,
+        estimate: &Estimate,
+        view: &View,
+        heartbeats: impl Iterator<Item = &'a message::Mission> + Clone,
+        happened: &mut Vec<Happening>,
+    ) -> Task {
         let since = *self.since.get_or_insert_with(|| {
             self.heading_rad = estimate.attitude.heading_rad;
             now.local
@@ -241,16 +237,15 @@ impl Mission {
         self.agree(Event::Sees { heard: view.partners, misses_any: view.misses_any }, happened);
         self.counted.extend(self.agreement.members());
         self.watch_quorum(happened);
-        let has_listened = now.local.seconds_since(since) >= JOIN_S;
+        let has_listened = Deadline::Listened.is_past(now.local.seconds_since(since));
         if core::mem::take(&mut self.is_late) || self.membership() == Membership::Joining {
-            self.catch_up();
+            self.catch_up(others_m(heartbeats.clone(), self.plan, self.at()));
         }
         if self.membership() == Membership::Joining && has_listened && self.is_rotor_ready(estimate) {
             self.agreement.step(Event::Became(Membership::Active));
         }
-        let task = self.decide(now, estimate, view, happened);
-        self.others_m.clear();
-        task
+        let others_m = others_m(heartbeats, self.plan, self.at());
+        self.decide(now, estimate, view, others_m, happened)
     }
 
     /// Hash of the plan.
@@ -295,7 +290,7 @@ impl Mission {
 
     /// Whether the vehicle neither is at its altitude nor comes nearer to it, with no collective left.
     pub fn is_stuck(&self) -> bool {
-        self.stuck_s > STUCK_AFTER_S
+        Deadline::AltitudeStuck.is_past(self.stuck_s)
     }
 
     /// What the vehicle is doing.
@@ -312,10 +307,18 @@ impl Mission {
         self.legs.get(self.agreement.at() as usize)
     }
 
-    fn decide(&mut self, now: Now, estimate: &Estimate, view: &View, happened: &mut Vec<Happening>) -> Task {
+    fn decide(
+        &mut self,
+        now: Now,
+        estimate: &Estimate,
+        view: &View,
+        others_m: impl Iterator<Item = (VehicleId, f64)>,
+        happened: &mut Vec<Happening>,
+    ) -> Task {
         let order = self.order.map(|order| order.verb);
-        if view.failure.is_some() || self.is_stuck() {
-            return self.come_down(now, estimate, view.failure);
+        let response = self.conditions(view).response();
+        if matches!(response, Response::Land | Response::LandTurning | Response::Autorotate) {
+            return self.come_down(now, estimate, response);
         }
         let is_over = self.is_at_landing() && self.membership() != Membership::Joining;
         match (self.membership(), order) {
@@ -323,9 +326,17 @@ impl Mission {
             (_, Some(Verb::Land | Verb::Abort)) => self.land(now, estimate),
             _ if self.leaving || is_over || self.is_down() => self.land(now, estimate),
             (_, Some(Verb::Hold)) => self.hold(estimate),
-            _ if view.alone || !self.has_quorum => self.hold(estimate),
-            _ => self.fly(now, estimate, view, happened),
+            _ if response == Response::Hold => self.hold(estimate),
+            _ => self.fly(now, estimate, view, others_m, happened),
         }
+    }
+
+    /// All conditions: those of the stages before, and the mission's own.
+    fn conditions(&self, view: &View) -> Conditions {
+        let mut conditions = view.conditions;
+        conditions.extend(self.is_stuck().then_some(Condition::AltitudeStuck));
+        conditions.extend((!self.has_quorum).then_some(Condition::QuorumLost));
+        conditions
     }
 
     /// Hands an event to the agreement and tells where that led.
@@ -354,15 +365,9 @@ impl Mission {
     }
 
     /// A vehicle that comes late takes the centre to be as far as two others have it, so that they hardly wait for it.
-    fn catch_up(&mut self) {
-        let along_m = self.agreement.reliable(self.others_m());
+    fn catch_up(&mut self, others_m: impl Iterator<Item = (VehicleId, f64)>) {
+        let along_m = self.agreement.reliable(others_m);
         along_m.into_iter().for_each(|along_m| self.progress.catch_up(along_m));
-    }
-
-    /// How far the others at this step take the centre to be, m.
-    fn others_m(&self) -> impl Iterator<Item = (VehicleId, f64)> {
-        let at = self.agreement.at();
-        self.others_m.iter().filter(move |(_, step, _)| *step == at).map(|(id, _, along_m)| (*id, *along_m))
     }
 
     fn watch_quorum(&mut self, happened: &mut Vec<Happening>) {
@@ -389,7 +394,14 @@ impl Mission {
     }
 
     /// The step's formation; the next step, when everybody has reached this one.
-    fn fly(&mut self, now: Now, estimate: &Estimate, view: &View, happened: &mut Vec<Happening>) -> Task {
+    fn fly(
+        &mut self,
+        now: Now,
+        estimate: &Estimate,
+        view: &View,
+        others_m: impl Iterator<Item = (VehicleId, f64)>,
+        happened: &mut Vec<Happening>,
+    ) -> Task {
         self.stay = None;
         if self.landing.take().is_some() {
             // Called back on the way down.
@@ -401,7 +413,7 @@ impl Mission {
         let is_stuck = !is_at_altitude && Self::is_without_authority(estimate, view);
         self.stuck_s = if is_stuck { self.stuck_s + self.progress.since_s(now.plant) } else { 0.0 };
         happened.extend(self.is_stuck().then_some(Happening::Failed(Failure::Altitude)));
-        if self.is_over(now.plant, view.in_place) && self.reached() < Some(self.at()) {
+        if self.is_over(now.plant, view.in_place, others_m) && self.reached() < Some(self.at()) {
             self.agreement.step(Event::Reached);
             happened.push(Happening::Reached(self.at()));
         }
@@ -419,11 +431,11 @@ impl Mission {
     }
 
     /// Lets time pass within the step. True if nothing of it is left to this vehicle.
-    fn is_over(&mut self, now: PlantTime, in_place: bool) -> bool {
+    fn is_over(&mut self, now: PlantTime, in_place: bool, others_m: impl Iterator<Item = (VehicleId, f64)>) -> bool {
         let Some(leg) = self.legs.get(self.agreement.at() as usize) else { return false };
         let members = self.agreement.members();
         let mut progress = self.progress;
-        let others_m = self.others_m().filter(|(id, _)| members.contains(*id)).map(|(_, along_m)| along_m);
+        let others_m = others_m.filter(|(id, _)| members.contains(*id)).map(|(_, along_m)| along_m);
         progress.pass(now, leg, in_place, others_m, members.len() + 1);
         self.progress = progress;
         self.progress.is_over(leg)
@@ -462,11 +474,11 @@ impl Mission {
         self.landing.is_some_and(|landing| landing.is_on_ground())
     }
 
-    /// What a vehicle does of which something has failed: on the ground nothing, in the air come down.
-    fn come_down(&mut self, now: Now, estimate: &Estimate, failure: Option<Failure>) -> Task {
+    /// The way down of a vehicle of which something has failed. On the ground there is nothing to autorotate.
+    fn come_down(&mut self, now: Now, estimate: &Estimate, response: Response) -> Task {
         let task = self.land(now, estimate);
         match task {
-            Task::Stay { heading_rad, .. } if failure == Some(Failure::Engine) => Task::ComeDown { heading_rad },
+            Task::Stay { heading_rad, .. } if response == Response::Autorotate => Task::Autorotate { heading_rad },
             _ => task,
         }
     }
@@ -493,6 +505,17 @@ impl Mission {
             }
         }
     }
+}
+
+/// How far the senders of these heartbeats that fly this plan and are at this step take the centre to be, m.
+fn others_m<'a>(
+    heartbeats: impl Iterator<Item = &'a message::Mission>,
+    plan: u64,
+    at: u32,
+) -> impl Iterator<Item = (VehicleId, f64)> {
+    heartbeats
+        .filter(move |sent| sent.plan == plan && sent.step == at)
+        .map(|sent| (sent.header.sender, sent.progress_m))
 }
 
 #[cfg(test)]

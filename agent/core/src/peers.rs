@@ -9,7 +9,7 @@
 //! its status says so. A state is carried forward from when it was most likely sent.
 //!
 //! ```text
-//!        age above FRESH_S          no word for T_stale, or token gone      OBSTACLE_FOR_S later
+//!        age above 0.5 s        no word for T_stale, or token gone          10 s later
 //!   Fresh ----------------> Stale ------------------------------> Lost ----------------------> no obstacle
 //!     ^                       |                                     |
 //!     +------ a state --------+----------- a word, token there -----+
@@ -17,34 +17,27 @@
 //!
 //! Any word keeps a peer from being lost; only a state younger than T_stale keeps it in the formation. Where the scenario
 //! keeps states from a vehicle (`network.graph`), a peer that it still hears otherwise is no obstacle then: it is out of
-//! sight, and the two agree on the mission all the same.
+//! sight, and the two agree on the mission all the same. All durations stand in [`crate::deadlines`].
 
 use alloc::vec::Vec;
 
 use skein_common::frame::{Origin, PositionNed, VelocityNed};
 use skein_common::id::{Incarnation, VehicleId, VehicleSet};
-use skein_common::message::{Echo, Header, Mission, Order, State};
+use skein_common::message::{Echo, Header, MessageOrder, Mission, Order, State};
 use skein_common::scenario::{Graph, Network};
 use skein_common::state::{Membership, Standing, VehicleState};
 use skein_common::time::{LocalTime, SenderStamp};
 
+use crate::deadlines::Deadline;
 use crate::delay::{Delay, Exchange, Way, since_stamp_s};
 
-/// A word younger than this is fresh, s.
-pub const FRESH_S: f64 = 0.5;
-/// A lost peer stays an obstacle for this long, s.
-pub const OBSTACLE_FOR_S: f64 = 10.0;
+/// A state younger than this is fresh, s.
+pub const FRESH_S: f64 = Deadline::StateOld.after_s();
 /// Radius of an obstacle whose place is known, m.
 const OBSTACLE_RADIUS_M: f64 = 8.0;
 /// How fast what is not known of a silent vehicle's place grows, m/s, and how far.
 const OBSTACLE_GROWTH_M_S: f64 = 1.0;
 const OBSTACLE_GROWTH_M: f64 = 12.0;
-/// After this vehicle's own agent was late, peers may be silent for twice `network.peer_stale_s` for this long, s.
-const LENIENT_FOR_S: f64 = 10.0;
-/// A member that is lost may be flying the mission somewhere else for this long, s. A vehicle that hears no other any more
-/// waits this long before it takes itself for the only one left, and one that hears a single other before it takes the two of
-/// them for all that is left.
-const MISSED_FOR_S: f64 = 60.0;
 
 /// Something heard, and when.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -194,7 +187,7 @@ struct Peer {
 /// A state as it was told.
 #[derive(Clone, Copy, Debug)]
 struct Told {
-    sequence: u64,
+    order: MessageOrder,
     position: PositionNed,
     velocity: VelocityNed,
     heading_rad: f64,
@@ -238,7 +231,7 @@ impl Peers {
         for peer in &mut self.known {
             peer.heard_at = peer.heard_at.map(|at| at.plus_seconds(for_s));
         }
-        self.lenient_until = self.now.plus_seconds(for_s + LENIENT_FOR_S);
+        self.lenient_until = self.now.plus_seconds(for_s + Deadline::LeniencyOver.after_s());
     }
 
     /// Takes up what was heard since the last update and carries everybody forward to `now`.
@@ -267,7 +260,7 @@ impl Peers {
         self.flies_above = self.known.iter().any(|peer| peer.id < lowest && peer.is_missed(now));
         let listened_s = now.seconds_since(*self.began.get_or_insert(now));
         let found = self.known.iter().filter(|peer| peer.found).count();
-        let may_come = found + 1 < usize::from(self.roster) && listened_s < MISSED_FOR_S;
+        let may_come = found + 1 < usize::from(self.roster) && !Deadline::PeerGivenUp.is_past(listened_s);
         self.misses_any = may_come || self.known.iter().any(|peer| peer.may_come_back(now));
         let mut met = self.known.iter().filter(|peer| peer.found);
         let missed = met.clone().any(|peer| peer.membership() != Membership::Left);
@@ -290,8 +283,9 @@ impl Peers {
         &self.changes
     }
 
-    /// Newest agreement registers of all who still count, whoever they are.
-    pub fn missions(&self) -> impl Iterator<Item = &Mission> {
+    /// The last heartbeats of all peers that are not lost, whatever plan they fly, by id. No other stage keeps them: the agreement
+    /// keeps what all heartbeats of a peer together say, which may be more than the last one does.
+    pub fn missions(&self) -> impl Iterator<Item = &Mission> + Clone {
         self.known.iter().filter(|peer| peer.lost_at.is_none()).filter_map(|peer| peer.mission.as_ref())
     }
 
@@ -315,7 +309,7 @@ impl Peers {
 
     /// Somebody was lost who had not left of its own will, nobody is heard any more, and that is news.
     pub fn all_lost(&self) -> bool {
-        self.alone_since.is_some_and(|since| self.now.seconds_since(since) < MISSED_FOR_S)
+        self.alone_since.is_some_and(|since| !Deadline::PeerGivenUp.is_past(self.now.seconds_since(since)))
     }
 
     /// A heartbeat with this stamp goes out: the echo that belongs into it.
@@ -349,15 +343,15 @@ impl Peers {
         match heard.word {
             Word::State(said) => {
                 let Some(peer) = self.speaker(&said.header) else { return };
-                let sequence = said.header.sequence;
-                if peer.state.is_some_and(|told| told.sequence >= sequence) {
+                let order = said.header.order();
+                if peer.state.is_some_and(|told| told.order >= order) {
                     peer.old += 1;
                     return;
                 }
                 let position = origin.ned_from_geodetic(&said.state.position);
                 let VehicleState { velocity, heading_rad, .. } = said.state;
                 let transit_s = since_stamp_s(at, said.header.stamp);
-                peer.state = Some(Told { sequence, position, velocity, heading_rad, at, transit_s });
+                peer.state = Some(Told { order, position, velocity, heading_rad, at, transit_s });
                 peer.heard_at = Some(at);
             }
             Word::Mission(said) => {
@@ -366,7 +360,7 @@ impl Peers {
                 if peer.mission == Some(said) {
                     return;
                 }
-                if peer.mission.is_some_and(|told| told.header.sequence >= said.header.sequence) {
+                if peer.mission.is_some_and(|told| told.header.order() >= said.header.order()) {
                     peer.old += 1;
                     return;
                 }
@@ -454,7 +448,7 @@ impl Peer {
     /// Moves between lost and not lost.
     fn age(&mut self, now: LocalTime, stale_s: f64) -> Option<Change> {
         let heard_at = self.heard_at?;
-        let gone = self.token == Some(false) || now.seconds_since(heard_at) > stale_s;
+        let gone = self.token == Some(false) || Deadline::PeerLost(stale_s).is_past(now.seconds_since(heard_at));
         if gone && self.lost_at.is_none() {
             self.lost_at = Some(now);
             // Who left of its own will is not missed.
@@ -478,7 +472,7 @@ impl Peer {
     fn is_in_sight(&self, now: LocalTime, stale_s: f64) -> bool {
         let Some(told) = self.state else { return false };
         match self.lost_at {
-            None => now.seconds_since(told.at) <= stale_s,
+            None => !Deadline::NeighbourSilent(stale_s).is_past(now.seconds_since(told.at)),
             // The last word of all may be a little younger than the last state.
             Some(lost_at) => lost_at.seconds_since(told.at) <= stale_s + FRESH_S,
         }
@@ -493,13 +487,14 @@ impl Peer {
         let (age_s, carried_s) = (silent_s + most_s, silent_s + likely_s);
         let standing = match self.lost_at {
             Some(_) => Standing::Lost,
-            None if age_s > FRESH_S => Standing::Stale,
+            None if Deadline::StateOld.is_past(age_s) => Standing::Stale,
             None => Standing::Fresh,
         };
-        let flies_along = silent_s <= stale_s && self.mission.is_some_and(|said| said.plan == plan);
+        let flies_along =
+            !Deadline::NeighbourSilent(stale_s).is_past(silent_s) && self.mission.is_some_and(|said| said.plan == plan);
         let role = match (self.membership(), self.lost_at) {
             (Membership::Active, None) if flies_along => Role::Member,
-            (_, Some(lost_at)) if now.seconds_since(lost_at) > OBSTACLE_FOR_S => Role::Nothing,
+            (_, Some(lost_at)) if Deadline::ObstacleGone.is_past(now.seconds_since(lost_at)) => Role::Nothing,
             _ => {
                 let unknown_m = (OBSTACLE_GROWTH_M_S * age_s).min(OBSTACLE_GROWTH_M);
                 Role::Obstacle { radius_m: OBSTACLE_RADIUS_M + unknown_m }
@@ -517,7 +512,7 @@ impl Peer {
 
     /// Lost before it had left, and not long ago.
     fn may_come_back(&self, now: LocalTime) -> bool {
-        let is_recent = |lost_at: LocalTime| now.seconds_since(lost_at) < MISSED_FOR_S;
+        let is_recent = |lost_at: LocalTime| !Deadline::PeerGivenUp.is_past(now.seconds_since(lost_at));
         self.membership() != Membership::Left && self.lost_at.is_some_and(is_recent)
     }
 }

@@ -86,12 +86,8 @@ fn is_same_register(one: &Word, other: &Word) -> bool {
 
 fn is_later(new: &Word, kept: &Word) -> bool {
     match (new, kept) {
-        (Word::State(new), Word::State(kept)) => {
-            (new.header.incarnation, new.header.sequence) > (kept.header.incarnation, kept.header.sequence)
-        }
-        (Word::Mission(new), Word::Mission(kept)) => {
-            (new.header.incarnation, new.header.sequence) > (kept.header.incarnation, kept.header.sequence)
-        }
+        (Word::State(new), Word::State(kept)) => new.header.order() > kept.header.order(),
+        (Word::Mission(new), Word::Mission(kept)) => new.header.order() > kept.header.order(),
         (Word::Order(new), Word::Order(kept)) => new > kept,
         _ => true,
     }

@@ -18,10 +18,10 @@ use crate::law::LiveLaw;
 use crate::link::{Link, Messages};
 use skein_core::agent::{Agent, Inputs, Outputs};
 use skein_core::impairments::{Ear, Whereabouts};
+use skein_core::outbox::Outbox;
 use skein_core::peers::Heard;
 use skein_core::plant::{Frame, Plant, Wake};
 use skein_core::skew::Skew;
-use skein_core::speech::Said;
 use skein_host::clock::{LocalClock, now, sleep_until};
 
 /// The plant's frame is given up for this step after so many of its periods.
@@ -122,7 +122,7 @@ impl Control {
             leave: self.stop.is_asked(),
             answer: answer.as_ref(),
         };
-        let Outputs { command, said, ask } = self.agent.step(now_here, &inputs);
+        let Outputs { command, outbox, ask } = self.agent.step(now_here, &inputs);
         if let Some(sticks) = command {
             self.plant.command(sticks);
         }
@@ -141,7 +141,7 @@ impl Control {
             since.timing.frame(woken, self.plant.skipped_frames());
             since.timing.step(woken, done);
         }
-        self.send(now_here.local, said, trace, since);
+        self.send(now_here.local, outbox, trace, since);
         if let Some(summary) = since.timing.summary(done) {
             since.healths += 1;
             let health = self.health(now_here.local, right.seconds(), summary, since);
@@ -170,16 +170,16 @@ impl Control {
     }
 
     /// Hands over what this step sends: another thread sends it.
-    fn send(&mut self, now: LocalTime, said: Said, trace: Option<Trace>, since: &mut Since) {
-        let state = said.state.map(|state| (state, Cell::of(self.origin.ned_from_geodetic(&state.state.position))));
+    fn send(&mut self, now: LocalTime, outbox: Outbox, trace: Option<Trace>, since: &mut Since) {
+        let state = outbox.state.map(|state| (state, Cell::of(self.origin.ned_from_geodetic(&state.state.position))));
         let event = |what| {
             since.events += 1;
             tracing::info!("vehicle {} {what}", self.own);
             Event { header: self.header(now, since.events), what }
         };
-        let events: Vec<Event> = said.happened.into_iter().map(event).collect();
-        if state.is_some() || said.mission.is_some() || !events.is_empty() || trace.is_some() {
-            self.link.send(Messages { state, mission: said.mission, events, trace });
+        let events: Vec<Event> = outbox.happened.into_iter().map(event).collect();
+        if state.is_some() || outbox.mission.is_some() || !events.is_empty() || trace.is_some() {
+            self.link.send(Messages { state, mission: outbox.mission, events, trace });
         }
     }
 

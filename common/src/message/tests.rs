@@ -229,3 +229,9 @@ proptest! {
         }
     }
 }
+
+#[test]
+fn a_later_life_orders_before_the_number_within_a_life() {
+    let order = |life, sequence| Header { incarnation: Incarnation(life), sequence, ..header() }.order();
+    assert!(order(2, 1) > order(1, 99) && order(1, 99) > order(1, 98) && order(1, 98) == order(1, 98));
+}

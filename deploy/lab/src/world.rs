@@ -25,10 +25,10 @@ use skein_core::formation::external::{Answer, Ask};
 use skein_core::formation::{self, NotFlown};
 use skein_core::helicopter::{BuiltInVehicle, Script, TICK_S, Weather};
 use skein_core::impairments::{Ear, Whereabouts};
+use skein_core::outbox::Outbox;
 use skein_core::peers::{Heard, Word};
 use skein_core::plant::{Frame, Measurement, Sticks, Truth};
 use skein_core::skew::Skew;
-use skein_core::speech;
 use skein_core::start::{TooFull, starts};
 
 use crate::faults::{Agenda, Incident, LinkChanges};
@@ -417,13 +417,13 @@ impl Vehicle {
     }
 
     /// One frame: the agent's step, if it lives, and the helicopter's. Gives what the agent says and asks.
-    fn turn(&mut self, now: LocalTime, tick: u64) -> Option<(speech::Said, Option<Ask>)> {
+    fn turn(&mut self, now: LocalTime, tick: u64) -> Option<(Outbox, Option<Ask>)> {
         let (frame, simulator_frozen) = self.frame(tick);
         let now = Now { plant: frame.time, local: self.shown(now) };
         let measurement = (!simulator_frozen).then_some(&frame.measurement);
-        let said = self.think(now, measurement, tick).map(|Outputs { command, said, ask }| {
+        let said = self.think(now, measurement, tick).map(|Outputs { command, outbox, ask }| {
             self.command = command;
-            (said, ask)
+            (outbox, ask)
         });
         if !simulator_frozen {
             self.plant.advance(self.command);

@@ -5,7 +5,7 @@ use std::num::NonZeroUsize;
 
 use serde::Serialize;
 use skein_common::scenario::{Source, load};
-use skein_core::speech::MISSION_PERIOD_S;
+use skein_core::deadlines::HEARTBEAT_PERIOD_S;
 
 use super::wire::data_output_bytes;
 use super::words::{self, FRAME_HZ, WordSize, WordTime};
@@ -16,7 +16,7 @@ use skein_lab::scenario::{FLOCK, HOVER, ScenarioArgs};
 use skein_lab::study::Study;
 
 /// How often an agent sends its part in the agreement, Hz.
-pub(super) const REGISTER_HZ: f64 = 1.0 / MISSION_PERIOD_S;
+pub(super) const REGISTER_HZ: f64 = 1.0 / HEARTBEAT_PERIOD_S;
 
 /// How much to measure; less is less exact.
 #[derive(Clone, Copy, Debug)]

@@ -21,6 +21,7 @@
 use std::hash::{Hash, Hasher};
 
 use skein_common::id::{Incarnation, VehicleId};
+use skein_common::message::MessageOrder;
 use skein_common::scenario::Partition;
 use skein_common::state::Membership;
 use skein_core::mission::agreement::{Agreement, Event, Part, Progress};
@@ -170,8 +171,7 @@ impl Agent {
 
     fn part(&self) -> Part {
         Part {
-            incarnation: Incarnation(self.incarnation),
-            sequence: self.sequence,
+            order: MessageOrder { incarnation: Incarnation(self.incarnation), sequence: self.sequence },
             membership: self.agreement.membership(),
             step: self.agreement.at(),
             vouched: self.agreement.vouched(),
@@ -216,7 +216,7 @@ impl Agent {
 
     /// Whether it has said this since it became active, and is.
     fn is_latest(&self, word: &Part) -> bool {
-        self.is_active() && (word.incarnation, word.sequence) == (Incarnation(self.incarnation), self.sequence)
+        self.is_active() && word.order == self.part().order
     }
 }
 
@@ -314,7 +314,7 @@ impl<const N: usize> Swarm<N> {
         let own = &self.agents[agent].agreement;
         let has_heard = |other: usize| {
             let life = Incarnation(self.agents[other].incarnation);
-            own.part(id(other)).is_some_and(|part| part.incarnation == life)
+            own.part(id(other)).is_some_and(|part| part.order.incarnation == life)
         };
         let mut linked = others::<N>(agent).filter(|&other| self.agents[other].is_up && self.are_linked(agent, other));
         own.membership() == Membership::Joining && linked.all(has_heard)
@@ -342,7 +342,7 @@ impl<const N: usize> Swarm<N> {
     /// The liar's word, of a life of its own.
     fn lie(&mut self, to: usize, lie: Part) {
         self.lies += 1;
-        let lie = Part { incarnation: Incarnation(self.lies), ..lie };
+        let lie = Part { order: MessageOrder { incarnation: Incarnation(self.lies), ..lie.order }, ..lie };
         self.agents[to].agreement.step(Event::Heard(id(N), lie));
     }
 
@@ -426,8 +426,8 @@ impl<const N: usize> Swarm<N> {
         }
         let in_view: Vec<usize> = (0..N).filter(|&other| view.contains(id(other))).collect();
         for &other in &in_view {
-            let life = self.agents[agent].agreement.part(id(other)).map(|part| part.incarnation);
-            let reports = |word: &Part| Some(word.incarnation) == life && word.has_reached(left);
+            let life = self.agents[agent].agreement.part(id(other)).map(|part| part.order.incarnation);
+            let reports = |word: &Part| Some(word.order.incarnation) == life && word.has_reached(left);
             if !self.agents[other].said.iter().any(reports) {
                 self.broken = Some(P2);
             }
@@ -441,7 +441,7 @@ impl<const N: usize> Swarm<N> {
     fn judge(&mut self, before: &Self) {
         for agent in 0..N {
             let (was, is) = (before.agents[agent].part(), self.agents[agent].part());
-            if was.incarnation != is.incarnation {
+            if was.order.incarnation != is.order.incarnation {
                 continue;
             }
             if is.step < was.step || is.reached < was.reached || is.vouched < was.vouched {
@@ -586,8 +586,9 @@ fn known_key(word: &Part, step: u32, vouched: u32) -> u8 {
 }
 
 fn key(word: &Part, past: u32, vouched: u32) -> u8 {
-    assert!(word.incarnation.0 < 2 && word.sequence < 4 && past < 8 && vouched < 4, "too large for a key: {word:?}");
-    (word.incarnation.0 as u8) << 7 | (word.sequence as u8) << 5 | (past as u8) << 2 | vouched as u8
+    let MessageOrder { incarnation: Incarnation(life), sequence } = word.order;
+    assert!(life < 2 && sequence < 4 && past < 8 && vouched < 4, "too large for a key: {word:?}");
+    (life as u8) << 7 | (sequence as u8) << 5 | (past as u8) << 2 | vouched as u8
 }
 
 /// Swarms are one to the checker if they differ in names only, or in what does not matter.

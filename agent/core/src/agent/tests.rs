@@ -67,7 +67,7 @@ impl Flight {
         let mut command = None;
         for _ in 0..(seconds / 0.02).round() as usize {
             let outputs = self.frame(None, &[]);
-            happened.extend(outputs.said.happened);
+            happened.extend(outputs.outbox.happened);
             command = outputs.command;
         }
         (happened, command)
@@ -97,10 +97,10 @@ fn nothing_is_commanded_before_the_agent_takes_part() {
         if outputs.command.is_some() {
             first_command_s.get_or_insert(flight.local_s);
         }
-        if outputs.said.happened.contains(&Happening::BecameActive) {
+        if outputs.outbox.happened.contains(&Happening::BecameActive) {
             active_s = Some(flight.local_s);
         }
-        happened.extend(outputs.said.happened);
+        happened.extend(outputs.outbox.happened);
     }
     assert_eq!(happened, [Happening::BecameActive], "data that come for the first time are not back");
     assert!((active_s.unwrap() - 2.02).abs() < 1e-9, "two seconds after the first frame");
@@ -120,7 +120,7 @@ fn stale_data_turn_neutral_and_a_gone_simulator_is_said_and_waited_for() {
     let (happened, command) = flight.silence(2.0);
     assert_eq!((happened, command), (vec![Happening::SimulatorLost], None));
     let back = flight.frame(Some(&measured(30.0)), &[]);
-    assert_eq!(back.said.happened, [Happening::OwnDataBack]);
+    assert_eq!(back.outbox.happened, [Happening::OwnDataBack]);
     assert!(back.command.is_some());
     let joins = (flight.agent.membership(), flight.agent.activity());
     assert_eq!(joins, (Membership::Joining, Activity::Joining), "it joins anew, in the air");
@@ -133,11 +133,11 @@ fn stale_data_turn_neutral_and_a_gone_simulator_is_said_and_waited_for() {
 #[test]
 fn while_blind_the_state_is_kept_to_oneself() {
     let mut flight = Flight::new(&scenario(&["network.send=every_frame"]));
-    assert!(flight.frame(Some(&measured(30.0)), &[]).said.state.is_some());
+    assert!(flight.frame(Some(&measured(30.0)), &[]).outbox.state.is_some());
     flight.silence(0.2);
     let outputs = flight.frame(None, &[]);
-    assert_eq!(outputs.said.state, None, "the others carry the last word forward");
-    let missions = (0..20).filter(|_| flight.frame(None, &[]).said.mission.is_some()).count();
+    assert_eq!(outputs.outbox.state, None, "the others carry the last word forward");
+    let missions = (0..20).filter(|_| flight.frame(None, &[]).outbox.mission.is_some()).count();
     assert!(missions >= 1, "but the agreement goes on");
 }
 
@@ -157,7 +157,7 @@ fn with_nobody_left_the_vehicle_holds_its_place() {
     };
     flight.frame(Some(&measured(30.0)), &[Word::Appeared(id(2)), state_of(2, 1, 80.0), Word::Mission(active)]);
     let outputs = flight.frame(Some(&measured(30.0)), &[Word::Vanished(id(2))]);
-    assert_eq!(outputs.said.happened, [Happening::PeerLost(id(2)), Happening::AllPeersLost]);
+    assert_eq!(outputs.outbox.happened, [Happening::PeerLost(id(2)), Happening::AllPeersLost]);
     assert_eq!(flight.agent.activity(), Activity::Holding);
     flight.frame(Some(&measured(30.0)), &[Word::Appeared(id(2)), state_of(2, 2, 80.0)]);
     assert_eq!(flight.agent.activity(), Activity::Formation, "somebody is back");
@@ -168,9 +168,9 @@ fn an_order_heard_once_is_taken_and_repeated() {
     let mut flight = Flight::new(&scenario(&[]));
     let order = Order { epoch: 3, issuer: 9, verb: Verb::Land, seal: None };
     let outputs = flight.frame(Some(&measured(30.0)), &[Word::Order(order)]);
-    assert_eq!(outputs.said.happened, [Happening::OrderTaken(order)]);
-    assert_eq!(outputs.said.mission.and_then(|mission| mission.order), Some(order), "at once");
-    let again = (0..10).find_map(|_| flight.frame(Some(&measured(30.0)), &[]).said.mission);
+    assert_eq!(outputs.outbox.happened, [Happening::OrderTaken(order)]);
+    assert_eq!(outputs.outbox.mission.and_then(|mission| mission.order), Some(order), "at once");
+    let again = (0..10).find_map(|_| flight.frame(Some(&measured(30.0)), &[]).outbox.mission);
     assert_eq!(again.and_then(|mission| mission.order), Some(order), "and again within 0.2 s");
     assert_eq!(flight.agent.activity(), Activity::Landing);
 }
@@ -262,7 +262,7 @@ proptest! {
         for (measurement, words) in frames {
             let outputs = flight.frame(Some(&measurement), &words);
             prop_assert!(outputs.command.is_none_or(|sticks| sticks.is_within_limits()), "{outputs:?}");
-            prop_assert!(outputs.said.state.is_none_or(|said| said.state.is_plausible()));
+            prop_assert!(outputs.outbox.state.is_none_or(|said| said.state.is_plausible()));
         }
         let recovered = flight.frame(Some(&measured(30.0)), &[]);
         prop_assert!(recovered.command.is_some_and(|sticks| sticks.is_within_limits()), "flies on afterwards");

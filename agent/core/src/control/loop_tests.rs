@@ -83,7 +83,7 @@ impl Flight {
             rotor_speed_rad_s: frame.measurement.rotor_speed_rad_s,
         };
         let setpoint = Setpoint {
-            error_ne_m: (self.setpoint_ned_m - estimate.position.0).xy(),
+            relative_velocity_ne_m_s: (self.setpoint_ned_m - estimate.position.0).xy() * VELOCITY_PER_ERROR_PER_S,
             feedforward_ne_m_s: Vector2::zeros(),
             altitude_m: -self.setpoint_ned_m.z,
             heading_rad: self.heading_rad,

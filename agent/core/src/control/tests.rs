@@ -35,7 +35,12 @@ fn hover(heading_rad: f64) -> Estimate {
 
 /// Stay there.
 fn stay(heading_rad: f64) -> Setpoint {
-    Setpoint { error_ne_m: Vector2::zeros(), feedforward_ne_m_s: Vector2::zeros(), altitude_m: 30.0, heading_rad }
+    Setpoint {
+        relative_velocity_ne_m_s: Vector2::zeros(),
+        feedforward_ne_m_s: Vector2::zeros(),
+        altitude_m: 30.0,
+        heading_rad,
+    }
 }
 
 fn sticks(estimate: &Estimate, setpoint: &Setpoint) -> Sticks {
@@ -76,7 +81,10 @@ fn in_trim_the_sticks_are_at_trim() {
 
 #[test]
 fn an_error_moves_the_stick_that_reduces_it() {
-    let towards = |north, east| Setpoint { error_ne_m: Vector2::new(north, east), ..stay(0.0) };
+    let towards = |north, east| Setpoint {
+        relative_velocity_ne_m_s: Vector2::new(north, east) * VELOCITY_PER_ERROR_PER_S,
+        ..stay(0.0)
+    };
     assert_near(sticks(&hover(0.0), &towards(5.0, 0.0)).pitch, -0.25);
     assert_near(sticks(&hover(0.0), &towards(-5.0, 0.0)).pitch, 0.25);
     assert_near(sticks(&hover(0.0), &towards(0.0, 5.0)).roll, TRIM.roll_stick + 0.25);
@@ -124,7 +132,8 @@ fn heading_error_takes_the_short_way_round() {
 
 #[test]
 fn near_the_ground_nothing_pulls_sideways() {
-    let setpoint = Setpoint { error_ne_m: Vector2::new(-5.0, 5.0), ..stay(0.0) };
+    let setpoint =
+        Setpoint { relative_velocity_ne_m_s: Vector2::new(-5.0, 5.0) * VELOCITY_PER_ERROR_PER_S, ..stay(0.0) };
     for (height_m, share) in [(0.24, 0.0), (1.5, 0.0), (2.5, 0.5), (3.5, 1.0), (30.0, 1.0)] {
         let low = Estimate { height_m, ..hover(0.0) };
         assert_near(sticks(&low, &setpoint).roll, TRIM.roll_stick + 0.25 * share);
@@ -149,7 +158,7 @@ fn auto_trim_integrates_the_velocity_command_error() {
     // e_v = 0.5·error + feed-forward − v = (1 + 0.25 − 0.75, −0.5 + 0 − 0.5) m/s, k = 0.01.
     let drifting = Estimate { velocity: VelocityNed::new(0.75, 0.5, 0.2), ..hover(2.0) };
     let setpoint = Setpoint {
-        error_ne_m: Vector2::new(2.0, -1.0),
+        relative_velocity_ne_m_s: Vector2::new(2.0, -1.0) * VELOCITY_PER_ERROR_PER_S,
         feedforward_ne_m_s: Vector2::new(0.25, 0.0),
         altitude_m: 31.0,
         heading_rad: 2.0,
@@ -165,14 +174,22 @@ fn auto_trim_integrates_the_velocity_command_error() {
 #[test]
 fn auto_trim_sleeps_near_the_ground_and_in_manoeuvres() {
     let nothing = AutoTrim::default();
-    let setpoint = Setpoint { error_ne_m: Vector2::new(1.0, 0.0), altitude_m: 31.0, ..stay(0.0) };
+    let setpoint = Setpoint {
+        relative_velocity_ne_m_s: Vector2::new(1.0, 0.0) * VELOCITY_PER_ERROR_PER_S,
+        altitude_m: 31.0,
+        ..stay(0.0)
+    };
     assert_eq!(after_a_second(&Estimate { height_m: 3.49, ..hover(0.0) }, &setpoint), nothing);
     assert_ne!(after_a_second(&Estimate { height_m: 3.5, ..hover(0.0) }, &setpoint), nothing);
 
     // At 1 m/s the velocity error is above and below 1.5 m/s.
     let flies = Estimate { velocity: VelocityNed::new(1.0, 0.0, 0.0), ..hover(0.0) };
     let found = |error_m: f64| {
-        after_a_second(&flies, &Setpoint { error_ne_m: Vector2::new(error_m, 0.0), ..stay(0.0) }).tilt_ne_rad
+        after_a_second(
+            &flies,
+            &Setpoint { relative_velocity_ne_m_s: Vector2::new(error_m, 0.0) * VELOCITY_PER_ERROR_PER_S, ..stay(0.0) },
+        )
+        .tilt_ne_rad
     };
     assert_eq!(found(5.01), Vector2::zeros());
     assert_ne!(found(4.99), Vector2::zeros());
@@ -180,7 +197,7 @@ fn auto_trim_sleeps_near_the_ground_and_in_manoeuvres() {
 
 #[test]
 fn auto_trim_works_where_a_steady_vehicle_is_held_up_but_not_where_it_flies() {
-    let wanted = Setpoint { error_ne_m: Vector2::new(4.0, 0.0), ..stay(0.0) };
+    let wanted = Setpoint { relative_velocity_ne_m_s: Vector2::new(4.0, 0.0) * VELOCITY_PER_ERROR_PER_S, ..stay(0.0) };
     let found = |velocity: VelocityNed, seconds: u32| {
         let mut controller = controller(true);
         for _ in 0..50 * seconds {
@@ -194,7 +211,7 @@ fn auto_trim_works_where_a_steady_vehicle_is_held_up_but_not_where_it_flies() {
     assert_eq!(found(VelocityNed::new(-2.5, 0.0, 0.0), 8), Vector2::zeros(), "that is no matter of trim");
     assert!(found(VelocityNed::new(0.4, 0.0, 0.0), 8).x > 0.1, "it hardly gets on");
     assert_eq!(found(VelocityNed::new(0.49, 0.0, 0.0), 0), Vector2::zeros());
-    let flies = Setpoint { error_ne_m: Vector2::new(6.0, 0.0), ..stay(0.0) };
+    let flies = Setpoint { relative_velocity_ne_m_s: Vector2::new(6.0, 0.0) * VELOCITY_PER_ERROR_PER_S, ..stay(0.0) };
     let mut controller = controller(true);
     (0..400).for_each(|_| {
         controller.step(0.02, &Estimate { velocity: VelocityNed::new(1.0, 0.0, 0.0), ..hover(0.0) }, &flies);
@@ -217,7 +234,11 @@ fn a_steady_climb_fills_no_integral_and_a_large_error_of_the_climb_counts_like_2
 #[test]
 fn auto_trim_is_clamped_and_steps_are_capped() {
     let mut controller = controller(true);
-    let setpoint = Setpoint { error_ne_m: Vector2::new(2.0, -2.0), altitude_m: 26.0, ..stay(0.0) };
+    let setpoint = Setpoint {
+        relative_velocity_ne_m_s: Vector2::new(2.0, -2.0) * VELOCITY_PER_ERROR_PER_S,
+        altitude_m: 26.0,
+        ..stay(0.0)
+    };
     // However long the plant stood still, a step counts for 0.1 s; back in time for none.
     controller.step(1e9, &hover(0.0), &setpoint);
     assert_near(controller.auto_trim().unwrap().tilt_ne_rad.x, 0.001);
@@ -284,7 +305,8 @@ fn what_is_not_finite_holds_the_last_command() {
     let before = controller.step(0.02, &bad, &stay(0.0));
     assert_eq!(before, Controls { sticks: neutral, fault: Some(ControlFault::Estimate) });
 
-    let setpoint = Setpoint { error_ne_m: Vector2::new(1.0, 2.0), ..stay(0.3) };
+    let setpoint =
+        Setpoint { relative_velocity_ne_m_s: Vector2::new(1.0, 2.0) * VELOCITY_PER_ERROR_PER_S, ..stay(0.3) };
     let good = controller.step(0.02, &hover(0.0), &setpoint);
     let found = controller.auto_trim();
     assert_ne!(good.sticks, neutral);
@@ -296,7 +318,7 @@ fn what_is_not_finite_holds_the_last_command() {
         Estimate { rates: BodyRates { yaw_rad_s: nan, ..BodyRates::default() }, ..hover(0.0) },
     ];
     let setpoints = [
-        Setpoint { error_ne_m: Vector2::new(nan, 0.0), ..setpoint },
+        Setpoint { relative_velocity_ne_m_s: Vector2::new(nan, 0.0) * VELOCITY_PER_ERROR_PER_S, ..setpoint },
         Setpoint { feedforward_ne_m_s: Vector2::new(0.0, f64::NEG_INFINITY), ..setpoint },
         Setpoint { altitude_m: nan, ..setpoint },
         Setpoint { heading_rad: nan, ..setpoint },
@@ -306,7 +328,8 @@ fn what_is_not_finite_holds_the_last_command() {
     faults.extend(setpoints.iter().map(|s| (controller.step(0.02, &hover(0.0), s), ControlFault::Setpoint)));
     faults.push((controller.step(nan, &hover(0.0), &setpoint), ControlFault::TimeStep));
     // Finite, but the components along the heading are not.
-    let overflowing = Setpoint { error_ne_m: Vector2::new(f64::MAX, f64::MAX), ..setpoint };
+    let overflowing =
+        Setpoint { relative_velocity_ne_m_s: Vector2::new(f64::MAX, f64::MAX) * VELOCITY_PER_ERROR_PER_S, ..setpoint };
     faults.push((controller.step(0.02, &hover(0.8), &overflowing), ControlFault::Rules));
     for (controls, fault) in faults {
         assert_eq!(controls, Controls { sticks: good.sticks, fault: Some(fault) });
@@ -354,7 +377,7 @@ fn any_estimate() -> impl Strategy<Value = Estimate> {
 
 fn any_setpoint() -> impl Strategy<Value = Setpoint> {
     prop::array::uniform6(any_number()).prop_map(|[n, e, vn, ve, altitude_m, heading_rad]| Setpoint {
-        error_ne_m: Vector2::new(n, e),
+        relative_velocity_ne_m_s: Vector2::new(n, e) * VELOCITY_PER_ERROR_PER_S,
         feedforward_ne_m_s: Vector2::new(vn, ve),
         altitude_m,
         heading_rad,
@@ -365,7 +388,7 @@ fn any_setpoint() -> impl Strategy<Value = Setpoint> {
 fn coming_down_the_collective_is_out_until_the_fall_has_to_be_braked() {
     let collective = |height_m: f64, sink_m_s: f64| {
         let falling = Estimate { height_m, velocity: VelocityNed::new(0.0, 0.0, sink_m_s), ..hover(0.0) };
-        controller(false).come_down(0.02, &falling, 0.0).sticks.collective
+        controller(false).autorotate(0.02, &falling, 0.0).sticks.collective
     };
     assert_eq!(collective(30.0, 10.0), 0.0);
     assert_eq!(collective(3.0, 10.0), 1.0);
@@ -375,7 +398,7 @@ fn coming_down_the_collective_is_out_until_the_fall_has_to_be_braked() {
     assert_eq!(collective(0.0, 0.0), TRIM.collective);
     let mut broken = controller(false);
     let unknown = Estimate { height_m: f64::NAN, ..hover(0.0) };
-    assert_eq!(broken.come_down(0.02, &unknown, 0.0).fault, Some(ControlFault::Estimate));
+    assert_eq!(broken.autorotate(0.02, &unknown, 0.0).fault, Some(ControlFault::Estimate));
 }
 
 proptest! {
@@ -400,7 +423,7 @@ proptest! {
                 prop_assert!(sticks.is_within_limits(), "{sticks:?}");
                 let turning = controller.turn(*dt_s, estimate, setpoint).sticks;
                 prop_assert!(turning.is_within_limits() && turning.yaw == 1.0, "{turning:?}");
-                let falling = controller.come_down(*dt_s, estimate, setpoint.heading_rad).sticks;
+                let falling = controller.autorotate(*dt_s, estimate, setpoint.heading_rad).sticks;
                 prop_assert!(falling.is_within_limits(), "{falling:?}");
                 let AutoTrim { tilt_ne_rad, collective, .. } = controller.auto_trim().unwrap_or_default();
                 prop_assert!(tilt_ne_rad.amax() <= 0.15 && collective.abs() <= 0.1);

@@ -83,8 +83,8 @@ impl TryFrom<TrimTable> for Trim {
 const TILT_GAIN: f64 = 0.01;
 /// Of the collective integral, 1/s per m/s.
 const COLLECTIVE_GAIN: f64 = 0.9 * TILT_GAIN;
-/// Velocity that the rules ask for per metre of error, 1/s.
-pub(crate) const VELOCITY_PER_ERROR: f64 = 0.5;
+/// The velocity that the rules ask for per metre of error, 1/s. Half as much is exact in floating point.
+pub(crate) const VELOCITY_PER_ERROR_PER_S: f64 = 0.5;
 /// From this altitude error on the rules ask for their fastest climb, m.
 pub(super) const FASTEST_CLIMB_ERROR_M: f64 = 5.0;
 /// Climb in which the rules settle, per metre of altitude error, where hover and climb are trimmed alike, 1/s. A climb
@@ -122,13 +122,13 @@ pub struct AutoTrim {
 }
 
 impl AutoTrim {
-    /// One step of the integrals, to be called only in free flight. `setpoint` has its error after the gate.
-    /// With e_v = 0.5·error + feed-forward − v and e_w = 0.38·clamp(altitude error, ±5 m) − climb:
+    /// One step of the integrals, to be called only in free flight. `setpoint` is the one after the gate.
+    /// With e_v = relative velocity + feed-forward − v and e_w = 0.38·clamp(altitude error, ±5 m) − climb:
     /// ṫ = k e_v while |e_v| < 1.5 m/s, or < 4 m/s where it is held up, |t| ≤ 0.3 rad;
     /// ċ = 0.9 k clamp(e_w, ±2.5 m/s), |c| ≤ 0.12.
     pub(super) fn step(&mut self, dt_s: f64, estimate: &Estimate, setpoint: &Setpoint) {
         let velocity_ne_m_s = estimate.velocity.horizontal();
-        let wanted_ne_m_s = setpoint.error_ne_m * VELOCITY_PER_ERROR + setpoint.feedforward_ne_m_s;
+        let wanted_ne_m_s = setpoint.relative_velocity_ne_m_s + setpoint.feedforward_ne_m_s;
         let changed_m_s = (velocity_ne_m_s - self.mean_velocity_ne_m_s).norm();
         self.mean_velocity_ne_m_s += (velocity_ne_m_s - self.mean_velocity_ne_m_s) * (dt_s / STEADY_OVER_S).min(1.0);
         let is_held_up = changed_m_s < STEADY_WITHIN_M_S

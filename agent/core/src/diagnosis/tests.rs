@@ -266,7 +266,7 @@ fn what_is_found_stays_found_and_only_worse_is_news_but_for_the_position() {
             measured.rates.yaw_rad_s = turn_rad_s;
             diagnosis.update(TICK_S, &measured, trim)
         });
-        (news.collect::<Vec<_>>(), diagnosis.worst())
+        (news.collect::<Vec<_>>(), diagnosis.worst)
     };
     assert_eq!(seconds(10, 0.0, 167.0, true), (vec![], None));
     assert_eq!(seconds(10, 2.0, 167.0, true), (vec![Failure::Gyro], Some(Failure::Gyro)));

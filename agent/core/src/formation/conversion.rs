@@ -1,7 +1,10 @@
-//! From the dimensionless formation field to the position error that the vehicle controller flies (equations 10 and 11
-//! of Garcia & Barnes 2010, and the non-linear conversion that they name as future work).
+//! From the dimensionless formation field to the velocity that the vehicle controller flies. Garcia & Barnes 2010 (equations 10
+//! and 11) make a position error of the field, and name a non-linear conversion as future work; the gains are the metres of
+//! that error, and the controller flies 0.5 m/s per metre.
 
 use nalgebra::Vector2;
+
+use crate::control::VELOCITY_PER_ERROR_PER_S;
 
 /// How the length of the field becomes metres. The direction never changes.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -34,10 +37,10 @@ impl Conversion {
         }
     }
 
-    /// The error vector for a field vector, both north-east; m. Where the field is zero, so is the error.
+    /// The velocity relative to the centre for a field vector, both north-east; m/s. Where the field is zero, so is the velocity.
     #[inline]
-    pub fn error_ne_m(&self, field_ne: Vector2<f64>) -> Vector2<f64> {
-        field_ne * self.gain_m(field_ne.norm_squared())
+    pub fn velocity_ne_m_s(&self, field_ne: Vector2<f64>) -> Vector2<f64> {
+        field_ne * self.gain_m(field_ne.norm_squared()) * VELOCITY_PER_ERROR_PER_S
     }
 }
 
@@ -51,7 +54,7 @@ mod tests {
     const DEFAULT: Conversion = Conversion::Nonlinear { gain_m: 7.0, far_gain_m: 28.0, knee: 0.3 };
 
     fn length(conversion: Conversion, v: f64) -> f64 {
-        conversion.error_ne_m(Vector2::new(v, 0.0)).x
+        conversion.velocity_ne_m_s(Vector2::new(v, 0.0)).x / VELOCITY_PER_ERROR_PER_S
     }
 
     #[test]
@@ -73,7 +76,7 @@ mod tests {
             prop_assert!(length(conversion, v) >= c0 * v - 1e-12);
             prop_assert!((length(conversion, -v) + length(conversion, v)).abs() < 1e-12);
             let field = Vector2::new(math::cos(angle), math::sin(angle)) * v;
-            prop_assert!(conversion.error_ne_m(field).perp(&field).abs() < 1e-9);
+            prop_assert!(conversion.velocity_ne_m_s(field).perp(&field).abs() < 1e-9);
             let flat = Conversion::Nonlinear { gain_m: c0, far_gain_m: c0, knee };
             let linear = Conversion::Linear { gain_m: c0 };
             prop_assert!((length(flat, v) - length(linear, v)).abs() < 1e-12);

@@ -1,7 +1,7 @@
 //! A law that is another program: the question that an agent asks, and what is flown of the answer.
 //!
 //! The program stays outside of the core. A step hands out an [`Ask`]; a later step takes the [`Answer`]. Until then, and
-//! while asks are missed, the last answer stands. Who carries both to the program and back is [`mod@crate::external`] in
+//! while asks are missed, the last answer stands. Who carries both to the program and back is `skein_agent::external` in
 //! real time and the study in virtual time; recorded answers can take their place.
 //!
 //! ```text

@@ -89,12 +89,12 @@ fn slots_and_bands_follow_the_ranks_of_the_live() {
     let second_of_three = wish(&mut formation(lines), &at(-30.0, 50.0, 30.0), &peers, 0.0);
     assert_eq!(second_of_three.setpoint.altitude_m, 30.0, "the middle band");
     assert!(
-        (second_of_three.setpoint.error_ne_m - Vector2::new(0.0, 1.9615)).norm() < 1e-3,
+        (second_of_three.setpoint.error_ne_m() - Vector2::new(0.0, 1.9615)).norm() < 1e-3,
         "a third round the circle"
     );
     let first_of_two = wish(&mut formation(lines), &at(-30.0, 50.0, 30.0), &peers[1..], 0.0);
     assert_eq!(first_of_two.setpoint.altitude_m, 28.0);
-    assert!((first_of_two.setpoint.error_ne_m.norm() - 15.0).abs() < 1e-9, "never more than 15 m");
+    assert!((first_of_two.setpoint.error_ne_m().norm() - 15.0).abs() < 1e-9, "never more than 15 m");
 }
 
 #[test]
@@ -115,15 +115,15 @@ fn the_filter_sees_all_that_is_flown_and_nobody_far_above() {
     let ahead = |altitude_m| [member(1, 100.0 * cos + 12.0, 100.0 * sin, altitude_m), member(3, 0.0, -90.0, 30.0)];
     let mut filtered = formation(slots);
     let held = wish(&mut filtered, &place, &ahead(30.0), 4.0);
-    let flown_m_s = held.setpoint.error_ne_m * VELOCITY_PER_ERROR + held.setpoint.feedforward_ne_m_s;
+    let flown_m_s = held.setpoint.relative_velocity_ne_m_s + held.setpoint.feedforward_ne_m_s;
     assert!((flown_m_s.x - 0.125 * 80.0 / 12.0).abs() < 1e-9, "κ/4 h / d: {flown_m_s}");
     assert_eq!(filtered.safety_activations(), Some(1));
     wish(&mut filtered, &place, &ahead(30.0), 4.0);
     assert_eq!(filtered.safety_activations(), Some(1), "once for each time that it steps in");
     let above = wish(&mut filtered, &place, &ahead(38.5), 4.0);
-    assert!(above.setpoint.error_ne_m.norm() < 1e-6);
+    assert!(above.setpoint.relative_velocity_ne_m_s.norm() < 1e-6);
     let free = wish(&mut formation("law = 'virtual-structure'\nsafety_filter = 'none'"), &place, &ahead(30.0), 4.0);
-    assert!(free.setpoint.error_ne_m.norm() < 1e-6);
+    assert!(free.setpoint.relative_velocity_ne_m_s.norm() < 1e-6);
 }
 
 const LAWS: [&str; 6] = ["ring", "flock", "olfati-saber", "vasarhelyi", "virtual-structure", "displacement-consensus"];
@@ -158,8 +158,9 @@ proptest! {
             let mut formation = formation(&lines);
             for _ in 0..2 {
                 let wish = formation.step(dt_s, &estimate, &seen(&peers), &task(centre)).unwrap();
-                let Setpoint { error_ne_m, feedforward_ne_m_s, altitude_m, heading_rad } = wish.setpoint;
-                let numbers = error_ne_m.iter().chain(&feedforward_ne_m_s).chain(&wish.field_ne);
+                let Setpoint { relative_velocity_ne_m_s, feedforward_ne_m_s, altitude_m, heading_rad } = wish.setpoint;
+                let error_ne_m = wish.setpoint.error_ne_m();
+                let numbers = relative_velocity_ne_m_s.iter().chain(&feedforward_ne_m_s).chain(&wish.field_ne);
                 prop_assert!(numbers.chain([&altitude_m, &heading_rad]).all(|x| x.is_finite()), "{law}: {wish:?}");
                 let is_field = ["ring", "flock"].contains(&law);
                 let bound_m = if is_field { 28.0 * 20.0 } else { 15.0 + 1e-9 };
@@ -174,7 +175,7 @@ fn a_velocity_is_flown_over_the_ground_whatever_is_fed_forward() {
     for feedforward in [true, false] {
         let lines = format!("law = 'vasarhelyi'\nfeedforward = {feedforward}\nsafety_filter = 'none'");
         let setpoint = wish(&mut formation(&lines), &at(0.0, 0.0, 30.0), &[], 3.0).setpoint;
-        let flown_m_s = setpoint.error_ne_m * VELOCITY_PER_ERROR + setpoint.feedforward_ne_m_s;
+        let flown_m_s = setpoint.relative_velocity_ne_m_s + setpoint.feedforward_ne_m_s;
         assert!((flown_m_s - Vector2::new(3.0, 0.0)).norm() < 1e-12, "at the centre: with it");
     }
 }
@@ -200,10 +201,10 @@ fn a_law_may_climb_and_what_is_not_finite_is_no_wish() {
     let climbs = |up_m_s: f64| Wanted::Velocity { ne_m_s: Vector2::new(1.0, 0.0), down_m_s: Some(-up_m_s) };
     assert_eq!(flown(climbs(1.0), 10.0).altitude_m, 30.0, "first it takes off");
     let up = flown(climbs(1.0), 31.0);
-    assert!((up.altitude_m - 31.02).abs() < 1e-9 && up.error_ne_m == Vector2::new(2.0, 0.0), "{up:?}");
+    assert!((up.altitude_m - 31.02).abs() < 1e-9 && up.relative_velocity_ne_m_s == Vector2::new(1.0, 0.0), "{up:?}");
     for nothing in [climbs(f64::NAN), Wanted::Way(Vector2::new(f64::INFINITY, 0.0))] {
         let setpoint = flown(nothing, 31.0);
-        assert!(setpoint.error_ne_m == Vector2::zeros() && setpoint.altitude_m == 30.0, "{setpoint:?}");
+        assert!(setpoint.relative_velocity_ne_m_s == Vector2::zeros() && setpoint.altitude_m == 30.0, "{setpoint:?}");
     }
 }
 

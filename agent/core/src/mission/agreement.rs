@@ -32,17 +32,16 @@
 
 use alloc::vec::Vec;
 
-use skein_common::id::{Incarnation, VehicleId, VehicleSet};
+use skein_common::id::{VehicleId, VehicleSet};
+use skein_common::message::MessageOrder;
 use skein_common::scenario::Partition;
 use skein_common::state::Membership;
 
 /// What is known of one agent's part in the agreement.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Part {
-    /// Its life.
-    pub incarnation: Incarnation,
-    /// Of its word in this life: the later one says whether it takes part.
-    pub sequence: u64,
+    /// The order of its newest message, which says whether it is an active member.
+    pub order: MessageOrder,
     /// Whether the others count on it.
     pub membership: Membership,
     /// The step that it is at.
@@ -57,10 +56,10 @@ impl Part {
     /// The least part that says all that both say: the later life; in one life the later word about taking part, and the
     /// larger of everything else. Idempotent, commutative, associative.
     pub fn merge(self, other: Self) -> Self {
-        if self.incarnation != other.incarnation {
-            return if self.incarnation > other.incarnation { self } else { other };
+        let later = if (self.order, self.membership) >= (other.order, other.membership) { self } else { other };
+        if self.order.incarnation != other.order.incarnation {
+            return later;
         }
-        let later = if (self.sequence, self.membership) >= (other.sequence, other.membership) { self } else { other };
         Self {
             step: self.step.max(other.step),
             vouched: self.vouched.max(other.vouched),

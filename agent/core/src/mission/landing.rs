@@ -2,6 +2,7 @@
 
 use skein_common::time::PlantTime;
 
+use crate::deadlines::Deadline;
 use crate::estimate::Estimate;
 
 /// Descent to land, m/s, and the gentler one below [`GENTLE_BELOW_M`].
@@ -11,13 +12,10 @@ const GENTLE_BELOW_M: f64 = 6.0;
 /// The altitude asked for runs at most this far below the one that the vehicle would keep: an error that holds the wanted
 /// sink rate, m.
 const DESCENT_LEAD_M: f64 = 3.0;
-/// Below this height, asked to be lower by so much, and for [`TOUCHDOWN_S`] not sinking: down, m, m, m/s, s.
+/// Below this height, asked to be lower by so much, and for a while ([`Deadline::TouchedDown`]) not sinking: down, m, m, m/s.
 const TOUCHDOWN_BELOW_M: f64 = 3.0;
 const TOUCHDOWN_LEAD_M: f64 = 1.0;
 const TOUCHDOWN_SINK_M_S: f64 = 0.15;
-const TOUCHDOWN_S: f64 = 1.0;
-/// The rotor is unloaded within this time after touchdown, s.
-const UNLOAD_S: f64 = 2.0;
 
 /// A landing under way.
 #[derive(Clone, Copy, Debug)]
@@ -61,12 +59,12 @@ impl Landing {
         let is_still = estimate.velocity.down_m_s().abs() < TOUCHDOWN_SINK_M_S;
         let resting = estimate.height_m < TOUCHDOWN_BELOW_M && is_asked_down && is_still;
         self.resting_s = if resting { self.resting_s + dt_s } else { 0.0 };
-        if self.resting_s > TOUCHDOWN_S {
+        if Deadline::TouchedDown.is_past(self.resting_s) {
             self.unloading_s.get_or_insert(0.0);
         }
         if let Some(unloading_s) = &mut self.unloading_s {
             *unloading_s += dt_s;
-            return if *unloading_s > UNLOAD_S { Descent::Down } else { Descent::Unloading };
+            return if Deadline::Unloaded.is_past(*unloading_s) { Descent::Down } else { Descent::Unloading };
         }
         let sink_m_s = if estimate.height_m > GENTLE_BELOW_M { DESCENT_M_S } else { GENTLE_DESCENT_M_S };
         Descent::To((altitude_m.min(at_m) - sink_m_s * dt_s).max(at_m - DESCENT_LEAD_M - off_m))

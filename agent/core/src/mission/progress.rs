@@ -5,6 +5,7 @@ use skein_common::time::PlantTime;
 
 use super::centre;
 use super::plan::{Kind, Leg};
+use crate::deadlines::Deadline;
 
 /// How far the present step is.
 #[derive(Clone, Copy, Debug, Default)]
@@ -69,10 +70,10 @@ impl LegProgress {
 
     /// Whether nothing of the step is left to this vehicle.
     pub fn is_over(&self, leg: &Leg) -> bool {
-        let is_placed = self.placed_s >= leg.dwell_s && self.placed_s > 0.0;
+        let is_placed = Deadline::Dwelt(leg.dwell_s).is_past(self.placed_s) && self.placed_s > 0.0;
         match &leg.kind {
             Kind::Place => is_placed,
-            Kind::Hold(hold_s) => self.spent_s >= *hold_s,
+            Kind::Hold(hold_s) => Deadline::HoldOver(*hold_s).is_past(self.spent_s),
             Kind::Path(path) => is_placed && self.along_m >= path.length_m(),
             Kind::Land => false,
         }

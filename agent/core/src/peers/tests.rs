@@ -1,3 +1,4 @@
+use proptest::prelude::*;
 use skein_common::frame::Geodetic;
 use skein_common::message::{Order, Verb};
 use skein_common::scenario::{Source, load};
@@ -258,4 +259,49 @@ fn a_peer_is_not_blamed_for_the_time_in_which_the_own_agent_did_not_run() {
     assert_eq!(table.hear(10.1, &[]), [Change::Lost(id(2))]);
     table.hear(20.0, &[state(2, 1, 2, 0.0)]);
     assert_eq!(table.hear(22.1, &[]), [Change::Lost(id(2))], "the usual time again");
+}
+
+/// A message of vehicle 2, whose place says which state it is.
+fn message_of(life: u64, sequence: u64, is_state: bool) -> Word {
+    let Word::State(sent) = state(2, life, sequence, north_m(life, sequence)) else { unreachable!() };
+    let at_rest = VehicleState { velocity: VelocityNed::default(), ..sent.state };
+    if is_state {
+        Word::State(State { state: at_rest, ..sent })
+    } else {
+        mission(2, life, sequence, Membership::Active)
+    }
+}
+
+fn north_m(life: u64, sequence: u64) -> f64 {
+    life as f64 * 100.0 + sequence as f64
+}
+
+proptest! {
+    #[test]
+    fn under_loss_reordering_duplication_and_restarts_the_newest_message_of_the_last_life_is_believed(
+        received in proptest::collection::vec((1_u64..4, 1_u64..8, any::<bool>(), 0.0..0.3, -1.0..1.0), 1..60),
+    ) {
+        let mut table = Table::new();
+        let (mut now_s, mut states, mut heartbeats) = (1.0, Vec::new(), Vec::new());
+        for (life, sequence, is_state, after_s, off_s) in received {
+            now_s += after_s;
+            // The time of arrival may be wrong: the own clock was set.
+            let heard = Heard { word: message_of(life, sequence, is_state), at: seconds(now_s + off_s) };
+            table.0.update(seconds(now_s), &origin(), &[heard]);
+            if is_state { states.push((life, sequence)) } else { heartbeats.push((life, sequence)) }
+            let last_life = states.iter().chain(&heartbeats).map(|(life, _)| *life).max();
+            let newest = |sent: &[(u64, u64)]| sent.iter().filter(|(life, _)| Some(*life) == last_life).max().copied();
+
+            let believed = table.0.seen().first();
+            prop_assert_eq!(believed.is_some(), newest(&states).is_some(), "a state of an earlier life is forgotten");
+            if let Some((believed, (life, sequence))) = believed.zip(newest(&states)) {
+                prop_assert!((believed.position.north_m() - north_m(life, sequence)).abs() < 1e-4, "{believed:?}");
+                prop_assert!(believed.age_s >= 0.0 && believed.carried_s >= 0.0 && believed.silent_s() >= 0.0);
+            }
+            if let Some(heartbeat) = table.0.missions().next() {
+                let order = heartbeat.header.order();
+                prop_assert_eq!(Some((order.incarnation.0, order.sequence)), newest(&heartbeats));
+            }
+        }
+    }
 }

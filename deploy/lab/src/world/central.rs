@@ -33,9 +33,9 @@ use skein_core::agent::Outputs;
 use skein_core::aircraft::Aircraft;
 use skein_core::formation::external::Ask;
 use skein_core::impairments::{Ear, Whereabouts};
+use skein_core::outbox::Outbox;
 use skein_core::peers::{Heard, Word};
 use skein_core::plant::{Measurement, Sticks};
-use skein_core::speech;
 
 use super::script::Deed;
 use super::{TICK_NS, Vehicle};
@@ -255,25 +255,20 @@ impl Machine {
 
     /// One vehicle's part of the frame that begins now. Gives what its agent says to the others,
     /// and asks.
-    pub(super) fn step(
-        &mut self,
-        now: LocalTime,
-        tick: u64,
-        vehicle: &mut Vehicle,
-    ) -> Option<(speech::Said, Option<Ask>)> {
+    pub(super) fn step(&mut self, now: LocalTime, tick: u64, vehicle: &mut Vehicle) -> Option<(Outbox, Option<Ask>)> {
         let rank = usize::from(vehicle.id.get());
         let line = self.lines.get_mut(rank - 1)?;
         let newest = line.newest.take();
         line.plant_time = newest.map_or(line.plant_time, |(plant_time, _)| plant_time);
         let now_here = Now { plant: line.plant_time, local: now };
         let measurement = newest.as_ref().map(|(_, measurement)| measurement);
-        let Outputs { command, said, ask } = vehicle.think(now_here, measurement, tick)?;
+        let Outputs { command, outbox, ask } = vehicle.think(now_here, measurement, tick)?;
         if let Some(sticks) = command {
             let at = now.plus_seconds(self.step_s * rank as f64);
             let state = VehicleState { position: self.place, velocity: VelocityNed::default(), heading_rad: 0.0 };
             line.computed.push_back(numbered(self.id, line.controls.send(sticks), state, at));
         }
-        Some((said, ask))
+        Some((outbox, ask))
     }
 
     /// What arrives at the simulators before their next frames; they go on to these.

@@ -8,7 +8,7 @@ use skein_common::scenario::{PositionSensing, Sensing, VelocitySensing};
 use skein_common::time::{LocalTime, Now, PlantTime};
 
 use crate::aircraft::Aircraft;
-use crate::control::{Rules, Setpoint, VehicleController};
+use crate::control::{Rules, Setpoint, VELOCITY_PER_ERROR_PER_S, VehicleController};
 use crate::diagnosis::Diagnosis;
 use crate::estimate::{Estimate, Estimator};
 use crate::helicopter::{BuiltInVehicle, Failures, Start, TICK_S, Weather};
@@ -85,8 +85,9 @@ impl Flight {
     /// Where the flight wants it.
     pub(super) fn setpoint(&self, estimate: &Estimate) -> Setpoint {
         let error_ne_m = (self.place_ne_m - estimate.position.horizontal()).cap_magnitude(FARTHEST_M);
+        let relative_velocity_ne_m_s = error_ne_m * VELOCITY_PER_ERROR_PER_S;
         let Self { moves_ne_m_s: feedforward_ne_m_s, altitude_m, heading_rad, .. } = *self;
-        Setpoint { error_ne_m, feedforward_ne_m_s, altitude_m, heading_rad }
+        Setpoint { relative_velocity_ne_m_s, feedforward_ne_m_s, altitude_m, heading_rad }
     }
 
     /// One tick on with these controls.
@@ -127,7 +128,7 @@ impl Flight {
     }
 
     pub(super) fn reckon_on(&mut self) {
-        self.estimator.reckon_on();
+        self.estimator.dead_reckon();
     }
 
     pub(super) fn fail(&mut self, failures: Failures) {

@@ -2,6 +2,7 @@
 
 use super::flight::{Flight, Senses};
 use super::*;
+use crate::failsafe::Response;
 
 /// How it met the ground.
 #[derive(Clone, Copy, Debug, Default)]
@@ -37,9 +38,9 @@ fn answer(flight: &mut Flight) -> Sticks {
     let sink_m_s = if estimate.height_m > 6.0 { 2.0 } else { 0.7 };
     flight.altitude_m = (flight.altitude_m - sink_m_s * TICK_S).max(estimate.position.altitude_m() - 3.0);
     let setpoint = flight.setpoint(&estimate);
-    let controls = match flight.diagnosis.worst() {
-        Some(Failure::Engine) => flight.controller.come_down(TICK_S, &estimate, setpoint.heading_rad),
-        _ if flight.diagnosis.is_cyclic_stuck() => flight.controller.turn(TICK_S, &estimate, &setpoint),
+    let controls = match flight.diagnosis.conditions().response() {
+        Response::Autorotate => flight.controller.autorotate(TICK_S, &estimate, setpoint.heading_rad),
+        Response::LandTurning => flight.controller.turn(TICK_S, &estimate, &setpoint),
         _ => flight.controller.step(TICK_S, &estimate, &setpoint),
     };
     controls.sticks
@@ -191,7 +192,7 @@ fn with_a_stuck_collective_it_keeps_its_place_over_the_ground() {
         if flight.found.is_empty() {
             continue;
         }
-        assert!(!flight.diagnosis.is_cyclic_stuck());
+        assert_eq!(flight.diagnosis.conditions().response(), Response::Land);
         flight.stop_here();
         for _ in 0..1_500 {
             let sticks = answer(&mut flight);

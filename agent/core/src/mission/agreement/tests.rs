@@ -2,6 +2,8 @@ use proptest::collection::vec;
 use proptest::prelude::*;
 use proptest::sample::select;
 
+use skein_common::id::Incarnation;
+
 use super::*;
 
 const ROSTER: u8 = 4;
@@ -15,8 +17,12 @@ fn set(numbers: &[u8]) -> VehicleSet {
     numbers.iter().map(|&number| id(number)).collect()
 }
 
+fn order(life: u64, sequence: u64) -> MessageOrder {
+    MessageOrder { incarnation: Incarnation(life), sequence }
+}
+
 fn active(step: u32, reached: Option<u32>) -> Part {
-    Part { incarnation: Incarnation(1), sequence: 5, membership: Membership::Active, step, vouched: step, reached }
+    Part { order: order(1, 5), membership: Membership::Active, step, vouched: step, reached }
 }
 
 /// These others are heard. Of the four, those that are not may be flying.
@@ -99,7 +105,7 @@ fn a_vehicle_that_joins_follows_two_others_but_goes_nowhere_by_itself() {
 
 #[test]
 fn a_member_counts_from_the_word_that_says_so() {
-    let joining = Part { membership: Membership::Joining, sequence: 4, ..active(0, None) };
+    let joining = Part { membership: Membership::Joining, order: order(1, 4), ..active(0, None) };
     let mut agreement = among(&[(2, joining)]);
     assert_eq!(agreement.members(), set(&[]));
     agreement.step(Event::Heard(id(2), active(0, None)));
@@ -112,7 +118,7 @@ fn a_member_counts_from_the_word_that_says_so() {
 #[test]
 fn a_restart_begins_again_and_its_former_life_is_silent() {
     let mut agreement = among(&[(2, active(0, Some(0)))]);
-    let reborn = Part { incarnation: Incarnation(2), sequence: 1, ..active(0, None) };
+    let reborn = Part { order: order(2, 1), ..active(0, None) };
     agreement.step(Event::Heard(id(2), reborn));
     agreement.step(Event::Heard(id(2), active(0, Some(0))));
     assert_eq!(agreement.part(id(2)), Some(&reborn));
@@ -241,8 +247,7 @@ fn part() -> impl Strategy<Value = Part> {
         step_and_reached.prop_flat_map(|(step, reached)| (Just(step), 0..=step, Just(reached)));
     (0_u64..3, 0_u64..4, membership(), step_vouched_and_reached).prop_map(
         |(life, sequence, membership, (step, vouched, reached))| Part {
-            incarnation: Incarnation(life),
-            sequence,
+            order: order(life, sequence),
             membership,
             step,
             vouched,
@@ -296,9 +301,9 @@ impl Witness {
     fn members(&self, step: u32) -> Vec<bool> {
         let present = (2..=ROSTER).map(id).filter(|id| self.heard.contains(*id)).filter_map(|id| {
             let words = self.words.iter().filter(|(speaker, _)| *speaker == id).map(|(_, part)| *part);
-            let life = words.clone().map(|part| part.incarnation).max()?;
-            let words = words.filter(move |part| part.incarnation == life);
-            let (_, latest) = words.clone().map(|part| (part.sequence, part.membership)).max()?;
+            let life = words.clone().map(|part| part.order.incarnation).max()?;
+            let words = words.filter(move |part| part.order.incarnation == life);
+            let (_, latest) = words.clone().map(|part| (part.order, part.membership)).max()?;
             let has_reached = words.clone().any(|part| part.step > step || part.reached >= Some(step));
             (latest == Membership::Active).then_some(has_reached)
         });

@@ -1,0 +1,262 @@
+//! The last stage of the loop: what one step sends to the peers, and when it sends it.
+//!
+//! The vehicle sends its state on need, as in DIS (IEEE 1278.1): when the peers' dead reckoning of it would be off by more than a
+//! threshold, and at least once per `network.state_max_period_s`. It sends a heartbeat with its agreement state when that state
+//! changes, again in a few frames after the change, and five times a second.
+
+use alloc::vec::Vec;
+
+use skein_common::frame::{PositionNed, VelocityNed};
+use skein_common::id::{Incarnation, VehicleId};
+use skein_common::math;
+use skein_common::message::{self, Echo, Happening, Header, Mission as MissionMessage, State};
+use skein_common::scenario::{Network, SendMode};
+use skein_common::time::{LocalTime, SenderStamp};
+
+use crate::deadlines::Deadline;
+use crate::estimate::Estimate;
+use crate::mission::Mission;
+
+/// A changed agreement state is repeated in so many frames: if three messages in ten are lost, one peer in 50,000 misses all nine.
+const CHANGE_REPEATS: u32 = 8;
+
+/// The messages that one step sends.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Outbox {
+    /// The own state, if the peers need it.
+    pub state: Option<State>,
+    /// The heartbeat with the agreement state, if it is due.
+    pub mission: Option<MissionMessage>,
+    /// The events of this step, in the order of the stages that found them.
+    pub happened: Vec<Happening>,
+}
+
+/// Decides when the vehicle sends its state and its heartbeat, and counts what it sent.
+#[derive(Clone, Debug)]
+pub struct SendSchedule {
+    own: VehicleId,
+    incarnation: Incarnation,
+    need: Need,
+    sent: Option<SentState>,
+    mission: Option<(MissionMessage, LocalTime)>,
+    /// How often the last change of the agreement state is still to be repeated.
+    repeats: u32,
+    state_messages: u64,
+    state_bytes: u64,
+    missions: u64,
+    mission_bytes: u64,
+    traces: u64,
+}
+
+/// When the peers need a new state.
+#[derive(Clone, Copy, Debug)]
+struct Need {
+    every_frame: bool,
+    error_m: f64,
+    error_m_s: f64,
+    max_period_s: f64,
+}
+
+/// The last state sent: the peers dead-reckon the vehicle from it.
+#[derive(Clone, Copy, Debug)]
+struct SentState {
+    position: PositionNed,
+    velocity: VelocityNed,
+    at: LocalTime,
+}
+
+impl Need {
+    fn is_there(&self, now: LocalTime, sent: Option<&SentState>, estimate: &Estimate) -> bool {
+        let Some(sent) = sent else { return true };
+        let since_s = now.seconds_since(sent.at);
+        let reckoned = sent.position + sent.velocity.0 * since_s;
+        self.every_frame
+            || Deadline::StateDue(self.max_period_s).is_past(since_s)
+            || (estimate.velocity - sent.velocity).norm_squared() > math::square(self.error_m_s)
+            || (estimate.position - reckoned).norm_squared() > math::square(self.error_m)
+    }
+}
+
+impl SendSchedule {
+    /// The schedule of a vehicle that has sent nothing in this life.
+    pub fn new(own: VehicleId, incarnation: Incarnation, network: &Network) -> Self {
+        let need = Need {
+            every_frame: network.send == SendMode::EveryFrame,
+            error_m: network.state_error_m,
+            error_m_s: network.state_error_m_s,
+            max_period_s: network.state_max_period_s,
+        };
+        Self {
+            own,
+            incarnation,
+            need,
+            sent: None,
+            mission: None,
+            repeats: 0,
+            state_messages: 0,
+            state_bytes: 0,
+            missions: 0,
+            mission_bytes: 0,
+            traces: 0,
+        }
+    }
+
+    /// The messages to send now. Without an estimate that still holds no state is sent: the peers carry the last one forward and
+    /// see its age. `echo` gives the echo for a heartbeat with this stamp.
+    pub fn outbox(
+        &mut self,
+        now: LocalTime,
+        estimate: Option<&Estimate>,
+        mission: &Mission,
+        happened: Vec<Happening>,
+        echo: impl FnOnce(SenderStamp) -> Option<Echo>,
+    ) -> Outbox {
+        Outbox { state: estimate.and_then(|e| self.state(now, e)), mission: self.mission(now, mission, echo), happened }
+    }
+
+    /// The number of states sent in this life.
+    pub fn state_messages(&self) -> u64 {
+        self.state_messages
+    }
+
+    /// The payload of the states sent in this life, bytes.
+    pub fn state_bytes(&self) -> u64 {
+        self.state_bytes
+    }
+
+    /// The number of heartbeats sent in this life, and their payload, bytes.
+    pub fn missions(&self) -> (u64, u64) {
+        (self.missions, self.mission_bytes)
+    }
+
+    /// The header of the next trace.
+    pub fn header_of_trace(&mut self, now: LocalTime) -> Header {
+        self.traces += 1;
+        self.header(now, self.traces)
+    }
+
+    fn state(&mut self, now: LocalTime, estimate: &Estimate) -> Option<State> {
+        if !self.need.is_there(now, self.sent.as_ref(), estimate) {
+            return None;
+        }
+        self.sent = Some(SentState { position: estimate.position, velocity: estimate.velocity, at: now });
+        self.state_messages += 1;
+        let message = State { header: self.header(now, self.state_messages), state: estimate.state() };
+        self.state_bytes += message::encode(&message).len() as u64;
+        Some(message)
+    }
+
+    fn mission(
+        &mut self,
+        now: LocalTime,
+        mission: &Mission,
+        echo: impl FnOnce(SenderStamp) -> Option<Echo>,
+    ) -> Option<MissionMessage> {
+        let (membership, step, vouched, reached, order) =
+            (mission.membership(), mission.at(), mission.vouched(), mission.reached(), mission.order());
+        let due = self.mission.as_ref().is_none_or(|(sent, at)| {
+            let before = (sent.membership, sent.step, sent.vouched, sent.reached, sent.order);
+            if before != (membership, step, vouched, reached, order) {
+                self.repeats = CHANGE_REPEATS + 1;
+            }
+            self.repeats > 0 || Deadline::HeartbeatDue.is_past(now.seconds_since(*at))
+        });
+        if !due {
+            return None;
+        }
+        self.repeats = self.repeats.saturating_sub(1);
+        self.missions += 1;
+        let header = self.header(now, self.missions);
+        let (plan, progress_m) = (mission.plan(), mission.progress_m());
+        let echo = echo(header.stamp);
+        let heartbeat = MissionMessage { header, plan, membership, step, vouched, reached, progress_m, order, echo };
+        self.mission_bytes += message::encode(&heartbeat).len() as u64;
+        self.mission = Some((heartbeat, now));
+        Some(heartbeat)
+    }
+
+    fn header(&self, now: LocalTime, sequence: u64) -> Header {
+        Header { sender: self.own, incarnation: self.incarnation, sequence, stamp: now.into() }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::Vector3;
+    use proptest::prelude::*;
+    use skein_common::frame::{Attitude, BodyRates, Geodetic, Origin};
+    use skein_common::scenario::{Source, load};
+
+    use super::*;
+
+    fn estimate(north_m: f64, north_m_s: f64) -> Estimate {
+        Estimate {
+            position: PositionNed::new(north_m, 0.0, -30.0),
+            geodetic: Geodetic::from_degrees(28.0, -82.0, 30.0),
+            height_m: 30.0,
+            velocity: VelocityNed::new(north_m_s, 0.0, 0.0),
+            attitude: Attitude::default(),
+            rates: BodyRates::default(),
+            rotor_speed_rad_s: None,
+        }
+    }
+
+    #[test]
+    fn a_state_is_needed_when_dead_reckoning_would_be_off() {
+        let need = Need { every_frame: false, error_m: 0.1, error_m_s: 0.1, max_period_s: 0.2 };
+        let at = LocalTime::from_seconds;
+        let sent = SentState {
+            position: PositionNed::new(0.0, 0.0, -30.0),
+            velocity: VelocityNed::new(5.0, 0.0, 0.0),
+            at: at(1.0),
+        };
+        let needed =
+            |seconds, north_m, north_m_s| need.is_there(at(seconds), Some(&sent), &estimate(north_m, north_m_s));
+        assert!(need.is_there(at(1.0), None, &estimate(0.0, 0.0)), "nothing sent yet");
+        assert!(!needed(1.1, 0.5, 5.0), "just where the peers dead-reckon it");
+        assert!(needed(1.1, 0.61, 5.0), "0.11 m off");
+        assert!(needed(1.1, 0.5, 5.11), "0.11 m/s off");
+        assert!(needed(1.2, 1.0, 5.0), "long enough");
+        assert!(Need { every_frame: true, ..need }.is_there(at(1.0), Some(&sent), &estimate(0.0, 5.0)));
+    }
+
+    proptest! {
+        #[test]
+        fn a_peers_dead_reckoning_errs_no_more_than_the_thresholds_and_one_frames_motion(
+            accelerations in proptest::collection::vec((-8.0..8.0, -8.0..8.0_f64, -8.0..8.0), 1..400),
+            late_s in 0.0..0.02, state_error_m in 0.01..1.0, state_error_m_s in 0.05..3.0,
+        ) {
+            let scenario = load(&Source { name: "test.toml", text: "swarm.vehicles = 4" }, &[]).unwrap().scenario;
+            let network = Network { state_error_m, state_error_m_s, state_max_period_s: 5.0, ..scenario.network.clone() };
+            let own = VehicleId::new(1).unwrap();
+            let mission = Mission::new(own, &scenario, None);
+            let mut schedule = SendSchedule::new(own, Incarnation(1), &network);
+            let origin = Origin::new(scenario.origin.geodetic());
+            let mut flown = estimate(0.0, 0.0);
+            let mut known: Option<(PositionNed, VelocityNed, LocalTime)> = None;
+            let mut now = LocalTime::ZERO;
+            for (north, east, down) in accelerations {
+                let dt_s = 0.02 + late_s;
+                now = now.plus_seconds(dt_s);
+                let moved_m = flown.velocity.0 * dt_s;
+                flown.position = flown.position + moved_m;
+                flown.velocity.0 += Vector3::new(north, east, down) * dt_s;
+                flown.geodetic = origin.geodetic_from_ned(flown.position);
+                let errors = |(position, velocity, at): (PositionNed, VelocityNed, LocalTime)| {
+                    let reckoned = position + velocity.0 * now.seconds_since(at);
+                    ((flown.position - reckoned).norm(), (flown.velocity - velocity).norm())
+                };
+                if let Some(known) = known {
+                    let frame_m = moved_m.norm() + known.1.0.norm() * dt_s;
+                    prop_assert!(errors(known).0 <= state_error_m + frame_m + 1e-4, "before the next message");
+                }
+                let outbox = schedule.outbox(now, Some(&flown), &mission, Vec::new(), |_| None);
+                if let Some(State { state, .. }) = outbox.state {
+                    known = Some((origin.ned_from_geodetic(&state.position), state.velocity, now));
+                }
+                let (error_m, error_m_s) = errors(known.unwrap());
+                prop_assert!(error_m <= state_error_m + 1e-4 && error_m_s <= state_error_m_s + 1e-9);
+            }
+        }
+    }
+}
