@@ -38,10 +38,8 @@ use crate::link::{ASK_EVERY, HealthLine, Link, LinkError, Sessions, Trust, ZENOH
 use crate::plant::xplane;
 use crate::unix;
 use control::Control;
-use skein_core::agent::Agent;
 use skein_core::formation::NotFlown;
-use skein_core::impairments::Ear;
-use skein_core::skew::Skew;
+use skein_core::station::{Clocks, Station};
 use skein_host::clock::{LocalClock, new_incarnation, next_incarnation, utc_nanoseconds};
 use skein_host::external::ExternalError;
 
@@ -157,7 +155,9 @@ pub fn run(node: &Node, stop: &Arc<Stop>, tokio: &Handle) -> Result<(), RunError
 pub fn fly(node: &Node, sessions: impl Into<Sessions>, stop: &Arc<Stop>, tokio: &Handle) -> Result<(), RunError> {
     let clock = LocalClock::start();
     let incarnation = incarnation();
-    let agent = Agent::new(&node.scenario, node.id, incarnation, &node.aircraft, node.rules.clone())?;
+    let clocks = Clocks::new(&node.scenario, node.id).after(node.flown_s);
+    let craft = (&node.aircraft, node.rules.clone());
+    let station = Station::new(&node.scenario, node.id, incarnation, craft, clocks)?;
     let plant = node.open_plant()?;
     let trust = Trust {
         orders: node.orders_key,
@@ -170,16 +170,13 @@ pub fn fly(node: &Node, sessions: impl Into<Sessions>, stop: &Arc<Stop>, tokio: 
     let (health, healths) = mpsc::channel(2);
     tokio.spawn(publish(link.health(utc_nanoseconds)?, healths));
     let control = Control {
-        agent,
+        station,
         plant,
         plant_name: node.plant.name(),
         release: release(),
         link,
-        ear: Ear::new(&node.scenario, node.id),
         law: LiveLaw::start(&node.scenario, node.id)?,
-        flown_before_s: node.flown_s,
         clock,
-        skew: Skew::new(&node.scenario, node.id),
         origin: Origin::new(node.scenario.origin.geodetic()),
         own: node.id,
         incarnation,

@@ -10,6 +10,9 @@
 //!      plant                  peer agents                             plant             peer agents
 //! ```
 //!
+//! Around the agent stands its [`station`]: the network that the scenario impairs, the clock that it sets wrong, the time since
+//! take-off and the trace. Control thread and study drive the same station.
+//!
 //! Each stage is the module of its name. It takes the values of the stages before it and returns its own; the loop closes only
 //! through the plant and through what the last step left behind. What is missing or broken is answered by one table ([`failsafe`]);
 //! what time alone changes stands in another ([`deadlines`]).
@@ -38,3 +41,4 @@ pub mod plant;
 pub mod random;
 pub mod skew;
 pub mod start;
+pub mod station;

@@ -11,6 +11,8 @@ pub struct Skew {
     zero: LocalTime,
     /// How much too fast it runs.
     drift: f64,
+    /// How far it has jumped ahead, s.
+    ahead_s: f64,
 }
 
 impl Skew {
@@ -19,13 +21,22 @@ impl Skew {
     pub fn new(scenario: &Scenario, own: VehicleId) -> Self {
         let Some(vehicle) = scenario.vehicle(own) else { return Self::default() };
         let last_s = scenario.vehicle.iter().map(|vehicle| vehicle.clock_offset_s).fold(0.0, f64::min);
-        Self { zero: LocalTime::from_seconds(vehicle.clock_offset_s - last_s), drift: vehicle.clock_drift_ppm * 1e-6 }
+        Self {
+            zero: LocalTime::from_seconds(vehicle.clock_offset_s - last_s),
+            drift: vehicle.clock_drift_ppm * 1e-6,
+            ahead_s: 0.0,
+        }
     }
 
     /// What the clock shows when one that is right shows `right`.
     pub fn shown(self, right: LocalTime) -> LocalTime {
         let drifted = right.plus_seconds(right.seconds() * self.drift);
-        LocalTime::from_nanoseconds(drifted.nanoseconds() + self.zero.nanoseconds())
+        LocalTime::from_nanoseconds(drifted.nanoseconds() + self.zero.nanoseconds()).plus_seconds(self.ahead_s)
+    }
+
+    /// The clock jumps forward, or back if negative, s.
+    pub fn jump(&mut self, by_s: f64) {
+        self.ahead_s += by_s;
     }
 
     /// Whether the clock is right.

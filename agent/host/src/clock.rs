@@ -97,8 +97,13 @@ impl Utc {
     }
 }
 
-/// The present UTC, to the nanosecond.
+/// The present UTC, to the second, as certificates have it.
 pub fn utc() -> OffsetDateTime {
+    let now = utc_now();
+    now.replace_nanosecond(0).unwrap_or(now)
+}
+
+fn utc_now() -> OffsetDateTime {
     // Nanoseconds since 1970 in 64 bits end in 2554.
     OffsetDateTime::from_unix_timestamp_nanos(utc_nanoseconds().into()).unwrap_or(OffsetDateTime::UNIX_EPOCH)
 }
@@ -110,7 +115,7 @@ pub fn utc_name() -> String {
 
 /// The present UTC at the head of a log's line, `2026-11-21T08:15:02.123456Z`.
 pub fn utc_stamp() -> String {
-    let utc = utc();
+    let utc = utc_now();
     let (hour, minute, second, us) = (utc.hour(), utc.minute(), utc.second(), utc.microsecond());
     format!("{}T{hour:02}:{minute:02}:{second:02}.{us:06}Z", utc.date())
 }

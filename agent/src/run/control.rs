@@ -6,8 +6,8 @@ use std::time::{Duration, Instant};
 use skein_common::frame::Origin;
 use skein_common::id::{Incarnation, VehicleId};
 use skein_common::message::{Drops, Event, Header, Health, PeerHealth, Reason, Refused, Trace};
-use skein_common::state::{Activity, Membership};
-use skein_common::time::{LocalTime, Now, PlantTime};
+use skein_common::state::Activity;
+use skein_common::time::{LocalTime, PlantTime};
 use skein_common::topic::Cell;
 use tokio::sync::mpsc;
 
@@ -16,12 +16,11 @@ use super::silence::Silence;
 use super::timing::{Summary, Timing};
 use crate::law::LiveLaw;
 use crate::link::{Link, Messages};
-use skein_core::agent::{Agent, Inputs, Outputs};
-use skein_core::impairments::{Ear, Whereabouts};
+use skein_core::agent::Outputs;
 use skein_core::outbox::Outbox;
 use skein_core::peers::Heard;
 use skein_core::plant::{Frame, Plant, Wake};
-use skein_core::skew::Skew;
+use skein_core::station::Station;
 use skein_host::clock::{LocalClock, now, sleep_until};
 
 /// The plant's frame is given up for this step after so many of its periods.
@@ -33,21 +32,15 @@ const SIMULATOR_GONE_AFTER: Duration = Duration::from_secs(10);
 
 /// What the control thread alone holds.
 pub(super) struct Control {
-    pub(super) agent: Agent,
+    pub(super) station: Station,
     pub(super) plant: Box<dyn Plant>,
     pub(super) plant_name: &'static str,
     /// What runs here.
     pub(super) release: String,
     pub(super) link: Link,
-    /// Between the link and the agent: the scenario's network.
-    pub(super) ear: Ear,
     /// The law that is another program.
     pub(super) law: Option<LiveLaw>,
-    /// How long an earlier agent has flown the vehicle, s.
-    pub(super) flown_before_s: Option<f64>,
     pub(super) clock: LocalClock,
-    /// How far from `clock` the agent's own is.
-    pub(super) skew: Skew,
     pub(super) origin: Origin,
     pub(super) own: VehicleId,
     pub(super) incarnation: Incarnation,
@@ -62,9 +55,6 @@ struct Since {
     silence: Silence,
     plant_time: PlantTime,
     arriving: Vec<Heard>,
-    heard: Vec<Heard>,
-    /// Since when the agent has been a member.
-    member_since: Option<LocalTime>,
     events: u64,
     healths: u64,
 }
@@ -79,8 +69,6 @@ impl Control {
             silence: Silence::new(),
             plant_time: PlantTime::ZERO,
             arriving: Vec::new(),
-            heard: Vec::new(),
-            member_since: None,
             events: 0,
             healths: 0,
         };
@@ -99,8 +87,8 @@ impl Control {
             }
         }
         self.plant.release();
-        if !self.ear.is_perfect() {
-            tracing::info!("vehicle {} heard over the scenario's network: {:?}", self.own, self.ear.tally());
+        if let Some(tally) = self.station.impaired() {
+            tracing::info!("vehicle {} heard over the scenario's network: {tally:?}", self.own);
         }
         self.link
     }
@@ -113,16 +101,10 @@ impl Control {
         };
         since.plant_time = frame.map_or(since.plant_time, |frame| frame.time);
         let right = self.clock.at(woken);
-        let now_here = Now { plant: since.plant_time, local: self.skew.shown(right) };
         self.hear(right, since);
         let answer = self.law.as_ref().and_then(LiveLaw::answer);
-        let inputs = Inputs {
-            measurement: frame.map(|frame| &frame.measurement),
-            heard: &since.heard,
-            leave: self.stop.is_asked(),
-            answer: answer.as_ref(),
-        };
-        let Outputs { command, outbox, ask } = self.agent.step(now_here, &inputs);
+        let plant = (since.plant_time, frame.map(|frame| &frame.measurement));
+        let Outputs { command, outbox, ask } = self.station.step(right, plant, self.stop.is_asked(), answer.as_ref());
         if let Some(sticks) = command {
             self.plant.command(sticks);
         }
@@ -132,41 +114,28 @@ impl Control {
             law.ask(ask);
         }
 
-        since.heard.clear();
-        if self.agent.membership() == Membership::Active {
-            since.member_since.get_or_insert(right);
-        }
-        let trace = frame.and_then(|frame| self.trace(now_here, frame, since));
+        let trace = frame.and_then(|frame| self.trace(right, frame, since));
         if frame.is_some() {
             since.timing.frame(woken, self.plant.skipped_frames());
             since.timing.step(woken, done);
         }
-        self.send(now_here.local, outbox, trace, since);
+        let shown = self.station.clocks().shown(right);
+        self.send(shown, outbox, trace, since);
         if let Some(summary) = since.timing.summary(done) {
             since.healths += 1;
-            let health = self.health(now_here.local, right.seconds(), summary, since);
+            let health = self.health(shown, right.seconds(), summary, since);
             // Whoever is behind with the last one does not need this one.
             let _ = self.health.try_send(health);
         }
     }
 
-    /// What the link has brought passes the scenario's network, which knows nothing of the agent's clock.
+    /// Hands over what the link has brought.
     fn hear(&mut self, right: LocalTime, since: &mut Since) {
         self.link.drain(&mut since.arriving);
         if let Some(late_s) = since.silence.watch(right, &mut since.arriving) {
-            self.agent.did_not_run(late_s);
+            self.station.did_not_run(late_s);
         }
-        let own = Whereabouts { flown_s: self.flown_s(right, since), position: self.agent.position() };
-        self.ear.hear(right, own, since.arriving.drain(..), &mut since.heard);
-        if !self.skew.is_none() {
-            since.heard.iter_mut().for_each(|heard| heard.at = self.skew.shown(heard.at));
-        }
-    }
-
-    /// Since the vehicle's take-off, under whichever agent, s.
-    fn flown_s(&self, now: LocalTime, since: &Since) -> Option<f64> {
-        let own_s = since.member_since.map(|member_since| now.seconds_since(member_since));
-        self.flown_before_s.map(|before_s| before_s + now.seconds()).or(own_s)
+        self.station.hear(right, since.arriving.drain(..));
     }
 
     /// Hands over what this step sends: another thread sends it.
@@ -184,10 +153,9 @@ impl Control {
     }
 
     /// If somebody listens to it. The timing in it is the previous step's.
-    fn trace(&mut self, now: Now, frame: &Frame, since: &Since) -> Option<Trace> {
+    fn trace(&mut self, right: LocalTime, frame: &Frame, since: &Since) -> Option<Trace> {
         self.link.trace_is_wanted().then(|| {
-            let mut trace = self.agent.trace(now, &frame.truth);
-            self.ear.tell_lateness(&mut trace.peers);
+            let mut trace = self.station.trace(right, frame.time, &frame.truth);
             trace.step_us = since.timing.last_step_us();
             trace.frame_overruns = since.timing.overruns();
             trace
@@ -195,7 +163,8 @@ impl Control {
     }
 
     fn health(&self, now: LocalTime, uptime_s: f64, summary: Summary, since: &Since) -> Health {
-        let (state_messages, state_bytes) = self.agent.spoken();
+        let agent = self.station.agent();
+        let (state_messages, state_bytes) = agent.spoken();
         let peer = |peer: &skein_core::peers::Seen| PeerHealth {
             id: peer.id,
             standing: peer.standing,
@@ -207,26 +176,26 @@ impl Control {
         Health {
             header: self.header(now, since.healths),
             uptime_s,
-            activity: self.agent.activity(),
+            activity: agent.activity(),
             plant: self.plant_name.to_owned(),
             version: self.release.clone(),
-            failures: self.agent.failures(),
+            failures: agent.failures(),
             frame_rate_hz: summary.frame_rate_hz,
             jitter_ms: summary.jitter_ms,
             step_p50_us: summary.step_p50_us,
             step_p99_us: summary.step_p99_us,
             frame_overruns: since.timing.overruns(),
             drops: self.drops(),
-            refused: self.agent.old_words().map(old).take(Refused::MAX_COUNT).collect(),
+            refused: agent.old_words().map(old).take(Refused::MAX_COUNT).collect(),
             state_messages,
             state_bytes,
-            peers: self.agent.peers().iter().map(peer).collect(),
+            peers: agent.peers().iter().map(peer).collect(),
         }
     }
 
     /// What the core, the link and the plant have dropped.
     fn drops(&self) -> Drops {
-        let (core, link) = (self.agent.drops(), self.link.drops());
+        let (core, link) = (self.station.agent().drops(), self.link.drops());
         Drops {
             plant_malformed: self.plant.malformed(),
             plant_foreign: self.plant.foreign(),
@@ -248,7 +217,7 @@ impl Control {
     /// Whether this agent's flight has ended. Without a simulator there is nothing to land.
     fn is_over(&self, timing: &Timing) -> bool {
         let is_flying = timing.last_frame().is_some_and(|last| now() < last + SIMULATOR_GONE_AFTER);
-        let is_down = self.agent.activity() == Activity::Landed;
+        let is_down = self.station.agent().activity() == Activity::Landed;
         self.stop.is_urgent() || self.stop.is_asked() && (is_down || !is_flying) || self.stop.is_forsaken() && is_down
     }
 }

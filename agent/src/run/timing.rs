@@ -119,10 +119,10 @@ mod tests {
         let start = now();
         let mut timing = Timing::new(20 * MS, start);
         for frame in 0..50 {
-            // One frame of fifty comes 7 ms late, one step of fifty takes 3 ms.
-            let at = start + 20 * MS * frame + if frame == 30 { 7 * MS } else { Duration::ZERO };
+            // Two frames of fifty come 7 ms late, two steps of fifty take 3 ms.
+            let at = start + 20 * MS * frame + if [30, 40].contains(&frame) { 7 * MS } else { Duration::ZERO };
             timing.frame(at, 0);
-            timing.step(at, at + if frame == 10 { 3 * MS } else { MS / 10 });
+            timing.step(at, at + if [10, 20].contains(&frame) { 3 * MS } else { MS / 10 });
             assert_eq!(timing.summary(at), None);
         }
         let summary = timing.summary(start + 1000 * MS).unwrap();

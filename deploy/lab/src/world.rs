@@ -17,19 +17,18 @@ use skein_common::id::{Incarnation, VehicleId};
 use skein_common::message::{self, Happening, Message, Mission, Trace};
 use skein_common::scenario::Scenario;
 use skein_common::state::Membership;
-use skein_common::time::{LocalTime, Now, PlantTime};
-use skein_core::agent::{Agent, Inputs, Outputs};
+use skein_common::time::{LocalTime, PlantTime};
+use skein_core::agent::{Agent, Outputs};
 use skein_core::aircraft::Aircraft;
 use skein_core::control::Rules;
 use skein_core::formation::external::{Answer, Ask};
 use skein_core::formation::{self, NotFlown};
 use skein_core::helicopter::{BuiltInVehicle, Script, TICK_S, Weather};
-use skein_core::impairments::{Ear, Whereabouts};
 use skein_core::outbox::Outbox;
 use skein_core::peers::{Heard, Word};
 use skein_core::plant::{Frame, Measurement, Sticks, Truth};
-use skein_core::skew::Skew;
 use skein_core::start::{TooFull, starts};
+use skein_core::station::{Clocks, Station};
 
 use crate::faults::{Agenda, Incident, LinkChanges};
 use crate::metrics::Totals;
@@ -86,18 +85,12 @@ struct Vehicle {
     script: Script,
     /// What else is done to the vehicle.
     deeds: Agenda<Deed>,
-    /// `None` while it is dead.
-    agent: Option<Agent>,
+    /// `None` while its agent is dead.
+    station: Option<Station>,
     /// The agent's, or the last one's.
     incarnation: Incarnation,
-    /// How far the own clock is from the world's, but for its jumps.
-    skew: Skew,
-    /// How far it has jumped, s.
-    clock_ahead_s: f64,
-    /// In which tick the vehicle first became a member: scripted time counts from here.
-    took_off: Option<u64>,
-    ear: Ear,
-    heard: Vec<Heard>,
+    /// As the last station left them; while one lives, it has them.
+    clocks: Clocks,
     /// Of its external law, for the next step.
     answer: Option<Answer>,
     /// What the others find of it when they come late.
@@ -159,12 +152,12 @@ impl World {
         self.incidents.append(&mut self.done);
         let now = LocalTime::from_nanoseconds(self.ticks * TICK_NS);
         self.deliver(now);
-        self.follow_script();
-        let is_read = self.machine.as_mut().map(|machine| machine.read(now, self.ticks, &mut self.vehicles));
+        self.follow_script(now);
+        let is_read = self.machine.as_mut().map(|machine| machine.read(now, &mut self.vehicles));
         for vehicle in &mut self.vehicles {
             let turned = match &mut self.machine {
-                None => vehicle.turn(now, self.ticks),
-                Some(machine) if is_read == Some(true) => machine.step(now, self.ticks, vehicle),
+                None => vehicle.turn(now),
+                Some(machine) if is_read == Some(true) => machine.step(now, vehicle),
                 Some(_) => None,
             };
             let (Some((said, ask)), id) = (turned, vehicle.id) else { continue };
@@ -177,7 +170,7 @@ impl World {
             self.happened.extend(said.happened.into_iter().map(|what| (id, what)));
         }
         if let Some(machine) = &mut self.machine {
-            machine.write(now, self.ticks, &mut self.vehicles);
+            machine.write(now, &mut self.vehicles);
         }
         self.ticks += 1;
     }
@@ -223,7 +216,7 @@ impl World {
 
     /// Every vehicle: its agent if one runs, how it really was in the last frame, and what the agent did with the controls.
     pub fn everybody(&self) -> impl Iterator<Item = (VehicleId, Option<&Agent>, &Truth, Option<Sticks>)> {
-        self.vehicles.iter().map(|vehicle| (vehicle.id, vehicle.agent.as_ref(), &vehicle.truth, vehicle.command))
+        self.vehicles.iter().map(|vehicle| (vehicle.id, vehicle.agent(), &vehicle.truth, vehicle.command))
     }
 
     /// The last tick's step of every agent that runs.
@@ -256,30 +249,30 @@ impl World {
             return;
         }
         let mut said = mem::take(&mut self.said);
-        for vehicle in self.vehicles.iter_mut().filter(|vehicle| vehicle.agent.is_some()) {
-            vehicle.hear(now, self.ticks, &said);
+        for vehicle in self.vehicles.iter_mut().filter(|vehicle| vehicle.station.is_some()) {
+            vehicle.hear(now, &said);
         }
         said.clear();
         self.said = said;
     }
 
     /// Does what is due.
-    fn follow_script(&mut self) {
+    fn follow_script(&mut self, now: LocalTime) {
         let mut changes = LinkChanges::default();
         for index in 0..self.vehicles.len() {
             let id = self.vehicles[index].id;
-            while let Some(deed) = self.vehicles[index].due(self.ticks) {
+            while let Some(deed) = self.vehicles[index].due(now) {
                 match deed {
                     Deed::Kill => self.end(index),
                     Deed::Restart => self.restart(index),
                     Deed::Fail(what) => self.done.push(Incident::Failed(id, what)),
-                    Deed::Jump(by_s) => self.vehicles[index].clock_ahead_s += by_s,
+                    Deed::Jump(by_s) => self.vehicles[index].clock_jumps(by_s),
                     Deed::Link(change, sender) => changes.add(change, (sender, id)),
                 }
             }
         }
         self.done.extend(changes.incidents());
-        if let Some(t_s) = self.flown_s() {
+        if let Some(t_s) = self.flown_s(now) {
             self.strike_machine(t_s);
             self.order(t_s);
         }
@@ -287,9 +280,8 @@ impl World {
     }
 
     /// Since the first take-off, s: the operator's clock and the one machine's begin with it.
-    fn flown_s(&self) -> Option<f64> {
-        let first = self.vehicles.iter().filter_map(|vehicle| vehicle.took_off).min()?;
-        Some((self.ticks - first) as f64 * TICK_S)
+    fn flown_s(&self, now: LocalTime) -> Option<f64> {
+        self.vehicles.iter().filter_map(|vehicle| vehicle.clocks().flown_s(now)).reduce(f64::max)
     }
 
     /// Does to the one machine what is due, and with it to every agent.
@@ -308,7 +300,7 @@ impl World {
 
     fn order(&mut self, t_s: f64) {
         let repeats = |vehicle: &Vehicle, order| vehicle.register.is_some_and(|register| register.order >= Some(order));
-        let living = self.vehicles.iter().filter(|vehicle| vehicle.agent.is_some());
+        let living = self.vehicles.iter().filter(|vehicle| vehicle.station.is_some());
         let order = self.operator.says(t_s, |order| living.clone().all(|vehicle| repeats(vehicle, *order)));
         self.said.extend(order.map(|order| Said {
             speaker: None,
@@ -319,9 +311,10 @@ impl World {
 
     fn end(&mut self, index: usize) {
         let vehicle = &mut self.vehicles[index];
-        let Some(agent) = vehicle.agent.take() else { return };
+        let Some(station) = vehicle.station.take() else { return };
+        vehicle.clocks = *station.clocks();
         (vehicle.register, vehicle.command, vehicle.answer) = (None, None, None);
-        self.ended = with_counts(self.ended, &agent);
+        self.ended = with_counts(self.ended, station.agent());
         self.said.push(Said::to_all(vehicle.id, Word::Vanished(vehicle.id)));
         self.done.push(Incident::Died(vehicle.id));
     }
@@ -329,19 +322,18 @@ impl World {
     /// A new life finds the tokens of those who live and their registers.
     fn restart(&mut self, index: usize) {
         let vehicle = &mut self.vehicles[index];
-        if vehicle.agent.is_some() {
+        if vehicle.station.is_some() {
             return;
         }
         vehicle.incarnation.0 += 1;
-        let agent = vehicle.new_agent(&self.scenario, &self.rules);
+        let station = vehicle.new_station(&self.scenario, &self.rules);
         // A study whose scenario is refused never begins.
         #[expect(clippy::expect_used, reason = "the same scenario made the first agent")]
-        let agent = agent.expect("a scenario that was flown");
-        (vehicle.agent, vehicle.ear) = (Some(agent), Ear::new(&self.scenario, vehicle.id));
-        vehicle.heard.clear();
+        let station = station.expect("a scenario that was flown");
+        vehicle.station = Some(station);
         let newborn = vehicle.id;
         self.said.push(Said::to_all(newborn, Word::Appeared(newborn)));
-        for other in self.vehicles.iter().filter(|other| other.id != newborn && other.agent.is_some()) {
+        for other in self.vehicles.iter().filter(|other| other.id != newborn && other.station.is_some()) {
             let words = [Some(Word::Appeared(other.id)), other.register.map(Word::Mission)];
             let to_newborn = |word| Said { speaker: Some(other.id), hearer: Some(newborn), word };
             self.said.extend(words.into_iter().flatten().map(to_newborn));
@@ -365,63 +357,60 @@ impl Vehicle {
             plant,
             script: Script::of(&scenario.mission.events, id),
             deeds: script::deeds(scenario, id),
-            agent: None,
+            station: None,
             incarnation: Incarnation(1),
-            skew: Skew::new(scenario, id),
-            clock_ahead_s: script::clock_begins_s(scenario, id),
-            took_off: None,
-            ear: Ear::new(scenario, id),
-            heard: Vec::new(),
+            clocks: Clocks::new(scenario, id),
             answer: None,
             register: None,
             plant_time: PlantTime::ZERO,
             command: None,
         };
-        vehicle.agent = Some(vehicle.new_agent(scenario, rules)?);
+        vehicle.clocks.jump(script::clock_begins_s(scenario, id));
+        vehicle.station = Some(vehicle.new_station(scenario, rules)?);
         Ok(vehicle)
     }
 
-    fn new_agent(&self, scenario: &Scenario, rules: &Rules) -> Result<Agent, NotFlown> {
-        Agent::new(scenario, self.id, self.incarnation, &self.aircraft, rules.clone())
+    fn new_station(&self, scenario: &Scenario, rules: &Rules) -> Result<Station, NotFlown> {
+        Station::new(scenario, self.id, self.incarnation, (&self.aircraft, rules.clone()), self.clocks)
     }
 
-    /// Since take-off, s; it goes on while the agent is dead.
-    fn flown_s(&self, tick: u64) -> Option<f64> {
-        self.took_off.map(|took_off| (tick - took_off) as f64 * TICK_S)
+    /// The agent, if it lives.
+    fn agent(&self) -> Option<&Agent> {
+        self.station.as_ref().map(Station::agent)
     }
 
-    /// The next that is to be done to it now.
-    fn due(&mut self, tick: u64) -> Option<Deed> {
-        self.deeds.due(self.flown_s(tick)?)
+    /// They go on while the agent is dead.
+    fn clocks(&self) -> &Clocks {
+        self.station.as_ref().map_or(&self.clocks, Station::clocks)
     }
 
-    /// Takes in what the others have said. The network knows nothing of this vehicle's clock.
-    fn hear(&mut self, now: LocalTime, tick: u64, said: &[Said]) {
-        self.heard.clear();
-        let id = self.id;
-        let is_for_it = |said: &&Said| said.speaker != Some(id) && said.hearer.is_none_or(|hearer| hearer == id);
-        let arriving = said.iter().filter(is_for_it).map(|said| Heard { word: said.word, at: now });
-        let position = self.agent.as_ref().and_then(Agent::position);
-        let own = Whereabouts { flown_s: self.flown_s(tick), position };
-        self.ear.hear(now, own, arriving, &mut self.heard);
-        if self.clock_ahead_s != 0.0 || !self.skew.is_none() {
-            let mut heard = mem::take(&mut self.heard);
-            heard.iter_mut().for_each(|heard| heard.at = self.shown(heard.at));
-            self.heard = heard;
+    fn clock_jumps(&mut self, by_s: f64) {
+        match &mut self.station {
+            Some(station) => station.clock_jumps(by_s),
+            None => self.clocks.jump(by_s),
         }
     }
 
-    /// What its own clock shows now.
-    fn shown(&self, now: LocalTime) -> LocalTime {
-        self.skew.shown(now).plus_seconds(self.clock_ahead_s)
+    /// The next that is to be done to it now.
+    fn due(&mut self, now: LocalTime) -> Option<Deed> {
+        self.deeds.due(self.clocks().flown_s(now)?)
+    }
+
+    /// Takes in what the others have said.
+    fn hear(&mut self, now: LocalTime, said: &[Said]) {
+        let id = self.id;
+        let is_for_it = |said: &&Said| said.speaker != Some(id) && said.hearer.is_none_or(|hearer| hearer == id);
+        let arriving = said.iter().filter(is_for_it).map(|said| Heard { word: said.word, at: now });
+        if let Some(station) = &mut self.station {
+            station.hear(now, arriving);
+        }
     }
 
     /// One frame: the agent's step, if it lives, and the helicopter's. Gives what the agent says and asks.
-    fn turn(&mut self, now: LocalTime, tick: u64) -> Option<(Outbox, Option<Ask>)> {
-        let (frame, simulator_frozen) = self.frame(tick);
-        let now = Now { plant: frame.time, local: self.shown(now) };
+    fn turn(&mut self, now: LocalTime) -> Option<(Outbox, Option<Ask>)> {
+        let (frame, simulator_frozen) = self.frame(now);
         let measurement = (!simulator_frozen).then_some(&frame.measurement);
-        let said = self.think(now, measurement, tick).map(|Outputs { command, outbox, ask }| {
+        let said = self.step(now, (frame.time, measurement)).map(|Outputs { command, outbox, ask }| {
             self.command = command;
             (outbox, ask)
         });
@@ -432,8 +421,8 @@ impl Vehicle {
     }
 
     /// The plant's frame under what has failed of it, and whether it stands still.
-    fn frame(&mut self, tick: u64) -> (Frame, bool) {
-        let script = self.flown_s(tick).map(|flown_s| self.script.at(flown_s)).unwrap_or_default();
+    fn frame(&mut self, now: LocalTime) -> (Frame, bool) {
+        let script = self.clocks().flown_s(now).map(|flown_s| self.script.at(flown_s)).unwrap_or_default();
         self.plant.fail(script.failures);
         let frame = self.plant.frame();
         (self.truth, self.plant_time) = (frame.truth, frame.time);
@@ -441,22 +430,14 @@ impl Vehicle {
     }
 
     /// The agent's step, if it lives.
-    fn think(&mut self, now: Now, measurement: Option<&Measurement>, tick: u64) -> Option<Outputs> {
-        let agent = self.agent.as_mut()?;
+    fn step(&mut self, now: LocalTime, plant: (PlantTime, Option<&Measurement>)) -> Option<Outputs> {
+        let station = self.station.as_mut()?;
         let answer = self.answer.take();
-        let inputs = Inputs { measurement, heard: &self.heard, leave: false, answer: answer.as_ref() };
-        let outputs = agent.step(now, &inputs);
-        if agent.membership() == Membership::Active {
-            self.took_off.get_or_insert(tick);
-        }
-        Some(outputs)
+        Some(station.step(now, plant, false, answer.as_ref()))
     }
 
     fn trace(&mut self, now: LocalTime) -> Option<Trace> {
-        let now = Now { plant: self.plant_time, local: self.shown(now) };
-        let mut trace = self.agent.as_mut()?.trace(now, &self.truth);
-        self.ear.tell_lateness(&mut trace.peers);
-        Some(trace)
+        Some(self.station.as_mut()?.trace(now, self.plant_time, &self.truth))
     }
 }
 

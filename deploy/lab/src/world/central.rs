@@ -28,7 +28,7 @@ use skein_common::id::{Incarnation, VehicleId};
 use skein_common::message::{Header, State};
 use skein_common::scenario::{ControlMode, Graph, Network, Scenario, SendMode, Source, load};
 use skein_common::state::VehicleState;
-use skein_common::time::{LocalTime, Now, PlantTime};
+use skein_common::time::{LocalTime, PlantTime};
 use skein_core::agent::Outputs;
 use skein_core::aircraft::Aircraft;
 use skein_core::formation::external::Ask;
@@ -217,10 +217,10 @@ impl Machine {
 
     /// Every simulator's frame: it goes out, and what has arrived of all is read. Whether the machine has time for a frame
     /// of its own: then [`Self::step`] is due for everybody.
-    pub(super) fn read(&mut self, now: LocalTime, tick: u64, vehicles: &mut [Vehicle]) -> bool {
+    pub(super) fn read(&mut self, now: LocalTime, vehicles: &mut [Vehicle]) -> bool {
         let mut sent = Vec::with_capacity(vehicles.len());
         for (line, vehicle) in self.lines.iter_mut().zip(vehicles.iter_mut()) {
-            let (frame, simulator_frozen) = vehicle.frame(tick);
+            let (frame, simulator_frozen) = vehicle.frame(now);
             line.simulator_frozen = simulator_frozen;
             if simulator_frozen {
                 continue;
@@ -232,7 +232,7 @@ impl Machine {
             self.totals.state_messages += 1;
             self.totals.state_bytes += STATE_BYTES;
         }
-        let flown_s = vehicles.iter().filter_map(|vehicle| vehicle.flown_s(tick)).reduce(f64::max);
+        let flown_s = vehicles.iter().filter_map(|vehicle| vehicle.clocks().flown_s(now)).reduce(f64::max);
         let here = Whereabouts { flown_s, position: Some(PositionNed::default()) };
         self.ear.hear(now, here, sent, &mut self.heard);
         for (sender, number) in self.heard.drain(..).filter_map(number_of) {
@@ -255,14 +255,13 @@ impl Machine {
 
     /// One vehicle's part of the frame that begins now. Gives what its agent says to the others,
     /// and asks.
-    pub(super) fn step(&mut self, now: LocalTime, tick: u64, vehicle: &mut Vehicle) -> Option<(Outbox, Option<Ask>)> {
+    pub(super) fn step(&mut self, now: LocalTime, vehicle: &mut Vehicle) -> Option<(Outbox, Option<Ask>)> {
         let rank = usize::from(vehicle.id.get());
         let line = self.lines.get_mut(rank - 1)?;
         let newest = line.newest.take();
         line.plant_time = newest.map_or(line.plant_time, |(plant_time, _)| plant_time);
-        let now_here = Now { plant: line.plant_time, local: now };
         let measurement = newest.as_ref().map(|(_, measurement)| measurement);
-        let Outputs { command, outbox, ask } = vehicle.think(now_here, measurement, tick)?;
+        let Outputs { command, outbox, ask } = vehicle.step(now, (line.plant_time, measurement))?;
         if let Some(sticks) = command {
             let at = now.plus_seconds(self.step_s * rank as f64);
             let state = VehicleState { position: self.place, velocity: VelocityNed::default(), heading_rad: 0.0 };
@@ -272,13 +271,13 @@ impl Machine {
     }
 
     /// What arrives at the simulators before their next frames; they go on to these.
-    pub(super) fn write(&mut self, now: LocalTime, tick: u64, vehicles: &mut [Vehicle]) {
+    pub(super) fn write(&mut self, now: LocalTime, vehicles: &mut [Vehicle]) {
         let next_frame = LocalTime::from_nanoseconds(now.nanoseconds() + TICK_NS - 1);
         for (line, vehicle) in self.lines.iter_mut().zip(vehicles) {
             let computed = line.computed.partition_point(|controls| controls.at <= next_frame);
             self.totals.state_messages += computed as u64;
             self.totals.state_bytes += computed as u64 * CONTROLS_BYTES;
-            let there = Whereabouts { flown_s: vehicle.flown_s(tick), position: Some(vehicle.truth.position) };
+            let there = Whereabouts { flown_s: vehicle.clocks().flown_s(now), position: Some(vehicle.truth.position) };
             line.ear.hear(next_frame, there, line.computed.drain(..computed), &mut self.heard);
             for (_, number) in self.heard.drain(..).filter_map(number_of) {
                 vehicle.command = line.controls.arrive(number).or(vehicle.command);
