@@ -107,7 +107,8 @@ fn steady_figures_use_the_last_hundred_seconds() {
 fn ages_and_steps_are_quantiles() {
     let mut metrics = metrics("swarm.vehicles = 2");
     assert_eq!(report(&metrics).peer_age_p50_ms, None);
-    for nth in 1..=100_u32 {
+    // 101 samples: the percentiles are samples.
+    for nth in 0..=100_u32 {
         metrics.observe_age(f64::from(nth) * 1e-3);
         metrics.observe_step(f64::from(nth));
     }
