@@ -289,8 +289,9 @@ fn count(counter: &AtomicU64) {
 
 /// Keeps the newest of everything. False for what is older than what is known.
 fn take_up(vehicles: &mut BTreeMap<VehicleId, Seen>, Caught { heard, run, at }: &Caught) -> bool {
-    let order = |header: &message::Header| (header.incarnation, header.sequence);
-    let newer = |header: &message::Header, known: Option<&message::Header>| known.map(order) < Some(order(header));
+    let newer = |header: &message::Header, known: Option<&message::Header>| {
+        known.map(message::Header::order) < Some(header.order())
+    };
     match heard {
         Heard::Trace(trace) => {
             let seen = vehicles.entry(trace.header.sender).or_default();

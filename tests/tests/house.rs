@@ -19,7 +19,7 @@ fn sources(folder: &Path, module: &[String], found: &mut BTreeMap<Module, String
     entries.sort();
     for path in entries {
         let name = path.file_stem().unwrap().to_str().unwrap().to_owned();
-        if name == "tests" || name.ends_with("_tests") || name == "bin" {
+        if name == "tests" || name == "bin" {
             continue;
         }
         let own = || module.iter().cloned().chain([name.clone()]).collect::<Module>();

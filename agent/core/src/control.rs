@@ -350,8 +350,4 @@ fn climb_m_s(estimate: &Estimate) -> f64 {
 }
 
 #[cfg(test)]
-mod loop_tests;
-#[cfg(test)]
-mod shipped_tests;
-#[cfg(test)]
 mod tests;

@@ -1,3 +1,6 @@
+mod closed_loop;
+mod shipped;
+
 use core::f64::consts::{FRAC_PI_2, PI, TAU};
 
 use proptest::prelude::*;

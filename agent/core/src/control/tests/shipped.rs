@@ -2,8 +2,8 @@
 
 use proptest::prelude::*;
 
-use super::fis::{Rule, Term, Variable};
-use super::membership::Membership;
+use super::super::fis::{Rule, Term, Variable};
+use super::super::membership::Membership;
 use super::*;
 
 const E: [f64; 5] = [-15.0, -5.0, 0.0, 5.0, 15.0];
@@ -99,10 +99,10 @@ fn generated() -> [Fis; 4] {
 
 fn shipped() -> [(&'static str, &'static str); 4] {
     [
-        ("roll.fis", include_str!("../../../../deploy/controllers/roll.fis")),
-        ("pitch.fis", include_str!("../../../../deploy/controllers/pitch.fis")),
-        ("heading.fis", include_str!("../../../../deploy/controllers/heading.fis")),
-        ("collective.fis", include_str!("../../../../deploy/controllers/collective.fis")),
+        ("roll.fis", include_str!("../../../../../deploy/controllers/roll.fis")),
+        ("pitch.fis", include_str!("../../../../../deploy/controllers/pitch.fis")),
+        ("heading.fis", include_str!("../../../../../deploy/controllers/heading.fis")),
+        ("collective.fis", include_str!("../../../../../deploy/controllers/collective.fis")),
     ]
 }
 

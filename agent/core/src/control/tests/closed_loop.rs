@@ -1,6 +1,6 @@
 //! The controller on the built-in helicopter, told exactly where it is: error = target − position, no field between.
 //!
-//! `cargo test -- --nocapture loop_tests` prints what was measured.
+//! `cargo test -- --nocapture closed_loop` prints what was measured.
 
 use core::f64::consts::TAU;
 
@@ -9,7 +9,6 @@ use skein_common::frame::{Geodetic, Origin};
 use skein_common::id::VehicleId;
 use skein_common::math;
 
-use super::tests::TRIM;
 use super::*;
 use crate::helicopter::{BuiltInVehicle, Parameters, Start, TICK_S, Weather};
 
@@ -47,7 +46,7 @@ impl Flight {
         struct Aircraft {
             helicopter: Parameters,
         }
-        let text = include_str!("../../../../deploy/aircraft/xcell60.toml");
+        let text = include_str!("../../../../../deploy/aircraft/xcell60.toml");
         let parameters = toml::from_str::<Aircraft>(text).unwrap().helicopter;
         let origin = Origin::new(Geodetic::from_degrees(28.0, -82.0, 0.0));
         let start = Start { heading_rad, ..Start::default() };
