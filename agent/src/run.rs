@@ -2,7 +2,7 @@
 //!
 //! | thread | what it does |
 //! | --- | --- |
-//! | control | waits for the plant's frame, steps the [`Agent`], writes the controls; hands over what is to be sent |
+//! | control | waits for the plant's frame, steps the [`Station`], writes the controls; hands over what is to be sent |
 //! | publisher | sends it, and may have to wait for the network |
 //! | Zenoh's | file what is heard ([`crate::link`]) |
 //! | law's | asks an external law, if one flies ([`crate::law`]) |

@@ -3,7 +3,7 @@
 //!
 //! | module | what it knows |
 //! | --- | --- |
-//! | [`inventory`] | the cluster's file: who is where |
+//! | [`crate::inventory`] | the cluster's file: who is where |
 //! | [`keys`] | the swarm's authority, and a certificate for each node, for observers and for the operator |
 //! | [`bundle`] | everything that one node is given, but the program |
 //! | [`protocol`] | what the operator's PC and a node's host say to each other over ssh |

@@ -4,7 +4,6 @@
 //! | module | what it does |
 //! | --- | --- |
 //! | [`plan`] | reads and checks everything before anything is begun |
-//! | [`ports`] | free ports of this PC |
 //! | [`launch`] | files and processes |
 //! | [`children`] | the processes while they run |
 //! | [`flight`] | from the first sign of life to the last process's end |

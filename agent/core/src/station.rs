@@ -175,7 +175,7 @@ mod tests {
         let ground = clocks("");
         assert_eq!(ground.flown_s(at(5.0)), None);
         let flying = Clocks { took_off: Some(at(3.0)), ..ground };
-        assert_eq!(flying.flown_s(at(3.14)), Some(0.14), "the nearest number to the decimal");
+        assert_eq!(flying.flown_s(at(3.7)), Some(0.7), "the nearest number to the decimal");
         assert_eq!(flying.after(Some(100.0)).flown_s(at(5.0)), Some(105.0));
         assert_eq!(ground.after(Some(100.0)).flown_s(at(0.0)), Some(100.0));
     }

@@ -171,7 +171,7 @@ pub const FROZEN: FailureWord = "simulator_freeze";
 /// The scenario's words for what can fail of a vehicle.
 const FAILURES: [FailureWord; 6] = ["engine_out", FROZEN, "servo_stuck", "gyro_off", "gps_frozen", "clock_jump"];
 
-/// Reads one of [`FAILURES`].
+/// Reads the word of a failure; a word that names none is refused.
 pub fn failure<'de, D: Deserializer<'de>>(from: D) -> Result<FailureWord, D::Error> {
     let word = Cow::<str>::deserialize(from)?;
     let known = FAILURES.into_iter().find(|known| *known == word);

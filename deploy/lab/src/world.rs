@@ -2,7 +2,7 @@
 //! and under its faults.
 //!
 //! One tick is one frame of every vehicle. What is said in a tick is heard in the next, by everybody, through the same
-//! encoding as on the wire and through each hearer's [`Ear`]. What the scenario does to the swarm it does between hearing
+//! encoding as on the wire and through each receiver's [`Station`]. What the scenario does to the swarm it does between hearing
 //! and stepping.
 //!
 //! Under `control.mode = "central"` the agents stand on one machine instead of beside their vehicles (`world/central.rs`).
