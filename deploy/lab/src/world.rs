@@ -5,35 +5,38 @@
 //! encoding as on the wire and through each receiver's [`Station`]. What the scenario does to the swarm it does between hearing
 //! and stepping.
 //!
-//! Under `control.mode = "central"` the agents stand on one machine instead of beside their vehicles (`world/central.rs`).
+//! Where the agents run is the driver's to say (`world/driver.rs`): beside their vehicles, or on the one machine of
+//! `control.mode = "central"` (`world/central.rs`).
 
 mod central;
+mod driver;
 mod script;
+mod vehicle;
 
 use std::mem;
 
 use skein_common::frame::Origin;
-use skein_common::id::{Incarnation, VehicleId};
-use skein_common::message::{self, Happening, Message, Mission, Trace};
-use skein_common::scenario::Scenario;
+use skein_common::id::VehicleId;
+use skein_common::message::{self, Happening, Message, Trace};
+use skein_common::scenario::{ControlMode, Scenario};
 use skein_common::state::Membership;
-use skein_common::time::{LocalTime, PlantTime};
-use skein_core::agent::{Agent, Outputs};
+use skein_common::time::LocalTime;
+use skein_core::agent::Agent;
 use skein_core::aircraft::Aircraft;
 use skein_core::control::Rules;
 use skein_core::formation::external::{Answer, Ask};
 use skein_core::formation::{self, NotFlown};
-use skein_core::helicopter::{BuiltInVehicle, Script, TICK_S, Weather};
-use skein_core::outbox::Outbox;
+use skein_core::helicopter::{BuiltInVehicle, TICK_S, Weather};
 use skein_core::peers::{Heard, Word};
-use skein_core::plant::{Frame, Measurement, Sticks, Truth};
+use skein_core::plant::{Sticks, Truth};
 use skein_core::start::{TooFull, starts};
-use skein_core::station::{Clocks, Station};
 
-use crate::faults::{Agenda, Incident, LinkChanges};
+use crate::faults::{Incident, LinkChanges};
 use crate::metrics::Totals;
-use central::Machine;
+use central::Central;
+use driver::{Beside, Driver};
 use script::{Deed, Operator};
+use vehicle::Vehicle;
 
 /// Nanoseconds of a tick.
 const TICK_NS: u64 = (TICK_S * 1e9) as u64;
@@ -59,8 +62,7 @@ pub struct World {
     scenario: Scenario,
     rules: Rules,
     vehicles: Vec<Vehicle>,
-    /// All agents stand on it, if there is one.
-    machine: Option<Machine>,
+    driver: Box<dyn Driver>,
     operator: Operator,
     /// What was said since everybody last heard.
     said: Vec<Said>,
@@ -73,32 +75,6 @@ pub struct World {
     /// Of agents that have ended.
     ended: Totals,
     ticks: u64,
-}
-
-/// One vehicle with its agent.
-#[derive(Debug)]
-struct Vehicle {
-    id: VehicleId,
-    aircraft: Aircraft,
-    plant: BuiltInVehicle,
-    /// What fails of the plant.
-    script: Script,
-    /// What else is done to the vehicle.
-    deeds: Agenda<Deed>,
-    /// `None` while its agent is dead.
-    station: Option<Station>,
-    /// The agent's, or the last one's.
-    incarnation: Incarnation,
-    /// As the last station left them; while one lives, it has them.
-    clocks: Clocks,
-    /// Of its external law, for the next step.
-    answer: Option<Answer>,
-    /// What the others find of it when they come late.
-    register: Option<Mission>,
-    truth: Truth,
-    /// Of the last frame.
-    plant_time: PlantTime,
-    command: Option<Sticks>,
 }
 
 /// A word on its way.
@@ -118,20 +94,23 @@ impl World {
     /// If the scenario asks for what is not flown.
     pub fn new(scenario: &Scenario, aircraft: &[Aircraft], rules: &Rules) -> Result<Self, WorldError> {
         formation::check(scenario)?;
-        let machine = Machine::of(scenario);
-        let scenario = &central::as_agents_see_it(scenario);
+        let driver: Box<dyn Driver> = match scenario.control.mode {
+            ControlMode::Each => Box::new(Beside),
+            ControlMode::Central => Box::new(Central::new(scenario)),
+        };
+        let scenario = &driver.as_agents_see_it(scenario);
         let (origin, weather) = (Origin::new(scenario.origin.geodetic()), Weather::from(&scenario.world));
         let starts = starts(scenario)?;
         let vehicles = scenario.ids().zip(&starts).zip(aircraft).map(|((id, start), aircraft)| {
             let parameters = aircraft.helicopter.as_ref().ok_or(WorldError::NoModel(id))?;
             let plant = BuiltInVehicle::new(&origin, parameters, start, &weather, scenario.seed, id);
-            let known = central::as_agents_know_it(aircraft, scenario.control.mode);
+            let known = driver.as_agents_know_it(aircraft);
             Ok(Vehicle::new(scenario, id, known, rules, plant)?)
         });
         let vehicles = vehicles.collect::<Result<Vec<_>, WorldError>>()?;
         Ok(Self {
             vehicles,
-            machine,
+            driver,
             said: scenario.ids().map(|id| Said::to_all(id, Word::Appeared(id))).collect(),
             operator: Operator::new(scenario),
             scenario: scenario.clone(),
@@ -153,25 +132,17 @@ impl World {
         let now = LocalTime::from_nanoseconds(self.ticks * TICK_NS);
         self.deliver(now);
         self.follow_script(now);
-        let is_read = self.machine.as_mut().map(|machine| machine.read(now, &mut self.vehicles));
-        for vehicle in &mut self.vehicles {
-            let turned = match &mut self.machine {
-                None => vehicle.turn(now),
-                Some(machine) if is_read == Some(true) => machine.step(now, vehicle),
-                Some(_) => None,
-            };
-            let (Some((said, ask)), id) = (turned, vehicle.id) else { continue };
-            self.asks.extend(ask);
-            self.said.extend(said.state.map(|state| Said::to_all(id, Word::State(through_wire(&state)))));
-            if let Some(mission) = said.mission {
+        let Self { vehicles, driver, said, asks, happened, .. } = self;
+        driver.frame(now, vehicles, &mut |vehicle, outbox, ask| {
+            let id = vehicle.id;
+            asks.extend(ask);
+            said.extend(outbox.state.map(|state| Said::to_all(id, Word::State(through_wire(&state)))));
+            if let Some(mission) = outbox.mission {
                 vehicle.register = Some(through_wire(&mission));
-                self.said.extend(vehicle.register.map(|mission| Said::to_all(id, Word::Mission(mission))));
+                said.extend(vehicle.register.map(|mission| Said::to_all(id, Word::Mission(mission))));
             }
-            self.happened.extend(said.happened.into_iter().map(|what| (id, what)));
-        }
-        if let Some(machine) = &mut self.machine {
-            machine.write(now, &mut self.vehicles);
-        }
+            happened.extend(outbox.happened.into_iter().map(|what| (id, what)));
+        });
         self.ticks += 1;
     }
 
@@ -240,17 +211,19 @@ impl World {
     /// Of states it is what crossed the network: under one machine states and controls.
     pub fn totals(&self) -> Totals {
         let totals = self.vehicles().fold(self.ended, |totals, (_, agent, ..)| with_counts(totals, agent));
-        self.machine.as_ref().map_or(totals, |machine| machine.add_to(totals))
+        self.driver.totals(totals)
     }
 
     /// What was said in the last tick arrives with everybody else who lives.
     fn deliver(&mut self, now: LocalTime) {
-        if self.machine.as_ref().is_some_and(|machine| machine.is_busy(now)) {
+        if !self.driver.listens(now) {
             return;
         }
         let mut said = mem::take(&mut self.said);
         for vehicle in self.vehicles.iter_mut().filter(|vehicle| vehicle.station.is_some()) {
-            vehicle.hear(now, &said);
+            let id = vehicle.id;
+            let is_for_it = |said: &&Said| said.speaker != Some(id) && said.hearer.is_none_or(|hearer| hearer == id);
+            vehicle.hear(now, said.iter().filter(is_for_it).map(|said| Heard { word: said.word, at: now }));
         }
         said.clear();
         self.said = said;
@@ -273,7 +246,7 @@ impl World {
         }
         self.done.extend(changes.incidents());
         if let Some(t_s) = self.flown_s(now) {
-            self.strike_machine(t_s);
+            self.strike_all(t_s);
             self.order(t_s);
         }
         self.incidents.append(&mut self.done);
@@ -284,16 +257,11 @@ impl World {
         self.vehicles.iter().filter_map(|vehicle| vehicle.clocks().flown_s(now)).reduce(f64::max)
     }
 
-    /// Does to the one machine what is due, and with it to every agent.
-    fn strike_machine(&mut self, t_s: f64) {
-        while let Some(deed) = self.machine.as_mut().and_then(|machine| machine.due(t_s)) {
-            let Some(machine) = &mut self.machine else { return };
-            if deed == Deed::Kill {
-                machine.end();
-                (0..self.vehicles.len()).for_each(|index| self.end(index));
-            } else {
-                machine.restart();
-                (0..self.vehicles.len()).for_each(|index| self.restart(index));
+    /// Does what happens to all agents at once.
+    fn strike_all(&mut self, t_s: f64) {
+        while let Some(deed) = self.driver.due(t_s) {
+            for index in 0..self.vehicles.len() {
+                if deed == Deed::Kill { self.end(index) } else { self.restart(index) }
             }
         }
     }
@@ -339,105 +307,6 @@ impl World {
             self.said.extend(words.into_iter().flatten().map(to_newborn));
         }
         self.done.push(Incident::Restarted(newborn));
-    }
-}
-
-impl Vehicle {
-    fn new(
-        scenario: &Scenario,
-        id: VehicleId,
-        aircraft: Aircraft,
-        rules: &Rules,
-        plant: BuiltInVehicle,
-    ) -> Result<Self, NotFlown> {
-        let mut vehicle = Self {
-            id,
-            aircraft,
-            truth: plant.frame().truth,
-            plant,
-            script: Script::of(&scenario.mission.events, id),
-            deeds: script::deeds(scenario, id),
-            station: None,
-            incarnation: Incarnation(1),
-            clocks: Clocks::new(scenario, id),
-            answer: None,
-            register: None,
-            plant_time: PlantTime::ZERO,
-            command: None,
-        };
-        vehicle.clocks.jump(script::clock_begins_s(scenario, id));
-        vehicle.station = Some(vehicle.new_station(scenario, rules)?);
-        Ok(vehicle)
-    }
-
-    fn new_station(&self, scenario: &Scenario, rules: &Rules) -> Result<Station, NotFlown> {
-        Station::new(scenario, self.id, self.incarnation, (&self.aircraft, rules.clone()), self.clocks)
-    }
-
-    /// The agent, if it lives.
-    fn agent(&self) -> Option<&Agent> {
-        self.station.as_ref().map(Station::agent)
-    }
-
-    /// They go on while the agent is dead.
-    fn clocks(&self) -> &Clocks {
-        self.station.as_ref().map_or(&self.clocks, Station::clocks)
-    }
-
-    fn clock_jumps(&mut self, by_s: f64) {
-        match &mut self.station {
-            Some(station) => station.clock_jumps(by_s),
-            None => self.clocks.jump(by_s),
-        }
-    }
-
-    /// The next that is to be done to it now.
-    fn due(&mut self, now: LocalTime) -> Option<Deed> {
-        self.deeds.due(self.clocks().flown_s(now)?)
-    }
-
-    /// Takes in what the others have said.
-    fn hear(&mut self, now: LocalTime, said: &[Said]) {
-        let id = self.id;
-        let is_for_it = |said: &&Said| said.speaker != Some(id) && said.hearer.is_none_or(|hearer| hearer == id);
-        let arriving = said.iter().filter(is_for_it).map(|said| Heard { word: said.word, at: now });
-        if let Some(station) = &mut self.station {
-            station.hear(now, arriving);
-        }
-    }
-
-    /// One frame: the agent's step, if it lives, and the helicopter's. Gives what the agent says and asks.
-    fn turn(&mut self, now: LocalTime) -> Option<(Outbox, Option<Ask>)> {
-        let (frame, simulator_frozen) = self.frame(now);
-        let measurement = (!simulator_frozen).then_some(&frame.measurement);
-        let said = self.step(now, (frame.time, measurement)).map(|Outputs { command, outbox, ask }| {
-            self.command = command;
-            (outbox, ask)
-        });
-        if !simulator_frozen {
-            self.plant.advance(self.command);
-        }
-        said
-    }
-
-    /// The plant's frame under what has failed of it, and whether it stands still.
-    fn frame(&mut self, now: LocalTime) -> (Frame, bool) {
-        let script = self.clocks().flown_s(now).map(|flown_s| self.script.at(flown_s)).unwrap_or_default();
-        self.plant.fail(script.failures);
-        let frame = self.plant.frame();
-        (self.truth, self.plant_time) = (frame.truth, frame.time);
-        (frame, script.simulator_frozen)
-    }
-
-    /// The agent's step, if it lives.
-    fn step(&mut self, now: LocalTime, plant: (PlantTime, Option<&Measurement>)) -> Option<Outputs> {
-        let station = self.station.as_mut()?;
-        let answer = self.answer.take();
-        Some(station.step(now, plant, false, answer.as_ref()))
-    }
-
-    fn trace(&mut self, now: LocalTime) -> Option<Trace> {
-        Some(self.station.as_mut()?.trace(now, self.plant_time, &self.truth))
     }
 }
 

@@ -26,7 +26,7 @@ use std::collections::VecDeque;
 use skein_common::frame::{Geodetic, PositionNed, VelocityNed};
 use skein_common::id::{Incarnation, VehicleId};
 use skein_common::message::{Header, State};
-use skein_common::scenario::{ControlMode, Graph, Network, Scenario, SendMode, Source, load};
+use skein_common::scenario::{Graph, Network, Scenario, SendMode, Source, load};
 use skein_common::state::VehicleState;
 use skein_common::time::{LocalTime, PlantTime};
 use skein_core::agent::Outputs;
@@ -37,8 +37,10 @@ use skein_core::outbox::Outbox;
 use skein_core::peers::{Heard, Word};
 use skein_core::plant::{Measurement, Sticks};
 
+use super::TICK_NS;
+use super::driver::{Driver, Take};
 use super::script::Deed;
-use super::{TICK_NS, Vehicle};
+use super::vehicle::Vehicle;
 use crate::faults::{Agenda, control_kills};
 use crate::metrics::Totals;
 
@@ -51,7 +53,7 @@ const UNDER_WAY: usize = 12_000;
 
 /// The one machine, and the two ends of its link to every aircraft.
 #[derive(Debug)]
-pub(super) struct Machine {
+pub(super) struct Central {
     /// On the network.
     id: VehicleId,
     /// Where it stands.
@@ -119,34 +121,6 @@ impl<T> UnderWay<T> {
     }
 }
 
-/// The scenario as the agents fly it: on one machine they hear each other perfectly and have one clock, and silence saves
-/// nothing.
-pub(super) fn as_agents_see_it(scenario: &Scenario) -> Scenario {
-    if scenario.control.mode == ControlMode::Each {
-        return scenario.clone();
-    }
-    let defaults = Source { name: "defaults", text: "swarm.vehicles = 1" };
-    #[expect(clippy::expect_used, reason = "the least that a scenario can say, which tests load")]
-    let perfect = load(&defaults, &[]).expect("a scenario of defaults").scenario.network;
-    let peer_stale_s = scenario.network.peer_stale_s;
-    let network = Network { send: SendMode::EveryFrame, peer_stale_s, ..perfect };
-    let mut scenario = Scenario { network, ..scenario.clone() };
-    for vehicle in &mut scenario.vehicle {
-        (vehicle.clock_offset_s, vehicle.clock_drift_ppm) = (0.0, 0.0);
-    }
-    scenario
-}
-
-/// The aircraft as it is known beside it; on the one machine, without its flight model.
-pub(super) fn as_agents_know_it(aircraft: &Aircraft, mode: ControlMode) -> Aircraft {
-    if mode == ControlMode::Each {
-        return aircraft.clone();
-    }
-    let of_model = aircraft.helicopter.as_ref().map(|model| model.head.nominal_speed_rad_s);
-    let rotor_speed_rad_s = aircraft.rotor_speed_rad_s.or(of_model);
-    Aircraft { helicopter: None, rotor_speed_rad_s, ..aircraft.clone() }
-}
-
 /// The same network with the machine as one more vehicle on it, the last; everybody hears it, and it everybody.
 fn with_machine(scenario: &Scenario) -> (Scenario, VehicleId) {
     let mut scenario = scenario.clone();
@@ -162,18 +136,15 @@ fn with_machine(scenario: &Scenario) -> (Scenario, VehicleId) {
     (scenario, id)
 }
 
-impl Machine {
-    /// The machine of this scenario, if it has one.
-    pub(super) fn of(scenario: &Scenario) -> Option<Self> {
-        if scenario.control.mode == ControlMode::Each {
-            return None;
-        }
+impl Central {
+    /// The machine of this scenario.
+    pub(super) fn new(scenario: &Scenario) -> Self {
         let (network, id) = with_machine(scenario);
         let mut deaths = Vec::new();
         for dead in control_kills(&scenario.mission.events) {
             deaths.extend([(dead.start, Deed::Kill), (dead.end, Deed::Restart)]);
         }
-        Some(Self {
+        Self {
             id,
             place: scenario.origin.geodetic(),
             step_s: scenario.control.central_step_s,
@@ -184,40 +155,17 @@ impl Machine {
             lines: scenario.ids().map(|id| Line::new(Ear::new(&network, id))).collect(),
             heard: Vec::new(),
             totals: Totals::default(),
-        })
+        }
     }
 
-    /// The next that is done to it, so long after the first take-off.
-    pub(super) fn due(&mut self, flown_s: f64) -> Option<Deed> {
-        self.deaths.due(flown_s)
-    }
-
-    /// It ends at once: what it has read or has not sent yet is gone.
-    pub(super) fn end(&mut self) {
-        self.runs = false;
-        self.busy_until = LocalTime::ZERO;
-        self.lines.iter_mut().for_each(|line| line.computed.clear());
-    }
-
-    /// It begins anew.
-    pub(super) fn restart(&mut self) {
-        self.runs = true;
-    }
-
-    /// Whether it still computes what it has begun: then nobody on it listens.
-    pub(super) fn is_busy(&self, now: LocalTime) -> bool {
+    /// Whether it still computes what it has begun: then no agent on it listens.
+    fn is_busy(&self, now: LocalTime) -> bool {
         self.busy_until > now
     }
 
-    /// What it has sent and been sent, added to what the agents have counted.
-    pub(super) fn add_to(&self, totals: Totals) -> Totals {
-        let Totals { state_messages, state_bytes, frame_overruns, .. } = self.totals;
-        Totals { state_messages, state_bytes, frame_overruns, ..totals }
-    }
-
     /// Every simulator's frame: it goes out, and what has arrived of all is read. Whether the machine has time for a frame
-    /// of its own: then [`Self::step`] is due for everybody.
-    pub(super) fn read(&mut self, now: LocalTime, vehicles: &mut [Vehicle]) -> bool {
+    /// of its own: then [`Self::step`] is due for every vehicle.
+    fn read(&mut self, now: LocalTime, vehicles: &mut [Vehicle]) -> bool {
         let mut sent = Vec::with_capacity(vehicles.len());
         for (line, vehicle) in self.lines.iter_mut().zip(vehicles.iter_mut()) {
             let (frame, simulator_frozen) = vehicle.frame(now);
@@ -255,7 +203,7 @@ impl Machine {
 
     /// One vehicle's part of the frame that begins now. Gives what its agent says to the others,
     /// and asks.
-    pub(super) fn step(&mut self, now: LocalTime, vehicle: &mut Vehicle) -> Option<(Outbox, Option<Ask>)> {
+    fn step(&mut self, now: LocalTime, vehicle: &mut Vehicle) -> Option<(Outbox, Option<Ask>)> {
         let rank = usize::from(vehicle.id.get());
         let line = self.lines.get_mut(rank - 1)?;
         let newest = line.newest.take();
@@ -271,7 +219,7 @@ impl Machine {
     }
 
     /// What arrives at the simulators before their next frames; they go on to these.
-    pub(super) fn write(&mut self, now: LocalTime, vehicles: &mut [Vehicle]) {
+    fn write(&mut self, now: LocalTime, vehicles: &mut [Vehicle]) {
         let next_frame = LocalTime::from_nanoseconds(now.nanoseconds() + TICK_NS - 1);
         for (line, vehicle) in self.lines.iter_mut().zip(vehicles) {
             let computed = line.computed.partition_point(|controls| controls.at <= next_frame);
@@ -286,6 +234,61 @@ impl Machine {
                 vehicle.plant.advance(vehicle.command);
             }
         }
+    }
+}
+
+impl Driver for Central {
+    /// On one machine the agents hear each other perfectly and have one clock, and silence saves nothing.
+    fn as_agents_see_it(&self, scenario: &Scenario) -> Scenario {
+        let defaults = Source { name: "defaults", text: "swarm.vehicles = 1" };
+        #[expect(clippy::expect_used, reason = "the least that a scenario can say, which tests load")]
+        let perfect = load(&defaults, &[]).expect("a scenario of defaults").scenario.network;
+        let peer_stale_s = scenario.network.peer_stale_s;
+        let network = Network { send: SendMode::EveryFrame, peer_stale_s, ..perfect };
+        let mut scenario = Scenario { network, ..scenario.clone() };
+        for vehicle in &mut scenario.vehicle {
+            (vehicle.clock_offset_s, vehicle.clock_drift_ppm) = (0.0, 0.0);
+        }
+        scenario
+    }
+
+    /// Without its flight model.
+    fn as_agents_know_it(&self, aircraft: &Aircraft) -> Aircraft {
+        let of_model = aircraft.helicopter.as_ref().map(|model| model.head.nominal_speed_rad_s);
+        let rotor_speed_rad_s = aircraft.rotor_speed_rad_s.or(of_model);
+        Aircraft { helicopter: None, rotor_speed_rad_s, ..aircraft.clone() }
+    }
+
+    fn listens(&self, now: LocalTime) -> bool {
+        !self.is_busy(now)
+    }
+
+    /// What ends with the machine, what it has read or has not sent yet included, and what begins anew with it.
+    fn due(&mut self, flown_s: f64) -> Option<Deed> {
+        let deed = self.deaths.due(flown_s)?;
+        self.runs = deed != Deed::Kill;
+        if !self.runs {
+            self.busy_until = LocalTime::ZERO;
+            self.lines.iter_mut().for_each(|line| line.computed.clear());
+        }
+        Some(deed)
+    }
+
+    fn frame(&mut self, now: LocalTime, vehicles: &mut [Vehicle], take: &mut Take<'_>) {
+        if self.read(now, vehicles) {
+            for vehicle in vehicles.iter_mut() {
+                if let Some((outbox, ask)) = self.step(now, vehicle) {
+                    take(vehicle, outbox, ask);
+                }
+            }
+        }
+        self.write(now, vehicles);
+    }
+
+    /// States to the machine and controls from it, in place of the agents' messages.
+    fn totals(&self, of_agents: Totals) -> Totals {
+        let Totals { state_messages, state_bytes, frame_overruns, .. } = self.totals;
+        Totals { state_messages, state_bytes, frame_overruns, ..of_agents }
     }
 }
 

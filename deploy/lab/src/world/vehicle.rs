@@ -1,0 +1,126 @@
+//! One vehicle of a world: its helicopter, what fails of it, and the station with its agent.
+
+use skein_common::id::{Incarnation, VehicleId};
+use skein_common::message::{Mission, Trace};
+use skein_common::scenario::Scenario;
+use skein_common::time::{LocalTime, PlantTime};
+use skein_core::agent::{Agent, Outputs};
+use skein_core::aircraft::Aircraft;
+use skein_core::control::Rules;
+use skein_core::formation::NotFlown;
+use skein_core::formation::external::Answer;
+use skein_core::helicopter::{BuiltInVehicle, Script};
+use skein_core::peers::Heard;
+use skein_core::plant::{Frame, Measurement, Sticks, Truth};
+use skein_core::station::{Clocks, Station};
+
+use super::script::{self, Deed};
+use crate::faults::Agenda;
+
+/// One vehicle with its agent.
+#[derive(Debug)]
+pub(super) struct Vehicle {
+    pub(super) id: VehicleId,
+    pub(super) aircraft: Aircraft,
+    pub(super) plant: BuiltInVehicle,
+    /// What fails of the plant.
+    pub(super) script: Script,
+    /// What else is done to the vehicle.
+    pub(super) deeds: Agenda<Deed>,
+    /// `None` while its agent is dead.
+    pub(super) station: Option<Station>,
+    /// The agent's, or the last one's.
+    pub(super) incarnation: Incarnation,
+    /// As the last station left them; while one lives, it has them.
+    pub(super) clocks: Clocks,
+    /// Of its external law, for the next step.
+    pub(super) answer: Option<Answer>,
+    /// What the others find of it when they come late.
+    pub(super) register: Option<Mission>,
+    pub(super) truth: Truth,
+    /// Of the last frame.
+    pub(super) plant_time: PlantTime,
+    pub(super) command: Option<Sticks>,
+}
+
+impl Vehicle {
+    pub(super) fn new(
+        scenario: &Scenario,
+        id: VehicleId,
+        aircraft: Aircraft,
+        rules: &Rules,
+        plant: BuiltInVehicle,
+    ) -> Result<Self, NotFlown> {
+        let mut vehicle = Self {
+            id,
+            aircraft,
+            truth: plant.frame().truth,
+            plant,
+            script: Script::of(&scenario.mission.events, id),
+            deeds: script::deeds(scenario, id),
+            station: None,
+            incarnation: Incarnation(1),
+            clocks: Clocks::new(scenario, id),
+            answer: None,
+            register: None,
+            plant_time: PlantTime::ZERO,
+            command: None,
+        };
+        vehicle.clocks.jump(script::clock_begins_s(scenario, id));
+        vehicle.station = Some(vehicle.new_station(scenario, rules)?);
+        Ok(vehicle)
+    }
+
+    pub(super) fn new_station(&self, scenario: &Scenario, rules: &Rules) -> Result<Station, NotFlown> {
+        Station::new(scenario, self.id, self.incarnation, (&self.aircraft, rules.clone()), self.clocks)
+    }
+
+    /// The agent, if it lives.
+    pub(super) fn agent(&self) -> Option<&Agent> {
+        self.station.as_ref().map(Station::agent)
+    }
+
+    /// They go on while the agent is dead.
+    pub(super) fn clocks(&self) -> &Clocks {
+        self.station.as_ref().map_or(&self.clocks, Station::clocks)
+    }
+
+    pub(super) fn clock_jumps(&mut self, by_s: f64) {
+        match &mut self.station {
+            Some(station) => station.clock_jumps(by_s),
+            None => self.clocks.jump(by_s),
+        }
+    }
+
+    /// The next that is to be done to it now.
+    pub(super) fn due(&mut self, now: LocalTime) -> Option<Deed> {
+        self.deeds.due(self.clocks().flown_s(now)?)
+    }
+
+    /// Takes in what a perfect network delivers, if the agent lives.
+    pub(super) fn hear(&mut self, now: LocalTime, arriving: impl Iterator<Item = Heard>) {
+        if let Some(station) = &mut self.station {
+            station.hear(now, arriving);
+        }
+    }
+
+    /// The plant's frame under what has failed of it, and whether it stands still.
+    pub(super) fn frame(&mut self, now: LocalTime) -> (Frame, bool) {
+        let script = self.clocks().flown_s(now).map(|flown_s| self.script.at(flown_s)).unwrap_or_default();
+        self.plant.fail(script.failures);
+        let frame = self.plant.frame();
+        (self.truth, self.plant_time) = (frame.truth, frame.time);
+        (frame, script.simulator_frozen)
+    }
+
+    /// The agent's step, if it lives.
+    pub(super) fn step(&mut self, now: LocalTime, plant: (PlantTime, Option<&Measurement>)) -> Option<Outputs> {
+        let station = self.station.as_mut()?;
+        let answer = self.answer.take();
+        Some(station.step(now, plant, false, answer.as_ref()))
+    }
+
+    pub(super) fn trace(&mut self, now: LocalTime) -> Option<Trace> {
+        Some(self.station.as_mut()?.trace(now, self.plant_time, &self.truth))
+    }
+}
