@@ -1,7 +1,7 @@
 //! `skein compare`: two folders of runs, seed by seed.
 //!
 //! Runs are **paired**: equal seed, and equal in every key that varies within both folders (a sweep's point). Of each figure
-//! in [`DIRECTIONS`](crate::metrics::DIRECTIONS) that both of a pair have, or that came in one and never in the other, the median of either
+//! that can be worse ([`figures`](crate::metrics::figures)) and that both of a pair have, or that came in one and never in the other, the median of either
 //! side, the median of the differences and the effect size are estimated with 95 % intervals, see [`statistics`]. What never came ranks worst.
 //!
 //! **Verdict** on B against A, of one figure:
@@ -29,6 +29,7 @@ use serde::Serialize;
 use serde_json::{Map, Value};
 
 use crate::error::Error;
+use crate::metrics::figures;
 use crate::study::is_worse;
 use crate::terminal::json;
 use crate::terminal::say;
@@ -59,7 +60,8 @@ pub struct CompareArgs {
 /// What is worse, by name; or folders that cannot be compared.
 pub fn run(args: &CompareArgs) -> Result<(), Error> {
     if let Some(unknown) = args.only.iter().find(|key| is_worse(key).is_none()) {
-        let known = crate::metrics::DIRECTIONS.map(|(key, _)| key).join(", ");
+        let known: Vec<_> = figures::judged().map(|(key, _)| key).collect();
+        let known = known.join(", ");
         return Err(Error::Refused(format!("--only {unknown}: no figure that can be worse; there are {known}")));
     }
     let (a, b) = (Folder::read(&args.a)?, Folder::read(&args.b)?);
@@ -113,7 +115,7 @@ pub struct ComparedPoint {
 impl Comparison {
     /// Compares all figures, or those named.
     pub fn new(paired: &Paired<'_>, only: &[String]) -> Self {
-        let keys = || crate::metrics::DIRECTIONS.iter().map(|(key, _)| *key);
+        let keys = || figures::judged().map(|(key, _)| key);
         let is_asked = |key: &&str| only.is_empty() || only.iter().any(|asked| asked == key);
         let point = |point: &Point<'_>| ComparedPoint {
             set: point.set.clone(),

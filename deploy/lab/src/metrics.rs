@@ -40,6 +40,7 @@
 //! * `null` otherwise means that a figure does not apply to this run.
 
 mod crashes;
+pub mod figures;
 mod flock;
 mod graph;
 mod membership;
@@ -61,11 +62,12 @@ use skein_core::plant::{Sticks, Truth};
 
 use crate::faults::Incident;
 use crashes::Crashes;
+pub use figures::{Direction, WALL_CLOCK_KEYS};
 use flock::{Alignment, Following};
 use graph::Graph;
 use membership::Membership;
 use mission::Steps;
-pub use report::{DIRECTIONS, Direction, Report, Run, VehicleReport, WALL_CLOCK_KEYS, Wall};
+pub use report::{Report, Run, VehicleReport, Wall};
 use series::{AgeHistogram, InFormation, RadialSeries, Settling};
 use transient::Transients;
 

@@ -6,6 +6,7 @@ use skein_common::statistics::median;
 use super::pairs::Pair;
 use super::statistics::{ALPHA, Estimate, difference, estimate, notable, sign_test};
 use crate::metrics::Direction;
+use crate::metrics::figures;
 use crate::study::Outcome;
 
 /// Differences up to this share of the larger of the two medians do not count.
@@ -68,9 +69,9 @@ pub struct Compared {
 }
 
 impl Compared {
-    /// Compares a figure of [`DIRECTIONS`](crate::metrics::DIRECTIONS); `None` if no pair has it.
+    /// Compares a figure that can be better or worse; `None` if no pair has it.
     pub fn new(key: &'static str, pairs: &[Pair<'_>]) -> Option<Self> {
-        let (key, direction) = crate::metrics::DIRECTIONS.into_iter().find(|(known, _)| *known == key)?;
+        let (key, direction) = figures::judged().find(|(known, _)| *known == key)?;
         let outcome = |run: usize, pair: &Pair<'_>| pair[run].measured.outcome(key);
         let both = pairs.iter().filter_map(|pair| Some((pair, [outcome(0, pair)?, outcome(1, pair)?])));
         let (applies, outcomes): (Vec<&Pair<'_>>, Vec<[Outcome; 2]>) = both.unzip();

@@ -60,69 +60,6 @@ fn word(choice: &impl Serialize) -> String {
     }
 }
 
-/// Whether more or less of a figure is worse.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Direction {
-    /// More is worse.
-    More,
-    /// Less is worse.
-    Less,
-}
-
-/// Which way each figure gets worse; figures that are neither good nor bad are missing.
-pub const DIRECTIONS: [(&str, Direction); 47] = [
-    ("at_altitude_s", Direction::More),
-    ("in_band_s", Direction::More),
-    ("even_10deg_s", Direction::More),
-    ("even_5deg_s", Direction::More),
-    ("radial_rms_m", Direction::More),
-    ("radial_min_m", Direction::Less),
-    ("radial_max_m", Direction::More),
-    ("spacing_error_deg", Direction::More),
-    ("nearest_pair_end_m", Direction::Less),
-    ("min_separation_m", Direction::Less),
-    ("collisions", Direction::More),
-    ("collision_risk", Direction::More),
-    ("crashes", Direction::More),
-    ("oscillation_m", Direction::More),
-    ("max_tilt_deg", Direction::More),
-    ("altitude_rms_m", Direction::More),
-    ("stick_rms", Direction::More),
-    ("energy_j", Direction::More),
-    ("band_occupancy", Direction::Less),
-    ("polarization", Direction::Less),
-    ("order", Direction::Less),
-    ("safety", Direction::Less),
-    ("union", Direction::Less),
-    ("connectivity", Direction::Less),
-    ("connected_share", Direction::Less),
-    ("velocity_correlation", Direction::Less),
-    ("disconnected_vehicles", Direction::More),
-    ("min_cluster_vehicles", Direction::Less),
-    ("centroid_lag_m", Direction::More),
-    ("max_centre_distance_m", Direction::More),
-    ("setpoints_reached", Direction::Less),
-    ("setpoint_skew", Direction::More),
-    ("advance_latency_s", Direction::More),
-    ("forced_advances", Direction::More),
-    ("detection_s", Direction::More),
-    ("false_suspicions", Direction::More),
-    ("rejoin_s", Direction::More),
-    ("response_s", Direction::More),
-    ("transient_s", Direction::More),
-    ("state_messages", Direction::More),
-    ("state_bytes", Direction::More),
-    ("peer_age_p50_ms", Direction::More),
-    ("peer_age_p99_ms", Direction::More),
-    ("step_p50_us", Direction::More),
-    ("step_p99_us", Direction::More),
-    ("frame_overruns", Direction::More),
-    ("law_misses", Direction::More),
-];
-
-/// The only keys that may differ between two runs of the same scenario and seed in virtual time.
-pub const WALL_CLOCK_KEYS: [&str; 5] = ["wall_s", "real_time_factor", "step_p50_us", "step_p99_us", "frame_overruns"];
-
 /// How long a run took by the wall clock.
 #[derive(Clone, Copy, Debug)]
 pub struct Wall {
@@ -134,7 +71,7 @@ pub struct Wall {
 
 /// `metrics.json`.
 #[derive(Clone, Debug, Serialize)]
-#[expect(missing_docs, reason = "the keys are documented as a table in the README and defined in the module above")]
+#[expect(missing_docs, reason = "every key stands in `figures.rs`, and is defined in the module above")]
 pub struct Report {
     #[serde(flatten)]
     pub run: Run,

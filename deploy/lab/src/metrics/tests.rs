@@ -2,6 +2,7 @@ use skein_common::frame::{Attitude, PositionNed, VelocityNed};
 use skein_common::math;
 use skein_common::message::Failure;
 use skein_common::scenario::{Source, load};
+use std::collections::BTreeSet;
 
 use super::*;
 
@@ -129,21 +130,14 @@ fn gaps_close_around_the_circle() {
 }
 
 #[test]
-fn every_key_of_the_file_is_there_even_without_a_value() {
+fn every_key_of_the_file_is_there_even_without_a_value_and_in_the_table_of_figures() {
     let report = report(&metrics("swarm.vehicles = 2"));
     let serde_json::Value::Object(keys) = serde_json::to_value(&report).unwrap() else { panic!("an object") };
-    let wanted = "scenario, preset, law, conversion, plant, target, seed, version, revision, vehicles, duration_s, \
-        at_altitude_s, in_band_s, even_10deg_s, even_5deg_s, radial_rms_m, radial_mean_m, radial_min_m, radial_max_m, \
-        spacing_error_deg, nearest_pair_end_m, min_separation_m, collisions, crashes, safety_activations, oscillation_m, \
-        max_tilt_deg, altitude_rms_m, stick_rms, energy_j, band_occupancy, polarization, order, safety, union, \
-        connectivity, connected_share, centroid_lag_m, max_centre_distance_m, setpoints_reached, setpoint_skew, \
-        advance_latency_s, forced_advances, detection_s, false_suspicions, state_messages, state_bytes, \
-        peer_age_p50_ms, peer_age_p99_ms, step_p50_us, step_p99_us, frame_overruns, law_misses, wall_s, \
-        real_time_factor, never, rejoin_s, response_s, transient_s, velocity_correlation, collision_risk, mean_speed_m_s, \
-        disconnected_vehicles, min_cluster_vehicles";
-    for key in wanted.split(", ") {
-        assert!(keys.contains_key(key), "{key}");
-    }
+    let run = ["scenario", "preset", "law", "conversion", "plant", "target", "seed", "version", "revision", "vehicles"];
+    let figures = figures::FIGURES.map(|figure| figure.key);
+    let wanted: BTreeSet<&str> = run.into_iter().chain(["vehicle"]).chain(figures).collect();
+    assert_eq!(keys.keys().map(String::as_str).collect::<BTreeSet<_>>(), wanted);
+    assert_eq!(wanted.len(), run.len() + 1 + figures.len(), "no figure stands twice in the table");
 }
 
 /// The same vehicle about another centre, at a step.

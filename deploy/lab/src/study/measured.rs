@@ -6,7 +6,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use serde_json::Value;
 
-use crate::metrics::{DIRECTIONS, Direction, Report};
+use crate::metrics::{Direction, Report, figures};
 
 /// The figures of one run.
 #[derive(Clone, Debug, PartialEq)]
@@ -91,7 +91,7 @@ fn exact(line: &str) -> Option<(&str, f64)> {
 
 /// Whether more or less of a figure is worse; `None` for what is neither good nor bad.
 pub fn is_worse(key: &str) -> Option<Direction> {
-    DIRECTIONS.iter().find(|(known, _)| *known == key).map(|(_, direction)| *direction)
+    figures::of(key)?.worse
 }
 
 /// What decides which of two runs is the worse one when neither has more collisions and crashes, nor more that never happened: the

@@ -1,0 +1,137 @@
+//! Every figure of `metrics.json`, once: name, unit, meaning, and which way it gets worse. Comparisons, summaries and the
+//! documentation read this table; a test holds it against the keys of [`Report`](super::Report).
+
+use Direction::{Less, More};
+
+/// Whether more or less of a figure is worse.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Direction {
+    /// More is worse.
+    More,
+    /// Less is worse.
+    Less,
+}
+
+/// A figure of a run.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Figure {
+    /// Its key in `metrics.json`.
+    pub key: &'static str,
+    /// Its unit, or what it is a number of.
+    pub unit: &'static str,
+    /// Which way it gets worse; `None` if it is neither good nor bad.
+    pub worse: Option<Direction>,
+    /// What it is, in sentences.
+    pub meaning: &'static str,
+}
+
+const fn figure(key: &'static str, unit: &'static str, worse: Option<Direction>, meaning: &'static str) -> Figure {
+    Figure { key, unit, worse, meaning }
+}
+
+/// All figures, in the order of the file.
+#[rustfmt::skip]
+pub const FIGURES: [Figure; 54] = [
+    figure("duration_s", "s", None, "Length of the window of the figures."),
+    figure("at_altitude_s", "s", Some(More), "First time after which every vehicle stays above 90 % of its altitude to the end of the window."),
+    figure("in_band_s", "s", Some(More), "First time after which every vehicle stays in the band of its step (under a law of flocks inside the area). Slots in a line, V, grid or list have no band."),
+    figure("even_10deg_s", "s", Some(More), "First time after which every gap of the ring stays within 10° of even."),
+    figure("even_5deg_s", "s", Some(More), "First time after which every gap of the ring stays within 5° of even."),
+    figure("radial_rms_m", "m", Some(More), "Root mean square of the distance from the centre about R*, over the last 100 s."),
+    figure("radial_mean_m", "m", None, "Mean distance from the centre, over the last 100 s."),
+    figure("radial_min_m", "m", Some(Less), "Least distance from the centre, over the last 100 s."),
+    figure("radial_max_m", "m", Some(More), "Largest distance from the centre, over the last 100 s."),
+    figure("spacing_error_deg", "degrees", Some(More), "Largest deviation of a gap of the ring from even, averaged over the last 100 s."),
+    figure("nearest_pair_end_m", "m", Some(Less), "Distance of the nearest airborne pair at the end."),
+    figure("min_separation_m", "m", Some(Less), "Least distance of any pair of vehicles that are both above 2 m; under a law of flocks from the first movement on."),
+    figure("collisions", "pairs", Some(More), "Pairs of airborne vehicles that came nearer than 2 m."),
+    figure("crashes", "vehicles", Some(More), "Vehicles that touched the ground after flying at more than 3 m/s, at more than 45° from upright, or without an agent to land them."),
+    figure("safety_activations", "times", None, "How often the safety filter changed what a law wanted."),
+    figure("oscillation_m", "m", Some(More), "Half the peak-to-peak distance from the centre without its trend, of the vehicle where it is largest, over the last 100 s."),
+    figure("max_tilt_deg", "degrees", Some(More), "Largest tilt of any vehicle."),
+    figure("altitude_rms_m", "m", Some(More), "Root mean square of the altitude error, over the last 100 s."),
+    figure("stick_rms", "share of travel", Some(More), "Root mean square of the controls for roll, pitch and yaw."),
+    figure("energy_j", "J", Some(More), "Shaft energy of all vehicles, where the plant measures it."),
+    figure("band_occupancy", "share of time", Some(Less), "Share of time that members spend in the band, over the last 100 s; under a law of flocks inside R* while the centre moves."),
+    figure("polarization", "0 to 1", Some(Less), "Length of the mean direction of flight of members faster than 0.2 m/s, over the last 100 s."),
+    figure("order", "-1 to 1", Some(Less), "Mean cosine between a member's velocity and those of the members that it hears (Soria, Schiano and Floreano 2020), over the last 100 s."),
+    figure("safety", "share of pairs", Some(Less), "Share of pairs without a collision (Soria, Schiano and Floreano 2020)."),
+    figure("union", "0 to 1", Some(Less), "How far the graph of who hears whom is in one piece: (N - components) / (N - 1)."),
+    figure("connectivity", "0 to 1", Some(Less), "Second eigenvalue of the Laplacian of the graph of who hears whom, divided by N."),
+    figure("connected_share", "share of time", Some(Less), "Share of time in which the graph of who hears whom is in one piece."),
+    figure("velocity_correlation", "-1 to 1", Some(Less), "Mean cosine between a member's velocity and those of all members in the same component (Vásárhelyi et al. 2018), over the last 100 s."),
+    figure("collision_risk", "share of pairs", Some(More), "Share of pairs that are in a collision, averaged over time (Vásárhelyi et al. 2018)."),
+    figure("mean_speed_m_s", "m/s", None, "Mean speed over the ground of all members, over the last 100 s."),
+    figure("disconnected_vehicles", "vehicles", Some(More), "Members that hear no other member and that no other hears, averaged over time."),
+    figure("min_cluster_vehicles", "vehicles", Some(Less), "Size of the smallest component of the graph of who hears whom, averaged over time."),
+    figure("centroid_lag_m", "m", Some(More), "Distance of the members' centroid from the formation's centre, over the last 100 s; under a law of flocks while the centre moves."),
+    figure("max_centre_distance_m", "m", Some(More), "Largest distance of a member from its centre while that moves along a path."),
+    figure("setpoints_reached", "steps", Some(Less), "Steps of the mission that every live member has reached or passed at the end."),
+    figure("setpoint_skew", "steps", Some(More), "Largest difference between the steps of two live members."),
+    figure("advance_latency_s", "s", Some(More), "Longest time from when every live member has reached a step until the last member leaves it."),
+    figure("forced_advances", "times", Some(More), "How often a vehicle left a step without a member that had counted."),
+    figure("detection_s", "s", Some(More), "Longest time from a death or a cut until every vehicle has lost the peers that it cannot hear. More than 30 s count as never."),
+    figure("false_suspicions", "times", Some(More), "How often a vehicle lost a peer that lived, could be heard and had not left."),
+    figure("rejoin_s", "s", Some(More), "Longest time from a restart or a healed cut until every vehicle counts on the peer again. More than 30 s count as never."),
+    figure("response_s", "s", Some(More), "Longest time from a failure of a vehicle until that vehicle reports one."),
+    figure("transient_s", "s", Some(More), "Longest time from a change of the live members, or from a healed cut, until all are in the band and even to 10°. More than 120 s count as never."),
+    figure("state_messages", "messages", Some(More), "State messages that the swarm has sent; under a central controller states and controls."),
+    figure("state_bytes", "bytes", Some(More), "Payload of those messages."),
+    figure("peer_age_p50_ms", "ms", Some(More), "Median age of the peers' states at every step, an upper bound that includes the delay."),
+    figure("peer_age_p99_ms", "ms", Some(More), "99th percentile of that age."),
+    figure("step_p50_us", "us", Some(More), "Median time from a frame's arrival to its last control, in real time."),
+    figure("step_p99_us", "us", Some(More), "99th percentile of that time."),
+    figure("frame_overruns", "frames", Some(More), "Steps that ended after the next frame was due; under a central controller frames that it left out."),
+    figure("law_misses", "asks", Some(More), "Asks that an external law has not answered, or not in time."),
+    figure("wall_s", "s", None, "Time that the run took by the wall clock."),
+    figure("real_time_factor", "s/s", None, "Time flown, joining included, for each second of wall clock."),
+    figure("never", "keys", None, "Figures of what could have happened and never did."),
+];
+
+/// The only figures that may differ between two runs of the same scenario and seed in virtual time.
+pub const WALL_CLOCK_KEYS: [&str; 5] = ["wall_s", "real_time_factor", "step_p50_us", "step_p99_us", "frame_overruns"];
+
+/// The figure with this key.
+pub fn of(key: &str) -> Option<&'static Figure> {
+    FIGURES.iter().find(|figure| figure.key == key)
+}
+
+/// The figures that can be better or worse, each with the direction in which it gets worse.
+pub fn judged() -> impl Iterator<Item = (&'static str, Direction)> {
+    FIGURES.iter().filter_map(|figure| Some((figure.key, figure.worse?)))
+}
+
+/// The table of all figures for the documentation, in Markdown.
+pub fn markdown() -> String {
+    let row = |Figure { key, unit, worse, meaning }: &Figure| {
+        let worse = match worse {
+            Some(More) => "more",
+            Some(Less) => "less",
+            None => "",
+        };
+        format!("| `{key}` | {unit} | {worse} | {meaning} |\n")
+    };
+    let rows: String = FIGURES.iter().map(row).collect();
+    format!("| figure | unit | worse | meaning |\n| --- | --- | --- | --- |\n{rows}")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_documentation_has_this_table() {
+        let readme = include_str!("../../../../README.md");
+        let table = markdown();
+        assert!(readme.contains(&table), "the README does not have this table:\n{table}");
+    }
+
+    #[test]
+    fn every_unit_stands_in_the_key_too_where_it_is_one() {
+        for (ending, unit) in [("_s", "s"), ("_m", "m"), ("_deg", "degrees"), ("_j", "J"), ("_ms", "ms"), ("_us", "us")]
+        {
+            let its: Vec<_> = FIGURES.iter().filter(|figure| figure.key.ends_with(ending)).collect();
+            assert!(its.iter().all(|figure| figure.unit == unit || figure.key == "mean_speed_m_s"), "{its:?}");
+        }
+    }
+}
