@@ -4,6 +4,7 @@ mod flight;
 mod responses;
 
 use nalgebra::Vector2;
+use proptest::prelude::*;
 use skein_common::frame::VelocityNed;
 
 use super::*;
@@ -314,6 +315,30 @@ fn time_that_stands_still_freezes_no_position() {
     for dt_s in [0.0, -5.0] {
         for _ in 0..1_000 {
             assert_eq!(diagnosis.update(dt_s, &measured(0.0, Some(167.0)), None), None);
+        }
+    }
+}
+
+/// Any number, the impossible ones often.
+fn number() -> impl Strategy<Value = f64> {
+    prop_oneof![Just(f64::NAN), Just(f64::INFINITY), Just(0.0), any::<f64>(), -10.0..10.0, 100.0..200.0]
+}
+
+proptest! {
+    #[test]
+    fn what_is_found_only_gets_worse_and_is_news_once_whatever_is_measured(
+        steps in prop::collection::vec((number(), number(), number(), number(), [number(), number(), number(), number()]), 1..200),
+    ) {
+        let mut diagnosis = Diagnosis::new(&xcell60());
+        for (dt_s, east_m, turn_rad_s, rotor_rad_s, [roll, pitch, yaw, collective]) in steps {
+            let mut measured = measured(if east_m.is_finite() { east_m } else { 0.0 }, Some(rotor_rad_s));
+            (measured.rates.yaw_rad_s, measured.rates.roll_rad_s) = (turn_rad_s, turn_rad_s);
+            let (worst, was_frozen) = (diagnosis.worst, diagnosis.is_position_frozen());
+            let news = diagnosis.update(dt_s, &measured, Some(Sticks { roll, pitch, yaw, collective }));
+            prop_assert!(diagnosis.worst >= worst && diagnosis.is_position_frozen() >= was_frozen);
+            let is_new = diagnosis.worst > worst || diagnosis.is_position_frozen() > was_frozen;
+            prop_assert_eq!(news.is_some(), is_new, "{:?} after {:?}", news, worst);
+            prop_assert!(news.is_none_or(|found| diagnosis.found().any(|known| known == found)));
         }
     }
 }
