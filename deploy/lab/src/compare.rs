@@ -1,7 +1,7 @@
 //! `skein compare`: two folders of runs, seed by seed.
 //!
 //! Runs are **paired**: equal seed, and equal in every key that varies within both folders (a sweep's point). Of each figure
-//! that can be worse ([`figures`](crate::metrics::figures)) and that both of a pair have, or that came in one and never in the other, the median of either
+//! that can be worse ([`figures`]) and that both of a pair have, or that came in one and never in the other, the median of either
 //! side, the median of the differences and the effect size are estimated with 95 % intervals, see [`statistics`]. What never came ranks worst.
 //!
 //! **Verdict** on B against A, of one figure:

@@ -2,7 +2,7 @@
 //! and under its faults.
 //!
 //! One tick is one frame of every vehicle. What is said in a tick is heard in the next, by everybody, through the same
-//! encoding as on the wire and through each receiver's [`Station`]. What the scenario does to the swarm it does between hearing
+//! encoding as on the wire and through each receiver's [`Station`](skein_core::station::Station). What the scenario does to the swarm it does between hearing
 //! and stepping.
 //!
 //! Where the agents run is the driver's to say (`world/driver.rs`): beside their vehicles, or on the one machine of

@@ -336,7 +336,7 @@ proptest! {
             let (worst, was_frozen) = (diagnosis.worst, diagnosis.is_position_frozen());
             let news = diagnosis.update(dt_s, &measured, Some(Sticks { roll, pitch, yaw, collective }));
             prop_assert!(diagnosis.worst >= worst && diagnosis.is_position_frozen() >= was_frozen);
-            let is_new = diagnosis.worst > worst || diagnosis.is_position_frozen() > was_frozen;
+            let is_new = diagnosis.worst > worst || diagnosis.is_position_frozen() && !was_frozen;
             prop_assert_eq!(news.is_some(), is_new, "{:?} after {:?}", news, worst);
             prop_assert!(news.is_none_or(|found| diagnosis.found().any(|known| known == found)));
         }
