@@ -9,7 +9,7 @@
 //! ```
 
 pub mod config;
-pub mod law;
+pub mod external;
 pub mod link;
 pub mod plant;
 pub mod run;

@@ -5,7 +5,7 @@
 //! | control | waits for the plant's frame, steps the [`Station`], writes the controls; hands over what is to be sent |
 //! | publisher | sends it, and may have to wait for the network |
 //! | Zenoh's | file what is heard ([`crate::link`]) |
-//! | law's | asks an external law, if one flies ([`crate::law`]) |
+//! | law's | asks an external law, if one flies ([`crate::external`]) |
 //! | Tokio's | health once a second, how far clocks are apart, signals |
 //! | log, standard input | may block, each alone |
 //!
@@ -33,7 +33,7 @@ use tokio::sync::mpsc;
 use tokio::time::MissedTickBehavior;
 
 use crate::config::{AgentOptions, Node};
-use crate::law::LiveLaw;
+use crate::external::LiveLaw;
 use crate::link::{ASK_EVERY, HealthLine, Link, LinkError, Sessions, Trust, ZENOH_ON_TWO_THREADS, ZENOH_RUNTIME};
 use crate::plant::xplane;
 use crate::unix;

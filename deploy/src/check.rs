@@ -10,7 +10,7 @@ use crate::fly::script;
 use crate::prepare::{Prepared, Target, prepare};
 use crate::simulators::{self, HostPort};
 use skein_lab::error::Error;
-use skein_lab::laws::Trial;
+use skein_lab::external::Trial;
 use skein_lab::scenario::ScenarioArgs;
 
 /// `skein check`

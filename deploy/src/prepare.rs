@@ -7,7 +7,7 @@ use skein_host::external::protocol::Time;
 
 use crate::simulators::{self, HostPort};
 use skein_lab::error::Error;
-use skein_lab::laws::Trial;
+use skein_lab::external::Trial;
 use skein_lab::prepare;
 use skein_lab::scenario::{Ready, ScenarioArgs};
 

@@ -17,7 +17,7 @@ use skein_core::control::{Rules, Setpoint, VehicleController};
 use skein_core::estimate::Estimator;
 use skein_core::helicopter::{BuiltInVehicle, Start, TICK_S, Weather};
 use skein_core::plant::Sticks;
-use skein_lab::laws::LawPool;
+use skein_lab::external::LawPool;
 use skein_lab::study::Study;
 use skein_lab::world::World;
 

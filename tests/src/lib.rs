@@ -21,7 +21,7 @@ use skein_common::scenario::{Scenario, Source, load};
 use skein_common::statistics::median;
 use skein_core::aircraft::Aircraft;
 use skein_core::control::Rules;
-use skein_lab::laws::LawPool;
+use skein_lab::external::LawPool;
 use skein_lab::metrics::AIRBORNE_ABOVE_M;
 use skein_lab::study::{self, Study};
 use skein_lab::world::World;

@@ -15,7 +15,7 @@ use std::time::{Duration, Instant};
 
 use rustix::process::{Pid, Signal, kill_process};
 use serde_json::Value;
-use skein_lab::laws::LawPool;
+use skein_lab::external::LawPool;
 use skein_lab::metrics::{Report, WALL_CLOCK_KEYS};
 use skein_lab::scenario::ScenarioArgs;
 use skein_lab::study::{Study, StudyError};

@@ -8,7 +8,7 @@
 //! | [`StateOld`](Deadline::StateOld) | peer's state sent | 0.5 s | local clock | its standing is stale |
 //! | [`NeighbourSilent`](Deadline::NeighbourSilent) | peer's state received | `network.peer_stale_s` | local clock | it leaves the formation |
 //! | [`PeerLost`](Deadline::PeerLost) | any message of a peer received | `network.peer_stale_s` | local clock | no vehicle waits for it |
-//! | [`ObstacleGone`](Deadline::ObstacleGone) | peer lost | 10 s | local clock | it is no obstacle any more |
+//! | [`ObstacleGone`](Deadline::ObstacleGone) | peer lost | 10 s | local clock | it stops being an obstacle |
 //! | [`PeerGivenUp`](Deadline::PeerGivenUp) | peer lost, or own begin | 60 s | local clock | it flies the mission no longer |
 //! | [`LeniencyOver`](Deadline::LeniencyOver) | own agent late | 10 s | local clock | peers may be silent no longer than usual |
 //! | [`RoundTripOld`](Deadline::RoundTripOld) | echo received | 60 s | local clock | it bounds no delay any more |
@@ -40,7 +40,7 @@ pub enum Deadline {
     SimulatorLost,
     /// No agent needs that long for a step: after it all that it knows is worthless anyway.
     ClockJumped,
-    /// A peer's state is no longer fresh.
+    /// A peer's state has become stale.
     StateOld,
     /// A peer has sent no state for `network.peer_stale_s`, this long.
     NeighbourSilent(f64),

@@ -48,7 +48,7 @@ pub enum Condition {
     OwnDataStale,
     /// This step has no new measurement, and the last one is not stale yet.
     FrameLate,
-    /// The rotor slows down: there is no power.
+    /// The engine gives no power: the rotor slows down.
     EngineOut,
     /// The roll or the pitch servo does not follow.
     CyclicStuck,

@@ -91,7 +91,7 @@ pub trait Plant: Send {
     /// Sets the controls; called at most once a frame, never blocks.
     fn command(&mut self, sticks: Sticks);
 
-    /// Gives the controls back to whoever had them before.
+    /// Returns the controls to the simulator.
     fn release(&mut self);
 
     /// Seconds between two frames as they should be.

@@ -14,7 +14,7 @@ use tokio::sync::mpsc;
 use super::Stop;
 use super::silence::Silence;
 use super::timing::{Summary, Timing};
-use crate::law::LiveLaw;
+use crate::external::LiveLaw;
 use crate::link::{Link, Messages};
 use skein_core::agent::Outputs;
 use skein_core::outbox::Outbox;

@@ -24,7 +24,7 @@ pub struct Health {
     pub failures: Vec<Failure>,
     /// Simulator frames a second, over the last second.
     pub frame_rate_hz: f64,
-    /// 99th percentile of the distance between frames beyond their period over the last second, ms.
+    /// Largest distance between two frames beyond their period over the last second, ms.
     pub jitter_ms: f64,
     /// Median time from a frame's arrival to its last control, over the last second, µs.
     pub step_p50_us: f64,

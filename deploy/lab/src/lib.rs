@@ -6,7 +6,7 @@
 //! | [`scenario`], [`prepare`] | a command's scenario: read, and everything that can stand against its flight |
 //! | [`world`] | a swarm in virtual time, step by step |
 //! | [`faults`] | what a scenario does to a swarm, and when; what really happened |
-//! | [`laws`] | laws in other programs, in virtual time |
+//! | [`external`] | laws in other programs, in virtual time |
 //! | [`metrics`] | the figures of a flight |
 //! | [`study`] | many flights: seeds, sweeps, summaries |
 //! | [`recording`], [`record`] | a flight in memory, and as an MCAP file |
@@ -17,9 +17,9 @@
 pub mod cli;
 pub mod compare;
 pub mod error;
+pub mod external;
 pub mod faults;
 pub mod law;
-pub mod laws;
 pub mod metrics;
 pub mod out;
 pub mod prepare;

@@ -6,7 +6,7 @@ use skein_host::external::is_external;
 use skein_host::external::protocol::Time;
 
 use crate::error::Error;
-use crate::laws::{LawError, Trial};
+use crate::external::{LawError, Trial};
 use crate::scenario::{Ready, ScenarioArgs};
 
 /// Makes sure that this scenario, as [`ScenarioArgs::read`] gave it, can fly in this kind of time on the built-in helicopter:

@@ -22,7 +22,7 @@ use skein_core::control::Rules;
 use skein_core::helicopter::TICK_S;
 use skein_core::peers::FRESH_S;
 
-use crate::laws::{LawError, LawPool};
+use crate::external::{LawError, LawPool};
 use crate::metrics::{Metrics, Report, Run, VehicleNow, Wall};
 use crate::recording::Watch;
 use crate::world::{World, WorldError};

@@ -7,7 +7,7 @@ use skein_common::scenario::{Loaded, Scenario};
 use super::{FlyArgs, PlantArg};
 use crate::prepare::{Prepared, Target, prepare};
 use skein_lab::error::Error;
-use skein_lab::laws::Trial;
+use skein_lab::external::Trial;
 use skein_lab::out;
 use skein_lab::scenario::Ready;
 

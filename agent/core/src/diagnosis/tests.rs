@@ -111,12 +111,15 @@ fn begun(phase: &str, wind_m_s: f64, seed: u64) -> Flight {
     flight
 }
 
-/// Flights of each kind: enough that their 95th percentile is no single flight.
-const FLIGHTS: u64 = 64;
+/// Flights of each kind.
+const FLIGHTS: u64 = 16;
+/// So many flights that the 95th percentile of their times does not depend on one flight.
+const MANY_FLIGHTS: u64 = 64;
 
-/// How a failure was found in [`FLIGHTS`] flights.
+/// How a failure was found in so many flights.
 #[derive(Debug, Default)]
 struct Finds {
+    flights: u64,
     /// Sorted, s.
     after_s: Vec<f64>,
     /// Farthest from its moving place over the ground where it was not found within 30 s, m.
@@ -130,7 +133,7 @@ impl Finds {
 
     /// Within this time 95 % of all flights found it.
     fn p95_s(&self) -> f64 {
-        self.after_s.get((0.95 * FLIGHTS as f64) as usize).copied().unwrap_or(f64::INFINITY)
+        self.after_s.get((0.95 * self.flights as f64) as usize).copied().unwrap_or(f64::INFINITY)
     }
 
     fn worst_s(&self) -> f64 {
@@ -139,9 +142,9 @@ impl Finds {
 }
 
 /// Flown on as if nothing were, until it is found, for 30 s.
-fn finds(phase: &str, wind_m_s: f64, failures: Failures, expected: Failure) -> Finds {
-    let mut finds = Finds::default();
-    for seed in 0..FLIGHTS {
+fn finds(flights: u64, phase: &str, wind_m_s: f64, failures: Failures, expected: Failure) -> Finds {
+    let mut finds = Finds { flights, ..Finds::default() };
+    for seed in 0..flights {
         let mut flight = begun(phase, wind_m_s, seed);
         assert_eq!(flight.found, [], "{phase} {wind_m_s} {seed}");
         let from_s = flight.time_s();
@@ -162,7 +165,7 @@ fn finds(phase: &str, wind_m_s: f64, failures: Failures, expected: Failure) -> F
     }
     finds.after_s.sort_by(f64::total_cmp);
     println!(
-        "{expected:?}, {phase}, wind and gusts {wind_m_s} m/s: {} of {FLIGHTS} found, median {:.2} s, 95 % within {:.2} s, worst {:.2} s",
+        "{expected:?}, {phase}, wind and gusts {wind_m_s} m/s: {} of {flights} found, median {:.2} s, 95 % within {:.2} s, worst {:.2} s",
         finds.after_s.len(),
         finds.median_s(),
         finds.p95_s(),
@@ -175,7 +178,7 @@ fn finds(phase: &str, wind_m_s: f64, failures: Failures, expected: Failure) -> F
 fn an_engine_that_stops_is_found_at_once() {
     for phase in ["take-off", "hover", "step", "transit"] {
         for wind_m_s in [0.0, 5.0, 8.0] {
-            let finds = finds(phase, wind_m_s, ENGINE_OUT, Failure::Engine);
+            let finds = finds(FLIGHTS, phase, wind_m_s, ENGINE_OUT, Failure::Engine);
             assert!(finds.after_s.len() as u64 == FLIGHTS && finds.worst_s() < 0.4, "{finds:?}");
         }
     }
@@ -185,7 +188,7 @@ fn an_engine_that_stops_is_found_at_once() {
 fn a_frozen_position_is_found_within_two_metres() {
     for (phase, within_s) in [("take-off", 1.6), ("step", 1.6), ("transit", 0.6)] {
         for wind_m_s in [0.0, 5.0] {
-            let finds = finds(phase, wind_m_s, POSITION_FROZEN, Failure::Position);
+            let finds = finds(FLIGHTS, phase, wind_m_s, POSITION_FROZEN, Failure::Position);
             assert!(finds.after_s.len() as u64 == FLIGHTS && finds.worst_s() < within_s, "{finds:?}");
         }
     }
@@ -194,11 +197,17 @@ fn a_frozen_position_is_found_within_two_metres() {
 #[test]
 fn a_stuck_cyclic_is_found_when_it_is_needed() {
     for servo in [0, 1] {
-        for (phase, median_s, within_s) in [("step", 2.5, 5.0), ("transit", 3.5, 10.5), ("take-off", 20.0, 23.0)] {
+        for (phase, median_s, p95_s) in [("step", 2.5, 5.0), ("transit", 3.5, 10.5), ("take-off", 20.0, 23.0)] {
             for wind_m_s in [0.0, 5.0] {
-                let finds = finds(phase, wind_m_s, stuck(servo), Failure::Servo);
-                assert!(finds.after_s.len() as u64 == FLIGHTS, "{finds:?}");
-                assert!(finds.median_s() < median_s && finds.p95_s() < within_s, "{finds:?}");
+                let finds = finds(MANY_FLIGHTS, phase, wind_m_s, stuck(servo), Failure::Servo);
+                assert!(finds.after_s.len() as u64 == MANY_FLIGHTS, "{finds:?}");
+                assert!(finds.median_s() < median_s && finds.p95_s() < p95_s, "{finds:?}");
+            }
+        }
+        for (phase, worst_s) in [("step", 6.0), ("transit", 11.0)] {
+            for wind_m_s in [0.0, 5.0] {
+                let finds = finds(FLIGHTS, phase, wind_m_s, stuck(servo), Failure::Servo);
+                assert!(finds.worst_s() < worst_s, "{finds:?}");
             }
         }
     }
@@ -207,15 +216,15 @@ fn a_stuck_cyclic_is_found_when_it_is_needed() {
 #[test]
 fn a_dead_gyro_is_found_when_it_is_needed() {
     for wind_m_s in [0.0, 5.0] {
-        let finds = finds("step", wind_m_s, GYRO_OFF, Failure::Gyro);
-        assert!(finds.after_s.len() >= 56 && finds.median_s() < 2.5, "{finds:?}");
+        let finds = finds(FLIGHTS, "step", wind_m_s, GYRO_OFF, Failure::Gyro);
+        assert!(finds.after_s.len() >= 15 && finds.median_s() < 2.5, "{finds:?}");
     }
 }
 
 #[test]
 fn a_stuck_collective_is_found_once_it_leads_astray() {
     for wind_m_s in [0.0, 5.0] {
-        let finds = finds("transit", wind_m_s, stuck(2), Failure::Servo);
+        let finds = finds(MANY_FLIGHTS, "transit", wind_m_s, stuck(2), Failure::Servo);
         assert!(finds.after_s.len() >= 56 && finds.median_s() < 11.0, "{finds:?}");
     }
 }
@@ -239,7 +248,7 @@ fn what_fails_where_it_is_not_needed_is_not_found_and_does_no_harm() {
         (stuck(2), Failure::Servo),
         (POSITION_FROZEN, Failure::Position),
     ] {
-        let finds = finds("hover", 0.0, failures, failure);
+        let finds = finds(FLIGHTS, "hover", 0.0, failures, failure);
         assert!((finds.after_s.len() as u64) < FLIGHTS && finds.unfound_off_m < 2.5, "{finds:?}");
     }
 }

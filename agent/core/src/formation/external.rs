@@ -1,8 +1,8 @@
 //! A law that is another program: the question that an agent asks, and what is flown of the answer.
 //!
 //! The program stays outside of the core. A step hands out an [`Ask`]; a later step takes the [`Answer`]. Until then, and
-//! while asks are missed, the last answer stands. Who carries both to the program and back is `skein_agent::external` in
-//! real time and the study in virtual time; recorded answers can take their place.
+//! while asks are missed, the last answer stands. In real time `skein_agent::external` carries both to the
+//! program and back, in virtual time `skein_lab::external`; recorded answers can take their place.
 //!
 //! ```text
 //!             `misses` asks in a row unanswered

@@ -8,8 +8,8 @@ use skein_core::control::Rules;
 
 use super::format::{EventLine, FaultLine, log_time_ns, seconds_since, traced};
 use super::*;
+use crate::external::LawPool;
 use crate::faults::Incident;
-use crate::laws::LawPool;
 use crate::metrics::Run;
 use crate::recording::Recording;
 use crate::scenario::ScenarioArgs;

@@ -31,7 +31,7 @@ use super::measured::Measured;
 use super::sweep::{self, Point, Sweep};
 use super::{Study, StudyArgs};
 use crate::error::Error;
-use crate::laws::{self, LawPool, Trial};
+use crate::external::{self, LawPool, Trial};
 use crate::out;
 use crate::prepare::prepare;
 use crate::scenario::{Ready, ScenarioArgs};
@@ -111,7 +111,7 @@ impl Plan {
             let ready = prepare(&self.scenario, &loaded.scenario, Time::Virtual, &mut trial);
             let ready = ready.map_err(|error| first.at_point(error))?;
             let mut scenario = loaded.scenario;
-            jobs = laws::jobs(&scenario, jobs).map_err(|error| first.at_point(Error::Refused(error)))?;
+            jobs = external::jobs(&scenario, jobs).map_err(|error| first.at_point(Error::Refused(error)))?;
             for seed in self.seeds.clone() {
                 scenario.seed = seed;
                 let run = Run { seed, ..first };

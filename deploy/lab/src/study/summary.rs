@@ -8,6 +8,7 @@ use serde_json::{Map, Value};
 use super::measured::{Measured, is_worse, worst_and_median};
 use super::sweep::Point;
 use crate::metrics::{Direction, Report};
+use skein_common::statistics::quantile;
 
 /// One figure over all seeds.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -93,9 +94,9 @@ fn figure(key: &str, column: &[(u64, Option<f64>)]) -> Figure {
     let rank = |value: Option<f64>| value.map_or(f64::INFINITY, |value| sign * value);
     ranked.sort_by(|one, other| rank(one.1).total_cmp(&rank(other.1)));
     let at = |share: f64| {
-        let place = share * (ranked.len() - 1) as f64;
-        let (low, high) = (ranked[place.floor() as usize].1?, ranked[place.ceil() as usize].1?);
-        Some(low + (high - low) * place.fract())
+        let mut ranks: Vec<f64> = ranked.iter().map(|(_, value)| rank(*value)).collect();
+        // What never happened in as many runs has no value.
+        quantile(&mut ranks, share).filter(|rank| rank.is_finite()).map(|rank| sign * rank)
     };
     let (first, third) = if sign < 0.0 { (0.75, 0.25) } else { (0.25, 0.75) };
     let values = || column.iter().filter_map(|(_, value)| *value);
