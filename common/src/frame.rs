@@ -155,6 +155,7 @@ macro_rules! ned_vector {
         $(#[$doc])*
         #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
         #[serde(from = "[f64; 3]", into = "[f64; 3]")]
+        #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
         pub struct $name(pub Vector3<f64>);
 
         impl $name {
@@ -250,6 +251,7 @@ impl PositionNed {
 
 /// Attitude as Euler angles 3-2-1: heading, then pitch, then roll.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Attitude {
     /// φ, right bank positive, −π to π.
     pub roll_rad: f64,

@@ -8,6 +8,7 @@ use serde::{Deserialize, Serialize};
 /// A vehicle's number, 1 to 250: also its MAVLink system id.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(try_from = "u8", into = "u8")]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct VehicleId(NonZeroU8);
 
 /// A number that is no vehicle's.
@@ -69,6 +70,7 @@ impl fmt::Display for VehicleId {
 /// Some of the vehicles of a swarm.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(try_from = "[u64; 4]")]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct VehicleSet([u64; 4]);
 
 impl TryFrom<[u64; 4]> for VehicleSet {
@@ -157,6 +159,7 @@ impl fmt::Display for VehicleSet {
 /// One life of an agent: a restarted agent has a larger one. Taken from the clock at its start (nanoseconds of UTC), so
 /// that it grows from start to start without anything kept on disk.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Incarnation(pub u64);
 
 /// The swarm's name: the Zenoh namespace of all its traffic.

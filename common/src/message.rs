@@ -61,16 +61,17 @@ pub trait Message: Serialize + DeserializeOwned {
     fn may_stand_under(&self, topic: &Topic) -> bool;
 }
 
-/// Who says it, in which life, and in which order.
+/// The sender of a message, in which life, and in which order.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Header {
-    /// The speaker.
+    /// The vehicle that sends.
     pub sender: VehicleId,
-    /// The speaker's present life: a restarted agent has a larger one.
+    /// The present life of its agent: a restarted agent has a larger one.
     pub incarnation: Incarnation,
     /// Grows with every message of this kind in this life.
     pub sequence: u64,
-    /// The speaker's own clock. It orders the speaker's words and says nothing to anybody else's clock.
+    /// The sender's own monotonic clock, ns. It orders the sender's messages and tells nothing of any other clock.
     pub stamp: SenderStamp,
 }
 
@@ -153,6 +154,7 @@ pub struct Event {
 
 /// What can happen.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub enum Happening {
     /// The speaker became an active member.
     BecameActive,
@@ -174,7 +176,7 @@ pub enum Happening {
     ForcedAdvance {
         /// The step gone on to.
         to: u32,
-        /// Those not waited for.
+        /// Those not waited for: a bit each, that of vehicle 1 is the lowest of the first number.
         without: VehicleSet,
     },
     /// The speaker was carried forward to where others are, past a step that it had not reached.
@@ -212,6 +214,7 @@ pub enum Happening {
 
 /// What a vehicle finds failed of itself, from the mildest to the most severe, with what it does then.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub enum Failure {
     /// The position repeats: it reckons on by its velocity, and lands.
     Position,

@@ -30,18 +30,20 @@ impl VehicleState {
 
 /// Where an agent stands in the swarm's agreement.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub enum Membership {
-    /// Listening to what the others already agreed on; nobody waits for it.
+    /// Receives what the others already agreed on; no vehicle waits for it.
     #[default]
     Joining,
     /// Takes part.
     Active,
-    /// Has landed for good; nobody waits for it.
+    /// Has landed for good; no vehicle waits for it.
     Left,
 }
 
 /// What a vehicle is doing, as people see it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub enum Activity {
     /// Joining the swarm, controls untouched.
     #[default]
@@ -50,7 +52,7 @@ pub enum Activity {
     TakingOff,
     /// Flying in formation.
     Formation,
-    /// Holding its place, ordered to or because it hears nobody.
+    /// Holding its place, ordered to or because it receives from no peer.
     Holding,
     /// Descending where it is.
     Landing,
@@ -74,12 +76,13 @@ impl std::fmt::Display for Activity {
     }
 }
 
-/// How a peer's last word stands with the one who heard it.
+/// How a peer's newest state stands with the vehicle that received it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub enum Standing {
-    /// Heard just now.
+    /// Received just now.
     Fresh,
-    /// Not heard for a while, carried forward.
+    /// Not received for a while, carried forward.
     Stale,
     /// Gone: no part of the formation, an obstacle for a while.
     Lost,

@@ -1,11 +1,14 @@
 //! The command line of `skein`. Arguments only: everything else is in the module of the command.
 
+use std::ffi::OsString;
 use std::process::ExitCode;
 use std::sync::atomic::AtomicBool;
 
+use clap::error::{ContextKind, ContextValue};
 use clap::{Parser, Subcommand};
 use skein_agent::config::AgentOptions;
 use skein_agent::plant::xplane::standin::{StandinOptions, run_standin};
+use skein_common::scenario::NEVER_SUGGESTED;
 use skein_core::formation::laws::Laws;
 use tracing_subscriber::EnvFilter;
 
@@ -71,9 +74,29 @@ pub fn main() -> ExitCode {
 /// it starts know them as well. See [`skein_lab::law`].
 pub fn main_with(laws: Laws) -> ExitCode {
     match laws.add() {
-        Ok(()) => run(Cli::parse().command),
+        Ok(()) => run(parse(std::env::args_os()).unwrap_or_else(|error| error.exit()).command),
         Err(fault) => Error::Refused(fault.to_string()).report(),
     }
+}
+
+/// The arguments, the program's name first. An error suggests no command that lands or aborts the swarm.
+///
+/// # Errors
+/// What is wrong with them; a request for help or the version is one too.
+pub fn parse(arguments: impl IntoIterator<Item = impl Into<OsString> + Clone>) -> Result<Cli, clap::Error> {
+    Cli::try_parse_from(arguments).map_err(|mut error| {
+        // `skein cluster down` lands the swarm.
+        let ends_flight = |command: &str| command == "down" || NEVER_SUGGESTED.contains(&command);
+        let is_dangerous = match error.get(ContextKind::SuggestedSubcommand) {
+            Some(ContextValue::String(command)) => ends_flight(command),
+            Some(ContextValue::Strings(commands)) => commands.iter().any(|command| ends_flight(command)),
+            _ => false,
+        };
+        if is_dangerous {
+            error.remove(ContextKind::SuggestedSubcommand);
+        }
+        error
+    })
 }
 
 /// One command. Its exit status: 0 success, 1 a run that failed, 2 an argument or a file at fault.
@@ -109,12 +132,33 @@ mod tests {
     use super::*;
 
     fn parse(line: &str) -> Result<Command, clap::Error> {
-        Cli::try_parse_from(line.split(' ')).map(|cli| cli.command)
+        super::parse(line.split(' ')).map(|cli| cli.command)
     }
 
     #[test]
     fn the_definition_holds_together() {
         Cli::command().debug_assert();
+    }
+
+    #[test]
+    fn no_error_suggests_to_land_or_to_abort() {
+        let message = |line: &str| parse(line).unwrap_err().to_string();
+        for slip in
+            ["order lnad", "order landd", "order lan", "order abrot", "order abor", "cluster dwon", "cluster dow"]
+        {
+            let message = message(&format!("skein {slip}"));
+            let written = slip.split(' ').next_back().unwrap_or_default();
+            assert!(message.contains(&format!("unrecognized subcommand '{written}'")), "{message}");
+            assert!(!message.contains("tip") && !message.contains("similar"), "{message}");
+            assert!(["'land'", "'abort'", "'down'"].iter().all(|verb| !message.contains(verb)), "{message}");
+            assert!(message.contains("Usage: skein "), "{message}");
+        }
+        for (slip, meant) in
+            [("order hodl", "hold"), ("order gto", "goto"), ("cluster stauts", "status"), ("stduy", "study")]
+        {
+            let message = message(&format!("skein {slip}"));
+            assert!(message.contains(&format!("'{meant}'")), "{message}");
+        }
     }
 
     #[test]

@@ -24,7 +24,7 @@ enum Read {
 
 use Read::{Aircraft as Plane, Cluster, Scenario};
 
-const CASES: [(&str, Read); 30] = [
+const CASES: [(&str, Read); 31] = [
     ("a misspelt key", Scenario("swarm.vehicles = 4\n[formation]\nraduis_m = 80\n")),
     ("a key without its unit", Scenario("swarm.vehicles = 4\n[formation]\nheading = 30\n")),
     ("a key of another table", Scenario("swarm.vehicles = 4\n[formation]\nspeed_m_s = 3\n")),
@@ -48,6 +48,7 @@ const CASES: [(&str, Read); 30] = [
     ("a key that is written twice", Scenario("swarm.vehicles = 4\n[formation]\ngamma = 1\ngamma = 2\n")),
     ("a ring too small for its vehicles", Scenario("swarm.vehicles = 40\n[formation]\nradius_m = 40\n")),
     ("a cluster file", Scenario("swarm = 'lab'\nscenario = 'hover.toml'\n[node.1]\nhost = '10.0.0.1'\n")),
+    ("a cluster file without nodes", Scenario("swarm = 'lab'\nscenario = 'hover.toml'\n")),
     ("an aircraft file", Scenario("rotor_speed_rad_s = 170\n[trim]\nroll_stick = 0\n")),
     (
         "a misspelt key of a node",

@@ -8,6 +8,7 @@ use crate::topic::{Author, Topic};
 /// An operator's order: a register, merged by taking the larger one, so that it spreads from any node to all. An order to
 /// abort is larger than any other: nothing takes it back.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Order {
     /// One more than the largest epoch that the issuer had heard of.
     pub epoch: u64,
@@ -21,6 +22,7 @@ pub struct Order {
 
 /// An Ed25519 signature (RFC 8032) of an order: in a swarm with an orders key, nothing else makes it one.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Seal([u8; 32], [u8; 32]);
 
 impl Seal {
@@ -67,6 +69,7 @@ impl PartialOrd for Order {
 
 /// What an operator can ask for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub enum Verb {
     /// Stop where you are, at the altitude you have.
     Hold,

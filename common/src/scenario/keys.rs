@@ -14,7 +14,7 @@ use crate::scenario::law;
 
 use Kind::{Edges, Free, Id, Ids, Integer, Path, Point, Texts};
 
-pub use nearest::{matching, meant};
+pub use nearest::{NEVER_SUGGESTED, matching, meant};
 pub(super) use nearest::{nearest, nearest_of, siblings};
 pub use table::KEYS;
 pub(super) use table::{FAULT_KEYS, ORDER_KEYS, REMOVED};

@@ -27,13 +27,15 @@ impl FileKind {
     }
 
     /// The kind that a top-level key of a file points to, if only one kind has it.
-    pub(super) fn of_key(name: &str, is_table: bool) -> Option<Self> {
+    pub(super) fn of_key(name: &str, is_table: bool, is_text: bool) -> Option<Self> {
         match name {
             "trim" | "helicopter" => Some(Self::Aircraft),
             "listen" | "dial" => Some(Self::Agent),
-            "node" => Some(Self::Cluster),
-            // A cluster file has a text there, the swarm's name.
+            "node" | "defaults" | "files" | "keys" => Some(Self::Cluster),
+            // A cluster file has a text there: the swarm's name, the kind of security.
+            "swarm" | "security" if is_text => Some(Self::Cluster),
             "swarm" => is_table.then_some(Self::Scenario),
+            "security" => is_table.then_some(Self::Agent),
             _ => KEYS.iter().any(|key| key.path.split(['.', '[']).next() == Some(name)).then_some(Self::Scenario),
         }
     }

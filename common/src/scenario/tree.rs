@@ -120,7 +120,8 @@ impl Texts<'_> {
     /// A file of another kind, told by its keys, is called what it is.
     pub(super) fn check_kind(&self, root: &Node) -> Result<(), ScenarioError> {
         let Some(table) = root.table() else { return Ok(()) };
-        let kind = |name: &str, node: &Node| FileKind::of_key(name, node.table().is_some());
+        let is_text = |node: &Node| matches!(&node.value, Value::Plain(toml::Value::String(_)));
+        let kind = |name: &str, node: &Node| FileKind::of_key(name, node.table().is_some(), is_text(node));
         let signs = table.iter().filter_map(|(name, (place, node))| Some((place, kind(name, node)?)));
         let first = |place: &Place| match place {
             Place::File(span) => span.start,

@@ -5,6 +5,7 @@ use std::borrow::Cow;
 use std::fmt;
 use std::ops::Range;
 
+use schemars::JsonSchema;
 use serde::de::Error;
 use serde::{Deserialize, Deserializer, Serialize};
 use skein_common::id::VehicleId;
@@ -15,23 +16,23 @@ use skein_core::impairments::{delays, lasting, silences, union};
 /// The scenario's word for what has failed. (Spelled out in the field below, it would let nobody read one back.)
 pub type FailureWord = &'static str;
 
-/// Something that was done to the swarm, whoever notices.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+/// Something that was done to the swarm, noticed or not.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub enum Incident {
-    /// A vehicle's agent ended without a word. The helicopter flies on with its last controls.
+    /// A vehicle's agent ended without a message. The helicopter flies on with its last controls.
     Died(VehicleId),
     /// It began a new life, in the air or on the ground.
     Restarted(VehicleId),
-    /// Something of a vehicle failed, in the scenario's word.
+    /// Something of a vehicle failed, as the scenario names it.
     Failed(VehicleId, #[serde(deserialize_with = "failure")] FailureWord),
     /// Directions of links that are dead from now on.
     Cut {
-        /// Speaker and hearer.
+        /// Sender and receiver.
         links: Vec<(VehicleId, VehicleId)>,
     },
     /// Directions of links that are alive again; sessions may take a while longer.
     Healed {
-        /// Speaker and hearer.
+        /// Sender and receiver.
         links: Vec<(VehicleId, VehicleId)>,
     },
     /// Directions of links on which messages take longer from now on.

@@ -18,10 +18,11 @@ use std::net::{IpAddr, Ipv4Addr, SocketAddr, UdpSocket};
 use std::time::{Duration, Instant};
 
 use skein_common::frame::Origin;
+use skein_host::clock::now;
 
 use super::clock::Clock;
 use super::convert;
-use super::socket::{Port, Received, now};
+use super::socket::{Port, Received};
 use super::wire::rpos::{self, Position};
 use super::wire::{PORT, WireError, rref};
 use beacon::Search;

@@ -4,22 +4,12 @@ use std::io;
 use std::net::{IpAddr, SocketAddr, UdpSocket};
 use std::time::{Duration, Instant};
 
+use skein_host::clock::{now, sleep};
+
 use super::wire::MAX_DATAGRAM;
 
 /// What a fault other than "nobody there" costs at most, so that a lasting one does not spin.
 const FAULT_PAUSE: Duration = Duration::from_millis(10);
-
-/// The edge's clock.
-#[expect(clippy::disallowed_methods, reason = "the edge: arrival times and deadlines of datagrams")]
-pub(super) fn now() -> Instant {
-    Instant::now()
-}
-
-/// The edge's rest.
-#[expect(clippy::disallowed_methods, reason = "the edge: a thread of its own that waits for the next frame")]
-pub(super) fn sleep_until(deadline: Instant) {
-    std::thread::sleep(deadline.saturating_duration_since(now()));
-}
 
 /// An ICMP answer to something sent earlier, which sockets report at a later call (Windows as a reset), or a signal:
 /// nobody listens there yet, or no longer.
@@ -90,7 +80,7 @@ impl Port {
             Err(error) => {
                 self.faults += 1;
                 if !is_nobody_there(&error) && patience.is_some() {
-                    sleep_until(now() + patience.unwrap_or_default().min(FAULT_PAUSE));
+                    sleep(patience.unwrap_or_default().min(FAULT_PAUSE));
                 }
                 Received::Fault
             }

@@ -16,10 +16,11 @@ use std::time::{Duration, Instant};
 use serde::Deserialize;
 use skein_common::frame::{Geodetic, Origin};
 use skein_common::id::VehicleId;
+use skein_host::clock::{now, sleep_until};
 use socket2::SockRef;
 
 use super::server::{Server, Version};
-use super::socket::{Port, Received, is_nobody_there, is_this_host, now, sleep_until};
+use super::socket::{Port, Received, is_nobody_there, is_this_host};
 use super::wire::{self, becn, prel::Placement, rpos};
 use skein_core::helicopter::{BuiltInVehicle, ParameterError, Parameters, Start, TICK_S, Weather};
 

@@ -4,9 +4,10 @@ use strsim::osa_distance;
 
 use super::{KEYS, Key, in_step, join, pattern};
 
-/// Keys and words that are never suggested, because they land or abort the swarm: a suggestion that is followed unread must
-/// not end the flight. Where one of them is the nearest, nothing is suggested. Messages that list every choice still name them.
-const NEVER_SUGGESTED: [&str; 2] = ["land", "abort"];
+/// Keys, words and orders that are never suggested, because they land or abort the swarm: a suggestion that is followed unread
+/// must not end the flight. Where one of them is the nearest, nothing is suggested. Messages that list every choice still name
+/// them.
+pub const NEVER_SUGGESTED: [&str; 2] = ["land", "abort"];
 
 /// The letters to insert, remove, replace or swap with their neighbour to make one text of the other, if they are few: one,
 /// and one more for every four letters, at most `most`.

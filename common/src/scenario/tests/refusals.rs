@@ -98,7 +98,16 @@ fn an_unknown_key_that_is_near_no_other_is_answered_with_all_there_are() {
 fn a_file_of_another_kind_is_called_what_it_is() {
     let cluster = "swarm = 'lab'\nscenario = 'hover.toml'\n[node.1]\nhost = 'heli1'\n";
     let it_is = "this is a cluster file, not a scenario; run `skein cluster up -f a.toml`";
-    assert_eq!(refusal(cluster, &[]), format!("a.toml:3:2: {it_is}"));
+    assert_eq!(refusal(cluster, &[]), format!("a.toml:1:1: {it_is}"));
+    // Without a node too, whatever else it says.
+    for (text, place) in [
+        ("swarm = 'lab'\nscenario = 'hover.toml'\n", "1:1"),
+        ("scenario = 'hover.toml'\nsecurity = 'none'\n", "2:1"),
+        ("scenario = 'hover.toml'\n[defaults]\nplant = 'standin'\n", "2:2"),
+        ("scenario = 'hover.toml'\nswarm = 'lab'\n[nodes.1]\nhost = 'heli1'\n", "2:1"),
+    ] {
+        assert_eq!(refusal(text, &[]), format!("a.toml:{place}: {it_is}"));
+    }
     let aircraft = "rotor_speed_rad_s = 170\n[trim]\nroll_stick = 0\n";
     let it_is = "this is an aircraft file, not a scenario; name it in a scenario: `swarm.aircraft = \"a\"`";
     assert_eq!(refusal(aircraft, &[]), format!("a.toml:2:2: {it_is}"));
@@ -114,6 +123,8 @@ fn a_file_of_another_kind_is_called_what_it_is() {
     assert!(of(FileKind::Aircraft, cluster).contains("this is a cluster file, not an aircraft file; `swarm.aircraft`"));
     // What has signs of both is the kind that was asked for, with a key too many.
     assert!(refusal(&format!("{HOVER}\n[trim]\n"), &[]).contains("unknown key `trim`"));
+    let cluster = "swarm = 'lab'\nscenario = 'hover.toml'\nduration_s = 5\n";
+    assert!(of(FileKind::Cluster, cluster).contains("unknown key"), "not a scenario: its `swarm` is a name");
 }
 
 #[test]

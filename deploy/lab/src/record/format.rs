@@ -2,6 +2,7 @@
 
 use std::borrow::Cow;
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use skein_common::id::{Incarnation, VehicleId};
 use skein_common::message::Happening;
@@ -44,29 +45,29 @@ pub(super) fn traced(topic: &str) -> Option<VehicleId> {
     topic.strip_prefix("/vehicle/")?.strip_suffix("/trace")?.parse().ok()
 }
 
-/// `/events`
-#[derive(Debug, Serialize, Deserialize)]
+/// What a vehicle reported of itself: a message on `/events`.
+#[derive(Debug, Serialize, Deserialize, JsonSchema)]
 pub(super) struct EventLine<'a> {
-    /// Who says it.
+    /// The vehicle that reports it.
     pub(super) vehicle: VehicleId,
-    /// In which life of its agent; none in virtual time.
+    /// The life of its agent: a restarted agent has a larger one; null in virtual time.
     pub(super) incarnation: Option<Incarnation>,
-    /// Which event of that life; none in virtual time.
+    /// Grows with every event of that life; null in virtual time.
     pub(super) sequence: Option<u64>,
     /// As people read it.
     pub(super) text: Cow<'a, str>,
-    /// As programs read it.
+    /// As programs read it: a name, or a name with its values.
     pub(super) what: Happening,
 }
 
-/// `/faults`
-#[derive(Debug, Serialize, Deserialize)]
+/// What was done to the swarm: a message on `/faults`.
+#[derive(Debug, Serialize, Deserialize, JsonSchema)]
 pub(super) struct FaultLine<'a> {
-    /// To whom it is done, if to one.
+    /// The vehicle that it was done to; null if it was done to links.
     pub(super) vehicle: Option<VehicleId>,
     /// As people read it.
     pub(super) text: Cow<'a, str>,
-    /// As programs read it.
+    /// As programs read it: a name, or a name with its values.
     pub(super) what: Cow<'a, Incident>,
 }
 

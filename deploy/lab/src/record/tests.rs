@@ -1,12 +1,12 @@
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 
 use serde_json::Value;
 use skein_common::id::{Incarnation, VehicleId};
-use skein_common::message::{Happening, Header, Trace};
+use skein_common::message::{Failure, Happening, Header, LawNumber, Order, Seal, Trace, Verb};
 use skein_core::aircraft::Aircraft;
 use skein_core::control::Rules;
 
-use super::format::{EventLine, FaultLine, log_time_ns, seconds_since, traced};
+use super::format::{log_time_ns, seconds_since, traced};
 use super::*;
 use crate::external::LawPool;
 use crate::faults::Incident;
@@ -26,76 +26,124 @@ pub(super) fn steps() -> Vec<Trace> {
     recording.tracks.into_iter().flat_map(|track| track.steps).map(|step| step.trace).collect()
 }
 
-/// Every key of the message is one of the schema's, and the reverse, objects in it included.
-fn assert_described(schema: &Value, message: &Value, name: &str) {
-    let keys = |value: &Value| value.as_object().unwrap().keys().cloned().collect::<BTreeSet<_>>();
-    let properties = &schema["properties"];
-    assert_eq!(keys(properties), keys(message), "{name}: every key of the message is to stand in record/schema.rs");
-    let required: BTreeSet<_> =
-        schema["required"].as_array().unwrap().iter().map(|key| key.as_str().unwrap()).collect();
-    assert_eq!(required, keys(message).iter().map(String::as_str).collect());
-    for (key, value) in message.as_object().unwrap() {
-        let inner = &properties[key];
-        let kinds = match &inner["type"] {
-            Value::Array(kinds) => kinds.clone(),
-            kind => vec![kind.clone()],
-        };
-        let kind = match value {
-            Value::Null => "null",
-            Value::String(_) => "string",
-            Value::Array(_) => "array",
-            Value::Object(_) => "object",
-            Value::Number(number) if number.is_f64() => "number",
-            Value::Number(_) => "integer",
-            Value::Bool(_) => "boolean",
-        };
-        // Of any kind: described in words.
-        let is_open = kinds == [Value::Null];
-        assert!(is_open || kinds.contains(&kind.into()), "{name}: {key} is {kind}, not {kinds:?}");
-        match value {
-            Value::Object(_) if !is_open => assert_described(inner, value, key),
-            Value::Array(items) => items.iter().filter(|item| item.is_object()).for_each(|item| {
-                assert_described(&inner["items"], item, key);
-            }),
-            _ => {}
+/// What of a value its schema does not describe. Stricter than JSON Schema: every key of a message has to be one of the schema's
+/// and required there, and every description a plain text.
+fn mismatch(schema: &Value, value: &Value, path: &str) -> Option<String> {
+    let fault = |what: &str| Some(format!("{path}: {value} {what} of {schema}"));
+    if schema["description"].as_str().is_some_and(|about| about.is_empty() || about.contains("[`")) {
+        return fault("has a strange description");
+    }
+    if let Some(choices) = schema["oneOf"].as_array() {
+        let fits = choices.iter().filter(|choice| mismatch(choice, value, path).is_none()).count();
+        return if fits == 1 { None } else { fault("is not exactly one") };
+    }
+    let kind = match value {
+        Value::Null => "null",
+        Value::String(_) => "string",
+        Value::Array(_) => "array",
+        Value::Object(_) => "object",
+        Value::Number(number) if number.is_f64() => "number",
+        Value::Number(_) => "integer",
+        Value::Bool(_) => "boolean",
+    };
+    let has_kind = match &schema["type"] {
+        Value::Array(kinds) => kinds.contains(&kind.into()),
+        one => one == kind,
+    };
+    let is_choice = schema["const"].is_null() || schema["const"] == *value;
+    if !has_kind || !is_choice || schema["enum"].as_array().is_some_and(|choices| !choices.contains(value)) {
+        return fault("has not the kind");
+    }
+    match value {
+        Value::Object(message) => {
+            let keys: BTreeSet<_> = message.keys().map(String::as_str).collect();
+            let properties = schema["properties"].as_object()?;
+            let required = schema["required"].as_array().into_iter().flatten().filter_map(Value::as_str).collect();
+            if keys != properties.keys().map(String::as_str).collect() || keys != required {
+                return fault("has not the keys");
+            }
+            message.iter().find_map(|(key, value)| mismatch(&properties[key], value, &format!("{path}.{key}")))
         }
+        Value::Array(items) => {
+            let length = items.len() as u64;
+            let [least, most] = ["minItems", "maxItems"].map(|bound| schema[bound].as_u64());
+            if least.is_some_and(|least| length < least) || most.is_some_and(|most| length > most) {
+                return fault("has not the length");
+            }
+            let of = |nth| schema["prefixItems"].get(nth).unwrap_or(&schema["items"]);
+            items.iter().enumerate().find_map(|(nth, item)| mismatch(of(nth), item, &format!("{path}[{nth}]")))
+        }
+        _ => None,
     }
 }
 
 #[test]
-fn schemas_describe_every_key_of_every_message() {
-    for step in steps() {
-        assert_described(&schema::trace(), &serde_json::to_value(&step).unwrap(), "trace");
+fn every_recorded_message_is_as_its_schema_describes() {
+    let loaded = ScenarioArgs::default().read(vec!["swarm.vehicles=2".to_owned()]).unwrap();
+    let (scenario, text) = (&loaded.scenario, loaded.to_toml());
+    let about = About { scenario, scenario_toml: &text, run: &Run::new(scenario, "study"), clock: "" };
+    let mut writer = Writer::new(std::io::Cursor::new(Vec::new()), &about, 0).unwrap();
+    let mut steps = steps();
+    // A law's numbers, and what only flights in real time have.
+    let last = steps.last_mut().unwrap();
+    last.law_log = vec![LawNumber { name: "gain".to_owned(), value: 0.5 }];
+    (last.step_us, last.law_misses, last.sticks) = (Some(80.0), Some(1), None);
+    steps.iter().for_each(|step| writer.step(0, step));
+    let [one, two] = [1, 2].map(|number| VehicleId::new(number).unwrap());
+    let order = Order { epoch: 1, issuer: 7, verb: Verb::Goto(1), seal: Some(Seal::from_bytes([9; Seal::BYTES])) };
+    for what in [
+        Happening::AtAltitude,
+        Happening::PeerLost(two),
+        Happening::Failed(Failure::Gyro),
+        Happening::OrderTaken(order),
+        Happening::ForcedAdvance { to: 2, without: [two].into_iter().collect() },
+    ] {
+        writer.happened(0, one, Some(&steps[0].header), &what);
+        writer.happened(0, one, None, &what);
     }
-    let id = VehicleId::new(1).unwrap();
-    let (incarnation, sequence) = (Some(Incarnation(5)), Some(7));
-    let event =
-        EventLine { vehicle: id, incarnation, sequence, text: "reached step 2".into(), what: Happening::Reached(2) };
-    assert_described(&schema::event(), &serde_json::to_value(&event).unwrap(), "event");
-    let fault = |vehicle, what: Incident| FaultLine {
-        vehicle,
-        text: what.to_string().into(),
-        what: std::borrow::Cow::Owned(what),
+    let links = vec![(one, two)];
+    let faults = [Incident::Died(one), Incident::Failed(one, "servo_stuck"), Incident::Cut { links }];
+    faults.iter().for_each(|fault| writer.incident(0, fault));
+    let bytes = writer.finish(0).unwrap().into_inner();
+    let mut checked = BTreeMap::new();
+    for message in mcap::MessageStream::new(&bytes).unwrap() {
+        let message = message.unwrap();
+        let schema = message.channel.schema.as_ref().unwrap();
+        if schema.encoding == "jsonschema" {
+            let [schema_json, value]: [Value; 2] =
+                [&schema.data, &message.data].map(|json| serde_json::from_slice(json).unwrap());
+            assert_eq!(schema_json["title"], schema.name);
+            assert_eq!(mismatch(&schema_json, &value, &schema.name), None);
+            *checked.entry(schema.name.clone()).or_insert(0) += 1;
+        }
+    }
+    let expected = [(schema::EVENT, 10), (schema::FAULT, 3), (schema::TRACE, steps.len())];
+    assert_eq!(checked, expected.map(|(name, count)| (name.to_owned(), count)).into());
+}
+
+#[test]
+fn what_a_schema_does_not_describe_is_found() {
+    let recorded = serde_json::to_value(&steps()[0]).unwrap();
+    assert_eq!(mismatch(&schema::trace(), &recorded, ""), None);
+    let wrong = |key: &str, value: Value| {
+        let mut wrong = recorded.clone();
+        wrong[key] = value;
+        mismatch(&schema::trace(), &wrong, "").unwrap_or_default()
     };
-    let faults = [
-        fault(Some(id), Incident::Failed(id, "servo_stuck")),
-        fault(None, Incident::Cut { links: vec![(id, VehicleId::new(2).unwrap())] }),
-    ];
-    for line in faults {
-        let line_json = serde_json::to_value(&line).unwrap();
-        let described = match line.vehicle {
-            Some(_) => line_json.clone(),
-            None => {
-                let mut one = line_json.clone();
-                one["vehicle"] = 1.into();
-                one
-            }
-        };
-        assert_described(&schema::fault(), &described, "fault");
-        let back: FaultLine<'_> = serde_json::from_value(line_json).unwrap();
-        assert_eq!(back.what, line.what);
+    assert!(wrong("unknown", 1.into()).contains("has not the keys"));
+    assert!(wrong("height_m", Value::Null).contains(".height_m: null has not the kind"));
+    assert!(wrong("membership", "Gone".into()).contains("has not the kind"));
+    assert!(wrong("position", vec![1.5; 2].into()).contains("has not the length"));
+}
+
+#[test]
+fn a_fault_reads_back_as_it_was_recorded() {
+    let [one, two] = [1, 2].map(|number| VehicleId::new(number).unwrap());
+    for what in [Incident::Failed(one, "servo_stuck"), Incident::Cut { links: vec![(one, two)] }] {
+        let line = serde_json::to_string(&what).unwrap();
+        assert_eq!(serde_json::from_str::<Incident>(&line).unwrap(), what);
     }
-    assert!(serde_json::from_str::<Incident>(r#"{"Failed":[1,"bored"]}"#).is_err(), "no word of the scenario's");
+    assert!(serde_json::from_str::<Incident>(r#"{"Failed":[1,"bored"]}"#).is_err(), "not a fault of any scenario");
 }
 
 #[test]

@@ -1,5 +1,5 @@
 use super::*;
-use crate::plant::xplane::socket::now;
+use skein_host::clock::now;
 
 /// A simulator that runs at `rate`, `frames` frames of 20 ms local time on, from `running_s` on its own clock.
 struct Simulator {

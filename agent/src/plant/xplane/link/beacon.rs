@@ -4,10 +4,11 @@ use std::io;
 use std::net::{Ipv4Addr, SocketAddr, UdpSocket};
 use std::time::{Duration, Instant};
 
+use skein_host::clock::now;
 use socket2::{Domain, Protocol, Socket, Type};
 
 use super::Counters;
-use crate::plant::xplane::socket::{Port, Received, is_this_host, now};
+use crate::plant::xplane::socket::{Port, Received, is_this_host};
 use crate::plant::xplane::wire::becn::{self, Beacon};
 
 /// An X-Plane that loads scenery may miss two beacons.

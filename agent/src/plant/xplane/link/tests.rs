@@ -4,9 +4,9 @@ use std::thread;
 
 use skein_common::frame::Geodetic;
 use skein_common::time::PlantTime;
+use skein_host::clock::sleep_until;
 
 use super::*;
-use crate::plant::xplane::socket::sleep_until;
 use crate::plant::xplane::standin::{Standin, StandinOptions};
 use crate::plant::xplane::wire::MAX_DATAGRAM;
 use crate::plant::xplane::wire::dref::Write;

@@ -26,7 +26,7 @@ struct Bench {
 
 impl Bench {
     fn new() -> Self {
-        Self { senders: Senders::default(), at: crate::plant::xplane::socket::now() }
+        Self { senders: Senders::default(), at: skein_host::clock::now() }
     }
 
     fn wait_s(&mut self, seconds: f64) {
