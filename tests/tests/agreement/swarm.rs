@@ -62,7 +62,7 @@ impl<const HONEST: usize> Bounds<HONEST> {
         Self { last_step, partition, liar, falls, cuts, long_cuts, false_suspicion }
     }
 
-    fn vehicles(&self) -> usize {
+    pub(super) fn vehicles(&self) -> usize {
         HONEST + usize::from(self.liar)
     }
 }

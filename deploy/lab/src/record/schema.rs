@@ -31,13 +31,57 @@ pub(super) fn fault() -> Value {
     of::<FaultLine<'_>>(FAULT)
 }
 
-/// The schema of a type as it is written, every part of it in its place: not every reader follows references.
+/// The schema of a type as it is written, in the part of JSON Schema that Foxglove's published reader takes. That reader refuses a
+/// channel over any key that it does not know: it follows no references, and wants exactly one kind for each key. So every part
+/// stands in its place, a key that may be null has the kind of its other values (its description says when it is null), and a key
+/// whose values are of several kinds is described with the message instead of by itself.
 fn of<T: JsonSchema>(title: &str) -> Value {
     let settings = SchemaSettings::draft2020_12().for_serialize().with(|settings| settings.inline_subschemas = true);
-    let mut schema =
-        settings.with_transform(RecursiveTransform(name_choices)).into_generator().into_root_schema_for::<T>();
+    let settings =
+        settings.with_transform(RecursiveTransform(name_choices)).with_transform(RecursiveTransform(no_null));
+    let mut schema = settings.into_generator().into_root_schema_for::<T>();
     schema.insert("title".to_owned(), title.into());
-    schema.to_value()
+    let mut schema = schema.to_value();
+    describe_choices(&mut schema);
+    schema
+}
+
+/// A key that may be null has the kind of its other values.
+fn no_null(schema: &mut Schema) {
+    if let Some(Value::Array(kinds)) = schema.get_mut("type") {
+        kinds.retain(|kind| kind != "null");
+        if let [kind] = kinds.as_slice() {
+            let kind = kind.clone();
+            schema.insert("type".to_owned(), kind);
+        }
+    }
+}
+
+/// A key of the message whose values are of several kinds leaves its place: the description of the message lists them.
+fn describe_choices(message: &mut Value) {
+    let Some(properties) = message["properties"].as_object_mut() else { return };
+    let chosen = properties.iter().filter(|(_, schema)| schema.get("oneOf").is_some());
+    let chosen: Vec<String> = chosen.map(|(key, _)| key.clone()).collect();
+    let moved: Vec<(String, Value)> =
+        chosen.into_iter().filter_map(|key| properties.remove(&key).map(|schema| (key, schema))).collect();
+    for (key, schema) in moved {
+        if let Some(required) = message["required"].as_array_mut() {
+            required.retain(|name| *name != key);
+        }
+        let about = |schema: &Value| schema["description"].as_str().unwrap_or_default().to_owned();
+        let choices = schema["oneOf"].as_array().into_iter().flatten();
+        let lines = choices.map(|choice| format!("- {}: {}", name_of(choice), about(choice)));
+        let text = format!("{}\n\n`{key}`: {}", about(message), about(&schema));
+        message["description"] = [text].into_iter().chain(lines).collect::<Vec<_>>().join("\n").into();
+    }
+}
+
+/// The name by which a choice is recorded: the text itself, or the only key of the object.
+fn name_of(choice: &Value) -> String {
+    let names = choice["enum"].as_array().into_iter().flatten().filter_map(Value::as_str);
+    let own = choice["const"].as_str().into_iter().chain(names);
+    let keys = choice["properties"].as_object().into_iter().flat_map(|keys| keys.keys().map(String::as_str));
+    own.chain(keys).collect::<Vec<_>>().join(", ")
 }
 
 /// A choice of described names becomes a text that is one of them, with all their descriptions: the published
