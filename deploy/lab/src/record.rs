@@ -21,7 +21,10 @@
 //! FRD stay in the JSON channels.
 //!
 //! **What survives**: messages are written in chunks, each with a checksum. A chunk that is whole can be read whatever is cut
-//! off or damaged behind it; a message is on disk, in such a chunk, within [`FLUSH`] of its recording.
+//! off or damaged behind it; a message is on disk, in such a chunk, within [`FLUSH`] of its recording. The scenario has the
+//! checksum of an attachment. MCAP has none for metadata: each record of ours carries its own, as `skein.checksum`. Older
+//! recordings have none there and are read all the same. Where a damaged record may have been the beginning or the end of the
+//! window, reading is refused, also of what is repaired or merged of it: without the window no step has its time.
 
 mod copy;
 mod csv;
@@ -35,7 +38,7 @@ mod scene;
 mod schema;
 mod writer;
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use mcap::McapError;
@@ -85,9 +88,27 @@ pub enum RecordError {
         /// What is wrong with it.
         what: String,
     },
+    /// What is wrong with one file.
+    #[error("{path}: {error}", path = path.display())]
+    File {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong with it.
+        error: Box<RecordError>,
+    },
     /// It cannot be written.
     #[error("cannot write: {}", why(.0))]
     Write(#[from] McapError),
+}
+
+impl RecordError {
+    /// The same with the name of the file that was read, unless it says already where it arose.
+    fn reading(self, path: &Path) -> Self {
+        match self {
+            Self::Io { .. } | Self::File { .. } | Self::Write(_) => self,
+            error => Self::File { path: path.to_owned(), error: Box::new(error) },
+        }
+    }
 }
 
 /// What the system says, if it was the system.

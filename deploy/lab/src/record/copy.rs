@@ -8,9 +8,10 @@ use std::path::Path;
 use mcap::records::{AttachmentHeader, MessageHeader, Metadata};
 use mcap::{Attachment, Channel};
 
-use super::RecordError;
 use super::draft::Draft;
+use super::scan::Found;
 use super::writer::options;
+use super::{RecordError, format};
 
 /// A file that is written piece by piece, and appears when it is whole.
 pub(super) struct Copy {
@@ -76,6 +77,15 @@ impl Copy {
             self.metadata.push(metadata);
         }
         Ok(())
+    }
+
+    /// Notes what was found in a file that was copied: where records are missing, a reader has to know.
+    pub(super) fn found(&mut self, found: &Found) -> Result<(), RecordError> {
+        if found.damaged_outside_chunks == 0 {
+            return Ok(());
+        }
+        let count = ("records".to_owned(), found.damaged_outside_chunks.to_string());
+        self.metadata(format::record(format::DAMAGED, [count].into()))
     }
 
     pub(super) fn finish(mut self) -> Result<(), RecordError> {

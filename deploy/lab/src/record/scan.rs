@@ -1,7 +1,8 @@
 //! Reading whatever is whole of an MCAP file, in the order in which it was written, up to where it ends.
 //!
-//! The file is taken as it is: cut off anywhere, or damaged. A chunk counts if its checksum is right; a damaged one is left
-//! out, and reading goes on behind it. A record whose length leads beyond the end is where the file ends.
+//! The file is taken as it is: cut off anywhere, or damaged. A chunk counts if its checksum is right, and so does an attachment
+//! and a metadata record; a damaged one is left out, and reading goes on behind it. Messages stand in chunks: outside of them
+//! nothing shows that they are what was written. A record whose length leads beyond the end is where the file ends.
 
 use std::sync::Arc;
 
@@ -10,12 +11,16 @@ use mcap::records::{AttachmentHeader, MessageHeader, Metadata, Record, op};
 use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
 use mcap::{Channel, MAGIC, parse_record};
 
-use super::RecordError;
+use super::{RecordError, format};
 
 /// A larger chunk is none of anybody's, bytes: a damaged length must not ask for all memory.
 const LARGEST_CHUNK: usize = 1 << 28;
 /// Bytes before a record's content: its kind and its length.
 const PREFIX: usize = 9;
+/// Bytes of the record behind the last chunk.
+const DATA_END: usize = 4;
+/// Where a chunk says how long it is unpacked, and, after that, its checksum.
+const CHUNK_SIZE: usize = 16;
 
 /// One thing in a file.
 pub(super) enum Piece<'a> {
@@ -34,6 +39,8 @@ pub(super) struct Found {
     pub(super) is_whole: bool,
     /// Damaged chunks and records, left out.
     pub(super) damaged: usize,
+    /// Those of them that may have been anything, also what tells of the whole.
+    pub(super) damaged_outside_chunks: usize,
     /// Bytes at the end that are no whole record.
     pub(super) left_over: usize,
 }
@@ -48,17 +55,20 @@ pub(super) fn scan(
 ) -> Result<Found, RecordError> {
     let mut rest = bytes.strip_prefix(MAGIC).ok_or(RecordError::NoMcap)?;
     let mut channels = ChannelAccumulator::default();
-    let mut found = Found::default();
+    let (mut found, mut have_checksums) = (Found::default(), false);
     while let Some((kind, content, behind)) = split(rest) {
         let taken = match kind {
-            op::DATA_END => {
+            op::DATA_END if content.len() == DATA_END => {
                 let ends_well = behind.ends_with(MAGIC);
                 return Ok(Found { is_whole: ends_well && found.damaged == 0, ..found });
             }
-            op::CHUNK => unpack(&rest[..PREFIX + content.len()], &mut channels, &mut take)?,
+            op::CHUNK => has_checksum(content) && unpack(&rest[..PREFIX + content.len()], &mut channels, &mut take)?,
+            op::METADATA => pass_on_metadata(content, &mut have_checksums, &mut take)?,
+            op::MESSAGE => false,
             _ => pass_on(kind, content, &mut channels, &mut take)?,
         };
         found.damaged += usize::from(!taken);
+        found.damaged_outside_chunks += usize::from(!taken && kind != op::CHUNK);
         rest = behind;
     }
     Ok(Found { left_over: rest.len(), ..found })
@@ -70,6 +80,30 @@ fn split(bytes: &[u8]) -> Option<(u8, &[u8], &[u8])> {
     let length = u64::from_le_bytes(prefix[1..].try_into().ok()?);
     let (content, behind) = rest.split_at_checked(usize::try_from(length).ok()?)?;
     Some((prefix[0], content, behind))
+}
+
+/// Whether a chunk says what its content has to add up to. One that holds nothing adds up to 0.
+fn has_checksum(chunk: &[u8]) -> bool {
+    let number =
+        |range: std::ops::Range<usize>| chunk.get(range).is_some_and(|bytes| bytes.iter().any(|byte| *byte != 0));
+    let is_empty = !number(CHUNK_SIZE..CHUNK_SIZE + 8);
+    is_empty || number(CHUNK_SIZE + 8..CHUNK_SIZE + 12)
+}
+
+/// Hands on a metadata record. False if it is damaged: its checksum is wrong, or it has none where those before it have.
+fn pass_on_metadata(
+    content: &[u8],
+    have_checksums: &mut bool,
+    take: &mut impl FnMut(Piece<'_>) -> Result<(), RecordError>,
+) -> Result<bool, RecordError> {
+    let Ok(Record::Metadata(metadata)) = parse_record(op::METADATA, content) else { return Ok(false) };
+    let is_intact = format::is_intact(&metadata);
+    *have_checksums |= is_intact.is_some();
+    if !is_intact.unwrap_or(!*have_checksums) {
+        return Ok(false);
+    }
+    take(Piece::Metadata(metadata))?;
+    Ok(true)
 }
 
 /// Hands on what stands in a chunk. False if that is damaged.
@@ -101,7 +135,7 @@ fn unpack(
     Ok(is_good)
 }
 
-/// Hands on one record that is no chunk. False if it is damaged.
+/// Hands on one record that is neither chunk nor metadata. False if it is damaged or of no known kind.
 fn pass_on(
     kind: u8,
     content: &[u8],
@@ -116,8 +150,9 @@ fn pass_on(
             Some(channel) => take(Piece::Message(&channel, header, &data))?,
             None => return Ok(false),
         },
+        Record::Attachment { crc: 0, .. } => return Ok(false),
         Record::Attachment { header, data, .. } => take(Piece::Attachment(header, &data))?,
-        Record::Metadata(metadata) => take(Piece::Metadata(metadata))?,
+        Record::Unknown { .. } => return Ok(false),
         _ => {}
     }
     Ok(true)
