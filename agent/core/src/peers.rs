@@ -316,7 +316,7 @@ impl Peers {
     pub fn echo(&mut self, stamp: SenderStamp) -> Option<Echo> {
         self.exchange.send(stamp);
         let partners = self.known.iter().filter(|peer| peer.lost_at.is_none() && peer.mission.is_some());
-        let of = self.exchange.turn(partners.map(|peer| peer.id))?;
+        let of = self.exchange.next_partner(partners.map(|peer| peer.id))?;
         let peer = self.known.iter().find(|peer| peer.id == of)?;
         let held_s = self.now.seconds_since(peer.mission_at).max(0.0);
         // A hold of more than an hour measures nothing; cut there, it fits the field.
