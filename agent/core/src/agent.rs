@@ -309,7 +309,7 @@ impl Agent {
     fn diagnose(&mut self, own: &Own, inputs: &Inputs<'_>) -> Option<Failure> {
         if own.condition == Some(Condition::SimulatorLost) {
             // The next measurement may come from another life of the simulator, with the rotor at rest.
-            self.diagnosis.begin_anew();
+            self.diagnosis.restart();
         }
         let (Some(_), Some(measurement)) = (own.new, inputs.measurement) else { return None };
         self.diagnosis.update(own.dt_s, measurement, self.last.command)
