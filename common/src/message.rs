@@ -100,7 +100,7 @@ pub struct State {
     pub state: VehicleState,
 }
 
-/// The speaker's part in the agreement: a register that others merge, said on change and five times a second.
+/// The speaker's part in the agreement: a register of which the others keep the newest, said on change and five times a second.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Mission {
     /// Who and when.

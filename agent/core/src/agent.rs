@@ -123,7 +123,7 @@ impl Agent {
             estimator: Estimator::new(origin, &scenario.sensing),
             diagnosis: Diagnosis::new(aircraft),
             peers: Peers::new(own, roster, plan, &scenario.network),
-            mission: Mission::new(own, scenario, aircraft.take_off_rotor_rad_s()),
+            mission: Mission::new(scenario, aircraft.take_off_rotor_rad_s()),
             formation: Formation::new(own, scenario)?,
             controller: VehicleController::new(rules, trim, scenario.control.auto_trim),
             schedule: SendSchedule::new(own, incarnation, &scenario.network),
@@ -341,7 +341,6 @@ impl Agent {
         let Some(estimate) = &own.new else { return (None, events) };
         let wish = self.last.wish.as_ref();
         let view = View {
-            partners: self.peers.partners(),
             misses_any: self.peers.misses_any(),
             altitude_error_m: wish.map(|wish| wish.altitude_error_m(estimate)),
             collective_limit: self.controller.collective_limit(),
@@ -352,7 +351,7 @@ impl Agent {
         (Some(task), events)
     }
 
-    /// Takes in the agreement states of the peers and the operators' orders, and lists what they and the peers stage changed.
+    /// Takes in the orders, from operators and in the peers' heartbeats, and lists what they and the peers stage changed.
     fn listen(&mut self, inputs: &Inputs<'_>) -> Vec<Happening> {
         if inputs.leave {
             self.mission.leave();

@@ -16,6 +16,7 @@ pub mod centre;
 pub mod landing;
 pub mod plan;
 pub mod progress;
+pub mod task;
 
 use alloc::vec::Vec;
 
@@ -30,10 +31,11 @@ use crate::control::CollectiveLimit;
 use crate::deadlines::Deadline;
 use crate::estimate::Estimate;
 use crate::failsafe::{Condition, Conditions, Response};
-use agreement::{Agreement, Event, Part, Progress};
+use agreement::{Agreement, Others, Part, Progress};
 use landing::{Descent, Landing};
 use plan::{Kind, Leg};
 use progress::LegProgress;
+pub use task::{Goal, Task};
 
 /// Above this height of the centre of gravity a vehicle flies, m.
 const FLYING_ABOVE_M: f64 = 1.5;
@@ -46,51 +48,9 @@ pub const AT_ALTITUDE_M: f64 = 1.0;
 /// 8 m/s: a healthy vehicle may hover this far above what it is asked for, m.
 const ABOVE_ALTITUDE_UNTRIMMED_M: f64 = 9.0;
 
-/// What the formation stage is asked for.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Task {
-    /// Nothing: leave the controls alone.
-    Wait,
-    /// Fly the formation law.
-    Formation(Goal),
-    /// Go to this place and stay.
-    Stay {
-        /// North and east, m.
-        at_ne_m: Vector2<f64>,
-        /// Above the origin, m; sinks during a landing.
-        altitude_m: f64,
-        /// Clockwise from north.
-        heading_rad: f64,
-        /// On the way down: nothing changes the altitude.
-        lands: bool,
-    },
-    /// Without power: come down as softly as it goes.
-    Autorotate {
-        /// Clockwise from north.
-        heading_rad: f64,
-    },
-    /// Down: take the collective out and keep everything else neutral.
-    Park,
-}
-
-/// Where the formation is to be.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Goal {
-    /// The step of the mission, which says what the formation is.
-    pub step: usize,
-    /// Centre, north and east, m.
-    pub centre_ne_m: Vector2<f64>,
-    /// How the centre moves, north and east, m/s.
-    pub centre_velocity_ne_m_s: Vector2<f64>,
-    /// The vehicle's heading, clockwise from north.
-    pub heading_rad: f64,
-}
-
 /// What the other stages know that the mission needs.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct View {
-    /// The others that are heard and fly this plan.
-    pub partners: VehicleSet,
     /// A further vehicle is not heard and may be flying the mission.
     pub misses_any: bool,
     /// What is missing or broken, as far as the stages before the mission know.
@@ -118,8 +78,8 @@ pub struct Mission {
     since: Option<LocalTime>,
     activity: Activity,
     agreement: Agreement,
-    /// Members at some time of this step.
-    counted: VehicleSet,
+    /// Members at some time of this step that had not reached it when they were last in contact.
+    awaited: VehicleSet,
     has_quorum: bool,
     order: Option<Order>,
     leaving: bool,
@@ -142,9 +102,9 @@ struct Place {
 }
 
 impl Mission {
-    /// The mission of a scenario, not yet begun, as vehicle `own` flies it. Before the rotor has reached
-    /// `take_off_rotor_rad_s` the vehicle does not take part, if the plant tells the rotor's speed.
-    pub fn new(own: VehicleId, scenario: &Scenario, take_off_rotor_rad_s: Option<f64>) -> Self {
+    /// The mission of a scenario, not yet begun. Before the rotor has reached `take_off_rotor_rad_s` the vehicle does not take
+    /// part, if the plant tells the rotor's speed.
+    pub fn new(scenario: &Scenario, take_off_rotor_rad_s: Option<f64>) -> Self {
         let legs = plan::legs(&scenario.mission);
         let roster = scenario.swarm.vehicles.min(VehicleId::MAX.into()) as u8;
         let last_step = legs.len().saturating_sub(1).min(message::MAX_STEP as usize) as u32;
@@ -156,8 +116,8 @@ impl Mission {
             strangers: VehicleSet::default(),
             since: None,
             activity: Activity::Joining,
-            agreement: Agreement::new(own, roster, last_step, scenario.mission.partition),
-            counted: VehicleSet::default(),
+            agreement: Agreement::new(roster, last_step, scenario.mission.partition),
+            awaited: VehicleSet::default(),
             has_quorum: true,
             order: None,
             leaving: false,
@@ -179,7 +139,8 @@ impl Mission {
         self.order = Some(order);
         happened.push(Happening::OrderTaken(Order { seal: None, ..order }));
         if let Verb::Goto(step) = order.verb {
-            self.agree(Event::Ordered(step), happened);
+            let progress = self.agreement.order(step);
+            self.move_on(progress, core::iter::empty(), happened);
         }
     }
 
@@ -191,37 +152,26 @@ impl Mission {
     /// The vehicle knows nothing of itself any more: nobody is to wait for it. It joins anew when it does.
     pub fn withdraw(&mut self) {
         if self.membership() == Membership::Active {
-            self.agreement.step(Event::Became(Membership::Joining));
+            self.agreement.turn(Membership::Joining);
             self.since = None;
             self.progress.pause();
         }
     }
 
-    /// Takes in a peer's heartbeat, if it flies the same plan: its part in the agreement, and its order.
-    pub fn listen(&mut self, said: &message::Mission, happened: &mut Vec<Happening>) {
-        let id = said.header.sender;
-        if said.plan != self.plan {
-            if !self.strangers.contains(id) {
-                self.strangers.insert(id);
-                happened.push(Happening::PlanDiffers(id));
-            }
-            return;
-        }
-        let part = Part {
-            order: said.header.order(),
-            membership: said.membership,
-            step: said.step,
-            vouched: said.vouched,
-            reached: said.reached,
-        };
-        self.agree(Event::Heard(id, part), happened);
-        if let Some(order) = said.order {
-            self.merge(order, happened);
+    /// Takes in a peer's heartbeat: its order, if it flies the same plan.
+    pub fn listen(&mut self, heartbeat: &message::Mission, happened: &mut Vec<Happening>) {
+        let id = heartbeat.header.sender;
+        if heartbeat.plan == self.plan {
+            heartbeat.order.into_iter().for_each(|order| self.merge(order, happened));
+        } else if !self.strangers.contains(id) {
+            self.strangers.insert(id);
+            happened.push(Happening::PlanDiffers(id));
         }
     }
 
-    /// What to do now, after the mission has listened to everything received. `heartbeats` are the last ones of all peers in
-    /// contact, which the peers stage keeps: from them comes how far the peers take the centre to be.
+    /// What to do now, after the mission has listened to everything received. `heartbeats` are the newest ones of all peers in
+    /// contact, which the peers stage keeps: from them come the peers' parts in the agreement, if they fly the same plan, and how
+    /// far they take the centre to be.
     pub fn step<'a>(
         &mut self,
         now: Now,
@@ -234,18 +184,21 @@ impl Mission {
             self.heading_rad = estimate.attitude.heading_rad;
             now.local
         });
-        self.agree(Event::Sees { heard: view.partners, misses_any: view.misses_any }, happened);
-        self.counted.extend(self.agreement.members());
-        self.watch_quorum(happened);
+        let plan = self.plan;
+        let heartbeats = heartbeats.filter(move |heartbeat| heartbeat.plan == plan);
+        let others = Others { parts: heartbeats.clone().map(Part::from), misses_any: view.misses_any };
+        let progress = self.agreement.follow(&others);
+        self.move_on(progress, heartbeats.clone(), happened);
+        self.note_awaited(heartbeats.clone());
+        self.watch_quorum(self.agreement.has_quorum(&others), happened);
         let has_listened = Deadline::Listened.is_past(now.local.seconds_since(since));
         if core::mem::take(&mut self.is_late) || self.membership() == Membership::Joining {
-            self.catch_up(others_m(heartbeats.clone(), self.plan, self.at()));
+            self.catch_up(&others, heartbeats.clone());
         }
         if self.membership() == Membership::Joining && has_listened && self.is_rotor_ready(estimate) {
-            self.agreement.step(Event::Became(Membership::Active));
+            self.agreement.turn(Membership::Active);
         }
-        let others_m = others_m(heartbeats, self.plan, self.at());
-        self.decide(now, estimate, view, others_m, happened)
+        self.decide(now, estimate, view, heartbeats, happened)
     }
 
     /// Hash of the plan.
@@ -255,22 +208,22 @@ impl Mission {
 
     /// Whether the others may count on this vehicle.
     pub fn membership(&self) -> Membership {
-        self.agreement.membership()
+        self.agreement.own().membership
     }
 
     /// The step that this vehicle is at, counted from 0.
     pub fn at(&self) -> u32 {
-        self.agreement.at()
+        self.agreement.own().step
     }
 
     /// The latest step that it vouches for.
     pub fn vouched(&self) -> u32 {
-        self.agreement.vouched()
+        self.agreement.own().vouched
     }
 
     /// The highest step that it reached in this life.
     pub fn reached(&self) -> Option<u32> {
-        self.agreement.reached()
+        self.agreement.own().reached
     }
 
     /// How far it takes the centre to be along this step's path, m.
@@ -304,15 +257,15 @@ impl Mission {
     }
 
     fn leg(&self) -> Option<&Leg> {
-        self.legs.get(self.agreement.at() as usize)
+        self.legs.get(self.at() as usize)
     }
 
-    fn decide(
+    fn decide<'a>(
         &mut self,
         now: Now,
         estimate: &Estimate,
         view: &View,
-        others_m: impl Iterator<Item = (VehicleId, f64)>,
+        heartbeats: impl Iterator<Item = &'a message::Mission> + Clone,
         happened: &mut Vec<Happening>,
     ) -> Task {
         let order = self.order.map(|order| order.verb);
@@ -327,7 +280,7 @@ impl Mission {
             _ if self.leaving || is_over || self.is_down() => self.land(now, estimate),
             (_, Some(Verb::Hold)) => self.hold(estimate),
             _ if response == Response::Hold => self.hold(estimate),
-            _ => self.fly(now, estimate, view, others_m, happened),
+            _ => self.fly(now, estimate, view, heartbeats, happened),
         }
     }
 
@@ -339,39 +292,52 @@ impl Mission {
         conditions
     }
 
-    /// Hands an event to the agreement and tells where that led.
-    fn agree(&mut self, event: Event, happened: &mut Vec<Happening>) {
-        let Some(progress) = self.agreement.step(event) else { return };
-        let to = self.agreement.at();
+    /// Begins the step that the agreement has come to, if it has moved on, and tells how it came there.
+    fn move_on<'a>(
+        &mut self,
+        progress: Option<Progress>,
+        heartbeats: impl Iterator<Item = &'a message::Mission>,
+        happened: &mut Vec<Happening>,
+    ) {
+        let Some(progress) = progress else { return };
+        let to = self.at();
+        let without = core::mem::take(&mut self.awaited);
         let told = match progress {
-            Progress::Advanced => {
-                let before = to - 1;
-                let left = |id: &VehicleId| {
-                    let part = self.agreement.part(*id);
-                    let gone = !self.agreement.members().contains(*id);
-                    gone && part.is_some_and(|p| p.membership == Membership::Active && !p.has_reached(before))
-                };
-                let without: VehicleSet = self.counted.iter().filter(left).collect();
-                if without.is_empty() { Happening::Advanced(to) } else { Happening::ForcedAdvance { to, without } }
-            }
+            Progress::Advanced if without.is_empty() => Happening::Advanced(to),
+            Progress::Advanced => Happening::ForcedAdvance { to, without },
             Progress::Carried { reached: true, .. } => Happening::Advanced(to),
             Progress::Carried { from, reached: false } => Happening::Skipped { from, to },
         };
         // Whoever has left only looks on.
         happened.extend((self.membership() != Membership::Left).then_some(told));
-        self.counted = self.agreement.members();
+        self.note_awaited(heartbeats);
         self.progress.begin_next();
         self.is_late = true;
     }
 
+    /// Notes which members have not reached this step. Those out of contact stay as they were.
+    fn note_awaited<'a>(&mut self, heartbeats: impl Iterator<Item = &'a message::Mission>) {
+        for heartbeat in heartbeats {
+            let (id, part) = (heartbeat.header.sender, Part::from(heartbeat));
+            if part.is_active() && !part.has_reached(self.at()) {
+                self.awaited.insert(id);
+            } else {
+                self.awaited.remove(id);
+            }
+        }
+    }
+
     /// A vehicle that comes late takes the centre to be as far as two others have it, so that they hardly wait for it.
-    fn catch_up(&mut self, others_m: impl Iterator<Item = (VehicleId, f64)>) {
-        let along_m = self.agreement.reliable(others_m);
+    fn catch_up<'a>(
+        &mut self,
+        others: &Others<impl Iterator<Item = Part> + Clone>,
+        heartbeats: impl Iterator<Item = &'a message::Mission>,
+    ) {
+        let along_m = self.agreement.reliable(others, along_m(heartbeats, self.at()));
         along_m.into_iter().for_each(|along_m| self.progress.catch_up(along_m));
     }
 
-    fn watch_quorum(&mut self, happened: &mut Vec<Happening>) {
-        let has_quorum = self.agreement.has_quorum();
+    fn watch_quorum(&mut self, has_quorum: bool, happened: &mut Vec<Happening>) {
         if has_quorum != self.has_quorum && self.membership() == Membership::Active {
             happened.push(if has_quorum { Happening::QuorumBack } else { Happening::QuorumLost });
         }
@@ -394,18 +360,18 @@ impl Mission {
     }
 
     /// The step's formation; the next step, when everybody has reached this one.
-    fn fly(
+    fn fly<'a>(
         &mut self,
         now: Now,
         estimate: &Estimate,
         view: &View,
-        others_m: impl Iterator<Item = (VehicleId, f64)>,
+        heartbeats: impl Iterator<Item = &'a message::Mission> + Clone,
         happened: &mut Vec<Happening>,
     ) -> Task {
         self.stay = None;
         if self.landing.take().is_some() {
             // Called back on the way down.
-            self.agreement.step(Event::Became(Membership::Active));
+            self.agreement.turn(Membership::Active);
         }
         let is_at_altitude = view.altitude_error_m.is_some_and(|error_m| error_m.abs() < AT_ALTITUDE_M);
         self.at_altitude |= is_at_altitude;
@@ -413,11 +379,13 @@ impl Mission {
         let is_stuck = !is_at_altitude && Self::is_without_authority(estimate, view);
         self.stuck_s = if is_stuck { self.stuck_s + self.progress.since_s(now.plant) } else { 0.0 };
         happened.extend(self.is_stuck().then_some(Happening::Failed(Failure::Altitude)));
-        if self.is_over(now.plant, view.in_place, others_m) && self.reached() < Some(self.at()) {
-            self.agreement.step(Event::Reached);
+        if self.is_over(now.plant, view.in_place, heartbeats.clone()) && self.reached() < Some(self.at()) {
+            self.agreement.reach();
             happened.push(Happening::Reached(self.at()));
         }
-        self.agree(Event::Free, happened);
+        let others = Others { parts: heartbeats.clone().map(Part::from), misses_any: view.misses_any };
+        let progress = self.agreement.advance(&others);
+        self.move_on(progress, heartbeats, happened);
         let (centre_ne_m, centre_velocity_ne_m_s) = self.centre();
         let step = self.at() as usize;
         Task::Formation(Goal { step, centre_ne_m, centre_velocity_ne_m_s, heading_rad: self.heading_rad })
@@ -431,13 +399,17 @@ impl Mission {
     }
 
     /// Lets time pass within the step. True if nothing of it is left to this vehicle.
-    fn is_over(&mut self, now: PlantTime, in_place: bool, others_m: impl Iterator<Item = (VehicleId, f64)>) -> bool {
-        let Some(leg) = self.legs.get(self.agreement.at() as usize) else { return false };
-        let members = self.agreement.members();
-        let mut progress = self.progress;
-        let others_m = others_m.filter(|(id, _)| members.contains(*id)).map(|(_, along_m)| along_m);
-        progress.pass(now, leg, in_place, others_m, members.len() + 1);
-        self.progress = progress;
+    fn is_over<'a>(
+        &mut self,
+        now: PlantTime,
+        in_place: bool,
+        heartbeats: impl Iterator<Item = &'a message::Mission> + Clone,
+    ) -> bool {
+        let at = self.at();
+        let Some(leg) = self.legs.get(at as usize) else { return false };
+        let members = heartbeats.filter(|heartbeat| heartbeat.membership == Membership::Active);
+        let live = members.clone().count() + 1;
+        self.progress.pass(now, leg, in_place, along_m(members, at), live);
         self.progress.is_over(leg)
     }
 
@@ -449,7 +421,7 @@ impl Mission {
             return Task::Wait;
         }
         if self.landing.take().is_some() {
-            self.agreement.step(Event::Became(Membership::Active));
+            self.agreement.turn(Membership::Active);
         }
         self.stay(estimate, Activity::Holding)
     }
@@ -485,7 +457,7 @@ impl Mission {
 
     fn land(&mut self, now: Now, estimate: &Estimate) -> Task {
         let is_on_ground = self.activity == Activity::Joining && estimate.height_m < FLYING_ABOVE_M;
-        self.agreement.step(Event::Became(Membership::Left));
+        self.agreement.turn(Membership::Left);
         let mut landing = self.landing.unwrap_or_else(|| Landing::begin(now.plant, is_on_ground));
         let altitude_m = self.place(estimate).altitude_m;
         let descent = landing.step(now.plant, estimate, altitude_m, self.above_altitude_m);
@@ -507,15 +479,9 @@ impl Mission {
     }
 }
 
-/// How far the senders of these heartbeats that fly this plan and are at this step take the centre to be, m.
-fn others_m<'a>(
-    heartbeats: impl Iterator<Item = &'a message::Mission>,
-    plan: u64,
-    at: u32,
-) -> impl Iterator<Item = (VehicleId, f64)> {
-    heartbeats
-        .filter(move |sent| sent.plan == plan && sent.step == at)
-        .map(|sent| (sent.header.sender, sent.progress_m))
+/// How far those of these heartbeats' senders that are at this step take the centre to be, m.
+fn along_m<'a>(heartbeats: impl Iterator<Item = &'a message::Mission>, at: u32) -> impl Iterator<Item = f64> {
+    heartbeats.filter(move |heartbeat| heartbeat.step == at).map(|heartbeat| heartbeat.progress_m)
 }
 
 #[cfg(test)]

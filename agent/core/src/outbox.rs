@@ -229,7 +229,7 @@ mod tests {
             let scenario = load(&Source { name: "test.toml", text: "swarm.vehicles = 4" }, &[]).unwrap().scenario;
             let network = Network { state_error_m, state_error_m_s, state_max_period_s: 5.0, ..scenario.network.clone() };
             let own = VehicleId::new(1).unwrap();
-            let mission = Mission::new(own, &scenario, None);
+            let mission = Mission::new(&scenario, None);
             let mut schedule = SendSchedule::new(own, Incarnation(1), &network);
             let origin = Origin::new(scenario.origin.geodetic());
             let mut flown = estimate(0.0, 0.0);

@@ -1,7 +1,9 @@
 //! The last word of each peer, carried forward to now.
 //!
 //! A peer's age is judged by the own clock alone, the order of its words by its own sequence numbers and incarnation. What
-//! arrives late, twice, from an earlier life or in somebody else's name is counted and changes nothing.
+//! arrives late, twice, from an earlier life or in somebody else's name is counted and changes nothing. Messages are ordered
+//! here, once, when they arrive, and only here their contents are kept: the later stages read the newest state and the newest
+//! heartbeat of each peer.
 //!
 //! The age of a state is an upper bound: the time since it came and the longest time that it can have been on its way
 //! ([`crate::delay`]). Until the first round trip the age is the time since it came alone, and the delay is marked as unknown.
@@ -23,7 +25,7 @@ use alloc::vec::Vec;
 
 use skein_common::frame::{Origin, PositionNed, VelocityNed};
 use skein_common::id::{Incarnation, VehicleId, VehicleSet};
-use skein_common::message::{Echo, Header, MessageOrder, Mission, Order, State};
+use skein_common::message::{Echo, Header, Mission, Order, State};
 use skein_common::scenario::{Graph, Network};
 use skein_common::state::{Membership, Standing, VehicleState};
 use skein_common::time::{LocalTime, SenderStamp};
@@ -187,7 +189,7 @@ struct Peer {
 /// A state as it was told.
 #[derive(Clone, Copy, Debug)]
 struct Told {
-    order: MessageOrder,
+    sequence: u64,
     position: PositionNed,
     velocity: VelocityNed,
     heading_rad: f64,
@@ -283,8 +285,7 @@ impl Peers {
         &self.changes
     }
 
-    /// The last heartbeats of all peers that are not lost, whatever plan they fly, by id. No other stage keeps them: the agreement
-    /// keeps what all heartbeats of a peer together say, which may be more than the last one does.
+    /// The newest heartbeats of all peers in contact, whatever plan they fly, by id. No other stage keeps them.
     pub fn missions(&self) -> impl Iterator<Item = &Mission> + Clone {
         self.known.iter().filter(|peer| peer.lost_at.is_none()).filter_map(|peer| peer.mission.as_ref())
     }
@@ -292,13 +293,6 @@ impl Peers {
     /// Those who count as heard: their tokens are there and their last words young.
     pub fn heard(&self) -> VehicleSet {
         self.known.iter().filter(|peer| peer.found && peer.lost_at.is_none()).map(|peer| peer.id).collect()
-    }
-
-    /// Those of them who are known to fly this plan: whom this vehicle waits for, and who wait for it.
-    pub fn partners(&self) -> VehicleSet {
-        let flies_along = |peer: &&Peer| peer.mission.is_some_and(|said| said.plan == self.plan);
-        let counts = self.known.iter().filter(|peer| peer.found && peer.lost_at.is_none()).filter(flies_along);
-        counts.map(|peer| peer.id).collect()
     }
 
     /// A vehicle that is not heard may be flying the mission: it was never heard, or lost and had not left, and that no longer
@@ -343,15 +337,15 @@ impl Peers {
         match heard.word {
             Word::State(said) => {
                 let Some(peer) = self.speaker(&said.header) else { return };
-                let order = said.header.order();
-                if peer.state.is_some_and(|told| told.order >= order) {
+                let sequence = said.header.sequence;
+                if peer.state.is_some_and(|told| told.sequence >= sequence) {
                     peer.old += 1;
                     return;
                 }
                 let position = origin.ned_from_geodetic(&said.state.position);
                 let VehicleState { velocity, heading_rad, .. } = said.state;
                 let transit_s = since_stamp_s(at, said.header.stamp);
-                peer.state = Some(Told { order, position, velocity, heading_rad, at, transit_s });
+                peer.state = Some(Told { sequence, position, velocity, heading_rad, at, transit_s });
                 peer.heard_at = Some(at);
             }
             Word::Mission(said) => {
@@ -360,7 +354,7 @@ impl Peers {
                 if peer.mission == Some(said) {
                     return;
                 }
-                if peer.mission.is_some_and(|told| told.header.order() >= said.header.order()) {
+                if peer.mission.is_some_and(|told| told.header.sequence >= said.header.sequence) {
                     peer.old += 1;
                     return;
                 }
@@ -384,7 +378,7 @@ impl Peers {
         }
     }
 
-    /// The peer in whose present life this was said.
+    /// The peer in whose present life this message was sent; within that life [`Self::hear`] compares the sequences.
     fn speaker(&mut self, header: &Header) -> Option<&mut Peer> {
         let Some(index) = self.index(header.sender) else {
             self.forged += 1;

@@ -11,6 +11,7 @@
     reason = "what a test cannot do has failed; the search is timed"
 )]
 
+mod agent;
 mod swarm;
 
 use std::time::Instant;

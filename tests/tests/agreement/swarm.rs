@@ -20,16 +20,15 @@
 
 use std::hash::{Hash, Hasher};
 
-use skein_common::id::{Incarnation, VehicleId};
+use skein_common::id::Incarnation;
 use skein_common::message::MessageOrder;
 use skein_common::scenario::Partition;
 use skein_common::state::Membership;
-use skein_core::mission::agreement::{Agreement, Event, Part, Progress};
+use skein_core::mission::agreement::{Part, Progress};
 
+use super::agent::{Agent, Bits, Word, has, known_key, others, said_key};
 use super::{MISLED, P1, P2, P3, P4, VOUCHED};
 
-/// Agents by index, one bit each; the liar's is that after the last.
-type Bits = u8;
 /// Every way to name three.
 const NAMINGS: [[usize; 3]; 6] = [[0, 1, 2], [0, 2, 1], [1, 0, 2], [1, 2, 0], [2, 0, 1], [2, 1, 0]];
 
@@ -63,33 +62,15 @@ impl<const HONEST: usize> Bounds<HONEST> {
         Self { last_step, partition, liar, falls, cuts, long_cuts, false_suspicion }
     }
 
-    fn vehicles(&self) -> usize {
+    pub(super) fn vehicles(&self) -> usize {
         HONEST + usize::from(self.liar)
     }
 }
 
 #[derive(Clone, Debug, PartialEq)]
-struct Agent {
-    agreement: Agreement,
-    incarnation: u64,
-    /// How often its membership has changed in this life.
-    sequence: u64,
-    is_up: bool,
-    /// Every word that it ever said.
-    said: Vec<Part>,
-    /// Who it takes to be there.
-    sees: Bits,
-    /// Those that it does not see and takes to be flying no longer.
-    given_up: Bits,
-    admitted: Bits,
-    /// In this life it has followed the liar, which it saw alone, to a step that no honest agent had earned.
-    is_misled: bool,
-}
-
-#[derive(Clone, Debug, PartialEq)]
 pub(super) struct Swarm<const N: usize> {
     agents: [Agent; N],
-    /// The liar's lives so far: each of its words is of a new one, so that nothing remains of the one before.
+    /// The liar's words so far.
     lies: u64,
     /// The latest step that an agent has come to by having reached the one before with all that it saw, and not after the liar.
     earned: u32,
@@ -141,92 +122,13 @@ pub(super) enum Action {
     Heal,
 }
 
-fn id(agent: usize) -> VehicleId {
-    VehicleId::new(agent as u8 + 1).unwrap()
-}
-
-fn others<const N: usize>(agent: usize) -> impl Iterator<Item = usize> {
-    (0..N).filter(move |&other| other != agent)
-}
-
-fn has(bits: Bits, agent: usize) -> bool {
-    bits & 1 << agent != 0
-}
-
-impl Agent {
-    /// At the beginning of a life.
-    fn new<const N: usize>(own: usize, bounds: &Bounds<N>, incarnation: u64) -> Self {
-        Self {
-            agreement: Agreement::new(id(own), bounds.vehicles() as u8, bounds.last_step, bounds.partition),
-            incarnation,
-            sequence: 0,
-            is_up: true,
-            said: Vec::new(),
-            sees: 0,
-            given_up: 0,
-            admitted: 0,
-            is_misled: false,
-        }
-    }
-
-    fn part(&self) -> Part {
-        Part {
-            order: MessageOrder { incarnation: Incarnation(self.incarnation), sequence: self.sequence },
-            membership: self.agreement.membership(),
-            step: self.agreement.at(),
-            vouched: self.agreement.vouched(),
-            reached: self.agreement.reached(),
-        }
-    }
-
-    fn is_active(&self) -> bool {
-        self.is_up && self.agreement.membership() == Membership::Active
-    }
-
-    /// Takes part from now on, or no longer.
-    fn turn(&mut self, membership: Membership) {
-        self.agreement.step(Event::Became(membership));
-        self.sequence += 1;
-    }
-
-    fn say(&mut self) {
-        let part = self.part();
-        if self.said.last() != Some(&part) {
-            self.said.push(part);
-        }
-    }
-
-    /// `own` is its own index among `N` that are honest. A liar that is not heard may have left: it is not missed.
-    fn see<const N: usize>(&mut self, own: usize, sees: Bits) -> Option<Progress> {
-        self.sees = sees;
-        self.given_up &= !sees;
-        let heard = (0..=N).filter(|&other| has(sees, other)).map(id).collect();
-        let misses_any = others::<N>(own).any(|other| !has(self.sees | self.given_up, other));
-        self.agreement.step(Event::Sees { heard, misses_any })
-    }
-
-    /// Whether two that it sees vouch for a step that it has not come to.
-    fn is_behind<const N: usize>(&self) -> bool {
-        let vouches = |&other: &usize| {
-            let part = self.agreement.part(id(other));
-            has(self.sees, other) && part.is_some_and(|part| part.vouched > self.agreement.at())
-        };
-        (0..N).filter(vouches).count() >= 2
-    }
-
-    /// Whether it has said this since it became active, and is.
-    fn is_latest(&self, word: &Part) -> bool {
-        self.is_active() && word.order == self.part().order
-    }
-}
-
 impl<const N: usize> Swarm<N> {
     const ALL: Bits = (1 << N) - 1;
 
     /// Everybody is active and has heard so.
     pub(super) fn start(bounds: &Bounds<N>) -> Self {
         let mut swarm = Self {
-            agents: std::array::from_fn(|agent| Agent::new(agent, bounds, 0)),
+            agents: std::array::from_fn(|_| Agent::new(bounds, 0)),
             lies: 0,
             earned: 0,
             cut_off: None,
@@ -255,7 +157,8 @@ impl<const N: usize> Swarm<N> {
                 continue;
             }
             actions.push(Action::Advance(agent));
-            let is_there = agreement.reached() >= Some(agreement.at()) || agreement.at() >= bounds.last_step;
+            let own = agreement.own();
+            let is_there = own.reached >= Some(own.step) || own.step >= bounds.last_step;
             let is_active = self.agents[agent].is_active();
             actions.extend((is_active && !is_there).then_some(Action::Reach(agent)));
             if self.falls_left > 0 {
@@ -275,7 +178,7 @@ impl<const N: usize> Swarm<N> {
                 let suspects = self.may_suspect(agent, other, bounds.false_suspicion);
                 actions.extend(suspects.then_some(Action::Suspect { by: agent, whom: other }));
                 let arrives =
-                    |(_, word): &(usize, &Part)| self.are_linked(agent, other) && self.is_news(agent, other, word);
+                    |(_, word): &(usize, &Word)| self.are_linked(agent, other) && self.is_news(agent, other, word);
                 let words = self.agents[other].said.iter().enumerate().filter(arrives);
                 actions.extend(words.map(|(word, _)| Action::Deliver { to: agent, from: other, word }));
             }
@@ -311,48 +214,47 @@ impl<const N: usize> Swarm<N> {
     }
 
     fn may_activate(&self, agent: usize) -> bool {
-        let own = &self.agents[agent].agreement;
+        let own = &self.agents[agent];
         let has_heard = |other: usize| {
             let life = Incarnation(self.agents[other].incarnation);
-            own.part(id(other)).is_some_and(|part| part.order.incarnation == life)
+            own.known[other].is_some_and(|word| word.order.incarnation == life)
         };
         let mut linked = others::<N>(agent).filter(|&other| self.agents[other].is_up && self.are_linked(agent, other));
-        own.membership() == Membership::Joining && linked.all(has_heard)
+        own.agreement.own().membership == Membership::Joining && linked.all(has_heard)
     }
 
     /// Whether a word changes anything for the one who hears it.
-    fn is_news(&self, to: usize, from: usize, word: &Part) -> bool {
+    fn is_news(&self, to: usize, from: usize, word: &Word) -> bool {
         let (to, speaker) = (&self.agents[to], &self.agents[from]);
-        let known = to.agreement.part(id(from));
-        known.is_none_or(|known| known.merge(*word) != *known)
+        to.is_news(from, word)
             || (speaker.is_up && !has(to.sees, from))
             || (speaker.is_latest(word) && !has(to.admitted, from))
     }
 
     fn deliver(&mut self, to: usize, from: usize, word: usize) {
         let speaker = &self.agents[from];
-        let (part, is_up) = (speaker.said[word], speaker.is_up);
-        let admits = speaker.is_latest(&part);
+        let (word, is_up) = (speaker.said[word], speaker.is_up);
+        let admits = speaker.is_latest(&word);
         let hearer = &mut self.agents[to];
-        hearer.agreement.step(Event::Heard(id(from), part));
+        hearer.receive(from, word);
         hearer.see::<N>(to, hearer.sees | Bits::from(is_up) << from);
         hearer.admitted |= Bits::from(admits) << from;
     }
 
-    /// The liar's word, of a life of its own.
-    fn lie(&mut self, to: usize, lie: Part) {
+    /// The liar's word, newer than any before.
+    fn lie(&mut self, to: usize, part: Part) {
         self.lies += 1;
-        let lie = Part { order: MessageOrder { incarnation: Incarnation(self.lies), ..lie.order }, ..lie };
-        self.agents[to].agreement.step(Event::Heard(id(N), lie));
+        let order = MessageOrder { incarnation: Incarnation(self.lies), sequence: 0 };
+        self.agents[to].receive(N, Word { order, part });
     }
 
     /// An agent hears this from the liar, does something, and the liar takes it back.
     fn lie_while(&mut self, to: usize, vouched: u32, bounds: &Bounds<N>, act: impl FnOnce(&mut Self)) {
         let (step, reached) = (bounds.last_step, Some(bounds.last_step));
-        self.lie(to, Part { membership: Membership::Active, step, vouched, reached, ..Part::default() });
+        self.lie(to, Part { membership: Membership::Active, step, vouched, reached });
         let sees = self.agents[to].sees | 1 << N;
         let progress = self.agents[to].see::<N>(to, sees);
-        let is_unearned = self.agents[to].agreement.at() > self.earned;
+        let is_unearned = self.agents[to].agreement.own().step > self.earned;
         self.agents[to].is_misled |= progress.is_some() && sees == 1 << N && is_unearned;
         act(self);
         self.lie(to, Part::default());
@@ -365,9 +267,7 @@ impl<const N: usize> Swarm<N> {
 
     fn apply(&mut self, action: Action, bounds: &Bounds<N>) {
         match action {
-            Action::Reach(agent) => {
-                self.agents[agent].agreement.step(Event::Reached);
-            }
+            Action::Reach(agent) => self.agents[agent].agreement.reach(),
             Action::Advance(agent) => self.advance(agent),
             Action::Deliver { to, from, word } => self.deliver(to, from, word),
             Action::Suspect { by, whom } => {
@@ -389,7 +289,7 @@ impl<const N: usize> Swarm<N> {
                 self.falls_left -= 1;
                 let dead = &mut self.agents[agent];
                 let (next, said) = (dead.incarnation + 1, std::mem::take(&mut dead.said));
-                *dead = Agent { said, is_up: false, ..Agent::new(agent, bounds, next) };
+                *dead = Agent { said, is_up: false, ..Agent::new(bounds, next) };
                 self.expel(agent);
             }
             Action::Restart(agent) => self.agents[agent].is_up = true,
@@ -415,19 +315,20 @@ impl<const N: usize> Swarm<N> {
     }
 
     fn advance(&mut self, agent: usize) {
-        let Agent { agreement, .. } = &mut self.agents[agent];
-        let (left, view) = (agreement.at(), agreement.members());
-        if agreement.step(Event::Free) != Some(Progress::Advanced) {
+        let left = self.agents[agent].agreement.own().step;
+        if self.agents[agent].advance::<N>(agent) != Some(Progress::Advanced) {
             return;
         }
-        let own = self.agents[agent].part();
+        let own = self.agents[agent].agreement.own();
         if !self.agents[agent].is_misled || own.vouched == own.step {
             self.earned = self.earned.max(own.step);
         }
-        let in_view: Vec<usize> = (0..N).filter(|&other| view.contains(id(other))).collect();
+        let Agent { known, sees, .. } = &self.agents[agent];
+        let is_member = |&other: &usize| has(*sees, other) && known[other].is_some_and(|word| word.part.is_active());
+        let in_view: Vec<usize> = (0..N).filter(is_member).collect();
         for &other in &in_view {
-            let life = self.agents[agent].agreement.part(id(other)).map(|part| part.order.incarnation);
-            let reports = |word: &Part| Some(word.order.incarnation) == life && word.has_reached(left);
+            let life = known[other].map(|word| word.order.incarnation);
+            let reports = |word: &Word| Some(word.order.incarnation) == life && word.part.has_reached(left);
             if !self.agents[other].said.iter().any(reports) {
                 self.broken = Some(P2);
             }
@@ -440,10 +341,11 @@ impl<const N: usize> Swarm<N> {
     /// Notes what an action broke, given how things were before it.
     fn judge(&mut self, before: &Self) {
         for agent in 0..N {
-            let (was, is) = (before.agents[agent].part(), self.agents[agent].part());
-            if was.order.incarnation != is.order.incarnation {
+            let (was, is) = (&before.agents[agent], &self.agents[agent]);
+            if was.incarnation != is.incarnation {
                 continue;
             }
+            let (was, is) = (was.agreement.own(), is.agreement.own());
             if is.step < was.step || is.reached < was.reached || is.vouched < was.vouched {
                 self.broken = Some(P1);
             }
@@ -461,11 +363,11 @@ impl<const N: usize> Swarm<N> {
             }
             let left = is.step - 1;
             let is_late =
-                |&other: &usize| self.are_linked(agent, other) && !self.agents[other].part().has_reached(left);
+                |&other: &usize| self.are_linked(agent, other) && !self.agents[other].agreement.own().has_reached(left);
             if (0..N).any(|other| has(before.settled, other) && is_late(&other)) {
                 self.broken = Some(P3);
             }
-            if !self.agents.iter().flat_map(|agent| &agent.said).any(|word| word.reached >= Some(left)) {
+            if !self.agents.iter().flat_map(|agent| &agent.said).any(|word| word.part.reached >= Some(left)) {
                 self.broken = Some(P4);
             }
         }
@@ -479,7 +381,8 @@ impl<const N: usize> Swarm<N> {
             let mut words = (0..N).filter(is_linked).flat_map(|other| &self.agents[other].said);
             self.agents[agent].is_active()
                 && peers.all(|peer| has(self.agents[peer].admitted, agent))
-                && (has(self.settled, agent) || words.all(|word| word.step <= self.agents[agent].agreement.at()))
+                && (has(self.settled, agent)
+                    || words.all(|word| word.part.step <= self.agents[agent].agreement.own().step))
         };
         self.settled = (0..N).filter(is_settled).fold(0, |settled, agent| settled | 1 << agent);
     }
@@ -505,7 +408,8 @@ impl<const N: usize> Swarm<N> {
     /// Whether somebody is two steps ahead of a settled agent.
     pub(super) fn is_skewed(&self) -> bool {
         (0..N).filter(|&late| has(self.settled, late)).any(|late| {
-            let is_ahead = |other: &Agent| other.agreement.at() > self.agents[late].agreement.at() + 1;
+            let step = |agent: &Agent| agent.agreement.own().step;
+            let is_ahead = |other: &Agent| step(other) > step(&self.agents[late]) + 1;
             others::<N>(late).any(|other| self.are_linked(late, other) && is_ahead(&self.agents[other]))
         })
     }
@@ -513,7 +417,7 @@ impl<const N: usize> Swarm<N> {
     /// All that may go wrong has, and all are settled, still at the first step.
     pub(super) fn has_recovered(&self) -> bool {
         let is_over = self.falls_left + self.cuts_left == 0 && self.cut_off.is_none();
-        is_over && self.settled == Self::ALL && self.agents.iter().all(|agent| agent.agreement.at() == 0)
+        is_over && self.settled == Self::ALL && self.agents.iter().all(|agent| agent.agreement.own().step == 0)
     }
 
     /// Whether everybody up comes to the last step if from here on links are whole, words arrive, the liar is silent, and
@@ -535,22 +439,22 @@ impl<const N: usize> Swarm<N> {
                     self.deliver(to, from, self.agents[from].said.len() - 1);
                 }
             }
-            for &agent in &up {
-                let agent = &mut self.agents[agent];
-                if agent.agreement.membership() == Membership::Joining {
+            for &own in &up {
+                let agent = &mut self.agents[own];
+                if agent.agreement.own().membership == Membership::Joining {
                     agent.turn(Membership::Active);
                 }
-                agent.agreement.step(Event::Free);
-                agent.agreement.step(Event::Reached);
+                agent.advance::<N>(own);
+                agent.agreement.reach();
             }
-            up.iter().all(|&agent| self.agents[agent].agreement.at() == last_step)
+            up.iter().all(|&agent| self.agents[agent].agreement.own().step == last_step)
         })
     }
 
     /// What matters of an agent, whoever the others are.
     fn own_key(&self, agent: usize) -> impl Ord + Hash + Copy + use<N> {
         let Agent { is_up, said, is_misled, sees, .. } = &self.agents[agent];
-        let own = self.agents[agent].part();
+        let own = self.agents[agent].word();
         let mut keys = [0_u64; 4];
         for word in said {
             let key = said_key(word);
@@ -565,30 +469,13 @@ impl<const N: usize> Swarm<N> {
     fn key(&self, naming: &[usize; N]) -> impl Ord + Hash + use<N> {
         let rename = |bits: Bits| naming.iter().fold(0, |renamed, &agent| renamed << 1 | u8::from(has(bits, agent)));
         let views = naming.map(|agent| {
-            let Agent { agreement, sees, given_up, admitted, .. } = &self.agents[agent];
-            let (at, vouched) = (agreement.at(), agreement.vouched());
-            let known = naming.map(|other| agreement.part(id(other)).map(|part| known_key(part, at, vouched)));
+            let Agent { agreement, known, sees, given_up, admitted, .. } = &self.agents[agent];
+            let own = agreement.own();
+            let known = naming.map(|other| known[other].map(|word| known_key(&word, &own)));
             (known, rename(*sees), rename(*given_up), rename(*admitted))
         });
         (views, self.falls_left, self.cuts_left, rename(self.settled), self.advanced, self.earned, self.broken)
     }
-}
-
-/// One of the 256 words that an agent can have said.
-fn said_key(word: &Part) -> u8 {
-    key(word, word.step << 1 | u32::from(word.has_reached(word.step)), word.vouched)
-}
-
-/// One of the 256 words that differ in what matters to an agent at this step that vouches for so much.
-fn known_key(word: &Part, step: u32, vouched: u32) -> u8 {
-    let past = word.step.max(word.reached.map_or(0, |reached| reached + 1));
-    key(word, past.max(step), word.vouched.max(vouched))
-}
-
-fn key(word: &Part, past: u32, vouched: u32) -> u8 {
-    let MessageOrder { incarnation: Incarnation(life), sequence } = word.order;
-    assert!(life < 2 && sequence < 4 && past < 8 && vouched < 4, "too large for a key: {word:?}");
-    (life as u8) << 7 | (sequence as u8) << 5 | (past as u8) << 2 | vouched as u8
 }
 
 /// Swarms are one to the checker if they differ in names only, or in what does not matter.

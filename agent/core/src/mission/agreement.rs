@@ -1,10 +1,12 @@
 //! Which step of the mission the swarm is at, without a vehicle that decides it.
 //!
-//! Every agent keeps the same small record for every agent, itself included, and publishes its own. Records merge by taking
-//! the larger: a join semilattice, so loss, repetition and order of the messages change nothing but the time it takes. A
-//! vehicle leaves a step for a later one
+//! Every agent publishes a small record of its own part ([`Part`]) in its heartbeats. The peers stage ([`crate::peers`]) keeps the
+//! newest heartbeat of every peer, and this stage keeps none of them: it decides from the own record and the newest records of
+//! the peers in contact. What a peer has reached and vouches for only grows during its life, so a newer record says all that the
+//! older ones said: loss, repetition and order of the messages change nothing but the time it takes. A vehicle leaves a step
+//! for a later one
 //!
-//! * (a) when it has reached the step itself and every active member that it hears reports the same ([`Event::Free`]);
+//! * (a) when it has reached the step itself and every active member that it hears reports the same ([`Agreement::advance`]);
 //! * (b) when two other vehicles that it hears vouch for a later step;
 //! * (b') when it hears one other vehicle only, no further one may still be flying, and that one vouches for a later step;
 //! * (c) by an operator's order.
@@ -28,20 +30,15 @@
 //! not reached it; they come after it step by step by (a), for it has reached all of theirs. If it ran ahead to the landing it
 //! lands and leaves, and no vehicle waits for it. Two that ran ahead take the others along by (b).
 //!
-//! Everything here is a pure function of what was received. There is no clock: the caller tells which vehicles are heard.
+//! There is no clock here: the caller says which peers are in contact.
 
-use alloc::vec::Vec;
-
-use skein_common::id::{VehicleId, VehicleSet};
-use skein_common::message::MessageOrder;
+use skein_common::message;
 use skein_common::scenario::Partition;
 use skein_common::state::Membership;
 
-/// What is known of one agent's part in the agreement.
+/// One vehicle's part in the agreement.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Part {
-    /// The order of its newest message, which says whether it is an active member.
-    pub order: MessageOrder,
     /// Whether the others count on it.
     pub membership: Membership,
     /// The step that it is at.
@@ -53,47 +50,38 @@ pub struct Part {
 }
 
 impl Part {
-    /// The least part that says all that both say: the later life; in one life the later word about taking part, and the
-    /// larger of everything else. Idempotent, commutative, associative.
-    pub fn merge(self, other: Self) -> Self {
-        let later = if (self.order, self.membership) >= (other.order, other.membership) { self } else { other };
-        if self.order.incarnation != other.order.incarnation {
-            return later;
-        }
-        Self {
-            step: self.step.max(other.step),
-            vouched: self.vouched.max(other.vouched),
-            reached: self.reached.max(other.reached),
-            ..later
-        }
-    }
-
     /// Nobody who is at this step needs to wait for it.
     pub fn has_reached(&self, step: u32) -> bool {
         self.step > step || self.reached >= Some(step)
     }
+
+    /// Whether it is a member: the others wait for it.
+    pub fn is_active(&self) -> bool {
+        self.membership == Membership::Active
+    }
 }
 
-/// Something that happens to an agreement.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Event {
-    /// A word about somebody's part.
-    Heard(VehicleId, Part),
-    /// The own vehicle has reached the step that it is at.
-    Reached,
-    /// An operator wants nobody to be at an earlier step.
-    Ordered(u32),
-    /// The own part in the swarm has changed.
-    Became(Membership),
-    /// Which of the others are there now.
-    Sees {
-        /// They are heard: their tokens are there and their messages young.
-        heard: VehicleSet,
-        /// A further vehicle is not heard and may be flying the mission.
-        misses_any: bool,
-    },
-    /// Nothing keeps the own vehicle from going on.
-    Free,
+impl From<&message::Mission> for Part {
+    fn from(heartbeat: &message::Mission) -> Self {
+        let &message::Mission { membership, step, vouched, reached, .. } = heartbeat;
+        Self { membership, step, vouched, reached }
+    }
+}
+
+/// What one vehicle knows of the others now.
+#[derive(Clone, Copy, Debug)]
+pub struct Others<Parts> {
+    /// The newest records of the peers in contact: their tokens are there and their messages young.
+    pub parts: Parts,
+    /// A further vehicle is not in contact and may be flying the mission.
+    pub misses_any: bool,
+}
+
+impl<Parts: Iterator<Item = Part> + Clone> Others<Parts> {
+    /// The other members.
+    fn members(&self) -> impl Iterator<Item = Part> {
+        self.parts.clone().filter(Part::is_active)
+    }
 }
 
 /// How an agreement moved on.
@@ -113,168 +101,99 @@ pub enum Progress {
 /// One agent's side of the agreement.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Agreement {
-    own: VehicleId,
     roster: u8,
     last_step: u32,
     partition: Partition,
-    membership: Membership,
-    step: u32,
-    vouched: u32,
-    reached: Option<u32>,
-    /// The others, by id.
-    parts: Vec<(VehicleId, Part)>,
-    heard: VehicleSet,
-    misses_any: bool,
+    own: Part,
 }
 
 impl Agreement {
     /// The beginning of a life in a swarm of vehicles 1 to `roster`, whose mission has the steps 0 to `last_step`.
-    pub fn new(own: VehicleId, roster: u8, last_step: u32, partition: Partition) -> Self {
-        Self {
-            own,
-            roster,
-            last_step,
-            partition,
-            membership: Membership::Joining,
-            step: 0,
-            vouched: 0,
-            reached: None,
-            parts: Vec::new(),
-            heard: VehicleSet::default(),
-            misses_any: true,
+    pub fn new(roster: u8, last_step: u32, partition: Partition) -> Self {
+        Self { roster, last_step, partition, own: Part::default() }
+    }
+
+    /// The own part, as the others are to know it.
+    pub fn own(&self) -> Part {
+        self.own
+    }
+
+    /// The own part in the swarm has changed.
+    pub fn turn(&mut self, membership: Membership) {
+        self.own.membership = membership;
+    }
+
+    /// The own vehicle has reached the step that it is at.
+    pub fn reach(&mut self) {
+        self.own.reached = self.own.reached.max(Some(self.own.step));
+    }
+
+    /// An operator wants no vehicle to be at an earlier step.
+    pub fn order(&mut self, step: u32) -> Option<Progress> {
+        self.own.vouched = self.own.vouched.max(step.min(self.last_step));
+        self.carry(step)
+    }
+
+    /// To the step that the others vouch for, if that is later.
+    pub fn follow(&mut self, others: &Others<impl Iterator<Item = Part> + Clone>) -> Option<Progress> {
+        let vouched = others.parts.clone().map(|part| part.vouched);
+        let step = self.reliable(others, vouched)?.min(self.last_step);
+        // In a swarm of two there is no third to be misled.
+        if !self.is_pair(others) || self.roster <= 2 {
+            self.own.vouched = self.own.vouched.max(step);
         }
+        self.carry(step)
     }
 
-    /// Takes up one event.
-    pub fn step(&mut self, event: Event) -> Option<Progress> {
-        match event {
-            Event::Heard(id, part) => {
-                self.merge(id, part);
-                None
-            }
-            Event::Reached => {
-                self.reached = self.reached.max(Some(self.step));
-                None
-            }
-            Event::Ordered(step) => {
-                self.vouched = self.vouched.max(step.min(self.last_step));
-                self.carry(step)
-            }
-            Event::Became(membership) => {
-                self.membership = membership;
-                None
-            }
-            Event::Sees { heard, misses_any } => {
-                (self.heard, self.misses_any) = (heard, misses_any);
-                self.follow()
-            }
-            Event::Free => self.advance(),
-        }
+    /// Nothing keeps the own vehicle from going on: to the next step, if everybody who counts has reached this one. The last
+    /// step is never left.
+    pub fn advance(&mut self, others: &Others<impl Iterator<Item = Part> + Clone>) -> Option<Progress> {
+        let step = self.own.step;
+        let may = self.own.is_active() && self.own.reached >= Some(step) && step < self.last_step;
+        let all = || others.members().all(|part| part.has_reached(step));
+        (may && self.has_quorum(others) && all()).then(|| {
+            self.own.vouched += u32::from(self.own.vouched == step);
+            self.own.step += 1;
+            Progress::Advanced
+        })
     }
 
-    /// The step that this agent is at.
-    pub fn at(&self) -> u32 {
-        self.step
-    }
-
-    /// The latest step that this agent vouches for.
-    pub fn vouched(&self) -> u32 {
-        self.vouched
-    }
-
-    /// The highest step that it reached in this life.
-    pub fn reached(&self) -> Option<u32> {
-        self.reached
-    }
-
-    /// Whether the others count on it.
-    pub fn membership(&self) -> Membership {
-        self.membership
-    }
-
-    /// The other members: those who are heard and take part.
-    pub fn members(&self) -> VehicleSet {
-        self.others().map(|(id, _)| id).collect()
-    }
-
-    /// What is known of another agent.
-    pub fn part(&self, id: VehicleId) -> Option<&Part> {
-        let index = self.parts.binary_search_by_key(&id, |(known, _)| *known).ok()?;
-        Some(&self.parts[index].1)
-    }
-
-    /// Whether enough are heard to go on: always, or under [`Partition::Quorum`] more than half of the roster.
-    pub fn has_quorum(&self) -> bool {
-        let live = self.others().count() + 1;
+    /// Whether enough are in contact to go on: always, or under [`Partition::Quorum`] more than half of the roster.
+    pub fn has_quorum(&self, others: &Others<impl Iterator<Item = Part> + Clone>) -> bool {
+        let live = others.members().count() + 1;
         self.partition == Partition::Continue || 2 * live > usize::from(self.roster)
     }
 
-    fn merge(&mut self, id: VehicleId, part: Part) {
-        if id == self.own {
-            return;
-        }
-        match self.parts.binary_search_by_key(&id, |(known, _)| *known) {
-            Ok(index) => self.parts[index].1 = self.parts[index].1.merge(part),
-            Err(index) => self.parts.insert(index, (id, part)),
-        }
-    }
-
-    /// The largest of the others' reports that this agent may rely on: the second largest, so that an honest vehicle reports as
-    /// much or more; the only one, if there is only one other vehicle.
-    pub fn reliable<T: PartialOrd + Copy>(&self, reports: impl Iterator<Item = (VehicleId, T)>) -> Option<T> {
+    /// The largest of these reports by some of the others that this agent may rely on: the second largest, so that an honest
+    /// vehicle reports as much or more; the only one, if there is only one other vehicle.
+    pub fn reliable<T: PartialOrd + Copy>(
+        &self,
+        others: &Others<impl Iterator<Item = Part> + Clone>,
+        reports: impl Iterator<Item = T>,
+    ) -> Option<T> {
         let (mut largest, mut second) = (None, None);
-        for (_, report) in reports.filter(|(id, _)| self.heard.contains(*id)) {
+        for report in reports {
             if largest.is_none_or(|largest| report > largest) {
                 (largest, second) = (Some(report), largest);
             } else if second.is_none_or(|second| report > second) {
                 second = Some(report);
             }
         }
-        if self.is_pair() { largest } else { second }
+        if self.is_pair(others) { largest } else { second }
     }
 
     /// Whether exactly one other vehicle is there, as far as this one can know.
-    fn is_pair(&self) -> bool {
-        self.heard.len() == 1 && !self.misses_any && self.has_quorum()
-    }
-
-    /// To the step that the others vouch for, if that is later.
-    fn follow(&mut self) -> Option<Progress> {
-        let vouched = self.parts.iter().map(|(id, part)| (*id, part.vouched));
-        let step = self.reliable(vouched)?.min(self.last_step);
-        // In a swarm of two there is no third to be misled.
-        if !self.is_pair() || self.roster <= 2 {
-            self.vouched = self.vouched.max(step);
-        }
-        self.carry(step)
+    fn is_pair(&self, others: &Others<impl Iterator<Item = Part> + Clone>) -> bool {
+        others.parts.clone().count() == 1 && !others.misses_any && self.has_quorum(others)
     }
 
     /// To this step, if it is later.
     fn carry(&mut self, step: u32) -> Option<Progress> {
         let step = step.min(self.last_step);
-        (step > self.step).then(|| {
-            let from = core::mem::replace(&mut self.step, step);
-            Progress::Carried { from, reached: self.reached >= Some(from) }
+        (step > self.own.step).then(|| {
+            let from = core::mem::replace(&mut self.own.step, step);
+            Progress::Carried { from, reached: self.own.reached >= Some(from) }
         })
-    }
-
-    /// To the next step, if everybody who counts has reached this one. The last step is never left.
-    fn advance(&mut self) -> Option<Progress> {
-        let step = self.step;
-        let may = self.membership == Membership::Active && self.reached >= Some(step) && step < self.last_step;
-        let all = || self.others().all(|(_, part)| part.has_reached(step));
-        (may && self.has_quorum() && all()).then(|| {
-            self.vouched += u32::from(self.vouched == step);
-            self.step += 1;
-            Progress::Advanced
-        })
-    }
-
-    /// The other members and their parts.
-    fn others(&self) -> impl Iterator<Item = (VehicleId, &Part)> {
-        let counts =
-            |(id, part): &&(VehicleId, Part)| part.membership == Membership::Active && self.heard.contains(*id);
-        self.parts.iter().filter(counts).map(|(id, part)| (*id, part))
     }
 }
 

@@ -41,15 +41,17 @@ struct One {
     view: View,
     told: Vec<Happening>,
     said: u64,
-    /// What the peers sent since the last step.
+    /// The newest of each peer.
     heartbeats: Vec<message::Mission>,
+    /// The peers in contact.
+    contact: VehicleSet,
 }
 
 impl One {
     fn new(steps: &str, more: &str) -> Self {
-        let mission = Mission::new(id(1), &scenario(steps, more), None);
-        let view = View { partners: [2, 3].map(id).into_iter().collect(), ..View::default() };
-        Self { mission, view, told: Vec::new(), said: 0, heartbeats: Vec::new() }
+        let mission = Mission::new(&scenario(steps, more), None);
+        let contact = [2, 3].map(id).into_iter().collect();
+        Self { mission, view: View::default(), told: Vec::new(), said: 0, heartbeats: Vec::new(), contact }
     }
 
     /// Its two seconds of joining are over.
@@ -65,8 +67,8 @@ impl One {
     }
 
     fn step_at(&mut self, seconds: f64, estimate: &Estimate) -> Task {
-        let heartbeats = std::mem::take(&mut self.heartbeats);
-        self.mission.step(at(seconds), estimate, &self.view, heartbeats.iter(), &mut self.told)
+        let heartbeats = self.heartbeats.iter().filter(|last| self.contact.contains(last.header.sender));
+        self.mission.step(at(seconds), estimate, &self.view, heartbeats, &mut self.told)
     }
 
     fn order(&mut self, order: Order) {
@@ -162,7 +164,7 @@ fn who_is_lost_is_not_waited_for_and_is_named() {
     one.step(3.0, 30.0);
     one.step(7.0, 30.0);
     assert_eq!(one.mission.at(), 0);
-    one.view.partners.remove(id(3));
+    one.contact.remove(id(3));
     one.step(7.1, 30.0);
     let without = [id(3)].into_iter().collect();
     assert_eq!(one.told(), [Happening::Reached(0), Happening::ForcedAdvance { to: 1, without }]);
@@ -171,6 +173,8 @@ fn who_is_lost_is_not_waited_for_and_is_named() {
 #[test]
 fn a_straggler_is_carried_forward_and_says_what_it_skipped() {
     let mut one = One::active("{ centre_ne_m = [0, 0] }, { centre_ne_m = [9, 0] }, { centre_ne_m = [5, 5] }", "");
+    // Vehicle 3 has sent nothing yet.
+    one.view.misses_any = true;
     one.hear(2, 2, Some(1), 0.0);
     assert_eq!(formation(one.step(2.5, 30.0)).step, 0, "a single vehicle carries no other");
     one.hear(3, 2, None, 0.0);
@@ -260,7 +264,7 @@ fn a_vehicle_that_is_carried_forward_begins_where_the_others_have_the_centre() {
 #[test]
 fn the_last_step_lands() {
     let mut one = One::active("{ hold_s = 1 }, { land = true }", "");
-    one.view.partners = VehicleSet::default();
+    one.contact = VehicleSet::default();
     for second in 2..5 {
         one.step(f64::from(second), 30.0);
     }
@@ -275,9 +279,9 @@ fn a_minority_holds_its_place_under_quorum() {
         one.hear(peer, 0, None, 0.0);
     }
     formation(one.step(3.0, 30.0));
-    one.view.partners = VehicleSet::default();
+    one.contact = VehicleSet::default();
     assert!(matches!(one.step(4.0, 30.0), Task::Stay { .. }));
-    one.view.partners.insert(id(2));
+    one.contact.insert(id(2));
     formation(one.step(5.0, 30.0));
     let quorum = |told: &Happening| matches!(told, Happening::QuorumLost | Happening::QuorumBack);
     let told: Vec<_> = one.told().into_iter().filter(quorum).collect();
@@ -541,7 +545,7 @@ proptest! {
     ) {
         const STEP: &str = "{ centre_ne_m = [0, 0], dwell_s = 0.1 }";
         let steps = [STEP; 6].join(", ");
-        let mut missions = [1, 2, 3].map(|number| Mission::new(id(number), &scenario(&steps, ""), None));
+        let mut missions: [_; 3] = std::array::from_fn(|_| Mission::new(&scenario(&steps, ""), None));
         // What each vehicle has last received of each.
         let mut received: [[Option<message::Mission>; 3]; 3] = [[None; 3]; 3];
         for (tick, (in_place, contact, delivered)) in script.into_iter().enumerate() {
@@ -556,7 +560,6 @@ proptest! {
                 }
                 let known: Vec<_> = in_contact.iter().filter_map(|&other| received[own][other]).collect();
                 let view = View {
-                    partners: known.iter().map(|sent| sent.header.sender).collect(),
                     misses_any: in_contact.len() < 2,
                     altitude_error_m: Some(0.0),
                     in_place: in_place >> own & 1 == 1,

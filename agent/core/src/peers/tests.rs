@@ -194,14 +194,19 @@ fn of_two_parts_that_miss_each_other_the_one_without_the_smallest_id_flies_above
 }
 
 #[test]
-fn only_those_of_the_same_plan_are_waited_for() {
+fn the_newest_heartbeats_of_the_peers_in_contact_are_there_whatever_plan_they_fly() {
     let mut table = Table::new();
     table.hear(1.0, &[mission(2, 1, 1, Membership::Active), mission(3, 1, 1, Membership::Active), state(4, 1, 1, 0.0)]);
-    assert_eq!(table.0.partners(), [2, 3].map(id).into_iter().collect(), "4 has not said what it flies");
+    let plans = |table: &Table| -> Vec<_> {
+        table.0.missions().map(|heartbeat| (heartbeat.header.sender.get(), heartbeat.plan)).collect()
+    };
+    assert_eq!(plans(&table), [(2, 1), (3, 1)], "4 has not said what it flies");
     // 2 comes back with a scenario that was changed.
     table.hear(1.2, &[Word::Mission(register(header(2, 2, 1), 9, Membership::Active))]);
     assert!(table.0.heard().contains(id(2)));
-    assert_eq!(table.0.partners(), [id(3)].into_iter().collect());
+    assert_eq!(plans(&table), [(2, 9), (3, 1)]);
+    table.hear(1.3, &[Word::Vanished(id(3))]);
+    assert_eq!(plans(&table), [(2, 9)]);
 }
 
 #[test]

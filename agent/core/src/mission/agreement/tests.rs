@@ -2,7 +2,7 @@ use proptest::collection::vec;
 use proptest::prelude::*;
 use proptest::sample::select;
 
-use skein_common::id::Incarnation;
+use skein_common::id::{VehicleId, VehicleSet};
 
 use super::*;
 
@@ -17,12 +17,23 @@ fn set(numbers: &[u8]) -> VehicleSet {
     numbers.iter().map(|&number| id(number)).collect()
 }
 
-fn order(life: u64, sequence: u64) -> MessageOrder {
-    MessageOrder { incarnation: Incarnation(life), sequence }
+fn active(step: u32, reached: Option<u32>) -> Part {
+    Part { membership: Membership::Active, step, vouched: step, reached }
 }
 
-fn active(step: u32, reached: Option<u32>) -> Part {
-    Part { order: order(1, 5), membership: Membership::Active, step, vouched: step, reached }
+/// Something that happens to vehicle 1.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Event {
+    /// A newer record of another vehicle.
+    Heard(VehicleId, Part),
+    Reached,
+    Ordered(u32),
+    Became(Membership),
+    Sees {
+        heard: VehicleSet,
+        misses_any: bool,
+    },
+    Free,
 }
 
 /// These others are heard. Of the four, those that are not may be flying.
@@ -35,22 +46,85 @@ fn sees_all_that_are_left(numbers: &[u8]) -> Event {
     Event::Sees { heard: set(numbers), misses_any: false }
 }
 
-/// Vehicle 1, active at the first step, which it has reached.
-fn there(partition: Partition) -> Agreement {
-    let mut agreement = Agreement::new(id(1), ROSTER, LAST_STEP, partition);
-    agreement.step(Event::Became(Membership::Active));
-    agreement.step(Event::Reached);
-    agreement
+/// Vehicle 1's side of the agreement, and what its other stages know.
+#[derive(Clone, Debug)]
+struct One {
+    agreement: Agreement,
+    /// The newest record of each of the others.
+    parts: Vec<(VehicleId, Part)>,
+    heard: VehicleSet,
+    misses_any: bool,
 }
 
-/// The same, who hears these others.
-fn among(others: &[(u8, Part)]) -> Agreement {
-    let mut agreement = there(Partition::Continue);
-    for &(number, part) in others {
-        agreement.step(Event::Heard(id(number), part));
+impl One {
+    fn new(roster: u8, partition: Partition) -> Self {
+        let (agreement, heard) = (Agreement::new(roster, LAST_STEP, partition), VehicleSet::default());
+        Self { agreement, parts: Vec::new(), heard, misses_any: true }
     }
-    agreement.step(sees(&others.iter().map(|(number, _)| *number).collect::<Vec<_>>()));
-    agreement
+
+    fn step(&mut self, event: Event) -> Option<Progress> {
+        let mut agreement = self.agreement.clone();
+        let mut progress = None;
+        match event {
+            Event::Heard(id, part) => {
+                self.parts.retain(|(known, _)| *known != id);
+                self.parts.push((id, part));
+            }
+            Event::Reached => agreement.reach(),
+            Event::Ordered(step) => progress = agreement.order(step),
+            Event::Became(membership) => agreement.turn(membership),
+            Event::Sees { heard, misses_any } => {
+                (self.heard, self.misses_any) = (heard, misses_any);
+                progress = agreement.follow(&self.others());
+            }
+            Event::Free => progress = agreement.advance(&self.others()),
+        }
+        self.agreement = agreement;
+        progress
+    }
+
+    fn others(&self) -> Others<impl Iterator<Item = Part> + Clone> {
+        let in_contact = self.parts.iter().filter(|(id, _)| self.heard.contains(*id));
+        Others { parts: in_contact.map(|(_, part)| *part), misses_any: self.misses_any }
+    }
+
+    fn has_quorum(&self) -> bool {
+        self.agreement.has_quorum(&self.others())
+    }
+
+    fn membership(&self) -> Membership {
+        self.agreement.own().membership
+    }
+
+    fn at(&self) -> u32 {
+        self.agreement.own().step
+    }
+
+    fn vouched(&self) -> u32 {
+        self.agreement.own().vouched
+    }
+
+    fn reached(&self) -> Option<u32> {
+        self.agreement.own().reached
+    }
+}
+
+/// Vehicle 1, active at the first step, which it has reached.
+fn there(partition: Partition) -> One {
+    let mut one = One::new(ROSTER, partition);
+    one.step(Event::Became(Membership::Active));
+    one.step(Event::Reached);
+    one
+}
+
+/// The same, in contact with these others.
+fn among(others: &[(u8, Part)]) -> One {
+    let mut one = there(Partition::Continue);
+    for &(number, part) in others {
+        one.step(Event::Heard(id(number), part));
+    }
+    one.step(sees(&others.iter().map(|(number, _)| *number).collect::<Vec<_>>()));
+    one
 }
 
 #[test]
@@ -65,7 +139,7 @@ fn a_step_is_left_when_the_last_one_reaches_it() {
 
 #[test]
 fn who_has_not_reached_the_step_itself_stays_though_all_others_have() {
-    let mut agreement = Agreement::new(id(1), ROSTER, LAST_STEP, Partition::Continue);
+    let mut agreement = One::new(ROSTER, Partition::Continue);
     agreement.step(Event::Became(Membership::Active));
     agreement.step(Event::Heard(id(2), active(0, Some(0))));
     agreement.step(sees(&[2]));
@@ -76,7 +150,6 @@ fn who_has_not_reached_the_step_itself_stays_though_all_others_have() {
 fn nobody_waits_for_who_joins_or_has_left_or_is_not_heard() {
     for membership in [Membership::Joining, Membership::Left] {
         let mut agreement = among(&[(2, Part { membership, ..active(0, None) })]);
-        assert_eq!(agreement.members(), VehicleSet::default());
         assert_eq!(agreement.step(Event::Free), Some(Progress::Advanced), "{membership:?}");
     }
     let mut agreement = among(&[(2, active(0, None))]);
@@ -94,7 +167,7 @@ fn who_is_past_a_step_counts_as_having_reached_it() {
 
 #[test]
 fn a_vehicle_that_joins_follows_two_others_but_goes_nowhere_by_itself() {
-    let mut agreement = Agreement::new(id(1), ROSTER, LAST_STEP, Partition::Continue);
+    let mut agreement = One::new(ROSTER, Partition::Continue);
     agreement.step(Event::Reached);
     assert_eq!(agreement.step(Event::Free), None);
     agreement.step(Event::Heard(id(2), active(2, Some(1))));
@@ -104,29 +177,23 @@ fn a_vehicle_that_joins_follows_two_others_but_goes_nowhere_by_itself() {
 }
 
 #[test]
-fn a_member_counts_from_the_word_that_says_so() {
-    let joining = Part { membership: Membership::Joining, order: order(1, 4), ..active(0, None) };
+fn a_member_counts_from_the_record_that_says_so() {
+    let joining = Part { membership: Membership::Joining, ..active(0, None) };
     let mut agreement = among(&[(2, joining)]);
-    assert_eq!(agreement.members(), set(&[]));
+    assert_eq!(agreement.clone().step(Event::Free), Some(Progress::Advanced));
     agreement.step(Event::Heard(id(2), active(0, None)));
-    assert_eq!(agreement.members(), set(&[2]));
     assert_eq!(agreement.step(Event::Free), None);
-    agreement.step(Event::Heard(id(2), joining));
-    assert_eq!(agreement.members(), set(&[2]), "an old word");
 }
 
 #[test]
-fn a_restart_begins_again_and_its_former_life_is_silent() {
+fn a_restart_begins_again() {
     let mut agreement = among(&[(2, active(0, Some(0)))]);
-    let reborn = Part { order: order(2, 1), ..active(0, None) };
-    agreement.step(Event::Heard(id(2), reborn));
-    agreement.step(Event::Heard(id(2), active(0, Some(0))));
-    assert_eq!(agreement.part(id(2)), Some(&reborn));
+    agreement.step(Event::Heard(id(2), active(0, None)));
     assert_eq!(agreement.step(Event::Free), None);
 }
 
 /// Vehicle 1 at the first step, after it has heard these registers and sees these others.
-fn after(others: &[(u8, Part)], event: Event) -> (Agreement, Option<Progress>) {
+fn after(others: &[(u8, Part)], event: Event) -> (One, Option<Progress>) {
     let mut agreement = there(Partition::Continue);
     for &(number, part) in others {
         assert_eq!(agreement.step(Event::Heard(id(number), part)), None);
@@ -182,7 +249,7 @@ fn a_vehicle_that_was_carried_by_one_carries_no_further_one() {
 
 #[test]
 fn in_a_swarm_of_two_each_follows_the_other() {
-    let mut agreement = Agreement::new(id(1), 2, LAST_STEP, Partition::Quorum);
+    let mut agreement = One::new(2, Partition::Quorum);
     agreement.step(Event::Heard(id(2), active(2, None)));
     assert!(agreement.step(sees_all_that_are_left(&[2])).is_some());
     assert_eq!((agreement.at(), agreement.vouched()), (2, 2));
@@ -240,37 +307,30 @@ fn membership() -> impl Strategy<Value = Membership> {
     select(&[Membership::Joining, Membership::Active, Membership::Active, Membership::Active, Membership::Left])
 }
 
-/// Few lives, few words and few steps, so that they collide. A step reached is one that was entered.
+/// Few steps, so that they collide. A step reached is one that was entered.
 fn part() -> impl Strategy<Value = Part> {
     let step_and_reached = (0..=LAST_STEP).prop_flat_map(|step| (Just(step), proptest::option::of(0..=step)));
     let step_vouched_and_reached =
         step_and_reached.prop_flat_map(|(step, reached)| (Just(step), 0..=step, Just(reached)));
-    (0_u64..3, 0_u64..4, membership(), step_vouched_and_reached).prop_map(
-        |(life, sequence, membership, (step, vouched, reached))| Part {
-            order: order(life, sequence),
-            membership,
-            step,
-            vouched,
-            reached,
-        },
-    )
+    (membership(), step_vouched_and_reached).prop_map(|(membership, (step, vouched, reached))| Part {
+        membership,
+        step,
+        vouched,
+        reached,
+    })
 }
 
 fn vehicle() -> impl Strategy<Value = VehicleId> {
-    (1..=ROSTER).prop_map(id)
-}
-
-fn word() -> impl Strategy<Value = Event> {
-    (vehicle(), part()).prop_map(|(id, part)| Event::Heard(id, part))
+    (2..=ROSTER).prop_map(id)
 }
 
 fn event() -> impl Strategy<Value = Event> {
     prop_oneof![
-        4 => word(),
+        4 => (vehicle(), part()).prop_map(|(id, part)| Event::Heard(id, part)),
         4 => Just(Event::Reached),
         4 => Just(Event::Free),
         2 => (vec(vehicle(), 0..4), any::<bool>()).prop_map(|(heard, misses_any)| {
-            Event::Sees { heard: heard.into_iter().filter(|&heard| heard != id(1)).collect(), misses_any }
+            Event::Sees { heard: heard.into_iter().collect(), misses_any }
         }),
         1 => (0..=LAST_STEP + 1).prop_map(Event::Ordered),
         1 => membership().prop_map(Event::Became),
@@ -281,67 +341,10 @@ fn policy() -> impl Strategy<Value = Partition> {
     select(&[Partition::Continue, Partition::Quorum])
 }
 
-/// What was said to an agent, kept word for word.
-#[derive(Default)]
-struct Witness {
-    words: Vec<(VehicleId, Part)>,
-    heard: VehicleSet,
-}
-
-impl Witness {
-    fn note(&mut self, event: Event) {
-        match event {
-            Event::Heard(id, part) => self.words.push((id, part)),
-            Event::Sees { heard, .. } => self.heard = heard,
-            _ => {}
-        }
-    }
-
-    /// Who counts besides vehicle 1, and whether a word of the present life said that it has reached the step.
-    fn members(&self, step: u32) -> Vec<bool> {
-        let present = (2..=ROSTER).map(id).filter(|id| self.heard.contains(*id)).filter_map(|id| {
-            let words = self.words.iter().filter(|(speaker, _)| *speaker == id).map(|(_, part)| *part);
-            let life = words.clone().map(|part| part.order.incarnation).max()?;
-            let words = words.filter(move |part| part.order.incarnation == life);
-            let (_, latest) = words.clone().map(|part| (part.order, part.membership)).max()?;
-            let has_reached = words.clone().any(|part| part.step > step || part.reached >= Some(step));
-            (latest == Membership::Active).then_some(has_reached)
-        });
-        present.collect()
-    }
-}
-
 proptest! {
     #[test]
-    fn merging_a_part_with_itself_changes_nothing(part in part()) {
-        prop_assert_eq!(part.merge(part), part);
-    }
-
-    #[test]
-    fn parts_merge_in_any_order(a in part(), b in part(), c in part()) {
-        prop_assert_eq!(a.merge(b), b.merge(a));
-        prop_assert_eq!(a.merge(b).merge(c), a.merge(b.merge(c)));
-    }
-
-    #[test]
-    fn words_lead_to_the_same_knowledge_in_any_order_and_number(
-        (words, shuffled) in vec(word(), 0..12).prop_flat_map(|words| {
-            let twice = [words.clone(), words.clone()].concat();
-            (Just(words), Just(twice).prop_shuffle())
-        }),
-    ) {
-        let told = |words: Vec<Event>| {
-            let mut agreement = there(Partition::Continue);
-            words.into_iter().for_each(|word| { agreement.step(word); });
-            agreement.step(sees(&[2, 3, 4]));
-            agreement
-        };
-        prop_assert_eq!(told(words), told(shuffled));
-    }
-
-    #[test]
     fn neither_step_nor_reached_ever_goes_back(partition in policy(), events in vec(event(), 0..60)) {
-        let mut agreement = Agreement::new(id(1), ROSTER, LAST_STEP, partition);
+        let mut agreement = One::new(ROSTER, partition);
         for event in events {
             let (step, reached) = (agreement.at(), agreement.reached());
             let progress = agreement.step(event);
@@ -356,21 +359,23 @@ proptest! {
     fn an_agent_advances_exactly_when_everybody_who_counts_has_said_it_reached_the_step(
         partition in policy(), events in vec(event(), 0..60),
     ) {
-        let (mut agreement, mut witness) = (there(partition), Witness::default());
+        let mut agreement = there(partition);
         for event in events {
-            let (step, reached, membership) = (agreement.at(), agreement.reached(), agreement.membership());
+            let own = agreement.agreement.own();
+            let members: Vec<Part> =
+                agreement.others().parts.filter(|part| part.membership == Membership::Active).collect();
             let progress = agreement.step(event);
-            witness.note(event);
             if event != Event::Free {
                 prop_assert_ne!(progress, Some(Progress::Advanced));
                 continue;
             }
-            let members = witness.members(step);
             let is_enough = partition == Partition::Continue || members.len() + 1 > usize::from(ROSTER) / 2;
-            let is_ready = membership == Membership::Active && reached == Some(step) && step < LAST_STEP;
-            let may = is_ready && is_enough && members.iter().all(|has_reached| *has_reached);
+            let is_ready =
+                own.membership == Membership::Active && own.reached == Some(own.step) && own.step < LAST_STEP;
+            let is_there = |part: &Part| part.step > own.step || part.reached >= Some(own.step);
+            let may = is_ready && is_enough && members.iter().all(is_there);
             prop_assert_eq!(progress, may.then_some(Progress::Advanced));
-            prop_assert_eq!(agreement.at(), step + u32::from(may));
+            prop_assert_eq!(agreement.at(), own.step + u32::from(may));
         }
     }
 
