@@ -207,15 +207,15 @@ impl Formation {
     }
 
     /// Sets the time of the next step and takes the reply of an external law, if there is one.
-    pub fn hear(&mut self, now: PlantTime, answer: Option<&external::Answer>) {
+    pub fn receive_reply(&mut self, now: PlantTime, answer: Option<&external::Answer>) {
         if let Some(external) = &mut self.external {
-            external.hear(now, answer);
+            external.receive_reply(now, answer);
         }
     }
 
     /// Takes the query to an external law after a step, and adds the stage's events to `happened`.
-    pub fn asked(&mut self, happened: &mut Vec<Happening>) -> Option<Ask> {
-        self.external.as_mut().and_then(|external| external.asked(happened))
+    pub fn take_query(&mut self, happened: &mut Vec<Happening>) -> Option<Ask> {
+        self.external.as_mut().and_then(|external| external.take_query(happened))
     }
 
     /// Number of queries without a reply from an external law; `None` without such a law.
@@ -230,7 +230,7 @@ impl Formation {
 
     /// The formation's output `dt_s` after the last step; `None` if the task does not use the vehicle controller's setpoint.
     pub fn step(&mut self, dt_s: f64, estimate: &Estimate, others: &Others<'_>, task: &Task) -> Option<Wish> {
-        self.split_peers(estimate, others.seen);
+        self.split_peers(estimate, others.estimates);
         self.unseen = others.unseen;
         let partition_rise_m = self.heights.partition_rise(dt_s, others.flies_above);
         if let (Some(external), false) = (&mut self.external, matches!(task, Task::Formation(_))) {

@@ -164,7 +164,7 @@ impl Control {
 
     fn health(&self, now: LocalTime, uptime_s: f64, summary: Summary, since: &Since) -> Health {
         let agent = self.station.agent();
-        let (state_messages, state_bytes) = agent.spoken();
+        let (state_messages, state_bytes) = agent.states_sent();
         let peer = |peer: &skein_core::peers::Seen| PeerHealth {
             id: peer.id,
             standing: peer.standing,
@@ -186,7 +186,7 @@ impl Control {
             step_p99_us: summary.step_p99_us,
             frame_overruns: since.timing.overruns(),
             drops: self.drops(),
-            refused: agent.old_words().map(old).take(Refused::MAX_COUNT).collect(),
+            refused: agent.old_messages().map(old).take(Refused::MAX_COUNT).collect(),
             state_messages,
             state_bytes,
             peers: agent.peers().iter().map(peer).collect(),

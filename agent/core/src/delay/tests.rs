@@ -159,7 +159,7 @@ fn an_impossible_echo_or_one_of_an_unknown_stamp_is_ignored() {
     let mut delay = Delay::default();
     delay.take(at, 0.0, exchange.round_trip_s(at, &echo(9.0, 3_000_000)).unwrap());
     assert_eq!(delay.of(at, 0.0), None, "the hold exceeds the time since the stamp");
-    for nth in 0..SENT {
+    for nth in 0..STAMPS_KEPT {
         exchange.send(SenderStamp::from_seconds(10.0 + nth as f64));
     }
     assert_eq!(exchange.round_trip_s(at, &echo(9.0, 0)), None, "the stamp is too old to be remembered");

@@ -161,7 +161,7 @@ impl External {
     }
 
     /// Sets the time of this step and takes a reply, if there is one. Only a reply to the pending query is accepted.
-    pub fn hear(&mut self, now: PlantTime, answer: Option<&Answer>) {
+    pub fn receive_reply(&mut self, now: PlantTime, answer: Option<&Answer>) {
         self.now = now;
         let Some(answer) = answer.filter(|answer| self.pending == Some(answer.tick)) else { return };
         self.event = self.is_lost().then_some(Happening::LawBack);
@@ -179,7 +179,7 @@ impl External {
         let is_near = centre_m.norm() <= sight.goal.radius_m && sight.is_slow();
         let Some(answer) = &self.last else {
             // Before the first reply the vehicle stays where it is.
-            let answer = law::Answer { wanted: law::Wanted::Way(Vector2::zeros()), is_there: false };
+            let answer = law::Answer { wanted: law::Wanted::Displacement(Vector2::zeros()), is_there: false };
             return Some(Consulted { answer, heading_rad: None });
         };
         let wanted = match answer.wanted {
@@ -228,7 +228,7 @@ impl External {
     }
 
     /// Takes the query to send after this step, and adds the law's event to `happened`.
-    pub fn asked(&mut self, happened: &mut Vec<Happening>) -> Option<Ask> {
+    pub fn take_query(&mut self, happened: &mut Vec<Happening>) -> Option<Ask> {
         happened.extend(self.event.take());
         self.ask.take()
     }

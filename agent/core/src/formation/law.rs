@@ -185,8 +185,8 @@ impl Wanted {
 impl Sight<'_> {
     /// Rank of this vehicle among all live ids, from 0.
     pub fn rank(&self) -> usize {
-        let seen = self.neighbours.iter().filter(|neighbour| neighbour.id < self.own).count();
-        seen + self.unseen.iter().filter(|id| *id < self.own).count()
+        let received = self.neighbours.iter().filter(|neighbour| neighbour.id < self.own).count();
+        received + self.unseen.iter().filter(|id| *id < self.own).count()
     }
 
     /// Number of live members, including this vehicle.

@@ -40,8 +40,8 @@ fn member(number: u8, north_m: f64, east_m: f64, altitude_m: f64) -> Seen {
     }
 }
 
-fn seen(seen: &[Seen]) -> Others<'_> {
-    Others { seen, ..Others::default() }
+fn estimates(estimates: &[Seen]) -> Others<'_> {
+    Others { estimates, ..Others::default() }
 }
 
 /// The task to fly a formation around a centre at the origin that moves north.
@@ -55,7 +55,7 @@ fn task(speed_m_s: f64) -> Task {
 }
 
 fn wish(formation: &mut Formation, estimate: &Estimate, peers: &[Seen], speed_m_s: f64) -> Wish {
-    formation.step(0.02, estimate, &seen(peers), &task(speed_m_s)).unwrap()
+    formation.step(0.02, estimate, &estimates(peers), &task(speed_m_s)).unwrap()
 }
 
 #[test]
@@ -157,7 +157,7 @@ proptest! {
             let lines = format!("law = '{law}'\nsafety_filter = '{filter}'\nslots.pattern = '{pattern}'");
             let mut formation = formation(&lines);
             for _ in 0..2 {
-                let wish = formation.step(dt_s, &estimate, &seen(&peers), &task(centre)).unwrap();
+                let wish = formation.step(dt_s, &estimate, &estimates(&peers), &task(centre)).unwrap();
                 let Setpoint { relative_velocity_ne_m_s, feedforward_ne_m_s, altitude_m, heading_rad } = wish.setpoint;
                 let error_ne_m = wish.setpoint.error_ne_m();
                 let numbers = relative_velocity_ne_m_s.iter().chain(&feedforward_ne_m_s).chain(&wish.field_ne);

@@ -35,7 +35,7 @@ impl Session {
     /// Advances by 20 ms; returns the law's output and its query.
     fn step(&mut self, answer: Option<&Answer>) -> (Option<Consulted>, Option<Ask>) {
         self.frame += 1;
-        self.external.hear(PlantTime::from_nanoseconds(self.frame * 20_000_000), answer);
+        self.external.receive_reply(PlantTime::from_nanoseconds(self.frame * 20_000_000), answer);
         let neighbour = Neighbour {
             id: id(3),
             position: PositionNed::new(1.0, 2.0, -31.0),
@@ -63,7 +63,7 @@ impl Session {
             dt_s: 0.02,
         };
         let external_output = self.external.output(&sight);
-        let ask = self.external.asked(&mut self.events);
+        let ask = self.external.take_query(&mut self.events);
         (external_output, ask)
     }
 
@@ -96,7 +96,7 @@ fn wanted(external_output: Option<Consulted>) -> law::Wanted {
     external_output.unwrap().answer.wanted
 }
 
-const STAY: law::Wanted = law::Wanted::Way(Vector2::new(0.0, 0.0));
+const STAY: law::Wanted = law::Wanted::Displacement(Vector2::new(0.0, 0.0));
 
 fn level_and_down(north_m_s: f64, east_m_s: f64, down_m_s: f64) -> law::Wanted {
     law::Wanted::Velocity { ne_m_s: Vector2::new(north_m_s, east_m_s), down_m_s: Some(down_m_s) }
@@ -202,7 +202,7 @@ fn after_a_suspension_no_old_reply_is_flown() {
     session.flown(|tick| Answer { log: log.clone(), ..answer(tick, velocity(1.0, 0.0, 0.0)) });
     assert_eq!(session.external.log(), log);
     let (_, ask) = session.next_query();
-    session.external.rest();
+    session.external.suspend();
     assert!(session.external.log().is_empty());
     let (flown, next) = session.step(Some(&answer(ask.tick, velocity(1.0, 0.0, 0.0))));
     assert_eq!(wanted(flown), STAY);

@@ -291,16 +291,16 @@ proptest! {
         let ring = table_1();
         let flatten = |spot: PositionNed| level(spot.horizontal());
         let level: Vec<_> = others.iter().map(|&other| flatten(other)).collect();
-        let seen = ring.field(id(1), own, PositionNed::default(), &in_space(&others), &[]);
-        prop_assert_eq!(seen, ring.field(id(1), flatten(own), PositionNed::default(), &in_space(&level), &[]));
+        let field = ring.field(id(1), own, PositionNed::default(), &in_space(&others), &[]);
+        prop_assert_eq!(field, ring.field(id(1), flatten(own), PositionNed::default(), &in_space(&level), &[]));
     }
 
     #[test]
     fn the_field_is_symmetric_in_altitude(own in spot(), others in proptest::collection::vec(spot(), 0..6), ring in ellipsoid()) {
         let field = |mirror: Vector3<f64>| {
-            let seen = |spot: PositionNed| PositionNed(spot.0.component_mul(&mirror));
-            let others: Vec<_> = others.iter().map(|&other| seen(other)).collect();
-            ring.field(id(1), seen(own), PositionNed::default(), &in_space(&others), &[])
+            let mirrored = |spot: PositionNed| PositionNed(spot.0.component_mul(&mirror));
+            let others: Vec<_> = others.iter().map(|&other| mirrored(other)).collect();
+            ring.field(id(1), mirrored(own), PositionNed::default(), &in_space(&others), &[])
         };
         let mirror = Vector3::new(1.0, 1.0, -1.0);
         prop_assert!((field(mirror) - field(Vector3::repeat(1.0)).component_mul(&mirror)).norm() < 1e-12);

@@ -375,9 +375,9 @@ proptest! {
                     .collect();
                 peers.update(now, &origin, &heard);
             }
-            prop_assert_eq!(once.1.seen(), twice.1.seen());
+            prop_assert_eq!(once.1.estimates(), twice.1.estimates());
             prop_assert_eq!(once.1.changes(), twice.1.changes());
-            prop_assert!(once.1.missions().eq(twice.1.missions()) && once.1.heard() == twice.1.heard());
+            prop_assert!(once.1.missions().eq(twice.1.missions()) && once.1.in_contact() == twice.1.in_contact());
         }
         prop_assert!(twice.1.old() >= once.1.old());
         prop_assert_eq!(once.0.ear.tally().duplicated, 0);
