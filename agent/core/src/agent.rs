@@ -9,8 +9,8 @@
 //!      plant                  peer agents                             plant             peer agents
 //! ```
 //!
-//! A step without a new measurement receives and sends messages but decides nothing: the mission gives no task, and without
-//! a task there is neither a setpoint nor a new command.
+//! A step without a new measurement receives and sends messages but decides nothing: the mission gives no task, and
+//! without a task there is neither a setpoint nor a new command.
 
 use alloc::vec::Vec;
 
@@ -158,7 +158,8 @@ impl Agent {
         Outputs { command, outbox, ask }
     }
 
-    /// The record of this step for metrics and displays; `truth` is the plant's true state, which the agent itself never uses.
+    /// The record of this step for metrics and displays; `truth` is the plant's true state, which the agent itself
+    /// never uses.
     pub fn trace(&mut self, now: Now, truth: &Truth) -> Trace {
         let LastStep { membership, activity, estimate, wish, command, .. } = &self.last;
         let wish = wish.as_ref();
@@ -291,7 +292,8 @@ impl Agent {
         }
     }
 
-    /// Per sender the number of messages that were dropped because a newer one had been received; only senders with any.
+    /// Per sender the number of messages that were dropped because a newer one had been received; only senders with
+    /// any.
     pub fn old_messages(&self) -> impl Iterator<Item = (VehicleId, u64)> {
         self.peers.old_messages()
     }
@@ -356,7 +358,8 @@ impl Agent {
         (Some(task), events)
     }
 
-    /// Takes the orders of operators and of the peers' heartbeats; returns the events of these orders and of the peers stage.
+    /// Takes the orders of operators and of the peers' heartbeats; returns the events of these orders and of the peers
+    /// stage.
     fn take_orders(&mut self, inputs: &Inputs<'_>) -> Vec<Happening> {
         if inputs.leave {
             self.mission.leave();

@@ -18,8 +18,8 @@ pub use profile::{BadDataref, Dataref, Profile, name_and_element};
 pub struct Aircraft {
     /// Controls and attitude in a hover without wind.
     pub trim: Trim,
-    /// Main rotor speed in flight, rad/s, for an aircraft without a flight model. If neither is given, the agent takes off
-    /// without waiting for the rotor.
+    /// Main rotor speed in flight, rad/s, for an aircraft without a flight model. If neither is given, the agent takes
+    /// off without waiting for the rotor.
     pub rotor_speed_rad_s: Option<f64>,
     /// Parameters of the built-in flight model; absent for an aircraft that only X-Plane flies.
     pub helicopter: Option<Parameters>,
@@ -28,7 +28,8 @@ pub struct Aircraft {
     pub xplane: Profile,
 }
 
-/// A fault in an aircraft file, with its place: invalid TOML, an unknown key, or parameters that the flight model refuses.
+/// A fault in an aircraft file, with its place: invalid TOML, an unknown key, or parameters that the flight model
+/// refuses.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error(transparent)]
 pub struct AircraftError(pub Box<ScenarioError>);

@@ -1,9 +1,9 @@
 //! The vehicle controller: converts the formation's setpoint to the helicopter's controls.
 //!
-//! It consists of four independent zero-order Sugeno controllers (roll, pitch, heading, collective), as in Garcia & Barnes,
-//! "Multi-UAV Simulator Utilizing X-Plane" (2010): product "and", weights of one, weighted average, throttle left to the
-//! governor. That paper does not print its rules; those in `deploy/controllers/*.fis` are ours, tuned on the built-in
-//! helicopter.
+//! It consists of four independent zero-order Sugeno controllers (roll, pitch, heading, collective), as in Garcia &
+//! Barnes, "Multi-UAV Simulator Utilizing X-Plane" (2010): product "and", weights of one, weighted average, throttle
+//! left to the governor. That paper does not print its rules; those in `deploy/controllers/*.fis` are ours, tuned on
+//! the built-in helicopter.
 //!
 //! Inputs of the rules, in SI units:
 //!
@@ -44,19 +44,20 @@ const GATE_FROM_M: f64 = 1.5;
 const GATE_OVER_M: f64 = 2.0;
 
 /// Altitude error at which the outermost sets of the collective rules reach their full degree, m. Without auto-trim a
-/// healthy vehicle hovers up to 7.6 m off its altitude in 8 m/s of wind: the rules leave an error that grows with airspeed.
+/// healthy vehicle hovers up to 7.6 m off its altitude in 8 m/s of wind: the rules leave an error that grows with
+/// airspeed.
 const OUTERMOST_ALTITUDE_ERROR_M: f64 = 10.0;
 
-/// Deceleration that the rotor's energy can give a fall without power, m/s², and collective per m/s of excess speed. Tuned
-/// on the built-in helicopter: it hits the ground at 7.4 m/s at most, and at 5.5 m/s on average, from 2 to 100 m.
+/// Deceleration that the rotor's energy can give a fall without power, m/s², and collective per m/s of excess speed.
+/// Tuned on the built-in helicopter: it hits the ground at 7.4 m/s at most, and at 5.5 m/s on average, from 2 to 100 m.
 const BRAKING_M_S2: f64 = 7.0;
 const BRAKE_PER_M_S: f64 = 2.0;
 
 /// The formation's command to the vehicle controller.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Setpoint {
-    /// Commanded velocity relative to the feed-forward, north and east, m/s: the formation's field after conversion and safety
-    /// filter, before the gate.
+    /// Commanded velocity relative to the feed-forward, north and east, m/s: the formation's field after conversion and
+    /// safety filter, before the gate.
     pub relative_velocity_ne_m_s: Vector2<f64>,
     /// Velocity of the moving centre, north and east, m/s; zero if it is not fed forward.
     pub feedforward_ne_m_s: Vector2<f64>,
@@ -67,7 +68,8 @@ pub struct Setpoint {
 }
 
 impl Setpoint {
-    /// The relative velocity in the unit of the rule bases: the position error at which they command it, north and east, m.
+    /// The relative velocity in the unit of the rule bases: the position error at which they command it, north and
+    /// east, m.
     pub fn error_ne_m(&self) -> Vector2<f64> {
         self.relative_velocity_ne_m_s / VELOCITY_PER_ERROR_PER_S
     }
@@ -159,7 +161,8 @@ impl Rules {
     ///
     /// # Errors
     ///
-    /// The first fault of a text, with its line: it cannot be read, leaves inputs uncovered or has a wrong number of inputs.
+    /// The first fault of a text, with its line: it cannot be read, leaves inputs uncovered or has a wrong number of
+    /// inputs.
     pub fn from_texts(files: [(&str, &str); 4]) -> Result<Self, FisError> {
         let [roll, pitch, heading, collective] = files;
         let load = |(file, text): (&str, &str), inputs: usize| {
@@ -225,18 +228,18 @@ impl VehicleController {
         self.last
     }
 
-    /// [`Self::step`] with full pedal, for a vehicle whose roll or pitch servo is stuck. The stuck axis tips the vehicle over
-    /// at a steady body rate p. Yawing at a rate r turns that tilt around: it stays at p/r in the body and has no mean
-    /// direction. The working axis points in every direction in turn and holds the position.
+    /// [`Self::step`] with full pedal, for a vehicle whose roll or pitch servo is stuck. The stuck axis tips the
+    /// vehicle over at a steady body rate p. Yawing at a rate r turns that tilt around: it stays at p/r in the body and
+    /// has no mean direction. The working axis points in every direction in turn and holds the position.
     pub fn turn(&mut self, dt_s: f64, estimate: &Estimate, setpoint: &Setpoint) -> Controls {
         let controls = self.step(dt_s, estimate, setpoint);
         self.last.yaw = 1.0;
         Controls { sticks: self.last, ..controls }
     }
 
-    /// Autorotation, for a vehicle without power: upright, slow over the ground, with low collective so that the air from below
-    /// keeps the rotor turning. In the last metres the rotor's energy brakes the fall: the collective rises above the speed
-    /// that `BRAKING_M_S2` can stop within the remaining height.
+    /// Autorotation, for a vehicle without power: upright, slow over the ground, with low collective so that the air
+    /// from below keeps the rotor turning. In the last metres the rotor's energy brakes the fall: the collective rises
+    /// above the speed that `BRAKING_M_S2` can stop within the remaining height.
     pub fn autorotate(&mut self, dt_s: f64, estimate: &Estimate, heading_rad: f64) -> Controls {
         let altitude_m = estimate.position.altitude_m();
         let zero = Vector2::zeros();
@@ -279,8 +282,8 @@ impl VehicleController {
         Ok(sticks)
     }
 
-    /// The collective limit: the end of the control's travel, the end of the integral's range, or an altitude error at which
-    /// the rules give their maximum. A vehicle on the ground with a command to climb is at its highest limit.
+    /// The collective limit: the end of the control's travel, the end of the integral's range, or an altitude error at
+    /// which the rules give their maximum. A vehicle on the ground with a command to climb is at its highest limit.
     fn limit_of(&self, sticks: &Sticks, estimate: &Estimate, setpoint: &Setpoint) -> Option<CollectiveLimit> {
         let gate = gate(estimate.height_m);
         let altitude_error_m = setpoint.altitude_m - estimate.position.altitude_m();

@@ -2,33 +2,52 @@
 //!
 //! | deadline | counted from | after | by | effect |
 //! | --- | --- | --- | --- | --- |
-//! | [`OwnDataStale`](Deadline::OwnDataStale) | last measurement | 0.1 s | local clock | controls neutral, no state sent |
-//! | [`SimulatorLost`](Deadline::SimulatorLost) | last measurement | 2 s | local clock | no controls; the vehicle rejoins later |
-//! | [`ClockJumped`](Deadline::ClockJumped) | last step | 10 s | local clock | the elapsed time is not counted |
-//! | [`StateOld`](Deadline::StateOld) | peer's state sent | 0.5 s | local clock | the peer is stale |
-//! | [`NeighbourSilent`](Deadline::NeighbourSilent) | peer's state received | `network.peer_stale_s` | local clock | the peer leaves the formation |
-//! | [`PeerLost`](Deadline::PeerLost) | any message of a peer received | `network.peer_stale_s` | local clock | the swarm does not wait for the peer |
-//! | [`ObstacleGone`](Deadline::ObstacleGone) | peer lost | 10 s | local clock | the peer stops being an obstacle |
-//! | [`PeerGivenUp`](Deadline::PeerGivenUp) | peer lost, or own start | 60 s | local clock | the peer counts as out of the mission |
-//! | [`LeniencyOver`](Deadline::LeniencyOver) | own agent late | 10 s | local clock | the peers' silence limit is normal again |
-//! | [`RoundTripOld`](Deadline::RoundTripOld) | echo received | 60 s | local clock | the round trip bounds no delay |
-//! | [`Listened`](Deadline::Listened) | first measurement | 2 s | local clock | the vehicle becomes an active member |
-//! | [`AltitudeStuck`](Deadline::AltitudeStuck) | no collective left | 20 s | plant time | the vehicle lands |
-//! | [`HoldOver`](Deadline::HoldOver) | begin of the step | `hold_s` of the step | plant time | the vehicle has completed the step |
-//! | [`Dwelt`](Deadline::Dwelt) | arrival in place | `dwell_s` of the step | plant time | the vehicle has completed the step |
-//! | [`TouchedDown`](Deadline::TouchedDown) | rest near the ground | 1 s | plant time | the rotor is unloaded |
-//! | [`Unloaded`](Deadline::Unloaded) | touchdown | 2 s | plant time | the vehicle has landed |
-//! | [`HeartbeatDue`](Deadline::HeartbeatDue) | last heartbeat | 0.2 s | local clock | the next heartbeat is sent |
-//! | [`StateDue`](Deadline::StateDue) | last state sent | `network.state_max_period_s` | local clock | the next state is sent |
+//! | [`OwnDataStale`] | last measurement | 0.1 s | local clock | controls neutral, no state sent |
+//! | [`SimulatorLost`] | last measurement | 2 s | local clock | no controls; the vehicle rejoins later |
+//! | [`ClockJumped`] | last step | 10 s | local clock | the elapsed time is not counted |
+//! | [`StateOld`] | peer's state sent | 0.5 s | local clock | the peer is stale |
+//! | [`NeighbourSilent`] | peer's state received | `network.peer_stale_s` | local clock | the peer leaves the formation |
+//! | [`PeerLost`] | any message of a peer received | `network.peer_stale_s` | local clock | the swarm does not wait for the peer |
+//! | [`ObstacleGone`] | peer lost | 10 s | local clock | the peer stops being an obstacle |
+//! | [`PeerGivenUp`] | peer lost, or own start | 60 s | local clock | the peer counts as out of the mission |
+//! | [`LeniencyOver`] | own agent late | 10 s | local clock | the peers' silence limit is normal again |
+//! | [`RoundTripOld`] | echo received | 60 s | local clock | the round trip bounds no delay |
+//! | [`Listened`] | first measurement | 2 s | local clock | the vehicle becomes an active member |
+//! | [`AltitudeStuck`] | no collective left | 20 s | plant time | the vehicle lands |
+//! | [`HoldOver`] | begin of the step | `hold_s` of the step | plant time | the vehicle has completed the step |
+//! | [`Dwelt`] | arrival in place | `dwell_s` of the step | plant time | the vehicle has completed the step |
+//! | [`TouchedDown`] | rest near the ground | 1 s | plant time | the rotor is unloaded |
+//! | [`Unloaded`] | touchdown | 2 s | plant time | the vehicle has landed |
+//! | [`HeartbeatDue`] | last heartbeat | 0.2 s | local clock | the next heartbeat is sent |
+//! | [`StateDue`] | last state sent | `network.state_max_period_s` | local clock | the next state is sent |
 //!
-//! Deadlines do not wake the vehicle: a step notices those that have passed since the last step. The external law's limit is
-//! counted, not timed: the agent queries the law every `formation.external.period_s` of plant time and drops it after
-//! `formation.external.misses` queries in a row without a reply ([`crate::formation::external`]).
+//! Deadlines do not wake the vehicle: a step notices those that have passed since the last step. The external law's
+//! limit is counted, not timed: the agent queries the law every `formation.external.period_s` of plant time and drops
+//! it after `formation.external.misses` queries in a row without a reply ([`crate::formation::external`]).
+//!
+//! [`OwnDataStale`]: Deadline::OwnDataStale
+//! [`SimulatorLost`]: Deadline::SimulatorLost
+//! [`ClockJumped`]: Deadline::ClockJumped
+//! [`StateOld`]: Deadline::StateOld
+//! [`NeighbourSilent`]: Deadline::NeighbourSilent
+//! [`PeerLost`]: Deadline::PeerLost
+//! [`ObstacleGone`]: Deadline::ObstacleGone
+//! [`PeerGivenUp`]: Deadline::PeerGivenUp
+//! [`LeniencyOver`]: Deadline::LeniencyOver
+//! [`RoundTripOld`]: Deadline::RoundTripOld
+//! [`Listened`]: Deadline::Listened
+//! [`AltitudeStuck`]: Deadline::AltitudeStuck
+//! [`HoldOver`]: Deadline::HoldOver
+//! [`Dwelt`]: Deadline::Dwelt
+//! [`TouchedDown`]: Deadline::TouchedDown
+//! [`Unloaded`]: Deadline::Unloaded
+//! [`HeartbeatDue`]: Deadline::HeartbeatDue
+//! [`StateDue`]: Deadline::StateDue
 
 /// The period of the heartbeat that carries the agreement state, s.
 pub const HEARTBEAT_PERIOD_S: f64 = 0.2;
-/// Share by which a message period is shortened. Otherwise a slow clock (a quartz may be off by 100 ppm) would make the period
-/// a frame longer.
+/// Share by which a message period is shortened. Otherwise a slow clock (a quartz may be off by 100 ppm) would make the
+/// period a frame longer.
 const EARLY: f64 = 2e-4;
 
 /// An event that occurs because time has passed and nothing else has happened.
@@ -48,8 +67,9 @@ pub enum Deadline {
     PeerLost(f64),
     /// A lost peer has flown away and stops being an obstacle.
     ObstacleGone,
-    /// A lost member counts as out of the mission, and a vehicle that was never in contact counts as absent. From then on a
-    /// vehicle that has lost all peers counts itself as the only one left, and one with a single peer counts the two as all.
+    /// A lost member counts as out of the mission, and a vehicle that was never in contact counts as absent. From then
+    /// on a vehicle that has lost all peers counts itself as the only one left, and one with a single peer counts the
+    /// two as all.
     PeerGivenUp,
     /// The doubled silence limit of the peers ends. It applies after this vehicle's own agent was late.
     LeniencyOver,
@@ -57,8 +77,8 @@ pub enum Deadline {
     RoundTripOld,
     /// The vehicle has listened to its peers and becomes an active member.
     Listened,
-    /// A vehicle off its altitude has come no nearer with the collective at its limit. With collective left the controller is
-    /// still correcting.
+    /// A vehicle off its altitude has come no nearer with the collective at its limit. With collective left the
+    /// controller is still correcting.
     AltitudeStuck,
     /// A hold has lasted for the given time, s.
     HoldOver(f64),
@@ -98,8 +118,8 @@ impl Deadline {
         }
     }
 
-    /// Whether the deadline has passed, for this time since its start, s. A required duration is complete at exactly that
-    /// instant; a tolerated age is still tolerated at that instant.
+    /// Whether the deadline has passed, for this time since its start, s. A required duration is complete at exactly
+    /// that instant; a tolerated age is still tolerated at that instant.
     pub fn is_past(self, since_s: f64) -> bool {
         match self {
             Self::PeerGivenUp

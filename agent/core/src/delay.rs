@@ -1,22 +1,25 @@
 //! Measures the delay of a peer's messages without synchronised clocks.
 //!
-//! Every heartbeat echoes the stamp of one peer's last heartbeat, each peer in turn, with the time for which the stamp was
-//! held. The time since the stamp by the own clock, minus the hold, is the *round trip*: the delays of both directions
-//! together. Two clocks cannot separate the two directions, so the whole round trip bounds the delay of either.
+//! Every heartbeat echoes the stamp of one peer's last heartbeat, each peer in turn, with the time for which the stamp
+//! was held. The time since the stamp by the own clock, minus the hold, is the *round trip*: the delays of both
+//! directions together. Two clocks cannot separate the two directions, so the whole round trip bounds the delay of
+//! either.
 //!
 //! The *transit* of a message is its arrival by the own clock minus its stamp by the sender's clock: its delay plus the
-//! unknown, constant difference of the two clocks. A change of the transit is therefore a change of the delay, visible in the
-//! first message it affects, and one round trip k bounds the delay of every earlier or later message m:
+//! unknown, constant difference of the two clocks. A change of the transit is therefore a change of the delay, visible
+//! in the first message it affects, and one round trip k bounds the delay of every earlier or later message m:
 //!
-//! delay(m) ≤ round trip(k) + transit(m) − transit(k).     If both directions are alike, it is less by half a round trip.
+//! delay(m) ≤ round trip(k) + transit(m) − transit(k).
 //!
-//! The smallest bound of the last round trips is used. The likely delay is that of the shortest round trip, as in NTP's clock
-//! filter (RFC 5905, section 10); its error is at most half of that round trip. Clocks drift apart by 2·10⁻⁴ s/s, so a bound
-//! grows with the age of its round trip; after a minute it is dropped. After a clock was set, an old round trip gives either a
-//! negative delay, and is dropped, or a larger delay than the new ones, and has no effect.
+//! If both directions are alike, it is less by half a round trip.
 //!
-//! A peer can report a false hold, like any other false figure about itself. Then its own messages look younger than they are;
-//! the ages of other vehicles' messages are not affected.
+//! The smallest bound of the last round trips is used. The likely delay is that of the shortest round trip, as in NTP's
+//! clock filter (RFC 5905, section 10); its error is at most half of that round trip. Clocks drift apart by 2·10⁻⁴ s/s,
+//! so a bound grows with the age of its round trip; after a minute it is dropped. After a clock was set, an old round
+//! trip gives either a negative delay, and is dropped, or a larger delay than the new ones, and has no effect.
+//!
+//! A peer can report a false hold, like any other false figure about itself. Then its own messages look younger than
+//! they are; the ages of other vehicles' messages are not affected.
 
 use alloc::collections::VecDeque;
 

@@ -3,12 +3,12 @@
 //! | failure | symptom |
 //! | --- | --- |
 //! | engine | the rotor, after reaching its speed, turns too slowly to lift; needs a measured rotor speed |
-//! | servo | roll or pitch rate differs from the command, or the vehicle climbs against a command to sink or sinks against one to climb |
+//! | servo | roll or pitch rate differs from the command, or the climb is opposite to the command |
 //! | gyro | yaw rate differs from the pedals' command |
 //! | position | it repeats, bit for bit, while the velocity has led metres away from it |
 //!
-//! The expected response follows from the aircraft's flight model; without a model only engine and position are watched. A
-//! servo stuck at its commanded position has no symptom, and is found when it is commanded elsewhere.
+//! The expected response follows from the aircraft's flight model; without a model only engine and position are
+//! watched. A servo stuck at its commanded position has no symptom, and is found when it is commanded elsewhere.
 
 use skein_common::frame::Geodetic;
 use skein_common::math;
@@ -22,12 +22,14 @@ use crate::plant::{Measurement, Sticks};
 
 /// Ratio to the lift-off rotor speed above which the rotor counts as having been at speed.
 const AT_SPEED: f64 = 1.05;
-/// Path length after which a repeated position counts as frozen, m: single precision in degrees has steps of up to 1.7 m.
+/// Path length after which a repeated position counts as frozen, m: single precision in degrees has steps of up to 1.7
+/// m.
 const FROZEN_OVER_M: f64 = 2.0;
 /// Height of the centre of gravity below which the ground may hold the vehicle, m.
 const FREE_ABOVE_M: f64 = 1.5;
-/// Collective above the hover's from which the gyro is not judged by a yaw rate below the command: the main rotor's torque and
-/// a crosswind of 14 m/s then drive the tail rotor to its stop, and the nose is blown left although the gyro works.
+/// Collective above the hover's from which the gyro is not judged by a yaw rate below the command: the main rotor's
+/// torque and a crosswind of 14 m/s then drive the tail rotor to its stop, and the nose is blown left although the gyro
+/// works.
 const TAIL_AT_STOP_OVER: f64 = 0.1;
 /// Lower bound of the vertical share of the thrust, reached at a lean of 0.64 rad.
 const MIN_UPRIGHT: f64 = 0.8;
@@ -53,8 +55,9 @@ impl Diagnosis {
         Self { rotor, controls, position: Position::default(), worst: None, stuck: None, is_frozen: false }
     }
 
-    /// Evaluates a plausible measurement taken `dt_s` of plant time after the last one, and the controls commanded in between.
-    /// Returns a newly found failure. After a first failure only worse failures and a frozen position are reported.
+    /// Evaluates a plausible measurement taken `dt_s` of plant time after the last one, and the controls commanded in
+    /// between. Returns a newly found failure. After a first failure only worse failures and a frozen position are
+    /// reported.
     pub fn update(&mut self, dt_s: f64, measurement: &Measurement, command: Option<Sticks>) -> Option<Failure> {
         let dt_s = dt_s.clamp(0.0, LONGEST_STEP_S);
         let unresponsive = match (&mut self.controls, command) {
@@ -162,13 +165,13 @@ struct Controls {
 }
 
 impl Controls {
-    /// The expected responses of a hover, from the flight model. Held cyclic gives the body rate at which the lag of the
-    /// stabiliser bar keeps the disc level with the body, p = B δ/τ_e with τ_e = 16/(γ_fb Ω); pedals give a yaw rate;
-    /// collective gives the climb at which momentum theory has the hover's thrust, w = (4/3) Ω R Δθ0.
+    /// The expected responses of a hover, from the flight model. Held cyclic gives the body rate at which the lag of
+    /// the stabiliser bar keeps the disc level with the body, p = B δ/τ_e with τ_e = 16/(γ_fb Ω); pedals give a yaw
+    /// rate; collective gives the climb at which momentum theory has the hover's thrust, w = (4/3) Ω R Δθ0.
     ///
-    /// Lags and limits were tuned on the built-in helicopter: in 384 flights with steps, turns and transits at 7 m/s, in wind
-    /// and gusts of up to 8 m/s, the sums of climb and yaw reach two thirds of their limits, and those of
-    /// roll and pitch stay at zero.
+    /// Lags and limits were tuned on the built-in helicopter: in 384 flights with steps, turns and transits at 7 m/s,
+    /// in wind and gusts of up to 8 m/s, the sums of climb and yaw reach two thirds of their limits, and those of roll
+    /// and pitch stay at zero.
     fn new(model: &Parameters, trim: Sticks) -> Self {
         let Parameters { head, servos, .. } = model;
         let speed_rad_s = head.nominal_speed_rad_s;
@@ -292,7 +295,8 @@ impl Climb {
     }
 }
 
-/// Sum over time of a value's excess over its normal level (the cumulative sum of Page, "Continuous Inspection Schemes", 1954).
+/// Sum over time of a value's excess over its normal level (the cumulative sum of Page, "Continuous Inspection
+/// Schemes", 1954).
 #[derive(Clone, Debug)]
 struct Excess {
     normal: f64,

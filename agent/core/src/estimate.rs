@@ -1,9 +1,9 @@
 //! Turns measurements into the vehicle's [`Estimate`] of its own state.
 //!
-//! The scenario selects the sensing, over any plant. `f32_latlon` rounds latitude and longitude in degrees to single precision,
-//! as X-Plane's data rows do and as Garcia & Barnes 2010 read them: a grid of 0.2 to 0.8 m. `differenced` replaces the measured
-//! velocity by the filtered difference of positions. After the measured position has frozen, the vehicle dead-reckons from it
-//! by the measured velocity.
+//! The scenario selects the sensing, over any plant. `f32_latlon` rounds latitude and longitude in degrees to single
+//! precision, as X-Plane's data rows do and as Garcia & Barnes 2010 read them: a grid of 0.2 to 0.8 m. `differenced`
+//! replaces the measured velocity by the filtered difference of positions. After the measured position has frozen, the
+//! vehicle dead-reckons from it by the measured velocity.
 
 use core::f64::consts::TAU;
 
@@ -96,8 +96,8 @@ impl Estimator {
         }
     }
 
-    /// From now on the estimator ignores the measured position, which has been frozen since it last changed, and dead-reckons the
-    /// vehicle from there by the measured velocity.
+    /// From now on the estimator ignores the measured position, which has been frozen since it last changed, and
+    /// dead-reckons the vehicle from there by the measured velocity.
     pub fn dead_reckon(&mut self) {
         self.reckoning.is_on = true;
     }

@@ -1,16 +1,18 @@
-//! The vehicle's responses to missing or broken data and hardware: one [`TABLE`], in which the first applicable row wins.
+//! The vehicle's responses to missing or broken data and hardware: one [`TABLE`], in which the first applicable row
+//! wins.
 //!
-//! Each stage of the loop adds the conditions it finds to one set, [`Conditions`], and a stage that has to act takes its
-//! [`Response`] from that set. The stages find own data first, then failures, then the peers, and last the altitude and the
-//! quorum. The table has the same order where it matters: a condition found by a later stage never outranks one on which an
-//! earlier stage has acted.
+//! Each stage of the loop adds the conditions it finds to one set, [`Conditions`], and a stage that has to act takes
+//! its [`Response`] from that set. The stages find own data first, then failures, then the peers, and last the altitude
+//! and the quorum. The table has the same order where it matters: a condition found by a later stage never outranks one
+//! on which an earlier stage has acted.
 //!
-//! A landing outranks a hold, and so does the operator's order to land. A hold by the table and a hold by order are the same.
+//! A landing outranks a hold, and so does the operator's order to land. A hold by the table and a hold by order are the
+//! same.
 //!
-//! Four faults are handled by the stage that finds them and change no row: a jump of the own clock is not counted as time
-//! ([`crate::agent`]), an impossible measurement is dropped ([`crate::estimate`]), a lost external law is replaced by the
-//! fallback law ([`crate::formation::external`]), and a number the controller cannot use leaves the last controls
-//! ([`crate::control`]).
+//! Four faults are handled by the stage that finds them and change no row: a jump of the own clock is not counted as
+//! time ([`crate::agent`]), an impossible measurement is dropped ([`crate::estimate`]), a lost external law is replaced
+//! by the fallback law ([`crate::formation::external`]), and a number the controller cannot use leaves the last
+//! controls ([`crate::control`]).
 
 use skein_common::message::Failure;
 

@@ -1,8 +1,9 @@
-//! The formation stage: computes this vehicle's setpoint from its own estimate, the peers' states and the mission's goal.
+//! The formation stage: computes this vehicle's setpoint from its own estimate, the peers' states and the mission's
+//! goal.
 //!
-//! A [`law`](law::Law) observes the vehicle's own position, the live members as last received, and the goal. It returns a
-//! dimensionless field, a displacement or a velocity. The stage converts each to a velocity (a field by [`mod@conversion`]);
-//! after the safety filter this is the setpoint's relative velocity.
+//! A [`law`](law::Law) observes the vehicle's own position, the live members as last received, and the goal. It returns
+//! a dimensionless field, a displacement or a velocity. The stage converts each to a velocity (a field by
+//! [`mod@conversion`]); after the safety filter this is the setpoint's relative velocity.
 //!
 //! | module | contents |
 //! | --- | --- |
@@ -62,8 +63,8 @@ const COINCIDENT_M: f64 = 1e-3;
 #[error("{0}")]
 pub struct NotFlown(pub String);
 
-/// Checks that every vehicle's formation can be built. A scenario that fails is refused: flying another formation instead would
-/// be worse than not flying.
+/// Checks that every vehicle's formation can be built. A scenario that fails is refused: flying another formation
+/// instead would be worse than not flying.
 ///
 /// # Errors
 /// A law that this program does not know, or that refuses its parameters.
@@ -78,7 +79,8 @@ pub struct Wish {
     pub field_ne: Vector2<f64>,
     /// The setpoint for the vehicle controller.
     pub setpoint: Setpoint,
-    /// Whether the vehicle is in the position the law commands, at its altitude and slow. It "reaches" a step after a dwell.
+    /// Whether the vehicle is in the position the law commands, at its altitude and slow. It "reaches" a step after a
+    /// dwell.
     pub in_place: bool,
 }
 
@@ -228,7 +230,8 @@ impl Formation {
         self.external.as_ref().map_or(&[], External::log)
     }
 
-    /// The formation's output `dt_s` after the last step; `None` if the task does not use the vehicle controller's setpoint.
+    /// The formation's output `dt_s` after the last step; `None` if the task does not use the vehicle controller's
+    /// setpoint.
     pub fn step(&mut self, dt_s: f64, estimate: &Estimate, others: &Others<'_>, task: &Task) -> Option<Wish> {
         self.split_peers(estimate, others.estimates);
         self.unseen = others.unseen;
@@ -317,7 +320,8 @@ impl Formation {
         Some(Wish { in_place: is_there && wish.altitude_error_m(estimate).abs() < mission::AT_ALTITUDE_M, ..wish })
     }
 
-    /// The relative velocity after the safety filter, feed-forward included; the commanded velocity if it keeps all distances.
+    /// The relative velocity after the safety filter, feed-forward included; the commanded velocity if it keeps all
+    /// distances.
     fn restrain(
         &mut self,
         estimate: &Estimate,

@@ -94,9 +94,9 @@ impl Controls {
 }
 
 impl Helicopter {
-    /// A helicopter that stands level and still on the ground at `ground_altitude_m` above the frame's origin, with the rotor
-    /// at nominal speed. Governor, gyro and inflows start with the values of a hover: otherwise the helicopter sags and
-    /// swings at lift-off.
+    /// A helicopter that stands level and still on the ground at `ground_altitude_m` above the frame's origin, with the
+    /// rotor at nominal speed. Governor, gyro and inflows start with the values of a hover: otherwise the helicopter
+    /// sags and swings at lift-off.
     pub fn at_rest(
         parameters: &Parameters,
         north_m: f64,
@@ -121,8 +121,8 @@ impl Helicopter {
         Self { healthy: dynamics.clone(), dynamics, controls: Controls::new(parameters), state: State(state) }
     }
 
-    /// Advances by one tick with these controls and this wind. The controls must be finite; values beyond the travel are
-    /// clamped.
+    /// Advances by one tick with these controls and this wind. The controls must be finite; values beyond the travel
+    /// are clamped.
     pub fn advance(&mut self, sticks: &Sticks, wind: VelocityNed) {
         let command = self.controls.command(sticks);
         for _ in 0..STEPS {

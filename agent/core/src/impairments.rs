@@ -1,13 +1,14 @@
-//! Network impairments of one receiving agent: lost, delayed, duplicated or reordered messages, links that are narrow, cut or out
-//! of range, and states that `network.graph` withholds.
+//! Network impairments of one receiving agent: lost, delayed, duplicated or reordered messages, links that are narrow,
+//! cut or out of range, and states that `network.graph` withholds.
 //!
-//! The impairments are applied at each receiver, so that the same [`Ear`] provides a study's network and, between Zenoh and the
-//! agent, the faults of a real one. All randomness comes from the scenario's seed.
+//! The impairments are applied at each receiver, so that the same [`Ear`] provides a study's network and, between Zenoh
+//! and the agent, the faults of a real one. All randomness comes from the scenario's seed.
 //!
-//! * Each direction of a link has its own impairments (`channel`); those that depend on positions or on the graph are added per
-//!   receiver (`channels`).
-//! * States, heartbeats and orders suffer all of them. Liveliness tokens suffer only the link's `delay_s`: Zenoh repeats them in
-//!   order. An operator has no position, so an operator's orders suffer the settings of `[network]` for every link.
+//! * Each direction of a link has its own impairments (`channel`); those that depend on positions or on the graph are
+//!   added per receiver (`channels`).
+//! * States, heartbeats and orders suffer all of them. Liveliness tokens suffer only the link's `delay_s`: Zenoh
+//!   repeats them in order. An operator has no position, so an operator's orders suffer the settings of `[network]` for
+//!   every link.
 //! * A cut silences directions of links and ends sessions, as described in `link.rs`.
 //! * A delay added by an event applies last, on top of the link's.
 
@@ -65,7 +66,8 @@ pub struct Whereabouts {
 
 /// Counts of all messages by their delivery. A network without impairments counts nothing.
 ///
-/// `offered + duplicated` always equals `outside_graph + queue_full + out_of_range + lost + cut + heard` plus the messages in flight.
+/// `offered + duplicated` always equals `outside_graph + queue_full + out_of_range + lost + cut + heard` plus the
+/// messages in flight.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Tally {
     /// Messages offered to the network, including those repeated by a link after a cut.
@@ -133,8 +135,8 @@ impl Ear {
         }
     }
 
-    /// Appends to `out` the messages received by `now`, in the order of their arrival. `arriving` contains what an ideal
-    /// network delivers, with the times of arrival.
+    /// Appends to `out` the messages received by `now`, in the order of their arrival. `arriving` contains what an
+    /// ideal network delivers, with the times of arrival.
     pub fn receive(
         &mut self,
         now: LocalTime,

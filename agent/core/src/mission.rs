@@ -7,9 +7,9 @@
 //!      +------ own data lost ----------+
 //! ```
 //!
-//! The swarm has no leader. The vehicles agree on the current step ([`agreement`]) and on a moving centre ([`centre`]). Orders
-//! are registers: the larger one wins, and every agent repeats the largest one it knows, so that an order to one vehicle reaches
-//! all.
+//! The swarm has no leader. The vehicles agree on the current step ([`agreement`]) and on a moving centre ([`centre`]).
+//! Orders are registers: the larger one wins, and every agent repeats the largest one it knows, so that an order to one
+//! vehicle reaches all.
 
 pub mod agreement;
 pub mod centre;
@@ -39,13 +39,13 @@ pub use task::{Goal, Task};
 
 /// Height of the centre of gravity above which a vehicle counts as flying, m.
 const FLYING_ABOVE_M: f64 = 1.5;
-/// A vehicle off its altitude that approaches it more slowly than this with the collective at its limit is stuck after a while
-/// ([`Deadline::AltitudeStuck`]), m/s.
+/// A vehicle off its altitude that approaches it more slowly than this with the collective at its limit is stuck after
+/// a while ([`Deadline::AltitudeStuck`]), m/s.
 const STUCK_M_S: f64 = 0.3;
 /// Largest altitude error at which a vehicle is at its altitude, m.
 pub const AT_ALTITUDE_M: f64 = 1.0;
-/// Height by which a healthy vehicle may hover above its altitude setpoint without auto-trim, m: the collective rules leave an
-/// error that grows with airspeed, 2.4 m at 5 m/s and 7.6 m at 8 m/s.
+/// Height by which a healthy vehicle may hover above its altitude setpoint without auto-trim, m: the collective rules
+/// leave an error that grows with airspeed, 2.4 m at 5 m/s and 7.6 m at 8 m/s.
 const ABOVE_ALTITUDE_UNTRIMMED_M: f64 = 9.0;
 
 /// The results of other stages that the mission needs.
@@ -169,9 +169,9 @@ impl Mission {
         }
     }
 
-    /// The task of this step, after the mission has taken all received orders. `heartbeats` are the newest ones of all peers in
-    /// contact, as kept by the peers stage. They contain the agreement states of the peers that fly the same plan, and the
-    /// centre's progress according to these peers.
+    /// The task of this step, after the mission has taken all received orders. `heartbeats` are the newest ones of all
+    /// peers in contact, as kept by the peers stage. They contain the agreement states of the peers that fly the same
+    /// plan, and the centre's progress according to these peers.
     pub fn step<'a>(
         &mut self,
         now: Now,

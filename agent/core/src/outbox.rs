@@ -1,8 +1,8 @@
 //! The last stage of the loop: what one step sends to the peers, and when it sends it.
 //!
-//! The vehicle sends its state when needed, as in DIS (IEEE 1278.1): when the peers' dead reckoning of it would be off by more than
-//! a threshold, and at least once per `network.state_max_period_s`. It sends a heartbeat with its agreement state when that state
-//! changes, again in a few frames after the change, and five times a second.
+//! The vehicle sends its state when needed, as in DIS (IEEE 1278.1): when the peers' dead reckoning of it would be off
+//! by more than a threshold, and at least once per `network.state_max_period_s`. It sends a heartbeat with its
+//! agreement state when that state changes, again in a few frames after the change, and five times a second.
 
 use alloc::vec::Vec;
 
@@ -101,8 +101,8 @@ impl SendSchedule {
         }
     }
 
-    /// The messages to send now. With a stale estimate no state is sent: the peers extrapolate the last one and know its age.
-    /// `echo` gives the echo for a heartbeat with this stamp.
+    /// The messages to send now. With a stale estimate no state is sent: the peers extrapolate the last one and know
+    /// its age. `echo` gives the echo for a heartbeat with this stamp.
     pub fn outbox(
         &mut self,
         now: LocalTime,

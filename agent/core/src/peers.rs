@@ -1,14 +1,14 @@
 //! The peers stage: the newest messages of each peer, and its state extrapolated to now.
 //!
-//! The age of a peer's state is judged by the own clock, the order of its messages by its sequence numbers and incarnation.
-//! Messages that are late, duplicated, from an earlier incarnation or with a false sender id are counted and otherwise ignored.
-//! This stage orders each message once, at its arrival, and is the only one that keeps its contents: later stages read the
-//! newest state and the newest heartbeat of each peer.
+//! The age of a peer's state is judged by the own clock, the order of its messages by its sequence numbers and
+//! incarnation. Messages that are late, duplicated, from an earlier incarnation or with a false sender id are counted
+//! and otherwise ignored. This stage orders each message once, at its arrival, and is the only one that keeps its
+//! contents: later stages read the newest state and the newest heartbeat of each peer.
 //!
-//! The age of a state is an upper bound: the time since its arrival plus its largest possible delay ([`crate::delay`]). Before
-//! the first round trip it is only the time since the arrival, and the delay is marked as unknown. T_stale counts only the
-//! silence, not the delay: a swarm can fly over a link with a delay above T_stale, on old states, and its status reports that. A
-//! state is extrapolated from its most likely time of sending.
+//! The age of a state is an upper bound: the time since its arrival plus its largest possible delay ([`crate::delay`]).
+//! Before the first round trip it is only the time since the arrival, and the delay is marked as unknown. T_stale
+//! counts only the silence, not the delay: a swarm can fly over a link with a delay above T_stale, on old states, and
+//! its status reports that. A state is extrapolated from its most likely time of sending.
 //!
 //! ```text
 //!        age above 0.5 s       no message for T_stale, or token gone        10 s later
@@ -17,9 +17,9 @@
 //!     +------ a state --------+------ a message, token present -----+
 //! ```
 //!
-//! Any message keeps a peer in contact; only a state younger than T_stale keeps it in the formation. Where `network.graph`
-//! withholds a peer's states, that peer is out of sight as long as its heartbeats arrive: it is not an obstacle, and both still
-//! agree on the mission. All durations are in [`crate::deadlines`].
+//! Any message keeps a peer in contact; only a state younger than T_stale keeps it in the formation. Where
+//! `network.graph` withholds a peer's states, that peer is out of sight as long as its heartbeats arrive: it is not an
+//! obstacle, and both still agree on the mission. All durations are in [`crate::deadlines`].
 
 use alloc::vec::Vec;
 
@@ -114,8 +114,8 @@ pub struct Others<'a> {
     pub estimates: &'a [Seen],
     /// The active members in contact that are out of sight.
     pub unseen: VehicleSet,
-    /// Whether a lost peer that may still be flying has a lower id than every peer in contact. Of two partitions without contact,
-    /// this one then flies above.
+    /// Whether a lost peer that may still be flying has a lower id than every peer in contact. Of two partitions
+    /// without contact, this one then flies above.
     pub flies_above: bool,
 }
 
@@ -199,8 +199,8 @@ struct Told {
 }
 
 impl Peers {
-    /// The peers of vehicle `own` before any message, in a swarm of vehicles 1 to `roster`. Only a vehicle that flies the plan with
-    /// hash `plan` can be a member. States older than `network.peer_stale_s` do not count.
+    /// The peers of vehicle `own` before any message, in a swarm of vehicles 1 to `roster`. Only a vehicle that flies
+    /// the plan with hash `plan` can be a member. States older than `network.peer_stale_s` do not count.
     pub fn new(own: VehicleId, roster: u8, plan: u64, network: &Network) -> Self {
         let (known, estimates, changes) = (Vec::new(), Vec::new(), Vec::new());
         let (stale_s, receives_all_states) = (network.peer_stale_s, network.graph == Graph::All);
@@ -227,8 +227,8 @@ impl Peers {
         }
     }
 
-    /// Reports before the next step that this agent did not run for `for_s`: this time does not count as silence of the peers, and
-    /// for a while peers may be silent for longer.
+    /// Reports before the next step that this agent did not run for `for_s`: this time does not count as silence of the
+    /// peers, and for a while peers may be silent for longer.
     pub fn did_not_run(&mut self, for_s: f64) {
         for peer in &mut self.known {
             peer.received_at = peer.received_at.map(|at| at.plus_seconds(for_s));
@@ -295,8 +295,8 @@ impl Peers {
         self.known.iter().filter(|peer| peer.found && peer.lost_at.is_none()).map(|peer| peer.id).collect()
     }
 
-    /// Whether a vehicle that is not in contact may be flying the mission: it was never in contact, or it was lost without having
-    /// left, and neither for longer than a minute.
+    /// Whether a vehicle that is not in contact may be flying the mission: it was never in contact, or it was lost
+    /// without having left, and neither for longer than a minute.
     pub fn absent_may_fly(&self) -> bool {
         self.absent_may_fly
     }

@@ -1,7 +1,7 @@
 //! The interface to a plant: the simulator that an agent controls.
 //!
-//! A plant delivers one [`Frame`] at a time and takes [`Sticks`]. Degrees, feet, knots and a simulator's own axes are converted
-//! inside the module of that plant.
+//! A plant delivers one [`Frame`] at a time and takes [`Sticks`]. Degrees, feet, knots and a simulator's own axes are
+//! converted inside the module of that plant.
 
 use core::time::Duration;
 
@@ -84,8 +84,8 @@ pub enum Wake {
 
 /// A vehicle in real time. Only the control thread uses it.
 pub trait Plant: Send {
-    /// Blocks until the simulator's next frame or until the timeout. Faults of the link (garbage, a simulator that has gone) are
-    /// counted and end as [`Wake::Deadline`], never as a panic.
+    /// Blocks until the simulator's next frame or until the timeout. Faults of the link (garbage, a simulator that has
+    /// gone) are counted and end as [`Wake::Deadline`], never as a panic.
     fn wait(&mut self, timeout: Duration) -> Wake;
 
     /// Sets the controls; called at most once per frame, never blocks.

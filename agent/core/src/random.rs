@@ -1,5 +1,6 @@
-//! Random numbers from one seed. Every vehicle and every purpose draws from its own stream, so that one more draw in one stream
-//! does not change another. The streams are ChaCha8's and are the same on every computer and in every release.
+//! Random numbers from one seed. Every vehicle and every purpose draws from its own stream, so that one more draw in
+//! one stream does not change another. The streams are ChaCha8's and are the same on every computer and in every
+//! release.
 
 use core::f64::consts::TAU;
 
@@ -51,8 +52,8 @@ pub fn uniform(rng: &mut impl Rng) -> f64 {
     (rng.next_u64() >> 11) as f64 * (1.0 / (1_u64 << 53) as f64)
 }
 
-/// A normally distributed number with mean 0 and variance 1, by Box and Muller (1958). Always finite: the logarithm's argument
-/// is at least 2⁻⁵³, so its magnitude is at most 8.6.
+/// A normally distributed number with mean 0 and variance 1, by Box and Muller (1958). Always finite: the logarithm's
+/// argument is at least 2⁻⁵³, so its magnitude is at most 8.6.
 #[inline]
 pub fn standard_normal(rng: &mut impl Rng) -> f64 {
     let radius = (-2.0 * math::ln(1.0 - uniform(rng))).sqrt();

@@ -16,8 +16,8 @@ pub struct Skew {
 }
 
 impl Skew {
-    /// The clock of vehicle `own`. A clock cannot read less than zero, so the clock with the lowest offset begins at zero and the
-    /// others begin ahead of it.
+    /// The clock of vehicle `own`. A clock cannot read less than zero, so the clock with the lowest offset begins at
+    /// zero and the others begin ahead of it.
     pub fn new(scenario: &Scenario, own: VehicleId) -> Self {
         let Some(vehicle) = scenario.vehicle(own) else { return Self::default() };
         let last_s = scenario.vehicle.iter().map(|vehicle| vehicle.clock_offset_s).fold(0.0, f64::min);

@@ -23,7 +23,8 @@ pub struct TooFull {
     square_m: f64,
 }
 
-/// The start of every vehicle, in the order of ids. It depends only on the seed and the keys of `[start]` and `[vehicle.N]`.
+/// The start of every vehicle, in the order of ids. It depends only on the seed and the keys of `[start]` and
+/// `[vehicle.N]`.
 ///
 /// # Errors
 ///
@@ -68,7 +69,8 @@ fn random_starts(scenario: &Scenario, generator: &mut impl Rng) -> Result<Vec<St
             let mut coordinate = || (random::uniform(generator) - 0.5) * start.square_m;
             let (north_m, east_m) = (coordinate(), coordinate());
             let heading_rad = (random::uniform(generator) - 0.5) * TAU;
-            // Positions from the file are reserved before any draw. A vehicle with such a position is drawn as well, then moved.
+            // Positions from the file are reserved before any draw. A vehicle with such a position is drawn as well,
+            // then moved.
             let mut given = scenario.vehicle.iter().filter_map(|vehicle| vehicle.start_ne_m);
             let is_far = |[n_m, e_m]: [f64; 2]| math::hypot(n_m - north_m, e_m - east_m) >= start.separation_m;
             let is_free = starts.iter().all(|start| is_far([start.north_m, start.east_m])) && given.all(is_far);

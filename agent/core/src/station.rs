@@ -1,5 +1,5 @@
-//! The vehicle station: the agent of one vehicle with its impairments and clocks. The control thread and the study drive it in
-//! the same way: [`Station::receive`], [`Station::step`], [`Station::trace`].
+//! The vehicle station: the agent of one vehicle with its impairments and clocks. The control thread and the study
+//! drive it in the same way: [`Station::receive`], [`Station::step`], [`Station::trace`].
 //!
 //! ```text
 //!   messages --> impairments --> clock of this vehicle --> Agent::step --> outputs, trace
@@ -42,8 +42,8 @@ impl Clocks {
         Self { skew: Skew::new(scenario, own), ..Self::default() }
     }
 
-    /// The same clocks for a vehicle that an earlier agent had flown for this time, s, when the correct clock began; `None` if
-    /// there was no earlier agent.
+    /// The same clocks for a vehicle that an earlier agent had flown for this time, s, when the correct clock began;
+    /// `None` if there was no earlier agent.
     #[must_use]
     pub fn after(self, flown_before_s: Option<f64>) -> Self {
         Self { flown_before_s, ..self }
@@ -59,7 +59,8 @@ impl Clocks {
         self.skew.local_time(right)
     }
 
-    /// Time since the vehicle's take-off, including earlier agents, s: the time base of scripted events. `None` before take-off.
+    /// Time since the vehicle's take-off, including earlier agents, s: the time base of scripted events. `None` before
+    /// take-off.
     pub fn flown_s(&self, right: LocalTime) -> Option<f64> {
         // Divided, not multiplied: this gives the number nearest to the scenario's decimals.
         let since = |took_off: LocalTime| (right.nanoseconds().saturating_sub(took_off.nanoseconds())) as f64 / 1e9;
@@ -94,8 +95,8 @@ impl Station {
         Ok(Self { agent, impairments: Ear::new(scenario, own), clocks, heard: Vec::new() })
     }
 
-    /// Takes the messages that an ideal network delivers, each with the correct time of its arrival. Those that pass the
-    /// impairments by now are kept for the next step.
+    /// Takes the messages that an ideal network delivers, each with the correct time of its arrival. Those that pass
+    /// the impairments by now are kept for the next step.
     pub fn receive(&mut self, right: LocalTime, arriving: impl IntoIterator<Item = Heard>) {
         let own = Whereabouts { flown_s: self.clocks.flown_s(right), position: self.agent.position() };
         let before = self.heard.len();
@@ -105,8 +106,9 @@ impl Station {
         }
     }
 
-    /// Steps the agent at this correct time. `measurement` is that of a new frame, `None` if none arrived in time; `plant_time` is
-    /// the time of the newest frame. `leave` makes this vehicle land and leave the swarm. `answer` is an external law's reply.
+    /// Steps the agent at this correct time. `measurement` is that of a new frame, `None` if none arrived in time;
+    /// `plant_time` is the time of the newest frame. `leave` makes this vehicle land and leave the swarm. `answer` is
+    /// an external law's reply.
     pub fn step(
         &mut self,
         right: LocalTime,
@@ -123,8 +125,8 @@ impl Station {
         outputs
     }
 
-    /// The record of the last step. It lacks the figures known only in real time: the step's duration and the missed frames.
-    /// `truth` is the plant's true state.
+    /// The record of the last step. It lacks the figures known only in real time: the step's duration and the missed
+    /// frames. `truth` is the plant's true state.
     pub fn trace(&mut self, right: LocalTime, plant_time: PlantTime, truth: &Truth) -> Trace {
         let now = Now { plant: plant_time, local: self.clocks.local_time(right) };
         let mut trace = self.agent.trace(now, truth);

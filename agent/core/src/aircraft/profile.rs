@@ -52,7 +52,8 @@ impl TryFrom<String> for Dataref {
     }
 }
 
-/// The datarefs through which one aircraft is flown over UDP. Keys missing in a file have the values of [`Profile::default`].
+/// The datarefs through which one aircraft is flown over UDP. Keys missing in a file have the values of
+/// [`Profile::default`].
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Profile {
@@ -73,9 +74,9 @@ pub struct Profile {
 }
 
 impl Default for Profile {
-    /// A helicopter of X-Plane 11 or 12 whose own governor keeps the rotor speed once its engine runs. The cyclic is driven as in
-    /// ArduPilot (three yoke ratios under `override_joystick`, collective on the propeller lever). The throttle is opened by its
-    /// lever and left to the governor, because none of the agent's controls replaces one.
+    /// A helicopter of X-Plane 11 or 12 whose own governor keeps the rotor speed once its engine runs. The cyclic is
+    /// driven as in ArduPilot (three yoke ratios under `override_joystick`, collective on the propeller lever). The
+    /// throttle is opened by its lever and left to the governor, because none of the agent's controls replaces one.
     fn default() -> Self {
         let dataref = |path: &str| Dataref(path.to_owned());
         Self {

@@ -22,8 +22,8 @@ pub(super) enum Membership {
 }
 
 impl Membership {
-    /// The function of this name. Corners must be in ascending order and may coincide (a vertical edge); σ must be positive.
-    /// The error is a sentence without a file and line.
+    /// The function of this name. Corners must be in ascending order and may coincide (a vertical edge); σ must be
+    /// positive. The error is a sentence without a file and line.
     pub(super) fn new(kind: &str, parameters: &[f64]) -> Result<Self, String> {
         let ordered = parameters.is_sorted() && parameters.first() < parameters.last();
         match (kind, parameters) {
@@ -74,8 +74,8 @@ impl Membership {
         }
     }
 
-    /// Points between which the degree is linear; for a Gaussian, points one σ apart as far as the degree exceeds 2·10⁻⁸. A
-    /// vertical edge also gives the last point outside.
+    /// Points between which the degree is linear; for a Gaussian, points one σ apart as far as the degree exceeds
+    /// 2·10⁻⁸. A vertical edge also gives the last point outside.
     pub(super) fn corners(&self) -> Vec<f64> {
         let [a, b, c, d] = match *self {
             Self::Triangle([a, b, c]) => [a, b, b, c],

@@ -22,12 +22,13 @@ const MIN_WEIGHT: f64 = 1e-6;
 
 /// A Sugeno system with constant consequents, product "and" and weighted-average output.
 ///
-/// Σ_r w_r Π_i μ_ri(x_i) u_r / Σ_r w_r Π_i μ_ri(x_i). Inputs are first clamped to their `Range`, so that a shoulder that is
-/// 1 at the end of its range stays 1 for every finite input (Octave refuses inputs beyond it, Matlab warns).
+/// Σ_r w_r Π_i μ_ri(x_i) u_r / Σ_r w_r Π_i μ_ri(x_i). Inputs are first clamped to their `Range`, so that a shoulder
+/// that is 1 at the end of its range stays 1 for every finite input (Octave refuses inputs beyond it, Matlab warns).
 #[derive(Clone, Debug)]
 pub struct Sugeno {
     inputs: Vec<Input>,
-    /// Σ w_r and Σ w_r u_r of the rules for each combination of one set (or "any") per input; the last input varies fastest.
+    /// Σ w_r and Σ w_r u_r of the rules for each combination of one set (or "any") per input; the last input varies
+    /// fastest.
     table: Vec<[f64; 2]>,
 }
 
@@ -180,8 +181,8 @@ impl Sugeno {
         (weight > 0.0).then(|| weighted / weight)
     }
 
-    /// A point at which Σ w is too small. Σ w is linear in every input between the corners of its sets, so its minimum lies on
-    /// the grid of corners; near Gaussians this holds to within the change over one σ.
+    /// A point at which Σ w is too small. Σ w is linear in every input between the corners of its sets, so its minimum
+    /// lies on the grid of corners; near Gaussians this holds to within the change over one σ.
     fn uncovered(&self) -> Result<Option<Vec<f64>>, String> {
         let grid = |input: &Input| [&[input.range[0]], &input.corners[..], &[input.range[1]]].concat();
         let grids: Vec<Vec<f64>> = self.inputs.iter().map(grid).collect();
@@ -215,8 +216,8 @@ fn fire(inputs: &[(&[Active], f64)], table: &[[f64; 2]]) -> [f64; 2] {
     sums
 }
 
-/// Whether the sum of `weights`, a table over `inputs`, is too small somewhere on the grids; `place` is then extended by
-/// that point.
+/// Whether the sum of `weights`, a table over `inputs`, is too small somewhere on the grids; `place` is then extended
+/// by that point.
 fn find_uncovered(inputs: &[Input], grids: &[Vec<f64>], weights: &[f64], place: &mut Vec<f64>) -> bool {
     let ([input, inputs @ ..], [grid, grids @ ..]) = (inputs, grids) else {
         return weights[0] < MIN_WEIGHT;

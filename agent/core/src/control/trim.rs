@@ -7,7 +7,8 @@ use super::{CollectiveLimit, Setpoint, climb_m_s};
 use crate::estimate::Estimate;
 use crate::plant::Sticks;
 
-/// Controls and attitude in a hover without wind: the `[trim]` table of an aircraft file, which has the angles in degrees.
+/// Controls and attitude in a hover without wind: the `[trim]` table of an aircraft file, which has the angles in
+/// degrees.
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
 #[serde(try_from = "TrimTable")]
 pub struct Trim {
@@ -86,30 +87,30 @@ const COLLECTIVE_GAIN: f64 = 0.9 * TILT_GAIN;
 pub(crate) const VELOCITY_PER_ERROR_PER_S: f64 = 0.5;
 /// Altitude error from which the rules command their fastest climb, m.
 pub(super) const FASTEST_CLIMB_ERROR_M: f64 = 5.0;
-/// Climb rate that the rules reach per metre of altitude error with the trim of a hover, 1/s. A climb needs more collective
-/// than a hover: the rules command 0.5 per metre, and the integral must not fill with the difference, or the vehicle
-/// overshoots.
+/// Climb rate that the rules reach per metre of altitude error with the trim of a hover, 1/s. A climb needs more
+/// collective than a hover: the rules command 0.5 per metre, and the integral must not fill with the difference, or the
+/// vehicle overshoots.
 const CLIMB_PER_ERROR: f64 = 0.38;
 /// Largest velocity error that counts as a trim error, m/s; larger ones are manoeuvres.
 const LARGEST_VELOCITY_ERROR_M_S: f64 = 1.5;
 /// Limit of the climb error, m/s. Larger errors must not stop the integral: a vehicle that stops in a strong wind has a
 /// collective found at speed, with which it climbs while the rules command the fastest descent.
 const LARGEST_CLIMB_ERROR_M_S: f64 = 2.5;
-/// Largest velocity error that counts as a trim error while the vehicle is steadily held up, m/s: a strong wind blows an
-/// untrimmed vehicle along at 2 to 4 m/s, and the rules do not command more lean.
+/// Largest velocity error that counts as a trim error while the vehicle is steadily held up, m/s: a strong wind blows
+/// an untrimmed vehicle along at 2 to 4 m/s, and the rules do not command more lean.
 const LARGEST_HELD_UP_ERROR_M_S: f64 = 4.0;
 /// Speed along the commanded direction below which a vehicle counts as held up, m/s.
 const HELD_UP_BELOW_M_S: f64 = 0.5;
 /// Largest difference of a steady velocity from its mean, m/s, and the time constant of that mean, s.
 const STEADY_WITHIN_M_S: f64 = 0.3;
 const STEADY_OVER_S: f64 = 2.0;
-/// Limits of the integrals. The lean is that of a hover in 13 m/s of wind; in 15 m/s the tail rotor reaches its stop. The
-/// collective is the excess over the hover in flight at 14 m/s.
+/// Limits of the integrals. The lean is that of a hover in 13 m/s of wind; in 15 m/s the tail rotor reaches its stop.
+/// The collective is the excess over the hover in flight at 14 m/s.
 const LARGEST_TILT_RAD: f64 = 0.3;
 const LARGEST_COLLECTIVE: f64 = 0.12;
 
-/// A slow integrator of the velocity error. It finds the tilt and collective that balance wind and a wrong trim. Unlike an
-/// integral of the position error, its speed does not depend on the stiffness of the formation's field.
+/// A slow integrator of the velocity error. It finds the tilt and collective that balance wind and a wrong trim. Unlike
+/// an integral of the position error, its speed does not depend on the stiffness of the formation's field.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct AutoTrim {
     /// Lean t_N and t_E, north and east, beyond the aircraft's trim, rad.

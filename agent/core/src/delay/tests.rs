@@ -36,8 +36,8 @@ impl Pair {
         (received_s, since_stamp_s(self.own(received_s), stamp))
     }
 
-    /// Runs until this time; every second the peer echoes the newest heartbeat it has. For a message sent every 0.2 s, returns
-    /// when it was received, its true delay and the delay estimated then.
+    /// Runs until this time; every second the peer echoes the newest heartbeat it has. For a message sent every 0.2 s,
+    /// returns when it was received, its true delay and the delay estimated then.
     fn run(&mut self, until_s: f64) -> Vec<(f64, f64, Option<Way>)> {
         let mut echoes: Vec<(f64, f64, f64)> = Vec::new();
         let (mut sent, mut delays) = (Vec::new(), Vec::new());

@@ -1,6 +1,6 @@
 //! Converts the dimensionless formation field to the velocity that the vehicle controller flies. Garcia & Barnes 2010
-//! (equations 10 and 11) convert the field to a position error and name a non-linear conversion as future work. The gains are
-//! metres of that error, and the controller flies 0.5 m/s per metre.
+//! (equations 10 and 11) convert the field to a position error and name a non-linear conversion as future work. The
+//! gains are metres of that error, and the controller flies 0.5 m/s per metre.
 
 use nalgebra::Vector2;
 
@@ -37,7 +37,8 @@ impl Conversion {
         }
     }
 
-    /// The velocity relative to the centre for a field vector, both north and east, m/s. A zero field gives zero velocity.
+    /// The velocity relative to the centre for a field vector, both north and east, m/s. A zero field gives zero
+    /// velocity.
     #[inline]
     pub fn velocity_ne_m_s(&self, field_ne: Vector2<f64>) -> Vector2<f64> {
         field_ne * self.gain_m(field_ne.norm_squared()) * VELOCITY_PER_ERROR_PER_S

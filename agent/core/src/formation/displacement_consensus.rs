@@ -1,16 +1,17 @@
 //! Displacement consensus: every vehicle keeps the commanded displacement to each neighbour whose states it receives.
 //!
 //! W. Ren & R. W. Beard, "Distributed Consensus in Multi-vehicle Cooperative Control" (Springer, 2008), for single
-//! integrators; in the notation of K.-K. Oh, M.-C. Park & H.-S. Ahn, "A survey of multi-agent formation control", Automatica 53
-//! (2015), section 4, displacement-based control. With position x_i, slot s_i and centre c,
+//! integrators; in the notation of K.-K. Oh, M.-C. Park & H.-S. Ahn, "A survey of multi-agent formation control",
+//! Automatica 53 (2015), section 4, displacement-based control. With position x_i, slot s_i and centre c,
 //!
 //! v_i = ċ − k Σ_j ((x_i − s_i) − (x_j − s_j)) − k_g (x_i − s_i − c)      over the received neighbours j.
 //!
-//! The last term is ours and ties the formation to the centre. Without it the displacements converge as exp(−k λ₂ t), where λ₂
-//! is the algebraic connectivity of the communication graph, and the mean position of the formation stays constant.
+//! The last term is ours and ties the formation to the centre. Without it the displacements converge as exp(−k λ₂ t),
+//! where λ₂ is the algebraic connectivity of the communication graph, and the mean position of the formation stays
+//! constant.
 //!
-//! Slots belong to ids, not to ranks: vehicles that receive only some of the others would not agree on ranks. A lost vehicle
-//! leaves a gap.
+//! Slots belong to ids, not to ranks: vehicles that receive only some of the others would not agree on ranks. A lost
+//! vehicle leaves a gap.
 
 use alloc::boxed::Box;
 use alloc::string::String;

@@ -1,8 +1,8 @@
 //! An external law: a law that runs in another program, with the agent's queries and its handling of the replies.
 //!
 //! The core does not contain the program. A step returns an [`Ask`]; a later step takes the [`Answer`]. Until then, and
-//! while replies are missing, the vehicle flies the last reply. In real time `skein_agent::external` exchanges queries and
-//! replies with the program, in virtual time `skein_lab::external`; recorded replies can replace the program.
+//! while replies are missing, the vehicle flies the last reply. In real time `skein_agent::external` exchanges queries
+//! and replies with the program, in virtual time `skein_lab::external`; recorded replies can replace the program.
 //!
 //! ```text
 //!             `misses` queries in a row without a reply
@@ -169,7 +169,8 @@ impl External {
         self.last = Some(answer.clone());
     }
 
-    /// The output of the law from its last reply; queries the law when the next query is due. `None` while the law is lost.
+    /// The output of the law from its last reply; queries the law when the next query is due. `None` while the law is
+    /// lost.
     pub fn output(&mut self, sight: &Sight<'_>) -> Option<Consulted> {
         self.query_if_due(sight);
         if self.is_lost() {

@@ -1,8 +1,8 @@
 //! The interface of a formation law: from one vehicle's observation to its command. Implement it to add a law.
 //!
-//! A law instance belongs to one vehicle. It observes only what that vehicle knows, so that it runs on any vehicle of any
-//! swarm, and it may keep a memory. It returns one kind of [`Wanted`] and reports whether the vehicle is in place. Altitude
-//! bands, the conversion to controls and the safety distance are handled by other stages.
+//! A law instance belongs to one vehicle. It observes only what that vehicle knows, so that it runs on any vehicle of
+//! any swarm, and it may keep a memory. It returns one kind of [`Wanted`] and reports whether the vehicle is in place.
+//! Altitude bands, the conversion to controls and the safety distance are handled by other stages.
 
 use alloc::boxed::Box;
 use alloc::format;
@@ -17,11 +17,11 @@ use skein_common::scenario::Formation;
 /// Largest speed relative to the centre at which a vehicle counts as slow, m/s.
 const SLOW_M_S: f64 = 0.5;
 
-/// A formation law. The same sequence of observations must give bit-identical outputs: a law uses no clock, and no randomness
-/// except from the seed of [`Setup`].
+/// A formation law. The same sequence of observations must give bit-identical outputs: a law uses no clock, and no
+/// randomness except from the seed of [`Setup`].
 pub trait Law: CloneLaw + Debug + Send {
-    /// The command for this observation. The agent calls it at every step of the vehicle controller (50 Hz) while the mission
-    /// flies a formation, and not while the vehicle holds its position or lands.
+    /// The command for this observation. The agent calls it at every step of the vehicle controller (50 Hz) while the
+    /// mission flies a formation, and not while the vehicle holds its position or lands.
     fn ask(&mut self, sight: &Sight<'_>) -> Answer;
 }
 
@@ -106,7 +106,8 @@ pub struct Neighbour {
     pub heading_rad: f64,
     /// Most likely age of its last state, s, over which the state was extrapolated.
     pub age_s: f64,
-    /// Whether the upper bound of this age is below half a second. If not, the peer was silent or its messages are delayed.
+    /// Whether the upper bound of this age is below half a second. If not, the peer was silent or its messages are
+    /// delayed.
     pub is_fresh: bool,
 }
 
@@ -143,15 +144,16 @@ pub struct Goal {
 pub struct Answer {
     /// The command to the vehicle.
     pub wanted: Wanted,
-    /// Whether the vehicle is where the law commands it, altitude aside. It "reaches" a step after a dwell at its altitude.
+    /// Whether the vehicle is where the law commands it, altitude aside. It "reaches" a step after a dwell at its
+    /// altitude.
     pub is_there: bool,
 }
 
 /// The command of a law. Numbers that are not finite count as a zero displacement.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Wanted {
-    /// A dimensionless field vector, NED, of a length around one, which the scenario's conversion turns into metres. The
-    /// third component is used with `vertical = "ellipsoid"` only.
+    /// A dimensionless field vector, NED, of a length around one, which the scenario's conversion turns into metres.
+    /// The third component is used with `vertical = "ellipsoid"` only.
     Field(Vector3<f64>),
     /// Displacement from the current position, north and east, m. The vehicle flies it at 0.5 m/s per metre, at most
     /// 7.5 m/s, in addition to the centre's velocity if that is fed forward.

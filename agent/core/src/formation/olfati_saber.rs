@@ -1,7 +1,7 @@
 //! Lattice flocking: neighbours keep one distance, all take the goal's velocity, without a leader.
 //!
-//! R. Olfati-Saber, "Flocking for Multi-Agent Dynamic Systems: Algorithms and Theory", IEEE Trans. Automatic Control 51(3)
-//! (2006), algorithm 2 (equations 23 and 24), for double integrators:
+//! R. Olfati-Saber, "Flocking for Multi-Agent Dynamic Systems: Algorithms and Theory", IEEE Trans. Automatic Control
+//! 51(3) (2006), algorithm 2 (equations 23 and 24), for double integrators:
 //!
 //! ```text
 //! u_i = Σ φ_α(‖q_j − q_i‖σ) n_ij + Σ a_ij (p_j − p_i) − c1 (q_i − q_r) − c2 (p_i − p_r)
@@ -10,9 +10,10 @@
 //! a_ij = ρ_h(‖q_j − q_i‖σ/‖r‖σ),   ρ_h(z): 1 up to h, then ½(1 + cos(π(z − h)/(1 − h))), 0 from 1 on
 //! ```
 //!
-//! **Units.** The source's agents are points with d = 7 and ‖u‖ up to 15; in metres and seconds a helicopter cannot follow
-//! that. So the interaction is computed in the source's units: the unit of length is d/7, the unit of time is a parameter.
-//! The law's own constants are the source's. A helicopter takes velocities, so the command is p_i + u_i · horizon.
+//! **Units.** The source's agents are points with d = 7 and ‖u‖ up to 15; in metres and seconds a helicopter cannot
+//! follow that. So the interaction is computed in the source's units: the unit of length is d/7, the unit of time is a
+//! parameter. The law's own constants are the source's. A helicopter takes velocities, so the command is p_i + u_i ·
+//! horizon.
 
 use alloc::boxed::Box;
 use alloc::format;

@@ -1,4 +1,5 @@
-//! Points that follow a law's command at once: the claims of a law's source are checked on these, without a helicopter's lag.
+//! Points that follow a law's command at once: the claims of a law's source are checked on these, without a
+//! helicopter's lag.
 
 use nalgebra::Vector2;
 use skein_common::frame::{PositionNed, VelocityNed};
@@ -43,7 +44,8 @@ impl Points {
         self.goal.centre = self.goal.centre + self.goal.centre_velocity.0 * dt_s;
     }
 
-    /// The results of `ask` for the observation of each point; `receives(i, j)` states whether point i receives point j.
+    /// The results of `ask` for the observation of each point; `receives(i, j)` states whether point i receives point
+    /// j.
     pub(super) fn each<T>(
         &self,
         receives: impl Fn(usize, usize) -> bool,

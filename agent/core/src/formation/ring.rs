@@ -1,20 +1,21 @@
 //! The elliptical surface: every vehicle flies to the ring around the centre and spreads along it, or stays inside.
 //!
 //! After R. Garcia & L. Barnes, "Multi-UAV Simulator Utilizing X-Plane", J. Intelligent & Robotic Systems 57 (2010),
-//! section 4.1, equations 2 to 9. The limiting functions are sigmoids, after L. Barnes, M. Fields & K. Valavanis, "Swarm
-//! Formation Control Utilizing Elliptical Surfaces and Limiting Functions", IEEE Trans. SMC-B 39(6) (2009); their numbers
-//! here are ours.
+//! section 4.1, equations 2 to 9. The limiting functions are sigmoids, after L. Barnes, M. Fields & K. Valavanis,
+//! "Swarm Formation Control Utilizing Elliptical Surfaces and Limiting Functions", IEEE Trans. SMC-B 39(6) (2009);
+//! their numbers here are ours.
 //!
-//! Level function of the ellipse: ρ² = x² + γ y², with x and y along the ellipse's own axes from its centre. The ring is ρ = R*,
-//! so its semi-axes are R* and R*/√γ. The band is R* − inner width ≤ ρ ≤ R* + outer width.
+//! Level function of the ellipse: ρ² = x² + γ y², with x and y along the ellipse's own axes from its centre. The ring
+//! is ρ = R*, so its semi-axes are R* and R*/√γ. The band is R* − inner width ≤ ρ ≤ R* + outer width.
 //!
 //! Two variants of the same field besides the ring (the numbers of both are ours):
 //!
-//! * **Flock** (section 4.1, "weights turned off"): only the outer attraction and the avoidance remain, so that vehicles
-//!   stay together inside ρ ≤ R* without fixed positions. The outer edge is one width inside R*: at R* it pulls in full.
-//! * **Ellipsoid**, the three-dimensional form that the paper leaves to the future: ρ² = x² + γ y² + γ_z z², with z from the
-//!   centre's altitude. Gradient and avoidance have one more component. In the band only the avoidance's component along the
-//!   normal is removed, so that vehicles spread over the whole surface. Flat laws ignore altitude.
+//! * **Flock** (section 4.1, "weights turned off"): only the outer attraction and the avoidance remain, so that
+//!   vehicles stay together inside ρ ≤ R* without fixed positions. The outer edge is one width inside R*: at R* it
+//!   pulls in full.
+//! * **Ellipsoid**, the three-dimensional form that the paper leaves to the future: ρ² = x² + γ y² + γ_z z², with z
+//!   from the centre's altitude. Gradient and avoidance have one more component. In the band only the avoidance's
+//!   component along the normal is removed, so that vehicles spread over the whole surface. Flat laws ignore altitude.
 
 use alloc::boxed::Box;
 use alloc::string::String;
@@ -86,8 +87,8 @@ pub enum Avoidance {
 pub enum AvoidDistance {
     /// The same distance for any number of members, m.
     Fixed(f64),
-    /// 1/√2 of the distance between evenly spread neighbours, for any number of members N: R* √2 sin(π/N) on a ring. On a
-    /// sphere it is L. Fejes Tóth's bound on that distance, R* √(4 − 1/sin²(πN/(6(N − 2)))), which N = 3, 4, 6 and 12
+    /// 1/√2 of the distance between evenly spread neighbours, for any number of members N: R* √2 sin(π/N) on a ring. On
+    /// a sphere it is L. Fejes Tóth's bound on that distance, R* √(4 − 1/sin²(πN/(6(N − 2)))), which N = 3, 4, 6 and 12
     /// attain.
     Adaptive,
 }
@@ -157,7 +158,8 @@ impl Ring {
         self.holds(flat(from_centre_ne_m))
     }
 
-    /// Whether a position relative to the centre (NED, m) is in the region where vehicles belong: the band or the inside.
+    /// Whether a position relative to the centre (NED, m) is in the region where vehicles belong: the band or the
+    /// inside.
     pub fn holds(&self, from_centre_m: Vector3<f64>) -> bool {
         let rho_m = self.level_and_normal(from_centre_m).0;
         match self.region {
@@ -179,11 +181,11 @@ impl Ring {
         }
     }
 
-    /// The field V at this vehicle's position, NED, dimensionless; zero vertical component in a flat law. `neighbours` are the
-    /// other live members; `obstacles` are avoided and are not part of the formation.
+    /// The field V at this vehicle's position, NED, dimensionless; zero vertical component in a flat law. `neighbours`
+    /// are the other live members; `obstacles` are avoided and are not part of the formation.
     ///
-    /// V = (w_in S_in − w_out S_out) g + A − S_perp (A·g) g + w_circ S_perp t; all weights except w_circ are one. In a flock w_in
-    /// and S_perp are zero.
+    /// V = (w_in S_in − w_out S_out) g + A − S_perp (A·g) g + w_circ S_perp t; all weights except w_circ are one. In a
+    /// flock w_in and S_perp are zero.
     pub fn field(
         &self,
         own: VehicleId,
@@ -241,8 +243,8 @@ impl Ring {
     }
 }
 
-/// Avoidance of obstacles, each with its own radius as avoidance distance. The band does not weaken it: the vehicle passes an
-/// obstacle, it does not space itself from it. Always horizontal: no vehicle dives under an obstacle.
+/// Avoidance of obstacles, each with its own radius as avoidance distance. The band does not weaken it: the vehicle
+/// passes an obstacle, it does not space itself from it. Always horizontal: no vehicle dives under an obstacle.
 fn keep_clear(ring: &Ring, own: VehicleId, place: PositionNed, obstacles: &[Obstacle]) -> Vector3<f64> {
     let mut sum = Vector3::zeros();
     for obstacle in obstacles {
@@ -253,8 +255,8 @@ fn keep_clear(ring: &Ring, own: VehicleId, place: PositionNed, obstacles: &[Obst
     sum
 }
 
-/// Distance from a neighbour to this vehicle, m, and its direction; ±north at coincident positions, with opposite signs for
-/// the two vehicles.
+/// Distance from a neighbour to this vehicle, m, and its direction; ±north at coincident positions, with opposite signs
+/// for the two vehicles.
 #[inline]
 fn away(is_first: bool, apart_m: Vector3<f64>) -> (f64, Vector3<f64>) {
     let distance_m = apart_m.norm();

@@ -1,27 +1,31 @@
-//! A control-barrier safety filter for any law: the velocity nearest to the commanded one that keeps all vehicles apart.
+//! A control-barrier safety filter for any law: the velocity nearest to the commanded one that keeps all vehicles
+//! apart.
 //!
-//! After A. Ames et al., "Control Barrier Functions: Theory and Applications" (ECC 2019), with the shared responsibility of
-//! U. Borrmann, L. Wang, A. Ames & M. Egerstedt, "Control Barrier Certificates for Safe Swarm Behavior" (2015): with
-//! h = |p_i − p_j|² − d_s², each of the two vehicles ensures half of ḣ ≥ −κ h by its own velocity alone,
+//! After A. Ames et al., "Control Barrier Functions: Theory and Applications" (ECC 2019), with the shared
+//! responsibility of U. Borrmann, L. Wang, A. Ames & M. Egerstedt, "Control Barrier Certificates for Safe Swarm
+//! Behavior" (2015): with h = |p_i − p_j|² − d_s², each of the two vehicles ensures half of ḣ ≥ −κ h by its own
+//! velocity alone,
 //!
 //! (p_i − p_j)·v_i ≥ −(κ/4) h.
 //!
-//! It is a first-order guarantee: a vehicle follows its velocity with a lag of about a second, and d_s has a margin for that.
+//! It is a first-order guarantee: a vehicle follows its velocity with a lag of about a second, and d_s has a margin for
+//! that.
 //!
-//! **Moving together.** The vehicle flies v = c + w, the feed-forward c of a moving centre and the law's relative command w.
-//! With all of v counted over the ground, a vehicle would brake for one ahead that moves away as fast: at 4 m/s from 34 m on.
-//! So both vehicles count their shares relative to the feed-forward, and the filter chooses w. But a follower credits the
-//! vehicle ahead only with its actual velocity, so that c carries no vehicle into one that stays behind:
+//! **Moving together.** The vehicle flies v = c + w, the feed-forward c of a moving centre and the law's relative
+//! command w. With all of v counted over the ground, a vehicle would brake for one ahead that moves away as fast: at 4
+//! m/s from 34 m on. So both vehicles count their shares relative to the feed-forward, and the filter chooses w. But a
+//! follower credits the vehicle ahead only with its actual velocity, so that c carries no vehicle into one that stays
+//! behind:
 //!
 //! (p_i − p_j)·w ≥ −(κ/4) h + max(0, min(0, (p_i − p_j)·v_j) − (p_i − p_j)·c).
 //!
-//! The sum of both shares remains ḣ ≥ −κ h, even with different c. With this, four vehicles at 4 m/s stay within 40 m of their
-//! centre; with everything counted over the ground they do not stay within 60 m.
+//! The sum of both shares remains ḣ ≥ −κ h, even with different c. With this, four vehicles at 4 m/s stay within 40 m
+//! of their centre; with everything counted over the ground they do not stay within 60 m.
 //!
-//! **Deadlock.** Vehicles that meet head-on would wait forever. A restricted velocity is first turned right by 37° or, if that
-//! leaves almost nothing of it, by 90° or 135°. With 37° alone sixteen vehicles can swap sides of a ring of 60 m, but from
-//! random starts one swarm in ten ends in a knot of three or four vehicles that block each other; with the larger turns
-//! none of 50 swarms does, and the swap takes 61 s instead of 74 s.
+//! **Deadlock.** Vehicles that meet head-on would wait forever. A restricted velocity is first turned right by 37° or,
+//! if that leaves almost nothing of it, by 90° or 135°. With 37° alone sixteen vehicles can swap sides of a ring of 60
+//! m, but from random starts one swarm in ten ends in a knot of three or four vehicles that block each other; with the
+//! larger turns none of 50 swarms does, and the swap takes 61 s instead of 74 s.
 
 use core::f64::consts::{FRAC_PI_2, FRAC_PI_4};
 
@@ -50,8 +54,8 @@ pub struct Constraint {
 }
 
 impl Constraint {
-    /// The same constraint for the velocity relative to `carried_ne_m_s`, this vehicle's feed-forward, while the other vehicle
-    /// moves at `other_ne_m_s`.
+    /// The same constraint for the velocity relative to `carried_ne_m_s`, this vehicle's feed-forward, while the other
+    /// vehicle moves at `other_ne_m_s`.
     pub fn relative(self, carried_ne_m_s: Vector2<f64>, other_ne_m_s: Vector2<f64>) -> Self {
         let left_behind = self.along_m.dot(&other_ne_m_s).min(0.0) - self.along_m.dot(&carried_ne_m_s);
         Self { least: self.least + left_behind.max(0.0), ..self }
@@ -78,16 +82,16 @@ impl Constraint {
 }
 
 impl SafetyFilter {
-    /// The constraint for clearing another vehicle. `from_other_m` is the displacement from it to this vehicle, NED, and must
-    /// not be vertical. `clear_m` is a distance to keep if it exceeds the filter's own.
+    /// The constraint for clearing another vehicle. `from_other_m` is the displacement from it to this vehicle, NED,
+    /// and must not be vertical. `clear_m` is a distance to keep if it exceeds the filter's own.
     pub fn constraint(&self, from_other_m: Vector3<f64>, clear_m: f64) -> Constraint {
         let keep_m = self.distance_m.max(clear_m);
         let h = from_other_m.norm_squared() - keep_m * keep_m;
         Constraint { along_m: from_other_m.xy(), least: -self.rate_per_s / 4.0 * h }
     }
 
-    /// The velocity to fly, m/s; `None` if the commanded velocity satisfies all constraints. If no velocity satisfies them (a
-    /// vehicle is already too near), it is the one that violates the worst constraint least.
+    /// The velocity to fly, m/s; `None` if the commanded velocity satisfies all constraints. If no velocity satisfies
+    /// them (a vehicle is already too near), it is the one that violates the worst constraint least.
     pub fn restrain(&self, command_ne_m_s: Vector2<f64>, constraints: &[Constraint]) -> Option<Vector2<f64>> {
         if is_allowed(command_ne_m_s, constraints) {
             return None;
@@ -178,8 +182,8 @@ mod tests {
 
     #[test]
     fn a_knot_of_three_unties_to_the_right() {
-        // An equilateral triangle with sides of d_s, seen from its southern corner: no vehicle may approach another. Turned by
-        // 37° alone, the commanded velocity still points between the two others and is cut to zero.
+        // An equilateral triangle with sides of d_s, seen from its southern corner: no vehicle may approach another.
+        // Turned by 37° alone, the commanded velocity still points between the two others and is cut to zero.
         let apart = FILTER.distance_m * math::cos(PI / 6.0);
         let others = [from(-apart, 4.0), from(-apart, -4.0)];
         let flown = FILTER.restrain(Vector2::new(2.0, -0.4), &others).unwrap();

@@ -41,8 +41,8 @@ impl Slots {
         }
     }
 
-    /// Slot number `rank`, from 0, of `count`, relative to the centre, north and east, m. All patterns except lists are centred
-    /// on the formation's centre.
+    /// Slot number `rank`, from 0, of `count`, relative to the centre, north and east, m. All patterns except lists are
+    /// centred on the formation's centre.
     pub fn slot_ne_m(&self, rank: usize, count: usize) -> Vector2<f64> {
         let count = count.max(1);
         let on_axes_m = match self.pattern {

@@ -1,7 +1,7 @@
 //! Flocking for real delays and accelerations: short-range repulsion, and velocities similar enough to stop in time.
 //!
-//! G. Vásárhelyi, C. Virágh, G. Somorjai, T. Nepusz, A. E. Eiben & T. Vicsek, "Optimized flocking of autonomous drones in
-//! confined environments", Science Robotics 3 (2018), with the parameters evolved there for 4 m/s:
+//! G. Vásárhelyi, C. Virágh, G. Somorjai, T. Nepusz, A. E. Eiben & T. Vicsek, "Optimized flocking of autonomous drones
+//! in confined environments", Science Robotics 3 (2018), with the parameters evolved there for 4 m/s:
 //!
 //! ```text
 //! v_i = v_goal + Σ p_rep (r0_rep − r_ij) (r_i − r_j)/r_ij                                     for r_ij < r0_rep
@@ -10,8 +10,8 @@
 //! D(r, a, p) = 0 up to r = 0;  r p while r p < a/p;  √(2 a r − a²/p²) from there on
 //! ```
 //!
-//! The source's drones fly on at v_flock between walls. Here they have a goal: the centre's velocity replaces v_flock v̂_i, and a
-//! homing velocity beyond half of R*, which grows to v_flock, replaces the walls. Both are ours.
+//! The source's drones fly on at v_flock between walls. Here they have a goal: the centre's velocity replaces v_flock
+//! v̂_i, and a homing velocity beyond half of R*, which grows to v_flock, replaces the walls. Both are ours.
 
 use alloc::boxed::Box;
 use alloc::string::String;
@@ -87,8 +87,8 @@ impl Law for Vasarhelyi {
     }
 }
 
-/// Braking curve D(r, a, p): the speed from which a vehicle can stop within r, m/s, at constant deceleration a and finally
-/// exponentially at rate p.
+/// Braking curve D(r, a, p): the speed from which a vehicle can stop within r, m/s, at constant deceleration a and
+/// finally exponentially at rate p.
 fn braking_m_s(distance_m: f64, deceleration_m_s2: f64, slope_per_s: f64) -> f64 {
     let knee_m_s = deceleration_m_s2 / slope_per_s;
     if distance_m <= 0.0 {

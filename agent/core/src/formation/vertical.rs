@@ -34,9 +34,9 @@ pub struct Heights {
 }
 
 impl Heights {
-    /// Rise added to the altitude of a vehicle, m; `is_above` states that its partition flies above. Partitions without contact
-    /// both fly the mission, and neither knows where the other is: of two partitions the one without the lowest id rises above
-    /// the other.
+    /// Rise added to the altitude of a vehicle, m; `is_above` states that its partition flies above. Partitions without
+    /// contact both fly the mission, and neither knows where the other is: of two partitions the one without the lowest
+    /// id rises above the other.
     pub fn partition_rise(&mut self, dt_s: f64, is_above: bool) -> f64 {
         let target_m = if is_above { PARTITION_RISE_M } else { 0.0 };
         let furthest_m = BAND_CHANGE_M_S * dt_s.clamp(0.0, LONGEST_STEP_S);
@@ -44,8 +44,8 @@ impl Heights {
         self.partition_rise_m
     }
 
-    /// Change of the rise since the vehicle has stayed at its position, m. A vehicle that `lands` descends; if it stays again,
-    /// it stays at its altitude.
+    /// Change of the rise since the vehicle has stayed at its position, m. A vehicle that `lands` descends; if it stays
+    /// again, it stays at its altitude.
     pub fn risen_since_stay(&mut self, partition_rise_m: f64, lands: bool) -> f64 {
         if lands {
             self.partition_rise_at_stay_m = Some(partition_rise_m);
@@ -68,8 +68,8 @@ impl Heights {
         centre_m + offset_m
     }
 
-    /// The altitude on an ellipsoid around a centre at `centre_m`, for the field's upward component, m. A vehicle first rises
-    /// to the centre's altitude.
+    /// The altitude on an ellipsoid around a centre at `centre_m`, for the field's upward component, m. A vehicle first
+    /// rises to the centre's altitude.
     pub fn on_surface(&mut self, dt_s: f64, centre_m: f64, field_up: f64, estimate: &Estimate) -> f64 {
         self.climbing(dt_s, centre_m, CLIMB_PER_FIELD_M_S * field_up, estimate)
     }

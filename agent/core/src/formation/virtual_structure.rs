@@ -1,9 +1,10 @@
 //! The virtual structure: every vehicle has its own slot and flies to it.
 //!
-//! After M. A. Lewis & K.-H. Tan, "High Precision Formation Control of Mobile Robots Using Virtual Structures", Autonomous
-//! Robots 4 (1997), in its simplest form: the structure is not formed by consensus, because slots follow from the centre and
-//! the ranks among the live ids, which all vehicles agree on as soon as they receive the same vehicles. Until then two may fly
-//! to one slot, and the safety filter keeps them apart. It is the best possible even spacing.
+//! After M. A. Lewis & K.-H. Tan, "High Precision Formation Control of Mobile Robots Using Virtual Structures",
+//! Autonomous Robots 4 (1997), in its simplest form: the structure is not formed by consensus, because slots follow
+//! from the centre and the ranks among the live ids, which all vehicles agree on as soon as they receive the same
+//! vehicles. Until then two may fly to one slot, and the safety filter keeps them apart. It is the best possible even
+//! spacing.
 
 use alloc::boxed::Box;
 use alloc::string::String;
@@ -21,7 +22,8 @@ pub(super) fn make(setup: &Setup<'_>) -> Result<Box<dyn Law>, String> {
 }
 
 impl Law for VirtualStructure {
-    /// Command v = 0.5 (slot − p) + the centre's velocity: the vehicle controller flies half the displacement plus that.
+    /// Command v = 0.5 (slot − p) + the centre's velocity: the vehicle controller flies half the displacement plus
+    /// that.
     fn ask(&mut self, sight: &Sight<'_>) -> Answer {
         let Self(slots) = self;
         let slot_ne_m = slots.slot_ne_m(sight.rank(), sight.live());

@@ -65,7 +65,8 @@ impl Body {
     }
 
     /// Downward speed of the main rotor's wake at the tail, K_λ v_i, m/s. K_λ grows from 0 to 1.5 while the skew of the
-    /// wake χ = u/(v_i − w) grows from χ_i to χ_f and moves the wake over the tail rotor. An upward wake misses the tail.
+    /// wake χ = u/(v_i − w) grows from χ_i to χ_f and moves the wake over the tail rotor. An upward wake misses the
+    /// tail.
     #[inline]
     pub(super) fn wake_at_tail_m_s(&self, air: &Vector3<f64>, induced_m_s: f64) -> f64 {
         let down_m_s = induced_m_s - air.z;
@@ -76,8 +77,8 @@ impl Body {
         (self.wake_slope * (chi - self.wake_start)).min(WAKE_SHARE) * induced_m_s
     }
 
-    /// Drag of the fuselage in the airflow and the main rotor's wake, N, body axes: X = −½ρ S_x V∞ u; Y and Z alike, with
-    /// w − v_i in place of w.
+    /// Drag of the fuselage in the airflow and the main rotor's wake, N, body axes: X = −½ρ S_x V∞ u; Y and Z alike,
+    /// with w − v_i in place of w.
     #[inline]
     pub(super) fn fuselage(&self, air: &Vector3<f64>, induced_m_s: f64) -> Vector3<f64> {
         let through = Vector3::new(air.x, air.y, air.z - induced_m_s);

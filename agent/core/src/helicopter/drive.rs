@@ -34,8 +34,8 @@ impl Drive {
         }
     }
 
-    /// The governor: throttle K_p e + K_i w, clamped to 0..1, for the speed error e = Ω_nom − Ω. The integral ẇ = e is held
-    /// while the throttle is at a limit and the error would drive it further out.
+    /// The governor: throttle K_p e + K_i w, clamped to 0..1, for the speed error e = Ω_nom − Ω. The integral ẇ = e is
+    /// held while the throttle is at a limit and the error would drive it further out.
     #[inline]
     pub(super) fn throttle(&self, speed_rad_s: f64, integral: f64) -> Throttle {
         let error = self.nominal_speed_rad_s - speed_rad_s;

@@ -27,8 +27,8 @@ impl Contact {
         Self { reach_m: points[0].norm(), points, stiffness: stiffness_n_m, damping: damping_n_s_m, friction }
     }
 
-    /// Force and moment of the four contact points for a centre of gravity `height_m` above the ground; velocity and rates in
-    /// body axes. Called only within `reach_m` of the ground.
+    /// Force and moment of the four contact points for a centre of gravity `height_m` above the ground; velocity and
+    /// rates in body axes. Called only within `reach_m` of the ground.
     pub(super) fn wrench(
         &self,
         height_m: f64,

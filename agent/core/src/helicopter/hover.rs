@@ -16,8 +16,8 @@ pub(super) struct Hover {
 }
 
 impl Dynamics {
-    /// Solves the equations of motion for rest. The bank angle that balances the tail's side force reduces the weight the
-    /// rotor carries by its cosine, which changes the thrust by 0.3 %: five iterations are enough.
+    /// Solves the equations of motion for rest. The bank angle that balances the tail's side force reduces the weight
+    /// the rotor carries by its cosine, which changes the thrust by 0.3 %: five iterations are enough.
     pub(super) fn hover(&self) -> Hover {
         let sin_bank = (0..5).fold(0.0, |sin_bank, _| self.sin_bank(&self.hovering_main(sin_bank)));
         let main = self.hovering_main(sin_bank);
@@ -51,8 +51,9 @@ impl Dynamics {
         rotor.hovering(thrust_n, self.drive.nominal_speed_rad_s)
     }
 
-    /// Sine of the bank angle in the hover. The tail's force Q/l to the left is balanced by the weight's component m g sin φ
-    /// and by the disc's T b1; the disc's tilt also balances the moment of the tail's force: (K_β + T h_mr) b1 = h_tr Q/l.
+    /// Sine of the bank angle in the hover. The tail's force Q/l to the left is balanced by the weight's component m g
+    /// sin φ and by the disc's T b1; the disc's tilt also balances the moment of the tail's force: (K_β + T h_mr) b1 =
+    /// h_tr Q/l.
     fn sin_bank(&self, main: &Hovering) -> f64 {
         let side_n = main.torque_n_m / self.tail.arm_m;
         let b1 = side_n * self.tail.height_m / self.main_rotor.stiffness(main.thrust_n);

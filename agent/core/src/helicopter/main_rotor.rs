@@ -77,8 +77,8 @@ impl MainRotor {
         }
     }
 
-    /// Forces, moments and rates for the airspeed of the body and its rates (body axes) and the height of the centre of gravity
-    /// above the ground; `uprightness` is the vertical component of the mast's direction.
+    /// Forces, moments and rates for the airspeed of the body and its rates (body axes) and the height of the centre of
+    /// gravity above the ground; `uprightness` is the vertical component of the mast's direction.
     #[inline]
     pub(super) fn action(
         &self,
@@ -128,8 +128,8 @@ impl MainRotor {
     /// ḃ1 = −p + (−b1 − d v/V          + B_lat s δ_lat)/τ_e      dz = 16 K_μ μ²/((1 − μ²/2)(8μ + aσ))
     /// ```
     ///
-    /// Positive a1 tilts the disc back, positive b1 tilts it right. The disc tilts away from the wind on both axes. The paper
-    /// prints the lateral term with two minus signs that cancel: sideslip would then be unstable.
+    /// Positive a1 tilts the disc back, positive b1 tilts it right. The disc tilts away from the wind on both axes. The
+    /// paper prints the lateral term with two minus signs that cancel: sideslip would then be unstable.
     #[inline]
     fn flapping(&self, state: &MainRotorState, air: &Vector3<f64>, rates: &Vector3<f64>, flow: &Flow) -> (f64, f64) {
         let MainRotorState { speed_rad_s, collective_rad, lambda, a1, b1, .. } = *state;

@@ -58,8 +58,8 @@ impl Rotor {
         }
     }
 
-    /// The flow at shaft speed Ω for an airspeed in the disc's plane (squared, m²/s²) and along its axis (m/s, positive against
-    /// the inflow).
+    /// The flow at shaft speed Ω for an airspeed in the disc's plane (squared, m²/s²) and along its axis (m/s, positive
+    /// against the inflow).
     #[inline]
     pub(super) fn flow(&self, shaft_speed_rad_s: f64, in_plane_squared: f64, axial_m_s: f64) -> Flow {
         let tip_speed_m_s = (self.tip_arm_m * shaft_speed_rad_s).max(MIN_TIP_SPEED_M_S);
@@ -80,8 +80,9 @@ impl Rotor {
         c_t.clamp(-self.max_thrust_coefficient, self.max_thrust_coefficient)
     }
 
-    /// Rate of change of the inflow ratio, 1/s: λ̇ = (C_T/(2 η_w D) − λ)/τ_λ, which is momentum theory with a lag, where
-    /// D = max(√(μ² + (λ − μ_z)²), 0.3 √(|C_T|/(2 η_w)) + 0.001). The floor of D keeps the vortex ring state finite.
+    /// Rate of change of the inflow ratio, 1/s: λ̇ = (C_T/(2 η_w D) − λ)/τ_λ, which is momentum theory with a lag,
+    /// where D = max(√(μ² + (λ − μ_z)²), 0.3 √(|C_T|/(2 η_w)) + 0.001). The floor of D keeps the vortex ring state
+    /// finite.
     #[inline]
     pub(super) fn inflow_rate(&self, c_t: f64, lambda: f64, flow: &Flow) -> f64 {
         let through = lambda - flow.mu_z;

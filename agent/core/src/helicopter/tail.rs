@@ -66,8 +66,8 @@ impl Tail {
         (self.min_pitch_rad, self.max_pitch_rad)
     }
 
-    /// The gyro: blade pitch θ_t = K_p (r_cmd − r) + g, rad, clamped to its stops, and the rate of its integral g, which is
-    /// held at a stop while the error would drive it further out.
+    /// The gyro: blade pitch θ_t = K_p (r_cmd − r) + g, rad, clamped to its stops, and the rate of its integral g,
+    /// which is held at a stop while the error would drive it further out.
     #[inline]
     pub(super) fn gyro(&self, rate_error_rad_s: f64, integral_rad: f64) -> (f64, f64) {
         let theta = self.gyro_gain_s * rate_error_rad_s + integral_rad;
@@ -77,8 +77,9 @@ impl Tail {
         (theta.clamp(self.min_pitch_rad, self.max_pitch_rad), if pushed_out { 0.0 } else { rate })
     }
 
-    /// Forces of rotor and fin, combined at one point behind and above the centre of gravity, for the blade pitch θ_t, the
-    /// inflow ratio λ_t, the main shaft's speed, the airspeed and rates of the body and the main rotor's wake K_λ v_i:
+    /// Forces of rotor and fin, combined at one point behind and above the centre of gravity, for the blade pitch θ_t,
+    /// the inflow ratio λ_t, the main shaft's speed, the airspeed and rates of the body and the main rotor's wake K_λ
+    /// v_i:
     ///
     /// ```text
     /// w_tr = w + l q − K_λ v_i                 T_t = f_t C_Tt ρ V_t² A_t, pushing left
@@ -110,8 +111,8 @@ impl Tail {
         }
     }
 
-    /// The tail rotor in a hover in which rotor and fin together push left with this force, N. The fin is in the rotor's wake
-    /// and reduces the force by ½ρ S (ε v_i)².
+    /// The tail rotor in a hover in which rotor and fin together push left with this force, N. The fin is in the
+    /// rotor's wake and reduces the force by ½ρ S (ε v_i)².
     pub(super) fn hovering(&self, force_n: f64, shaft_speed_rad_s: f64) -> Hovering {
         let fin = self.fin_half_density_area * self.fin_wake_share * self.fin_wake_share;
         let thrust_n = force_n / (self.blockage - fin * self.rotor.induced_squared_per_thrust());

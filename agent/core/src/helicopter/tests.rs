@@ -88,8 +88,8 @@ fn solved(dynamics: &Dynamics, velocity: &Vector3<f64>, mut unknowns: Unknowns) 
     (residual(dynamics, velocity, &unknowns).amax() < 1e-9).then_some(unknowns)
 }
 
-/// Residual of the trim at this velocity (north, east, down), heading north: the rates of u to r, a1, b1, Ω, λ and λ_t, which
-/// must vanish.
+/// Residual of the trim at this velocity (north, east, down), heading north: the rates of u to r, a1, b1, Ω, λ and λ_t,
+/// which must vanish.
 fn residual(dynamics: &Dynamics, velocity: &Vector3<f64>, unknowns: &Unknowns) -> SVector<f64, 11> {
     let (state, command) = unpack(velocity, unknowns);
     let State(rate) = dynamics.rates(&state, &command, &CALM);

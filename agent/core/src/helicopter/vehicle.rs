@@ -20,7 +20,8 @@ pub struct Start {
     pub heading_rad: f64,
 }
 
-/// The built-in helicopter with its weather, as flown by a study, an agent without a simulator, and the X-Plane stand-in.
+/// The built-in helicopter with its weather, as flown by a study, an agent without a simulator, and the X-Plane
+/// stand-in.
 #[derive(Clone, Debug)]
 pub struct BuiltInVehicle {
     origin: Origin,
@@ -74,9 +75,9 @@ impl BuiltInVehicle {
         }
     }
 
-    /// Advances by one tick. `None` keeps the last controls. Before the first controls the vehicle is held on the ground and
-    /// only time passes: otherwise the gyro's integral would wind up against the ground and the heading would swing at
-    /// lift-off. Controls that are not finite are ignored, and values beyond the travel are clamped.
+    /// Advances by one tick. `None` keeps the last controls. Before the first controls the vehicle is held on the
+    /// ground and only time passes: otherwise the gyro's integral would wind up against the ground and the heading
+    /// would swing at lift-off. Controls that are not finite are ignored, and values beyond the travel are clamped.
     pub fn advance(&mut self, sticks: Option<Sticks>) {
         self.ticks += 1;
         self.sticks = sticks.filter(is_finite).or(self.sticks);

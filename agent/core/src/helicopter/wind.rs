@@ -103,7 +103,8 @@ struct Spectrum {
 }
 
 impl Spectrum {
-    /// The spectrum at a height h in feet, with f = 0.177 + 0.000823 h: σ_w = 0.1 W20, σ_u = σ_w/f^0.4, L_u = h/f^1.2, L_w = h.
+    /// The spectrum at a height h in feet, with f = 0.177 + 0.000823 h: σ_w = 0.1 W20, σ_u = σ_w/f^0.4, L_u = h/f^1.2,
+    /// L_w = h.
     fn at(height_m: f64, w20_m_s: f64) -> Self {
         let height_m = height_m.clamp(HEIGHTS_M.0, HEIGHTS_M.1);
         let f = 0.177 + 0.000823 * (height_m * FEET_PER_M);
@@ -125,8 +126,8 @@ fn discrete(a: f64) -> (f64, f64) {
     (1.0 - step, (TICK_S * (1.0 - 0.5 * step)).sqrt())
 }
 
-/// Two low-pass filters in series that shape the gusts across and down. The second takes the mean of the first's old and
-/// new value, so that the stationary variances of both, and of the gust, are exact.
+/// Two low-pass filters in series that shape the gusts across and down. The second takes the mean of the first's old
+/// and new value, so that the stationary variances of both, and of the gust, are exact.
 #[derive(Clone, Copy, Debug, Default)]
 struct ShapingFilter {
     y1: f64,

@@ -1,9 +1,9 @@
 //! One direction of a link: what happens to a message in flight.
 //!
-//! In this order: the message waits for the bandwidth and may be dropped in the queue, it may be lost, it is delayed, it may be
-//! duplicated. Six numbers are drawn for every message, whatever the settings, from a stream of this direction alone. So
-//! one impairment does not change the effect of another, and the delivery of a vehicle's n-th message is independent of all
-//! other vehicles.
+//! In this order: the message waits for the bandwidth and may be dropped in the queue, it may be lost, it is delayed,
+//! it may be duplicated. Six numbers are drawn for every message, whatever the settings, from a stream of this
+//! direction alone. So one impairment does not change the effect of another, and the delivery of a vehicle's n-th
+//! message is independent of all other vehicles.
 
 use rand_chacha::ChaCha8Rng;
 use skein_common::id::VehicleId;
@@ -16,8 +16,9 @@ use super::Fate;
 use crate::peers::Word;
 use crate::random;
 
-/// Size of a message on the wire beyond its encoding, bytes. Measured on a mesh of TCP links: 20 of Zenoh's framing and 52 of
-/// IPv4 and TCP with timestamps, with piggybacked acknowledgements. Ethernet's preamble, header, checksum and gap are 38 more.
+/// Size of a message on the wire beyond its encoding, bytes. Measured on a mesh of TCP links: 20 of Zenoh's framing and
+/// 52 of IPv4 and TCP with timestamps, with piggybacked acknowledgements. Ethernet's preamble, header, checksum and gap
+/// are 38 more.
 const OVERHEAD_BYTES: usize = 20 + 52 + 38;
 /// Size of a state's complete key, sent because it changes with the cell: `hover/vehicle/3/cell/0/-1/state`.
 const STATE_KEY_BYTES: usize = 30;
@@ -105,10 +106,10 @@ pub(super) fn size_bytes(word: &Word) -> usize {
     encoded + OVERHEAD_BYTES
 }
 
-/// Loss in bursts: Gilbert's two-state model with transitions in continuous time (Gilbert 1960, "Capacity of a burst-noise
-/// channel"; with Elliott's 1963 loss probabilities 0 in the good state and 1 in the bad one). The link is bad for a mean time
-/// of `mean_s` and for a share `loss` of all time. Counted in time, not in messages: a fade does not pass sooner because
-/// more messages are sent.
+/// Loss in bursts: Gilbert's two-state model with transitions in continuous time (Gilbert 1960, "Capacity of a
+/// burst-noise channel"; with Elliott's 1963 loss probabilities 0 in the good state and 1 in the bad one). The link is
+/// bad for a mean time of `mean_s` and for a share `loss` of all time. Counted in time, not in messages: a fade does
+/// not pass sooner because more messages are sent.
 #[derive(Clone, Copy, Debug)]
 struct Burst {
     loss: f64,
@@ -118,9 +119,9 @@ struct Burst {
 }
 
 impl Burst {
-    /// Whether the link is bad at `at`; `chance` is evenly distributed in [0, 1). Exact for any time between messages: with rates
-    /// 1/`mean_s` out of the bad state and loss / ((1 − loss)·`mean_s`) into it, the knowledge of the state decays with
-    /// the time constant (1 − loss)·`mean_s`.
+    /// Whether the link is bad at `at`; `chance` is evenly distributed in [0, 1). Exact for any time between messages:
+    /// with rates 1/`mean_s` out of the bad state and loss / ((1 − loss)·`mean_s`) into it, the knowledge of the state
+    /// decays with the time constant (1 − loss)·`mean_s`.
     fn is_on(&mut self, at: LocalTime, chance: f64) -> bool {
         let known = self.state.map_or(0.0, |(was_bad, before)| {
             let fades_s = (1.0 - self.loss) * self.mean_s;

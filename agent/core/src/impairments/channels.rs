@@ -1,5 +1,5 @@
-//! The channels from all other vehicles to one receiver, if they have more than a delay: the [`Channel`] of every direction, loss
-//! by distance, and the graph that selects whose states are received.
+//! The channels from all other vehicles to one receiver, if they have more than a delay: the [`Channel`] of every
+//! direction, loss by distance, and the graph that selects whose states are received.
 
 use alloc::vec::Vec;
 
@@ -44,9 +44,9 @@ struct Range {
 }
 
 impl Range {
-    /// Share of messages lost at this distance: 0 up to `fade_m`, 1 from `range_m`, and s²·(3 − 2s) at the fraction s between
-    /// them. The formula is ours: smooth, monotone, and S-shaped like the transitional region of real radios (Zúñiga and
-    /// Krishnamachari 2004).
+    /// Share of messages lost at this distance: 0 up to `fade_m`, 1 from `range_m`, and s²·(3 − 2s) at the fraction s
+    /// between them. The formula is ours: smooth, monotone, and S-shaped like the transitional region of real radios
+    /// (Zúñiga and Krishnamachari 2004).
     fn loss_at(self, distance_m: f64) -> f64 {
         if distance_m >= self.range_m {
             1.0

@@ -35,8 +35,8 @@ pub fn silences(events: &[Event], speaker: VehicleId, hearer: VehicleId) -> Vec<
     union(events.iter().filter_map(silence))
 }
 
-/// The times, s after the receiver's take-off, in which events delay messages from `sender` to `receiver`, in the order of the
-/// file, each with the added delay, s. Overlapping delays add up.
+/// The times, s after the receiver's take-off, in which events delay messages from `sender` to `receiver`, in the order
+/// of the file, each with the added delay, s. Overlapping delays add up.
 pub fn delays(events: &[Event], sender: VehicleId, receiver: VehicleId) -> Vec<(Range<f64>, f64)> {
     let delay = |event: &Event| {
         let What::Fault(Fault::Delay { from, to, both_ways, delay_s }) = &event.what else { return None };
@@ -87,8 +87,8 @@ pub(super) fn outages(scenario: &Scenario, one: VehicleId, other: VehicleId) -> 
     union(directions.iter().cloned()).into_iter().enumerate().map(outage).collect()
 }
 
-/// Time after their `nth` outage until two vehicles reconnect, s. Every outage of every pair has its own position in the
-/// swarm's random stream, so both ends draw the same value regardless of other cuts.
+/// Time after their `nth` outage until two vehicles reconnect, s. Every outage of every pair has its own position in
+/// the swarm's random stream, so both ends draw the same value regardless of other cuts.
 fn retry_s(seed: u64, [low, high]: [VehicleId; 2], nth: usize) -> f64 {
     let mut generator = random::generator(seed, None, Purpose::Network);
     let place = (nth as u128) << 16 | u128::from(low.get()) << 8 | u128::from(high.get());

@@ -1,35 +1,38 @@
 //! The agreement on the swarm's current step of the mission, without a leader.
 //!
-//! Every agent publishes its agreement state ([`AgreementState`]) in its heartbeats. The peers stage ([`crate::peers`]) keeps the newest
-//! heartbeat of every peer. This stage keeps none of them: it decides from the own state and the newest states of the peers in
-//! contact. The steps a peer has reached and vouches for only grow during its incarnation, so a newer state contains
-//! everything in the older ones: loss, duplication and reordering of messages only delay the agreement. A vehicle leaves a step
-//! for a later one
+//! Every agent publishes its agreement state ([`AgreementState`]) in its heartbeats. The peers stage ([`crate::peers`])
+//! keeps the newest heartbeat of every peer. This stage keeps none of them: it decides from the own state and the
+//! newest states of the peers in contact. The steps a peer has reached and vouches for only grow during its
+//! incarnation, so a newer state contains everything in the older ones: loss, duplication and reordering of messages
+//! only delay the agreement. A vehicle leaves a step for a later one
 //!
-//! * (a) when it has reached the step itself and every active member in contact reports the same ([`Agreement::advance`]);
+//! * (a) when it has reached the step itself and every active member in contact reports the same
+//!   ([`Agreement::advance`]);
 //! * (b) when two other vehicles in contact vouch for a later step;
-//! * (b') when only one other vehicle is in contact, no further one may still be flying, and that one vouches for a later step;
+//! * (b') when only one other vehicle is in contact, no further one may still be flying, and that one vouches for a
+//!   later step;
 //! * (c) by an operator's order.
 //!
 //! # Effects of one false agreement state
 //!
-//! A vehicle *vouches* for the steps to which it came by (a), (b) or (c), not for those to which only (b') brought it. Of two
-//! vehicles that vouch for a step one is honest, so such a step was earned: some honest vehicle reached the step before it. A
-//! single false vehicle, with a stolen key for example, therefore cannot move an honest vehicle that is in contact with a third.
-//! It can
+//! A vehicle *vouches* for the steps to which it came by (a), (b) or (c), not for those to which only (b') brought it.
+//! Of two vehicles that vouch for a step one is honest, so such a step was earned: some honest vehicle reached the step
+//! before it. A single false vehicle, with a stolen key for example, therefore cannot move an honest vehicle that is in
+//! contact with a third. It can
 //!
-//! * keep all others at their step while it is in contact and reports to be active without having reached the step: an order to
-//!   a later step overrides it, and so does revoking its key;
+//! * keep all others at their step while it is in contact and reports to be active without having reached the step: an
+//!   order to a later step overrides it, and so does revoking its key;
 //! * confirm an honest vehicle that ran ahead alone, so that the others skip the steps in between;
-//! * mislead a vehicle that is in contact with it alone: at once in a swarm of two; in a larger one only after all others have
-//!   left or were silent for a minute. That vehicle is then at the false step, but no further one follows: it does not vouch
-//!   for that step, and in a swarm of more than two neither does a vehicle that follows it by (b').
+//! * mislead a vehicle that is in contact with it alone: at once in a swarm of two; in a larger one only after all
+//!   others have left or were silent for a minute. That vehicle is then at the false step, but no further one follows:
+//!   it does not vouch for that step, and in a swarm of more than two neither does a vehicle that follows it by (b').
 //!
 //! # Vehicles ahead and behind
 //!
-//! A vehicle never goes back. One that ran ahead alone waits at its step, because the vehicles behind are members that have not
-//! reached it. They follow step by step by (a), because it has reached all of their steps. If it ran ahead to the landing, it
-//! lands and leaves, and the swarm does not wait for it. Two vehicles that ran ahead move the others forward by (b).
+//! A vehicle never goes back. One that ran ahead alone waits at its step, because the vehicles behind are members that
+//! have not reached it. They follow step by step by (a), because it has reached all of their steps. If it ran ahead to
+//! the landing, it lands and leaves, and the swarm does not wait for it. Two vehicles that ran ahead move the others
+//! forward by (b).
 //!
 //! This module uses no clock: the caller passes the peers in contact.
 
@@ -146,8 +149,8 @@ impl Agreement {
         self.carry(step)
     }
 
-    /// Moves to the next step if this vehicle and all active members in contact have reached the current one. The last step is
-    /// never left.
+    /// Moves to the next step if this vehicle and all active members in contact have reached the current one. The last
+    /// step is never left.
     pub fn advance(&mut self, others: &OtherStates<impl Iterator<Item = AgreementState> + Clone>) -> Option<Progress> {
         let step = self.own.step;
         let may = self.own.is_active() && self.own.reached >= Some(step) && step < self.last_step;
@@ -159,14 +162,15 @@ impl Agreement {
         })
     }
 
-    /// Whether enough members are in contact to advance: always, or with [`Partition::Quorum`] more than half of the roster.
+    /// Whether enough members are in contact to advance: always, or with [`Partition::Quorum`] more than half of the
+    /// roster.
     pub fn has_quorum(&self, others: &OtherStates<impl Iterator<Item = AgreementState> + Clone>) -> bool {
         let live = others.members().count() + 1;
         self.partition == Partition::Continue || 2 * live > usize::from(self.roster)
     }
 
-    /// The largest of the others' reports on which this agent may rely: the second largest, so that an honest vehicle reports as
-    /// much or more; with only one other vehicle its report.
+    /// The largest of the others' reports on which this agent may rely: the second largest, so that an honest vehicle
+    /// reports as much or more; with only one other vehicle its report.
     pub fn reliable<T: PartialOrd + Copy>(
         &self,
         others: &OtherStates<impl Iterator<Item = AgreementState> + Clone>,

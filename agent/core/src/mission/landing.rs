@@ -9,11 +9,11 @@ use crate::estimate::Estimate;
 const DESCENT_M_S: f64 = 2.0;
 const GENTLE_DESCENT_M_S: f64 = 0.7;
 const GENTLE_BELOW_M: f64 = 6.0;
-/// Largest lead of the altitude setpoint below the altitude the vehicle would keep, m: this error holds the commanded sink
-/// rate.
+/// Largest lead of the altitude setpoint below the altitude the vehicle would keep, m: this error holds the commanded
+/// sink rate.
 const DESCENT_LEAD_M: f64 = 3.0;
-/// Conditions of a touchdown, to be met for a while ([`Deadline::TouchedDown`]): height below the first value, m, setpoint lower
-/// by more than the second, m, and vertical speed below the third, m/s.
+/// Conditions of a touchdown, to be met for a while ([`Deadline::TouchedDown`]): height below the first value, m,
+/// setpoint lower by more than the second, m, and vertical speed below the third, m/s.
 const TOUCHDOWN_BELOW_M: f64 = 3.0;
 const TOUCHDOWN_LEAD_M: f64 = 1.0;
 const TOUCHDOWN_SINK_M_S: f64 = 0.15;

@@ -48,8 +48,8 @@ impl LegProgress {
         self.last.map_or(0.0, |last| now.seconds_since(last).max(0.0))
     }
 
-    /// Advances to `now`: `others_m` is the centre's progress according to the other live members at this step, `live` the
-    /// total number of members.
+    /// Advances to `now`: `others_m` is the centre's progress according to the other live members at this step, `live`
+    /// the total number of members.
     pub fn advance(
         &mut self,
         now: PlantTime,

@@ -1,4 +1,5 @@
-//! The controller on the built-in helicopter with exact estimates: error = target − position, without a formation field.
+//! The controller on the built-in helicopter with exact estimates: error = target − position, without a formation
+//! field.
 //!
 //! `cargo test -- --nocapture closed_loop` prints the measured figures.
 

@@ -197,7 +197,8 @@ proptest! {
         prop_assert!(least - 1e-12 <= output && output <= most + 1e-12);
     }
 
-    /// Slopes are at most 0.25 per m, 0.7 per m/s, 1 per rad, …: a small step of the inputs gives a small step of the output.
+    /// Slopes are at most 0.25 per m, 0.7 per m/s, 1 per rad, …: a small step of the inputs gives a small step of the
+    /// output.
     #[test]
     fn output_is_continuous(which in 0..4usize, unit in point(), step in point()) {
         let (system, fis) = system(which);

@@ -46,8 +46,8 @@ fn response_controls(flight: &mut Flight) -> Sticks {
     controls.sticks
 }
 
-/// Fails, flies on until the failure is found, then descends on the spot. `None` if the failure is not found within 30 s or
-/// the helicopter is not on the ground two minutes later.
+/// Fails, flies on until the failure is found, then descends on the spot. `None` if the failure is not found within 30
+/// s or the helicopter is not on the ground two minutes later.
 fn touchdown(mut flight: Flight, failures: Failures) -> Option<Touchdown> {
     flight.fail(failures);
     let until_s = flight.time_s() + 30.0;
@@ -93,7 +93,8 @@ fn worst(down: &[Option<Touchdown>]) -> Touchdown {
     down.iter().flatten().copied().fold(Touchdown::default(), Touchdown::worst)
 }
 
-/// Impact speed of an engine failure in a hover at this height in calm air, if the failure is found and if it is not, m/s.
+/// Impact speed of an engine failure in a hover at this height in calm air, if the failure is found and if it is not,
+/// m/s.
 fn impact_speeds_m_s(height_m: f64) -> [f64; 2] {
     let mut flight = Flight::new(FlightSensing::Exact, 0.0, 0.0, 1);
     flight.altitude_m = height_m;

@@ -21,7 +21,8 @@ fn potential(law: &OlfatiSaber, sigma: f64) -> f64 {
     (at(0) + inner + at(pieces)) * width / 3.0
 }
 
-/// The source's Hamiltonian in the frame of the goal (equation 36): potential of all pairs, of the goal, and motion; m²/s².
+/// The source's Hamiltonian in the frame of the goal (equation 36): potential of all pairs, of the goal, and motion;
+/// m²/s².
 fn energy(law: &OlfatiSaber, points: &Points) -> f64 {
     let scale = math::square(law.unit_m / law.unit_s);
     let pairs = points.distances_m().into_iter().map(|distance_m| {
@@ -58,8 +59,9 @@ fn pieces(law: &OlfatiSaber, points: &Points) -> usize {
     piece.len()
 }
 
-/// The source's proof (theorem 2) and simulation (section IX): energy falls, velocities match, the flock is connected, no
-/// vehicles collide, and neighbours are at distance d. The deviation energy is the source's (equation 17), normalised by d².
+/// The source's proof (theorem 2) and simulation (section IX): energy falls, velocities match, the flock is connected,
+/// no vehicles collide, and neighbours are at distance d. The deviation energy is the source's (equation 17),
+/// normalised by d².
 #[test]
 fn ten_points_become_a_lattice_that_moves_with_its_goal() {
     let law = law(&[]);

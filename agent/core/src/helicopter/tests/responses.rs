@@ -80,8 +80,8 @@ fn the_climb_step_matches_the_reference() {
     assert_within(0.05, 167.0 - slowest, 167.0 - 165.3);
 }
 
-/// Thirty seconds on the ground at collective 0.2, with this start value of the gyro's integral: distance moved (m), largest
-/// tilt, largest yaw and final yaw (degrees).
+/// Thirty seconds on the ground at collective 0.2, with this start value of the gyro's integral: distance moved (m),
+/// largest tilt, largest yaw and final yaw (degrees).
 fn after_30_s_on_the_ground(gyro_integral: f64) -> (f64, f64, f64, f64) {
     let mut helicopter = Helicopter::at_rest(&xcell60(), 0.0, 0.0, 0.0, 0.0);
     helicopter.state.0[17] = gyro_integral;

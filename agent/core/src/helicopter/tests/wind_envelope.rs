@@ -72,8 +72,8 @@ fn needs(speed_m_s: f64) -> Option<Needs> {
     Some(needs)
 }
 
-/// Up to 12 m/s from any direction the hover's trim leaves a margin on every control and in power, and its lean is below
-/// the 0.3 rad that the rules can command: in such winds the controller is the limit, not the helicopter.
+/// Up to 12 m/s from any direction the hover's trim leaves a margin on every control and in power, and its lean is
+/// below the 0.3 rad that the rules can command: in such winds the controller is the limit, not the helicopter.
 #[test]
 fn a_hover_in_12_m_s_of_wind_has_a_trim_with_room_on_every_control() {
     let parameters = xcell60();

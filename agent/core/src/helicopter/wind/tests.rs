@@ -33,7 +33,8 @@ fn correlation(a: &[f64], b: &[f64]) -> f64 {
 #[test]
 fn gusts_have_the_strength_and_length_of_the_standard() {
     let gusts = gusts(3, 1_000_000);
-    // Worked out by hand from h = 9.8425 ft: f = 0.18510, σ_w = 1, σ_u = 1/f^0.4, L_u = 9.8425 ft/f^1.2, L_w = 9.8425 ft.
+    // Worked out by hand from h = 9.8425 ft: f = 0.18510, σ_w = 1, σ_u = 1/f^0.4, L_u = 9.8425 ft/f^1.2, L_w = 9.8425
+    // ft.
     let expected = [(1.9636, 22.72), (1.9636, 22.72), (1.0, 3.0)];
     for (axis, (gust, (sigma_m_s, length_m))) in gusts.iter().zip(expected).enumerate() {
         let measured = (gust.iter().map(|g| g * g).sum::<f64>() / gust.len() as f64).sqrt();
