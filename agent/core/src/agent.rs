@@ -256,7 +256,7 @@ impl Agent {
 
     /// Number of heartbeats sent so far, and their payload, bytes.
     pub fn heartbeats_sent(&self) -> (u64, u64) {
-        self.schedule.missions()
+        self.schedule.heartbeats()
     }
 
     /// Number of interventions of the safety filter so far; `None` without a filter.
@@ -354,7 +354,7 @@ impl Agent {
             in_place: wish.is_some_and(|wish| wish.in_place),
             conditions,
         };
-        let task = self.mission.step(own.now, estimate, &view, self.peers.missions(), &mut events);
+        let task = self.mission.step(own.now, estimate, &view, self.peers.heartbeats(), &mut events);
         (Some(task), events)
     }
 
@@ -374,7 +374,7 @@ impl Agent {
                 self.mission.merge(order, &mut events);
             }
         }
-        for message in self.peers.missions() {
+        for message in self.peers.heartbeats() {
             self.mission.take_heartbeat(message, &mut events);
         }
         events

@@ -319,8 +319,8 @@ impl Mission {
     /// Updates the members that have not reached this step. Members out of contact stay unchanged.
     fn update_awaited<'a>(&mut self, heartbeats: impl Iterator<Item = &'a message::Mission>) {
         for heartbeat in heartbeats {
-            let (id, part) = (heartbeat.header.sender, AgreementState::from(heartbeat));
-            if part.is_active() && !part.has_reached(self.at()) {
+            let (id, state) = (heartbeat.header.sender, AgreementState::from(heartbeat));
+            if state.is_active() && !state.has_reached(self.at()) {
                 self.awaited.insert(id);
             } else {
                 self.awaited.remove(id);

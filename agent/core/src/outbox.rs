@@ -43,8 +43,8 @@ pub struct SendSchedule {
     repeats: u32,
     state_messages: u64,
     state_bytes: u64,
-    missions: u64,
-    mission_bytes: u64,
+    heartbeats: u64,
+    heartbeat_bytes: u64,
     traces: u64,
 }
 
@@ -95,8 +95,8 @@ impl SendSchedule {
             repeats: 0,
             state_messages: 0,
             state_bytes: 0,
-            missions: 0,
-            mission_bytes: 0,
+            heartbeats: 0,
+            heartbeat_bytes: 0,
             traces: 0,
         }
     }
@@ -125,8 +125,8 @@ impl SendSchedule {
     }
 
     /// Number of heartbeats sent since the agent's start, and their payload, bytes.
-    pub fn missions(&self) -> (u64, u64) {
-        (self.missions, self.mission_bytes)
+    pub fn heartbeats(&self) -> (u64, u64) {
+        (self.heartbeats, self.heartbeat_bytes)
     }
 
     /// The header of the next trace.
@@ -165,12 +165,12 @@ impl SendSchedule {
             return None;
         }
         self.repeats = self.repeats.saturating_sub(1);
-        self.missions += 1;
-        let header = self.header(now, self.missions);
+        self.heartbeats += 1;
+        let header = self.header(now, self.heartbeats);
         let (plan, progress_m) = (mission.plan(), mission.progress_m());
         let echo = echo(header.stamp);
         let heartbeat = MissionMessage { header, plan, membership, step, vouched, reached, progress_m, order, echo };
-        self.mission_bytes += message::encode(&heartbeat).len() as u64;
+        self.heartbeat_bytes += message::encode(&heartbeat).len() as u64;
         self.mission = Some((heartbeat, now));
         Some(heartbeat)
     }

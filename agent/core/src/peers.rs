@@ -265,8 +265,8 @@ impl Peers {
         let may_come = found + 1 < usize::from(self.roster) && !Deadline::PeerGivenUp.is_past(listened_s);
         self.absent_may_fly = may_come || self.known.iter().any(|peer| peer.may_return(now));
         let mut met = self.known.iter().filter(|peer| peer.found);
-        let missed = met.clone().any(|peer| peer.membership() != Membership::Left);
-        let alone = missed && met.all(|peer| peer.lost_at.is_some());
+        let any_not_left = met.clone().any(|peer| peer.membership() != Membership::Left);
+        let alone = any_not_left && met.all(|peer| peer.lost_at.is_some());
         self.alone_since = if alone { self.alone_since.or(Some(now)) } else { None };
     }
 
@@ -286,7 +286,7 @@ impl Peers {
     }
 
     /// The newest heartbeats of all peers in contact, of any plan, by id. No other stage keeps them.
-    pub fn missions(&self) -> impl Iterator<Item = &Mission> + Clone {
+    pub fn heartbeats(&self) -> impl Iterator<Item = &Mission> + Clone {
         self.known.iter().filter(|peer| peer.lost_at.is_none()).filter_map(|peer| peer.mission.as_ref())
     }
 
@@ -458,8 +458,9 @@ impl Peer {
 
     /// Whether the peer is in contact and an active member that flies this plan.
     fn is_active_member(&self, plan: u64) -> bool {
-        let is_heard = self.found && self.lost_at.is_none();
-        is_heard && self.mission.is_some_and(|message| message.plan == plan && message.membership == Membership::Active)
+        let is_received = self.found && self.lost_at.is_none();
+        is_received
+            && self.mission.is_some_and(|message| message.plan == plan && message.membership == Membership::Active)
     }
 
     /// Whether its state is young, or was until the peer was lost.

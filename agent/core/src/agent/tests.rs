@@ -232,7 +232,7 @@ fn spoilt_measurement() -> impl Strategy<Value = Measurement> {
     })
 }
 
-fn any_word() -> impl Strategy<Value = Word> {
+fn any_message() -> impl Strategy<Value = Word> {
     // The link drops implausible messages; any message that passes must do no harm.
     let place = (-1.57..1.57, -3.1..3.1, -900.0..9e4_f64);
     let velocity = (-170.0..170.0, -170.0..170.0, -170.0..170.0_f64);
@@ -255,7 +255,7 @@ proptest! {
     #[test]
     fn no_input_gives_controls_beyond_their_travel(
         frames in proptest::collection::vec(
-            (prop_oneof![any_measurement(), spoilt_measurement()], proptest::collection::vec(any_word(), 0..4)), 1..20,
+            (prop_oneof![any_measurement(), spoilt_measurement()], proptest::collection::vec(any_message(), 0..4)), 1..20,
         ),
     ) {
         let mut flight = Flight::new(&scenario(&[]));

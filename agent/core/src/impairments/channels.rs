@@ -53,8 +53,8 @@ impl Range {
         } else if distance_m <= self.fade_m {
             0.0
         } else {
-            let way = (distance_m - self.fade_m) / (self.range_m - self.fade_m);
-            way * way * (3.0 - 2.0 * way)
+            let fraction = (distance_m - self.fade_m) / (self.range_m - self.fade_m);
+            fraction * fraction * (3.0 - 2.0 * fraction)
         }
     }
 }
@@ -113,8 +113,8 @@ impl Air {
         let Hearing::Nearest { count, selected, distances } = &mut self.selection else { return };
         let Some(own) = own_position else { return };
         let near = self.speakers.iter().filter_map(|speaker| {
-            let (position, said_at) = speaker.place?;
-            (now.seconds_since(said_at) <= self.stale_s).then(|| ((position - own).norm_squared(), speaker.id))
+            let (position, sent_at) = speaker.place?;
+            (now.seconds_since(sent_at) <= self.stale_s).then(|| ((position - own).norm_squared(), speaker.id))
         });
         distances.clear();
         distances.extend(near);
@@ -125,8 +125,8 @@ impl Air {
     /// Delivery of a message. With `is_cut` the link is dead, so the sender's reported position is not taken over.
     pub(super) fn fate(&mut self, heard: &Heard, is_cut: bool) -> Fate {
         let Heard { word, at } = heard;
-        let Some(speaker_id) = word.speaker() else { return self.operator.fate(word, *at, 0.0) };
-        let index = self.speakers.binary_search_by_key(&speaker_id, |speaker| speaker.id);
+        let Some(sender_id) = word.speaker() else { return self.operator.fate(word, *at, 0.0) };
+        let index = self.speakers.binary_search_by_key(&sender_id, |speaker| speaker.id);
         // A message with a false sender id passes: the agent counts those.
         let Some(speaker) = index.ok().and_then(|index| self.speakers.get_mut(index)) else {
             return Fate::Arrives { at: *at, copy_at: None };
@@ -140,7 +140,7 @@ impl Air {
                 if !is_cut {
                     speaker.place = Some((self.origin.ned_from_geodetic(&payload.state.position), *at));
                 }
-                if !self.selection.includes(speaker_id) {
+                if !self.selection.includes(sender_id) {
                     return Fate::OutsideGraph;
                 }
             }

@@ -103,7 +103,7 @@ impl Link {
             Word::Vanished(_) => (self.token, self.held) = (Some(false), Held::default()),
             Word::State(_) | Word::Mission(_) | Word::Order(_) => {}
         }
-        let is_heard = match self.session {
+        let is_received = match self.session {
             Session::Open => true,
             // A session does not reopen with one dead direction.
             Session::Failing { incoming_dead } => {
@@ -112,12 +112,12 @@ impl Link {
             Session::Closed => false,
         };
         match word {
-            Word::Appeared(_) | Word::Vanished(_) if is_heard => self.reported = self.token,
-            Word::State(_) if !is_heard && self.session != Session::Closed => self.held.state = Some(*heard),
-            Word::Mission(_) if !is_heard => self.held.mission = Some(*heard),
+            Word::Appeared(_) | Word::Vanished(_) if is_received => self.reported = self.token,
+            Word::State(_) if !is_received && self.session != Session::Closed => self.held.state = Some(*heard),
+            Word::Mission(_) if !is_received => self.held.mission = Some(*heard),
             _ => {}
         }
-        is_heard
+        is_received
     }
 
     fn session_at(&self, flown_s: f64) -> Session {

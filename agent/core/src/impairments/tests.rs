@@ -272,22 +272,22 @@ fn a_permanent_cut_never_heals() {
 #[test]
 fn a_peer_gone_behind_a_cut_is_lost_with_the_lease_and_a_new_one_appears_after_the_retry() {
     let scenario = with_events(5, "{ at_s = 10, for_s = 20, fault = 'cut', from = [2], to = [1], both_ways = true }");
-    let mut dead = Receiver::new(&scenario, 1);
-    dead.receive(0.0, [Word::Appeared(id(2))]);
-    dead.run_with_peer(2, FRAME_S, 10.4);
-    assert_eq!(dead.receive(10.4, [Word::Vanished(id(2))]), []);
-    let mut reborn = Receiver { ear: dead.ear.clone(), position: None, log: Vec::new() };
+    let mut gone = Receiver::new(&scenario, 1);
+    gone.receive(0.0, [Word::Appeared(id(2))]);
+    gone.run_with_peer(2, FRAME_S, 10.4);
+    assert_eq!(gone.receive(10.4, [Word::Vanished(id(2))]), []);
+    let mut restarted = Receiver { ear: gone.ear.clone(), position: None, log: Vec::new() };
     for frame in 521..2_000 {
         let t_s = f64::from(frame) * FRAME_S;
-        dead.receive(t_s, []);
-        reborn.receive(t_s, (frame == 1_000).then_some(Word::Appeared(id(2))));
+        gone.receive(t_s, []);
+        restarted.receive(t_s, (frame == 1_000).then_some(Word::Appeared(id(2))));
     }
-    assert!(near(dead.only_time(Word::Vanished(id(2))), 11.0));
+    assert!(near(gone.only_time(Word::Vanished(id(2))), 11.0));
     assert!(
-        dead.times(is_state).last().is_some_and(|&t_s| t_s < 10.0),
+        gone.times(is_state).last().is_some_and(|&t_s| t_s < 10.0),
         "messages of a vehicle that has gone are dropped"
     );
-    assert!((30.2..31.1).contains(&reborn.only_time(Word::Appeared(id(2)))));
+    assert!((30.2..31.1).contains(&restarted.only_time(Word::Appeared(id(2)))));
 }
 
 #[test]
@@ -324,9 +324,9 @@ fn retries_are_spread_over_their_range() {
 
 #[test]
 fn adjoining_cuts_merge_and_short_one_way_cuts_close_no_session() {
-    let halves = "{ at_s = 10, for_s = 0.75, fault = 'cut', from = [1], to = [2] }, \
+    let one_way = "{ at_s = 10, for_s = 0.75, fault = 'cut', from = [1], to = [2] }, \
                   { at_s = 10.75, for_s = 0.75, fault = 'cut', from = [2], to = [1] }";
-    let outages = cuts::outages(&with_events(1, halves), id(2), id(1));
+    let outages = cuts::outages(&with_events(1, one_way), id(2), id(1));
     assert_eq!(outages.len(), 1);
     assert_eq!((outages[0].from_s, outages[0].closes_s, outages[0].until_s), (10.0, f64::INFINITY, 11.5));
     let both = "{ at_s = 10, for_s = 0.75, fault = 'cut', from = [1], to = [2] }, \

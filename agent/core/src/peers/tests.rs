@@ -207,7 +207,7 @@ fn the_newest_heartbeats_of_peers_in_contact_are_kept_for_any_plan() {
         &[mission(2, 1, 1, Membership::Active), mission(3, 1, 1, Membership::Active), state(4, 1, 1, 0.0)],
     );
     let plans = |table: &PeersStage| -> Vec<_> {
-        table.0.missions().map(|heartbeat| (heartbeat.header.sender.get(), heartbeat.plan)).collect()
+        table.0.heartbeats().map(|heartbeat| (heartbeat.header.sender.get(), heartbeat.plan)).collect()
     };
     assert_eq!(plans(&table), [(2, 1), (3, 1)], "4 has sent no heartbeat");
     // Vehicle 2 returns with a changed scenario.
@@ -276,18 +276,18 @@ fn time_in_which_the_own_agent_did_not_run_is_not_a_peers_silence() {
 }
 
 /// A message of vehicle 2; the position of a state identifies it.
-fn message_of(life: u64, sequence: u64, is_state: bool) -> Word {
-    let Word::State(sent) = state(2, life, sequence, north_m(life, sequence)) else { unreachable!() };
+fn message_of(incarnation: u64, sequence: u64, is_state: bool) -> Word {
+    let Word::State(sent) = state(2, incarnation, sequence, north_m(incarnation, sequence)) else { unreachable!() };
     let at_rest = VehicleState { velocity: VelocityNed::default(), ..sent.state };
     if is_state {
         Word::State(State { state: at_rest, ..sent })
     } else {
-        mission(2, life, sequence, Membership::Active)
+        mission(2, incarnation, sequence, Membership::Active)
     }
 }
 
-fn north_m(life: u64, sequence: u64) -> f64 {
-    life as f64 * 100.0 + sequence as f64
+fn north_m(incarnation: u64, sequence: u64) -> f64 {
+    incarnation as f64 * 100.0 + sequence as f64
 }
 
 proptest! {
@@ -297,22 +297,24 @@ proptest! {
     ) {
         let mut table = PeersStage::new();
         let (mut now_s, mut states, mut heartbeats) = (1.0, Vec::new(), Vec::new());
-        for (life, sequence, is_state, after_s, off_s) in received {
+        for (incarnation, sequence, is_state, after_s, off_s) in received {
             now_s += after_s;
             // The time of arrival may be wrong because the own clock was set.
-            let heard = Heard { word: message_of(life, sequence, is_state), at: seconds(now_s + off_s) };
+            let heard = Heard { word: message_of(incarnation, sequence, is_state), at: seconds(now_s + off_s) };
             table.0.update(seconds(now_s), &origin(), &[heard]);
-            if is_state { states.push((life, sequence)) } else { heartbeats.push((life, sequence)) }
-            let last_life = states.iter().chain(&heartbeats).map(|(life, _)| *life).max();
-            let newest = |sent: &[(u64, u64)]| sent.iter().filter(|(life, _)| Some(*life) == last_life).max().copied();
+            if is_state { states.push((incarnation, sequence)) } else { heartbeats.push((incarnation, sequence)) }
+            let newest_incarnation = states.iter().chain(&heartbeats).map(|(incarnation, _)| *incarnation).max();
+            let newest = |sent: &[(u64, u64)]| {
+                sent.iter().filter(|(incarnation, _)| Some(*incarnation) == newest_incarnation).max().copied()
+            };
 
             let believed = table.0.estimates().first();
-            prop_assert_eq!(believed.is_some(), newest(&states).is_some(), "a state of an earlier life is forgotten");
-            if let Some((believed, (life, sequence))) = believed.zip(newest(&states)) {
-                prop_assert!((believed.position.north_m() - north_m(life, sequence)).abs() < 1e-4, "{believed:?}");
+            prop_assert_eq!(believed.is_some(), newest(&states).is_some(), "a state of an earlier incarnation is dropped");
+            if let Some((believed, (incarnation, sequence))) = believed.zip(newest(&states)) {
+                prop_assert!((believed.position.north_m() - north_m(incarnation, sequence)).abs() < 1e-4, "{believed:?}");
                 prop_assert!(believed.age_s >= 0.0 && believed.carried_s >= 0.0 && believed.silent_s() >= 0.0);
             }
-            if let Some(heartbeat) = table.0.missions().next() {
+            if let Some(heartbeat) = table.0.heartbeats().next() {
                 let order = heartbeat.header.order();
                 prop_assert_eq!(Some((order.incarnation.0, order.sequence)), newest(&heartbeats));
             }

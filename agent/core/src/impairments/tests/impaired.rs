@@ -48,16 +48,16 @@ fn bursts_have_the_loss_and_the_length_of_the_scenario() {
     for (seed, loss, burst_s) in [(1, 0.2, 1.0), (2, 0.05, 0.3), (3, 0.5, 2.0), (4, 0.8, 0.5)] {
         let mut hearer = Receiver::new(&network(seed, &format!("loss = {loss}\nburst_s = {burst_s}")), 1);
         let frames = 400_000;
-        let mut is_heard = vec![false; frames as usize];
-        deliveries(&mut hearer, 2, frames).iter().for_each(|(_, sequence)| is_heard[*sequence as usize] = true);
-        let lost = is_heard.iter().filter(|heard| !**heard).count() as f64 / frames as f64;
+        let mut is_received = vec![false; frames as usize];
+        deliveries(&mut hearer, 2, frames).iter().for_each(|(_, sequence)| is_received[*sequence as usize] = true);
+        let lost = is_received.iter().filter(|heard| !**heard).count() as f64 / frames as f64;
         // Five standard deviations of the share of time that a two-state process spends in one state, and of a mean of
         // exponentially distributed lengths.
         let (all_s, fades_s) = (frames as f64 * FRAME_S, (1.0 - loss) * burst_s);
         let bound = 5.0 * (2.0 * loss * (1.0 - loss) * fades_s / all_s).sqrt();
         assert!((lost - loss).abs() < bound, "{lost} lost at {loss}, {burst_s} s; bound {bound}");
         let bursts: Vec<f64> =
-            is_heard.chunk_by(|a, b| a == b).filter(|run| !run[0]).map(|run| run.len() as f64 * FRAME_S).collect();
+            is_received.chunk_by(|a, b| a == b).filter(|run| !run[0]).map(|run| run.len() as f64 * FRAME_S).collect();
         let mean_s = bursts.iter().sum::<f64>() / bursts.len() as f64;
         // Sampled once per frame, a burst ends in a frame with this probability.
         let expected_s = FRAME_S / ((1.0 - loss) * (1.0 - math::exp(-FRAME_S / fades_s)));
@@ -179,8 +179,8 @@ fn a_listed_link_has_its_own_directed_settings() {
         );
     }
     let both = network(1, "links = [{ from = [2], to = [1], both_ways = true, loss = 1 }]");
-    for (own, speaker, is_heard) in [(1, 2, false), (2, 1, false), (3, 1, true), (2, 3, true)] {
-        assert_eq!(Receiver::new(&both, own).receive(0.0, [state(speaker, 1)]).len(), usize::from(is_heard));
+    for (own, speaker, is_received) in [(1, 2, false), (2, 1, false), (3, 1, true), (2, 3, true)] {
+        assert_eq!(Receiver::new(&both, own).receive(0.0, [state(speaker, 1)]).len(), usize::from(is_received));
     }
 }
 
@@ -377,7 +377,7 @@ proptest! {
             }
             prop_assert_eq!(once.1.estimates(), twice.1.estimates());
             prop_assert_eq!(once.1.changes(), twice.1.changes());
-            prop_assert!(once.1.missions().eq(twice.1.missions()) && once.1.in_contact() == twice.1.in_contact());
+            prop_assert!(once.1.heartbeats().eq(twice.1.heartbeats()) && once.1.in_contact() == twice.1.in_contact());
         }
         prop_assert!(twice.1.old() >= once.1.old());
         prop_assert_eq!(once.0.ear.tally().duplicated, 0);
