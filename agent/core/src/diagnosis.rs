@@ -40,7 +40,7 @@ const LONGEST_STEP_S: f64 = 0.1;
 #[derive(Clone, Debug)]
 pub struct Diagnosis {
     rotor: Rotor,
-    controls: Option<Controls>,
+    monitor: Option<ControlMonitor>,
     position: Position,
     worst: Option<Failure>,
     stuck: Option<Servo>,
@@ -51,8 +51,8 @@ impl Diagnosis {
     /// The diagnosis of a vehicle of this type before take-off.
     pub fn new(aircraft: &Aircraft) -> Self {
         let rotor = Rotor { lifts_at_rad_s: aircraft.take_off_rotor_rad_s(), was_at_speed: false };
-        let controls = aircraft.helicopter.as_ref().map(|model| Controls::new(model, aircraft.trim.sticks()));
-        Self { rotor, controls, position: Position::default(), worst: None, stuck: None, is_frozen: false }
+        let monitor = aircraft.helicopter.as_ref().map(|model| ControlMonitor::new(model, aircraft.trim.sticks()));
+        Self { rotor, monitor, position: Position::default(), worst: None, stuck: None, is_frozen: false }
     }
 
     /// Evaluates a plausible measurement taken `dt_s` of plant time after the last one, and the controls commanded in
@@ -60,8 +60,8 @@ impl Diagnosis {
     /// reported.
     pub fn update(&mut self, dt_s: f64, measurement: &Measurement, command: Option<Sticks>) -> Option<Failure> {
         let dt_s = dt_s.clamp(0.0, LONGEST_STEP_S);
-        let unresponsive = match (&mut self.controls, command) {
-            (Some(controls), Some(sticks)) => controls.unresponsive(dt_s, measurement, &sticks),
+        let unresponsive = match (&mut self.monitor, command) {
+            (Some(monitor), Some(sticks)) => monitor.unresponsive(dt_s, measurement, &sticks),
             _ => None,
         };
         let found = match unresponsive {
@@ -90,8 +90,8 @@ impl Diagnosis {
     pub fn restart(&mut self) {
         self.rotor.was_at_speed = false;
         self.position = Position::default();
-        if let Some(controls) = &mut self.controls {
-            controls.reset();
+        if let Some(monitor) = &mut self.monitor {
+            monitor.reset();
         }
     }
 
@@ -156,7 +156,7 @@ enum Control {
 
 /// Compares the expected response to each control with the measured one.
 #[derive(Clone, Debug)]
-struct Controls {
+struct ControlMonitor {
     trim: Sticks,
     roll: Rate,
     pitch: Rate,
@@ -164,7 +164,7 @@ struct Controls {
     climb: Climb,
 }
 
-impl Controls {
+impl ControlMonitor {
     /// The expected responses of a hover, from the flight model. Held cyclic gives the body rate at which the lag of
     /// the stabiliser bar keeps the disc level with the body, p = B δ/τ_e with τ_e = 16/(γ_fb Ω); pedals give a yaw
     /// rate; collective gives the climb at which momentum theory has the hover's thrust, w = (4/3) Ω R Δθ0.

@@ -32,8 +32,8 @@ struct LimitShares {
 
 impl LimitShares {
     fn look(&mut self, flight: &Flight) {
-        let controls = flight.diagnosis.controls.as_ref().unwrap();
-        let Controls { roll, pitch, yaw, climb, .. } = controls;
+        let monitor = flight.diagnosis.monitor.as_ref().unwrap();
+        let ControlMonitor { roll, pitch, yaw, climb, .. } = monitor;
         for (share, excess) in self.shares.iter_mut().zip([&roll.excess, &pitch.excess, &climb.excess, &yaw.excess]) {
             *share = share.max(excess.sum / excess.limit);
         }
