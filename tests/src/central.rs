@@ -116,7 +116,7 @@ impl Case {
             measure(&world, zero_s, &mut metrics, &mut vehicles);
             let failed = world.happened().iter().filter(|(_, what)| matches!(what, Happening::Failed(_)));
             alarms.extend(failed.map(|(id, _)| *id));
-            agreed.extend(world.vehicles().map(|(id, agent, ..)| (id, agent.agreed())));
+            agreed.extend(world.vehicles().map(|(id, agent, ..)| (id, agent.heartbeats_sent())));
         }
         metrics.count(world.totals());
         let (radius_m, altitude_m) = (scenario.formation.radius_m, scenario.formation.altitude_m);

@@ -107,7 +107,7 @@ fn is_one(world: &World) -> bool {
     let are_together = matches!(ahead[..], [] | [1]);
     are_together
         && world.vehicles().all(|(id, agent, ..)| {
-            let mut known = agent.hears();
+            let mut known = agent.peers_in_contact();
             known.insert(id);
             known == all
         })

@@ -210,7 +210,7 @@ fn who_sees_only_some_loses_nobody_and_all_agree_on_the_mission() {
             if began {
                 let steps = || world.vehicles().map(|(_, agent, ..)| agent.at_step());
                 assert!(steps().max().unwrap() - steps().min().unwrap() <= 1);
-                let all = |(_, agent, ..): (VehicleId, &Agent, _, _)| agent.hears().len() == 5;
+                let all = |(_, agent, ..): (VehicleId, &Agent, _, _)| agent.peers_in_contact().len() == 5;
                 assert!(world.t_s() < 5.0 || world.vehicles().all(all));
                 seen.extend(world.vehicles().map(|(_, agent, ..)| agent.peers().len()));
             }

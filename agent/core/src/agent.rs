@@ -1,4 +1,4 @@
-//! One vehicle, deciding alone: [`Agent::step`] runs the loop once.
+//! The agent of one vehicle: [`Agent::step`] runs the control loop once.
 //!
 //! ```text
 //!                        Agent::step(now, inputs) -> outputs
@@ -9,7 +9,7 @@
 //!      plant                  peer agents                             plant             peer agents
 //! ```
 //!
-//! A step without a new measurement takes in messages and sends its own, but decides nothing: the mission gives no task, and
+//! A step without a new measurement receives and sends messages but decides nothing: the mission gives no task, and
 //! without a task there is neither a setpoint nor a new command.
 
 use alloc::vec::Vec;
@@ -36,31 +36,32 @@ use crate::peers::{Change, Heard, Peers, Seen, Word};
 use crate::plant::{Measurement, Sticks, Truth};
 use crate::random::{self, Purpose};
 
-/// What came in since the last step.
+/// The inputs since the last step.
 #[derive(Clone, Copy, Debug)]
 pub struct Inputs<'a> {
-    /// What the plant's new frame measured; `None` if none came in time.
+    /// Measurement of the plant's new frame; `None` if none arrived in time.
     pub measurement: Option<&'a Measurement>,
-    /// What was heard of others, in any order.
+    /// Messages received from peers and operators, in any order.
     pub heard: &'a [Heard],
-    /// This vehicle alone is to land and leave, because its agent is about to end.
+    /// Makes this vehicle land and leave the swarm, because its agent is about to end.
     pub leave: bool,
-    /// What an external law has answered to the last ask.
+    /// Reply of an external law to the last query.
     pub answer: Option<&'a Answer>,
 }
 
-/// What goes out.
+/// The outputs of a step.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Outputs {
-    /// The controls to write; `None` leaves them as they are.
+    /// The controls to write; `None` leaves the controls unchanged.
     pub command: Option<Sticks>,
     /// The messages to send.
     pub outbox: Outbox,
-    /// What to ask an external law: its answer is for a later step.
+    /// The query to an external law; its reply belongs to a later step.
     pub ask: Option<Ask>,
 }
 
-/// One vehicle's core: no clock, no input or output, no randomness but its seed's. Same inputs, same outputs, bit for bit.
+/// The core of one vehicle, without a clock, input, output or randomness other than its seed's. The same inputs give
+/// bit-identical outputs.
 #[derive(Clone, Debug)]
 pub struct Agent {
     origin: Origin,
@@ -75,26 +76,26 @@ pub struct Agent {
     last: LastStep,
 }
 
-/// What the estimate stage hands on.
+/// The output of the estimate stage.
 #[derive(Clone, Copy, Debug)]
 struct Own {
-    /// This step's time, by clocks without jumps.
+    /// Time of this step, with the clock's jumps removed.
     now: Now,
     clock_jumped: bool,
-    /// The newest estimate, however old.
+    /// The newest estimate, whatever its age.
     estimate: Option<Estimate>,
-    /// What is wrong with it.
+    /// The condition of the own data.
     condition: Option<Condition>,
-    /// The estimate, if this step has measured it.
+    /// The estimate, if this step has a new measurement.
     new: Option<Estimate>,
     /// Plant time between the last two measurements, s; 0 before there are two.
     dt_s: f64,
 }
 
-/// What the last step found and did: the only way by which a later stage reaches an earlier one.
+/// Results of the last step: the only path from a later stage to an earlier one.
 #[derive(Clone, Debug)]
 struct LastStep {
-    /// What was missing.
+    /// The missing data or peers as last reported.
     missing: Option<Condition>,
     membership: Membership,
     activity: Activity,
@@ -105,7 +106,11 @@ struct LastStep {
 }
 
 impl Agent {
-    /// Vehicle `own` of a scenario, in a new life. Refuses a scenario that asks for what is not flown yet.
+    /// The agent of vehicle `own` of a scenario.
+    ///
+    /// # Errors
+    ///
+    /// A scenario with a formation that this program cannot fly.
     pub fn new(
         scenario: &Scenario,
         own: VehicleId,
@@ -140,20 +145,21 @@ impl Agent {
         })
     }
 
-    /// Runs the loop once: every stage, in the order of the picture.
+    /// Runs the loop once: every stage, in the order of the diagram.
     pub fn step(&mut self, now: Now, inputs: &Inputs<'_>) -> Outputs {
         let own = self.estimate(now, inputs);
         let failure = self.diagnose(&own, inputs);
-        let conditions = self.hear(&own, inputs);
+        let conditions = self.update_peers(&own, inputs);
         let (task, mut events) = self.decide(&own, failure, conditions, inputs);
-        let wish = self.form(&own, task.as_ref(), inputs);
+        let wish = self.compute_formation(&own, task.as_ref(), inputs);
         let command = self.control(&own, conditions, task.as_ref(), wish.as_ref(), &mut events);
-        let ask = self.formation.asked(&mut events);
+        let ask = self.formation.take_query(&mut events);
         let outbox = self.send(&own, conditions, events);
         Outputs { command, outbox, ask }
     }
 
-    /// This step for those who measure and watch; `truth` is the plant's, which the agent itself never looks at.
+    /// The record of this step for metrics and displays; `truth` is the plant's true state, which the agent itself
+    /// never uses.
     pub fn trace(&mut self, now: Now, truth: &Truth) -> Trace {
         let LastStep { membership, activity, estimate, wish, command, .. } = &self.last;
         let wish = wish.as_ref();
@@ -198,17 +204,17 @@ impl Agent {
         }
     }
 
-    /// Where the vehicle takes itself to be; `None` without data of its own.
+    /// The vehicle's estimated position; `None` before the first estimate.
     pub fn position(&self) -> Option<PositionNed> {
         self.last.estimate.map(|estimate| estimate.position)
     }
 
-    /// The others as they are thought to be now.
+    /// The peers' estimated current states.
     pub fn peers(&self) -> &[Seen] {
-        self.peers.seen()
+        self.peers.estimates()
     }
 
-    /// Whether the others count on this vehicle.
+    /// The vehicle's membership: whether the other vehicles wait for it.
     pub fn membership(&self) -> Membership {
         self.last.membership
     }
@@ -218,52 +224,52 @@ impl Agent {
         self.last.activity
     }
 
-    /// The step of the mission that it is at, counted from 0.
+    /// The current step of the mission, counted from 0.
     pub fn at_step(&self) -> u32 {
         self.mission.at()
     }
 
-    /// The highest step that it reached in this life.
+    /// The highest step this agent has reached.
     pub fn reached(&self) -> Option<u32> {
         self.mission.reached()
     }
 
-    /// Whether nothing of the mission is left to it but to land, or not even that.
+    /// Whether the vehicle has only its landing left, or has left the swarm.
     pub fn has_finished(&self) -> bool {
         self.mission.is_at_landing() || self.membership() == Membership::Left
     }
 
-    /// Where it takes the formation's centre to be, north and east, m.
+    /// The formation's centre according to this vehicle, north and east, m.
     pub fn centre_ne_m(&self) -> Vector2<f64> {
         self.mission.centre().0
     }
 
-    /// The others that it hears.
-    pub fn hears(&self) -> VehicleSet {
-        self.peers.heard()
+    /// The peers in contact.
+    pub fn peers_in_contact(&self) -> VehicleSet {
+        self.peers.in_contact()
     }
 
-    /// Words about state said so far, and their payload in bytes.
-    pub fn spoken(&self) -> (u64, u64) {
+    /// Number of states sent so far, and their payload, bytes.
+    pub fn states_sent(&self) -> (u64, u64) {
         (self.schedule.state_messages(), self.schedule.state_bytes())
     }
 
-    /// Words about the agreement said so far, and their payload in bytes.
-    pub fn agreed(&self) -> (u64, u64) {
-        self.schedule.missions()
+    /// Number of heartbeats sent so far, and their payload, bytes.
+    pub fn heartbeats_sent(&self) -> (u64, u64) {
+        self.schedule.heartbeats()
     }
 
-    /// How often the safety filter has stepped in so far; `None` without one.
+    /// Number of interventions of the safety filter so far; `None` without a filter.
     pub fn safety_activations(&self) -> Option<u64> {
         self.formation.safety_activations()
     }
 
-    /// Asks that an external law has not answered so far; `None` without one.
+    /// Number of queries without a reply from an external law so far; `None` without such a law.
     pub fn law_misses(&self) -> Option<u64> {
         self.formation.law_misses()
     }
 
-    /// What it finds failed of its own vehicle, from the mildest to the most severe.
+    /// The failures found in the own vehicle, from the least to the most severe.
     pub fn failures(&self) -> Vec<Failure> {
         let stuck = self.mission.is_stuck().then_some(Failure::Altitude);
         let mut failures: Vec<Failure> = self.diagnosis.found().chain(stuck).collect();
@@ -271,12 +277,12 @@ impl Agent {
         failures
     }
 
-    /// The edge tells, before the next step, that this agent did not run for so long: its computer does not keep up.
+    /// Reports before the next step that this agent did not run for `for_s`, because its computer is overloaded.
     pub fn did_not_run(&mut self, for_s: f64) {
         self.peers.did_not_run(for_s);
     }
 
-    /// What was dropped so far; what the edges drop is theirs to add.
+    /// Messages and measurements dropped so far. The caller adds those dropped outside the core.
     pub fn drops(&self) -> Drops {
         Drops {
             old: self.peers.old(),
@@ -286,12 +292,13 @@ impl Agent {
         }
     }
 
-    /// Of whom so many words were dropped because a later one was already heard.
-    pub fn old_words(&self) -> impl Iterator<Item = (VehicleId, u64)> {
-        self.peers.old_words()
+    /// Per sender the number of messages that were dropped because a newer one had been received; only senders with
+    /// any.
+    pub fn old_messages(&self) -> impl Iterator<Item = (VehicleId, u64)> {
+        self.peers.old_messages()
     }
 
-    /// The estimate stage: what the vehicle believes of itself, and how old that is.
+    /// The estimate stage: the own state and its age.
     fn estimate(&mut self, now: Now, inputs: &Inputs<'_>) -> Own {
         let (now, clock_jumped) = self.clock.read(now);
         if self.diagnosis.is_position_frozen() {
@@ -305,18 +312,18 @@ impl Agent {
         Own { now, clock_jumped, estimate, condition, new, dt_s }
     }
 
-    /// The diagnosis stage: what is newly found failed of the own vehicle.
+    /// The diagnosis stage: a failure newly found in the own vehicle.
     fn diagnose(&mut self, own: &Own, inputs: &Inputs<'_>) -> Option<Failure> {
         if own.condition == Some(Condition::SimulatorLost) {
-            // The next measurement may come from another life of the simulator, with the rotor at rest.
-            self.diagnosis.begin_anew();
+            // The next measurement may come from a restarted simulator with the rotor at rest.
+            self.diagnosis.restart();
         }
         let (Some(_), Some(measurement)) = (own.new, inputs.measurement) else { return None };
         self.diagnosis.update(own.dt_s, measurement, self.last.command)
     }
 
-    /// The peers stage: where the peers are now; and all conditions so far.
-    fn hear(&mut self, own: &Own, inputs: &Inputs<'_>) -> Conditions {
+    /// The peers stage: updates the peers and returns all conditions so far.
+    fn update_peers(&mut self, own: &Own, inputs: &Inputs<'_>) -> Conditions {
         self.peers.update(own.now.local, &self.origin, inputs.heard);
         let mut conditions = self.diagnosis.conditions();
         conditions.extend(own.condition);
@@ -324,7 +331,7 @@ impl Agent {
         conditions
     }
 
-    /// The mission stage: the task of this step, `None` without a new measurement; and the events so far.
+    /// The mission stage: the task of this step, `None` without a new measurement, and the events so far.
     fn decide(
         &mut self,
         own: &Own,
@@ -332,7 +339,7 @@ impl Agent {
         conditions: Conditions,
         inputs: &Inputs<'_>,
     ) -> (Option<Task>, Vec<Happening>) {
-        let mut events = self.listen(inputs);
+        let mut events = self.take_orders(inputs);
         events.extend(own.clock_jumped.then_some(Happening::ClockJumped));
         events.extend(failure.map(Happening::Failed));
         if conditions.response() == Response::LetGo {
@@ -341,18 +348,19 @@ impl Agent {
         let Some(estimate) = &own.new else { return (None, events) };
         let wish = self.last.wish.as_ref();
         let view = View {
-            misses_any: self.peers.misses_any(),
+            absent_may_fly: self.peers.absent_may_fly(),
             altitude_error_m: wish.map(|wish| wish.altitude_error_m(estimate)),
             collective_limit: self.controller.collective_limit(),
             in_place: wish.is_some_and(|wish| wish.in_place),
             conditions,
         };
-        let task = self.mission.step(own.now, estimate, &view, self.peers.missions(), &mut events);
+        let task = self.mission.step(own.now, estimate, &view, self.peers.heartbeats(), &mut events);
         (Some(task), events)
     }
 
-    /// Takes in the orders, from operators and in the peers' heartbeats, and lists what they and the peers stage changed.
-    fn listen(&mut self, inputs: &Inputs<'_>) -> Vec<Happening> {
+    /// Takes the orders of operators and of the peers' heartbeats; returns the events of these orders and of the peers
+    /// stage.
+    fn take_orders(&mut self, inputs: &Inputs<'_>) -> Vec<Happening> {
         if inputs.leave {
             self.mission.leave();
         }
@@ -366,21 +374,21 @@ impl Agent {
                 self.mission.merge(order, &mut events);
             }
         }
-        for message in self.peers.missions() {
-            self.mission.listen(message, &mut events);
+        for message in self.peers.heartbeats() {
+            self.mission.take_heartbeat(message, &mut events);
         }
         events
     }
 
-    /// The formation stage: where the vehicle is to go; `None` where the task leaves the controls alone, or there is none.
-    fn form(&mut self, own: &Own, task: Option<&Task>, inputs: &Inputs<'_>) -> Option<Wish> {
-        self.formation.hear(own.now.plant, inputs.answer);
+    /// The formation stage: the formation's output; `None` without a task that needs one.
+    fn compute_formation(&mut self, own: &Own, task: Option<&Task>, inputs: &Inputs<'_>) -> Option<Wish> {
+        self.formation.receive_reply(own.now.plant, inputs.answer);
         let (estimate, task) = own.new.as_ref().zip(task)?;
         self.last.wish = self.formation.step(own.dt_s, estimate, &self.peers.others(), task);
         self.last.wish
     }
 
-    /// The control stage: the command of this step; `None` leaves the controls as they are.
+    /// The control stage: the command of this step; `None` leaves the controls unchanged.
     fn control(
         &mut self,
         own: &Own,
@@ -411,10 +419,10 @@ impl Agent {
 
     /// The outbox stage: the messages of this step.
     fn send(&mut self, own: &Own, conditions: Conditions, mut events: Vec<Happening>) -> Outbox {
-        self.tell_changes(conditions, own.estimate, &mut events);
+        self.report_changes(conditions, own.estimate, &mut events);
         let estimate = match conditions.response() {
             Response::Neutral => None,
-            // A simulator that stands still has left its vehicle where it was.
+            // A stopped simulator has left its vehicle where it was.
             Response::LetGo => own.estimate.map(|last| Estimate { velocity: VelocityNed::default(), ..last }),
             _ => own.estimate,
         };
@@ -422,8 +430,8 @@ impl Agent {
         self.schedule.outbox(own.now.local, estimate.as_ref(), &self.mission, events, echo)
     }
 
-    /// Compares with the last step and lists what has changed.
-    fn tell_changes(&mut self, conditions: Conditions, estimate: Option<Estimate>, events: &mut Vec<Happening>) {
+    /// Compares with the last step and reports the changes.
+    fn report_changes(&mut self, conditions: Conditions, estimate: Option<Estimate>, events: &mut Vec<Happening>) {
         const MISSING: [Condition; 3] = [Condition::SimulatorLost, Condition::OwnDataStale, Condition::AllPeersLost];
         let is_blind = |missing| matches!(missing, Some(Condition::SimulatorLost | Condition::OwnDataStale));
         let missing = MISSING.into_iter().find(|&condition| conditions.contains(condition));
@@ -448,7 +456,7 @@ impl Agent {
                 _ => {}
             }
         }
-        // Until here the last step's: data that come for the first time are not back.
+        // The estimate of the last step was needed up to here: the first data ever are not reported as back.
         self.last.estimate = estimate;
         self.last.missing = missing;
         self.last.membership = membership;
@@ -456,27 +464,27 @@ impl Agent {
     }
 }
 
-/// The own clock without its jumps: time that this process cannot have lived through never passed.
+/// The own clock without its jumps: time in which this process cannot have run is not counted.
 #[derive(Clone, Copy, Debug, Default)]
 struct SteadyClock {
-    /// What the clock showed last, and what that was taken for.
+    /// Last reading of the clock, and the steady time at that reading.
     last: Option<(LocalTime, LocalTime)>,
 }
 
 impl SteadyClock {
-    /// The time since the last reading, which may not be negative nor longer than [`Deadline::ClockJumped`] says; and whether it was.
+    /// The steady time, and whether the clock jumped: a step back, or one longer than [`Deadline::ClockJumped`].
     fn read(&mut self, now: Now) -> (Now, bool) {
-        let (shown, taken) = self.last.unwrap_or((now.local, now.local));
-        let since_s = now.local.seconds_since(shown);
+        let (reading, steady) = self.last.unwrap_or((now.local, now.local));
+        let since_s = now.local.seconds_since(reading);
         let jumped = since_s < 0.0 || Deadline::ClockJumped.is_past(since_s);
-        let since = if jumped { 0 } else { now.local.nanoseconds() - shown.nanoseconds() };
-        let local = LocalTime::from_nanoseconds(taken.nanoseconds().saturating_add(since));
+        let since = if jumped { 0 } else { now.local.nanoseconds() - reading.nanoseconds() };
+        let local = LocalTime::from_nanoseconds(steady.nanoseconds().saturating_add(since));
         self.last = Some((now.local, local));
         (Now { local, ..now }, jumped)
     }
 }
 
-/// The trim as this vehicle's controller believes it: off by a draw that the scenario hides from it.
+/// The trim with this vehicle's hidden error, which the scenario's seed determines.
 fn with_hidden_error(trim: Trim, scenario: &Scenario, own: VehicleId) -> Trim {
     let mut generator = random::generator(scenario.seed, Some(own), Purpose::Trim);
     let mut error_rad = || scenario.swarm.trim_error_rms_rad() * random::standard_normal(&mut generator);

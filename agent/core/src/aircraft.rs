@@ -1,4 +1,4 @@
-//! What is particular to one type of aircraft: its hover trim, its flight model's parameters, its controls in X-Plane.
+//! The description of one aircraft type: its hover trim, the parameters of its flight model, its controls in X-Plane.
 
 mod profile;
 
@@ -18,18 +18,18 @@ pub use profile::{BadDataref, Dataref, Profile, name_and_element};
 pub struct Aircraft {
     /// Controls and attitude in a hover without wind.
     pub trim: Trim,
-    /// Main rotor speed in flight, rad/s, for an aircraft without a flight model here; without it the agent does not wait
-    /// for the rotor before it takes off.
+    /// Main rotor speed in flight, rad/s, for an aircraft without a flight model. If neither is given, the agent takes
+    /// off without waiting for the rotor.
     pub rotor_speed_rad_s: Option<f64>,
-    /// The built-in flight model. An aircraft that only X-Plane flies has none.
+    /// Parameters of the built-in flight model; absent for an aircraft that only X-Plane flies.
     pub helicopter: Option<Parameters>,
-    /// Which datarefs are its controls.
+    /// The datarefs of its controls.
     #[serde(default)]
     pub xplane: Profile,
 }
 
-/// What is wrong with an aircraft file, and where: not TOML, not the keys of an aircraft, or parameters that no helicopter
-/// can have.
+/// A fault in an aircraft file, with its place: invalid TOML, an unknown key, or parameters that the flight model
+/// refuses.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error(transparent)]
 pub struct AircraftError(pub Box<ScenarioError>);
@@ -40,27 +40,31 @@ impl From<ScenarioError> for AircraftError {
     }
 }
 
-/// Share of its speed in flight at which a rotor lifts.
+/// Share of the flight rotor speed that is required for take-off.
 const TAKE_OFF_SHARE: f64 = 0.9;
 
 impl Aircraft {
-    /// Rotor speed below which nobody takes off, rad/s, if it is known.
+    /// Rotor speed required for take-off, rad/s, if it is known.
     pub fn take_off_rotor_rad_s(&self) -> Option<f64> {
         let of_model = self.helicopter.as_ref().map(|helicopter| helicopter.head.nominal_speed_rad_s);
         self.rotor_speed_rad_s.or(of_model).map(|speed_rad_s| TAKE_OFF_SHARE * speed_rad_s)
     }
 
-    /// The aircraft that come with the program.
+    /// The aircraft files compiled into the program, by name.
     pub const SHIPPED: [(&'static str, &'static str); 1] =
         [("xcell60", include_str!("../../../deploy/aircraft/xcell60.toml"))];
 
-    /// The aircraft of this name, if it comes with the program.
+    /// The aircraft of this name, if it is compiled into the program.
     pub fn shipped(name: &str) -> Option<Result<Self, AircraftError>> {
         let (name, text) = Self::SHIPPED.iter().find(|(shipped, _)| *shipped == name)?;
         Some(Self::from_text(name, text))
     }
 
-    /// The aircraft in this text; `name` is for messages.
+    /// Reads an aircraft from this text; `name` is for messages.
+    ///
+    /// # Errors
+    ///
+    /// The first fault in the text, with its line.
     pub fn from_text(name: &str, text: &str) -> Result<Self, AircraftError> {
         let source = Source { name, text };
         let (aircraft, written) = Written::typed::<Self>(&source, FileKind::Aircraft)?;

@@ -1,23 +1,23 @@
-//! The vehicle controller: from where the formation wants this helicopter to what the sticks do.
+//! The vehicle controller: converts the formation's setpoint to the helicopter's controls.
 //!
-//! Four independent zero-order Sugeno controllers, roll, pitch, heading and collective, as in Garcia & Barnes, "Multi-UAV
-//! Simulator Utilizing X-Plane" (2010): product "and", weights of one, weighted average, throttle left to the governor.
-//! That paper does not print its rules; those in `deploy/controllers/*.fis` are ours, found on the built-in helicopter.
+//! It consists of four independent zero-order Sugeno controllers (roll, pitch, heading, collective), as in Garcia &
+//! Barnes, "Multi-UAV Simulator Utilizing X-Plane" (2010): product "and", weights of one, weighted average, throttle
+//! left to the governor. That paper does not print its rules; those in `deploy/controllers/*.fis` are ours, tuned on
+//! the built-in helicopter.
 //!
-//! Inputs of the rules, SI:
+//! Inputs of the rules, in SI units:
 //!
 //! | rules | inputs | output |
 //! | --- | --- | --- |
-//! | roll | R_E, velocity to the right, bank above trim | stick above trim |
-//! | pitch | P_E, velocity backwards, pitch above trim | stick above trim |
-//! | heading | set-point minus heading, yaw rate | stick |
-//! | collective | set-point minus altitude, climb rate | stick above hover |
+//! | roll | R_E, velocity to the right, bank above trim | roll control above trim |
+//! | pitch | P_E, velocity backwards, pitch above trim | pitch control above trim |
+//! | heading | setpoint minus heading, yaw rate | yaw control |
+//! | collective | setpoint minus altitude, climb rate | collective above hover |
 //!
-//! Velocities are over the ground, in the level frame that points along the heading, less the feed-forward.
+//! Velocities are over the ground, in the level frame along the heading, minus the feed-forward.
 //!
-//! The formation asks for a velocity. The rules were written for position errors: R_E and P_E are the metres of error at which
-//! they ask for that velocity, and this stage alone knows of them ([`Setpoint::error_ne_m`]).
-
+//! The formation commands a velocity, but the rules were written for position errors: R_E and P_E are the errors, m, at
+//! which the rules command that velocity. Only this stage uses them ([`Setpoint::error_ne_m`]).
 mod fis;
 mod membership;
 mod sugeno;
@@ -37,62 +37,64 @@ pub use sugeno::Sugeno;
 pub(crate) use trim::VELOCITY_PER_ERROR_PER_S;
 pub use trim::{AutoTrim, BadTrim, Trim};
 
-/// No step counts for longer than this, s: after a pause of the plant the integrals do not jump.
+/// Longest time step of the integrals, s: after a pause of the plant they do not jump.
 const LONGEST_STEP_S: f64 = 0.1;
-/// No lateral command below this height of the centre of gravity, m; the whole command from 2 m higher.
+/// Height of the centre of gravity below which the lateral command is zero, m. It is complete from 2 m higher.
 const GATE_FROM_M: f64 = 1.5;
 const GATE_OVER_M: f64 = 2.0;
 
-/// The outermost sets of the collective rules are fully on from this altitude error on, m. Without auto-trim a healthy vehicle
-/// hovers up to 7.6 m off its altitude in 8 m/s of wind: the rules leave an error that grows with the air's speed.
+/// Altitude error at which the outermost sets of the collective rules reach their full degree, m. Without auto-trim a
+/// healthy vehicle hovers up to 7.6 m off its altitude in 8 m/s of wind: the rules leave an error that grows with
+/// airspeed.
 const OUTERMOST_ALTITUDE_ERROR_M: f64 = 10.0;
 
-/// How hard the rotor's energy brakes the fall without power, m/s², and collective over m/s of speed beyond that. Found on
-/// the built-in helicopter: it hits the ground at 7.4 m/s at most, at 5.5 m/s in the mean, from 2 to 100 m.
+/// Deceleration that the rotor's energy can give a fall without power, m/s², and collective per m/s of excess speed.
+/// Tuned on the built-in helicopter: it hits the ground at 7.4 m/s at most, and at 5.5 m/s on average, from 2 to 100 m.
 const BRAKING_M_S2: f64 = 7.0;
 const BRAKE_PER_M_S: f64 = 2.0;
 
-/// Where the formation wants the vehicle.
+/// The formation's command to the vehicle controller.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Setpoint {
-    /// The velocity relative to the feed-forward, north and east, m/s: the formation's field after its conversion and the safety
-    /// filter, before the gate.
+    /// Commanded velocity relative to the feed-forward, north and east, m/s: the formation's field after conversion and
+    /// safety filter, before the gate.
     pub relative_velocity_ne_m_s: Vector2<f64>,
-    /// The velocity of the moving centre, north and east, m/s; zero if it is not fed forward.
+    /// Velocity of the moving centre, north and east, m/s; zero if it is not fed forward.
     pub feedforward_ne_m_s: Vector2<f64>,
     /// Altitude above the swarm's origin, m.
     pub altitude_m: f64,
-    /// Heading, clockwise from north.
+    /// Heading, clockwise from north, rad.
     pub heading_rad: f64,
 }
 
 impl Setpoint {
-    /// The relative velocity in the unit of the rule bases: the position error at which they ask for it, north and east, m.
+    /// The relative velocity in the unit of the rule bases: the position error at which they command it, north and
+    /// east, m.
     pub fn error_ne_m(&self) -> Vector2<f64> {
         self.relative_velocity_ne_m_s / VELOCITY_PER_ERROR_PER_S
     }
 }
 
-/// What one step commands.
+/// The output of one control step.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Controls {
-    /// Always finite and within the controls' travel.
+    /// The controls, always finite and within their travel.
     pub sticks: Sticks,
-    /// Why `sticks` is the last good command instead of a new one.
+    /// The reason why `sticks` repeats the last good command; `None` for a new command.
     pub fault: Option<ControlFault>,
 }
 
-/// An end of the controller's authority over the climb: it has no more collective to give in this direction.
+/// The limit of the controller's authority over the climb: no collective is left in this direction.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum CollectiveLimit {
-    /// The vehicle cannot be made to sink more.
+    /// The collective is at its lowest: the vehicle cannot sink faster.
     Lowest,
-    /// The vehicle cannot be made to climb more.
+    /// The collective is at its highest: the vehicle cannot climb faster.
     Highest,
 }
 
 impl CollectiveLimit {
-    /// The end of the range from `low` to `high` that this value has reached.
+    /// The limit of the range from `low` to `high` that this value has reached.
     fn of(value: f64, low: f64, high: f64) -> Option<Self> {
         if value >= high {
             Some(Self::Highest)
@@ -103,7 +105,7 @@ impl CollectiveLimit {
         }
     }
 
-    /// Whether more collective could have been asked for in the direction of this altitude error, set-point less altitude.
+    /// Whether this limit prevents a correction of this altitude error, setpoint minus altitude, m.
     pub fn is_towards(self, altitude_error_m: f64) -> bool {
         match self {
             Self::Lowest => altitude_error_m < 0.0,
@@ -112,16 +114,16 @@ impl CollectiveLimit {
     }
 }
 
-/// Why a step could not be computed.
+/// Why a step could not compute new controls.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum ControlFault {
-    /// The estimate holds an infinite number or none.
+    /// The estimate contains an infinite number or NaN.
     #[error("the estimate is not finite")]
     Estimate,
-    /// The set-point holds an infinite number or none.
-    #[error("the set-point is not finite")]
+    /// The setpoint contains an infinite number or NaN.
+    #[error("the setpoint is not finite")]
     Setpoint,
-    /// The time since the last step is infinite or not a number.
+    /// The time since the last step is infinite or NaN.
     #[error("the time step is not finite")]
     TimeStep,
     /// An input of the rules overflowed.
@@ -143,7 +145,7 @@ pub struct Rules {
 }
 
 impl Rules {
-    /// The rules that come with the program, `deploy/controllers/*.fis`.
+    /// The rules compiled into the program, `deploy/controllers/*.fis`.
     pub fn shipped() -> Self {
         Self::from_texts([
             ("roll.fis", include_str!("../../../deploy/controllers/roll.fis")),
@@ -151,11 +153,16 @@ impl Rules {
             ("heading.fis", include_str!("../../../deploy/controllers/heading.fis")),
             ("collective.fis", include_str!("../../../deploy/controllers/collective.fis")),
         ])
-        // The texts are compiled in, and a test loads them.
+        // A test loads these compiled-in texts.
         .expect("the shipped rules are well formed")
     }
 
-    /// From the names (for errors) and texts of the roll, pitch, heading and collective rules, in this order.
+    /// Reads the roll, pitch, heading and collective rules, in this order, each from its name (for errors) and text.
+    ///
+    /// # Errors
+    ///
+    /// The first fault of a text, with its line: it cannot be read, leaves inputs uncovered or has a wrong number of
+    /// inputs.
     pub fn from_texts(files: [(&str, &str); 4]) -> Result<Self, FisError> {
         let [roll, pitch, heading, collective] = files;
         let load = |(file, text): (&str, &str), inputs: usize| {
@@ -176,7 +183,7 @@ impl Rules {
     }
 }
 
-/// Flies one vehicle. Call [`VehicleController::step`] once a frame, at about 50 Hz.
+/// The controller of one vehicle. Call [`VehicleController::step`] once per frame, at about 50 Hz.
 #[derive(Clone, Debug)]
 pub struct VehicleController {
     rules: Rules,
@@ -187,16 +194,16 @@ pub struct VehicleController {
 }
 
 impl VehicleController {
-    /// A controller that has commanded nothing yet.
+    /// A controller that has not commanded anything yet.
     pub fn new(rules: Rules, trim: Trim, auto_trim: bool) -> Self {
         let auto_trim = auto_trim.then(AutoTrim::default);
         Self { rules, trim, auto_trim, last: trim.sticks(), collective_limit: None }
     }
 
-    /// The next command. `dt_s` is the time since the last step; it matters to auto-trim only.
+    /// Computes the next controls. `dt_s` is the time since the last step; only auto-trim uses it.
     ///
-    /// Whatever is not finite in the arguments holds the last command (the trim, before there was one) and all
-    /// integrals, and is told as a fault.
+    /// If an argument is not finite, the step repeats the last controls (before the first step, the trim), freezes all
+    /// integrals and reports a fault.
     pub fn step(&mut self, dt_s: f64, estimate: &Estimate, setpoint: &Setpoint) -> Controls {
         let fault = match self.command(dt_s, estimate, setpoint) {
             Ok(sticks) => {
@@ -208,31 +215,31 @@ impl VehicleController {
         Controls { sticks: self.last, fault }
     }
 
-    /// Cyclic and pedals as in the hover, collective as last commanded: for a vehicle that knows nothing of itself.
+    /// Cyclic and pedals at trim, collective unchanged: for a vehicle without own data.
     pub fn neutral(&mut self) -> Sticks {
         self.last = Sticks { collective: self.last.collective, ..self.trim.sticks() };
         self.last
     }
 
-    /// Everything centred while the collective is taken out within a second: for a vehicle on the ground.
+    /// Cyclic and pedals centred, collective lowered to zero within a second: for a vehicle on the ground.
     pub fn unload(&mut self, dt_s: f64) -> Sticks {
         let taken_out = dt_s.clamp(0.0, LONGEST_STEP_S);
         self.last = Sticks { collective: (self.last.collective - taken_out).max(0.0), ..Sticks::default() };
         self.last
     }
 
-    /// [`Self::step`] with the pedals at their stop, for a vehicle whose roll or pitch servo is stuck. The stuck axis makes
-    /// it tip over at a steady body rate p. Turning at a rate r carries that tilt round: it stays at p/r in the body, and
-    /// has no direction in the mean. The axis that is left points everywhere in turn and holds the place.
+    /// [`Self::step`] with full pedal, for a vehicle whose roll or pitch servo is stuck. The stuck axis tips the
+    /// vehicle over at a steady body rate p. Yawing at a rate r turns that tilt around: it stays at p/r in the body and
+    /// has no mean direction. The working axis points in every direction in turn and holds the position.
     pub fn turn(&mut self, dt_s: f64, estimate: &Estimate, setpoint: &Setpoint) -> Controls {
         let controls = self.step(dt_s, estimate, setpoint);
         self.last.yaw = 1.0;
         Controls { sticks: self.last, ..controls }
     }
 
-    /// Without power: upright and slow over the ground, the collective out so that the air from below keeps the rotor
-    /// turning. For the last metres the rotor's energy brakes the fall: above the speed from which `BRAKING_M_S2` stops in
-    /// this height, the collective comes in.
+    /// Autorotation, for a vehicle without power: upright, slow over the ground, with low collective so that the air
+    /// from below keeps the rotor turning. In the last metres the rotor's energy brakes the fall: the collective rises
+    /// above the speed that `BRAKING_M_S2` can stop within the remaining height.
     pub fn autorotate(&mut self, dt_s: f64, estimate: &Estimate, heading_rad: f64) -> Controls {
         let altitude_m = estimate.position.altitude_m();
         let zero = Vector2::zeros();
@@ -246,12 +253,12 @@ impl VehicleController {
         Controls { sticks: self.last, ..controls }
     }
 
-    /// What auto-trim has found so far, if it is on.
+    /// The state of auto-trim; `None` if it is off.
     pub fn auto_trim(&self) -> Option<AutoTrim> {
         self.auto_trim
     }
 
-    /// The end of its authority over the climb at which the last step was, if any.
+    /// The limit of the climb authority at the last step, if it was at one.
     pub fn collective_limit(&self) -> Option<CollectiveLimit> {
         self.collective_limit
     }
@@ -275,8 +282,8 @@ impl VehicleController {
         Ok(sticks)
     }
 
-    /// The collective's travel ends; or that of the integral does; or the altitude error is so large that the rules ask for
-    /// all they can. A vehicle on the ground that is asked to climb has all the collective that it gets there.
+    /// The collective limit: the end of the control's travel, the end of the integral's range, or an altitude error at
+    /// which the rules give their maximum. A vehicle on the ground with a command to climb is at its highest limit.
     fn limit_of(&self, sticks: &Sticks, estimate: &Estimate, setpoint: &Setpoint) -> Option<CollectiveLimit> {
         let gate = gate(estimate.height_m);
         let altitude_error_m = setpoint.altitude_m - estimate.position.altitude_m();
@@ -290,13 +297,13 @@ impl VehicleController {
             .or_else(|| CollectiveLimit::of(sticks.collective, 0.0, 1.0))
     }
 
-    /// The four rule bases on their inputs; `None` if a number overflows.
+    /// Evaluates the four rule bases; `None` if a number overflows.
     fn sticks(&self, estimate: &Estimate, setpoint: &Setpoint, found: &AutoTrim) -> Option<Sticks> {
         let heading_rad = estimate.attitude.heading_rad;
         let [pitch_error_m, roll_error_m] = pseudo_errors(setpoint.error_ne_m(), heading_rad);
         let velocity = heading_from_ne(estimate.velocity.horizontal() - setpoint.feedforward_ne_m_s, heading_rad);
         let tilt = heading_from_ne(found.tilt_ne_rad, heading_rad);
-        // A tilt forwards is a negative pitch.
+        // A forward tilt is a negative pitch.
         let roll_rad = estimate.attitude.roll_rad - self.trim.roll_rad - tilt.y;
         let pitch_rad = estimate.attitude.pitch_rad - self.trim.pitch_rad + tilt.x;
         let heading_error_rad = wrap_rad(setpoint.heading_rad - heading_rad);
@@ -332,15 +339,15 @@ fn check(dt_s: f64, estimate: &Estimate, setpoint: &Setpoint) -> Result<(), Cont
     }
 }
 
-/// P_E and R_E, Garcia & Barnes eqs (10) and (11), of a field vector that is already converted to metres:
+/// The position errors P_E and R_E, Garcia & Barnes eqs (10) and (11), of a field vector in metres:
 /// P_E = −(V_x cos ψ + V_y sin ψ), R_E = −V_x sin ψ + V_y cos ψ. Nose-up accelerates backwards, right bank accelerates
-/// right: with these signs a positive error asks for a positive stick on both axes.
+/// right: with these signs a positive error gives a positive control on both axes.
 fn pseudo_errors(error_ne_m: Vector2<f64>, heading_rad: f64) -> [f64; 2] {
     let error = heading_from_ne(error_ne_m, heading_rad);
     [-error.x, error.y]
 }
 
-/// Share of the lateral command that is let through at this height, 0 to 1.
+/// Share of the lateral command that is used at this height, 0 to 1.
 fn gate(height_m: f64) -> f64 {
     ((height_m - GATE_FROM_M) / GATE_OVER_M).clamp(0.0, 1.0)
 }

@@ -1,81 +1,101 @@
-//! What time alone changes: every deadline of the core, with the reason why it wakes the vehicle.
+//! Every deadline of the core: the events that occur because time has passed, and their effects.
 //!
-//! | what ends | since | after | by | then |
+//! | deadline | counted from | after | by | effect |
 //! | --- | --- | --- | --- | --- |
-//! | [`OwnDataStale`](Deadline::OwnDataStale) | last measurement | 0.1 s | local clock | controls neutral, no state sent |
-//! | [`SimulatorLost`](Deadline::SimulatorLost) | last measurement | 2 s | local clock | no controls, the vehicle joins anew |
-//! | [`ClockJumped`](Deadline::ClockJumped) | last step | 10 s | local clock | that time never passed |
-//! | [`StateOld`](Deadline::StateOld) | peer's state sent | 0.5 s | local clock | its standing is stale |
-//! | [`NeighbourSilent`](Deadline::NeighbourSilent) | peer's state received | `network.peer_stale_s` | local clock | it leaves the formation |
-//! | [`PeerLost`](Deadline::PeerLost) | any message of a peer received | `network.peer_stale_s` | local clock | no vehicle waits for it |
-//! | [`ObstacleGone`](Deadline::ObstacleGone) | peer lost | 10 s | local clock | it stops being an obstacle |
-//! | [`PeerGivenUp`](Deadline::PeerGivenUp) | peer lost, or own begin | 60 s | local clock | it flies the mission no longer |
-//! | [`LeniencyOver`](Deadline::LeniencyOver) | own agent late | 10 s | local clock | peers may be silent no longer than usual |
-//! | [`RoundTripOld`](Deadline::RoundTripOld) | echo received | 60 s | local clock | it bounds no delay any more |
-//! | [`Listened`](Deadline::Listened) | first measurement | 2 s | local clock | the vehicle becomes an active member |
-//! | [`AltitudeStuck`](Deadline::AltitudeStuck) | no collective left | 20 s | plant time | the vehicle lands |
-//! | [`HoldOver`](Deadline::HoldOver) | step begun | `hold_s` of the step | plant time | the vehicle has reached the step |
-//! | [`Dwelt`](Deadline::Dwelt) | in place | `dwell_s` of the step | plant time | the vehicle has reached the step |
-//! | [`TouchedDown`](Deadline::TouchedDown) | at rest near the ground | 1 s | plant time | the rotor is unloaded |
-//! | [`Unloaded`](Deadline::Unloaded) | touchdown | 2 s | plant time | the vehicle has landed |
-//! | [`HeartbeatDue`](Deadline::HeartbeatDue) | last heartbeat | 0.2 s | local clock | the next one is sent |
-//! | [`StateDue`](Deadline::StateDue) | last state sent | `network.state_max_period_s` | local clock | the next one is sent |
+//! | [`OwnDataStale`] | last measurement | 0.1 s | local clock | controls neutral, no state sent |
+//! | [`SimulatorLost`] | last measurement | 2 s | local clock | no controls; the vehicle rejoins later |
+//! | [`ClockJumped`] | last step | 10 s | local clock | the elapsed time is not counted |
+//! | [`StateOld`] | peer's state sent | 0.5 s | local clock | the peer is stale |
+//! | [`NeighbourSilent`] | peer's state received | `network.peer_stale_s` | local clock | the peer leaves the formation |
+//! | [`PeerLost`] | any message of a peer received | `network.peer_stale_s` | local clock | the swarm does not wait for the peer |
+//! | [`ObstacleGone`] | peer lost | 10 s | local clock | the peer stops being an obstacle |
+//! | [`PeerGivenUp`] | peer lost, or own start | 60 s | local clock | the peer counts as out of the mission |
+//! | [`LeniencyOver`] | own agent late | 10 s | local clock | the peers' silence limit is normal again |
+//! | [`RoundTripOld`] | echo received | 60 s | local clock | the round trip bounds no delay |
+//! | [`Listened`] | first measurement | 2 s | local clock | the vehicle becomes an active member |
+//! | [`AltitudeStuck`] | no collective left | 20 s | plant time | the vehicle lands |
+//! | [`HoldOver`] | begin of the step | `hold_s` of the step | plant time | the vehicle has completed the step |
+//! | [`Dwelt`] | arrival in place | `dwell_s` of the step | plant time | the vehicle has completed the step |
+//! | [`TouchedDown`] | rest near the ground | 1 s | plant time | the rotor is unloaded |
+//! | [`Unloaded`] | touchdown | 2 s | plant time | the vehicle has landed |
+//! | [`HeartbeatDue`] | last heartbeat | 0.2 s | local clock | the next heartbeat is sent |
+//! | [`StateDue`] | last state sent | `network.state_max_period_s` | local clock | the next state is sent |
 //!
-//! Nothing wakes the vehicle between two steps: a deadline that has passed is noticed in the next step. An external law is asked
-//! every `formation.external.period_s` of plant time and is lost after `formation.external.misses` asks in a row without an answer
-//! ([`crate::formation::external`]): that is counted, not timed.
+//! Deadlines do not wake the vehicle: a step notices those that have passed since the last step. The external law's
+//! limit is counted, not timed: the agent queries the law every `formation.external.period_s` of plant time and drops
+//! it after `formation.external.misses` queries in a row without a reply ([`crate::formation::external`]).
+//!
+//! [`OwnDataStale`]: Deadline::OwnDataStale
+//! [`SimulatorLost`]: Deadline::SimulatorLost
+//! [`ClockJumped`]: Deadline::ClockJumped
+//! [`StateOld`]: Deadline::StateOld
+//! [`NeighbourSilent`]: Deadline::NeighbourSilent
+//! [`PeerLost`]: Deadline::PeerLost
+//! [`ObstacleGone`]: Deadline::ObstacleGone
+//! [`PeerGivenUp`]: Deadline::PeerGivenUp
+//! [`LeniencyOver`]: Deadline::LeniencyOver
+//! [`RoundTripOld`]: Deadline::RoundTripOld
+//! [`Listened`]: Deadline::Listened
+//! [`AltitudeStuck`]: Deadline::AltitudeStuck
+//! [`HoldOver`]: Deadline::HoldOver
+//! [`Dwelt`]: Deadline::Dwelt
+//! [`TouchedDown`]: Deadline::TouchedDown
+//! [`Unloaded`]: Deadline::Unloaded
+//! [`HeartbeatDue`]: Deadline::HeartbeatDue
+//! [`StateDue`]: Deadline::StateDue
 
 /// The period of the heartbeat that carries the agreement state, s.
 pub const HEARTBEAT_PERIOD_S: f64 = 0.2;
-/// A period of messages ends this share of it early, so that a clock that runs slow, as quartz may by 100 ppm, does not make it a
-/// frame longer.
+/// Share by which a message period is shortened. Otherwise a slow clock (a quartz may be off by 100 ppm) would make the
+/// period a frame longer.
 const EARLY: f64 = 2e-4;
 
-/// Something that happens because time has passed and nothing else has happened.
+/// An event that occurs because time has passed and nothing else has happened.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Deadline {
-    /// Five frames at 50 Hz without a measurement.
+    /// Five frames at 50 Hz passed without a measurement.
     OwnDataStale,
-    /// The simulator sends nothing any more.
+    /// The simulator sends no measurements.
     SimulatorLost,
-    /// No agent needs that long for a step: after it all that it knows is worthless anyway.
+    /// A step was longer than any agent needs: everything the agent knows is outdated.
     ClockJumped,
-    /// A peer's state has become stale.
+    /// A peer's newest state is stale.
     StateOld,
-    /// A peer has sent no state for `network.peer_stale_s`, this long.
+    /// A peer has sent no state for `network.peer_stale_s`, the given time, s.
     NeighbourSilent(f64),
-    /// A peer has sent nothing for `network.peer_stale_s`, this long.
+    /// A peer has sent no message for `network.peer_stale_s`, the given time, s.
     PeerLost(f64),
-    /// A lost peer has flown out of the way.
+    /// A lost peer has flown away and stops being an obstacle.
     ObstacleGone,
-    /// A lost member flies the mission no longer, and a vehicle that was never in contact does not come. A vehicle that has lost
-    /// all peers takes itself for the only one left then, and one with a single peer takes the two for all that are left.
+    /// A lost member counts as out of the mission, and a vehicle that was never in contact counts as absent. From then
+    /// on a vehicle that has lost all peers counts itself as the only one left, and one with a single peer counts the
+    /// two as all.
     PeerGivenUp,
-    /// After this vehicle's own agent was late, peers may be silent for twice as long until then.
+    /// The doubled silence limit of the peers ends. It applies after this vehicle's own agent was late.
     LeniencyOver,
     /// A round trip is too old to bound a delay, because clocks drift.
     RoundTripOld,
-    /// The vehicle has listened to its peers before it takes part.
+    /// The vehicle has listened to its peers and becomes an active member.
     Listened,
-    /// A vehicle off its altitude has come no nearer with its collective at the limit; with collective left the controller is
-    /// still on its way.
+    /// A vehicle off its altitude has come no nearer with the collective at its limit. With collective left the
+    /// controller is still correcting.
     AltitudeStuck,
-    /// A hold has lasted for this long.
+    /// A hold has lasted for the given time, s.
     HoldOver(f64),
-    /// The vehicle was in place for this long without interruption.
+    /// The vehicle has been in place for the given time without interruption, s.
     Dwelt(f64),
-    /// The vehicle, asked to descend, has not sunk near the ground.
+    /// The vehicle near the ground has not sunk despite the command to descend.
     TouchedDown,
-    /// The collective is out.
+    /// The collective has been at its lowest long enough.
     Unloaded,
-    /// The agreement state is sent again, changed or not.
+    /// The next heartbeat is due, whether the agreement state changed or not.
     HeartbeatDue,
-    /// The state is sent again, needed or not; the longest period, this long.
+    /// The next state is due, whether the peers need it or not; the given longest period, s.
     StateDue(f64),
 }
 
 impl Deadline {
-    /// How long it takes, s.
+    /// Time from the deadline's start to the deadline, s.
     pub const fn after_s(self) -> f64 {
         match self {
             Self::OwnDataStale => 0.1,
@@ -98,8 +118,8 @@ impl Deadline {
         }
     }
 
-    /// Whether it has passed, so long after it began, s. What has to last for a time has lasted at that very instant; what may be
-    /// so old may still be so at that instant.
+    /// Whether the deadline has passed, for this time since its start, s. A required duration is complete at exactly
+    /// that instant; a tolerated age is still tolerated at that instant.
     pub fn is_past(self, since_s: f64) -> bool {
         match self {
             Self::PeerGivenUp
@@ -129,7 +149,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_instant_itself_ends_what_has_to_last_and_not_what_may_be_so_old() {
+    fn at_its_exact_instant_a_duration_is_complete_and_an_age_still_tolerated() {
         assert!(
             Deadline::Listened.is_past(2.0) && Deadline::Dwelt(3.0).is_past(3.0) && Deadline::PeerGivenUp.is_past(60.0)
         );
@@ -138,7 +158,7 @@ mod tests {
     }
 
     #[test]
-    fn a_period_of_messages_ends_before_a_slow_clock_makes_it_a_frame_longer() {
+    fn a_slow_clock_does_not_lengthen_a_message_period_by_a_frame() {
         assert!(Deadline::HeartbeatDue.is_past(0.2 - 0.2 * 1e-4) && !Deadline::HeartbeatDue.is_past(0.18));
         assert!(Deadline::StateDue(1.0).is_past(1.0 - 1e-4) && !Deadline::StateDue(1.0).is_past(0.98));
     }

@@ -1,14 +1,14 @@
-//! What an agent finds wrong with its own vehicle, from its own measurements and commands alone.
+//! Failure diagnosis: finds failures of the agent's own vehicle from its measurements and commands alone.
 //!
-//! | failure | found by |
+//! | failure | symptom |
 //! | --- | --- |
-//! | engine | the rotor, once at speed, turns too slowly to lift; not found where the plant tells no rotor speed |
-//! | servo | roll or pitch rate is not what the stick asks for, or it climbs where it should sink, or sinks where it should climb |
-//! | gyro | yaw rate is not what the pedals ask for |
+//! | engine | the rotor, after reaching its speed, turns too slowly to lift; needs a measured rotor speed |
+//! | servo | roll or pitch rate differs from the command, or the climb is opposite to the command |
+//! | gyro | yaw rate differs from the pedals' command |
 //! | position | it repeats, bit for bit, while the velocity has led metres away from it |
 //!
-//! What the controls should do follows from the aircraft's flight model; of an aircraft without one only engine and
-//! position are watched. A servo that sticks where it is wanted shows nothing, and is found when it is wanted elsewhere.
+//! The expected response follows from the aircraft's flight model; without a model only engine and position are
+//! watched. A servo stuck at its commanded position has no symptom, and is found when it is commanded elsewhere.
 
 use skein_common::frame::Geodetic;
 use skein_common::math;
@@ -20,25 +20,27 @@ use crate::failsafe::{Condition, Conditions};
 use crate::helicopter::Parameters;
 use crate::plant::{Measurement, Sticks};
 
-/// A rotor was at speed if it turned faster than this, over the speed at which it lifts.
+/// Ratio to the lift-off rotor speed above which the rotor counts as having been at speed.
 const AT_SPEED: f64 = 1.05;
-/// Way that cannot have led back to the very same position, m: single precision in degrees has steps of up to 1.7 m.
+/// Path length after which a repeated position counts as frozen, m: single precision in degrees has steps of up to 1.7
+/// m.
 const FROZEN_OVER_M: f64 = 2.0;
-/// Below this height of the centre of gravity the ground may hold the vehicle, m.
+/// Height of the centre of gravity below which the ground may hold the vehicle, m.
 const FREE_ABOVE_M: f64 = 1.5;
-/// With so much collective beyond the hover's the main rotor's torque, and a wind of 14 m/s across, take the tail rotor to its
-/// stop: a nose that is blown left, against the pedals, shows no broken gyro.
+/// Collective above the hover's from which the gyro is not judged by a yaw rate below the command: the main rotor's
+/// torque and a crosswind of 14 m/s then drive the tail rotor to its stop, and the nose is blown left although the gyro
+/// works.
 const TAIL_AT_STOP_OVER: f64 = 0.1;
-/// The share of the thrust that carries a vehicle is not taken for less than this: it leans by 0.64 rad then.
-const LEAST_UPRIGHT: f64 = 0.8;
-/// No step counts for longer than this, s.
+/// Lower bound of the vertical share of the thrust, reached at a lean of 0.64 rad.
+const MIN_UPRIGHT: f64 = 0.8;
+/// Longest time step that counts, s.
 const LONGEST_STEP_S: f64 = 0.1;
 
-/// Watches one vehicle. What it has found stays found.
+/// The diagnosis of one vehicle. A failure stays found.
 #[derive(Clone, Debug)]
 pub struct Diagnosis {
     rotor: Rotor,
-    controls: Option<Controls>,
+    monitor: Option<ControlMonitor>,
     position: Position,
     worst: Option<Failure>,
     stuck: Option<Servo>,
@@ -46,23 +48,23 @@ pub struct Diagnosis {
 }
 
 impl Diagnosis {
-    /// Of a vehicle of this type, not yet flying.
+    /// The diagnosis of a vehicle of this type before take-off.
     pub fn new(aircraft: &Aircraft) -> Self {
         let rotor = Rotor { lifts_at_rad_s: aircraft.take_off_rotor_rad_s(), was_at_speed: false };
-        let controls = aircraft.helicopter.as_ref().map(|model| Controls::new(model, aircraft.trim.sticks()));
-        Self { rotor, controls, position: Position::default(), worst: None, stuck: None, is_frozen: false }
+        let monitor = aircraft.helicopter.as_ref().map(|model| ControlMonitor::new(model, aircraft.trim.sticks()));
+        Self { rotor, monitor, position: Position::default(), worst: None, stuck: None, is_frozen: false }
     }
 
-    /// Takes up a measurement that the estimator took for true, `dt_s` of the plant's time after the last, and what was
-    /// commanded between the two. Gives what is newly found. Once something was found, only what is worse is looked for, and
-    /// the position.
+    /// Evaluates a plausible measurement taken `dt_s` of plant time after the last one, and the controls commanded in
+    /// between. Returns a newly found failure. After a first failure only worse failures and a frozen position are
+    /// reported.
     pub fn update(&mut self, dt_s: f64, measurement: &Measurement, command: Option<Sticks>) -> Option<Failure> {
         let dt_s = dt_s.clamp(0.0, LONGEST_STEP_S);
-        let deaf = match (&mut self.controls, command) {
-            (Some(controls), Some(sticks)) => controls.deaf(dt_s, measurement, &sticks),
+        let unresponsive = match (&mut self.monitor, command) {
+            (Some(monitor), Some(sticks)) => monitor.unresponsive(dt_s, measurement, &sticks),
             _ => None,
         };
-        let found = match deaf {
+        let found = match unresponsive {
             _ if self.rotor.is_without_power(measurement) => Some(Failure::Engine),
             Some(Control::Servo(_)) => Some(Failure::Servo),
             Some(Control::Gyro) => Some(Failure::Gyro),
@@ -71,7 +73,7 @@ impl Diagnosis {
         let is_frozen = self.position.is_frozen(dt_s, measurement);
         if found > self.worst {
             self.worst = found;
-            self.stuck = match (found, deaf) {
+            self.stuck = match (found, unresponsive) {
                 (Some(Failure::Servo), Some(Control::Servo(servo))) => Some(servo),
                 _ => self.stuck,
             };
@@ -84,23 +86,22 @@ impl Diagnosis {
         froze
     }
 
-    /// The vehicle may have been set elsewhere, at rest: what was seen so far says nothing of what comes. What has failed
-    /// stays so.
-    pub fn begin_anew(&mut self) {
+    /// Forgets the observations, for a vehicle that may have been placed elsewhere at rest. Failures stay found.
+    pub fn restart(&mut self) {
         self.rotor.was_at_speed = false;
         self.position = Position::default();
-        if let Some(controls) = &mut self.controls {
-            controls.rest();
+        if let Some(monitor) = &mut self.monitor {
+            monitor.reset();
         }
     }
 
-    /// What has failed, as the failsafe table knows it.
+    /// The failures as conditions of the failsafe table.
     pub fn conditions(&self) -> Conditions {
         let cyclic = matches!(self.stuck, Some(Servo::Roll | Servo::Pitch)).then_some(Condition::CyclicStuck);
         self.found().map(Condition::from).chain(cyclic).collect()
     }
 
-    /// Everything that has failed, as far as it is looked for: the worst, and the position.
+    /// The failures found: the worst one, and a frozen position.
     pub fn found(&self) -> impl Iterator<Item = Failure> + use<> {
         let position = self.is_frozen.then_some(Failure::Position);
         position.into_iter().chain(self.worst.filter(|worst| Some(*worst) != position))
@@ -112,7 +113,7 @@ impl Diagnosis {
     }
 }
 
-/// A rotor that slows down.
+/// Detects a rotor that slows down.
 #[derive(Clone, Debug)]
 struct Rotor {
     lifts_at_rad_s: Option<f64>,
@@ -129,33 +130,33 @@ impl Rotor {
     }
 }
 
-/// A position that repeats.
+/// Detects a position that repeats.
 #[derive(Clone, Debug, Default)]
 struct Position {
     last: Option<Geodetic>,
-    /// Way flown since it last changed, m.
-    way_m: f64,
+    /// Path length flown since the position last changed, m.
+    path_m: f64,
 }
 
 impl Position {
     fn is_frozen(&mut self, dt_s: f64, measurement: &Measurement) -> bool {
         let repeats = self.last == Some(measurement.position);
         self.last = Some(measurement.position);
-        self.way_m = if repeats { self.way_m + measurement.velocity.0.norm() * dt_s } else { 0.0 };
-        self.way_m > FROZEN_OVER_M
+        self.path_m = if repeats { self.path_m + measurement.velocity.0.norm() * dt_s } else { 0.0 };
+        self.path_m > FROZEN_OVER_M
     }
 }
 
-/// What a stick moves.
+/// The actuator behind a control.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Control {
     Servo(Servo),
     Gyro,
 }
 
-/// What each stick should do, against what the vehicle does.
+/// Compares the expected response to each control with the measured one.
 #[derive(Clone, Debug)]
-struct Controls {
+struct ControlMonitor {
     trim: Sticks,
     roll: Rate,
     pitch: Rate,
@@ -163,13 +164,14 @@ struct Controls {
     climb: Climb,
 }
 
-impl Controls {
-    /// From the flight model of a hover. A held cyclic stick asks for the body rate at which the lag of the stabiliser
-    /// bar keeps the disc level with the body, p = B δ/τ_e with τ_e = 16/(γ_fb Ω); pedals ask for a yaw rate; collective
-    /// for the climb in which momentum theory has the thrust of the hover, w = (4/3) Ω R Δθ0.
+impl ControlMonitor {
+    /// The expected responses of a hover, from the flight model. Held cyclic gives the body rate at which the lag of
+    /// the stabiliser bar keeps the disc level with the body, p = B δ/τ_e with τ_e = 16/(γ_fb Ω); pedals give a yaw
+    /// rate; collective gives the climb at which momentum theory has the hover's thrust, w = (4/3) Ω R Δθ0.
     ///
-    /// Lags and limits were found on the built-in helicopter: 384 flights with steps, turns and transits at 7 m/s, in wind
-    /// and gusts of up to 8 m/s, come to two thirds of the limits of climb and yaw and to none of those of roll and pitch.
+    /// Lags and limits were tuned on the built-in helicopter: in 384 flights with steps, turns and transits at 7 m/s,
+    /// in wind and gusts of up to 8 m/s, the sums of climb and yaw reach two thirds of their limits, and those of roll
+    /// and pitch stay at zero.
     fn new(model: &Parameters, trim: Sticks) -> Self {
         let Parameters { head, servos, .. } = model;
         let speed_rad_s = head.nominal_speed_rad_s;
@@ -182,39 +184,39 @@ impl Controls {
             roll: cyclic(head.lateral_flap_gain_rad_per_rad),
             pitch: cyclic(head.longitudinal_flap_gain_rad_per_rad),
             yaw: Rate::new(model.gyro.max_rate_rad_s, 0.06, Excess::over(0.6, 1.2)),
-            climb: Climb { gain_m_s: climb_m_s, expected_m_s: 0.0, done_m_s: 0.0, excess: Excess::over(7.0, 15.0) },
+            climb: Climb { gain_m_s: climb_m_s, expected_m_s: 0.0, measured_m_s: 0.0, excess: Excess::over(7.0, 15.0) },
         }
     }
 
-    fn rest(&mut self) {
-        self.roll.rest();
-        self.pitch.rest();
-        self.yaw.rest();
-        self.climb.rest();
+    fn reset(&mut self) {
+        self.roll.reset();
+        self.pitch.reset();
+        self.yaw.reset();
+        self.climb.reset();
     }
 
-    /// The worst control that the vehicle does not follow.
-    fn deaf(&mut self, dt_s: f64, measurement: &Measurement, sticks: &Sticks) -> Option<Control> {
+    /// The worst actuator that does not follow its control.
+    fn unresponsive(&mut self, dt_s: f64, measurement: &Measurement, sticks: &Sticks) -> Option<Control> {
         let Measurement { rates, velocity, attitude, height_m, .. } = measurement;
         let is_free = *height_m > FREE_ABOVE_M;
-        // A rotor that leans carries the vehicle with a part of its thrust; the air that it leans into helps it, or does not.
-        let upright = (math::cos(attitude.roll_rad) * math::cos(attitude.pitch_rad)).max(LEAST_UPRIGHT);
+        // A leaning rotor carries the vehicle with part of its thrust; the air it leans into may add lift or not.
+        let upright = (math::cos(attitude.roll_rad) * math::cos(attitude.pitch_rad)).max(MIN_UPRIGHT);
         let above_trim = sticks.collective - self.trim.collective;
-        let lifts =
+        let lift_above_trim =
             if above_trim > 0.0 { (sticks.collective - self.trim.collective / upright).max(0.0) } else { above_trim };
-        let climb = self.climb.is_wrong(dt_s, lifts, -velocity.down_m_s(), is_free);
+        let climb = self.climb.is_wrong(dt_s, lift_above_trim, -velocity.down_m_s(), is_free);
         let lacks_tail = above_trim > TAIL_AT_STOP_OVER;
-        let short_rad_s = if lacks_tail { f64::NEG_INFINITY } else { 0.0 };
+        let ignored_from_rad_s = if lacks_tail { f64::NEG_INFINITY } else { 0.0 };
         let rates = [
             (&mut self.roll, sticks.roll - self.trim.roll, rates.roll_rad_s, 0.0),
             (&mut self.pitch, sticks.pitch - self.trim.pitch, rates.pitch_rad_s, 0.0),
-            (&mut self.yaw, sticks.yaw - self.trim.yaw, rates.yaw_rad_s, short_rad_s),
+            (&mut self.yaw, sticks.yaw - self.trim.yaw, rates.yaw_rad_s, ignored_from_rad_s),
         ];
-        let [roll, pitch, yaw] = rates.map(|(rate, stick, done_rad_s, short_rad_s)| {
+        let [roll, pitch, yaw] = rates.map(|(rate, deflection, measured_rad_s, ignored_from_rad_s)| {
             if !is_free {
-                rate.rest();
+                rate.reset();
             }
-            is_free && rate.differs(dt_s, stick, done_rad_s, short_rad_s)
+            is_free && rate.differs(dt_s, deflection, measured_rad_s, ignored_from_rad_s)
         });
         let wrong = [
             (roll, Control::Servo(Servo::Roll)),
@@ -226,20 +228,20 @@ impl Controls {
     }
 }
 
-/// A stick that asks for a body rate.
+/// Detects a body rate that differs from its command.
 #[derive(Clone, Debug)]
 struct Rate {
-    /// At full stick.
+    /// Body rate at full control, rad/s.
     gain_rad_s: f64,
-    /// Of the machine.
+    /// Lag of the vehicle's response, s.
     lag_s: f64,
     expected_rad_s: f64,
-    /// Done less expected, smoothed.
+    /// Measured minus expected rate, smoothed, rad/s.
     difference_rad_s: f64,
     excess: Excess,
 }
 
-/// Differences are smoothed over this time: the machine's own oscillations are faster, s.
+/// Smoothing time of the difference, s: longer than the vehicle's own oscillations.
 const RATE_SMOOTHING_S: f64 = 0.6;
 
 impl Rate {
@@ -247,57 +249,58 @@ impl Rate {
         Self { gain_rad_s, lag_s, expected_rad_s: 0.0, difference_rad_s: 0.0, excess }
     }
 
-    /// A difference between `short_rad_s` and 0 does not count: there the machine has no authority left.
-    fn differs(&mut self, dt_s: f64, stick: f64, done_rad_s: f64, short_rad_s: f64) -> bool {
-        follow(&mut self.expected_rad_s, self.gain_rad_s * stick, dt_s / self.lag_s);
-        follow(&mut self.difference_rad_s, done_rad_s - self.expected_rad_s, dt_s / RATE_SMOOTHING_S);
-        let counts = !(short_rad_s..0.0).contains(&self.difference_rad_s);
-        self.excess.adds_up(dt_s, if counts { self.difference_rad_s.abs() } else { 0.0 })
+    /// A difference between `ignored_from_rad_s` and 0 is ignored: there the vehicle has no control authority left.
+    fn differs(&mut self, dt_s: f64, deflection: f64, measured_rad_s: f64, ignored_from_rad_s: f64) -> bool {
+        follow(&mut self.expected_rad_s, self.gain_rad_s * deflection, dt_s / self.lag_s);
+        follow(&mut self.difference_rad_s, measured_rad_s - self.expected_rad_s, dt_s / RATE_SMOOTHING_S);
+        let counts = !(ignored_from_rad_s..0.0).contains(&self.difference_rad_s);
+        self.excess.exceeds(dt_s, if counts { self.difference_rad_s.abs() } else { 0.0 })
     }
 
-    fn rest(&mut self) {
+    fn reset(&mut self) {
         (self.expected_rad_s, self.difference_rad_s, self.excess.sum) = (0.0, 0.0, 0.0);
     }
 }
 
-/// The collective. How much climb it gives depends on the air's speed, which is not known: only who climbs where it should
-/// sink, or the other way round, counts.
+/// Detects a wrong climb. The climb per collective depends on the airspeed, which is unknown, so only a climb in the
+/// direction opposite to the command counts.
 #[derive(Clone, Debug)]
 struct Climb {
-    /// Over the collective's whole travel.
+    /// Climb over the collective's whole travel, m/s.
     gain_m_s: f64,
     expected_m_s: f64,
-    done_m_s: f64,
+    measured_m_s: f64,
     excess: Excess,
 }
 
 /// Time constant of heave in the hover, s.
 const HEAVE_S: f64 = 1.2;
-/// Of the measured climb, s.
+/// Smoothing time of the measured climb, s.
 const CLIMB_SMOOTHING_S: f64 = 0.5;
-/// Slower than this it neither climbs nor sinks, m/s.
+/// Climb rate below which the vehicle neither climbs nor sinks, m/s.
 const STILL_M_S: f64 = 0.1;
 
 impl Climb {
-    fn is_wrong(&mut self, dt_s: f64, above_trim: f64, done_m_s: f64, is_free: bool) -> bool {
-        // The ground holds whoever would sink, and helps whoever would climb.
+    fn is_wrong(&mut self, dt_s: f64, above_trim: f64, measured_m_s: f64, is_free: bool) -> bool {
+        // The ground stops a vehicle from sinking and helps it to climb.
         let above_trim = if is_free { above_trim } else { 2.0 * above_trim.max(0.0) };
         follow(&mut self.expected_m_s, self.gain_m_s * above_trim, dt_s / HEAVE_S);
-        follow(&mut self.done_m_s, done_m_s, dt_s / CLIMB_SMOOTHING_S);
-        let follows = self.done_m_s * self.expected_m_s.signum() > STILL_M_S;
-        self.excess.adds_up(dt_s, if follows { 0.0 } else { (self.expected_m_s - self.done_m_s).abs() })
+        follow(&mut self.measured_m_s, measured_m_s, dt_s / CLIMB_SMOOTHING_S);
+        let follows = self.measured_m_s * self.expected_m_s.signum() > STILL_M_S;
+        self.excess.exceeds(dt_s, if follows { 0.0 } else { (self.expected_m_s - self.measured_m_s).abs() })
     }
 
-    fn rest(&mut self) {
-        (self.expected_m_s, self.done_m_s, self.excess.sum) = (0.0, 0.0, 0.0);
+    fn reset(&mut self) {
+        (self.expected_m_s, self.measured_m_s, self.excess.sum) = (0.0, 0.0, 0.0);
     }
 }
 
-/// What goes beyond the normal, added up over time (the cumulative sum of Page, "Continuous Inspection Schemes", 1954).
+/// Sum over time of a value's excess over its normal level (the cumulative sum of Page, "Continuous Inspection
+/// Schemes", 1954).
 #[derive(Clone, Debug)]
 struct Excess {
     normal: f64,
-    /// Times seconds.
+    /// Limit of the sum, in the value's unit times seconds.
     limit: f64,
     sum: f64,
 }
@@ -307,13 +310,13 @@ impl Excess {
         Self { normal, limit, sum: 0.0 }
     }
 
-    fn adds_up(&mut self, dt_s: f64, value: f64) -> bool {
+    fn exceeds(&mut self, dt_s: f64, value: f64) -> bool {
         self.sum = (self.sum + (value - self.normal) * dt_s).max(0.0);
         self.sum > self.limit
     }
 }
 
-/// One step of a first-order lag, `share` of the way.
+/// One step of a first-order lag by a `share` of the difference.
 fn follow(value: &mut f64, target: f64, share: f64) {
     *value += (target - *value) * share.min(1.0);
 }

@@ -1,9 +1,9 @@
-//! Measurements become an [`Estimate`]: what the vehicle believes of itself.
+//! Turns measurements into the vehicle's [`Estimate`] of its own state.
 //!
-//! What a vehicle may know is the scenario's choice. `f32_latlon` rounds latitude and longitude in degrees to single
-//! precision, as X-Plane's data rows do and as Garcia & Barnes 2010 read them: a grid of 0.2 to 0.8 m. `differenced` gives
-//! up the measured velocity for the filtered difference of positions. Both are selectable over any plant. A vehicle whose
-//! position has frozen is dead-reckoned from where it was, by the measured velocity.
+//! The scenario selects the sensing, over any plant. `f32_latlon` rounds latitude and longitude in degrees to single
+//! precision, as X-Plane's data rows do and as Garcia & Barnes 2010 read them: a grid of 0.2 to 0.8 m. `differenced`
+//! replaces the measured velocity by the filtered difference of positions. After the measured position has frozen, the
+//! vehicle dead-reckons from it by the measured velocity.
 
 use core::f64::consts::TAU;
 
@@ -16,15 +16,15 @@ use skein_common::time::{LocalTime, Now, PlantTime};
 
 use crate::plant::Measurement;
 
-/// Turning faster than this is a broken sensor, rad/s.
+/// Largest plausible body rate, rad/s; faster rates come from a broken sensor.
 const MAX_RATE_RAD_S: f64 = 50.0;
 
-/// What the vehicle believes of itself at one instant. Every number is finite.
+/// The vehicle's estimate of its own state at one instant. Every number is finite.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Estimate {
     /// Position in the swarm's local frame.
     pub position: PositionNed,
-    /// The same place as it is told to peers.
+    /// The same position as sent to peers.
     pub geodetic: Geodetic,
     /// Height of the centre of gravity above the ground, m.
     pub height_m: f64,
@@ -34,18 +34,18 @@ pub struct Estimate {
     pub attitude: Attitude,
     /// Angular velocity.
     pub rates: BodyRates,
-    /// Main rotor speed, rad/s, where the plant tells it.
+    /// Main rotor speed, rad/s, if the plant reports it.
     pub rotor_speed_rad_s: Option<f64>,
 }
 
 impl Estimate {
-    /// What of it is told to peers.
+    /// The part of the estimate that is sent to peers.
     pub fn state(&self) -> VehicleState {
         VehicleState { position: self.geodetic, velocity: self.velocity, heading_rad: self.attitude.heading_rad }
     }
 }
 
-/// The estimation stage: keeps the last believable measurement and how old it is.
+/// The estimation stage: keeps the estimate of the last plausible measurement, with its time.
 #[derive(Clone, Debug)]
 pub struct Estimator {
     origin: Origin,
@@ -53,18 +53,18 @@ pub struct Estimator {
     difference: Option<Difference>,
     reckoning: Reckoning,
     latest: Option<(Estimate, LocalTime)>,
-    /// The last update took up a measurement.
+    /// Whether the last update used a measurement.
     is_new: bool,
     refused: u64,
 }
 
-/// Where the velocity has led since the measured position last changed.
+/// Displacement by the measured velocity since the measured position last changed.
 #[derive(Clone, Copy, Debug, Default)]
 struct Reckoning {
     is_on: bool,
-    /// The position, and when it was last looked at.
+    /// The position, and the time of its last update.
     last: Option<(Geodetic, PlantTime)>,
-    way_ned_m: Vector3<f64>,
+    displacement_ned_m: Vector3<f64>,
 }
 
 /// Velocity as the filtered difference of positions.
@@ -77,7 +77,7 @@ struct Difference {
 }
 
 impl Estimator {
-    /// What `sensing` lets a vehicle know, in the frame at `origin`.
+    /// An estimator with this `sensing`, in the frame at `origin`.
     pub fn new(origin: Origin, sensing: &Sensing) -> Self {
         let difference = match sensing.velocity {
             VelocitySensing::Measured => None,
@@ -96,13 +96,13 @@ impl Estimator {
         }
     }
 
-    /// From here on the estimate ignores the measured position, which has been frozen since it last changed: it dead-reckons
-    /// the vehicle from there by the measured velocity.
+    /// From now on the estimator ignores the measured position, which has been frozen since it last changed, and
+    /// dead-reckons the vehicle from there by the measured velocity.
     pub fn dead_reckon(&mut self) {
         self.reckoning.is_on = true;
     }
 
-    /// Takes up a measurement if there is one and it can be true; gives the newest estimate, however old it is.
+    /// Uses a measurement if it is present and plausible; returns the newest estimate, whatever its age.
     pub fn update(&mut self, now: Now, measurement: Option<&Measurement>) -> Option<Estimate> {
         self.is_new = measurement.is_some_and(is_plausible);
         if let Some(measurement) = measurement {
@@ -115,17 +115,17 @@ impl Estimator {
         self.latest.map(|(estimate, _)| estimate)
     }
 
-    /// Whether the last update took up a measurement.
+    /// Whether the last update used a measurement.
     pub fn is_new(&self) -> bool {
         self.is_new
     }
 
-    /// Age of the estimate by the local clock, s; `None` before the first.
+    /// Age of the estimate by the local clock, s; `None` before the first measurement.
     pub fn age_s(&self, now: LocalTime) -> Option<f64> {
         self.latest.map(|(_, at)| now.seconds_since(at))
     }
 
-    /// Measurements that could not be true.
+    /// Number of implausible measurements.
     pub fn refused(&self) -> u64 {
         self.refused
     }
@@ -135,7 +135,7 @@ impl Estimator {
         let mut geodetic = if self.rounds_to_f32 { rounded(&place) } else { place };
         let mut position = self.origin.ned_from_geodetic(&geodetic);
         if self.reckoning.is_on {
-            position.0 += self.reckoning.way_ned_m;
+            position.0 += self.reckoning.displacement_ned_m;
             geodetic = self.origin.geodetic_from_ned(position);
         }
         let velocity = match &mut self.difference {
@@ -159,22 +159,22 @@ impl Estimator {
 }
 
 impl Reckoning {
-    /// Gives the position that the way begins at.
+    /// Returns the position from which the displacement is counted.
     fn update(&mut self, at: PlantTime, measurement: &Measurement) -> Geodetic {
-        let (begin, way_ned_m) = match self.last {
+        let (begin, displacement_ned_m) = match self.last {
             Some((begin, before)) if self.is_on || begin == measurement.position => {
                 let dt_s = at.seconds_since(before).max(0.0);
-                (begin, self.way_ned_m + measurement.velocity.0 * dt_s)
+                (begin, self.displacement_ned_m + measurement.velocity.0 * dt_s)
             }
             _ => (measurement.position, Vector3::zeros()),
         };
-        (self.last, self.way_ned_m) = (Some((begin, at)), way_ned_m);
+        (self.last, self.displacement_ned_m) = (Some((begin, at)), displacement_ned_m);
         begin
     }
 }
 
 impl Difference {
-    /// v += (dt/τ) ((p_k − p_{k−1})/dt − v), from v = 0.
+    /// The filtered velocity: v += (dt/τ) ((p_k − p_{k−1})/dt − v), from v = 0.
     fn update(&mut self, at: PlantTime, position_ne_m: Vector2<f64>) -> Vector2<f64> {
         if let Some((before_ne_m, before)) = self.previous {
             let dt_s = at.seconds_since(before);
@@ -188,7 +188,7 @@ impl Difference {
     }
 }
 
-/// Latitude and longitude in degrees through single precision and back.
+/// The position with latitude and longitude in degrees rounded to single precision.
 fn rounded(place: &Geodetic) -> Geodetic {
     let through_f32 = |degrees: f64| f64::from(degrees as f32);
     Geodetic::from_degrees(through_f32(place.latitude_deg()), through_f32(place.longitude_deg()), place.altitude_m)
@@ -235,7 +235,7 @@ mod tests {
     }
 
     #[test]
-    fn exact_sensing_is_the_measurement() {
+    fn exact_sensing_gives_the_measurement() {
         let mut estimator = Estimator::new(origin(), &sensing(PositionSensing::Exact, VelocitySensing::Measured));
         let estimate = estimator.update(at(1.0), Some(&measured(12.0, -7.0))).unwrap();
         assert!((estimate.position - PositionNed::new(12.0, -7.0, -30.0)).norm() < 1e-5);
@@ -247,7 +247,7 @@ mod tests {
     }
 
     #[test]
-    fn single_precision_is_a_grid_of_its_published_size() {
+    fn single_precision_gives_a_grid_of_the_published_size() {
         let mut estimator = Estimator::new(origin(), &sensing(PositionSensing::F32Latlon, VelocitySensing::Measured));
         let mut places = |direction: fn(f64) -> (f64, f64)| {
             let mut places: Vec<f64> = (0..4000)
@@ -283,26 +283,26 @@ mod tests {
             let mut estimator = Estimator::new(origin(), &sensing(PositionSensing::Exact, velocity));
             estimator.update(at(0.0), Some(&measured(7.0, -3.0)));
             for tick in 1..=50 {
-                // It froze one second before that is noticed.
+                // The position froze one second before the diagnosis finds it.
                 let estimate = estimator.update(at(f64::from(tick) * 0.02), Some(&measured(10.0, 20.0))).unwrap();
                 assert!((estimate.position - PositionNed::new(10.0, 20.0, -30.0)).norm() < 1e-5);
             }
             estimator.dead_reckon();
-            // Whatever it measures now.
+            // The measured positions no longer matter.
             for tick in 51..=100 {
                 estimator.update(at(f64::from(tick) * 0.02), Some(&measured(f64::from(tick), 0.0)));
             }
             let estimate = estimator.update(at(2.02), Some(&measured(0.0, 0.0))).unwrap();
-            let way = estimate.position - PositionNed::new(10.0, 20.0, -30.0);
-            assert!((way - Vector3::new(2.0, 4.0, 6.0)).norm() < 1e-5, "{way:?}");
+            let displacement = estimate.position - PositionNed::new(10.0, 20.0, -30.0);
+            assert!((displacement - Vector3::new(2.0, 4.0, 6.0)).norm() < 1e-5, "{displacement:?}");
             assert_eq!(estimate.velocity, VelocityNed::new(1.0, 2.0, 3.0));
-            let told = origin().ned_from_geodetic(&estimate.geodetic);
-            assert!((told - estimate.position).norm() < 1e-5);
+            let sent = origin().ned_from_geodetic(&estimate.geodetic);
+            assert!((sent - estimate.position).norm() < 1e-5);
         }
     }
 
     #[test]
-    fn what_cannot_be_true_is_refused_and_the_last_estimate_stands() {
+    fn an_impossible_measurement_is_refused_and_the_last_estimate_kept() {
         let mut estimator = Estimator::new(origin(), &sensing(PositionSensing::Exact, VelocitySensing::Measured));
         let good = estimator.update(at(1.0), Some(&measured(0.0, 0.0)));
         let breakages: [fn(&mut Measurement); 5] = [

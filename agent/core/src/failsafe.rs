@@ -1,26 +1,29 @@
-//! What the vehicle does about what is missing or broken: one [`TABLE`], in which the first row that applies wins.
+//! The vehicle's responses to missing or broken data and hardware: one [`TABLE`], in which the first applicable row
+//! wins.
 //!
-//! Each stage of the loop adds the conditions that it finds to one set, [`Conditions`], and a stage that has to act asks that set
-//! for its [`Response`]. Own data are known first, then failures, then the peers, and last the altitude and the quorum. The table
-//! is ordered alike where it matters: what a later stage finds never outranks what made an earlier stage act.
+//! Each stage of the loop adds the conditions it finds to one set, [`Conditions`], and a stage that has to act takes
+//! its [`Response`] from that set. The stages find own data first, then failures, then the peers, and last the altitude
+//! and the quorum. The table has the same order where it matters: a condition found by a later stage never outranks one
+//! on which an earlier stage has acted.
 //!
-//! A landing outranks a hold: so does the operator's order to land. A hold by the table and a hold by order are the same.
+//! A landing outranks a hold, and so does the operator's order to land. A hold by the table and a hold by order are the
+//! same.
 //!
-//! Four things are answered within the stage that finds them, and change no row: after a jump of the own clock the jump's time
-//! never passed ([`crate::agent`]), an impossible measurement is dropped ([`crate::estimate`]), without an external law the
-//! fallback law flies ([`crate::formation::external`]), and a number that the controller cannot use leaves the last controls
-//! ([`crate::control`]).
+//! Four faults are handled by the stage that finds them and change no row: a jump of the own clock is not counted as
+//! time ([`crate::agent`]), an impossible measurement is dropped ([`crate::estimate`]), a lost external law is replaced
+//! by the fallback law ([`crate::formation::external`]), and a number the controller cannot use leaves the last
+//! controls ([`crate::control`]).
 
 use skein_common::message::Failure;
 
 use crate::deadlines::Deadline;
 
-/// One row: while this is so, the vehicle does that, unless a row above it applies.
+/// One row: under this condition the vehicle gives this response, unless a row above applies.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Row {
-    /// What is missing or broken.
+    /// The missing or broken item.
     pub condition: Condition,
-    /// What the vehicle does.
+    /// The vehicle's response.
     pub response: Response,
 }
 
@@ -39,51 +42,51 @@ pub const TABLE: [Row; 11] = [
     row(Condition::AllPeersLost, Response::Hold),
 ];
 
-/// What can be missing or broken.
+/// An item that is missing or broken.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Condition {
-    /// Own data are older than [`Deadline::SimulatorLost`] says, or there never were any.
+    /// The own data are older than [`Deadline::SimulatorLost`], or were never received.
     SimulatorLost,
-    /// Own data are older than [`Deadline::OwnDataStale`] says.
+    /// The own data are older than [`Deadline::OwnDataStale`].
     OwnDataStale,
-    /// This step has no new measurement, and the last one is not stale yet.
+    /// This step has no new measurement, but the last one is not stale yet.
     FrameLate,
     /// The engine gives no power: the rotor slows down.
     EngineOut,
-    /// The roll or the pitch servo does not follow.
+    /// The roll or the pitch servo does not follow its command.
     CyclicStuck,
-    /// A servo does not follow.
+    /// A servo does not follow its command.
     ServoStuck,
-    /// The vehicle neither is at its altitude nor comes nearer to it, with no collective left.
+    /// The vehicle is off its altitude and comes no nearer, with no collective left.
     AltitudeStuck,
-    /// The yaw gyro is dead.
+    /// The yaw gyro has failed.
     GyroOff,
-    /// The measured position repeats; it is dead-reckoned.
+    /// The measured position is frozen; the estimator dead-reckons.
     PositionFrozen,
-    /// No more than half of the roster is in contact, and the scenario asks for more.
+    /// At most half of the roster is in contact, and the scenario requires more.
     QuorumLost,
-    /// Peers were in contact and are all lost, for less than a minute.
+    /// The peers that were in contact are all lost, for less than a minute.
     AllPeersLost,
 }
 
-/// What the vehicle does.
+/// The vehicle's response to a condition.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Response {
-    /// Flies the mission.
+    /// The vehicle flies the mission.
     FlyOn,
-    /// Holds its place; on the ground it stays there.
+    /// The vehicle holds its position; on the ground it stays there.
     Hold,
-    /// Leaves the swarm and lands where it is.
+    /// The vehicle leaves the swarm and lands at its position.
     Land,
-    /// Lands with the pedals at their stop: turning carries the tilt of the stuck axis round.
+    /// The vehicle lands with full pedal: yawing turns the tilt of the stuck axis around.
     LandTurning,
-    /// Leaves the swarm and autorotates to the ground.
+    /// The vehicle leaves the swarm and autorotates to the ground.
     Autorotate,
-    /// Decides nothing in this step: the plant keeps the last controls.
+    /// The agent computes no new controls in this step: the plant keeps the last ones.
     KeepControls,
-    /// Puts cyclic and pedals to trim and keeps the collective; sends no state.
+    /// The agent sets cyclic and pedals to trim, keeps the collective and sends no state.
     Neutral,
-    /// Writes no controls and waits for the simulator; the swarm does not wait for the vehicle.
+    /// The agent writes no controls and waits for the simulator; the swarm does not wait for the vehicle.
     LetGo,
 }
 
@@ -91,7 +94,7 @@ const fn row(condition: Condition, response: Response) -> Row {
     Row { condition, response }
 }
 
-/// The conditions that apply at one instant.
+/// The set of conditions that apply at one instant.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Conditions(u16);
 
@@ -106,7 +109,7 @@ impl Conditions {
         self.0 & 1 << condition as u16 != 0
     }
 
-    /// The response of the first row of the [`TABLE`] that applies.
+    /// The response of the first applicable row of the [`TABLE`].
     pub fn response(self) -> Response {
         let first = TABLE.iter().find(|row| self.contains(row.condition));
         first.map_or(Response::FlyOn, |row| row.response)
@@ -128,7 +131,7 @@ impl FromIterator<Condition> for Conditions {
 }
 
 impl Condition {
-    /// What is wrong with own data of this age, s; `None` as age before the first. `is_new` if this step has measured them.
+    /// The condition of own data of this age, s, `None` before the first; `is_new` if this step has a measurement.
     pub fn of_own_data(age_s: Option<f64>, is_new: bool) -> Option<Self> {
         match age_s {
             Some(age_s) if !Deadline::OwnDataStale.is_past(age_s) => (!is_new).then_some(Self::FrameLate),
@@ -176,7 +179,7 @@ mod tests {
             let and_below: Conditions = TABLE[nth..].iter().map(|row| row.condition).collect();
             assert_eq!(and_below.response(), row.response, "{:?}", row.condition);
             let others = TABLE[nth + 1..].iter().filter(|other| other.condition == row.condition);
-            assert_eq!(others.count(), 0, "{:?} stands twice", row.condition);
+            assert_eq!(others.count(), 0, "{:?} has two rows", row.condition);
         }
         assert_eq!(Conditions::default().response(), Response::FlyOn);
     }

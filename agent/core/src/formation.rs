@@ -1,16 +1,17 @@
-//! From where everybody is to where this vehicle should go.
+//! The formation stage: computes this vehicle's setpoint from its own estimate, the peers' states and the mission's
+//! goal.
 //!
-//! A [`law`](law::Law) sees its own place, the live members as last heard, and the goal. It answers a dimensionless field, a
-//! way to go, or a velocity. Each becomes a velocity, the field's by [`mod@conversion`]; that passes the safety filter, and is the
-//! setpoint's relative velocity.
+//! A [`law`](law::Law) observes the vehicle's own position, the live members as last received, and the goal. It returns
+//! a dimensionless field, a displacement or a velocity. The stage converts each to a velocity (a field by
+//! [`mod@conversion`]); after the safety filter this is the setpoint's relative velocity.
 //!
-//! | module | what it holds |
+//! | module | contents |
 //! | --- | --- |
-//! | [`law`], [`laws`] | what a law is; which there are |
+//! | [`law`], [`laws`] | the interface of a law, and the known laws |
 //! | [`mod@ring`], `olfati_saber`, `vasarhelyi`, `virtual_structure`, `displacement_consensus` | the laws |
-//! | [`slots`] | patterns of places |
-//! | [`external`] | the law that is another program |
-//! | [`mod@conversion`], [`vertical`], [`safety`] | what they share: from a wish to a setpoint |
+//! | [`slots`] | patterns of slots |
+//! | [`external`] | a law that runs in another program |
+//! | [`mod@conversion`], [`vertical`], [`safety`] | shared steps from a law's output to the setpoint |
 
 pub mod conversion;
 pub mod external;
@@ -50,20 +51,20 @@ use vertical::Heights;
 
 pub use ring::of as ring;
 
-/// The fastest that a place is flown to, relative to the centre, m/s: from 15 m away on.
+/// Largest commanded speed relative to the centre, m/s: the speed for a displacement of 15 m or more.
 const FASTEST_M_S: f64 = 7.5;
-/// Farther above or below than this an obstacle is nobody's concern, m.
+/// Vertical distance beyond which an obstacle is ignored, m.
 const OBSTACLE_REACH_M: f64 = 15.0;
-/// Nearer than this two vehicles have no direction between them, m.
+/// Two vehicles nearer than this have no defined direction between them, m.
 const COINCIDENT_M: f64 = 1e-3;
 
-/// Why this program cannot fly a scenario, in one sentence.
+/// Why this program cannot fly a scenario, as one sentence.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{0}")]
 pub struct NotFlown(pub String);
 
-/// Refuses a scenario in which a vehicle's formation cannot be made: to fly another one in its place would be worse than not
-/// to fly.
+/// Checks that every vehicle's formation can be built. A scenario that fails is refused: flying another formation
+/// instead would be worse than not flying.
 ///
 /// # Errors
 /// A law that this program does not know, or that refuses its parameters.
@@ -71,19 +72,20 @@ pub fn check(scenario: &Scenario) -> Result<(), NotFlown> {
     scenario.ids().try_for_each(|id| Formation::new(id, scenario).map(drop))
 }
 
-/// What the formation wants of this vehicle.
+/// The output of the formation stage for one step.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Wish {
-    /// The field V, north and east, dimensionless; zero where no law is asked, or one that has none.
+    /// The field V, north and east, dimensionless; zero if no law was queried or the law gives no field.
     pub field_ne: Vector2<f64>,
-    /// What the vehicle controller is to fly.
+    /// The setpoint for the vehicle controller.
     pub setpoint: Setpoint,
-    /// The vehicle is where the law wants it, at height and slow: after a while of this it has "reached".
+    /// Whether the vehicle is in the position the law commands, at its altitude and slow. It "reaches" a step after a
+    /// dwell.
     pub in_place: bool,
 }
 
 impl Wish {
-    /// The altitude that the vehicle is asked to be at less its own, m.
+    /// Altitude setpoint minus the vehicle's altitude, m.
     pub fn altitude_error_m(&self, estimate: &Estimate) -> f64 {
         self.setpoint.altitude_m - estimate.position.altitude_m()
     }
@@ -93,11 +95,11 @@ impl Wish {
 #[derive(Clone, Debug)]
 pub struct Formation {
     own: VehicleId,
-    /// One for each different formation of the mission: steps with the same share the law and what it remembers.
+    /// One entry per distinct formation of the mission: steps with the same formation share the law and its memory.
     shapes: Vec<Shape>,
-    /// Which of them each step of the mission flies.
+    /// Index into `shapes` for each step of the mission.
     steps: Vec<usize>,
-    /// If a step's law is another program.
+    /// The external law, if a step uses one.
     external: Option<External>,
     filter: Option<SafetyFilter>,
     heights: Heights,
@@ -109,10 +111,10 @@ pub struct Formation {
     activations: u64,
 }
 
-/// What the formation is during steps of the mission.
+/// The formation of one or more steps of the mission.
 #[derive(Clone, Debug)]
 struct Shape {
-    /// Or the fallback.
+    /// The law, or the fallback of an external law.
     law: Box<dyn Law>,
     is_external: bool,
     conversion: Conversion,
@@ -132,37 +134,38 @@ enum Vertical {
 }
 
 impl Shape {
-    fn new(law: Box<dyn Law>, wanted: &scenario::Formation) -> Self {
-        let filter = match wanted.safety_filter {
+    fn new(law: Box<dyn Law>, settings: &scenario::Formation) -> Self {
+        let filter = match settings.safety_filter {
             scenario::SafetyFilter::None => None,
             scenario::SafetyFilter::Cbf => {
-                Some(SafetyFilter { distance_m: wanted.safety_distance_m, rate_per_s: wanted.safety_rate_per_s })
+                Some(SafetyFilter { distance_m: settings.safety_distance_m, rate_per_s: settings.safety_rate_per_s })
             }
         };
-        let vertical = match wanted.vertical {
-            scenario::Vertical::Bands => Vertical::Bands { step_m: wanted.band_step_m },
+        let vertical = match settings.vertical {
+            scenario::Vertical::Bands => Vertical::Bands { step_m: settings.band_step_m },
             scenario::Vertical::Ellipsoid => Vertical::Ellipsoid,
         };
         Self {
             law,
-            is_external: wanted.law == scenario::Law::External,
-            conversion: conversion(wanted),
+            is_external: settings.law == scenario::Law::External,
+            conversion: conversion(settings),
             filter,
-            altitude_m: wanted.altitude_m,
+            altitude_m: settings.altitude_m,
             vertical,
-            feedforward: wanted.feedforward,
-            heading_rad: wanted.heading_rad(),
-            radius_m: wanted.radius_m,
-            gamma: wanted.gamma,
+            feedforward: settings.feedforward,
+            heading_rad: settings.heading_rad(),
+            radius_m: settings.radius_m,
+            gamma: settings.gamma,
         }
     }
 }
 
 impl Formation {
-    /// The formations of a scenario's mission, as vehicle `own` flies them.
+    /// The formations of a scenario's mission for vehicle `own`.
     ///
     /// # Errors
-    /// A law that this program does not fly, or not with these parameters.
+    ///
+    /// A law that this program does not know, or that refuses its parameters.
     pub fn new(own: VehicleId, scenario: &Scenario) -> Result<Self, NotFlown> {
         let mut different: Vec<&scenario::Formation> = Vec::new();
         let (mut shapes, mut steps) = (Vec::new(), Vec::new());
@@ -195,54 +198,55 @@ impl Formation {
         })
     }
 
-    /// Members counted in the last step, the own vehicle included.
+    /// Number of live members in the last step, including this vehicle.
     pub fn live(&self) -> usize {
         self.neighbours.len() + self.unseen.len() + 1
     }
 
-    /// How often the safety filter has stepped in; `None` without one.
+    /// Number of times the safety filter changed the velocity; `None` without a filter.
     pub fn safety_activations(&self) -> Option<u64> {
         self.filter.map(|_| self.activations)
     }
 
-    /// The time of the step that follows, and what an external law has answered.
-    pub fn hear(&mut self, now: PlantTime, answer: Option<&external::Answer>) {
+    /// Sets the time of the next step and takes the reply of an external law, if there is one.
+    pub fn receive_reply(&mut self, now: PlantTime, answer: Option<&external::Answer>) {
         if let Some(external) = &mut self.external {
-            external.hear(now, answer);
+            external.receive_reply(now, answer);
         }
     }
 
-    /// What the last step has to ask of an external law, and to tell of it.
-    pub fn asked(&mut self, happened: &mut Vec<Happening>) -> Option<Ask> {
-        self.external.as_mut().and_then(|external| external.asked(happened))
+    /// Takes the query to an external law after a step, and adds the stage's events to `happened`.
+    pub fn take_query(&mut self, happened: &mut Vec<Happening>) -> Option<Ask> {
+        self.external.as_mut().and_then(|external| external.take_query(happened))
     }
 
-    /// Asks that an external law has not answered; `None` without one.
+    /// Number of queries without a reply from an external law; `None` without such a law.
     pub fn law_misses(&self) -> Option<u64> {
         self.external.as_ref().map(External::misses)
     }
 
-    /// What an external law wants recorded.
+    /// The numbers an external law wants recorded.
     pub fn law_log(&self) -> &[LawNumber] {
         self.external.as_ref().map_or(&[], External::log)
     }
 
-    /// What to fly now, `dt_s` after the last step. `None` when the task leaves the controls alone.
+    /// The formation's output `dt_s` after the last step; `None` if the task does not use the vehicle controller's
+    /// setpoint.
     pub fn step(&mut self, dt_s: f64, estimate: &Estimate, others: &Others<'_>, task: &Task) -> Option<Wish> {
-        self.sort_out(estimate, others.seen);
+        self.split_peers(estimate, others.estimates);
         self.unseen = others.unseen;
-        let above_missed_m = self.heights.above_missed(dt_s, others.flies_above);
+        let partition_rise_m = self.heights.partition_rise(dt_s, others.flies_above);
         if let (Some(external), false) = (&mut self.external, matches!(task, Task::Formation(_))) {
-            external.rest();
+            external.suspend();
         }
         match task {
             Task::Wait | Task::Park | Task::Autorotate { .. } => None,
-            Task::Formation(goal) => self.fly(dt_s, estimate, goal, above_missed_m),
+            Task::Formation(goal) => self.fly(dt_s, estimate, goal, partition_rise_m),
             Task::Stay { at_ne_m, altitude_m, heading_rad, lands } => {
-                let wanted_ne_m_s = (at_ne_m - estimate.position.horizontal()) * VELOCITY_PER_ERROR_PER_S;
+                let command_ne_m_s = (at_ne_m - estimate.position.horizontal()) * VELOCITY_PER_ERROR_PER_S;
                 let feedforward_ne_m_s = Vector2::zeros();
-                let relative_velocity_ne_m_s = self.restrain(estimate, wanted_ne_m_s, feedforward_ne_m_s);
-                let risen_m = self.heights.risen_since_stay(above_missed_m, *lands);
+                let relative_velocity_ne_m_s = self.restrain(estimate, command_ne_m_s, feedforward_ne_m_s);
+                let risen_m = self.heights.risen_since_stay(partition_rise_m, *lands);
                 let altitude_m = altitude_m + risen_m;
                 let heading_rad = *heading_rad;
                 let setpoint = Setpoint { relative_velocity_ne_m_s, feedforward_ne_m_s, altitude_m, heading_rad };
@@ -251,11 +255,11 @@ impl Formation {
         }
     }
 
-    /// The law of the goal's step.
-    fn fly(&mut self, dt_s: f64, estimate: &Estimate, goal: &mission::Goal, above_missed_m: f64) -> Option<Wish> {
+    /// The output of the law of the goal's step.
+    fn fly(&mut self, dt_s: f64, estimate: &Estimate, goal: &mission::Goal, partition_rise_m: f64) -> Option<Wish> {
         let shape = self.shapes.get_mut(*self.steps.get(goal.step)?)?;
         self.heights.end_stay();
-        let level_m = shape.altitude_m + above_missed_m;
+        let level_m = shape.altitude_m + partition_rise_m;
         let mission::Goal { step, centre_ne_m, centre_velocity_ne_m_s, heading_rad } = *goal;
         let sight = Sight {
             own: self.own,
@@ -275,26 +279,30 @@ impl Formation {
             },
             dt_s,
         };
-        let consulted = match &mut self.external {
-            Some(external) if shape.is_external => external.consult(&sight),
+        let external_output = match &mut self.external {
+            Some(external) if shape.is_external => external.output(&sight),
             Some(external) => {
-                external.rest();
+                external.suspend();
                 None
             }
             None => None,
         };
-        let Answer { wanted, is_there } = consulted.map_or_else(|| shape.law.ask(&sight), |consulted| consulted.answer);
-        let heading_rad = consulted.and_then(|consulted| consulted.heading_rad).unwrap_or(heading_rad);
+        let Answer { wanted, is_there } =
+            external_output.map_or_else(|| shape.law.ask(&sight), |external_output| external_output.answer);
+        let heading_rad =
+            external_output.and_then(|external_output| external_output.heading_rad).unwrap_or(heading_rad);
         let (rank, live) = (sight.rank(), sight.live());
         let feedforward_ne_m_s = if shape.feedforward { centre_velocity_ne_m_s } else { Vector2::zeros() };
         let mut field = Vector3::zeros();
         let mut climb_m_s = None;
-        let wanted_ne_m_s = match wanted.sane() {
+        let command_ne_m_s = match wanted.sane() {
             Wanted::Field(wanted) => {
                 field = wanted;
                 shape.conversion.velocity_ne_m_s(field.xy())
             }
-            Wanted::Way(way_ne_m) => (way_ne_m * VELOCITY_PER_ERROR_PER_S).cap_magnitude(FASTEST_M_S),
+            Wanted::Displacement(displacement_ne_m) => {
+                (displacement_ne_m * VELOCITY_PER_ERROR_PER_S).cap_magnitude(FASTEST_M_S)
+            }
             Wanted::Velocity { ne_m_s, down_m_s } => {
                 climb_m_s = down_m_s.map(|down_m_s| -down_m_s);
                 (ne_m_s - feedforward_ne_m_s).cap_magnitude(FASTEST_M_S)
@@ -306,42 +314,43 @@ impl Formation {
             (None, Vertical::Ellipsoid) => self.heights.on_surface(dt_s, level_m, -field.z, estimate),
         };
         self.filter = shape.filter;
-        let relative_velocity_ne_m_s = self.restrain(estimate, wanted_ne_m_s, feedforward_ne_m_s);
+        let relative_velocity_ne_m_s = self.restrain(estimate, command_ne_m_s, feedforward_ne_m_s);
         let setpoint = Setpoint { relative_velocity_ne_m_s, feedforward_ne_m_s, altitude_m, heading_rad };
         let wish = Wish { field_ne: field.xy(), setpoint, in_place: false };
         Some(Wish { in_place: is_there && wish.altitude_error_m(estimate).abs() < mission::AT_ALTITUDE_M, ..wish })
     }
 
-    /// The relative velocity after the safety filter, feed-forward included; the wanted one, if that keeps all distances.
+    /// The relative velocity after the safety filter, feed-forward included; the commanded velocity if it keeps all
+    /// distances.
     fn restrain(
         &mut self,
         estimate: &Estimate,
-        wanted_ne_m_s: Vector2<f64>,
+        command_ne_m_s: Vector2<f64>,
         feedforward_ne_m_s: Vector2<f64>,
     ) -> Vector2<f64> {
-        let Some(filter) = self.filter else { return wanted_ne_m_s };
+        let Some(filter) = self.filter else { return command_ne_m_s };
         let beside = |position: PositionNed| (estimate.position - position).z.abs() < filter.distance_m;
         let members = self.neighbours.iter().filter(|member| beside(member.position));
         let members = members.map(|member| (member.position, member.velocity.horizontal(), 0.0));
-        // Nobody counts on an obstacle to move away.
+        // An obstacle is assumed to stay, so the vehicle keeps the distance alone.
         let obstacles = self.obstacles.iter().map(|it| (it.position, Vector2::zeros(), it.radius_m));
         self.constraints.clear();
         for (position, velocity_ne_m_s, clear_m) in members.chain(obstacles) {
             let from_other_m = estimate.position - position;
-            // Two at the very same place are parted by the law.
+            // Two vehicles at the same position are separated by the law.
             if from_other_m.xy().norm_squared() > COINCIDENT_M * COINCIDENT_M {
                 let constraint = filter.constraint(from_other_m, clear_m);
                 self.constraints.push(constraint.relative(feedforward_ne_m_s, velocity_ne_m_s));
             }
         }
-        let restrained = filter.restrain(wanted_ne_m_s.cap_magnitude(FASTEST_M_S), &self.constraints);
+        let restrained = filter.restrain(command_ne_m_s.cap_magnitude(FASTEST_M_S), &self.constraints);
         self.activations += u64::from(restrained.is_some() && !self.is_restrained);
         self.is_restrained = restrained.is_some();
-        restrained.unwrap_or(wanted_ne_m_s)
+        restrained.unwrap_or(command_ne_m_s)
     }
 
-    /// Tells members from obstacles.
-    fn sort_out(&mut self, estimate: &Estimate, peers: &[Seen]) {
+    /// Splits the peers into members and obstacles.
+    fn split_peers(&mut self, estimate: &Estimate, peers: &[Seen]) {
         self.neighbours.clear();
         self.obstacles.clear();
         for &Seen { id, position, velocity, heading_rad, carried_s, standing, role, .. } in peers {
@@ -362,12 +371,12 @@ impl Formation {
     }
 }
 
-/// The conversion of a scenario.
-fn conversion(wanted: &scenario::Formation) -> Conversion {
-    match wanted.conversion {
-        scenario::Conversion::Linear => Conversion::Linear { gain_m: wanted.gain_m },
+/// The conversion configured by a scenario.
+fn conversion(settings: &scenario::Formation) -> Conversion {
+    match settings.conversion {
+        scenario::Conversion::Linear => Conversion::Linear { gain_m: settings.gain_m },
         scenario::Conversion::Nonlinear => {
-            Conversion::Nonlinear { gain_m: wanted.gain_m, far_gain_m: wanted.far_gain_m, knee: wanted.gain_knee }
+            Conversion::Nonlinear { gain_m: settings.gain_m, far_gain_m: settings.far_gain_m, knee: settings.gain_knee }
         }
     }
 }

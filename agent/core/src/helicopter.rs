@@ -1,23 +1,24 @@
-//! The built-in helicopter: a small machine of the class that flies with X-Plane's aircraft, computed in the process.
+//! The built-in helicopter: a flight model of a small helicopter, of the class flown with X-Plane, that runs in the
+//! agent's own process.
 //!
 //! After V. Gavrilets, B. Mettler and E. Feron, "Dynamic Model for a Miniature Aerobatic Helicopter" (MIT, 2003; also a
-//! chapter of the Handbook of Unmanned Aerial Vehicles, 2015), with a dynamic inflow in place of their iterated one, which
+//! chapter of the Handbook of Unmanned Aerial Vehicles, 2015). A dynamic inflow replaces their iterated one, which
 //! diverges in descents and gusts.
 //!
 //! | module | what it computes |
 //! | --- | --- |
-//! | [`parameters`] | what distinguishes one helicopter from another |
-//! | `check` | what its parameters must be |
-//! | `rotor`, `main_rotor` | thrust, inflow, torque; tilt of the disc |
+//! | [`parameters`] | the parameters of one helicopter type |
+//! | `check` | the limits of these parameters |
+//! | `rotor`, `main_rotor` | thrust, inflow and torque; tilt of the disc |
 //! | `tail` | tail rotor, fin, yaw gyro |
-//! | `body` | drag, stabiliser, motion of a rigid body |
+//! | `body` | drag, stabiliser, rigid-body motion |
 //! | `drive` | engine, governor, shaft |
 //! | `ground` | contact of the skids, ground effect |
-//! | `hover` | the steady hover, for the start |
-//! | `dynamics` | the state and its step in time |
-//! | [`failures`] | what may fail, and when |
+//! | `hover` | the steady hover, for the initial state |
+//! | `dynamics` | the state and the integration step |
+//! | [`failures`] | the failures a scenario can inject, and when |
 //! | [`wind`] | mean wind and gusts |
-//! | [`vehicle`] | all of it, with what is measured |
+//! | [`vehicle`] | the complete vehicle with its measurements |
 
 mod check;
 pub mod failures;
@@ -47,22 +48,22 @@ pub use wind::{Air, Weather};
 use crate::plant::Sticks;
 use dynamics::{Command, Dynamics, State};
 
-/// Controls and wind are held for this long, s.
+/// Length of one tick, during which controls and wind are held, s.
 pub const TICK_S: f64 = 0.02;
 /// Integration steps of [`dynamics::STEP_S`] in one tick.
 const STEPS: usize = 4;
 
-/// One helicopter: what stays as it is, and its 23 states.
+/// One simulated helicopter: its constants and its 23 states.
 #[derive(Clone, Debug)]
 pub struct Helicopter {
     dynamics: Dynamics,
-    /// `dynamics` with nothing failed.
-    sound: Dynamics,
+    /// `dynamics` without any failure.
+    healthy: Dynamics,
     controls: Controls,
     state: State,
 }
 
-/// From stick to blade.
+/// Converts control deflections to blade pitch and yaw rate commands.
 #[derive(Clone, Debug)]
 struct Controls {
     cyclic_throw_rad: f64,
@@ -93,8 +94,9 @@ impl Controls {
 }
 
 impl Helicopter {
-    /// Standing on the ground at `ground_altitude_m` above the frame's origin, level and still, the rotor at speed; the
-    /// inner states (governor, gyro, inflows) are those of a hover, without which it sags and swings at lift-off.
+    /// A helicopter that stands level and still on the ground at `ground_altitude_m` above the frame's origin, with the
+    /// rotor at nominal speed. Governor, gyro and inflows start with the values of a hover: otherwise the helicopter
+    /// sags and swings at lift-off.
     pub fn at_rest(
         parameters: &Parameters,
         north_m: f64,
@@ -116,10 +118,11 @@ impl Helicopter {
             hover.tail_pitch_rad,
         ]);
         state[21..].copy_from_slice(&[hover.lambda, hover.lambda_t]);
-        Self { sound: dynamics.clone(), dynamics, controls: Controls::new(parameters), state: State(state) }
+        Self { healthy: dynamics.clone(), dynamics, controls: Controls::new(parameters), state: State(state) }
     }
 
-    /// One tick on, the sticks and the wind held. Sticks must be finite; beyond their travel they stand at its end.
+    /// Advances by one tick with these controls and this wind. The controls must be finite; values beyond the travel
+    /// are clamped.
     pub fn advance(&mut self, sticks: &Sticks, wind: VelocityNed) {
         let command = self.controls.command(sticks);
         for _ in 0..STEPS {
@@ -127,9 +130,9 @@ impl Helicopter {
         }
     }
 
-    /// From here on this has failed and nothing else. Of no effect on what is measured.
+    /// From now on exactly these failures are present. The measurements are not affected.
     pub fn fail(&mut self, failures: &Failures) {
-        self.dynamics = failures.applied_to(&self.sound);
+        self.dynamics = failures.applied_to(&self.healthy);
     }
 
     /// Position of the centre of gravity.

@@ -1,18 +1,19 @@
-//! What the network does to what one agent hears: words that are lost, late, doubled or out of order, links that are narrow,
-//! cut or too long, and states that are nobody's business.
+//! Network impairments of one receiving agent: lost, delayed, duplicated or reordered messages, links that are narrow,
+//! cut or out of range, and states that `network.graph` withholds.
 //!
-//! All of it happens at the hearing end, so that the same [`Ear`] makes a study's network and, between Zenoh and the agent,
-//! a real one's faults. Chance comes from the scenario's seed.
+//! The impairments are applied at each receiver, so that the same [`Ear`] provides a study's network and, between Zenoh
+//! and the agent, the faults of a real one. All randomness comes from the scenario's seed.
 //!
-//! * What a scenario asks for besides a delay, each direction of a link does for itself (`channel`), and so does it what
-//!   depends on who is where (`air`).
-//! * States, parts in the agreement and orders suffer all of it. Tokens only take the link's `delay_s`: Zenoh repeats them, in
-//!   order. An operator's orders have no place, and suffer what `[network]` says of every link.
-//! * A cut silences directions of links, and ends sessions as `link.rs` tells.
-//! * A delay that an event adds comes last, on top of what the link takes.
+//! * Each direction of a link has its own impairments (`channel`); those that depend on positions or on the graph are
+//!   added per receiver (`channels`).
+//! * States, heartbeats and orders suffer all of them. Liveliness tokens suffer only the link's `delay_s`: Zenoh
+//!   repeats them in order. An operator has no position, so an operator's orders suffer the settings of `[network]` for
+//!   every link.
+//! * A cut silences directions of links and ends sessions, as described in `link.rs`.
+//! * A delay added by an event applies last, on top of the link's.
 
-mod air;
 mod channel;
+mod channels;
 mod cuts;
 mod link;
 
@@ -28,87 +29,88 @@ use skein_common::scenario::Scenario;
 use skein_common::time::LocalTime;
 
 use crate::peers::{Heard, Word};
-use air::Air;
+use channels::Air;
 pub use cuts::{delays, lasting, silences, union};
 use link::Link;
 
-/// The network as one agent hears it.
+/// The network impairments of one receiving agent.
 #[derive(Clone, Debug)]
 pub struct Ear {
     delay_s: f64,
-    /// `None` where a delay is all there is, alike everywhere.
-    air: Option<Box<Air>>,
-    /// Those that are ever cut, by the other end's id.
+    /// Per-link impairments; `None` if all links have only the same delay.
+    channels: Option<Box<Air>>,
+    /// The links that a cut ever affects, by the other end's id.
     links: Vec<Link>,
     delays: AddedDelays,
-    /// Since the own take-off, s; `None` before it.
+    /// Time since the own take-off, s; `None` before it.
     flown_s: Option<f64>,
-    /// What has yet to arrive, the earliest first.
-    under_way: VecDeque<UnderWay>,
-    /// How late the newest state of each speaker came, by its id.
-    lateness: Vec<Late>,
+    /// Messages in flight, the earliest arrival first.
+    in_flight: VecDeque<UnderWay>,
+    /// Latency of the newest state of each sender, by id.
+    latencies: Vec<Late>,
     tally: Tally,
 }
 
-/// What events add to the delay of messages from a sender: when, in s after the own take-off, and how much, s.
+/// Delays that events add per sender: when, in s after the own take-off, and how much, s.
 #[derive(Clone, Debug)]
 struct AddedDelays(Vec<(VehicleId, (Range<f64>, f64))>);
 
-/// What the network has to know of the vehicle that hears.
+/// The receiver's data on which impairments depend.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Whereabouts {
-    /// Since its take-off, s, as the cuts count; `None` before it.
+    /// Time since its take-off, s, the clock of the cuts; `None` before it.
     pub flown_s: Option<f64>,
-    /// Where it takes itself to be.
+    /// Its estimated position.
     pub position: Option<PositionNed>,
 }
 
-/// What became of all words so far. On a network that does nothing nobody counts.
+/// Counts of all messages by their delivery. A network without impairments counts nothing.
 ///
-/// Always `said + doubled = unlinked + crowded_out + too_far + lost + cut + heard`, and what is under way.
+/// `offered + duplicated` always equals `outside_graph + queue_full + out_of_range + lost + cut + heard` plus the
+/// messages in flight.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Tally {
-    /// Words that came to the network, and what a link that is whole again repeats.
-    pub said: u64,
-    /// Copies that the network made.
-    pub doubled: u64,
-    /// States that `network.graph` keeps from this vehicle.
-    pub unlinked: u64,
-    /// Dropped because they would have waited too long for the bandwidth.
-    pub crowded_out: u64,
-    /// Lost by distance.
-    pub too_far: u64,
-    /// Lost by chance.
+    /// Messages offered to the network, including those repeated by a link after a cut.
+    pub offered: u64,
+    /// Copies made by the network.
+    pub duplicated: u64,
+    /// States withheld from this vehicle by `network.graph`.
+    pub outside_graph: u64,
+    /// Messages dropped because they would have waited too long for the bandwidth.
+    pub queue_full: u64,
+    /// Messages lost by distance.
+    pub out_of_range: u64,
+    /// Messages lost at random.
     pub lost: u64,
-    /// Stopped by a cut; the newest may be repeated later.
+    /// Messages stopped by a cut; the newest may be repeated later.
     pub cut: u64,
-    /// Delivered, copies included.
+    /// Messages delivered, copies included.
     pub heard: u64,
 }
 
-/// What becomes of a word.
+/// The delivery of one message.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Fate {
-    Unlinked,
-    CrowdedOut,
-    TooFar,
+    OutsideGraph,
+    QueueFull,
+    OutOfRange,
     Lost,
     Arrives {
         at: LocalTime,
-        /// When it comes once more, if it does.
+        /// Arrival of the copy, if there is one.
         copy_at: Option<LocalTime>,
     },
 }
 
-/// A word on its way.
+/// A message in flight.
 #[derive(Clone, Copy, Debug)]
 struct UnderWay {
-    /// With the time of its arrival.
+    /// The message with its time of arrival.
     heard: Heard,
-    said_at: LocalTime,
+    sent_at: LocalTime,
 }
 
-/// How late a speaker's newest state came.
+/// Latency of a sender's newest state.
 #[derive(Clone, Copy, Debug)]
 struct Late {
     speaker: VehicleId,
@@ -117,25 +119,25 @@ struct Late {
 }
 
 impl Ear {
-    /// The hearing of vehicle `own` at the beginning of a life.
+    /// The impairments of vehicle `own` at the start of its agent.
     pub fn new(scenario: &Scenario, own: VehicleId) -> Self {
         let peers = scenario.ids().filter(|&id| id != own);
         let delays = AddedDelays::new(scenario, own, peers.clone());
         Self {
             delay_s: scenario.network.delay_s,
-            air: Air::new(scenario, own).map(Box::new),
+            channels: Air::new(scenario, own).map(Box::new),
             delays,
             flown_s: None,
             links: peers.filter_map(|peer| Link::new(scenario, own, peer)).collect(),
-            under_way: VecDeque::new(),
-            lateness: Vec::new(),
+            in_flight: VecDeque::new(),
+            latencies: Vec::new(),
             tally: Tally::default(),
         }
     }
 
-    /// Moves to the end of `out` what is heard by `now`, in the order in which it arrives. `arriving` is what a perfect
-    /// network brings, each with the time at which it does.
-    pub fn hear(
+    /// Appends to `out` the messages received by `now`, in the order of their arrival. `arriving` contains what an
+    /// ideal network delivers, with the times of arrival.
+    pub fn receive(
         &mut self,
         now: LocalTime,
         own: Whereabouts,
@@ -146,25 +148,25 @@ impl Ear {
             out.extend(arriving);
             return;
         }
-        if let Some(air) = &mut self.air {
-            air.update(now, own.position);
+        if let Some(channels) = &mut self.channels {
+            channels.update(now, own.position);
         }
         self.flown_s = own.flown_s;
         self.pass_time(now, own.flown_s);
         for heard in arriving {
-            self.tally.said += 1;
+            self.tally.offered += 1;
             match self.fate(&heard) {
-                Fate::Unlinked => self.tally.unlinked += 1,
-                Fate::CrowdedOut => self.tally.crowded_out += 1,
-                Fate::TooFar => self.tally.too_far += 1,
+                Fate::OutsideGraph => self.tally.outside_graph += 1,
+                Fate::QueueFull => self.tally.queue_full += 1,
+                Fate::OutOfRange => self.tally.out_of_range += 1,
                 Fate::Lost => self.tally.lost += 1,
                 Fate::Arrives { .. } if !self.gets_through(&heard) => self.tally.cut += 1,
                 Fate::Arrives { at, copy_at } => {
                     let delay_s = heard.word.speaker().map_or(0.0, |sender| self.added_delay_s(sender));
-                    send(&mut self.under_way, heard, at.plus_seconds(delay_s));
+                    send(&mut self.in_flight, heard, at.plus_seconds(delay_s));
                     if let Some(copy_at) = copy_at {
-                        self.tally.doubled += 1;
-                        send(&mut self.under_way, heard, copy_at.plus_seconds(delay_s));
+                        self.tally.duplicated += 1;
+                        send(&mut self.in_flight, heard, copy_at.plus_seconds(delay_s));
                     }
                 }
             }
@@ -172,100 +174,100 @@ impl Ear {
         self.deliver(now, out);
     }
 
-    /// What became of all words so far.
+    /// Counts of all messages by their delivery.
     pub fn tally(&self) -> Tally {
         self.tally
     }
 
-    /// Words that have yet to arrive.
-    pub fn under_way(&self) -> usize {
-        self.under_way.len()
+    /// Number of messages in flight.
+    pub fn in_flight(&self) -> usize {
+        self.in_flight.len()
     }
 
-    /// Whether the scenario asks for a network that changes nothing.
+    /// Whether the scenario has no impairments for this vehicle.
     pub fn is_perfect(&self) -> bool {
-        self.delay_s == 0.0 && self.links.is_empty() && self.delays.0.is_empty() && self.air.is_none()
+        self.delay_s == 0.0 && self.links.is_empty() && self.delays.0.is_empty() && self.channels.is_none()
     }
 
-    /// Writes down how late each peer's newest state was when it was delivered.
-    pub fn tell_lateness(&self, peers: &mut [PeerAge]) {
+    /// Writes the delivery latency of each peer's newest state to `peers`.
+    pub fn report_latency(&self, peers: &mut [PeerAge]) {
         for peer in peers {
             if let Ok(index) = self.late(peer.id) {
-                peer.delivered_age_s = self.lateness[index].by_s;
+                peer.delivered_age_s = self.latencies[index].by_s;
             }
         }
     }
 
-    /// What links that were cut bring by themselves.
+    /// Sends the messages that links repeat after a cut.
     fn pass_time(&mut self, now: LocalTime, flown_s: Option<f64>) {
-        let Self { links, delays, under_way, air, tally, .. } = self;
+        let Self { links, delays, in_flight, channels, tally, .. } = self;
         let Some(flown_s) = flown_s else { return };
         for link in links {
-            let delay_s = air.as_ref().map_or(self.delay_s, |air| air.delay_s(Some(link.peer())))
+            let delay_s = channels.as_ref().map_or(self.delay_s, |channels| channels.delay_s(Some(link.peer())))
                 + delays.s(Some(flown_s), link.peer());
             link.update(flown_s, now, |heard| {
-                tally.said += 1;
-                send(under_way, heard, now.plus_seconds(delay_s));
+                tally.offered += 1;
+                send(in_flight, heard, now.plus_seconds(delay_s));
             });
         }
     }
 
-    /// What events add to the delay of messages from this sender now, s.
+    /// The delay that events add to messages from this sender now, s.
     fn added_delay_s(&self, sender: VehicleId) -> f64 {
         self.delays.s(self.flown_s, sender)
     }
 
     fn fate(&mut self, heard: &Heard) -> Fate {
-        let is_cut = self.air.is_some() && self.link(&heard.word).is_some_and(|index| self.links[index].is_dead());
-        if let Some(air) = &mut self.air {
-            return air.fate(heard, is_cut);
+        let is_cut = self.channels.is_some() && self.link(&heard.word).is_some_and(|index| self.links[index].is_dead());
+        if let Some(channels) = &mut self.channels {
+            return channels.fate(heard, is_cut);
         }
         Fate::Arrives { at: heard.at.plus_seconds(self.delay_s), copy_at: None }
     }
 
     fn gets_through(&mut self, heard: &Heard) -> bool {
-        self.link(&heard.word).is_none_or(|index| self.links[index].carries(heard))
+        self.link(&heard.word).is_none_or(|index| self.links[index].lets_through(heard))
     }
 
-    /// Which of those that are ever cut it comes over. An operator is at no end of one.
+    /// The affected link that a message arrives on. An operator's messages have none.
     fn link(&self, word: &Word) -> Option<usize> {
         self.links.binary_search_by_key(&word.speaker()?, Link::peer).ok()
     }
 
     fn deliver(&mut self, now: LocalTime, out: &mut Vec<Heard>) {
-        while let Some(UnderWay { heard, said_at }) = self.under_way.pop_front_if(|word| word.heard.at <= now) {
+        while let Some(UnderWay { heard, sent_at }) = self.in_flight.pop_front_if(|word| word.heard.at <= now) {
             self.tally.heard += 1;
-            if let Word::State(said) = &heard.word {
-                self.note(said, heard.at.seconds_since(said_at));
+            if let Word::State(state) = &heard.word {
+                self.note(state, heard.at.seconds_since(sent_at));
             }
             out.push(heard);
         }
     }
 
-    /// How late a state is, if nothing newer was heard.
-    fn note(&mut self, said: &State, by_s: f64) {
-        let newest = said.header.order();
-        let late = Late { speaker: said.header.sender, newest, by_s };
+    /// Records the latency of a state if it is the newest of its sender.
+    fn note(&mut self, state: &State, by_s: f64) {
+        let newest = state.header.order();
+        let late = Late { speaker: state.header.sender, newest, by_s };
         match self.late(late.speaker) {
-            Ok(index) if self.lateness[index].newest < newest => self.lateness[index] = late,
+            Ok(index) if self.latencies[index].newest < newest => self.latencies[index] = late,
             Ok(_) => {}
-            Err(index) => self.lateness.insert(index, late),
+            Err(index) => self.latencies.insert(index, late),
         }
     }
 
     fn late(&self, speaker: VehicleId) -> Result<usize, usize> {
-        self.lateness.binary_search_by_key(&speaker, |late| late.speaker)
+        self.latencies.binary_search_by_key(&speaker, |late| late.speaker)
     }
 }
 
 impl AddedDelays {
-    /// Of the messages from these senders to vehicle `own`.
+    /// The added delays of messages from these senders to vehicle `own`.
     fn new(scenario: &Scenario, own: VehicleId, senders: impl Iterator<Item = VehicleId>) -> Self {
         let of = |sender| delays(&scenario.mission.events, sender, own).into_iter().map(move |delay| (sender, delay));
         Self(senders.flat_map(of).collect())
     }
 
-    /// Added to the delay of messages from this sender now, s.
+    /// The delay added to messages from this sender now, s.
     fn s(&self, flown_s: Option<f64>, sender: VehicleId) -> f64 {
         let lasts = |lasting: &Range<f64>| flown_s.is_some_and(|t_s| lasting.contains(&t_s));
         let lasting = self.0.iter().filter(|(id, (lasting, _))| *id == sender && lasts(lasting));
@@ -273,10 +275,10 @@ impl AddedDelays {
     }
 }
 
-/// Puts a word where its arrival belongs: behind those that arrive no later.
-fn send(under_way: &mut VecDeque<UnderWay>, said: Heard, at: LocalTime) {
-    let place = under_way.partition_point(|earlier| earlier.heard.at <= at);
-    under_way.insert(place, UnderWay { heard: Heard { at, ..said }, said_at: said.at });
+/// Puts a message in flight, behind those that arrive no later.
+fn send(in_flight: &mut VecDeque<UnderWay>, sent: Heard, at: LocalTime) {
+    let place = in_flight.partition_point(|earlier| earlier.heard.at <= at);
+    in_flight.insert(place, UnderWay { heard: Heard { at, ..sent }, sent_at: sent.at });
 }
 
 #[cfg(test)]

@@ -1,5 +1,5 @@
-//! One vehicle of a swarm without a leader, as a pure function: [`agent::Agent::step`] takes the time, what the vehicle's
-//! sensors measured and what its peers sent, and gives the controls and what to send.
+//! The agent of one vehicle in a leaderless swarm, as a pure function: [`agent::Agent::step`] takes the time, the
+//! vehicle's measurement and the peers' messages, and returns the controls and the messages to send.
 //!
 //! ```text
 //!                        Agent::step(now, inputs) -> outputs                                (agent.rs)
@@ -10,15 +10,15 @@
 //!      plant                  peer agents                             plant             peer agents
 //! ```
 //!
-//! Around the agent stands its [`station`]: the network that the scenario impairs, the clock that it sets wrong, the time since
-//! take-off and the trace. Control thread and study drive the same station.
+//! The agent runs inside a [`station`], which adds the network impairments and the clock error of the scenario, the
+//! time since take-off and the trace. The control thread and the study drive the same station.
 //!
-//! Each stage is the module of its name. It takes the values of the stages before it and returns its own; the loop closes only
-//! through the plant and through what the last step left behind. What is missing or broken is answered by one table ([`failsafe`]);
-//! what time alone changes stands in another ([`deadlines`]).
+//! Each stage is the module of its name. It takes the values of earlier stages and returns its own; feedback exists
+//! only through the plant and through the state kept from the last step. The responses to missing or broken data and
+//! hardware are in one table ([`failsafe`]), the deadlines in another ([`deadlines`]).
 //!
-//! The crate has no clock, no file, no socket, no thread and no environment: it is `no_std`, so that the compiler keeps it so.
-//! Same inputs, same outputs, bit for bit, in real time and in virtual time alike.
+//! The crate uses no clock, file, socket, thread or environment variable; it is `no_std`, so the compiler enforces
+//! this. The same inputs give bit-identical outputs, in real time and in virtual time.
 #![cfg_attr(not(test), no_std)]
 
 extern crate alloc;

@@ -1,14 +1,14 @@
-//! What this vehicle does now: join, fly the mission's steps in formation, hold, land.
+//! The mission stage: joining, flying the mission's steps in formation, holding, landing.
 //!
 //! ```text
-//!        2 s of listening, rotor at speed        ordered down, last step, something failed
+//!        2 s of listening, rotor at speed        order to land, last step, a failure
 //!   Joining ------------------------> Active ---------------------------> Left (descends, lands)
-//!      ^                               | formation <----> hold (ordered, nobody or too few are heard)
+//!      ^                               | formation <----> hold (ordered, or too few peers in contact)
 //!      +------ own data lost ----------+
 //! ```
 //!
-//! Nobody leads. Which step the swarm is at is agreed on ([`agreement`]), where a moving centre is too ([`centre`]). Orders
-//! are registers: the larger one wins, every agent repeats the largest that it knows of, so an order that reaches one
+//! The swarm has no leader. The vehicles agree on the current step ([`agreement`]) and on a moving centre ([`centre`]).
+//! Orders are registers: the larger one wins, and every agent repeats the largest one it knows, so that an order to one
 //! vehicle reaches all.
 
 pub mod agreement;
@@ -31,35 +31,35 @@ use crate::control::CollectiveLimit;
 use crate::deadlines::Deadline;
 use crate::estimate::Estimate;
 use crate::failsafe::{Condition, Conditions, Response};
-use agreement::{Agreement, Others, Part, Progress};
+use agreement::{Agreement, AgreementState, OtherStates, Progress};
 use landing::{Descent, Landing};
 use plan::{Kind, Leg};
 use progress::LegProgress;
 pub use task::{Goal, Task};
 
-/// Above this height of the centre of gravity a vehicle flies, m.
+/// Height of the centre of gravity above which a vehicle counts as flying, m.
 const FLYING_ABOVE_M: f64 = 1.5;
-/// A vehicle off its altitude that comes nearer no faster than this, its collective at its limit, is stuck there after a while
-/// ([`Deadline::AltitudeStuck`]), m/s.
+/// A vehicle off its altitude that approaches it more slowly than this with the collective at its limit is stuck after
+/// a while ([`Deadline::AltitudeStuck`]), m/s.
 const STUCK_M_S: f64 = 0.3;
-/// This close to an altitude is at it, m.
+/// Largest altitude error at which a vehicle is at its altitude, m.
 pub const AT_ALTITUDE_M: f64 = 1.0;
-/// Without auto-trim the collective rules leave an error that grows with the air's speed, 2.4 m at 5 m/s and 7.6 m at
-/// 8 m/s: a healthy vehicle may hover this far above what it is asked for, m.
+/// Height by which a healthy vehicle may hover above its altitude setpoint without auto-trim, m: the collective rules
+/// leave an error that grows with airspeed, 2.4 m at 5 m/s and 7.6 m at 8 m/s.
 const ABOVE_ALTITUDE_UNTRIMMED_M: f64 = 9.0;
 
-/// What the other stages know that the mission needs.
+/// The results of other stages that the mission needs.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct View {
-    /// A further vehicle is not heard and may be flying the mission.
-    pub misses_any: bool,
-    /// What is missing or broken, as far as the stages before the mission know.
+    /// Whether a further vehicle is not in contact and may be flying the mission.
+    pub absent_may_fly: bool,
+    /// The conditions found by the stages before the mission.
     pub conditions: Conditions,
-    /// The altitude that was asked for less the vehicle's, m; `None` before one was.
+    /// Altitude setpoint minus altitude, m; `None` before the first setpoint.
     pub altitude_error_m: Option<f64>,
-    /// The end of the controller's authority over the climb, if it is there.
+    /// The limit of the climb authority, if the controller is at one.
     pub collective_limit: Option<CollectiveLimit>,
-    /// Where the formation wants the vehicle, at height and slow.
+    /// Whether the vehicle is where the formation commands it, at its altitude and slow.
     pub in_place: bool,
 }
 
@@ -68,29 +68,29 @@ pub struct View {
 pub struct Mission {
     legs: Vec<Leg>,
     plan: u64,
-    /// Nobody takes off with a slower rotor, rad/s.
+    /// Rotor speed required for take-off, rad/s.
     take_off_rotor_rad_s: Option<f64>,
-    /// A healthy vehicle may hover this far above the altitude that it is asked for, m.
+    /// Height by which a healthy vehicle may hover above its altitude setpoint, m.
     above_altitude_m: f64,
-    /// Peers already told of for flying another plan.
+    /// Peers that fly another plan and have been reported.
     strangers: VehicleSet,
-    /// Since when this agent has listened.
+    /// Time at which this agent began to listen.
     since: Option<LocalTime>,
     activity: Activity,
     agreement: Agreement,
-    /// Members at some time of this step that had not reached it when they were last in contact.
+    /// Members that had not reached this step when they were last in contact.
     awaited: VehicleSet,
     has_quorum: bool,
     order: Option<Order>,
     leaving: bool,
     heading_rad: f64,
     at_altitude: bool,
-    /// How long the vehicle has neither been at its altitude nor come nearer to it, with no collective left, s.
+    /// Time for which the vehicle has been off its altitude and coming no nearer, with no collective left, s.
     stuck_s: f64,
     progress: LegProgress,
-    /// The step has just begun, and others may be farther along it.
+    /// The step has just begun, and other vehicles may be farther along it.
     is_late: bool,
-    /// Where to stay, once that has begun.
+    /// Position of the stay; `None` while the vehicle does not stay.
     stay: Option<Place>,
     landing: Option<Landing>,
 }
@@ -102,8 +102,8 @@ struct Place {
 }
 
 impl Mission {
-    /// The mission of a scenario, not yet begun. Before the rotor has reached `take_off_rotor_rad_s` the vehicle does not take
-    /// part, if the plant tells the rotor's speed.
+    /// The mission of a scenario before its begin. The vehicle becomes an active member when the rotor has reached
+    /// `take_off_rotor_rad_s`, if the plant reports the rotor's speed.
     pub fn new(scenario: &Scenario, take_off_rotor_rad_s: Option<f64>) -> Self {
         let legs = plan::legs(&scenario.mission);
         let roster = scenario.swarm.vehicles.min(VehicleId::MAX.into()) as u8;
@@ -131,7 +131,7 @@ impl Mission {
         }
     }
 
-    /// Merges an order: the larger register stands.
+    /// Merges an order: the larger register wins.
     pub fn merge(&mut self, order: Order, happened: &mut Vec<Happening>) {
         if self.order >= Some(order) {
             return;
@@ -140,26 +140,26 @@ impl Mission {
         happened.push(Happening::OrderTaken(Order { seal: None, ..order }));
         if let Verb::Goto(step) = order.verb {
             let progress = self.agreement.order(step);
-            self.move_on(progress, core::iter::empty(), happened);
+            self.begin_step(progress, core::iter::empty(), happened);
         }
     }
 
-    /// This vehicle lands and leaves, whatever the others do.
+    /// Makes this vehicle land and leave the swarm, independently of the others.
     pub fn leave(&mut self) {
         self.leaving = true;
     }
 
-    /// The vehicle knows nothing of itself any more: nobody is to wait for it. It joins anew when it does.
+    /// Withdraws a vehicle without own data, so that the swarm does not wait for it. It rejoins when the data are back.
     pub fn withdraw(&mut self) {
         if self.membership() == Membership::Active {
-            self.agreement.turn(Membership::Joining);
+            self.agreement.set_membership(Membership::Joining);
             self.since = None;
             self.progress.pause();
         }
     }
 
-    /// Takes in a peer's heartbeat: its order, if it flies the same plan.
-    pub fn listen(&mut self, heartbeat: &message::Mission, happened: &mut Vec<Happening>) {
+    /// Merges the order of a peer's heartbeat if the peer flies the same plan; otherwise reports the peer.
+    pub fn take_heartbeat(&mut self, heartbeat: &message::Mission, happened: &mut Vec<Happening>) {
         let id = heartbeat.header.sender;
         if heartbeat.plan == self.plan {
             heartbeat.order.into_iter().for_each(|order| self.merge(order, happened));
@@ -169,9 +169,9 @@ impl Mission {
         }
     }
 
-    /// What to do now, after the mission has listened to everything received. `heartbeats` are the newest ones of all peers in
-    /// contact, which the peers stage keeps: from them come the peers' parts in the agreement, if they fly the same plan, and how
-    /// far they take the centre to be.
+    /// The task of this step, after the mission has taken all received orders. `heartbeats` are the newest ones of all
+    /// peers in contact, as kept by the peers stage. They contain the agreement states of the peers that fly the same
+    /// plan, and the centre's progress according to these peers.
     pub fn step<'a>(
         &mut self,
         now: Now,
@@ -186,17 +186,18 @@ impl Mission {
         });
         let plan = self.plan;
         let heartbeats = heartbeats.filter(move |heartbeat| heartbeat.plan == plan);
-        let others = Others { parts: heartbeats.clone().map(Part::from), misses_any: view.misses_any };
+        let others =
+            OtherStates { states: heartbeats.clone().map(AgreementState::from), absent_may_fly: view.absent_may_fly };
         let progress = self.agreement.follow(&others);
-        self.move_on(progress, heartbeats.clone(), happened);
-        self.note_awaited(heartbeats.clone());
+        self.begin_step(progress, heartbeats.clone(), happened);
+        self.update_awaited(heartbeats.clone());
         self.watch_quorum(self.agreement.has_quorum(&others), happened);
         let has_listened = Deadline::Listened.is_past(now.local.seconds_since(since));
         if core::mem::take(&mut self.is_late) || self.membership() == Membership::Joining {
             self.catch_up(&others, heartbeats.clone());
         }
         if self.membership() == Membership::Joining && has_listened && self.is_rotor_ready(estimate) {
-            self.agreement.turn(Membership::Active);
+            self.agreement.set_membership(Membership::Active);
         }
         self.decide(now, estimate, view, heartbeats, happened)
     }
@@ -206,42 +207,42 @@ impl Mission {
         self.plan
     }
 
-    /// Whether the others may count on this vehicle.
+    /// The vehicle's membership: whether the other vehicles wait for it.
     pub fn membership(&self) -> Membership {
         self.agreement.own().membership
     }
 
-    /// The step that this vehicle is at, counted from 0.
+    /// The current step of this vehicle, counted from 0.
     pub fn at(&self) -> u32 {
         self.agreement.own().step
     }
 
-    /// The latest step that it vouches for.
+    /// The latest step that this vehicle vouches for.
     pub fn vouched(&self) -> u32 {
         self.agreement.own().vouched
     }
 
-    /// The highest step that it reached in this life.
+    /// The highest step this agent has reached.
     pub fn reached(&self) -> Option<u32> {
         self.agreement.own().reached
     }
 
-    /// How far it takes the centre to be along this step's path, m.
+    /// Progress of the centre along this step's path according to this vehicle, m.
     pub fn progress_m(&self) -> f64 {
         self.progress.along_m()
     }
 
-    /// Where it takes the centre to be and how that moves, north and east, m and m/s.
+    /// Position and velocity of the centre according to this vehicle, north and east, m and m/s.
     pub fn centre(&self) -> (Vector2<f64>, Vector2<f64>) {
         self.leg().map(|leg| self.progress.centre(leg)).unwrap_or_default()
     }
 
-    /// Whether the mission has come to its landing.
+    /// Whether the mission has reached its landing step.
     pub fn is_at_landing(&self) -> bool {
         self.leg().is_some_and(|leg| leg.kind == Kind::Land)
     }
 
-    /// Whether the vehicle neither is at its altitude nor comes nearer to it, with no collective left.
+    /// Whether the vehicle has been off its altitude and coming no nearer for too long, with no collective left.
     pub fn is_stuck(&self) -> bool {
         Deadline::AltitudeStuck.is_past(self.stuck_s)
     }
@@ -271,20 +272,20 @@ impl Mission {
         let order = self.order.map(|order| order.verb);
         let response = self.conditions(view).response();
         if matches!(response, Response::Land | Response::LandTurning | Response::Autorotate) {
-            return self.come_down(now, estimate, response);
+            return self.descend(now, estimate, response);
         }
-        let is_over = self.is_at_landing() && self.membership() != Membership::Joining;
+        let is_complete = self.is_at_landing() && self.membership() != Membership::Joining;
         match (self.membership(), order) {
             (Membership::Joining, _) if !self.leaving => self.join(estimate),
             (_, Some(Verb::Land | Verb::Abort)) => self.land(now, estimate),
-            _ if self.leaving || is_over || self.is_down() => self.land(now, estimate),
+            _ if self.leaving || is_complete || self.is_on_ground() => self.land(now, estimate),
             (_, Some(Verb::Hold)) => self.hold(estimate),
             _ if response == Response::Hold => self.hold(estimate),
             _ => self.fly(now, estimate, view, heartbeats, happened),
         }
     }
 
-    /// All conditions: those of the stages before, and the mission's own.
+    /// All conditions: those of the earlier stages and the mission's own.
     fn conditions(&self, view: &View) -> Conditions {
         let mut conditions = view.conditions;
         conditions.extend(self.is_stuck().then_some(Condition::AltitudeStuck));
@@ -292,8 +293,8 @@ impl Mission {
         conditions
     }
 
-    /// Begins the step that the agreement has come to, if it has moved on, and tells how it came there.
-    fn move_on<'a>(
+    /// Begins the step to which the agreement has moved, if it has, and reports the reason.
+    fn begin_step<'a>(
         &mut self,
         progress: Option<Progress>,
         heartbeats: impl Iterator<Item = &'a message::Mission>,
@@ -302,24 +303,24 @@ impl Mission {
         let Some(progress) = progress else { return };
         let to = self.at();
         let without = core::mem::take(&mut self.awaited);
-        let told = match progress {
+        let event = match progress {
             Progress::Advanced if without.is_empty() => Happening::Advanced(to),
             Progress::Advanced => Happening::ForcedAdvance { to, without },
             Progress::Carried { reached: true, .. } => Happening::Advanced(to),
             Progress::Carried { from, reached: false } => Happening::Skipped { from, to },
         };
-        // Whoever has left only looks on.
-        happened.extend((self.membership() != Membership::Left).then_some(told));
-        self.note_awaited(heartbeats);
+        // A vehicle that has left only observes.
+        happened.extend((self.membership() != Membership::Left).then_some(event));
+        self.update_awaited(heartbeats);
         self.progress.begin_next();
         self.is_late = true;
     }
 
-    /// Notes which members have not reached this step. Those out of contact stay as they were.
-    fn note_awaited<'a>(&mut self, heartbeats: impl Iterator<Item = &'a message::Mission>) {
+    /// Updates the members that have not reached this step. Members out of contact stay unchanged.
+    fn update_awaited<'a>(&mut self, heartbeats: impl Iterator<Item = &'a message::Mission>) {
         for heartbeat in heartbeats {
-            let (id, part) = (heartbeat.header.sender, Part::from(heartbeat));
-            if part.is_active() && !part.has_reached(self.at()) {
+            let (id, state) = (heartbeat.header.sender, AgreementState::from(heartbeat));
+            if state.is_active() && !state.has_reached(self.at()) {
                 self.awaited.insert(id);
             } else {
                 self.awaited.remove(id);
@@ -327,10 +328,10 @@ impl Mission {
         }
     }
 
-    /// A vehicle that comes late takes the centre to be as far as two others have it, so that they hardly wait for it.
+    /// Moves the centre of a late vehicle as far as two other vehicles report it, so that they hardly wait for it.
     fn catch_up<'a>(
         &mut self,
-        others: &Others<impl Iterator<Item = Part> + Clone>,
+        others: &OtherStates<impl Iterator<Item = AgreementState> + Clone>,
         heartbeats: impl Iterator<Item = &'a message::Mission>,
     ) {
         let along_m = self.agreement.reliable(others, along_m(heartbeats, self.at()));
@@ -349,7 +350,7 @@ impl Mission {
         speeds.is_none_or(|(speed_rad_s, least_rad_s)| speed_rad_s >= least_rad_s)
     }
 
-    /// Joining on the ground leaves the controls alone; joining in the air (after a restart) stays in place.
+    /// Joining on the ground leaves the controls unchanged; joining in the air (after a restart) holds the position.
     fn join(&mut self, estimate: &Estimate) -> Task {
         if estimate.height_m > FLYING_ABOVE_M {
             self.stay(estimate, Activity::Joining)
@@ -359,7 +360,7 @@ impl Mission {
         }
     }
 
-    /// The step's formation; the next step, when everybody has reached this one.
+    /// Flies the step's formation, and begins the next step when all members have reached this one.
     fn fly<'a>(
         &mut self,
         now: Now,
@@ -370,8 +371,8 @@ impl Mission {
     ) -> Task {
         self.stay = None;
         if self.landing.take().is_some() {
-            // Called back on the way down.
-            self.agreement.turn(Membership::Active);
+            // Recalled during the descent.
+            self.agreement.set_membership(Membership::Active);
         }
         let is_at_altitude = view.altitude_error_m.is_some_and(|error_m| error_m.abs() < AT_ALTITUDE_M);
         self.at_altitude |= is_at_altitude;
@@ -379,27 +380,28 @@ impl Mission {
         let is_stuck = !is_at_altitude && Self::is_without_authority(estimate, view);
         self.stuck_s = if is_stuck { self.stuck_s + self.progress.since_s(now.plant) } else { 0.0 };
         happened.extend(self.is_stuck().then_some(Happening::Failed(Failure::Altitude)));
-        if self.is_over(now.plant, view.in_place, heartbeats.clone()) && self.reached() < Some(self.at()) {
+        if self.is_complete(now.plant, view.in_place, heartbeats.clone()) && self.reached() < Some(self.at()) {
             self.agreement.reach();
             happened.push(Happening::Reached(self.at()));
         }
-        let others = Others { parts: heartbeats.clone().map(Part::from), misses_any: view.misses_any };
+        let others =
+            OtherStates { states: heartbeats.clone().map(AgreementState::from), absent_may_fly: view.absent_may_fly };
         let progress = self.agreement.advance(&others);
-        self.move_on(progress, heartbeats, happened);
+        self.begin_step(progress, heartbeats, happened);
         let (centre_ne_m, centre_velocity_ne_m_s) = self.centre();
         let step = self.at() as usize;
         Task::Formation(Goal { step, centre_ne_m, centre_velocity_ne_m_s, heading_rad: self.heading_rad })
     }
 
-    /// The collective is at its limit and the vehicle does not come nearer to its altitude.
+    /// Whether the collective is at its limit and the vehicle comes no nearer to its altitude.
     fn is_without_authority(estimate: &Estimate, view: &View) -> bool {
         let Some((error_m, limit)) = view.altitude_error_m.zip(view.collective_limit) else { return false };
         let nearing_m_s = -estimate.velocity.down_m_s() * error_m.signum();
         limit.is_towards(error_m) && nearing_m_s < STUCK_M_S
     }
 
-    /// Lets time pass within the step. True if nothing of it is left to this vehicle.
-    fn is_over<'a>(
+    /// Advances the time within the step; returns whether this vehicle has completed it.
+    fn is_complete<'a>(
         &mut self,
         now: PlantTime,
         in_place: bool,
@@ -409,11 +411,11 @@ impl Mission {
         let Some(leg) = self.legs.get(at as usize) else { return false };
         let members = heartbeats.filter(|heartbeat| heartbeat.membership == Membership::Active);
         let live = members.clone().count() + 1;
-        self.progress.pass(now, leg, in_place, along_m(members, at), live);
-        self.progress.is_over(leg)
+        self.progress.advance(now, leg, in_place, along_m(members, at), live);
+        self.progress.is_complete(leg)
     }
 
-    /// On the ground there is nothing to hold.
+    /// Holds the position; on the ground there is nothing to hold.
     fn hold(&mut self, estimate: &Estimate) -> Task {
         self.progress.pause();
         if estimate.height_m < FLYING_ABOVE_M && !self.at_altitude && self.stay.is_none() {
@@ -421,7 +423,7 @@ impl Mission {
             return Task::Wait;
         }
         if self.landing.take().is_some() {
-            self.agreement.turn(Membership::Active);
+            self.agreement.set_membership(Membership::Active);
         }
         self.stay(estimate, Activity::Holding)
     }
@@ -433,7 +435,7 @@ impl Mission {
         Task::Stay { at_ne_m, altitude_m, heading_rad: self.heading_rad, lands }
     }
 
-    /// The place to stay at: where the vehicle was when staying began.
+    /// The position of the stay: that of the vehicle when the stay began.
     fn place(&mut self, estimate: &Estimate) -> &mut Place {
         self.stay.get_or_insert_with(|| Place {
             at_ne_m: estimate.position.horizontal(),
@@ -441,13 +443,13 @@ impl Mission {
         })
     }
 
-    /// On the ground after a flight: there is no way back.
-    fn is_down(&self) -> bool {
+    /// Whether the vehicle is on the ground after a flight, which is final.
+    fn is_on_ground(&self) -> bool {
         self.landing.is_some_and(|landing| landing.is_on_ground())
     }
 
-    /// The way down of a vehicle of which something has failed. On the ground there is nothing to autorotate.
-    fn come_down(&mut self, now: Now, estimate: &Estimate, response: Response) -> Task {
+    /// The descent of a vehicle with a failure; on the ground it does not autorotate.
+    fn descend(&mut self, now: Now, estimate: &Estimate, response: Response) -> Task {
         let task = self.land(now, estimate);
         match task {
             Task::Stay { heading_rad, .. } if response == Response::Autorotate => Task::Autorotate { heading_rad },
@@ -457,7 +459,7 @@ impl Mission {
 
     fn land(&mut self, now: Now, estimate: &Estimate) -> Task {
         let is_on_ground = self.activity == Activity::Joining && estimate.height_m < FLYING_ABOVE_M;
-        self.agreement.turn(Membership::Left);
+        self.agreement.set_membership(Membership::Left);
         let mut landing = self.landing.unwrap_or_else(|| Landing::begin(now.plant, is_on_ground));
         let altitude_m = self.place(estimate).altitude_m;
         let descent = landing.step(now.plant, estimate, altitude_m, self.above_altitude_m);
@@ -479,7 +481,7 @@ impl Mission {
     }
 }
 
-/// How far those of these heartbeats' senders that are at this step take the centre to be, m.
+/// Progress of the centre according to those senders of these heartbeats that are at this step, m.
 fn along_m<'a>(heartbeats: impl Iterator<Item = &'a message::Mission>, at: u32) -> impl Iterator<Item = f64> {
     heartbeats.filter(move |heartbeat| heartbeat.step == at).map(|heartbeat| heartbeat.progress_m)
 }

@@ -1,8 +1,8 @@
 //! The last stage of the loop: what one step sends to the peers, and when it sends it.
 //!
-//! The vehicle sends its state on need, as in DIS (IEEE 1278.1): when the peers' dead reckoning of it would be off by more than a
-//! threshold, and at least once per `network.state_max_period_s`. It sends a heartbeat with its agreement state when that state
-//! changes, again in a few frames after the change, and five times a second.
+//! The vehicle sends its state when needed, as in DIS (IEEE 1278.1): when the peers' dead reckoning of it would be off
+//! by more than a threshold, and at least once per `network.state_max_period_s`. It sends a heartbeat with its
+//! agreement state when that state changes, again in a few frames after the change, and five times a second.
 
 use alloc::vec::Vec;
 
@@ -17,13 +17,13 @@ use crate::deadlines::Deadline;
 use crate::estimate::Estimate;
 use crate::mission::Mission;
 
-/// A changed agreement state is repeated in so many frames: if three messages in ten are lost, one peer in 50,000 misses all nine.
+/// Number of frames that repeat a changed agreement state: with 30 % loss, one peer in 50,000 misses all nine messages.
 const CHANGE_REPEATS: u32 = 8;
 
 /// The messages that one step sends.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Outbox {
-    /// The own state, if the peers need it.
+    /// The own state, if the peers need a new one.
     pub state: Option<State>,
     /// The heartbeat with the agreement state, if it is due.
     pub mission: Option<MissionMessage>,
@@ -39,16 +39,16 @@ pub struct SendSchedule {
     need: Need,
     sent: Option<SentState>,
     mission: Option<(MissionMessage, LocalTime)>,
-    /// How often the last change of the agreement state is still to be repeated.
+    /// Number of frames that still have to repeat the last change of the agreement state.
     repeats: u32,
     state_messages: u64,
     state_bytes: u64,
-    missions: u64,
-    mission_bytes: u64,
+    heartbeats: u64,
+    heartbeat_bytes: u64,
     traces: u64,
 }
 
-/// When the peers need a new state.
+/// The conditions under which the peers need a new state.
 #[derive(Clone, Copy, Debug)]
 struct Need {
     every_frame: bool,
@@ -57,7 +57,7 @@ struct Need {
     max_period_s: f64,
 }
 
-/// The last state sent: the peers dead-reckon the vehicle from it.
+/// The last state sent, from which the peers dead-reckon the vehicle.
 #[derive(Clone, Copy, Debug)]
 struct SentState {
     position: PositionNed,
@@ -66,7 +66,7 @@ struct SentState {
 }
 
 impl Need {
-    fn is_there(&self, now: LocalTime, sent: Option<&SentState>, estimate: &Estimate) -> bool {
+    fn is_needed(&self, now: LocalTime, sent: Option<&SentState>, estimate: &Estimate) -> bool {
         let Some(sent) = sent else { return true };
         let since_s = now.seconds_since(sent.at);
         let reckoned = sent.position + sent.velocity.0 * since_s;
@@ -78,7 +78,7 @@ impl Need {
 }
 
 impl SendSchedule {
-    /// The schedule of a vehicle that has sent nothing in this life.
+    /// The schedule of a vehicle whose agent has not sent anything yet.
     pub fn new(own: VehicleId, incarnation: Incarnation, network: &Network) -> Self {
         let need = Need {
             every_frame: network.send == SendMode::EveryFrame,
@@ -95,14 +95,14 @@ impl SendSchedule {
             repeats: 0,
             state_messages: 0,
             state_bytes: 0,
-            missions: 0,
-            mission_bytes: 0,
+            heartbeats: 0,
+            heartbeat_bytes: 0,
             traces: 0,
         }
     }
 
-    /// The messages to send now. Without an estimate that still holds no state is sent: the peers carry the last one forward and
-    /// see its age. `echo` gives the echo for a heartbeat with this stamp.
+    /// The messages to send now. With a stale estimate no state is sent: the peers extrapolate the last one and know
+    /// its age. `echo` gives the echo for a heartbeat with this stamp.
     pub fn outbox(
         &mut self,
         now: LocalTime,
@@ -114,19 +114,19 @@ impl SendSchedule {
         Outbox { state: estimate.and_then(|e| self.state(now, e)), mission: self.mission(now, mission, echo), happened }
     }
 
-    /// The number of states sent in this life.
+    /// Number of states sent since the agent's start.
     pub fn state_messages(&self) -> u64 {
         self.state_messages
     }
 
-    /// The payload of the states sent in this life, bytes.
+    /// Payload of the states sent since the agent's start, bytes.
     pub fn state_bytes(&self) -> u64 {
         self.state_bytes
     }
 
-    /// The number of heartbeats sent in this life, and their payload, bytes.
-    pub fn missions(&self) -> (u64, u64) {
-        (self.missions, self.mission_bytes)
+    /// Number of heartbeats sent since the agent's start, and their payload, bytes.
+    pub fn heartbeats(&self) -> (u64, u64) {
+        (self.heartbeats, self.heartbeat_bytes)
     }
 
     /// The header of the next trace.
@@ -136,7 +136,7 @@ impl SendSchedule {
     }
 
     fn state(&mut self, now: LocalTime, estimate: &Estimate) -> Option<State> {
-        if !self.need.is_there(now, self.sent.as_ref(), estimate) {
+        if !self.need.is_needed(now, self.sent.as_ref(), estimate) {
             return None;
         }
         self.sent = Some(SentState { position: estimate.position, velocity: estimate.velocity, at: now });
@@ -154,23 +154,23 @@ impl SendSchedule {
     ) -> Option<MissionMessage> {
         let (membership, step, vouched, reached, order) =
             (mission.membership(), mission.at(), mission.vouched(), mission.reached(), mission.order());
-        let due = self.mission.as_ref().is_none_or(|(sent, at)| {
+        let is_due = self.mission.as_ref().is_none_or(|(sent, at)| {
             let before = (sent.membership, sent.step, sent.vouched, sent.reached, sent.order);
             if before != (membership, step, vouched, reached, order) {
                 self.repeats = CHANGE_REPEATS + 1;
             }
             self.repeats > 0 || Deadline::HeartbeatDue.is_past(now.seconds_since(*at))
         });
-        if !due {
+        if !is_due {
             return None;
         }
         self.repeats = self.repeats.saturating_sub(1);
-        self.missions += 1;
-        let header = self.header(now, self.missions);
+        self.heartbeats += 1;
+        let header = self.header(now, self.heartbeats);
         let (plan, progress_m) = (mission.plan(), mission.progress_m());
         let echo = echo(header.stamp);
         let heartbeat = MissionMessage { header, plan, membership, step, vouched, reached, progress_m, order, echo };
-        self.mission_bytes += message::encode(&heartbeat).len() as u64;
+        self.heartbeat_bytes += message::encode(&heartbeat).len() as u64;
         self.mission = Some((heartbeat, now));
         Some(heartbeat)
     }
@@ -211,18 +211,18 @@ mod tests {
             at: at(1.0),
         };
         let needed =
-            |seconds, north_m, north_m_s| need.is_there(at(seconds), Some(&sent), &estimate(north_m, north_m_s));
-        assert!(need.is_there(at(1.0), None, &estimate(0.0, 0.0)), "nothing sent yet");
-        assert!(!needed(1.1, 0.5, 5.0), "just where the peers dead-reckon it");
+            |seconds, north_m, north_m_s| need.is_needed(at(seconds), Some(&sent), &estimate(north_m, north_m_s));
+        assert!(need.is_needed(at(1.0), None, &estimate(0.0, 0.0)), "nothing sent yet");
+        assert!(!needed(1.1, 0.5, 5.0), "exactly where the peers dead-reckon the vehicle");
         assert!(needed(1.1, 0.61, 5.0), "0.11 m off");
         assert!(needed(1.1, 0.5, 5.11), "0.11 m/s off");
-        assert!(needed(1.2, 1.0, 5.0), "long enough");
-        assert!(Need { every_frame: true, ..need }.is_there(at(1.0), Some(&sent), &estimate(0.0, 5.0)));
+        assert!(needed(1.2, 1.0, 5.0), "the longest period");
+        assert!(Need { every_frame: true, ..need }.is_needed(at(1.0), Some(&sent), &estimate(0.0, 5.0)));
     }
 
     proptest! {
         #[test]
-        fn a_peers_dead_reckoning_errs_no_more_than_the_thresholds_and_one_frames_motion(
+        fn a_peers_dead_reckoning_errs_at_most_by_the_thresholds_and_one_frames_motion(
             accelerations in proptest::collection::vec((-8.0..8.0, -8.0..8.0_f64, -8.0..8.0), 1..400),
             late_s in 0.0..0.02, state_error_m in 0.01..1.0, state_error_m_s in 0.05..3.0,
         ) {

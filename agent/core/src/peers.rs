@@ -1,25 +1,25 @@
-//! The last word of each peer, carried forward to now.
+//! The peers stage: the newest messages of each peer, and its state extrapolated to now.
 //!
-//! A peer's age is judged by the own clock alone, the order of its words by its own sequence numbers and incarnation. What
-//! arrives late, twice, from an earlier life or in somebody else's name is counted and changes nothing. Messages are ordered
-//! here, once, when they arrive, and only here their contents are kept: the later stages read the newest state and the newest
-//! heartbeat of each peer.
+//! The age of a peer's state is judged by the own clock, the order of its messages by its sequence numbers and
+//! incarnation. Messages that are late, duplicated, from an earlier incarnation or with a false sender id are counted
+//! and otherwise ignored. This stage orders each message once, at its arrival, and is the only one that keeps its
+//! contents: later stages read the newest state and the newest heartbeat of each peer.
 //!
-//! The age of a state is an upper bound: the time since it came and the longest time that it can have been on its way
-//! ([`crate::delay`]). Until the first round trip the age is the time since it came alone, and the delay is marked as unknown.
-//! T_stale counts only the silence, not the delay: a swarm flies over a link that takes longer than T_stale, on old states, and
-//! its status says so. A state is carried forward from when it was most likely sent.
+//! The age of a state is an upper bound: the time since its arrival plus its largest possible delay ([`crate::delay`]).
+//! Before the first round trip it is only the time since the arrival, and the delay is marked as unknown. T_stale
+//! counts only the silence, not the delay: a swarm can fly over a link with a delay above T_stale, on old states, and
+//! its status reports that. A state is extrapolated from its most likely time of sending.
 //!
 //! ```text
-//!        age above 0.5 s        no word for T_stale, or token gone          10 s later
+//!        age above 0.5 s       no message for T_stale, or token gone        10 s later
 //!   Fresh ----------------> Stale ------------------------------> Lost ----------------------> no obstacle
 //!     ^                       |                                     |
-//!     +------ a state --------+----------- a word, token there -----+
+//!     +------ a state --------+------ a message, token present -----+
 //! ```
 //!
-//! Any word keeps a peer from being lost; only a state younger than T_stale keeps it in the formation. Where the scenario
-//! keeps states from a vehicle (`network.graph`), a peer that it still hears otherwise is no obstacle then: it is out of
-//! sight, and the two agree on the mission all the same. All durations stand in [`crate::deadlines`].
+//! Any message keeps a peer in contact; only a state younger than T_stale keeps it in the formation. Where
+//! `network.graph` withholds a peer's states, that peer is out of sight as long as its heartbeats arrive: it is not an
+//! obstacle, and both still agree on the mission. All durations are in [`crate::deadlines`].
 
 use alloc::vec::Vec;
 
@@ -35,135 +35,135 @@ use crate::delay::{Delay, Exchange, Way, since_stamp_s};
 
 /// A state younger than this is fresh, s.
 pub const FRESH_S: f64 = Deadline::StateOld.after_s();
-/// Radius of an obstacle whose place is known, m.
+/// Radius of an obstacle at a known position, m.
 const OBSTACLE_RADIUS_M: f64 = 8.0;
-/// How fast what is not known of a silent vehicle's place grows, m/s, and how far.
+/// Growth of a silent vehicle's position uncertainty, m/s, and its limit, m.
 const OBSTACLE_GROWTH_M_S: f64 = 1.0;
 const OBSTACLE_GROWTH_M: f64 = 12.0;
 
-/// Something heard, and when.
+/// A received message with its time of arrival.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Heard {
-    /// What.
+    /// The message.
     pub word: Word,
-    /// When it arrived here.
+    /// Time of arrival by the own clock.
     pub at: LocalTime,
 }
 
-/// What can be heard.
+/// A message from a peer, the network or an operator.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Word {
     /// A peer's state.
     State(State),
-    /// A peer's part in the agreement.
+    /// A peer's heartbeat with its agreement state.
     Mission(Mission),
     /// A peer's liveliness token appeared.
     Appeared(VehicleId),
-    /// It vanished.
+    /// A peer's liveliness token vanished.
     Vanished(VehicleId),
-    /// An operator's order, from the operator.
+    /// An operator's order, sent by the operator.
     Order(Order),
 }
 
 impl Word {
-    /// Who says it; `None` for an operator.
+    /// The sender; `None` for an operator.
     pub fn speaker(&self) -> Option<VehicleId> {
         match self {
-            Self::State(said) => Some(said.header.sender),
-            Self::Mission(said) => Some(said.header.sender),
+            Self::State(message) => Some(message.header.sender),
+            Self::Mission(message) => Some(message.header.sender),
             Self::Appeared(id) | Self::Vanished(id) => Some(*id),
             Self::Order(_) => None,
         }
     }
 }
 
-/// A peer as it is thought to be now.
+/// The estimated current state of a peer.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Seen {
-    /// Who.
+    /// The peer's id.
     pub id: VehicleId,
-    /// Its last word carried forward at constant velocity.
+    /// Its last position, extrapolated at constant velocity.
     pub position: PositionNed,
-    /// As last heard.
+    /// Its velocity as last received.
     pub velocity: VelocityNed,
-    /// As last heard, clockwise from true north, rad.
+    /// Its heading as last received, clockwise from true north, rad.
     pub heading_rad: f64,
-    /// Upper bound of the age of its last state, s: the delay is included once it is known.
+    /// Upper bound of the age of its last state, s, including the delay once it is known.
     pub age_s: f64,
-    /// Upper bound of the time that this state was on its way, s; `None` until a round trip is known.
+    /// Upper bound of this state's delay, s; `None` until a round trip is known.
     pub delay_s: Option<f64>,
-    /// The most likely age of this state, s: it is carried forward for so long.
+    /// Most likely age of this state, s, over which it was extrapolated.
     pub carried_s: f64,
-    /// How that word stands.
+    /// Status of the peer.
     pub standing: Standing,
-    /// What it is to the own formation.
+    /// Role of the peer in the own formation.
     pub role: Role,
 }
 
 impl Seen {
-    /// The time since its last state came, s.
+    /// Time since the arrival of its last state, s.
     pub fn silent_s(&self) -> f64 {
         self.age_s - self.delay_s.unwrap_or_default()
     }
 }
 
-/// What the formation has to know of the others.
+/// The peers as the formation needs them.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Others<'a> {
-    /// Everybody whose state was ever heard and who is not out of sight, by id.
-    pub seen: &'a [Seen],
-    /// Those who are heard, take part and are out of sight.
+    /// The peers with a known state that are not out of sight, by id.
+    pub estimates: &'a [Seen],
+    /// The active members in contact that are out of sight.
     pub unseen: VehicleSet,
-    /// Somebody is missed who may go on with the mission, unheard, and whose id is smaller than that of anybody who is not:
-    /// of two parts that do not hear each other, this one flies above.
+    /// Whether a lost peer that may still be flying has a lower id than every peer in contact. Of two partitions
+    /// without contact, this one then flies above.
     pub flies_above: bool,
 }
 
-/// What a peer is to the own formation.
+/// The role of a peer in the own formation.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Role {
-    /// Part of it.
+    /// A member of the formation.
     Member,
-    /// To be kept away from.
+    /// An obstacle to avoid.
     Obstacle {
-        /// How far around its place it may be, m.
+        /// Uncertainty of its position plus a clearance, m.
         radius_m: f64,
     },
-    /// On the ground or long gone.
+    /// Ignored: on the ground, or lost long ago.
     Nothing,
 }
 
-/// A change worth telling.
+/// A change that is reported as an event.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Change {
-    /// Heard for the first time, or again.
+    /// The peer is in contact for the first time or again.
     Found(VehicleId),
-    /// Lost.
+    /// The peer is lost.
     Lost(VehicleId),
 }
 
-/// Everything known of the others.
+/// The peers stage of one vehicle.
 #[derive(Clone, Debug)]
 pub struct Peers {
     own: VehicleId,
     roster: u8,
     plan: u64,
     stale_s: f64,
-    /// Every peer's states are meant to be heard.
-    sees_all: bool,
+    /// Whether the network graph passes every peer's states.
+    receives_all_states: bool,
     known: Vec<Peer>,
-    seen: Vec<Seen>,
+    estimates: Vec<Seen>,
     unseen: VehicleSet,
     flies_above: bool,
     changes: Vec<Change>,
     now: LocalTime,
-    /// Until then this computer is taken for one that does not keep up.
+    /// End of the time in which peers may be silent for longer, because this computer was overloaded.
     lenient_until: LocalTime,
-    /// The first update.
-    began: Option<LocalTime>,
-    misses_any: bool,
+    /// Time of the first update.
+    first_update: Option<LocalTime>,
+    absent_may_fly: bool,
     exchange: Exchange,
-    /// Since when nobody is heard who was.
+    /// Begin of the time without any peer in contact, after there was one.
     alone_since: Option<LocalTime>,
     forged: u64,
 }
@@ -174,19 +174,19 @@ struct Peer {
     incarnation: Incarnation,
     state: Option<Told>,
     mission: Option<Mission>,
-    /// When the last register came.
-    mission_at: LocalTime,
+    /// Arrival of the newest heartbeat.
+    heartbeat_at: LocalTime,
     delay: Delay,
     token: Option<bool>,
-    /// When any word of this life was heard last.
-    heard_at: Option<LocalTime>,
+    /// Arrival of the newest message of this incarnation.
+    received_at: Option<LocalTime>,
     found: bool,
     lost_at: Option<LocalTime>,
-    /// Of its words, those that were dropped because a later one was already heard.
+    /// Number of its messages that were dropped because a newer one had been received.
     old: u64,
 }
 
-/// A state as it was told.
+/// A state as received.
 #[derive(Clone, Copy, Debug)]
 struct Told {
     sequence: u64,
@@ -194,16 +194,16 @@ struct Told {
     velocity: VelocityNed,
     heading_rad: f64,
     at: LocalTime,
-    /// Arrival by the own clock less the stamp by the peer's, s.
+    /// Arrival by the own clock minus the stamp by the peer's, s.
     transit_s: f64,
 }
 
 impl Peers {
-    /// Nobody heard yet in a swarm of vehicles 1 to `roster`. Only who flies the plan with hash `plan` can be a member. A
-    /// word older than `network.peer_stale_s` counts for nothing.
+    /// The peers of vehicle `own` before any message, in a swarm of vehicles 1 to `roster`. Only a vehicle that flies
+    /// the plan with hash `plan` can be a member. States older than `network.peer_stale_s` do not count.
     pub fn new(own: VehicleId, roster: u8, plan: u64, network: &Network) -> Self {
-        let (known, seen, changes) = (Vec::new(), Vec::new(), Vec::new());
-        let (stale_s, sees_all) = (network.peer_stale_s, network.graph == Graph::All);
+        let (known, estimates, changes) = (Vec::new(), Vec::new(), Vec::new());
+        let (stale_s, receives_all_states) = (network.peer_stale_s, network.graph == Graph::All);
         let (unseen, now, lenient_until) = (VehicleSet::default(), LocalTime::ZERO, LocalTime::ZERO);
         let (flies_above, alone_since, forged) = (false, None, 0);
         Self {
@@ -211,161 +211,161 @@ impl Peers {
             roster,
             plan,
             stale_s,
-            sees_all,
+            receives_all_states,
             known,
-            seen,
+            estimates,
             unseen,
             flies_above,
             changes,
             now,
             lenient_until,
-            began: None,
-            misses_any: true,
+            first_update: None,
+            absent_may_fly: true,
             exchange: Exchange::default(),
             alone_since,
             forged,
         }
     }
 
-    /// This agent itself did not run for so long before its next step: no peer counts as silent for that time, and for a while
-    /// a peer may be silent for longer.
+    /// Reports before the next step that this agent did not run for `for_s`: this time does not count as silence of the
+    /// peers, and for a while peers may be silent for longer.
     pub fn did_not_run(&mut self, for_s: f64) {
         for peer in &mut self.known {
-            peer.heard_at = peer.heard_at.map(|at| at.plus_seconds(for_s));
+            peer.received_at = peer.received_at.map(|at| at.plus_seconds(for_s));
         }
         self.lenient_until = self.now.plus_seconds(for_s + Deadline::LeniencyOver.after_s());
     }
 
-    /// Takes up what was heard since the last update and carries everybody forward to `now`.
+    /// Takes the messages received since the last update and extrapolates all peers to `now`.
     pub fn update(&mut self, now: LocalTime, origin: &Origin, heard: &[Heard]) {
         let before = core::mem::replace(&mut self.now, now).min(now);
         for heard in heard {
-            // Whatever the clock said when it came: it came between the two updates.
-            self.hear(origin, heard, heard.at.clamp(before, now));
+            // Whatever the clock showed at its arrival, the message arrived between the two updates.
+            self.receive(origin, heard, heard.at.clamp(before, now));
         }
         self.changes.clear();
-        self.seen.clear();
+        self.estimates.clear();
         self.unseen = VehicleSet::default();
         let stale_s = if now < self.lenient_until { 2.0 * self.stale_s } else { self.stale_s };
         for peer in &mut self.known {
             if let Some(change) = peer.age(now, stale_s) {
                 self.changes.push(change);
             }
-            if self.sees_all || peer.is_in_sight(now, stale_s) {
-                self.seen.extend(peer.seen(now, self.plan, stale_s));
-            } else if peer.takes_part(self.plan) {
+            if self.receives_all_states || peer.is_in_sight(now, stale_s) {
+                self.estimates.extend(peer.estimate(now, self.plan, stale_s));
+            } else if peer.is_active_member(self.plan) {
                 self.unseen.insert(peer.id);
             }
         }
-        let members = self.known.iter().filter(|peer| peer.takes_part(self.plan)).map(|peer| peer.id);
+        let members = self.known.iter().filter(|peer| peer.is_active_member(self.plan)).map(|peer| peer.id);
         let lowest = members.fold(self.own, VehicleId::min);
-        self.flies_above = self.known.iter().any(|peer| peer.id < lowest && peer.is_missed(now));
-        let listened_s = now.seconds_since(*self.began.get_or_insert(now));
+        self.flies_above = self.known.iter().any(|peer| peer.id < lowest && peer.may_still_fly(now));
+        let listened_s = now.seconds_since(*self.first_update.get_or_insert(now));
         let found = self.known.iter().filter(|peer| peer.found).count();
         let may_come = found + 1 < usize::from(self.roster) && !Deadline::PeerGivenUp.is_past(listened_s);
-        self.misses_any = may_come || self.known.iter().any(|peer| peer.may_come_back(now));
+        self.absent_may_fly = may_come || self.known.iter().any(|peer| peer.may_return(now));
         let mut met = self.known.iter().filter(|peer| peer.found);
-        let missed = met.clone().any(|peer| peer.membership() != Membership::Left);
-        let alone = missed && met.all(|peer| peer.lost_at.is_some());
+        let any_not_left = met.clone().any(|peer| peer.membership() != Membership::Left);
+        let alone = any_not_left && met.all(|peer| peer.lost_at.is_some());
         self.alone_since = if alone { self.alone_since.or(Some(now)) } else { None };
     }
 
-    /// Everybody whose state was ever heard and who is not out of sight, by id.
-    pub fn seen(&self) -> &[Seen] {
-        &self.seen
+    /// The peers with a known state that are not out of sight, by id.
+    pub fn estimates(&self) -> &[Seen] {
+        &self.estimates
     }
 
-    /// The same and what else the formation has to know.
+    /// The peers as the formation needs them.
     pub fn others(&self) -> Others<'_> {
-        Others { seen: &self.seen, unseen: self.unseen, flies_above: self.flies_above }
+        Others { estimates: &self.estimates, unseen: self.unseen, flies_above: self.flies_above }
     }
 
-    /// What the last update changed.
+    /// The changes of the last update.
     pub fn changes(&self) -> &[Change] {
         &self.changes
     }
 
-    /// The newest heartbeats of all peers in contact, whatever plan they fly, by id. No other stage keeps them.
-    pub fn missions(&self) -> impl Iterator<Item = &Mission> + Clone {
+    /// The newest heartbeats of all peers in contact, of any plan, by id. No other stage keeps them.
+    pub fn heartbeats(&self) -> impl Iterator<Item = &Mission> + Clone {
         self.known.iter().filter(|peer| peer.lost_at.is_none()).filter_map(|peer| peer.mission.as_ref())
     }
 
-    /// Those who count as heard: their tokens are there and their last words young.
-    pub fn heard(&self) -> VehicleSet {
+    /// The peers in contact: their tokens are present and their last messages young.
+    pub fn in_contact(&self) -> VehicleSet {
         self.known.iter().filter(|peer| peer.found && peer.lost_at.is_none()).map(|peer| peer.id).collect()
     }
 
-    /// A vehicle that is not heard may be flying the mission: it was never heard, or lost and had not left, and that no longer
-    /// than a minute ago.
-    pub fn misses_any(&self) -> bool {
-        self.misses_any
+    /// Whether a vehicle that is not in contact may be flying the mission: it was never in contact, or it was lost
+    /// without having left, and neither for longer than a minute.
+    pub fn absent_may_fly(&self) -> bool {
+        self.absent_may_fly
     }
 
-    /// Somebody was lost who had not left of its own will, nobody is heard any more, and that is news.
+    /// Whether a peer was lost without having left and no peer is in contact, for less than a minute.
     pub fn all_lost(&self) -> bool {
         self.alone_since.is_some_and(|since| !Deadline::PeerGivenUp.is_past(self.now.seconds_since(since)))
     }
 
-    /// A heartbeat with this stamp goes out: the echo that belongs into it.
+    /// The echo for a heartbeat with this stamp, which is about to be sent.
     pub fn echo(&mut self, stamp: SenderStamp) -> Option<Echo> {
         self.exchange.send(stamp);
         let partners = self.known.iter().filter(|peer| peer.lost_at.is_none() && peer.mission.is_some());
-        let of = self.exchange.turn(partners.map(|peer| peer.id))?;
+        let of = self.exchange.next_partner(partners.map(|peer| peer.id))?;
         let peer = self.known.iter().find(|peer| peer.id == of)?;
-        let held_s = self.now.seconds_since(peer.mission_at).max(0.0);
-        // A hold of more than an hour measures nothing; cut there, it fits the field.
+        let held_s = self.now.seconds_since(peer.heartbeat_at).max(0.0);
+        // A hold of more than an hour is useless for a measurement; limited to that, it fits the field.
         let held_us = (held_s * 1e6).round().min(3.6e9) as u32;
         Some(Echo { of, stamp: peer.mission?.header.stamp, held_us })
     }
 
-    /// Words dropped because a later one was already heard.
+    /// Number of messages dropped because a newer one had been received.
     pub fn old(&self) -> u64 {
-        self.old_words().map(|(_, count)| count).sum()
+        self.old_messages().map(|(_, count)| count).sum()
     }
 
-    /// The same by who had said them, where there are any.
-    pub fn old_words(&self) -> impl Iterator<Item = (VehicleId, u64)> {
+    /// The same per sender; only senders with any.
+    pub fn old_messages(&self) -> impl Iterator<Item = (VehicleId, u64)> {
         self.known.iter().filter(|peer| peer.old > 0).map(|peer| (peer.id, peer.old))
     }
 
-    /// Words dropped because their speaker is not of this swarm, or is said to be this very vehicle.
+    /// Number of messages dropped because their sender is not in this swarm or claims to be this vehicle.
     pub fn forged(&self) -> u64 {
         self.forged
     }
 
-    fn hear(&mut self, origin: &Origin, heard: &Heard, at: LocalTime) {
+    fn receive(&mut self, origin: &Origin, heard: &Heard, at: LocalTime) {
         match heard.word {
-            Word::State(said) => {
-                let Some(peer) = self.speaker(&said.header) else { return };
-                let sequence = said.header.sequence;
-                if peer.state.is_some_and(|told| told.sequence >= sequence) {
+            Word::State(message) => {
+                let Some(peer) = self.speaker(&message.header) else { return };
+                let sequence = message.header.sequence;
+                if peer.state.is_some_and(|last| last.sequence >= sequence) {
                     peer.old += 1;
                     return;
                 }
-                let position = origin.ned_from_geodetic(&said.state.position);
-                let VehicleState { velocity, heading_rad, .. } = said.state;
-                let transit_s = since_stamp_s(at, said.header.stamp);
+                let position = origin.ned_from_geodetic(&message.state.position);
+                let VehicleState { velocity, heading_rad, .. } = message.state;
+                let transit_s = since_stamp_s(at, message.header.stamp);
                 peer.state = Some(Told { sequence, position, velocity, heading_rad, at, transit_s });
-                peer.heard_at = Some(at);
+                peer.received_at = Some(at);
             }
-            Word::Mission(said) => {
-                let Some(peer) = self.speaker(&said.header) else { return };
-                // A register is told again to whoever asks for it.
-                if peer.mission == Some(said) {
+            Word::Mission(message) => {
+                let Some(peer) = self.speaker(&message.header) else { return };
+                // A heartbeat is repeated to every agent that asks for it.
+                if peer.mission == Some(message) {
                     return;
                 }
-                if peer.mission.is_some_and(|told| told.header.sequence >= said.header.sequence) {
+                if peer.mission.is_some_and(|last| last.header.sequence >= message.header.sequence) {
                     peer.old += 1;
                     return;
                 }
-                (peer.mission, peer.mission_at) = (Some(said), at);
-                peer.heard_at = Some(at);
+                (peer.mission, peer.heartbeat_at) = (Some(message), at);
+                peer.received_at = Some(at);
                 let id = peer.id;
-                if let Some(echo) = said.echo.filter(|echo| echo.of == self.own)
+                if let Some(echo) = message.echo.filter(|echo| echo.of == self.own)
                     && let Some(round_trip_s) = self.exchange.round_trip_s(at, &echo)
                     && let Some(peer) = self.member(id)
                 {
-                    peer.delay.take(at, since_stamp_s(at, said.header.stamp), round_trip_s);
+                    peer.delay.take(at, since_stamp_s(at, message.header.stamp), round_trip_s);
                 }
             }
             Word::Appeared(id) | Word::Vanished(id) => {
@@ -373,12 +373,12 @@ impl Peers {
                     peer.token = Some(matches!(heard.word, Word::Appeared(_)));
                 }
             }
-            // The mission takes it up.
+            // The mission stage handles orders.
             Word::Order(_) => {}
         }
     }
 
-    /// The peer in whose present life this message was sent; within that life [`Self::hear`] compares the sequences.
+    /// The peer in whose current incarnation this message was sent; the caller compares the sequence numbers.
     fn speaker(&mut self, header: &Header) -> Option<&mut Peer> {
         let Some(index) = self.index(header.sender) else {
             self.forged += 1;
@@ -390,7 +390,7 @@ impl Peers {
             return None;
         }
         if header.incarnation > peer.incarnation {
-            // A new life: its words count from one again.
+            // A new incarnation numbers its messages from one again.
             peer.incarnation = header.incarnation;
             peer.state = None;
             peer.mission = None;
@@ -403,7 +403,7 @@ impl Peers {
         self.index(id).map(|index| &mut self.known[index])
     }
 
-    /// Where the peer stands in the table, entered there if it is new.
+    /// Index of the peer in the table; a new peer is added.
     fn index(&mut self, id: VehicleId) -> Option<usize> {
         if id == self.own || id.get() > self.roster {
             return None;
@@ -411,7 +411,7 @@ impl Peers {
         match self.known.binary_search_by_key(&id, |peer| peer.id) {
             Ok(index) => Some(index),
             Err(index) => {
-                self.known.insert(index, Peer::unheard(id));
+                self.known.insert(index, Peer::unknown(id));
                 Some(index)
             }
         }
@@ -419,16 +419,16 @@ impl Peers {
 }
 
 impl Peer {
-    fn unheard(id: VehicleId) -> Self {
+    fn unknown(id: VehicleId) -> Self {
         Self {
             id,
             incarnation: Incarnation::default(),
             state: None,
             mission: None,
-            mission_at: LocalTime::ZERO,
+            heartbeat_at: LocalTime::ZERO,
             delay: Delay::default(),
             token: None,
-            heard_at: None,
+            received_at: None,
             found: false,
             lost_at: None,
             old: 0,
@@ -436,16 +436,16 @@ impl Peer {
     }
 
     fn membership(&self) -> Membership {
-        self.mission.map_or(Membership::Joining, |said| said.membership)
+        self.mission.map_or(Membership::Joining, |message| message.membership)
     }
 
-    /// Moves between lost and not lost.
+    /// Updates whether the peer is lost; returns a change to be reported.
     fn age(&mut self, now: LocalTime, stale_s: f64) -> Option<Change> {
-        let heard_at = self.heard_at?;
-        let gone = self.token == Some(false) || Deadline::PeerLost(stale_s).is_past(now.seconds_since(heard_at));
+        let received_at = self.received_at?;
+        let gone = self.token == Some(false) || Deadline::PeerLost(stale_s).is_past(now.seconds_since(received_at));
         if gone && self.lost_at.is_none() {
             self.lost_at = Some(now);
-            // Who left of its own will is not missed.
+            // A peer that left the swarm on purpose is not reported as lost.
             (self.membership() != Membership::Left).then_some(Change::Lost(self.id))
         } else if !gone && (self.lost_at.is_some() || !self.found) {
             self.lost_at = None;
@@ -456,36 +456,37 @@ impl Peer {
         }
     }
 
-    /// It is heard, and a member that flies this plan.
-    fn takes_part(&self, plan: u64) -> bool {
-        let is_heard = self.found && self.lost_at.is_none();
-        is_heard && self.mission.is_some_and(|said| said.plan == plan && said.membership == Membership::Active)
+    /// Whether the peer is in contact and an active member that flies this plan.
+    fn is_active_member(&self, plan: u64) -> bool {
+        let is_received = self.found && self.lost_at.is_none();
+        is_received
+            && self.mission.is_some_and(|message| message.plan == plan && message.membership == Membership::Active)
     }
 
-    /// Its state is young, or was until the peer was lost.
+    /// Whether its state is young, or was until the peer was lost.
     fn is_in_sight(&self, now: LocalTime, stale_s: f64) -> bool {
-        let Some(told) = self.state else { return false };
+        let Some(last) = self.state else { return false };
         match self.lost_at {
-            None => !Deadline::NeighbourSilent(stale_s).is_past(now.seconds_since(told.at)),
-            // The last word of all may be a little younger than the last state.
-            Some(lost_at) => lost_at.seconds_since(told.at) <= stale_s + FRESH_S,
+            None => !Deadline::NeighbourSilent(stale_s).is_past(now.seconds_since(last.at)),
+            // The last message may be a little younger than the last state.
+            Some(lost_at) => lost_at.seconds_since(last.at) <= stale_s + FRESH_S,
         }
     }
 
-    fn seen(&self, now: LocalTime, plan: u64, stale_s: f64) -> Option<Seen> {
-        let told = self.state?;
-        let silent_s = now.seconds_since(told.at).max(0.0);
-        let way = self.delay.of(now, told.transit_s);
-        let delay_s = way.map(|way| way.most_s);
-        let Way { most_s, likely_s } = way.unwrap_or_default();
+    fn estimate(&self, now: LocalTime, plan: u64, stale_s: f64) -> Option<Seen> {
+        let last = self.state?;
+        let silent_s = now.seconds_since(last.at).max(0.0);
+        let message_delay = self.delay.of(now, last.transit_s);
+        let delay_s = message_delay.map(|message_delay| message_delay.most_s);
+        let Way { most_s, likely_s } = message_delay.unwrap_or_default();
         let (age_s, carried_s) = (silent_s + most_s, silent_s + likely_s);
         let standing = match self.lost_at {
             Some(_) => Standing::Lost,
             None if Deadline::StateOld.is_past(age_s) => Standing::Stale,
             None => Standing::Fresh,
         };
-        let flies_along =
-            !Deadline::NeighbourSilent(stale_s).is_past(silent_s) && self.mission.is_some_and(|said| said.plan == plan);
+        let flies_along = !Deadline::NeighbourSilent(stale_s).is_past(silent_s)
+            && self.mission.is_some_and(|message| message.plan == plan);
         let role = match (self.membership(), self.lost_at) {
             (Membership::Active, None) if flies_along => Role::Member,
             (_, Some(lost_at)) if Deadline::ObstacleGone.is_past(now.seconds_since(lost_at)) => Role::Nothing,
@@ -494,18 +495,18 @@ impl Peer {
                 Role::Obstacle { radius_m: OBSTACLE_RADIUS_M + unknown_m }
             }
         };
-        let position = told.position + told.velocity.0 * carried_s;
-        let Told { velocity, heading_rad, .. } = told;
+        let position = last.position + last.velocity.0 * carried_s;
+        let Told { velocity, heading_rad, .. } = last;
         Some(Seen { id: self.id, position, velocity, heading_rad, age_s, delay_s, carried_s, standing, role })
     }
 
-    /// Lost while it took part: it may go on with the mission, unheard.
-    fn is_missed(&self, now: LocalTime) -> bool {
-        self.membership() == Membership::Active && self.may_come_back(now)
+    /// Whether the peer was lost as an active member and may still be flying the mission.
+    fn may_still_fly(&self, now: LocalTime) -> bool {
+        self.membership() == Membership::Active && self.may_return(now)
     }
 
-    /// Lost before it had left, and not long ago.
-    fn may_come_back(&self, now: LocalTime) -> bool {
+    /// Whether the peer was lost without having left, less than a minute ago.
+    fn may_return(&self, now: LocalTime) -> bool {
         let is_recent = |lost_at: LocalTime| !Deadline::PeerGivenUp.is_past(now.seconds_since(lost_at));
         self.membership() != Membership::Left && self.lost_at.is_some_and(is_recent)
     }

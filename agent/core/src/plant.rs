@@ -1,14 +1,14 @@
-//! What an agent flies, and how it is flown.
+//! The interface to a plant: the simulator that an agent controls.
 //!
-//! A plant hands out one [`Frame`] at a time and takes [`Sticks`]. Degrees, feet, knots and a simulator's own axes stop
-//! in the module of that plant.
+//! A plant delivers one [`Frame`] at a time and takes [`Sticks`]. Degrees, feet, knots and a simulator's own axes are
+//! converted inside the module of that plant.
 
 use core::time::Duration;
 
 use skein_common::frame::{Attitude, BodyRates, Geodetic, PositionNed, VelocityNed};
 use skein_common::time::PlantTime;
 
-/// What the pilot's controls are set to. The same numbers drive the built-in helicopter and X-Plane's overrides.
+/// Positions of the pilot's controls. The same numbers drive the built-in helicopter and X-Plane's overrides.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Sticks {
     /// Lateral cyclic, −1 to 1, positive rolls right.
@@ -22,14 +22,14 @@ pub struct Sticks {
 }
 
 impl Sticks {
-    /// Within the controls' travel, every number finite.
+    /// Whether all controls are finite and within their travel.
     pub fn is_within_limits(&self) -> bool {
         let axis = |value: f64| (-1.0..=1.0).contains(&value);
         axis(self.roll) && axis(self.pitch) && axis(self.yaw) && (0.0..=1.0).contains(&self.collective)
     }
 }
 
-/// What the vehicle's sensors say at one instant.
+/// The vehicle's sensor readings at one instant.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Measurement {
     /// Position of the centre of gravity.
@@ -42,11 +42,11 @@ pub struct Measurement {
     pub attitude: Attitude,
     /// Angular velocity.
     pub rates: BodyRates,
-    /// Main rotor speed, rad/s, where the plant tells it.
+    /// Main rotor speed, rad/s, if the plant reports it.
     pub rotor_speed_rad_s: Option<f64>,
 }
 
-/// How it really is. For measuring and plotting only: no decision may look at it.
+/// The vehicle's true state. For measuring and plotting only: no decision may use it.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Truth {
     /// Position of the centre of gravity in the swarm's frame.
@@ -57,18 +57,18 @@ pub struct Truth {
     pub velocity: VelocityNed,
     /// Attitude.
     pub attitude: Attitude,
-    /// Shaft power, W, where the plant tells it.
+    /// Shaft power, W, if the plant reports it.
     pub power_w: Option<f64>,
 }
 
-/// One frame of the simulator: everything that was true at the same instant.
+/// One frame of the simulator, with values of the same instant.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Frame {
     /// The simulator's time of this frame.
     pub time: PlantTime,
-    /// What the sensors say.
+    /// The sensor readings.
     pub measurement: Measurement,
-    /// How it really is.
+    /// The true state.
     pub truth: Truth,
 }
 
@@ -82,27 +82,27 @@ pub enum Wake {
     Deadline,
 }
 
-/// A vehicle in real time. The control thread alone holds it.
+/// A vehicle in real time. Only the control thread uses it.
 pub trait Plant: Send {
-    /// Blocks until the simulator's next frame or for as long as `patience`, whichever is first. Faults of the link (garbage,
-    /// a simulator that is gone) are counted and end as [`Wake::Deadline`], never as a panic.
-    fn wait(&mut self, patience: Duration) -> Wake;
+    /// Blocks until the simulator's next frame or until the timeout. Faults of the link (garbage, a simulator that has
+    /// gone) are counted and end as [`Wake::Deadline`], never as a panic.
+    fn wait(&mut self, timeout: Duration) -> Wake;
 
-    /// Sets the controls; called at most once a frame, never blocks.
+    /// Sets the controls; called at most once per frame, never blocks.
     fn command(&mut self, sticks: Sticks);
 
     /// Returns the controls to the simulator.
     fn release(&mut self);
 
-    /// Seconds between two frames as they should be.
+    /// Nominal time between two frames, s.
     fn frame_period_s(&self) -> f64;
 
-    /// Frames so far that were due and that nobody saw, because the agent or the computer was too late for them.
+    /// Number of frames that were missed because the agent or the computer was too late for them.
     fn skipped_frames(&self) -> u64;
 
-    /// Datagrams, or words of whatever the plant speaks, that were dropped as malformed so far.
+    /// Number of malformed datagrams or messages that were dropped.
     fn malformed(&self) -> u64;
 
-    /// Datagrams that were dropped so far because another program than the simulator had sent them.
+    /// Number of datagrams that were dropped because their sender is not the simulator.
     fn foreign(&self) -> u64;
 }

@@ -1,5 +1,6 @@
-//! Chance, from one seed: every vehicle and every purpose draws from a stream of its own, so that one more draw here
-//! changes nothing there. The streams are ChaCha8's and are the same on every machine and in every release.
+//! Random numbers from one seed. Every vehicle and every purpose draws from its own stream, so that one more draw in
+//! one stream does not change another. The streams are ChaCha8's and are the same on every computer and in every
+//! release.
 
 use core::f64::consts::TAU;
 
@@ -8,30 +9,30 @@ use rand_chacha::ChaCha8Rng;
 use skein_common::id::VehicleId;
 use skein_common::math;
 
-/// What the numbers are drawn for. The numbers of the purposes are part of what a seed means: never reuse one.
+/// The purpose of random numbers. The discriminants are part of the meaning of a seed: never reuse one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u32)]
 pub enum Purpose {
-    /// Where a vehicle stands at the start, and which way it looks.
+    /// Start position and heading of a vehicle.
     Start = 1,
-    /// The trim error its controller carries.
+    /// Trim error of a vehicle's controller.
     Trim = 2,
-    /// The gusts it meets.
+    /// Gusts at a vehicle.
     Wind = 3,
-    /// What the network loses and delays.
+    /// Retry times of cut links.
     Network = 4,
-    /// The seed an external law is told.
+    /// The seed passed to a law.
     Law = 5,
-    /// What one direction of a link does.
+    /// Impairments of one direction of a link.
     Link = 6,
-    /// What belongs to many runs at once: which points a sweep samples, which runs a bootstrap draws.
+    /// Choices across many runs: the points a sweep samples, the runs a bootstrap draws.
     Study = 64,
 }
 
-/// The stream of this vehicle (`None`: of the whole swarm) for this purpose.
+/// The stream of this vehicle (`None`: the whole swarm) for this purpose.
 pub fn generator(seed: u64, vehicle: Option<VehicleId>, purpose: Purpose) -> ChaCha8Rng {
     let mut generator = ChaCha8Rng::seed_from_u64(seed);
-    // Ids start at one: zero is the swarm's.
+    // Ids begin at one, so zero is the swarm.
     let vehicle = vehicle.map_or(0, VehicleId::get);
     generator.set_stream(u64::from(vehicle) << 32 | purpose as u64);
     generator
@@ -45,14 +46,14 @@ pub fn link_generator(seed: u64, speaker: Option<VehicleId>, hearer: VehicleId) 
     generator
 }
 
-/// Evenly distributed in [0, 1), in steps of 2⁻⁵³.
+/// A number evenly distributed in [0, 1), in steps of 2⁻⁵³.
 #[inline]
 pub fn uniform(rng: &mut impl Rng) -> f64 {
     (rng.next_u64() >> 11) as f64 * (1.0 / (1_u64 << 53) as f64)
 }
 
-/// Normally distributed with mean 0 and variance 1, by Box and Muller (1958). Always finite: the logarithm's argument
-/// is at least 2⁻⁵³, so no draw is beyond 8.6.
+/// A normally distributed number with mean 0 and variance 1, by Box and Muller (1958). Always finite: the logarithm's
+/// argument is at least 2⁻⁵³, so its magnitude is at most 8.6.
 #[inline]
 pub fn standard_normal(rng: &mut impl Rng) -> f64 {
     let radius = (-2.0 * math::ln(1.0 - uniform(rng))).sqrt();
@@ -70,11 +71,11 @@ mod tests {
     }
 
     #[test]
-    fn every_seed_vehicle_and_purpose_has_a_stream_of_its_own() {
+    fn every_seed_vehicle_and_purpose_has_its_own_stream() {
         let mut draws = Vec::new();
         for seed in [0, 1, u64::MAX] {
             for vehicle in [None, Some(1), Some(2), Some(250)] {
-                // Those of links have speakers besides.
+                // Links additionally have a sender.
                 for purpose in [Purpose::Start, Purpose::Trim, Purpose::Wind, Purpose::Network, Purpose::Law] {
                     draws.push(first_draw(seed, vehicle, purpose));
                     assert_eq!(draws.last(), Some(&first_draw(seed, vehicle, purpose)));
@@ -92,13 +93,13 @@ mod tests {
     }
 
     #[test]
-    fn streams_are_those_of_every_release() {
+    fn the_streams_never_change_between_releases() {
         let draws = [(0, None, Purpose::Start), (1, Some(1), Purpose::Wind), (42, Some(250), Purpose::Law)]
             .map(|(seed, vehicle, purpose)| first_draw(seed, vehicle, purpose));
         assert_eq!(
             draws,
             [0xc16a7b0fc8d48f13, 0x2fef08f619f4d0af, 0xb5f24be049e28e34],
-            "recorded seeds would mean other flights"
+            "recorded seeds would give other flights"
         );
     }
 
@@ -117,7 +118,7 @@ mod tests {
         assert!((beyond_two - 0.0455).abs() < 0.002, "{beyond_two}");
     }
 
-    /// A generator that says the same for ever.
+    /// A generator that always returns the same number.
     struct Stuck(u64);
 
     impl rand::TryRng for Stuck {
@@ -136,15 +137,15 @@ mod tests {
 
     #[test]
     fn normal_draws_are_finite_at_both_ends_of_the_generator() {
-        for word in [0, 1, 1 << 11, u64::MAX - 1, u64::MAX] {
-            assert!(standard_normal(&mut Stuck(word)).is_finite(), "{word}");
+        for bits in [0, 1, 1 << 11, u64::MAX - 1, u64::MAX] {
+            assert!(standard_normal(&mut Stuck(bits)).is_finite(), "{bits}");
         }
     }
 
     proptest! {
         #[test]
-        fn uniform_draws_stay_below_one(word: u64) {
-            let draw = uniform(&mut Stuck(word));
+        fn uniform_draws_stay_below_one(bits: u64) {
+            let draw = uniform(&mut Stuck(bits));
             prop_assert!((0.0..1.0).contains(&draw));
         }
     }

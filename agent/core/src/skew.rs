@@ -1,23 +1,23 @@
-//! How far a scenario sets a vehicle's clock wrong.
+//! The error of a vehicle's clock that a scenario sets.
 
 use skein_common::id::VehicleId;
 use skein_common::scenario::Scenario;
 use skein_common::time::LocalTime;
 
-/// How far a vehicle's clock is wrong by the scenario: `clock_offset_s` and `clock_drift_ppm` of `[vehicle.N]`.
+/// Error of a vehicle's clock: `clock_offset_s` and `clock_drift_ppm` of the scenario's `[vehicle.N]`.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Skew {
-    /// Where the clock begins.
+    /// Reading of the clock at the begin.
     zero: LocalTime,
-    /// How much too fast it runs.
+    /// Relative rate error, positive for a fast clock.
     drift: f64,
-    /// How far it has jumped ahead, s.
+    /// Sum of all jumps, s, positive forward.
     ahead_s: f64,
 }
 
 impl Skew {
-    /// The clock of vehicle `own`. No clock shows less than its zero, so the last of the swarm begins there and the others ahead
-    /// of it.
+    /// The clock of vehicle `own`. A clock cannot read less than zero, so the clock with the lowest offset begins at
+    /// zero and the others begin ahead of it.
     pub fn new(scenario: &Scenario, own: VehicleId) -> Self {
         let Some(vehicle) = scenario.vehicle(own) else { return Self::default() };
         let last_s = scenario.vehicle.iter().map(|vehicle| vehicle.clock_offset_s).fold(0.0, f64::min);
@@ -28,19 +28,19 @@ impl Skew {
         }
     }
 
-    /// What the clock shows when one that is right shows `right`.
-    pub fn shown(self, right: LocalTime) -> LocalTime {
+    /// Reading of the vehicle's clock when a correct clock reads `right`.
+    pub fn local_time(self, right: LocalTime) -> LocalTime {
         let drifted = right.plus_seconds(right.seconds() * self.drift);
         LocalTime::from_nanoseconds(drifted.nanoseconds() + self.zero.nanoseconds()).plus_seconds(self.ahead_s)
     }
 
-    /// The clock jumps forward, or back if negative, s.
+    /// Makes the clock jump forward by `by_s`, or back if it is negative.
     pub fn jump(&mut self, by_s: f64) {
         self.ahead_s += by_s;
     }
 
-    /// Whether the clock is right.
-    pub fn is_none(self) -> bool {
+    /// Whether the clock is correct.
+    pub fn is_zero(self) -> bool {
         self == Self::default()
     }
 }
@@ -52,19 +52,21 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_skewed_clock_begins_elsewhere_and_runs_at_its_own_rate() {
+    fn a_skewed_clock_has_its_own_offset_and_rate() {
         let text = "swarm.vehicles = 3\n[vehicle]\n1.clock_drift_ppm = 100\n\
                     2 = { clock_offset_s = -7200, clock_drift_ppm = -50 }\n3.clock_offset_s = 3600";
         let scenario = load(&Source { name: "test.toml", text }, &[]).unwrap().scenario;
         let hour = LocalTime::from_seconds(3600.0);
-        let shown = scenario.ids().map(|id| {
+        let local_time = scenario.ids().map(|id| {
             let skew = Skew::new(&scenario, id);
-            assert!(!skew.is_none());
-            (skew.shown(LocalTime::ZERO).seconds(), skew.shown(hour).nanoseconds())
+            assert!(!skew.is_zero());
+            (skew.local_time(LocalTime::ZERO).seconds(), skew.local_time(hour).nanoseconds())
         });
         let expected = [(7200.0, 10_800_360_000_000), (0.0, 3_599_820_000_000), (10_800.0, 14_400_000_000_000)];
-        assert_eq!(shown.collect::<Vec<_>>(), expected);
+        assert_eq!(local_time.collect::<Vec<_>>(), expected);
         let plain = load(&Source { name: "test.toml", text: "swarm.vehicles = 3" }, &[]).unwrap().scenario;
-        assert!(plain.ids().all(|id| Skew::new(&plain, id).is_none() && Skew::new(&plain, id).shown(hour) == hour));
+        assert!(
+            plain.ids().all(|id| Skew::new(&plain, id).is_zero() && Skew::new(&plain, id).local_time(hour) == hour)
+        );
     }
 }

@@ -1,4 +1,4 @@
-//! Where the vehicles of a scenario stand before they fly: the same for every agent that computes it.
+//! Start positions of a scenario's vehicles, the same for every agent that computes them.
 
 use alloc::vec::Vec;
 use core::f64::consts::TAU;
@@ -10,11 +10,11 @@ use skein_common::scenario::{Scenario, StartPattern};
 use crate::helicopter::Start;
 use crate::random::{self, Purpose};
 
-/// Draws for one vehicle, and beginnings anew, after which the square is taken to be too full.
-const DRAWS: usize = 1_000;
-const BEGINNINGS: usize = 100;
+/// Number of draws per vehicle in one attempt, and number of attempts, after which the square counts as too full.
+const DRAWS_PER_VEHICLE: usize = 1_000;
+const ATTEMPTS: usize = 100;
 
-/// The starts do not fit into their square.
+/// The start positions do not fit into their square.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 #[error("{vehicles} vehicles {separation_m} m apart do not fit into a square of {square_m} m")]
 pub struct TooFull {
@@ -23,7 +23,12 @@ pub struct TooFull {
     square_m: f64,
 }
 
-/// The start of every vehicle, in the order of their ids. Only the seed and the start's own keys matter.
+/// The start of every vehicle, in the order of ids. It depends only on the seed and the keys of `[start]` and
+/// `[vehicle.N]`.
+///
+/// # Errors
+///
+/// The square is too small for the vehicles at their separation.
 pub fn starts(scenario: &Scenario) -> Result<Vec<Start>, TooFull> {
     let vehicles = scenario.swarm.vehicles;
     let mut generator = random::generator(scenario.seed, None, Purpose::Start);
@@ -54,17 +59,18 @@ pub fn starts(scenario: &Scenario) -> Result<Vec<Start>, TooFull> {
     Ok(starts)
 }
 
-/// Evenly distributed over the square around the origin, no two nearer than the separation, any heading.
+/// Starts evenly distributed over the square around the origin, at least the separation apart, with random headings.
 fn random_starts(scenario: &Scenario, generator: &mut impl Rng) -> Result<Vec<Start>, TooFull> {
     let (vehicles, start) = (scenario.swarm.vehicles, &scenario.start);
-    for _ in 0..BEGINNINGS {
+    for _ in 0..ATTEMPTS {
         let mut starts: Vec<Start> = Vec::with_capacity(vehicles);
-        for _ in 0..DRAWS * vehicles {
+        for _ in 0..DRAWS_PER_VEHICLE * vehicles {
             let Some(vehicle) = scenario.vehicle.get(starts.len()) else { return Ok(starts) };
             let mut coordinate = || (random::uniform(generator) - 0.5) * start.square_m;
             let (north_m, east_m) = (coordinate(), coordinate());
             let heading_rad = (random::uniform(generator) - 0.5) * TAU;
-            // Places given in the file stand before any draw; who has one is drawn for all the same, and moved there.
+            // Positions from the file are reserved before any draw. A vehicle with such a position is drawn as well,
+            // then moved.
             let mut given = scenario.vehicle.iter().filter_map(|vehicle| vehicle.start_ne_m);
             let is_far = |[n_m, e_m]: [f64; 2]| math::hypot(n_m - north_m, e_m - east_m) >= start.separation_m;
             let is_free = starts.iter().all(|start| is_far([start.north_m, start.east_m])) && given.all(is_far);
@@ -114,7 +120,7 @@ mod tests {
     }
 
     #[test]
-    fn a_vehicle_with_a_place_of_its_own_stands_there() {
+    fn a_vehicle_with_a_given_start_position_starts_there() {
         let text = "swarm.vehicles = 2\n[start]\npattern = \"line\"\nseparation_m = 20\n[vehicle.2]\nstart_ne_m = [7, 8]\nheading_deg = 90";
         let starts = starts(&scenario(text)).unwrap();
         assert_eq!(starts[0], Start { north_m: 0.0, east_m: -10.0, heading_rad: 0.0 });

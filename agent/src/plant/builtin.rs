@@ -2,7 +2,7 @@
 
 use std::time::{Duration, Instant};
 
-use skein_core::helicopter::failures::Now;
+use skein_core::helicopter::failures::ActiveFaults;
 use skein_core::helicopter::{BuiltInVehicle, Script, TICK_S};
 use skein_core::plant::{Plant, Sticks, Wake};
 use skein_host::clock::{now, sleep_until};
@@ -36,7 +36,7 @@ impl BuiltIn {
     }
 
     /// How the script stands. Before the first command nothing has failed.
-    fn script_now(&self) -> Now {
+    fn script_now(&self) -> ActiveFaults {
         let since = |(at, flown_s)| self.script.at(flown_s + now().saturating_duration_since(at).as_secs_f64());
         self.alive_since.map(since).unwrap_or_default()
     }
@@ -50,7 +50,7 @@ impl Plant for BuiltIn {
         if deadline < due {
             return Wake::Deadline;
         }
-        let Now { failures, simulator_frozen } = self.script_now();
+        let ActiveFaults { failures, simulator_frozen } = self.script_now();
         if simulator_frozen {
             // A new grid begins with the thaw: what was not flown meanwhile was not skipped.
             self.due = None;

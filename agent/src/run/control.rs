@@ -87,7 +87,7 @@ impl Control {
             }
         }
         self.plant.release();
-        if let Some(tally) = self.station.impaired() {
+        if let Some(tally) = self.station.delivery_counts() {
             tracing::info!("vehicle {} heard over the scenario's network: {tally:?}", self.own);
         }
         self.link
@@ -119,7 +119,7 @@ impl Control {
             since.timing.frame(woken, self.plant.skipped_frames());
             since.timing.step(woken, done);
         }
-        let shown = self.station.clocks().shown(right);
+        let shown = self.station.clocks().local_time(right);
         self.send(shown, outbox, trace, since);
         if let Some(summary) = since.timing.summary(done) {
             since.healths += 1;
@@ -135,7 +135,7 @@ impl Control {
         if let Some(late_s) = since.silence.watch(right, &mut since.arriving) {
             self.station.did_not_run(late_s);
         }
-        self.station.hear(right, since.arriving.drain(..));
+        self.station.receive(right, since.arriving.drain(..));
     }
 
     /// Hands over what this step sends: another thread sends it.
@@ -164,7 +164,7 @@ impl Control {
 
     fn health(&self, now: LocalTime, uptime_s: f64, summary: Summary, since: &Since) -> Health {
         let agent = self.station.agent();
-        let (state_messages, state_bytes) = agent.spoken();
+        let (state_messages, state_bytes) = agent.states_sent();
         let peer = |peer: &skein_core::peers::Seen| PeerHealth {
             id: peer.id,
             standing: peer.standing,
@@ -186,7 +186,7 @@ impl Control {
             step_p99_us: summary.step_p99_us,
             frame_overruns: since.timing.overruns(),
             drops: self.drops(),
-            refused: agent.old_words().map(old).take(Refused::MAX_COUNT).collect(),
+            refused: agent.old_messages().map(old).take(Refused::MAX_COUNT).collect(),
             state_messages,
             state_bytes,
             peers: agent.peers().iter().map(peer).collect(),

@@ -170,7 +170,7 @@ pub fn measure(world: &World, zero_s: f64, metrics: &mut Metrics, vehicles: &mut
                 step: agent.at_step(),
                 reached: agent.reached(),
                 centre_ne_m: agent.centre_ne_m(),
-                hears: agent.hears(),
+                hears: agent.peers_in_contact(),
                 ..vehicle
             };
         }

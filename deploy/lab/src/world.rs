@@ -317,7 +317,7 @@ impl Said {
 }
 
 fn with_counts(totals: Totals, agent: &Agent) -> Totals {
-    let (messages, bytes) = agent.spoken();
+    let (messages, bytes) = agent.states_sent();
     let activations = agent.safety_activations().map(|more| more + totals.safety_activations.unwrap_or(0));
     let misses = agent.law_misses().map(|more| more + totals.law_misses.unwrap_or(0));
     Totals {

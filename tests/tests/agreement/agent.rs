@@ -7,7 +7,7 @@
 use skein_common::id::Incarnation;
 use skein_common::message::MessageOrder;
 use skein_common::state::Membership;
-use skein_core::mission::agreement::{Agreement, Others, Part, Progress};
+use skein_core::mission::agreement::{Agreement, AgreementState, OtherStates, Progress};
 
 use super::swarm::Bounds;
 
@@ -18,7 +18,7 @@ pub(super) type Bits = u8;
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Word {
     pub(super) order: MessageOrder,
-    pub(super) part: Part,
+    pub(super) part: AgreementState,
 }
 
 impl Word {
@@ -83,8 +83,8 @@ impl Agent {
     }
 
     /// Takes part from now on, or no longer.
-    pub(super) fn turn(&mut self, membership: Membership) {
-        self.agreement.turn(membership);
+    pub(super) fn set_membership(&mut self, membership: Membership) {
+        self.agreement.set_membership(membership);
         self.sequence += 1;
     }
 
@@ -107,10 +107,10 @@ impl Agent {
     }
 
     /// What it knows as agent `own` of `N` that are honest. A liar that is not heard may have left: it is not missed.
-    fn others<const N: usize>(&self, own: usize) -> Others<impl Iterator<Item = Part> + Clone> {
+    fn others<const N: usize>(&self, own: usize) -> OtherStates<impl Iterator<Item = AgreementState> + Clone> {
         let seen = self.known.iter().enumerate().filter(|(other, _)| has(self.sees, *other));
-        let parts = seen.filter_map(|(_, known)| known.map(|word| word.part));
-        Others { parts, misses_any: others::<N>(own).any(|other| !has(self.sees | self.given_up, other)) }
+        let states = seen.filter_map(|(_, known)| known.map(|word| word.part));
+        OtherStates { states, absent_may_fly: others::<N>(own).any(|other| !has(self.sees | self.given_up, other)) }
     }
 
     /// Sees these from now on.
@@ -150,7 +150,7 @@ pub(super) fn said_key(word: &Word) -> u8 {
 }
 
 /// One of the 256 words that differ in what matters to an agent whose own part is this.
-pub(super) fn known_key(word: &Word, own: &Part) -> u8 {
+pub(super) fn known_key(word: &Word, own: &AgreementState) -> u8 {
     let part = &word.part;
     let past = part.step.max(part.reached.map_or(0, |reached| reached + 1));
     key(word, past.max(own.step), part.vouched.max(own.vouched))

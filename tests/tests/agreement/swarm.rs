@@ -24,7 +24,7 @@ use skein_common::id::Incarnation;
 use skein_common::message::MessageOrder;
 use skein_common::scenario::Partition;
 use skein_common::state::Membership;
-use skein_core::mission::agreement::{Part, Progress};
+use skein_core::mission::agreement::{AgreementState, Progress};
 
 use super::agent::{Agent, Bits, Word, has, known_key, others, said_key};
 use super::{MISLED, P1, P2, P3, P4, VOUCHED};
@@ -139,7 +139,7 @@ impl<const N: usize> Swarm<N> {
             broken: None,
         };
         for agent in &mut swarm.agents {
-            agent.turn(Membership::Active);
+            agent.set_membership(Membership::Active);
             agent.say();
         }
         for to in 0..N {
@@ -242,7 +242,7 @@ impl<const N: usize> Swarm<N> {
     }
 
     /// The liar's word, newer than any before.
-    fn lie(&mut self, to: usize, part: Part) {
+    fn lie(&mut self, to: usize, part: AgreementState) {
         self.lies += 1;
         let order = MessageOrder { incarnation: Incarnation(self.lies), sequence: 0 };
         self.agents[to].receive(N, Word { order, part });
@@ -251,13 +251,13 @@ impl<const N: usize> Swarm<N> {
     /// An agent hears this from the liar, does something, and the liar takes it back.
     fn lie_while(&mut self, to: usize, vouched: u32, bounds: &Bounds<N>, act: impl FnOnce(&mut Self)) {
         let (step, reached) = (bounds.last_step, Some(bounds.last_step));
-        self.lie(to, Part { membership: Membership::Active, step, vouched, reached });
+        self.lie(to, AgreementState { membership: Membership::Active, step, vouched, reached });
         let sees = self.agents[to].sees | 1 << N;
         let progress = self.agents[to].see::<N>(to, sees);
         let is_unearned = self.agents[to].agreement.own().step > self.earned;
         self.agents[to].is_misled |= progress.is_some() && sees == 1 << N && is_unearned;
         act(self);
-        self.lie(to, Part::default());
+        self.lie(to, AgreementState::default());
     }
 
     /// Nobody has it admitted any longer.
@@ -295,10 +295,10 @@ impl<const N: usize> Swarm<N> {
             Action::Restart(agent) => self.agents[agent].is_up = true,
             Action::Withdraw(agent) => {
                 self.falls_left -= 1;
-                self.agents[agent].turn(Membership::Joining);
+                self.agents[agent].set_membership(Membership::Joining);
                 self.expel(agent);
             }
-            Action::Activate(agent) => self.agents[agent].turn(Membership::Active),
+            Action::Activate(agent) => self.agents[agent].set_membership(Membership::Active),
             Action::CutOff(lone) => {
                 self.cuts_left -= 1;
                 self.cut_off = Some(lone);
@@ -442,7 +442,7 @@ impl<const N: usize> Swarm<N> {
             for &own in &up {
                 let agent = &mut self.agents[own];
                 if agent.agreement.own().membership == Membership::Joining {
-                    agent.turn(Membership::Active);
+                    agent.set_membership(Membership::Active);
                 }
                 agent.advance::<N>(own);
                 agent.agreement.reach();

@@ -29,7 +29,7 @@ fn measured(altitude_m: f64) -> Measurement {
     }
 }
 
-/// An agent in the air and its clocks.
+/// An agent in flight, with its clocks.
 struct Flight {
     agent: Agent,
     plant_s: f64,
@@ -37,7 +37,7 @@ struct Flight {
 }
 
 impl Flight {
-    /// Active, at 30 m.
+    /// An active agent at 30 m.
     fn new(scenario: &Scenario) -> Self {
         let mut flight = Self { agent: agent(scenario), plant_s: 0.0, local_s: 0.0 };
         for _ in 0..=110 {
@@ -47,7 +47,7 @@ impl Flight {
         flight
     }
 
-    /// 20 ms on, with or without a frame.
+    /// Advances by 20 ms, with or without a frame.
     fn frame(&mut self, measurement: Option<&Measurement>, words: &[Word]) -> Outputs {
         self.local_s += 0.02;
         if measurement.is_some() {
@@ -58,8 +58,8 @@ impl Flight {
         self.agent.step(now, &Inputs { measurement, heard: &heard, leave: false, answer: None })
     }
 
-    /// Steps without frames for a while; what happened in it.
-    fn silence(&mut self, seconds: f64) -> (Vec<Happening>, Option<Sticks>) {
+    /// Steps without frames for this time; returns the events and the last command.
+    fn without_frames(&mut self, seconds: f64) -> (Vec<Happening>, Option<Sticks>) {
         let mut happened = Vec::new();
         let mut command = None;
         for _ in 0..(seconds / 0.02).round() as usize {
@@ -80,7 +80,7 @@ fn state_of(sender: u8, sequence: u64, north_m: f64) -> Word {
 }
 
 #[test]
-fn nothing_is_commanded_before_the_agent_takes_part() {
+fn no_controls_are_written_before_the_agent_is_active() {
     let mut flight = Flight { agent: agent(&scenario(&[])), plant_s: 0.0, local_s: 0.0 };
     let mut first_command_s = None;
     let mut active_s = None;
@@ -95,28 +95,28 @@ fn nothing_is_commanded_before_the_agent_takes_part() {
         }
         happened.extend(outputs.outbox.happened);
     }
-    assert_eq!(happened, [Happening::BecameActive], "data that come for the first time are not back");
+    assert_eq!(happened, [Happening::BecameActive], "the first data ever are not reported as back");
     assert!((active_s.unwrap() - 2.02).abs() < 1e-9, "two seconds after the first frame");
     assert_eq!(first_command_s, active_s);
 }
 
 #[test]
-fn stale_data_turn_neutral_and_a_gone_simulator_is_said_and_waited_for() {
+fn stale_data_give_neutral_controls_and_a_lost_simulator_is_reported_and_awaited() {
     let mut flight = Flight::new(&scenario(&["swarm.trim_error_rms_deg=0"]));
-    assert_eq!(flight.silence(0.1), (vec![], None), "a late frame changes nothing");
-    let (happened, command) = flight.silence(0.5);
+    assert_eq!(flight.without_frames(0.1), (vec![], None), "a late frame changes nothing");
+    let (happened, command) = flight.without_frames(0.5);
     assert_eq!(happened, [Happening::OwnDataStale]);
     assert_eq!(flight.agent.activity(), Activity::Blind);
     let sticks = command.unwrap();
     assert_eq!((sticks.roll, sticks.pitch, sticks.yaw), (0.0185, 0.0, 0.0), "cyclic and pedals at trim");
     assert!((0.5..0.7).contains(&sticks.collective), "collective held: {sticks:?}");
-    let (happened, command) = flight.silence(2.0);
+    let (happened, command) = flight.without_frames(2.0);
     assert_eq!((happened, command), (vec![Happening::SimulatorLost], None));
     let back = flight.frame(Some(&measured(30.0)), &[]);
     assert_eq!(back.outbox.happened, [Happening::OwnDataBack]);
     assert!(back.command.is_some());
     let joins = (flight.agent.membership(), flight.agent.activity());
-    assert_eq!(joins, (Membership::Joining, Activity::Joining), "it joins anew, in the air");
+    assert_eq!(joins, (Membership::Joining, Activity::Joining), "the vehicle rejoins in the air");
     for _ in 0..101 {
         flight.frame(Some(&measured(30.0)), &[]);
     }
@@ -124,18 +124,18 @@ fn stale_data_turn_neutral_and_a_gone_simulator_is_said_and_waited_for() {
 }
 
 #[test]
-fn while_blind_the_state_is_kept_to_oneself() {
+fn without_own_data_no_state_is_sent() {
     let mut flight = Flight::new(&scenario(&["network.send=every_frame"]));
     assert!(flight.frame(Some(&measured(30.0)), &[]).outbox.state.is_some());
-    flight.silence(0.2);
+    flight.without_frames(0.2);
     let outputs = flight.frame(None, &[]);
-    assert_eq!(outputs.outbox.state, None, "the others carry the last word forward");
+    assert_eq!(outputs.outbox.state, None, "the peers extrapolate the last state");
     let missions = (0..20).filter(|_| flight.frame(None, &[]).outbox.mission.is_some()).count();
-    assert!(missions >= 1, "but the agreement goes on");
+    assert!(missions >= 1, "heartbeats are still sent");
 }
 
 #[test]
-fn with_nobody_left_the_vehicle_holds_its_place() {
+fn without_any_peer_the_vehicle_holds_its_position() {
     let mut flight = Flight::new(&scenario(&[]));
     let active = MissionMessage { plan: 0, ..heartbeat(header(2, 1)) };
     flight.frame(Some(&measured(30.0)), &[Word::Appeared(id(2)), state_of(2, 1, 80.0), Word::Mission(active)]);
@@ -143,11 +143,11 @@ fn with_nobody_left_the_vehicle_holds_its_place() {
     assert_eq!(outputs.outbox.happened, [Happening::PeerLost(id(2)), Happening::AllPeersLost]);
     assert_eq!(flight.agent.activity(), Activity::Holding);
     flight.frame(Some(&measured(30.0)), &[Word::Appeared(id(2)), state_of(2, 2, 80.0)]);
-    assert_eq!(flight.agent.activity(), Activity::Formation, "somebody is back");
+    assert_eq!(flight.agent.activity(), Activity::Formation, "a peer is back");
 }
 
 #[test]
-fn an_order_heard_once_is_taken_and_repeated() {
+fn an_order_received_once_is_taken_and_repeated() {
     let mut flight = Flight::new(&scenario(&[]));
     let order = Order { epoch: 3, issuer: 9, verb: Verb::Land, seal: None };
     let outputs = flight.frame(Some(&measured(30.0)), &[Word::Order(order)]);
@@ -181,7 +181,7 @@ fn a_law_that_refuses_its_parameters_is_named() {
     assert!(uneven.ends_with("`formation.olfati_saber.action_a` is 6, but may not be above `action_b`, 5"), "{uneven}");
 }
 
-/// Any number at all, the impossible ones often.
+/// Any number, often an impossible one.
 fn number() -> impl Strategy<Value = f64> {
     prop_oneof![Just(f64::NAN), Just(f64::INFINITY), Just(-1e300), any::<f64>(), -100.0..100.0]
 }
@@ -197,7 +197,7 @@ fn any_measurement() -> impl Strategy<Value = Measurement> {
     })
 }
 
-/// A measurement that is believed, with one number spoilt.
+/// A plausible measurement with one impossible number.
 fn spoilt_measurement() -> impl Strategy<Value = Measurement> {
     (0_usize..8, number()).prop_map(|(field, value)| {
         let mut measurement = measured(30.0);
@@ -215,8 +215,8 @@ fn spoilt_measurement() -> impl Strategy<Value = Measurement> {
     })
 }
 
-fn any_word() -> impl Strategy<Value = Word> {
-    // The edge lets no implausible message through; whatever it lets through must do no harm.
+fn any_message() -> impl Strategy<Value = Word> {
+    // The link drops implausible messages; any message that passes must do no harm.
     let place = (-1.57..1.57, -3.1..3.1, -900.0..9e4_f64);
     let velocity = (-170.0..170.0, -170.0..170.0, -170.0..170.0_f64);
     let state = (1_u8..9, any::<u64>(), place, velocity).prop_map(|(sender, sequence, place, velocity)| {
@@ -236,16 +236,16 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(300))]
 
     #[test]
-    fn no_input_leads_to_controls_beyond_their_travel(
+    fn no_input_gives_controls_beyond_their_travel(
         frames in proptest::collection::vec(
-            (prop_oneof![any_measurement(), spoilt_measurement()], proptest::collection::vec(any_word(), 0..4)), 1..20,
+            (prop_oneof![any_measurement(), spoilt_measurement()], proptest::collection::vec(any_message(), 0..4)), 1..20,
         ),
     ) {
         let mut flight = Flight::new(&scenario(&[]));
         for (measurement, words) in frames {
             let outputs = flight.frame(Some(&measurement), &words);
             prop_assert!(outputs.command.is_none_or(|sticks| sticks.is_within_limits()), "{outputs:?}");
-            prop_assert!(outputs.outbox.state.is_none_or(|said| said.state.is_plausible()));
+            prop_assert!(outputs.outbox.state.is_none_or(|sent| sent.state.is_plausible()));
         }
         let recovered = flight.frame(Some(&measured(30.0)), &[]);
         prop_assert!(recovered.command.is_some_and(|sticks| sticks.is_within_limits()), "flies on afterwards");

@@ -1,4 +1,4 @@
-//! Which datarefs carry an aircraft's controls and read-backs: the `[xplane]` table of an aircraft file.
+//! The datarefs of an aircraft's controls and read-backs: the `[xplane]` table of an aircraft file.
 
 use alloc::borrow::ToOwned;
 use alloc::collections::BTreeMap;
@@ -14,13 +14,17 @@ use serde::Deserialize;
 #[serde(try_from = "String")]
 pub struct Dataref(String);
 
-/// A text that is no dataref.
+/// A text that is not a dataref.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("a dataref is 1 to 399 printable ASCII characters without spaces, an array's element `path[n]`; {0:?} is not")]
 pub struct BadDataref(pub String);
 
 impl Dataref {
-    /// Checks the path.
+    /// Checks a path.
+    ///
+    /// # Errors
+    ///
+    /// A path that is not a dataref.
     pub fn new(path: impl Into<String>) -> Result<Self, BadDataref> {
         let path = path.into();
         let fits = (1..=399).contains(&path.len()) && path.bytes().all(|byte| byte.is_ascii_graphic());
@@ -33,7 +37,7 @@ impl Dataref {
     }
 }
 
-/// The name and the element of `name[element]`; a scalar is its own element 0. `None` if the brackets hold no number.
+/// Name and element of `name[element]`; a scalar is its own element 0. `None` if the brackets do not hold a number.
 pub fn name_and_element(path: &str) -> Option<(&str, usize)> {
     let Some(inner) = path.strip_suffix(']') else { return Some((path, 0)) };
     let (name, index) = inner.rsplit_once('[')?;
@@ -48,30 +52,31 @@ impl TryFrom<String> for Dataref {
     }
 }
 
-/// How one aircraft is flown over UDP. What a file leaves out is as in [`Profile::default`].
+/// The datarefs through which one aircraft is flown over UDP. Keys missing in a file have the values of
+/// [`Profile::default`].
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Profile {
-    /// Set to 1 while the agent flies and refreshed, set to 0 when it gives the controls back.
+    /// Set to 1 while the agent flies, refreshed, and set to 0 when it releases the controls.
     pub overrides: Vec<Dataref>,
     /// Lateral cyclic, −1 to 1, positive right.
     pub roll: Dataref,
-    /// Longitudinal cyclic, −1 to 1, positive stick aft, nose up.
+    /// Longitudinal cyclic, −1 to 1, positive aft, nose up.
     pub pitch: Dataref,
     /// Pedals, −1 to 1, positive right.
     pub yaw: Dataref,
     /// Collective, 0 down to 1 up; all of them are written.
     pub collective: Vec<Dataref>,
-    /// Kept at these values while the agent flies, refreshed together with the overrides, left alone afterwards.
+    /// Held at these values while the agent flies and refreshed with the overrides; not changed afterwards.
     pub hold: BTreeMap<Dataref, f32>,
     /// Main rotor speed in revolutions per minute.
     pub rotor_speed_rpm: Dataref,
 }
 
 impl Default for Profile {
-    /// A helicopter of X-Plane 11 or 12 whose rotor its own governor keeps at speed, once its engine runs. The stick is
-    /// driven as ArduPilot drives it (three yoke ratios under `override_joystick`, collective on the propeller lever); the
-    /// throttle is opened by its lever and left to the governor, because no control of ours replaces one.
+    /// A helicopter of X-Plane 11 or 12 whose own governor keeps the rotor speed once its engine runs. The cyclic is
+    /// driven as in ArduPilot (three yoke ratios under `override_joystick`, collective on the propeller lever). The
+    /// throttle is opened by its lever and left to the governor, because none of the agent's controls replaces one.
     fn default() -> Self {
         let dataref = |path: &str| Dataref(path.to_owned());
         Self {
@@ -112,7 +117,7 @@ mod tests {
     }
 
     #[test]
-    fn nonsense_is_refused() {
+    fn invalid_datarefs_and_keys_are_refused() {
         for bad in
             ["rol = 'a'", "roll = ''", "roll = 'a b'", "roll = 'a[x]'", "collective = 'a'", "hold = 3", "roll = 'a[]'"]
         {

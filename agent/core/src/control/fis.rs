@@ -1,4 +1,4 @@
-//! The `.fis` text format, in which Matlab's and Octave's fuzzy toolboxes keep an inference system.
+//! The `.fis` text format of fuzzy inference systems, as written by the fuzzy toolboxes of Matlab and Octave.
 //!
 //! ```text
 //! [System]
@@ -24,8 +24,8 @@
 //! 1 1, 4 (1) : 1
 //! ```
 //!
-//! A rule names one set per input (0: any), then the output's constant, its weight, and 1 for "and". What is read is a
-//! zero-order Sugeno system with one output; everything else the format can say is refused by name. Lines that begin with
+//! A rule names one set per input (0: any), then the output's constant, its weight, and 1 for "and". The reader accepts
+//! zero-order Sugeno systems with one output and names every other feature that it refuses. Lines that begin with
 //! `%` or `#` are comments.
 
 use alloc::borrow::ToOwned;
@@ -40,22 +40,22 @@ use core::str::FromStr;
 
 use super::membership::{LARGEST, Membership};
 
-/// No section has more sets or rules: far above any published controller.
-const MOST: usize = 10_000;
+/// Largest number of sets or rules in a section: far above any published controller.
+const LARGEST_COUNT: usize = 10_000;
 
-/// What is wrong with a `.fis` file, and where.
+/// A fault in a `.fis` file, with its place.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{file}:{line}: {what}")]
 pub struct FisError {
-    /// The file's name, as given by whoever read it.
+    /// The file's name, as given by the caller.
     pub file: String,
     /// Line, from 1.
     pub line: usize,
-    /// One sentence.
+    /// Description of the fault, one sentence.
     pub what: String,
 }
 
-/// A zero-order Sugeno system as its file describes it. Displaying it writes the file.
+/// A zero-order Sugeno system as described by its file. Its `Display` writes the file.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Fis {
     pub(super) name: String,
@@ -68,7 +68,7 @@ pub struct Fis {
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Variable<T> {
     pub(super) name: String,
-    /// Low end, high end.
+    /// Lower and upper end of the range.
     pub(super) range: [f64; 2],
     pub(super) terms: Vec<Term<T>>,
 }
@@ -80,19 +80,23 @@ pub(super) struct Term<T> {
     pub(super) value: T,
 }
 
-/// If every named input belongs to its set, then the output is this constant.
+/// A rule: if every named input belongs to its set, the output is this constant.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Rule {
-    /// Per input the index of its set, from 0; `None` is any.
+    /// Index of each input's set, from 0; `None` for any.
     pub(super) antecedent: Vec<Option<usize>>,
     /// Index of the constant, from 0.
     pub(super) consequent: usize,
-    /// 0 to 1.
+    /// Weight, 0 to 1.
     pub(super) weight: f64,
 }
 
 impl Fis {
-    /// Reads a file's text. `file` is its name, for errors only.
+    /// Parses the text of a file. `file` is its name for errors.
+    ///
+    /// # Errors
+    ///
+    /// The first fault of the text, with its line.
     pub fn parse(file: &str, text: &str) -> Result<Self, FisError> {
         let mut sections = sections(file, text)?;
         let mut system = take_section(&mut sections, file, "System")?;
@@ -110,10 +114,10 @@ impl Fis {
     }
 }
 
-/// Checks the methods; gives the numbers of inputs and rules.
+/// Checks the methods and returns the numbers of inputs and rules.
 fn read_system(mut system: Section<'_>) -> Result<[usize; 2], FisError> {
     system.take("Version")?.number::<f64>()?;
-    // Rules joined by "or" are refused, so that it does not matter how they would be.
+    // Rules joined by "or" are refused, so the method of "or" is irrelevant.
     system.take("OrMethod")?.quoted()?;
     for (key, only, why) in [
         ("Type", "sugeno", "only 'sugeno' is"),
@@ -135,12 +139,12 @@ fn read_system(mut system: Section<'_>) -> Result<[usize; 2], FisError> {
         }
     };
     count("NumOutputs", 1)?;
-    let counts = [count("NumInputs", MOST)?, count("NumRules", MOST)?];
+    let counts = [count("NumInputs", LARGEST_COUNT)?, count("NumRules", LARGEST_COUNT)?];
     system.finish()?;
     Ok(counts)
 }
 
-/// Reads an `[Input]` or `[Output]` section; `term` makes one of its terms from its kind and parameters.
+/// Reads an `[Input]` or `[Output]` section; `term` builds a term from its kind and parameters.
 fn read_variable<T>(
     mut section: Section<'_>,
     term: fn(&str, &[f64]) -> Result<T, String>,
@@ -154,7 +158,7 @@ fn read_variable<T>(
         return Err(range.error(format!("Range needs low < high, both within ±{LARGEST:e}")));
     }
     let count = section.take("NumMFs")?;
-    let terms = (1..=count.number::<usize>()?.min(MOST + 1))
+    let terms = (1..=count.number::<usize>()?.min(LARGEST_COUNT + 1))
         .map(|i| {
             let value = section.take(&format!("MF{i}"))?;
             let (name, kind, parameters) = value.membership()?;
@@ -162,8 +166,8 @@ fn read_variable<T>(
             Ok(Term { name: name.to_owned(), value: term(kind, &parameters).map_err(|what| value.error(what))? })
         })
         .collect::<Result<Vec<_>, FisError>>()?;
-    if !(1..=MOST).contains(&terms.len()) {
-        return Err(count.error(format!("NumMFs is not within 1 to {MOST}")));
+    if !(1..=LARGEST_COUNT).contains(&terms.len()) {
+        return Err(count.error(format!("NumMFs is not within 1 to {LARGEST_COUNT}")));
     }
     section.finish()?;
     Ok(Variable { name, range: [low, high], terms })
@@ -196,7 +200,7 @@ fn read_rules(
     section.lines.iter().map(rule).collect()
 }
 
-/// `1 0 3, 2 (1) : 1`
+/// Reads a rule such as `1 0 3, 2 (1) : 1`.
 fn read_rule(text: &str, inputs: &[Variable<Membership>], output: &Variable<f64>) -> Result<Rule, String> {
     let form = || format!("a rule reads like '{}, 1 (1) : 1', not '{text}'", vec!["1"; inputs.len()].join(" "));
     let (antecedent, rest) = text.split_once(',').ok_or_else(form)?;
@@ -225,7 +229,7 @@ fn read_rule(text: &str, inputs: &[Variable<Membership>], output: &Variable<f64>
     Ok(Rule { antecedent, consequent, weight })
 }
 
-/// The index, from 0, of the term that a rule calls `text`, from 1.
+/// The index from 0 of the term whose number from 1 is `text`.
 fn index(text: &str, variable: &str, terms: usize) -> Result<usize, String> {
     match text.parse::<f64>() {
         Ok(number) if number < 0.0 => Err(format!("a negated set ({text} of '{variable}') is not supported")),
@@ -235,7 +239,7 @@ fn index(text: &str, variable: &str, terms: usize) -> Result<usize, String> {
     }
 }
 
-/// A part of the file, from its `[heading]` to the next.
+/// A section of the file, from its `[heading]` to the next.
 struct Section<'a> {
     file: &'a str,
     name: &'a str,
@@ -253,7 +257,7 @@ fn sections<'a>(file: &'a str, text: &'a str) -> Result<Vec<Section<'a>>, FisErr
         }
         if let Some(name) = text.strip_prefix('[').and_then(|rest| rest.strip_suffix(']')) {
             sections.push(Section { file, name, line, lines: VecDeque::new() });
-        } else if let Some(section) = sections.last_mut().filter(|section| section.lines.len() <= MOST + 3) {
+        } else if let Some(section) = sections.last_mut().filter(|section| section.lines.len() <= LARGEST_COUNT + 3) {
             section.lines.push_back((line, text));
         } else {
             return Err(error(file, line, "a section, beginning with [System], was expected"));
@@ -281,7 +285,7 @@ impl<'a> Section<'a> {
         }
     }
 
-    /// Nothing may be left.
+    /// Checks that no line is left.
     fn finish(self) -> Result<(), FisError> {
         match self.lines.front() {
             Some((line, text)) => Err(error(self.file, *line, format!("[{}] has no use for '{text}'", self.name))),
@@ -290,7 +294,7 @@ impl<'a> Section<'a> {
     }
 }
 
-/// What stands to the right of a key.
+/// The value to the right of a key.
 struct Value<'a> {
     file: &'a str,
     line: usize,
@@ -306,26 +310,26 @@ impl<'a> Value<'a> {
         self.text.parse().map_err(|_| self.error(format!("'{}' is not such a number", self.text)))
     }
 
-    /// `'…'`
+    /// The text between single quotes, as in `'…'`.
     fn quoted(&self) -> Result<&'a str, FisError> {
         unquote(self.text).ok_or_else(|| self.error(format!("a text in single quotes was expected, not {}", self.text)))
     }
 
-    /// `[1 2 3]`; commas are white space.
+    /// The numbers of a list such as `[1 2 3]`; commas count as white space.
     fn numbers(&self, text: &str) -> Result<Vec<f64>, FisError> {
         let inner = text.strip_prefix('[').and_then(|rest| rest.strip_suffix(']'));
         let inner = inner.ok_or_else(|| self.error(format!("numbers in [ ] were expected, not {text}")))?;
         inner
             .split(|c: char| c.is_whitespace() || c == ',')
-            .filter(|word| !word.is_empty())
-            .map(|word| match word.parse::<f64>() {
+            .filter(|item| !item.is_empty())
+            .map(|item| match item.parse::<f64>() {
                 Ok(number) if number.is_finite() => Ok(number),
-                _ => Err(self.error(format!("'{word}' is not a finite number"))),
+                _ => Err(self.error(format!("'{item}' is not a finite number"))),
             })
             .collect()
     }
 
-    /// `'name':'kind',[parameters]`
+    /// Name, kind and parameters of `'name':'kind',[parameters]`.
     fn membership(&self) -> Result<(&'a str, &'a str, &'a str), FisError> {
         // A name may hold colons and commas.
         let parts: Vec<&str> = self.text.splitn(5, '\'').collect();

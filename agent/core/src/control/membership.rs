@@ -1,4 +1,4 @@
-//! Membership functions: how far a number belongs to a fuzzy set, 0 to 1.
+//! Membership functions: the degree, 0 to 1, to which a number belongs to a fuzzy set.
 
 use alloc::format;
 use alloc::string::String;
@@ -7,7 +7,7 @@ use alloc::vec::Vec;
 
 use skein_common::math;
 
-/// No parameter of a `.fis` file may be larger: differences and products then stay far from overflow.
+/// Largest magnitude of a parameter in a `.fis` file: differences and products stay far from overflow.
 pub(super) const LARGEST: f64 = 1e12;
 
 /// One fuzzy set, with the parameters of the toolboxes' function of the same name.
@@ -22,8 +22,8 @@ pub(super) enum Membership {
 }
 
 impl Membership {
-    /// The function of this name. Corners must be ordered and may coincide (a vertical edge); σ must be positive.
-    /// The error is a sentence without its place.
+    /// The function of this name. Corners must be in ascending order and may coincide (a vertical edge); σ must be
+    /// positive. The error is a sentence without a file and line.
     pub(super) fn new(kind: &str, parameters: &[f64]) -> Result<Self, String> {
         let ordered = parameters.is_sorted() && parameters.first() < parameters.last();
         match (kind, parameters) {
@@ -52,7 +52,7 @@ impl Membership {
         }
     }
 
-    /// As written in the file.
+    /// The parameters in the order of the file.
     pub(super) fn parameters(&self) -> &[f64] {
         match self {
             Self::Triangle(p) => p,
@@ -61,7 +61,7 @@ impl Membership {
         }
     }
 
-    /// How far `x` belongs to the set, 0 to 1. `x` is finite.
+    /// The degree to which the finite number `x` belongs to the set, 0 to 1.
     #[inline]
     pub(super) fn degree(&self, x: f64) -> f64 {
         match *self {
@@ -74,8 +74,8 @@ impl Membership {
         }
     }
 
-    /// Points between which the degree is linear, or, for a Gaussian, one σ apart out to where it is below 2·10⁻⁸;
-    /// of a vertical edge also the last point outside.
+    /// Points between which the degree is linear; for a Gaussian, points one σ apart as far as the degree exceeds
+    /// 2·10⁻⁸. A vertical edge also gives the last point outside.
     pub(super) fn corners(&self) -> Vec<f64> {
         let [a, b, c, d] = match *self {
             Self::Triangle([a, b, c]) => [a, b, b, c],

@@ -1,4 +1,4 @@
-//! Zero-order Sugeno inference (Takagi & Sugeno 1985), compiled from its description for a control loop.
+//! Zero-order Sugeno inference (Takagi & Sugeno 1985), compiled from its description for use in a control loop.
 
 use alloc::borrow::ToOwned;
 use alloc::format;
@@ -9,65 +9,65 @@ use alloc::vec::Vec;
 use super::fis::{Fis, FisError, Variable};
 use super::membership::Membership;
 
-/// Inputs of a system; what is active of each lives on the stack.
-const MOST_INPUTS: usize = 8;
-/// Sets of one input.
-const MOST_SETS: usize = 100;
-/// Combinations of one set per input.
-const MOST_COMBINATIONS: usize = 1 << 16;
-/// Multiplications that the check of coverage may take: a fraction of a second.
-const MOST_COVERAGE_WORK: f64 = 5e7;
-/// A place where all rules together weigh less than this is not covered. A Gaussian alone reaches it at 5.3 σ.
-const LEAST_WEIGHT: f64 = 1e-6;
+/// Largest number of inputs: the active sets of each are on the stack.
+const MAX_INPUTS: usize = 8;
+/// Largest number of sets of one input.
+const MAX_SETS: usize = 100;
+/// Largest number of combinations of one set per input.
+const MAX_COMBINATIONS: usize = 1 << 16;
+/// Largest number of multiplications in the coverage check: a fraction of a second.
+const MAX_COVERAGE_WORK: f64 = 5e7;
+/// A point is uncovered if its rules' total weight is below this. A single Gaussian reaches it at 5.3 σ.
+const MIN_WEIGHT: f64 = 1e-6;
 
 /// A Sugeno system with constant consequents, product "and" and weighted-average output.
 ///
-/// With memberships μ_ri(x_i), rule weights w_r and constants u_r, the output is
-/// Σ_r w_r Π_i μ_ri(x_i) u_r / Σ_r w_r Π_i μ_ri(x_i). Inputs are first brought into their `Range`, so that a shoulder
+/// Σ_r w_r Π_i μ_ri(x_i) u_r / Σ_r w_r Π_i μ_ri(x_i). Inputs are first clamped to their `Range`, so that a shoulder
 /// that is 1 at the end of its range stays 1 for every finite input (Octave refuses inputs beyond it, Matlab warns).
 #[derive(Clone, Debug)]
 pub struct Sugeno {
     inputs: Vec<Input>,
-    /// Per combination of one set (or "any") per input, the last input's fastest: Σ w_r and Σ w_r u_r of its rules.
+    /// Σ w_r and Σ w_r u_r of the rules for each combination of one set (or "any") per input; the last input varies
+    /// fastest.
     table: Vec<[f64; 2]>,
 }
 
-/// One input, its range cut at the corners of its sets.
+/// One input, its range split at the corners of its sets.
 #[derive(Clone, Debug)]
 struct Input {
     range: [f64; 2],
-    /// Entries in its row of the table: its sets, then "any" if some rule does not ask for this input.
+    /// Entries of this input in the table: its sets, then "any" if some rule ignores this input.
     width: usize,
-    /// Combinations of the inputs after it.
+    /// Number of combinations of the following inputs.
     stride: usize,
-    /// The corners within the range, ascending: where one segment ends and the next begins.
+    /// The corners within the range, ascending, which separate the segments.
     corners: Vec<f64>,
-    /// Per segment, the sets that are not 0 all over it.
+    /// The sets of each segment that are not 0 throughout it.
     segments: Vec<Vec<Active>>,
 }
 
-/// A set within a segment, where it is not 0 everywhere.
+/// A set in a segment where it is not 0 throughout.
 #[derive(Clone, Copy, Debug)]
 struct Active {
-    /// Where its part of the table begins.
+    /// Index of the set's first table entry.
     offset: usize,
     degree: Degree,
 }
 
 #[derive(Clone, Copy, Debug)]
 enum Degree {
-    /// `value` at `from`, and so on with this slope: every side of a triangle or trapezoid, and "any".
+    /// `value` at `from`, linear with this slope: every side of a triangle or trapezoid, and "any".
     Line { from: f64, value: f64, slope: f64 },
-    /// As the set itself has it.
+    /// The degree of the set itself.
     Curve(Membership),
 }
 
 impl Degree {
-    /// Of a set between two neighbouring corners; `None` if it is 0 there.
+    /// The degree of a set between two neighbouring corners; `None` if it is 0 there.
     fn between(set: &Membership, from: f64, to: f64) -> Option<Self> {
         let (value, end) = (set.degree(from), set.degree(to));
         match set {
-            // No set rises and falls within a segment.
+            // A set does not both rise and fall within a segment.
             _ if value == 0.0 && end == 0.0 => None,
             Membership::Gaussian(_) => Some(Self::Curve(*set)),
             _ => Some(Self::Line { from, value, slope: (end - value) / (to - from) }),
@@ -84,7 +84,7 @@ impl Degree {
 }
 
 impl Input {
-    /// `any`: some rule does not ask for it.
+    /// An input of the system; `any` states that some rule ignores it.
     fn new(variable: &Variable<Membership>, any: bool, stride: usize) -> Self {
         let [low, high] = variable.range;
         let sets = &variable.terms;
@@ -102,7 +102,7 @@ impl Input {
         Self { range: variable.range, width: sets.len() + usize::from(any), stride, corners, segments }
     }
 
-    /// The sets that may be above 0 at `x`, and `x` within the range.
+    /// The sets that may be above 0 at `x`, and `x` clamped to the range.
     #[inline]
     fn active(&self, x: f64) -> (&[Active], f64) {
         let x = x.clamp(self.range[0], self.range[1]);
@@ -111,7 +111,11 @@ impl Input {
 }
 
 impl Sugeno {
-    /// Reads and compiles a `.fis` text. `file` is its name, for errors only.
+    /// Reads and compiles a `.fis` text. `file` is its name for errors.
+    ///
+    /// # Errors
+    ///
+    /// The first fault of the text, with its line.
     pub fn parse(file: &str, text: &str) -> Result<Self, FisError> {
         let fis = Fis::parse(file, text)?;
         Self::new(&fis).map_err(|what| {
@@ -120,14 +124,17 @@ impl Sugeno {
         })
     }
 
-    /// Compiles a described system. Fails, with a sentence, if it is too large or if its rules leave a combination of
-    /// inputs inside their ranges uncovered.
+    /// Compiles a described system.
+    ///
+    /// # Errors
+    ///
+    /// A sentence, if the system is too large or its rules leave a combination of inputs inside their ranges uncovered.
     pub fn new(fis: &Fis) -> Result<Self, String> {
-        if fis.inputs.len() > MOST_INPUTS {
-            return Err(format!("{} inputs are too many: {MOST_INPUTS} are supported", fis.inputs.len()));
+        if fis.inputs.len() > MAX_INPUTS {
+            return Err(format!("{} inputs are too many: {MAX_INPUTS} are supported", fis.inputs.len()));
         }
-        if let Some(input) = fis.inputs.iter().find(|input| input.terms.len() > MOST_SETS) {
-            return Err(format!("'{}' has too many sets: {MOST_SETS} are supported", input.name));
+        if let Some(input) = fis.inputs.iter().find(|input| input.terms.len() > MAX_SETS) {
+            return Err(format!("'{}' has too many sets: {MAX_SETS} are supported", input.name));
         }
         let mut inputs = Vec::with_capacity(fis.inputs.len());
         let mut stride = 1;
@@ -135,8 +142,8 @@ impl Sugeno {
             let any = fis.rules.iter().any(|rule| rule.antecedent[i].is_none());
             inputs.insert(0, Input::new(variable, any, stride));
             stride *= inputs[0].width;
-            if stride > MOST_COMBINATIONS {
-                return Err(format!("more than {MOST_COMBINATIONS} combinations of sets are too many"));
+            if stride > MAX_COMBINATIONS {
+                return Err(format!("more than {MAX_COMBINATIONS} combinations of sets are too many"));
             }
         }
         let mut table = vec![[0.0; 2]; stride];
@@ -166,7 +173,7 @@ impl Sugeno {
         if inputs.len() != self.inputs.len() || inputs.iter().any(|x| !x.is_finite()) {
             return None;
         }
-        let mut active: [(&[Active], f64); MOST_INPUTS] = Default::default();
+        let mut active: [(&[Active], f64); MAX_INPUTS] = Default::default();
         for ((active, input), x) in active.iter_mut().zip(&self.inputs).zip(inputs) {
             *active = input.active(*x);
         }
@@ -174,8 +181,8 @@ impl Sugeno {
         (weight > 0.0).then(|| weighted / weight)
     }
 
-    /// A point where Σ w is too small. Between corners of its sets every input enters Σ w linearly, so that the least
-    /// value lies on the grid of corners; near Gaussians it is right to within the fall of one σ.
+    /// A point at which Σ w is too small. Σ w is linear in every input between the corners of its sets, so its minimum
+    /// lies on the grid of corners; near Gaussians this holds to within the change over one σ.
     fn uncovered(&self) -> Result<Option<Vec<f64>>, String> {
         let grid = |input: &Input| [&[input.range[0]], &input.corners[..], &[input.range[1]]].concat();
         let grids: Vec<Vec<f64>> = self.inputs.iter().map(grid).collect();
@@ -184,7 +191,7 @@ impl Sugeno {
             points *= grid.len() as f64;
             work += points * (input.width * input.stride) as f64;
         }
-        if work > MOST_COVERAGE_WORK {
+        if work > MAX_COVERAGE_WORK {
             return Err("the system is too large to check that its rules cover all inputs".into());
         }
         let weights: Vec<f64> = self.table.iter().map(|entry| entry[0]).collect();
@@ -200,7 +207,7 @@ fn fire(inputs: &[(&[Active], f64)], table: &[[f64; 2]]) -> [f64; 2] {
         for set in *active {
             let degree = set.degree.at(*x);
             let table = &table[set.offset..];
-            // The last input's sums are the table's own: no call for them.
+            // The last input's sums are table entries: this saves a call.
             let [weight, weighted] = if rest.is_empty() { table[0] } else { fire(rest, table) };
             sums[0] += degree * weight;
             sums[1] += degree * weighted;
@@ -209,11 +216,11 @@ fn fire(inputs: &[(&[Active], f64)], table: &[[f64; 2]]) -> [f64; 2] {
     sums
 }
 
-/// Whether `weights`, a table over `inputs`, sums to too little somewhere on the grids; `place` is then extended by
-/// where.
+/// Whether the sum of `weights`, a table over `inputs`, is too small somewhere on the grids; `place` is then extended
+/// by that point.
 fn find_uncovered(inputs: &[Input], grids: &[Vec<f64>], weights: &[f64], place: &mut Vec<f64>) -> bool {
     let ([input, inputs @ ..], [grid, grids @ ..]) = (inputs, grids) else {
-        return weights[0] < LEAST_WEIGHT;
+        return weights[0] < MIN_WEIGHT;
     };
     grid.iter().any(|&x| {
         let mut remaining = vec![0.0; input.stride];

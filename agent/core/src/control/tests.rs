@@ -9,7 +9,7 @@ use skein_common::math;
 
 use super::*;
 
-/// The built-in helicopter's.
+/// Trim of the built-in helicopter.
 pub(super) const TRIM: Trim = Trim {
     roll_stick: 0.0185,
     pitch_stick: 0.0,
@@ -23,7 +23,7 @@ fn controller(auto_trim: bool) -> VehicleController {
     VehicleController::new(Rules::shipped(), TRIM, auto_trim)
 }
 
-/// A hover at 30 m, in trim.
+/// The estimate of a trimmed hover at 30 m.
 fn hover(heading_rad: f64) -> Estimate {
     Estimate {
         position: PositionNed::new(0.0, 0.0, -30.0),
@@ -36,7 +36,7 @@ fn hover(heading_rad: f64) -> Estimate {
     }
 }
 
-/// Stay there.
+/// The setpoint of that hover.
 fn stay(heading_rad: f64) -> Setpoint {
     Setpoint {
         relative_velocity_ne_m_s: Vector2::zeros(),
@@ -72,7 +72,7 @@ fn pseudo_errors_have_the_papers_signs() {
 }
 
 #[test]
-fn in_trim_the_sticks_are_at_trim() {
+fn a_trimmed_hover_needs_the_trim_controls() {
     for heading_rad in [0.0, 1.0, -2.5] {
         let Sticks { roll, pitch, yaw, collective } = sticks(&hover(heading_rad), &stay(heading_rad));
         assert_near(roll, TRIM.roll_stick);
@@ -83,7 +83,7 @@ fn in_trim_the_sticks_are_at_trim() {
 }
 
 #[test]
-fn an_error_moves_the_stick_that_reduces_it() {
+fn an_error_moves_the_control_that_reduces_it() {
     let towards = |north, east| Setpoint {
         relative_velocity_ne_m_s: Vector2::new(north, east) * VELOCITY_PER_ERROR_PER_S,
         ..stay(0.0)
@@ -93,7 +93,7 @@ fn an_error_moves_the_stick_that_reduces_it() {
     assert_near(sticks(&hover(0.0), &towards(0.0, 5.0)).roll, TRIM.roll_stick + 0.25);
     assert_near(sticks(&hover(0.0), &towards(0.0, -5.0)).roll, TRIM.roll_stick - 0.25);
 
-    // Heading east, a place in the east is ahead.
+    // Heading east, a target in the east is ahead.
     let east = Setpoint { heading_rad: FRAC_PI_2, ..towards(0.0, 5.0) };
     assert_near(sticks(&hover(FRAC_PI_2), &east).pitch, -0.25);
     assert_near(sticks(&hover(FRAC_PI_2), &east).roll, TRIM.roll_stick);
@@ -134,7 +134,7 @@ fn heading_error_takes_the_short_way_round() {
 }
 
 #[test]
-fn near_the_ground_nothing_pulls_sideways() {
+fn near_the_ground_there_is_no_lateral_command() {
     let setpoint =
         Setpoint { relative_velocity_ne_m_s: Vector2::new(-5.0, 5.0) * VELOCITY_PER_ERROR_PER_S, ..stay(0.0) };
     for (height_m, share) in [(0.24, 0.0), (1.5, 0.0), (2.5, 0.5), (3.5, 1.0), (30.0, 1.0)] {
@@ -147,7 +147,7 @@ fn near_the_ground_nothing_pulls_sideways() {
     assert_eq!(sticks(&on_skids, &moving), sticks(&on_skids, &stay(0.0)), "nor forwards with a moving centre");
 }
 
-/// Steps for a second and tells what the integrals found.
+/// The integrals of auto-trim after one second with this estimate and setpoint.
 fn after_a_second(estimate: &Estimate, setpoint: &Setpoint) -> AutoTrim {
     let mut controller = controller(true);
     for _ in 0..50 {
@@ -175,7 +175,7 @@ fn auto_trim_integrates_the_velocity_command_error() {
 }
 
 #[test]
-fn auto_trim_sleeps_near_the_ground_and_in_manoeuvres() {
+fn auto_trim_pauses_near_the_ground_and_in_manoeuvres() {
     let nothing = AutoTrim::default();
     let setpoint = Setpoint {
         relative_velocity_ne_m_s: Vector2::new(1.0, 0.0) * VELOCITY_PER_ERROR_PER_S,
@@ -185,7 +185,7 @@ fn auto_trim_sleeps_near_the_ground_and_in_manoeuvres() {
     assert_eq!(after_a_second(&Estimate { height_m: 3.49, ..hover(0.0) }, &setpoint), nothing);
     assert_ne!(after_a_second(&Estimate { height_m: 3.5, ..hover(0.0) }, &setpoint), nothing);
 
-    // At 1 m/s the velocity error is above and below 1.5 m/s.
+    // At 1 m/s the velocity error is just below or above 1.5 m/s.
     let flies = Estimate { velocity: VelocityNed::new(1.0, 0.0, 0.0), ..hover(0.0) };
     let found = |error_m: f64| {
         after_a_second(
@@ -199,38 +199,39 @@ fn auto_trim_sleeps_near_the_ground_and_in_manoeuvres() {
 }
 
 #[test]
-fn auto_trim_works_where_a_steady_vehicle_is_held_up_but_not_where_it_flies() {
-    let wanted = Setpoint { relative_velocity_ne_m_s: Vector2::new(4.0, 0.0) * VELOCITY_PER_ERROR_PER_S, ..stay(0.0) };
+fn auto_trim_integrates_for_a_steady_held_up_vehicle_but_not_for_a_flying_one() {
+    let commanded =
+        Setpoint { relative_velocity_ne_m_s: Vector2::new(4.0, 0.0) * VELOCITY_PER_ERROR_PER_S, ..stay(0.0) };
     let found = |velocity: VelocityNed, seconds: u32| {
         let mut controller = controller(true);
         for _ in 0..50 * seconds {
-            controller.step(0.02, &Estimate { velocity, ..hover(0.0) }, &wanted);
+            controller.step(0.02, &Estimate { velocity, ..hover(0.0) }, &commanded);
         }
         controller.auto_trim().unwrap().tilt_ne_rad
     };
     let blown_back = VelocityNed::new(-1.5, 0.0, 0.0);
-    assert_eq!(found(blown_back, 2), Vector2::zeros(), "its velocity has only just become so");
+    assert_eq!(found(blown_back, 2), Vector2::zeros(), "the velocity is not steady yet");
     assert!(found(blown_back, 8).x > 0.1, "{:?}", found(blown_back, 8));
-    assert_eq!(found(VelocityNed::new(-2.5, 0.0, 0.0), 8), Vector2::zeros(), "that is no matter of trim");
-    assert!(found(VelocityNed::new(0.4, 0.0, 0.0), 8).x > 0.1, "it hardly gets on");
+    assert_eq!(found(VelocityNed::new(-2.5, 0.0, 0.0), 8), Vector2::zeros(), "too large an error for trim");
+    assert!(found(VelocityNed::new(0.4, 0.0, 0.0), 8).x > 0.1, "the vehicle is held up");
     assert_eq!(found(VelocityNed::new(0.49, 0.0, 0.0), 0), Vector2::zeros());
     let flies = Setpoint { relative_velocity_ne_m_s: Vector2::new(6.0, 0.0) * VELOCITY_PER_ERROR_PER_S, ..stay(0.0) };
     let mut controller = controller(true);
     (0..400).for_each(|_| {
         controller.step(0.02, &Estimate { velocity: VelocityNed::new(1.0, 0.0, 0.0), ..hover(0.0) }, &flies);
     });
-    assert_eq!(controller.auto_trim().unwrap().tilt_ne_rad, Vector2::zeros(), "it gets on");
+    assert_eq!(controller.auto_trim().unwrap().tilt_ne_rad, Vector2::zeros(), "the vehicle flies");
 }
 
 #[test]
-fn a_steady_climb_fills_no_integral_and_a_large_error_of_the_climb_counts_like_2_5_m_s() {
+fn a_steady_climb_fills_no_integral_and_the_climb_error_is_limited_to_2_5_m_s() {
     let found = |altitude_m: f64, climb_m_s: f64| {
         let climbing = Estimate { velocity: VelocityNed::new(0.0, 0.0, -climb_m_s), ..hover(0.0) };
         after_a_second(&climbing, &Setpoint { altitude_m, ..stay(0.0) }).collective
     };
     assert_near(found(34.0, 0.38 * 4.0), 0.0);
     assert_near(found(300.0, 1.9), 0.0);
-    // A vehicle that climbs though it is to descend as fast as it can, as after a stop in a strong wind.
+    // A vehicle that climbs while the command is the fastest descent, as after a stop in a strong wind.
     assert_near(found(20.0, 1.0), -0.009 * 2.5);
 }
 
@@ -242,7 +243,7 @@ fn auto_trim_is_clamped_and_steps_are_capped() {
         altitude_m: 26.0,
         ..stay(0.0)
     };
-    // However long the plant stood still, a step counts for 0.1 s; back in time for none.
+    // However long the plant paused, a step counts as 0.1 s at most; a step back in time counts as zero.
     controller.step(1e9, &hover(0.0), &setpoint);
     assert_near(controller.auto_trim().unwrap().tilt_ne_rad.x, 0.001);
     controller.step(-5.0, &hover(0.0), &setpoint);
@@ -256,7 +257,7 @@ fn auto_trim_is_clamped_and_steps_are_capped() {
     assert_eq!(found.collective, -0.12);
 }
 
-/// The limit after so many seconds at this height, that far below the altitude asked for.
+/// The collective limit after this time at this height, this far below the altitude setpoint.
 fn limit_after(seconds: u32, auto_trim: bool, height_m: f64, error_m: f64) -> Option<CollectiveLimit> {
     let mut controller = controller(auto_trim);
     let (estimate, setpoint) =
@@ -268,24 +269,24 @@ fn limit_after(seconds: u32, auto_trim: bool, height_m: f64, error_m: f64) -> Op
 }
 
 #[test]
-fn the_collective_is_at_its_limit_when_rules_and_integral_have_no_more_to_give() {
+fn the_collective_limit_is_reached_with_rules_and_integral_at_their_maximum() {
     use CollectiveLimit::{Highest, Lowest};
-    assert_eq!(limit_after(10, true, 30.0, -2.5), None, "2.5 m high, with trim left");
-    assert_eq!(limit_after(20, true, 30.0, -2.5), Some(Lowest), "the integral is at its end");
-    assert_eq!(limit_after(1, true, 30.0, -4.9), None, "the integral works");
-    assert_eq!(limit_after(1, true, 30.0, -5.0), Some(Lowest), "the rules ask for all they can");
+    assert_eq!(limit_after(10, true, 30.0, -2.5), None, "2.5 m too high, with trim left");
+    assert_eq!(limit_after(20, true, 30.0, -2.5), Some(Lowest), "the integral is at its limit");
+    assert_eq!(limit_after(1, true, 30.0, -4.9), None, "the integral still changes");
+    assert_eq!(limit_after(1, true, 30.0, -5.0), Some(Lowest), "the rules give their maximum");
     assert_eq!(limit_after(60, true, 30.0, 0.0), None);
     for auto_trim in [false, true] {
         assert_eq!(limit_after(1, auto_trim, 0.24, 2.0), Some(Highest), "on the ground");
         assert_eq!(limit_after(1, auto_trim, 0.24, -2.0), None);
     }
-    assert_eq!(limit_after(60, false, 30.0, -7.6), None, "as the rules leave it in 8 m/s of wind");
+    assert_eq!(limit_after(60, false, 30.0, -7.6), None, "the rules leave this error in 8 m/s of wind");
     assert_eq!(limit_after(60, false, 30.0, -10.0), Some(Lowest));
     assert!(Highest.is_towards(1.0) && !Highest.is_towards(-1.0) && Lowest.is_towards(-1.0) && !Lowest.is_towards(1.0));
 }
 
 #[test]
-fn auto_trim_leans_the_way_it_integrated() {
+fn auto_trim_leans_in_the_direction_of_its_integral() {
     let found = AutoTrim { tilt_ne_rad: Vector2::new(0.1, 0.05), collective: 0.02, ..AutoTrim::default() };
     let mut controller = controller(false);
     controller.auto_trim = Some(found);
@@ -294,14 +295,14 @@ fn auto_trim_leans_the_way_it_integrated() {
     assert_near(sticks.pitch, -0.1);
     assert_near(sticks.roll, TRIM.roll_stick + 0.05);
     assert_near(sticks.collective, 0.62);
-    // Heading west: left to lean north.
+    // Heading west: bank left to lean north.
     let sticks = controller.step(0.0, &hover(-FRAC_PI_2), &stay(-FRAC_PI_2)).sticks;
     assert_near(sticks.roll, TRIM.roll_stick + 0.1);
     assert_near(sticks.pitch, 0.05);
 }
 
 #[test]
-fn what_is_not_finite_holds_the_last_command() {
+fn a_non_finite_argument_repeats_the_last_controls() {
     let mut controller = controller(true);
     let bad = Estimate { height_m: f64::NAN, ..hover(0.0) };
     let neutral = Sticks { roll: TRIM.roll_stick, pitch: 0.0, yaw: 0.0, collective: 0.6 };
@@ -330,7 +331,7 @@ fn what_is_not_finite_holds_the_last_command() {
     let mut faults: Vec<_> = faults.collect();
     faults.extend(setpoints.iter().map(|s| (controller.step(0.02, &hover(0.0), s), ControlFault::Setpoint)));
     faults.push((controller.step(nan, &hover(0.0), &setpoint), ControlFault::TimeStep));
-    // Finite, but the components along the heading are not.
+    // Each setpoint is finite, but its components along the heading are not.
     let overflowing =
         Setpoint { relative_velocity_ne_m_s: Vector2::new(f64::MAX, f64::MAX) * VELOCITY_PER_ERROR_PER_S, ..setpoint };
     faults.push((controller.step(0.02, &hover(0.8), &overflowing), ControlFault::Rules));
@@ -388,7 +389,7 @@ fn any_setpoint() -> impl Strategy<Value = Setpoint> {
 }
 
 #[test]
-fn coming_down_the_collective_is_out_until_the_fall_has_to_be_braked() {
+fn in_autorotation_the_collective_stays_low_until_the_fall_is_braked() {
     let collective = |height_m: f64, sink_m_s: f64| {
         let falling = Estimate { height_m, velocity: VelocityNed::new(0.0, 0.0, sink_m_s), ..hover(0.0) };
         controller(false).autorotate(0.02, &falling, 0.0).sticks.collective

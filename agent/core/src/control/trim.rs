@@ -1,4 +1,4 @@
-//! Trim: what keeps this aircraft hovering, as configured and as found in flight.
+//! Trim: the controls and attitude of a steady hover, as configured and as found in flight.
 
 use nalgebra::Vector2;
 use serde::Deserialize;
@@ -7,27 +7,27 @@ use super::{CollectiveLimit, Setpoint, climb_m_s};
 use crate::estimate::Estimate;
 use crate::plant::Sticks;
 
-/// What the sticks and the attitude are in a hover without wind: the `[trim]` table of an aircraft's file, which has the
-/// angles in degrees.
+/// Controls and attitude in a hover without wind: the `[trim]` table of an aircraft file, which has the angles in
+/// degrees.
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
 #[serde(try_from = "TrimTable")]
 pub struct Trim {
-    /// −1 to 1.
+    /// Roll control, −1 to 1.
     pub roll_stick: f64,
-    /// −1 to 1.
+    /// Pitch control, −1 to 1.
     pub pitch_stick: f64,
-    /// −1 to 1.
+    /// Yaw control, −1 to 1.
     pub yaw_stick: f64,
-    /// 0 to 1.
+    /// Collective control, 0 to 1.
     pub collective: f64,
-    /// Right bank positive.
+    /// Roll angle, right bank positive, rad.
     pub roll_rad: f64,
-    /// Nose up positive.
+    /// Pitch angle, nose up positive, rad.
     pub pitch_rad: f64,
 }
 
 impl Trim {
-    /// The controls in the hover, within their travel whatever the fields hold.
+    /// The controls in the hover, clamped to their travel even if a field is out of range.
     pub(crate) fn sticks(&self) -> Sticks {
         let within = |value: f64, low: f64| if value.is_finite() { value.clamp(low, 1.0) } else { 0.0 };
         Sticks {
@@ -39,7 +39,7 @@ impl Trim {
     }
 }
 
-/// The table as written.
+/// The `[trim]` table as written.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct TrimTable {
@@ -51,7 +51,7 @@ struct TrimTable {
     pitch_deg: f64,
 }
 
-/// A `[trim]` table with a number that no hover has.
+/// A `[trim]` table with a number outside its limits.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[error("{key} is {value}, but has to be within {low} to {high}")]
 pub struct BadTrim {
@@ -79,75 +79,75 @@ impl TryFrom<TrimTable> for Trim {
     }
 }
 
-/// k of the tilt integral, rad/s per m/s.
+/// Gain k of the tilt integral, rad/s per m/s.
 const TILT_GAIN: f64 = 0.01;
-/// Of the collective integral, 1/s per m/s.
+/// Gain of the collective integral, 1/s per m/s.
 const COLLECTIVE_GAIN: f64 = 0.9 * TILT_GAIN;
-/// The velocity that the rules ask for per metre of error, 1/s. Half as much is exact in floating point.
+/// Velocity that the rules command per metre of error, 1/s. Multiplication by 0.5 is exact in floating point.
 pub(crate) const VELOCITY_PER_ERROR_PER_S: f64 = 0.5;
-/// From this altitude error on the rules ask for their fastest climb, m.
+/// Altitude error from which the rules command their fastest climb, m.
 pub(super) const FASTEST_CLIMB_ERROR_M: f64 = 5.0;
-/// Climb in which the rules settle, per metre of altitude error, where hover and climb are trimmed alike, 1/s. A climb
-/// takes more collective than a hover. The rules ask for 0.5 per metre; the integral must not fill with the rest, or the
+/// Climb rate that the rules reach per metre of altitude error with the trim of a hover, 1/s. A climb needs more
+/// collective than a hover: the rules command 0.5 per metre, and the integral must not fill with the difference, or the
 /// vehicle overshoots.
 const CLIMB_PER_ERROR: f64 = 0.38;
-/// Larger velocity errors are manoeuvres, not trim errors, m/s.
+/// Largest velocity error that counts as a trim error, m/s; larger ones are manoeuvres.
 const LARGEST_VELOCITY_ERROR_M_S: f64 = 1.5;
-/// No error of the climb counts for more than this, m/s. It must not rest beyond: a vehicle that stops in a strong wind has
-/// a collective found at speed, with which it climbs while the rules ask for the fastest descent.
+/// Limit of the climb error, m/s. Larger errors must not stop the integral: a vehicle that stops in a strong wind has a
+/// collective found at speed, with which it climbs while the rules command the fastest descent.
 const LARGEST_CLIMB_ERROR_M_S: f64 = 2.5;
-/// A velocity error up to this is a trim error too while the vehicle is steadily held up, m/s: a strong wind blows a vehicle
-/// without trim along at 2 to 4 m/s, and the rules ask for no more lean.
+/// Largest velocity error that counts as a trim error while the vehicle is steadily held up, m/s: a strong wind blows
+/// an untrimmed vehicle along at 2 to 4 m/s, and the rules do not command more lean.
 const LARGEST_HELD_UP_ERROR_M_S: f64 = 4.0;
-/// A vehicle is held up if it does not fly faster than this where it is asked to, m/s.
+/// Speed along the commanded direction below which a vehicle counts as held up, m/s.
 const HELD_UP_BELOW_M_S: f64 = 0.5;
-/// A velocity that differs by less than this from its own mean of the last seconds is steady, m/s, s.
+/// Largest difference of a steady velocity from its mean, m/s, and the time constant of that mean, s.
 const STEADY_WITHIN_M_S: f64 = 0.3;
 const STEADY_OVER_S: f64 = 2.0;
-/// Clamps of the integrals. The lean is that of a hover in 13 m/s of wind; in 15 m/s the tail rotor comes to its stop. The
-/// collective is what a flight at 14 m/s takes beyond the hover.
+/// Limits of the integrals. The lean is that of a hover in 13 m/s of wind; in 15 m/s the tail rotor reaches its stop.
+/// The collective is the excess over the hover in flight at 14 m/s.
 const LARGEST_TILT_RAD: f64 = 0.3;
 const LARGEST_COLLECTIVE: f64 = 0.12;
 
-/// A slow integrator of the velocity-command error: it finds the tilt and the collective that wind and a wrong trim
-/// call for. Unlike an integral of the position error its speed does not depend on how soft the formation's field is.
+/// A slow integrator of the velocity error. It finds the tilt and collective that balance wind and a wrong trim. Unlike
+/// an integral of the position error, its speed does not depend on the stiffness of the formation's field.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct AutoTrim {
-    /// t_N and t_E: lean north and east beyond the aircraft's trim, rad.
+    /// Lean t_N and t_E, north and east, beyond the aircraft's trim, rad.
     pub tilt_ne_rad: Vector2<f64>,
     /// Collective beyond the aircraft's trim.
     pub collective: f64,
-    /// The velocity over the ground, north and east, averaged over the last seconds, m/s.
+    /// Mean velocity over the ground in the last seconds, north and east, m/s.
     pub mean_velocity_ne_m_s: Vector2<f64>,
 }
 
 impl AutoTrim {
-    /// One step of the integrals, to be called only in free flight. `setpoint` is the one after the gate.
+    /// Advances the integrals by one step; call it only in free flight. `setpoint` is the setpoint after the gate.
     /// With e_v = relative velocity + feed-forward − v and e_w = 0.38·clamp(altitude error, ±5 m) − climb:
-    /// ṫ = k e_v while |e_v| < 1.5 m/s, or < 4 m/s where it is held up, |t| ≤ 0.3 rad;
+    /// ṫ = k e_v while |e_v| < 1.5 m/s, or < 4 m/s for a vehicle that is held up, |t| ≤ 0.3 rad;
     /// ċ = 0.9 k clamp(e_w, ±2.5 m/s), |c| ≤ 0.12.
     pub(super) fn step(&mut self, dt_s: f64, estimate: &Estimate, setpoint: &Setpoint) {
         let velocity_ne_m_s = estimate.velocity.horizontal();
-        let wanted_ne_m_s = setpoint.relative_velocity_ne_m_s + setpoint.feedforward_ne_m_s;
+        let command_ne_m_s = setpoint.relative_velocity_ne_m_s + setpoint.feedforward_ne_m_s;
         let changed_m_s = (velocity_ne_m_s - self.mean_velocity_ne_m_s).norm();
         self.mean_velocity_ne_m_s += (velocity_ne_m_s - self.mean_velocity_ne_m_s) * (dt_s / STEADY_OVER_S).min(1.0);
         let is_held_up = changed_m_s < STEADY_WITHIN_M_S
-            && velocity_ne_m_s.dot(&wanted_ne_m_s) < HELD_UP_BELOW_M_S * wanted_ne_m_s.norm();
+            && velocity_ne_m_s.dot(&command_ne_m_s) < HELD_UP_BELOW_M_S * command_ne_m_s.norm();
 
-        let error_ne_m_s = wanted_ne_m_s - velocity_ne_m_s;
+        let error_ne_m_s = command_ne_m_s - velocity_ne_m_s;
         let largest_m_s = if is_held_up { LARGEST_HELD_UP_ERROR_M_S } else { LARGEST_VELOCITY_ERROR_M_S };
         if error_ne_m_s.norm() < largest_m_s {
             self.tilt_ne_rad = (self.tilt_ne_rad + error_ne_m_s * (TILT_GAIN * dt_s)).cap_magnitude(LARGEST_TILT_RAD);
         }
         let altitude_error_m = setpoint.altitude_m - estimate.position.altitude_m();
-        let wanted_m_s = CLIMB_PER_ERROR * altitude_error_m.clamp(-FASTEST_CLIMB_ERROR_M, FASTEST_CLIMB_ERROR_M);
-        let error_m_s = wanted_m_s - climb_m_s(estimate);
+        let command_m_s = CLIMB_PER_ERROR * altitude_error_m.clamp(-FASTEST_CLIMB_ERROR_M, FASTEST_CLIMB_ERROR_M);
+        let error_m_s = command_m_s - climb_m_s(estimate);
         let error_m_s = error_m_s.clamp(-LARGEST_CLIMB_ERROR_M_S, LARGEST_CLIMB_ERROR_M_S);
         let collective = self.collective + COLLECTIVE_GAIN * error_m_s * dt_s;
         self.collective = collective.clamp(-LARGEST_COLLECTIVE, LARGEST_COLLECTIVE);
     }
 
-    /// The limit at which the collective integral is.
+    /// The limit of the collective integral, if it has reached one.
     pub(super) fn collective_limit(&self) -> Option<CollectiveLimit> {
         CollectiveLimit::of(self.collective, -LARGEST_COLLECTIVE, LARGEST_COLLECTIVE)
     }

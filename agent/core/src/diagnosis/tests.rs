@@ -1,4 +1,4 @@
-//! Closed loop on the built-in helicopter; `cargo test -- --nocapture diagnosis` prints what was measured.
+//! Closed loop on the built-in helicopter; `cargo test -- --nocapture diagnosis` prints the measured figures.
 
 mod flight;
 mod responses;
@@ -9,31 +9,31 @@ use skein_common::frame::VelocityNed;
 
 use super::*;
 use crate::helicopter::{Failures, TICK_S};
-use flight::{Flight, Senses};
+use flight::{Flight, FlightSensing};
 
-const SOUND: Failures = Failures { engine_out: false, gyro_off: false, stuck: [false; 3], position_frozen: false };
-const ENGINE_OUT: Failures = Failures { engine_out: true, ..SOUND };
-const GYRO_OFF: Failures = Failures { gyro_off: true, ..SOUND };
-const POSITION_FROZEN: Failures = Failures { position_frozen: true, ..SOUND };
+const HEALTHY: Failures = Failures { engine_out: false, gyro_off: false, stuck: [false; 3], position_frozen: false };
+const ENGINE_OUT: Failures = Failures { engine_out: true, ..HEALTHY };
+const GYRO_OFF: Failures = Failures { gyro_off: true, ..HEALTHY };
+const POSITION_FROZEN: Failures = Failures { position_frozen: true, ..HEALTHY };
 
-/// Roll, pitch or collective.
+/// A stuck roll, pitch or collective servo.
 fn stuck(servo: usize) -> Failures {
     let mut stuck = [false; 3];
     stuck[servo] = true;
-    Failures { stuck, ..SOUND }
+    Failures { stuck, ..HEALTHY }
 }
 
-/// How near normal flights come to each limit: roll, pitch, climb, yaw; and how slow the rotor turns.
+/// Largest share of each limit in normal flights (roll, pitch, climb, yaw), and the lowest rotor speed.
 #[derive(Clone, Copy, Debug, Default)]
-struct Nearest {
+struct LimitShares {
     shares: [f64; 4],
     rotor_lost_rad_s: f64,
 }
 
-impl Nearest {
+impl LimitShares {
     fn look(&mut self, flight: &Flight) {
-        let controls = flight.diagnosis.controls.as_ref().unwrap();
-        let Controls { roll, pitch, yaw, climb, .. } = controls;
+        let monitor = flight.diagnosis.monitor.as_ref().unwrap();
+        let ControlMonitor { roll, pitch, yaw, climb, .. } = monitor;
         for (share, excess) in self.shares.iter_mut().zip([&roll.excess, &pitch.excess, &climb.excess, &yaw.excess]) {
             *share = share.max(excess.sum / excess.limit);
         }
@@ -42,8 +42,8 @@ impl Nearest {
 }
 
 /// Take-off, hover, steps across and up, turns on the spot, transit at 7 m/s round two corners, zigzag, landing.
-fn normal_flight(mut flight: Flight) -> (Flight, Nearest) {
-    let mut nearest = Nearest::default();
+fn normal_flight(mut flight: Flight) -> (Flight, LimitShares) {
+    let mut nearest = LimitShares::default();
     let mut fly = |flight: &mut Flight, seconds: f64| {
         for _ in 0..(seconds * 50.0) as u32 {
             flight.fly(0.02);
@@ -73,11 +73,11 @@ fn normal_flight(mut flight: Flight) -> (Flight, Nearest) {
 
 #[test]
 fn normal_flights_raise_no_alarm() {
-    let mut worst = Nearest::default();
+    let mut worst = LimitShares::default();
     for seed in 0..384 {
         let (wind_m_s, gust_w20_m_s) = [(0.0, 0.0), (3.0, 3.0), (8.0, 8.0), (5.0, 8.0)][seed as usize % 4];
-        let senses = if seed % 8 < 4 { Senses::Exact } else { Senses::Paper };
-        let (flight, nearest) = normal_flight(Flight::new(senses, wind_m_s, gust_w20_m_s, seed));
+        let sensing = if seed % 8 < 4 { FlightSensing::Exact } else { FlightSensing::Paper };
+        let (flight, nearest) = normal_flight(Flight::new(sensing, wind_m_s, gust_w20_m_s, seed));
         assert_eq!(flight.found, [], "seed {seed}");
         for (worst, share) in worst.shares.iter_mut().zip(nearest.shares) {
             *worst = worst.max(share);
@@ -87,11 +87,11 @@ fn normal_flights_raise_no_alarm() {
     println!("shares of the limits of roll, pitch, climb, yaw: {worst:.2?}");
 }
 
-/// A flight in which something then fails: taking off, in the hover, on its way 14 m across and 5 m up, and while it speeds
-/// up to 7 m/s.
-fn begun(phase: &str, wind_m_s: f64, seed: u64) -> Flight {
-    let senses = if seed.is_multiple_of(2) { Senses::Exact } else { Senses::Paper };
-    let mut flight = Flight::new(senses, wind_m_s, wind_m_s, seed);
+/// A flight just before a failure: during take-off, in the hover, on a step of 14 m across and 5 m up, or while
+/// accelerating to 7 m/s.
+fn flight_before_failure(phase: &str, wind_m_s: f64, seed: u64) -> Flight {
+    let sensing = if seed.is_multiple_of(2) { FlightSensing::Exact } else { FlightSensing::Paper };
+    let mut flight = Flight::new(sensing, wind_m_s, wind_m_s, seed);
     match phase {
         "take-off" => flight.fly(4.0),
         "hover" => flight.fly(60.0),
@@ -111,27 +111,27 @@ fn begun(phase: &str, wind_m_s: f64, seed: u64) -> Flight {
     flight
 }
 
-/// Flights of each kind.
+/// Number of flights of each kind.
 const FLIGHTS: u64 = 16;
-/// So many flights that the 95th percentile of their times does not depend on one flight.
+/// Enough flights that the 95th percentile of their times does not depend on a single one.
 const MANY_FLIGHTS: u64 = 64;
 
-/// How a failure was found in so many flights.
+/// Statistics of the detection of one failure.
 #[derive(Debug, Default)]
-struct Finds {
+struct Detections {
     flights: u64,
-    /// Sorted, s.
+    /// Detection times, sorted, s.
     after_s: Vec<f64>,
-    /// Farthest from its moving place over the ground where it was not found within 30 s, m.
+    /// Largest distance from the moving target over the ground where the failure was not found within 30 s, m.
     unfound_off_m: f64,
 }
 
-impl Finds {
+impl Detections {
     fn median_s(&self) -> f64 {
         self.after_s.get(self.after_s.len() / 2).copied().unwrap_or(f64::INFINITY)
     }
 
-    /// Within this time 95 % of all flights found it.
+    /// Time within which 95 % of all flights found the failure, s.
     fn p95_s(&self) -> f64 {
         self.after_s.get((0.95 * self.flights as f64) as usize).copied().unwrap_or(f64::INFINITY)
     }
@@ -141,11 +141,11 @@ impl Finds {
     }
 }
 
-/// Flown on as if nothing were, until it is found, for 30 s.
-fn finds(flights: u64, phase: &str, wind_m_s: f64, failures: Failures, expected: Failure) -> Finds {
-    let mut finds = Finds { flights, ..Finds::default() };
+/// Flies on without a response until the failure is found, for 30 s at most.
+fn detections(flights: u64, phase: &str, wind_m_s: f64, failures: Failures, expected: Failure) -> Detections {
+    let mut detections = Detections { flights, ..Detections::default() };
     for seed in 0..flights {
-        let mut flight = begun(phase, wind_m_s, seed);
+        let mut flight = flight_before_failure(phase, wind_m_s, seed);
         assert_eq!(flight.found, [], "{phase} {wind_m_s} {seed}");
         let from_s = flight.time_s();
         flight.fail(failures);
@@ -155,31 +155,31 @@ fn finds(flights: u64, phase: &str, wind_m_s: f64, failures: Failures, expected:
         match flight.found.first() {
             Some(&(time_s, found)) => {
                 assert_eq!(found, expected, "{phase} {wind_m_s} {seed}");
-                finds.after_s.push(time_s - from_s);
+                detections.after_s.push(time_s - from_s);
             }
             None => {
                 let off_m = (flight.truth().position.horizontal() - flight.place_ne_m).norm();
-                finds.unfound_off_m = finds.unfound_off_m.max(off_m);
+                detections.unfound_off_m = detections.unfound_off_m.max(off_m);
             }
         }
     }
-    finds.after_s.sort_by(f64::total_cmp);
+    detections.after_s.sort_by(f64::total_cmp);
     println!(
         "{expected:?}, {phase}, wind and gusts {wind_m_s} m/s: {} of {flights} found, median {:.2} s, 95 % within {:.2} s, worst {:.2} s",
-        finds.after_s.len(),
-        finds.median_s(),
-        finds.p95_s(),
-        finds.worst_s()
+        detections.after_s.len(),
+        detections.median_s(),
+        detections.p95_s(),
+        detections.worst_s()
     );
-    finds
+    detections
 }
 
 #[test]
 fn an_engine_that_stops_is_found_at_once() {
     for phase in ["take-off", "hover", "step", "transit"] {
         for wind_m_s in [0.0, 5.0, 8.0] {
-            let finds = finds(FLIGHTS, phase, wind_m_s, ENGINE_OUT, Failure::Engine);
-            assert!(finds.after_s.len() as u64 == FLIGHTS && finds.worst_s() < 0.4, "{finds:?}");
+            let detections = detections(FLIGHTS, phase, wind_m_s, ENGINE_OUT, Failure::Engine);
+            assert!(detections.after_s.len() as u64 == FLIGHTS && detections.worst_s() < 0.4, "{detections:?}");
         }
     }
 }
@@ -188,50 +188,50 @@ fn an_engine_that_stops_is_found_at_once() {
 fn a_frozen_position_is_found_within_two_metres() {
     for (phase, within_s) in [("take-off", 1.6), ("step", 1.6), ("transit", 0.6)] {
         for wind_m_s in [0.0, 5.0] {
-            let finds = finds(FLIGHTS, phase, wind_m_s, POSITION_FROZEN, Failure::Position);
-            assert!(finds.after_s.len() as u64 == FLIGHTS && finds.worst_s() < within_s, "{finds:?}");
+            let detections = detections(FLIGHTS, phase, wind_m_s, POSITION_FROZEN, Failure::Position);
+            assert!(detections.after_s.len() as u64 == FLIGHTS && detections.worst_s() < within_s, "{detections:?}");
         }
     }
 }
 
 #[test]
-fn a_stuck_cyclic_is_found_when_it_is_needed() {
+fn a_stuck_cyclic_is_found_when_it_is_used() {
     for servo in [0, 1] {
         for (phase, median_s, p95_s) in [("step", 2.5, 5.0), ("transit", 3.5, 10.5), ("take-off", 20.0, 23.0)] {
             for wind_m_s in [0.0, 5.0] {
-                let finds = finds(MANY_FLIGHTS, phase, wind_m_s, stuck(servo), Failure::Servo);
-                assert!(finds.after_s.len() as u64 == MANY_FLIGHTS, "{finds:?}");
-                assert!(finds.median_s() < median_s && finds.p95_s() < p95_s, "{finds:?}");
+                let detections = detections(MANY_FLIGHTS, phase, wind_m_s, stuck(servo), Failure::Servo);
+                assert!(detections.after_s.len() as u64 == MANY_FLIGHTS, "{detections:?}");
+                assert!(detections.median_s() < median_s && detections.p95_s() < p95_s, "{detections:?}");
             }
         }
         for (phase, worst_s) in [("step", 6.0), ("transit", 11.0)] {
             for wind_m_s in [0.0, 5.0] {
-                let finds = finds(FLIGHTS, phase, wind_m_s, stuck(servo), Failure::Servo);
-                assert!(finds.worst_s() < worst_s, "{finds:?}");
+                let detections = detections(FLIGHTS, phase, wind_m_s, stuck(servo), Failure::Servo);
+                assert!(detections.worst_s() < worst_s, "{detections:?}");
             }
         }
     }
 }
 
 #[test]
-fn a_dead_gyro_is_found_when_it_is_needed() {
+fn a_failed_gyro_is_found_when_it_is_used() {
     for wind_m_s in [0.0, 5.0] {
-        let finds = finds(FLIGHTS, "step", wind_m_s, GYRO_OFF, Failure::Gyro);
-        assert!(finds.after_s.len() >= 15 && finds.median_s() < 2.5, "{finds:?}");
+        let detections = detections(FLIGHTS, "step", wind_m_s, GYRO_OFF, Failure::Gyro);
+        assert!(detections.after_s.len() >= 15 && detections.median_s() < 2.5, "{detections:?}");
     }
 }
 
 #[test]
-fn a_stuck_collective_is_found_once_it_leads_astray() {
+fn a_stuck_collective_is_found_when_the_climb_differs() {
     for wind_m_s in [0.0, 5.0] {
-        let finds = finds(MANY_FLIGHTS, "transit", wind_m_s, stuck(2), Failure::Servo);
-        assert!(finds.after_s.len() >= 56 && finds.median_s() < 11.0, "{finds:?}");
+        let detections = detections(MANY_FLIGHTS, "transit", wind_m_s, stuck(2), Failure::Servo);
+        assert!(detections.after_s.len() >= 56 && detections.median_s() < 11.0, "{detections:?}");
     }
 }
 
 #[test]
 fn a_collective_stuck_on_the_ground_is_found() {
-    let mut flight = Flight::new(Senses::Exact, 3.0, 3.0, 1);
+    let mut flight = Flight::new(FlightSensing::Exact, 3.0, 3.0, 1);
     flight.fail(stuck(2));
     flight.fly(20.0);
     println!("collective stuck on the ground: {:?}", flight.found);
@@ -240,7 +240,7 @@ fn a_collective_stuck_on_the_ground_is_found() {
 }
 
 #[test]
-fn what_fails_where_it_is_not_needed_is_not_found_and_does_no_harm() {
+fn a_failure_of_an_unused_actuator_is_not_found_and_does_no_harm() {
     for (failures, failure) in [
         (GYRO_OFF, Failure::Gyro),
         (stuck(0), Failure::Servo),
@@ -248,14 +248,14 @@ fn what_fails_where_it_is_not_needed_is_not_found_and_does_no_harm() {
         (stuck(2), Failure::Servo),
         (POSITION_FROZEN, Failure::Position),
     ] {
-        let finds = finds(FLIGHTS, "hover", 0.0, failures, failure);
-        assert!((finds.after_s.len() as u64) < FLIGHTS && finds.unfound_off_m < 2.5, "{finds:?}");
+        let detections = detections(FLIGHTS, "hover", 0.0, failures, failure);
+        assert!((detections.after_s.len() as u64) < FLIGHTS && detections.unfound_off_m < 2.5, "{detections:?}");
     }
 }
 
-/// A hover that measures this position and this rotor speed.
+/// A measurement of a hover with this position and rotor speed.
 fn measured(east_m: f64, rotor_speed_rad_s: Option<f64>) -> Measurement {
-    let flight = Flight::new(Senses::Exact, 0.0, 0.0, 1);
+    let flight = Flight::new(FlightSensing::Exact, 0.0, 0.0, 1);
     let still = flight.vehicle.frame().measurement;
     let longitude_rad = still.position.longitude_rad + east_m / 6.4e6;
     let position = Geodetic { longitude_rad, ..still.position };
@@ -267,7 +267,7 @@ fn xcell60() -> Aircraft {
 }
 
 #[test]
-fn what_is_found_stays_found_and_only_worse_is_news_but_for_the_position() {
+fn a_failure_stays_found_and_only_a_worse_one_or_the_position_is_reported() {
     let mut diagnosis = Diagnosis::new(&xcell60());
     let trim = Some(xcell60().trim.sticks());
     let mut seconds = |number: u32, turn_rad_s: f64, rotor_rad_s: f64, moves: bool| {
@@ -286,7 +286,7 @@ fn what_is_found_stays_found_and_only_worse_is_news_but_for_the_position() {
 }
 
 #[test]
-fn a_rotor_that_speeds_up_or_is_not_told_of_has_not_failed() {
+fn a_rotor_that_speeds_up_or_is_not_measured_has_not_failed() {
     let mut diagnosis = Diagnosis::new(&xcell60());
     for speed in 0..150 {
         assert_eq!(diagnosis.update(TICK_S, &measured(f64::from(speed), Some(f64::from(speed))), None), None);
@@ -297,18 +297,18 @@ fn a_rotor_that_speeds_up_or_is_not_told_of_has_not_failed() {
 }
 
 #[test]
-fn a_simulator_that_was_started_again_with_its_rotor_at_rest_is_no_failure() {
+fn a_restarted_simulator_with_its_rotor_at_rest_is_not_a_failure() {
     let mut diagnosis = Diagnosis::new(&xcell60());
     assert_eq!(diagnosis.update(TICK_S, &measured(0.0, Some(167.0)), None), None);
-    diagnosis.begin_anew();
+    diagnosis.restart();
     for speed in 0..168 {
         assert_eq!(diagnosis.update(TICK_S, &measured(f64::from(speed), Some(f64::from(speed))), None), None);
     }
-    assert_eq!(diagnosis.update(TICK_S, &measured(0.0, Some(100.0)), None), Some(Failure::Engine), "but later");
+    assert_eq!(diagnosis.update(TICK_S, &measured(0.0, Some(100.0)), None), Some(Failure::Engine), "a later failure");
 }
 
 #[test]
-fn of_an_aircraft_without_a_model_only_engine_and_position_are_watched() {
+fn without_a_flight_model_only_engine_and_position_are_watched() {
     let aircraft = Aircraft { helicopter: None, rotor_speed_rad_s: Some(167.0), ..xcell60() };
     let mut diagnosis = Diagnosis::new(&aircraft);
     let full = Some(Sticks { roll: 1.0, pitch: -1.0, yaw: 1.0, collective: 0.0 });
@@ -319,7 +319,7 @@ fn of_an_aircraft_without_a_model_only_engine_and_position_are_watched() {
 }
 
 #[test]
-fn time_that_stands_still_freezes_no_position() {
+fn stopped_time_does_not_freeze_the_position() {
     let mut diagnosis = Diagnosis::new(&xcell60());
     for dt_s in [0.0, -5.0] {
         for _ in 0..1_000 {
@@ -328,14 +328,14 @@ fn time_that_stands_still_freezes_no_position() {
     }
 }
 
-/// Any number, the impossible ones often.
+/// Any number, often an impossible one.
 fn number() -> impl Strategy<Value = f64> {
     prop_oneof![Just(f64::NAN), Just(f64::INFINITY), Just(0.0), any::<f64>(), -10.0..10.0, 100.0..200.0]
 }
 
 proptest! {
     #[test]
-    fn what_is_found_only_gets_worse_and_is_news_once_whatever_is_measured(
+    fn for_any_measurement_failures_only_get_worse_and_are_reported_once(
         steps in prop::collection::vec((number(), number(), number(), number(), [number(), number(), number(), number()]), 1..200),
     ) {
         let mut diagnosis = Diagnosis::new(&xcell60());

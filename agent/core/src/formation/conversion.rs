@@ -1,26 +1,26 @@
-//! From the dimensionless formation field to the velocity that the vehicle controller flies. Garcia & Barnes 2010 (equations 10
-//! and 11) make a position error of the field, and name a non-linear conversion as future work; the gains are the metres of
-//! that error, and the controller flies 0.5 m/s per metre.
+//! Converts the dimensionless formation field to the velocity that the vehicle controller flies. Garcia & Barnes 2010
+//! (equations 10 and 11) convert the field to a position error and name a non-linear conversion as future work. The
+//! gains are metres of that error, and the controller flies 0.5 m/s per metre.
 
 use nalgebra::Vector2;
 
 use crate::control::VELOCITY_PER_ERROR_PER_S;
 
-/// How the length of the field becomes metres. The direction never changes.
+/// Conversion from the length of the field to metres. The direction never changes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Conversion {
-    /// c·v.
+    /// Linear conversion c·v.
     Linear {
-        /// c, m.
+        /// Gain c, m.
         gain_m: f64,
     },
-    /// c0 v + (c1 − c0) v³ / (v² + v_b²): gain c0 near the set-point, c1 far from it.
+    /// Conversion c0 v + (c1 − c0) v³ / (v² + v_b²): gain c0 near the setpoint, c1 far from it.
     Nonlinear {
-        /// c0, m.
+        /// Near gain c0, m.
         gain_m: f64,
-        /// c1, m, not below c0.
+        /// Far gain c1, m, not below c0.
         far_gain_m: f64,
-        /// v_b, dimensionless: where one goes over into the other.
+        /// Field length v_b at the transition between the gains, dimensionless.
         knee: f64,
     },
 }
@@ -37,7 +37,8 @@ impl Conversion {
         }
     }
 
-    /// The velocity relative to the centre for a field vector, both north-east; m/s. Where the field is zero, so is the velocity.
+    /// The velocity relative to the centre for a field vector, both north and east, m/s. A zero field gives zero
+    /// velocity.
     #[inline]
     pub fn velocity_ne_m_s(&self, field_ne: Vector2<f64>) -> Vector2<f64> {
         field_ne * self.gain_m(field_ne.norm_squared()) * VELOCITY_PER_ERROR_PER_S

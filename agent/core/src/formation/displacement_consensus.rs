@@ -1,16 +1,17 @@
-//! Displacement consensus: everybody keeps the wanted displacement to each neighbour that it hears.
+//! Displacement consensus: every vehicle keeps the commanded displacement to each neighbour whose states it receives.
 //!
 //! W. Ren & R. W. Beard, "Distributed Consensus in Multi-vehicle Cooperative Control" (Springer, 2008), for single
-//! integrators; in the words of K.-K. Oh, M.-C. Park & H.-S. Ahn, "A survey of multi-agent formation control", Automatica 53
-//! (2015), section 4, displacement-based control. With x_i the place, s_i the slot, c the centre,
+//! integrators; in the notation of K.-K. Oh, M.-C. Park & H.-S. Ahn, "A survey of multi-agent formation control",
+//! Automatica 53 (2015), section 4, displacement-based control. With position x_i, slot s_i and centre c,
 //!
-//! v_i = ċ − k Σ_j ((x_i − s_i) − (x_j − s_j)) − k_g (x_i − s_i − c)      over the neighbours j that are heard.
+//! v_i = ċ − k Σ_j ((x_i − s_i) − (x_j − s_j)) − k_g (x_i − s_i − c)      over the received neighbours j.
 //!
-//! Without the last term, which is ours and ties the formation to the centre, the displacements converge as exp(−k λ₂ t), λ₂
-//! the algebraic connectivity of the graph of who hears whom, and the formation as a whole goes nowhere.
+//! The last term is ours and ties the formation to the centre. Without it the displacements converge as exp(−k λ₂ t),
+//! where λ₂ is the algebraic connectivity of the communication graph, and the mean position of the formation stays
+//! constant.
 //!
-//! Slots belong to ids, not to ranks: those who hear only some of the others would not agree on ranks. Whoever is lost
-//! leaves a gap.
+//! Slots belong to ids, not to ranks: vehicles that receive only some of the others would not agree on ranks. A lost
+//! vehicle leaves a gap.
 
 use alloc::boxed::Box;
 use alloc::string::String;
@@ -22,16 +23,16 @@ use skein_common::id::VehicleId;
 use super::law::{Answer, Law, Setup, Sight, Wanted};
 use super::slots::{Slots, is_in_slot};
 
-/// Gains and slots.
+/// The law's gains and slots.
 #[derive(Clone, Debug, PartialEq)]
 struct DisplacementConsensus {
-    /// From the centre, by id.
+    /// Slots by id, relative to the centre, north and east, m.
     slots_ne_m: Vec<Vector2<f64>>,
     gain_per_s: f64,
     goal_gain_per_s: f64,
 }
 
-/// The law of a scenario.
+/// Builds the law for a scenario.
 pub(super) fn make(setup: &Setup<'_>) -> Result<Box<dyn Law>, String> {
     let gains = &setup.formation.displacement_consensus;
     let slots = Slots::of(setup.formation);
@@ -58,7 +59,7 @@ impl Law for DisplacementConsensus {
         let from_goal_m = own_ne_m - sight.goal.centre.horizontal();
         let wanted =
             sight.goal.centre_velocity.horizontal() - sum_m * self.gain_per_s - from_goal_m * self.goal_gain_per_s;
-        // In the own place; or, where nobody has one, in the right place from everybody heard.
+        // Distance from the own slot; without a goal gain, the largest displacement error to a received neighbour.
         let off_m = if self.goal_gain_per_s > 0.0 { from_goal_m.norm() } else { worst_m };
         Answer { wanted: Wanted::level(wanted), is_there: is_in_slot(off_m) && sight.is_slow() }
     }

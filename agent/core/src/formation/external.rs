@@ -1,14 +1,14 @@
-//! A law that is another program: the question that an agent asks, and what is flown of the answer.
+//! An external law: a law that runs in another program, with the agent's queries and its handling of the replies.
 //!
-//! The program stays outside of the core. A step hands out an [`Ask`]; a later step takes the [`Answer`]. Until then, and
-//! while asks are missed, the last answer stands. In real time `skein_agent::external` carries both to the
-//! program and back, in virtual time `skein_lab::external`; recorded answers can take their place.
+//! The core does not contain the program. A step returns an [`Ask`]; a later step takes the [`Answer`]. Until then, and
+//! while replies are missing, the vehicle flies the last reply. In real time `skein_agent::external` exchanges queries
+//! and replies with the program, in virtual time `skein_lab::external`; recorded replies can replace the program.
 //!
 //! ```text
-//!             `misses` asks in a row unanswered
-//!   Flies ----------------------------------------> Lost: the fallback flies
-//!     ^                                              |
-//!     +------------------ an answer -----------------+
+//!             `misses` queries in a row without a reply
+//!   Flies ----------------------------------------------> Lost: the fallback law flies
+//!     ^                                                    |
+//!     +---------------------- a reply ---------------------+
 //! ```
 
 use alloc::vec::Vec;
@@ -22,164 +22,165 @@ use skein_common::time::PlantTime;
 
 use super::law::{self, Neighbour, Sight};
 
-/// An ask may come this much early, s: times of frames are rounded.
+/// Rounding of frame times, s: a query may be sent this much early.
 const ROUNDING_S: f64 = 1e-6;
 
-/// What a law is asked: everything that a built-in law sees. The names and their order are those of the wire.
+/// A query to a law, with everything that a built-in law observes. Names and order are those of the wire format.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Ask {
-    /// Whose law is asked.
+    /// The vehicle that sends the query.
     pub vehicle: VehicleId,
-    /// Counts the asks of this agent's life, from 0.
+    /// Number of the query since the agent's start, from 0.
     pub tick: u64,
-    /// This vehicle's plant time, s; it means nothing to another.
+    /// Plant time of this vehicle, s; not comparable between vehicles.
     pub time_s: f64,
-    /// Plant time since the last ask, s; 0 for the first.
+    /// Plant time since the last query, s; 0 for the first.
     pub dt_s: f64,
-    /// The own estimate.
+    /// The vehicle's own estimate.
     pub own: Own,
-    /// The live members, by id.
+    /// The other live members, by id.
     pub peers: Vec<Peer>,
-    /// Where the formation is to be.
+    /// The formation's goal.
     pub goal: Goal,
 }
 
-/// The vehicle itself.
+/// The vehicle's own state.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Own {
-    /// m.
+    /// Position north, east, down, m.
     pub position_ned_m: [f64; 3],
-    /// Over the ground, m/s.
+    /// Velocity over the ground, north, east, down, m/s.
     pub velocity_ned_m_s: [f64; 3],
-    /// Clockwise from north.
+    /// Heading clockwise from north, rad.
     pub heading_rad: f64,
-    /// Of the estimate, s.
+    /// Age of the estimate, s.
     pub age_s: f64,
 }
 
-/// Another live member.
+/// The state of another live member.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Peer {
-    /// Who.
+    /// The member's id.
     pub id: VehicleId,
-    /// Carried forward to now at constant velocity, m.
+    /// Position extrapolated to now at constant velocity, north, east, down, m.
     pub position_ned_m: [f64; 3],
-    /// As last heard, m/s.
+    /// Velocity as last received, north, east, down, m/s.
     pub velocity_ned_m_s: [f64; 3],
-    /// As last heard, clockwise from north.
+    /// Heading as last received, clockwise from north, rad.
     pub heading_rad: f64,
-    /// Of its last word, s.
+    /// Age of the member's newest state, s.
     pub age_s: f64,
-    /// Not stale.
+    /// Whether the state is fresh, not stale.
     pub fresh: bool,
 }
 
-/// The formation's place and size.
+/// Position, motion and size of the formation.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Goal {
-    /// Of the mission, counted from 0.
+    /// Step of the mission, counted from 0.
     pub step: usize,
-    /// m; at the altitude where this vehicle is to fly.
+    /// Centre, north, east, down, m, at this vehicle's altitude.
     pub centre_ned_m: [f64; 3],
-    /// m/s.
+    /// Velocity of the centre, north, east, down, m/s.
     pub centre_velocity_ned_m_s: [f64; 3],
-    /// Of the ellipse's first axis, clockwise from north.
+    /// Heading of the ellipse's first axis, clockwise from north, rad.
     pub heading_rad: f64,
-    /// R*.
+    /// Radius R*, m.
     pub radius_m: f64,
-    /// γ.
+    /// Squared ratio γ of the semi-axes.
     pub gamma: f64,
 }
 
-/// What a law has answered. Every number is finite; nothing else is certain of it.
+/// The reply of an external law. Every number is finite; no other property is guaranteed.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Answer {
-    /// To whose ask.
+    /// The vehicle whose query is answered.
     pub vehicle: VehicleId,
-    /// To which ask.
+    /// The number of the query.
     pub tick: u64,
-    /// Where the vehicle is to go.
+    /// The commanded velocity or field.
     pub wanted: Wanted,
-    /// Where its nose is to point, clockwise from north, if the law minds.
+    /// Commanded heading, clockwise from north, rad; `None` leaves it to the mission.
     pub heading_rad: Option<f64>,
-    /// Whether it is where it belongs, if the law knows.
+    /// Whether the vehicle is in place; `None` leaves the decision to the agent.
     pub reached: Option<bool>,
-    /// To be recorded: at most [`LawNumber::MAX_COUNT`].
+    /// Numbers for the recording, at most [`LawNumber::MAX_COUNT`].
     pub log: Vec<LawNumber>,
 }
 
-/// Where a law wants its vehicle to go.
+/// The command of an external law.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Wanted {
-    /// With this velocity over the ground, north, east, down, m/s.
+    /// Velocity over the ground, north, east, down, m/s.
     VelocityNed(Vector3<f64>),
-    /// Along this field, north and east, dimensionless, at the goal's altitude.
+    /// Field, north and east, dimensionless, at the goal's altitude.
     FieldNe(Vector2<f64>),
 }
 
-/// One vehicle's dealings with its law.
+/// One vehicle's exchange with its external law.
 #[derive(Clone, Debug)]
 pub struct External {
     period_s: f64,
     max_speed_m_s: f64,
-    /// So many misses in a row, and it is lost.
+    /// Number of misses in a row after which the law is lost.
     patience: u32,
     now: PlantTime,
-    /// When the next ask is due; `None` while the law has nothing to say.
-    due: Option<PlantTime>,
-    asked: Option<PlantTime>,
+    /// Time of the next query; `None` while the law is suspended.
+    next_query: Option<PlantTime>,
+    last_query: Option<PlantTime>,
     ticks: u64,
-    /// Asked and not answered yet.
-    open: Option<u64>,
-    /// The last answer that was taken.
+    /// Number of the query that is still without a reply.
+    pending: Option<u64>,
+    /// The last accepted reply.
     last: Option<Answer>,
-    missed_in_a_row: u32,
+    misses_in_a_row: u32,
     misses: u64,
-    /// To be asked, and to be told, after this step.
+    /// Query and event to hand out after this step.
     ask: Option<Ask>,
-    told: Option<Happening>,
+    event: Option<Happening>,
 }
 
 impl External {
-    /// A law that has not been asked yet.
+    /// An external law before the first query.
     pub fn new(external: &scenario::External) -> Self {
         Self {
             period_s: external.period_s,
             max_speed_m_s: external.max_speed_m_s,
             patience: external.misses,
             now: PlantTime::ZERO,
-            due: None,
-            asked: None,
+            next_query: None,
+            last_query: None,
             ticks: 0,
-            open: None,
+            pending: None,
             last: None,
-            missed_in_a_row: 0,
+            misses_in_a_row: 0,
             misses: 0,
             ask: None,
-            told: None,
+            event: None,
         }
     }
 
-    /// The time of this step, and an answer, if one has come: it counts if it is one to the open ask.
-    pub fn hear(&mut self, now: PlantTime, answer: Option<&Answer>) {
+    /// Sets the time of this step and takes a reply, if there is one. Only a reply to the pending query is accepted.
+    pub fn receive_reply(&mut self, now: PlantTime, answer: Option<&Answer>) {
         self.now = now;
-        let Some(answer) = answer.filter(|answer| self.open == Some(answer.tick)) else { return };
-        self.told = self.is_lost().then_some(Happening::LawBack);
-        (self.open, self.missed_in_a_row) = (None, 0);
+        let Some(answer) = answer.filter(|answer| self.pending == Some(answer.tick)) else { return };
+        self.event = self.is_lost().then_some(Happening::LawBack);
+        (self.pending, self.misses_in_a_row) = (None, 0);
         self.last = Some(answer.clone());
     }
 
-    /// What the law wants, from its last answer; asks it again when it is time. `None` while it is lost.
-    pub fn consult(&mut self, sight: &Sight<'_>) -> Option<Consulted> {
-        self.ask_if_due(sight);
+    /// The output of the law from its last reply; queries the law when the next query is due. `None` while the law is
+    /// lost.
+    pub fn output(&mut self, sight: &Sight<'_>) -> Option<Consulted> {
+        self.query_if_due(sight);
         if self.is_lost() {
             return None;
         }
         let centre_m = sight.from_centre_ne_m();
         let is_near = centre_m.norm() <= sight.goal.radius_m && sight.is_slow();
         let Some(answer) = &self.last else {
-            // It has not said anything yet: nobody goes anywhere.
-            let answer = law::Answer { wanted: law::Wanted::Way(Vector2::zeros()), is_there: false };
+            // Before the first reply the vehicle stays where it is.
+            let answer = law::Answer { wanted: law::Wanted::Displacement(Vector2::zeros()), is_there: false };
             return Some(Consulted { answer, heading_rad: None });
         };
         let wanted = match answer.wanted {
@@ -193,24 +194,24 @@ impl External {
         Some(Consulted { answer: law::Answer { wanted, is_there }, heading_rad: answer.heading_rad })
     }
 
-    /// An ask that is still open when the next is due was missed.
-    fn ask_if_due(&mut self, sight: &Sight<'_>) {
-        let since_due_s = self.due.map_or(0.0, |due| self.now.seconds_since(due));
-        if since_due_s < -ROUNDING_S {
+    /// Prepares the next query when it is due. A query still pending then was missed.
+    fn query_if_due(&mut self, sight: &Sight<'_>) {
+        let since_next_query_s = self.next_query.map_or(0.0, |next_query| self.now.seconds_since(next_query));
+        if since_next_query_s < -ROUNDING_S {
             return;
         }
-        if self.open.is_some() {
+        if self.pending.is_some() {
             self.misses += 1;
-            self.missed_in_a_row = self.missed_in_a_row.saturating_add(1);
-            if self.missed_in_a_row == self.patience {
-                self.told = Some(Happening::LawLost);
+            self.misses_in_a_row = self.misses_in_a_row.saturating_add(1);
+            if self.misses_in_a_row == self.patience {
+                self.event = Some(Happening::LawLost);
             }
         }
-        // Evenly, whenever the frames come; but what was slept through is not made up for.
-        let on_time = self.due.filter(|_| since_due_s < self.period_s);
-        let (tick, dt_s) = (self.ticks, self.asked.map_or(0.0, |asked| self.now.seconds_since(asked)));
-        self.due = Some(on_time.unwrap_or(self.now).plus_seconds(self.period_s));
-        (self.asked, self.open, self.ticks) = (Some(self.now), Some(tick), tick + 1);
+        // Queries keep an even period independent of the frames, but periods missed in a pause are not made up.
+        let on_time = self.next_query.filter(|_| since_next_query_s < self.period_s);
+        let (tick, dt_s) = (self.ticks, self.last_query.map_or(0.0, |last| self.now.seconds_since(last)));
+        self.next_query = Some(on_time.unwrap_or(self.now).plus_seconds(self.period_s));
+        (self.last_query, self.pending, self.ticks) = (Some(self.now), Some(tick), tick + 1);
         self.ask = Some(Ask {
             vehicle: sight.own,
             tick,
@@ -222,43 +223,43 @@ impl External {
         });
     }
 
-    /// The law has nothing to say in what the vehicle does now: its last answer is forgotten.
-    pub fn rest(&mut self) {
-        (self.due, self.open, self.last, self.missed_in_a_row) = (None, None, None, 0);
+    /// Suspends the law while the vehicle does not fly a formation: its last reply is dropped.
+    pub fn suspend(&mut self) {
+        (self.next_query, self.pending, self.last, self.misses_in_a_row) = (None, None, None, 0);
     }
 
-    /// What is to be asked and told after this step.
-    pub fn asked(&mut self, happened: &mut Vec<Happening>) -> Option<Ask> {
-        happened.extend(self.told.take());
+    /// Takes the query to send after this step, and adds the law's event to `happened`.
+    pub fn take_query(&mut self, happened: &mut Vec<Happening>) -> Option<Ask> {
+        happened.extend(self.event.take());
         self.ask.take()
     }
 
-    /// Asks that were not answered so far.
+    /// Number of queries without a reply so far.
     pub fn misses(&self) -> u64 {
         self.misses
     }
 
-    /// What the law wants recorded.
+    /// The numbers the law wants recorded.
     pub fn log(&self) -> &[LawNumber] {
         self.last.as_ref().map_or(&[], |answer| &answer.log)
     }
 
     fn is_lost(&self) -> bool {
-        self.missed_in_a_row >= self.patience
+        self.misses_in_a_row >= self.patience
     }
 }
 
-/// What an external law wants.
+/// The output of an external law.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Consulted {
-    /// As any law's.
+    /// The output in the form of a built-in law.
     pub answer: law::Answer,
-    /// Where the nose is to point, clockwise from north, if the law minds.
+    /// Commanded heading, clockwise from north, rad; `None` leaves it to the mission.
     pub heading_rad: Option<f64>,
 }
 
 impl From<&Sight<'_>> for Own {
-    /// A law is asked about a frame of this very step: no older one is flown on.
+    /// The estimate is from this very step, so its age is zero.
     fn from(sight: &Sight<'_>) -> Self {
         Self {
             position_ned_m: sight.position.0.into(),

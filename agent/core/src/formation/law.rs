@@ -1,8 +1,8 @@
-//! A law: from what one vehicle sees to what it should do. Whoever has an idea of a formation writes one of these.
+//! The interface of a formation law: from one vehicle's observation to its command. Implement it to add a law.
 //!
-//! A law belongs to one vehicle. It sees what that vehicle knows, and nothing else, so that it can be moved to any vehicle
-//! and any swarm; it may remember what it saw. It answers in one of the ways of [`Wanted`], and says whether it is content.
-//! Heights, the way from a wish to the sticks, and the distance that all keep are none of its business.
+//! A law instance belongs to one vehicle. It observes only what that vehicle knows, so that it runs on any vehicle of
+//! any swarm, and it may keep a memory. It returns one kind of [`Wanted`] and reports whether the vehicle is in place.
+//! Altitude bands, the conversion to controls and the safety distance are handled by other stages.
 
 use alloc::boxed::Box;
 use alloc::format;
@@ -14,20 +14,20 @@ use skein_common::frame::{PositionNed, VelocityNed};
 use skein_common::id::{VehicleId, VehicleSet};
 use skein_common::scenario::Formation;
 
-/// In place, a vehicle is slower than this relative to the centre, m/s.
+/// Largest speed relative to the centre at which a vehicle counts as slow, m/s.
 const SLOW_M_S: f64 = 0.5;
 
-/// What a vehicle is to do, from what it sees. Same sights, same answers, bit for bit: no clock, no randomness but the
-/// seed's of [`Setup`].
+/// A formation law. The same sequence of observations must give bit-identical outputs: a law uses no clock, and no
+/// randomness except from the seed of [`Setup`].
 pub trait Law: CloneLaw + Debug + Send {
-    /// What to do now. Asked at every step of the vehicle controller (50 Hz) while the mission wants a formation, and not
-    /// while the vehicle holds its place or lands.
+    /// The command for this observation. The agent calls it at every step of the vehicle controller (50 Hz) while the
+    /// mission flies a formation, and not while the vehicle holds its position or lands.
     fn ask(&mut self, sight: &Sight<'_>) -> Answer;
 }
 
-/// A law can be copied, with all that it remembers. Whatever derives `Clone` can.
+/// Copies a law with its memory. Every law that derives `Clone` implements it.
 pub trait CloneLaw {
-    /// The same once more.
+    /// A copy of this law.
     fn clone_law(&self) -> Box<dyn Law>;
 }
 
@@ -43,23 +43,24 @@ impl Clone for Box<dyn Law> {
     }
 }
 
-/// What a law is made from.
+/// Inputs for building a law.
 #[derive(Clone, Copy, Debug)]
 pub struct Setup<'a> {
-    /// Whose law it is to be.
+    /// The vehicle that will fly the law.
     pub own: VehicleId,
-    /// The formation of the steps of the mission that it flies; a law's own parameters stand in `parameters`.
+    /// The formation of the mission's steps that use the law; a law's own parameters are in `parameters`.
     pub formation: &'a Formation,
-    /// How many vehicles the swarm has, ids 1 to this.
+    /// Number of vehicles in the swarm, with ids from 1.
     pub vehicles: usize,
-    /// For all randomness; differs per vehicle and run.
+    /// Seed for all randomness; differs per vehicle and run.
     pub seed: u64,
 }
 
-/// A number of `[formation.parameters]`, or this where it is not given.
+/// The number `name` of `[formation.parameters]`, or `default` if it is absent.
 ///
 /// # Errors
-/// If something else stands there.
+///
+/// A value that is not a number.
 pub fn number(setup: &Setup<'_>, name: &str, default: f64) -> Result<f64, String> {
     match setup.formation.parameters.get(name) {
         None => Ok(default),
@@ -69,136 +70,138 @@ pub fn number(setup: &Setup<'_>, name: &str, default: f64) -> Result<f64, String
     }
 }
 
-/// What one vehicle sees of the swarm at one instant.
+/// One vehicle's observation of the swarm at one instant.
 #[derive(Clone, Copy, Debug)]
 pub struct Sight<'a> {
-    /// Who sees it.
+    /// The observing vehicle.
     pub own: VehicleId,
-    /// Where it is.
+    /// Its position.
     pub position: PositionNed,
-    /// Over the ground.
+    /// Its velocity over the ground.
     pub velocity: VelocityNed,
-    /// Where its nose points, clockwise from north, rad.
+    /// Its heading, clockwise from north, rad.
     pub heading_rad: f64,
-    /// The other live members that it hears, by id.
+    /// The other live members whose states it receives, by id.
     pub neighbours: &'a [Neighbour],
-    /// Live members besides, of whose places it is told nothing (`network.graph`): they count, and have their ranks.
+    /// Live members whose states it does not receive (`network.graph`); they count for ranks and slots.
     pub unseen: VehicleSet,
-    /// What to keep away from besides.
+    /// Obstacles to avoid.
     pub obstacles: &'a [Obstacle],
-    /// Where the formation is to be.
+    /// The formation's goal.
     pub goal: Goal,
-    /// Since the law was last asked, s; measured, now and then zero.
+    /// Measured time since the law was last queried, s; zero in some steps.
     pub dt_s: f64,
 }
 
-/// Another live member, carried forward from its last word to now.
+/// Another live member, extrapolated from its last state to now.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Neighbour {
-    /// Who.
+    /// The member's id.
     pub id: VehicleId,
-    /// Its place now.
+    /// Its position, extrapolated to now.
     pub position: PositionNed,
-    /// As last heard.
+    /// Its velocity as last received.
     pub velocity: VelocityNed,
-    /// As last heard, clockwise from north, rad.
+    /// Its heading as last received, clockwise from north, rad.
     pub heading_rad: f64,
-    /// The most likely age of its last state, s: it was carried forward for so long.
+    /// Most likely age of its last state, s, over which the state was extrapolated.
     pub age_s: f64,
-    /// The upper bound of this age is below half a second. Otherwise the peer has been silent, or its messages take long.
+    /// Whether the upper bound of this age is below half a second. If not, the peer was silent or its messages are
+    /// delayed.
     pub is_fresh: bool,
 }
 
-/// Something to keep away from that is no member.
+/// An obstacle, which is not a live member.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Obstacle {
-    /// Whose place it is.
+    /// The vehicle that is the obstacle.
     pub id: VehicleId,
-    /// Where it is thought to be.
+    /// Its estimated position.
     pub position: PositionNed,
-    /// How far around that it may be, m.
+    /// Uncertainty of the position, m.
     pub radius_m: f64,
 }
 
-/// Where the formation is to be.
+/// The goal of the formation.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Goal {
     /// Step of the mission, counted from 0.
     pub step: usize,
-    /// Its centre.
+    /// Centre of the formation.
     pub centre: PositionNed,
-    /// How the centre moves.
+    /// Velocity of the centre.
     pub centre_velocity: VelocityNed,
     /// Direction of the formation's first axis, clockwise from north, rad.
     pub heading_rad: f64,
-    /// How large the formation is, m (R*).
+    /// Radius of the formation R*, m.
     pub radius_m: f64,
-    /// Squared ratio of its semi-axes (γ).
+    /// Squared ratio γ of the semi-axes.
     pub gamma: f64,
 }
 
-/// What a law says.
+/// The output of a law.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Answer {
-    /// What it wants.
+    /// The command to the vehicle.
     pub wanted: Wanted,
-    /// The vehicle is where the law wants it, heights aside: after a while of this, at its height, it has "reached".
+    /// Whether the vehicle is where the law commands it, altitude aside. It "reaches" a step after a dwell at its
+    /// altitude.
     pub is_there: bool,
 }
 
-/// What a law wants of the vehicle. Numbers that are not finite count as no wish.
+/// The command of a law. Numbers that are not finite count as a zero displacement.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Wanted {
-    /// A direction and an urgency, NED, dimensionless, of length one or so: the scenario's conversion makes metres of it.
-    /// The third component counts under `vertical = "ellipsoid"` alone.
+    /// A dimensionless field vector, NED, of a length around one, which the scenario's conversion turns into metres.
+    /// The third component is used with `vertical = "ellipsoid"` only.
     Field(Vector3<f64>),
-    /// To be this far from here, north and east, m. It is flown there at half a metre a second for each metre, 7.5 m/s at
-    /// most, on top of the centre's velocity where that is fed forward.
-    Way(Vector2<f64>),
-    /// To fly at this velocity over the ground.
+    /// Displacement from the current position, north and east, m. The vehicle flies it at 0.5 m/s per metre, at most
+    /// 7.5 m/s, in addition to the centre's velocity if that is fed forward.
+    Displacement(Vector2<f64>),
+    /// Velocity over the ground.
     Velocity {
-        /// North and east, m/s; no more than 7.5 m/s besides the centre's velocity where that is fed forward.
+        /// North and east, m/s; at most 7.5 m/s in addition to the centre's velocity if that is fed forward.
         ne_m_s: Vector2<f64>,
-        /// Downwards, m/s; `None` leaves the height to the scenario.
+        /// Downwards, m/s; `None` leaves the altitude to the scenario.
         down_m_s: Option<f64>,
     },
 }
 
 impl Wanted {
-    /// A velocity over the ground at the height that the scenario says.
+    /// A velocity over the ground at the scenario's altitude.
     pub fn level(ne_m_s: Vector2<f64>) -> Self {
         Self::Velocity { ne_m_s, down_m_s: None }
     }
 
-    /// The same, or to stay here if it is not finite.
+    /// The same command, or a zero displacement if it is not finite.
     pub(super) fn sane(self) -> Self {
         let finite = match self {
             Self::Field(field) => field.iter().all(|x| x.is_finite()),
-            Self::Way(way_ne_m) => way_ne_m.iter().all(|x| x.is_finite()),
+            Self::Displacement(displacement_ne_m) => displacement_ne_m.iter().all(|x| x.is_finite()),
             Self::Velocity { ne_m_s, down_m_s } => ne_m_s.iter().chain(&down_m_s).all(|x| x.is_finite()),
         };
-        if finite { self } else { Self::Way(Vector2::zeros()) }
+        if finite { self } else { Self::Displacement(Vector2::zeros()) }
     }
 }
 
 impl Sight<'_> {
-    /// Place in the order of all live ids, from 0.
+    /// Rank of this vehicle among all live ids, from 0.
     pub fn rank(&self) -> usize {
-        let seen = self.neighbours.iter().filter(|neighbour| neighbour.id < self.own).count();
-        seen + self.unseen.iter().filter(|id| *id < self.own).count()
+        let received = self.neighbours.iter().filter(|neighbour| neighbour.id < self.own).count();
+        received + self.unseen.iter().filter(|id| *id < self.own).count()
     }
 
-    /// Live members, the own vehicle included.
+    /// Number of live members, including this vehicle.
     pub fn live(&self) -> usize {
         self.neighbours.len() + self.unseen.len() + 1
     }
 
-    /// Slower than half a metre a second relative to the centre.
+    /// Whether the vehicle is slower than 0.5 m/s relative to the centre.
     pub fn is_slow(&self) -> bool {
         (self.velocity.horizontal() - self.goal.centre_velocity.horizontal()).norm() < SLOW_M_S
     }
 
-    /// The way from the centre to the own place, north and east, m.
+    /// Displacement from the centre to this vehicle, north and east, m.
     pub fn from_centre_ne_m(&self) -> Vector2<f64> {
         self.position.horizontal() - self.goal.centre.horizontal()
     }

@@ -1,4 +1,4 @@
-//! Which laws this program can fly.
+//! The laws this program can fly.
 
 use alloc::boxed::Box;
 use alloc::format;
@@ -15,10 +15,10 @@ use super::law::{Law, Setup};
 use super::{displacement_consensus, olfati_saber, ring, vasarhelyi, virtual_structure};
 use crate::random::{Purpose, generator};
 
-/// Makes a law for one vehicle, or says in half a sentence what is wrong with its parameters.
+/// Builds a law for one vehicle, or describes what is wrong with its parameters.
 pub type MakeLaw = fn(&Setup<'_>) -> Result<Box<dyn Law>, String>;
 
-/// The laws that come with Skein: a file and a line each. What `formation.law` spells, and who makes it.
+/// The laws of Skein: the value of `formation.law`, and the function that builds the law.
 const BUILT_IN: &[(&str, MakeLaw)] = &[
     ("ring", ring::make),
     ("flock", ring::make),
@@ -28,32 +28,33 @@ const BUILT_IN: &[(&str, MakeLaw)] = &[
     ("displacement-consensus", displacement_consensus::make),
 ];
 
-/// Laws that a program brings along besides those of Skein.
+/// Laws that a program adds to those of Skein.
 #[derive(Clone, Debug, Default)]
 pub struct Laws(Vec<(&'static str, MakeLaw)>);
 
 impl Laws {
-    /// One more, called `name` in scenario files.
+    /// Adds a law named `name` in scenario files.
     #[must_use]
     pub fn with(mut self, name: &'static str, make: MakeLaw) -> Self {
         self.0.push((name, make));
         self
     }
 
-    /// From now on this program can fly them. Once at most, before the first scenario is read.
+    /// Registers these laws for the whole program. Call it at most once, before the first scenario is read.
     ///
     /// # Errors
-    /// A name that is taken or misspelt; a second time.
+    ///
+    /// A name that is in use or misspelt, or a second call.
     pub fn add(self) -> Result<(), LawName> {
         add_laws(self.0.iter().map(|(name, _)| *name).collect())?;
         ADDED.set(Box::new(self)).map_err(|_| LawName::Late)
     }
 }
 
-/// What a program brings along never changes while it runs: like its code, it is no input of a flight.
+/// The laws added to this program. They never change while it runs: like its code, they are not an input of a flight.
 static ADDED: OnceBox<Laws> = OnceBox::new();
 
-/// The law of a formation, for vehicle `own`.
+/// Builds the law of a formation for vehicle `own`.
 pub(super) fn make(
     scenario: &Scenario,
     formation: &scenario::Formation,

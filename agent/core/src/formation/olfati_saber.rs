@@ -1,7 +1,7 @@
-//! Flocking as a lattice: neighbours keep one distance, all take the goal's velocity, nobody leads.
+//! Lattice flocking: neighbours keep one distance, all take the goal's velocity, without a leader.
 //!
-//! R. Olfati-Saber, "Flocking for Multi-Agent Dynamic Systems: Algorithms and Theory", IEEE Trans. Automatic Control 51(3)
-//! (2006), algorithm 2 (equations 23 and 24), for double integrators:
+//! R. Olfati-Saber, "Flocking for Multi-Agent Dynamic Systems: Algorithms and Theory", IEEE Trans. Automatic Control
+//! 51(3) (2006), algorithm 2 (equations 23 and 24), for double integrators:
 //!
 //! ```text
 //! u_i = Σ φ_α(‖q_j − q_i‖σ) n_ij + Σ a_ij (p_j − p_i) − c1 (q_i − q_r) − c2 (p_i − p_r)
@@ -10,9 +10,10 @@
 //! a_ij = ρ_h(‖q_j − q_i‖σ/‖r‖σ),   ρ_h(z): 1 up to h, then ½(1 + cos(π(z − h)/(1 − h))), 0 from 1 on
 //! ```
 //!
-//! **Units.** The source's agents are points with d = 7 and ‖u‖ up to 15: taken in metres and seconds no helicopter follows
-//! that. So the interaction is computed in the source's own units: a unit of length is d/7, a unit of time is a parameter.
-//! The law's own constants stay the source's. A helicopter takes velocities: it is asked for p_i + u_i · horizon.
+//! **Units.** The source's agents are points with d = 7 and ‖u‖ up to 15; in metres and seconds a helicopter cannot
+//! follow that. So the interaction is computed in the source's units: the unit of length is d/7, the unit of time is a
+//! parameter. The law's own constants are the source's. A helicopter takes velocities, so the command is p_i + u_i ·
+//! horizon.
 
 use alloc::boxed::Box;
 use alloc::format;
@@ -24,10 +25,10 @@ use nalgebra::Vector2;
 
 use super::law::{Answer, Law, Setup, Sight, Wanted};
 
-/// d in the source's units.
+/// Distance d in the source's units.
 const SOURCE_DISTANCE: f64 = 7.0;
 
-/// The law's parameters, the interaction's in the source's units.
+/// The law's parameters; those of the interaction are in the source's units.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct OlfatiSaber {
     unit_m: f64,
@@ -36,11 +37,11 @@ struct OlfatiSaber {
     a: f64,
     b: f64,
     h: f64,
-    /// Half of what makes φ(0) zero: c.
+    /// Shift c that makes φ(0) zero.
     c: f64,
-    /// ‖d‖σ.
+    /// Sigma-norm ‖d‖σ of the distance.
     distance_sigma: f64,
-    /// ‖r‖σ.
+    /// Sigma-norm ‖r‖σ of the range.
     range_sigma: f64,
     c1_per_s2: f64,
     c2_per_s: f64,
@@ -48,36 +49,36 @@ struct OlfatiSaber {
     max_speed_m_s: f64,
 }
 
-/// The law of a scenario.
+/// Builds the law for a scenario.
 pub(super) fn make(setup: &Setup<'_>) -> Result<Box<dyn Law>, String> {
     Ok(Box::new(OlfatiSaber::new(&setup.formation.olfati_saber)?))
 }
 
 impl OlfatiSaber {
-    fn new(wanted: &skein_common::scenario::OlfatiSaber) -> Result<Self, String> {
-        let (a, b, epsilon) = (wanted.action_a, wanted.action_b, wanted.epsilon);
+    fn new(settings: &skein_common::scenario::OlfatiSaber) -> Result<Self, String> {
+        let (a, b, epsilon) = (settings.action_a, settings.action_b, settings.epsilon);
         if a > b {
             return Err(format!("`formation.olfati_saber.action_a` is {a}, but may not be above `action_b`, {b}"));
         }
-        let range = wanted.range_ratio * SOURCE_DISTANCE;
+        let range = settings.range_ratio * SOURCE_DISTANCE;
         Ok(Self {
-            unit_m: wanted.distance_m / SOURCE_DISTANCE,
-            unit_s: wanted.time_unit_s,
+            unit_m: settings.distance_m / SOURCE_DISTANCE,
+            unit_s: settings.time_unit_s,
             epsilon,
             a,
             b,
-            h: wanted.bump_h,
+            h: settings.bump_h,
             c: (a - b).abs() / (4.0 * a * b).sqrt(),
             distance_sigma: sigma_norm(epsilon, SOURCE_DISTANCE * SOURCE_DISTANCE),
             range_sigma: sigma_norm(epsilon, range * range),
-            c1_per_s2: wanted.c1_per_s2,
-            c2_per_s: wanted.c2_per_s,
-            horizon_s: wanted.horizon_s,
-            max_speed_m_s: wanted.max_speed_m_s,
+            c1_per_s2: settings.c1_per_s2,
+            c2_per_s: settings.c2_per_s,
+            horizon_s: settings.horizon_s,
+            max_speed_m_s: settings.max_speed_m_s,
         })
     }
 
-    /// ρ_h: 1 near zero, 0 from 1 on, smooth.
+    /// The bump function ρ_h: 1 near zero, 0 from 1 on, smooth.
     fn bump(&self, z: f64) -> f64 {
         if z < self.h {
             1.0
@@ -88,23 +89,23 @@ impl OlfatiSaber {
         }
     }
 
-    /// φ_α of a sigma-norm.
+    /// The action function φ_α of a sigma-norm.
     fn action(&self, sigma: f64) -> f64 {
         let shifted = sigma - self.distance_sigma + self.c;
         let uneven = 0.5 * ((self.a + self.b) * shifted / (1.0 + shifted * shifted).sqrt() + self.a - self.b);
         self.bump(sigma / self.range_sigma) * uneven
     }
 
-    /// u_i, north and east, m/s².
+    /// Acceleration u_i, north and east, m/s².
     fn acceleration(&self, sight: &Sight<'_>) -> Vector2<f64> {
         let (place, velocity) = (sight.position.horizontal(), sight.velocity.horizontal());
         let (mut gradient, mut consensus) = (Vector2::zeros(), Vector2::zeros());
         for neighbour in sight.neighbours {
-            let way = (neighbour.position.horizontal() - place) / self.unit_m;
-            let squared = way.norm_squared();
+            let offset = (neighbour.position.horizontal() - place) / self.unit_m;
+            let squared = offset.norm_squared();
             let sigma = sigma_norm(self.epsilon, squared);
             if sigma < self.range_sigma {
-                gradient += way * (self.action(sigma) / (1.0 + self.epsilon * squared).sqrt());
+                gradient += offset * (self.action(sigma) / (1.0 + self.epsilon * squared).sqrt());
                 consensus += (neighbour.velocity.horizontal() - velocity) * self.bump(sigma / self.range_sigma);
             }
         }
@@ -123,7 +124,7 @@ impl Law for OlfatiSaber {
     }
 }
 
-/// ‖z‖σ for |z|².
+/// Sigma-norm ‖z‖σ for |z|².
 fn sigma_norm(epsilon: f64, squared: f64) -> f64 {
     ((1.0 + epsilon * squared).sqrt() - 1.0) / epsilon
 }

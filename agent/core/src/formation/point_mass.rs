@@ -1,4 +1,5 @@
-//! Points that do what a law says, at once: what a law's source promises is checked on these, without a helicopter's lag.
+//! Points that follow a law's command at once: the claims of a law's source are checked on these, without a
+//! helicopter's lag.
 
 use nalgebra::Vector2;
 use skein_common::frame::{PositionNed, VelocityNed};
@@ -9,7 +10,7 @@ use super::law::{Goal, Law, Neighbour, Sight, Wanted};
 use super::laws;
 use crate::random::{Purpose, generator, uniform};
 
-/// Some points about a goal. Vehicle i + 1 is point i.
+/// Points around a goal; vehicle i + 1 is point i.
 #[derive(Clone, Debug)]
 pub(super) struct Points {
     pub(super) places_m: Vec<Vector2<f64>>,
@@ -18,14 +19,14 @@ pub(super) struct Points {
 }
 
 impl Points {
-    /// At rest, `count` of them anywhere in a square; the goal rests too.
+    /// `count` points at rest, scattered over a square, with the goal at rest.
     pub(super) fn scattered(count: usize, square_m: f64, seed: u64) -> Self {
         let mut rng = generator(seed, None, Purpose::Start);
         let mut coordinate_m = || square_m * (uniform(&mut rng) - 0.5);
         Self::at((0..count).map(|_| Vector2::new(coordinate_m(), coordinate_m())).collect())
     }
 
-    /// At rest at these places; the goal rests at the origin.
+    /// Points at rest at these positions, with the goal at rest at the origin.
     pub(super) fn at(places_m: Vec<Vector2<f64>>) -> Self {
         let goal = Goal {
             step: 0,
@@ -43,14 +44,15 @@ impl Points {
         self.goal.centre = self.goal.centre + self.goal.centre_velocity.0 * dt_s;
     }
 
-    /// What `ask` makes of what each of them sees, `hears(i, j)` saying whether i hears j.
+    /// The results of `ask` for the observation of each point; `receives(i, j)` states whether point i receives point
+    /// j.
     pub(super) fn each<T>(
         &self,
-        hears: impl Fn(usize, usize) -> bool,
+        receives: impl Fn(usize, usize) -> bool,
         mut ask: impl FnMut(usize, &Sight<'_>) -> T,
     ) -> Vec<T> {
         let count = self.places_m.len();
-        let heard = |own: usize| (0..count).filter(|&other| other != own && hears(own, other)).collect::<Vec<_>>();
+        let heard = |own: usize| (0..count).filter(|&other| other != own && receives(own, other)).collect::<Vec<_>>();
         let mut one = |own: usize| {
             let neighbours: Vec<_> = heard(own).into_iter().map(|other| self.neighbour(other)).collect();
             let Neighbour { id, position, velocity, heading_rad, .. } = self.neighbour(own);
@@ -64,13 +66,15 @@ impl Points {
         (0..count).map(&mut one).collect()
     }
 
-    /// All fly what their laws want for this long.
-    pub(super) fn fly(&mut self, laws: &mut [Box<dyn Law>], hears: impl Fn(usize, usize) -> bool, for_s: f64) {
+    /// All points follow their laws' commands for this time.
+    pub(super) fn fly(&mut self, laws: &mut [Box<dyn Law>], receives: impl Fn(usize, usize) -> bool, for_s: f64) {
         let dt_s = 0.02;
         for _ in 0..(for_s / dt_s) as usize {
-            self.velocities_m_s = self.each(&hears, |own, sight| match laws[own].ask(sight).wanted {
+            self.velocities_m_s = self.each(&receives, |own, sight| match laws[own].ask(sight).wanted {
                 Wanted::Velocity { ne_m_s, .. } => ne_m_s,
-                Wanted::Way(way_ne_m) => way_ne_m / 2.0 + sight.goal.centre_velocity.horizontal(),
+                Wanted::Displacement(displacement_ne_m) => {
+                    displacement_ne_m / 2.0 + sight.goal.centre_velocity.horizontal()
+                }
                 Wanted::Field(field) => field.xy(),
             });
             self.pass(dt_s);

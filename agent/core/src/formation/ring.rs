@@ -1,20 +1,21 @@
-//! The elliptical surface: every vehicle goes to the ring around the centre and spreads along it, or stays inside.
+//! The elliptical surface: every vehicle flies to the ring around the centre and spreads along it, or stays inside.
 //!
 //! After R. Garcia & L. Barnes, "Multi-UAV Simulator Utilizing X-Plane", J. Intelligent & Robotic Systems 57 (2010),
-//! section 4.1, equations 2 to 9. The limiting functions are sigmoids, after L. Barnes, M. Fields & K. Valavanis, "Swarm
-//! Formation Control Utilizing Elliptical Surfaces and Limiting Functions", IEEE Trans. SMC-B 39(6) (2009); their numbers
-//! here are ours.
+//! section 4.1, equations 2 to 9. The limiting functions are sigmoids, after L. Barnes, M. Fields & K. Valavanis,
+//! "Swarm Formation Control Utilizing Elliptical Surfaces and Limiting Functions", IEEE Trans. SMC-B 39(6) (2009);
+//! their numbers here are ours.
 //!
-//! Level function of the ellipse: ρ² = x² + γ y², x and y along the ellipse's own axes from its centre. The ring is ρ = R*,
-//! so its semi-axes are R* and R*/√γ. The band is R* − inner width ≤ ρ ≤ R* + outer width.
+//! Level function of the ellipse: ρ² = x² + γ y², with x and y along the ellipse's own axes from its centre. The ring
+//! is ρ = R*, so its semi-axes are R* and R*/√γ. The band is R* − inner width ≤ ρ ≤ R* + outer width.
 //!
-//! Two readings of the same field besides the ring (both ours in their numbers):
+//! Two variants of the same field besides the ring (the numbers of both are ours):
 //!
-//! * **Flock** (section 4.1, "weights turned off"): only the outer attraction and the avoidance are left, so that vehicles
-//!   stay together inside, ρ ≤ R*, in no fixed places. The outer edge lies one width inside R*: there it pulls in full.
-//! * **Ellipsoid**, the three dimensions that the paper leaves to the future: ρ² = x² + γ y² + γ_z z², z from the centre's
-//!   altitude. Gradient and avoidance are the same with one more component; across the band only the component along the
-//!   normal is taken out of the avoidance, so that vehicles spread over the whole surface. Flat laws see no heights at all.
+//! * **Flock** (section 4.1, "weights turned off"): only the outer attraction and the avoidance remain, so that
+//!   vehicles stay together inside ρ ≤ R* without fixed positions. The outer edge is one width inside R*: at R* it
+//!   pulls in full.
+//! * **Ellipsoid**, the three-dimensional form that the paper leaves to the future: ρ² = x² + γ y² + γ_z z², with z
+//!   from the centre's altitude. Gradient and avoidance have one more component. In the band only the avoidance's
+//!   component along the normal is removed, so that vehicles spread over the whole surface. Flat laws ignore altitude.
 
 use alloc::boxed::Box;
 use alloc::string::String;
@@ -29,9 +30,9 @@ use skein_common::scenario;
 use super::COINCIDENT_M;
 use super::law::{Answer, Law, Neighbour, Obstacle, Setup, Sight, Wanted};
 
-/// The pushes of all neighbours together are never stronger than this: a crowd must not expel its members.
+/// Limit of the summed avoidance of all neighbours: a crowd must not expel its members.
 const MAX_AVOIDANCE: f64 = 2.0;
-/// In place, a vehicle's field is weaker than this.
+/// Field length below which a vehicle can be in place.
 const IN_PLACE_FIELD: f64 = 0.15;
 
 /// The ring's parameters; symbols of the paper in brackets.
@@ -41,95 +42,95 @@ pub struct Ring {
     pub radius_m: f64,
     /// Squared ratio of the semi-axes (γ).
     pub gamma: f64,
-    /// The same of the first and the vertical semi-axis (γ_z) of an ellipsoid; `None` for a flat law.
+    /// Squared ratio γ_z of the first and the vertical semi-axis of an ellipsoid; `None` for a flat law.
     pub gamma_z: Option<f64>,
     /// Direction of the first axis, clockwise from north, rad.
     pub heading_rad: f64,
-    /// Where on or in the surface vehicles belong.
+    /// Region on or in the surface where vehicles belong.
     pub region: Region,
     /// Width of the band inside the ring, m (ΔR_in).
     pub inner_width_m: f64,
-    /// Width of the band outside the ring, of a flock's soft edge inside it, m (ΔR_out).
+    /// Width of the band outside the ring, or of a flock's soft edge inside it, m (ΔR_out).
     pub outer_width_m: f64,
     /// Steepness of the inner and the outer edge, 1/m (α_in, α_out).
     pub edge_steepness_per_m: [f64; 2],
-    /// ln((1 − ε)/ε), for the share ε that a limiting function leaves one width beyond its edge (K).
+    /// Exponent K = ln((1 − ε)/ε) for the share ε that a limiting function leaves one width beyond its edge.
     pub edge_exponent: f64,
-    /// What of the neighbours' push is flown.
+    /// The part of the neighbours' avoidance that is flown.
     pub avoidance: Avoidance,
-    /// Distance at which a neighbour pushes with half its strength.
+    /// Distance at which a neighbour's avoidance has half its strength.
     pub avoid_distance: AvoidDistance,
-    /// Constant circulation along the ring, clockwise seen from above if positive (w_circ).
+    /// Constant circulation w_circ along the ring, positive clockwise seen from above.
     pub circulation: f64,
 }
 
-/// Where on or in the surface vehicles belong.
+/// Region on or in the surface where vehicles belong.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Region {
-    /// In the band about it, evenly spread.
+    /// In the band around the surface, evenly spread.
     Band,
-    /// Anywhere inside.
+    /// Anywhere inside the surface.
     Inside,
 }
 
-/// What of the neighbours' push is flown.
+/// The part of the neighbours' avoidance that is flown.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Avoidance {
-    /// In the band only its component along the ring, so that the ring keeps its size.
+    /// In the band, only the component along the ring, so that the ring keeps its size.
     Tangential,
-    /// All of it, the literal reading of the paper: the ring settles wider.
+    /// The complete vector, the literal reading of the paper: the ring settles wider.
     Full,
 }
 
-/// Distance at which a neighbour pushes with half its strength (ΔR_avoid).
+/// Distance ΔR_avoid at which a neighbour's avoidance has half its strength.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum AvoidDistance {
-    /// The same for any number of members, m.
+    /// The same distance for any number of members, m.
     Fixed(f64),
-    /// 1/√2 of the distance between neighbours who are evenly spread, whatever the number of members N: R* √2 sin(π/N) on
-    /// a ring. On a sphere it is L. Fejes Tóth's bound on that distance, R* √(4 − 1/sin²(πN/(6(N − 2)))), which N = 3, 4, 6
-    /// and 12 attain.
+    /// 1/√2 of the distance between evenly spread neighbours, for any number of members N: R* √2 sin(π/N) on a ring. On
+    /// a sphere it is L. Fejes Tóth's bound on that distance, R* √(4 − 1/sin²(πN/(6(N − 2)))), which N = 3, 4, 6 and 12
+    /// attain.
     Adaptive,
 }
 
-/// ln((1 − ε)/ε): the exponent at which a sigmoid has fallen to ε.
+/// Exponent ln((1 − ε)/ε) at which a sigmoid has fallen to ε.
 pub fn edge_exponent(edge_share: f64) -> f64 {
     math::ln((1.0 - edge_share) / edge_share)
 }
 
-/// σ(z) = 1 / (1 + e^z), falling from 1 to 0.
+/// Limiting function σ(z) = 1 / (1 + e^z), falling from 1 to 0.
 #[inline]
 fn limiting(z: f64) -> f64 {
     1.0 / (1.0 + math::exp(z))
 }
 
-/// The ring of a scenario.
-pub fn of(wanted: &scenario::Formation) -> Ring {
-    let edge_exponent = edge_exponent(wanted.edge_share);
-    let steepness = |width_m: f64| wanted.edge_steepness_per_m.unwrap_or(edge_exponent / width_m);
+/// The ring configured by a scenario.
+pub fn of(settings: &scenario::Formation) -> Ring {
+    let edge_exponent = edge_exponent(settings.edge_share);
+    let steepness = |width_m: f64| settings.edge_steepness_per_m.unwrap_or(edge_exponent / width_m);
     Ring {
-        radius_m: wanted.radius_m,
-        gamma: wanted.gamma,
-        gamma_z: (wanted.vertical == scenario::Vertical::Ellipsoid).then_some(wanted.gamma_z),
-        heading_rad: wanted.heading_rad(),
-        region: if wanted.law.is_flock() { Region::Inside } else { Region::Band },
-        inner_width_m: wanted.inner_width_m,
-        outer_width_m: wanted.outer_width_m,
-        edge_steepness_per_m: [steepness(wanted.inner_width_m), steepness(wanted.outer_width_m)],
+        radius_m: settings.radius_m,
+        gamma: settings.gamma,
+        gamma_z: (settings.vertical == scenario::Vertical::Ellipsoid).then_some(settings.gamma_z),
+        heading_rad: settings.heading_rad(),
+        region: if settings.law.is_flock() { Region::Inside } else { Region::Band },
+        inner_width_m: settings.inner_width_m,
+        outer_width_m: settings.outer_width_m,
+        edge_steepness_per_m: [steepness(settings.inner_width_m), steepness(settings.outer_width_m)],
         edge_exponent,
-        avoidance: match wanted.avoidance {
+        avoidance: match settings.avoidance {
             scenario::Avoidance::Tangential => Avoidance::Tangential,
             scenario::Avoidance::Full => Avoidance::Full,
         },
-        avoid_distance: match wanted.avoid_distance_m {
+        avoid_distance: match settings.avoid_distance_m {
             scenario::AvoidDistance::Adaptive => AvoidDistance::Adaptive,
             scenario::AvoidDistance::Fixed(distance_m) => AvoidDistance::Fixed(distance_m),
         },
-        circulation: wanted.circulation,
+        circulation: settings.circulation,
     }
 }
 
-/// The law of a scenario.
+/// Builds the law for a scenario.
 pub(super) fn make(setup: &Setup<'_>) -> Result<Box<dyn Law>, String> {
     Ok(Box::new(of(setup.formation)))
 }
@@ -137,7 +138,7 @@ pub(super) fn make(setup: &Setup<'_>) -> Result<Box<dyn Law>, String> {
 impl Law for Ring {
     fn ask(&mut self, sight: &Sight<'_>) -> Answer {
         let centre = sight.goal.centre;
-        // Room is made for those who are not seen, too.
+        // The spacing also leaves room for members whose states are not received.
         let ring = Self { avoid_distance: AvoidDistance::Fixed(self.avoid_distance_m(sight.live())), ..*self };
         let field = ring.field(sight.own, sight.position, centre, sight.neighbours, sight.obstacles);
         let is_calm = self.region == Region::Inside || field.norm() < IN_PLACE_FIELD;
@@ -147,17 +148,18 @@ impl Law for Ring {
 }
 
 impl Ring {
-    /// ρ at the centre's altitude: distance from the centre measured so that the ring is ρ = R*; m.
+    /// Level ρ at the centre's altitude, m: distance from the centre, scaled so that the ring is ρ = R*.
     pub fn level_m(&self, from_centre_ne_m: Vector2<f64>) -> f64 {
         self.level_and_normal(flat(from_centre_ne_m)).0
     }
 
-    /// Whether a place at the centre's altitude, given from the centre, is where vehicles belong.
+    /// Whether a position at the centre's altitude, relative to the centre, is in the region where vehicles belong.
     pub fn is_in_band(&self, from_centre_ne_m: Vector2<f64>) -> bool {
         self.holds(flat(from_centre_ne_m))
     }
 
-    /// Whether a place, given from the centre, is where vehicles belong: in the band, or inside. NED, m.
+    /// Whether a position relative to the centre (NED, m) is in the region where vehicles belong: the band or the
+    /// inside.
     pub fn holds(&self, from_centre_m: Vector3<f64>) -> bool {
         let rho_m = self.level_and_normal(from_centre_m).0;
         match self.region {
@@ -166,7 +168,7 @@ impl Ring {
         }
     }
 
-    /// Distance at which a neighbour pushes with half its strength among `live` members, m.
+    /// Distance at which a neighbour's avoidance has half its strength among `live` members, m.
     pub fn avoid_distance_m(&self, live: usize) -> f64 {
         let n = live.max(2) as f64;
         match (self.avoid_distance, self.gamma_z) {
@@ -179,11 +181,11 @@ impl Ring {
         }
     }
 
-    /// The field V at the own place, NED, dimensionless; nothing vertical in a flat law. `neighbours` are the other live
-    /// members; `obstacles` are to be kept away from, and are no part of the formation.
+    /// The field V at this vehicle's position, NED, dimensionless; zero vertical component in a flat law. `neighbours`
+    /// are the other live members; `obstacles` are avoided and are not part of the formation.
     ///
-    /// V = (w_in S_in − w_out S_out) g + A − S_perp (A·g) g + w_circ S_perp t, all weights but w_circ one. In a flock w_in and
-    /// S_perp are zero.
+    /// V = (w_in S_in − w_out S_out) g + A − S_perp (A·g) g + w_circ S_perp t; all weights except w_circ are one. In a
+    /// flock w_in and S_perp are zero.
     pub fn field(
         &self,
         own: VehicleId,
@@ -211,7 +213,7 @@ impl Ring {
         push - outward * inward + tangent * (self.circulation * s_perp) + keep_clear(self, own, place, obstacles)
     }
 
-    /// ρ, and the unit vector of its gradient: zero at the very centre, from where no direction leads outward. NED.
+    /// Level ρ and the unit vector of its gradient, NED; the vector is zero at the centre, where it is undefined.
     fn level_and_normal(&self, from_centre_m: Vector3<f64>) -> (f64, Vector3<f64>) {
         let turn = Rotation2::new(self.heading_rad);
         let axes = turn.inverse() * from_centre_m.xy();
@@ -226,7 +228,7 @@ impl Ring {
         (rho_m, Vector3::new(level.x, level.y, gradient.z) / length)
     }
 
-    /// A = Σ S_avoid(d_j) n_j over the neighbours, cut to a length of [`MAX_AVOIDANCE`].
+    /// Avoidance A = Σ S_avoid(d_j) n_j over the neighbours, limited to a length of [`MAX_AVOIDANCE`].
     fn push(&self, own: VehicleId, place: PositionNed, neighbours: &[Neighbour]) -> Vector3<f64> {
         let half_m = self.avoid_distance_m(neighbours.len() + 1);
         let alpha_av = self.edge_exponent / half_m;
@@ -241,8 +243,8 @@ impl Ring {
     }
 }
 
-/// The avoidance for obstacles, each with its own radius in place of the avoidance distance and never weakened by the
-/// band: an obstacle is passed, not spaced. Always flat: nobody dives under one.
+/// Avoidance of obstacles, each with its own radius as avoidance distance. The band does not weaken it: the vehicle
+/// passes an obstacle, it does not space itself from it. Always horizontal: no vehicle dives under an obstacle.
 fn keep_clear(ring: &Ring, own: VehicleId, place: PositionNed, obstacles: &[Obstacle]) -> Vector3<f64> {
     let mut sum = Vector3::zeros();
     for obstacle in obstacles {
@@ -253,8 +255,8 @@ fn keep_clear(ring: &Ring, own: VehicleId, place: PositionNed, obstacles: &[Obst
     sum
 }
 
-/// Length of the way from a neighbour to the own place and its direction; ±north where they coincide, so that the two
-/// disagree.
+/// Distance from a neighbour to this vehicle, m, and its direction; ±north at coincident positions, with opposite signs
+/// for the two vehicles.
 #[inline]
 fn away(is_first: bool, apart_m: Vector3<f64>) -> (f64, Vector3<f64>) {
     let distance_m = apart_m.norm();
@@ -265,7 +267,7 @@ fn away(is_first: bool, apart_m: Vector3<f64>) -> (f64, Vector3<f64>) {
     }
 }
 
-/// At the centre's altitude.
+/// The vector at the centre's altitude.
 fn flat(ne_m: Vector2<f64>) -> Vector3<f64> {
     Vector3::new(ne_m.x, ne_m.y, 0.0)
 }

@@ -1,4 +1,4 @@
-//! Slots: where each member of a formation belongs about its centre.
+//! Slots: the assigned positions of the members around the formation's centre.
 
 use alloc::vec::Vec;
 use core::f64::consts::{FRAC_1_SQRT_2, TAU};
@@ -7,28 +7,28 @@ use nalgebra::{Rotation2, Vector2};
 use skein_common::math;
 use skein_common::scenario::{Formation, Pattern};
 
-/// As near to its slot as this a vehicle is in it, m.
+/// Largest distance at which a vehicle is in its slot, m.
 const IN_SLOT_M: f64 = 3.0;
 
-/// A pattern of slots. Its axes are forward and to the right of the formation's heading.
+/// A pattern of slots. Its axes point forward and to the right of the formation's heading.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Slots {
-    /// How they lie.
+    /// Shape of the pattern.
     pub pattern: Pattern,
-    /// Of a circle: semi-axis along the heading, m (R*).
+    /// Circle: semi-axis along the heading, m (R*).
     pub radius_m: f64,
-    /// Of a circle: squared ratio of the semi-axes (γ).
+    /// Circle: squared ratio of the semi-axes (γ).
     pub gamma: f64,
-    /// Of a line, a V or a grid: between neighbours, m.
+    /// Line, V or grid: distance between neighbours, m.
     pub spacing_m: f64,
-    /// Of a list: from the centre, north and east under heading 0, m.
+    /// List: offsets from the centre, north and east for heading 0, m.
     pub listed_ne_m: Vec<Vector2<f64>>,
-    /// Where the pattern points, clockwise from north, rad.
+    /// Heading of the pattern, clockwise from north, rad.
     pub heading_rad: f64,
 }
 
 impl Slots {
-    /// Those of a scenario.
+    /// The slots configured by a scenario.
     pub fn of(formation: &Formation) -> Self {
         let listed = formation.slots.offsets_ne_m.iter().flatten();
         Self {
@@ -41,8 +41,8 @@ impl Slots {
         }
     }
 
-    /// Slot number `rank`, from 0, of `count`, from the centre, north and east, m. All but listed ones have the centre in
-    /// their middle.
+    /// Slot number `rank`, from 0, of `count`, relative to the centre, north and east, m. All patterns except lists are
+    /// centred on the formation's centre.
     pub fn slot_ne_m(&self, rank: usize, count: usize) -> Vector2<f64> {
         let count = count.max(1);
         let on_axes_m = match self.pattern {
@@ -59,7 +59,7 @@ impl Slots {
         Rotation2::new(self.heading_rad) * on_axes_m
     }
 
-    /// Place of a rank from the first one, in units of the spacing, which is that of the nearest two.
+    /// Position of a rank relative to the first, in units of the spacing between nearest neighbours.
     fn place(&self, rank: usize, count: usize) -> Vector2<f64> {
         match self.pattern {
             Pattern::Line => Vector2::new(0.0, rank as f64),
@@ -76,9 +76,9 @@ impl Slots {
     }
 }
 
-/// Whether a vehicle that is this far from its slot is in it.
-pub fn is_in_slot(way_m: f64) -> bool {
-    way_m < IN_SLOT_M
+/// Whether a vehicle at this distance from its slot is in it.
+pub fn is_in_slot(offset_m: f64) -> bool {
+    offset_m < IN_SLOT_M
 }
 
 #[cfg(test)]
@@ -97,23 +97,23 @@ mod tests {
     }
 
     #[test]
-    fn on_a_circle_they_stand_clockwise_from_the_heading() {
+    fn slots_on_a_circle_run_clockwise_from_the_heading() {
         let circle = slots(Pattern::Circle);
         assert!(near(circle.slot_ne_m(0, 4), 60.0, 0.0));
-        assert!(near(circle.slot_ne_m(1, 4), 0.0, 60.0), "the second in the east");
+        assert!(near(circle.slot_ne_m(1, 4), 0.0, 60.0), "the second is in the east");
         let turned = Slots { heading_rad: TAU / 2.0, ..circle.clone() };
-        assert!(near(turned.slot_ne_m(1, 4), 0.0, -60.0), "half a turn on: opposite");
+        assert!(near(turned.slot_ne_m(1, 4), 0.0, -60.0), "turned by half a circle: opposite");
         let long = Slots { gamma: 4.0, heading_rad: TAU / 4.0, ..circle.clone() };
         assert!(near(long.slot_ne_m(0, 4), 0.0, 60.0) && near(long.slot_ne_m(1, 4), -30.0, 0.0));
-        assert!(near(circle.slot_ne_m(0, 1), 60.0, 0.0), "alone");
+        assert!(near(circle.slot_ne_m(0, 1), 60.0, 0.0), "a single vehicle");
     }
 
     #[test]
-    fn lines_wings_and_rows_lie_across_the_heading() {
+    fn lines_vs_and_grids_are_across_the_heading() {
         let line = slots(Pattern::Line);
         assert!(near(line.slot_ne_m(0, 3), 0.0, -20.0) && near(line.slot_ne_m(2, 3), 0.0, 20.0), "from left to right");
         let east = Slots { heading_rad: TAU / 4.0, ..line };
-        assert!(near(east.slot_ne_m(0, 3), 20.0, 0.0), "whoever looks east has the north on the left");
+        assert!(near(east.slot_ne_m(0, 3), 20.0, 0.0), "heading east, left is north");
         let v = slots(Pattern::V);
         let [tip, left, right] = [0, 1, 2].map(|rank| v.slot_ne_m(rank, 3));
         assert!(tip.x > left.x && near(left, right.x, -right.y) && left.y < 0.0);
@@ -121,20 +121,20 @@ mod tests {
         let grid = slots(Pattern::Grid);
         assert!(near(grid.slot_ne_m(0, 4), 10.0, -10.0) && near(grid.slot_ne_m(3, 4), -10.0, 10.0));
         let rows = (0..7).map(|rank| grid.slot_ne_m(rank, 7).x).fold(0.0_f64, |sum, x| sum.max(x));
-        assert!(rows < 40.0, "7 in three rows of three");
+        assert!(rows < 40.0, "seven vehicles fill three rows of three");
     }
 
     #[test]
-    fn listed_slots_are_as_listed_and_turned() {
+    fn listed_slots_are_turned_with_the_heading() {
         let listed_ne_m = vec![Vector2::new(5.0, 0.0), Vector2::new(0.0, 30.0)];
         let list = Slots { listed_ne_m, heading_rad: TAU / 4.0, ..slots(Pattern::List) };
         assert!(near(list.slot_ne_m(0, 2), 0.0, 5.0) && near(list.slot_ne_m(1, 2), -30.0, 0.0));
-        assert!(near(list.slot_ne_m(7, 2), 0.0, 0.0), "the centre, where there is none");
+        assert!(near(list.slot_ne_m(7, 2), 0.0, 0.0), "the centre, if the list is too short");
     }
 
     proptest! {
         #[test]
-        fn slots_lie_about_the_centre_and_keep_their_spacing(
+        fn slots_are_centred_and_keep_their_spacing(
             pattern in select(vec![Pattern::Line, Pattern::V, Pattern::Grid]),
             count in 1_usize..30, spacing_m in 5.0..50.0, heading_rad in -3.0..3.0,
         ) {
@@ -148,7 +148,7 @@ mod tests {
         }
 
         #[test]
-        fn all_slots_of_a_circle_lie_on_the_ellipse_and_no_two_together(
+        fn all_slots_of_a_circle_are_distinct_and_on_the_ellipse(
             count in 2_usize..20, gamma in 0.2..5.0, heading_rad in -3.0..3.0, radius_m in 10.0..200.0,
         ) {
             let slots = Slots { radius_m, gamma, heading_rad, ..slots(Pattern::Circle) };

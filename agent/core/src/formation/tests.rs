@@ -7,7 +7,7 @@ use skein_common::state::Standing;
 
 use super::*;
 
-/// Vehicle 2 of four, with these lines under `[formation]`.
+/// The formation of vehicle 2 of four, with these lines under `[formation]`.
 fn formation(lines: &str) -> Formation {
     let text = format!("swarm.vehicles = 4\n[formation]\n{lines}");
     let scenario = load(&Source { name: "test.toml", text: &text }, &[]).unwrap().scenario;
@@ -40,11 +40,11 @@ fn member(number: u8, north_m: f64, east_m: f64, altitude_m: f64) -> Seen {
     }
 }
 
-fn seen(seen: &[Seen]) -> Others<'_> {
-    Others { seen, ..Others::default() }
+fn estimates(estimates: &[Seen]) -> Others<'_> {
+    Others { estimates, ..Others::default() }
 }
 
-/// Around a centre at the origin that moves north.
+/// The task to fly a formation around a centre at the origin that moves north.
 fn task(speed_m_s: f64) -> Task {
     Task::Formation(mission::Goal {
         step: 0,
@@ -55,26 +55,26 @@ fn task(speed_m_s: f64) -> Task {
 }
 
 fn wish(formation: &mut Formation, estimate: &Estimate, peers: &[Seen], speed_m_s: f64) -> Wish {
-    formation.step(0.02, estimate, &seen(peers), &task(speed_m_s)).unwrap()
+    formation.step(0.02, estimate, &estimates(peers), &task(speed_m_s)).unwrap()
 }
 
 #[test]
 fn each_law_has_its_own_rule_for_being_in_place() {
     let placed = |lines: &str, estimate: Estimate| wish(&mut formation(lines), &estimate, &[], 0.0).in_place;
     assert!(placed("", at(100.0, 0.0, 30.0)) && !placed("", at(70.0, 0.0, 30.0)), "ring: in the band");
-    assert!(!placed("", at(85.0, 0.0, 30.0)), "and without a strong wish to be elsewhere");
+    assert!(!placed("", at(85.0, 0.0, 30.0)), "ring: only with a weak field");
     assert!(placed("law = 'flock'", at(45.0, 0.0, 30.0)) && !placed("law = 'flock'", at(51.0, 0.0, 30.0)), "inside");
     let slots = "law = 'virtual-structure'";
     assert!(placed(slots, at(102.0, 0.0, 30.0)) && !placed(slots, at(104.0, 0.0, 30.0)), "near the slot");
     for lines in ["", "law = 'flock'\nradius_m = 101", slots] {
-        assert!(placed(lines, at(100.0, 0.0, 30.5)) && !placed(lines, at(100.0, 0.0, 28.0)), "{lines}: at height");
+        assert!(placed(lines, at(100.0, 0.0, 30.5)) && !placed(lines, at(100.0, 0.0, 28.0)), "{lines}: at altitude");
         let drifts = Estimate { velocity: VelocityNed::new(0.0, 0.6, 0.0), ..at(100.0, 0.0, 30.0) };
         assert!(!placed(lines, drifts), "{lines}: slow");
     }
 }
 
 #[test]
-fn slow_is_relative_to_the_centre_which_is_fed_forward_if_it_is_asked_for() {
+fn slow_is_relative_to_the_centre_whether_or_not_it_is_fed_forward() {
     let along = Estimate { velocity: VelocityNed::new(2.0, 0.0, 0.0), ..at(10.0, 0.0, 30.0) };
     let fed = wish(&mut formation("law = 'flock'"), &along, &[], 2.0);
     assert!(fed.in_place && fed.setpoint.feedforward_ne_m_s == Vector2::new(2.0, 0.0));
@@ -83,22 +83,22 @@ fn slow_is_relative_to_the_centre_which_is_fed_forward_if_it_is_asked_for() {
 }
 
 #[test]
-fn slots_and_bands_follow_the_ranks_of_the_live() {
+fn slots_and_bands_follow_the_ranks_of_the_live_members() {
     let peers = [member(1, 0.0, 100.0, 30.0), member(4, 0.0, -100.0, 30.0)];
     let lines = "law = 'virtual-structure'\nradius_m = 60\nband_step_m = 4";
     let second_of_three = wish(&mut formation(lines), &at(-30.0, 50.0, 30.0), &peers, 0.0);
     assert_eq!(second_of_three.setpoint.altitude_m, 30.0, "the middle band");
     assert!(
         (second_of_three.setpoint.error_ne_m() - Vector2::new(0.0, 1.9615)).norm() < 1e-3,
-        "a third round the circle"
+        "a third of the circle further"
     );
     let first_of_two = wish(&mut formation(lines), &at(-30.0, 50.0, 30.0), &peers[1..], 0.0);
     assert_eq!(first_of_two.setpoint.altitude_m, 28.0);
-    assert!((first_of_two.setpoint.error_ne_m().norm() - 15.0).abs() < 1e-9, "never more than 15 m");
+    assert!((first_of_two.setpoint.error_ne_m().norm() - 15.0).abs() < 1e-9, "at most 15 m");
 }
 
 #[test]
-fn on_an_ellipsoid_whoever_is_under_another_goes_down() {
+fn on_an_ellipsoid_a_vehicle_below_another_descends() {
     let mut formation = formation("vertical = 'ellipsoid'\nradius_m = 40\naltitude_m = 60");
     let peers = [member(1, 40.0, 0.0, 75.0)];
     let first_m = wish(&mut formation, &at(40.0, 0.0, 60.0), &peers, 0.0).setpoint.altitude_m;
@@ -107,9 +107,9 @@ fn on_an_ellipsoid_whoever_is_under_another_goes_down() {
 }
 
 #[test]
-fn the_filter_sees_all_that_is_flown_and_nobody_far_above() {
+fn the_filter_includes_the_feedforward_and_ignores_vehicles_far_above() {
     let slots = "law = 'virtual-structure'\nradius_m = 100";
-    // In its slot if there are three; the centre moves north, where somebody hovers.
+    // In its slot if there are three vehicles; the centre moves north, where another vehicle hovers.
     let (sin, cos) = math::sin_cos(core::f64::consts::TAU / 3.0);
     let place = at(100.0 * cos, 100.0 * sin, 30.0);
     let ahead = |altitude_m| [member(1, 100.0 * cos + 12.0, 100.0 * sin, altitude_m), member(3, 0.0, -90.0, 30.0)];
@@ -119,7 +119,7 @@ fn the_filter_sees_all_that_is_flown_and_nobody_far_above() {
     assert!((flown_m_s.x - 0.125 * 80.0 / 12.0).abs() < 1e-9, "κ/4 h / d: {flown_m_s}");
     assert_eq!(filtered.safety_activations(), Some(1));
     wish(&mut filtered, &place, &ahead(30.0), 4.0);
-    assert_eq!(filtered.safety_activations(), Some(1), "once for each time that it steps in");
+    assert_eq!(filtered.safety_activations(), Some(1), "counted once per intervention");
     let above = wish(&mut filtered, &place, &ahead(38.5), 4.0);
     assert!(above.setpoint.relative_velocity_ne_m_s.norm() < 1e-6);
     let free = wish(&mut formation("law = 'virtual-structure'\nsafety_filter = 'none'"), &place, &ahead(30.0), 4.0);
@@ -128,7 +128,7 @@ fn the_filter_sees_all_that_is_flown_and_nobody_far_above() {
 
 const LAWS: [&str; 6] = ["ring", "flock", "olfati-saber", "vasarhelyi", "virtual-structure", "displacement-consensus"];
 
-/// Often the same place as somebody else's, often one far away.
+/// Coordinates that often coincide with another vehicle's and are often far away.
 fn coordinate_m() -> impl Strategy<Value = f64> {
     prop_oneof![Just(0.0), Just(1e-9), -1.0..1.0, -200.0..200.0, -1e5..1e5]
 }
@@ -142,9 +142,9 @@ fn any_member() -> impl Strategy<Value = Seen> {
 }
 
 proptest! {
-    /// Alone, coincident, with ranks that nobody else has, with a peer that cannot be: no law loses its head.
+    /// Alone, coincident, with unusual ranks, with an impossible peer: every law stays finite.
     #[test]
-    fn every_law_answers_anything_finitely_and_within_bounds(
+    fn every_law_gives_finite_bounded_outputs_for_any_observation(
         law in select(&LAWS[..]), pattern in select(&["circle", "line", "v", "grid"][..]),
         mut peers in prop::collection::vec(any_member(), 0..8), own in (coordinate_m(), coordinate_m()),
         speed in -300.0..300.0, centre in -5.0..5.0, dt_s in select(&[0.0, 0.02, 1e6][..]),
@@ -157,7 +157,7 @@ proptest! {
             let lines = format!("law = '{law}'\nsafety_filter = '{filter}'\nslots.pattern = '{pattern}'");
             let mut formation = formation(&lines);
             for _ in 0..2 {
-                let wish = formation.step(dt_s, &estimate, &seen(&peers), &task(centre)).unwrap();
+                let wish = formation.step(dt_s, &estimate, &estimates(&peers), &task(centre)).unwrap();
                 let Setpoint { relative_velocity_ne_m_s, feedforward_ne_m_s, altitude_m, heading_rad } = wish.setpoint;
                 let error_ne_m = wish.setpoint.error_ne_m();
                 let numbers = relative_velocity_ne_m_s.iter().chain(&feedforward_ne_m_s).chain(&wish.field_ne);
@@ -171,20 +171,20 @@ proptest! {
 }
 
 #[test]
-fn a_velocity_is_flown_over_the_ground_whatever_is_fed_forward() {
+fn a_velocity_command_is_over_the_ground_with_or_without_feedforward() {
     for feedforward in [true, false] {
         let lines = format!("law = 'vasarhelyi'\nfeedforward = {feedforward}\nsafety_filter = 'none'");
         let setpoint = wish(&mut formation(&lines), &at(0.0, 0.0, 30.0), &[], 3.0).setpoint;
         let flown_m_s = setpoint.relative_velocity_ne_m_s + setpoint.feedforward_ne_m_s;
-        assert!((flown_m_s - Vector2::new(3.0, 0.0)).norm() < 1e-12, "at the centre: with it");
+        assert!((flown_m_s - Vector2::new(3.0, 0.0)).norm() < 1e-12, "at the centre: its velocity");
     }
 }
 
-/// Wants what it was made for, and counts how often it was asked.
+/// A law with a fixed command that counts its queries.
 #[derive(Clone, Debug)]
-struct Wants(Wanted, usize);
+struct FixedLaw(Wanted, usize);
 
-impl Law for Wants {
+impl Law for FixedLaw {
     fn ask(&mut self, _: &Sight<'_>) -> Answer {
         self.1 += 1;
         Answer { wanted: self.0, is_there: true }
@@ -192,24 +192,24 @@ impl Law for Wants {
 }
 
 #[test]
-fn a_law_may_climb_and_what_is_not_finite_is_no_wish() {
+fn a_law_may_command_a_climb_and_a_non_finite_command_counts_as_zero() {
     let mut formation = formation("altitude_m = 30\nsafety_filter = 'none'");
     let mut flown = |wanted, altitude_m| {
-        formation.shapes[0].law = Box::new(Wants(wanted, 0));
+        formation.shapes[0].law = Box::new(FixedLaw(wanted, 0));
         wish(&mut formation, &at(0.0, 0.0, altitude_m), &[], 0.0).setpoint
     };
     let climbs = |up_m_s: f64| Wanted::Velocity { ne_m_s: Vector2::new(1.0, 0.0), down_m_s: Some(-up_m_s) };
-    assert_eq!(flown(climbs(1.0), 10.0).altitude_m, 30.0, "first it takes off");
+    assert_eq!(flown(climbs(1.0), 10.0).altitude_m, 30.0, "the vehicle first takes off");
     let up = flown(climbs(1.0), 31.0);
     assert!((up.altitude_m - 31.02).abs() < 1e-9 && up.relative_velocity_ne_m_s == Vector2::new(1.0, 0.0), "{up:?}");
-    for nothing in [climbs(f64::NAN), Wanted::Way(Vector2::new(f64::INFINITY, 0.0))] {
+    for nothing in [climbs(f64::NAN), Wanted::Displacement(Vector2::new(f64::INFINITY, 0.0))] {
         let setpoint = flown(nothing, 31.0);
         assert!(setpoint.relative_velocity_ne_m_s == Vector2::zeros() && setpoint.altitude_m == 30.0, "{setpoint:?}");
     }
 }
 
 #[test]
-fn steps_with_the_same_formation_share_what_the_law_remembers() {
+fn steps_with_the_same_formation_share_the_laws_memory() {
     let steps = "[{ hold_s = 1 }, { centre_ne_m = [9, 0], formation = { radius_m = 50 } }, { centre_ne_m = [5, 0] }]";
     let text = format!("swarm.vehicles = 4\nmission.steps = {steps}");
     let scenario = load(&Source { name: "test.toml", text: &text }, &[]).unwrap().scenario;
@@ -218,7 +218,7 @@ fn steps_with_the_same_formation_share_what_the_law_remembers() {
 }
 
 #[test]
-fn whoever_stays_after_its_part_has_risen_stays_at_the_altitude_it_has() {
+fn a_vehicle_that_stays_keeps_the_rise_of_its_partition() {
     let apart = Others { flies_above: true, ..Others::default() };
     let stay = |altitude_m, lands| Task::Stay { at_ne_m: Vector2::zeros(), altitude_m, heading_rad: 0.0, lands };
     let mut formation = formation("");
@@ -226,9 +226,9 @@ fn whoever_stays_after_its_part_has_risen_stays_at_the_altitude_it_has() {
         let steps = (0..1000).filter_map(|_| formation.step(0.02, &at(100.0, 0.0, 40.0), others, task));
         steps.map(|wish| wish.setpoint.altitude_m).last().unwrap()
     };
-    assert!((fly(&apart, &task(0.0)) - 40.0).abs() < 1e-9, "10 m above the 30 m of the other part");
+    assert!((fly(&apart, &task(0.0)) - 40.0).abs() < 1e-9, "10 m above the 30 m of the other partition");
     assert!((fly(&apart, &stay(40.0, false)) - 40.0).abs() < 1e-9);
-    assert!((fly(&Others::default(), &stay(40.0, false)) - 30.0).abs() < 1e-9, "and comes back when they are one");
-    assert!((fly(&apart, &stay(12.0, true)) - 12.0).abs() < 1e-9, "on the way down nothing is added");
-    assert!((fly(&apart, &stay(12.0, false)) - 12.0).abs() < 1e-9, "called back, it stays there");
+    assert!((fly(&Others::default(), &stay(40.0, false)) - 30.0).abs() < 1e-9, "descends after the partitions rejoin");
+    assert!((fly(&apart, &stay(12.0, true)) - 12.0).abs() < 1e-9, "nothing is added during a landing");
+    assert!((fly(&apart, &stay(12.0, false)) - 12.0).abs() < 1e-9, "recalled, the vehicle stays at its altitude");
 }

@@ -1,7 +1,7 @@
-//! Flocking made for real delays and accelerations: short repulsion, and velocities that are alike enough to stop in time.
+//! Flocking for real delays and accelerations: short-range repulsion, and velocities similar enough to stop in time.
 //!
-//! G. Vásárhelyi, C. Virágh, G. Somorjai, T. Nepusz, A. E. Eiben & T. Vicsek, "Optimized flocking of autonomous drones in
-//! confined environments", Science Robotics 3 (2018), with the parameters evolved there for 4 m/s:
+//! G. Vásárhelyi, C. Virágh, G. Somorjai, T. Nepusz, A. E. Eiben & T. Vicsek, "Optimized flocking of autonomous drones
+//! in confined environments", Science Robotics 3 (2018), with the parameters evolved there for 4 m/s:
 //!
 //! ```text
 //! v_i = v_goal + Σ p_rep (r0_rep − r_ij) (r_i − r_j)/r_ij                                     for r_ij < r0_rep
@@ -10,8 +10,8 @@
 //! D(r, a, p) = 0 up to r = 0;  r p while r p < a/p;  √(2 a r − a²/p²) from there on
 //! ```
 //!
-//! The source's drones fly on at v_flock between walls. Here they have a goal: in place of v_flock v̂_i stands the centre's
-//! velocity, and beyond half of R* a homing that grows to v_flock, in place of the walls. Both are ours.
+//! The source's drones fly on at v_flock between walls. Here they have a goal: the centre's velocity replaces v_flock
+//! v̂_i, and a homing velocity beyond half of R*, which grows to v_flock, replaces the walls. Both are ours.
 
 use alloc::boxed::Box;
 use alloc::string::String;
@@ -26,13 +26,13 @@ use super::law::{Answer, Law, Neighbour, Setup, Sight, Wanted};
 #[derive(Clone, Debug, PartialEq)]
 struct Vasarhelyi(scenario::Vasarhelyi);
 
-/// The law of a scenario.
+/// Builds the law for a scenario.
 pub(super) fn make(setup: &Setup<'_>) -> Result<Box<dyn Law>, String> {
     Ok(Box::new(Vasarhelyi(setup.formation.vasarhelyi.clone())))
 }
 
 impl Vasarhelyi {
-    /// Away from whoever is too near.
+    /// Velocity away from a neighbour that is too near, m/s.
     fn repulsion_m_s(&self, sight: &Sight<'_>, neighbour: &Neighbour) -> Vector2<f64> {
         let Self(its) = self;
         let from_it_m = (sight.position - neighbour.position).xy();
@@ -40,7 +40,7 @@ impl Vasarhelyi {
         if distance_m >= its.repulsion_range_m {
             return Vector2::zeros();
         }
-        // ±north where they coincide, so that the two disagree.
+        // ±north at coincident positions, with opposite signs for the two vehicles.
         let away = if distance_m > COINCIDENT_M {
             from_it_m / distance_m
         } else {
@@ -49,7 +49,7 @@ impl Vasarhelyi {
         away * (its.repulsion_per_s * (its.repulsion_range_m - distance_m))
     }
 
-    /// Towards a velocity from which this vehicle can still stop beside the other.
+    /// Velocity change towards a relative velocity at which this vehicle can still stop beside the other, m/s.
     fn friction_m_s(&self, sight: &Sight<'_>, neighbour: &Neighbour) -> Vector2<f64> {
         let Self(its) = self;
         let difference_m_s = neighbour.velocity.horizontal() - sight.velocity.horizontal();
@@ -64,7 +64,7 @@ impl Vasarhelyi {
         difference_m_s * (its.friction_gain * (speed_m_s - allowed_m_s) / speed_m_s)
     }
 
-    /// Towards the centre, from half of R* on.
+    /// Velocity towards the centre beyond half of R*, m/s.
     fn homing_m_s(&self, sight: &Sight<'_>) -> Vector2<f64> {
         let Self(its) = self;
         let out_ne_m = sight.from_centre_ne_m();
@@ -87,15 +87,16 @@ impl Law for Vasarhelyi {
     }
 }
 
-/// D(r, a, p): the speed from which one can stop within r at constant deceleration a, and at last exponentially at rate p.
-fn braking_m_s(way_m: f64, deceleration_m_s2: f64, slope_per_s: f64) -> f64 {
+/// Braking curve D(r, a, p): the speed from which a vehicle can stop within r, m/s, at constant deceleration a and
+/// finally exponentially at rate p.
+fn braking_m_s(distance_m: f64, deceleration_m_s2: f64, slope_per_s: f64) -> f64 {
     let knee_m_s = deceleration_m_s2 / slope_per_s;
-    if way_m <= 0.0 {
+    if distance_m <= 0.0 {
         0.0
-    } else if way_m * slope_per_s < knee_m_s {
-        way_m * slope_per_s
+    } else if distance_m * slope_per_s < knee_m_s {
+        distance_m * slope_per_s
     } else {
-        (2.0 * deceleration_m_s2 * way_m - knee_m_s * knee_m_s).sqrt()
+        (2.0 * deceleration_m_s2 * distance_m - knee_m_s * knee_m_s).sqrt()
     }
 }
 

@@ -1,4 +1,4 @@
-//! The airframe: drag, fin and stabiliser, and the motion of a rigid body.
+//! The airframe: drag, fin, stabiliser and rigid-body motion.
 
 use core::ops::AddAssign;
 
@@ -21,7 +21,7 @@ impl AddAssign for Wrench {
     }
 }
 
-/// What is constant of the airframe.
+/// The constants of the airframe.
 #[derive(Clone, Debug)]
 pub(super) struct Body {
     mass_kg: f64,
@@ -29,16 +29,16 @@ pub(super) struct Body {
     gravity_m_s2: f64,
     inertia: Vector3<f64>,
     inverse_inertia: Vector3<f64>,
-    /// ½ρ S_x, ½ρ S_y, ½ρ S_z.
+    /// Drag coefficients ½ρ S_x, ½ρ S_y, ½ρ S_z, kg/m.
     drag: Vector3<f64>,
-    /// χ_i, and 1.5/(χ_f − χ_i).
+    /// The wake's skew χ_i at which it reaches the tail rotor, and 1.5/(χ_f − χ_i).
     wake_start: f64,
     wake_slope: f64,
-    /// ½ρ S_ht, C_Lα,ht, l_ht.
+    /// Horizontal stabiliser: ½ρ S_ht (kg/m), C_Lα,ht (1/rad) and l_ht (m).
     stabiliser: (f64, f64, f64),
 }
 
-/// Share of the main rotor's induced speed that the tail meets at most.
+/// Largest ratio of the wake's speed at the tail to the main rotor's induced speed.
 const WAKE_SHARE: f64 = 1.5;
 
 impl Body {
@@ -64,8 +64,9 @@ impl Body {
         }
     }
 
-    /// K_λ v_i: how fast the main rotor's wake blows down on the tail. K_λ grows from 0 to 1.5 as the skew of the wake
-    /// χ = u/(v_i − w) sweeps it over the tail rotor, from χ_i to χ_f; no wake when it goes up.
+    /// Downward speed of the main rotor's wake at the tail, K_λ v_i, m/s. K_λ grows from 0 to 1.5 while the skew of the
+    /// wake χ = u/(v_i − w) grows from χ_i to χ_f and moves the wake over the tail rotor. An upward wake misses the
+    /// tail.
     #[inline]
     pub(super) fn wake_at_tail_m_s(&self, air: &Vector3<f64>, induced_m_s: f64) -> f64 {
         let down_m_s = induced_m_s - air.z;
@@ -76,14 +77,15 @@ impl Body {
         (self.wake_slope * (chi - self.wake_start)).min(WAKE_SHARE) * induced_m_s
     }
 
-    /// Drag of the fuselage in the air and in the main rotor's wake: X = −½ρ S_x V∞ u, and so on with w − v_i.
+    /// Drag of the fuselage in the airflow and the main rotor's wake, N, body axes: X = −½ρ S_x V∞ u; Y and Z alike,
+    /// with w − v_i in place of w.
     #[inline]
     pub(super) fn fuselage(&self, air: &Vector3<f64>, induced_m_s: f64) -> Vector3<f64> {
         let through = Vector3::new(air.x, air.y, air.z - induced_m_s);
         -self.drag.component_mul(&through) * through.norm()
     }
 
-    /// Z_h: lift for |u| along, w_h = w + l q − K_λ v_i across; M = Z_h l.
+    /// Lift Z_h of the stabiliser and its moment M = Z_h l, for the speed |u| along and w_h = w + l q − K_λ v_i across.
     #[inline]
     pub(super) fn stabiliser(&self, air: &Vector3<f64>, pitch_rate: f64, wake_m_s: f64) -> Wrench {
         let (half_density_area, lift_slope, arm_m) = self.stabiliser;
@@ -92,7 +94,7 @@ impl Body {
         Wrench { force: Vector3::new(0.0, 0.0, z_h), moment: Vector3::new(0.0, z_h * arm_m, 0.0) }
     }
 
-    /// v̇ = −ω×v + F/m + Rᵀg in body axes.
+    /// Acceleration in body axes, m/s²: v̇ = −ω×v + F/m + Rᵀg.
     #[inline]
     pub(super) fn acceleration(
         &self,
@@ -105,26 +107,26 @@ impl Body {
         velocity.cross(rates) + force * self.inverse_mass + down_in_body * self.gravity_m_s2
     }
 
-    /// I ω̇ = M − ω×Iω.
+    /// Angular acceleration in body axes, rad/s², from I ω̇ = M − ω×Iω.
     #[inline]
     pub(super) fn angular_acceleration(&self, moment: &Vector3<f64>, rates: &Vector3<f64>) -> Vector3<f64> {
         let momentum = self.inertia.component_mul(rates);
         (moment + momentum.cross(rates)).component_mul(&self.inverse_inertia)
     }
 
-    /// ½ρ S_z.
+    /// Vertical drag coefficient of the fuselage ½ρ S_z, kg/m.
     pub(super) fn vertical_drag(&self) -> f64 {
         self.drag.z
     }
 
-    /// m g, N.
+    /// Weight m g, N.
     pub(super) fn weight_n(&self) -> f64 {
         self.mass_kg * self.gravity_m_s2
     }
 }
 
-/// Lift of a fin or stabiliser against the flow across it: −½ρ S (C_Lα V + |v|) v, where it stalls within
-/// ±½ρ S (V² + v²), for speeds V along and v across.
+/// Lift of a fin or stabiliser, N, against the flow across it: −½ρ S (C_Lα V + |v|) v for speeds V along and v across.
+/// The stall limits it to ±½ρ S (V² + v²).
 #[inline]
 pub(super) fn lift_n(half_density_area: f64, lift_slope: f64, along_m_s: f64, across_m_s: f64) -> f64 {
     let attached = (lift_slope * along_m_s + across_m_s.abs()) * across_m_s.abs();
@@ -132,7 +134,7 @@ pub(super) fn lift_n(half_density_area: f64, lift_slope: f64, along_m_s: f64, ac
     (half_density_area * attached.min(stalled)).copysign(-across_m_s)
 }
 
-/// The rotation matrix of the unit quaternion (w, x, y, z).
+/// The rotation matrix from body axes to NED for the unit quaternion (w, x, y, z).
 #[inline]
 pub(super) fn ned_from_body([w, x, y, z]: [f64; 4]) -> Matrix3<f64> {
     let (x2, y2, z2) = (x + x, y + y, z + z);
@@ -148,7 +150,7 @@ pub(super) fn ned_from_body([w, x, y, z]: [f64; 4]) -> Matrix3<f64> {
     matrix
 }
 
-/// q̇ = ½ q⊗(0, ω).
+/// Rate of change of the quaternion, q̇ = ½ q⊗(0, ω).
 #[inline]
 pub(super) fn quaternion_rate([w, x, y, z]: [f64; 4], rates: &Vector3<f64>) -> [f64; 4] {
     let half = 0.5 * rates;

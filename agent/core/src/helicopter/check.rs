@@ -1,4 +1,4 @@
-//! What a helicopter's parameters must be: each number by itself, and all together.
+//! Checks of a helicopter's parameters: each number by itself, then all together.
 
 use alloc::borrow::ToOwned;
 use alloc::format;
@@ -7,26 +7,26 @@ use alloc::string::String;
 use super::dynamics::Dynamics;
 use super::parameters::Parameters;
 
-/// Why no helicopter of this model can have these parameters.
+/// Why the flight model refuses a set of parameters.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum ParameterError {
-    /// One number by itself.
+    /// One number is outside its limits.
     #[error("`helicopter.{key}` is {value}, but has to be {rule}")]
     Value {
         /// The key within the `[helicopter]` table.
         key: &'static str,
-        /// What it was.
+        /// The refused value.
         value: f64,
-        /// What it must be.
+        /// The condition the value violates.
         rule: &'static str,
     },
-    /// Each number for itself would do.
+    /// Each number is within its limits, but together they do not allow a hover.
     #[error("`helicopter` cannot hover with these parameters: it lacks engine power or tail rotor thrust")]
     CannotHover,
 }
 
 impl ParameterError {
-    /// The key at fault, dotted, as an aircraft file has it.
+    /// The dotted key at fault, as spelled in an aircraft file.
     pub fn key(&self) -> String {
         match self {
             Self::Value { key, .. } => format!("helicopter.{key}"),
@@ -35,7 +35,7 @@ impl ParameterError {
     }
 }
 
-/// What a number must be, in words and as a test.
+/// A condition on a number: its wording in messages, and its test.
 struct Rule(&'static str, fn(f64) -> bool);
 
 const ANY: Rule = Rule("a finite number", f64::is_finite);
@@ -46,8 +46,12 @@ const LAG: Rule = Rule("finite and at least 0.01 s, or the integration step is t
 });
 
 impl Parameters {
-    /// Every number is finite, and of the sign and size the model's equations and its integration step need; together
-    /// they can hover.
+    /// Checks that every number is finite and has the sign and size that the model's equations and its integration step
+    /// need, and that a helicopter with these parameters can hover.
+    ///
+    /// # Errors
+    ///
+    /// The first number outside its limits, or [`ParameterError::CannotHover`].
     pub fn check(&self) -> Result<(), ParameterError> {
         for (key, value, Rule(rule, holds)) in self.rules() {
             if !holds(value) {
@@ -64,7 +68,7 @@ impl Parameters {
         if Dynamics::new(self, 0.0).can_hover() { Ok(()) } else { Err(ParameterError::CannotHover) }
     }
 
-    /// Each number with its key and what it must be.
+    /// Each number with its key and its condition.
     #[rustfmt::skip]
     fn rules(&self) -> [(&'static str, f64, Rule); 57] {
         let Self { inertia, main_rotor: main, tail_rotor, head, tail, fin, stabiliser, fuselage, .. } = self;

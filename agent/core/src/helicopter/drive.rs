@@ -2,7 +2,7 @@
 
 use super::parameters::Parameters;
 
-/// What is constant of the drive.
+/// The constants of the drive.
 #[derive(Clone, Debug)]
 pub(super) struct Drive {
     pub(super) nominal_speed_rad_s: f64,
@@ -12,7 +12,7 @@ pub(super) struct Drive {
     inverse_inertia: f64,
 }
 
-/// The governor's answer.
+/// The governor's output.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Throttle {
     /// Shaft power, W.
@@ -34,31 +34,31 @@ impl Drive {
         }
     }
 
-    /// Throttle K_p e + K_i w within 0..1 for the speed error e = Ω_nom − Ω; its integral ẇ = e rests while the throttle is
-    /// at a stop and pushed further out.
+    /// The governor: throttle K_p e + K_i w, clamped to 0..1, for the speed error e = Ω_nom − Ω. The integral ẇ = e is
+    /// held while the throttle is at a limit and the error would drive it further out.
     #[inline]
     pub(super) fn throttle(&self, speed_rad_s: f64, integral: f64) -> Throttle {
         let error = self.nominal_speed_rad_s - speed_rad_s;
-        let wanted = self.gain * error + self.integral_gain * integral;
-        let pushed_out = (wanted >= 1.0 && error > 0.0) || (wanted <= 0.0 && error < 0.0);
+        let demand = self.gain * error + self.integral_gain * integral;
+        let pushed_out = (demand >= 1.0 && error > 0.0) || (demand <= 0.0 && error < 0.0);
         Throttle {
-            power_w: self.max_power_w * wanted.clamp(0.0, 1.0),
+            power_w: self.max_power_w * demand.clamp(0.0, 1.0),
             integral_rate: if pushed_out { 0.0 } else { error },
         }
     }
 
-    /// Ω̇ = (P/Ω − Q)/I_rot for the torque Q that both rotors ask of the shaft.
+    /// Angular acceleration of the shaft, rad/s²: Ω̇ = (P/Ω − Q)/I_rot for the load torque Q of both rotors.
     #[inline]
     pub(super) fn shaft_acceleration(&self, speed_rad_s: f64, power_w: f64, load_n_m: f64) -> f64 {
         (power_w / speed_rad_s.max(MIN_SPEED_RAD_S) - load_n_m) * self.inverse_inertia
     }
 
-    /// No power from here on. The governor goes on asking for it.
+    /// Cuts the engine's power for good. The governor keeps running.
     pub(super) fn stop(&mut self) {
         self.max_power_w = 0.0;
     }
 
-    /// The governor's integral that holds this power at nominal speed.
+    /// The governor's integral that holds this power at nominal speed, rad.
     pub(super) fn integral_for(&self, power_w: f64) -> f64 {
         power_w / (self.max_power_w * self.integral_gain)
     }

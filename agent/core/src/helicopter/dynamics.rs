@@ -1,4 +1,4 @@
-//! The equations of motion: the state, its rate of change, and the step in time.
+//! The equations of motion: the state, its rate of change and the integration step.
 
 use nalgebra::Vector3;
 
@@ -9,10 +9,10 @@ use super::main_rotor::{MainRotor, MainRotorState};
 use super::parameters::Parameters;
 use super::tail::Tail;
 
-/// Length of one Runge-Kutta step. The fastest pole is −169 1/s: a third of what the method's stability allows.
+/// Length of one Runge-Kutta step, s. The fastest pole is −169 1/s, a third of the method's stability limit.
 pub(super) const STEP_S: f64 = 0.005;
 
-/// Magnitudes below this are zero: a hands-off hover decays towards denormal numbers, which are slow.
+/// Smaller magnitudes are set to zero: a hands-off hover decays towards denormal numbers, which are slow.
 const NEGLIGIBLE: f64 = 1e-30;
 
 /// The 23 states, or their rates of change:
@@ -61,18 +61,18 @@ impl State {
     }
 }
 
-/// What the controls ask of the machine.
+/// The commands to the servos and the yaw gyro.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Command {
-    /// δ_lat*, δ_lon*, θ0*: where the servos go, rad.
+    /// Commanded blade pitch δ_lat*, δ_lon*, θ0* of the servos, rad.
     pub(super) lateral_rad: f64,
     pub(super) longitudinal_rad: f64,
     pub(super) collective_rad: f64,
-    /// r_cmd, rad/s.
+    /// Commanded yaw rate r_cmd, rad/s.
     pub(super) yaw_rate_rad_s: f64,
 }
 
-/// Everything of one helicopter that stays as it is in flight.
+/// The constants of one helicopter in flight.
 #[derive(Clone, Debug)]
 pub(super) struct Dynamics {
     pub(super) main_rotor: MainRotor,
@@ -80,9 +80,9 @@ pub(super) struct Dynamics {
     pub(super) body: Body,
     pub(super) drive: Drive,
     contact: Contact,
-    /// 1/τ of the three servos; 0 for one that is stuck.
+    /// 1/τ of the three servos, 1/s; 0 for a stuck one.
     pub(super) inverse_servo_lags: [f64; 3],
-    /// Down coordinate of the ground.
+    /// Down coordinate of the ground, m.
     pub(super) ground_down_m: f64,
 }
 
@@ -99,7 +99,7 @@ impl Dynamics {
         }
     }
 
-    /// One step of the classical fourth-order Runge-Kutta method; command and wind (NED, m/s) are held.
+    /// Advances by one step of the classical fourth-order Runge-Kutta method, with command and wind (NED, m/s) held.
     #[inline]
     pub(super) fn step(&self, state: &State, command: &Command, wind: &Vector3<f64>) -> State {
         let k1 = self.rates(state, command, wind);
@@ -110,7 +110,7 @@ impl Dynamics {
         for (i, value) in next.0.iter_mut().enumerate() {
             *value += STEP_S / 6.0 * (k1.0[i] + 2.0 * (k2.0[i] + k3.0[i]) + k4.0[i]);
         }
-        // Drag stops a rotor without power; it does not turn it backwards.
+        // Drag stops a rotor without power but does not turn it backwards.
         next.0[15] = next.0[15].max(0.0);
         next.with_unit_quaternion().without_negligible()
     }

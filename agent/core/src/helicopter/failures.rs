@@ -1,4 +1,4 @@
-//! What may fail of a built-in vehicle, and when.
+//! The failures of a built-in vehicle, and when a scenario injects them.
 
 use alloc::vec::Vec;
 
@@ -7,23 +7,23 @@ use skein_common::scenario::{Event, Fault, Servo, What};
 
 use super::dynamics::Dynamics;
 
-/// What has failed of a vehicle; by default nothing.
+/// The failures present in a vehicle; by default none.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Failures {
-    /// The engine gives no power: the rotor turns on by itself and slows down.
+    /// The engine gives no power: the rotor spins down.
     pub engine_out: bool,
-    /// The yaw gyro holds the tail rotor's pitch where its integral stood: pedals and yaw rate do nothing to it.
+    /// The yaw gyro is off and the tail rotor's pitch stays at the gyro's integral: pedals and yaw rate have no effect.
     pub gyro_off: bool,
-    /// Servos that keep the blade pitch they had: roll, pitch, collective.
+    /// Servos stuck at their current blade pitch: roll, pitch, collective.
     pub stuck: [bool; 3],
-    /// The measured position repeats. Height above the ground and velocity are measured by something else and go on.
+    /// The measured position is frozen. Height above the ground and velocity have other sensors and stay live.
     pub position_frozen: bool,
 }
 
 impl Failures {
-    /// A failure is another machine: one without power, without gains of its gyro, or with servos that take for ever.
-    pub(super) fn applied_to(&self, sound: &Dynamics) -> Dynamics {
-        let mut dynamics = sound.clone();
+    /// The dynamics with these failures: without engine power, with zero gyro gains, or with infinitely slow servos.
+    pub(super) fn applied_to(&self, healthy: &Dynamics) -> Dynamics {
+        let mut dynamics = healthy.clone();
         if self.engine_out {
             dynamics.drive.stop();
         }
@@ -37,19 +37,19 @@ impl Failures {
     }
 }
 
-/// What fails of one vehicle, and when. It has no clock: whoever asks counts the time.
+/// The failures of one vehicle over time. The script has no clock: the caller passes the time.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Script(Vec<Entry>);
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Entry {
     from_s: f64,
-    /// Infinite if it is for good.
+    /// End of the failure, s; infinite if it is permanent.
     until_s: f64,
     what: Failure,
 }
 
-/// What a plant can do of the faults that a scenario knows.
+/// A scenario's fault that acts on the plant.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Failure {
     EngineOut,
@@ -59,17 +59,17 @@ enum Failure {
     SimulatorFrozen,
 }
 
-/// How a script stands at one time.
+/// The plant faults active at one time.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Now {
-    /// Of the vehicle.
+pub struct ActiveFaults {
+    /// Failures of the vehicle.
     pub failures: Failures,
-    /// No frame comes, and the vehicle's time stands still.
+    /// The simulator sends no frames and its time is stopped.
     pub simulator_frozen: bool,
 }
 
 impl Script {
-    /// What the events do to this vehicle's plant; the others are not for a plant.
+    /// The events that affect this vehicle's plant; all other events are ignored.
     pub fn of(events: &[Event], vehicle: VehicleId) -> Self {
         let entry = |event: &Event| {
             let What::Fault(fault) = &event.what else { return None };
@@ -80,9 +80,9 @@ impl Script {
         Self(events.iter().filter_map(entry).collect())
     }
 
-    /// How it stands so long after the vehicle's take-off. What overlaps adds up.
-    pub fn at(&self, since_take_off_s: f64) -> Now {
-        let mut now = Now::default();
+    /// The faults active this long after the vehicle's take-off. Overlapping faults combine.
+    pub fn at(&self, since_take_off_s: f64) -> ActiveFaults {
+        let mut now = ActiveFaults::default();
         for entry in self.0.iter().filter(|entry| (entry.from_s..entry.until_s).contains(&since_take_off_s)) {
             let failures = &mut now.failures;
             match entry.what {

@@ -1,18 +1,18 @@
-//! The ground: what the skids feel, and what it does for the main rotor.
+//! The ground: contact forces on the skids, and ground effect on the main rotor.
 
 use nalgebra::{Matrix3, Vector3};
 
 use super::body::Wrench;
 use super::parameters::{Parameters, Skids};
 
-/// Below this speed over the ground (m/s) friction fades to nothing, so that a standing helicopter does not chatter.
+/// Below this speed over the ground (m/s) friction fades to zero, so that a standing helicopter does not chatter.
 const FRICTION_SPEED_M_S: f64 = 0.05;
 
-/// What is constant of the contact with the ground.
+/// The constants of the ground contact.
 #[derive(Clone, Debug)]
 pub(super) struct Contact {
     points: [Vector3<f64>; 4],
-    /// No point is further from the centre of gravity.
+    /// Largest distance of a contact point from the centre of gravity, m.
     pub(super) reach_m: f64,
     stiffness: f64,
     damping: f64,
@@ -27,8 +27,8 @@ impl Contact {
         Self { reach_m: points[0].norm(), points, stiffness: stiffness_n_m, damping: damping_n_s_m, friction }
     }
 
-    /// The sum over the four points, for a centre of gravity `height_m` above the ground, the body's velocity and rates in
-    /// body axes. Called only within reach of the ground.
+    /// Force and moment of the four contact points for a centre of gravity `height_m` above the ground; velocity and
+    /// rates in body axes. Called only within `reach_m` of the ground.
     pub(super) fn wrench(
         &self,
         height_m: f64,
@@ -48,7 +48,7 @@ impl Contact {
         sum
     }
 
-    /// At one point, in NED: F_n = max(0, kδ + c v_z) up, friction −μ F_n v_h/(|v_h| + 0.05).
+    /// Force at one point, N, NED: F_n = max(0, kδ + c v_z) up, friction −μ F_n v_h/(|v_h| + 0.05).
     fn force(&self, depth_m: f64, velocity: &Vector3<f64>) -> Vector3<f64> {
         let normal_n = (self.stiffness * depth_m + self.damping * velocity.z).max(0.0);
         let drag = -self.friction * normal_n / (velocity.xy().norm() + FRICTION_SPEED_M_S);
@@ -56,8 +56,8 @@ impl Contact {
     }
 }
 
-/// Thrust in ground effect over thrust without, 1/(1 − (R/4z)²) for a hub z above the ground, after Cheeseman and Bennett
-/// (1955). One from two radii up; below half a radius as at half a radius.
+/// Ratio of the thrust in ground effect to the thrust without: 1/(1 − (R/4z)²) for a hub z above the ground, after
+/// Cheeseman and Bennett (1955). It is 1 from two radii up, and constant below half a radius.
 #[inline]
 pub(super) fn thrust_factor(radius_m: f64, hub_height_m: f64) -> f64 {
     if hub_height_m >= 2.0 * radius_m {

@@ -1,4 +1,4 @@
-//! The steady hover in still air: where the inner states stand when the helicopter leaves the ground.
+//! The steady hover in still air: the initial values of the inner states.
 
 use super::dynamics::Dynamics;
 use super::rotor::Hovering;
@@ -6,18 +6,18 @@ use super::rotor::Hovering;
 /// Inner states of a steady hover out of ground effect.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Hover {
-    /// λ and λ_t.
+    /// Inflow ratios λ and λ_t of main and tail rotor.
     pub(super) lambda: f64,
     pub(super) lambda_t: f64,
-    /// Tail blade pitch θ_t, which the gyro's integral holds.
+    /// Tail blade pitch θ_t, rad, which is also the gyro's integral.
     pub(super) tail_pitch_rad: f64,
-    /// The governor's integral, at nominal speed.
+    /// The governor's integral at nominal speed, rad.
     pub(super) governor_integral: f64,
 }
 
 impl Dynamics {
-    /// The equations of motion solved for rest. The bank that holds the tail's side force takes its cosine off the weight
-    /// the rotor carries: it changes the thrust by 0.3 %, so that a few rounds settle it.
+    /// Solves the equations of motion for rest. The bank angle that balances the tail's side force reduces the weight
+    /// the rotor carries by its cosine, which changes the thrust by 0.3 %: five iterations are enough.
     pub(super) fn hover(&self) -> Hover {
         let sin_bank = (0..5).fold(0.0, |sin_bank, _| self.sin_bank(&self.hovering_main(sin_bank)));
         let main = self.hovering_main(sin_bank);
@@ -32,7 +32,7 @@ impl Dynamics {
         }
     }
 
-    /// A hover exists, within the power of the engine and the stops of the tail rotor.
+    /// Whether a hover exists within the engine's power and the tail rotor's pitch limits.
     pub(super) fn can_hover(&self) -> bool {
         let Hover { lambda, lambda_t, tail_pitch_rad, governor_integral } = self.hover();
         let full_throttle = 1.0 / self.drive.integral_gain;
@@ -43,7 +43,7 @@ impl Dynamics {
             && (0.0..full_throttle).contains(&governor_integral)
     }
 
-    /// The main rotor carries the weight and the drag of the fuselage in its own wake.
+    /// The main rotor in the hover. It carries the weight and the drag of the fuselage in its own wake.
     fn hovering_main(&self, sin_bank: f64) -> Hovering {
         let weight_n = self.body.weight_n() * (1.0 - sin_bank * sin_bank).sqrt();
         let rotor = &self.main_rotor.rotor;
@@ -51,8 +51,9 @@ impl Dynamics {
         rotor.hovering(thrust_n, self.drive.nominal_speed_rad_s)
     }
 
-    /// The tail's force Q/l to the left is held by the weight's share m g sin φ and by the disc's T b1, whose tilt in turn
-    /// holds the moment of the tail's force: (K_β + T h_mr) b1 = h_tr Q/l.
+    /// Sine of the bank angle in the hover. The tail's force Q/l to the left is balanced by the weight's component m g
+    /// sin φ and by the disc's T b1; the disc's tilt also balances the moment of the tail's force: (K_β + T h_mr) b1 =
+    /// h_tr Q/l.
     fn sin_bank(&self, main: &Hovering) -> f64 {
         let side_n = main.torque_n_m / self.tail.arm_m;
         let b1 = side_n * self.tail.height_m / self.main_rotor.stiffness(main.thrust_n);

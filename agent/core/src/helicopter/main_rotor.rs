@@ -1,4 +1,4 @@
-//! The main rotor: its forces on the body, its torque, and how its disc tilts.
+//! The main rotor: its forces on the body, its torque and the tilt of its disc.
 
 use nalgebra::Vector3;
 
@@ -7,51 +7,51 @@ use super::ground;
 use super::parameters::Parameters;
 use super::rotor::{Flow, Rotor};
 
-/// What is constant of the main rotor.
+/// The constants of the main rotor.
 #[derive(Clone, Debug)]
 pub(super) struct MainRotor {
     pub(super) rotor: Rotor,
     radius_m: f64,
     height_m: f64,
-    /// K_β.
+    /// Hub stiffness K_β, N m/rad.
     hub_stiffness: f64,
-    /// 1/(τ_e Ω) = γ_fb/16.
+    /// Flapping bandwidth per rotor speed, 1/(τ_e Ω) = γ_fb/16.
     flap_bandwidth: f64,
-    /// aσ.
+    /// Product of lift slope and solidity, aσ.
     lift: f64,
-    /// 2 K_μ.
+    /// Gain of the tilt away from the airspeed, 2 K_μ.
     blow_back: f64,
-    /// 16 K_μ.
+    /// Gain of the tilt by vertical speed, 16 K_μ.
     heave_flap: f64,
-    /// A_lon/Ω_nom² and B_lat/Ω_nom².
+    /// Cyclic gains A_lon/Ω_nom² and B_lat/Ω_nom².
     longitudinal_gain: f64,
     lateral_gain: f64,
 }
 
-/// The main rotor's part of the state.
+/// The main rotor's components of the state.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct MainRotorState {
-    /// Ω.
+    /// Rotor speed Ω, rad/s.
     pub(super) speed_rad_s: f64,
-    /// θ0.
+    /// Collective blade pitch θ0, rad.
     pub(super) collective_rad: f64,
-    /// δ_lat, δ_lon.
+    /// Cyclic blade pitch δ_lat, δ_lon, rad.
     pub(super) lateral_rad: f64,
     pub(super) longitudinal_rad: f64,
-    /// λ.
+    /// Inflow ratio λ.
     pub(super) lambda: f64,
-    /// a1, b1.
+    /// Tilt of the disc a1 (back) and b1 (right), rad.
     pub(super) a1: f64,
     pub(super) b1: f64,
 }
 
-/// What the main rotor does.
+/// The main rotor's forces, torque and rates of change.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct MainRotorAction {
     pub(super) wrench: Wrench,
-    /// Q.
+    /// Torque Q, N m.
     pub(super) torque_n_m: f64,
-    /// v_i.
+    /// Induced speed v_i, m/s.
     pub(super) induced_m_s: f64,
     pub(super) lambda_rate: f64,
     pub(super) a1_rate: f64,
@@ -77,8 +77,8 @@ impl MainRotor {
         }
     }
 
-    /// Forces, moments and rates for the air's velocity over the body (body axes), the body's rates and the height of the
-    /// centre of gravity above the ground; `uprightness` is the vertical part of the mast's direction.
+    /// Forces, moments and rates for the airspeed of the body and its rates (body axes) and the height of the centre of
+    /// gravity above the ground; `uprightness` is the vertical component of the mast's direction.
     #[inline]
     pub(super) fn action(
         &self,
@@ -105,7 +105,7 @@ impl MainRotor {
         }
     }
 
-    /// X = −T a1, Y = T b1, Z = −T, L = (K_β + T h) b1, M = (K_β + T h) a1, N = −Q.
+    /// Force and moment on the body: X = −T a1, Y = T b1, Z = −T, L = (K_β + T h) b1, M = (K_β + T h) a1, N = −Q.
     #[inline]
     fn wrench(&self, state: &MainRotorState, t: f64, q: f64) -> Wrench {
         let stiffness = self.stiffness(t);
@@ -115,7 +115,7 @@ impl MainRotor {
         }
     }
 
-    /// Moment on the body over the disc's tilt, K_β + T h_mr.
+    /// Moment on the body per tilt of the disc, K_β + T h_mr, N m/rad.
     #[inline]
     pub(super) fn stiffness(&self, t: f64) -> f64 {
         self.hub_stiffness + t * self.height_m
@@ -128,15 +128,15 @@ impl MainRotor {
     /// ḃ1 = −p + (−b1 − d v/V          + B_lat s δ_lat)/τ_e      dz = 16 K_μ μ²/((1 − μ²/2)(8μ + aσ))
     /// ```
     ///
-    /// Positive a1 tilts the disc back, positive b1 tilts it right. The disc tilts away from the wind on both axes; where the
-    /// lateral term is printed with two minus signs that cancel, sideslip would be unstable.
+    /// Positive a1 tilts the disc back, positive b1 tilts it right. The disc tilts away from the wind on both axes. The
+    /// paper prints the lateral term with two minus signs that cancel: sideslip would then be unstable.
     #[inline]
     fn flapping(&self, state: &MainRotorState, air: &Vector3<f64>, rates: &Vector3<f64>, flow: &Flow) -> (f64, f64) {
         let MainRotorState { speed_rad_s, collective_rad, lambda, a1, b1, .. } = *state;
         let per_lag = self.flap_bandwidth * speed_rad_s;
         let s = speed_rad_s * speed_rad_s;
         let d = self.blow_back * (4.0 / 3.0 * collective_rad - lambda) * flow.inverse_tip_speed;
-        // The expansion in μ holds well below 1 and its denominator vanishes at √2: a rotor that has all but stopped.
+        // The expansion in μ holds well below 1, and its denominator vanishes at √2, when the rotor has almost stopped.
         let mu_squared = flow.mu_squared.min(1.0);
         let dz = self.heave_flap * mu_squared / ((1.0 - 0.5 * mu_squared) * (8.0 * mu_squared.sqrt() + self.lift));
         let back = d * air.x + dz * flow.mu_z + self.longitudinal_gain * s * state.longitudinal_rad;

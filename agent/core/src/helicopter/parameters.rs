@@ -1,18 +1,18 @@
-//! What distinguishes one helicopter from another: the `[helicopter]` table of an aircraft file.
+//! The parameters of one helicopter type: the `[helicopter]` table of an aircraft file.
 
 use serde::Deserialize;
 
-/// Everything the flight model needs to know of a helicopter. Symbols: Gavrilets, Mettler and Feron (2003).
+/// All parameters of the flight model. Symbols: Gavrilets, Mettler and Feron (2003).
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Parameters {
-    /// m.
+    /// Mass m.
     pub mass_kg: f64,
-    /// g.
+    /// Gravity g.
     pub gravity_m_s2: f64,
-    /// ρ.
+    /// Air density ρ.
     pub air_density_kg_m3: f64,
-    /// η_w, of both rotors' wakes.
+    /// Wake contraction η_w of both rotors.
     pub wake_contraction: f64,
     /// Moments of inertia; the products are zero.
     pub inertia: Inertia,
@@ -20,9 +20,9 @@ pub struct Parameters {
     pub main_rotor: Rotor,
     /// Hub, stabiliser bar and shaft of the main rotor.
     pub head: Head,
-    /// Tail rotor, pushing the tail left.
+    /// Tail rotor, which pushes the tail to the left.
     pub tail_rotor: Rotor,
-    /// Where the tail rotor sits and how it is driven.
+    /// Position and drive of the tail rotor.
     pub tail: Tail,
     /// Vertical fin.
     pub fin: Fin,
@@ -30,11 +30,11 @@ pub struct Parameters {
     pub stabiliser: Stabiliser,
     /// Fuselage.
     pub fuselage: Fuselage,
-    /// Engine or motor, and the governor that keeps the rotor speed.
+    /// Engine or motor, with the governor of the rotor speed.
     pub engine: Engine,
     /// Yaw gyro.
     pub gyro: Gyro,
-    /// From stick to blade.
+    /// Travel and lag of the servos.
     pub servos: Servos,
     /// Contact with the ground.
     pub skids: Skids,
@@ -44,31 +44,31 @@ pub struct Parameters {
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Inertia {
-    /// I_xx.
+    /// Roll moment I_xx.
     pub roll_kg_m2: f64,
-    /// I_yy.
+    /// Pitch moment I_yy.
     pub pitch_kg_m2: f64,
-    /// I_zz.
+    /// Yaw moment I_zz.
     pub yaw_kg_m2: f64,
 }
 
-/// A rotor of two blades.
+/// A two-bladed rotor.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Rotor {
-    /// R.
+    /// Radius R.
     pub radius_m: f64,
-    /// c.
+    /// Blade chord c.
     pub chord_m: f64,
-    /// a.
+    /// Lift slope a.
     pub lift_slope_per_rad: f64,
-    /// C_D0.
+    /// Profile drag coefficient C_D0.
     pub profile_drag: f64,
-    /// C_Tmax.
+    /// Largest thrust coefficient C_Tmax.
     pub max_thrust_coefficient: f64,
-    /// τ_λ.
+    /// Inflow lag τ_λ.
     pub inflow_lag_s: f64,
-    /// h, hub above the centre of gravity.
+    /// Height h of the hub above the centre of gravity.
     pub height_m: f64,
 }
 
@@ -76,29 +76,29 @@ pub struct Rotor {
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Head {
-    /// Ω_nom.
+    /// Nominal rotor speed Ω_nom.
     pub nominal_speed_rad_s: f64,
-    /// K_β.
+    /// Hub stiffness K_β.
     pub hub_stiffness_n_m_per_rad: f64,
-    /// γ_fb, Lock number of the stabiliser bar.
+    /// Lock number γ_fb of the stabiliser bar.
     pub flybar_lock_number: f64,
-    /// B_lat, lateral cyclic to disc tilt at nominal speed.
+    /// Disc tilt per lateral cyclic at nominal speed, B_lat.
     pub lateral_flap_gain_rad_per_rad: f64,
-    /// A_lon, longitudinal cyclic to disc tilt at nominal speed.
+    /// Disc tilt per longitudinal cyclic at nominal speed, A_lon.
     pub longitudinal_flap_gain_rad_per_rad: f64,
-    /// K_μ, scaling of the flap response to speed.
+    /// Scaling K_μ of the flap response to airspeed.
     pub speed_flap_scaling: f64,
-    /// I_rot, everything that turns with the shaft.
+    /// Moment of inertia I_rot of everything that turns with the shaft.
     pub rotational_inertia_kg_m2: f64,
 }
 
-/// Where the tail rotor sits and how it is driven.
+/// Position and drive of the tail rotor.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Tail {
-    /// n_tr, tail rotor speed over main rotor speed.
+    /// Ratio n_tr of tail rotor speed to main rotor speed.
     pub gear_ratio: f64,
-    /// l_tr, hub behind the centre of gravity.
+    /// Distance l_tr of the hub behind the centre of gravity.
     pub arm_m: f64,
     /// Blade pitch θ_t at the lower stop.
     pub min_pitch_rad: f64,
@@ -110,11 +110,11 @@ pub struct Tail {
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Fin {
-    /// S_vf.
+    /// Area S_vf.
     pub area_m2: f64,
-    /// C_Lα,vf.
+    /// Lift slope C_Lα,vf.
     pub lift_slope_per_rad: f64,
-    /// ε_vf, part of the fin in the tail rotor's wake.
+    /// Share ε_vf of the fin in the tail rotor's wake.
     pub tail_wake_share: f64,
 }
 
@@ -122,11 +122,11 @@ pub struct Fin {
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Stabiliser {
-    /// S_ht.
+    /// Area S_ht.
     pub area_m2: f64,
-    /// C_Lα,ht.
+    /// Lift slope C_Lα,ht.
     pub lift_slope_per_rad: f64,
-    /// l_ht, behind the centre of gravity.
+    /// Distance l_ht behind the centre of gravity.
     pub arm_m: f64,
 }
 
@@ -134,23 +134,23 @@ pub struct Stabiliser {
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Fuselage {
-    /// S_x.
+    /// Drag area S_x in forward flow.
     pub forward_area_m2: f64,
-    /// S_y.
+    /// Drag area S_y in sideways flow.
     pub side_area_m2: f64,
-    /// S_z.
+    /// Drag area S_z in vertical flow.
     pub vertical_area_m2: f64,
 }
 
-/// Engine or motor, idle power zero, and the governor.
+/// Engine or motor with zero idle power, and its governor.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Engine {
-    /// P_max.
+    /// Maximum power P_max.
     pub max_power_w: f64,
-    /// Kp_gov, throttle over rotor speed error.
+    /// Throttle per rotor speed error, Kp_gov.
     pub governor_gain_s_per_rad: f64,
-    /// Ki_gov, throttle over the integral of the rotor speed error.
+    /// Throttle per integral of the rotor speed error, Ki_gov.
     pub governor_integral_gain_per_rad: f64,
 }
 
@@ -158,42 +158,42 @@ pub struct Engine {
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Gyro {
-    /// Tail blade pitch over yaw rate error.
+    /// Tail blade pitch per yaw rate error.
     pub gain_s: f64,
-    /// Tail blade pitch over the integral of the yaw rate error.
+    /// Tail blade pitch per integral of the yaw rate error.
     pub integral_gain: f64,
-    /// Yaw rate at full stick.
+    /// Yaw rate at full pedal.
     pub max_rate_rad_s: f64,
 }
 
-/// From stick to blade.
+/// Travel and lag of the servos.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Servos {
-    /// Cyclic blade pitch at full roll or pitch stick.
+    /// Cyclic blade pitch at full roll or pitch control.
     pub cyclic_throw_rad: f64,
-    /// Collective blade pitch at stick 0.
+    /// Collective blade pitch at collective control 0.
     pub min_collective_rad: f64,
-    /// Collective blade pitch at stick 1.
+    /// Collective blade pitch at collective control 1.
     pub max_collective_rad: f64,
-    /// τ_servo, of each of the three servos.
+    /// Lag τ_servo of each of the three servos.
     pub lag_s: f64,
 }
 
-/// Four points of contact with the ground, at (±forward, ±right, down) of the centre of gravity.
+/// Four points of ground contact, at (±forward, ±right, down) from the centre of gravity.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Skids {
-    /// Before and behind the centre of gravity.
+    /// Distance before and behind the centre of gravity.
     pub forward_m: f64,
-    /// Right and left of it.
+    /// Distance right and left of the centre of gravity.
     pub right_m: f64,
-    /// Below it.
+    /// Distance below the centre of gravity.
     pub down_m: f64,
-    /// k, each point.
+    /// Stiffness k of each point.
     pub stiffness_n_m: f64,
-    /// c, each point.
+    /// Damping c of each point.
     pub damping_n_s_m: f64,
-    /// μ.
+    /// Friction coefficient μ.
     pub friction: f64,
 }

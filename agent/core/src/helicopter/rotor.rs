@@ -1,64 +1,64 @@
-//! Thrust, inflow and torque of a rotor, main or tail.
+//! Thrust, inflow and torque of the main or tail rotor.
 
 use core::f64::consts::PI;
 
 use super::parameters::{self, Parameters};
 
-/// Below this tip speed the coefficients, which divide by it, are those of this tip speed.
+/// Lower bound of the tip speed in the coefficients, which divide by it, m/s.
 const MIN_TIP_SPEED_M_S: f64 = 1.0;
 
-/// What is constant of one rotor of two blades.
+/// The constants of one two-bladed rotor.
 #[derive(Clone, Debug)]
 pub(super) struct Rotor {
-    /// Tip speed over the main shaft's speed, m.
+    /// Ratio of tip speed to the main shaft's speed, m.
     tip_arm_m: f64,
-    /// aσ/2.
+    /// Half the product of lift slope and solidity, aσ/2.
     half_lift: f64,
     max_thrust_coefficient: f64,
-    /// C_D0 σ/8.
+    /// Profile torque coefficient C_D0 σ/8.
     pub(super) profile_torque: f64,
-    /// ρ A, kg/m: thrust over C_T and the square of the tip speed.
+    /// ρ A, kg/m: thrust = C_T ρ A (ΩR)².
     density_area: f64,
-    /// 1/(2 η_w).
+    /// 1/(2 η_w) of the wake contraction η_w.
     half_inverse_contraction: f64,
-    /// 1/τ_λ.
+    /// 1/τ_λ of the inflow lag, 1/s.
     inverse_lag: f64,
-    /// ρ A R, kg: torque over C_Q and the square of the tip speed.
+    /// ρ A R, kg: torque = C_Q ρ A R (ΩR)².
     density_area_radius: f64,
 }
 
-/// The air through one rotor.
+/// The airflow through one rotor.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Flow {
-    /// ΩR, m/s.
+    /// Tip speed ΩR, m/s.
     pub(super) tip_speed_m_s: f64,
-    /// 1/(ΩR), s/m.
+    /// Inverse tip speed 1/(ΩR), s/m.
     pub(super) inverse_tip_speed: f64,
-    /// μ², advance ratio squared.
+    /// Advance ratio squared, μ².
     pub(super) mu_squared: f64,
-    /// μ_z, axial speed over tip speed, positive against the inflow.
+    /// Ratio of axial speed to tip speed, μ_z, positive against the inflow.
     pub(super) mu_z: f64,
 }
 
 impl Rotor {
-    /// `gear_ratio`: this rotor's speed over the main shaft's.
-    pub(super) fn new(whole: &Parameters, rotor: &parameters::Rotor, gear_ratio: f64) -> Self {
+    /// A rotor whose speed is `gear_ratio` times the main shaft's.
+    pub(super) fn new(vehicle: &Parameters, rotor: &parameters::Rotor, gear_ratio: f64) -> Self {
         let parameters::Rotor { radius_m, chord_m, lift_slope_per_rad, profile_drag, .. } = *rotor;
         let solidity = 2.0 * chord_m / (PI * radius_m);
-        let density_area = whole.air_density_kg_m3 * PI * radius_m * radius_m;
+        let density_area = vehicle.air_density_kg_m3 * PI * radius_m * radius_m;
         Self {
             tip_arm_m: gear_ratio * radius_m,
             half_lift: lift_slope_per_rad * solidity / 2.0,
             max_thrust_coefficient: rotor.max_thrust_coefficient,
             profile_torque: profile_drag * solidity / 8.0,
             density_area,
-            half_inverse_contraction: 0.5 / whole.wake_contraction,
+            half_inverse_contraction: 0.5 / vehicle.wake_contraction,
             inverse_lag: 1.0 / rotor.inflow_lag_s,
             density_area_radius: density_area * radius_m,
         }
     }
 
-    /// The flow at shaft speed Ω for an air speed in the disc's plane (squared, m²/s²) and along its axis (m/s, positive
+    /// The flow at shaft speed Ω for an airspeed in the disc's plane (squared, m²/s²) and along its axis (m/s, positive
     /// against the inflow).
     #[inline]
     pub(super) fn flow(&self, shaft_speed_rad_s: f64, in_plane_squared: f64, axial_m_s: f64) -> Flow {
@@ -72,7 +72,7 @@ impl Rotor {
         }
     }
 
-    /// C_T = (aσ/2)(θ(1/3 + μ²/2) + (μ_z − λ)/2), within ±C_Tmax.
+    /// Thrust coefficient C_T = (aσ/2)(θ(1/3 + μ²/2) + (μ_z − λ)/2), limited to ±C_Tmax.
     #[inline]
     pub(super) fn thrust_coefficient(&self, theta: f64, lambda: f64, flow: &Flow) -> f64 {
         let Flow { mu_squared, mu_z, .. } = *flow;
@@ -80,8 +80,9 @@ impl Rotor {
         c_t.clamp(-self.max_thrust_coefficient, self.max_thrust_coefficient)
     }
 
-    /// λ̇ = (C_T/(2 η_w D) − λ)/τ_λ with D = max(√(μ² + (λ − μ_z)²), 0.3 √(|C_T|/(2 η_w)) + 0.001): momentum theory with
-    /// a lag. The floor of D keeps the vortex ring state finite.
+    /// Rate of change of the inflow ratio, 1/s: λ̇ = (C_T/(2 η_w D) − λ)/τ_λ, which is momentum theory with a lag,
+    /// where D = max(√(μ² + (λ − μ_z)²), 0.3 √(|C_T|/(2 η_w)) + 0.001). The floor of D keeps the vortex ring state
+    /// finite.
     #[inline]
     pub(super) fn inflow_rate(&self, c_t: f64, lambda: f64, flow: &Flow) -> f64 {
         let through = lambda - flow.mu_z;
@@ -91,29 +92,29 @@ impl Rotor {
         (momentum / d - lambda) * self.inverse_lag
     }
 
-    /// T = C_T ρ (ΩR)² A, N.
+    /// Thrust T = C_T ρ (ΩR)² A, N.
     #[inline]
     pub(super) fn thrust_n(&self, c_t: f64, flow: &Flow) -> f64 {
         c_t * self.density_area * flow.tip_speed_m_s * flow.tip_speed_m_s
     }
 
-    /// Q = C_Q ρ (ΩR)² A R, N m.
+    /// Torque Q = C_Q ρ (ΩR)² A R, N m.
     #[inline]
     pub(super) fn torque_n_m(&self, c_q: f64, flow: &Flow) -> f64 {
         c_q * self.density_area_radius * flow.tip_speed_m_s * flow.tip_speed_m_s
     }
 
-    /// aσ.
+    /// Product of lift slope and solidity, aσ.
     pub(super) fn lift(&self) -> f64 {
         2.0 * self.half_lift
     }
 
-    /// v_i²/T of a hover, m²/s² per N.
+    /// Ratio v_i²/T in a hover, m²/s² per N.
     pub(super) fn induced_squared_per_thrust(&self) -> f64 {
         self.half_inverse_contraction / self.density_area
     }
 
-    /// The hover with this thrust, which must not be negative, in still air: D = λ, so that λ = √(C_T/(2 η_w)).
+    /// The hover in still air with this thrust, which must not be negative: D = λ, hence λ = √(C_T/(2 η_w)).
     pub(super) fn hovering(&self, thrust_n: f64, shaft_speed_rad_s: f64) -> Hovering {
         let flow = self.flow(shaft_speed_rad_s, 0.0, 0.0);
         let c_t = thrust_n / self.thrust_n(1.0, &flow);
@@ -132,8 +133,8 @@ impl Rotor {
 pub(super) struct Hovering {
     pub(super) thrust_n: f64,
     pub(super) lambda: f64,
-    /// θ, blade pitch.
+    /// Blade pitch θ, rad.
     pub(super) theta: f64,
-    /// Q.
+    /// Torque Q, N m.
     pub(super) torque_n_m: f64,
 }

@@ -8,19 +8,19 @@ use super::body::{self, Wrench};
 use super::parameters::Parameters;
 use super::rotor::{Hovering, Rotor};
 
-/// What is constant of the tail.
+/// The constants of the tail.
 #[derive(Clone, Debug)]
 pub(super) struct Tail {
     rotor: Rotor,
     pub(super) arm_m: f64,
     pub(super) height_m: f64,
     pub(super) gear_ratio: f64,
-    /// f_t = 1 − 0.75 S_vf/A_t.
+    /// Blockage factor of the fin, f_t = 1 − 0.75 S_vf/A_t.
     blockage: f64,
-    /// ½ρ S_vf.
+    /// ½ρ S_vf of the fin, kg/m.
     fin_half_density_area: f64,
     fin_lift_slope: f64,
-    /// ε_vf.
+    /// Share ε_vf of the fin in the tail rotor's wake.
     fin_wake_share: f64,
     gyro_gain_s: f64,
     gyro_integral_gain: f64,
@@ -28,11 +28,11 @@ pub(super) struct Tail {
     max_pitch_rad: f64,
 }
 
-/// What the tail does.
+/// The tail's forces, load on the main shaft and rate of change.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct TailAction {
     pub(super) wrench: Wrench,
-    /// n_tr Q_t: what the tail rotor asks of the main shaft.
+    /// Load torque of the tail rotor on the main shaft, n_tr Q_t, N m.
     pub(super) shaft_torque_n_m: f64,
     pub(super) lambda_rate: f64,
 }
@@ -56,18 +56,18 @@ impl Tail {
         }
     }
 
-    /// The gyro is off from here on: the blades stay at the pitch of its integral.
+    /// Switches the gyro off for good: the blade pitch stays at the gyro's integral.
     pub(super) fn hold_pitch(&mut self) {
         (self.gyro_gain_s, self.gyro_integral_gain) = (0.0, 0.0);
     }
 
-    /// Blade pitch at the two stops.
+    /// Blade pitch at the lower and upper stop, rad.
     pub(super) fn stops_rad(&self) -> (f64, f64) {
         (self.min_pitch_rad, self.max_pitch_rad)
     }
 
-    /// The gyro: blade pitch θ_t = K_p (r_cmd − r) + g within its stops, and the rate of its integral g, which rests at a
-    /// stop while it is pushed further out.
+    /// The gyro: blade pitch θ_t = K_p (r_cmd − r) + g, rad, clamped to its stops, and the rate of its integral g,
+    /// which is held at a stop while the error would drive it further out.
     #[inline]
     pub(super) fn gyro(&self, rate_error_rad_s: f64, integral_rad: f64) -> (f64, f64) {
         let theta = self.gyro_gain_s * rate_error_rad_s + integral_rad;
@@ -77,8 +77,9 @@ impl Tail {
         (theta.clamp(self.min_pitch_rad, self.max_pitch_rad), if pushed_out { 0.0 } else { rate })
     }
 
-    /// Rotor and fin, at one point behind and above the centre of gravity, for the blade pitch θ_t, the inflow ratio λ_t,
-    /// the main shaft's speed, the air's velocity over the body, the body's rates and the main rotor's wake K_λ v_i:
+    /// Forces of rotor and fin, combined at one point behind and above the centre of gravity, for the blade pitch θ_t,
+    /// the inflow ratio λ_t, the main shaft's speed, the airspeed and rates of the body and the main rotor's wake K_λ
+    /// v_i:
     ///
     /// ```text
     /// w_tr = w + l q − K_λ v_i                 T_t = f_t C_Tt ρ V_t² A_t, pushing left
@@ -110,15 +111,15 @@ impl Tail {
         }
     }
 
-    /// The tail rotor in a hover in which rotor and fin together push left with this force. The fin, in the rotor's wake,
-    /// takes ½ρ S (ε v_i)² off.
+    /// The tail rotor in a hover in which rotor and fin together push left with this force, N. The fin is in the
+    /// rotor's wake and reduces the force by ½ρ S (ε v_i)².
     pub(super) fn hovering(&self, force_n: f64, shaft_speed_rad_s: f64) -> Hovering {
         let fin = self.fin_half_density_area * self.fin_wake_share * self.fin_wake_share;
         let thrust_n = force_n / (self.blockage - fin * self.rotor.induced_squared_per_thrust());
         self.rotor.hovering(thrust_n, shaft_speed_rad_s)
     }
 
-    /// A force to the right at the tail rotor's hub.
+    /// Force and moment of a force y to the right at the tail rotor's hub, N.
     #[inline]
     fn side_force(&self, y: f64) -> Wrench {
         Wrench { force: Vector3::new(0.0, y, 0.0), moment: Vector3::new(y * self.height_m, 0.0, -y * self.arm_m) }

@@ -1,4 +1,4 @@
-//! The reference figures of the model, its signs, and its safety. Everything flies `deploy/aircraft/xcell60.toml`.
+//! Reference figures, signs and robustness of the flight model. Everything flies `deploy/aircraft/xcell60.toml`.
 
 mod modes;
 mod parts;
@@ -25,7 +25,7 @@ pub(super) fn xcell60() -> Parameters {
 
 const CALM: Vector3<f64> = Vector3::new(0.0, 0.0, 0.0);
 
-/// A helicopter flown step by step, with blade commands in place of sticks.
+/// A helicopter flown step by step with blade commands instead of control deflections.
 #[derive(Clone)]
 struct Flight {
     dynamics: Dynamics,
@@ -35,7 +35,7 @@ struct Flight {
 }
 
 impl Flight {
-    /// In steady flight north at this speed, 100 m above the ground.
+    /// A helicopter in steady flight north at this speed, 100 m above the ground.
     fn trimmed(speed_m_s: f64) -> Self {
         let dynamics = Dynamics::new(&xcell60(), -100.0);
         let velocity = Vector3::new(speed_m_s, 0.0, 0.0);
@@ -49,10 +49,10 @@ impl Flight {
         self.time_s += dynamics::STEP_S;
     }
 
-    /// As a helicopter, for its accessors.
+    /// The same as a [`Helicopter`], for its accessors.
     fn helicopter(&self) -> Helicopter {
         let (dynamics, controls) = (self.dynamics.clone(), Controls::new(&xcell60()));
-        Helicopter { sound: dynamics.clone(), dynamics, controls, state: self.state }
+        Helicopter { healthy: dynamics.clone(), dynamics, controls, state: self.state }
     }
 
     /// The samples of `value` at each step until `end_s`, with their times.
@@ -66,10 +66,10 @@ impl Flight {
     }
 }
 
-/// What [`solved`] finds: roll, pitch, a1, b1, w_i, g_i, δ_lat, δ_lon, θ0, λ, λ_t.
+/// The unknowns of [`solved`]: roll, pitch, a1, b1, w_i, g_i, δ_lat, δ_lon, θ0, λ, λ_t.
 type Unknowns = SVector<f64, 11>;
 
-/// Near those of a hover.
+/// Starting values near a hover.
 const HOVER: Unknowns =
     Unknowns::from_array_storage(ArrayStorage([[0.0, 0.0, 0.0, 0.0, 29.0, 0.2, 0.0, 0.0, 0.1, 0.03, 0.08]]));
 
@@ -88,8 +88,8 @@ fn solved(dynamics: &Dynamics, velocity: &Vector3<f64>, mut unknowns: Unknowns) 
     (residual(dynamics, velocity, &unknowns).amax() < 1e-9).then_some(unknowns)
 }
 
-/// Trim: at this velocity (north, east, down), level, heading north; the rates of change that must vanish are those of u to r, a1, b1, Ω, λ
-/// and λ_t.
+/// Residual of the trim at this velocity (north, east, down), heading north: the rates of u to r, a1, b1, Ω, λ and λ_t,
+/// which must vanish.
 fn residual(dynamics: &Dynamics, velocity: &Vector3<f64>, unknowns: &Unknowns) -> SVector<f64, 11> {
     let (state, command) = unpack(velocity, unknowns);
     let State(rate) = dynamics.rates(&state, &command, &CALM);
@@ -114,13 +114,13 @@ fn unpack(velocity: &Vector3<f64>, unknowns: &Unknowns) -> (State, Command) {
     (State(state), command)
 }
 
-/// `value` is within `share` of `target`.
+/// Asserts that `value` is within the relative `share` of `target`.
 #[track_caller]
 fn assert_within(share: f64, value: f64, target: f64) {
     assert!((value - target).abs() <= share * target.abs(), "{value} is not within {share} of {target}");
 }
 
-/// `value` is within `margin` of `target`.
+/// Asserts that `value` is within `margin` of `target`.
 #[track_caller]
 fn assert_near(margin: f64, value: f64, target: f64) {
     assert!((value - target).abs() <= margin, "{value} is not within ±{margin} of {target}");

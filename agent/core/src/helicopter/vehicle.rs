@@ -1,4 +1,4 @@
-//! A whole vehicle: the helicopter, the air around it, and what is measured of it.
+//! A complete vehicle: the helicopter, the air around it and its measurements.
 
 use skein_common::frame::{Geodetic, Origin};
 use skein_common::id::VehicleId;
@@ -9,33 +9,34 @@ use super::{Failures, Helicopter, Parameters, TICK_S};
 use crate::plant::{Frame, Measurement, Sticks, Truth};
 use crate::random::{self, Purpose};
 
-/// Where a vehicle stands at the start, on flat ground at the height of the swarm's origin.
+/// Initial place of a vehicle on flat ground at the height of the swarm's origin.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Start {
     /// North of the origin, m.
     pub north_m: f64,
     /// East of the origin, m.
     pub east_m: f64,
-    /// Clockwise from north.
+    /// Heading clockwise from north, rad.
     pub heading_rad: f64,
 }
 
-/// The built-in helicopter in its weather: what a study, an agent without a simulator and the X-Plane stand-in fly.
+/// The built-in helicopter with its weather, as flown by a study, an agent without a simulator, and the X-Plane
+/// stand-in.
 #[derive(Clone, Debug)]
 pub struct BuiltInVehicle {
     origin: Origin,
     helicopter: Helicopter,
     air: Air,
     ticks: u64,
-    /// What the controls were last set to; `None` while they never were.
+    /// The last valid controls; `None` before the first.
     sticks: Option<Sticks>,
     failures: Failures,
-    /// The position that is measured while it is frozen.
+    /// The position that is measured while the position is frozen.
     frozen: Option<Geodetic>,
 }
 
 impl BuiltInVehicle {
-    /// At rest at its start, rotor at speed. The gusts are those of `vehicle` under `seed`.
+    /// A vehicle at rest at its start, rotor at speed. `seed` and `vehicle` determine its gusts.
     pub fn new(
         origin: &Origin,
         parameters: &Parameters,
@@ -55,7 +56,7 @@ impl BuiltInVehicle {
         }
     }
 
-    /// How it is now. The measurement is exact, unless it has failed.
+    /// The current frame. The measurement is exact unless a failure changes it.
     pub fn frame(&self) -> Frame {
         let helicopter = &self.helicopter;
         let (position, attitude) = (helicopter.position(), helicopter.attitude());
@@ -74,10 +75,9 @@ impl BuiltInVehicle {
         }
     }
 
-    /// One tick on. With `None` nobody holds the controls: they stay as they were last set. Before they were ever set the
-    /// vehicle stands in chocks and only time passes; unheld, the gyro's integral would wind up against the ground and
-    /// the heading swing at lift-off. Controls that are not finite are not heard, and beyond their travel they stand at
-    /// its end.
+    /// Advances by one tick. `None` keeps the last controls. Before the first controls the vehicle is held on the
+    /// ground and only time passes: otherwise the gyro's integral would wind up against the ground and the heading
+    /// would swing at lift-off. Controls that are not finite are ignored, and values beyond the travel are clamped.
     pub fn advance(&mut self, sticks: Option<Sticks>) {
         self.ticks += 1;
         self.sticks = sticks.filter(is_finite).or(self.sticks);
@@ -86,7 +86,7 @@ impl BuiltInVehicle {
         self.helicopter.advance(&sticks, wind);
     }
 
-    /// From here on this has failed and nothing else: what had failed and is not in `failures` has healed.
+    /// From now on exactly these failures are present; all others are cured.
     pub fn fail(&mut self, failures: Failures) {
         if failures == self.failures {
             return;
@@ -96,19 +96,19 @@ impl BuiltInVehicle {
         self.failures = failures;
     }
 
-    /// What has failed.
+    /// The failures present.
     pub fn failures(&self) -> Failures {
         self.failures
     }
 
-    /// The machine itself.
+    /// The simulated helicopter.
     pub fn helicopter(&self) -> &Helicopter {
         &self.helicopter
     }
 }
 
 fn is_finite(sticks: &Sticks) -> bool {
-    [sticks.roll, sticks.pitch, sticks.yaw, sticks.collective].iter().all(|stick| stick.is_finite())
+    [sticks.roll, sticks.pitch, sticks.yaw, sticks.collective].iter().all(|deflection| deflection.is_finite())
 }
 
 #[cfg(test)]

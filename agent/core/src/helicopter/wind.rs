@@ -1,4 +1,4 @@
-//! The air: a steady wind, and gusts after Dryden in the low-altitude form of MIL-F-8785C.
+//! The air: a steady wind, with Dryden gusts in the low-altitude form of MIL-F-8785C.
 
 use rand_chacha::ChaCha8Rng;
 use skein_common::frame::VelocityNed;
@@ -8,15 +8,15 @@ use skein_common::scenario;
 use super::TICK_S;
 use crate::random;
 
-/// What the air does.
+/// Wind and turbulence of a scenario.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Weather {
     /// Mean wind speed, m/s.
     pub wind_m_s: f64,
-    /// Where the mean wind comes from, clockwise from north.
+    /// Direction from which the mean wind blows, clockwise from north, rad.
     pub wind_from_rad: f64,
-    /// W20: wind speed 20 ft above the ground, m/s, that sets how strong the gusts are. Light turbulence is 7.7, moderate
-    /// 15.4, severe 23.2; no gusts at zero.
+    /// Wind speed W20 at 20 ft above the ground, m/s, which sets the strength of the gusts. Light turbulence is 7.7,
+    /// moderate 15.4, severe 23.2; zero gives no gusts.
     pub gust_w20_m_s: f64,
 }
 
@@ -26,15 +26,16 @@ impl From<&scenario::World> for Weather {
     }
 }
 
-/// The form holds between these heights (the upper one is 1000 ft).
+/// Heights between which the low-altitude form holds, m (the upper one is 1000 ft).
 const HEIGHTS_M: (f64, f64) = (3.0, 304.8);
-/// √3.
+/// Square root of 3.
 const SQRT_3: f64 = 1.732_050_807_568_877_2;
 const FEET_PER_M: f64 = 1.0 / 0.3048;
-/// The gusts are frozen patterns carried past by the mean wind; in a calm they would stand still.
+/// Lower bound of the mean wind in the gust model, m/s: the mean wind carries frozen gusts past, so a calm would freeze
+/// them in place.
 const MIN_MEAN_M_S: f64 = 3.0;
 
-/// The air at one vehicle, with a generator of its own.
+/// The air at one vehicle, with its own random generator.
 #[derive(Clone, Debug)]
 pub struct Air {
     weather: Weather,
@@ -47,7 +48,7 @@ pub struct Air {
 }
 
 impl Air {
-    /// Still gusts; `generator` drives them.
+    /// Air in which the gusts start at zero; `generator` drives them.
     pub fn new(weather: &Weather, generator: ChaCha8Rng) -> Self {
         let (sin, cos) = math::sin_cos(weather.wind_from_rad);
         Self {
@@ -60,7 +61,7 @@ impl Air {
         }
     }
 
-    /// One tick on: the velocity the air moves with at `height_m` above the ground.
+    /// Advances by one tick and returns the velocity of the air at `height_m` above the ground.
     pub fn advance(&mut self, height_m: f64) -> VelocityNed {
         let (along, across, down) = if self.weather.gust_w20_m_s > 0.0 { self.gust(height_m) } else { (0.0, 0.0, 0.0) };
         let along = self.weather.wind_m_s + along;
@@ -68,7 +69,7 @@ impl Air {
         VelocityNed::new(along * north - across * east, along * east + across * north, down)
     }
 
-    /// Gusts along, across (to the right) and down, m/s. Per axis white noise n through
+    /// Gusts along, across (to the right) and down, m/s: per axis white noise n filtered by
     ///
     /// ```text
     /// along:   ġ = −a g + σ_u √(2a) n
@@ -89,20 +90,21 @@ impl Air {
     }
 }
 
-/// Strength and length of the gusts at one height.
+/// Strength and length scale of the gusts at one height.
 struct Spectrum {
-    /// σ_u = σ_v.
+    /// Standard deviation σ_u = σ_v.
     sigma_horizontal_m_s: f64,
-    /// σ_w.
+    /// Standard deviation σ_w.
     sigma_vertical_m_s: f64,
-    /// L_u = L_v.
+    /// Length scale L_u = L_v.
     length_horizontal_m: f64,
-    /// L_w.
+    /// Length scale L_w.
     length_vertical_m: f64,
 }
 
 impl Spectrum {
-    /// With h in feet and f = 0.177 + 0.000823 h: σ_w = 0.1 W20, σ_u = σ_w/f^0.4, L_u = h/f^1.2, L_w = h.
+    /// The spectrum at a height h in feet, with f = 0.177 + 0.000823 h: σ_w = 0.1 W20, σ_u = σ_w/f^0.4, L_u = h/f^1.2,
+    /// L_w = h.
     fn at(height_m: f64, w20_m_s: f64) -> Self {
         let height_m = height_m.clamp(HEIGHTS_M.0, HEIGHTS_M.1);
         let f = 0.177 + 0.000823 * (height_m * FEET_PER_M);
@@ -117,15 +119,15 @@ impl Spectrum {
     }
 }
 
-/// One tick of ẏ = −a y + n as y ← decay · y + noise · N(0, 1): Euler's step, with the noise reduced just so much that
-/// the stationary variance 1/(2a) is exact.
+/// One tick of ẏ = −a y + n as y ← decay · y + noise · N(0, 1): Euler's step, with the noise scaled so that the
+/// stationary variance 1/(2a) is exact.
 fn discrete(a: f64) -> (f64, f64) {
     let step = (a * TICK_S).min(1.0);
     (1.0 - step, (TICK_S * (1.0 - 0.5 * step)).sqrt())
 }
 
-/// Across and down: two low passes in a row. The second takes the mean of the first's old and new value, which keeps the
-/// stationary variances of both, and so that of the gust, exact.
+/// Two low-pass filters in series that shape the gusts across and down. The second takes the mean of the first's old
+/// and new value, so that the stationary variances of both, and of the gust, are exact.
 #[derive(Clone, Copy, Debug, Default)]
 struct ShapingFilter {
     y1: f64,
@@ -133,7 +135,7 @@ struct ShapingFilter {
 }
 
 impl ShapingFilter {
-    /// The gust over its standard deviation.
+    /// The gust divided by its standard deviation.
     fn advance(&mut self, a: f64, normal: f64) -> f64 {
         let (decay, noise) = discrete(a);
         let y1 = decay * self.y1 + noise * normal;

@@ -1,9 +1,9 @@
-//! One direction of a link: what it does to a word on its way.
+//! One direction of a link: what happens to a message in flight.
 //!
-//! In the order in which it happens: the word waits for the bandwidth and may be dropped there, it is lost, it takes its time,
-//! it comes twice. Six numbers are drawn for every word, whatever is asked for, from a stream that belongs to this direction
-//! alone. So turning one thing on does not change what another one does, and what becomes of a vehicle's n-th word depends
-//! on nobody else.
+//! In this order: the message waits for the bandwidth and may be dropped in the queue, it may be lost, it is delayed,
+//! it may be duplicated. Six numbers are drawn for every message, whatever the settings, from a stream of this
+//! direction alone. So one impairment does not change the effect of another, and the delivery of a vehicle's n-th
+//! message is independent of all other vehicles.
 
 use rand_chacha::ChaCha8Rng;
 use skein_common::id::VehicleId;
@@ -16,23 +16,24 @@ use super::Fate;
 use crate::peers::Word;
 use crate::random;
 
-/// What a word costs on the wire beyond its encoding, bytes. Measured on a mesh of TCP links: 20 of Zenoh's framing and 52 of
-/// IPv4 and TCP with time stamps, acknowledgements riding along. Ethernet's preamble, header, checksum and gap are 38 more.
+/// Size of a message on the wire beyond its encoding, bytes. Measured on a mesh of TCP links: 20 of Zenoh's framing and
+/// 52 of IPv4 and TCP with timestamps, with piggybacked acknowledgements. Ethernet's preamble, header, checksum and gap
+/// are 38 more.
 const OVERHEAD_BYTES: usize = 20 + 52 + 38;
-/// A state goes out under its key in full, for the key changes with the cell: `hover/vehicle/3/cell/0/-1/state`.
+/// Size of a state's complete key, sent because it changes with the cell: `hover/vehicle/3/cell/0/-1/state`.
 const STATE_KEY_BYTES: usize = 30;
 
-/// The hearing end of one direction.
+/// The receiver's end of one direction of a link.
 #[derive(Clone, Debug)]
 pub(super) struct Channel {
     quality: Quality,
     generator: ChaCha8Rng,
     burst: Option<Burst>,
-    /// When the last word that was let into the queue has left it.
+    /// Time at which the last queued message has left the queue.
     free_at: LocalTime,
 }
 
-/// What chance says of one word; each evenly distributed in [0, 1).
+/// The random numbers of one message, each evenly distributed in [0, 1).
 struct Chance {
     loss: f64,
     distance: f64,
@@ -50,16 +51,16 @@ impl Channel {
         Self { quality, generator, burst, free_at: LocalTime::ZERO }
     }
 
-    /// What becomes of a word that is said at `at`, to one who is so far away that this share of words is lost.
+    /// Delivery of a message sent at `at`, with this share of messages lost by distance.
     pub(super) fn fate(&mut self, word: &Word, at: LocalTime, lost_by_distance: f64) -> Fate {
         let chance = self.draw();
-        let Some(sent_at) = self.through_queue(word, at) else { return Fate::CrowdedOut };
+        let Some(sent_at) = self.through_queue(word, at) else { return Fate::QueueFull };
         let is_lost = match &mut self.burst {
             Some(burst) => burst.is_on(sent_at, chance.loss),
             None => chance.loss < self.quality.loss,
         };
         if chance.distance < lost_by_distance {
-            return Fate::TooFar;
+            return Fate::OutOfRange;
         }
         if is_lost {
             return Fate::Lost;
@@ -67,12 +68,12 @@ impl Channel {
         let Quality { delay_s, jitter_s, reorder, reorder_s, duplicate, .. } = self.quality;
         let held_s = if chance.reorder < reorder { reorder_s } else { 0.0 };
         let at = sent_at.plus_seconds(delay_s + chance.jitter * jitter_s + held_s);
-        // The copy comes later, as one that was sent again does. So copies only ever repeat what is known.
+        // The copy arrives later, as a retransmission does. So copies only repeat known content.
         let copy_at = (chance.duplicate < duplicate).then(|| at.plus_seconds(chance.copy * jitter_s));
         Fate::Arrives { at, copy_at }
     }
 
-    /// What everything takes, tokens included, s.
+    /// The delay of every message, liveliness tokens included, s.
     pub(super) fn delay_s(&self) -> f64 {
         self.quality.delay_s
     }
@@ -82,7 +83,7 @@ impl Channel {
         Chance { loss: next(), distance: next(), jitter: next(), reorder: next(), duplicate: next(), copy: next() }
     }
 
-    /// When the word has left; `None` if it would have to wait too long.
+    /// The time at which the message has left the queue; `None` if it would have to wait too long.
     fn through_queue(&mut self, word: &Word, at: LocalTime) -> Option<LocalTime> {
         let Some(bandwidth_bit_s) = self.quality.bandwidth_bit_s else { return Some(at) };
         let begins_at = self.free_at.max(at);
@@ -94,33 +95,33 @@ impl Channel {
     }
 }
 
-/// What a word takes on the wire, bytes.
+/// Size of a message on the wire, bytes.
 pub(super) fn size_bytes(word: &Word) -> usize {
     let encoded = match word {
-        Word::State(said) => message::encode(said).len() + STATE_KEY_BYTES,
-        Word::Mission(said) => message::encode(said).len(),
-        Word::Order(said) => message::encode(said).len(),
+        Word::State(payload) => message::encode(payload).len() + STATE_KEY_BYTES,
+        Word::Mission(payload) => message::encode(payload).len(),
+        Word::Order(payload) => message::encode(payload).len(),
         Word::Appeared(_) | Word::Vanished(_) => 0,
     };
     encoded + OVERHEAD_BYTES
 }
 
-/// Loss in bursts: Gilbert's two states, between which the link changes in continuous time (Gilbert 1960, "Capacity of a
-/// burst-noise channel"; with Elliott's 1963 probabilities of loss, 0 in the good state and 1 in the bad one). The link is
-/// bad for a mean time of `mean_s` and for a share `loss` of all time. Counted in time, not in words: a fade does not
-/// pass sooner because more is said.
+/// Loss in bursts: Gilbert's two-state model with transitions in continuous time (Gilbert 1960, "Capacity of a
+/// burst-noise channel"; with Elliott's 1963 loss probabilities 0 in the good state and 1 in the bad one). The link is
+/// bad for a mean time of `mean_s` and for a share `loss` of all time. Counted in time, not in messages: a fade does
+/// not pass sooner because more messages are sent.
 #[derive(Clone, Copy, Debug)]
 struct Burst {
     loss: f64,
     mean_s: f64,
-    /// Whether the link was bad at the last word, and when that was.
+    /// Whether the link was bad at the last message, and the time of that message.
     state: Option<(bool, LocalTime)>,
 }
 
 impl Burst {
-    /// Whether the link is bad at `at`; `chance` is evenly distributed in [0, 1). Exact however far words lie apart: with rates
-    /// 1/`mean_s` out of the bad state and loss / ((1 − loss)·`mean_s`) into it, what is known of the state fades with
-    /// the time constant (1 − loss)·`mean_s`.
+    /// Whether the link is bad at `at`; `chance` is evenly distributed in [0, 1). Exact for any time between messages:
+    /// with rates 1/`mean_s` out of the bad state and loss / ((1 − loss)·`mean_s`) into it, the knowledge of the state
+    /// decays with the time constant (1 − loss)·`mean_s`.
     fn is_on(&mut self, at: LocalTime, chance: f64) -> bool {
         let known = self.state.map_or(0.0, |(was_bad, before)| {
             let fades_s = (1.0 - self.loss) * self.mean_s;

@@ -1,4 +1,4 @@
-//! When a link is cut or slow, and what the two ends of a cut one make of it.
+//! The times at which links are cut or delayed, and the outages that both ends of a cut link observe.
 
 use alloc::vec::Vec;
 use core::ops::Range;
@@ -8,25 +8,25 @@ use skein_common::scenario::{Event, Fault, Scenario, What};
 
 use crate::random::{self, Purpose};
 
-/// An end that hears nothing for this long gives the session up: the lease that agents give each other, s.
+/// Time without data after which an end closes the session: the lease that agents give each other, s.
 pub(super) const LEASE_S: f64 = 1.0;
-/// Once it can be had again, a session is there within these times: the retry periods of whoever dials, s.
+/// Time from the end of an outage to a new session: the retry periods of the connecting end, s.
 const RETRY_S: Range<f64> = 0.2..1.0;
 
-/// A time in which the link of a pair is not whole, on the clock that counts from take-off.
+/// An outage of the link of a pair, on the clock that counts from take-off.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Outage {
-    /// A direction is dead from here on, s.
+    /// Time at which a direction dies, s.
     pub(super) from_s: f64,
-    /// Both ends close the session, s; infinite if no direction is dead for so long.
+    /// Time at which both ends close the session, s; infinite if no direction is dead for so long.
     pub(super) closes_s: f64,
-    /// Both directions are alive again, s; infinite if they never are.
+    /// Time from which both directions are alive again, s; infinite if the outage is permanent.
     pub(super) until_s: f64,
-    /// A session that was closed is there again, s.
+    /// Time at which a closed session is open again, s.
     pub(super) back_s: f64,
 }
 
-/// The times in which nothing that `speaker` says gets to `hearer`, s after take-off: in order, no two touch.
+/// The times in which no message from `speaker` reaches `hearer`, s after take-off, in order and disjoint.
 pub fn silences(events: &[Event], speaker: VehicleId, hearer: VehicleId) -> Vec<Range<f64>> {
     let silence = |event: &Event| {
         let What::Fault(Fault::Cut { from, to, both_ways }) = &event.what else { return None };
@@ -35,8 +35,8 @@ pub fn silences(events: &[Event], speaker: VehicleId, hearer: VehicleId) -> Vec<
     union(events.iter().filter_map(silence))
 }
 
-/// The times, s after the receiver's take-off, in which messages from `sender` to `receiver` take longer, in the order of the
-/// file, each with what it adds to their delay, s. Where some overlap, all are added.
+/// The times, s after the receiver's take-off, in which events delay messages from `sender` to `receiver`, in the order
+/// of the file, each with the added delay, s. Overlapping delays add up.
 pub fn delays(events: &[Event], sender: VehicleId, receiver: VehicleId) -> Vec<(Range<f64>, f64)> {
     let delay = |event: &Event| {
         let What::Fault(Fault::Delay { from, to, both_ways, delay_s }) = &event.what else { return None };
@@ -51,12 +51,12 @@ fn is_among([from, to]: [&Vec<VehicleId>; 2], both_ways: bool, sender: VehicleId
     sender != receiver && (affects(&sender, &receiver) || both_ways && affects(&receiver, &sender))
 }
 
-/// From when to when an event lasts, s after take-off.
+/// Begin and end of an event, s after take-off.
 pub fn lasting(event: &Event) -> Range<f64> {
     event.at_s..event.for_s.map_or(f64::INFINITY, |for_s| event.at_s + for_s)
 }
 
-/// The same times with those that touch made one, in order.
+/// The union of these times, in order; adjoining ranges become one.
 pub fn union(ranges: impl IntoIterator<Item = Range<f64>>) -> Vec<Range<f64>> {
     let mut ranges: Vec<_> = ranges.into_iter().collect();
     ranges.sort_by(|one, other| one.start.total_cmp(&other.start));
@@ -70,7 +70,7 @@ pub fn union(ranges: impl IntoIterator<Item = Range<f64>>) -> Vec<Range<f64>> {
     ranges
 }
 
-/// The outages between two, the same from either end: in order, no two touch.
+/// The outages between two vehicles, the same from either end, in order and disjoint.
 pub(super) fn outages(scenario: &Scenario, one: VehicleId, other: VehicleId) -> Vec<Outage> {
     let events = &scenario.mission.events;
     let directions = [silences(events, one, other), silences(events, other, one)].concat();
@@ -87,12 +87,12 @@ pub(super) fn outages(scenario: &Scenario, one: VehicleId, other: VehicleId) -> 
     union(directions.iter().cloned()).into_iter().enumerate().map(outage).collect()
 }
 
-/// How long after their `nth` outage two find each other again. Every outage of every pair has a place of its own in the
-/// swarm's stream, so both ends draw the same, whoever else is cut.
+/// Time after their `nth` outage until two vehicles reconnect, s. Every outage of every pair has its own position in
+/// the swarm's random stream, so both ends draw the same value regardless of other cuts.
 fn retry_s(seed: u64, [low, high]: [VehicleId; 2], nth: usize) -> f64 {
     let mut generator = random::generator(seed, None, Purpose::Network);
     let place = (nth as u128) << 16 | u128::from(low.get()) << 8 | u128::from(high.get());
-    // A draw takes two words of the stream.
+    // One draw takes two 32-bit numbers of the stream.
     generator.set_word_pos(2 * place);
     RETRY_S.start + (RETRY_S.end - RETRY_S.start) * random::uniform(&mut generator)
 }

@@ -1,14 +1,14 @@
-//! One link under the scenario's cuts, as Zenoh shows it to one of its ends. A link is one TCP session:
+//! One link under the scenario's cuts, as Zenoh presents it to one of its ends. A link is one TCP session:
 //!
 //! ```text
 //!          a direction is dead              one is dead for a lease: both ends close the session
 //!   Open ----------------------> Failing --------------------------------------> Closed
-//!    ^   whole before the lease:    |                                               |
+//!    ^   healed before the lease:   |                                               |
 //!    +----- the newest, late -------+                                               |
-//!    +---- whole, and a retry later: the token and the agreement's register --------+
+//!    +---- healed, and a retry later: the token and the agreement's register -------+
 //! ```
 //!
-//! Until the session is closed a direction that is alive delivers; after that none does.
+//! Until the session is closed, a direction that is alive delivers; after that neither direction does.
 
 use alloc::vec::Vec;
 use core::ops::Range;
@@ -20,18 +20,18 @@ use skein_common::time::LocalTime;
 use super::cuts::{self, Outage};
 use crate::peers::{Heard, Word};
 
-/// The hearing end of a link.
+/// The receiver's end of a link.
 #[derive(Clone, Debug)]
 pub(super) struct Link {
     peer: VehicleId,
     outages: Vec<Outage>,
-    /// When nothing comes from the peer, s after take-off.
+    /// Times without messages from the peer, s after take-off.
     silences: Vec<Range<f64>>,
     session: Session,
-    /// Whether the peer's token is there, as far as anybody said.
+    /// Whether the peer's liveliness token is present, as last reported by the network; `None` before the first report.
     token: Option<bool>,
-    /// What the agent was told of it.
-    told: Option<bool>,
+    /// The token's presence as last reported to the agent.
+    reported: Option<bool>,
     held: Held,
 }
 
@@ -39,41 +39,41 @@ pub(super) struct Link {
 enum Session {
     Open,
     Failing {
-        /// Nothing comes from the peer.
-        deaf: bool,
+        /// Whether no message from the peer arrives.
+        incoming_dead: bool,
     },
     Closed,
 }
 
-/// The newest words that have not got through.
+/// The newest messages that were not delivered.
 #[derive(Clone, Copy, Debug, Default)]
 struct Held {
-    /// TCP sends it again while the session lasts.
+    /// The newest state: TCP retransmits it while the session lasts.
     state: Option<Heard>,
-    /// The peer keeps it for whoever comes late.
+    /// The newest heartbeat: the peer keeps it for late joiners.
     mission: Option<Heard>,
 }
 
 impl Link {
-    /// The end at `own` of the link to `peer`; `None` if it is never cut.
+    /// The end at `own` of the link to `peer`; `None` if no cut ever affects it.
     pub(super) fn new(scenario: &Scenario, own: VehicleId, peer: VehicleId) -> Option<Self> {
         let outages = cuts::outages(scenario, own, peer);
         let silences = cuts::silences(&scenario.mission.events, peer, own);
-        let (token, told, held) = (None, None, Held::default());
-        (!outages.is_empty()).then_some(Self { peer, outages, silences, session: Session::Open, token, told, held })
+        let (token, reported, held) = (None, None, Held::default());
+        (!outages.is_empty()).then_some(Self { peer, outages, silences, session: Session::Open, token, reported, held })
     }
 
     pub(super) fn peer(&self) -> VehicleId {
         self.peer
     }
 
-    /// Whether nothing comes from the peer now.
+    /// Whether no message from the peer arrives now.
     pub(super) fn is_dead(&self) -> bool {
-        matches!(self.session, Session::Failing { deaf: true } | Session::Closed)
+        matches!(self.session, Session::Failing { incoming_dead: true } | Session::Closed)
     }
 
-    /// Time goes on to `flown_s` after take-off; `hear` is called with what that alone brings, as it was said first.
-    pub(super) fn update(&mut self, flown_s: f64, now: LocalTime, mut hear: impl FnMut(Heard)) {
+    /// Advances to `flown_s` after take-off; calls `deliver` with the messages that the change of the session delivers.
+    pub(super) fn update(&mut self, flown_s: f64, now: LocalTime, mut deliver: impl FnMut(Heard)) {
         let session = self.session_at(flown_s);
         if session == self.session {
             return;
@@ -82,40 +82,42 @@ impl Link {
         match session {
             Session::Closed => {
                 self.held.state = None;
-                if self.told == Some(true) {
-                    self.told = Some(false);
-                    hear(Heard { word: Word::Vanished(self.peer), at: now });
+                if self.reported == Some(true) {
+                    self.reported = Some(false);
+                    deliver(Heard { word: Word::Vanished(self.peer), at: now });
                 }
             }
-            Session::Open => self.catch_up(now, hear),
-            // A session that was there is there.
-            Session::Failing { deaf: false } if self.told == Some(true) => self.catch_up(now, hear),
+            Session::Open => self.catch_up(now, deliver),
+            // An existing session stays open.
+            Session::Failing { incoming_dead: false } if self.reported == Some(true) => self.catch_up(now, deliver),
             Session::Failing { .. } => {}
         }
     }
 
-    /// Whether the agent hears this word now. What it does not may come back later.
-    pub(super) fn carries(&mut self, heard: &Heard) -> bool {
+    /// Whether the agent receives this message now. A message that is held back may be delivered later.
+    pub(super) fn lets_through(&mut self, heard: &Heard) -> bool {
         let word = &heard.word;
         match word {
             Word::Appeared(_) => self.token = Some(true),
-            // Nothing is kept of who is gone.
+            // Messages of a vehicle that has gone are dropped.
             Word::Vanished(_) => (self.token, self.held) = (Some(false), Held::default()),
             Word::State(_) | Word::Mission(_) | Word::Order(_) => {}
         }
-        let is_heard = match self.session {
+        let is_received = match self.session {
             Session::Open => true,
-            // Over half a link nobody opens a session anew.
-            Session::Failing { deaf } => !deaf && self.told == Some(true) && !matches!(word, Word::Appeared(_)),
+            // A session does not reopen with one dead direction.
+            Session::Failing { incoming_dead } => {
+                !incoming_dead && self.reported == Some(true) && !matches!(word, Word::Appeared(_))
+            }
             Session::Closed => false,
         };
         match word {
-            Word::Appeared(_) | Word::Vanished(_) if is_heard => self.told = self.token,
-            Word::State(_) if !is_heard && self.session != Session::Closed => self.held.state = Some(*heard),
-            Word::Mission(_) if !is_heard => self.held.mission = Some(*heard),
+            Word::Appeared(_) | Word::Vanished(_) if is_received => self.reported = self.token,
+            Word::State(_) if !is_received && self.session != Session::Closed => self.held.state = Some(*heard),
+            Word::Mission(_) if !is_received => self.held.mission = Some(*heard),
             _ => {}
         }
-        is_heard
+        is_received
     }
 
     fn session_at(&self, flown_s: f64) -> Session {
@@ -124,20 +126,20 @@ impl Link {
         if is_given_up && flown_s < outage.back_s {
             Session::Closed
         } else if flown_s < outage.until_s {
-            Session::Failing { deaf: self.silences.iter().any(|silence| silence.contains(&flown_s)) }
+            Session::Failing { incoming_dead: self.silences.iter().any(|silence| silence.contains(&flown_s)) }
         } else {
             Session::Open
         }
     }
 
-    /// Tells what was missed.
-    fn catch_up(&mut self, now: LocalTime, mut hear: impl FnMut(Heard)) {
-        if let Some(is_there) = self.token.filter(|_| self.token != self.told) {
-            self.told = self.token;
+    /// Delivers the held messages.
+    fn catch_up(&mut self, now: LocalTime, mut deliver: impl FnMut(Heard)) {
+        if let Some(is_there) = self.token.filter(|_| self.token != self.reported) {
+            self.reported = self.token;
             let word = if is_there { Word::Appeared(self.peer) } else { Word::Vanished(self.peer) };
-            hear(Heard { word, at: now });
+            deliver(Heard { word, at: now });
         }
         let Held { state, mission } = core::mem::take(&mut self.held);
-        state.into_iter().chain(mission).for_each(hear);
+        state.into_iter().chain(mission).for_each(deliver);
     }
 }

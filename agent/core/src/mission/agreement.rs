@@ -1,153 +1,157 @@
-//! Which step of the mission the swarm is at, without a vehicle that decides it.
+//! The agreement on the swarm's current step of the mission, without a leader.
 //!
-//! Every agent publishes a small record of its own part ([`Part`]) in its heartbeats. The peers stage ([`crate::peers`]) keeps the
-//! newest heartbeat of every peer, and this stage keeps none of them: it decides from the own record and the newest records of
-//! the peers in contact. What a peer has reached and vouches for only grows during its life, so a newer record says all that the
-//! older ones said: loss, repetition and order of the messages change nothing but the time it takes. A vehicle leaves a step
-//! for a later one
+//! Every agent publishes its agreement state ([`AgreementState`]) in its heartbeats. The peers stage ([`crate::peers`])
+//! keeps the newest heartbeat of every peer. This stage keeps none of them: it decides from the own state and the
+//! newest states of the peers in contact. The steps a peer has reached and vouches for only grow during its
+//! incarnation, so a newer state contains everything in the older ones: loss, duplication and reordering of messages
+//! only delay the agreement. A vehicle leaves a step for a later one
 //!
-//! * (a) when it has reached the step itself and every active member that it hears reports the same ([`Agreement::advance`]);
-//! * (b) when two other vehicles that it hears vouch for a later step;
-//! * (b') when it hears one other vehicle only, no further one may still be flying, and that one vouches for a later step;
+//! * (a) when it has reached the step itself and every active member in contact reports the same
+//!   ([`Agreement::advance`]);
+//! * (b) when two other vehicles in contact vouch for a later step;
+//! * (b') when only one other vehicle is in contact, no further one may still be flying, and that one vouches for a
+//!   later step;
 //! * (c) by an operator's order.
 //!
-//! # What one false register can do
+//! # Effects of one false agreement state
 //!
-//! A vehicle *vouches* for the steps that it came to by (a), (b) or (c), not for those that (b') alone brought it to. Of two
-//! that vouch for a step one is honest, so a step that is vouched for was earned: some honest vehicle reached the one before it.
-//! A single vehicle that lies, its key stolen say, therefore takes no honest one forward that hears a third. It can
+//! A vehicle *vouches* for the steps to which it came by (a), (b) or (c), not for those to which only (b') brought it.
+//! Of two vehicles that vouch for a step one is honest, so such a step was earned: some honest vehicle reached the step
+//! before it. A single false vehicle, with a stolen key for example, therefore cannot move an honest vehicle that is in
+//! contact with a third. It can
 //!
-//! * keep all others at their step, as long as it is heard and says that it takes part and has not reached it: an order to go
-//!   on passes it, and so does the mission when its key is revoked;
-//! * second an honest vehicle that ran ahead alone, so that the others skip the steps in between;
-//! * mislead a vehicle that hears it alone: at once in a swarm of two; in a larger one only when all others have left or
-//!   were silent for a minute. That vehicle then is where the liar wants it, and no further one follows: it does not vouch for
-//!   that step, and neither in a swarm of more than two does a vehicle that follows it by (b').
+//! * keep all others at their step while it is in contact and reports to be active without having reached the step: an
+//!   order to a later step overrides it, and so does revoking its key;
+//! * confirm an honest vehicle that ran ahead alone, so that the others skip the steps in between;
+//! * mislead a vehicle that is in contact with it alone: at once in a swarm of two; in a larger one only after all
+//!   others have left or were silent for a minute. That vehicle is then at the false step, but no further one follows:
+//!   it does not vouch for that step, and in a swarm of more than two neither does a vehicle that follows it by (b').
 //!
-//! # Who is ahead and who is behind
+//! # Vehicles ahead and behind
 //!
-//! A vehicle never goes back. One that ran ahead alone waits at its step, because those that are behind are members that have
-//! not reached it; they come after it step by step by (a), for it has reached all of theirs. If it ran ahead to the landing it
-//! lands and leaves, and no vehicle waits for it. Two that ran ahead take the others along by (b).
+//! A vehicle never goes back. One that ran ahead alone waits at its step, because the vehicles behind are members that
+//! have not reached it. They follow step by step by (a), because it has reached all of their steps. If it ran ahead to
+//! the landing, it lands and leaves, and the swarm does not wait for it. Two vehicles that ran ahead move the others
+//! forward by (b).
 //!
-//! There is no clock here: the caller says which peers are in contact.
+//! This module uses no clock: the caller passes the peers in contact.
 
 use skein_common::message;
 use skein_common::scenario::Partition;
 use skein_common::state::Membership;
 
-/// One vehicle's part in the agreement.
+/// The agreement state of one vehicle.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Part {
-    /// Whether the others count on it.
+pub struct AgreementState {
+    /// The vehicle's membership: whether the other vehicles wait for it.
     pub membership: Membership,
-    /// The step that it is at.
+    /// The step at which it is.
     pub step: u32,
-    /// The latest step that it vouches for; at most the one that it is at.
+    /// The latest step it vouches for, at most its current one.
     pub vouched: u32,
-    /// The highest step that it reached itself in this life.
+    /// The highest step it reached itself in this incarnation.
     pub reached: Option<u32>,
 }
 
-impl Part {
-    /// Nobody who is at this step needs to wait for it.
+impl AgreementState {
+    /// Whether vehicles at this step need not wait for it.
     pub fn has_reached(&self, step: u32) -> bool {
         self.step > step || self.reached >= Some(step)
     }
 
-    /// Whether it is a member: the others wait for it.
+    /// Whether it is an active member, for which the others wait.
     pub fn is_active(&self) -> bool {
         self.membership == Membership::Active
     }
 }
 
-impl From<&message::Mission> for Part {
+impl From<&message::Mission> for AgreementState {
     fn from(heartbeat: &message::Mission) -> Self {
         let &message::Mission { membership, step, vouched, reached, .. } = heartbeat;
         Self { membership, step, vouched, reached }
     }
 }
 
-/// What one vehicle knows of the others now.
+/// The other vehicles as known now.
 #[derive(Clone, Copy, Debug)]
-pub struct Others<Parts> {
-    /// The newest records of the peers in contact: their tokens are there and their messages young.
-    pub parts: Parts,
-    /// A further vehicle is not in contact and may be flying the mission.
-    pub misses_any: bool,
+pub struct OtherStates<States> {
+    /// The newest agreement states of the peers in contact: their tokens are present and their messages young.
+    pub states: States,
+    /// Whether a further vehicle is not in contact and may be flying the mission.
+    pub absent_may_fly: bool,
 }
 
-impl<Parts: Iterator<Item = Part> + Clone> Others<Parts> {
-    /// The other members.
-    fn members(&self) -> impl Iterator<Item = Part> {
-        self.parts.clone().filter(Part::is_active)
+impl<States: Iterator<Item = AgreementState> + Clone> OtherStates<States> {
+    /// The agreement states of the other active members.
+    fn members(&self) -> impl Iterator<Item = AgreementState> {
+        self.states.clone().filter(AgreementState::is_active)
     }
 }
 
-/// How an agreement moved on.
+/// The reason for a change of the step.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Progress {
-    /// Everybody who counts had reached the step before.
+    /// All active members in contact had reached the previous step.
     Advanced,
-    /// Others, or an operator, were farther.
+    /// Other vehicles or an operator moved this one forward.
     Carried {
         /// The step that was left.
         from: u32,
-        /// Whether it had been reached.
+        /// Whether that step had been reached.
         reached: bool,
     },
 }
 
-/// One agent's side of the agreement.
+/// The agreement of one agent.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Agreement {
     roster: u8,
     last_step: u32,
     partition: Partition,
-    own: Part,
+    own: AgreementState,
 }
 
 impl Agreement {
-    /// The beginning of a life in a swarm of vehicles 1 to `roster`, whose mission has the steps 0 to `last_step`.
+    /// A new agent in a swarm of vehicles 1 to `roster`, whose mission has the steps 0 to `last_step`.
     pub fn new(roster: u8, last_step: u32, partition: Partition) -> Self {
-        Self { roster, last_step, partition, own: Part::default() }
+        Self { roster, last_step, partition, own: AgreementState::default() }
     }
 
-    /// The own part, as the others are to know it.
-    pub fn own(&self) -> Part {
+    /// The own agreement state, as sent to the peers.
+    pub fn own(&self) -> AgreementState {
         self.own
     }
 
-    /// The own part in the swarm has changed.
-    pub fn turn(&mut self, membership: Membership) {
+    /// Sets the own membership.
+    pub fn set_membership(&mut self, membership: Membership) {
         self.own.membership = membership;
     }
 
-    /// The own vehicle has reached the step that it is at.
+    /// Records that the own vehicle has reached its current step.
     pub fn reach(&mut self) {
         self.own.reached = self.own.reached.max(Some(self.own.step));
     }
 
-    /// An operator wants no vehicle to be at an earlier step.
+    /// Executes an operator's order that no vehicle be at an earlier step.
     pub fn order(&mut self, step: u32) -> Option<Progress> {
         self.own.vouched = self.own.vouched.max(step.min(self.last_step));
         self.carry(step)
     }
 
-    /// To the step that the others vouch for, if that is later.
-    pub fn follow(&mut self, others: &Others<impl Iterator<Item = Part> + Clone>) -> Option<Progress> {
-        let vouched = others.parts.clone().map(|part| part.vouched);
+    /// Moves to the step the others vouch for, if it is later.
+    pub fn follow(&mut self, others: &OtherStates<impl Iterator<Item = AgreementState> + Clone>) -> Option<Progress> {
+        let vouched = others.states.clone().map(|part| part.vouched);
         let step = self.reliable(others, vouched)?.min(self.last_step);
-        // In a swarm of two there is no third to be misled.
+        // In a swarm of two no third vehicle can be misled.
         if !self.is_pair(others) || self.roster <= 2 {
             self.own.vouched = self.own.vouched.max(step);
         }
         self.carry(step)
     }
 
-    /// Nothing keeps the own vehicle from going on: to the next step, if everybody who counts has reached this one. The last
+    /// Moves to the next step if this vehicle and all active members in contact have reached the current one. The last
     /// step is never left.
-    pub fn advance(&mut self, others: &Others<impl Iterator<Item = Part> + Clone>) -> Option<Progress> {
+    pub fn advance(&mut self, others: &OtherStates<impl Iterator<Item = AgreementState> + Clone>) -> Option<Progress> {
         let step = self.own.step;
         let may = self.own.is_active() && self.own.reached >= Some(step) && step < self.last_step;
         let all = || others.members().all(|part| part.has_reached(step));
@@ -158,17 +162,18 @@ impl Agreement {
         })
     }
 
-    /// Whether enough are in contact to go on: always, or under [`Partition::Quorum`] more than half of the roster.
-    pub fn has_quorum(&self, others: &Others<impl Iterator<Item = Part> + Clone>) -> bool {
+    /// Whether enough members are in contact to advance: always, or with [`Partition::Quorum`] more than half of the
+    /// roster.
+    pub fn has_quorum(&self, others: &OtherStates<impl Iterator<Item = AgreementState> + Clone>) -> bool {
         let live = others.members().count() + 1;
         self.partition == Partition::Continue || 2 * live > usize::from(self.roster)
     }
 
-    /// The largest of these reports by some of the others that this agent may rely on: the second largest, so that an honest
-    /// vehicle reports as much or more; the only one, if there is only one other vehicle.
+    /// The largest of the others' reports on which this agent may rely: the second largest, so that an honest vehicle
+    /// reports as much or more; with only one other vehicle its report.
     pub fn reliable<T: PartialOrd + Copy>(
         &self,
-        others: &Others<impl Iterator<Item = Part> + Clone>,
+        others: &OtherStates<impl Iterator<Item = AgreementState> + Clone>,
         reports: impl Iterator<Item = T>,
     ) -> Option<T> {
         let (mut largest, mut second) = (None, None);
@@ -182,12 +187,12 @@ impl Agreement {
         if self.is_pair(others) { largest } else { second }
     }
 
-    /// Whether exactly one other vehicle is there, as far as this one can know.
-    fn is_pair(&self, others: &Others<impl Iterator<Item = Part> + Clone>) -> bool {
-        others.parts.clone().count() == 1 && !others.misses_any && self.has_quorum(others)
+    /// Whether there is exactly one other vehicle, as far as this one can know.
+    fn is_pair(&self, others: &OtherStates<impl Iterator<Item = AgreementState> + Clone>) -> bool {
+        others.states.clone().count() == 1 && !others.absent_may_fly && self.has_quorum(others)
     }
 
-    /// To this step, if it is later.
+    /// Moves to this step if it is later.
     fn carry(&mut self, step: u32) -> Option<Progress> {
         let step = step.min(self.last_step);
         (step > self.own.step).then(|| {

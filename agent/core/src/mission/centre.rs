@@ -1,18 +1,19 @@
-//! The moving centre that all share without sharing a clock.
+//! The moving centre, shared by all vehicles without a common clock.
 //!
-//! Where the centre is on its path is s, metres from the path's beginning. Every agent integrates its own,
+//! The centre's progress s is its distance from the beginning of its path, m. Every agent integrates its own,
 //!
 //! ṡ_i = clamp( v + κ Σ_j (s_j − s_i), 0, 2v ),   κ = 0.5/N 1/s,
 //!
-//! over the live members j that are at the same step, tells it with its part in the agreement, and never goes back. All
-//! run at v; a difference dies away at about κN and stays within v times the age of the words.
+//! over the live members j at the same step, sends it in its heartbeat, and never goes back. All run at v; a difference
+//! decays at about κN and stays within v times the age of the heartbeats.
 
 use super::plan::Path;
 
-/// κN, 1/s: how fast differences die away.
+/// Rate κN at which differences decay, 1/s.
 const CONSENSUS_PER_S: f64 = 0.5;
 
-/// ṡ for the own progress, the others' at the same step, and `live` members at all; m/s. Zero at the path's end.
+/// Rate ṡ for the own progress, the others' progress at the same step, and `live` members in total, m/s. Zero at the
+/// path's end.
 pub fn speed_m_s(path: &Path, own_m: f64, others_m: impl Iterator<Item = f64>, live: usize) -> f64 {
     if own_m >= path.length_m() {
         return 0.0;

@@ -1,60 +1,61 @@
-//! The way down: descend where the vehicle is, notice the ground, take the load off the rotor.
+//! The landing: descend on the spot, detect the ground, unload the rotor.
 
 use skein_common::time::PlantTime;
 
 use crate::deadlines::Deadline;
 use crate::estimate::Estimate;
 
-/// Descent to land, m/s, and the gentler one below [`GENTLE_BELOW_M`].
+/// Descent rate of a landing, m/s, and the gentler one below [`GENTLE_BELOW_M`].
 const DESCENT_M_S: f64 = 2.0;
 const GENTLE_DESCENT_M_S: f64 = 0.7;
 const GENTLE_BELOW_M: f64 = 6.0;
-/// The altitude asked for runs at most this far below the one that the vehicle would keep: an error that holds the wanted
-/// sink rate, m.
+/// Largest lead of the altitude setpoint below the altitude the vehicle would keep, m: this error holds the commanded
+/// sink rate.
 const DESCENT_LEAD_M: f64 = 3.0;
-/// Below this height, asked to be lower by so much, and for a while ([`Deadline::TouchedDown`]) not sinking: down, m, m, m/s.
+/// Conditions of a touchdown, to be met for a while ([`Deadline::TouchedDown`]): height below the first value, m,
+/// setpoint lower by more than the second, m, and vertical speed below the third, m/s.
 const TOUCHDOWN_BELOW_M: f64 = 3.0;
 const TOUCHDOWN_LEAD_M: f64 = 1.0;
 const TOUCHDOWN_SINK_M_S: f64 = 0.15;
 
-/// A landing under way.
+/// A landing in progress.
 #[derive(Clone, Copy, Debug)]
 pub struct Landing {
     last: PlantTime,
-    /// How long the vehicle has not been sinking near the ground, s.
+    /// Time for which the vehicle near the ground has not sunk, s.
     resting_s: f64,
-    /// How long the rotor has been unloaded, s.
+    /// Time for which the rotor has been unloaded, s.
     unloading_s: Option<f64>,
 }
 
-/// How far a landing is.
+/// The stage of a landing.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Descent {
-    /// In the air: fly at this altitude above the origin, m.
+    /// In the air: the altitude setpoint above the origin, m.
     To(f64),
     /// On the ground; the rotor is being unloaded.
     Unloading,
-    /// Over.
+    /// The vehicle has landed.
     Down,
 }
 
 impl Landing {
-    /// Begins now. Whoever never left the ground has nothing to descend.
+    /// Begins a landing; a vehicle `on_ground` has no descent.
     pub fn begin(now: PlantTime, on_ground: bool) -> Self {
         Self { last: now, resting_s: 0.0, unloading_s: on_ground.then_some(0.0) }
     }
 
-    /// Whether the ground was found.
+    /// Whether the vehicle has touched down.
     pub fn is_on_ground(&self) -> bool {
         self.unloading_s.is_some()
     }
 
-    /// Goes on, from `altitude_m`, the altitude asked for so far. A healthy vehicle may hover `off_m` above what is asked.
+    /// Continues from `altitude_m`, the last altitude setpoint. A healthy vehicle may hover `off_m` above its setpoint.
     pub fn step(&mut self, now: PlantTime, estimate: &Estimate, altitude_m: f64, off_m: f64) -> Descent {
         let dt_s = now.seconds_since(self.last).max(0.0);
         self.last = now;
         let at_m = estimate.position.altitude_m();
-        // Whoever was only just asked to descend from a low hover does not sink yet, and is not down.
+        // A vehicle in a low hover does not sink at once after the command; this is not a touchdown.
         let is_asked_down = altitude_m < at_m - TOUCHDOWN_LEAD_M;
         let is_still = estimate.velocity.down_m_s().abs() < TOUCHDOWN_SINK_M_S;
         let resting = estimate.height_m < TOUCHDOWN_BELOW_M && is_asked_down && is_still;

@@ -1,4 +1,4 @@
-//! The steps of a mission as the agents fly them: where the centre is in each, and what has to be over before it is left.
+//! The steps of a mission as the agents fly them: the centre in each step, and the condition for its completion.
 
 use alloc::vec;
 use alloc::vec::Vec;
@@ -6,42 +6,42 @@ use alloc::vec::Vec;
 use nalgebra::Vector2;
 use skein_common::scenario::{Mission, Target};
 
-/// One step.
+/// One step of a mission.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Leg {
-    /// What it wants.
+    /// The target of the step.
     pub kind: Kind,
-    /// Where the centre is when the step begins, north and east, m.
+    /// Centre at the beginning of the step, north and east, m.
     pub from_ne_m: Vector2<f64>,
-    /// How long "in place" has to hold before it counts as reached, s.
+    /// Time in place that completes the step, s.
     pub dwell_s: f64,
 }
 
-/// What a step wants.
+/// The target of a step.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Kind {
-    /// Be in place around the centre.
+    /// Fly to the formation around the centre.
     Place,
-    /// Stay for this long, s.
+    /// Hold the formation for this time, s.
     Hold(f64),
-    /// Follow the centre along this path, and be in place at its end.
+    /// Follow the centre along this path to the formation at its end.
     Path(Path),
     /// Land.
     Land,
 }
 
-/// A line of straight pieces that the centre moves along.
+/// A polyline along which the centre moves.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Path {
     /// Speed of the centre, m/s.
     pub speed_m_s: f64,
     corners_ne_m: Vec<Vector2<f64>>,
-    /// Distance of each corner from the first, along the line, m.
+    /// Distance of each corner from the first along the path, m.
     at_m: Vec<f64>,
 }
 
 impl Path {
-    /// Through these corners, two at least, at this speed.
+    /// A path through at least two corners at this speed.
     fn new(corners_ne_m: Vec<Vector2<f64>>, speed_m_s: f64) -> Self {
         let mut at_m = vec![0.0];
         for pair in corners_ne_m.windows(2) {
@@ -50,12 +50,12 @@ impl Path {
         Self { speed_m_s, corners_ne_m, at_m }
     }
 
-    /// From the first corner to the last, m.
+    /// Length from the first corner to the last, m.
     pub fn length_m(&self) -> f64 {
         self.at_m.last().copied().unwrap_or(0.0)
     }
 
-    /// The place at this distance along the line, and the direction that the line goes on in; no direction at its end.
+    /// Position at this distance along the path, and the direction in which the path continues; zero at its end.
     pub fn at(&self, progress_m: f64) -> (Vector2<f64>, Vector2<f64>) {
         let progress_m = progress_m.max(0.0);
         let next = self.at_m.partition_point(|&at_m| at_m <= progress_m);
@@ -105,7 +105,7 @@ mod tests {
         let east = Vector2::new(0.0, 1.0);
         assert_eq!(path.at(0.0), (Vector2::new(0.0, 0.0), north));
         assert_eq!(path.at(12.0), (Vector2::new(12.0, 0.0), north));
-        assert_eq!(path.at(30.0), (Vector2::new(30.0, 0.0), east), "at a corner it already turns");
+        assert_eq!(path.at(30.0), (Vector2::new(30.0, 0.0), east), "a corner has the next direction");
         assert_eq!(path.at(50.0), (Vector2::new(30.0, 20.0), east));
         assert_eq!(path.at(70.0), (Vector2::new(30.0, 40.0), Vector2::zeros()));
         assert_eq!(path.at(1e6), (Vector2::new(30.0, 40.0), Vector2::zeros()), "never beyond the end");

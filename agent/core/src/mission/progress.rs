@@ -1,4 +1,4 @@
-//! How far this vehicle is within a step: the times that it counts, and where it takes the centre to be.
+//! This vehicle's progress within a step: the elapsed times and the centre's progress.
 
 use nalgebra::Vector2;
 use skein_common::time::PlantTime;
@@ -7,50 +7,50 @@ use super::centre;
 use super::plan::{Kind, Leg};
 use crate::deadlines::Deadline;
 
-/// How far the present step is.
+/// The progress within the current step.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct LegProgress {
-    /// When time was counted last; `None` while it is not counted.
+    /// Time of the last update; `None` while paused.
     last: Option<PlantTime>,
     /// Time spent in the step, s.
     spent_s: f64,
     /// Time in place without interruption, s.
     placed_s: f64,
-    /// How far the centre is along the path, m.
+    /// Progress of the centre along the path, m.
     along_m: f64,
-    /// How fast it moves along it, m/s.
+    /// Speed of the centre along the path, m/s.
     speed_m_s: f64,
 }
 
 impl LegProgress {
-    /// How far the centre is along the step's path, m.
+    /// Progress of the centre along the step's path, m.
     pub fn along_m(&self) -> f64 {
         self.along_m
     }
 
-    /// At the beginning of another step; time is counted on.
+    /// Begins another step without a pause.
     pub fn begin_next(&mut self) {
         *self = Self { last: self.last, ..Self::default() };
     }
 
-    /// Time does not count until the next [`Self::pass`]: the centre rests, and being in place begins anew.
+    /// Pauses until the next [`Self::advance`]: the centre rests, and the time in place starts again.
     pub fn pause(&mut self) {
         *self = Self { last: None, placed_s: 0.0, speed_m_s: 0.0, ..*self };
     }
 
-    /// Takes the centre to be here, if that is farther.
+    /// Moves the centre to this progress if it is farther.
     pub fn catch_up(&mut self, along_m: f64) {
         self.along_m = self.along_m.max(along_m);
     }
 
-    /// Time since it was counted last, s.
+    /// Time since the last update, s.
     pub fn since_s(&self, now: PlantTime) -> f64 {
         self.last.map_or(0.0, |last| now.seconds_since(last).max(0.0))
     }
 
-    /// Time passes: `others_m` are how far the other live members at this step take the centre to be, `live` how many
-    /// members there are at all.
-    pub fn pass(
+    /// Advances to `now`: `others_m` is the centre's progress according to the other live members at this step, `live`
+    /// the total number of members.
+    pub fn advance(
         &mut self,
         now: PlantTime,
         leg: &Leg,
@@ -68,8 +68,8 @@ impl LegProgress {
         }
     }
 
-    /// Whether nothing of the step is left to this vehicle.
-    pub fn is_over(&self, leg: &Leg) -> bool {
+    /// Whether this vehicle has completed the step.
+    pub fn is_complete(&self, leg: &Leg) -> bool {
         let is_placed = Deadline::Dwelt(leg.dwell_s).is_past(self.placed_s) && self.placed_s > 0.0;
         match &leg.kind {
             Kind::Place => is_placed,
@@ -79,7 +79,7 @@ impl LegProgress {
         }
     }
 
-    /// Where the centre is and how it moves, north and east, m and m/s.
+    /// Position and velocity of the centre, north and east, m and m/s.
     pub fn centre(&self, leg: &Leg) -> (Vector2<f64>, Vector2<f64>) {
         match &leg.kind {
             Kind::Path(path) => {

@@ -1,43 +1,43 @@
-//! What the mission stage asks of the formation stage.
+//! The task that the mission stage gives to the formation stage.
 
 use nalgebra::Vector2;
 
-/// What the formation stage is asked for.
+/// The task of the formation stage.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Task {
-    /// Nothing: leave the controls alone.
+    /// Leave the controls unchanged.
     Wait,
     /// Fly the formation law.
     Formation(Goal),
-    /// Go to this place and stay.
+    /// Fly to this position and stay there.
     Stay {
-        /// North and east, m.
+        /// Position, north and east, m.
         at_ne_m: Vector2<f64>,
-        /// Above the origin, m; sinks during a landing.
+        /// Altitude above the origin, m; decreases during a landing.
         altitude_m: f64,
-        /// Clockwise from north.
+        /// Heading, clockwise from north, rad.
         heading_rad: f64,
-        /// On the way down: nothing changes the altitude.
+        /// Whether this is a landing, in which nothing is added to the altitude.
         lands: bool,
     },
-    /// Without power: come down as softly as it goes.
+    /// Descend without engine power, as softly as possible.
     Autorotate {
-        /// Clockwise from north.
+        /// Heading, clockwise from north, rad.
         heading_rad: f64,
     },
-    /// Down: take the collective out and keep everything else neutral.
+    /// On the ground: lower the collective and keep all other controls neutral.
     Park,
 }
 
-/// Where the formation is to be.
+/// The goal of the formation.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Goal {
-    /// The step of the mission, which says what the formation is.
+    /// The step of the mission, which determines the formation.
     pub step: usize,
     /// Centre, north and east, m.
     pub centre_ne_m: Vector2<f64>,
-    /// How the centre moves, north and east, m/s.
+    /// Velocity of the centre, north and east, m/s.
     pub centre_velocity_ne_m_s: Vector2<f64>,
-    /// The vehicle's heading, clockwise from north.
+    /// Commanded heading of the vehicle, clockwise from north, rad.
     pub heading_rad: f64,
 }

@@ -29,13 +29,13 @@ fn scenario(steps: &str, more: &str) -> Scenario {
     load(&Source { name: "test", text: &text }, &[]).unwrap().scenario
 }
 
-/// Vehicle 1 of three, and what it tells.
+/// Vehicle 1 of three, with its events.
 struct One {
     mission: Mission,
     view: View,
-    told: Vec<Happening>,
-    said: u64,
-    /// The newest of each peer.
+    events: Vec<Happening>,
+    sequence: u64,
+    /// The newest heartbeat of each peer.
     heartbeats: Vec<message::Mission>,
     /// The peers in contact.
     contact: VehicleSet,
@@ -45,10 +45,10 @@ impl One {
     fn new(steps: &str, more: &str) -> Self {
         let mission = Mission::new(&scenario(steps, more), None);
         let contact = [2, 3].map(id).into_iter().collect();
-        Self { mission, view: View::default(), told: Vec::new(), said: 0, heartbeats: Vec::new(), contact }
+        Self { mission, view: View::default(), events: Vec::new(), sequence: 0, heartbeats: Vec::new(), contact }
     }
 
-    /// Its two seconds of joining are over.
+    /// Vehicle 1 after its two seconds of joining.
     fn active(steps: &str, more: &str) -> Self {
         let mut one = Self::new(steps, more);
         one.step(0.0, 0.24);
@@ -62,29 +62,29 @@ impl One {
 
     fn step_at(&mut self, seconds: f64, estimate: &Estimate) -> Task {
         let heartbeats = self.heartbeats.iter().filter(|last| self.contact.contains(last.header.sender));
-        self.mission.step(at(seconds), estimate, &self.view, heartbeats, &mut self.told)
+        self.mission.step(at(seconds), estimate, &self.view, heartbeats, &mut self.events)
     }
 
     fn order(&mut self, order: Order) {
-        self.mission.merge(order, &mut self.told);
+        self.mission.merge(order, &mut self.events);
     }
 
-    /// An active peer says where it is.
-    fn hear(&mut self, sender: u8, step: u32, reached: Option<u32>, progress_m: f64) {
-        let said = self.register(sender, step, reached, progress_m);
-        self.mission.listen(&said, &mut self.told);
-        self.heartbeats.retain(|last| last.header.sender != said.header.sender);
-        self.heartbeats.push(said);
+    /// Receives a heartbeat of an active peer.
+    fn receive(&mut self, sender: u8, step: u32, reached: Option<u32>, progress_m: f64) {
+        let heartbeat = self.heartbeat(sender, step, reached, progress_m);
+        self.mission.take_heartbeat(&heartbeat, &mut self.events);
+        self.heartbeats.retain(|last| last.header.sender != heartbeat.header.sender);
+        self.heartbeats.push(heartbeat);
     }
 
-    fn register(&mut self, sender: u8, step: u32, reached: Option<u32>, progress_m: f64) -> message::Mission {
-        self.said += 1;
+    fn heartbeat(&mut self, sender: u8, step: u32, reached: Option<u32>, progress_m: f64) -> message::Mission {
+        self.sequence += 1;
         let plan = self.mission.plan();
-        message::Mission { plan, step, vouched: step, reached, progress_m, ..heartbeat(header(sender, self.said)) }
+        message::Mission { plan, step, vouched: step, reached, progress_m, ..heartbeat(header(sender, self.sequence)) }
     }
 
-    fn told(&mut self) -> Vec<Happening> {
-        core::mem::take(&mut self.told)
+    fn take_events(&mut self) -> Vec<Happening> {
+        core::mem::take(&mut self.events)
     }
 }
 
@@ -97,7 +97,7 @@ fn formation(task: Task) -> Goal {
 }
 
 #[test]
-fn two_seconds_of_listening_then_take_off_with_the_first_heading() {
+fn after_two_seconds_of_listening_the_vehicle_takes_off_with_its_first_heading() {
     let mut one = One::new(ONE, "");
     assert_eq!(one.step(5.0, 0.24), Task::Wait);
     assert_eq!(one.step(6.9, 0.24), Task::Wait);
@@ -111,18 +111,18 @@ fn two_seconds_of_listening_then_take_off_with_the_first_heading() {
 }
 
 #[test]
-fn an_agent_that_joins_in_the_air_stays_there_until_it_takes_part() {
+fn an_agent_that_joins_in_the_air_stays_there_until_it_is_active() {
     let mut one = One::new(ONE, "");
-    let Task::Stay { at_ne_m, altitude_m, .. } = one.step(0.0, 25.0) else { panic!("in the air it holds") };
+    let Task::Stay { at_ne_m, altitude_m, .. } = one.step(0.0, 25.0) else { panic!("it must hold in the air") };
     assert_eq!((at_ne_m, altitude_m), (Vector2::new(10.0, 20.0), 25.0));
     formation(one.step(2.0, 25.0));
 }
 
 #[test]
-fn a_step_is_left_when_everybody_who_counts_has_reached_it() {
+fn a_step_is_left_when_all_active_members_have_reached_it() {
     let mut one = One::active(TWO, "");
-    one.hear(2, 0, Some(0), 0.0);
-    one.hear(3, 0, None, 0.0);
+    one.receive(2, 0, Some(0), 0.0);
+    one.receive(3, 0, None, 0.0);
     one.view.in_place = true;
     one.step(3.0, 30.0);
     one.step(4.9, 30.0);
@@ -131,10 +131,10 @@ fn a_step_is_left_when_everybody_who_counts_has_reached_it() {
     assert_eq!((one.mission.reached(), one.mission.at()), (Some(0), 0));
     one.view.in_place = false;
     one.step(7.0, 30.0);
-    assert_eq!(one.mission.reached(), Some(0), "reached is reached");
-    one.hear(3, 0, Some(0), 0.0);
+    assert_eq!(one.mission.reached(), Some(0), "a reached step stays reached");
+    one.receive(3, 0, Some(0), 0.0);
     assert_eq!(formation(one.step(8.0, 30.0)).centre_ne_m, Vector2::new(300.0, 0.0));
-    assert_eq!(one.told(), [Happening::Reached(0), Happening::Advanced(1)]);
+    assert_eq!(one.take_events(), [Happening::Reached(0), Happening::Advanced(1)]);
 }
 
 #[test]
@@ -144,14 +144,14 @@ fn dwell_is_counted_without_interruption() {
         one.view.in_place = tenth % 25 != 0;
         one.step(3.0 + 0.1 * f64::from(tenth), 30.0);
     }
-    assert_eq!(one.mission.reached(), None, "2.4 s at a time is not 3");
+    assert_eq!(one.mission.reached(), None, "2.4 s without interruption are not 3 s");
 }
 
 #[test]
-fn who_is_lost_is_not_waited_for_and_is_named() {
+fn a_lost_vehicle_is_not_waited_for_and_is_reported() {
     let mut one = One::active(TWO, "");
-    one.hear(2, 0, Some(0), 0.0);
-    one.hear(3, 0, None, 0.0);
+    one.receive(2, 0, Some(0), 0.0);
+    one.receive(3, 0, None, 0.0);
     one.view.in_place = true;
     one.step(3.0, 30.0);
     one.step(7.0, 30.0);
@@ -159,23 +159,23 @@ fn who_is_lost_is_not_waited_for_and_is_named() {
     one.contact.remove(id(3));
     one.step(7.1, 30.0);
     let without = [id(3)].into_iter().collect();
-    assert_eq!(one.told(), [Happening::Reached(0), Happening::ForcedAdvance { to: 1, without }]);
+    assert_eq!(one.take_events(), [Happening::Reached(0), Happening::ForcedAdvance { to: 1, without }]);
 }
 
 #[test]
-fn a_straggler_is_carried_forward_and_says_what_it_skipped() {
+fn a_straggler_is_moved_forward_and_reports_the_skipped_steps() {
     let mut one = One::active("{ centre_ne_m = [0, 0] }, { centre_ne_m = [9, 0] }, { centre_ne_m = [5, 5] }", "");
     // Vehicle 3 has sent nothing yet.
-    one.view.misses_any = true;
-    one.hear(2, 2, Some(1), 0.0);
-    assert_eq!(formation(one.step(2.5, 30.0)).step, 0, "a single vehicle carries no other");
-    one.hear(3, 2, None, 0.0);
+    one.view.absent_may_fly = true;
+    one.receive(2, 2, Some(1), 0.0);
+    assert_eq!(formation(one.step(2.5, 30.0)).step, 0, "a single vehicle moves no other");
+    one.receive(3, 2, None, 0.0);
     assert_eq!(formation(one.step(3.0, 30.0)).centre_ne_m, Vector2::new(5.0, 5.0));
-    assert_eq!(one.told(), [Happening::Skipped { from: 0, to: 2 }]);
+    assert_eq!(one.take_events(), [Happening::Skipped { from: 0, to: 2 }]);
 }
 
 #[test]
-fn a_hold_is_over_by_the_own_clock() {
+fn a_hold_ends_by_the_own_clock() {
     let mut one = One::active("{ hold_s = 40 }, { centre_ne_m = [9, 0] }", "");
     one.view = View { altitude_error_m: Some(0.0), ..View::default() };
     for second in 2..42 {
@@ -186,8 +186,8 @@ fn a_hold_is_over_by_the_own_clock() {
     assert_eq!(one.mission.at(), 1);
 }
 
-/// Steps at 50 Hz from 2 s on; gives the last goal.
-fn along(one: &mut One, seconds: f64, mut each: impl FnMut(&mut One, f64)) -> Goal {
+/// Steps at 50 Hz from 2 s on and returns the last goal.
+fn fly_along(one: &mut One, seconds: f64, mut each: impl FnMut(&mut One, f64)) -> Goal {
     let mut goal = None;
     for tick in 0..(seconds * 50.0) as u32 {
         let now_s = 2.02 + 0.02 * f64::from(tick);
@@ -203,22 +203,22 @@ const PATH: &str = "{ path_ne_m = [[0, 0], [100, 0]], speed_m_s = 2 }, { centre_
 fn the_centre_moves_along_its_path_at_its_speed_and_stops_at_its_end() {
     let mut one = One::active(PATH, "");
     one.view = View { altitude_error_m: Some(0.0), ..View::default() };
-    let goal = along(&mut one, 10.0, |_, _| {});
+    let goal = fly_along(&mut one, 10.0, |_, _| {});
     assert!((goal.centre_ne_m - Vector2::new(20.0, 0.0)).norm() < 0.05, "{goal:?}");
     assert_eq!(goal.centre_velocity_ne_m_s, Vector2::new(2.0, 0.0));
     let mut one = One::active(PATH, "");
     one.view = View { altitude_error_m: Some(0.0), ..View::default() };
-    let goal = along(&mut one, 60.0, |_, _| {});
+    let goal = fly_along(&mut one, 60.0, |_, _| {});
     assert_eq!((goal.centre_ne_m, goal.centre_velocity_ne_m_s), (Vector2::new(100.0, 0.0), Vector2::zeros()));
 }
 
 #[test]
-fn who_is_behind_hurries_and_who_is_ahead_waits_and_nobody_goes_back() {
+fn a_centre_that_is_behind_speeds_up_one_ahead_waits_and_none_goes_back() {
     let with_other_at = |offset_m: f64| {
         let mut one = One::active(PATH, "");
         let mut goals = Vec::new();
-        along(&mut one, 8.0, |one, now_s| {
-            one.hear(2, 0, None, (2.0 * (now_s - 2.0) + offset_m).max(0.0));
+        fly_along(&mut one, 8.0, |one, now_s| {
+            one.receive(2, 0, None, (2.0 * (now_s - 2.0) + offset_m).max(0.0));
             goals.push(one.mission.progress_m());
         });
         assert!(goals.windows(2).all(|pair| pair[1] >= pair[0]), "never back");
@@ -230,25 +230,25 @@ fn who_is_behind_hurries_and_who_is_ahead_waits_and_nobody_goes_back() {
 }
 
 #[test]
-fn who_joins_late_takes_the_centre_where_two_others_have_it() {
+fn a_late_joiner_takes_the_centres_progress_from_two_others() {
     let mut one = One::new(PATH, "");
     one.step(0.0, 30.0);
     for (second, progress_m) in [(0.5, 70.0), (1.0, 71.0), (1.9, 73.0)] {
-        one.hear(2, 0, None, progress_m);
-        one.hear(3, 0, None, progress_m + 10.0);
+        one.receive(2, 0, None, progress_m);
+        one.receive(3, 0, None, progress_m + 10.0);
         one.step(second, 30.0);
     }
-    one.hear(2, 0, None, 73.2);
-    one.hear(3, 0, None, 1e8);
+    one.receive(2, 0, None, 73.2);
+    one.receive(3, 0, None, 1e8);
     let goal = formation(one.step(2.0, 30.0));
-    assert!((goal.centre_ne_m.x - 73.2).abs() < 0.1, "one vehicle alone moves it nowhere: {goal:?}");
+    assert!((goal.centre_ne_m.x - 73.2).abs() < 0.1, "a single vehicle does not move it: {goal:?}");
 }
 
 #[test]
-fn a_vehicle_that_is_carried_forward_begins_where_the_others_have_the_centre() {
+fn a_vehicle_moved_forward_begins_at_the_others_centre() {
     let mut one = One::active(&format!("{{ centre_ne_m = [0, 0] }}, {PATH}"), "");
-    one.hear(2, 1, Some(0), 40.0);
-    one.hear(3, 1, Some(0), 42.0);
+    one.receive(2, 1, Some(0), 40.0);
+    one.receive(3, 1, Some(0), 42.0);
     let north_m = formation(one.step(3.0, 30.0)).centre_ne_m.x;
     assert!((40.0..44.1).contains(&north_m), "at 2 to 4 m/s for the second since the last step: {north_m}");
 }
@@ -265,23 +265,23 @@ fn the_last_step_lands() {
 }
 
 #[test]
-fn a_minority_holds_its_place_under_quorum() {
+fn a_minority_holds_its_position_under_quorum() {
     let mut one = One::active(TWO, "mission.partition = \"quorum\"");
     for peer in [2, 3] {
-        one.hear(peer, 0, None, 0.0);
+        one.receive(peer, 0, None, 0.0);
     }
     formation(one.step(3.0, 30.0));
     one.contact = VehicleSet::default();
     assert!(matches!(one.step(4.0, 30.0), Task::Stay { .. }));
     one.contact.insert(id(2));
     formation(one.step(5.0, 30.0));
-    let quorum = |told: &Happening| matches!(told, Happening::QuorumLost | Happening::QuorumBack);
-    let told: Vec<_> = one.told().into_iter().filter(quorum).collect();
-    assert!(told.ends_with(&[Happening::QuorumLost, Happening::QuorumBack]), "{told:?}");
+    let quorum = |event: &Happening| matches!(event, Happening::QuorumLost | Happening::QuorumBack);
+    let events: Vec<_> = one.take_events().into_iter().filter(quorum).collect();
+    assert!(events.ends_with(&[Happening::QuorumLost, Happening::QuorumBack]), "{events:?}");
 }
 
 #[test]
-fn who_knows_nothing_of_itself_is_not_waited_for_and_joins_anew() {
+fn a_vehicle_without_own_data_is_not_waited_for_and_rejoins() {
     let mut one = One::active(TWO, "");
     one.mission.withdraw();
     assert_eq!(one.mission.membership(), Membership::Joining);
@@ -291,7 +291,7 @@ fn who_knows_nothing_of_itself_is_not_waited_for_and_joins_anew() {
 }
 
 #[test]
-fn holds_while_alone_and_goes_on_when_somebody_is_back() {
+fn a_vehicle_holds_while_alone_and_continues_when_a_peer_is_back() {
     let mut one = One::active(ONE, "");
     one.step(20.0, 30.0);
     one.view.conditions.insert(Condition::AllPeersLost);
@@ -300,13 +300,13 @@ fn holds_while_alone_and_goes_on_when_somebody_is_back() {
     assert_eq!(one.mission.activity(), Activity::Holding);
     let mut elsewhere = estimate(30.0, 0.0);
     elsewhere.position = PositionNed::new(50.0, 50.0, -30.0);
-    assert_eq!(one.step_at(22.0, &elsewhere), held, "the place does not drift with the vehicle");
+    assert_eq!(one.step_at(22.0, &elsewhere), held, "the position does not drift with the vehicle");
     one.view.conditions = Conditions::default();
     formation(one.step_at(23.0, &elsewhere));
 }
 
 #[test]
-fn an_order_to_go_on_ends_a_hold() {
+fn a_goto_order_ends_a_hold() {
     let mut one = One::active(TWO, "");
     one.order(HOLD);
     assert!(matches!(one.step(20.0, 30.0), Task::Stay { .. }));
@@ -317,17 +317,17 @@ fn an_order_to_go_on_ends_a_hold() {
 }
 
 #[test]
-fn the_larger_order_stands() {
+fn the_larger_order_wins() {
     let mut one = One::active(ONE, "");
     for order in [HOLD, HOLD, LAND, HOLD] {
         one.order(order);
     }
-    assert_eq!(one.told(), [Happening::OrderTaken(HOLD), Happening::OrderTaken(LAND)]);
+    assert_eq!(one.take_events(), [Happening::OrderTaken(HOLD), Happening::OrderTaken(LAND)]);
     assert_eq!(one.mission.order(), Some(LAND));
 }
 
 #[test]
-fn whoever_lands_by_order_can_be_called_back_and_who_aborts_cannot() {
+fn a_landing_can_be_recalled_but_an_abort_cannot() {
     let later = Order { epoch: 9, issuer: 1, verb: Verb::Goto(0), seal: None };
     let mut one = One::active(ONE, "");
     one.order(LAND);
@@ -344,7 +344,7 @@ fn whoever_lands_by_order_can_be_called_back_and_who_aborts_cannot() {
 }
 
 #[test]
-fn a_failure_brings_the_vehicle_down_whatever_is_ordered() {
+fn a_failure_makes_the_vehicle_land_despite_any_order() {
     let mut one = One::active(ONE, "");
     one.order(HOLD);
     one.view.conditions.insert(Failure::Gyro.into());
@@ -354,7 +354,7 @@ fn a_failure_brings_the_vehicle_down_whatever_is_ordered() {
     assert!(matches!(one.step(20.1, 30.0), Task::Autorotate { .. }));
 }
 
-/// Flown for 27 s at a height of 25 m, `error_m` below its altitude, climbing at `climb_m_s`.
+/// The mission after 27 s at a height of 25 m, `error_m` below the altitude, climbing at `climb_m_s`.
 fn flown(more: &str, error_m: f64, climb_m_s: f64, collective_limit: Option<CollectiveLimit>) -> One {
     let mut one = One::active(ONE, more);
     (one.view.altitude_error_m, one.view.collective_limit) = (Some(error_m), collective_limit);
@@ -365,13 +365,13 @@ fn flown(more: &str, error_m: f64, climb_m_s: f64, collective_limit: Option<Coll
 }
 
 #[test]
-fn a_vehicle_without_collective_left_that_does_not_come_to_its_altitude_lands() {
+fn a_vehicle_off_its_altitude_with_no_collective_left_lands() {
     use CollectiveLimit::{Highest, Lowest};
     // Held there, or moving away from its altitude.
     for (error_m, climb_m_s, limit) in [(5.0, 0.0, Highest), (5.0, -2.0, Highest), (-5.0, 0.2, Lowest)] {
         let mut one = flown("", error_m, climb_m_s, Some(limit));
         assert_eq!(one.mission.membership(), Membership::Left, "{error_m} m, {climb_m_s} m/s");
-        assert_eq!(one.told(), [Happening::Failed(Failure::Altitude)]);
+        assert_eq!(one.take_events(), [Happening::Failed(Failure::Altitude)]);
         assert!(one.mission.is_stuck());
     }
     let mut one = One::active(ONE, "");
@@ -383,16 +383,16 @@ fn a_vehicle_without_collective_left_that_does_not_come_to_its_altitude_lands() 
 }
 
 #[test]
-fn a_vehicle_whose_controller_has_collective_left_is_healthy_wherever_it_is() {
+fn a_vehicle_with_collective_left_is_healthy_at_any_altitude() {
     use CollectiveLimit::{Highest, Lowest};
     for (error_m, climb_m_s, limit) in [
-        // Gusts and a wind that changes hold it off its altitude while its trim is found.
+        // Gusts and a changing wind hold it off its altitude while its trim is found.
         (-2.5, 0.0, None),
         (15.0, 0.0, None),
-        // The end of the collective that is not asked for.
+        // The collective limit in the other direction.
         (-5.0, 0.0, Some(Highest)),
         (5.0, 0.0, Some(Lowest)),
-        // On its way, or there.
+        // On its way to its altitude, or at it.
         (-15.0, -1.0, Some(Lowest)),
         (15.0, 1.0, Some(Highest)),
         (0.9, 0.0, Some(Highest)),
@@ -403,48 +403,48 @@ fn a_vehicle_whose_controller_has_collective_left_is_healthy_wherever_it_is() {
 }
 
 #[test]
-fn a_low_hover_is_no_touchdown() {
+fn a_low_hover_is_not_a_touchdown() {
     let mut one = One::active(ONE, "");
     one.order(HOLD);
     one.step(3.0, 2.5);
     one.order(LAND);
     for tick in 0..60 {
-        // It does not follow yet.
+        // The vehicle does not follow yet.
         let task = one.step(4.0 + 0.02 * f64::from(tick), 2.5);
         assert!(matches!(task, Task::Stay { .. }), "{task:?} after {tick} frames");
     }
 }
 
 #[test]
-fn a_landing_from_below_the_place_held_goes_only_down() {
+fn a_landing_from_below_the_held_altitude_only_descends() {
     let mut one = One::active(ONE, "");
     one.order(HOLD);
     one.step(3.0, 40.0);
     one.order(LAND);
     one.step(4.0, 30.0);
-    let Task::Stay { altitude_m, .. } = one.step(4.02, 30.0) else { panic!("it comes down") };
+    let Task::Stay { altitude_m, .. } = one.step(4.02, 30.0) else { panic!("it must descend") };
     assert!(altitude_m < 30.0, "{altitude_m}");
 }
 
 #[test]
 fn a_landing_descends_gently_unloads_and_leaves() {
-    lands("", 0.0);
-    // In wind, without auto-trim, it keeps above what is asked.
-    lands("control.auto_trim = false", 0.0);
-    lands("control.auto_trim = false", 7.6);
+    assert_lands("", 0.0);
+    // In wind without auto-trim, the vehicle stays above its setpoint.
+    assert_lands("control.auto_trim = false", 0.0);
+    assert_lands("control.auto_trim = false", 7.6);
 }
 
-/// A vehicle that follows the altitude asked for with a lag, and so far above it.
-fn lands(keys: &str, above_m: f64) {
+/// Lands a vehicle that follows its altitude setpoint with a lag, at this height above it.
+fn assert_lands(keys: &str, above_m: f64) {
     let mut one = One::active(ONE, keys);
     one.order(LAND);
     let (mut altitude_m, mut seconds, mut fastest_m_s) = (30.0, 20.0, 0.0_f64);
     let mut last_m_s = 0.0;
     while one.mission.activity() != Activity::Landed {
         seconds += 0.02;
-        assert!(seconds < 90.0, "never landed");
+        assert!(seconds < 90.0, "the vehicle has not landed");
         let sink_m_s = match one.step_at(seconds, &estimate(altitude_m, last_m_s)) {
-            Task::Stay { altitude_m: wanted_m, .. } => (altitude_m - wanted_m - above_m) * 0.8,
+            Task::Stay { altitude_m: command_m, .. } => (altitude_m - command_m - above_m) * 0.8,
             task => {
                 assert_eq!(task, Task::Park);
                 0.0
@@ -461,7 +461,7 @@ fn lands(keys: &str, above_m: f64) {
 }
 
 #[test]
-fn an_order_to_land_on_the_ground_does_not_take_off() {
+fn an_order_to_land_on_the_ground_causes_no_take_off() {
     let mut one = One::new(ONE, "");
     one.order(LAND);
     for tick in 0..300 {
@@ -472,49 +472,43 @@ fn an_order_to_land_on_the_ground_does_not_take_off() {
 }
 
 #[test]
-fn orders_spread_from_peer_to_peer_among_those_with_the_same_plan() {
+fn orders_spread_among_peers_with_the_same_plan() {
     let mut one = One::active(ONE, "");
-    let friend = message::Mission { order: Some(LAND), ..one.register(2, 0, None, 0.0) };
+    let friend = message::Mission { order: Some(LAND), ..one.heartbeat(2, 0, None, 0.0) };
     let stranger = message::Mission { plan: friend.plan ^ 1, ..friend };
-    for said in [stranger, stranger] {
-        one.mission.listen(&said, &mut one.told);
+    for heartbeat in [stranger, stranger] {
+        one.mission.take_heartbeat(&heartbeat, &mut one.events);
     }
-    assert_eq!(one.told(), [Happening::PlanDiffers(id(2))], "told once");
-    assert_eq!(one.mission.order(), None, "another plan's order is not ours");
-    for said in [friend, friend] {
-        one.mission.listen(&said, &mut one.told);
+    assert_eq!(one.take_events(), [Happening::PlanDiffers(id(2))], "reported once");
+    assert_eq!(one.mission.order(), None, "an order of another plan is ignored");
+    for heartbeat in [friend, friend] {
+        one.mission.take_heartbeat(&heartbeat, &mut one.events);
     }
-    assert_eq!(one.told(), [Happening::OrderTaken(LAND)]);
+    assert_eq!(one.take_events(), [Happening::OrderTaken(LAND)]);
 }
 
 #[test]
-fn nobody_takes_part_before_the_rotor_is_at_speed() {
+fn no_vehicle_becomes_active_before_its_rotor_is_at_speed() {
     let with_rotor = |speed_rad_s| Estimate { rotor_speed_rad_s: speed_rad_s, ..estimate(0.24, 0.0) };
     let mut one = One::new(ONE, "");
     one.mission.take_off_rotor_rad_s = Some(150.0);
     one.step_at(0.0, &with_rotor(Some(0.0)));
     assert_eq!(one.step_at(9.0, &with_rotor(Some(149.0))), Task::Wait);
     assert_eq!(one.mission.membership(), Membership::Joining);
-    let mut told_to_leave = one.mission.clone();
-    told_to_leave.leave();
+    let mut leaving = one.mission.clone();
+    leaving.leave();
     for tick in 0..150 {
-        told_to_leave.step(
-            at(9.1 + 0.02 * f64::from(tick)),
-            &with_rotor(Some(0.0)),
-            &one.view,
-            [].iter(),
-            &mut one.told,
-        );
+        leaving.step(at(9.1 + 0.02 * f64::from(tick)), &with_rotor(Some(0.0)), &one.view, [].iter(), &mut one.events);
     }
-    assert_eq!(told_to_leave.activity(), Activity::Landed, "nobody waits for a rotor that nobody starts");
+    assert_eq!(leaving.activity(), Activity::Landed, "a vehicle that leaves does not wait for the rotor");
     formation(one.step_at(9.1, &with_rotor(Some(151.0))));
-    let mut untold = One::new(ONE, "");
-    untold.mission.take_off_rotor_rad_s = Some(150.0);
-    untold.step_at(0.0, &with_rotor(None));
-    formation(untold.step_at(2.0, &with_rotor(None)));
+    let mut unmeasured = One::new(ONE, "");
+    unmeasured.mission.take_off_rotor_rad_s = Some(150.0);
+    unmeasured.step_at(0.0, &with_rotor(None));
+    formation(unmeasured.step_at(2.0, &with_rotor(None)));
 }
 
-/// What a mission's vehicle sends.
+/// The heartbeat of a mission's vehicle.
 fn heartbeat_of(mission: &Mission, number: u8, sequence: u64) -> message::Mission {
     message::Mission {
         plan: mission.plan(),
@@ -528,15 +522,15 @@ fn heartbeat_of(mission: &Mission, number: u8, sequence: u64) -> message::Missio
 }
 
 proptest! {
-    /// Three vehicles, of which each is in place, in contact and received now and then.
+    /// Three vehicles, each in place, in contact and received at random times.
     #[test]
-    fn no_step_goes_back_and_none_is_left_before_every_counted_member_has_reached_it(
+    fn steps_never_go_back_and_are_left_only_after_all_members_reached_them(
         script in proptest::collection::vec((0_u8..8, any::<u16>(), any::<u16>()), 1..150),
     ) {
         const STEP: &str = "{ centre_ne_m = [0, 0], dwell_s = 0.1 }";
         let steps = [STEP; 6].join(", ");
         let mut missions: [_; 3] = std::array::from_fn(|_| Mission::new(&scenario(&steps, ""), None));
-        // What each vehicle has last received of each.
+        // The heartbeats each vehicle has last received from each.
         let mut received: [[Option<message::Mission>; 3]; 3] = [[None; 3]; 3];
         for (tick, (in_place, contact, delivered)) in script.into_iter().enumerate() {
             let sent = [0, 1, 2].map(|nth| heartbeat_of(&missions[nth], nth as u8 + 1, tick as u64 + 1));
@@ -546,11 +540,11 @@ proptest! {
                 let in_contact: Vec<usize> = others.filter(|&other| has(contact, other)).collect();
                 for &other in in_contact.iter().filter(|&&other| has(delivered, other)) {
                     received[own][other] = Some(sent[other]);
-                    missions[own].listen(&sent[other], &mut Vec::new());
+                    missions[own].take_heartbeat(&sent[other], &mut Vec::new());
                 }
                 let known: Vec<_> = in_contact.iter().filter_map(|&other| received[own][other]).collect();
                 let view = View {
-                    misses_any: in_contact.len() < 2,
+                    absent_may_fly: in_contact.len() < 2,
                     altitude_error_m: Some(0.0),
                     in_place: in_place >> own & 1 == 1,
                     ..View::default()

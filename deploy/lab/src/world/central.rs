@@ -182,7 +182,7 @@ impl Central {
         }
         let flown_s = vehicles.iter().filter_map(|vehicle| vehicle.clocks().flown_s(now)).reduce(f64::max);
         let here = Whereabouts { flown_s, position: Some(PositionNed::default()) };
-        self.ear.hear(now, here, sent, &mut self.heard);
+        self.ear.receive(now, here, sent, &mut self.heard);
         for (sender, number) in self.heard.drain(..).filter_map(number_of) {
             let line = self.lines.get_mut(usize::from(sender.get()) - 1);
             if let Some((line, state)) = line.and_then(|line| line.states.arrive(number).map(|state| (line, state))) {
@@ -226,7 +226,7 @@ impl Central {
             self.totals.state_messages += computed as u64;
             self.totals.state_bytes += computed as u64 * CONTROLS_BYTES;
             let there = Whereabouts { flown_s: vehicle.clocks().flown_s(now), position: Some(vehicle.truth.position) };
-            line.ear.hear(next_frame, there, line.computed.drain(..computed), &mut self.heard);
+            line.ear.receive(next_frame, there, line.computed.drain(..computed), &mut self.heard);
             for (_, number) in self.heard.drain(..).filter_map(number_of) {
                 vehicle.command = line.controls.arrive(number).or(vehicle.command);
             }

@@ -100,7 +100,7 @@ impl Vehicle {
     /// Takes in what a perfect network delivers, if the agent lives.
     pub(super) fn hear(&mut self, now: LocalTime, arriving: impl Iterator<Item = Heard>) {
         if let Some(station) = &mut self.station {
-            station.hear(now, arriving);
+            station.receive(now, arriving);
         }
     }
 

@@ -3,8 +3,7 @@ use proptest::prelude::*;
 use super::super::Sugeno;
 use super::*;
 
-/// Two inputs, all kinds of set, a weight, and an input that a rule does not ask for. Written by hand, as a person or
-/// Octave might.
+/// A file as written by hand or by Octave: two inputs, all kinds of sets, a weight, and a rule that ignores an input.
 const TEXT: &str = "\u{feff}% a comment
 # another
 
@@ -59,10 +58,10 @@ fn a_file_is_read() {
     assert_eq!(fis.rules[1], Rule { antecedent: vec![Some(1), Some(0)], consequent: 1, weight: 0.5 });
 }
 
-/// Each line, replaced, gives an error that names its line (from 1) and says what is the matter.
+/// Each replaced line gives an error that names its line (from 1) and its fault.
 #[test]
-fn what_is_not_supported_is_refused_by_name() {
-    for (line, replaced_by, says) in [
+fn unsupported_features_are_refused_by_name() {
+    for (line, replaced_by, expected) in [
         (6, "Type='mamdani'", "Type='mamdani' is not supported"),
         (8, "NumInputs=0", "NumInputs=0 is not supported"),
         (8, "NumInputs=two", "'two' is not such a number"),
@@ -103,13 +102,13 @@ fn what_is_not_supported_is_refused_by_name() {
         lines[line - 1] = replaced_by;
         let error = Fis::parse("tip.fis", &lines.join("\n")).unwrap_err();
         assert_eq!((error.file.as_str(), error.line), ("tip.fis", line), "{replaced_by}: {error}");
-        assert!(error.what.contains(says), "{replaced_by}: {error}");
+        assert!(error.what.contains(expected), "{replaced_by}: {error}");
     }
 }
 
 #[test]
 fn missing_and_surplus_parts_are_named() {
-    for (from, to, line, says) in [
+    for (from, to, line, expected) in [
         ("[System]", "", 5, "a section, beginning with [System], was expected"),
         ("[Input2]", "[Input3]", 1, "section [Input2] is missing"),
         ("[Rules]", "[Input3]\n[Rules]", 37, "section [Input3] is one too many"),
@@ -119,7 +118,7 @@ fn missing_and_surplus_parts_are_named() {
     ] {
         let error = Fis::parse("tip.fis", &TEXT.replacen(from, to, 1)).unwrap_err();
         assert_eq!(error.line, line, "{from}: {error}");
-        assert!(error.what.contains(says), "{from}: {error}");
+        assert!(error.what.contains(expected), "{from}: {error}");
     }
     assert_eq!(Fis::parse("empty.fis", "").unwrap_err().to_string(), "empty.fis:1: section [System] is missing");
 }
@@ -165,7 +164,7 @@ proptest! {
         prop_assert!(error.file == "file" && (1..=text.lines().count().max(1)).contains(&error.line), "{error}");
     }
 
-    /// Nearly right is where a reader breaks: a good file with one line overwritten, and cut somewhere.
+    /// Almost valid files: a valid one with one line overwritten and its end cut off.
     #[test]
     fn a_damaged_file_is_refused_by_line_or_read_as_what_it_says(
         line in 0..42usize,

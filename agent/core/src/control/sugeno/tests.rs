@@ -19,8 +19,8 @@ fn system(inputs: Vec<Variable<Membership>>, constants: &[f64], rules: Vec<Rule>
     Fis { name: "test".into(), inputs, output: Variable { name: "u".into(), range: [0.0, 1.0], terms }, rules }
 }
 
-/// Straight from the definition, rule by rule.
-fn by_the_book(fis: &Fis, x: &[f64]) -> f64 {
+/// The output by the definition, rule by rule.
+fn by_definition(fis: &Fis, x: &[f64]) -> f64 {
     let mut sums = [0.0; 2];
     for rule in &fis.rules {
         let mut weight = rule.weight;
@@ -34,7 +34,7 @@ fn by_the_book(fis: &Fis, x: &[f64]) -> f64 {
     sums[1] / sums[0]
 }
 
-/// Overlapping sets of all kinds, weights, an "any" in each place, two rules for one combination.
+/// Overlapping sets of all kinds, weights, an "any" for each input, two rules for one combination.
 fn awkward() -> Fis {
     let first = variable(
         &[("trapmf", &[-9.0, -8.0, 0.0, 2.0]), ("trimf", &[0.0, 2.0, 4.0]), ("gaussmf", &[1.0, 4.0])],
@@ -53,7 +53,7 @@ fn awkward() -> Fis {
 }
 
 #[test]
-fn a_tip_worked_by_hand() {
+fn the_output_matches_an_example_worked_by_hand() {
     // x = 1: memberships 0.5 and 0.5; weights 1 and 0.5; (0.5·10 + 0.25·20) / 0.75.
     let fis = system(
         vec![variable(&[("trimf", &[-2.0, 0.0, 2.0]), ("trimf", &[0.0, 2.0, 4.0])], [0.0, 2.0])],
@@ -75,7 +75,7 @@ fn unusable_inputs_have_no_output() {
 }
 
 #[test]
-fn holes_in_the_rules_are_found() {
+fn uncovered_inputs_are_found() {
     let two = || variable(&[("trimf", &[-1.0, 0.0, 1.0]), ("trimf", &[0.0, 1.0, 2.0])], [0.0, 1.0]);
     let all = |hole: Option<usize>, weight: f64| {
         let combinations = [[0, 0], [0, 1], [1, 0], [1, 1]];
@@ -84,7 +84,7 @@ fn holes_in_the_rules_are_found() {
         Sugeno::new(&system(vec![two(), two()], &[1.0], rules.collect())).map(|_| ())
     };
     assert_eq!(all(None, 1.0), Ok(()));
-    // The rule for set 1 of the first and set 2 of the second has no weight.
+    // The rule for set 1 of the first input and set 2 of the second has zero weight.
     assert_eq!(all(Some(1), 0.0), Err("no rule fires at x = 0, x = 1".into()));
     assert_eq!(all(Some(2), 1e-9), Err("no rule fires at x = 1, x = 0".into()));
     assert_eq!(all(Some(2), 1e-3), Ok(()));
@@ -93,13 +93,13 @@ fn holes_in_the_rules_are_found() {
         let rules = (0..sets.len()).map(|set| rule(&[Some(set)], 0, 1.0)).collect();
         Sugeno::new(&system(vec![variable(sets, range)], &[1.0], rules)).map(|_| ())
     };
-    // Two triangles that touch at a point, sets that end before the range does, a gap, edges that leave a slit.
+    // Two triangles that touch at a point, sets that end before the range, a gap, edges that leave a slit.
     assert!(one(&[("trimf", &[-1.0, 0.0, 1.0]), ("trimf", &[1.0, 2.0, 3.0])], [0.0, 2.0]).is_err());
     assert!(one(&[("trimf", &[-1.0, 0.0, 1.0])], [0.0, 2.0]).is_err());
     assert!(one(&[("trapmf", &[0.0, 0.0, 1.0, 1.0]), ("trapmf", &[1.5, 1.5, 2.0, 2.0])], [0.0, 2.0]).is_err());
     assert!(one(&[("trapmf", &[0.0, 0.0, 1.0, 1.0]), ("trimf", &[1.0, 2.0, 3.0])], [0.0, 2.0]).is_err());
     assert!(one(&[("trapmf", &[0.0, 0.0, 1.0, 1.0]), ("trapmf", &[1.0, 1.0, 2.0, 2.0])], [0.0, 2.0]).is_ok());
-    // Gaussians reach far, but not for ever.
+    // Gaussians reach far, but not infinitely far.
     assert!(one(&[("gaussmf", &[1.0, 0.0]), ("gaussmf", &[1.0, 8.0])], [0.0, 8.0]).is_ok());
     assert!(one(&[("gaussmf", &[1.0, 0.0]), ("gaussmf", &[1.0, 12.0])], [0.0, 12.0]).is_err());
 }
@@ -137,15 +137,15 @@ fn an_uncovered_file_names_the_line_of_its_rules() {
 
 proptest! {
     #[test]
-    fn the_compiled_system_is_the_definition(x in -9.0..9.0f64, y in -9.0..9.0f64) {
+    fn the_compiled_system_matches_the_definition(x in -9.0..9.0f64, y in -9.0..9.0f64) {
         let fis = awkward();
-        let (compiled, defined) = (Sugeno::new(&fis).unwrap().evaluate(&[x, y]).unwrap(), by_the_book(&fis, &[x, y]));
+        let (compiled, defined) = (Sugeno::new(&fis).unwrap().evaluate(&[x, y]).unwrap(), by_definition(&fis, &[x, y]));
         prop_assert!((compiled - defined).abs() < 1e-12, "{compiled} {defined}");
     }
 
-    /// What passed the check of coverage has an output everywhere.
+    /// A system that passed the coverage check has an output everywhere.
     #[test]
-    fn a_checked_system_always_answers(
+    fn a_checked_system_always_has_an_output(
         sets in prop::collection::vec((0..3usize, prop::array::uniform4(-3.0..3.0f64)), 2..6),
         x in prop::num::f64::NORMAL,
         near in -3.0..3.0f64,

@@ -1,6 +1,7 @@
-//! The controller on the built-in helicopter, told exactly where it is: error = target − position, no field between.
+//! The controller on the built-in helicopter with exact estimates: error = target − position, without a formation
+//! field.
 //!
-//! `cargo test -- --nocapture closed_loop` prints what was measured.
+//! `cargo test -- --nocapture closed_loop` prints the measured figures.
 
 use core::f64::consts::TAU;
 
@@ -24,23 +25,23 @@ struct Flight {
     heading_rad: f64,
 }
 
-/// How it is after a tick.
+/// The vehicle's state after a tick.
 struct Sample {
     time_s: f64,
-    /// North, east, down, m.
+    /// Position north, east, down, m.
     position_ned_m: Vector3<f64>,
-    /// m/s.
+    /// Velocity, m/s.
     velocity_ned_m_s: Vector3<f64>,
     /// Height of the centre of gravity above the ground, m.
     height_m: f64,
-    /// Larger of bank and pitch, either way.
+    /// Larger magnitude of bank and pitch.
     tilt_deg: f64,
-    /// Heading less its set-point.
+    /// Heading minus its setpoint.
     heading_error_deg: f64,
 }
 
 impl Flight {
-    /// On the ground at the origin, told to hover above it.
+    /// A helicopter on the ground at the origin, with the command to hover above it.
     fn on_the_ground(heading_rad: f64, auto_trim: bool) -> Self {
         #[derive(serde::Deserialize)]
         struct Aircraft {
@@ -58,14 +59,14 @@ impl Flight {
         }
     }
 
-    /// At rest at the set-point, heading north.
+    /// A helicopter at rest at the setpoint, heading north.
     fn hovering() -> Self {
         let mut flight = Self::on_the_ground(0.0, false);
         flight.fly(60.0);
         flight
     }
 
-    /// One sample a tick.
+    /// Flies for this time and returns one sample per tick.
     fn fly(&mut self, seconds: f64) -> Vec<Sample> {
         (1..=(seconds / TICK_S).round() as usize).map(|tick| self.tick(tick as f64 * TICK_S)).collect()
     }
@@ -104,12 +105,12 @@ impl Flight {
     }
 }
 
-/// The largest of something over a flight.
+/// Maximum of a quantity over a flight.
 fn most(samples: &[Sample], of: impl Fn(&Sample) -> f64) -> f64 {
     samples.iter().map(of).fold(f64::MIN, f64::max)
 }
 
-/// From when on `holds` holds to the end.
+/// The time from which `holds` is true until the end, s.
 fn settled_s(samples: &[Sample], holds: impl Fn(&Sample) -> bool) -> f64 {
     samples.iter().rev().take_while(|sample| holds(sample)).last().map_or(f64::INFINITY, |sample| sample.time_s)
 }
@@ -126,11 +127,11 @@ struct Step {
     lowest_m: f64,
     highest_m: f64,
     heading_error_deg: f64,
-    /// Half peak-to-peak over the last 10 of 30 s.
+    /// Half the peak-to-peak amplitude over the last 10 s of 30 s.
     ripple_m: f64,
 }
 
-/// From the hover, once turned to this heading.
+/// A step of 10 m to the east from the hover, after a turn to this heading.
 fn step_east(hover: &Flight, heading_rad: f64) -> Step {
     const STEP_M: f64 = 10.0;
     let mut flight = hover.clone();
@@ -160,7 +161,7 @@ fn a_step_across_is_quick_and_quiet() {
     let step = step_east(&Flight::hovering(), 0.0);
     println!("10 m east, heading north: {step:.3?}");
     assert!((0.0..5.0).contains(&step.overshoot_percent));
-    // The reference prints 4.5 s, 5.3 s and 3.0 m/s.
+    // The reference gives 4.5 s, 5.3 s and 3.0 m/s.
     assert!((step.ninety_percent_s - 4.5).abs() < 0.05);
     assert!((step.within_two_percent_s - 5.3).abs() < 0.05);
     assert!((step.top_speed_m_s - 3.0).abs() < 0.05);
@@ -171,7 +172,7 @@ fn a_step_across_is_quick_and_quiet() {
     assert!(step.ripple_m < 0.01);
 }
 
-/// On other headings the saturated axes couple.
+/// On oblique headings the saturated axes couple.
 #[test]
 fn a_step_on_any_heading_stays_within_limits() {
     let hover = Flight::hovering();

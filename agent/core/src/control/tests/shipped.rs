@@ -1,4 +1,4 @@
-//! The shipped rules: generated here from what they are meant to be, compared with the files, and examined.
+//! The shipped rules: generated here from their laws, compared with the files, and examined.
 
 use proptest::prelude::*;
 
@@ -13,9 +13,9 @@ const PSI: [f64; 5] = [-1.0, -0.3, 0.0, 0.3, 1.0];
 const R: [f64; 3] = [-1.5, 0.0, 1.5];
 const H: [f64; 5] = [-10.0, -3.0, 0.0, 3.0, 10.0];
 const C: [f64; 5] = [-4.0, -1.5, 0.0, 1.5, 4.0];
-const WANTED_CLIMB: [f64; 5] = [-2.5, -1.5, 0.0, 1.5, 2.5];
+const CLIMB_COMMAND: [f64; 5] = [-2.5, -1.5, 0.0, 1.5, 2.5];
 
-/// Beyond every input that flies: the plateaus run past the ranges, and Octave's `trapmf` wants a < b.
+/// Beyond every input in flight: the plateaus extend past the ranges, and Octave's `trapmf` requires a < b.
 const FAR: f64 = 1000.0;
 
 fn tilt(e: f64, v: f64) -> f64 {
@@ -32,10 +32,10 @@ fn heading(x: &[f64]) -> f64 {
 
 fn collective(x: &[f64]) -> f64 {
     let row = H.iter().position(|h| *h == x[0]).unwrap();
-    (0.045 * (WANTED_CLIMB[row] - x[1])).clamp(-0.2, 0.2)
+    (0.045 * (CLIMB_COMMAND[row] - x[1])).clamp(-0.2, 0.2)
 }
 
-/// A partition of unity: triangles between neighbouring centres, shoulders at the ends.
+/// Sets that form a partition of unity: triangles between neighbouring centres, shoulders at the ends.
 fn input(name: &str, half_range: f64, centres: &[f64]) -> Variable<Membership> {
     let names: &[&str] = if centres.len() == 3 { &["N", "Z", "P"] } else { &["NB", "NS", "Z", "PS", "PB"] };
     let last = centres.len() - 1;
@@ -48,12 +48,12 @@ fn input(name: &str, half_range: f64, centres: &[f64]) -> Variable<Membership> {
     Variable { name: name.into(), range: [-half_range, half_range], terms }
 }
 
-/// Every combination of sets, the last input's fastest, with the law's value on their centres.
+/// The rule base of all combinations of sets, last input fastest, with the law's values at the sets' centres.
 fn generate(name: &str, inputs: &[(&str, f64, &[f64])], law: fn(&[f64]) -> f64) -> Fis {
     let combinations = inputs.iter().fold(vec![vec![]], |done: Vec<Vec<usize>>, (_, _, centres)| {
         done.iter().flat_map(|c| (0..centres.len()).map(move |set| [&c[..], &[set]].concat())).collect()
     });
-    // Decimals as a person would write them, without the rounding of binary fractions; no −0.
+    // Decimals as written by hand, without the rounding of binary fractions and without −0.
     let constants: Vec<f64> =
         combinations.iter().map(|sets| (law(&centres_of(inputs, sets)) * 1e6).round() / 1e6 + 0.0).collect();
     let mut distinct = constants.clone();
@@ -114,7 +114,7 @@ fn the_files_are_what_the_laws_generate() {
     }
 }
 
-/// The tables of the reference, written out.
+/// The published tables, written out.
 #[test]
 fn the_rule_tables_read_as_published() {
     #[rustfmt::skip]
@@ -153,9 +153,9 @@ fn the_rule_tables_read_as_published() {
     }
 }
 
-/// Attitude can always out-vote position and velocity, or the tilt would not be bounded.
+/// The attitude correction can outweigh position and velocity; otherwise the tilt would be unbounded.
 #[test]
-fn the_largest_wanted_tilt_is_below_the_largest_attitude_correction() {
+fn the_largest_tilt_command_is_below_the_largest_attitude_correction() {
     let rules = Rules::shipped();
     for axis in [&rules.roll, &rules.pitch] {
         assert!(axis.evaluate(&[1e6, -1e6, 0.6]).unwrap() < 0.0);
@@ -163,7 +163,7 @@ fn the_largest_wanted_tilt_is_below_the_largest_attitude_correction() {
     }
 }
 
-/// A shipped system, compiled and as described.
+/// A shipped system, compiled and as described by its file.
 fn system(which: usize) -> (Sugeno, Fis) {
     let (file, text) = shipped()[which];
     (Sugeno::parse(file, text).unwrap(), Fis::parse(file, text).unwrap())
@@ -197,7 +197,8 @@ proptest! {
         prop_assert!(least - 1e-12 <= output && output <= most + 1e-12);
     }
 
-    /// Slopes are at most 0.25 per m, 0.7 per m/s, 1 per rad, …: a small step of the inputs is a small step of the output.
+    /// Slopes are at most 0.25 per m, 0.7 per m/s, 1 per rad, …: a small step of the inputs gives a small step of the
+    /// output.
     #[test]
     fn output_is_continuous(which in 0..4usize, unit in point(), step in point()) {
         let (system, fis) = system(which);
@@ -206,7 +207,7 @@ proptest! {
         prop_assert!(difference.abs() < 1e-7, "{difference}");
     }
 
-    /// Up with the first input, an error; down with the others, which damp.
+    /// The output rises with the first input, an error, and falls with the others, which damp.
     #[test]
     fn output_is_monotone(which in 0..4usize, unit in point(), input in 0..3usize, more in 0.0..1.0) {
         let (system, fis) = system(which);

@@ -1,4 +1,4 @@
-//! A helicopter of the built-in model, flown by the vehicle controller straight to where it is told, and watched.
+//! A helicopter of the built-in model, flown by the vehicle controller straight to its target, with a diagnosis.
 
 use nalgebra::Vector2;
 use skein_common::frame::{Geodetic, Origin};
@@ -14,15 +14,15 @@ use crate::estimate::{Estimate, Estimator};
 use crate::helicopter::{BuiltInVehicle, Failures, Start, TICK_S, Weather};
 use crate::plant::{Sticks, Truth};
 
-/// What a vehicle knows of itself.
+/// The sensing of a vehicle.
 #[derive(Clone, Copy, Debug)]
-pub(super) enum Senses {
+pub(super) enum FlightSensing {
     Exact,
-    /// As in Garcia & Barnes 2010.
+    /// Sensing as in Garcia & Barnes 2010.
     Paper,
 }
 
-/// How far one may go, as the formation's conversion does it, m.
+/// Largest position error passed to the controller, as in the formation's conversion, m.
 const FARTHEST_M: f64 = 28.0;
 
 #[derive(Clone)]
@@ -33,25 +33,25 @@ pub(super) struct Flight {
     pub(super) diagnosis: Diagnosis,
     pub(super) command: Option<Sticks>,
     time_s: f64,
-    /// Where it is to be, north and east, and how that place moves.
+    /// Target position, north and east, and its velocity.
     pub(super) place_ne_m: Vector2<f64>,
     pub(super) moves_ne_m_s: Vector2<f64>,
     pub(super) altitude_m: f64,
     pub(super) heading_rad: f64,
-    /// What was found, and when.
+    /// Failures found, with their times.
     pub(super) found: Vec<(f64, Failure)>,
 }
 
 impl Flight {
-    /// On the ground, told to hover at 30 m. Gusts are those of this wind, from a direction of the seed's.
-    pub(super) fn new(senses: Senses, wind_m_s: f64, gust_w20_m_s: f64, seed: u64) -> Self {
+    /// A helicopter on the ground with the command to hover at 30 m. The seed sets the direction of wind and gusts.
+    pub(super) fn new(senses: FlightSensing, wind_m_s: f64, gust_w20_m_s: f64, seed: u64) -> Self {
         let aircraft = Aircraft::shipped("xcell60").unwrap().unwrap();
         let parameters = aircraft.helicopter.as_ref().unwrap();
         let origin = Origin::new(Geodetic::from_degrees(28.0, -82.0, 0.0));
         let weather = Weather { wind_m_s, wind_from_rad: seed as f64, gust_w20_m_s };
         let (position, velocity) = match senses {
-            Senses::Exact => (PositionSensing::Exact, VelocitySensing::Measured),
-            Senses::Paper => (PositionSensing::F32Latlon, VelocitySensing::Differenced),
+            FlightSensing::Exact => (PositionSensing::Exact, VelocitySensing::Measured),
+            FlightSensing::Paper => (PositionSensing::F32Latlon, VelocitySensing::Differenced),
         };
         let heading_rad = 0.7 * seed as f64;
         let start = Start { heading_rad, ..Start::default() };
@@ -71,8 +71,8 @@ impl Flight {
         }
     }
 
-    /// The estimate of now, after the diagnosis had its look.
-    pub(super) fn look(&mut self) -> Estimate {
+    /// The current estimate, after the diagnosis has evaluated the measurement.
+    pub(super) fn estimate(&mut self) -> Estimate {
         let frame = self.vehicle.frame();
         let now = Now { plant: PlantTime::from_seconds(self.time_s), local: LocalTime::from_seconds(self.time_s) };
         let estimate = self.estimator.update(now, Some(&frame.measurement)).unwrap();
@@ -82,7 +82,7 @@ impl Flight {
         estimate
     }
 
-    /// Where the flight wants it.
+    /// The setpoint towards the target.
     pub(super) fn setpoint(&self, estimate: &Estimate) -> Setpoint {
         let error_ne_m = (self.place_ne_m - estimate.position.horizontal()).cap_magnitude(FARTHEST_M);
         let relative_velocity_ne_m_s = error_ne_m * VELOCITY_PER_ERROR_PER_S;
@@ -90,7 +90,7 @@ impl Flight {
         Setpoint { relative_velocity_ne_m_s, feedforward_ne_m_s, altitude_m, heading_rad }
     }
 
-    /// One tick on with these controls.
+    /// Advances by one tick with these controls.
     pub(super) fn advance(&mut self, sticks: Sticks) {
         self.command = Some(sticks);
         self.vehicle.advance(self.command);
@@ -100,25 +100,25 @@ impl Flight {
 
     pub(super) fn fly(&mut self, seconds: f64) {
         for _ in 0..(seconds / TICK_S).round() as u32 {
-            let estimate = self.look();
+            let estimate = self.estimate();
             let controls = self.controller.step(TICK_S, &estimate, &self.setpoint(&estimate));
             self.advance(controls.sticks);
         }
     }
 
-    /// Its place is where it takes itself to be.
+    /// Moves the target to the estimated position.
     pub(super) fn stop_here(&mut self) {
-        let estimate = self.look();
+        let estimate = self.estimate();
         self.place_ne_m = estimate.position.horizontal();
         self.altitude_m = estimate.position.altitude_m();
         self.moves_ne_m_s = Vector2::zeros();
     }
 
-    /// Down at 2 m/s and at last at 0.7 m/s, until it stands.
+    /// Descends at 2 m/s and finally at 0.7 m/s until the helicopter is on the ground.
     pub(super) fn land(&mut self) {
         let until_s = self.time_s + 120.0;
         while self.truth().height_m > 0.26 {
-            assert!(self.time_s < until_s, "it does not come down: {:?}", self.truth());
+            assert!(self.time_s < until_s, "the helicopter does not reach the ground: {:?}", self.truth());
             let sink_m_s = if self.truth().height_m > 6.0 { 2.0 } else { 0.7 };
             let lowest_m = self.truth().position.altitude_m() - 3.0;
             self.altitude_m = (self.altitude_m - sink_m_s * TICK_S).max(lowest_m);
@@ -127,7 +127,7 @@ impl Flight {
         self.fly(1.0);
     }
 
-    pub(super) fn reckon_on(&mut self) {
+    pub(super) fn dead_reckon(&mut self) {
         self.estimator.dead_reckon();
     }
 

@@ -1,16 +1,16 @@
-//! What becomes of a vehicle that does what its agent does about a failure once it has found it.
+//! The outcome of a failure after its response.
 
-use super::flight::{Flight, Senses};
+use super::flight::{Flight, FlightSensing};
 use super::*;
 use crate::failsafe::Response;
 
-/// How it met the ground.
+/// Motion at touchdown.
 #[derive(Clone, Copy, Debug, Default)]
 struct Touchdown {
     sink_m_s: f64,
     along_m_s: f64,
     turn_rad_s: f64,
-    /// Farthest from where the failure was found.
+    /// Largest distance from the position at which the failure was found, m.
     away_m: f64,
 }
 
@@ -25,16 +25,16 @@ impl Touchdown {
     }
 }
 
-/// A skid touches the ground below this height of the centre of gravity, whatever the tilt, and below this one level, m.
+/// Height of the centre of gravity at which a skid touches the ground at any tilt, and when level, m.
 const CONTACT_M: f64 = 0.35;
 const LEVEL_CONTACT_M: f64 = 0.26;
 
-/// What an agent commands that has found something and is to come down to the flight's place.
-fn answer(flight: &mut Flight) -> Sticks {
+/// The controls of an agent that has found a failure and descends to the flight's target.
+fn response_controls(flight: &mut Flight) -> Sticks {
     if flight.diagnosis.is_frozen {
-        flight.reckon_on();
+        flight.dead_reckon();
     }
-    let estimate = flight.look();
+    let estimate = flight.estimate();
     let sink_m_s = if estimate.height_m > 6.0 { 2.0 } else { 0.7 };
     flight.altitude_m = (flight.altitude_m - sink_m_s * TICK_S).max(estimate.position.altitude_m() - 3.0);
     let setpoint = flight.setpoint(&estimate);
@@ -46,8 +46,8 @@ fn answer(flight: &mut Flight) -> Sticks {
     controls.sticks
 }
 
-/// Fails and is flown on until that is found; then comes down where it is. `None` if that is not found within 30 s, or if
-/// it is not down two minutes later.
+/// Fails, flies on until the failure is found, then descends on the spot. `None` if the failure is not found within 30
+/// s or the helicopter is not on the ground two minutes later.
 fn touchdown(mut flight: Flight, failures: Failures) -> Option<Touchdown> {
     flight.fail(failures);
     let until_s = flight.time_s() + 30.0;
@@ -59,7 +59,7 @@ fn touchdown(mut flight: Flight, failures: Failures) -> Option<Touchdown> {
     flight.stop_here();
     let mut touchdown = Touchdown::default();
     for _ in 0..6_000 {
-        let sticks = answer(&mut flight);
+        let sticks = response_controls(&mut flight);
         flight.advance(sticks);
         let truth = flight.truth();
         if truth.height_m < CONTACT_M {
@@ -75,7 +75,7 @@ fn touchdown(mut flight: Flight, failures: Failures) -> Option<Touchdown> {
     None
 }
 
-/// All of sixteen flights, in each of these phases and winds.
+/// Touchdowns of sixteen flights in each of these phases and winds.
 fn touchdowns<'a>(
     failures: Failures,
     phases: &'a [&'a str],
@@ -83,7 +83,7 @@ fn touchdowns<'a>(
 ) -> impl Iterator<Item = (String, Vec<Option<Touchdown>>)> {
     phases.iter().flat_map(move |phase| {
         winds_m_s.iter().map(move |&wind_m_s| {
-            let down = (0..16).map(|seed| touchdown(begun(phase, wind_m_s, seed), failures)).collect();
+            let down = (0..16).map(|seed| touchdown(flight_before_failure(phase, wind_m_s, seed), failures)).collect();
             (format!("{phase}, wind and gusts {wind_m_s} m/s"), down)
         })
     })
@@ -93,10 +93,10 @@ fn worst(down: &[Option<Touchdown>]) -> Touchdown {
     down.iter().flatten().copied().fold(Touchdown::default(), Touchdown::worst)
 }
 
-/// Hovering in calm air at this height without an engine: the speed at which it hits the ground, if the failure is found and
-/// if it is not.
-fn falls_m_s(height_m: f64) -> [f64; 2] {
-    let mut flight = Flight::new(Senses::Exact, 0.0, 0.0, 1);
+/// Impact speed of an engine failure in a hover at this height in calm air, if the failure is found and if it is not,
+/// m/s.
+fn impact_speeds_m_s(height_m: f64) -> [f64; 2] {
+    let mut flight = Flight::new(FlightSensing::Exact, 0.0, 0.0, 1);
     flight.altitude_m = height_m;
     flight.fly(30.0 + height_m);
     flight.fail(ENGINE_OUT);
@@ -106,7 +106,7 @@ fn falls_m_s(height_m: f64) -> [f64; 2] {
         while flight.truth().height_m > LEVEL_CONTACT_M {
             sink_m_s = flight.truth().velocity.down_m_s();
             if answers && !flight.found.is_empty() {
-                let sticks = answer(&mut flight);
+                let sticks = response_controls(&mut flight);
                 flight.advance(sticks);
             } else {
                 flight.fly(TICK_S);
@@ -116,18 +116,20 @@ fn falls_m_s(height_m: f64) -> [f64; 2] {
     })
 }
 
-/// From 3 m and less it hits the ground at 3 to 4 m/s, whatever is done.
+/// From 3 m and below, the helicopter hits the ground at 3 to 4 m/s with any response.
 #[test]
-fn without_power_it_brakes_its_fall() {
+fn without_power_the_vehicle_brakes_its_fall() {
     for height_m in [4.0, 5.0, 8.0, 12.0, 17.0, 20.0, 25.0, 30.0, 40.0, 60.0, 100.0] {
-        let [braked_m_s, unbraked_m_s] = falls_m_s(height_m);
-        println!("engine out at {height_m:3.0} m: hits at {braked_m_s:.1} m/s, unanswered {unbraked_m_s:.1} m/s");
+        let [braked_m_s, unbraked_m_s] = impact_speeds_m_s(height_m);
+        println!(
+            "engine out at {height_m:3.0} m: hits at {braked_m_s:.1} m/s, without a response {unbraked_m_s:.1} m/s"
+        );
         assert!(braked_m_s < 7.7 && braked_m_s < unbraked_m_s, "{height_m} m");
     }
 }
 
 #[test]
-fn without_power_it_comes_down_where_it_is() {
+fn without_power_the_vehicle_autorotates_to_the_ground_nearby() {
     for (what, down) in touchdowns(ENGINE_OUT, &["take-off", "hover", "step", "transit"], &[0.0, 5.0]) {
         let worst = worst(&down);
         println!("engine out, {what}: {worst:.1?}");
@@ -137,9 +139,9 @@ fn without_power_it_comes_down_where_it_is() {
     }
 }
 
-/// Left alone it tips over and leaves at 20 m/s.
+/// Without the response it tips over and leaves at 20 m/s.
 #[test]
-fn with_a_stuck_cyclic_it_turns_and_lands_near() {
+fn with_a_stuck_cyclic_the_vehicle_turns_and_lands_nearby() {
     for servo in [0, 1] {
         for (what, down) in touchdowns(stuck(servo), &["take-off", "hover", "transit"], &[3.0, 5.0]) {
             let worst = worst(&down);
@@ -150,9 +152,9 @@ fn with_a_stuck_cyclic_it_turns_and_lands_near() {
     }
 }
 
-/// A servo that sticks in the middle of a hard manoeuvre may be beyond help.
+/// A servo that gets stuck during a hard manoeuvre may make the vehicle unrecoverable.
 #[test]
-fn with_a_cyclic_stuck_in_a_manoeuvre_most_land_near() {
+fn with_a_cyclic_stuck_in_a_manoeuvre_most_vehicles_land_nearby() {
     for servo in [0, 1] {
         for (what, down) in touchdowns(stuck(servo), &["step"], &[0.0, 3.0, 5.0]) {
             let lands = |t: &Touchdown| t.sink_m_s < 2.5 && t.along_m_s < 5.0 && t.away_m < 30.0;
@@ -164,7 +166,7 @@ fn with_a_cyclic_stuck_in_a_manoeuvre_most_land_near() {
 }
 
 #[test]
-fn without_its_gyro_it_lands_turning() {
+fn without_its_gyro_the_vehicle_lands_turning() {
     for (what, down) in touchdowns(GYRO_OFF, &["take-off", "hover", "step", "transit"], &[0.0, 5.0]) {
         let worst = worst(&down);
         println!("gyro off, {what}: {} found, {worst:.1?}", down.iter().flatten().count());
@@ -173,7 +175,7 @@ fn without_its_gyro_it_lands_turning() {
 }
 
 #[test]
-fn with_a_frozen_position_it_reckons_on_and_lands() {
+fn with_a_frozen_position_the_vehicle_dead_reckons_and_lands() {
     for (what, down) in touchdowns(POSITION_FROZEN, &["take-off", "step", "transit"], &[0.0, 5.0]) {
         let worst = worst(&down);
         println!("position frozen, {what}: {worst:.1?}");
@@ -182,11 +184,11 @@ fn with_a_frozen_position_it_reckons_on_and_lands() {
     }
 }
 
-/// It cannot climb nor sink as it wants; it stays above its place.
+/// It cannot follow a climb command, but it stays above its target.
 #[test]
-fn with_a_stuck_collective_it_keeps_its_place_over_the_ground() {
+fn with_a_stuck_collective_the_vehicle_stays_above_its_target() {
     for seed in 0..16 {
-        let mut flight = begun("step", 5.0, seed);
+        let mut flight = flight_before_failure("step", 5.0, seed);
         flight.fail(stuck(2));
         flight.fly(30.0);
         if flight.found.is_empty() {
@@ -195,7 +197,7 @@ fn with_a_stuck_collective_it_keeps_its_place_over_the_ground() {
         assert_eq!(flight.diagnosis.conditions().response(), Response::Land);
         flight.stop_here();
         for _ in 0..1_500 {
-            let sticks = answer(&mut flight);
+            let sticks = response_controls(&mut flight);
             flight.advance(sticks);
             let truth = flight.truth();
             let off_m = (truth.position.horizontal() - flight.place_ne_m).norm();

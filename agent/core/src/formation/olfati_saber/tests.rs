@@ -12,7 +12,7 @@ fn law(sets: &[&str]) -> OlfatiSaber {
     OlfatiSaber::new(&scenario.formation.olfati_saber).unwrap()
 }
 
-/// ψ_α of a sigma-norm: the integral of φ_α from ‖d‖σ on, by Simpson's rule.
+/// Potential ψ_α of a sigma-norm: the integral of φ_α from ‖d‖σ, by Simpson's rule.
 fn potential(law: &OlfatiSaber, sigma: f64) -> f64 {
     let pieces = 200;
     let width = (sigma.min(law.range_sigma) - law.distance_sigma) / f64::from(pieces);
@@ -21,7 +21,8 @@ fn potential(law: &OlfatiSaber, sigma: f64) -> f64 {
     (at(0) + inner + at(pieces)) * width / 3.0
 }
 
-/// The source's Hamiltonian in the frame of the goal (equation 36): potential of all pairs, of the goal, and motion; m²/s².
+/// The source's Hamiltonian in the frame of the goal (equation 36): potential of all pairs, of the goal, and motion;
+/// m²/s².
 fn energy(law: &OlfatiSaber, points: &Points) -> f64 {
     let scale = math::square(law.unit_m / law.unit_s);
     let pairs = points.distances_m().into_iter().map(|distance_m| {
@@ -34,14 +35,14 @@ fn energy(law: &OlfatiSaber, points: &Points) -> f64 {
     pairs.chain(goal).chain(motion).sum()
 }
 
-/// Points with inertia, as in the source.
+/// Moves points with inertia, as in the source.
 fn accelerate(law: &OlfatiSaber, points: &mut Points, dt_s: f64) {
     let accelerations = points.each(|_, _| true, |_, sight| law.acceleration(sight));
     points.velocities_m_s.iter_mut().zip(accelerations).for_each(|(velocity, u)| *velocity += u * dt_s);
     points.pass(dt_s);
 }
 
-/// In how many pieces the graph of those within range is.
+/// Number of connected components of the graph of vehicles within range.
 fn pieces(law: &OlfatiSaber, points: &Points) -> usize {
     let range_m = 1.2 * SOURCE_DISTANCE * law.unit_m;
     let mut piece: Vec<usize> = (0..points.places_m.len()).collect();
@@ -58,8 +59,9 @@ fn pieces(law: &OlfatiSaber, points: &Points) -> usize {
     piece.len()
 }
 
-/// What the source proves (theorem 2) and shows (section IX): energy falls, velocities match, the flock is one, nobody
-/// collides, and neighbours are at distance d. The deviation energy is the source's (equation 17), normalised by d².
+/// The source's proof (theorem 2) and simulation (section IX): energy falls, velocities match, the flock is connected,
+/// no vehicles collide, and neighbours are at distance d. The deviation energy is the source's (equation 17),
+/// normalised by d².
 #[test]
 fn ten_points_become_a_lattice_that_moves_with_its_goal() {
     let law = law(&[]);
@@ -71,7 +73,7 @@ fn ten_points_become_a_lattice_that_moves_with_its_goal() {
         if tick % 50 == 0 {
             energies.push(energy(&law, &points));
         }
-        // Some are scattered close together.
+        // Some points are scattered close together.
         if tick > 3_000 {
             nearest_m = points.distances_m().into_iter().fold(nearest_m, f64::min);
         }
@@ -90,7 +92,7 @@ fn ten_points_become_a_lattice_that_moves_with_its_goal() {
 }
 
 #[test]
-fn the_lattice_is_of_any_size_and_takes_any_time() {
+fn the_lattice_scales_with_its_units_of_length_and_time() {
     let (small, large) = (law(&["distance_m=7", "time_unit_s=1"]), law(&["distance_m=35", "time_unit_s=10"]));
     let place = Vector2::new(3.0, 1.0);
     let pull = |law: &OlfatiSaber| {
@@ -104,7 +106,7 @@ fn the_lattice_is_of_any_size_and_takes_any_time() {
 
 proptest! {
     #[test]
-    fn norm_bump_and_action_are_the_sources(
+    fn norm_bump_and_action_match_the_source(
         z in 0.01..100.0_f64, epsilon in 0.01..2.0_f64, a in 0.5..10.0_f64, more in 0.0..10.0_f64, h in 0.0..0.9_f64, share in 0.0..1.5_f64,
     ) {
         let slope = (sigma_norm(epsilon, math::square(z + 1e-5)) - sigma_norm(epsilon, math::square(z - 1e-5))) / 2e-5;
@@ -119,7 +121,7 @@ proptest! {
         let action = law.action(share * law.range_sigma);
         prop_assert!(action < a + 1e-9 && action > -(a + more) - 1e-9);
         let side = (share * law.range_sigma - law.distance_sigma).signum();
-        prop_assert!(action * side >= -1e-9 && (share < 1.0 || action == 0.0), "apart if too near, together if too far");
+        prop_assert!(action * side >= -1e-9 && (share < 1.0 || action == 0.0), "repels when near, attracts when far");
     }
 
     #[test]

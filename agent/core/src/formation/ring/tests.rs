@@ -30,12 +30,12 @@ fn sphere() -> Ring {
     Ring { gamma_z: Some(1.0), ..table_1() }
 }
 
-/// At the centre's altitude.
+/// A position at the centre's altitude.
 fn level(ne_m: Vector2<f64>) -> PositionNed {
     PositionNed(flat(ne_m))
 }
 
-/// The field of a centre at the origin, north and east.
+/// The field around a centre at the origin, north and east.
 fn field(ring: &Ring, place: Vector2<f64>, neighbours: &[Neighbour]) -> Vector2<f64> {
     ring.field(id(1), level(place), PositionNed::default(), neighbours, &[]).xy()
 }
@@ -72,10 +72,10 @@ fn four_on_the_even_ring_are_in_equilibrium() {
     let others = neighbours(&[Vector2::new(0.0, 100.0), Vector2::new(-100.0, 0.0), Vector2::new(0.0, -100.0)]);
     let own = Vector2::new(100.0, 0.0);
     let even = field(&ring, own, &others);
-    assert!(even.y.abs() < 1e-12, "no reason to move along the ring");
+    assert!(even.y.abs() < 1e-12, "no push along the ring");
     assert!(even.x.abs() < 0.01, "tangential avoidance hardly widens the ring: {}", even.x);
     let full = Ring { avoidance: Avoidance::Full, ..ring };
-    assert!(field(&full, own, &others).x > 0.1, "full does");
+    assert!(field(&full, own, &others).x > 0.1, "full avoidance does");
 }
 
 #[test]
@@ -87,18 +87,18 @@ fn a_nearer_neighbour_pushes_along_the_ring() {
 }
 
 #[test]
-fn coincident_vehicles_disagree_about_where_to_go() {
+fn coincident_vehicles_are_pushed_in_opposite_directions() {
     let ring = table_1();
     let place = level(Vector2::new(5.0, 5.0));
     let one = ring.push(id(1), place, &[neighbour(2, place)]);
     let two = ring.push(id(2), place, &[neighbour(1, place)]);
     assert!(one.x > 0.5);
     assert_eq!(one, -two);
-    assert!(alone(&ring, Vector2::zeros()).norm() < 1e-12, "nothing radial at the very centre");
+    assert!(alone(&ring, Vector2::zeros()).norm() < 1e-12, "no radial field at the centre");
 }
 
 #[test]
-fn an_obstacle_is_kept_clear_of_and_forgotten_far_away() {
+fn an_obstacle_is_avoided_nearby_and_ignored_far_away() {
     let ring = table_1();
     let obstacle =
         |distance: f64| Obstacle { id: id(9), position: level(Vector2::new(100.0, distance)), radius_m: 10.0 };
@@ -132,28 +132,28 @@ fn a_flock_is_pulled_in_at_the_edge_and_left_alone_inside() {
     };
     let outward = |rho: f64| alone(&flock, Vector2::new(0.0, rho)).y;
     assert!((outward(50.0) + 0.99).abs() < 1e-9 && (outward(40.0) + 0.5).abs() < 1e-9);
-    assert!(outward(10.0).abs() < 1e-5 && alone(&flock, Vector2::zeros()).norm() < 1e-6, "nothing pushes out");
-    assert!(alone(&flock, Vector2::new(40.0, 0.0)).y.abs() < 1e-12, "nothing turns it");
+    assert!(outward(10.0).abs() < 1e-5 && alone(&flock, Vector2::zeros()).norm() < 1e-6, "no outward push");
+    assert!(alone(&flock, Vector2::new(40.0, 0.0)).y.abs() < 1e-12, "no tangential push");
     let close = field(&flock, Vector2::zeros(), &neighbours(&[Vector2::new(0.0, 20.0)]));
     assert!((close.y + 0.5).abs() < 1e-5, "half the push at the avoidance distance: {close}");
     assert!(flock.is_in_band(Vector2::new(0.0, 0.0)) && !flock.is_in_band(Vector2::new(50.1, 0.0)));
 }
 
 #[test]
-fn the_adaptive_distance_is_that_of_even_neighbours_on_a_sphere_too() {
+fn the_adaptive_distance_matches_even_spacing_on_a_sphere() {
     let apart = |live: usize| sphere().avoid_distance_m(live) * SQRT_2 / 100.0;
     let known = [(2, 2.0), (3, 3_f64.sqrt()), (4, (8.0_f64 / 3.0).sqrt()), (6, SQRT_2), (12, 1.05146)];
     for (live, expected) in known {
         assert!((apart(live) - expected).abs() < 1e-5, "{live}: {}", apart(live));
     }
-    assert_eq!(apart(1), apart(2), "alone as if there were another");
+    assert_eq!(apart(1), apart(2), "a single vehicle spaces as for two");
     for live in 3..60 {
         assert!(apart(live + 1) < apart(live) && apart(live + 1) > 0.0);
     }
 }
 
 #[test]
-fn six_on_an_octahedron_are_in_equilibrium_and_drive_each_other_back_to_it() {
+fn six_vehicles_on_an_octahedron_are_in_a_stable_equilibrium() {
     let sphere = sphere();
     let corners = [[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, 1.0]];
     let others: Vec<_> =
@@ -176,7 +176,7 @@ fn place() -> impl Strategy<Value = Vector2<f64>> {
     (-200.0..200.0, -200.0..200.0).prop_map(|(x, y)| Vector2::new(x, y))
 }
 
-/// Places in space; some at the very centre.
+/// Positions in space, some exactly at the centre.
 fn spot() -> impl Strategy<Value = PositionNed> {
     let anywhere = (-200.0..200.0, -200.0..200.0, -200.0..200.0).prop_map(|(n, e, d)| PositionNed::new(n, e, d));
     prop_oneof![9 => anywhere, 1 => Just(PositionNed::default())]
@@ -216,7 +216,7 @@ proptest! {
         own in spot(), others in proptest::collection::vec(spot(), 0..6), shift in spot(), angle in -3.0..3.0, ring in ellipsoid(),
         is_flat: bool,
     ) {
-        // Two at one place are parted to the north and the south, however the formation lies.
+        // Two vehicles at one position are separated north and south, regardless of the formation's heading.
         prop_assume!(others.iter().all(|&other| (other - own).xy().norm() > COINCIDENT_M));
         let ring = if is_flat { Ring { gamma_z: None, ..ring } } else { ring };
         let field = ring.field(id(1), own, PositionNed::default(), &in_space(&others), &[]);
@@ -229,15 +229,15 @@ proptest! {
     }
 
     #[test]
-    fn the_field_is_finite_and_bounded_for_any_crowd_wherever_it_is(
+    fn the_field_is_finite_and_bounded_for_any_crowd(
         own in spot(), mut others in proptest::collection::vec(spot(), 0..40), ring in ellipsoid(), is_flat: bool,
     ) {
-        // One of them at the very same place.
+        // One of them is at exactly the same position.
         others.push(own);
         let ring = if is_flat { Ring { gamma_z: None, ..ring } } else { ring };
         let field = ring.field(id(1), own, PositionNed::default(), &in_space(&others), &[]);
         prop_assert!(field.norm() <= 1.0 + MAX_AVOIDANCE + 0.1 + 1e-9);
-        prop_assert!(!is_flat || field.z == 0.0, "nothing vertical in a flat law");
+        prop_assert!(!is_flat || field.z == 0.0, "no vertical field in a flat law");
     }
 
     #[test]
@@ -273,10 +273,10 @@ proptest! {
     }
 
     #[test]
-    fn everybody_at_the_centres_altitude_flies_the_flat_ring(
+    fn at_the_centres_altitude_an_ellipsoid_equals_the_flat_ring(
         own in place(), others in proptest::collection::vec(place(), 0..6), ring in ellipsoid(),
     ) {
-        // The flat distance, since even neighbours on a surface are farther apart than on a ring.
+        // The flat distance, because even neighbours on a surface are farther apart than on a ring.
         let ring = Ring { avoid_distance: AvoidDistance::Fixed(80.0), ..ring };
         let field = |ring: &Ring| ring.field(id(1), level(own), PositionNed::default(), &neighbours(&others), &[]);
         prop_assert_eq!(field(&ring), field(&Ring { gamma_z: None, ..ring }));
@@ -288,16 +288,16 @@ proptest! {
         let ring = table_1();
         let flatten = |spot: PositionNed| level(spot.horizontal());
         let level: Vec<_> = others.iter().map(|&other| flatten(other)).collect();
-        let seen = ring.field(id(1), own, PositionNed::default(), &in_space(&others), &[]);
-        prop_assert_eq!(seen, ring.field(id(1), flatten(own), PositionNed::default(), &in_space(&level), &[]));
+        let field = ring.field(id(1), own, PositionNed::default(), &in_space(&others), &[]);
+        prop_assert_eq!(field, ring.field(id(1), flatten(own), PositionNed::default(), &in_space(&level), &[]));
     }
 
     #[test]
-    fn up_and_down_are_alike(own in spot(), others in proptest::collection::vec(spot(), 0..6), ring in ellipsoid()) {
+    fn the_field_is_symmetric_in_altitude(own in spot(), others in proptest::collection::vec(spot(), 0..6), ring in ellipsoid()) {
         let field = |mirror: Vector3<f64>| {
-            let seen = |spot: PositionNed| PositionNed(spot.0.component_mul(&mirror));
-            let others: Vec<_> = others.iter().map(|&other| seen(other)).collect();
-            ring.field(id(1), seen(own), PositionNed::default(), &in_space(&others), &[])
+            let mirrored = |spot: PositionNed| PositionNed(spot.0.component_mul(&mirror));
+            let others: Vec<_> = others.iter().map(|&other| mirrored(other)).collect();
+            ring.field(id(1), mirrored(own), PositionNed::default(), &in_space(&others), &[])
         };
         let mirror = Vector3::new(1.0, 1.0, -1.0);
         prop_assert!((field(mirror) - field(Vector3::repeat(1.0)).component_mul(&mirror)).norm() < 1e-12);

@@ -18,7 +18,7 @@ fn the_braking_curve_has_the_published_pieces() {
 }
 
 #[test]
-fn two_part_to_the_range_of_their_repulsion_and_no_farther() {
+fn two_vehicles_separate_to_the_repulsion_range_and_no_farther() {
     let mut laws = laws(2, LAW);
     let mut points = Points::at(vec![Vector2::new(0.0, 3.0), Vector2::new(1.0, -5.0)]);
     points.fly(&mut laws, |_, _| true, 60.0);
@@ -26,23 +26,23 @@ fn two_part_to_the_range_of_their_repulsion_and_no_farther() {
     assert!((25.5..=25.6).contains(&apart_m), "{apart_m} m");
     let mut both = Points::at(vec![Vector2::zeros(); 2]);
     both.fly(&mut laws, |_, _| true, 60.0);
-    assert!(both.distances_m()[0] > 25.5, "even from one place");
+    assert!(both.distances_m()[0] > 25.5, "also from one position");
 }
 
-/// Two at 30 m with a difference of 3 m/s: each takes C_frict of what is above v_frict out of it.
+/// Two vehicles at 30 m with a difference of 3 m/s: each removes C_frict of the excess over v_frict.
 #[test]
-fn friction_takes_out_what_is_too_fast_to_stop() {
+fn friction_removes_relative_speed_that_is_too_fast_to_stop() {
     let mut points = Points::at(vec![Vector2::zeros(), Vector2::new(0.0, 30.0)]);
     points.velocities_m_s[1] = Vector2::new(3.0, 0.0);
     let wanted = wanted(&points);
     assert!((wanted[0] - Vector2::new(0.05 * (3.0 - 0.63), 0.0)).norm() < 1e-12, "{wanted:?}");
     assert!((wanted[0] + wanted[1]).norm() < 1e-12);
     points.velocities_m_s[1] = Vector2::new(0.6, 0.0);
-    assert_eq!(self::wanted(&points)[0], Vector2::zeros(), "a little is allowed at any distance");
+    assert_eq!(self::wanted(&points)[0], Vector2::zeros(), "a small difference is allowed at any distance");
     let far = 85.3 + 2.0;
     points.places_m[1] = Vector2::new(0.0, far);
     points.velocities_m_s[1] = Vector2::new(3.0, 0.0);
-    assert_eq!(self::wanted(&points)[0], Vector2::zeros(), "from far away one can still stop");
+    assert_eq!(self::wanted(&points)[0], Vector2::zeros(), "far away, stopping is still possible");
 }
 
 fn wanted(points: &Points) -> Vec<Vector2<f64>> {
@@ -51,14 +51,14 @@ fn wanted(points: &Points) -> Vec<Vector2<f64>> {
         |_, _| true,
         |own, sight| match laws[own].ask(sight).wanted {
             Wanted::Velocity { ne_m_s, .. } => ne_m_s,
-            _ => panic!("a velocity"),
+            _ => panic!("not a velocity"),
         },
     )
 }
 
-/// The source's measures: nobody collides, velocities are correlated, nobody is left behind. With a lag of a second.
+/// The source's measures, with a lag of one second: no collisions, correlated velocities, no vehicle left behind.
 #[test]
-fn ten_with_a_lag_follow_a_centre_aligned_and_apart() {
+fn ten_vehicles_with_a_lag_follow_a_centre_aligned_and_apart() {
     let mut laws = laws(10, LAW);
     let mut points = Points::scattered(10, 120.0, 11);
     points.goal.radius_m = 50.0;
@@ -72,7 +72,7 @@ fn ten_with_a_lag_follow_a_centre_aligned_and_apart() {
             |_, _| true,
             |own, sight| match laws[own].ask(sight).wanted {
                 Wanted::Velocity { ne_m_s, .. } => ne_m_s,
-                _ => panic!("a velocity"),
+                _ => panic!("not a velocity"),
             },
         );
         let velocities = points.velocities_m_s.iter_mut().zip(wanted);
@@ -93,12 +93,12 @@ fn ten_with_a_lag_follow_a_centre_aligned_and_apart() {
 
 proptest! {
     #[test]
-    fn the_braking_curve_is_smooth_and_one_can_stop_on_it(
-        way in 0.0..200.0_f64, more in 1e-6..1.0_f64, a in 0.1..10.0_f64, p in 0.05..10.0_f64,
+    fn the_braking_curve_is_smooth_and_allows_a_stop(
+        distance_m in 0.0..200.0_f64, more in 1e-6..1.0_f64, a in 0.1..10.0_f64, p in 0.05..10.0_f64,
     ) {
-        let (slow, fast) = (braking_m_s(way, a, p), braking_m_s(way + more, a, p));
+        let (slow, fast) = (braking_m_s(distance_m, a, p), braking_m_s(distance_m + more, a, p));
         prop_assert!(fast > slow && fast - slow <= p * more + 1e-9, "never steeper than p");
-        // At constant deceleration a one stops within the way and the exponential end of it.
-        prop_assert!(slow * slow / (2.0 * a) <= way + 1e-9);
+        // At constant deceleration a, a vehicle stops within the distance plus its exponential end.
+        prop_assert!(slow * slow / (2.0 * a) <= distance_m + 1e-9);
     }
 }

@@ -19,7 +19,7 @@ fn at(altitude_m: f64, height_m: f64) -> Estimate {
 fn bands_lie_around_the_centre_in_the_order_of_ranks() {
     let bands: Vec<f64> = (0..4).map(|rank| Heights::default().in_band(0.02, 30.0, 5.0, rank, 4)).collect();
     assert_eq!(bands, [22.5, 27.5, 32.5, 37.5]);
-    assert_eq!(Heights::default().in_band(0.02, 30.0, 5.0, 0, 1), 30.0, "alone at the centre's altitude");
+    assert_eq!(Heights::default().in_band(0.02, 30.0, 5.0, 0, 1), 30.0, "a single vehicle at the centre's altitude");
     assert_eq!(Heights::default().in_band(0.02, 30.0, 0.0, 3, 4), 30.0);
 }
 
@@ -41,13 +41,13 @@ fn on_an_ellipsoid_a_vehicle_first_rises_to_the_centre() {
     assert_eq!(heights.on_surface(0.02, 40.0, -1.0, &at(0.3, 0.3)), 40.0);
     assert_eq!(heights.on_surface(0.02, 40.0, 1.0, &at(38.9, 38.9)), 40.0);
     let risen_m = heights.on_surface(0.1, 40.0, 0.5, &at(39.5, 39.5));
-    assert!((risen_m - 39.65).abs() < 1e-9, "then at three metres per second and unit of field: {risen_m}");
+    assert!((risen_m - 39.65).abs() < 1e-9, "then at 3 m/s per unit of field: {risen_m}");
     let sunk_m = heights.on_surface(0.1, 40.0, -5.0, &at(30.0, 30.0));
-    assert!((sunk_m - 35.0).abs() < 1e-9, "never far from where the vehicle is: {sunk_m}");
+    assert!((sunk_m - 35.0).abs() < 1e-9, "never far from the vehicle: {sunk_m}");
 }
 
 #[test]
-fn nobody_is_sent_to_the_ground() {
+fn the_setpoint_on_an_ellipsoid_stays_above_the_ground() {
     let mut heights = Heights::default();
     let (ground_m, mut altitude_m) = (100.0, 140.0);
     for _ in 0..5_000 {
@@ -58,7 +58,7 @@ fn nobody_is_sent_to_the_ground() {
 
 proptest! {
     #[test]
-    fn whatever_happens_to_the_ranks_a_band_moves_slowly(
+    fn a_band_moves_slowly_for_any_change_of_ranks(
         ranks in proptest::collection::vec((0_usize..20, 1_usize..20), 2..40), step_m in 0.0..20.0, dt_s in 0.0..0.2,
     ) {
         let mut heights = Heights::default();
@@ -71,7 +71,7 @@ proptest! {
     }
 
     #[test]
-    fn the_set_point_on_an_ellipsoid_moves_slowly_and_stays_off_the_ground(
+    fn the_setpoint_on_an_ellipsoid_moves_slowly_and_stays_off_the_ground(
         fields in proptest::collection::vec(-5.0..5.0, 2..200), dt_s in 0.0..1.0, lag in 0.0..1.0,
     ) {
         let (mut heights, mut altitude_m) = (Heights::default(), 30.0);
@@ -82,22 +82,22 @@ proptest! {
             prop_assert!(surface_m.is_finite() && surface_m >= LOWEST_M);
             prop_assert!(before_m.is_none_or(|before_m: f64| (surface_m - before_m).abs() <= fastest_m + 1e-9));
             before_m = Some(surface_m);
-            // A vehicle that follows after a fashion.
+            // The vehicle follows the setpoint with a lag.
             altitude_m += (surface_m - altitude_m) * lag;
         }
     }
 }
 
 #[test]
-fn who_misses_somebody_rises_slowly_and_sinks_when_all_are_back() {
+fn the_partition_rise_changes_slowly_and_ends_when_all_peers_return() {
     let mut heights = Heights::default();
     let mut last_m = 0.0;
     for tick in 0..1500 {
-        let above_m = heights.above_missed(0.02, tick < 750);
-        assert!((above_m - last_m).abs() <= BAND_CHANGE_M_S * 0.02 + 1e-12, "no jump");
+        let above_m = heights.partition_rise(0.02, tick < 750);
+        assert!((above_m - last_m).abs() <= BAND_CHANGE_M_S * 0.02 + 1e-12, "a jump");
         last_m = above_m;
         if tick == 749 {
-            assert!((above_m - ABOVE_MISSED_M).abs() < 1e-9, "all the way after 15 s");
+            assert!((above_m - PARTITION_RISE_M).abs() < 1e-9, "the full rise after 15 s");
         }
     }
     assert!(last_m.abs() < 1e-9);

@@ -1,7 +1,7 @@
 use super::*;
 use crate::helicopter::tests::xcell60;
 
-/// Every number of the file, as (key within `[helicopter]`, the file with that number replaced).
+/// The aircraft file with one number replaced, for each number, with its key within `[helicopter]`.
 fn with_each_number_replaced(value: f64) -> Vec<(String, Parameters)> {
     let text = include_str!("../../../../../deploy/aircraft/xcell60.toml");
     let file: toml::Table = text.parse().unwrap();
@@ -27,7 +27,7 @@ fn with_each_number_replaced(value: f64) -> Vec<(String, Parameters)> {
 }
 
 #[test]
-fn the_file_is_good() {
+fn the_shipped_parameters_are_valid() {
     assert_eq!(xcell60().check(), Ok(()));
 }
 
@@ -64,7 +64,7 @@ fn signs_lags_and_order_are_checked() {
 }
 
 #[test]
-fn what_cannot_hover_is_refused() {
+fn parameters_that_cannot_hover_are_refused() {
     for change in [
         (|p: &mut Parameters| p.mass_kg = 20.0) as fn(&mut Parameters),
         |p| p.engine.max_power_w = 1_100.0,
@@ -89,7 +89,7 @@ fn an_unknown_key_is_refused_by_name() {
 }
 
 #[test]
-fn an_error_says_key_value_and_rule() {
+fn an_error_names_key_value_and_rule() {
     let error = ParameterError::Value { key: "mass_kg", value: -1.0, rule: "finite and greater than 0" };
     assert_eq!(error.to_string(), "`helicopter.mass_kg` is -1, but has to be finite and greater than 0");
 }

@@ -11,12 +11,12 @@ use crate::testing::id;
 const HOVER: Sticks = Sticks { roll: 0.0185, pitch: 0.0, yaw: 0.0, collective: 0.6 };
 const CLIMB: Sticks = Sticks { collective: 0.7, ..HOVER };
 
-const SOUND: Failures = Failures { engine_out: false, gyro_off: false, stuck: [false; 3], position_frozen: false };
-const ENGINE_OUT: Failures = Failures { engine_out: true, ..SOUND };
-const GYRO_OFF: Failures = Failures { gyro_off: true, ..SOUND };
-const POSITION_FROZEN: Failures = Failures { position_frozen: true, ..SOUND };
+const HEALTHY: Failures = Failures { engine_out: false, gyro_off: false, stuck: [false; 3], position_frozen: false };
+const ENGINE_OUT: Failures = Failures { engine_out: true, ..HEALTHY };
+const GYRO_OFF: Failures = Failures { gyro_off: true, ..HEALTHY };
+const POSITION_FROZEN: Failures = Failures { position_frozen: true, ..HEALTHY };
 
-/// Climbing, some metres up.
+/// A climbing vehicle more than 4 m above the ground.
 fn in_the_air() -> BuiltInVehicle {
     let origin = Origin::new(Geodetic::from_degrees(28.0, -82.0, 10.0));
     let (start, weather) = (Start::default(), Weather { wind_m_s: 3.0, wind_from_rad: 0.5, gust_w20_m_s: 3.0 });
@@ -31,7 +31,7 @@ fn fly(vehicle: &mut BuiltInVehicle, sticks: Sticks, seconds: f64) -> Frame {
     vehicle.frame()
 }
 
-/// Flown for 2 s from the climb, with these failures, by these sticks.
+/// The vehicle after 2 s from the climb with these failures and controls.
 fn flown(failures: Failures, sticks: Sticks) -> BuiltInVehicle {
     let mut vehicle = in_the_air();
     vehicle.fail(failures);
@@ -39,7 +39,7 @@ fn flown(failures: Failures, sticks: Sticks) -> BuiltInVehicle {
     vehicle
 }
 
-/// δ_lat, δ_lon, θ0.
+/// Blade pitch δ_lat, δ_lon, θ0 of the servos, rad.
 fn servos(vehicle: &BuiltInVehicle) -> [f64; 3] {
     let state = vehicle.helicopter().state.0;
     [state[18], state[19], state[20]]
@@ -52,7 +52,7 @@ fn without_power_the_rotor_slows_down_and_with_power_it_recovers() {
     assert!(frame.measurement.rotor_speed_rad_s.unwrap() < 120.0, "{frame:?}");
     assert_eq!(frame.truth.power_w, Some(0.0));
     assert_eq!(vehicle.failures(), ENGINE_OUT);
-    vehicle.fail(SOUND);
+    vehicle.fail(HEALTHY);
     let frame = fly(&mut vehicle, Sticks { collective: 0.3, ..HOVER }, 2.0);
     assert!(frame.measurement.rotor_speed_rad_s.unwrap() > 150.0, "{frame:?}");
 }
@@ -62,7 +62,7 @@ fn a_rotor_without_power_comes_to_rest() {
     let mut helicopter = Helicopter::at_rest(&xcell60(), 0.0, 0.0, 0.0, 0.0);
     helicopter.fail(&ENGINE_OUT);
     let mut speed_rad_s = helicopter.rotor_speed_rad_s();
-    // The drag falls with the square of the speed and leaves the last turns to themselves.
+    // The drag falls with the square of the speed, so the last turns take long.
     for _ in 0..1_000 {
         (0..50).for_each(|_| helicopter.advance(&HOVER, VelocityNed::default()));
         assert!((0.0..=speed_rad_s).contains(&helicopter.rotor_speed_rad_s()));
@@ -75,73 +75,73 @@ fn a_rotor_without_power_comes_to_rest() {
 #[test]
 fn without_its_gyro_the_tail_rotor_keeps_its_pitch() {
     let pedals = Sticks { yaw: 0.5, ..HOVER };
-    let turning = flown(SOUND, pedals).helicopter().rates().yaw_rad_s;
+    let turning = flown(HEALTHY, pedals).helicopter().rates().yaw_rad_s;
     assert!((0.8..1.2).contains(&turning), "{turning}");
     let mut vehicle = in_the_air();
     vehicle.fail(GYRO_OFF);
     let before = vehicle.helicopter().state.0[17];
     fly(&mut vehicle, pedals, 2.0);
     assert_eq!(vehicle.helicopter().state.0[17], before);
-    let (deaf, other) = (flown(GYRO_OFF, pedals), flown(GYRO_OFF, HOVER));
-    assert_eq!(deaf.frame(), other.frame(), "pedals do nothing");
+    let (pedalled, other) = (flown(GYRO_OFF, pedals), flown(GYRO_OFF, HOVER));
+    assert_eq!(pedalled.frame(), other.frame(), "the pedals have no effect");
     assert!(other.helicopter().rates().yaw_rad_s > 0.3, "less torque than in the climb: it turns right");
-    vehicle.fail(SOUND);
+    vehicle.fail(HEALTHY);
     let healed = fly(&mut vehicle, HOVER, 5.0).measurement.rates.yaw_rad_s;
     assert!(healed.abs() < 0.1, "{healed}");
 }
 
 #[test]
-fn a_stuck_servo_keeps_its_place_and_the_others_go_on() {
+fn a_stuck_servo_keeps_its_position_while_the_others_move() {
     let away = Sticks { roll: 0.1, pitch: 0.1, yaw: 0.0, collective: 0.65 };
     for axis in 0..3 {
         let mut vehicle = in_the_air();
         let before = servos(&vehicle);
         let mut stuck = [false; 3];
         stuck[axis] = true;
-        vehicle.fail(Failures { stuck, ..SOUND });
+        vehicle.fail(Failures { stuck, ..HEALTHY });
         fly(&mut vehicle, away, 0.3);
         let after = servos(&vehicle);
         for other in 0..3 {
             assert_eq!(after[other] == before[other], other == axis, "servo {other} while {axis} is stuck");
         }
-        vehicle.fail(SOUND);
+        vehicle.fail(HEALTHY);
         fly(&mut vehicle, away, 0.02);
         assert_ne!(servos(&vehicle)[axis], before[axis], "healed");
     }
 }
 
 #[test]
-fn a_frozen_position_repeats_while_the_vehicle_goes_on() {
+fn a_frozen_position_repeats_while_the_vehicle_flies() {
     let mut vehicle = in_the_air();
     let before = vehicle.frame();
     vehicle.fail(POSITION_FROZEN);
     assert_eq!(vehicle.frame(), before);
     let frozen = fly(&mut vehicle, CLIMB, 2.0);
     assert_eq!(frozen.measurement.position, before.measurement.position);
-    // Another failure does not thaw it, nor move where it froze.
+    // A second failure neither ends the freeze nor moves the frozen position.
     vehicle.fail(Failures { gyro_off: true, ..POSITION_FROZEN });
     assert_eq!(vehicle.frame(), frozen);
-    vehicle.fail(SOUND);
+    vehicle.fail(HEALTHY);
     let mut never = in_the_air();
     let never = fly(&mut never, CLIMB, 2.0);
-    assert_eq!(vehicle.frame(), never, "all the rest was told as it was");
+    assert_eq!(vehicle.frame(), never, "all other measurements stayed live");
     let position = frozen.measurement.position;
     assert_eq!(Frame { measurement: crate::plant::Measurement { position, ..never.measurement }, ..never }, frozen);
 }
 
 #[test]
-fn a_vehicle_that_healed_at_once_was_never_ill() {
+fn a_failure_cured_at_once_has_no_effect() {
     let mut vehicle = in_the_air();
     let all = Failures { engine_out: true, gyro_off: true, stuck: [true; 3], position_frozen: true };
     vehicle.fail(all);
-    vehicle.fail(SOUND);
+    vehicle.fail(HEALTHY);
     assert_eq!(fly(&mut vehicle, HOVER, 5.0), fly(&mut in_the_air(), HOVER, 5.0));
 }
 
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(16))]
 
-    /// From 1000 m down and on the ground after that, failures and sticks new each second.
+    /// A fall from 1000 m that ends on the ground, with new failures and controls each second.
     #[test]
     fn no_failure_makes_a_number_non_finite(seed: u64, heals: bool) {
         let weather = Weather { wind_m_s: 20.0, wind_from_rad: 1.0, gust_w20_m_s: 20.0 };
@@ -149,10 +149,10 @@ proptest! {
         let mut chance = random::generator(seed, None, Purpose::Start);
         let mut helicopter = Helicopter::at_rest(&xcell60(), 0.0, 0.0, 0.0, 0.0);
         helicopter.state.0[2] -= 1_000.0;
-        let mut failures = SOUND;
+        let mut failures = HEALTHY;
         for _ in 0..120 {
-            let mut stick = || 2.0 * uniform(&mut chance) - 1.0;
-            let sticks = Sticks { roll: stick(), pitch: stick(), yaw: stick(), collective: stick().abs() };
+            let mut deflection = || 2.0 * uniform(&mut chance) - 1.0;
+            let sticks = Sticks { roll: deflection(), pitch: deflection(), yaw: deflection(), collective: deflection().abs() };
             let mut fails = |before: bool| uniform(&mut chance) < 0.2 || before && !heals;
             failures.engine_out = fails(failures.engine_out);
             failures.gyro_off = fails(failures.gyro_off);
@@ -189,18 +189,18 @@ fn a_script_holds_the_plants_faults_of_one_vehicle() {
         Event { at_s: 0.0, for_s: None, what: What::Order(skein_common::scenario::Order::Hold) },
     ];
     let script = Script::of(&events, one);
-    let now = |failures: Failures| Now { failures, simulator_frozen: false };
-    let pitch = Failures { stuck: [false, true, false], ..SOUND };
+    let now = |failures: Failures| ActiveFaults { failures, simulator_frozen: false };
+    let pitch = Failures { stuck: [false, true, false], ..HEALTHY };
     let all_stuck = [true; 3];
     for (at_s, expected) in [
-        (0.0, now(SOUND)),
-        (9.99, now(SOUND)),
+        (0.0, now(HEALTHY)),
+        (9.99, now(HEALTHY)),
         (10.0, now(ENGINE_OUT)),
         (12.0, now(Failures { engine_out: true, ..pitch })),
-        (13.5, now(Failures { engine_out: true, stuck: all_stuck, ..SOUND })),
+        (13.5, now(Failures { engine_out: true, stuck: all_stuck, ..HEALTHY })),
         (14.0, now(Failures { engine_out: true, ..pitch })),
         (15.0, now(pitch)),
-        (20.5, Now { failures: pitch, simulator_frozen: true }),
+        (20.5, ActiveFaults { failures: pitch, simulator_frozen: true }),
         (21.0, now(pitch)),
         (30.7, now(Failures { gyro_off: true, ..pitch })),
         (31.2, now(Failures { gyro_off: true, ..pitch })),

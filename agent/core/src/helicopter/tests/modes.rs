@@ -5,7 +5,7 @@ use skein_common::math;
 
 use super::*;
 
-/// Of everything but position; the quaternion's redundant direction adds a zero.
+/// Eigenvalues of all states but the position; the quaternion's redundant direction adds a zero.
 fn eigenvalues() -> Vec<Complex<f64>> {
     let Flight { dynamics, command, state, .. } = Flight::trimmed(0.0);
     let step = 1e-6;
@@ -21,25 +21,25 @@ fn eigenvalues() -> Vec<Complex<f64>> {
             jacobian[(row, column)] = (up.0[row + 3] - down.0[row + 3]) / (2.0 * step);
         }
     }
-    // Bounded: a model gone wrong must fail, not iterate for ever.
+    // The iterations are limited so that a wrong model fails instead of hanging.
     let schur = Schur::try_new(jacobian, f64::EPSILON, 1_000).unwrap();
     schur.complex_eigenvalues().iter().copied().collect()
 }
 
-/// The eigenvalue nearest to this one.
+/// The eigenvalue nearest to this complex number.
 fn nearest(eigenvalues: &[Complex<f64>], re: f64, im: f64) -> Complex<f64> {
     let distance = |value: &&Complex<f64>| math::hypot(value.re - re, value.im - im);
     *eigenvalues.iter().min_by(|a, b| distance(a).total_cmp(&distance(b))).unwrap()
 }
 
-/// The oscillation nearest to this frequency and damping: its own.
+/// Frequency and damping of the oscillation nearest to this frequency and damping.
 fn oscillation(eigenvalues: &[Complex<f64>], omega: f64, zeta: f64) -> (f64, f64) {
     let value = nearest(eigenvalues, -zeta * omega, omega * (1.0 - zeta * zeta).sqrt());
     (math::hypot(value.re, value.im), -value.re / math::hypot(value.re, value.im))
 }
 
 #[test]
-fn modes_of_the_hover() {
+fn the_modes_of_the_hover_match_the_reference() {
     let eigenvalues = eigenvalues();
     for (tolerance, omega, zeta) in [(0.02, 20.17, 0.207), (0.02, 14.68, 0.284), (0.03, 1.58, 0.82)] {
         let (measured_omega, measured_zeta) = oscillation(&eigenvalues, omega, zeta);
@@ -54,7 +54,7 @@ fn modes_of_the_hover() {
         assert_within(0.1, slow.re, re);
         assert_within(0.1, slow.im, im);
     }
-    // The inflows: what the integration step is chosen for.
+    // The inflows determine the integration step.
     assert_within(0.02, nearest(&eigenvalues, -169.0, 0.0).re, -169.0);
     assert_within(0.02, nearest(&eigenvalues, -84.0, 0.0).re, -84.0);
 }

@@ -1,4 +1,4 @@
-//! Parts of the model that hover and trim do not reach, against figures worked out by hand from the equations.
+//! Parts of the model that hover and trim do not reach, compared with figures worked out by hand from the equations.
 
 use super::*;
 use crate::helicopter::main_rotor::MainRotorState;
@@ -8,7 +8,7 @@ fn dynamics() -> Dynamics {
     Dynamics::new(&xcell60(), 0.0)
 }
 
-/// ½ρ times an area.
+/// ½ρ times an area, kg/m.
 fn half_density(area_m2: f64) -> f64 {
     0.5 * 1.225 * area_m2
 }
@@ -20,7 +20,7 @@ fn thrust_stops_at_its_limit_and_inflow_at_its_floor() {
     let still = rotor.flow(167.0, 0.0, 0.0);
     assert_within(0.002, rotor.thrust_n(rotor.thrust_coefficient(1.0, 0.0, &still), &still), 213.0);
     assert_within(0.002, rotor.thrust_n(rotor.thrust_coefficient(-1.0, 0.0, &still), &still), -213.0);
-    // Sinking just as fast as the wake: without its floor D would be zero.
+    // Sinking exactly as fast as the wake: without its floor, D would be zero.
     let sinking = rotor.flow(167.0, 0.0, 0.03 * 167.0 * 0.775);
     for c_t in [0.0021, -0.0021] {
         let momentum = c_t / 1.8;
@@ -30,7 +30,7 @@ fn thrust_stops_at_its_limit_and_inflow_at_its_floor() {
 }
 
 #[test]
-fn a_rotor_that_stands_still_is_harmless() {
+fn a_stopped_rotor_has_finite_rates() {
     let mut flight = Flight::trimmed(20.0);
     flight.state.0[15] = 0.0;
     let rates = flight.dynamics.rates(&flight.state, &flight.command, &CALM);
@@ -91,7 +91,7 @@ fn the_body_obeys_euler_and_newton_in_turning_axes() {
     let free = body.angular_acceleration(&CALM, &Vector3::new(1.0, 2.0, 3.0));
     let euler = Vector3::new(0.06 * 6.0 / 0.18, 0.10 * 3.0 / 0.34, -0.16 * 2.0 / 0.28);
     assert_near(1e-12, (free - euler).norm(), 0.0);
-    // Level, turning right at 1 rad/s at 10 m/s: the body's axes leave the velocity behind to the left.
+    // Level at 10 m/s, turning right at 1 rad/s: in body axes the velocity turns to the left.
     let level = body::ned_from_body([1.0, 0.0, 0.0, 0.0]);
     let (velocity, turn) = (Vector3::new(10.0, 0.0, 0.0), Vector3::new(0.0, 0.0, 1.0));
     let acceleration = body.acceleration(&CALM, &velocity, &turn, &level);
@@ -118,10 +118,10 @@ fn stabiliser_and_fin_lift_until_they_stall() {
         assert_near(1e-12, (stabiliser.force - Vector3::new(0.0, 0.0, z)).norm(), 0.0);
         assert_near(1e-12, (stabiliser.moment - Vector3::new(0.0, 0.71 * z, 0.0)).norm(), 0.0);
     }
-    // A pitch rate carries the stabiliser down, the wake blows on it from above.
+    // A pitch rate moves the stabiliser down, and the wake blows on it from above.
     assert!(body.stabiliser(&Vector3::new(10.0, 0.0, 0.0), 0.5, 0.0).moment.y < 0.0);
     assert!(body.stabiliser(&Vector3::new(10.0, 0.0, 0.0), 0.0, 2.0).moment.y > 0.0);
-    // The tail rotor at rest in flat pitch leaves the fin alone.
+    // A stopped tail rotor in flat pitch does not affect the fin.
     for (u, v, product) in [(0.0, 10.0, 100.0), (10.0, 2.0, 44.0), (10.0, 10.0, 200.0), (10.0, -10.0, -200.0)] {
         let fin = tail.action((0.0, 0.0), 0.0, &Vector3::new(u, v, 0.0), &CALM, 0.0).wrench;
         assert_near(0.003, fin.force.y, -half_density(0.012) * product);
@@ -135,10 +135,10 @@ fn the_tail_rotor_resists_rolling_and_yawing() {
     let tail = dynamics().tail;
     let force = |rates: Vector3<f64>| tail.action((0.2, 0.08), 167.0, &CALM, &rates, 0.0).wrench.force.y;
     let tip_m_s = 4.66 * 167.0 * 0.13;
-    // A roll to the right moves the hub right: more flow against the inflow, more thrust to the left.
+    // Rolling right moves the hub right: more flow against the inflow, more thrust to the left.
     let per_m_s = 0.830 * 1.225 * 0.05309 * tip_m_s * (5.0 * 0.1420 / 4.0);
     assert_within(0.01, force(Vector3::new(1.0, 0.0, 0.0)) - force(CALM), -per_m_s * 0.08);
-    // A turn to the right moves it left.
+    // Turning right moves the hub left.
     assert!(force(Vector3::new(0.0, 0.0, 0.5)) > force(CALM));
 }
 
@@ -151,7 +151,7 @@ fn the_fuselage_is_dragged_by_air_and_wake() {
 
 #[test]
 fn the_step_is_fourth_order() {
-    // A servo is the one linear state by itself: a step multiplies its error by the exponential's first five terms.
+    // Only a servo is a linear state by itself: a step multiplies its error by the exponential's first five terms.
     let mut flight = Flight::trimmed(0.0);
     let target = flight.command.lateral_rad;
     flight.command.lateral_rad += 0.05;

@@ -1,4 +1,4 @@
-//! Steps of one control, the others at hover trim.
+//! Step responses of one control, with the others at hover trim.
 
 use super::*;
 use skein_common::math;
@@ -18,7 +18,7 @@ fn mean(samples: &[(f64, f64)], from_s: f64, to_s: f64) -> f64 {
     values.iter().sum::<f64>() / values.len() as f64
 }
 
-/// When the samples first cross `level`, interpolated.
+/// The time at which the samples first cross `level`, interpolated, s.
 fn crossing(samples: &[(f64, f64)], level: f64) -> f64 {
     let two = samples.windows(2).find(|two| two[1].1 >= level).unwrap();
     let ((t0, v0), (t1, v1)) = (two[0], two[1]);
@@ -32,8 +32,9 @@ fn step(end_s: f64, command: impl Fn(&mut Command), value: impl Fn(&Flight) -> f
 }
 
 #[test]
-fn roll_rate() {
-    let rate = |stick: f64| step(0.6, |command| command.lateral_rad += 0.1 * stick, |flight| flight.state.0[P]);
+fn the_roll_rate_step_matches_the_reference() {
+    let rate =
+        |deflection: f64| step(0.6, |command| command.lateral_rad += 0.1 * deflection, |flight| flight.state.0[P]);
     let quarter = rate(0.25);
     assert_within(0.05, mean(&quarter, 0.3, 0.6), 0.85);
     let (time_s, peak) = first_peak(&quarter);
@@ -43,7 +44,7 @@ fn roll_rate() {
 }
 
 #[test]
-fn pitch_rate() {
+fn the_pitch_rate_step_matches_the_reference() {
     let quarter = step(0.6, |command| command.longitudinal_rad += 0.025, |flight| flight.state.0[Q]);
     assert_within(0.05, mean(&quarter, 0.3, 0.6), 0.855);
     let (time_s, peak) = first_peak(&quarter);
@@ -52,7 +53,7 @@ fn pitch_rate() {
 }
 
 #[test]
-fn yaw_rate() {
+fn the_yaw_rate_step_matches_the_reference() {
     let half = step(2.0, |command| command.yaw_rate_rad_s = 1.0, |flight| flight.state.0[R]);
     let end = half.last().unwrap().1;
     assert_within(0.05, end, 0.97);
@@ -63,7 +64,7 @@ fn yaw_rate() {
 }
 
 #[test]
-fn climb() {
+fn the_climb_step_matches_the_reference() {
     let collective = |command: &mut Command| command.collective_rad += 0.25 * 0.05;
     let body = step(4.0, collective, |flight| -flight.state.0[5]);
     let earth = step(10.0, collective, |flight| -flight.helicopter().velocity().down_m_s());
@@ -79,9 +80,9 @@ fn climb() {
     assert_within(0.05, 167.0 - slowest, 167.0 - 165.3);
 }
 
-/// Thirty seconds on the ground at collective 0.2 with the gyro's integral starting from this value: how far it moved
-/// (m), the largest tilt, the largest yaw and the yaw at the end (degrees).
-fn standing(gyro_integral: f64) -> (f64, f64, f64, f64) {
+/// Thirty seconds on the ground at collective 0.2, with this start value of the gyro's integral: distance moved (m),
+/// largest tilt, largest yaw and final yaw (degrees).
+fn after_30_s_on_the_ground(gyro_integral: f64) -> (f64, f64, f64, f64) {
     let mut helicopter = Helicopter::at_rest(&xcell60(), 0.0, 0.0, 0.0, 0.0);
     helicopter.state.0[17] = gyro_integral;
     let sticks = Sticks { collective: 0.2, ..Sticks::default() };
@@ -97,13 +98,13 @@ fn standing(gyro_integral: f64) -> (f64, f64, f64, f64) {
 }
 
 #[test]
-fn at_rest_on_the_ground() {
+fn a_helicopter_at_low_collective_stays_on_the_ground() {
     for (gyro_integral, yaw_deg) in [(0.0, -33.0), (0.05, -23.0)] {
-        let (moved_m, tilt_deg, _, end_deg) = standing(gyro_integral);
+        let (moved_m, tilt_deg, _, end_deg) = after_30_s_on_the_ground(gyro_integral);
         assert!(moved_m < 0.2 && tilt_deg < 1.0, "{moved_m} m, {tilt_deg}°");
         assert_near(1.0, end_deg, yaw_deg);
     }
-    // From where the gyro's integral settles.
-    let (moved_m, tilt_deg, yaw_deg, _) = standing(0.175);
+    // From the value at which the gyro's integral settles.
+    let (moved_m, tilt_deg, yaw_deg, _) = after_30_s_on_the_ground(0.175);
     assert!(moved_m < 0.2 && tilt_deg < 1.0 && yaw_deg < 0.2, "{moved_m} m, {tilt_deg}°, {yaw_deg}°");
 }

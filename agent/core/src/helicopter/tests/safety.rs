@@ -1,12 +1,12 @@
-//! Whatever is done to it, it stays a helicopter with finite numbers.
+//! No controls and no weather make the helicopter's state non-finite.
 
 use proptest::prelude::*;
 
 use super::*;
 use crate::random::{self, Purpose, uniform};
 
-/// From 1000 m down, sticks anywhere in their travel and each held for up to a second; the fall ends on the ground, and the
-/// abuse goes on there.
+/// A fall from 1000 m with random controls, each held for up to a second; it ends on the ground and the random controls
+/// continue there.
 fn flown(seed: u64, seconds: u32, weather: &Weather, mut check: impl FnMut(&Helicopter)) -> Helicopter {
     let mut chance = random::generator(seed, None, Purpose::Start);
     let mut air = Air::new(weather, random::generator(seed, None, Purpose::Wind));
@@ -14,8 +14,8 @@ fn flown(seed: u64, seconds: u32, weather: &Weather, mut check: impl FnMut(&Heli
     helicopter.state.0[2] -= 1_000.0;
     let mut ticks = 0;
     while ticks < seconds * 50 {
-        let mut stick = || 2.0 * uniform(&mut chance) - 1.0;
-        let (roll, pitch, yaw) = (stick(), stick(), stick());
+        let mut deflection = || 2.0 * uniform(&mut chance) - 1.0;
+        let (roll, pitch, yaw) = (deflection(), deflection(), deflection());
         let sticks = Sticks { roll, pitch, yaw, collective: 0.3 + 0.7 * uniform(&mut chance) };
         for _ in 0..(1.0 + 50.0 * uniform(&mut chance)) as u32 {
             helicopter.advance(&sticks, air.advance(helicopter.height_m()));
@@ -30,7 +30,7 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(4))]
 
     #[test]
-    fn no_abuse_makes_a_number_non_finite(seed: u64) {
+    fn no_controls_or_wind_make_the_state_non_finite(seed: u64) {
         let weather = Weather { wind_m_s: 20.0, wind_from_rad: 1.0, gust_w20_m_s: 20.0 };
         let (mut airborne, mut grounded) = (0, 0);
         flown(seed, 120, &weather, |helicopter| {
@@ -50,7 +50,7 @@ proptest! {
 }
 
 #[test]
-fn the_same_seed_is_the_same_flight_bit_for_bit() {
+fn the_same_seed_gives_a_bit_identical_flight() {
     let weather = Weather { wind_m_s: 5.0, wind_from_rad: 1.0, gust_w20_m_s: 5.0 };
     let bits = |seed| flown(seed, 20, &weather, |_| ()).state.0.map(f64::to_bits);
     assert_eq!(bits(1), bits(1));
@@ -62,7 +62,7 @@ fn a_dropped_helicopter_comes_to_rest_on_its_skids() {
     let mut helicopter = Helicopter::at_rest(&xcell60(), 0.0, 0.0, 50.0, 0.0);
     helicopter.state.0[2] -= 1.0;
     for _ in 0..500 {
-        // The gyro's integral winds on the ground; hold it still, the drop is what matters.
+        // The gyro's integral winds up on the ground. It is held, because only the drop matters.
         helicopter.state.0[17] = 0.175;
         helicopter.advance(&Sticks { collective: 0.2, ..Sticks::default() }, VelocityNed::default());
     }

@@ -1,12 +1,12 @@
-//! Which way things go.
+//! Signs: the direction in which each control and each motion acts.
 
 use super::*;
 use skein_common::math;
 
-/// Rates and velocity a while after one control was moved from hover trim, heading as given.
+/// The helicopter some time after one control was moved from hover trim, at this heading.
 fn moved(heading_rad: f64, end_s: f64, control: impl Fn(&mut Command)) -> Helicopter {
     let mut flight = Flight::trimmed(0.0);
-    // Trimmed heading north; turn the whole of it about the vertical.
+    // The trim heads north: turn the whole state about the vertical.
     let (sin, cos) = math::sin_cos(0.5 * heading_rad);
     let [w, x, y, z] = flight.helicopter().quaternion();
     let turned = [cos * w - sin * z, cos * x - sin * y, cos * y + sin * x, cos * z + sin * w];
@@ -17,7 +17,7 @@ fn moved(heading_rad: f64, end_s: f64, control: impl Fn(&mut Command)) -> Helico
 }
 
 #[test]
-fn each_stick_moves_the_right_way() {
+fn each_control_acts_in_the_right_direction() {
     let controls = Controls::new(&xcell60());
     let hover = controls.command(&Sticks { collective: 0.6, ..Sticks::default() });
     let full = controls.command(&Sticks { roll: 1.0, pitch: 1.0, yaw: 1.0, collective: 1.0 });
@@ -67,7 +67,7 @@ fn attitude_and_velocity_are_in_the_shared_frames() {
 
 #[test]
 fn turning_keeps_euler_and_body_rates_together() {
-    // A pure yaw of a level body turns the heading at r; a pure roll the roll angle at p.
+    // A pure yaw of a level body turns the heading at r; a pure roll turns the roll angle at p.
     for (rates, expected) in
         [([0.0, 0.0, 0.4], [0.0, 0.0, 0.4]), ([0.4, 0.0, 0.0], [0.4, 0.0, 0.0]), ([0.0, 0.4, 0.0], [0.0, 0.4, 0.0])]
     {
@@ -91,7 +91,7 @@ fn the_wind_carries_the_helicopter_along() {
     }
 }
 
-/// Without blades commanded: how the disc starts to tilt, back and right, as the body moves this way.
+/// Initial tilt rates of the disc, back and right, rad/s, for a body moving at u, v with the blades not commanded.
 fn tilt_rates(u: f64, v: f64) -> (f64, f64) {
     let mut flight = Flight::trimmed(0.0);
     let State(rest) = flight.dynamics.rates(&flight.state, &flight.command, &CALM);
@@ -107,12 +107,12 @@ fn the_disc_tilts_away_from_the_relative_wind() {
     assert!(back > 0.01, "moving forward must tilt the disc back: {back}");
     let (_, right) = tilt_rates(0.0, 5.0);
     assert!(right < -0.01, "sliding right must tilt the disc left: {right}");
-    // Both by the same law.
+    // Both axes follow the same law.
     assert_near(1e-3 * back, -right, back);
 }
 
 #[test]
-fn thrust_grows_near_the_ground_as_cheeseman_and_bennett_say() {
+fn thrust_in_ground_effect_follows_cheeseman_and_bennett() {
     let radius_m = 0.775;
     for (radii, factor) in [
         (0.0, 4.0 / 3.0),
@@ -137,6 +137,6 @@ fn ground_effect_acts_on_thrust_alone_and_at_the_hubs_height() {
     let near = flight.dynamics.rates(&flight.state, &flight.command, &CALM).0;
     let thrust_n = 8.2 * 9.81 * math::cos(flight.helicopter().attitude().roll_rad) / (1.0 - 0.15 / (4.0 * 0.9 * 1.887));
     assert_within(0.001, far[5] - near[5], thrust_n / 15.0 / 8.2);
-    // Rotor speed, inflows and flapping do not feel it.
+    // Rotor speed, inflows and flapping are not affected.
     assert_eq!(far[13..], near[13..]);
 }

@@ -3,7 +3,7 @@
 use super::*;
 
 fn net_tail_force_n(flight: &Flight) -> f64 {
-    // In still air and at rest the tail alone makes the yawing moment that holds the main rotor's torque.
+    // In still air and at rest only the tail balances the main rotor's torque.
     let [.., speed, _, gyro, lateral, longitudinal, collective, lambda, lambda_t] = flight.state.0;
     let (a1, b1) = (flight.state.0[13], flight.state.0[14]);
     let state = main_rotor::MainRotorState {
@@ -22,7 +22,7 @@ fn net_tail_force_n(flight: &Flight) -> f64 {
 }
 
 #[test]
-fn hover() {
+fn the_hover_trim_matches_the_reference() {
     let hover = Flight::trimmed(0.0);
     let attitude = hover.helicopter().attitude();
     assert_near(0.05, attitude.roll_rad.to_degrees(), 4.61);
@@ -38,7 +38,7 @@ fn hover() {
 }
 
 #[test]
-fn forward_flight() {
+fn the_forward_flight_trims_match_the_reference() {
     let trims = [0.0, 5.0, 10.0, 15.0, 20.0].map(|speed_m_s| Flight::trimmed(speed_m_s).helicopter());
     for (trim, power_w) in trims.iter().zip([1182.0, 1086.0, 1018.0, 1126.0, 1427.0]) {
         assert_within(0.03, trim.power_w(), power_w);
@@ -63,7 +63,7 @@ fn the_start_has_the_inner_states_of_the_hover() {
     let State(start) = Helicopter::at_rest(&xcell60(), 1.0, 2.0, 30.0, 0.5).state;
     for (index, figure) in [(16, 29.56), (17, 0.236), (21, 0.0343), (22, 0.0847)] {
         assert_within(0.001, start[index], figure);
-        // Closed form against Newton's method on the whole model.
+        // The closed form is compared with Newton's method on the complete model.
         assert_within(1e-6, start[index], Flight::trimmed(0.0).state.0[index]);
     }
     assert_eq!((start[0], start[1], start[15]), (1.0, 2.0, 167.0));
@@ -71,7 +71,7 @@ fn the_start_has_the_inner_states_of_the_hover() {
 }
 
 #[test]
-fn hands_off_from_exact_trim_it_stays() {
+fn a_hands_off_helicopter_holds_its_exact_trim() {
     let mut flight = Flight::trimmed(0.0);
     let start = flight.state;
     for _ in 0..2_000 {

@@ -1,4 +1,4 @@
-//! How strong a wind the helicopter can hover in: the trim's controls, power and tilt against their limits.
+//! The strongest wind in which the helicopter can hover: the trim's controls, power and tilt against their limits.
 //!
 //! `cargo test --release -p skein-agent --lib -- --nocapture wind_envelope` prints the table.
 
@@ -6,23 +6,23 @@ use core::f64::consts::TAU;
 
 use super::*;
 
-/// Hovers in one wind from all around: the extremes of what their trims need.
+/// Extremes of the hover's trim in one wind over all directions.
 #[derive(Clone, Copy, Debug)]
 struct Needs {
     lowest_collective: f64,
     highest_collective: f64,
-    /// Of roll and pitch stick, either way.
+    /// Largest roll or pitch control, either sign.
     largest_cyclic: f64,
     lowest_tail_pitch_rad: f64,
     highest_tail_pitch_rad: f64,
-    /// From the lean of the hover in calm air.
+    /// Largest lean relative to the hover in calm air, rad.
     largest_lean_rad: f64,
     largest_power_w: f64,
     /// Share of the main rotor's largest thrust coefficient.
     largest_thrust_share: f64,
 }
 
-/// The trim in a wind from this direction, clockwise from the nose, found in steps from the calm one.
+/// The trim in a wind from this direction, clockwise from the nose, found in steps from the calm trim.
 fn hover(dynamics: &Dynamics, speed_m_s: f64, from_rad: f64) -> Option<(Unknowns, State, Command)> {
     let (sin, cos) = math::sin_cos(from_rad);
     let velocity = |speed_m_s: f64| Vector3::new(speed_m_s * cos, speed_m_s * sin, 0.0);
@@ -33,7 +33,7 @@ fn hover(dynamics: &Dynamics, speed_m_s: f64, from_rad: f64) -> Option<(Unknowns
     Some((unknowns, state, command))
 }
 
-/// `None` if from some direction there is no trim.
+/// The needs of a hover in this wind; `None` if some direction has no trim.
 fn needs(speed_m_s: f64) -> Option<Needs> {
     let parameters = xcell60();
     let (dynamics, controls) = (Dynamics::new(&parameters, -100.0), Controls::new(&parameters));
@@ -72,8 +72,8 @@ fn needs(speed_m_s: f64) -> Option<Needs> {
     Some(needs)
 }
 
-/// Up to 12 m/s from any direction the hover's trim leaves room on every control and in power, and its lean is
-/// below the 0.3 rad that the rules can ask for: what keeps a vehicle from its place there is the controller, not the helicopter.
+/// Up to 12 m/s from any direction the hover's trim leaves a margin on every control and in power, and its lean is
+/// below the 0.3 rad that the rules can command: in such winds the controller is the limit, not the helicopter.
 #[test]
 fn a_hover_in_12_m_s_of_wind_has_a_trim_with_room_on_every_control() {
     let parameters = xcell60();

@@ -18,26 +18,26 @@ fn after(mut vehicle: BuiltInVehicle, words: impl IntoIterator<Item = Option<Sti
 }
 
 #[test]
-fn in_chocks_only_time_passes() {
+fn before_the_first_controls_only_time_passes() {
     let start = vehicle(1, 1).frame();
     let waited = after(vehicle(1, 1), [None; 500]);
     assert_eq!(waited.time.seconds(), 10.0);
     assert_eq!(Frame { time: start.time, ..waited }, start);
-    // And what follows does not depend on how long it stood there.
+    // The following flight does not depend on the time spent on the ground.
     let flown = after(vehicle(1, 1), [Some(CLIMB); 100]);
     let flown_later = after(vehicle(1, 1), [None; 500].into_iter().chain([Some(CLIMB); 100]));
     assert_eq!(Frame { time: flown.time, ..flown_later }, flown);
 }
 
 #[test]
-fn released_controls_stay_where_they_were() {
+fn without_new_controls_the_last_are_held() {
     let held = after(vehicle(1, 1), [Some(CLIMB); 100]);
     assert!(held.truth.height_m > 0.5, "{held:?}");
     assert_eq!(after(vehicle(1, 1), [Some(CLIMB)].into_iter().chain([None; 99])), held);
 }
 
 #[test]
-fn controls_beyond_their_travel_stop_at_its_end_and_nonsense_is_not_heard() {
+fn controls_are_clamped_to_their_travel_and_non_finite_ones_ignored() {
     let wild = Sticks { roll: -7.0, pitch: 9.0, yaw: -1e300, collective: 44.0 };
     let end = Sticks { roll: -1.0, pitch: 1.0, yaw: -1.0, collective: 1.0 };
     assert_eq!(after(vehicle(1, 1), [Some(wild); 20]), after(vehicle(1, 1), [Some(end); 20]));
@@ -50,7 +50,7 @@ fn controls_beyond_their_travel_stop_at_its_end_and_nonsense_is_not_heard() {
 }
 
 #[test]
-fn it_starts_where_it_is_put() {
+fn a_vehicle_starts_at_its_start_position() {
     let frame = vehicle(1, 1).frame();
     assert_eq!(frame.time, PlantTime::ZERO);
     assert_eq!((frame.truth.position.north_m(), frame.truth.position.east_m()), (30.0, -40.0));
@@ -60,7 +60,7 @@ fn it_starts_where_it_is_put() {
 }
 
 #[test]
-fn measurement_is_exact() {
+fn the_measurement_is_exact() {
     let frame = after(vehicle(1, 1), [Some(CLIMB); 100]);
     let origin = Origin::new(Geodetic::from_degrees(28.0, -82.0, 10.0));
     let back = origin.ned_from_geodetic(&frame.measurement.position);
@@ -72,7 +72,7 @@ fn measurement_is_exact() {
 }
 
 #[test]
-fn each_vehicle_and_seed_meets_its_own_gusts() {
+fn gusts_differ_between_vehicles_and_seeds() {
     let flown = |number, seed| after(vehicle(number, seed), [Some(CLIMB); 100]);
     assert_eq!(flown(1, 1), flown(1, 1));
     assert_ne!(flown(1, 1), flown(2, 1));

@@ -3,17 +3,17 @@ use crate::random::Purpose;
 use skein_common::math;
 
 const WIND_FROM_RAD: f64 = 0.7;
-/// Short scales, so that a run of moderate length holds many of them.
+/// A low height has short length scales, so that a run of moderate length holds many of them.
 const HEIGHT_M: f64 = 3.0;
 const WIND_M_S: f64 = 20.0;
 const W20_M_S: f64 = 10.0;
 
-/// A long run's gusts along, across and down.
+/// The gusts along, across and down of a long run, m/s.
 fn gusts(seed: u64, ticks: usize) -> [Vec<f64>; 3] {
     let weather = Weather { wind_m_s: WIND_M_S, wind_from_rad: WIND_FROM_RAD, gust_w20_m_s: W20_M_S };
     let mut air = Air::new(&weather, random::generator(seed, None, Purpose::Wind));
     let mut gusts = [const { Vec::new() }; 3];
-    // The direction the wind blows to, and to the right of it.
+    // The direction to which the wind blows, and the direction to its right.
     let (sin, cos) = math::sin_cos(WIND_FROM_RAD + core::f64::consts::PI);
     for _ in 0..ticks {
         let air = air.advance(HEIGHT_M);
@@ -33,12 +33,13 @@ fn correlation(a: &[f64], b: &[f64]) -> f64 {
 #[test]
 fn gusts_have_the_strength_and_length_of_the_standard() {
     let gusts = gusts(3, 1_000_000);
-    // By hand from h = 9.8425 ft: f = 0.18510, σ_w = 1, σ_u = 1/f^0.4, L_u = 9.8425 ft/f^1.2, L_w = 9.8425 ft.
+    // Worked out by hand from h = 9.8425 ft: f = 0.18510, σ_w = 1, σ_u = 1/f^0.4, L_u = 9.8425 ft/f^1.2, L_w = 9.8425
+    // ft.
     let expected = [(1.9636, 22.72), (1.9636, 22.72), (1.0, 3.0)];
     for (axis, (gust, (sigma_m_s, length_m))) in gusts.iter().zip(expected).enumerate() {
         let measured = (gust.iter().map(|g| g * g).sum::<f64>() / gust.len() as f64).sqrt();
         assert!((measured / sigma_m_s - 1.0).abs() < 0.03, "axis {axis}: σ {measured} m/s");
-        // Dryden's correlation after the air has moved x lengths: e^-x along, e^-x (1 - x/2) across.
+        // Dryden's correlation after the air has moved by x length scales: e^-x along, e^-x (1 - x/2) across.
         for lengths in [0.5_f64, 1.0, 2.0] {
             let lag = (lengths * length_m / WIND_M_S / TICK_S).round();
             let x = lag * TICK_S * WIND_M_S / length_m;
@@ -53,7 +54,7 @@ fn gusts_have_the_strength_and_length_of_the_standard() {
 #[test]
 fn stationary_variances_are_exact_at_any_bandwidth() {
     for a in [0.05, 1.0, 7.0, 40.0] {
-        // White noise of variance one: the variance of what comes out is the sum of the squared impulse response.
+        // White noise of variance one: the output's variance is the sum of the squared impulse response.
         let (decay, noise) = discrete(a);
         let first_order = noise * noise / (1.0 - decay * decay);
         assert!((first_order * 2.0 * a - 1.0).abs() < 1e-9, "{a}: {first_order}");
@@ -71,7 +72,7 @@ fn gusts_are_repeatable_and_differ_between_seeds() {
 }
 
 #[test]
-fn wind_blows_away_from_where_it_comes_from() {
+fn the_wind_blows_away_from_its_direction_of_origin() {
     for (from_deg, north, east) in [(0.0_f64, -6.0, 0.0), (90.0, 0.0, -6.0), (180.0, 6.0, 0.0), (270.0, 0.0, 6.0)] {
         let weather = Weather { wind_m_s: 6.0, wind_from_rad: from_deg.to_radians(), gust_w20_m_s: 0.0 };
         let air = Air::new(&weather, random::generator(0, None, Purpose::Wind)).advance(50.0);
@@ -80,7 +81,7 @@ fn wind_blows_away_from_where_it_comes_from() {
 }
 
 #[test]
-fn heights_outside_the_form_are_taken_at_its_ends() {
+fn heights_outside_the_low_altitude_form_are_clamped() {
     let at = |height_m: f64| {
         let spectrum = Spectrum::at(height_m, 10.0);
         (spectrum.sigma_horizontal_m_s, spectrum.length_horizontal_m, spectrum.length_vertical_m)

@@ -1,4 +1,4 @@
-//! Whatever is more than loss, delay and cuts.
+//! Impairments other than loss, delay and cuts.
 
 use proptest::prelude::*;
 use skein_common::frame::Origin;
@@ -9,7 +9,7 @@ use super::super::channel::size_bytes;
 use super::*;
 use crate::peers::Peers;
 
-/// Everything at once.
+/// All impairments at once.
 const ALL: &str = "\
     loss = 0.2\nburst_s = 0.5\ndelay_s = 0.1\njitter_s = 0.3\nreorder = 0.1\nreorder_s = 0.5\nduplicate = 0.1\n\
     bandwidth_bit_s = 30000\nqueue_s = 0.3\nrange_m = 300\nfade_m = 50\ngraph = 'nearest'\nneighbours = 2\n\
@@ -19,7 +19,7 @@ fn network(seed: u64, keys: &str) -> Scenario {
     scenario(&format!("seed = {seed}\n[network]\n{keys}"))
 }
 
-/// A state of one who is so far in the north of the origin.
+/// A state of a vehicle this far north of the origin.
 fn state_at(sender: u8, sequence: u64, north_m: f64) -> Word {
     let origin = Origin::new(Geodetic::from_degrees(28.0, -82.0, 0.0));
     let position = origin.geodetic_from_ned(PositionNed::new(north_m, 0.0, -30.0));
@@ -27,39 +27,39 @@ fn state_at(sender: u8, sequence: u64, north_m: f64) -> Word {
     Word::State(State { header: header(sender, sequence), state })
 }
 
-/// Each of these says a state in every frame; gives when each was heard, and its sequence number.
-fn heard_of(hearer: &mut Hearer, speaker: u8, frames: u64) -> Vec<(f64, u64)> {
-    (0..frames).for_each(|frame| drop(hearer.hear(frame as f64 * FRAME_S, [state(speaker, frame)])));
+/// Offers one state per frame; returns the times of reception with the sequence numbers.
+fn deliveries(hearer: &mut Receiver, speaker: u8, frames: u64) -> Vec<(f64, u64)> {
+    (0..frames).for_each(|frame| drop(hearer.receive(frame as f64 * FRAME_S, [state(speaker, frame)])));
     let of = |(t_s, word): &(f64, Word)| match word {
-        Word::State(said) if said.header.sender == id(speaker) => Some((*t_s, said.header.sequence)),
+        Word::State(payload) if payload.header.sender == id(speaker) => Some((*t_s, payload.header.sequence)),
         _ => None,
     };
-    hearer.told.iter().filter_map(of).collect()
+    hearer.log.iter().filter_map(of).collect()
 }
 
-/// `said + doubled` is all that became of it.
+/// Whether the delivery counts add up to `offered + duplicated`.
 fn adds_up(ear: &Ear) -> bool {
-    let Tally { said, doubled, unlinked, crowded_out, too_far, lost, cut, heard } = ear.tally();
-    said + doubled == unlinked + crowded_out + too_far + lost + cut + heard + ear.under_way() as u64
+    let Tally { offered, duplicated, outside_graph, queue_full, out_of_range, lost, cut, heard } = ear.tally();
+    offered + duplicated == outside_graph + queue_full + out_of_range + lost + cut + heard + ear.in_flight() as u64
 }
 
 #[test]
-fn bursts_have_the_share_and_the_length_of_the_scenario() {
+fn bursts_have_the_loss_and_the_length_of_the_scenario() {
     for (seed, loss, burst_s) in [(1, 0.2, 1.0), (2, 0.05, 0.3), (3, 0.5, 2.0), (4, 0.8, 0.5)] {
-        let mut hearer = Hearer::new(&network(seed, &format!("loss = {loss}\nburst_s = {burst_s}")), 1);
+        let mut hearer = Receiver::new(&network(seed, &format!("loss = {loss}\nburst_s = {burst_s}")), 1);
         let frames = 400_000;
-        let mut is_heard = vec![false; frames as usize];
-        heard_of(&mut hearer, 2, frames).iter().for_each(|(_, sequence)| is_heard[*sequence as usize] = true);
-        let lost = is_heard.iter().filter(|heard| !**heard).count() as f64 / frames as f64;
+        let mut is_received = vec![false; frames as usize];
+        deliveries(&mut hearer, 2, frames).iter().for_each(|(_, sequence)| is_received[*sequence as usize] = true);
+        let lost = is_received.iter().filter(|heard| !**heard).count() as f64 / frames as f64;
         // Five standard deviations of the share of time that a two-state process spends in one state, and of a mean of
         // exponentially distributed lengths.
         let (all_s, fades_s) = (frames as f64 * FRAME_S, (1.0 - loss) * burst_s);
         let bound = 5.0 * (2.0 * loss * (1.0 - loss) * fades_s / all_s).sqrt();
         assert!((lost - loss).abs() < bound, "{lost} lost at {loss}, {burst_s} s; bound {bound}");
         let bursts: Vec<f64> =
-            is_heard.chunk_by(|a, b| a == b).filter(|run| !run[0]).map(|run| run.len() as f64 * FRAME_S).collect();
+            is_received.chunk_by(|a, b| a == b).filter(|run| !run[0]).map(|run| run.len() as f64 * FRAME_S).collect();
         let mean_s = bursts.iter().sum::<f64>() / bursts.len() as f64;
-        // Looked at once a frame: a burst ends in one with this probability.
+        // Sampled once per frame, a burst ends in a frame with this probability.
         let expected_s = FRAME_S / ((1.0 - loss) * (1.0 - math::exp(-FRAME_S / fades_s)));
         assert!((expected_s / burst_s - 1.0).abs() < 0.15, "{expected_s}");
         let bound_s = 5.0 * expected_s / (bursts.len() as f64).sqrt();
@@ -68,27 +68,27 @@ fn bursts_have_the_share_and_the_length_of_the_scenario() {
 }
 
 #[test]
-fn a_burst_takes_all_words_of_a_link_and_no_other_link() {
-    let mut hearer = Hearer::new(&network(5, "loss = 0.5\nburst_s = 1"), 1);
+fn a_burst_stops_all_messages_of_one_link_only() {
+    let mut hearer = Receiver::new(&network(5, "loss = 0.5\nburst_s = 1"), 1);
     let (mut together, mut of_others) = (0, 0);
     for frame in 0..50_000_u32 {
-        let heard = hearer.hear(
+        let heard = hearer.receive(
             f64::from(frame) * FRAME_S,
             [state(2, frame.into()), mission(2, frame.into()), state(3, frame.into())],
         );
         let of = |sender| heard.iter().filter(|word| word.speaker() == Some(id(sender))).count();
-        assert!(of(2) != 1, "one word of two at the same time");
+        assert!(of(2) != 1, "only one of two simultaneous messages");
         together += of(2) / 2;
         of_others += usize::from((of(2) > 0) == (of(3) > 0));
     }
-    // 1000 s of bursts of a second, independent: five standard deviations of the share of time.
+    // 1000 s of independent bursts of one second: five standard deviations of the share of time.
     assert!((together as f64 / 50_000.0 - 0.5).abs() < 0.08 && (of_others as f64 / 50_000.0 - 0.5).abs() < 0.08);
 }
 
 #[test]
-fn jitter_is_spread_evenly_and_lets_words_overtake() {
-    let mut hearer = Hearer::new(&network(6, "delay_s = 0.2\njitter_s = 0.3"), 1);
-    let heard = heard_of(&mut hearer, 2, 5_000);
+fn jitter_is_evenly_distributed_and_reorders_messages() {
+    let mut hearer = Receiver::new(&network(6, "delay_s = 0.2\njitter_s = 0.3"), 1);
+    let heard = deliveries(&mut hearer, 2, 5_000);
     assert!(heard.len() > 4_970 && heard.windows(2).all(|pair| pair[0].0 <= pair[1].0), "in the order of arrival");
     let mut late: Vec<f64> = heard.iter().map(|(t_s, sequence)| t_s - *sequence as f64 * FRAME_S - 0.2).collect();
     late.sort_by(f64::total_cmp);
@@ -102,9 +102,9 @@ fn jitter_is_spread_evenly_and_lets_words_overtake() {
 }
 
 #[test]
-fn a_share_is_held_back() {
-    let mut hearer = Hearer::new(&network(7, "reorder = 0.1\nreorder_s = 0.5"), 1);
-    let heard = heard_of(&mut hearer, 2, 10_000);
+fn the_reorder_share_of_messages_is_held_back() {
+    let mut hearer = Receiver::new(&network(7, "reorder = 0.1\nreorder_s = 0.5"), 1);
+    let heard = deliveries(&mut hearer, 2, 10_000);
     let late = |(t_s, sequence): &(f64, u64)| t_s - *sequence as f64 * FRAME_S;
     let (held, other): (Vec<_>, Vec<_>) = heard.iter().map(late).partition(|late_s| *late_s > 0.25);
     assert!(held.iter().all(|late_s| (late_s - 0.5).abs() < 1e-6) && other.iter().all(|late_s| late_s.abs() < 1e-6));
@@ -114,22 +114,22 @@ fn a_share_is_held_back() {
 }
 
 #[test]
-fn a_share_comes_twice_the_second_time_no_earlier() {
-    let mut hearer = Hearer::new(&network(8, "duplicate = 0.3\njitter_s = 0.2"), 1);
-    let heard = heard_of(&mut hearer, 2, 10_000);
+fn the_duplicate_share_of_messages_arrives_twice() {
+    let mut hearer = Receiver::new(&network(8, "duplicate = 0.3\njitter_s = 0.2"), 1);
+    let heard = deliveries(&mut hearer, 2, 10_000);
     let mut times = vec![Vec::new(); 10_000];
     heard.iter().for_each(|(t_s, sequence)| times[*sequence as usize].push(*t_s));
     assert!(times[..9_900].iter().all(|times| (1..=2).contains(&times.len())));
     let twice: Vec<f64> = times.iter().filter(|times| times.len() == 2).map(|times| times[1] - times[0]).collect();
     assert!(twice.iter().all(|after_s| (0.0..0.2).contains(after_s)), "{twice:?}");
     let tally = hearer.ear.tally();
-    let share = tally.doubled as f64 / tally.said as f64;
+    let share = tally.duplicated as f64 / tally.offered as f64;
     assert!((share - 0.3).abs() < 0.023 && adds_up(&hearer.ear), "{tally:?}");
 }
 
 #[test]
-fn turning_one_thing_on_does_not_change_what_another_does() {
-    let heard = |keys: &str| heard_of(&mut Hearer::new(&network(9, keys), 1), 2, 500);
+fn one_impairment_does_not_change_the_effect_of_another() {
+    let heard = |keys: &str| deliveries(&mut Receiver::new(&network(9, keys), 1), 2, 500);
     let sequences = |keys: &str| {
         let mut all: Vec<u64> = heard(keys).into_iter().map(|(_, sequence)| sequence).collect();
         all.sort_unstable();
@@ -140,58 +140,58 @@ fn turning_one_thing_on_does_not_change_what_another_does() {
     assert_eq!(lossy, sequences("loss = 0.3\nduplicate = 0.2"));
     assert_eq!(lossy, sequences("loss = 0.1\nduplicate = 0.5\nlinks = [{ to = [1], loss = 0.3 }]"));
     let jittered = heard("jitter_s = 0.1");
-    let doubled = heard("jitter_s = 0.1\nduplicate = 0.4");
-    assert!(jittered.iter().all(|word| doubled.contains(word)) && doubled.len() > jittered.len() + 100);
+    let duplicated = heard("jitter_s = 0.1\nduplicate = 0.4");
+    assert!(jittered.iter().all(|word| duplicated.contains(word)) && duplicated.len() > jittered.len() + 100);
     let held = heard("jitter_s = 0.1\nreorder = 0.4\nreorder_s = 60");
     assert!(held.iter().all(|word| jittered.contains(word)) && (200..400).contains(&held.len()), "{}", held.len());
 }
 
 #[test]
-fn only_the_bandwidth_and_the_longest_wait_pass_a_narrow_link() {
-    // 9600 bit/s are seven states a second, where fifty are said.
-    let mut hearer = Hearer::new(&network(1, "bandwidth_bit_s = 9600\nqueue_s = 0.4\ndelay_s = 0.1"), 1);
-    let heard = heard_of(&mut hearer, 2, 5_000);
+fn a_narrow_link_is_limited_by_its_bandwidth_and_its_queue() {
+    // 9600 bit/s are seven states a second, and fifty are sent.
+    let mut hearer = Receiver::new(&network(1, "bandwidth_bit_s = 9600\nqueue_s = 0.4\ndelay_s = 0.1"), 1);
+    let heard = deliveries(&mut hearer, 2, 5_000);
     let bits = 8.0 * size_bytes(&state(2, 5_000)) as f64;
     let most = 100.0 * 9600.0 / bits;
     assert!((most - 5.0..most + 1.0).contains(&(heard.len() as f64)), "{} of at most {most}", heard.len());
     let late = heard.iter().map(|(t_s, sequence)| t_s - *sequence as f64 * FRAME_S).fold(0.0, f64::max);
     assert!(late <= 0.1 + 0.4 + bits / 9600.0 + 1e-6 && late > 0.4, "{late}");
     assert!(heard.windows(2).all(|pair| pair[0].1 < pair[1].1), "a queue keeps the order");
-    assert!(hearer.ear.tally().crowded_out > 4_000 && adds_up(&hearer.ear), "{:?}", hearer.ear.tally());
-    // Another link has its own.
+    assert!(hearer.ear.tally().queue_full > 4_000 && adds_up(&hearer.ear), "{:?}", hearer.ear.tally());
+    // Another link has its own queue.
     let at_s = 200.0;
-    hearer.hear(at_s, [state(3, 1)]);
-    assert_eq!(hearer.hear(at_s + 0.3, []), [state(3, 1)]);
+    hearer.receive(at_s, [state(3, 1)]);
+    assert_eq!(hearer.receive(at_s + 0.3, []), [state(3, 1)]);
 }
 
 #[test]
-fn a_link_of_its_own_kind_is_listed_and_directed() {
+fn a_listed_link_has_its_own_directed_settings() {
     let scenario =
         network(1, "delay_s = 0.1\nlinks = [{ from = [2], delay_s = 0.3 }, { from = [2], to = [1], delay_s = 0.5 }]");
     for (own, speaker, delay_s) in [(1, 2, 0.5), (3, 2, 0.3), (2, 1, 0.1), (1, 3, 0.1)] {
-        let mut hearer = Hearer::new(&scenario, own);
-        hearer.hear(0.0, [state(speaker, 1), Word::Appeared(id(speaker))]);
-        hearer.hear(1.0, []);
+        let mut hearer = Receiver::new(&scenario, own);
+        hearer.receive(0.0, [state(speaker, 1), Word::Appeared(id(speaker))]);
+        hearer.receive(1.0, []);
         let times = hearer.times(|_| true);
         assert!(
             times.len() == 2 && times.iter().all(|t_s| (t_s - delay_s).abs() < 1e-9),
-            "{own} hears {speaker} after {times:?}"
+            "{own} receives from {speaker} after {times:?}"
         );
     }
     let both = network(1, "links = [{ from = [2], to = [1], both_ways = true, loss = 1 }]");
-    for (own, speaker, is_heard) in [(1, 2, false), (2, 1, false), (3, 1, true), (2, 3, true)] {
-        assert_eq!(Hearer::new(&both, own).hear(0.0, [state(speaker, 1)]).len(), usize::from(is_heard));
+    for (own, speaker, is_received) in [(1, 2, false), (2, 1, false), (3, 1, true), (2, 3, true)] {
+        assert_eq!(Receiver::new(&both, own).receive(0.0, [state(speaker, 1)]).len(), usize::from(is_received));
     }
 }
 
 #[test]
-fn distance_loses_more_and_more_and_in_the_end_all() {
+fn loss_grows_with_distance_up_to_total_loss() {
     let keys = "range_m = 300\nfade_m = 100";
     let mut shares = Vec::new();
     for north_m in [0.0, 99.0, 150.0, 200.0, 250.0, 299.0, 300.0, 1000.0] {
-        let mut hearer = Hearer::new(&network(3, keys), 1);
+        let mut hearer = Receiver::new(&network(3, keys), 1);
         hearer.position = Some(PositionNed::new(0.0, 0.0, -30.0));
-        let heard = (0..4_000).filter(|n| !hearer.hear(0.0, [state_at(2, *n, north_m)]).is_empty()).count();
+        let heard = (0..4_000).filter(|n| !hearer.receive(0.0, [state_at(2, *n, north_m)]).is_empty()).count();
         assert!(adds_up(&hearer.ear));
         shares.push(heard as f64 / 4_000.0);
     }
@@ -202,33 +202,33 @@ fn distance_loses_more_and_more_and_in_the_end_all() {
             5.0 * (expected * (1.0 - expected) / 4_000.0_f64).sqrt() + 1e-3 * f64::from(u8::from(expected < 1e-3));
         assert!((share - expected).abs() <= bound, "{shares:?}");
     }
-    // A part in the agreement comes from where the last state was said, an order from nowhere.
-    let mut hearer = Hearer::new(&network(3, "range_m = 300"), 1);
+    // A heartbeat has the position of the sender's last state, an order has none.
+    let mut hearer = Receiver::new(&network(3, "range_m = 300"), 1);
     hearer.position = Some(PositionNed::new(0.0, 0.0, -30.0));
-    assert_eq!(hearer.hear(0.0, [state_at(2, 1, 301.0), mission(2, 1), order(1)]), [order(1)]);
-    assert_eq!(hearer.hear(0.1, [state_at(2, 2, 299.0), mission(2, 2)]).len(), 2);
+    assert_eq!(hearer.receive(0.0, [state_at(2, 1, 301.0), mission(2, 1), order(1)]), [order(1)]);
+    assert_eq!(hearer.receive(0.1, [state_at(2, 2, 299.0), mission(2, 2)]).len(), 2);
     hearer.position = Some(PositionNed::new(-2.0, 0.0, -30.0));
-    assert_eq!(hearer.hear(0.2, [mission(2, 3)]), []);
+    assert_eq!(hearer.receive(0.2, [mission(2, 3)]), []);
     hearer.position = None;
-    assert_eq!(hearer.hear(0.3, [mission(2, 4)]).len(), 1, "who does not know where it is hears everybody");
+    assert_eq!(hearer.receive(0.3, [mission(2, 4)]).len(), 1, "without an own position distance has no effect");
 }
 
 #[test]
-fn the_nearest_are_those_who_are_near_now_and_speak() {
-    let mut hearer = Hearer::new(&network(3, "graph = 'nearest'\nneighbours = 1"), 1);
+fn the_nearest_are_the_current_neighbours_that_send() {
+    let mut hearer = Receiver::new(&network(3, "graph = 'nearest'\nneighbours = 1"), 1);
     hearer.position = Some(PositionNed::new(0.0, 0.0, -30.0));
     let words = |n| [state_at(2, n, 50.0), state_at(3, n, -30.0), state_at(4, n, 70.0), mission(4, n)];
-    hearer.hear(0.0, words(1));
-    assert_eq!(hearer.hear(0.1, words(2)), [words(2)[1], words(2)[3]], "the agreement is everybody's");
+    hearer.receive(0.0, words(1));
+    assert_eq!(hearer.receive(0.1, words(2)), [words(2)[1], words(2)[3]], "heartbeats reach every vehicle");
     hearer.position = Some(PositionNed::new(65.0, 0.0, -30.0));
-    assert_eq!(hearer.hear(0.2, words(3)), words(3)[2..]);
-    // Vehicle 4 falls silent, and 2 is next.
-    hearer.hear(1.0, [state_at(2, 4, 50.0)]);
-    assert_eq!(hearer.hear(2.3, [state_at(2, 5, 50.0)]).len(), 1);
-    // Vehicle 2 ends, and 3 is left.
-    hearer.hear(2.4, [Word::Vanished(id(2)), state_at(3, 6, -30.0)]);
-    assert_eq!(hearer.hear(2.5, [state_at(3, 7, -30.0)]).len(), 1);
-    assert!(adds_up(&hearer.ear) && hearer.ear.tally().unlinked > 0);
+    assert_eq!(hearer.receive(0.2, words(3)), words(3)[2..]);
+    // Vehicle 4 sends nothing more, and 2 becomes the nearest.
+    hearer.receive(1.0, [state_at(2, 4, 50.0)]);
+    assert_eq!(hearer.receive(2.3, [state_at(2, 5, 50.0)]).len(), 1);
+    // Vehicle 2 has gone, and 3 is left.
+    hearer.receive(2.4, [Word::Vanished(id(2)), state_at(3, 6, -30.0)]);
+    assert_eq!(hearer.receive(2.5, [state_at(3, 7, -30.0)]).len(), 1);
+    assert!(adds_up(&hearer.ear) && hearer.ear.tally().outside_graph > 0);
 }
 
 #[test]
@@ -236,21 +236,21 @@ fn edges_are_directed_and_carry_states_only() {
     let scenario = network(3, "graph = 'edges'\nedges = [[1, 2], [2, 3]]");
     for (own, speaker) in [(1, 2), (2, 1), (2, 3), (3, 2), (4, 1)] {
         let words = [state(speaker, 1), mission(speaker, 1), Word::Appeared(id(speaker)), order(1)];
-        let heard = Hearer::new(&scenario, own).hear(0.0, words);
+        let heard = Receiver::new(&scenario, own).receive(0.0, words);
         let is_edge = [(1, 2), (2, 3)].contains(&(speaker, own));
         assert_eq!(heard, words[usize::from(!is_edge)..], "{own} of {speaker}");
     }
 }
 
 #[test]
-fn tokens_come_once_each_and_in_order_whatever_happens_to_words() {
-    let mut hearer = Hearer::new(&network(3, &format!("{ALL}\npeer_stale_s = 3")), 3);
+fn tokens_arrive_once_and_in_order_under_any_impairment() {
+    let mut hearer = Receiver::new(&network(3, &format!("{ALL}\npeer_stale_s = 3")), 3);
     let token = |n: u32| if n.is_multiple_of(2) { Word::Appeared(id(2)) } else { Word::Vanished(id(2)) };
     for n in 0..2_000 {
-        hearer.hear(f64::from(n) * FRAME_S, [token(n), state(2, n.into()), state(2, n.into()), state(2, n.into())]);
+        hearer.receive(f64::from(n) * FRAME_S, [token(n), state(2, n.into()), state(2, n.into()), state(2, n.into())]);
     }
-    hearer.hear(100.0, []);
-    let tokens: Vec<_> = hearer.told.iter().filter(|(_, word)| !is_state(word)).copied().collect();
+    hearer.receive(100.0, []);
+    let tokens: Vec<_> = hearer.log.iter().filter(|(_, word)| !is_state(word)).copied().collect();
     assert_eq!(tokens.len(), 2_000);
     for (n, (t_s, word)) in (0..).zip(tokens) {
         assert!(word == token(n) && (t_s - f64::from(n) * FRAME_S - 0.1).abs() < 1e-6, "{n}: {word:?} at {t_s}");
@@ -258,10 +258,10 @@ fn tokens_come_once_each_and_in_order_whatever_happens_to_words() {
 }
 
 #[test]
-fn how_late_each_newest_state_came_is_told_of_each_pair() {
+fn the_latency_of_the_newest_state_is_reported_per_sender() {
     let keys = "delay_s = 0.1\nreorder = 0.3\nreorder_s = 0.55\nlinks = [{ from = [3], to = [1], delay_s = 0.4 }]";
-    let mut hearer = Hearer::new(&network(3, keys), 1);
-    let ages = |hearer: &Hearer| {
+    let mut hearer = Receiver::new(&network(3, keys), 1);
+    let ages = |hearer: &Receiver| {
         let blank = |number| PeerAge {
             id: id(number),
             standing: Standing::Fresh,
@@ -270,59 +270,59 @@ fn how_late_each_newest_state_came_is_told_of_each_pair() {
             delivered_age_s: 0.0,
         };
         let mut peers = [2, 3, 4].map(blank);
-        hearer.ear.tell_lateness(&mut peers);
+        hearer.ear.report_latency(&mut peers);
         peers.map(|peer| peer.delivered_age_s)
     };
     assert_eq!(ages(&hearer), [0.0; 3]);
     let mut newest = [(0, 0.0); 2];
     let mut held = 0;
     for frame in 0..1_000_u64 {
-        let before = hearer.told.len();
-        hearer.hear(frame as f64 * FRAME_S, [state(2, frame + 1), state(3, frame + 1)]);
-        for (t_s, word) in &hearer.told[before..] {
-            let Word::State(said) = word else { panic!("{word:?}") };
-            let of = &mut newest[usize::from(said.header.sender.get()) - 2];
-            let late_s = t_s - (said.header.sequence - 1) as f64 * FRAME_S;
-            held += usize::from(late_s > 0.6 && said.header.sequence > of.0);
-            if said.header.sequence > of.0 {
-                *of = (said.header.sequence, late_s);
+        let before = hearer.log.len();
+        hearer.receive(frame as f64 * FRAME_S, [state(2, frame + 1), state(3, frame + 1)]);
+        for (t_s, word) in &hearer.log[before..] {
+            let Word::State(payload) = word else { panic!("{word:?}") };
+            let of = &mut newest[usize::from(payload.header.sender.get()) - 2];
+            let late_s = t_s - (payload.header.sequence - 1) as f64 * FRAME_S;
+            held += usize::from(late_s > 0.6 && payload.header.sequence > of.0);
+            if payload.header.sequence > of.0 {
+                *of = (payload.header.sequence, late_s);
             }
         }
-        let told = ages(&hearer);
-        assert!((told[0] - newest[0].1).abs() < 1e-6 && (told[1] - newest[1].1).abs() < 1e-6, "{told:?} {newest:?}");
-        assert_eq!(told[2], 0.0);
+        let log = ages(&hearer);
+        assert!((log[0] - newest[0].1).abs() < 1e-6 && (log[1] - newest[1].1).abs() < 1e-6, "{log:?} {newest:?}");
+        assert_eq!(log[2], 0.0);
     }
     assert!(newest[0].1 > 0.09 && newest[1].1 > 0.39, "{newest:?}");
-    assert_eq!(held, 0, "who is overtaken is not the newest");
+    assert_eq!(held, 0, "an overtaken state is not the newest");
 }
 
 #[test]
-fn the_same_seed_hears_the_same_bits_and_every_direction_has_its_own() {
-    let told = |seed, own| {
-        let mut hearer = Hearer::new(&network(seed, ALL), own);
+fn the_same_seed_gives_identical_deliveries_that_differ_per_direction() {
+    let log = |seed, own| {
+        let mut hearer = Receiver::new(&network(seed, ALL), own);
         hearer.position = Some(PositionNed::new(0.0, 0.0, -30.0));
         for frame in 0..500 {
             let words = [2, 3, 4].map(|speaker| state_at(speaker, frame, 40.0 * f64::from(speaker)));
-            hearer.hear(frame as f64 * FRAME_S, words.into_iter().chain([mission(4, frame), order(frame)]));
+            hearer.receive(frame as f64 * FRAME_S, words.into_iter().chain([mission(4, frame), order(frame)]));
         }
         assert!(adds_up(&hearer.ear));
-        hearer.told
+        hearer.log
     };
-    assert_eq!(told(1, 1), told(1, 1));
-    assert_ne!(told(1, 1), told(2, 1));
-    let of = |told: &[(f64, Word)]| told.iter().filter(|(_, word)| word.speaker() == Some(id(4))).count();
-    assert_ne!(of(&told(1, 2)), of(&told(1, 3)), "two who hear the same speaker");
+    assert_eq!(log(1, 1), log(1, 1));
+    assert_ne!(log(1, 1), log(2, 1));
+    let of = |log: &[(f64, Word)]| log.iter().filter(|(_, word)| word.speaker() == Some(id(4))).count();
+    assert_ne!(of(&log(1, 2)), of(&log(1, 3)), "two receivers of the same sender");
 }
 
-/// What is said in a frame: by whom, and what.
-fn talk() -> impl Strategy<Value = Vec<Vec<(u8, u8)>>> {
+/// The messages of each frame, as sender and kind.
+fn traffic() -> impl Strategy<Value = Vec<Vec<(u8, u8)>>> {
     prop::collection::vec(prop::collection::vec((2_u8..=4, 0_u8..10), 0..4), 1..200)
 }
 
-/// The words of each frame, with growing sequence numbers.
-fn words(talk: &[Vec<(u8, u8)>]) -> impl Iterator<Item = (f64, Vec<Word>)> + '_ {
+/// The messages of each frame, with ascending sequence numbers.
+fn words(traffic: &[Vec<(u8, u8)>]) -> impl Iterator<Item = (f64, Vec<Word>)> + '_ {
     let mut sequence = 0;
-    talk.iter().enumerate().map(move |(frame, said)| {
+    traffic.iter().enumerate().map(move |(frame, sent)| {
         let word = |(speaker, kind): &(u8, u8)| {
             sequence += 1;
             match kind {
@@ -333,85 +333,85 @@ fn words(talk: &[Vec<(u8, u8)>]) -> impl Iterator<Item = (f64, Vec<Word>)> + '_ 
                 _ => state_at(*speaker, sequence, f64::from(*speaker) * 60.0),
             }
         };
-        (frame as f64 * 0.05, said.iter().map(word).collect())
+        (frame as f64 * 0.05, sent.iter().map(word).collect())
     })
 }
 
 proptest! {
     #[test]
-    fn nothing_said_is_unaccounted_for(talk in talk(), seed: u64) {
+    fn every_message_is_accounted_for(traffic in traffic(), seed: u64) {
         let seed = seed >> 1;
         let cut = "[mission]\nsteps = [{ centre_ne_m = [0, 0] }]\n\
                    events = [{ at_s = 1, for_s = 2, fault = 'cut', from = [1], to = [3], both_ways = true }]";
-        let mut hearer = Hearer::new(&network(seed, &format!("{ALL}\n{cut}")), 1);
+        let mut hearer = Receiver::new(&network(seed, &format!("{ALL}\n{cut}")), 1);
         hearer.position = Some(PositionNed::new(0.0, 0.0, -30.0));
-        for (t_s, words) in words(&talk) {
-            hearer.hear(t_s, words);
+        for (t_s, words) in words(&traffic) {
+            hearer.receive(t_s, words);
             prop_assert!(adds_up(&hearer.ear), "{:?}", hearer.ear.tally());
         }
-        // A link that is whole again repeats its newest words first.
-        hearer.hear(1e4, []);
-        hearer.hear(2e4, []);
-        prop_assert_eq!(hearer.ear.under_way(), 0);
-        prop_assert!(adds_up(&hearer.ear) && hearer.told.windows(2).all(|pair| pair[0].0 <= pair[1].0));
+        // A healed link first repeats its newest messages.
+        hearer.receive(1e4, []);
+        hearer.receive(2e4, []);
+        prop_assert_eq!(hearer.ear.in_flight(), 0);
+        prop_assert!(adds_up(&hearer.ear) && hearer.log.windows(2).all(|pair| pair[0].0 <= pair[1].0));
     }
 
     #[test]
-    fn copies_are_counted_and_change_nothing(talk in talk(), seed: u64) {
+    fn copies_are_counted_and_change_nothing(traffic in traffic(), seed: u64) {
         let seed = seed >> 1;
         let keys = "loss = 0.1\njitter_s = 0.4\nreorder = 0.2";
         let [one, other] = [0.0, 0.7].map(|share| network(seed, &format!("{keys}\nduplicate = {share}")));
         let origin = Origin::new(one.origin.geodetic());
-        let table = |scenario: &Scenario| (Hearer::new(scenario, 1), Peers::new(id(1), 4, 1, &scenario.network));
+        let table = |scenario: &Scenario| (Receiver::new(scenario, 1), Peers::new(id(1), 4, 1, &scenario.network));
         let (mut once, mut twice) = (table(&one), table(&other));
-        for (t_s, words) in words(&talk) {
+        for (t_s, words) in words(&traffic) {
             let now = LocalTime::from_seconds(t_s);
             for (hearer, peers) in [&mut once, &mut twice] {
-                let from = hearer.told.len();
-                hearer.hear(t_s, words.clone());
-                let heard: Vec<_> = hearer.told[from..]
+                let from = hearer.log.len();
+                hearer.receive(t_s, words.clone());
+                let heard: Vec<_> = hearer.log[from..]
                     .iter()
                     .map(|(at_s, word)| Heard { word: *word, at: LocalTime::from_seconds(*at_s) })
                     .collect();
                 peers.update(now, &origin, &heard);
             }
-            prop_assert_eq!(once.1.seen(), twice.1.seen());
+            prop_assert_eq!(once.1.estimates(), twice.1.estimates());
             prop_assert_eq!(once.1.changes(), twice.1.changes());
-            prop_assert!(once.1.missions().eq(twice.1.missions()) && once.1.heard() == twice.1.heard());
+            prop_assert!(once.1.heartbeats().eq(twice.1.heartbeats()) && once.1.in_contact() == twice.1.in_contact());
         }
         prop_assert!(twice.1.old() >= once.1.old());
-        prop_assert_eq!(once.0.ear.tally().doubled, 0);
+        prop_assert_eq!(once.0.ear.tally().duplicated, 0);
     }
 
     #[test]
-    fn a_narrow_link_delivers_in_order_and_never_more_than_it_can(
+    fn a_narrow_link_delivers_in_order_and_within_its_bandwidth(
         gaps_ms in prop::collection::vec(0_u32..200, 1..300),
         bandwidth in 1_000.0_f64..1e5,
         queue_s in 0.0_f64..2.0,
     ) {
-        let mut hearer = Hearer::new(&network(1, &format!("bandwidth_bit_s = {bandwidth:?}\nqueue_s = {queue_s:?}")), 1);
+        let mut hearer = Receiver::new(&network(1, &format!("bandwidth_bit_s = {bandwidth:?}\nqueue_s = {queue_s:?}")), 1);
         let mut t_s = 0.0;
         for (gap_ms, sequence) in gaps_ms.iter().zip(1..) {
             t_s += f64::from(*gap_ms) * 1e-3;
-            hearer.hear(t_s, [state(2, sequence)]);
+            hearer.receive(t_s, [state(2, sequence)]);
             prop_assert!(adds_up(&hearer.ear));
         }
-        hearer.hear(t_s + 1e3, []);
-        prop_assert_eq!(hearer.ear.under_way(), 0);
-        let heard = hearer.told;
+        hearer.receive(t_s + 1e3, []);
+        prop_assert_eq!(hearer.ear.in_flight(), 0);
+        let heard = hearer.log;
         let each_s = 8.0 * size_bytes(&state(2, 1)) as f64 / bandwidth;
         prop_assert!(heard.windows(2).all(|pair| pair[1].0 - pair[0].0 > each_s - 1e-6), "{heard:?} {each_s}");
-        prop_assert!(!heard.is_empty(), "the first finds it free");
+        prop_assert!(!heard.is_empty(), "the first message finds a free link");
     }
 
     #[test]
-    fn farther_is_never_better(fade in 0.0_f64..=1.0, near_m in 0.0_f64..500.0, more_m in 0.0_f64..500.0, seed in 0_u64..1_000) {
-        // The same chance: what is heard from afar is heard from nearby.
+    fn a_greater_distance_never_delivers_more(fade in 0.0_f64..=1.0, near_m in 0.0_f64..500.0, more_m in 0.0_f64..500.0, seed in 0_u64..1_000) {
+        // With the same random numbers, every message received from afar is received from nearby.
         let keys = format!("range_m = 300\nfade_m = {:?}", (300.0 * fade).max(1e-3));
         let heard = [near_m, near_m + more_m].map(|north_m| {
-            let mut hearer = Hearer::new(&network(seed, &keys), 1);
+            let mut hearer = Receiver::new(&network(seed, &keys), 1);
             hearer.position = Some(PositionNed::new(0.0, 0.0, -30.0));
-            (0..20).map(|n| hearer.hear(0.0, [state_at(2, n, north_m)]).len()).collect::<Vec<_>>()
+            (0..20).map(|n| hearer.receive(0.0, [state_at(2, n, north_m)]).len()).collect::<Vec<_>>()
         });
         prop_assert!(heard[0].iter().zip(&heard[1]).all(|(near, far)| near >= far), "{heard:?}");
     }

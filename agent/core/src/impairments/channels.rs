@@ -1,5 +1,5 @@
-//! What lies between a vehicle and all others, where it is more than a delay: every direction's own [`Channel`], distance,
-//! and who hears whose state.
+//! The channels from all other vehicles to one receiver, if they have more than a delay: the [`Channel`] of every
+//! direction, loss by distance, and the graph that selects whose states are received.
 
 use alloc::vec::Vec;
 
@@ -12,27 +12,27 @@ use super::Fate;
 use super::channel::Channel;
 use crate::peers::{Heard, Word};
 
-/// All that is said to one vehicle passes through here.
+/// All channels to one receiving vehicle.
 #[derive(Clone, Debug)]
 pub(super) struct Air {
     origin: Origin,
-    /// From every other vehicle, by its id.
-    speakers: Vec<Speaker>,
-    /// From operators, who are nowhere.
+    /// The other vehicles, by id.
+    speakers: Vec<Sender>,
+    /// The channel from operators, who have no position.
     operator: Channel,
     range: Option<Range>,
-    hearing: Hearing,
-    /// Who said nothing for this long is nowhere either, s.
+    selection: Hearing,
+    /// Age beyond which a sender is not selected as one of the nearest, s.
     stale_s: f64,
-    /// Where the hearer is.
+    /// Position of the receiver.
     own_position: Option<PositionNed>,
 }
 
 #[derive(Clone, Debug)]
-struct Speaker {
+struct Sender {
     id: VehicleId,
     channel: Channel,
-    /// Where it was, by its own last word, and when it said so.
+    /// Its position as last reported, and the time of that report.
     place: Option<(PositionNed, LocalTime)>,
 }
 
@@ -44,38 +44,38 @@ struct Range {
 }
 
 impl Range {
-    /// The share of words that is lost: none up to `fade_m`, all from `range_m` on, between them s²·(3 − 2s) of the way s. The
-    /// formula is ours: smooth, monotone, and S-shaped as the transitional region of real radios is (Zúñiga and
-    /// Krishnamachari 2004).
+    /// Share of messages lost at this distance: 0 up to `fade_m`, 1 from `range_m`, and s²·(3 − 2s) at the fraction s
+    /// between them. The formula is ours: smooth, monotone, and S-shaped like the transitional region of real radios
+    /// (Zúñiga and Krishnamachari 2004).
     fn loss_at(self, distance_m: f64) -> f64 {
         if distance_m >= self.range_m {
             1.0
         } else if distance_m <= self.fade_m {
             0.0
         } else {
-            let way = (distance_m - self.fade_m) / (self.range_m - self.fade_m);
-            way * way * (3.0 - 2.0 * way)
+            let fraction = (distance_m - self.fade_m) / (self.range_m - self.fade_m);
+            fraction * fraction * (3.0 - 2.0 * fraction)
         }
     }
 }
 
-/// Whose states the vehicle hears.
+/// The selection of senders whose states the vehicle receives.
 #[derive(Clone, Debug)]
 enum Hearing {
     All,
-    /// These.
+    /// These senders.
     Edges(VehicleSet),
-    /// The `count` nearest; `none` until somebody's place is known.
+    /// The `count` nearest senders; all of them until a position is known.
     Nearest {
         count: usize,
-        them: Option<VehicleSet>,
-        /// Room to sort in.
+        selected: Option<VehicleSet>,
+        /// Buffer for sorting.
         distances: Vec<(f64, VehicleId)>,
     },
 }
 
 impl Air {
-    /// What vehicle `own` hears others through; `None` where all that is asked for is a delay, alike everywhere.
+    /// The channels to vehicle `own`; `None` if all links have only the same delay.
     pub(super) fn new(scenario: &Scenario, own: VehicleId) -> Option<Self> {
         let Network { range_m, fade_m, graph, ref links, .. } = scenario.network;
         let everywhere = scenario.network.quality();
@@ -84,16 +84,16 @@ impl Air {
         }
         let speaker = |id| {
             let quality = scenario.network.link(id, own);
-            Speaker { id, channel: Channel::new(quality, scenario.seed, Some(id), own), place: None }
+            Sender { id, channel: Channel::new(quality, scenario.seed, Some(id), own), place: None }
         };
-        let hearing = match graph {
+        let selection = match graph {
             Graph::All => Hearing::All,
             Graph::Edges => {
                 let to_own = scenario.network.edges.iter().filter(|[_, hearer]| *hearer == own);
                 Hearing::Edges(to_own.map(|[speaker, _]| *speaker).collect())
             }
             Graph::Nearest => {
-                Hearing::Nearest { count: scenario.network.neighbours, them: None, distances: Vec::new() }
+                Hearing::Nearest { count: scenario.network.neighbours, selected: None, distances: Vec::new() }
             }
         };
         Some(Self {
@@ -101,33 +101,33 @@ impl Air {
             speakers: scenario.ids().filter(|&id| id != own).map(speaker).collect(),
             operator: Channel::new(everywhere, scenario.seed, None, own),
             range: range_m.map(|range_m| Range { fade_m: fade_m.unwrap_or(range_m), range_m }),
-            hearing,
+            selection,
             stale_s: scenario.network.peer_stale_s,
             own_position: None,
         })
     }
 
-    /// The hearer is here now.
+    /// Sets the receiver's position and selects the nearest senders.
     pub(super) fn update(&mut self, now: LocalTime, own_position: Option<PositionNed>) {
         self.own_position = own_position;
-        let Hearing::Nearest { count, them, distances } = &mut self.hearing else { return };
+        let Hearing::Nearest { count, selected, distances } = &mut self.selection else { return };
         let Some(own) = own_position else { return };
         let near = self.speakers.iter().filter_map(|speaker| {
-            let (position, said_at) = speaker.place?;
-            (now.seconds_since(said_at) <= self.stale_s).then(|| ((position - own).norm_squared(), speaker.id))
+            let (position, sent_at) = speaker.place?;
+            (now.seconds_since(sent_at) <= self.stale_s).then(|| ((position - own).norm_squared(), speaker.id))
         });
         distances.clear();
         distances.extend(near);
         distances.sort_unstable_by(|one, other| one.0.total_cmp(&other.0).then(one.1.cmp(&other.1)));
-        *them = (!distances.is_empty()).then(|| distances.iter().take(*count).map(|(_, id)| *id).collect());
+        *selected = (!distances.is_empty()).then(|| distances.iter().take(*count).map(|(_, id)| *id).collect());
     }
 
-    /// What becomes of a word. `is_cut` tells whether its link is dead: nobody knows where such a speaker is.
+    /// Delivery of a message. With `is_cut` the link is dead, so the sender's reported position is not taken over.
     pub(super) fn fate(&mut self, heard: &Heard, is_cut: bool) -> Fate {
         let Heard { word, at } = heard;
-        let Some(speaker_id) = word.speaker() else { return self.operator.fate(word, *at, 0.0) };
-        let index = self.speakers.binary_search_by_key(&speaker_id, |speaker| speaker.id);
-        // In somebody else's name: the agent counts those.
+        let Some(sender_id) = word.speaker() else { return self.operator.fate(word, *at, 0.0) };
+        let index = self.speakers.binary_search_by_key(&sender_id, |speaker| speaker.id);
+        // A message with a false sender id passes: the agent counts those.
         let Some(speaker) = index.ok().and_then(|index| self.speakers.get_mut(index)) else {
             return Fate::Arrives { at: *at, copy_at: None };
         };
@@ -136,12 +136,12 @@ impl Air {
                 speaker.place = None;
                 return Fate::Arrives { at: at.plus_seconds(speaker.channel.delay_s()), copy_at: None };
             }
-            Word::State(said) => {
+            Word::State(payload) => {
                 if !is_cut {
-                    speaker.place = Some((self.origin.ned_from_geodetic(&said.state.position), *at));
+                    speaker.place = Some((self.origin.ned_from_geodetic(&payload.state.position), *at));
                 }
-                if !self.hearing.includes(speaker_id) {
-                    return Fate::Unlinked;
+                if !self.selection.includes(sender_id) {
+                    return Fate::OutsideGraph;
                 }
             }
             Word::Mission(_) | Word::Order(_) => {}
@@ -151,7 +151,7 @@ impl Air {
         speaker.channel.fate(word, *at, lost_by_distance)
     }
 
-    /// What everything that this speaker says takes, s.
+    /// The delay of every message from this sender, s.
     pub(super) fn delay_s(&self, speaker: Option<VehicleId>) -> f64 {
         let of = |id| self.speakers.binary_search_by_key(&id, |speaker| speaker.id).ok();
         let speaker = speaker.and_then(of).and_then(|index| self.speakers.get(index));
@@ -164,7 +164,7 @@ impl Hearing {
         match self {
             Self::All => true,
             Self::Edges(speakers) => speakers.contains(speaker),
-            Self::Nearest { them, .. } => them.is_none_or(|them| them.contains(speaker)),
+            Self::Nearest { selected, .. } => selected.is_none_or(|selected| selected.contains(speaker)),
         }
     }
 }
