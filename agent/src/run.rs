@@ -9,8 +9,8 @@
 //! | Tokio's | health and clock comparison once a second, signals |
 //! | log, standard input | may block; one thread each |
 //!
-//! The control thread never waits for another thread: it never calls Zenoh, it takes two locks that are held only for a copy
-//! (the inbox and the outgoing messages) and only tries a third, and everything it hands over may be dropped.
+//! The control thread never waits for another thread: it never calls Zenoh, it takes two locks that are held only for a
+//! copy (the inbox and the outgoing messages) and only tries a third, and everything it hands over may be dropped.
 
 mod control;
 mod log;
@@ -46,8 +46,9 @@ use skein_host::external::ExternalError;
 /// Environment variable with the name of the installed release.
 pub const RELEASE: &str = "SKEIN_RELEASE";
 
-/// Environment variable with the file in which an agent keeps its incarnation number. The file makes the next incarnation
-/// larger even if the clock was set back; peers would otherwise discard its messages as those of an earlier incarnation.
+/// Environment variable with the file in which an agent keeps its incarnation number. The file makes the next
+/// incarnation larger even if the clock was set back; peers would otherwise discard its messages as those of an earlier
+/// incarnation.
 pub const LIFE: &str = "SKEIN_LIFE";
 
 /// Requests that an agent end.
@@ -58,7 +59,8 @@ pub struct Stop {
 }
 
 impl Stop {
-    /// Requests the end. First call: land, release the controls, end. Second call: release the controls and end at once.
+    /// Requests the end. First call: land, release the controls, end. Second call: release the controls and end at
+    /// once.
     pub fn ask(&self) {
         self.times.fetch_add(1, Relaxed);
     }
@@ -104,7 +106,8 @@ pub enum RunError {
     Panicked,
 }
 
-/// Runs a whole agent process: reads its files, opens the network, flies, ends. `skein-agent` and `skein agent` call it.
+/// Runs a whole agent process: reads its files, opens the network, flies, ends. `skein-agent` and `skein agent` call
+/// it.
 ///
 /// Exit codes: 0 after landing or after a requested end, 1 after a failure, 2 if a file or an argument is wrong.
 pub fn program(options: &AgentOptions) -> ExitCode {
@@ -197,8 +200,8 @@ pub fn fly(node: &Node, sessions: impl Into<Sessions>, stop: &Arc<Stop>, tokio: 
     Ok(())
 }
 
-/// Publishes each health message and queries the peers' clocks until the control thread has ended. Health is sent only while
-/// the control loop runs, so it also feeds the service manager's watchdog.
+/// Publishes each health message and queries the peers' clocks until the control thread has ended. Health is sent only
+/// while the control loop runs, so it also feeds the service manager's watchdog.
 async fn publish(mut line: HealthLine, mut healths: mpsc::Receiver<Health>) {
     let mut turns = tokio::time::interval(ASK_EVERY);
     turns.set_missed_tick_behavior(MissedTickBehavior::Delay);
@@ -241,7 +244,8 @@ fn stop_on_signals(tokio: &Handle, stop: Arc<Stop>) {
     });
 }
 
-/// Requests the end once for each line "stop". The end of the input requests nothing, because the launcher may have been killed.
+/// Requests the end once for each line "stop". The end of the input requests nothing, because the launcher may have
+/// been killed.
 fn stop_on_stdin(stop: Arc<Stop>) {
     thread::spawn(move || {
         for line in io::stdin().lock().lines().map_while(Result::ok) {

@@ -26,8 +26,8 @@ use skein_host::clock::{LocalClock, now, sleep_until};
 /// Longest wait for the plant's frame, in frame periods. The agent then steps without a frame.
 const PATIENCE_PERIODS: f64 = 1.5;
 
-/// Time without a frame after which a simulator counts as ended. A simulator on an overloaded PC pauses for seconds, and its
-/// vehicle still has to be landed afterwards.
+/// Time without a frame after which a simulator counts as ended. A simulator on an overloaded PC pauses for seconds,
+/// and its vehicle still has to be landed afterwards.
 const SIMULATOR_GONE_AFTER: Duration = Duration::from_secs(10);
 
 /// Everything that the control thread owns.

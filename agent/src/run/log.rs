@@ -1,5 +1,5 @@
-//! Writes log lines to standard error from a thread of its own, so that a stopped terminal or an unread pipe never delays the
-//! control thread.
+//! Writes log lines to standard error from a thread of its own, so that a stopped terminal or an unread pipe never
+//! delays the control thread.
 
 use std::io::{self, Write};
 use std::sync::mpsc::{self, Sender, SyncSender};
@@ -16,8 +16,8 @@ const MAX_LINE: usize = 4000;
 /// Time to write the last lines when the process ends.
 const FLUSH_WITHIN: Duration = Duration::from_millis(500);
 
-/// Default log levels. Zenoh's warnings are suppressed: it warns of every session without gossip and of every peer that is
-/// not up yet, and the agent itself logs which peers appear, vanish and are refused.
+/// Default log levels. Zenoh's warnings are suppressed: it warns of every session without gossip and of every peer that
+/// is not up yet, and the agent itself logs which peers appear, vanish and are refused.
 const FILTER: &str = "warn,skein_agent=info,zenoh=error";
 
 /// Writes the log while it exists; dropping it writes the lines that still wait.
@@ -61,8 +61,8 @@ impl Drop for Log {
     }
 }
 
-/// Makes one printable line of a log event: text from peers, laws and simulators can neither break the line nor send control
-/// characters to the terminal.
+/// Makes one printable line of a log event: text from peers, laws and simulators can neither break the line nor send
+/// control characters to the terminal.
 fn line(event: &[u8]) -> Vec<u8> {
     let text = String::from_utf8_lossy(event);
     (printable(text.trim_end_matches('\n'), MAX_LINE) + "\n").into_bytes()

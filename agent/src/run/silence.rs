@@ -1,9 +1,9 @@
 //! Detects silent peers by the age of their last message, not by Zenoh's lease.
 //!
-//! Agents send ten messages a second over reliable links, so one second without any means that a peer hangs or is cut off.
-//! When this computer is the slow one, a peer must not be suspected: time in which the own control thread did not run is not
-//! counted, and each sign of overload doubles the timeout, up to the time after which Zenoh itself ends the link. A peer
-//! that has just appeared gets that longest timeout too, because a whole swarm is starting then.
+//! Agents send ten messages a second over reliable links, so one second without any means that a peer hangs or is cut
+//! off. When this computer is the slow one, a peer must not be suspected: time in which the own control thread did not
+//! run is not counted, and each sign of overload doubles the timeout, up to the time after which Zenoh itself ends the
+//! link. A peer that has just appeared gets that longest timeout too, because a whole swarm is starting then.
 
 use std::collections::BTreeMap;
 
@@ -47,8 +47,8 @@ impl Silence {
         Self { peers: BTreeMap::new(), silent_s: SILENT_S, looked: None, calm_since: LocalTime::ZERO }
     }
 
-    /// Appends to `arrived` a `Vanished` for each peer that has become silent and an `Appeared` for each that sends again.
-    /// Returns how long the own control thread did not run, s, if this check is late.
+    /// Appends to `arrived` a `Vanished` for each peer that has become silent and an `Appeared` for each that sends
+    /// again. Returns how long the own control thread did not run, s, if this check is late.
     pub(super) fn watch(&mut self, now: LocalTime, arrived: &mut Vec<Heard>) -> Option<f64> {
         let since_s = self.looked.map_or(0.0, |looked| now.seconds_since(looked));
         self.looked = Some(now);
@@ -141,7 +141,8 @@ mod tests {
             watched
         }
 
-        /// Checks every `every_s`; a heartbeat of each of `heard` arrives every time. Returns the appended messages and their times, s.
+        /// Checks every `every_s`; a heartbeat of each of `heard` arrives every time. Returns the appended messages and
+        /// their times, s.
         fn pass(&mut self, for_s: f64, every_s: f64, heard: &[u8]) -> Vec<(Word, f64)> {
             let begin_s = self.now_s;
             let mut added = Vec::new();
