@@ -139,10 +139,10 @@ fn a_process_that_ends_is_started_again() {
 #[test]
 fn what_does_not_start_is_said_at_once() {
     let error = law("command = ['no-such-program-7']").unwrap_err();
-    assert_eq!(error.to_string(), "formation.external.command: there is no program \"no-such-program-7\"");
+    assert_eq!(error.to_string(), "formation.external.command: program \"no-such-program-7\" not found");
     let folder = tempfile::tempdir().unwrap();
     let error = law(&format!("command = ['{}/']", folder.path().display())).unwrap_err();
-    assert!(error.to_string().contains("there is no program"), "{error}");
+    assert!(error.to_string().contains("not found"), "{error}");
     let taken = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
     let held = TcpListener::bind(("127.0.0.1", taken)).unwrap();
     let error = law(&format!("listen = 'tcp/127.0.0.1:{}'", taken - 2)).unwrap_err();
