@@ -171,7 +171,7 @@ impl Keeper {
         }
     }
 
-    /// Starts a session if there is none and the restart time has passed, or if a law has connected.
+    /// Starts a session if the law has connected, or if the last session has ended and the restart time has passed.
     fn connect(&mut self) -> Result<(), ExternalError> {
         let talk = match (&self.way, &self.listener) {
             (Way::Listen(host, _), Some(listener)) => match listener.accept() {

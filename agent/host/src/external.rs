@@ -1,4 +1,4 @@
-//! Connects to an external law, another program: finds it, speaks its protocol, and carries the messages.
+//! Connects to an external law, another program: finds it, encodes the protocol, and carries the messages.
 //!
 //! | module | what it does |
 //! | --- | --- |

@@ -7,7 +7,7 @@ use clap::Parser;
 use skein_agent::plant::xplane::standin::{StandinOptions, run_standin};
 use tracing_subscriber::EnvFilter;
 
-/// A headless helicopter simulator that speaks X-Plane's UDP protocol on this computer's loopback.
+/// A headless helicopter simulator with X-Plane's UDP protocol on this computer's loopback.
 #[derive(Parser)]
 struct Cli {
     #[command(flatten)]

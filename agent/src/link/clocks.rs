@@ -93,7 +93,8 @@ impl Clocks {
         }
     }
 
-    /// Writes each peer's clock offset into its health entry; logs a clock that has become off, or is no longer off.
+    /// Writes each peer's clock offset into its health entry; logs a clock whose offset has become large or small
+    /// again.
     pub(super) fn tell(&self, peers: &mut [PeerHealth]) {
         let mut measured = lock(&self.measured);
         let valid_for = VALID_FOR.max(ASK_EVERY * 3 * u32::try_from(measured.len()).unwrap_or(u32::MAX));
@@ -111,7 +112,7 @@ impl Clocks {
                     );
                 } else {
                     tracing::info!(
-                        "the clock of vehicle {id} is no longer off: {offset_ms:+.1} ms (known to {bound_ms:.1} ms)"
+                        "the clock of vehicle {id} is right again: off by {offset_ms:+.1} ms (known to {bound_ms:.1} ms)"
                     );
                 }
             }
@@ -138,7 +139,7 @@ impl Measured {
         self.last.iter().map(|old| aged(old, now)).min_by(|one, other| one.bound_s.total_cmp(&other.bound_s))
     }
 
-    /// The best offset, if the clock has just become off or is no longer off.
+    /// The best offset, if it has just become large or small again.
     fn news(&mut self, now: Instant) -> Option<ClockOffset> {
         let best = self.best(now)?;
         let is_off = best.offset_s.abs() - best.bound_s > TOLERATED_S;

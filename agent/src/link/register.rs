@@ -22,7 +22,7 @@ pub(super) struct Register {
 }
 
 impl Register {
-    /// Starts to answer queries for this topic; there is no reply before the first [`Register::keep`].
+    /// Starts to answer queries for this topic; the first reply needs a [`Register::keep`].
     pub(super) fn open(sessions: &Sessions, topic: Topic) -> Result<Self, LinkError> {
         let last = Arc::<Mutex<Vec<u8>>>::default();
         let kept = last.clone();

@@ -87,7 +87,7 @@ impl fmt::Display for SealKey {
 
 impl fmt::Debug for SealKey {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "SealKey({self})")
+        write!(f, "VerificationKey({self})")
     }
 }
 
@@ -129,7 +129,7 @@ impl Sealer {
 impl fmt::Debug for Sealer {
     /// Shows the public key only.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "Sealer(of {:?})", self.key())
+        write!(f, "SigningKey(of {:?})", self.key())
     }
 }
 
@@ -171,7 +171,7 @@ pub(crate) mod tests {
         let der = [hex("302e020100300506032b657004220420"), seed].concat();
         let sealer = Sealer::from_pkcs8(&der).unwrap();
         assert_eq!(Ok(sealer.key()), public.parse());
-        assert_eq!(format!("{sealer:?}"), format!("Sealer(of SealKey({public}))"), "the secret is not shown");
+        assert_eq!(format!("{sealer:?}"), format!("SigningKey(of VerificationKey({public}))"), "the secret is not shown");
         assert!(Sealer::from_pkcs8(b"key").is_err() && Sealer::from_pem("key").is_err());
         let signature = "6291d657deec24024827e69c3abe01a30ce548a284743a445e3680d7db5ac3ac18ff9b538d16f290ae67f760984dc6594a7c15e9716ed28dc027beceea1ec40a";
         let seal = sealer.seal(&[0xaf, 0x82]);

@@ -16,7 +16,7 @@ pub struct RunNote {
     pub run: u64,
     /// Begin of the run by the operator's clock, ms since 1970; later than every earlier run that the operator knew of.
     pub began_ms: u64,
-    #[serde(with = "hex")]
+    #[serde(rename = "seal", with = "hex")]
     seal: Seal,
 }
 

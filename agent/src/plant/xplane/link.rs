@@ -36,7 +36,7 @@ const RESUBSCRIBE: Duration = Duration::from_secs(5);
 const RESUBSCRIBE_SILENT: Duration = Duration::from_secs(1);
 /// Time between two confirmations of the overrides.
 const CONFIRM_OVERRIDES: Duration = Duration::from_millis(200);
-/// Age at which a dataref's value is no longer used.
+/// Age at which a dataref's value expires.
 const STALE: Duration = Duration::from_secs(1);
 /// Largest number of queued datagrams read without waiting: a flood must not delay the newest position.
 const MAX_QUEUED: u32 = 1024;

@@ -4,7 +4,7 @@
 //! As in X-Plane, requests are neither confirmed nor rejected. Datagrams of a wrong size, unknown datarefs and writes
 //! to read-only ones are ignored. A subscription is identified by the client's address, port and index, and lasts until
 //! the client ends it. A written value takes effect in the next frame. An axis without an override belongs to the
-//! pilot, whose control stick is always centred here.
+//! pilot, whose controls are always centred here.
 
 mod clients;
 mod datarefs;

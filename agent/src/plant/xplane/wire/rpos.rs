@@ -1,4 +1,4 @@
-//! RPOS: the position stream. Position is in double precision, and there is no time stamp.
+//! RPOS: the position stream. Positions are in double precision and carry no time stamp.
 
 use super::{Tag, WireError, begin, body, body_of_size};
 
