@@ -1,4 +1,5 @@
-//! What one agent is told at its start: who it is, what it flies, where it listens, whom it dials, and whom it trusts.
+//! Configuration of one agent at its start: its id, its plant, where it listens, whom it dials and which keys it
+//! trusts.
 
 mod security;
 
@@ -26,158 +27,158 @@ use skein_core::start::{TooFull, starts};
 use skein_host::external::{self, ExternalError};
 use skein_host::files::{self, FileError};
 
-/// What an agent is asked to be.
+/// Command-line options of an agent.
 #[derive(Clone, Debug, PartialEq, clap::Args)]
 #[command(group = clap::ArgGroup::new("part").required(true).args(["config", "scenario"]))]
 pub struct AgentOptions {
-    /// A node's own file: its scenario, its id, where it listens and whom it dials
+    /// A node's own file: its scenario, its id, the endpoints it listens on and dials
     #[arg(long, value_name = "FILE", conflicts_with = "id")]
     pub config: Option<PathBuf>,
-    /// The scenario to take part in, over this computer's loopback
+    /// The scenario to fly, over this computer's loopback
     #[arg(long, value_name = "FILE", requires = "id")]
     pub scenario: Option<PathBuf>,
     /// The vehicle's number, 1 to 250
     #[arg(long, value_name = "N")]
     pub id: Option<VehicleId>,
-    /// The X-Plane to fly in
+    /// Address of the X-Plane to fly in
     #[arg(long, value_name = "HOST[:PORT]")]
     pub xplane: Option<String>,
-    /// A key of the scenario, changed: formation.radius_m=50
+    /// Change a key of the scenario: formation.radius_m=50
     #[arg(long = "set", value_name = "KEY=VALUE")]
     pub sets: Vec<String>,
-    /// Take the line "stop" from standard input like a signal to end
+    /// End on the line "stop" from standard input, as on a signal
     #[arg(long, hide = true)]
     pub child: bool,
-    /// How long an earlier agent has flown the vehicle, s: the scenario's events go on from there
+    /// How long an earlier agent has flown the vehicle, s: the scenario's events continue from there
     #[arg(long, hide = true, value_name = "S", value_parser = seconds)]
     pub flown_s: Option<f64>,
-    /// The run of the swarm, which `skein cluster up` prints: orders of another run are void
+    /// The run of the swarm, printed by `skein cluster up`: orders of another run are refused
     #[arg(long, value_name = "N", value_parser = number)]
     pub run: Option<u64>,
 }
 
-/// A node's own file.
+/// Contents of a node's own file.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct AgentFile {
-    /// Relative to this file.
+    /// Path of the scenario, relative to this file.
     pub scenario: PathBuf,
-    /// Who it is in that scenario.
+    /// Id of its vehicle.
     pub id: VehicleId,
-    /// Endpoints to listen on, as Zenoh writes them.
+    /// Endpoints to listen on, in Zenoh's notation.
     pub listen: Vec<String>,
-    /// Endpoints of the peers that this one dials: of each pair, one dials the other.
+    /// Endpoints of the peers to dial; in each pair of agents one dials the other.
     pub dial: Vec<String>,
-    /// What to fly, if not what the scenario says.
+    /// Plant to fly, if not the scenario's.
     pub plant: Option<PlantKind>,
-    /// `HOST[:PORT]` of the simulator.
+    /// Simulator's address, `HOST[:PORT]`.
     pub xplane: Option<String>,
-    /// Keys; without them everything is plain.
+    /// Keys and certificates; without them links are plain.
     pub security: Option<SecurityTable>,
 }
 
-/// Why an agent cannot be what it is asked to be. Each is one sentence, and the user's to mend.
+/// Why an agent cannot start. Each error is one sentence that the user can act on.
 #[derive(Debug, thiserror::Error)]
 pub enum ConfigError {
-    /// A file that cannot be used.
+    /// A file named by the scenario cannot be used.
     #[error(transparent)]
     Named(#[from] FileError),
-    /// A node's file that is none.
+    /// The node's file is not valid.
     #[error("{0}")]
     File(String),
-    /// A scenario that is none.
+    /// The scenario is not valid.
     #[error(transparent)]
     Scenario(#[from] ScenarioError),
-    /// A scenario that this program cannot fly, or not in real time.
+    /// The scenario uses a feature that agents do not support.
     #[error("{file}: {source}")]
     NotFlown {
         /// The scenario's file.
         file: String,
-        /// What.
+        /// The unsupported feature.
         source: NotFlown,
     },
-    /// A vehicle that is not in the scenario.
+    /// The vehicle is not in the scenario.
     #[error("vehicle {id} does not fly in {file}, which has vehicles 1 to {vehicles}")]
     NotInSwarm {
-        /// Who.
+        /// Id asked for.
         id: VehicleId,
         /// The scenario's file.
         file: String,
-        /// How many there are.
+        /// Number of vehicles in the scenario.
         vehicles: usize,
     },
-    /// Starts that do not fit.
+    /// The vehicles do not fit into the start area.
     #[error("{file}: {source}")]
     TooFull {
         /// The scenario's file.
         file: String,
-        /// What does not fit.
+        /// The start area and the vehicles.
         source: TooFull,
     },
-    /// An aircraft that only X-Plane flies.
+    /// Only X-Plane can fly this aircraft.
     #[error("the aircraft {0} has no [helicopter] table, which the built-in plant needs")]
     NoModel(String),
-    /// An external law that cannot be reached.
+    /// The external law cannot be reached.
     #[error(transparent)]
     Law(#[from] ExternalError),
-    /// Secured links without the run of the swarm.
+    /// Links are secured, but the number of the run is missing.
     #[error(
-        "{0}: its links are secured, so it has to be told the run of the swarm: `--run N`, the number that `skein cluster up` \
-         prints"
+        "{0}: its links are secured, so it needs the number of the run of the swarm: `--run N`, the number that \
+         `skein cluster up` prints"
     )]
     NoRun(String),
-    /// A simulator that cannot be addressed.
-    #[error("{text:?} is no HOST[:PORT] of a simulator: {source}")]
+    /// The simulator's address cannot be resolved.
+    #[error("{text:?} is not the address HOST[:PORT] of a simulator: {source}")]
     Address {
-        /// As given.
+        /// The text given.
         text: String,
-        /// What the system says.
+        /// The system's error.
         source: io::Error,
     },
 }
 
-/// Everything that one agent needs, checked.
+/// The checked configuration of one agent.
 #[derive(Clone, Debug)]
 pub struct Node {
-    /// What the swarm does.
+    /// The scenario.
     pub scenario: Scenario,
-    /// Notes on the scenario for its reader.
+    /// Notes on the scenario and the keys for the user.
     pub notes: Vec<String>,
-    /// Who this is.
+    /// Id of the vehicle.
     pub id: VehicleId,
-    /// Where it listens.
+    /// Endpoints to listen on.
     pub listen: Vec<String>,
-    /// Whom it dials.
+    /// Endpoints to dial.
     pub dial: Vec<String>,
-    /// What it flies.
+    /// Its aircraft.
     pub aircraft: Aircraft,
-    /// How its controller decides.
+    /// Rule bases of its flight controller.
     pub rules: Rules,
-    /// Where its aircraft is.
+    /// Plant that flies its aircraft.
     pub plant: PlantChoice,
-    /// How long an earlier agent has flown the vehicle, s; `None` for the first.
+    /// How long an earlier agent has flown the vehicle, s; `None` for the first agent.
     pub flown_s: Option<f64>,
     /// How its links are secured.
     pub security: Security,
-    /// The key that orders are sealed with; without it they are believed unsealed.
+    /// Public key that verifies orders; without it orders are accepted without a signature.
     pub orders_key: Option<SealKey>,
-    /// The run of the swarm; 0 where nobody counts.
+    /// Run of the swarm; 0 where runs have no number.
     pub run: u64,
 }
 
-/// Where an aircraft is.
+/// The plant that flies an aircraft.
 #[derive(Clone, Debug)]
 pub enum PlantChoice {
-    /// In this process.
+    /// The built-in helicopter in this process.
     BuiltIn(Box<BuiltInVehicle>),
-    /// Behind the protocol of X-Plane, at this address.
+    /// A stand-in with X-Plane's protocol, at this address.
     Standin(SocketAddr),
-    /// In an X-Plane, at this address or else on this computer.
+    /// An X-Plane at this address, or else on this computer.
     XPlane(Option<SocketAddr>),
 }
 
 impl PlantChoice {
-    /// As the scenario spells it.
+    /// Name of the plant, as scenarios spell it.
     pub fn name(&self) -> &'static str {
         match self {
             Self::BuiltIn(_) => "builtin",
@@ -187,13 +188,13 @@ impl PlantChoice {
     }
 }
 
-/// Where an agent listens that is started by hand, or another of this computer finds it.
+/// Loopback endpoint of an agent that is started by hand, where the other agents of this computer dial it.
 pub fn loopback_endpoint(id: VehicleId) -> String {
     format!("tcp/127.0.0.1:{}", 7446 + u16::from(id.get()))
 }
 
 impl AgentOptions {
-    /// Reads the files and checks everything.
+    /// Reads the files and checks the whole configuration.
     ///
     /// # Errors
     /// The first fault found.
@@ -209,12 +210,12 @@ impl AgentOptions {
                 xplane: None,
                 security: None,
             },
-            _ => return Err(ConfigError::File("either --config, or --scenario and --id".to_owned())),
+            _ => return Err(ConfigError::File("give either --config, or --scenario and --id".to_owned())),
         };
         self.node_of(file, Path::new(""))
     }
 
-    /// `own_folder` is where the node's file stands.
+    /// Checks a node's file, whose paths start from `own_folder`.
     fn node_of(&self, file: AgentFile, own_folder: &Path) -> Result<Node, ConfigError> {
         let AgentFile { scenario: path, id, listen, dial, plant, xplane, security } = file;
         let path = own_folder.join(path);
@@ -247,7 +248,7 @@ impl AgentOptions {
                 let port = wire::PORT + 10 * u16::from(id.get() - 1);
                 PlantChoice::Standin(address.unwrap_or_else(|| (Ipv4Addr::LOCALHOST, port).into()))
             }
-            // Who names an X-Plane wants to fly in it.
+            // A given X-Plane address overrides the scenario's built-in plant.
             (PlantKind::Builtin | PlantKind::Xplane, address) => {
                 let address = address.or(vehicle.xplane.as_ref()).map(|text| simulator(text)).transpose()?;
                 PlantChoice::XPlane(address)
@@ -271,10 +272,10 @@ impl AgentOptions {
 }
 
 impl Node {
-    /// The plant, ready to fly. Nothing of it is touched before its first frame.
+    /// Opens the plant. It touches no simulator before its first frame.
     ///
     /// # Errors
-    /// If a socket for talking to the simulator cannot be had.
+    /// If a socket for the simulator cannot be opened.
     pub fn open_plant(&self) -> Result<Box<dyn Plant>, xplane::LinkError> {
         let address = match &self.plant {
             PlantChoice::BuiltIn(vehicle) => {
@@ -291,7 +292,7 @@ impl Node {
     }
 }
 
-/// The local address from which a simulator is reached.
+/// Local address to bind for talking to a simulator.
 pub fn listen_for(simulator: IpAddr) -> IpAddr {
     match simulator {
         _ if simulator.is_loopback() => simulator,
@@ -303,7 +304,7 @@ pub fn listen_for(simulator: IpAddr) -> IpAddr {
 /// Refuses a scenario that cannot be flown in real time.
 ///
 /// # Errors
-/// What of it cannot, by name.
+/// The first unsupported feature, by name.
 pub fn check_live(scenario: &Scenario) -> Result<(), NotFlown> {
     if scenario.control.mode == ControlMode::Central {
         return Err(NotFlown("control.mode = \"central\" is flown only in a study".to_owned()));
@@ -318,16 +319,16 @@ fn read_agent_file(path: &Path) -> Result<AgentFile, ConfigError> {
     Ok(read.0)
 }
 
-/// What to say of a private key that is not private.
+/// Note about a private key that other users can read.
 fn open_key(security: &Security) -> Option<String> {
     let Security::Tls(tls) = security else { return None };
     let key = tls.key.display();
-    unix::others_can_read(&tls.key).then(|| format!("{key}: others can read this key; chmod 600 {key}"))
+    unix::others_can_read(&tls.key).then(|| format!("{key}: other users can read this key; run chmod 600 {key}"))
 }
 
 fn seconds(text: &str) -> Result<f64, String> {
     let seconds = text.parse().ok().filter(|seconds| (0.0..=1e9).contains(seconds));
-    seconds.ok_or_else(|| "has to be a number of seconds, 0 to 1e9".to_owned())
+    seconds.ok_or_else(|| "must be a number of seconds, 0 to 1e9".to_owned())
 }
 
 fn number(text: &str) -> Result<u64, String> {
@@ -335,10 +336,13 @@ fn number(text: &str) -> Result<u64, String> {
         Some(digits) => u64::from_str_radix(digits, 16),
         None => text.parse(),
     };
-    number.map_err(|_| "has to be a number, decimal or 0x...".to_owned())
+    number.map_err(|_| "must be a number, decimal or 0x...".to_owned())
 }
 
-/// The address in `HOST[:PORT]`, IPv4 first where a name has several.
+/// Resolves `HOST[:PORT]`, IPv4 first where a name has several addresses.
+///
+/// # Errors
+/// If the address cannot be resolved.
 pub fn simulator(text: &str) -> Result<SocketAddr, ConfigError> {
     let addresses = if let Ok(ip) = text.parse::<IpAddr>() {
         Ok(vec![(ip, wire::PORT).into()])

@@ -1,13 +1,14 @@
-//! A law in real time: a thread asks it, whoever flies the vehicle waits for nobody.
+//! Runs an external law in real time: a thread of its own queries the law, so that the control thread never waits for
+//! it.
 //!
 //! ```text
-//!   control thread -- ask (dropped if the queue is full) --> law's thread -- line --> law
-//!        ^                                                     |    ^                  |
-//!        +------------- newest answer in time -----------------+    +------ line ------+
+//!   control thread -- query (dropped if the queue is full) --> law's thread -- line --> law
+//!        ^                                                       |    ^                  |
+//!        +-------------- newest reply in time -------------------+    +------ line ------+
 //! ```
 //!
-//! An answer that comes later than the deadline, or that is none, is counted here and told the first time of its kind; to
-//! the agent it is an ask without an answer. A law that ends is started again, a connection that ends is waited for.
+//! A reply that is late or not valid is counted, and the first of each kind is logged; to the agent the query had no
+//! reply. A law that ends is started again; a law that disconnects may connect again.
 
 use std::fmt;
 use std::net::TcpListener;
@@ -26,16 +27,16 @@ use skein_host::external::protocol::{self, Fault, Heard, Hello, Said, Time};
 use skein_host::external::talk::{Deaf, Talk, Word};
 use skein_host::external::{ExternalError, Way, port_of, vector};
 
-/// Words between the threads: a law that floods its line loses asks, and the agent waits for none of them.
+/// Queue between the threads, messages. A law that floods its output makes queries get lost, but delays nothing.
 const QUEUE: usize = 256;
-/// How often the thread looks for what is no word: a connection, the end.
+/// How often the law's thread checks for a new connection or a stop.
 const LOOK_UP: Duration = Duration::from_millis(50);
-/// A process is started again this long after its last start.
+/// Least time between two starts of the law's process.
 const RESTART_AFTER: Duration = Duration::from_secs(1);
-/// A datagram without an answer is sent again.
+/// A datagram without a reply is sent again after this time.
 const ASK_AGAIN_AFTER: Duration = Duration::from_secs(1);
 
-/// The law of one vehicle. When it is dropped the law is told bye.
+/// The external law of one vehicle. Dropping it sends the law a bye.
 #[derive(Debug)]
 pub struct LiveLaw {
     events: SyncSender<Event>,
@@ -47,15 +48,15 @@ pub struct LiveLaw {
 #[derive(Debug)]
 enum Event {
     Ask(Box<Ask>, Instant),
-    /// Of the conversation of this number.
+    /// Input from the session of this number.
     Heard(u64, Instant, Word),
 }
 
 impl LiveLaw {
-    /// Begins to talk with vehicle `own`'s law. `None` if no step of the scenario has one.
+    /// Starts a session with the law of vehicle `own`. Returns `None` if no step of the scenario has an external law.
     ///
     /// # Errors
-    /// A program that does not start, an address that is none, a port that cannot be had.
+    /// If a program does not start, an address is not valid, or a port cannot be bound.
     pub fn start(scenario: &Scenario, own: VehicleId) -> Result<Option<Self>, ExternalError> {
         let Some(way) = Way::of(scenario)? else { return Ok(None) };
         let (events, queue) = sync_channel(QUEUE);
@@ -77,20 +78,20 @@ impl LiveLaw {
             has_ended: false,
             has_failed: false,
         };
-        // Whatever stands against the first start is said before anything flies.
+        // An error at the first start is reported before the flight begins.
         keeper.connect()?;
         let of_thread = stop.clone();
         let thread = thread::Builder::new().name("law".to_owned()).spawn(move || keeper.run(&queue, &of_thread));
-        let thread = thread.map_err(|error| ExternalError::Port("no thread".to_owned(), error))?;
+        let thread = thread.map_err(|error| ExternalError::Port("cannot start a thread".to_owned(), error))?;
         Ok(Some(Self { events, newest, stop, thread: Some(thread) }))
     }
 
-    /// Asks. Never waits: an ask for which there is no room is not answered.
+    /// Sends a query. Never waits: a query that does not fit into the queue gets no reply.
     pub fn ask(&self, ask: Ask) {
         let _ = self.events.try_send(Event::Ask(Box::new(ask), now()));
     }
 
-    /// The newest answer that came in time since the last call. Never waits.
+    /// The newest reply since the last call that came in time. Never waits.
     pub fn answer(&self) -> Option<Answer> {
         self.newest.try_lock().ok()?.take()
     }
@@ -100,13 +101,13 @@ impl Drop for LiveLaw {
     fn drop(&mut self) {
         self.stop.store(true, Relaxed);
         if let Some(thread) = self.thread.take() {
-            // A panic there has been told.
+            // A panic in the thread has been printed.
             let _ = thread.join();
         }
     }
 }
 
-/// Where the law of this vehicle connects to, if it does.
+/// Socket to which the law of this vehicle connects, if it does.
 fn listener(way: &Way, own: VehicleId) -> Result<Option<TcpListener>, ExternalError> {
     let Way::Listen(host, first) = way else { return Ok(None) };
     let port = port_of(*first, own)?;
@@ -117,7 +118,7 @@ fn listener(way: &Way, own: VehicleId) -> Result<Option<TcpListener>, ExternalEr
     bound.map(Some).map_err(|error| ExternalError::Port(format!("{host}:{port}"), error))
 }
 
-/// What the law's thread holds.
+/// State of the law's thread.
 struct Keeper {
     own: VehicleId,
     way: Way,
@@ -127,20 +128,20 @@ struct Keeper {
     events: SyncSender<Event>,
     newest: Arc<Mutex<Option<Answer>>>,
     talk: Option<Talk>,
-    /// Conversations begun so far: the number of the present one.
+    /// Number of sessions so far, which is the number of the current one.
     talks: u64,
     started: Option<Instant>,
     is_ready: bool,
     open: Option<Open>,
-    /// How often each kind of fault was heard.
+    /// Number of faults by kind.
     faults: [u64; Fault::KINDS],
-    /// It has ended, and that was told.
+    /// Whether the end of the law was logged.
     has_ended: bool,
-    /// It could not be started again, and that was told.
+    /// Whether a failed restart was logged.
     has_failed: bool,
 }
 
-/// An ask that is not answered yet.
+/// A query that awaits its reply.
 struct Open {
     ask: Box<Ask>,
     asked: Instant,
@@ -159,18 +160,18 @@ impl Keeper {
                 Ok(Event::Ask(ask, asked)) => self.ask(ask, asked),
                 Ok(Event::Heard(talk, at, word)) if talk == self.talks => self.hear(at, word),
                 Ok(Event::Heard(..)) | Err(RecvTimeoutError::Timeout) => {}
-                // Not while this thread itself holds a sender.
+                // Impossible while this thread itself holds a sender.
                 Err(RecvTimeoutError::Disconnected) => break,
             }
             self.ask_again();
         }
         let late = self.faults.iter().sum::<u64>();
         if late > 0 {
-            tracing::info!("vehicle {}'s law: {late} words that were no answers in time", self.own);
+            tracing::info!("vehicle {}'s law: {late} messages were not replies in time", self.own);
         }
     }
 
-    /// Begins a conversation, if there is none and it is time, or if a law has made a new connection.
+    /// Starts a session if the law has connected, or if the last session has ended and the restart time has passed.
     fn connect(&mut self) -> Result<(), ExternalError> {
         let talk = match (&self.way, &self.listener) {
             (Way::Listen(host, _), Some(listener)) => match listener.accept() {
@@ -178,7 +179,7 @@ impl Keeper {
                     let sink = self.sink();
                     Talk::connection(stream, sink).map_err(|error| ExternalError::Port(host.clone(), error))?
                 }
-                // Nobody, or nobody any more.
+                // No new connection.
                 Err(_) => return Ok(()),
             },
             _ if self.talk.is_some() => return Ok(()),
@@ -208,14 +209,14 @@ impl Keeper {
         Ok(())
     }
 
-    /// Hands on what the next conversation hears, with its number.
+    /// Passes on the input of the next session, with its number.
     fn sink(&self) -> impl skein_host::external::talk::Sink + use<> {
         let (events, number) = (self.events.clone(), self.talks + 1);
         move |at, word| events.send(Event::Heard(number, at, word)).is_ok()
     }
 
     fn ask(&mut self, ask: Box<Ask>, asked: Instant) {
-        // Before it is ready a law is not asked, and answers nothing.
+        // A law that is not ready gets no query, and its replies are faults.
         self.open = None;
         let Some(talk) = self.talk.as_ref().filter(|_| self.is_ready) else { return };
         let said = talk.say(&Said::Ask(&ask));
@@ -225,12 +226,12 @@ impl Keeper {
         }
     }
 
-    /// A datagram may be lost, or the model was not running yet.
+    /// Sends an unanswered query again: the datagram may be lost, or the model may not have run yet.
     fn ask_again(&mut self) {
         let Some((talk, open)) = self.talk.as_ref().zip(self.open.as_mut()) else { return };
         if talk.is_of_vectors() && now() >= open.said + ASK_AGAIN_AFTER {
             open.said = now();
-            // A socket is never deaf.
+            // A UDP socket never reports an unresponsive law.
             let _ = talk.say(&Said::Ask(&open.ask));
         }
     }
@@ -251,7 +252,7 @@ impl Keeper {
                 Ok(())
             }
             Ok(Heard::Ready) => Err(Fault::OutOfPlace("ready".to_owned())),
-            Ok(Heard::Answer(_)) if !self.is_ready => Err(Fault::OutOfPlace("an answer before ready".to_owned())),
+            Ok(Heard::Answer(_)) if !self.is_ready => Err(Fault::OutOfPlace("a reply before ready".to_owned())),
             Ok(Heard::Answer(answer)) => self.take(at, answer),
             Err(fault) => Err(fault),
         };
@@ -260,7 +261,7 @@ impl Keeper {
         }
     }
 
-    /// Hands an answer on, if it is one to the open ask and in time.
+    /// Passes a reply on, if it answers the open query in time.
     fn take(&mut self, at: Instant, answer: Answer) -> Result<(), Fault> {
         if answer.vehicle != self.own {
             return Err(Fault::Vehicle(answer.vehicle.get().into()));
@@ -285,7 +286,7 @@ impl Keeper {
     fn count(&mut self, fault: &Fault) {
         let count = &mut self.faults[fault.kind()];
         *count += 1;
-        // What follows it are misses, and the agent counts those.
+        // Its consequences are missed replies, and the agent counts those.
         if *count == 1 {
             tracing::warn!("vehicle {}'s law: {fault}; more of the kind are only counted", self.own);
         }
@@ -294,7 +295,7 @@ impl Keeper {
         }
     }
 
-    /// The conversation is over.
+    /// Ends the session, and logs the first end.
     fn end(&mut self) {
         let Some(mut talk) = self.talk.take() else { return };
         (self.is_ready, self.open) = (false, None);
@@ -305,7 +306,7 @@ impl Keeper {
     }
 }
 
-/// What is done about a law that has ended.
+/// What happens next to a law that has ended.
 struct Next<'a>(&'a Way);
 
 impl fmt::Display for Next<'_> {

@@ -1,5 +1,5 @@
-//! The edges of a node: what one process that flies one vehicle does with clocks, sockets and files. What it decides is
-//! decided in [`skein_core`], a pure function that this crate calls once a frame.
+//! One agent process: the clocks, sockets and files around the decision-making core. The decisions themselves are made
+//! in [`skein_core`], a pure function that this crate calls once per simulator frame.
 //!
 //! ```text
 //!   plant (built-in helicopter, X-Plane)                                link (Zenoh)

@@ -1,9 +1,10 @@
-//! The edge to the other agents: Zenoh peers without a broker.
+//! The agent's network: Zenoh peers without a broker.
 //!
-//! Hearing: callbacks on Zenoh's threads decode, check and file the newest word of each peer in a bounded `inbox`; they
-//! never wait. The control thread empties it once a step. Speaking: the control thread hands over what a step sends and never
-//! calls Zenoh; a thread of its own sends it (`outgoing`). Whoever comes late asks each peer whose token it sees for the last
-//! register that it said, and Zenoh's threads answer.
+//! Receiving: callbacks on Zenoh's threads decode and verify each message and store the newest one of each peer and
+//! kind in a bounded `inbox`; they never wait. The control thread empties the inbox once a step. Sending: the control
+//! thread hands over the messages of a step and never calls Zenoh; the publisher's thread sends them (`outgoing`). An
+//! agent that starts late queries each peer whose liveliness token it sees for the peer's last heartbeat, and Zenoh's
+//! threads reply.
 
 mod clocks;
 mod health;
@@ -54,97 +55,97 @@ use skein_host::clock::{LocalClock, now, sleep_until};
 use trust::Judge;
 pub use trust::Trust;
 
-/// Environment variable that says on which threads Zenoh runs. It is read once, at the start of the process.
+/// Environment variable that sets Zenoh's threads. Zenoh reads it once, at the start of the process.
 pub const ZENOH_RUNTIME: &str = "ZENOH_RUNTIME";
 
-/// What that says in an agent: everything on one runtime, which takes a third less time on the way and half the processor, with
-/// two threads, however large the swarm is. More of them delay what they carry: each message wakes several. Two are enough
-/// because no thread of Zenoh's waits for a network that was cut: those sockets are the tunnel's.
+/// Value of [`ZENOH_RUNTIME`] in an agent: one runtime with two threads, whatever the size of the swarm. One runtime
+/// delivers a third faster and needs half the CPU time. More threads add delay, because each message wakes several of
+/// them. Two suffice because no Zenoh thread waits for a cut network: the network sockets belong to the tunnel.
 pub const ZENOH_ON_TWO_THREADS: &str =
     "(rx:(handover:app),acc:(handover:app),net:(handover:app),tx:(handover:app),app:(worker_threads:2))";
 
-/// A peer has so long to answer when it is dialled. What cannot be reached over a network is given up sooner, by the tunnel.
+/// Time for a dialled peer to reply. The tunnel gives up earlier on a host that cannot be reached.
 const OPEN_WITHIN: Duration = Duration::from_secs(10);
-/// A session that has said nothing for so long is over. Agents that are slow because their PC is stay linked: an agent is missed
-/// because of the age of what it said, not because of this.
+/// Zenoh's lease: a session that has sent nothing for this long ends. The lease is long so that agents on a slow PC
+/// stay linked; a lost agent is detected earlier, by the age of its messages.
 const LEASE: Duration = Duration::from_secs(4);
 
-/// A thread that sends what must not be dropped waits so long for a peer that does not take it; then that link is closed.
+/// Longest time that a thread waits for a peer to accept a message that must not be dropped; then that link is closed.
 const BLOCK_WITHIN: Duration = Duration::from_millis(20);
 
-/// Time for the last messages to arrive before the link ends.
+/// Time for the last messages to arrive before the link closes.
 const LINGER: Duration = Duration::from_millis(500);
 
-/// A message from the network may be this large.
+/// Largest message accepted from the network, bytes.
 const MAX_MESSAGE_BYTES: usize = 1 << 20;
 
-/// Why there is no link.
+/// Why the network cannot be used.
 #[derive(Debug, thiserror::Error)]
 pub enum LinkError {
-    /// Zenoh does not take our configuration.
+    /// Zenoh rejects our configuration.
     #[error("the network cannot be configured: {}", plain(source))]
     Configuration {
-        /// What Zenoh says.
+        /// Zenoh's error.
         source: zenoh::Error,
     },
-    /// A text that is no endpoint.
-    #[error("{0:?} is no endpoint; one is written like tcp/127.0.0.1:7447")]
+    /// A text that is not an endpoint.
+    #[error("{0:?} is not an endpoint; write it like tcp/127.0.0.1:7447")]
     Endpoint(String),
-    /// An endpoint of the other kind.
+    /// A plain endpoint where links are secured, or a secured endpoint without keys.
     #[error(
         "{endpoint:?}: {}",
-        if *wanted == "tls" { "links are secured here, so an endpoint is written like tls/10.0.0.11:7447" }
-        else { "there are no keys for secured links; a plain endpoint is written like tcp/127.0.0.1:7447" }
+        if *wanted == "tls" { "links are secured here; write the endpoint like tls/10.0.0.11:7447" }
+        else { "there are no keys for secured links; write a plain endpoint like tcp/127.0.0.1:7447" }
     )]
     Protocol {
         /// The endpoint.
         endpoint: String,
-        /// What it has to begin with.
+        /// Protocol that the endpoint must start with.
         wanted: &'static str,
     },
-    /// A file of keys that is none.
+    /// A key or certificate file that cannot be used.
     #[error("{}: {source}", path.display())]
     File {
         /// The file.
         path: PathBuf,
-        /// What is wrong with it.
+        /// The fault found in it.
         source: io::Error,
     },
-    /// A name that does not tell who it is.
-    #[error("the certificates' name {0:?} has to stand for one and only one of vehicles, observer and operator")]
+    /// A certificate name that is empty or used twice.
+    #[error("the certificate name {0:?} must name exactly one of the vehicles, the observer and the operator")]
     Name(String),
-    /// A vehicle that the others know by another key.
-    #[error("the swarm does not know vehicle {0} by this key")]
+    /// The node's own key differs from the key that the swarm has for this vehicle.
+    #[error("this node's key is not the key that the swarm has for vehicle {0}")]
     Key(VehicleId),
-    /// No session: most often an address that is taken or not ours.
+    /// A session cannot be opened, most often because the address is in use or belongs to another host.
     #[error("cannot listen on {}: {}", listen.join(", "), plain(source))]
     Open {
-        /// Where to listen.
+        /// Endpoints to listen on.
         listen: Vec<String>,
-        /// What Zenoh says.
+        /// Zenoh's error.
         source: zenoh::Error,
     },
-    /// The session refuses to speak or to hear.
+    /// The session rejects a publisher, subscriber, queryable or token.
     #[error("cannot declare {key}: {}", plain(source))]
     Declare {
-        /// The key.
+        /// The Zenoh key expression.
         key: String,
-        /// What Zenoh says.
+        /// Zenoh's error.
         source: zenoh::Error,
     },
-    /// No thread that sends.
-    #[error("the system gives no thread: {0}")]
+    /// A sending thread cannot be started.
+    #[error("a thread cannot be started: {0}")]
     Thread(io::Error),
 }
 
 impl LinkError {
-    /// Whether an argument or a file is at fault, not the network.
+    /// Whether the cause is an argument or a file, not the network.
     pub fn is_the_users(&self) -> bool {
         !matches!(self, Self::Configuration { .. } | Self::Open { .. } | Self::Declare { .. } | Self::Thread(_))
     }
 }
 
-/// A Zenoh session of this swarm: a peer that finds nobody by itself, and that is told `more` than all of them.
+/// Opens a Zenoh session of this swarm: a peer without discovery. The settings in `more` override ours.
 pub(crate) fn open_zenoh(
     swarm: &SwarmName,
     listen: &[String],
@@ -168,21 +169,21 @@ fn configuration(
         ("namespace", json!(swarm.as_str())),
         ("listen/endpoints", json!(listen)),
         ("connect/endpoints", json!(dial)),
-        // A broken link is dialled again soon: a peer is back within a second of the network's healing.
+        // A short retry period: a peer is back within a second after the network is restored.
         ("connect/retry", json!({ "period_init_ms": 200, "period_max_ms": 1000, "period_increase_factor": 1.5 })),
-        // A peer that is slow to answer is not dialled twice.
+        // A peer that replies slowly is not dialled a second time.
         ("transport/unicast/open_timeout", json!(OPEN_WITHIN.as_millis())),
         ("scouting/multicast/enabled", json!(false)),
         ("scouting/gossip/enabled", json!(false)),
         ("adminspace/enabled", json!(false)),
         ("transport/link/tx/lease", json!(LEASE.as_millis())),
         ("transport/link/tx/keep_alive", json!(4)),
-        // Speaking never waits: what finds its queue full is dropped at once, the next word is newer.
+        // Sending never waits: a message whose queue is full is dropped at once, because the next one is newer.
         ("transport/link/tx/queue/congestion_control/drop/wait_before_drop", json!(0)),
-        // Zenoh itself must not drop its declarations. A peer that does not take them soon loses its link.
+        // Zenoh must not drop its own declarations. A peer that does not accept them in time loses its link.
         ("transport/link/tx/queue/congestion_control/block/wait_before_close", json!(BLOCK_WITHIN.as_micros())),
-        // Answers get the quality of service of their question. Who asks does not choose it: an answer is dropped rather than
-        // waited for, and has a queue in which nothing else is sent.
+        // A reply gets the quality of service of its query. The querying peer must not choose it: a reply is dropped
+        // rather than waited for, and has a queue of its own.
         (
             "qos/network",
             json!([{
@@ -191,7 +192,7 @@ fn configuration(
                 "overwrite": { "congestion_control": "drop", "priority": "interactive_low", "express": true },
             }]),
         ),
-        // Memory for what comes in pieces, before anybody looks at it: many times the largest word.
+        // Limits the memory for fragmented messages before they are decoded: many times the largest message.
         ("transport/link/rx/max_message_size", json!(MAX_MESSAGE_BYTES)),
     ];
     for (key, value) in values.iter().chain(more) {
@@ -200,25 +201,25 @@ fn configuration(
     Ok(configuration)
 }
 
-/// One agent's ears and mouth.
+/// The network link of one agent: receives the peers' messages and publishes its own.
 pub struct Link {
     ear: Arc<Ear>,
     outgoing: Outgoing,
-    /// In each session.
+    /// Whether the trace has a subscriber, for each session.
     trace_is_wanted: Vec<Arc<AtomicBool>>,
-    /// Gone with the sessions: then the others know that this agent is.
+    /// Liveliness tokens, dropped with the sessions; the peers then see that this agent has ended.
     _alive: Vec<LivelinessToken>,
     own: VehicleId,
-    /// With them and the publisher's thread the sessions end.
+    /// The sessions end when this, the tokens and the publisher's thread are dropped.
     sessions: Sessions,
 }
 
 impl Link {
-    /// Makes vehicle `own` heard and lets it hear those of the others whom it trusts; their words get their time of arrival
-    /// from `clock`.
+    /// Starts publishing for vehicle `own` and receiving from the peers that `trust` accepts. Each received message
+    /// gets its arrival time from `clock`.
     ///
     /// # Errors
-    /// If a session is closed, or the system gives no thread.
+    /// If a session is closed, or a thread cannot be started.
     pub fn new(
         sessions: impl Into<Sessions>,
         own: VehicleId,
@@ -247,72 +248,73 @@ impl Link {
         let token = |session: &Arc<Session>| {
             session.liveliness().declare_token(alive.clone()).wait().map_err(declaring(&alive))
         };
-        // Last: who sees the token can be heard.
+        // The token comes last: an agent whose token is visible must already be able to receive.
         let alive = sessions.all.iter().map(token).collect::<Result<_, _>>()?;
         Ok(Self { ear, outgoing, trace_is_wanted, _alive: alive, own, sessions })
     }
 
-    /// Moves what was heard since the last time to the end of `heard`: the newest word of each peer and kind.
+    /// Moves all messages received since the last call to the end of `heard`: the newest of each peer and kind.
     pub fn drain(&self, heard: &mut Vec<Heard>) {
         self.ear.inbox.drain(heard);
     }
 
-    /// Hands over what a step sends. Never waits for the network.
+    /// Hands over the messages of one step. Never waits for the network.
     pub fn send(&self, messages: Messages) {
         self.outgoing.hand_over(messages);
     }
 
-    /// Sends the own state, filed under the cell it is in.
+    /// Publishes the own state under the key of its cell.
     pub fn say_state(&self, state: &State, cell: Cell) {
         self.send(Messages { state: Some((*state, cell)), ..Messages::default() });
     }
 
-    /// Sends the own register of the agreement, and keeps it for whoever comes late.
+    /// Publishes the own heartbeat with the agreement state, and keeps it for agents that start late.
     pub fn say_mission(&self, mission: &Mission) {
         self.send(Messages { mission: Some(*mission), ..Messages::default() });
     }
 
-    /// Sends what happened.
+    /// Publishes an event.
     pub fn say_event(&self, event: &Event) {
         self.send(Messages { events: vec![*event], ..Messages::default() });
     }
 
-    /// Whether somebody listens to the trace.
+    /// Whether the trace has a subscriber.
     pub fn trace_is_wanted(&self) -> bool {
         self.trace_is_wanted.iter().any(|wanted| wanted.load(Relaxed))
     }
 
-    /// The line for health, which another thread speaks on. From now on whoever asks is told what `utc` shows.
+    /// Opens the health publisher, for use by another thread, and starts to answer clock queries with the time of
+    /// `utc`.
     ///
     /// # Errors
-    /// If the session is closed.
+    /// If a session is closed.
     pub fn health(&self, utc: Utc) -> Result<HealthLine, LinkError> {
         let line = Line::open(&self.sessions, &self.ear, Topic::Health(self.own), Priority::DataHigh)?;
         let clocks = Clocks::open(&self.sessions, &self.ear, self.own, utc)?;
         Ok(HealthLine { line, ear: self.ear.clone(), clocks, live: Vec::new() })
     }
 
-    /// What was dropped so far.
+    /// Number of messages dropped so far, by reason.
     pub fn drops(&self) -> Drops {
         self.ear.inbox.drops()
     }
 
-    /// Events and traces that were not sent so far because the network was too slow.
+    /// Number of events and traces that were not sent because the network was too slow.
     pub fn unsent(&self) -> u64 {
         self.outgoing.dropped()
     }
 
-    /// Takes leave of the others, having sent what still waits. Zenoh's own closing can take ten seconds on a bad network; this
-    /// never does.
+    /// Sends the messages that still wait, then closes the sessions. Zenoh's own closing can take ten seconds on a bad
+    /// network; this returns within two.
     pub fn close(self) {
         self.outgoing.end();
-        // A receiver drops what it reads after the link has ended: the last event has to arrive before that.
+        // A receiver discards unread data after the link has ended, so the last event has to arrive before that.
         sleep_until(now() + LINGER);
         self.sessions.clone().close(self);
     }
 }
 
-/// What the publisher's thread sends, and how.
+/// Everything that the publisher's thread sends with.
 struct Mouth {
     ear: Arc<Ear>,
     sessions: Vec<Arc<Session>>,
@@ -325,7 +327,7 @@ struct Mouth {
 }
 
 impl Mouth {
-    /// Sends everything that waits. Zenoh may make it wait for a slow peer.
+    /// Sends all waiting messages. Zenoh may block it for a slow peer.
     fn send(&mut self, waiting: &mut Waiting) {
         if let Some((state, cell)) = waiting.state.take() {
             self.send_state(&state, cell);
@@ -346,7 +348,7 @@ impl Mouth {
         };
         let said = ZBytes::from(self.ear.write(key, state));
         for session in &self.sessions {
-            // Like a line's: it fails only on a closed session. Cells change, so no publisher is declared.
+            // As in `MessagePublisher`: it fails only on a closed session. Cells change, so no publisher is declared.
             let _ = session
                 .put(key.as_str(), said.clone())
                 .congestion_control(CongestionControl::Drop)
@@ -359,7 +361,7 @@ impl Mouth {
     }
 }
 
-/// What Zenoh's threads do with what they hear: they never wait. And how the own words are made out.
+/// Processing of received messages on Zenoh's threads, which never waits, and the encoding of the own messages.
 struct Ear {
     inbox: Inbox,
     judge: Judge,
@@ -370,13 +372,13 @@ struct Ear {
 }
 
 impl Ear {
-    /// Files what is believed of a message that stands under its speaker's own key.
+    /// Verifies a message and stores it if its sender was allowed to publish it under this key.
     fn hear<M: Message>(&self, sample: &Sample, word: fn(M) -> Word) {
         let key = sample.key_expr().as_str();
         match Topic::parse(key).map(|topic| topic.author()) {
-            // Replayed by somebody else, or on its way while its link broke.
+            // Replayed by another node, or delivered while the sender's link broke.
             Some(Author::Vehicle(id)) if !self.presence.may_speak(id) => {
-                self.inbox.refuse(Reason::Old, key, &"its speaker is not there");
+                self.inbox.refuse(Reason::Old, key, &"its sender has no link");
             }
             _ => match self.voices.read::<M>(key, &sample.payload().to_bytes()) {
                 Ok(said) => self.file(key, word(said.message), said.run),
@@ -385,7 +387,7 @@ impl Ear {
         }
     }
 
-    /// Files what is believed of a word, which its speaker has said in this run, if it is sealed.
+    /// Stores a message if the trust rules accept it. `run` is the run of the swarm in its signature, if it has one.
     fn file(&self, key: &str, word: Word, run: Option<u64>) {
         let at = self.clock.now();
         let refused = |reason: Reason| self.inbox.refuse(reason, key, &reason);
@@ -394,7 +396,7 @@ impl Ear {
         }
     }
 
-    /// One of the own words, as it is said.
+    /// Encodes one of the own messages, with a signature where messages are signed.
     fn write(&self, key: &str, message: &impl Message) -> Vec<u8> {
         self.voices.write(self.sealer.as_deref(), self.judge.run(), key, message)
     }
@@ -404,7 +406,7 @@ impl Ear {
     }
 }
 
-/// From now on tells whether somebody listens to this publisher.
+/// Follows whether this publisher has subscribers.
 fn watch_matching(publisher: &Publisher<'static>) -> Result<Arc<AtomicBool>, LinkError> {
     let is_wanted = Arc::new(AtomicBool::new(false));
     let noted = is_wanted.clone();
@@ -413,7 +415,7 @@ fn watch_matching(publisher: &Publisher<'static>) -> Result<Arc<AtomicBool>, Lin
     Ok(is_wanted)
 }
 
-/// Files every message of this kind.
+/// Stores every message of this kind.
 fn hear<M: Message + 'static>(
     session: &Session,
     key: &str,
@@ -430,14 +432,14 @@ fn hear<M: Message + 'static>(
         .map_err(declaring(key))
 }
 
-/// Files who of the others comes and goes, those already there included, and asks who comes for its register.
+/// Stores which peers appear and vanish, those already up included, and queries each new peer for its last heartbeat.
 fn hear_presence(sessions: &Sessions, own: VehicleId, ear: &Arc<Ear>) -> Result<(), LinkError> {
-    // The ear knows whom it tells.
+    // A weak reference: the receiver owns the presence that calls this.
     let told = Arc::downgrade(ear);
     let note = move |change| {
         let Some(ear) = told.upgrade() else { return };
         match change {
-            // One's own token is reported like any other.
+            // The own token is reported like any other.
             Change::Came(id) if id != own => ear.file(&Topic::Alive(id).key(), Word::Appeared(id), None),
             Change::Went(id) if id != own => ear.file(&Topic::Alive(id).key(), Word::Vanished(id), None),
             Change::Came(_) | Change::Went(_) => {}
@@ -458,7 +460,7 @@ fn hear_presence(sessions: &Sessions, own: VehicleId, ear: &Arc<Ear>) -> Result<
     Ok(())
 }
 
-/// What Zenoh says, without the places in its source, `at .../tcp.rs:61.`, that it mixes in.
+/// Zenoh's error text without the places in its source code, such as `at .../tcp.rs:61.`.
 fn plain(error: &zenoh::Error) -> String {
     let mut text = error.to_string();
     while let Some(place) = text.find(".rs:") {

@@ -1,11 +1,11 @@
-//! `skein-agent`: flies one vehicle. Everything is in the library.
+//! `skein-agent` flies one vehicle. All of its code is in the library.
 
 use std::process::ExitCode;
 
 use clap::Parser;
 use skein_agent::config::AgentOptions;
 
-/// Flies one vehicle of a swarm that nobody leads.
+/// Flies one vehicle of a swarm without a central computer.
 #[derive(Parser)]
 #[command(version)]
 struct Cli {

@@ -1,16 +1,16 @@
-//! The real node around the core: threads, clocks, the end.
+//! Runs one agent in real time: its threads, its clocks, its shutdown.
 //!
 //! | thread | what it does |
 //! | --- | --- |
-//! | control | waits for the plant's frame, steps the [`Station`], writes the controls; hands over what is to be sent |
-//! | publisher | sends it, and may have to wait for the network |
-//! | Zenoh's | file what is heard ([`crate::link`]) |
-//! | law's | asks an external law, if one flies ([`crate::external`]) |
-//! | Tokio's | health once a second, how far clocks are apart, signals |
-//! | log, standard input | may block, each alone |
+//! | control | waits for the plant's frame, steps the [`Station`], writes the controls, hands over the messages to send |
+//! | publisher | sends the messages; may block on the network |
+//! | Zenoh's | store received messages ([`crate::link`]) |
+//! | law's | queries an external law, if the scenario has one ([`crate::external`]) |
+//! | Tokio's | health and clock comparison once a second, signals |
+//! | log, standard input | may block; one thread each |
 //!
-//! Nothing that the control thread does can wait for another of them: it never calls Zenoh, it takes two locks that are held
-//! for a copy (the inbox and what is to be sent; another one it only tries), and everything it hands over may be dropped.
+//! The control thread never waits for another thread: it never calls Zenoh, it takes two locks that are held only for a
+//! copy (the inbox and the outgoing messages) and only tries a third, and everything it hands over may be dropped.
 
 mod control;
 mod log;
@@ -43,14 +43,15 @@ use skein_core::station::{Clocks, Station};
 use skein_host::clock::{LocalClock, new_incarnation, next_incarnation, utc_nanoseconds};
 use skein_host::external::ExternalError;
 
-/// Environment variable that says which release was installed here.
+/// Environment variable with the name of the installed release.
 pub const RELEASE: &str = "SKEIN_RELEASE";
 
-/// Environment variable that names a file in which an agent keeps its life's number, so that the next one's is larger even if
-/// the clock was set back: to its peers it would be speaking in an earlier life else, and not be heard.
+/// Environment variable with the file in which an agent keeps its incarnation number. The file makes the next
+/// incarnation larger even if the clock was set back; peers would otherwise discard its messages as those of an earlier
+/// incarnation.
 pub const LIFE: &str = "SKEIN_LIFE";
 
-/// How an agent is asked to end.
+/// Requests that an agent end.
 #[derive(Debug, Default)]
 pub struct Stop {
     times: AtomicU32,
@@ -58,12 +59,13 @@ pub struct Stop {
 }
 
 impl Stop {
-    /// The first time: land, give the controls back, end. The second time: give the controls back and end at once.
+    /// Requests the end. First call: land, release the controls, end. Second call: release the controls and end at
+    /// once.
     pub fn ask(&self) {
         self.times.fetch_add(1, Relaxed);
     }
 
-    /// Whoever started this agent is gone, or never stood by: fly on, and end once an order has brought it down.
+    /// Marks the agent as unattended: no launcher can end it. It flies on, and ends after an order has landed it.
     pub fn forsake(&self) {
         self.forsaken.store(true, Relaxed);
     }
@@ -81,32 +83,33 @@ impl Stop {
     }
 }
 
-/// Why an agent could not fly, or did not fly to its end.
+/// Why an agent could not start, or stopped early.
 #[derive(Debug, thiserror::Error)]
 pub enum RunError {
-    /// No network.
+    /// The network could not be opened.
     #[error(transparent)]
     Link(#[from] LinkError),
-    /// No simulator.
+    /// The simulator could not be opened.
     #[error(transparent)]
     Plant(#[from] xplane::LinkError),
-    /// A scenario that asks for what is not flown yet.
+    /// The scenario uses a feature that agents do not support.
     #[error(transparent)]
     NotFlown(#[from] NotFlown),
-    /// No law.
+    /// The external law could not be started.
     #[error(transparent)]
     Law(#[from] ExternalError),
-    /// No threads.
-    #[error("the system gives no threads: {0}")]
+    /// A thread could not be started.
+    #[error("a thread cannot be started: {0}")]
     Threads(#[from] io::Error),
-    /// A fault of ours.
-    #[error("the control thread has panicked; the controls were given back")]
+    /// The control thread panicked: a bug in Skein.
+    #[error("the control thread panicked (a bug in Skein); the controls were released")]
     Panicked,
 }
 
-/// A whole agent process: files, network, flight, end. `skein-agent` and `skein agent` are this.
+/// Runs a whole agent process: reads its files, opens the network, flies, ends. `skein-agent` and `skein agent` call
+/// it.
 ///
-/// Exit codes: 0 it has landed or was ended, 1 it failed, 2 a file or an argument is wrong.
+/// Exit codes: 0 after landing or after a requested end, 1 after a failure, 2 if a file or an argument is wrong.
 pub fn program(options: &AgentOptions) -> ExitCode {
     let node = match options.node() {
         Ok(node) => node,
@@ -114,7 +117,7 @@ pub fn program(options: &AgentOptions) -> ExitCode {
     };
     unix::restart_with((ZENOH_RUNTIME, ZENOH_ON_TWO_THREADS));
     if !options.child {
-        // Who starts a child has read them.
+        // The parent process has printed a child's notes.
         node.notes.iter().for_each(|note| eprintln!("{note}"));
     }
     let _log = log::start();
@@ -127,7 +130,7 @@ pub fn program(options: &AgentOptions) -> ExitCode {
     if options.child {
         stop_on_stdin(stop.clone());
     } else if node.run != 0 {
-        // On a cluster nobody stands beside it who could end it: whom an order has landed ends.
+        // On a cluster no launcher watches the agent, so it ends by itself after an order has landed it.
         stop.forsake();
     }
     let flown = run(&node, &stop, runtime.handle());
@@ -139,19 +142,19 @@ pub fn program(options: &AgentOptions) -> ExitCode {
     }
 }
 
-/// Flies a node's vehicle until it is down after `stop` was asked for. Blocks; not for a Tokio thread.
+/// Flies the node's vehicle until it has landed after `stop` was requested. Blocks: do not call it on a Tokio thread.
 ///
 /// # Errors
-/// If it cannot begin, or if the control thread has panicked.
+/// If the network, plant or law cannot be opened, or if the control thread panics.
 pub fn run(node: &Node, stop: &Arc<Stop>, tokio: &Handle) -> Result<(), RunError> {
     let sessions = Sessions::open(&node.scenario.swarm.name, &node.listen, &node.dial, &node.security)?;
     fly(node, sessions, stop, tokio)
 }
 
-/// [`run`] over sessions that are already open.
+/// Flies as [`run`] does, over sessions that are already open.
 ///
 /// # Errors
-/// As [`run`].
+/// The same as [`run`].
 pub fn fly(node: &Node, sessions: impl Into<Sessions>, stop: &Arc<Stop>, tokio: &Handle) -> Result<(), RunError> {
     let clock = LocalClock::start();
     let incarnation = incarnation();
@@ -197,8 +200,8 @@ pub fn fly(node: &Node, sessions: impl Into<Sessions>, stop: &Arc<Stop>, tokio: 
     Ok(())
 }
 
-/// Says health as it comes, and asks for the others' time, until the control thread is gone. Health comes only while that
-/// thread goes round: whoever watches over this process hears of it too.
+/// Publishes each health message and queries the peers' clocks until the control thread has ended. Health is sent only
+/// while the control loop runs, so it also feeds the service manager's watchdog.
 async fn publish(mut line: HealthLine, mut healths: mpsc::Receiver<Health>) {
     let mut turns = tokio::time::interval(ASK_EVERY);
     turns.set_missed_tick_behavior(MissedTickBehavior::Delay);
@@ -214,15 +217,15 @@ async fn publish(mut line: HealthLine, mut healths: mpsc::Receiver<Health>) {
     }
 }
 
-/// The number of this life.
+/// Incarnation number of this process.
 fn incarnation() -> Incarnation {
     let Some(file) = std::env::var_os(LIFE) else { return new_incarnation() };
     let (incarnation, fault) = next_incarnation(Path::new(&file));
-    fault.iter().for_each(|fault| tracing::warn!("this life's number cannot be kept: {fault}"));
+    fault.iter().for_each(|fault| tracing::warn!("cannot save the incarnation number: {fault}"));
     incarnation
 }
 
-/// What runs here: who has installed it says so in the environment.
+/// Release that runs here: named by the installer in the environment, otherwise the package version.
 fn release() -> String {
     let installed = std::env::var(RELEASE).ok().filter(|release| !release.is_empty());
     let release = installed.unwrap_or_else(|| env!("CARGO_PKG_VERSION").to_owned());
@@ -236,12 +239,13 @@ fn stop_on_signals(tokio: &Handle, stop: Arc<Stop>) {
                 signals.next().await;
                 stop.ask();
             },
-            Err(error) => tracing::warn!("signals cannot be caught, and end this agent in the air: {error}"),
+            Err(error) => tracing::warn!("cannot catch signals; a signal ends this agent in flight: {error}"),
         }
     });
 }
 
-/// Each line "stop" asks once. The end of the input is no order: the launcher may have been killed.
+/// Requests the end once for each line "stop". The end of the input requests nothing, because the launcher may have
+/// been killed.
 fn stop_on_stdin(stop: Arc<Stop>) {
     thread::spawn(move || {
         for line in io::stdin().lock().lines().map_while(Result::ok) {

@@ -1,4 +1,4 @@
-//! What only a Unix has, and what takes its place elsewhere. The only file that knows the difference.
+//! Functions that only Unix provides, with replacements for other systems. No other file distinguishes the systems.
 
 #[cfg(unix)]
 pub use on_unix::*;
@@ -23,10 +23,10 @@ mod on_unix {
     };
     use tokio::signal::unix::{Signal, SignalKind, signal};
 
-    /// Above ordinary processes, below the kernel's own threads, in percent of the range.
+    /// Real-time priority in percent of the range: above ordinary processes, below the kernel's own threads.
     const PRIORITY: u8 = 30;
 
-    /// Puts this thread before all ordinary ones (SCHED_FIFO), if that is allowed. Says in words what was obtained.
+    /// Gives this thread real-time priority (SCHED_FIFO), if permitted. Returns a description of the result.
     pub fn raise_this_thread() -> String {
         let fifo = ThreadSchedulePolicy::Realtime(RealtimeThreadSchedulePolicy::Fifo);
         let raised = ThreadPriorityValue::try_from(PRIORITY).map_err(|what| what.to_owned()).and_then(|priority| {
@@ -35,11 +35,11 @@ mod on_unix {
         });
         match raised {
             Ok(()) => "real-time priority (SCHED_FIFO)".to_owned(),
-            Err(error) => format!("ordinary priority (SCHED_FIFO is not allowed: {error})"),
+            Err(error) => format!("ordinary priority (SCHED_FIFO is not permitted: {error})"),
         }
     }
 
-    /// Keeps this process's pages in memory, if that is allowed. Says in words what was obtained.
+    /// Locks this process's pages in memory, if permitted. Returns a description of the result.
     pub fn lock_memory() -> String {
         match try_to_lock_memory() {
             Ok(what) => what.to_owned(),
@@ -47,8 +47,9 @@ mod on_unix {
         }
     }
 
-    /// Pages are locked as they are touched, or every thread's whole stack would be filled. Under a limit only what is
-    /// mapped now is locked: beyond the limit an allocation would fail instead of being merely pageable.
+    /// Locks pages as they are touched, because otherwise every thread's whole stack would be filled. Under a limit
+    /// only the pages mapped now are locked: beyond the limit an allocation would fail instead of merely being
+    /// pageable.
     #[cfg(target_os = "linux")]
     fn try_to_lock_memory() -> Result<&'static str, rustix::io::Errno> {
         use rustix::mm::{MlockAllFlags, mlockall};
@@ -58,32 +59,33 @@ mod on_unix {
         if getrlimit(Resource::Memlock).current.is_none() {
             mlockall(now | MlockAllFlags::FUTURE).map(|()| "memory locked")
         } else {
-            mlockall(now).map(|()| "memory locked as far as mapped by now")
+            mlockall(now).map(|()| "memory mapped so far locked")
         }
     }
 
     #[cfg(not(target_os = "linux"))]
     fn try_to_lock_memory() -> Result<&'static str, &'static str> {
-        Err("not on this system")
+        Err("not supported on this system")
     }
 
-    /// Starts this program over with an environment variable, if it is missing. Does nothing if that cannot be done.
+    /// Restarts this program with an environment variable, if the variable is missing. Does nothing if the restart
+    /// fails.
     pub fn restart_with((name, value): (&str, &str)) {
         if env::var_os(name).is_none()
             && let Ok(program) = env::current_exe()
         {
             let mut arguments = env::args_os();
             let own_name = arguments.next().unwrap_or_else(|| program.clone().into());
-            // It returns only if it has failed, and then this process goes on as it is.
+            // `exec` returns only if it has failed; this process then continues without the variable.
             let _ = Command::new(program).arg0(own_name).args(arguments).env(name, value).exec();
         }
     }
 
-    /// A connection ends when what was sent on it is not acknowledged, or not taken, for this long. Only Linux can; elsewhere
-    /// Zenoh's lease ends it.
+    /// Ends a connection when data sent on it was not acknowledged, or not accepted, for this long. Only Linux supports
+    /// this; on other systems Zenoh's lease ends the connection.
     ///
     /// # Errors
-    /// If the system refuses.
+    /// If the system refuses the option.
     #[cfg_attr(not(any(target_os = "linux", target_os = "android")), expect(unused_variables))]
     pub fn give_up_unacknowledged(socket: &tokio::net::TcpStream, after: std::time::Duration) -> io::Result<()> {
         #[cfg(any(target_os = "linux", target_os = "android"))]
@@ -91,20 +93,20 @@ mod on_unix {
         Ok(())
     }
 
-    /// Whether this file is more than its owner's.
+    /// Whether users other than the owner can access this file.
     pub fn others_can_read(path: &Path) -> bool {
         std::fs::metadata(path).is_ok_and(|about| about.permissions().mode() & 0o077 != 0)
     }
 
-    /// Tells systemd, if it has started this process and listens. Never waits.
+    /// Notifies systemd, if it has started this process and asked for notifications. Never waits.
     pub fn tell_service(what: &str) {
         if let Some(socket) = env::var_os("NOTIFY_SOCKET") {
-            // A service manager that does not hear is none of ours to mend.
+            // The agent flies on if the service manager does not receive it.
             let _ = notify(&socket, what);
         }
     }
 
-    /// The name of a socket, or after an `@` one that is in no file system.
+    /// Sends a notification to a socket named by its path, or by an abstract name after an `@`.
     fn notify(socket: &OsStr, what: &str) -> io::Result<usize> {
         let datagram = UnixDatagram::unbound()?;
         datagram.set_nonblocking(true)?;
@@ -117,11 +119,11 @@ mod on_unix {
         datagram.send_to(what.as_bytes(), socket)
     }
 
-    /// SIGINT, SIGTERM and SIGHUP (a terminal that is closed): all mean that the agent shall end.
+    /// SIGINT, SIGTERM and SIGHUP (a closed terminal), which all request the end of the agent.
     pub struct Signals([Signal; 3]);
 
     impl Signals {
-        /// From now on they no longer end the process. Within Tokio.
+        /// Catches the signals, so that they no longer end the process. Call it within Tokio.
         ///
         /// # Errors
         /// If the system refuses.
@@ -131,7 +133,7 @@ mod on_unix {
             Ok(Self([interrupt?, terminate?, hangup?]))
         }
 
-        /// The next one.
+        /// Waits for the next signal.
         pub async fn next(&mut self) {
             let [interrupt, terminate, hangup] = &mut self.0;
             tokio::select! {
@@ -188,23 +190,23 @@ mod on_unix {
 
 #[cfg(not(unix))]
 mod plain {
-    /// The priority stays as it is. Says so in words.
+    /// Leaves the priority unchanged. Returns a description of that.
     pub fn raise_this_thread() -> String {
         "ordinary priority".to_owned()
     }
 
-    /// Memory stays pageable. Says so in words.
+    /// Leaves memory pageable. Returns a description of that.
     pub fn lock_memory() -> String {
         "memory not locked".to_owned()
     }
 
-    /// Does nothing: Zenoh's defaults serve.
+    /// Does nothing: Zenoh's defaults suffice.
     pub fn restart_with(_variable: (&str, &str)) {}
 
-    /// Does nothing: nobody asks.
+    /// Does nothing: there is a service manager only on Unix.
     pub fn tell_service(_what: &str) {}
 
-    /// Does nothing: Zenoh's lease ends a connection that was cut.
+    /// Does nothing: Zenoh's lease ends a cut connection.
     ///
     /// # Errors
     /// Never.
@@ -212,16 +214,16 @@ mod plain {
         Ok(())
     }
 
-    /// Not known: there are no such modes.
+    /// Always false: the system has no such file modes.
     pub fn others_can_read(_path: &std::path::Path) -> bool {
         false
     }
 
-    /// Ctrl-C.
+    /// Ctrl-C, which requests the end of the agent.
     pub struct Signals;
 
     impl Signals {
-        /// From now on it no longer ends the process.
+        /// Catches Ctrl-C, so that it no longer ends the process.
         ///
         /// # Errors
         /// Never.
@@ -229,7 +231,7 @@ mod plain {
             Ok(Self)
         }
 
-        /// The next one.
+        /// Waits for the next Ctrl-C.
         pub async fn next(&mut self) {
             if tokio::signal::ctrl_c().await.is_err() {
                 std::future::pending::<()>().await;

@@ -458,7 +458,7 @@ fn a_law_that_cannot_be_reached_is_refused_before_anything_is_begun() {
     let file = law.folder.path().join("law.toml");
     let file = file.to_str().unwrap();
     let missing = ["--set", "formation.external.command=[\"no-such-program-7\"]"];
-    let sentence = format!("{file}: formation.external.command: there is no program \"no-such-program-7\"\n");
+    let sentence = format!("{file}: formation.external.command: program \"no-such-program-7\" not found\n");
     for verb in ["study", "fly"] {
         assert_eq!(run(&[&[verb, file][..], &missing].concat()), (Some(2), sentence.clone()));
     }

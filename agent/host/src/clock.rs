@@ -1,4 +1,4 @@
-//! The clocks of a running process: the only place of the workspace that reads them. The core is told the time.
+//! Clocks of a running process. No other place of the workspace reads a clock; the core gets the time as an argument.
 
 use std::fs;
 use std::path::Path;
@@ -9,30 +9,30 @@ use skein_common::id::Incarnation;
 use skein_common::time::LocalTime;
 use time::OffsetDateTime;
 
-/// This process's monotonic clock.
+/// Monotonic clock of this process.
 #[derive(Clone, Copy, Debug)]
 pub struct LocalClock {
     zero: Instant,
 }
 
 impl LocalClock {
-    /// A clock that shows zero now.
+    /// Starts a clock at zero.
     pub fn start() -> Self {
         Self { zero: now() }
     }
 
-    /// What it shows now.
+    /// Current time of this clock.
     pub fn now(&self) -> LocalTime {
         self.at(now())
     }
 
-    /// What it showed at an instant.
+    /// Time of this clock at an instant.
     pub fn at(&self, instant: Instant) -> LocalTime {
         LocalTime::from_nanoseconds(nanoseconds(instant.saturating_duration_since(self.zero)))
     }
 }
 
-/// The monotonic clock as the system has it.
+/// Reads the system's monotonic clock.
 #[expect(clippy::disallowed_methods, reason = "an edge: deadlines and arrival times")]
 pub fn now() -> Instant {
     Instant::now()
@@ -44,13 +44,13 @@ pub fn sleep_until(instant: Instant) {
     thread::sleep(instant.saturating_duration_since(now()));
 }
 
-/// A life that begins now: a restarted agent has a larger incarnation.
+/// Incarnation number of an agent that starts now, larger than that of an earlier start.
 pub fn new_incarnation() -> Incarnation {
     Incarnation(utc_nanoseconds())
 }
 
-/// The same where the clock may have been set back since the last life: that is in `file`, and from now on this one is. What
-/// cannot be kept is told in words.
+/// Incarnation number of an agent that starts now, larger than the last one even if the clock was set back. The last
+/// number is read from `file`, and the new one is saved there. The second value describes why it could not be saved.
 pub fn next_incarnation(file: &Path) -> (Incarnation, Option<String>) {
     let last = fs::read_to_string(file).ok().and_then(|text| text.trim().parse::<u64>().ok());
     let Incarnation(new) = new_incarnation();
@@ -59,7 +59,7 @@ pub fn next_incarnation(file: &Path) -> (Incarnation, Option<String>) {
     (Incarnation(new), fault.map(|fault| format!("{}: {fault}", file.display())))
 }
 
-/// What the system takes UTC to be, ns since 1970. Other systems' differ, and nothing in flight relies on it.
+/// UTC by the system's clock, ns since 1970. Other hosts' clocks differ, and nothing in flight relies on it.
 #[expect(clippy::disallowed_methods, reason = "an edge: new lives, and how far clocks are apart")]
 pub fn utc_nanoseconds() -> u64 {
     nanoseconds(SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default())
@@ -69,13 +69,13 @@ fn nanoseconds(duration: Duration) -> u64 {
     u64::try_from(duration.as_nanos()).unwrap_or(u64::MAX)
 }
 
-/// Blocks this thread for this long.
+/// Blocks this thread for a duration.
 pub fn sleep(duration: Duration) {
     sleep_until(now() + duration);
 }
 
-/// UTC of instants, as nanoseconds since 1970: it is read once and goes on as monotonic time does, so that no setting of the
-/// clock turns the order of two instants round.
+/// Converts instants to UTC, ns since 1970. UTC is read once and then advances with the monotonic clock, so that
+/// setting the system's clock never changes the order of two instants.
 #[derive(Clone, Copy, Debug)]
 pub struct Utc {
     at: Instant,
@@ -83,12 +83,12 @@ pub struct Utc {
 }
 
 impl Utc {
-    /// Read now.
+    /// Reads UTC now.
     pub fn read() -> Self {
         Self { at: now(), unix_ns: utc_nanoseconds() }
     }
 
-    /// UTC of this instant.
+    /// UTC of an instant, ns since 1970.
     pub fn nanoseconds(&self, at: Instant) -> u64 {
         match at.checked_duration_since(self.at) {
             Some(since) => self.unix_ns.saturating_add(nanoseconds(since)),
@@ -97,7 +97,7 @@ impl Utc {
     }
 }
 
-/// The present UTC, to the second, as certificates have it.
+/// Current UTC to the second, as in certificates.
 pub fn utc() -> OffsetDateTime {
     let now = utc_now();
     now.replace_nanosecond(0).unwrap_or(now)
@@ -108,12 +108,12 @@ fn utc_now() -> OffsetDateTime {
     OffsetDateTime::from_unix_timestamp_nanos(utc_nanoseconds().into()).unwrap_or(OffsetDateTime::UNIX_EPOCH)
 }
 
-/// The present UTC as a name for files, `20261121T081502Z`: it sorts by time and has no colon.
+/// Current UTC as part of a file name, `20261121T081502Z`: it sorts by time and has no colon.
 pub fn utc_name() -> String {
     name_of(utc())
 }
 
-/// The present UTC at the head of a log's line, `2026-11-21T08:15:02.123456Z`.
+/// Current UTC for the start of a log line, `2026-11-21T08:15:02.123456Z`.
 pub fn utc_stamp() -> String {
     let utc = utc_now();
     let (hour, minute, second, us) = (utc.hour(), utc.minute(), utc.second(), utc.microsecond());
@@ -136,14 +136,14 @@ mod tests {
         let now = utc_nanoseconds();
         let (first, fault) = next_incarnation(&file);
         assert!(first >= Incarnation(now) && fault.is_none(), "{first:?}, {fault:?}");
-        // The clock was an hour ahead at the last start.
+        // The clock was an hour fast at the last start.
         let ahead = utc_nanoseconds() + 3_600_000_000_000;
         fs::write(&file, ahead.to_string()).unwrap();
         let lives = [(); 3].map(|()| next_incarnation(&file).0);
         assert_eq!(lives, [1, 2, 3].map(|nth| Incarnation(ahead + nth)));
         fs::write(&file, "half a num").unwrap();
         let now = utc_nanoseconds();
-        assert!((now..ahead).contains(&next_incarnation(&file).0.0), "a file that is none says nothing");
+        assert!((now..ahead).contains(&next_incarnation(&file).0.0), "a damaged file is ignored");
         let (life, fault) = next_incarnation(&folder.path().join("nowhere/life"));
         assert!(life >= Incarnation(now) && fault.is_some());
     }

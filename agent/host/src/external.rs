@@ -1,12 +1,12 @@
-//! The way to an external law, another program: how it is found, what is said, and who carries it.
+//! Connects to an external law, another program: finds it, encodes the protocol, and carries the messages.
 //!
 //! | module | what it does |
 //! | --- | --- |
-//! | [`protocol`] | JSON lines: hello, ask, bye; ready, answer |
-//! | [`vector`] | the same content as vectors of numbers, for programs without JSON |
-//! | [`talk`] | a child process, a TCP connection or a UDP socket that carries them |
+//! | [`protocol`] | messages as JSON lines: hello, ask and bye to the law; ready and answer from it |
+//! | [`vector`] | queries and replies as vectors of numbers, for programs without JSON |
+//! | [`talk`] | one session: a child process, a TCP connection or a UDP socket |
 //!
-//! The core knows none of this: it has [`skein_core::formation::external`]. In virtual time the study carries the words.
+//! The core only has [`skein_core::formation::external`]. In virtual time the study carries the messages.
 
 pub mod protocol;
 pub mod talk;
@@ -19,44 +19,44 @@ use std::path::{Path, PathBuf};
 use skein_common::id::VehicleId;
 use skein_common::scenario::{self, Law, Scenario};
 
-/// How a law is reached, checked.
+/// Checked transport to a law.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Way {
-    /// Program and arguments: one process for each vehicle.
+    /// Program and arguments, started as one process for each vehicle.
     Command(Vec<String>),
-    /// The law connects to this host and port.
+    /// Host and port that the law connects to.
     Listen(String, u16),
-    /// Vectors go to the first and come to the second.
+    /// Vectors in UDP datagrams.
     Udp {
-        /// Host and port of asks.
+        /// Host and port that queries are sent to.
         ask: (String, u16),
-        /// Host and port of answers.
+        /// Host and port that replies come to.
         answer: (String, u16),
     },
 }
 
-/// Why a law cannot be reached. Each is one sentence, and the user's to mend.
+/// Why a law cannot be reached. Each error is one sentence that the user can act on.
 #[derive(Debug, thiserror::Error)]
 pub enum ExternalError {
-    /// No such program.
-    #[error("formation.external.command: there is no program {0:?}")]
+    /// The program does not exist.
+    #[error("formation.external.command: program {0:?} not found")]
     NoProgram(String),
-    /// A program that does not start.
+    /// The program does not start.
     #[error("formation.external.command: {0:?} does not start: {1}")]
     Start(String, io::Error),
-    /// None or several of the ways, or an address that is none.
+    /// The scenario names no transport, several, or an address that is not valid.
     #[error("formation.external: {0}")]
     Way(String),
-    /// A port that cannot be had.
+    /// A port cannot be bound.
     #[error("formation.external: {0}: {1}")]
     Port(String, io::Error),
 }
 
 impl Way {
-    /// How this scenario's law is reached; `None` if no step has an external law.
+    /// Transport to this scenario's law; `None` if no step has an external law.
     ///
     /// # Errors
-    /// A program that does not exist, or an address that is none.
+    /// If the program does not exist, or an address is not valid.
     pub fn of(scenario: &Scenario) -> Result<Option<Self>, ExternalError> {
         if !is_external(scenario) {
             return Ok(None);
@@ -77,17 +77,17 @@ impl Way {
             (None, None, Some(scenario::Udp { ask, answer })) => {
                 Self::Udp { ask: address(ask)?, answer: address(answer)? }
             }
-            _ => return Err(ExternalError::Way("one of command, listen and udp".to_owned())),
+            _ => return Err(ExternalError::Way("give exactly one of command, listen and udp".to_owned())),
         };
         Ok(Some(way))
     }
 }
 
-/// Gives the files of the scenario's command their full paths, which start from its `folder`, and makes sure that its law
-/// can be reached.
+/// Replaces file names in the scenario's command, which are relative to its `folder`, by full paths, and checks that
+/// its law can be reached.
 ///
 /// # Errors
-/// As [`Way::of`].
+/// The same as [`Way::of`].
 pub fn find(scenario: &mut Scenario, folder: &Path) -> Result<(), ExternalError> {
     if let Some(command) = &mut scenario.formation.external.command {
         *command = resolve(command, folder).map_err(|error| ExternalError::Way(error.to_string()))?;
@@ -100,11 +100,11 @@ pub fn is_external(scenario: &Scenario) -> bool {
     scenario.mission.steps.iter().any(|step| step.formation.law == Law::External)
 }
 
-/// The command with full paths in place of those that start from the scenario's `folder`: of a program with a path, and
-/// of arguments that name a file there.
+/// The command with full paths in place of those relative to the scenario's `folder`: a program with a path, and
+/// arguments that name a file there.
 ///
 /// # Errors
-/// If this process has no working folder.
+/// If this process has no working directory.
 pub fn resolve(command: &[String], folder: &Path) -> io::Result<Vec<String>> {
     let resolved = command.iter().enumerate().map(|(nth, word)| {
         let path = folder.join(word);
@@ -118,25 +118,25 @@ pub fn resolve(command: &[String], folder: &Path) -> io::Result<Vec<String>> {
     resolved.collect()
 }
 
-/// The port of vehicle `id`, which follows from the first.
+/// Port for vehicle `id`: the first port plus the id.
 ///
 /// # Errors
-/// If there are no so high ports.
+/// If that port number is too large.
 pub fn port_of(first: u16, id: VehicleId) -> Result<u16, ExternalError> {
     let port = first.checked_add(id.get().into());
-    port.ok_or_else(|| ExternalError::Way(format!("no port is left for vehicle {id} above {first}")))
+    port.ok_or_else(|| ExternalError::Way(format!("port {first} plus the vehicle id {id} is above 65535")))
 }
 
 fn address(text: &str) -> Result<(String, u16), ExternalError> {
     let parsed = text.rsplit_once(':').and_then(|(host, port)| Some((host.to_owned(), port.parse().ok()?)));
-    parsed.ok_or_else(|| ExternalError::Way(format!("{text:?} is no HOST:PORT")))
+    parsed.ok_or_else(|| ExternalError::Way(format!("{text:?} is not HOST:PORT")))
 }
 
 fn has_path(program: &str) -> bool {
     Path::new(program).components().count() > 1
 }
 
-/// Whether there is such a program: a file, if the name has a path, else one of a folder in `PATH`.
+/// Whether the program exists: as a file if its name has a path, else in a folder of `PATH`.
 fn exists(program: &str) -> bool {
     let is_there = |path: PathBuf| path.is_file() || path.with_extension("exe").is_file();
     if has_path(program) {
@@ -162,10 +162,10 @@ mod tests {
     fn a_law_is_reached_in_one_of_three_ways() {
         assert_eq!(way("").unwrap(), None);
         let nobody = "external.command = ['no/such program']";
-        assert_eq!(way(nobody).unwrap(), None, "a command that no step uses is not looked for");
+        assert_eq!(way(nobody).unwrap(), None, "an unused command is not looked for");
         let law = |external: &str| way(&format!("law = 'external'\nexternal.{external}"));
         let missing = law("command = ['no-such-program-7']").unwrap_err().to_string();
-        assert_eq!(missing, "formation.external.command: there is no program \"no-such-program-7\"");
+        assert_eq!(missing, "formation.external.command: program \"no-such-program-7\" not found");
         assert!(law("command = ['no/such/program']").is_err());
         assert_eq!(law("command = ['cargo', 'x']").unwrap(), Some(Way::Command(vec!["cargo".into(), "x".into()])));
         let listen = law("listen = 'tcp/127.0.0.1:5600'").unwrap();

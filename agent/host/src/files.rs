@@ -1,4 +1,4 @@
-//! The files that a scenario names: its aircraft and its rule bases.
+//! Reads the files that a scenario names: its aircraft and its rule bases.
 
 use std::fs;
 use std::io;
@@ -8,38 +8,38 @@ use skein_common::scenario;
 use skein_core::aircraft::{Aircraft, AircraftError};
 use skein_core::control::{FisError, Rules};
 
-/// Why a file that a scenario names cannot be used. Each is one sentence, and the user's to mend.
+/// Why a file that a scenario names cannot be used. Each error is one sentence that the user can act on.
 #[derive(Debug, thiserror::Error)]
 pub enum FileError {
-    /// A file that cannot be read.
+    /// The file cannot be read.
     #[error("cannot read {}: {source}", path.display())]
     Read {
         /// The file.
         path: PathBuf,
-        /// What the system says.
+        /// The system's error.
         source: io::Error,
     },
-    /// An aircraft file that is none.
+    /// The aircraft file is not valid.
     #[error(transparent)]
     Aircraft(#[from] AircraftError),
-    /// A rule base that is none.
+    /// A rule base is not valid.
     #[error(transparent)]
     Rules(#[from] FisError),
 }
 
-/// The text of a file.
+/// Reads a text file.
 ///
 /// # Errors
-/// If it cannot be read, with its path.
+/// If the file cannot be read; the error names its path.
 pub fn read(path: &Path) -> Result<String, FileError> {
     fs::read_to_string(path).map_err(|source| FileError::Read { path: path.to_owned(), source })
 }
 
-/// The aircraft of this name and its file's text: one that comes with the program, or else `NAME.toml` in the scenario's
+/// Loads an aircraft and its file's text: one that comes with the program, or else `NAME.toml` in the scenario's
 /// folder.
 ///
 /// # Errors
-/// If there is no such file, or it is no aircraft's.
+/// If the file cannot be read or is not a valid aircraft.
 pub fn aircraft(name: &str, folder: &Path) -> Result<(Aircraft, String), FileError> {
     let path = folder.join(format!("{name}.toml"));
     let (file, text) = match Aircraft::SHIPPED.iter().find(|(shipped, _)| *shipped == name) {
@@ -49,10 +49,10 @@ pub fn aircraft(name: &str, folder: &Path) -> Result<(Aircraft, String), FileErr
     Ok((Aircraft::from_text(&file, &text)?, text))
 }
 
-/// The rules that a scenario in this folder names: those that come with the program, or the four files of a folder.
+/// Loads the rules of a scenario in this folder: those that come with the program, or the four files of a folder.
 ///
 /// # Errors
-/// If a file cannot be read or is no rule base.
+/// If a file cannot be read or is not a rule base.
 pub fn rules(rules: &scenario::Rules, folder: &Path) -> Result<Rules, FileError> {
     let scenario::Rules::Folder(rules) = rules else { return Ok(Rules::shipped()) };
     let paths = ["roll", "pitch", "heading", "collective"].map(|axis| folder.join(rules).join(format!("{axis}.fis")));

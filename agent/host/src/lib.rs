@@ -1,5 +1,5 @@
-//! What an agent and a study both need of the PC that they run on, and the core must not have: clocks, the files that a
-//! scenario names, and formation laws in other programs, threads for independent tasks. No network of the swarm's is here.
+//! Services of the PC that both an agent and a study need and the core must not use: clocks, the files that a scenario
+//! names, formation laws in other programs, threads for independent tasks. The swarm's network is not among them.
 
 pub mod clock;
 pub mod external;

@@ -1,14 +1,14 @@
-//! Independent tasks on several threads.
+//! Runs independent tasks on several threads.
 
 use std::num::NonZeroUsize;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
 use std::thread;
 
-/// What `work` gives for 0 to `count` - 1, in this order, `jobs` at a time.
+/// Runs `work` for 0 to `count` - 1, `jobs` at a time, and returns the results in order.
 ///
 /// # Errors
-/// The first error in this order. No task is begun after one has failed.
+/// The first error in this order. No task starts after one has failed.
 pub fn in_parallel<T: Send, E: Send>(
     count: usize,
     jobs: NonZeroUsize,
@@ -26,7 +26,7 @@ pub fn in_parallel<T: Send, E: Send>(
                     }
                     let given = work(nth);
                     if given.is_err() {
-                        // The tasks that are left are of no use.
+                        // The remaining tasks are not needed.
                         next.store(count, Ordering::Relaxed);
                     }
                     done.lock().unwrap_or_else(PoisonError::into_inner).push((nth, given));

@@ -1,32 +1,32 @@
-//! Files that are there whole or not at all.
+//! Writes files atomically: a reader sees the old content or the new one, never a mixture.
 
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, Write};
 use std::path::Path;
 use std::process;
 
-/// What is promised of a file that is written.
+/// How safely a file is written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Promise {
-    /// A program that reads it meanwhile reads the old content or the new one.
+    /// A concurrent reader sees the old content or the new one.
     Whole,
     /// Also, the new content is on the disk when the call returns.
     Lasting,
-    /// Also, from the first byte on only its owner may read it.
+    /// Also, only the owner can ever read the file.
     Secret,
 }
 
 impl Promise {
-    /// [`Promise::Secret`] for a secret, else [`Promise::Lasting`].
+    /// [`Promise::Secret`] for a secret file, else [`Promise::Lasting`].
     pub fn of(is_secret: bool) -> Self {
         if is_secret { Self::Secret } else { Self::Lasting }
     }
 }
 
-/// Writes a file under another name and renames it when it is whole.
+/// Writes a file under another name and then renames it.
 ///
 /// # Errors
-/// If it cannot be written; then what was there before is still there.
+/// If it cannot be written; the old file is then unchanged.
 pub fn write(path: &Path, content: &[u8], promise: Promise) -> io::Result<()> {
     let mut name = path.file_name().ok_or(io::ErrorKind::InvalidInput)?.to_owned();
     name.push(format!(".{}.draft", process::id()));
@@ -39,14 +39,14 @@ pub fn write(path: &Path, content: &[u8], promise: Promise) -> io::Result<()> {
         fs::rename(&draft, path)
     });
     if written.is_err() {
-        // A draft that is left behind is never taken for the file.
+        // A leftover draft is never mistaken for the file.
         let _ = fs::remove_file(&draft);
     }
     written
 }
 
 fn create(path: &Path, promise: Promise) -> io::Result<File> {
-    // A draft that another process of this number left behind may have another mode.
+    // A draft left by an earlier process with this id may have another mode.
     match fs::remove_file(path) {
         Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(error),
         _ => {}

@@ -1,4 +1,4 @@
-//! `xplane-standin`: a headless X-Plane. Everything is in the library.
+//! `xplane-standin` is a headless X-Plane. All of its code is in the library.
 
 use std::process::ExitCode;
 use std::sync::atomic::AtomicBool;
@@ -7,7 +7,7 @@ use clap::Parser;
 use skein_agent::plant::xplane::standin::{StandinOptions, run_standin};
 use tracing_subscriber::EnvFilter;
 
-/// A helicopter without a screen, that speaks X-Plane's UDP protocol on this computer's loopback.
+/// A headless helicopter simulator with X-Plane's UDP protocol on this computer's loopback.
 #[derive(Parser)]
 struct Cli {
     #[command(flatten)]

@@ -1,4 +1,4 @@
-//! `[security]` of a node's own file: its keys, and who everybody is.
+//! `[security]` of a node's own file: its own keys, and the names and keys of the swarm's members.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -10,29 +10,29 @@ use crate::link::Security;
 use crate::link::seal::SealKey;
 use crate::link::security::{Known, Tls, known_by_vehicle};
 
-/// The table. Without it links are plain and orders are believed unsealed.
+/// The `[security]` table. Without it links are plain and orders are accepted without a signature.
 #[derive(Clone, Debug, PartialEq, Eq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SecurityTable {
-    /// Certificates of the swarm's authority, PEM; this path and the next two are relative to the node's file.
+    /// Certificates of the swarm's authority, PEM. This path and the next two are relative to the node's file.
     pub authority: PathBuf,
     /// The node's certificate, PEM.
     pub certificate: PathBuf,
-    /// Its private key, PEM.
+    /// The node's private key, PEM.
     pub key: PathBuf,
-    /// The key that orders are sealed with.
+    /// Public key that verifies orders.
     pub orders: SealKey,
-    /// The common name of observers' certificates.
+    /// Common name in observers' certificates.
     pub observer: String,
-    /// The common name of the operator's.
+    /// Common name in the operator's certificate.
     pub operator: String,
-    /// By what each vehicle is known.
+    /// Certificate name and public key of each vehicle.
     #[serde(deserialize_with = "known_by_vehicle")]
     pub vehicles: BTreeMap<VehicleId, Known>,
 }
 
 impl SecurityTable {
-    /// The same with paths relative to nothing, and the key that orders are sealed with.
+    /// Resolves the paths from `folder`, and splits off the key that verifies orders.
     pub fn of(self, folder: &Path) -> (Security, SealKey) {
         let Self { authority, certificate, key, orders, observer, operator, vehicles } = self;
         let [authority, certificate, key] = [authority, certificate, key].map(|file| folder.join(file));

@@ -7,7 +7,7 @@ use super::*;
 const SCENARIO: &str =
     "[swarm]\nvehicles = 3\n[formation]\nsafety_filter = \"none\"\n[vehicle.2]\nxplane = \"[::1]:5000\"\n";
 
-/// A folder with a scenario and a node's file of this text.
+/// Makes a folder with a scenario and a node's file of this text.
 fn folder(agent: &str) -> TempDir {
     let folder = tempfile::tempdir().unwrap();
     fs::create_dir(folder.path().join("scenarios")).unwrap();
@@ -79,7 +79,7 @@ fn a_nodes_file_names_its_keys_and_everybody() {
     assert_eq!((node.orders_key, node.run), (Some(orders_key.into()), 7));
     if cfg!(unix) {
         let note = node.notes.last().unwrap();
-        assert!(note.contains("keys/node.key: others can read this key; chmod 600 "), "{note}");
+        assert!(note.contains("keys/node.key: other users can read this key; run chmod 600 "), "{note}");
     }
 
     let without_run = by_config(&folder).node().unwrap_err().to_string();
@@ -92,10 +92,10 @@ fn a_nodes_file_names_its_keys_and_everybody() {
         by_config(&folder).node().unwrap_err().to_string()
     };
     let table = [
-        ("1eFF", "1e", "agent.toml:10:10: `security.orders`: a public key has to be 64 hexadecimal digits"),
-        ("1eFF", "1eGG", "a public key has to be 64 hexadecimal digits"),
-        ("1eFF", "1eä", "a public key has to be 64 hexadecimal digits"),
-        ("0202\" }", "02\" }", "a public key has to be 64 hexadecimal digits"),
+        ("1eFF", "1e", "agent.toml:10:10: `security.orders`: a public key must have 64 hexadecimal digits"),
+        ("1eFF", "1eGG", "a public key must have 64 hexadecimal digits"),
+        ("1eFF", "1eä", "a public key must have 64 hexadecimal digits"),
+        ("0202\" }", "02\" }", "a public key must have 64 hexadecimal digits"),
         ("3 = { n", "300 = { n", "vehicle ids run from 1 to 250, not 300"),
         ("orders = ", "boss = ", "unknown key `security.boss`"),
         ("key = \"keys/node.key\"\n", "", "`security.key` is missing; add it to this table"),
@@ -152,7 +152,7 @@ fn files_that_are_wrong_are_refused_in_a_sentence() {
         ("id = 4\nlisten = []\ndial = []", "vehicle 4 does not fly in"),
         (
             "id = 1\nlisten = []\ndial = []\nxplane = \"no such host\"",
-            "\"no such host\" is no HOST[:PORT] of a simulator",
+            "\"no such host\" is not the address HOST[:PORT] of a simulator",
         ),
         ("id = \"", "agent.toml:2:"),
     ];

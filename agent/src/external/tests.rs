@@ -8,14 +8,15 @@ use super::*;
 use skein_core::formation::external::{Goal, Own, Wanted};
 use skein_host::clock::sleep_until;
 
-/// For tests that fail.
+/// Time limit of a wait.
 const PATIENCE: Duration = Duration::from_secs(30);
 
 fn id(number: u8) -> VehicleId {
     VehicleId::new(number).unwrap()
 }
 
-/// The law of vehicle 2, reached in this way; every answer is in time unless it is more than ten seconds late.
+/// The law of vehicle 2 with this transport. Replies are late only after ten seconds, unless `external` sets another
+/// deadline.
 fn law(external: &str) -> Result<LiveLaw, ExternalError> {
     let text =
         format!("swarm.vehicles = 2\nformation.law = 'external'\n[formation.external]\nperiod_s = 10\n{external}");
@@ -23,7 +24,7 @@ fn law(external: &str) -> Result<LiveLaw, ExternalError> {
     LiveLaw::start(&load(&source, &[]).unwrap().scenario, id(2)).map(Option::unwrap)
 }
 
-/// A shell that is ready and then answers each ask with what `answer` prints.
+/// A shell script that is ready and then replies to each query with the output of `answer`.
 fn shell(answer: &str) -> LiveLaw {
     let script = format!(
         r#"read hello; echo '{{"say":"ready","protocol":1}}'; while read ask; do tick=$(echo "$ask" | sed 's/.*"tick":\([0-9]*\).*/\1/'); {answer}; done"#
@@ -46,7 +47,7 @@ fn ask(tick: u64) -> Ask {
     Ask { vehicle: id(2), tick, time_s: 0.0, dt_s: 0.1, own, peers: Vec::new(), goal }
 }
 
-/// Asks again and again, as a vehicle does, from this tick on; gives the first answer, or nothing after `within`.
+/// Queries repeatedly, as a vehicle does, starting at this tick; returns the first reply, or `None` after `within`.
 fn answer_to(law: &LiveLaw, mut tick: u64, within: Duration) -> Option<Answer> {
     let until = now() + within;
     let mut next = now();
@@ -69,7 +70,7 @@ fn a_process_answers() {
     let answer = answer_to(&law, 40, PATIENCE).unwrap();
     assert_eq!((answer.vehicle, answer.wanted), (id(2), Wanted::VelocityNed(Vector3::new(1.0, 2.0, 3.0))));
     assert!(answer.tick >= 40);
-    assert_eq!(law.answer(), None, "every answer is given once");
+    assert_eq!(law.answer(), None, "every reply is returned once");
 }
 
 /// What each of these programs does when it is asked is handed on as no answer. They are waited for side by side.
@@ -113,7 +114,7 @@ fn a_program_that_never_answers_is_waited_for_no_longer_than_asked() {
 
 #[test]
 fn a_late_answer_is_none_and_the_next_in_time_is_one() {
-    // The first answer takes a while, all others come at once.
+    // The first reply takes a second, all others come at once.
     let late = format!(r#"if [ "$tick" = 1 ]; then sleep 1; fi; {GOOD}"#);
     let script = format!(
         r#"read hello; echo '{{"say":"ready","protocol":1}}'; while read ask; do tick=$(echo "$ask" | sed 's/.*"tick":\([0-9]*\).*/\1/'); {late}; done"#
@@ -122,7 +123,7 @@ fn a_late_answer_is_none_and_the_next_in_time_is_one() {
     let until = now() + PATIENCE;
     let mut tick = 1;
     let answer = loop {
-        // One at a time: each is given up before the next.
+        // Each query is given up before the next.
         law.ask(ask(tick));
         sleep_until(now() + Duration::from_millis(700));
         if let Some(answer) = law.answer() {
@@ -138,17 +139,17 @@ fn a_late_answer_is_none_and_the_next_in_time_is_one() {
 fn a_process_that_ends_is_started_again() {
     let law = shell(&format!("{GOOD}; exit 1"));
     let first = answer_to(&law, 1, PATIENCE).unwrap();
-    let second = answer_to(&law, first.tick + 1, PATIENCE).expect("another life");
+    let second = answer_to(&law, first.tick + 1, PATIENCE).expect("a reply after the restart");
     assert!(second.tick > first.tick);
 }
 
 #[test]
 fn what_does_not_start_is_said_at_once() {
     let error = law("command = ['no-such-program-7']").unwrap_err();
-    assert_eq!(error.to_string(), "formation.external.command: there is no program \"no-such-program-7\"");
+    assert_eq!(error.to_string(), "formation.external.command: program \"no-such-program-7\" not found");
     let folder = tempfile::tempdir().unwrap();
     let error = law(&format!("command = ['{}/']", folder.path().display())).unwrap_err();
-    assert!(error.to_string().contains("there is no program"), "{error}");
+    assert!(error.to_string().contains("not found"), "{error}");
     let taken = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
     let held = TcpListener::bind(("127.0.0.1", taken)).unwrap();
     let error = law(&format!("listen = 'tcp/127.0.0.1:{}'", taken - 2)).unwrap_err();
@@ -156,7 +157,7 @@ fn what_does_not_start_is_said_at_once() {
     drop(held);
 }
 
-/// A port such that it and that of vehicle 2 after it are free.
+/// Finds a port such that vehicle 2's port, two above it, is free.
 fn ports(bind: impl Fn(u16) -> bool) -> u16 {
     let free = || UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
     (0..100).map(|_| free()).find(|&port| port < 60_000 && bind(port + 2)).unwrap()
@@ -166,7 +167,7 @@ fn ports(bind: impl Fn(u16) -> bool) -> u16 {
 fn a_law_that_connects_is_asked_and_may_come_again() {
     let port = ports(|port| TcpListener::bind(("127.0.0.1", port)).is_ok());
     let law = law(&format!("deadline_s = 10\nlisten = 'tcp/127.0.0.1:{port}'")).unwrap();
-    assert_eq!(answer_to(&law, 1, Duration::from_millis(300)), None, "nobody there yet");
+    assert_eq!(answer_to(&law, 1, Duration::from_millis(300)), None, "the law has not connected yet");
     for life in 1..=2 {
         let stream = TcpStream::connect(("127.0.0.1", port + 2)).unwrap();
         let mut to = stream.try_clone().unwrap();
@@ -203,7 +204,7 @@ fn vectors_are_asked_and_answered_from_any_port_and_sent_again() {
     law.ask(ask(7));
     let mut datagram = [0; 2000];
     for _ in 0..2 {
-        assert_eq!(model.recv(&mut datagram).unwrap(), 8 * vector::ASK, "unanswered, it comes again");
+        assert_eq!(model.recv(&mut datagram).unwrap(), 8 * vector::ASK, "an unanswered query is sent again");
         assert_eq!(datagram[16..24], 7.0_f64.to_le_bytes());
     }
     let elsewhere = UdpSocket::bind("127.0.0.1:0").unwrap();
@@ -212,7 +213,7 @@ fn vectors_are_asked_and_answered_from_any_port_and_sent_again() {
     elsewhere.send_to(&answer[1..], ("127.0.0.1", port + 102)).unwrap();
     let until = now() + PATIENCE;
     let answered = loop {
-        // What was no answer has taken the place of one.
+        // The malformed datagram has closed the query.
         law.ask(ask(7));
         elsewhere.send_to(&answer, ("127.0.0.1", port + 102)).unwrap();
         sleep_until(now() + Duration::from_millis(50));

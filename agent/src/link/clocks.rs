@@ -1,5 +1,6 @@
-//! How far the others' clocks are apart from the own: each agent tells whoever asks what its UTC is, and asks the others in
-//! turn, as NTP does (RFC 5905). For people who compare logs and recordings of several hosts; nothing in flight relies on it.
+//! Measures how far the peers' clocks differ from the own: each agent answers queries with its UTC and queries its
+//! peers in turn, as NTP does (RFC 5905). The offsets are for people who compare logs and recordings; nothing in flight
+//! relies on them.
 
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
@@ -17,36 +18,36 @@ use zenoh::sample::Sample;
 use super::{Ear, LinkError, Sessions, register};
 use skein_host::clock::now;
 
-/// One of the others is asked this often.
+/// Time between two clock queries; each goes to one peer.
 pub const ASK_EVERY: Duration = Duration::from_millis(500);
-/// Of so many exchanges the one with the smallest bound counts.
+/// Number of exchanges kept; the one with the smallest bound is used.
 const KEPT: usize = 8;
-/// A comparison is dropped after this time, or after three turns of all peers if that is longer.
+/// A measurement expires after this time, or after three rounds of all peers if that is longer.
 const VALID_FOR: Duration = Duration::from_secs(60);
-/// The bound of a comparison grows by this with its age, s/s: NTP's frequency tolerance (RFC 5905, PHI).
+/// Growth of a measurement's bound with its age, s/s: NTP's frequency tolerance (RFC 5905, PHI).
 const DRIFT: f64 = 15e-6;
-/// Clocks that are farther apart are worth a line in the log, s.
+/// Clock offset above which a warning is logged, s.
 const TOLERATED_S: f64 = 0.020;
 
-/// A clock of UTC, ns since 1970.
+/// Reads UTC, ns since 1970.
 pub type Utc = fn() -> u64;
 
-/// Answers for the own clock and asks for the others'.
+/// Answers queries for the own clock and queries the peers' clocks.
 pub(super) struct Clocks {
     sessions: Vec<Weak<Session>>,
     ear: Arc<Ear>,
     utc: Utc,
     measured: Arc<Mutex<BTreeMap<VehicleId, Measured>>>,
-    /// Who was asked last.
+    /// Peer of the last query.
     asked: Option<VehicleId>,
     _answering: Vec<Queryable<()>>,
 }
 
-/// What is known of one of the others' clocks.
+/// Measurements of one peer's clock.
 #[derive(Debug, Default)]
 struct Measured {
     last: VecDeque<(Instant, ClockOffset)>,
-    /// It was told to be off.
+    /// Whether the clock was last logged as off.
     is_off: bool,
 }
 
@@ -65,34 +66,35 @@ impl Clocks {
         Ok(Self { sessions, ear, utc, measured, asked: None, _answering: answering })
     }
 
-    /// Asks the next of those who are heard. Never waits for the answer.
+    /// Queries the next peer in contact. Never waits for the reply.
     pub(super) fn ask_next(&mut self, live: &[VehicleId]) {
         let after = live.iter().find(|id| Some(**id) > self.asked).or(live.first());
         let Some(&id) = after else { return };
         self.asked = Some(id);
         let (measured, ear, answered) = (self.measured.clone(), self.ear.clone(), Arc::new(AtomicBool::new(false)));
-        // Over the way the monotonic clock counts: the own UTC may be set meanwhile.
+        // The round trip is measured on the monotonic clock, because the own UTC may be set meanwhile.
         let (asked_ns, asked) = ((self.utc)(), now());
         let take = move |said: &Sample| {
             let round_trip = now().saturating_duration_since(asked);
             let answer = ear.voices.read::<ClockAnswer>(said.key_expr().as_str(), &said.payload().to_bytes()).ok();
             let answer = answer.map(|said| said.message);
-            // To this question, by its number: what somebody has kept of an earlier answer is none.
+            // The number must be that of this query: a replayed reply to an earlier one is ignored.
             let answer = answer.filter(|answer| (answer.sender, answer.question) == (id, asked_ns));
             let round_trip_ns = u64::try_from(round_trip.as_nanos()).unwrap_or(u64::MAX);
             let offset = answer.and_then(|answer| ClockOffset::of_exchange(asked_ns, &answer, round_trip_ns));
-            // Who is asked once counts once.
+            // One query counts at most once.
             if let Some(offset) = offset.filter(|_| !answered.swap(true, Relaxed)) {
                 lock(&measured).entry(id).or_default().take_up(now(), offset);
             }
         };
-        // It is linked to one of them.
+        // The peer is linked to one of the sessions.
         for session in self.sessions.iter().filter_map(Weak::upgrade) {
             register::ask(&session, Topic::Clock(id), &asked_ns.to_le_bytes(), take.clone());
         }
     }
 
-    /// Writes to each of the others what is known of its clock; logs which clocks are off, and when they no longer are.
+    /// Writes each peer's clock offset into its health entry; logs a clock whose offset has become large or small
+    /// again.
     pub(super) fn tell(&self, peers: &mut [PeerHealth]) {
         let mut measured = lock(&self.measured);
         let valid_for = VALID_FOR.max(ASK_EVERY * 3 * u32::try_from(measured.len()).unwrap_or(u32::MAX));
@@ -105,12 +107,12 @@ impl Clocks {
                 let (id, offset_ms, bound_ms) = (peer.id, offset_s * 1e3, bound_s * 1e3);
                 if known.is_off {
                     tracing::warn!(
-                        "vehicle {id}'s clock is off from this one's by {offset_ms:+.1} ms, known to {bound_ms:.1} ms; \
-                         no flight relies on it, but logs and recordings will not match"
+                        "the clock of vehicle {id} is off by {offset_ms:+.1} ms (known to {bound_ms:.1} ms) against \
+                         this host's; flight is not affected, but logs and recordings will not match"
                     );
                 } else {
                     tracing::info!(
-                        "vehicle {id}'s clock is no longer off: {offset_ms:+.1} ms, known to {bound_ms:.1} ms"
+                        "the clock of vehicle {id} is right again: off by {offset_ms:+.1} ms (known to {bound_ms:.1} ms)"
                     );
                 }
             }
@@ -120,7 +122,7 @@ impl Clocks {
 
 impl Measured {
     fn take_up(&mut self, now: Instant, new: ClockOffset) {
-        // A clock that was set since: what was measured before says nothing any more.
+        // Measurements that contradict the new one are obsolete: the clock was set in between.
         self.last.retain(|old| aged(old, now).agrees_with(&new));
         if self.last.len() == KEPT {
             self.last.pop_front();
@@ -128,7 +130,7 @@ impl Measured {
         self.last.push_back((now, new));
     }
 
-    /// Drops comparisons that are older than `valid_for`.
+    /// Drops measurements older than `valid_for`.
     fn forget(&mut self, now: Instant, valid_for: Duration) {
         self.last.retain(|(at, _)| now.saturating_duration_since(*at) <= valid_for);
     }
@@ -137,7 +139,7 @@ impl Measured {
         self.last.iter().map(|old| aged(old, now)).min_by(|one, other| one.bound_s.total_cmp(&other.bound_s))
     }
 
-    /// What it is, if whether it is off has changed.
+    /// The best offset, if it has just become large or small again.
     fn news(&mut self, now: Instant) -> Option<ClockOffset> {
         let best = self.best(now)?;
         let is_off = best.offset_s.abs() - best.bound_s > TOLERATED_S;
@@ -145,18 +147,18 @@ impl Measured {
     }
 }
 
-/// An earlier comparison with its bound as of now.
+/// An earlier measurement with its bound as of `now`.
 fn aged((at, measured): &(Instant, ClockOffset), now: Instant) -> ClockOffset {
     let age_s = now.saturating_duration_since(*at).as_secs_f64();
     ClockOffset { bound_s: measured.bound_s + DRIFT * age_s, ..*measured }
 }
 
-/// Whom to ask: those who are heard.
+/// The peers in contact, which can be queried.
 pub(super) fn live(peers: &[PeerHealth]) -> Vec<VehicleId> {
     peers.iter().filter(|peer| peer.standing != Standing::Lost).map(|peer| peer.id).collect()
 }
 
-/// Nothing that holds the lock can panic half way.
+/// Locks the measurements. The lock is never poisoned in mid-change: no holder can panic.
 fn lock(measured: &Mutex<BTreeMap<VehicleId, Measured>>) -> MutexGuard<'_, BTreeMap<VehicleId, Measured>> {
     measured.lock().unwrap_or_else(PoisonError::into_inner)
 }
@@ -179,7 +181,7 @@ mod tests {
             assert_eq!(measured.best(at), Some(offset(0.0, 0.001)));
         }
         measured.take_up(at, offset(0.002, 0.005));
-        assert_eq!(measured.best(at), Some(offset(0.002, 0.005)), "the surest is too old");
+        assert_eq!(measured.best(at), Some(offset(0.002, 0.005)), "the surest has been dropped");
         assert_eq!(measured.last.len(), KEPT);
     }
 
@@ -188,7 +190,7 @@ mod tests {
         let (mut measured, at) = (Measured::default(), now());
         measured.take_up(at, offset(0.0, 0.000_1));
         measured.take_up(at, offset(0.3, 0.005));
-        assert_eq!(measured.best(at), Some(offset(0.3, 0.005)), "not both can be true");
+        assert_eq!(measured.best(at), Some(offset(0.3, 0.005)), "the two measurements contradict each other");
     }
 
     #[test]
@@ -198,7 +200,7 @@ mod tests {
             measured.take_up(at, offset(offset_s, bound_s));
             measured.news(at).map(|_| measured.is_off)
         };
-        assert_eq!(news(0.021, 0.002), None, "it may be 19 ms");
+        assert_eq!(news(0.021, 0.002), None, "the offset may be only 19 ms");
         assert_eq!(news(-0.5, 0.002), Some(true));
         assert_eq!(news(-0.5, 0.002), None);
         assert_eq!(news(0.001, 0.002), Some(false));
@@ -211,9 +213,9 @@ mod tests {
         measured.take_up(at, offset(0.3, 0.001));
         let later = at + Duration::from_secs(50);
         measured.forget(later, VALID_FOR);
-        assert!((measured.best(later).unwrap().bound_s - 0.00175).abs() < 1e-9, "clocks run apart");
+        assert!((measured.best(later).unwrap().bound_s - 0.00175).abs() < 1e-9, "clocks drift apart");
         let later = at + Duration::from_secs(61);
         measured.forget(later, VALID_FOR);
-        assert_eq!(measured.best(later), None, "a vehicle that no longer answers has no known clock");
+        assert_eq!(measured.best(later), None, "the clock of a vehicle that no longer replies is unknown");
     }
 }

@@ -1,5 +1,5 @@
-//! What is told once a second, by a thread that may wait: health as the control thread sees it, and what only the edge knows.
-
+//! Publishes health once a second, on a thread that may block: the control thread's report, completed by the link's own
+//! counts and clock comparison.
 use std::sync::Arc;
 
 use skein_common::id::VehicleId;
@@ -8,17 +8,17 @@ use skein_common::message::{Health, Refused};
 use super::clocks::{Clocks, live};
 use super::{Ear, Line};
 
-/// The line for health.
+/// Publisher of health messages.
 pub struct HealthLine {
     pub(super) line: Line<Health>,
     pub(super) ear: Arc<Ear>,
     pub(super) clocks: Clocks,
-    /// The others that were heard at the last telling.
+    /// Peers in contact at the last health message.
     pub(super) live: Vec<VehicleId>,
 }
 
 impl HealthLine {
-    /// Says it, with what was refused at the edge and with how far the others' clocks are apart.
+    /// Publishes a health message after adding the refused messages and the peers' clock offsets.
     pub fn say(&mut self, mut health: Health) {
         let of_core = std::mem::take(&mut health.refused);
         health.refused = self.ear.refused();
@@ -29,7 +29,7 @@ impl HealthLine {
         self.line.say(&health);
     }
 
-    /// Asks the next of the others for its time; meant for every [`ASK_EVERY`](super::ASK_EVERY). Never waits.
+    /// Queries the next peer for its time. Call it every [`ASK_EVERY`](super::ASK_EVERY). Never waits.
     pub fn ask_a_clock(&mut self) {
         self.clocks.ask_next(&self.live);
     }

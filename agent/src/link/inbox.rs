@@ -1,7 +1,7 @@
-//! What was heard and not yet taken up: the newest word of each peer and kind, each with the time of its arrival.
+//! Received messages that the control thread has not yet read: the newest of each peer and kind, with its arrival time.
 //!
-//! Every word is a register (a later state replaces an earlier one, the larger order stands, a token is there or not), so
-//! nothing is queued, nothing overflows, and the size is bounded by the number of vehicle ids.
+//! A newer message replaces an older one (a later state, a larger order, a token that is up or gone), so the inbox
+//! needs no queue, never overflows, and is bounded by the number of vehicle ids.
 
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
@@ -11,7 +11,7 @@ use skein_common::message::{Drops, Reason, Refused};
 use super::refusals::Refusals;
 use skein_core::peers::{Heard, Word};
 
-/// State, agreement and token of each vehicle, and the largest order.
+/// State, heartbeat and token of each vehicle, and the largest order.
 const CAPACITY: usize = 3 * VehicleId::MAX as usize + 1;
 
 /// Filled by Zenoh's threads, emptied by the control thread.
@@ -26,12 +26,12 @@ impl Inbox {
         Self { heard: Mutex::new(Vec::with_capacity(CAPACITY)), refusals: Refusals::default() }
     }
 
-    /// Files a word, which came under this key, in place of an earlier one of the same peer and kind.
+    /// Stores a message that came under this key, in place of an older one of the same peer and kind.
     pub(super) fn file(&self, key: &str, new: Heard) {
         let mut heard = self.lock();
         match heard.iter_mut().find(|kept| is_same_register(&kept.word, &new.word)) {
             Some(kept) if is_later(&new.word, &kept.word) => *kept = new,
-            // A register is told again to whoever asks for it.
+            // A late joiner's query delivers a heartbeat twice.
             Some(kept) if matches!(new.word, Word::Mission(_)) && kept.word == new.word => {}
             Some(_) => {
                 drop(heard);
@@ -41,21 +41,21 @@ impl Inbox {
         }
     }
 
-    /// Moves everything to the end of `heard`.
+    /// Moves all messages to the end of `heard`.
     pub(super) fn drain(&self, heard: &mut Vec<Heard>) {
         heard.append(&mut self.lock());
     }
 
-    /// Counts something that is not believed, and that the log knows already.
+    /// Counts a refused message that was logged already.
     pub(super) fn count(&self, reason: Reason, key: &str) {
         self.refusals.count(reason, key);
     }
 
-    /// Counts something that is not believed; the first, second, fourth, eighth time with a line in the log.
+    /// Counts a refused message; logs the first, second, fourth, eighth and so on.
     pub(super) fn refuse(&self, reason: Reason, key: &str, what: &dyn std::fmt::Display) {
         let count = self.refusals.count(reason, key);
         if count.is_power_of_two() {
-            tracing::warn!(count, key, "not believed: {what}");
+            tracing::warn!(count, key, "message refused: {what}");
         }
     }
 
@@ -63,12 +63,12 @@ impl Inbox {
         self.refusals.drops()
     }
 
-    /// What was refused, the latest kinds first.
+    /// The refused messages by reason and key, the latest first.
     pub(super) fn refused(&self) -> Vec<Refused> {
         self.refusals.named()
     }
 
-    /// Nothing that holds the lock can panic half way.
+    /// Locks the messages. The lock is never poisoned in mid-change: no holder can panic.
     fn lock(&self) -> MutexGuard<'_, Vec<Heard>> {
         self.heard.lock().unwrap_or_else(PoisonError::into_inner)
     }

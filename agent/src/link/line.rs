@@ -1,4 +1,4 @@
-//! One kind of message of one vehicle, on its way out.
+//! Publishes one kind of message of one vehicle.
 
 use std::marker::PhantomData;
 use std::sync::Arc;
@@ -13,7 +13,7 @@ use zenoh::{Session, Wait};
 
 use super::{Ear, LinkError, Sessions, declaring};
 
-/// A declared publisher of one kind of message, in each session. What it says is dropped rather than waited for.
+/// A declared publisher of one kind of message, in each session. Its messages are dropped rather than waited for.
 pub struct Line<M> {
     pub(super) publishers: Vec<Publisher<'static>>,
     key: String,
@@ -22,10 +22,10 @@ pub struct Line<M> {
 }
 
 impl<M: Message> Line<M> {
-    /// A line to all who subscribe to this topic.
+    /// Declares a publisher for this topic.
     ///
     /// # Errors
-    /// If the session is closed.
+    /// If a session is closed.
     pub(super) fn open(
         sessions: &Sessions,
         ear: &Arc<Ear>,
@@ -46,21 +46,21 @@ impl<M: Message> Line<M> {
         Ok(Self { publishers, key, ear: ear.clone(), kind: PhantomData })
     }
 
-    /// Says it to whoever listens.
+    /// Publishes a message.
     pub fn say(&self, message: &M) {
         self.put(self.write(message));
     }
 
-    /// The bytes that are said.
+    /// Encodes a message, with a signature where messages are signed.
     pub(super) fn write(&self, message: &M) -> Vec<u8> {
         self.ear.write(&self.key, message)
     }
 
-    /// Says these bytes.
+    /// Publishes an encoded message.
     pub(super) fn put(&self, said: Vec<u8>) {
         let said = ZBytes::from(said);
         for publisher in &self.publishers {
-            // It fails only on a closed session, and then nobody is there to hear.
+            // It fails only on a closed session, which has no subscribers.
             let _ = publisher.put(said.clone()).wait();
         }
     }

@@ -1,9 +1,9 @@
-//! What an agent sends, on its way from the control thread to the network.
+//! Carries messages from the control thread to the network.
 //!
-//! The control thread hands over what a step sends and goes on at once: it takes one lock, which is never held for longer than
-//! a copy. The publisher's thread signs, encodes and sends. Zenoh may make that thread wait for a slow peer, and then it sends
-//! what is newest when it can: a state or a register that was not yet sent is replaced by the next one. Events and traces
-//! wait in queues; when a queue is full, its oldest message is dropped and counted.
+//! The control thread hands over the messages of a step and continues at once: it takes one lock, which is held only
+//! for a copy. The publisher's thread signs, encodes and sends. While Zenoh blocks that thread for a slow peer, a
+//! waiting state or heartbeat is replaced by the next one, so that the newest is sent. Events and traces wait in
+//! queues; when a queue is full, its oldest message is dropped and counted.
 
 use std::collections::VecDeque;
 use std::io;
@@ -15,27 +15,27 @@ use std::time::Duration;
 use skein_common::message::{Event, Mission, State, Trace};
 use skein_common::topic::Cell;
 
-/// A vehicle has a handful of events in a minute.
+/// Longest queue of events; a vehicle has a handful in a minute.
 const MAX_EVENTS: usize = 64;
-/// A third of a second at 50 frames a second.
+/// Longest queue of traces: a third of a second at 50 frames a second.
 const MAX_TRACES: usize = 16;
-/// At its end the publisher's thread has so long to send what still waits.
+/// Time for the publisher's thread to send the waiting messages when it ends.
 const END_WITHIN: Duration = Duration::from_millis(200);
 
-/// What one step sends.
+/// The messages of one step.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Messages {
-    /// The own state, and the cell that it is filed under.
+    /// The own state, and the cell whose key it is published under.
     pub state: Option<(State, Cell)>,
-    /// The own register of the agreement.
+    /// The own heartbeat, which carries the agreement state.
     pub mission: Option<Mission>,
-    /// What happened.
+    /// Events of the step.
     pub events: Vec<Event>,
-    /// How the step went.
+    /// Trace of the step.
     pub trace: Option<Trace>,
 }
 
-/// What was handed over and is not yet sent.
+/// Messages that were handed over and not yet sent.
 #[derive(Debug, Default)]
 pub(super) struct Waiting {
     pub(super) state: Option<(State, Cell)>,
@@ -44,11 +44,11 @@ pub(super) struct Waiting {
     pub(super) traces: VecDeque<Trace>,
 }
 
-/// The publisher's thread, and what waits for it.
+/// The publisher's thread and its waiting messages.
 #[derive(Debug)]
 pub(super) struct Outgoing {
     shared: Arc<Shared>,
-    /// Closed when the thread has ended.
+    /// Disconnected when the thread has ended.
     ended: mpsc::Receiver<()>,
 }
 
@@ -61,16 +61,16 @@ struct Shared {
 #[derive(Debug, Default)]
 struct Held {
     waiting: Waiting,
-    /// Events and traces that found their queue full, since the start.
+    /// Number of events and traces dropped from a full queue since the start.
     dropped: u64,
     is_over: bool,
 }
 
 impl Outgoing {
-    /// Starts the thread. It calls `send` with what waits, again and again; `send` takes everything out.
+    /// Starts the thread. It calls `send` whenever messages wait; `send` takes all of them.
     ///
     /// # Errors
-    /// If the system gives no thread.
+    /// If a thread cannot be started.
     pub(super) fn start(mut send: impl FnMut(&mut Waiting) + Send + 'static) -> io::Result<Self> {
         let shared = Arc::<Shared>::default();
         let (ending, ended) = mpsc::sync_channel::<()>(1);
@@ -80,9 +80,7 @@ impl Outgoing {
             while let Some(dropped) = of_thread.next(&mut waiting) {
                 if dropped > known {
                     known = dropped;
-                    tracing::warn!(
-                        "the network is too slow: {dropped} events and traces were not sent since the start"
-                    );
+                    tracing::warn!("the network is too slow: {dropped} events and traces were dropped since the start");
                 }
                 send(&mut waiting);
             }
@@ -92,18 +90,18 @@ impl Outgoing {
         Ok(Self { shared, ended })
     }
 
-    /// Hands over what a step sends. Never waits for the network.
+    /// Hands over the messages of one step. Never waits for the network.
     pub(super) fn hand_over(&self, messages: Messages) {
         self.shared.lock().take_up(messages);
         self.shared.handed_over.notify_one();
     }
 
-    /// Events and traces that were dropped since the start because the network was too slow.
+    /// Number of events and traces dropped since the start because the network was too slow.
     pub(super) fn dropped(&self) -> u64 {
         self.shared.lock().dropped
     }
 
-    /// Ends the thread once everything that waits is sent, if that is soon.
+    /// Ends the thread after the waiting messages are sent, at the latest after [`END_WITHIN`].
     pub(super) fn end(&self) {
         self.shared.end();
         let _ = self.ended.recv_timeout(END_WITHIN);
@@ -117,8 +115,8 @@ impl Drop for Outgoing {
 }
 
 impl Shared {
-    /// Waits for something to send and swaps it for `sent`, which is empty. Tells how much was dropped since the start; `None`
-    /// at the end, when nothing waits.
+    /// Waits for messages and swaps them for the empty `sent`. Returns the number of dropped messages since the start,
+    /// or `None` at the end, when no message waits.
     fn next(&self, sent: &mut Waiting) -> Option<u64> {
         let mut held = self.lock();
         while held.waiting.is_empty() {
@@ -136,7 +134,7 @@ impl Shared {
         self.handed_over.notify_one();
     }
 
-    /// Nothing that holds the lock can panic half way.
+    /// Locks the waiting messages. The lock is never poisoned in mid-change: no holder can panic.
     fn lock(&self) -> MutexGuard<'_, Held> {
         self.held.lock().unwrap_or_else(PoisonError::into_inner)
     }
@@ -162,7 +160,7 @@ impl Waiting {
     }
 }
 
-/// Adds the newest message; gives how many old ones had to go.
+/// Adds the newest message; returns how many old ones were dropped for it.
 fn push<M>(queue: &mut VecDeque<M>, message: M, most: usize) -> u64 {
     let is_full = queue.len() >= most;
     if is_full {
@@ -225,7 +223,7 @@ mod tests {
         let from: Instant = now();
         let more = MAX_EVENTS as u64 + 6;
         (2..2 + more).for_each(|sequence| outgoing.hand_over(step(sequence)));
-        assert!(now() - from < Duration::from_secs(1), "the control thread has waited");
+        assert!(now() - from < Duration::from_secs(1), "the control thread waited");
         assert_eq!(outgoing.dropped(), 6);
         let_go.send(()).unwrap();
         assert_eq!(was_sent.recv().unwrap(), (Some(1), vec![1]));

@@ -1,5 +1,6 @@
-//! Who is there. Where links are plain, whoever's liveliness token is. Where they are secured, whoever has a link under its own
-//! certificate: that, nobody else can make or break, while a token can be anybody's.
+//! Follows which vehicles are up. On plain links a vehicle is up while its liveliness token is. On secured links it is
+//! up while it has a link under its own certificate: no other node can make or break that, whereas any node can declare
+//! any token.
 
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -13,56 +14,56 @@ use zenoh::{Session, Wait};
 use super::{LinkError, Sessions, declaring};
 use skein_host::clock::now;
 
-/// The log is told the same of somebody who was refused so often.
+/// The same refusal is logged at most once in this time.
 const LOG_EVERY: Duration = Duration::from_secs(60);
-/// And of so many within that time.
+/// Largest number of different refusals logged within that time.
 const LOG_AT_MOST: usize = 32;
 
-/// What changes.
+/// A change of the vehicles that are up.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Change {
-    /// A vehicle is there.
+    /// A vehicle is up.
     Came(VehicleId),
-    /// It is gone.
+    /// A vehicle is gone.
     Went(VehicleId),
-    /// Whoever is at this address was not let in, or does not let this one in.
+    /// A link with this address was refused, by this host or by the other.
     Refused(String),
 }
 
 type Tell = Box<dyn Fn(Change) + Send + Sync>;
 
-/// Follows who is there.
+/// Follows which vehicles are up.
 #[derive(Default)]
 pub struct Presence {
-    /// By tokens, if not by links.
+    /// Whether links decide; otherwise tokens do.
     by_links: bool,
     noted: Mutex<Noted>,
 }
 
 #[derive(Default)]
 struct Noted {
-    /// How many links each has: one that broke may be found dead after the next one stands.
+    /// Number of links of each vehicle. A broken link may be detected after the vehicle has made its next one.
     links: BTreeMap<VehicleId, u32>,
     tell: Vec<Tell>,
-    /// What the log was told of those who were refused, and when.
+    /// Refusals logged lately, and when.
     logged: Vec<(String, Instant)>,
 }
 
 impl Presence {
-    /// Of those who have tokens.
+    /// Follows the vehicles' tokens.
     pub(super) fn by_tokens() -> Arc<Self> {
         Arc::default()
     }
 
-    /// Of those who have links.
+    /// Follows the vehicles' links.
     pub(super) fn by_links() -> Arc<Self> {
         Arc::new(Self { by_links: true, ..Self::default() })
     }
 
-    /// Tells from now on what changes, beginning with those already there; on threads that must not wait.
+    /// Reports every change from now on, starting with the vehicles already up, on threads that must not wait.
     ///
     /// # Errors
-    /// If the session is closed.
+    /// If a session is closed.
     pub fn watch(&self, sessions: &Sessions, tell: impl Fn(Change) + Send + Sync + 'static) -> Result<(), LinkError> {
         if !self.by_links {
             let tell = Arc::new(tell);
@@ -79,12 +80,13 @@ impl Presence {
         Ok(())
     }
 
-    /// Whether messages of this vehicle can be its own: peers hand nothing on, so a vehicle without a link sends nothing.
+    /// Whether a message can come from this vehicle itself. Peers do not relay, so a vehicle without a link sends
+    /// nothing.
     pub fn may_speak(&self, id: VehicleId) -> bool {
         !self.by_links || self.lock().links.contains_key(&id)
     }
 
-    /// A link stands until the answer is dropped; with whom, unless with an observer or an operator.
+    /// Registers a link that lasts until the returned value is dropped. `with` is `None` for an observer or operator.
     pub(super) fn link(self: &Arc<Self>, with: Option<VehicleId>) -> Linked {
         if let Some(id) = with {
             let mut noted = self.lock();
@@ -97,7 +99,7 @@ impl Presence {
         Linked { presence: self.clone(), with }
     }
 
-    /// No link with whoever is at this address. However often that is tried, the log is told once in a while.
+    /// Reports a refused link. Repeated refusals are logged only once in [`LOG_EVERY`].
     pub(super) fn refuse(&self, address: &str, why: &str) {
         let mut noted = self.lock();
         noted.tell(&Change::Refused(address.to_owned()));
@@ -109,8 +111,8 @@ impl Presence {
         }
     }
 
-    /// Nothing that holds the lock can panic half way. While one tells nobody else does: who comes and goes at once ends as it
-    /// is told last.
+    /// Locks the state. The lock is never poisoned in mid-change: no holder can panic. Changes are reported under the
+    /// lock, so their order is the order in which they happened.
     fn lock(&self) -> MutexGuard<'_, Noted> {
         self.noted.lock().unwrap_or_else(PoisonError::into_inner)
     }
@@ -122,7 +124,7 @@ impl Noted {
     }
 }
 
-/// A link that stands.
+/// Keeps one link registered until it is dropped.
 pub(super) struct Linked {
     presence: Arc<Presence>,
     with: Option<VehicleId>,
@@ -142,7 +144,7 @@ impl Drop for Linked {
     }
 }
 
-/// Tells whose token comes and goes. Whoever declares one can be asked.
+/// Reports each token that appears or vanishes. A vehicle with a token can be queried.
 pub(super) fn watch_tokens(
     session: &Session,
     tell: impl Fn(VehicleId, SampleKind) + Send + Sync + 'static,
@@ -176,14 +178,14 @@ mod tests {
         assert!(presence.may_speak(id(1)) && !presence.may_speak(id(2)));
         let second = presence.link(Some(id(1)));
         drop(first);
-        assert_eq!(told(), [], "dialled again before the first link was found dead");
+        assert_eq!(told(), [], "a new link was made before the broken one was detected");
         drop(presence.link(Some(id(3))));
         assert_eq!(told(), [Change::Came(id(3)), Change::Went(id(3))]);
         drop(second);
         assert_eq!(told(), [Change::Went(id(1))]);
         drop(presence.link(None));
         presence.refuse("10.0.0.9", "no certificate");
-        assert_eq!(told(), [Change::Refused("10.0.0.9".to_owned())], "observers are not told of");
+        assert_eq!(told(), [Change::Refused("10.0.0.9".to_owned())], "links with observers are not reported");
         assert!(!presence.may_speak(id(1)));
     }
 

@@ -1,4 +1,4 @@
-//! What of others was not believed: counted by reason, and the latest kinds by name, so that somebody can go and look.
+//! Counts refused messages by reason, and keeps the latest kinds by key for the operator to look at.
 
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 use std::sync::{Mutex, MutexGuard, PoisonError};
@@ -6,19 +6,19 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 use skein_common::message::{Drops, Reason, Refused};
 use skein_common::topic::Topic;
 
-/// How many kinds of reason there are.
+/// Number of reasons.
 const REASONS: usize = Reason::Old as usize + 1;
 
-/// Counted by Zenoh's threads; bounded, whatever comes.
+/// Counts of refused messages, written by Zenoh's threads. Its size is bounded whatever arrives.
 #[derive(Debug, Default)]
 pub(super) struct Refusals {
     counts: [AtomicU64; REASONS],
-    /// The latest kind last.
+    /// Refusals by reason and key, the latest last.
     named: Mutex<Vec<Refused>>,
 }
 
 impl Refusals {
-    /// One more; gives how many there were for this reason.
+    /// Counts one refusal; returns the number with this reason.
     pub(super) fn count(&self, reason: Reason, key: &str) -> u64 {
         let key = Refused::printable(&without_cell(key));
         let mut named = self.lock();
@@ -35,7 +35,7 @@ impl Refusals {
         self.counter(reason).fetch_add(1, Relaxed) + 1
     }
 
-    /// By reason.
+    /// The counts by reason.
     pub(super) fn drops(&self) -> Drops {
         let count = |reason| self.counter(reason).load(Relaxed);
         Drops {
@@ -50,7 +50,7 @@ impl Refusals {
         }
     }
 
-    /// The latest kinds, the latest first.
+    /// The latest refusals by reason and key, the latest first.
     pub(super) fn named(&self) -> Vec<Refused> {
         self.lock().iter().rev().cloned().collect()
     }
@@ -59,13 +59,13 @@ impl Refusals {
         &self.counts[reason as usize]
     }
 
-    /// Nothing that holds the lock can panic half way.
+    /// Locks the list. The lock is never poisoned in mid-change: no holder can panic.
     fn lock(&self) -> MutexGuard<'_, Vec<Refused>> {
         self.named.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
-/// One kind of word of one vehicle has one name, wherever the vehicle is; one kind of order, whoever gives it.
+/// The key without the parts that vary: a vehicle's cell and an order's issuer.
 fn without_cell(key: &str) -> String {
     match Topic::parse(key) {
         Some(Topic::State(id, _)) => format!("vehicle/{id}/state"),

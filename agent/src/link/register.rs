@@ -1,5 +1,5 @@
-//! The last register that an agent said, kept for whoever comes late: Zenoh's threads answer with it, whatever the agent
-//! does.
+//! Queries between agents, answered on Zenoh's threads. An agent that starts late queries its peers for their last
+//! heartbeats; clock comparison uses queries too ([`super::clocks`]).
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
@@ -12,17 +12,17 @@ use zenoh::{Session, Wait};
 
 use super::{LinkError, Sessions, declaring};
 
-/// An answer that takes longer is not waited for: the next register is said by then.
+/// Longest wait for a reply. By then the peer has sent its next heartbeat anyway.
 const ANSWER_WITHIN: Duration = Duration::from_secs(1);
 
-/// What is answered to those who ask.
+/// Answers queries with the last heartbeat.
 pub(super) struct Register {
     last: Arc<Mutex<Vec<u8>>>,
     _answering: Vec<Queryable<()>>,
 }
 
 impl Register {
-    /// Answers whoever asks for this topic; nobody before the first [`Register::keep`].
+    /// Starts to answer queries for this topic; the first reply needs a [`Register::keep`].
     pub(super) fn open(sessions: &Sessions, topic: Topic) -> Result<Self, LinkError> {
         let last = Arc::<Mutex<Vec<u8>>>::default();
         let kept = last.clone();
@@ -31,18 +31,18 @@ impl Register {
         Ok(Self { last, _answering: answering })
     }
 
-    /// From now on this is the answer.
+    /// Makes these bytes the reply from now on.
     pub(super) fn keep(&self, said: Vec<u8>) {
         *lock(&self.last) = said;
     }
 }
 
-/// Held for a copy of some bytes, in which nothing can panic.
+/// Locks the bytes. No holder can panic: the lock is held only for a copy.
 fn lock(kept: &Mutex<Vec<u8>>) -> MutexGuard<'_, Vec<u8>> {
     kept.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Answers whoever asks for this topic with what `said` gives, on one of Zenoh's threads.
+/// Answers queries for this topic on one of Zenoh's threads, with the bytes that `said` returns.
 pub(super) fn answer(
     sessions: &Sessions,
     topic: Topic,
@@ -53,8 +53,8 @@ pub(super) fn answer(
         let (own_key, said) = (key.clone(), said.clone());
         let answer = move |query: Query| {
             if let Some(said) = said(&query) {
-                // It fails only on a closed session. Zenoh gives an answer the quality of service of its question, and that is
-                // set by our configuration when the question comes in: the answer is dropped rather than waited for.
+                // It fails only on a closed session. Zenoh gives a reply the quality of service of its query, which our
+                // configuration sets when the query comes in: the reply is dropped rather than waited for.
                 let _ = query.reply(&own_key, said).wait();
             }
         };
@@ -64,18 +64,18 @@ pub(super) fn answer(
     sessions.all.iter().map(declare).collect()
 }
 
-/// Asks for somebody's register, or clock, with these bytes of a question; `take` gets the answers on one of Zenoh's threads.
-/// Never waits for them.
+/// Queries a peer for its heartbeat or clock; `question` is the payload. Never waits: `take` gets the replies on one of
+/// Zenoh's threads.
 pub(super) fn ask(session: &Session, topic: Topic, question: &[u8], take: impl Fn(&Sample) + Send + Sync + 'static) {
     let asked = session
         .get(topic.key())
         .payload(question)
-        // Whoever says that it answers for all must not be the only one who is asked.
+        // A node that declares itself complete for all keys must not be the only one queried.
         .target(QueryTarget::All)
         .congestion_control(CongestionControl::Drop)
         .priority(Priority::InteractiveHigh)
         .express(true)
-        // Otherwise Zenoh keeps the answer until the last one has come.
+        // Otherwise Zenoh holds back a reply until the last one has come.
         .consolidation(ConsolidationMode::None)
         .allowed_destination(Locality::Remote)
         .timeout(ANSWER_WITHIN)

@@ -1,6 +1,6 @@
-//! Who has said something, proven by a signature (Ed25519, RFC 8032): [`orders`] by the operator, every other word
-//! ([`words`]) by its vehicle. A seal holds in one run of one swarm: what was said yesterday, or in another swarm, is worth
-//! nothing today.
+//! Signatures (Ed25519, RFC 8032) that prove the sender of a message: an operator signs orders ([`orders`]), a vehicle
+//! signs its other messages ([`words`]). A signature is valid in one run of one swarm only, so a message replayed from
+//! an earlier run or another swarm is refused.
 
 pub mod orders;
 pub mod runs;
@@ -16,29 +16,29 @@ use serde::{Deserialize, Serialize};
 use skein_common::id::SwarmName;
 use skein_common::message::Seal;
 
-/// A text or bytes that are no key.
+/// Why a text or bytes are not a key.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum NotAKey {
-    /// No private key.
+    /// Not a private key.
     #[error("not an Ed25519 key in PKCS#8")]
     Private,
-    /// No public key.
-    #[error("a public key has to be 64 hexadecimal digits")]
+    /// Not a public key.
+    #[error("a public key must have 64 hexadecimal digits")]
     Public,
 }
 
-/// The public key by which somebody's seal is known. As text 64 hexadecimal digits.
+/// Public key that verifies one sender's signatures. As text it has 64 hexadecimal digits.
 #[derive(Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(try_from = "String", into = "String")]
 pub struct SealKey([u8; 32]);
 
 impl SealKey {
-    /// Its bytes.
+    /// The key's bytes.
     pub fn to_bytes(self) -> [u8; 32] {
         self.0
     }
 
-    /// Whether whoever has the private key has sealed these bytes. Takes some 100 µs.
+    /// Whether `seal` is the signature of these bytes with the matching private key. Takes about 100 µs.
     fn has_sealed(&self, bytes: &[u8], seal: Seal) -> bool {
         UnparsedPublicKey::new(&ED25519, self.0).verify(bytes, &seal.to_bytes()).is_ok()
     }
@@ -87,32 +87,32 @@ impl fmt::Display for SealKey {
 
 impl fmt::Debug for SealKey {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "SealKey({self})")
+        write!(f, "VerificationKey({self})")
     }
 }
 
-/// A private key that seals.
+/// Private key that signs messages.
 pub struct Sealer(Ed25519KeyPair);
 
 impl Sealer {
-    /// The key in this PKCS#8 document (DER), with or without its public half.
+    /// Reads the key from a PKCS#8 document (DER), with or without its public key.
     ///
     /// # Errors
-    /// If it is not one.
+    /// If the document is not such a key.
     pub fn from_pkcs8(der: &[u8]) -> Result<Self, NotAKey> {
         Ed25519KeyPair::from_pkcs8_maybe_unchecked(der).map(Self).map_err(|_| NotAKey::Private)
     }
 
-    /// The same in PEM.
+    /// Reads the key from a PKCS#8 document in PEM.
     ///
     /// # Errors
-    /// As [`Self::from_pkcs8`].
+    /// The same as [`Self::from_pkcs8`].
     pub fn from_pem(text: &str) -> Result<Self, NotAKey> {
         let der = PrivatePkcs8KeyDer::from_pem_slice(text.as_bytes()).map_err(|_| NotAKey::Private)?;
         Self::from_pkcs8(der.secret_pkcs8_der())
     }
 
-    /// What its seals are known by.
+    /// The public key that verifies this key's signatures.
     pub fn key(&self) -> SealKey {
         let mut key = [0; 32];
         key.copy_from_slice(self.0.public_key().as_ref());
@@ -127,15 +127,15 @@ impl Sealer {
 }
 
 impl fmt::Debug for Sealer {
-    /// Never the key.
+    /// Shows the public key only.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "Sealer(of {:?})", self.key())
+        write!(f, "SigningKey(of {:?})", self.key())
     }
 }
 
-/// The beginning of what is signed: for what, in which swarm and which run. The name's length stands before it, so that no
-/// two things signed have the same bytes; nothing else that is signed with these keys (TLS 1.3 begins with 64 spaces, RFC 8446,
-/// 4.4.3) begins like one of our contexts.
+/// Start of the signed bytes: purpose, swarm and run. The length of the swarm's name precedes it, so that no two signed
+/// messages have the same bytes. Nothing else that these keys sign starts like one of our contexts (TLS 1.3 starts with
+/// 64 spaces, RFC 8446, 4.4.3).
 fn signed(context: &[u8], swarm: &SwarmName, run: u64) -> Vec<u8> {
     let name = swarm.as_str().as_bytes();
     let mut bytes = context.to_vec();
@@ -167,11 +167,11 @@ pub(crate) mod tests {
         };
         let seed = hex("c5aa8df43f9f837bedb7442f31dcb7b166d38535076f094b85ce3a2e0b4458f7");
         let public = "fc51cd8e6218a1a38da47ed00230f0580816ed13ba3303ac5deb911548908025";
-        // PKCS#8 version 1 as OpenSSL writes it: a fixed head and the seed.
+        // PKCS#8 version 1 as OpenSSL writes it: a fixed header and the seed.
         let der = [hex("302e020100300506032b657004220420"), seed].concat();
         let sealer = Sealer::from_pkcs8(&der).unwrap();
         assert_eq!(Ok(sealer.key()), public.parse());
-        assert_eq!(format!("{sealer:?}"), format!("Sealer(of SealKey({public}))"), "and nothing secret");
+        assert_eq!(format!("{sealer:?}"), format!("SigningKey(of VerificationKey({public}))"), "the secret is not shown");
         assert!(Sealer::from_pkcs8(b"key").is_err() && Sealer::from_pem("key").is_err());
         let signature = "6291d657deec24024827e69c3abe01a30ce548a284743a445e3680d7db5ac3ac18ff9b538d16f290ae67f760984dc6594a7c15e9716ed28dc027beceea1ec40a";
         let seal = sealer.seal(&[0xaf, 0x82]);

@@ -1,5 +1,5 @@
-//! Who may join a swarm: mutual TLS on every link (`link/tunnel.rs`), with certificates of the swarm's authority and names
-//! that count. Who may say what in it is told by seals ([`super::seal`]): a link lets in, and lets nobody speak for another.
+//! Decides who may join a swarm: mutual TLS on every link (`link/tunnel.rs`), with certificates of the swarm's
+//! authority and known names. A link admits a node; signatures ([`super::seal`]) prove which vehicle sent a message.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -19,50 +19,50 @@ use super::seal::{SealKey, Sealer};
 /// How the links of a session are secured.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Security {
-    /// Plain TCP: whoever reaches it takes part. For the loopback, and for who asks for it by name.
+    /// Plain TCP: any program that reaches it can join. For the loopback, or if requested explicitly.
     Plain,
-    /// Mutual TLS, and seals.
+    /// Mutual TLS and signed messages.
     Tls(Tls),
 }
 
-/// One end of secured links.
+/// Files and names for secured links.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Tls {
     /// File of the certificates of the swarm's authority, PEM.
     pub authority: PathBuf,
     /// File of the own certificate, PEM.
     pub certificate: PathBuf,
-    /// File of its private key, PEM; a vehicle's seals its words too.
+    /// File of its private key, PEM. A vehicle also signs its messages with this key.
     pub key: PathBuf,
-    /// Who flies in the swarm.
+    /// Vehicles of the swarm.
     pub vehicles: BTreeMap<VehicleId, Known>,
-    /// The common name of observers' certificates.
+    /// Common name in observers' certificates.
     pub observer: String,
-    /// The common name of the operator's.
+    /// Common name in the operator's certificate.
     pub operator: String,
 }
 
-/// By what a vehicle is known.
+/// Certificate name and public key of a vehicle.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Known {
-    /// The common name of its certificate; one that was replaced has another.
+    /// Common name of its certificate; a replacement certificate has another name.
     pub name: String,
-    /// The key that its words are sealed with and its certificate is for.
+    /// Public key of its certificate and of its messages' signatures.
     pub key: SealKey,
 }
 
-/// A table of what vehicles are known by, whose keys are ids.
+/// Deserializes a table of vehicle identities whose keys are vehicle ids.
 ///
 /// # Errors
-/// If one of them is no id.
+/// If a key of the table is not a vehicle id.
 pub fn known_by_vehicle<'de, D: Deserializer<'de>>(of: D) -> Result<BTreeMap<VehicleId, Known>, D::Error> {
     let vehicles = BTreeMap::<String, Known>::deserialize(of)?.into_iter();
     vehicles.map(|(id, known)| id.parse().map(|id| (id, known)).map_err(D::Error::custom)).collect()
 }
 
 impl Security {
-    /// Whether endpoints and names are in order.
+    /// Checks the endpoints and the certificate names.
     pub(super) fn check(&self, listen: &[String], dial: &[String]) -> Result<(), LinkError> {
         let wanted = self.protocol();
         for text in listen.iter().chain(dial) {
@@ -80,7 +80,7 @@ impl Security {
         }
     }
 
-    /// By what one tells whose a word is.
+    /// Key ring that verifies the senders of messages.
     pub fn voices(&self, swarm: &SwarmName) -> Voices {
         match self {
             Self::Plain => Voices::plain(swarm.clone()),
@@ -91,10 +91,10 @@ impl Security {
         }
     }
 
-    /// What seals this vehicle's words, where words are sealed.
+    /// Signing key of this vehicle, where messages are signed.
     ///
     /// # Errors
-    /// If the file has no such key, or one by which the others do not know this vehicle.
+    /// If the file has no Ed25519 key, or not the key that the swarm has for this vehicle.
     pub fn sealer(&self, own: VehicleId) -> Result<Option<Sealer>, LinkError> {
         let Self::Tls(tls) = self else { return Ok(None) };
         let fault = |source| LinkError::File { path: tls.key.clone(), source };
@@ -107,7 +107,7 @@ impl Security {
         }
     }
 
-    /// What endpoints begin with.
+    /// Protocol at the start of every endpoint.
     fn protocol(&self) -> &'static str {
         match self {
             Self::Plain => "tcp",

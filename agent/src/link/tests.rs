@@ -18,7 +18,7 @@ use skein_host::clock::{now, sleep_until};
 
 const PATIENCE: Duration = Duration::from_secs(20);
 
-/// A session that listens, and how it is dialled. Every test has a swarm of its own.
+/// Name of a swarm used by one test only, a session that listens, and the endpoints that reach it.
 fn hub(test: &str) -> (SwarmName, Session, Vec<String>) {
     let swarm = SwarmName::new(format!("{test}-{}", process::id())).unwrap();
     let session = open_zenoh(&swarm, &["tcp/127.0.0.1:0".to_owned()], &[], &[]).unwrap();
@@ -30,7 +30,7 @@ fn id(number: u8) -> VehicleId {
     VehicleId::new(number).unwrap()
 }
 
-/// Any vehicle that flies plan 7, and any order.
+/// Trusts any vehicle that flies plan 7, and any order.
 fn trust(swarm: &SwarmName) -> Trust {
     Trust {
         swarm: swarm.clone(),
@@ -68,7 +68,7 @@ fn mission(sender: u8, sequence: u64) -> Mission {
     }
 }
 
-/// Does `again` until `found` finds what it looks for among all that was heard.
+/// Repeats `again` until `found` finds a result in all messages received so far.
 fn until<T>(link: &Link, mut again: impl FnMut(), mut found: impl FnMut(&[Heard]) -> Option<T>) -> T {
     let mut heard = Vec::new();
     let deadline = now() + PATIENCE;
@@ -78,7 +78,7 @@ fn until<T>(link: &Link, mut again: impl FnMut(), mut found: impl FnMut(&[Heard]
         if let Some(found) = found(&heard) {
             return found;
         }
-        assert!(now() < deadline, "only heard {heard:?}, dropped {:?}", link.drops());
+        assert!(now() < deadline, "received only {heard:?}, dropped {:?}", link.drops());
         pause();
     }
 }
@@ -124,14 +124,14 @@ fn two_agents_hear_each_other_and_not_themselves() {
         |heard| word(heard, |word| matches!(word, Word::Mission(_))).map(|_| heard.to_vec()),
     );
     assert!(all.iter().any(|heard| heard.word == Word::Mission(mission)));
-    assert!(all.iter().any(|heard| heard.word == Word::Appeared(id(1))), "who was there first is found");
+    assert!(all.iter().any(|heard| heard.word == Word::Appeared(id(1))), "the peer that was up first is found");
     let own = |word: &Word| match word {
         Word::State(said) => said.header.sender == id(2),
         Word::Appeared(vehicle) | Word::Vanished(vehicle) => *vehicle == id(2),
         _ => false,
     };
     assert_eq!(word(&all, own), None);
-    // What is said faster than it is taken up is repeated, not wrong.
+    // States sent faster than they are read are replaced, which is not a fault.
     assert_eq!(two.drops().refused(), 0);
 }
 
@@ -147,7 +147,7 @@ fn a_peer_that_goes_is_missed_at_once() {
     assert!(now() < begin + Duration::from_secs(2));
 }
 
-/// Both ways to come late: to a swarm that flies, and to a peer that could not be reached before.
+/// An agent can be late in two ways: it starts late, or a peer that could not be reached is reached late.
 #[test]
 fn a_late_joiner_has_the_register_of_a_peer_that_says_nothing_any_more() {
     let (swarm, hub, dial) = hub("late");
@@ -158,7 +158,7 @@ fn a_late_joiner_has_the_register_of_a_peer_that_says_nothing_any_more() {
     let born = now();
     let late = link(open_zenoh(&swarm, &[], &dial, &[]).unwrap(), 2, trust(&swarm));
     until(&late, || {}, |heard| word(heard, newest(1, 5)));
-    assert!(now() < born + Duration::from_secs(1), "heard after {:?}", now() - born);
+    assert!(now() < born + Duration::from_secs(1), "received after {:?}", now() - born);
 
     let free = std::net::TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
     let endpoint = vec![format!("tcp/{free}")];
@@ -175,7 +175,7 @@ fn a_late_joiner_has_the_register_of_a_peer_that_says_nothing_any_more() {
         },
     );
     let after = now() - appeared.expect("the token comes first");
-    assert!(after < Duration::from_secs(1), "heard {after:?} after the token");
+    assert!(after < Duration::from_secs(1), "received {after:?} after the token");
     assert_eq!((late.drops().forged, waiting.drops().undecodable), (0, 0));
 }
 
@@ -326,7 +326,7 @@ fn zenohs_errors_are_shown_without_places_in_its_source() {
     let shown = |text: &str| plain(&text.into());
     let nested = "Cannot bind tcp/10.9.9.9:1: [10.9.9.9:1: in use at /a/tcp.rs:61.] at /b/unicast.rs:338.";
     assert_eq!(shown(nested), "Cannot bind tcp/10.9.9.9:1: [10.9.9.9:1: in use]");
-    assert_eq!(shown("nobody at home"), "nobody at home");
+    assert_eq!(shown("no route to host"), "no route to host");
 }
 
 #[test]

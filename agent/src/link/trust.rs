@@ -1,4 +1,4 @@
-//! Whose words are taken up, and which of them are not.
+//! Decides which received messages reach the inbox.
 
 use std::sync::Arc;
 
@@ -11,28 +11,28 @@ use super::seal::words::Voices;
 use super::seal::{SealKey, Sealer};
 use skein_core::peers::Word;
 
-/// Whom an agent believes, and whose orders it takes.
+/// Which peers an agent believes and whose orders it accepts.
 #[derive(Clone, Debug)]
 pub struct Trust {
-    /// Its swarm: vehicles 1 to `vehicles` of this name.
+    /// Name of the swarm.
     pub swarm: SwarmName,
-    /// How many there are.
+    /// Number of its vehicles; their ids are 1 to `vehicles`.
     pub vehicles: usize,
-    /// Hash of the plan that they fly.
+    /// Hash of the plan that the swarm flies.
     pub plan: u64,
-    /// Known for an operator's are the orders that this key has sealed; without a key, any.
+    /// Key of the operator, which must have signed every order. Without it any order is accepted.
     pub orders: Option<SealKey>,
-    /// The run of the swarm that the agent was started in; 0 where runs have no number. Peers are never asked for it. An order
-    /// with a seal is taken in a numbered run only: one for run 0 would hold again tomorrow.
+    /// Run of the swarm that the agent was started in; 0 where runs have no number. It is never learnt from peers. A
+    /// signed order is accepted in a numbered run only, because one for run 0 would be valid again tomorrow.
     pub run: u64,
-    /// By what one tells whose a word is.
+    /// Verifies the sender of each message.
     pub voices: Voices,
-    /// What seals the own words, where words are sealed.
+    /// Signs the own messages, where messages are signed.
     pub sealer: Option<Arc<Sealer>>,
 }
 
 impl Trust {
-    /// In the swarm of this scenario: plain links, no seals, no runs.
+    /// The trust of a plain swarm with this scenario: no certificates, no signatures, no runs.
     pub fn of(scenario: &Scenario) -> Self {
         let (swarm, vehicles) = (scenario.swarm.name.clone(), scenario.swarm.vehicles);
         let (plan, voices) = (scenario.plan_hash(), Voices::plain(swarm.clone()));
@@ -40,7 +40,7 @@ impl Trust {
     }
 }
 
-/// What stands between the network and the inbox.
+/// Filters messages between the network and the inbox.
 #[derive(Debug)]
 pub(super) struct Judge {
     own: VehicleId,
@@ -57,13 +57,13 @@ impl Judge {
         Self { own, vehicles, plan, orders, run }
     }
 
-    /// The run that this agent is in.
+    /// Run of the swarm that this agent is in.
     pub(super) fn run(&self) -> u64 {
         self.run
     }
 
-    /// What is left of a word to take up; its speaker has said it in this run, if it is sealed. `refused` is told what is not
-    /// believed of it, and why.
+    /// Returns the part of a message that is accepted. `run` is the run in its signature, if it has one. Calls
+    /// `refused` with the reason for each part that is not accepted.
     pub(super) fn hear(&self, word: Word, run: Option<u64>, mut refused: impl FnMut(Reason)) -> Option<Word> {
         let stranger = |id: VehicleId| usize::from(id.get()) > self.vehicles;
         match (word.speaker(), word) {
@@ -87,7 +87,7 @@ impl Judge {
                 if order != said.order {
                     refused(Reason::Unsealed);
                 }
-                // The register itself is its speaker's own; whatever plan it is of, its speaker is there.
+                // The heartbeat itself is still the sender's: even with another plan it shows that the sender is up.
                 Some(Word::Mission(Mission { order, ..said }))
             }
             (_, Word::Order(order)) if !self.is_sealed(&order) => {

@@ -1,17 +1,18 @@
-//! Links between hosts: where they are secured, mutual TLS 1.3 around what Zenoh says; where they are plain, TCP. On each host
-//! Zenoh speaks over sockets that nobody else gets at ([`local`]), and this carries what it says to the other hosts:
+//! Carries Zenoh's traffic between hosts: over mutual TLS 1.3 on secured links, over TCP on plain ones. On each host
+//! Zenoh uses local sockets that other users cannot reach ([`local`]), and the tunnel forwards their bytes to the other
+//! hosts:
 //!
 //! ```text
 //! Zenoh -- local socket -- tunnel == TLS over TCP, or TCP == tunnel -- local socket -- Zenoh
 //! ```
 //!
-//! The sockets of the network are ours, so that a link that was cut ends when the other host's kernel has acknowledged nothing
-//! for [`CUT_AFTER`], whatever the processes at both ends have time for; so that closing it never blocks a thread (Zenoh's own
-//! TCP sockets linger for ten seconds); and so that a host that cannot be reached is given up soon.
+//! Owning the network sockets has three advantages: a cut link ends when the other host's kernel has acknowledged
+//! nothing for [`CUT_AFTER`], however busy the processes at both ends are; closing a link never blocks a thread
+//! (Zenoh's own TCP sockets linger for ten seconds); and the tunnel gives up early on a host that cannot be reached.
 //!
 //! Zenoh's own TLS links are not used: they let two threads use one TLS connection at once, which corrupts memory
-//! ([zenoh#2557](https://github.com/eclipse-zenoh/zenoh/issues/2557)). Here each end is known by its certificate before
-//! Zenoh hears of it: a name that does not count, because it was replaced, makes no link; and who has a link is who is there
+//! ([zenoh#2557](https://github.com/eclipse-zenoh/zenoh/issues/2557)). Here each end is identified by its certificate
+//! before Zenoh sees the connection: a replaced certificate name makes no link, and a vehicle is up while it has a link
 //! ([`super::presence`]).
 
 mod local;
@@ -39,40 +40,41 @@ use crate::unix;
 use local::{Locals, ZenohListener};
 pub(super) use tls::{Ends, Peer};
 
-/// Longest time to reach another host, and then to agree with it on who is who. Zenoh tries again when this has ended.
+/// Longest time to reach another host and to complete the TLS handshake. Zenoh dials again afterwards.
 const REACH_WITHIN: Duration = Duration::from_millis(900);
-/// So many may be asked at once who they are, and so many of them from one address: a stranger who never tells must not keep
-/// the others waiting. Several agents may share a host; who is sent away dials again.
+/// Largest number of handshakes at once, in total and from one address, so that a stranger that never completes its
+/// handshake does not keep the others waiting. Several agents may share a host; a refused one dials again.
 const AT_ONCE: usize = 64;
 const AT_ONCE_OF_ONE: usize = 16;
-/// A link whose other end has acknowledged nothing for so long is cut. Something is sent at least five times a second.
+/// A link is cut when the other end has acknowledged nothing for this long. An agent sends at least five times a
+/// second.
 const CUT_AFTER: Duration = Duration::from_secs(1);
-/// A link that ends says so within this time.
+/// Time to announce the end of a link to the other host.
 const GOODBYE_WITHIN: Duration = Duration::from_millis(200);
-/// What a PC without a file descriptor left waits before it accepts again.
+/// Pause after a failed accept, for example because no file descriptor is left.
 const PAUSE: Duration = Duration::from_millis(100);
 
-/// All links of one agent or observer to other hosts; they end with it.
+/// All links of one agent or observer to other hosts; dropping it ends them.
 pub(super) struct Tunnel {
     shared: Arc<Shared>,
     listeners: Vec<StdListener>,
     locals: Locals,
-    /// Taken when it ends: the last thread of a runtime must not be waited for by itself.
+    /// Taken on drop, because a runtime must not wait for its own last thread.
     runtime: Option<Runtime>,
 }
 
 struct Shared {
-    /// Absent where links are plain.
+    /// Certificates and keys; `None` on plain links.
     ends: Option<Ends>,
     presence: Arc<Presence>,
 }
 
 impl Tunnel {
-    /// Binds `listen` and a local socket for each of `dial`, endpoints like `tls/10.0.0.11:7447`, or `tcp/10.0.0.11:7447` without
-    /// keys. Nothing is carried before [`Self::carry`].
+    /// Binds `listen` and a local socket for each of `dial`: endpoints like `tls/10.0.0.11:7447`, or
+    /// `tcp/10.0.0.11:7447` without keys. No traffic flows before [`Self::carry`].
     ///
     /// # Errors
-    /// Keys that are none, or an address that cannot be listened on.
+    /// If a key is not valid, or an address cannot be listened on.
     pub(super) fn open(listen: &[String], dial: &[String], tls: Option<&Tls>) -> Result<Self, LinkError> {
         let ends = tls.map(Ends::new).transpose()?;
         let taken = |source: io::Error| LinkError::Open { listen: listen.to_vec(), source: source.into() };
@@ -85,34 +87,35 @@ impl Tunnel {
         let runtime =
             Builder::new_multi_thread().worker_threads(1).thread_name("tunnel").enable_all().build().map_err(taken)?;
         let locals = runtime.block_on(async { Locals::open(dial) }).map_err(taken)?;
-        // Only a certificate tells whose link it is.
+        // Only a certificate identifies the vehicle at the other end.
         let presence = if ends.is_some() { Presence::by_links() } else { Presence::by_tokens() };
         Ok(Self { shared: Arc::new(Shared { ends, presence }), listeners, locals, runtime: Some(runtime) })
     }
 
-    /// Where Zenoh is to listen here, if it is reached from other hosts.
+    /// Local endpoint for Zenoh to listen on, if other hosts dial this one.
     pub(super) fn zenoh_listens(&self) -> Vec<String> {
         if self.listeners.is_empty() { Vec::new() } else { vec![self.locals.zenoh_listens()] }
     }
 
-    /// What Zenoh is to dial here, to reach each of the others.
+    /// Local endpoints for Zenoh to dial, one for each host to reach.
     pub(super) fn zenoh_dials(&self) -> Vec<String> {
         self.locals.zenoh_dials()
     }
 
-    /// Where others reach this host, with the ports that it was given.
+    /// Endpoints that other hosts dial, with the actual ports.
     pub(super) fn endpoints(&self) -> Vec<String> {
         let addresses = self.listeners.iter().filter_map(|listener| listener.local_addr().ok());
         let protocol = if self.shared.ends.is_some() { "tls" } else { "tcp" };
         addresses.map(|address| format!("{protocol}/{address}")).collect()
     }
 
-    /// Who is there.
+    /// Follows which vehicles are up.
     pub(super) fn presence(&self) -> &Arc<Presence> {
         &self.shared.presence
     }
 
-    /// Carries from now on what the session that listens, if one does, and whoever dials the local sockets say and hear.
+    /// Starts to carry the traffic of the listening session, if there is one, and of every session that dials a local
+    /// socket.
     pub(super) fn carry(&mut self, listening: Option<&Session>) -> io::Result<()> {
         let Some(runtime) = &self.runtime else { return Ok(()) };
         let _in_runtime = runtime.enter();
@@ -146,7 +149,7 @@ impl Drop for Tunnel {
     }
 }
 
-/// Lets in who shows a certificate that counts.
+/// Accepts connections that show a known certificate.
 async fn accept(listener: TcpListener, zenoh: Arc<ZenohListener>, shared: Arc<Shared>) {
     let at_once = Arc::new(Semaphore::new(AT_ONCE));
     let doorstep = Arc::new(Doorstep::default());
@@ -156,10 +159,10 @@ async fn accept(listener: TcpListener, zenoh: Arc<ZenohListener>, shared: Arc<Sh
             continue;
         };
         let Some(waiting) = Waiting::new(&doorstep, from.ip()) else {
-            tracing::debug!("no link from {from}: {AT_ONCE_OF_ONE} others from there do not tell who they are");
+            tracing::debug!("no link from {from}: {AT_ONCE_OF_ONE} handshakes from that address are pending");
             continue;
         };
-        // It is never closed.
+        // The semaphore is never closed.
         let Ok(asked) = at_once.clone().acquire_owned().await else { return };
         let (zenoh, shared) = (zenoh.clone(), shared.clone());
         tokio::spawn(async move {
@@ -178,7 +181,7 @@ async fn accept(listener: TcpListener, zenoh: Arc<ZenohListener>, shared: Arc<Sh
                         way.carry(here, &from.ip().to_string(), &shared.presence).await;
                     }
                 }
-                // Somebody who only looked whether the port is open, or whose network has gone.
+                // A port scan, or a network that failed during the handshake.
                 Err(error) if error.kind() != io::ErrorKind::InvalidData => {
                     tracing::debug!("no link from {from}: {error}")
                 }
@@ -188,17 +191,17 @@ async fn accept(listener: TcpListener, zenoh: Arc<ZenohListener>, shared: Arc<Sh
     }
 }
 
-/// How many wait to be let in, from each address.
+/// Number of pending handshakes by address.
 type Doorstep = Mutex<BTreeMap<IpAddr, usize>>;
 
-/// One of them, until it is let in or sent away.
+/// One pending handshake.
 struct Waiting {
     doorstep: Arc<Doorstep>,
     from: IpAddr,
 }
 
 impl Waiting {
-    /// `None` if there are too many from this address.
+    /// Returns `None` if too many handshakes from this address are pending.
     fn new(doorstep: &Arc<Doorstep>, from: IpAddr) -> Option<Self> {
         let mut counts = lock(doorstep);
         let count = counts.entry(from).or_default();
@@ -218,12 +221,12 @@ impl Drop for Waiting {
     }
 }
 
-/// Nothing that holds it can panic half way.
+/// Locks the counts. The lock is never poisoned in mid-change: no holder can panic.
 fn lock(doorstep: &Doorstep) -> MutexGuard<'_, BTreeMap<IpAddr, usize>> {
     doorstep.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Reaches another host for Zenoh, which tries again if that fails.
+/// Connects to another host for Zenoh, which dials again if that fails.
 async fn dial(here: local::Stream, endpoint: String, shared: Arc<Shared>) {
     let address = address(&endpoint);
     let reach = async {
@@ -239,18 +242,18 @@ async fn dial(here: local::Stream, endpoint: String, shared: Arc<Shared>) {
         Ok(Err(error)) if error.kind() == io::ErrorKind::InvalidData => {
             shared.presence.refuse(address, &error.to_string());
         }
-        Ok(Err(error)) => tracing::debug!("{address} is not reached: {error}"),
-        Err(_) => tracing::debug!("{address} is not reached: no answer"),
+        Ok(Err(error)) => tracing::debug!("cannot reach {address}: {error}"),
+        Err(_) => tracing::debug!("cannot reach {address}: no reply"),
     }
 }
 
-/// A socket to another host.
+/// Sets the options of a socket to another host.
 fn prepare(socket: &TcpStream) -> io::Result<()> {
     socket.set_nodelay(true)?;
     unix::give_up_unacknowledged(socket, CUT_AFTER)
 }
 
-/// The way to another host.
+/// A connection to another host.
 enum Way {
     Plain(TcpStream),
     Tls(Box<TlsStream<TcpStream>>, Peer),
@@ -261,7 +264,7 @@ impl Way {
         Self::Tls(Box::new(stream), peer)
     }
 
-    /// Carries what Zenoh says `here` and hears, while the link stands.
+    /// Carries the traffic of the local socket `here` until the link ends.
     async fn carry(self, here: local::Stream, address: &str, presence: &Arc<Presence>) {
         match self {
             Self::Plain(there) => carry(there, here, (address, &Peer::unknown()), presence).await,
@@ -270,7 +273,7 @@ impl Way {
     }
 }
 
-/// Carries everything both ways until one of the two ends, or the other's certificate.
+/// Copies bytes in both directions until one end closes or the other host's certificate expires.
 async fn carry(
     there: impl AsyncRead + AsyncWrite + Unpin,
     here: impl AsyncRead + AsyncWrite + Unpin,
@@ -280,17 +283,17 @@ async fn carry(
     let _is_there = presence.link(peer.vehicle);
     let (mut from_there, mut to_there) = split(there);
     let (mut from_here, mut to_here) = split(here);
-    // Neither waits for the other: one that was cut off would not be missed for a quarter of an hour.
+    // Neither direction waits for the other, or a cut link would go unnoticed for a quarter of an hour.
     tokio::select! {
         copied = copy(&mut from_there, &mut to_here) => match copied {
-            // It tells so only when the link stands already.
+            // TLS 1.3 reports a refused client certificate only after the handshake.
             Err(error) if error.kind() == io::ErrorKind::InvalidData => {
                 presence.refuse(address, &error.to_string());
             }
             _ => {}
         },
         _ = copy(&mut from_here, &mut to_there) => {}
-        () = sleep(peer.lasts) => tracing::warn!("the link with {} has ended with its certificate", peer.name),
+        () = sleep(peer.lasts) => tracing::warn!("the link with {} was closed: its certificate has expired", peer.name),
     }
     let _ = timeout(GOODBYE_WITHIN, to_there.shutdown()).await;
 }
@@ -305,14 +308,14 @@ fn host(address: &str) -> &str {
     address.rsplit_once(':').map_or(address, |(host, _)| host).trim_matches(['[', ']'])
 }
 
-/// Whose a link is.
+/// The other end of a link.
 impl Peer {
-    /// Of this name, as long as its certificate lasts.
+    /// A host with this certificate name, whose certificate is valid for `lasts`.
     fn new(name: String, vehicle: Option<VehicleId>, lasts: Duration) -> Self {
         Self { name, vehicle, lasts }
     }
 
-    /// Where links are plain.
+    /// The other end of a plain link.
     fn unknown() -> Self {
         Self::new("a plain link".to_owned(), None, Duration::MAX)
     }
@@ -330,8 +333,8 @@ mod tests {
         assert_eq!(strangers.len(), AT_ONCE_OF_ONE);
         assert!(Waiting::new(&doorstep, other).is_some());
         strangers.pop();
-        assert!(Waiting::new(&doorstep, stranger).is_some(), "one of them was sent away");
+        assert!(Waiting::new(&doorstep, stranger).is_some(), "one of its handshakes has ended");
         strangers.clear();
-        assert!(lock(&doorstep).is_empty(), "nothing is kept of who has gone");
+        assert!(lock(&doorstep).is_empty(), "an address without pending handshakes is forgotten");
     }
 }

@@ -1,4 +1,4 @@
-//! The built-in helicopter in real time: an agent's plant when no simulator is there.
+//! Flies the built-in helicopter in real time: an agent's plant without a simulator.
 
 use std::time::{Duration, Instant};
 
@@ -7,19 +7,18 @@ use skein_core::helicopter::{BuiltInVehicle, Script, TICK_S};
 use skein_core::plant::{Plant, Sticks, Wake};
 use skein_host::clock::{now, sleep_until};
 
-/// A helicopter that moves one tick of 20 ms at each deadline of a fixed grid.
+/// A helicopter that advances one tick of 20 ms at each deadline of a fixed grid.
 ///
-/// A tick that is late is made up at once if the next one is not due yet. Beyond that it is left out and counted, never
-/// made up in a burst: simulated time then falls behind, as a simulator's does on a slow computer, and every frame's plant
-/// time stays what the helicopter has really flown.
+/// A late tick is run at once if the next one is not due yet. Further ticks are skipped and counted, never run in a
+/// burst: simulated time then falls behind, as a simulator's does on a slow computer, so the plant time of every frame
+/// is the time that the helicopter has really flown.
 ///
-/// Its script of failures counts from the first command, which is when the helicopter comes alive, on the computer's clock:
-/// the script may freeze the simulator, and simulated time then stands still. Where an earlier agent has flown the vehicle
-/// the script goes on from there.
+/// The script of failures starts with the first command and runs on the computer's clock, because it may freeze the
+/// simulator and with it simulated time. If an earlier agent has flown the vehicle, the script continues from there.
 pub struct BuiltIn {
     vehicle: BuiltInVehicle,
     script: Script,
-    /// When the helicopter came alive, and how much of the script was over by then, s.
+    /// When the script started, and how much of it was over by then, s.
     alive_since: Option<(Instant, f64)>,
     sticks: Option<Sticks>,
     due: Option<Instant>,
@@ -29,13 +28,14 @@ pub struct BuiltIn {
 const TICK: Duration = Duration::from_nanos((TICK_S * 1e9) as u64);
 
 impl BuiltIn {
-    /// Time begins with the first [`Plant::wait`]; the script's now, if an earlier agent has flown for `flown_s`.
+    /// Simulated time starts with the first [`Plant::wait`]. The script starts now if an earlier agent has flown for
+    /// `flown_s`.
     pub fn new(vehicle: BuiltInVehicle, script: Script, flown_s: Option<f64>) -> Self {
         let alive_since = flown_s.map(|flown_s| (now(), flown_s));
         Self { vehicle, script, alive_since, sticks: None, due: None, skipped: 0 }
     }
 
-    /// How the script stands. Before the first command nothing has failed.
+    /// Current state of the script. No failure occurs before the first command.
     fn script_now(&self) -> ActiveFaults {
         let since = |(at, flown_s)| self.script.at(flown_s + now().saturating_duration_since(at).as_secs_f64());
         self.alive_since.map(since).unwrap_or_default()
@@ -52,7 +52,7 @@ impl Plant for BuiltIn {
         }
         let ActiveFaults { failures, simulator_frozen } = self.script_now();
         if simulator_frozen {
-            // A new grid begins with the thaw: what was not flown meanwhile was not skipped.
+            // A new grid starts after the freeze: frozen ticks do not count as skipped.
             self.due = None;
             sleep_until(deadline);
             return Wake::Deadline;
@@ -91,8 +91,8 @@ impl Plant for BuiltIn {
     }
 }
 
-/// The next deadline of the grid after the one that was due and is being served at `now`: at most one tick ago. And how
-/// many were left out for it.
+/// The next deadline of the grid, at most one tick before `now`, and the number of ticks skipped for it. `due` is the
+/// deadline that is served at `now`.
 fn next_due(due: Instant, now: Instant) -> (Instant, u64) {
     let late_ticks = now.saturating_duration_since(due).as_nanos() / TICK.as_nanos();
     let skipped = u32::try_from(late_ticks.saturating_sub(1)).unwrap_or(u32::MAX - 1);
@@ -140,7 +140,7 @@ mod tests {
                 times.push(frame.time);
             }
         }
-        assert!(now() >= begin + 10 * TICK, "faster than time");
+        assert!(now() >= begin + 10 * TICK, "faster than real time");
         for (tick, time) in (1..).zip(times) {
             assert_eq!(time.nanoseconds(), tick * TICK.as_nanos() as u64);
         }
@@ -166,7 +166,7 @@ mod tests {
         let freeze = fault(0.2, Some(0.3), Fault::SimulatorFreeze { vehicle });
         let engine_out = fault(0.0, Some(0.1), Fault::EngineOut { vehicle });
         let mut plant = plant(Script::of(&[freeze, engine_out], vehicle));
-        // The script has not begun: nobody has commanded.
+        // The script starts only with the first command.
         let Wake::Frame(first) = plant.wait(2 * TICK) else { panic!("no frame") };
         assert!(!plant.vehicle.failures().engine_out);
         plant.command(Sticks::default());
@@ -177,7 +177,7 @@ mod tests {
             match plant.wait(3 * TICK / 2) {
                 Wake::Frame(frame) => frames.push((now() - begin, frame.time, plant.vehicle.failures().engine_out)),
                 Wake::Deadline => {
-                    assert!(now() >= deadline, "it came back early");
+                    assert!(now() >= deadline, "the wait ended early");
                     deadlines.push(now() - begin);
                 }
             }
@@ -186,8 +186,8 @@ mod tests {
         assert!(deadlines.iter().any(|&at| at > ms(400)), "{deadlines:?}");
         assert!(frames.iter().all(|&(at, ..)| at < ms(230) || at >= ms(500)), "{frames:?}");
         assert!(frames.iter().any(|&(at, ..)| at < ms(200)) && frames.iter().any(|&(at, ..)| at > ms(500)));
-        assert!(frames[0].2 && !frames[frames.len() - 1].2, "the engine stops at once and comes back");
-        // Frames are a tick apart, whatever froze between them.
+        assert!(frames[0].2 && !frames[frames.len() - 1].2, "the engine stops at once and restarts later");
+        // Frames are a tick apart, even across the freeze.
         for (tick, (_, time, _)) in (1..).zip(&frames) {
             assert_eq!(time.nanoseconds(), first.time.nanoseconds() + tick * TICK.as_nanos() as u64);
         }

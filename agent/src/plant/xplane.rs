@@ -1,15 +1,15 @@
-//! X-Plane 11 and 12 over UDP: the agent's end of the wire, and a stand-in for the other end.
+//! X-Plane 11 and 12 over UDP: the agent's side of the protocol, and a stand-in for the simulator's side.
 //!
 //! | module | what it holds |
 //! | --- | --- |
-//! | [`wire`] | every datagram, both ways, byte for byte |
+//! | [`wire`] | encodes and decodes every datagram |
 //! | [`link`] | X-Plane as a [`Plant`](skein_core::plant::Plant) |
-//! | [`server`] | the simulator's side: subscriptions, datarefs, overrides; no sockets |
+//! | [`server`] | the simulator's side without sockets: subscriptions, datarefs, overrides |
 //! | [`standin`] | a headless X-Plane: the built-in helicopter behind that server |
 //!
-//! Which datarefs carry an aircraft's controls stands in its file ([`skein_core::aircraft::Profile`]).
+//! The aircraft's file names the datarefs of its controls ([`skein_core::aircraft::Profile`]).
 //!
-//! Degrees, X-Plane's axes and its single precision do not leave this folder.
+//! Degrees, X-Plane's axes and its single precision are used in this folder only.
 
 mod clock;
 mod convert;

@@ -1,4 +1,4 @@
-//! The control thread: frame in, step, controls out; everything else after that.
+//! The control thread: receives a frame, steps the agent, writes the controls, then does everything else.
 
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -23,33 +23,33 @@ use skein_core::plant::{Frame, Plant, Wake};
 use skein_core::station::Station;
 use skein_host::clock::{LocalClock, now, sleep_until};
 
-/// The plant's frame is given up for this step after so many of its periods.
+/// Longest wait for the plant's frame, in frame periods. The agent then steps without a frame.
 const PATIENCE_PERIODS: f64 = 1.5;
 
-/// A simulator that was there and sends no frame for so long does not come back. One on a PC that does not keep up pauses for
-/// seconds, and its vehicle is still to be landed then.
+/// Time without a frame after which a simulator counts as ended. A simulator on an overloaded PC pauses for seconds,
+/// and its vehicle still has to be landed afterwards.
 const SIMULATOR_GONE_AFTER: Duration = Duration::from_secs(10);
 
-/// What the control thread alone holds.
+/// Everything that the control thread owns.
 pub(super) struct Control {
     pub(super) station: Station,
     pub(super) plant: Box<dyn Plant>,
     pub(super) plant_name: &'static str,
-    /// What runs here.
+    /// Release that runs here.
     pub(super) release: String,
     pub(super) link: Link,
-    /// The law that is another program.
+    /// The external law, if the scenario has one.
     pub(super) law: Option<LiveLaw>,
     pub(super) clock: LocalClock,
     pub(super) origin: Origin,
     pub(super) own: VehicleId,
     pub(super) incarnation: Incarnation,
     pub(super) stop: Arc<Stop>,
-    /// Health goes to a thread that may wait.
+    /// Health messages go to a thread that may block.
     pub(super) health: mpsc::Sender<Health>,
 }
 
-/// What one loop leaves to the next.
+/// State kept from one pass of the control loop to the next.
 struct Since {
     timing: Timing,
     silence: Silence,
@@ -60,7 +60,7 @@ struct Since {
 }
 
 impl Control {
-    /// Flies until it is over, and hands the link back to be closed.
+    /// Flies until the flight has ended, and returns the link to be closed.
     pub(super) fn run(mut self) -> Link {
         let period = Duration::from_secs_f64(self.plant.frame_period_s());
         let patience = period.mul_f64(PATIENCE_PERIODS);
@@ -76,7 +76,7 @@ impl Control {
         loop {
             let wake = self.plant.wait(deadline.saturating_duration_since(now()));
             if wake == Wake::Deadline {
-                // A plant that comes back early must not make a real-time thread spin.
+                // A plant that returns early must not make a real-time thread spin.
                 sleep_until(deadline);
             }
             let woken = now();
@@ -88,12 +88,12 @@ impl Control {
         }
         self.plant.release();
         if let Some(tally) = self.station.delivery_counts() {
-            tracing::info!("vehicle {} heard over the scenario's network: {tally:?}", self.own);
+            tracing::info!("vehicle {} received over the scenario's network: {tally:?}", self.own);
         }
         self.link
     }
 
-    /// Once round the loop.
+    /// One pass of the control loop.
     fn turn(&mut self, wake: &Wake, woken: Instant, since: &mut Since) {
         let frame = match wake {
             Wake::Frame(frame) => Some(frame),
@@ -124,12 +124,12 @@ impl Control {
         if let Some(summary) = since.timing.summary(done) {
             since.healths += 1;
             let health = self.health(shown, right.seconds(), summary, since);
-            // Whoever is behind with the last one does not need this one.
+            // If the publishing thread still has the previous one, this one is dropped.
             let _ = self.health.try_send(health);
         }
     }
 
-    /// Hands over what the link has brought.
+    /// Passes the messages that the link received to the station.
     fn hear(&mut self, right: LocalTime, since: &mut Since) {
         self.link.drain(&mut since.arriving);
         if let Some(late_s) = since.silence.watch(right, &mut since.arriving) {
@@ -138,7 +138,7 @@ impl Control {
         self.station.receive(right, since.arriving.drain(..));
     }
 
-    /// Hands over what this step sends: another thread sends it.
+    /// Hands the messages of this step to the publisher's thread.
     fn send(&mut self, now: LocalTime, outbox: Outbox, trace: Option<Trace>, since: &mut Since) {
         let state = outbox.state.map(|state| (state, Cell::of(self.origin.ned_from_geodetic(&state.state.position))));
         let event = |what| {
@@ -152,7 +152,7 @@ impl Control {
         }
     }
 
-    /// If somebody listens to it. The timing in it is the previous step's.
+    /// The trace of this step, if it has a subscriber. Its timing is that of the previous step.
     fn trace(&mut self, right: LocalTime, frame: &Frame, since: &Since) -> Option<Trace> {
         self.link.trace_is_wanted().then(|| {
             let mut trace = self.station.trace(right, frame.time, &frame.truth);
@@ -193,7 +193,7 @@ impl Control {
         }
     }
 
-    /// What the core, the link and the plant have dropped.
+    /// Messages and measurements dropped so far by the core, the link and the plant.
     fn drops(&self) -> Drops {
         let (core, link) = (self.station.agent().drops(), self.link.drops());
         Drops {
@@ -214,7 +214,7 @@ impl Control {
         Header { sender: self.own, incarnation: self.incarnation, sequence, stamp: now.into() }
     }
 
-    /// Whether this agent's flight has ended. Without a simulator there is nothing to land.
+    /// Whether this agent's flight has ended. Without a simulator no vehicle has to be landed.
     fn is_over(&self, timing: &Timing) -> bool {
         let is_flying = timing.last_frame().is_some_and(|last| now() < last + SIMULATOR_GONE_AFTER);
         let is_down = self.station.agent().activity() == Activity::Landed;

@@ -1,5 +1,5 @@
-//! Log lines to standard error by way of a thread of their own: a terminal that was stopped or a pipe that nobody reads
-//! delays nobody else, least of all the control thread.
+//! Writes log lines to standard error from a thread of its own, so that a stopped terminal or an unread pipe never
+//! delays the control thread.
 
 use std::io::{self, Write};
 use std::sync::mpsc::{self, Sender, SyncSender};
@@ -9,18 +9,18 @@ use std::time::Duration;
 use skein_common::printable::printable;
 use tracing_subscriber::EnvFilter;
 
-/// Lines that may wait; what is beyond is lost.
+/// Number of lines that may wait; further lines are dropped.
 const QUEUE: usize = 1024;
-/// A longer line is cut, characters.
+/// Longest line, characters; the rest is cut.
 const MAX_LINE: usize = 4000;
-/// At the end of the process the last lines get this long.
+/// Time to write the last lines when the process ends.
 const FLUSH_WITHIN: Duration = Duration::from_millis(500);
 
-/// What we say ourselves and what others warn of. Zenoh warns of every session without gossip and of every peer that is
-/// not there yet; who comes, goes and is refused we tell ourselves.
+/// Default log levels. Zenoh's warnings are suppressed: it warns of every session without gossip and of every peer that
+/// is not up yet, and the agent itself logs which peers appear, vanish and are refused.
 const FILTER: &str = "warn,skein_agent=info,zenoh=error";
 
-/// While it lives, lines are written; when dropped, the last ones were.
+/// Writes the log while it exists; dropping it writes the lines that still wait.
 pub(super) struct Log(SyncSender<Item>);
 
 enum Item {
@@ -28,13 +28,13 @@ enum Item {
     Flush(Sender<()>),
 }
 
-/// Starts to log what `RUST_LOG` says, or else [`FILTER`]. Where the process logs already, that stays.
+/// Starts logging at the levels in `RUST_LOG`, or else [`FILTER`]. A subscriber that is already installed is kept.
 pub(super) fn start() -> Log {
     let (sender, queue) = mpsc::sync_channel(QUEUE);
     thread::spawn(move || {
         for item in queue {
             match item {
-                // A reader that is gone is no reason to end.
+                // Logging must not end because standard error was closed.
                 Item::Line(line) => drop(io::stderr().write_all(&line)),
                 Item::Flush(done) => drop(done.send(())),
             }
@@ -45,7 +45,7 @@ pub(super) fn start() -> Log {
     let subscriber = tracing_subscriber::fmt()
         .with_env_filter(filter)
         .with_target(false)
-        // Colours are escape sequences, and none is let through.
+        // Colours are escape sequences, and the log lets none through.
         .with_ansi(false)
         .with_writer(move || Lines(lines.clone()));
     let _ = subscriber.try_init();
@@ -61,8 +61,8 @@ impl Drop for Log {
     }
 }
 
-/// An event as a line: what peers, laws and simulators have put into it can neither end the line nor reach the terminal as
-/// anything but text.
+/// Makes one printable line of a log event: text from peers, laws and simulators can neither break the line nor send
+/// control characters to the terminal.
 fn line(event: &[u8]) -> Vec<u8> {
     let text = String::from_utf8_lossy(event);
     (printable(text.trim_end_matches('\n'), MAX_LINE) + "\n").into_bytes()
@@ -71,7 +71,7 @@ fn line(event: &[u8]) -> Vec<u8> {
 struct Lines(SyncSender<Item>);
 
 impl Write for Lines {
-    /// Takes one event at a time, whole.
+    /// Queues one whole event per call.
     fn write(&mut self, event: &[u8]) -> io::Result<usize> {
         let _ = self.0.try_send(Item::Line(line(event)));
         Ok(event.len())

@@ -1,9 +1,9 @@
-//! Which peers are silent: suspicion by the age of what was received, not by Zenoh's lease.
+//! Detects silent peers by the age of their last message, not by Zenoh's lease.
 //!
-//! Agents send ten messages a second on links that lose nothing, so a second without any means that a peer hangs or is cut off.
-//! Where it is this computer that is slow, a peer must not be blamed: time in which the own control thread did not run does not
-//! count, and each sign of overload doubles how long a peer may be silent, up to what Zenoh itself takes to end the link. A
-//! peer that has just appeared is given that long too, because a whole swarm is starting then.
+//! Agents send ten messages a second over reliable links, so one second without any means that a peer hangs or is cut
+//! off. When this computer is the slow one, a peer must not be suspected: time in which the own control thread did not
+//! run is not counted, and each sign of overload doubles the timeout, up to the time after which Zenoh itself ends the
+//! link. A peer that has just appeared gets that longest timeout too, because a whole swarm is starting then.
 
 use std::collections::BTreeMap;
 
@@ -12,15 +12,15 @@ use skein_common::time::LocalTime;
 
 use skein_core::peers::{Heard, Word};
 
-/// A peer may be silent this long on a computer that keeps up, s.
+/// Timeout on a computer that keeps up, s.
 const SILENT_S: f64 = 1.0;
-/// And this long while a swarm gathers or a computer does not keep up, s.
+/// Longest timeout: while the swarm starts, or while this computer is overloaded, s.
 const SILENT_AT_MOST_S: f64 = 4.0;
-/// After a peer has appeared the swarm gathers for this long, s.
+/// After a peer has appeared, the longest timeout applies for this time, s.
 const GATHERS_FOR_S: f64 = 10.0;
-/// The control thread looks every frame. A look this much after the last one is late, s.
+/// The control thread checks every frame. A check that comes later than this after the previous one is late, s.
 const LATE_S: f64 = 0.1;
-/// After so long without a sign of overload a peer may be silent for half as long, s.
+/// After this time without a sign of overload the timeout is halved, s.
 const CALM_S: f64 = 10.0;
 
 /// Watches the peers for silence.
@@ -29,15 +29,15 @@ pub(super) struct Silence {
     peers: BTreeMap<VehicleId, Peer>,
     silent_s: f64,
     looked: Option<LocalTime>,
-    /// When overload was last seen, or patience was last halved.
+    /// When overload was last detected, or the timeout last halved.
     calm_since: LocalTime,
 }
 
 #[derive(Debug)]
 struct Peer {
-    /// When it was heard first, or again after its token had gone.
+    /// When its first message arrived, or the first one after its link was lost.
     appeared: LocalTime,
-    /// For how long it has been silent while this computer kept up, s.
+    /// Time without a message, counted only while this computer kept up, s.
     silent_s: f64,
     is_suspected: bool,
 }
@@ -47,8 +47,8 @@ impl Silence {
         Self { peers: BTreeMap::new(), silent_s: SILENT_S, looked: None, calm_since: LocalTime::ZERO }
     }
 
-    /// Adds to what has just arrived who is silent now (its token is taken for gone), and who of them is heard again. Gives for
-    /// how long the own control thread did not run, if it is late, s.
+    /// Appends to `arrived` a `Vanished` for each peer that has become silent and an `Appeared` for each that sends
+    /// again. Returns how long the own control thread did not run, s, if this check is late.
     pub(super) fn watch(&mut self, now: LocalTime, arrived: &mut Vec<Heard>) -> Option<f64> {
         let since_s = self.looked.map_or(0.0, |looked| now.seconds_since(looked));
         self.looked = Some(now);
@@ -69,11 +69,11 @@ impl Silence {
                     peer.silent_s = 0.0;
                     if std::mem::replace(&mut peer.is_suspected, false) {
                         arrived.push(Heard { word: Word::Appeared(id), at });
-                        // It was blamed too soon.
+                        // It was suspected too early.
                         self.back_off(now);
                     }
                 }
-                // The link tells.
+                // The link reports this peer's state.
                 Word::Vanished(id) | Word::Appeared(id) => drop(self.peers.remove(&id)),
                 Word::Order(_) => {}
             }
@@ -134,14 +134,15 @@ mod tests {
     }
 
     impl Watched {
-        /// After the swarm has gathered: vehicle 2 has been heard for twenty seconds.
+        /// A swarm that has started: messages of vehicle 2 arrived for twenty seconds.
         fn steady() -> Self {
             let mut watched = Self { silence: Silence::new(), now_s: 0.0 };
             assert_eq!(watched.pass(20.0, FRAME_S, &[2]), []);
             watched
         }
 
-        /// Looks every `every_s`; these are heard each time. Gives what was added, and when.
+        /// Checks every `every_s`; a heartbeat of each of `heard` arrives every time. Returns the appended messages and
+        /// their times, s.
         fn pass(&mut self, for_s: f64, every_s: f64, heard: &[u8]) -> Vec<(Word, f64)> {
             let begin_s = self.now_s;
             let mut added = Vec::new();
@@ -159,9 +160,9 @@ mod tests {
     #[test]
     fn a_peer_that_is_silent_for_a_second_is_suspected_once_and_heard_again_with_its_next_message() {
         let mut watched = Watched::steady();
-        let [(word, after_s)] = watched.pass(3.0, FRAME_S, &[])[..] else { panic!("not suspected once") };
+        let [(word, after_s)] = watched.pass(3.0, FRAME_S, &[])[..] else { panic!("not suspected exactly once") };
         assert!(word == Word::Vanished(id(2)) && (0.99..1.05).contains(&after_s), "{word:?} after {after_s} s");
-        let [(word, after_s)] = watched.pass(0.5, FRAME_S, &[2])[..] else { panic!("not heard again once") };
+        let [(word, after_s)] = watched.pass(0.5, FRAME_S, &[2])[..] else { panic!("not restored exactly once") };
         assert!(word == Word::Appeared(id(2)) && after_s < 0.03, "{word:?} after {after_s} s");
     }
 
@@ -170,7 +171,7 @@ mod tests {
         let mut watched = Watched::steady();
         watched.pass(1.5, FRAME_S, &[]);
         watched.pass(1.0, FRAME_S, &[2]);
-        assert_eq!(watched.pass(1.9, FRAME_S, &[]), [], "two seconds now");
+        assert_eq!(watched.pass(1.9, FRAME_S, &[]), [], "the timeout is two seconds now");
         watched.pass(21.0, FRAME_S, &[2]);
         assert_eq!(watched.pass(1.1, FRAME_S, &[]).len(), 1);
     }
@@ -178,9 +179,9 @@ mod tests {
     #[test]
     fn while_the_own_control_thread_is_late_no_peer_is_blamed() {
         let mut watched = Watched::steady();
-        assert_eq!(watched.pass(30.0, 0.3, &[]), [], "what was not looked at does not count");
-        assert_eq!(watched.pass(3.9, FRAME_S, &[]), [], "and a peer may be silent longer for a while");
-        assert_eq!(watched.pass(0.3, FRAME_S, &[]).len(), 1, "but not for ever");
+        assert_eq!(watched.pass(30.0, 0.3, &[]), [], "time without checks is not counted");
+        assert_eq!(watched.pass(3.9, FRAME_S, &[]), [], "the timeout stays longer for a while");
+        assert_eq!(watched.pass(0.3, FRAME_S, &[]).len(), 1, "a peer that stays silent is suspected at last");
     }
 
     #[test]
@@ -188,10 +189,10 @@ mod tests {
         let mut watched = Watched { silence: Silence::new(), now_s: 0.0 };
         watched.pass(0.1, FRAME_S, &[2, 3]);
         assert_eq!(watched.pass(3.8, FRAME_S, &[3]), []);
-        let [(word, _)] = watched.pass(0.4, FRAME_S, &[3])[..] else { panic!("not one suspected") };
+        let [(word, _)] = watched.pass(0.4, FRAME_S, &[3])[..] else { panic!("not exactly one suspected") };
         assert_eq!(word, Word::Vanished(id(2)));
         let at = LocalTime::from_seconds(watched.now_s);
         watched.silence.watch(at, &mut vec![Heard { word: Word::Vanished(id(3)), at }]);
-        assert_eq!(watched.pass(10.0, FRAME_S, &[]), [], "of one whose link has gone the link tells");
+        assert_eq!(watched.pass(10.0, FRAME_S, &[]), [], "the link reports a peer whose link was lost");
     }
 }

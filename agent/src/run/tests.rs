@@ -24,7 +24,7 @@ use skein_core::control::Rules;
 use skein_core::helicopter::{BuiltInVehicle, Start, Weather};
 use skein_host::clock::{now, sleep_until};
 
-/// For tests that fail; those that pass need a third of it.
+/// Time limit of a wait; a test that passes needs a third of it.
 const PATIENCE: Duration = Duration::from_secs(30);
 
 /// Vehicle `number` of a swarm of two, 60 m from the other.
@@ -55,7 +55,7 @@ fn node(swarm: &SwarmName, number: u8) -> Node {
     }
 }
 
-/// An agent in flight.
+/// An agent in flight, on a thread of its own.
 struct Flight {
     stop: Arc<Stop>,
     thread: thread::JoinHandle<Result<(), RunError>>,
@@ -68,7 +68,7 @@ impl Flight {
         Self { stop, thread: thread::spawn(move || fly(&node, session, &of_thread, &handle)) }
     }
 
-    /// Waits for its end, which must be a good one.
+    /// Waits for the end of the flight and checks that it has ended without an error.
     fn end(self) {
         wait_until("the end of the flight", || self.thread.is_finished());
         self.thread.join().unwrap().unwrap();
@@ -78,12 +78,12 @@ impl Flight {
 fn wait_until(what: &str, mut is_so: impl FnMut() -> bool) {
     let deadline: Instant = now() + PATIENCE;
     while !is_so() {
-        assert!(now() < deadline, "waited in vain for {what}");
+        assert!(now() < deadline, "timed out waiting for {what}");
         sleep_until(now() + Duration::from_millis(5));
     }
 }
 
-/// A swarm's name, a session of vehicle 1, and how it is dialled.
+/// Name of a swarm, a session for vehicle 1, and the endpoints that reach it.
 fn hub(test: &str) -> (SwarmName, Session, Vec<String>) {
     let swarm = SwarmName::new(format!("run-{test}-{}", process::id())).unwrap();
     let session = link::open_zenoh(&swarm, &["tcp/127.0.0.1:0".to_owned()], &[], &[]).unwrap();
@@ -91,7 +91,7 @@ fn hub(test: &str) -> (SwarmName, Session, Vec<String>) {
     (swarm, session, locators)
 }
 
-/// All messages of one kind, as they come.
+/// Returns a function that gives the new messages of one kind.
 fn listen<M: Message>(observer: &Session, key: &'static str) -> impl FnMut() -> Vec<M> + use<M> {
     let subscriber = observer.declare_subscriber(key).with(FifoChannel::new(4096)).wait().unwrap();
     move || subscriber.drain().map(|sample| decode(&sample.payload().to_bytes()).unwrap()).collect()
@@ -192,7 +192,8 @@ fn a_cut_of_the_scenario_parts_two_agents_and_heals() {
         };
         let (member, lost) = (when(Happening::BecameActive, 0), when(Happening::PeerLost(other), 0));
         let back = when(Happening::PeerFound(other), 1);
-        // A lease and the delay after the cut; a retry at least after its end. Half a second for the way to this test.
+        // Lost: the lease and the delay after the cut. Found again: at least one retry after its end. Half a second for
+        // the event to reach this test.
         assert!(lost > member + Duration::from_millis(1_600), "{:?}", lost - member);
         assert!(back > lost + Duration::from_millis(700), "{:?}", back - lost);
     }
@@ -237,7 +238,7 @@ fn an_agent_publishes_ages_that_include_the_delay_of_the_network() {
         assert!((4.0..5.0).contains(&delay_s) && peer.age_s >= delay_s, "{peer:?}");
         assert_eq!(peer.standing, Standing::Stale);
     }
-    assert!(peers().any(|peer| peer.delay_s.is_none()), "nothing is known before the first round trip");
+    assert!(peers().any(|peer| peer.delay_s.is_none()), "the delay is unknown before the first round trip");
     for flight in flights {
         flight.stop.ask();
         flight.stop.ask();
@@ -262,7 +263,7 @@ fn a_delay_that_begins_in_flight_is_in_the_ages_of_real_agents_and_loses_no_peer
     let mut traces = listen::<Trace>(&observer, all::TRACES);
     let mut events = listen::<Event>(&observer, all::EVENTS);
     let flights = [Flight::begin(one, session, &tokio), Flight::begin(two, second, &tokio)];
-    // Of each vehicle: since its take-off, and the age and lateness of the other's newest state.
+    // For each vehicle: time since its take-off, age and delivered age of the other's newest state, s.
     let mut ages: [Vec<(f64, f64, f64)>; 2] = [const { Vec::new() }; 2];
     let mut took_off_s = [None; 2];
     wait_until("ten seconds of flight", || {
@@ -282,11 +283,12 @@ fn a_delay_that_begins_in_flight_is_in_the_ages_of_real_agents_and_loses_no_peer
             them.fold((f64::INFINITY, 0.0), |(least, most): (f64, f64), age_s| (least.min(age_s), most.max(age_s)))
         };
         assert!(between(1.0, 2.5).1 < 0.6, "before the delay {:?}", between(1.0, 2.5));
-        // One way, at least, and the round trip with the period of the states and room for a busy machine at most.
+        // At least the one-way delay; at most the round trip, the period of the states and a margin for a busy
+        // computer.
         let (least_s, most_s) = between(5.0, 6.5);
         assert!(least_s >= 0.6 && most_s < 2.2, "under the delay {least_s} to {most_s}");
         assert!(between(9.0, 10.0).1 < 0.6, "after the delay {:?}", between(9.0, 10.0));
-        assert!(ages.iter().all(|(_, age_s, delivered_s)| age_s >= delivered_s), "younger than it is: {ages:?}");
+        assert!(ages.iter().all(|(_, age_s, delivered_s)| age_s >= delivered_s), "a state is younger than its delivery: {ages:?}");
     }
     assert!(!events().iter().any(|event| matches!(event.what, Happening::PeerLost(_))));
     for flight in flights {
@@ -329,7 +331,7 @@ fn what_the_scenario_does_to_the_network_and_the_clocks_happens_to_real_agents()
     let (mut steps, mut health): (Vec<Trace>, Vec<Health>) = (Vec::new(), Vec::new());
     let of = |said: &Header, number: u8| said.sender.get() == number;
     for number in [1, 2] {
-        wait_until("two hundred steps of a member that hears the other, and drops what is overtaken", || {
+        wait_until("two hundred steps of a member in contact that has dropped reordered messages", || {
             steps.extend(traces().into_iter().filter(|step| step.peers.first().is_some_and(|peer| peer.age_s < 3.0)));
             health.extend(healths());
             steps.iter().filter(|step| of(&step.header, number) && step.membership == Membership::Active).count() > 200
@@ -343,7 +345,7 @@ fn what_the_scenario_does_to_the_network_and_the_clocks_happens_to_real_agents()
     assert!(late.iter().all(|late_s| (0.2..=0.9 + 0.2).contains(late_s)), "{late:?}");
     let spread_s = late.iter().fold(0.0, |most: f64, late_s| most.max(*late_s)) - 0.2;
     assert!(spread_s > 0.1, "{spread_s} s of 0.3 s");
-    // No clock is told how the other is set, and no age shows it.
+    // Neither vehicle learns the other's clock setting, and no age shows it.
     let hours = |number| steps.iter().rfind(|step| of(&step.header, number)).unwrap().header.stamp.seconds() / 3600.0;
     assert!((2.0..2.1).contains(&hours(1)) && (0.0..0.1).contains(&hours(2)), "{} and {}", hours(1), hours(2));
     assert!(health.iter().all(|said| said.uptime_s < 100.0), "{health:?}");
@@ -407,7 +409,7 @@ fn what_a_node_makes_up_lands_nobody_and_is_named_and_what_the_operator_has_seal
     };
     let put = |topic: Topic, bytes: Vec<u8>| other.put(topic.key(), bytes).wait().unwrap();
     let mut named: Vec<Refused> = Vec::new();
-    wait_until("a member that has refused a made-up order and yesterday's", || {
+    wait_until("a member that has refused an invented order and an order of an earlier run", || {
         register.header.sequence += 1;
         register.order = Some(abort);
         put(Topic::Mission(register.header.sender), encode(&register));
@@ -421,7 +423,7 @@ fn what_a_node_makes_up_lands_nobody_and_is_named_and_what_the_operator_has_seal
     let said: Vec<_> = missions().into_iter().filter(|said| said.header.sender.get() == 1).collect();
     assert!(!said.is_empty() && said.iter().all(|said| said.order.is_none()), "{said:?}");
 
-    // By way of the other's register alone: it needs to reach one of them.
+    // The order travels only in the other vehicle's heartbeat: it needs to reach just one vehicle.
     let land = Order { epoch: 1, issuer: 5, verb: Verb::Land, seal: None };
     register.order = Some(seal(&operator, &swarm, 7, land));
     wait_until("the order to be passed on", || {
@@ -450,7 +452,7 @@ fn a_second_request_ends_at_once() {
 fn without_a_simulator_there_is_nothing_to_land() {
     let tokio = Builder::new_multi_thread().worker_threads(1).enable_all().build().unwrap();
     let (swarm, session, _) = hub("nobody");
-    // Taken, and silent.
+    // The port is in use, but never replies.
     let silent = std::net::UdpSocket::bind("127.0.0.1:0").unwrap();
     let plant = PlantChoice::Standin(silent.local_addr().unwrap());
     let flight = Flight::begin(Node { plant, ..node(&swarm, 1) }, session, &tokio);

@@ -1,15 +1,15 @@
-//! How punctual the frames are and how long the steps take, measured always.
+//! Measures frame jitter and step duration. The measurement is always on.
 
 use std::time::{Duration, Instant};
 
 use skein_common::statistics::quantile;
 
-/// Room for the samples of one second, so that none allocates.
+/// Space for the samples of one second, so that pushing a sample never allocates.
 const SAMPLES: usize = 256;
-/// Between two summaries.
+/// Time between two summaries.
 const WINDOW: Duration = Duration::from_secs(1);
 
-/// Collects over one second, counts for ever.
+/// Collects samples over one second; its counters run from the start.
 #[derive(Debug)]
 pub(super) struct Timing {
     period: Duration,
@@ -24,11 +24,11 @@ pub(super) struct Timing {
     overruns: u64,
 }
 
-/// One second.
+/// Timing over one second.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Summary {
     pub(super) frame_rate_hz: f64,
-    /// Largest distance between two frames beyond their period.
+    /// Largest excess of the time between two frames over their period, ms.
     pub(super) jitter_ms: f64,
     pub(super) step_p50_us: f64,
     pub(super) step_p99_us: f64,
@@ -50,19 +50,19 @@ impl Timing {
         }
     }
 
-    /// A frame came at `at`; the plant has left out `skipped` so far.
+    /// Records a frame that arrived at `at`; the plant has skipped `skipped` frames since the start.
     pub(super) fn frame(&mut self, at: Instant, skipped: u64) {
         if let Some(last) = self.last_frame.replace(at) {
             let late = at.saturating_duration_since(last).saturating_sub(self.period);
             self.late_ms.push(late.as_secs_f64() * 1e3);
         }
         self.frames += 1;
-        // A frame that nobody saw came while the last step, or what followed it, was still under way.
+        // The agent missed a frame because the previous step, or the work after it, was still running.
         self.overruns += u64::from(skipped > self.skipped && !self.last_overran);
         self.skipped = skipped;
     }
 
-    /// The step of the frame at `from` had written its last control at `to`.
+    /// Records the step of the frame that arrived at `from` and had written its last control at `to`.
     pub(super) fn step(&mut self, from: Instant, to: Instant) {
         let took = to.saturating_duration_since(from);
         self.last_overran = took > self.period;
@@ -72,22 +72,22 @@ impl Timing {
         self.step_us.push(took_us);
     }
 
-    /// From the last frame's arrival to its last control.
+    /// Duration of the previous step: from the frame's arrival to the last control written, µs.
     pub(super) fn last_step_us(&self) -> Option<f64> {
         self.last_step_us
     }
 
-    /// Steps that ended after the next frame was due.
+    /// Number of steps that ended after the next frame's time.
     pub(super) fn overruns(&self) -> u64 {
         self.overruns
     }
 
-    /// When the newest frame came.
+    /// Arrival time of the newest frame.
     pub(super) fn last_frame(&self) -> Option<Instant> {
         self.last_frame
     }
 
-    /// Once a second: what happened in it.
+    /// Once a second: the timing of that second.
     pub(super) fn summary(&mut self, now: Instant) -> Option<Summary> {
         let window = now.saturating_duration_since(self.since);
         if window < WINDOW {
@@ -119,7 +119,7 @@ mod tests {
         let start = now();
         let mut timing = Timing::new(20 * MS, start);
         for frame in 0..50 {
-            // One frame of fifty comes 7 ms late, one step of fifty takes 3 ms.
+            // One frame of fifty is 7 ms late, one step of fifty takes 3 ms.
             let at = start + 20 * MS * frame + if frame == 30 { 7 * MS } else { Duration::ZERO };
             timing.frame(at, 0);
             timing.step(at, at + if frame == 10 { 3 * MS } else { MS / 10 });
@@ -129,7 +129,7 @@ mod tests {
         assert!((summary.frame_rate_hz - 50.0).abs() < 1e-9, "{summary:?}");
         assert!((summary.jitter_ms - 7.0).abs() < 1e-9, "{summary:?}");
         assert!((summary.step_p50_us - 100.0).abs() < 1e-9, "{summary:?}");
-        // Rank 0.99 * 49 = 48.51 of 0 to 49: between the last step of 100 us and the one of 3 ms.
+        // Rank 0.99 * 49 = 48.51 of 0 to 49: between the last step of 100 µs and the one of 3 ms.
         assert!((summary.step_p99_us - (100.0 + 0.51 * 2900.0)).abs() < 1e-6, "{summary:?}");
         assert_eq!(timing.overruns(), 0);
         assert_eq!(timing.summary(start + 2000 * MS).unwrap().step_p99_us, 0.0, "an empty second");
@@ -143,9 +143,9 @@ mod tests {
         timing.step(start, start + 21 * MS);
         assert_eq!((timing.overruns(), timing.last_step_us()), (1, Some(21_000.0)));
         timing.frame(start + 60 * MS, 1);
-        assert_eq!(timing.overruns(), 1, "the frame that the same step made the plant skip");
+        assert_eq!(timing.overruns(), 1, "that step also made the plant skip a frame: one overrun, not two");
         timing.step(start + 60 * MS, start + 61 * MS);
         timing.frame(start + 120 * MS, 3);
-        assert_eq!(timing.overruns(), 2, "skipped by what followed the step");
+        assert_eq!(timing.overruns(), 2, "a frame skipped because of the work after the step");
     }
 }

@@ -134,10 +134,10 @@ fn a_broken_scenario_is_refused_by_all_with_the_same_sentence() {
         ("[control]\nrules = 'nowhere'", "roll.fis"),
         ("[control]\nrules = 'rules'", "roll.fis"),
         (&missing, "the law of vehicle 1 has ended"),
-        (&no_program, "there is no program"),
+        (&no_program, "not found"),
         (&fails, "exit status: 3"),
         (&no_law, "the law of vehicle 1 has ended"),
-        (&no_file, "there is no program"),
+        (&no_file, "not found"),
         (&no_port, "has to be tcp/HOST:PORT"),
     ];
     for (nth, (lines, why)) in broken.into_iter().chain([(udp.as_str(), "in use")]).enumerate() {

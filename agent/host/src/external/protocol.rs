@@ -1,8 +1,8 @@
-//! The JSON lines that are exchanged with a law.
+//! The JSON lines exchanged with a law.
 //!
-//! Skein says hello, ask and bye, the law ready and answer: one object a line, UTF-8, numbers finite. Objects of one kind
-//! always have the same keys and no nulls. Keys that are not known are ignored; whatever else is not as agreed is a
-//! [`Fault`], which costs one answer and nothing more.
+//! Skein sends hello, ask and bye; the law sends ready and answer. Each line is one object in UTF-8 with finite
+//! numbers. Objects of one kind always have the same keys and no nulls. Unknown keys are ignored; any other deviation
+//! is a [`Fault`], which costs one reply and nothing more.
 
 use nalgebra::{Vector2, Vector3};
 use serde::Serialize;
@@ -14,50 +14,50 @@ use skein_common::scenario::Scenario;
 use skein_core::formation::external::{Answer, Ask, Wanted};
 use skein_core::random::{self, Purpose};
 
-/// The version that is spoken.
+/// Version of the protocol.
 pub const PROTOCOL: u64 = 1;
-/// No line of a law is longer, bytes.
+/// Longest line from a law, bytes.
 pub const MAX_LINE: usize = 64 * 1024;
-/// No number of a law's is larger.
+/// Largest absolute value of a number from a law.
 const MAX_NUMBER: f64 = 1e9;
-/// So much of a faulty line is shown, characters.
+/// Length of the excerpt of a faulty line in a log, characters.
 const EXCERPT: usize = 80;
 
-/// The first thing that a law is told. It then starts from nothing.
+/// First message to a law, which then starts from its initial state.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Hello {
     /// [`PROTOCOL`].
     pub protocol: u64,
-    /// Scenario and seed.
+    /// Scenario and seed, as `name/seed`.
     pub run: String,
-    /// Whose law it is.
+    /// Vehicle of this law.
     pub vehicle: VehicleId,
-    /// Of the whole swarm, in order.
+    /// Ids of the whole swarm, ascending.
     pub ids: Vec<VehicleId>,
-    /// For the law's own randomness: another for each vehicle and run. Exact as a floating-point number too.
+    /// Seed for the law's own random numbers, different for each vehicle and run. Exact as a floating-point number too.
     pub seed: u64,
-    /// Whether anybody waits for an answer.
+    /// Whether the flight waits for replies.
     pub time: Time,
-    /// Between two asks.
+    /// Time between two queries, s.
     pub period_s: f64,
-    /// A faster answer is cut to this.
+    /// Speed to which a faster reply is cut, m/s.
     pub max_speed_m_s: f64,
-    /// As the scenario has them.
+    /// Parameters from the scenario.
     pub parameters: toml::Table,
 }
 
-/// Which time a flight has.
+/// How a flight's time passes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Time {
-    /// It waits for every answer.
+    /// The flight waits for every reply.
     Virtual,
-    /// It waits for nobody.
+    /// The flight never waits.
     Real,
 }
 
 impl Hello {
-    /// For the law of vehicle `own`.
+    /// Hello for the law of vehicle `own`.
     pub fn new(scenario: &Scenario, own: VehicleId, time: Time) -> Self {
         let external = &scenario.formation.external;
         let mut generator = random::generator(scenario.seed, Some(own), Purpose::Law);
@@ -76,80 +76,80 @@ impl Hello {
     }
 }
 
-/// What is said to a law.
+/// A message to a law.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(tag = "say", rename_all = "snake_case")]
 pub enum Said<'a> {
-    /// First, and again before it is to start from nothing.
+    /// First message, sent again to start the law anew.
     Hello(&'a Hello),
-    /// Each wants one answer.
+    /// Query that needs one reply.
     Ask(&'a Ask),
-    /// Last.
+    /// Last message.
     Bye,
 }
 
 impl Said<'_> {
-    /// The line, with its end.
+    /// The message as a line, with its newline.
     pub fn line(&self) -> Vec<u8> {
-        // Structs of numbers and texts, and a TOML table, whose keys are texts.
-        #[expect(clippy::expect_used, reason = "what is said to a law always has a JSON form")]
+        // The messages hold only numbers, texts and a TOML table, whose keys are texts.
+        #[expect(clippy::expect_used, reason = "a message to a law always has a JSON form")]
         let mut line = serde_json::to_vec(self).expect("a line of JSON");
         line.push(b'\n');
         line
     }
 }
 
-/// What a law can say.
+/// A valid message from a law.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Heard {
-    /// It has taken up the hello.
+    /// The law has processed the hello.
     Ready,
-    /// To an ask.
+    /// Reply to a query.
     Answer(Answer),
 }
 
-/// What can be wrong with what a law says.
+/// Why a message from a law is not valid.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum Fault {
-    /// Not an object in JSON, as `NaN` and `Infinity` make it too.
-    #[error("a line that is no JSON object ({0}): {1}")]
+    /// Not a JSON object. `NaN` and `Infinity` also make a line invalid JSON.
+    #[error("a line that is not a JSON object ({0}): {1}")]
     NotJson(String, String),
-    /// A line that does not end in time.
+    /// The line is too long.
     #[error("a line longer than {MAX_LINE} bytes")]
     TooLong,
-    /// Neither ready nor answer, or the one in the other's place.
-    #[error("a line out of place: {0}")]
+    /// Neither ready nor answer, or one of them at the wrong time.
+    #[error("an unexpected line: {0}")]
     OutOfPlace(String),
-    /// Another protocol.
-    #[error("another protocol than {PROTOCOL}")]
+    /// Another version of the protocol.
+    #[error("another protocol version than {PROTOCOL}")]
     Protocol,
     /// A datagram of the wrong length.
     #[error("a datagram of {0} bytes, not {expected}", expected = .1)]
     Length(usize, usize),
-    /// A key that is missing or is not what it has to be.
-    #[error("an answer whose {0}")]
+    /// A key of a reply is missing or has a wrong value.
+    #[error("a reply whose {0}")]
     Content(&'static str),
-    /// An answer for another vehicle.
-    #[error("an answer for vehicle {0}")]
+    /// A reply for another vehicle.
+    #[error("a reply for vehicle {0}")]
     Vehicle(u64),
-    /// An answer to an ask that is not open.
-    #[error("an answer to tick {got}, not {open}")]
+    /// A reply to a tick that is not the open query's.
+    #[error("a reply to tick {got}, not {open}")]
     Tick {
-        /// What was answered.
+        /// Tick of the reply.
         got: u64,
-        /// What was asked.
+        /// Tick of the open query.
         open: u64,
     },
-    /// An answer to an earlier ask, or after its deadline.
-    #[error("a late answer, to tick {0}")]
+    /// A reply to an earlier query, or after its deadline.
+    #[error("a late reply, to tick {0}")]
     Late(u64),
 }
 
 impl Fault {
-    /// How many kinds there are.
+    /// Number of kinds of faults.
     pub const KINDS: usize = 9;
 
-    /// Which kind it is, below [`Self::KINDS`].
+    /// Number of this kind of fault, below [`Self::KINDS`].
     pub fn kind(&self) -> usize {
         match self {
             Self::NotJson(..) => 0,
@@ -165,15 +165,15 @@ impl Fault {
     }
 }
 
-/// Reads a line.
+/// Reads a line from a law.
 ///
 /// # Errors
-/// What is wrong with it. Whether it is the answer to an open ask is the caller's to see.
+/// What is wrong with the line. The caller has to check that a reply answers the open query.
 pub fn read(line: &[u8]) -> Result<Heard, Fault> {
     let not_json = |why: String| Fault::NotJson(why, excerpt(line));
     let object = match serde_json::from_slice(line) {
         Ok(Value::Object(object)) => object,
-        Ok(_) => return Err(not_json("not in braces".to_owned())),
+        Ok(_) => return Err(not_json("not an object".to_owned())),
         Err(error) => return Err(not_json(error.to_string())),
     };
     match object.get("say").and_then(Value::as_str) {
@@ -185,8 +185,8 @@ pub fn read(line: &[u8]) -> Result<Heard, Fault> {
 }
 
 fn answer(object: &Map<String, Value>) -> Result<Answer, Fault> {
-    let vehicle = whole(object.get("vehicle")).ok_or(Fault::Content("vehicle is no number"))?;
-    let tick = whole(object.get("tick")).ok_or(Fault::Content("tick is no number"))?;
+    let vehicle = whole(object.get("vehicle")).ok_or(Fault::Content("vehicle is not a number"))?;
+    let tick = whole(object.get("tick")).ok_or(Fault::Content("tick is not a number"))?;
     let wanted = match (object.get("velocity_ned_m_s"), object.get("field_ne")) {
         (Some(velocity), None) => {
             let velocity = numbers(velocity).ok_or(Fault::Content("velocity_ned_m_s is not three finite numbers"))?;
@@ -196,10 +196,10 @@ fn answer(object: &Map<String, Value>) -> Result<Answer, Fault> {
             let field = numbers(field).ok_or(Fault::Content("field_ne is not two finite numbers"))?;
             Wanted::FieldNe(Vector2::from(field))
         }
-        _ => return Err(Fault::Content("velocity_ned_m_s and field_ne are both there, or neither")),
+        _ => return Err(Fault::Content("velocity_ned_m_s and field_ne are both present, or both missing")),
     };
     let heading_rad = match object.get("heading_rad") {
-        Some(heading) => Some(number(heading).ok_or(Fault::Content("heading_rad is no finite number"))?),
+        Some(heading) => Some(number(heading).ok_or(Fault::Content("heading_rad is not a finite number"))?),
         None => None,
     };
     let reached = match object.get("reached") {
@@ -210,16 +210,17 @@ fn answer(object: &Map<String, Value>) -> Result<Answer, Fault> {
     Ok(Answer { vehicle, tick, wanted, heading_rad, reached, log: object.get("log").map(log).unwrap_or_default() })
 }
 
-/// The vehicle of this number.
+/// Vehicle id of this number.
 ///
 /// # Errors
-/// If there is none.
+/// If the number is not a vehicle id.
 pub(super) fn vehicle_id(number: u64) -> Result<VehicleId, Fault> {
     let id = u8::try_from(number).ok().and_then(|number| VehicleId::new(number).ok());
     id.ok_or(Fault::Vehicle(number))
 }
 
-/// The first numbers, by name; what is no number is left out: no flight depends on it.
+/// The first numbers of a law's log, by name. Values that are not numbers are left out, because no flight depends on
+/// the log.
 fn log(value: &Value) -> Vec<LawNumber> {
     let Some(object) = value.as_object() else { return Vec::new() };
     let numbers = object.iter().filter_map(|(name, value)| {
@@ -242,18 +243,18 @@ fn number(value: &Value) -> Option<f64> {
     value.as_f64().filter(|number| number.abs() <= MAX_NUMBER)
 }
 
-/// A whole number, however it is written.
+/// A whole number, written with or without a fraction or exponent.
 fn whole(value: Option<&Value>) -> Option<u64> {
     let value = value?;
     value.as_u64().or_else(|| value.as_f64().and_then(whole_f64))
 }
 
-/// A whole number, not negative and exact.
+/// Converts a number that is whole, not negative and exact.
 pub(super) fn whole_f64(number: f64) -> Option<u64> {
     (number.fract() == 0.0 && (0.0..9e15).contains(&number)).then_some(number as u64)
 }
 
-/// Whether a number of a law's can be believed.
+/// Whether a number from a law is finite and not too large.
 pub(super) fn is_sane(number: f64) -> bool {
     number.abs() <= MAX_NUMBER
 }

@@ -1,8 +1,8 @@
-//! One conversation with a law: over the standard streams of a process, a TCP connection, or a UDP socket.
+//! One session with a law, over the standard streams of a process, a TCP connection or a UDP socket.
 //!
-//! What is said waits in a short queue for a thread that may block, what is heard is handed on by another: whoever holds
-//! a [`Talk`] never waits for the law, and a law that says too much waits for whoever listens. Of a line that does not end
-//! no more than [`MAX_LINE`] bytes are kept.
+//! Outgoing messages wait in a short queue for a writer thread that may block; a reader thread passes on the incoming
+//! ones. The owner of a [`Talk`] therefore never waits for the law, and a law that sends too much waits for the
+//! receiver. At most [`MAX_LINE`] bytes of an unfinished line are kept.
 
 use std::io::{self, BufRead, BufReader, Read, Write};
 use std::net::{Shutdown, SocketAddr, TcpStream, ToSocketAddrs, UdpSocket};
@@ -18,31 +18,31 @@ use super::vector;
 use crate::clock::{now, sleep_until};
 use crate::process::in_own_group;
 
-/// Words that wait to be said: a law that takes up no more is not asked more.
+/// Longest queue of outgoing messages. A law that reads no further gets no further queries.
 const QUEUE: usize = 1024;
-/// A process that was told bye gets this long, then it is ended.
+/// Time for a process to end after a bye; then it is killed.
 const END_WITHIN: Duration = Duration::from_secs(1);
-/// A connection over which nothing goes out for this long is dead.
+/// A connection that accepts no data for this long is dead.
 const WRITE_WITHIN: Duration = Duration::from_secs(1);
-/// How often a thread that listens for datagrams looks whether it is still wanted.
+/// How often the thread that receives datagrams checks whether the session was closed.
 const LOOK_UP: Duration = Duration::from_millis(100);
 
-/// Something heard of a law.
+/// Input from a law.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Word {
-    /// A line without its end, or a datagram.
+    /// A line without its newline, or a datagram.
     Said(Vec<u8>),
-    /// A line that was too long.
+    /// A line that is too long.
     TooLong,
-    /// Nothing more will come.
+    /// The end of the input.
     End,
 }
 
-/// Takes what is heard, and when; false when nobody wants any more of it.
+/// Receives each input and its arrival time; returns false when no further input is needed.
 pub trait Sink: FnMut(Instant, Word) -> bool + Send + 'static {}
 impl<F: FnMut(Instant, Word) -> bool + Send + 'static> Sink for F {}
 
-/// A conversation. When it is dropped the law is told bye, and a process is waited for and ended.
+/// A session with a law. Dropping it sends a bye, waits for a process to end and then kills it.
 #[derive(Debug)]
 pub struct Talk {
     outbox: Option<SyncSender<Vec<u8>>>,
@@ -57,16 +57,16 @@ enum Partner {
     Datagrams { closed: Arc<AtomicBool> },
 }
 
-/// Nobody takes up what is said.
+/// The law has stopped reading its messages.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Deaf;
 
 impl Talk {
-    /// Starts a process. Each line that it writes to its standard error goes to `tell`. A process in its `own_group` does
-    /// not hear the terminal's Ctrl-C.
+    /// Starts a process. Each line of its standard error goes to `tell`. In its `own_group` the process does not get
+    /// the terminal's Ctrl-C.
     ///
     /// # Errors
-    /// If it does not start.
+    /// If the process does not start.
     pub fn process(
         command: &[String],
         own_group: bool,
@@ -92,10 +92,10 @@ impl Talk {
         Ok(Self { outbox: Some(outbox), writer, partner: Partner::Process(process) })
     }
 
-    /// Over a connection that a law has made.
+    /// Starts a session over a connection that a law has made.
     ///
     /// # Errors
-    /// If the system gives no second handle to it.
+    /// If the system gives no second handle to the connection.
     pub fn connection(stream: TcpStream, sink: impl Sink) -> io::Result<Self> {
         stream.set_nonblocking(false)?;
         stream.set_nodelay(true)?;
@@ -107,10 +107,10 @@ impl Talk {
         Ok(Self { outbox: Some(outbox), writer: Some(writer), partner: Partner::Connection(stream) })
     }
 
-    /// Over datagrams: what is said goes to `ask`, what comes to `answer` is heard, whoever sends it.
+    /// Starts a session over datagrams: messages are sent to `ask`; input from any sender is received at `answer`.
     ///
     /// # Errors
-    /// If an address is none, or the port cannot be had.
+    /// If an address is not valid, or the port cannot be bound.
     pub fn datagrams(ask: (&str, u16), answer: (&str, u16), sink: impl Sink) -> io::Result<Self> {
         let socket = UdpSocket::bind(answer)?;
         socket.set_read_timeout(Some(LOOK_UP))?;
@@ -122,17 +122,17 @@ impl Talk {
         let (outbox, words) = sync_channel::<Vec<u8>>(QUEUE);
         let writer = thread::spawn(move || {
             for word in words {
-                // Nobody there yet is no reason to end.
+                // The law may not be up yet.
                 let _ = socket.send_to(&word, to);
             }
         });
         Ok(Self { outbox: Some(outbox), writer: Some(writer), partner: Partner::Datagrams { closed } })
     }
 
-    /// Says something, without waiting: a program of vectors hears only asks.
+    /// Sends a message, without waiting. A law that uses vectors gets only queries.
     ///
     /// # Errors
-    /// If nobody takes it up.
+    /// If the law has stopped reading.
     pub fn say(&self, said: &Said<'_>) -> Result<(), Deaf> {
         let word = match (&self.partner, said) {
             (Partner::Datagrams { .. }, Said::Ask(ask)) => vector::write(ask),
@@ -141,18 +141,18 @@ impl Talk {
         };
         match self.outbox.as_ref().map(|outbox| outbox.try_send(word)) {
             Some(Ok(())) => Ok(()),
-            // It is behind; what it does not hear it does not answer.
+            // The law is behind; it does not reply to a query that it does not get.
             Some(Err(TrySendError::Full(_))) => Ok(()),
             Some(Err(TrySendError::Disconnected(_))) | None => Err(Deaf),
         }
     }
 
-    /// Whether it is one of vectors.
+    /// Whether the session uses vectors.
     pub fn is_of_vectors(&self) -> bool {
         matches!(self.partner, Partner::Datagrams { .. })
     }
 
-    /// How a process ended that has, in words.
+    /// Describes how the law ended.
     pub fn how_it_ended(&mut self) -> String {
         let Partner::Process(process) = &mut self.partner else { return "has closed the connection".to_owned() };
         let until = now() + END_WITHIN;
@@ -165,7 +165,7 @@ impl Talk {
         }
     }
 
-    /// Says bye and closes the law's input: the beginning of the end.
+    /// Sends a bye and closes the law's input, which asks the law to end.
     pub fn say_bye(&mut self) {
         let _ = self.say(&Said::Bye);
         self.outbox = None;
@@ -181,7 +181,7 @@ impl Drop for Talk {
                 while now() < until && matches!(process.try_wait(), Ok(None)) {
                     sleep_until(now() + Duration::from_millis(5));
                 }
-                // What it has started itself may still hold its streams: the threads end with those.
+                // Its own children may still hold its streams; the threads end when those do.
                 let _ = process.kill();
                 let _ = process.wait();
             }
@@ -194,7 +194,7 @@ impl Drop for Talk {
     }
 }
 
-/// Says what comes until nothing more will, or nobody listens.
+/// Writes messages until the queue is closed or the law stops reading.
 fn write_all(words: Receiver<Vec<u8>>, mut to: impl Write) {
     for word in words {
         if to.write_all(&word).and_then(|()| to.flush()).is_err() {
@@ -203,7 +203,7 @@ fn write_all(words: Receiver<Vec<u8>>, mut to: impl Write) {
     }
 }
 
-/// Hands on line after line.
+/// Passes on one line after another.
 fn read_lines(from: impl Read, mut sink: impl Sink) {
     let mut from = BufReader::new(from);
     let mut line = Vec::new();
@@ -246,7 +246,7 @@ fn read_datagrams(socket: &UdpSocket, closed: &AtomicBool, mut sink: impl Sink) 
             }
             Err(error) => match error.kind() {
                 io::ErrorKind::WouldBlock | io::ErrorKind::TimedOut | io::ErrorKind::Interrupted => {}
-                // Nobody there, yet.
+                // The law is not up yet.
                 io::ErrorKind::ConnectionReset | io::ErrorKind::ConnectionRefused => sleep_until(now() + LOOK_UP),
                 _ => break,
             },
@@ -255,7 +255,7 @@ fn read_datagrams(socket: &UdpSocket, closed: &AtomicBool, mut sink: impl Sink) 
     sink(now(), Word::End);
 }
 
-/// What a law writes to its standard error, line by line.
+/// Passes on a law's standard error, line by line.
 fn pass_on(stderr: ChildStderr, tell: impl Fn(&str) + Send + 'static) {
     read_lines(stderr, move |_, word| {
         if let Word::Said(line) = word {

@@ -1,30 +1,30 @@
-//! Asks and answers as vectors of little-endian f64, one datagram each: for programs that read no JSON, as Simulink.
+//! Queries and replies as vectors of little-endian f64, one datagram each, for programs without JSON such as Simulink.
 //!
-//! | ask, 144 values | | answer, 9 values | |
+//! | query, 144 values | | reply, 9 values | |
 //! | --- | --- | --- | --- |
 //! | 1-6 | protocol 1, vehicle, tick, time_s, dt_s, step | 1-3 | protocol 1, vehicle, tick |
 //! | 7-9, 10-12, 13 | own position, velocity, heading | 4, 5-7 | kind (1 velocity NED, 2 field NE, 0), its values |
-//! | 14-16, 17-19, 20, 21, 22 | centre, centre velocity, goal heading, radius_m, gamma | 8, 9 | heading_rad, 1 if meant |
+//! | 14-16, 17-19, 20, 21, 22 | centre, centre velocity, goal heading, radius_m, gamma | 8, 9 | heading_rad, 1 if set |
 //! | 23, 24, then 25 + 8k | number of peers n, 0; id, position, velocity, age_s | | k = 0..14 |
 //!
-//! Counted from 1. Rows of peers that are not there are zero; of more than 15, the nearest are told, by id.
+//! Indices count from 1. Unused rows of peers are zero. Of more than 15 peers the nearest have a row, ordered by id.
 
 use nalgebra::{Vector2, Vector3};
 
 use super::protocol::{Fault, PROTOCOL, is_sane, vehicle_id, whole_f64};
 use skein_core::formation::external::{Answer, Ask, Peer, Wanted};
 
-/// Values of an ask.
+/// Number of values in a query.
 pub const ASK: usize = 144;
-/// Values of an answer.
+/// Number of values in a reply.
 pub const ANSWER: usize = 9;
-/// As many peers have a row.
+/// Number of rows for peers.
 const PEERS: usize = 15;
 
 const KIND_VELOCITY: f64 = 1.0;
 const KIND_FIELD: f64 = 2.0;
 
-/// The ask's datagram.
+/// Encodes a query.
 pub fn write(ask: &Ask) -> Vec<u8> {
     let Ask { vehicle, tick, time_s, dt_s, own, peers, goal } = ask;
     let peers = nearest(own.position_ned_m.into(), peers);
@@ -43,7 +43,7 @@ pub fn write(ask: &Ask) -> Vec<u8> {
     values.iter().flat_map(|value| value.to_le_bytes()).collect()
 }
 
-/// The nearest, in the order of ids.
+/// The nearest peers, ordered by id.
 fn nearest(own_m: Vector3<f64>, peers: &[Peer]) -> Vec<&Peer> {
     let distance_m = |peer: &Peer| (Vector3::from(peer.position_ned_m) - own_m).norm();
     let mut nearest: Vec<&Peer> = peers.iter().collect();
@@ -53,10 +53,10 @@ fn nearest(own_m: Vector3<f64>, peers: &[Peer]) -> Vec<&Peer> {
     nearest
 }
 
-/// Reads the datagram of an answer.
+/// Decodes a reply.
 ///
 /// # Errors
-/// What is wrong with it. Whether it is the answer to an open ask is the caller's to see.
+/// What is wrong with the datagram. The caller has to check that a reply answers the open query.
 pub fn read(datagram: &[u8]) -> Result<Answer, Fault> {
     let wrong_length = || Fault::Length(datagram.len(), 8 * ANSWER);
     let (chunks, []) = datagram.as_chunks::<8>() else { return Err(wrong_length()) };
@@ -69,8 +69,8 @@ pub fn read(datagram: &[u8]) -> Result<Answer, Fault> {
     if protocol != PROTOCOL as f64 {
         return Err(Fault::Protocol);
     }
-    let vehicle = vehicle_id(whole_f64(vehicle).ok_or(Fault::Content("vehicle is no whole number"))?)?;
-    let tick = whole_f64(tick).ok_or(Fault::Content("tick is no whole number"))?;
+    let vehicle = vehicle_id(whole_f64(vehicle).ok_or(Fault::Content("vehicle is not a whole number"))?)?;
+    let tick = whole_f64(tick).ok_or(Fault::Content("tick is not a whole number"))?;
     let wanted = if kind == KIND_VELOCITY {
         Wanted::VelocityNed(Vector3::new(x, y, z))
     } else if kind == KIND_FIELD {

@@ -1,8 +1,8 @@
-//! Orders that only an operator can have given: sealed with a key that no node has.
+//! Orders that only an operator can have given: signed with a key that no node has.
 //!
-//! An order spreads from register to register, so a vehicle's own seal on its register does not tell whose the order is: any
-//! node could make one up and say that it had heard it. So the operator signs it, and every agent checks that before the core
-//! sees it.
+//! Vehicles pass an order on in their heartbeats, so a vehicle's own signature does not prove who gave the order: any
+//! node could invent one and claim to have received it. The operator therefore signs it, and every agent verifies that
+//! signature before the core gets the order.
 
 use std::sync::{Mutex, PoisonError};
 
@@ -11,13 +11,14 @@ use skein_common::message::{Order, Verb};
 
 use super::{SealKey, Sealer};
 
-/// Nothing else that anybody signs with this key begins like this.
+/// Marks a signed order; nothing else signed with this key starts like this.
 const CONTEXT: &[u8] = b"skein order v1\0";
 
-/// Answers that are kept. Every peer repeats the same order five times a second; there are rarely two that matter.
+/// Number of verified orders kept. Every peer repeats the same order five times a second, and rarely more than two are
+/// current.
 const KEPT: usize = 16;
 
-/// What is signed: everything that an order says, and where it holds. Every field has a fixed length.
+/// The signed bytes: the order's content, swarm and run. Every field has a fixed length.
 fn signed(swarm: &SwarmName, run: u64, order: &Order) -> Vec<u8> {
     let (verb, step) = match order.verb {
         Verb::Hold => (0, 0),
@@ -33,34 +34,34 @@ fn signed(swarm: &SwarmName, run: u64, order: &Order) -> Vec<u8> {
     bytes
 }
 
-/// Whether an operator of this swarm, known by this key, has given this order in this run. Takes some 100 µs.
+/// Whether the operator with this key gave this order in this run of the swarm. Takes about 100 µs.
 pub fn is_sealed(key: &SealKey, swarm: &SwarmName, run: u64, order: &Order) -> bool {
     order.seal.is_some_and(|seal| key.has_sealed(&signed(swarm, run, order), seal))
 }
 
-/// The order, sealed for this run of this swarm.
+/// Signs the order for this run of this swarm.
 pub fn seal(sealer: &Sealer, swarm: &SwarmName, run: u64, order: Order) -> Order {
     Order { seal: Some(sealer.seal(&signed(swarm, run, &order))), ..order }
 }
 
-/// Tells an operator's orders, the same few again and again, at no cost.
+/// Verifies orders, and remembers the latest results so that a repeated order costs nothing.
 #[derive(Debug)]
 pub struct Checker {
     key: SealKey,
     swarm: SwarmName,
-    /// The latest answers: whether this order is one in this run.
+    /// The latest results: whether this order is valid in this run.
     known: Mutex<Vec<(u64, Order, bool)>>,
 }
 
 impl Checker {
-    /// By this key, in this swarm.
+    /// Verifies orders of this swarm by this key.
     pub fn new(key: SealKey, swarm: SwarmName) -> Self {
         Self { key, swarm, known: Mutex::new(Vec::with_capacity(KEPT)) }
     }
 
-    /// Whether an operator has given this order in this run.
+    /// Whether the operator gave this order in this run.
     pub fn is_sealed(&self, run: u64, order: &Order) -> bool {
-        // Nothing that holds the lock can panic half way.
+        // The lock is never poisoned in mid-change: no holder can panic.
         let known = || self.known.lock().unwrap_or_else(PoisonError::into_inner);
         let answer = known().iter().find(|(of, known, _)| (*of, known) == (run, order)).map(|(.., answer)| *answer);
         answer.unwrap_or_else(|| {
@@ -90,7 +91,7 @@ mod tests {
         let (key, sealed) = (operator.key(), seal(&operator, &lab, 7, ORDER));
         assert_eq!(Order { seal: None, ..sealed }, ORDER);
         assert!(is_sealed(&key, &lab, 7, &sealed));
-        assert!(!is_sealed(&key, &lab, 7, &ORDER), "without a seal");
+        assert!(!is_sealed(&key, &lab, 7, &ORDER), "not signed");
         assert!(!is_sealed(&key, &lab, 8, &sealed), "in another run");
         assert!(!is_sealed(&key, &name("lab2"), 7, &sealed), "in another swarm");
         let others = [
@@ -103,10 +104,10 @@ mod tests {
         for other in others {
             assert!(!is_sealed(&key, &lab, 7, &other), "{other:?}");
         }
-        assert!(!is_sealed(&sealer().key(), &lab, 7, &sealed), "by another operator");
+        assert!(!is_sealed(&sealer().key(), &lab, 7, &sealed), "signed by another operator");
     }
 
-    /// The bytes under a seal are part of the protocol.
+    /// The signed bytes are part of the protocol.
     #[test]
     fn what_is_signed_has_these_bytes() {
         let mut golden = b"skein order v1\0".to_vec();
@@ -129,6 +130,6 @@ mod tests {
         let before = known();
         assert_eq!(before.len(), KEPT);
         assert!(checker.is_sealed(7, &sealed(99)) && !checker.is_sealed(8, &sealed(99)));
-        assert_eq!(known(), before, "not checked again");
+        assert_eq!(known(), before, "not verified again");
     }
 }

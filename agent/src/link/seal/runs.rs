@@ -1,4 +1,4 @@
-//! The operator's note of a run of the swarm: nobody else can say that a run was begun.
+//! The operator's signed note of a run of the swarm, which proves that the operator began that run.
 
 use serde::{Deserialize, Serialize};
 use skein_common::id::SwarmName;
@@ -6,27 +6,27 @@ use skein_common::message::Seal;
 
 use super::{SealKey, Sealer};
 
-/// Nothing else that is signed with an orders key begins like this.
+/// Marks a signed note; nothing else signed with an orders key starts like this.
 const CONTEXT: &[u8] = b"skein run v1\0";
 
-/// A run, and when it was begun, signed with the key that seals orders.
+/// A run of the swarm and its begin, signed with the operator's orders key.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct RunNote {
     /// The run's number.
     pub run: u64,
-    /// When it was begun by the operator's clock, ms since 1970; later than every run that the operator knew of.
+    /// Begin of the run by the operator's clock, ms since 1970; later than every earlier run that the operator knew of.
     pub began_ms: u64,
-    #[serde(with = "hex")]
+    #[serde(rename = "seal", with = "hex")]
     seal: Seal,
 }
 
 impl RunNote {
-    /// A note of a run that begins now.
+    /// Signs a note of a run that begins now.
     pub fn new(sealer: &Sealer, swarm: &SwarmName, run: u64, began_ms: u64) -> Self {
         Self { run, began_ms, seal: sealer.seal(&signed(swarm, run, began_ms)) }
     }
 
-    /// Whether the operator of this swarm, known by this key, has written it.
+    /// Whether the operator of this swarm, with this public key, signed this note.
     pub fn is_sealed(&self, key: &SealKey, swarm: &SwarmName) -> bool {
         key.has_sealed(&signed(swarm, self.run, self.began_ms), self.seal)
     }
@@ -38,7 +38,7 @@ fn signed(swarm: &SwarmName, run: u64, began_ms: u64) -> Vec<u8> {
     bytes
 }
 
-/// A signature as 128 hexadecimal digits.
+/// Writes and reads a signature as 128 hexadecimal digits.
 mod hex {
     use serde::de::Error;
     use serde::{Deserialize, Deserializer, Serializer};
@@ -69,7 +69,7 @@ mod tests {
         let (key, note) = (operator.key(), RunNote::new(&operator, &lab, 7, 1000));
         assert!(note.is_sealed(&key, &lab));
         assert!(!note.is_sealed(&key, &name("lab2")), "in another swarm");
-        assert!(!note.is_sealed(&sealer().key(), &lab), "by another operator");
+        assert!(!note.is_sealed(&sealer().key(), &lab), "signed by another operator");
         for other in [RunNote { run: 8, ..note }, RunNote { began_ms: 1001, ..note }] {
             assert!(!other.is_sealed(&key, &lab), "{other:?}");
         }

@@ -1,10 +1,10 @@
-//! A vehicle's words, which nobody else can have said: each carries the seal of its vehicle's own key, and whoever hears it
-//! looks that key up by the vehicle that the word's topic names. So a node that was taken over speaks for its own vehicle
-//! alone, whatever it sends, and to whatever session it manages to send it.
+//! Signed messages of vehicles. Each carries a signature with its vehicle's own key, and the receiver looks that key up
+//! by the vehicle in the message's topic. A hijacked node can therefore send only its own vehicle's messages, in
+//! whatever session.
 //!
-//! The bytes of a sealed word: the message, the run of the swarm it was said in (8 bytes, little-endian), the seal (64
-//! bytes). Under the seal: a context, the swarm's name, the run, the key expression, the message. What was said twice is told
-//! by the message's own number, as everywhere.
+//! Layout of a signed message: the message, the run of the swarm (8 bytes, little-endian), the signature (64 bytes).
+//! The signed bytes are: a context, the swarm's name, the run, the key expression, the message. The sequence number in
+//! the message reveals a replay.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -17,37 +17,37 @@ use super::{SealKey, Sealer};
 
 const CONTEXT: &[u8] = b"skein word v1\0";
 
-/// What a seal adds to a message, bytes.
+/// Number of bytes that the run and the signature add to a message.
 pub const ADDED_BYTES: usize = 8 + Seal::BYTES;
 
-/// A message that is believed to be its speaker's.
+/// A message whose sender is verified.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Said<M> {
-    /// What was said.
+    /// The message.
     pub message: M,
-    /// The run of the swarm it was said in, where words are sealed.
+    /// Run of the swarm it was sent in, where messages are signed.
     pub run: Option<u64>,
 }
 
-/// Why bytes are not what somebody has said.
+/// Why a message is refused.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum Unbelieved {
-    /// No message.
+    /// The bytes are not a message.
     #[error(transparent)]
     Undecodable(#[from] DecodeError),
-    /// Said under a key that is not its speaker's.
-    #[error("said in somebody else's name")]
+    /// The message names another sender than its key does.
+    #[error("sent under the key of another vehicle")]
     OtherName,
-    /// The vehicle is not in the swarm.
-    #[error("said by a vehicle that is not of this swarm")]
+    /// The vehicle does not belong to the swarm.
+    #[error("sent by a vehicle that is not in this swarm")]
     Stranger,
-    /// Nobody but the vehicle could have sealed it, and it did not.
-    #[error("without its vehicle's seal")]
+    /// The signature is missing or wrong.
+    #[error("without a valid signature of its vehicle")]
     NoSeal,
 }
 
 impl Unbelieved {
-    /// As it is counted.
+    /// The reason under which the refusal is counted.
     pub fn reason(self) -> Reason {
         match self {
             Self::Undecodable(DecodeError::Version(_)) => Reason::OtherVersion,
@@ -58,30 +58,30 @@ impl Unbelieved {
     }
 }
 
-/// By what one tells who has said something.
+/// Public keys of the vehicles, which verify the sender of each message.
 #[derive(Clone, Debug)]
 pub struct Voices {
     swarm: SwarmName,
-    /// Where links are plain, nobody has a seal.
+    /// `None` on plain links, where messages are not signed.
     keys: Option<Arc<BTreeMap<VehicleId, SealKey>>>,
 }
 
 impl Voices {
-    /// Everybody is believed to be who it says.
+    /// Accepts messages without a signature: every sender is believed.
     pub fn plain(swarm: SwarmName) -> Self {
         Self { swarm, keys: None }
     }
 
-    /// Vehicles are known by these keys.
+    /// Verifies messages with these keys.
     pub fn sealed(swarm: SwarmName, keys: BTreeMap<VehicleId, SealKey>) -> Self {
         Self { swarm, keys: Some(Arc::new(keys)) }
     }
 
-    /// What was said under this key. Where words are sealed that takes some 100 µs; an order has an operator's seal in it
-    /// ([`super::orders`]), which is not looked at here.
+    /// Decodes a message and verifies its sender. Verifying a signature takes about 100 µs. An order carries an
+    /// operator's signature ([`super::orders`]), which is not verified here.
     ///
     /// # Errors
-    /// If these bytes are not what its speaker says.
+    /// If the bytes are not a message of the sender that the key names.
     pub fn read<M: Message>(&self, key: &str, bytes: &[u8]) -> Result<Said<M>, Unbelieved> {
         let topic = Topic::parse(key).ok_or(Unbelieved::OtherName)?;
         let keys = match (&self.keys, topic.author()) {
@@ -94,7 +94,7 @@ impl Voices {
         let (rest, seal) = bytes.split_last_chunk().ok_or(Unbelieved::NoSeal)?;
         let (said, run) = rest.split_last_chunk().ok_or(Unbelieved::NoSeal)?;
         let (run, seal) = (u64::from_le_bytes(*run), Seal::from_bytes(*seal));
-        // First what costs nothing.
+        // The cheap check comes first.
         let message = own(&topic, said)?;
         if known_by.has_sealed(&self.signed(run, key, said), seal) {
             Ok(Said { message, run: Some(run) })
@@ -103,7 +103,7 @@ impl Voices {
         }
     }
 
-    /// The bytes of a word, sealed by its vehicle, if it has a seal.
+    /// Encodes a message, and signs it if there is a signing key.
     pub fn write(&self, sealer: Option<&Sealer>, run: u64, key: &str, message: &impl Message) -> Vec<u8> {
         let mut bytes = message::encode(message);
         if let Some(sealer) = sealer {
@@ -123,7 +123,7 @@ impl Voices {
     }
 }
 
-/// The message, if whoever may speak under this topic has said it.
+/// Decodes the message and checks that its sender may publish under this topic.
 fn own<M: Message>(topic: &Topic, bytes: &[u8]) -> Result<M, Unbelieved> {
     let message: M = message::decode(bytes)?;
     if message.may_stand_under(topic) { Ok(message) } else { Err(Unbelieved::OtherName) }
@@ -163,8 +163,8 @@ mod tests {
         assert_eq!(said.len(), message::encode(&event(1)).len() + ADDED_BYTES);
 
         let forged = Err(Unbelieved::NoSeal);
-        assert_eq!(read(&lab, "vehicle/1/health", &said), forged, "another kind of word");
-        assert_eq!(read(&Voices::sealed(name("lab2"), keys), "vehicle/1/event", &said), forged, "another swarm's");
+        assert_eq!(read(&lab, "vehicle/1/health", &said), forged, "another kind of message");
+        assert_eq!(read(&Voices::sealed(name("lab2"), keys), "vehicle/1/event", &said), forged, "another swarm");
         for by_two in [lab.write(Some(&two), 7, "vehicle/1/event", &event(1)), message::encode(&event(1))] {
             assert!(read(&lab, "vehicle/1/event", &by_two).is_err());
         }
@@ -203,7 +203,7 @@ mod tests {
         }
     }
 
-    /// The bytes under a seal are part of the protocol.
+    /// The signed bytes are part of the protocol.
     #[test]
     fn what_is_signed_has_these_bytes() {
         let mut golden = b"skein word v1\0".to_vec();

@@ -1,4 +1,4 @@
-//! Clock offsets between sessions of one process, where the truth is known.
+//! Clock offsets between sessions of one process, where the true offset is known.
 
 use std::sync::atomic::AtomicUsize;
 
@@ -9,7 +9,7 @@ use zenoh::query::Query;
 use super::*;
 use skein_host::clock::utc_nanoseconds;
 
-/// A quarter of a second fast.
+/// A UTC clock that is a quarter of a second fast.
 fn fast() -> u64 {
     utc_nanoseconds() + 250_000_000
 }
@@ -37,7 +37,7 @@ fn health(sender: u8, sequence: u64, peers: &[u8]) -> Health {
     }
 }
 
-/// Says health and asks until the others' clocks are known as `wanted`; gives what was said last.
+/// Publishes health and queries clocks until a health message satisfies `wanted`; returns that message.
 fn measure(line: &mut HealthLine, listener: &Session, own: u8, peers: &[u8], wanted: fn(&Health) -> bool) -> Health {
     let subscriber = listener.declare_subscriber(Topic::Health(id(own)).key()).wait().unwrap();
     let deadline = now() + PATIENCE;
@@ -82,12 +82,12 @@ fn what_a_liar_says_of_its_clock_breaks_nothing_and_nobody_answers_for_another()
     let (swarm, hub, dial) = hub("liar");
     let agent = link(hub, 1, trust(&swarm));
     let liar = open_zenoh(&swarm, &[], &dial, &[]).unwrap();
-    // One after the other.
+    // Gives one answer after the other.
     let lie = |key: &'static str, answers: Vec<fn(u64) -> Vec<u8>>| {
         let next = AtomicUsize::new(0);
         let answer = move |query: Query| {
             let nth = next.fetch_add(1, Relaxed) % answers.len();
-            // To the right question, or else nothing would be looked at.
+            // Echoes the number of the query; otherwise the reply is ignored.
             let question =
                 query.payload().map_or(0, |asked| u64::from_le_bytes(asked.to_bytes().as_ref().try_into().unwrap()));
             query.reply(key, answers[nth](question)).wait().unwrap();
@@ -122,5 +122,5 @@ fn what_a_liar_says_of_its_clock_breaks_nothing_and_nobody_answers_for_another()
         measure(&mut asking, &listener, 1, &[2, 3, 4], |said| said.peers[..2].iter().all(|peer| peer.clock.is_some()));
     let offsets_s = [0, 1].map(|nth| said.peers[nth].clock.unwrap().offset_s);
     assert!(offsets_s[0] > 1e9 && offsets_s[1] < -1e9, "{said:?}");
-    assert_eq!(said.peers[2].clock, None, "nobody is there");
+    assert_eq!(said.peers[2].clock, None, "vehicle 4 is not up");
 }

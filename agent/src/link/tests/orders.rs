@@ -1,4 +1,4 @@
-//! Whose orders are taken: an agent with an orders key, an operator, and a node that makes things up.
+//! Which orders an agent accepts: an agent with an orders key, an operator, and a node that invents orders.
 
 use super::*;
 use crate::link::seal::SealKey;
@@ -7,7 +7,7 @@ use crate::link::seal::tests::sealer;
 
 const RUN: u64 = 77;
 
-/// An agent that was started in a run and knows the operator's key.
+/// Trust of an agent that was started in a run and has the operator's key.
 fn trust_in(swarm: &SwarmName, key: SealKey, run: u64) -> Trust {
     Trust { orders: Some(key), run, ..trust(swarm) }
 }
@@ -20,7 +20,7 @@ fn with_order(sender: u8, sequence: u64, order: Order) -> Mission {
     Mission { order: Some(order), ..mission(sender, sequence) }
 }
 
-/// Says a register again and again, each time as its speaker's next; gives what of it was filed.
+/// Publishes a heartbeat again and again, with a new sequence number each time; returns what the inbox has of it.
 fn file_register(link: &Link, speaker: &Session, sender: u8, order: Order) -> Mission {
     let key = Topic::Mission(id(sender)).key();
     let mut sequence = 0;
@@ -40,8 +40,8 @@ fn orders(heard: &[Heard]) -> Vec<Order> {
     heard.iter().filter_map(|heard| if let Word::Order(order) = heard.word { Some(order) } else { None }).collect()
 }
 
-/// Says what nobody is to believe until that was counted, and then an order of the operator, which has to be taken; gives all
-/// orders that were filed.
+/// Publishes `bad` orders until all are counted as refused, then the valid order `good` until it is stored; returns all
+/// stored orders.
 fn refused_then(link: &Link, session: &Session, bad: &[Order], good: Order) -> Vec<Order> {
     let before = link.drops().unsealed;
     let deadline = now() + PATIENCE;
@@ -68,7 +68,7 @@ fn only_an_order_that_the_operator_has_sealed_in_this_run_is_taken() {
     let bad = [
         order(9, Verb::Abort),
         seal(&sealer(), &swarm, RUN, order(9, Verb::Abort)),
-        // Yesterday's, which nothing would take back.
+        // From an earlier run: without the run's number it would be valid.
         seal(&operator, &swarm, RUN - 1, order(9, Verb::Abort)),
         seal(&operator, &SwarmName::new("another").unwrap(), RUN, order(9, Verb::Abort)),
         Order { verb: Verb::Abort, ..good },
@@ -92,7 +92,7 @@ fn an_order_that_a_node_makes_up_in_its_own_register_is_left_out_of_it_and_named
     assert_eq!((refused[0].reason, refused[0].key.as_str()), (Reason::Unsealed, "vehicle/2/mission"));
     assert_eq!(agent.drops(), Drops { unsealed: refused[0].count, ..Drops::default() });
 
-    // What it only passes on is the operator's, whoever says it.
+    // An order in another vehicle's heartbeat is valid if the operator has signed it.
     let sealed = seal(&operator, &swarm, RUN, order(1, Verb::Land));
     assert_eq!(file_register(&agent, &node, 3, sealed).order, Some(sealed));
 }
@@ -117,7 +117,7 @@ fn an_agent_without_a_run_believes_no_peer_that_names_one_and_takes_no_order_of_
     for sender in 2..9 {
         by_hand.ear.file("vehicle/2/mission", Word::Mission(mission(sender, 1)), Some(RUN));
     }
-    assert_eq!((by_hand.ear.judge.run(), by_hand.drops().forged), (0, 7), "seven of one opinion");
+    assert_eq!((by_hand.ear.judge.run(), by_hand.drops().forged), (0, 7), "seven peers agree on a run");
     let bad = [seal(&operator, &swarm, 0, order(9, Verb::Abort)), seal(&operator, &swarm, RUN, order(9, Verb::Abort))];
     let deadline = now() + PATIENCE;
     while by_hand.drops().unsealed < 4 {
@@ -164,7 +164,7 @@ fn strangers_other_plans_and_ones_own_name_are_refused_by_name() {
     assert_eq!(
         words,
         [Word::Mission(other_plan), Word::State(state(4, 2))],
-        "who flies another plan is there all the same"
+        "a vehicle with another plan still counts as up"
     );
     let named: Vec<_> = agent.ear.refused().into_iter().map(|kind| (kind.reason, kind.key, kind.count)).collect();
     let expected = [

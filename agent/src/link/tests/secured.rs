@@ -1,5 +1,6 @@
-//! Secured links: who is invited takes part, and speaks for itself alone. The honest vehicles 1 and 2 go on talking through
-//! every attack; what an intruder makes up is marked, and would be heard if it got through.
+//! Secured links: a node with a valid certificate joins the swarm and sends messages of its own vehicle only. The
+//! honest vehicles 1 and 2 exchange messages during every attack. Forged messages are marked, and would be received if
+//! they got through.
 
 mod links;
 mod words;
@@ -27,17 +28,17 @@ use super::security::{Known, Tls};
 use super::tunnel::Tunnel;
 use super::*;
 
-/// The life and the issuer of everything that is made up.
+/// Incarnation and issuer that mark all forged messages.
 const FORGED: Incarnation = Incarnation(u64::MAX);
 const FORGER: u64 = 77;
-/// The run that they all fly in.
+/// Run of the swarm in all tests.
 const RUN: u64 = 7;
-/// Somebody who is not there.
+/// Id of a vehicle that is not up.
 const NOBODY: u8 = 7;
-/// So often the honest vehicles hear each other during an attack.
+/// Number of message exchanges between the honest vehicles during an attack.
 const ROUNDS: u64 = 60;
 
-/// Makes certificates.
+/// Certificate authority of a swarm.
 struct Authority {
     folder: TempDir,
     issuer: Issuer<'static, KeyPair>,
@@ -45,7 +46,7 @@ struct Authority {
 
 impl Authority {
     fn new() -> Self {
-        // What separates parts in some places, and does no harm in a path.
+        // Characters that are separators in some formats and valid in a path.
         let folder = tempfile::Builder::new().prefix("keys = , &").tempdir().unwrap();
         let key = KeyPair::generate().unwrap();
         let mut about = CertificateParams::default();
@@ -56,7 +57,7 @@ impl Authority {
         Self { folder, issuer: Issuer::new(about, key) }
     }
 
-    /// A certificate of this common name until the end of this year, of the key that it has.
+    /// Makes a certificate with this common name for the name's key, valid until the end of this year.
     fn certify(&self, name: &str, until_year: i32) {
         let key = KeyPair::from_pem(&fs::read_to_string(self.key_file(name)).unwrap()).unwrap();
         let mut about = CertificateParams::new(["127.0.0.1".to_owned(), "::1".to_owned()]).unwrap();
@@ -92,14 +93,14 @@ impl Authority {
         }
     }
 
-    /// Vehicle 3's first certificate was revoked.
+    /// Known vehicles; vehicle 3's first certificate name was revoked.
     fn vehicles(&self) -> BTreeMap<VehicleId, Known> {
         let known = |name: &str| Known { name: name.to_owned(), key: self.sealer(name).key() };
         let names = ["vehicle-1", "vehicle-2", "vehicle-3.2"];
         names.iter().zip(1..).map(|(name, number)| (id(number), known(name))).collect()
     }
 
-    /// As an agent of this certificate is told.
+    /// Trust of an agent with this certificate.
     fn trust(&self, swarm: &SwarmName, name: &str) -> Trust {
         let security = secured(self.tls(name));
         Trust {
@@ -112,7 +113,7 @@ impl Authority {
     }
 }
 
-/// Two honest vehicles, of which the second has dialled the first.
+/// Two honest vehicles; the second has dialled the first.
 struct Swarm {
     name: SwarmName,
     authority: Authority,
@@ -127,7 +128,7 @@ impl Swarm {
         Self::with(test, |authority, swarm, vehicle| authority.trust(swarm, vehicle))
     }
 
-    /// The same, whose vehicles ask for certificates and not for seals.
+    /// A swarm whose vehicles require certificates but not signatures.
     fn without_seals(test: &str) -> Self {
         Self::with(test, |_, swarm, _| trust(swarm))
     }
@@ -149,25 +150,25 @@ impl Swarm {
         swarm
     }
 
-    /// Somebody with this certificate.
+    /// Sessions of a guest with this certificate.
     fn guest(&self, tls: Tls) -> Sessions {
         Sessions::open(&self.name, &[], &self.endpoints, &secured(tls)).unwrap()
     }
 
-    /// What somebody makes up and seals with this key.
+    /// A forger that signs with this name's key.
     fn forger(&self, name: &str) -> Forger {
         let security = secured(self.authority.tls(name));
         Forger { voices: security.voices(&self.name), sealer: self.authority.sealer(name) }
     }
 
-    /// So often each of the two says something new, `meanwhile` is done, and each hears the other. Gives all that they hear.
-    fn talk(&mut self, rounds: u64, mut meanwhile: impl FnMut()) -> Vec<Heard> {
+    /// Lets both vehicles publish states, with `meanwhile` in between, until each has received the other's; repeats
+    /// that. Returns everything that they received.
         let mut all = Vec::new();
         for _ in 0..rounds {
             let mut waits_for: BTreeSet<u8> = [1, 2].into();
             let deadline = now() + PATIENCE;
             while !waits_for.is_empty() {
-                assert!(now() < deadline, "not heard: {waits_for:?}");
+                assert!(now() < deadline, "no state received by the peers of {waits_for:?}");
                 self.said += 1;
                 self.one.say_state(&state(1, self.said), Cell::default());
                 self.two.say_state(&state(2, self.said), Cell::default());
@@ -186,32 +187,32 @@ impl Swarm {
         all
     }
 
-    /// The two talk, and nothing of what is made up gets through to them.
+    /// Lets the two exchange messages during an attack, and checks that no forged message is accepted.
     fn withstand(&mut self, mut attack: impl FnMut()) {
         let heard = self.talk(ROUNDS, &mut attack);
         assert_eq!(heard.iter().find(|heard| is_forged(&heard.word)), None);
         for vehicle in [1, 2] {
             let comes_or_goes =
                 |word: &Word| matches!(word, Word::Appeared(who) | Word::Vanished(who) if who.get() == vehicle);
-            // A link that breaks on a busy machine is back.
+            // A link may break on a busy computer, but it must be restored.
             let last = heard.iter().rev().find(|heard| comes_or_goes(&heard.word));
             assert!(!last.is_some_and(|last| matches!(last.word, Word::Vanished(_))), "{last:?}");
         }
     }
 
-    /// The same; and what was made up never reached our code.
+    /// Checks that no forged message is accepted, and that none even reaches our code.
     fn never_hear(&mut self, attack: impl FnMut()) {
         self.withstand(attack);
         for link in [&self.one, &self.two] {
             assert_eq!(
                 Drops { old: 0, links: 0, ..link.drops() },
                 Drops::default(),
-                "it was refused before it reached our code"
+                "a forged message reached our code"
             );
         }
     }
 
-    /// The same; and what was made up is counted by both.
+    /// Checks that no forged message is accepted, and that both vehicles count the forged ones.
     fn refuse(&mut self, mut attack: impl FnMut()) {
         let deadline = now() + PATIENCE;
         while [&self.one, &self.two].iter().any(|link| link.drops().forged < 20) {
@@ -243,21 +244,21 @@ fn forged_header(sender: u8) -> Header {
     Header { incarnation: FORGED, ..state(sender, 1).header }
 }
 
-/// Makes things up.
+/// Forges messages.
 struct Forger {
     voices: Voices,
     sealer: Arc<Sealer>,
 }
 
 impl Forger {
-    /// Says in everybody's name what can be said.
+    /// Publishes every kind of message in the name of each sender.
     fn forge(&self, session: &Session, senders: &[u8]) {
         for &sender in senders {
             let header = forged_header(sender);
             self.say(session, Topic::State(id(sender), Cell::default()), &State { header, ..state(sender, 1) });
             self.say(session, Topic::Mission(id(sender)), &Mission { header, ..mission(sender, 1) });
             self.say(session, Topic::Event(id(sender)), &Event { header, what: Happening::Landed });
-            say(session, &Topic::Health(id(sender)).key(), b"not even that");
+            say(session, &Topic::Health(id(sender)).key(), b"not a message");
         }
     }
 
@@ -267,7 +268,7 @@ impl Forger {
     }
 }
 
-/// Orders what nobody has sealed.
+/// Publishes an order without a signature.
 fn forge_order(session: &Session) {
     say(session, &Topic::Order(FORGER).key(), &encode(&forged_order()));
 }
@@ -276,14 +277,14 @@ fn forged_order() -> Order {
     Order { epoch: 9, issuer: FORGER, verb: Verb::Land, seal: None }
 }
 
-/// All of it at once.
+/// Forges messages, an order and tokens.
 fn attack(session: &Session, forger: &Forger) {
     forger.forge(session, &[1, 2, NOBODY]);
     forge_order(session);
     forge_tokens(session, &[1, 2]);
 }
 
-/// Tokens of those who have one and of one who has not; they come and go.
+/// Declares and drops tokens of vehicles that are up and of one that is not.
 fn forge_tokens(session: &Session, senders: &[u8]) {
     for &sender in senders {
         drop(session.liveliness().declare_token(Topic::Alive(id(sender)).key()).wait().unwrap());

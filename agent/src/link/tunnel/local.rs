@@ -1,6 +1,6 @@
-//! The sockets between Zenoh and the tunnel, on one host: Unix sockets in a folder that only the own user gets into. A system
-//! without them has TCP on the loopback, which every user of the PC reaches; what is said there counts for nothing without
-//! its speaker's seal.
+//! Sockets between Zenoh and the tunnel on one host: Unix sockets in a folder that only the own user can enter. A
+//! system without them uses TCP on the loopback, which every user of the PC can reach; messages from there are refused
+//! without their sender's signature.
 
 use std::io;
 
@@ -27,12 +27,12 @@ mod unix {
 
     pub(in super::super) type Stream = UnixStream;
 
-    /// A socket's path is at most so long, bytes (108 with its end on Linux, 104 on macOS).
+    /// Longest path of a socket, bytes (the system's limit, with the final NUL, is 108 on Linux and 104 on macOS).
     const MAX_PATH: usize = 100;
-    /// The longest name of ours in the folder.
+    /// The longest file name that we use in the folder.
     const LONGEST: &str = "/skein-4294967295-4294967295/dial-250.lock";
 
-    /// All of one tunnel's, in a folder that goes with it.
+    /// The local sockets of one tunnel, in a folder that is removed with them.
     pub(in super::super) struct Locals {
         folder: PathBuf,
         dialled: Vec<(Dialled, String)>,
@@ -69,12 +69,12 @@ mod unix {
 
     impl Drop for Locals {
         fn drop(&mut self) {
-            // Nothing depends on it.
+            // A folder that cannot be removed does no harm.
             let _ = fs::remove_dir_all(&self.folder);
         }
     }
 
-    /// Where Zenoh dials to reach one of the others.
+    /// Local socket that Zenoh dials to reach one other host.
     pub(in super::super) struct Dialled(UnixListener);
 
     impl Dialled {
@@ -83,7 +83,7 @@ mod unix {
         }
     }
 
-    /// Where Zenoh listens.
+    /// Local socket that Zenoh listens on.
     pub(in super::super) struct ZenohListener(PathBuf);
 
     impl ZenohListener {
@@ -96,8 +96,8 @@ mod unix {
         format!("unixsock-stream/{}", path.display())
     }
 
-    /// Whether nobody else can put another folder in the place of one that is made in here: only this user can write to it, or,
-    /// as in `/tmp`, everybody changes only what is their own.
+    /// Whether no other user can replace a folder made in here: only this user can write to it, or its sticky bit lets
+    /// each user change only their own entries, as in `/tmp`.
     fn is_trusted(folder: &Path) -> bool {
         let own = rustix::process::getuid().as_raw();
         let is_sticky = |mode: u32| mode & 0o1000 != 0;
@@ -107,8 +107,8 @@ mod unix {
         })
     }
 
-    /// In the folder that a service is given, in the user's own, or else in that for whatever is temporary: what a killed
-    /// agent leaves there, its next start, its uninstallation or the system takes away.
+    /// Makes a new folder in the service's runtime directory, in the user's, or else in the temporary directory. A
+    /// folder left by a killed agent is removed by the agent's next start, by its uninstallation or by the system.
     fn new_folder() -> io::Result<PathBuf> {
         static COUNT: AtomicU32 = AtomicU32::new(0);
         let fits = |folder: &PathBuf| {
@@ -121,7 +121,7 @@ mod unix {
         loop {
             let folder = base.join(format!("skein-{id}-{}", COUNT.fetch_add(1, Relaxed)));
             match DirBuilder::new().mode(0o700).create(&folder) {
-                // An earlier process of this number has left it.
+                // Left by an earlier process with this id.
                 Err(error) if error.kind() == io::ErrorKind::AlreadyExists => {}
                 Err(error) => return Err(error),
                 Ok(()) => return Ok(folder),
@@ -164,7 +164,7 @@ mod loopback {
 
     pub(in super::super) type Stream = TcpStream;
 
-    /// All of one tunnel's.
+    /// The local sockets of one tunnel.
     pub(in super::super) struct Locals {
         dialled: Vec<(Dialled, String)>,
         dials: Vec<String>,
@@ -197,11 +197,11 @@ mod loopback {
         pub(in super::super) fn zenoh(&self, session: &Session) -> io::Result<ZenohListener> {
             let locators = session.info().locators().wait();
             let address = locators.iter().find_map(|locator| locator.address().as_str().parse().ok());
-            address.map(ZenohListener).ok_or_else(|| io::Error::other("Zenoh does not say where it listens"))
+            address.map(ZenohListener).ok_or_else(|| io::Error::other("Zenoh reports no address that it listens on"))
         }
     }
 
-    /// Where Zenoh dials to reach one of the others.
+    /// Local socket that Zenoh dials to reach one other host.
     pub(in super::super) struct Dialled(TcpListener);
 
     impl Dialled {
@@ -212,7 +212,7 @@ mod loopback {
         }
     }
 
-    /// Where Zenoh listens.
+    /// Local address that Zenoh listens on.
     pub(in super::super) struct ZenohListener(SocketAddr);
 
     impl ZenohListener {

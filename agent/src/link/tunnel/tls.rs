@@ -1,5 +1,5 @@
-//! Who is at the other end: TLS 1.3 with certificates of the swarm's authority and of no other, and a name that
-//! counts; a vehicle's also has the key that it is known by.
+//! Identifies the other end of a link: TLS 1.3 with a certificate of the swarm's authority, of no other, and with a
+//! known common name. A vehicle's certificate must also be for the key that the swarm has for that vehicle.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -26,29 +26,29 @@ use crate::link::seal::SealKey;
 use crate::link::security::Tls;
 use skein_host::clock::utc_nanoseconds;
 
-/// The other end of a link.
+/// The identified other end of a link.
 pub(in crate::link) struct Peer {
-    /// The common name in its certificate.
+    /// Common name in its certificate.
     pub(super) name: String,
-    /// Whose agent it is; `None` for observers and operators.
+    /// Vehicle of the agent; `None` for observers and operators.
     pub(super) vehicle: Option<VehicleId>,
-    /// How long its certificate lasts from now on.
+    /// Time until its certificate expires.
     pub(super) lasts: Duration,
 }
 
-/// Both kinds of ends of links.
+/// TLS configuration for accepting and for making links.
 pub(in crate::link) struct Ends {
     acceptor: TlsAcceptor,
     connector: TlsConnector,
-    /// By common name: the vehicles, each with the key that its certificate has to be for, and those who are none.
+    /// Known common names: a vehicle's with its id and key, an observer's or operator's with `None`.
     names: BTreeMap<String, Option<(VehicleId, SealKey)>>,
 }
 
 impl Ends {
-    /// With these keys, for those whose names count.
+    /// Reads the keys and certificates, and takes over the known names.
     ///
     /// # Errors
-    /// If a file has no key or certificate, or one that does not belong to the other.
+    /// If a file has no key or certificate, or the two do not belong together.
     pub(in crate::link) fn new(tls: &Tls) -> Result<Self, LinkError> {
         let fault = |path: &Path| {
             let path = path.to_owned();
@@ -79,7 +79,7 @@ impl Ends {
             .with_root_certificates(roots)
             .with_client_auth_cert(own, key()?)
             .map_err(fault(&tls.key))?;
-        // Every link shows its certificates anew: one may have ended meanwhile.
+        // Every link checks the certificates again, because one may have expired meanwhile.
         server.send_tls13_tickets = 0;
         client.resumption = Resumption::disabled();
         let vehicles = tls.vehicles.iter().map(|(id, known)| (known.name.clone(), Some((*id, known.key))));
@@ -91,26 +91,26 @@ impl Ends {
         })
     }
 
-    /// Who has dialled.
+    /// Completes the handshake with a host that has dialled this one.
     ///
     /// # Errors
-    /// [`io::ErrorKind::InvalidData`] for somebody who is not let in; any other if the network fails.
+    /// [`io::ErrorKind::InvalidData`] if the host is refused; any other kind if the network fails.
     pub(super) async fn accept(&self, socket: TcpStream) -> io::Result<(TlsStream<TcpStream>, Peer)> {
         let stream = self.acceptor.accept(socket).await?;
         let peer = self.peer(stream.get_ref().1)?;
         Ok((stream.into(), peer))
     }
 
-    /// Who was dialled as this host.
+    /// Completes the handshake with a host that this one has dialled.
     ///
     /// # Errors
-    /// As [`Self::accept`].
+    /// The same as [`Self::accept`].
     pub(super) async fn connect(&self, host: &str, socket: TcpStream) -> io::Result<(TlsStream<TcpStream>, Peer)> {
         let name = ServerName::try_from(host.to_owned()).map_err(refused)?;
         let stream = self.connector.connect(name, socket).await?;
         let peer = self.peer(stream.get_ref().1)?;
         if peer.vehicle.is_none() {
-            return Err(refused(format!("{} is no vehicle", peer.name)));
+            return Err(refused(format!("the certificate {:?} does not belong to a vehicle", peer.name)));
         }
         Ok((stream.into(), peer))
     }
@@ -119,15 +119,15 @@ impl Ends {
         let shown = connection.peer_certificates().and_then(<[_]>::first).ok_or_else(|| refused("no certificate"))?;
         let (_, shown) = X509Certificate::from_der(shown).map_err(refused)?;
         let name = shown.subject().iter_common_name().next().and_then(|name| name.as_str().ok());
-        let name = name.ok_or_else(|| refused("a certificate without a name"))?;
+        let name = name.ok_or_else(|| refused("a certificate without a common name"))?;
         let known = self.names.get(name);
-        let known = known.ok_or_else(|| refused(format!("the certificate {name:?} does not count here")))?;
-        // One whose key was lost and made anew has the same name.
+        let known = known.ok_or_else(|| refused(format!("the certificate name {name:?} is not known here")))?;
+        // A replacement for a lost key has the same name.
         if known.is_some_and(|(_, key)| *shown.public_key().subject_public_key.data != key.to_bytes()) {
-            return Err(refused(format!("the certificate {name:?} is for a key that does not count here")));
+            return Err(refused(format!("the certificate {name:?} is for a key that is not known here")));
         }
         let ends_s = u64::try_from(shown.validity().not_after.timestamp()).unwrap_or(0);
-        // UTC, for that is what certificates end by.
+        // Certificates expire by UTC.
         let now = Duration::from_nanos(utc_nanoseconds());
         Ok(Peer::new(name.to_owned(), known.map(|(id, _)| id), Duration::from_secs(ends_s).saturating_sub(now)))
     }

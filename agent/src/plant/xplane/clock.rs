@@ -1,34 +1,34 @@
-//! The simulator's time, as far as it can be told from outside.
+//! Estimates the simulator's time from what it sends.
 //!
 //! A position carries no time stamp, and `sim/time/total_running_time_sec` comes as an f32, whose step grows to 8 ms
-//! within a day: too coarse for a 20 ms frame. So plant time is the local time between two positions, multiplied by
-//! the rate at which the simulator's time passes beside the local one. A paused simulator goes on sending positions; its
-//! time stands still.
+//! within a day: too coarse for a 20 ms frame. Plant time is therefore the local time between two positions, multiplied
+//! by the rate of the simulator's time against local time. A paused simulator keeps sending positions while its time
+//! stops.
 
 use std::time::{Duration, Instant};
 
 use skein_common::time::PlantTime;
 
-/// The rate is measured over at least this long.
+/// Shortest time over which the rate is measured.
 const WINDOW: Duration = Duration::from_secs(1);
-/// And so long that one f32 step of the simulator's time is no more than this share of it.
+/// Largest share of the measured time that one f32 step of the simulator's time may be.
 const MAX_STEP_SHARE: f64 = 0.005;
-/// X-Plane offers at most 16 times real time.
+/// Largest rate that X-Plane offers: 16 times real time.
 const MAX_RATE: f64 = 16.0;
-/// A simulator that was silent for longer was loading or gone, and no time passed in it that matters.
+/// A simulator that was silent for longer was loading or gone; that time is not simulated time.
 const MAX_SILENCE: Duration = Duration::from_secs(1);
 
-/// Plant time out of arrival times and what the simulator says of its own time.
+/// Computes plant time from arrival times and from the simulator's reports of its own time.
 #[derive(Debug)]
 pub(super) struct Clock {
     time: PlantTime,
     last_frame: Option<Instant>,
-    /// Simulated seconds in a local one.
+    /// Simulated seconds per local second.
     rate: f64,
     paused: bool,
-    /// Where the present measurement of the rate began: local time and the simulator's.
+    /// Start of the current measurement of the rate: local time and the simulator's time, s.
     mark: Option<(Instant, f32)>,
-    /// When the simulator last told its time.
+    /// When the simulator last reported its time.
     heard: Option<Instant>,
 }
 
@@ -37,8 +37,8 @@ impl Clock {
         Self { time: PlantTime::ZERO, last_frame: None, rate: 1.0, paused: false, mark: None, heard: None }
     }
 
-    /// The frame that arrived at `at` has this plant time, or none if no simulated time passed since the last one. A
-    /// silence counts for at most a second, and the first frame is at zero.
+    /// Plant time of the frame that arrived at `at`, or `None` if no simulated time has passed since the last one. A
+    /// silence counts as at most one second; the first frame is at zero.
     pub(super) fn frame(&mut self, at: Instant) -> Option<PlantTime> {
         let Some(last) = self.last_frame.replace(at) else {
             return (!self.paused).then_some(self.time);
@@ -51,7 +51,7 @@ impl Clock {
         moved.then_some(time)
     }
 
-    /// `sim/time/paused`.
+    /// Takes a value of `sim/time/paused`.
     pub(super) fn set_paused(&mut self, paused: bool) {
         if paused != self.paused {
             self.paused = paused;
@@ -63,8 +63,8 @@ impl Clock {
         self.paused
     }
 
-    /// `sim/time/total_running_time_sec`, as it arrived at `at`. A clock that goes back is a restarted simulator's; nothing
-    /// is measured across a silence or in a pause.
+    /// Takes a value of `sim/time/total_running_time_sec`, which arrived at `at`. A value below the previous one comes
+    /// from a restarted simulator. The rate is never measured across a silence or a pause.
     pub(super) fn running_time(&mut self, at: Instant, running_s: f32) {
         let heard = self.heard.replace(at);
         let is_steady = !self.paused && heard.is_some_and(|heard| at <= heard + MAX_SILENCE);
@@ -79,13 +79,13 @@ impl Clock {
         }
     }
 
-    /// Simulated seconds in a local one, as last measured.
+    /// Last measured rate, simulated seconds per local second.
     pub(super) fn rate(&self) -> f64 {
         self.rate
     }
 }
 
-/// How long the rate must be measured for the f32 step at this value to matter little.
+/// Time over which the rate must be measured so that the f32 step at this value matters little.
 fn step_window(running_s: f32) -> Duration {
     let step_s = f64::from(running_s.next_up() - running_s);
     Duration::try_from_secs_f64(step_s / MAX_STEP_SHARE).unwrap_or(WINDOW)

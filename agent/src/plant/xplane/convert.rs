@@ -1,8 +1,9 @@
-//! X-Plane's position in its own units and axes, and the same in ours: degrees, feet and south end here.
+//! Converts X-Plane's position to our units and axes and back. Degrees, revolutions per minute and south stay in this
+//! folder.
 //!
-//! X-Plane's velocity and attitude refer to the tangent plane at its own origin, which lies within a few kilometres of
-//! the swarm's; the two planes differ by 0.16 mrad a kilometre, which is neglected. Mean sea level is taken for the
-//! ellipsoid on both sides.
+//! X-Plane's velocity and attitude refer to the tangent plane at its own origin, which is within a few kilometres of
+//! the swarm's. The two planes differ by 0.16 mrad per kilometre, which is neglected. Both sides take mean sea level as
+//! the ellipsoid.
 
 use std::f64::consts::TAU;
 
@@ -11,22 +12,22 @@ use skein_common::frame::{Attitude, BodyRates, Geodetic, Origin, VelocityNed, wr
 use super::wire::rpos::Position;
 use skein_core::plant::{Measurement, Truth};
 
-/// No helicopter flies faster, over the ground or along one axis.
+/// Largest plausible speed of a helicopter, m/s.
 const MAX_SPEED_M_S: f64 = 500.0;
-/// Nor turns faster.
+/// Largest plausible body rate, rad/s.
 const MAX_RATE_RAD_S: f64 = 100.0;
 
-/// Revolutions per minute in radians per second.
+/// Converts revolutions per minute to radians per second.
 pub(super) fn rad_s_from_rpm(rpm: f64) -> f64 {
     rpm * TAU / 60.0
 }
 
-/// Radians per second in revolutions per minute.
+/// Converts radians per second to revolutions per minute.
 pub(super) fn rpm_from_rad_s(rad_s: f64) -> f64 {
     rad_s * 60.0 / TAU
 }
 
-/// What the sensors say, or none if no aircraft can be there or move so.
+/// Measurement of a position, or `None` if it is not plausible for a helicopter.
 pub(super) fn measurement(position: &Position, rotor_speed_rad_s: Option<f64>) -> Option<Measurement> {
     let angle = |degrees: f32| f64::from(degrees).to_radians();
     let measurement = Measurement {
@@ -61,7 +62,7 @@ pub(super) fn measurement(position: &Position, rotor_speed_rad_s: Option<f64>) -
     plausible.then_some(measurement)
 }
 
-/// X-Plane's own word is the truth there.
+/// Ground truth of the simulator: its own position.
 pub(super) fn truth(measurement: &Measurement, origin: &Origin) -> Truth {
     Truth {
         position: origin.ned_from_geodetic(&measurement.position),
@@ -72,7 +73,7 @@ pub(super) fn truth(measurement: &Measurement, origin: &Origin) -> Truth {
     }
 }
 
-/// The way back: what X-Plane would send for this.
+/// Position that X-Plane would send for this measurement.
 pub(super) fn position(measurement: &Measurement) -> Position {
     let Measurement { position, height_m, velocity, attitude, rates, .. } = measurement;
     let heading_deg = attitude.heading_rad.to_degrees().rem_euclid(360.0);

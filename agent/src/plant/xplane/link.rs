@@ -1,12 +1,12 @@
-//! The agent's end of the wire: X-Plane as a [`Plant`].
+//! The agent's side of the protocol: X-Plane as a [`Plant`].
 //!
-//! One unconnected UDP socket on the control thread. X-Plane answers to the address that asked, from a port that no source
-//! documents: so a reply is known by the simulator's IP address, by the indices of the session and by what they prove
-//! (`session`). Anything else is dropped and counted.
+//! The link is one unconnected UDP socket on the control thread. X-Plane replies to the address that asked, from an
+//! undocumented port. A reply is therefore recognised by the simulator's IP address, by the session's indices and by
+//! what they prove (`session`). Any other datagram is dropped and counted.
 //!
-//! The frame is the position (RPOS). Values of datarefs (RREF) are latest-value beside it and wake nobody. When several
-//! positions are queued the newest is the frame. The simulator's time is reckoned by `clock`; while it stands still, in a
-//! paused simulator, positions are not frames and [`Plant::wait`] ends at its deadline.
+//! A position (RPOS) makes a frame. Dataref values (RREF) update the latest value and make no frame. Of several queued
+//! positions the newest makes the frame. `clock` estimates the simulator's time; while it is stopped, in a paused
+//! simulator, positions make no frames and [`Plant::wait`] ends at its deadline.
 
 mod beacon;
 mod controls;
@@ -31,74 +31,75 @@ use session::{Answer, Indices, Sender, Senders, Value};
 use skein_core::aircraft::{Dataref, Profile};
 use skein_core::plant::{Frame, Plant, Sticks, Wake};
 
-/// X-Plane forgets its subscribers when it restarts.
+/// Time between two subscriptions, needed because X-Plane forgets its subscribers when it restarts.
 const RESUBSCRIBE: Duration = Duration::from_secs(5);
-/// While nothing comes, it is asked more often.
+/// Time between two subscriptions while no position arrives.
 const RESUBSCRIBE_SILENT: Duration = Duration::from_secs(1);
-/// How often the overrides are confirmed.
+/// Time between two confirmations of the overrides.
 const CONFIRM_OVERRIDES: Duration = Duration::from_millis(200);
-/// A dataref's value is no longer news.
+/// Age at which a dataref's value expires.
 const STALE: Duration = Duration::from_secs(1);
-/// What may be taken from the queue without waiting: a flood must not keep the newest position from its agent.
+/// Largest number of queued datagrams read without waiting: a flood must not delay the newest position.
 const MAX_QUEUED: u32 = 1024;
-/// The controls are given back more than once, because nobody confirms and a pilot's stick would stay dead.
+/// The release is sent several times, because X-Plane does not acknowledge it and a lost one would leave the pilot
+/// without control.
 const GIVE_BACK_TIMES: u32 = 3;
 
-/// Why the link could not be opened.
+/// Why the link to the simulator could not be opened.
 #[derive(Debug, thiserror::Error)]
 pub enum LinkError {
-    /// No socket for talking to the simulator.
+    /// The socket for the simulator could not be opened.
     #[error("cannot open a UDP socket on {listen}: {source}")]
     Bind {
-        /// The address asked for.
+        /// Local address to bind.
         listen: IpAddr,
-        /// What the system says.
+        /// The system's error.
         source: io::Error,
     },
-    /// No socket for the beacon, and no address was given.
-    #[error("cannot listen for X-Plane's beacon: {0}; give its address instead")]
+    /// The socket for the beacon could not be opened, and the scenario gives no address.
+    #[error("cannot listen for X-Plane's beacon: {0}; give the simulator's address instead")]
     Beacon(io::Error),
-    /// The simulator cannot be reached from the address to listen on.
+    /// The simulator and the local address are of different families.
     #[error("an X-Plane at {simulator} cannot be reached from {listen}: one is IPv4, the other IPv6")]
     AddressFamily {
         /// The simulator's address.
         simulator: SocketAddr,
-        /// The address to listen on.
+        /// Local address to bind.
         listen: IpAddr,
     },
-    /// A dataref of the profile fits no message.
-    #[error("the aircraft's profile cannot be written: {0}")]
+    /// A dataref of the aircraft's profile does not fit into a message.
+    #[error("a dataref of the aircraft's profile cannot be encoded: {0}")]
     Profile(WireError),
-    /// No indices that others cannot guess.
-    #[error("this system gives no random numbers, without which X-Plane's answers cannot be told from others'")]
+    /// The system cannot generate indices that other programs cannot guess.
+    #[error("this system provides no random numbers, which are needed to recognise X-Plane's replies")]
     NoRandomness,
 }
 
-/// What the link has counted since it was opened.
+/// Counts since the link was opened.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Counters {
-    /// Frames handed out.
+    /// Frames delivered.
     pub frames: u64,
-    /// Datagrams that are not of this protocol, or whose numbers cannot be.
+    /// Datagrams that do not follow the protocol or have implausible numbers.
     pub malformed: u64,
-    /// Datagrams that the simulator has not sent: from another address, with indices that were not asked for, or positions
-    /// that are not its own.
+    /// Datagrams that the simulator did not send: from another address, with unrequested indices, or with positions of
+    /// another sender.
     pub foreign: u64,
-    /// Positions that came before it was known from where the simulator sends them.
+    /// Positions that came before the simulator's sending port was known.
     pub unproven: u64,
-    /// Positions passed over because a newer one was queued behind them.
+    /// Positions skipped because a newer one was queued behind them.
     pub skipped_frames: u64,
-    /// Pauses of more than one and a half frame periods between two positions.
+    /// Pauses longer than one and a half frame periods between two positions.
     pub gaps: u64,
-    /// Positions that came while the simulator's time stood still.
+    /// Positions that came while the simulator's time was stopped.
     pub standing_frames: u64,
-    /// Commands out of the controls' travel: none of their numbers was sent.
+    /// Commands outside the controls' travel, which were not sent.
     pub refused_commands: u64,
-    /// Errors of the sockets, "nobody there" included.
+    /// Socket errors, including those because the simulator is not up.
     pub faults: u64,
 }
 
-/// One X-Plane, real or a stand-in.
+/// Link to one X-Plane, real or a stand-in.
 pub struct XPlane {
     origin: Origin,
     rate_hz: u32,
@@ -111,7 +112,7 @@ pub struct XPlane {
     search: Option<Search>,
     controls: Controls,
     clock: Clock,
-    /// In revolutions per minute, and when it came.
+    /// When the rotor speed arrived, and its value in revolutions per minute.
     rotor_speed: Option<(Instant, f32)>,
     version: Option<u32>,
     last_position: Option<Instant>,
@@ -122,12 +123,12 @@ pub struct XPlane {
 }
 
 impl XPlane {
-    /// A link to the X-Plane at `address`, or to the one of this host that says by beacon that it is there. `rate_hz`
-    /// positions a second are asked for, to a port of the system's choice on `listen`. Nothing is sent before the first
-    /// [`Plant::wait`], and the controls are not touched before the first [`Plant::command`].
+    /// Prepares a link to the X-Plane at `address`, or to the one on this host that announces itself by its beacon. It
+    /// will ask for `rate_hz` positions a second at a free port of `listen`. It sends nothing before the first
+    /// [`Plant::wait`] and does not touch the controls before the first [`Plant::command`].
     ///
     /// # Errors
-    /// If a socket cannot be had.
+    /// If a socket cannot be opened, a dataref does not fit, or the system provides no random numbers.
     pub fn new(
         origin: &Origin,
         address: Option<SocketAddr>,
@@ -163,36 +164,36 @@ impl XPlane {
         })
     }
 
-    /// Where the simulator is, once that is known.
+    /// Address of the simulator, once known.
     pub fn simulator(&self) -> Option<SocketAddr> {
         self.simulator
     }
 
-    /// X-Plane's own version number once it said so: 121400 is 12.1.4.
+    /// X-Plane's version number, once received: 121400 is 12.1.4.
     pub fn version(&self) -> Option<u32> {
         self.version
     }
 
-    /// Whether the simulator says that it is paused.
+    /// Whether the simulator reports that it is paused.
     pub fn is_paused(&self) -> bool {
         self.clock.is_paused()
     }
 
-    /// Simulated seconds in a local one, as last measured; 1 until then.
+    /// Last measured rate, simulated seconds per local second; 1 until measured.
     pub fn time_rate(&self) -> f64 {
         self.clock.rate()
     }
 
-    /// What was counted so far.
+    /// Counts so far.
     pub fn counters(&self) -> Counters {
         Counters { faults: self.port.faults, ..self.counters }
     }
 
-    /// Where to send to; looks for it first if nobody said.
+    /// Address of the simulator; searches for its beacon if none was given.
     fn find(&mut self, deadline: Instant) -> Option<SocketAddr> {
         if let (None, Some(search)) = (self.simulator, &mut self.search) {
             let port = search.find(deadline, &mut self.counters)?;
-            // It is on this host, and answers from the address at which it was asked.
+            // The simulator is on this host and replies from the address at which it was asked.
             let host = if self.listen.is_unspecified() { Ipv4Addr::LOCALHOST.into() } else { self.listen };
             self.simulator = Some(SocketAddr::new(host, port));
             self.search = None;
@@ -211,10 +212,10 @@ impl XPlane {
         }
     }
 
-    /// Asks for the position and for what is needed beside it; zeros end it all.
+    /// Requests the position and the values; rates of zero end the subscription.
     fn subscribe(&mut self, simulator: SocketAddr, rate_hz: u32, slow_hz: u32) {
         rpos::Request { rate_hz }.encode(&mut self.outgoing);
-        // What is lost is asked for again.
+        // A lost request is repeated later.
         let _ = self.port.send(&self.outgoing, simulator);
         for value in Value::ALL {
             let frequency_hz = if value == Value::Version { slow_hz } else { rate_hz };
@@ -225,7 +226,7 @@ impl XPlane {
         }
     }
 
-    /// The newest position that is queued or comes before the deadline, and when it came.
+    /// The newest position that is queued or arrives before the deadline, with its arrival time.
     fn newest_position(&mut self, simulator: IpAddr, deadline: Instant) -> Option<(Position, Instant)> {
         let mut newest = None;
         let mut may_take = MAX_QUEUED;
@@ -246,7 +247,7 @@ impl XPlane {
         newest
     }
 
-    /// Takes in one datagram; a position of the simulator comes out.
+    /// Processes one datagram; returns the position if it is one of the simulator.
     fn digest(&mut self, size: usize, from: SocketAddr, simulator: IpAddr) -> Option<(Position, Instant)> {
         if from.ip() != simulator {
             self.refuse_foreign(from, "which is not the simulator's address");
@@ -278,7 +279,7 @@ impl XPlane {
             Sender::Foreign(Some(beyond_m)) if beyond_m > 0.0 => {
                 self.refuse_foreign(
                     from,
-                    format_args!("whose position is {beyond_m:.1} m beyond what X-Plane's values allow"),
+                    format_args!("whose position is {beyond_m:.1} m farther away than X-Plane's values allow"),
                 );
             }
             Sender::Foreign(_) => self.refuse_foreign(from, "whose positions compete with another sender's"),
@@ -310,23 +311,23 @@ impl XPlane {
         Ok(())
     }
 
-    /// Counts a datagram that another program sent, and says so at the first, second, fourth, eighth time.
+    /// Counts a datagram of another program; logs the first, second, fourth, eighth and so on.
     fn refuse_foreign(&mut self, from: SocketAddr, why: impl fmt::Display) {
         self.counters.foreign += 1;
         if self.counters.foreign.is_power_of_two() {
-            tracing::warn!(foreign = self.counters.foreign, "dropped a datagram of {from}, {why}");
+            tracing::warn!(foreign = self.counters.foreign, "dropped a datagram from {from}, {why}");
         }
     }
 
-    /// Counts, and says so at the first, second, fourth, eighth time.
+    /// Counts a malformed datagram of the simulator; logs the first, second, fourth, eighth and so on.
     fn refuse(&mut self, error: WireError) {
         self.counters.malformed += 1;
         if self.counters.malformed.is_power_of_two() {
-            tracing::warn!(malformed = self.counters.malformed, "dropped a datagram of the simulator: {error}");
+            tracing::warn!(malformed = self.counters.malformed, "dropped a datagram from the simulator: {error}");
         }
     }
 
-    /// A position as a frame, unless it cannot be or the simulator's time stands still.
+    /// Makes a frame of a position, unless it is not plausible or the simulator's time is stopped.
     fn frame(&mut self, position: &Position, at: Instant) -> Option<Frame> {
         let rotor_speed_rad_s = self
             .rotor_speed
@@ -410,7 +411,7 @@ impl Plant for XPlane {
 }
 
 impl Drop for XPlane {
-    /// An agent that ends for whatever reason leaves no pilot with a dead stick.
+    /// Releases the controls however the agent ends, so that the pilot gets them back.
     fn drop(&mut self) {
         self.release();
     }

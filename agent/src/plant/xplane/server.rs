@@ -1,10 +1,10 @@
-//! The simulator's side of the protocol: what X-Plane answers to which datagram. No sockets, no clock: a frame is one
-//! call, and what is to be sent is handed to the caller.
+//! The simulator's side of the protocol: X-Plane's reply to each datagram. It has no socket and no clock: the caller
+//! runs each frame and sends the datagrams.
 //!
-//! As in X-Plane, nothing confirms and nothing complains. Datagrams of a wrong size, unknown datarefs and writes to
-//! read-only ones are passed over; a subscription is known by sender's address, sender's port and index, and lives until it
-//! is ended; what was written counts from the next frame on; and a stick axis that nobody overrides is the pilot's, who
-//! here never touches it.
+//! As in X-Plane, requests are neither confirmed nor rejected. Datagrams of a wrong size, unknown datarefs and writes
+//! to read-only ones are ignored. A subscription is identified by the client's address, port and index, and lasts until
+//! the client ends it. A written value takes effect in the next frame. An axis without an override belongs to the
+//! pilot, whose controls are always centred here.
 
 mod clients;
 mod datarefs;
@@ -20,12 +20,12 @@ use clients::Clients;
 use datarefs::{Handle, Setting, Settings, Situation};
 use skein_core::plant::{Frame, Sticks};
 
-/// A subscriber not heard for this long is presumed gone where that matters. Ours asks again every five seconds.
+/// A client silent for this long counts as gone where that matters, s. Our agents subscribe again every five seconds.
 const PRESUMED_GONE_S: u64 = 12;
-/// Unknown datarefs that are remembered so as to be reported once.
+/// Largest number of unknown datarefs that are remembered, so that each is logged once.
 const MAX_UNKNOWN: usize = 64;
 
-/// Which X-Plane is emulated.
+/// Version of X-Plane to emulate.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 pub enum Version {
     /// X-Plane 11.55
@@ -37,7 +37,7 @@ pub enum Version {
 }
 
 impl Version {
-    /// As X-Plane numbers itself.
+    /// X-Plane's internal version number.
     pub fn internal(self) -> i32 {
         match self {
             Self::V11 => 115_501,
@@ -45,7 +45,7 @@ impl Version {
         }
     }
 
-    /// Elements of per-engine arrays.
+    /// Number of elements of per-engine arrays.
     fn engines(self) -> usize {
         match self {
             Self::V11 => 8,
@@ -54,7 +54,7 @@ impl Version {
     }
 }
 
-/// What is kept between frames.
+/// State of the simulator's side between frames.
 pub struct Server {
     version: Version,
     frame_rate_hz: u32,
@@ -69,7 +69,7 @@ pub struct Server {
 }
 
 impl Server {
-    /// A simulator with an engine running and nobody at its controls, that draws `frame_rate_hz` frames a second.
+    /// A simulator with a running engine and free controls, which draws `frame_rate_hz` frames a second.
     pub fn new(version: Version, frame_rate_hz: u32) -> Self {
         let frame_rate_hz = frame_rate_hz.max(1);
         Self {
@@ -86,7 +86,7 @@ impl Server {
         }
     }
 
-    /// Takes in a datagram. A placement of the user's own aircraft is the caller's to carry out.
+    /// Processes a datagram. Returns a placement of the user's own aircraft, which the caller has to carry out.
     #[must_use]
     pub fn handle(&mut self, datagram: &[u8], from: SocketAddr) -> Option<Placement> {
         self.clients.heard(from, self.frames);
@@ -104,7 +104,7 @@ impl Server {
         if let Err(error) = outcome {
             self.malformed += 1;
             if self.malformed.is_power_of_two() {
-                tracing::debug!(malformed = self.malformed, %from, "passed over a datagram: {error}");
+                tracing::debug!(malformed = self.malformed, %from, "ignored a datagram: {error}");
             }
         }
         None
@@ -136,13 +136,13 @@ impl Server {
     fn find(&mut self, path: &str) -> Option<Handle> {
         let handle = Handle::find(path, self.version.engines());
         if handle.is_none() && self.unknown.len() < MAX_UNKNOWN && self.unknown.insert(path.to_owned()) {
-            tracing::info!(dataref = path, "not known here, or not this element of it");
+            tracing::info!(dataref = path, "unknown dataref or array element");
         }
         handle
     }
 
-    /// Begins a frame: what the stick does in it, if anyone holds it. Somebody does from the first collective on that is
-    /// written, while an override is 1. An axis that is not overridden springs back.
+    /// Starts a frame: returns the controls if a client holds them, which it does while an override is 1, from the
+    /// first written collective on. An axis without an override springs back to its centre.
     pub fn take_controls(&mut self) -> Option<Sticks> {
         let is_on = |settings: &Settings, setting| settings.first(setting) != 0.0;
         let has_joystick = is_on(&self.settings, Setting::OverrideJoystick);
@@ -167,7 +167,7 @@ impl Server {
         })
     }
 
-    /// Ends a frame: hands whatever is due in it to `send`, the values before the position.
+    /// Ends a frame: passes each datagram that is due to `send`, the values before the position.
     pub fn publish(&mut self, frame: &Frame, mut send: impl FnMut(SocketAddr, &[u8])) {
         self.frames += 1;
         let situation = Situation::new(frame, self.running_s(), self.frame_period_s(), self.version.internal());
@@ -207,18 +207,18 @@ impl Server {
         beacon.encode(&mut self.outgoing).ok().map(|()| self.outgoing.as_slice())
     }
 
-    /// Nobody listens at this address any more.
+    /// Removes the client at this address, which has gone.
     pub fn forget(&mut self, client: SocketAddr) {
         self.clients.forget(client);
     }
 
-    /// Whether anybody is subscribed who was heard of lately.
+    /// Whether a subscriber has sent anything lately.
     pub fn is_used(&self) -> bool {
         let lately = PRESUMED_GONE_S * u64::from(self.frame_rate_hz);
         self.clients.all.iter().any(|client| client.last_heard + lately >= self.frames)
     }
 
-    /// Datagrams passed over because no client of X-Plane may send them.
+    /// Number of malformed datagrams so far.
     pub fn malformed(&self) -> u64 {
         self.malformed
     }

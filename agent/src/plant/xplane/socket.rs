@@ -1,4 +1,4 @@
-//! A UDP socket that may be read with a deadline or without waiting, and whose troubles are never fatal.
+//! A UDP socket that can be read with a deadline or without waiting, and whose errors are never fatal.
 
 use std::io;
 use std::net::{IpAddr, SocketAddr, UdpSocket};
@@ -8,17 +8,17 @@ use skein_host::clock::{now, sleep};
 
 use super::wire::MAX_DATAGRAM;
 
-/// What a fault other than "nobody there" costs at most, so that a lasting one does not spin.
+/// Pause after an error that may last, so that it does not make the thread spin.
 const FAULT_PAUSE: Duration = Duration::from_millis(10);
 
-/// An ICMP answer to something sent earlier, which sockets report at a later call (Windows as a reset), or a signal:
-/// nobody listens there yet, or no longer.
+/// Whether an error means that the receiver is not up: an ICMP reply to an earlier datagram, which sockets report at a
+/// later call (on Windows as a reset), or a signal.
 pub(super) fn is_nobody_there(error: &io::Error) -> bool {
     use io::ErrorKind::{ConnectionRefused, ConnectionReset, Interrupted};
     matches!(error.kind(), ConnectionReset | ConnectionRefused | Interrupted)
 }
 
-/// Whether a datagram with this source was sent by this host: only its own addresses can be bound.
+/// Whether a datagram with this source came from this host: only a host's own addresses can be bound.
 pub(super) fn is_this_host(ip: IpAddr) -> bool {
     let is_unicast = match ip {
         IpAddr::V4(ip) => !ip.is_broadcast(),
@@ -28,13 +28,13 @@ pub(super) fn is_this_host(ip: IpAddr) -> bool {
     is_one_host && (ip.is_loopback() || UdpSocket::bind((ip, 0)).is_ok())
 }
 
-/// What one attempt to receive brought.
+/// Result of one attempt to receive.
 pub(super) enum Received {
-    /// This many bytes, from this address.
+    /// A datagram of this many bytes, from this address.
     Datagram(usize, SocketAddr),
-    /// An error, of which nothing follows.
+    /// An error without further consequences.
     Fault,
-    /// Nothing, until the deadline.
+    /// No datagram before the deadline.
     Nothing,
 }
 
@@ -43,7 +43,7 @@ pub(super) struct Port {
     socket: UdpSocket,
     is_blocking: bool,
     buffer: Box<[u8; MAX_DATAGRAM]>,
-    /// Errors so far, sending and receiving.
+    /// Number of errors so far, sending and receiving.
     pub(super) faults: u64,
 }
 
@@ -57,12 +57,12 @@ impl Port {
         self.socket.local_addr()
     }
 
-    /// The last datagram received.
+    /// The last received datagram, of this many bytes.
     pub(super) fn datagram(&self, size: usize) -> &[u8] {
         self.buffer.get(..size).unwrap_or_default()
     }
 
-    /// Waits until the deadline, or not at all.
+    /// Receives a datagram, waiting until the deadline or not at all.
     pub(super) fn receive(&mut self, deadline: Option<Instant>) -> Received {
         let patience =
             deadline.map(|deadline| deadline.saturating_duration_since(now())).filter(|wait| !wait.is_zero());
@@ -70,7 +70,7 @@ impl Port {
         self.judge(outcome, patience)
     }
 
-    /// What an attempt to receive means. A fault that may last is not tried again at once.
+    /// Interprets an attempt to receive. Pauses after an error that may last.
     fn judge(&mut self, outcome: io::Result<(usize, SocketAddr)>, patience: Option<Duration>) -> Received {
         match outcome {
             Ok((size, from)) => Received::Datagram(size, from),
@@ -95,7 +95,10 @@ impl Port {
         if patience.is_some() { self.socket.set_read_timeout(patience) } else { Ok(()) }
     }
 
-    /// A datagram that cannot be sent is one lost, and counted.
+    /// Sends a datagram. An error is counted.
+    ///
+    /// # Errors
+    /// If the datagram cannot be sent; it is then lost.
     pub(super) fn send(&mut self, datagram: &[u8], to: SocketAddr) -> io::Result<()> {
         let sent = self.socket.send_to(datagram, to);
         self.faults += u64::from(sent.is_err());
@@ -134,7 +137,7 @@ mod tests {
         let closed = UdpSocket::bind(local).unwrap().local_addr().unwrap();
         let mut port = Port::new(UdpSocket::bind(local).unwrap()).unwrap();
         for _ in 0..3 {
-            let _ = port.send(b"anyone?", closed);
+            let _ = port.send(b"hello", closed);
             let heard = port.receive(Some(now() + Duration::from_millis(5)));
             assert!(!matches!(heard, Received::Datagram(..)));
         }
@@ -153,7 +156,7 @@ mod tests {
             let reset = Err(io::ErrorKind::ConnectionReset.into());
             assert!(matches!(port.judge(reset, Some(Duration::from_secs(1))), Received::Fault));
         }
-        assert!(now() < begin + Duration::from_secs(1), "a thousand resets wait for nothing");
+        assert!(now() < begin + Duration::from_secs(1), "a thousand resets cause no pause");
         assert_eq!(port.faults, 1000);
         friend.send_to(b"here", port.local_addr().unwrap()).unwrap();
         assert!(matches!(port.receive(Some(now() + Duration::from_secs(1))), Received::Datagram(4, _)));
@@ -161,12 +164,12 @@ mod tests {
 
     #[test]
     fn a_refusal_that_the_socket_does_report_is_survived() {
-        // Only a connected socket is told on Linux; what the caller sees is then the same as an unconnected one's on Windows.
+        // On Linux only a connected socket reports the refusal; on Windows an unconnected one reports the same error.
         let local = (Ipv4Addr::LOCALHOST, 0);
         let closed = UdpSocket::bind(local).unwrap().local_addr().unwrap();
         let socket = UdpSocket::bind(local).unwrap();
         socket.connect(closed).unwrap();
-        socket.send(b"anyone?").unwrap();
+        socket.send(b"hello").unwrap();
         let mut port = Port::new(socket).unwrap();
         let heard = port.receive(Some(now() + Duration::from_secs(1)));
         assert!(matches!(heard, Received::Fault) && port.faults == 1);

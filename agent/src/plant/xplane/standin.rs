@@ -1,9 +1,9 @@
-//! A headless X-Plane: the built-in helicopter behind X-Plane's protocol, on one thread with the pace of a simulator.
+//! A headless X-Plane: the built-in helicopter behind X-Plane's protocol, on one thread at a simulator's pace.
 //!
-//! Like X-Plane it reads what has come, moves the aircraft, and sends what is due, once a frame. The model's tick is
-//! 20 ms, so a frame is one tick or a whole number of them. When the computer is too slow, simulated time falls behind,
-//! as X-Plane's does. The ground is flat, at the height that the options say, and a placement puts the helicopter onto
-//! it at rest whatever elevation and speed it asks for.
+//! In each frame it reads the received datagrams, moves the aircraft and sends what is due, as X-Plane does. A frame is
+//! one or more ticks of the model, which are 20 ms long. On a slow computer simulated time falls behind, as in X-Plane.
+//! The ground is flat, at the height given in the options. A placement puts the helicopter on the ground at rest,
+//! whatever elevation and speed it asks for.
 
 use std::fs;
 use std::io;
@@ -24,18 +24,18 @@ use super::socket::{Port, Received, is_nobody_there, is_this_host};
 use super::wire::{self, becn, prel::Placement, rpos};
 use skein_core::helicopter::{BuiltInVehicle, ParameterError, Parameters, Start, TICK_S, Weather};
 
-/// Between the ports of neighbouring vehicles on one computer.
+/// Distance between the ports of neighbouring vehicles on one computer.
 const PORT_STEP: u16 = 10;
-/// What one frame takes from the queue at most.
+/// Largest number of queued datagrams read in one frame.
 const MAX_QUEUED: u32 = 4096;
-/// A simulator that is this many frames late gives them up.
+/// Number of frames by which a simulator may be late before it skips them.
 const MAX_LATE_FRAMES: u32 = 5;
-/// How long `--until-unused` waits for somebody to subscribe.
+/// Time without subscribers after which a stand-in with `--until-unused` ends.
 const UNUSED: Duration = Duration::from_secs(5);
-/// The aircraft, unless a file says otherwise.
+/// The default aircraft file.
 const XCELL60: &str = include_str!("../../../../deploy/aircraft/xcell60.toml");
 
-/// What a stand-in is asked to be.
+/// Command-line options of a stand-in.
 #[derive(Clone, Debug, PartialEq, clap::Args)]
 pub struct StandinOptions {
     /// UDP port of vehicle 1; vehicle i listens on PORT + 10·(i − 1). With 0 the system chooses
@@ -62,13 +62,13 @@ pub struct StandinOptions {
     /// Frames a second: 50, or a divisor of it
     #[arg(long, default_value_t = 50)]
     pub rate: u32,
-    /// Whether to say by multicast on this computer that it is there
+    /// Whether to announce itself by multicast on this computer
     #[arg(long, default_value_t = true, action = clap::ArgAction::Set)]
     pub beacon: bool,
-    /// Answer from ports of their own, values from one and positions from another: X-Plane does not document from which
+    /// Send values from one port and positions from another, because X-Plane does not document its sending port
     #[arg(long)]
     pub split_ports: bool,
-    /// End once standard input is closed and nobody has been subscribed for five seconds
+    /// End when standard input is closed and there has been no subscriber for five seconds
     #[arg(long, hide = true)]
     pub until_unused: bool,
     /// Seed of the gusts
@@ -91,36 +91,36 @@ pub struct StandinOptions {
 /// Why a stand-in cannot run.
 #[derive(Debug, thiserror::Error)]
 pub enum StandinError {
-    /// Somebody else has the port, most often a simulator.
+    /// The port is in use, most often by a simulator.
     #[error("cannot listen on UDP {address}: {source}")]
     Bind {
-        /// Where it was to listen.
+        /// Address to listen on.
         address: SocketAddr,
-        /// What the system says.
+        /// The system's error.
         source: io::Error,
     },
-    /// An option outside its range.
+    /// An option is outside its range.
     #[error("--{option} {value}: must be {rule}")]
     Option {
-        /// Its name.
+        /// Name of the option.
         option: &'static str,
-        /// What was given.
+        /// Value given.
         value: String,
-        /// What it may be.
+        /// Permitted values.
         rule: &'static str,
     },
-    /// An aircraft file that cannot be read.
+    /// The aircraft file cannot be read.
     #[error("cannot read {}: {source}", path.display())]
     Read {
         /// The file.
         path: PathBuf,
-        /// What the system says.
+        /// The system's error.
         source: io::Error,
     },
-    /// An aircraft file that is no aircraft's.
+    /// The aircraft file has no valid `[helicopter]` table.
     #[error("the aircraft file has no usable [helicopter] table: {0}")]
     Aircraft(toml::de::Error),
-    /// A number no helicopter has.
+    /// A parameter of the aircraft is outside its range.
     #[error("the aircraft file: {0}")]
     Parameters(ParameterError),
 }
@@ -128,13 +128,13 @@ pub enum StandinError {
 /// Runs a stand-in until `stop` becomes true, or until it is unused if the options say so.
 ///
 /// # Errors
-/// If an option cannot be, or the port is taken.
+/// If an option is outside its range, the aircraft file is not valid, or the port is in use.
 pub fn run_standin(options: &StandinOptions, stop: &AtomicBool) -> Result<(), StandinError> {
     Standin::open(options)?.run(stop);
     Ok(())
 }
 
-/// A port for each kind of answer.
+/// Separate sending ports for positions and for values.
 struct Split {
     positions: Port,
     values: Port,
@@ -151,7 +151,7 @@ impl Split {
     }
 }
 
-/// A simulator that is ready to run.
+/// A stand-in that is ready to run.
 pub struct Standin {
     options: StandinOptions,
     parameters: Parameters,
@@ -160,7 +160,7 @@ pub struct Standin {
     vehicle: BuiltInVehicle,
     server: Server,
     port: Port,
-    /// From where positions and values are sent, if not from `port`.
+    /// Sending ports of positions and values, if not `port`.
     split: Option<Split>,
     address: SocketAddr,
     beacons: Vec<UdpSocket>,
@@ -168,16 +168,17 @@ pub struct Standin {
 }
 
 impl Standin {
-    /// Checks the options and takes the port.
+    /// Checks the options and binds the port.
     ///
     /// # Errors
-    /// If an option cannot be, or the port is taken.
+    /// If an option is outside its range, the aircraft file is not valid, or the port is in use.
     pub fn open(options: &StandinOptions) -> Result<Self, StandinError> {
         let ticks_per_frame = ticks_per_frame(options.rate)?;
         let weather = weather(options)?;
         let parameters = parameters(options)?;
         let start = start(options)?;
-        // Its beacon says no address: where it is heard, it must be reachable.
+        // The beacon carries no address, so the stand-in must be reachable on every interface that the beacon is sent
+        // to.
         let listen = if options.beacon { Ipv4Addr::UNSPECIFIED } else { Ipv4Addr::LOCALHOST };
         let wanted = SocketAddrV4::new(listen, udp_port(options)?).into();
         let bind = |source| StandinError::Bind { address: wanted, source };
@@ -197,14 +198,14 @@ impl Standin {
         })
     }
 
-    /// Where it listens, for clients on this computer.
+    /// Address for clients on this computer.
     pub fn address(&self) -> SocketAddr {
         self.address
     }
 
-    /// Flies until `stop` becomes true, or until it is unused if the options say so.
+    /// Runs until `stop` becomes true, or until it is unused if the options ask for that.
     pub fn run(&mut self, stop: &AtomicBool) {
-        tracing::info!(address = %self.address, id = %self.options.id, "a stand-in for X-Plane flies");
+        tracing::info!(address = %self.address, id = %self.options.id, "the stand-in for X-Plane is running");
         let period = Duration::from_secs_f64(f64::from(self.ticks_per_frame) * TICK_S);
         let launcher_gone = self.options.until_unused.then(watch_stdin);
         let mut last_used = now();
@@ -218,7 +219,7 @@ impl Standin {
             if is_needed {
                 last_used = now;
             } else if now >= last_used + UNUSED {
-                tracing::info!("nobody has been subscribed for {} s: the stand-in ends", UNUSED.as_secs());
+                tracing::info!("no subscriber for {} s: the stand-in ends", UNUSED.as_secs());
                 return;
             }
         }
@@ -247,24 +248,24 @@ impl Standin {
     fn announce(&mut self) {
         if let Some(beacon) = self.server.beacon(self.address.port(), &self.computer) {
             for socket in &self.beacons {
-                // Without a network there is nobody to hear it.
+                // Without a network the beacon has no receiver.
                 let _ = socket.send_to(beacon, (Ipv4Addr::from(becn::GROUP), becn::PORT));
             }
         }
     }
 
-    /// Takes in what has come since the last frame.
+    /// Processes the datagrams received since the last frame.
     fn hear(&mut self) {
         for _ in 0..MAX_QUEUED {
             match self.port.receive(None) {
-                // Like its beacon, it is for this computer.
+                // Like its beacon, the stand-in is for this computer only.
                 Received::Datagram(_, from) if !is_this_host(from.ip()) => {}
                 Received::Datagram(size, from) => {
                     if let Some(placement) = self.server.handle(self.port.datagram(size), from) {
                         self.place(&placement);
                     }
                 }
-                // A subscriber that is gone, but nothing says which: it is left to the bound of the table.
+                // A subscriber has gone, but the error does not say which; the table's bound covers it.
                 Received::Fault => {}
                 Received::Nothing => return,
             }
@@ -278,7 +279,7 @@ impl Standin {
     }
 }
 
-/// The helicopter at rest at this place, with this heading in radians.
+/// The helicopter at rest at this place, with this heading, rad.
 fn vehicle(
     options: &StandinOptions,
     parameters: &Parameters,
@@ -297,7 +298,7 @@ fn ticks_per_frame(rate_hz: u32) -> Result<u32, StandinError> {
     let ticks_a_second = (1.0 / TICK_S).round() as u32;
     match ticks_a_second.checked_rem(rate_hz) {
         Some(0) => Ok(ticks_a_second / rate_hz),
-        _ => Err(refuse("rate", rate_hz, "50, 25, 10, 5, 2 or 1: the model's tick is 20 ms")),
+        _ => Err(refuse("rate", rate_hz, "50, 25, 10, 5, 2 or 1, because the model's tick is 20 ms")),
     }
 }
 
@@ -309,7 +310,7 @@ fn udp_port(options: &StandinOptions) -> Result<u16, StandinError> {
     options
         .port
         .checked_add(offset)
-        .ok_or_else(|| refuse("port", options.port, "so small that PORT + 10·(id − 1) is a port"))
+        .ok_or_else(|| refuse("port", options.port, "small enough for PORT + 10·(id − 1) to be a port"))
 }
 
 fn start(options: &StandinOptions) -> Result<(Geodetic, f64), StandinError> {
@@ -357,14 +358,14 @@ fn parameters(options: &StandinOptions) -> Result<Parameters, StandinError> {
     Ok(helicopter)
 }
 
-/// Absolute, so that small delays do not add up; one that is far behind starts afresh.
+/// The next deadline on a fixed grid, so that small delays do not add up; a loop that is far behind starts a new grid.
 fn next_deadline(deadline: Instant, period: Duration, now: Instant) -> Instant {
     let next = deadline + period;
     if now > next + MAX_LATE_FRAMES * period { now } else { next }
 }
 
-/// Multicast that stays on this computer: over the loopback, and over the interface of the default route, where clients
-/// listen that do not choose one.
+/// Sockets for multicast that stays on this computer: over the loopback, and over the interface of the default route,
+/// which is the one that clients use by default.
 fn beacon_sockets() -> Vec<UdpSocket> {
     let over = |interface: Ipv4Addr| -> io::Result<UdpSocket> {
         let socket = UdpSocket::bind((Ipv4Addr::UNSPECIFIED, 0))?;
@@ -378,7 +379,7 @@ fn beacon_sockets() -> Vec<UdpSocket> {
     interfaces.into_iter().flatten().filter_map(|interface| over(interface).ok()).collect()
 }
 
-/// The address of the interface over which the beacon's group is reached. Nothing is sent to find out.
+/// Address of the interface over which the beacon's group is reached, found without sending anything.
 fn default_interface() -> Option<Ipv4Addr> {
     let socket = UdpSocket::bind((Ipv4Addr::UNSPECIFIED, 0)).ok()?;
     socket.connect((Ipv4Addr::from(becn::GROUP), becn::PORT)).ok()?;
@@ -388,7 +389,7 @@ fn default_interface() -> Option<Ipv4Addr> {
     }
 }
 
-/// Becomes true when standard input is closed: whoever started this process is gone.
+/// Returns a flag that becomes true when standard input is closed, because the parent process has ended.
 fn watch_stdin() -> Arc<AtomicBool> {
     let is_closed = Arc::new(AtomicBool::new(false));
     let flag = is_closed.clone();

@@ -1,18 +1,18 @@
-//! X-Plane's datagrams, byte for byte: each is read into a value and written from one, and nothing else happens here.
+//! Encodes and decodes X-Plane's datagrams, and does nothing else.
 //!
 //! All numbers are little-endian, structs are packed, the first four bytes are the tag. The fifth byte differs between
-//! versions and clients: it is ignored on input. Decoders take any bytes whatever and answer with a [`WireError`].
+//! versions and clients and is ignored on input. Decoders accept arbitrary bytes and return a [`WireError`].
 //!
 //! | module | to X-Plane | from X-Plane |
 //! | --- | --- | --- |
-//! | [`becn`] | – | here is an X-Plane |
+//! | [`becn`] | – | announce an X-Plane |
 //! | [`rpos`] | send me the position | the position |
 //! | [`rref`] | send me a dataref | values of datarefs |
 //! | [`dref`] | write a dataref | – |
 //! | [`prel`] | place an aircraft | – |
 //!
-//! Layouts: Laminar Research, "Exchanging Data with X-Plane"; where the wire differs from that text (the beacon's name,
-//! the padding of paths), what clients in the field see.
+//! Layouts: Laminar Research, "Exchanging Data with X-Plane". Where X-Plane deviates from that text (the beacon's name,
+//! the padding of paths), the code follows what clients receive.
 
 pub mod becn;
 pub mod dref;
@@ -23,43 +23,43 @@ pub mod rref;
 #[cfg(test)]
 mod tests;
 
-/// The UDP port on which X-Plane receives everything, unless its user changed it.
+/// UDP port on which X-Plane receives everything, unless its user has changed it.
 pub const PORT: u16 = 49000;
 
-/// The largest datagram there can be. Those of this protocol are far smaller, but where a buffer is too small Windows
-/// reports a fault instead of a datagram to refuse.
+/// Largest possible datagram, bytes. Those of this protocol are far smaller, but Windows reports an error instead of a
+/// datagram that does not fit into the buffer.
 pub const MAX_DATAGRAM: usize = 65_536;
 
-/// Why a datagram was refused, or could not be written.
+/// Why a datagram was refused, or could not be encoded.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum WireError {
-    /// The first four bytes are another message's.
-    #[error("another message's tag")]
+    /// The first four bytes are those of another message.
+    #[error("the tag of another message")]
     WrongTag,
     /// The message never has this length.
     #[error("wrong length")]
     WrongSize,
-    /// A text field holds something else.
+    /// A text field holds other bytes.
     #[error("not the text expected here")]
     NotText,
     /// A number is infinite or not a number.
     #[error("a number that is not finite")]
     NonFinite,
-    /// A number outside what the field can mean.
+    /// A number is outside the range of its field.
     #[error("a number out of range")]
     OutOfRange,
-    /// A text that its field cannot hold.
+    /// A text does not fit into its field.
     #[error("a text too long for its field")]
     TooLong,
-    /// A version of the message whose layout is unknown.
-    #[error("a version of this message that is not known")]
+    /// The message has a version with an unknown layout.
+    #[error("an unknown version of this message")]
     Incompatible,
 }
 
-/// A message's four letters, without the fifth byte.
+/// The four letters that identify a message, without the fifth byte.
 pub type Tag = [u8; 4];
 
-/// What follows the tag and its fifth byte.
+/// The bytes after the tag and the fifth byte.
 fn body<'a>(datagram: &'a [u8], tag: &Tag) -> Result<&'a [u8], WireError> {
     let (found, rest) = datagram.split_first_chunk::<4>().ok_or(WireError::WrongSize)?;
     if found != tag {
@@ -68,13 +68,13 @@ fn body<'a>(datagram: &'a [u8], tag: &Tag) -> Result<&'a [u8], WireError> {
     rest.get(1..).ok_or(WireError::WrongSize)
 }
 
-/// The same for a message that has one length only, `total` bytes.
+/// The bytes after the tag and the fifth byte of a message with a fixed length of `total` bytes.
 fn body_of_size<'a>(datagram: &'a [u8], tag: &Tag, total: usize) -> Result<Fields<'a>, WireError> {
     let body = body(datagram, tag)?;
     if datagram.len() == total { Ok(Fields(body)) } else { Err(WireError::WrongSize) }
 }
 
-/// Takes fields off the front.
+/// Reads fields from the front of a message.
 struct Fields<'a>(&'a [u8]);
 
 macro_rules! little_endian {
@@ -104,20 +104,20 @@ impl<'a> Fields<'a> {
         if value.is_finite() { Ok(value) } else { Err(WireError::NonFinite) }
     }
 
-    /// The rest, up to its first NUL; whatever pads the field after it is of no interest.
+    /// The remaining bytes up to the first NUL; padding after it is ignored.
     fn text(self) -> &'a [u8] {
         self.0.split(|&byte| byte == 0).next().unwrap_or_default()
     }
 }
 
-/// Starts a message in a buffer that is used again and again.
+/// Starts a message in a buffer that is used repeatedly.
 fn begin(out: &mut Vec<u8>, tag: &Tag, fifth_byte: u8) {
     out.clear();
     out.extend_from_slice(tag);
     out.push(fifth_byte);
 }
 
-/// Appends a text, and NULs up to the `total` length of the message; at least one NUL follows the text.
+/// Appends a text and NULs up to the `total` length of the message; at least one NUL follows the text.
 fn finish_with_text(out: &mut Vec<u8>, text: &str, total: usize) -> Result<(), WireError> {
     if text.contains('\0') {
         return Err(WireError::NotText);
@@ -130,7 +130,7 @@ fn finish_with_text(out: &mut Vec<u8>, text: &str, total: usize) -> Result<(), W
     Ok(())
 }
 
-/// A dataref's path as it stands in a message: printable ASCII.
+/// Checks a dataref's path, which is printable ASCII.
 fn path(text: &[u8]) -> Result<&str, WireError> {
     match std::str::from_utf8(text) {
         Ok(path) if path.bytes().all(|byte| byte.is_ascii_graphic()) => Ok(path),

@@ -19,7 +19,7 @@ fn answer_to(line: &str) -> Result<Answer, Fault> {
     }
 }
 
-/// The lines of the interface's own documentation, letter for letter.
+/// The lines from the interface's documentation, byte for byte.
 #[test]
 fn what_is_said_has_these_letters() {
     let mut parameters = toml::Table::new();
@@ -73,11 +73,7 @@ fn what_is_said_has_these_letters() {
 #[test]
 fn what_a_law_says_is_understood() {
     assert_eq!(read(br#"{"say":"ready","protocol":1}"#), Ok(Heard::Ready));
-    assert_eq!(
-        read(br#"{"protocol":1.0,"say":"ready","name":"mine"}"#),
-        Ok(Heard::Ready),
-        "what is unknown is ignored"
-    );
+    assert_eq!(read(br#"{"protocol":1.0,"say":"ready","name":"mine"}"#), Ok(Heard::Ready), "unknown keys are ignored");
     let said =
         r#"{"say":"answer","vehicle":3,"tick":417,"velocity_ned_m_s":[0.4,-1.2,0],"log":{"consensus_error":0.31}}"#;
     let answer = answer_to(said).unwrap();
@@ -136,7 +132,7 @@ fn a_log_is_cut_to_what_a_recording_takes() {
     assert_eq!((log.len(), log[15].name.as_str(), log[15].value), (LawNumber::MAX_COUNT, "n15", 15.0));
     let long = "ü".repeat(40);
     let log = answer_to(&said(&format!("{{\"{long}\":1,\"text\":\"x\",\"none\":null}}"))).unwrap().log;
-    assert_eq!(log, [LawNumber { name: "ü".repeat(16), value: 1.0 }], "32 bytes; what is no number is left out");
+    assert_eq!(log, [LawNumber { name: "ü".repeat(16), value: 1.0 }], "a name has 32 bytes; only numbers are kept");
     assert!(answer_to(&said("7")).unwrap().log.is_empty());
 }
 

@@ -7,7 +7,7 @@ use super::*;
 use crate::external::protocol::{Hello, Time};
 use skein_core::formation::external::{Ask, Goal, Own};
 
-/// For tests that fail.
+/// Time limit of a wait.
 const PATIENCE: Duration = Duration::from_secs(20);
 
 fn ask(tick: u64) -> Ask {
@@ -61,7 +61,7 @@ fn a_process_is_spoken_with_and_leaves_nothing_behind() {
     assert_eq!([line, b"\n".to_vec()].concat(), Said::Ask(&ask(7)).line());
     assert_eq!(stderr.recv_timeout(PATIENCE).unwrap(), "warned");
     drop(talk);
-    assert_eq!(words.recv_timeout(PATIENCE), Ok(Word::Said(b"{\"say\":\"bye\"}".to_vec())), "bye comes before the end");
+    assert_eq!(words.recv_timeout(PATIENCE), Ok(Word::Said(b"{\"say\":\"bye\"}".to_vec())), "the bye precedes the end");
     assert_eq!(words.recv_timeout(PATIENCE), Ok(Word::End));
     let listed = Command::new("ps").args(["-p", &id.to_string()]).output().unwrap();
     assert!(!listed.status.success(), "{}", String::from_utf8_lossy(&listed.stdout));

@@ -1,14 +1,14 @@
-//! Who makes a link, and what becomes of it.
+//! Which nodes get a link, and what they can do with it.
 
 use super::*;
 
 #[test]
 fn who_has_no_certificate_is_not_let_in() {
     let mut swarm = Swarm::begin("none");
-    // To the right place in the clear, and in TLS without showing anything.
+    // First plain TCP to the right address, then TLS without a certificate.
     let address = swarm.endpoints[0].trim_start_matches("tls/").to_owned();
     let plain = open_zenoh(&swarm.name, &[], &[format!("tcp/{address}")], &[]).unwrap();
-    // Not even the right seal helps.
+    // A valid signature does not help.
     let forger = swarm.forger("vehicle-1");
     swarm.never_hear(|| attack(&plain, &forger));
     assert!(!is_linked(&plain));
@@ -27,7 +27,7 @@ fn who_has_no_certificate_is_not_let_in() {
 #[test]
 fn a_certificate_of_another_authority_is_worth_nothing() {
     let mut swarm = Swarm::begin("other");
-    // It would take the swarm for its own, if the swarm took it.
+    // The intruder accepts the swarm's certificates, but not vice versa.
     let others = Authority::new();
     let tls = Tls { authority: swarm.authority.folder.path().join("authority.pem"), ..others.tls("vehicle-3.2") };
     let intruder = swarm.guest(tls);
@@ -54,12 +54,12 @@ fn a_name_that_was_replaced_is_not_let_in() {
     let forger = swarm.forger("vehicle-1");
     swarm.never_hear(|| attack(intruder.first(), &forger));
     assert!(!is_linked(intruder.first()));
-    assert!(swarm.one.drops().links > 0 && swarm.two.drops().links > 0, "it is told to them, and counted");
+    assert!(swarm.one.drops().links > 0 && swarm.two.drops().links > 0, "the refused links are counted");
 }
 
 #[test]
 fn a_key_that_was_replaced_is_not_let_in() {
-    // Its certificate is of the right name and has not ended.
+    // The lost key's certificate has the right name and has not expired.
     let lost = Authority::new();
     let mut swarm = Swarm::begin("lost");
     let tls = swarm.authority.tls("vehicle-3.2");
@@ -69,10 +69,10 @@ fn a_key_that_was_replaced_is_not_let_in() {
     let forger = swarm.forger("vehicle-1");
     swarm.never_hear(|| attack(intruder.first(), &forger));
     assert!(!is_linked(intruder.first()));
-    assert!(swarm.one.drops().links > 0 && swarm.two.drops().links > 0, "it is told to them, and counted");
+    assert!(swarm.one.drops().links > 0 && swarm.two.drops().links > 0, "the refused links are counted");
 }
 
-/// Peers hand nothing on, but a router would, if they listened to it.
+/// Peers do not relay messages, but a router would, if the peers accepted that.
 #[test]
 fn a_router_is_nobody_special() {
     let mut swarm = Swarm::begin("router");
@@ -83,7 +83,7 @@ fn a_router_is_nobody_special() {
     swarm.withstand(|| attack(intruder.first(), &forger));
 }
 
-/// Zenoh waits half a second for whoever it dials to say what there is: those who are there are reached before that is over.
+/// Zenoh waits half a second for the declarations of a session that it dials; peers that are up are reached earlier.
 #[test]
 fn who_is_there_is_not_waited_for() {
     let swarm = Swarm::begin("early");
@@ -105,7 +105,7 @@ fn keys_that_are_none_are_named() {
     let good = authority.tls("vehicle-1");
     let refused = |tls: Tls, listen: &str| {
         let Err(error) = Sessions::open(&name, &[listen.to_owned()], &[], &secured(tls)) else {
-            panic!("it is opened")
+            panic!("the sessions were opened")
         };
         error.to_string()
     };
@@ -117,20 +117,22 @@ fn keys_that_are_none_are_named() {
     let error = refused(Tls { key: good.certificate.clone(), ..good.clone() }, here);
     assert!(error.ends_with("vehicle-1.pem: no PRIVATE KEY in it"), "{error}");
     let error = refused(good.clone(), "tcp/127.0.0.1:0");
-    assert_eq!(error, "\"tcp/127.0.0.1:0\": links are secured here, so an endpoint is written like tls/10.0.0.11:7447");
-    let Err(error) = Sessions::open(&name, &[], &[here.to_owned()], &Security::Plain) else { panic!("it is opened") };
+    assert_eq!(error, "\"tcp/127.0.0.1:0\": links are secured here; write the endpoint like tls/10.0.0.11:7447");
+    let Err(error) = Sessions::open(&name, &[], &[here.to_owned()], &Security::Plain) else {
+        panic!("the sessions were opened")
+    };
     assert!(error.is_the_users() && error.to_string().contains("no keys for secured links"), "{error}");
     let mut vehicles = good.vehicles.clone();
     vehicles.insert(id(4), vehicles[&id(1)].clone());
-    assert!(refused(Tls { vehicles, ..good.clone() }, here).contains("\"vehicle-1\" has to stand for one"));
-    assert!(refused(Tls { observer: "vehicle-2".to_owned(), ..good.clone() }, here).contains("\"vehicle-2\" has to"));
+    assert!(refused(Tls { vehicles, ..good.clone() }, here).contains("\"vehicle-1\" must name exactly one"));
+    assert!(refused(Tls { observer: "vehicle-2".to_owned(), ..good.clone() }, here).contains("\"vehicle-2\" must"));
     let other = authority.key_file("vehicle-2");
-    assert!(refused(Tls { key: other, ..good.clone() }, here).contains("vehicle-2.key: "), "of another certificate");
+    assert!(refused(Tls { key: other, ..good.clone() }, here).contains("vehicle-2.key: "), "the key of another certificate");
 
     let sealer = |tls: Tls, own: u8| secured(tls).sealer(id(own));
     assert!(sealer(good.clone(), 1).unwrap().is_some() && Security::Plain.sealer(id(1)).unwrap().is_none());
     let error = sealer(good.clone(), 2).unwrap_err();
-    assert!(error.is_the_users() && error.to_string() == "the swarm does not know vehicle 2 by this key", "{error}");
+    assert!(error.is_the_users() && error.to_string().ends_with("the key that the swarm has for vehicle 2"), "{error}");
     let error = sealer(Tls { key: good.certificate.clone(), ..good }, 1).unwrap_err().to_string();
     assert!(error.ends_with("vehicle-1.pem: not an Ed25519 key in PKCS#8"), "{error}");
 }
@@ -141,7 +143,7 @@ fn links_over_ipv6_are_secured_too() {
     let name = SwarmName::new(format!("six-{}", process::id())).unwrap();
     let tls = |number| secured(authority.tls(&format!("vehicle-{number}")));
     if TcpListener::bind("[::1]:0").is_err() {
-        // A machine without IPv6.
+        // This computer has no IPv6.
         return;
     }
     let one = Sessions::open(&name, &["tls/[::1]:0".to_owned()], &[], &tls(1)).unwrap();
@@ -149,7 +151,7 @@ fn links_over_ipv6_are_secured_too() {
     wait_until(|| is_linked(two.first()));
 }
 
-/// Whoever comes and goes while everybody speaks harms nobody: with links of Zenoh's own this ended the process within seconds.
+/// With Zenoh's own TLS links this ended the process within seconds.
 #[test]
 fn links_that_come_and_go_harm_nobody() {
     const GUESTS: usize = 3;
@@ -181,7 +183,7 @@ fn links_that_come_and_go_harm_nobody() {
                 let others = [1, 2, 3].into_iter().filter(|other| *other != own);
                 for other in others {
                     let is_others = |word: &Word| matches!(word, Word::State(_)) && word.speaker() == Some(id(other));
-                    assert!(word(&heard, is_others).is_some(), "{own} hears {other}");
+                    assert!(word(&heard, is_others).is_some(), "vehicle {own} has not received a state of vehicle {other}");
                 }
                 assert_eq!(link.drops().refused(), 0);
             });
@@ -201,7 +203,7 @@ fn links_that_come_and_go_harm_nobody() {
     });
 }
 
-/// Takes itself off a count, also when a test fails.
+/// Decrements a count when dropped, also if its test fails.
 struct Gone<'a>(&'a AtomicUsize);
 
 impl Drop for Gone<'_> {

@@ -1,8 +1,8 @@
-//! What is believed of those who have a link.
+//! Which messages of a node with a link are accepted.
 
 use super::*;
 
-/// What the other tests rely on: without seals everything that is made up is heard.
+/// The other tests rely on this: without signatures every forged message is accepted.
 #[test]
 fn without_seals_a_valid_node_could_say_anything() {
     let swarm = Swarm::without_seals("unsealed");
@@ -46,7 +46,7 @@ fn whoever_is_invited_takes_part_fully() {
     let mut told = [false; 4];
     let deadline = now() + PATIENCE;
     while there.len() < 2 || told != [true; 4] {
-        assert!(now() < deadline, "tokens {there:?}, told {told:?}");
+        assert!(now() < deadline, "tokens {there:?}, received {told:?}");
         swarm.talk(1, || {});
         swarm.one.say_mission(&mission(1, 1));
         swarm.two.say_event(&Event { header: state(2, 1).header, what: Happening::Landed });
@@ -58,21 +58,21 @@ fn whoever_is_invited_takes_part_fully() {
             *told |= lines.drain().count() > 0;
         }
     }
-    assert_eq!(traces.drain().count(), 0, "nobody has said one");
+    assert_eq!(traces.drain().count(), 0, "no vehicle has published a trace");
 
-    // Registers by query, as a late observer asks for them.
+    // A late observer queries for heartbeats.
     let answers = observer.get("vehicle/*/mission").timeout(PATIENCE).wait().unwrap();
     let keys: Vec<String> = answers.iter().map(|reply| reply.result().unwrap().key_expr().to_string()).collect();
     assert_eq!(keys, ["vehicle/1/mission"]);
 
-    // Clocks by query, both ways round.
+    // Each vehicle queries the other's clock.
     for (line, other) in lines.iter_mut().zip([2, 1]) {
         let mut peers =
             [PeerHealth { id: id(other), standing: Standing::Fresh, age_s: 0.0, delay_s: None, clock: None }];
         line.live = vec![id(other)];
         let deadline = now() + PATIENCE;
         while peers[0].clock.is_none() {
-            assert!(now() < deadline, "{other} does not tell its time");
+            assert!(now() < deadline, "vehicle {other} does not reply with its time");
             line.ask_a_clock();
             pause();
             line.clocks.tell(&mut peers);
@@ -97,7 +97,7 @@ fn a_late_vehicle_has_the_registers_of_the_others() {
     until(&swarm.two, || {}, |heard| word(heard, |word| *word == Word::Appeared(id(3))));
 }
 
-/// What vehicle 3 says in its own name arrives, so that what it has said before in another's has been refused.
+/// Vehicle 3's own messages arrive, so the ones that it forged before were refused.
 #[test]
 fn a_valid_vehicle_speaks_for_itself_alone() {
     let mut swarm = Swarm::begin("branch");
@@ -121,7 +121,7 @@ fn a_valid_vehicle_speaks_for_itself_alone() {
     swarm.refuse(|| attack(intruder.first(), &forger));
 }
 
-/// Whoever comes late asks for registers; what vehicle 3 answers for others is not believed.
+/// A vehicle that starts late queries for heartbeats; vehicle 3's replies for other vehicles are refused.
 #[test]
 fn a_valid_vehicle_answers_for_itself_alone() {
     let swarm = Swarm::begin("reply");
@@ -133,11 +133,11 @@ fn a_valid_vehicle_answers_for_itself_alone() {
         for sender in [1, 3] {
             let said = Mission { header: forged_header(sender), ..mission(sender, 1) };
             let key = Topic::Mission(id(sender)).key();
-            // Zenoh refuses what was not asked for.
+            // Zenoh rejects a reply under a key that was not queried.
             let _ = query.reply(&key, forger.voices.write(Some(&forger.sealer), RUN, &key, &said)).wait();
         }
     };
-    // It says that it answers for all of them.
+    // It declares itself complete for all vehicles.
     let _answers =
         intruder.first().declare_queryable("vehicle/*/mission").complete(true).callback(answer).wait().unwrap();
     let _token = intruder.first().liveliness().declare_token(Topic::Alive(id(3)).key()).wait().unwrap();
@@ -145,7 +145,7 @@ fn a_valid_vehicle_answers_for_itself_alone() {
     let sessions = Sessions::open(&swarm.name, &[], &dial, &secured(swarm.authority.tls("vehicle-2"))).unwrap();
     let trust = swarm.authority.trust(&swarm.name, "vehicle-2");
     let late = Link::new(sessions, id(2), LocalClock::start(), trust).unwrap();
-    // Asked again and again, for the intruder may have been linked later than vehicle 1.
+    // Queried repeatedly, because the intruder's link may come up later than vehicle 1's.
     let ask = || {
         for sender in [1, 3] {
             let ear = late.ear.clone();
@@ -173,7 +173,7 @@ fn observers_and_operators_speak_for_no_vehicle() {
     }
 }
 
-/// Vehicle 3 keeps what vehicle 1 has said, and says it again when vehicle 1 is gone, to one who never heard it.
+/// Vehicle 3 replays vehicle 1's messages, after vehicle 1 has gone, to an agent that never received them.
 #[test]
 fn what_was_said_is_worth_nothing_once_its_speaker_is_gone() {
     let swarm = Swarm::begin("replay");
@@ -211,7 +211,7 @@ fn what_was_said_is_worth_nothing_once_its_speaker_is_gone() {
     assert_eq!(word(&heard, |word| word.speaker() == Some(id(1))), None);
 }
 
-/// Zenoh knows a session by a number that everybody is shown who is linked to it.
+/// Zenoh identifies a session by a number (Zenoh id) that all its linked nodes see.
 #[test]
 fn nobody_takes_anothers_place_by_its_number() {
     let mut swarm = Swarm::begin("number");
@@ -224,12 +224,12 @@ fn nobody_takes_anothers_place_by_its_number() {
         .flat_map(|(numbers, victim)| numbers.iter().map(move |number| (number, victim)))
         .map(|(number, victim)| as_number(&swarm, number, &[], &swarm.endpoints[victim..=victim], &valid))
         .collect();
-    assert_eq!(intruders.len(), 3, "vehicle 1 dials nobody");
+    assert_eq!(intruders.len(), 3, "vehicle 1 dials no peer");
     swarm.withstand(|| intruders.iter().for_each(|intruder| attack(intruder.first(), &forger)));
 }
 
-/// A node that is dialled can still take the number of another that is, and so comes to speak over that one's session: in
-/// its own seal.
+/// A dialled node can still take the number of another dialled node and then send over that node's session, but only
+/// with its own signature.
 #[test]
 fn nobody_speaks_for_another_by_its_number() {
     let swarm = Swarm::begin("voice");
@@ -256,7 +256,7 @@ fn nobody_speaks_for_another_by_its_number() {
     assert_eq!(word(&heard, is_forged), None);
 }
 
-/// Somebody who has chosen the number of its session.
+/// Opens sessions with a chosen number.
 fn as_number(swarm: &Swarm, number: &str, listen: &[String], dial: &[String], tls: &Tls) -> Sessions {
     let chosen = [("id", json!(number))];
     let tunnel = Tunnel::open(listen, dial, Some(tls)).unwrap();

@@ -1,7 +1,7 @@
 use super::*;
 use skein_host::clock::now;
 
-/// A simulator that runs at `rate`, `frames` frames of 20 ms local time on, from `running_s` on its own clock.
+/// A simulator with frames of 20 ms local time, whose own time starts at `running_s`.
 struct Simulator {
     start: Instant,
     local_s: f64,
@@ -62,7 +62,7 @@ fn a_pause_is_no_time_and_no_frame() {
     clock.set_paused(false);
     let after = simulator.run(&mut clock, 3.0, 1.0).unwrap();
     assert!((after.seconds_since(before) - 3.0).abs() < 1e-6, "{}", after.seconds_since(before));
-    assert!((clock.rate() - 1.0).abs() < 1e-3, "the pause is not part of the measured rate");
+    assert!((clock.rate() - 1.0).abs() < 1e-3, "the pause does not affect the measured rate");
 }
 
 #[test]

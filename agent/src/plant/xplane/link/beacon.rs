@@ -1,4 +1,4 @@
-//! Finding the X-Plane of this computer by its beacon.
+//! Finds the X-Plane on this computer by its beacon.
 
 use std::io;
 use std::net::{Ipv4Addr, SocketAddr, UdpSocket};
@@ -11,10 +11,10 @@ use super::Counters;
 use crate::plant::xplane::socket::{Port, Received, is_this_host};
 use crate::plant::xplane::wire::becn::{self, Beacon};
 
-/// An X-Plane that loads scenery may miss two beacons.
+/// Time without a beacon before a warning: an X-Plane that loads scenery may miss two beacons.
 const PATIENCE: Duration = Duration::from_secs(3);
 
-/// Listens until a beacon of this host's own X-Plane comes.
+/// Listens for a beacon of an X-Plane on this host.
 pub(super) struct Search {
     port: Port,
     since: Instant,
@@ -22,7 +22,7 @@ pub(super) struct Search {
 }
 
 impl Search {
-    /// Joins the beacon's group, beside every other program of this host that has.
+    /// Joins the beacon's multicast group; other programs on this host can join it too.
     pub(super) fn new() -> io::Result<Self> {
         let socket = Socket::new(Domain::IPV4, Type::DGRAM, Some(Protocol::UDP))?;
         socket.set_reuse_address(true)?;
@@ -30,19 +30,19 @@ impl Search {
         socket.set_reuse_port(true)?;
         socket.bind(&SocketAddr::from((Ipv4Addr::UNSPECIFIED, becn::PORT)).into())?;
         let group = Ipv4Addr::from(becn::GROUP);
-        // A host without a network still has its loopback, and the other way round: one of the two is enough.
+        // A host without a network still has its loopback, and vice versa: joining one of the two is enough.
         let joined = [Ipv4Addr::UNSPECIFIED, Ipv4Addr::LOCALHOST].map(|via| socket.join_multicast_v4(&group, &via));
         let [Err(error), Err(_)] = joined else { return Self::on(socket.into()) };
         Err(error)
     }
 
-    /// On a socket that is bound already.
+    /// Listens on a socket that is already bound.
     pub(super) fn on(socket: UdpSocket) -> io::Result<Self> {
         Ok(Self { port: Port::new(socket)?, since: now(), is_reported: false })
     }
 
-    /// The port of the first master X-Plane of this host that is heard before the deadline. A neighbour's is passed over:
-    /// its aircraft is not ours to fly.
+    /// Port of the first master X-Plane on this host whose beacon arrives before the deadline. Beacons of other hosts
+    /// are ignored, because their aircraft are not ours to fly.
     pub(super) fn find(&mut self, deadline: Instant, counters: &mut Counters) -> Option<u16> {
         loop {
             match self.port.receive(Some(deadline)) {
@@ -56,7 +56,7 @@ impl Search {
                         Err(_) => counters.malformed += 1,
                     }
                 }
-                // A neighbour's, which is what a beacon is for.
+                // A beacon of another host.
                 Received::Datagram(..) => {}
                 Received::Fault => {}
                 Received::Nothing => break,
@@ -73,8 +73,8 @@ impl Search {
         if !self.is_reported && now() >= self.since + PATIENCE {
             self.is_reported = true;
             tracing::warn!(
-                "no beacon of an X-Plane on this computer for {} s, still listening: is it running? Its address can be \
-                 given instead",
+                "no beacon from an X-Plane on this computer for {} s, still listening: is X-Plane running? You can \
+                 also give its address",
                 PATIENCE.as_secs()
             );
         }

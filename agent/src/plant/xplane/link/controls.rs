@@ -1,4 +1,4 @@
-//! The datagrams that hold the controls and set them, written once and sent with other values.
+//! Sends the datagrams that hold and set the controls. They are encoded once and sent again with other values.
 
 use std::net::SocketAddr;
 
@@ -8,7 +8,7 @@ use crate::plant::xplane::wire::dref::Template;
 use skein_core::aircraft::{Dataref, Profile};
 use skein_core::plant::Sticks;
 
-/// One template for each dataref of the profile.
+/// One datagram template for each dataref of the aircraft's profile.
 pub(super) struct Controls {
     overrides: Vec<Template>,
     hold: Vec<(Template, f32)>,
@@ -32,7 +32,7 @@ impl Controls {
         })
     }
 
-    /// Takes the controls, or confirms that they are taken: an aircraft that is reloaded forgets it.
+    /// Takes the controls, or confirms that they are taken: X-Plane forgets it when the aircraft is reloaded.
     pub(super) fn take(&mut self, port: &mut Port, to: SocketAddr) {
         self.set_overrides(1.0, port, to);
         for (template, value) in &mut self.hold {
@@ -40,7 +40,7 @@ impl Controls {
         }
     }
 
-    /// Gives the controls back.
+    /// Releases the controls.
     pub(super) fn give_back(&mut self, port: &mut Port, to: SocketAddr) {
         self.set_overrides(0.0, port, to);
     }
@@ -62,7 +62,7 @@ impl Controls {
     }
 }
 
-/// What is lost is sent again with the next frame; the port counts it.
+/// Sends a write. A lost one is repeated with the next frame; the port counts errors.
 fn send(port: &mut Port, template: &mut Template, value: f32, to: SocketAddr) {
     let _ = port.send(template.with_value(value), to);
 }

@@ -1,17 +1,17 @@
-//! Which datagrams are the simulator's.
+//! Recognises the simulator's datagrams.
 //!
-//! Any program of this computer can send to the agent's port, and X-Plane does not document from which port it answers. Two
-//! facts hold all the same:
+//! Any program on this computer can send to the agent's port, and X-Plane does not document from which port it replies.
+//! Two facts still identify its datagrams:
 //!
-//! * An answer to a request for a dataref (RREF) echoes the request's index. Each session draws its indices at random, so only
-//!   the simulator that was asked knows them. Of seven indices out of 2³¹, a datagram of 183 guesses holds three with
+//! * A reply to a dataref request (RREF) echoes the request's index. Each session draws its indices at random, so only
+//!   the queried simulator knows them. A datagram of 183 guesses contains three of seven indices out of 2³¹ with
 //!   probability 2·10⁻²⁰.
-//! * A position (RPOS) echoes nothing. It is the simulator's if it comes from the port that values with our indices come from.
-//!   A simulator that sends the two kinds from different ports is known by agreement: its positions agree with the latitude,
-//!   longitude and elevation that came with our indices, and no other port's do. Once known, the port alone counts until it
-//!   has been silent for a second, because a port belongs to one process at a time.
+//! * A position (RPOS) echoes nothing. It is the simulator's if it comes from the same port as values with our indices.
+//!   A simulator that sends the two kinds from different ports is recognised by agreement: its positions agree with the
+//!   latitude, longitude and elevation that came with our indices, and those of no other port do. Once recognised, the
+//!   port alone decides until it has been silent for a second, because a port belongs to one process at a time.
 //!
-//! No clock and no socket: arrival times and addresses are the caller's.
+//! This module has no clock and no socket: the caller passes arrival times and addresses.
 
 use std::net::SocketAddr;
 use std::time::{Duration, Instant};
@@ -23,24 +23,24 @@ use super::{RESUBSCRIBE_SILENT, STALE};
 use crate::plant::xplane::wire::rpos::Position;
 use skein_core::aircraft::Dataref;
 
-/// A datagram with some index that is not ours is believed only with this many that are: too many to be guessed.
+/// Number of our indices that proves a datagram in spite of foreign indices in it: too many to be guessed.
 const BEYOND_GUESSING: u32 = 3;
-/// Values older than this refute nothing and prove nothing. X-Plane slows its time below 19 frames a second, so a value comes at
-/// least every 53 ms; of four in a row one arrives.
+/// Age above which values neither refute nor support a position. X-Plane slows its time below 19 frames a second, so a
+/// value comes at least every 53 ms; one of four in a row arrives.
 const FRESH: Duration = Duration::from_millis(250);
-/// How long one port's positions have to agree while no other's do, before the port is believed. Longer than a silent simulator
-/// waits to be asked again: a lost request does not leave the field to another sender.
+/// Time for which one port's positions must agree, while those of no other port do, before the port is trusted. It is
+/// longer than the subscription period of a silent simulator, so a lost request does not favour another sender.
 const TRIAL: Duration = RESUBSCRIBE_SILENT.saturating_add(Duration::from_millis(500));
 
-/// Metres in a degree of latitude.
+/// Length of a degree of latitude, m.
 const METRES_PER_DEGREE: f64 = 111_320.0;
-/// No helicopter flies faster: what a position claims beyond it widens no tolerance.
+/// Highest speed of a position that widens the tolerance, m/s; no helicopter flies faster.
 const TOP_SPEED_M_S: f64 = 100.0;
-/// Covers what a position's speed leaves out. An acceleration of 2 g over 270 ms, the longest time between a fresh value and a
-/// position, is 0.7 m.
+/// Tolerance for motion that the speed does not cover, m. An acceleration of 2 g over 270 ms, the longest time between
+/// a fresh value and a position, amounts to 0.7 m.
 const MARGIN_M: f64 = 1.0;
 
-/// What is asked for beside the position.
+/// Values that are requested in addition to the position.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Value {
     RunningTime,
@@ -63,7 +63,7 @@ impl Value {
         Self::Elevation,
     ];
 
-    /// Its dataref; the rotor speed's is the aircraft's own.
+    /// Path of the value's dataref; the aircraft's profile gives that of the rotor speed.
     pub(super) fn path(self, rotor_speed_rpm: &Dataref) -> &str {
         match self {
             Self::RunningTime => "sim/time/total_running_time_sec",
@@ -77,13 +77,13 @@ impl Value {
     }
 }
 
-/// The index of each value in this session.
+/// Index of each value in this session.
 #[derive(Debug)]
 pub(super) struct Indices([i32; Value::ALL.len()]);
 
 impl Indices {
-    /// Unpredictable and distinct. X-Plane only echoes them; they are not negative because its documentation shows no
-    /// negative one. `None` if the system gives no randomness.
+    /// Draws unpredictable, distinct indices, or returns `None` if the system provides no random numbers. X-Plane only
+    /// echoes indices; they are not negative because its documentation shows no negative one.
     pub(super) fn draw() -> Option<Self> {
         let system = SystemRandom::new();
         loop {
@@ -101,13 +101,13 @@ impl Indices {
         self.0[value as usize]
     }
 
-    /// What this index stands for; `None` if the session did not ask with it.
+    /// Value requested with this index; `None` if the session did not use it.
     pub(super) fn value(&self, index: i32) -> Option<Value> {
         let nth = self.0.iter().position(|own| *own == index)?;
         Value::ALL.get(nth).copied()
     }
 
-    /// Whose answer a datagram with these indices is.
+    /// Classifies a datagram with these indices.
     pub(super) fn judge(&self, indices: impl Iterator<Item = i32>) -> Answer {
         let (mut ours, mut others) = (0_u32, false);
         for index in indices {
@@ -118,50 +118,51 @@ impl Indices {
         }
         match ours.count_ones() {
             BEYOND_GUESSING.. => Answer::Proof,
-            // X-Plane may send each value by itself, but has no reason to send others with it.
+            // X-Plane may send each value by itself, but has no reason to add other values to it.
             _ if !others => Answer::Ours,
             _ => Answer::Foreign,
         }
     }
 }
 
-/// What the indices of a datagram of values say of its sender.
+/// What a datagram's indices reveal about its sender.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Answer {
-    /// Its sender is the simulator, beyond doubt.
+    /// The sender is certainly the simulator.
     Proof,
-    /// Nothing in it is against it.
+    /// All indices are ours; the sender may be the simulator.
     Ours,
-    /// Its sender was not asked.
+    /// The sender was not asked.
     Foreign,
 }
 
-/// What is known of a position's sender.
+/// Assessment of a position's sender.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Sender {
-    /// It is the simulator.
+    /// The simulator.
     Simulator,
-    /// It may be: there are no values yet to compare with, or it has not agreed for long enough.
+    /// Possibly the simulator: there are no values yet to compare with, or its positions have not agreed for long
+    /// enough.
     Unproven,
-    /// It is not: its position is this far from where the simulator's values say, or (`None`) other senders are as
-    /// credible.
+    /// Not the simulator: its position is this much farther away than the values allow, m, or (`None`) other senders
+    /// are equally credible.
     Foreign(Option<f64>),
 }
 
-/// From where the simulator's positions come.
+/// Learns the port from which the simulator's positions come.
 #[derive(Debug, Default)]
 pub(super) struct Senders {
-    /// Latitude, longitude and elevation as they came with our indices.
+    /// Latitude, longitude and elevation from values with our indices.
     place: [Option<(Instant, f32)>; 3],
-    /// Which port answers with our indices.
+    /// Port that sends values with our indices.
     proven: Option<Seen>,
-    /// Which port's positions are believed.
+    /// Port whose positions are trusted.
     believed: Option<Seen>,
-    /// The port on trial, since when its positions have agreed.
+    /// Port on trial, and since when its positions have agreed.
     candidate: Option<(Seen, Instant)>,
 }
 
-/// A sender, and when its last datagram came.
+/// A sender and the time of its last datagram.
 #[derive(Clone, Copy, Debug)]
 struct Seen {
     address: SocketAddr,
@@ -175,12 +176,12 @@ impl Seen {
 }
 
 impl Senders {
-    /// An answer came that only the simulator can have sent.
+    /// Records a datagram that only the simulator can have sent.
     pub(super) fn prove(&mut self, address: SocketAddr, at: Instant) {
         self.proven = Some(Seen { address, at });
     }
 
-    /// A part of the aircraft's place came with our index.
+    /// Records a coordinate of the aircraft that came with our index.
     pub(super) fn place(&mut self, part: Value, value: f32, at: Instant) {
         let part = match part {
             Value::Latitude => 0,
@@ -191,8 +192,8 @@ impl Senders {
         self.place[part] = Some((at, value));
     }
 
-    /// Whose position this is that came from `from` at `at`. Positions are `frame_period_s` apart, and the simulator's time
-    /// passes `time_rate` times as fast as ours.
+    /// Assesses the sender of a position that came from `from` at `at`. Positions are `frame_period_s` apart;
+    /// `time_rate` is the simulator's time against local time.
     pub(super) fn judge(
         &mut self,
         from: SocketAddr,
@@ -217,7 +218,7 @@ impl Senders {
                     Sender::Simulator
                 }
             },
-            // A simulator that was only silent for a while does not compete with others for its place.
+            // A simulator that was silent for a while need not compete with other senders again.
             Some(believed) if believed.address == from && agrees == Some(true) => {
                 self.believe(seen);
                 Sender::Simulator
@@ -234,7 +235,7 @@ impl Senders {
         (self.believed, self.candidate) = (Some(seen), None);
     }
 
-    /// A position agrees while no port is believed.
+    /// Handles a position that agrees with the values while no port is trusted.
     fn try_out(&mut self, seen: Seen) -> Sender {
         let (rival, since) = match self.candidate {
             Some((last, since)) if last.is_silent(seen.at) => (None, since),
@@ -243,7 +244,7 @@ impl Senders {
         };
         match rival {
             Some(rival) if rival != seen.address => {
-                // Two agree, and nothing tells which is the simulator: both begin anew.
+                // Two senders agree, so neither can be trusted: the trial starts anew.
                 self.candidate = Some((seen, seen.at));
                 Sender::Foreign(None)
             }
@@ -262,11 +263,11 @@ impl Senders {
         }
     }
 
-    /// How much farther the position is from the values' place than it may be, m; `None` without fresh values.
+    /// Distance of the position from the values' place beyond the tolerance, m; `None` without fresh values.
     ///
-    /// A value is an f32: up to one step of it from the truth, whether X-Plane rounds or cuts (at most 0.85 m of latitude and
-    /// 1.7 m of longitude). It may be a frame older than the position or younger, and as old as it is: in that time the
-    /// aircraft moves by its speed.
+    /// A value is an f32, up to one step from the true one, whether X-Plane rounds or truncates (at most 0.85 m of
+    /// latitude and 1.7 m of longitude). It may be older than the position by its age, or a frame younger; in that time
+    /// the aircraft moves at its speed.
     fn beyond_m(&self, position: &Position, at: Instant, frame_period_s: f64, time_rate: f64) -> Option<f64> {
         let [Some(latitude), Some(longitude), Some(elevation)] = self.place else { return None };
         let oldest = latitude.0.min(longitude.0).min(elevation.0);
@@ -289,7 +290,7 @@ impl Senders {
     }
 }
 
-/// How far a difference from a value is beyond one step of that value.
+/// How far a difference from a value exceeds one f32 step of that value.
 fn off(difference: f64, value: f32) -> f64 {
     let step = f64::from(value.abs().next_up() - value.abs());
     (difference.abs() - step).max(0.0)

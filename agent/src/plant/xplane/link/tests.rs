@@ -35,16 +35,16 @@ fn next_frame(link: &mut XPlane) -> Frame {
     panic!("no frame in {PATIENCE:?}: {:?}", link.counters());
 }
 
-/// An X-Plane that does what its test says, and hears everything.
+/// An X-Plane that a test controls, and that records everything it receives.
 struct Scripted {
     socket: UdpSocket,
     heard: Vec<Vec<u8>>,
-    /// What the link has asked for at first.
+    /// The link's first requests.
     asked: Vec<Vec<u8>>,
 }
 
 impl Scripted {
-    /// It has answered with its place, from the port that was asked.
+    /// A simulator that has replied with its place, from the port that was asked.
     fn new() -> (Self, XPlane) {
         let (simulator, mut link) = Self::silent();
         simulator.send_place(&link, &at_height(0.0));
@@ -52,7 +52,7 @@ impl Scripted {
         (simulator, link)
     }
 
-    /// It has been asked and has not answered.
+    /// A simulator that was asked and has not replied.
     fn silent() -> (Self, XPlane) {
         let socket = UdpSocket::bind((LOCAL, 0)).unwrap();
         socket.set_read_timeout(Some(Duration::from_millis(50))).unwrap();
@@ -63,13 +63,13 @@ impl Scripted {
         (simulator, link)
     }
 
-    /// The index that the link has chosen for this dataref.
+    /// Index that the link has chosen for this dataref.
     fn index(&self, path: &str) -> i32 {
         let requests = self.asked.iter().filter_map(|datagram| rref::Request::decode(datagram).ok());
         requests.into_iter().find(|request| request.path == path).unwrap().index
     }
 
-    /// The values that a simulator with this position sends.
+    /// Values that a simulator at this position sends.
     fn place(&self, position: &Position) -> Vec<u8> {
         let pairs = [
             (self.index("sim/flightmodel/position/latitude"), position.latitude_deg as f32),
@@ -101,7 +101,7 @@ impl Scripted {
         self.send(link, &datagram);
     }
 
-    /// Everything that came since the last time.
+    /// Datagrams received since the last call.
     fn hear(&mut self) -> &[Vec<u8>] {
         self.heard.clear();
         let mut buffer = [0; MAX_DATAGRAM];
@@ -111,7 +111,7 @@ impl Scripted {
         &self.heard
     }
 
-    /// The datarefs written since the last time, in their order.
+    /// Dataref writes received since the last call, in order.
     fn writes(&mut self) -> Vec<(String, f32)> {
         let writes = self.hear().iter().filter_map(|datagram| Write::decode(datagram).ok());
         writes.map(|write| (write.path.to_owned(), write.value)).collect()
@@ -156,10 +156,10 @@ fn commands_take_the_override_first_and_then_set_every_axis() {
     assert_eq!(writes[writes.len() - 4..], axes);
     link.command(HOVER);
     let writes = simulator.writes();
-    assert_eq!(writes, axes, "overrides are not repeated at once");
+    assert_eq!(writes, axes, "the overrides are not repeated with every command");
     sleep_until(now() + CONFIRM_OVERRIDES);
     link.command(HOVER);
-    assert_eq!(simulator.writes()[0].0, "sim/operation/override/override_joystick", "but every 200 ms");
+    assert_eq!(simulator.writes()[0].0, "sim/operation/override/override_joystick", "every 200 ms they are");
 }
 
 #[test]
@@ -197,7 +197,7 @@ fn a_link_that_never_commanded_leaves_the_override_alone() {
     assert_eq!(
         writes.last(),
         Some(&("sim/operation/override/override_joystick".to_owned(), 0.0)),
-        "one that did, frees it"
+        "a link that has commanded releases the override"
     );
 }
 
@@ -358,27 +358,27 @@ mod beacons {
         assert_eq!(counters.malformed, 1);
     }
 
-    /// The one test with multicast: where none comes back, it says so and passes.
+    /// Needs multicast; without it the test prints that it was skipped, and passes.
     #[test]
     fn the_stand_in_is_heard_on_its_own_computer() {
-        let Ok(mut search) = Search::new() else { return println!("skipped: no multicast here") };
+        let Ok(mut search) = Search::new() else { return println!("skipped: this computer has no multicast") };
         let standin = Standin::open(&StandinOptions { beacon: true, ..live::options(0) }).unwrap();
         let address = standin.address();
         let _live = live::Live::run(standin);
         let (give_up, mut counters) = (now() + PATIENCE, Counters::default());
         let mut heard = Vec::new();
-        // Other simulators may be on the air here.
+        // Other simulators on this computer may send beacons too.
         while !heard.contains(&address.port()) && now() < give_up {
             heard.extend(search.find(now() + SOON, &mut counters));
         }
         if heard.is_empty() {
-            return println!("skipped: multicast does not come back here");
+            return println!("skipped: multicast does not return to this computer");
         }
         assert!(heard.contains(&address.port()), "{heard:?}");
     }
 }
 
-/// Against the stand-in, in real time.
+/// Tests against the stand-in, in real time.
 mod live {
     use super::*;
 
@@ -416,7 +416,7 @@ mod live {
         StandinOptions { port, ..options }
     }
 
-    /// What a dataref says, asked by a client of its own.
+    /// Value of a dataref, read by a separate client.
     fn read(simulator: SocketAddr, path: &str) -> f32 {
         let socket = UdpSocket::bind((LOCAL, 0)).unwrap();
         socket.set_read_timeout(Some(PATIENCE)).unwrap();
@@ -517,7 +517,7 @@ mod live {
         delays.sort_unstable();
         let (median, p99) = (delays[75], delays[148]);
         println!("from the position's arrival to the last control sent: median {median:?}, 99 % {p99:?}");
-        // Release builds on a quiet machine stay below 0.1 ms; the bound is what the loop is promised.
+        // Release builds on an idle computer stay below 0.1 ms; the asserted bound is the control loop's requirement.
         assert!(median < Duration::from_millis(1), "{median:?}");
     }
 }

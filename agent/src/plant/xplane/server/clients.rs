@@ -1,30 +1,30 @@
-//! Who has subscribed to what. Every table has a bound, and nothing is promised to a stranger.
+//! The clients and their subscriptions. Every table is bounded, because any program can subscribe.
 
 use std::net::SocketAddr;
 
 use super::datarefs::Handle;
 
-/// Clients at once.
+/// Largest number of clients.
 pub(super) const MAX_CLIENTS: usize = 64;
-/// Datarefs of one client.
+/// Largest number of values that one client subscribes to.
 pub(super) const MAX_SUBSCRIPTIONS: usize = 1000;
 
-/// When something is due that is sent `rate_hz` times a second, frame by frame and exactly on average.
+/// Decides in which frames something is sent `rate_hz` times a second; the rate is exact on average.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Schedule {
     rate_hz: u32,
-    /// Grows by the rate every frame; a frame rate's worth of it makes the thing due.
+    /// Grows by the rate every frame; at the frame rate the thing is due.
     phase: u32,
 }
 
 impl Schedule {
-    /// Due in the next frame, and then at the rate, never more than once a frame.
+    /// Due in the next frame and then at the rate, at most once a frame.
     fn new(rate_hz: u32, frame_rate_hz: u32) -> Self {
         let rate_hz = rate_hz.min(frame_rate_hz);
         Self { rate_hz, phase: frame_rate_hz - rate_hz }
     }
 
-    /// One frame on; whether it is due in this one.
+    /// Advances by one frame; returns whether the thing is due in it.
     pub(super) fn is_due(&mut self, frame_rate_hz: u32) -> bool {
         self.phase += self.rate_hz;
         let is_due = self.phase >= frame_rate_hz;
@@ -33,28 +33,28 @@ impl Schedule {
     }
 }
 
-/// One dataref that a client wants.
+/// A client's subscription to one dataref.
 pub(super) struct Subscription {
-    /// The client's own name for it.
+    /// The client's own number for it.
     pub(super) index: i32,
     pub(super) handle: Handle,
     pub(super) schedule: Schedule,
 }
 
-/// One address and port that asked for something.
+/// A client, identified by its address and port.
 pub(super) struct Client {
     pub(super) address: SocketAddr,
     pub(super) position: Option<Schedule>,
     pub(super) values: Vec<Subscription>,
-    /// The frame in which it last said anything.
+    /// Frame in which it last sent anything.
     pub(super) last_heard: u64,
 }
 
-/// All of them.
+/// All clients.
 pub(super) struct Clients {
     pub(super) all: Vec<Client>,
     frame_rate_hz: u32,
-    /// Frames after which a silent client may have to make room.
+    /// Number of frames after which a silent client may be replaced.
     silence: u64,
 }
 
@@ -63,7 +63,7 @@ impl Clients {
         Self { all: Vec::new(), frame_rate_hz, silence }
     }
 
-    /// Anything a client says shows that it is there.
+    /// Records that a client has sent a datagram.
     pub(super) fn heard(&mut self, address: SocketAddr, frame: u64) {
         if let Some(client) = self.all.iter_mut().find(|client| client.address == address) {
             client.last_heard = frame;
@@ -80,7 +80,7 @@ impl Clients {
         }
     }
 
-    /// The same index again replaces what it stood for.
+    /// Subscribes a client to a value. A request with the same index replaces the earlier one.
     pub(super) fn subscribe_value(
         &mut self,
         address: SocketAddr,
@@ -92,7 +92,7 @@ impl Clients {
         let schedule = Schedule::new(rate_hz, self.frame_rate_hz);
         let Some(client) = self.client(address, frame) else { return };
         if let Some(value) = client.values.iter_mut().find(|value| value.index == index) {
-            // The same rate again keeps its rhythm.
+            // A request with the same rate keeps its phase.
             let is_same = value.schedule.rate_hz == schedule.rate_hz;
             let schedule = if is_same { value.schedule } else { schedule };
             *value = Subscription { index, handle, schedule };
@@ -109,7 +109,7 @@ impl Clients {
         self.all.retain(|client| client.address != address);
     }
 
-    /// Changes a client if there is one; one that wants nothing any more is forgotten.
+    /// Changes a client, if it exists; a client without subscriptions is removed.
     fn change(&mut self, address: SocketAddr, change: impl FnOnce(&mut Client)) {
         if let Some(client) = self.all.iter_mut().find(|client| client.address == address) {
             change(client);
@@ -117,8 +117,8 @@ impl Clients {
         self.all.retain(|client| client.position.is_some() || !client.values.is_empty());
     }
 
-    /// The client with this address, a new one if need be. When the table is full a long silent one makes room: X-Plane
-    /// goes on sending to clients that are gone, and so does this server, but not to their successors' cost.
+    /// The client with this address, a new one if needed. X-Plane keeps sending to clients that have gone, and so does
+    /// this server; but when the table is full, a new client replaces one that has been silent for long.
     fn client(&mut self, address: SocketAddr, frame: u64) -> Option<&mut Client> {
         if let Some(at) = self.all.iter().position(|client| client.address == address) {
             return self.all.get_mut(at);

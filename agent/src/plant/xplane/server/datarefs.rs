@@ -1,4 +1,4 @@
-//! The datarefs of the stand-in: which there are, which may be written, what they say.
+//! The stand-in's datarefs: their names, their values, and which can be written.
 
 use crate::plant::xplane::convert::{self, rpm_from_rad_s};
 use crate::plant::xplane::wire::rpos::Position;
@@ -6,10 +6,10 @@ use skein_common::math;
 use skein_core::aircraft::name_and_element;
 use skein_core::plant::Frame;
 
-/// Elements of a per-engine array from X-Plane 12 on; before, there were eight.
+/// Number of elements of a per-engine array since X-Plane 12; X-Plane 11 has eight.
 const ENGINES: usize = 16;
 
-/// What a value that is read is computed from.
+/// State of the simulation from which values are computed.
 pub(super) struct Situation {
     pub(super) position: Position,
     pub(super) rotor_speed_rad_s: f64,
@@ -32,7 +32,7 @@ impl Situation {
     }
 }
 
-/// A dataref that may be written and keeps what was written.
+/// A dataref that can be written and keeps its value.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Setting {
     OverrideJoystick,
@@ -50,10 +50,10 @@ pub(super) enum Setting {
 impl Setting {
     const COUNT: usize = Self::Governor as usize + 1;
 
-    /// What X-Plane makes of a number written here.
+    /// The number that X-Plane stores when this one is written.
     fn taken(self, value: f32) -> f32 {
         match self {
-            // These are integers: the fraction is cut off.
+            // These are integers, so the fraction is cut off.
             Self::OverrideJoystick | Self::OverrideRoll | Self::OverridePitch | Self::OverrideYaw | Self::Governor => {
                 value.trunc()
             }
@@ -63,12 +63,12 @@ impl Setting {
     }
 }
 
-/// What was written, element by element.
+/// Values of all settings, element by element.
 #[derive(Clone, Debug)]
 pub(super) struct Settings([[f32; ENGINES]; Setting::COUNT]);
 
 impl Settings {
-    /// A helicopter with its engine running, the lever down and nobody's hand on it.
+    /// A helicopter with a running engine, the collective down and free controls.
     pub(super) fn new() -> Self {
         let mut settings = Self([[0.0; ENGINES]; Setting::COUNT]);
         settings.0[Setting::Throttle as usize] = [1.0; ENGINES];
@@ -76,7 +76,7 @@ impl Settings {
         settings
     }
 
-    /// The first element.
+    /// Value of the setting's first element.
     pub(super) fn first(&self, setting: Setting) -> f32 {
         self.0[setting as usize][0]
     }
@@ -87,11 +87,11 @@ impl Settings {
 }
 
 enum Source {
-    /// Read only, computed. An array has it in its first element and zeros behind.
+    /// Computed and read-only. An array has the value in its first element and zeros in the others.
     Computed(fn(&Situation) -> f64),
-    /// Each element by itself.
+    /// Writable, each element by itself.
     Kept(Setting),
-    /// One lever for all elements.
+    /// Writable, one value for all elements.
     All(Setting),
 }
 
@@ -109,7 +109,7 @@ const fn per_engine(path: &'static str, source: Source) -> Dataref {
     Dataref { path, is_per_engine: true, source }
 }
 
-/// Looked up only when somebody subscribes or writes.
+/// All datarefs; searched only when a client subscribes or writes.
 #[rustfmt::skip]
 static DATAREFS: &[Dataref] = &{
     use Setting::*;
@@ -140,7 +140,7 @@ static DATAREFS: &[Dataref] = &{
         per_engine("sim/cockpit2/engine/indicators/prop_speed_rpm", Computed(|s| rpm_from_rad_s(s.rotor_speed_rad_s))),
         per_engine("sim/flightmodel/engine/POINT_tacrad", Computed(|s| s.rotor_speed_rad_s)),
         per_engine("sim/flightmodel/engine/ENGN_running", Computed(|_| 1.0)),
-        // Time and version. Nothing here pauses the stand-in.
+        // Time and version. The stand-in is never paused.
         scalar("sim/time/total_running_time_sec", Computed(|s| s.running_s)),
         scalar("sim/time/total_flight_time_sec", Computed(|s| s.flight_s)),
         scalar("sim/time/paused", Computed(|_| 0.0)),
@@ -157,7 +157,7 @@ static DATAREFS: &[Dataref] = &{
         scalar("sim/joystick/yoke_heading_ratio", Kept(Yaw)),
         scalar("sim/cockpit2/engine/actuators/prop_ratio_all", All(Collective)),
         per_engine("sim/cockpit2/engine/actuators/prop_ratio", Kept(Collective)),
-        // The governor owns the throttle whatever is written here.
+        // The governor controls the throttle, whatever is written here.
         scalar("sim/cockpit2/engine/actuators/throttle_ratio_all", All(Throttle)),
         per_engine("sim/cockpit2/engine/actuators/throttle_ratio", Kept(Throttle)),
         per_engine("sim/cockpit2/engine/actuators/governor_on", Kept(Governor)),
@@ -168,7 +168,7 @@ fn groundspeed_m_s(situation: &Situation) -> f64 {
     math::hypot(f64::from(situation.position.velocity_east_m_s), situation.position.velocity_south_m_s.into())
 }
 
-/// A dataref that exists, or one element of it.
+/// An existing dataref, or one element of it.
 #[derive(Clone, Copy)]
 pub(super) struct Handle {
     dataref: &'static Dataref,
@@ -176,7 +176,7 @@ pub(super) struct Handle {
 }
 
 impl Handle {
-    /// Finds it by its path; `engines` is the length of per-engine arrays.
+    /// Finds a dataref by its path; `engines` is the length of per-engine arrays.
     pub(super) fn find(path: &str, engines: usize) -> Option<Self> {
         let (name, element) = name_and_element(path)?;
         let dataref = DATAREFS.iter().find(|dataref| dataref.path == name)?;
@@ -184,7 +184,7 @@ impl Handle {
         (element < elements).then_some(Self { dataref, element })
     }
 
-    /// The value, as every type of dataref is sent.
+    /// Reads the value; every type of dataref is sent as f32.
     pub(super) fn read(&self, situation: &Situation, settings: &Settings) -> f32 {
         match self.dataref.source {
             Source::Computed(value) if self.element == 0 => value(situation) as f32,
@@ -194,7 +194,7 @@ impl Handle {
         }
     }
 
-    /// Writes it; tells which setting that was. What is computed is read-only.
+    /// Writes a value and returns the setting that has changed; `None` for a read-only dataref.
     pub(super) fn write(&self, value: f32, settings: &mut Settings) -> Option<Setting> {
         let setting = match self.dataref.source {
             Source::Computed(_) => return None,

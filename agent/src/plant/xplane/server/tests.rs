@@ -36,7 +36,7 @@ fn flying() -> Frame {
     }
 }
 
-/// A server and what it sent.
+/// A server and the datagrams that it has sent.
 struct Bench {
     server: Server,
     sent: Vec<(SocketAddr, Vec<u8>)>,
@@ -81,7 +81,7 @@ impl Bench {
         self.sent.iter().filter(|(client, datagram)| *client == to && datagram.starts_with(b"RPOS")).count()
     }
 
-    /// Every value sent to a client, by its index.
+    /// All values sent to a client, by index.
     fn values(&self, to: SocketAddr) -> BTreeMap<i32, Vec<f32>> {
         let mut values: BTreeMap<i32, Vec<f32>> = BTreeMap::new();
         for (_, datagram) in
@@ -94,7 +94,7 @@ impl Bench {
         values
     }
 
-    /// What a dataref says in the next frame.
+    /// Value of a dataref in the next frame.
     fn read(&mut self, path: &str) -> Option<f32> {
         let reader = client(60_000);
         self.want(reader, RATE_HZ, 0, path);
@@ -111,7 +111,7 @@ fn positions_come_at_the_rate_asked_for_and_never_faster_than_frames() {
         let mut bench = Bench::new();
         bench.want_position(client(1), asked);
         bench.frame();
-        assert_eq!(bench.positions(client(1)), 1, "the first at once");
+        assert_eq!(bench.positions(client(1)), 1, "the first is sent at once");
         bench.frames(49);
         assert_eq!(bench.positions(client(1)), expected, "{asked} Hz");
     }
@@ -205,10 +205,10 @@ fn unknown_datarefs_and_elements_are_met_with_silence() {
     }
     bench.frames(3);
     assert!(bench.sent.is_empty());
-    assert!(bench.read("sim/time/paused[0]").is_some(), "a scalar may be called its own first element");
+    assert!(bench.read("sim/time/paused[0]").is_some(), "a scalar may be read as its own first element");
     assert!(bench.read("sim/cockpit2/engine/actuators/prop_ratio[15]").is_some());
     bench.server = Server::new(Version::V11, RATE_HZ);
-    assert!(bench.read("sim/cockpit2/engine/actuators/prop_ratio[8]").is_none(), "eight engines in X-Plane 11");
+    assert!(bench.read("sim/cockpit2/engine/actuators/prop_ratio[8]").is_none(), "X-Plane 11 has eight engines");
     assert_eq!(bench.read("sim/version/xplane_internal_version"), Some(115_501.0));
 }
 
@@ -234,7 +234,7 @@ fn nobody_holds_the_stick_before_an_override_and_a_collective() {
     let mut bench = Bench::new();
     bench.set(ROLL, 0.5);
     assert_eq!(bench.frame(), None);
-    assert_eq!(bench.read(ROLL), Some(0.0), "overwritten in the next frame");
+    assert_eq!(bench.read(ROLL), Some(0.0), "the pilot's centred axis overwrites it in the next frame");
     bench.set(JOYSTICK, 1.0);
     bench.set(ROLL, 0.5);
     assert_eq!(bench.frame(), None);
@@ -243,7 +243,7 @@ fn nobody_holds_the_stick_before_an_override_and_a_collective() {
     let sticks = bench.frame().unwrap();
     assert_eq!(sticks, Sticks { roll: 0.5, pitch: 0.0, yaw: 0.0, collective: f64::from(0.6_f32) });
     bench.frames(100);
-    assert_eq!(bench.frame(), Some(sticks), "what is overridden stays as written");
+    assert_eq!(bench.frame(), Some(sticks), "an overridden axis keeps its value");
 }
 
 #[test]
@@ -405,7 +405,7 @@ fn a_subscriber_silent_for_long_still_hears_but_no_longer_keeps_the_server_in_us
     assert!(!bench.server.is_used());
     assert_eq!(bench.positions(client(1)), 13 * 50);
     bench.set(ROLL, 0.0);
-    assert!(bench.server.is_used(), "any word of a subscriber will do");
+    assert!(bench.server.is_used(), "any datagram from a subscriber suffices");
 }
 
 proptest! {

@@ -14,13 +14,13 @@ struct Cli {
     options: StandinOptions,
 }
 
-/// On a port of the system's choice, silent.
+/// Options with a port chosen by the system and without a beacon.
 fn options(arguments: &[&str]) -> StandinOptions {
     let given = ["xplane-standin", "--port", "0", "--beacon", "false"].iter().chain(arguments);
     Cli::try_parse_from(given).unwrap().options
 }
 
-/// A client and a stand-in whose frames are made by hand.
+/// A client and a stand-in whose frames the test runs.
 struct Bench {
     standin: Standin,
     client: UdpSocket,
@@ -181,6 +181,6 @@ fn the_run_keeps_its_pace_and_stops_when_told() {
         let local_s = (now() - began).as_secs_f64();
         stop.store(true, Relaxed);
         assert!((last_s - first_s - 1.0).abs() < 1e-4);
-        assert!(local_s > 0.9, "a second passed in {local_s} s");
+        assert!(local_s > 0.9, "a simulated second took {local_s} s");
     });
 }

@@ -1,49 +1,52 @@
-//! BECN: about once a second, by multicast, X-Plane says that it is there and on which port it listens.
+//! BECN: the beacon by which X-Plane announces itself and its port, by multicast about once a second.
 
 use super::{Fields, Tag, WireError, begin, body};
 
-/// The message's letters.
+/// Tag of the message.
 pub const TAG: Tag = *b"BECN";
-/// The multicast group of the beacon.
+/// Multicast group of the beacon.
 pub const GROUP: [u8; 4] = [239, 255, 1, 1];
-/// The UDP port of the beacon.
+/// UDP port of the beacon.
 pub const PORT: u16 = 49707;
 
-/// The layout read and written here. A higher minor version only appends fields.
+/// Major version of the layout. A higher minor version only appends fields.
 const MAJOR: u8 = 1;
-/// X-Plane's RakNet multiplayer port, which answers no dataref requests.
+/// X-Plane's RakNet multiplayer port, which does not serve datarefs.
 pub const RAKNET_PORT: u16 = 49010;
 
-/// A beacon. It carries no address: that is the datagram's source.
+/// Contents of a beacon. Its address is the source of the datagram.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Beacon {
     /// 1 up to X-Plane 11.4; from 2 (11.50) on, the RakNet port follows the name.
     pub minor: u8,
-    /// 1 is X-Plane, 2 is Plane Maker.
+    /// Program: 1 is X-Plane, 2 is Plane Maker.
     pub host_id: i32,
-    /// 121400 is 12.1.4.
+    /// Version number of X-Plane: 121400 is 12.1.4.
     pub version: i32,
-    /// 1 master, 2 external visual, 3 instructor's station.
+    /// Role: 1 master, 2 external visual, 3 instructor's station.
     pub role: u32,
-    /// The UDP port on which this X-Plane receives.
+    /// UDP port on which this X-Plane receives.
     pub port: u16,
-    /// The computer's name.
+    /// Name of the computer.
     pub name: String,
-    /// From minor version 2 on.
+    /// RakNet port, present from minor version 2 on.
     pub raknet_port: Option<u16>,
 }
 
-/// Bytes before the name.
+/// Number of bytes before the name.
 const FIXED: usize = 21;
 
 impl Beacon {
-    /// An X-Plane that flies its own aircraft, as opposed to Plane Maker or a machine that only shows its outside.
+    /// Whether this X-Plane flies its own aircraft, unlike Plane Maker or an external visual.
     pub fn is_master(&self) -> bool {
         self.host_id == 1 && self.role == 1
     }
 
-    /// Reads a beacon of any minor version, its name cut after the NUL (as on the wire) or filling its 500 bytes (as in
-    /// print). A name that is not UTF-8 is repaired: it is only shown.
+    /// Decodes a beacon of any minor version. Its name ends after the NUL (as X-Plane sends it) or fills 500 bytes (as
+    /// documented). A name that is not UTF-8 is repaired, because it is only displayed.
+    ///
+    /// # Errors
+    /// If the datagram is not a beacon of this major version.
     pub fn decode(datagram: &[u8]) -> Result<Self, WireError> {
         let mut fields = Fields(body(datagram, &TAG)?);
         let (major, minor) = (fields.u8()?, fields.u8()?);
@@ -65,7 +68,10 @@ impl Beacon {
         if beacon.port == 0 { Err(WireError::OutOfRange) } else { Ok(beacon) }
     }
 
-    /// Writes the beacon, its name cut after the NUL.
+    /// Encodes the beacon; its name ends after the NUL.
+    ///
+    /// # Errors
+    /// If the name is too long or contains a NUL.
     pub fn encode(&self, out: &mut Vec<u8>) -> Result<(), WireError> {
         if self.name.contains('\0') {
             return Err(WireError::NotText);

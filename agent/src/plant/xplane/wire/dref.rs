@@ -1,31 +1,37 @@
-//! DREF: writes a dataref. Nothing answers: an unknown or read-only dataref is passed over in silence.
+//! DREF: writes a dataref. X-Plane sends no reply and ignores an unknown or read-only dataref.
 
 use super::{Tag, WireError, begin, body_of_size, finish_with_text, path};
 
-/// The message's letters.
+/// Tag of the message.
 pub const TAG: Tag = *b"DREF";
-/// Length on the wire.
+/// Length of the message, bytes.
 pub const SIZE: usize = 509;
-/// Where the value stands: a message once written is sent again with another value.
+/// Position of the value in the message, so that a message can be sent again with another value.
 const VALUE: std::ops::Range<usize> = 5..9;
 
-/// Sets a dataref. X-Plane converts the number to the dataref's own type.
+/// A write to a dataref. X-Plane converts the number to the dataref's own type.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Write<'a> {
-    /// In the dataref's unit.
+    /// The value, in the dataref's unit.
     pub value: f32,
-    /// The dataref, an array's element as `path[n]`.
+    /// Path of the dataref; an array element is `path[n]`.
     pub path: &'a str,
 }
 
 impl<'a> Write<'a> {
-    /// Reads a write; its path ends at the first NUL, and whatever pads the field is ignored.
+    /// Decodes a write; its path ends at the first NUL, and padding after it is ignored.
+    ///
+    /// # Errors
+    /// If the datagram is not a write.
     pub fn decode(datagram: &'a [u8]) -> Result<Self, WireError> {
         let mut fields = body_of_size(datagram, &TAG, SIZE)?;
         Ok(Self { value: fields.finite_f32()?, path: path(fields.text())? })
     }
 
-    /// Writes it; the path has at most 499 bytes.
+    /// Encodes the write; the path has at most 499 bytes.
+    ///
+    /// # Errors
+    /// If the path is too long or contains a NUL.
     pub fn encode(&self, out: &mut Vec<u8>) -> Result<(), WireError> {
         begin(out, &TAG, 0);
         out.extend(self.value.to_le_bytes());
@@ -33,12 +39,15 @@ impl<'a> Write<'a> {
     }
 }
 
-/// A write of one dataref that is sent again and again: only four bytes change.
+/// An encoded write that is sent repeatedly with different values.
 #[derive(Clone, Debug)]
 pub struct Template(Vec<u8>);
 
 impl Template {
-    /// For this dataref, of at most 499 bytes.
+    /// Encodes a write for this dataref, whose path has at most 499 bytes.
+    ///
+    /// # Errors
+    /// If the path is too long or contains a NUL.
     pub fn new(path: &str) -> Result<Self, WireError> {
         let mut datagram = Vec::with_capacity(SIZE);
         Write { value: 0.0, path }.encode(&mut datagram)?;
@@ -47,7 +56,7 @@ impl Template {
 
     /// The datagram that writes `value`.
     pub fn with_value(&mut self, value: f32) -> &[u8] {
-        // A template has SIZE bytes, so the field is there.
+        // A template has SIZE bytes, so the field exists.
         if let Some(field) = self.0.get_mut(VALUE) {
             field.copy_from_slice(&value.to_le_bytes());
         }

@@ -1,37 +1,40 @@
-//! PREL: places an aircraft. Of its many kinds of start only type 6 is here: latitude, longitude and elevation, with the
-//! airport's fields zero.
+//! PREL: places an aircraft. Of its start types only type 6 is supported: latitude, longitude and elevation, with empty
+//! airport fields.
 
 use super::{Tag, WireError, begin, body_of_size};
 
-/// The message's letters.
+/// Tag of the message.
 pub const TAG: Tag = *b"PREL";
-/// Length on the wire.
+/// Length of the message, bytes.
 pub const SIZE: usize = 69;
 
 /// Start type: latitude, longitude, elevation.
 const AT_A_PLACE: i32 = 6;
-/// X-Plane has this many aircraft, the user's first.
+/// Number of aircraft in X-Plane; the user's is number 0.
 const AIRCRAFT: i32 = 20;
 
-/// Puts an aircraft at a place, in flight or on the ground.
+/// Placement of an aircraft, in flight or on the ground.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Placement {
-    /// 0 is the user's own aircraft, up to 19.
+    /// Number of the aircraft: 0 is the user's own, 19 the last.
     pub aircraft: u8,
-    /// −90 to 90, north positive.
+    /// Latitude, −90 to 90, north positive.
     pub latitude_deg: f64,
-    /// −180 to 180, east positive.
+    /// Longitude, −180 to 180, east positive.
     pub longitude_deg: f64,
-    /// Above mean sea level.
+    /// Elevation above mean sea level.
     pub elevation_m: f64,
-    /// Clockwise from true north.
+    /// Heading, clockwise from true north.
     pub heading_deg: f64,
-    /// Along the heading.
+    /// Speed along the heading.
     pub speed_m_s: f64,
 }
 
 impl Placement {
-    /// Reads a placement; another start type is out of range. What the airport's fields hold is ignored.
+    /// Decodes a placement; the airport fields are ignored.
+    ///
+    /// # Errors
+    /// If the datagram is not a placement, has another start type, or has a number out of range.
     pub fn decode(datagram: &[u8]) -> Result<Self, WireError> {
         let mut fields = body_of_size(datagram, &TAG, SIZE)?;
         let (start, aircraft) = (fields.i32()?, fields.i32()?);
@@ -49,7 +52,7 @@ impl Placement {
         if on_the_globe && known { Ok(placement) } else { Err(WireError::OutOfRange) }
     }
 
-    /// Writes the placement.
+    /// Encodes the placement.
     pub fn encode(&self, out: &mut Vec<u8>) {
         begin(out, &TAG, 0);
         out.extend(AT_A_PLACE.to_le_bytes());

@@ -1,21 +1,24 @@
-//! RPOS: the position stream, in double precision. The values carry no time stamp.
+//! RPOS: the position stream. Positions are in double precision and carry no time stamp.
 
 use super::{Tag, WireError, begin, body, body_of_size};
 
-/// The message's letters.
+/// Tag of the message.
 pub const TAG: Tag = *b"RPOS";
-/// Length of [`Position`] on the wire.
+/// Length of an encoded [`Position`], bytes.
 pub const SIZE: usize = 69;
 
-/// Asks for [`Position`] this many times a second; 0 ends it.
+/// Subscription to [`Position`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Request {
-    /// Positions a second. X-Plane never sends more than it draws frames.
+    /// Positions per second; 0 ends the subscription. X-Plane never sends more than one position per frame.
     pub rate_hz: u32,
 }
 
 impl Request {
-    /// Reads the rate: decimal digits up to a NUL, or to the end; padding after the NUL is ignored.
+    /// Decodes the rate: decimal digits up to a NUL or to the end; padding after the NUL is ignored.
+    ///
+    /// # Errors
+    /// If the datagram is not a subscription.
     pub fn decode(datagram: &[u8]) -> Result<Self, WireError> {
         let text = body(datagram, &TAG)?.split(|&byte| byte == 0).next().unwrap_or_default();
         if text.is_empty() || !text.iter().all(u8::is_ascii_digit) {
@@ -25,7 +28,7 @@ impl Request {
         Ok(Self { rate_hz: rate_hz.parse().map_err(|_| WireError::OutOfRange)? })
     }
 
-    /// Writes the rate in digits and a NUL.
+    /// Encodes the rate as digits and a NUL.
     pub fn encode(&self, out: &mut Vec<u8>) {
         begin(out, &TAG, 0);
         out.extend_from_slice(self.rate_hz.to_string().as_bytes());
@@ -33,39 +36,42 @@ impl Request {
     }
 }
 
-/// Where the aircraft is, in X-Plane's units and axes.
+/// Position and motion of the aircraft, in X-Plane's units and axes.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Position {
-    /// −180 to 180, east positive.
+    /// Longitude, −180 to 180, east positive.
     pub longitude_deg: f64,
-    /// −90 to 90, north positive.
+    /// Latitude, −90 to 90, north positive.
     pub latitude_deg: f64,
-    /// Above mean sea level.
+    /// Elevation above mean sea level.
     pub elevation_m: f64,
-    /// Above the terrain.
+    /// Height above the terrain.
     pub height_m: f32,
-    /// θ, nose up positive.
+    /// Pitch θ, nose up positive.
     pub pitch_deg: f32,
-    /// ψ, clockwise from true north.
+    /// Heading ψ, clockwise from true north.
     pub heading_deg: f32,
-    /// φ, right bank positive.
+    /// Roll φ, right bank positive.
     pub roll_deg: f32,
-    /// x of X-Plane's local frame.
+    /// Velocity along x of X-Plane's local frame.
     pub velocity_east_m_s: f32,
-    /// y of X-Plane's local frame.
+    /// Velocity along y of X-Plane's local frame.
     pub velocity_up_m_s: f32,
-    /// z of X-Plane's local frame.
+    /// Velocity along z of X-Plane's local frame.
     pub velocity_south_m_s: f32,
-    /// P, right side down positive.
+    /// Roll rate P, right side down positive.
     pub roll_rate_rad_s: f32,
-    /// Q, nose up positive.
+    /// Pitch rate Q, nose up positive.
     pub pitch_rate_rad_s: f32,
-    /// R, nose right positive.
+    /// Yaw rate R, nose right positive.
     pub yaw_rate_rad_s: f32,
 }
 
 impl Position {
-    /// Reads a position: every number is finite, and the place is on the globe.
+    /// Decodes a position.
+    ///
+    /// # Errors
+    /// If the datagram is not a position, a number is not finite, or the place is not on the globe.
     pub fn decode(datagram: &[u8]) -> Result<Self, WireError> {
         let mut fields = body_of_size(datagram, &TAG, SIZE)?;
         let position = Self {
@@ -87,7 +93,7 @@ impl Position {
         if on_the_globe { Ok(position) } else { Err(WireError::OutOfRange) }
     }
 
-    /// Writes the position.
+    /// Encodes the position.
     pub fn encode(&self, out: &mut Vec<u8>) {
         begin(out, &TAG, 0);
         for value in [self.longitude_deg, self.latitude_deg, self.elevation_m] {

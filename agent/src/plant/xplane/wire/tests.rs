@@ -6,7 +6,7 @@ use super::prel::Placement;
 use super::rpos::Position;
 use super::*;
 
-/// A message typed from the layout tables: fields in hexadecimal, spaces between them, `N*00` for N zero bytes.
+/// Bytes of a layout written by hand: fields in hexadecimal, separated by spaces; `N*00` means N zero bytes.
 fn typed(layout: &str) -> Vec<u8> {
     let mut bytes = Vec::new();
     for field in layout.split_whitespace() {
@@ -284,7 +284,7 @@ mod refused {
     }
 }
 
-/// Bytes that begin like a message, or like nothing: noise, numbers that can be, or text with whatever pads it.
+/// Bytes that start with a tag of a message, or without one: noise, plausible numbers, or text with any padding.
 fn any_datagram() -> impl Strategy<Value = Vec<u8>> {
     let tag = prop::sample::select(vec![&b"BECN\0"[..], b"RPOS\0", b"RREF,", b"DREF0", b"PREL\0", b""]);
     let length = prop_oneof![0..600_usize, Just(64_usize), Just(408), Just(504), Just(1464), 1400..2000_usize];

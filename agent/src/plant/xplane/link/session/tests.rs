@@ -13,12 +13,12 @@ fn hovering() -> Position {
     Position { latitude_deg: 48.1, longitude_deg: 11.5, elevation_m: 530.0, height_m: 30.0, ..Position::default() }
 }
 
-/// North of where it was.
+/// A position `north_m` north of another.
 fn moved_m(position: Position, north_m: f64) -> Position {
     Position { latitude_deg: position.latitude_deg + north_m / METRES_PER_DEGREE, ..position }
 }
 
-/// Senders and the time, one frame after the other.
+/// The senders' assessment over time, frame by frame.
 struct Bench {
     senders: Senders,
     at: Instant,
@@ -33,7 +33,7 @@ impl Bench {
         self.at += Duration::from_secs_f64(seconds);
     }
 
-    /// Values with our indices.
+    /// Records values with our indices.
     fn values(&mut self, position: &Position) {
         self.senders.place(Value::Latitude, position.latitude_deg as f32, self.at);
         self.senders.place(Value::Longitude, position.longitude_deg as f32, self.at);
@@ -44,7 +44,8 @@ impl Bench {
         self.senders.judge(address(port), position, self.at, FRAME_S, 1.0)
     }
 
-    /// Frames with values, and a position from each of these ports. What became of the first port's last.
+    /// Runs frames with values and one position from each port; returns the assessment of the first port's last
+    /// position.
     fn frames(&mut self, seconds: f64, from: &[(u16, Position)]) -> Sender {
         let mut last = Sender::Unproven;
         for _ in 0..(seconds / FRAME_S).round() as u32 {
@@ -73,13 +74,13 @@ fn only_who_was_asked_knows_the_indices() {
     let indices = Indices([5, 900, 17, 4000, 1000, 2000, 3000]);
     let judge = |answer: &[i32]| indices.judge(answer.iter().copied());
     assert_eq!(judge(&[5, 900, 17, 1000]), Answer::Proof);
-    assert_eq!(judge(&[5, 900, 17, 1]), Answer::Proof, "left over from a program that had this port before");
+    assert_eq!(judge(&[5, 900, 17, 1]), Answer::Proof, "with a subscription of an earlier program on this port");
     assert_eq!(judge(&[1000]), Answer::Ours);
-    assert_eq!(judge(&[1000, 1000, 1000, 5]), Answer::Ours, "two indices, however often");
+    assert_eq!(judge(&[1000, 1000, 1000, 5]), Answer::Ours, "two different indices");
     assert_eq!(judge(&[1000, 5, 1]), Answer::Foreign);
     assert_eq!(judge(&[1]), Answer::Foreign);
     let guesses: Vec<i32> = (1..=183).collect();
-    assert_eq!(judge(&guesses), Answer::Foreign, "two were hit by chance");
+    assert_eq!(judge(&guesses), Answer::Foreign, "two indices were guessed by chance");
 }
 
 #[test]
@@ -88,12 +89,12 @@ fn the_port_of_the_values_is_believed_at_once_and_no_other() {
     bench.senders.prove(address(49_000), bench.at);
     bench.values(&hovering());
     assert_eq!(bench.position(49_000, &hovering()), Sender::Simulator);
-    assert!(matches!(bench.position(50_000, &hovering()), Sender::Foreign(_)), "however near it is");
+    assert!(matches!(bench.position(50_000, &hovering()), Sender::Foreign(_)), "even at the same place");
     assert!(matches!(bench.position(50_000, &moved_m(hovering(), 100.0)), Sender::Foreign(Some(_))));
     assert_eq!(
         bench.position(49_000, &moved_m(hovering(), 500.0)),
         Sender::Simulator,
-        "an aircraft that was re-placed"
+        "the aircraft was placed elsewhere"
     );
 }
 
@@ -112,7 +113,7 @@ fn another_port_is_believed_once_it_alone_has_agreed_for_the_trial() {
     assert_eq!(bench.frames(1.4, &[(49_001, hovering())]), Sender::Unproven);
     assert_eq!(bench.frames(0.2, &[(49_001, hovering())]), Sender::Simulator);
     assert_eq!(bench.frames(3.0, &[(49_001, hovering()), (50_000, hovering())]), Sender::Simulator);
-    assert!(matches!(bench.position(50_000, &hovering()), Sender::Foreign(_)), "a near one that comes later");
+    assert!(matches!(bench.position(50_000, &hovering()), Sender::Foreign(_)), "a later sender at the same place");
     assert!(matches!(bench.position(49_001, &moved_m(hovering(), 9.0)), Sender::Foreign(Some(_))));
 }
 
@@ -124,7 +125,7 @@ fn a_far_sender_never_is() {
     assert_eq!(
         bench.frames(2.0, &[(49_001, hovering()), (50_000, far)]),
         Sender::Simulator,
-        "nor does it keep others out"
+        "a distant sender does not keep the simulator from being trusted"
     );
 }
 
@@ -140,7 +141,7 @@ fn of_two_that_agree_none_is_until_one_falls_silent() {
 #[test]
 fn proof_ends_any_trial_and_any_belief() {
     let mut bench = Bench::new();
-    assert_eq!(bench.frames(2.0, &[(50_000, hovering())]), Sender::Simulator, "nobody else was there");
+    assert_eq!(bench.frames(2.0, &[(50_000, hovering())]), Sender::Simulator, "there was no other sender");
     bench.senders.prove(address(49_000), bench.at);
     assert_eq!(bench.position(49_000, &hovering()), Sender::Simulator);
     assert!(matches!(bench.position(50_000, &hovering()), Sender::Foreign(_)));
@@ -151,7 +152,7 @@ fn after_a_silence_the_old_port_is_believed_at_once_and_a_new_one_after_a_trial(
     let mut bench = Bench::new();
     assert_eq!(bench.frames(2.0, &[(49_001, hovering())]), Sender::Simulator);
     bench.wait_s(1.5);
-    assert_eq!(bench.position(49_001, &hovering()), Sender::Unproven, "its values are as old");
+    assert_eq!(bench.position(49_001, &hovering()), Sender::Unproven, "the values are as old as the silence");
     assert_eq!(bench.frames(0.02, &[(49_001, hovering())]), Sender::Simulator);
     bench.wait_s(1.5);
     assert_eq!(bench.frames(0.5, &[(49_501, hovering())]), Sender::Unproven);
@@ -171,12 +172,12 @@ fn a_hovering_aircrafts_place_is_known_to_two_metres() {
     let up = Position { elevation_m: 532.0, ..hovering() };
     assert!(bench.senders.beyond_m(&up, bench.at, FRAME_S, 1.0).unwrap() > 0.9);
     let fast = Position { velocity_up_m_s: 500.0, ..moved_m(hovering(), 10.0) };
-    assert!(bench.senders.beyond_m(&fast, bench.at, FRAME_S, 1.0).unwrap() > 0.0, "a claimed speed has a limit");
+    assert!(bench.senders.beyond_m(&fast, bench.at, FRAME_S, 1.0).unwrap() > 0.0, "the claimed speed is limited");
 }
 
 proptest! {
-    /// An honest simulator always agrees: wherever on the globe, however fast, on either side of a value by up to a quarter of
-    /// a second and a frame, rounded to single precision or cut.
+    /// Positions of an honest simulator always agree: anywhere on the globe, at any speed, with values up to a quarter
+    /// of a second older or a frame younger, rounded to single precision or truncated.
     #[test]
     fn an_honest_position_agrees(
         (latitude_deg, longitude_deg, elevation_m) in (-85.0..85.0_f64, -180.0..180.0_f64, -400.0..9000.0_f64),

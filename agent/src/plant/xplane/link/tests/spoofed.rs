@@ -1,9 +1,9 @@
-//! Another program of the same computer that sends what looks like X-Plane's.
+//! Another program on the same computer imitates X-Plane.
 
 use super::live::{Live, options};
 use super::*;
 
-/// Where the stand-in stands, as seen by a program that knows.
+/// Position of the stand-in at rest, as known to the other program.
 const STANDING: Position = Position {
     latitude_deg: 28.0,
     longitude_deg: -82.0,
@@ -19,7 +19,7 @@ const STANDING: Position = Position {
     pitch_rate_rad_s: 0.0,
     yaw_rate_rad_s: 0.0,
 };
-/// What a spoofer claims: it turns, which the stand-in does not.
+/// A spoofed position: it turns, which the stand-in does not.
 const SPOOFED: Position = Position { yaw_rate_rad_s: 3.0, roll_deg: 40.0, ..STANDING };
 const FAR: Position = Position { latitude_deg: 28.01, elevation_m: 80.0, height_m: 80.0, ..SPOOFED };
 
@@ -29,12 +29,12 @@ fn encoded(position: &Position) -> Vec<u8> {
     datagram
 }
 
-/// Whether a frame is a spoofer's.
+/// Whether a frame was spoofed.
 fn is_spoofed(frame: &Frame) -> bool {
     frame.measurement.rates.yaw_rad_s > 2.0
 }
 
-/// Sends these positions to the link, a thousand a second from a port of its own, while `fly` runs.
+/// Runs `fly` while these positions are sent to the link a thousand times a second from another port.
 fn under_attack<T>(link: &mut XPlane, positions: &[Position], fly: impl FnOnce(&mut XPlane) -> T) -> T {
     let to = link.port.local_addr().unwrap();
     let datagrams: Vec<_> = positions.iter().map(encoded).collect();
@@ -65,7 +65,7 @@ fn another_address_and_another_port_are_not_the_simulator() {
     let to = link.port.local_addr().unwrap();
     let other_port = UdpSocket::bind((LOCAL, 0)).unwrap();
     other_port.send_to(&encoded(&at_height(1.0)), to).unwrap();
-    assert_eq!(link.wait(SOON), Wake::Deadline, "before the simulator has said anything");
+    assert_eq!(link.wait(SOON), Wake::Deadline, "the simulator has sent nothing yet");
     assert_eq!(link.counters().unproven, 1);
 
     simulator.send_place(&link, &at_height(1.0));
@@ -94,7 +94,7 @@ fn values_with_guessed_indices_are_dropped() {
         spoofer.send_to(&datagram, to).unwrap();
         link.wait(Duration::ZERO);
     }
-    // One index is known to it, which a flood of many hours may hit; it cannot know which.
+    // A flood of many hours may hit one index, but the sender does not learn which.
     let hit = [(simulator.index(PAUSED), 1.0), (7, 1.0)];
     rref::encode_values(&hit, &mut datagram).unwrap();
     spoofer.send_to(&datagram, to).unwrap();
@@ -117,7 +117,7 @@ fn no_session_has_the_indices_of_another() {
 fn a_spoofer_of_this_computer_cannot_steer() {
     let live = Live::start(0);
     let mut link = link_to(live.address, LOCAL);
-    // From before the first answer on, far off and at the true place.
+    // The attack starts before the simulator's first reply, with a distant position and with the true one.
     let frames =
         under_attack(&mut link, &[FAR, SPOOFED], |link| (0..150).map(|_| next_frame(link)).collect::<Vec<_>>());
     assert_eq!(frames.iter().filter(|frame| is_spoofed(frame)).count(), 0);
@@ -146,7 +146,7 @@ fn a_simulator_that_answers_from_several_ports_is_flown() {
     next_frame(&mut link);
     assert!(now() < begin + Duration::from_secs(3), "learned after {:?}", now() - begin);
     let mut highest_m = 0.0_f64;
-    // Later senders are not believed, and the aircraft is flown off its place meanwhile.
+    // Senders that start later are refused, even while the aircraft flies away from its first place.
     let spoofed = under_attack(&mut link, &[FAR, SPOOFED], |link| {
         let mut spoofed = 0;
         for _ in 0..150 {
@@ -158,7 +158,7 @@ fn a_simulator_that_answers_from_several_ports_is_flown() {
         spoofed
     });
     assert_eq!(spoofed, 0);
-    assert!(highest_m > 1.0, "it was flown: {highest_m} m");
+    assert!(highest_m > 1.0, "the aircraft did not climb: {highest_m} m");
     assert!(link.foreign() > 100 && link.counters().skipped_frames < 20, "{:?}", link.counters());
 }
 
@@ -173,7 +173,7 @@ fn where_two_senders_are_as_credible_none_steers() {
         }
     });
     assert!(link.foreign() > 100, "{:?}", link.counters());
-    assert!(!is_spoofed(&next_frame(&mut link)), "and the simulator is learned when the other is gone");
+    assert!(!is_spoofed(&next_frame(&mut link)), "the simulator is trusted once the other sender has gone");
 }
 
 #[test]
