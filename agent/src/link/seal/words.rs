@@ -126,7 +126,7 @@ impl Voices {
 /// The message, if whoever may speak under this topic has said it.
 fn own<M: Message>(topic: &Topic, bytes: &[u8]) -> Result<M, Unbelieved> {
     let message: M = message::decode(bytes)?;
-    if message.may_stand_under(topic) { Ok(message) } else { Err(Unbelieved::OtherName) }
+    if message.is_allowed_under(topic) { Ok(message) } else { Err(Unbelieved::OtherName) }
 }
 
 #[cfg(test)]
