@@ -1,7 +1,7 @@
 //! Coordinate frames and the conversions between them.
 //!
-//! * **Geodetic**: WGS84 latitude and longitude in radians, height above the ellipsoid in metres. Positions are shared in
-//!   this frame, because every simulator has its own local origin.
+//! * **Geodetic**: WGS84 latitude and longitude in radians, height above the ellipsoid in metres. Positions are shared
+//!   in this frame, because every simulator has its own local origin.
 //! * **ECEF**: Earth-centred, Earth-fixed Cartesian metres.
 //! * **NED**: north, east, down metres in the plane that touches the ellipsoid at the swarm's [`Origin`].
 //! * **Body**: forward, right, down.
@@ -85,8 +85,8 @@ pub struct Ecef(pub Vector3<f64>);
 
 impl Ecef {
     /// Converts the position to latitude, longitude and height with Bowring's method of 1985. One pass is exact to
-    /// micrometres up to a height of 10 km, poles included: sine and cosine of the reduced latitude come from a normalised
-    /// pair, never from a tangent.
+    /// micrometres up to a height of 10 km, poles included: sine and cosine of the reduced latitude come from a
+    /// normalised pair, never from a tangent.
     #[inline]
     pub fn to_geodetic(self) -> Geodetic {
         let (x, y, z) = (self.0.x, self.0.y, self.0.z);

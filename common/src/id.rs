@@ -157,8 +157,8 @@ impl fmt::Display for VehicleSet {
     }
 }
 
-/// Number of one run of an agent's process: a restarted agent has a larger one. It is the time of the start (UTC, ns), so
-/// that it grows without a file that counts the starts.
+/// Number of one run of an agent's process: a restarted agent has a larger one. It is the time of the start (UTC, ns),
+/// so that it grows without a file that counts the starts.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 pub struct Incarnation(pub u64);
 

@@ -57,8 +57,8 @@ pub trait Message: Serialize + DeserializeOwned {
     /// Whether every number is finite and in its range.
     fn is_plausible(&self) -> bool;
 
-    /// Whether the message may be published under this topic: a vehicle publishes under its own id, an operator's process
-    /// under its own number.
+    /// Whether the message may be published under this topic: a vehicle publishes under its own id, an operator's
+    /// process under its own number.
     fn is_allowed_under(&self, topic: &Topic) -> bool;
 }
 
@@ -71,8 +71,8 @@ pub struct Header {
     pub incarnation: Incarnation,
     /// Number of the message: it grows with every message of this kind in this incarnation.
     pub sequence: u64,
-    /// Time of sending by the sender's own clock. It orders the messages of this sender; it cannot be compared with another
-    /// clock.
+    /// Time of sending by the sender's own clock. It orders the messages of this sender; it cannot be compared with
+    /// another clock.
     pub stamp: SenderStamp,
 }
 
@@ -102,8 +102,8 @@ pub struct State {
     pub state: VehicleState,
 }
 
-/// Heartbeat of an agent that carries its agreement state, which the receivers merge. Sent on every change and five times
-/// a second.
+/// Heartbeat of an agent that carries its agreement state, which the receivers merge. Sent on every change and five
+/// times a second.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Mission {
     /// Sender, number and time of the message.
@@ -114,8 +114,8 @@ pub struct Mission {
     pub membership: Membership,
     /// The mission step that the sender is at, counted from 0.
     pub step: u32,
-    /// The latest step that the sender vouches for, at most [`Self::step`]: the sender entered it together with all active
-    /// members, after two other vehicles or by order, and not after a single other vehicle.
+    /// The latest step that the sender vouches for, at most [`Self::step`]: the sender entered it together with all
+    /// active members, after two other vehicles or by order, and not after a single other vehicle.
     pub vouched: u32,
     /// The highest step whose goal the sender itself reached in this incarnation.
     pub reached: Option<u32>,
@@ -173,8 +173,8 @@ pub enum Happening {
     Reached(u32),
     /// The sender continues to this step, because every active member had reached the step before.
     Advanced(u32),
-    /// The sender continues to the next step without some active members, which had not reached the step before and are not
-    /// in contact.
+    /// The sender continues to the next step without some active members, which had not reached the step before and are
+    /// not in contact.
     ForcedAdvance {
         /// The new step.
         to: u32,

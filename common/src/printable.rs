@@ -1,7 +1,7 @@
 //! Text from the network, another host or another program, made safe to show on a terminal and to write to a log.
 //!
-//! Every character that controls a terminal is replaced by its number as JSON writes it, `\u001b`. The number is visible
-//! and has no effect, and a JSON text keeps its meaning.
+//! Every character that controls a terminal is replaced by its number as JSON writes it, `\u001b`. The number is
+//! visible and has no effect, and a JSON text keeps its meaning.
 
 /// Foreign text as one line of at most `most` characters; a longer text is cut and ends with `…`.
 pub fn printable(text: &str, most: usize) -> String {

@@ -1,9 +1,9 @@
 //! Quantiles of samples: one definition for every figure, table and report.
 
-/// The quantile of samples: the value below which this share of them lies, interpolated linearly between the two nearest
-/// samples. It is definition 7 of R. J. Hyndman and Y. Fan, "Sample Quantiles in Statistical Packages", 1996, which NumPy,
-/// R and spreadsheets use. `share` is 0 to 1. The function reorders the samples and takes time proportional to their
-/// number. `None` without samples.
+/// The quantile of samples: the value below which this share of them lies, interpolated linearly between the two
+/// nearest samples. It is definition 7 of R. J. Hyndman and Y. Fan, "Sample Quantiles in Statistical Packages", 1996,
+/// which NumPy, R and spreadsheets use. `share` is 0 to 1. The function reorders the samples and takes time
+/// proportional to their number. `None` without samples.
 ///
 /// Samples may be infinite ("never happened"). Half-way between the two infinities is 0.
 pub fn quantile(samples: &mut [f64], share: f64) -> Option<f64> {

@@ -3,8 +3,8 @@
 //! * [`PlantTime`] is the simulator's time. It stops when the simulator pauses. Control and missions use it.
 //! * [`LocalTime`] is the monotonic time of this process. The ages of peers' states are measured with it.
 //! * [`SenderStamp`] is the [`LocalTime`] of another process, written into its message. It orders the messages of that
-//!   sender. A stamp that is echoed gives its sender the round trip. The difference of two stamps of one sender gives the
-//!   receiver the difference of two delays. Skein never assumes synchronised clocks.
+//!   sender. A stamp that is echoed gives its sender the round trip. The difference of two stamps of one sender gives
+//!   the receiver the difference of two delays. Skein never assumes synchronised clocks.
 //!
 //! ```compile_fail
 //! use skein_common::time::{LocalTime, PlantTime};

@@ -96,7 +96,7 @@ fn a_nodes_file_names_its_keys_and_everybody() {
         ("1eFF", "1eGG", "a public key has to be 64 hexadecimal digits"),
         ("1eFF", "1eä", "a public key has to be 64 hexadecimal digits"),
         ("0202\" }", "02\" }", "a public key has to be 64 hexadecimal digits"),
-        ("3 = { n", "300 = { n", "vehicle ids run from 1 to 250, not 300"),
+        ("3 = { n", "300 = { n", "vehicle ids are 1 to 250, not 300"),
         ("orders = ", "boss = ", "unknown key `security.boss`"),
         ("key = \"keys/node.key\"\n", "", "`security.key` is missing; add it to this table"),
     ];
@@ -147,7 +147,7 @@ fn files_that_are_wrong_are_refused_in_a_sentence() {
             "id = 1\nspeed = 3",
             "agent.toml:3:1: unknown key `speed`; the keys here are `scenario`, `id`, `listen`, `dial`",
         ),
-        ("id = 251\nlisten = []\ndial = []", "agent.toml:2:6: `id`: vehicle ids run from 1 to 250, not 251"),
+        ("id = 251\nlisten = []\ndial = []", "agent.toml:2:6: `id`: vehicle ids are 1 to 250, not 251"),
         ("id = 1\ndial = []", "agent.toml:1:1: `listen` is missing; add it to the file"),
         ("id = 4\nlisten = []\ndial = []", "vehicle 4 does not fly in"),
         (

@@ -31,8 +31,9 @@ pub struct ClockOffset {
 }
 
 impl ClockOffset {
-    /// Computes the offset from one exchange, as NTP does (RFC 5905, 8): the query left at `asked_ns` of the own UTC, and the
-    /// answer arrived `round_trip_ns` later. `None` if the peer reports more time between query and answer than passed here.
+    /// Computes the offset from one exchange, as NTP does (RFC 5905, 8): the query left at `asked_ns` of the own UTC,
+    /// and the answer arrived `round_trip_ns` later. `None` if the peer reports more time between query and answer than
+    /// passed here.
     pub fn of_exchange(asked_ns: u64, answer: &ClockAnswer, round_trip_ns: u64) -> Option<Self> {
         let spent_ns = answer.answered_ns.checked_sub(answer.received_ns)?;
         let travel_ns = round_trip_ns.checked_sub(spent_ns)?;

@@ -7,7 +7,8 @@ use crate::id::VehicleId;
 use crate::state::{Activity, Standing};
 use crate::topic::{Author, Topic};
 
-/// Health report of an agent. It shows whether a problem comes from the flight software or from the computer and network.
+/// Health report of an agent. It shows whether a problem comes from the flight software or from the computer and
+/// network.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Health {
     /// Sender, number and time of the message.

@@ -5,8 +5,8 @@ use serde::{Deserialize, Serialize};
 use super::{Message, message};
 use crate::topic::{Author, Topic};
 
-/// Order of an operator to the whole swarm. Agents keep the larger of two orders and repeat it, so that an order spreads
-/// from any vehicle to all. An order to abort is larger than any other: it cannot be revoked.
+/// Order of an operator to the whole swarm. Agents keep the larger of two orders and repeat it, so that an order
+/// spreads from any vehicle to all. An order to abort is larger than any other: it cannot be revoked.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Order {
     /// One more than the largest epoch that the issuer had received.
@@ -48,7 +48,7 @@ impl std::fmt::Debug for Seal {
     /// The first four bytes: enough to distinguish two signatures in a test's output.
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let [a, b, c, d, ..] = self.0;
-        write!(f, "Seal({a:02x}{b:02x}{c:02x}{d:02x}…)")
+        write!(f, "Signature({a:02x}{b:02x}{c:02x}{d:02x}…)")
     }
 }
 

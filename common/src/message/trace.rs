@@ -9,7 +9,8 @@ use crate::state::{Activity, Membership, Standing};
 use crate::time::PlantTime;
 use crate::topic::{Author, Topic};
 
-/// Trace of one step of an agent: its estimates, the ground truth and its outputs. Sent only while a process subscribes.
+/// Trace of one step of an agent: its estimates, the ground truth and its outputs. Sent only while a process
+/// subscribes.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Trace {
     /// Sender, number and time of the message.
@@ -93,8 +94,8 @@ pub struct PeerAge {
     pub id: VehicleId,
     /// Fresh, stale or lost.
     pub standing: Standing,
-    /// Upper bound of the age of the peer's newest state by the receiver's clock, s; it includes the delay once a round trip
-    /// is known.
+    /// Upper bound of the age of the peer's newest state by the receiver's clock, s; it includes the delay once a round
+    /// trip is known.
     pub age_s: f64,
     /// Upper bound of the network delay of that state, s; `None` until a round trip is known.
     #[serde(default)]

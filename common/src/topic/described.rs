@@ -4,7 +4,8 @@
 /// Description of one kind of message.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct TopicDescription {
-    /// The key relative to the swarm's name: `N` is a vehicle's id, `X` and `Y` are a cell, `ISSUER` is an operator's process.
+    /// The key relative to the swarm's name: `N` is a vehicle's id, `X` and `Y` are a cell, `ISSUER` is an operator's
+    /// process.
     pub key: &'static str,
     /// Name of the message's struct; `None` for a key without a payload.
     pub message: Option<&'static str>,
