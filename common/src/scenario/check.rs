@@ -201,18 +201,18 @@ impl Texts<'_> {
         if node.list().len() != 2 {
             return Err(self.wrong(node, path, expected));
         }
-        self.each(node, path, wanted, check)
+        self.each(node, path, expected, check)
     }
 
     fn point(&self, node: &mut Node, path: &str) -> Result<(), ScenarioError> {
         let expected = "a point, [north, east]";
-        self.pair(node, path, wanted, |end| self.number(end, path, keys::COORDINATES_M, expected))
+        self.pair(node, path, expected, |end| self.number(end, path, keys::COORDINATES_M, expected))
     }
 
     /// Checks a path. It must not repeat a point, because two equal points have no direction between them.
     fn path(&self, node: &mut Node, path: &str) -> Result<(), ScenarioError> {
         let expected = "two points or more, [[north, east], [north, east]]";
-        self.each(node, path, wanted, |item| self.point(item, path))?;
+        self.each(node, path, expected, |item| self.point(item, path))?;
         if node.list().len() < 2 {
             return Err(self.wrong(node, path, expected));
         }

@@ -336,8 +336,8 @@ fn every_default_passes_its_own_check() {
 fn every_key_has_a_meaning_and_one_unit() {
     for key in KEYS {
         let is_short = ["name", "mission.steps[N].name"].contains(&key.path);
-        let words = key.about.split_whitespace().count();
-        assert!((if is_short { 2 } else { 3 }..=30).contains(&words), "{}: {}", key.path, key.about);
+        let length = key.about.split_whitespace().count();
+        assert!((if is_short { 2 } else { 3 }..=30).contains(&length), "{}: {}", key.path, key.about);
         assert!(!key.about.contains("  ") && !key.about.ends_with('.'), "{}: {}", key.path, key.about);
         let units = usize::from(key.own_unit.is_some()) + usize::from(key.unit_in_name().is_some());
         assert_eq!(units, usize::from(key.kind.has_numbers()), "{}: one unit, in the name or beside it", key.path);
