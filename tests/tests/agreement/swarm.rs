@@ -1,22 +1,25 @@
-//! Honest agents, the words under way between them, who has been left behind, and what one liar does to them.
+//! The state of the model: honest agents, the messages in flight between them, and one liar.
 //!
-//! # Who counts
+//! # Settled agents
 //!
-//! The third property speaks of all live agents. But who has just come back lives before anybody can know it. Here
+//! The third property is about all live agents. But an agent that has just returned is live before any peer can know it.
+//! Therefore the model defines:
 //!
-//! * `i` has *admitted* `j` when it has heard a word that `j` said since it became active. It ends when `j` is no longer
-//!   active, when `i` crashes, or when the link between them is cut: not when `i` suspects `j`, so a false one shows.
-//! * `j` is *settled* when every other active agent on its side of a cut has admitted it, and it has been as far as every
-//!   word that was said there. It stays so until it falls, somebody who has not admitted it becomes active, or a cut
-//!   heals: then words of the other side arrive.
+//! * Agent `i` has *admitted* agent `j` when `i` has received a message that `j` sent since `j` became active. This ends
+//!   when `j` is no longer active, when `i` crashes, or when the link between them is cut. It does not end when `i`
+//!   suspects `j`, so that a false suspicion shows.
+//! * Agent `j` is *settled* when every other active agent on its side of a cut has admitted it, and `j` is at least at the
+//!   step of every message that was sent there. It stays settled until it has an outage, an agent that has not admitted it
+//!   becomes active, or a cut ends: then messages of the other side arrive.
 //!
-//! All are settled at first, and can be again after everything that happens, which is checked too.
+//! All agents are settled at first, and can be settled again after every sequence of events; that is checked too.
 //!
 //! # The liar
 //!
-//! One further vehicle may say anything to any agent at any time, different things to different ones, or be silent. What it said
-//! matters only when an agent acts on it, so it is said just then, in the same action, and taken back after it: whether an agent
-//! hears the liar is part of the state, what the liar says is not. A lie that keeps agents waiting needs no action at all.
+//! One further vehicle may send anything to any agent at any time, different messages to different agents, or be silent.
+//! A lie matters only when an agent acts on it. The model therefore sends the lie in the same action, and withdraws it
+//! after the action: whether the liar is in contact is part of the state, the content of the lie is not. A lie that keeps
+//! agents waiting needs no action at all.
 
 use std::hash::{Hash, Hasher};
 
@@ -28,39 +31,39 @@ use skein_core::mission::agreement::{Agreement, Event, Part, Progress};
 
 use super::{MISLED, P1, P2, P3, P4, VOUCHED};
 
-/// Agents by index, one bit each; the liar's is that after the last.
+/// A set of agents, one bit each by index; the liar's bit is the one after the last agent's.
 type Bits = u8;
-/// Every way to name three.
-const NAMINGS: [[usize; 3]; 6] = [[0, 1, 2], [0, 2, 1], [1, 0, 2], [1, 2, 0], [2, 0, 1], [2, 1, 0]];
+/// All permutations of three agents.
+const PERMUTATIONS: [[usize; 3]; 6] = [[0, 1, 2], [0, 2, 1], [1, 0, 2], [1, 2, 0], [2, 0, 1], [2, 1, 0]];
 
-/// Every way to name so many, three at most.
-fn namings<const N: usize>() -> impl Iterator<Item = [usize; N]> {
-    let is_of_so_many = |naming: &&[usize; 3]| naming[N..].iter().zip(N..).all(|(&name, own)| name == own);
-    NAMINGS.iter().filter(is_of_so_many).map(|naming| std::array::from_fn(|nth| naming[nth]))
+/// All permutations of `N` agents, three at most.
+fn permutations<const N: usize>() -> impl Iterator<Item = [usize; N]> {
+    let keeps_the_rest = |permutation: &&[usize; 3]| permutation[N..].iter().zip(N..).all(|(&name, own)| name == own);
+    PERMUTATIONS.iter().filter(keeps_the_rest).map(|permutation| std::array::from_fn(|nth| permutation[nth]))
 }
 
-/// What may happen to so many honest agents.
+/// Limits of the events that may happen to this number of honest agents.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Bounds<const HONEST: usize> {
     pub(super) last_step: u32,
     pub(super) partition: Partition,
-    /// A further vehicle lies.
+    /// Whether a further vehicle lies.
     pub(super) liar: bool,
-    /// How often somebody falls: crashes, or loses its own data and takes part no longer. Each may come back.
-    pub(super) falls: u8,
-    /// How often one is cut off from the others. Each cut may heal.
+    /// Number of outages: an agent crashes, or loses its own data and is no longer active. Each agent may return.
+    pub(super) outages: u8,
+    /// Number of cuts, each of one agent from the others. Each cut may end.
     pub(super) cuts: u8,
-    /// Whether a cut may last a minute, after which no further vehicle is taken to be flying on its other side.
+    /// Whether a cut may last a minute, after which agents assume that no vehicle flies any more on its other side.
     pub(super) long_cuts: bool,
-    /// Whether somebody can be suspected who is up and not cut off.
+    /// Whether an agent can be suspected that is up and not cut off.
     pub(super) false_suspicion: bool,
 }
 
 impl<const HONEST: usize> Bounds<HONEST> {
-    /// Nothing happens but that words are late, lost and repeated.
+    /// No events except that messages are late, lost and repeated.
     pub(super) const fn new(last_step: u32, partition: Partition) -> Self {
-        let (liar, falls, cuts, long_cuts, false_suspicion) = (false, 0, 0, false, false);
-        Self { last_step, partition, liar, falls, cuts, long_cuts, false_suspicion }
+        let (liar, outages, cuts, long_cuts, false_suspicion) = (false, 0, 0, false, false);
+        Self { last_step, partition, liar, outages, cuts, long_cuts, false_suspicion }
     }
 
     fn vehicles(&self) -> usize {
@@ -72,33 +75,34 @@ impl<const HONEST: usize> Bounds<HONEST> {
 struct Agent {
     agreement: Agreement,
     incarnation: u64,
-    /// How often its membership has changed in this life.
+    /// Number of changes of its membership in this incarnation.
     sequence: u64,
     is_up: bool,
-    /// Every word that it ever said.
-    said: Vec<Part>,
-    /// Who it takes to be there.
+    /// Every message that it ever sent.
+    sent: Vec<Part>,
+    /// Peers in contact.
     sees: Bits,
-    /// Those that it does not see and takes to be flying no longer.
+    /// Peers out of contact that it assumes to have stopped flying.
     given_up: Bits,
     admitted: Bits,
-    /// In this life it has followed the liar, which it saw alone, to a step that no honest agent had earned.
+    /// Whether in this incarnation it followed the liar, its only peer in contact, to a step that no honest agent had earned.
     is_misled: bool,
 }
 
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Swarm<const N: usize> {
     agents: [Agent; N],
-    /// The liar's lives so far: each of its words is of a new one, so that nothing remains of the one before.
+    /// Number of lies so far: each is a new incarnation of the liar, so that nothing remains of the lie before.
     lies: u64,
-    /// The latest step that an agent has come to by having reached the one before with all that it saw, and not after the liar.
+    /// The latest step that an agent entered because it and all its peers in contact had reached the step before, and not by
+    /// following the liar.
     earned: u32,
-    /// The one that is cut off.
+    /// The agent that is cut off.
     cut_off: Option<usize>,
-    falls_left: u8,
+    outages_left: u8,
     cuts_left: u8,
     settled: Bits,
-    /// Whether somebody of the others, and the one cut off, advanced in this cut with nobody of the other side in view.
+    /// Whether one of the others, and the agent cut off, advanced in this cut with no agent of the other side in view.
     advanced: [bool; 2],
     broken: Option<&'static str>,
 }
@@ -116,7 +120,7 @@ pub(super) enum Action {
         by: usize,
         whom: usize,
     },
-    /// A minute after it was suspected.
+    /// A peer is assumed to have stopped flying, a minute after it was suspected.
     GiveUp {
         by: usize,
         whom: usize,
@@ -126,16 +130,16 @@ pub(super) enum Action {
         to: usize,
         vouched: u32,
     },
-    /// An agent advances while the liar says that it has reached everything.
+    /// An agent advances while the liar reports that it has reached everything.
     AdvanceWithLiar(usize),
-    /// The liar falls silent, or says that it has left.
+    /// The liar becomes silent, or reports that it has left.
     Silence {
         to: usize,
     },
     Crash(usize),
     Restart(usize),
     Withdraw(usize),
-    /// The end of listening: everybody up and not cut off has been heard.
+    /// An agent becomes active: it has received messages of every agent that is up and not cut off.
     Activate(usize),
     CutOff(usize),
     Heal,
@@ -154,14 +158,14 @@ fn has(bits: Bits, agent: usize) -> bool {
 }
 
 impl Agent {
-    /// At the beginning of a life.
+    /// An agent at the start of an incarnation.
     fn new<const N: usize>(own: usize, bounds: &Bounds<N>, incarnation: u64) -> Self {
         Self {
             agreement: Agreement::new(id(own), bounds.vehicles() as u8, bounds.last_step, bounds.partition),
             incarnation,
             sequence: 0,
             is_up: true,
-            said: Vec::new(),
+            sent: Vec::new(),
             sees: 0,
             given_up: 0,
             admitted: 0,
@@ -183,20 +187,21 @@ impl Agent {
         self.is_up && self.agreement.membership() == Membership::Active
     }
 
-    /// Takes part from now on, or no longer.
-    fn turn(&mut self, membership: Membership) {
+    /// Changes the membership.
+    fn change_membership(&mut self, membership: Membership) {
         self.agreement.step(Event::Became(membership));
         self.sequence += 1;
     }
 
-    fn say(&mut self) {
+    fn send(&mut self) {
         let part = self.part();
-        if self.said.last() != Some(&part) {
-            self.said.push(part);
+        if self.sent.last() != Some(&part) {
+            self.sent.push(part);
         }
     }
 
-    /// `own` is its own index among `N` that are honest. A liar that is not heard may have left: it is not missed.
+    /// Sets the peers in contact; `own` is the agent's index among `N` honest ones. A liar out of contact may have left: it
+    /// does not count as lost.
     fn see<const N: usize>(&mut self, own: usize, sees: Bits) -> Option<Progress> {
         self.sees = sees;
         self.given_up &= !sees;
@@ -205,7 +210,7 @@ impl Agent {
         self.agreement.step(Event::Sees { heard, misses_any })
     }
 
-    /// Whether two that it sees vouch for a step that it has not come to.
+    /// Whether two peers in contact vouch for a later step than its own.
     fn is_behind<const N: usize>(&self) -> bool {
         let vouches = |&other: &usize| {
             let part = self.agreement.part(id(other));
@@ -214,7 +219,7 @@ impl Agent {
         (0..N).filter(vouches).count() >= 2
     }
 
-    /// Whether it has said this since it became active, and is.
+    /// Whether it is active and has sent this message since it became active.
     fn is_latest(&self, word: &Part) -> bool {
         self.is_active() && word.order == self.part().order
     }
@@ -223,22 +228,22 @@ impl Agent {
 impl<const N: usize> Swarm<N> {
     const ALL: Bits = (1 << N) - 1;
 
-    /// Everybody is active and has heard so.
+    /// All agents are active, and each has received that of the others.
     pub(super) fn start(bounds: &Bounds<N>) -> Self {
         let mut swarm = Self {
             agents: std::array::from_fn(|agent| Agent::new(agent, bounds, 0)),
             lies: 0,
             earned: 0,
             cut_off: None,
-            falls_left: bounds.falls,
+            outages_left: bounds.outages,
             cuts_left: bounds.cuts,
             settled: Self::ALL,
             advanced: [false; 2],
             broken: None,
         };
         for agent in &mut swarm.agents {
-            agent.turn(Membership::Active);
-            agent.say();
+            agent.change_membership(Membership::Active);
+            agent.send();
         }
         for to in 0..N {
             others::<N>(to).for_each(|from| swarm.deliver(to, from, 0));
@@ -246,7 +251,7 @@ impl<const N: usize> Swarm<N> {
         swarm
     }
 
-    /// What may happen next.
+    /// Actions that are possible in this state.
     pub(super) fn actions(&self, bounds: &Bounds<N>, actions: &mut Vec<Action>) {
         for agent in 0..N {
             let Agent { agreement, is_up, .. } = &self.agents[agent];
@@ -258,7 +263,7 @@ impl<const N: usize> Swarm<N> {
             let is_there = agreement.reached() >= Some(agreement.at()) || agreement.at() >= bounds.last_step;
             let is_active = self.agents[agent].is_active();
             actions.extend((is_active && !is_there).then_some(Action::Reach(agent)));
-            if self.falls_left > 0 {
+            if self.outages_left > 0 {
                 actions.push(Action::Crash(agent));
                 actions.extend(is_active.then_some(Action::Withdraw(agent)));
             }
@@ -276,7 +281,7 @@ impl<const N: usize> Swarm<N> {
                 actions.extend(suspects.then_some(Action::Suspect { by: agent, whom: other }));
                 let arrives =
                     |(_, word): &(usize, &Part)| self.are_linked(agent, other) && self.is_news(agent, other, word);
-                let words = self.agents[other].said.iter().enumerate().filter(arrives);
+                let words = self.agents[other].sent.iter().enumerate().filter(arrives);
                 actions.extend(words.map(|(word, _)| Action::Deliver { to: agent, from: other, word }));
             }
         }
@@ -287,11 +292,11 @@ impl<const N: usize> Swarm<N> {
         }
     }
 
-    /// How it is after that, unless it changes nothing.
+    /// The state after the action; `None` if the action changes nothing.
     pub(super) fn after(&self, action: Action, bounds: &Bounds<N>) -> Option<Self> {
         let mut swarm = self.clone();
         swarm.apply(action, bounds);
-        swarm.judge(self);
+        swarm.note_violations(self);
         swarm.settle();
         (swarm != *self).then_some(swarm)
     }
@@ -312,15 +317,15 @@ impl<const N: usize> Swarm<N> {
 
     fn may_activate(&self, agent: usize) -> bool {
         let own = &self.agents[agent].agreement;
-        let has_heard = |other: usize| {
+        let has_received = |other: usize| {
             let life = Incarnation(self.agents[other].incarnation);
             own.part(id(other)).is_some_and(|part| part.order.incarnation == life)
         };
         let mut linked = others::<N>(agent).filter(|&other| self.agents[other].is_up && self.are_linked(agent, other));
-        own.membership() == Membership::Joining && linked.all(has_heard)
+        own.membership() == Membership::Joining && linked.all(has_received)
     }
 
-    /// Whether a word changes anything for the one who hears it.
+    /// Whether a message changes anything for its receiver.
     fn is_news(&self, to: usize, from: usize, word: &Part) -> bool {
         let (to, speaker) = (&self.agents[to], &self.agents[from]);
         let known = to.agreement.part(id(from));
@@ -331,7 +336,7 @@ impl<const N: usize> Swarm<N> {
 
     fn deliver(&mut self, to: usize, from: usize, word: usize) {
         let speaker = &self.agents[from];
-        let (part, is_up) = (speaker.said[word], speaker.is_up);
+        let (part, is_up) = (speaker.sent[word], speaker.is_up);
         let admits = speaker.is_latest(&part);
         let hearer = &mut self.agents[to];
         hearer.agreement.step(Event::Heard(id(from), part));
@@ -339,14 +344,14 @@ impl<const N: usize> Swarm<N> {
         hearer.admitted |= Bits::from(admits) << from;
     }
 
-    /// The liar's word, of a life of its own.
+    /// Delivers a lie, as a message of a new incarnation of the liar.
     fn lie(&mut self, to: usize, lie: Part) {
         self.lies += 1;
         let lie = Part { order: MessageOrder { incarnation: Incarnation(self.lies), ..lie.order }, ..lie };
         self.agents[to].agreement.step(Event::Heard(id(N), lie));
     }
 
-    /// An agent hears this from the liar, does something, and the liar takes it back.
+    /// Delivers a lie, performs an action, and withdraws the lie.
     fn lie_while(&mut self, to: usize, vouched: u32, bounds: &Bounds<N>, act: impl FnOnce(&mut Self)) {
         let (step, reached) = (bounds.last_step, Some(bounds.last_step));
         self.lie(to, Part { membership: Membership::Active, step, vouched, reached, ..Part::default() });
@@ -358,7 +363,7 @@ impl<const N: usize> Swarm<N> {
         self.lie(to, Part::default());
     }
 
-    /// Nobody has it admitted any longer.
+    /// Removes the agent from the admitted peers of all others.
     fn expel(&mut self, agent: usize) {
         self.agents.iter_mut().for_each(|other| other.admitted &= !(1 << agent));
     }
@@ -386,19 +391,19 @@ impl<const N: usize> Swarm<N> {
                 self.agents[to].see::<N>(to, sees);
             }
             Action::Crash(agent) => {
-                self.falls_left -= 1;
+                self.outages_left -= 1;
                 let dead = &mut self.agents[agent];
-                let (next, said) = (dead.incarnation + 1, std::mem::take(&mut dead.said));
-                *dead = Agent { said, is_up: false, ..Agent::new(agent, bounds, next) };
+                let (next, sent) = (dead.incarnation + 1, std::mem::take(&mut dead.sent));
+                *dead = Agent { sent, is_up: false, ..Agent::new(agent, bounds, next) };
                 self.expel(agent);
             }
             Action::Restart(agent) => self.agents[agent].is_up = true,
             Action::Withdraw(agent) => {
-                self.falls_left -= 1;
-                self.agents[agent].turn(Membership::Joining);
+                self.outages_left -= 1;
+                self.agents[agent].change_membership(Membership::Joining);
                 self.expel(agent);
             }
-            Action::Activate(agent) => self.agents[agent].turn(Membership::Active),
+            Action::Activate(agent) => self.agents[agent].change_membership(Membership::Active),
             Action::CutOff(lone) => {
                 self.cuts_left -= 1;
                 self.cut_off = Some(lone);
@@ -411,7 +416,7 @@ impl<const N: usize> Swarm<N> {
                 self.settled = 0;
             }
         }
-        self.agents.iter_mut().filter(|agent| agent.is_up).for_each(Agent::say);
+        self.agents.iter_mut().filter(|agent| agent.is_up).for_each(Agent::send);
     }
 
     fn advance(&mut self, agent: usize) {
@@ -428,7 +433,7 @@ impl<const N: usize> Swarm<N> {
         for &other in &in_view {
             let life = self.agents[agent].agreement.part(id(other)).map(|part| part.order.incarnation);
             let reports = |word: &Part| Some(word.order.incarnation) == life && word.has_reached(left);
-            if !self.agents[other].said.iter().any(reports) {
+            if !self.agents[other].sent.iter().any(reports) {
                 self.broken = Some(P2);
             }
         }
@@ -437,8 +442,8 @@ impl<const N: usize> Swarm<N> {
         }
     }
 
-    /// Notes what an action broke, given how things were before it.
-    fn judge(&mut self, before: &Self) {
+    /// Notes which property the action violated, given the state before it.
+    fn note_violations(&mut self, before: &Self) {
         for agent in 0..N {
             let (was, is) = (before.agents[agent].part(), self.agents[agent].part());
             if was.order.incarnation != is.order.incarnation {
@@ -465,18 +470,18 @@ impl<const N: usize> Swarm<N> {
             if (0..N).any(|other| has(before.settled, other) && is_late(&other)) {
                 self.broken = Some(P3);
             }
-            if !self.agents.iter().flat_map(|agent| &agent.said).any(|word| word.reached >= Some(left)) {
+            if !self.agents.iter().flat_map(|agent| &agent.sent).any(|word| word.reached >= Some(left)) {
                 self.broken = Some(P4);
             }
         }
     }
 
-    /// Finds who is settled now, given who was.
+    /// Updates the set of settled agents.
     fn settle(&mut self) {
         let is_settled = |&agent: &usize| {
             let is_linked = |&other: &usize| self.are_linked(agent, other);
             let mut peers = others::<N>(agent).filter(is_linked).filter(|&other| self.agents[other].is_active());
-            let mut words = (0..N).filter(is_linked).flat_map(|other| &self.agents[other].said);
+            let mut words = (0..N).filter(is_linked).flat_map(|other| &self.agents[other].sent);
             self.agents[agent].is_active()
                 && peers.all(|peer| has(self.agents[peer].admitted, agent))
                 && (has(self.settled, agent) || words.all(|word| word.step <= self.agents[agent].agreement.at()))
@@ -492,17 +497,17 @@ impl<const N: usize> Swarm<N> {
         self.agents.iter().any(Agent::is_behind::<N>)
     }
 
-    /// Somebody has followed the liar.
+    /// Whether an agent has followed the liar.
     pub(super) fn is_misled(&self) -> bool {
         self.agents.iter().any(|agent| agent.is_misled)
     }
 
-    /// Both sides of the cut have gone on without the other.
+    /// Whether both sides of the cut have advanced without the other.
     pub(super) fn is_split(&self) -> bool {
         self.advanced == [true; 2]
     }
 
-    /// Whether somebody is two steps ahead of a settled agent.
+    /// Whether an agent is two steps ahead of a settled agent.
     pub(super) fn is_skewed(&self) -> bool {
         (0..N).filter(|&late| has(self.settled, late)).any(|late| {
             let is_ahead = |other: &Agent| other.agreement.at() > self.agents[late].agreement.at() + 1;
@@ -510,14 +515,15 @@ impl<const N: usize> Swarm<N> {
         })
     }
 
-    /// All that may go wrong has, and all are settled, still at the first step.
+    /// Whether all outages and cuts have happened and ended, and all agents are settled and still at the first step.
     pub(super) fn has_recovered(&self) -> bool {
-        let is_over = self.falls_left + self.cuts_left == 0 && self.cut_off.is_none();
+        let is_over = self.outages_left + self.cuts_left == 0 && self.cut_off.is_none();
         is_over && self.settled == Self::ALL && self.agents.iter().all(|agent| agent.agreement.at() == 0)
     }
 
-    /// Whether everybody up comes to the last step if from here on links are whole, words arrive, the liar is silent, and
-    /// everybody reaches the step that it is at: in a round of publishing for every step. Who is down is given up.
+    /// Whether every agent that is up reaches the last step, in one round of heartbeats for every step, if from here on no
+    /// link is cut, messages arrive, the liar is silent and every agent reaches its step. Agents that are down are assumed to
+    /// have stopped flying.
     pub(super) fn completes(mut self, bounds: &Bounds<N>) -> bool {
         let last_step = bounds.last_step;
         self.cut_off = None;
@@ -527,18 +533,18 @@ impl<const N: usize> Swarm<N> {
         }
         let sees = up.iter().fold(0, |sees, &agent| sees | 1 << agent);
         (0..=last_step).any(|_| {
-            up.iter().for_each(|&agent| self.agents[agent].say());
+            up.iter().for_each(|&agent| self.agents[agent].send());
             for &to in &up {
                 self.agents[to].given_up = !sees;
                 self.agents[to].see::<N>(to, sees & !(1 << to));
                 for from in others::<N>(to).filter(|&from| has(sees, from)) {
-                    self.deliver(to, from, self.agents[from].said.len() - 1);
+                    self.deliver(to, from, self.agents[from].sent.len() - 1);
                 }
             }
             for &agent in &up {
                 let agent = &mut self.agents[agent];
                 if agent.agreement.membership() == Membership::Joining {
-                    agent.turn(Membership::Active);
+                    agent.change_membership(Membership::Active);
                 }
                 agent.agreement.step(Event::Free);
                 agent.agreement.step(Event::Reached);
@@ -547,39 +553,40 @@ impl<const N: usize> Swarm<N> {
         })
     }
 
-    /// What matters of an agent, whoever the others are.
+    /// The part of an agent's state that does not refer to other agents.
     fn own_key(&self, agent: usize) -> impl Ord + Hash + Copy + use<N> {
-        let Agent { is_up, said, is_misled, sees, .. } = &self.agents[agent];
+        let Agent { is_up, sent, is_misled, sees, .. } = &self.agents[agent];
         let own = self.agents[agent].part();
         let mut keys = [0_u64; 4];
-        for word in said {
-            let key = said_key(word);
+        for word in sent {
+            let key = sent_key(word);
             keys[usize::from(key >> 6)] |= 1 << (key & 63);
         }
-        (keys, said_key(&own), *is_up, self.cut_off == Some(agent), *is_misled, has(*sees, N))
+        (keys, sent_key(&own), *is_up, self.cut_off == Some(agent), *is_misled, has(*sees, N))
     }
 
-    /// What matters of a swarm to whatever may happen yet, beside the agents' own keys. Of a word in an agent's table this
-    /// does: whose life, whether that one takes part, which of the agent's own and later steps it has reached, and how far
-    /// beyond what the agent itself vouches for it vouches.
-    fn key(&self, naming: &[usize; N]) -> impl Ord + Hash + use<N> {
-        let rename = |bits: Bits| naming.iter().fold(0, |renamed, &agent| renamed << 1 | u8::from(has(bits, agent)));
-        let views = naming.map(|agent| {
+    /// The rest of the state that influences later events, beside the agents' own keys. Of a message in an agent's table
+    /// these matter: the sender's incarnation, whether it is active, which of the agent's own and later steps it has reached,
+    /// and which steps beyond the agent's own vouched step it vouches for.
+    fn key(&self, permutation: &[usize; N]) -> impl Ord + Hash + use<N> {
+        let rename =
+            |bits: Bits| permutation.iter().fold(0, |renamed, &agent| renamed << 1 | u8::from(has(bits, agent)));
+        let views = permutation.map(|agent| {
             let Agent { agreement, sees, given_up, admitted, .. } = &self.agents[agent];
             let (at, vouched) = (agreement.at(), agreement.vouched());
-            let known = naming.map(|other| agreement.part(id(other)).map(|part| known_key(part, at, vouched)));
+            let known = permutation.map(|other| agreement.part(id(other)).map(|part| known_key(part, at, vouched)));
             (known, rename(*sees), rename(*given_up), rename(*admitted))
         });
-        (views, self.falls_left, self.cuts_left, rename(self.settled), self.advanced, self.earned, self.broken)
+        (views, self.outages_left, self.cuts_left, rename(self.settled), self.advanced, self.earned, self.broken)
     }
 }
 
-/// One of the 256 words that an agent can have said.
-fn said_key(word: &Part) -> u8 {
+/// Key of a message among the 256 that an agent can have sent.
+fn sent_key(word: &Part) -> u8 {
     key(word, word.step << 1 | u32::from(word.has_reached(word.step)), word.vouched)
 }
 
-/// One of the 256 words that differ in what matters to an agent at this step that vouches for so much.
+/// Key of a message among the 256 that differ for an agent at this step with this vouched step.
 fn known_key(word: &Part, step: u32, vouched: u32) -> u8 {
     let past = word.step.max(word.reached.map_or(0, |reached| reached + 1));
     key(word, past.max(step), word.vouched.max(vouched))
@@ -591,11 +598,11 @@ fn key(word: &Part, past: u32, vouched: u32) -> u8 {
     (life as u8) << 7 | (sequence as u8) << 5 | (past as u8) << 2 | vouched as u8
 }
 
-/// Swarms are one to the checker if they differ in names only, or in what does not matter.
+/// Two states are the same to the checker if they differ only in the order of the agents, or in values without effect.
 impl<const N: usize> Hash for Swarm<N> {
     fn hash<H: Hasher>(&self, hasher: &mut H) {
         let own: [_; N] = std::array::from_fn(|agent| self.own_key(agent));
-        let sorting = namings::<N>().filter(|naming| naming.is_sorted_by_key(|&agent| own[agent]));
-        sorting.map(|naming| (naming.map(|agent| own[agent]), self.key(&naming))).min().hash(hasher);
+        let sorting = permutations::<N>().filter(|permutation| permutation.is_sorted_by_key(|&agent| own[agent]));
+        sorting.map(|permutation| (permutation.map(|agent| own[agent]), self.key(&permutation))).min().hash(hasher);
     }
 }
