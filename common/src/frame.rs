@@ -1,7 +1,7 @@
-//! Frames and the way between them.
+//! Coordinate frames and the conversions between them.
 //!
-//! * **Geodetic**: WGS84 latitude and longitude in radians, height above the ellipsoid in metres. Positions are shared in
-//!   this frame, because every simulator has its own local origin.
+//! * **Geodetic**: WGS84 latitude and longitude in radians, height above the ellipsoid in metres. Positions are shared
+//!   in this frame, because every simulator has its own local origin.
 //! * **ECEF**: Earth-centred, Earth-fixed Cartesian metres.
 //! * **NED**: north, east, down metres in the plane that touches the ellipsoid at the swarm's [`Origin`].
 //! * **Body**: forward, right, down.
@@ -26,19 +26,19 @@ const E2: f64 = F * (2.0 - F);
 /// Second eccentricity squared.
 const EP2: f64 = E2 / (1.0 - E2);
 
-/// A place on or above the WGS84 ellipsoid.
+/// Position on or above the WGS84 ellipsoid.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Geodetic {
-    /// Positive north, −π/2 to π/2.
+    /// Latitude, rad, positive north, −π/2 to π/2.
     pub latitude_rad: f64,
-    /// Positive east, −π to π.
+    /// Longitude, rad, positive east, −π to π.
     pub longitude_rad: f64,
-    /// Above the ellipsoid.
+    /// Height above the ellipsoid, m.
     pub altitude_m: f64,
 }
 
 impl Geodetic {
-    /// From the degrees that people and simulators use.
+    /// Makes a position from degrees and metres.
     #[inline]
     pub fn from_degrees(latitude_deg: f64, longitude_deg: f64, altitude_m: f64) -> Self {
         Self { latitude_rad: latitude_deg.to_radians(), longitude_rad: longitude_deg.to_radians(), altitude_m }
@@ -56,7 +56,7 @@ impl Geodetic {
         self.longitude_rad.to_degrees()
     }
 
-    /// Finite, on the globe, and between 1 km below and 100 km above the ellipsoid.
+    /// Whether the position is finite, on the globe, and between 1 km below and 100 km above the ellipsoid.
     #[inline]
     pub fn is_plausible(&self) -> bool {
         self.latitude_rad.abs() <= PI / 2.0
@@ -64,7 +64,7 @@ impl Geodetic {
             && (-1_000.0..=100_000.0).contains(&self.altitude_m)
     }
 
-    /// The same place, Earth-centred.
+    /// Converts the position to Earth-centred coordinates.
     #[inline]
     pub fn to_ecef(&self) -> Ecef {
         let (sin_lat, cos_lat) = math::sin_cos(self.latitude_rad);
@@ -84,8 +84,9 @@ impl Geodetic {
 pub struct Ecef(pub Vector3<f64>);
 
 impl Ecef {
-    /// Bowring's method in its 1985 form: one pass is within micrometres up to 10 km of height, poles included (sine and
-    /// cosine of the reduced latitude come from a normalised pair, never from a tangent).
+    /// Converts the position to latitude, longitude and height with Bowring's method of 1985. One pass is exact to
+    /// micrometres up to a height of 10 km, poles included: sine and cosine of the reduced latitude come from a
+    /// normalised pair, never from a tangent.
     #[inline]
     pub fn to_geodetic(self) -> Geodetic {
         let (x, y, z) = (self.0.x, self.0.y, self.0.z);
@@ -102,14 +103,14 @@ impl Ecef {
     }
 }
 
-/// The pair scaled to length one.
+/// Scales the pair to length one.
 #[inline]
 fn unit(sine: f64, cosine: f64) -> (f64, f64) {
     let length = (sine * sine + cosine * cosine).sqrt();
     (sine / length, cosine / length)
 }
 
-/// Where the swarm's local north-east-down frame touches the ellipsoid.
+/// Origin of the swarm's local north-east-down frame: the point where the frame touches the ellipsoid.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Origin {
     geodetic: Geodetic,
@@ -118,7 +119,7 @@ pub struct Origin {
 }
 
 impl Origin {
-    /// The frame at this place.
+    /// Makes the frame with its origin at this position.
     pub fn new(geodetic: Geodetic) -> Self {
         let (sin_lat, cos_lat) = math::sin_cos(geodetic.latitude_rad);
         let (sin_lon, cos_lon) = math::sin_cos(geodetic.longitude_rad);
@@ -131,19 +132,19 @@ impl Origin {
         Self { geodetic, ecef: geodetic.to_ecef().0, ned_from_ecef }
     }
 
-    /// The place itself.
+    /// Geodetic position of the origin.
     #[inline]
     pub fn geodetic(&self) -> Geodetic {
         self.geodetic
     }
 
-    /// Into the local frame.
+    /// Converts a geodetic position to the local frame.
     #[inline]
     pub fn ned_from_geodetic(&self, place: &Geodetic) -> PositionNed {
         PositionNed(self.ned_from_ecef * (place.to_ecef().0 - self.ecef))
     }
 
-    /// Out of the local frame.
+    /// Converts a position in the local frame to a geodetic position.
     #[inline]
     pub fn geodetic_from_ned(&self, position: PositionNed) -> Geodetic {
         Ecef(self.ecef + self.ned_from_ecef.tr_mul(&position.0)).to_geodetic()
@@ -159,7 +160,7 @@ macro_rules! ned_vector {
         pub struct $name(pub Vector3<f64>);
 
         impl $name {
-            /// From its components.
+            /// Makes a vector from its components.
             #[inline]
             pub fn new($north: f64, $east: f64, $down: f64) -> Self {
                 Self(Vector3::new($north, $east, $down))
@@ -183,13 +184,13 @@ macro_rules! ned_vector {
                 self.0.z
             }
 
-            /// North and east.
+            /// North and east components.
             #[inline]
             pub fn horizontal(&self) -> Vector2<f64> {
                 self.0.xy()
             }
 
-            /// No component is infinite or not a number.
+            /// Whether every component is finite.
             #[inline]
             pub fn is_finite(&self) -> bool {
                 self.0.iter().all(|component| component.is_finite())
@@ -253,22 +254,22 @@ impl PositionNed {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Attitude {
-    /// φ, right bank positive, −π to π.
+    /// Roll angle φ, rad, right bank positive, −π to π.
     pub roll_rad: f64,
-    /// θ, nose up positive, −π/2 to π/2.
+    /// Pitch angle θ, rad, nose up positive, −π/2 to π/2.
     pub pitch_rad: f64,
-    /// ψ, clockwise from true north.
+    /// Heading ψ, rad, clockwise from true north.
     pub heading_rad: f64,
 }
 
 impl Attitude {
-    /// No angle is infinite or not a number.
+    /// Whether every angle is finite.
     #[inline]
     pub fn is_finite(&self) -> bool {
         self.roll_rad.is_finite() && self.pitch_rad.is_finite() && self.heading_rad.is_finite()
     }
 
-    /// The rotation that takes body components to NED components.
+    /// Rotation that converts body components to NED components.
     pub fn ned_from_body(&self) -> Rotation3<f64> {
         Rotation3::from_euler_angles(self.roll_rad, self.pitch_rad, self.heading_rad)
     }
@@ -277,30 +278,30 @@ impl Attitude {
 /// Angular velocity of the body over the ground in body axes, rad/s.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct BodyRates {
-    /// p, right side down positive.
+    /// Roll rate p, rad/s, right side down positive.
     pub roll_rad_s: f64,
-    /// q, nose up positive.
+    /// Pitch rate q, rad/s, nose up positive.
     pub pitch_rad_s: f64,
-    /// r, nose right positive.
+    /// Yaw rate r, rad/s, nose right positive.
     pub yaw_rad_s: f64,
 }
 
 impl BodyRates {
-    /// No rate is infinite or not a number.
+    /// Whether every rate is finite.
     #[inline]
     pub fn is_finite(&self) -> bool {
         self.roll_rad_s.is_finite() && self.pitch_rad_s.is_finite() && self.yaw_rad_s.is_finite()
     }
 }
 
-/// The angle brought to −π..π.
+/// Wraps an angle to −π..π.
 #[inline]
 pub fn wrap_rad(angle_rad: f64) -> f64 {
     // The common case costs two comparisons.
     if angle_rad.abs() <= PI { angle_rad } else { angle_rad - 2.0 * PI * (angle_rad / (2.0 * PI)).round() }
 }
 
-/// A horizontal north-east vector seen along a heading: forward and right components.
+/// Converts a horizontal north-east vector to its components forward and right of a heading.
 #[inline]
 pub fn heading_from_ne(north_east: Vector2<f64>, heading_rad: f64) -> Vector2<f64> {
     let (sin, cos) = math::sin_cos(heading_rad);

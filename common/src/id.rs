@@ -1,26 +1,29 @@
-//! Who is who: vehicles, their restarts, the swarm.
+//! Identity of vehicles, of their agents' restarts, and of the swarm.
 
 use std::fmt;
 use std::num::NonZeroU8;
 
 use serde::{Deserialize, Serialize};
 
-/// A vehicle's number, 1 to 250: also its MAVLink system id.
+/// Id of a vehicle, 1 to 250; it is also the vehicle's MAVLink system id.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(try_from = "u8", into = "u8")]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct VehicleId(NonZeroU8);
 
-/// A number that is no vehicle's.
+/// A number that cannot be a vehicle's id.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("vehicle ids run from 1 to 250, not {0}")]
+#[error("vehicle ids are 1 to 250, not {0}")]
 pub struct NoSuchVehicle(pub u64);
 
 impl VehicleId {
-    /// The largest id; MAVLink keeps those above for ground stations.
+    /// The largest id: MAVLink reserves the higher ones for ground stations.
     pub const MAX: u8 = 250;
 
-    /// The vehicle with this number.
+    /// The id with this number.
+    ///
+    /// # Errors
+    /// If the number is not 1 to 250.
     pub fn new(number: u8) -> Result<Self, NoSuchVehicle> {
         match NonZeroU8::new(number) {
             Some(id) if number <= Self::MAX => Ok(Self(id)),
@@ -28,12 +31,12 @@ impl VehicleId {
         }
     }
 
-    /// Ids 1 to `count`, in order; `count` above [`VehicleId::MAX`] is cut to it.
+    /// Ids 1 to `count` in order, at most [`VehicleId::MAX`] of them.
     pub fn first(count: usize) -> impl Iterator<Item = Self> + Clone {
         (1..=count.min(Self::MAX.into()) as u8).filter_map(NonZeroU8::new).map(Self)
     }
 
-    /// The number itself.
+    /// The id as a number.
     #[inline]
     pub const fn get(self) -> u8 {
         self.0.get()
@@ -67,7 +70,7 @@ impl fmt::Display for VehicleId {
     }
 }
 
-/// Some of the vehicles of a swarm.
+/// A set of vehicles.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(try_from = "[u64; 4]")]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
@@ -75,10 +78,10 @@ pub struct VehicleSet([u64; 4]);
 
 impl TryFrom<[u64; 4]> for VehicleSet {
     type Error = NoSuchVehicle;
-    fn try_from(words: [u64; 4]) -> Result<Self, NoSuchVehicle> {
-        let beyond = words[3] >> (VehicleId::MAX - 192);
+    fn try_from(blocks: [u64; 4]) -> Result<Self, NoSuchVehicle> {
+        let beyond = blocks[3] >> (VehicleId::MAX - 192);
         match beyond {
-            0 => Ok(Self(words)),
+            0 => Ok(Self(blocks)),
             _ => Err(NoSuchVehicle(u64::from(VehicleId::MAX) + u64::from(beyond.trailing_zeros()) + 1)),
         }
     }
@@ -87,46 +90,46 @@ impl TryFrom<[u64; 4]> for VehicleSet {
 impl VehicleSet {
     /// Adds a vehicle.
     pub fn insert(&mut self, id: VehicleId) {
-        let (word, bit) = Self::place(id);
-        self.0[word] |= bit;
+        let (block, bit) = Self::place(id);
+        self.0[block] |= bit;
     }
 
-    /// Takes a vehicle out.
+    /// Removes a vehicle.
     pub fn remove(&mut self, id: VehicleId) {
-        let (word, bit) = Self::place(id);
-        self.0[word] &= !bit;
+        let (block, bit) = Self::place(id);
+        self.0[block] &= !bit;
     }
 
-    /// Whether the vehicle is one of them.
+    /// Whether the set contains the vehicle.
     pub fn contains(&self, id: VehicleId) -> bool {
-        let (word, bit) = Self::place(id);
-        self.0[word] & bit != 0
+        let (block, bit) = Self::place(id);
+        self.0[block] & bit != 0
     }
 
-    /// How many they are.
+    /// Number of vehicles.
     pub fn len(&self) -> usize {
-        self.0.iter().map(|word| word.count_ones() as usize).sum()
+        self.0.iter().map(|block| block.count_ones() as usize).sum()
     }
 
-    /// Whether there is none.
+    /// Whether the set is empty.
     pub fn is_empty(&self) -> bool {
         self.0 == [0; 4]
     }
 
-    /// Adds all of another set.
+    /// Adds all vehicles of another set.
     pub fn extend(&mut self, others: Self) {
-        self.0.iter_mut().zip(others.0).for_each(|(word, other)| *word |= other);
+        self.0.iter_mut().zip(others.0).for_each(|(block, other)| *block |= other);
     }
 
-    /// All of them, in order.
+    /// All vehicles, in the order of their ids.
     pub fn iter(&self) -> impl Iterator<Item = VehicleId> + Clone + '_ {
-        let of_word = |(nth, word): (usize, u64)| {
+        let ids_of = |(nth, block): (usize, u64)| {
             // Each step clears the lowest bit.
-            let bits = std::iter::successors(Some(word), |word| Some(word & word.wrapping_sub(1)))
-                .take_while(|word| *word != 0);
-            bits.filter_map(move |word| VehicleId::new((nth * 64) as u8 + word.trailing_zeros() as u8 + 1).ok())
+            let bits = std::iter::successors(Some(block), |bits| Some(bits & bits.wrapping_sub(1)))
+                .take_while(|bits| *bits != 0);
+            bits.filter_map(move |bits| VehicleId::new((nth * 64) as u8 + bits.trailing_zeros() as u8 + 1).ok())
         };
-        self.0.into_iter().enumerate().flat_map(of_word)
+        self.0.into_iter().enumerate().flat_map(ids_of)
     }
 
     fn place(id: VehicleId) -> (usize, u64) {
@@ -156,24 +159,27 @@ impl fmt::Display for VehicleSet {
     }
 }
 
-/// One life of an agent: a restarted agent has a larger one. Taken from the clock at its start (nanoseconds of UTC), so
-/// that it grows from start to start without anything kept on disk.
+/// Number of one run of an agent's process: a restarted agent has a larger one. It is the time of the start (UTC, ns),
+/// so that it grows without a file that counts the starts.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Incarnation(pub u64);
 
-/// The swarm's name: the Zenoh namespace of all its traffic.
+/// Name of a swarm: the Zenoh namespace of all its messages.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(try_from = "String", into = "String")]
 pub struct SwarmName(String);
 
-/// A text that cannot name a swarm.
+/// A text that cannot be the name of a swarm.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("a swarm's name has 1 to 64 letters, digits, '-' or '_', and {0:?} has not")]
+#[error("the name of a swarm is 1 to 64 letters, digits, '-' or '_'; {0:?} is not")]
 pub struct BadSwarmName(pub String);
 
 impl SwarmName {
-    /// Checks that the text can stand in a key, a file name and a service name.
+    /// Makes a name that is valid in a Zenoh key, a file name and a service name.
+    ///
+    /// # Errors
+    /// If the text is not 1 to 64 ASCII letters, digits, '-' or '_'.
     pub fn new(text: impl Into<String>) -> Result<Self, BadSwarmName> {
         let text = text.into();
         let good = |c: char| c.is_ascii_alphanumeric() || c == '-' || c == '_';
@@ -210,7 +216,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn ids_stay_in_range() {
+    fn vehicle_ids_are_1_to_250() {
         assert!(VehicleId::new(0).is_err());
         assert!(VehicleId::new(251).is_err());
         assert_eq!("250".parse::<VehicleId>().map(VehicleId::get), Ok(250));
@@ -219,7 +225,7 @@ mod tests {
     }
 
     #[test]
-    fn a_swarm_name_can_stand_in_a_key() {
+    fn a_swarm_name_is_valid_in_a_key() {
         assert!(SwarmName::new("lab-1").is_ok());
         for bad in ["", "a/b", "*", "a b", "ä"] {
             assert!(SwarmName::new(bad).is_err(), "{bad:?}");
@@ -227,7 +233,7 @@ mod tests {
     }
 
     #[test]
-    fn a_set_of_vehicles_holds_what_was_put_in() {
+    fn a_set_of_vehicles_contains_exactly_the_inserted_ids() {
         let ids = [1, 2, 64, 65, 128, 129, 200, 250].map(|number| VehicleId::new(number).unwrap());
         let mut set: VehicleSet = ids.into_iter().collect();
         assert_eq!(set.iter().collect::<Vec<_>>(), ids);

@@ -1,19 +1,19 @@
-//! What every process of a Skein swarm must agree on.
+//! Definitions that every process of a Skein swarm shares.
 //!
-//! | module | what it fixes |
+//! | module | what it defines |
 //! | --- | --- |
 //! | [`math`] | sine, exponential and the like, with the same bits on every machine |
-//! | [`frame`] | WGS84, Earth-centred, local north-east-down, body axes, and the way between them |
-//! | [`time`] | plant time, local time, sender's stamp: three clocks that do not mix |
-//! | [`id`] | vehicle, swarm, incarnation |
-//! | [`state`] | what a vehicle knows of itself |
-//! | [`message`] | what is said between processes, byte for byte |
+//! | [`frame`] | WGS84, Earth-centred, local north-east-down and body frames, and the conversions between them |
+//! | [`time`] | plant time, local time, sender's stamp: three clocks that the compiler keeps apart |
+//! | [`id`] | vehicle ids, swarm names, incarnations |
+//! | [`state`] | the state that a vehicle reports |
+//! | [`message`] | the messages between processes, byte for byte |
 //! | [`statistics`] | quantiles, by one definition |
-//! | [`topic`] | under which key it is said |
-//! | [`scenario`] | the one file that describes a swarm |
-//! | [`printable`] | how foreign text may reach a terminal or a log |
+//! | [`topic`] | the Zenoh key of each message |
+//! | [`scenario`] | the file that describes a swarm |
+//! | [`printable`] | foreign text made safe for a terminal or a log |
 //!
-//! No input or output, no clock, no threads: everything here is a value or a function of values.
+//! This crate does no input or output, reads no clock and starts no thread: it has values and functions of values only.
 
 pub mod frame;
 pub mod id;

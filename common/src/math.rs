@@ -1,10 +1,10 @@
-//! Elementary functions that give the same bits on every machine.
+//! Elementary functions that give the same bits on every computer.
 //!
-//! The standard library hands `sin`, `exp` and the like to the C library, whose results differ between releases and between
-//! processors (glibc chooses another routine where it finds AVX2 and FMA). These come from the Rust port of musl's
-//! mathematics, the crate `libm`, which is compiled into the program: a study is repeatable on any C library.
-//! Clippy refuses the standard library's own. Exactly rounded operations (`+ - * /`, `sqrt`, `abs`, `floor`, `round`,
-//! `mul_add`, `rem_euclid`) need no replacement.
+//! The standard library calls the C library for `sin`, `exp` and the like. Those results differ between releases and
+//! between processors: glibc chooses another routine on processors with AVX2 and FMA. The functions here call the crate
+//! `libm`, the Rust port of musl's mathematics. It is compiled into the program, so that a study gives the same results
+//! with any C library. Clippy refuses the functions of the standard library. Exactly rounded operations (`+ - * /`,
+//! `sqrt`, `abs`, `floor`, `round`, `mul_add`, `rem_euclid`) need no replacement.
 
 /// The sine of an angle in radians.
 #[inline]
@@ -24,7 +24,7 @@ pub fn sin_cos(angle_rad: f64) -> (f64, f64) {
     libm::sincos(angle_rad)
 }
 
-/// The angle in radians, from -π/2 to π/2, of which this is the sine. Outside [-1, 1] it is not a number.
+/// The arc sine in radians, from -π/2 to π/2; NaN for arguments outside [-1, 1].
 #[inline]
 pub fn asin(sine: f64) -> f64 {
     libm::asin(sine)
@@ -36,7 +36,7 @@ pub fn atan2(y: f64, x: f64) -> f64 {
     libm::atan2(y, x)
 }
 
-/// The length of the vector `(x, y)`, without overflow on the way.
+/// The length of the vector `(x, y)`; no intermediate result overflows.
 #[inline]
 pub fn hypot(x: f64, y: f64) -> f64 {
     libm::hypot(x, y)

@@ -1,9 +1,9 @@
-//! What is said between processes, byte for byte.
+//! Messages between processes, byte for byte.
 //!
 //! A message is one version byte and the [postcard](https://postcard.jamesmunns.com) encoding of its struct. Postcard
-//! writes no field names: a field added, dropped or moved is a new [`VERSION`], and the golden bytes in the tests say so.
-//! [`decode`] accepts only what a correct peer can have said: right version, right size, nothing left over, every number
-//! finite and in range.
+//! writes no field names. To add, drop or move a field therefore needs a new [`VERSION`]; the golden bytes in the tests
+//! fail otherwise. [`decode`] accepts only what a correct peer can send: the right version, the right size, no bytes
+//! left over, every number finite and in range.
 
 mod clock;
 mod health;
@@ -23,224 +23,229 @@ pub use health::{Drops, Health, PeerHealth, Reason, Refused};
 pub use order::{Order, Seal, Verb};
 pub use trace::{LawNumber, PeerAge, Trace};
 
-/// The first byte of every message.
+/// Version of the messages: the first byte of every message.
 pub const VERSION: u8 = 5;
 
-/// No mission has more steps than this.
+/// Largest index of a mission step.
 pub const MAX_STEP: u32 = 10_000;
 
-/// Why bytes are not a message.
+/// Reason why [`decode`] refused bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum DecodeError {
-    /// No bytes at all.
-    #[error("an empty message")]
+    /// The message has no bytes.
+    #[error("empty message")]
     Empty,
-    /// Said by another version of Skein.
-    #[error("a message of version {0}, where {VERSION} is spoken")]
+    /// The message was sent by another version of Skein.
+    #[error("message of version {0}: this program reads version {VERSION}")]
     Version(u8),
-    /// Longer than this kind of message ever is.
-    #[error("a message of {0} bytes, too long for its kind")]
+    /// The message is longer than its kind allows.
+    #[error("message of {0} bytes: too long for its kind")]
     TooLong(usize),
-    /// Not the encoding of this kind of message.
-    #[error("a malformed message")]
+    /// The bytes do not encode this kind of message.
+    #[error("malformed message")]
     Malformed,
-    /// A number in it is not finite or out of its range.
-    #[error("a message with an impossible value")]
+    /// A number of the message is not finite or out of its range.
+    #[error("message with a value out of range")]
     Implausible,
 }
 
-/// A kind of message.
+/// A kind of message between processes.
 pub trait Message: Serialize + DeserializeOwned {
-    /// No message of this kind is longer, bytes.
+    /// Largest size of a message of this kind, bytes.
     const MAX_BYTES: usize;
 
-    /// Every number is finite and in its range.
+    /// Whether every number is finite and in its range.
     fn is_plausible(&self) -> bool;
 
-    /// Whether it may be said under this topic: a vehicle speaks in its own branch, an issuer under its own number.
-    fn may_stand_under(&self, topic: &Topic) -> bool;
+    /// Whether the message may be published under this topic: a vehicle publishes under its own id, an operator's
+    /// process under its own number.
+    fn is_allowed_under(&self, topic: &Topic) -> bool;
 }
 
-/// The sender of a message, in which life, and in which order.
+/// Header of a message from a vehicle: its sender, the sender's incarnation, the message's number and time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Header {
-    /// The vehicle that sends.
+    /// The vehicle that sent the message.
     pub sender: VehicleId,
-    /// The present life of its agent: a restarted agent has a larger one.
+    /// The sender's incarnation: a restarted agent has a larger one.
     pub incarnation: Incarnation,
-    /// Grows with every message of this kind in this life.
+    /// Number of the message: it grows with every message of this kind in this incarnation.
     pub sequence: u64,
-    /// The sender's own monotonic clock, ns. It orders the sender's messages and tells nothing of any other clock.
+    /// Time of sending by the sender's own monotonic clock, ns. It orders the messages of this sender; it cannot be compared with
+    /// another clock.
     pub stamp: SenderStamp,
 }
 
 impl Header {
-    /// The place of the message among all messages of its kind from its sender.
+    /// Position of the message among all messages of its kind from its sender.
     pub fn order(&self) -> MessageOrder {
         MessageOrder { incarnation: self.incarnation, sequence: self.sequence }
     }
 }
 
-/// The place of a message among all messages of its kind from one sender: the newer message is the larger one. A message of a
-/// later life is newer than all messages of an earlier life.
+/// Position of a message among all messages of its kind from one sender: the newer message is the larger one. A message
+/// of a later incarnation is newer than all messages of an earlier one.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct MessageOrder {
-    /// The sender's life.
+    /// The sender's incarnation.
     pub incarnation: Incarnation,
-    /// The number of the message within that life.
+    /// The number of the message within that incarnation.
     pub sequence: u64,
 }
 
-/// The speaker's state, on need.
+/// State of the sender: position, velocity and heading. It is sent when the peers' dead reckoning of it would be off.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct State {
-    /// Who and when.
+    /// Sender, number and time of the message.
     pub header: Header,
-    /// Where it is and how it moves.
+    /// Position, velocity and heading.
     pub state: VehicleState,
 }
 
-/// The speaker's part in the agreement: a register of which the others keep the newest, said on change and five times a second.
+/// Heartbeat of an agent that carries its agreement state, of which the receivers keep the newest. Sent on every change and five
+/// times a second.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Mission {
-    /// Who and when.
+    /// Sender, number and time of the message.
     pub header: Header,
     /// Hash of the plan. Agents with different plans do not agree with each other.
     pub plan: u64,
-    /// Whether the others count on the speaker.
+    /// Whether the sender is an active member of the swarm.
     pub membership: Membership,
-    /// The step of the mission that the speaker is at, counted from 0.
+    /// The mission step that the sender is at, counted from 0.
     pub step: u32,
-    /// The latest step that the speaker vouches for, at most [`Self::step`]: it came there with all active members, after
-    /// two others or by order, and not after a single one.
+    /// The latest step that the sender vouches for, at most [`Self::step`]: the sender entered it together with all
+    /// active members, after two other vehicles or by order, and not after a single other vehicle.
     pub vouched: u32,
-    /// The highest step that the speaker itself reached in this life.
+    /// The highest step whose goal the sender itself reached in this incarnation.
     pub reached: Option<u32>,
-    /// How far the speaker takes the centre to be along this step's path, m.
+    /// The sender's estimate of how far the formation's centre is along this step's path, m.
     pub progress_m: f64,
-    /// The newest order the speaker knows of.
+    /// The newest order that the sender received.
     pub order: Option<Order>,
-    /// The newest stamp of one peer, each peer in turn: the peer measures the round trip by it.
+    /// The newest stamp of one peer, each peer in turn: that peer measures the round trip with it.
     pub echo: Option<Echo>,
 }
 
 /// The stamp of a peer's heartbeat, sent back to that peer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Echo {
-    /// The vehicle that sent the heartbeat.
+    /// The vehicle that sent the echoed heartbeat.
     pub of: VehicleId,
-    /// The stamp of the heartbeat, by the clock of its sender.
+    /// The stamp of the echoed heartbeat, by the clock of its sender.
     pub stamp: SenderStamp,
-    /// The time between the heartbeat's arrival and this message, by the clock of this message's sender, µs.
+    /// Time between the arrival of the echoed heartbeat and this message, by the clock of this message's sender, µs.
     pub held_us: u32,
 }
 
 impl Echo {
-    /// How long the stamp was held, s.
+    /// Time between the arrival of the heartbeat and its echo, s.
     pub fn held_s(&self) -> f64 {
         f64::from(self.held_us) * 1e-6
     }
 }
 
-/// Something that happened, said once.
+/// An event of the sender, sent once.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Event {
-    /// Who and when.
+    /// Sender, number and time of the message.
     pub header: Header,
-    /// What happened.
+    /// The kind of event.
     pub what: Happening,
 }
 
-/// What can happen.
+/// Kind of an [`Event`]. Its text is what operators read in the log and on the screen.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub enum Happening {
-    /// The speaker became an active member.
+    /// The sender became an active member of the swarm.
     BecameActive,
-    /// A peer was heard for the first time, or again.
+    /// Messages of a peer arrived for the first time, or again after a loss of contact.
     PeerFound(VehicleId),
-    /// A peer is gone: its token or its word has.
+    /// A peer was lost: its liveliness token ended, or its messages stopped.
     PeerLost(VehicleId),
-    /// A peer flies another plan: its part in the agreement is ignored.
+    /// A peer flies a different plan: the sender ignores the peer's agreement state.
     PlanDiffers(VehicleId),
-    /// Nobody is heard any more; the speaker holds its place.
+    /// No peer is in contact: the sender holds position.
     AllPeersLost,
-    /// An order was taken up; told without its seal.
+    /// The sender accepted an order. The event carries the order without its signature.
     OrderTaken(Order),
-    /// The speaker has reached this step's goal.
+    /// The sender reached the goal of this step.
     Reached(u32),
-    /// The speaker goes on to this step: everybody who counts had reached the one before.
+    /// The sender continues to this step, because every active member had reached the step before.
     Advanced(u32),
-    /// The speaker goes on without some who had counted at the step before, had not reached it, and are not heard now.
+    /// The sender continues to the next step without some active members, which had not reached the step before and are
+    /// not in contact.
     ForcedAdvance {
-        /// The step gone on to.
+        /// The new step.
         to: u32,
-        /// Those not waited for: a bit each, that of vehicle 1 is the lowest of the first number.
+        /// The vehicles that the sender does not wait for: one bit each, the lowest bit of the first number for vehicle 1.
         without: VehicleSet,
     },
-    /// The speaker was carried forward to where others are, past a step that it had not reached.
+    /// The sender skipped forward to the step of its peers, past a step that it had not reached.
     Skipped {
-        /// The step that it had not reached.
+        /// The step that the sender had not reached.
         from: u32,
-        /// The step that it is at now.
+        /// The new step.
         to: u32,
     },
-    /// Too few are heard for a swarm that only goes on with more than half: the speaker holds its place.
+    /// The sender holds position: half of the swarm's vehicles or fewer are in contact, itself included, and
+    /// `mission.partition = "quorum"` requires more.
     QuorumLost,
-    /// More than half are heard again.
+    /// More than half of the swarm's vehicles are in contact again.
     QuorumBack,
-    /// Something of the speaker's own vehicle has failed.
+    /// A component of the sender's vehicle failed.
     Failed(Failure),
-    /// The own clock has jumped; ages are counted anew from it.
+    /// The sender's clock jumped: the ages of the peers' states restart.
     ClockJumped,
-    /// The speaker is at its altitude.
+    /// The vehicle reached its altitude after take-off.
     AtAltitude,
-    /// The speaker is down.
+    /// The vehicle landed.
     Landed,
-    /// No data of its own: controls neutral.
+    /// The simulator's data of the vehicle are too old: the controls are neutral.
     OwnDataStale,
-    /// The simulator is gone; the speaker waits for it.
+    /// The simulator stopped sending: the agent waits for it.
     SimulatorLost,
-    /// Own data are back.
+    /// The simulator's data of the vehicle arrive again.
     OwnDataBack,
-    /// The controller was given a number it cannot use; the last controls stand.
+    /// An input of the vehicle controller was not finite: the last controls are held.
     ControlFault,
-    /// The external law does not answer: the fallback flies.
+    /// The external law missed too many deadlines: the fallback law flies the vehicle.
     LawLost,
-    /// The external law answers, and flies again.
+    /// The external law answers again and flies the vehicle.
     LawBack,
 }
 
-/// What a vehicle finds failed of itself, from the mildest to the most severe, with what it does then.
+/// A failure that an agent detected of its own vehicle, from the mildest to the most severe, with the agent's response.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub enum Failure {
-    /// The position repeats: it reckons on by its velocity, and lands.
+    /// The measured position is frozen: the agent dead-reckons with the velocity, and lands.
     Position,
-    /// The yaw gyro is dead: it lands, its nose anywhere.
+    /// The yaw gyro failed: the vehicle lands without heading control.
     Gyro,
-    /// It neither is at its altitude nor comes nearer to it, whatever the reason: it lands, or stays on the ground.
+    /// The vehicle is not at its altitude and does not approach it: it lands, or stays on the ground.
     Altitude,
-    /// A servo does not follow: it lands as well as it can.
+    /// A servo does not follow its command: the vehicle lands with the remaining controls.
     Servo,
-    /// No power: it comes down.
+    /// The engine has no power: the vehicle autorotates.
     Engine,
 }
 
 impl Failure {
-    /// How many there are.
+    /// Number of kinds of failures.
     pub const KINDS: usize = 5;
 }
 
 impl std::fmt::Display for Failure {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.write_str(match self {
-            Self::Position => "position frozen, reckons on and lands",
-            Self::Gyro => "yaw gyro off, lands",
-            Self::Altitude => "does not come to its altitude, lands",
+            Self::Position => "position frozen, dead-reckons and lands",
+            Self::Gyro => "yaw gyro failed, lands",
+            Self::Altitude => "altitude not reached, lands",
             Self::Servo => "servo stuck, lands",
-            Self::Engine => "engine out, comes down",
+            Self::Engine => "engine out, autorotates",
         })
     }
 }
@@ -248,28 +253,28 @@ impl std::fmt::Display for Failure {
 impl std::fmt::Display for Happening {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {
-            Self::BecameActive => f.write_str("takes part"),
-            Self::PeerFound(id) => write!(f, "hears vehicle {id}"),
-            Self::PeerLost(id) => write!(f, "lost vehicle {id}"),
-            Self::PlanDiffers(id) => write!(f, "vehicle {id} flies another plan, ignored"),
-            Self::AllPeersLost => f.write_str("hears nobody, holds its place"),
-            Self::OrderTaken(order) => write!(f, "takes the order: {}", order.verb),
+            Self::BecameActive => f.write_str("active"),
+            Self::PeerFound(id) => write!(f, "in contact with vehicle {id}"),
+            Self::PeerLost(id) => write!(f, "lost contact with vehicle {id}"),
+            Self::PlanDiffers(id) => write!(f, "vehicle {id} flies a different plan, its agreement state is ignored"),
+            Self::AllPeersLost => f.write_str("no peer in contact, holds position"),
+            Self::OrderTaken(order) => write!(f, "accepts the order: {}", order.verb),
             Self::Reached(step) => write!(f, "reached step {step}"),
-            Self::Advanced(step) => write!(f, "goes on to step {step}"),
-            Self::ForcedAdvance { to, without } => write!(f, "goes on to step {to} without vehicle {without}"),
-            Self::Skipped { from, to } => write!(f, "carried forward from step {from} to step {to}"),
-            Self::QuorumLost => f.write_str("hears too few to go on, holds its place"),
-            Self::QuorumBack => f.write_str("hears enough to go on"),
+            Self::Advanced(step) => write!(f, "continues to step {step}"),
+            Self::ForcedAdvance { to, without } => write!(f, "continues to step {to} without vehicle {without}"),
+            Self::Skipped { from, to } => write!(f, "skips forward from step {from} to step {to}"),
+            Self::QuorumLost => f.write_str("no quorum in contact, holds position"),
+            Self::QuorumBack => f.write_str("quorum in contact again"),
             Self::Failed(failure) => write!(f, "{failure}"),
-            Self::ClockJumped => f.write_str("own clock jumped, ages counted anew"),
+            Self::ClockJumped => f.write_str("clock jumped, ages of the peers' states restart"),
             Self::AtAltitude => f.write_str("at altitude"),
             Self::Landed => f.write_str("landed"),
-            Self::OwnDataStale => f.write_str("own data stale, controls neutral"),
-            Self::SimulatorLost => f.write_str("simulator gone, waiting for it"),
-            Self::OwnDataBack => f.write_str("own data back"),
-            Self::ControlFault => f.write_str("controller refused its input, controls held"),
-            Self::LawLost => f.write_str("own law does not answer, the fallback flies"),
-            Self::LawBack => f.write_str("own law answers, flies again"),
+            Self::OwnDataStale => f.write_str("simulator data stale, controls neutral"),
+            Self::SimulatorLost => f.write_str("simulator lost, waiting for it"),
+            Self::OwnDataBack => f.write_str("simulator data available again"),
+            Self::ControlFault => f.write_str("controller input invalid, last controls held"),
+            Self::LawLost => f.write_str("external law unresponsive, fallback law flies"),
+            Self::LawBack => f.write_str("external law responds, flies again"),
         }
     }
 }
@@ -284,7 +289,7 @@ macro_rules! message {
                 plausible(self)
             }
 
-            fn may_stand_under(&self, topic: &Topic) -> bool {
+            fn is_allowed_under(&self, topic: &Topic) -> bool {
                 let author: fn(&Self) -> Author = $author;
                 topic.author() == author(self)
             }
@@ -293,27 +298,30 @@ macro_rules! message {
 }
 use message;
 
-message!(State, 128, |said| Author::Vehicle(said.header.sender), |said| said.state.is_plausible());
-message!(Mission, 192, |said| Author::Vehicle(said.header.sender), |said| {
-    said.step <= MAX_STEP
-        && said.vouched <= said.step
-        && said.reached.is_none_or(|reached| reached <= MAX_STEP)
-        && said.progress_m.abs() < 1e9
+message!(State, 128, |message| Author::Vehicle(message.header.sender), |message| message.state.is_plausible());
+message!(Mission, 192, |message| Author::Vehicle(message.header.sender), |message| {
+    message.step <= MAX_STEP
+        && message.vouched <= message.step
+        && message.reached.is_none_or(|reached| reached <= MAX_STEP)
+        && message.progress_m.abs() < 1e9
 });
-message!(Event, 128, |said| Author::Vehicle(said.header.sender), |_| true);
+message!(Event, 128, |message| Author::Vehicle(message.header.sender), |_| true);
 
-/// The message as bytes.
+/// Encodes a message as bytes.
 ///
 /// # Panics
-/// Never: none of our messages holds anything that postcard cannot write.
+/// Never: postcard can write every type that occurs in a message.
 pub fn encode<M: Message>(message: &M) -> Vec<u8> {
     let bytes = postcard::to_extend(message, vec![VERSION]);
-    // Structs of numbers, options, enums and sequences of known length always have an encoding.
-    #[expect(clippy::expect_used, reason = "postcard fails only on types that no message of ours has")]
+    // Postcard can encode numbers, options, enums and sequences of known length.
+    #[expect(clippy::expect_used, reason = "postcard fails only on types that no message has")]
     bytes.expect("every message has an encoding")
 }
 
-/// The message in these bytes, if a correct peer can have said it.
+/// Decodes the message in these bytes.
+///
+/// # Errors
+/// If no correct peer of this version can have sent these bytes as a message of this kind.
 pub fn decode<M: Message>(bytes: &[u8]) -> Result<M, DecodeError> {
     let (&version, body) = bytes.split_first().ok_or(DecodeError::Empty)?;
     if version != VERSION {

@@ -1,9 +1,9 @@
-//! Text from the network, from another host or from another program, made fit for a terminal and for a log.
+//! Text from the network, another host or another program, made safe to show on a terminal and to write to a log.
 //!
-//! Every character that a terminal obeys instead of showing it is replaced by its number as JSON writes it, `\u001b`: visible,
-//! without effect, and still the same text where the whole is JSON.
+//! Every character that controls a terminal is replaced by its number as JSON writes it, `\u001b`. The number is
+//! visible and has no effect, and a JSON text keeps its meaning.
 
-/// Foreign text on one line of at most `most` characters; a longer one ends with `…`.
+/// Foreign text as one line of at most `most` characters; a longer text is cut and ends with `…`.
 pub fn printable(text: &str, most: usize) -> String {
     let shown = with_visible_controls(text, |_| false);
     match shown.char_indices().nth(most) {
@@ -12,7 +12,7 @@ pub fn printable(text: &str, most: usize) -> String {
     }
 }
 
-/// A whole text on its way to a terminal: it keeps its lines and tabs.
+/// Foreign text of several lines: line ends and tabs are kept.
 pub fn printable_lines(text: &str) -> String {
     with_visible_controls(text, |c| matches!(c, '\n' | '\t'))
 }
@@ -20,7 +20,7 @@ pub fn printable_lines(text: &str) -> String {
 fn with_visible_controls(text: &str, is_kept: impl Fn(char) -> bool) -> String {
     let mut shown = String::with_capacity(text.len());
     for c in text.chars() {
-        if acts_unseen(c) && !is_kept(c) {
+        if is_control_or_invisible(c) && !is_kept(c) {
             let mut units = [0; 2];
             shown.extend(c.encode_utf16(&mut units).iter().map(|unit| format!("\\u{unit:04x}")));
         } else {
@@ -30,9 +30,9 @@ fn with_visible_controls(text: &str, is_kept: impl Fn(char) -> bool) -> String {
     shown
 }
 
-/// Whether a terminal obeys this character, or shows nothing of it: C0 and C1 controls, marks that change the direction of
-/// writing, separators of lines, and what is invisible.
-fn acts_unseen(c: char) -> bool {
+/// Whether this character controls a terminal or is invisible: C0 and C1 controls, marks of the writing direction, line
+/// separators, and characters without width.
+fn is_control_or_invisible(c: char) -> bool {
     c.is_control()
         || matches!(
             c,
@@ -53,7 +53,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_a_terminal_obeys_is_replaced_by_its_number() {
+    fn characters_that_control_a_terminal_are_replaced_by_their_numbers() {
         let shown = |text| printable(text, 100);
         assert_eq!(shown("a\u{1b}[2J\u{1b}]0;title\u{7}b"), "a\\u001b[2J\\u001b]0;title\\u0007b");
         assert_eq!(shown("one\r\ntwo\tthree\u{0}"), "one\\u000d\\u000atwo\\u0009three\\u0000");
@@ -64,15 +64,15 @@ mod tests {
     }
 
     #[test]
-    fn no_control_character_is_left_whatever_comes() {
+    fn no_control_character_is_left_of_any_text() {
         let all: String = (0..0x0011_0000).filter_map(char::from_u32).collect();
         for shown in [printable(&all, usize::MAX), printable_lines(&all).replace(['\n', '\t'], "")] {
-            assert!(!shown.chars().any(acts_unseen));
+            assert!(!shown.chars().any(is_control_or_invisible));
         }
     }
 
     #[test]
-    fn a_line_is_no_longer_than_it_may_be() {
+    fn a_long_line_is_cut() {
         assert_eq!(printable("12345", 5), "12345");
         assert_eq!(printable("123456", 5), "1234…");
         assert_eq!(printable(&"\u{1b}".repeat(1000), 8), "\\u001b\\…");
@@ -80,11 +80,11 @@ mod tests {
     }
 
     #[test]
-    fn a_text_of_json_says_the_same() {
-        let said = "\u{1b}[2J\u{9b}\u{202e}\u{e0041}".to_owned();
-        // As a writer does that escapes no more than it has to.
-        let json = format!("{{\n\t\"said\": \"\\u001b[2J{}\"\n}}", &said[4..]);
-        let expected = "{\n\t\"said\": \"\\u001b[2J\\u009b\\u202e\\udb40\\udc41\"\n}";
+    fn a_json_text_keeps_its_meaning() {
+        let value = "\u{1b}[2J\u{9b}\u{202e}\u{e0041}".to_owned();
+        // A writer that escapes only the characters that JSON requires.
+        let json = format!("{{\n\t\"text\": \"\\u001b[2J{}\"\n}}", &value[4..]);
+        let expected = "{\n\t\"text\": \"\\u001b[2J\\u009b\\u202e\\udb40\\udc41\"\n}";
         assert_eq!(printable_lines(&json), expected);
     }
 }

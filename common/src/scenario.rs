@@ -1,4 +1,4 @@
-//! The one file that describes a swarm, for every target.
+//! The scenario file: one file describes a swarm, for live flights and for studies.
 //!
 //! ```
 //! use skein_common::scenario::{Source, load};
@@ -12,9 +12,9 @@
 //! # Ok::<(), skein_common::scenario::ScenarioError>(())
 //! ```
 //!
-//! The way of a file: text, `tree` (every word with its place; `--set` on top), `check` and `shape` (every key against
-//! [`KEYS`], keys of one table), `layers` (defaults and preset below), `across` (what keys mean together),
-//! [`Scenario`].
+//! A file is read in these steps: `tree` parses the text, with the position of every value, and applies `--set`;
+//! `check` and `shape` compare every key with [`KEYS`], and the keys of one table with each other; `layers` adds the
+//! preset and the defaults; `across` checks combinations of keys; the result is a [`Scenario`].
 
 mod across;
 mod check;
@@ -32,26 +32,28 @@ mod written;
 use std::fmt;
 
 pub use error::ScenarioError;
-pub use keys::{Implied, KEYS, Key, Kind, Literal, NEVER_SUGGESTED, Range, is_whole, matching, meant};
+pub use keys::{
+    Implied, KEYS, Key, Kind, Literal, NEVER_SUGGESTED, Range, matching, most_similar, takes_whole_numbers,
+};
 pub use kind::FileKind;
-pub use law::{LawName, OwnLaw, add_laws};
+pub use law::{LawNameError, OwnLaw, add_laws};
 pub use model::*;
 pub use written::Written;
 
 use layers::Layers;
 use tree::Texts;
 
-/// A file as it was read.
+/// Name and text of a file.
 #[derive(Clone, Copy, Debug)]
 pub struct Source<'a> {
-    /// For messages.
+    /// Name of the file for error messages.
     pub name: &'a str,
-    /// All of it.
+    /// The whole text of the file.
     pub text: &'a str,
 }
 
 impl Source<'_> {
-    /// Line and column of a byte, both from 1, the column in characters; a byte order mark has no width.
+    /// Line and column of a byte, both counted from 1, the column in characters; a byte order mark has no width.
     pub fn position(&self, byte: usize) -> (usize, usize) {
         let before = self.text.get(..byte).unwrap_or(self.text);
         let line = before.matches('\n').count() + 1;
@@ -60,13 +62,14 @@ impl Source<'_> {
     }
 }
 
-/// Reads a scenario: built-in default < `preset` < file < `sets`, each `key=value` as `--set` takes it, the last one
-/// winning. A value in `sets` is TOML, or else a text without quotes: `vehicle.3.aircraft=r22`. Lists count from 0:
+/// Reads a scenario. A value in `sets` overrides the file, the file overrides the preset, and the preset overrides the
+/// default. Each entry of `sets` is `key=value` as `--set` takes it; a later one overrides an earlier one. Its value is
+/// TOML, or else a text without quotes: `vehicle.3.aircraft=r22`. Lists count from 0:
 /// `mission.steps[1].formation.radius_m=50`.
 ///
 /// # Errors
-/// The first fault found: not TOML, an unknown key, a value of the wrong kind or out of its range, or values that do
-/// not go together.
+/// The first error found: not TOML, an unknown key, a value of the wrong kind or out of its range, or values that
+/// contradict each other.
 pub fn load(source: &Source<'_>, sets: &[String]) -> Result<Loaded, ScenarioError> {
     let texts = Texts { kind: FileKind::Scenario, keys: KEYS, source, sets };
     let mut written = texts.parse()?;
@@ -83,46 +86,46 @@ pub fn load(source: &Source<'_>, sets: &[String]) -> Result<Loaded, ScenarioErro
     Ok(Loaded { scenario, notes: layers.notes(), lines: layers.lines() })
 }
 
-/// A scenario that may fly, and how it came about.
+/// A valid scenario, with the origin of every value.
 #[derive(Clone, Debug)]
 pub struct Loaded {
-    /// What flies.
+    /// The scenario.
     pub scenario: Scenario,
-    /// What the reader of the file should know, a line each: keys of the file that override the preset.
+    /// Notes for the author of the file, a line each: keys of the file that override the preset.
     pub notes: Vec<String>,
     lines: Vec<Explained>,
 }
 
-/// One value of the complete file.
+/// One value of the complete scenario.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Explained {
-    /// Dotted, as `--set` takes it.
+    /// Path of the key, as `--set` takes it.
     pub key: String,
-    /// As TOML; `None` for what is absent and has no word for it.
+    /// The value as TOML; `None` for an absent value that TOML cannot express.
     pub value: Option<String>,
-    /// Who said so.
+    /// Where the value comes from.
     pub origin: Layer,
-    /// What the key means, and why its default is what it is.
+    /// Meaning of the key, and the reason for its default.
     pub about: &'static str,
 }
 
-/// Who gave a key its value.
+/// Origin of a value.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Layer {
-    /// Nobody.
+    /// The default of the key.
     Default,
     /// The preset.
     Preset,
-    /// Another key.
+    /// The default that follows from this other key.
     Implied(&'static str),
     /// The file.
     File {
-        /// As the caller named it.
+        /// Name of the file, as the caller gave it.
         name: String,
-        /// Counted from 1.
+        /// Line, counted from 1.
         line: usize,
     },
-    /// A `--set`.
+    /// A `--set` option.
     Set,
 }
 
@@ -139,31 +142,31 @@ impl fmt::Display for Layer {
 }
 
 impl Loaded {
-    /// Every key with its value and origin, in the order of the complete file.
+    /// All keys with their values and origins, in the order of the complete file.
     pub fn explain(&self) -> &[Explained] {
         &self.lines
     }
 
-    /// The complete file, with the origin of each value as a comment. Read back, alone, it gives the same [`Scenario`],
-    /// whatever the defaults of the reader are.
+    /// The complete scenario as a file, with the origin of each value as a comment. Reading it gives the same
+    /// [`Scenario`], even with a version of Skein that has other defaults.
     pub fn to_toml(&self) -> String {
         let mut file = String::new();
         let mut open_table = "";
         let mut lines = self.lines.iter().filter_map(|line| Some((line, line.value.as_deref()?))).peekable();
         while let Some((line, value)) = lines.next() {
-            let (path, place) = line.key.split_at(line.key.find('[').unwrap_or(line.key.len()));
+            let (path, index) = line.key.split_at(line.key.find('[').unwrap_or(line.key.len()));
             let (table, name) = path.rsplit_once('.').unwrap_or(("", path));
             if table != open_table {
                 file += &format!("\n[{table}]\n");
                 open_table = table;
             }
             let last = lines.peek().is_none_or(|(next, _)| !next.key.starts_with(&format!("{path}[")));
-            file += &match place {
+            file += &match index {
                 "" => with_comment(&format!("{name} = {value}"), &line.origin),
                 "[0]" => format!("{name} = [\n") + &with_comment(&format!("  {value},"), &line.origin),
                 _ => with_comment(&format!("  {value},"), &line.origin),
             };
-            if !place.is_empty() && last {
+            if !index.is_empty() && last {
                 file += "]\n";
             }
         }

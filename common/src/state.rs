@@ -1,26 +1,27 @@
-//! What a vehicle knows of itself and tells its peers.
+//! State of a vehicle: motion, membership, activity, and the status of a peer.
 
 use serde::{Deserialize, Serialize};
 
 use crate::frame::{Geodetic, VelocityNed};
 use crate::math;
 
-/// Where a vehicle is and how it moves. The position is geodetic, because every simulator has its own local origin.
+/// Position, velocity and heading of a vehicle. The position is geodetic, because every simulator has its own local
+/// origin.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct VehicleState {
-    /// Position of the centre of gravity.
+    /// Geodetic position of the centre of gravity.
     pub position: Geodetic,
-    /// Velocity over the ground.
+    /// Velocity over the ground, north, east and down, m/s.
     pub velocity: VelocityNed,
-    /// Clockwise from true north, rad.
+    /// Heading clockwise from true north, rad.
     pub heading_rad: f64,
 }
 
 impl VehicleState {
-    /// Faster than this nobody flies: 300 m/s.
+    /// Largest plausible speed, m/s.
     pub const MAX_SPEED_M_S: f64 = 300.0;
 
-    /// On the globe, finite, and slower than [`Self::MAX_SPEED_M_S`].
+    /// Whether the position is on the globe, all numbers are finite and the speed is at most [`Self::MAX_SPEED_M_S`].
     pub fn is_plausible(&self) -> bool {
         self.position.is_plausible()
             && self.velocity.0.norm_squared() <= math::square(Self::MAX_SPEED_M_S)
@@ -28,37 +29,37 @@ impl VehicleState {
     }
 }
 
-/// Where an agent stands in the swarm's agreement.
+/// Membership of a vehicle in the swarm.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub enum Membership {
-    /// Receives what the others already agreed on; no vehicle waits for it.
+    /// The agent receives the agreement state of its peers before it becomes active; the swarm does not wait for it.
     #[default]
     Joining,
-    /// Takes part.
+    /// The vehicle is an active member: the swarm waits for it.
     Active,
-    /// Has landed for good; no vehicle waits for it.
+    /// The vehicle landed at the end of its flight; the swarm does not wait for it.
     Left,
 }
 
-/// What a vehicle is doing, as people see it.
+/// Activity of a vehicle, as operators see it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub enum Activity {
-    /// Joining the swarm, controls untouched.
+    /// The vehicle joins the swarm; the agent does not control the plant.
     #[default]
     Joining,
-    /// Climbing to its altitude.
+    /// The vehicle climbs to its altitude.
     TakingOff,
-    /// Flying in formation.
+    /// The vehicle flies in formation.
     Formation,
-    /// Holding its place, ordered to or because it receives from no peer.
+    /// The vehicle holds position, by order or because no peer, or no quorum, is in contact.
     Holding,
-    /// Descending where it is.
+    /// The vehicle descends at its position.
     Landing,
-    /// Down, rotor unloaded.
+    /// The vehicle is on the ground, its rotor unloaded.
     Landed,
-    /// Without data of its own: controls neutral.
+    /// The agent has no data from the simulator: the controls are neutral.
     Blind,
 }
 
@@ -76,14 +77,14 @@ impl std::fmt::Display for Activity {
     }
 }
 
-/// How a peer's newest state stands with the vehicle that received it.
+/// Status of a peer as an agent sees it, by the age of the peer's newest messages.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub enum Standing {
-    /// Received just now.
+    /// A state of the peer arrived recently.
     Fresh,
-    /// Not received for a while, carried forward.
+    /// No state of the peer arrived for a while: its position is extrapolated.
     Stale,
-    /// Gone: no part of the formation, an obstacle for a while.
+    /// Contact with the peer is lost: it is not in the formation any more, and is avoided as an obstacle for a while.
     Lost,
 }

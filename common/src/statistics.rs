@@ -1,14 +1,14 @@
 //! Quantiles of samples: one definition for every figure, table and report.
 
-/// The value below which this share of the samples lies, between the two nearest samples by straight-line interpolation
-/// (definition 7 of R. J. Hyndman and Y. Fan, "Sample Quantiles in Statistical Packages", 1996: that of NumPy, R and
-/// spreadsheets). `share` is from 0 to 1. Changes the order of the samples; takes time proportional to their number. `None`
-/// without samples.
+/// The quantile of samples: the value below which this share of them lies, interpolated linearly between the two
+/// nearest samples. It is definition 7 of R. J. Hyndman and Y. Fan, "Sample Quantiles in Statistical Packages", 1996,
+/// which NumPy, R and spreadsheets use. `share` is 0 to 1. The function reorders the samples and takes time
+/// proportional to their number. `None` without samples.
 ///
 /// Samples may be infinite ("never happened"). Half-way between the two infinities is 0.
 pub fn quantile(samples: &mut [f64], share: f64) -> Option<f64> {
-    let place = share * samples.len().checked_sub(1)? as f64;
-    let (below, fraction) = (place as usize, place - place.floor());
+    let position = share * samples.len().checked_sub(1)? as f64;
+    let (below, fraction) = (position as usize, position - position.floor());
     let (_, &mut low, above) = samples.select_nth_unstable_by(below, f64::total_cmp);
     if fraction == 0.0 {
         return Some(low);
@@ -35,7 +35,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn quantiles_are_those_of_numpy() {
+    fn quantiles_equal_those_of_numpy() {
         // numpy.quantile([15, 20, 35, 40, 50], [0, 0.05, 0.25, 0.3, 0.4, 0.5, 0.99, 1])
         let expected = [15.0, 16.0, 20.0, 23.0, 29.0, 35.0, 49.6, 50.0];
         for (share, value) in [0.0, 0.05, 0.25, 0.3, 0.4, 0.5, 0.99, 1.0].into_iter().zip(expected) {

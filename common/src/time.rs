@@ -1,10 +1,10 @@
-//! Three clocks that never mix.
+//! Types for times of three clocks. The compiler refuses to mix them.
 //!
-//! * [`PlantTime`] is the simulator's: it stops when the simulator pauses. Control and missions run on it.
-//! * [`LocalTime`] is this process's own monotonic clock: the age of a peer's word is judged by it.
-//! * [`SenderStamp`] is another process's [`LocalTime`], which it wrote into its message. It orders that sender's
-//!   messages. Sent back, it gives its sender the round trip. The difference of two stamps of one sender gives the
-//!   receiver the difference of two delays. No synchronisation of clocks is assumed anywhere.
+//! * [`PlantTime`] is the simulator's time. It stops when the simulator pauses. Control and missions use it.
+//! * [`LocalTime`] is the monotonic time of this process. The ages of peers' states are measured with it.
+//! * [`SenderStamp`] is the [`LocalTime`] of another process, written into its message. It orders the messages of that
+//!   sender. A stamp that is echoed gives its sender the round trip. The difference of two stamps of one sender gives
+//!   the receiver the difference of two delays. Skein never assumes synchronised clocks.
 //!
 //! ```compile_fail
 //! use skein_common::time::{LocalTime, PlantTime};
@@ -24,13 +24,13 @@ macro_rules! timeline {
             /// The clock's zero.
             pub const ZERO: Self = Self(0);
 
-            /// `nanoseconds` after the clock's zero.
+            /// The time `nanoseconds` after the clock's zero.
             #[inline]
             pub const fn from_nanoseconds(nanoseconds: u64) -> Self {
                 Self(nanoseconds)
             }
 
-            /// `seconds` after the clock's zero; negative or non-finite values become zero.
+            /// The time `seconds` after the clock's zero; negative or non-finite values become zero.
             #[inline]
             pub fn from_seconds(seconds: f64) -> Self {
                 Self((seconds * 1e9).round() as u64)
@@ -64,31 +64,31 @@ macro_rules! timeline {
 }
 
 timeline! {
-    /// The simulator's time. It stands still while the simulator is paused.
+    /// Time of the simulator. It stops while the simulator is paused.
     PlantTime
 }
 timeline! {
-    /// This process's monotonic time.
+    /// Monotonic time of this process.
     LocalTime
 }
 timeline! {
-    /// The [`LocalTime`] of whoever wrote a message, by its own clock.
+    /// [`LocalTime`] of the process that sent a message, by the sender's clock.
     SenderStamp
 }
 
 impl From<LocalTime> for SenderStamp {
-    /// What the sender writes into a message: its own time, from now on only a stamp.
+    /// Makes the stamp that the sender writes into a message from its local time.
     fn from(time: LocalTime) -> Self {
         Self(time.0)
     }
 }
 
-/// One instant as an agent sees it: on its simulator's clock and on its own.
+/// One instant by the two clocks of an agent.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Now {
-    /// Of the newest frame.
+    /// Simulator time of the newest frame.
     pub plant: PlantTime,
-    /// Of this process.
+    /// Monotonic time of the agent's process.
     pub local: LocalTime,
 }
 

@@ -1,42 +1,42 @@
-//! Key expressions, built and parsed in this one place. All of them stand below the swarm's name, which is the Zenoh
+//! Key expressions of all messages, built and parsed here. They are relative to the swarm's name, which is the Zenoh
 //! namespace of its sessions.
 //!
-//! The vehicle's id stands first: all that one vehicle may say is one branch.
+//! The key begins with the vehicle's id: one key expression covers all messages that one vehicle may send.
 
 mod described;
 
 use crate::frame::PositionNed;
 use crate::id::VehicleId;
 
-pub use described::{DESCRIBED, Described};
+pub use described::{TOPIC_DESCRIPTIONS, TopicDescription};
 
-/// What is said, and by whom.
+/// Kind of a message and its author.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Topic {
-    /// A vehicle's state, filed under the cell it is in.
+    /// State of a vehicle, published under the cell that the vehicle is in.
     State(VehicleId, Cell),
-    /// A vehicle's liveliness token.
+    /// Liveliness token of a vehicle.
     Alive(VehicleId),
-    /// How well it does, once a second.
+    /// Health report of a vehicle's agent, once a second.
     Health(VehicleId),
-    /// Its part in the agreement.
+    /// Heartbeat of a vehicle's agent with its agreement state.
     Mission(VehicleId),
-    /// What happened.
+    /// Event of a vehicle.
     Event(VehicleId),
-    /// Every step.
+    /// Trace of every step of a vehicle's agent.
     Trace(VehicleId),
-    /// What its clock shows, for whoever asks.
+    /// Answer of a vehicle's agent to a clock query.
     Clock(VehicleId),
-    /// An operator's order.
+    /// Order of an operator's process, by the random number of that process.
     Order(u64),
 }
 
-/// Who speaks.
+/// Sender that may publish under a key.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Author {
     /// A vehicle.
     Vehicle(VehicleId),
-    /// An operator's process, by its number.
+    /// An operator's process, by its random number.
     Issuer(u64),
 }
 
@@ -48,7 +48,7 @@ pub mod all {
     pub const ALIVE: &str = "vehicle/*/alive";
     /// Health of all vehicles.
     pub const HEALTH: &str = "vehicle/*/health";
-    /// Agreement registers of all vehicles.
+    /// Heartbeats of all vehicles.
     pub const MISSIONS: &str = "vehicle/*/mission";
     /// Events of all vehicles.
     pub const EVENTS: &str = "vehicle/*/event";
@@ -58,20 +58,20 @@ pub mod all {
     pub const ORDERS: &str = "order/*";
 }
 
-/// A square of the swarm's plane, counted from the origin.
+/// Square cell of the swarm's horizontal plane, counted from the origin.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct Cell {
-    /// Northward count.
+    /// Number of cells north of the origin.
     pub x: i32,
-    /// Eastward count.
+    /// Number of cells east of the origin.
     pub y: i32,
 }
 
 impl Cell {
-    /// Side of a cell, m: well above the distance at which vehicles matter to each other.
+    /// Side of a cell, m: much more than the distance at which vehicles influence each other.
     pub const SIDE_M: f64 = 1000.0;
 
-    /// The cell that holds a position.
+    /// The cell that contains a position.
     pub fn of(position: PositionNed) -> Self {
         let count = |metres: f64| (metres / Self::SIDE_M).floor() as i32;
         Self { x: count(position.north_m()), y: count(position.east_m()) }
@@ -79,7 +79,7 @@ impl Cell {
 }
 
 impl Topic {
-    /// The key below the swarm's namespace.
+    /// The key, relative to the swarm's namespace.
     pub fn key(&self) -> String {
         match self {
             Self::State(id, cell) => format!("vehicle/{id}/cell/{}/{}/state", cell.x, cell.y),
@@ -93,7 +93,7 @@ impl Topic {
         }
     }
 
-    /// The topic of a key, if it is one of ours.
+    /// Parses a key relative to the swarm's namespace; `None` if it is not a key of Skein.
     pub fn parse(key: &str) -> Option<Self> {
         let mut parts = key.split('/');
         let topic = match parts.next()? {
@@ -119,7 +119,7 @@ impl Topic {
         parts.next().is_none().then_some(topic)
     }
 
-    /// Who alone may speak under this key.
+    /// The only sender that may publish under this key.
     pub fn author(&self) -> Author {
         match *self {
             Self::State(id, _)
@@ -139,7 +139,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn keys_read_back() {
+    fn keys_are_parsed_back() {
         let id = VehicleId::new(7).unwrap();
         let cell = Cell::of(PositionNed::new(-0.1, 1000.0, -30.0));
         assert_eq!(cell, Cell { x: -1, y: 1 });
@@ -160,7 +160,7 @@ mod tests {
     }
 
     #[test]
-    fn other_keys_are_not_ours() {
+    fn foreign_keys_are_refused() {
         for key in ["", "vehicle", "vehicle/0/alive", "vehicle/7/alive/x", "vehicle/7/cell/1/state", "order/x", "a/b"] {
             assert_eq!(Topic::parse(key), None, "{key}");
         }

@@ -5,7 +5,7 @@ use std::io::IsTerminal;
 
 use ratatui::crossterm::terminal;
 use serde_json::{Value, json};
-use skein_common::scenario::{Key, Kind, Literal, Range, matching, meant};
+use skein_common::scenario::{Key, Kind, Literal, Range, matching, most_similar};
 
 use skein_lab::error::Error;
 
@@ -46,7 +46,7 @@ fn find(pattern: &str) -> Result<Vec<&'static Key>, Error> {
     if !found.is_empty() {
         return Ok(found);
     }
-    let help = meant(pattern).map_or_else(
+    let help = most_similar(pattern).map_or_else(
         || "`skein explain` without a pattern lists every key".to_owned(),
         |key| format!("did you mean {}?", key.path),
     );
@@ -136,7 +136,7 @@ fn range_as_json(kind: Kind) -> Value {
             json!({ "min": min, "max": max, "min_included": min_included })
         }
         Kind::Integer(min, max) => json!({ "min": min, "max": max, "min_included": true }),
-        kind if !kind.words().is_empty() => json!(kind.words()),
+        kind if !kind.choices().is_empty() => json!(kind.choices()),
         _ => Value::Null,
     }
 }

@@ -1,6 +1,6 @@
-//! How fast virtual time runs, what one step costs, and where the time goes.
+//! Speed of virtual time, cost of one step, and its shares.
 //!
-//! Criterion's figures are this machine's; the ratios printed before them are measured in one run and need no other.
+//! Criterion's figures depend on the computer; the ratios printed before them are measured in a single run.
 
 use std::hint::black_box;
 use std::num::NonZeroUsize;
@@ -35,7 +35,7 @@ fn hover(preset: &str) -> Study {
     }
 }
 
-/// One vehicle in the hover, and what its parts need.
+/// One vehicle of the hover, with its estimator and controller.
 struct Bench {
     vehicle: BuiltInVehicle,
     estimator: Estimator,
@@ -45,7 +45,7 @@ struct Bench {
 impl Bench {
     fn new(study: &Study) -> Self {
         let origin = Origin::new(study.scenario.origin.geodetic());
-        let parameters = study.aircraft[0].helicopter.as_ref().expect("it has a flight model");
+        let parameters = study.aircraft[0].helicopter.as_ref().expect("a flight model");
         let id = VehicleId::first(1).next().expect("vehicle 1");
         Self {
             vehicle: BuiltInVehicle::new(&origin, parameters, &Start::default(), &Weather::default(), 1, id),

@@ -1,4 +1,5 @@
-//! One control machine against every vehicle for itself: the same ring, the same network, and what is killed.
+//! Central control compared with a controller on each vehicle: the same ring over the same network, with and without a
+//! kill of the central controller or of one agent.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -9,7 +10,7 @@ use skein_lab::world::World;
 
 use crate::{in_parallel, median_and_worst, study};
 
-/// What is killed is killed at this time, s after the first take-off.
+/// Time of the kill, s after the first take-off.
 pub const KILLED_AT_S: u32 = 120;
 /// Length of a flight, s.
 const DURATION_S: u32 = 300;
@@ -19,47 +20,47 @@ const BAND_M: f64 = 20.0;
 /// One kind of flight.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Case {
-    /// One machine controls everybody.
+    /// Whether a central controller flies all vehicles.
     pub central: bool,
-    /// How many fly.
+    /// Number of vehicles.
     pub vehicles: usize,
     /// Share of datagrams that are lost.
     pub loss: f64,
-    /// Of each datagram, one way, s.
+    /// Delay of each datagram, one way, s.
     pub delay_s: f64,
-    /// Wind and gusts of `BREEZE` instead of calm air.
+    /// Whether the flight has the wind and gusts of `BREEZE` instead of calm air.
     pub breeze: bool,
-    /// The machine is killed; where there is none, the agent of vehicle 2.
+    /// Whether the central controller is killed, or without central control the agent of vehicle 2.
     pub killed: bool,
-    /// What the machine needs for a vehicle and frame, s; without it the default.
+    /// Computing time of the central controller for a vehicle and frame, s; `None` for the default.
     pub step_s: Option<f64>,
 }
 
-/// Four vehicles, each for itself, a perfect network, calm air, nobody killed.
+/// Four vehicles with their own controllers, a perfect network, calm air, no kill.
 pub const PLAIN: Case =
     Case { central: false, vehicles: 4, loss: 0.0, delay_s: 0.0, breeze: false, killed: false, step_s: None };
 
-/// Some weather: 5 m/s from the north and what MIL-F-8785C calls light turbulence, 15 knots at 20 ft.
+/// Wind of 5 m/s from the north, and light turbulence as defined by MIL-F-8785C, 15 knots at 20 ft.
 const BREEZE: [&str; 2] = ["world.wind_m_s=5", "world.gust_w20_m_s=7.7"];
 
 /// One flight.
 #[derive(Clone, Debug)]
 pub struct Flight {
-    /// Its figures.
+    /// Figures of the flight.
     pub report: Report,
-    /// Vehicles that were live members in the band and at their altitude at the end.
+    /// Number of live members in the band and at their altitude at the end.
     pub in_formation: usize,
-    /// The farthest that any vehicle was from the ring at the end, seen from above, m.
+    /// Largest horizontal distance of a vehicle from the ring at the end, m.
     pub strayed_m: f64,
-    /// Vehicles whose agents took them for broken. Nothing of them was.
+    /// Number of vehicles whose agents reported a failure; all of these reports are false.
     pub alarms: usize,
-    /// Words of the agreement, and their payload, bytes.
+    /// Number of heartbeats and their payload, bytes.
     agreed: (u64, u64),
 }
 
 impl Case {
-    /// What it changes of `hover.toml`. The ring grows with the swarm, so that neighbours stay as far apart as the paper's
-    /// four, up to the eight that make it 200 m: farther out everybody would still be on the way when something is killed.
+    /// Changes to `hover.toml`. The ring grows with the swarm, so that neighbours stay as far apart as the paper's four, up
+    /// to 200 m for eight vehicles: on a larger ring the vehicles would still be on their way at the time of the kill.
     pub fn sets(&self) -> Vec<String> {
         let radius_m = (25 * self.vehicles).min(200);
         let killed = match (self.killed, self.central) {
@@ -81,16 +82,16 @@ impl Case {
         sets
     }
 
-    /// The study that flies it.
+    /// The study of this kind of flight.
     ///
     /// # Panics
-    /// If it is no scenario that may fly.
+    /// If the scenario is not valid.
     pub fn study(&self) -> Study {
         let sets = self.sets();
         study("hover.toml", &sets.iter().map(String::as_str).collect::<Vec<_>>())
     }
 
-    /// The command that flies this seed.
+    /// The command line that flies this seed.
     pub fn command(&self, seed: u64) -> String {
         let sets: Vec<_> = self.sets().iter().map(|set| format!("--set '{set}'")).collect();
         format!("skein study deploy/scenarios/hover.toml --seed {seed} {}", sets.join(" "))
@@ -99,13 +100,13 @@ impl Case {
     /// Flies this seed.
     ///
     /// # Panics
-    /// If it cannot begin.
+    /// If the flight cannot start.
     pub fn fly(&self, seed: u64) -> Flight {
         let Study { mut scenario, aircraft, rules, .. } = self.study();
         scenario.seed = seed;
-        let mut world = World::new(&scenario, &aircraft, &rules).expect("it may fly");
+        let mut world = World::new(&scenario, &aircraft, &rules).expect("a valid scenario");
         let mut metrics = Metrics::new(&scenario, Run::new(&scenario, "study"));
-        // Over a network that loses everything nobody ever takes part.
+        // Over a network that loses every message no vehicle ever becomes active.
         while !world.all_active() && world.t_s() < 60.0 {
             world.tick();
         }
@@ -129,15 +130,15 @@ impl Case {
             in_formation: vehicles.iter().filter(is_in).count(),
             strayed_m: vehicles.iter().map(off_m).fold(0.0, f64::max),
             alarms: alarms.len(),
-            agreed: agreed.values().fold((0, 0), |sum, (words, bytes)| (sum.0 + words, sum.1 + bytes)),
+            agreed: agreed.values().fold((0, 0), |sum, (count, bytes)| (sum.0 + count, sum.1 + bytes)),
             report: metrics.report(Wall { wall_s: 0.0, real_time_factor: 0.0 }),
         }
     }
 }
 
 impl Flight {
-    /// What crossed the network in a second: datagrams, and their payload in kB. A word of an agent, of its state or of the
-    /// agreement, goes to every other; on one machine none goes anywhere.
+    /// Traffic on the network: datagrams a second, and their payload in kB/s. A state or heartbeat of an agent goes to every
+    /// other agent; with central control agents send each other nothing.
     pub fn sent(&self, case: &Case) -> (f64, f64) {
         let Report { state_messages, state_bytes, .. } = self.report;
         let (messages, bytes) = match case.central {
@@ -151,8 +152,8 @@ impl Flight {
     }
 }
 
-/// The table: both ways of control with these numbers of vehicles over these networks, over so many seeds; below it the
-/// commands that fly the worst.
+/// The table of both kinds of control with these numbers of vehicles over these networks, over this many seeds; below it
+/// the commands that fly the worst seeds.
 pub fn table(vehicles: &[usize], networks: &[(f64, f64)], seeds: u64) -> String {
     let mut lines = vec![heading()];
     let mut worst = Vec::new();
@@ -174,8 +175,8 @@ pub fn table(vehicles: &[usize], networks: &[(f64, f64)], seeds: u64) -> String 
     lines.join("\n")
 }
 
-/// How long a loop one machine bears: the table over delays of each datagram, one way, s, and over what the machine needs
-/// for a vehicle and frame, s.
+/// The limits of central control: the table over delays of each datagram, one way, s, and over computing times of the
+/// central controller for a vehicle and frame, s.
 pub fn limits(vehicles: usize, delays_s: &[f64], steps_s: &[f64], seeds: u64) -> String {
     let central = Case { central: true, vehicles, breeze: true, ..PLAIN };
     let delayed = delays_s.iter().map(|&delay_s| Case { delay_s, ..central });
@@ -197,25 +198,25 @@ fn limits_row(case: &Case, flights: &[Flight]) -> String {
         case.delay_s,
         step_ms(case),
         in_formation(case, flights),
-        flights.iter().map(|it| it.report.crashes).sum::<u64>(),
-        of(|it| it.report.radial_rms_m),
-        of(|it| it.report.spacing_error_deg),
+        flights.iter().map(|flight| flight.report.crashes).sum::<u64>(),
+        of(|flight| flight.report.radial_rms_m),
+        of(|flight| flight.report.spacing_error_deg),
         worst_of(flights).map_or_else(String::new, |(seed, _)| seed.to_string()),
     )
 }
 
 /// The mean share of vehicles that were in formation at the end.
 fn in_formation(case: &Case, flights: &[Flight]) -> String {
-    let shares = flights.iter().map(|it| it.in_formation as f64 / case.vehicles as f64);
+    let shares = flights.iter().map(|flight| flight.in_formation as f64 / case.vehicles as f64);
     format!("{:.1} %", 100.0 * shares.sum::<f64>() / flights.len() as f64)
 }
 
-/// The time that a central controller needs for a vehicle and frame, where it is not the default.
+/// Computing time of the central controller for a vehicle and frame, ms, if it is not the default.
 fn step_ms(case: &Case) -> String {
     case.step_s.filter(|_| case.central).map_or_else(|| "-".to_owned(), |s| format!("{}", s * 1e3))
 }
 
-/// The seed that did worst: most crashes, then fewest in formation, then farthest from the ring.
+/// The worst seed: most crashes, then fewest in formation, then farthest from the ring.
 fn worst_of(flights: &[Flight]) -> Option<(u64, &Flight)> {
     let badness = |flight: &Flight| {
         let Report { crashes, radial_rms_m, .. } = flight.report;
@@ -252,7 +253,7 @@ fn row(case: &Case, flights: &[Flight]) -> String {
     let of = |figure: fn(&Flight) -> Option<f64>| median_and_worst(flights.iter().map(figure));
     let sum = |figure: fn(&Flight) -> u64| flights.iter().map(figure).sum::<u64>();
     let mean = |figure: &dyn Fn(&Flight) -> f64| flights.iter().map(figure).sum::<f64>() / flights.len() as f64;
-    let closest_m = flights.iter().filter_map(|it| it.report.min_separation_m).fold(f64::INFINITY, f64::min);
+    let closest_m = flights.iter().filter_map(|flight| flight.report.min_separation_m).fold(f64::INFINITY, f64::min);
     format!(
         "{:<8} {:>3} {:>5} {:>7} {:>7} {:>7} {:>7} {:>12} {:>7} {:>6} {:>10} {closest_m:>9.1} {:>15} {:>13} {:>15} \
          {:>7.0} {:>7.1} {:>10}",
@@ -263,19 +264,19 @@ fn row(case: &Case, flights: &[Flight]) -> String {
         step_ms(case),
         match (case.killed, case.central) {
             (false, _) => "-",
-            (true, true) => "machine",
+            (true, true) => "central",
             (true, false) => "agent",
         },
         flights.len(),
         in_formation(case, flights),
-        sum(|it| it.report.crashes),
-        sum(|it| it.alarms as u64),
-        sum(|it| it.report.collisions),
-        of(|it| Some(it.strayed_m)),
-        of(|it| it.report.radial_rms_m),
-        of(|it| it.report.spacing_error_deg),
-        mean(&|it| it.sent(case).0),
-        mean(&|it| it.sent(case).1),
+        sum(|flight| flight.report.crashes),
+        sum(|flight| flight.alarms as u64),
+        sum(|flight| flight.report.collisions),
+        of(|flight| Some(flight.strayed_m)),
+        of(|flight| flight.report.radial_rms_m),
+        of(|flight| flight.report.spacing_error_deg),
+        mean(&|flight| flight.sent(case).0),
+        mean(&|flight| flight.sent(case).1),
         worst_of(flights).map_or_else(String::new, |(seed, _)| seed.to_string()),
     )
 }

@@ -1,4 +1,5 @@
-//! How far a study, a flight in real time, and one behind X-Plane's protocol are apart: the same scenario, the same seeds.
+//! Differences between a study, a flight in real time and a flight behind X-Plane's protocol, for the same scenario and
+//! seeds.
 
 use std::path::Path;
 use std::process::{Command, Stdio};
@@ -7,14 +8,14 @@ use skein_lab::compare::divergence;
 use skein_lab::compare::folder::Folder;
 use skein_lab::compare::pairs::Paired;
 
-/// Commands that the program which prints the tables has to pass on to `skein`: flights start it again.
-pub const WORDS: [&str; 4] = ["study", "fly", "agent", "standin"];
+/// Commands that the program `tables` passes on to `skein`: the flights start this program again.
+pub const SKEIN_COMMANDS: [&str; 4] = ["study", "fly", "agent", "standin"];
 
 /// Four vehicles, long enough for figures of the last 100 s.
 const SCENARIO: [&str; 4] = ["--set", "swarm.name=divergence", "--set", "duration_s=130"];
 
-/// Flies the hover formation so many times in each of the three ways, and sets each against the one before. It takes the time
-/// that it takes: twice three minutes a seed.
+/// Flies the hover formation with this many seeds in each of the three ways, and compares each way with the one before.
+/// Each seed takes twice three minutes of real time.
 ///
 /// # Panics
 /// If a flight fails.
@@ -29,7 +30,7 @@ pub fn table(seeds: u64) -> String {
             skein(&folder, &["fly", "--plant", plant, "--seed", &seed.to_string(), "--out", &out]);
         }
     }
-    let read = |name: &str| Folder::read(&folder.join(name)).expect("what was flown");
+    let read = |name: &str| Folder::read(&folder.join(name)).expect("a folder of flights");
     let [study, builtin, standin] = ["study", "builtin", "standin"].map(read);
     let table = |a: &Folder, b: &Folder| {
         let paired = Paired::new(a, b).expect("the same seeds");
@@ -43,8 +44,8 @@ pub fn table(seeds: u64) -> String {
 fn skein(folder: &Path, arguments: &[&str]) {
     let program = std::env::current_exe().expect("the program that runs");
     let mut command = Command::new(program);
-    // A runtime folder of its own: no other swarm is in the way.
+    // A separate runtime folder keeps other swarms of this host away.
     command.current_dir(folder).env("XDG_RUNTIME_DIR", folder).stdout(Stdio::null()).stderr(Stdio::null());
-    let status = command.args(arguments).args(SCENARIO).status().expect("it starts");
+    let status = command.args(arguments).args(SCENARIO).status().expect("the program starts");
     assert!(status.success(), "{arguments:?}: {status}");
 }

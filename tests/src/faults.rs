@@ -1,4 +1,4 @@
-//! Every fault against a small mission: what it does to the swarm, and how soon the swarm is over it.
+//! Every fault in a small mission: its effect on the swarm, and the time until the swarm recovers.
 
 use std::collections::BTreeSet;
 
@@ -12,7 +12,7 @@ use skein_lab::world::World;
 
 use crate::{airborne_pairs, in_parallel, median_and_worst, of_scenario};
 
-/// Name of a fault, and the event that it is; vehicle 2 has it, and the seed says when.
+/// Name and event of each fault. It affects vehicle 2, at a time that depends on the seed.
 pub const FAULTS: [(&str, &str); 9] = [
     ("engine out", r#"fault = "engine_out", vehicle = 2"#),
     ("servo stuck", r#"fault = "servo_stuck", vehicle = 2, servo = "SERVO""#),
@@ -25,37 +25,37 @@ pub const FAULTS: [(&str, &str); 9] = [
     ("clock jump", r#"fault = "clock_jump", vehicle = 2, by_s = 3600"#),
 ];
 
-/// The mission is given up after this time, s.
+/// Limit of the flight time, s.
 const LIMIT_S: f64 = 900.0;
 
 /// One flight with one fault.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Flight {
-    /// Pairs of which one was healthy that came too near to each other.
+    /// Number of pairs, with at least one healthy vehicle, that came closer than the collision distance.
     pub collisions: usize,
-    /// Least distance between two in the air, m.
+    /// Least distance between two airborne vehicles, m.
     pub closest_m: f64,
-    /// Everybody who was healthy came to the mission's end.
+    /// Whether every healthy vehicle finished the mission.
     pub finished: bool,
-    /// From the fault until no other vehicle counts the one that has it, s.
+    /// Time from the fault until no other vehicle counts the faulty one as a member, s.
     pub noticed_s: Option<f64>,
-    /// From the fault until all others count it again and it takes part, s.
+    /// Time from the fault until the faulty vehicle is active again and all others count it as a member, s.
     pub back_s: Option<f64>,
-    /// From the fault until the healthy ones go on to the next place, s.
+    /// Time from the fault until the healthy vehicles advance to the next place, s.
     pub next_place_s: Option<f64>,
     /// Length of the mission, s.
     pub mission_s: f64,
 }
 
-/// The scenario of one flight; `fault` is one of [`FAULTS`], or nothing.
+/// The scenario of one flight; `fault` is the event of one of [`FAULTS`], or `None`.
 ///
 /// # Panics
-/// If a fault is not spelled as scenarios spell it.
+/// If the event of the fault is not valid.
 pub fn scenario(fault: Option<&str>, vehicles: usize, seed: u64) -> Scenario {
     let others = (1..=vehicles).filter(|&id| id != 2).map(|id| id.to_string()).collect::<Vec<_>>().join(", ");
     let servo = ["roll", "pitch", "collective"][seed as usize % 3];
     let event = fault.map_or_else(String::new, |fault| {
-        // On the way up, in place, between places: whatever the seed brings.
+        // The seed decides whether the fault occurs during the climb, in place or between places.
         let at_s = 10 + 7 * seed;
         let fault = fault.replace("OTHERS", &others).replace("SERVO", servo);
         format!("{{ at_s = {at_s}, {fault} }}")
@@ -76,16 +76,16 @@ pub fn scenario(fault: Option<&str>, vehicles: usize, seed: u64) -> Scenario {
         events = [{event}]
         "#
     );
-    load(&Source { name: "faults", text: &text }, &[]).expect("a scenario that may fly").scenario
+    load(&Source { name: "faults", text: &text }, &[]).expect("a valid scenario").scenario
 }
 
-/// Flies it.
+/// Flies one mission with this fault.
 ///
 /// # Panics
-/// If it cannot begin.
+/// If the flight cannot start.
 pub fn fly(fault: Option<&str>, vehicles: usize, seed: u64) -> Flight {
     let study = of_scenario(scenario(fault, vehicles, seed));
-    let mut world = World::new(&study.scenario, &study.aircraft, &study.rules).expect("it may fly");
+    let mut world = World::new(&study.scenario, &study.aircraft, &study.rules).expect("a valid scenario");
     let at_s = study.scenario.mission.events.first().map(|event| event.at_s);
     let victim = VehicleId::new(2).expect("an id");
     let mut flight = Flight { closest_m: f64::INFINITY, ..Flight::default() };
@@ -107,12 +107,12 @@ pub fn fly(fault: Option<&str>, vehicles: usize, seed: u64) -> Flight {
                 if !healthy().any(|(_, agent, ..)| counts(agent)) {
                     flight.noticed_s.get_or_insert(since_s);
                 }
-                let takes_part = |(id, agent, ..): (VehicleId, &Agent, _, _)| {
+                let is_active = |(id, agent, ..): (VehicleId, &Agent, _, _)| {
                     id == victim && agent.membership() == Membership::Active
                 };
                 if flight.noticed_s.is_some()
                     && healthy().all(|(_, agent, ..)| counts(agent))
-                    && world.vehicles().any(takes_part)
+                    && world.vehicles().any(is_active)
                 {
                     flight.back_s.get_or_insert(since_s);
                 }
@@ -138,7 +138,7 @@ fn look_at_pairs(world: &World, flight: &mut Flight, near: &mut BTreeSet<(Vehicl
     }
 }
 
-/// The table: every fault with each of these numbers of vehicles, over so many seeds.
+/// The table of every fault with each of these numbers of vehicles, over this many seeds.
 pub fn table(vehicles: &[usize], seeds: u64) -> String {
     let mut lines = vec![format!(
         "{:<17} {:>8} {:>6} {:>10} {:>9} {:>9} {:>15} {:>15} {:>15} {:>17}",

@@ -1,5 +1,5 @@
-//! How well the ring keeps its shape in gusts, over worse and worse networks and in larger and larger swarms. Every flight of the
-//! table stands in a golden file, `tests/golden/formation_error.csv`, to the last bit; a test flies some of them again.
+//! Error of the ring formation in gusts, over worse and worse networks and in larger and larger swarms. The golden file
+//! `tests/golden/formation_error.csv` has every flight of the table to the last bit; a test flies some of them again.
 
 use skein_lab::metrics::Report;
 use skein_lab::study::Study;
@@ -8,13 +8,13 @@ use crate::{in_parallel, study};
 
 /// Numbers of vehicles: rows of the table.
 pub const VEHICLES: [usize; 4] = [4, 8, 16, 32];
-/// Share of messages that never arrive.
+/// Share of messages that are lost.
 pub const LOSSES: [f64; 3] = [0.0, 0.2, 0.5];
 /// Delay of every message, s.
 pub const DELAYS_S: [f64; 3] = [0.0, 0.5, 2.0];
 /// The figures of a flight: names as in `metrics.json`.
 pub const FIGURES: [&str; 4] = ["radial_rms_m", "spacing_error_deg", "oscillation_m", "min_separation_m"];
-/// Each cell of the table is flown with the seeds below this one.
+/// Number of seeds of each cell of the table.
 pub const SEEDS: u64 = 5;
 
 /// One swarm over one network.
@@ -22,7 +22,7 @@ pub const SEEDS: u64 = 5;
 pub struct Cell {
     /// Number of vehicles.
     pub vehicles: usize,
-    /// Share of messages that never arrive.
+    /// Share of messages that are lost.
     pub loss: f64,
     /// Delay of every message, s.
     pub delay_s: f64,
@@ -31,9 +31,9 @@ pub struct Cell {
 /// One flight of a cell.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Flight {
-    /// What flew.
+    /// The swarm and the network.
     pub cell: Cell,
-    /// With which seed.
+    /// The seed.
     pub seed: u64,
     /// The figures, in the order of [`FIGURES`].
     pub figures: [f64; 4],
@@ -46,17 +46,18 @@ pub fn cells() -> Vec<Cell> {
     VEHICLES.iter().flat_map(|&vehicles| cells(vehicles)).collect()
 }
 
-/// A cell: the shipped hover formation in gusts for 150 s, of which the last 100 s count. `sets` are further settings.
+/// The study of a cell: the shipped hover formation in gusts for 150 s, of which the last 100 s count. `sets` are further
+/// settings.
 ///
 /// # Panics
-/// If a setting is wrong.
+/// If a setting is not valid.
 pub fn of_cell(cell: Cell, sets: &[&str]) -> Study {
     let Cell { vehicles, loss, delay_s } = cell;
     let own = [
         format!("swarm.vehicles={vehicles}"),
         format!("network.loss={loss}"),
         format!("network.delay_s={delay_s}"),
-        // In still air every vehicle soon hovers at its place, where it hardly needs the network.
+        // In calm air every vehicle soon hovers in its place and hardly needs the network.
         "world.gust_w20_m_s=5".to_owned(),
         "duration_s=150".to_owned(),
     ];
@@ -76,7 +77,7 @@ pub fn figures(report: &Report) -> [f64; 4] {
 /// The flights of a cell with the seeds below `seeds`.
 pub fn flights(cell: Cell, sets: &[&str], seeds: u64) -> Vec<Flight> {
     in_parallel(0..seeds, |seed| {
-        let report = of_cell(cell, sets).fly(seed).expect("a hover that may fly");
+        let report = of_cell(cell, sets).fly(seed).expect("a valid hover");
         Flight { cell, seed, figures: figures(&report) }
     })
 }
@@ -95,7 +96,7 @@ pub fn golden() -> Vec<Flight> {
     include_str!("../golden/formation_error.csv").lines().skip(1).map(row).collect()
 }
 
-/// The whole table as the golden file has it: a row a flight, every figure with all its digits.
+/// The whole table in the format of the golden file: a row for each flight, every figure with all its digits.
 pub fn csv() -> String {
     let mut text = format!("vehicles,loss,delay_s,seed,{}\n", FIGURES.join(","));
     for cell in cells() {
@@ -107,7 +108,7 @@ pub fn csv() -> String {
     text
 }
 
-/// The table as the documentation shows it: for each network and number of vehicles the medians of the radial rms and of the
+/// The table of the documentation: for each network and number of vehicles the medians of the radial rms and of the
 /// spacing error.
 pub fn markdown(flights: &[Flight]) -> String {
     let median = |cell: Cell, figure: usize| {

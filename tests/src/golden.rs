@@ -1,5 +1,6 @@
-//! Golden files: figures of flights in virtual time, to the last bit. They are the same on every machine, so a test compares them
-//! exactly. `cargo run --release -p skein-tests --bin tables -- golden` writes them anew and prints which medians moved. The golden
+//! Golden files: figures of flights in virtual time, to the last bit. They are the same on every computer, so that a test
+//! compares them exactly. `cargo run --release -p skein-tests --bin tables -- golden` writes them again and prints which
+//! medians changed. The golden
 //! tables, `tests/golden/*.txt`, are what the program `tables` prints; `.ci/long` writes them, and the book shows excerpts.
 
 use skein_common::statistics::median;
@@ -11,7 +12,7 @@ use skein_lab::metrics::{Report, WALL_CLOCK_KEYS};
 
 use crate::{formation_error, in_parallel, study};
 
-/// The flights of `flights.csv`: a shipped scenario and what is set besides.
+/// The flights of `flights.csv`: a shipped scenario and further settings.
 pub const FLIGHTS: [(&str, &[&str]); 9] = [
     ("hover.toml", &[]),
     ("hover.toml", &["preset=paper"]),
@@ -24,14 +25,14 @@ pub const FLIGHTS: [(&str, &[&str]); 9] = [
     ("laws.toml", &["formation.law=vasarhelyi", "swarm.vehicles=8"]),
 ];
 
-/// Each of [`FLIGHTS`] is flown with the seeds below this one.
+/// Number of seeds of each of [`FLIGHTS`].
 pub const SEEDS: u64 = 2;
 
-/// A golden file and how it is made.
+/// A golden file and the function that makes it.
 pub struct Golden {
-    /// Its name in `tests/golden`.
+    /// Name of the file in `tests/golden`.
     pub name: &'static str,
-    /// Flies it.
+    /// Flies the flights and returns the text of the file.
     pub make: fn() -> String,
 }
 
@@ -40,16 +41,16 @@ pub const FILES: [Golden; 2] =
     [Golden { name: "flights.csv", make: flights }, Golden { name: "formation_error.csv", make: formation_error::csv }];
 
 impl Golden {
-    /// Where it lies.
+    /// Path of the file.
     pub fn path(&self) -> PathBuf {
         Path::new(env!("CARGO_MANIFEST_DIR")).join("golden").join(self.name)
     }
 }
 
-/// Every figure of [`FLIGHTS`] that the wall clock does not decide, a row a flight.
+/// Every figure of [`FLIGHTS`] that does not depend on the wall clock, a row for each flight.
 ///
 /// # Panics
-/// If a scenario may not fly.
+/// If a scenario is not valid.
 pub fn flights() -> String {
     let runs: Vec<(usize, u64)> = (0..FLIGHTS.len()).flat_map(|nth| (0..SEEDS).map(move |seed| (nth, seed))).collect();
     let reports = in_parallel(0..runs.len() as u64, |nth| {
@@ -68,7 +69,7 @@ pub fn flights() -> String {
     text
 }
 
-/// The numbers of a report by name, empty where a figure does not apply or its event never happened.
+/// The numbers of a report by name, empty if a figure does not apply or its event never happened.
 fn figures(report: &Report) -> BTreeMap<String, String> {
     let Ok(Value::Object(keys)) = serde_json::to_value(report) else { unreachable!("a report is an object") };
     let is_figure = |key: &str, value: &Value| {
@@ -80,7 +81,7 @@ fn figures(report: &Report) -> BTreeMap<String, String> {
     keys.into_iter().filter(|(key, value)| is_figure(key, value)).map(|(key, value)| (key, text(value))).collect()
 }
 
-/// Medians of the columns that differ between two versions of a golden file, old against new.
+/// Old and new medians of the columns that differ between two versions of a golden file.
 pub fn moved(old: &str, new: &str) -> String {
     let columns = |text: &str| -> BTreeMap<String, Vec<f64>> {
         let mut lines = text.lines();

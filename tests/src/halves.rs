@@ -1,4 +1,5 @@
-//! A swarm that is cut in two for a while: what each part does, and how soon it is one again.
+//! A swarm that a network cut splits into two partitions for a while: the steps of each partition during the cut, and the
+//! time until the swarm is one again.
 
 use skein_common::id::{VehicleId, VehicleSet};
 use skein_common::scenario::{Scenario, Source, load};
@@ -8,33 +9,33 @@ use skein_lab::world::World;
 
 use crate::{airborne_pairs, in_parallel, median_and_worst, of_scenario};
 
-/// How long the cut lasts, s.
+/// Duration of the cut, s.
 const CUT_S: f64 = 20.0;
-/// By then everybody has noticed it, s: a lease and a frame or two.
+/// Time after which every vehicle has noticed the cut, s: a lease and one or two frames.
 const NOTICED_S: f64 = 1.2;
 
 /// One flight.
 #[derive(Clone, Copy, Debug)]
 pub struct Flight {
-    /// Steps that the first part went on by while it knew of the cut.
-    pub first_went_on: u32,
-    /// The same of the second.
-    pub second_went_on: u32,
-    /// From healing until everybody hears everybody and all are at the same step, or all but one that had left it just before
-    /// it heard the others again and waits for them at the next, s.
-    pub one_again_s: Option<f64>,
-    /// Least distance between two in the air, m.
+    /// Steps that the first partition advanced while it knew of the cut.
+    pub first_steps: u32,
+    /// Steps that the second partition advanced while it knew of the cut.
+    pub second_steps: u32,
+    /// Time from the end of the cut until all vehicles are in contact and at the same step, s. One vehicle may be a step
+    /// ahead: it left the step just before it received the others again, and waits for them at the next.
+    pub rejoined_s: Option<f64>,
+    /// Least distance between two airborne vehicles, m.
     pub closest_m: f64,
 }
 
 impl Flight {
-    /// Whether two came too near to each other.
+    /// Whether two vehicles came closer than the collision distance.
     pub fn has_collided(&self) -> bool {
         self.closest_m < COLLISION_M
     }
 }
 
-/// Vehicles 1 to `first` against the rest of `vehicles`, with many places close to each other.
+/// The scenario: a cut between vehicles 1 to `first` and the rest of `vehicles`, with many places close to each other.
 fn scenario(partition: &str, first: usize, vehicles: usize, seed: u64) -> Scenario {
     let ids = |range: std::ops::RangeInclusive<usize>| range.map(|id| id.to_string()).collect::<Vec<_>>().join(", ");
     let places: Vec<_> = (0..30).map(|nth| format!("{{ centre_ne_m = [{}, 0] }}", 10 * nth)).collect();
@@ -54,23 +55,23 @@ fn scenario(partition: &str, first: usize, vehicles: usize, seed: u64) -> Scenar
         places.join(", "),
         40 + seed
     );
-    load(&Source { name: "halves", text: &text }, &[]).expect("a scenario that may fly").scenario
+    load(&Source { name: "halves", text: &text }, &[]).expect("a valid scenario").scenario
 }
 
-/// Flies it until 30 s after healing.
+/// Flies the scenario until 30 s after the end of the cut.
 ///
 /// # Panics
-/// If it cannot begin.
+/// If the flight cannot start.
 pub fn fly(partition: &str, first: usize, vehicles: usize, seed: u64) -> Flight {
     let study = of_scenario(scenario(partition, first, vehicles, seed));
-    let mut world = World::new(&study.scenario, &study.aircraft, &study.rules).expect("it may fly");
+    let mut world = World::new(&study.scenario, &study.aircraft, &study.rules).expect("a valid scenario");
     let is_first = |id: VehicleId| usize::from(id.get()) <= first;
-    let foremost = |world: &World, wanted: bool| {
-        let part = world.vehicles().filter(|(id, ..)| is_first(*id) == wanted);
+    let foremost = |world: &World, in_first: bool| {
+        let part = world.vehicles().filter(|(id, ..)| is_first(*id) == in_first);
         part.map(|(_, agent, ..)| agent.at_step()).max().unwrap_or(0)
     };
     let (mut cut_s, mut healed_s, mut steps_then) = (None, None, None);
-    let mut flight = Flight { first_went_on: 0, second_went_on: 0, one_again_s: None, closest_m: f64::INFINITY };
+    let mut flight = Flight { first_steps: 0, second_steps: 0, rejoined_s: None, closest_m: f64::INFINITY };
     while healed_s.is_none_or(|healed_s| world.t_s() < healed_s + 30.0) {
         world.tick();
         let t_s = world.t_s();
@@ -80,8 +81,8 @@ pub fn fly(partition: &str, first: usize, vehicles: usize, seed: u64) -> Flight 
                 Incident::Healed { .. } if healed_s.is_none() => {
                     healed_s = Some(t_s);
                     let (one, two) = steps_then.unwrap_or_default();
-                    flight.first_went_on = foremost(&world, true) - one;
-                    flight.second_went_on = foremost(&world, false) - two;
+                    flight.first_steps = foremost(&world, true) - one;
+                    flight.second_steps = foremost(&world, false) - two;
                 }
                 _ => {}
             }
@@ -92,7 +93,7 @@ pub fn fly(partition: &str, first: usize, vehicles: usize, seed: u64) -> Flight 
         if let Some(healed_s) = healed_s
             && is_one(&world)
         {
-            flight.one_again_s.get_or_insert(t_s - healed_s);
+            flight.rejoined_s.get_or_insert(t_s - healed_s);
         }
         let distances_m = airborne_pairs(&world).into_iter().map(|(.., distance_m)| distance_m);
         flight.closest_m = distances_m.fold(flight.closest_m, f64::min);
@@ -113,15 +114,15 @@ fn is_one(world: &World) -> bool {
         })
 }
 
-/// Policy, size of the first part, and of all.
+/// Policy, size of the first partition, size of the swarm.
 pub const CASES: [(&str, usize, usize); 4] =
     [("continue", 2, 4), ("continue", 3, 5), ("quorum", 2, 4), ("quorum", 3, 5)];
 
-/// The table over so many seeds.
+/// The table over this many seeds.
 pub fn table(seeds: u64) -> String {
     let mut lines = vec![format!(
         "{:<9} {:>6} {:>7} {:>14} {:>14} {:>10} {:>15} {:>9}",
-        "policy", "parts", "flights", "first goes on", "second goes on", "collisions", "one again s", "closest m"
+        "policy", "parts", "flights", "first steps", "second steps", "collisions", "rejoined s", "closest m"
     )];
     for (partition, first, vehicles) in CASES {
         let flights = in_parallel(0..seeds, |seed| fly(partition, first, vehicles, seed));
@@ -133,10 +134,10 @@ pub fn table(seeds: u64) -> String {
             "{partition:<9} {:>6} {:>7} {:>14} {:>14} {:>10} {:>15} {:>9.1}",
             format!("{first}+{}", vehicles - first),
             flights.len(),
-            range(|flight| flight.first_went_on),
-            range(|flight| flight.second_went_on),
+            range(|flight| flight.first_steps),
+            range(|flight| flight.second_steps),
             flights.iter().filter(|flight| flight.has_collided()).count(),
-            median_and_worst(flights.iter().map(|flight| flight.one_again_s)),
+            median_and_worst(flights.iter().map(|flight| flight.rejoined_s)),
             flights.iter().map(|flight| flight.closest_m).fold(f64::INFINITY, f64::min),
         ));
     }

@@ -1,4 +1,4 @@
-//! The laws side by side: one mission with a moving centre, flown by each law with more and more vehicles.
+//! Comparison of the control laws: one mission with a moving centre, flown by each law with more and more vehicles.
 
 use skein_common::statistics::median;
 use skein_lab::metrics::Report;
@@ -11,19 +11,19 @@ pub const LAWS: [&str; 6] =
 /// The numbers of vehicles of the table.
 pub const VEHICLES: [usize; 3] = [4, 8, 16];
 
-/// Flies the shipped mission by this law.
+/// Flies the shipped mission with this law.
 ///
 /// # Panics
-/// If it cannot begin.
+/// If the flight cannot start.
 pub fn fly(law: &str, vehicles: usize, seed: u64) -> Report {
     let sets = [format!("formation.law={law}"), format!("swarm.vehicles={vehicles}")];
-    study("laws.toml", &sets.each_ref().map(String::as_str)).fly(seed).expect("a mission that may fly")
+    study("laws.toml", &sets.each_ref().map(String::as_str)).fly(seed).expect("a valid mission")
 }
 
-/// The table in Markdown over so many seeds.
+/// The table in Markdown over this many seeds.
 pub fn markdown(laws: &[&str], vehicles: &[usize], seeds: u64) -> String {
     let mut lines = vec![
-        "| law | vehicles | farthest from centre | least separation | centroid's lag | filter steps in | stick rms |"
+        "| law | vehicles | farthest from centre | least separation | centroid's lag | filter activations | control rms |"
             .to_owned(),
         "| --- | --- | --- | --- | --- | --- | --- |".to_owned(),
     ];

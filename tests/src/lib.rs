@@ -1,4 +1,4 @@
-//! What the whole-swarm tests share.
+//! Functions that the whole-swarm tests share.
 
 pub mod central;
 pub mod divergence;
@@ -40,17 +40,17 @@ pub const SHIPPED: [(&str, &str); 6] = [
 /// A shipped scenario with some keys set.
 ///
 /// # Panics
-/// If there is no such scenario, or a set is wrong.
+/// If the scenario is unknown, or a setting is not valid.
 pub fn scenario(name: &str, sets: &[&str]) -> Scenario {
     let (_, text) = SHIPPED.iter().find(|(shipped, _)| *shipped == name).expect("a shipped scenario");
     let sets: Vec<_> = sets.iter().map(|&set| set.to_owned()).collect();
-    load(&Source { name, text }, &sets).expect("a scenario that may fly").scenario
+    load(&Source { name, text }, &sets).expect("a valid scenario").scenario
 }
 
 /// A study of a shipped scenario with some keys set.
 ///
 /// # Panics
-/// As [`scenario`].
+/// If the scenario is unknown, or a setting is not valid.
 pub fn study(name: &str, sets: &[&str]) -> Study {
     of_scenario(scenario(name, sets))
 }
@@ -58,9 +58,9 @@ pub fn study(name: &str, sets: &[&str]) -> Study {
 /// A study of a scenario with the shipped aircraft and rules.
 ///
 /// # Panics
-/// If they are not well formed.
+/// If the shipped files are not well formed.
 pub fn of_scenario(scenario: Scenario) -> Study {
-    let aircraft = Aircraft::shipped("xcell60").expect("it is shipped").expect("it is well formed");
+    let aircraft = Aircraft::shipped("xcell60").expect("a shipped aircraft").expect("a well-formed file");
     Study {
         aircraft: vec![aircraft; scenario.swarm.vehicles],
         scenario,
@@ -69,7 +69,7 @@ pub fn of_scenario(scenario: Scenario) -> Study {
     }
 }
 
-/// Every pair of which both are in the air, the smaller id first, with its distance, m.
+/// Every pair of airborne vehicles, the smaller id first, with its distance, m.
 pub fn airborne_pairs(world: &World) -> Vec<(VehicleId, VehicleId, f64)> {
     let airborne = world.everybody().filter(|(_, _, truth, _)| truth.height_m > AIRBORNE_ABOVE_M);
     let places: Vec<_> = airborne.map(|(id, _, truth, _)| (id, truth.position)).collect();
@@ -77,7 +77,7 @@ pub fn airborne_pairs(world: &World) -> Vec<(VehicleId, VehicleId, f64)> {
     pairs.map(|(one, other)| (one.0, other.0, (one.1 - other.1).norm())).collect()
 }
 
-/// What `fly` gives for each seed, in their order; one thread for each core.
+/// The results of `fly` for each seed, in the order of the seeds; one thread for each core.
 pub fn in_parallel<T: Send>(seeds: Range<u64>, fly: impl Fn(u64) -> T + Sync) -> Vec<T> {
     let jobs = std::thread::available_parallelism().unwrap_or(NonZeroUsize::MIN);
     let count = (seeds.end - seeds.start) as usize;
@@ -86,7 +86,7 @@ pub fn in_parallel<T: Send>(seeds: Range<u64>, fly: impl Fn(u64) -> T + Sync) ->
     flown
 }
 
-/// `median [largest]` of those that have a value, with how many have none: `1.20 [3.40] 2 never`.
+/// `median [largest]` of the values that exist, with the number of those that do not: `1.20 [3.40] 2 never`.
 pub fn median_and_worst(values: impl Iterator<Item = Option<f64>>) -> String {
     let all: Vec<_> = values.collect();
     let mut some: Vec<f64> = all.iter().copied().flatten().collect();

@@ -1,20 +1,20 @@
-//! Network namespaces of a test's own, and what joins them: made with `ip`, gone with their value. What a test that was killed
-//! has left behind, the next one takes away.
+//! Network namespaces of a test and the links between them, made with `ip` and removed when the value is dropped. A test
+//! removes what a killed test left behind.
 //!
-//! Needs Linux, root and `ip` (iproute2). Nothing is added to the namespace of the test itself, so that its addresses are
-//! nobody else's business.
+//! Needs Linux, root and `ip` (iproute2). Nothing is added to the namespace of the test itself, so that its addresses
+//! cannot conflict with others.
 #![expect(clippy::unwrap_used, reason = "what a test cannot do has failed")]
 
 use std::collections::BTreeSet;
 use std::process::{Command, Output};
 use std::sync::OnceLock;
 
-/// The device that is a bridge, in the namespace of a bridge.
+/// Name of the bridge device in the namespace of a bridge.
 pub const BRIDGE: &str = "lan";
-/// How all names begin; the number of the test's process follows.
+/// Beginning of all names; the process id of the test follows.
 const MARK: &str = "skein-";
 
-/// What stands against making namespaces here.
+/// Reason why this host cannot make namespaces; `None` if it can.
 pub fn missing() -> Option<String> {
     static MISSING: OnceLock<Option<String>> = OnceLock::new();
     MISSING.get_or_init(probe).clone()
@@ -41,21 +41,21 @@ pub struct Namespaces {
 }
 
 impl Namespaces {
-    /// None yet.
+    /// Starts without namespaces.
     pub fn new(test: &str) -> Self {
         sweep();
         Self { prefix: format!("{MARK}{}-{test}", std::process::id()), names: BTreeSet::new() }
     }
 
-    /// What `ip` calls this namespace.
+    /// Name of this namespace for `ip`.
     pub fn name(&self, namespace: &str) -> String {
         format!("{}-{namespace}", self.prefix)
     }
 
-    /// Makes one with its loopback up. Gives its name.
+    /// Makes a namespace with its loopback up, and returns its name.
     ///
     /// # Panics
-    /// If it cannot be made.
+    /// If the namespace cannot be made.
     pub fn add(&mut self, namespace: &str) -> String {
         let name = self.name(namespace);
         ip(&["netns", "add", &name]);
@@ -64,10 +64,10 @@ impl Namespaces {
         name
     }
 
-    /// Makes one with a bridge in it. Gives its name.
+    /// Makes a namespace with a bridge in it, and returns its name.
     ///
     /// # Panics
-    /// If it cannot be made.
+    /// If the namespace cannot be made.
     pub fn add_bridge(&mut self, namespace: &str) -> String {
         let name = self.add(namespace);
         ip(&["-n", &name, "link", "add", BRIDGE, "type", "bridge"]);
@@ -75,14 +75,15 @@ impl Namespaces {
         name
     }
 
-    /// Takes one away, with whatever joins it to others. Its processes are the caller's business.
+    /// Removes a namespace with its links to others. The caller has to end its processes.
     pub fn remove(&mut self, namespace: &str) {
         let name = self.name(namespace);
         self.names.remove(&name);
         delete(&name);
     }
 
-    /// `ip` becomes the program: its process is the program's.
+    /// The command that runs a program in the namespace. `ip` replaces itself by the program, so that the process id is the
+    /// program's.
     pub fn command(&self, namespace: &str, program: &str) -> Command {
         let mut command = Command::new("ip");
         command.args(["netns", "exec", &self.name(namespace), program]);
@@ -91,16 +92,17 @@ impl Namespaces {
 }
 
 impl Drop for Namespaces {
-    /// What joins namespaces goes with them.
+    /// Deletes the namespaces, which deletes their links too.
     fn drop(&mut self) {
         self.names.iter().for_each(|name| delete(name));
     }
 }
 
-/// Joins a namespace to a bridge: `device` in the one, `port` in the other, and this address, `10.0.0.1/24`.
+/// Links a namespace to a bridge: `device` in the namespace with this address, such as `10.0.0.1/24`, and `port` at the
+/// bridge.
 ///
 /// # Panics
-/// If it cannot be done.
+/// If `ip` fails.
 pub fn join(namespace: &str, device: &str, address: &str, bridge: &str, port: &str) {
     ip(&["link", "add", device, "netns", namespace, "type", "veth", "peer", "name", port, "netns", bridge]);
     plug(bridge, port);
@@ -108,35 +110,35 @@ pub fn join(namespace: &str, device: &str, address: &str, bridge: &str, port: &s
     ip(&["-n", namespace, "link", "set", device, "up"]);
 }
 
-/// Puts the end of a link that is in a bridge's namespace onto the bridge.
+/// Connects the port of a link to the bridge.
 ///
 /// # Panics
-/// If it cannot be done.
+/// If `ip` fails.
 pub fn plug(bridge: &str, port: &str) {
     ip(&["-n", bridge, "link", "set", port, "master", BRIDGE]);
     ip(&["-n", bridge, "link", "set", port, "up"]);
 }
 
-/// Pulls it off, so that nothing comes through any more; nobody is told.
+/// Disconnects a port from the bridge: no packet passes any more, and neither end notices.
 ///
 /// # Panics
-/// If it cannot be done.
+/// If `ip` fails.
 pub fn pull(bridge: &str, port: &str) {
     ip(&["-n", bridge, "link", "set", port, "nomaster"]);
 }
 
-/// Takes the link away that ends there. With its namespace it would go too, but nobody says when.
+/// Deletes the link of a port at once. Deleting its namespace would delete the link too, but at an unknown time.
 ///
 /// # Panics
-/// If it cannot be done.
+/// If `ip` fails.
 pub fn unplug(bridge: &str, port: &str) {
     ip(&["-n", bridge, "link", "del", port]);
 }
 
-/// Does it.
+/// Runs `ip` with these arguments.
 ///
 /// # Panics
-/// If it cannot be done.
+/// If `ip` fails.
 pub fn ip(arguments: &[&str]) {
     let Output { status, stderr, .. } = Command::new("ip").args(arguments).output().unwrap();
     assert!(status.success(), "ip {arguments:?}: {}", String::from_utf8_lossy(&stderr));
@@ -146,13 +148,13 @@ fn delete(name: &str) {
     let _ = Command::new("ip").args(["netns", "del", name]).output();
 }
 
-/// Whether there is such a process, and not only its number, kept for a parent that does not ask.
+/// Whether the process runs; a zombie, whose parent has not read its exit status, does not.
 pub fn is_running(process: u32) -> bool {
     let stat = std::fs::read_to_string(format!("/proc/{process}/stat")).unwrap_or_default();
     stat.rsplit_once(") ").is_some_and(|(_, rest)| !rest.starts_with('Z'))
 }
 
-/// Ends what is left of tests that did not come to their end: their processes in namespaces, and these.
+/// Removes what interrupted tests left behind: their processes in namespaces, and the namespaces.
 fn sweep() {
     let Ok(list) = Command::new("ip").args(["netns", "list"]).output() else { return };
     for line in String::from_utf8_lossy(&list.stdout).lines() {
@@ -164,7 +166,7 @@ fn sweep() {
         let Ok(processes) = Command::new("ip").args(["netns", "pids", name]).output() else { continue };
         for process in String::from_utf8_lossy(&processes.stdout).split_whitespace() {
             let process = process.parse().ok().and_then(rustix::process::Pid::from_raw);
-            // One that is gone meanwhile is what is wanted.
+            // An error means that the process has ended meanwhile.
             let _ = process.map(|process| rustix::process::kill_process(process, rustix::process::Signal::KILL));
         }
         delete(name);

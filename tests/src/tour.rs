@@ -1,4 +1,4 @@
-//! The tour of six places over worse and worse networks: everybody comes to its end, and together.
+//! The tour of six places over worse and worse networks: every vehicle finishes it, all at the same time.
 
 use skein_lab::metrics::Report;
 
@@ -7,7 +7,7 @@ use crate::{in_parallel, median_and_worst, study};
 /// Flies the shipped tour without its events.
 ///
 /// # Panics
-/// If it cannot begin.
+/// If the flight cannot start.
 pub fn fly(vehicles: usize, loss: f64, delay_s: f64, seed: u64) -> Report {
     let sets = [
         format!("swarm.vehicles={vehicles}"),
@@ -16,10 +16,10 @@ pub fn fly(vehicles: usize, loss: f64, delay_s: f64, seed: u64) -> Report {
         "mission.events=[]".to_owned(),
     ];
     let sets: Vec<_> = sets.iter().map(String::as_str).collect();
-    study("tour.toml", &sets).fly(seed).expect("a tour that may fly")
+    study("tour.toml", &sets).fly(seed).expect("a valid tour")
 }
 
-/// The table over numbers of vehicles, losses and delays (s), over so many seeds.
+/// The table over numbers of vehicles, losses and delays (s), over this many seeds.
 pub fn table(vehicles: &[usize], losses: &[f64], delays_s: &[f64], seeds: u64) -> String {
     let mut lines = vec![format!(
         "{:>8} {:>5} {:>7} {:>7} {:>9} {:>5} {:>10} {:>7} {:>17} {:>15} {:>10}",
@@ -46,7 +46,7 @@ pub fn table(vehicles: &[usize], losses: &[f64], delays_s: &[f64], seeds: u64) -
     lines.join("\n")
 }
 
-/// Places of the tour; after the last everybody lands.
+/// Number of places of the tour; after the last one every vehicle lands.
 pub const PLACES: u64 = 6;
 
 fn row(reports: &[Report]) -> String {

@@ -1,5 +1,5 @@
-//! Healthy helicopters in wind: a vehicle without a fault lands itself in none of these flights, and every ring spaces
-//! itself as evenly as in calm air.
+//! Helicopters without faults in wind: in none of these flights does an agent detect a failure and land, and every ring is
+//! spaced as evenly as in calm air.
 
 use std::collections::BTreeMap;
 use std::f64::consts::TAU;
@@ -15,12 +15,14 @@ use skein_lab::world::World;
 
 use crate::{in_parallel, median_and_worst, of_scenario, study};
 
-/// Each flight lasts so long, s.
+/// Length of each flight, s.
 const DURATION_S: f64 = 120.0;
-/// Every so many ticks the altitudes are looked at.
+/// Number of ticks between two checks of the altitudes.
 const LOOK_TICKS: u64 = 5;
-/// A vehicle farther from its altitude than this that comes nearer no faster than this is off it, m, m/s.
+/// A vehicle is off its altitude if it is farther from it than this, m, and approaches it more slowly than
+/// [`NEARING_M_S`].
 const OFF_M: f64 = 2.5;
+/// Speed below which a vehicle does not approach its altitude, m/s.
 const NEARING_M_S: f64 = 1.0;
 /// The wind of the strongest flights, m/s.
 pub const STRONGEST_M_S: f64 = 10.0;
@@ -28,19 +30,19 @@ pub const STRONGEST_M_S: f64 = 10.0;
 const LAWS: [&str; 6] = ["ring", "flock", "olfati-saber", "vasarhelyi", "virtual-structure", "displacement-consensus"];
 const STARTS: [&str; 3] = ["random", "ring", "line"];
 
-/// What became of one flight without faults.
+/// Result of one flight without faults.
 #[derive(Clone, Debug, Default)]
 pub struct Flight {
     /// Mean wind, m/s.
     pub wind_m_s: f64,
     /// Number of vehicles.
     pub vehicles: usize,
-    /// Failures that healthy vehicles reported of themselves: when, s, which vehicle and what.
+    /// Failures that agents reported although the vehicles had none: time, s, vehicle and failure.
     pub failures: Vec<(f64, VehicleId, Failure)>,
-    /// Longest time without interruption that a vehicle which had come to its altitude was more than 2.5 m off it and came
-    /// nearer by less than 1 m/s, s.
+    /// Longest uninterrupted time for which a vehicle in formation was off its altitude by more than 2.5 m and approached it
+    /// at less than 1 m/s, s.
     pub longest_off_s: f64,
-    /// Which vehicle that was, when it ended, s, and how far below its altitude the vehicle was then, m.
+    /// That vehicle, the end of that time, s, and the vehicle's distance below its altitude then, m.
     pub longest_off: Option<(VehicleId, f64, f64)>,
 }
 
@@ -51,10 +53,10 @@ impl fmt::Display for Flight {
     }
 }
 
-/// A healthy flight: its wind of up to `wind_m_s`, gusts, size, height, start, law and mission are all drawn from the seed.
+/// A flight without faults. The seed decides its wind of up to `wind_m_s`, gusts, size, height, start, law and mission.
 ///
 /// # Panics
-/// If the scenario is not spelled as scenarios are.
+/// If the scenario is not valid.
 pub fn scenario(seed: u64, wind_m_s: f64) -> Scenario {
     let mut generator = random::generator(seed, None, Purpose::Study);
     let mut uniform = |from: f64, to: f64| from + (to - from) * random::uniform(&mut generator);
@@ -69,7 +71,7 @@ pub fn scenario(seed: u64, wind_m_s: f64) -> Scenario {
     let higher_m = uniform(3.5 - altitude_m, 30.0).max(-15.0) + altitude_m;
     let (north_m, east_m, speed_m_s) = (uniform(-120.0, 120.0), uniform(-120.0, 120.0), uniform(1.0, 4.0));
     let steps = [
-        // A hover, a place farther on at another height, and a centre that moves.
+        // A hover, a second place at another height, and a moving centre.
         "{ centre_ne_m = [0, 0] }".to_owned(),
         format!(
             "{{ hold_s = 40 }}, {{ centre_ne_m = [{north_m}, {east_m}], formation = {{ altitude_m = {higher_m} }} }}"
@@ -89,16 +91,16 @@ pub fn scenario(seed: u64, wind_m_s: f64) -> Scenario {
         mission.steps = [{steps}]
         "#
     );
-    load(&Source { name: "wind", text: &text }, &[]).expect("a scenario that may fly").scenario
+    load(&Source { name: "wind", text: &text }, &[]).expect("a valid scenario").scenario
 }
 
-/// Flies it.
+/// Flies the scenario.
 ///
 /// # Panics
-/// If it cannot begin.
+/// If the flight cannot start.
 pub fn fly(scenario: Scenario) -> Flight {
     let study = of_scenario(scenario);
-    let mut world = World::new(&study.scenario, &study.aircraft, &study.rules).expect("it may fly");
+    let mut world = World::new(&study.scenario, &study.aircraft, &study.rules).expect("a valid scenario");
     let (wind_m_s, vehicles) = (study.scenario.world.wind_m_s, study.scenario.swarm.vehicles);
     let mut flight = Flight { wind_m_s, vehicles, ..Flight::default() };
     let mut off_s: BTreeMap<VehicleId, f64> = BTreeMap::new();
@@ -130,7 +132,7 @@ pub fn fly(scenario: Scenario) -> Flight {
     flight
 }
 
-/// The table of so many healthy flights, by wind; then every flight in which a vehicle took itself for broken.
+/// The table of this many flights without faults, by wind; then every flight in which an agent reported a failure.
 pub fn table(seeds: u64) -> String {
     let flights = in_parallel(0..seeds, |seed| fly(scenario(seed, STRONGEST_M_S)));
     let mut lines =
@@ -166,7 +168,7 @@ fn row<'a>(wind: &str, flights: impl Iterator<Item = &'a Flight>) -> String {
     format!("{wind:>8} {count:>7} {vehicles:>8} {failures:>8} {longest_off_s:>14.1}")
 }
 
-/// The shipped hover in winds and gusts up to this and beyond, m/s: (mean wind, W20 of the gusts).
+/// Winds and gusts of the shipped hover, m/s: (mean wind, W20 of the gusts).
 pub const HOVERS: [(f64, f64); 12] = [
     (0.0, 0.0),
     (5.0, 0.0),
@@ -185,7 +187,7 @@ pub const HOVERS: [(f64, f64); 12] = [
 /// One shipped hover in wind, from a direction that the seed sets.
 ///
 /// # Panics
-/// If it cannot begin.
+/// If the flight cannot start.
 pub fn hover(wind_m_s: f64, gust_w20_m_s: f64, seed: u64) -> Report {
     let from_deg = (seed * 37) % 360;
     let sets = [
@@ -194,7 +196,7 @@ pub fn hover(wind_m_s: f64, gust_w20_m_s: f64, seed: u64) -> Report {
         format!("world.gust_w20_m_s={gust_w20_m_s}"),
     ];
     let sets: Vec<&str> = sets.iter().map(String::as_str).collect();
-    study("hover.toml", &sets).fly(seed).expect("a hover that may fly")
+    study("hover.toml", &sets).fly(seed).expect("a valid hover")
 }
 
 /// The table of the shipped hover in stronger and stronger wind.

@@ -1,15 +1,15 @@
-//! Missions in virtual time over bad networks, split swarms and broken vehicles: a few cells of the tables that
-//! `cargo run --release -p skein-tests --bin tables` prints whole.
+//! Missions in virtual time over bad networks, with split swarms and with faults: a few cells of the tables that
+//! `cargo run --release -p skein-tests --bin tables` prints.
 
 use skein_tests::{faults, halves, in_parallel, tour};
 
-/// An agreement's register is said this often, s.
+/// Period of the heartbeats, s.
 const PUBLISH_PERIOD_S: f64 = 0.2;
 /// One frame of virtual time, s.
 const FRAME_S: f64 = 0.02;
 
 #[test]
-fn a_tour_comes_to_its_end_together_over_any_network() {
+fn all_vehicles_finish_a_tour_together_over_any_network() {
     let cells = [(2, 0.0, 0.0, 1.0), (4, 0.2, 0.5, 3.0), (8, 0.0, 1.0, 1.0), (8, 0.3, 0.2, 3.0), (16, 0.2, 0.0, 3.0)];
     for (vehicles, loss, delay_s, periods) in cells {
         for report in in_parallel(0..2, |seed| tour::fly(vehicles, loss, delay_s, seed)) {
@@ -26,24 +26,24 @@ fn a_tour_comes_to_its_end_together_over_any_network() {
 }
 
 #[test]
-fn halves_go_on_or_hold_as_their_policy_says_and_are_soon_one_again() {
+fn partitions_continue_or_hold_by_their_policy_and_rejoin_soon() {
     for (partition, first, vehicles) in halves::CASES {
         let flights = in_parallel(0..4, |seed| halves::fly(partition, first, vehicles, seed));
         for (seed, flight) in flights.iter().enumerate() {
             let case = format!("{partition}, {first} of {vehicles}, seed {seed}: {flight:?}");
-            assert!(flight.one_again_s.is_some_and(|s| s > 0.0 && s < 3.0), "{case}");
+            assert!(flight.rejoined_s.is_some_and(|s| s > 0.0 && s < 3.0), "{case}");
             assert!(!flight.has_collided(), "{case}");
         }
-        // A part that has to spread first may not come to its place while the cut lasts, but not every time.
-        let went_on = |steps: fn(&halves::Flight) -> u32| flights.iter().any(|flight| steps(flight) > 0);
+        // A partition that has to respace first may not reach its place while the cut lasts, but in some flights it does.
+        let advanced = |steps: fn(&halves::Flight) -> u32| flights.iter().any(|flight| steps(flight) > 0);
         let case = format!("{partition}, {first} of {vehicles}: {flights:?}");
-        assert_eq!(went_on(|flight| flight.first_went_on), partition == "continue" || 2 * first > vehicles, "{case}");
-        assert_eq!(went_on(|flight| flight.second_went_on), partition == "continue", "{case}");
+        assert_eq!(advanced(|flight| flight.first_steps), partition == "continue" || 2 * first > vehicles, "{case}");
+        assert_eq!(advanced(|flight| flight.second_steps), partition == "continue", "{case}");
     }
 }
 
 #[test]
-fn no_fault_of_one_keeps_the_others_from_their_mission() {
+fn no_fault_of_one_vehicle_stops_the_mission_of_the_others() {
     for (name, fault) in faults::FAULTS {
         for (seed, flight) in in_parallel(2..5, |seed| faults::fly(Some(fault), 4, seed)).iter().enumerate() {
             let case = format!("{name}, seed {}: {flight:?}", seed + 2);
@@ -51,7 +51,7 @@ fn no_fault_of_one_keeps_the_others_from_their_mission() {
             assert!(flight.finished, "{case}");
             let (is_noticed, is_back) = (flight.noticed_s.is_some(), flight.back_s.is_some());
             match name {
-                "clock jump" => assert!(!is_noticed, "{case}: nobody is to notice"),
+                "clock jump" => assert!(!is_noticed, "{case}: no peer may notice"),
                 "engine out" | "servo stuck" | "gyro off" | "gps frozen" => assert!(is_noticed && !is_back, "{case}"),
                 _ => assert!(flight.noticed_s.unwrap() < 2.1 && flight.back_s.unwrap() < 25.0, "{case}"),
             }

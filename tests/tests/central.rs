@@ -1,4 +1,4 @@
-//! One control machine: how near it flies to every vehicle for itself, and what it cannot bear.
+//! Central control: how closely it flies to a controller on each vehicle, and its limits.
 #![expect(clippy::unwrap_used, reason = "what a test cannot do has failed")]
 
 use serde_json::Value;
@@ -22,7 +22,7 @@ fn truths(world: &World) -> Vec<Truth> {
     world.everybody().map(|(_, _, truth, _)| *truth).collect()
 }
 
-/// Without what the wall clock decides.
+/// The figures that do not depend on the wall clock.
 fn figures(report: &Report) -> Value {
     let mut value = serde_json::to_value(report).unwrap();
     let keys = value.as_object_mut().unwrap();
@@ -31,8 +31,8 @@ fn figures(report: &Report) -> Value {
 }
 
 #[test]
-fn over_a_perfect_network_a_fast_machine_flies_the_same_bits() {
-    // Also in gusts, and as fast as a machine is by default.
+fn over_a_perfect_network_fast_central_control_flies_the_same_bits() {
+    // In gusts, with infinite speed and with the default computing time.
     for speed in ["control.central_step_s=0", "control.central_step_s=0.0001"] {
         let sets = ["network.send=every_frame", "world.wind_m_s=5", "world.gust_w20_m_s=5"];
         let mut each = world(&sets);
@@ -42,12 +42,12 @@ fn over_a_perfect_network_a_fast_machine_flies_the_same_bits() {
             central.tick();
             assert_eq!(truths(&each), truths(&central), "{speed}: at {} s", each.t_s());
         }
-        assert!(truths(&each).iter().all(|truth| truth.height_m > 25.0), "nobody flew");
+        assert!(truths(&each).iter().all(|truth| truth.height_m > 25.0), "a vehicle did not climb");
     }
 }
 
 #[test]
-fn what_silence_saves_is_all_that_tells_the_two_apart() {
+fn central_control_over_a_perfect_network_has_almost_the_same_figures() {
     let sets = ["duration_s=200", "swarm.vehicles=6"];
     let each = study("hover.toml", &sets).fly(3).unwrap();
     let central = study("hover.toml", &[&sets[..], &[CENTRAL]].concat()).fly(3).unwrap();
@@ -68,22 +68,22 @@ fn what_silence_saves_is_all_that_tells_the_two_apart() {
 }
 
 #[test]
-fn a_dead_machine_is_the_end_of_all_and_a_dead_agent_of_one() {
+fn a_killed_central_controller_loses_all_vehicles_a_killed_agent_loses_one() {
     let killed = Case { killed: true, breeze: true, ..PLAIN };
     let each = killed.fly(0);
     assert_eq!((each.report.crashes, each.in_formation), (1, 3));
     assert!(each.report.detection_s.is_some_and(|noticed_s| noticed_s < 0.03));
     let central = Case { central: true, ..killed }.fly(0);
-    // Some hang in the wind with their last sticks; nobody knows where they go.
+    // Some vehicles drift in the wind with their last controls; their positions are undefined.
     assert!(central.report.crashes > 1, "{} crashes", central.report.crashes);
     assert_eq!(central.in_formation, 0);
     assert!(central.report.in_band_s.is_none() && central.report.never.contains(&"in_band_s"));
-    // Nobody is left to notice.
+    // No agent is left to notice.
     assert!(central.report.detection_s.is_none() && !central.report.never.contains(&"detection_s"));
 }
 
 #[test]
-fn a_machine_that_comes_back_soon_takes_everybody_over() {
+fn a_central_controller_that_restarts_soon_controls_all_vehicles_again() {
     let events = "mission.events=[{ at_s = 60, for_s = 1, fault = 'kill_control' }]";
     let mut world = world(&[CENTRAL, events, "network.loss=0.1", "network.delay_s=0.02"]);
     let (mut died, mut restarted) = (Vec::new(), Vec::new());
@@ -108,8 +108,8 @@ fn a_machine_that_comes_back_soon_takes_everybody_over() {
 }
 
 #[test]
-fn a_slow_machine_leaves_frames_out_and_too_slow_a_one_loses_the_swarm() {
-    // Eight vehicles, 10 ms each: a frame takes four.
+fn a_slow_central_controller_skips_frames_a_too_slow_one_loses_the_swarm() {
+    // Eight vehicles at 10 ms each: the controller needs four frames for one.
     let slow = Case { central: true, vehicles: 8, step_s: Some(0.01), ..PLAIN };
     let flight = slow.fly(1);
     let frames: f64 = 300.0 * 50.0;
@@ -124,7 +124,7 @@ fn a_slow_machine_leaves_frames_out_and_too_slow_a_one_loses_the_swarm() {
 }
 
 #[test]
-fn a_long_way_to_the_machine_and_back_cannot_be_flown() {
+fn central_control_fails_with_a_long_delay_each_way() {
     let central = Case { central: true, ..PLAIN };
     for delay_s in [0.1, 0.25] {
         let flight = Case { delay_s, ..central }.fly(2);
@@ -136,7 +136,7 @@ fn a_long_way_to_the_machine_and_back_cannot_be_flown() {
 }
 
 #[test]
-fn the_same_seed_is_the_same_flight() {
+fn the_same_seed_gives_the_same_flight() {
     let sets = ["duration_s=80", "network.loss=0.3", "network.delay_s=0.05", "control.central_step_s=0.008", CENTRAL];
     let study = study("hover.toml", &sets);
     let (one, again) = (study.fly(5).unwrap(), study.fly(5).unwrap());

@@ -147,7 +147,7 @@ fn files_that_are_wrong_are_refused_in_a_sentence() {
             "id = 1\nspeed = 3",
             "agent.toml:3:1: unknown key `speed`; the keys here are `scenario`, `id`, `listen`, `dial`",
         ),
-        ("id = 251\nlisten = []\ndial = []", "agent.toml:2:6: `id`: vehicle ids run from 1 to 250, not 251"),
+        ("id = 251\nlisten = []\ndial = []", "agent.toml:2:6: `id`: vehicle ids are 1 to 250, not 251"),
         ("id = 1\ndial = []", "agent.toml:1:1: `listen` is missing; add it to the file"),
         ("id = 4\nlisten = []\ndial = []", "vehicle 4 does not fly in"),
         (

@@ -5,7 +5,7 @@ use skein_common::id::{Incarnation, SwarmName, VehicleId};
 use skein_common::message::{
     Event, Happening, Header, Health, Message, Mission, Order, Reason, Refused, Trace, Verb, decode, encode,
 };
-use skein_common::scenario::{self, Fault, Graph, Network, Source, What, load};
+use skein_common::scenario::{self, EventAction, Fault, Graph, Network, Source, load};
 use skein_common::state::{Membership, Standing};
 use skein_common::time::SenderStamp;
 use skein_common::topic::{Topic, all};
@@ -167,7 +167,8 @@ fn a_cut_of_the_scenario_parts_two_agents_and_heals() {
         let mut node = node(&swarm, number);
         let [one, two] = [1, 2].map(|number| vec![VehicleId::new(number).unwrap()]);
         let cut = Fault::Cut { from: one, to: two, both_ways: false };
-        node.scenario.mission.events = vec![scenario::Event { at_s: 1.0, for_s: Some(2.0), what: What::Fault(cut) }];
+        node.scenario.mission.events =
+            vec![scenario::Event { at_s: 1.0, for_s: Some(2.0), what: EventAction::Fault(cut) }];
         (node.scenario.network.loss, node.scenario.network.delay_s) = (0.1, 0.1);
         node
     });
@@ -254,7 +255,8 @@ fn a_delay_that_begins_in_flight_is_in_the_ages_of_real_agents_and_loses_no_peer
         let mut node = node(&swarm, number);
         let [from, to] = [1, 2].map(|number| vec![VehicleId::new(number).unwrap()]);
         let delay = Fault::Delay { from, to, both_ways: true, delay_s: 0.6 };
-        node.scenario.mission.events = vec![scenario::Event { at_s: 3.0, for_s: Some(4.0), what: What::Fault(delay) }];
+        node.scenario.mission.events =
+            vec![scenario::Event { at_s: 3.0, for_s: Some(4.0), what: EventAction::Fault(delay) }];
         node
     });
     let second = link::open_zenoh(&swarm, &["tcp/127.0.0.1:0".to_owned()], &dial, &[]).unwrap();
@@ -288,7 +290,10 @@ fn a_delay_that_begins_in_flight_is_in_the_ages_of_real_agents_and_loses_no_peer
         let (least_s, most_s) = between(5.0, 6.5);
         assert!(least_s >= 0.6 && most_s < 2.2, "under the delay {least_s} to {most_s}");
         assert!(between(9.0, 10.0).1 < 0.6, "after the delay {:?}", between(9.0, 10.0));
-        assert!(ages.iter().all(|(_, age_s, delivered_s)| age_s >= delivered_s), "a state is younger than its delivery: {ages:?}");
+        assert!(
+            ages.iter().all(|(_, age_s, delivered_s)| age_s >= delivered_s),
+            "a state is younger than its delivery: {ages:?}"
+        );
     }
     assert!(!events().iter().any(|event| matches!(event.what, Happening::PeerLost(_))));
     for flight in flights {

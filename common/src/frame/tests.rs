@@ -3,7 +3,7 @@ use proptest::prelude::*;
 
 use super::*;
 
-/// Columns of the table of reference points: see its first lines.
+/// The table of reference points; its first lines explain the columns.
 fn reference_points() -> Vec<[f64; 12]> {
     include_str!("reference_points.csv")
         .lines()
@@ -16,7 +16,7 @@ fn reference_points() -> Vec<[f64; 12]> {
 }
 
 #[test]
-fn two_hundred_points_agree_with_an_independent_package() {
+fn conversions_of_200_points_agree_with_an_independent_package() {
     const TOLERANCE_M: f64 = 1e-3;
     let points = reference_points();
     assert_eq!(points.len(), 200);
@@ -49,14 +49,14 @@ fn the_local_axes_point_north_east_and_down() {
 }
 
 #[test]
-fn a_heading_sees_forward_and_right() {
+fn a_vector_is_resolved_forward_and_right_of_a_heading() {
     let north = Vector2::new(1.0, 0.0);
-    let seen_from_east = heading_from_ne(north, PI / 2.0);
-    assert!((seen_from_east - Vector2::new(0.0, -1.0)).norm() < 1e-12, "north is left of east");
+    let from_east = heading_from_ne(north, PI / 2.0);
+    assert!((from_east - Vector2::new(0.0, -1.0)).norm() < 1e-12, "north is left of east");
 }
 
 #[test]
-fn implausible_places_are_told_apart() {
+fn positions_off_the_globe_are_implausible() {
     assert!(Geodetic::from_degrees(90.0, 180.0, 0.0).is_plausible());
     for (lat, lon, alt) in [(91.0, 0.0, 0.0), (0.0, 181.0, 0.0), (f64::NAN, 0.0, 0.0), (0.0, 0.0, f64::INFINITY)] {
         assert!(!Geodetic::from_degrees(lat, lon, alt).is_plausible());
@@ -82,7 +82,7 @@ proptest! {
     }
 
     #[test]
-    fn attitude_as_a_rotation_keeps_the_heading(roll in -1.0..1.0, pitch in -1.0..1.0, heading in -3.0..3.0) {
+    fn the_rotation_of_an_attitude_keeps_heading_and_pitch(roll in -1.0..1.0, pitch in -1.0..1.0, heading in -3.0..3.0) {
         let attitude = Attitude { roll_rad: roll, pitch_rad: pitch, heading_rad: heading };
         let forward = attitude.ned_from_body() * Vector3::x();
         prop_assert!((math::atan2(forward.y, forward.x) - heading).abs() < 1e-9);

@@ -1,4 +1,4 @@
-//! How well an agent does, once a second.
+//! Health report of an agent, sent once a second.
 
 use serde::{Deserialize, Serialize};
 
@@ -7,103 +7,104 @@ use crate::id::VehicleId;
 use crate::state::{Activity, Standing};
 use crate::topic::{Author, Topic};
 
-/// How well an agent does: what tells an algorithm's fault from the PC's.
+/// Health report of an agent. It shows whether a problem comes from the flight software or from the computer and
+/// network.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Health {
-    /// Who and when.
+    /// Sender, number and time of the message.
     pub header: Header,
-    /// Since this life began, s.
+    /// Time since this incarnation of the agent started, s.
     pub uptime_s: f64,
-    /// What it is doing.
+    /// The vehicle's activity.
     pub activity: Activity,
-    /// Whether the built-in model or an X-Plane is flown.
+    /// The plant: the built-in flight model or an X-Plane.
     pub plant: String,
-    /// What the agent is: the release that was installed, or else its version.
+    /// The release that was installed, or else the agent's version.
     pub version: String,
-    /// What it finds failed of its own vehicle.
+    /// Failures that the agent detected of its own vehicle.
     pub failures: Vec<Failure>,
-    /// Simulator frames a second, over the last second.
+    /// Rate of simulator frames over the last second, Hz.
     pub frame_rate_hz: f64,
-    /// Largest distance between two frames beyond their period over the last second, ms.
+    /// Largest excess of the time between two frames over their period, over the last second, ms.
     pub jitter_ms: f64,
-    /// Median time from a frame's arrival to its last control, over the last second, µs.
+    /// Median time from a frame's arrival to its last control output, over the last second, µs.
     pub step_p50_us: f64,
-    /// 99th percentile of the same, µs.
+    /// 99th percentile of the time from a frame's arrival to its last control output, over the last second, µs.
     pub step_p99_us: f64,
-    /// Steps that ended after the next frame was due, since the start.
+    /// Number of steps that ended after the next frame was due, since the start.
     pub frame_overruns: u64,
-    /// What was dropped, since the start.
+    /// Data that the agent dropped, by reason, since the start.
     pub drops: Drops,
-    /// What of others was not believed, the latest kinds first, at most [`Refused::MAX_COUNT`].
+    /// Messages and links that the agent refused, the latest kinds first, at most [`Refused::MAX_COUNT`].
     pub refused: Vec<Refused>,
-    /// State messages said, since the start.
+    /// Number of state messages sent, since the start.
     pub state_messages: u64,
-    /// Their payload, bytes.
+    /// Payload of the state messages sent, bytes.
     pub state_bytes: u64,
-    /// How each peer's word stands.
+    /// Status of each peer.
     pub peers: Vec<PeerHealth>,
 }
 
 impl Health {
-    /// Longest name of a release, bytes.
+    /// Largest length of [`Self::version`], bytes.
     pub const MAX_VERSION: usize = 64;
 }
 
-/// What was dropped instead of believed, by reason, since the start.
+/// Counts of data that an agent dropped, by reason, since the start.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Drops {
-    /// Datagrams of the simulator that were malformed or impossible.
+    /// Datagrams of the simulator that were malformed or had values out of range.
     pub plant_malformed: u64,
-    /// Datagrams that another program sent in the simulator's place.
+    /// Datagrams that came from another program than the simulator.
     pub plant_foreign: u64,
-    /// Peers' messages that did not decode.
+    /// Messages of peers that did not decode.
     pub undecodable: u64,
-    /// Peers' messages of another version.
+    /// Messages of peers that have another version.
     pub other_version: u64,
-    /// Messages that are not what the vehicle of their key has said in this run of the swarm.
+    /// Messages that the vehicle of their key did not send in this run of the swarm.
     pub forged: u64,
-    /// Messages older than one already heard: late, replayed or of an earlier life.
+    /// Messages older than one already received: late, replayed or of an earlier incarnation.
     pub old: u64,
-    /// Orders, in an operator's name or repeated by a peer, without a valid seal of this run.
+    /// Orders of an operator, or orders repeated by a peer, without a valid signature of this run.
     pub unsealed: u64,
-    /// Registers of peers that fly another plan: they count for nothing in the agreement.
+    /// Heartbeats of peers that fly a different plan: their agreement state is ignored.
     pub other_plan: u64,
-    /// Links that were refused: somebody without a certificate that counts here, or for whom the own one does not.
+    /// Links that were refused: one of the two sides does not accept the certificate of the other.
     pub links: u64,
-    /// Own measurements that were not finite or not possible.
+    /// Own measurements that were not finite or out of range.
     pub measurement: u64,
 }
 
 impl Drops {
-    /// All of them.
+    /// Sum of all counts.
     pub fn total(&self) -> u64 {
         self.plant_malformed + self.plant_foreign + self.measurement + self.old + self.refused()
     }
 
-    /// What no honest peer of this swarm says, however bad the network.
+    /// Sum of the counts that a correct peer of this swarm never causes, even over a bad network.
     pub fn refused(&self) -> u64 {
         self.undecodable + self.other_version + self.forged + self.unsealed + self.other_plan + self.links
     }
 }
 
-/// Something of others that was not believed, since the start.
+/// Messages or links of one kind that an agent refused, since the start.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Refused {
-    /// Why not.
+    /// Reason of the refusal.
     pub reason: Reason,
-    /// Under which key it came, without the cell; at most [`Self::MAX_KEY`] bytes of printable ASCII.
+    /// Key of the refused messages, without the cell; at most [`Self::MAX_KEY`] bytes of printable ASCII.
     pub key: String,
-    /// How often.
+    /// Number of refusals.
     pub count: u64,
 }
 
 impl Refused {
-    /// Longest key, bytes.
+    /// Largest length of [`Self::key`], bytes.
     pub const MAX_KEY: usize = 48;
-    /// Most kinds that are told.
+    /// Largest number of kinds in a health report.
     pub const MAX_COUNT: usize = 16;
 
-    /// Nothing of `key`, which anybody may have chosen, is longer than it should be or does something to a terminal.
+    /// Makes a key safe to show: cut to [`Self::MAX_KEY`] bytes of printable ASCII, because the sender may be hostile.
     pub fn printable(key: &str) -> String {
         let printable = |c: char| if Self::is_printable(c) { c } else { '?' };
         key.chars().take(Self::MAX_KEY).map(printable).collect()
@@ -118,26 +119,26 @@ impl Refused {
     }
 }
 
-/// Why something was not believed.
+/// Reason why an agent refused a message or a link.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Reason {
-    /// Bytes that are no message, or one with an impossible value.
+    /// The bytes do not decode, or a value is out of range.
     Undecodable,
-    /// A message of another version of Skein.
+    /// The message was sent by another version of Skein.
     OtherVersion,
-    /// Said in somebody else's name.
+    /// The message was sent in the name of another vehicle.
     Forged,
-    /// Said by a vehicle that is not of this swarm.
+    /// The message was sent by a vehicle that is not in this swarm.
     Stranger,
-    /// An order without a valid seal of this run.
+    /// The order has no valid signature of this run.
     Unsealed,
-    /// A register of another plan.
+    /// The heartbeat is of a different plan.
     OtherPlan,
-    /// Said in another run of the swarm.
+    /// The message is of another run of the swarm.
     OtherRun,
-    /// A link without a certificate that counts.
+    /// One of the two sides of the link does not accept the other's certificate.
     Link,
-    /// Older than what was already heard: late, repeated or replayed.
+    /// The message is older than one already received: late, repeated or replayed.
     Old,
 }
 
@@ -145,30 +146,31 @@ impl std::fmt::Display for Reason {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.pad(match self {
             Self::Undecodable => "undecodable",
-            Self::OtherVersion => "another version",
+            Self::OtherVersion => "different version",
             Self::Forged => "forged",
-            Self::Stranger => "not of this swarm",
-            Self::Unsealed => "order without a valid seal",
-            Self::OtherPlan => "another plan",
-            Self::OtherRun => "of another run",
+            Self::Stranger => "not in this swarm",
+            Self::Unsealed => "order without a valid signature",
+            Self::OtherPlan => "different plan",
+            Self::OtherRun => "different run",
             Self::Link => "link refused",
             Self::Old => "old or replayed",
         })
     }
 }
 
-/// How one peer's word stands.
+/// Status of one peer as an agent sees it.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PeerHealth {
     /// The peer.
     pub id: VehicleId,
     /// Fresh, stale or lost.
     pub standing: Standing,
-    /// Upper bound of the age of its last state by the receiver's clock, s: the time since it came and [`Self::delay_s`].
+    /// Upper bound of the age of the peer's newest state by the receiver's clock, s: the time since it arrived plus
+    /// [`Self::delay_s`].
     pub age_s: f64,
-    /// Upper bound of the time that this state was on its way, s; `None` until a round trip is known.
+    /// Upper bound of the network delay of that state, s; `None` until a round trip is known.
     pub delay_s: Option<f64>,
-    /// How far its clock is ahead of the own, once measured. Nothing in flight relies on it.
+    /// Offset of the peer's clock, once measured. It is for information only: no flight function uses it.
     pub clock: Option<ClockOffset>,
 }
 
@@ -180,13 +182,13 @@ impl PeerHealth {
     }
 }
 
-message!(Health, 16 * 1024, |said| Author::Vehicle(said.header.sender), |said| {
-    let numbers = [said.uptime_s, said.frame_rate_hz, said.jitter_ms, said.step_p50_us, said.step_p99_us];
+message!(Health, 16 * 1024, |health| Author::Vehicle(health.header.sender), |health| {
+    let numbers = [health.uptime_s, health.frame_rate_hz, health.jitter_ms, health.step_p50_us, health.step_p99_us];
     numbers.iter().all(|number| number.is_finite())
-        && said.plant.len() <= 64
-        && said.version.len() <= Health::MAX_VERSION
-        && said.failures.len() <= Failure::KINDS
-        && said.refused.len() <= Refused::MAX_COUNT
-        && said.refused.iter().all(Refused::is_plausible)
-        && said.peers.iter().all(PeerHealth::is_plausible)
+        && health.plant.len() <= 64
+        && health.version.len() <= Health::MAX_VERSION
+        && health.failures.len() <= Failure::KINDS
+        && health.refused.len() <= Refused::MAX_COUNT
+        && health.refused.iter().all(Refused::is_plausible)
+        && health.peers.iter().all(PeerHealth::is_plausible)
 });

@@ -1,35 +1,35 @@
-//! What an operator asks of the swarm.
+//! Orders of an operator to the swarm.
 
 use serde::{Deserialize, Serialize};
 
 use super::{Message, message};
 use crate::topic::{Author, Topic};
 
-/// An operator's order: a register, merged by taking the larger one, so that it spreads from any node to all. An order to
-/// abort is larger than any other: nothing takes it back.
+/// Order of an operator to the whole swarm. Agents keep the larger of two orders and repeat it, so that an order
+/// spreads from any vehicle to all. An order to abort is larger than any other: it cannot be revoked.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Order {
-    /// One more than the largest epoch that the issuer had heard of.
+    /// One more than the largest epoch that the issuer had received.
     pub epoch: u64,
-    /// Random number of the issuing process: breaks ties between two who spoke at once.
+    /// Random number of the issuing process: it breaks ties between two orders that were given at the same time.
     pub issuer: u64,
-    /// What to do.
+    /// The action.
     pub verb: Verb,
-    /// Who may have given it; none where orders are not sealed.
+    /// Signature of the operator; `None` in a swarm whose orders are not signed.
     pub seal: Option<Seal>,
 }
 
-/// An Ed25519 signature (RFC 8032) of an order: in a swarm with an orders key, nothing else makes it one.
+/// Ed25519 signature (RFC 8032) of an order. A swarm with an orders key accepts only orders with a valid signature.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Seal([u8; 32], [u8; 32]);
 
 impl Seal {
-    /// Length of its bytes.
+    /// Length of a signature, bytes.
     pub const BYTES: usize = 64;
 
-    /// The seal of these bytes.
+    /// Makes a signature from its bytes.
     pub fn from_bytes(bytes: [u8; Self::BYTES]) -> Self {
         let (mut first, mut second) = ([0; 32], [0; 32]);
         first.copy_from_slice(&bytes[..32]);
@@ -37,7 +37,7 @@ impl Seal {
         Self(first, second)
     }
 
-    /// Its bytes.
+    /// The bytes of the signature.
     pub fn to_bytes(self) -> [u8; Self::BYTES] {
         let mut bytes = [0; Self::BYTES];
         bytes[..32].copy_from_slice(&self.0);
@@ -47,10 +47,10 @@ impl Seal {
 }
 
 impl std::fmt::Debug for Seal {
-    /// Enough to tell two apart.
+    /// The first four bytes: enough to distinguish two signatures in a test's output.
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let [a, b, c, d, ..] = self.0;
-        write!(f, "Seal({a:02x}{b:02x}{c:02x}{d:02x}…)")
+        write!(f, "Signature({a:02x}{b:02x}{c:02x}{d:02x}…)")
     }
 }
 
@@ -67,17 +67,17 @@ impl PartialOrd for Order {
     }
 }
 
-/// What an operator can ask for.
+/// Action of an order.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub enum Verb {
-    /// Stop where you are, at the altitude you have.
+    /// Hold position at the present altitude.
     Hold,
-    /// Descend where you are. Until it is down a vehicle can be called back.
+    /// Land at the present position. A landing vehicle can be recalled until touchdown.
     Land,
-    /// Fly on, at this step of the mission or a later one.
+    /// Continue the mission at this step or a later one.
     Goto(u32),
-    /// Give up: descend where you are, whatever is ordered later.
+    /// Abort the mission: land at the present position and ignore all later orders.
     Abort,
 }
 
@@ -92,4 +92,4 @@ impl std::fmt::Display for Verb {
     }
 }
 
-message!(Order, 128, |said| Author::Issuer(said.issuer), |_| true);
+message!(Order, 128, |order| Author::Issuer(order.issuer), |_| true);

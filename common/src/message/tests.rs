@@ -51,7 +51,7 @@ fn mission() -> Mission {
 const HEADER: [u8; 10] = [3, 0xc0, 0x84, 0x3d, 42, 0x80, 0xde, 0xa0, 0xcb, 0x05];
 
 #[test]
-fn a_state_has_these_bytes() {
+fn a_state_is_encoded_as_the_golden_bytes() {
     let mut golden = vec![VERSION];
     golden.extend(HEADER);
     for number in [0.5_f64, -1.25, 30.0, 1.0, -2.0, 0.5, 1.5] {
@@ -62,12 +62,12 @@ fn a_state_has_these_bytes() {
 }
 
 #[test]
-fn agreement_and_events_have_these_bytes() {
+fn a_heartbeat_and_an_event_are_encoded_as_the_golden_bytes() {
     let mut golden = vec![VERSION];
     golden.extend(HEADER);
     golden.extend([7, 1, 3, 1, 1, 2]);
     golden.extend(0.5_f64.to_le_bytes());
-    // The order and its seal.
+    // The order and its signature.
     golden.extend([1, 1, 9, 1, 1]);
     golden.extend(seal().to_bytes());
     // Vehicle 2's stamp, held for 0.2 s.
@@ -75,7 +75,7 @@ fn agreement_and_events_have_these_bytes() {
     assert_eq!(encode(&mission()), golden);
     assert_eq!(decode(&golden), Ok(mission()));
     let plain = Mission { order: mission().order.map(|order| Order { seal: None, ..order }), ..mission() };
-    assert_eq!(encode(&plain).len(), golden.len() - 64, "without a seal an order pays one byte");
+    assert_eq!(encode(&plain).len(), golden.len() - 64, "an order without a signature spends one byte on that");
 
     let mut golden = vec![VERSION];
     golden.extend(HEADER);
@@ -86,7 +86,7 @@ fn agreement_and_events_have_these_bytes() {
 }
 
 #[test]
-fn what_no_correct_peer_says_is_refused() {
+fn bytes_that_no_correct_peer_sends_are_refused() {
     let good = encode(&state());
     assert_eq!(decode::<State>(&[]), Err(DecodeError::Empty));
     let mut other = good.clone();
@@ -97,9 +97,9 @@ fn what_no_correct_peer_says_is_refused() {
     assert_eq!(decode::<State>(&longer), Err(DecodeError::Malformed));
     assert_eq!(decode::<State>(&[VERSION; 4096]), Err(DecodeError::TooLong(4096)));
     assert_eq!(decode::<State>(&good[..good.len() - 1]), Err(DecodeError::Malformed));
-    let mut nobody = good.clone();
-    nobody[1] = 0;
-    assert_eq!(decode::<State>(&nobody), Err(DecodeError::Malformed), "vehicle 0 does not exist");
+    let mut without_sender = good.clone();
+    without_sender[1] = 0;
+    assert_eq!(decode::<State>(&without_sender), Err(DecodeError::Malformed), "vehicle 0 does not exist");
     for (offset, bad) in [(11, f64::NAN), (11, 2.0), (27, f64::INFINITY), (35, 1e6), (59, f64::NEG_INFINITY)] {
         let mut bytes = good.clone();
         bytes[offset..offset + 8].copy_from_slice(&bad.to_le_bytes());
@@ -108,19 +108,19 @@ fn what_no_correct_peer_says_is_refused() {
 }
 
 #[test]
-fn the_larger_order_wins_whoever_is_asked_first() {
+fn the_larger_of_two_orders_wins_in_either_sequence() {
     let early = Order { epoch: 1, issuer: 900, verb: Verb::Land, seal: None };
     let late = Order { epoch: 2, issuer: 1, verb: Verb::Hold, seal: None };
     assert_eq!(early.max(late), late);
     let end = Order { epoch: 1, issuer: 0, verb: Verb::Abort, seal: None };
-    assert_eq!(end.max(late), end, "nothing takes an abort back");
+    assert_eq!(end.max(late), end, "no order revokes an abort");
     assert_eq!(Some(early).max(None), Some(early));
     let sealed = Order { seal: Some(seal()), ..late };
-    assert!(sealed > late && sealed.max(late) == sealed && sealed != late, "whatever differs has an order");
+    assert!(sealed > late && sealed.max(late) == sealed && sealed != late, "two different orders are never equal");
 }
 
 #[test]
-fn the_largest_words_fit() {
+fn the_largest_messages_fit() {
     let most = Header {
         sender: VehicleId::new(VehicleId::MAX).unwrap(),
         incarnation: Incarnation(u64::MAX),
@@ -147,7 +147,7 @@ fn the_largest_words_fit() {
     assert_eq!(decode(&encode(&health)).as_ref(), Ok(&health));
 }
 
-/// Of a swarm of so many, with as much to tell as there can be.
+/// The largest health report of an agent in a swarm of this many vehicles.
 fn health(vehicles: u8) -> Health {
     let peer = |id| PeerHealth {
         id,
@@ -178,7 +178,7 @@ fn health(vehicles: u8) -> Health {
 }
 
 #[test]
-fn no_health_holds_more_or_worse_than_it_may() {
+fn a_health_report_with_too_many_or_implausible_values_is_refused() {
     let with = |change: fn(&mut Health)| {
         let mut health = health(2);
         change(&mut health);
@@ -187,7 +187,11 @@ fn no_health_holds_more_or_worse_than_it_may() {
     let implausible = Some(DecodeError::Implausible);
     assert_eq!(with(|_| {}), None);
     assert_eq!(with(|health| health.refused.push(health.refused[0].clone())), implausible);
-    assert_eq!(with(|health| health.refused[0].key = "\u{1b}[2J".to_owned()), implausible, "it would clear the screen");
+    assert_eq!(
+        with(|health| health.refused[0].key = "\u{1b}[2J".to_owned()),
+        implausible,
+        "this key would clear the screen"
+    );
     assert_eq!(with(|health| health.refused[0].key.push('k')), implausible);
     assert_eq!(with(|health| health.failures.push(Failure::Gyro)), implausible);
     assert_eq!(with(|health| health.version.push('v')), implausible);
@@ -248,14 +252,14 @@ proptest! {
     fn a_flipped_bit_never_makes_an_implausible_state(byte in 0_usize..67, bit in 0_u8..8) {
         let mut bytes = encode(&state());
         bytes[byte] ^= 1 << bit;
-        if let Ok(said) = decode::<State>(&bytes) {
-            prop_assert!(said.is_plausible());
+        if let Ok(message) = decode::<State>(&bytes) {
+            prop_assert!(message.is_plausible());
         }
     }
 }
 
 #[test]
-fn a_later_life_orders_before_the_number_within_a_life() {
+fn a_later_incarnation_is_newer_whatever_the_sequence_number() {
     let order = |life, sequence| Header { incarnation: Incarnation(life), sequence, ..header() }.order();
     assert!(order(2, 1) > order(1, 99) && order(1, 99) > order(1, 98) && order(1, 98) == order(1, 98));
 }

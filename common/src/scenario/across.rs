@@ -1,26 +1,27 @@
-//! What keys mean together: scenarios that are right key by key and would fly wrongly all the same.
+//! Checks of combinations of keys: each value is valid on its own, and together they cannot be flown.
 
 use std::f64::consts::PI;
 
 use super::error::ScenarioError;
 use super::model::{
-    ControlMode, Conversion, Fault, Formation, Graph, Law, Order, Pattern, PlantKind, SafetyFilter, Scenario,
-    StartPattern, Vertical, What,
+    ControlMode, Conversion, EventAction, Fault, Formation, Graph, Law, Order, Pattern, PlantKind, SafetyFilter,
+    Scenario, StartPattern, Vertical,
 };
 use super::tree::{Node, Place, Texts};
 use crate::id::VehicleId;
 use crate::math;
 
-/// Discs thrown at random into a square one by one jam when they cover 55 % of it (random sequential adsorption). Up to
-/// this share 2 to 250 of them find their places within 2000 throws, now and then starting over.
+/// Largest share of the start square that discs around random starts may cover. Discs placed at random, one after the
+/// other, jam when they cover 55 % (random sequential adsorption). Up to this share 2 to 250 vehicles find starts
+/// within 2000 attempts, sometimes after a restart of the placement.
 const RANDOM_COVER: f64 = 0.40;
 
-/// Lowest height at which sideways commands act in full, m.
+/// Lowest height at which the vehicle controller uses its full sideways authority, m.
 const LOWEST_M: f64 = 3.5;
-/// Lowest height that the field of an ellipsoid sends anybody to, m.
+/// Lowest height to which the field of an ellipsoid may guide a vehicle, m.
 const LOWEST_ON_ELLIPSOID_M: f64 = 5.0;
 
-/// The first thing in the scenario that does not go together.
+/// Checks all combinations; the first contradiction is the error.
 pub(super) fn check(texts: &Texts<'_>, written: &Node, scenario: &Scenario) -> Result<(), ScenarioError> {
     let check = Check { texts, written, scenario };
     check.vehicles()?;
@@ -42,8 +43,7 @@ struct Check<'a> {
 }
 
 impl Check<'_> {
-    /// A fault at one of these keys: what a `--set` changed is to blame before what the file says, the first before the
-    /// others.
+    /// An error at one of these keys: the first that a `--set` changed, or else the first that is written in the file.
     fn fault(&self, paths: &[&str], message: String) -> ScenarioError {
         let written: Vec<_> = paths.iter().filter_map(|path| Some((*path, self.written.at(path)?))).collect();
         let blamed = written.iter().find(|(_, node)| node.is_set()).or(written.first());
@@ -55,14 +55,14 @@ impl Check<'_> {
         self.scenario.swarm.vehicles
     }
 
-    /// This id flies.
+    /// Checks that the swarm has this vehicle.
     fn flies(&self, id: VehicleId, path: &str) -> Result<(), ScenarioError> {
         if usize::from(id.get()) <= self.count() {
             return Ok(());
         }
         Err(self.fault(
             &[path],
-            format!("`{path}`: there is no vehicle {id}: the swarm has vehicles 1 to {}", self.count()),
+            format!("`{path}`: vehicle {id} is not in the swarm, which has vehicles 1 to {}", self.count()),
         ))
     }
 
@@ -74,7 +74,7 @@ impl Check<'_> {
                 Ok(id) if usize::from(id.get()) <= self.count() => {}
                 Ok(id) => {
                     let message =
-                        format!("`{path}`: there is no vehicle {id}: the swarm has vehicles 1 to {}", self.count());
+                        format!("`{path}`: vehicle {id} is not in the swarm, which has vehicles 1 to {}", self.count());
                     return Err(self.texts.fault(place, &path, message));
                 }
                 Err(error) => return Err(self.texts.fault(place, &path, format!("`{path}`: {error}"))),
@@ -86,7 +86,7 @@ impl Check<'_> {
     fn starts(&self) -> Result<(), ScenarioError> {
         let start = &self.scenario.start;
         let (square_m, apart_m) = (start.square_m, start.separation_m);
-        // The pattern places everybody, then `[vehicle.N]` moves some.
+        // The pattern gives every vehicle a start, then `[vehicle.N]` moves some.
         let all_given = self.scenario.vehicle.iter().all(|vehicle| vehicle.start_ne_m.is_some());
         let free = if all_given { 0 } else { self.count() };
         let paths = ["start.separation_m", "start.square_m", "start.pattern", "swarm.vehicles"];
@@ -107,15 +107,16 @@ impl Check<'_> {
                 .fault(&paths, format!("{free} starts on a ring {square_m} m wide are less than {apart_m} m apart"))),
             StartPattern::AsIs if free > 0 && self.scenario.swarm.plant != PlantKind::Xplane => Err(self.fault(
                 &["start.pattern"],
-                "only X-Plane's aircraft stand somewhere already: others need `start_ne_m` in `[vehicle.N]`".to_owned(),
+                "`start.pattern` = \"as_is\" is for X-Plane: with another plant every vehicle needs `start_ne_m` in `[vehicle.N]`".to_owned(),
             )),
             _ => self.given_starts(),
         }
     }
 
-    /// No two of `[vehicle.N]` stand too close.
+    /// Checks that no two starts of `[vehicle.N]` are too close.
     fn given_starts(&self) -> Result<(), ScenarioError> {
-        let given: Vec<_> = self.scenario.vehicle.iter().filter_map(|it| Some((it.id, it.start_ne_m?))).collect();
+        let given: Vec<_> =
+            self.scenario.vehicle.iter().filter_map(|vehicle| Some((vehicle.id, vehicle.start_ne_m?))).collect();
         for (later, (id, [north, east])) in given.iter().enumerate() {
             for (other, [other_north, other_east]) in &given[..later] {
                 let apart_m = math::hypot(north - other_north, east - other_east);
@@ -142,7 +143,7 @@ impl Check<'_> {
             self.flies(*to, &format!("network.edges[{index}][1]"))?;
             if from == to {
                 let path = format!("network.edges[{index}]");
-                return Err(self.fault(&[&path], format!("`{path}`: vehicle {from} hears itself anyway")));
+                return Err(self.fault(&[&path], format!("`{path}`: vehicle {from} cannot send to itself")));
             }
         }
         for (index, change) in network.links.iter().enumerate() {
@@ -157,7 +158,8 @@ impl Check<'_> {
         {
             let message = match network.range_m {
                 Some(range_m) => format!("`network.fade_m` is {fade_m}, but may not be above `range_m`, {range_m}"),
-                None => "`network.fade_m` needs `network.range_m`, where nothing is heard any more".to_owned(),
+                None => "`network.fade_m` needs `network.range_m`, the distance from which on all messages are lost"
+                    .to_owned(),
             };
             return Err(self.fault(&["network.fade_m", "network.range_m"], message));
         }
@@ -167,14 +169,14 @@ impl Check<'_> {
                 &["network.peer_stale_s", "network.state_max_period_s"],
                 format!(
                     "`network.peer_stale_s` is {stale_s}, but has to be above `network.state_max_period_s`, {period_s}: \
-                     or every peer is stale"
+                     otherwise every peer is stale"
                 ),
             ));
         }
         Ok(())
     }
 
-    /// One formation: the base, or that of a step.
+    /// Checks one formation: the base, or that of a step.
     fn formation(&self, formation: &Formation, step: Option<usize>) -> Result<(), ScenarioError> {
         self.field(formation, step)?;
         self.heights(formation, step)?;
@@ -182,7 +184,7 @@ impl Check<'_> {
         self.room(formation, step)
     }
 
-    /// A fault at one of these keys of a formation, those of the step before those of the base.
+    /// An error at one of these keys of a formation: at the key in the step, or else at the key in the base.
     fn formation_fault(&self, step: Option<usize>, names: [&str; 2], message: String) -> ScenarioError {
         let in_step = step
             .into_iter()
@@ -192,7 +194,7 @@ impl Check<'_> {
         self.fault(&paths.iter().map(String::as_str).collect::<Vec<_>>(), message)
     }
 
-    /// The band has an inside, the conversion is monotone.
+    /// Checks that the band is narrower than the ring and that the conversion is monotone.
     fn field(&self, formation: &Formation, step: Option<usize>) -> Result<(), ScenarioError> {
         let &Formation { radius_m, gain_m, far_gain_m, .. } = formation;
         let (name, width_m) = match formation.law {
@@ -210,13 +212,13 @@ impl Check<'_> {
         Ok(())
     }
 
-    /// The lowest band, or the lowest point of the ellipsoid, is high enough to fly in.
+    /// Checks that the lowest band, or the lowest point of the ellipsoid, is high enough.
     fn heights(&self, formation: &Formation, step: Option<usize>) -> Result<(), ScenarioError> {
         let law = formation.law;
         let lowest_m = formation.altitude_m - formation.half_height_m(self.count());
         if formation.vertical == Vertical::Ellipsoid {
             let message = if !matches!(law, Law::Ring | Law::Flock) {
-                "`formation.vertical` = \"ellipsoid\" needs law \"ring\" or \"flock\": no other has such a field"
+                "`formation.vertical` = \"ellipsoid\" needs law \"ring\" or \"flock\": no other law has a vertical field"
                     .to_owned()
             } else if lowest_m < LOWEST_ON_ELLIPSOID_M {
                 format!(
@@ -235,7 +237,7 @@ impl Check<'_> {
         Err(self.formation_fault(step, ["band_step_m", "altitude_m"], message))
     }
 
-    /// Every vehicle has a slot, and is not too near to another's.
+    /// Checks that every vehicle has a slot and that no two slots are too close.
     fn slots(&self, formation: &Formation, step: Option<usize>) -> Result<(), ScenarioError> {
         let slots = &formation.slots;
         if !formation.law.has_slots() || slots.pattern == Pattern::Circle {
@@ -263,8 +265,8 @@ impl Check<'_> {
         Err(self.formation_fault(step, ["slots.spacing_m", "slots.offsets_ne_m"], message))
     }
 
-    /// The ring is long enough for all to keep the filter's distance: a necessary condition, since on an ellipse nobody is
-    /// farther from the neighbours than on a circle around it.
+    /// Checks that neighbours on the ring keep the safety filter's distance. The condition is necessary, not
+    /// sufficient: neighbours on an ellipse are never farther apart than on the circle around it.
     fn room(&self, formation: &Formation, step: Option<usize>) -> Result<(), ScenarioError> {
         let is_flat = formation.vertical == Vertical::Bands && formation.band_step_m == 0.0;
         let is_filtered = formation.safety_filter == SafetyFilter::Cbf;
@@ -292,11 +294,11 @@ impl Check<'_> {
     fn external(&self) -> Result<(), ScenarioError> {
         let formation = &self.scenario.formation;
         let external = &formation.external;
-        let ways = [external.command.is_some(), external.listen.is_some(), external.udp.is_some()];
-        let ways = ways.iter().filter(|way| **way).count();
+        let transports = [external.command.is_some(), external.listen.is_some(), external.udp.is_some()];
+        let transports = transports.iter().filter(|is_given| **is_given).count();
         let mut steps = self.scenario.mission.steps.iter();
         let step = steps.position(|step| step.formation.law == Law::External);
-        if let Some(step) = step.filter(|_| ways != 1) {
+        if let Some(step) = step.filter(|_| transports != 1) {
             let in_step = format!("mission.steps[{step}].formation.law");
             return Err(self.fault(
                 &["formation.external", &in_step, "formation.law"],
@@ -313,32 +315,34 @@ impl Check<'_> {
         Ok(())
     }
 
-    /// Under one machine vehicles have no computers and say nothing to each other, and without it there is none to kill.
+    /// Checks the events against the control mode: with central control vehicles have no computers and send each other
+    /// nothing; without it the swarm has no central controller to kill.
     fn central(&self) -> Result<(), ScenarioError> {
         let is_central = self.scenario.control.mode == ControlMode::Central;
         if is_central && self.count() >= usize::from(VehicleId::MAX) {
             let most = VehicleId::MAX - 1;
-            let message =
-                format!("`control.mode` = \"central\" is for {most} vehicles at most: the machine has an id too");
+            let message = format!(
+                "`control.mode` = \"central\" is for {most} vehicles at most: the central controller needs an id too"
+            );
             return Err(self.fault(&["control.mode", "swarm.vehicles"], message));
         }
         for (index, event) in self.scenario.mission.events.iter().enumerate() {
             let (fault, why) = match &event.what {
-                What::Fault(Fault::KillControl) if !is_central => {
-                    ("kill_control", "needs `control.mode` = \"central\": here no one machine controls the swarm")
+                EventAction::Fault(Fault::KillControl) if !is_central => {
+                    ("kill_control", "needs `control.mode` = \"central\": this swarm has no central controller")
                 }
-                What::Fault(Fault::Kill { .. }) if is_central => {
-                    ("kill", "means nothing under `control.mode` = \"central\": \"kill_control\" ends the one machine")
+                EventAction::Fault(Fault::Kill { .. }) if is_central => {
+                    ("kill", "has no effect under `control.mode` = \"central\": use \"kill_control\"")
                 }
-                What::Fault(Fault::ClockJump { .. }) if is_central => (
+                EventAction::Fault(Fault::ClockJump { .. }) if is_central => (
                     "clock_jump",
-                    "means nothing under `control.mode` = \"central\": no vehicle has a clock of its own",
+                    "has no effect under `control.mode` = \"central\": no vehicle has a clock of its own",
                 ),
-                What::Fault(Fault::Cut { .. }) if is_central => {
-                    ("cut", "means nothing under `control.mode` = \"central\": no vehicle talks to another")
+                EventAction::Fault(Fault::Cut { .. }) if is_central => {
+                    ("cut", "has no effect under `control.mode` = \"central\": vehicles send each other nothing")
                 }
-                What::Fault(Fault::Delay { .. }) if is_central => {
-                    ("delay", "means nothing under `control.mode` = \"central\": no vehicle talks to another")
+                EventAction::Fault(Fault::Delay { .. }) if is_central => {
+                    ("delay", "has no effect under `control.mode` = \"central\": vehicles send each other nothing")
                 }
                 _ => continue,
             };
@@ -353,14 +357,14 @@ impl Check<'_> {
         for (index, event) in self.scenario.mission.events.iter().enumerate() {
             let path = |name: &str| format!("mission.events[{index}].{name}");
             match &event.what {
-                What::Fault(Fault::Cut { from, to, .. } | Fault::Delay { from, to, .. }) => {
+                EventAction::Fault(Fault::Cut { from, to, .. } | Fault::Delay { from, to, .. }) => {
                     for (name, ids) in [("from", from), ("to", to)] {
                         for (place, id) in ids.iter().enumerate() {
                             self.flies(*id, &format!("{}[{place}]", path(name)))?;
                         }
                     }
                 }
-                What::Fault(
+                EventAction::Fault(
                     Fault::Kill { vehicle }
                     | Fault::EngineOut { vehicle }
                     | Fault::SimulatorFreeze { vehicle }
@@ -369,12 +373,12 @@ impl Check<'_> {
                     | Fault::GpsFrozen { vehicle }
                     | Fault::ClockJump { vehicle, .. },
                 ) => self.flies(*vehicle, &path("vehicle"))?,
-                What::Order(Order::Goto { step }) if *step >= self.scenario.mission.steps.len() => {
+                EventAction::Order(Order::Goto { step }) if *step >= self.scenario.mission.steps.len() => {
                     let last = self.scenario.mission.steps.len() - 1;
                     let path = path("step");
                     return Err(self.fault(&[&path], format!("`{path}` is {step}, but the last step is {last}")));
                 }
-                What::Fault(Fault::KillControl) | What::Order(_) => {}
+                EventAction::Fault(Fault::KillControl) | EventAction::Order(_) => {}
             }
         }
         Ok(())

@@ -1,4 +1,4 @@
-//! Every written key against the table: known, of its kind, in its range.
+//! Checks of every written key against the table of keys: known, of the right kind, in its range.
 
 use toml::Value as Toml;
 
@@ -9,7 +9,7 @@ use super::tree::{Node, Texts, Value, shown};
 use crate::id::{SwarmName, VehicleId};
 
 impl Texts<'_> {
-    /// Checks a table and all below it, and turns integers into floats where numbers are meant.
+    /// Checks a table and all tables below it, and converts integers to floats where the key takes numbers.
     pub(super) fn check_table(&self, node: &mut Node, path: &str) -> Result<(), ScenarioError> {
         let Value::Table(table) = &mut node.value else {
             return Err(self.wrong(node, path, "a table"));
@@ -19,7 +19,7 @@ impl Texts<'_> {
             match keys::meaning(self.keys, &path) {
                 Some(Meaning::Key(key)) => self.check_value(value, &path, key)?,
                 Some(Meaning::Table) => self.check_table(value, &path)?,
-                _ => match keys::no_id(self.keys, &path) {
+                _ => match keys::table_with_wrong_id(self.keys, &path) {
                     Some(table) => {
                         let max = VehicleId::MAX;
                         let message = format!("`{}`: {table}s are tables by id, 1 to {max}", shown(&path));
@@ -32,13 +32,13 @@ impl Texts<'_> {
         Ok(())
     }
 
-    /// Checks one key's value.
+    /// Checks the value of one key.
     fn check_value(&self, node: &mut Node, path: &str, key: &Key) -> Result<(), ScenarioError> {
         match key.kind {
             Kind::Number(range) => self.number(node, path, range, "a number"),
-            Kind::NumberOr(word, range) => match &node.value {
-                Value::Plain(Toml::String(text)) if text == word => Ok(()),
-                _ => self.number(node, path, range, &format!("a number or \"{word}\"")),
+            Kind::NumberOr(choice, range) => match &node.value {
+                Value::Plain(Toml::String(text)) if text == choice => Ok(()),
+                _ => self.number(node, path, range, &format!("a number or \"{choice}\"")),
             },
             Kind::Integer(min, max) => self.integer(node, path, min, max),
             Kind::Bool => match node.value {
@@ -49,7 +49,7 @@ impl Texts<'_> {
                 Value::Plain(Toml::Boolean(true)) => Ok(()),
                 _ => Err(self.wrong(node, path, "true, or left out")),
             },
-            Kind::OneOf(words) => self.one_of(node, path, words.iter().copied()),
+            Kind::OneOf(choices) => self.one_of(node, path, choices.iter().copied()),
             Kind::Law => self.one_of(node, path, law::names()),
             Kind::Name => {
                 let name = self.text(node, path)?;
@@ -58,7 +58,7 @@ impl Texts<'_> {
                     self.fault(
                         &node.place,
                         path,
-                        format!("`{path}` has 1 to 64 letters, digits, '-' or '_'; \"{name}\" has not"),
+                        format!("`{path}` has to be 1 to 64 letters, digits, '-' or '_'; \"{name}\" is not"),
                     )
                 })
             }
@@ -69,7 +69,7 @@ impl Texts<'_> {
             Kind::Id => self.id(node, path),
             Kind::Ids => self.each(node, path, "a list of vehicle ids", |item| self.id(item, path)),
             Kind::Edges => {
-                let pair = "pairs of vehicle ids, speaker first: [[1, 2], [2, 3]]";
+                let pair = "pairs of vehicle ids, sender first: [[1, 2], [2, 3]]";
                 self.each(node, path, pair, |item| self.pair(item, path, pair, |end| self.id(end, path)))
             }
             Kind::Point => self.point(node, path),
@@ -82,11 +82,11 @@ impl Texts<'_> {
         }
     }
 
-    fn number(&self, node: &mut Node, path: &str, range: keys::Range, wanted: &str) -> Result<(), ScenarioError> {
+    fn number(&self, node: &mut Node, path: &str, range: keys::Range, expected: &str) -> Result<(), ScenarioError> {
         let number = match node.value {
             Value::Plain(Toml::Float(number)) => number,
             Value::Plain(Toml::Integer(number)) => number as f64,
-            _ => return Err(self.wrong(node, path, wanted)),
+            _ => return Err(self.wrong(node, path, expected)),
         };
         if !range.contains(number) {
             return Err(self.fault(&node.place, path, format!("`{path}` is {number}, out of its range: {range}")));
@@ -109,19 +109,19 @@ impl Texts<'_> {
         &self,
         node: &Node,
         path: &str,
-        words: impl Iterator<Item = &'static str> + Clone,
+        choices: impl Iterator<Item = &'static str> + Clone,
     ) -> Result<(), ScenarioError> {
         let text = self.text(node, path)?;
-        if words.clone().any(|word| word == text) {
+        if choices.clone().any(|choice| choice == text) {
             return Ok(());
         }
-        let list = words.clone().map(|word| format!("\"{word}\"")).collect::<Vec<_>>().join(", ");
+        let list = choices.clone().map(|choice| format!("\"{choice}\"")).collect::<Vec<_>>().join(", ");
         let message = format!("`{path}` is \"{}\", but has to be one of {list}", shown(text));
-        let help = keys::nearest_of(words, text).map(|nearest| format!("did you mean \"{nearest}\"?").into());
+        let help = keys::nearest_of(choices, text).map(|nearest| format!("did you mean \"{nearest}\"?").into());
         Err(ScenarioError { help, ..self.fault(&node.place, path, message) })
     }
 
-    /// Cuts off the file's ending.
+    /// Checks the name of a TOML file, and removes its ending.
     fn toml_name(&self, node: &mut Node, path: &str) -> Result<(), ScenarioError> {
         let text = self.text(node, path)?;
         let name = text.strip_suffix(".toml").unwrap_or(text).to_owned();
@@ -140,14 +140,14 @@ impl Texts<'_> {
     fn text<'n>(&self, node: &'n Node, path: &str) -> Result<&'n str, ScenarioError> {
         match &node.value {
             Value::Plain(Toml::String(text)) if text.is_empty() || text.chars().any(char::is_control) => {
-                Err(self.fault(&node.place, path, format!("`{path}` has to be a line of text, not empty")))
+                Err(self.fault(&node.place, path, format!("`{path}` has to be one line of text that is not empty")))
             }
             Value::Plain(Toml::String(text)) => Ok(text),
             _ => Err(self.wrong(node, path, "a text")),
         }
     }
 
-    /// The port leaves room for the ids that are added to it.
+    /// Checks an address. The largest port leaves room for the vehicle ids that are added to it.
     fn address(&self, node: &Node, path: &str, prefix: &str) -> Result<(), ScenarioError> {
         let text = self.text(node, path)?;
         let parts = text.strip_prefix(prefix).and_then(|rest| rest.rsplit_once(':'));
@@ -170,24 +170,24 @@ impl Texts<'_> {
         match node.value {
             Value::Plain(Toml::Integer(id)) if (1..=VehicleId::MAX.into()).contains(&id) => Ok(()),
             Value::Plain(Toml::Integer(id)) => {
-                let message = format!("`{path}`: vehicle ids run from 1 to {}, not {id}", VehicleId::MAX);
+                let message = format!("`{path}`: vehicle ids are 1 to {}, not {id}", VehicleId::MAX);
                 Err(self.fault(&node.place, path, message))
             }
             _ => Err(self.wrong(node, path, "a vehicle id")),
         }
     }
 
-    /// A list with entries, each of which passes.
+    /// Checks that the value is a list that is not empty, and checks each entry.
     fn each(
         &self,
         node: &mut Node,
         path: &str,
-        wanted: &str,
+        expected: &str,
         mut check: impl FnMut(&mut Node) -> Result<(), ScenarioError>,
     ) -> Result<(), ScenarioError> {
         match &mut node.value {
             Value::List(items) if !items.is_empty() => items.iter_mut().try_for_each(&mut check),
-            _ => Err(self.wrong(node, path, wanted)),
+            _ => Err(self.wrong(node, path, expected)),
         }
     }
 
@@ -195,34 +195,34 @@ impl Texts<'_> {
         &self,
         node: &mut Node,
         path: &str,
-        wanted: &str,
+        expected: &str,
         check: impl FnMut(&mut Node) -> Result<(), ScenarioError>,
     ) -> Result<(), ScenarioError> {
         if node.list().len() != 2 {
-            return Err(self.wrong(node, path, wanted));
+            return Err(self.wrong(node, path, expected));
         }
-        self.each(node, path, wanted, check)
+        self.each(node, path, expected, check)
     }
 
     fn point(&self, node: &mut Node, path: &str) -> Result<(), ScenarioError> {
-        let wanted = "a point, [north, east]";
-        self.pair(node, path, wanted, |end| self.number(end, path, keys::COORDINATES_M, wanted))
+        let expected = "a point, [north, east]";
+        self.pair(node, path, expected, |end| self.number(end, path, keys::COORDINATES_M, expected))
     }
 
-    /// Two equal points in a row have no direction between them.
+    /// Checks a path. It must not repeat a point, because two equal points have no direction between them.
     fn path(&self, node: &mut Node, path: &str) -> Result<(), ScenarioError> {
-        let wanted = "two points or more, [[north, east], [north, east]]";
-        self.each(node, path, wanted, |item| self.point(item, path))?;
+        let expected = "two points or more, [[north, east], [north, east]]";
+        self.each(node, path, expected, |item| self.point(item, path))?;
         if node.list().len() < 2 {
-            return Err(self.wrong(node, path, wanted));
+            return Err(self.wrong(node, path, expected));
         }
         match node.list().windows(2).find(|two| two[0].plain() == two[1].plain()) {
-            Some(two) => Err(self.fault(&two[1].place, path, format!("`{path}`: the same point twice in a row"))),
+            Some(two) => Err(self.fault(&two[1].place, path, format!("`{path}`: two points in a row are equal"))),
             None => Ok(()),
         }
     }
 
-    /// A mission has steps, but nothing needs to happen to it, and all links may be alike.
+    /// Checks a list of tables. Only the list of a mission's steps must not be empty.
     fn tables(&self, node: &mut Node, path: &str) -> Result<(), ScenarioError> {
         if path != "mission.steps" && matches!(&node.value, Value::List(items) if items.is_empty()) {
             return Ok(());
@@ -234,12 +234,12 @@ impl Texts<'_> {
         })
     }
 
-    /// JSON has no dates.
+    /// Checks that JSON can represent the value: JSON has no dates.
     fn free(&self, node: &Node, path: &str) -> Result<(), ScenarioError> {
         match &node.value {
-            Value::Plain(Toml::Datetime(_)) => Err(self.wrong(node, path, "something that JSON can say")),
+            Value::Plain(Toml::Datetime(_)) => Err(self.wrong(node, path, "a value that JSON can represent")),
             Value::Plain(Toml::Float(number)) if !number.is_finite() => {
-                Err(self.wrong(node, path, "something that JSON can say"))
+                Err(self.wrong(node, path, "a value that JSON can represent"))
             }
             Value::Plain(_) => Ok(()),
             Value::List(items) => items.iter().try_for_each(|item| self.free(item, path)),
@@ -249,8 +249,8 @@ impl Texts<'_> {
         }
     }
 
-    /// A value of another kind than the key's.
-    pub(super) fn wrong(&self, node: &Node, path: &str, wanted: &str) -> ScenarioError {
+    /// The error for a value of another kind than the key's.
+    pub(super) fn wrong(&self, node: &Node, path: &str, expected: &str) -> ScenarioError {
         let found = match &node.value {
             Value::Plain(Toml::String(text)) => format!("\"{}\"", shown(text)),
             Value::Plain(value) => value.to_string(),
@@ -259,9 +259,9 @@ impl Texts<'_> {
             Value::Table(_) => "a table".to_owned(),
         };
         if node.list().is_empty() {
-            self.fault(&node.place, path, format!("`{path}` has to be {wanted}, not {found}"))
+            self.fault(&node.place, path, format!("`{path}` has to be {expected}, not {found}"))
         } else {
-            self.fault(&node.place, path, format!("`{path}` has to be {wanted}"))
+            self.fault(&node.place, path, format!("`{path}` has to be {expected}"))
         }
     }
 }

@@ -1,26 +1,27 @@
-//! What is wrong with a scenario, and where.
+//! The error of a scenario file, with its position.
 
 use std::fmt;
 use std::ops::Range;
 
-/// One fault of a scenario file or of a `--set`. Shown as one line: `hover.toml:9:1: unknown key ...; did you mean ...?`
+/// Error of a scenario file or of a `--set` option. Its text is one line:
+/// `hover.toml:9:1: unknown key ...; did you mean ...?`
 ///
 /// The texts are boxed so that a `Result` stays small.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ScenarioError {
-    /// The file as the caller named it, or `--set key=value` as it was given.
+    /// Name of the file as the caller gave it, or the `--set key=value` option.
     pub file: Box<str>,
-    /// Counted from 1; none for a `--set`.
+    /// Line, counted from 1; `None` for a `--set` option.
     pub line: Option<usize>,
-    /// In characters, counted from 1.
+    /// Column in characters, counted from 1; `None` for a `--set` option.
     pub column: Option<usize>,
-    /// The key concerned, dotted.
+    /// Path of the key.
     pub key: Option<Box<str>>,
     /// What is wrong.
     pub message: Box<str>,
-    /// What to do about it.
+    /// Suggestion how to correct the error.
     pub help: Option<Box<str>>,
-    /// Bytes of the file's text that are at fault.
+    /// The bytes of the file's text that the error is about.
     pub span: Option<Range<usize>>,
 }
 

@@ -1,8 +1,9 @@
-//! What a key is, and what a path in a file stands for. The keys of a scenario stand in `table`, once: kind, range, unit,
-//! defaults, meaning.
+//! Keys of configuration files and their look-up by path. `table` defines every key of a scenario once: kind, range,
+//! unit, defaults, meaning.
 //!
-//! The loader, the presets, `--set`, the messages and the complete file all read this table; a test holds it against the
-//! fields of [`Scenario`](super::Scenario). What looks keys up takes the table: other files have their own.
+//! The loader, the presets, `--set`, the error messages and the complete file all use that table; a test compares it
+//! with the fields of [`Scenario`](super::Scenario). The look-up functions take a table, because other files have their
+//! own.
 
 mod nearest;
 mod table;
@@ -14,102 +15,102 @@ use crate::scenario::law;
 
 use Kind::{Edges, Free, Id, Ids, Integer, Path, Point, Texts};
 
-pub use nearest::{NEVER_SUGGESTED, matching, meant};
+pub use nearest::{NEVER_SUGGESTED, matching, most_similar};
 pub(super) use nearest::{nearest, nearest_of, siblings};
 pub use table::KEYS;
 pub(super) use table::{FAULT_KEYS, ORDER_KEYS, REMOVED};
 
-/// A key: how it is spelled, what it takes, what it is when it is not written, what it means.
+/// A key: its path, kind, defaults and meaning.
 #[derive(Clone, Copy, Debug)]
 pub struct Key {
-    /// Dotted; `N` stands for an id, `[N]` for a place in a list. A step takes the keys of `formation` too.
+    /// Path of the key: `N` is a vehicle's id, `[N]` an index of a list. A step takes the keys of `formation` too.
     pub path: &'static str,
-    /// What it takes.
+    /// Kind of the value.
     pub kind: Kind,
-    /// Unit of its numbers, where the key's name does not end in it; see [`Key::unit`].
+    /// Unit of the numbers, if the key's name does not end in it; see [`Key::unit`].
     pub own_unit: Option<&'static str>,
-    /// Value below everything.
+    /// Default of the key.
     pub default: Literal,
-    /// Value under `preset = "paper"`, where it differs.
+    /// Default under `preset = "paper"`, if it differs.
     pub paper: Option<Literal>,
-    /// Value under `law = "flock"`, where it differs; the same in both presets.
+    /// Default under `law = "flock"`, if it differs; it is the same in both presets.
     pub flock: Option<Literal>,
-    /// Value that follows from another key, where it differs.
+    /// Default that depends on another key.
     pub implied: Option<Implied>,
-    /// What it means, and why the default is what it is: for a reader who does not know the code.
+    /// Meaning of the key and reason for its default, for a reader who does not know the code.
     pub about: &'static str,
 }
 
-/// A default that follows from the text that another key has.
+/// A default that applies when another key has a certain text.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Implied {
     /// The other key.
     pub by: &'static str,
-    /// What it has to be.
+    /// The text of the other key for which [`Self::value`] is the default.
     pub is: &'static str,
-    /// The default then.
+    /// The default in that case.
     pub value: Literal,
 }
 
-/// A key that earlier versions knew. A file that still has it is refused with the reason.
+/// A key of earlier versions. A file that still has it is refused with the reason.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Removed {
-    /// As it was spelled.
+    /// Path of the removed key.
     pub(super) path: &'static str,
-    /// Why it is gone, or what takes its place.
+    /// Why the key was removed, or what replaces it.
     pub(super) reason: &'static str,
 }
 
-/// What a key takes.
+/// Kind of a key's value.
 #[derive(Clone, Copy, Debug)]
 pub enum Kind {
     /// A finite number.
     Number(Range),
-    /// A finite number or this word.
+    /// A finite number or this text.
     NumberOr(&'static str, Range),
     /// A whole number, both ends included.
     Integer(i64, i64),
     /// true or false.
     Bool,
-    /// Nothing but true.
+    /// true; the key cannot be set to false.
     True,
     /// One of these texts.
     OneOf(&'static [&'static str]),
-    /// A law's name.
+    /// The name of a control law.
     Law,
     /// 1 to 64 letters, digits, '-' or '_'.
     Name,
-    /// The same as the name of a TOML file, whose ending may stand behind it and is cut off.
+    /// The name of a TOML file, 1 to 64 letters, digits, '-' or '_', with or without its ending.
     TomlName,
     /// A text that is not empty.
     Text,
-    /// HOST:PORT, behind this prefix.
+    /// HOST:PORT after this prefix.
     Address(&'static str),
-    /// One text or more.
+    /// A list of one text or more.
     Texts,
     /// A vehicle's id.
     Id,
-    /// One vehicle id or more.
+    /// A list of one vehicle id or more.
     Ids,
-    /// Pairs of vehicle ids.
+    /// A list of pairs of vehicle ids, sender and receiver.
     Edges,
-    /// North and east.
+    /// A point: north and east, m.
     Point,
-    /// Two points or more.
+    /// A list of two points or more.
     Path,
-    /// One table or more; their keys stand in the table with `[N]`.
+    /// A list of tables; their keys are in [`KEYS`] with `[N]`.
     Tables,
-    /// A table of anything that JSON can say.
+    /// A table with any keys and any values that JSON can represent.
     Free,
 }
 
 impl Kind {
-    /// Whether it takes numbers that measure or count something: ids do not.
+    /// Whether the key takes numbers that measure or count something; an id does neither.
     pub fn has_numbers(self) -> bool {
         matches!(self, Self::Number(_) | Self::NumberOr(..) | Self::Integer(..) | Self::Point | Self::Path)
     }
 
-    /// The range of its numbers, in words.
+    /// The range of the numbers, as text.
     pub fn range(self) -> Option<String> {
         match self {
             Self::Number(range) | Self::NumberOr(_, range) => Some(range.to_string()),
@@ -120,28 +121,28 @@ impl Kind {
         }
     }
 
-    /// The texts that it takes and no others; empty if others are free.
-    pub fn words(self) -> Vec<&'static str> {
+    /// The texts that the key accepts; empty if it accepts any text or none.
+    pub fn choices(self) -> Vec<&'static str> {
         match self {
-            Self::OneOf(words) => words.to_vec(),
+            Self::OneOf(choices) => choices.to_vec(),
             Self::Law => law::names().collect(),
             _ => Vec::new(),
         }
     }
 }
 
-/// What it takes, in words.
+/// The kind as text.
 impl fmt::Display for Kind {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Number(_) => f.write_str("number"),
-            Self::NumberOr(word, _) => write!(f, "number or \"{word}\""),
+            Self::NumberOr(choice, _) => write!(f, "number or \"{choice}\""),
             Self::Integer(..) => f.write_str("whole number"),
             Self::Bool => f.write_str("true or false"),
             Self::True => f.write_str("true, or left out"),
             Self::OneOf(_) | Self::Law => {
-                let words: Vec<_> = self.words().into_iter().map(|word| format!("\"{word}\"")).collect();
-                write!(f, "one of {}", words.join(", "))
+                let choices: Vec<_> = self.choices().into_iter().map(|choice| format!("\"{choice}\"")).collect();
+                write!(f, "one of {}", choices.join(", "))
             }
             Self::Name => f.write_str("name of 1 to 64 letters, digits, '-' or '_'"),
             Self::TomlName => f.write_str("name of a TOML file, with or without \".toml\""),
@@ -159,22 +160,22 @@ impl fmt::Display for Kind {
     }
 }
 
-/// Coordinates of points, m: farther out, the plane that touches the ellipsoid is 800 m above it.
+/// Range of the coordinates of points, m. At its end the local plane is already 800 m above the ellipsoid.
 pub(super) const COORDINATES_M: Range = Range { min: -1e5, max: 1e5, min_included: true };
 
-/// Of numbers; the upper end is included.
+/// A range of numbers; the upper end is included.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Range {
     /// Lower end.
     pub min: f64,
     /// Upper end.
     pub max: f64,
-    /// Whether the lower end belongs to it.
+    /// Whether the lower end is included.
     pub min_included: bool,
 }
 
 impl Range {
-    /// Whether the number lies in it; NaN does not.
+    /// Whether the number is in the range; NaN is not.
     pub fn contains(self, number: f64) -> bool {
         (if self.min_included { self.min <= number } else { self.min < number }) && number <= self.max
     }
@@ -190,14 +191,14 @@ impl fmt::Display for Range {
     }
 }
 
-/// A default.
+/// A default value.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Literal {
-    /// The file has to say it.
+    /// No default: the key has to be written.
     Required,
-    /// Absent.
+    /// No value.
     Nothing,
-    /// Whatever this other key is.
+    /// The value of this other key.
     Same(&'static str),
     /// A number.
     Number(f64),
@@ -207,15 +208,15 @@ pub enum Literal {
     Bool(bool),
     /// A text.
     Text(&'static str),
-    /// Anything else, as TOML.
+    /// Any other value, as TOML.
     Toml(&'static str),
 }
 
-/// As a file spells it; what no file can spell, in words.
+/// The value as TOML, or a description of it.
 impl fmt::Display for Literal {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::Required => f.write_str("none, it has to be written"),
+            Self::Required => f.write_str("none: the key is required"),
             Self::Nothing => f.write_str("none"),
             Self::Same(path) => write!(f, "the value of {path}"),
             Self::Number(number) => write!(f, "{number}"),
@@ -227,7 +228,7 @@ impl fmt::Display for Literal {
     }
 }
 
-/// Units by the ends of keys' names, longer ends before those that they end in.
+/// Units by the endings of keys' names; a longer ending is before the shorter ones that it ends in.
 const UNITS: &[(&str, &str)] = &[
     ("bit_s", "bit/s"),
     ("m_s2", "m/s²"),
@@ -264,49 +265,50 @@ impl Key {
         Self { implied: Some(Implied { by, is, value }), ..self }
     }
 
-    /// The last part of the path.
+    /// Name of the key: the last part of its path.
     pub fn name(&self) -> &'static str {
         self.path.rsplit('.').next().unwrap_or(self.path)
     }
 
-    /// The unit of its numbers, "1" for pure numbers; `None` for a key without numbers.
+    /// Unit of the numbers, "1" for pure numbers; `None` for a key without numbers.
     pub fn unit(&self) -> Option<&'static str> {
         self.own_unit.or_else(|| self.unit_in_name()).filter(|_| self.kind.has_numbers())
     }
 
-    /// The unit that the name ends in.
+    /// Unit in which the key's name ends.
     pub(super) fn unit_in_name(&self) -> Option<&'static str> {
         let ends = |end: &str| self.name().strip_suffix(end).is_some_and(|rest| rest.is_empty() || rest.ends_with('_'));
         UNITS.iter().find(|(end, _)| ends(end)).map(|(_, unit)| *unit)
     }
 
-    /// The default under `preset = "paper"`, where it differs: the preset's own, or one that follows from another key's.
+    /// Default under `preset = "paper"`, if it differs: the preset's own, or one that depends on another key of the
+    /// preset.
     pub fn on_paper(&self) -> Option<Literal> {
         let follows = |implied: &Implied| find(implied.by)?.paper.filter(|paper| *paper == Literal::Text(implied.is));
         self.paper.or_else(|| self.implied.filter(|implied| follows(implied).is_some()).map(|implied| implied.value))
     }
 }
 
-/// What a name in a file stands for.
+/// What a path in a file refers to.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Meaning {
     /// A key.
     Key(&'static Key),
     /// A table that has keys below it.
     Table,
-    /// Inside a list or a free table: the key around it knows what it takes.
+    /// A value inside a list or a free table, which the key of that list or table checks.
     Inside,
 }
 
-/// Whether this dotted path is a key that takes whole numbers.
-pub fn is_whole(path: &str) -> bool {
+/// Whether this path is a key that takes whole numbers.
+pub fn takes_whole_numbers(path: &str) -> bool {
     matches!(meaning(KEYS, path), Some(Meaning::Key(key)) if matches!(key.kind, Integer(..) | Id))
 }
 
-/// What this dotted path stands for, if anything.
+/// What this path refers to; `None` if it is unknown.
 pub(super) fn meaning(known: &'static [Key], path: &str) -> Option<Meaning> {
     let pattern = pattern(known, path);
-    let table = in_step(&pattern).unwrap_or(&pattern);
+    let table = formation_table_of_step(&pattern).unwrap_or(&pattern);
     let below = |key: &Key| key.path.strip_prefix(table).is_some_and(|rest| rest.starts_with(['.', '[']));
     if let Some(key) = key_at(known, &pattern) {
         return Some(Meaning::Key(key));
@@ -332,14 +334,14 @@ fn is_list(kind: Kind) -> bool {
     matches!(kind, Texts | Ids | Edges | Point | Path)
 }
 
-/// The table of the formation that is meant by one inside a step.
-fn in_step(pattern: &str) -> Option<&str> {
+/// The path of the formation's table that corresponds to this table of a step's formation.
+fn formation_table_of_step(pattern: &str) -> Option<&str> {
     let table = pattern.strip_prefix("mission.steps[N].").filter(|table| table.split('.').next() == Some("formation"));
     // A step has no `formation.external`: one program flies the whole mission.
     table.filter(|table| table.split('.').nth(1) != Some("external"))
 }
 
-/// The key of this pattern, those of `formation` inside a step included.
+/// The key of this pattern, including the keys of a step's formation.
 fn key_at(known: &'static [Key], pattern: &str) -> Option<&'static Key> {
     match pattern.strip_prefix("mission.steps[N].formation.") {
         Some(rest) => known.iter().find(|key| key.path.strip_prefix("formation.") == Some(rest)),
@@ -347,20 +349,21 @@ fn key_at(known: &'static [Key], pattern: &str) -> Option<&'static Key> {
     }
 }
 
-/// The key with this path, which stands in the scenario's table.
+/// The scenario's key with this path.
 pub(super) fn find(path: &str) -> Option<&'static Key> {
     KEYS.iter().find(|key| key.path == path)
 }
 
-/// `mission.steps[3].name` to `mission.steps[N].name`, `vehicle.3.aircraft` to `vehicle.N.aircraft`.
+/// The path with `N` for ids and indices: `mission.steps[3].name` becomes `mission.steps[N].name`, `vehicle.3.aircraft`
+/// becomes `vehicle.N.aircraft`.
 fn pattern(known: &[Key], path: &str) -> String {
     let mut pattern = String::with_capacity(path.len());
-    for (place, segment) in path.split('.').enumerate() {
-        if place > 0 {
+    for (nth, segment) in path.split('.').enumerate() {
+        if nth > 0 {
             pattern.push('.');
         }
-        if place == 1 && has_ids(known, &pattern) {
-            // What is not an id matches nothing, not even a literal N.
+        if nth == 1 && has_ids(known, &pattern) {
+            // A name that is not an id matches no key, not even a literal N.
             let is_id = segment.parse::<u32>().is_ok_and(|id| id.to_string() == segment);
             pattern.push(if is_id { 'N' } else { '?' });
             continue;
@@ -374,18 +377,18 @@ fn pattern(known: &[Key], path: &str) -> String {
     pattern
 }
 
-/// Whether tables of ids stand below this one, `vehicle.`.
+/// Whether the subtables of this table are named by ids, as those of `vehicle.` are.
 fn has_ids(known: &[Key], table: &str) -> bool {
     known.iter().any(|key| key.path.strip_prefix(table).is_some_and(|rest| rest.starts_with("N.")))
 }
 
-/// The table of ids that this path goes into with something that is no id.
-pub(super) fn no_id<'p>(known: &[Key], path: &'p str) -> Option<&'p str> {
+/// The table whose subtables are named by ids, if this path names a subtable that is not an id.
+pub(super) fn table_with_wrong_id<'p>(known: &[Key], path: &'p str) -> Option<&'p str> {
     let (table, name) = path.split_once('.')?;
     (!name.contains('.') && has_ids(known, &format!("{table}."))).then_some(table)
 }
 
-/// A table's path and a name in it, quoted where it has to be: so that no name passes for a path.
+/// Joins the path of a table and a name in it. The name is quoted if necessary, so that it cannot look like a path.
 pub(super) fn join(table: &str, name: &str) -> String {
     let name = if is_bare(name) { name.to_owned() } else { format!("{name:?}") };
     if table.is_empty() { name } else { format!("{table}.{name}") }

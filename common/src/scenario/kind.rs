@@ -1,22 +1,22 @@
-//! The kinds of files that Skein reads: by what each is recognised, and what to do with one in another's place.
+//! Kinds of files that Skein reads: how each is recognised, and the advice when a file of another kind is needed.
 
 use super::keys::KEYS;
 
 /// A kind of file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum FileKind {
-    /// What flies.
+    /// Scenario: the vehicles, their mission and the flight conditions.
     Scenario,
-    /// Where each vehicle's agent runs.
+    /// Cluster file: the hosts on which the agents run.
     Cluster,
-    /// A type of helicopter.
+    /// Aircraft file: the parameters of a type of helicopter.
     Aircraft,
-    /// One agent's own file.
+    /// Configuration file of one agent.
     Agent,
 }
 
 impl FileKind {
-    /// With its article.
+    /// Name of the kind, with its article.
     pub(super) fn name(self) -> &'static str {
         match self {
             Self::Scenario => "a scenario",
@@ -26,13 +26,13 @@ impl FileKind {
         }
     }
 
-    /// The kind that a top-level key of a file points to, if only one kind has it.
+    /// The kind of file that has this top-level key, if only one kind has it.
     pub(super) fn of_key(name: &str, is_table: bool, is_text: bool) -> Option<Self> {
         match name {
             "trim" | "helicopter" => Some(Self::Aircraft),
             "listen" | "dial" => Some(Self::Agent),
             "node" | "defaults" | "files" | "keys" => Some(Self::Cluster),
-            // A cluster file has a text there: the swarm's name, the kind of security.
+            // In a cluster file these are texts: the name of the swarm, the kind of security.
             "swarm" | "security" if is_text => Some(Self::Cluster),
             "swarm" => is_table.then_some(Self::Scenario),
             "security" => is_table.then_some(Self::Agent),
@@ -40,11 +40,11 @@ impl FileKind {
         }
     }
 
-    /// What to do with a file of this kind, called `file`, where one of the `wanted` kind is needed.
-    pub(super) fn remedy(self, wanted: Self, file: &str) -> String {
+    /// Advice for a file of this kind, called `file`, where one of the `needed` kind is expected.
+    pub(super) fn remedy(self, needed: Self, file: &str) -> String {
         let stem = file.rsplit(['/', '\\']).next().unwrap_or(file);
         let stem = stem.strip_suffix(".toml").unwrap_or(stem);
-        match (self, wanted) {
+        match (self, needed) {
             (Self::Aircraft, _) => format!("name it in a scenario: `swarm.aircraft = \"{stem}\"`"),
             (_, Self::Aircraft) => {
                 "`swarm.aircraft` and `vehicle.N.aircraft` name aircraft files, which have a table `[trim]`".to_owned()

@@ -1,49 +1,49 @@
-//! Which laws there are, by name: those of Skein, and those that the program at hand brings along.
+//! Names of control laws: those of Skein, and those that a program of the user adds.
 
 use std::sync::OnceLock;
 
 use serde::de::Error as _;
 use serde::{Deserialize, Deserializer, Serialize};
 
-/// `formation.law`
+/// Control law of a formation, `formation.law`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Law {
     /// Even spacing on an ellipse.
     Ring,
-    /// Together inside an ellipse, in no fixed places.
+    /// A flock inside an ellipse, without fixed places.
     Flock,
     /// Olfati-Saber 2006, algorithm 2.
     OlfatiSaber,
     /// Vásárhelyi et al. 2018.
     Vasarhelyi,
-    /// Slots that turn with the ranks.
+    /// Virtual structure: each vehicle flies in the slot of its rank.
     VirtualStructure,
-    /// Slots by displacements to neighbours.
+    /// Displacement consensus: slots by displacements to the neighbours.
     DisplacementConsensus,
-    /// Another program.
+    /// A law in another program.
     External,
-    /// None of Skein's.
+    /// A law that the user's program added.
     #[serde(untagged)]
     Own(OwnLaw),
 }
 
-/// Skein's laws as a file spells them.
+/// Names of Skein's laws, as a file spells them.
 pub(super) const NAMES: &[&str] =
     &["ring", "flock", "olfati-saber", "vasarhelyi", "virtual-structure", "displacement-consensus", "external"];
 
 impl Law {
-    /// Vehicles fly together inside R*, in no fixed places.
+    /// Whether vehicles fly together inside R*, without fixed places.
     pub fn is_flock(self) -> bool {
         matches!(self, Self::Flock | Self::OlfatiSaber | Self::Vasarhelyi)
     }
 
-    /// Every vehicle has a slot of its own.
+    /// Whether every vehicle has a slot of its own.
     pub fn has_slots(self) -> bool {
         matches!(self, Self::VirtualStructure | Self::DisplacementConsensus)
     }
 
-    /// As a file spells it.
+    /// Name of the law, as a file spells it.
     pub fn name(self) -> &'static str {
         match self {
             Self::Ring => "ring",
@@ -58,7 +58,7 @@ impl Law {
     }
 }
 
-/// The name of a law that is none of Skein's. There are only those that [`add_laws`] has added.
+/// Name of a law that the user's program added with [`add_laws`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 pub struct OwnLaw(&'static str);
 
@@ -66,47 +66,48 @@ impl<'de> Deserialize<'de> for OwnLaw {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
         let name = String::deserialize(deserializer)?;
         let known = added().iter().find(|known| **known == name);
-        known.copied().map(Self).ok_or_else(|| D::Error::custom(format!("no law is called \"{name}\"")))
+        known.copied().map(Self).ok_or_else(|| D::Error::custom(format!("unknown law \"{name}\"")))
     }
 }
 
-/// What a program brings along never changes while it runs: like its code, it is no input of a flight.
+/// Names of the laws that the program added. They are set once: like the program's code they are not an input of a
+/// flight.
 static ADDED: OnceLock<Vec<&'static str>> = OnceLock::new();
 
-/// Names that `formation.law` takes from now on besides those of Skein, for the whole program. Once at most, before the
-/// first scenario is read.
+/// Adds names of laws that `formation.law` accepts besides those of Skein, for the whole program. Call it once at most,
+/// before the first scenario is read.
 ///
 /// # Errors
-/// A name that is taken, that is none (1 to 64 letters, digits, '-' or '_'), or names that come a second time.
-pub fn add_laws(names: Vec<&'static str>) -> Result<(), LawName> {
+/// If a name is taken or is not 1 to 64 letters, digits, '-' or '_', or on a second call.
+pub fn add_laws(names: Vec<&'static str>) -> Result<(), LawNameError> {
     check(&names)?;
-    ADDED.set(names).map_err(|_| LawName::Late)
+    ADDED.set(names).map_err(|_| LawNameError::Late)
 }
 
-/// Each a name, and nobody else's.
-fn check(names: &[&'static str]) -> Result<(), LawName> {
+/// Checks that each name is valid and unique.
+fn check(names: &[&'static str]) -> Result<(), LawNameError> {
     for (place, name) in names.iter().enumerate() {
         if crate::id::SwarmName::new(*name).is_err() {
-            return Err(LawName::Misspelt(name));
+            return Err(LawNameError::Misspelt(name));
         }
         if NAMES.contains(name) || names[..place].contains(name) {
-            return Err(LawName::Taken(name));
+            return Err(LawNameError::Taken(name));
         }
     }
     Ok(())
 }
 
-/// Why names of laws were not added.
+/// Reason why names of laws were not added.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-pub enum LawName {
-    /// No name.
-    #[error("a law's name has 1 to 64 letters, digits, '-' or '_'; {0:?} has not")]
+pub enum LawNameError {
+    /// The name has characters that are not allowed, or is too long or empty.
+    #[error("the name of a law is 1 to 64 letters, digits, '-' or '_'; {0:?} is not")]
     Misspelt(&'static str),
-    /// Somebody else's.
-    #[error("there is a law called {0:?} already")]
+    /// Another law has this name.
+    #[error("the name {0:?} is taken by another law")]
     Taken(&'static str),
-    /// Not the first.
-    #[error("a program adds its laws once")]
+    /// Laws were added before.
+    #[error("a program can add laws only once")]
     Late,
 }
 
@@ -114,7 +115,7 @@ fn added() -> &'static [&'static str] {
     ADDED.get().map_or(&[], Vec::as_slice)
 }
 
-/// Every name that `formation.law` takes.
+/// All names that `formation.law` accepts.
 pub(super) fn names() -> impl Iterator<Item = &'static str> + Clone {
     NAMES.iter().chain(added()).copied()
 }
@@ -124,19 +125,19 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_law_is_its_name() {
+    fn a_law_is_serialised_as_its_name() {
         for name in NAMES {
             let law: Law = toml::Value::from(*name).try_into().unwrap();
             assert_eq!((law.name(), toml::Value::try_from(law).unwrap().as_str()), (*name, Some(*name)));
         }
     }
 
-    // What is added stays for all other tests of this process: that is left to a program of its own.
+    // Added names would stay for all other tests of this process: a separate program tests `add_laws`.
     #[test]
-    fn names_that_are_added_are_free_names() {
-        assert_eq!(check(&["my law"]), Err(LawName::Misspelt("my law")));
-        assert_eq!(check(&["mine", "ring"]), Err(LawName::Taken("ring")));
-        assert_eq!(check(&["mine", "mine"]), Err(LawName::Taken("mine")));
+    fn only_valid_and_free_names_can_be_added() {
+        assert_eq!(check(&["my law"]), Err(LawNameError::Misspelt("my law")));
+        assert_eq!(check(&["mine", "ring"]), Err(LawNameError::Taken("ring")));
+        assert_eq!(check(&["mine", "mine"]), Err(LawNameError::Taken("mine")));
         assert_eq!(check(&["mine", "my-pursuit"]), Ok(()));
         assert!(toml::Value::from("mine").try_into::<Law>().is_err());
     }

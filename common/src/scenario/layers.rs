@@ -1,4 +1,4 @@
-//! What is written, above the preset, above the defaults.
+//! Layers of values: the written values override the preset, the preset overrides the defaults.
 
 use toml::Value as Toml;
 
@@ -9,7 +9,7 @@ use super::tree::{Node, Place, Texts};
 use super::{Explained, Layer};
 use crate::id::VehicleId;
 
-/// A checked tree with everything that lies below it.
+/// A checked tree of written values, with the preset and the defaults below it.
 pub(super) struct Layers<'a> {
     texts: &'a Texts<'a>,
     written: &'a Node,
@@ -18,23 +18,23 @@ pub(super) struct Layers<'a> {
 }
 
 impl<'a> Layers<'a> {
-    /// Looks up what the other values depend on.
+    /// Reads the keys on which other defaults depend.
     pub(super) fn new(texts: &'a Texts<'a>, written: &'a Node) -> Result<Self, ScenarioError> {
         if written.at("swarm.vehicles").is_none() {
             let place = written.at("swarm").map_or(Place::File(0..0), |node| node.place.clone());
             let place = if matches!(place, Place::Set(_)) { Place::File(0..0) } else { place };
             return Err(ScenarioError {
-                help: Some("say how many vehicles fly: `[swarm]`, `vehicles = 4`".into()),
+                help: Some("add the number of vehicles: `[swarm]`, `vehicles = 4`".into()),
                 ..texts.fault(&place, "swarm.vehicles", "`swarm.vehicles` is missing")
             });
         }
-        let word = |path| written.at(path).map(Node::plain);
-        let paper = word("preset").is_some_and(|preset| preset.as_str() == Some("paper"));
-        let law = word("formation.law").and_then(|law| law.as_str().map(str::to_owned)).unwrap_or("ring".to_owned());
+        let value = |path| written.at(path).map(Node::plain);
+        let paper = value("preset").is_some_and(|preset| preset.as_str() == Some("paper"));
+        let law = value("formation.law").and_then(|law| law.as_str().map(str::to_owned)).unwrap_or("ring".to_owned());
         Ok(Self { texts, written, paper, law })
     }
 
-    /// The value of a key that stands in no list, and who said so.
+    /// The value of a key outside lists, and its origin.
     fn value(&self, key: &Key) -> (Option<Toml>, Layer) {
         match self.written.at(key.path) {
             Some(node) => (Some(node.plain()), self.texts.origin(node)),
@@ -42,7 +42,7 @@ impl<'a> Layers<'a> {
         }
     }
 
-    /// What a key is that nobody wrote, under this law.
+    /// The value under this law of a key that is not written, and its origin.
     fn below(&self, key: &Key, law: &str) -> (Option<Toml>, Layer) {
         if let Some(value) = key.flock.filter(|_| law == "flock") {
             return (literal(value), Layer::Default);
@@ -63,7 +63,7 @@ impl<'a> Layers<'a> {
         self.value(keys::find(path)?).0
     }
 
-    /// All of it, typed.
+    /// The scenario as typed values.
     pub(super) fn scenario(&self) -> Result<Scenario, ScenarioError> {
         let mut root = toml::Table::new();
         for key in KEYS.iter().filter(|key| !key.path.contains('N') && !matches!(key.kind, Kind::Tables)) {
@@ -84,18 +84,18 @@ impl<'a> Layers<'a> {
             "vehicle".to_owned(),
             Toml::Array((1..=vehicles).map(|id| Toml::Table(self.vehicle(id))).collect()),
         );
-        // Everything was checked key by key: an error here is a key that the table and the types see differently, which
-        // the tests exclude.
+        // Every key was checked: an error here means that the table and the types disagree about a key, which the tests
+        // exclude.
         root.try_into().map_err(|error: toml::de::Error| self.texts.fault(&Place::File(0..0), "", error.message()))
     }
 
-    /// The tables of a list, as written or by default.
+    /// The tables of a list, written or by default.
     fn entries(&self, path: &str) -> Vec<toml::Table> {
         let list = self.named(path).and_then(|value| value.as_array().cloned()).unwrap_or_default();
         list.into_iter().filter_map(|entry| entry.as_table().cloned()).collect()
     }
 
-    /// A step with everything it inherits.
+    /// A step with all values that it inherits.
     fn step(&self, written: &toml::Table) -> toml::Table {
         let mut step = written.clone();
         for key in KEYS {
@@ -115,7 +115,8 @@ impl<'a> Layers<'a> {
         step
     }
 
-    /// What a step changes in the formation: what it says, and what follows if it says another law.
+    /// The values that a step changes in the formation: the written ones, and the defaults of its law if it names
+    /// another.
     fn changes(&self, step: &toml::Table) -> toml::Table {
         let mut changes = step.get("formation").and_then(Toml::as_table).cloned().unwrap_or_default();
         if let Some(law) = changes.get("law").and_then(Toml::as_str).map(str::to_owned) {
@@ -141,7 +142,7 @@ impl<'a> Layers<'a> {
         vehicle
     }
 
-    /// Keys of the file that keep the preset from having its way.
+    /// Notes on keys of the file that override the preset.
     pub(super) fn notes(&self) -> Vec<String> {
         let overrides = |key: &&Key| {
             let (value, origin) = self.value(key);
@@ -155,7 +156,7 @@ impl<'a> Layers<'a> {
             .collect()
     }
 
-    /// The complete file, line by line.
+    /// All values of the complete file, with their origins.
     pub(super) fn lines(&self) -> Vec<Explained> {
         let mut lines = Vec::new();
         for key in KEYS.iter().filter(|key| !key.path.contains('N')) {
@@ -188,7 +189,7 @@ impl<'a> Layers<'a> {
         self.entries(key.path).into_iter().enumerate().map(line).collect()
     }
 
-    /// What `[vehicle.N]` says of this one.
+    /// The values of `[vehicle.N]` for this vehicle.
     fn vehicle_lines(&self, id: u8) -> impl Iterator<Item = Explained> {
         KEYS.iter().filter_map(move |key| {
             let path = format!("vehicle.{id}.{}", key.path.strip_prefix("vehicle.N.")?);
@@ -199,7 +200,7 @@ impl<'a> Layers<'a> {
     }
 }
 
-/// What stands at a dotted path, if anything does.
+/// The value at a path, if there is one.
 fn at<'t>(table: &'t toml::Table, path: &str) -> Option<&'t Toml> {
     match path.split_once('.') {
         Some((name, rest)) => at(table.get(name)?.as_table()?, rest),
@@ -211,7 +212,7 @@ fn formation_keys() -> impl Iterator<Item = &'static Key> {
     KEYS.iter().filter(|key| key.path.starts_with("formation."))
 }
 
-/// An event with what its kind takes and nobody said.
+/// An event with the defaults of the keys that its kind takes.
 fn event_in_full(written: &toml::Table) -> toml::Table {
     let mut event = written.clone();
     let kind = ["fault", "order"].iter().find_map(|key| written.get(*key)?.as_str());
@@ -224,7 +225,7 @@ fn event_in_full(written: &toml::Table) -> toml::Table {
     event
 }
 
-/// An entry of `network.links` with what nobody said and is not simply left to the other links.
+/// An entry of `network.links` with the defaults of its own keys.
 fn link_in_full(written: &toml::Table) -> toml::Table {
     let mut link = written.clone();
     for key in KEYS {
@@ -235,7 +236,7 @@ fn link_in_full(written: &toml::Table) -> toml::Table {
     link
 }
 
-/// Puts a value where the types expect it; a word that means "no number" is no value.
+/// Puts a value where the types expect it. A text that means "no number" is left out.
 fn put(root: &mut toml::Table, key: &Key, path: &str, value: Option<Toml>) {
     let Some(value) = value else { return };
     if matches!(key.kind, Kind::NumberOr("none" | "from_widths", _)) && value.is_str() {

@@ -1,7 +1,7 @@
-//! The checked form: what a scenario file says, complete, typed, one value for every key.
+//! The scenario as typed values: complete and checked, one field for every key.
 //!
-//! Names of fields are names of keys, so units are the file's: angles stay in degrees here and the `_rad` methods give
-//! them to the code. What each key means, its range and its default stand in [`KEYS`](super::KEYS), once.
+//! Names and units of fields are those of the keys: angles are in degrees here, and the `_rad` methods convert them.
+//! [`KEYS`](super::KEYS) has the meaning, range and default of each key.
 
 mod laws;
 mod mission;
@@ -16,42 +16,43 @@ use crate::id::{SwarmName, VehicleId};
 
 pub use super::law::Law;
 pub use laws::{DisplacementConsensus, OlfatiSaber, Pattern, Slots, Vasarhelyi};
-pub use mission::{Event, Fault, Mission, Order, Partition, Servo, Step, Target, What};
+pub use mission::{Event, EventAction, Fault, Mission, Order, Partition, Servo, Step, Target};
 pub use network::{Graph, LinkChange, Network, Quality, SendMode};
 
-/// One swarm, for every target. Made by [`load`](super::load), which alone checks it: `Deserialize` reads back what
-/// `Serialize` wrote and checks only the shape. Both need a format that says what it holds (TOML, JSON; not postcard).
+/// A scenario: one swarm, its mission and the flight conditions. Only [`load`](super::load) checks it: `Deserialize`
+/// reads the output of `Serialize` and checks only its structure. Both need a self-describing format (TOML or JSON, not
+/// postcard).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Scenario {
-    /// What flies, in a word.
+    /// Name of the scenario.
     pub name: String,
-    /// The defaults below the file.
+    /// Set of defaults for keys that are not written.
     pub preset: Preset,
-    /// Where all randomness comes from.
+    /// Seed of all random numbers.
     pub seed: u64,
-    /// When the flight ends; without it, when somebody or the mission ends it.
+    /// Duration of the flight, s; `None`: the mission or an operator ends it.
     pub duration_s: Option<f64>,
-    /// Who flies.
+    /// The vehicles of the swarm.
     pub swarm: Swarm,
-    /// Where they stand before.
+    /// Positions before take-off.
     pub start: Start,
-    /// Where the local frame lies.
+    /// Origin of the local frame.
     pub origin: Origin,
-    /// What the formation is before a step changes it.
+    /// The formation before a step changes it.
     pub formation: Formation,
-    /// What the swarm does.
+    /// Steps and events of the mission.
     pub mission: Mission,
     /// The vehicle controller.
     pub control: Control,
-    /// What a vehicle may know of itself.
+    /// Sensors of the vehicles.
     pub sensing: Sensing,
-    /// The air.
+    /// Wind and turbulence.
     pub world: World,
-    /// Who hears whom, when and how well.
+    /// The network between the vehicles, with its impairments.
     pub network: Network,
-    /// What is kept of a run.
+    /// Recording of runs.
     pub record: Record,
-    /// One for each vehicle, by id: `vehicle[0]` is vehicle 1.
+    /// Settings of each vehicle, by id: `vehicle[0]` is vehicle 1.
     pub vehicle: Vec<Vehicle>,
 }
 
@@ -61,34 +62,34 @@ impl Scenario {
         VehicleId::first(self.swarm.vehicles)
     }
 
-    /// This vehicle's own settings, if it flies in this swarm.
+    /// Settings of this vehicle; `None` if it is not in the swarm.
     pub fn vehicle(&self, id: VehicleId) -> Option<&Vehicle> {
         self.vehicle.iter().find(|vehicle| vehicle.id == id)
     }
 }
 
-/// `preset`
+/// Set of defaults, `preset`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Preset {
-    /// What we recommend.
+    /// The recommended defaults.
     Default,
-    /// What Garcia & Barnes 2010 did, with tangential avoidance.
+    /// The defaults of Garcia & Barnes 2010, with tangential avoidance.
     Paper,
 }
 
-/// `[swarm]`
+/// The vehicles of the swarm, `[swarm]`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Swarm {
-    /// How many, 1 to 250.
+    /// Number of vehicles, 1 to 250.
     pub vehicles: usize,
-    /// Namespace of all traffic.
+    /// Name of the swarm: the namespace of all messages.
     pub name: SwarmName,
-    /// What moves.
+    /// The plant that is flown.
     pub plant: PlantKind,
-    /// Profile of those that [`Vehicle::aircraft`] says nothing else of.
+    /// Aircraft of the vehicles, unless [`Vehicle::aircraft`] names another.
     pub aircraft: String,
-    /// Standard deviation of the hidden error of the roll and of the pitch trim.
+    /// Standard deviation of the unknown error of the roll trim and of the pitch trim, °.
     pub trim_error_rms_deg: f64,
 }
 
@@ -99,119 +100,119 @@ impl Swarm {
     }
 }
 
-/// `swarm.plant`
+/// The plant that is flown, `swarm.plant`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum PlantKind {
-    /// The helicopter inside the agent.
+    /// The flight model inside the agent.
     Builtin,
-    /// The same helicopter behind X-Plane's UDP protocol.
+    /// The same flight model behind X-Plane's UDP protocol.
     Standin,
     /// X-Plane.
     Xplane,
 }
 
-/// `[start]`
+/// Positions before take-off, `[start]`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Start {
-    /// How they stand around the origin.
+    /// Arrangement around the origin.
     pub pattern: StartPattern,
-    /// Side of the square of random starts, diameter of a ring of starts.
+    /// Side of the square of random starts, or diameter of a ring of starts, m.
     pub square_m: f64,
-    /// Least distance between two random starts, distance of neighbours on a line.
+    /// Least distance between two random starts, or distance of neighbours on a line, m.
     pub separation_m: f64,
 }
 
-/// `start.pattern`
+/// Arrangement before take-off, `start.pattern`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum StartPattern {
-    /// Anywhere in a square, with random headings.
+    /// Random positions in a square, with random headings.
     Random,
-    /// Where the plants are (X-Plane), or where `[vehicle.N]` says.
+    /// The present positions of the X-Planes, or the positions of `[vehicle.N]`.
     AsIs,
-    /// Evenly on a circle, vehicle 1 in the north, clockwise.
+    /// Evenly on a circle, vehicle 1 in the north, then clockwise.
     Ring,
     /// On a line from west to east.
     Line,
 }
 
-/// `[origin]`: where the local north-east-down frame touches the ellipsoid.
+/// Origin of the local north-east-down frame, `[origin]`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Origin {
-    /// Positive north.
+    /// Latitude, °, positive north.
     pub latitude_deg: f64,
-    /// Positive east.
+    /// Longitude, °, positive east.
     pub longitude_deg: f64,
-    /// Above the ellipsoid.
+    /// Height above the ellipsoid, m.
     pub elevation_m: f64,
 }
 
 impl Origin {
-    /// The place in radians.
+    /// The origin as a geodetic position, in radians.
     pub fn geodetic(&self) -> Geodetic {
         Geodetic::from_degrees(self.latitude_deg, self.longitude_deg, self.elevation_m)
     }
 }
 
-/// `[formation]`, and what a step makes of it.
+/// A formation: that of `[formation]`, or with the changes of a step.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Formation {
-    /// Which law.
+    /// The control law.
     pub law: Law,
-    /// R*, or the slots' or the goal's radius.
+    /// Radius R* of the ring, of the area of a flock, or of the slots, m.
     pub radius_m: f64,
-    /// γ: semi-axes are R* and R*/√γ.
+    /// Shape γ of the ellipse: its semi-axes are R* and R*/√γ.
     pub gamma: f64,
-    /// γ_z of the ellipsoid: its vertical semi-axis is R*/√γ_z.
+    /// Shape γ_z of the ellipsoid: its vertical semi-axis is R*/√γ_z.
     pub gamma_z: f64,
-    /// Of the ellipse's first axis, clockwise from north.
+    /// Direction of the ellipse's first axis, °, clockwise from north.
     pub heading_deg: f64,
-    /// ΔR_in.
+    /// Width ΔR_in of the band inside the ring, m.
     pub inner_width_m: f64,
-    /// ΔR_out.
+    /// Width ΔR_out of the band outside the ring, m.
     pub outer_width_m: f64,
-    /// ε.
+    /// Remainder ε of a limiting function one width from its middle.
     pub edge_share: f64,
-    /// α_in = α_out, where it does not follow from the widths and ε.
+    /// Steepness α_in = α_out of the band's edges, 1/m; `None`: it follows from the widths and ε.
     pub edge_steepness_per_m: Option<f64>,
-    /// ΔR_avoid.
+    /// Distance ΔR_avoid below which neighbours repel each other.
     pub avoid_distance_m: AvoidDistance,
-    /// Which part of the avoidance acts in the band.
+    /// Part of the avoidance that acts in the band.
     pub avoidance: Avoidance,
-    /// w_circ, positive clockwise seen from above.
+    /// Weight w_circ of the circulation, positive clockwise from above.
     pub circulation: f64,
-    /// Of the formation's centre, above the origin.
+    /// Altitude of the formation's centre above the origin, m.
     pub altitude_m: f64,
-    /// How heights are shared out.
+    /// Distribution of the vehicles over heights.
     pub vertical: Vertical,
-    /// Δh between neighbouring ranks.
+    /// Difference of height Δh between neighbouring ranks, m.
     pub band_step_m: f64,
-    /// Field to position error.
+    /// Conversion of the field to a position error.
     pub conversion: Conversion,
-    /// c, c0.
+    /// Gain c of the linear conversion, c0 of the nonlinear one, m.
     pub gain_m: f64,
-    /// c1.
+    /// Gain c1 of the nonlinear conversion far from the goal, m.
     pub far_gain_m: f64,
-    /// v_b.
+    /// Field strength v_b at which the nonlinear conversion changes its gain.
     pub gain_knee: f64,
-    /// The centre's velocity is fed forward.
+    /// Whether the velocity of the centre is fed forward.
     pub feedforward: bool,
-    /// What stands between the law and the controller.
+    /// Filter between the law and the vehicle controller.
     pub safety_filter: SafetyFilter,
-    /// d_s.
+    /// Least distance d_s that the safety filter keeps, m.
     pub safety_distance_m: f64,
-    /// κ.
+    /// Approach rate κ of the safety filter, 1/s.
     pub safety_rate_per_s: f64,
-    /// Of `law = "olfati-saber"`.
+    /// Parameters of `law = "olfati-saber"`.
     pub olfati_saber: OlfatiSaber,
-    /// Of `law = "vasarhelyi"`.
+    /// Parameters of `law = "vasarhelyi"`.
     pub vasarhelyi: Vasarhelyi,
-    /// Of the laws with slots.
+    /// Slots of the laws that have slots.
     pub slots: Slots,
-    /// Of `law = "displacement-consensus"`.
+    /// Parameters of `law = "displacement-consensus"`.
     pub displacement_consensus: DisplacementConsensus,
-    /// Of a law that is none of Skein's.
+    /// Parameters of a law that the user's program added.
     pub parameters: toml::Table,
     /// The program behind `law = "external"`.
     pub external: External,
@@ -223,7 +224,7 @@ impl Formation {
         self.heading_deg.to_radians()
     }
 
-    /// How far above and below [`Formation::altitude_m`] so many vehicles fly, m.
+    /// Largest distance of this many vehicles above and below [`Formation::altitude_m`], m.
     pub fn half_height_m(&self, vehicles: usize) -> f64 {
         match self.vertical {
             Vertical::Bands => vehicles.saturating_sub(1) as f64 / 2.0 * self.band_step_m,
@@ -232,162 +233,163 @@ impl Formation {
     }
 }
 
-/// `formation.avoid_distance_m`
+/// Distance below which neighbours repel each other, `formation.avoid_distance_m`.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum AvoidDistance {
-    /// R*√2 sin(π/N), N the live members.
+    /// R*√2 sin(π/N) for N live members.
     Adaptive,
-    /// The same for any N.
+    /// This distance for any number of members, m.
     #[serde(untagged)]
     Fixed(f64),
 }
 
-/// `formation.avoidance`
+/// Part of the avoidance that acts in the band, `formation.avoidance`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Avoidance {
-    /// In the band only the part along it.
+    /// In the band only the part along the ring.
     Tangential,
-    /// All of it, everywhere.
+    /// The whole avoidance, everywhere.
     Full,
 }
 
-/// `formation.vertical`
+/// Distribution of the vehicles over heights, `formation.vertical`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Vertical {
-    /// One height a rank.
+    /// One height for each rank.
     Bands,
     /// The field has a vertical part.
     Ellipsoid,
 }
 
-/// `formation.conversion`
+/// Conversion of the field to a position error, `formation.conversion`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Conversion {
-    /// c·|V|.
+    /// The error is c·|V|.
     Linear,
-    /// From slope c0 at zero to c1 far away.
+    /// The slope grows from c0 at zero to c1 for a strong field.
     Nonlinear,
 }
 
-/// `formation.safety_filter`
+/// Filter between the law and the vehicle controller, `formation.safety_filter`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum SafetyFilter {
-    /// Nothing.
+    /// No filter.
     None,
-    /// Control barrier function.
+    /// A control barrier function.
     Cbf,
 }
 
-/// `[formation.external]`; of `command`, `listen` and `udp` one is set under [`Law::External`].
+/// A law in another program, `[formation.external]`. Under [`Law::External`] exactly one of `command`, `listen` and
+/// `udp` is set.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct External {
-    /// Program and arguments, one process a vehicle.
+    /// Program and arguments; one process for each vehicle.
     pub command: Option<Vec<String>>,
-    /// `tcp/HOST:PORT`; vehicle i connects to PORT + i.
+    /// Address of the program, `tcp/HOST:PORT`; vehicle i connects to PORT + i.
     pub listen: Option<String>,
-    /// Vectors instead of lines.
+    /// Addresses for binary vectors over UDP instead of lines of JSON.
     pub udp: Option<Udp>,
-    /// Between two asks.
+    /// Time between two requests, s.
     pub period_s: f64,
-    /// Real time until an ask is missed.
+    /// Real time after which a request without an answer is missed, s.
     pub deadline_s: f64,
-    /// Flies while the program does not answer; never [`Law::External`].
+    /// Law that is flown while the program does not answer; never [`Law::External`].
     pub fallback: Law,
-    /// This many in a row, and the fallback flies.
+    /// Number of missed requests in a row after which the fallback law is flown.
     pub misses: u32,
-    /// A faster answer is cut to this.
+    /// Largest speed that the program may command, m/s; a faster velocity is cut to it.
     pub max_speed_m_s: f64,
-    /// Handed over as they are.
+    /// Parameters for the program, passed unchanged.
     pub parameters: toml::Table,
 }
 
-/// `formation.external.udp`
+/// UDP addresses of an external law, `formation.external.udp`.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Udp {
-    /// HOST:PORT the asks go to; PORT + id for each vehicle.
+    /// HOST:PORT to which requests are sent; PORT + id for each vehicle.
     pub ask: String,
-    /// HOST:PORT the answers come to; PORT + id for each vehicle.
+    /// HOST:PORT on which answers are received; PORT + id for each vehicle.
     pub answer: String,
 }
 
-/// `[control]`
+/// The vehicle controllers, `[control]`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Control {
-    /// The trims are integrated.
+    /// Whether the controller integrates the trims.
     pub auto_trim: bool,
-    /// The rule bases.
+    /// The rule bases of the fuzzy controllers.
     pub rules: Rules,
     /// Where the controllers run.
     pub mode: ControlMode,
-    /// What the machine of [`ControlMode::Central`] takes for one vehicle and frame; 0 is infinitely fast.
+    /// Computing time of the central controller for one vehicle and frame, s; 0 is infinitely fast.
     pub central_step_s: f64,
 }
 
-/// `control.rules`
+/// The rule bases of the fuzzy controllers, `control.rules`.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Rules {
-    /// Those of this build.
+    /// The rule bases that come with the program.
     Shipped,
-    /// The `.fis` files of this folder, as the file spells it.
+    /// The `.fis` files of this folder, spelled as in the scenario.
     #[serde(untagged)]
     Folder(PathBuf),
 }
 
-/// `control.mode`
+/// Where the controllers run, `control.mode`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum ControlMode {
-    /// Every vehicle for itself.
+    /// Each vehicle has its own controller.
     Each,
-    /// One machine for all, for comparison only.
+    /// One central controller flies all vehicles; for comparison only.
     Central,
 }
 
-/// `[sensing]`
+/// Sensors of the vehicles, `[sensing]`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Sensing {
-    /// How exact a position is.
+    /// Precision of measured positions.
     pub position: PositionSensing,
-    /// Where the horizontal velocity comes from.
+    /// Source of the horizontal velocity.
     pub velocity: VelocitySensing,
-    /// τ of the differencing filter.
+    /// Time constant τ of the differencing filter, s.
     pub differenced_tau_s: f64,
 }
 
-/// `sensing.position`
+/// Precision of measured positions, `sensing.position`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum PositionSensing {
-    /// As it is.
+    /// The exact position.
     Exact,
     /// Latitude and longitude in degrees, rounded to single precision.
     F32Latlon,
 }
 
-/// `sensing.velocity`
+/// Source of the horizontal velocity, `sensing.velocity`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum VelocitySensing {
-    /// As the plant says.
+    /// The velocity that the plant measures.
     Measured,
-    /// Filtered difference of positions.
+    /// The filtered difference of positions.
     Differenced,
 }
 
-/// `[world]`
+/// Wind and turbulence, `[world]`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct World {
-    /// Mean wind.
+    /// Mean wind speed, m/s.
     pub wind_m_s: f64,
-    /// Where it comes from, clockwise from north.
+    /// Direction that the wind comes from, °, clockwise from north.
     pub wind_from_deg: f64,
-    /// Dryden turbulence: the wind speed at 20 ft that it belongs to.
+    /// Strength of the Dryden turbulence as the wind speed at 20 ft that causes it, m/s.
     pub gust_w20_m_s: f64,
 }
 
@@ -398,40 +400,40 @@ impl World {
     }
 }
 
-/// `[record]`
+/// Recording of runs, `[record]`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Record {
-    /// Of which runs of a study.
+    /// Runs of a study whose recordings are kept.
     pub runs: RecordRuns,
-    /// How often.
+    /// Rate of recording.
     pub hz: RecordRate,
 }
 
-/// `record.runs`
+/// Runs of a study whose recordings are kept, `record.runs`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum RecordRuns {
-    /// Two of each swept point.
+    /// The worst and the median run of each swept point.
     WorstAndMedian,
-    /// Every one.
+    /// All runs.
     All,
-    /// Not one.
+    /// No run.
     None,
 }
 
-/// `record.hz`
+/// Rate of recording, `record.hz`.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum RecordRate {
-    /// What the target is good for.
+    /// 10 Hz in a study, 50 Hz in real time.
     Auto,
-    /// This, everywhere.
+    /// This rate in studies and in real time, Hz.
     #[serde(untagged)]
     Hz(f64),
 }
 
 impl RecordRate {
-    /// In virtual time: 10, unless the scenario says otherwise.
+    /// Rate in a study, Hz: 10, unless the scenario sets another.
     pub fn in_study_hz(self) -> f64 {
         match self {
             Self::Auto => 10.0,
@@ -439,7 +441,7 @@ impl RecordRate {
         }
     }
 
-    /// In real time: 50, unless the scenario says otherwise.
+    /// Rate in real time, Hz: 50, unless the scenario sets another.
     pub fn live_hz(self) -> f64 {
         match self {
             Self::Auto => 50.0,
@@ -448,22 +450,22 @@ impl RecordRate {
     }
 }
 
-/// `[vehicle.N]`, complete.
+/// Settings of one vehicle, `[vehicle.N]`, complete.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Vehicle {
-    /// N.
+    /// Id N of the vehicle.
     pub id: VehicleId,
-    /// Profile.
+    /// Name of the aircraft file.
     pub aircraft: String,
-    /// Stands here (north, east) at first, whatever `start.pattern` says.
+    /// Position before take-off, north and east, m; it overrides `start.pattern`.
     pub start_ne_m: Option<[f64; 2]>,
-    /// Stands with its nose there at first, clockwise from north.
+    /// Heading before take-off, °, clockwise from north.
     pub heading_deg: Option<f64>,
-    /// HOST:PORT of its simulator, where the target does not know better.
+    /// HOST:PORT of the vehicle's X-Plane, unless another file or option gives it.
     pub xplane: Option<String>,
-    /// How far its clock is ahead of the others'.
+    /// How far the vehicle's clock is ahead of the others' clocks, s.
     pub clock_offset_s: f64,
-    /// How much too fast its clock runs, in millionths.
+    /// How much too fast the vehicle's clock runs, ppm.
     pub clock_drift_ppm: f64,
 }
 

@@ -1,18 +1,19 @@
-//! The hash by which agents know that they fly the same plan.
+//! Hash by which agents check that they fly the same plan.
 
 use toml::Value as Toml;
 
 use super::model::Scenario;
 
 impl Scenario {
-    /// 64-bit FNV-1a of what the swarm has to agree on: how many fly, the origin, the formation, steps and rules of the
-    /// mission. Neither bytes of the file nor its events count, nor how a machine starts its external program. Tables
-    /// are hashed with sorted names, numbers by their bits: the same on every platform.
+    /// 64-bit FNV-1a hash of the values on which the swarm has to agree: number of vehicles, origin, formation, steps
+    /// and partition rule of the mission. It does not depend on the spelling of the file, on events, or on how a host
+    /// starts the program of an external law. Tables are hashed with sorted names and numbers by their bits, so that
+    /// the hash is the same on every platform.
     pub fn plan_hash(&self) -> u64 {
         let mut plan = toml::Table::new();
         let mut put = |name: &str, part: Result<Toml, toml::ser::Error>| {
-            // Numbers, texts, lists and structs of them: TOML can say all of it.
-            plan.insert(name.to_owned(), part.expect("a plan that TOML can say"));
+            // The parts are numbers, texts, lists and structs of them: TOML can represent all of them.
+            plan.insert(name.to_owned(), part.expect("TOML can represent every plan"));
         };
         put("vehicles", Toml::try_from(self.swarm.vehicles));
         put("origin", Toml::try_from(&self.origin));
@@ -20,13 +21,13 @@ impl Scenario {
         put("steps", Toml::try_from(&self.mission.steps));
         put("partition", Toml::try_from(self.mission.partition));
         let mut plan = Toml::Table(plan);
-        forget_programs(&mut plan);
+        remove_programs(&mut plan);
         hash(&plan, 0xcbf2_9ce4_8422_2325)
     }
 }
 
-/// Removes from every formation how its program is started and reached.
-fn forget_programs(value: &mut Toml) {
+/// Removes the keys that start and reach the program of an external law from every formation.
+fn remove_programs(value: &mut Toml) {
     match value {
         Toml::Table(table) => {
             if let Some(Toml::Table(external)) = table.get_mut("external") {
@@ -34,14 +35,15 @@ fn forget_programs(value: &mut Toml) {
                     external.remove(name);
                 }
             }
-            table.iter_mut().for_each(|(_, inner)| forget_programs(inner));
+            table.iter_mut().for_each(|(_, inner)| remove_programs(inner));
         }
-        Toml::Array(items) => items.iter_mut().for_each(forget_programs),
+        Toml::Array(items) => items.iter_mut().for_each(remove_programs),
         _ => {}
     }
 }
 
-/// FNV-1a (Fowler, Noll, Vo) going on from `state`, over a letter for the kind, a length where it varies, the content.
+/// FNV-1a (Fowler, Noll, Vo), continued from `state`, over a letter for the kind, the length where it varies, and the
+/// content.
 fn hash(value: &Toml, state: u64) -> u64 {
     match value {
         Toml::String(text) => bytes(text.as_bytes(), length(b's', text.len(), state)),
@@ -72,9 +74,9 @@ fn bytes(bytes: &[u8], state: u64) -> u64 {
 mod tests {
     use super::*;
 
-    /// Vectors that the authors of FNV publish.
+    /// Test vectors of the authors of FNV.
     #[test]
-    fn it_is_fnv_1a() {
+    fn the_hash_is_fnv_1a() {
         let offset = bytes(b"", 0xcbf2_9ce4_8422_2325);
         assert_eq!(bytes(b"a", offset), 0xaf63_dc4c_8601_ec8c);
         assert_eq!(bytes(b"foobar", offset), 0x8594_4171_f739_67e8);

@@ -1,14 +1,14 @@
-//! Tables of which only some keys go together: steps, events, links, ways to reach a program.
+//! Checks of tables in which only some combinations of keys are allowed: steps, events, links, UDP addresses of a law.
 
 use super::error::ScenarioError;
 use super::keys::{FAULT_KEYS, ORDER_KEYS};
 use super::tree::{Node, Table, Texts};
 
-/// What a step can want, and what it may say besides.
+/// The goals of a step, each with the keys that are allowed beside it.
 const TARGETS: &[(&str, &[&str])] =
     &[("centre_ne_m", &["dwell_s"]), ("hold_s", &[]), ("path_ne_m", &["dwell_s", "speed_m_s"]), ("land", &[])];
 
-/// Checks what the types cannot hold.
+/// Checks the combinations of keys that the types do not exclude.
 pub(super) fn check(texts: &Texts<'_>, written: &Node) -> Result<(), ScenarioError> {
     let steps = written.at("mission.steps").map(Node::list).unwrap_or_default();
     for (index, step) in steps.iter().enumerate() {
@@ -25,18 +25,18 @@ pub(super) fn check(texts: &Texts<'_>, written: &Node) -> Result<(), ScenarioErr
     check_udp(texts, written)
 }
 
-/// An entry says which links and what is different about them.
+/// Checks that an entry of `network.links` names its links and changes something about them.
 fn check_link(texts: &Texts<'_>, link: &Node, path: &str) -> Result<(), ScenarioError> {
     let Some(table) = link.table() else { return Ok(()) };
     let (which, what) = (["from", "to"], |name: &&String| !["from", "to", "both_ways"].contains(&name.as_str()));
-    let lacks = if !which.iter().any(|name| table.contains_key(*name)) {
-        "does not say which links: one of `from`, `to`"
+    let problem = if !which.iter().any(|name| table.contains_key(*name)) {
+        "does not name its links: add `from` or `to`"
     } else if !table.keys().any(|name| what(&name)) {
-        "changes nothing about its links"
+        "changes nothing about its links: add `loss` or another key"
     } else {
         return Ok(());
     };
-    Err(texts.fault(&link.place, path, format!("`{path}` {lacks}")))
+    Err(texts.fault(&link.place, path, format!("`{path}` {problem}")))
 }
 
 fn check_step(texts: &Texts<'_>, step: &Node, path: &str, is_last: bool) -> Result<(), ScenarioError> {
@@ -44,11 +44,11 @@ fn check_step(texts: &Texts<'_>, step: &Node, path: &str, is_last: bool) -> Resu
     let (target, besides) = one_of(texts, step, table, path, TARGETS.iter().map(|(name, besides)| (*name, *besides)))?;
     for name in ["dwell_s", "speed_m_s"] {
         if let (Some((place, _)), false) = (table.get(name), besides.contains(&name)) {
-            return Err(texts.fault(place, path, format!("`{path}`: `{name}` means nothing beside `{target}`")));
+            return Err(texts.fault(place, path, format!("`{path}`: `{name}` has no effect beside `{target}`")));
         }
     }
     if target == "land" && !is_last {
-        return Err(texts.fault(&step.place, path, format!("`{path}`: nothing follows a landing")));
+        return Err(texts.fault(&step.place, path, format!("`{path}`: `land` is allowed only in the last step")));
     }
     Ok(())
 }
@@ -64,22 +64,22 @@ fn check_event(texts: &Texts<'_>, event: &Node, path: &str) -> Result<(), Scenar
         return Err(texts.fault(&event.place, path, format!("`{path}`: {sort} = \"{kind}\" needs `{name}`")));
     }
     let lasts = sort == "fault" || *kind == "hold";
-    let means = |name: &str| {
+    let is_allowed = |name: &str| {
         name == "at_s"
             || name == sort
             || (name == "for_s" && lasts)
             || needed.contains(&name)
             || optional.contains(&name)
     };
-    match table.iter().find(|(name, _)| !means(name)) {
+    match table.iter().find(|(name, _)| !is_allowed(name)) {
         Some((name, (place, _))) => {
-            Err(texts.fault(place, path, format!("`{path}`: `{name}` means nothing beside {sort} = \"{kind}\"")))
+            Err(texts.fault(place, path, format!("`{path}`: `{name}` has no effect beside {sort} = \"{kind}\"")))
         }
         None => Ok(()),
     }
 }
 
-/// The one of these names that the table has.
+/// The only one of these names that the table has.
 fn one_of<T>(
     texts: &Texts<'_>,
     node: &Node,
@@ -90,10 +90,10 @@ fn one_of<T>(
     let mut found = choices.clone().filter(|(name, _)| table.contains_key(*name));
     let names = || choices.clone().map(|(name, _)| format!("`{name}`")).collect::<Vec<_>>().join(", ");
     let Some(first) = found.next() else {
-        return Err(texts.fault(&node.place, path, format!("`{path}` has to say one of {}", names())));
+        return Err(texts.fault(&node.place, path, format!("`{path}` needs one of {}", names())));
     };
     match found.next().and_then(|(name, _)| table.get(name)) {
-        Some((place, _)) => Err(texts.fault(place, path, format!("`{path}` has to say only one of {}", names()))),
+        Some((place, _)) => Err(texts.fault(place, path, format!("`{path}` takes only one of {}", names()))),
         None => Ok(first),
     }
 }

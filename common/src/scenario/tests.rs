@@ -19,7 +19,7 @@ fn try_load(name: &str, text: &str, sets: &[&str]) -> Result<Loaded, ScenarioErr
     load(&Source { name, text }, &sets)
 }
 
-/// A file that has to be right, named `a.toml`.
+/// Loads a valid file named `a.toml`.
 fn loaded(text: &str, sets: &[&str]) -> Loaded {
     try_load("a.toml", text, sets).unwrap_or_else(|error| panic!("{error}\n{text}\n{sets:?}"))
 }

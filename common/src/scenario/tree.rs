@@ -1,4 +1,4 @@
-//! What was written, with the place of every word: the file's tree, and `--set` on top of it.
+//! Tree of the written values, with the position of every value: the file, with `--set` options applied to it.
 
 use std::collections::BTreeMap;
 use std::ops::Range;
@@ -11,36 +11,36 @@ use super::keys::{self, Key, REMOVED};
 use super::kind::FileKind;
 use super::{Layer, Source};
 
-/// Where something was written.
+/// Position of a written value.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) enum Place {
-    /// Bytes of the file.
+    /// Byte range in the file.
     File(Range<usize>),
-    /// Which `--set`.
+    /// Index of the `--set` option.
     Set(usize),
 }
 
-/// A value with its place.
+/// A value with its position.
 #[derive(Clone, Debug)]
 pub(super) struct Node {
     pub(super) place: Place,
     pub(super) value: Value,
 }
 
-/// A value whose parts have places too.
+/// A value whose parts have positions too.
 #[derive(Clone, Debug)]
 pub(super) enum Value {
-    /// Text, number, truth or date.
+    /// Text, number, true or false, or date.
     Plain(toml::Value),
     List(Vec<Node>),
     Table(Table),
 }
 
-/// A table: each name has a place of its own.
+/// A table: each name has a position of its own.
 pub(super) type Table = BTreeMap<String, (Place, Node)>;
 
 impl Node {
-    /// The value alone.
+    /// The value without positions.
     pub(super) fn plain(&self) -> toml::Value {
         match &self.value {
             Value::Plain(value) => value.clone(),
@@ -73,7 +73,7 @@ impl Node {
         })
     }
 
-    /// Whether a `--set` wrote this or something inside.
+    /// Whether a `--set` option wrote this value or a part of it.
     pub(super) fn is_set(&self) -> bool {
         matches!(self.place, Place::Set(_))
             || self.list().iter().any(Self::is_set)
@@ -81,15 +81,15 @@ impl Node {
     }
 }
 
-/// More keys than this fill no message.
-const MOST_CHOICES: usize = 12;
+/// Largest number of keys that an error message lists.
+const MAX_LISTED_KEYS: usize = 12;
 
-/// The keys of a table, for a message.
+/// The keys of a table, for an error message.
 pub(super) fn list_of_keys<'k>(names: impl Iterator<Item = &'k str>) -> String {
     format!("the keys here are {}", names.map(|name| format!("`{name}`")).collect::<Vec<_>>().join(", "))
 }
 
-/// The file and the `--set`s, for messages, and what may stand in them.
+/// The file and the `--set` options, with the keys that are allowed in them.
 pub(super) struct Texts<'a> {
     pub(super) kind: FileKind,
     pub(super) keys: &'static [Key],
@@ -98,7 +98,7 @@ pub(super) struct Texts<'a> {
 }
 
 impl Texts<'_> {
-    /// A fault at a place.
+    /// An error at a position.
     pub(super) fn fault(&self, place: &Place, key: &str, message: impl Into<String>) -> ScenarioError {
         let (file, position, span) = match place {
             Place::File(span) => {
@@ -117,7 +117,7 @@ impl Texts<'_> {
         }
     }
 
-    /// A file of another kind, told by its keys, is called what it is.
+    /// Refuses a file whose keys show that it is of another kind.
     pub(super) fn check_kind(&self, root: &Node) -> Result<(), ScenarioError> {
         let Some(table) = root.table() else { return Ok(()) };
         let is_text = |node: &Node| matches!(&node.value, Value::Plain(toml::Value::String(_)));
@@ -137,7 +137,8 @@ impl Texts<'_> {
         })
     }
 
-    /// A name that is not a key: one that was removed, or else with the nearest that is, or with all that are.
+    /// The error for an unknown key. It names the reason if the key was removed, or else the most similar key, or else
+    /// all keys of the table.
     pub(super) fn unknown(&self, place: &Place, path: &str) -> ScenarioError {
         let removed = REMOVED.iter().find(|removed| self.kind == FileKind::Scenario && removed.path == path);
         if let Some(removed) = removed {
@@ -155,12 +156,12 @@ impl Texts<'_> {
         }
     }
 
-    /// The keys that there are where this path is not one.
+    /// The keys of the table in which this path is not a key.
     fn choices(&self, path: &str) -> Option<String> {
         let (table, _) = path.rsplit_once('.').unwrap_or_default();
         let names = keys::siblings(self.keys, table);
         match names.len() {
-            1..=MOST_CHOICES => Some(list_of_keys(names.into_iter())),
+            1..=MAX_LISTED_KEYS => Some(list_of_keys(names.into_iter())),
             0 => None,
             _ if self.kind == FileKind::Scenario => {
                 Some(format!("`{}` lists the keys", format!("skein explain {table}").trim_end()))
@@ -169,7 +170,7 @@ impl Texts<'_> {
         }
     }
 
-    /// Where a value came from.
+    /// Origin of a value.
     pub(super) fn origin(&self, node: &Node) -> Layer {
         match &node.place {
             Place::File(span) if !node.is_set() => {
@@ -194,19 +195,19 @@ impl Texts<'_> {
         Ok(Node { place: Place::File(0..0), value: read.table(root.into_inner())? })
     }
 
-    /// Puts the `--set` number `index` on top of a tree that was checked.
+    /// Applies the `--set` option number `index` to a checked tree.
     pub(super) fn set(&self, root: &mut Node, index: usize) -> Result<(), ScenarioError> {
         let place = Place::Set(index);
-        let Some((path, word)) = self.sets[index].split_once('=') else {
+        let Some((path, text)) = self.sets[index].split_once('=') else {
             return Err(self.fault(&place, "", "not of the form key=value"));
         };
-        let (path, word) = (path.trim(), word.trim());
-        let spelling = "no key is spelled so: they look like formation.radius_m and mission.steps[0].name";
+        let (path, text) = (path.trim(), text.trim());
+        let spelling = "not the path of a key; paths look like formation.radius_m and mission.steps[0].name";
         let steps = steps(path).ok_or_else(|| self.fault(&place, path, spelling))?;
         if keys::meaning(self.keys, path).is_none() {
             return Err(self.unknown(&place, path));
         }
-        let value = self.word(word, index, path)?;
+        let value = self.set_value(text, index, path)?;
         let mut node = root;
         let mut so_far = String::new();
         for step in steps {
@@ -220,7 +221,7 @@ impl Texts<'_> {
         Ok(())
     }
 
-    /// One step down a path, making tables on the way.
+    /// Descends one step of a path; a missing table is made.
     fn enter<'n>(
         &self,
         node: &'n mut Node,
@@ -246,23 +247,23 @@ impl Texts<'_> {
         }
     }
 
-    /// The value of a `--set`: TOML, or else a text as it stands.
-    fn word(&self, word: &str, index: usize, path: &str) -> Result<Node, ScenarioError> {
+    /// The value of a `--set` option: TOML, or else the text itself.
+    fn set_value(&self, text: &str, index: usize, path: &str) -> Result<Node, ScenarioError> {
         let place = Place::Set(index);
-        if word.is_empty() {
+        if text.is_empty() {
             return Err(self.fault(&place, path, format!("`{path}` has no value")));
         }
-        match DeValue::parse(word) {
+        match DeValue::parse(text) {
             Ok(value) => Reader { texts: self, place: |_| Place::Set(index) }.node(value),
-            Err(error) if word.starts_with(['[', '{', '"', '\'']) => {
+            Err(error) if text.starts_with(['[', '{', '"', '\'']) => {
                 Err(self.fault(&place, path, format!("not TOML: {}", error.message())))
             }
-            Err(_) => Ok(Node { place, value: Value::Plain(toml::Value::String(word.to_owned())) }),
+            Err(_) => Ok(Node { place, value: Value::Plain(toml::Value::String(text.to_owned())) }),
         }
     }
 }
 
-/// From the parser's tree to ours.
+/// Conversion of the parser's tree to [`Node`]s.
 struct Reader<'a, P> {
     texts: &'a Texts<'a>,
     place: P,
@@ -302,13 +303,13 @@ impl<P: Fn(Range<usize>) -> Place> Reader<'_, P> {
     }
 }
 
-/// A step down a `--set` path.
+/// One step of a `--set` path.
 enum Step<'a> {
     Name(&'a str),
     Index(usize),
 }
 
-/// `mission.steps[1].name` in steps; `None` if it is spelled otherwise.
+/// Splits a path such as `mission.steps[1].name` into steps; `None` if it is not a path.
 fn steps(path: &str) -> Option<Vec<Step<'_>>> {
     let mut steps = Vec::new();
     for segment in path.split('.') {
@@ -326,7 +327,7 @@ fn steps(path: &str) -> Option<Vec<Step<'_>>> {
     Some(steps)
 }
 
-/// A text from outside, short enough and harmless enough for a message.
+/// A foreign text, cut and without control characters, for an error message.
 pub(super) fn shown(text: &str) -> String {
     let short: String = text.chars().take(80).map(|c| if c.is_control() { ' ' } else { c }).collect();
     if short.len() < text.len() { short + "..." } else { short }

@@ -1,4 +1,4 @@
-//! Other files than a scenario's, with keys of their own: read, checked and refused in the same way.
+//! Files other than a scenario, with keys of their own, read and checked in the same way.
 
 use std::ops::Range;
 
@@ -11,18 +11,18 @@ use super::keys::{self, Key, Literal};
 use super::kind::FileKind;
 use super::tree::{Node, Place, Texts, list_of_keys, shown};
 
-/// What stands in a file, every key of it known, of its kind and in its range.
+/// The checked content of a file: every key is known, of the right kind and in its range.
 pub struct Written<'a> {
     texts: Texts<'a>,
     root: Node,
 }
 
 impl<'a> Written<'a> {
-    /// Reads a file of this kind, whose keys are these. `paper`, `flock` and `implied` of a [`Key`] mean nothing here.
+    /// Reads a file of this kind that has these keys. `paper`, `flock` and `implied` of a [`Key`] have no effect here.
     ///
     /// # Errors
-    /// The first fault found: not TOML, an unknown key, a value of the wrong kind or out of its range, or one that the file
-    /// has to say and does not.
+    /// The first error found: not TOML, an unknown key, a value of the wrong kind or out of its range, or a required
+    /// key that is missing.
     pub fn read(source: &'a Source<'a>, kind: FileKind, keys: &'static [Key]) -> Result<Self, ScenarioError> {
         let texts = Texts { kind, keys, source, sets: &[] };
         let mut root = texts.parse()?;
@@ -39,10 +39,10 @@ impl<'a> Written<'a> {
         }
     }
 
-    /// Reads a file of this kind, whose keys are the fields of a type.
+    /// Reads a file of this kind whose keys are the fields of a type.
     ///
     /// # Errors
-    /// The first fault found: not TOML, or what the type refuses, with its place and the nearest field.
+    /// The first error found: not TOML, or a value that the type refuses, with its position and the most similar field.
     pub fn typed<T: DeserializeOwned>(source: &'a Source<'a>, kind: FileKind) -> Result<(T, Self), ScenarioError> {
         let texts = Texts { kind, keys: &[], source, sets: &[] };
         let root = texts.parse()?;
@@ -54,7 +54,7 @@ impl<'a> Written<'a> {
         }
     }
 
-    /// What a type refused, with the whole path of the key and a remedy.
+    /// The error for a value that the type refused, with the whole path of the key and a suggestion.
     fn refused<'e>(&self, error: &'e toml::de::Error) -> ScenarioError {
         let span = error.span().unwrap_or(0..0);
         let message = error.message();
@@ -78,10 +78,10 @@ impl<'a> Written<'a> {
             let help = Some(format!("add it to {}", if path == field { "the file" } else { "this table" }).into());
             return ScenarioError { help, ..self.texts.fault(&place, &path, format!("`{path}` is missing")) };
         }
-        if let (Some((_, wanted)), Some(node)) = (message.rsplit_once(", expected "), node)
+        if let (Some((_, expected)), Some(node)) = (message.rsplit_once(", expected "), node)
             && message.starts_with("invalid type: ")
         {
-            let wanted = match wanted {
+            let expected = match expected {
                 "f32" | "f64" => "a number",
                 "a string" => "a text",
                 "a sequence" => "a list",
@@ -89,9 +89,9 @@ impl<'a> Written<'a> {
                 other if other.starts_with("struct ") => "a table",
                 other => other,
             };
-            return self.texts.wrong(node, &path, wanted);
+            return self.texts.wrong(node, &path, expected);
         }
-        // A rule of the type itself: it begins with the key, or is about the value.
+        // A rule of the type itself: the message begins with the key, or is about the value.
         let (key, rest) = message.split_once(' ').unwrap_or((message, ""));
         match node.and_then(Node::table).and_then(|table| table.get(key)) {
             Some((_, value)) => {
@@ -103,12 +103,12 @@ impl<'a> Written<'a> {
         }
     }
 
-    /// Whether nothing is written at all.
+    /// Whether the file has no keys.
     pub fn is_empty(&self) -> bool {
         self.names("").is_empty()
     }
 
-    /// What stands at this path.
+    /// The value at this path.
     pub fn get(&self, path: &str) -> Option<Toml> {
         Some(self.root.at(path)?.plain())
     }
@@ -118,13 +118,13 @@ impl<'a> Written<'a> {
         Some(self.get(path)?.as_str()?.to_owned())
     }
 
-    /// Names of what stands in this table, sorted; `""` is the whole file.
+    /// Names of the keys of this table, sorted; `""` is the whole file.
     pub fn names(&self, table: &str) -> Vec<&str> {
         let node = if table.is_empty() { Some(&self.root) } else { self.root.at(table) };
         node.and_then(Node::table).into_iter().flat_map(|table| table.keys().map(String::as_str)).collect()
     }
 
-    /// A fault of what stands at this path, or else of the table that it would stand in.
+    /// An error at the value of this path, or else at the table in which it would be.
     pub fn fault(&self, path: &str, message: impl Into<String>, help: Option<String>) -> ScenarioError {
         let mut around = path;
         let place = loop {
@@ -138,7 +138,7 @@ impl<'a> Written<'a> {
     }
 }
 
-/// The path and the node of what is written at this place of a file.
+/// The path and the node of the value at these bytes of a file.
 fn place_of<'n>(node: &'n Node, path: &str, span: &Range<usize>) -> Option<(String, Option<&'n Node>)> {
     let is_at = |place: &Place| matches!(place, Place::File(at) if at == span);
     node.table()?.iter().find_map(|(name, (name_place, value))| {

@@ -1,12 +1,13 @@
 //! The message under each key: which process sends it, which processes receive it, when, and how Zenoh carries it. The
 //! documentation shows this table; [`crate::message`] has the fields of each message.
 
-/// One kind of message.
+/// Description of one kind of message.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Described {
-    /// Its key below the swarm's name: `N` is a vehicle's id, `X` and `Y` are a cell, `ISSUER` is an operator's process.
+pub struct TopicDescription {
+    /// The key relative to the swarm's name: `N` is a vehicle's id, `X` and `Y` are a cell, `ISSUER` is an operator's
+    /// process.
     pub key: &'static str,
-    /// The name of its struct; `None` for a key without a payload.
+    /// Name of the message's struct; `None` for a key without a payload.
     pub message: Option<&'static str>,
     /// The process that sends it.
     pub sender: &'static str,
@@ -14,13 +15,13 @@ pub struct Described {
     pub receivers: &'static str,
     /// When it is sent.
     pub when: &'static str,
-    /// How Zenoh carries it.
+    /// Zenoh's delivery settings.
     pub delivery: &'static str,
 }
 
-/// Every kind of message, in the order of [`Topic`](super::Topic).
-pub const DESCRIBED: [Described; 8] = [
-    Described {
+/// Descriptions of all kinds of messages, in the order of [`Topic`](super::Topic).
+pub const TOPIC_DESCRIPTIONS: [TopicDescription; 8] = [
+    TopicDescription {
         key: "vehicle/N/cell/X/Y/state",
         message: Some("State"),
         sender: "agent of vehicle N",
@@ -29,7 +30,7 @@ pub const DESCRIBED: [Described; 8] = [
                the latest after `network.state_max_period_s`; every frame under `network.send = \"every_frame\"`",
         delivery: "put, priority real-time, best effort, express, dropped on congestion",
     },
-    Described {
+    TopicDescription {
         key: "vehicle/N/alive",
         message: None,
         sender: "agent of vehicle N",
@@ -37,7 +38,7 @@ pub const DESCRIBED: [Described; 8] = [
         when: "from when the agent can receive until its sessions end",
         delivery: "liveliness token without a payload",
     },
-    Described {
+    TopicDescription {
         key: "vehicle/N/health",
         message: Some("Health"),
         sender: "agent of vehicle N",
@@ -45,7 +46,7 @@ pub const DESCRIBED: [Described; 8] = [
         when: "once a second",
         delivery: "put, priority data-high, dropped on congestion",
     },
-    Described {
+    TopicDescription {
         key: "vehicle/N/mission",
         message: Some("Mission"),
         sender: "agent of vehicle N",
@@ -54,7 +55,7 @@ pub const DESCRIBED: [Described; 8] = [
         delivery: "put, priority interactive-high, dropped on congestion; an agent that comes late asks for the last one with a \
                    query under the same key",
     },
-    Described {
+    TopicDescription {
         key: "vehicle/N/event",
         message: Some("Event"),
         sender: "agent of vehicle N",
@@ -62,7 +63,7 @@ pub const DESCRIBED: [Described; 8] = [
         when: "once for each event",
         delivery: "put, priority data-high, dropped on congestion",
     },
-    Described {
+    TopicDescription {
         key: "vehicle/N/trace",
         message: Some("Trace"),
         sender: "agent of vehicle N",
@@ -70,7 +71,7 @@ pub const DESCRIBED: [Described; 8] = [
         when: "every step, while a process subscribes to it",
         delivery: "put, priority data-low, dropped on congestion",
     },
-    Described {
+    TopicDescription {
         key: "vehicle/N/clock",
         message: Some("ClockAnswer"),
         sender: "agent of vehicle N",
@@ -79,7 +80,7 @@ pub const DESCRIBED: [Described; 8] = [
                little-endian",
         delivery: "answer to a query, priority interactive-low, express, dropped on congestion",
     },
-    Described {
+    TopicDescription {
         key: "order/ISSUER",
         message: Some("Order"),
         sender: "operator's process: `skein order`, `skein fly`, `skein cluster`",
@@ -108,14 +109,15 @@ mod tests {
             Topic::Clock(id),
             Topic::Order(12),
         ];
-        let place = |part: &str| match part {
+        let fill_in = |part: &str| match part {
             "N" => "7".to_owned(),
             "X" => "1".to_owned(),
             "Y" => "2".to_owned(),
             "ISSUER" => "12".to_owned(),
             _ => part.to_owned(),
         };
-        let keys = DESCRIBED.map(|described| described.key.split('/').map(place).collect::<Vec<_>>().join("/"));
+        let keys =
+            TOPIC_DESCRIPTIONS.map(|description| description.key.split('/').map(fill_in).collect::<Vec<_>>().join("/"));
         assert_eq!(keys, topics.map(|topic| topic.key()));
     }
 }

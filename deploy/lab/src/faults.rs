@@ -10,7 +10,7 @@ use serde::de::Error;
 use serde::{Deserialize, Deserializer, Serialize};
 use skein_common::id::VehicleId;
 use skein_common::message::Verb;
-use skein_common::scenario::{self, Event, Fault, Servo, What};
+use skein_common::scenario::{self, Event, EventAction, Fault, Servo};
 use skein_core::impairments::{delays, lasting, silences, union};
 
 /// The scenario's word for what has failed. (Spelled out in the field below, it would let nobody read one back.)
@@ -148,21 +148,21 @@ pub fn link_changes(events: &[Event], sender: VehicleId, receiver: VehicleId) ->
 
 /// When vehicle `own` has no agent, s after its take-off.
 pub fn kills(events: &[Event], own: VehicleId) -> Vec<Range<f64>> {
-    let kills = events.iter().filter(|event| event.what == What::Fault(Fault::Kill { vehicle: own }));
+    let kills = events.iter().filter(|event| event.what == EventAction::Fault(Fault::Kill { vehicle: own }));
     union(kills.map(lasting))
 }
 
 /// When the one control machine is dead, s after the first take-off.
 pub fn control_kills(events: &[Event]) -> Vec<Range<f64>> {
-    let kills = events.iter().filter(|event| event.what == What::Fault(Fault::KillControl));
+    let kills = events.iter().filter(|event| event.what == EventAction::Fault(Fault::KillControl));
     union(kills.map(lasting))
 }
 
 /// What an operator says, each order at its time. Of orders only a hold has an end.
 pub fn orders(events: &[Event]) -> Vec<(f64, Verb)> {
     let verbs = events.iter().filter_map(|event| match &event.what {
-        What::Order(order) => Some([(event.at_s, verb(*order)), (lasting(event).end, Verb::Goto(0))]),
-        What::Fault(_) => None,
+        EventAction::Order(order) => Some([(event.at_s, verb(*order)), (lasting(event).end, Verb::Goto(0))]),
+        EventAction::Fault(_) => None,
     });
     verbs.flatten().collect()
 }

@@ -6,7 +6,7 @@ use std::ops::Range;
 
 use skein_common::id::VehicleId;
 use skein_common::message::Verb;
-use skein_common::scenario::{Event, Fault, PlantKind, Scenario, What};
+use skein_common::scenario::{Event, EventAction, Fault, PlantKind, Scenario};
 use skein_core::impairments::{lasting, union};
 
 use crate::os;
@@ -108,7 +108,7 @@ pub fn skipped(scenario: &Scenario) -> Vec<String> {
 
 fn faults(scenario: &Scenario, player: Player) -> impl Iterator<Item = (&Event, &Fault)> {
     scenario.mission.events.iter().filter_map(move |event| match &event.what {
-        What::Fault(fault) if Player::of(fault, scenario.swarm.plant) == player => Some((event, fault)),
+        EventAction::Fault(fault) if Player::of(fault, scenario.swarm.plant) == player => Some((event, fault)),
         _ => None,
     })
 }

@@ -6,10 +6,10 @@ use std::process::ExitCode;
 use clap::Parser;
 use skein_tests::{central, divergence, faults, formation_error, golden, halves, laws, tour, wind};
 
-/// Flies many swarms in virtual time and prints what became of them
+/// Flies many swarms in virtual time and prints their figures
 #[derive(Parser)]
 struct Tables {
-    /// Which table
+    /// The table to print
     #[command(subcommand)]
     table: Table,
     /// Flights a cell
@@ -20,32 +20,32 @@ struct Tables {
 /// The tables.
 #[derive(clap::Subcommand)]
 enum Table {
-    /// One control machine against every vehicle for itself, with 4 to 32 vehicles and 0 to 30 % loss
+    /// Central control compared with a controller on each vehicle, with 4 to 32 vehicles and 0 to 30 % loss
     Central,
-    /// One control machine over longer and longer delays, and slower and slower
+    /// Central control over longer and longer delays, and with slower and slower computers
     CentralLimits,
-    /// Every fault against a small mission, with four and with eight vehicles
+    /// Every fault in a small mission, with four and with eight vehicles
     Faults,
-    /// A swarm cut in two for 20 s, under both policies
+    /// A swarm that a cut splits for 20 s, under both policies
     Halves,
-    /// Flies the golden files with figures anew, writes them and prints which medians moved
+    /// Flies the flights of the golden files again, writes the files and prints which medians changed
     Golden,
     /// Every law with 4, 8 and 16 vehicles behind a moving centre, in Markdown
     Laws,
     /// The ring's error with 4 to 32 vehicles, 0 to 50 % loss and 0 to 2 s delay, from the golden file
     Network,
-    /// The same flight in virtual time, in real time, and in real time behind X-Plane's protocol, a seed after the other
+    /// The same flight in virtual time, in real time, and in real time behind X-Plane's protocol, one seed after the other
     Divergence,
     /// The tour with 2 to 16 vehicles, 0 to 30 % loss and 0 to 1 s delay
     Tour,
-    /// Healthy flights of every kind in up to 10 m/s of wind with gusts: which vehicles took themselves for broken
+    /// Flights without faults of every kind in up to 10 m/s of wind with gusts: which vehicles reported a failure
     Wind,
     /// The shipped hover in 0 to 18 m/s of wind
     WindHover,
 }
 
 fn main() -> ExitCode {
-    if std::env::args().nth(1).is_some_and(|word| divergence::WORDS.contains(&word.as_str())) {
+    if std::env::args().nth(1).is_some_and(|command| divergence::SKEIN_COMMANDS.contains(&command.as_str())) {
         return skein::cli::main();
     }
     let Tables { table, seeds } = Tables::parse();
@@ -75,7 +75,7 @@ fn main() -> ExitCode {
     ExitCode::SUCCESS
 }
 
-/// Writes every golden file; the medians that moved.
+/// Writes every golden file and returns the medians that changed.
 fn write_golden() -> String {
     let mut text = String::new();
     for file in golden::FILES {

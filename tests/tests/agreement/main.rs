@@ -1,10 +1,11 @@
-//! The mission agreement in every order in which things can happen: all states that three agents can come to by delivery
-//! in any order, loss, repetition, a fall and a return, a cut and its heal.
+//! Model check of the mission agreement: all states that three agents can reach by delivery in any order, loss,
+//! repetition, an outage and a return, a network cut and its end.
 //!
-//! The model holds the agents' own agreements, the very code that flies, and around them only what they cannot know:
-//! which words are under way, who is up, which links are cut. An agent says its part whenever that changes. A word that
-//! was ever said stays under way for good and may arrive at any time, any number of times, or never: that is loss,
-//! repetition, delay and reordering at once. Time is left out, and so is reaching the last step, which nobody leaves.
+//! The model runs the agreement code that flies. Around it the model has only what the agents cannot know: which messages
+//! are in flight, which agents are up, which links are cut. An agent sends its agreement state whenever it changes. A
+//! message stays in flight for ever and may arrive at any time, any number of times, or never: this covers loss,
+//! repetition, delay and reordering at once. The model has no time, and leaves out reaching the last step, which no
+//! agent ever leaves.
 #![expect(clippy::disallowed_methods, reason = "the search is timed")]
 
 mod agent;
@@ -16,17 +17,17 @@ use skein_common::scenario::Partition;
 use stateright::{Checker, HasDiscoveries, Model, Property};
 use swarm::{Action, Bounds, Swarm};
 
-const RULE_B: &str = "rule (b): nobody is behind a step that two of those it sees vouch for";
-const P1: &str = "P1: neither step nor reached nor vouched goes back in one life";
-const P2: &str = "P2: whoever advances has heard from everybody in view that they were there";
-const P3: &str = "P3: nobody passes a step before all settled agents reached it";
-const P3_SKEW: &str = "P3: nobody is two steps ahead of a settled agent";
-const P4: &str = "P4: no step begins before somebody reached the one before";
+const RULE_B: &str = "rule (b): no agent is behind a step that two of the peers in contact vouch for";
+const P1: &str = "P1: neither step nor reached nor vouched decreases in one incarnation";
+const P2: &str = "P2: an agent that advances has received from every peer in view that it reached the step";
+const P3: &str = "P3: no agent passes a step before all settled agents reached it";
+const P3_SKEW: &str = "P3: no agent is two steps ahead of a settled agent";
+const P4: &str = "P4: no step begins before an agent reached the one before";
 const P5: &str = "P5: a fair schedule completes from here";
 const P7: &str = "P7: the two sides of a cut never both advance without the other";
-const VOUCHED: &str = "nobody vouches for a step that no honest agent has earned";
-const MISLED: &str = "nobody is at a step that no honest agent has earned, unless it sees the liar alone";
-const NOBODY_MISLED: &str = "nobody follows the liar";
+const VOUCHED: &str = "no agent vouches for a step that no honest agent has earned";
+const MISLED: &str = "no agent is at a step that no honest agent has earned, unless only the liar is in contact";
+const NONE_MISLED: &str = "no agent follows the liar";
 
 impl<const HONEST: usize> Model for Bounds<HONEST> {
     type State = Swarm<HONEST>;
@@ -57,12 +58,12 @@ impl<const HONEST: usize> Model for Bounds<HONEST> {
             Property::always(MISLED, |_, swarm: &Self::State| !swarm.breaks(MISLED)),
             Property::sometimes("all are settled again", |_, swarm: &Self::State| swarm.has_recovered()),
         ];
-        // An agent whose only honest peer crashed, or is cut off for a minute, sees the liar alone.
-        let may_be_misled = self.liar && (HONEST == 1 || self.long_cuts || HONEST == 2 && self.falls > 0);
+        // An agent whose only honest peer crashed, or is cut off for a minute, has only the liar in contact.
+        let may_be_misled = self.liar && (HONEST == 1 || self.long_cuts || HONEST == 2 && self.outages > 0);
         properties.push(if may_be_misled {
-            Property::sometimes("somebody follows the liar", |_, swarm: &Self::State| swarm.is_misled())
+            Property::sometimes("an agent follows the liar", |_, swarm: &Self::State| swarm.is_misled())
         } else {
-            Property::always(NOBODY_MISLED, |_, swarm: &Self::State| !swarm.is_misled())
+            Property::always(NONE_MISLED, |_, swarm: &Self::State| !swarm.is_misled())
         });
         match self.partition {
             // The liar counts on both sides of a cut.
@@ -70,7 +71,7 @@ impl<const HONEST: usize> Model for Bounds<HONEST> {
             Partition::Quorum => properties.push(Property::always(P7, |_, swarm: &Self::State| !swarm.is_split())),
             Partition::Continue if self.cuts > 0 && HONEST > 1 => {
                 let is_split = |_: &Self, swarm: &Self::State| swarm.is_split();
-                properties.push(Property::sometimes("both sides of a cut go on", is_split));
+                properties.push(Property::sometimes("both sides of a cut advance", is_split));
             }
             Partition::Continue => {}
         }
@@ -93,15 +94,15 @@ fn check<const HONEST: usize>(bounds: Bounds<HONEST>) -> impl Checker<Bounds<HON
 const POLICIES: [Partition; 2] = [Partition::Continue, Partition::Quorum];
 
 #[test]
-fn nobody_is_left_behind_whoever_falls_and_comes_back() {
+fn no_agent_is_left_behind_after_an_outage_of_any_agent() {
     for partition in POLICIES {
-        check(Bounds::<3> { falls: 1, ..Bounds::new(2, partition) }).assert_properties();
-        check(Bounds::<2> { falls: 1, ..Bounds::new(2, partition) }).assert_properties();
+        check(Bounds::<3> { outages: 1, ..Bounds::new(2, partition) }).assert_properties();
+        check(Bounds::<2> { outages: 1, ..Bounds::new(2, partition) }).assert_properties();
     }
 }
 
 #[test]
-fn nobody_is_left_behind_whoever_is_cut_off_for_a_while() {
+fn no_agent_is_left_behind_after_a_cut_of_any_agent() {
     for partition in POLICIES {
         check(Bounds::<3> { cuts: 1, ..Bounds::new(2, partition) }).assert_properties();
         check(Bounds::<3> { cuts: 1, long_cuts: true, ..Bounds::new(2, partition) }).assert_properties();
@@ -109,21 +110,21 @@ fn nobody_is_left_behind_whoever_is_cut_off_for_a_while() {
 }
 
 #[test]
-fn nobody_is_left_behind_by_a_fall_and_a_cut_together() {
-    check(Bounds::<2> { falls: 1, cuts: 1, long_cuts: true, ..Bounds::new(2, Partition::Continue) })
+fn no_agent_of_two_is_left_behind_after_an_outage_and_a_cut() {
+    check(Bounds::<2> { outages: 1, cuts: 1, long_cuts: true, ..Bounds::new(2, Partition::Continue) })
         .assert_properties();
 }
 
 #[test]
 #[ignore = "three million states for each policy take minutes"]
-fn nobody_of_three_is_left_behind_by_a_fall_and_a_cut_together() {
+fn no_agent_of_three_is_left_behind_after_an_outage_and_a_cut() {
     for partition in POLICIES {
-        check(Bounds::<3> { falls: 1, cuts: 1, ..Bounds::new(1, partition) }).assert_properties();
+        check(Bounds::<3> { outages: 1, cuts: 1, ..Bounds::new(1, partition) }).assert_properties();
     }
 }
 
 #[test]
-fn a_false_suspicion_leaves_somebody_behind_but_stops_nobody() {
+fn a_false_suspicion_can_leave_an_agent_behind_but_stops_none() {
     let bounds = Bounds::<3> { false_suspicion: true, ..Bounds::new(2, Partition::Continue) };
     let checker = check(bounds);
     for property in [RULE_B, P1, P2, P4, P5, VOUCHED, MISLED] {
@@ -135,9 +136,9 @@ fn a_false_suspicion_leaves_somebody_behind_but_stops_nobody() {
     println!("{P3}, unless {:?}", shortest.assert_any_discovery(P3).into_actions());
 }
 
-/// Of two there is no third: each believes the other.
+/// With two agents no third one can contradict a lie: each believes the other.
 #[test]
-fn of_two_one_that_lies_leads_the_other() {
+fn a_liar_can_lead_a_single_peer_forward() {
     let bounds = Bounds::<1> { liar: true, ..Bounds::new(2, Partition::Continue) };
     let checker = check(bounds);
     checker.assert_any_discovery(VOUCHED);
@@ -147,17 +148,17 @@ fn of_two_one_that_lies_leads_the_other() {
 }
 
 #[test]
-fn of_three_one_that_lies_takes_no_other_forward() {
+fn a_liar_leads_none_of_two_peers_forward() {
     for partition in POLICIES {
         let liar = Bounds::<2> { liar: true, ..Bounds::new(2, partition) };
-        check(Bounds { falls: 1, ..liar }).assert_properties();
+        check(Bounds { outages: 1, ..liar }).assert_properties();
         check(Bounds { cuts: 1, ..liar }).assert_properties();
         check(Bounds { cuts: 1, long_cuts: true, ..liar }).assert_properties();
     }
 }
 
 #[test]
-fn of_four_one_that_lies_takes_no_other_forward() {
+fn a_liar_leads_none_of_three_peers_forward() {
     for partition in POLICIES {
         check(Bounds::<3> { liar: true, ..Bounds::new(1, partition) }).assert_properties();
     }
@@ -165,10 +166,10 @@ fn of_four_one_that_lies_takes_no_other_forward() {
 
 #[test]
 #[ignore = "millions of states take many minutes"]
-fn of_four_one_that_lies_takes_no_other_forward_whoever_falls_or_is_cut_off() {
+fn a_liar_leads_none_of_three_peers_forward_after_an_outage_or_a_cut() {
     for partition in POLICIES {
         let liar = Bounds::<3> { liar: true, ..Bounds::new(1, partition) };
-        check(Bounds { falls: 1, ..liar }).assert_properties();
+        check(Bounds { outages: 1, ..liar }).assert_properties();
         check(Bounds { cuts: 1, ..liar }).assert_properties();
     }
 }

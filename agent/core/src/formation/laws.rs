@@ -8,7 +8,7 @@ use alloc::vec::Vec;
 use once_cell::race::OnceBox;
 use rand::Rng;
 use skein_common::id::VehicleId;
-use skein_common::scenario::{self, LawName, Scenario, add_laws};
+use skein_common::scenario::{self, LawNameError, Scenario, add_laws};
 
 use super::NotFlown;
 use super::law::{Law, Setup};
@@ -44,10 +44,10 @@ impl Laws {
     ///
     /// # Errors
     ///
-    /// A name that is in use or misspelt, or a second call.
-    pub fn add(self) -> Result<(), LawName> {
+    /// Returns an error for a name that is in use or misspelt, and for a second call.
+    pub fn add(self) -> Result<(), LawNameError> {
         add_laws(self.0.iter().map(|(name, _)| *name).collect())?;
-        ADDED.set(Box::new(self)).map_err(|_| LawName::Late)
+        ADDED.set(Box::new(self)).map_err(|_| LawNameError::Late)
     }
 }
 

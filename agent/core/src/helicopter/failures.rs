@@ -3,7 +3,7 @@
 use alloc::vec::Vec;
 
 use skein_common::id::VehicleId;
-use skein_common::scenario::{Event, Fault, Servo, What};
+use skein_common::scenario::{Event, EventAction, Fault, Servo};
 
 use super::dynamics::Dynamics;
 
@@ -72,7 +72,7 @@ impl Script {
     /// The events that affect this vehicle's plant; all other events are ignored.
     pub fn of(events: &[Event], vehicle: VehicleId) -> Self {
         let entry = |event: &Event| {
-            let What::Fault(fault) = &event.what else { return None };
+            let EventAction::Fault(fault) = &event.what else { return None };
             let what = Failure::of(fault, vehicle)?;
             let until_s = event.for_s.map_or(f64::INFINITY, |for_s| event.at_s + for_s);
             Some(Entry { from_s: event.at_s, until_s, what })

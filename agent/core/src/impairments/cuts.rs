@@ -4,7 +4,7 @@ use alloc::vec::Vec;
 use core::ops::Range;
 
 use skein_common::id::VehicleId;
-use skein_common::scenario::{Event, Fault, Scenario, What};
+use skein_common::scenario::{Event, EventAction, Fault, Scenario};
 
 use crate::random::{self, Purpose};
 
@@ -29,7 +29,7 @@ pub(super) struct Outage {
 /// The times in which no message from `speaker` reaches `hearer`, s after take-off, in order and disjoint.
 pub fn silences(events: &[Event], speaker: VehicleId, hearer: VehicleId) -> Vec<Range<f64>> {
     let silence = |event: &Event| {
-        let What::Fault(Fault::Cut { from, to, both_ways }) = &event.what else { return None };
+        let EventAction::Fault(Fault::Cut { from, to, both_ways }) = &event.what else { return None };
         is_among([from, to], *both_ways, speaker, hearer).then(|| lasting(event))
     };
     union(events.iter().filter_map(silence))
@@ -39,7 +39,7 @@ pub fn silences(events: &[Event], speaker: VehicleId, hearer: VehicleId) -> Vec<
 /// of the file, each with the added delay, s. Overlapping delays add up.
 pub fn delays(events: &[Event], sender: VehicleId, receiver: VehicleId) -> Vec<(Range<f64>, f64)> {
     let delay = |event: &Event| {
-        let What::Fault(Fault::Delay { from, to, both_ways, delay_s }) = &event.what else { return None };
+        let EventAction::Fault(Fault::Delay { from, to, both_ways, delay_s }) = &event.what else { return None };
         is_among([from, to], *both_ways, sender, receiver).then(|| (lasting(event), *delay_s))
     };
     events.iter().filter_map(delay).collect()

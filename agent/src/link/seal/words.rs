@@ -126,7 +126,7 @@ impl Voices {
 /// Decodes the message and checks that its sender may publish under this topic.
 fn own<M: Message>(topic: &Topic, bytes: &[u8]) -> Result<M, Unbelieved> {
     let message: M = message::decode(bytes)?;
-    if message.may_stand_under(topic) { Ok(message) } else { Err(Unbelieved::OtherName) }
+    if message.is_allowed_under(topic) { Ok(message) } else { Err(Unbelieved::OtherName) }
 }
 
 #[cfg(test)]

@@ -1,7 +1,7 @@
-//! The keys of a scenario file. Tables stand together, in the order in which the complete file is written.
+//! The keys of a scenario file, in the order in which the complete file is written, the keys of one table together.
 //!
-//! The last argument of a key says what it means, then why its default is what it is. `skein explain` prints it, so it is
-//! written for a reader who has never seen the code.
+//! The last argument of a key is its meaning, followed by the reason for its default. `skein explain` prints it for
+//! readers who have never seen the code.
 
 use super::Kind::{
     Address, Edges, Free, Id, Ids, Integer, Name, OneOf, Path, Point, Tables, Text, Texts, TomlName, True,
@@ -14,19 +14,19 @@ const fn key(path: &'static str, kind: Kind, default: Literal, about: &'static s
     Key::new(path, kind, default, about)
 }
 
-/// From `min` to `max`.
+/// A number from `min` to `max`.
 const fn from(min: f64, max: f64) -> Kind {
     Kind::Number(Range { min, max, min_included: true })
 }
 
-/// Above zero, up to `max`.
+/// A number above zero, up to `max`.
 const fn above_zero(max: f64) -> Kind {
     Kind::Number(Range { min: 0.0, max, min_included: false })
 }
 
-/// Above zero, up to `max`, or a word.
-const fn above_zero_or(word: &'static str, max: f64) -> Kind {
-    Kind::NumberOr(word, Range { min: 0.0, max, min_included: false })
+/// A number above zero, up to `max`, or a text.
+const fn above_zero_or(choice: &'static str, max: f64) -> Kind {
+    Kind::NumberOr(choice, Range { min: 0.0, max, min_included: false })
 }
 
 const fn number(value: f64) -> Literal {
@@ -37,7 +37,7 @@ const fn text(value: &'static str) -> Literal {
     Literal::Text(value)
 }
 
-/// The laws that can stand in for an external one.
+/// The laws that can be the fallback of an external one.
 const BUILT_IN_LAWS: &[&str] = match law::NAMES.split_last() {
     Some((_external, built_in)) => built_in,
     None => &[],
@@ -51,7 +51,7 @@ pub const KEYS: &[Key] = &[
     key("preset", OneOf(&["default", "paper"]), text("default"),
         "which defaults apply to keys that are not written: Skein's, or those of Garcia & Barnes 2010 (\"paper\")"),
     key("seed", Integer(0, i64::MAX), Literal::Integer(1),
-        "source of all random numbers: the same seed gives the same run; 1 is as good as any other").unit_is("1"),
+        "seed of all random numbers: the same seed gives the same run; 1 is as good as any other").unit_is("1"),
     key("duration_s", above_zero_or("none", 1e6), text("none"),
         "when the flight ends; \"none\": when the mission ends or an operator ends it"),
 
@@ -97,7 +97,7 @@ pub const KEYS: &[Key] = &[
     key("formation.outer_width_m", above_zero(1e5), number(20.0),
         "width delta R_out of the band outside the ring: it reaches to R* plus this; Table 1").flock(number(10.0)),
     key("formation.edge_share", from(1e-6, 0.49), number(0.01),
-        "epsilon: what is left of a limiting function one width from its middle; 1 % counts as an end of the band").unit_is("1"),
+        "epsilon: remainder of a limiting function one width from its middle; at 1 % the band ends").unit_is("1"),
     key("formation.edge_steepness_per_m", above_zero_or("from_widths", 100.0), text("from_widths"),
         "steepness alpha_in = alpha_out of the band's edges; \"from_widths\": ln((1-epsilon)/epsilon)/width, soft enough that vehicles \
          do not oscillate"),
@@ -109,11 +109,11 @@ pub const KEYS: &[Key] = &[
         "which part of the avoidance acts inside the band: along the ring, or all of it; \"full\" pushes the ring out by 11 m")
         .flock(text("full")),
     key("formation.circulation", from(-2.0, 2.0), number(0.0),
-        "weight w_circ of the field that turns the ring, positive clockwise from above; 0: a hovering formation does not rotate").unit_is("1"),
+        "weight w_circ of the field that turns the ring, positive clockwise from above; with 0 a hovering formation does not rotate").unit_is("1"),
     key("formation.altitude_m", from(3.5, 1e4), number(30.0),
         "altitude of the formation above the origin; below 3.5 m sideways control is not fully available"),
     key("formation.vertical", OneOf(&["bands", "ellipsoid"]), text("bands"),
-        "how vehicles share out heights: a band for each rank, or by the field of an ellipsoid"),
+        "how vehicles are distributed over heights: a band for each rank, or by the field of an ellipsoid"),
     key("formation.band_step_m", from(0.0, 1e3), number(0.0),
         "difference of height delta h between neighbouring ranks; 0: all at one height, as in Garcia & Barnes 2010"),
     key("formation.conversion", OneOf(&["linear", "nonlinear"]), text("nonlinear"),
@@ -123,7 +123,7 @@ pub const KEYS: &[Key] = &[
     key("formation.far_gain_m", above_zero(1e3), number(28.0),
         "gain c1 of the nonlinear conversion far from the place; 56 m let vehicles come closer to each other"),
     key("formation.gain_knee", above_zero(10.0), number(0.3),
-        "field strength v_b at which the nonlinear conversion goes over from its near gain to its far gain").unit_is("1"),
+        "field strength v_b at which the nonlinear conversion changes from its near gain to its far gain").unit_is("1"),
     key("formation.feedforward", Kind::Bool, Bool(true),
         "add the velocity of the formation's centre to every setpoint; without it vehicles trail behind a moving centre")
         .paper(Bool(false)),
@@ -137,13 +137,13 @@ pub const KEYS: &[Key] = &[
     key("formation.parameters", Free, Literal::Toml("{}"),
         "parameters of a law that a program of your own adds, handed to it unchanged"),
     key("formation.slots.pattern", OneOf(&["circle", "line", "v", "grid", "list"]), text("circle"),
-        "places for the laws virtual-structure and displacement-consensus: on the ellipse, abreast, like geese, in rows, or as listed"),
+        "slots of the laws virtual-structure and displacement-consensus: on the ellipse, in a line abreast, in a V, in rows and columns, or as listed"),
     key("formation.slots.spacing_m", above_zero(1e4), number(20.0),
         "distance between neighbouring slots of a line, v or grid; more than twice safety_distance_m"),
     key("formation.slots.offsets_ne_m", Path, Nothing,
         "slots under pattern = \"list\", one for each vehicle: offsets from the centre, turned with heading_deg"),
     key("formation.displacement_consensus.gain_per_s", from(0.0, 10.0), number(0.05),
-        "gain k of the differences to the neighbours; with 0.05 sixteen vehicles that all hear each other are as fast as a helicopter \
+        "gain k of the differences to the neighbours; with 0.05 sixteen vehicles that all receive each other's state are as fast as a helicopter \
          can follow"),
     key("formation.displacement_consensus.goal_gain_per_s", from(0.0, 10.0), number(0.1),
         "gain k_g towards the own slot about the centre; at 0 the formation keeps its shape and does not follow the centre"),
@@ -166,13 +166,13 @@ pub const KEYS: &[Key] = &[
     key("formation.olfati_saber.c2_per_s", from(0.0, 10.0), number(0.13),
         "gain c2 towards the goal's velocity; 2 sqrt(c1) is critical damping"),
     key("formation.olfati_saber.horizon_s", above_zero(10.0), number(1.0),
-        "the wanted acceleration is flown as the velocity that it leads to after this time; 1 s is the helicopter's lag"),
+        "time for which the law's acceleration is integrated to the velocity that is flown; 1 s is the helicopter's lag"),
     key("formation.olfati_saber.max_speed_m_s", above_zero(50.0), number(5.0),
-        "a faster wanted velocity is cut to this speed; 5 m/s suit the helicopter"),
+        "largest commanded speed: a faster velocity is cut to it; 5 m/s suit the helicopter"),
     key("formation.vasarhelyi.flock_speed_m_s", above_zero(20.0), number(4.0),
         "v_flock: fastest homing speed; Vasarhelyi et al. 2018, the set evolved for 4 m/s"),
     key("formation.vasarhelyi.max_speed_m_s", above_zero(50.0), number(6.0),
-        "v_max: a faster wanted velocity is cut to this speed; Vasarhelyi et al. 2018"),
+        "v_max: largest commanded speed, a faster velocity is cut to it; Vasarhelyi et al. 2018"),
     key("formation.vasarhelyi.repulsion_range_m", above_zero(1e4), number(25.6),
         "r0_rep: nearer than this two vehicles repel each other; Vasarhelyi et al. 2018"),
     key("formation.vasarhelyi.repulsion_per_s", from(0.0, 10.0), number(0.13),
@@ -180,7 +180,7 @@ pub const KEYS: &[Key] = &[
     key("formation.vasarhelyi.friction_offset_m", from(0.0, 1e4), number(85.3),
         "r0_frict: distance at which the braking curve reaches zero speed; Vasarhelyi et al. 2018"),
     key("formation.vasarhelyi.friction_gain", from(0.0, 10.0), number(0.05),
-        "C_frict: share of the excess velocity difference that is taken out; Vasarhelyi et al. 2018").unit_is("1"),
+        "C_frict: share of the excess velocity difference that is removed; Vasarhelyi et al. 2018").unit_is("1"),
     key("formation.vasarhelyi.friction_slack_m_s", from(0.0, 50.0), number(0.63),
         "v_frict: velocity difference that is always allowed; Vasarhelyi et al. 2018"),
     key("formation.vasarhelyi.friction_slope_per_s", above_zero(100.0), number(3.2),
@@ -188,7 +188,7 @@ pub const KEYS: &[Key] = &[
     key("formation.vasarhelyi.friction_m_s2", above_zero(100.0), number(4.16),
         "a_frict: deceleration of the braking curve; Vasarhelyi et al. 2018"),
     key("formation.vasarhelyi.homing_per_s", from(0.0, 10.0), number(0.05),
-        "gain towards the centre from half of R* on; it takes the place of the source's walls"),
+        "gain towards the centre from half of R* on; it replaces the walls of the source"),
     key("formation.external.command", Texts, Nothing,
         "program and arguments that compute law = \"external\", one process a vehicle; give this, listen or udp"),
     key("formation.external.listen", Address("tcp/"), Nothing,
@@ -214,9 +214,9 @@ pub const KEYS: &[Key] = &[
         "speed of the centre on a path; without feed-forward vehicles can follow only the 1 m/s of Garcia & Barnes 2010")
         .paper(number(1.0)),
     key("mission.dwell_s", from(0.0, 600.0), number(3.0),
-        "how long a vehicle has to be in place before it reports \"reached\"; a vehicle that flies through is not in place"),
+        "how long a vehicle has to be in place before it reports \"reached\", so that flying through the place does not count"),
     key("mission.partition", OneOf(&["continue", "quorum"]), text("continue"),
-        "what a swarm does that the network splits: every partition continues the mission, or only one with more than half the vehicles"),
+        "what a swarm does when the network splits it: every partition continues the mission, or only one with more than half the vehicles"),
     key("mission.steps", Tables, Literal::Toml("[{ centre_ne_m = [0.0, 0.0] }]"),
         "steps of the mission, flown one after the other; the swarm stays in the last one. By default it gathers at the origin"),
     key("mission.steps[N].name", Text, Nothing,
@@ -254,20 +254,20 @@ pub const KEYS: &[Key] = &[
     key("mission.events[N].delay_s", above_zero(60.0), Nothing,
         "what fault = \"delay\" adds to the delay of the links"),
     key("mission.events[N].servo", OneOf(&["roll", "pitch", "collective"]), text("roll"),
-        "servo that sticks under fault = \"servo_stuck\""),
+        "servo that is stuck under fault = \"servo_stuck\""),
     key("mission.events[N].by_s", from(-1e9, 1e9), number(3600.0),
         "how far the clock jumps under fault = \"clock_jump\"; an hour, as a wrong time zone makes it"),
     key("mission.events[N].step", Integer(0, 10_000), Nothing,
         "step to which order = \"goto\" sends the swarm, counted from 0").unit_is("1"),
 
     key("control.auto_trim", Kind::Bool, Bool(true),
-        "integrate out what trim error and wind leave of the position error; without it that is metres").paper(Bool(false)),
+        "integrate the trims, which removes the position error that trim error and wind cause; without it that error is metres").paper(Bool(false)),
     key("control.rules", Text, text("shipped"),
         "folder of the four .fis rule bases of the vehicle controller; \"shipped\": those that come with the program"),
     key("control.mode", OneOf(&["each", "central"]), text("each"),
         "where controllers run: on each vehicle, or all on one computer as in Garcia & Barnes 2010 (\"central\", in a study only)"),
     key("control.central_step_s", from(0.0, 1.0), number(0.0001),
-        "computing time of the central controller for one vehicle and frame; what a live agent takes from frame to controls"),
+        "computing time of the central controller for one vehicle and frame; a live agent needs this time from frame to controls"),
 
     key("sensing.position", OneOf(&["exact", "f32_latlon"]), text("exact"),
         "precision of measured positions; \"f32_latlon\" rounds degrees to single precision, as in Garcia & Barnes 2010")
@@ -370,11 +370,11 @@ pub const KEYS: &[Key] = &[
         "how much too fast its clock runs; quartz clocks are within 100 ppm"),
 ];
 
-/// Keys that earlier versions knew.
+/// Keys of earlier versions, which were removed.
 pub(in crate::scenario) const REMOVED: &[Removed] =
     &[Removed { path: "network.state_json_hz", reason: "the state for people will be published as `summary`" }];
 
-/// What an event takes besides `at_s` and `for_s`: its kind, the keys it needs, the keys it may have.
+/// Keys of an event besides `at_s` and `for_s`: the event's kind, its required keys, its optional keys.
 pub(in crate::scenario) type Rule = (&'static str, &'static [&'static str], &'static [&'static str]);
 
 const FAULT_RULES: [Rule; 10] = [
@@ -391,14 +391,14 @@ const FAULT_RULES: [Rule; 10] = [
 ];
 const ORDER_RULES: [Rule; 4] = [("hold", &[], &[]), ("goto", &["step"], &[]), ("land", &[], &[]), ("abort", &[], &[])];
 
-/// The rules of faults.
+/// Keys of each kind of fault.
 pub(in crate::scenario) const FAULT_KEYS: &[Rule] = &FAULT_RULES;
-/// The rules of orders.
+/// Keys of each kind of order.
 pub(in crate::scenario) const ORDER_KEYS: &[Rule] = &ORDER_RULES;
 const FAULTS: &[&str] = &kinds(&FAULT_RULES);
 const ORDERS: &[&str] = &kinds(&ORDER_RULES);
 
-/// The kinds that these rules are about.
+/// The kinds of these rules.
 const fn kinds<const N: usize>(rules: &[Rule; N]) -> [&'static str; N] {
     let mut kinds = [""; N];
     let mut nth = 0;

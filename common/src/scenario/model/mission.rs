@@ -1,149 +1,149 @@
-//! What the swarm does, and what happens to it on the way.
+//! The mission: its steps, and the scheduled faults and orders.
 
 use serde::{Deserialize, Serialize};
 
 use super::Formation;
 use crate::id::VehicleId;
 
-/// `[mission]`
+/// The mission, `[mission]`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Mission {
-    /// Never empty. The last is never left: without a landing there the swarm stays.
+    /// The steps; there is at least one. The swarm stays in the last one, unless that is a landing.
     pub steps: Vec<Step>,
-    /// What happens to the run, in the file's order.
+    /// Scheduled faults and orders, in the order of the file.
     pub events: Vec<Event>,
-    /// Of a centre on a path, where the step says nothing else.
+    /// Speed of the centre on a path, m/s, unless the step sets another.
     pub speed_m_s: f64,
-    /// How long "reached" has to hold, where the step says nothing else.
+    /// Time for which a vehicle has to be in place to report "reached", s, unless the step sets another.
     pub dwell_s: f64,
-    /// What a split swarm does.
+    /// Behaviour of a swarm that the network splits.
     pub partition: Partition,
 }
 
 /// One step of the mission.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Step {
-    /// For people.
+    /// Name of the step for operators.
     pub name: Option<String>,
-    /// Where to.
+    /// Goal of the step.
     #[serde(flatten)]
     pub target: Target,
-    /// How long "reached" has to hold.
+    /// Time for which a vehicle has to be in place to report "reached", s.
     pub dwell_s: f64,
-    /// Of the centre on a path.
+    /// Speed of the centre on a path, m/s.
     pub speed_m_s: f64,
-    /// The formation of this step: all of it, `[formation]` with what the step changes.
+    /// The complete formation of this step: `[formation]` with the changes of the step.
     pub formation: Formation,
 }
 
-/// What a step wants.
+/// Goal of a step.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Target {
-    /// The centre is here (north, east); left when everybody has reached it.
+    /// The centre is here (north, east, m). The step ends when every active member has reached its place.
     #[serde(rename = "centre_ne_m")]
     Centre([f64; 2]),
-    /// The centre stays where the step before left it, `[0, 0]` at first, for this long on each agent's own clock.
+    /// The centre stays where the step before left it (`[0, 0]` at first) for this time on each agent's own clock, s.
     #[serde(rename = "hold_s")]
     Hold(f64),
-    /// The centre moves along this line (north, east), two points at least, no two equal in a row.
+    /// The centre moves along this line (north, east, m) of at least two points; two points in a row are never equal.
     #[serde(rename = "path_ne_m")]
     Path(Vec<[f64; 2]>),
-    /// Land where they are; always `true`, only as the last step.
+    /// Each vehicle lands where it is. Always `true`; only the last step.
     #[serde(rename = "land")]
     Land(bool),
 }
 
-/// Something that happens at a set time.
+/// A fault or an order at a scheduled time.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Event {
-    /// Counted from each vehicle's own take-off.
+    /// Time of the event, s, counted from each vehicle's own take-off.
     pub at_s: f64,
-    /// Without it, for good.
+    /// Duration, s; `None`: until the end.
     pub for_s: Option<f64>,
-    /// What happens.
+    /// The fault or the order.
     #[serde(flatten)]
-    pub what: What,
+    pub what: EventAction,
 }
 
-/// What an event is.
+/// Fault or order of an event.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(untagged)]
-pub enum What {
-    /// Something breaks.
+pub enum EventAction {
+    /// A fault is injected.
     Fault(Fault),
-    /// Somebody orders.
+    /// An order is given.
     Order(Order),
 }
 
-/// `fault`
+/// Kind of an injected fault, `fault`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "fault", rename_all = "snake_case")]
 pub enum Fault {
-    /// The agent's process dies; it is restarted after `for_s`.
+    /// The agent's process is killed; it is restarted after `for_s`.
     Kill {
-        /// Whose.
+        /// The vehicle that the fault affects.
         vehicle: VehicleId,
     },
-    /// The link from some to others is dead.
+    /// The links from some vehicles to others carry no messages.
     Cut {
-        /// Speakers.
+        /// Senders.
         from: Vec<VehicleId>,
-        /// Hearers.
+        /// Receivers.
         to: Vec<VehicleId>,
-        /// And the other way round.
+        /// Whether the opposite direction is affected too.
         both_ways: bool,
     },
-    /// Every message from some to others takes longer.
+    /// The messages from some vehicles to others are delayed.
     Delay {
         /// Senders.
         from: Vec<VehicleId>,
         /// Receivers.
         to: Vec<VehicleId>,
-        /// And the other way round.
+        /// Whether the opposite direction is affected too.
         both_ways: bool,
-        /// By this much, s, on top of what the link takes already.
+        /// Additional delay, s, on top of the delay of the link.
         delay_s: f64,
     },
-    /// No power.
+    /// The engine has no power.
     EngineOut {
-        /// Whose.
+        /// The vehicle that the fault affects.
         vehicle: VehicleId,
     },
-    /// No frames from the simulator.
+    /// The simulator sends no frames.
     SimulatorFreeze {
-        /// Whose.
+        /// The vehicle that the fault affects.
         vehicle: VehicleId,
     },
-    /// A servo keeps its place.
+    /// A servo keeps its position.
     ServoStuck {
-        /// Whose.
+        /// The vehicle that the fault affects.
         vehicle: VehicleId,
-        /// Which.
+        /// The servo.
         servo: Servo,
     },
-    /// The yaw gyro does nothing.
+    /// The yaw gyro has no effect.
     GyroOff {
-        /// Whose.
+        /// The vehicle that the fault affects.
         vehicle: VehicleId,
     },
-    /// The position repeats.
+    /// The measured position is frozen.
     GpsFrozen {
-        /// Whose.
+        /// The vehicle that the fault affects.
         vehicle: VehicleId,
     },
-    /// The machine's clock jumps.
+    /// The clock of the vehicle's computer jumps.
     ClockJump {
-        /// Whose.
+        /// The vehicle that the fault affects.
         vehicle: VehicleId,
-        /// Forward, if positive.
+        /// Size of the jump, s; positive is forward.
         by_s: f64,
     },
-    /// The one machine of `control.mode = "central"` dies, and with it everybody's control; it is restarted after `for_s`.
-    /// Its time counts from the swarm's first take-off.
+    /// The central controller of `control.mode = "central"` is killed, and every vehicle loses control. It is restarted
+    /// after `for_s`. The time counts from the swarm's first take-off.
     KillControl,
 }
 
-/// `servo`
+/// Servo of a fault, `servo`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Servo {
@@ -155,29 +155,29 @@ pub enum Servo {
     Collective,
 }
 
-/// `order`
+/// Kind of a scheduled order, `order`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(tag = "order", rename_all = "snake_case")]
 pub enum Order {
-    /// Stay; on after `for_s`.
+    /// Hold position; after `for_s` the mission continues.
     Hold,
-    /// To this step or a later one.
+    /// Continue the mission at this step or a later one.
     Goto {
-        /// Counted from 0.
+        /// The step, counted from 0.
         step: usize,
     },
-    /// Land now.
+    /// Land at the present position.
     Land,
-    /// Give up.
+    /// Abort the mission: land, and ignore all later orders.
     Abort,
 }
 
-/// `mission.partition`
+/// Behaviour of a swarm that the network splits, `mission.partition`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Partition {
-    /// Each part goes on.
+    /// Every partition continues the mission.
     Continue,
-    /// Only the larger part goes on.
+    /// Only a partition with more than half of the vehicles continues the mission.
     Quorum,
 }

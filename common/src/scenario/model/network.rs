@@ -1,87 +1,87 @@
-//! Who hears whom, when and how well.
+//! The network between the vehicles: which messages are sent, which links exist, and their impairments.
 
 use serde::{Deserialize, Serialize};
 
 use crate::id::VehicleId;
 
-/// `[network]`
+/// The network, `[network]`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Network {
-    /// When the state is sent.
+    /// When a vehicle sends its state.
     pub send: SendMode,
-    /// Error of the peers' dead reckoning that sends.
+    /// Position error of the peers' dead reckoning at which the state is sent, m.
     pub state_error_m: f64,
-    /// The same of the velocity.
+    /// Velocity error of the peers' dead reckoning at which the state is sent, m/s.
     pub state_error_m_s: f64,
-    /// At least this often.
+    /// Longest time between two states of a vehicle, s.
     pub state_max_period_s: f64,
-    /// T_stale.
+    /// Age T_stale at which a peer's state becomes stale, s.
     pub peer_stale_s: f64,
     /// Share of messages lost.
     pub loss: f64,
-    /// Mean length of a burst of loss; without it each message is lost on its own.
+    /// Mean length of a burst of loss, s; `None`: each message is lost independently.
     pub burst_s: Option<f64>,
-    /// Of every message.
+    /// Delay of every message, s.
     pub delay_s: f64,
-    /// Added to the delay, 0 to this.
+    /// Largest random addition to the delay, s.
     pub jitter_s: f64,
-    /// Share of messages held back.
+    /// Share of messages that are held back by [`Self::reorder_s`].
     pub reorder: f64,
-    /// By this.
+    /// Time for which these messages are held back, s.
     pub reorder_s: f64,
-    /// Share of messages that come twice.
+    /// Share of messages that are received twice.
     pub duplicate: f64,
-    /// Of each directed link; without it no limit.
+    /// Bandwidth of each directed link, bit/s; `None`: no limit.
     pub bandwidth_bit_s: Option<f64>,
-    /// Longest wait for the bandwidth.
+    /// Longest time that a message waits for bandwidth before it is dropped, s.
     pub queue_s: f64,
-    /// Farther apart, nobody hears; without it no limit.
+    /// Distance beyond which no message is received, m; `None`: no limit.
     pub range_m: Option<f64>,
-    /// Where loss by distance begins; without it, at [`Network::range_m`].
+    /// Distance at which loss by distance begins, m; `None`: at [`Network::range_m`].
     pub fade_m: Option<f64>,
-    /// Who hears whose state.
+    /// Which vehicles receive whose state.
     pub graph: Graph,
-    /// How many under [`Graph::Nearest`].
+    /// Number of nearest vehicles under [`Graph::Nearest`].
     pub neighbours: usize,
-    /// Speaker and hearer under [`Graph::Edges`], else empty or unused.
+    /// Sender and receiver of each link under [`Graph::Edges`]; otherwise empty or unused.
     #[serde(default)]
     pub edges: Vec<[VehicleId; 2]>,
-    /// Links that are not like the others, the last of them on top.
+    /// Links that differ from the others; a later entry overrides an earlier one.
     pub links: Vec<LinkChange>,
 }
 
-/// `network.send`
+/// When a vehicle sends its state, `network.send`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum SendMode {
-    /// When the peers' dead reckoning is off.
+    /// When the peers' dead reckoning of the vehicle is off.
     OnNeed,
     /// Every frame.
     EveryFrame,
 }
 
-/// `network.graph`
+/// Which vehicles receive whose state, `network.graph`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Graph {
-    /// Everybody.
+    /// Every vehicle receives every state.
     All,
-    /// The nearest `neighbours`.
+    /// A vehicle receives the states of the nearest `neighbours`.
     Nearest,
-    /// As listed.
+    /// States are received over the links that `edges` lists.
     Edges,
 }
 
-/// `network.links`: what is different about some links.
+/// Differences of some links, an entry of `network.links`.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct LinkChange {
-    /// Speakers; empty for everybody.
+    /// Senders; empty means all.
     #[serde(default)]
     pub from: Vec<VehicleId>,
-    /// Hearers; empty for everybody.
+    /// Receivers; empty means all.
     #[serde(default)]
     pub to: Vec<VehicleId>,
-    /// The other way too.
+    /// Whether the entry holds for the opposite direction too.
     pub both_ways: bool,
     /// [`Network::loss`] of these links.
     pub loss: Option<f64>,
@@ -103,31 +103,31 @@ pub struct LinkChange {
     pub queue_s: Option<f64>,
 }
 
-/// How good one directed link is.
+/// Impairments of one directed link.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Quality {
     /// Share of messages lost.
     pub loss: f64,
-    /// Mean length of a burst of loss.
+    /// Mean length of a burst of loss, s; `None`: each message is lost independently.
     pub burst_s: Option<f64>,
-    /// Of every message.
+    /// Delay of every message, s.
     pub delay_s: f64,
-    /// Added to the delay, 0 to this.
+    /// Largest random addition to the delay, s.
     pub jitter_s: f64,
-    /// Share of messages held back.
+    /// Share of messages that are held back by [`Self::reorder_s`].
     pub reorder: f64,
-    /// By this.
+    /// Time for which these messages are held back, s.
     pub reorder_s: f64,
-    /// Share of messages that come twice.
+    /// Share of messages that are received twice.
     pub duplicate: f64,
-    /// Without it no limit.
+    /// Bandwidth, bit/s; `None`: no limit.
     pub bandwidth_bit_s: Option<f64>,
-    /// Longest wait for the bandwidth.
+    /// Longest time that a message waits for bandwidth before it is dropped, s.
     pub queue_s: f64,
 }
 
 impl Network {
-    /// What `[network]` says of every link.
+    /// Impairments of a link that no entry of `links` changes.
     pub fn quality(&self) -> Quality {
         Quality {
             loss: self.loss,
@@ -142,7 +142,7 @@ impl Network {
         }
     }
 
-    /// The link on which `hearer` hears `speaker`.
+    /// Impairments of the link from `speaker` to `hearer`.
     pub fn link(&self, speaker: VehicleId, hearer: VehicleId) -> Quality {
         let changes = self.links.iter().filter(|change| change.is_of(speaker, hearer));
         changes.fold(self.quality(), |link, change| Quality {

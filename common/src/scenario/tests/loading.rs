@@ -3,14 +3,14 @@ use std::collections::BTreeSet;
 use super::*;
 use crate::id::VehicleId;
 
-/// What the line of this key says: value and origin.
+/// Value and origin of this key.
 fn line(loaded: &Loaded, key: &str) -> (Option<String>, String) {
     let line = loaded.explain().iter().find(|line| line.key == key).unwrap_or_else(|| panic!("no {key}"));
     (line.value.clone(), line.origin.to_string())
 }
 
 #[test]
-fn every_shipped_scenario_loads_under_both_presets_and_overrides_neither() {
+fn every_shipped_scenario_loads_under_both_presets() {
     for (name, text) in SHIPPED {
         let loaded = try_load(name, text, &[]).unwrap_or_else(|error| panic!("{error}"));
         assert_eq!(format!("{}.toml", loaded.scenario.name), name);
@@ -26,7 +26,7 @@ fn every_shipped_scenario_loads_under_both_presets_and_overrides_neither() {
 }
 
 #[test]
-fn the_tour_is_read_as_it_stands() {
+fn the_tour_is_read_with_its_steps_and_events() {
     let tour = loaded(SHIPPED[2].1, &[]).scenario;
     let id = |number| VehicleId::new(number).unwrap();
     assert_eq!(tour.duration_s, Some(1800.0));
@@ -46,10 +46,10 @@ fn the_tour_is_read_as_it_stands() {
     let cut = Fault::Cut { from: vec![id(1), id(2)], to: vec![id(3), id(4), id(5), id(6)], both_ways: true };
     let event = |at_s, for_s, what| Event { at_s, for_s, what };
     let expected = [
-        event(60.0, Some(20.0), What::Fault(Fault::Kill { vehicle: id(3) })),
-        event(150.0, Some(20.0), What::Fault(cut)),
-        event(240.0, None, What::Fault(Fault::EngineOut { vehicle: id(5) })),
-        event(300.0, Some(15.0), What::Order(Order::Hold)),
+        event(60.0, Some(20.0), EventAction::Fault(Fault::Kill { vehicle: id(3) })),
+        event(150.0, Some(20.0), EventAction::Fault(cut)),
+        event(240.0, None, EventAction::Fault(Fault::EngineOut { vehicle: id(5) })),
+        event(300.0, Some(15.0), EventAction::Order(Order::Hold)),
     ];
     assert_eq!(tour.mission.events, expected);
 }
@@ -68,7 +68,7 @@ fn the_flock_follows_its_path_then_lands() {
 }
 
 #[test]
-fn the_sinusoid_is_the_acceptance_scenario() {
+fn the_sinusoid_has_the_parameters_of_the_acceptance_test() {
     let swinging = loaded(SHIPPED[3].1, &["formation.conversion=linear", "formation.gain_m=56"]).scenario;
     assert_eq!((swinging.formation.conversion, swinging.formation.gain_m), (Conversion::Linear, 56.0));
     let sinusoid = loaded(SHIPPED[3].1, &[]).scenario;
@@ -149,7 +149,7 @@ fn a_flock_avoids_at_20_m_under_both_presets() {
 }
 
 #[test]
-fn set_beats_file_beats_preset_beats_default() {
+fn set_options_override_the_file_which_overrides_preset_and_default() {
     let gain = |text: &str, sets: &[&str]| {
         let loaded = loaded(&format!("swarm.vehicles = 4\n{text}"), sets);
         (line(&loaded, "mission.speed_m_s"), loaded.scenario.mission.speed_m_s)
@@ -163,7 +163,7 @@ fn set_beats_file_beats_preset_beats_default() {
 }
 
 #[test]
-fn only_keys_of_the_file_that_change_the_preset_are_noted() {
+fn notes_name_the_keys_of_the_file_that_override_the_preset() {
     let text = "preset = 'paper'\nswarm.vehicles = 4\n[formation]\nconversion = 'nonlinear'\nfeedforward = false\n";
     let paper = try_load("hover.toml", text, &["control.auto_trim=true"]).unwrap();
     assert_eq!(paper.notes, ["formation.conversion in hover.toml overrides the preset \"paper\""]);
@@ -172,7 +172,7 @@ fn only_keys_of_the_file_that_change_the_preset_are_noted() {
 }
 
 #[test]
-fn rounded_positions_are_sent_every_frame_unless_somebody_says_otherwise() {
+fn rounded_positions_are_sent_every_frame_unless_the_file_sets_network_send() {
     let send = |sets: &[&str]| loaded(HOVER, sets).scenario.network.send;
     assert_eq!(send(&["sensing.position=f32_latlon"]), SendMode::EveryFrame);
     assert_eq!(send(&["sensing.position=f32_latlon", "network.send=on_need"]), SendMode::OnNeed);
@@ -180,7 +180,7 @@ fn rounded_positions_are_sent_every_frame_unless_somebody_says_otherwise() {
 }
 
 #[test]
-fn sets_reach_into_lists_and_make_tables() {
+fn set_options_change_list_entries_and_make_tables() {
     let sets = ["mission.steps[1].formation.radius_m=50", "vehicle.3.aircraft=r22", "mission.events[1].to[3]=4"];
     let loaded = loaded(SHIPPED[2].1, &sets);
     let tour = &loaded.scenario;
@@ -193,7 +193,7 @@ fn sets_reach_into_lists_and_make_tables() {
 }
 
 #[test]
-fn a_step_with_another_law_has_that_laws_defaults() {
+fn a_step_with_another_law_has_the_defaults_of_that_law() {
     let text = "swarm.vehicles = 4\nformation.outer_width_m = 15\nmission.steps = [{ hold_s = 1, formation = { law = 'flock' } },\n\
                 { hold_s = 1, formation = { law = 'flock', avoid_distance_m = 30 } }, { hold_s = 1 }]";
     let first = loaded(text, &[]);
@@ -204,7 +204,7 @@ fn a_step_with_another_law_has_that_laws_defaults() {
     assert_eq!(
         (formation(0).radius_m, formation(0).outer_width_m),
         (50.0, 15.0),
-        "the file's word counts in every step"
+        "the file's value applies in every step"
     );
     assert_eq!(formation(0).avoid_distance_m, AvoidDistance::Fixed(20.0));
     assert_eq!(formation(1).avoid_distance_m, AvoidDistance::Fixed(30.0));
@@ -212,7 +212,7 @@ fn a_step_with_another_law_has_that_laws_defaults() {
 }
 
 #[test]
-fn words_unset_what_the_file_sets() {
+fn a_text_such_as_none_unsets_a_value_of_the_file() {
     let sets = ["duration_s=none", "formation.edge_steepness_per_m=from_widths", "formation.avoid_distance_m=adaptive"];
     let scenario = loaded(SHIPPED[3].1, &sets).scenario;
     assert_eq!((scenario.duration_s, scenario.formation.edge_steepness_per_m), (None, None));
@@ -243,7 +243,7 @@ fn an_external_law_has_its_table() {
 }
 
 #[test]
-fn a_step_changes_what_belongs_to_a_law_and_keeps_the_rest() {
+fn a_step_changes_single_parameters_of_a_law_and_keeps_the_rest() {
     let text = "swarm.vehicles = 3\n[formation]\nlaw = 'virtual-structure'\nslots.spacing_m = 12\n[mission]\n\
                 steps = [{ hold_s = 1 }, { centre_ne_m = [0, 0], formation = { slots = { pattern = 'v' } } }]\n";
     let scenario = loaded(text, &["formation.vasarhelyi.repulsion_per_s=0.2"]).scenario;
@@ -255,9 +255,9 @@ fn a_step_changes_what_belongs_to_a_law_and_keeps_the_rest() {
     assert_eq!(set.mission.steps[0].formation.slots.spacing_m, 12.0);
 }
 
-/// The types hold what the table lists and nothing else: with every key written, both spell the same paths.
+/// With every key written, the types and the table have the same paths.
 #[test]
-fn the_table_and_the_types_are_the_same_keys() {
+fn the_table_and_the_types_have_the_same_keys() {
     let text = "duration_s = 5\nswarm.vehicles = 2\n[network]\nedges = [[1, 2]]\nrange_m = 9\n\
         fade_m = 5\nburst_s = 1\nbandwidth_bit_s = 1e6\nlinks = [{ from = [1], to = [2], both_ways = true, loss = 0.1,\n\
         burst_s = 1, delay_s = 1, jitter_s = 1, reorder = 0.1, reorder_s = 1, duplicate = 0.1, bandwidth_bit_s = 1, queue_s = 1 }]\n\
@@ -274,7 +274,7 @@ fn the_table_and_the_types_are_the_same_keys() {
     collect(&toml::Value::try_from(&scenario).unwrap(), "", &mut paths);
     let in_step = |path: &String| path.starts_with("mission.steps[N].formation.") || path == "vehicle.N.id";
     paths.retain(|path| !in_step(path));
-    // A list of tables is its entries' keys.
+    // A list of tables appears as the keys of its entries.
     let plain = KEYS.iter().filter(|key| !matches!(key.kind, Kind::Tables));
     let keys: BTreeSet<_> = plain.map(|key| key.path.to_owned()).collect();
     assert_eq!(paths, keys);
@@ -283,7 +283,7 @@ fn the_table_and_the_types_are_the_same_keys() {
     assert_eq!(read_back, scenario);
 }
 
-/// Dotted paths of all leaves, spelled as in the table.
+/// Paths of all values, spelled as in the table.
 fn collect(value: &toml::Value, path: &str, paths: &mut BTreeSet<String>) {
     let is_free = path.ends_with(".parameters");
     match value {
@@ -300,17 +300,17 @@ fn collect(value: &toml::Value, path: &str, paths: &mut BTreeSet<String>) {
     }
 }
 
-/// Every word that the table allows is one that the types know.
+/// The types accept every choice of the table.
 #[test]
-fn every_choice_loads() {
+fn every_choice_of_every_key_loads() {
     for key in KEYS.iter().filter(|key| !key.path.contains('N')) {
-        let Kind::OneOf(words) = key.kind else { continue };
-        for word in words {
-            // What some of the words need beside them.
+        let Kind::OneOf(choices) = key.kind else { continue };
+        for choice in choices {
+            // Keys that some of the choices require.
             let text = "swarm.vehicles = 2\nswarm.plant = 'xplane'\nnetwork.edges = [[1, 2]]\n\
                         formation.external.command = ['a']\nformation.gamma_z = 25\n";
-            let loaded = loaded(text, &[&format!("{}={word}", key.path)]);
-            assert_eq!(line(&loaded, key.path).0, Some(format!("{word:?}")));
+            let loaded = loaded(text, &[&format!("{}={choice}", key.path)]);
+            assert_eq!(line(&loaded, key.path).0, Some(format!("{choice:?}")));
         }
     }
 }
@@ -333,11 +333,11 @@ fn every_default_passes_its_own_check() {
 }
 
 #[test]
-fn every_key_says_what_it_means_and_in_which_unit_its_numbers_are() {
+fn every_key_has_a_meaning_and_one_unit() {
     for key in KEYS {
         let is_short = ["name", "mission.steps[N].name"].contains(&key.path);
-        let words = key.about.split_whitespace().count();
-        assert!((if is_short { 2 } else { 3 }..=30).contains(&words), "{}: {}", key.path, key.about);
+        let length = key.about.split_whitespace().count();
+        assert!((if is_short { 2 } else { 3 }..=30).contains(&length), "{}: {}", key.path, key.about);
         assert!(!key.about.contains("  ") && !key.about.ends_with('.'), "{}: {}", key.path, key.about);
         let units = usize::from(key.own_unit.is_some()) + usize::from(key.unit_in_name().is_some());
         assert_eq!(units, usize::from(key.kind.has_numbers()), "{}: one unit, in the name or beside it", key.path);
@@ -350,7 +350,7 @@ fn every_key_says_what_it_means_and_in_which_unit_its_numbers_are() {
 }
 
 #[test]
-fn a_default_on_paper_may_follow_from_another_key() {
+fn a_default_of_the_paper_preset_may_depend_on_another_key() {
     let on_paper = |path: &str| KEYS.iter().find(|key| key.path == path).and_then(Key::on_paper);
     assert_eq!(on_paper("network.send"), Some(Literal::Text("every_frame")));
     assert_eq!(on_paper("formation.conversion"), Some(Literal::Text("linear")));
@@ -358,7 +358,7 @@ fn a_default_on_paper_may_follow_from_another_key() {
 }
 
 #[test]
-fn the_plan_hash_is_of_what_is_meant() {
+fn the_plan_hash_depends_on_values_and_not_on_their_spelling() {
     let hash = |text: &str, sets: &[&str]| loaded(text, sets).scenario.plan_hash();
     let hover = hash(HOVER, &[]);
     let pinned = [
@@ -391,7 +391,7 @@ fn the_plan_hash_is_of_what_is_meant() {
 }
 
 #[test]
-fn a_set_takes_all_events_away() {
+fn a_set_option_can_remove_all_events() {
     let text = "swarm.vehicles = 2\n[mission]\nevents = [{ at_s = 5, order = \"hold\" }]\n";
     let source = Source { name: "x.toml", text };
     assert_eq!(load(&source, &[]).unwrap().scenario.mission.events.len(), 1);

@@ -1,4 +1,4 @@
-//! What holds for any text and any value.
+//! Properties of the loader for any text and any value.
 
 use proptest::prelude::*;
 use proptest::sample::{Index, select};
@@ -17,12 +17,12 @@ fn value(kind: Kind) -> BoxedStrategy<String> {
     };
     match kind {
         Kind::Number(range) => number(range).boxed(),
-        Kind::NumberOr(word, range) => prop_oneof![number(range), Just(word.to_owned())].boxed(),
+        Kind::NumberOr(choice, range) => prop_oneof![number(range), Just(choice.to_owned())].boxed(),
         Kind::Integer(min, max) => (min..=max).prop_map(|number| number.to_string()).boxed(),
         Kind::Bool => any::<bool>().prop_map(|truth| truth.to_string()).boxed(),
         Kind::True => Just("true".to_owned()).boxed(),
         Kind::Law => select(law::NAMES).prop_map(str::to_owned).boxed(),
-        Kind::OneOf(words) => select(words).prop_map(str::to_owned).boxed(),
+        Kind::OneOf(choices) => select(choices).prop_map(str::to_owned).boxed(),
         Kind::Name => "[A-Za-z][A-Za-z0-9_-]{0,20}".boxed(),
         Kind::TomlName => "[A-Za-z][A-Za-z0-9_-]{0,20}(\\.toml)?".boxed(),
         Kind::Text => "[a-zé'\"\\\\/ ]{1,10}x".prop_map(|text| format!("{}", toml::Value::String(text))).boxed(),
@@ -49,7 +49,7 @@ fn steps() -> impl Strategy<Value = String> {
     prop::collection::vec(step, 1..4).prop_map(|steps| format!("[{}]", steps.join(", ")))
 }
 
-/// Links that are not like the others.
+/// Entries of `network.links`.
 fn links() -> impl Strategy<Value = String> {
     let link = select(vec![
         "{ from = [1], loss = 0.5 }",
@@ -59,12 +59,12 @@ fn links() -> impl Strategy<Value = String> {
     prop::collection::vec(link, 0..4).prop_map(|links| format!("[{}]", links.join(", ")))
 }
 
-/// `--set`s of any keys, each valid on its own.
+/// `--set` options of any keys, each valid on its own.
 fn sets() -> impl Strategy<Value = Vec<String>> {
     let keys = KEYS.iter().filter(|key| {
         let lists = ["vehicle.N", "mission.events", "mission.steps[", "network.links["];
         let later = lists.iter().any(|prefix| key.path.starts_with(prefix));
-        // Most values of these two fit no other value.
+        // Most values of these keys contradict other values.
         !later && key.path != "swarm.vehicles" && !key.path.contains("udp")
     });
     let of = |key: &Key| if key.path == "network.links" { links().boxed() } else { value(key.kind) };
@@ -77,13 +77,15 @@ fn sets() -> impl Strategy<Value = Vec<String>> {
         .prop_map(|sets| sets.into_iter().map(|(path, value)| format!("{path}={value}")).collect())
 }
 
-/// In range wherever the table has a range.
+/// Checks that every value is in the range of the table.
 fn assert_in_range(loaded: &Loaded) -> Result<(), TestCaseError> {
     for line in loaded.explain() {
         let Some(key) = KEYS.iter().find(|key| key.path == line.key) else { continue };
         let number = line.value.as_ref().and_then(|value| value.parse::<f64>().ok());
         match (key.kind, number) {
-            (Kind::Number(range), number) => prop_assert!(number.is_some_and(|it| range.contains(it)), "{line:?}"),
+            (Kind::Number(range), number) => {
+                prop_assert!(number.is_some_and(|number| range.contains(number)), "{line:?}")
+            }
             (Kind::NumberOr(_, range), Some(number)) => prop_assert!(range.contains(number), "{line:?}"),
             (Kind::Integer(min, max), Some(number)) => prop_assert!((min as f64..=max as f64).contains(&number)),
             _ => {}
@@ -92,7 +94,7 @@ fn assert_in_range(loaded: &Loaded) -> Result<(), TestCaseError> {
     Ok(())
 }
 
-/// The complete file, read alone, is the same scenario.
+/// Checks that reading the complete file gives the same scenario.
 fn assert_reads_back(loaded: &Loaded) -> Result<(), TestCaseError> {
     let complete = loaded.to_toml();
     let again = try_load("complete.toml", &complete, &[]);
@@ -104,7 +106,7 @@ fn assert_reads_back(loaded: &Loaded) -> Result<(), TestCaseError> {
     Ok(())
 }
 
-/// A wrong file says where; what is not wrong is in range and reads back.
+/// Checks that a refusal has a position, and that an accepted file is in range and reads back.
 fn assert_sane(text: &str, sets: &[String]) -> Result<bool, TestCaseError> {
     match load(&Source { name: "a.toml", text }, sets) {
         Ok(loaded) => {
@@ -137,7 +139,7 @@ fn shipped_scenarios_read_back() {
     }
 }
 
-/// Most sets of valid values have to get through, or the property below shows nothing.
+/// Checks that most valid options are accepted: otherwise the property below would show nothing.
 #[test]
 fn valid_sets_are_mostly_accepted() {
     let mut runner = proptest::test_runner::TestRunner::deterministic();
@@ -167,34 +169,34 @@ proptest! {
     }
 
     #[test]
-    fn words_of_toml_in_any_order_are_read_or_refused(words in prop::collection::vec(select(WORDS), 0..30)) {
-        assert_sane(&words.concat(), &[])?;
-        assert_sane(&format!("swarm.vehicles = 4\n{}", words.concat()), &[])?;
+    fn toml_tokens_in_any_order_are_read_or_refused(tokens in prop::collection::vec(select(TOKENS), 0..30)) {
+        assert_sane(&tokens.concat(), &[])?;
+        assert_sane(&format!("swarm.vehicles = 4\n{}", tokens.concat()), &[])?;
     }
 
     #[test]
-    fn a_set_of_words_is_read_or_refused(words in prop::collection::vec(select(WORDS), 1..8), key in select(KEYS)) {
+    fn a_set_option_of_any_tokens_is_read_or_refused(tokens in prop::collection::vec(select(TOKENS), 1..8), key in select(KEYS)) {
         let path = key.path.replace("[N]", "[0]").replace('N', "3");
-        assert_sane(SHIPPED[2].1, &[format!("{path}={}", words.concat()), words.concat()])?;
+        assert_sane(SHIPPED[2].1, &[format!("{path}={}", tokens.concat()), tokens.concat()])?;
     }
 
     #[test]
-    fn a_shipped_scenario_with_slips_is_read_or_refused(
+    fn a_shipped_scenario_with_random_edits_is_read_or_refused(
         shipped in select(&SHIPPED[..]),
-        slips in prop::collection::vec((any::<Index>(), any::<Index>(), select(WORDS)), 1..4),
+        edits in prop::collection::vec((any::<Index>(), any::<Index>(), select(TOKENS)), 1..4),
     ) {
         let mut text: Vec<char> = shipped.1.chars().collect();
-        for (start, length, word) in slips {
+        for (start, length, token) in edits {
             let start = start.index(text.len());
             let end = (start + length.index(6)).min(text.len());
-            text.splice(start..end, word.chars());
+            text.splice(start..end, token.chars());
         }
         assert_sane(&text.into_iter().collect::<String>(), &[])?;
     }
 }
 
-/// What scenario files are made of, and what makes them break.
-const WORDS: &[&str] = &[
+/// Tokens of scenario files, and characters that may break the parser.
+const TOKENS: &[&str] = &[
     "",
     " ",
     "\n",

@@ -1,8 +1,8 @@
-//! Every way to be wrong, with the words that say so.
+//! Every error of a scenario file, with its text.
 
 use super::*;
 
-/// What is said about this file.
+/// The error of this file.
 fn refusal(text: &str, sets: &[&str]) -> String {
     match try_load("a.toml", text, sets) {
         Err(error) => error.to_string(),
@@ -10,20 +10,20 @@ fn refusal(text: &str, sets: &[&str]) -> String {
     }
 }
 
-/// Four helicopters, and from line 5 on the rest of `[formation]`.
-fn beside(rest: &str) -> String {
+/// A file of four vehicles, with `rest` from line 5 on, in `[formation]`.
+fn file_with(rest: &str) -> String {
     format!("[swarm]\nvehicles = 4\n[formation]\nradius_m = 100\n{rest}\n")
 }
 
 fn check(cases: &[(&str, &str)]) {
     for (rest, expected) in cases {
-        assert_eq!(refusal(&beside(rest), &[]), format!("a.toml:{expected}"), "{rest}");
+        assert_eq!(refusal(&file_with(rest), &[]), format!("a.toml:{expected}"), "{rest}");
     }
 }
 
 #[test]
-fn an_empty_file_lacks_the_number_of_vehicles() {
-    let missing = "`swarm.vehicles` is missing; say how many vehicles fly: `[swarm]`, `vehicles = 4`";
+fn an_empty_file_is_refused_because_the_number_of_vehicles_is_missing() {
+    let missing = "`swarm.vehicles` is missing; add the number of vehicles: `[swarm]`, `vehicles = 4`";
     for text in ["", "# nothing\n", "[swarm]\n", "name = 'x'"] {
         assert_eq!(refusal(text, &[]), format!("a.toml:1:1: {missing}"), "{text:?}");
     }
@@ -32,7 +32,7 @@ fn an_empty_file_lacks_the_number_of_vehicles() {
 }
 
 #[test]
-fn what_is_not_toml() {
+fn a_file_that_is_not_toml_is_refused() {
     check(&[
         ("hello", "5:6: not TOML: key with no value, expected `=`"),
         ("gamma = ", "5:9: not TOML: string values must be quoted, expected literal string"),
@@ -43,7 +43,7 @@ fn what_is_not_toml() {
 }
 
 #[test]
-fn unknown_keys_name_the_nearest() {
+fn an_unknown_key_is_refused_with_the_most_similar_key() {
     check(&[
         ("raduis_m = 3", "5:1: unknown key `formation.raduis_m`; did you mean `formation.radius_m`?"),
         ("  heading = 3", "5:3: unknown key `formation.heading`; did you mean `formation.heading_deg`?"),
@@ -58,14 +58,14 @@ fn unknown_keys_name_the_nearest() {
             "6:38: unknown key `mission.steps[0].formation.raduis_m`; did you mean `mission.steps[0].formation.radius_m`?",
         ),
     ]);
-    let step = |key: &str| refusal(&beside(&format!("[mission]\nsteps = [{{ {key} = [0, 0] }}]")), &[]);
+    let step = |key: &str| refusal(&file_with(&format!("[mission]\nsteps = [{{ {key} = [0, 0] }}]")), &[]);
     assert!(step("path").ends_with("unknown key `mission.steps[0].path`; did you mean `mission.steps[0].path_ne_m`?"));
     for dangerous in ["waypoint", "lnad", "lamd"] {
         assert!(!step(dangerous).contains("did you mean"), "{}", step(dangerous));
     }
     let events = "events = []\nswarm.vehicles = 4";
     assert_eq!(refusal(events, &[]), "a.toml:1:1: unknown key `events`; did you mean `mission.events`?");
-    let external = beside("[mission]\nsteps = [{ hold_s = 1, formation = { external = { misses = 2 } } }]");
+    let external = file_with("[mission]\nsteps = [{ hold_s = 1, formation = { external = { misses = 2 } } }]");
     let lists = "`skein explain mission.steps[0].formation` lists the keys";
     let unknown = "unknown key `mission.steps[0].formation.external`";
     assert_eq!(refusal(&external, &[]), format!("a.toml:6:38: {unknown}; {lists}"));
@@ -76,16 +76,16 @@ fn unknown_keys_name_the_nearest() {
 }
 
 #[test]
-fn a_removed_key_is_refused_at_its_place_with_the_reason() {
+fn a_removed_key_is_refused_at_its_position_with_the_reason() {
     let removed = "`network.state_json_hz` was removed: the state for people will be published as `summary`";
-    let line = beside("[network]\nstate_json_hz = 0");
+    let line = file_with("[network]\nstate_json_hz = 0");
     assert_eq!(refusal(&line, &[]), format!("a.toml:6:1: {removed}; remove the line"));
     let set = "network.state_json_hz=5";
     assert_eq!(refusal(HOVER, &[set]), format!("--set {set}: {removed}; leave this `--set` out"));
 }
 
 #[test]
-fn an_unknown_key_that_is_near_no_other_is_answered_with_all_there_are() {
+fn an_unknown_key_similar_to_none_is_refused_with_all_keys_of_the_table() {
     let steps = "unknown key `mission.steps[0].qqqq`; the keys here are `name`, `centre_ne_m`, `hold_s`, `path_ne_m`, `land`, \
                  `dwell_s`, `speed_m_s`, `formation`";
     check(&[
@@ -95,7 +95,7 @@ fn an_unknown_key_that_is_near_no_other_is_answered_with_all_there_are() {
 }
 
 #[test]
-fn a_file_of_another_kind_is_called_what_it_is() {
+fn a_file_of_another_kind_is_refused_with_its_kind() {
     let cluster = "swarm = 'lab'\nscenario = 'hover.toml'\n[node.1]\nhost = 'heli1'\n";
     let it_is = "this is a cluster file, not a scenario; run `skein cluster up -f a.toml`";
     assert_eq!(refusal(cluster, &[]), format!("a.toml:1:1: {it_is}"));
@@ -121,14 +121,14 @@ fn a_file_of_another_kind_is_called_what_it_is() {
         "this is a scenario, not a cluster file; run `skein fly a.toml`, or name it in a cluster file as `scenario`";
     assert_eq!(of(FileKind::Cluster, HOVER.trim_start_matches(|c| c != '[')), format!("a.toml:1:2: {it_is}"));
     assert!(of(FileKind::Aircraft, cluster).contains("this is a cluster file, not an aircraft file; `swarm.aircraft`"));
-    // What has signs of both is the kind that was asked for, with a key too many.
+    // A file with keys of two kinds is read as the expected kind: the foreign key is unknown.
     assert!(refusal(&format!("{HOVER}\n[trim]\n"), &[]).contains("unknown key `trim`"));
     let cluster = "swarm = 'lab'\nscenario = 'hover.toml'\nduration_s = 5\n";
     assert!(of(FileKind::Cluster, cluster).contains("unknown key"), "not a scenario: its `swarm` is a name");
 }
 
 #[test]
-fn values_of_another_kind() {
+fn a_value_of_the_wrong_kind_is_refused() {
     check(&[
         ("gamma = 'x'", "5:9: `formation.gamma` has to be a number, not \"x\""),
         ("gamma = true", "5:9: `formation.gamma` has to be a number, not true"),
@@ -163,11 +163,11 @@ fn values_of_another_kind() {
         ),
         (
             "[network]\nedges = [[1, 2], [2]]",
-            "6:18: `network.edges` has to be pairs of vehicle ids, speaker first: [[1, 2], [2, 3]]",
+            "6:18: `network.edges` has to be pairs of vehicle ids, sender first: [[1, 2], [2, 3]]",
         ),
         (
             "external.parameters = { a = 1979-05-27 }",
-            "5:29: `formation.external.parameters.a` has to be something that JSON can say, not 1979-05-27",
+            "5:29: `formation.external.parameters.a` has to be a value that JSON can represent, not 1979-05-27",
         ),
         (
             "external.listen = '127.0.0.1:5600'",
@@ -177,11 +177,11 @@ fn values_of_another_kind() {
     assert_eq!(refusal("swarm = 4", &[]), "a.toml:1:9: `swarm` has to be a table, not 4");
     assert_eq!(refusal("swarm.vehicles = 4.0", &[]), "a.toml:1:18: `swarm.vehicles` has to be a whole number, not 4.0");
     let control = "swarm.vehicles = 4\ncontrol.rules = \"a\\nb\"";
-    assert_eq!(refusal(control, &[]), "a.toml:2:17: `control.rules` has to be a line of text, not empty");
+    assert_eq!(refusal(control, &[]), "a.toml:2:17: `control.rules` has to be one line of text that is not empty");
 }
 
 #[test]
-fn numbers_out_of_range() {
+fn a_number_out_of_range_is_refused() {
     check(&[
         ("gamma = 0", "5:9: `formation.gamma` is 0, out of its range: 0.01 to 100"),
         ("gain_m = 0", "5:10: `formation.gain_m` is 0, out of its range: above 0, at most 1000"),
@@ -191,7 +191,7 @@ fn numbers_out_of_range() {
         ("gamma = 1e999", "5:9: 1e999 is not a finite number"),
         ("gamma = 99999999999999999999", "5:9: 99999999999999999999 is too large an integer"),
         ("external.parameters.a = [nan]", "5:26: nan is not a finite number"),
-        ("[network]\nedges = [[1, 300]]", "6:14: `network.edges`: vehicle ids run from 1 to 250, not 300"),
+        ("[network]\nedges = [[1, 300]]", "6:14: `network.edges`: vehicle ids are 1 to 250, not 300"),
     ]);
     let vehicles = |count| refusal(&format!("swarm.vehicles = {count}"), &[]);
     assert_eq!(vehicles("0"), "a.toml:1:18: `swarm.vehicles` is 0, out of its range: 1 to 250");
@@ -201,11 +201,11 @@ fn numbers_out_of_range() {
 }
 
 #[test]
-fn names_that_cannot_stand_in_a_key() {
+fn a_name_that_is_not_valid_in_a_key_is_refused() {
     let name = |line: &str| refusal(&format!("swarm.vehicles = 4\n{line}"), &[]);
-    let rule = "has 1 to 64 letters, digits, '-' or '_';";
-    assert_eq!(name("swarm.name = 'a/b'"), format!("a.toml:2:14: `swarm.name` {rule} \"a/b\" has not"));
-    assert_eq!(name("name = 'a b'"), format!("a.toml:2:8: `name` {rule} \"a b\" has not"));
+    let rule = "has to be 1 to 64 letters, digits, '-' or '_';";
+    assert_eq!(name("swarm.name = 'a/b'"), format!("a.toml:2:14: `swarm.name` {rule} \"a/b\" is not"));
+    assert_eq!(name("name = 'a b'"), format!("a.toml:2:8: `name` {rule} \"a b\" is not"));
 }
 
 #[test]
@@ -227,60 +227,63 @@ fn an_aircraft_is_named_with_or_without_its_files_ending() {
 }
 
 #[test]
-fn vehicles_that_do_not_fly() {
+fn a_vehicle_outside_the_swarm_is_refused() {
     check(&[
         ("[vehicle.x]", "5:10: `vehicle.x`: vehicles are tables by id, 1 to 250"),
         ("[vehicle.N]", "5:10: `vehicle.N`: vehicles are tables by id, 1 to 250"),
         ("[vehicle.03]", "5:10: `vehicle.03`: vehicles are tables by id, 1 to 250"),
-        ("[vehicle.5]", "5:10: `vehicle.5`: there is no vehicle 5: the swarm has vehicles 1 to 4"),
-        ("[vehicle.0]", "5:10: `vehicle.0`: vehicle ids run from 1 to 250, not 0"),
-        ("[vehicle.251]", "5:10: `vehicle.251`: vehicle ids run from 1 to 250, not 251"),
+        ("[vehicle.5]", "5:10: `vehicle.5`: vehicle 5 is not in the swarm, which has vehicles 1 to 4"),
+        ("[vehicle.0]", "5:10: `vehicle.0`: vehicle ids are 1 to 250, not 0"),
+        ("[vehicle.251]", "5:10: `vehicle.251`: vehicle ids are 1 to 250, not 251"),
         ("[network]\ngraph = 'edges'", "6:9: `network.graph` = \"edges\" needs `network.edges`"),
         (
             "[network]\nedges = [[1, 2], [2, 5]]",
-            "6:22: `network.edges[1][1]`: there is no vehicle 5: the swarm has vehicles 1 to 4",
+            "6:22: `network.edges[1][1]`: vehicle 5 is not in the swarm, which has vehicles 1 to 4",
         ),
-        ("[network]\nedges = [[2, 2]]", "6:10: `network.edges[0]`: vehicle 2 hears itself anyway"),
+        ("[network]\nedges = [[2, 2]]", "6:10: `network.edges[0]`: vehicle 2 cannot send to itself"),
         (
             "[network]\nlinks = [{ from = [1], loss = 0 }, { to = [3, 5], loss = 1 }]",
-            "6:47: `network.links[1].to[1]`: there is no vehicle 5: the swarm has vehicles 1 to 4",
+            "6:47: `network.links[1].to[1]`: vehicle 5 is not in the swarm, which has vehicles 1 to 4",
         ),
         (
             "[mission]\nevents = [{ at_s = 1, fault = 'kill', vehicle = 5 }]",
-            "6:49: `mission.events[0].vehicle`: there is no vehicle 5: the swarm has vehicles 1 to 4",
+            "6:49: `mission.events[0].vehicle`: vehicle 5 is not in the swarm, which has vehicles 1 to 4",
         ),
         (
             "[mission]\nevents = [{ at_s = 1, fault = 'cut', from = [1], to = [2, 7] }]",
-            "6:59: `mission.events[0].to[1]`: there is no vehicle 7: the swarm has vehicles 1 to 4",
+            "6:59: `mission.events[0].to[1]`: vehicle 7 is not in the swarm, which has vehicles 1 to 4",
         ),
     ]);
 }
 
 #[test]
-fn steps_and_events_that_make_no_sense() {
+fn steps_and_events_with_contradicting_keys_are_refused() {
     check(&[
         (
             "[mission]\nsteps = [{ name = 'a' }]",
-            "6:10: `mission.steps[0]` has to say one of `centre_ne_m`, `hold_s`, `path_ne_m`, `land`",
+            "6:10: `mission.steps[0]` needs one of `centre_ne_m`, `hold_s`, `path_ne_m`, `land`",
         ),
         (
             "[mission]\nsteps = [{ hold_s = 3, land = true }]",
-            "6:24: `mission.steps[0]` has to say only one of `centre_ne_m`, `hold_s`, `path_ne_m`, `land`",
+            "6:24: `mission.steps[0]` takes only one of `centre_ne_m`, `hold_s`, `path_ne_m`, `land`",
         ),
         (
             "[mission]\nsteps = [{ hold_s = 3, dwell_s = 1 }]",
-            "6:24: `mission.steps[0]`: `dwell_s` means nothing beside `hold_s`",
+            "6:24: `mission.steps[0]`: `dwell_s` has no effect beside `hold_s`",
         ),
-        ("[mission]\nsteps = [{ land = true }, { hold_s = 3 }]", "6:10: `mission.steps[0]`: nothing follows a landing"),
+        (
+            "[mission]\nsteps = [{ land = true }, { hold_s = 3 }]",
+            "6:10: `mission.steps[0]`: `land` is allowed only in the last step",
+        ),
         (
             "[mission]\nsteps = [{ path_ne_m = [[0, 0]] }]",
             "6:24: `mission.steps[0].path_ne_m` has to be two points or more, [[north, east], [north, east]]",
         ),
         (
             "[mission]\nsteps = [{ path_ne_m = [[0, 0], [0, 0.0]] }]",
-            "6:33: `mission.steps[0].path_ne_m`: the same point twice in a row",
+            "6:33: `mission.steps[0].path_ne_m`: two points in a row are equal",
         ),
-        ("[mission]\nevents = [{ at_s = 1 }]", "6:11: `mission.events[0]` has to say one of `fault`, `order`"),
+        ("[mission]\nevents = [{ at_s = 1 }]", "6:11: `mission.events[0]` needs one of `fault`, `order`"),
         (
             "[mission]\nevents = [{ fault = 'kill', vehicle = 3 }]",
             "6:11: `mission.events[0]`: fault = \"kill\" needs `at_s`",
@@ -291,7 +294,7 @@ fn steps_and_events_that_make_no_sense() {
         ),
         (
             "[mission]\nevents = [{ at_s = 1, order = 'land', for_s = 2 }]",
-            "6:39: `mission.events[0]`: `for_s` means nothing beside order = \"land\"",
+            "6:39: `mission.events[0]`: `for_s` has no effect beside order = \"land\"",
         ),
         (
             "[mission]\nevents = [{ at_s = 1, order = 'goto', step = 1 }]",
@@ -301,7 +304,7 @@ fn steps_and_events_that_make_no_sense() {
 }
 
 #[test]
-fn values_that_do_not_go_together() {
+fn values_that_contradict_each_other_are_refused() {
     check(&[
         ("inner_width_m = 100", "5:17: `formation.inner_width_m` is 100, but has to be below `radius_m`, 100"),
         (
@@ -313,7 +316,7 @@ fn values_that_do_not_go_together() {
         ("vertical = 'ellipsoid'", "5:12: the ellipsoid reaches down to -70.0 m, but has to end at 5 m at least"),
         (
             "law = 'virtual-structure'\nvertical = 'ellipsoid'",
-            "6:12: `formation.vertical` = \"ellipsoid\" needs law \"ring\" or \"flock\": no other has such a field",
+            "6:12: `formation.vertical` = \"ellipsoid\" needs law \"ring\" or \"flock\": no other law has a vertical field",
         ),
         (
             "safety_distance_m = 150",
@@ -348,23 +351,26 @@ fn values_that_do_not_go_together() {
         ),
         (
             "[network]\npeer_stale_s = 0.15",
-            "6:16: `network.peer_stale_s` is 0.15, but has to be above `network.state_max_period_s`, 0.2: or every peer is stale",
+            "6:16: `network.peer_stale_s` is 0.15, but has to be above `network.state_max_period_s`, 0.2: otherwise every peer is stale",
         ),
+        ("[network]\nlinks = [{ loss = 0.5 }]", "6:10: `network.links[0]` does not name its links: add `from` or `to`"),
         (
-            "[network]\nlinks = [{ loss = 0.5 }]",
-            "6:10: `network.links[0]` does not say which links: one of `from`, `to`",
+            "[network]\nlinks = [{ to = [1] }]",
+            "6:10: `network.links[0]` changes nothing about its links: add `loss` or another key",
         ),
-        ("[network]\nlinks = [{ to = [1] }]", "6:10: `network.links[0]` changes nothing about its links"),
         (
             "[network]\nlinks = [{ to = [1], los = 1 }]",
             "6:22: unknown key `network.links[0].los`; did you mean `network.links[0].loss`?",
         ),
         ("[network]\nlinks = [{ to = [1], loss = 2 }]", "6:29: `network.links[0].loss` is 2, out of its range: 0 to 1"),
         ("[network]\nrange_m = 50\nfade_m = 60", "7:10: `network.fade_m` is 60, but may not be above `range_m`, 50"),
-        ("[network]\nfade_m = 60", "6:10: `network.fade_m` needs `network.range_m`, where nothing is heard any more"),
+        (
+            "[network]\nfade_m = 60",
+            "6:10: `network.fade_m` needs `network.range_m`, the distance from which on all messages are lost",
+        ),
         (
             "[start]\npattern = 'as_is'",
-            "6:11: only X-Plane's aircraft stand somewhere already: others need `start_ne_m` in `[vehicle.N]`",
+            "6:11: `start.pattern` = \"as_is\" is for X-Plane: with another plant every vehicle needs `start_ne_m` in `[vehicle.N]`",
         ),
         ("[start]\npattern = 'ring'\nsquare_m = 10", "7:12: 4 starts on a ring 10 m wide are less than 15 m apart"),
         (
@@ -373,13 +379,13 @@ fn values_that_do_not_go_together() {
         ),
         (
             "[mission]\nevents = [{ at_s = 1, fault = 'kill_control' }]",
-            "6:31: `mission.events[0]`: fault = \"kill_control\" needs `control.mode` = \"central\": here no one machine \
-             controls the swarm",
+            "6:31: `mission.events[0]`: fault = \"kill_control\" needs `control.mode` = \"central\": this swarm has no \
+             central controller",
         ),
         (
             "[control]\nmode = 'central'\n[mission]\nevents = [{ at_s = 1, fault = 'kill', vehicle = 2 }]",
-            "8:31: `mission.events[0]`: fault = \"kill\" means nothing under `control.mode` = \"central\": \
-             \"kill_control\" ends the one machine",
+            "8:31: `mission.events[0]`: fault = \"kill\" has no effect under `control.mode` = \"central\": \
+             use \"kill_control\"",
         ),
     ]);
     let crowd =
@@ -391,8 +397,8 @@ fn values_that_do_not_go_together() {
 }
 
 #[test]
-fn a_wrong_set_is_quoted_instead_of_a_line() {
-    let spelling = "no key is spelled so: they look like formation.radius_m and mission.steps[0].name";
+fn an_error_of_a_set_option_quotes_the_option_instead_of_a_line() {
+    let spelling = "not the path of a key; paths look like formation.radius_m and mission.steps[0].name";
     let cases = [
         ("formation.raduis_m=50", "unknown key `formation.raduis_m`; did you mean `formation.radius_m`?"),
         ("radius_m=50", "unknown key `radius_m`; did you mean `formation.radius_m`?"),
@@ -407,14 +413,14 @@ fn a_wrong_set_is_quoted_instead_of_a_line() {
         ("formation.radius_m", "not of the form key=value"),
         ("..=3", spelling),
         ("formation=3", "`formation` has to be a table, not 3"),
-        ("swarm.name=a b", "`swarm.name` has 1 to 64 letters, digits, '-' or '_'; \"a b\" has not"),
-        ("vehicle.9.aircraft=r22", "`vehicle.9`: there is no vehicle 9: the swarm has vehicles 1 to 4"),
+        ("swarm.name=a b", "`swarm.name` has to be 1 to 64 letters, digits, '-' or '_'; \"a b\" is not"),
+        ("vehicle.9.aircraft=r22", "`vehicle.9`: vehicle 9 is not in the swarm, which has vehicles 1 to 4"),
         ("mission.steps[0].hold_s=50", "`mission.steps` has no entries in a.toml"),
-        // The file's width was right until the radius changed.
+        // The file's width was valid until the radius changed.
         ("formation.radius_m=15", "`formation.inner_width_m` is 20, but has to be below `radius_m`, 15"),
     ];
     for (set, expected) in cases {
-        assert_eq!(refusal(&beside("inner_width_m = 20"), &[set]), format!("--set {set}: {expected}"));
+        assert_eq!(refusal(&file_with("inner_width_m = 20"), &[set]), format!("--set {set}: {expected}"));
     }
     let beyond = refusal(SHIPPED[2].1, &["mission.steps[7].dwell_s=1"]);
     let expected = "`mission.steps[7]` is beyond the end: `mission.steps` has 7, counted from 0";
@@ -426,7 +432,7 @@ fn a_wrong_set_is_quoted_instead_of_a_line() {
 }
 
 #[test]
-fn an_error_has_its_parts_for_other_tools() {
+fn an_error_has_its_position_and_key_as_fields() {
     let text = "swarm.vehicles = 4\r\nformation.raduis_m = 5\r\n";
     let error = try_load("my.toml", text, &[]).unwrap_err();
     assert_eq!((&*error.file, error.line, error.column), ("my.toml", Some(2), Some(11)));
@@ -440,10 +446,13 @@ fn an_error_has_its_parts_for_other_tools() {
 }
 
 #[test]
-fn a_byte_order_mark_has_no_width_and_letters_count_once() {
+fn columns_count_characters_and_no_byte_order_mark() {
     assert_eq!(refusal("\u{feff}x = 1", &[]), "a.toml:1:1: unknown key `x`; `skein explain` lists the keys");
     let text = "swarm = { name = 'ä', vehicles = 4 }";
-    assert_eq!(refusal(text, &[]), "a.toml:1:18: `swarm.name` has 1 to 64 letters, digits, '-' or '_'; \"ä\" has not");
+    assert_eq!(
+        refusal(text, &[]),
+        "a.toml:1:18: `swarm.name` has to be 1 to 64 letters, digits, '-' or '_'; \"ä\" is not"
+    );
     let text = "# ä\n\"ä\" = { u = 1 }\nswarm.vehicles = 4";
     assert_eq!(refusal(text, &[]), "a.toml:2:1: unknown key `\"ä\"`; `skein explain` lists the keys");
 }

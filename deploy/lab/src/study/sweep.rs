@@ -6,7 +6,7 @@
 //! has all points of the hypercube.
 
 use skein_common::math;
-use skein_common::scenario::is_whole;
+use skein_common::scenario::takes_whole_numbers;
 use skein_core::random::{self, Purpose};
 
 /// One `--sweep`: a key and what it is to be.
@@ -168,7 +168,7 @@ impl Sweep {
             Values::List(values) => return values.clone(),
             Values::Range { low, high, log } => (*low, *high, *log),
         };
-        let whole = is_whole(&self.key);
+        let whole = takes_whole_numbers(&self.key);
         // Whole numbers have parts of the same size if the last one reaches to where the next number would begin.
         let end = if whole { high + 1.0 } else { high };
         let at = |share: f64| {

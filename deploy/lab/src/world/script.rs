@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use skein_common::id::VehicleId;
 use skein_common::message::{Order, Verb};
-use skein_common::scenario::{Event, Fault, Scenario, What};
+use skein_common::scenario::{Event, EventAction, Fault, Scenario};
 use skein_core::impairments::lasting;
 
 use crate::faults::{Agenda, LinkChange, failing, kills, link_changes, orders};
@@ -44,7 +44,7 @@ pub(super) fn deeds(scenario: &Scenario, own: VehicleId) -> Agenda<Deed> {
 
 /// What the event does to vehicle `own` besides killing and cutting.
 fn faults(event: &Event, own: VehicleId) -> Vec<(f64, Deed)> {
-    let What::Fault(fault) = &event.what else { return Vec::new() };
+    let EventAction::Fault(fault) = &event.what else { return Vec::new() };
     let Some((vehicle, name)) = failing(fault) else { return Vec::new() };
     let mut deeds = vec![(event.at_s, Deed::Fail(name))];
     if let Fault::ClockJump { by_s, .. } = fault {
@@ -57,7 +57,7 @@ fn faults(event: &Event, own: VehicleId) -> Vec<(f64, Deed)> {
 /// How far the clock of vehicle `own` jumps back in all, s: where it has to begin, or it would come to its zero.
 pub(super) fn clock_begins_s(scenario: &Scenario, own: VehicleId) -> f64 {
     let back_s = |event: &Event| match event.what {
-        What::Fault(Fault::ClockJump { vehicle, by_s }) if vehicle == own => (-by_s).max(0.0),
+        EventAction::Fault(Fault::ClockJump { vehicle, by_s }) if vehicle == own => (-by_s).max(0.0),
         _ => 0.0,
     };
     scenario.mission.events.iter().map(back_s).sum()

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use skein_common::message::{ClockAnswer, Event, Health, Message, Mission, Order, State, Trace, VERSION};
-use skein_common::topic::{DESCRIBED, Described};
+use skein_common::topic::{TOPIC_DESCRIPTIONS, TopicDescription};
 
 use super::source::{Field, Item, items};
 use super::{head, row};
@@ -55,12 +55,12 @@ pub(super) fn page() -> String {
     let found: Vec<Item> = SOURCES.iter().flat_map(|source| items(source)).collect();
     let items: BTreeMap<&str, &Item> = found.iter().map(|item| (&*item.name, item)).collect();
     let (mut parts, mut sections) = (Vec::new(), String::new());
-    for described in &DESCRIBED {
-        if let Some(name) = described.message {
-            sections += &message(described, items[name], &items, &mut parts);
+    for description in &TOPIC_DESCRIPTIONS {
+        if let Some(name) = description.message {
+            sections += &message(description, items[name], &items, &mut parts);
         }
     }
-    let messages: Vec<&str> = DESCRIBED.iter().filter_map(|described| described.message).collect();
+    let messages: Vec<&str> = TOPIC_DESCRIPTIONS.iter().filter_map(|description| description.message).collect();
     sections += "## Types in messages\n\n";
     let mut nth = 0;
     while let Some(name) = parts.get(nth).cloned() {
@@ -77,12 +77,12 @@ pub(super) fn page() -> String {
 
 /// The table of keys.
 fn topics() -> String {
-    let row_of = |described: &Described| {
+    let row_of = |description: &TopicDescription| {
         let message =
-            described.message.map_or("none".to_owned(), |name| format!("[`{name}`](#{})", name.to_lowercase()));
-        row(&[&format!("`{}`", described.key), &message, described.sender, described.receivers])
+            description.message.map_or("none".to_owned(), |name| format!("[`{name}`](#{})", name.to_lowercase()));
+        row(&[&format!("`{}`", description.key), &message, description.sender, description.receivers])
     };
-    let rows: String = DESCRIBED.iter().map(row_of).collect();
+    let rows: String = TOPIC_DESCRIPTIONS.iter().map(row_of).collect();
     format!(
         "Agents publish over Zenoh. The swarm's name (`swarm.name` in the scenario) is the namespace of all keys: the full key of \
          vehicle 3's health in the swarm `lab` is `lab/vehicle/3/health`. `N` is a vehicle's id, `ISSUER` a random number of the \
@@ -110,8 +110,13 @@ fn encoding() -> String {
 }
 
 /// The section of one message.
-fn message(described: &Described, item: &Item, items: &BTreeMap<&str, &Item>, parts: &mut Vec<String>) -> String {
-    let Described { key, when, delivery, .. } = described;
+fn message(
+    description: &TopicDescription,
+    item: &Item,
+    items: &BTreeMap<&str, &Item>,
+    parts: &mut Vec<String>,
+) -> String {
+    let TopicDescription { key, when, delivery, .. } = description;
     let (_, size) = SIZES.iter().find(|(name, _)| *name == item.name).unwrap();
     let facts = [("key", format!("`{key}`")), ("when", (*when).to_owned()), ("delivery", (*delivery).to_owned())];
     let facts = facts

@@ -127,7 +127,10 @@ fn keys_that_are_none_are_named() {
     assert!(refused(Tls { vehicles, ..good.clone() }, here).contains("\"vehicle-1\" must name exactly one"));
     assert!(refused(Tls { observer: "vehicle-2".to_owned(), ..good.clone() }, here).contains("\"vehicle-2\" must"));
     let other = authority.key_file("vehicle-2");
-    assert!(refused(Tls { key: other, ..good.clone() }, here).contains("vehicle-2.key: "), "the key of another certificate");
+    assert!(
+        refused(Tls { key: other, ..good.clone() }, here).contains("vehicle-2.key: "),
+        "the key of another certificate"
+    );
 
     let sealer = |tls: Tls, own: u8| secured(tls).sealer(id(own));
     assert!(sealer(good.clone(), 1).unwrap().is_some() && Security::Plain.sealer(id(1)).unwrap().is_none());
@@ -183,7 +186,10 @@ fn links_that_come_and_go_harm_nobody() {
                 let others = [1, 2, 3].into_iter().filter(|other| *other != own);
                 for other in others {
                     let is_others = |word: &Word| matches!(word, Word::State(_)) && word.speaker() == Some(id(other));
-                    assert!(word(&heard, is_others).is_some(), "vehicle {own} has not received a state of vehicle {other}");
+                    assert!(
+                        word(&heard, is_others).is_some(),
+                        "vehicle {own} has not received a state of vehicle {other}"
+                    );
                 }
                 assert_eq!(link.drops().refused(), 0);
             });
