@@ -3,8 +3,12 @@
 //!
 //! The vehicle's id stands first: all that one vehicle may say is one branch.
 
+mod described;
+
 use crate::frame::PositionNed;
 use crate::id::VehicleId;
+
+pub use described::{DESCRIBED, Described};
 
 /// What is said, and by whom.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -180,11 +180,39 @@ pub fn limits(vehicles: usize, delays_s: &[f64], steps_s: &[f64], seeds: u64) ->
     let central = Case { central: true, vehicles, breeze: true, ..PLAIN };
     let delayed = delays_s.iter().map(|&delay_s| Case { delay_s, ..central });
     let loaded = steps_s.iter().map(|&step_s| Case { step_s: Some(step_s), ..central });
-    let mut lines = vec![heading()];
+    let mut lines = vec![format!(
+        "{:>8} {:>7} {:>12} {:>7} {:>13} {:>13} {:>10}",
+        "delay s", "step ms", "in formation", "crashes", "radial rms m", "spacing deg", "worst seed"
+    )];
     for case in delayed.chain(loaded) {
-        lines.push(row(&case, &in_parallel(0..seeds, |seed| case.fly(seed))));
+        lines.push(limits_row(&case, &in_parallel(0..seeds, |seed| case.fly(seed))));
     }
     lines.join("\n")
+}
+
+fn limits_row(case: &Case, flights: &[Flight]) -> String {
+    let of = |figure: fn(&Flight) -> Option<f64>| median_and_worst(flights.iter().map(figure));
+    format!(
+        "{:>8} {:>7} {:>12} {:>7} {:>13} {:>13} {:>10}",
+        case.delay_s,
+        step_ms(case),
+        in_formation(case, flights),
+        flights.iter().map(|it| it.report.crashes).sum::<u64>(),
+        of(|it| it.report.radial_rms_m),
+        of(|it| it.report.spacing_error_deg),
+        worst_of(flights).map_or_else(String::new, |(seed, _)| seed.to_string()),
+    )
+}
+
+/// The mean share of vehicles that were in formation at the end.
+fn in_formation(case: &Case, flights: &[Flight]) -> String {
+    let shares = flights.iter().map(|it| it.in_formation as f64 / case.vehicles as f64);
+    format!("{:.1} %", 100.0 * shares.sum::<f64>() / flights.len() as f64)
+}
+
+/// The time that a central controller needs for a vehicle and frame, where it is not the default.
+fn step_ms(case: &Case) -> String {
+    case.step_s.filter(|_| case.central).map_or_else(|| "-".to_owned(), |s| format!("{}", s * 1e3))
 }
 
 /// The seed that did worst: most crashes, then fewest in formation, then farthest from the ring.
@@ -225,21 +253,21 @@ fn row(case: &Case, flights: &[Flight]) -> String {
     let sum = |figure: fn(&Flight) -> u64| flights.iter().map(figure).sum::<u64>();
     let mean = |figure: &dyn Fn(&Flight) -> f64| flights.iter().map(figure).sum::<f64>() / flights.len() as f64;
     let closest_m = flights.iter().filter_map(|it| it.report.min_separation_m).fold(f64::INFINITY, f64::min);
-    let step_ms = case.step_s.filter(|_| case.central).map_or_else(|| "-".to_owned(), |s| format!("{}", s * 1e3));
     format!(
-        "{:<8} {:>3} {:>5} {:>7} {step_ms:>7} {:>7} {:>7} {:>12} {:>7} {:>6} {:>10} {closest_m:>9.1} {:>15} {:>13} {:>15} \
+        "{:<8} {:>3} {:>5} {:>7} {:>7} {:>7} {:>7} {:>12} {:>7} {:>6} {:>10} {closest_m:>9.1} {:>15} {:>13} {:>15} \
          {:>7.0} {:>7.1} {:>10}",
         if case.central { "central" } else { "each" },
         case.vehicles,
         case.loss,
         case.delay_s,
+        step_ms(case),
         match (case.killed, case.central) {
             (false, _) => "-",
             (true, true) => "machine",
             (true, false) => "agent",
         },
         flights.len(),
-        format!("{:.1} %", 100.0 * mean(&|it| it.in_formation as f64 / case.vehicles as f64)),
+        in_formation(case, flights),
         sum(|it| it.report.crashes),
         sum(|it| it.alarms as u64),
         sum(|it| it.report.collisions),

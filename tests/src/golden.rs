@@ -1,5 +1,6 @@
 //! Golden files: figures of flights in virtual time, to the last bit. They are the same on every machine, so a test compares them
-//! exactly. `cargo run --release -p skein-tests --bin tables -- golden` writes them anew and prints which medians moved.
+//! exactly. `cargo run --release -p skein-tests --bin tables -- golden` writes them anew and prints which medians moved. The golden
+//! tables, `tests/golden/*.txt`, are what the program `tables` prints; `.ci/long` writes them, and the book shows excerpts.
 
 use skein_common::statistics::median;
 use std::collections::BTreeMap;

@@ -6,6 +6,7 @@ pub mod faults;
 pub mod formation_error;
 pub mod golden;
 pub mod halves;
+pub mod laws;
 #[cfg(target_os = "linux")]
 pub mod namespaces;
 pub mod python;

@@ -2,7 +2,7 @@
 
 use skein_lab::metrics::{Report, Run};
 use skein_lab::recording::Recording;
-use skein_tests::formation_error::{self, Cell, FIGURES, Flight, cells, figures, flights, golden, markdown, of_cell};
+use skein_tests::formation_error::{self, Cell, FIGURES, Flight, cells, figures, flights, golden, of_cell};
 use skein_tests::in_parallel;
 
 /// Fewer seeds than the golden file has, the first of the same.
@@ -39,12 +39,6 @@ fn the_formations_error_is_that_of_the_golden_table_to_the_bit() {
             golden.iter().filter(|flight| flight.cell == cell && flight.seed < SEEDS).copied().collect();
         assert_eq!(flights(cell, &[], SEEDS), expected);
     }
-}
-
-#[test]
-fn the_readme_shows_the_golden_table() {
-    let table = markdown(&golden());
-    assert!(include_str!("../../README.md").contains(&table), "the README does not have this table:\n{table}");
 }
 
 /// One flight: its report, and how late the newest words were delivered, each time somebody looked, s.

@@ -68,10 +68,10 @@ fn structure(svg: &str) -> String {
     svg.chars().filter(|letter| !letter.is_ascii_digit() && !matches!(letter, '.' | '-' | ',' | ' ')).collect()
 }
 
-/// The README's picture is the one that flies today: `skein report deploy/scenarios/paper` makes it anew, as
+/// The picture in the documentation is the one that flies today: `skein report deploy/scenarios/paper` makes it anew, as
 /// `figures/hover-overview.svg`.
 #[test]
-fn the_picture_in_the_readme_is_what_flies() {
+fn the_picture_in_the_documentation_is_what_flies() {
     let drawn = drawn(&record(&of_scenario(of_paper("hover.toml")), 10.0));
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../deploy/scenarios/paper/hover.svg");
     let there = fs::read_to_string(&path).unwrap().replace('\r', "");

@@ -1,10 +1,10 @@
-//! Prints the tables that the README quotes: `cargo run --release -p skein-tests --bin tables -- faults`.
+//! Prints the tables that the book quotes: `cargo run --release -p skein-tests --bin tables -- faults`.
 
 use std::fs;
 use std::process::ExitCode;
 
 use clap::Parser;
-use skein_tests::{central, divergence, faults, formation_error, golden, halves, tour, wind};
+use skein_tests::{central, divergence, faults, formation_error, golden, halves, laws, tour, wind};
 
 /// Flies many swarms in virtual time and prints what became of them
 #[derive(Parser)]
@@ -28,8 +28,10 @@ enum Table {
     Faults,
     /// A swarm cut in two for 20 s, under both policies
     Halves,
-    /// Flies the golden files anew, writes them and prints which medians moved
+    /// Flies the golden files with figures anew, writes them and prints which medians moved
     Golden,
+    /// Every law with 4, 8 and 16 vehicles behind a moving centre, in Markdown
+    Laws,
     /// The ring's error with 4 to 32 vehicles, 0 to 50 % loss and 0 to 2 s delay, from the golden file
     Network,
     /// The same flight in virtual time, in real time, and in real time behind X-Plane's protocol, a seed after the other
@@ -62,6 +64,7 @@ fn main() -> ExitCode {
             Table::Faults => faults::table(&[4, 8], seeds),
             Table::Halves => halves::table(seeds),
             Table::Golden => write_golden(),
+            Table::Laws => laws::markdown(&laws::LAWS, &laws::VEHICLES, seeds),
             Table::Network => formation_error::markdown(&formation_error::golden()),
             Table::Divergence => divergence::table(seeds),
             Table::Tour => tour::table(&[2, 4, 8, 16], &[0.0, 0.1, 0.2, 0.3], &[0.0, 0.2, 0.5, 1.0], seeds),

@@ -120,13 +120,6 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_documentation_has_this_table() {
-        let readme = include_str!("../../../../README.md");
-        let table = markdown();
-        assert!(readme.contains(&table), "the README does not have this table:\n{table}");
-    }
-
-    #[test]
     fn every_unit_stands_in_the_key_too_where_it_is_one() {
         for (ending, unit) in [("_s", "s"), ("_m", "m"), ("_deg", "degrees"), ("_j", "J"), ("_ms", "ms"), ("_us", "us")]
         {

@@ -1,0 +1,33 @@
+//! The documentation is held against the program and the tree: every `console` block of the README and the book is run, links
+//! are followed, measured tables are compared with `tests/golden`, and the pages that the source decides are made anew.
+//!
+//! `SKEIN_GOLDEN=write` in this test's environment writes what the commands print and the generated pages into the files.
+//! [`markdown`] says what a chapter may contain.
+#![cfg(unix)]
+#![expect(clippy::unwrap_used, reason = "what a test cannot do has failed")]
+
+mod commands;
+mod golden;
+mod links;
+mod markdown;
+mod reference;
+mod runner;
+mod same;
+
+use std::path::PathBuf;
+
+/// The root of the checkout.
+fn root() -> PathBuf {
+    PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("..").canonicalize().unwrap()
+}
+
+/// The folder of the chapters, from the root.
+const BOOK: &str = "deploy/book/src";
+
+/// The program that the blocks call `skein`.
+const PROGRAM: &str = env!("CARGO_BIN_EXE_skein-under-test");
+
+/// Whether the files have to be written instead of compared.
+fn is_writing() -> bool {
+    std::env::var("SKEIN_GOLDEN").is_ok_and(|what| what == "write")
+}

@@ -1,0 +1,171 @@
+//! `reference/messages.md`: every message between processes, with its fields.
+
+use std::collections::BTreeMap;
+
+use skein_common::message::{ClockAnswer, Event, Health, Message, Mission, Order, State, Trace, VERSION};
+use skein_common::topic::{DESCRIBED, Described};
+
+use super::source::{Field, Item, items};
+use super::{head, row};
+
+/// Where the messages and their parts are defined.
+const SOURCES: [&str; 7] = [
+    include_str!("../../../../common/src/message.rs"),
+    include_str!("../../../../common/src/message/health.rs"),
+    include_str!("../../../../common/src/message/trace.rs"),
+    include_str!("../../../../common/src/message/order.rs"),
+    include_str!("../../../../common/src/message/clock.rs"),
+    include_str!("../../../../common/src/state.rs"),
+    include_str!("../../../../common/src/frame.rs"),
+];
+
+/// Types whose definition is not a struct with named fields, as they are encoded.
+const PLAIN: [(&str, &str); 13] = [
+    ("VehicleId", "vehicle id (`u8`, 1 to 250)"),
+    (
+        "VehicleSet",
+        "set of vehicle ids (4 × `u64`: the bit of value 2^((n − 1) mod 64) of the number (n − 1) / 64 is vehicle n)",
+    ),
+    ("Incarnation", "`u64`"),
+    ("SenderStamp", "`u64`, ns"),
+    ("PlantTime", "`u64`, ns"),
+    ("PositionNed", "3 × `f64`: north, east, down, m"),
+    ("VelocityNed", "3 × `f64`: north, east, down, m/s"),
+    ("Seal", "64 bytes"),
+    ("String", "text"),
+    ("f64", "`f64`"),
+    ("u64", "`u64`"),
+    ("u32", "`u32`"),
+    ("u8", "`u8`"),
+];
+
+/// The largest size of each message, bytes.
+const SIZES: [(&str, usize); 7] = [
+    ("State", State::MAX_BYTES),
+    ("Mission", Mission::MAX_BYTES),
+    ("Health", Health::MAX_BYTES),
+    ("Event", Event::MAX_BYTES),
+    ("Trace", Trace::MAX_BYTES),
+    ("ClockAnswer", ClockAnswer::MAX_BYTES),
+    ("Order", Order::MAX_BYTES),
+];
+
+/// The page.
+pub(super) fn page() -> String {
+    let found: Vec<Item> = SOURCES.iter().flat_map(|source| items(source)).collect();
+    let items: BTreeMap<&str, &Item> = found.iter().map(|item| (&*item.name, item)).collect();
+    let (mut parts, mut sections) = (Vec::new(), String::new());
+    for described in &DESCRIBED {
+        if let Some(name) = described.message {
+            sections += &message(described, items[name], &items, &mut parts);
+        }
+    }
+    let messages: Vec<&str> = DESCRIBED.iter().filter_map(|described| described.message).collect();
+    sections += "## Types in messages\n\n";
+    let mut nth = 0;
+    while let Some(name) = parts.get(nth).cloned() {
+        if !messages.contains(&&*name) {
+            sections += &part(items[&*name], &items, &mut parts);
+        }
+        nth += 1;
+    }
+    let body = format!("{}\n## Encoding\n\n{}\n{sections}", topics(), encoding());
+    let purpose =
+        "After reading this page you can subscribe to a swarm's messages with any Zenoh client and decode them.";
+    super::page("Messages", purpose, "`common/src/topic/described.rs` and the docstrings of the messages", &body)
+}
+
+/// The table of keys.
+fn topics() -> String {
+    let row_of = |described: &Described| {
+        let message =
+            described.message.map_or("none".to_owned(), |name| format!("[`{name}`](#{})", name.to_lowercase()));
+        row(&[&format!("`{}`", described.key), &message, described.sender, described.receivers])
+    };
+    let rows: String = DESCRIBED.iter().map(row_of).collect();
+    format!(
+        "Agents publish over Zenoh. The swarm's name (`swarm.name` in the scenario) is the namespace of all keys: the full key of \
+         vehicle 3's health in the swarm `lab` is `lab/vehicle/3/health`. `N` is a vehicle's id, `ISSUER` a random number of the \
+         operator's process, and `X` and `Y` count squares of 1 km north and east from the origin. *Observers* are `skein fly`, \
+         `skein record`, `skein order` and `skein cluster`.\n\n{}{rows}",
+        head(&["key", "message", "sender", "receivers"])
+    )
+}
+
+/// How a message becomes bytes.
+fn encoding() -> String {
+    format!(
+        "A message is one byte, the version ({VERSION}), and the [postcard](https://postcard.jamesmunns.com) encoding of its struct: \
+         the fields in the order of its table, without names.\n\n\
+         | type | bytes |\n| --- | --- |\n| `u8` | one byte |\n| `u32`, `u64` | varint: seven bits a byte, the lowest first, the top \
+         bit set in all but the last |\n| `f64` | 8 bytes, little-endian |\n| text | its length in bytes as a varint, then UTF-8 |\n\
+         | list of | the number of its items as a varint, then the items |\n| optional | 0, or 1 and the value |\n\
+         | enum | the number of the variant, from 0, as a varint, then what the variant holds |\n\n\
+         Receivers drop and count a message of another version, one that is longer than its largest size, one with bytes left over, \
+         and one with a number that is not finite or out of its range.\n\n\
+         Where a swarm is secured, 72 bytes follow each message but orders: the run of the swarm (8 bytes, little-endian) and an Ed25519 signature \
+         by the vehicle's key (64 bytes) of a context, the swarm's name, the run, the key expression and the message. An \
+         order carries its own signature in `seal`.\n"
+    )
+}
+
+/// The section of one message.
+fn message(described: &Described, item: &Item, items: &BTreeMap<&str, &Item>, parts: &mut Vec<String>) -> String {
+    let Described { key, when, delivery, .. } = described;
+    let (_, size) = SIZES.iter().find(|(name, _)| *name == item.name).unwrap();
+    let facts = [("key", format!("`{key}`")), ("when", (*when).to_owned()), ("delivery", (*delivery).to_owned())];
+    let facts = facts
+        .iter()
+        .chain(&[("size", format!("at most {size} bytes"))])
+        .fold(String::new(), |text, (name, fact)| text + &row(&[name, fact]));
+    format!("## {}\n\n{}\n\n{}{facts}\n{}\n", item.name, item.about, head(&["", ""]), fields(item, items, parts))
+}
+
+/// The section of a struct or an enum inside messages.
+fn part(item: &Item, items: &BTreeMap<&str, &Item>, parts: &mut Vec<String>) -> String {
+    format!("### {}\n\n{}\n\n{}\n", item.name, item.about, fields(item, items, parts))
+}
+
+/// The table of fields or variants; notes the types that they need.
+fn fields(item: &Item, items: &BTreeMap<&str, &Item>, parts: &mut Vec<String>) -> String {
+    let mut rows = String::new();
+    for (nth, Field { name, kind, about }) in item.fields.iter().enumerate() {
+        let name = format!("`{name}`");
+        if item.is_enum {
+            let held: Vec<_> = kind.split(", ").filter(|kind| !kind.is_empty()).collect();
+            let held = held.iter().map(|held| match held.split_once(": ") {
+                Some((name, kind)) => format!("`{name}`: {}", shown(kind, items, parts)),
+                None => shown(held, items, parts),
+            });
+            let held: Vec<_> = held.collect();
+            rows += &row(&[&nth.to_string(), &name, &held.join(", "), about]);
+        } else {
+            rows += &row(&[&name, &shown(kind, items, parts), about]);
+        }
+    }
+    let names: &[&str] =
+        if item.is_enum { &["number", "variant", "holds", "meaning"] } else { &["field", "type", "meaning"] };
+    head(names) + &rows
+}
+
+/// A Rust type for a reader of any language.
+fn shown(kind: &str, items: &BTreeMap<&str, &Item>, parts: &mut Vec<String>) -> String {
+    let inside = |outer: &str| kind.strip_prefix(outer)?.strip_suffix('>');
+    if let Some(inner) = inside("Option<") {
+        return format!("optional {}", shown(inner, items, parts));
+    }
+    if let Some(inner) = inside("Vec<") {
+        return format!("list of {}", shown(inner, items, parts));
+    }
+    if let Some((inner, count)) = kind.strip_prefix('[').and_then(|kind| kind.strip_suffix(']')?.split_once("; ")) {
+        return format!("{count} × {}", shown(inner, items, parts));
+    }
+    if let Some((_, plain)) = PLAIN.iter().find(|(name, _)| *name == kind) {
+        return (*plain).to_owned();
+    }
+    assert!(items.contains_key(kind), "{kind} is neither in the sources nor in the table of plain types");
+    if !parts.iter().any(|part| part == kind) {
+        parts.push(kind.to_owned());
+    }
+    format!("[`{kind}`](#{})", kind.to_lowercase())
+}
