@@ -6,10 +6,10 @@
 mod fleet;
 mod here;
 mod measure;
+mod message_cost;
 mod picture;
 mod relay;
 mod wire;
-mod words;
 
 use std::fs;
 use std::path::Path;
@@ -22,11 +22,11 @@ use skein_common::id::VehicleId;
 
 pub use fleet::{Load, Scheme};
 pub use here::{Demand, agrees, ask_for, exceeded_by};
-pub use measure::{Effort, Measured, StepTime, Talk, measure};
+pub use measure::{Effort, Measured, StateRate, StepTime, measure};
+pub use message_cost::{MessageSize, MessageTime};
 use skein_lab::error::Error;
 use skein_lab::out;
 pub use wire::{PaperEquation, data_output_bytes, of_datagram_bytes, of_segment_bytes};
-pub use words::{WordSize, WordTime};
 
 /// A machine's link, and the network that all share where they do, bit/s.
 pub const GIGABIT_S: f64 = 1e9;
@@ -106,7 +106,7 @@ impl Capacity {
 
     /// For people.
     pub fn to_text(&self) -> String {
-        let [paper, measured] = [self.paper_in_words(), self.measured_in_words()];
+        let [paper, measured] = [self.paper_text(), self.measured_text()];
         let limit = VehicleId::MAX;
         format!(
             "{paper}\n{measured}\nHow many vehicles fit (Skein numbers them up to {limit}; more is arithmetic)\n\n{}\n\
@@ -116,7 +116,7 @@ impl Capacity {
         )
     }
 
-    fn paper_in_words(&self) -> String {
+    fn paper_text(&self) -> String {
         let PaperEquation { network_bit_s, head_bit, messages, message_bit, rate_hz } = self.paper;
         let payload_bytes = data_output_bytes(messages as usize);
         format!(
@@ -129,8 +129,8 @@ impl Capacity {
         )
     }
 
-    fn measured_in_words(&self) -> String {
-        let Measured { machine, when, state, register, register_hz, time, datagram_us, talk, step } = &self.measured;
+    fn measured_text(&self) -> String {
+        let Measured { machine, when, state, register, heartbeat_hz, time, datagram_us, talk, step } = &self.measured;
         let mut lines = vec![format!("Measured on {machine}, at {when}:")];
         for (what, word) in [("state", state), ("part in the agreement", register)] {
             let segment = word.segment_bytes.ceil();
@@ -138,10 +138,12 @@ impl Capacity {
             let encoded = word.encoded_bytes;
             lines.push(format!("a {what}: {encoded} bytes, {segment} as Zenoh sends it over TCP, {wire} of wire"));
         }
-        lines.push(format!("the agreement is repeated {register_hz:.0} times a second"));
-        if let Some(word_us) = time.word_us {
+        lines.push(format!("the agreement is repeated {heartbeat_hz:.0} times a second"));
+        if let Some(message_us) = time.message_us {
             let deliveries = time.deliveries;
-            lines.push(format!("a state delivered: {word_us:.1} us of processor, both ends ({deliveries} deliveries)"));
+            lines.push(format!(
+                "a state delivered: {message_us:.1} us of processor, both ends ({deliveries} deliveries)"
+            ));
         }
         if let Some([send_us, receive_us]) = datagram_us {
             lines.push(format!("a datagram over loopback: {send_us:.2} us to send, {receive_us:.2} us to receive"));
@@ -150,7 +152,7 @@ impl Capacity {
             lines
                 .push(format!("a step with its flight model: {alone_us:.2} us, and {per_peer_us:.3} us for each peer"));
         }
-        for Talk { flight, vehicles, states_hz, nearest_pair_m } in talk {
+        for StateRate { flight, vehicles, states_hz, nearest_pair_m } in talk {
             let near = nearest_pair_m.map(|near_m| format!(", nearest pair {near_m:.0} m")).unwrap_or_default();
             lines.push(format!("{flight}, {vehicles} vehicles: {states_hz:.1} states a second of each{near}"));
         }

@@ -8,7 +8,7 @@ use skein_common::id::VehicleId;
 use time::OffsetDateTime;
 
 use crate::inventory::Inventory;
-use certificate::Wanted;
+use certificate::CertificateSpec;
 use folder::Names;
 
 /// Who takes part in a swarm's traffic.
@@ -28,12 +28,12 @@ pub(crate) fn roles(inventory: &Inventory) -> impl Iterator<Item = Role> {
 }
 
 /// What the certificate of this one says.
-pub(crate) fn wanted<'a>(inventory: &'a Inventory, names: &'a Names, role: Role) -> Wanted<'a> {
+pub(crate) fn certificate_spec<'a>(inventory: &'a Inventory, names: &'a Names, role: Role) -> CertificateSpec<'a> {
     let address = match role {
         Role::Vehicle(id) => inventory.nodes.get(&id).map(|node| node.address.as_str()),
         Role::Observer | Role::Operator => None,
     };
-    Wanted { role, name: name_of(names, role), address }
+    CertificateSpec { role, name: name_of(names, role), address }
 }
 
 /// The common name that counts; empty if there is none yet.

@@ -59,7 +59,7 @@ impl Flight {
     fn wait_until_it_flies(&self) {
         let runtime = self.folder.path().join("runtime/skein");
         let endpoints = wait_for(|| endpoints::find(&runtime, None).ok());
-        let mut observer = Observer::open(&endpoints.into(), Steps::Heard).unwrap();
+        let mut observer = Observer::open(&endpoints.into(), Steps::On).unwrap();
         wait_for(|| {
             observer.poll();
             let flies = |id: &u8| {

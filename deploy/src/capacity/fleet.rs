@@ -16,8 +16,8 @@ use skein_common::math;
 use skein_common::topic::Cell;
 
 use super::measure::Measured;
+use super::message_cost::{FRAME_HZ, MessageSize};
 use super::wire::{data_output_bytes, of_datagram_bytes, of_segment_bytes};
-use super::words::{FRAME_HZ, WordSize};
 
 /// Linux's least wait before it acknowledges by a segment of its own, s.
 const DELAYED_ACKNOWLEDGEMENT_S: f64 = 0.04;
@@ -50,7 +50,7 @@ pub enum Scheme {
         outward_count: usize,
     },
     /// Words of our own to one machine and back, each frame.
-    CentralWords,
+    CentralZenoh,
     /// Everybody's states to everybody.
     Mesh {
         /// When they are said.
@@ -89,14 +89,14 @@ impl Scheme {
         let apart_m = measured.talk.first().and_then(|talk| talk.nearest_pair_m);
         let near = apart_m.map(|apart_m| (9.0 * math::square(Cell::SIDE_M / apart_m)).round());
         let by_cells = near.map(|near| Self::Cells { states_hz, near });
-        [data, datarefs, Self::CentralWords, every_frame, on_need].into_iter().chain(by_cells).collect()
+        [data, datarefs, Self::CentralZenoh, every_frame, on_need].into_iter().chain(by_cells).collect()
     }
 
     /// For tables.
     pub fn name(&self) -> String {
         match self {
             Self::CentralDatagrams { name, .. } | Self::Mesh { name, .. } => (*name).to_owned(),
-            Self::CentralWords => "central, states in, commands back over Zenoh".to_owned(),
+            Self::CentralZenoh => "central, states in, commands back over Zenoh".to_owned(),
             Self::Cells { near, .. } => format!("mesh, on need, by cells, {near} near by"),
         }
     }
@@ -104,7 +104,7 @@ impl Scheme {
     /// Whether one machine stands in the middle.
     pub fn is_central(&self) -> bool {
         match self {
-            Self::CentralDatagrams { .. } | Self::CentralWords => true,
+            Self::CentralDatagrams { .. } | Self::CentralZenoh => true,
             Self::Mesh { .. } | Self::Cells { .. } => false,
         }
     }
@@ -122,11 +122,11 @@ impl Scheme {
                 let cores = cores(talk, steps_us(measured, count, others));
                 Load { port_bit_s: [inward, outward], cores, network_bit_s: inward + outward }
             }
-            Self::CentralWords => {
+            Self::CentralZenoh => {
                 let words = count * FRAME_HZ;
-                let each_way = words * word_bits(measured.state, FRAME_HZ);
+                let each_way = words * message_bits(measured.state, FRAME_HZ);
                 // A command is taken to cost what a state does; each end of a word falls here once.
-                let talk = measured.time.word_us.map(|word_us| words * word_us);
+                let talk = measured.time.message_us.map(|message_us| words * message_us);
                 let cores = cores(talk, steps_us(measured, count, others));
                 Load { port_bit_s: [each_way; 2], cores, network_bit_s: 2.0 * each_way }
             }
@@ -148,14 +148,15 @@ impl Scheme {
 
 /// A mesh in which everybody hears the states of `near` others, and everybody's part in the agreement.
 fn mesh(measured: &Measured, count: f64, near: f64, states_hz: f64) -> Load {
-    let (others, register_hz) = (count - 1.0, measured.register_hz);
-    let near_hz = states_hz + register_hz;
-    let of_near = states_hz * word_bits(measured.state, near_hz) + register_hz * word_bits(measured.register, near_hz);
-    let of_far = register_hz * word_bits(measured.register, register_hz);
+    let (others, heartbeat_hz) = (count - 1.0, measured.heartbeat_hz);
+    let near_hz = states_hz + heartbeat_hz;
+    let of_near =
+        states_hz * message_bits(measured.state, near_hz) + heartbeat_hz * message_bits(measured.register, near_hz);
+    let of_far = heartbeat_hz * message_bits(measured.register, heartbeat_hz);
     // As much is heard as said: the same pairs, the other way.
     let each_way = near * of_near + (others - near) * of_far;
-    let words = near * states_hz + others * register_hz;
-    let talk = measured.time.word_us.map(|word_us| words * word_us);
+    let words = near * states_hz + others * heartbeat_hz;
+    let talk = measured.time.message_us.map(|message_us| words * message_us);
     let cores = cores(talk, steps_us(measured, 1.0, near));
     Load { port_bit_s: [each_way; 2], cores, network_bit_s: count * each_way }
 }
@@ -170,7 +171,7 @@ fn cores(talk_us: Option<f64>, steps_us: Option<f64>) -> Option<f64> {
 }
 
 /// A word on a link that carries as many words a second each way, with its acknowledgement, bit.
-fn word_bits(word: WordSize, link_hz: f64) -> f64 {
+fn message_bits(word: MessageSize, link_hz: f64) -> f64 {
     let rides = link_hz * DELAYED_ACKNOWLEDGEMENT_S >= 1.0;
     let acknowledgement = if rides { 0 } else { of_segment_bytes(0) };
     bits(of_segment_bytes(word.segment_bytes.ceil() as usize) + acknowledgement)
@@ -182,20 +183,20 @@ fn bits(bytes: usize) -> f64 {
 
 #[cfg(test)]
 pub(super) mod tests {
-    use super::super::measure::{StepTime, Talk};
-    use super::super::words::WordTime;
+    use super::super::measure::{StateRate, StepTime};
+    use super::super::message_cost::MessageTime;
     use super::*;
 
     /// Round numbers: a state of 100 bytes takes 190 of wire, a register of 60 takes 150, an acknowledgement 90.
     pub(in super::super) fn measured() -> Measured {
-        let talk = |flight, states_hz| Talk { flight, vehicles: 4, states_hz, nearest_pair_m: Some(100.0) };
+        let talk = |flight, states_hz| StateRate { flight, vehicles: 4, states_hz, nearest_pair_m: Some(100.0) };
         Measured {
             machine: "a test".to_owned(),
             when: "20260101T000000Z".to_owned(),
-            state: WordSize { encoded_bytes: 70, segment_bytes: 100.0 },
-            register: WordSize { encoded_bytes: 30, segment_bytes: 60.0 },
-            register_hz: 5.0,
-            time: WordTime { word_us: Some(40.0), deliveries: 1 },
+            state: MessageSize { encoded_bytes: 70, segment_bytes: 100.0 },
+            register: MessageSize { encoded_bytes: 30, segment_bytes: 60.0 },
+            heartbeat_hz: 5.0,
+            time: MessageTime { message_us: Some(40.0), deliveries: 1 },
             datagram_us: Some([6.0, 2.0]),
             talk: vec![talk("hover", 5.0), talk("flock", 10.0)],
             step: Some(StepTime { alone_us: 2.0, per_peer_us: 0.5 }),
@@ -221,7 +222,7 @@ pub(super) mod tests {
         near(rows.cores.unwrap(), 10.0 * 50.0 * (2.0 + 6.0 + 2.0 + 0.5 * 9.0) * 1e-6);
         let datarefs = load(&schemes[1], 10);
         near(datarefs.port_bit_s[1], 10.0 * 50.0 * 4.0 * 575.0 * 8.0);
-        let words = load(&Scheme::CentralWords, 10);
+        let words = load(&Scheme::CentralZenoh, 10);
         near(words.port_bit_s[0], 10.0 * 50.0 * 190.0 * 8.0);
         near(words.cores.unwrap(), 10.0 * 50.0 * (40.0 + 2.0 + 0.5 * 9.0) * 1e-6);
     }

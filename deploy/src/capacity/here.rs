@@ -3,14 +3,14 @@
 use std::io::{self, BufRead, IsTerminal, Write};
 
 use super::measure::{self, StepTime};
-use super::words::{self, FRAME_HZ};
+use super::message_cost::{self, FRAME_HZ};
 use crate::os;
 use skein_lab::error::Error;
 
 /// Smaller swarms fit onto any PC: so many vehicles a core are not measured.
 const UNMEASURED_A_CORE: usize = 4;
 /// How long sessions are silent, and how long they talk, s.
-const TALK_S: f64 = 0.6;
+const SENDING_S: f64 = 0.6;
 /// So often is measured what a message costs: where other programs use the processor, silence can seem dearer than talk.
 const TRIES: usize = 3;
 /// Each flight's length in virtual time, s.
@@ -24,7 +24,7 @@ struct Costs {
     /// How often a vehicle sends its state, Hz.
     states_hz: f64,
     /// How often it sends its register, Hz.
-    register_hz: f64,
+    heartbeat_hz: f64,
     /// Its steps, flight model included.
     step: StepTime,
 }
@@ -36,8 +36,8 @@ impl Costs {
     /// If sessions cannot be opened, or nothing comes through.
     fn measure() -> Result<Option<Self>, Error> {
         let failed = |why: String| Error::Failed(format!("what this PC carries: {why}"));
-        let message_us = (0..TRIES).find_map(|_| match words::time(TALK_S) {
-            Ok(time) => time.word_us.map_or(Some(Ok(None)), |us| (us > 0.0).then_some(Ok(Some(us)))),
+        let message_us = (0..TRIES).find_map(|_| match message_cost::time(SENDING_S) {
+            Ok(time) => time.message_us.map_or(Some(Ok(None)), |us| (us > 0.0).then_some(Ok(Some(us)))),
             Err(why) => Some(Err(why)),
         });
         let busy = || Err("other programs use so much of it that the cost of a message cannot be measured".to_owned());
@@ -45,14 +45,14 @@ impl Costs {
         let (talk, step) = measure::flights(FLIGHT_S).map_err(failed)?;
         let states_hz = talk.iter().map(|talk| talk.states_hz).fold(0.0, f64::max);
         let known = message_us.zip(step);
-        Ok(known.map(|(message_us, step)| Self { message_us, states_hz, register_hz: measure::REGISTER_HZ, step }))
+        Ok(known.map(|(message_us, step)| Self { message_us, states_hz, heartbeat_hz: measure::HEARTBEAT_HZ, step }))
     }
 
     /// Cores that these agents ask for.
     fn cores(&self, Demand { agents, swarm, traces }: Demand) -> f64 {
         let (count, others) = (agents as f64, swarm as f64 - 1.0);
         let traces = if traces { count * FRAME_HZ } else { 0.0 };
-        let messages = count * others * (self.states_hz + self.register_hz) + traces;
+        let messages = count * others * (self.states_hz + self.heartbeat_hz) + traces;
         let steps_us = count * FRAME_HZ * (self.step.alone_us + self.step.per_peer_us * others);
         (messages * self.message_us + steps_us) * 1e-6
     }
@@ -117,7 +117,7 @@ pub fn ask_for(vehicles: usize, anyway: bool) -> Result<(), Error> {
     }
     eprintln!("measuring what this PC carries");
     let Some(costs) = Costs::measure()? else { return Ok(()) };
-    judge(&costs, demand, cores, agrees)
+    check_demand(&costs, demand, cores, agrees)
 }
 
 /// Why these agents do not fit onto so many cores; `None` if they do.
@@ -130,12 +130,12 @@ fn finding(costs: &Costs, demand: Demand, cores: usize) -> Option<String> {
             "{agents} for {needed:.1} cores and this PC has {cores}: it carries {most} (measured just now: {:.0} us of \
              processor for a message, {:.0} messages a second of each agent to each other)",
             costs.message_us,
-            costs.states_hz + costs.register_hz
+            costs.states_hz + costs.heartbeat_hz
         )
     })
 }
 
-fn judge(costs: &Costs, demand: Demand, cores: usize, ask: impl FnOnce(&str) -> bool) -> Result<(), Error> {
+fn check_demand(costs: &Costs, demand: Demand, cores: usize, ask: impl FnOnce(&str) -> bool) -> Result<(), Error> {
     let Some(finding) = finding(costs, demand, cores) else { return Ok(()) };
     let most = costs.most(demand, cores as f64);
     if ask(&finding) {
@@ -166,7 +166,7 @@ mod tests {
     const COSTS: Costs = Costs {
         message_us: 100.0,
         states_hz: 5.0,
-        register_hz: 5.0,
+        heartbeat_hz: 5.0,
         step: StepTime { alone_us: 10.0, per_peer_us: 0.0 },
     };
 
@@ -193,9 +193,9 @@ mod tests {
 
     #[test]
     fn a_swarm_that_does_not_fit_is_refused_with_a_figure_unless_its_user_wants_it() {
-        assert!(judge(&COSTS, Demand::whole(32), 2, |_| panic!("asked")).is_ok());
-        assert!(judge(&COSTS, Demand::whole(64), 2, |_| true).is_ok());
-        let refused = judge(&COSTS, Demand::whole(64), 2, |_| false).unwrap_err();
+        assert!(check_demand(&COSTS, Demand::whole(32), 2, |_| panic!("asked")).is_ok());
+        assert!(check_demand(&COSTS, Demand::whole(64), 2, |_| true).is_ok());
+        let refused = check_demand(&COSTS, Demand::whole(64), 2, |_| false).unwrap_err();
         assert_eq!(refused.exit_code(), 2);
         let most = COSTS.most(Demand::whole(64), 2.0);
         let said = refused.to_string();

@@ -7,8 +7,8 @@ use serde::Serialize;
 use skein_common::scenario::{Source, load};
 use skein_core::deadlines::HEARTBEAT_PERIOD_S;
 
+use super::message_cost::{self, FRAME_HZ, MessageSize, MessageTime};
 use super::wire::data_output_bytes;
-use super::words::{self, FRAME_HZ, WordSize, WordTime};
 use crate::os::cpu_s;
 use skein_host::clock::utc_name;
 use skein_lab::error::Error;
@@ -16,7 +16,7 @@ use skein_lab::scenario::{FLOCK, HOVER, ScenarioArgs};
 use skein_lab::study::Study;
 
 /// How often an agent sends its part in the agreement, Hz.
-pub(super) const REGISTER_HZ: f64 = 1.0 / HEARTBEAT_PERIOD_S;
+pub(super) const HEARTBEAT_HZ: f64 = 1.0 / HEARTBEAT_PERIOD_S;
 
 /// How much to measure; less is less exact.
 #[derive(Clone, Copy, Debug)]
@@ -24,7 +24,7 @@ pub struct Effort {
     /// Words of each kind whose bytes are counted.
     pub words: u32,
     /// How long sessions are silent, and how long they talk, s.
-    pub talk_s: f64,
+    pub sending_s: f64,
     /// Datagrams that are sent and received, in batches that a socket holds.
     pub batches: u32,
     /// Each flight's length at most, in virtual time, s.
@@ -33,7 +33,7 @@ pub struct Effort {
 
 impl Effort {
     /// What `skein report --capacity` takes: some ten seconds.
-    pub const FULL: Self = Self { words: 200, talk_s: 3.0, batches: 200, flight_s: 400.0 };
+    pub const FULL: Self = Self { words: 200, sending_s: 3.0, batches: 200, flight_s: 400.0 };
 }
 
 /// What was measured, where and when.
@@ -44,24 +44,24 @@ pub struct Measured {
     /// UTC, as files are named.
     pub when: String,
     /// A vehicle's state.
-    pub state: WordSize,
+    pub state: MessageSize,
     /// Its part in the agreement.
-    pub register: WordSize,
+    pub register: MessageSize,
     /// How often that is repeated to everybody, Hz: the agents' constant.
-    pub register_hz: f64,
+    pub heartbeat_hz: f64,
     /// What a state costs the processor.
-    pub time: WordTime,
+    pub time: MessageTime,
     /// Processor time to send and to receive a datagram of seven rows over loopback, µs.
     pub datagram_us: Option<[f64; 2]>,
     /// How often vehicles say their state.
-    pub talk: Vec<Talk>,
+    pub talk: Vec<StateRate>,
     /// What a vehicle's step costs.
     pub step: Option<StepTime>,
 }
 
 /// How often a vehicle says its state on need, in virtual time.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Talk {
+pub struct StateRate {
     /// What flew.
     pub flight: &'static str,
     /// How many flew.
@@ -87,8 +87,8 @@ pub struct StepTime {
 /// If sockets or sessions cannot be opened, or nothing comes through.
 pub fn measure(effort: Effort) -> Result<Measured, Error> {
     let failed = |why: String| Error::Failed(format!("capacity: {why}"));
-    let [state, register] = words::sizes(effort.words).map_err(failed)?;
-    let time = words::time(effort.talk_s).map_err(failed)?;
+    let [state, register] = message_cost::sizes(effort.words).map_err(failed)?;
+    let time = message_cost::time(effort.sending_s).map_err(failed)?;
     let datagram_us = datagram_us(effort.batches).map_err(|error| failed(error.to_string()))?;
     let (talk, step) = flights(effort.flight_s).map_err(failed)?;
     Ok(Measured {
@@ -96,7 +96,7 @@ pub fn measure(effort: Effort) -> Result<Measured, Error> {
         when: utc_name(),
         state,
         register,
-        register_hz: REGISTER_HZ,
+        heartbeat_hz: HEARTBEAT_HZ,
         time,
         datagram_us,
         talk,
@@ -137,7 +137,7 @@ fn datagram_us(batches: u32) -> std::io::Result<Option<[f64; 2]>> {
 }
 
 /// What vehicles say in short flights, and what their steps cost.
-pub(super) fn flights(flight_s: f64) -> Result<(Vec<Talk>, Option<StepTime>), String> {
+pub(super) fn flights(flight_s: f64) -> Result<(Vec<StateRate>, Option<StepTime>), String> {
     let gusts = ["world.wind_m_s=5", "world.gust_w20_m_s=5"];
     let (hover, step_us) = flight("hover", HOVER, &[], flight_s)?;
     let (windy, _) = flight("hover in wind and gusts", HOVER, &gusts, flight_s)?;
@@ -152,7 +152,12 @@ pub(super) fn flights(flight_s: f64) -> Result<(Vec<Talk>, Option<StepTime>), St
 }
 
 /// One flight, and the processor time of one step of one of its vehicles, µs.
-fn flight(name: &'static str, source: Source<'_>, sets: &[&str], flight_s: f64) -> Result<(Talk, Option<f64>), String> {
+fn flight(
+    name: &'static str,
+    source: Source<'_>,
+    sets: &[&str],
+    flight_s: f64,
+) -> Result<(StateRate, Option<f64>), String> {
     let sets: Vec<_> = sets.iter().map(|set| (*set).to_owned()).chain([format!("duration_s={flight_s}")]).collect();
     let scenario = load(&source, &sets).map_err(|fault| fault.to_string())?.scenario;
     let ready = ScenarioArgs::default().ready(&scenario).map_err(|error| error.to_string())?;
@@ -166,5 +171,5 @@ fn flight(name: &'static str, source: Source<'_>, sets: &[&str], flight_s: f64) 
     let vehicle_seconds = vehicles as f64 * report.real_time_factor * report.wall_s;
     let states_hz = report.state_messages as f64 / vehicle_seconds;
     let step_us = spent_s.map(|spent_s| spent_s * 1e6 / (vehicle_seconds * FRAME_HZ));
-    Ok((Talk { flight: name, vehicles, states_hz, nearest_pair_m: report.nearest_pair_end_m }, step_us))
+    Ok((StateRate { flight: name, vehicles, states_hz, nearest_pair_m: report.nearest_pair_end_m }, step_us))
 }

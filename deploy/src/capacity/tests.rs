@@ -2,12 +2,12 @@ use super::*;
 
 #[test]
 fn what_is_measured_here_is_sane() {
-    let measured = measure(Effort { words: 20, talk_s: 0.2, batches: 5, flight_s: 20.0 }).unwrap();
+    let measured = measure(Effort { words: 20, sending_s: 0.2, batches: 5, flight_s: 20.0 }).unwrap();
     for word in [measured.state, measured.register] {
         assert!(word.segment_bytes > word.encoded_bytes as f64, "{word:?}");
     }
     assert!(!measured.machine.is_empty() && measured.when.ends_with('Z'));
-    assert_eq!(measured.register_hz, 5.0);
+    assert_eq!(measured.heartbeat_hz, 5.0);
     for talk in &measured.talk {
         assert!(
             (1.0..=50.0).contains(&talk.states_hz),
@@ -49,7 +49,7 @@ fn the_tables_say_what_was_measured_and_what_fits() {
 fn without_processor_times_there_are_still_bytes() {
     let measured = fleet::tests::measured();
     let measured =
-        Measured { time: WordTime { word_us: None, deliveries: 0 }, datagram_us: None, step: None, ..measured };
+        Measured { time: MessageTime { message_us: None, deliveries: 0 }, datagram_us: None, step: None, ..measured };
     let capacity = Capacity::of(measured);
     assert!(capacity.schemes.iter().all(|fits| fits.one_core.is_none() && fits.port_1_gbit > 0));
     assert!(capacity.to_text().contains('–'));

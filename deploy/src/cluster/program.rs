@@ -68,9 +68,9 @@ impl Program {
             (Some((major, minor)), None) => {
                 Err(format!("has no GNU C library, and {path} wants {major}.{minor}; name another with `binary`"))
             }
-            (Some(wanted), Some(there)) if wanted > there => Err(format!(
+            (Some(required), Some(there)) if required > there => Err(format!(
                 "has the C library {}.{}, and {path} wants {}.{}; name one that was built for an older one with `binary`",
-                there.0, there.1, wanted.0, wanted.1
+                there.0, there.1, required.0, required.1
             )),
             _ => Ok(()),
         }
@@ -127,11 +127,11 @@ impl<'a> Elf<'a> {
         let texts = self.number::<8>(self.section(self.number::<4>(needed + 0x28)?)? + 0x18)?;
         let mut newest = None;
         for _ in 0..libraries {
-            let mut wanted = library.checked_add(self.number::<4>(library + 8)?)?;
+            let mut required = library.checked_add(self.number::<4>(library + 8)?)?;
             for _ in 0..self.number::<2>(library + 2)? {
-                let name = self.text(texts.checked_add(self.number::<4>(wanted + 8)?)?);
+                let name = self.text(texts.checked_add(self.number::<4>(required + 8)?)?);
                 newest = newest.max(name.and_then(|name| version(name.strip_prefix("GLIBC_")?)));
-                wanted = wanted.checked_add(self.number::<4>(wanted + 12)?)?;
+                required = required.checked_add(self.number::<4>(required + 12)?)?;
             }
             library = library.checked_add(self.number::<4>(library + 12)?)?;
         }

@@ -30,7 +30,7 @@ impl Watch {
     /// # Errors
     /// If Zenoh refuses.
     pub fn open(reach: &Reach, run: u64) -> Result<Self, Error> {
-        Ok(Self { observer: Observer::open(reach, Steps::Unheard)?, run })
+        Ok(Self { observer: Observer::open(reach, Steps::Off)?, run })
     }
 
     /// What keeps this vehicle from being ready, in words; in a life after this one.
@@ -41,8 +41,8 @@ impl Watch {
     /// The run that each vehicle in contact flies in, by its own word, where runs are sealed.
     pub fn named_runs(&mut self) -> BTreeMap<VehicleId, u64> {
         self.observer.poll();
-        let there = self.observer.vehicles().iter().filter(|(_, seen)| seen.alive);
-        there.filter_map(|(id, seen)| Some((*id, seen.run.filter(|run| *run != 0)?))).collect()
+        let there = self.observer.vehicles().iter().filter(|(_, view)| view.alive);
+        there.filter_map(|(id, view)| Some((*id, view.run.filter(|run| *run != 0)?))).collect()
     }
 
     /// In which life it is now: it is given a moment to be heard.
@@ -50,7 +50,7 @@ impl Watch {
         let until = clock::now() + HEARD;
         loop {
             self.observer.poll();
-            let said = self.observer.vehicles().get(&id).and_then(|seen| seen.mission.as_ref());
+            let said = self.observer.vehicles().get(&id).and_then(|view| view.mission.as_ref());
             if said.is_some() || clock::now() >= until {
                 return said.map(|said| said.header.incarnation);
             }
@@ -60,7 +60,7 @@ impl Watch {
 
     /// Whether its token is there.
     pub fn is_there(&self, id: VehicleId) -> bool {
-        self.observer.vehicles().get(&id).is_some_and(|seen| seen.alive)
+        self.observer.vehicles().get(&id).is_some_and(|view| view.alive)
     }
 
     /// Waits until all of these are ready, each in a life after the one given with it; for each until its own `until`. Tells
@@ -114,19 +114,19 @@ impl Watch {
     }
 }
 
-fn lacks(seen: Option<&Seen>, run: u64, after: Option<Incarnation>) -> Option<String> {
-    let Some((seen, true)) = seen.map(|seen| (seen, seen.alive)) else {
+fn lacks(view: Option<&Seen>, run: u64, after: Option<Incarnation>) -> Option<String> {
+    let Some((view, true)) = view.map(|view| (view, view.alive)) else {
         return Some("not heard on the network".to_owned());
     };
-    let Some(mission) = &seen.mission else { return Some("there, but silent".to_owned()) };
+    let Some(mission) = &view.mission else { return Some("there, but silent".to_owned()) };
     if after.is_some_and(|before| mission.header.incarnation <= before) {
         return Some("not started again".to_owned());
     }
-    if seen.run.is_some_and(|said| said != run) {
+    if view.run.is_some_and(|said| said != run) {
         return Some("flies in another run of the swarm; `skein cluster down` first".to_owned());
     }
     match mission.membership {
-        Membership::Active if seen.health.is_some() && seen.health_run.is_none_or(|said| said == run) => None,
+        Membership::Active if view.health.is_some() && view.health_run.is_none_or(|said| said == run) => None,
         Membership::Active => Some("does not tell how it does".to_owned()),
         Membership::Joining => Some("joins still: it waits for its simulator, or listens".to_owned()),
         Membership::Left => Some("has landed for good".to_owned()),

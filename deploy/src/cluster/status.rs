@@ -141,7 +141,7 @@ impl Status {
 
 /// Why a vehicle in contact is not believed, where that is because of the run that it flies in.
 fn stray(observer: &Observer, id: VehicleId) -> Option<String> {
-    let run = observer.vehicles().get(&id).filter(|seen| seen.alive)?.run?;
+    let run = observer.vehicles().get(&id).filter(|view| view.alive)?.run?;
     match observer.run() {
         Some(flown) if flown == run => None,
         Some(flown) => Some(format!("flies in run {run}, and the swarm in run {flown}")),
@@ -190,7 +190,7 @@ impl Said {
 /// If the swarm cannot be listened to, a node is not heard, or one is faulty.
 pub fn run(args: &StatusArgs) -> Result<(), Error> {
     let inventory = Inventory::read(&args.file.file)?;
-    let observer = Observer::open(&inventory.reach(Role::Observer)?, Steps::Unheard);
+    let observer = Observer::open(&inventory.reach(Role::Observer)?, Steps::Off);
     let mut observer = observer.map_err(|error| Error::Failed(error.to_string()))?;
     let file = args.file.file.display().to_string();
     let mut until = clock::now() + LISTEN;

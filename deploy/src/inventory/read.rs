@@ -238,8 +238,9 @@ impl Reader<'_> {
 
     /// Where its simulator is, for plants that have one: as the node says, as all say, as the scenario says.
     fn xplane(&self, plant: PlantKind, scenario: &Loaded) -> Result<Option<String>, ScenarioError> {
-        let wanted = "HOST[:PORT] of a simulator";
-        let said = self.checked("xplane", wanted, |text| !text.starts_with('-') && text.parse::<HostPort>().is_ok())?;
+        let expected = "HOST[:PORT] of a simulator";
+        let said =
+            self.checked("xplane", expected, |text| !text.starts_with('-') && text.parse::<HostPort>().is_ok())?;
         if plant != PlantKind::Builtin {
             return Ok(said.or_else(|| scenario.scenario.vehicle(self.id)?.xplane.clone()));
         }
@@ -263,13 +264,13 @@ impl Reader<'_> {
     fn checked(
         &self,
         key: &str,
-        wanted: &str,
+        expected: &str,
         is_good: impl Fn(&str) -> bool,
     ) -> Result<Option<String>, ScenarioError> {
         match self.word(key) {
             Some(text) if !is_good(&text) => {
                 let path = self.path(key);
-                Err(self.written.fault(&path, format!("`{path}` is \"{text}\", but has to be {wanted}"), None))
+                Err(self.written.fault(&path, format!("`{path}` is \"{text}\", but has to be {expected}"), None))
             }
             text => Ok(text),
         }

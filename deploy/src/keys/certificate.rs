@@ -31,7 +31,7 @@ pub(crate) struct Pair {
 
 /// What a certificate is to say.
 #[derive(Clone, Debug)]
-pub(crate) struct Wanted<'a> {
+pub(crate) struct CertificateSpec<'a> {
     pub(crate) role: Role,
     /// Its common name.
     pub(crate) name: &'a str,
@@ -133,14 +133,19 @@ impl Authority {
     }
 
     /// The certificate of this private key, PEM.
-    pub(crate) fn issue(&self, wanted: &Wanted<'_>, key: &str, now: OffsetDateTime) -> Result<String, rcgen::Error> {
+    pub(crate) fn issue(
+        &self,
+        spec: &CertificateSpec<'_>,
+        key: &str,
+        now: OffsetDateTime,
+    ) -> Result<String, rcgen::Error> {
         let key = KeyPair::from_pem(key)?;
-        let mut params = CertificateParams::new(wanted.address.map(str::to_owned).into_iter().collect::<Vec<_>>())?;
+        let mut params = CertificateParams::new(spec.address.map(str::to_owned).into_iter().collect::<Vec<_>>())?;
         params.distinguished_name = DistinguishedName::new();
-        params.distinguished_name.push(DnType::CommonName, wanted.name);
+        params.distinguished_name.push(DnType::CommonName, spec.name);
         params.key_usages = vec![KeyUsagePurpose::DigitalSignature];
         params.extended_key_usages = vec![ExtendedKeyUsagePurpose::ClientAuth];
-        if matches!(wanted.role, Role::Vehicle(_)) {
+        if matches!(spec.role, Role::Vehicle(_)) {
             // Agents are dialled too.
             params.extended_key_usages.push(ExtendedKeyUsagePurpose::ServerAuth);
         }
@@ -170,7 +175,7 @@ pub(crate) fn shows(certificate: &str) -> Option<Known> {
 }
 
 /// Why this pair, signed by the authority with this certificate, does not serve as it should, if so.
-pub(crate) fn unfit(pair: &Pair, wanted: &Wanted<'_>, authority: &str, now: OffsetDateTime) -> Option<Unfit> {
+pub(crate) fn unfit(pair: &Pair, spec: &CertificateSpec<'_>, authority: &str, now: OffsetDateTime) -> Option<Unfit> {
     let (own, authority) = (pem(&pair.certificate), pem(authority));
     let (own, authority) = (own.as_ref(), authority.as_ref());
     let parsed = own.and_then(|own| own.parse_x509().ok()).zip(authority.and_then(|its| its.parse_x509().ok()));
@@ -180,8 +185,8 @@ pub(crate) fn unfit(pair: &Pair, wanted: &Wanted<'_>, authority: &str, now: Offs
     let faults = [
         (own.verify_signature(Some(authority.public_key())).is_err(), Unfit::Stranger),
         (own.public_key().subject_public_key.data.as_ref() != key.der_bytes(), Unfit::OtherKey),
-        (common_name(&own) != Some(wanted.name), Unfit::OtherName),
-        (!wanted.address.is_none_or(|address| is_for(&own, address)), Unfit::OtherAddress),
+        (common_name(&own) != Some(spec.name), Unfit::OtherName),
+        (!spec.address.is_none_or(|address| is_for(&own, address)), Unfit::OtherAddress),
     ];
     faults.into_iter().find(|(is_so, _)| *is_so).map(|(_, fault)| fault).or_else(|| ends(&own, now))
 }

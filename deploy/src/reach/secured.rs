@@ -12,7 +12,7 @@ use crate::inventory::Inventory;
 use crate::keys::certificate::{Unfit, unfit};
 use crate::keys::folder::{AUTHORITY, Folder, ORDERS_KEY, ORDERS_PUBLIC, certificate_file, key_file};
 use crate::keys::run::RunFile;
-use crate::keys::{Role, wanted};
+use crate::keys::{Role, certificate_spec};
 use skein_host::clock;
 use skein_lab::error::Error;
 
@@ -31,8 +31,8 @@ impl Inventory {
         folder.check_private_file(&key)?;
         let pair = folder.need_pair(&certificate, &key)?;
         let mut names = folder.need_names()?;
-        if let Some(why) =
-            unfit(&pair, &wanted(self, &names, role), &folder.need(AUTHORITY)?, clock::utc()).filter(Unfit::is_fatal)
+        if let Some(why) = unfit(&pair, &certificate_spec(self, &names, role), &folder.need(AUTHORITY)?, clock::utc())
+            .filter(Unfit::is_fatal)
         {
             let path = folder.path(&certificate);
             let remedy = format!("`skein cluster keys -f {}` issues it anew", self.path.display());

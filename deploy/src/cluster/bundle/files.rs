@@ -14,8 +14,8 @@ use super::{Bundle, BundleFile, SCENARIO};
 use crate::inventory::{Install, Inventory, Node, SecurityKind};
 use crate::keys::Role;
 use crate::keys::certificate::{Unfit, unfit};
+use crate::keys::certificate_spec;
 use crate::keys::folder::{AUTHORITY, Folder, NAMES, Names, ORDERS_PUBLIC, certificate_file, key_file, vehicles_toml};
-use crate::keys::wanted;
 use crate::reach::orders_key;
 use skein_host::clock;
 use skein_lab::error::Error;
@@ -141,8 +141,8 @@ impl Bundle {
         let orders = orders_key(&keys)?;
         for (role, place) in [(Role::Vehicle(node.id), "node"), (Role::Observer, "keys/observer")] {
             let pair = keys.need_pair(&certificate_file(role), &key_file(role))?;
-            if let Some(why) =
-                unfit(&pair, &wanted(inventory, &names, role), &authority, clock::utc()).filter(Unfit::is_fatal)
+            if let Some(why) = unfit(&pair, &certificate_spec(inventory, &names, role), &authority, clock::utc())
+                .filter(Unfit::is_fatal)
             {
                 let path = keys.path(&certificate_file(role));
                 let remedy = format!("`skein cluster keys -f {}` issues it anew", inventory.path.display());

@@ -114,7 +114,7 @@ fn a_certificate_says_who_where_and_until_when() {
     let folder = Folder(inventory.keys.clone());
     let names = folder.need_names().unwrap();
     let authority = folder.need(AUTHORITY).unwrap();
-    let its = |role| wanted(&inventory, &names, role);
+    let its = |role| certificate_spec(&inventory, &names, role);
     for role in roles(&inventory) {
         assert_eq!(unfit(&pair(&folder, role), &its(role), &authority, now), None, "{role:?}");
     }

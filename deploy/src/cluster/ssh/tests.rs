@@ -70,8 +70,8 @@ fn the_command_line_leaves_everything_to_peoples_configuration() {
         "{plain} -o ControlMaster=auto -o ControlPersist=60 -o ControlPath=/run/user/7/skein/s-%C -o ServerAliveInterval=5 \
          -o ServerAliveCountMax=2 -l lab"
     );
-    let wanted = [plain, "-- heli1", "uname -sm", &shared, "-- heli2", "sh -c 'x y'", &shared, "-O exit -- heli2"];
-    assert_eq!(said.replace('\n', " ").trim_end(), wanted.join(" "));
+    let expected = [plain, "-- heli1", "uname -sm", &shared, "-- heli2", "sh -c 'x y'", &shared, "-O exit -- heli2"];
+    assert_eq!(said.replace('\n', " ").trim_end(), expected.join(" "));
     assert!(!said.contains("KnownHosts") && !said.contains("StrictHostKey"));
     let typed = shown(Command::new("ssh").args(["-o", "A=b", "--", "heli1", "sh -c 'x'"]));
     assert_eq!(typed, r"ssh -o A=b -- heli1 'sh -c '\''x'\'''");

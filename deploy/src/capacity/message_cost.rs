@@ -28,13 +28,13 @@ const SESSIONS: u8 = 4;
 /// What all of them fly.
 const PLAN: u64 = u64::MAX / 3;
 /// How long words may take, s.
-const PATIENCE: Duration = Duration::from_secs(5);
+const TIMEOUT: Duration = Duration::from_secs(5);
 /// Pause before looking again, and between words that are counted.
 const PAUSE: Duration = Duration::from_millis(2);
 
 /// One kind of word on its way.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct WordSize {
+pub struct MessageSize {
     /// Encoded, bytes.
     pub encoded_bytes: usize,
     /// With its key and what Zenoh adds, on a TCP link, bytes.
@@ -43,9 +43,9 @@ pub struct WordSize {
 
 /// What a word costs the processor.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct WordTime {
+pub struct MessageTime {
     /// From one agent's hands into another's, both ends together, µs; `None` where the system does not tell.
-    pub word_us: Option<f64>,
+    pub message_us: Option<f64>,
     /// How many words were timed.
     pub deliveries: u64,
 }
@@ -54,9 +54,9 @@ pub struct WordTime {
 ///
 /// # Errors
 /// If sessions cannot be opened, or what they say does not come through.
-pub(super) fn sizes(count: u32) -> Result<[WordSize; 2], String> {
+pub(super) fn sizes(count: u32) -> Result<[MessageSize; 2], String> {
     let mut counts = None;
-    let mut pair = Speaker::mesh(2, |listener| {
+    let mut pair = LinkEnd::mesh(2, |listener| {
         let (address, counted) = relay::open(listener)?;
         counts.get_or_insert(counted);
         Ok(address)
@@ -65,61 +65,61 @@ pub(super) fn sizes(count: u32) -> Result<[WordSize; 2], String> {
     let [one, two] = pair.as_mut_slice() else { return Err("not two sessions".to_owned()) };
     // The second dials the first.
     Ok([
-        size(one, two, &counts.to_dialler, count, Speaker::say_state)?,
-        size(one, two, &counts.to_dialler, count, Speaker::say_register)?,
+        size(one, two, &counts.to_dialler, count, LinkEnd::say_state)?,
+        size(one, two, &counts.to_dialler, count, LinkEnd::send_heartbeat)?,
     ])
 }
 
 fn size(
-    one: &mut Speaker,
-    two: &mut Speaker,
+    one: &mut LinkEnd,
+    two: &mut LinkEnd,
     bytes: &AtomicU64,
     count: u32,
-    say: fn(&mut Speaker) -> usize,
-) -> Result<WordSize, String> {
+    say: fn(&mut LinkEnd) -> usize,
+) -> Result<MessageSize, String> {
     // What is said once, to introduce a key, does not count.
     say(one);
-    until(|| two.has_heard(one))?;
+    until(|| two.has_received_all_of(one))?;
     let before = bytes.load(Relaxed);
     let mut encoded_bytes = 0;
     for _ in 0..count {
         encoded_bytes = say(one);
         sleep_until(now() + PAUSE);
     }
-    until(|| two.has_heard(one))?;
-    Ok(WordSize { encoded_bytes, segment_bytes: (bytes.load(Relaxed) - before) as f64 / f64::from(count) })
+    until(|| two.has_received_all_of(one))?;
+    Ok(MessageSize { encoded_bytes, segment_bytes: (bytes.load(Relaxed) - before) as f64 / f64::from(count) })
 }
 
 /// The time of a state, from sessions that are silent for so long, and then say one each frame for as long.
 ///
 /// # Errors
 /// As [`sizes`].
-pub(super) fn time(talk_s: f64) -> Result<WordTime, String> {
-    let mut mesh = Speaker::mesh(SESSIONS, Ok)?;
-    let silent_s = talk(&mut mesh, talk_s, false);
+pub(super) fn time(sending_s: f64) -> Result<MessageTime, String> {
+    let mut mesh = LinkEnd::mesh(SESSIONS, Ok)?;
+    let silent_s = talk(&mut mesh, sending_s, false);
     let before = delivered(&mesh);
-    let talking_s = talk(&mut mesh, talk_s, true);
-    let heard_all = |mesh: &mut [Speaker]| {
+    let talking_s = talk(&mut mesh, sending_s, true);
+    let heard_all = |mesh: &mut [LinkEnd]| {
         let said: Vec<_> = mesh.iter().map(|speaker| speaker.said).collect();
-        mesh.iter_mut().all(|speaker| speaker.hears_up_to(&said))
+        mesh.iter_mut().all(|speaker| speaker.has_received_up_to(&said))
     };
     until(|| heard_all(&mut mesh))?;
     let deliveries = delivered(&mesh) - before;
     let spent_s = talking_s.zip(silent_s).map(|(talking_s, silent_s)| (talking_s - silent_s).max(0.0));
-    Ok(WordTime { word_us: spent_s.map(|spent_s| spent_s * 1e6 / deliveries.max(1) as f64), deliveries })
+    Ok(MessageTime { message_us: spent_s.map(|spent_s| spent_s * 1e6 / deliveries.max(1) as f64), deliveries })
 }
 
 /// Processor time of this process while the sessions take their turns, one after the other, and speak or do not.
-fn talk(mesh: &mut [Speaker], talk_s: f64, aloud: bool) -> Option<f64> {
+fn talk(mesh: &mut [LinkEnd], sending_s: f64, is_sending: bool) -> Option<f64> {
     let begin_s = cpu_s();
-    let turn = Duration::from_secs_f64(1.0 / (FRAME_HZ * mesh.len() as f64));
+    let interval = Duration::from_secs_f64(1.0 / (FRAME_HZ * mesh.len() as f64));
     let mut next = now();
-    for _ in 0..(talk_s * FRAME_HZ) as u64 {
+    for _ in 0..(sending_s * FRAME_HZ) as u64 {
         for speaker in mesh.iter_mut() {
             sleep_until(next);
-            next += turn;
+            next += interval;
             speaker.listen();
-            if aloud {
+            if is_sending {
                 speaker.say_state();
             }
         }
@@ -128,12 +128,12 @@ fn talk(mesh: &mut [Speaker], talk_s: f64, aloud: bool) -> Option<f64> {
 }
 
 /// Words that have arrived at anybody.
-fn delivered(mesh: &[Speaker]) -> u64 {
-    mesh.iter().flat_map(|speaker| &speaker.heard_of).sum()
+fn delivered(mesh: &[LinkEnd]) -> u64 {
+    mesh.iter().flat_map(|speaker| &speaker.newest).sum()
 }
 
 fn until(mut done: impl FnMut() -> bool) -> Result<(), String> {
-    let deadline = now() + PATIENCE;
+    let deadline = now() + TIMEOUT;
     while !done() {
         if now() > deadline {
             return Err("what sessions say over loopback does not come through".to_owned());
@@ -144,7 +144,7 @@ fn until(mut done: impl FnMut() -> bool) -> Result<(), String> {
 }
 
 /// An agent's edge to the others.
-struct Speaker {
+struct LinkEnd {
     link: Link,
     id: VehicleId,
     incarnation: Incarnation,
@@ -152,11 +152,11 @@ struct Speaker {
     /// Its words so far, of whatever kind: they are numbered from 1.
     said: u64,
     /// The number of each one's newest word, in the order of ids.
-    heard_of: Vec<u64>,
+    newest: Vec<u64>,
     heard: Vec<Heard>,
 }
 
-impl Speaker {
+impl LinkEnd {
     /// Vehicles 1 to `count`, each of which dials those before it at `through` of their address; all hear each other.
     fn mesh(
         count: u8,
@@ -164,15 +164,15 @@ impl Speaker {
     ) -> Result<Vec<Self>, String> {
         let incarnation = new_incarnation();
         // Nobody else's swarm has this name.
-        let swarm = SwarmName::new(format!("{}-{}", process::id(), incarnation.0)).map_err(in_words)?;
+        let swarm = SwarmName::new(format!("{}-{}", process::id(), incarnation.0)).map_err(to_text)?;
         let clock = LocalClock::start();
         let (mut mesh, mut dial) = (Vec::new(), Vec::new());
         for id in VehicleId::first(count.into()) {
             let sessions =
-                Sessions::open(&swarm, &["tcp/127.0.0.1:0".to_owned()], &dial, &Security::Plain).map_err(in_words)?;
+                Sessions::open(&swarm, &["tcp/127.0.0.1:0".to_owned()], &dial, &Security::Plain).map_err(to_text)?;
             let listens = sessions.endpoints().into_iter().next().unwrap_or_default();
-            let listens = listens.trim_start_matches("tcp/").parse().map_err(in_words)?;
-            dial.push(format!("tcp/{}", through(listens).map_err(in_words)?));
+            let listens = listens.trim_start_matches("tcp/").parse().map_err(to_text)?;
+            dial.push(format!("tcp/{}", through(listens).map_err(to_text)?));
             let trust = Trust {
                 swarm: swarm.clone(),
                 vehicles: count.into(),
@@ -182,16 +182,16 @@ impl Speaker {
                 voices: Voices::plain(swarm.clone()),
                 sealer: None,
             };
-            let link = Link::new(sessions, id, clock, trust).map_err(in_words)?;
-            let (said, heard_of, heard) = (0, vec![0; count.into()], Vec::new());
-            mesh.push(Self { link, id, incarnation, clock, said, heard_of, heard });
+            let link = Link::new(sessions, id, clock, trust).map_err(to_text)?;
+            let (said, newest, heard) = (0, vec![0; count.into()], Vec::new());
+            mesh.push(Self { link, id, incarnation, clock, said, newest, heard });
         }
         until(|| {
             mesh.iter_mut().for_each(|speaker| _ = speaker.say_state());
             sleep_until(now() + 5 * PAUSE);
             mesh.iter_mut().all(|speaker| {
                 speaker.listen();
-                speaker.heard_of.iter().filter(|&&number| number > 0).count() + 1 == usize::from(count)
+                speaker.newest.iter().filter(|&&number| number > 0).count() + 1 == usize::from(count)
             })
         })?;
         Ok(mesh)
@@ -207,7 +207,7 @@ impl Speaker {
     }
 
     /// Says its part in the agreement.
-    fn say_register(&mut self) -> usize {
+    fn send_heartbeat(&mut self) -> usize {
         let (header, membership) = (self.header(), Membership::Active);
         let echo = Some(Echo { of: header.sender, stamp: header.stamp, held_us: 100_000 });
         let said = Mission {
@@ -241,26 +241,26 @@ impl Speaker {
                 Word::Mission(said) => said.header,
                 Word::Order(_) | Word::Appeared(_) | Word::Vanished(_) => continue,
             };
-            if let Some(newest) = self.heard_of.get_mut(usize::from(header.sender.get()) - 1) {
+            if let Some(newest) = self.newest.get_mut(usize::from(header.sender.get()) - 1) {
                 *newest = header.sequence.max(*newest);
             }
         }
     }
 
     /// Whether everybody else's last word is here, `said` being their numbers.
-    fn hears_up_to(&mut self, said: &[u64]) -> bool {
+    fn has_received_up_to(&mut self, said: &[u64]) -> bool {
         self.listen();
         let own = usize::from(self.id.get()) - 1;
-        self.heard_of.iter().zip(said).enumerate().all(|(nth, (heard, said))| nth == own || heard == said)
+        self.newest.iter().zip(said).enumerate().all(|(nth, (heard, said))| nth == own || heard == said)
     }
 
-    fn has_heard(&mut self, other: &Self) -> bool {
+    fn has_received_all_of(&mut self, other: &Self) -> bool {
         self.listen();
-        self.heard_of.get(usize::from(other.id.get()) - 1) == Some(&other.said)
+        self.newest.get(usize::from(other.id.get()) - 1) == Some(&other.said)
     }
 }
 
-fn in_words(error: impl std::fmt::Display) -> String {
+fn to_text(error: impl std::fmt::Display) -> String {
     error.to_string()
 }
 
@@ -284,7 +284,7 @@ mod tests {
         let time = time(0.4).unwrap();
         assert_eq!(time.deliveries, 20 * 4 * 3, "twenty frames, each of four to the three others");
         if cfg!(unix) {
-            assert!(time.word_us.is_some_and(|word_us| word_us < 20_000.0), "{time:?}");
+            assert!(time.message_us.is_some_and(|message_us| message_us < 20_000.0), "{time:?}");
         }
     }
 }
