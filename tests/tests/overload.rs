@@ -147,6 +147,6 @@ fn a_swarm_that_no_pc_carries_is_refused_with_a_figure_and_nothing_is_begun() {
     let said = String::from_utf8_lossy(&stderr).into_owned();
     println!("{said}");
     assert_eq!(status.code(), Some(2), "{said}");
-    assert!(said.contains("250 agents ask for ") && said.contains(": it carries "), "{said}");
+    assert!(said.contains("250 agents need ") && said.contains(": it can fly "), "{said}");
     assert!(!folder.path().join("out").exists() && !folder.path().join("runtime").exists());
 }

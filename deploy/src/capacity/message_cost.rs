@@ -1,4 +1,5 @@
-//! Words between agents, measured: real Zenoh sessions of this process, behind the agents' own [`Link`], over loopback TCP.
+//! Measures the messages between agents, with real Zenoh sessions in this process behind the agents' own [`Link`], over
+//! loopback TCP.
 
 use std::net::SocketAddr;
 use std::process;
@@ -21,39 +22,40 @@ use super::relay;
 use crate::os::cpu_s;
 use skein_host::clock::now;
 
-/// How often agents speak that send every frame, Hz.
+/// How often an agent sends states that sends one every frame, Hz.
 pub(super) const FRAME_HZ: f64 = 50.0;
-/// Sessions that talk to each other while their processor time is measured.
+/// Number of sessions that send to each other while processor time is measured.
 const SESSIONS: u8 = 4;
-/// What all of them fly.
+/// The plan that all of them fly.
 const PLAN: u64 = u64::MAX / 3;
-/// How long words may take, s.
+/// How long messages may take to arrive.
 const TIMEOUT: Duration = Duration::from_secs(5);
-/// Pause before looking again, and between words that are counted.
+/// Pause between two looks at the received messages, and between messages that are counted.
 const PAUSE: Duration = Duration::from_millis(2);
 
-/// One kind of word on its way.
+/// Size of one kind of message.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct MessageSize {
-    /// Encoded, bytes.
+    /// Size of the encoded message, bytes.
     pub encoded_bytes: usize,
-    /// With its key and what Zenoh adds, on a TCP link, bytes.
+    /// Size on a TCP link, with its key and Zenoh's overhead, bytes.
     pub segment_bytes: f64,
 }
 
-/// What a word costs the processor.
+/// Processor time of a message.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct MessageTime {
-    /// From one agent's hands into another's, both ends together, µs; `None` where the system does not tell.
+    /// Processor time from one agent to another, both ends together, µs; `None` where the system does not report it.
+    #[serde(rename = "word_us")]
     pub message_us: Option<f64>,
-    /// How many words were timed.
+    /// Number of messages that were timed.
     pub deliveries: u64,
 }
 
-/// The size of a state and of a register, each from `count` of them that went over one link.
+/// Measures the size of a state and of a heartbeat, each from `count` messages over one link.
 ///
 /// # Errors
-/// If sessions cannot be opened, or what they say does not come through.
+/// If sessions cannot be opened, or their messages do not arrive.
 pub(super) fn sizes(count: u32) -> Result<[MessageSize; 2], String> {
     let mut counts = None;
     let mut pair = LinkEnd::mesh(2, |listener| {
@@ -65,7 +67,7 @@ pub(super) fn sizes(count: u32) -> Result<[MessageSize; 2], String> {
     let [one, two] = pair.as_mut_slice() else { return Err("not two sessions".to_owned()) };
     // The second dials the first.
     Ok([
-        size(one, two, &counts.to_dialler, count, LinkEnd::say_state)?,
+        size(one, two, &counts.to_dialler, count, LinkEnd::send_state)?,
         size(one, two, &counts.to_dialler, count, LinkEnd::send_heartbeat)?,
     ])
 }
@@ -75,42 +77,43 @@ fn size(
     two: &mut LinkEnd,
     bytes: &AtomicU64,
     count: u32,
-    say: fn(&mut LinkEnd) -> usize,
+    send: fn(&mut LinkEnd) -> usize,
 ) -> Result<MessageSize, String> {
-    // What is said once, to introduce a key, does not count.
-    say(one);
+    // The first message introduces a key and is larger: it does not count.
+    send(one);
     until(|| two.has_received_all_of(one))?;
     let before = bytes.load(Relaxed);
     let mut encoded_bytes = 0;
     for _ in 0..count {
-        encoded_bytes = say(one);
+        encoded_bytes = send(one);
         sleep_until(now() + PAUSE);
     }
     until(|| two.has_received_all_of(one))?;
     Ok(MessageSize { encoded_bytes, segment_bytes: (bytes.load(Relaxed) - before) as f64 / f64::from(count) })
 }
 
-/// The time of a state, from sessions that are silent for so long, and then say one each frame for as long.
+/// Measures the processor time of a state, from sessions that are silent for `sending_s` and then send one state each
+/// frame for as long.
 ///
 /// # Errors
 /// As [`sizes`].
 pub(super) fn time(sending_s: f64) -> Result<MessageTime, String> {
     let mut mesh = LinkEnd::mesh(SESSIONS, Ok)?;
-    let silent_s = talk(&mut mesh, sending_s, false);
+    let silent_s = run_for(&mut mesh, sending_s, false);
     let before = delivered(&mesh);
-    let talking_s = talk(&mut mesh, sending_s, true);
-    let heard_all = |mesh: &mut [LinkEnd]| {
-        let said: Vec<_> = mesh.iter().map(|speaker| speaker.said).collect();
-        mesh.iter_mut().all(|speaker| speaker.has_received_up_to(&said))
+    let active_s = run_for(&mut mesh, sending_s, true);
+    let all_received = |mesh: &mut [LinkEnd]| {
+        let sent: Vec<_> = mesh.iter().map(|speaker| speaker.sent).collect();
+        mesh.iter_mut().all(|speaker| speaker.has_received_up_to(&sent))
     };
-    until(|| heard_all(&mut mesh))?;
+    until(|| all_received(&mut mesh))?;
     let deliveries = delivered(&mesh) - before;
-    let spent_s = talking_s.zip(silent_s).map(|(talking_s, silent_s)| (talking_s - silent_s).max(0.0));
+    let spent_s = active_s.zip(silent_s).map(|(active_s, silent_s)| (active_s - silent_s).max(0.0));
     Ok(MessageTime { message_us: spent_s.map(|spent_s| spent_s * 1e6 / deliveries.max(1) as f64), deliveries })
 }
 
-/// Processor time of this process while the sessions take their turns, one after the other, and speak or do not.
-fn talk(mesh: &mut [LinkEnd], sending_s: f64, is_sending: bool) -> Option<f64> {
+/// Processor time of this process over `sending_s` in which the sessions take turns, and send states or do not, s.
+fn run_for(mesh: &mut [LinkEnd], sending_s: f64, is_sending: bool) -> Option<f64> {
     let begin_s = cpu_s();
     let interval = Duration::from_secs_f64(1.0 / (FRAME_HZ * mesh.len() as f64));
     let mut next = now();
@@ -120,14 +123,14 @@ fn talk(mesh: &mut [LinkEnd], sending_s: f64, is_sending: bool) -> Option<f64> {
             next += interval;
             speaker.listen();
             if is_sending {
-                speaker.say_state();
+                speaker.send_state();
             }
         }
     }
     cpu_s().zip(begin_s).map(|(end_s, begin_s)| end_s - begin_s)
 }
 
-/// Words that have arrived at anybody.
+/// Number of messages that have arrived, over all sessions.
 fn delivered(mesh: &[LinkEnd]) -> u64 {
     mesh.iter().flat_map(|speaker| &speaker.newest).sum()
 }
@@ -136,34 +139,35 @@ fn until(mut done: impl FnMut() -> bool) -> Result<(), String> {
     let deadline = now() + TIMEOUT;
     while !done() {
         if now() > deadline {
-            return Err("what sessions say over loopback does not come through".to_owned());
+            return Err("messages between sessions over loopback do not arrive".to_owned());
         }
         sleep_until(now() + PAUSE);
     }
     Ok(())
 }
 
-/// An agent's edge to the others.
+/// An agent's end of its links to the others.
 struct LinkEnd {
     link: Link,
     id: VehicleId,
     incarnation: Incarnation,
     clock: LocalClock,
-    /// Its words so far, of whatever kind: they are numbered from 1.
-    said: u64,
-    /// The number of each one's newest word, in the order of ids.
+    /// Number of messages sent so far, of all kinds: they are numbered from 1.
+    sent: u64,
+    /// The number of the newest message received from each vehicle, in the order of ids.
     newest: Vec<u64>,
     heard: Vec<Heard>,
 }
 
 impl LinkEnd {
-    /// Vehicles 1 to `count`, each of which dials those before it at `through` of their address; all hear each other.
+    /// Opens vehicles 1 to `count` and waits until all receive from each other. Each dials the vehicles before it, at
+    /// the address that `through` returns for theirs.
     fn mesh(
         count: u8,
         mut through: impl FnMut(SocketAddr) -> std::io::Result<SocketAddr>,
     ) -> Result<Vec<Self>, String> {
         let incarnation = new_incarnation();
-        // Nobody else's swarm has this name.
+        // A unique name, so that no other swarm has it.
         let swarm = SwarmName::new(format!("{}-{}", process::id(), incarnation.0)).map_err(to_text)?;
         let clock = LocalClock::start();
         let (mut mesh, mut dial) = (Vec::new(), Vec::new());
@@ -183,11 +187,11 @@ impl LinkEnd {
                 sealer: None,
             };
             let link = Link::new(sessions, id, clock, trust).map_err(to_text)?;
-            let (said, newest, heard) = (0, vec![0; count.into()], Vec::new());
-            mesh.push(Self { link, id, incarnation, clock, said, newest, heard });
+            let (sent, newest, heard) = (0, vec![0; count.into()], Vec::new());
+            mesh.push(Self { link, id, incarnation, clock, sent, newest, heard });
         }
         until(|| {
-            mesh.iter_mut().for_each(|speaker| _ = speaker.say_state());
+            mesh.iter_mut().for_each(|speaker| _ = speaker.send_state());
             sleep_until(now() + 5 * PAUSE);
             mesh.iter_mut().all(|speaker| {
                 speaker.listen();
@@ -197,8 +201,8 @@ impl LinkEnd {
         Ok(mesh)
     }
 
-    /// Says where it is, as an agent in flight does; gives the encoding's length, bytes.
-    fn say_state(&mut self) -> usize {
+    /// Sends a state, as an agent in flight does; returns the length of the encoded message, bytes.
+    fn send_state(&mut self) -> usize {
         let position = Geodetic::from_degrees(28.000_1, -82.000_1, 30.1);
         let velocity = VelocityNed::new(0.1, -0.2, 0.01);
         let state = State { header: self.header(), state: VehicleState { position, velocity, heading_rad: 1.0 } };
@@ -206,11 +210,11 @@ impl LinkEnd {
         message::encode(&state).len()
     }
 
-    /// Says its part in the agreement.
+    /// Sends a heartbeat; returns the length of the encoded message, bytes.
     fn send_heartbeat(&mut self) -> usize {
         let (header, membership) = (self.header(), Membership::Active);
         let echo = Some(Echo { of: header.sender, stamp: header.stamp, held_us: 100_000 });
-        let said = Mission {
+        let heartbeat = Mission {
             header,
             plan: PLAN,
             membership,
@@ -221,24 +225,24 @@ impl LinkEnd {
             order: None,
             echo,
         };
-        self.link.say_mission(&said);
-        message::encode(&said).len()
+        self.link.say_mission(&heartbeat);
+        message::encode(&heartbeat).len()
     }
 
     fn header(&mut self) -> Header {
-        self.said += 1;
-        let (sender, incarnation, sequence) = (self.id, self.incarnation, self.said);
+        self.sent += 1;
+        let (sender, incarnation, sequence) = (self.id, self.incarnation, self.sent);
         Header { sender, incarnation, sequence, stamp: self.clock.now().into() }
     }
 
-    /// Takes up what has arrived, as an agent does once a step.
+    /// Processes the messages that have arrived, as an agent does once a step.
     fn listen(&mut self) {
         self.heard.clear();
         self.link.drain(&mut self.heard);
         for heard in &self.heard {
             let header = match &heard.word {
-                Word::State(said) => said.header,
-                Word::Mission(said) => said.header,
+                Word::State(state) => state.header,
+                Word::Mission(mission) => mission.header,
                 Word::Order(_) | Word::Appeared(_) | Word::Vanished(_) => continue,
             };
             if let Some(newest) = self.newest.get_mut(usize::from(header.sender.get()) - 1) {
@@ -247,16 +251,16 @@ impl LinkEnd {
         }
     }
 
-    /// Whether everybody else's last word is here, `said` being their numbers.
-    fn has_received_up_to(&mut self, said: &[u64]) -> bool {
+    /// Whether the last message of every other vehicle has arrived; `sent` has the numbers of these messages.
+    fn has_received_up_to(&mut self, sent: &[u64]) -> bool {
         self.listen();
         let own = usize::from(self.id.get()) - 1;
-        self.newest.iter().zip(said).enumerate().all(|(nth, (heard, said))| nth == own || heard == said)
+        self.newest.iter().zip(sent).enumerate().all(|(nth, (newest, sent))| nth == own || newest == sent)
     }
 
     fn has_received_all_of(&mut self, other: &Self) -> bool {
         self.listen();
-        self.newest.get(usize::from(other.id.get()) - 1) == Some(&other.said)
+        self.newest.get(usize::from(other.id.get()) - 1) == Some(&other.sent)
     }
 }
 
@@ -269,18 +273,18 @@ mod tests {
     use super::*;
 
     #[test]
-    fn words_are_larger_on_the_wire_than_encoded() {
-        let [state, register] = sizes(40).unwrap();
-        for size in [state, register] {
+    fn messages_are_larger_on_the_wire_than_encoded() {
+        let [state, heartbeat] = sizes(40).unwrap();
+        for size in [state, heartbeat] {
             let encoded = size.encoded_bytes as f64;
             assert!(encoded > 30.0 && size.segment_bytes > encoded, "{size:?}");
             assert!(size.segment_bytes < encoded + 200.0, "{size:?}: something else was counted");
         }
-        assert!(state.encoded_bytes > register.encoded_bytes, "{state:?}, {register:?}");
+        assert!(state.encoded_bytes > heartbeat.encoded_bytes, "{state:?}, {heartbeat:?}");
     }
 
     #[test]
-    fn every_word_is_delivered_and_takes_time() {
+    fn every_message_is_delivered_and_takes_time() {
         let time = time(0.4).unwrap();
         assert_eq!(time.deliveries, 20 * 4 * 3, "twenty frames, each of four to the three others");
         if cfg!(unix) {
