@@ -102,10 +102,10 @@ fn spaced(number: &str, unit: &str) -> String {
 /// Wraps a text into lines of at most `columns` columns.
 fn wrapped(text: &str, columns: usize) -> Vec<String> {
     let mut lines: Vec<String> = Vec::new();
-    for word in text.split_whitespace() {
+    for piece in text.split_whitespace() {
         match lines.last_mut() {
-            Some(line) if line.chars().count() + 1 + word.chars().count() <= columns => *line += &format!(" {word}"),
-            _ => lines.push(word.to_owned()),
+            Some(line) if line.chars().count() + 1 + piece.chars().count() <= columns => *line += &format!(" {piece}"),
+            _ => lines.push(piece.to_owned()),
         }
     }
     lines

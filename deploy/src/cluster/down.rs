@@ -64,7 +64,7 @@ pub fn run(args: &DownArgs) -> Result<(), Error> {
         true => skein_lab::terminal::json(&report),
         false => format!("{}{}, {seconds:.1} s\n", Outcome::table(&report.nodes), report.order),
     });
-    Outcome::judge(&report.nodes, "not known to be down")?;
+    Outcome::fail_if_any(&report.nodes, "not known to be down")?;
     match RunFile::of(&chosen.inventory) {
         Some(file) if chosen.ids.len() == chosen.inventory.nodes.len() => file.note_end(),
         _ => Ok(()),

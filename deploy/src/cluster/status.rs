@@ -23,7 +23,7 @@ use skein_lab::error::Error;
 /// Agents say how they do once a second; a link takes a while at first.
 const LISTEN: Duration = Duration::from_millis(2500);
 /// How often is looked whether all are there.
-const LOOK: Duration = Duration::from_millis(20);
+const POLL_PERIOD: Duration = Duration::from_millis(20);
 /// Between two tables.
 const REFRESH: Duration = Duration::from_secs(1);
 /// Who was not heard for so long is not there.
@@ -215,7 +215,7 @@ fn listen(observer: &mut Observer, inventory: &Inventory, until: Instant, early:
         if clock::now() >= until || early && all {
             return;
         }
-        clock::sleep(LOOK);
+        clock::sleep(POLL_PERIOD);
     }
 }
 
