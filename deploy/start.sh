@@ -1,9 +1,9 @@
 #!/bin/sh
-# Puts the swarm of a cluster's file on its nodes and starts it:  deploy/start.sh [CLUSTER.toml]
-# `skein` is the one in the path, or the one that SKEIN names. Once: skein cluster keys -f CLUSTER.toml
+# Installs a swarm on the nodes of a cluster file and starts it:  deploy/start.sh [CLUSTER.toml]
+# `skein` is found in PATH, or named by the variable SKEIN. First, once: skein cluster keys -f CLUSTER.toml
 file=${1:-cluster.toml}
 skein=${SKEIN:-skein}
-# Status 1: some hosts failed. The others fly.
+# Status 1: some hosts failed. The others can fly.
 "$skein" cluster install -f "$file"
 status=$?
 [ $status -le 1 ] || exit $status

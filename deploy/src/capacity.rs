@@ -1,15 +1,16 @@
-//! How many vehicles fit: into a gigabit, into a core, at one central machine and in a mesh.
+//! Calculates how many vehicles fit into 1 Gbit/s and into one processor core, with a central controller and in a mesh.
 //!
-//! The paper counts payload alone and one direction ([`PaperEquation`]). Here `wire` adds what Ethernet, IP, UDP and TCP
-//! take, `measure` finds out on this machine what a word costs in bytes and processor time, and `fleet` multiplies.
+//! The paper counts the payload in one direction only ([`PaperEquation`]). Here `wire` adds the overhead of Ethernet,
+//! IP, UDP and TCP, `measure` measures on this PC what a message costs in bytes and processor time, and `fleet`
+//! multiplies.
 
 mod fleet;
 mod here;
 mod measure;
+mod message_cost;
 mod picture;
 mod relay;
 mod wire;
-mod words;
 
 use std::fs;
 use std::path::Path;
@@ -22,56 +23,57 @@ use skein_common::id::VehicleId;
 
 pub use fleet::{Load, Scheme};
 pub use here::{Demand, agrees, ask_for, exceeded_by};
-pub use measure::{Effort, Measured, StepTime, Talk, measure};
+pub use measure::{Effort, Measured, StateRate, StepTime, measure};
+pub use message_cost::{MessageSize, MessageTime};
 use skein_lab::error::Error;
 use skein_lab::out;
 pub use wire::{PaperEquation, data_output_bytes, of_datagram_bytes, of_segment_bytes};
-pub use words::{WordSize, WordTime};
 
-/// A machine's link, and the network that all share where they do, bit/s.
+/// Capacity of a computer's link, and of a network that all computers share, bit/s.
 pub const GIGABIT_S: f64 = 1e9;
-/// The largest fleet that is drawn.
+/// Largest fleet in the figure, vehicles.
 const LARGEST_FLEET: u32 = 10_000;
-/// The fleets whose loads stand in the table.
+/// Fleets in the table of loads, vehicles.
 const FLEETS: [u32; 6] = [4, 16, 50, 100, 250, 1000];
 
-/// The whole answer.
+/// The result: what was measured, and how many vehicles fit.
 #[derive(Clone, Debug, Serialize)]
 pub struct Capacity {
     /// The paper's equation with the paper's numbers.
     pub paper: PaperEquation,
-    /// What comes out of it.
+    /// The number of vehicles that the paper's equation gives.
     pub paper_vehicles: f64,
-    /// What was measured here.
+    /// The measurements on this PC.
     pub measured: Measured,
-    /// Each way to share what vehicles know.
+    /// The capacity of each communication scheme.
     pub schemes: Vec<Fits>,
 }
 
-/// How many vehicles fit, one way.
+/// How many vehicles fit with one communication scheme.
 #[derive(Clone, Debug, Serialize)]
 pub struct Fits {
-    /// Which way.
+    /// Name of the scheme.
     pub scheme: String,
-    /// Into a port of 1 Gbit/s each way at the busiest machine.
+    /// Vehicles that fit into a full-duplex port of 1 Gbit/s at the busiest computer.
     pub port_1_gbit: u32,
-    /// Into one core of the busiest machine; `None` where the system does not tell processor time.
+    /// Vehicles that fit into one core of the busiest computer; `None` where the system does not report processor time.
     pub one_core: Option<u32>,
-    /// Into 1 Gbit/s that all of them share.
+    /// Vehicles that fit into a shared network of 1 Gbit/s.
     pub shared_1_gbit: u32,
-    /// What fleets ask for, by their size.
+    /// Load of fleets, each with its number of vehicles.
     pub loads: Vec<(u32, Load)>,
 }
 
-/// `skein report --capacity`: measures, prints the tables, writes them and the picture into a folder if there is one.
+/// Runs `skein report --capacity`: measures, prints the tables, and writes them with the figure into the folder, if
+/// given.
 ///
 /// # Errors
-/// If nothing can be measured here, or the folder not be written to.
+/// If the measurement fails, or the folder cannot be written.
 pub fn run(out: Option<&Path>, json: bool) -> Result<(), Error> {
     let out = out.map(|out| out::folder(Some(out), "")).transpose()?;
-    // As agents run.
+    // Use the same number of Zenoh threads as agents do.
     unix::restart_with((ZENOH_RUNTIME, ZENOH_ON_TWO_THREADS));
-    eprintln!("measuring for some ten seconds; what else this machine does is in the figures");
+    eprintln!("measuring for about ten seconds; other programs on this PC affect the figures");
     let capacity = Capacity::of(measure(Effort::FULL)?);
     let text = capacity.to_text();
     skein_lab::terminal::say(&if json { skein_lab::terminal::json(&capacity) } else { text.clone() });
@@ -88,7 +90,7 @@ pub fn run(out: Option<&Path>, json: bool) -> Result<(), Error> {
 }
 
 impl Capacity {
-    /// What follows from what was measured.
+    /// Calculates the capacity of every scheme from the measurements.
     pub fn of(measured: Measured) -> Self {
         let fits = |scheme: &Scheme| Fits {
             scheme: scheme.name(),
@@ -104,24 +106,24 @@ impl Capacity {
         Self { paper: PaperEquation::PAPER, paper_vehicles: PaperEquation::PAPER.vehicles(), measured, schemes }
     }
 
-    /// For people.
+    /// Formats the result as text.
     pub fn to_text(&self) -> String {
-        let [paper, measured] = [self.paper_in_words(), self.measured_in_words()];
+        let [paper, measured] = [self.paper_text(), self.measured_text()];
         let limit = VehicleId::MAX;
         format!(
             "{paper}\n{measured}\nHow many vehicles fit (Skein numbers them up to {limit}; more is arithmetic)\n\n{}\n\
-             Mbit/s at the busiest port, the fuller way · cores of the busiest machine · Mbit/s in the whole network\n\n{}",
+             Mbit/s at the busiest port, the busier direction · cores of the busiest computer · Mbit/s in the whole network\n\n{}",
             self.fits_table(),
             self.loads_table()
         )
     }
 
-    fn paper_in_words(&self) -> String {
+    fn paper_text(&self) -> String {
         let PaperEquation { network_bit_s, head_bit, messages, message_bit, rate_hz } = self.paper;
         let payload_bytes = data_output_bytes(messages as usize);
         format!(
             "Garcia & Barnes 2010: {:.0} Mbit/s / (({head_bit} + {messages} x {message_bit}) bit x {rate_hz} Hz) = {} \
-             vehicles at one central machine.\nWith Ethernet, IP and UDP its datagram of {payload_bytes} bytes takes {} bytes of \
+             vehicles at one central controller.\nWith Ethernet, IP and UDP its datagram of {payload_bytes} bytes takes {} bytes of \
              wire.\n",
             network_bit_s / 1e6,
             self.paper_vehicles,
@@ -129,19 +131,22 @@ impl Capacity {
         )
     }
 
-    fn measured_in_words(&self) -> String {
-        let Measured { machine, when, state, register, register_hz, time, datagram_us, talk, step } = &self.measured;
+    fn measured_text(&self) -> String {
+        let Measured { machine, when, state, heartbeat, heartbeat_hz, time, datagram_us, state_rates, step } =
+            &self.measured;
         let mut lines = vec![format!("Measured on {machine}, at {when}:")];
-        for (what, word) in [("state", state), ("part in the agreement", register)] {
-            let segment = word.segment_bytes.ceil();
+        for (what, size) in [("state", state), ("heartbeat", heartbeat)] {
+            let segment = size.segment_bytes.ceil();
             let wire = of_segment_bytes(segment as usize);
-            let encoded = word.encoded_bytes;
+            let encoded = size.encoded_bytes;
             lines.push(format!("a {what}: {encoded} bytes, {segment} as Zenoh sends it over TCP, {wire} of wire"));
         }
-        lines.push(format!("the agreement is repeated {register_hz:.0} times a second"));
-        if let Some(word_us) = time.word_us {
+        lines.push(format!("each agent sends {heartbeat_hz:.0} heartbeats a second"));
+        if let Some(message_us) = time.message_us {
             let deliveries = time.deliveries;
-            lines.push(format!("a state delivered: {word_us:.1} us of processor, both ends ({deliveries} deliveries)"));
+            lines.push(format!(
+                "a state delivered: {message_us:.1} us of processor time, both ends ({deliveries} deliveries)"
+            ));
         }
         if let Some([send_us, receive_us]) = datagram_us {
             lines.push(format!("a datagram over loopback: {send_us:.2} us to send, {receive_us:.2} us to receive"));
@@ -150,16 +155,16 @@ impl Capacity {
             lines
                 .push(format!("a step with its flight model: {alone_us:.2} us, and {per_peer_us:.3} us for each peer"));
         }
-        for Talk { flight, vehicles, states_hz, nearest_pair_m } in talk {
+        for StateRate { flight, vehicles, states_hz, nearest_pair_m } in state_rates {
             let near = nearest_pair_m.map(|near_m| format!(", nearest pair {near_m:.0} m")).unwrap_or_default();
-            lines.push(format!("{flight}, {vehicles} vehicles: {states_hz:.1} states a second of each{near}"));
+            lines.push(format!("{flight}, {vehicles} vehicles: {states_hz:.1} states a second from each{near}"));
         }
         lines.join("\n  ") + "\n"
     }
 
     fn fits_table(&self) -> String {
         let mut table =
-            table(&["", "1 Gbit/s at the busiest port", "one core of the busiest machine", "1 Gbit/s in all"]);
+            table(&["", "1 Gbit/s at the busiest port", "one core of the busiest computer", "1 Gbit/s in all"]);
         for fits in &self.schemes {
             let core = fits.one_core.map_or_else(|| "–".to_owned(), |most| most.to_string());
             table.add_row([fits.scheme.clone(), fits.port_1_gbit.to_string(), core, fits.shared_1_gbit.to_string()]);
@@ -190,7 +195,7 @@ fn table(head: &[&str]) -> Table {
     table
 }
 
-/// Two digits that say something.
+/// Formats a number with two significant digits.
 fn digits(value: f64) -> String {
     match value {
         value if value >= 10.0 => format!("{value:.0}"),

@@ -1,4 +1,5 @@
-//! `skein check`: what would stop a flight: of a scenario, with every value and its origin; of a cluster; of an X-Plane.
+//! `skein check`: reports what would prevent a flight. It checks a scenario and prints every value with its origin, or
+//! checks a cluster, or asks an X-Plane.
 
 use std::path::PathBuf;
 
@@ -22,7 +23,7 @@ pub struct CheckArgs {
     /// A cluster: its keys, hosts, clocks, disks, versions, simulators and ports, each fault with its remedy
     #[arg(short = 'f', long = "file", value_name = "CLUSTER.toml", conflicts_with_all = ["scenario", "sets"])]
     pub file: Option<PathBuf>,
-    /// An X-Plane: what is heard of it from here
+    /// An X-Plane: what it answers to this PC
     #[arg(long, value_name = "HOST[:PORT]")]
     pub xplane: Option<HostPort>,
     /// Print it as JSON; of a scenario with what each key means
@@ -30,11 +31,12 @@ pub struct CheckArgs {
     pub json: bool,
 }
 
-/// Prints what was asked for. Of a scenario every value with its origin; then, on stderr, what of the events `fly` would skip and
-/// what would stop a flight: its external law is started, and X-Planes that it flies are asked. Without anything else to look at, an X-Plane alone.
+/// Prints the results. For a scenario these are every value with its origin; then, on stderr, the events that `fly`
+/// would skip and whatever would prevent a flight: the check starts the external law and asks the X-Planes. With only
+/// `--xplane` given, it asks that X-Plane and no scenario is checked.
 ///
 /// # Errors
-/// A file that is at fault, a scenario that is not flown yet, or anything that would stop a flight.
+/// If a file is wrong, the scenario is not supported in flight, or anything else would prevent a flight.
 pub fn run(args: &CheckArgs) -> Result<(), Error> {
     if let Some(xplane) = &args.xplane {
         simulator(xplane, args.json)?;
@@ -66,12 +68,12 @@ fn scenario(args: &CheckArgs) -> Result<(), Error> {
     verdict(args, &loaded).map(drop)
 }
 
-/// Whether the scenario can fly.
+/// Checks whether the scenario can fly.
 pub(crate) fn verdict(args: &CheckArgs, loaded: &Loaded) -> Result<Prepared, Error> {
     prepare(&args.scenario, &loaded.scenario, target(args, loaded), &mut Trial::default())
 }
 
-/// Real time, unless only a study flies the scenario.
+/// The target to check for: a flight in real time, unless only a study can fly the scenario.
 fn target<'a>(args: &'a CheckArgs, loaded: &Loaded) -> Target<'a> {
     match loaded.scenario.control.mode {
         ControlMode::Central => {
@@ -82,7 +84,7 @@ fn target<'a>(args: &'a CheckArgs, loaded: &Loaded) -> Target<'a> {
     }
 }
 
-/// A line for each key: key, value, origin.
+/// Formats a line for each key: key, value, origin.
 fn as_text(loaded: &Loaded) -> String {
     let value = |line: &Explained| line.value.clone().unwrap_or_else(|| "-".to_owned());
     let widest = |width: fn(&Explained) -> usize| loaded.explain().iter().map(width).max().unwrap_or(0);

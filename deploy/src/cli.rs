@@ -1,4 +1,4 @@
-//! The command line of `skein`. Arguments only: everything else is in the module of the command.
+//! Defines the command line of `skein` and calls the module of each command.
 
 use std::ffi::OsString;
 use std::process::ExitCode;
@@ -24,7 +24,7 @@ use skein_lab::compare::{self, CompareArgs};
 use skein_lab::error::Error;
 use skein_lab::study::{self, StudyArgs};
 
-/// Helicopters that fly as a swarm with no one in charge.
+/// Flies a swarm of helicopters without a central computer.
 ///
 /// Exit status: 0 success, 1 a run that failed, 2 an argument or a file at fault.
 #[derive(Debug, Parser)]
@@ -35,7 +35,7 @@ pub struct Cli {
     pub command: Command,
 }
 
-/// What `skein` can do.
+/// The commands of `skein`.
 #[derive(Debug, Subcommand)]
 pub enum Command {
     /// Fly a swarm on this PC, a process for each vehicle
@@ -48,7 +48,7 @@ pub enum Command {
     Record(RecordArgs),
     /// Draw what was flown: pictures and tables on one page
     Report(ReportArgs),
-    /// Give an order to a live swarm, from anywhere; nobody leads, agents pass it on
+    /// Send an order to a live swarm through any of its agents, which pass it on
     Order(OrderArgs),
     /// What would stop a flight: of a scenario, with the origin of every value; of a cluster; of an X-Plane
     Check(CheckArgs),
@@ -61,17 +61,17 @@ pub enum Command {
     Node(NodeArgs),
     /// Fly one vehicle; the same as the program skein-agent
     Agent(AgentOptions),
-    /// A helicopter without a screen that speaks X-Plane's UDP protocol; the same as the program xplane-standin
+    /// A helicopter without a screen that uses X-Plane's UDP protocol; the same as the program xplane-standin
     Standin(StandinOptions),
 }
 
-/// The whole program.
+/// Parses the arguments of this process and runs its command.
 pub fn main() -> ExitCode {
     main_with(Laws::default())
 }
 
-/// The whole program, which can fly these laws too: `formation.law` takes their names in every command, and the agents that
-/// it starts know them as well. See [`skein_lab::law`].
+/// Runs the program with additional formation laws: every command accepts their names in `formation.law`, and the
+/// agents that it starts can fly them. See [`skein_lab::law`].
 pub fn main_with(laws: Laws) -> ExitCode {
     match laws.add() {
         Ok(()) => run(parse(std::env::args_os()).unwrap_or_else(|error| error.exit()).command),
@@ -79,10 +79,11 @@ pub fn main_with(laws: Laws) -> ExitCode {
     }
 }
 
-/// The arguments, the program's name first. An error suggests no command that lands or aborts the swarm.
+/// Parses the arguments, the first of which is the program's name. An error never suggests a command that lands or
+/// aborts the swarm.
 ///
 /// # Errors
-/// What is wrong with them; a request for help or the version is one too.
+/// If the arguments are wrong. A request for the help or the version is returned as an error too.
 pub fn parse(arguments: impl IntoIterator<Item = impl Into<OsString> + Clone>) -> Result<Cli, clap::Error> {
     Cli::try_parse_from(arguments).map_err(|mut error| {
         // `skein cluster down` lands the swarm.
@@ -99,7 +100,7 @@ pub fn parse(arguments: impl IntoIterator<Item = impl Into<OsString> + Clone>) -
     })
 }
 
-/// One command. Its exit status: 0 success, 1 a run that failed, 2 an argument or a file at fault.
+/// Runs one command and returns its exit status: 0 success, 1 a run that failed, 2 an argument or a file at fault.
 pub fn run(command: Command) -> ExitCode {
     let done = match command {
         Command::Fly(args) => fly::run(&args),
@@ -112,7 +113,7 @@ pub fn run(command: Command) -> ExitCode {
         Command::Explain(args) => explain::run(&args),
         Command::Cluster(args) => cluster::run(&args),
         Command::Node(args) => host::run(&args),
-        // Both have exit statuses and logs of their own.
+        // Both set their own exit status and logging.
         Command::Agent(options) => return host::fly(&options),
         Command::Standin(options) => standin(&options),
     };
@@ -136,7 +137,7 @@ mod tests {
     }
 
     #[test]
-    fn the_definition_holds_together() {
+    fn clap_accepts_the_definition_of_the_command_line() {
         Cli::command().debug_assert();
     }
 
@@ -173,7 +174,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_wrong_in_a_line_is_refused_with_status_2() {
+    fn a_wrong_command_line_is_refused_with_status_2() {
         for line in [
             "skein",
             "skein fly --plant balloon",

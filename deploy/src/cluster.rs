@@ -1,19 +1,19 @@
-//! Target: a cluster. One file names the nodes; these commands put an agent on each, start them, look at them, land them and
-//! take them away again. None of it is in the loop: once the agents fly, the operator's PC can be unplugged.
+//! The commands on a cluster, whose nodes are listed in one file: they install an agent on each node, start the agents, show
+//! their status, land them and uninstall them. None is in the control loop: the swarm flies on without the operator's PC.
 //!
-//! | module | what it knows |
+//! | module | contents |
 //! | --- | --- |
-//! | [`crate::inventory`] | the cluster's file: who is where |
-//! | [`keys`] | the swarm's authority, and a certificate for each node, for observers and for the operator |
-//! | [`bundle`] | everything that one node is given, but the program |
-//! | [`protocol`] | what the operator's PC and a node's host say to each other over ssh |
+//! | [`crate::inventory`] | the cluster file: which agent runs on which host |
+//! | [`keys`] | the swarm's authority, and the certificates of the nodes, the observers and the operator |
+//! | [`bundle`] | the files of one node, except the program |
+//! | [`protocol`] | the requests of the operator's PC to a node's host over ssh, and the answers |
 //! | [`ssh`] | the system's OpenSSH, at most eight hosts at once |
-//! | [`remote`] | what is asked of a node's host, in as few calls as it takes |
-//! | [`nodes`] | which nodes a command is for, how far it is, what came of it |
-//! | [`ready`] | waiting on the mesh until vehicles are ready, or gone |
-//! | `flown` | which run of the swarm flies, and whose word proves it |
-//! | [`program`] | the program that is put there: where it runs, which C library it wants |
-//! | [`host`] | the side of it that runs on a node's host: files, service, supervisor, logs |
+//! | [`remote`] | the requests to a node's host, in as few ssh calls as possible |
+//! | [`nodes`] | the nodes that a command is for, its progress and its results |
+//! | [`ready`] | waiting until vehicles report on the mesh that they are ready, or have left it |
+//! | `flown` | which run the swarm flies in, and the evidence for it |
+//! | [`program`] | the program to install: its platform and the C library that it needs |
+//! | [`host`] | the part that runs on a node's host: files, service, supervisor, logs |
 //! | the rest | one command each |
 
 pub mod bundle;
@@ -49,7 +49,7 @@ pub struct ClusterArgs {
     pub command: ClusterCommand,
 }
 
-/// What can be done with a cluster.
+/// The commands on a cluster.
 #[derive(Clone, Debug, Subcommand)]
 pub enum ClusterCommand {
     /// Make the swarm's authority and a certificate for each node, for observers and for the operator
@@ -58,7 +58,7 @@ pub enum ClusterCommand {
     Install(install::InstallArgs),
     /// Start every agent, and return when each has reported ready by itself
     Up(up::UpArgs),
-    /// Show how every node does, as the swarm itself says
+    /// Show the status of every node, as the vehicles report it
     Status(status::StatusArgs),
     /// Show what the agents have written, with the nodes' names
     Logs(logs::LogsArgs),
@@ -68,7 +68,7 @@ pub enum ClusterCommand {
     Uninstall(uninstall::UninstallArgs),
 }
 
-/// What every command on a cluster is told.
+/// Options of every command on a cluster.
 #[derive(Clone, Debug, clap::Args)]
 pub struct FileArgs {
     /// The cluster's file
@@ -76,10 +76,10 @@ pub struct FileArgs {
     pub file: PathBuf,
 }
 
-/// Does it.
+/// Runs a command on a cluster.
 ///
 /// # Errors
-/// As the command says.
+/// The errors of the command.
 pub fn run(args: &ClusterArgs) -> Result<(), Error> {
     match &args.command {
         ClusterCommand::Keys(args) => keys::run(args),

@@ -1,4 +1,4 @@
-//! Where a live swarm of this PC is reached: the small file that `fly` leaves in the user's runtime folder.
+//! Finds a live swarm on this PC, through the small file that `fly` writes into the user's runtime folder.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -14,33 +14,33 @@ use skein_host::whole::{self, Promise};
 use crate::os;
 use skein_lab::error::Error;
 
-/// How long an agent of this PC is given to answer a call, s.
+/// How long an agent on this PC may take to accept a connection.
 const ANSWER: Duration = Duration::from_millis(200);
 
-/// No such file is longer, bytes.
+/// Size limit of an endpoints file, bytes.
 const MAX_FILE: u64 = 1 << 20;
 
-/// Where the agents of one swarm listen.
+/// The endpoints of a swarm's agents.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Endpoints {
     /// The swarm's name.
     pub swarm: SwarmName,
-    /// The process that started it.
+    /// Id of the process that started it.
     pub pid: u32,
-    /// Where its files are.
+    /// The folder of the run's files.
     pub out: PathBuf,
     /// Every agent's endpoint in Zenoh's notation, `tcp/127.0.0.1:7447`.
     pub agents: BTreeMap<VehicleId, String>,
 }
 
-/// The file while it exists; it goes with this value.
+/// An endpoints file. Dropping this value deletes the file.
 #[derive(Debug)]
 pub struct EndpointsFile {
     path: PathBuf,
 }
 
 impl EndpointsFile {
-    /// Leaves it there for as long as its swarm is.
+    /// Keeps the file, because the swarm outlives this process.
     pub fn stay(self) {
         std::mem::forget(self);
     }
@@ -48,16 +48,16 @@ impl EndpointsFile {
 
 impl Drop for EndpointsFile {
     fn drop(&mut self) {
-        // Left behind it misleads nobody: whoever reads it finds nobody there.
+        // A file left behind does no harm: its reader finds that no agent answers.
         let _ = fs::remove_file(&self.path);
     }
 }
 
 impl Endpoints {
-    /// Leaves the file in `folder`; readers see all of it or nothing.
+    /// Writes the file into `folder`, atomically: a reader sees all of it or nothing.
     ///
     /// # Errors
-    /// If the folder or the file cannot be written, or the folder is somebody else's.
+    /// If the folder or the file cannot be written, or the folder belongs to another user.
     pub fn leave(&self, folder: &Path) -> io::Result<EndpointsFile> {
         os::private_folder(folder)?;
         let path = path(folder, &self.swarm);
@@ -65,19 +65,19 @@ impl Endpoints {
         Ok(EndpointsFile { path })
     }
 
-    /// Whether at least one agent takes calls.
-    pub fn anybody_there(&self) -> bool {
+    /// Whether at least one agent accepts a connection.
+    pub fn any_agent_answers(&self) -> bool {
         let addresses = self.agents.values().filter_map(|agent| agent.strip_prefix("tcp/")?.parse::<SocketAddr>().ok());
         addresses.into_iter().any(|address| TcpStream::connect_timeout(&address, ANSWER).is_ok())
     }
 }
 
-/// The file of this swarm.
+/// Path of the endpoints file of this swarm.
 pub fn path(folder: &Path, swarm: &SwarmName) -> PathBuf {
     folder.join(format!("{swarm}.json"))
 }
 
-/// The user's folder for such files: `$XDG_RUNTIME_DIR/skein`, else one in the system's temporary folder.
+/// The user's folder for endpoints files: `$XDG_RUNTIME_DIR/skein`, else a folder in the system's temporary folder.
 pub fn folder() -> PathBuf {
     match std::env::var_os("XDG_RUNTIME_DIR").filter(|folder| !folder.is_empty()) {
         Some(folder) => PathBuf::from(folder).join("skein"),
@@ -85,10 +85,11 @@ pub fn folder() -> PathBuf {
     }
 }
 
-/// What is known of this swarm, if there is a file for it.
+/// Reads the endpoints file of this swarm, if it exists.
 ///
 /// # Errors
-/// If the file is none of ours, or it or its folder is not this user's alone: orders would go wherever it says.
+/// If the file is not an endpoints file, or another user owns or can write the file or its folder: such a file could
+/// send orders anywhere.
 pub fn read(folder: &Path, swarm: &SwarmName) -> Result<Option<Endpoints>, Error> {
     let path = path(folder, swarm);
     let opened = os::check_own_folder(folder).and_then(|()| os::open_own(&path));
@@ -102,10 +103,10 @@ pub fn read(folder: &Path, swarm: &SwarmName) -> Result<Option<Endpoints>, Error
     }
 }
 
-/// The swarm of this name, or without a name the only one there.
+/// Finds the swarm of this name, or without a name the only swarm on this PC.
 ///
 /// # Errors
-/// If there is none, or more than one to choose from, or what tells of it is not this user's alone.
+/// If there is no such swarm, or there are several and no name is given, or another user can write the file.
 pub fn find(folder: &Path, swarm: Option<&SwarmName>) -> Result<Endpoints, Error> {
     match os::check_own_folder(folder) {
         Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(Error::Refused(error.to_string())),
@@ -116,13 +117,13 @@ pub fn find(folder: &Path, swarm: Option<&SwarmName>) -> Result<Endpoints, Error
         None => names(folder),
     };
     if names.len() > 1 {
-        // Some may have been left behind.
-        names.retain(|name| read(folder, name).is_ok_and(|there| there.is_some_and(|there| there.anybody_there())));
+        // Ignore the files that ended swarms have left behind.
+        names.retain(|name| read(folder, name).is_ok_and(|there| there.is_some_and(|there| there.any_agent_answers())));
     }
-    let nobody = || Error::Refused(format!("no swarm flies here (looked in {})", folder.display()));
+    let no_swarm = || Error::Refused(format!("no swarm flies here (looked in {})", folder.display()));
     match names.as_slice() {
-        [] => Err(nobody()),
-        [name] => read(folder, name)?.ok_or_else(nobody),
+        [] => Err(no_swarm()),
+        [name] => read(folder, name)?.ok_or_else(no_swarm),
         several => {
             let list = several.iter().map(SwarmName::as_str).collect::<Vec<_>>().join(", ");
             Err(Error::Refused(format!("several swarms fly here: {list}; choose one with --swarm NAME")))
@@ -130,7 +131,7 @@ pub fn find(folder: &Path, swarm: Option<&SwarmName>) -> Result<Endpoints, Error
     }
 }
 
-/// Swarms that there are files of, sorted.
+/// Names of the swarms that have an endpoints file, sorted.
 fn names(folder: &Path) -> Vec<SwarmName> {
     let entries = fs::read_dir(folder).into_iter().flatten().flatten();
     let name = |entry: fs::DirEntry| SwarmName::new(entry.file_name().to_str()?.strip_suffix(".json")?).ok();
@@ -155,7 +156,7 @@ mod tests {
     }
 
     #[test]
-    fn the_file_reads_back_and_goes_with_its_owner() {
+    fn the_file_reads_back_and_is_deleted_with_its_owner() {
         let folder = tempfile::tempdir().unwrap();
         let folder = folder.path().join("skein");
         let left = endpoints("lab", "tcp/127.0.0.1:7447");
@@ -171,7 +172,7 @@ mod tests {
 
     #[cfg(unix)]
     #[test]
-    fn what_another_user_can_have_written_is_not_trusted() {
+    fn a_file_that_another_user_can_write_is_not_trusted() {
         use std::os::unix::fs::{chown, symlink};
 
         let place = tempfile::tempdir().unwrap();
@@ -216,7 +217,7 @@ mod tests {
         let moved = place.path().join("moved");
         fs::rename(&folder, &moved).unwrap();
         symlink(&moved, &folder).unwrap();
-        refused("is no folder");
+        refused("is not a folder");
     }
 
     #[test]
@@ -242,8 +243,8 @@ mod tests {
     fn an_agent_that_listens_is_found() {
         let listener = TcpListener::bind("127.0.0.1:0").unwrap();
         let there = endpoints("a", &format!("tcp/{}", listener.local_addr().unwrap()));
-        assert!(there.anybody_there());
+        assert!(there.any_agent_answers());
         drop(listener);
-        assert!(!there.anybody_there());
+        assert!(!there.any_agent_answers());
     }
 }

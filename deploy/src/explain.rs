@@ -1,4 +1,4 @@
-//! `skein explain`: what each key of a scenario takes, what it is when it is not written, and why.
+//! `skein explain`: explains the keys of a scenario: what each accepts, its default, and the reason for it.
 
 use std::fmt::Write;
 use std::io::IsTerminal;
@@ -20,14 +20,14 @@ pub struct ExplainArgs {
     pub json: bool,
 }
 
-/// Columns of a text that does not go to a terminal.
+/// Width of text that does not go to a terminal, columns.
 const COLUMNS: usize = 100;
-/// The narrowest column of reasons: a narrower terminal breaks the lines itself.
+/// Narrowest width that text is wrapped to, columns: a narrower terminal breaks the lines itself.
 const LEAST_COLUMNS: usize = 40;
-/// Columns of the words "default" and so on, with the space around them.
+/// Width of a label such as "default" with the space around it, columns.
 const INDENT: usize = 11;
 
-/// Prints the keys whose path contains the pattern.
+/// Prints the explanation of every key whose path contains the pattern.
 ///
 /// # Errors
 /// If there is no such key.
@@ -53,13 +53,13 @@ fn find(pattern: &str) -> Result<Vec<&'static Key>, Error> {
     Err(Error::Refused(format!("no key contains \"{pattern}\"; {help}")))
 }
 
-/// The terminal's columns, or else [`COLUMNS`].
+/// The width of the terminal in columns, else [`COLUMNS`].
 fn columns() -> usize {
     let terminal = std::io::stdout().is_terminal().then(terminal::size).and_then(Result::ok);
     terminal.map_or(COLUMNS, |(columns, _)| usize::from(columns).max(LEAST_COLUMNS))
 }
 
-/// The name of each key, and below it a line for each thing that is to be said of it.
+/// Formats each key's path with a labelled line below it for each property.
 fn as_text(keys: &[&Key], columns: usize) -> String {
     keys.iter().map(|key| key_as_text(key, columns)).collect::<Vec<_>>().join("\n")
 }
@@ -84,36 +84,36 @@ fn key_as_text(key: &Key, columns: usize) -> String {
         ("reason", Some(key.about.to_owned())),
     ];
     let mut text = format!("{}\n", key.path);
-    for (word, content) in lines {
+    for (label, content) in lines {
         let Some(content) = content else { continue };
         for (nth, line) in wrapped(&content, columns - INDENT).into_iter().enumerate() {
-            let word = if nth == 0 { word } else { "" };
-            let _ = writeln!(text, "  {word:<7}  {line}");
+            let label = if nth == 0 { label } else { "" };
+            let _ = writeln!(text, "  {label:<7}  {line}");
         }
     }
     text
 }
 
-/// A number with its unit, as people write it: 45°, 100 m.
+/// Joins a number and its unit: 45°, 100 m.
 fn spaced(number: &str, unit: &str) -> String {
     if unit == "°" { format!("{number}{unit}") } else { format!("{number} {unit}") }
 }
 
-/// Lines of at most so many columns, broken between words.
+/// Wraps a text into lines of at most `columns` columns.
 fn wrapped(text: &str, columns: usize) -> Vec<String> {
     let mut lines: Vec<String> = Vec::new();
-    for word in text.split_whitespace() {
+    for piece in text.split_whitespace() {
         match lines.last_mut() {
-            Some(line) if line.chars().count() + 1 + word.chars().count() <= columns => *line += &format!(" {word}"),
-            _ => lines.push(word.to_owned()),
+            Some(line) if line.chars().count() + 1 + piece.chars().count() <= columns => *line += &format!(" {piece}"),
+            _ => lines.push(piece.to_owned()),
         }
     }
     lines
 }
 
-/// An object for each key. `range` is `{min, max, min_included}` for numbers, the array of choices where there are only some,
-/// else null; `paper` and `flock` are null where the default holds there too. A default that another key gives is
-/// `{same_as}`, one that has to be written `{required}`.
+/// Makes a JSON object for each key. `range` is `{min, max, min_included}` for numbers, the array of choices if the key
+/// has choices, else null. `paper` and `flock` are null if the default applies there too. A default that is the value
+/// of another key is `{same_as}`; a key without a default is `{required}`.
 fn as_json(keys: &[&Key]) -> Value {
     let object = |key: &&Key| {
         json!({
@@ -212,7 +212,7 @@ network.send
     }
 
     #[test]
-    fn a_pattern_without_a_key_is_refused_with_the_nearest() {
+    fn a_pattern_without_a_match_is_refused_with_the_nearest_key() {
         let refused = |pattern: &str| find(pattern).unwrap_err();
         assert_eq!(refused("raduis").to_string(), "no key contains \"raduis\"; did you mean formation.radius_m?");
         assert_eq!(refused("raduis").exit_code(), 2);

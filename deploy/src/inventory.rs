@@ -1,4 +1,5 @@
-//! The cluster's file: who is where. It never says what flies; the scenario does.
+//! The cluster file: which vehicle's agent runs on which host. The scenario, not the cluster file, determines what
+//! flies.
 
 mod read;
 
@@ -11,46 +12,46 @@ use skein_common::scenario::{Loaded, PlantKind};
 
 use crate::landing;
 
-/// A cluster's file and its scenario, both read and checked.
+/// A cluster file and its scenario, both read and checked.
 #[derive(Clone, Debug)]
 pub struct Inventory {
-    /// The file itself.
+    /// Path of the cluster file.
     pub path: PathBuf,
-    /// Namespace of all traffic, name of the services.
+    /// Name of the swarm: the namespace of all its traffic and part of the services' names.
     pub swarm: SwarmName,
-    /// The scenario's file, relative to nothing.
+    /// Absolute path of the scenario file.
     pub scenario_path: PathBuf,
-    /// What flies, under this swarm's name.
+    /// The scenario, with the name of this swarm.
     pub scenario: Loaded,
-    /// The scenario's file as it was read.
+    /// Text of the scenario file.
     pub scenario_text: String,
     /// How links are secured.
     pub security: SecurityKind,
-    /// Files and folders outside the scenario's folder that may be copied to the nodes, relative to nothing.
+    /// Absolute paths of files and folders outside the scenario's folder that may be copied to the nodes.
     pub files: Vec<PathBuf>,
-    /// The folder of keys, relative to nothing.
+    /// Absolute path of the folder of keys.
     pub keys: PathBuf,
-    /// Every vehicle's node.
+    /// The node of each vehicle.
     pub nodes: BTreeMap<VehicleId, Node>,
 }
 
 impl Inventory {
-    /// Every agent's endpoint in Zenoh's notation.
+    /// Returns each agent's endpoint in Zenoh's notation.
     pub fn endpoints(&self) -> BTreeMap<VehicleId, String> {
         self.nodes.iter().map(|(id, node)| (*id, node.endpoint(self.security))).collect()
     }
 
-    /// Whom this agent dials: of each pair the one with the higher id dials the other.
+    /// Endpoints that this agent dials: in each pair the agent with the higher id dials the other.
     pub fn dialled_by(&self, id: VehicleId) -> Vec<String> {
         self.nodes.range(..id).map(|(_, node)| node.endpoint(self.security)).collect()
     }
 
-    /// Whoever flies the scenario has landed within this time, s.
+    /// Time limit for the landing of any vehicle that flies the scenario, s.
     pub fn landing_s(&self) -> f64 {
         landing::limit_of(&self.scenario.scenario).as_secs_f64()
     }
 
-    /// The folder that the scenario's paths start from.
+    /// The folder that relative paths in the scenario start from.
     pub fn scenario_folder(&self) -> &Path {
         self.scenario_path.parent().unwrap_or(Path::new(""))
     }
@@ -59,62 +60,62 @@ impl Inventory {
 /// How links are secured.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum SecurityKind {
-    /// Mutual TLS, signed orders.
+    /// Mutual TLS and signed messages.
     #[default]
     Tls,
-    /// Plain TCP: only when asked for by name.
+    /// Plain TCP without signatures: only if the cluster file asks for it.
     None,
 }
 
-/// One agent.
+/// A node: one vehicle's agent and its host.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Node {
-    /// Its vehicle.
+    /// Id of its vehicle.
     pub id: VehicleId,
-    /// Where it runs: what `ssh` takes. `None` only if it is installed by hand.
+    /// Its host, as given to `ssh`. `None` only if it is installed by hand.
     pub host: Option<String>,
-    /// Who logs in there; `None`: as ssh's own configuration says.
+    /// User who logs in there; `None`: according to ssh's own configuration.
     pub user: Option<String>,
-    /// Where peers reach it: an IP address or a name; its certificate carries it.
+    /// Address at which peers reach it: an IP address or a name. It is part of the node's certificate.
     pub address: String,
-    /// Its TCP port, 7446 + id.
+    /// TCP port of the agent: 7446 + id.
     pub port: u16,
-    /// What it flies.
+    /// The kind of plant that it flies.
     pub plant: PlantKind,
     /// `HOST[:PORT]` of its simulator as seen from its host.
     pub xplane: Option<String>,
     /// How it is installed.
     pub install: Install,
-    /// The program for its platform, if not the one that runs here; relative to nothing.
+    /// Absolute path of the program for its platform, if it is not the program that runs here.
     pub binary: Option<PathBuf>,
-    /// Folder on its host for everything of Skein, below the home folder unless absolute. `.skein`.
+    /// Folder for all files of Skein on its host, below the home folder unless absolute. Default `.skein`.
     pub folder: String,
-    /// Who starts it again when it has died.
+    /// Service that restarts the agent when it has failed.
     pub service: ServiceKind,
-    /// What its agent logs, as `RUST_LOG` takes it.
+    /// Log filter of its agent, in the syntax of `RUST_LOG`.
     pub log: Option<String>,
 }
 
 /// How a node is installed.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Install {
-    /// Over ssh.
+    /// By this program, over ssh.
     #[default]
     Ssh,
-    /// `install` writes a folder to carry there.
+    /// By hand: `install` writes a folder to carry to the host.
     Manual,
 }
 
-/// Who starts an agent again when it has died.
+/// The service that restarts an agent when it has failed.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum ServiceKind {
-    /// systemd where it runs, else our own supervisor.
+    /// systemd where it is available, else Skein's own supervisor.
     #[default]
     Auto,
-    /// systemd.
+    /// Always systemd.
     Systemd,
-    /// Our own supervisor.
+    /// Always Skein's own supervisor.
     Own,
 }
 
@@ -126,7 +127,7 @@ impl Node {
             SecurityKind::None => "tcp",
         };
         let address = &self.address;
-        // An IPv6 address stands in brackets.
+        // An IPv6 address is written in brackets.
         match address.contains(':') {
             true => format!("{scheme}/[{address}]:{}", self.port),
             false => format!("{scheme}/{address}:{}", self.port),

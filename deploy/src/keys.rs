@@ -1,4 +1,4 @@
-//! The keys of a cluster: which there are, in which file, and what stands in each certificate.
+//! The keys of a cluster: which keys exist, in which files, and the contents of each certificate.
 
 pub(crate) mod certificate;
 pub(crate) mod folder;
@@ -8,35 +8,35 @@ use skein_common::id::VehicleId;
 use time::OffsetDateTime;
 
 use crate::inventory::Inventory;
-use certificate::Wanted;
+use certificate::CertificateSpec;
 use folder::Names;
 
-/// Who takes part in a swarm's traffic.
+/// The roles of the nodes that connect to a swarm. Each role has a certificate.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Role {
-    /// A vehicle's agent: says what this vehicle may say.
+    /// A vehicle's agent: sends this vehicle's messages.
     Vehicle(VehicleId),
-    /// Says nothing.
+    /// An observer: receives all messages and sends none.
     Observer,
-    /// Gives orders.
+    /// The operator: sends orders.
     Operator,
 }
 
-/// Who has a certificate.
+/// All roles that have a certificate in this cluster.
 pub(crate) fn roles(inventory: &Inventory) -> impl Iterator<Item = Role> {
     inventory.nodes.keys().map(|id| Role::Vehicle(*id)).chain([Role::Observer, Role::Operator])
 }
 
-/// What the certificate of this one says.
-pub(crate) fn wanted<'a>(inventory: &'a Inventory, names: &'a Names, role: Role) -> Wanted<'a> {
+/// The required contents of the certificate of this role.
+pub(crate) fn certificate_spec<'a>(inventory: &'a Inventory, names: &'a Names, role: Role) -> CertificateSpec<'a> {
     let address = match role {
         Role::Vehicle(id) => inventory.nodes.get(&id).map(|node| node.address.as_str()),
         Role::Observer | Role::Operator => None,
     };
-    Wanted { role, name: name_of(names, role), address }
+    CertificateSpec { role, name: name_of(names, role), address }
 }
 
-/// The common name that counts; empty if there is none yet.
+/// The valid common name of this role; empty if it has none yet.
 pub(crate) fn name_of(names: &Names, role: Role) -> &str {
     match role {
         Role::Vehicle(id) => names.vehicles.get(&id).map_or("", |known| &known.name),
@@ -45,7 +45,7 @@ pub(crate) fn name_of(names: &Names, role: Role) -> &str {
     }
 }
 
-/// `2026-11-21`.
+/// Formats a date: `2026-11-21`.
 pub(crate) fn day(at: OffsetDateTime) -> String {
     let (year, month, day) = at.to_calendar_date();
     format!("{year:04}-{:02}-{day:02}", u8::from(month))

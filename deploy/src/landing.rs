@@ -1,19 +1,20 @@
-//! How long a landing may take before it is given up.
+//! Time limits of landings.
 
 use std::time::Duration;
 
 use skein_common::scenario::Scenario;
 
-/// In addition to the time of a descent at a quarter of the usual rate.
+/// Added to the duration of a descent at [`SLOW_DESCENT_M_S`].
 const LANDING: Duration = Duration::from_secs(60);
+/// A quarter of the usual rate of descent, m/s.
 const SLOW_DESCENT_M_S: f64 = 0.5;
 
-/// For a vehicle at this height, m.
+/// Time limit for the landing of a vehicle at this height, m.
 pub fn limit(height_m: f64) -> Duration {
     LANDING + Duration::from_secs_f64(height_m.clamp(0.0, 1e5) / SLOW_DESCENT_M_S)
 }
 
-/// For any vehicle that flies this scenario.
+/// Time limit for the landing of any vehicle of this scenario.
 pub fn limit_of(scenario: &Scenario) -> Duration {
     let steps = scenario.mission.steps.iter().map(|step| &step.formation);
     let highest_m = steps.map(|flown| flown.altitude_m + flown.half_height_m(scenario.swarm.vehicles));
@@ -27,7 +28,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn whoever_flies_high_may_take_long() {
+    fn a_higher_formation_has_more_time_to_land() {
         let limit_s = |text: &str| {
             let text = format!("swarm.vehicles = 5\nformation.radius_m = 60\nformation.altitude_m = {text}\n");
             limit_of(&load(&Source { name: "a.toml", text: &text }, &[]).unwrap().scenario).as_secs_f64()

@@ -1,5 +1,5 @@
-//! The operator's and researcher's command: flies a swarm on this PC, studies it in virtual time, looks at it. It is never
-//! in the loop: kill it and the swarm flies on.
+//! The `skein` command for operators and researchers: it flies a swarm on this PC, studies one in virtual time and
+//! shows the results. The command is never in the control loop: if it is killed, the swarm flies on.
 
 pub mod capacity;
 pub mod check;

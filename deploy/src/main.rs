@@ -1,4 +1,4 @@
-//! `skein`: everything is in the library.
+//! The `skein` program. All its code is in the library.
 
 use std::process::ExitCode;
 

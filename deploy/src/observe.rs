@@ -1,5 +1,5 @@
-//! Listening to a live swarm: what every vehicle says of itself, decoded and checked. `fly` and `order` stand on it. An
-//! observer is never in the loop: the swarm flies the same with it and without it.
+//! Receives, decodes and verifies what the vehicles of a live swarm send. `fly`, `order`, `record` and `cluster` use
+//! it. An observer is never in the control loop: the swarm flies the same with and without it.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
@@ -23,65 +23,66 @@ use crate::reach::Reach;
 use skein_host::clock;
 use skein_lab::error::Error;
 
-/// What waits to be read; what comes on top is dropped and counted. Two seconds of 250 vehicles.
+/// Capacity of the queue of received messages: two seconds of 250 vehicles. Further messages are dropped and counted.
 const QUEUE: usize = 25_000;
 
-/// Whether every step is listened to. A vehicle works out, seals and sends its steps only while somebody does.
+/// Whether the observer subscribes to the trace, which has one message for each control step. A vehicle computes, signs
+/// and sends its trace only while there is a subscriber.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Steps {
-    /// They are.
-    Heard,
-    /// Only everything else is.
-    Unheard,
+    /// Subscribe to the trace.
+    On,
+    /// Subscribe to everything except the trace.
+    Off,
 }
 
-/// Something that a vehicle said, or that became of it.
+/// A message from a vehicle, or a change of its presence.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Heard {
-    /// One of its steps.
+    /// The trace of one control step.
     Trace(Trace),
-    /// How well it does.
+    /// The vehicle's health report.
     Health(Health),
-    /// Its part in the agreement.
+    /// The vehicle's heartbeat, which carries its agreement state.
     Mission(Mission),
-    /// What happened.
+    /// An event that the vehicle reports.
     Event(Event),
-    /// It is there.
+    /// The vehicle's agent has appeared on the network.
     Appeared(VehicleId),
-    /// It is gone.
+    /// The vehicle's agent has left the network.
     Vanished(VehicleId),
 }
 
-/// As it is handed over.
+/// A received message with its run and its time of arrival.
 struct Caught {
     heard: Heard,
-    /// The run that its speaker has sealed it for.
+    /// The run that the sender signed the message for.
     run: Option<u64>,
     at: Instant,
 }
 
-/// The newest that is known of one vehicle.
+/// The newest data received from one vehicle.
 #[derive(Clone, Debug, Default)]
 pub struct Seen {
-    /// It is there: its liveliness token, or its link where links are secured.
+    /// Whether the vehicle's agent is on the network: by its liveliness token, or by its link where links are secured.
     pub alive: bool,
-    /// The run of the swarm that it is in, where words are sealed.
+    /// The run that the vehicle flies in, where messages are signed.
     pub run: Option<u64>,
-    /// Its newest step.
+    /// The newest trace.
     pub trace: Option<Trace>,
-    /// When that was heard.
+    /// Time of arrival of the newest trace.
     pub trace_at: Option<Instant>,
-    /// How well it does.
+    /// The newest health report.
     pub health: Option<Health>,
-    /// When that was received.
+    /// Time of arrival of the newest health report.
     pub health_at: Option<Instant>,
-    /// The run of the swarm that it was sealed for, where messages are sealed.
+    /// The run that the health report was signed for, where messages are signed.
     pub health_run: Option<u64>,
-    /// Its part in the agreement.
+    /// The newest heartbeat, which carries the vehicle's agreement state.
     pub mission: Option<Mission>,
 }
 
-/// What was not believed.
+/// Counts of the messages that were dropped.
 #[derive(Debug, Default)]
 struct Dropped {
     undecodable: AtomicU64,
@@ -89,27 +90,27 @@ struct Dropped {
     overflow: AtomicU64,
 }
 
-/// Listens to one swarm.
+/// Receives the messages of one swarm and keeps the newest of each vehicle.
 pub struct Observer {
     sessions: Sessions,
     inbox: Receiver<Caught>,
     dropped: Arc<Dropped>,
     vehicles: BTreeMap<VehicleId, Seen>,
     swarm: SwarmName,
-    /// Tells which orders are an operator's, where they are sealed.
+    /// Verifies that an order was signed by an operator, where orders are signed.
     orders: Option<Checker>,
     sealer: Option<Arc<Sealer>>,
-    /// The run that was begun from this PC last, if one was.
+    /// The run that this PC began last, if any.
     own_run: Option<u64>,
 }
 
-/// Why nothing can be observed.
+/// Why a swarm cannot be observed.
 #[derive(Debug, thiserror::Error)]
 pub enum ObserveError {
-    /// No session.
+    /// The session could not be opened.
     #[error(transparent)]
     Link(#[from] LinkError),
-    /// A session that refuses.
+    /// Zenoh refused a subscription or a publication.
     #[error("cannot listen to the swarm: {0}")]
     Zenoh(#[from] zenoh::Error),
 }
@@ -124,26 +125,26 @@ impl From<ObserveError> for Error {
 }
 
 impl Observer {
-    /// Listens to this swarm; agents that are not there yet are dialled again and again.
+    /// Connects to this swarm. Agents that do not answer yet are dialled again and again.
     ///
     /// # Errors
-    /// If a key is none, or Zenoh refuses.
+    /// If a key or certificate is invalid, or Zenoh refuses.
     pub fn open(reach: &Reach, steps: Steps) -> Result<Self, ObserveError> {
         let sessions = Sessions::open(&reach.swarm, &[], &reach.all(), &reach.security)?;
         let session = sessions.first();
         let (sender, inbox) = sync_channel(QUEUE);
         let dropped = Arc::new(Dropped::default());
         let voices = reach.security.voices(&reach.swarm);
-        let ear = Ear { sender, dropped: dropped.clone(), voices, presence: sessions.presence() };
-        if steps == Steps::Heard {
-            ear.subscribe(session, topic::all::TRACES, Heard::Trace)?;
+        let receiver = Ear { sender, dropped: dropped.clone(), voices, presence: sessions.presence() };
+        if steps == Steps::On {
+            receiver.subscribe(session, topic::all::TRACES, Heard::Trace)?;
         }
-        ear.subscribe(session, topic::all::HEALTH, Heard::Health)?;
-        ear.subscribe(session, topic::all::MISSIONS, Heard::Mission)?;
-        ear.subscribe(session, topic::all::EVENTS, Heard::Event)?;
+        receiver.subscribe(session, topic::all::HEALTH, Heard::Health)?;
+        receiver.subscribe(session, topic::all::MISSIONS, Heard::Mission)?;
+        receiver.subscribe(session, topic::all::EVENTS, Heard::Event)?;
         let note = move |change| match change {
-            Change::Came(id) => ear.hand_over(Heard::Appeared(id), None),
-            Change::Went(id) => ear.hand_over(Heard::Vanished(id), None),
+            Change::Came(id) => receiver.enqueue(Heard::Appeared(id), None),
+            Change::Went(id) => receiver.enqueue(Heard::Vanished(id), None),
             Change::Refused(_) => {}
         };
         sessions.presence().watch(&sessions, note)?;
@@ -153,76 +154,80 @@ impl Observer {
         Ok(Self { sessions, inbox, dropped, vehicles: BTreeMap::new(), swarm, orders, sealer, own_run })
     }
 
-    /// Everything heard since the last call, in order; takes it up in [`Self::vehicles`]. Never waits.
+    /// Returns the messages received since the last call, in order of arrival, and updates [`Self::vehicles`]. Never
+    /// blocks.
     pub fn poll(&mut self) -> Vec<Heard> {
         self.poll_timed().into_iter().map(|(heard, _)| heard).collect()
     }
 
-    /// As [`Self::poll`], with when it came.
+    /// Like [`Self::poll`], with the time of arrival of each message.
     pub fn poll_timed(&mut self) -> Vec<(Heard, Instant)> {
         let mut all = Vec::new();
-        while let Ok(caught) = self.inbox.try_recv() {
-            if take_up(&mut self.vehicles, &caught) {
-                all.push((caught.heard, caught.at));
+        while let Ok(arrival) = self.inbox.try_recv() {
+            if update(&mut self.vehicles, &arrival) {
+                all.push((arrival.heard, arrival.at));
             }
         }
         all
     }
 
-    /// Every vehicle ever heard of, with the newest that is known of it.
+    /// The newest data of every vehicle that has appeared or sent a message.
     pub fn vehicles(&self) -> &BTreeMap<VehicleId, Seen> {
         &self.vehicles
     }
 
-    /// Messages that were not believed, or came faster than they were read.
+    /// Number of messages dropped: undecodable, forged, or received faster than they were read.
     pub fn dropped(&self) -> u64 {
         let Dropped { undecodable, forged, overflow } = &*self.dropped;
         undecodable.load(Relaxed) + forged.load(Relaxed) + overflow.load(Relaxed)
     }
 
-    /// The run that the swarm flies in, where runs are sealed: the one that more than half of the vehicles in contact name; if
-    /// none has a majority, the one that was begun from this PC, if a vehicle names it. `None` leaves it open.
+    /// The run that the swarm flies in, where messages are signed: the run that more than half of the vehicles in
+    /// contact report. Without a majority it is the run that this PC began last, if any vehicle reports it, else
+    /// `None`.
     pub fn run(&self) -> Option<u64> {
-        let named: Vec<u64> = self.vehicles.values().filter(|seen| seen.alive).filter_map(|seen| seen.run).collect();
+        let named: Vec<u64> = self.vehicles.values().filter(|view| view.alive).filter_map(|view| view.run).collect();
         majority(&named, named.len()).or(self.own_run.filter(|own| named.contains(own)))
     }
 
-    /// The health of a vehicle, and when it was received: while the vehicle is in contact, and if it sent this in its present
-    /// life and in the run that the swarm flies in.
+    /// The newest health report of a vehicle and its time of arrival. `None` unless the vehicle is in contact and sent
+    /// the report in its present incarnation and in the run that the swarm flies in.
     pub fn health_of(&self, id: VehicleId) -> Option<(&Health, Instant)> {
-        let seen = self.vehicles.get(&id).filter(|seen| seen.alive)?;
-        let (health, at) = seen.health.as_ref().zip(seen.health_at)?;
+        let view = self.vehicles.get(&id).filter(|view| view.alive)?;
+        let (health, at) = view.health.as_ref().zip(view.health_at)?;
         let is_of_this_life =
-            seen.mission.is_none_or(|mission| mission.header.incarnation <= health.header.incarnation);
-        let is_of_this_run = seen.health_run.is_none_or(|run| self.run() == Some(run));
+            view.mission.is_none_or(|mission| mission.header.incarnation <= health.header.incarnation);
+        let is_of_this_run = view.health_run.is_none_or(|run| self.run() == Some(run));
         (is_of_this_life && is_of_this_run).then_some((health, at))
     }
 
-    /// The order that a vehicle repeats, if it is an operator's: where orders are sealed, anybody can make one up, but no seal
-    /// of the run that this vehicle flies in.
-    pub fn order_of(&self, seen: &Seen) -> Option<Order> {
+    /// The order that a vehicle repeats in its heartbeat, if an operator issued it: where orders are signed, the
+    /// order's signature must be valid for the run that the vehicle flies in.
+    pub fn order_of(&self, view: &Seen) -> Option<Order> {
         let is_sealed =
-            |order: &Order| self.orders.as_ref().is_none_or(|orders| orders.is_sealed(seen.run.unwrap_or(0), order));
-        seen.mission?.order.filter(is_sealed)
+            |order: &Order| self.orders.as_ref().is_none_or(|orders| orders.is_sealed(view.run.unwrap_or(0), order));
+        view.mission?.order.filter(is_sealed)
     }
 
-    /// One more than the largest epoch of any order that was heard of.
+    /// One more than the largest epoch of any order that a vehicle repeats.
     pub fn next_epoch(&self) -> u64 {
-        let orders = self.vehicles.values().filter_map(|seen| self.order_of(seen));
+        let orders = self.vehicles.values().filter_map(|view| self.order_of(view));
         orders.map(|order| order.epoch).max().unwrap_or(0).saturating_add(1)
     }
 
-    /// The order as vehicles believe it: where orders are sealed, on an operator's PC, with a seal for each run that a vehicle
-    /// in contact flies in. So no vehicle decides for another which run is ordered, and none is left in the air because it is
-    /// of another run than most. A seal for a run that flies no more is of no use: that run is never joined again.
+    /// The order in the form that vehicles accept: where orders are signed, on an operator's PC, one signed copy for
+    /// each run that a vehicle in contact flies in. So a vehicle cannot decide for another one which run is ordered,
+    /// and a vehicle in another run than most is not left in the air. A signature for a run that has ended is useless
+    /// to an attacker: that run is never joined again.
     pub fn sealed(&self, order: Order) -> Vec<Order> {
         let Some(sealer) = &self.sealer else { return vec![order] };
-        let there = self.vehicles.values().filter(|seen| seen.alive);
-        let runs: BTreeSet<u64> = there.filter_map(|seen| seen.run).filter(|run| *run != 0).collect();
+        let there = self.vehicles.values().filter(|view| view.alive);
+        let runs: BTreeSet<u64> = there.filter_map(|view| view.run).filter(|run| *run != 0).collect();
         runs.into_iter().map(|run| orders::seal(sealer, &self.swarm, run, order)).collect()
     }
 
-    /// Publishes an order to every agent that can be reached now. It is a register: publishing it again changes nothing.
+    /// Publishes an order to every agent that can be reached now. An order is a register: publishing it again changes
+    /// nothing.
     ///
     /// # Errors
     /// If Zenoh refuses.
@@ -236,7 +241,7 @@ impl Observer {
     }
 }
 
-/// What Zenoh's threads do: decode, check, hand over. They never wait.
+/// Runs in Zenoh's threads: decodes, verifies and queues each message. Never blocks.
 #[derive(Clone)]
 struct Ear {
     sender: SyncSender<Caught>,
@@ -252,32 +257,32 @@ impl Ear {
         keys: &'static str,
         heard: fn(M) -> Heard,
     ) -> zenoh::Result<()> {
-        let ear = self.clone();
-        let listen = move |sample: Sample| {
+        let receiver = self.clone();
+        let on_sample = move |sample: Sample| {
             let key = sample.key_expr().as_str();
             match Topic::parse(key).map(|topic| topic.author()) {
-                // Replayed by another, or on its way while its link broke.
-                Some(Author::Vehicle(id)) if !ear.presence.may_speak(id) => count(&ear.dropped.forged),
-                _ => match ear.voices.read(key, &sample.payload().to_bytes()) {
-                    Ok(said) => ear.hand_over(heard(said.message), said.run),
+                // Replayed by another node, or in flight while the sender's link broke.
+                Some(Author::Vehicle(id)) if !receiver.presence.may_speak(id) => count(&receiver.dropped.forged),
+                _ => match receiver.voices.read(key, &sample.payload().to_bytes()) {
+                    Ok(verified) => receiver.enqueue(heard(verified.message), verified.run),
                     Err(error) => count(match error.reason() {
-                        Reason::Undecodable | Reason::OtherVersion => &ear.dropped.undecodable,
-                        _ => &ear.dropped.forged,
+                        Reason::Undecodable | Reason::OtherVersion => &receiver.dropped.undecodable,
+                        _ => &receiver.dropped.forged,
                     }),
                 },
             }
         };
-        session.declare_subscriber(keys).allowed_origin(Locality::Remote).callback(listen).background().wait()
+        session.declare_subscriber(keys).allowed_origin(Locality::Remote).callback(on_sample).background().wait()
     }
 
-    fn hand_over(&self, heard: Heard, run: Option<u64>) {
+    fn enqueue(&self, heard: Heard, run: Option<u64>) {
         if self.sender.try_send(Caught { heard, run, at: clock::now() }).is_err() {
             count(&self.dropped.overflow);
         }
     }
 }
 
-/// The run that more than half of `all` name; 0 names none.
+/// The run that more than half of `all` vehicles report. A reported run of 0 means an unknown run.
 pub fn majority(named: &[u64], all: usize) -> Option<u64> {
     let has_majority = |run: &u64| *run != 0 && 2 * named.iter().filter(|other| *other == run).count() > all;
     named.iter().copied().find(has_majority)
@@ -287,34 +292,34 @@ fn count(counter: &AtomicU64) {
     counter.fetch_add(1, Relaxed);
 }
 
-/// Keeps the newest of everything. False for what is older than what is known.
-fn take_up(vehicles: &mut BTreeMap<VehicleId, Seen>, Caught { heard, run, at }: &Caught) -> bool {
+/// Keeps the newest message of each kind and vehicle. Returns false if the message is older than the kept one.
+fn update(vehicles: &mut BTreeMap<VehicleId, Seen>, Caught { heard, run, at }: &Caught) -> bool {
     let newer = |header: &message::Header, known: Option<&message::Header>| {
         known.map(message::Header::order) < Some(header.order())
     };
     match heard {
         Heard::Trace(trace) => {
-            let seen = vehicles.entry(trace.header.sender).or_default();
-            let news = newer(&trace.header, seen.trace.as_ref().map(|known| &known.header));
+            let view = vehicles.entry(trace.header.sender).or_default();
+            let news = newer(&trace.header, view.trace.as_ref().map(|known| &known.header));
             if news {
-                seen.trace = Some(trace.clone());
-                seen.trace_at = Some(*at);
+                view.trace = Some(trace.clone());
+                view.trace_at = Some(*at);
             }
             news
         }
         Heard::Health(health) => {
-            let seen = vehicles.entry(health.header.sender).or_default();
-            let news = newer(&health.header, seen.health.as_ref().map(|known| &known.header));
+            let view = vehicles.entry(health.header.sender).or_default();
+            let news = newer(&health.header, view.health.as_ref().map(|known| &known.header));
             if news {
-                (seen.health, seen.health_at, seen.health_run) = (Some(health.clone()), Some(*at), *run);
+                (view.health, view.health_at, view.health_run) = (Some(health.clone()), Some(*at), *run);
             }
             news
         }
         Heard::Mission(mission) => {
-            let seen = vehicles.entry(mission.header.sender).or_default();
-            let news = newer(&mission.header, seen.mission.as_ref().map(|known| &known.header));
+            let view = vehicles.entry(mission.header.sender).or_default();
+            let news = newer(&mission.header, view.mission.as_ref().map(|known| &known.header));
             if news {
-                (seen.mission, seen.run) = (Some(*mission), *run);
+                (view.mission, view.run) = (Some(*mission), *run);
             }
             news
         }
@@ -328,10 +333,10 @@ fn take_up(vehicles: &mut BTreeMap<VehicleId, Seen>, Caught { heard, run, at }: 
 
 #[cfg(test)]
 impl Observer {
-    /// Takes up what vehicles are supposed to have sent, each in a run and at a time.
-    pub(crate) fn suppose(&mut self, heard: impl IntoIterator<Item = (Heard, Option<u64>, Instant)>) {
+    /// Processes these messages as if vehicles had sent them, each in a run and at a time.
+    pub(crate) fn inject(&mut self, heard: impl IntoIterator<Item = (Heard, Option<u64>, Instant)>) {
         for (heard, run, at) in heard {
-            take_up(&mut self.vehicles, &Caught { heard, run, at });
+            update(&mut self.vehicles, &Caught { heard, run, at });
         }
     }
 }
@@ -372,37 +377,37 @@ mod tests {
         }
     }
 
-    fn caught(heard: Heard) -> Caught {
+    fn arrival(heard: Heard) -> Caught {
         Caught { heard, run: None, at: clock::now() }
     }
 
     #[test]
-    fn the_newest_word_of_the_newest_life_stands() {
+    fn the_newest_message_of_the_newest_incarnation_is_kept() {
         let mut vehicles = BTreeMap::new();
-        let mut hear = |life, sequence| {
-            let news = take_up(&mut vehicles, &caught(Heard::Mission(mission(2, life, sequence))));
+        let mut receive = |life, sequence| {
+            let news = update(&mut vehicles, &arrival(Heard::Mission(mission(2, life, sequence))));
             (news, vehicles[&VehicleId::new(2).unwrap()].mission.unwrap().header.sequence)
         };
-        assert_eq!(hear(1, 5), (true, 5));
-        assert_eq!(hear(1, 4), (false, 5), "late");
-        assert_eq!(hear(1, 5), (false, 5), "twice");
-        assert_eq!(hear(2, 1), (true, 1), "restarted");
-        assert_eq!(hear(1, 9), (false, 1), "of an earlier life");
+        assert_eq!(receive(1, 5), (true, 5));
+        assert_eq!(receive(1, 4), (false, 5), "late");
+        assert_eq!(receive(1, 5), (false, 5), "twice");
+        assert_eq!(receive(2, 1), (true, 1), "restarted");
+        assert_eq!(receive(1, 9), (false, 1), "of an earlier incarnation");
     }
 
     #[test]
-    fn a_token_makes_alive() {
+    fn a_vehicle_is_alive_from_its_appearance_to_its_disappearance() {
         let id = VehicleId::new(1).unwrap();
         let mut vehicles = BTreeMap::new();
         let event = Event { header: mission(1, 1, 1).header, what: Happening::Landed };
         for (heard, alive) in [(Heard::Appeared(id), true), (Heard::Event(event), true), (Heard::Vanished(id), false)] {
-            assert!(take_up(&mut vehicles, &caught(heard)));
+            assert!(update(&mut vehicles, &arrival(heard)));
             assert_eq!(vehicles[&id].alive, alive);
         }
     }
 
     #[test]
-    fn steps_are_made_only_for_whoever_listens_to_them() {
+    fn a_vehicle_makes_its_trace_only_for_a_subscriber() {
         let swarm = SwarmName::new(format!("steps-{}", std::process::id())).unwrap();
         let id = VehicleId::new(1).unwrap();
         let here = ["tcp/127.0.0.1:0".to_owned()];
@@ -413,41 +418,41 @@ mod tests {
         let link = Link::new(sessions, id, LocalClock::start(), trust).unwrap();
         let reach = Reach::plain(swarm, agents, Flown::Text(String::new()));
         let event = Event { header: mission(1, 1, 1).header, what: Happening::Landed };
-        for (steps, wanted) in [(Steps::Unheard, false), (Steps::Heard, true)] {
+        for (steps, wanted) in [(Steps::Off, false), (Steps::On, true)] {
             let mut observer = Observer::open(&reach, steps).unwrap();
             let until = clock::now() + Duration::from_secs(20);
-            let mut is_heard = false;
-            while !(is_heard && link.trace_is_wanted() == wanted) {
-                assert!(clock::now() < until, "heard: {is_heard}, {steps:?}");
+            let mut has_event = false;
+            while !(has_event && link.trace_is_wanted() == wanted) {
+                assert!(clock::now() < until, "event received: {has_event}, {steps:?}");
                 link.say_event(&event);
                 clock::sleep(Duration::from_millis(20));
-                is_heard |= observer.poll().contains(&Heard::Event(event));
+                has_event |= observer.poll().contains(&Heard::Event(event));
             }
         }
     }
 
     #[test]
-    fn the_run_that_flies_is_named_by_more_than_half() {
+    fn the_run_in_flight_is_the_one_that_more_than_half_report() {
         assert_eq!((majority(&[5, 7, 7], 3), majority(&[7, 7], 3), majority(&[7], 3)), (Some(7), Some(7), None));
         assert_eq!((majority(&[5, 5, 7, 7], 4), majority(&[0, 0, 0], 3), majority(&[], 0)), (None, None, None));
         let reach = Reach::plain(SwarmName::new("runs").unwrap(), BTreeMap::new(), Flown::Text(String::new()));
         let run = |own_run, named: &[(u8, u64, bool)]| {
-            let mut observer = Observer::open(&Reach { own_run, ..reach.clone() }, Steps::Unheard).unwrap();
+            let mut observer = Observer::open(&Reach { own_run, ..reach.clone() }, Steps::Off).unwrap();
             for (sender, run, alive) in named {
                 let there = alive.then(|| Heard::Appeared(VehicleId::new(*sender).unwrap()));
                 let heard = there.into_iter().chain([Heard::Mission(mission(*sender, 1, 1))]);
-                observer.suppose(heard.map(|heard| (heard, Some(*run), clock::now())));
+                observer.inject(heard.map(|heard| (heard, Some(*run), clock::now())));
             }
             observer.run()
         };
         assert_eq!(run(None, &[(1, 7, true), (2, 5, true), (3, 5, false)]), None, "a tie of those in contact");
         assert_eq!(run(Some(7), &[(1, 7, true), (2, 5, true)]), Some(7), "begun from here");
         assert_eq!(run(Some(7), &[(1, 7, true), (2, 5, true), (3, 5, true)]), Some(5));
-        assert_eq!(run(Some(7), &[(2, 5, true), (3, 6, true)]), None, "nobody is in it");
+        assert_eq!(run(Some(7), &[(2, 5, true), (3, 6, true)]), None, "no vehicle is in it");
     }
 
     #[test]
-    fn an_order_that_somebody_has_made_up_counts_for_nothing() {
+    fn a_forged_order_is_ignored() {
         let key = Ed25519KeyPair::generate_pkcs8(&SystemRandom::new()).unwrap();
         let sealer = Arc::new(Sealer::from_pkcs8(key.as_ref()).unwrap());
         let swarm = SwarmName::new(format!("observe-{}", std::process::id())).unwrap();
@@ -456,25 +461,25 @@ mod tests {
         let plain = Reach::plain(swarm.clone(), BTreeMap::new(), scenario);
         let sealed = Reach { orders_key: Some(public), sealer: Some(sealer.clone()), ..plain.clone() };
         let order = |epoch| Order { epoch, issuer: 1, verb: Verb::Hold, seal: None };
-        // The run that most are in; and what each of them repeats.
-        let said = [
+        // Each vehicle's id, its run, and the order that it repeats.
+        let repeated = [
             (1, 7, orders::seal(&sealer, &swarm, 7, order(3))),
             (2, 7, order(u64::MAX - 1)),
             (3, 6, orders::seal(&sealer, &swarm, 6, order(50))),
         ];
         let observe = |reach: &Reach| {
-            let mut observer = Observer::open(reach, Steps::Unheard).unwrap();
-            for (sender, run, order) in said {
+            let mut observer = Observer::open(reach, Steps::Off).unwrap();
+            for (sender, run, order) in repeated {
                 let id = VehicleId::new(sender).unwrap();
-                take_up(&mut observer.vehicles, &caught(Heard::Appeared(id)));
+                update(&mut observer.vehicles, &arrival(Heard::Appeared(id)));
                 let mission = Mission { order: Some(order), ..mission(sender, 1, 1) };
-                take_up(&mut observer.vehicles, &Caught { run: Some(run), ..caught(Heard::Mission(mission)) });
+                update(&mut observer.vehicles, &Caught { run: Some(run), ..arrival(Heard::Mission(mission)) });
             }
             observer
         };
         let observer = observe(&sealed);
         assert_eq!((observer.run(), observer.next_epoch()), (Some(7), 51));
-        // An order is for every vehicle, whichever run it flies in, and is sealed for each of these runs.
+        // An order is for every vehicle, whichever run it flies in: it is signed for each of these runs.
         let given = observer.sealed(order(51));
         assert_eq!(given.len(), 2);
         for (given, run) in given.into_iter().zip([6, 7]) {
@@ -482,10 +487,10 @@ mod tests {
             let mission = Some(Mission { order: Some(given), ..mission(1, 1, 2) });
             let of_run = |run| Seen { mission, run: Some(run), ..Seen::default() };
             assert_eq!(observer.order_of(&of_run(run)), Some(given));
-            assert_eq!(observer.order_of(&of_run(13 - run)), None, "a seal of another run");
+            assert_eq!(observer.order_of(&of_run(13 - run)), None, "a signature for another run");
         }
-        let anybody = observe(&plain);
-        assert_eq!(anybody.next_epoch(), u64::MAX);
-        assert_eq!(anybody.sealed(order(4)), [order(4)], "where nothing is sealed");
+        let unsigned_observer = observe(&plain);
+        assert_eq!(unsigned_observer.next_epoch(), u64::MAX);
+        assert_eq!(unsigned_observer.sealed(order(4)), [order(4)], "orders are not signed");
     }
 }

@@ -1,5 +1,5 @@
-//! `skein order`: an order to a live swarm, from anywhere. It is a register that agents merge and pass on: it needs to
-//! reach one of them.
+//! `skein order`: sends an order to a live swarm, from any PC. An order is a register that agents merge and pass on, so
+//! it has to reach only one of them.
 
 mod effect;
 
@@ -13,31 +13,31 @@ use skein_common::scenario::{Source, load};
 
 use crate::observe::{Observer, Seen, Steps};
 use crate::reach::{Reach, SwarmArgs};
-use effect::{Doing, Effect};
+use effect::{Activity, Effect};
 use skein_host::clock;
 use skein_lab::error::Error;
 
-/// An agent says its register five times a second; whoever is silent this long is not there.
+/// How long to wait for heartbeats. An agent sends five a second; one that is silent for this long is not there.
 const LISTEN: Duration = Duration::from_millis(1500);
-/// Within this time an order has spread.
+/// Time within which an order spreads to every vehicle in contact.
 const SPREAD: Duration = Duration::from_secs(5);
-/// A vehicle that has taken an order tells what it does now within this time, by several heartbeats.
+/// Time within which the heartbeats show what an accepted order has changed.
 const SETTLED: Duration = Duration::from_secs(1);
-/// Between two sayings of the order.
+/// Interval at which the order is published again.
 const REPEAT: Duration = Duration::from_millis(200);
 
 /// `skein order`
 #[derive(Clone, Debug, clap::Args)]
 pub struct OrderArgs {
-    /// What the swarm is to do
+    /// The order
     #[command(subcommand)]
     pub verb: VerbArg,
-    /// Whom to order.
+    /// The swarm to order.
     #[command(flatten)]
     pub swarm: SwarmArgs,
 }
 
-/// What an operator can ask for.
+/// The orders of an operator.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::Subcommand)]
 pub enum VerbArg {
     /// Stop where they are, at the altitude they have
@@ -65,75 +65,78 @@ impl From<VerbArg> for Verb {
     }
 }
 
-/// Gives the order and tells what it has changed.
+/// Sends the order and prints what it has changed.
 ///
 /// # Errors
-/// If no swarm answers, the mission has no such step, not every vehicle in contact takes the order, or it changes nothing.
+/// If no vehicle answers, the mission has no such step, a vehicle in contact does not accept the order, or the order
+/// changes nothing.
 pub fn run(args: &OrderArgs) -> Result<(), Error> {
     let reach = args.swarm.reach(Role::Operator)?;
     let verb = args.verb.into();
-    let mut observer = Observer::open(&reach, Steps::Unheard)?;
-    listen(&mut observer, &reach);
+    let mut observer = Observer::open(&reach, Steps::Off)?;
+    wait_for_heartbeats(&mut observer, &reach);
     if speakers(&observer).next().is_none() {
-        return Err(Error::Failed(format!("no vehicle of swarm {} answers", reach.swarm)));
+        return Err(Error::Failed(format!("no vehicle of swarm {} answered", reach.swarm)));
     }
     if let Verb::Goto(step) = verb
         && let Some(why) = missing_step_of(&observer, &reach, step)
     {
         return Err(Error::Refused(why));
     }
-    let before = effect::doing(&observer);
-    if verb != Verb::Abort && before.values().any(|doing| *doing == Doing::Aborted) {
+    let before = effect::activities(&observer);
+    if verb != Verb::Abort && before.values().any(|activity| *activity == Activity::Aborted) {
         return Err(Error::Failed(format!(
-            "{verb}: swarm {} was ordered to abort, and no order takes that back",
+            "{verb}: refused, because swarm {} was ordered to abort and no order can undo that",
             reach.swarm
         )));
     }
-    let order = new(&observer, verb);
+    let order = new_order(&observer, verb);
     if observer.sealed(order).is_empty() {
-        return Err(Error::Failed(format!("no vehicle of swarm {} tells which run it flies in", reach.swarm)));
+        return Err(Error::Failed(format!("no vehicle of swarm {} reported the run that it flies in", reach.swarm)));
     }
-    note(&reach, verb);
-    let (taken, deaf) = give(&mut observer, &order)?;
-    let effect = settle(&mut observer, &before);
-    if !deaf.is_empty() {
-        let deaf = effect::ranges(&deaf);
-        return Err(Error::Failed(format!("{verb}: not taken by vehicle {deaf}; of those in contact {effect}")));
+    note_order(&reach, verb);
+    let (accepted, unresponsive) = distribute(&mut observer, &order)?;
+    let effect = wait_for_effect(&mut observer, &before);
+    if !unresponsive.is_empty() {
+        let unresponsive = effect::ranges(&unresponsive);
+        return Err(Error::Failed(format!(
+            "{verb}: not accepted by vehicle {unresponsive}; of those in contact {effect}"
+        )));
     }
     if !effect.is_any() {
-        return Err(Error::Failed(format!("{verb}: without effect: {effect}")));
+        return Err(Error::Failed(format!("{verb}: no effect: {effect}")));
     }
-    skein_lab::terminal::say(&format!("{verb}: taken by vehicle {}; {effect}\n", effect::ranges(&taken)));
+    skein_lab::terminal::say(&format!("{verb}: accepted by vehicle {}; {effect}\n", effect::ranges(&accepted)));
     Ok(())
 }
 
-/// Notes an order before it is given, so that the run it is for is not joined again after a landing.
-pub fn note(reach: &Reach, verb: Verb) {
+/// Records an order on this PC before it is sent, so that a run that was ordered to land is not joined again.
+pub fn note_order(reach: &Reach, verb: Verb) {
     let noted = reach.run_file.as_ref().map_or(Ok(()), |file| file.note_order(verb));
     if let Err(why) = noted {
-        // What is ordered may not wait for a disk.
+        // The order is sent in any case: it must not wait for a disk.
         skein_lab::terminal::complain(&format!(
-            "the order is not noted on this PC ({why}): see that all have landed before the next `up`"
+            "the order could not be recorded on this PC ({why}): make sure that all vehicles have landed before the next `up`"
         ));
     }
 }
 
-/// Why the mission that is flown has no such step. `None` also if the vehicles fly another plan than is known here: then what
-/// the order changes is all that tells.
+/// The error text if the mission in flight has no such step. `None` also if the vehicles fly another plan than is known
+/// here: then only the effect of the order shows whether the step exists.
 fn missing_step_of(observer: &Observer, reach: &Reach, step: u32) -> Option<String> {
     let (name, text) = reach.flown().ok()?;
     let scenario = load(&Source { name: &name, text: &text }, &[]).ok()?.scenario;
     let plan = scenario.plan_hash();
-    let fly_it = observer.vehicles().values().filter_map(|seen| seen.mission).all(|mission| mission.plan == plan);
+    let fly_it = observer.vehicles().values().filter_map(|view| view.mission).all(|mission| mission.plan == plan);
     effect::missing_step(&scenario, step).filter(|_| fly_it)
 }
 
-/// Waits until every vehicle does something else than before, or long enough for all of them to have told.
-fn settle(observer: &mut Observer, before: &BTreeMap<VehicleId, Doing>) -> Effect {
+/// Waits until the order has changed what every vehicle does, or until [`SETTLED`] has passed.
+fn wait_for_effect(observer: &mut Observer, before: &BTreeMap<VehicleId, Activity>) -> Effect {
     let until = clock::now() + SETTLED;
     loop {
         observer.poll();
-        let effect = Effect::of(before, effect::doing(observer));
+        let effect = Effect::of(before, effect::activities(observer));
         if effect.is_all() || clock::now() >= until {
             return effect;
         }
@@ -141,13 +144,14 @@ fn settle(observer: &mut Observer, before: &BTreeMap<VehicleId, Doing>) -> Effec
     }
 }
 
-/// An order larger than all that were heard of, by an issuer whom nobody else is.
-pub fn new(observer: &Observer, verb: Verb) -> Order {
+/// A new order that supersedes every order that a vehicle repeats. Its issuer is a random number, so that no two
+/// issuers are the same.
+pub fn new_order(observer: &Observer, verb: Verb) -> Order {
     Order { epoch: observer.next_epoch(), issuer: crate::os::random(), verb, seal: None }
 }
 
-/// Waits until every agent has said its register, or long enough.
-pub fn listen(observer: &mut Observer, reach: &Reach) {
+/// Waits until every agent has sent a heartbeat, or until [`LISTEN`] has passed.
+pub fn wait_for_heartbeats(observer: &mut Observer, reach: &Reach) {
     let until = clock::now() + LISTEN;
     while clock::now() < until && speakers(observer).count() < reach.agents.len() {
         clock::sleep(Duration::from_millis(20));
@@ -155,16 +159,17 @@ pub fn listen(observer: &mut Observer, reach: &Reach) {
     }
 }
 
-/// Vehicles whose register was heard.
+/// The vehicles from which a heartbeat was received.
 fn speakers(observer: &Observer) -> impl Iterator<Item = VehicleId> {
-    observer.vehicles().iter().filter(|(_, seen)| seen.mission.is_some()).map(|(id, _)| *id)
+    observer.vehicles().iter().filter(|(_, view)| view.mission.is_some()).map(|(id, _)| *id)
 }
 
-/// Says the order until everybody who is there has taken it, or long enough. Gives who has, and who has not.
+/// Publishes the order until every vehicle in contact has accepted it, or until [`SPREAD`] has passed. Returns the
+/// vehicles that have accepted it and those in contact that have not.
 ///
 /// # Errors
 /// If Zenoh refuses.
-pub fn give(observer: &mut Observer, order: &Order) -> Result<(Vec<VehicleId>, Vec<VehicleId>), Error> {
+pub fn distribute(observer: &mut Observer, order: &Order) -> Result<(Vec<VehicleId>, Vec<VehicleId>), Error> {
     let until = clock::now() + SPREAD;
     let mut next: Option<Instant> = None;
     loop {
@@ -175,14 +180,14 @@ pub fn give(observer: &mut Observer, order: &Order) -> Result<(Vec<VehicleId>, V
         }
         clock::sleep(Duration::from_millis(20));
         observer.poll();
-        let has_taken = |seen: &Seen| observer.order_of(seen) >= Some(*order);
-        let ids = |wanted: fn(bool, bool) -> bool| {
+        let has_accepted = |view: &Seen| observer.order_of(view) >= Some(*order);
+        let ids = |filter: fn(bool, bool) -> bool| {
             let vehicles = observer.vehicles().iter();
-            vehicles.filter(|(_, seen)| wanted(has_taken(seen), seen.alive)).map(|(id, _)| *id).collect::<Vec<_>>()
+            vehicles.filter(|(_, view)| filter(has_accepted(view), view.alive)).map(|(id, _)| *id).collect::<Vec<_>>()
         };
-        let (taken, deaf) = (ids(|taken, _| taken), ids(|taken, alive| alive && !taken));
-        if deaf.is_empty() || clock::now() >= until {
-            return Ok((taken, deaf));
+        let (accepted, unresponsive) = (ids(|accepted, _| accepted), ids(|accepted, alive| alive && !accepted));
+        if unresponsive.is_empty() || clock::now() >= until {
+            return Ok((accepted, unresponsive));
         }
     }
 }

@@ -1,5 +1,5 @@
-//! What differs between operating systems: signals, process groups, modes and owners of files. Elsewhere than on Unix a plain
-//! alternative serves, or says that it cannot be done there.
+//! Functions that differ between operating systems: signals, process groups, file modes and owners. On systems other
+//! than Unix each has a simple alternative or reports that it is unsupported.
 
 use ring::rand::{SecureRandom, SystemRandom};
 use std::fs::{self, File};
@@ -11,16 +11,16 @@ use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
 use tokio::runtime::Runtime;
 
-/// Counts how often this process was asked to end.
+/// Counts the requests to end this process.
 #[derive(Debug)]
 pub struct Interrupts {
     count: Arc<AtomicU32>,
-    /// Listens; ends with this value.
+    /// Receives the signals; dropped with this value.
     _runtime: Runtime,
 }
 
 impl Interrupts {
-    /// From now on Ctrl-C, and on Unix SIGTERM and SIGHUP, are counted and end nothing.
+    /// Starts counting Ctrl-C, and on Unix SIGTERM and SIGHUP, which no longer end the process.
     ///
     /// # Errors
     /// If the system refuses.
@@ -32,18 +32,18 @@ impl Interrupts {
         Ok(Self { count, _runtime: runtime })
     }
 
-    /// How often so far.
+    /// Number of requests so far.
     pub fn count(&self) -> u32 {
         self.count.load(Relaxed)
     }
 
-    /// As if it had been asked once more: the Ctrl-C of a terminal that hands keys out one by one.
+    /// Adds a request: for the Ctrl-C of a terminal in raw mode, which is a key instead of a signal.
     pub fn add(&self) {
         self.count.fetch_add(1, Relaxed);
     }
 }
 
-/// How a process ended, in words.
+/// Describes how a process ended: its exit status or its signal.
 pub fn how_it_ended(status: ExitStatus) -> String {
     match (status.code(), imp::signal(status)) {
         (Some(0), _) => "ended".to_owned(),
@@ -53,82 +53,83 @@ pub fn how_it_ended(status: ExitStatus) -> String {
     }
 }
 
-/// How many processes wanted to run at once over the last minute, where the system tells.
+/// Load average of the last minute, processes; `None` where the system does not report it.
 pub fn load() -> Option<f64> {
-    // Linux only; elsewhere there is no such file.
+    // This file exists only on Linux.
     fs::read_to_string("/proc/loadavg").ok()?.split(' ').next()?.parse().ok()
 }
 
-/// Processors that this process may use.
+/// Number of processors that this process may use.
 pub fn cores() -> usize {
     std::thread::available_parallelism().map_or(1, usize::from)
 }
 
-/// Whether processes can be made to stand still here.
+/// Whether this system can freeze processes.
 pub const CAN_FREEZE: bool = cfg!(unix);
 
-/// Makes a child stand still, or lets it go on.
+/// Freezes a child process (SIGSTOP), or resumes it (SIGCONT).
 ///
 /// # Errors
-/// If the system cannot, or the child is gone.
+/// If the system cannot do it, or the child has ended.
 pub fn freeze(child: &Child, frozen: bool) -> io::Result<()> {
     imp::freeze(child, frozen)
 }
 
-/// Makes a folder that is only this user's, or makes sure that it is.
+/// Creates a private folder (mode 700), or checks that an existing one is private.
 ///
 /// # Errors
-/// If it cannot be made, is another user's, or others can write to it.
+/// If the folder cannot be created, belongs to another user, or others can write to it.
 pub fn private_folder(path: &Path) -> io::Result<()> {
     imp::private_folder(path)
 }
 
-/// Makes sure that what stands in a folder was put there by this user: the folder is its own, no link to one, and no other user
-/// can write to it.
+/// Checks that only this user can have put files into a folder: it belongs to this user, is not a link, and no other
+/// user can write to it.
 ///
 /// # Errors
-/// If it is not there, or not this user's alone.
+/// If it does not exist, or another user owns it or can write to it.
 pub fn check_own_folder(path: &Path) -> io::Result<()> {
     imp::check_own_folder(path)
 }
 
-/// Opens a file that this user has written: the file is its own, no link to one, and no other user can write to it.
+/// Opens a file that only this user can have written: it belongs to this user, is not a link, and no other user can
+/// write to it.
 ///
 /// # Errors
-/// If it is not there, or not this user's alone.
+/// If it does not exist, or another user owns it or can write to it.
 pub fn open_own(path: &Path) -> io::Result<File> {
     imp::open_own(path)
 }
 
-/// Whether nobody but its owner may do anything with this file or folder.
+/// Whether only its owner can access this file or folder.
 ///
 /// # Errors
-/// If it is not there or may not be looked at.
+/// If it does not exist or cannot be read.
 pub fn is_private(path: &Path) -> io::Result<bool> {
     imp::is_private(path)
 }
 
-/// A number that no other program knows or draws again.
+/// A random number that no other program can guess or draw again.
 pub fn random() -> u64 {
     let mut bytes = [0; 8];
-    // Where the system has no randomness to give, the time and this process are as good as it gets.
+    // Without a random source the time and the process id are the best available.
     match SystemRandom::new().fill(&mut bytes) {
         Ok(()) => u64::from_le_bytes(bytes),
         Err(_) => skein_host::clock::utc_nanoseconds() ^ u64::from(std::process::id()) << 40,
     }
 }
 
-/// Names the user in a file's name.
+/// The user's name or number, for use in file names.
 pub fn user_name() -> String {
     imp::user_name()
 }
 
-/// Whether this is the system's administrator.
+/// Whether this process runs as the system's administrator.
 pub fn is_root() -> bool {
     imp::is_root()
 }
 
-/// Makes this folder and those above it that are missing, for nobody but this user.
+/// Creates this folder and its missing parents, with access for this user only.
 ///
 /// # Errors
 /// If the system refuses.
@@ -136,7 +137,7 @@ pub fn make_private(path: &Path) -> io::Result<()> {
     imp::make_private(path)
 }
 
-/// Says who may do what with a file: the lowest nine bits.
+/// Sets the mode of a file: the lowest nine bits.
 ///
 /// # Errors
 /// If the system refuses.
@@ -144,66 +145,67 @@ pub fn set_mode(path: &Path, mode: u32) -> io::Result<()> {
     imp::set_mode(path, mode)
 }
 
-/// Who may do what with a file: the lowest nine bits.
+/// The mode of a file: the lowest nine bits.
 ///
 /// # Errors
-/// If it cannot be told.
+/// If the file does not exist, or the system has no modes.
 pub fn mode(path: &Path) -> io::Result<u32> {
     imp::mode(path)
 }
 
-/// Makes a link to a path, which it keeps as it is given.
+/// Creates a symbolic link with exactly this target, relative or absolute.
 ///
 /// # Errors
-/// If there is something already, or such links are not had here.
+/// If `link` exists already, or the system has no symbolic links.
 pub fn symlink(to: &Path, link: &Path) -> io::Result<()> {
     imp::symlink(to, link)
 }
 
-/// Whether this open file is still the one at this path.
+/// Whether this open file is still the file at this path.
 pub fn is_file_at(file: &File, path: &Path) -> bool {
     imp::is_file_at(file, path)
 }
 
-/// Space that this user has left in the file system of a path, bytes.
+/// Free space for this user in the file system of a path, bytes.
 ///
 /// # Errors
-/// If there is nothing at this path.
+/// If the path does not exist.
 pub fn free_bytes(path: &Path) -> io::Result<u64> {
     imp::free_bytes(path)
 }
 
-/// Whether a process of this number runs.
+/// Whether a process with this id is running.
 pub fn is_running(pid: u32) -> bool {
     imp::is_running(pid)
 }
 
-/// Asks a process to end, SIGTERM.
+/// Asks a process to end (SIGTERM).
 pub fn ask_to_end(pid: u32) {
     imp::ask_to_end(pid);
 }
 
-/// Ends a process at once.
+/// Kills a process at once (SIGKILL).
 pub fn kill(pid: u32) {
     imp::kill(pid);
 }
 
-/// From now on the end of the session that this process was started in is nothing to it.
+/// Leaves the session that started this process, so that the session's end does not end it.
 pub fn leave_session() {
     imp::leave_session();
 }
 
-/// This process becomes another program, under its number. Comes back only if it cannot.
+/// Replaces this process with another program under the same id. Returns only if that fails.
 pub fn become_program(command: &mut Command) -> io::Error {
     imp::become_program(command)
 }
 
-/// What every process of this host reads on the same clock, which nobody sets, s.
+/// Time on a clock that all processes of this host share and that cannot be set, s.
 pub fn uptime_s() -> f64 {
     imp::uptime_s()
 }
 
-/// Processor time that this process has taken so far, all its threads together, s; `None` where the system does not tell.
+/// Processor time that this process has used so far, all its threads together, s; `None` where the system does not
+/// report it.
 pub fn cpu_s() -> Option<f64> {
     imp::cpu_s()
 }
@@ -257,11 +259,11 @@ mod imp {
 
     pub(super) fn check_own_folder(path: &Path) -> io::Result<()> {
         let found = fs::symlink_metadata(path)?;
-        if found.is_dir() { check_own(path, &found) } else { Err(not_own(path, "is no folder")) }
+        if found.is_dir() { check_own(path, &found) } else { Err(not_own(path, "is not a folder")) }
     }
 
     pub(super) fn open_own(path: &Path) -> io::Result<File> {
-        // A pipe or a device that stands there must not be waited for, and a link not followed.
+        // Do not block on a pipe or a device at this path, and do not follow a link.
         let flags = OFlags::NOFOLLOW | OFlags::NONBLOCK;
         let file = OpenOptions::new().read(true).custom_flags(flags.bits().cast_signed()).open(path);
         let file = file.map_err(|error| match fs::symlink_metadata(path) {
@@ -270,7 +272,7 @@ mod imp {
         })?;
         let found = file.metadata()?;
         if !found.is_file() {
-            return Err(not_own(path, "is no file"));
+            return Err(not_own(path, "is not a file"));
         }
         check_own(path, &found)?;
         Ok(file)
@@ -287,7 +289,7 @@ mod imp {
     }
 
     fn not_own(path: &Path, why: &str) -> io::Error {
-        let sentence = format!("{} {why}: it is not trusted; see who has made it, and remove it", path.display());
+        let sentence = format!("{} {why}: it is not trusted; find out who created it, and remove it", path.display());
         io::Error::new(io::ErrorKind::PermissionDenied, sentence)
     }
 
@@ -325,8 +327,8 @@ mod imp {
     }
 
     pub(super) fn free_bytes(path: &Path) -> io::Result<u64> {
-        let told = rustix::fs::statvfs(path)?;
-        Ok(told.f_bavail.saturating_mul(told.f_frsize))
+        let found = rustix::fs::statvfs(path)?;
+        Ok(found.f_bavail.saturating_mul(found.f_frsize))
     }
 
     fn process(pid: u32) -> Option<Pid> {
@@ -334,9 +336,9 @@ mod imp {
     }
 
     pub(super) fn is_running(pid: u32) -> bool {
-        // Somebody else's process runs too.
-        let told = process(pid).map(test_kill_process);
-        matches!(told, Some(Ok(()) | Err(rustix::io::Errno::PERM)))
+        // Another user's process cannot be signalled, but it is running.
+        let tested = process(pid).map(test_kill_process);
+        matches!(tested, Some(Ok(()) | Err(rustix::io::Errno::PERM)))
     }
 
     pub(super) fn ask_to_end(pid: u32) {
@@ -348,7 +350,7 @@ mod imp {
     }
 
     pub(super) fn leave_session() {
-        // One that leads a group already has none to leave.
+        // This fails for the leader of a process group, which has no session to leave.
         let _ = rustix::process::setsid();
     }
 

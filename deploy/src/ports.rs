@@ -1,28 +1,28 @@
-//! Free ports of this PC's loopback: taken for a moment, read, and released for those who are to have them.
+//! Finds free ports on this PC's loopback interface: each is bound for a moment, noted, and released for its user.
 
 use std::io;
 use std::net::{Ipv4Addr, TcpListener, UdpSocket};
 
 use skein_common::id::VehicleId;
 
-/// Between the simulator ports of neighbouring vehicles.
+/// Difference between the simulator ports of neighbouring vehicles.
 pub const SIMULATOR_STEP: u16 = 10;
-/// Beginnings of a row of simulator ports that are tried.
+/// Number of first ports that are tried for a row of simulator ports.
 const ROWS: usize = 200;
 
-/// So many different TCP ports that nobody listens on.
+/// Returns `count` different TCP ports on which no process listens.
 ///
 /// # Errors
-/// If the system has none to give.
+/// If the system has no free port.
 pub fn tcp(count: usize) -> io::Result<Vec<u16>> {
     let listeners = (0..count).map(|_| TcpListener::bind((Ipv4Addr::LOCALHOST, 0))).collect::<io::Result<Vec<_>>>()?;
     listeners.iter().map(|listener| Ok(listener.local_addr()?.port())).collect()
 }
 
-/// A UDP port from which on every tenth is free, for so many vehicles.
+/// The first of `count` free UDP ports, [`SIMULATOR_STEP`] apart.
 ///
 /// # Errors
-/// If there is no such row.
+/// If no such row of ports is free.
 pub fn udp_row(count: usize) -> io::Result<u16> {
     let mut refusal = None;
     for _ in 0..ROWS {
@@ -41,7 +41,7 @@ pub fn udp_row(count: usize) -> io::Result<u16> {
     Err(refusal.unwrap_or_else(|| io::ErrorKind::AddrNotAvailable.into()))
 }
 
-/// The simulator port of this vehicle, where vehicle 1 has `first`; `None` beyond the last port.
+/// The simulator port of this vehicle if vehicle 1 has `first`; `None` if it would exceed the largest port.
 pub fn simulator(first: u16, id: VehicleId) -> Option<u16> {
     first.checked_add(SIMULATOR_STEP * u16::from(id.get() - 1))
 }
@@ -53,7 +53,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn ports_are_free_and_no_two_are_the_same() {
+    fn tcp_ports_are_free_and_different() {
         let ports = tcp(16).unwrap();
         assert_eq!(ports.iter().collect::<BTreeSet<_>>().len(), 16);
         for port in ports {
@@ -62,7 +62,7 @@ mod tests {
     }
 
     #[test]
-    fn a_row_is_free_at_every_tenth_port() {
+    fn every_tenth_port_of_a_row_is_free() {
         let first = udp_row(6).unwrap();
         for id in VehicleId::first(6) {
             UdpSocket::bind((Ipv4Addr::LOCALHOST, simulator(first, id).unwrap())).unwrap();
@@ -70,7 +70,7 @@ mod tests {
     }
 
     #[test]
-    fn the_row_of_a_simulator_ends_with_the_ports() {
+    fn a_simulator_port_beyond_the_largest_port_does_not_exist() {
         let id = |number| VehicleId::new(number).unwrap();
         assert_eq!(simulator(49_000, id(1)), Some(49_000));
         assert_eq!(simulator(49_000, id(4)), Some(49_030));

@@ -1,5 +1,6 @@
-//! Everything that can stand between a scenario and its flight, looked at before anything is started or written. `fly`, `study`
-//! and `check` all come through here: what `check` passes, flies, and what it refuses is refused with the same sentence.
+//! Checks everything that can prevent a flight, before anything is started or written. `fly`, `study` and `check` all
+//! use this module: a scenario that passes `check` can fly, and a scenario that `check` refuses is refused by the
+//! others with the same message.
 
 use skein_agent::config::check_live;
 use skein_common::scenario::{PlantKind, Scenario};
@@ -11,7 +12,7 @@ use skein_lab::external::Trial;
 use skein_lab::prepare;
 use skein_lab::scenario::{Ready, ScenarioArgs};
 
-/// Where a scenario is to fly.
+/// Where to fly a scenario.
 #[derive(Clone, Copy, Debug)]
 pub enum Target<'a> {
     /// In real time on this PC.
@@ -23,21 +24,21 @@ pub enum Target<'a> {
     Study,
 }
 
-/// A scenario that may fly.
+/// A scenario that can fly.
 #[derive(Clone, Debug)]
 pub struct Prepared {
-    /// What its flight begins with.
+    /// The aircraft and rules that its flight needs.
     pub ready: Ready,
     /// HOST:PORT of each vehicle's X-Plane, in the order of ids; empty for other plants.
     pub xplanes: Vec<String>,
 }
 
-/// Makes sure that this scenario, as [`ScenarioArgs::read`] gave it, can fly: that agents of this build fly it, that its files
-/// are there and right, that its external law starts and gets ready, and that its X-Planes answer. A `trial` may serve several
-/// scenarios.
+/// Checks that this scenario, as read by [`ScenarioArgs::read`], can fly: that agents of this build support it, that
+/// its files exist and are valid, that its external law starts and gets ready, and that its X-Planes answer. One
+/// `trial` of an external law can serve several scenarios.
 ///
 /// # Errors
-/// The first thing that stands against it, with its place and a remedy.
+/// The first reason why it cannot fly, with its place in the file and a remedy.
 pub fn prepare(
     args: &ScenarioArgs,
     scenario: &Scenario,

@@ -1,4 +1,4 @@
-//! How a live swarm is reached, wherever it flies: on this PC, as the file says that `fly` has left, or on a cluster.
+//! How to connect to a live swarm: on this PC, through the file that `fly` writes, or on a cluster.
 
 mod secured;
 
@@ -18,38 +18,38 @@ use crate::keys::run::RunFile;
 pub(crate) use secured::orders_key;
 use skein_lab::error::Error;
 
-/// What one needs to take part in a swarm's traffic.
+/// Everything needed to connect to a swarm.
 #[derive(Clone, Debug)]
 pub struct Reach {
     /// The swarm's name.
     pub swarm: SwarmName,
     /// Every agent's endpoint in Zenoh's notation, `tls/10.0.0.11:7447`.
     pub agents: BTreeMap<VehicleId, String>,
-    /// How links to them are secured, and as whom.
+    /// How the links are secured, and with which role's certificate.
     pub security: Security,
-    /// The key that orders are sealed with, if they are.
+    /// The key that verifies the signatures of orders; `None` where orders are not signed.
     pub orders_key: Option<SealKey>,
-    /// What seals them: an operator's alone.
+    /// The key that signs orders; only an operator has it.
     pub sealer: Option<Arc<Sealer>>,
-    /// The run of the swarm that was begun from this PC last, if one was.
+    /// The run that this PC began last, if any.
     pub own_run: Option<u64>,
-    /// Where what is ordered in that run is noted.
+    /// The file that records the orders in that run.
     pub run_file: Option<RunFile>,
-    /// What flies.
+    /// The scenario that is flown.
     pub scenario: Flown,
 }
 
-/// A complete scenario as it is flown.
+/// A complete scenario in flight.
 #[derive(Clone, Debug)]
 pub enum Flown {
-    /// In this file.
+    /// The file that contains it.
     File(PathBuf),
-    /// This text.
+    /// Its text.
     Text(String),
 }
 
 impl Reach {
-    /// A swarm whose links are plain.
+    /// Makes a connection to a swarm whose links are plain TCP.
     pub fn plain(swarm: SwarmName, agents: BTreeMap<VehicleId, String>, scenario: Flown) -> Self {
         Self {
             swarm,
@@ -63,15 +63,15 @@ impl Reach {
         }
     }
 
-    /// All endpoints, in the order of ids.
+    /// All agents' endpoints, in the order of ids.
     pub fn all(&self) -> Vec<String> {
         self.agents.values().cloned().collect()
     }
 
-    /// What flies: where it stands, for who reads of a fault in it, and its text.
+    /// Returns the scenario in flight: its name for error messages, and its text.
     ///
     /// # Errors
-    /// If its file cannot be read.
+    /// If the scenario file cannot be read.
     pub fn flown(&self) -> Result<(String, String), Error> {
         match &self.scenario {
             Flown::Text(text) => Ok((format!("the scenario of {}", self.swarm), text.clone())),
@@ -90,7 +90,7 @@ impl From<Endpoints> for Reach {
     }
 }
 
-/// Which swarm a command is about.
+/// Options that choose the swarm of a command.
 #[derive(Clone, Debug, Default, clap::Args)]
 pub struct SwarmArgs {
     /// The swarm of this PC; not needed if only one flies here
@@ -102,14 +102,14 @@ pub struct SwarmArgs {
 }
 
 impl SwarmArgs {
-    /// How it is reached by such a one.
+    /// Returns how to connect to the chosen swarm in this role.
     ///
     /// # Errors
-    /// If there is no such swarm, or several to choose from, or the cluster's file or keys are at fault.
+    /// If there is no such swarm, or several and none is chosen, or the cluster file or its keys are wrong.
     pub fn reach(&self, role: Role) -> Result<Reach, Error> {
         match (&self.swarm, &self.file) {
             (Some(_), Some(_)) => {
-                Err(Error::Refused("either --swarm, for a swarm of this PC, or -f, for a cluster's".to_owned()))
+                Err(Error::Refused("give either --swarm, for a swarm on this PC, or -f, for a cluster".to_owned()))
             }
             (None, Some(file)) => Inventory::read(file)?.reach(role),
             (swarm, None) => Ok(endpoints::find(&endpoints::folder(), swarm.as_ref())?.into()),
@@ -125,14 +125,14 @@ mod tests {
     fn a_swarm_is_here_or_on_a_cluster() {
         let both = SwarmArgs { swarm: SwarmName::new("lab").ok(), file: Some("cluster.toml".into()) };
         let error = both.reach(Role::Observer).unwrap_err();
-        assert_eq!(error.to_string(), "either --swarm, for a swarm of this PC, or -f, for a cluster's");
+        assert_eq!(error.to_string(), "give either --swarm, for a swarm on this PC, or -f, for a cluster");
         let missing = SwarmArgs { swarm: None, file: Some("no such/cluster.toml".into()) };
         let error = missing.reach(Role::Observer).unwrap_err();
         assert!(error.exit_code() == 2 && error.to_string().contains("no such/cluster.toml"), "{error}");
     }
 
     #[test]
-    fn a_scenario_is_read_when_it_is_asked_for() {
+    fn the_scenario_is_read_only_on_demand() {
         let swarm = SwarmName::new("lab").unwrap();
         let missing = Reach::plain(swarm.clone(), BTreeMap::new(), Flown::File("none/scenario.toml".into()));
         assert!(missing.flown().unwrap_err().to_string().starts_with("none/scenario.toml: "));

@@ -1,4 +1,4 @@
-//! `skein record`: a live swarm as an MCAP file. What stands in such a file is told by [`skein_lab::record`].
+//! `skein record`: records a live swarm into an MCAP file. [`skein_lab::record`] documents the format of the file.
 
 mod command;
 mod live;

@@ -1,4 +1,4 @@
-//! `skein report`: what was flown, as pictures and tables on one page; and how many vehicles fit.
+//! `skein report`: draws what was flown as figures and tables on one page, and measures how many vehicles fit.
 
 use std::path::PathBuf;
 
@@ -13,7 +13,8 @@ pub struct ReportArgs {
     /// Folder of a run or a study, a folder of scenarios (these are flown in virtual time), or a recording
     #[arg(value_name = "DIR|FILE.mcap", required_unless_present = "capacity")]
     pub of: Option<PathBuf>,
-    /// Measure here what words between agents cost, and say how many vehicles fit; without --out it is only printed
+    /// Measure here what messages between agents cost, and print how many vehicles fit; without --out it is only
+    /// printed
     #[arg(long, conflicts_with_all = ["of", "csv"])]
     pub capacity: bool,
     /// Print the capacity as JSON
@@ -27,10 +28,10 @@ pub struct ReportArgs {
     pub csv: bool,
 }
 
-/// Reports on what lies there, or on the capacity of this PC.
+/// Writes the report of a folder or recording, or of the capacity of this PC.
 ///
 /// # Errors
-/// If there is nothing to report on, or it cannot be written.
+/// If there is nothing to report on, or the report cannot be written.
 pub fn run(args: &ReportArgs) -> Result<(), Error> {
     match &args.of {
         Some(of) => skein_lab::report::run(&Report { of: of.clone(), out: args.out.clone(), csv: args.csv }),

@@ -1,4 +1,4 @@
-//! X-Planes that a flight of this PC is to fly: where they are, and whether each answers.
+//! Finds the X-Planes that a flight on this PC uses, and asks whether each answers.
 
 mod probe;
 
@@ -12,12 +12,12 @@ use skein_common::scenario::Scenario;
 use crate::ports;
 use skein_lab::error::Error;
 
-/// A host and a port of it.
+/// A host and a UDP port.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct HostPort {
-    /// A name or an address.
+    /// Name or address of the host.
     pub host: String,
-    /// Of UDP.
+    /// UDP port.
     pub port: u16,
 }
 
@@ -33,10 +33,11 @@ impl std::str::FromStr for HostPort {
     }
 }
 
-/// HOST:PORT of each vehicle's X-Plane, in the order of ids: as the command says, else as the scenario says, else on this PC.
+/// Returns HOST:PORT of each vehicle's X-Plane, in the order of ids: from the command line, else from the scenario,
+/// else on this PC.
 ///
 /// # Errors
-/// If there is no such port or no such host.
+/// If a port exceeds the largest one or a host is unknown.
 pub fn addresses(scenario: &Scenario, first: Option<&HostPort>) -> Result<Vec<String>, Error> {
     let here = HostPort { host: "127.0.0.1".to_owned(), port: wire::PORT };
     let address = |id: VehicleId| match (first, scenario.vehicle(id).and_then(|vehicle| vehicle.xplane.clone())) {
@@ -55,22 +56,22 @@ pub fn addresses(scenario: &Scenario, first: Option<&HostPort>) -> Result<Vec<St
     Ok(addresses)
 }
 
-/// What is heard of the X-Plane at this address.
+/// Asks the X-Plane at this address and describes its answer.
 ///
 /// # Errors
-/// A sentence that says what is not, and what to do.
+/// If it does not answer: a sentence with the reason and the remedy.
 pub fn ask(address: &str) -> Result<String, Error> {
     probe::simulator_at(address).map_err(Error::Failed)
 }
 
-/// Asks all X-Planes at once; it takes 2 s if one is silent.
+/// Asks all X-Planes at once. This takes 2 s if one does not answer.
 ///
 /// # Errors
-/// What [`ask`] says of each that does not answer, a line each.
+/// If any does not answer: the error of [`ask`] for each, one a line.
 pub fn ask_all(addresses: &[String]) -> Result<(), Error> {
     let asking = addresses.iter().cloned().map(|address| thread::spawn(move || ask(&address)));
     let asking: Vec<_> = asking.collect();
-    // A thread that has panicked has said so.
+    // A thread that panicked has printed the reason.
     let answers = asking.into_iter().filter_map(|asking| asking.join().ok());
     let silent: Vec<String> = answers.filter_map(Result::err).map(|error| error.to_string()).collect();
     if silent.is_empty() { Ok(()) } else { Err(Error::Failed(silent.join("\n"))) }
@@ -86,7 +87,7 @@ mod tests {
     use skein_lab::scenario::ScenarioArgs;
 
     #[test]
-    fn every_vehicle_has_an_x_plane_of_its_own() {
+    fn every_vehicle_has_its_own_x_plane() {
         let of = |sets: &[&str], first: Option<&str>| {
             let sets = sets.iter().map(|set| (*set).to_owned()).collect();
             let scenario = ScenarioArgs { scenario: None, sets }.read(Vec::new()).unwrap().scenario;
@@ -102,7 +103,7 @@ mod tests {
     }
 
     #[test]
-    fn hosts_and_ports() {
+    fn a_host_may_have_a_port() {
         let parse = |text: &str| text.parse::<HostPort>().map(|parsed| (parsed.host, parsed.port)).ok();
         assert_eq!(parse("heli"), Some(("heli".to_owned(), 49_000)));
         assert_eq!(parse("10.0.0.7:49010"), Some(("10.0.0.7".to_owned(), 49_010)));
@@ -112,7 +113,7 @@ mod tests {
     }
 
     #[test]
-    fn silent_ones_are_named_all_at_once() {
+    fn all_silent_x_planes_are_reported_together() {
         let silent = [(); 8].map(|()| UdpSocket::bind("127.0.0.1:0").unwrap());
         let addresses = silent.each_ref().map(|socket| socket.local_addr().unwrap().to_string());
         let begin = clock::now();

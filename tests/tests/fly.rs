@@ -103,7 +103,7 @@ impl Place {
     /// Looks on, as `fly` does.
     fn observer(&self) -> Observer {
         let endpoints = endpoints::find(&self.runtime().join("skein"), None).unwrap();
-        Observer::open(&endpoints.into(), Steps::Heard).unwrap()
+        Observer::open(&endpoints.into(), Steps::On).unwrap()
     }
 
     fn wait_until_nobody_is_left(&self) {
@@ -330,7 +330,7 @@ fn a_swarm_whose_launcher_is_killed_flies_on_until_it_is_ordered_to_land() {
 
     let nobody = place.order("hold");
     assert_eq!(nobody.status.code(), Some(1));
-    assert_eq!(String::from_utf8_lossy(&nobody.stderr), "no vehicle of swarm orphaned answers\n");
+    assert_eq!(String::from_utf8_lossy(&nobody.stderr), "no vehicle of swarm orphaned answered\n");
 }
 
 /// Of three vehicles whose mission has one step; in the end they land.
@@ -342,14 +342,17 @@ fn orders_tell_what_they_change(place: &Place) {
     };
     let told = |code, said: &str| (Some(code), format!("{said}\n"));
     assert_eq!(order("goto 5"), told(2, "the mission has no step 5: its only step is 0"));
-    assert_eq!(order("goto 0"), told(1, "goto 0: without effect: vehicle 1-3: step 0, as before"));
-    let held = "hold: taken by vehicle 1-3; vehicle 1-3: step 0 -> held at step 0";
+    assert_eq!(order("goto 0"), told(1, "goto 0: no effect: vehicle 1-3: step 0, as before"));
+    let held = "hold: accepted by vehicle 1-3; vehicle 1-3: step 0 -> held at step 0";
     assert_eq!(order("hold"), told(0, held));
-    assert_eq!(order("hold"), told(1, "hold: without effect: vehicle 1-3: held at step 0, as before"));
-    let on = "goto 0: taken by vehicle 1-3; vehicle 1-3: held at step 0 -> step 0";
+    assert_eq!(order("hold"), told(1, "hold: no effect: vehicle 1-3: held at step 0, as before"));
+    let on = "goto 0: accepted by vehicle 1-3; vehicle 1-3: held at step 0 -> step 0";
     assert_eq!(order("goto 0"), told(0, on));
-    assert_eq!(order("abort"), told(0, "abort: taken by vehicle 1-3; vehicle 1-3: step 0 -> aborted"));
-    assert_eq!(order("hold"), told(1, "hold: swarm orphaned was ordered to abort, and no order takes that back"));
+    assert_eq!(order("abort"), told(0, "abort: accepted by vehicle 1-3; vehicle 1-3: step 0 -> aborted"));
+    assert_eq!(
+        order("hold"),
+        told(1, "hold: refused, because swarm orphaned was ordered to abort and no order can undo that")
+    );
 }
 
 /// What is heard of everybody's steps until this time is over.

@@ -198,7 +198,7 @@ fn up_joins_no_run_on_one_hosts_word() {
 
     // The first host names a run that nobody has begun here.
     pc.answers(&only_the_first(Pc::facts(Some(42), &Value::Null), idle.clone()));
-    refused("node 1 in run 42 said to fly, but no run was begun from this PC");
+    refused("node 1 in run 42 reported to fly, but no run was begun from this PC");
 
     // Nothing flies: a new run, with the operator's note on every host and on this PC.
     pc.answers(&idle);
@@ -230,7 +230,7 @@ fn up_joins_no_run_on_one_hosts_word() {
     let today = kept()["note"]["run"].as_u64().unwrap();
     assert!(today != run && kept()["note"]["began_ms"].as_u64() > note["began_ms"].as_u64());
     pc.answers(&only_the_first(Pc::facts(Some(run), &note), idle));
-    refused(&format!("the run begun here last is {today}"));
+    refused(&format!("the run begun last from this PC is {today}"));
 
     // As many in one run as in another.
     pc.answers(&only_the_first(Pc::facts(Some(5), &Value::Null), Pc::facts(Some(6), &Value::Null)));

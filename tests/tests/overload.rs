@@ -59,7 +59,7 @@ impl Flight {
     fn wait_until_it_flies(&self) {
         let runtime = self.folder.path().join("runtime/skein");
         let endpoints = wait_for(|| endpoints::find(&runtime, None).ok());
-        let mut observer = Observer::open(&endpoints.into(), Steps::Heard).unwrap();
+        let mut observer = Observer::open(&endpoints.into(), Steps::On).unwrap();
         wait_for(|| {
             observer.poll();
             let flies = |id: &u8| {
@@ -147,6 +147,6 @@ fn a_swarm_that_no_pc_carries_is_refused_with_a_figure_and_nothing_is_begun() {
     let said = String::from_utf8_lossy(&stderr).into_owned();
     println!("{said}");
     assert_eq!(status.code(), Some(2), "{said}");
-    assert!(said.contains("250 agents ask for ") && said.contains(": it carries "), "{said}");
+    assert!(said.contains("250 agents need ") && said.contains(": it can fly "), "{said}");
     assert!(!folder.path().join("out").exists() && !folder.path().join("runtime").exists());
 }

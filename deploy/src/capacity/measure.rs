@@ -1,4 +1,4 @@
-//! What is measured on this machine, together: words between agents, datagrams, what vehicles have to say, steps.
+//! Measures on this PC what messages between agents, datagrams and steps cost, and how often vehicles send states.
 
 use std::net::{Ipv4Addr, UdpSocket};
 use std::num::NonZeroUsize;
@@ -7,99 +7,103 @@ use serde::Serialize;
 use skein_common::scenario::{Source, load};
 use skein_core::deadlines::HEARTBEAT_PERIOD_S;
 
+use super::message_cost::{self, FRAME_HZ, MessageSize, MessageTime};
 use super::wire::data_output_bytes;
-use super::words::{self, FRAME_HZ, WordSize, WordTime};
 use crate::os::cpu_s;
 use skein_host::clock::utc_name;
 use skein_lab::error::Error;
 use skein_lab::scenario::{FLOCK, HOVER, ScenarioArgs};
 use skein_lab::study::Study;
 
-/// How often an agent sends its part in the agreement, Hz.
-pub(super) const REGISTER_HZ: f64 = 1.0 / HEARTBEAT_PERIOD_S;
+/// How often an agent sends a heartbeat, Hz.
+pub(super) const HEARTBEAT_HZ: f64 = 1.0 / HEARTBEAT_PERIOD_S;
 
-/// How much to measure; less is less exact.
+/// How much to measure; less is less accurate.
 #[derive(Clone, Copy, Debug)]
 pub struct Effort {
-    /// Words of each kind whose bytes are counted.
+    /// Number of messages of each kind whose bytes are counted.
     pub words: u32,
-    /// How long sessions are silent, and how long they talk, s.
-    pub talk_s: f64,
-    /// Datagrams that are sent and received, in batches that a socket holds.
+    /// How long the sessions are silent, and how long they send, s.
+    pub sending_s: f64,
+    /// Number of batches of datagrams that are sent and received; a socket's buffer holds a batch.
     pub batches: u32,
-    /// Each flight's length at most, in virtual time, s.
+    /// Longest duration of each flight, s of virtual time.
     pub flight_s: f64,
 }
 
 impl Effort {
-    /// What `skein report --capacity` takes: some ten seconds.
-    pub const FULL: Self = Self { words: 200, talk_s: 3.0, batches: 200, flight_s: 400.0 };
+    /// The effort of `skein report --capacity`: about ten seconds.
+    pub const FULL: Self = Self { words: 200, sending_s: 3.0, batches: 200, flight_s: 400.0 };
 }
 
-/// What was measured, where and when.
+/// The measurements, with where and when they were made.
 #[derive(Clone, Debug, Serialize)]
 pub struct Measured {
-    /// Processors and operating system.
+    /// Processors and operating system of this PC.
     pub machine: String,
-    /// UTC, as files are named.
+    /// Time of the measurement, UTC, in the format of file names.
     pub when: String,
-    /// A vehicle's state.
-    pub state: WordSize,
-    /// Its part in the agreement.
-    pub register: WordSize,
-    /// How often that is repeated to everybody, Hz: the agents' constant.
-    pub register_hz: f64,
-    /// What a state costs the processor.
-    pub time: WordTime,
+    /// Size of a state.
+    pub state: MessageSize,
+    /// Size of a heartbeat, which carries the agreement state.
+    #[serde(rename = "register")]
+    pub heartbeat: MessageSize,
+    /// How often an agent sends a heartbeat, Hz: a constant of the agents.
+    #[serde(rename = "register_hz")]
+    pub heartbeat_hz: f64,
+    /// Processor time of a state.
+    pub time: MessageTime,
     /// Processor time to send and to receive a datagram of seven rows over loopback, µs.
     pub datagram_us: Option<[f64; 2]>,
-    /// How often vehicles say their state.
-    pub talk: Vec<Talk>,
-    /// What a vehicle's step costs.
+    /// How often vehicles send their states, for each flight.
+    #[serde(rename = "talk")]
+    pub state_rates: Vec<StateRate>,
+    /// Processor time of a vehicle's step.
     pub step: Option<StepTime>,
 }
 
-/// How often a vehicle says its state on need, in virtual time.
+/// How often a vehicle sends its state on need, in a flight in virtual time.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Talk {
-    /// What flew.
+pub struct StateRate {
+    /// Name of the flight.
     pub flight: &'static str,
-    /// How many flew.
+    /// Number of vehicles.
     pub vehicles: usize,
-    /// States of one vehicle a second.
+    /// States sent by one vehicle, Hz.
     pub states_hz: f64,
-    /// Distance of the nearest pair at the end, m.
+    /// Distance between the nearest two vehicles at the end, m.
     pub nearest_pair_m: Option<f64>,
 }
 
-/// Processor time of one step of one agent in virtual time, its flight model included: a line through two fleets.
+/// Processor time of one step of one agent in virtual time, its flight model included: a line through two sizes of
+/// fleet.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct StepTime {
-    /// Without peers, µs.
+    /// Processor time without peers, µs.
     pub alone_us: f64,
-    /// More for each peer, µs.
+    /// Additional processor time for each peer, µs.
     pub per_peer_us: f64,
 }
 
-/// Measures everything.
+/// Runs all measurements.
 ///
 /// # Errors
-/// If sockets or sessions cannot be opened, or nothing comes through.
+/// If sockets or sessions cannot be opened, or no message arrives.
 pub fn measure(effort: Effort) -> Result<Measured, Error> {
     let failed = |why: String| Error::Failed(format!("capacity: {why}"));
-    let [state, register] = words::sizes(effort.words).map_err(failed)?;
-    let time = words::time(effort.talk_s).map_err(failed)?;
+    let [state, heartbeat] = message_cost::sizes(effort.words).map_err(failed)?;
+    let time = message_cost::time(effort.sending_s).map_err(failed)?;
     let datagram_us = datagram_us(effort.batches).map_err(|error| failed(error.to_string()))?;
-    let (talk, step) = flights(effort.flight_s).map_err(failed)?;
+    let (state_rates, step) = flights(effort.flight_s).map_err(failed)?;
     Ok(Measured {
         machine: machine(),
         when: utc_name(),
         state,
-        register,
-        register_hz: REGISTER_HZ,
+        heartbeat,
+        heartbeat_hz: HEARTBEAT_HZ,
         time,
         datagram_us,
-        talk,
+        state_rates,
         step,
     })
 }
@@ -114,20 +118,20 @@ fn machine() -> String {
 
 /// Processor time to send and to receive a datagram as X-Plane's data output has it, µs.
 fn datagram_us(batches: u32) -> std::io::Result<Option<[f64; 2]>> {
-    /// As many as any socket's buffer holds.
+    /// Datagrams in a batch: as many as any socket's buffer holds.
     const BATCH: u32 = 64;
     let (one, other) = (UdpSocket::bind((Ipv4Addr::LOCALHOST, 0))?, UdpSocket::bind((Ipv4Addr::LOCALHOST, 0))?);
     let to = other.local_addr()?;
-    let (said, mut heard) = ([0; data_output_bytes(7)], [0; 512]);
+    let (datagram, mut buffer) = ([0; data_output_bytes(7)], [0; 512]);
     let mut times_s = Some([0.0; 2]);
     for _ in 0..batches {
         let begin_s = cpu_s();
         for _ in 0..BATCH {
-            one.send_to(&said, to)?;
+            one.send_to(&datagram, to)?;
         }
         let sent_s = cpu_s();
         for _ in 0..BATCH {
-            other.recv_from(&mut heard)?;
+            other.recv_from(&mut buffer)?;
         }
         let received_s = cpu_s();
         times_s = times_s
@@ -136,8 +140,8 @@ fn datagram_us(batches: u32) -> std::io::Result<Option<[f64; 2]>> {
     Ok(times_s.map(|times_s| times_s.map(|time_s| time_s * 1e6 / f64::from(batches * BATCH))))
 }
 
-/// What vehicles say in short flights, and what their steps cost.
-pub(super) fn flights(flight_s: f64) -> Result<(Vec<Talk>, Option<StepTime>), String> {
+/// Measures in short flights how often vehicles send states and what their steps cost.
+pub(super) fn flights(flight_s: f64) -> Result<(Vec<StateRate>, Option<StepTime>), String> {
     let gusts = ["world.wind_m_s=5", "world.gust_w20_m_s=5"];
     let (hover, step_us) = flight("hover", HOVER, &[], flight_s)?;
     let (windy, _) = flight("hover in wind and gusts", HOVER, &gusts, flight_s)?;
@@ -151,8 +155,13 @@ pub(super) fn flights(flight_s: f64) -> Result<(Vec<Talk>, Option<StepTime>), St
     Ok((vec![hover, windy, flock], step))
 }
 
-/// One flight, and the processor time of one step of one of its vehicles, µs.
-fn flight(name: &'static str, source: Source<'_>, sets: &[&str], flight_s: f64) -> Result<(Talk, Option<f64>), String> {
+/// Flies one flight; returns its rate of states and the processor time of one step of one vehicle, µs.
+fn flight(
+    name: &'static str,
+    source: Source<'_>,
+    sets: &[&str],
+    flight_s: f64,
+) -> Result<(StateRate, Option<f64>), String> {
     let sets: Vec<_> = sets.iter().map(|set| (*set).to_owned()).chain([format!("duration_s={flight_s}")]).collect();
     let scenario = load(&source, &sets).map_err(|fault| fault.to_string())?.scenario;
     let ready = ScenarioArgs::default().ready(&scenario).map_err(|error| error.to_string())?;
@@ -162,9 +171,9 @@ fn flight(name: &'static str, source: Source<'_>, sets: &[&str], flight_s: f64) 
     let reports = study.fly_all(seed..seed + 1, NonZeroUsize::MIN, |_| {}).map_err(|error| error.to_string())?;
     let spent_s = cpu_s().zip(begin_s).map(|(end_s, begin_s)| end_s - begin_s);
     let report = reports.first().ok_or("nothing flew")?;
-    // Joining included, as are the words said meanwhile.
+    // The time of joining is included, and so are the messages sent meanwhile.
     let vehicle_seconds = vehicles as f64 * report.real_time_factor * report.wall_s;
     let states_hz = report.state_messages as f64 / vehicle_seconds;
     let step_us = spent_s.map(|spent_s| spent_s * 1e6 / (vehicle_seconds * FRAME_HZ));
-    Ok((Talk { flight: name, vehicles, states_hz, nearest_pair_m: report.nearest_pair_end_m }, step_us))
+    Ok((StateRate { flight: name, vehicles, states_hz, nearest_pair_m: report.nearest_pair_end_m }, step_us))
 }

@@ -1,22 +1,22 @@
-//! What fleets ask for, as a picture: one line for each way to share what vehicles know, over the size of the fleet.
+//! Draws the load over the size of the fleet, one line for each communication scheme.
 
 use super::fleet::{Load, Scheme};
 use super::measure::Measured;
 use super::{GIGABIT_S, LARGEST_FLEET};
 use skein_lab::report::figure::{Axis, Colour, Figure, Item, Panel, WIDTH_PX};
 
-/// What is read from a load for one panel, if it has that.
+/// The quantity of a load that a panel shows, if it is known.
 type Quantity = fn(&Load) -> Option<f64>;
 
-/// Three panels: the busiest port, the busiest machine's cores, the whole network.
+/// The figure, with three panels: the busiest port, the busiest computer's cores, the whole network.
 pub(super) fn figure(measured: &Measured) -> Figure {
     let port: Quantity = |load| Some(load.port_bit_s[0].max(load.port_bit_s[1]) / 1e6);
     let network: Quantity = |load| Some(load.network_bit_s / 1e6);
     let cores: Quantity = |load| load.cores;
     let limit_mbit_s = GIGABIT_S / 1e6;
     let panels = [
-        ("the busiest machine's port, the fuller way", Axis::new("traffic", "Mbit/s"), port, limit_mbit_s),
-        ("the busiest machine's processor", Axis::new("cores", "1"), cores, 1.0),
+        ("the busiest computer's port, the busier direction", Axis::new("traffic", "Mbit/s"), port, limit_mbit_s),
+        ("the busiest computer's processor", Axis::new("cores", "1"), cores, 1.0),
         ("the whole network", Axis::new("traffic", "Mbit/s"), network, limit_mbit_s),
     ];
     let count = panels.len() as f64;
@@ -28,10 +28,10 @@ pub(super) fn figure(measured: &Measured) -> Figure {
     });
     Figure {
         name: "capacity".to_owned(),
-        title: "What a fleet asks of its network and of its busiest machine".to_owned(),
+        title: "Load of a fleet on its network and on its busiest computer".to_owned(),
         subject: format!("{}, {}", measured.machine, measured.when),
-        caption: "Broken lines have one machine in the middle, full ones have nobody in charge. The grey line is the limit: a \
-                  gigabit a second, or one core."
+        caption: "Broken lines are schemes with a central controller, full lines are without. The grey line is the limit: 1 Gbit/s or \
+                  one core."
             .to_owned(),
         size_px: [WIDTH_PX, 1000.0],
         panels: panels.collect(),

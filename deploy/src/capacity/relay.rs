@@ -1,4 +1,4 @@
-//! A wire that can be read: carries one TCP connection to its other end and counts what goes by.
+//! A relay that counts the bytes of one TCP connection in each direction.
 
 use std::io::{self, Read, Write};
 use std::net::{Ipv4Addr, Shutdown, SocketAddr, TcpListener, TcpStream};
@@ -6,16 +6,17 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 use std::thread;
 
-/// Bytes of payload that have gone each way.
+/// Payload bytes that have passed in each direction.
 #[derive(Debug, Default)]
 pub(super) struct Counts {
-    /// From who listens to who dials.
+    /// From the listening end to the dialling end.
     pub(super) to_dialler: AtomicU64,
-    /// From who dials to who listens.
+    /// From the dialling end to the listening end.
     pub(super) to_listener: AtomicU64,
 }
 
-/// Where to dial instead of `listener`, and what goes by. It carries one connection and ends with it.
+/// Opens a relay to `listener`; returns the address to dial instead and the byte counts. It carries one connection and
+/// ends with it.
 pub(super) fn open(listener: SocketAddr) -> io::Result<(SocketAddr, Arc<Counts>)> {
     let front = TcpListener::bind((Ipv4Addr::LOCALHOST, 0))?;
     let address = front.local_addr()?;
@@ -35,17 +36,17 @@ pub(super) fn open(listener: SocketAddr) -> io::Result<(SocketAddr, Arc<Counts>)
     Ok((address, counts))
 }
 
-/// Until either end closes.
+/// Copies bytes in one direction and counts them, until either end closes.
 fn carry(mut from: TcpStream, mut to: TcpStream, count: &AtomicU64) {
     let mut buffer = [0; 65_536];
     while let Ok(size) = from.read(&mut buffer) {
-        // Counted first: whoever has it finds it counted.
+        // Count first, so that a received byte is always counted.
         count.fetch_add(size as u64, Relaxed);
         if size == 0 || to.write_all(&buffer[..size]).is_err() {
             break;
         }
     }
-    // It may be closed already.
+    // The other end may be closed already.
     let _ = to.shutdown(Shutdown::Both);
 }
 
@@ -54,7 +55,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_goes_by_is_counted_each_way() {
+    fn the_bytes_are_counted_in_each_direction() {
         let end = TcpListener::bind((Ipv4Addr::LOCALHOST, 0)).unwrap();
         let (address, counts) = open(end.local_addr().unwrap()).unwrap();
         let mut dialler = TcpStream::connect(address).unwrap();
@@ -66,7 +67,7 @@ mod tests {
         listener.write_all(b"yes").unwrap();
         dialler.read_exact(&mut heard[..3]).unwrap();
         drop(listener);
-        assert_eq!(dialler.read(&mut heard).unwrap(), 0, "closed behind what was said");
+        assert_eq!(dialler.read(&mut heard).unwrap(), 0, "closed after the last byte");
         assert_eq!((counts.to_listener.load(Relaxed), counts.to_dialler.load(Relaxed)), (5, 3));
     }
 }

@@ -1,17 +1,17 @@
 use super::*;
 
 #[test]
-fn what_is_measured_here_is_sane() {
-    let measured = measure(Effort { words: 20, talk_s: 0.2, batches: 5, flight_s: 20.0 }).unwrap();
-    for word in [measured.state, measured.register] {
+fn the_measurements_are_plausible() {
+    let measured = measure(Effort { words: 20, sending_s: 0.2, batches: 5, flight_s: 20.0 }).unwrap();
+    for word in [measured.state, measured.heartbeat] {
         assert!(word.segment_bytes > word.encoded_bytes as f64, "{word:?}");
     }
     assert!(!measured.machine.is_empty() && measured.when.ends_with('Z'));
-    assert_eq!(measured.register_hz, 5.0);
-    for talk in &measured.talk {
+    assert_eq!(measured.heartbeat_hz, 5.0);
+    for rate in &measured.state_rates {
         assert!(
-            (1.0..=50.0).contains(&talk.states_hz),
-            "{talk:?}: at least every 0.2 s in flight, at most every frame"
+            (1.0..=50.0).contains(&rate.states_hz),
+            "{rate:?}: at least every 0.2 s in flight, at most every frame"
         );
     }
     if cfg!(unix) {
@@ -25,7 +25,7 @@ fn what_is_measured_here_is_sane() {
 }
 
 #[test]
-fn the_tables_say_what_was_measured_and_what_fits() {
+fn the_tables_contain_the_measurements_and_the_capacities() {
     let capacity = Capacity::of(fleet::tests::measured());
     let text = capacity.to_text();
     for part in [
@@ -46,10 +46,10 @@ fn the_tables_say_what_was_measured_and_what_fits() {
 }
 
 #[test]
-fn without_processor_times_there_are_still_bytes() {
+fn without_processor_times_the_capacity_in_bytes_is_still_given() {
     let measured = fleet::tests::measured();
     let measured =
-        Measured { time: WordTime { word_us: None, deliveries: 0 }, datagram_us: None, step: None, ..measured };
+        Measured { time: MessageTime { message_us: None, deliveries: 0 }, datagram_us: None, step: None, ..measured };
     let capacity = Capacity::of(measured);
     assert!(capacity.schemes.iter().all(|fits| fits.one_core.is_none() && fits.port_1_gbit > 0));
     assert!(capacity.to_text().contains('–'));

@@ -1,26 +1,28 @@
-//! What a word costs on a wire: the paper's equation, and the same with everything that Ethernet, IP, UDP and TCP add.
+//! Calculates the bytes of a message on the wire: by the paper's equation, and with the overhead of Ethernet, IP, UDP
+//! and TCP.
 
 use serde::Serialize;
 
-/// Ethernet: 14 bytes of header, 4 of check sequence (IEEE 802.3).
+/// Ethernet overhead: 14 bytes of header, 4 of check sequence (IEEE 802.3).
 const FRAME_BYTES: usize = 14 + 4;
-/// Preamble and start delimiter before a frame, least gap behind it, in bytes that nobody else can send meanwhile.
+/// Preamble and start delimiter before a frame and the smallest gap after it, in bytes during which no other frame can
+/// be sent.
 const AROUND_A_FRAME_BYTES: usize = 8 + 12;
-/// A frame's content is padded to this.
+/// Smallest content of a frame, bytes; shorter content is padded.
 const LEAST_CONTENT_BYTES: usize = 46;
-/// IPv4 without options.
+/// IPv4 header without options, bytes.
 const IP_BYTES: usize = 20;
-/// UDP.
+/// UDP header, bytes.
 const UDP_BYTES: usize = 8;
-/// TCP with the time stamps that Linux adds.
+/// TCP header with the time stamps that Linux adds, bytes.
 const TCP_BYTES: usize = 20 + 12;
 
-/// Bytes of wire that an UDP datagram takes; of one that fits into a frame (up to 1472 bytes), as all of ours do.
+/// Bytes on the wire of a UDP datagram that fits into one frame (payload up to 1472 bytes), as all of Skein's do.
 pub fn of_datagram_bytes(payload_bytes: usize) -> usize {
     of_packet_bytes(payload_bytes + UDP_BYTES + IP_BYTES)
 }
 
-/// Bytes of wire that a TCP segment takes; of one that fits into a frame. Without payload it is an acknowledgement.
+/// Bytes on the wire of a TCP segment that fits into one frame. Without payload it is an acknowledgement.
 pub fn of_segment_bytes(payload_bytes: usize) -> usize {
     of_packet_bytes(payload_bytes + TCP_BYTES + IP_BYTES)
 }
@@ -29,24 +31,23 @@ fn of_packet_bytes(packet_bytes: usize) -> usize {
     packet_bytes.max(LEAST_CONTENT_BYTES) + FRAME_BYTES + AROUND_A_FRAME_BYTES
 }
 
-/// Bytes of a datagram of X-Plane's data output: five of head, and rows of an index and eight values.
+/// Bytes of a datagram of X-Plane's data output: five of header, and rows of an index and eight values.
 pub const fn data_output_bytes(rows: usize) -> usize {
     5 + 36 * rows
 }
 
-/// The equation of Garcia & Barnes 2010 for how many simulators one control machine can hear:
-/// N = R_net / ((P_head + N_msg·D_size)·F).
+/// The equation of Garcia & Barnes 2010 for the number of simulators that one central controller can receive:
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct PaperEquation {
-    /// R_net.
+    /// R_net: capacity of the network, bit/s.
     pub network_bit_s: f64,
-    /// P_head, bit.
+    /// P_head: header of a datagram, bit.
     pub head_bit: f64,
-    /// N_msg: rows in a datagram.
+    /// N_msg: number of rows in a datagram.
     pub messages: f64,
-    /// D_size, bit.
+    /// D_size: size of a row, bit.
     pub message_bit: f64,
-    /// F.
+    /// F: datagrams a second, Hz.
     pub rate_hz: f64,
 }
 
@@ -55,7 +56,7 @@ impl PaperEquation {
     pub const PAPER: Self =
         Self { network_bit_s: 1e9, head_bit: 40.0, messages: 7.0, message_bit: 288.0, rate_hz: 50.0 };
 
-    /// N, whole vehicles.
+    /// N: the number of vehicles, rounded down.
     pub fn vehicles(&self) -> f64 {
         (self.network_bit_s / ((self.head_bit + self.messages * self.message_bit) * self.rate_hz)).floor()
     }
@@ -73,7 +74,11 @@ mod tests {
         let rows = PaperEquation::PAPER.messages as usize;
         let payload_bit =
             PaperEquation::PAPER.head_bit + PaperEquation::PAPER.messages * PaperEquation::PAPER.message_bit;
-        assert_eq!(8.0 * data_output_bytes(rows) as f64, payload_bit, "its message is a row, its head the datagram's");
+        assert_eq!(
+            8.0 * data_output_bytes(rows) as f64,
+            payload_bit,
+            "its message is a row, its head the datagram's header"
+        );
     }
 
     #[test]

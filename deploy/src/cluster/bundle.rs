@@ -1,7 +1,6 @@
-//! Everything that one node is given, but the program: configuration, scenario, aircraft, rules, keys.
+//! All files of one node except the program: configuration, scenario, aircraft, rules, keys.
 //!
-//! The same cluster gives the same bytes, whoever makes them and wherever its files are: so that a second `install` changes
-//! nothing.
+//! The same cluster gives the same bytes on any PC and from any folder, so that a second `install` changes nothing.
 
 mod files;
 
@@ -9,36 +8,36 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
-/// The file of the scenario.
+/// Name of the scenario file.
 pub const SCENARIO: &str = "scenario.toml";
 
-/// A node's files, by their path below its folder: relative, of plain names, with `/` between them.
+/// A node's files, by their relative path below its folder: plain names with `/` between them.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Bundle {
-    /// Path to file.
+    /// The files by their paths.
     pub files: BTreeMap<String, BundleFile>,
 }
 
-/// One file.
+/// A file of a node.
 #[derive(Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct BundleFile {
-    /// Nobody but its owner may read it (0600).
+    /// Only its owner may read it (mode 600).
     pub is_secret: bool,
-    /// It is a program: an external law's.
+    /// It is executable: the program of an external law.
     pub is_executable: bool,
-    /// Its bytes.
+    /// Contents of the file.
     pub content: Vec<u8>,
 }
 
 impl std::fmt::Debug for BundleFile {
-    /// Never what is in it.
+    /// Never shows the contents.
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         write!(f, "{} bytes{}", self.content.len(), if self.is_secret { ", secret" } else { "" })
     }
 }
 
 impl Bundle {
-    /// Names this content and no other: the first 16 hexadecimal digits of a SHA-256 over paths, modes and bytes.
+    /// Identifies these contents: the first 16 hexadecimal digits of a SHA-256 over paths, modes and bytes.
     pub fn id(&self) -> String {
         let mut digest = ring::digest::Context::new(&ring::digest::SHA256);
         for (path, file) in &self.files {

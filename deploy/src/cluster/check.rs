@@ -16,7 +16,7 @@ use serde::Serialize;
 use super::nodes;
 use super::ssh::{Ssh, at_once, by_host};
 use crate::inventory::{Inventory, Node};
-use host::Look;
+use host::HostChecks;
 use skein_lab::error::Error;
 
 /// Who does not let in within this time is not asked any more.
@@ -82,7 +82,7 @@ impl Line {
 /// A cluster's file or scenario at fault, or anything found that stops a flight.
 pub(crate) fn run(file: &Path, json: bool) -> Result<(), Error> {
     let inventory = Inventory::read(file)?;
-    let lines = look(&inventory, &file.display().to_string());
+    let lines = check_all(&inventory, &file.display().to_string());
     skein_lab::terminal::say(&if json { skein_lab::terminal::json(&lines) } else { as_table(&lines) });
     match lines.iter().filter(|line| line.state == State::Fault).count() {
         0 => Ok(()),
@@ -92,7 +92,7 @@ pub(crate) fn run(file: &Path, json: bool) -> Result<(), Error> {
 }
 
 /// Every line there is.
-fn look(inventory: &Inventory, file: &str) -> Vec<Line> {
+fn check_all(inventory: &Inventory, file: &str) -> Vec<Line> {
     let hosts = by_host(inventory.nodes.values());
     let flown = &inventory.scenario.scenario;
     let count = |count: usize, what: &str| format!("{count} {what}{}", if count == 1 { "" } else { "s" });
@@ -101,11 +101,11 @@ fn look(inventory: &Inventory, file: &str) -> Vec<Line> {
     lines.extend(keys::lines(inventory, file));
     let ssh = Ssh::new(false);
     let programs = host::programs(inventory);
-    let look = Look { inventory, ssh: &ssh, file, programs: &programs };
+    let check_all = HostChecks { inventory, ssh: &ssh, file, programs: &programs };
     // Called from here while hosts are asked.
     let (here, asked) = std::thread::scope(|scope| {
         let here = scope.spawn(|| ports::call_all(inventory));
-        let asked = at_once(&hosts, |(host, nodes)| look.host(host, nodes));
+        let asked = at_once(&hosts, |(host, nodes)| check_all.host(host, nodes));
         (here.join().ok(), asked)
     });
     let mut calls: Vec<_> = here.into_iter().collect();
@@ -129,8 +129,8 @@ fn as_table(lines: &[Line]) -> String {
             State::Fault => "FAULT",
             State::Unknown => "?",
         };
-        let words = [&*line.place, line.what, state, &line.found, line.remedy.as_deref().unwrap_or_default()];
-        words.map(str::to_owned).to_vec()
+        let cells = [&*line.place, line.what, state, &line.found, line.remedy.as_deref().unwrap_or_default()];
+        cells.map(str::to_owned).to_vec()
     };
     nodes::table(&["where", "what", "", "found", "remedy"], lines.iter().map(row))
 }

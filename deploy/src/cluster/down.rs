@@ -64,7 +64,7 @@ pub fn run(args: &DownArgs) -> Result<(), Error> {
         true => skein_lab::terminal::json(&report),
         false => format!("{}{}, {seconds:.1} s\n", Outcome::table(&report.nodes), report.order),
     });
-    Outcome::judge(&report.nodes, "not known to be down")?;
+    Outcome::fail_if_any(&report.nodes, "not known to be down")?;
     match RunFile::of(&chosen.inventory) {
         Some(file) if chosen.ids.len() == chosen.inventory.nodes.len() => file.note_end(),
         _ => Ok(()),
@@ -167,18 +167,20 @@ fn became(node: &Node, mesh: Mesh, done: Option<Result<Stopped, Fault>>) -> Outc
 /// Tells what came of the order.
 fn order_to_land(watch: &mut Watch, reach: &crate::reach::Reach, line: &Line<'_>) -> String {
     line.say("listening who flies");
-    order::listen(&mut watch.observer, reach);
-    let there = watch.observer.vehicles().values().filter(|seen| seen.alive).count();
+    order::wait_for_heartbeats(&mut watch.observer, reach);
+    let there = watch.observer.vehicles().values().filter(|view| view.alive).count();
     if there == 0 {
         return "nobody was heard on the network".to_owned();
     }
     line.say(&format!("ordering {there} vehicles to land"));
-    order::note(reach, Verb::Land);
-    let order = order::new(&watch.observer, Verb::Land);
-    match order::give(&mut watch.observer, &order) {
-        Ok((taken, deaf)) if deaf.is_empty() => format!("ordered to land: taken by node {}", nodes::list(&taken)),
-        Ok((taken, deaf)) => {
-            format!("ordered to land: taken by node {}, not by {}", nodes::list(&taken), nodes::list(&deaf))
+    order::note_order(reach, Verb::Land);
+    let order = order::new_order(&watch.observer, Verb::Land);
+    match order::distribute(&mut watch.observer, &order) {
+        Ok((taken, unresponsive)) if unresponsive.is_empty() => {
+            format!("ordered to land: taken by node {}", nodes::list(&taken))
+        }
+        Ok((taken, unresponsive)) => {
+            format!("ordered to land: taken by node {}, not by {}", nodes::list(&taken), nodes::list(&unresponsive))
         }
         Err(error) => format!("not ordered to land: {error}"),
     }

@@ -119,7 +119,7 @@ fn answer(place: &Place, request: Request) -> Result<Answer, String> {
         Ask::Apply { bundle, service, log } => {
             let settings = Settings { service: service::resolve(place, &node, service)?, log };
             // Both in any case.
-            let of_service = service::put(place, &node, &settings)?;
+            let of_service = service::install_service(place, &node, &settings)?;
             install::apply(place, &node, &bundle, &settings)? || of_service
         }
         Ask::Start { run, note } => service::start(place, &node, run, note)?,
@@ -127,7 +127,7 @@ fn answer(place: &Place, request: Request) -> Result<Answer, String> {
         Ask::Rollback => install::rollback(&node).map(|()| true)?,
         Ask::Remove { within_s } => {
             stop(within_s)?;
-            service::take_away(place, &node)?;
+            service::remove_service(place, &node)?;
             install::remove(place, &node)?
         }
         Ask::Facts | Ask::Simulator { .. } | Ask::Reach { .. } | Ask::Carries { .. } | Ask::Log { .. } => false,

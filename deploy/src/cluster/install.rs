@@ -95,7 +95,7 @@ pub fn run(args: &InstallArgs) -> Result<(), Error> {
         row::table(&report.nodes, args.dry_run)
     });
     let failed: Vec<VehicleId> = report.nodes.iter().filter(|row| row.why.is_some()).map(|row| row.node).collect();
-    nodes::judge(&failed, report.nodes.len(), "failed")
+    nodes::fail_if_any(&failed, report.nodes.len(), "failed")
 }
 
 /// What a node is to be given.
@@ -163,7 +163,7 @@ impl Install<'_> {
                     None
                 }
             };
-            line.say(&row.in_words());
+            line.say(&row.to_text());
             all.push((row, restart));
         }
         all

@@ -13,11 +13,11 @@ use time::OffsetDateTime;
 
 use super::{FileArgs, nodes};
 use crate::inventory::{Inventory, SecurityKind};
-use crate::keys::certificate::{self, Authority, Unfit, Wanted, expires, unfit};
+use crate::keys::certificate::{self, Authority, CertificateSpec, Unfit, expires, unfit};
 use crate::keys::folder::{
     self, AUTHORITY, AUTHORITY_KEY, Folder, NAMES, ORDERS_KEY, ORDERS_PUBLIC, certificate_file, key_file,
 };
-use crate::keys::{Role, day, name_of, roles, wanted};
+use crate::keys::{Role, certificate_spec, day, name_of, roles};
 use crate::os;
 use skein_host::clock;
 use skein_lab::error::Error;
@@ -179,13 +179,13 @@ impl Maker<'_> {
         self.write_if_new(NAMES, &names.to_toml())?;
         let mut lines = vec![authority_line];
         for role in roles(self.inventory) {
-            let wanted = wanted(self.inventory, &names, role);
+            let certificate_spec = certificate_spec(self.inventory, &names, role);
             let asked = match renew {
                 Some(Whose::All) => true,
                 Some(Whose::One(one)) => one == role,
                 None => false,
             };
-            lines.push(self.certificate(&authority, &wanted, asked, revoked == Some(role))?);
+            lines.push(self.certificate(&authority, &certificate_spec, asked, revoked == Some(role))?);
         }
         lines.push(orders_line);
         Ok(lines)
@@ -271,13 +271,13 @@ impl Maker<'_> {
     fn certificate(
         &self,
         authority: &Authority,
-        wanted: &Wanted<'_>,
+        certificate_spec: &CertificateSpec<'_>,
         asked: bool,
         revoked: bool,
     ) -> Result<Line, Error> {
-        let (certificate, key) = (certificate_file(wanted.role), key_file(wanted.role));
+        let (certificate, key) = (certificate_file(certificate_spec.role), key_file(certificate_spec.role));
         let there = self.folder.pair(&certificate, &key)?;
-        let unfit = there.as_ref().map(|pair| unfit(pair, wanted, authority.certificate(), self.now));
+        let unfit = there.as_ref().map(|pair| unfit(pair, certificate_spec, authority.certificate(), self.now));
         let done = match unfit {
             None => Some("made".to_owned()),
             Some(_) if revoked => Some("issued anew: revoked".to_owned()),
@@ -287,15 +287,15 @@ impl Maker<'_> {
         let certificate = match there.filter(|_| done.is_none()) {
             Some(pair) => pair.certificate,
             None => {
-                let issued = authority.issue(wanted, &self.folder.need(&key)?, self.now).map_err(failed)?;
+                let issued = authority.issue(certificate_spec, &self.folder.need(&key)?, self.now).map_err(failed)?;
                 self.folder.write(&certificate, &issued)?;
                 issued
             }
         };
         Ok(Line {
-            who: who(wanted.role),
-            name: wanted.name.to_owned(),
-            address: wanted.address.map(str::to_owned),
+            who: who(certificate_spec.role),
+            name: certificate_spec.name.to_owned(),
+            address: certificate_spec.address.map(str::to_owned),
             expires: expires(&certificate),
             done,
         })

@@ -66,7 +66,7 @@ pub fn run(args: &LogsArgs) -> Result<(), Error> {
     }
     let writer = Writer { json: args.json, colours: std::io::stdout().is_terminal() && !args.json };
     let width = chosen.ids.iter().map(|id| name(*id).len()).max().unwrap_or(0);
-    let (lines, inbox) = sync_channel::<Said>(QUEUE);
+    let (lines, inbox) = sync_channel::<LogLine>(QUEUE);
     let source = Source { remote, lines: args.lines, follow: args.follow };
     let hosts = chosen.hosts();
     let failed = thread::scope(|scope| {
@@ -86,15 +86,15 @@ pub fn run(args: &LogsArgs) -> Result<(), Error> {
                 failed.map(|node| node.id).collect::<Vec<_>>()
             })
         });
-        inbox.iter().for_each(|said| skein_lab::terminal::draw(&writer.line(&said, width)));
+        inbox.iter().for_each(|entry| skein_lab::terminal::draw(&writer.line(&entry, width)));
         asked.join().unwrap_or_default().concat()
     });
-    nodes::judge(&failed, chosen.ids.len(), "not shown")
+    nodes::fail_if_any(&failed, chosen.ids.len(), "not shown")
 }
 
 /// A line of a node's log.
 #[derive(Debug, Serialize)]
-struct Said {
+struct LogLine {
     node: VehicleId,
     line: String,
 }
@@ -107,7 +107,7 @@ struct Source<'a> {
 
 impl Source<'_> {
     /// The last lines. If they cannot be had, that is said.
-    fn once(&self, host: &Host, node: &Node, lines: &SyncSender<Said>) -> bool {
+    fn once(&self, host: &Host, node: &Node, lines: &SyncSender<LogLine>) -> bool {
         let ended = self.ask(host, node, self.lines, lines);
         if let Err(fault) = &ended {
             skein_lab::terminal::complain(&format!("{}: {}", name(node.id), fault.clone().sentence(host)));
@@ -116,10 +116,10 @@ impl Source<'_> {
     }
 
     /// For as long as anybody looks; a host that is lost is called again, and what it wrote meanwhile is not shown twice.
-    fn follow(&self, host: &Host, node: &Node, lines: &SyncSender<Said>) {
-        let (mut last, mut wanted) = (None, self.lines);
+    fn follow(&self, host: &Host, node: &Node, lines: &SyncSender<LogLine>) {
+        let (mut last, mut count) = (None, self.lines);
         loop {
-            let why = match self.ask(host, node, wanted, lines) {
+            let why = match self.ask(host, node, count, lines) {
                 Ok(()) => format!("{host}: its log has ended"),
                 Err(fault) => fault.sentence(host),
             };
@@ -127,15 +127,15 @@ impl Source<'_> {
                 skein_lab::terminal::complain(&format!("{}: {why}", name(node.id)));
                 last = Some(why);
             }
-            wanted = 0;
+            count = 0;
             clock::sleep(AGAIN);
         }
     }
 
-    fn ask(&self, host: &Host, node: &Node, wanted: usize, lines: &SyncSender<Said>) -> Result<(), Fault> {
-        self.remote.log(host, node, (wanted, self.follow), |line| {
+    fn ask(&self, host: &Host, node: &Node, count: usize, lines: &SyncSender<LogLine>) -> Result<(), Fault> {
+        self.remote.log(host, node, (count, self.follow), |line| {
             // Nobody reads any more only when this process ends.
-            let _ = lines.send(Said { node: node.id, line: line.to_owned() });
+            let _ = lines.send(LogLine { node: node.id, line: line.to_owned() });
         })
     }
 }
@@ -147,19 +147,19 @@ struct Writer {
 }
 
 impl Writer {
-    fn line(self, said: &Said, width: usize) -> String {
+    fn line(self, entry: &LogLine, width: usize) -> String {
         if self.json {
-            let json = serde_json::to_string(said).unwrap_or_default();
+            let json = serde_json::to_string(entry).unwrap_or_default();
             return json + "\n";
         }
-        let name = name(said.node);
+        let name = name(entry.node);
         let name = match self.colours {
             true => {
-                format!("\u{1b}[{}m{name:width$} |\u{1b}[0m", COLOURS[usize::from(said.node.get()) % COLOURS.len()])
+                format!("\u{1b}[{}m{name:width$} |\u{1b}[0m", COLOURS[usize::from(entry.node.get()) % COLOURS.len()])
             }
             false => format!("{name:width$} |"),
         };
-        format!("{name} {}\n", said.line)
+        format!("{name} {}\n", entry.line)
     }
 }
 

@@ -1,4 +1,4 @@
-//! What the commands that call hosts have in common: which nodes, a progress line for each host, and in the end a table.
+//! Shared by the commands that call hosts: the choice of nodes, a progress line for each host, and a table of results.
 
 use std::collections::BTreeSet;
 use std::io::IsTerminal;
@@ -17,10 +17,10 @@ use crate::inventory::{Install, Inventory, Node};
 use skein_host::clock;
 use skein_lab::error::Error;
 
-/// Between two pictures of a line.
+/// Interval between two frames of a spinner.
 const TICK: Duration = Duration::from_millis(120);
 
-/// What every command that calls hosts is told.
+/// Options of every command that calls hosts.
 #[derive(Clone, Debug, clap::Args)]
 pub struct NodesArgs {
     /// The cluster.
@@ -38,121 +38,121 @@ pub struct NodesArgs {
 }
 
 impl NodesArgs {
-    /// Reads the cluster's file.
+    /// Reads the cluster file and chooses the nodes.
     ///
     /// # Errors
-    /// If it is at fault, or has no such node.
+    /// If the file is wrong, or has no such node.
     pub fn read(&self) -> Result<Chosen, Error> {
         Chosen::read(&self.file.file, &self.nodes)
     }
 
-    /// How hosts are called.
+    /// Makes the caller of hosts.
     pub fn ssh(&self) -> Ssh {
         Ssh::new(self.verbose)
     }
 
-    /// Where it is shown how far they are.
+    /// Makes the display of progress.
     pub fn progress(&self) -> Progress {
         Progress::new(self.verbose)
     }
 }
 
-/// A cluster, and the nodes of it that a command is for.
+/// A cluster and the nodes of it that a command is for.
 #[derive(Clone, Debug)]
 pub struct Chosen {
-    /// All of it.
+    /// The whole cluster.
     pub inventory: Inventory,
-    /// Which.
+    /// Ids of the chosen nodes.
     pub ids: BTreeSet<VehicleId>,
 }
 
 impl Chosen {
-    /// Reads a cluster's file; no ids are all.
+    /// Reads a cluster file and chooses these nodes; no ids choose all.
     ///
     /// # Errors
-    /// If the file is at fault, or has no such node.
+    /// If the file is wrong, or has no such node.
     pub fn read(path: &Path, ids: &[VehicleId]) -> Result<Self, Error> {
         let inventory = Inventory::read(path)?;
         if let Some(id) = ids.iter().find(|id| !inventory.nodes.contains_key(id)) {
-            return Err(Error::Refused(format!("{}: there is no node {id}", path.display())));
+            return Err(Error::Refused(format!("{}: has no node {id}", path.display())));
         }
         let ids =
             if ids.is_empty() { inventory.nodes.keys().copied().collect() } else { ids.iter().copied().collect() };
         Ok(Self { inventory, ids })
     }
 
-    /// Those chosen.
+    /// Returns the chosen nodes.
     pub fn nodes(&self) -> impl Iterator<Item = &Node> {
         self.inventory.nodes.values().filter(|node| self.ids.contains(&node.id))
     }
 
-    /// Those chosen that are reached over ssh, by host.
+    /// Returns the chosen nodes that are installed over ssh, grouped by host.
     pub fn hosts(&self) -> Vec<(Host, Vec<&Node>)> {
         ssh::by_host(self.nodes().filter(|node| node.install == Install::Ssh))
     }
 
-    /// Those chosen that nobody reaches over ssh.
+    /// Returns the chosen nodes that are installed by hand.
     pub fn manual(&self) -> impl Iterator<Item = &Node> {
         self.nodes().filter(|node| node.install == Install::Manual)
     }
 }
 
-/// What became of a node, where there is no more to say of it.
+/// Result of a command at one node.
 #[derive(Clone, Debug, Serialize)]
 pub struct Outcome {
-    /// Which.
+    /// Id of the node.
     pub node: VehicleId,
-    /// Where it is.
+    /// Its host.
     pub host: String,
-    /// What was done, in a word or two.
+    /// What was done, briefly.
     pub done: &'static str,
-    /// Why it failed, if it did.
+    /// Why it failed; `None` if it did not.
     pub why: Option<String>,
-    /// Something to know that is no fault.
+    /// Additional information that is not a fault.
     pub note: Option<String>,
-    /// How long it took, s.
+    /// Duration, s.
     pub seconds: f64,
 }
 
 impl Outcome {
-    /// Nothing was done yet.
+    /// A result with nothing done yet.
     pub fn new(node: &Node) -> Self {
         Self { node: node.id, host: place(node), done: "", why: None, note: None, seconds: 0.0 }
     }
 
-    /// It failed.
+    /// Sets the result to failed.
     pub fn fail(&mut self, why: String) {
         self.done = "failed";
         self.why = Some(why);
     }
 
-    /// A line of progress.
-    pub fn in_words(&self) -> String {
+    /// Formats the result as a line of progress.
+    pub fn to_text(&self) -> String {
         let why = self.why.as_ref().map_or_else(String::new, |why| format!(": {why}"));
         format!("node {} {}{why}", self.node, self.done)
     }
 
-    /// All of them, for people.
+    /// Formats all results as a table.
     pub fn table(all: &[Self]) -> String {
         let row = |one: &Self| {
-            let said = one.why.clone().or_else(|| one.note.clone()).unwrap_or_default();
+            let remark = one.why.clone().or_else(|| one.note.clone()).unwrap_or_default();
             let seconds = if one.seconds > 0.0 { format!("{:.1}", one.seconds) } else { String::new() };
-            vec![one.node.to_string(), one.host.clone(), one.done.to_owned(), seconds, said]
+            vec![one.node.to_string(), one.host.clone(), one.done.to_owned(), seconds, remark]
         };
         table(&["node", "host", "done", "all s", ""], all.iter().map(row))
     }
 
-    /// An error if any failed.
+    /// Returns an error if any node failed.
     ///
     /// # Errors
-    /// Which, of how many.
-    pub fn judge(all: &[Self], what: &str) -> Result<(), Error> {
+    /// If any node failed: which ones.
+    pub fn fail_if_any(all: &[Self], what: &str) -> Result<(), Error> {
         let failed: Vec<VehicleId> = all.iter().filter(|one| one.why.is_some()).map(|one| one.node).collect();
-        judge(&failed, all.len(), what)
+        fail_if_any(&failed, all.len(), what)
     }
 }
 
-/// A line on stderr for every host: one that moves on a terminal, one for each stage elsewhere.
+/// Shows a line on stderr for each host: a spinner on a terminal, else one line for each stage.
 #[derive(Debug)]
 pub struct Progress {
     bars: Option<MultiProgress>,
@@ -160,18 +160,18 @@ pub struct Progress {
 }
 
 impl Progress {
-    /// `plain`: other things are written to stderr too.
+    /// Makes a display of progress; `plain` if other texts are written to stderr too.
     pub fn new(plain: bool) -> Self {
         let bars = (!plain && std::io::stderr().is_terminal()).then(MultiProgress::new);
         Self { bars, begun: clock::now() }
     }
 
-    /// Since the beginning, s.
+    /// Time since the beginning, s.
     pub fn seconds(&self) -> f64 {
         (clock::now() - self.begun).as_secs_f64()
     }
 
-    /// The line of a host, or of something else of that name.
+    /// Adds a line for a host, or for anything else with this name.
     pub fn line(&self, name: &impl ToString) -> Line<'_> {
         let name = name.to_string();
         let bar = self.bars.as_ref().map(|bars| {
@@ -186,7 +186,7 @@ impl Progress {
     }
 }
 
-/// One of them.
+/// A line of progress.
 #[derive(Debug)]
 pub struct Line<'a> {
     progress: &'a Progress,
@@ -195,7 +195,7 @@ pub struct Line<'a> {
 }
 
 impl Line<'_> {
-    /// What happens now.
+    /// Shows what is being done now.
     pub fn say(&self, what: &str) {
         match &self.bar {
             Some(bar) => bar.set_message(printable_lines(what)),
@@ -212,7 +212,7 @@ impl Drop for Line<'_> {
     }
 }
 
-/// A table of texts, on a terminal as wide as that; columns whose name ends in a unit are numbers.
+/// Formats a table, fitted to the terminal's width. Columns whose header ends in a unit are right-aligned numbers.
 pub fn table(header: &[&str], rows: impl IntoIterator<Item = Vec<String>>) -> String {
     let mut table = Table::new();
     table.load_style(presets::NOTHING).set_header(header.iter().copied());
@@ -225,7 +225,7 @@ pub fn table(header: &[&str], rows: impl IntoIterator<Item = Vec<String>>) -> St
     text.lines().map(|line| line.trim_end().to_owned() + "\n").collect()
 }
 
-/// Where a node is, for a table.
+/// The host of a node, for a table.
 pub fn place(node: &Node) -> String {
     match (&node.host, node.install) {
         (Some(host), Install::Ssh) => host.clone(),
@@ -233,28 +233,28 @@ pub fn place(node: &Node) -> String {
     }
 }
 
-/// A number of seconds that somebody typed.
+/// Parses a number of seconds.
 ///
 /// # Errors
-/// If it is none.
+/// If it is not a number from 0 to 86400.
 pub fn is_seconds(text: &str) -> Result<f64, String> {
     let seconds: f64 = text.parse().map_err(|_| "not a number of seconds".to_owned())?;
     let within = (0.0..=86_400.0).contains(&seconds);
     if within { Ok(seconds) } else { Err("not between 0 and 86400 s".to_owned()) }
 }
 
-/// An error if any failed: which, of how many.
+/// Returns an error that names the failed nodes, if there are any.
 ///
 /// # Errors
 /// If the list is not empty.
-pub fn judge(failed: &[VehicleId], of: usize, what: &str) -> Result<(), Error> {
+pub fn fail_if_any(failed: &[VehicleId], of: usize, what: &str) -> Result<(), Error> {
     if failed.is_empty() {
         return Ok(());
     }
     Err(Error::Failed(format!("{} of {of} {what}: node {}", failed.len(), list(failed))))
 }
 
-/// `1, 2, 5`
+/// Formats ids as a list: `1, 2, 5`.
 pub fn list<'a>(ids: impl IntoIterator<Item = &'a VehicleId>) -> String {
     ids.into_iter().map(VehicleId::to_string).collect::<Vec<_>>().join(", ")
 }

@@ -68,9 +68,9 @@ impl Program {
             (Some((major, minor)), None) => {
                 Err(format!("has no GNU C library, and {path} wants {major}.{minor}; name another with `binary`"))
             }
-            (Some(wanted), Some(there)) if wanted > there => Err(format!(
+            (Some(required), Some(there)) if required > there => Err(format!(
                 "has the C library {}.{}, and {path} wants {}.{}; name one that was built for an older one with `binary`",
-                there.0, there.1, wanted.0, wanted.1
+                there.0, there.1, required.0, required.1
             )),
             _ => Ok(()),
         }
@@ -127,11 +127,11 @@ impl<'a> Elf<'a> {
         let texts = self.number::<8>(self.section(self.number::<4>(needed + 0x28)?)? + 0x18)?;
         let mut newest = None;
         for _ in 0..libraries {
-            let mut wanted = library.checked_add(self.number::<4>(library + 8)?)?;
+            let mut required = library.checked_add(self.number::<4>(library + 8)?)?;
             for _ in 0..self.number::<2>(library + 2)? {
-                let name = self.text(texts.checked_add(self.number::<4>(wanted + 8)?)?);
+                let name = self.text(texts.checked_add(self.number::<4>(required + 8)?)?);
                 newest = newest.max(name.and_then(|name| version(name.strip_prefix("GLIBC_")?)));
-                wanted = wanted.checked_add(self.number::<4>(wanted + 12)?)?;
+                required = required.checked_add(self.number::<4>(required + 12)?)?;
             }
             library = library.checked_add(self.number::<4>(library + 12)?)?;
         }
@@ -170,8 +170,8 @@ mod tests {
             ("Linux x86_64", Some((2, 28)), "has the C library 2.28, and skein-x wants 2.34"),
             ("Linux x86_64", None, "has no GNU C library, and skein-x wants 2.34"),
         ] {
-            let said = fits(platform, glibc).unwrap_err();
-            assert!(said.starts_with(why) && said.contains("`binary`"), "{said}");
+            let message = fits(platform, glibc).unwrap_err();
+            assert!(message.starts_with(why) && message.contains("`binary`"), "{message}");
         }
         assert_eq!(program(Some("Linux x86_64"), None).fits("Linux x86_64", None), Ok(()), "static");
         assert!(program(None, None).fits("Linux x86_64", None).is_err());
@@ -192,15 +192,15 @@ mod tests {
         assert_eq!(own.platform.as_deref(), Some(format!("Linux {}", std::env::consts::ARCH).as_str()));
         assert_eq!(own.sum.len(), 64);
         assert_eq!(own.release, format!("{}-{}", env!("CARGO_PKG_VERSION"), &own.sum[..12]));
-        let said = |program: &str, arguments: &[&OsStr]| {
+        let message = |program: &str, arguments: &[&OsStr]| {
             let output =
                 Command::new(program).args(arguments).output().unwrap_or_else(|why| panic!("{program}: {why}"));
             String::from_utf8(output.stdout).unwrap()
         };
-        let there = glibc(&said("getconf", &["GNU_LIBC_VERSION".as_ref()]));
+        let there = glibc(&message("getconf", &["GNU_LIBC_VERSION".as_ref()]));
         assert!(own.glibc.is_some() && own.glibc <= there, "{:?} {there:?}", own.glibc);
         // Whoever links programs has readelf.
-        let needs = said("readelf", &["--version-info".as_ref(), "--wide".as_ref(), own.path.as_ref()]);
+        let needs = message("readelf", &["--version-info".as_ref(), "--wide".as_ref(), own.path.as_ref()]);
         let names = needs.split("Name: GLIBC_").skip(1).filter_map(|rest| version(rest.split_whitespace().next()?));
         assert_eq!(own.glibc, names.max());
     }

@@ -1,4 +1,5 @@
-//! Waiting on the mesh until vehicles say by themselves that they take part, or are gone: not because ssh said so.
+//! Waits until vehicles report on the mesh that they are active members, or until they have left the mesh: the result
+//! of an ssh command proves neither.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::{Duration, Instant};
@@ -11,65 +12,65 @@ use crate::reach::Reach;
 use skein_host::clock;
 use skein_lab::error::Error;
 
-/// Whoever flies is heard within this time.
-pub const HEARD: Duration = Duration::from_secs(3);
-/// How often what was heard is looked at.
-pub(super) const LOOK: Duration = Duration::from_millis(10);
+/// Time within which every vehicle in flight is in contact.
+pub const CONTACT_TIMEOUT: Duration = Duration::from_secs(3);
+/// Interval at which received messages are read.
+pub(super) const POLL_PERIOD: Duration = Duration::from_millis(10);
 
-/// Listens to a swarm.
+/// Observes a swarm until vehicles reach a state.
 pub struct Watch {
-    /// With what is known of every vehicle.
+    /// The observer, with the newest data of every vehicle.
     pub observer: Observer,
-    /// What was last waited for was that of this run of the swarm.
+    /// The run that vehicles must fly in to be ready.
     pub run: u64,
 }
 
 impl Watch {
-    /// Listens.
+    /// Connects to the swarm.
     ///
     /// # Errors
     /// If Zenoh refuses.
     pub fn open(reach: &Reach, run: u64) -> Result<Self, Error> {
-        Ok(Self { observer: Observer::open(reach, Steps::Unheard)?, run })
+        Ok(Self { observer: Observer::open(reach, Steps::Off)?, run })
     }
 
-    /// What keeps this vehicle from being ready, in words; in a life after this one.
+    /// Returns why this vehicle is not ready, if so. It must run in an incarnation newer than `after`.
     pub fn lacks(&self, id: VehicleId, after: Option<Incarnation>) -> Option<String> {
         lacks(self.observer.vehicles().get(&id), self.run, after)
     }
 
-    /// The run that each vehicle in contact flies in, by its own word, where runs are sealed.
-    pub fn named_runs(&mut self) -> BTreeMap<VehicleId, u64> {
+    /// Returns the run that each vehicle in contact reports, where messages are signed.
+    pub fn reported_runs(&mut self) -> BTreeMap<VehicleId, u64> {
         self.observer.poll();
-        let there = self.observer.vehicles().iter().filter(|(_, seen)| seen.alive);
-        there.filter_map(|(id, seen)| Some((*id, seen.run.filter(|run| *run != 0)?))).collect()
+        let there = self.observer.vehicles().iter().filter(|(_, view)| view.alive);
+        there.filter_map(|(id, view)| Some((*id, view.run.filter(|run| *run != 0)?))).collect()
     }
 
-    /// In which life it is now: it is given a moment to be heard.
-    pub fn life(&mut self, id: VehicleId) -> Option<Incarnation> {
-        let until = clock::now() + HEARD;
+    /// Returns the vehicle's present incarnation, after waiting up to [`CONTACT_TIMEOUT`] for a heartbeat.
+    pub fn incarnation(&mut self, id: VehicleId) -> Option<Incarnation> {
+        let until = clock::now() + CONTACT_TIMEOUT;
         loop {
             self.observer.poll();
-            let said = self.observer.vehicles().get(&id).and_then(|seen| seen.mission.as_ref());
-            if said.is_some() || clock::now() >= until {
-                return said.map(|said| said.header.incarnation);
+            let mission = self.observer.vehicles().get(&id).and_then(|view| view.mission.as_ref());
+            if mission.is_some() || clock::now() >= until {
+                return mission.map(|mission| mission.header.incarnation);
             }
-            clock::sleep(LOOK);
+            clock::sleep(POLL_PERIOD);
         }
     }
 
-    /// Whether its token is there.
+    /// Whether the vehicle is in contact.
     pub fn is_there(&self, id: VehicleId) -> bool {
-        self.observer.vehicles().get(&id).is_some_and(|seen| seen.alive)
+        self.observer.vehicles().get(&id).is_some_and(|view| view.alive)
     }
 
-    /// Waits until all of these are ready, each in a life after the one given with it; for each until its own `until`. Tells
-    /// each as it comes. Gives who is not.
+    /// Waits until all these vehicles are ready, each in an incarnation newer than the given one and at most until its
+    /// own deadline `until`. Calls `report` for each vehicle as it gets ready. Returns the vehicles that are not ready.
     pub fn ready(
         &mut self,
         ids: &BTreeMap<VehicleId, Option<Incarnation>>,
         until: impl Fn(VehicleId) -> Instant,
-        mut tell: impl FnMut(VehicleId),
+        mut report: impl FnMut(VehicleId),
     ) -> BTreeSet<VehicleId> {
         let mut missing: BTreeSet<VehicleId> = ids.keys().copied().collect();
         loop {
@@ -77,7 +78,7 @@ impl Watch {
             missing.retain(|id| {
                 let is_missing = self.lacks(*id, ids[id]).is_some();
                 if !is_missing {
-                    tell(*id);
+                    report(*id);
                 }
                 is_missing
             });
@@ -85,51 +86,54 @@ impl Watch {
             if missing.iter().all(|id| now >= until(*id)) {
                 return missing;
             }
-            clock::sleep(LOOK);
+            clock::sleep(POLL_PERIOD);
         }
     }
 
-    /// Waits until none of these has a token any more, until `until`. Tells each as it goes. Gives who is still there.
+    /// Waits until none of these vehicles is in contact, at most until `until`. Calls `report` for each as it leaves.
+    /// Returns the vehicles still in contact.
     pub fn gone(
         &mut self,
         ids: &BTreeSet<VehicleId>,
         until: Instant,
-        mut tell: impl FnMut(VehicleId),
+        mut report: impl FnMut(VehicleId),
     ) -> BTreeSet<VehicleId> {
-        let mut told = BTreeSet::new();
+        let mut reported = BTreeSet::new();
         loop {
             self.observer.poll();
-            // One that was only lost for a moment comes back, and is waited for again.
+            // A vehicle that was lost only briefly returns and is waited for again.
             let (there, gone): (BTreeSet<_>, BTreeSet<_>) = ids.iter().partition(|id| self.is_there(**id));
             for id in &gone {
-                if told.insert(*id) {
-                    tell(*id);
+                if reported.insert(*id) {
+                    report(*id);
                 }
             }
             if there.is_empty() || clock::now() >= until {
                 return there;
             }
-            clock::sleep(LOOK);
+            clock::sleep(POLL_PERIOD);
         }
     }
 }
 
-fn lacks(seen: Option<&Seen>, run: u64, after: Option<Incarnation>) -> Option<String> {
-    let Some((seen, true)) = seen.map(|seen| (seen, seen.alive)) else {
-        return Some("not heard on the network".to_owned());
+fn lacks(view: Option<&Seen>, run: u64, after: Option<Incarnation>) -> Option<String> {
+    let Some((view, true)) = view.map(|view| (view, view.alive)) else {
+        return Some("not in contact".to_owned());
     };
-    let Some(mission) = &seen.mission else { return Some("there, but silent".to_owned()) };
+    let Some(mission) = &view.mission else { return Some("in contact, but sends no heartbeats".to_owned()) };
     if after.is_some_and(|before| mission.header.incarnation <= before) {
-        return Some("not started again".to_owned());
+        return Some("not restarted yet".to_owned());
     }
-    if seen.run.is_some_and(|said| said != run) {
-        return Some("flies in another run of the swarm; `skein cluster down` first".to_owned());
+    if view.run.is_some_and(|reported| reported != run) {
+        return Some("flies in another run of the swarm; run `skein cluster down` first".to_owned());
     }
     match mission.membership {
-        Membership::Active if seen.health.is_some() && seen.health_run.is_none_or(|said| said == run) => None,
-        Membership::Active => Some("does not tell how it does".to_owned()),
-        Membership::Joining => Some("joins still: it waits for its simulator, or listens".to_owned()),
-        Membership::Left => Some("has landed for good".to_owned()),
+        Membership::Active if view.health.is_some() && view.health_run.is_none_or(|reported| reported == run) => None,
+        Membership::Active => Some("sends no health reports".to_owned()),
+        Membership::Joining => {
+            Some("still joining: it waits for its simulator, or for its peers' heartbeats".to_owned())
+        }
+        Membership::Left => Some("has landed and cannot be recalled".to_owned()),
     }
 }
 

@@ -10,7 +10,7 @@ use skein_common::printable::printable;
 
 use super::program::{self, Glibc, Program};
 use super::protocol::{Answer, Ask, Request};
-use super::ssh::{Host, MAX_SENTENCE, Said, Ssh, quote};
+use super::ssh::{CommandOutput, Host, MAX_SENTENCE, Ssh, quote};
 use crate::inventory::Node;
 
 /// Within this time every question is answered, connecting included; in addition to a landing that is part of it.
@@ -93,8 +93,8 @@ impl Remote<'_> {
             Ask::Stop { within_s } | Ask::Remove { within_s } => ANSWER + Duration::from_secs_f64(within_s.max(0.0)),
             _ => ANSWER,
         };
-        let said = self.ssh.run(host, command, &self.request(node, ask), within).map_err(Fault::Failed)?;
-        answer(host, &said)
+        let output = self.ssh.run(host, command, &self.request(node, ask), within).map_err(Fault::Failed)?;
+        answer(host, &output)
     }
 
     /// Hands over the lines of a node's log.
@@ -123,8 +123,8 @@ impl Remote<'_> {
     /// # Errors
     /// If the host cannot be reached, or does not say it.
     pub fn probe(&self, host: &Host, node: &Node, release: &str) -> Result<Probed, String> {
-        let said = self.ssh.run(host, &self.script(node, PROBE, &[release]), &Arc::default(), ANSWER)?;
-        probed(&said.stdout).ok_or_else(|| format!("{host}: does not say what it is ({})", said.complaint()))
+        let output = self.ssh.run(host, &self.script(node, PROBE, &[release]), &Arc::default(), ANSWER)?;
+        probed(&output.stdout).ok_or_else(|| format!("{host}: does not say what it is ({})", output.error_text()))
     }
 
     /// Copies the program, verifies its checksum and its version there, and only then puts it in its place.
@@ -135,8 +135,8 @@ impl Remote<'_> {
         let version = concat!("skein ", env!("CARGO_PKG_VERSION"));
         let script = self.script(node, COPY, &[&program.release, &program.sum, version]);
         let within = ANSWER + Duration::from_secs(program.bytes.len() as u64 / SLOWEST);
-        let said = self.ssh.run(host, &script, &program.bytes, within)?;
-        if said.status == 0 { Ok(()) } else { Err(format!("{host}: {}", said.complaint())) }
+        let output = self.ssh.run(host, &script, &program.bytes, within)?;
+        if output.status == 0 { Ok(()) } else { Err(format!("{host}: {}", output.error_text())) }
     }
 
     fn folder(&self, node: &Node) -> String {
@@ -145,8 +145,8 @@ impl Remote<'_> {
 
     fn script(&self, node: &Node, script: &str, arguments: &[&str]) -> String {
         let folder = self.folder(node);
-        let words = [script, "skein", &folder].into_iter().chain(arguments.iter().copied());
-        format!("sh -c {}", words.map(quote).collect::<Vec<_>>().join(" "))
+        let fields = [script, "skein", &folder].into_iter().chain(arguments.iter().copied());
+        format!("sh -c {}", fields.map(quote).collect::<Vec<_>>().join(" "))
     }
 
     fn request(&self, node: &Node, ask: Ask) -> Arc<[u8]> {
@@ -159,22 +159,23 @@ impl Remote<'_> {
 
 /// The last line that says something: what a login shell writes before it is none of ours. Every text in it is fit for a
 /// terminal.
-fn answer(host: &Host, said: &Said) -> Result<Answer, Fault> {
-    let last = said.stdout.lines().rev().map(str::trim).find(|line| !line.is_empty());
-    let read = |line: &str| serde_json::from_str(line).and_then(|said| serde_json::from_value(with_printable(said)));
+fn answer(host: &Host, output: &CommandOutput) -> Result<Answer, Fault> {
+    let last = output.stdout.lines().rev().map(str::trim).find(|line| !line.is_empty());
+    let read =
+        |line: &str| serde_json::from_str(line).and_then(|output| serde_json::from_value(with_printable(output)));
     match last.map(|line| (line, read(line))) {
         Some((NOT_INSTALLED, _)) => Err(Fault::NotInstalled),
         // Other nodes of this host are.
         Some((_, Ok(Answer::Failed(why)))) if why.starts_with("nothing is installed") => Err(Fault::NotInstalled),
         Some((_, Ok(Answer::Failed(why)))) => Err(Fault::Failed(format!("{host}: {why}"))),
         Some((_, Ok(answer))) => Ok(answer),
-        _ => Err(Fault::Failed(format!("{host}: {}", said.complaint()))),
+        _ => Err(Fault::Failed(format!("{host}: {}", output.error_text()))),
     }
 }
 
 /// The same with every text as it may be shown.
-fn with_printable(said: Value) -> Value {
-    match said {
+fn with_printable(output: Value) -> Value {
+    match output {
         Value::String(text) => Value::String(printable(&text, MAX_SENTENCE)),
         Value::Array(all) => all.into_iter().map(with_printable).collect(),
         Value::Object(all) => all.into_iter().map(|(key, value)| (key, with_printable(value))).collect(),
@@ -197,9 +198,9 @@ fn probed(stdout: &str) -> Option<Probed> {
 
 /// Of a line of `df -Pk`: what stands before the share that is used.
 fn free_bytes(line: &str) -> Option<u64> {
-    let words: Vec<&str> = line.split_whitespace().collect();
-    let share = words.iter().position(|word| word.ends_with('%'))?;
-    words.get(share.checked_sub(1)?)?.parse::<u64>().ok()?.checked_mul(1024)
+    let fields: Vec<&str> = line.split_whitespace().collect();
+    let share = fields.iter().position(|field| field.ends_with('%'))?;
+    fields.get(share.checked_sub(1)?)?.parse::<u64>().ok()?.checked_mul(1024)
 }
 
 #[cfg(test)]

@@ -34,14 +34,14 @@ pub const AT_ONCE: NonZeroUsize = NonZeroUsize::MIN.saturating_add(7);
 /// Nobody has more to say in one answer, bytes.
 const MAX_ANSWER: u64 = 16 << 20;
 /// Of what goes wrong so much is kept, bytes.
-const MAX_COMPLAINT: u64 = 64 << 10;
+const MAX_ERROR_OUTPUT: u64 = 64 << 10;
 /// Of a host's sentence, and of a line of its log, so much is shown, characters.
 pub(super) const MAX_SENTENCE: usize = 400;
 const MAX_LINE: usize = 4000;
 /// How often a call is looked at.
-const LOOK: Duration = Duration::from_millis(5);
+const POLL_PERIOD: Duration = Duration::from_millis(5);
 /// After the end of `ssh` its last words are there at once; a connection that stays behind may hold the pipe open.
-const LAST_WORDS: Duration = Duration::from_millis(200);
+const LAST_OUTPUT: Duration = Duration::from_millis(200);
 /// A socket's path has at most 107 bytes; ssh adds 40 digits of a hash, and 17 bytes while it makes it.
 const LONGEST_SOCKET: usize = 107 - 40 - 17;
 
@@ -76,7 +76,7 @@ pub struct Ssh {
 
 /// What came of a call.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Said {
+pub struct CommandOutput {
     /// Exit status of the remote command.
     pub status: i32,
     /// Its standard output.
@@ -85,9 +85,9 @@ pub struct Said {
     pub stderr: String,
 }
 
-impl Said {
+impl CommandOutput {
     /// The last line of standard error that says something, fit for a terminal; else the exit status.
-    pub fn complaint(&self) -> String {
+    pub fn error_text(&self) -> String {
         let line = self.stderr.lines().rev().map(str::trim).find(|line| !line.is_empty());
         line.map_or_else(|| format!("exit status {}", self.status), |line| printable(line, MAX_SENTENCE))
     }
@@ -104,11 +104,17 @@ impl Ssh {
     /// # Errors
     /// One sentence, with what to do about it, if the host cannot be reached or takes longer. A remote command that fails is
     /// no error here: its status is told.
-    pub fn run(&self, host: &Host, command: &str, stdin: &Arc<[u8]>, within: Duration) -> Result<Said, String> {
+    pub fn run(
+        &self,
+        host: &Host,
+        command: &str,
+        stdin: &Arc<[u8]>,
+        within: Duration,
+    ) -> Result<CommandOutput, String> {
         let mut child = self.spawn(host, command)?;
-        give(child.stdin.take(), stdin);
+        write_input(child.stdin.take(), stdin);
         let stdout = collect(child.stdout.take(), MAX_ANSWER);
-        let stderr = collect(child.stderr.take(), MAX_COMPLAINT);
+        let stderr = collect(child.stderr.take(), MAX_ERROR_OUTPUT);
         let Some(status) = wait(&mut child, within).map_err(|error| format!("{host}: {error}"))? else {
             return Err(format!(
                 "{host}: did not do it within {:.0} s; see with `ssh {host}` how it does",
@@ -119,7 +125,7 @@ impl Ssh {
         match status.code() {
             // ssh's own; a remote command of ours never ends with it.
             Some(255) => Err(reason::sentence(host, &stderr, || self.keys(host))),
-            Some(status) => Ok(Said { status, stdout, stderr }),
+            Some(status) => Ok(CommandOutput { status, stdout, stderr }),
             None => Err(format!("{host}: ssh was {}", os::how_it_ended(status))),
         }
     }
@@ -133,7 +139,7 @@ impl Ssh {
         let mut given = child.stdin.take();
         // Who does not read it says why, or ends with a status. It stays open: the end of it would end what is there.
         let _ = given.as_mut().map(|given| given.write_all(stdin));
-        let stderr = collect(child.stderr.take(), MAX_COMPLAINT);
+        let stderr = collect(child.stderr.take(), MAX_ERROR_OUTPUT);
         let mut stdout = BufReader::new(child.stdout.take().ok_or_else(|| format!("{host}: no pipe"))?);
         let mut bytes = Vec::new();
         // What is no text in it, or would be obeyed by a terminal, is shown as well as it can be.
@@ -146,22 +152,24 @@ impl Ssh {
         match status.code() {
             Some(0) => Ok(()),
             Some(255) => Err(reason::sentence(host, &stderr, || self.keys(host))),
-            Some(status) => Err(format!("{host}: {}", Said { status, stdout: String::new(), stderr }.complaint())),
+            Some(status) => {
+                Err(format!("{host}: {}", CommandOutput { status, stdout: String::new(), stderr }.error_text()))
+            }
             None => Err(format!("{host}: ssh was {}", os::how_it_ended(status))),
         }
     }
 
     /// Ends the connection that was kept for the next command.
     pub fn close(&self, host: &Host) {
-        self.tell_kept(host, "exit");
+        self.control_shared(host, "exit");
     }
 
     /// The next call logs in anew. Calls on the kept connection go on.
     pub fn forget(&self, host: &Host) {
-        self.tell_kept(host, "stop");
+        self.control_shared(host, "stop");
     }
 
-    fn tell_kept(&self, host: &Host, what: &str) {
+    fn control_shared(&self, host: &Host, what: &str) {
         if self.sharing.is_some() {
             let mut command = self.options(host);
             command.args(["-O", what, "--", &host.name]);
@@ -205,8 +213,8 @@ impl Ssh {
     /// The key files that ssh tries for this host.
     fn keys(&self, host: &Host) -> Vec<String> {
         let mut command = self.options(host);
-        let told = command.args(["-G", "--", &host.name]).stdin(Stdio::null()).output();
-        told.map_or_else(|_| Vec::new(), |told| reason::keys(&String::from_utf8_lossy(&told.stdout)))
+        let output = command.args(["-G", "--", &host.name]).stdin(Stdio::null()).output();
+        output.map_or_else(|_| Vec::new(), |output| reason::keys(&String::from_utf8_lossy(&output.stdout)))
     }
 }
 
@@ -222,22 +230,22 @@ fn sharing(folder: &Path) -> Option<String> {
 
 /// A command as somebody could type it.
 fn shown(command: &Command) -> String {
-    let words = [command.get_program()].into_iter().chain(command.get_args());
-    let quoted = words.map(|word| {
-        let word = word.to_string_lossy();
+    let arguments = [command.get_program()].into_iter().chain(command.get_args());
+    let quoted = arguments.map(|argument| {
+        let argument = argument.to_string_lossy();
         let is_plain = |c: char| c.is_ascii_alphanumeric() || "-_=./@:%".contains(c);
-        if word.chars().all(is_plain) && !word.is_empty() { word.into_owned() } else { quote(&word) }
+        if argument.chars().all(is_plain) && !argument.is_empty() { argument.into_owned() } else { quote(&argument) }
     });
     quoted.collect::<Vec<_>>().join(" ")
 }
 
 /// One word for a shell, whatever is in it.
-pub fn quote(word: &str) -> String {
-    format!("'{}'", word.replace('\'', r"'\''"))
+pub fn quote(argument: &str) -> String {
+    format!("'{}'", argument.replace('\'', r"'\''"))
 }
 
 /// Writes it to the child, on a thread: it may take long, and ends with the child.
-fn give(stdin: Option<ChildStdin>, bytes: &Arc<[u8]>) {
+fn write_input(stdin: Option<ChildStdin>, bytes: &Arc<[u8]>) {
     let bytes = bytes.clone();
     if let Some(mut stdin) = stdin {
         // Who does not read all of it says why, or ends with a status.
@@ -255,7 +263,7 @@ impl Collected {
     /// All of it, once the child has ended.
     fn text(self) -> String {
         // Either way: what is there is there.
-        let _ = self.ended.recv_timeout(LAST_WORDS);
+        let _ = self.ended.recv_timeout(LAST_OUTPUT);
         let bytes = self.bytes.lock().unwrap_or_else(PoisonError::into_inner);
         String::from_utf8_lossy(&bytes).into_owned()
     }
@@ -292,7 +300,7 @@ fn wait(child: &mut Child, within: Duration) -> io::Result<Option<ExitStatus>> {
             child.wait()?;
             return Ok(None);
         }
-        clock::sleep(LOOK);
+        clock::sleep(POLL_PERIOD);
     }
 }
 

@@ -23,7 +23,7 @@ use skein_lab::error::Error;
 /// Agents say how they do once a second; a link takes a while at first.
 const LISTEN: Duration = Duration::from_millis(2500);
 /// How often is looked whether all are there.
-const LOOK: Duration = Duration::from_millis(20);
+const POLL_PERIOD: Duration = Duration::from_millis(20);
 /// Between two tables.
 const REFRESH: Duration = Duration::from_secs(1);
 /// Who was not heard for so long is not there.
@@ -141,7 +141,7 @@ impl Status {
 
 /// Why a vehicle in contact is not believed, where that is because of the run that it flies in.
 fn stray(observer: &Observer, id: VehicleId) -> Option<String> {
-    let run = observer.vehicles().get(&id).filter(|seen| seen.alive)?.run?;
+    let run = observer.vehicles().get(&id).filter(|view| view.alive)?.run?;
     match observer.run() {
         Some(flown) if flown == run => None,
         Some(flown) => Some(format!("flies in run {run}, and the swarm in run {flown}")),
@@ -190,7 +190,7 @@ impl Said {
 /// If the swarm cannot be listened to, a node is not heard, or one is faulty.
 pub fn run(args: &StatusArgs) -> Result<(), Error> {
     let inventory = Inventory::read(&args.file.file)?;
-    let observer = Observer::open(&inventory.reach(Role::Observer)?, Steps::Unheard);
+    let observer = Observer::open(&inventory.reach(Role::Observer)?, Steps::Off);
     let mut observer = observer.map_err(|error| Error::Failed(error.to_string()))?;
     let file = args.file.file.display().to_string();
     let mut until = clock::now() + LISTEN;
@@ -215,7 +215,7 @@ fn listen(observer: &mut Observer, inventory: &Inventory, until: Instant, early:
         if clock::now() >= until || early && all {
             return;
         }
-        clock::sleep(LOOK);
+        clock::sleep(POLL_PERIOD);
     }
 }
 

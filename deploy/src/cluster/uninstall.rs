@@ -89,7 +89,7 @@ pub fn run(args: &UninstallArgs) -> Result<(), Error> {
                 Err(Fault::Failed(why)) => outcome.fail(why),
             }
             outcome.seconds = (clock::now() - begun).as_secs_f64();
-            line.say(&outcome.in_words());
+            line.say(&outcome.to_text());
             all.push(outcome);
         }
         all
@@ -112,7 +112,7 @@ pub fn run(args: &UninstallArgs) -> Result<(), Error> {
     } else {
         Outcome::table(&report.nodes)
     });
-    Outcome::judge(&report.nodes, "failed")
+    Outcome::fail_if_any(&report.nodes, "failed")
 }
 
 /// Whether a node's vehicle flies, or why that is not known.

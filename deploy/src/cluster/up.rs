@@ -14,7 +14,7 @@ use skein_common::id::VehicleId;
 use super::flown::Evidence;
 use super::nodes::{self, Chosen, NodesArgs, Progress, is_seconds};
 use super::protocol::{Answer, Ask, RunningAgent};
-use super::ready::{HEARD, LOOK, Watch};
+use super::ready::{CONTACT_TIMEOUT, POLL_PERIOD, Watch};
 use super::remote::{Fault, Remote};
 use super::ssh::at_once;
 use crate::capacity::{self, Demand};
@@ -86,7 +86,7 @@ pub fn run(args: &UpArgs) -> Result<(), Error> {
     let reach = chosen.inventory.reach(Role::Operator)?;
     // It listens from the beginning: whoever flies is known when the last host has answered.
     let mut watch = Watch::open(&reach, 0)?;
-    let heard_by = clock::now() + HEARD;
+    let heard_by = clock::now() + CONTACT_TIMEOUT;
     let up = Up { remote: Remote { ssh: &ssh, swarm: &chosen.inventory.swarm }, chosen: &chosen, progress: &progress };
 
     let mut rows: BTreeMap<VehicleId, Row> = chosen.nodes().map(|node| (node.id, Row::new(node))).collect();
@@ -113,10 +113,10 @@ pub fn run(args: &UpArgs) -> Result<(), Error> {
     drop(progress);
     let swarm = chosen.inventory.swarm.to_string();
     let report = Report { swarm, run: watch.run, asked_s, started_s, seconds, nodes: rows.into_values().collect() };
-    skein_lab::terminal::say(&if args.nodes.json { skein_lab::terminal::json(&report) } else { report.in_words() });
+    skein_lab::terminal::say(&if args.nodes.json { skein_lab::terminal::json(&report) } else { report.to_text() });
     let missing: Vec<VehicleId> =
         report.nodes.iter().filter(|row| row.state == State::Missing).map(|row| row.node).collect();
-    nodes::judge(&missing, report.nodes.len(), "not ready")
+    nodes::fail_if_any(&missing, report.nodes.len(), "not ready")
 }
 
 /// What the hosts have told of the nodes that they could be asked about: the agent that runs, if one does.
@@ -144,13 +144,13 @@ fn run_of(
     };
     let own = file.read()?;
     let evidence = loop {
-        let mut named = by_hosts.clone();
-        named.extend(watch.named_runs());
-        let evidence = Evidence { vehicles: reach.agents.len(), named, own, notes };
+        let mut reported = by_hosts.clone();
+        reported.extend(watch.reported_runs());
+        let evidence = Evidence { vehicles: reach.agents.len(), reported, own, notes };
         if evidence.majority().is_some() || clock::now() >= until {
             break evidence;
         }
-        clock::sleep(LOOK);
+        clock::sleep(POLL_PERIOD);
     };
     let joined = evidence.run(&key, &reach.swarm).map_err(Error::Refused)?;
     if let Some(own) = own.filter(|own| joined == Some(own.note.run) && own.note.is_sealed(&key, &reach.swarm)) {
@@ -283,7 +283,7 @@ impl Up<'_> {
         line.say(&format!("waiting for {all} vehicles to say that they are ready"));
         let wanted = rows.keys().map(|id| (*id, None)).collect();
         let doubtful: Vec<VehicleId> = rows.values().filter(|row| row.why.is_some()).map(|row| row.node).collect();
-        let until = |id| begun + if doubtful.contains(&id) { timeout.min(HEARD) } else { timeout };
+        let until = |id| begun + if doubtful.contains(&id) { timeout.min(CONTACT_TIMEOUT) } else { timeout };
         let mut ready = 0;
         let missing = watch.ready(&wanted, until, |id| {
             ready += 1;
@@ -331,7 +331,7 @@ impl Row {
 }
 
 impl Report {
-    fn in_words(&self) -> String {
+    fn to_text(&self) -> String {
         let number = |value: Option<f64>| value.map_or_else(String::new, |value| format!("{value:.1}"));
         let rows = self.nodes.iter().map(|row| {
             let state = match (row.state, row.ran) {
@@ -464,6 +464,6 @@ mod tests {
     2  heli2   ready, flew before        0.5      1.2
    10  heli10  missing                   0.5           not heard on the network
 2 of 3 vehicles of lab are ready after 60.0 s (run 42)\n";
-        assert_eq!(report.in_words(), wanted);
+        assert_eq!(report.to_text(), wanted);
     }
 }

@@ -118,7 +118,7 @@ impl Flight {
     pub fn begin(plan: Plan, interrupts: Interrupts, gather_within: Duration, json: bool) -> Result<Self, Error> {
         let scenario = plan.scenario();
         let Launched { children, endpoints, file } = launch(&plan)?;
-        let observer = Observer::open(&endpoints.into(), Steps::Heard);
+        let observer = Observer::open(&endpoints.into(), Steps::On);
         let recorder = recorder(&plan)?;
         Ok(Self {
             json,

@@ -86,7 +86,7 @@ pub fn log(folder: &Path, role: Role, id: VehicleId) -> PathBuf {
 fn refuse_a_second(swarm: &SwarmName) -> Result<(), Error> {
     let folder = endpoints::folder();
     match endpoints::read(&folder, swarm) {
-        Ok(Some(there)) if there.anybody_there() => Err(Error::Refused(format!(
+        Ok(Some(there)) if there.any_agent_answers() => Err(Error::Refused(format!(
             "a swarm named {swarm} flies here already; land it with `skein order land --swarm {swarm}`, or give this one \
              another name with --set swarm.name=NAME"
         ))),

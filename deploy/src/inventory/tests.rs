@@ -2,7 +2,7 @@ use std::fs;
 
 use super::*;
 
-/// A cluster of so many hosts on 10.0.0.11 and above, written into `folder` and read.
+/// Writes and reads a cluster of `vehicles` hosts from 10.0.0.11 on.
 pub(crate) fn lab(folder: &Path, vehicles: usize, more: &str) -> Inventory {
     let nodes: String = (1..=vehicles).map(|id| format!("[node.{id}]\nhost = '10.0.0.{}'\n", 10 + id)).collect();
     read(folder, vehicles, &format!("swarm = 'lab'\nscenario = 'hover.toml'\n{more}\n{nodes}")).unwrap()
@@ -15,7 +15,7 @@ fn read(folder: &Path, vehicles: usize, text: &str) -> Result<Inventory, skein_l
     Inventory::read(&path)
 }
 
-/// What is said of this file of two nodes, without the folder.
+/// The error for this file of two nodes, without the folder's path.
 fn refused(text: &str) -> String {
     let folder = tempfile::tempdir().unwrap();
     let error = read(folder.path(), 2, text).map(|read| format!("{:?}", read.nodes)).unwrap_err();
@@ -25,7 +25,7 @@ fn refused(text: &str) -> String {
 
 const HEAD: &str = "swarm = 'lab'\nscenario = 'hover.toml'\n";
 
-/// As [`refused`], of a file with this as its first node's lines.
+/// Like [`refused`], for a file whose first node has these lines.
 fn node_refused(lines: &str) -> String {
     refused(&format!("{HEAD}[node.2]\nhost = '10.0.0.2'\n[node.1]\n{lines}\n"))
 }
@@ -35,7 +35,7 @@ fn id(number: u8) -> VehicleId {
 }
 
 #[test]
-fn the_example_is_read() {
+fn the_example_file_is_valid() {
     let folder = tempfile::tempdir().unwrap();
     fs::create_dir(folder.path().join("scenarios")).unwrap();
     fs::write(folder.path().join("scenarios/hover.toml"), include_str!("../../scenarios/hover.toml")).unwrap();
@@ -58,7 +58,7 @@ fn the_example_is_read() {
 }
 
 #[test]
-fn what_a_node_says_stands_above_what_all_say() {
+fn keys_of_a_node_override_the_defaults() {
     let folder = tempfile::tempdir().unwrap();
     let text = format!(
         "{HEAD}security = 'none'\n[defaults]\nplant = 'standin'\nxplane = '127.0.0.1:49000'\nlog = 'debug'\nservice = 'own'\n\
@@ -91,18 +91,18 @@ fn a_fault_has_a_line_and_a_remedy() {
     assert_eq!(refused(&format!("{HEAD}[node.one]")), "cluster.toml:3:7: `node.one`: nodes are tables by id, 1 to 250");
     assert!(refused("swarm = ").starts_with("cluster.toml:1:9: not TOML: "));
     for empty in ["", "\n# nothing\n"] {
-        assert!(refused(empty).starts_with("cluster.toml:1:1: nothing stands in this cluster's file; it has `swarm`"));
+        assert!(refused(empty).starts_with("cluster.toml:1:1: this cluster file is empty; it has `swarm`"));
     }
     assert!(refused("scenario = 'hover.toml'").contains("`swarm` is missing"));
     assert!(refused("swarm = 'lab'").contains("`scenario` is missing"));
 }
 
 #[test]
-fn nodes_are_exactly_the_vehicles() {
+fn every_vehicle_has_a_node_and_every_node_a_vehicle() {
     let one = "[node.1]\nhost = '10.0.0.1'\n";
     assert_eq!(
         refused(&format!("{HEAD}{one}")),
-        "cluster.toml:3:2: `node.2` is missing: hover.toml flies vehicles 1 to 2; say where vehicle 2 is: `[node.2]`"
+        "cluster.toml:3:2: `node.2` is missing: hover.toml flies vehicles 1 to 2; add a table `[node.2]` for vehicle 2"
     );
     let three = refused(&format!("{HEAD}{one}[node.2]\nhost = '10.0.0.2'\n[node.3]\nhost = '10.0.0.3'\n"));
     assert!(three.starts_with("cluster.toml:7:"), "{three}");
@@ -111,8 +111,8 @@ fn nodes_are_exactly_the_vehicles() {
 }
 
 #[test]
-fn a_node_can_be_reached() {
-    assert!(node_refused("host = 'heli1'").contains("`node.1.address` is missing: peers do not know"));
+fn a_node_needs_a_valid_host_and_address() {
+    assert!(node_refused("host = 'heli1'").contains("`node.1.address` is missing: peers cannot use"));
     assert!(node_refused("address = '10.0.0.1'").contains("`node.1.host` is missing"));
     assert!(!node_refused("address = '10.0.0.1'\ninstall = 'manual'\nplant = 'x'").contains("host"));
     for host in ["-oProxyCommand=reboot", "a b", "a;b", "lab@heli1", "$(x)", "ä"] {
@@ -127,7 +127,7 @@ fn a_node_can_be_reached() {
 }
 
 #[test]
-fn what_else_a_node_says_is_plausible() {
+fn an_implausible_value_of_a_node_is_refused() {
     for folder in ["../x", "~/skein", "a b", "/", ".", "-rf", "a/../../b"] {
         let refused = node_refused(&format!("host = '10.0.0.1'\nfolder = '{folder}'"));
         assert!(refused.contains("`node.1.folder`"), "{folder}: {refused}");
@@ -135,7 +135,7 @@ fn what_else_a_node_says_is_plausible() {
     assert!(node_refused("host = '10.0.0.1'\nlog = 'loud=='").contains("`node.1.log`"));
     assert!(node_refused("host = '10.0.0.1'\nplant = 'xplane'\nxplane = 'heli:x'").contains("`node.1.xplane`"));
     let no_simulator = node_refused("host = '10.0.0.1'\nplant = 'builtin'\nxplane = 'heli:49000'");
-    assert!(no_simulator.contains("means nothing beside plant"), "{no_simulator}");
+    assert!(no_simulator.contains("has no effect with plant"), "{no_simulator}");
 }
 
 #[test]
@@ -148,12 +148,12 @@ fn two_vehicles_do_not_fly_in_one_simulator() {
     let folder = tempfile::tempdir().unwrap();
     assert!(read(folder.path(), 2, &two("10.0.0.1", "10.0.0.2", "127.0.0.1:49000")).is_ok(), "each its own");
     let shared = refused(&two("10.0.0.1", "10.0.0.1", "127.0.0.1:49000"));
-    assert!(shared.contains("`node.2.xplane`: that simulator is flown by vehicle 1 already"), "{shared}");
-    assert!(refused(&two("10.0.0.1", "10.0.0.2", "10.0.0.9")).contains("flown by vehicle 1 already"));
+    assert!(shared.contains("`node.2.xplane`: vehicle 1 already flies that simulator"), "{shared}");
+    assert!(refused(&two("10.0.0.1", "10.0.0.2", "10.0.0.9")).contains("vehicle 1 already flies that simulator"));
 }
 
 #[test]
-fn a_scenario_at_fault_is_named_itself() {
+fn a_fault_in_the_scenario_names_the_scenario_file() {
     let folder = tempfile::tempdir().unwrap();
     fs::write(folder.path().join("bad.toml"), "swarm.vehicels = 2\n").unwrap();
     let bad = read(folder.path(), 2, "swarm = 'lab'\nscenario = 'bad.toml'\n").unwrap_err().to_string();
@@ -161,5 +161,5 @@ fn a_scenario_at_fault_is_named_itself() {
     let none = refused("swarm = 'lab'\nscenario = 'no.toml'\n");
     assert!(none.starts_with("cluster.toml:2:12: `scenario`: no.toml: "), "{none}");
     let nowhere = Inventory::read(&folder.path().join("none.toml")).unwrap_err();
-    assert!(nowhere.to_string().ends_with("; a cluster's file is named with -f CLUSTER.toml"), "{nowhere}");
+    assert!(nowhere.to_string().ends_with("; name a cluster file with -f CLUSTER.toml"), "{nowhere}");
 }

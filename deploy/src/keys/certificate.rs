@@ -1,4 +1,4 @@
-//! One certificate: issued, and read back to see whether it still is what it should be.
+//! Issues a certificate, and checks whether an existing one is still valid and as required.
 
 use std::net::IpAddr;
 
@@ -13,13 +13,14 @@ use x509_parser::certificate::X509Certificate;
 use x509_parser::extensions::GeneralName;
 use x509_parser::pem::Pem;
 
-/// How long a certificate lasts.
+/// Validity of a certificate.
 const VALID: Duration = Duration::days(365);
-/// How long the authority's lasts.
+/// Validity of the authority's certificate.
 const AUTHORITY_VALID: Duration = Duration::days(3650);
-/// With so little left it is issued anew.
+/// Remaining validity below which a certificate is issued again.
 const RENEW_BEFORE: Duration = Duration::days(30);
-/// Certificates begin this much before they are made: a node whose clock is behind would not take part until then.
+/// How far the start of a certificate's validity is backdated: a node whose clock is behind could not connect until
+/// then.
 const BACKDATED: Duration = Duration::hours(1);
 
 /// A certificate and its private key, PEM.
@@ -29,44 +30,44 @@ pub(crate) struct Pair {
     pub(crate) key: String,
 }
 
-/// What a certificate is to say.
+/// The required contents of a certificate.
 #[derive(Clone, Debug)]
-pub(crate) struct Wanted<'a> {
+pub(crate) struct CertificateSpec<'a> {
     pub(crate) role: Role,
-    /// Its common name.
+    /// Common name.
     pub(crate) name: &'a str,
-    /// Where a vehicle's agent is dialled.
+    /// Address at which a vehicle's agent is dialled.
     pub(crate) address: Option<&'a str>,
 }
 
-/// Who signs the swarm's certificates.
+/// The authority that signs the swarm's certificates.
 pub(crate) struct Authority {
     issuer: Issuer<'static, KeyPair>,
     /// Its own certificate, PEM.
     certificate: String,
 }
 
-/// Why a certificate does not serve.
+/// Why a certificate cannot be used as it is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Unfit {
-    /// It is none, or its key is none.
+    /// The certificate or its key cannot be read.
     Unreadable,
-    /// Another authority has signed it.
-    Stranger,
-    /// The key is another one's.
+    /// It is signed by another authority.
+    OtherAuthority,
+    /// It does not belong to its key.
     OtherKey,
-    /// It is another one's, or the name was revoked.
+    /// It has another common name, or its name was revoked.
     OtherName,
-    /// Its node has moved.
+    /// Its node has another address now.
     OtherAddress,
-    /// It has ended.
+    /// It has expired.
     Expired,
-    /// It ends soon, and serves until then.
+    /// It expires soon, and is valid until then.
     Expiring,
 }
 
 impl Unfit {
-    /// Whether nobody believes the certificate as it is.
+    /// Whether peers reject the certificate.
     pub(crate) fn is_fatal(&self) -> bool {
         *self != Self::Expiring
     }
@@ -76,7 +77,7 @@ impl std::fmt::Display for Unfit {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.write_str(match self {
             Self::Unreadable => "unreadable",
-            Self::Stranger => "signed by another authority",
+            Self::OtherAuthority => "signed by another authority",
             Self::OtherKey => "does not belong to its key",
             Self::OtherName => "has another name",
             Self::OtherAddress => "has another address",
@@ -87,14 +88,15 @@ impl std::fmt::Display for Unfit {
 }
 
 impl Authority {
-    /// A new one.
+    /// Creates an authority with a new key.
     pub(crate) fn new(swarm: &str, now: OffsetDateTime) -> Result<(Self, Pair), rcgen::Error> {
         let key = KeyPair::generate()?;
         let pair = Pair { certificate: Self::sign_itself(swarm, &key, now)?, key: key.serialize_pem() };
         Ok((Self::read(&pair)?, pair))
     }
 
-    /// The same one's certificate with a new end. What it has signed stays good: the key is the same.
+    /// Issues the authority's certificate again with a new end of validity. Certificates that it has signed stay valid,
+    /// because the key is the same.
     pub(crate) fn renewed(swarm: &str, key: &str, now: OffsetDateTime) -> Result<(Self, Pair), rcgen::Error> {
         let pair = Pair { certificate: Self::sign_itself(swarm, &KeyPair::from_pem(key)?, now)?, key: key.to_owned() };
         Ok((Self::read(&pair)?, pair))
@@ -110,12 +112,12 @@ impl Authority {
         Ok(params.self_signed(key)?.pem())
     }
 
-    /// Its common name.
+    /// Common name of the authority of this swarm.
     pub(crate) fn name(swarm: &str) -> String {
         format!("authority of {swarm}")
     }
 
-    /// Why it cannot sign or be believed, if so.
+    /// Returns why the authority cannot sign or would be rejected, if so.
     pub(crate) fn unfit(pair: &Pair, now: OffsetDateTime) -> Option<Unfit> {
         let own = pem(&pair.certificate);
         let own = own.as_ref().and_then(|own| own.parse_x509().ok());
@@ -126,22 +128,27 @@ impl Authority {
         ends(&own, now)
     }
 
-    /// From its files.
+    /// Reads the authority from its certificate and key.
     pub(crate) fn read(pair: &Pair) -> Result<Self, rcgen::Error> {
         let issuer = Issuer::from_ca_cert_pem(&pair.certificate, KeyPair::from_pem(&pair.key)?)?;
         Ok(Self { issuer, certificate: pair.certificate.clone() })
     }
 
-    /// The certificate of this private key, PEM.
-    pub(crate) fn issue(&self, wanted: &Wanted<'_>, key: &str, now: OffsetDateTime) -> Result<String, rcgen::Error> {
+    /// Issues a certificate for this private key, PEM.
+    pub(crate) fn issue(
+        &self,
+        spec: &CertificateSpec<'_>,
+        key: &str,
+        now: OffsetDateTime,
+    ) -> Result<String, rcgen::Error> {
         let key = KeyPair::from_pem(key)?;
-        let mut params = CertificateParams::new(wanted.address.map(str::to_owned).into_iter().collect::<Vec<_>>())?;
+        let mut params = CertificateParams::new(spec.address.map(str::to_owned).into_iter().collect::<Vec<_>>())?;
         params.distinguished_name = DistinguishedName::new();
-        params.distinguished_name.push(DnType::CommonName, wanted.name);
+        params.distinguished_name.push(DnType::CommonName, spec.name);
         params.key_usages = vec![KeyUsagePurpose::DigitalSignature];
         params.extended_key_usages = vec![ExtendedKeyUsagePurpose::ClientAuth];
-        if matches!(wanted.role, Role::Vehicle(_)) {
-            // Agents are dialled too.
+        if matches!(spec.role, Role::Vehicle(_)) {
+            // Agents also accept connections.
             params.extended_key_usages.push(ExtendedKeyUsagePurpose::ServerAuth);
         }
         params.use_authority_key_identifier_extension = true;
@@ -149,19 +156,19 @@ impl Authority {
         Ok(params.signed_by(&key, &self.issuer)?.pem())
     }
 
-    /// Its certificate, PEM.
+    /// Certificate of the authority, PEM.
     pub(crate) fn certificate(&self) -> &str {
         &self.certificate
     }
 }
 
-/// When a certificate ends.
+/// Returns the end of a certificate's validity.
 pub(crate) fn expires(certificate: &str) -> Option<OffsetDateTime> {
     let pem = pem(certificate)?;
     Some(pem.parse_x509().ok()?.validity().not_after.to_datetime())
 }
 
-/// The common name and the key that a certificate shows.
+/// Returns the common name and the public key in a certificate.
 pub(crate) fn shows(certificate: &str) -> Option<Known> {
     let pem = pem(certificate)?;
     let shown = pem.parse_x509().ok()?;
@@ -169,8 +176,9 @@ pub(crate) fn shows(certificate: &str) -> Option<Known> {
     Some(Known { name: common_name(&shown)?.to_owned(), key: key.into() })
 }
 
-/// Why this pair, signed by the authority with this certificate, does not serve as it should, if so.
-pub(crate) fn unfit(pair: &Pair, wanted: &Wanted<'_>, authority: &str, now: OffsetDateTime) -> Option<Unfit> {
+/// Returns why this certificate cannot be used as it is, if so: it must be signed by this authority, belong to its key
+/// and meet the requirements.
+pub(crate) fn unfit(pair: &Pair, spec: &CertificateSpec<'_>, authority: &str, now: OffsetDateTime) -> Option<Unfit> {
     let (own, authority) = (pem(&pair.certificate), pem(authority));
     let (own, authority) = (own.as_ref(), authority.as_ref());
     let parsed = own.and_then(|own| own.parse_x509().ok()).zip(authority.and_then(|its| its.parse_x509().ok()));
@@ -178,10 +186,10 @@ pub(crate) fn unfit(pair: &Pair, wanted: &Wanted<'_>, authority: &str, now: Offs
         return Some(Unfit::Unreadable);
     };
     let faults = [
-        (own.verify_signature(Some(authority.public_key())).is_err(), Unfit::Stranger),
+        (own.verify_signature(Some(authority.public_key())).is_err(), Unfit::OtherAuthority),
         (own.public_key().subject_public_key.data.as_ref() != key.der_bytes(), Unfit::OtherKey),
-        (common_name(&own) != Some(wanted.name), Unfit::OtherName),
-        (!wanted.address.is_none_or(|address| is_for(&own, address)), Unfit::OtherAddress),
+        (common_name(&own) != Some(spec.name), Unfit::OtherName),
+        (!spec.address.is_none_or(|address| is_for(&own, address)), Unfit::OtherAddress),
     ];
     faults.into_iter().find(|(is_so, _)| *is_so).map(|(_, fault)| fault).or_else(|| ends(&own, now))
 }
@@ -202,7 +210,7 @@ fn common_name<'c>(certificate: &'c X509Certificate<'_>) -> Option<&'c str> {
     certificate.subject().iter_common_name().next()?.as_str().ok()
 }
 
-/// Whether whoever dials this address believes the certificate.
+/// Whether a peer that dials this address accepts the certificate.
 fn is_for(certificate: &X509Certificate<'_>, address: &str) -> bool {
     let Ok(Some(names)) = certificate.subject_alternative_name() else { return false };
     let octets = address.parse::<IpAddr>().ok().map(|ip| match ip {

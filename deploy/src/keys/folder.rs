@@ -1,4 +1,4 @@
-//! The folder of keys: which file is what, and that nobody else reads it.
+//! The folder of keys: the names of its files, and the check that only its owner can read the secrets.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -16,14 +16,14 @@ use super::certificate::{Pair, shows};
 use crate::os;
 use skein_lab::error::Error;
 
-/// Files of the authority, of the seal of orders, and of names.
+/// Files of the authority, of the key that signs orders, and of the valid names.
 pub(crate) const AUTHORITY: &str = "authority.pem";
 pub(crate) const AUTHORITY_KEY: &str = "authority.key";
 pub(crate) const ORDERS_KEY: &str = "orders.key";
 pub(crate) const ORDERS_PUBLIC: &str = "orders.pub";
 pub(crate) const NAMES: &str = "names.toml";
 
-/// What its files are called: the same whatever name stands in the certificate.
+/// File name of a role without extension. It does not depend on the name in the certificate.
 pub(crate) fn stem(role: Role) -> String {
     match role {
         Role::Vehicle(id) => format!("vehicle-{id}"),
@@ -32,23 +32,23 @@ pub(crate) fn stem(role: Role) -> String {
     }
 }
 
-/// `vehicle-3`, or `vehicle-3.2` after it was revoked once, ...
+/// Whether this is a common name of the role: `vehicle-3`, or `vehicle-3.2` after one revocation, ...
 fn is_name_of(role: Role, name: &str) -> bool {
     name.strip_prefix(&stem(role)).is_some_and(|rest| rest.is_empty() || rest.starts_with('.'))
 }
 
-/// File of the certificate.
+/// File name of a role's certificate.
 pub(crate) fn certificate_file(role: Role) -> String {
     stem(role) + ".pem"
 }
 
-/// File of its private key.
+/// File name of a role's private key.
 pub(crate) fn key_file(role: Role) -> String {
     stem(role) + ".key"
 }
 
-/// `names.toml`: the common names that count, and the keys that seal the vehicles' words. A certificate that was revoked has
-/// another name and another key.
+/// Contents of `names.toml`: the valid common names, and the public keys of the vehicles' signatures. A certificate
+/// issued after a revocation has another name and another key.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct Names {
@@ -67,10 +67,10 @@ impl Folder {
         self.0.join(name)
     }
 
-    /// Makes sure that nobody but its owner gets at its secrets.
+    /// Checks that only its owner can read the secrets in the folder.
     ///
     /// # Errors
-    /// With the remedy, if somebody does.
+    /// If others can: a text with the remedy.
     pub(crate) fn check_private(&self) -> Result<(), Error> {
         check_private(&self.0, "700")?;
         let files = fs::read_dir(&self.0).into_iter().flatten().flatten().map(|entry| entry.path());
@@ -78,7 +78,7 @@ impl Folder {
         secrets.into_iter().try_for_each(|path| check_private(&path, "600"))
     }
 
-    /// The same for one file.
+    /// Checks that only its owner can read this file.
     ///
     /// # Errors
     /// As [`Self::check_private`].
@@ -86,7 +86,7 @@ impl Folder {
         check_private(&self.path(name), "600")
     }
 
-    /// A file's text, if it is there.
+    /// Reads a file; `None` if it does not exist.
     ///
     /// # Errors
     /// If it cannot be read.
@@ -98,17 +98,17 @@ impl Folder {
         }
     }
 
-    /// As [`Self::read`], of a file that has to be there.
+    /// Reads a file that must exist.
     ///
     /// # Errors
-    /// With the remedy, if it is not.
+    /// If it does not exist: a text with the remedy.
     pub(crate) fn need(&self, name: &str) -> Result<String, Error> {
         self.read(name)?.ok_or_else(|| {
-            Error::Refused(format!("{} is not there: `skein cluster keys` makes it", self.path(name).display()))
+            Error::Refused(format!("{} does not exist: `skein cluster keys` creates it", self.path(name).display()))
         })
     }
 
-    /// Writes a file whole or not at all.
+    /// Writes a file atomically.
     ///
     /// # Errors
     /// If it cannot be written.
@@ -119,7 +119,7 @@ impl Folder {
             .map_err(|error| Error::Failed(format!("{}: {error}", path.display())))
     }
 
-    /// A certificate with its key, if both are there.
+    /// Reads a certificate with its key; `None` if one of them does not exist.
     ///
     /// # Errors
     /// If one of them cannot be read.
@@ -128,27 +128,27 @@ impl Folder {
         Ok(both.map(|(certificate, key)| Pair { certificate, key }))
     }
 
-    /// As [`Self::pair`], of what has to be there.
+    /// Reads a certificate with its key, which must exist.
     ///
     /// # Errors
-    /// With the remedy, if it is not.
+    /// If it does not exist: a text with the remedy.
     pub(crate) fn need_pair(&self, certificate: &str, key: &str) -> Result<Pair, Error> {
         Ok(Pair { certificate: self.need(certificate)?, key: self.need(key)? })
     }
 
-    /// The names that count, if there are any yet. Names of vehicles that are in the cluster no more are kept: a revoked one must
-    /// not come back.
+    /// Reads the valid names; `None` if there is no file yet. Names of vehicles that have left the cluster are kept, so
+    /// that a revoked name is not used again.
     ///
     /// # Errors
-    /// If the file is none of ours.
+    /// If the file is not a valid `names.toml`.
     pub(crate) fn names(&self) -> Result<Option<Names>, Error> {
         let Some(text) = self.read(NAMES)? else { return Ok(None) };
         let bad = |why: String| Error::Refused(format!("{}: {why}", self.path(NAMES).display()));
         toml::from_str(&text).map(Some).map_err(|error| bad(error.message().to_owned()))
     }
 
-    /// The names that certificates show, where nothing says which count: a revoked one must not come back because a file was
-    /// lost.
+    /// Collects the names from the certificates, for when `names.toml` is lost: a revoked name must not become valid
+    /// again because of a lost file.
     ///
     /// # Errors
     /// If a certificate cannot be read.
@@ -167,10 +167,10 @@ impl Folder {
         Ok(names)
     }
 
-    /// As [`Self::names`], which have to be there.
+    /// Reads the valid names, which must exist.
     ///
     /// # Errors
-    /// With the remedy, if they are not.
+    /// If they do not exist: a text with the remedy.
     pub(crate) fn need_names(&self) -> Result<Names, Error> {
         self.need(NAMES)?;
         Ok(self.names()?.unwrap_or_default())
@@ -178,18 +178,18 @@ impl Folder {
 }
 
 impl Names {
-    /// As text.
+    /// Formats the names as the text of `names.toml`.
     pub(crate) fn to_toml(&self) -> String {
         let mut text =
-            "# The common names of the certificates that count, and the keys that vehicles' words are sealed with. A\n\
-                        # certificate that was revoked has another name and another key.\n"
+            "# The valid common names, and the public keys that verify the vehicles' signatures. After a revocation, a\n\
+                        # certificate has another name and another key.\n"
                 .to_owned();
         text += &format!("observer = \"{}\"\noperator = \"{}\"\n\n[vehicles]\n", self.observer, self.operator);
         text + &vehicles_toml(&self.vehicles)
     }
 }
 
-/// A line each: `1 = { name = "vehicle-1", key = "..." }`.
+/// Formats a line for each vehicle: `1 = { name = "vehicle-1", key = "..." }`.
 pub(crate) fn vehicles_toml(vehicles: &BTreeMap<VehicleId, Known>) -> String {
     vehicles
         .iter()
@@ -202,15 +202,15 @@ fn check_private(path: &Path, mode: &str) -> Result<(), Error> {
     match os::is_private(path) {
         Ok(true) => Ok(()),
         Ok(false) => Err(Error::Refused(format!(
-            "{shown} can be read by others: `chmod {mode} {shown}`, and if somebody may have, `skein cluster keys --revoke` \
-             whose it is"
+            "{shown} can be read by others: `chmod {mode} {shown}`; if it may have been read, `skein cluster keys --revoke` \
+             its owner"
         ))),
         Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(()),
         Err(error) => Err(Error::Refused(format!("{shown}: {error}"))),
     }
 }
 
-/// A new private key: Ed25519 in PKCS#8, PEM.
+/// Generates a new private key: Ed25519 in PKCS#8, PEM.
 pub(crate) fn new_key() -> Result<String, rcgen::Error> {
     Ok(KeyPair::generate_for(&PKCS_ED25519)?.serialize_pem())
 }

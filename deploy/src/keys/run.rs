@@ -1,5 +1,5 @@
-//! The run that this PC began last: `run.json` in the folder of keys. It outlives the flight, so that no host can pass an old
-//! run off as the one that flies.
+//! The record of the run that this PC began last: `run.json` in the folder of keys. It outlives the flight, so that no
+//! host can pass off an old run as the current one.
 
 use serde::{Deserialize, Serialize};
 use skein_agent::link::seal::runs::RunNote;
@@ -9,7 +9,7 @@ use super::folder::Folder;
 use crate::inventory::{Inventory, SecurityKind};
 use skein_lab::error::Error;
 
-/// Its file.
+/// Name of the file.
 pub(crate) const RUN: &str = "run.json";
 
 /// The newest run that was begun or joined from this PC.
@@ -17,8 +17,8 @@ pub(crate) const RUN: &str = "run.json";
 #[serde(deny_unknown_fields)]
 pub(crate) struct Record {
     pub(crate) note: RunNote,
-    /// It is not to be joined again on the strength of this note: every vehicle of it is known to have ended, or there is a
-    /// sealed order to land or to abort, which would bring down whatever is started in it.
+    /// Whether the run is over and must not be joined again because of this record: all its vehicles are known to have
+    /// ended, or a signed order to land or to abort exists, which would land every vehicle that is started in it.
     pub(crate) over: bool,
 }
 
@@ -28,7 +28,7 @@ impl Record {
     }
 }
 
-/// Where the record is kept.
+/// The file of the record.
 #[derive(Clone, Debug)]
 pub struct RunFile(Folder);
 
@@ -37,20 +37,20 @@ impl RunFile {
         (inventory.security == SecurityKind::Tls).then(|| Self(Folder(inventory.keys.clone())))
     }
 
-    /// The record of the run that was begun from this PC last, if there is one.
+    /// Reads the record of the run that this PC began last; `None` if there is no file.
     ///
     /// # Errors
-    /// If the file cannot be read, or is none of ours.
+    /// If the file cannot be read or is not valid.
     pub(crate) fn read(&self) -> Result<Option<Record>, Error> {
         let Some(text) = self.0.read(RUN)? else { return Ok(None) };
         let path = self.0.path(RUN);
         serde_json::from_str(&text).map(Some).map_err(|why| {
             let remedy = "once no vehicle of the swarm flies, delete it";
-            Error::Refused(format!("{}: not the note of a run: {why}; {remedy}", path.display()))
+            Error::Refused(format!("{}: not the record of a run: {why}; {remedy}", path.display()))
         })
     }
 
-    /// Keeps a record in place of the one before.
+    /// Replaces the record.
     ///
     /// # Errors
     /// If it cannot be written.
@@ -58,7 +58,7 @@ impl RunFile {
         self.0.write(RUN, &skein_lab::terminal::json(record))
     }
 
-    /// Notes what an order means for that run, before it is given.
+    /// Records that an order ends the run, before it is sent.
     ///
     /// # Errors
     /// As [`Self::note_end`].
@@ -69,7 +69,7 @@ impl RunFile {
         }
     }
 
-    /// Notes that that run is over.
+    /// Records that the run is over.
     ///
     /// # Errors
     /// As [`Self::read`] and [`Self::keep`].

@@ -1,4 +1,4 @@
-//! What an order has changed: what every vehicle did before it and does after it, as heartbeats tell.
+//! Compares what every vehicle did before an order and does after it, according to the heartbeats.
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -10,28 +10,28 @@ use skein_common::state::Membership;
 
 use crate::observe::Observer;
 
-/// Longer lists of steps are not written out.
+/// Longest list of steps that is printed in full.
 const MAX_LISTED: usize = 12;
 
 /// What a vehicle does, as far as an order can change it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub(super) enum Doing {
-    /// It does not take part yet.
+pub(super) enum Activity {
+    /// It is joining: not an active member yet.
     Joining,
     /// It flies this step of the mission.
     Step(u32),
-    /// It holds its place at this step.
+    /// It holds position at this step.
     Held(u32),
-    /// It lands, or has landed, by order.
+    /// It lands or has landed because of an order, which another order can undo.
     Landing,
-    /// The same, and no order calls it back.
+    /// It lands or has landed because of an abort, which no order can undo.
     Aborted,
-    /// It lands, or has landed, because its mission ends or something of it has failed.
+    /// It lands or has landed because its mission has ended or part of it has failed.
     Out,
 }
 
-impl Doing {
-    /// Of a heartbeat with this order in it.
+impl Activity {
+    /// The activity that a heartbeat with this membership, step and order shows.
     pub(super) fn of(membership: Membership, step: u32, order: Option<Verb>) -> Self {
         match (membership, order) {
             (_, Some(Verb::Abort)) => Self::Aborted,
@@ -44,7 +44,7 @@ impl Doing {
     }
 }
 
-impl fmt::Display for Doing {
+impl fmt::Display for Activity {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Joining => f.write_str("joining"),
@@ -57,33 +57,33 @@ impl fmt::Display for Doing {
     }
 }
 
-/// What every vehicle in contact does.
-pub(super) fn doing(observer: &Observer) -> BTreeMap<VehicleId, Doing> {
-    let there = observer.vehicles().iter().filter(|(_, seen)| seen.alive);
-    let doing = there.filter_map(|(id, seen)| {
-        let mission = seen.mission.as_ref()?;
-        Some((*id, Doing::of(mission.membership, mission.step, observer.order_of(seen).map(|order| order.verb))))
+/// What each vehicle in contact does now.
+pub(super) fn activities(observer: &Observer) -> BTreeMap<VehicleId, Activity> {
+    let there = observer.vehicles().iter().filter(|(_, view)| view.alive);
+    let activity = there.filter_map(|(id, view)| {
+        let mission = view.mission.as_ref()?;
+        Some((*id, Activity::of(mission.membership, mission.step, observer.order_of(view).map(|order| order.verb))))
     });
-    doing.collect()
+    activity.collect()
 }
 
-/// What has become of vehicles.
+/// What an order has changed.
 pub(super) struct Effect {
-    /// Each vehicle in contact after the order: what it did before, if that was known, and what it does.
-    changes: BTreeMap<VehicleId, (Option<Doing>, Doing)>,
+    /// For each vehicle in contact after the order: what it did before, if that is known, and what it does now.
+    changes: BTreeMap<VehicleId, (Option<Activity>, Activity)>,
 }
 
 impl Effect {
-    pub(super) fn of(before: &BTreeMap<VehicleId, Doing>, after: BTreeMap<VehicleId, Doing>) -> Self {
+    pub(super) fn of(before: &BTreeMap<VehicleId, Activity>, after: BTreeMap<VehicleId, Activity>) -> Self {
         Self { changes: after.into_iter().map(|(id, after)| (id, (before.get(&id).copied(), after))).collect() }
     }
 
-    /// Whether any vehicle does something else than before.
+    /// Whether any vehicle does something else than before the order.
     pub(super) fn is_any(&self) -> bool {
         self.changes.values().any(|(before, after)| *before != Some(*after))
     }
 
-    /// Whether every vehicle does.
+    /// Whether every vehicle does something else than before the order.
     pub(super) fn is_all(&self) -> bool {
         self.changes.values().all(|(before, after)| *before != Some(*after))
     }
@@ -98,7 +98,7 @@ impl fmt::Display for Effect {
         }
         let mut groups: Vec<_> = groups.into_iter().collect();
         groups.sort_by(|(_, one), (_, other)| one.cmp(other));
-        let words = groups.iter().map(|((before, after), ids)| {
+        let parts = groups.iter().map(|((before, after), ids)| {
             let ids = ranges(ids);
             match before {
                 Some(before) if before == after => format!("vehicle {ids}: {after}, as before"),
@@ -106,21 +106,21 @@ impl fmt::Display for Effect {
                 None => format!("vehicle {ids}: {after}"),
             }
         });
-        f.write_str(&words.collect::<Vec<_>>().join("; "))
+        f.write_str(&parts.collect::<Vec<_>>().join("; "))
     }
 }
 
-/// `1-4, 6`, of sorted ids.
+/// Formats sorted ids as ranges: `1-4, 6`.
 pub(super) fn ranges(ids: &[VehicleId]) -> String {
     let runs = ids.chunk_by(|one, next| next.get() - one.get() == 1);
-    let words = runs.map(|run| match run {
+    let parts = runs.map(|run| match run {
         [first, .., last] if run.len() > 2 => format!("{first}-{last}"),
         few => few.iter().map(VehicleId::to_string).collect::<Vec<_>>().join(", "),
     });
-    words.collect::<Vec<_>>().join(", ")
+    parts.collect::<Vec<_>>().join(", ")
 }
 
-/// Why a mission cannot go to this step, with the steps that it has.
+/// The error text if the mission has no such step, with the steps that it has.
 pub(super) fn missing_step(scenario: &Scenario, step: u32) -> Option<String> {
     let steps = &scenario.mission.steps;
     if (step as usize) < steps.len() {
@@ -152,10 +152,18 @@ mod tests {
     }
 
     #[test]
-    fn what_changed_is_told_by_groups() {
-        let all = |doing: &[Doing]| (1..).map(|id| VehicleId::new(id).unwrap()).zip(doing.iter().copied()).collect();
-        let before = all(&[Doing::Step(2), Doing::Step(2), Doing::Step(2), Doing::Held(2), Doing::Out]);
-        let after = all(&[Doing::Step(5), Doing::Step(5), Doing::Step(5), Doing::Step(5), Doing::Out, Doing::Joining]);
+    fn vehicles_with_the_same_change_are_printed_together() {
+        let all =
+            |activity: &[Activity]| (1..).map(|id| VehicleId::new(id).unwrap()).zip(activity.iter().copied()).collect();
+        let before = all(&[Activity::Step(2), Activity::Step(2), Activity::Step(2), Activity::Held(2), Activity::Out]);
+        let after = all(&[
+            Activity::Step(5),
+            Activity::Step(5),
+            Activity::Step(5),
+            Activity::Step(5),
+            Activity::Out,
+            Activity::Joining,
+        ]);
         let effect = Effect::of(&before, after);
         let expected = "vehicle 1-3: step 2 -> step 5; vehicle 4: held at step 2 -> step 5; \
                         vehicle 5: landing on its own, as before; vehicle 6: joining";
@@ -166,25 +174,25 @@ mod tests {
     }
 
     #[test]
-    fn an_order_shows_in_what_a_vehicle_does() {
-        let doing = |membership, order| Doing::of(membership, 3, order).to_string();
-        assert_eq!(doing(Membership::Active, None), "step 3");
-        assert_eq!(doing(Membership::Active, Some(Verb::Goto(1))), "step 3");
-        assert_eq!(doing(Membership::Active, Some(Verb::Hold)), "held at step 3");
-        assert_eq!(doing(Membership::Joining, Some(Verb::Hold)), "joining");
-        assert_eq!(doing(Membership::Left, Some(Verb::Hold)), "landing on its own");
-        assert_eq!(doing(Membership::Left, Some(Verb::Land)), "landing");
-        assert_eq!(doing(Membership::Left, Some(Verb::Abort)), "aborted");
+    fn an_order_determines_what_a_vehicle_does() {
+        let activity = |membership, order| Activity::of(membership, 3, order).to_string();
+        assert_eq!(activity(Membership::Active, None), "step 3");
+        assert_eq!(activity(Membership::Active, Some(Verb::Goto(1))), "step 3");
+        assert_eq!(activity(Membership::Active, Some(Verb::Hold)), "held at step 3");
+        assert_eq!(activity(Membership::Joining, Some(Verb::Hold)), "joining");
+        assert_eq!(activity(Membership::Left, Some(Verb::Hold)), "landing on its own");
+        assert_eq!(activity(Membership::Left, Some(Verb::Land)), "landing");
+        assert_eq!(activity(Membership::Left, Some(Verb::Abort)), "aborted");
     }
 
     #[test]
-    fn ids_in_a_row_are_a_range() {
+    fn consecutive_ids_are_printed_as_a_range() {
         assert_eq!(ranges(&ids(&[1, 2, 3, 4, 6, 8, 9])), "1-4, 6, 8, 9");
         assert_eq!((ranges(&ids(&[7])), ranges(&[])), ("7".to_owned(), String::new()));
     }
 
     #[test]
-    fn a_step_that_is_not_there_is_told_with_those_that_are() {
+    fn the_error_for_a_missing_step_lists_the_steps() {
         let missing = |steps: &str, step| {
             let text = format!("swarm.vehicles = 1\n{steps}");
             missing_step(&load(&Source { name: "x", text: &text }, &[]).unwrap().scenario, step)

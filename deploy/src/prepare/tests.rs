@@ -1,4 +1,5 @@
-//! What `check` passes, `fly` and `study` begin, and what it refuses they refuse with the same sentence.
+//! A scenario that passes `check` can be flown and studied; one that `check` refuses is refused by `fly` and `study`
+//! with the same message.
 
 use std::fs;
 use std::net::UdpSocket;
@@ -13,7 +14,7 @@ use crate::fly;
 use skein_lab::error::Error;
 use skein_lab::study;
 
-/// What each command has against a scenario file; nothing is started.
+/// What each command reports about a scenario file. Nothing is started.
 struct Verdicts {
     check: Result<(), Error>,
     fly: Result<(), Error>,
@@ -42,7 +43,7 @@ impl Verdicts {
         }
     }
 
-    /// All three refuse with the same sentence.
+    /// Asserts that all three commands refuse with the same message, and returns it.
     fn refused(self, scenario: &Path) -> String {
         let why = |verdict: Result<(), Error>| match verdict {
             Ok(()) => format!("{} is not refused", scenario.display()),
@@ -77,7 +78,7 @@ fn every_shipped_scenario_passes_and_flies() {
     }
 }
 
-/// A folder with everything that a scenario may name, most of it broken.
+/// A folder with every kind of file that a scenario can name, most of them broken.
 fn workshop() -> TempDir {
     let folder = tempfile::tempdir().unwrap();
     let write = |name: &str, text: &str| {
@@ -101,7 +102,7 @@ fn workshop() -> TempDir {
 
 #[test]
 #[cfg(unix)]
-fn a_broken_scenario_is_refused_by_all_with_the_same_sentence() {
+fn a_broken_scenario_is_refused_by_all_commands_with_the_same_message() {
     let taken = UdpSocket::bind("127.0.0.1:0").unwrap();
     let port = taken.local_addr().unwrap().port();
     let udp = format!(
@@ -153,7 +154,7 @@ fn a_broken_scenario_is_refused_by_all_with_the_same_sentence() {
 }
 
 #[test]
-fn what_is_whole_in_the_same_folder_passes() {
+fn a_valid_scenario_in_the_same_folder_passes() {
     for lines in ["", "[vehicle.2]\naircraft = 'good'", "swarm.aircraft = 'good.toml'"] {
         let folder = workshop();
         let scenario = folder.path().join("whole.toml");
@@ -175,7 +176,7 @@ fn a_scenario_for_a_study_alone_is_checked_for_a_study() {
 }
 
 #[test]
-fn x_planes_that_do_not_answer_stand_against_a_flight_and_not_against_a_study() {
+fn x_planes_that_do_not_answer_prevent_a_flight_but_not_a_study() {
     let silent = UdpSocket::bind("127.0.0.1:0").unwrap();
     let address = silent.local_addr().unwrap().to_string();
     let folder = tempfile::tempdir().unwrap();

@@ -1,4 +1,4 @@
-//! How the swarm is reached with what the folder holds: of a cluster's own folder, or of the part of it that a node is given.
+//! How to connect to a swarm with the keys of a folder: the cluster's own folder, or the part of it that a node has.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -12,15 +12,15 @@ use crate::inventory::Inventory;
 use crate::keys::certificate::{Unfit, unfit};
 use crate::keys::folder::{AUTHORITY, Folder, ORDERS_KEY, ORDERS_PUBLIC, certificate_file, key_file};
 use crate::keys::run::RunFile;
-use crate::keys::{Role, wanted};
+use crate::keys::{Role, certificate_spec};
 use skein_host::clock;
 use skein_lab::error::Error;
 
 impl Inventory {
-    /// How this swarm is reached by such a one.
+    /// Returns how to connect to this swarm in this role.
     ///
     /// # Errors
-    /// If its keys are not there, do not serve or can be read by others.
+    /// If its keys are missing or invalid, or others can read them.
     pub fn reach(&self, role: Role) -> Result<Reach, Error> {
         let scenario = Flown::Text(self.scenario.to_toml());
         let Some(run_file) = RunFile::of(self) else {
@@ -31,14 +31,14 @@ impl Inventory {
         folder.check_private_file(&key)?;
         let pair = folder.need_pair(&certificate, &key)?;
         let mut names = folder.need_names()?;
-        if let Some(why) =
-            unfit(&pair, &wanted(self, &names, role), &folder.need(AUTHORITY)?, clock::utc()).filter(Unfit::is_fatal)
+        if let Some(why) = unfit(&pair, &certificate_spec(self, &names, role), &folder.need(AUTHORITY)?, clock::utc())
+            .filter(Unfit::is_fatal)
         {
             let path = folder.path(&certificate);
-            let remedy = format!("`skein cluster keys -f {}` issues it anew", self.path.display());
+            let remedy = format!("`skein cluster keys -f {}` issues it again", self.path.display());
             return Err(Error::Refused(format!("{} {why}: {remedy}", path.display())));
         }
-        // Who is in the cluster no more is nobody.
+        // A vehicle that has left the cluster is not accepted.
         names.vehicles.retain(|id, _| self.nodes.contains_key(id));
         let tls = Tls {
             authority: folder.path(AUTHORITY),
@@ -63,18 +63,18 @@ impl Inventory {
     }
 }
 
-/// What seals the orders known by this key.
+/// Reads the private key that signs orders; `known_by` is its public key.
 fn sealer(folder: &Folder, known_by: SealKey) -> Result<Sealer, Error> {
     folder.check_private_file(ORDERS_KEY)?;
     let path = folder.path(ORDERS_KEY);
     let sealer = Sealer::from_pem(&folder.need(ORDERS_KEY)?).map_err(|error| bad(&path, &error.to_string()))?;
     if sealer.key() != known_by {
-        return Err(bad(&path, &format!("not the key that {ORDERS_PUBLIC} is of")));
+        return Err(bad(&path, &format!("not the private key of {ORDERS_PUBLIC}")));
     }
     Ok(sealer)
 }
 
-/// The key by which sealed orders are known.
+/// Reads the public key that verifies the signatures of orders.
 pub(crate) fn orders_key(folder: &Folder) -> Result<SealKey, Error> {
     let text = folder.need(ORDERS_PUBLIC)?;
     text.trim().parse().map_err(|error: NotAKey| bad(&folder.path(ORDERS_PUBLIC), &error.to_string()))

@@ -1,4 +1,4 @@
-//! `skein record` as it is typed.
+//! The command `skein record`: records a live swarm, or repairs or merges recordings.
 
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
@@ -16,15 +16,15 @@ use skein_lab::error::Error;
 use skein_lab::metrics::Run;
 use skein_lab::record::{About, RecordError, merge, repair};
 
-/// Between two looks at the swarm.
+/// Interval at which received messages are read.
 const TICK: Duration = Duration::from_millis(20);
-/// A swarm of which nobody is heard within this time is not there.
+/// How long to wait for the first message of the swarm.
 const LISTEN: Duration = Duration::from_secs(5);
 
 /// `skein record`
 #[derive(Clone, Debug, clap::Args)]
 pub struct RecordArgs {
-    /// What to record.
+    /// The swarm to record.
     #[command(flatten)]
     pub swarm: SwarmArgs,
     /// The file to be written; there must be none of that name
@@ -41,7 +41,7 @@ pub struct RecordArgs {
 /// Records, repairs or merges.
 ///
 /// # Errors
-/// If a file cannot be read or written, or no swarm is there.
+/// If a file cannot be read or written, or no vehicle of the swarm answers.
 pub fn run(args: &RecordArgs) -> Result<(), Error> {
     match (&args.repair, &args.out) {
         (Some(broken), _) => {
@@ -61,21 +61,21 @@ pub fn run(args: &RecordArgs) -> Result<(), Error> {
             ));
             Ok(())
         }
-        (None, None) => Err(Error::Refused("--out FILE says where to record".to_owned())),
+        (None, None) => Err(Error::Refused("--out FILE is missing: the file to record into".to_owned())),
     }
 }
 
 fn refuse_existing(path: &Path) -> Result<(), Error> {
     match path.exists() {
-        true => Err(Error::Refused(format!("{}: there is such a file already", path.display()))),
+        true => Err(Error::Refused(format!("{}: the file exists already; choose another name", path.display()))),
         false => Ok(()),
     }
 }
 
-/// What went wrong with reading `sources`, if there are some, and writing `path`.
+/// The error of reading one of `sources` or of writing `path`, with the file's name and the right exit status.
 fn about_file(path: &Path, sources: &[PathBuf], error: RecordError) -> Error {
     match error {
-        // Names its file.
+        // The text of this error names the file already.
         RecordError::Io { path: ref of, .. } if sources.contains(of) => Error::Refused(error.to_string()),
         RecordError::Io { .. } => Error::Failed(error.to_string()),
         RecordError::File { .. } => Error::Refused(error.to_string()),
@@ -84,15 +84,15 @@ fn about_file(path: &Path, sources: &[PathBuf], error: RecordError) -> Error {
     }
 }
 
-/// Records a live swarm until Ctrl-C, or until that cannot be written. It flies the same with and without.
+/// Records a live swarm until Ctrl-C, or until the file cannot be written. Recording does not affect the flight.
 fn record(swarm: &SwarmArgs, out: &Path) -> Result<(), Error> {
     refuse_existing(out)?;
     let reach = swarm.reach(Role::Observer)?;
     let interrupts = Interrupts::listen().map_err(|error| Error::Failed(format!("signals: {error}")))?;
-    let mut observer = Observer::open(&reach, Steps::Heard)?;
-    let heard = first_words(&mut observer, &reach)?;
+    let mut observer = Observer::open(&reach, Steps::On)?;
+    let heard = first_messages(&mut observer, &reach)?;
     let mut recorder = begin(&reach, out)?;
-    eprintln!("records the swarm {} into {}; Ctrl-C ends it", reach.swarm, out.display());
+    eprintln!("recording swarm {} into {}; Ctrl-C ends the recording", reach.swarm, out.display());
     let mut window = Window::default();
     heard.iter().for_each(|(heard, at)| put(&mut recorder, heard, *at));
     while interrupts.count() == 0 && !recorder.has_failed() {
@@ -102,18 +102,18 @@ fn record(swarm: &SwarmArgs, out: &Path) -> Result<(), Error> {
         }
         clock::sleep(TICK);
     }
-    let (steps, unheard) = (recorder.steps(), observer.dropped());
+    let (steps, rejected) = (recorder.steps(), observer.dropped());
     let dropped = recorder.finish().map_err(|error| about_file(out, &[], error))?;
-    let vehicles = observer.vehicles().values().filter(|seen| seen.trace.is_some()).count();
+    let vehicles = observer.vehicles().values().filter(|view| view.trace.is_some()).count();
     skein_lab::terminal::say(&format!(
-        "{}: {steps} steps of {vehicles} vehicles; dropped: {dropped}, not understood: {unheard}\n",
+        "{}: {steps} steps of {vehicles} vehicles; dropped: {dropped}, not understood: {rejected}\n",
         out.display()
     ));
     Ok(())
 }
 
-/// Waits until somebody is heard.
-fn first_words(observer: &mut Observer, reach: &Reach) -> Result<Vec<(Heard, Instant)>, Error> {
+/// Waits for the first messages of the swarm.
+fn first_messages(observer: &mut Observer, reach: &Reach) -> Result<Vec<(Heard, Instant)>, Error> {
     let until = clock::now() + LISTEN;
     loop {
         let heard = observer.poll_timed();
@@ -121,7 +121,7 @@ fn first_words(observer: &mut Observer, reach: &Reach) -> Result<Vec<(Heard, Ins
             return Ok(heard);
         }
         if clock::now() >= until {
-            return Err(Error::Failed(format!("nobody of the swarm {} answers", reach.swarm)));
+            return Err(Error::Failed(format!("no vehicle of swarm {} answered", reach.swarm)));
         }
         clock::sleep(TICK);
     }
@@ -140,27 +140,27 @@ fn put(recorder: &mut Recorder, heard: &Heard, at: Instant) {
     match heard {
         Heard::Trace(trace) => recorder.step(at, trace),
         Heard::Event(event) => recorder.happened(at, event),
-        Heard::Appeared(id) => recorder.note(at, false, &format!("vehicle {id}"), "its agent is there"),
-        Heard::Vanished(id) => recorder.note(at, true, &format!("vehicle {id}"), "its agent is gone"),
+        Heard::Appeared(id) => recorder.note(at, false, &format!("vehicle {id}"), "its agent has appeared"),
+        Heard::Vanished(id) => recorder.note(at, true, &format!("vehicle {id}"), "its agent has disappeared"),
         Heard::Health(_) | Heard::Mission(_) => {}
     }
 }
 
-/// The window of the figures begins as that of `fly` does, or as soon as it can be told for who comes late: when everybody
-/// alive takes part.
+/// Determines when the measurement window begins: when every vehicle in contact is an active member, as in `fly`. A
+/// recording that starts later begins its window as soon as that can be observed.
 #[derive(Debug, Default)]
 struct Window {
     has_begun: bool,
 }
 
 impl Window {
-    /// True once.
+    /// Returns true once, when the window begins.
     fn begins(&mut self, observer: &Observer) -> bool {
-        let takes_part = |seen: &crate::observe::Seen| {
-            seen.trace.as_ref().is_some_and(|trace| trace.membership != Membership::Joining)
+        let is_active = |view: &crate::observe::Seen| {
+            view.trace.as_ref().is_some_and(|trace| trace.membership != Membership::Joining)
         };
-        let mut alive = observer.vehicles().values().filter(|seen| seen.alive).peekable();
-        let begins = !self.has_begun && alive.peek().is_some() && alive.all(takes_part);
+        let mut alive = observer.vehicles().values().filter(|view| view.alive).peekable();
+        let begins = !self.has_begun && alive.peek().is_some() && alive.all(is_active);
         self.has_begun |= begins;
         begins
     }
@@ -171,7 +171,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_cannot_be_read_is_refused_and_what_cannot_be_written_has_failed() {
+    fn an_unreadable_source_is_refused_and_an_unwritable_file_is_a_failure() {
         let (source, out) = (PathBuf::from("a.mcap"), PathBuf::from("all.mcap"));
         let io = |path: &Path| RecordError::Io { path: path.to_owned(), error: std::io::ErrorKind::Other.into() };
         let full = || RecordError::Write(std::io::Error::from(std::io::ErrorKind::StorageFull).into());

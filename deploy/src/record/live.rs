@@ -1,5 +1,5 @@
-//! Recording a live swarm: a thread of its own behind a bounded queue, so that whoever hands over never waits. What finds the
-//! queue full is dropped and counted.
+//! Records a live swarm in a thread of its own, behind a bounded queue, so that the caller never blocks. Entries that
+//! find the queue full are dropped and counted.
 
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -16,16 +16,16 @@ use skein_host::clock::{self, Utc};
 use skein_lab::faults::Incident;
 use skein_lab::record::{About, FLUSH, RecordError, Writer};
 
-/// What waits to be written; two seconds of 250 vehicles.
+/// Capacity of the queue of entries to be written: two seconds of 250 vehicles.
 const QUEUE: usize = 25_000;
-/// Between two requests to put what was written onto the disk itself: what a power cut can cost.
+/// Interval at which the file is synchronised to the disk: the most that a power cut can lose.
 const SYNC: Duration = Duration::from_secs(1);
-/// What log times count from.
-const CLOCK: &str = "UTC when the recorder heard of it";
+/// The clock of the log times, as the recording states it.
+const CLOCK: &str = "UTC when the recorder received it";
 
-/// Records while it lives. Log times are UTC.
+/// Records a swarm until it is finished. Log times are UTC.
 pub struct Recorder {
-    queue: SyncSender<(u64, Word)>,
+    queue: SyncSender<(u64, Entry)>,
     writing: JoinHandle<Result<(), RecordError>>,
     utc: Utc,
     rate: Rate,
@@ -33,8 +33,8 @@ pub struct Recorder {
     steps: u64,
 }
 
-/// What is to be written.
-enum Word {
+/// An entry of the recording, to be written by the thread.
+enum Entry {
     Step(Box<Trace>),
     Happened(Event),
     Incident(Incident),
@@ -45,16 +45,16 @@ enum Word {
     },
     Begins,
     Ends,
-    /// The last word: so many were dropped.
+    /// The last entry: the number of entries dropped.
     Dropped(u64),
 }
 
 impl Recorder {
-    /// Begins a new file at `path`, and records each vehicle `hz` times a second of its own simulator's time, or as often as it
-    /// steps.
+    /// Creates the file at `path` and records each vehicle `hz` times a second of its simulator's time, or at every
+    /// step if it steps less often.
     ///
     /// # Errors
-    /// If the file is there already, or cannot be written.
+    /// If the file exists already or cannot be written.
     pub fn begin(path: &Path, about: &About<'_>, hz: f64) -> Result<Self, RecordError> {
         let io = |error: io::Error| RecordError::Io { path: path.to_owned(), error };
         let file = File::options().write(true).create_new(true).open(path).map_err(io)?;
@@ -62,96 +62,96 @@ impl Recorder {
         let utc = Utc::read();
         let about = About { clock: CLOCK, ..*about };
         let writer = Writer::new(BufWriter::new(file), &about, utc.nanoseconds(clock::now()))?;
-        let (queue, words) = sync_channel(QUEUE);
+        let (queue, entries) = sync_channel(QUEUE);
         let thread = thread::Builder::new().name("record".to_owned());
         let path = path.to_owned();
         let writing = thread
-            .spawn(move || write(writer, &words, synced, path))
+            .spawn(move || write(writer, &entries, synced, path))
             .map_err(|error| RecordError::Io { path: PathBuf::from("thread"), error })?;
         Ok(Self { queue, writing, utc, rate: Rate::new(hz), dropped: 0, steps: 0 })
     }
 
-    /// A step that was heard at this instant.
+    /// Records a trace that was received at this instant, if the rate limit lets it through.
     pub fn step(&mut self, at: Instant, trace: &Trace) {
         if self.rate.is_due(trace) {
             self.steps += 1;
-            self.hand_over(at, Word::Step(Box::new(trace.clone())));
+            self.enqueue(at, Entry::Step(Box::new(trace.clone())));
         }
     }
 
-    /// Something that a vehicle said of itself.
+    /// Records an event that a vehicle reported.
     pub fn happened(&mut self, at: Instant, event: &Event) {
-        self.hand_over(at, Word::Happened(*event));
+        self.enqueue(at, Entry::Happened(*event));
     }
 
-    /// Something that was done to the swarm.
+    /// Records a fault that was injected into the swarm.
     pub fn incident(&mut self, at: Instant, incident: &Incident) {
-        self.hand_over(at, Word::Incident(incident.clone()));
+        self.enqueue(at, Entry::Incident(incident.clone()));
     }
 
-    /// Something that only people read.
+    /// Records a note for human readers.
     pub fn note(&mut self, at: Instant, is_bad: bool, who: &str, what: &str) {
-        self.hand_over(at, Word::Note { is_bad, who: who.to_owned(), what: what.to_owned() });
+        self.enqueue(at, Entry::Note { is_bad, who: who.to_owned(), what: what.to_owned() });
     }
 
-    /// The window of the figures begins.
+    /// Marks the beginning of the measurement window.
     pub fn window_begins(&mut self, at: Instant) {
-        self.hand_over(at, Word::Begins);
+        self.enqueue(at, Entry::Begins);
     }
 
-    /// It ends.
+    /// Marks the end of the measurement window.
     pub fn window_ends(&mut self, at: Instant) {
-        self.hand_over(at, Word::Ends);
+        self.enqueue(at, Entry::Ends);
     }
 
-    /// Steps recorded so far.
+    /// Number of steps recorded so far.
     pub fn steps(&self) -> u64 {
         self.steps
     }
 
-    /// Nothing is written any more: what went wrong is told by [`Self::finish`].
+    /// Whether writing has failed and nothing more is recorded. [`Self::finish`] returns the error.
     pub fn has_failed(&self) -> bool {
         self.writing.is_finished()
     }
 
-    /// Closes the file; gives how much was dropped.
+    /// Closes the file and returns the number of entries dropped.
     ///
     /// # Errors
-    /// The first thing that went wrong since the beginning.
+    /// If writing has failed since the beginning: the first error.
     pub fn finish(self) -> Result<u64, RecordError> {
         let Self { queue, writing, utc, dropped, .. } = self;
-        // The flight is over: now there is time to wait. A thread that is gone tells why below.
-        let _ = queue.send((utc.nanoseconds(clock::now()), Word::Dropped(dropped)));
+        // The flight is over, so waiting is allowed. If the thread is gone, joining it below returns its error.
+        let _ = queue.send((utc.nanoseconds(clock::now()), Entry::Dropped(dropped)));
         drop(queue);
         writing.join().unwrap_or(Err(RecordError::Missing("the thread that writes")))?;
         Ok(dropped)
     }
 
-    fn hand_over(&mut self, at: Instant, word: Word) {
-        if self.queue.try_send((self.utc.nanoseconds(at), word)).is_err() {
+    fn enqueue(&mut self, at: Instant, entry: Entry) {
+        if self.queue.try_send((self.utc.nanoseconds(at), entry)).is_err() {
             self.dropped += 1;
         }
     }
 }
 
-/// What the thread does, to the end or to the first thing that cannot be written.
+/// Runs in the thread: writes entries until the queue closes or writing fails.
 fn write(
     mut writer: Writer<BufWriter<File>>,
-    words: &Receiver<(u64, Word)>,
+    entries: &Receiver<(u64, Entry)>,
     file: File,
     path: PathBuf,
 ) -> Result<(), RecordError> {
     let io = |error: io::Error| RecordError::Io { path: path.clone(), error };
     let (stop, stopped) = channel();
-    // A disk may take its time; what comes meanwhile is written all the same.
+    // Synchronising can be slow: it has a thread of its own, so that writing continues meanwhile.
     let syncing =
         thread::Builder::new().name("record-sync".to_owned()).spawn(move || sync(&file, &stopped)).map_err(io)?;
     let mut dropped = 0;
     let mut flush_at = clock::now() + FLUSH;
     while writer.failed().is_none() {
-        match words.recv_timeout(flush_at.saturating_duration_since(clock::now())) {
-            Ok((_, Word::Dropped(count))) => dropped = count,
-            Ok((log_time_ns, word)) => put(&mut writer, log_time_ns, word),
+        match entries.recv_timeout(flush_at.saturating_duration_since(clock::now())) {
+            Ok((_, Entry::Dropped(count))) => dropped = count,
+            Ok((log_time_ns, entry)) => put(&mut writer, log_time_ns, entry),
             Err(RecvTimeoutError::Timeout) => {}
             Err(RecvTimeoutError::Disconnected) => break,
         }
@@ -167,30 +167,31 @@ fn write(
     file.sync_all().map_err(io)
 }
 
-fn put(writer: &mut Writer<BufWriter<File>>, log_time_ns: u64, word: Word) {
-    match word {
-        Word::Step(trace) => writer.step(log_time_ns, &trace),
-        Word::Happened(Event { header, what }) => writer.happened(log_time_ns, header.sender, Some(&header), &what),
-        Word::Incident(incident) => writer.incident(log_time_ns, &incident),
-        Word::Note { is_bad, who, what } => writer.note(log_time_ns, is_bad, who, what),
-        Word::Begins => writer.window_begins(log_time_ns),
-        Word::Ends => writer.window_ends(log_time_ns),
-        Word::Dropped(_) => {}
+fn put(writer: &mut Writer<BufWriter<File>>, log_time_ns: u64, entry: Entry) {
+    match entry {
+        Entry::Step(trace) => writer.step(log_time_ns, &trace),
+        Entry::Happened(Event { header, what }) => writer.happened(log_time_ns, header.sender, Some(&header), &what),
+        Entry::Incident(incident) => writer.incident(log_time_ns, &incident),
+        Entry::Note { is_bad, who, what } => writer.note(log_time_ns, is_bad, who, what),
+        Entry::Begins => writer.window_begins(log_time_ns),
+        Entry::Ends => writer.window_ends(log_time_ns),
+        Entry::Dropped(_) => {}
     }
 }
 
-/// Puts what was written onto the disk itself, until told to stop. A file system that cannot keeps what it can.
+/// Synchronises the file to the disk at every [`SYNC`], until stopped. Errors are ignored, because some file systems
+/// cannot do it.
 fn sync(file: &File, stopped: &Receiver<()>) {
     while let Err(RecvTimeoutError::Timeout) = stopped.recv_timeout(SYNC) {
         let _ = file.sync_data();
     }
 }
 
-/// Lets so many steps a second through, by the simulator's clock: a queue that was held up costs none.
+/// Limits the steps recorded a second, by the simulator's clock, so that a delayed queue loses no steps.
 #[derive(Debug)]
 struct Rate {
     period_s: f64,
-    /// Of each vehicle's last step, and when the next one is due.
+    /// Each vehicle's last time and the time when its next step is due, s of its simulator's clock.
     due_s: BTreeMap<VehicleId, (f64, f64)>,
 }
 
@@ -202,9 +203,10 @@ impl Rate {
     fn is_due(&mut self, trace: &Trace) -> bool {
         let t_s = trace.plant_time.seconds();
         let (last_s, due_s) = self.due_s.get(&trace.header.sender).copied().unwrap_or((t_s, t_s));
-        // A simulator that begins anew has a clock that begins anew.
+        // A restarted simulator has a restarted clock.
         let due_s = if t_s < last_s { t_s } else { due_s };
-        // Frames come when they come: the nearest one is taken, if the next comes as this one did.
+        // Frame times are irregular: record the frame nearest to the deadline, assuming that the next frame takes as
+        // long as this one.
         let frame_s = (t_s - last_s).max(0.0);
         let is_due = t_s >= due_s - 0.5 * frame_s;
         let next_s = if is_due { (due_s + self.period_s).max(t_s + 0.5 * self.period_s) } else { due_s };
@@ -221,9 +223,8 @@ mod tests {
 
     use super::*;
 
-    /// Times of one vehicle's simulator that come through, of those every `frame_s`, the simulator's clock turned back by
-    /// half after half of them.
-    fn through(hz: f64, frame_s: f64) -> usize {
+    /// Number of steps recorded in 10 s of frames every `frame_s`; halfway through, the simulator's clock jumps back.
+    fn recorded_steps(hz: f64, frame_s: f64) -> usize {
         let mut rate = Rate::new(hz);
         let args = ScenarioArgs::default();
         let scenario = args.read(Vec::new()).unwrap().scenario;
@@ -241,44 +242,44 @@ mod tests {
     }
 
     #[test]
-    fn the_rate_holds_whatever_the_frames_are() {
-        assert_eq!(through(50.0, 0.02), 500, "every one");
-        assert_eq!(through(10.0, 0.02), 100);
-        assert_eq!(through(50.0, 0.01), 500);
-        assert_eq!(through(1000.0, 0.02), 500, "no more than there are");
-        let uneven = through(50.0, 1.0 / 60.0);
+    fn the_recording_rate_holds_at_any_frame_rate() {
+        assert_eq!(recorded_steps(50.0, 0.02), 500, "every one");
+        assert_eq!(recorded_steps(10.0, 0.02), 100);
+        assert_eq!(recorded_steps(50.0, 0.01), 500);
+        assert_eq!(recorded_steps(1000.0, 0.02), 500, "no more than there are");
+        let uneven = recorded_steps(50.0, 1.0 / 60.0);
         assert!((480..=510).contains(&uneven), "{uneven}");
     }
 
     #[test]
-    fn what_finds_the_queue_full_is_dropped_and_counted() {
-        let (queue, words) = sync_channel(2);
+    fn an_entry_that_finds_the_queue_full_is_dropped_and_counted() {
+        let (queue, entries) = sync_channel(2);
         let writing = thread::spawn(|| Ok(()));
         let rate = Rate::new(50.0);
         let mut recorder = Recorder { queue, writing, utc: Utc::read(), rate, dropped: 0, steps: 0 };
         (0..5).for_each(|_| recorder.note(clock::now(), false, "fly", "again"));
-        assert_eq!(words.try_iter().count(), 2);
+        assert_eq!(entries.try_iter().count(), 2);
         recorder.note(clock::now(), false, "fly", "there is room again");
-        assert_eq!(words.try_iter().count(), 1);
-        drop(words);
+        assert_eq!(entries.try_iter().count(), 1);
+        drop(entries);
         assert_eq!(recorder.finish().unwrap(), 3);
     }
 
     #[test]
     #[cfg(target_os = "linux")]
-    fn a_recording_that_cannot_be_written_says_so_at_once() {
+    fn a_recording_that_cannot_be_written_fails_at_once() {
         let full = File::options().write(true).open("/dev/full").unwrap();
         let loaded = ScenarioArgs::default().read(Vec::new()).unwrap();
         let run = skein_lab::metrics::Run::new(&loaded.scenario, "fly");
         let about = About { scenario: &loaded.scenario, scenario_toml: "", run: &run, clock: "" };
         let synced = full.try_clone().unwrap();
-        // All that comes before the first words finds room in memory.
+        // Everything before the first entries fits into memory.
         let to = BufWriter::with_capacity(1 << 20, full);
         let writer = Writer::new(to, &about, 0);
-        let (queue, words) = sync_channel(QUEUE);
-        let writing = thread::spawn(move || write(writer?, &words, synced, "/dev/full".into()));
+        let (queue, entries) = sync_channel(QUEUE);
+        let writing = thread::spawn(move || write(writer?, &entries, synced, "/dev/full".into()));
         let mut recorder = Recorder { queue, writing, utc: Utc::read(), rate: Rate::new(50.0), dropped: 0, steps: 0 };
-        recorder.note(clock::now(), false, "fly", "nobody will read this");
+        recorder.note(clock::now(), false, "fly", "this is never written");
         let until = clock::now() + Duration::from_secs(30);
         while !recorder.has_failed() {
             assert!(clock::now() < until);

@@ -1,4 +1,4 @@
-//! Whether an X-Plane answers, asked by the agent's own end of the wire.
+//! Asks whether an X-Plane answers, through the same socket code that an agent uses.
 
 use std::time::Duration;
 
@@ -10,15 +10,16 @@ use skein_core::helicopter::TICK_S;
 use skein_core::plant::{Plant, Wake};
 use skein_host::clock;
 
-/// How long a simulator is listened for.
+/// How long to wait for the simulator.
 const SIMULATOR: Duration = Duration::from_secs(2);
-/// One wait for a simulator's position.
+/// How long one wait for a position takes at most.
 const ATTEMPT: Duration = Duration::from_millis(100);
 
-/// What is heard of the X-Plane at `HOST[:PORT]`, by the agent's own end of the wire. Its controls are not touched.
+/// Asks the X-Plane at `HOST[:PORT]` and describes its answer: version, position, paused or not. Its controls are not
+/// touched.
 pub(crate) fn simulator_at(address: &str) -> Result<String, String> {
     let address = simulator(address).map_err(|error| error.to_string())?;
-    // Only distances from it would be wrong, and none is asked for.
+    // The origin affects only distances, which are not used here.
     let anywhere = Origin::new(Geodetic::from_degrees(0.0, 0.0, 0.0));
     let rate_hz = (1.0 / TICK_S).round() as u32;
     let link = XPlane::new(&anywhere, Some(address), &Profile::default(), rate_hz, listen_for(address.ip()));
@@ -26,14 +27,14 @@ pub(crate) fn simulator_at(address: &str) -> Result<String, String> {
     let until = clock::now() + SIMULATOR;
     let mut place = None;
     while clock::now() < until && (place.is_none() || link.version().is_none()) {
-        // Whoever waits is subscribed again, should nothing come.
+        // Each wait renews the subscription if nothing arrives.
         if let Wake::Frame(frame) = link.wait(ATTEMPT.min(until.saturating_duration_since(clock::now()))) {
             place = Some(frame.measurement.position);
         }
     }
     let heard = link.counters();
     let version = link.version().map(|version| format!("X-Plane {}", version_text(version)));
-    let name = version.unwrap_or_else(|| "an X-Plane that does not tell its version".to_owned());
+    let name = version.unwrap_or_else(|| "an X-Plane of unknown version".to_owned());
     match place {
         Some(place) => Ok(format!(
             "{name}, aircraft at {:.5}°, {:.5}°, {:.0} m",
@@ -42,14 +43,14 @@ pub(crate) fn simulator_at(address: &str) -> Result<String, String> {
             place.altitude_m
         )),
         None if heard.standing_frames > 0 => Ok(format!("{name}, paused")),
-        // Its positions come from another port than its values, and the time was too short to be sure of that port.
+        // Its positions come from another port than its values, and the time was too short to verify that port.
         None if heard.unproven > 0 && heard.foreign == 0 && link.version().is_some() => {
             Ok(format!("{name}, its positions not yet verified"))
         }
         None if heard.foreign > 0 => Err(format!(
-            "{address}: positions come that cannot be told from another program's; does one beside X-Plane send to its clients?"
+            "{address}: positions arrive that may come from another program; does a program beside X-Plane send to its clients?"
         )),
-        None if heard.malformed > 0 => Err(format!("{address}: what answers there is no X-Plane")),
+        None if heard.malformed > 0 => Err(format!("{address}: the program that answers is not X-Plane")),
         None => Err(format!(
             "{address}: no answer within {} s; is X-Plane running with a flight loaded, its network setting \"Accept \
              incoming connections\" on, and UDP let through both ways?",
@@ -58,7 +59,7 @@ pub(crate) fn simulator_at(address: &str) -> Result<String, String> {
     }
 }
 
-/// 121400 is 12.1.4.
+/// Formats a version number: 121400 is 12.1.4.
 fn version_text(version: u32) -> String {
     let (major, minor, patch) = (version / 10_000, version / 1_000 % 10, version / 100 % 10);
     format!("{major}.{minor}.{patch}")
@@ -72,7 +73,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_simulator_says_what_and_where_it_is() {
+    fn a_simulator_reports_its_version_and_position() {
         use std::sync::Arc;
         use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 
@@ -101,7 +102,7 @@ mod tests {
     }
 
     #[test]
-    fn a_simulator_that_is_not_there_is_missed() {
+    fn a_simulator_that_does_not_answer_is_an_error() {
         let silent = UdpSocket::bind("127.0.0.1:0").unwrap();
         let address = silent.local_addr().unwrap().to_string();
         let error = simulator_at(&address).unwrap_err();
@@ -110,7 +111,7 @@ mod tests {
     }
 
     #[test]
-    fn versions_are_written_as_everybody_does() {
+    fn versions_have_three_parts() {
         assert_eq!([121_400, 115_501].map(version_text), ["12.1.4", "11.5.5"]);
     }
 }

@@ -223,7 +223,7 @@ pub(super) fn now_s() -> f64 {
 /// The looker-on's own process.
 pub(super) fn look_on() {
     let Ok(inventory) = Inventory::read("lab/cluster.toml".as_ref()) else { return };
-    let mut observer = Observer::open(&inventory.reach(Role::Observer).unwrap(), Steps::Heard).unwrap();
+    let mut observer = Observer::open(&inventory.reach(Role::Observer).unwrap(), Steps::On).unwrap();
     thread::spawn(|| {
         let _ = std::io::copy(&mut std::io::stdin(), &mut std::io::sink());
         std::process::exit(0);

@@ -220,7 +220,7 @@ pub(super) fn watch() {
     let swarm = SwarmName::new(words.next().unwrap()).unwrap();
     let agents = VehicleId::first(250).zip(words).collect();
     let reach = Reach::plain(swarm, agents, Flown::Text(String::new()));
-    let mut observer = Observer::open(&reach, Steps::Heard).unwrap();
+    let mut observer = Observer::open(&reach, Steps::On).unwrap();
     let is_over = std::sync::Arc::new(AtomicBool::new(false));
     let flag = is_over.clone();
     std::thread::spawn(move || {

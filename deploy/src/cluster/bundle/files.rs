@@ -1,4 +1,4 @@
-//! Making it.
+//! Makes the files of a node.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -14,23 +14,23 @@ use super::{Bundle, BundleFile, SCENARIO};
 use crate::inventory::{Install, Inventory, Node, SecurityKind};
 use crate::keys::Role;
 use crate::keys::certificate::{Unfit, unfit};
+use crate::keys::certificate_spec;
 use crate::keys::folder::{AUTHORITY, Folder, NAMES, Names, ORDERS_PUBLIC, certificate_file, key_file, vehicles_toml};
-use crate::keys::wanted;
 use crate::reach::orders_key;
 use skein_host::clock;
 use skein_lab::error::Error;
 use skein_lab::scenario::aircraft_of;
 
-/// The four axes whose rules are files.
+/// The four axes; each has a file of rules.
 const AXES: [&str; 4] = ["roll", "pitch", "heading", "collective"];
-/// The program of an external law.
+/// Key of the command of an external law.
 const COMMAND: &str = "formation.external.command";
 
 impl Bundle {
-    /// What this node is given.
+    /// Makes the files of this node.
     ///
     /// # Errors
-    /// A scenario that agents cannot fly, a file of it that cannot be read, or keys that are missing or do not serve.
+    /// If agents cannot fly the scenario, one of its files cannot be read, or keys are missing or invalid.
     pub fn of(inventory: &Inventory, id: VehicleId) -> Result<Self, Error> {
         let node = inventory.nodes.get(&id);
         let node =
@@ -56,7 +56,7 @@ impl Bundle {
         self.files.insert(path.to_owned(), file);
     }
 
-    /// The complete scenario, and the files that it names, beside it.
+    /// Adds the complete scenario and the files that it names.
     fn add_scenario(&mut self, inventory: &Inventory) -> Result<(), Error> {
         let refused = |why: String| Error::Refused(format!("{}: {why}", inventory.scenario_path.display()));
         let scenario = &inventory.scenario.scenario;
@@ -71,7 +71,7 @@ impl Bundle {
             if plant == Some(PlantKind::Builtin) && aircraft.helicopter.is_none() {
                 return Err(refused(format!("vehicle {id}: only X-Plane can fly the aircraft \"{name}\"")));
             }
-            // The others come with the program.
+            // Shipped aircraft are part of the program.
             if !Aircraft::SHIPPED.iter().any(|(shipped, _)| shipped == name) {
                 sources
                     .check(&from.join(format!("{name}.toml")))
@@ -90,7 +90,7 @@ impl Bundle {
             }
             sets.push("control.rules=rules".to_owned());
         }
-        // Named without its folder, so that what the complete file says of origins is the same from wherever it is made.
+        // Named without its folder, so that the origins in the complete file do not depend on where the bundle is made.
         let name = inventory.scenario_path.file_name().map_or_else(String::new, |name| name.to_string_lossy().into());
         let load = |sets: &[String]| {
             let text = &inventory.scenario_text;
@@ -106,34 +106,36 @@ impl Bundle {
         Ok(())
     }
 
-    /// The files that the command of an external law names. Gives the command with their places here, if there are any.
+    /// Adds the files that the command of an external law names. Returns the command with the files' new paths, if
+    /// there are any.
     fn add_law(&mut self, loaded: &Loaded, from: &Path, sources: &Sources) -> Result<Option<Vec<String>>, String> {
         let Some(mut command) = loaded.scenario.formation.external.command.clone() else { return Ok(None) };
         let mut found = false;
-        for (nth, word) in command.iter_mut().enumerate() {
-            let path = from.join(&*word);
+        for (nth, argument) in command.iter_mut().enumerate() {
+            let path = from.join(&*argument);
             let is_program = nth == 0;
-            // A program without a path is looked for in the node's `PATH`.
-            let may_be_here = !is_program || Path::new(word).components().count() > 1;
-            if !may_be_here || Path::new(word).is_absolute() || !path.is_file() {
+            // A program without a path is found through the node's `PATH`.
+            let may_be_here = !is_program || Path::new(argument).components().count() > 1;
+            if !may_be_here || Path::new(argument).is_absolute() || !path.is_file() {
                 continue;
             }
             let name = path.file_name().map_or_else(String::new, |name| name.to_string_lossy().into());
             sources.check(&path).map_err(|why| format!("{COMMAND}: {why}"))?;
             let content = read(&path).map_err(|error| format!("{COMMAND}: {error}"))?;
-            // Files of one name from two folders have two places.
+            // Files with the same name from two folders get two paths.
             let places = (1..).map(|nth| if nth == 1 { format!("law/{name}") } else { format!("law/{nth}/{name}") });
             let file = BundleFile { is_secret: false, is_executable: is_program, content };
             let is_free = |place: &String| self.files.get(place).is_none_or(|there| *there == file);
             let Some(place) = { places }.find(is_free) else { continue };
             self.files.insert(place.clone(), file);
-            *word = place;
+            *argument = place;
             found = true;
         }
         Ok(found.then_some(command))
     }
 
-    /// The node's certificate, and an observer's, so that the swarm can be looked at from it. Gives `[security]` of its file.
+    /// Adds the node's certificate, and an observer's, so that the swarm can be observed from the node. Returns the
+    /// table `[security]` of its configuration.
     fn add_keys(&mut self, inventory: &Inventory, node: &Node) -> Result<String, Error> {
         let keys = Folder(inventory.keys.clone());
         keys.check_private()?;
@@ -141,11 +143,11 @@ impl Bundle {
         let orders = orders_key(&keys)?;
         for (role, place) in [(Role::Vehicle(node.id), "node"), (Role::Observer, "keys/observer")] {
             let pair = keys.need_pair(&certificate_file(role), &key_file(role))?;
-            if let Some(why) =
-                unfit(&pair, &wanted(inventory, &names, role), &authority, clock::utc()).filter(Unfit::is_fatal)
+            if let Some(why) = unfit(&pair, &certificate_spec(inventory, &names, role), &authority, clock::utc())
+                .filter(Unfit::is_fatal)
             {
                 let path = keys.path(&certificate_file(role));
-                let remedy = format!("`skein cluster keys -f {}` issues it anew", inventory.path.display());
+                let remedy = format!("`skein cluster keys -f {}` issues it again", inventory.path.display());
                 return Err(Error::Refused(format!("{} {why}: {remedy}", path.display())));
             }
             self.add(&format!("{place}.pem"), pair.certificate);
@@ -159,13 +161,15 @@ impl Bundle {
     }
 }
 
-/// Where files may be copied from to the nodes: a scenario comes from elsewhere, and must not carry off what it likes.
+/// The folders from which files may be copied to the nodes. A scenario may come from another person and must not be
+/// able to copy any file it names.
 struct Sources {
-    /// Below these, links resolved: the scenario's folder, and what the cluster's file names.
+    /// Files below these folders may be copied, links resolved: the scenario's folder, and the paths in `files` of the
+    /// cluster file.
     free: Vec<PathBuf>,
-    /// Never below this.
+    /// The folder of keys, from which nothing is copied.
     keys: PathBuf,
-    /// The cluster's file.
+    /// Path of the cluster file.
     file: PathBuf,
 }
 
@@ -177,21 +181,18 @@ impl Sources {
         Self { free, keys: resolved(&inventory.keys), file: inventory.path.clone() }
     }
 
-    /// Whether this file may be copied, wherever links lead.
+    /// Checks that this file may be copied, with links resolved.
     fn check(&self, path: &Path) -> Result<(), String> {
         let real = fs::canonicalize(path).map_err(|error| format!("{}: {error}", path.display()))?;
         let is_below = |folder: &PathBuf| real.starts_with(folder);
         if is_below(&self.keys) {
-            return Err(format!(
-                "{} is in the folder of keys, of which nothing is copied for a scenario",
-                real.display()
-            ));
+            return Err(format!("{} is in the folder of keys, from which a scenario can copy nothing", real.display()));
         }
         if self.free.iter().any(is_below) {
             return Ok(());
         }
         Err(format!(
-            "{} is not in the scenario's folder, and is not copied to the hosts; put it there, or let it be copied with `files = \
+            "{} is not in the scenario's folder, and is not copied to the hosts; put it there, or permit the copy with `files = \
              [\"{}\"]` in {}",
             path.display(),
             real.display(),
@@ -204,7 +205,7 @@ fn read(path: &Path) -> Result<Vec<u8>, String> {
     fs::read(path).map_err(|error| format!("{}: {error}", path.display()))
 }
 
-/// What the agent reads at its start.
+/// Makes the agent's configuration file.
 fn agent_toml(inventory: &Inventory, node: &Node) -> String {
     let (id, swarm, plant) = (node.id, &inventory.swarm, plant(node.plant));
     let listen = Toml::from(vec![node.endpoint(inventory.security)]);
@@ -230,32 +231,32 @@ fn security_toml(inventory: &Inventory, names: Names, orders: SealKey) -> String
     )
 }
 
-/// The cluster's file as it works beside the others: `skein cluster status` takes it. It says where the others are and nothing
-/// else of them: what changes at one node is not a new configuration for all.
+/// Makes the cluster file for a node, with which `skein cluster status` works there. It has only the addresses of the
+/// other nodes: a change at one node must not be a new configuration for all.
 fn cluster_toml(inventory: &Inventory) -> String {
     let security = match inventory.security {
         SecurityKind::Tls => "tls",
         SecurityKind::None => "none",
     };
     let mut text = format!(
-        "# To look at the swarm from here: skein cluster status -f cluster.toml\nswarm = \"{}\"\nscenario = \"scenario.toml\"\n\
+        "# To observe the swarm from here: skein cluster status -f cluster.toml\nswarm = \"{}\"\nscenario = \"scenario.toml\"\n\
          security = \"{security}\"\nkeys = \"keys\"\n",
         inventory.swarm
     );
     for (id, node) in &inventory.nodes {
         text += &format!("\n[node.{id}]\n");
-        let words = [
+        let entries = [
             ("host", node.host.as_deref()),
             ("address", Some(node.address.as_str())),
             ("install", (node.install == Install::Manual).then_some("manual")),
         ];
-        let line = |(name, word): (&str, Option<&str>)| Some(format!("{name} = {}\n", Toml::from(word?)));
-        text.extend(words.into_iter().filter_map(line));
+        let line = |(name, argument): (&str, Option<&str>)| Some(format!("{name} = {}\n", Toml::from(argument?)));
+        text.extend(entries.into_iter().filter_map(line));
     }
     text
 }
 
-/// As files spell it.
+/// The name of the plant in configuration files.
 fn plant(plant: PlantKind) -> &'static str {
     match plant {
         PlantKind::Builtin => "builtin",

@@ -18,14 +18,14 @@ fn id(number: u8) -> VehicleId {
     VehicleId::new(number).unwrap()
 }
 
-/// A cluster of three with keys.
+/// Makes a cluster of three nodes with keys.
 fn cluster(folder: &Path, more: &str) -> Inventory {
     let inventory = lab(folder, 3, more);
     keys::make(&inventory, None, None, clock::utc()).unwrap();
     inventory
 }
 
-/// Writes it as a node's host does.
+/// Writes the files as a node's host does.
 fn unpack(bundle: &Bundle, folder: &Path) {
     for (path, file) in &bundle.files {
         let path = folder.join(path);
@@ -34,7 +34,7 @@ fn unpack(bundle: &Bundle, folder: &Path) {
     }
 }
 
-/// What an agent makes of it.
+/// The configuration that an agent reads from this folder.
 fn node(folder: &Path) -> skein_agent::config::Node {
     let config = folder.join("agent.toml");
     let line = ["skein", "agent", "--config", config.to_str().unwrap(), "--run", "7"];
@@ -47,7 +47,7 @@ fn text<'b>(bundle: &'b Bundle, path: &str) -> &'b str {
 }
 
 #[test]
-fn an_agent_starts_from_what_its_node_is_given() {
+fn an_agent_can_start_with_the_files_of_its_node() {
     let folder = tempfile::tempdir().unwrap();
     let inventory = cluster(folder.path(), "[defaults]\nplant = 'standin'\nxplane = '127.0.0.1:49000'");
     let bundle = Bundle::of(&inventory, id(2)).unwrap();
@@ -55,7 +55,7 @@ fn an_agent_starts_from_what_its_node_is_given() {
     unpack(&bundle, there.path());
     let node = node(there.path());
     assert_eq!((node.id, node.listen), (id(2), vec!["tls/10.0.0.12:7448".to_owned()]));
-    assert_eq!(node.dial, ["tls/10.0.0.11:7447"], "of each pair, one dials");
+    assert_eq!(node.dial, ["tls/10.0.0.11:7447"], "one of each pair dials");
     assert_eq!(node.scenario.swarm.name.as_str(), "lab");
     let standin = (std::net::Ipv4Addr::LOCALHOST, wire::PORT).into();
     assert!(matches!(node.plant, skein_agent::config::PlantChoice::Standin(address) if address == standin));
@@ -80,7 +80,7 @@ fn an_agent_starts_from_what_its_node_is_given() {
 }
 
 #[test]
-fn the_swarm_can_be_looked_at_from_a_node() {
+fn the_swarm_can_be_observed_from_a_node() {
     let folder = tempfile::tempdir().unwrap();
     let inventory = cluster(folder.path(), "[defaults]\nuser = 'lab'\nfolder = 'elsewhere'");
     let there = tempfile::tempdir().unwrap();
@@ -116,7 +116,7 @@ fn the_same_cluster_gives_the_same_bytes_from_anywhere() {
 }
 
 #[test]
-fn what_changes_at_one_node_is_nothing_new_for_the_others() {
+fn a_change_at_one_node_does_not_change_the_files_of_others() {
     let folder = tempfile::tempdir().unwrap();
     let mut inventory = cluster(folder.path(), "");
     let before = [1, 2].map(|number| Bundle::of(&inventory, id(number)).unwrap().id());
@@ -129,7 +129,7 @@ fn what_changes_at_one_node_is_nothing_new_for_the_others() {
 }
 
 #[test]
-fn everybody_is_told_of_a_revocation() {
+fn a_revocation_changes_the_files_of_every_node() {
     let folder = tempfile::tempdir().unwrap();
     let inventory = cluster(folder.path(), "");
     let before = Bundle::of(&inventory, id(1)).unwrap();
@@ -141,11 +141,11 @@ fn everybody_is_told_of_a_revocation() {
 }
 
 #[test]
-fn without_keys_that_serve_there_is_none() {
+fn a_bundle_needs_valid_keys() {
     let folder = tempfile::tempdir().unwrap();
     let mut inventory = lab(folder.path(), 3, "");
     let missing = Bundle::of(&inventory, id(1)).unwrap_err().to_string();
-    assert!(missing.ends_with("authority.pem is not there: `skein cluster keys` makes it"), "{missing}");
+    assert!(missing.ends_with("authority.pem does not exist: `skein cluster keys` creates it"), "{missing}");
     keys::make(&inventory, None, None, clock::utc()).unwrap();
     inventory.nodes.get_mut(&id(1)).unwrap().address = "10.0.0.99".to_owned();
     let moved = Bundle::of(&inventory, id(1)).unwrap_err().to_string();
@@ -156,7 +156,7 @@ fn without_keys_that_serve_there_is_none() {
 }
 
 #[test]
-fn what_the_scenario_names_is_carried() {
+fn files_that_the_scenario_names_are_copied() {
     let folder = tempfile::tempdir().unwrap();
     let (lab_folder, laws) = (folder.path().join("lab"), folder.path().join("laws"));
     fs::create_dir_all(&lab_folder).unwrap();
@@ -201,7 +201,7 @@ fn what_the_scenario_names_is_carried() {
 
 #[cfg(unix)]
 #[test]
-fn what_a_scenario_names_elsewhere_is_copied_only_if_the_clusters_file_names_it() {
+fn a_file_outside_the_scenarios_folder_is_copied_only_if_the_cluster_file_permits_it() {
     use std::os::unix::fs::symlink;
 
     let folder = tempfile::tempdir().unwrap();
@@ -225,17 +225,17 @@ fn what_a_scenario_names_elsewhere_is_copied_only_if_the_clusters_file_names_it(
         fs::write(&path, text).unwrap();
         Bundle::of(&Inventory::read(&path)?, id(1))
     };
-    let law = |word: &str| format!("formation.external.command = ['cat', 'law.py', '{word}']");
+    let law = |argument: &str| format!("formation.external.command = ['cat', 'law.py', '{argument}']");
     let copied = |bundle: &Bundle| bundle.files.values().any(|file| file.content == b"a private key");
-    for word in ["../../ssh/id", "link.py", "linked/id"] {
-        let error = bundle("", &law(word)).unwrap_err();
-        let said = error.to_string();
-        assert!(said.contains(&format!("{word} is not in the scenario's folder")), "{said}");
+    for argument in ["../../ssh/id", "link.py", "linked/id"] {
+        let error = bundle("", &law(argument)).unwrap_err();
+        let message = error.to_string();
+        assert!(message.contains(&format!("{argument} is not in the scenario's folder")), "{message}");
         let remedy = format!("`files = [\"{}\"]` in {}", ssh.join("id").display(), path.display());
-        assert!(said.contains(&remedy) && error.exit_code() == 2, "{said}");
+        assert!(message.contains(&remedy) && error.exit_code() == 2, "{message}");
         for files in ["files = ['../../ssh/id']", "files = ['nothing', '../../ssh']"] {
             fs::write(lab.join("nothing"), "").unwrap();
-            assert!(copied(&bundle(files, &law(word)).unwrap()), "{files}");
+            assert!(copied(&bundle(files, &law(argument)).unwrap()), "{files}");
         }
     }
     assert!(!copied(&bundle("", &law("law.py")).unwrap()));
@@ -249,5 +249,5 @@ fn what_a_scenario_names_elsewhere_is_copied_only_if_the_clusters_file_names_it(
     );
     assert!(bundle("files = ['../../ssh/mine.toml']", &with_aircraft).is_ok());
     let missing = bundle("files = ['../none']", &law("law.py")).unwrap_err().to_string();
-    assert!(missing.contains("cluster.toml:4") && missing.ends_with("a/lab/../none is not there"), "{missing}");
+    assert!(missing.contains("cluster.toml:4") && missing.ends_with("a/lab/../none does not exist"), "{missing}");
 }

@@ -27,7 +27,7 @@ pub(super) struct Offset {
 pub(super) fn measure(ssh: &Ssh, host: &Host) -> Result<Offset, String> {
     let mut child = ssh.spawn(host, ANSWERS)?;
     let pipes = child.stdin.take().zip(child.stdout.take());
-    let (tell, told) = mpsc::channel();
+    let (send, received) = mpsc::channel();
     if let Some((mut ask, answer)) = pipes {
         thread::spawn(move || {
             let utc = Utc::read();
@@ -39,10 +39,10 @@ pub(super) fn measure(ssh: &Ssh, host: &Host) -> Result<Offset, String> {
                 let answered = clock::now();
                 Some(offset(utc.nanoseconds(asked), &theirs, utc.nanoseconds(answered)))
             });
-            let _ = tell.send(exchanges.collect::<Option<Vec<Offset>>>());
+            let _ = send.send(exchanges.collect::<Option<Vec<Offset>>>());
         });
     }
-    let exchanges = told.recv_timeout(WITHIN);
+    let exchanges = received.recv_timeout(WITHIN);
     // It ends with its input anyway; a host that hangs does not.
     let _ = child.kill();
     let _ = child.wait();

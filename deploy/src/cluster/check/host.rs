@@ -23,7 +23,7 @@ use crate::inventory::{Inventory, Node};
 use skein_lab::error::Error;
 
 /// Looks at the hosts of one cluster.
-pub(super) struct Look<'a> {
+pub(super) struct HostChecks<'a> {
     pub(super) inventory: &'a Inventory,
     pub(super) ssh: &'a Ssh,
     /// The cluster's file as the user has named it.
@@ -53,7 +53,7 @@ pub(super) struct Asked {
     pub(super) agents: BTreeMap<VehicleId, Agent>,
 }
 
-impl Look<'_> {
+impl HostChecks<'_> {
     /// Everything of one host.
     pub(super) fn host(&self, host: &Host, nodes: &[&Node]) -> Asked {
         let mut asked = Asked::default();
@@ -139,8 +139,8 @@ impl Look<'_> {
                 "mend the scenario's file",
             )),
             Ok(bundle) => {
-                let wanted = Installed { release: program.release.clone(), bundle: bundle.id() };
-                asked.lines.push(of_version(node, &facts, &wanted, self.file));
+                let expected = Installed { release: program.release.clone(), bundle: bundle.id() };
+                asked.lines.push(of_version(node, &facts, &expected, self.file));
             }
         }
     }
@@ -188,11 +188,11 @@ fn of_probe(host: &Host, node: &Node, program: &Program, probed: &Probed) -> [Li
         }
     };
     let is_there = probed.sum.as_deref() == Some(program.sum.as_str());
-    let wanted = ROOM + if is_there { 0 } else { program.bytes.len() as u64 };
+    let expected = ROOM + if is_there { 0 } else { program.bytes.len() as u64 };
     let mebibytes = |bytes: u64| bytes >> 20;
     let free = format!("{} MiB free", mebibytes(probed.free_bytes));
-    let disk = match probed.free_bytes < wanted {
-        true => Line::of(node, "disk", format!("{free}, {} MiB wanted, where {} is", mebibytes(wanted), node.folder))
+    let disk = match probed.free_bytes < expected {
+        true => Line::of(node, "disk", format!("{free}, {} MiB wanted, where {} is", mebibytes(expected), node.folder))
             .fault(format!("`ssh {host} df -h` shows which disk is full: make room, or set `folder` to another")),
         false => Line::of(node, "disk", free),
     };
@@ -200,14 +200,14 @@ fn of_probe(host: &Host, node: &Node, program: &Program, probed: &Probed) -> [Li
 }
 
 /// Of what is installed and what runs.
-pub(super) fn of_version(node: &Node, facts: &Facts, wanted: &Installed, file: &str) -> Line {
+pub(super) fn of_version(node: &Node, facts: &Facts, expected: &Installed, file: &str) -> Line {
     let line = |found: String| Line::of(node, "version", found);
     let install = format!("`skein cluster install -f {file}`");
     let Some(current) = &facts.current else { return line("nothing is installed".to_owned()).fault(install) };
-    if current.release != wanted.release {
-        return line(format!("{} is installed, this PC has {}", current.release, wanted.release)).fault(install);
+    if current.release != expected.release {
+        return line(format!("{} is installed, this PC has {}", current.release, expected.release)).fault(install);
     }
-    if current.bundle != wanted.bundle {
+    if current.bundle != expected.bundle {
         return line("its configuration or keys are not this PC's any more".to_owned()).fault(install);
     }
     match &facts.agent {

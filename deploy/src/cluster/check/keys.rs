@@ -4,7 +4,7 @@ use super::Line;
 use crate::inventory::{Inventory, SecurityKind};
 use crate::keys::certificate::{Unfit, expires, unfit};
 use crate::keys::folder::{AUTHORITY, Folder, ORDERS_PUBLIC, certificate_file, key_file};
-use crate::keys::{day, roles, wanted};
+use crate::keys::{certificate_spec, day, roles};
 use skein_host::clock;
 use skein_lab::error::Error;
 
@@ -44,7 +44,7 @@ fn faults(inventory: &Inventory, file: &str) -> Result<Vec<Line>, Error> {
         let line = |found: String| Line::new("this PC", "keys", found);
         match folder.pair(&certificate, &key_file(role))? {
             None => lines.push(line(format!("{certificate} or its key is missing")).fault(again)),
-            Some(pair) => match unfit(&pair, &wanted(inventory, &names, role), &authority, clock::utc()) {
+            Some(pair) => match unfit(&pair, &certificate_spec(inventory, &names, role), &authority, clock::utc()) {
                 None => {}
                 Some(Unfit::Expiring) => lines.push(line(format!("{certificate} {}", Unfit::Expiring)).warning(again)),
                 Some(why) => lines.push(line(format!("{certificate} {why}")).fault(again)),

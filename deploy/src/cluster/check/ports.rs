@@ -47,8 +47,8 @@ pub(super) fn lines(inventory: &Inventory, calls: &[Calls], agents: &BTreeMap<Ve
 
 fn line(node: &Node, calls: &[Calls], agent: Option<Agent>) -> Line {
     let at = address(node);
-    let by = |wanted: fn(&Reached) -> bool| -> Vec<&str> {
-        let by = calls.iter().filter(|calls| calls.reached.get(&node.id).is_some_and(wanted));
+    let by = |expected: fn(&Reached) -> bool| -> Vec<&str> {
+        let by = calls.iter().filter(|calls| calls.reached.get(&node.id).is_some_and(expected));
         by.map(|calls| calls.from.as_str()).collect()
     };
     let closed = by(|reached| matches!(reached, Reached::No(_)));

@@ -31,7 +31,7 @@ fn asked(script: &str, bin: &[(&str, &str)]) -> host::Asked {
     let inventory = lab(folder.path(), 1, "");
     let nodes: Vec<_> = inventory.nodes.values().collect();
     let programs = host::programs(&inventory);
-    Look { inventory: &inventory, ssh: &ssh, file: "lab.toml", programs: &programs }.host(&heli("heli1"), &nodes)
+    HostChecks { inventory: &inventory, ssh: &ssh, file: "lab.toml", programs: &programs }.host(&heli("heli1"), &nodes)
 }
 
 fn line(asked: &host::Asked, what: &str) -> Line {
@@ -53,12 +53,12 @@ fn a_bare_host_lacks_only_the_installation() {
 
 #[test]
 fn a_host_that_does_not_let_in_is_not_asked_further() {
-    for (words, found, remedy) in [
+    for (output, found, remedy) in [
         ("lab@heli1: Permission denied (publickey).", "lets none of your keys in", "`ssh-copy-id heli1`"),
         ("ssh: connect to host heli1 port 22: No route to host", "no way there", "see that both are connected"),
         ("Host key verification failed.", "its host key is not known here", "`ssh heli1` once by hand"),
     ] {
-        let asked = asked(&format!("echo '{words}' >&2; exit 255"), &[]);
+        let asked = asked(&format!("echo '{output}' >&2; exit 255"), &[]);
         let [line] = asked.lines.as_slice() else { panic!("{:?}", asked.lines) };
         assert_eq!((line.place.as_str(), line.what, line.state), ("heli1", "ssh", State::Fault));
         assert!(line.found.starts_with(found) && line.remedy.as_ref().unwrap().contains(remedy), "{line:?}");
@@ -103,19 +103,19 @@ fn another_version_is_found_whether_installed_or_running() {
     let inventory = lab(folder.path(), 1, "");
     let node = inventory.nodes.values().next().unwrap();
     let installed = |release: &str, bundle: &str| Installed { release: release.to_owned(), bundle: bundle.to_owned() };
-    let wanted = installed("2", "b");
+    let expected = installed("2", "b");
     let running = |installed, restarts| Some(RunningAgent { pid: 7, installed, run: 1, restarts, landing_s: 0.0 });
     let of = |current: Installed, agent| {
         let facts = Facts { current: Some(current), agent, ..Facts::default() };
-        host::of_version(node, &facts, &wanted, "lab.toml")
+        host::of_version(node, &facts, &expected, "lab.toml")
     };
     for (line, state, found) in [
         (of(installed("1", "b"), None), State::Fault, "1 is installed, this PC has 2"),
         (of(installed("2", "a"), None), State::Fault, "its configuration or keys are not this PC's any more"),
-        (of(wanted.clone(), running(installed("1", "b"), 0)), State::Fault, "runs 1, and 2 was installed since"),
-        (of(wanted.clone(), running(wanted.clone(), 2)), State::Warning, "2, runs, and was started again 2 times"),
-        (of(wanted.clone(), running(wanted.clone(), 0)), State::Good, "2, runs"),
-        (of(wanted.clone(), None), State::Good, "2, does not run"),
+        (of(expected.clone(), running(installed("1", "b"), 0)), State::Fault, "runs 1, and 2 was installed since"),
+        (of(expected.clone(), running(expected.clone(), 2)), State::Warning, "2, runs, and was started again 2 times"),
+        (of(expected.clone(), running(expected.clone(), 0)), State::Good, "2, runs"),
+        (of(expected.clone(), None), State::Good, "2, does not run"),
     ] {
         assert_eq!((line.state, line.found.as_str(), line.remedy.is_some()), (state, found, state != State::Good));
     }
@@ -127,7 +127,7 @@ fn keys_that_are_missing_moved_or_open_are_found() {
     let mut inventory = lab(folder.path(), 2, "");
     let lines = |inventory: &Inventory| keys::lines(inventory, "lab.toml");
     let [missing] = &lines(&inventory)[..] else { panic!("one line") };
-    assert!(missing.state == State::Fault && missing.found.contains("authority.pem is not there"), "{missing:?}");
+    assert!(missing.state == State::Fault && missing.found.contains("authority.pem does not exist"), "{missing:?}");
     assert!(missing.remedy.as_ref().unwrap().contains("skein cluster keys"));
     cluster_keys::make(&inventory, None, None, clock::utc()).unwrap();
     let [good] = &lines(&inventory)[..] else { panic!("one line") };

@@ -13,7 +13,7 @@ use skein_host::whole::{self, Promise};
 /// A draft's ending: nobody reads what has it.
 const DRAFT: &str = "draft";
 /// Between two looks at a lock.
-const LOOK: Duration = Duration::from_millis(20);
+const POLL_PERIOD: Duration = Duration::from_millis(20);
 
 /// An error with the path it is about, as one sentence.
 pub(super) fn at(path: &Path) -> impl FnOnce(io::Error) -> String + '_ {
@@ -123,7 +123,7 @@ impl Lock {
                 // Who held it may have taken the file away.
                 Ok(()) if os::is_file_at(&file, path) => return Ok(Some(Self(file))),
                 Ok(()) => continue,
-                Err(TryLockError::WouldBlock) if clock::now() < until => clock::sleep(LOOK),
+                Err(TryLockError::WouldBlock) if clock::now() < until => clock::sleep(POLL_PERIOD),
                 Err(TryLockError::WouldBlock) => return Ok(None),
                 Err(TryLockError::Error(error)) => return Err(at(path)(error)),
             }
@@ -137,7 +137,7 @@ impl Lock {
     }
 
     /// Leaves a word for others in the locked file.
-    pub(super) fn say(&mut self, word: &str) -> io::Result<()> {
+    pub(super) fn set_text(&mut self, word: &str) -> io::Result<()> {
         self.0.set_len(0)?;
         self.0.write_all(word.as_bytes())
     }
@@ -155,7 +155,7 @@ pub(super) mod tests {
     }
 
     /// From now on as many changes are made on this thread, and then none.
-    pub(in crate::cluster::host) fn break_off_after(changes: u32) {
+    pub(in crate::cluster::host) fn fail_after(changes: u32) {
         CHANGES.set(changes);
     }
 
@@ -184,7 +184,7 @@ pub(super) mod tests {
         let path = folder.path().join("lock");
         assert!(!Lock::is_held(&path) && !path.exists());
         let mut first = Lock::take(&path, Duration::ZERO).unwrap().unwrap();
-        first.say("7").unwrap();
+        first.set_text("7").unwrap();
         assert!(Lock::is_held(&path) && Lock::take(&path, Duration::ZERO).unwrap().is_none());
         fs::remove_file(&path).unwrap();
         let second = Lock::take(&path, Duration::ZERO).unwrap().unwrap();

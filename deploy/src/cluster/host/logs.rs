@@ -19,7 +19,7 @@ const MAX_LINE_BYTES: u64 = 16_384;
 /// Stands behind the time in a line of the supervisor's.
 const OURS: &str = "  supervisor: ";
 /// Between two looks at a log that is followed.
-const LOOK: Duration = Duration::from_millis(100);
+const POLL_PERIOD: Duration = Duration::from_millis(100);
 
 /// The file of this age: 0 is the newest.
 fn path(folder: &Path, age: usize) -> PathBuf {
@@ -46,7 +46,7 @@ impl Log {
     }
 
     /// A line of the supervisor's own, with the time before it.
-    pub(super) fn say(&mut self, what: &str) {
+    pub(super) fn note(&mut self, what: &str) {
         self.add(format!("{}{OURS}{what}\n", clock::utc_stamp()).as_bytes());
     }
 
@@ -137,7 +137,7 @@ pub(super) fn show(
             file = File::open(&newest).ok();
         }
         if is_newest || file.is_none() {
-            clock::sleep(LOOK);
+            clock::sleep(POLL_PERIOD);
         }
     }
     Ok(())
@@ -191,9 +191,9 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let gone = folder.path().join("log");
         let mut log = Log::new(&gone);
-        log.say("lost");
+        log.note("lost");
         fs::create_dir(&gone).unwrap();
-        log.say("kept");
+        log.note("kept");
         let lines = tail(&gone, 9);
         assert_eq!(lines.len(), 1);
         assert!(text(&lines[0]).ends_with("Z  supervisor: kept"), "{:?}", text(&lines[0]));

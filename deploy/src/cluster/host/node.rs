@@ -19,10 +19,10 @@ use crate::landing;
 use crate::os;
 
 /// A supervisor that has begun has said who it is within this time, and between two looks at its word.
-const INTRODUCTION: Duration = Duration::from_secs(2);
-const LOOK: Duration = Duration::from_millis(5);
+const SUPERVISOR_START: Duration = Duration::from_secs(2);
+const POLL_PERIOD: Duration = Duration::from_millis(5);
 /// How long a request waits for another one to be done.
-pub(super) const PATIENCE: Duration = Duration::from_secs(5);
+pub(super) const LOCK_TIMEOUT: Duration = Duration::from_secs(5);
 
 /// One node's folder.
 #[derive(Clone, Debug)]
@@ -112,7 +112,7 @@ impl NodeFolder {
     /// Held by a request that changes something of this node.
     pub(super) fn lock(&self) -> Result<Lock, String> {
         let busy = || format!("another request is at work on node {}", self.id);
-        Lock::take(&self.run().join("lock"), PATIENCE)?.ok_or_else(busy)
+        Lock::take(&self.run().join("lock"), LOCK_TIMEOUT)?.ok_or_else(busy)
     }
 
     pub(super) fn settings(&self) -> Option<Settings> {
@@ -147,13 +147,13 @@ impl NodeFolder {
 
     /// The supervisor's process, if there is one.
     pub(super) fn supervisor(&self) -> Option<Process> {
-        let (path, until) = (self.supervisor_path(), clock::now() + INTRODUCTION);
+        let (path, until) = (self.supervisor_path(), clock::now() + SUPERVISOR_START);
         while Lock::is_held(&path) && clock::now() < until {
             // Until it has said who it is, the word of the one before it stands there.
             if let Some(process) = read(&path).filter(Process::is_running) {
                 return Some(process);
             }
-            clock::sleep(LOOK);
+            clock::sleep(POLL_PERIOD);
         }
         None
     }

@@ -19,7 +19,7 @@ use std::path::{Path, PathBuf};
 use skein_common::id::{SwarmName, VehicleId};
 
 use super::files::{self, Lock};
-use super::node::{NodeFolder, PATIENCE};
+use super::node::{LOCK_TIMEOUT, NodeFolder};
 use super::systemd::Systemd;
 use crate::cluster::protocol::Service;
 
@@ -79,7 +79,7 @@ impl Place {
     /// Held while what several nodes share is changed.
     pub(super) fn lock(&self) -> Result<Lock, String> {
         let busy = || "another request changes what the nodes of this host share".to_owned();
-        Lock::take(&self.lock_path(), PATIENCE)?.ok_or_else(busy)
+        Lock::take(&self.lock_path(), LOCK_TIMEOUT)?.ok_or_else(busy)
     }
 
     pub(super) fn lock_path(&self) -> PathBuf {

@@ -26,13 +26,13 @@ const ENDED: &str = "SKEIN_ENDED";
 /// Environment variable that names the folder which systemd has made for a service.
 const RUNTIME_DIRECTORY: &str = "RUNTIME_DIRECTORY";
 /// Between two looks at a process.
-const LOOK: Duration = Duration::from_millis(20);
+const POLL_PERIOD: Duration = Duration::from_millis(20);
 /// A process that was started is there within this time, and one that was killed is gone.
-const SOON: Duration = Duration::from_secs(10);
+const PROCESS_TIMEOUT: Duration = Duration::from_secs(10);
 /// An agent that cannot begin has ended within this time.
-const HASTY: Duration = Duration::from_millis(400);
+const EARLY_EXIT: Duration = Duration::from_millis(400);
 /// An agent that was asked a second time gives its controls back and ends.
-const AT_ONCE: Duration = Duration::from_secs(3);
+const FORCED_END: Duration = Duration::from_secs(3);
 
 /// What there was to end, and how it has ended.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -56,24 +56,24 @@ pub(super) fn resolve(place: &Place, node: &NodeFolder, kind: ServiceKind) -> Re
 }
 
 /// Makes it so that this service can start the node. Whether anything was written.
-pub(super) fn put(place: &Place, node: &NodeFolder, settings: &Settings) -> Result<bool, String> {
+pub(super) fn install_service(place: &Place, node: &NodeFolder, settings: &Settings) -> Result<bool, String> {
     let old = node.settings().map(|settings| settings.service);
     if old.is_some_and(|old| old != settings.service) {
         if is_busy(node) {
             return Err(format!("node {} runs under another service: end it first", node.id));
         }
-        take_away(place, node)?;
+        remove_service(place, node)?;
     }
     match place.systemd(settings.service) {
-        Some(systemd) => systemd.put(&place.swarm, node),
+        Some(systemd) => systemd.install_service(&place.swarm, node),
         None => Ok(false),
     }
 }
 
 /// Takes the node's service away.
-pub(super) fn take_away(place: &Place, node: &NodeFolder) -> Result<(), String> {
+pub(super) fn remove_service(place: &Place, node: &NodeFolder) -> Result<(), String> {
     match node.settings().and_then(|settings| place.systemd(settings.service)) {
-        Some(systemd) => systemd.take_away(&place.swarm, node),
+        Some(systemd) => systemd.remove_service(&place.swarm, node),
         None => Ok(()),
     }
 }
@@ -102,13 +102,13 @@ pub(super) fn start(place: &Place, node: &NodeFolder, run: u64, note: Option<Run
         Some(systemd) => systemd.start(&place.swarm, node)?,
         None => supervise(node)?,
     }
-    if !wait(SOON, || node.last_agent().is_some()) {
-        return Err(format!("the agent of node {} was not started{}", node.id, last_words(node)));
+    if !wait(PROCESS_TIMEOUT, || node.last_agent().is_some()) {
+        return Err(format!("the agent of node {} was not started{}", node.id, last_line(node)));
     }
     // What is wrong with its files or its port it says at once; no patience mends that.
-    if wait(HASTY, || node.agent().is_none()) {
+    if wait(EARLY_EXIT, || node.agent().is_none()) {
         stop(place, node, Duration::ZERO)?;
-        return Err(format!("the agent of node {} has ended at once{}", node.id, last_words(node)));
+        return Err(format!("the agent of node {} has ended at once{}", node.id, last_line(node)));
     }
     Ok(true)
 }
@@ -133,11 +133,11 @@ fn end(node: &NodeFolder, systemd: Option<(&Systemd, &Place)>, within: Duration)
     if !wait(within, is_over) {
         by_force = node.agent().is_some();
         agent.iter().for_each(Process::ask_to_end);
-        if !wait(AT_ONCE, is_over) {
+        if !wait(FORCED_END, is_over) {
             // The supervisor first: it would be the one to start another.
             node.supervisor().iter().for_each(Process::kill);
             node.agent().iter().for_each(|agent| agent.process.kill());
-            if !wait(SOON, is_over) {
+            if !wait(PROCESS_TIMEOUT, is_over) {
                 return Err(format!("the agent of node {} cannot be ended", node.id));
             }
         }
@@ -157,7 +157,8 @@ fn supervise(node: &NodeFolder) -> Result<(), String> {
     command.args(["node", "--supervise"]).arg(node.id.to_string()).current_dir("/");
     command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null());
     let mut supervisor = command.spawn().map_err(at(&program))?;
-    let is_there = wait(SOON, || node.supervisor().is_some() || matches!(supervisor.try_wait(), Ok(Some(_)) | Err(_)));
+    let is_there =
+        wait(PROCESS_TIMEOUT, || node.supervisor().is_some() || matches!(supervisor.try_wait(), Ok(Some(_)) | Err(_)));
     match supervisor.try_wait() {
         Ok(Some(status)) => Err(format!("the supervisor of node {} {}", node.id, os::how_it_ended(status))),
         _ if !is_there => Err(format!("the supervisor of node {} does not begin", node.id)),
@@ -221,22 +222,22 @@ fn is_socket_folder(path: &Path) -> bool {
 }
 
 /// The last that the agent wrote, as the end of a sentence.
-fn last_words(node: &NodeFolder) -> String {
+fn last_line(node: &NodeFolder) -> String {
     let mut tail = logs::tail(&node.log(), 10).into_iter().map(|line| String::from_utf8_lossy(&line).trim().to_owned());
     let last = tail.rfind(|line| !line.is_empty() && !logs::is_ours(line));
     last.map(|line| format!(": {line}")).unwrap_or_default()
 }
 
 /// Whether it came true in time.
-pub(super) fn wait(within: Duration, mut is_so: impl FnMut() -> bool) -> bool {
+pub(super) fn wait(within: Duration, mut condition: impl FnMut() -> bool) -> bool {
     let until: Option<Instant> = clock::now().checked_add(within);
     loop {
-        if is_so() {
+        if condition() {
             return true;
         }
         if until.is_some_and(|until| clock::now() >= until) {
             return false;
         }
-        clock::sleep(LOOK);
+        clock::sleep(POLL_PERIOD);
     }
 }

@@ -21,9 +21,9 @@ use skein_host::clock;
 const FIRST_PAUSE: Duration = Duration::from_millis(500);
 const LONGEST_PAUSE: Duration = Duration::from_secs(10);
 /// One that has flown for so long has not died of its start: pauses begin anew.
-const LONG_FLOWN: Duration = Duration::from_secs(60);
+const STABLE: Duration = Duration::from_secs(60);
 /// Between two looks at the agent.
-const LOOK: Duration = Duration::from_millis(50);
+const POLL_PERIOD: Duration = Duration::from_millis(50);
 /// Whoever only asks whether there is a supervisor holds its lock for an instant.
 const LOCK_WITHIN: Duration = Duration::from_secs(2);
 /// What an agent wrote before its end is read within this time.
@@ -36,7 +36,7 @@ pub(super) fn supervise(node: &NodeFolder) -> Result<(), String> {
     let path = node.supervisor_path();
     let another = || format!("node {} has a supervisor already", node.id);
     let mut lock = Lock::take(&path, LOCK_WITHIN)?.ok_or_else(another)?;
-    lock.say(&skein_lab::terminal::json(&Process::own())).map_err(at(&path))?;
+    lock.note(&skein_lab::terminal::json(&Process::own())).map_err(at(&path))?;
     Supervisor { node, interrupts, passed_on: 0, log: Arc::new(Mutex::new(Log::new(&node.log()))) }.run();
     Ok(())
 }
@@ -80,24 +80,24 @@ impl Supervisor<'_> {
         let mut pause = Duration::ZERO;
         let mut found = self.node.agent().map(|agent| Agent::Found(agent.process));
         if found.is_some() {
-            self.say("takes on the agent that it finds");
+            self.note("takes on the agent that it finds");
         }
         loop {
             let begun = clock::now();
             let ended = match found.take().map_or_else(|| self.start(), Ok) {
                 Ok(agent) => self.watch(agent),
                 Err(error) => {
-                    self.say(&format!("the agent cannot be started: {error}"));
+                    self.note(&format!("the agent cannot be started: {error}"));
                     None
                 }
             };
             if ended.is_some_and(|status| status.success()) || self.interrupts.count() > 0 {
-                return self.say("ends");
+                return self.note("ends");
             }
             pause = next_pause(pause, clock::now().duration_since(begun));
-            self.say(&format!("starts it again in {} s", pause.as_secs_f64()));
+            self.note(&format!("starts it again in {} s", pause.as_secs_f64()));
             if super::service::wait(pause, || self.interrupts.count() > 0) {
-                return self.say("ends");
+                return self.note("ends");
             }
         }
     }
@@ -130,25 +130,25 @@ impl Supervisor<'_> {
             if let Some(status) = agent.ended(&mark) {
                 break status;
             }
-            clock::sleep(LOOK);
+            clock::sleep(POLL_PERIOD);
         };
         if let Agent::Own(_, is_done) = agent {
             // A process that it has left behind may still hold the pipe.
             let _ = is_done.recv_timeout(LAST_LINES);
         }
         let how = status.map_or("is gone".to_owned(), os::how_it_ended);
-        self.say(&format!("the agent {}", how.replace("killed", "was killed")));
+        self.note(&format!("the agent {}", how.replace("killed", "was killed")));
         status
     }
 
-    fn say(&self, what: &str) {
-        self.log.lock().unwrap_or_else(PoisonError::into_inner).say(what);
+    fn note(&self, what: &str) {
+        self.log.lock().unwrap_or_else(PoisonError::into_inner).note(what);
     }
 }
 
 /// Before an agent is started again that has flown for so long, and had to wait for so long the last time.
 fn next_pause(last: Duration, flown: Duration) -> Duration {
-    if flown > LONG_FLOWN { FIRST_PAUSE } else { (2 * last).clamp(FIRST_PAUSE, LONGEST_PAUSE) }
+    if flown > STABLE { FIRST_PAUSE } else { (2 * last).clamp(FIRST_PAUSE, LONGEST_PAUSE) }
 }
 
 #[cfg(test)]

@@ -57,7 +57,7 @@ impl Systemd {
     }
 
     /// Has a unit for this node. Whether anything was written.
-    pub(super) fn put(&self, swarm: &SwarmName, node: &NodeFolder) -> Result<bool, String> {
+    pub(super) fn install_service(&self, swarm: &SwarmName, node: &NodeFolder) -> Result<bool, String> {
         let (path, text) = (self.units.join(unit(swarm, node)), text(swarm, node)?);
         if fs::read_to_string(&path).is_ok_and(|there| there == text) {
             return Ok(false);
@@ -69,7 +69,7 @@ impl Systemd {
     }
 
     /// Takes the node's unit away.
-    pub(super) fn take_away(&self, swarm: &SwarmName, node: &NodeFolder) -> Result<(), String> {
+    pub(super) fn remove_service(&self, swarm: &SwarmName, node: &NodeFolder) -> Result<(), String> {
         let path = self.units.join(unit(swarm, node));
         if path.exists() {
             files::remove(&path).map_err(at(&path))?;
@@ -113,11 +113,11 @@ impl Systemd {
 
     /// One of systemd's programs, for the user or the system. What it said, or why it did not do it.
     fn call(&self, program: &str, arguments: &[&str]) -> Result<String, String> {
-        said(program, self.command(program).args(arguments))
+        output_of(program, self.command(program).args(arguments))
     }
 
     fn loginctl(&self, arguments: &[&str]) -> Result<String, String> {
-        said("loginctl", self.plain("loginctl").args(arguments))
+        output_of("loginctl", self.plain("loginctl").args(arguments))
     }
 
     fn command(&self, program: &str) -> Command {
@@ -143,7 +143,7 @@ impl Systemd {
     }
 }
 
-fn said(program: &str, command: &mut Command) -> Result<String, String> {
+fn output_of(program: &str, command: &mut Command) -> Result<String, String> {
     let output = command.output().map_err(|error| format!("{program}: {error}"))?;
     if output.status.success() {
         return Ok(String::from_utf8_lossy(&output.stdout).into_owned());

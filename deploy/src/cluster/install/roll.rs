@@ -63,7 +63,7 @@ pub(super) fn roll(
         watch.run = restart.run;
         // It may fly higher by what it had than by what it has now.
         let landing_s = inventory.landing_s().max(restart.landing_s);
-        let life = watch.life(restart.node.id);
+        let incarnation = watch.incarnation(restart.node.id);
         let mut comes_back = |line: &Line<'_>| {
             done(&restart.host, remote.ask(&restart.host, restart.node, Ask::Stop { within_s: landing_s }))?;
             line.say("landed, starting");
@@ -72,8 +72,8 @@ pub(super) fn roll(
                 remote.ask(&restart.host, restart.node, Ask::Start { run: restart.run, note: restart.note }),
             )?;
             let until = clock::now() + within;
-            let missing = watch.ready(&BTreeMap::from([(restart.node.id, life)]), |_| until, |_| {});
-            let why = || watch.lacks(restart.node.id, life).unwrap_or_default();
+            let missing = watch.ready(&BTreeMap::from([(restart.node.id, incarnation)]), |_| until, |_| {});
+            let why = || watch.lacks(restart.node.id, incarnation).unwrap_or_default();
             if missing.is_empty() { Ok(()) } else { Err(format!("not ready within {timeout_s} s: {}", why())) }
         };
         line.say("landing, to be restarted");

@@ -87,7 +87,7 @@ impl Row {
     }
 
     /// A line of progress.
-    pub(super) fn in_words(&self) -> String {
+    pub(super) fn to_text(&self) -> String {
         match &self.why {
             Some(why) => format!("node {} {}: {why}", self.node, self.done.word()),
             None => format!("node {} {}", self.node, self.done.word()),

@@ -114,7 +114,7 @@ fn a_certificate_says_who_where_and_until_when() {
     let folder = Folder(inventory.keys.clone());
     let names = folder.need_names().unwrap();
     let authority = folder.need(AUTHORITY).unwrap();
-    let its = |role| wanted(&inventory, &names, role);
+    let its = |role| certificate_spec(&inventory, &names, role);
     for role in roles(&inventory) {
         assert_eq!(unfit(&pair(&folder, role), &its(role), &authority, now), None, "{role:?}");
     }
@@ -129,8 +129,8 @@ fn a_certificate_says_who_where_and_until_when() {
     let elsewhere = tempfile::tempdir().unwrap();
     let other = lab(elsewhere.path(), 2, "");
     make(&other, None, None, now).unwrap();
-    let stranger = Folder(other.keys.clone()).need(AUTHORITY).unwrap();
-    assert_eq!(unfit(&pair(&folder, vehicle(2)), &its(vehicle(2)), &stranger, now), Some(Unfit::Stranger));
+    let other_authority = Folder(other.keys.clone()).need(AUTHORITY).unwrap();
+    assert_eq!(unfit(&pair(&folder, vehicle(2)), &its(vehicle(2)), &other_authority, now), Some(Unfit::OtherAuthority));
     assert_eq!(unfit(&pair(&folder, vehicle(2)), &its(vehicle(1)), &authority, now), Some(Unfit::OtherName));
 }
 
@@ -252,7 +252,7 @@ fn what_cannot_be_done_is_said() {
 fn the_swarm_is_reached_with_what_the_folder_holds() {
     let temporary = tempfile::tempdir().unwrap();
     let inventory = lab(temporary.path(), 2, "");
-    assert!(inventory.reach(Role::Observer).unwrap_err().to_string().contains("`skein cluster keys` makes it"));
+    assert!(inventory.reach(Role::Observer).unwrap_err().to_string().contains("`skein cluster keys` creates it"));
     make(&inventory, None, None, clock::utc()).unwrap();
     let reach = inventory.reach(Role::Operator).unwrap();
     assert_eq!((reach.swarm.as_str(), reach.agents.len()), ("lab", 2));
@@ -264,7 +264,7 @@ fn the_swarm_is_reached_with_what_the_folder_holds() {
     assert!(inventory.reach(Role::Observer).unwrap().sealer.is_none(), "an observer orders nothing");
     fs::write(inventory.keys.join("orders.pub"), "0".repeat(64)).unwrap();
     let error = inventory.reach(Role::Operator).unwrap_err().to_string();
-    assert!(error.contains("orders.key") && error.contains("not the key that orders.pub is of"), "{error}");
+    assert!(error.contains("orders.key") && error.contains("not the private key of orders.pub"), "{error}");
     fs::write(inventory.keys.join("orders.pub"), "7").unwrap();
     assert!(inventory.reach(Role::Observer).unwrap_err().to_string().contains("64 hexadecimal digits"));
     let plain = lab(temporary.path(), 2, "security = 'none'");

@@ -7,7 +7,7 @@ fn id() -> VehicleId {
     VehicleId::new(3).unwrap()
 }
 
-fn seen(membership: Membership, run: u64, life: u64) -> Seen {
+fn view(membership: Membership, run: u64, life: u64) -> Seen {
     let header = Header { sender: id(), incarnation: Incarnation(life), sequence: 1, stamp: SenderStamp::ZERO };
     let mission = Mission {
         header,
@@ -24,26 +24,26 @@ fn seen(membership: Membership, run: u64, life: u64) -> Seen {
 }
 
 #[test]
-fn who_is_not_ready_is_told_why() {
-    let why = |seen: &Seen, after| lacks(Some(seen), 7, after).unwrap();
-    assert_eq!(lacks(None, 7, None).unwrap(), "not heard on the network");
-    let gone = Seen { alive: false, ..seen(Membership::Active, 7, 1) };
-    assert_eq!(why(&gone, None), "not heard on the network");
+fn a_vehicle_that_is_not_ready_is_listed_with_the_reason() {
+    let why = |view: &Seen, after| lacks(Some(view), 7, after).unwrap();
+    assert_eq!(lacks(None, 7, None).unwrap(), "not in contact");
+    let gone = Seen { alive: false, ..view(Membership::Active, 7, 1) };
+    assert_eq!(why(&gone, None), "not in contact");
     let silent = Seen { alive: true, ..Seen::default() };
-    assert_eq!(why(&silent, None), "there, but silent");
+    assert_eq!(why(&silent, None), "in contact, but sends no heartbeats");
     assert_eq!(
-        why(&seen(Membership::Active, 8, 1), None),
-        "flies in another run of the swarm; `skein cluster down` first"
+        why(&view(Membership::Active, 8, 1), None),
+        "flies in another run of the swarm; run `skein cluster down` first"
     );
-    assert!(why(&seen(Membership::Joining, 7, 1), None).starts_with("joins still"));
-    assert_eq!(why(&seen(Membership::Left, 7, 1), None), "has landed for good");
-    // All that is wanting is its health.
-    assert_eq!(why(&seen(Membership::Active, 7, 1), None), "does not tell how it does");
+    assert!(why(&view(Membership::Joining, 7, 1), None).starts_with("still joining"));
+    assert_eq!(why(&view(Membership::Left, 7, 1), None), "has landed and cannot be recalled");
+    // Only its health report is missing.
+    assert_eq!(why(&view(Membership::Active, 7, 1), None), "sends no health reports");
 }
 
 #[test]
-fn what_it_said_before_its_restart_does_not_count() {
+fn messages_from_before_a_restart_are_ignored() {
     let before = Some(Incarnation(5));
-    assert_eq!(lacks(Some(&seen(Membership::Active, 7, 5)), 7, before).unwrap(), "not started again");
-    assert_eq!(lacks(Some(&seen(Membership::Active, 7, 6)), 7, before).unwrap(), "does not tell how it does");
+    assert_eq!(lacks(Some(&view(Membership::Active, 7, 5)), 7, before).unwrap(), "not restarted yet");
+    assert_eq!(lacks(Some(&view(Membership::Active, 7, 6)), 7, before).unwrap(), "sends no health reports");
 }

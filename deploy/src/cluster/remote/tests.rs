@@ -138,13 +138,13 @@ fn a_node_is_asked_by_the_program_that_it_runs() {
 
 #[test]
 fn a_probe_is_read_behind_whatever_the_shell_says() {
-    let said = "Welcome to heli1!\nskein platform Linux x86_64\nskein libc glibc 2.36\nskein sum 00ff  -\n\
+    let output = "Welcome to heli1!\nskein platform Linux x86_64\nskein libc glibc 2.36\nskein sum 00ff  -\n\
                 skein disk /dev/my disk 1000 400 600 40% /\n";
-    let full = probed(said).unwrap();
+    let full = probed(output).unwrap();
     let glibc = Some((2, 36));
     let sum = Some("00ff".to_owned());
     assert_eq!(full, Probed { platform: "Linux x86_64".to_owned(), glibc, sum, free_bytes: 600 * 1024 });
-    let bare = said.replace("skein sum 00ff  -\n", "").replace("glibc 2.36", "");
+    let bare = output.replace("skein sum 00ff  -\n", "").replace("glibc 2.36", "");
     let bare = probed(&bare).unwrap();
     assert_eq!((bare.glibc, bare.sum), (None, None));
     assert_eq!(probed("Welcome\n"), None);
@@ -153,31 +153,34 @@ fn a_probe_is_read_behind_whatever_the_shell_says() {
 #[test]
 fn every_text_of_an_answer_is_fit_for_a_terminal() {
     let hostile = r#"{"Facts":{"current":{"release":"r\u001b[2J","bundle":"b\nnode 9"},"previous":null,"service":null,"agent":null,"free_bytes":1}}"#;
-    let said = Said { status: 0, stdout: hostile.to_owned(), stderr: String::new() };
-    let Ok(Answer::Facts(facts)) = answer(&heli("h"), &said) else { panic!("facts") };
+    let output = CommandOutput { status: 0, stdout: hostile.to_owned(), stderr: String::new() };
+    let Ok(Answer::Facts(facts)) = answer(&heli("h"), &output) else { panic!("facts") };
     let current = facts.current.unwrap();
     assert_eq!((current.release.as_str(), current.bundle.as_str()), ("r\\u001b[2J", "b\\u000anode 9"));
-    let said = Said { stdout: "{\"Failed\":\"\\u009b31m\"}".to_owned(), ..said };
-    assert_eq!(answer(&heli("h"), &said), Err(Fault::Failed("h: \\u009b31m".to_owned())));
-    let said = Said { status: 1, stdout: String::new(), stderr: "no\u{7}\n".to_owned() };
-    assert_eq!(answer(&heli("h"), &said), Err(Fault::Failed("h: no\\u0007".to_owned())));
+    let output = CommandOutput { stdout: "{\"Failed\":\"\\u009b31m\"}".to_owned(), ..output };
+    assert_eq!(answer(&heli("h"), &output), Err(Fault::Failed("h: \\u009b31m".to_owned())));
+    let output = CommandOutput { status: 1, stdout: String::new(), stderr: "no\u{7}\n".to_owned() };
+    assert_eq!(answer(&heli("h"), &output), Err(Fault::Failed("h: no\\u0007".to_owned())));
 }
 
 #[test]
 fn the_last_line_answers() {
-    let said =
-        |status, stdout: &str, stderr: &str| Said { status, stdout: stdout.to_owned(), stderr: stderr.to_owned() };
-    let answered = |said: Said| answer(&heli("heli1"), &said);
+    let output = |status, stdout: &str, stderr: &str| CommandOutput {
+        status,
+        stdout: stdout.to_owned(),
+        stderr: stderr.to_owned(),
+    };
+    let answered = |output: CommandOutput| answer(&heli("heli1"), &output);
     let simulator = Answer::Simulator(Ok("X-Plane".to_owned()));
     let line = serde_json::to_string(&simulator).unwrap();
-    assert_eq!(answered(said(0, &format!("Welcome\n{line}\n\n"), "")), Ok(simulator));
-    assert_eq!(answered(said(0, "Welcome\nskein: not installed\n", "")), Err(Fault::NotInstalled));
+    assert_eq!(answered(output(0, &format!("Welcome\n{line}\n\n"), "")), Ok(simulator));
+    assert_eq!(answered(output(0, "Welcome\nskein: not installed\n", "")), Err(Fault::NotInstalled));
     let failed = |why: &str| Err(Fault::Failed(format!("heli1: {why}")));
-    assert_eq!(answered(said(0, "{\"Failed\":\"no room\"}\n", "")), failed("no room"));
+    assert_eq!(answered(output(0, "{\"Failed\":\"no room\"}\n", "")), failed("no room"));
     let none = "{\"Failed\":\"nothing is installed for node 3\"}\n";
-    assert_eq!(answered(said(0, none, "")), Err(Fault::NotInstalled));
-    assert_eq!(answered(said(127, "", "sh: 1: x: not found\n")), failed("sh: 1: x: not found"));
-    assert_eq!(answered(said(3, "", "")), failed("exit status 3"));
+    assert_eq!(answered(output(0, none, "")), Err(Fault::NotInstalled));
+    assert_eq!(answered(output(127, "", "sh: 1: x: not found\n")), failed("sh: 1: x: not found"));
+    assert_eq!(answered(output(3, "", "")), failed("exit status 3"));
 }
 
 #[test]

@@ -75,7 +75,7 @@ mod tests {
     #[test]
     fn every_failure_of_ssh_has_its_remedy() {
         let host = Host { name: "heli1".to_owned(), user: Some("lab".to_owned()) };
-        for (stderr, wanted) in [
+        for (stderr, expected) in [
             (
                 "@@@@\n@ WARNING: REMOTE HOST IDENTIFICATION HAS CHANGED! @\nHost key verification failed.\r\n",
                 "lab@heli1: its host key is not the one known here; if it was set up anew, `ssh-keygen -R heli1`, then \
@@ -120,7 +120,7 @@ mod tests {
             ("", "lab@heli1: ssh failed and says nothing"),
             ("\u{1b}[2J\u{1b}]0;all ready\u{7}", "lab@heli1: \\u001b[2J\\u001b]0;all ready\\u0007"),
         ] {
-            assert_eq!(sentence(&host, stderr, || vec!["~/.ssh/lab".to_owned()]), wanted);
+            assert_eq!(sentence(&host, stderr, || vec!["~/.ssh/lab".to_owned()]), expected);
         }
         let none = sentence(&host, "Permission denied (publickey).", Vec::new);
         assert!(none.contains("(there is no key file of yours here, and"), "{none}");

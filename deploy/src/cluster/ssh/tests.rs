@@ -9,14 +9,14 @@ use skein_common::scenario::PlantKind;
 use super::*;
 use crate::inventory::{Install, ServiceKind};
 
-/// An `ssh` that leaves its arguments in `said`, one a line, and then runs this script, with the command as `$command`.
+/// An `ssh` that leaves its arguments in `output`, one a line, and then runs this script, with the command as `$command`.
 pub(in crate::cluster) fn fake(folder: &Path, script: &str) -> Ssh {
     let path = folder.join("ssh");
-    let said = folder.join("said");
+    let output = folder.join("said");
     let text = format!(
         "cd '{}' || exit\nprintf '%s\\n' \"$@\" >> '{}'\nfor command; do :; done\n{script}\n",
         folder.display(),
-        said.display()
+        output.display()
     );
     fs::write(&path, text).unwrap();
     Ssh { program: vec!["sh".into(), path.into()], sharing: None, verbose: false }
@@ -64,15 +64,15 @@ fn the_command_line_leaves_everything_to_peoples_configuration() {
     let host = Host { name: "heli2".to_owned(), user: Some("lab".to_owned()) };
     ssh.run(&host, "sh -c 'x y'", &none(), LONG).unwrap();
     ssh.close(&host);
-    let said = fs::read_to_string(folder.path().join("said")).unwrap();
+    let output = fs::read_to_string(folder.path().join("said")).unwrap();
     let plain = "-T -o BatchMode=yes -o ConnectTimeout=5";
     let shared = format!(
         "{plain} -o ControlMaster=auto -o ControlPersist=60 -o ControlPath=/run/user/7/skein/s-%C -o ServerAliveInterval=5 \
          -o ServerAliveCountMax=2 -l lab"
     );
-    let wanted = [plain, "-- heli1", "uname -sm", &shared, "-- heli2", "sh -c 'x y'", &shared, "-O exit -- heli2"];
-    assert_eq!(said.replace('\n', " ").trim_end(), wanted.join(" "));
-    assert!(!said.contains("KnownHosts") && !said.contains("StrictHostKey"));
+    let expected = [plain, "-- heli1", "uname -sm", &shared, "-- heli2", "sh -c 'x y'", &shared, "-O exit -- heli2"];
+    assert_eq!(output.replace('\n', " ").trim_end(), expected.join(" "));
+    assert!(!output.contains("KnownHosts") && !output.contains("StrictHostKey"));
     let typed = shown(Command::new("ssh").args(["-o", "A=b", "--", "heli1", "sh -c 'x'"]));
     assert_eq!(typed, r"ssh -o A=b -- heli1 'sh -c '\''x'\'''");
 }
@@ -92,15 +92,15 @@ fn what_is_given_and_what_is_said_are_whole() {
     let folder = tempfile::tempdir().unwrap();
     let ssh = local(folder.path());
     let bytes: Arc<[u8]> = (0..2_000_000_u32).map(|n| b'a' + (n % 26) as u8).collect();
-    let said = ssh.run(&heli("h"), "echo one >&2; echo two >&2; echo >&2; cat; exit 3", &bytes, LONG).unwrap();
-    assert_eq!((said.status, said.stdout.as_bytes() == &*bytes, said.complaint().as_str()), (3, true, "two"));
+    let output = ssh.run(&heli("h"), "echo one >&2; echo two >&2; echo >&2; cat; exit 3", &bytes, LONG).unwrap();
+    assert_eq!((output.status, output.stdout.as_bytes() == &*bytes, output.error_text().as_str()), (3, true, "two"));
     // Nobody reads it: that is no reason to wait, or to fail.
     assert_eq!(ssh.run(&heli("h"), "echo done", &bytes, LONG).unwrap().stdout, "done\n");
     // More than anybody has to say is not kept.
-    let said = ssh.run(&heli("h"), "head -c 40000000 /dev/zero", &none(), LONG).unwrap();
-    assert!(said.stdout.len() as u64 <= MAX_ANSWER, "{}", said.stdout.len());
+    let output = ssh.run(&heli("h"), "head -c 40000000 /dev/zero", &none(), LONG).unwrap();
+    assert!(output.stdout.len() as u64 <= MAX_ANSWER, "{}", output.stdout.len());
     let silent = ssh.run(&heli("h"), "exit 7", &none(), LONG).unwrap();
-    assert_eq!(silent.complaint(), "exit status 7");
+    assert_eq!(silent.error_text(), "exit status 7");
 }
 
 #[test]
@@ -150,8 +150,8 @@ fn a_connection_that_stays_behind_keeps_nobody_waiting() {
     // As ssh's own did before it let go of its standard error.
     let ssh = fake(folder.path(), "sleep 100 >/dev/null & echo $! > pid; echo warned >&2; echo done");
     let begun = clock::now();
-    let said = ssh.run(&heli("heli1"), "x", &none(), LONG).unwrap();
-    assert_eq!((said.stdout.as_str(), said.complaint().as_str()), ("done\n", "warned"));
+    let output = ssh.run(&heli("heli1"), "x", &none(), LONG).unwrap();
+    assert_eq!((output.stdout.as_str(), output.error_text().as_str()), ("done\n", "warned"));
     assert!(clock::now() - begun < LONG);
     let pid = fs::read_to_string(folder.path().join("pid")).unwrap();
     Command::new("kill").arg(pid.trim()).status().unwrap();
@@ -187,9 +187,9 @@ fn nodes_of_one_host_are_together() {
     let mut nodes = [node(1, Some("b")), node(2, Some("a")), node(3, None), node(4, Some("b")), node(5, Some("b"))];
     nodes[4].user = Some("other".to_owned());
     let hosts = by_host(&nodes);
-    let told: Vec<_> = hosts
+    let grouped: Vec<_> = hosts
         .iter()
         .map(|(host, nodes)| (host.to_string(), nodes.iter().map(|node| node.id.get()).collect::<Vec<_>>()))
         .collect();
-    assert_eq!(told, [("b".to_owned(), vec![1, 4]), ("a".to_owned(), vec![2]), ("other@b".to_owned(), vec![5])]);
+    assert_eq!(grouped, [("b".to_owned(), vec![1, 4]), ("a".to_owned(), vec![2]), ("other@b".to_owned(), vec![5])]);
 }

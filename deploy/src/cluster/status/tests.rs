@@ -56,8 +56,8 @@ fn status(folder: &Path, heard: Vec<Health>, ago: Duration) -> Status {
 fn status_of(folder: &Path, heard: impl IntoIterator<Item = (Heard, Option<u64>, Instant)>, now: Instant) -> Status {
     let inventory = lab(folder, 4, "");
     let reach = Reach::plain(inventory.swarm.clone(), BTreeMap::new(), Flown::Text(String::new()));
-    let mut observer = Observer::open(&reach, Steps::Unheard).unwrap();
-    observer.suppose(heard);
+    let mut observer = Observer::open(&reach, Steps::Off).unwrap();
+    observer.inject(heard);
     Status::of(&inventory, &observer, now)
 }
 

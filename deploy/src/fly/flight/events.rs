@@ -85,7 +85,7 @@ impl Flight {
 
     /// Gives an order, larger than all that were heard of or given from here.
     pub(super) fn order(&mut self, now: Instant, verb: Verb) {
-        let order = order::new(&self.observer, verb);
+        let order = order::new_order(&self.observer, verb);
         let epoch = self.order.map_or(0, |before| before.order.epoch.saturating_add(1)).max(order.epoch);
         self.order = Some(UnderWay { order: Order { epoch, ..order }, again: now });
     }

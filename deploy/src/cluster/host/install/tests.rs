@@ -1,7 +1,7 @@
 use tempfile::TempDir;
 
 use super::*;
-use crate::cluster::host::files::tests::break_off_after;
+use crate::cluster::host::files::tests::fail_after;
 use crate::cluster::host::systemd::Systemd;
 use crate::cluster::protocol::Service;
 use skein_common::id::{SwarmName, VehicleId};
@@ -58,22 +58,22 @@ fn names(folder: &Path) -> Vec<String> {
     files::entries(folder).iter().map(|path| files::name(path).unwrap().to_owned()).collect()
 }
 
-fn bundle(word: &str) -> Bundle {
+fn bundle(content: &str) -> Bundle {
     let file = |content: &str, is_secret, is_executable| BundleFile {
         is_secret,
         is_executable,
         content: content.as_bytes().to_vec(),
     };
     let files = [
-        ("agent.toml", file(word, false, false)),
+        ("agent.toml", file(content, false, false)),
         ("node.key", file("secret", true, false)),
         ("laws/mine/law.py", file("#!", false, true)),
     ];
     Bundle { files: files.map(|(name, file)| (name.to_owned(), file)).into() }
 }
 
-fn is(release: &str, word: &str) -> Option<Installed> {
-    Some(Installed { release: release.to_owned(), bundle: bundle(word).id() })
+fn is(release: &str, content: &str) -> Option<Installed> {
+    Some(Installed { release: release.to_owned(), bundle: bundle(content).id() })
 }
 
 #[test]
@@ -174,9 +174,9 @@ fn no_moment_is_a_bad_one_to_be_broken_off_at() {
         let host = Host::new();
         let node = host.node(1);
         host.apply(1, "r1", &bundle("a")).unwrap();
-        break_off_after(changes);
+        fail_after(changes);
         let upgraded = host.apply(1, "r2", &bundle("b"));
-        break_off_after(u32::MAX);
+        fail_after(u32::MAX);
         let current = linked(&node.current()).unwrap();
         match current.release.as_str() {
             "r1" => assert!(is_whole(&node.current(), &bundle("a")) && upgraded.is_err()),
@@ -188,9 +188,9 @@ fn no_moment_is_a_bad_one_to_be_broken_off_at() {
         assert_eq!(names(&node.installs()).len(), 2, "no draft is left after {changes}");
         assert_eq!(names(&node.path), ["current", "installs", "previous", "run", "settings.json"], "{changes}");
 
-        break_off_after(changes);
+        fail_after(changes);
         let taken_away = remove(&host.place("r2"), &node);
-        break_off_after(u32::MAX);
+        fail_after(u32::MAX);
         if taken_away.is_err() {
             remove(&host.place("r2"), &node).unwrap();
         }

@@ -53,7 +53,10 @@ fn a_unit_is_written_once_and_goes_again() {
     host.systemd.ready().unwrap();
     let linger = ["loginctl show-user --property=Linger", "loginctl enable-linger"];
     assert_eq!(host.calls(), [&["systemctl --user show --property=Version"], &linger[..]].concat());
-    assert_eq!((host.systemd.put(&place.swarm, &node), host.systemd.put(&place.swarm, &node)), (Ok(true), Ok(false)));
+    assert_eq!(
+        (host.systemd.install_service(&place.swarm, &node), host.systemd.install_service(&place.swarm, &node)),
+        (Ok(true), Ok(false))
+    );
     assert_eq!(host.calls(), ["systemctl --user daemon-reload"]);
     host.systemd.start(&place.swarm, &node).unwrap();
     host.systemd.stop(&place.swarm, &node).unwrap();
@@ -66,10 +69,10 @@ fn a_unit_is_written_once_and_goes_again() {
             format!("systemctl --user stop --no-block {unit}"),
         ]
     );
-    host.systemd.take_away(&place.swarm, &node).unwrap();
+    host.systemd.remove_service(&place.swarm, &node).unwrap();
     assert_eq!(host.calls(), ["systemctl --user daemon-reload", "loginctl disable-linger"]);
     assert!(files::entries(&host.systemd.units).is_empty());
-    host.systemd.take_away(&place.swarm, &node).unwrap();
+    host.systemd.remove_service(&place.swarm, &node).unwrap();
     assert!(host.calls().is_empty(), "there is none any more");
 }
 
@@ -77,7 +80,7 @@ fn a_unit_is_written_once_and_goes_again() {
 fn the_systems_own_needs_nobody_to_linger() {
     let host = Host::new(false);
     host.systemd.ready().unwrap();
-    host.systemd.put(&host.place().swarm, &host.node()).unwrap();
+    host.systemd.install_service(&host.place().swarm, &host.node()).unwrap();
     assert_eq!(host.calls(), ["systemctl show --property=Version", "systemctl daemon-reload"]);
 }
 
@@ -91,7 +94,7 @@ fn what_systemd_refuses_is_said_with_its_own_words() {
     // Where it has no unit there is nothing that it could stop.
     let (place, node) = (host.place(), host.node());
     host.systemd.stop(&place.swarm, &node).unwrap();
-    host.systemd.put(&place.swarm, &node).unwrap_err();
+    host.systemd.install_service(&place.swarm, &node).unwrap_err();
     let error = host.systemd.stop(&place.swarm, &node).unwrap_err();
     assert!(error.contains("stop --no-block skein-lab-3.service: Failed to connect"), "{error}");
 }
@@ -108,7 +111,7 @@ fn a_path_that_no_unit_can_name_is_refused() {
 fn the_unit_is_one() {
     let host = Host::new(true);
     let (place, node) = (host.place(), host.node());
-    host.systemd.put(&place.swarm, &node).unwrap();
+    host.systemd.install_service(&place.swarm, &node).unwrap();
     let unit = host.systemd.units.join(unit(&place.swarm, &node));
     let verify = |unit: &Path| Command::new("systemd-analyze").args(["verify", "--man=no"]).arg(unit).output();
     // The program has to be where the unit says.
@@ -123,8 +126,8 @@ fn the_unit_is_one() {
         assert_ne!(std::env::var("SKEIN_NAMESPACES").as_deref(), Ok("required"), "{missing}");
         return eprintln!("not verified: {missing}");
     };
-    let said = String::from_utf8_lossy(&verified.stderr).into_owned();
-    assert!(verified.status.success() && !said.contains("skein"), "{said}");
+    let output = String::from_utf8_lossy(&verified.stderr).into_owned();
+    assert!(verified.status.success() && !output.contains("skein"), "{output}");
     // It does find what is wrong.
     let text = fs::read_to_string(&unit).unwrap();
     for (right, wrong) in
@@ -132,7 +135,7 @@ fn the_unit_is_one() {
     {
         fs::write(&unit, text.replace(right, wrong)).unwrap();
         let verified = verify(&unit).unwrap();
-        let said = String::from_utf8_lossy(&verified.stderr).into_owned();
-        assert!(said.contains("skein-lab-3.service"), "{wrong}: {said}");
+        let output = String::from_utf8_lossy(&verified.stderr).into_owned();
+        assert!(output.contains("skein-lab-3.service"), "{wrong}: {output}");
     }
 }
