@@ -65,7 +65,7 @@ fn answer_to(law: &LiveLaw, mut tick: u64, within: Duration) -> Option<Answer> {
 }
 
 #[test]
-fn a_process_answers() {
+fn a_law_process_replies() {
     let law = shell(GOOD);
     let answer = answer_to(&law, 40, PATIENCE).unwrap();
     assert_eq!((answer.vehicle, answer.wanted), (id(2), Wanted::VelocityNed(Vector3::new(1.0, 2.0, 3.0))));
@@ -74,7 +74,7 @@ fn a_process_answers() {
 }
 
 #[test]
-fn what_is_no_answer_is_never_handed_on() {
+fn invalid_replies_are_never_passed_on() {
     let answer = |vehicle: &str, tick: &str, velocity: &str| {
         format!(
             r#"echo "{{\"say\":\"answer\",\"vehicle\":{vehicle},\"tick\":{tick},\"velocity_ned_m_s\":{velocity}}}""#
@@ -107,7 +107,7 @@ fn what_is_no_answer_is_never_handed_on() {
 }
 
 #[test]
-fn a_late_answer_is_none_and_the_next_in_time_is_one() {
+fn a_late_reply_is_dropped_and_the_next_in_time_is_used() {
     // The first reply takes a second, all others come at once.
     let late = format!(r#"if [ "$tick" = 1 ]; then sleep 1; fi; {GOOD}"#);
     let script = format!(
@@ -130,7 +130,7 @@ fn a_late_answer_is_none_and_the_next_in_time_is_one() {
 }
 
 #[test]
-fn a_process_that_ends_is_started_again() {
+fn a_law_process_that_ends_is_started_again() {
     let law = shell(&format!("{GOOD}; exit 1"));
     let first = answer_to(&law, 1, PATIENCE).unwrap();
     let second = answer_to(&law, first.tick + 1, PATIENCE).expect("a reply after the restart");
@@ -138,7 +138,7 @@ fn a_process_that_ends_is_started_again() {
 }
 
 #[test]
-fn what_does_not_start_is_said_at_once() {
+fn a_law_that_does_not_start_is_an_error_at_once() {
     let error = law("command = ['no-such-program-7']").unwrap_err();
     assert_eq!(error.to_string(), "formation.external.command: program \"no-such-program-7\" not found");
     let folder = tempfile::tempdir().unwrap();
@@ -158,7 +158,7 @@ fn ports(bind: impl Fn(u16) -> bool) -> u16 {
 }
 
 #[test]
-fn a_law_that_connects_is_asked_and_may_come_again() {
+fn a_law_that_connects_is_queried_and_may_reconnect() {
     let port = ports(|port| TcpListener::bind(("127.0.0.1", port)).is_ok());
     let law = law(&format!("deadline_s = 10\nlisten = 'tcp/127.0.0.1:{port}'")).unwrap();
     assert_eq!(answer_to(&law, 1, Duration::from_millis(300)), None, "the law has not connected yet");
@@ -186,7 +186,7 @@ fn a_law_that_connects_is_asked_and_may_come_again() {
 }
 
 #[test]
-fn vectors_are_asked_and_answered_from_any_port_and_sent_again() {
+fn vector_queries_are_repeated_and_replies_accepted_from_any_port() {
     let port = ports(|port| {
         let free = |port| UdpSocket::bind(("127.0.0.1", port)).is_ok();
         free(port) && free(port + 100)

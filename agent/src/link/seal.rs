@@ -161,7 +161,7 @@ pub(crate) mod tests {
 
     /// RFC 8032, 7.1, test 3.
     #[test]
-    fn seals_are_ed25519() {
+    fn signatures_are_ed25519() {
         let hex = |text: &str| -> Vec<u8> {
             text.as_bytes().chunks(2).map(|two| u8::from_str_radix(str::from_utf8(two).unwrap(), 16).unwrap()).collect()
         };
@@ -171,7 +171,11 @@ pub(crate) mod tests {
         let der = [hex("302e020100300506032b657004220420"), seed].concat();
         let sealer = Sealer::from_pkcs8(&der).unwrap();
         assert_eq!(Ok(sealer.key()), public.parse());
-        assert_eq!(format!("{sealer:?}"), format!("SigningKey(of VerificationKey({public}))"), "the secret is not shown");
+        assert_eq!(
+            format!("{sealer:?}"),
+            format!("SigningKey(of VerificationKey({public}))"),
+            "the secret is not shown"
+        );
         assert!(Sealer::from_pkcs8(b"key").is_err() && Sealer::from_pem("key").is_err());
         let signature = "6291d657deec24024827e69c3abe01a30ce548a284743a445e3680d7db5ac3ac18ff9b538d16f290ae67f760984dc6594a7c15e9716ed28dc027beceea1ec40a";
         let seal = sealer.seal(&[0xaf, 0x82]);
@@ -180,7 +184,7 @@ pub(crate) mod tests {
     }
 
     #[test]
-    fn keys_are_read_as_they_are_written() {
+    fn a_key_survives_writing_and_reading() {
         let key = sealer().key();
         assert_eq!(key.to_string().parse(), Ok(key));
         for text in ["", "0", &"0".repeat(63), &"0".repeat(65), &"g".repeat(64), &"é".repeat(32)] {

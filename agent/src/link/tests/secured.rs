@@ -163,6 +163,7 @@ impl Swarm {
 
     /// Lets both vehicles publish states, with `meanwhile` in between, until each has received the other's; repeats
     /// that. Returns everything that they received.
+    fn talk(&mut self, rounds: u64, mut meanwhile: impl FnMut()) -> Vec<Heard> {
         let mut all = Vec::new();
         for _ in 0..rounds {
             let mut waits_for: BTreeSet<u8> = [1, 2].into();

@@ -136,7 +136,7 @@ mod tolerance {
     use super::*;
 
     #[test]
-    fn the_fifth_byte_says_nothing() {
+    fn the_fifth_byte_is_ignored() {
         for fifth in [b'0', b'@', b'O', b',', 0xff] {
             let with = |mut bytes: Vec<u8>| {
                 bytes[4] = fifth;
@@ -165,7 +165,7 @@ mod tolerance {
     }
 
     #[test]
-    fn rates_may_be_padded_or_end_bare() {
+    fn rates_may_be_padded_or_end_without_a_nul() {
         let read =
             |text: &str| rpos::Request::decode(&[b"RPOS.", text.as_bytes()].concat()).map(|request| request.rate_hz);
         assert_eq!(["60\0", "60\0\0\0", "60", "60\0xyz"].map(read), [Ok(60); 4]);
@@ -176,7 +176,7 @@ mod tolerance {
     }
 
     #[test]
-    fn beacons_of_other_minor_versions() {
+    fn beacons_of_other_minor_versions_are_read() {
         let cut = encoded(|out| beacon().encode(out).unwrap());
         let old = Beacon { minor: 1, raknet_port: None, ..beacon() };
         assert_eq!(Beacon::decode(&encoded(|out| old.encode(out).unwrap())), Ok(old));
@@ -232,7 +232,7 @@ mod refused {
     }
 
     #[test]
-    fn numbers_that_are_none() {
+    fn numbers_that_are_not_finite() {
         for at in [5, 13, 21] {
             let mut bytes = typed(POSITION);
             bytes[at..at + 8].copy_from_slice(&f64::NAN.to_le_bytes());
@@ -249,7 +249,7 @@ mod refused {
     }
 
     #[test]
-    fn places_off_the_globe() {
+    fn positions_off_the_globe() {
         for position in
             [Position { latitude_deg: 90.1, ..position() }, Position { longitude_deg: -180.1, ..position() }]
         {
@@ -269,7 +269,7 @@ mod refused {
     }
 
     #[test]
-    fn paths_that_are_no_text_or_too_long() {
+    fn paths_that_are_not_text_or_too_long() {
         let long = |length| "x".repeat(length);
         let request = |path: &str| rref::Request { frequency_hz: 1, index: 0, path }.encode(&mut Vec::new());
         assert_eq!((request(&long(399)), request(&long(400))), (Ok(()), Err(WireError::TooLong)));
@@ -312,7 +312,7 @@ prop_compose! {
 
 proptest! {
     #[test]
-    fn no_bytes_upset_a_decoder(datagram in any_datagram()) {
+    fn no_datagram_makes_a_decoder_panic(datagram in any_datagram()) {
         if let Ok(position) = Position::decode(&datagram) {
             prop_assert!(position.latitude_deg.abs() <= 90.0 && position.yaw_rate_rad_s.is_finite());
         }
@@ -327,7 +327,7 @@ proptest! {
     }
 
     #[test]
-    fn what_is_read_is_what_was_written(
+    fn every_message_survives_encoding_and_decoding(
         position in any_position(),
         rate_hz in any::<u32>(),
         value in any_f32(),
@@ -349,7 +349,7 @@ proptest! {
     }
 
     #[test]
-    fn placements_and_beacons_too(
+    fn placements_and_beacons_survive_encoding_and_decoding(
         (aircraft, latitude_deg, longitude_deg) in (0..20_u8, -90.0..=90.0, -180.0..=180.0),
         (elevation_m, heading_deg, speed_m_s) in (-1e6..1e6, -360.0..360.0, 0.0..1e3),
         (minor, host_id, version, role, port) in (2..=255_u8, any::<i32>(), any::<i32>(), any::<u32>(), 1..=u16::MAX),
