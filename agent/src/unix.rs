@@ -158,7 +158,7 @@ mod on_unix {
         }
 
         #[test]
-        fn a_service_manager_is_told() {
+        fn a_service_manager_is_notified() {
             let folder = tempfile::tempdir().unwrap();
             let path = folder.path().join("notify");
             hears(&UnixDatagram::bind(&path).unwrap(), path.as_os_str());
@@ -167,7 +167,7 @@ mod on_unix {
 
         #[cfg(target_os = "linux")]
         #[test]
-        fn a_service_manager_in_no_file_system_is_told() {
+        fn a_service_manager_with_an_abstract_socket_is_notified() {
             use std::os::linux::net::SocketAddrExt;
             let name = format!("skein-notify-{}", std::process::id());
             let address = std::os::unix::net::SocketAddr::from_abstract_name(&name).unwrap();
@@ -175,7 +175,7 @@ mod on_unix {
         }
 
         #[test]
-        fn a_key_that_others_can_read_is_noticed() {
+        fn a_key_that_other_users_can_read_is_detected() {
             let folder = tempfile::tempdir().unwrap();
             let path = folder.path().join("key");
             std::fs::write(&path, "").unwrap();

@@ -130,7 +130,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_life_is_larger_than_the_last_whatever_the_clock_says() {
+    fn every_incarnation_is_larger_than_the_last_whatever_the_clock() {
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("life");
         let now = utc_nanoseconds();

@@ -159,7 +159,7 @@ mod tests {
     }
 
     #[test]
-    fn a_law_is_reached_in_one_of_three_ways() {
+    fn a_law_has_one_of_three_transports() {
         assert_eq!(way("").unwrap(), None);
         let nobody = "external.command = ['no/such program']";
         assert_eq!(way(nobody).unwrap(), None, "an unused command is not looked for");

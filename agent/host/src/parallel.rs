@@ -53,7 +53,7 @@ mod tests {
     }
 
     #[test]
-    fn after_a_failure_no_task_is_begun() {
+    fn no_task_starts_after_a_failure() {
         let begun = AtomicUsize::new(0);
         let failed = in_parallel(10_000, THREE, |nth| {
             begun.fetch_add(1, Ordering::Relaxed);

@@ -65,7 +65,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_file_is_replaced_whole_and_leaves_no_draft() {
+    fn a_file_is_replaced_atomically_and_leaves_no_draft() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("key");
         for (content, promise) in [("one", Promise::Whole), ("two", Promise::Lasting), ("three", Promise::Secret)] {

@@ -35,7 +35,7 @@ fn address(plant: &PlantChoice) -> Option<String> {
 }
 
 #[test]
-fn a_nodes_file_says_who_and_where() {
+fn a_nodes_file_gives_its_id_plant_and_endpoints() {
     let folder = folder(
         "scenario = \"scenarios/three.toml\"\nid = 3\nlisten = [\"tcp/10.0.0.3:7449\"]\ndial = [\"tcp/10.0.0.1:7447\"]\nxplane = \"10.0.0.9\"",
     );
@@ -63,7 +63,7 @@ operator = "operator.2"
 "#;
 
 #[test]
-fn a_nodes_file_names_its_keys_and_everybody() {
+fn a_nodes_file_names_its_keys_and_all_vehicles() {
     let folder = folder(SECURED);
     fs::create_dir(folder.path().join("keys")).unwrap();
     fs::write(folder.path().join("keys/node.key"), "").unwrap();
@@ -107,13 +107,13 @@ fn a_nodes_file_names_its_keys_and_everybody() {
 }
 
 #[test]
-fn a_run_is_a_number_in_either_notation() {
+fn a_run_is_a_decimal_or_hexadecimal_number() {
     assert_eq!((number("7"), number("0xfFfFfFfFfFfFfFfF"), number("0x")), (Ok(7), Ok(u64::MAX), number("x")));
     assert!(number("-1").is_err());
 }
 
 #[test]
-fn by_hand_each_dials_the_lower_ids() {
+fn an_agent_started_by_hand_dials_the_lower_ids() {
     let folder = folder("");
     let node = by_scenario(&folder, 3).node().unwrap();
     assert_eq!(node.listen, ["tcp/127.0.0.1:7449"]);
@@ -123,7 +123,7 @@ fn by_hand_each_dials_the_lower_ids() {
 }
 
 #[test]
-fn the_simulator_is_where_the_nearest_word_says() {
+fn an_option_overrides_the_scenarios_simulator_address() {
     let folder = folder("");
     let plant = |id, set: &str, xplane: Option<&str>| {
         let options = by_scenario(&folder, id);
@@ -140,7 +140,7 @@ fn the_simulator_is_where_the_nearest_word_says() {
 }
 
 #[test]
-fn files_that_are_wrong_are_refused_in_a_sentence() {
+fn files_with_errors_are_refused_in_one_sentence() {
     let place = "scenario = \"scenarios/three.toml\"\n";
     let table = [
         (
@@ -166,7 +166,7 @@ fn files_that_are_wrong_are_refused_in_a_sentence() {
 }
 
 #[test]
-fn a_scenarios_faults_are_told_in_its_own_words() {
+fn errors_in_a_scenario_name_the_file_and_the_key() {
     let folder = folder("");
     let refused =
         |set: &str| AgentOptions { sets: vec![set.into()], ..by_scenario(&folder, 1) }.node().unwrap_err().to_string();
@@ -177,7 +177,7 @@ fn a_scenarios_faults_are_told_in_its_own_words() {
 }
 
 #[test]
-fn aircraft_and_rules_stand_beside_the_scenario() {
+fn aircraft_and_rules_are_found_beside_the_scenario() {
     let folder = folder("");
     let path = |name: &str| folder.path().join("scenarios").join(name);
     fs::write(path("mine.toml"), Aircraft::SHIPPED[0].1).unwrap();

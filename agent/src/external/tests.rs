@@ -65,7 +65,7 @@ fn answer_to(law: &LiveLaw, mut tick: u64, within: Duration) -> Option<Answer> {
 }
 
 #[test]
-fn a_process_answers() {
+fn a_law_process_replies() {
     let law = shell(GOOD);
     let answer = answer_to(&law, 40, PATIENCE).unwrap();
     assert_eq!((answer.vehicle, answer.wanted), (id(2), Wanted::VelocityNed(Vector3::new(1.0, 2.0, 3.0))));
@@ -73,8 +73,8 @@ fn a_process_answers() {
     assert_eq!(law.answer(), None, "every reply is returned once");
 }
 
-/// What each of these programs does when it is asked is handed on as no answer. They are waited for side by side.
-fn assert_no_answers(scripts: &[&str]) {
+/// Asserts that no reply of these programs to a query is passed on. The programs run side by side.
+fn assert_no_replies(scripts: &[&str]) {
     thread::scope(|scope| {
         for script in scripts {
             scope.spawn(move || assert_eq!(answer_to(&shell(script), 1, Duration::from_secs(2)), None, "{script}"));
@@ -82,38 +82,38 @@ fn assert_no_answers(scripts: &[&str]) {
     });
 }
 
-/// The command that answers with these values.
+/// A shell command that replies with these values.
 fn answering(vehicle: &str, tick: &str, velocity: &str) -> String {
     format!(r#"echo "{{\"say\":\"answer\",\"vehicle\":{vehicle},\"tick\":{tick},\"velocity_ned_m_s\":{velocity}}}""#)
 }
 
 #[test]
-fn lines_that_are_no_json_are_not_handed_on() {
+fn lines_that_are_not_json_are_not_passed_on() {
     let zeros = "head -c 200000 /dev/zero; echo";
-    assert_no_answers(&["echo '{'", "echo 'Traceback'", zeros, "head -c 1000 /dev/urandom; echo"]);
+    assert_no_replies(&["echo '{'", "echo 'Traceback'", zeros, "head -c 1000 /dev/urandom; echo"]);
 }
 
 #[test]
-fn answers_for_another_vehicle_or_tick_are_not_handed_on() {
+fn replies_for_another_vehicle_or_tick_are_not_passed_on() {
     let answers = [("1", "$tick"), ("2", "$((tick+1))"), ("2", "0")];
     let [vehicle, later, earlier] = answers.map(|(vehicle, tick)| answering(vehicle, tick, "[1,2,3]"));
-    assert_no_answers(&[&vehicle, &later, &earlier]);
+    assert_no_replies(&[&vehicle, &later, &earlier]);
 }
 
 #[test]
-fn answers_without_three_finite_numbers_are_not_handed_on() {
+fn replies_without_three_finite_numbers_are_not_passed_on() {
     let [nan, huge, two] = ["[NaN,2,3]", "[1e300,2,3]", "[1,2]"].map(|velocity| answering("2", "$tick", velocity));
-    assert_no_answers(&[&nan, &huge, &two]);
+    assert_no_replies(&[&nan, &huge, &two]);
 }
 
 #[test]
-fn a_program_that_never_answers_is_waited_for_no_longer_than_asked() {
+fn a_program_that_never_replies_does_not_delay_the_vehicle() {
     let always_ready = r#"while true; do echo '{"say":"ready","protocol":1}'; done"#;
-    assert_no_answers(&["true", "exec <&-; sleep 1000", "exec >&-; sleep 1000", always_ready]);
+    assert_no_replies(&["true", "exec <&-; sleep 1000", "exec >&-; sleep 1000", always_ready]);
 }
 
 #[test]
-fn a_late_answer_is_none_and_the_next_in_time_is_one() {
+fn a_late_reply_is_dropped_and_the_next_in_time_is_used() {
     // The first reply takes a second, all others come at once.
     let late = format!(r#"if [ "$tick" = 1 ]; then sleep 1; fi; {GOOD}"#);
     let script = format!(
@@ -136,7 +136,7 @@ fn a_late_answer_is_none_and_the_next_in_time_is_one() {
 }
 
 #[test]
-fn a_process_that_ends_is_started_again() {
+fn a_law_process_that_ends_is_started_again() {
     let law = shell(&format!("{GOOD}; exit 1"));
     let first = answer_to(&law, 1, PATIENCE).unwrap();
     let second = answer_to(&law, first.tick + 1, PATIENCE).expect("a reply after the restart");
@@ -144,7 +144,7 @@ fn a_process_that_ends_is_started_again() {
 }
 
 #[test]
-fn what_does_not_start_is_said_at_once() {
+fn a_law_that_does_not_start_is_an_error_at_once() {
     let error = law("command = ['no-such-program-7']").unwrap_err();
     assert_eq!(error.to_string(), "formation.external.command: program \"no-such-program-7\" not found");
     let folder = tempfile::tempdir().unwrap();
@@ -164,7 +164,7 @@ fn ports(bind: impl Fn(u16) -> bool) -> u16 {
 }
 
 #[test]
-fn a_law_that_connects_is_asked_and_may_come_again() {
+fn a_law_that_connects_is_queried_and_may_reconnect() {
     let port = ports(|port| TcpListener::bind(("127.0.0.1", port)).is_ok());
     let law = law(&format!("deadline_s = 10\nlisten = 'tcp/127.0.0.1:{port}'")).unwrap();
     assert_eq!(answer_to(&law, 1, Duration::from_millis(300)), None, "the law has not connected yet");
@@ -192,7 +192,7 @@ fn a_law_that_connects_is_asked_and_may_come_again() {
 }
 
 #[test]
-fn vectors_are_asked_and_answered_from_any_port_and_sent_again() {
+fn vector_queries_are_repeated_and_replies_accepted_from_any_port() {
     let port = ports(|port| {
         let free = |port| UdpSocket::bind(("127.0.0.1", port)).is_ok();
         free(port) && free(port + 100)

@@ -172,7 +172,7 @@ mod tests {
     }
 
     #[test]
-    fn of_the_last_eight_exchanges_the_surest_counts() {
+    fn of_the_last_eight_exchanges_the_one_with_the_smallest_bound_counts() {
         let (mut measured, at) = (Measured::default(), now());
         assert_eq!(measured.best(at), None);
         measured.take_up(at, offset(0.0, 0.001));
@@ -186,7 +186,7 @@ mod tests {
     }
 
     #[test]
-    fn a_clock_that_is_set_is_measured_anew() {
+    fn a_clock_that_was_set_is_measured_anew() {
         let (mut measured, at) = (Measured::default(), now());
         measured.take_up(at, offset(0.0, 0.000_1));
         measured.take_up(at, offset(0.3, 0.005));
@@ -194,7 +194,7 @@ mod tests {
     }
 
     #[test]
-    fn a_clock_that_is_off_is_news_once_and_once_when_it_no_longer_is() {
+    fn a_clock_offset_is_reported_once_when_it_becomes_large_and_once_when_small() {
         let (mut measured, at) = (Measured::default(), now());
         let mut news = |offset_s, bound_s| {
             measured.take_up(at, offset(offset_s, bound_s));
@@ -208,7 +208,7 @@ mod tests {
     }
 
     #[test]
-    fn a_comparison_ages_and_is_forgotten() {
+    fn a_clock_measurement_ages_and_expires() {
         let (mut measured, at) = (Measured::default(), now());
         measured.take_up(at, offset(0.3, 0.001));
         let later = at + Duration::from_secs(50);

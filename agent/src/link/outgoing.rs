@@ -206,7 +206,7 @@ mod tests {
     }
 
     #[test]
-    fn while_the_network_holds_the_publisher_up_the_newest_register_and_the_last_events_wait_and_the_rest_is_counted() {
+    fn while_the_publisher_is_blocked_the_newest_heartbeat_and_the_last_events_wait() {
         let (begun, has_begun) = mpsc::channel();
         let (let_go, held_up) = mpsc::channel::<()>();
         let (sent, was_sent) = mpsc::channel();
@@ -233,7 +233,7 @@ mod tests {
     }
 
     #[test]
-    fn what_was_handed_over_last_is_sent_before_the_end_and_a_publisher_that_is_held_up_ends_without_it() {
+    fn waiting_messages_are_sent_at_the_end_unless_the_publisher_is_blocked() {
         let (sent, was_sent) = mpsc::channel();
         let outgoing = Outgoing::start(move |waiting| sent.send(std::mem::take(waiting)).unwrap()).unwrap();
         outgoing.hand_over(step(1));

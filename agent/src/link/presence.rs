@@ -167,7 +167,7 @@ mod tests {
     }
 
     #[test]
-    fn a_vehicle_is_there_while_one_of_its_links_stands() {
+    fn a_vehicle_is_up_while_it_has_a_link() {
         let presence = Presence::by_links();
         let told = Arc::<Mutex<Vec<Change>>>::default();
         let into = told.clone();
@@ -190,7 +190,7 @@ mod tests {
     }
 
     #[test]
-    fn where_links_have_no_names_anybody_may_speak() {
+    fn on_plain_links_every_vehicle_may_send() {
         assert!(Presence::by_tokens().may_speak(id(1)));
     }
 }

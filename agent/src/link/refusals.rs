@@ -79,7 +79,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn kinds_are_named_by_reason_and_key_the_latest_first() {
+    fn refusals_are_listed_by_reason_and_key_the_latest_first() {
         let refusals = Refusals::default();
         for (reason, key) in [
             (Reason::Forged, "vehicle/3/cell/0/-1/state"),
@@ -102,7 +102,7 @@ mod tests {
     }
 
     #[test]
-    fn whatever_keys_somebody_thinks_up_the_list_stays_short_and_printable() {
+    fn the_list_of_refusals_stays_short_and_printable_for_any_keys() {
         let refusals = Refusals::default();
         for nth in 0..1000 {
             refusals.count(Reason::Undecodable, &format!("vehicle/\u{1b}[2J{nth}/{}", "x".repeat(1000)));

@@ -161,7 +161,7 @@ pub(crate) mod tests {
 
     /// RFC 8032, 7.1, test 3.
     #[test]
-    fn seals_are_ed25519() {
+    fn signatures_are_ed25519() {
         let hex = |text: &str| -> Vec<u8> {
             text.as_bytes().chunks(2).map(|two| u8::from_str_radix(str::from_utf8(two).unwrap(), 16).unwrap()).collect()
         };
@@ -184,7 +184,7 @@ pub(crate) mod tests {
     }
 
     #[test]
-    fn keys_are_read_as_they_are_written() {
+    fn a_key_survives_writing_and_reading() {
         let key = sealer().key();
         assert_eq!(key.to_string().parse(), Ok(key));
         for text in ["", "0", &"0".repeat(63), &"0".repeat(65), &"g".repeat(64), &"é".repeat(32)] {

@@ -96,7 +96,7 @@ fn say(session: &Session, key: &str, bytes: &[u8]) {
 }
 
 #[test]
-fn two_agents_hear_each_other_and_not_themselves() {
+fn two_agents_receive_each_others_messages_and_not_their_own() {
     let (swarm, hub, dial) = hub("two");
     let clock = LocalClock::start();
     let one = Link::new(hub, id(1), clock, trust(&swarm)).unwrap();
@@ -136,7 +136,7 @@ fn two_agents_hear_each_other_and_not_themselves() {
 }
 
 #[test]
-fn a_peer_that_goes_is_missed_at_once() {
+fn a_peer_that_closes_its_link_is_reported_at_once() {
     let (swarm, hub, dial) = hub("goes");
     let one = link(hub, 1, trust(&swarm));
     let two = link(open_zenoh(&swarm, &[], &dial, &[]).unwrap(), 2, trust(&swarm));
@@ -149,7 +149,7 @@ fn a_peer_that_goes_is_missed_at_once() {
 
 /// An agent can be late in two ways: it starts late, or a peer that could not be reached is reached late.
 #[test]
-fn a_late_joiner_has_the_register_of_a_peer_that_says_nothing_any_more() {
+fn a_late_joiner_receives_the_last_heartbeat_of_a_silent_peer() {
     let (swarm, hub, dial) = hub("late");
     let silent = link(hub, 1, trust(&swarm));
     silent.say_mission(&mission(1, 4));
@@ -180,7 +180,7 @@ fn a_late_joiner_has_the_register_of_a_peer_that_says_nothing_any_more() {
 }
 
 #[test]
-fn what_no_peer_can_have_said_is_counted_and_dropped() {
+fn malformed_and_forged_messages_are_counted_and_dropped() {
     let (swarm, hub, dial) = hub("dropped");
     let link = link(hub, 1, trust(&swarm));
     let stranger = open_zenoh(&swarm, &[], &dial, &[]).unwrap();
@@ -210,7 +210,7 @@ fn what_no_peer_can_have_said_is_counted_and_dropped() {
 }
 
 #[test]
-fn an_operators_order_is_heard() {
+fn an_operators_order_is_received() {
     let (swarm, hub, dial) = hub("order");
     let link = link(hub, 1, trust(&swarm));
     let observer = open_zenoh(&swarm, &[], &dial, &[]).unwrap();
@@ -220,7 +220,7 @@ fn an_operators_order_is_heard() {
 }
 
 #[test]
-fn the_trace_is_said_only_while_somebody_listens() {
+fn the_trace_is_wanted_only_while_it_has_a_subscriber() {
     let (swarm, hub, dial) = hub("trace");
     let link = link(hub, 1, trust(&swarm));
     let observer = open_zenoh(&swarm, &[], &dial, &[]).unwrap();
@@ -242,7 +242,7 @@ fn wait_until(is_so: impl Fn() -> bool) {
 }
 
 #[test]
-fn the_inbox_keeps_the_newest_word_of_each_peer_and_kind() {
+fn the_inbox_keeps_the_newest_message_of_each_peer_and_kind() {
     let inbox = Inbox::new();
     let at = LocalTime::from_seconds(1.0);
     let file = |word| inbox.file("vehicle/2/state", Heard { word, at });
@@ -297,7 +297,7 @@ fn every_vehicle_fits_into_the_inbox_without_growing() {
 }
 
 #[test]
-fn a_replayed_word_is_dropped_by_the_core() {
+fn a_replayed_message_is_dropped_by_the_core() {
     let (swarm, hub, dial) = hub("replay");
     let link = link(hub, 1, trust(&swarm));
     let replayer = open_zenoh(&swarm, &[], &dial, &[]).unwrap();
@@ -322,7 +322,7 @@ fn a_replayed_word_is_dropped_by_the_core() {
 }
 
 #[test]
-fn zenohs_errors_are_shown_without_places_in_its_source() {
+fn zenohs_errors_are_shown_without_source_locations() {
     let shown = |text: &str| plain(&text.into());
     let nested = "Cannot bind tcp/10.9.9.9:1: [10.9.9.9:1: in use at /a/tcp.rs:61.] at /b/unicast.rs:338.";
     assert_eq!(shown(nested), "Cannot bind tcp/10.9.9.9:1: [10.9.9.9:1: in use]");
@@ -330,7 +330,7 @@ fn zenohs_errors_are_shown_without_places_in_its_source() {
 }
 
 #[test]
-fn an_endpoint_that_is_none_is_refused() {
+fn a_malformed_endpoint_is_refused() {
     let swarm = SwarmName::new("endpoint").unwrap();
     let refused = |listen: &str, dial: &str| {
         let endpoints = |text: &str| text.split_whitespace().map(str::to_owned).collect::<Vec<_>>();

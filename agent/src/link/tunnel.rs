@@ -326,7 +326,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn nobody_holds_the_whole_doorstep() {
+    fn one_address_cannot_take_all_pending_handshakes() {
         let doorstep = Arc::new(Doorstep::default());
         let [stranger, other] = ["10.0.0.9", "10.0.0.11"].map(|ip| ip.parse::<IpAddr>().unwrap());
         let mut strangers: Vec<_> = (0..AT_ONCE).filter_map(|_| Waiting::new(&doorstep, stranger)).collect();

@@ -118,7 +118,7 @@ mod tests {
     }
 
     #[test]
-    fn late_ticks_are_left_out_and_the_grid_stands() {
+    fn late_ticks_are_skipped_and_the_grid_is_kept() {
         let due = now();
         let ms = Duration::from_millis;
         for (late_ms, next_ms, skipped) in
@@ -129,7 +129,7 @@ mod tests {
     }
 
     #[test]
-    fn frames_come_a_tick_apart_and_deadlines_are_kept() {
+    fn frames_are_one_tick_apart_and_deadlines_are_kept() {
         let mut plant = plant(Script::default());
         let begin = now();
         assert_eq!(plant.wait(TICK / 4), Wake::Deadline);
@@ -147,7 +147,7 @@ mod tests {
     }
 
     #[test]
-    fn a_script_goes_on_where_an_earlier_agent_left_it() {
+    fn a_script_continues_after_an_earlier_agent() {
         let vehicle = VehicleId::new(1).unwrap();
         let fault = |at_s, for_s, fault| Event { at_s, for_s, what: EventAction::Fault(fault) };
         let over = fault(10.0, Some(80.0), Fault::EngineOut { vehicle });
@@ -160,7 +160,7 @@ mod tests {
     }
 
     #[test]
-    fn a_frozen_simulator_gives_no_frame_and_its_time_stands_still() {
+    fn a_frozen_simulator_delivers_no_frame_and_its_time_stops() {
         let vehicle = VehicleId::new(1).unwrap();
         let fault = |at_s, for_s, fault| Event { at_s, for_s, what: EventAction::Fault(fault) };
         let freeze = fault(0.2, Some(0.3), Fault::SimulatorFreeze { vehicle });

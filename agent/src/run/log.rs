@@ -87,7 +87,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_a_law_or_a_peer_writes_stays_one_line_of_text() {
+    fn text_of_a_law_or_a_peer_stays_one_printable_line() {
         let (sender, queue) = mpsc::sync_channel(QUEUE);
         let subscriber = tracing_subscriber::fmt()
             .without_time()

@@ -158,7 +158,7 @@ mod tests {
     }
 
     #[test]
-    fn a_peer_that_is_silent_for_a_second_is_suspected_once_and_heard_again_with_its_next_message() {
+    fn a_peer_silent_for_a_second_is_suspected_once_and_restored_by_its_next_message() {
         let mut watched = Watched::steady();
         let [(word, after_s)] = watched.pass(3.0, FRAME_S, &[])[..] else { panic!("not suspected exactly once") };
         assert!(word == Word::Vanished(id(2)) && (0.99..1.05).contains(&after_s), "{word:?} after {after_s} s");
@@ -167,7 +167,7 @@ mod tests {
     }
 
     #[test]
-    fn a_peer_that_was_blamed_too_soon_may_be_silent_longer_until_all_is_calm_again() {
+    fn a_false_suspicion_lengthens_the_timeout_until_overload_has_passed() {
         let mut watched = Watched::steady();
         watched.pass(1.5, FRAME_S, &[]);
         watched.pass(1.0, FRAME_S, &[2]);
@@ -177,7 +177,7 @@ mod tests {
     }
 
     #[test]
-    fn while_the_own_control_thread_is_late_no_peer_is_blamed() {
+    fn no_peer_is_suspected_while_the_own_control_thread_is_late() {
         let mut watched = Watched::steady();
         assert_eq!(watched.pass(30.0, 0.3, &[]), [], "time without checks is not counted");
         assert_eq!(watched.pass(3.9, FRAME_S, &[]), [], "the timeout stays longer for a while");
@@ -185,7 +185,7 @@ mod tests {
     }
 
     #[test]
-    fn a_swarm_that_gathers_is_given_time() {
+    fn a_starting_swarm_gets_the_longest_timeout() {
         let mut watched = Watched { silence: Silence::new(), now_s: 0.0 };
         watched.pass(0.1, FRAME_S, &[2, 3]);
         assert_eq!(watched.pass(3.8, FRAME_S, &[3]), []);

@@ -98,7 +98,7 @@ fn listen<M: Message>(observer: &Session, key: &'static str) -> impl FnMut() -> 
 }
 
 #[test]
-fn two_agents_find_each_other_take_part_and_land_when_stopped() {
+fn two_agents_find_each_other_become_active_and_land_on_request() {
     let tokio = Builder::new_multi_thread().worker_threads(1).enable_all().build().unwrap();
     let (swarm, session, mut dial) = hub("two");
     let one = Flight::begin(node(&swarm, 1), session, &tokio);
@@ -160,7 +160,7 @@ fn two_agents_find_each_other_take_part_and_land_when_stopped() {
 }
 
 #[test]
-fn a_cut_of_the_scenario_parts_two_agents_and_heals() {
+fn a_cut_in_the_scenario_separates_two_agents_until_it_ends() {
     let tokio = Builder::new_multi_thread().worker_threads(1).enable_all().build().unwrap();
     let (swarm, session, mut dial) = hub("cut");
     let [one, two] = [1, 2].map(|number| {
@@ -248,7 +248,7 @@ fn an_agent_publishes_ages_that_include_the_delay_of_the_network() {
 }
 
 #[test]
-fn a_delay_that_begins_in_flight_is_in_the_ages_of_real_agents_and_loses_no_peer() {
+fn a_delay_that_starts_in_flight_increases_the_ages_and_loses_no_peer() {
     let tokio = Builder::new_multi_thread().worker_threads(1).enable_all().build().unwrap();
     let (swarm, session, mut dial) = hub("slower");
     let [one, two] = [1, 2].map(|number| {
@@ -304,7 +304,7 @@ fn a_delay_that_begins_in_flight_is_in_the_ages_of_real_agents_and_loses_no_peer
 }
 
 #[test]
-fn what_the_scenario_does_to_the_network_and_the_clocks_happens_to_real_agents() {
+fn network_impairments_and_clock_offsets_of_the_scenario_apply_to_real_agents() {
     let tokio = Builder::new_multi_thread().worker_threads(1).enable_all().build().unwrap();
     let (swarm, session, mut dial) = hub("impaired");
     let [one, two] = [1, 2].map(|number| {
@@ -383,7 +383,7 @@ fn an_agent_whose_launcher_is_gone_flies_until_an_order_has_landed_it() {
 }
 
 #[test]
-fn what_a_node_makes_up_lands_nobody_and_is_named_and_what_the_operator_has_sealed_does() {
+fn an_invented_order_lands_no_vehicle_and_a_signed_one_does() {
     let tokio = Builder::new_multi_thread().worker_threads(1).enable_all().build().unwrap();
     let (swarm, session, dial) = hub("sealed");
     let operator = sealer();
@@ -454,7 +454,7 @@ fn a_second_request_ends_at_once() {
 }
 
 #[test]
-fn without_a_simulator_there_is_nothing_to_land() {
+fn without_a_simulator_the_agent_ends_on_request_without_landing() {
     let tokio = Builder::new_multi_thread().worker_threads(1).enable_all().build().unwrap();
     let (swarm, session, _) = hub("nobody");
     // The port is in use, but never replies.

@@ -115,7 +115,7 @@ mod tests {
     const MS: Duration = Duration::from_millis(1);
 
     #[test]
-    fn a_second_is_summed_up() {
+    fn a_second_of_timing_is_summarised() {
         let start = now();
         let mut timing = Timing::new(20 * MS, start);
         for frame in 0..50 {
@@ -136,7 +136,7 @@ mod tests {
     }
 
     #[test]
-    fn a_step_overruns_once() {
+    fn one_late_step_counts_as_one_overrun() {
         let start = now();
         let mut timing = Timing::new(20 * MS, start);
         timing.frame(start, 0);

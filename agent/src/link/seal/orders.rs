@@ -86,7 +86,7 @@ mod tests {
     const ORDER: Order = Order { epoch: 5, issuer: 9, verb: Verb::Goto(2), seal: None };
 
     #[test]
-    fn a_seal_holds_for_one_order_in_one_run_of_one_swarm() {
+    fn a_signature_is_valid_for_one_order_in_one_run_of_one_swarm() {
         let (operator, lab) = (sealer(), name("lab"));
         let (key, sealed) = (operator.key(), seal(&operator, &lab, 7, ORDER));
         assert_eq!(Order { seal: None, ..sealed }, ORDER);
@@ -109,7 +109,7 @@ mod tests {
 
     /// The signed bytes are part of the protocol.
     #[test]
-    fn what_is_signed_has_these_bytes() {
+    fn the_signed_bytes_are_exactly_these() {
         let mut golden = b"skein order v1\0".to_vec();
         golden.extend([3, 0, 0, 0, 0, 0, 0, 0]);
         golden.extend(b"lab");
@@ -118,7 +118,7 @@ mod tests {
     }
 
     #[test]
-    fn what_was_checked_is_known_and_nothing_grows() {
+    fn verified_orders_are_remembered_in_bounded_memory() {
         let (operator, lab) = (sealer(), name("lab"));
         let checker = Checker::new(operator.key(), lab.clone());
         let sealed = |epoch| seal(&operator, &lab, 7, Order { epoch, ..ORDER });

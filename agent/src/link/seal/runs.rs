@@ -64,7 +64,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_note_holds_for_one_run_of_one_swarm() {
+    fn a_run_note_is_valid_for_one_run_of_one_swarm() {
         let (operator, lab) = (sealer(), name("lab"));
         let (key, note) = (operator.key(), RunNote::new(&operator, &lab, 7, 1000));
         assert!(note.is_sealed(&key, &lab));
@@ -76,7 +76,7 @@ mod tests {
     }
 
     #[test]
-    fn a_note_is_read_as_it_is_written() {
+    fn a_run_note_survives_writing_and_reading() {
         let note = RunNote::new(&sealer(), &name("lab"), 7, 1000);
         let written = format!("{{\"run\":7,\"began_ms\":1000,\"seal\":\"{}\"}}", "0f".repeat(Seal::BYTES));
         let read: RunNote = serde_json::from_str(&written).unwrap();

@@ -153,7 +153,7 @@ mod tests {
     }
 
     #[test]
-    fn a_word_is_believed_under_its_speakers_key_in_its_speakers_seal() {
+    fn a_message_is_accepted_under_its_senders_key_with_its_senders_signature() {
         let (one, two) = (sealer(), sealer());
         let keys = BTreeMap::from([(id(1), one.key()), (id(2), two.key())]);
         let lab = Voices::sealed(name("lab"), keys.clone());
@@ -175,7 +175,7 @@ mod tests {
     }
 
     #[test]
-    fn no_byte_of_a_sealed_word_can_be_changed_and_none_left_out() {
+    fn a_signed_message_with_a_changed_or_missing_byte_is_refused() {
         let one = sealer();
         let lab = Voices::sealed(name("lab"), BTreeMap::from([(id(1), one.key())]));
         let said = lab.write(Some(&one), 7, "vehicle/1/event", &event(1));
@@ -190,7 +190,7 @@ mod tests {
     }
 
     #[test]
-    fn where_nobody_has_a_seal_and_of_orders_the_message_is_all() {
+    fn plain_messages_and_orders_carry_no_vehicle_signature() {
         let plain = Voices::plain(name("lab"));
         let said = plain.write(None, 7, "vehicle/1/event", &event(1));
         assert_eq!(said, message::encode(&event(1)));
@@ -205,7 +205,7 @@ mod tests {
 
     /// The signed bytes are part of the protocol.
     #[test]
-    fn what_is_signed_has_these_bytes() {
+    fn the_signed_bytes_are_exactly_these() {
         let mut golden = b"skein word v1\0".to_vec();
         golden.extend([3, 0, 0, 0, 0, 0, 0, 0]);
         golden.extend(b"lab");

@@ -59,7 +59,7 @@ fn measure(line: &mut HealthLine, listener: &Session, own: u8, peers: &[u8], wan
 }
 
 #[test]
-fn clocks_are_measured_within_their_bounds_and_a_wrong_one_is_seen() {
+fn clocks_are_measured_within_their_bounds_and_a_wrong_one_is_detected() {
     let (swarm, hub, mut dial) = hub("clocks");
     let second = open_zenoh(&swarm, &["tcp/127.0.0.1:0".to_owned()], &dial, &[]).unwrap();
     dial.extend(second.info().locators().wait().iter().map(ToString::to_string));
@@ -78,7 +78,7 @@ fn clocks_are_measured_within_their_bounds_and_a_wrong_one_is_seen() {
 }
 
 #[test]
-fn what_a_liar_says_of_its_clock_breaks_nothing_and_nobody_answers_for_another() {
+fn false_clock_replies_do_no_harm_and_replies_for_another_vehicle_are_ignored() {
     let (swarm, hub, dial) = hub("liar");
     let agent = link(hub, 1, trust(&swarm));
     let liar = open_zenoh(&swarm, &[], &dial, &[]).unwrap();

@@ -59,7 +59,7 @@ fn refused_then(link: &Link, session: &Session, bad: &[Order], good: Order) -> V
 }
 
 #[test]
-fn only_an_order_that_the_operator_has_sealed_in_this_run_is_taken() {
+fn only_an_order_signed_by_the_operator_in_this_run_is_accepted() {
     let (swarm, hub, dial) = hub("sealed");
     let operator = sealer();
     let agent = link(hub, 1, trust_in(&swarm, operator.key(), RUN));
@@ -80,7 +80,7 @@ fn only_an_order_that_the_operator_has_sealed_in_this_run_is_taken() {
 }
 
 #[test]
-fn an_order_that_a_node_makes_up_in_its_own_register_is_left_out_of_it_and_named() {
+fn an_order_invented_in_a_heartbeat_is_removed_and_counted() {
     let (swarm, hub, dial) = hub("made-up");
     let operator = sealer();
     let agent = link(hub, 1, trust_in(&swarm, operator.key(), RUN));
@@ -98,7 +98,7 @@ fn an_order_that_a_node_makes_up_in_its_own_register_is_left_out_of_it_and_named
 }
 
 #[test]
-fn without_an_orders_key_any_order_is_taken() {
+fn without_an_orders_key_any_order_is_accepted() {
     let (swarm, hub, dial) = hub("plain");
     let agent = link(hub, 1, trust(&swarm));
     let session = open_zenoh(&swarm, &[], &dial, &[]).unwrap();
@@ -109,7 +109,7 @@ fn without_an_orders_key_any_order_is_taken() {
 }
 
 #[test]
-fn an_agent_without_a_run_believes_no_peer_that_names_one_and_takes_no_order_of_run_0() {
+fn an_agent_without_a_run_refuses_peers_with_a_run_and_signed_orders() {
     let (swarm, hub, dial) = hub("by-hand");
     let operator = sealer();
     let by_hand = link(hub, 1, trust_in(&swarm, operator.key(), 0));
@@ -131,7 +131,7 @@ fn an_agent_without_a_run_believes_no_peer_that_names_one_and_takes_no_order_of_
 }
 
 #[test]
-fn an_agent_that_was_told_its_run_asks_nobody() {
+fn an_agent_with_a_run_refuses_messages_of_another_run() {
     let (swarm, hub, _) = hub("told");
     let agent = link(hub, 1, trust_in(&swarm, sealer().key(), RUN));
     for sender in 2..9 {
@@ -147,7 +147,7 @@ fn an_agent_that_was_told_its_run_asks_nobody() {
 }
 
 #[test]
-fn strangers_other_plans_and_ones_own_name_are_refused_by_name() {
+fn strangers_other_plans_and_the_own_id_are_refused_and_counted() {
     let (swarm, hub, _) = hub("strangers");
     let agent = link(hub, 1, Trust { vehicles: 4, ..trust(&swarm) });
     let file = |key: &str, word| agent.ear.file(key, word, None);

@@ -136,7 +136,7 @@ mod unix {
         use super::*;
 
         #[test]
-        fn sockets_stand_where_no_other_user_can_exchange_their_folder() {
+        fn sockets_are_in_a_folder_that_no_other_user_can_replace() {
             let folder = tempfile::tempdir().unwrap();
             let with_mode = |mode| {
                 fs::set_permissions(folder.path(), fs::Permissions::from_mode(mode)).unwrap();

@@ -103,7 +103,7 @@ mod tests {
     }
 
     #[test]
-    fn axes_and_signs() {
+    fn axes_and_signs_are_converted() {
         let flying = Position {
             heading_deg: 270.0,
             pitch_deg: 10.0,
@@ -122,7 +122,7 @@ mod tests {
     }
 
     #[test]
-    fn there_and_back() {
+    fn a_position_survives_conversion_and_back() {
         let flying = Position {
             height_m: 7.5,
             heading_deg: 300.0,
@@ -139,7 +139,7 @@ mod tests {
     }
 
     #[test]
-    fn what_no_helicopter_does_is_refused() {
+    fn motion_beyond_any_helicopter_is_refused() {
         assert!(measurement(&level(), None).is_some());
         let impossible = [
             Position { velocity_up_m_s: 501.0, ..level() },

@@ -113,7 +113,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn resets_and_refusals_are_nobody_there() {
+    fn resets_and_refusals_mean_that_the_receiver_is_not_up() {
         for kind in [io::ErrorKind::ConnectionReset, io::ErrorKind::ConnectionRefused, io::ErrorKind::Interrupted] {
             assert!(is_nobody_there(&kind.into()), "{kind:?}");
         }
@@ -132,7 +132,7 @@ mod tests {
     }
 
     #[test]
-    fn a_closed_port_is_no_obstacle() {
+    fn sending_to_a_closed_port_does_not_stop_reception() {
         let local = (Ipv4Addr::LOCALHOST, 0);
         let closed = UdpSocket::bind(local).unwrap().local_addr().unwrap();
         let mut port = Port::new(UdpSocket::bind(local).unwrap()).unwrap();
@@ -148,7 +148,7 @@ mod tests {
     }
 
     #[test]
-    fn an_injected_reset_is_counted_and_holds_nothing_up() {
+    fn an_injected_reset_is_counted_and_causes_no_pause() {
         let mut port = Port::new(UdpSocket::bind((Ipv4Addr::LOCALHOST, 0)).unwrap()).unwrap();
         let friend = UdpSocket::bind((Ipv4Addr::LOCALHOST, 0)).unwrap();
         let begin = now();
@@ -163,7 +163,7 @@ mod tests {
     }
 
     #[test]
-    fn a_refusal_that_the_socket_does_report_is_survived() {
+    fn a_refusal_reported_by_the_socket_is_not_fatal() {
         // On Linux only a connected socket reports the refusal; on Windows an unconnected one reports the same error.
         let local = (Ipv4Addr::LOCALHOST, 0);
         let closed = UdpSocket::bind(local).unwrap().local_addr().unwrap();

@@ -21,7 +21,7 @@ fn answer_to(line: &str) -> Result<Answer, Fault> {
 
 /// The lines from the interface's documentation, byte for byte.
 #[test]
-fn what_is_said_has_these_letters() {
+fn messages_to_a_law_have_exactly_these_bytes() {
     let mut parameters = toml::Table::new();
     parameters.insert("gain".to_owned(), 0.3.into());
     let hello = Hello {
@@ -71,7 +71,7 @@ fn what_is_said_has_these_letters() {
 }
 
 #[test]
-fn what_a_law_says_is_understood() {
+fn valid_lines_of_a_law_are_read() {
     assert_eq!(read(br#"{"say":"ready","protocol":1}"#), Ok(Heard::Ready));
     assert_eq!(read(br#"{"protocol":1.0,"say":"ready","name":"mine"}"#), Ok(Heard::Ready), "unknown keys are ignored");
     let said =
@@ -88,7 +88,7 @@ fn what_a_law_says_is_understood() {
 }
 
 #[test]
-fn what_is_not_as_agreed_is_named() {
+fn invalid_lines_are_refused_by_kind() {
     let kind = |line: &str| read(line.as_bytes()).unwrap_err().kind();
     let answer = |rest: &str| format!("{{\"say\":\"answer\",\"vehicle\":3,\"tick\":4{rest}}}");
     let velocity = |value: &str| answer(&format!(",\"velocity_ned_m_s\":{value}"));
@@ -125,7 +125,7 @@ fn what_is_not_as_agreed_is_named() {
 }
 
 #[test]
-fn a_log_is_cut_to_what_a_recording_takes() {
+fn a_law_log_is_limited_to_what_a_recording_holds() {
     let many: Vec<String> = (0..40).map(|nth| format!("\"n{nth:02}\":{nth}")).collect();
     let said = |log: &str| format!("{{\"say\":\"answer\",\"vehicle\":3,\"tick\":4,\"field_ne\":[0,0],\"log\":{log}}}");
     let log = answer_to(&said(&format!("{{{}}}", many.join(",")))).unwrap().log;
@@ -190,7 +190,7 @@ proptest! {
     }
 
     #[test]
-    fn what_is_read_can_be_flown(
+    fn every_reply_that_is_read_can_be_flown(
         key in prop_oneof![Just("velocity_ned_m_s"), Just("field_ne"), Just("heading_rad"), Just("log"), Just("tick")],
         value in "[0-9eE+.,\\-\\[\\]{}\":nulNaI ]{0,30}",
     ) {

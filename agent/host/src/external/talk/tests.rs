@@ -36,7 +36,7 @@ fn lines_of(bytes: &[u8]) -> Vec<Word> {
 }
 
 #[test]
-fn lines_are_cut_out_of_a_stream_and_never_fill_the_memory() {
+fn lines_are_split_from_a_stream_in_bounded_memory() {
     let said = |line: &str| Word::Said(line.as_bytes().to_vec());
     assert_eq!(lines_of(b"one\n\ntwo\r\nrest"), [said("one"), said(""), said("two\r"), Word::End]);
     let mut long = vec![b'x'; 3 * MAX_LINE];
@@ -49,7 +49,7 @@ fn lines_are_cut_out_of_a_stream_and_never_fill_the_memory() {
 
 #[cfg(unix)]
 #[test]
-fn a_process_is_spoken_with_and_leaves_nothing_behind() {
+fn a_law_process_exchanges_lines_and_leaves_nothing_behind() {
     let (sink, words) = ear();
     let (told, stderr) = channel();
     let echo = ["sh", "-c", "echo warned >&2; while read line; do echo \"$line\"; done"].map(str::to_owned);
@@ -69,7 +69,7 @@ fn a_process_is_spoken_with_and_leaves_nothing_behind() {
 
 #[cfg(unix)]
 #[test]
-fn a_process_that_hears_nothing_blocks_nobody_and_is_ended() {
+fn a_process_that_reads_nothing_blocks_nothing_and_is_killed() {
     let (sink, words) = ear();
     let deaf = ["sleep", "1000"].map(str::to_owned);
     let talk = Talk::process(&deaf, true, sink, |_| {}).unwrap();
@@ -84,7 +84,7 @@ fn a_process_that_hears_nothing_blocks_nobody_and_is_ended() {
 
 #[cfg(unix)]
 #[test]
-fn a_process_that_has_ended_says_how() {
+fn the_exit_status_of_an_ended_process_is_described() {
     let (sink, words) = ear();
     let mut talk = Talk::process(&["sh", "-c", "exit 3"].map(str::to_owned), false, sink, |_| {}).unwrap();
     assert_eq!(words.recv_timeout(PATIENCE), Ok(Word::End));
@@ -93,7 +93,7 @@ fn a_process_that_has_ended_says_how() {
 }
 
 #[test]
-fn lines_go_both_ways_over_a_connection() {
+fn lines_flow_both_ways_over_a_connection() {
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let mut law = TcpStream::connect(listener.local_addr().unwrap()).unwrap();
     let (sink, words) = ear();
@@ -111,7 +111,7 @@ fn lines_go_both_ways_over_a_connection() {
 }
 
 #[test]
-fn datagrams_go_both_ways_and_carry_asks_alone() {
+fn datagrams_flow_both_ways_and_carry_only_queries() {
     let law = UdpSocket::bind("127.0.0.1:0").unwrap();
     law.set_read_timeout(Some(PATIENCE)).unwrap();
     let free = UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();

@@ -51,7 +51,7 @@ fn values(datagram: &[u8]) -> impl Fn(usize) -> f64 + use<> {
 }
 
 #[test]
-fn an_ask_has_its_values_at_these_indices() {
+fn a_query_has_its_values_at_these_indices() {
     let at = values(&write(&ask(vec![peer(1, 99.1), peer(2, 50.0)])));
     let head = [1.0, 3.0, 417.0, 41.7, 0.1, 2.0, 81.0, -60.2, -30.0, 0.1, 0.4, 0.3, 1.57];
     let goal = [11.0, 12.0, -30.0, 1.0, 2.0, 3.0, 0.5, 100.0, 4.0, 2.0, 0.0];
@@ -63,7 +63,7 @@ fn an_ask_has_its_values_at_these_indices() {
 }
 
 #[test]
-fn of_many_peers_the_nearest_are_told_by_id() {
+fn of_many_peers_the_nearest_have_a_row_by_id() {
     let peers: Vec<Peer> = (4..=24).map(|number| peer(number, 81.0 + 10.0 * f64::from(25 - number))).collect();
     let at = values(&write(&ask(peers)));
     let ids: Vec<f64> = (0..15).map(|k| at(25 + 8 * k)).collect();
@@ -75,7 +75,7 @@ fn datagram(values: &[f64]) -> Vec<u8> {
 }
 
 #[test]
-fn an_answer_has_its_values_at_these_indices() {
+fn a_reply_has_its_values_at_these_indices() {
     let answer = read(&datagram(&[1.0, 3.0, 417.0, 1.0, 0.4, -1.2, 0.1, 1.5, 1.0])).unwrap();
     assert_eq!((answer.vehicle, answer.tick, answer.heading_rad), (id(3), 417, Some(1.5)));
     assert_eq!(answer.wanted, Wanted::VelocityNed(Vector3::new(0.4, -1.2, 0.1)));
@@ -84,7 +84,7 @@ fn an_answer_has_its_values_at_these_indices() {
 }
 
 #[test]
-fn what_is_no_answer_is_named() {
+fn malformed_replies_are_refused_by_kind() {
     let good = [1.0, 3.0, 417.0, 1.0, 0.4, -1.2, 0.1, 1.5, 1.0];
     let with = |index: usize, value: f64| {
         let mut values = good;

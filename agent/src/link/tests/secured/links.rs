@@ -3,7 +3,7 @@
 use super::*;
 
 #[test]
-fn who_has_no_certificate_is_not_let_in() {
+fn a_node_without_a_certificate_is_refused() {
     let mut swarm = Swarm::begin("none");
     // First plain TCP to the right address, then TLS without a certificate.
     let address = swarm.endpoints[0].trim_start_matches("tls/").to_owned();
@@ -25,7 +25,7 @@ fn who_has_no_certificate_is_not_let_in() {
 }
 
 #[test]
-fn a_certificate_of_another_authority_is_worth_nothing() {
+fn a_certificate_of_another_authority_is_refused() {
     let mut swarm = Swarm::begin("other");
     // The intruder accepts the swarm's certificates, but not vice versa.
     let others = Authority::new();
@@ -37,7 +37,7 @@ fn a_certificate_of_another_authority_is_worth_nothing() {
 }
 
 #[test]
-fn an_expired_certificate_is_worth_nothing() {
+fn an_expired_certificate_is_refused() {
     let mut swarm = Swarm::begin("expired");
     let tls = swarm.authority.tls("vehicle-3.2");
     swarm.authority.certify("vehicle-3.2", 2021);
@@ -48,7 +48,7 @@ fn an_expired_certificate_is_worth_nothing() {
 }
 
 #[test]
-fn a_name_that_was_replaced_is_not_let_in() {
+fn a_node_with_a_replaced_certificate_name_is_refused() {
     let mut swarm = Swarm::begin("revoked");
     let intruder = swarm.guest(swarm.authority.tls("vehicle-3"));
     let forger = swarm.forger("vehicle-1");
@@ -58,7 +58,7 @@ fn a_name_that_was_replaced_is_not_let_in() {
 }
 
 #[test]
-fn a_key_that_was_replaced_is_not_let_in() {
+fn a_node_with_a_replaced_key_is_refused() {
     // The lost key's certificate has the right name and has not expired.
     let lost = Authority::new();
     let mut swarm = Swarm::begin("lost");
@@ -74,7 +74,7 @@ fn a_key_that_was_replaced_is_not_let_in() {
 
 /// Peers do not relay messages, but a router would, if the peers accepted that.
 #[test]
-fn a_router_is_nobody_special() {
+fn a_router_gets_no_forged_message_through() {
     let mut swarm = Swarm::begin("router");
     let router = [("mode", json!("router"))];
     let tunnel = Tunnel::open(&[], &swarm.endpoints, Some(&swarm.authority.tls("vehicle-3.2"))).unwrap();
@@ -85,7 +85,7 @@ fn a_router_is_nobody_special() {
 
 /// Zenoh waits half a second for the declarations of a session that it dials; peers that are up are reached earlier.
 #[test]
-fn who_is_there_is_not_waited_for() {
+fn opening_a_session_does_not_wait_for_peers_that_are_up() {
     let swarm = Swarm::begin("early");
     let opens = (0..8).map(|_| {
         let begun = now();
@@ -99,7 +99,7 @@ fn who_is_there_is_not_waited_for() {
 }
 
 #[test]
-fn keys_that_are_none_are_named() {
+fn errors_name_the_key_file_or_name_at_fault() {
     let authority = Authority::new();
     let name = SwarmName::new("named").unwrap();
     let good = authority.tls("vehicle-1");
@@ -156,7 +156,7 @@ fn links_over_ipv6_are_secured_too() {
 
 /// With Zenoh's own TLS links this ended the process within seconds.
 #[test]
-fn links_that_come_and_go_harm_nobody() {
+fn links_that_come_and_go_do_not_disturb_the_swarm() {
     const GUESTS: usize = 3;
     const VISITS: usize = 12;
     let name = SwarmName::new(format!("busy-{}", process::id())).unwrap();

@@ -4,7 +4,7 @@ use super::*;
 
 /// The other tests rely on this: without signatures every forged message is accepted.
 #[test]
-fn without_seals_a_valid_node_could_say_anything() {
+fn without_signatures_a_valid_node_could_forge_any_message() {
     let swarm = Swarm::without_seals("unsealed");
     let intruder = swarm.guest(swarm.authority.tls("vehicle-3.2"));
     let forger = Forger { voices: Voices::plain(swarm.name.clone()), sealer: swarm.authority.sealer("vehicle-3.2") };
@@ -28,7 +28,7 @@ fn without_seals_a_valid_node_could_say_anything() {
 }
 
 #[test]
-fn whoever_is_invited_takes_part_fully() {
+fn a_node_with_a_valid_certificate_can_use_every_kind_of_message() {
     let mut swarm = Swarm::begin("honest");
     let observer = swarm.guest(swarm.authority.tls("observer"));
     let operator = swarm.guest(swarm.authority.tls("operator"));
@@ -88,7 +88,7 @@ fn whoever_is_invited_takes_part_fully() {
 }
 
 #[test]
-fn a_late_vehicle_has_the_registers_of_the_others() {
+fn a_late_vehicle_receives_the_heartbeats_of_its_peers() {
     let swarm = Swarm::begin("late-secured");
     swarm.one.say_mission(&mission(1, 5));
     let trust = swarm.authority.trust(&swarm.name, "vehicle-3.2");
@@ -99,7 +99,7 @@ fn a_late_vehicle_has_the_registers_of_the_others() {
 
 /// Vehicle 3's own messages arrive, so the ones that it forged before were refused.
 #[test]
-fn a_valid_vehicle_speaks_for_itself_alone() {
+fn a_valid_vehicle_can_send_for_itself_only() {
     let mut swarm = Swarm::begin("branch");
     let intruder = swarm.guest(swarm.authority.tls("vehicle-3.2"));
     wait_until(|| is_linked(intruder.first()));
@@ -123,7 +123,7 @@ fn a_valid_vehicle_speaks_for_itself_alone() {
 
 /// A vehicle that starts late queries for heartbeats; vehicle 3's replies for other vehicles are refused.
 #[test]
-fn a_valid_vehicle_answers_for_itself_alone() {
+fn a_valid_vehicle_can_reply_for_itself_only() {
     let swarm = Swarm::begin("reply");
     swarm.one.say_mission(&mission(1, 5));
     let own = swarm.authority.tls("vehicle-3.2");
@@ -163,7 +163,7 @@ fn a_valid_vehicle_answers_for_itself_alone() {
 }
 
 #[test]
-fn observers_and_operators_speak_for_no_vehicle() {
+fn observers_and_operators_cannot_send_for_a_vehicle() {
     for who in ["observer", "operator"] {
         let mut swarm = Swarm::begin(&format!("{who}-says"));
         let intruder = swarm.guest(swarm.authority.tls(who));
@@ -175,7 +175,7 @@ fn observers_and_operators_speak_for_no_vehicle() {
 
 /// Vehicle 3 replays vehicle 1's messages, after vehicle 1 has gone, to an agent that never received them.
 #[test]
-fn what_was_said_is_worth_nothing_once_its_speaker_is_gone() {
+fn replayed_messages_are_refused_once_their_sender_has_gone() {
     let swarm = Swarm::begin("replay");
     let intruder = swarm.guest(swarm.authority.tls("vehicle-3.2"));
     let kept = intruder.first().declare_subscriber("vehicle/1/**").wait().unwrap();
@@ -213,7 +213,7 @@ fn what_was_said_is_worth_nothing_once_its_speaker_is_gone() {
 
 /// Zenoh identifies a session by a number (Zenoh id) that all its linked nodes see.
 #[test]
-fn nobody_takes_anothers_place_by_its_number() {
+fn no_node_can_replace_another_by_taking_its_session_number() {
     let mut swarm = Swarm::begin("number");
     let all = [&swarm.one, &swarm.two].map(|link| link.sessions.all.iter().map(|session| session.zid().to_string()));
     let [ones, twos] = all.map(Iterator::collect::<Vec<_>>);
@@ -231,7 +231,7 @@ fn nobody_takes_anothers_place_by_its_number() {
 /// A dialled node can still take the number of another dialled node and then send over that node's session, but only
 /// with its own signature.
 #[test]
-fn nobody_speaks_for_another_by_its_number() {
+fn no_node_can_send_for_another_by_taking_its_session_number() {
     let swarm = Swarm::begin("voice");
     let free = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
     let of_intruder = vec![format!("tls/{free}")];

@@ -43,7 +43,7 @@ fn a_slow_simulator_slows_time_after_a_second() {
 }
 
 #[test]
-fn the_coarse_clock_of_a_simulator_that_ran_for_days_is_good_enough() {
+fn the_coarse_clock_of_a_simulator_that_ran_for_days_suffices() {
     for running_s in [3600.0, 86_400.0, 3.0 * 86_400.0] {
         let (mut clock, mut simulator) = (Clock::new(), Simulator::new(running_s));
         for _ in 0..50 {
@@ -54,7 +54,7 @@ fn the_coarse_clock_of_a_simulator_that_ran_for_days_is_good_enough() {
 }
 
 #[test]
-fn a_pause_is_no_time_and_no_frame() {
+fn no_time_passes_and_no_frame_comes_in_a_pause() {
     let (mut clock, mut simulator) = (Clock::new(), Simulator::new(0.0));
     let before = simulator.run(&mut clock, 3.0, 1.0).unwrap();
     clock.set_paused(true);
@@ -75,7 +75,7 @@ fn a_simulator_that_starts_paused_has_no_frames() {
 }
 
 #[test]
-fn a_clock_that_stands_still_without_a_pause_stops_time_too() {
+fn a_simulator_clock_that_stops_without_a_pause_stops_plant_time() {
     let (mut clock, mut simulator) = (Clock::new(), Simulator::new(10.0));
     simulator.run(&mut clock, 3.0, 1.0);
     simulator.run(&mut clock, 3.0, 0.0);
@@ -85,7 +85,7 @@ fn a_clock_that_stands_still_without_a_pause_stops_time_too() {
 }
 
 #[test]
-fn a_restart_is_not_a_leap_backwards() {
+fn plant_time_never_goes_back_when_the_simulator_restarts() {
     let (mut clock, mut simulator) = (Clock::new(), Simulator::new(5000.0));
     let before = simulator.run(&mut clock, 3.0, 1.0).unwrap();
     simulator.running_s = 0.0;
@@ -95,7 +95,7 @@ fn a_restart_is_not_a_leap_backwards() {
 }
 
 #[test]
-fn a_long_silence_counts_for_a_second() {
+fn a_long_silence_counts_as_one_second() {
     let mut clock = Clock::new();
     let start = now();
     clock.frame(start);
@@ -104,7 +104,7 @@ fn a_long_silence_counts_for_a_second() {
 }
 
 #[test]
-fn a_silence_is_not_part_of_the_measured_rate() {
+fn a_silence_does_not_affect_the_measured_rate() {
     let (mut clock, mut simulator) = (Clock::new(), Simulator::new(0.0));
     simulator.run(&mut clock, 3.5, 1.0);
     simulator.local_s += 5.0;

@@ -123,7 +123,7 @@ fn at_height(height_m: f32) -> Position {
 }
 
 #[test]
-fn it_subscribes_at_its_first_wait_and_touches_no_control() {
+fn the_link_subscribes_at_its_first_wait_and_touches_no_control() {
     let (simulator, _link) = Scripted::silent();
     let heard = &simulator.asked;
     assert_eq!(rpos::Request::decode(&heard[0]), Ok(rpos::Request { rate_hz: 50 }));
@@ -186,7 +186,7 @@ fn release_gives_the_override_back_and_unsubscribes_once() {
 }
 
 #[test]
-fn a_link_that_never_commanded_leaves_the_override_alone() {
+fn a_link_that_never_commanded_leaves_the_override_unchanged() {
     let (mut simulator, mut link) = Scripted::new();
     link.release();
     assert!(simulator.writes().is_empty());
@@ -202,7 +202,7 @@ fn a_link_that_never_commanded_leaves_the_override_alone() {
 }
 
 #[test]
-fn commands_out_of_the_travel_are_not_sent() {
+fn commands_outside_the_travel_are_not_sent() {
     let (mut simulator, mut link) = Scripted::new();
     simulator.hear();
     for bad in [f64::NAN, f64::INFINITY, 1.5] {
@@ -213,7 +213,7 @@ fn commands_out_of_the_travel_are_not_sent() {
 }
 
 #[test]
-fn values_wake_nobody_and_stand_beside_the_next_frame() {
+fn values_make_no_frame_and_are_part_of_the_next_one() {
     let (simulator, mut link) = Scripted::new();
     simulator.send_value(&link, ROTOR_SPEED, 1500.0);
     simulator.send_value(&link, VERSION, 121_400.0);
@@ -240,14 +240,14 @@ fn the_newest_queued_position_is_the_frame() {
 }
 
 #[test]
-fn a_queued_position_is_had_even_after_the_deadline() {
+fn a_queued_position_is_used_even_after_the_deadline() {
     let (simulator, mut link) = Scripted::new();
     simulator.send_position(&link, at_height(1.0));
     assert!(matches!(link.wait(Duration::ZERO), Wake::Frame(_)));
 }
 
 #[test]
-fn a_paused_simulator_has_no_frames_and_its_time_stands() {
+fn a_paused_simulator_delivers_no_frames_and_its_time_stops() {
     let (simulator, mut link) = Scripted::new();
     simulator.send_position(&link, at_height(1.0));
     let before = next_frame(&mut link).time;
@@ -277,7 +277,7 @@ fn every_frame_is_later_than_the_one_before() {
 }
 
 #[test]
-fn what_cannot_be_is_counted_and_dropped() {
+fn implausible_datagrams_are_counted_and_dropped() {
     let (simulator, mut link) = Scripted::new();
     let fast = Position { velocity_up_m_s: 600.0, ..at_height(1.0) };
     let mut not_a_number = Vec::new();
@@ -296,7 +296,7 @@ fn what_cannot_be_is_counted_and_dropped() {
 }
 
 #[test]
-fn late_positions_are_gaps() {
+fn late_positions_count_as_gaps() {
     let (simulator, mut link) = Scripted::new();
     for pause_ms in [0, 100] {
         sleep_until(now() + Duration::from_millis(pause_ms));
@@ -307,7 +307,7 @@ fn late_positions_are_gaps() {
 }
 
 #[test]
-fn a_simulator_that_is_not_there_is_waited_for() {
+fn the_link_waits_for_a_simulator_that_is_not_up() {
     let closed = UdpSocket::bind((LOCAL, 0)).unwrap().local_addr().unwrap();
     let mut link = link_to(closed, LOCAL);
     for _ in 0..3 {
@@ -319,7 +319,7 @@ fn a_simulator_that_is_not_there_is_waited_for() {
 }
 
 #[test]
-fn addresses_of_two_families_do_not_meet() {
+fn a_simulator_of_another_address_family_is_refused() {
     let origin = Origin::new(Geodetic::from_degrees(28.0, -82.0, 0.0));
     let ipv6: SocketAddr = "[::1]:49000".parse().unwrap();
     for (simulator, listen) in [(Some(ipv6), LOCAL), (None, ipv6.ip())] {
@@ -360,7 +360,7 @@ mod beacons {
 
     /// Needs multicast; without it the test prints that it was skipped, and passes.
     #[test]
-    fn the_stand_in_is_heard_on_its_own_computer() {
+    fn the_beacon_of_the_stand_in_is_received_on_its_own_computer() {
         let Ok(mut search) = Search::new() else { return println!("skipped: this computer has no multicast") };
         let standin = Standin::open(&StandinOptions { beacon: true, ..live::options(0) }).unwrap();
         let address = standin.address();
@@ -431,7 +431,7 @@ mod live {
     }
 
     #[test]
-    fn frames_come_commands_fly_and_release_frees() {
+    fn frames_arrive_commands_take_effect_and_release_frees_the_controls() {
         let live = Live::start(0);
         let mut link = link_to(live.address, LOCAL);
         let standing = next_frame(&mut link);

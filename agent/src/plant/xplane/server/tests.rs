@@ -144,7 +144,7 @@ fn the_position_is_in_x_planes_axes_and_degrees() {
 }
 
 #[test]
-fn several_clients_each_at_its_own_rate_and_by_address_port_and_index() {
+fn clients_differ_by_address_port_and_index_each_with_its_own_rate() {
     let mut bench = Bench::new();
     bench.want(client(1), 50, 7, RUNNING);
     bench.want(client(1), 10, 8, RUNNING);
@@ -181,7 +181,7 @@ fn frequency_zero_ends_a_value_whatever_the_path() {
 }
 
 #[test]
-fn values_due_together_go_together_183_at_most() {
+fn values_due_together_share_datagrams_of_at_most_183() {
     let mut bench = Bench::new();
     for index in 0..400 {
         bench.want(client(1), 50, index, RUNNING);
@@ -194,7 +194,7 @@ fn values_due_together_go_together_183_at_most() {
 }
 
 #[test]
-fn unknown_datarefs_and_elements_are_met_with_silence() {
+fn unknown_datarefs_and_elements_are_ignored() {
     let mut bench = Bench::new();
     for (index, path) in
         ["no/such/thing", "sim/time/paused[1]", "sim/cockpit2/engine/actuators/prop_ratio[16]", "", "a]"]
@@ -213,7 +213,7 @@ fn unknown_datarefs_and_elements_are_met_with_silence() {
 }
 
 #[test]
-fn what_the_aircraft_does_can_be_read() {
+fn the_aircrafts_motion_can_be_read() {
     let mut bench = Bench::new();
     let rpm = bench.read("sim/cockpit2/engine/indicators/prop_speed_rpm[0]").unwrap();
     assert!((rpm - 1594.7).abs() < 0.1, "{rpm}");
@@ -230,7 +230,7 @@ fn what_the_aircraft_does_can_be_read() {
 }
 
 #[test]
-fn nobody_holds_the_stick_before_an_override_and_a_collective() {
+fn no_client_holds_the_controls_before_an_override_and_a_collective() {
     let mut bench = Bench::new();
     bench.set(ROLL, 0.5);
     assert_eq!(bench.frame(), None);
@@ -247,7 +247,7 @@ fn nobody_holds_the_stick_before_an_override_and_a_collective() {
 }
 
 #[test]
-fn an_override_given_back_frees_the_stick_and_leaves_the_lever() {
+fn a_released_override_frees_the_axes_and_keeps_the_collective() {
     let mut bench = Bench::new();
     for (path, value) in [(JOYSTICK, 1.0), (ROLL, 0.5), (COLLECTIVE, 0.6)] {
         bench.set(path, value);
@@ -271,7 +271,7 @@ fn one_axis_alone_can_be_overridden() {
 }
 
 #[test]
-fn integers_are_cut_off_and_travel_is_limited() {
+fn integers_are_truncated_and_travel_is_limited() {
     let mut bench = Bench::new();
     bench.set(COLLECTIVE, 0.5);
     bench.set(JOYSTICK, 0.9);
@@ -285,7 +285,7 @@ fn integers_are_cut_off_and_travel_is_limited() {
 }
 
 #[test]
-fn one_lever_for_all_and_each_by_itself() {
+fn the_collective_is_set_for_all_engines_or_for_each() {
     let mut bench = Bench::new();
     bench.set(JOYSTICK, 1.0);
     bench.set(COLLECTIVE_ALL, 0.25);
@@ -308,7 +308,7 @@ fn read_only_and_unknown_datarefs_cannot_be_written() {
 }
 
 #[test]
-fn only_the_users_own_aircraft_is_placed_and_only_at_a_place() {
+fn only_the_users_own_aircraft_is_placed_and_only_at_coordinates() {
     let mut bench = Bench::new();
     let placement = Placement {
         aircraft: 0,
@@ -328,7 +328,7 @@ fn only_the_users_own_aircraft_is_placed_and_only_at_a_place() {
 }
 
 #[test]
-fn wrong_sizes_are_counted_and_other_messages_are_not_ours() {
+fn wrong_sizes_are_counted_and_other_messages_are_ignored() {
     let mut bench = Bench::new();
     for datagram in [&b"RREF\0short"[..], b"DREF\0short", b"RPOS\0", b"RPOS\0abc\0", b"PREL\0", b"RREF"] {
         bench.say(client(1), |out| out.extend_from_slice(datagram));
@@ -358,7 +358,7 @@ fn the_beacon_comes_once_a_second() {
 }
 
 #[test]
-fn tables_are_bounded_and_only_the_long_silent_make_room() {
+fn tables_are_bounded_and_only_long_silent_clients_are_replaced() {
     let mut bench = Bench::new();
     for port in 1..=MAX_CLIENTS as u16 {
         bench.want_position(client(port), 50);
@@ -386,7 +386,7 @@ fn tables_are_bounded_and_only_the_long_silent_make_room() {
 }
 
 #[test]
-fn a_subscriber_that_is_gone_is_forgotten() {
+fn a_subscriber_that_has_gone_is_removed() {
     let mut bench = Bench::new();
     bench.want_position(client(1), 50);
     bench.want_position(client(2), 50);
@@ -396,7 +396,7 @@ fn a_subscriber_that_is_gone_is_forgotten() {
 }
 
 #[test]
-fn a_subscriber_silent_for_long_still_hears_but_no_longer_keeps_the_server_in_use() {
+fn a_long_silent_subscriber_still_gets_positions_but_does_not_keep_the_server_in_use() {
     let mut bench = Bench::new();
     bench.want_position(client(1), 50);
     bench.frames(11 * RATE_HZ);
@@ -410,7 +410,7 @@ fn a_subscriber_silent_for_long_still_hears_but_no_longer_keeps_the_server_in_us
 
 proptest! {
     #[test]
-    fn malformed_datagrams_are_counted_one_by_one_and_the_stick_stays_within_its_travel(
+    fn malformed_datagrams_are_counted_one_by_one_and_the_control_stays_within_its_travel(
         tag in prop::sample::select(vec![&b"RPOS\0"[..], b"RREF\0", b"DREF\0", b"PREL\0", b"BECN\0", b""]),
         bodies in prop::collection::vec(prop::collection::vec(any::<u8>(), 0..520), 1..20),
         path in prop::sample::select(vec![JOYSTICK, ROLL, PITCH, COLLECTIVE, COLLECTIVE_ALL]),

@@ -58,7 +58,7 @@ impl Bench {
 }
 
 #[test]
-fn it_stands_where_it_was_put_until_somebody_flies_it() {
+fn the_helicopter_rests_at_its_start_until_a_client_flies_it() {
     let mut bench = Bench::new(&["--lat", "-28", "--lon=-82.5", "--alt", "-3.5", "--heading", "90"]);
     let standing = bench.position_after(100);
     assert!((standing.latitude_deg + 28.0).abs() < 1e-9 && (standing.longitude_deg + 82.5).abs() < 1e-9);
@@ -77,7 +77,7 @@ fn it_stands_where_it_was_put_until_somebody_flies_it() {
 }
 
 #[test]
-fn a_placement_puts_it_onto_the_ground_elsewhere() {
+fn a_placement_puts_the_helicopter_on_the_ground_elsewhere() {
     let mut bench = Bench::new(&["--alt", "10"]);
     let placement = Placement {
         aircraft: 0,
@@ -94,7 +94,7 @@ fn a_placement_puts_it_onto_the_ground_elsewhere() {
 }
 
 #[test]
-fn a_slower_frame_rate_is_more_ticks_a_frame() {
+fn a_lower_frame_rate_has_more_ticks_per_frame() {
     let running_s = |arguments: &[&str]| {
         let mut bench = Bench::new(arguments);
         for _ in 0..10 {
@@ -123,7 +123,7 @@ fn defaults_are_a_field_in_florida_and_the_port_of_x_plane() {
 }
 
 #[test]
-fn options_that_cannot_be_are_refused_with_their_name() {
+fn options_out_of_range_are_refused_by_name() {
     for (arguments, named) in [
         (["--rate", "100"], "--rate 100"),
         (["--rate", "0"], "--rate 0"),
@@ -145,7 +145,7 @@ fn options_that_cannot_be_are_refused_with_their_name() {
 }
 
 #[test]
-fn a_taken_port_is_named() {
+fn an_error_names_a_port_in_use() {
     let first = Standin::open(&options(&[])).unwrap();
     let again = StandinOptions { port: first.address().port(), ..options(&[]) };
     let message = Standin::open(&again).err().unwrap().to_string();
@@ -153,7 +153,7 @@ fn a_taken_port_is_named() {
 }
 
 #[test]
-fn lateness_does_not_add_up_and_much_of_it_is_given_up() {
+fn small_delays_do_not_add_up_and_large_ones_start_a_new_grid() {
     let (start, period) = (now(), Duration::from_millis(20));
     let late = |frames: u32| start + frames * period;
     assert_eq!(next_deadline(start, period, start), start + period);
@@ -162,7 +162,7 @@ fn lateness_does_not_add_up_and_much_of_it_is_given_up() {
 }
 
 #[test]
-fn the_run_keeps_its_pace_and_stops_when_told() {
+fn the_stand_in_keeps_its_pace_and_stops_on_request() {
     let Bench { mut standin, client } = Bench::new(&[]);
     let to = standin.address();
     let stop = AtomicBool::new(false);

@@ -136,7 +136,7 @@ mod tolerance {
     use super::*;
 
     #[test]
-    fn the_fifth_byte_says_nothing() {
+    fn the_fifth_byte_is_ignored() {
         for fifth in [b'0', b'@', b'O', b',', 0xff] {
             let with = |mut bytes: Vec<u8>| {
                 bytes[4] = fifth;
@@ -165,7 +165,7 @@ mod tolerance {
     }
 
     #[test]
-    fn rates_may_be_padded_or_end_bare() {
+    fn rates_may_be_padded_or_end_without_a_nul() {
         let read =
             |text: &str| rpos::Request::decode(&[b"RPOS.", text.as_bytes()].concat()).map(|request| request.rate_hz);
         assert_eq!(["60\0", "60\0\0\0", "60", "60\0xyz"].map(read), [Ok(60); 4]);
@@ -176,7 +176,7 @@ mod tolerance {
     }
 
     #[test]
-    fn beacons_of_other_minor_versions() {
+    fn beacons_of_other_minor_versions_are_read() {
         let cut = encoded(|out| beacon().encode(out).unwrap());
         let old = Beacon { minor: 1, raknet_port: None, ..beacon() };
         assert_eq!(Beacon::decode(&encoded(|out| old.encode(out).unwrap())), Ok(old));
@@ -232,7 +232,7 @@ mod refused {
     }
 
     #[test]
-    fn numbers_that_are_none() {
+    fn numbers_that_are_not_finite() {
         for at in [5, 13, 21] {
             let mut bytes = typed(POSITION);
             bytes[at..at + 8].copy_from_slice(&f64::NAN.to_le_bytes());
@@ -249,7 +249,7 @@ mod refused {
     }
 
     #[test]
-    fn places_off_the_globe() {
+    fn positions_off_the_globe() {
         for position in
             [Position { latitude_deg: 90.1, ..position() }, Position { longitude_deg: -180.1, ..position() }]
         {
@@ -269,7 +269,7 @@ mod refused {
     }
 
     #[test]
-    fn paths_that_are_no_text_or_too_long() {
+    fn paths_that_are_not_text_or_too_long() {
         let long = |length| "x".repeat(length);
         let request = |path: &str| rref::Request { frequency_hz: 1, index: 0, path }.encode(&mut Vec::new());
         assert_eq!((request(&long(399)), request(&long(400))), (Ok(()), Err(WireError::TooLong)));
@@ -331,8 +331,8 @@ prop_compose! {
 
 proptest! {
     #[test]
-    fn what_any_bytes_decode_to_is_written_with_these_bytes_and_no_other_messages(datagram in any_datagram()) {
-        // What a decoder ignores: the fifth byte, what pads a text after its NUL, and what names a placement's airport.
+    fn every_decoded_message_encodes_to_the_same_bytes_and_has_one_kind(datagram in any_datagram()) {
+        // A decoder ignores the fifth byte, the padding of a text after its NUL, and the name of a placement's airport.
         let agrees = |again: &[u8], ignored: std::ops::Range<usize>| {
             let ignored = |at: usize| at == 4 || ignored.contains(&at);
             again.iter().zip(&datagram).enumerate().all(|(at, (again, byte))| ignored(at) || again == byte)
@@ -396,7 +396,7 @@ proptest! {
     }
 
     #[test]
-    fn what_is_read_is_what_was_written(
+    fn every_message_survives_encoding_and_decoding(
         position in any_position(),
         rate_hz in any::<u32>(),
         value in any_f32(),
@@ -418,7 +418,7 @@ proptest! {
     }
 
     #[test]
-    fn placements_and_beacons_too(
+    fn placements_and_beacons_survive_encoding_and_decoding(
         (aircraft, latitude_deg, longitude_deg) in (0..20_u8, -90.0..=90.0, -180.0..=180.0),
         (elevation_m, heading_deg, speed_m_s) in (-1e6..1e6, -360.0..360.0, 0.0..1e3),
         (minor, host_id, version, role, port) in (2..=255_u8, any::<i32>(), any::<i32>(), any::<u32>(), 1..=u16::MAX),

@@ -70,7 +70,7 @@ fn indices_are_distinct_and_of_one_session_only() {
 }
 
 #[test]
-fn only_who_was_asked_knows_the_indices() {
+fn only_the_queried_simulator_knows_the_indices() {
     let indices = Indices([5, 900, 17, 4000, 1000, 2000, 3000]);
     let judge = |answer: &[i32]| indices.judge(answer.iter().copied());
     assert_eq!(judge(&[5, 900, 17, 1000]), Answer::Proof);
@@ -84,7 +84,7 @@ fn only_who_was_asked_knows_the_indices() {
 }
 
 #[test]
-fn the_port_of_the_values_is_believed_at_once_and_no_other() {
+fn the_port_of_the_values_is_trusted_at_once_and_no_other() {
     let mut bench = Bench::new();
     bench.senders.prove(address(49_000), bench.at);
     bench.values(&hovering());
@@ -99,7 +99,7 @@ fn the_port_of_the_values_is_believed_at_once_and_no_other() {
 }
 
 #[test]
-fn without_values_no_position_is_believed() {
+fn without_values_no_position_is_trusted() {
     let mut bench = Bench::new();
     for _ in 0..500 {
         bench.wait_s(FRAME_S);
@@ -108,7 +108,7 @@ fn without_values_no_position_is_believed() {
 }
 
 #[test]
-fn another_port_is_believed_once_it_alone_has_agreed_for_the_trial() {
+fn another_port_is_trusted_once_it_alone_has_agreed_for_the_trial() {
     let mut bench = Bench::new();
     assert_eq!(bench.frames(1.4, &[(49_001, hovering())]), Sender::Unproven);
     assert_eq!(bench.frames(0.2, &[(49_001, hovering())]), Sender::Simulator);
@@ -118,7 +118,7 @@ fn another_port_is_believed_once_it_alone_has_agreed_for_the_trial() {
 }
 
 #[test]
-fn a_far_sender_never_is() {
+fn a_distant_sender_is_never_trusted() {
     let mut bench = Bench::new();
     let far = moved_m(hovering(), 30.0);
     assert!(matches!(bench.frames(10.0, &[(50_000, far)]), Sender::Foreign(Some(beyond_m)) if beyond_m > 25.0));
@@ -130,7 +130,7 @@ fn a_far_sender_never_is() {
 }
 
 #[test]
-fn of_two_that_agree_none_is_until_one_falls_silent() {
+fn of_two_senders_that_agree_neither_is_trusted_until_one_is_silent() {
     let mut bench = Bench::new();
     let both = [(49_001, hovering()), (50_000, moved_m(hovering(), 0.5))];
     assert_eq!(bench.frames(20.0, &both), Sender::Foreign(None));
@@ -139,7 +139,7 @@ fn of_two_that_agree_none_is_until_one_falls_silent() {
 }
 
 #[test]
-fn proof_ends_any_trial_and_any_belief() {
+fn a_proven_port_replaces_any_trusted_port() {
     let mut bench = Bench::new();
     assert_eq!(bench.frames(2.0, &[(50_000, hovering())]), Sender::Simulator, "there was no other sender");
     bench.senders.prove(address(49_000), bench.at);
@@ -148,7 +148,7 @@ fn proof_ends_any_trial_and_any_belief() {
 }
 
 #[test]
-fn after_a_silence_the_old_port_is_believed_at_once_and_a_new_one_after_a_trial() {
+fn after_a_silence_the_old_port_is_trusted_at_once_and_a_new_one_after_a_trial() {
     let mut bench = Bench::new();
     assert_eq!(bench.frames(2.0, &[(49_001, hovering())]), Sender::Simulator);
     bench.wait_s(1.5);
@@ -161,7 +161,7 @@ fn after_a_silence_the_old_port_is_believed_at_once_and_a_new_one_after_a_trial(
 }
 
 #[test]
-fn a_hovering_aircrafts_place_is_known_to_two_metres() {
+fn a_hovering_aircrafts_position_is_checked_to_two_metres() {
     let mut bench = Bench::new();
     bench.values(&hovering());
     bench.wait_s(FRAME_S);

@@ -114,7 +114,7 @@ fn no_session_has_the_indices_of_another() {
 }
 
 #[test]
-fn a_spoofer_of_this_computer_cannot_steer() {
+fn a_spoofer_on_this_computer_cannot_deliver_a_frame() {
     let live = Live::start(0);
     let mut link = link_to(live.address, LOCAL);
     // The attack starts before the simulator's first reply, with a distant position and with the true one.
@@ -127,7 +127,7 @@ fn a_spoofer_of_this_computer_cannot_steer() {
 }
 
 #[test]
-fn an_attack_costs_no_frames() {
+fn an_attack_delays_no_frames() {
     let live = Live::start(0);
     let mut link = link_to(live.address, LOCAL);
     next_frame(&mut link);
@@ -139,7 +139,7 @@ fn an_attack_costs_no_frames() {
 }
 
 #[test]
-fn a_simulator_that_answers_from_several_ports_is_flown() {
+fn a_simulator_that_replies_from_several_ports_is_flown() {
     let live = split();
     let mut link = link_to(live.address, LOCAL);
     let begin = now();
@@ -163,7 +163,7 @@ fn a_simulator_that_answers_from_several_ports_is_flown() {
 }
 
 #[test]
-fn where_two_senders_are_as_credible_none_steers() {
+fn two_equally_credible_senders_deliver_no_frame() {
     let live = split();
     let mut link = link_to(live.address, LOCAL);
     under_attack(&mut link, &[SPOOFED], |link| {
@@ -177,7 +177,7 @@ fn where_two_senders_are_as_credible_none_steers() {
 }
 
 #[test]
-fn a_simulator_that_restarts_on_other_ports_is_learned_anew() {
+fn a_simulator_that_restarts_on_other_ports_is_recognised_again() {
     for is_split in [false, true] {
         let options = |port| StandinOptions { split_ports: is_split, ..options(port) };
         let first = Live::run(Standin::open(&options(0)).unwrap());
