@@ -1,5 +1,5 @@
-//! Laws that are other programs: the shipped Python ring against the built-in one, in both kinds of time; programs that
-//! end, hang, and say what is none of an answer. Needs python3, as the laws themselves do.
+//! Control laws in other programs: the shipped Python ring compared with the built-in one, in virtual and in real time;
+//! programs that end, hang, or answer with invalid messages. Needs python3, as the laws themselves do.
 #![cfg(unix)]
 #![expect(clippy::disallowed_methods, reason = "real processes take real time")]
 #![expect(clippy::unwrap_used, reason = "what a test cannot do has failed")]
@@ -28,7 +28,7 @@ fn shipped(path: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../deploy").join(path)
 }
 
-/// A study of a scenario file as `skein study` makes it.
+/// The study of a scenario file, as `skein study` makes it.
 fn study(file: &Path, sets: &[&str]) -> Study {
     let args = ScenarioArgs { scenario: Some(file.to_owned()), sets: sets.iter().map(|&set| set.to_owned()).collect() };
     let loaded = args.read(Vec::new()).unwrap();
@@ -36,12 +36,12 @@ fn study(file: &Path, sets: &[&str]) -> Study {
     Study { scenario: loaded.scenario, aircraft: ready.aircraft, rules: ready.rules, laws: LawPool::default() }
 }
 
-/// A study of the shipped scenario with an external law.
+/// The study of the shipped scenario with an external law.
 fn external(sets: &[&str]) -> Study {
     study(&shipped("scenarios/external.toml"), sets)
 }
 
-/// The report as text, without what the wall clock decides.
+/// The report as text, without the figures that depend on the wall clock.
 fn without_wall_clock(report: &Report) -> String {
     let mut value = serde_json::to_value(report).unwrap();
     let Value::Object(keys) = &mut value else { panic!("a report is an object") };
@@ -50,7 +50,7 @@ fn without_wall_clock(report: &Report) -> String {
 }
 
 #[test]
-fn the_python_ring_flies_as_the_built_in_one_and_twice_the_same() {
+fn the_python_ring_flies_like_the_built_in_one_and_is_repeatable() {
     let sets = ["duration_s=130"];
     let fly = |jobs| external(&sets).fly_all(0..2, jobs, |_| {}).unwrap();
     let python = fly(NonZeroUsize::MIN);
@@ -72,13 +72,14 @@ fn the_python_ring_flies_as_the_built_in_one_and_twice_the_same() {
     }
 }
 
-/// A law in a folder of its own, and a scenario of one vehicle beside it that flies it.
+/// A law in its own folder, beside a scenario of one vehicle that flies it.
 struct Law {
     folder: TempDir,
 }
 
 impl Law {
-    /// `ready` and `ask` are the Python that answers a hello and an ask `m` by printing; `good(m)` is a good answer.
+    /// `ready` and `ask` are Python code that prints the answers to a hello and to a request `m`; `good(m)` is a valid
+    /// answer.
     fn new(ready: &str, ask: &str) -> Self {
         let folder = tempfile::tempdir().unwrap();
         let program = format!(
@@ -103,7 +104,7 @@ for line in sys.stdin:
         Self { folder }
     }
 
-    /// Which is ready when it ought to be.
+    /// A law that answers the hello, with this Python code for requests.
     fn ready(ask: &str) -> Self {
         Self::new("say({'say': 'ready', 'protocol': 1})", ask)
     }
@@ -117,11 +118,11 @@ for line in sys.stdin:
     }
 }
 
-/// The ring in place of a law that answers; its figures are what a fallback is held against.
+/// Report of the built-in ring, with which the flights of the fallback are compared.
 static RING: LazyLock<Report> =
     LazyLock::new(|| Law::ready("say(good(m))").study(&["formation.law=ring"]).fly(1).unwrap());
 
-/// A law that does this when it is asked has missed every ask, and the fallback flies.
+/// Asserts that a law with this reaction to a query misses every query, and that the fallback flies.
 fn assert_fallback_flies(ask: &str) {
     let report = Law::ready(ask).fly().unwrap_or_else(|error| panic!("{ask}: {error}"));
     let misses = report.law_misses.unwrap();
@@ -132,7 +133,7 @@ fn assert_fallback_flies(ask: &str) {
 }
 
 #[test]
-fn a_line_that_is_no_json_object_is_a_miss_and_the_fallback_flies() {
+fn a_line_that_is_not_a_json_object_is_a_miss_and_the_fallback_flies() {
     assert_fallback_flies("say('{')");
     assert_fallback_flies("say('Traceback (most recent call last):')");
     assert_fallback_flies("say('x' * 1000000)");
@@ -158,13 +159,13 @@ fn an_answer_without_one_finite_velocity_is_a_miss_and_the_fallback_flies() {
 }
 
 #[test]
-fn an_object_that_is_no_answer_is_a_miss_and_the_fallback_flies() {
+fn an_object_that_is_not_an_answer_is_a_miss_and_the_fallback_flies() {
     assert_fallback_flies("say({'say': 'ready', 'protocol': 1})");
     assert_fallback_flies("say({})");
 }
 
 #[test]
-fn what_a_law_says_once_too_often_costs_no_more_than_one_answer() {
+fn an_extra_line_of_a_law_costs_at_most_one_answer() {
     let cases = [
         ("m['tick'] == 30 and say('debug'); say(good(m))", 1),
         ("say(good(m)); m['tick'] == 30 and say('debug')", 1),
@@ -175,7 +176,7 @@ fn what_a_law_says_once_too_often_costs_no_more_than_one_answer() {
     }
 }
 
-/// The run fails with this sentence about the law of vehicle 1.
+/// Asserts that the run fails with this sentence about the law of vehicle 1.
 fn assert_fails(law: &Law, why: &str) {
     assert_eq!(law.fly().unwrap_err().to_string(), format!("the law of vehicle 1 {why}"));
 }
@@ -214,7 +215,7 @@ fn a_law_that_closes_its_output_fails_the_run() {
 }
 
 #[test]
-fn a_slow_law_and_a_talkative_one_change_nothing() {
+fn a_slow_law_and_a_verbose_one_change_nothing() {
     let plain = Law::ready("say(good(m))").fly().unwrap();
     let slow = Law::ready("time.sleep(0.002); say(good(m, log={'x': m['time_s']}))").fly().unwrap();
     let verbose = Law::ready("print('thinks', file=sys.stderr); say(good(m, unknown=[1, {}]))").fly().unwrap();
@@ -225,8 +226,8 @@ fn a_slow_law_and_a_talkative_one_change_nothing() {
 }
 
 #[test]
-fn every_life_of_a_vehicle_is_one_of_its_law() {
-    // It flies nowhere but in its second life, in which a hello has come again.
+fn every_incarnation_of_a_vehicle_restarts_its_law() {
+    // The law moves the vehicle only in its second incarnation, after a second hello.
     let law = Law::new(
         "lives = globals().get('lives', 0) + 1; say({'say': 'ready', 'protocol': 1})",
         "say(good(m, log={'lives': lives}, velocity_ned_m_s=[1.0 if lives > 1 else 0.0, 0, 0]))",
@@ -236,14 +237,14 @@ fn every_life_of_a_vehicle_is_one_of_its_law() {
     let once = study.fly(1).unwrap();
     assert_eq!(once.law_misses, Some(0));
     assert!(once.centroid_lag_m.is_none(), "too short");
-    // Kept for the next run it counts its lives on: there it flies away from the beginning.
+    // The process is kept for the next run and counts on: there it moves the vehicle from the beginning.
     let again = study.fly(1).unwrap();
     assert_ne!(without_wall_clock(&once), without_wall_clock(&again), "one and the same process");
     let anew = law.study(&["duration_s=30", kill, "start.pattern=line"]).fly(1).unwrap();
     assert_eq!(without_wall_clock(&once), without_wall_clock(&anew), "another process");
 }
 
-/// A Python program beside the test, ended with it.
+/// A Python program that ends with the test.
 struct Program(Child);
 
 impl Program {
@@ -259,7 +260,7 @@ impl Drop for Program {
     }
 }
 
-/// The smallest law under `command`, against which the other ways are compared.
+/// A flight with the smallest law under `command`, with which the other transports are compared.
 fn goto(sets: &[&str]) -> Report {
     let command = format!("formation.external.command=[\"python3\", \"{}\"]", shipped("laws/goto.py").display());
     let law = Law::ready("pass");
@@ -330,13 +331,13 @@ while True:
     let text = fs::read_to_string(&file).unwrap().replace("external.command = ['python3', 'law.py']", &udp);
     fs::write(&file, text).unwrap();
     let by_udp = law.study(&TWO_VEHICLES).fly(4).unwrap();
-    // A number read from a text may be one in its last digit off: see serde_json.
+    // A number read from a text may differ in its last digit: see serde_json.
     let closest_m = |report: &Report| report.min_separation_m.unwrap();
     assert!((closest_m(&by_udp) - closest_m(&by_command)).abs() < 1e-6);
     assert_eq!((by_udp.law_misses, by_udp.state_messages), (Some(0), by_command.state_messages));
 }
 
-/// A law of the ring that leaves its number. Started again, it takes its time if it is told to, and ends if it is to be dead.
+/// A law that flies the ring and writes its process id to a file. Other files make it start slowly or end at once.
 fn mortal_ring() -> Law {
     let laws = shipped("laws");
     let hello = "here = os.path.dirname(sys.argv[0]); me = str(m['vehicle']); \
@@ -374,11 +375,11 @@ impl Flight {
         Self { process, lines, folder }
     }
 
-    fn wait_for(&self, wanted: &str) {
+    fn wait_for(&self, text: &str) {
         let until = Instant::now() + Duration::from_secs(60);
         loop {
             let line = self.lines.recv_timeout(until.saturating_duration_since(Instant::now()));
-            if line.unwrap_or_else(|error| panic!("never said {wanted:?}: {error}")).contains(wanted) {
+            if line.unwrap_or_else(|error| panic!("no line with {text:?}: {error}")).contains(text) {
                 return;
             }
         }
@@ -398,7 +399,7 @@ impl Flight {
 }
 
 impl Drop for Flight {
-    /// A test that failed leaves nothing behind either: agents land when their launcher asks, and end when it is gone.
+    /// Ends the flight, also of a failed test: agents land at the first signal, and end at the second.
     fn drop(&mut self) {
         if let Ok(None) = self.process.try_wait() {
             let _ = kill_process(Pid::from_child(&self.process), Signal::INT);
@@ -410,23 +411,23 @@ impl Drop for Flight {
 }
 
 #[test]
-fn in_real_time_a_vehicle_whose_law_is_killed_falls_back_and_the_swarm_goes_on() {
+fn in_real_time_a_vehicle_with_a_killed_law_falls_back_and_the_swarm_continues() {
     let law = mortal_ring();
     let sets =
         ["swarm.vehicles=2", "swarm.name=mortal", "formation.altitude_m=5", "duration_s=1000", "start.pattern=ring"];
-    // A busy PC is no reason to miss three in a row.
-    let patient = ["start.square_m=60", "formation.external.period_s=0.2", "formation.external.deadline_s=0.2"];
-    let sets = [&sets[..], &patient].concat();
+    // Long deadlines: a busy PC must not miss three requests in a row.
+    let long_deadlines = ["start.square_m=60", "formation.external.period_s=0.2", "formation.external.deadline_s=0.2"];
+    let sets = [&sets[..], &long_deadlines].concat();
     let mut flight = Flight::start(&law, &sets);
     flight.wait_for("everybody takes part");
     flight.wait_for("at altitude");
     fs::write(flight.folder.join("slow-1"), "").unwrap();
     flight.kill_law_of(1);
-    flight.wait_for("vehicle 1: own law does not answer, the fallback flies");
-    flight.wait_for("vehicle 1: own law answers, flies again");
+    flight.wait_for("vehicle 1: external law unresponsive, fallback law flies");
+    flight.wait_for("vehicle 1: external law responds, flies again");
     fs::write(flight.folder.join("dead-2"), "").unwrap();
     flight.kill_law_of(2);
-    flight.wait_for("vehicle 2: own law does not answer, the fallback flies");
+    flight.wait_for("vehicle 2: external law unresponsive, fallback law flies");
     std::thread::sleep(Duration::from_secs(3));
     kill_process(Pid::from_child(&flight.process), Signal::INT).unwrap();
     flight.wait_for("everybody is asked to land");
@@ -437,7 +438,7 @@ fn in_real_time_a_vehicle_whose_law_is_killed_falls_back_and_the_swarm_goes_on()
     let metrics = fs::read_to_string(flight.folder.join("out/metrics.json")).unwrap();
     let metrics: Value = serde_json::from_str(&metrics).unwrap();
     let misses = metrics["law_misses"].as_u64().unwrap();
-    println!("{misses} misses: about 15 while the one is started again, 15 of the other");
+    println!("{misses} misses: about 15 during the restart of one law, 15 of the other");
     assert!((25..200).contains(&misses), "{metrics:#}");
     assert_eq!(metrics["collisions"], 0);
     assert!(metrics["at_altitude_s"].is_number() && metrics["in_band_s"].is_number(), "{metrics:#}");
@@ -447,7 +448,7 @@ fn in_real_time_a_vehicle_whose_law_is_killed_falls_back_and_the_swarm_goes_on()
 }
 
 #[test]
-fn a_law_that_cannot_be_reached_is_refused_before_anything_is_begun() {
+fn an_unreachable_law_is_refused_before_any_process_starts() {
     let law = Law::ready("pass");
     let run = |arguments: &[&str]| {
         let mut command = Command::new(env!("CARGO_BIN_EXE_skein-under-test"));
@@ -466,7 +467,7 @@ fn a_law_that_cannot_be_reached_is_refused_before_anything_is_begun() {
     let text = fs::read_to_string(file).unwrap();
     let text = text.replace("external.command = ['python3', 'law.py']", "external.listen = 'tcp/127.0.0.1:5600'");
     fs::write(&listens, text).unwrap();
-    let (code, said) = run(&["study", listens.to_str().unwrap(), "--jobs", "2"]);
-    assert!(code == Some(2) && said.contains("allow one job, not 2"), "{said}");
+    let (code, stderr) = run(&["study", listens.to_str().unwrap(), "--jobs", "2"]);
+    assert!(code == Some(2) && stderr.contains("allow one job, not 2"), "{stderr}");
     assert!(!law.folder.path().join("out").exists());
 }

@@ -1,5 +1,5 @@
-//! `skein fly` as its user has it: processes, signals, files. Every test has a swarm, a runtime folder and an output folder
-//! of its own, and leaves no process behind.
+//! `skein fly` as a user runs it: processes, signals, files. Every test has its own swarm, runtime folder and output
+//! folder, and leaves no process behind.
 #![cfg(unix)]
 #![expect(clippy::disallowed_methods, reason = "real processes take real time")]
 #![expect(clippy::unwrap_used, reason = "what a test cannot do has failed")]
@@ -25,13 +25,13 @@ use skein_lab::recording::{Track, What};
 use tempfile::TempDir;
 
 const PROGRAM: &str = env!("CARGO_BIN_EXE_skein-under-test");
-/// Everything that a small swarm does at its beginning and its end is over within this time.
+/// Timeout for the start and the end of a small swarm.
 const SOON: Duration = Duration::from_secs(60);
 
-/// A busy PC takes away as much of a flight's frames, no more.
+/// Least share of a flight's frames on a busy PC.
 const AT_LEAST: f64 = 0.7;
 
-/// A swarm's surroundings.
+/// Folders of a test's swarm.
 struct Place {
     name: &'static str,
     folder: TempDir,
@@ -56,7 +56,7 @@ impl Place {
         command
     }
 
-    /// Three vehicles that fly low: they are soon up and soon down.
+    /// A flight of three vehicles at low altitude, which take off and land quickly.
     fn fly(&self) -> Command {
         self.fly_into("out")
     }
@@ -75,7 +75,7 @@ impl Place {
         self.command().args(["order", verb]).output().unwrap()
     }
 
-    /// Processes that have to do with this place, as `(pid, command line)`.
+    /// Processes of this swarm, as `(pid, command line)`.
     fn processes(&self) -> Vec<(Pid, String)> {
         let listed = Command::new("ps").args(["-axww", "-o", "pid=,args="]).output().unwrap();
         let folder = self.folder.path().to_str().unwrap();
@@ -100,13 +100,13 @@ impl Place {
         self.processes().into_iter().find(|(_, line)| line.contains(arguments)).map(|(pid, _)| pid)
     }
 
-    /// Looks on, as `fly` does.
+    /// Opens an observer of the swarm, as `fly` does.
     fn observer(&self) -> Observer {
         let endpoints = endpoints::find(&self.runtime().join("skein"), None).unwrap();
         Observer::open(&endpoints.into(), Steps::On).unwrap()
     }
 
-    fn wait_until_nobody_is_left(&self) {
+    fn wait_until_all_processes_ended(&self) {
         let until = Instant::now() + SOON;
         while !self.processes().is_empty() {
             assert!(Instant::now() < until, "still there: {:#?}", self.processes());
@@ -118,14 +118,14 @@ impl Place {
         serde_json::from_str(&fs::read_to_string(self.out().join("metrics.json")).unwrap()).unwrap()
     }
 
-    /// Files that tell where a swarm is.
-    fn signposts(&self) -> usize {
+    /// Number of files with the endpoints of a swarm.
+    fn endpoint_files(&self) -> usize {
         fs::read_dir(self.runtime().join("skein")).map_or(0, Iterator::count)
     }
 }
 
 impl Drop for Place {
-    /// A test that failed leaves nothing behind either.
+    /// Ends all processes, also of a failed test.
     fn drop(&mut self) {
         for (pid, _) in self.processes() {
             let _ = kill_process(pid, Signal::KILL);
@@ -134,7 +134,7 @@ impl Drop for Place {
 }
 
 #[test]
-fn without_an_x_plane_fly_says_within_3_s_what_check_says() {
+fn without_an_x_plane_fly_fails_within_3_s_with_the_error_of_check() {
     let place = Place::new("no-x-plane");
     let silent = UdpSocket::bind("127.0.0.1:0").unwrap();
     let address = silent.local_addr().unwrap().to_string();
@@ -149,10 +149,10 @@ fn without_an_x_plane_fly_says_within_3_s_what_check_says() {
     let fly = output(place.fly().args(["--set", "swarm.vehicles=1", "--plant", "xplane", "--xplane", &address]));
     assert_eq!(fly, check);
     assert!(check.0 == Some(1) && check.1.contains("no answer within 2 s; is X-Plane running"), "{check:?}");
-    assert!(!place.out().exists() && place.processes().is_empty() && place.signposts() == 0);
+    assert!(!place.out().exists() && place.processes().is_empty() && place.endpoint_files() == 0);
 }
 
-/// A `skein fly` whose lines are read as they come.
+/// A running `skein fly`, whose output is read line by line.
 struct Flight {
     process: Child,
     lines: Receiver<(Instant, String)>,
@@ -177,32 +177,32 @@ impl Flight {
         Pid::from_child(&self.process)
     }
 
-    /// Waits until each of these was in some line, in any order. Gives when the last of them came.
-    fn wait_for_all(&self, wanted: &[&str]) -> Instant {
-        let (mut missing, until) = (wanted.to_vec(), Instant::now() + SOON);
+    /// Waits until each of these texts was in some line, in any order, and returns the time of the last one.
+    fn wait_for_all(&self, texts: &[&str]) -> Instant {
+        let (mut missing, until) = (texts.to_vec(), Instant::now() + SOON);
         loop {
             match self.lines.recv_timeout(until.saturating_duration_since(Instant::now())) {
                 Ok((at, line)) => {
-                    missing.retain(|wanted| !line.contains(wanted));
+                    missing.retain(|text| !line.contains(text));
                     if missing.is_empty() {
                         return at;
                     }
                 }
-                Err(RecvTimeoutError::Timeout) => panic!("never said {missing:?}"),
-                Err(RecvTimeoutError::Disconnected) => panic!("ended without saying {missing:?}"),
+                Err(RecvTimeoutError::Timeout) => panic!("timeout without {missing:?}"),
+                Err(RecvTimeoutError::Disconnected) => panic!("ended without {missing:?}"),
             }
         }
     }
 
-    fn wait_for(&self, wanted: &str) -> Instant {
-        self.wait_for_all(&[wanted])
+    fn wait_for(&self, text: &str) -> Instant {
+        self.wait_for_all(&[text])
     }
 
     fn interrupt(&self) {
         kill_process(self.pid(), Signal::INT).unwrap();
     }
 
-    /// Exit status and what was said on stderr.
+    /// Waits for the end, and returns the exit status and the text on stderr.
     fn end(self) -> (Option<i32>, String) {
         let output = self.process.wait_with_output().unwrap();
         (output.status.code(), String::from_utf8_lossy(&output.stderr).into_owned())
@@ -213,13 +213,13 @@ impl Flight {
 fn a_flight_of_twenty_seconds_leaves_its_files_and_no_process() {
     let place = Place::new("whole");
     let flown = place.fly().args(["--duration", "20", "--seed", "5", "--plant", "builtin", "--json"]).output().unwrap();
-    let said = String::from_utf8_lossy(&flown.stderr).into_owned();
-    assert!(flown.status.success(), "{said}");
+    let stderr = String::from_utf8_lossy(&flown.stderr).into_owned();
+    assert!(flown.status.success(), "{stderr}");
     assert_eq!(place.processes(), []);
-    assert_eq!(place.signposts(), 0);
+    assert_eq!(place.endpoint_files(), 0);
 
     let metrics = place.metrics();
-    let printed: Value = serde_json::from_slice(&flown.stdout).expect("nothing but JSON on stdout");
+    let printed: Value = serde_json::from_slice(&flown.stdout).expect("only JSON on stdout");
     assert_eq!(printed, metrics);
     assert_eq!(
         (&metrics["plant"], &metrics["target"], &metrics["seed"]),
@@ -243,15 +243,15 @@ fn a_flight_of_twenty_seconds_leaves_its_files_and_no_process() {
         assert!((AT_LEAST..1.005).contains(&all), "vehicle {id}: {} steps of 20 s at 50 Hz", steps.len());
         assert!(steps[0].t_s < 0.5 && steps[steps.len() - 1].t_s > 19.5);
         let high = recording.noted.iter().filter(|noted| noted.what == What::Said(*id, Happening::AtAltitude)).count();
-        assert_eq!(high, 1, "vehicle {id} came to its altitude once: {:#?}", recording.noted);
+        assert_eq!(high, 1, "vehicle {id} reached its altitude once: {:#?}", recording.noted);
     }
     for phrase in ["everybody takes part", "everybody is asked to land", "vehicle 3: landed", "vehicle 3: ended"] {
-        assert!(said.contains(phrase), "{phrase:?} is missing in\n{said}");
+        assert!(stderr.contains(phrase), "{phrase:?} is missing in\n{stderr}");
     }
 }
 
 #[test]
-fn control_c_lands_everybody() {
+fn control_c_lands_all_vehicles() {
     let place = Place::new("stopped");
     let flight = Flight::start(&place, &["--plant", "standin"]);
     flight.wait_for("everybody takes part");
@@ -262,7 +262,7 @@ fn control_c_lands_everybody() {
     flight.wait_for("files");
     assert_eq!(flight.end(), (Some(0), String::new()));
     assert_eq!(place.processes(), []);
-    assert_eq!(place.signposts(), 0);
+    assert_eq!(place.endpoint_files(), 0);
     let metrics = place.metrics();
     assert!(metrics["duration_s"].as_f64().is_some_and(|flown_s| (5.0..12.0).contains(&flown_s)), "{metrics:#}");
     assert_eq!(metrics["plant"], "standin");
@@ -279,12 +279,12 @@ fn control_c_twice_ends_at_once() {
     std::thread::sleep(Duration::from_millis(300));
     let asked = Instant::now();
     flight.interrupt();
-    let (status, said) = flight.end();
+    let (status, stderr) = flight.end();
     assert!(asked.elapsed() < Duration::from_secs(10));
     assert_eq!(status, Some(1));
-    assert_eq!(said, "vehicle 1, 2, 3: ended by Ctrl-C\n");
+    assert_eq!(stderr, "vehicle 1, 2, 3: ended by Ctrl-C\n");
     assert_eq!(place.processes(), []);
-    assert!(place.metrics()["duration_s"].is_number(), "the window was over before");
+    assert!(place.metrics()["duration_s"].is_number(), "the measured time ended before");
 }
 
 #[test]
@@ -295,16 +295,20 @@ fn a_vehicle_that_is_killed_is_named_and_the_others_fly_on() {
     std::thread::sleep(Duration::from_secs(3));
     let killed = Instant::now();
     kill_process(place.agent(2).unwrap(), Signal::KILL).unwrap();
-    let named = ["vehicle 2: killed by signal 9", "vehicle 1: lost vehicle 2", "vehicle 3: lost vehicle 2"];
+    let named = [
+        "vehicle 2: killed by signal 9",
+        "vehicle 1: lost contact with vehicle 2",
+        "vehicle 3: lost contact with vehicle 2",
+    ];
     let after = flight.wait_for_all(&named).duration_since(killed);
     assert!(after < Duration::from_secs(5), "named after {after:?}");
     std::thread::sleep(Duration::from_secs(3));
     assert!(place.agent(1).is_some() && place.agent(3).is_some() && place.agent(2).is_none());
     flight.interrupt();
     flight.wait_for("files");
-    let (status, said) = flight.end();
+    let (status, stderr) = flight.end();
     assert_eq!(status, Some(0), "the others' flight counts");
-    assert!(said.starts_with("lost after ") && said.contains("vehicle 2: killed by signal 9"), "{said}");
+    assert!(stderr.starts_with("lost after ") && stderr.contains("vehicle 2: killed by signal 9"), "{stderr}");
     assert_eq!(place.processes(), []);
 }
 
@@ -325,37 +329,37 @@ fn a_swarm_whose_launcher_is_killed_flies_on_until_it_is_ordered_to_land() {
     assert!(refusal.contains("a swarm named orphaned flies here already"), "{refusal}");
     assert!(!place.folder.path().join("second").exists());
 
-    orders_tell_what_they_change(&place);
-    place.wait_until_nobody_is_left();
+    orders_report_their_effect(&place);
+    place.wait_until_all_processes_ended();
 
-    let nobody = place.order("hold");
-    assert_eq!(nobody.status.code(), Some(1));
-    assert_eq!(String::from_utf8_lossy(&nobody.stderr), "no vehicle of swarm orphaned answered\n");
+    let refused = place.order("hold");
+    assert_eq!(refused.status.code(), Some(1));
+    assert_eq!(String::from_utf8_lossy(&refused.stderr), "no vehicle of swarm orphaned answered\n");
 }
 
-/// Of three vehicles whose mission has one step; in the end they land.
-fn orders_tell_what_they_change(place: &Place) {
+/// Gives orders to three vehicles whose mission has one step; at the end they land.
+fn orders_report_their_effect(place: &Place) {
     let order = |line: &str| {
-        let ran = place.command().arg("order").args(line.split(' ')).output().unwrap();
-        let said = String::from_utf8_lossy(&ran.stdout).into_owned() + &String::from_utf8_lossy(&ran.stderr);
-        (ran.status.code(), said)
+        let output = place.command().arg("order").args(line.split(' ')).output().unwrap();
+        let text = String::from_utf8_lossy(&output.stdout).into_owned() + &String::from_utf8_lossy(&output.stderr);
+        (output.status.code(), text)
     };
-    let told = |code, said: &str| (Some(code), format!("{said}\n"));
-    assert_eq!(order("goto 5"), told(2, "the mission has no step 5: its only step is 0"));
-    assert_eq!(order("goto 0"), told(1, "goto 0: no effect: vehicle 1-3: step 0, as before"));
+    let printed = |code, text: &str| (Some(code), format!("{text}\n"));
+    assert_eq!(order("goto 5"), printed(2, "the mission has no step 5: its only step is 0"));
+    assert_eq!(order("goto 0"), printed(1, "goto 0: no effect: vehicle 1-3: step 0, as before"));
     let held = "hold: accepted by vehicle 1-3; vehicle 1-3: step 0 -> held at step 0";
-    assert_eq!(order("hold"), told(0, held));
-    assert_eq!(order("hold"), told(1, "hold: no effect: vehicle 1-3: held at step 0, as before"));
+    assert_eq!(order("hold"), printed(0, held));
+    assert_eq!(order("hold"), printed(1, "hold: no effect: vehicle 1-3: held at step 0, as before"));
     let on = "goto 0: accepted by vehicle 1-3; vehicle 1-3: held at step 0 -> step 0";
-    assert_eq!(order("goto 0"), told(0, on));
-    assert_eq!(order("abort"), told(0, "abort: accepted by vehicle 1-3; vehicle 1-3: step 0 -> aborted"));
+    assert_eq!(order("goto 0"), printed(0, on));
+    assert_eq!(order("abort"), printed(0, "abort: accepted by vehicle 1-3; vehicle 1-3: step 0 -> aborted"));
     assert_eq!(
         order("hold"),
-        told(1, "hold: refused, because swarm orphaned was ordered to abort and no order can undo that")
+        printed(1, "hold: refused, because swarm orphaned was ordered to abort and no order can undo that")
     );
 }
 
-/// What is heard of everybody's steps until this time is over.
+/// All traces that arrive within this time.
 fn steps(observer: &mut Observer, within: Duration) -> Vec<Trace> {
     std::thread::sleep(within);
     let heard = observer.poll().into_iter().filter_map(|heard| match heard {
@@ -365,7 +369,7 @@ fn steps(observer: &mut Observer, within: Duration) -> Vec<Trace> {
     heard.collect()
 }
 
-/// Longest time without a step of each vehicle, by its own clock, s, in steps that were heard over a `window`.
+/// Longest time without a step of each vehicle, by its own clock, s, from the traces of a `window`.
 fn pauses_s(steps: &[Trace], window: Duration) -> BTreeMap<u8, f64> {
     let mut stamps: BTreeMap<u8, Vec<SenderStamp>> = BTreeMap::new();
     steps.iter().for_each(|step| stamps.entry(step.header.sender.get()).or_default().push(step.header.stamp));
@@ -378,7 +382,7 @@ fn pauses_s(steps: &[Trace], window: Duration) -> BTreeMap<u8, f64> {
 }
 
 #[test]
-fn a_process_that_is_killed_whichever_it_is_never_stops_the_others() {
+fn a_kill_of_any_process_never_stops_the_others() {
     let place = Place::new("survivors");
     let mut flight = Flight::start(&place, &["--plant", "standin", "--set", "swarm.vehicles=4"]);
     flight.wait_for("everybody takes part");
@@ -398,14 +402,14 @@ fn a_process_that_is_killed_whichever_it_is_never_stops_the_others() {
         observer.poll();
         kill_process(pid.unwrap(), Signal::KILL).unwrap();
         let pauses_s = pauses_s(&steps(&mut observer, window), window);
-        println!("{victim} killed: longest pause of each vehicle that is heard, s: {pauses_s:.3?}");
+        println!("{victim} killed: longest pause of each vehicle in contact, s: {pauses_s:.3?}");
         for other in others {
             assert!(pauses_s.get(other).is_some_and(|pause_s| *pause_s <= 0.2), "{victim}: {other} in {pauses_s:?}");
         }
     }
     flight.process.wait().unwrap();
     assert!(place.order("land").status.success());
-    place.wait_until_nobody_is_left();
+    place.wait_until_all_processes_ended();
 }
 
 #[test]
@@ -426,27 +430,27 @@ fn a_scenario_kills_and_restarts_an_agent_whose_helicopter_flies_on() {
     fs::write(&file, mission).unwrap();
     let flight = Flight::start(&place, &[file.to_str().unwrap(), "--set", "formation.altitude_m=10"]);
     flight.wait_for("event: kills vehicle 2");
-    flight.wait_for_all(&["vehicle 1: lost vehicle 2", "vehicle 3: lost vehicle 2"]);
+    flight.wait_for_all(&["vehicle 1: lost contact with vehicle 2", "vehicle 3: lost contact with vehicle 2"]);
     let restarted = flight.wait_for("event: restarts vehicle 2");
     let mut observer = place.observer();
-    let joined = flight.wait_for("vehicle 2: takes part").duration_since(restarted);
+    let joined = flight.wait_for("vehicle 2: active").duration_since(restarted);
     assert!(joined < Duration::from_secs(10), "{joined:?}");
     flight.wait_for_all(&[
         "event: orders hold",
         "event: freezes the simulator of vehicle 3",
-        "vehicle 3: own data stale",
+        "vehicle 3: simulator data stale",
         "event: lets the simulator of vehicle 3 go on",
-        "vehicle 3: own data back",
+        "vehicle 3: simulator data available again",
         "event: orders goto 0",
-        "vehicle 2: goes on to step 1",
+        "vehicle 2: continues to step 1",
     ]);
     let lowest_m = steps(&mut observer, Duration::ZERO).iter().map(|step| step.height_m).fold(f64::INFINITY, f64::min);
     assert!(lowest_m > 5.0, "down to {lowest_m} m");
     flight.wait_for_all(&["everybody is asked to land", "vehicle 2: landed"]);
     flight.wait_for("files");
-    let (status, said) = flight.end();
+    let (status, stderr) = flight.end();
     let skipped = "at 15 s: gyro_off of vehicle 3: skipped by `fly`: a stand-in cannot be made to fail so\n";
-    assert_eq!((status, said.as_str()), (Some(0), skipped), "a mission that ends ends the flight");
+    assert_eq!((status, stderr.as_str()), (Some(0), skipped), "a mission that ends ends the flight");
     assert_eq!(place.processes(), []);
     let metrics = place.metrics();
     let figure = |key: &str| metrics[key].as_f64().unwrap_or_else(|| panic!("{key} in {metrics:#}"));
@@ -455,7 +459,7 @@ fn a_scenario_kills_and_restarts_an_agent_whose_helicopter_flies_on() {
 }
 
 #[test]
-fn what_cannot_be_flown_is_refused_before_anything_is_begun() {
+fn an_invalid_flight_is_refused_before_any_process_starts() {
     let place = Place::new("refused");
     let file = place.folder.path().join("my.toml");
     fs::write(&file, "[swarm]\nvehicles = 3\n[formation]\nraduis_m = 80\n").unwrap();
@@ -469,17 +473,17 @@ fn what_cannot_be_flown_is_refused_before_anything_is_begun() {
         (&["--set", "network.state_json_hz=1"], gone.to_owned()),
         (&["--plant", "builtin", "--xplane", "heli:49000"], String::new()),
     ];
-    for (arguments, said) in cases {
+    for (arguments, expected) in cases {
         let refused = place.fly().args(arguments).output().unwrap();
         let stderr = String::from_utf8_lossy(&refused.stderr).into_owned();
         assert_eq!(refused.status.code(), Some(2), "{arguments:?}: {stderr}");
         assert!(refused.stdout.is_empty() && !stderr.is_empty());
-        assert!(said.is_empty() || stderr == said, "{arguments:?}: {stderr}");
+        assert!(expected.is_empty() || stderr == expected, "{arguments:?}: {stderr}");
         assert!(!place.out().exists() && !place.runtime().exists(), "{arguments:?} wrote something");
     }
 }
 
-/// Fifty seconds of the default hover formation: what they can show of its limits. At their end it is spread already.
+/// Flies fifty seconds of the default hover formation and checks its limits. At the end the ring is already spaced evenly.
 fn flies_the_default_formation(name: &'static str, plant: &str) {
     let place = Place::new(name);
     let mut command = place.command();
@@ -502,7 +506,7 @@ fn flies_the_default_formation(name: &'static str, plant: &str) {
     assert!(figure("nearest_pair_end_m") >= 100.0 && figure("collisions") == 0.0, "{metrics:#}");
 }
 
-// By their names before the shorter tests.
+// The names put these tests before the shorter ones.
 
 #[test]
 fn a_default_formation_is_flown_by_four_processes_on_the_built_in_model() {

@@ -1,18 +1,18 @@
-//! The formation's error against loss, delay and size of the swarm: cells of the golden table, flown again.
+//! Formation error over loss, delay and size of the swarm: cells of the golden table, flown again.
 
 use skein_lab::metrics::{Report, Run};
 use skein_lab::recording::Recording;
 use skein_tests::formation_error::{self, Cell, FIGURES, Flight, cells, figures, flights, golden, of_cell};
 use skein_tests::in_parallel;
 
-/// Fewer seeds than the golden file has, the first of the same.
+/// Number of seeds: the first ones of the golden file.
 const SEEDS: u64 = 3;
 
 const fn cell(vehicles: usize, loss: f64, delay_s: f64) -> Cell {
     Cell { vehicles, loss, delay_s }
 }
 
-/// The corners, and some between.
+/// The corners of the table, and some cells between them.
 const FLOWN: [Cell; 8] = [
     cell(4, 0.0, 0.0),
     cell(4, 0.2, 0.5),
@@ -25,14 +25,14 @@ const FLOWN: [Cell; 8] = [
 ];
 
 #[test]
-fn the_golden_table_is_whole() {
+fn the_golden_table_is_complete() {
     let golden: Vec<(Cell, u64)> = golden().iter().map(|flight| (flight.cell, flight.seed)).collect();
     let expected = cells().into_iter().flat_map(|cell| (0..formation_error::SEEDS).map(move |seed| (cell, seed)));
     assert_eq!(golden, expected.collect::<Vec<_>>());
 }
 
 #[test]
-fn the_formations_error_is_that_of_the_golden_table_to_the_bit() {
+fn the_formation_error_equals_the_golden_table_to_the_bit() {
     let golden = golden();
     for cell in FLOWN {
         let expected: Vec<Flight> =
@@ -41,18 +41,18 @@ fn the_formations_error_is_that_of_the_golden_table_to_the_bit() {
     }
 }
 
-/// One flight: its report, and how late the newest words were delivered, each time somebody looked, s.
+/// One flight: its report, and the delivery delay of the peers' newest states in every recorded step, s.
 fn delivered(cell: Cell, seed: u64) -> (Report, Vec<f64>) {
     let study = of_cell(cell, &[]);
     let mut recording = Recording::new(&study.scenario, Run::new(&study.scenario, "study"));
-    let report = study.fly_watched(seed, Some((&mut recording, 1.0))).expect("a hover that may fly");
+    let report = study.fly_watched(seed, Some((&mut recording, 1.0))).expect("a valid hover");
     let steps = recording.tracks.iter().flat_map(|track| &track.steps);
     (report, steps.flat_map(|step| &step.trace.peers).map(|peer| peer.delivered_age_s).collect())
 }
 
-/// The seeds differ by more than networks do: what a network does is seen seed by seed.
+/// The seeds differ more than the networks, therefore the test compares networks for each seed.
 #[test]
-fn a_network_makes_itself_felt_in_every_flight() {
+fn every_network_changes_the_figures_of_every_flight() {
     let flown = |loss, delay_s| in_parallel(0..SEEDS, |seed| delivered(cell(4, loss, delay_s), seed));
     let [perfect, late, lossy] = [(0.0, 0.0), (0.0, 2.0), (0.5, 0.0)].map(|(loss, delay_s)| flown(loss, delay_s));
     for (((perfect, on_time), (late, lateness)), (lossy, _)) in perfect.iter().zip(&late).zip(&lossy) {
@@ -60,8 +60,8 @@ fn a_network_makes_itself_felt_in_every_flight() {
         assert!(!on_time.is_empty() && on_time.iter().all(|age_s| *age_s < 0.05), "seed {seed}: {on_time:?}");
         let is_late = |age_s: &f64| (1.99..2.05).contains(age_s);
         assert!(lateness.len() == on_time.len() && lateness.iter().all(is_late), "seed {seed}: {lateness:?}");
-        // States come five times a second: of every two one, so nearly twice as old in the median, and a gap of seven at
-        // worst in a hundred. All are up to two frames older for the way there and back.
+        // States are sent five times a second. If half of them are lost, the median age nearly doubles, and one gap in a
+        // hundred has seven lost states. All ages include up to two frames for sending and receiving.
         let ages_ms = |report: &Report| [report.peer_age_p50_ms, report.peer_age_p99_ms].map(|age| age.expect("peers"));
         let ([p50, p99], [lossy_p50, lossy_p99]) = (ages_ms(perfect), ages_ms(lossy));
         let rise = (lossy_p50 / p50, lossy_p99 / p99);
@@ -74,8 +74,9 @@ fn a_network_makes_itself_felt_in_every_flight() {
 }
 
 #[test]
-fn a_swarm_that_forgets_its_peers_at_once_is_off_the_golden_table() {
-    // Hardly longer than between two states: with half of them lost, each vehicle always forgets some peer.
+fn a_swarm_with_a_very_short_staleness_limit_differs_from_the_golden_table() {
+    // The limit is hardly longer than the time between two states: with half of the states lost, some peer of each
+    // vehicle is always stale.
     let cell = cell(8, 0.5, 0.0);
     let golden = golden();
     for flown in flights(cell, &["network.peer_stale_s=0.21"], SEEDS) {

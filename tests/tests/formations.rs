@@ -1,4 +1,4 @@
-//! Formations besides the ring in virtual time, against their limits: few seeds here, fifty by `skein study`.
+//! Formations other than the ring in virtual time, and their limits: few seeds here; `skein study` flies fifty.
 #![expect(clippy::unwrap_used, reason = "what a test cannot do has failed")]
 
 use std::f64::consts::{PI, TAU};
@@ -23,7 +23,8 @@ fn worst(figures: &[f64]) -> f64 {
     figures.iter().copied().fold(f64::INFINITY, f64::min)
 }
 
-/// Four seeds of the flock: everybody stays inside while the centre moves, and arrives. Least separation of each.
+/// Least separation in four seeds of the flock, m. Checks that every vehicle stays inside while the centre moves, and
+/// arrives.
 fn flock_m(sets: &[&str]) -> Vec<f64> {
     let study = study("flock.toml", sets);
     let within_m = study.scenario.formation.radius_m;
@@ -37,7 +38,7 @@ fn flock_m(sets: &[&str]) -> Vec<f64> {
 }
 
 #[test]
-fn a_flock_follows_its_centre_together_and_apart() {
+fn a_flock_follows_its_centre_with_safe_separation() {
     let calm_m = flock_m(&[]);
     assert!(worst(&calm_m) >= 20.0 && median(calm_m.clone()) >= 28.0, "2 m/s: {calm_m:?} m");
     let fast_m = flock_m(&["mission.speed_m_s=4"]);
@@ -46,8 +47,8 @@ fn a_flock_follows_its_centre_together_and_apart() {
     assert!(worst(&papers_m) >= 18.0, "without feed-forward: {papers_m:?} m");
 }
 
-/// One crossing: least separation from the beginning of the second step on, pairs that collided, and when all were in their
-/// new places, s after that beginning.
+/// One crossing: least separation from the start of the second step on, number of pairs that collided, and time from that
+/// start until all vehicles were in their new places, s.
 fn cross(sets: &[&str], seed: u64) -> (f64, usize, Option<f64>) {
     let study = study("crossing.toml", sets);
     let scenario = Scenario { seed, ..study.scenario };
@@ -81,7 +82,7 @@ fn cross(sets: &[&str], seed: u64) -> (f64, usize, Option<f64>) {
 }
 
 #[test]
-fn sixteen_change_places_through_one_middle_and_nobody_is_touched() {
+fn sixteen_vehicles_cross_through_one_centre_without_collisions() {
     let crossings = in_parallel(0..6, |seed| cross(&[], seed));
     for (seed, (separation_m, collided, placed_s)) in crossings.iter().enumerate() {
         println!("seed {seed}: {separation_m:.1} m, all in place after {placed_s:?} s");
@@ -90,20 +91,20 @@ fn sixteen_change_places_through_one_middle_and_nobody_is_touched() {
     }
     let (separation_m, collided, _) = cross(&["formation.safety_filter=none"], 0);
     println!("without the filter {separation_m:.2} m, {collided} pairs collide");
-    assert!(collided > 0, "what the filter is there for");
+    assert!(collided > 0, "without the filter vehicles collide");
 }
 
 #[test]
-fn from_anywhere_sixteen_find_their_places_and_no_knot_stays_tied() {
+fn sixteen_vehicles_find_their_places_from_random_starts_without_deadlock() {
     let anywhere = ["start.pattern=random", "start.separation_m=12"];
-    // Of the first 50 seeds those that end in a knot of three or four if nobody turns more than 37 degrees.
+    // The seeds among the first 50 that end in a deadlock of three or four if no vehicle turns more than 37 degrees.
     for seed in [2, 7, 12, 15] {
         let (separation_m, _, placed_s) = cross(&anywhere, seed);
         assert!(separation_m >= 4.0 && placed_s.is_some(), "seed {seed}: {separation_m} m, {placed_s:?} s");
     }
 }
 
-/// Six around one place, flown for so long; where they are then, and the least separation on the way.
+/// Flies six vehicles around one place for this time; returns their positions then, and the least separation in flight.
 fn six(sets: &[&str], seed: u64, for_s: f64) -> (Vec<PositionNed>, f64) {
     let common = ["swarm.vehicles=6", "formation.radius_m=40", "formation.altitude_m=60"];
     let study = study("hover.toml", &[&common, sets].concat());
@@ -120,7 +121,7 @@ fn six(sets: &[&str], seed: u64, for_s: f64) -> (Vec<PositionNed>, f64) {
     }
 }
 
-/// Distance of each to its nearest neighbour.
+/// Distance of each vehicle to its nearest neighbour, m.
 fn nearest_m(places: &[PositionNed]) -> Vec<f64> {
     let others = |nth: usize| places.iter().enumerate().filter(move |(mth, _)| *mth != nth).map(|(_, place)| *place);
     let nearest = |(nth, one): (usize, &PositionNed)| others(nth).map(|other| (*one - other).norm()).reduce(f64::min);
@@ -128,7 +129,7 @@ fn nearest_m(places: &[PositionNed]) -> Vec<f64> {
 }
 
 #[test]
-fn six_in_bands_fly_one_above_the_other_around_an_even_ring() {
+fn six_vehicles_in_bands_are_evenly_spaced_on_six_heights() {
     for (seed, (places, separation_m)) in
         in_parallel(0..3, |seed| six(&["formation.band_step_m=5"], seed, 250.0)).into_iter().enumerate()
     {
@@ -144,7 +145,7 @@ fn six_in_bands_fly_one_above_the_other_around_an_even_ring() {
 }
 
 #[test]
-fn six_on_an_ellipsoid_spread_over_all_of_it() {
+fn six_vehicles_on_an_ellipsoid_spread_over_all_of_it() {
     for (seed, (places, separation_m)) in
         in_parallel(0..4, |seed| six(&["formation.vertical=ellipsoid"], seed, 300.0)).into_iter().enumerate()
     {
@@ -153,17 +154,17 @@ fn six_on_an_ellipsoid_spread_over_all_of_it() {
             let radius_m = (*place - centre).norm();
             assert!((38.0..44.0).contains(&radius_m), "seed {seed}: {radius_m} m from the centre");
         }
-        // The corners of an octahedron are as far apart as six can be on a sphere: 57 m on one of 40 m.
+        // The corners of an octahedron are the widest spacing of six points on a sphere: 57 m for a radius of 40 m.
         let apart_m = nearest_m(&places);
         assert!(apart_m.iter().all(|apart_m| *apart_m > 55.0), "seed {seed}: {apart_m:?} m");
         assert!(separation_m >= 10.0, "seed {seed}: {separation_m} m");
     }
 }
 
-/// Wind that rises and falls off the hover's collective, gusts and heights up to 60 m: in these flights a climb fills the
-/// collective's integral, and a vehicle hovers 1 to 2.5 m too high while that empties. It once took itself for broken.
+/// Flights in wind, gusts and heights up to 60 m, in which the climb fills the integral of the collective. The vehicle then
+/// hovers 1 to 2.5 m too high while the integral empties. An earlier version reported that as a failure.
 #[test]
-fn a_healthy_helicopter_in_wind_does_not_take_itself_for_broken() {
+fn a_healthy_helicopter_in_wind_reports_no_failure() {
     for (wind_m_s, vehicles, altitude_m) in [(6.0, 7, 50.0), (6.0, 8, 60.0), (8.0, 7, 50.0)] {
         let sets = [
             format!("world.wind_m_s={wind_m_s}"),

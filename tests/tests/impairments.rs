@@ -1,4 +1,4 @@
-//! Swarms over a network that does everything to them at once, in virtual time.
+//! Swarms in virtual time over a network with all impairments at once.
 #![expect(clippy::unwrap_used, reason = "what a test cannot do has failed")]
 
 use skein_common::id::VehicleId;
@@ -11,7 +11,7 @@ use skein_lab::metrics::Report;
 use skein_lab::world::World;
 use skein_tests::{of_scenario, scenario, study};
 
-/// Everything at once, and clocks of which no two agree.
+/// All impairments at once, and clocks that all differ.
 const ALL: [&str; 16] = [
     "network.loss=0.2",
     "network.burst_s=0.3",
@@ -36,13 +36,13 @@ fn world(scenario: &Scenario) -> World {
     World::new(&study.scenario, &study.aircraft, &study.rules).unwrap()
 }
 
-/// The world's last tick: what every agent traced, byte for byte.
+/// The traces of all agents in the last tick, as bytes.
 fn bytes(world: &mut World) -> Vec<Vec<u8>> {
     world.traces().map(|trace| encode(&trace)).collect()
 }
 
 #[test]
-fn everything_at_once_is_the_same_again_bit_for_bit() {
+fn a_flight_with_all_impairments_is_repeatable_bit_for_bit() {
     let tour = scenario("tour.toml", &[&ALL[..], &["seed=3"]].concat());
     let (mut one, mut other) = (world(&tour), world(&tour));
     for tick in 0..6_000 {
@@ -54,7 +54,7 @@ fn everything_at_once_is_the_same_again_bit_for_bit() {
 }
 
 #[test]
-fn words_that_come_twice_change_no_decision() {
+fn duplicate_messages_change_no_decision() {
     let sets = ["network.loss=0.1", "network.burst_s=0.2", "network.jitter_s=0.4", "network.reorder=0.1"];
     let with = |share: &str| world(&scenario("tour.toml", &[&sets[..], &[share]].concat()));
     let (mut once, mut twice) = (with("network.duplicate=0"), with("network.duplicate=0.5"));
@@ -67,11 +67,11 @@ fn words_that_come_twice_change_no_decision() {
         }
         assert_eq!(once.happened(), twice.happened());
     }
-    assert!(old(&twice) > old(&once) + 1_000, "{} and {} words were dropped", old(&once), old(&twice));
+    assert!(old(&twice) > old(&once) + 1_000, "{} and {} messages were dropped", old(&once), old(&twice));
 }
 
 #[test]
-fn clocks_that_are_set_wrong_and_run_wrong_change_next_to_nothing() {
+fn wrong_clocks_change_the_figures_hardly() {
     let clocks = [
         "vehicle.1={ clock_offset_s = -10800, clock_drift_ppm = 100 }",
         "vehicle.2={ clock_offset_s = 7200, clock_drift_ppm = -100 }",
@@ -84,19 +84,19 @@ fn clocks_that_are_set_wrong_and_run_wrong_change_next_to_nothing() {
         let (right, wrong) = (figure(&right).unwrap(), figure(&wrong).unwrap());
         assert!((right - wrong).abs() <= bound, "{name}: {right} with right clocks, {wrong} with wrong ones");
     };
-    near("in_band_s", |it| it.in_band_s, 0.04);
-    near("even_10deg_s", |it| it.even_10deg_s, 0.1);
-    near("even_5deg_s", |it| it.even_5deg_s, 0.1);
-    near("radial_rms_m", |it| it.radial_rms_m, 1e-3);
-    near("spacing_error_deg", |it| it.spacing_error_deg, 1e-2);
-    near("min_separation_m", |it| it.min_separation_m, 0.01);
-    near("peer_age_p99_ms", |it| it.peer_age_p99_ms, 1.0);
-    let messages = [&right, &wrong].map(|it| it.state_messages as f64);
+    near("in_band_s", |report| report.in_band_s, 0.04);
+    near("even_10deg_s", |report| report.even_10deg_s, 0.1);
+    near("even_5deg_s", |report| report.even_5deg_s, 0.1);
+    near("radial_rms_m", |report| report.radial_rms_m, 1e-3);
+    near("spacing_error_deg", |report| report.spacing_error_deg, 1e-2);
+    near("min_separation_m", |report| report.min_separation_m, 0.01);
+    near("peer_age_p99_ms", |report| report.peer_age_p99_ms, 1.0);
+    let messages = [&right, &wrong].map(|report| report.state_messages as f64);
     assert!((messages[0] / messages[1] - 1.0).abs() < 0.01, "{messages:?}");
     assert_eq!(wrong.false_suspicions, Some(0));
 }
 
-/// How late the newest state of each peer was, over all traces of a flight of the hover: one list for each hearer.
+/// Delivery delays of the newest state of each peer, s, in all traces of a hover flight: one list for each receiver.
 fn delivered_ages(sets: &[&str]) -> Vec<Vec<(VehicleId, f64)>> {
     let mut world = world(&scenario("hover.toml", sets));
     let mut ages = vec![Vec::new(); 4];
@@ -111,7 +111,7 @@ fn delivered_ages(sets: &[&str]) -> Vec<Vec<(VehicleId, f64)>> {
 }
 
 #[test]
-fn a_trace_says_how_late_each_peers_word_was() {
+fn a_trace_has_the_exact_delivery_delay_of_each_peers_state() {
     assert!(delivered_ages(&[]).iter().flatten().all(|(_, age_s)| *age_s == 0.0));
     let exact = delivered_ages(&["network.delay_s=0.15"]);
     assert!(exact.iter().all(|ages| ages.len() > 5_000));
@@ -146,7 +146,7 @@ fn a_delay_that_begins_in_flight_is_in_the_ages_from_its_first_message_on() {
         for Trace { header, peers, .. } in world.traces() {
             for peer in peers {
                 let PeerAge { id, age_s, delivered_age_s, .. } = peer;
-                // What arrives is never younger than it is; the network alone knows how late it was.
+                // The measured age is never below the exact delay, which only the simulated network knows.
                 assert!(
                     age_s >= delivered_age_s - 1e-9,
                     "{t_s} s, {} of {id}: {age_s}, {delivered_age_s}",
@@ -154,7 +154,7 @@ fn a_delay_that_begins_in_flight_is_in_the_ages_from_its_first_message_on() {
                 );
                 late += u32::from(delivered_age_s > 0.59);
                 let bounds_s = match t_s {
-                    // The vehicles take off at slightly different times, from which each counts.
+                    // The vehicles take off at slightly different times, and each counts from its own.
                     21.5..34.0 if is_delayed(header.sender, id) => 0.6..1.8,
                     21.5..34.0 | ..19.0 | 40.0.. => 0.0..0.4,
                     _ => continue,
@@ -164,23 +164,26 @@ fn a_delay_that_begins_in_flight_is_in_the_ages_from_its_first_message_on() {
         }
     }
     assert!(late > 6 * 700, "{late} ages with the delay in them");
-    let all_s =
-        |is: fn(&Incident) -> bool| incidents.iter().filter(|(_, it)| is(it)).map(|(t_s, _)| *t_s).collect::<Vec<_>>();
-    let (begins_s, ends_s) =
-        (all_s(|it| matches!(it, Incident::Delayed { .. })), all_s(|it| matches!(it, Incident::DelayOver { .. })));
+    let all_s = |is: fn(&Incident) -> bool| {
+        incidents.iter().filter(|(_, fault)| is(fault)).map(|(t_s, _)| *t_s).collect::<Vec<_>>()
+    };
+    let (begins_s, ends_s) = (
+        all_s(|fault| matches!(fault, Incident::Delayed { .. })),
+        all_s(|fault| matches!(fault, Incident::DelayOver { .. })),
+    );
     assert!(!begins_s.is_empty() && begins_s.iter().all(|t_s| (19.0..20.1).contains(t_s)), "{begins_s:?}");
     assert!(!ends_s.is_empty() && ends_s.iter().all(|t_s| (34.0..35.1).contains(t_s)), "{ends_s:?}");
 }
 
 #[test]
-fn ages_include_the_delay_and_no_vehicle_is_lost_by_it_or_by_clocks_that_are_set() {
+fn ages_include_the_delay_and_neither_delay_nor_clock_jumps_lose_a_vehicle() {
     let jumps = "mission.events=[{ at_s = 15, fault = 'clock_jump', vehicle = 2, by_s = 3600 }, \
                  { at_s = 20, fault = 'clock_jump', vehicle = 3, by_s = -100000 }]";
     let mut world = world(&scenario("hover.toml", &["network.delay_s=2", jumps]));
     let mut ages_s = Vec::new();
     while world.t_s() < 60.0 {
         world.tick();
-        // After a round trip and a turn of each of the three peers.
+        // After a round trip and one echo to each of the three peers.
         if world.t_s() > 6.0 {
             let peers: Vec<_> = world.traces().flat_map(|trace| trace.peers).collect();
             assert!(peers.iter().all(|peer| peer.standing == Standing::Stale), "{} s: {peers:?}", world.t_s());
@@ -194,7 +197,7 @@ fn ages_include_the_delay_and_no_vehicle_is_lost_by_it_or_by_clocks_that_are_set
 }
 
 #[test]
-fn who_sees_only_some_loses_nobody_and_all_agree_on_the_mission() {
+fn with_few_neighbours_no_peer_is_lost_and_all_agree_on_the_mission() {
     for graph in [
         &["network.graph=nearest", "network.neighbours=2"][..],
         &["network.graph=edges", "network.edges=[[1,2],[2,3],[3,4],[4,5],[5,6],[6,1],[1,6],[2,1]]"],
@@ -217,13 +220,13 @@ fn who_sees_only_some_loses_nobody_and_all_agree_on_the_mission() {
         }
         assert!(world.has_finished(), "{graph:?}: not within {} s", world.t_s());
         let mean = seen.iter().sum::<usize>() as f64 / seen.len() as f64;
-        assert!((1.3..2.5).contains(&mean), "{graph:?}: {mean} peers are seen at a time");
+        assert!((1.3..2.5).contains(&mean), "{graph:?}: states of {mean} peers are received at a time");
     }
 }
 
 #[test]
-fn who_flies_out_of_range_is_lost_and_found_again() {
-    // Two start 60 m apart and fly a ring of 100 m, beyond a range of 150 m.
+fn a_vehicle_out_of_range_is_lost_and_found_again() {
+    // Two vehicles start 60 m apart and fly on a ring of 100 m radius, out of the range of 150 m.
     let sets = ["swarm.vehicles=2", "network.range_m=150", "vehicle.1.start_ne_m=[0,0]", "vehicle.2.start_ne_m=[0,60]"];
     let mut world = world(&scenario("hover.toml", &sets));
     let (mut lost, mut found) = (0, 0);
@@ -241,7 +244,7 @@ fn who_flies_out_of_range_is_lost_and_found_again() {
 }
 
 #[test]
-fn a_tour_over_a_hard_network_comes_to_its_end_together() {
+fn all_vehicles_finish_a_tour_over_a_bad_network_together() {
     let hard = [
         "mission.events=[]",
         "network.loss=0.2",
@@ -249,7 +252,7 @@ fn a_tour_over_a_hard_network_comes_to_its_end_together() {
         "network.jitter_s=0.3",
         "network.reorder=0.1",
         "network.duplicate=0.1",
-        // Bursts of 0.3 s are now and then longer than two seconds.
+        // Some bursts of a mean length of 0.3 s are longer than two seconds.
         "network.peer_stale_s=5",
     ];
     for seed in 0..2 {

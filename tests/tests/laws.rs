@@ -1,4 +1,4 @@
-//! The laws side by side: the same helicopters, the same moving centre.
+//! Comparison of the control laws with the same helicopters and the same moving centre.
 #![expect(clippy::unwrap_used, reason = "what a test cannot do has failed")]
 
 use std::num::NonZeroUsize;
@@ -14,9 +14,9 @@ fn follow(sets: &[&str]) -> Vec<Report> {
     study("laws.toml", sets).fly_all(0..2, TWO, |_| {}).unwrap()
 }
 
-/// Nobody is lost, left behind or hit, whatever the law: within this distance of the centre, this far apart.
+/// No vehicle is lost, left behind or hit under any law: all stay within this distance of the centre, and this far apart.
 #[test]
-fn every_law_brings_eight_along_with_the_centre() {
+fn under_every_law_eight_vehicles_follow_the_centre() {
     let limits = [
         ("ring", 90.0, 14.0),
         ("flock", 80.0, 20.0),
@@ -32,12 +32,12 @@ fn every_law_brings_eight_along_with_the_centre() {
             assert_eq!((report.collisions, report.setpoints_reached), (0, Some(2)), "{law}, seed {seed}");
             assert!(far_m < farthest_m, "{law}, seed {seed}: {far_m} m from the centre");
             assert!(near_m > nearest_m, "{law}, seed {seed}: {near_m} m apart");
-            assert!(report.polarization.unwrap() > 0.98, "{law}, seed {seed}: they fly one way: {report:?}");
+            assert!(report.polarization.unwrap() > 0.98, "{law}, seed {seed}: they fly in one direction: {report:?}");
         }
     }
 }
 
-/// The set evolved for 4 m/s, at 4 m/s, without the safety filter: the law itself keeps them apart.
+/// The parameter set evolved for 4 m/s, at 4 m/s without the safety filter: the law itself keeps the vehicles apart.
 #[test]
 fn the_published_set_of_vasarhelyi_flies_without_collisions_at_its_speed() {
     for vehicles in [8, 16] {
@@ -51,9 +51,9 @@ fn the_published_set_of_vasarhelyi_flies_without_collisions_at_its_speed() {
     }
 }
 
-/// Every pattern is flown to the metre, and closed up when one of it is lost.
+/// Every pattern is flown to within metres, and is closed up after the loss of a vehicle.
 #[test]
-fn slots_are_taken_exactly_by_those_who_live() {
+fn exactly_the_live_vehicles_have_slots() {
     for law in ["virtual-structure", "displacement-consensus"] {
         for pattern in ["circle", "line", "v", "grid"] {
             let sets = [
@@ -84,7 +84,7 @@ fn slots_are_taken_exactly_by_those_who_live() {
                 agents.len()
             };
             assert_eq!(all_within_3_m(88.0), 6);
-            assert_eq!(all_within_3_m(170.0), 5, "one was killed");
+            assert_eq!(all_within_3_m(170.0), 5, "one agent was killed");
         }
     }
 }

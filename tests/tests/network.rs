@@ -1,4 +1,5 @@
-//! A swarm in virtual time over a bad network and under faults: the same again bit for bit, and what the others notice when.
+//! A swarm in virtual time over a bad network and with faults: flights are repeatable bit for bit, and peers notice faults
+//! in time.
 #![expect(clippy::unwrap_used, reason = "what a test cannot do has failed")]
 
 use skein_common::id::VehicleId;
@@ -17,23 +18,23 @@ fn id(number: u8) -> VehicleId {
     VehicleId::new(number).unwrap()
 }
 
-/// The same tick.
+/// Whether two times are the same tick.
 fn near(one_s: f64, other_s: f64) -> bool {
     (one_s - other_s).abs() < 1e-6
 }
 
-/// A flight that remembers what happened.
+/// A flight with a list of its faults and events.
 struct Flight {
     world: World,
-    /// When everybody had become a member, s.
+    /// Time at which all vehicles were active, s.
     zero_s: f64,
-    /// Since then, s.
+    /// Faults with their times since then, s.
     incidents: Vec<(f64, Incident)>,
     happened: Vec<(f64, VehicleId, Happening)>,
 }
 
 impl Flight {
-    /// Four in the hover under these events, up to where everybody is a member.
+    /// Flies four vehicles in the hover with these events, until all are active.
     fn new(sets: &[&str], events: &str) -> Self {
         let list = format!("mission.events=[{events}]");
         let sets: Vec<_> = sets.iter().copied().chain((!events.is_empty()).then_some(list.as_str())).collect();
@@ -71,21 +72,21 @@ impl Flight {
         *self.world.everybody().find(|(of, ..)| *of == id(number)).unwrap().2
     }
 
-    /// When this was done to the swarm, s.
+    /// Time of the only fault that satisfies the condition, s.
     fn done_s(&self, is_it: impl Fn(&Incident) -> bool) -> f64 {
-        let times: Vec<_> = self.incidents.iter().filter(|(_, it)| is_it(it)).map(|(t_s, _)| *t_s).collect();
+        let times: Vec<_> = self.incidents.iter().filter(|(_, fault)| is_it(fault)).map(|(t_s, _)| *t_s).collect();
         assert_eq!(times.len(), 1, "{:?}", self.incidents);
         times[0]
     }
 
-    /// Who said this, and how long after `since_s`.
-    fn said(&self, what: Happening, since_s: f64) -> Vec<(u8, f64)> {
-        let said = self.happened.iter().filter(|(t_s, _, it)| *it == what && *t_s >= since_s);
-        said.map(|(t_s, id, _)| (id.get(), t_s - since_s)).collect()
+    /// The vehicles that reported this event after `since_s`, with the time since then, s.
+    fn reported(&self, what: Happening, since_s: f64) -> Vec<(u8, f64)> {
+        let reported = self.happened.iter().filter(|(t_s, _, event)| *event == what && *t_s >= since_s);
+        reported.map(|(t_s, id, _)| (id.get(), t_s - since_s)).collect()
     }
 }
 
-/// Everything at once.
+/// All kinds of events.
 const EVERYTHING: &str = "
     { at_s = 10, fault = 'kill', vehicle = 3, for_s = 3 },
     { at_s = 20, fault = 'cut', from = [1, 2], to = [3, 4], both_ways = true, for_s = 5 },
@@ -98,7 +99,7 @@ const EVERYTHING: &str = "
     { at_s = 60, fault = 'engine_out', vehicle = 1 }";
 
 #[test]
-fn a_seed_gives_the_same_history_bit_for_bit_whatever_the_network_and_the_faults_do() {
+fn a_seed_gives_the_same_flight_bit_for_bit_over_a_bad_network_with_faults() {
     let sets = |seed: &'static str| ["network.loss=0.2", "network.delay_s=0.15", "world.gust_w20_m_s=3", seed];
     let [mut one, mut same, mut other] =
         ["seed=1", "seed=1", "seed=2"].map(|seed| Flight::new(&sets(seed), EVERYTHING));
@@ -117,37 +118,37 @@ fn a_seed_gives_the_same_history_bit_for_bit_whatever_the_network_and_the_faults
     assert_eq!((&one.incidents, &one.happened), (&same.incidents, &same.happened));
     assert_ne!(one.happened, other.happened, "another seed");
     let kinds = |flight: &Flight| flight.incidents.iter().map(|(_, incident)| incident.clone()).collect::<Vec<_>>();
-    assert_eq!(kinds(&one), kinds(&other), "the script is the scenario's, not the seed's");
+    assert_eq!(kinds(&one), kinds(&other), "the scenario decides the faults, not the seed");
     assert_eq!(one.incidents.len(), 11, "{:?}", one.incidents);
 }
 
 #[test]
-fn a_dead_agents_helicopter_flies_on_and_a_new_life_takes_it_over_in_the_air() {
+fn the_helicopter_of_a_killed_agent_flies_on_and_the_restarted_agent_takes_over() {
     for seed in ["seed=0", "seed=1", "seed=2"] {
         let mut flight = Flight::new(&[seed], "{ at_s = 60, fault = 'kill', vehicle = 3, for_s = 3 }");
         flight.until(59.9);
         let (before, sticks) = (flight.truth(3), flight.world.vehicles().nth(2).unwrap().3);
         assert!(sticks.is_some() && flight.world.vehicles().count() == 4);
         flight.until(62.9);
-        assert!(near(flight.done_s(|it| *it == Incident::Died(id(3))), 60.0));
+        assert!(near(flight.done_s(|fault| *fault == Incident::Died(id(3))), 60.0));
         assert!(flight.agent(3).is_none() && flight.world.vehicles().count() == 3);
         assert_eq!(flight.world.everybody().count(), 4);
         let after = flight.truth(3);
         assert!(after.height_m > 10.0 && after.position != before.position, "{after:?}");
         flight.until(63.0);
-        let restarted_s = flight.done_s(|it| *it == Incident::Restarted(id(3)));
+        let restarted_s = flight.done_s(|fault| *fault == Incident::Restarted(id(3)));
         assert!(near(restarted_s, 63.0));
         assert_eq!(flight.agent(3).unwrap().membership(), Membership::Joining);
         flight.until(72.0);
-        let [(3, active_s)] = flight.said(Happening::BecameActive, restarted_s)[..] else {
+        let [(3, active_s)] = flight.reported(Happening::BecameActive, restarted_s)[..] else {
             panic!("{:?}", flight.happened)
         };
         assert!((2.0..3.0).contains(&active_s), "active {active_s} s after the restart");
-        // A new life's first words take a frame at least.
-        let found = flight.said(Happening::PeerFound(id(3)), restarted_s);
+        // The first messages of a new incarnation take at least a frame.
+        let found = flight.reported(Happening::PeerFound(id(3)), restarted_s);
         assert_eq!(found.len(), 3, "{found:?}");
         assert!(found.iter().all(|(_, found_s)| (FRAME_S..0.3).contains(found_s)), "{found:?}");
-        let finds: Vec<_> = [1, 2, 4].map(|peer| flight.said(Happening::PeerFound(id(peer)), restarted_s)).concat();
+        let finds: Vec<_> = [1, 2, 4].map(|peer| flight.reported(Happening::PeerFound(id(peer)), restarted_s)).concat();
         assert!(finds.len() == 3 && finds.iter().all(|(by, found_s)| *by == 3 && *found_s < 0.3), "{finds:?}");
         flight.until(120.0);
         let truth = flight.truth(3);
@@ -161,14 +162,14 @@ fn a_dead_agents_helicopter_flies_on_and_a_new_life_takes_it_over_in_the_air() {
 }
 
 #[test]
-fn a_death_is_noticed_in_two_frames_and_a_cut_after_a_lease() {
+fn a_killed_agent_is_noticed_in_two_frames_and_a_cut_after_a_lease() {
     let events = "{ at_s = 20, fault = 'kill', vehicle = 4, for_s = 10 },
                   { at_s = 50, fault = 'cut', from = [1], to = [2, 3], for_s = 5 },
                   { at_s = 70, fault = 'cut', from = [1, 2], to = [3, 4], both_ways = true, for_s = 5 }";
     let mut flight = Flight::new(&[], events);
     flight.until(20.5);
-    let died_s = flight.done_s(|it| *it == Incident::Died(id(4)));
-    let lost = flight.said(Happening::PeerLost(id(4)), died_s);
+    let died_s = flight.done_s(|fault| *fault == Incident::Died(id(4)));
+    let lost = flight.reported(Happening::PeerLost(id(4)), died_s);
     assert_eq!(lost.iter().map(|(by, _)| *by).collect::<Vec<_>>(), [1, 2, 3]);
     assert!(lost.iter().all(|(_, lost_s)| (0.01..0.03).contains(lost_s)), "{lost:?}");
 
@@ -176,29 +177,29 @@ fn a_death_is_noticed_in_two_frames_and_a_cut_after_a_lease() {
     let link = |speaker, hearer| (id(speaker), id(hearer));
     let one_way = vec![link(1, 2), link(1, 3)];
     flight.until(60.0);
-    let cut_s = flight.done_s(|it| *it == Incident::Cut { links: one_way.clone() });
-    let healed_s = flight.done_s(|it| *it == Incident::Healed { links: one_way.clone() });
+    let cut_s = flight.done_s(|fault| *fault == Incident::Cut { links: one_way.clone() });
+    let healed_s = flight.done_s(|fault| *fault == Incident::Healed { links: one_way.clone() });
     assert!(near(cut_s, 50.0) && near(healed_s, 55.0));
-    // The session is one: vehicle 1 loses those who do not hear it.
+    // A session is lost in both directions: vehicle 1 also loses the peers that do not receive its messages.
     for (lost, by) in [(1, vec![2, 3]), (2, vec![1]), (3, vec![1]), (4, vec![])] {
-        let lost = flight.said(Happening::PeerLost(id(lost)), cut_s);
+        let lost = flight.reported(Happening::PeerLost(id(lost)), cut_s);
         assert_eq!(lost.iter().map(|(by, _)| *by).collect::<Vec<_>>(), by);
         assert!(lost.iter().all(|(_, lost_s)| (1.0..1.05).contains(lost_s)), "{lost:?}");
     }
-    let found = [1, 2, 3, 4].map(|peer| flight.said(Happening::PeerFound(id(peer)), healed_s)).concat();
+    let found = [1, 2, 3, 4].map(|peer| flight.reported(Happening::PeerFound(id(peer)), healed_s)).concat();
     assert_eq!(found.len(), 4, "{found:?}");
     assert!(found.iter().all(|(_, found_s)| (0.2..1.05).contains(found_s)), "{found:?}");
 
     flight.until(80.0);
-    let halves = |(_, it): &&(f64, Incident)| matches!(it, Incident::Cut { links } if links.len() == 8);
-    let cut_s = flight.incidents.iter().find(halves).unwrap().0;
-    let lost = [1, 2, 3, 4].map(|peer| flight.said(Happening::PeerLost(id(peer)), cut_s)).concat();
+    let is_partition = |(_, fault): &&(f64, Incident)| matches!(fault, Incident::Cut { links } if links.len() == 8);
+    let cut_s = flight.incidents.iter().find(is_partition).unwrap().0;
+    let lost = [1, 2, 3, 4].map(|peer| flight.reported(Happening::PeerLost(id(peer)), cut_s)).concat();
     assert_eq!(lost.len(), 8);
     assert!(lost.iter().all(|(_, lost_s)| (1.0..1.05).contains(lost_s)), "{lost:?}");
 }
 
 #[test]
-fn a_new_life_finds_the_order_that_was_given_while_it_was_dead() {
+fn a_restarted_agent_receives_an_order_given_while_it_was_down() {
     let events = "{ at_s = 20, fault = 'kill', vehicle = 2, for_s = 5 }, { at_s = 22, order = 'hold' }";
     let mut flight = Flight::new(&[], events);
     flight.until(28.0);
@@ -217,7 +218,7 @@ fn a_new_life_finds_the_order_that_was_given_while_it_was_dead() {
 }
 
 #[test]
-fn a_hold_reaches_everybody_over_a_bad_network_and_ends() {
+fn a_hold_reaches_every_vehicle_over_a_bad_network_and_ends() {
     let mut flight =
         Flight::new(&["network.loss=0.6", "network.delay_s=0.3"], "{ at_s = 30, order = 'hold', for_s = 10 }");
     flight.until(35.0);
@@ -227,38 +228,38 @@ fn a_hold_reaches_everybody_over_a_bad_network_and_ends() {
 }
 
 #[test]
-fn a_frozen_simulator_stands_still_while_the_others_fly() {
+fn a_frozen_simulator_stops_while_the_others_fly() {
     let mut flight = Flight::new(&[], "{ at_s = 10, fault = 'simulator_freeze', vehicle = 2, for_s = 4 }");
     flight.until(10.1);
     let (frozen, free) = (flight.truth(2), flight.truth(1));
-    assert!(frozen.velocity.0.norm() > 0.5, "it was on its way");
+    assert!(frozen.velocity.0.norm() > 0.5, "the vehicle was moving");
     flight.until(13.9);
     assert_eq!(flight.truth(2), frozen);
     assert_ne!(flight.truth(1), free);
-    assert!(near(flight.done_s(|it| *it == Incident::Failed(id(2), "simulator_freeze")), 10.0));
+    assert!(near(flight.done_s(|fault| *fault == Incident::Failed(id(2), "simulator_freeze")), 10.0));
     assert!(flight.agent(2).is_some());
     flight.until(14.5);
     assert_ne!(flight.truth(2), frozen);
 }
 
 #[test]
-fn a_clock_that_jumps_changes_no_flight() {
+fn a_clock_jump_changes_no_flight() {
     let jumps = "{ at_s = 20, fault = 'clock_jump', vehicle = 2, by_s = 3600 },
                  { at_s = 25, fault = 'clock_jump', vehicle = 2, by_s = -100000, for_s = 10 }";
     let [mut steady, mut jumping] = ["", jumps].map(|events| Flight::new(&[], events));
     steady.until(40.0);
     jumping.until(40.0);
-    let told = jumping.said(Happening::ClockJumped, 0.0);
-    assert_eq!(told.iter().map(|(by, _)| *by).collect::<Vec<_>>(), [2, 2, 2]);
+    let reported = jumping.reported(Happening::ClockJumped, 0.0);
+    assert_eq!(reported.iter().map(|(by, _)| *by).collect::<Vec<_>>(), [2, 2, 2]);
     for number in [1, 2, 3, 4] {
         let apart_m = (steady.truth(number).position - jumping.truth(number).position).norm();
-        assert!(apart_m < 0.5, "vehicle {number} is {apart_m} m from where it would be");
-        assert!(jumping.said(Happening::PeerLost(id(number)), 0.0).is_empty());
+        assert!(apart_m < 0.5, "vehicle {number} is {apart_m} m from its position without the jump");
+        assert!(jumping.reported(Happening::PeerLost(id(number)), 0.0).is_empty());
     }
 }
 
 #[test]
-fn a_study_ends_with_the_mission_or_when_its_time_is_over() {
+fn a_study_ends_with_the_mission_or_after_its_duration() {
     let ends_s = |sets: &[&str]| study("hover.toml", sets).fly(1).unwrap().duration_s;
     let steps = "mission.steps=[{ centre_ne_m = [0, 0] }, { land = true }]";
     let early_s = ends_s(&[steps]);

@@ -1,5 +1,6 @@
-//! `skein node` as the operator's PC finds it on a host without systemd: the installed program, asked on its standard input,
-//! with a supervisor and an agent of its own. Everything is in one temporary folder, and no process is left behind.
+//! `skein node` as the operator's PC uses it on a host without systemd: the installed program reads requests from its
+//! standard input, and starts a supervisor and an agent. All files are in one temporary folder, and no process is left
+//! behind.
 #![cfg(unix)]
 #![expect(clippy::disallowed_methods, reason = "real processes take real time")]
 #![expect(clippy::unwrap_used, reason = "what a test cannot do has failed")]
@@ -19,8 +20,8 @@ use skein_common::id::{SwarmName, VehicleId};
 use tempfile::TempDir;
 
 const PROGRAM: &str = env!("CARGO_BIN_EXE_skein-under-test");
-/// For tests that fail; those that pass need a tenth of it.
-const PATIENCE: Duration = Duration::from_secs(60);
+/// Timeout of every wait; a test that passes needs a tenth of it.
+const TIMEOUT: Duration = Duration::from_secs(60);
 
 /// A host with one node, and release `r1` of the program.
 struct Host {
@@ -37,7 +38,7 @@ impl Host {
     fn copy(&self, release: &str) {
         let program = self.program(release);
         fs::create_dir_all(program.parent().unwrap()).unwrap();
-        // Its place is told by its name.
+        // The program derives its release from its path.
         fs::hard_link(PROGRAM, &program).or_else(|_| fs::copy(PROGRAM, &program).map(drop)).unwrap();
     }
 
@@ -67,11 +68,11 @@ impl Host {
     fn ask(&self, release: &str, ask: Ask) -> Answer {
         let mut node = self.node(release);
         node.stdin.take().unwrap().write_all(&Self::request(ask)).unwrap();
-        // It ends when nobody else holds its output: neither supervisor nor agent may.
+        // The output ends only if neither supervisor nor agent keeps it open.
         let output = node.wait_with_output().unwrap();
         assert!(output.status.success());
-        let said = String::from_utf8(output.stdout).unwrap();
-        serde_json::from_str(said.lines().last().unwrap()).unwrap()
+        let text = String::from_utf8(output.stdout).unwrap();
+        serde_json::from_str(text.lines().last().unwrap()).unwrap()
     }
 
     fn done(&self, release: &str, ask: Ask) -> (bool, Facts) {
@@ -88,7 +89,7 @@ impl Host {
         }
     }
 
-    /// The agent that took the place of `old`.
+    /// Waits for the agent that replaces `old`; returns its process id and the number of restarts.
     fn restarted(&self, old: u32) -> (u32, u32) {
         let mut agent = None;
         wait_until("another agent", || {
@@ -99,14 +100,14 @@ impl Host {
     }
 
     fn supervisor(&self) -> u32 {
-        let said = fs::read(self.swarm().join("node-1/run/supervisor")).unwrap();
-        let said: serde_json::Value = serde_json::from_slice(&said).unwrap();
-        u32::try_from(said["pid"].as_u64().unwrap()).unwrap()
+        let bytes = fs::read(self.swarm().join("node-1/run/supervisor")).unwrap();
+        let value: serde_json::Value = serde_json::from_slice(&bytes).unwrap();
+        u32::try_from(value["pid"].as_u64().unwrap()).unwrap()
     }
 }
 
 impl Drop for Host {
-    /// A test that has failed leaves nothing behind either.
+    /// Ends all processes, also of a failed test.
     fn drop(&mut self) {
         let folder = self.folder.path().to_str().unwrap();
         for id in processes(folder) {
@@ -115,7 +116,7 @@ impl Drop for Host {
     }
 }
 
-/// Whose command line names this folder.
+/// The processes whose command line contains this folder.
 fn processes(folder: &str) -> Vec<u32> {
     let listed = Command::new("ps").args(["-axww", "-o", "pid=,args="]).output().unwrap();
     let listed = String::from_utf8_lossy(&listed.stdout).into_owned();
@@ -138,14 +139,14 @@ fn kill(id: u32) {
 }
 
 fn wait_until(what: &str, mut is_so: impl FnMut() -> bool) {
-    let deadline = Instant::now() + PATIENCE;
+    let deadline = Instant::now() + TIMEOUT;
     while !is_so() {
         assert!(Instant::now() < deadline, "waited for {what}");
         std::thread::sleep(Duration::from_millis(20));
     }
 }
 
-/// A swarm of one that flies low over the built-in plant.
+/// The files of a swarm of one vehicle that flies low on the built-in plant.
 fn bundle(port: u16, altitude_m: f64) -> Bundle {
     let scenario = format!(
         "swarm.vehicles = 1\nswarm.name = \"lab\"\nformation.altitude_m = {altitude_m}\nformation.radius_m = 60\n"
@@ -165,9 +166,9 @@ fn entries(folder: &Path) -> usize {
 }
 
 #[test]
-fn a_node_is_installed_started_kept_alive_landed_and_taken_away() {
+fn a_node_is_installed_started_kept_alive_landed_and_removed() {
     let host = Host::new();
-    // Free a moment ago.
+    // A port that was free just now.
     let port = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
     let (first, second) = (bundle(port, 4.0), bundle(port, 5.0));
     assert!(host.facts().current.is_none());
@@ -175,15 +176,15 @@ fn a_node_is_installed_started_kept_alive_landed_and_taken_away() {
     assert!(changed && facts.service == Some(Service::Own));
     assert!(!host.done("r1", apply(&first)).0);
 
-    // Started once, however often it is asked.
+    // Several start requests start one agent.
     let (changed, facts) = host.done("r1", Ask::Start { run: 7, note: None });
     let agent = facts.agent.unwrap();
     assert!(changed && (agent.run, agent.restarts) == (7, 0));
     assert_eq!(agent.landing_s, 68.0, "a minute, and 4 m at half a metre a second");
     let (changed, facts) = host.done("r1", Ask::Start { run: 8, note: None });
-    assert!(!changed && facts.agent == Some(agent.clone()), "what runs goes on, in its run");
+    assert!(!changed && facts.agent == Some(agent.clone()), "the running agent keeps its run");
 
-    // Killed, it is started again, and its supervisor with the next request. What it has left goes.
+    // A killed agent is restarted, and a killed supervisor with the next request. The agent's old sockets are removed.
     let sockets = host.swarm().join("node-1/run/skein-1-0");
     fs::create_dir(&sockets).unwrap();
     kill(agent.pid);
@@ -191,7 +192,7 @@ fn a_node_is_installed_started_kept_alive_landed_and_taken_away() {
     assert_eq!(restarts, 1);
     assert!(!sockets.exists());
     kill(host.supervisor());
-    assert!(runs(agent), "it flies on without");
+    assert!(runs(agent), "the agent runs on without its supervisor");
     let (changed, facts) = host.done("r1", Ask::Start { run: 9, note: None });
     assert!(changed && facts.agent.map(|agent| (agent.pid, agent.run)) == Some((agent, 7)));
     assert!(!host.done("r1", Ask::Start { run: 9, note: None }).0);
@@ -199,13 +200,13 @@ fn a_node_is_installed_started_kept_alive_landed_and_taken_away() {
     let (agent, restarts) = host.restarted(agent);
     assert_eq!(restarts, 2);
 
-    // An upgrade lets what flies go on. It lands before it ends, and is not started again then.
+    // An upgrade does not stop a flying agent. `stop` lands it before it ends, and it is not restarted.
     host.copy("r2");
     let (changed, facts) = host.done("r2", apply(&second));
     assert!(changed && facts.current.unwrap().release == "r2" && facts.previous.unwrap().release == "r1");
     let running = facts.agent.unwrap();
     assert!(running.pid == agent && running.installed.release == "r1");
-    wait_until("it flies", || host.log().contains("vehicle 1 at altitude"));
+    wait_until("the vehicle flies", || host.log().contains("vehicle 1 at altitude"));
     let stopped = host.ask("r2", Ask::Stop { within_s: 40.0 });
     let Answer::Done { changed: true, forced: false, facts } = stopped else { panic!("{stopped:?}") };
     assert!(facts.agent.is_none());
@@ -219,7 +220,7 @@ fn a_node_is_installed_started_kept_alive_landed_and_taken_away() {
     assert!(log.contains("supervisor: the agent was killed by signal 9\n"), "{log}");
     wait_until("the supervisor's end", || processes(host.folder.path().to_str().unwrap()).is_empty());
 
-    // What cannot begin is not tried again and again.
+    // An agent that cannot start is not restarted again and again.
     let occupied = TcpListener::bind(("127.0.0.1", port)).unwrap();
     let Answer::Failed(why) = host.ask("r2", Ask::Start { run: 10, note: None }) else {
         panic!("the port is not free")
@@ -228,17 +229,17 @@ fn a_node_is_installed_started_kept_alive_landed_and_taken_away() {
     assert!(processes(host.folder.path().to_str().unwrap()).is_empty());
     drop(occupied);
 
-    // Back to what there was, and again an agent: ended at once, wherever it is.
+    // A rollback restores the earlier release and starts an agent again.
     let (_, facts) = host.done("r2", Ask::Rollback);
     assert_eq!(facts.current.unwrap().bundle, first.id());
     let (_, facts) = host.done("r2", Ask::Start { run: 10, note: None });
     let agent = facts.agent.unwrap();
     assert_eq!((agent.installed.release.as_str(), agent.run, agent.restarts), ("r1", 10, 0));
-    // Landed by itself, it is not started again, also by a supervisor that did not start it.
+    // An agent that landed by itself is not restarted, not even by a supervisor that did not start it.
     kill(host.supervisor());
     assert!(host.done("r2", Ask::Start { run: 10, note: None }).0);
     kill_process(pid(agent.pid), Signal::TERM).unwrap();
-    wait_until("its end and the supervisor's", || processes(host.folder.path().to_str().unwrap()).is_empty());
+    wait_until("the end of agent and supervisor", || processes(host.folder.path().to_str().unwrap()).is_empty());
     assert!(host.log().ends_with("supervisor: ends\n"), "{}", host.log());
     assert!(host.done("r2", Ask::Start { run: 11, note: None }).1.agent.is_some_and(|agent| agent.restarts == 0));
     let mut follower = host.node("r1");

@@ -1,4 +1,4 @@
-//! What stands against a flight, each fault on a host of its own, and what `skein check -f` says of it.
+//! Problems that prevent a flight, one on each host, and the report of `skein check -f` about them.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -8,24 +8,24 @@ use serde_json::Value;
 use super::fleet::{self, Fleet};
 use super::host::keygen;
 use super::lab::{HOSTS, Lab};
-use super::say;
+use super::print_line;
 
-/// Where Debian and its kin have the library that fakes the time.
+/// Path of the library that fakes the time, on Debian and its derivatives.
 const FAKETIME: &str = "/usr/lib/x86_64-linux-gnu/faketime/libfaketime.so.1";
 
-/// Host, what is wrong there, the check that finds it, what it says, and what it has one do.
+/// Host, problem, the check that finds it, a part of its finding, a part of its advice.
 const FAULTS: [(u8, &str, &str, &str, &str); 8] = [
-    (1, "the operator's key taken away", "ssh", "lets none of your keys in", "ssh-copy-id heli1"),
-    (2, "cut off", "ssh", "", "see that"),
+    (1, "the operator's key removed", "ssh", "lets none of your keys in", "ssh-copy-id heli1"),
+    (2, "disconnected", "ssh", "", "see that"),
     (3, "another host key", "ssh", "host key is not the one known here", "ssh-keygen -R heli3"),
-    (4, "a firewall before its port", "port", "10.79.0.4:7450 is closed for this PC", "TCP port 7450"),
+    (4, "a firewall closes its port", "port", "10.79.0.4:7450 is closed for this PC", "TCP port 7450"),
     (5, "a clock 2.5 s ahead", "clock", "+2", "timedatectl set-ntp true"),
     (6, "no X-Plane", "X-Plane", "", "X-Plane"),
     (7, "a full disk", "disk", "MiB free", "make room"),
     (8, "another release", "version", "is installed, this PC has", "skein cluster install"),
 ];
 
-/// What sshd sets on the host whose clock is off.
+/// Environment that sshd sets on the host whose clock is wrong.
 fn environment(id: u8) -> &'static [&'static str] {
     match id {
         5 => &[
@@ -37,28 +37,28 @@ fn environment(id: u8) -> &'static [&'static str] {
     }
 }
 
-/// What stands against this test here.
+/// Reason why this test cannot run here; `None` if it can.
 pub(super) fn missing() -> Option<String> {
     (!Path::new(FAKETIME).exists()).then(|| format!("no {FAKETIME}"))
 }
 
-/// Every fault at once, one check.
+/// Makes all problems at once and runs one check.
 pub(super) fn are_found() {
     let lab = Lab::new("faults", environment);
     fleet::describe(&lab, HOSTS);
     let _fleet = Fleet::start(&lab, &[6]);
-    let skein = |lab: &Lab, words: &str| lab.skein(&format!("{words} -f lab/cluster.toml --json"), 90);
-    skein(&lab, "cluster keys").good();
-    // It has room for the program, then nothing more.
-    lab.host(7).sh("mkdir /root/.skein && mount -t tmpfs -o size=160m lab /root/.skein").good();
+    let skein = |lab: &Lab, arguments: &str| lab.skein(&format!("{arguments} -f lab/cluster.toml --json"), 90);
+    skein(&lab, "cluster keys").succeeded();
+    // The disk has room for the program and no more.
+    lab.host(7).sh("mkdir /root/.skein && mount -t tmpfs -o size=160m lab /root/.skein").succeeded();
     let program = lab.operator().path("/opt/skein");
     let other = other_release(&program);
     let own = program.with_extension("own");
     fs::rename(&program, &own).unwrap();
     fs::rename(&other, &program).unwrap();
-    skein(&lab, "cluster install --node 8").good();
+    skein(&lab, "cluster install --node 8").succeeded();
     fs::rename(&own, &program).unwrap();
-    skein(&lab, "cluster install --node 1 2 3 4 5 6 7").good();
+    skein(&lab, "cluster install --node 1 2 3 4 5 6 7").succeeded();
 
     fs::write(lab.host(1).path("/opt/sshd/authorized"), "").unwrap();
     lab.cut(2, true);
@@ -70,10 +70,10 @@ pub(super) fn are_found() {
     fs::write(&known, fs::read_to_string(&known).unwrap().replace(&own, &stranger)).unwrap();
     let rules = "add table inet lab; add chain inet lab in { type filter hook input priority 0; }; \
                  add rule inet lab in tcp dport 7450 drop";
-    lab.host(4).sh(&format!("nft '{rules}'")).good();
-    lab.host(7).sh("cat /dev/zero >/root/.skein/full 2>/dev/null; true").good();
+    lab.host(4).sh(&format!("nft '{rules}'")).succeeded();
+    lab.host(7).sh("cat /dev/zero >/root/.skein/full 2>/dev/null; true").succeeded();
 
-    // Its connections from before are kept: it looks anew.
+    // ssh keeps its connections: this call without JSON opens new ones.
     let table = lab.skein("check -f lab/cluster.toml", 60);
     let check = skein(&lab, "check");
     assert_eq!(check.status, Some(1), "{check}");
@@ -81,22 +81,22 @@ pub(super) fn are_found() {
     let lines = lines.as_array().unwrap();
     let text = |line: &Value, key: &str| line[key].as_str().unwrap_or_default().to_owned();
     let mut found = String::new();
-    for (id, wrong, what, says, remedy) in FAULTS {
+    for (id, problem, what, finding, remedy) in FAULTS {
         let (node, host) = (format!("node {id}"), format!("heli{id}"));
         let is_it = |line: &&Value| {
             let place = text(line, "place");
             (place == node || place == host || place.ends_with(&format!("@{host}")))
                 && text(line, "what") == what
                 && text(line, "state") == "fault"
-                && text(line, "found").contains(says)
+                && text(line, "found").contains(finding)
                 && text(line, "remedy").contains(remedy)
         };
-        let line = lines.iter().find(is_it).unwrap_or_else(|| panic!("{host}, {wrong}: not found in {check}"));
-        found += &format!("  {host}, {wrong}: {}: {} -> {}\n", what, text(line, "found"), text(line, "remedy"));
-        // As people see it, however it is wrapped.
+        let line = lines.iter().find(is_it).unwrap_or_else(|| panic!("{host}, {problem}: not found in {check}"));
+        found += &format!("  {host}, {problem}: {}: {} -> {}\n", what, text(line, "found"), text(line, "remedy"));
+        // The table may be wrapped anywhere.
         assert!(table.out.contains(what) && table.out.contains("FAULT"), "{table}");
     }
-    // Nothing is wrong where nothing is.
+    // Checks without a problem are good.
     for (id, what) in [(6, "clock"), (6, "disk"), (6, "ssh"), (8, "clock"), (8, "X-Plane"), (5, "disk"), (4, "version")]
     {
         let is_it = |line: &&Value| {
@@ -105,10 +105,10 @@ pub(super) fn are_found() {
         let line = lines.iter().find(is_it).unwrap_or_else(|| panic!("heli{id}: no {what} in {check}"));
         assert_eq!(text(line, "state"), "good", "{line}");
     }
-    say(&format!("skein check -f, {:.1} s, with a fault on every host:\n{found}", check.took_s()));
+    print_line(&format!("skein check -f, {:.1} s, with a fault on every host:\n{found}", check.took_s()));
 }
 
-/// The same program with some more bytes.
+/// The same program with additional bytes: another release.
 pub(super) fn other_release(program: &Path) -> PathBuf {
     let other = program.with_extension("other");
     let mut bytes = fs::read(program).unwrap();

@@ -1,4 +1,4 @@
-//! What stands on the hosts and PCs before Skein comes: a helicopter in each one's X-Plane. And what Skein is told of it.
+//! The simulators on the hosts, a helicopter in each X-Plane, and the operator's files that describe them.
 
 use std::fmt::Write;
 use std::fs;
@@ -11,22 +11,22 @@ use skein_common::scenario::{Source, load};
 use super::host::Host;
 use super::lab::{HOSTS, Lab};
 
-/// The ring, m.
+/// Radius of the ring, m.
 pub(super) const RADIUS_M: f64 = 40.0;
-/// Half the width of its band, m.
+/// Half the width of the ring's band, m.
 pub(super) const BAND_M: f64 = 10.0;
-/// How high, m.
+/// Altitude of the formation, m.
 pub(super) const ALTITUDE_M: f64 = 5.0;
-/// Where every X-Plane listens.
+/// Port of every X-Plane.
 const PORT: u16 = 49_000;
 
-/// Simulators: they end with their value, as with their host.
+/// The running simulators; dropping the value ends them.
 pub(super) struct Fleet {
     simulators: Vec<Child>,
 }
 
 impl Fleet {
-    /// Starts everybody's X-Plane, but those in `without`.
+    /// Starts the X-Plane of every vehicle, except those in `without`.
     pub(super) fn start(lab: &Lab, without: &[u8]) -> Self {
         let mut fleet = Self { simulators: Vec::new() };
         for id in (1..=HOSTS).filter(|id| !without.contains(id)) {
@@ -35,7 +35,7 @@ impl Fleet {
         fleet
     }
 
-    /// Starts one more, with the helicopter of vehicle `id` in it.
+    /// Starts one more simulator, with the helicopter of vehicle `id`.
     pub(super) fn add(&mut self, lab: &Lab, id: u8) {
         let pc = lab.pc(id);
         pc.put_program(&lab.operator().path("/opt/skein"), "/opt/x-plane");
@@ -43,9 +43,9 @@ impl Fleet {
         let mut command = pc.command("/opt/x-plane");
         let beacon = is_elsewhere(id).to_string();
         if is_elsewhere(id) {
-            // X-Plane listens to every PC. The stand-in does with its beacon, and where every address can be bound: it answers
-            // to none but its own.
-            pc.sh("echo 1 >/proc/sys/net/ipv4/ip_nonlocal_bind").good();
+            // X-Plane accepts packets from every PC. The stand-in does so only with its beacon, and if it can bind every
+            // address, because it answers only on its own.
+            pc.sh("echo 1 >/proc/sys/net/ipv4/ip_nonlocal_bind").succeeded();
         }
         command.args(["standin", "--beacon", &beacon, "--port", &PORT.to_string()]);
         command.args(["--lat", &place.latitude_deg().to_string(), "--lon", &place.longitude_deg().to_string()]);
@@ -64,7 +64,7 @@ impl Drop for Fleet {
     }
 }
 
-/// Where the helicopter of vehicle `id` stands at first.
+/// Position of the helicopter of vehicle `id` before take-off.
 fn start(id: u8) -> Geodetic {
     let scenario = load(&Source { name: "fleet", text: &scenario(id) }, &[]).unwrap().scenario;
     let [north_m, east_m] = start_ne_m(id);
@@ -73,20 +73,21 @@ fn start(id: u8) -> Geodetic {
     Geodetic { altitude_m: scenario.origin.elevation_m, ..on_ellipsoid }
 }
 
-/// The same as `skein check` says it.
+/// The position before take-off in the format of `skein check`.
 pub(super) fn place(id: u8) -> String {
     let start = start(id);
     format!("{:.5}°, {:.5}°", start.latitude_deg(), start.longitude_deg())
 }
 
-/// Inside the ring's band or outside of it, by turns: all have some way to go, and nobody meets anybody.
+/// Start positions alternate between inside and outside of the ring's band: every vehicle has to fly to the ring, and no
+/// two paths meet.
 fn start_ne_m(id: u8) -> [f64; 2] {
     let (east, north) = math::sin_cos((f64::from(id) * 40.0).to_radians());
     let from_centre_m = RADIUS_M + if id.is_multiple_of(2) { BAND_M + 6.0 } else { -BAND_M - 6.0 };
     [from_centre_m * north, from_centre_m * east]
 }
 
-/// A ring; each step is the same place, so that it takes no flight but a dwell.
+/// The scenario of a ring. All steps have the same place, so that each takes only its dwell time.
 pub(super) fn scenario(vehicles: u8) -> String {
     let step = "{ centre_ne_m = [0, 0] }, ".repeat(400);
     let mut text = format!(
@@ -106,7 +107,7 @@ fn is_elsewhere(id: u8) -> bool {
     id >= HOSTS
 }
 
-/// `cluster.toml` of these eight hosts; the agent of a ninth vehicle runs on the eighth.
+/// The cluster file of these eight hosts; the agent of a ninth vehicle runs on the eighth.
 fn inventory(lab: &Lab, vehicles: u8) -> String {
     let mut text =
         "swarm = \"lab\"\nscenario = \"ring.toml\"\nkeys = \"keys\"\n[defaults]\nplant = \"xplane\"\n".to_owned();
@@ -119,7 +120,7 @@ fn inventory(lab: &Lab, vehicles: u8) -> String {
     text
 }
 
-/// Writes both into the folder `lab` on the operator's PC.
+/// Writes the scenario and the cluster file into the folder `lab` on the operator's PC.
 pub(super) fn describe(lab: &Lab, vehicles: u8) {
     let folder = lab.operator().path("/root/lab");
     fs::create_dir_all(&folder).unwrap();

@@ -1,5 +1,5 @@
-//! One host: a network, a process tree, a name and a home of its own, and an sshd. Everything else it shares with the computer
-//! that the test runs on.
+//! One host: its own network, process tree, name, home and sshd. It shares everything else with the computer that runs the
+//! test.
 
 use std::fs::{self, Permissions};
 use std::io::{BufRead, BufReader};
@@ -11,41 +11,41 @@ use std::time::{Duration, Instant};
 
 use rustix::process::{Pid, Signal, kill_process};
 
-use super::ran::Ran;
+use super::finished::Finished;
 
-/// What is a host's own, below `/`.
+/// Folders below `/` that a host does not share.
 const OWN: [&str; 4] = ["root", "run", "tmp", "opt"];
-/// Nobody has a password, and no account is locked.
+/// No account has a password, and none is locked.
 const SHADOW: &str = "root:*:19000:0:99999:7:::\nsshd:!:19000::::::\n";
-/// The one file that a login changes.
+/// The only file that a login changes.
 const SSHD_LOG: &str = "/run/sshd.log ";
-/// Where programs are found there.
+/// Search path for programs on the host.
 const PATH: &str = "/opt:/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin";
 
 pub(super) struct Host {
     pub(super) name: String,
     pub(super) address: String,
-    /// Where what is its own stands for the test.
+    /// Folder of the host's own files, as the test sees it.
     pub(super) folder: PathBuf,
     init: Child,
-    /// Its first process, as the test knows it.
+    /// Process id of the host's first process, as the test sees it.
     pid: u32,
 }
 
-/// What a host is to be.
-pub(super) struct Wanted<'a> {
+/// Settings of a host.
+pub(super) struct HostSetup<'a> {
     pub(super) name: &'a str,
     pub(super) address: &'a str,
-    /// The public keys that may log in; without any it has no sshd.
+    /// The public keys that may log in; without keys the host has no sshd.
     pub(super) authorized: &'a str,
-    /// What sshd sets in the environment of whoever logs in, `NAME=value`.
+    /// Variables that sshd sets for every login, `NAME=value`.
     pub(super) environment: &'a [&'a str],
 }
 
 impl Host {
-    /// Starts it in this network namespace. What an earlier host of this folder has left in it is there again.
-    pub(super) fn start(namespace: &str, folder: &Path, wanted: &Wanted<'_>) -> Self {
-        let Wanted { name, address, authorized, environment } = wanted;
+    /// Starts a host in this network namespace. It keeps the files that an earlier host left in this folder.
+    pub(super) fn start(namespace: &str, folder: &Path, setup: &HostSetup<'_>) -> Self {
+        let HostSetup { name, address, authorized, environment } = setup;
         for own in OWN {
             fs::create_dir_all(folder.join(own)).unwrap();
         }
@@ -74,13 +74,13 @@ impl Host {
         fs::write(&script, include_str!("init.sh")).unwrap();
         init.args(["--fork", "--kill-child", "sh"]).arg(script).arg(folder).arg(name).arg(workspace);
         let mut init = init.stdin(Stdio::piped()).stdout(Stdio::piped()).spawn().unwrap();
-        let mut said = String::new();
-        BufReader::new(init.stdout.take().unwrap()).read_line(&mut said).unwrap();
-        let pid = said.trim().parse().unwrap_or_else(|_| panic!("{name} does not start: {:?}", init.wait()));
+        let mut line = String::new();
+        BufReader::new(init.stdout.take().unwrap()).read_line(&mut line).unwrap();
+        let pid = line.trim().parse().unwrap_or_else(|_| panic!("{name} does not start: {:?}", init.wait()));
         Self { name: (*name).to_owned(), address: (*address).to_owned(), folder: folder.to_owned(), init, pid }
     }
 
-    /// A command there, of somebody who has just logged in.
+    /// A command on the host, in the environment of a new login.
     pub(super) fn command(&self, program: &str) -> Command {
         let mut command = Command::new("nsenter");
         command.args(["--target", &self.pid.to_string(), "--mount", "--net", "--uts", "--pid", "--"]);
@@ -89,9 +89,9 @@ impl Host {
         command
     }
 
-    /// Does it there, in a shell.
-    pub(super) fn sh(&self, script: &str) -> Ran {
-        Ran::of(self.command("sh").args(["-c", script]), Duration::from_secs(30))
+    /// Runs a shell script on the host.
+    pub(super) fn sh(&self, script: &str) -> Finished {
+        Finished::of(self.command("sh").args(["-c", script]), Duration::from_secs(30))
     }
 
     /// A path on this host as the test sees it: below `/root`, `/run`, `/tmp` or `/opt`.
@@ -99,7 +99,7 @@ impl Host {
         self.folder.join(path.trim_start_matches('/'))
     }
 
-    /// Puts a program there: shared with where it comes from if that is possible, so that it must not be written to.
+    /// Puts a program on the host. It is a hard link if possible, so that the file must not be written to.
     pub(super) fn put_program(&self, from: &Path, to: &str) {
         let to = self.path(to);
         fs::create_dir_all(to.parent().unwrap()).unwrap();
@@ -115,14 +115,14 @@ impl Host {
         format!("{} {key}", self.address)
     }
 
-    /// Its processes whose command line holds all these words, as the test knows them.
-    pub(super) fn processes(&self, words: &[&str]) -> Vec<u32> {
+    /// The host's processes whose command line contains all these names, by their ids as the test sees them.
+    pub(super) fn processes(&self, names: &[&str]) -> Vec<u32> {
         let space = |process: u32| fs::read_link(format!("/proc/{process}/ns/pid")).ok();
         let own = space(self.pid);
         let holds = |process: &u32| {
             let line = fs::read(format!("/proc/{process}/cmdline")).unwrap_or_default();
             let line = String::from_utf8_lossy(&line).replace('\0', " ");
-            words.iter().all(|word| line.split(' ').any(|part| part == *word || part.ends_with(&format!("/{word}"))))
+            names.iter().all(|name| line.split(' ').any(|part| part == *name || part.ends_with(&format!("/{name}"))))
         };
         let processes = fs::read_dir("/proc").unwrap().flatten();
         let processes = processes.filter_map(|entry| entry.file_name().to_str()?.parse().ok());
@@ -134,7 +134,7 @@ impl Host {
         processes
     }
 
-    /// Everything that is its own but sshd's log, with kind, mode and size.
+    /// All files of the host except sshd's log, with kind, mode and size.
     pub(super) fn files(&self) -> Vec<String> {
         let mut files = Vec::new();
         for own in OWN {
@@ -147,7 +147,8 @@ impl Host {
 }
 
 impl Drop for Host {
-    /// Its first process ends when its input does, and the kernel ends all the others before that is known here.
+    /// Ends the host: its first process ends with its input, and the kernel has ended all other processes before `wait`
+    /// returns.
     fn drop(&mut self) {
         drop(self.init.stdin.take());
         let until = Instant::now() + Duration::from_secs(5);
@@ -160,13 +161,13 @@ impl Drop for Host {
     }
 }
 
-/// Ends a process without a word.
+/// Kills a process.
 pub(super) fn kill(process: u32) {
     let process = i32::try_from(process).ok().and_then(Pid::from_raw).unwrap();
     kill_process(process, Signal::KILL).unwrap();
 }
 
-/// An ed25519 key, unless there is one, and `.pub` beside it.
+/// Makes an ed25519 key with its `.pub` file, unless the key exists.
 pub(super) fn keygen(path: &Path) {
     if path.exists() {
         return;

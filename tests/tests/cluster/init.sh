@@ -1,7 +1,7 @@
-# The first process of a host: FOLDER NAME HIDDEN [its own files are in FOLDER, those in HIDDEN are nobody's]. When its input
-# ends it ends, and with it whatever runs on this host.
+# The first process of a host: FOLDER NAME HIDDEN. FOLDER has the host's own files; the folder HIDDEN is hidden on the host.
+# When its input ends, this process ends, and with it all processes of the host.
 set -eu
-# As those outside know it.
+# The process id outside of the host.
 read -r pid rest </proc/self/stat
 cd /
 mount -t proc proc /proc
@@ -11,10 +11,10 @@ for own in root run tmp opt; do mount --bind "/mnt/$own" "/$own"; done
 mount --bind /mnt/shadow /etc/shadow
 umount /mnt
 echo "$2" >/proc/sys/kernel/hostname
-# In the background once it listens.
+# sshd goes to the background when it accepts connections.
 [ ! -e /opt/sshd/config ] || /usr/sbin/sshd -f /opt/sshd/config -E /run/sshd.log
 echo "$pid"
 exec 3<&0
 cat <&3 >/dev/null &
-# Takes leave of every process that has nobody else.
+# `wait` also collects the exit statuses of orphaned processes.
 wait $!

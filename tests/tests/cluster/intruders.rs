@@ -1,5 +1,5 @@
-//! Who comes uninvited to a swarm that flies, and who has taken over a node: everything that they can say is said, over and
-//! over, with our own links and without any restraint.
+//! Intruders in a flying swarm: some without a valid certificate, one with the key of a captured node. They send every
+//! message that they can make, over and over, through Skein's own links.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -34,28 +34,30 @@ use zenoh::sample::Locality;
 
 use super::lab::{HOSTS, Lab};
 
-/// Who can come, by the folder of what they hold.
+/// Intruders without a valid certificate, by the folder of their files.
 pub(super) const UNINVITED: [&str; 3] = ["none", "other", "expired"];
-/// Who has taken over node 3.
+/// The intruder that has captured node 3, by the folder of its files.
 pub(super) const TAKEN_OVER: &str = "valid";
-/// Whose node that is, in whose name they speak, and who gives their orders.
+/// The vehicle of the captured node.
 pub(super) const OWN: u8 = 3;
+/// The vehicle in whose name the intruders send.
 pub(super) const VICTIM: u8 = 5;
+/// Issuer of the forged orders.
 const FORGER: u64 = 77;
-/// How long they go on.
-const LONG: Duration = Duration::from_secs(6);
-/// In the environment of an intruder: what it holds.
-const HOLDS: &str = "SKEIN_INTRUDER";
+/// Duration of an intrusion.
+const DURATION: Duration = Duration::from_secs(6);
+/// Environment variable of an intruder's process with the folder of its files.
+const FILES_VARIABLE: &str = "SKEIN_INTRUDER";
 
-/// Puts what each of them holds onto the stranger's PC.
+/// Puts the files of each intruder onto the intruders' PC.
 pub(super) fn equip(lab: &Lab) {
     let keys = lab.operator().path("/root/lab/keys");
     lab.stranger().put_program(&std::env::current_exe().unwrap(), "/opt/intruder");
-    lab.operator().sh("mkdir other && cp lab/*.toml other").good();
-    lab.skein("cluster keys -f other/cluster.toml", 30).good();
+    lab.operator().sh("mkdir other && cp lab/*.toml other").succeeded();
+    lab.skein("cluster keys -f other/cluster.toml", 30).succeeded();
     let others = lab.operator().path("/root/other/keys");
     let inventory = Inventory::read(&lab.operator().path("/root/lab/cluster.toml")).unwrap();
-    let Security::Tls(tls) = inventory.reach(Role::Observer).unwrap().security else { panic!("it is secured") };
+    let Security::Tls(tls) = inventory.reach(Role::Observer).unwrap().security else { panic!("the swarm is secured") };
     let known = serde_json::to_string(&tls.vehicles.values().collect::<Vec<_>>()).unwrap();
     let folder = |who: &str| {
         let folder = lab.stranger().path("/root").join(who);
@@ -75,7 +77,7 @@ pub(super) fn equip(lab: &Lab) {
     expired(&keys, &folder("expired"));
 }
 
-/// A certificate of the right name and authority that ended last year.
+/// Makes a certificate of the right name and authority that has expired.
 fn expired(keys: &Path, folder: &Path) {
     let read = |name: &str| fs::read_to_string(keys.join(name)).unwrap();
     let authority = KeyPair::from_pem(&read("authority.key")).unwrap();
@@ -89,38 +91,38 @@ fn expired(keys: &Path, folder: &Path) {
     fs::write(folder.join("own.key"), key.serialize_pem()).unwrap();
 }
 
-/// What came of one of them.
+/// Result of one intrusion.
 #[derive(Debug)]
-pub(super) struct Came {
-    /// Nodes that it was linked with, at most.
+pub(super) struct Outcome {
+    /// Largest number of nodes that the intruder was linked with.
     pub(super) links: u64,
-    /// What it said.
-    pub(super) said: u64,
+    /// Number of messages that the intruder sent.
+    pub(super) sent: u64,
 }
 
-/// Lets all of these come at once.
-pub(super) fn come(lab: &Lab, who: &[&str]) -> Vec<Came> {
+/// Starts all these intruders at once and waits for their results.
+pub(super) fn start(lab: &Lab, who: &[&str]) -> Vec<Outcome> {
     let start = |who: &&str| -> Child {
         let mut command = lab.stranger().command("env");
-        command.arg(format!("{HOLDS}={who}")).arg("/opt/intruder").args(["--exact", "intruder", "--ignored"]);
+        command.arg(format!("{FILES_VARIABLE}={who}")).arg("/opt/intruder").args(["--exact", "intruder", "--ignored"]);
         command.arg("--nocapture").stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::null()).spawn().unwrap()
     };
     let children: Vec<Child> = who.iter().map(start).collect();
-    let came = children.into_iter().map(|child| {
+    let outcomes = children.into_iter().map(|child| {
         let out = child.wait_with_output().unwrap().stdout;
         let out = String::from_utf8_lossy(&out).into_owned();
         let value = out.lines().find_map(|line| serde_json::from_str::<serde_json::Value>(line).ok());
-        let value = value.filter(serde_json::Value::is_object).unwrap_or_else(|| panic!("an intruder says {out:?}"));
-        Came { links: value["links"].as_u64().unwrap(), said: value["said"].as_u64().unwrap() }
+        let value = value.filter(serde_json::Value::is_object).unwrap_or_else(|| panic!("an intruder printed {out:?}"));
+        Outcome { links: value["links"].as_u64().unwrap(), sent: value["sent"].as_u64().unwrap() }
     });
-    came.collect()
+    outcomes.collect()
 }
 
-/// An intruder's own process.
+/// The process of an intruder.
 pub(super) fn intrude() {
-    let Ok(who) = std::env::var(HOLDS) else { return };
-    let mouth = Mouth::open(&who);
-    let session = mouth.sessions.first();
+    let Ok(who) = std::env::var(FILES_VARIABLE) else { return };
+    let intruder = Intruder::open(&who);
+    let session = intruder.sessions.first();
     let heard = Arc::<Mutex<Vec<(String, Vec<u8>)>>>::default();
     let into = heard.clone();
     let listen = move |sample: zenoh::sample::Sample| {
@@ -133,8 +135,8 @@ pub(super) fn intrude() {
         .background()
         .wait()
         .unwrap();
-    let (mut links, mut said) = (0, 0);
-    let until = Instant::now() + LONG;
+    let (mut links, mut sent) = (0, 0);
+    let until = Instant::now() + DURATION;
     if who == UNINVITED[0] {
         knock(&Path::new("/root").join(&who));
     }
@@ -142,20 +144,20 @@ pub(super) fn intrude() {
         sleep(Duration::from_millis(100));
         links = links.max(session.info().peers_zid().wait().count());
         let heard = heard.lock().unwrap().clone();
-        said += mouth.make_up(run(&heard));
-        said += mouth.repeat(run(&heard), &heard);
+        sent += intruder.forge(run(&heard));
+        sent += intruder.replay(run(&heard), &heard);
     }
     let mut out = std::io::stdout().lock();
-    writeln!(out, "\n{}", json!({ "links": links, "said": said })).unwrap();
+    writeln!(out, "\n{}", json!({ "links": links, "sent": sent })).unwrap();
 }
 
-/// The run that they all speak in.
+/// The run of the swarm, read from a received message.
 fn run(heard: &[(String, Vec<u8>)]) -> u64 {
     let run = |bytes: &[u8]| Some(u64::from_le_bytes(*bytes[..bytes.len().checked_sub(Seal::BYTES)?].last_chunk()?));
     heard.first().and_then(|(_, bytes)| run(bytes)).unwrap_or(0)
 }
 
-/// Shows nothing to each of them.
+/// Connects to each node without a certificate.
 fn knock(folder: &Path) {
     let mut roots = RootCertStore::empty();
     roots.add(CertificateDer::from_pem_file(folder.join("authority.pem")).unwrap()).unwrap();
@@ -166,23 +168,23 @@ fn knock(folder: &Path) {
         let mut tls = ClientConnection::new(config.clone(), address.clone().try_into().unwrap()).unwrap();
         let mut socket = TcpStream::connect((address, port)).unwrap();
         let answer = Stream::new(&mut tls, &mut socket).read(&mut [0; 1]);
-        assert!(answer.is_err(), "it is let in");
+        assert!(answer.is_err(), "the node accepts a link without a certificate");
     }
 }
 
-/// Where each node listens.
+/// Address and port of each node.
 fn nodes() -> impl Iterator<Item = (String, u16)> {
     (1..=HOSTS).map(|id| (format!("10.79.0.{id}"), 7446 + u16::from(id)))
 }
 
-/// As what stands in its folder allows: whoever has no certificate comes in the clear.
+/// Opens a session with the intruder's files; without a certificate over plain TCP.
 fn open(who: &str) -> Sessions {
     let folder = Path::new("/root").join(who);
     let [authority, certificate, key] = ["authority.pem", "own.pem", "own.key"].map(|file| folder.join(file));
     let (protocol, security) = match certificate.exists() {
         false => ("tcp", Security::Plain),
         true => {
-            // It lets everybody in.
+            // The intruder itself accepts every certificate.
             let known: Vec<Known> = serde_json::from_slice(&fs::read(folder.join("known.json")).unwrap()).unwrap();
             let vehicles = VehicleId::first(HOSTS.into()).zip(known).collect();
             let (observer, operator) = ("observer".to_owned(), "operator".to_owned());
@@ -193,14 +195,14 @@ fn open(who: &str) -> Sessions {
     Sessions::open(&SwarmName::new("lab").unwrap(), &[], &dial, &security).unwrap()
 }
 
-/// What somebody says, with what it seals it.
-struct Mouth {
+/// An intruder with its sessions and its signing key.
+struct Intruder {
     sessions: Sessions,
     voices: Voices,
     sealer: Option<Sealer>,
 }
 
-impl Mouth {
+impl Intruder {
     fn open(who: &str) -> Self {
         let key = fs::read_to_string(Path::new("/root").join(who).join("own.key"));
         let sealer = key.ok().and_then(|key| Sealer::from_pem(&key).ok());
@@ -208,20 +210,21 @@ impl Mouth {
         Self { sessions: open(who), voices, sealer }
     }
 
-    /// Who is linked with nobody says it to nobody.
-    fn say(&self, key: &str, bytes: Vec<u8>) -> u64 {
+    /// Publishes bytes; without links they reach no node.
+    fn publish(&self, key: &str, bytes: Vec<u8>) -> u64 {
         self.sessions.first().put(key, bytes).wait().unwrap();
         1
     }
 
-    /// Under its own seal, and under none.
-    fn say_word(&self, run: u64, topic: Topic, said: &impl Message) -> u64 {
+    /// Sends a message with the intruder's own signature, and without one.
+    fn send(&self, run: u64, topic: Topic, message: &impl Message) -> u64 {
         let key = topic.key();
-        self.say(&key, self.voices.write(self.sealer.as_ref(), run, &key, said)) + self.say(&key, message::encode(said))
+        self.publish(&key, self.voices.write(self.sealer.as_ref(), run, &key, message))
+            + self.publish(&key, message::encode(message))
     }
 
-    /// In another vehicle's name, and in an operator's.
-    fn make_up(&self, run: u64) -> u64 {
+    /// Sends messages in the name of another vehicle and of an operator.
+    fn forge(&self, run: u64) -> u64 {
         let id = VehicleId::new(VICTIM).unwrap();
         let header =
             Header { sender: id, incarnation: Incarnation(u64::MAX), sequence: u64::MAX, stamp: SenderStamp::ZERO };
@@ -238,16 +241,17 @@ impl Mouth {
             order: Some(order(None)),
             echo: None,
         };
-        let said = self.say_word(run, Topic::State(id, Cell::default()), &State { header, state })
-            + self.say_word(run, Topic::Mission(id), &mission)
-            + self.say(&Topic::Order(FORGER).key(), message::encode(&order(None)));
-        // Its token comes and goes.
+        let sent = self.send(run, Topic::State(id, Cell::default()), &State { header, state })
+            + self.send(run, Topic::Mission(id), &mission)
+            + self.publish(&Topic::Order(FORGER).key(), message::encode(&order(None)));
+        // Its liveliness token appears and disappears.
         drop(self.sessions.first().liveliness().declare_token(Topic::Alive(id).key()).wait().unwrap());
-        said + 1
+        sent + 1
     }
 
-    /// What was heard: own and another's words again, another's under the own key, and an order in the own register.
-    fn repeat(&self, run: u64, heard: &[(String, Vec<u8>)]) -> u64 {
+    /// Replays received messages: own and foreign ones again, foreign ones under the own key, and an order in the own
+    /// heartbeat.
+    fn replay(&self, run: u64, heard: &[(String, Vec<u8>)]) -> u64 {
         let of = |id: u8, kind: &str| {
             let branch = format!("vehicle/{id}/");
             heard
@@ -257,13 +261,13 @@ impl Mouth {
                 .cloned()
                 .collect::<Vec<_>>()
         };
-        let mut said = 0;
+        let mut sent = 0;
         for kind in ["state", "mission"] {
             for (key, bytes) in [OWN, VICTIM].iter().filter_map(|id| of(*id, kind).first().cloned()) {
-                said += self.say(&key, bytes);
+                sent += self.publish(&key, bytes);
             }
             if let (Some((key, _)), Some((_, bytes))) = (of(OWN, kind).last(), of(VICTIM, kind).last()) {
-                said += self.say(key, bytes.clone());
+                sent += self.publish(key, bytes.clone());
             }
         }
         let last = of(OWN, "mission").pop().filter(|(_, bytes)| bytes.len() > ADDED_BYTES);
@@ -273,10 +277,10 @@ impl Mouth {
             for seal in [None, Some(Seal::from_bytes([7; Seal::BYTES]))] {
                 let header = Header { sequence: own.header.sequence + 1, ..own.header };
                 let order = Some(order(seal));
-                said += self.say_word(run, Topic::Mission(header.sender), &Mission { header, order, ..own });
+                sent += self.send(run, Topic::Mission(header.sender), &Mission { header, order, ..own });
             }
         }
-        said
+        sent
     }
 }
 

@@ -1,11 +1,11 @@
-//! Eight hosts and the operator's PC on one bridge.
+//! The lab: eight hosts and the operator's PC on one bridge.
 //!
 //! ```text
 //!   heli1 ... heli8     10.79.0.1 ... 10.79.0.8   each with sshd, the first seven with X-Plane's stand-in on their loopback
-//!   pc8, pc9            10.79.0.208, 10.79.0.209  nothing but such a stand-in: vehicles 8 and 9 are flown from heli8
+//!   pc8, pc9            10.79.0.208, 10.79.0.209  only such a stand-in: vehicles 8 and 9 are flown from heli8
 //!   operator            10.79.0.100               with an ssh key, the hosts' keys, and the program
-//!   eye                 10.79.0.200               looks on
-//!   stranger            10.79.0.201               nobody has invited it
+//!   eye                 10.79.0.200               runs the observer
+//!   stranger            10.79.0.201               runs the intruders
 //! ```
 
 use std::fmt::Write;
@@ -16,26 +16,26 @@ use std::time::Duration;
 
 use skein_tests::namespaces::{Namespaces, is_running, join, missing as no_namespaces, plug, pull, unplug};
 
-use super::host::{Host, Wanted, keygen, private};
-use super::ran::Ran;
+use super::finished::Finished;
+use super::host::{Host, HostSetup, keygen, private};
 
-/// The program as cargo has built it.
+/// The program that cargo built.
 const PROGRAM: &str = env!("CARGO_BIN_EXE_skein-under-test");
-/// How many hosts.
+/// Number of hosts.
 pub(super) const HOSTS: u8 = 8;
-/// What the operator's PC is called.
+/// Name of the operator's PC.
 const OPERATOR: &str = "operator";
 const OPERATOR_ADDRESS: &str = "10.79.0.100";
-/// Others on the bridge: without sshd.
+/// Other PCs on the bridge, without sshd.
 const OTHERS: [(&str, &str); 4] =
     [("eye", "10.79.0.200"), ("stranger", "10.79.0.201"), ("pc8", "10.79.0.208"), ("pc9", "10.79.0.209")];
 /// The bridge's namespace.
 const BRIDGE: &str = "switch";
-/// How the folders of these tests begin; the number of the test's process follows.
+/// Beginning of the names of these tests' folders; the process id of the test follows.
 const MARK: &str = "cluster-";
 
 pub(super) struct Lab {
-    // In the order in which they go: no process outlives its network, no file its processes.
+    // The order in which they are dropped: no process outlives its network, and no file its processes.
     pub(super) operator: Option<Host>,
     pub(super) hosts: Vec<Host>,
     others: Vec<Host>,
@@ -43,7 +43,7 @@ pub(super) struct Lab {
     _folder: Folder,
 }
 
-/// What stands against such a lab here.
+/// Reason why a lab cannot run here; `None` if it can.
 pub(super) fn missing() -> Option<String> {
     if let Some(missing) = no_namespaces() {
         return Some(missing);
@@ -54,7 +54,7 @@ pub(super) fn missing() -> Option<String> {
 }
 
 impl Lab {
-    /// Starts it. `environment` is what sshd sets for those who log in on a host, by the host's number.
+    /// Starts the lab. `environment` gives the variables that sshd sets for logins on a host, by the host's number.
     pub(super) fn new(test: &str, environment: fn(u8) -> &'static [&'static str]) -> Self {
         let folder = Folder::new(test);
         let mut namespaces = Namespaces::new(&format!("cluster-{test}"));
@@ -68,9 +68,9 @@ impl Lab {
         for id in 1..=HOSTS {
             let (name, address) = (format!("heli{id}"), format!("10.79.0.{id}"));
             plug_in(&mut namespaces, &name, &address);
-            let wanted =
-                Wanted { name: &name, address: &address, authorized: &authorized, environment: environment(id) };
-            hosts.push(Host::start(&namespaces.name(&name), &folder.0.join(&name), &wanted));
+            let setup =
+                HostSetup { name: &name, address: &address, authorized: &authorized, environment: environment(id) };
+            hosts.push(Host::start(&namespaces.name(&name), &folder.0.join(&name), &setup));
         }
         let (mut config, mut known) = (String::new(), String::new());
         for host in &hosts {
@@ -82,26 +82,26 @@ impl Lab {
         private(&ssh.join("known_hosts"), &known);
         let others = OTHERS.map(|(name, address)| {
             plug_in(&mut namespaces, name, address);
-            let wanted = Wanted { name, address, authorized: "", environment: &[] };
-            Host::start(&namespaces.name(name), &folder.0.join(name), &wanted)
+            let setup = HostSetup { name, address, authorized: "", environment: &[] };
+            Host::start(&namespaces.name(name), &folder.0.join(name), &setup)
         });
         let mut lab = Self { operator: None, hosts, others: others.into(), namespaces, _folder: folder };
         lab.put_operator();
         lab
     }
 
-    /// Puts the operator's PC onto the bridge: with the same disk, if there was one before.
+    /// Connects the operator's PC to the bridge; it keeps the disk of an earlier one.
     pub(super) fn put_operator(&mut self) {
         plug_in(&mut self.namespaces, OPERATOR, OPERATOR_ADDRESS);
-        let wanted = Wanted { name: OPERATOR, address: OPERATOR_ADDRESS, authorized: "", environment: &[] };
-        let operator = Host::start(&self.namespaces.name(OPERATOR), &self._folder.0.join(OPERATOR), &wanted);
+        let setup = HostSetup { name: OPERATOR, address: OPERATOR_ADDRESS, authorized: "", environment: &[] };
+        let operator = Host::start(&self.namespaces.name(OPERATOR), &self._folder.0.join(OPERATOR), &setup);
         if !operator.path("/opt/skein").exists() {
             operator.put_program(Path::new(PROGRAM), "/opt/skein");
         }
         self.operator = Some(operator);
     }
 
-    /// Takes it away as it is: whatever runs there does not come to its end.
+    /// Removes the operator's PC at once, with its running programs.
     pub(super) fn take_operator(&mut self) {
         unplug(&self.namespaces.name(BRIDGE), &port(OPERATOR));
         self.operator = None;
@@ -110,20 +110,20 @@ impl Lab {
 
     /// The operator's PC.
     pub(super) fn operator(&self) -> &Host {
-        self.operator.as_ref().expect("the operator's PC is there")
+        self.operator.as_ref().expect("the operator's PC is connected")
     }
 
-    /// The PC that looks on.
+    /// The PC of the observer.
     pub(super) fn eye(&self) -> &Host {
         &self.others[0]
     }
 
-    /// The PC that nobody has invited.
+    /// The PC of the intruders.
     pub(super) fn stranger(&self) -> &Host {
         &self.others[1]
     }
 
-    /// Where the X-Plane of vehicle `id` runs.
+    /// The host of the X-Plane of vehicle `id`.
     pub(super) fn pc(&self, id: u8) -> &Host {
         match id {
             8 => &self.others[2],
@@ -137,20 +137,20 @@ impl Lab {
         &self.hosts[usize::from(id) - 1]
     }
 
-    /// `skein` on the operator's PC with these words, as one types them.
-    pub(super) fn skein(&self, words: &str, within_s: u64) -> Ran {
+    /// Runs `skein` on the operator's PC with these arguments, separated by spaces.
+    pub(super) fn skein(&self, arguments: &str, within_s: u64) -> Finished {
         let mut command = self.operator().command("skein");
-        Ran::of(command.args(words.split(' ')), Duration::from_secs(within_s))
+        Finished::of(command.args(arguments.split(' ')), Duration::from_secs(within_s))
     }
 
-    /// Cuts a host off, or puts it back.
+    /// Disconnects a host from the network, or connects it again.
     pub(super) fn cut(&self, id: u8, cut: bool) {
         let change = if cut { pull } else { plug };
         change(&self.namespaces.name(BRIDGE), &port(&self.host(id).name));
     }
 }
 
-/// A namespace for a host, joined to the bridge.
+/// Makes a namespace for a host and links it to the bridge.
 fn plug_in(namespaces: &mut Namespaces, name: &str, address: &str) {
     let own = namespaces.add(name);
     join(&own, "eth0", &format!("{address}/24"), &namespaces.name(BRIDGE), &port(name));
@@ -160,7 +160,7 @@ fn port(name: &str) -> String {
     format!("to-{name}")
 }
 
-/// A folder of a test's own, which goes with it. What killed tests have left goes at the next one's start.
+/// A folder of a test, removed when it is dropped. The next test removes the folders of killed tests.
 struct Folder(PathBuf);
 
 impl Folder {

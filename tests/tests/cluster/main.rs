@@ -1,20 +1,20 @@
-//! A whole cluster as a lab has it: eight hosts, each with its own network, sshd, home and process tree, and the operator's PC,
-//! which has nothing but ssh and `skein`.
+//! A whole cluster as in a lab: eight hosts, each with its own network, sshd, home and process tree, and the operator's PC,
+//! which has only ssh and `skein`.
 //!
-//! Needs Linux, root, `ip`, `nft`, util-linux and OpenSSH's server. Without them these tests say so and pass, unless
-//! `SKEIN_NAMESPACES=required`.
+//! Needs Linux, root, `ip`, `nft`, util-linux and OpenSSH's server. Without them these tests print a message and pass,
+//! unless `SKEIN_NAMESPACES=required`.
 #![cfg(target_os = "linux")]
 #![expect(clippy::disallowed_methods, reason = "real hosts take real time")]
 #![expect(clippy::unwrap_used, reason = "what a test cannot do has failed")]
 
 mod faults;
+mod finished;
 mod fleet;
 mod flight;
 mod host;
 mod intruders;
 mod lab;
 mod page;
-mod ran;
 mod sky;
 
 use std::io::{Write, stdout};
@@ -24,7 +24,7 @@ use flight::Flight;
 use host::Host;
 use lab::{HOSTS, Lab};
 
-/// One cluster at a time, where these tests can run.
+/// Permission to run one cluster at a time; `None` if these tests cannot run here.
 fn alone() -> Option<MutexGuard<'static, ()>> {
     static ALONE: Mutex<()> = Mutex::new(());
     let Some(missing) = lab::missing() else { return Some(ALONE.lock().unwrap_or_else(PoisonError::into_inner)) };
@@ -32,49 +32,49 @@ fn alone() -> Option<MutexGuard<'static, ()>> {
     None
 }
 
-/// These tests have to run only where somebody says so.
+/// Prints why the tests cannot run; fails if they are required.
 fn refuse(missing: &str) {
     assert_ne!(std::env::var("SKEIN_NAMESPACES").as_deref(), Ok("required"), "{missing}");
-    say(&format!("no cluster in network namespaces: {missing}"));
+    print_line(&format!("cluster tests skipped: {missing}"));
 }
 
-/// To the real stdout, whatever the harness captures.
-fn say(line: &str) {
+/// Prints a line to the real stdout, which the test harness does not capture.
+fn print_line(line: &str) {
     stdout().write_all(format!("{line}\n").as_bytes()).unwrap();
 }
 
 #[test]
-fn the_operator_reaches_eight_hosts_that_share_no_home_no_name_and_no_process() {
+fn the_hosts_of_the_lab_share_no_home_no_name_and_no_process() {
     let Some(_alone) = alone() else { return };
     let mut lab = Lab::new("hosts", |_| &[]);
     let before: Vec<_> = lab.hosts.iter().map(Host::files).collect();
-    assert!(lab.skein("--version", 10).good().out.starts_with("skein "));
+    assert!(lab.skein("--version", 10).succeeded().out.starts_with("skein "));
     let all =
         (1..=HOSTS).map(|id| format!("ssh heli{id} 'hostname >~/own; ls -A ~; ls /tmp; ls /proc/[0-9]* -d | wc -l' &"));
-    let ran = lab.operator().sh(&format!("{} wait", all.collect::<String>())).good();
-    assert_eq!(ran.out.lines().filter(|line| *line == "own").count(), usize::from(HOSTS), "{ran}");
+    let finished = lab.operator().sh(&format!("{} wait", all.collect::<String>())).succeeded();
+    assert_eq!(finished.out.lines().filter(|line| *line == "own").count(), usize::from(HOSTS), "{finished}");
     for host in &lab.hosts {
         assert_eq!(std::fs::read_to_string(host.path("/root/own")).unwrap(), format!("{}\n", host.name));
-        assert_eq!(host.processes(&["sshd"]).len(), 1, "its own sshd and nobody else's");
+        assert_eq!(host.processes(&["sshd"]).len(), 1, "only its own sshd");
     }
     lab.hosts.iter().for_each(|host| assert!(host.sh("rm /root/own").status == Some(0)));
-    assert!(lab.hosts.iter().map(Host::files).eq(before), "nothing else was left there");
+    assert!(lab.hosts.iter().map(Host::files).eq(before), "no other file is left");
     assert!(!lab.operator().path("/root/own").exists());
 
     let reach = |lab: &Lab| lab.operator().sh("ssh -o ConnectTimeout=1 heli3 true").status;
     lab.cut(3, true);
-    assert_eq!(reach(&lab), Some(255), "nothing comes through");
+    assert_eq!(reach(&lab), Some(255), "the host is disconnected");
     lab.cut(3, false);
-    assert_eq!(reach(&lab), Some(0), "it is back");
+    assert_eq!(reach(&lab), Some(0), "the host is connected again");
     lab.take_operator();
     lab.put_operator();
     assert_eq!(reach(&lab), Some(0), "another PC with the same key");
     lab.host(3).processes(&["sshd"]).into_iter().for_each(host::kill);
-    assert_eq!(reach(&lab), Some(255), "nobody listens there any more");
+    assert_eq!(reach(&lab), Some(255), "no sshd runs any more");
 }
 
 #[test]
-fn a_swarm_is_installed_flown_disturbed_upgraded_and_taken_away() {
+fn a_swarm_is_installed_flown_disturbed_upgraded_and_uninstalled() {
     let Some(alone_until_the_upgrade) = alone() else { return };
     let mut flight = Flight::prepare();
     let sky = flight.start();
@@ -85,7 +85,7 @@ fn a_swarm_is_installed_flown_disturbed_upgraded_and_taken_away() {
     flight.cut_one(&sky);
     flight.status_from_a_node();
     flight.unplug_the_operator(&sky);
-    // Most of it is waiting for landings: the other clusters may have the computer meanwhile.
+    // The upgrade mostly waits for landings: another cluster test may use the computer meanwhile.
     drop(alone_until_the_upgrade);
     let sky = flight.upgrade(sky);
     let _alone = alone();
@@ -93,7 +93,7 @@ fn a_swarm_is_installed_flown_disturbed_upgraded_and_taken_away() {
 }
 
 #[test]
-fn what_stands_against_a_flight_is_found_with_its_remedy() {
+fn a_check_finds_every_problem_with_its_remedy() {
     let Some(_alone) = alone() else { return };
     match faults::missing() {
         None => faults::are_found(),
@@ -102,13 +102,13 @@ fn what_stands_against_a_flight_is_found_with_its_remedy() {
 }
 
 #[test]
-#[ignore = "the process that looks on for the other tests, on a host of its own"]
+#[ignore = "the observer's process of the other tests, on its own host"]
 fn watcher() {
-    sky::look_on();
+    sky::observe_swarm();
 }
 
 #[test]
-#[ignore = "the process of somebody who is not invited, on a host of its own"]
+#[ignore = "the process of an intruder, on its own host"]
 fn intruder() {
     intruders::intrude();
 }

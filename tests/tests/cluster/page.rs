@@ -1,22 +1,22 @@
-//! The README's page on clusters, as the program prints it: every command on the lab's hosts, one after the other.
+//! Console output for the README's page on clusters: every command, run on the lab's hosts one after the other.
 
 use std::time::Duration;
 
+use super::finished::Finished;
 use super::flight::Flight;
-use super::ran::Ran;
-use super::say;
+use super::print_line;
 
-/// Runs them all and prints what they print.
+/// Runs all commands and prints their output.
 pub(super) fn print() {
     let flight = Flight::prepare();
     // A terminal of the README's width.
     let show = |line: &str| {
         let mut command = flight.lab.operator().command("sh");
         command.args(["-c", &format!("cd lab && {line}")]).env("COLUMNS", "120");
-        let Ran { out, err, took, .. } = Ran::of(&mut command, Duration::from_secs(240));
-        say(&format!("$ {line}\n{err}{out}[{:.1} s]\n", took.as_secs_f64()));
+        let Finished { out, err, took, .. } = Finished::of(&mut command, Duration::from_secs(240));
+        print_line(&format!("$ {line}\n{err}{out}[{:.1} s]\n", took.as_secs_f64()));
     };
-    // The test has one node log more than it would.
+    // The cluster file of the test sets a more detailed log for one node.
     assert_eq!(flight.lab.operator().sh("sed -i /^log/d lab/cluster.toml").status, Some(0));
     for line in [
         "skein cluster keys",

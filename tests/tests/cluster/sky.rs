@@ -1,5 +1,5 @@
-//! What really goes on in the sky, whatever the product's own commands say: another PC on the bridge that holds the observers'
-//! certificate and nothing else, and looks on.
+//! Independent observation of the flight: another PC on the bridge subscribes to the swarm with only the observers'
+//! certificate, so that the test does not rely on the output of `skein`'s commands.
 
 use skein_common::math;
 use std::fs;
@@ -16,7 +16,7 @@ use skein::observe::{Heard, Observer, Steps};
 
 use super::lab::Lab;
 
-/// What an observer holds.
+/// Files of an observer.
 const OBSERVERS: [&str; 7] = [
     "cluster.toml",
     "ring.toml",
@@ -26,32 +26,32 @@ const OBSERVERS: [&str; 7] = [
     "keys/orders.pub",
     "keys/names.toml",
 ];
-/// Between two looks.
-const LOOK: Duration = Duration::from_millis(50);
-/// Who has said nothing for so long is not seen, s.
+/// Time between two snapshots.
+const PERIOD: Duration = Duration::from_millis(50);
+/// A vehicle whose newest trace is older than this is out of contact, s.
 const NEW_S: f64 = 1.0;
-/// Below this height nothing collides, m.
+/// Vehicles below this height do not count for collisions, m.
 const AIRBORNE_M: f64 = 2.0;
 
-/// One vehicle at one moment.
+/// State of one vehicle at one instant.
 #[derive(Clone, Debug)]
 pub(super) struct Vehicle {
     pub(super) id: u8,
-    /// Its token is there, and it has said something just now.
+    /// Whether its liveliness token exists and a trace of it arrived recently.
     pub(super) is_there: bool,
     pub(super) height_m: f64,
     pub(super) north_m: f64,
     pub(super) east_m: f64,
     pub(super) is_active: bool,
     pub(super) step: u64,
-    /// Grows with every start of its agent.
-    pub(super) life: u64,
+    /// Incarnation of its agent.
+    pub(super) incarnation: u64,
     pub(super) order: String,
     pub(super) release: String,
 }
 
 impl Vehicle {
-    /// From the ring's centre, m.
+    /// Horizontal distance from the ring's centre, m.
     pub(super) fn radius_m(&self) -> f64 {
         math::hypot(self.north_m, self.east_m)
     }
@@ -61,25 +61,25 @@ impl Vehicle {
     }
 }
 
-/// Everybody at one moment.
+/// State of all vehicles at one instant.
 #[derive(Clone, Debug)]
-pub(super) struct Look {
-    /// Unix time.
+pub(super) struct Snapshot {
+    /// Unix time, s.
     pub(super) at_s: f64,
     pub(super) vehicles: Vec<Vehicle>,
 }
 
-impl Look {
+impl Snapshot {
     pub(super) fn of(&self, id: u8) -> Option<&Vehicle> {
         self.vehicles.iter().find(|vehicle| vehicle.id == id)
     }
 
-    /// So many are there, and all of them are like this.
+    /// Whether at least this many vehicles are in contact and satisfy the condition.
     pub(super) fn all(&self, count: usize, are: impl Fn(&Vehicle) -> bool) -> bool {
         self.vehicles.iter().filter(|vehicle| vehicle.is_there && are(vehicle)).count() >= count
     }
 
-    /// The nearest two in the air, m.
+    /// Least distance between two airborne vehicles, m.
     pub(super) fn least_m(&self) -> f64 {
         let mut least_m = f64::INFINITY;
         for (nth, one) in self.vehicles.iter().enumerate() {
@@ -92,28 +92,28 @@ impl Look {
     }
 }
 
-/// Something that a vehicle said.
+/// An event that a vehicle reported.
 #[derive(Clone, Debug)]
-pub(super) struct Said {
+pub(super) struct ReportedEvent {
     pub(super) at_s: f64,
     pub(super) id: u8,
     pub(super) what: String,
 }
 
 #[derive(Debug, Default)]
-struct Seen {
-    looks: Vec<Look>,
-    said: Vec<Said>,
+struct Observed {
+    snapshots: Vec<Snapshot>,
+    events: Vec<ReportedEvent>,
 }
 
-/// Looks on until it is dropped.
+/// Observes the swarm until it is dropped.
 pub(super) struct Sky {
-    seen: Arc<Mutex<Seen>>,
+    observed: Arc<Mutex<Observed>>,
     child: Child,
 }
 
 impl Sky {
-    /// From the operator's folder, with what an observer may have of it.
+    /// Starts the observer with the observers' files from the operator's folder.
     pub(super) fn watch(lab: &Lab) -> Self {
         let (from, eye) = (lab.operator().path("/root/lab"), lab.eye());
         let to = eye.path("/root/lab");
@@ -125,49 +125,49 @@ impl Sky {
         let mut command = eye.command("/opt/eye");
         command.args(["--exact", "watcher", "--ignored", "--nocapture"]);
         let mut child = command.stdin(Stdio::piped()).stdout(Stdio::piped()).spawn().unwrap();
-        let seen = Arc::<Mutex<Seen>>::default();
-        let into = seen.clone();
+        let observed = Arc::<Mutex<Observed>>::default();
+        let into = observed.clone();
         let lines = BufReader::new(child.stdout.take().unwrap()).lines();
         thread::spawn(move || {
             for line in lines.map_while(Result::ok) {
                 if let Ok(value) = serde_json::from_str::<Value>(&line) {
-                    take_up(&mut into.lock().unwrap(), &value);
+                    take_snapshot(&mut into.lock().unwrap(), &value);
                 }
             }
         });
-        Self { seen, child }
+        Self { observed, child }
     }
 
-    /// The newest look.
-    pub(super) fn now(&self) -> Look {
-        self.seen.lock().unwrap().looks.last().cloned().expect("it looks on")
+    /// The newest snapshot.
+    pub(super) fn now(&self) -> Snapshot {
+        self.observed.lock().unwrap().snapshots.last().cloned().expect("a snapshot")
     }
 
-    /// All looks since this time.
-    pub(super) fn since(&self, from_s: f64) -> Vec<Look> {
-        self.seen.lock().unwrap().looks.iter().filter(|look| look.at_s >= from_s).cloned().collect()
+    /// All snapshots since this time.
+    pub(super) fn since(&self, from_s: f64) -> Vec<Snapshot> {
+        self.observed.lock().unwrap().snapshots.iter().filter(|snapshot| snapshot.at_s >= from_s).cloned().collect()
     }
 
-    /// Everything said since this time.
-    pub(super) fn said_since(&self, from_s: f64) -> Vec<Said> {
-        self.seen.lock().unwrap().said.iter().filter(|said| said.at_s >= from_s).cloned().collect()
+    /// All events since this time.
+    pub(super) fn events_since(&self, from_s: f64) -> Vec<ReportedEvent> {
+        self.observed.lock().unwrap().events.iter().filter(|event| event.at_s >= from_s).cloned().collect()
     }
 
-    /// When all of these have said this since then, the last of them.
-    pub(super) fn all_said(&self, ids: &[u8], from_s: f64, what: &str) -> Option<f64> {
-        let said = self.said_since(from_s);
-        let first = |id: &u8| said.iter().find(|said| said.id == *id && said.what == what).map(|said| said.at_s);
+    /// Time at which the last of these vehicles reported this event, s; `None` unless all have reported it since `from_s`.
+    pub(super) fn all_reported(&self, ids: &[u8], from_s: f64, what: &str) -> Option<f64> {
+        let events = self.events_since(from_s);
+        let first = |id: &u8| events.iter().find(|event| event.id == *id && event.what == what).map(|event| event.at_s);
         ids.iter().map(first).try_fold(from_s, |latest_s, at_s| Some(at_s?.max(latest_s)))
     }
 
-    /// Waits for a look like this after `from_s`. Gives when it was.
+    /// Waits for a snapshot after `from_s` that satisfies the condition, and returns its time, s.
     #[track_caller]
-    pub(super) fn wait(&self, within_s: u64, from_s: f64, what: &str, is_it: impl Fn(&Look) -> bool) -> f64 {
-        let found = || self.since(from_s).iter().find(|look| is_it(look)).map(|look| look.at_s);
+    pub(super) fn wait(&self, within_s: u64, from_s: f64, what: &str, is_it: impl Fn(&Snapshot) -> bool) -> f64 {
+        let found = || self.since(from_s).iter().find(|snapshot| is_it(snapshot)).map(|snapshot| snapshot.at_s);
         self.wait_for(within_s, what, found)
     }
 
-    /// Waits until something is found.
+    /// Waits until `found` returns a value.
     #[track_caller]
     pub(super) fn wait_for<T>(&self, within_s: u64, what: &str, found: impl Fn() -> Option<T>) -> T {
         let until = Instant::now() + Duration::from_secs(within_s);
@@ -176,10 +176,10 @@ impl Sky {
                 return found;
             }
             if Instant::now() > until {
-                let said: Vec<_> = self.said_since(now_s() - 2.0 * within_s as f64);
-                let said: String =
-                    said.iter().map(|said| format!("{:.2} {} {}\n", said.at_s, said.id, said.what)).collect();
-                panic!("within {within_s} s it did not come that {what}:\n{:#?}\n{said}", self.since(0.0).last());
+                let events: Vec<_> = self.events_since(now_s() - 2.0 * within_s as f64);
+                let events: String =
+                    events.iter().map(|event| format!("{:.2} {} {}\n", event.at_s, event.id, event.what)).collect();
+                panic!("not within {within_s} s: {what}:\n{:#?}\n{events}", self.since(0.0).last());
             }
             sleep(Duration::from_millis(20));
         }
@@ -193,35 +193,39 @@ impl Drop for Sky {
     }
 }
 
-fn take_up(seen: &mut Seen, value: &Value) {
+fn take_snapshot(observed: &mut Observed, value: &Value) {
     let number = |value: &Value| value.as_f64().unwrap_or(f64::NAN);
     let text = |value: &Value| value.as_str().unwrap_or_default().to_owned();
     let id = |value: &Value| u8::try_from(value["id"].as_u64().unwrap_or_default()).unwrap_or_default();
     let at_s = number(&value["at_s"]);
     let each = |name: &str| value[name].as_array().cloned().unwrap_or_default();
-    let vehicles = each("vehicles").into_iter().map(|it| Vehicle {
-        id: id(&it),
-        is_there: it["alive"] == json!(true) && number(&it["age_s"]) < NEW_S,
-        height_m: number(&it["height_m"]),
-        north_m: number(&it["north_m"]),
-        east_m: number(&it["east_m"]),
-        is_active: it["membership"] == json!("Active"),
-        step: it["step"].as_u64().unwrap_or_default(),
-        life: it["life"].as_u64().unwrap_or_default(),
-        order: text(&it["order"]),
-        release: text(&it["release"]),
+    let vehicles = each("vehicles").into_iter().map(|vehicle| Vehicle {
+        id: id(&vehicle),
+        is_there: vehicle["alive"] == json!(true) && number(&vehicle["age_s"]) < NEW_S,
+        height_m: number(&vehicle["height_m"]),
+        north_m: number(&vehicle["north_m"]),
+        east_m: number(&vehicle["east_m"]),
+        is_active: vehicle["membership"] == json!("Active"),
+        step: vehicle["step"].as_u64().unwrap_or_default(),
+        incarnation: vehicle["life"].as_u64().unwrap_or_default(),
+        order: text(&vehicle["order"]),
+        release: text(&vehicle["release"]),
     });
-    seen.looks.push(Look { at_s, vehicles: vehicles.collect() });
-    seen.said.extend(each("said").iter().map(|said| Said { at_s, id: id(said), what: text(&said["what"]) }));
+    observed.snapshots.push(Snapshot { at_s, vehicles: vehicles.collect() });
+    observed.events.extend(each("events").iter().map(|event| ReportedEvent {
+        at_s,
+        id: id(event),
+        what: text(&event["what"]),
+    }));
 }
 
-/// Unix time, as all hosts of this computer have it.
+/// Unix time, s, which all hosts of this computer share.
 pub(super) fn now_s() -> f64 {
     SystemTime::now().duration_since(UNIX_EPOCH).unwrap().as_secs_f64()
 }
 
-/// The looker-on's own process.
-pub(super) fn look_on() {
+/// The process of the observer.
+pub(super) fn observe_swarm() {
     let Ok(inventory) = Inventory::read("lab/cluster.toml".as_ref()) else { return };
     let mut observer = Observer::open(&inventory.reach(Role::Observer).unwrap(), Steps::On).unwrap();
     thread::spawn(|| {
@@ -230,31 +234,31 @@ pub(super) fn look_on() {
     });
     println!();
     loop {
-        sleep(LOOK);
-        let said = observer.poll().into_iter().filter_map(|heard| match heard {
+        sleep(PERIOD);
+        let events = observer.poll().into_iter().filter_map(|heard| match heard {
             Heard::Event(event) => Some(json!({ "id": event.header.sender.get(), "what": event.what.to_string() })),
             _ => None,
         });
-        let said: Vec<Value> = said.collect();
-        let vehicles = observer.vehicles().iter().map(|(id, seen)| {
-            let (trace, mission) = (seen.trace.as_ref(), seen.mission.as_ref());
+        let events: Vec<Value> = events.collect();
+        let vehicles = observer.vehicles().iter().map(|(id, observed)| {
+            let (trace, mission) = (observed.trace.as_ref(), observed.mission.as_ref());
             json!({
                 "id": id.get(),
-                "alive": seen.alive,
-                "age_s": seen.trace_at.map(|at| at.elapsed().as_secs_f64()),
+                "alive": observed.alive,
+                "age_s": observed.trace_at.map(|at| at.elapsed().as_secs_f64()),
                 "height_m": trace.map(|trace| trace.height_m),
                 "north_m": trace.map(|trace| trace.position.north_m()),
                 "east_m": trace.map(|trace| trace.position.east_m()),
-                "membership": mission.map(|said| format!("{:?}", said.membership)),
-                "step": mission.map(|said| said.step),
-                "life": mission.map(|said| said.header.incarnation.0),
-                "order": mission.and_then(|said| said.order).map(|order| order.verb.to_string()),
-                "release": seen.health.as_ref().map(|health| health.version.clone()),
+                "membership": mission.map(|mission| format!("{:?}", mission.membership)),
+                "step": mission.map(|mission| mission.step),
+                "life": mission.map(|mission| mission.header.incarnation.0),
+                "order": mission.and_then(|mission| mission.order).map(|order| order.verb.to_string()),
+                "release": observed.health.as_ref().map(|health| health.version.clone()),
             })
         });
-        let look = json!({ "at_s": now_s(), "vehicles": vehicles.collect::<Vec<_>>(), "said": said });
+        let snapshot = json!({ "at_s": now_s(), "vehicles": vehicles.collect::<Vec<_>>(), "events": events });
         let mut out = std::io::stdout().lock();
-        if writeln!(out, "{look}").and_then(|()| out.flush()).is_err() {
+        if writeln!(out, "{snapshot}").and_then(|()| out.flush()).is_err() {
             return;
         }
     }

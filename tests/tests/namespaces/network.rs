@@ -1,7 +1,7 @@
-//! Two bridges that a cable joins, and a third to look on.
+//! The network of a test: two bridges that a cable connects, and a third one for the observer.
 //!
 //! ```text
-//!   vehicle 1 -+                     +- vehicle 3      10.77.0.ID, where the agents find each other
+//!   vehicle 1 -+                     +- vehicle 3      10.77.0.ID, the network between the agents
 //!              +- left ==== right ---+
 //!   vehicle 2 -+    the cable        +- vehicle 4
 //!
@@ -12,20 +12,20 @@ use std::process::Command;
 
 use skein_tests::namespaces::{BRIDGE, Namespaces, ip, join, plug};
 
-/// On which side of the cable a vehicle is.
+/// Side of the cable on which a vehicle is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Side {
     Left,
     Right,
 }
 
-/// A network of a test's own.
+/// The network of one test.
 pub(super) struct Network {
     namespaces: Namespaces,
 }
 
 impl Network {
-    /// A namespace for every vehicle, and three for the bridges.
+    /// Makes a namespace for every vehicle, and three for the bridges.
     pub(super) fn new(test: &str, sides: &[Side]) -> Self {
         let mut namespaces = Namespaces::new(test);
         let bridges = [Side::Left, Side::Right].map(|side| namespaces.add_bridge(&format!("{side:?}")));
@@ -43,17 +43,17 @@ impl Network {
         Self { namespaces }
     }
 
-    /// A command of vehicle `id`'s computer.
+    /// A command on the computer of vehicle `id`.
     pub(super) fn command_of(&self, id: u8, program: &str) -> Command {
         self.namespaces.command(&id.to_string(), program)
     }
 
-    /// A command of the computer that looks on.
+    /// A command on the computer of the observer.
     pub(super) fn command_of_watcher(&self, program: &str) -> Command {
         self.namespaces.command("watch", program)
     }
 
-    /// Pulls the cable, or puts it back.
+    /// Disconnects the cable, or connects it again.
     pub(super) fn cut(&self, cut: bool) {
         ip(&["-n", &self.namespaces.name("Left"), "link", "set", "cable", if cut { "down" } else { "up" }]);
     }

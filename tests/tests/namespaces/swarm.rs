@@ -1,4 +1,4 @@
-//! A swarm in such a network, known by what its agents write and by what a watcher sees.
+//! A swarm in the network of a test, observed through the logs of its agents and through an observer.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs::{self, File};
@@ -16,19 +16,20 @@ use tempfile::TempDir;
 use super::network::{Network, Side};
 
 const PROGRAM: &str = env!("CARGO_BIN_EXE_skein-under-test");
-/// Whatever is waited for comes within this time.
+/// Timeout of every wait.
 const SOON: Duration = Duration::from_secs(60);
 const DAY_S: f64 = 86_400.0;
-/// Below this height nothing counts, m.
+/// Vehicles below this height do not count for the separation, m.
 const AIRBORNE_M: f64 = 2.0;
-/// What the watcher is told, and how its answer begins.
+/// Environment variable with the swarm's name and endpoints for the observer's process.
 const WATCHED: &str = "SKEIN_WATCHED";
+/// Beginning of the line that the observer's process prints at its end.
 const ANSWER: &str = "least separation ";
 
 /// A line of an agent's log.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Line {
-    /// Since the swarm was started, by the computer's clock.
+    /// Time since the start of the swarm, by the computer's clock, s.
     pub(super) at_s: f64,
     pub(super) id: u8,
     pub(super) what: String,
@@ -43,7 +44,7 @@ pub(super) struct Swarm {
 }
 
 impl Swarm {
-    /// One agent on each of these sides, with ids from 1.
+    /// Starts one agent on each of these sides, with ids from 1.
     pub(super) fn start(test: &str, scenario: &str, sides: &[Side]) -> Self {
         let network = Network::new(test, sides);
         let folder = tempfile::tempdir().unwrap();
@@ -73,28 +74,28 @@ impl Swarm {
         swarm
     }
 
-    /// Ends an agent without a word. Gives when.
+    /// Kills an agent, and returns the time, s.
     pub(super) fn kill(&mut self, id: u8) -> f64 {
         let at_s = self.now_s();
         end(self.agents.get_mut(&id).unwrap());
         at_s
     }
 
-    /// Begins a new life of an agent. Gives when.
+    /// Restarts an agent, and returns the time, s.
     pub(super) fn restart(&mut self, id: u8) -> f64 {
         let at_s = self.now_s();
         self.begin(id);
         at_s
     }
 
-    /// Cuts the left from the right, or joins them again. Gives when.
+    /// Cuts the left from the right side, or connects them again; returns the time, s.
     pub(super) fn cut(&self, cut: bool) -> f64 {
         let at_s = self.now_s();
         self.network.cut(cut);
         at_s
     }
 
-    /// Everything that was logged by the vehicles, in the order of time.
+    /// All lines of the agents' logs, in the order of time.
     pub(super) fn lines(&self) -> Vec<Line> {
         let text = |id: &u8| fs::read_to_string(self.log(*id)).unwrap();
         let mut lines: Vec<_> = self.agents.keys().map(text).flat_map(|text| self.parsed(&text)).collect();
@@ -102,7 +103,7 @@ impl Swarm {
         lines
     }
 
-    /// Waits until `found` finds something in what was logged.
+    /// Waits until `found` returns a value for the logged lines.
     pub(super) fn wait_for<T>(&self, what: &str, found: impl Fn(&[Line]) -> Option<T>) -> T {
         let until = Instant::now() + SOON;
         loop {
@@ -110,28 +111,28 @@ impl Swarm {
             if let Some(found) = found(&lines) {
                 return found;
             }
-            assert!(Instant::now() < until, "they do not {what}: {lines:#?}");
+            assert!(Instant::now() < until, "timeout, they do not {what}: {lines:#?}");
             sleep(Duration::from_millis(50));
         }
     }
 
-    /// The step that each vehicle is at now.
+    /// The present step of each vehicle.
     pub(super) fn steps(&self) -> BTreeMap<u8, u32> {
         let mut steps = self.agents.keys().map(|id| (*id, 0)).collect();
         self.lines().iter().for_each(|line| take_step(&mut steps, line));
         steps
     }
 
-    /// When, after `since_s`, everybody had found again whom it had lost, and all were at the same step, or all but one that
-    /// had left it just before it heard the others again: it waits for them at the next.
-    pub(super) fn one_again(lines: &[Line], since_s: f64) -> Option<f64> {
+    /// Time after `since_s` at which every vehicle had found all lost peers again and all were at the same step, s. One vehicle
+    /// may be a step ahead: it left the step just before it received the others again, and waits for them at the next.
+    pub(super) fn rejoined_s(lines: &[Line], since_s: f64) -> Option<f64> {
         let mut steps: BTreeMap<u8, u32> = lines.iter().map(|line| (line.id, 0)).collect();
         let mut lost = BTreeSet::new();
         for line in lines {
             take_step(&mut steps, line);
-            if let Some(peer) = line.what.strip_prefix("lost vehicle ") {
+            if let Some(peer) = line.what.strip_prefix("lost contact with vehicle ") {
                 lost.insert((line.id, peer.to_owned()));
-            } else if let Some(peer) = line.what.strip_prefix("hears vehicle ") {
+            } else if let Some(peer) = line.what.strip_prefix("in contact with vehicle ") {
                 lost.remove(&(line.id, peer.to_owned()));
             }
             let last = steps.values().copied().min().unwrap_or_default();
@@ -143,13 +144,13 @@ impl Swarm {
         None
     }
 
-    /// The least distance between two vehicles in the air so far, m. Ends the watching.
+    /// The least distance between two airborne vehicles so far, m. Ends the observer's process.
     pub(super) fn least_separation_m(&mut self) -> f64 {
         drop(self.watcher.stdin.take());
-        let mut said = String::new();
-        self.watcher.stdout.take().unwrap().read_to_string(&mut said).unwrap();
-        let answer = said.lines().find_map(|line| line.strip_prefix(ANSWER));
-        answer.unwrap_or_else(|| panic!("the watcher says {said:?}")).parse().unwrap()
+        let mut text = String::new();
+        self.watcher.stdout.take().unwrap().read_to_string(&mut text).unwrap();
+        let answer = text.lines().find_map(|line| line.strip_prefix(ANSWER));
+        answer.unwrap_or_else(|| panic!("the observer printed {text:?}")).parse().unwrap()
     }
 
     fn begin(&mut self, id: u8) {
@@ -172,12 +173,12 @@ impl Swarm {
     /// `2026-01-31T11:14:50.434371Z  INFO vehicle 2 reached step 1`
     fn parsed(&self, log: &str) -> Vec<Line> {
         let line = |line: &str| {
-            let (stamp, said) = line.split_once('Z')?;
+            let (stamp, rest) = line.split_once('Z')?;
             let (_, time) = stamp.split_once('T')?;
             let fields: Vec<f64> = time.split(':').map(str::parse).collect::<Result<_, _>>().ok()?;
             let &[hours, minutes, seconds] = fields.as_slice() else { return None };
             let at_s = (3600.0 * hours + 60.0 * minutes + seconds - self.began_s).rem_euclid(DAY_S);
-            let (id, what) = said.trim().strip_prefix("INFO vehicle ")?.split_once(' ')?;
+            let (id, what) = rest.trim().strip_prefix("INFO vehicle ")?.split_once(' ')?;
             Some(Line { at_s, id: id.parse().ok()?, what: what.to_owned() })
         };
         log.lines().filter_map(line).collect()
@@ -185,7 +186,7 @@ impl Swarm {
 }
 
 impl Drop for Swarm {
-    /// Before the network goes: whatever fails, nothing is left.
+    /// Ends all processes before the network is removed, also of a failed test.
     fn drop(&mut self) {
         self.agents.values_mut().for_each(end);
         end(&mut self.watcher);
@@ -197,28 +198,28 @@ fn end(process: &mut Child) {
     let _ = process.wait();
 }
 
-/// Since midnight by the computer's clock, as the logs count.
+/// Time since midnight by the computer's clock, s, as in the logs.
 fn day_s() -> f64 {
     SystemTime::now().duration_since(UNIX_EPOCH).unwrap().as_secs_f64().rem_euclid(DAY_S)
 }
 
 fn take_step(steps: &mut BTreeMap<u8, u32>, line: &Line) {
-    let forward = line.what.strip_prefix("carried forward").and_then(|rest| rest.rsplit_once("to step "));
-    let to = forward.map(|(_, to)| to).or_else(|| line.what.strip_prefix("goes on to step "));
+    let forward = line.what.strip_prefix("skips forward").and_then(|rest| rest.rsplit_once("to step "));
+    let to = forward.map(|(_, to)| to).or_else(|| line.what.strip_prefix("continues to step "));
     if let Some(to) = to.and_then(|to| to.split(' ').next()?.parse().ok()) {
         steps.insert(line.id, to);
     } else if line.what.starts_with("flies ") {
-        // A new life.
+        // The agent was restarted.
         steps.insert(line.id, 0);
     }
 }
 
-/// The watcher's own process: looks on until its input ends, then answers.
+/// The observer's process: observes until its input ends, then prints the least separation.
 pub(super) fn watch() {
     let Ok(watched) = std::env::var(WATCHED) else { return };
-    let mut words = watched.split(' ').map(str::to_owned);
-    let swarm = SwarmName::new(words.next().unwrap()).unwrap();
-    let agents = VehicleId::first(250).zip(words).collect();
+    let mut fields = watched.split(' ').map(str::to_owned);
+    let swarm = SwarmName::new(fields.next().unwrap()).unwrap();
+    let agents = VehicleId::first(250).zip(fields).collect();
     let reach = Reach::plain(swarm, agents, Flown::Text(String::new()));
     let mut observer = Observer::open(&reach, Steps::On).unwrap();
     let is_over = std::sync::Arc::new(AtomicBool::new(false));

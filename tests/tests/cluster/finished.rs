@@ -1,14 +1,14 @@
-//! A program that ran to its end.
+//! A program that has ended, with its output.
 
 use std::io::Read;
 use std::process::{Command, Stdio};
 use std::thread::{self, sleep};
 use std::time::{Duration, Instant};
 
-/// What became of a program.
+/// Result of a program.
 #[derive(Clone, Debug)]
-pub(super) struct Ran {
-    /// Its exit status; `None` if a signal ended it.
+pub(super) struct Finished {
+    /// Exit status; `None` if a signal ended the program.
     pub(super) status: Option<i32>,
     pub(super) out: String,
     pub(super) err: String,
@@ -16,8 +16,8 @@ pub(super) struct Ran {
     line: String,
 }
 
-impl Ran {
-    /// Runs it. One that takes longer than `within` has failed.
+impl Finished {
+    /// Runs a program. The test fails if it takes longer than `within`.
     pub(super) fn of(command: &mut Command, within: Duration) -> Self {
         let line = format!("{command:?}");
         let began = Instant::now();
@@ -36,20 +36,20 @@ impl Ran {
             sleep(Duration::from_millis(2));
         };
         let took = began.elapsed();
-        // What it has left running may hold its output: that is nobody's business once it has ended.
-        let ran = Self { status: status.code(), out: out.taken(), err: err.taken(), took, line };
-        assert!(!is_late, "not done within {within:?}: {ran}");
-        ran
+        // Processes that it left running may keep its output open: the test does not wait for them.
+        let finished = Self { status: status.code(), out: out.taken(), err: err.taken(), took, line };
+        assert!(!is_late, "not done within {within:?}: {finished}");
+        finished
     }
 
-    /// It, if it ended well.
+    /// The result, after a check that the exit status is 0.
     #[track_caller]
-    pub(super) fn good(self) -> Self {
+    pub(super) fn succeeded(self) -> Self {
         assert_eq!(self.status, Some(0), "{self}");
         self
     }
 
-    /// The JSON that it printed.
+    /// The JSON that the program printed.
     #[track_caller]
     pub(super) fn json(&self) -> serde_json::Value {
         serde_json::from_str(&self.out).unwrap_or_else(|error| panic!("no JSON ({error}): {self}"))
@@ -60,14 +60,14 @@ impl Ran {
     }
 }
 
-impl std::fmt::Display for Ran {
+impl std::fmt::Display for Finished {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let Self { status, out, err, took, line } = self;
         write!(f, "{line}\nexit status {status:?} after {:.2} s\n{out}\n{err}", took.as_secs_f64())
     }
 }
 
-/// What a thread reads until its end.
+/// Output that a thread reads to its end.
 struct Reading {
     text: std::sync::Arc<std::sync::Mutex<Vec<u8>>>,
     done: std::sync::mpsc::Receiver<()>,
