@@ -168,7 +168,7 @@ fn what_a_law_says_once_too_often_costs_no_more_than_one_answer() {
 
 #[test]
 fn a_law_that_is_silent_or_gone_fails_the_run_in_one_sentence() {
-    let say_nothing = "the law of vehicle 1 has said nothing for 10 s: it owes ";
+    let say_nothing = "the law of vehicle 1 has sent nothing for 10 s; the study waits for ";
     let ended = "the law of vehicle 1 has ended (exit status: 3)";
     let ready = "say({'say': 'ready', 'protocol': 1})";
     let closed = "the law of vehicle 1 has closed its input or its output";

@@ -170,7 +170,7 @@ fn write(
 fn put(writer: &mut Writer<BufWriter<File>>, log_time_ns: u64, word: Word) {
     match word {
         Word::Step(trace) => writer.step(log_time_ns, &trace),
-        Word::Happened(Event { header, what }) => writer.happened(log_time_ns, header.sender, Some(&header), &what),
+        Word::Happened(Event { header, what }) => writer.event(log_time_ns, header.sender, Some(&header), &what),
         Word::Incident(incident) => writer.incident(log_time_ns, &incident),
         Word::Note { is_bad, who, what } => writer.note(log_time_ns, is_bad, who, what),
         Word::Begins => writer.window_begins(log_time_ns),

@@ -83,15 +83,15 @@ pub(super) fn seconds_since(zero_ns: u64, log_time_ns: u64) -> f64 {
 }
 
 /// A choice as the JSON has it.
-pub(super) fn word(choice: &impl Serialize) -> String {
+pub(super) fn spelling(choice: &impl Serialize) -> String {
     match serde_json::to_value(choice) {
-        Ok(serde_json::Value::String(word)) => word,
+        Ok(serde_json::Value::String(text)) => text,
         _ => String::new(),
     }
 }
 
 /// To which vehicle it is done, if to one.
-pub(super) fn of_whom(incident: &Incident) -> Option<VehicleId> {
+pub(super) fn vehicle_of(incident: &Incident) -> Option<VehicleId> {
     match incident {
         Incident::Died(id) | Incident::Restarted(id) | Incident::Failed(id, _) => Some(*id),
         Incident::Cut { .. } | Incident::Healed { .. } | Incident::Delayed { .. } | Incident::DelayOver { .. } => None,

@@ -12,7 +12,7 @@ use super::copy::Copy;
 use super::scan::{Piece, scan};
 
 /// One message of one file.
-struct One {
+struct FileMessage {
     file: usize,
     channel: Arc<Channel<'static>>,
     header: MessageHeader,
@@ -32,7 +32,7 @@ pub fn merge(files: &[PathBuf], to: &Path) -> Result<u64, RecordError> {
         let bytes = fs::read(path).map_err(|error| RecordError::Io { path: path.clone(), error })?;
         scan(&bytes, |piece| match piece {
             Piece::Message(channel, header, data) => {
-                messages.push(One { file, channel: channel.clone(), header, data: data.to_vec() });
+                messages.push(FileMessage { file, channel: channel.clone(), header, data: data.to_vec() });
                 Ok(())
             }
             Piece::Attachment(header, data) => copy.attachment(header, data),
@@ -41,7 +41,7 @@ pub fn merge(files: &[PathBuf], to: &Path) -> Result<u64, RecordError> {
     }
     // Stable.
     messages.sort_by_key(|one| one.header.log_time);
-    for One { file, channel, header, data } in &messages {
+    for FileMessage { file, channel, header, data } in &messages {
         copy.message(*file, channel, *header, data)?;
     }
     copy.finish()?;

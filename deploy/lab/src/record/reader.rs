@@ -49,11 +49,11 @@ pub(super) fn read_all(path: &Path) -> Result<Whole, RecordError> {
 
 /// What tells one noted thing from all others.
 #[derive(Debug, PartialEq, Eq, PartialOrd, Ord)]
-enum Name {
+enum EventId {
     /// A vehicle's own number for it, which every recorder hears.
     Numbered(VehicleId, Incarnation, u64),
     /// When it was noted, to whom or by whom, in words.
-    Told(u64, Option<VehicleId>, String),
+    Described(u64, Option<VehicleId>, String),
 }
 
 /// What a file held, before the beginning of the window is known.
@@ -65,7 +65,7 @@ struct Pieces {
     ends_ns: Option<u64>,
     first_ns: Option<u64>,
     steps: Vec<(u64, Trace)>,
-    noted: Vec<(u64, Name, What)>,
+    noted: Vec<(u64, EventId, What)>,
 }
 
 impl Pieces {
@@ -102,14 +102,14 @@ impl Pieces {
             (None, format::EVENTS) => {
                 let EventLine { vehicle, incarnation, sequence, text, what } = parse(topic, data)?;
                 let name = match incarnation.zip(sequence) {
-                    Some((incarnation, sequence)) => Name::Numbered(vehicle, incarnation, sequence),
-                    None => Name::Told(log_time_ns, Some(vehicle), text.into_owned()),
+                    Some((incarnation, sequence)) => EventId::Numbered(vehicle, incarnation, sequence),
+                    None => EventId::Described(log_time_ns, Some(vehicle), text.into_owned()),
                 };
-                (name, What::Said(vehicle, what))
+                (name, What::Event(vehicle, what))
             }
             (None, format::FAULTS) => {
                 let FaultLine { vehicle, text, what } = parse(topic, data)?;
-                (Name::Told(log_time_ns, vehicle, text.into_owned()), What::Done(what.into_owned()))
+                (EventId::Described(log_time_ns, vehicle, text.into_owned()), What::Fault(what.into_owned()))
             }
             // Drawn from the above for people.
             _ => return Ok(()),

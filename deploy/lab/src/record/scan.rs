@@ -49,14 +49,14 @@ pub(super) fn scan(
     let mut rest = bytes.strip_prefix(MAGIC).ok_or(RecordError::NoMcap)?;
     let mut channels = ChannelAccumulator::default();
     let mut found = Found::default();
-    while let Some((kind, content, behind)) = split(rest) {
+    while let Some((kind, content, behind)) = split_record(rest) {
         let taken = match kind {
             op::DATA_END => {
                 let ends_well = behind.ends_with(MAGIC);
                 return Ok(Found { is_whole: ends_well && found.damaged == 0, ..found });
             }
-            op::CHUNK => unpack(&rest[..PREFIX + content.len()], &mut channels, &mut take)?,
-            _ => pass_on(kind, content, &mut channels, &mut take)?,
+            op::CHUNK => read_chunk(&rest[..PREFIX + content.len()], &mut channels, &mut take)?,
+            _ => read_record(kind, content, &mut channels, &mut take)?,
         };
         found.damaged += usize::from(!taken);
         rest = behind;
@@ -65,7 +65,7 @@ pub(super) fn scan(
 }
 
 /// The first record's kind and content, and what stands behind it; `None` if it is not all there.
-fn split(bytes: &[u8]) -> Option<(u8, &[u8], &[u8])> {
+fn split_record(bytes: &[u8]) -> Option<(u8, &[u8], &[u8])> {
     let (prefix, rest) = bytes.split_at_checked(PREFIX)?;
     let length = u64::from_le_bytes(prefix[1..].try_into().ok()?);
     let (content, behind) = rest.split_at_checked(usize::try_from(length).ok()?)?;
@@ -73,7 +73,7 @@ fn split(bytes: &[u8]) -> Option<(u8, &[u8], &[u8])> {
 }
 
 /// Hands on what stands in a chunk. False if that is damaged.
-fn unpack(
+fn read_chunk(
     record: &[u8],
     channels: &mut ChannelAccumulator<'static>,
     take: &mut impl FnMut(Piece<'_>) -> Result<(), RecordError>,
@@ -94,7 +94,7 @@ fn unpack(
                 reader.notify_read(next.len());
                 rest = behind;
             }
-            Ok(LinearReadEvent::Record { data, opcode }) => is_good &= pass_on(opcode, data, channels, take)?,
+            Ok(LinearReadEvent::Record { data, opcode }) => is_good &= read_record(opcode, data, channels, take)?,
             Err(_) => return Ok(false),
         }
     }
@@ -102,7 +102,7 @@ fn unpack(
 }
 
 /// Hands on one record that is no chunk. False if it is damaged.
-fn pass_on(
+fn read_record(
     kind: u8,
     content: &[u8],
     channels: &mut ChannelAccumulator<'static>,

@@ -38,7 +38,7 @@ pub(super) fn fault() -> Value {
 fn of<T: JsonSchema>(title: &str) -> Value {
     let settings = SchemaSettings::draft2020_12().for_serialize().with(|settings| settings.inline_subschemas = true);
     let settings =
-        settings.with_transform(RecursiveTransform(name_choices)).with_transform(RecursiveTransform(no_null));
+        settings.with_transform(RecursiveTransform(name_choices)).with_transform(RecursiveTransform(drop_null));
     let mut schema = settings.into_generator().into_root_schema_for::<T>();
     schema.insert("title".to_owned(), title.into());
     let mut schema = schema.to_value();
@@ -47,7 +47,7 @@ fn of<T: JsonSchema>(title: &str) -> Value {
 }
 
 /// A key that may be null has the kind of its other values.
-fn no_null(schema: &mut Schema) {
+fn drop_null(schema: &mut Schema) {
     if let Some(Value::Array(kinds)) = schema.get_mut("type") {
         kinds.retain(|kind| kind != "null");
         if let [kind] = kinds.as_slice() {

@@ -106,7 +106,7 @@ impl<W: Write + Seek> Writer<W> {
             bytes: Vec::new(),
         };
         let vehicles = scene::vehicles(scene::timestamp(zero_ns), scenario.ids());
-        writer.say(|channels| Some(&mut channels.vehicles), zero_ns, &vehicles);
+        writer.write_foxglove(|channels| Some(&mut channels.vehicles), zero_ns, &vehicles);
         writer.flush();
         Ok(writer)
     }
@@ -118,44 +118,49 @@ impl<W: Write + Seek> Writer<W> {
             return;
         }
         let (id, time) = (trace.header.sender, scene::timestamp(log_time_ns));
-        self.say_json(|channels| channels.traces.get_mut(&id), log_time_ns, trace);
-        self.say(|channels| Some(&mut channels.transforms), log_time_ns, &scene::vehicle_transform(time, trace));
+        self.write_json(|channels| channels.traces.get_mut(&id), log_time_ns, trace);
+        self.write_foxglove(
+            |channels| Some(&mut channels.transforms),
+            log_time_ns,
+            &scene::vehicle_transform(time, trace),
+        );
         let location = scene::location(time, &self.origin, trace);
-        self.say(|channels| channels.locations.get_mut(&id), log_time_ns, &location);
+        self.write_foxglove(|channels| channels.locations.get_mut(&id), log_time_ns, &location);
         self.draw_formation(log_time_ns, trace);
     }
 
     /// Something that a vehicle said of itself, and the message's header, if it came as one.
-    pub fn happened(&mut self, log_time_ns: u64, speaker: VehicleId, header: Option<&Header>, what: &Happening) {
+    pub fn event(&mut self, log_time_ns: u64, speaker: VehicleId, header: Option<&Header>, what: &Happening) {
         let text = what.to_string();
         self.note(log_time_ns, matches!(what, Happening::Failed(_)), format!("vehicle {speaker}"), text.clone());
         let (incarnation, sequence) = header.map(|header| (header.incarnation, header.sequence)).unzip();
         let line = EventLine { vehicle: speaker, incarnation, sequence, text: text.into(), what: *what };
-        self.say_json(|channels| Some(&mut channels.events), log_time_ns, &line);
+        self.write_json(|channels| Some(&mut channels.events), log_time_ns, &line);
     }
 
     /// Something that was done to the swarm.
     pub fn incident(&mut self, log_time_ns: u64, incident: &Incident) {
         let text = incident.to_string();
         self.note(log_time_ns, true, "swarm".to_owned(), text.clone());
-        let line = FaultLine { vehicle: format::of_whom(incident), text: text.into(), what: Cow::Borrowed(incident) };
-        self.say_json(|channels| Some(&mut channels.faults), log_time_ns, &line);
+        let line =
+            FaultLine { vehicle: format::vehicle_of(incident), text: text.into(), what: Cow::Borrowed(incident) };
+        self.write_json(|channels| Some(&mut channels.faults), log_time_ns, &line);
     }
 
     /// Something that only people read.
     pub fn note(&mut self, log_time_ns: u64, is_bad: bool, who: String, what: String) {
         let line = scene::line(scene::timestamp(log_time_ns), is_bad, who, what);
-        self.say(|channels| Some(&mut channels.log), log_time_ns, &line);
+        self.write_foxglove(|channels| Some(&mut channels.log), log_time_ns, &line);
     }
 
     /// The window of the figures begins.
     pub fn window_begins(&mut self, log_time_ns: u64) {
-        self.record(format::BEGINS, &[(format::LOG_TIME, log_time_ns)]);
+        self.write_metadata_record(format::BEGINS, &[(format::LOG_TIME, log_time_ns)]);
     }
 
     /// It ends.
     pub fn window_ends(&mut self, log_time_ns: u64) {
-        self.record(format::ENDS, &[(format::LOG_TIME, log_time_ns)]);
+        self.write_metadata_record(format::ENDS, &[(format::LOG_TIME, log_time_ns)]);
     }
 
     /// Hands everything so far to what is written to.
@@ -168,7 +173,7 @@ impl<W: Write + Seek> Writer<W> {
     /// # Errors
     /// The first thing that went wrong since the beginning.
     pub fn finish(mut self, dropped: u64) -> Result<W, RecordError> {
-        self.record(format::RECORDER, &[("refused_steps", self.refused), ("dropped", dropped)]);
+        self.write_metadata_record(format::RECORDER, &[("refused_steps", self.refused), ("dropped", dropped)]);
         self.attempt(|mcap| mcap.finish().map(|_| ()));
         match self.failed {
             Some(error) => Err(error),
@@ -196,14 +201,14 @@ impl<W: Write + Seek> Writer<W> {
         let time = scene::timestamp(log_time_ns);
         let centre = scene::centre_transform(time, trace.centre_ne_m, formation.altitude_m);
         let drawing = (self.drawn != Some(trace.step)).then(|| scene::formation(time, formation));
-        self.say(|channels| Some(&mut channels.transforms), log_time_ns, &centre);
+        self.write_foxglove(|channels| Some(&mut channels.transforms), log_time_ns, &centre);
         if let Some(drawing) = drawing {
             self.drawn = Some(trace.step);
-            self.say(|channels| Some(&mut channels.formation), log_time_ns, &drawing);
+            self.write_foxglove(|channels| Some(&mut channels.formation), log_time_ns, &drawing);
         }
     }
 
-    fn say_json(
+    fn write_json(
         &mut self,
         channel: impl FnOnce(&mut Channels) -> Option<&mut Channel>,
         log_time_ns: u64,
@@ -216,7 +221,7 @@ impl<W: Write + Seek> Writer<W> {
         }
     }
 
-    fn say(
+    fn write_foxglove(
         &mut self,
         channel: impl FnOnce(&mut Channels) -> Option<&mut Channel>,
         log_time_ns: u64,
@@ -240,7 +245,7 @@ impl<W: Write + Seek> Writer<W> {
         self.bytes = bytes;
     }
 
-    fn record(&mut self, name: &str, values: &[(&str, u64)]) {
+    fn write_metadata_record(&mut self, name: &str, values: &[(&str, u64)]) {
         let metadata = values.iter().map(|(key, value)| ((*key).to_owned(), value.to_string())).collect();
         self.attempt(|mcap| mcap.write_metadata(&Metadata { name: name.to_owned(), metadata }));
     }
@@ -270,8 +275,8 @@ impl<W: Write + Seek> Watch for Writer<W> {
         Self::step(self, log_time_ns(self.zero_ns, t_s), trace);
     }
 
-    fn happened(&mut self, t_s: f64, speaker: VehicleId, what: &Happening) {
-        Self::happened(self, log_time_ns(self.zero_ns, t_s), speaker, None, what);
+    fn event(&mut self, t_s: f64, speaker: VehicleId, what: &Happening) {
+        Self::event(self, log_time_ns(self.zero_ns, t_s), speaker, None, what);
     }
 
     fn incident(&mut self, t_s: f64, incident: &Incident) {

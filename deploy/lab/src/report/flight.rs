@@ -121,7 +121,7 @@ impl<'a> Flight<'a> {
 
     /// The same of members that have not landed.
     fn members(&self, sample: usize) -> impl Iterator<Item = (usize, &'a Trace)> + '_ {
-        self.at(sample).filter(|(_, trace)| takes_part(trace))
+        self.at(sample).filter(|(_, trace)| flies_in_formation(trace))
     }
 
     /// The step of the mission that the first of the swarm are at.
@@ -240,7 +240,7 @@ impl<'a> Flight<'a> {
 }
 
 /// Takes part in the formation, and has not landed.
-fn takes_part(trace: &Trace) -> bool {
+fn flies_in_formation(trace: &Trace) -> bool {
     trace.membership == Membership::Active && trace.activity != Activity::Landed
 }
 

@@ -20,7 +20,7 @@ use crate::study::{Study, rounded, summarize};
 /// What the figures' tables are taken over.
 const SEEDS: Range<u64> = 0..20;
 /// What a table of figures tells of a formation.
-const TOLD: [&str; 12] = [
+const SHOWN: [&str; 12] = [
     "at_altitude_s",
     "in_band_s",
     "even_10deg_s",
@@ -135,7 +135,7 @@ fn measured(study: &Study) -> Result<Part, crate::study::StudyError> {
     Ok(Part::Table {
         caption: format!("Of {} seeds.", SEEDS.end - SEEDS.start),
         head: ["figure", "never", "median", "quartiles", "worst", "its seed"].map(str::to_owned).to_vec(),
-        rows: TOLD.iter().filter_map(row).collect(),
+        rows: SHOWN.iter().filter_map(row).collect(),
     })
 }
 

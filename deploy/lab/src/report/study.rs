@@ -412,12 +412,12 @@ fn flights(folder: &Folder, points: &[Point<'_>]) -> Result<Vec<Section>, Error>
     let recorded = |run: &&&Flown| run.folder.join(record::FILE).is_file();
     for point in points {
         let Some((worst, median)) = worst_and_median(&point.measured()) else { continue };
-        let told = if worst == median {
+        let shown = if worst == median {
             vec![(worst, "")]
         } else {
             vec![(worst, "the worst run"), (median, "the median run")]
         };
-        for (seed, which) in told {
+        for (seed, which) in shown {
             let Some(run) = point.runs.iter().filter(recorded).find(|run| run.measured.seed == seed) else { continue };
             if sections.len() == MOST_FLIGHTS {
                 let more = "More runs are recorded: any of their folders makes a report of its own.";

@@ -12,7 +12,7 @@ use skein_core::formation;
 use skein_core::formation::law::Neighbour;
 
 use super::traces::{centre_distance_panel, pair_distance_panel};
-use super::{Flight, on_map, pieces, place_on_map, radii_m, takes_part};
+use super::{Flight, flies_in_formation, on_map, pieces, place_on_map, radii_m};
 use crate::report::figure::{Axis, Colour, Figure, Item, Marker, Panel, Shape, WIDTH_PX};
 
 /// Of a flight whose centre moves, trails are this long, s.
@@ -81,16 +81,16 @@ fn ellipse(leg: &Leg, radius_m: f64, centre_ne_m: [f64; 2]) -> Vec<[f64; 2]> {
 
 /// Everybody's way from one sample to another.
 fn trails(flight: &Flight<'_>, first: usize, last: usize, with_beginning: bool) -> Vec<Item> {
-    let way = |index: usize| {
+    let path = |index: usize| {
         let steps = &flight.seen[index][first..=last];
         pieces(steps.iter().map(|step| step.map(|step| place_on_map(step.trace.position))))
     };
     let (width_px, opacity) = if flight.is_few() { (1.2, 0.75) } else { (0.7, 0.3) };
     let mut items = Vec::new();
     for index in 0..flight.count() {
-        let way = way(index);
-        let beginning = way.first().and_then(|piece| piece.first()).copied();
-        items.push(Item::line(way, colour(flight, index).faint(opacity)).wide(width_px));
+        let path = path(index);
+        let beginning = path.first().and_then(|piece| piece.first()).copied();
+        items.push(Item::line(path, colour(flight, index).faint(opacity)).wide(width_px));
         let dot = Shape::Dots { at: beginning.into_iter().collect(), marker: Marker::Circle, size_px: 4.0 };
         items.extend(with_beginning.then(|| Item::new(dot, colour(flight, index))));
     }
@@ -107,7 +107,7 @@ fn vehicles(flight: &Flight<'_>, sample: usize) -> Vec<Item> {
     let mut items = Vec::new();
     for (index, trace) in flight.at(sample) {
         let at = place_on_map(trace.position);
-        let is_member = takes_part(trace);
+        let is_member = flies_in_formation(trace);
         let (colour, marker) = match is_member {
             true if flight.is_few() => (Colour::nth(index), Marker::nth(index)),
             true => (Colour::BLUE, Marker::Circle),
@@ -144,7 +144,7 @@ pub(super) fn snapshots(flight: &Flight<'_>) -> Option<Figure> {
         return Some(one_by_one(flight, &samples));
     }
     let mut panel = map();
-    panel.items.push(centre_way(flight));
+    panel.items.push(centre_path(flight));
     panel.items.extend(trails(flight, 0, *samples.last()?, true));
     for &sample in &samples {
         panel.items.extend(ellipses(flight, sample));
@@ -158,17 +158,17 @@ pub(super) fn snapshots(flight: &Flight<'_>) -> Option<Figure> {
 
 /// The time of each snapshot, beside its ellipse, where the fewest others' ways and ellipses are.
 fn times(flight: &Flight<'_>, samples: &[usize], discs: &[(Vector2<f64>, f64)]) -> Vec<Item> {
-    let ways_ne_m: Vec<Vector2<f64>> = (0..flight.times_s.len())
+    let paths_ne_m: Vec<Vector2<f64>> = (0..flight.times_s.len())
         .step_by(8)
         .flat_map(|sample| flight.at(sample).map(|(_, trace)| trace.position.horizontal()))
         .collect();
     let beside = |(sample, (centre, reach_m)): (&usize, &(Vector2<f64>, f64))| {
         let crowd = |towards: &Vector2<f64>| {
             let label = centre + towards * (reach_m * 1.45);
-            let ways = ways_ne_m.iter().filter(|way| (*way - label).norm() < 0.5 * reach_m).count();
+            let paths_nearby = paths_ne_m.iter().filter(|path| (*path - label).norm() < 0.5 * reach_m).count();
             let others =
                 discs.iter().filter(|(other, other_m)| (other - label).norm() < other_m + 0.5 * reach_m).count();
-            ways + 1000 * others
+            paths_nearby + 1000 * others
         };
         // East first: a text is wide.
         let towards =
@@ -247,9 +247,9 @@ fn instants(flight: &Flight<'_>) -> Vec<usize> {
     if many <= MOST_SNAPSHOTS { instants } else { (0..MOST_SNAPSHOTS).map(|nth| instants[kept(nth)]).collect() }
 }
 
-fn centre_way(flight: &Flight<'_>) -> Item {
-    let way = pieces((0..flight.times_s.len()).map(|sample| flight.centre_ne_m(sample).map(on_map)));
-    Item::line(way, Colour::GREY).wide(1.0).dashed()
+fn centre_path(flight: &Flight<'_>) -> Item {
+    let path = pieces((0..flight.times_s.len()).map(|sample| flight.centre_ne_m(sample).map(on_map)));
+    Item::line(path, Colour::GREY).wide(1.0).dashed()
 }
 
 /// What the law makes of every place around the formation. None of laws without a field.
@@ -312,7 +312,7 @@ pub(super) fn overview(flight: &Flight<'_>) -> Figure {
     if !flight.has_one_place() {
         let last = flight.last_in_formation().unwrap_or(0);
         places = map();
-        places.items.push(centre_way(flight));
+        places.items.push(centre_path(flight));
         places.items.extend(ellipses(flight, last));
         if last < flight.times_s.len() {
             places.items.extend(trails(flight, 0, last, true));

@@ -19,8 +19,8 @@ pub(super) fn with_marks(flight: &Flight<'_>, panel: Panel) -> (Panel, String) {
     if marks.len() <= FEW_MARKS {
         return (Panel { marks, ..panel }, String::new());
     }
-    let told = marks.iter().enumerate().map(|(nth, mark)| format!("{} {} ({:.0} s)", nth + 1, mark.text, mark.x));
-    let caption = format!(" Marks: {}.", told.collect::<Vec<_>>().join(", "));
+    let texts = marks.iter().enumerate().map(|(nth, mark)| format!("{} {} ({:.0} s)", nth + 1, mark.text, mark.x));
+    let caption = format!(" Marks: {}.", texts.collect::<Vec<_>>().join(", "));
     marks.iter_mut().enumerate().for_each(|(nth, mark)| mark.text = (nth + 1).to_string());
     (Panel { marks, ..panel }, caption)
 }
@@ -37,18 +37,18 @@ fn marks(flight: &Flight<'_>) -> Vec<Mark> {
     let mut orders: Vec<Order> = Vec::new();
     for noted in &flight.recording.noted {
         let (who, what) = match &noted.what {
-            What::Done(Incident::Died(id)) => (Some(*id), "killed".to_owned()),
-            What::Done(Incident::Restarted(id)) => (Some(*id), "restarted".to_owned()),
-            What::Done(Incident::Failed(id, what)) => (Some(*id), what.replace('_', " ")),
-            What::Done(Incident::Cut { .. }) => (None, "links cut".to_owned()),
-            What::Done(Incident::Healed { .. }) => (None, "links healed".to_owned()),
-            What::Done(Incident::Delayed { .. }) => (None, "links delayed".to_owned()),
-            What::Done(Incident::DelayOver { .. }) => (None, "delay over".to_owned()),
-            What::Said(_, Happening::OrderTaken(order)) if !orders.contains(order) => {
+            What::Fault(Incident::Died(id)) => (Some(*id), "killed".to_owned()),
+            What::Fault(Incident::Restarted(id)) => (Some(*id), "restarted".to_owned()),
+            What::Fault(Incident::Failed(id, what)) => (Some(*id), what.replace('_', " ")),
+            What::Fault(Incident::Cut { .. }) => (None, "links cut".to_owned()),
+            What::Fault(Incident::Healed { .. }) => (None, "links healed".to_owned()),
+            What::Fault(Incident::Delayed { .. }) => (None, "links delayed".to_owned()),
+            What::Fault(Incident::DelayOver { .. }) => (None, "delay over".to_owned()),
+            What::Event(_, Happening::OrderTaken(order)) if !orders.contains(order) => {
                 orders.push(*order);
                 (None, format!("order: {}", order.verb))
             }
-            What::Said(..) => continue,
+            What::Event(..) => continue,
         };
         match sorts.iter_mut().rev().find(|sort| sort.what == what && noted.t_s - sort.t_s < TOGETHER_S) {
             Some(sort) => sort.who.extend(who.filter(|who| !sort.who.contains(who))),
@@ -56,7 +56,7 @@ fn marks(flight: &Flight<'_>) -> Vec<Mark> {
         }
     }
     sorts.sort_by(|one, other| one.t_s.total_cmp(&other.t_s));
-    let word = |sort: Sort| {
+    let mark = |sort: Sort| {
         let who: Vec<_> = sort.who.iter().map(ToString::to_string).collect();
         let text = match who.len() {
             0 => sort.what,
@@ -65,7 +65,7 @@ fn marks(flight: &Flight<'_>) -> Vec<Mark> {
         };
         Mark { x: sort.t_s, text }
     };
-    sorts.into_iter().map(word).collect()
+    sorts.into_iter().map(mark).collect()
 }
 
 #[cfg(test)]
@@ -86,7 +86,7 @@ mod tests {
     }
 
     fn died(t_s: f64, id: u8) -> Noted {
-        Noted { t_s, what: What::Done(Incident::Died(VehicleId::new(id).unwrap())) }
+        Noted { t_s, what: What::Fault(Incident::Died(VehicleId::new(id).unwrap())) }
     }
 
     #[test]

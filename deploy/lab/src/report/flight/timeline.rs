@@ -21,7 +21,7 @@ pub(super) fn timeline(flight: &Flight<'_>) -> Figure {
         panel.items.extend(step_bars(flight, step as u32, &row));
     }
     panel.items.extend(grey_bars(flight, "joining", &row, |trace| trace.membership == Membership::Joining));
-    let others = |trace: &Trace| trace.membership != Membership::Joining && is_apart(trace);
+    let others = |trace: &Trace| trace.membership != Membership::Joining && is_out_of_formation(trace);
     panel.items.extend(grey_bars(flight, "out of formation: holding, landing, landed", &row, others));
     panel.items.extend(dots(flight, &row));
     let (panel, marked) = with_marks(flight, panel);
@@ -33,7 +33,7 @@ pub(super) fn timeline(flight: &Flight<'_>) -> Figure {
 }
 
 /// Its activity, not the mission's step, says what it does.
-fn is_apart(trace: &Trace) -> bool {
+fn is_out_of_formation(trace: &Trace) -> bool {
     trace.membership == Membership::Left
         || matches!(trace.activity, Activity::Holding | Activity::Landing | Activity::Landed | Activity::Blind)
 }
@@ -45,8 +45,9 @@ fn step_bars(flight: &Flight<'_>, step: u32, row: &impl Fn(usize) -> f64) -> Opt
         (None, Target::Land(_)) => "land".to_owned(),
         (None, _) => step.to_string(),
     };
-    let is_it = |trace: &Trace| trace.step == step && trace.membership == Membership::Active && !is_apart(trace);
-    let bars = bars(flight, row, &name, is_it);
+    let is_shown =
+        |trace: &Trace| trace.step == step && trace.membership == Membership::Active && !is_out_of_formation(trace);
+    let bars = bars(flight, row, &name, is_shown);
     // Neighbouring steps differ in lightness too.
     let opacity = if step.is_multiple_of(2) { 0.5 } else { 0.28 };
     (!bars.is_empty()).then(|| Item::new(Shape::Bars(bars), Colour::nth(step as usize % 6).faint(opacity)))
@@ -56,9 +57,9 @@ fn grey_bars(
     flight: &Flight<'_>,
     name: &str,
     row: &impl Fn(usize) -> f64,
-    is_it: impl Fn(&Trace) -> bool,
+    is_shown: impl Fn(&Trace) -> bool,
 ) -> Option<Item> {
-    let bars = bars(flight, row, "", is_it);
+    let bars = bars(flight, row, "", is_shown);
     let colour = if name == "joining" { Colour::PALE } else { Colour::GREY.faint(0.7) };
     (!bars.is_empty()).then(|| Item::new(Shape::Bars(bars), colour).in_legend(name))
 }
@@ -68,14 +69,14 @@ fn bars(
     flight: &Flight<'_>,
     row: &impl Fn(usize) -> f64,
     name: &str,
-    is_it: impl Fn(&Trace) -> bool,
+    is_shown: impl Fn(&Trace) -> bool,
 ) -> Vec<([f64; 2], [f64; 2], String)> {
     let apart_s = flight.times_s.windows(2).next().map_or(0.1, |pair| pair[1] - pair[0]);
     let mut bars: Vec<([f64; 2], [f64; 2], String)> = Vec::new();
     for (index, steps) in flight.seen.iter().enumerate() {
         let mut is_open = false;
         for (t_s, step) in flight.times_s.iter().zip(steps) {
-            let is_in = step.is_some_and(|step| is_it(&step.trace));
+            let is_in = step.is_some_and(|step| is_shown(&step.trace));
             match bars.last_mut() {
                 Some((_, to, _)) if is_in && is_open => to[0] = *t_s,
                 _ if is_in => {
@@ -91,10 +92,10 @@ fn bars(
 
 /// What vehicles told of themselves that belongs here.
 fn dots(flight: &Flight<'_>, row: &impl Fn(usize) -> f64) -> Vec<Item> {
-    let told = |is_it: fn(&Happening) -> bool| -> Vec<[f64; 2]> {
+    let times_of = |is_shown: fn(&Happening) -> bool| -> Vec<[f64; 2]> {
         let noted = flight.recording.noted.iter().filter_map(|noted| match &noted.what {
-            What::Said(who, what) if is_it(what) => Some((noted.t_s, *who)),
-            What::Said(..) | What::Done(_) => None,
+            What::Event(who, what) if is_shown(what) => Some((noted.t_s, *who)),
+            What::Event(..) | What::Fault(_) => None,
         });
         let place = |(t_s, who)| flight.index(who).map(|index| [t_s, row(index) - HALF]);
         noted.filter_map(place).collect()
@@ -103,10 +104,10 @@ fn dots(flight: &Flight<'_>, row: &impl Fn(usize) -> f64) -> Vec<Item> {
     let item = |at: Vec<[f64; 2]>, marker, colour, name: &str| {
         (!at.is_empty()).then(|| Item::new(Shape::Dots { at, marker, size_px }, colour).in_legend(name))
     };
-    let reached = told(|what| matches!(what, Happening::Reached(_)));
-    let forced = told(|what| matches!(what, Happening::ForcedAdvance { .. }));
-    let skipped = told(|what| matches!(what, Happening::Skipped { .. }));
-    let failed = told(|what| matches!(what, Happening::Failed(_)));
+    let reached = times_of(|what| matches!(what, Happening::Reached(_)));
+    let forced = times_of(|what| matches!(what, Happening::ForcedAdvance { .. }));
+    let skipped = times_of(|what| matches!(what, Happening::Skipped { .. }));
+    let failed = times_of(|what| matches!(what, Happening::Failed(_)));
     let items = [
         item(reached, Marker::Circle, Colour::BLACK, "reached the step"),
         item(forced, Marker::Down, Colour::VERMILLION, "went on without some"),

@@ -6,7 +6,7 @@ use skein_common::math;
 use skein_common::scenario::{AvoidDistance, Law, SafetyFilter, Target};
 
 use super::marks::with_marks;
-use super::{Flight, level_m, radii_m, takes_part};
+use super::{Flight, flies_in_formation, level_m, radii_m};
 use crate::metrics::{AIRBORNE_ABOVE_M, COLLISION_M};
 use crate::report::figure::{Axis, Colour, Figure, Item, Mark, Panel, Shape};
 
@@ -24,7 +24,7 @@ pub(super) fn centre_distance_panel(flight: &Flight<'_>) -> Panel {
     let quantity = if is_round { "distance from the centre" } else { "ρ, level of the ellipse" };
     let mut panel = Panel::new(flight.time_axis(), Axis::new(quantity, "m").including(0.0));
     panel.items = band(flight);
-    panel.items.extend(flight.lines(|trace| level_m(scenario, trace).filter(|_| takes_part(trace))));
+    panel.items.extend(flight.lines(|trace| level_m(scenario, trace).filter(|_| flies_in_formation(trace))));
     panel
 }
 
@@ -104,7 +104,7 @@ pub(super) fn pair_distance(flight: &Flight<'_>) -> Option<Figure> {
 fn pair_m(flight: &Flight<'_>, sample: usize, one: usize, other: usize) -> Option<f64> {
     let position = |index: usize| {
         let trace = &flight.seen[index].get(sample).copied().flatten()?.trace;
-        takes_part(trace).then_some(trace.position)
+        flies_in_formation(trace).then_some(trace.position)
     };
     Some((position(one)? - position(other)?).norm())
 }
