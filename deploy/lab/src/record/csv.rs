@@ -1,8 +1,7 @@
-//! A recording as tables: one row a vehicle and step, one row a pair and step, one row a number that an external law logs,
-//! one row a thing that happened.
+//! Writes a recording as CSV tables: vehicles' steps, the ages of peers' states, numbers that external laws log, and events.
 //!
-//! Names of columns are kept from release to release; new ones come last. Times before the window of the figures are
-//! negative. An empty cell is what does not apply.
+//! Column names stay the same from release to release; new columns come last. Times before the figures' window are negative.
+//! An empty cell means that the value does not apply.
 
 use std::fs::File;
 use std::path::{Path, PathBuf};
@@ -14,11 +13,12 @@ use super::reader::{Whole, read_all};
 use super::{RecordError, format};
 use crate::recording::{Recording, Step, What};
 
-/// Writes `trace.csv`, `peers.csv`, `laws.csv` and `events.csv` of a recording into a folder, which is made if it is not there.
-/// Gives their paths.
+/// Writes `trace.csv`, `peers.csv`, `laws.csv` and `events.csv` of a recording into a folder and returns their paths.
+///
+/// Creates the folder if it does not exist.
 ///
 /// # Errors
-/// If the recording cannot be read, or a table not written.
+/// The recording cannot be read, or a table cannot be written.
 pub fn csv(recording: &Path, folder: &Path) -> Result<Vec<PathBuf>, RecordError> {
     let Whole { recording, .. } = read_all(recording)?;
     std::fs::create_dir_all(folder).map_err(|error| RecordError::Io { path: folder.to_owned(), error })?;
@@ -37,10 +37,10 @@ pub fn csv(recording: &Path, folder: &Path) -> Result<Vec<PathBuf>, RecordError>
     tables.into_iter().map(write).collect()
 }
 
-/// Every step, in the order of time.
+/// The steps of all vehicles, in the order of time.
 fn steps(recording: &Recording) -> Vec<&Step> {
     let mut steps: Vec<_> = recording.tracks.iter().flat_map(|track| &track.steps).collect();
-    // Stable: of one instant in the order of ids.
+    // A stable sort: steps of one instant stay in the order of ids.
     steps.sort_by(|one, two| one.t_s.total_cmp(&two.t_s));
     steps
 }
@@ -53,10 +53,10 @@ fn traces(to: &mut Writer<File>, recording: &Recording) -> csv::Result<()> {
     Ok(())
 }
 
-/// What a cell of a step holds.
+/// Formats one cell of a step.
 type Cell = fn(&Trace) -> String;
 
-/// The columns of `trace.csv` behind the time.
+/// The columns of `trace.csv` after the time.
 const COLUMNS: [(&str, Cell); 41] = [
     ("vehicle", |trace| trace.header.sender.to_string()),
     ("incarnation", |trace| trace.header.incarnation.0.to_string()),
@@ -101,12 +101,12 @@ const COLUMNS: [(&str, Cell); 41] = [
     ("law_misses", |trace| number(trace.law_misses)),
 ];
 
-/// A cell that may be empty.
+/// Formats a cell that may be empty.
 fn number(value: Option<impl ToString>) -> String {
     value.map(|value| value.to_string()).unwrap_or_default()
 }
 
-/// How old the newest message of every peer was at each vehicle.
+/// Writes the age of every peer's newest state at each step of each vehicle.
 fn peers(to: &mut Writer<File>, recording: &Recording) -> csv::Result<()> {
     to.write_record(["t_s", "vehicle", "peer", "standing", "age_s", "delay_s", "delivered_age_s"])?;
     for Step { t_s, trace } in steps(recording) {
@@ -119,7 +119,7 @@ fn peers(to: &mut Writer<File>, recording: &Recording) -> csv::Result<()> {
     Ok(())
 }
 
-/// What external laws log.
+/// Writes the numbers that external laws log.
 fn laws(to: &mut Writer<File>, recording: &Recording) -> csv::Result<()> {
     to.write_record(["t_s", "vehicle", "name", "value"])?;
     for Step { t_s, trace } in steps(recording) {

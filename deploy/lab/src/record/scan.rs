@@ -1,7 +1,7 @@
-//! Reading whatever is whole of an MCAP file, in the order in which it was written, up to where it ends.
+//! Reads the intact parts of an MCAP file, in the order in which they were written.
 //!
-//! The file is taken as it is: cut off anywhere, or damaged. A chunk counts if its checksum is right; a damaged one is left
-//! out, and reading goes on behind it. A record whose length leads beyond the end is where the file ends.
+//! The file may be cut off anywhere, or damaged. A chunk with a wrong checksum is skipped, and reading continues behind it. A
+//! record whose length leads beyond the end of the file ends the reading.
 
 use std::sync::Arc;
 
@@ -12,36 +12,36 @@ use mcap::{Channel, MAGIC, parse_record};
 
 use super::RecordError;
 
-/// A larger chunk is none of anybody's, bytes: a damaged length must not ask for all memory.
+/// Size of the largest plausible chunk, bytes: a damaged length must not allocate all memory.
 const LARGEST_CHUNK: usize = 1 << 28;
-/// Bytes before a record's content: its kind and its length.
+/// Size of the prefix of a record, bytes: its kind and its length.
 const PREFIX: usize = 9;
 
-/// One thing in a file.
+/// One intact part of a file.
 pub(super) enum Piece<'a> {
     /// A message with its channel.
     Message(&'a Arc<Channel<'static>>, MessageHeader, &'a [u8]),
     /// A file within the file.
     Attachment(AttachmentHeader, &'a [u8]),
-    /// Words about the whole.
+    /// A metadata record about the whole file.
     Metadata(Metadata),
 }
 
-/// What was found besides.
+/// The condition of a file.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct Found {
-    /// The file ends as it should, and nothing in it is damaged.
+    /// Whether the file is complete and undamaged.
     pub(super) is_whole: bool,
-    /// Damaged chunks and records, left out.
+    /// Number of damaged chunks and records, which were skipped.
     pub(super) damaged: usize,
-    /// Bytes at the end that are no whole record.
+    /// Number of bytes of an incomplete record at the end.
     pub(super) left_over: usize,
 }
 
-/// Hands everything that is whole to `take`.
+/// Hands every intact part of the file to `take` and returns the condition of the file.
 ///
 /// # Errors
-/// If this is no MCAP file at all, or `take` fails.
+/// The bytes are not an MCAP file, or `take` fails.
 pub(super) fn scan(
     bytes: &[u8],
     mut take: impl FnMut(Piece<'_>) -> Result<(), RecordError>,
@@ -64,7 +64,7 @@ pub(super) fn scan(
     Ok(Found { left_over: rest.len(), ..found })
 }
 
-/// The first record's kind and content, and what stands behind it; `None` if it is not all there.
+/// Splits the first record off: its kind, its content and the bytes behind it; `None` if the record is incomplete.
 fn split_record(bytes: &[u8]) -> Option<(u8, &[u8], &[u8])> {
     let (prefix, rest) = bytes.split_at_checked(PREFIX)?;
     let length = u64::from_le_bytes(prefix[1..].try_into().ok()?);
@@ -72,7 +72,7 @@ fn split_record(bytes: &[u8]) -> Option<(u8, &[u8], &[u8])> {
     Some((prefix[0], content, behind))
 }
 
-/// Hands on what stands in a chunk. False if that is damaged.
+/// Hands the contents of a chunk to `take`. Returns false if the chunk is damaged.
 fn read_chunk(
     record: &[u8],
     channels: &mut ChannelAccumulator<'static>,
@@ -101,7 +101,7 @@ fn read_chunk(
     Ok(is_good)
 }
 
-/// Hands on one record that is no chunk. False if it is damaged.
+/// Hands one record outside a chunk's envelope to `take`. Returns false if the record is damaged.
 fn read_record(
     kind: u8,
     content: &[u8],

@@ -1,4 +1,4 @@
-//! What was done to the swarm, as marks on everything that is drawn over time.
+//! Marks of injected faults and orders on all panels over time.
 
 use skein_common::id::VehicleId;
 use skein_common::message::{Happening, Order};
@@ -8,12 +8,12 @@ use crate::faults::Incident;
 use crate::recording::What;
 use crate::report::figure::{Mark, Panel};
 
-/// More marks have numbers above, and their words in the caption.
+/// Most marks that carry their texts; more marks carry numbers, and the caption lists their texts.
 const FEW_MARKS: usize = 8;
-/// Of the same sort within this time is one mark, s.
+/// Faults of the same kind within this time share a mark, s.
 const TOGETHER_S: f64 = 0.5;
 
-/// The panel with the flight's marks, and what its caption says of them.
+/// Adds the marks of the flight to a panel; returns the panel and the text about the marks for its caption.
 pub(super) fn with_marks(flight: &Flight<'_>, panel: Panel) -> (Panel, String) {
     let mut marks = marks(flight);
     if marks.len() <= FEW_MARKS {
@@ -25,9 +25,9 @@ pub(super) fn with_marks(flight: &Flight<'_>, panel: Panel) -> (Panel, String) {
     (Panel { marks, ..panel }, caption)
 }
 
-/// In the order of time.
+/// The marks of the flight, in the order of time.
 fn marks(flight: &Flight<'_>) -> Vec<Mark> {
-    /// The same sort of thing, about the same time.
+    /// Faults of the same kind at about the same time.
     struct Sort {
         t_s: f64,
         who: Vec<VehicleId>,
@@ -90,14 +90,14 @@ mod tests {
     }
 
     #[test]
-    fn what_happens_to_several_at_once_is_one_mark() {
+    fn a_fault_of_several_vehicles_at_once_is_one_mark() {
         let (marks, caption) = marked(vec![died(20.0, 3), died(20.02, 4), died(30.0, 5)]);
         assert_eq!(marks, [(20.0, "3, 4 killed".to_owned()), (30.0, "5 killed".to_owned())]);
         assert_eq!(caption, "");
     }
 
     #[test]
-    fn many_marks_have_numbers_and_their_words_in_the_caption() {
+    fn many_marks_have_numbers_and_their_texts_are_in_the_caption() {
         let (marks, caption) = marked((1..=9).map(|id| died(10.0 * f64::from(id), id)).collect());
         assert_eq!(marks[8], (90.0, "9".to_owned()));
         assert!(caption.contains("2 2 killed (20 s)"), "{caption}");

@@ -1,4 +1,4 @@
-//! Who was at which step of the mission when.
+//! Draws the mission step of each vehicle over time.
 
 use skein_common::message::{Happening, Trace};
 use skein_common::scenario::Target;
@@ -9,10 +9,10 @@ use super::marks::with_marks;
 use crate::recording::What;
 use crate::report::figure::{Axis, Colour, Figure, Item, Marker, Panel, Shape};
 
-/// Half the height of a row, of the distance between two.
+/// Half the height of a bar, as a share of the distance between two rows.
 const HALF: f64 = 0.36;
 
-/// A row for each vehicle.
+/// Draws the timeline of the mission, with a row for each vehicle.
 pub(super) fn timeline(flight: &Flight<'_>) -> Figure {
     let row = |index: usize| -f64::from(flight.id(index).get());
     let names = (0..flight.count()).map(|index| (row(index), flight.id(index).to_string())).collect();
@@ -27,12 +27,12 @@ pub(super) fn timeline(flight: &Flight<'_>) -> Figure {
     let (panel, marked) = with_marks(flight, panel);
     let height_px = 150.0 + (26.0 * flight.count() as f64).min(560.0);
     let caption = format!(
-        "The step of the mission that every vehicle is at, with its name or its number from 0. No bar: no agent.{marked}"
+        "The mission step of every vehicle, with its name or its number from 0. No bar: the agent does not run.{marked}"
     );
     flight.figure("timeline", "Mission", caption, height_px, vec![panel])
 }
 
-/// Its activity, not the mission's step, says what it does.
+/// Whether the vehicle does something else than fly its mission step in formation.
 fn is_out_of_formation(trace: &Trace) -> bool {
     trace.membership == Membership::Left
         || matches!(trace.activity, Activity::Holding | Activity::Landing | Activity::Landed | Activity::Blind)
@@ -64,7 +64,7 @@ fn grey_bars(
     (!bars.is_empty()).then(|| Item::new(Shape::Bars(bars), colour).in_legend(name))
 }
 
-/// A bar for every stretch of time in which it is so.
+/// A bar for every time span in which the condition holds.
 fn bars(
     flight: &Flight<'_>,
     row: &impl Fn(usize) -> f64,
@@ -90,7 +90,7 @@ fn bars(
     bars
 }
 
-/// What vehicles told of themselves that belongs here.
+/// Markers of the events that vehicles reported of their mission.
 fn dots(flight: &Flight<'_>, row: &impl Fn(usize) -> f64) -> Vec<Item> {
     let times_of = |is_shown: fn(&Happening) -> bool| -> Vec<[f64; 2]> {
         let noted = flight.recording.noted.iter().filter_map(|noted| match &noted.what {
@@ -110,9 +110,9 @@ fn dots(flight: &Flight<'_>, row: &impl Fn(usize) -> f64) -> Vec<Item> {
     let failed = times_of(|what| matches!(what, Happening::Failed(_)));
     let items = [
         item(reached, Marker::Circle, Colour::BLACK, "reached the step"),
-        item(forced, Marker::Down, Colour::VERMILLION, "went on without some"),
+        item(forced, Marker::Down, Colour::VERMILLION, "left a step without a member"),
         item(skipped, Marker::Triangle, Colour::BLUE, "carried forward"),
-        item(failed, Marker::Cross, Colour::VERMILLION, "told of a failure"),
+        item(failed, Marker::Cross, Colour::VERMILLION, "reported a failure"),
     ];
     items.into_iter().flatten().collect()
 }
