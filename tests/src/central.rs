@@ -115,7 +115,7 @@ impl Case {
         while world.t_s() - zero_s < f64::from(DURATION_S) {
             world.tick();
             measure(&world, zero_s, &mut metrics, &mut vehicles);
-            let failed = world.happened().iter().filter(|(_, what)| matches!(what, Happening::Failed(_)));
+            let failed = world.events().iter().filter(|(_, what)| matches!(what, Happening::Failed(_)));
             alarms.extend(failed.map(|(id, _)| *id));
             agreed.extend(world.vehicles().map(|(id, agent, ..)| (id, agent.heartbeats_sent())));
         }

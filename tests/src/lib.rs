@@ -71,7 +71,7 @@ pub fn of_scenario(scenario: Scenario) -> Study {
 
 /// Every pair of airborne vehicles, the smaller id first, with its distance, m.
 pub fn airborne_pairs(world: &World) -> Vec<(VehicleId, VehicleId, f64)> {
-    let airborne = world.everybody().filter(|(_, _, truth, _)| truth.height_m > AIRBORNE_ABOVE_M);
+    let airborne = world.all_vehicles().filter(|(_, _, truth, _)| truth.height_m > AIRBORNE_ABOVE_M);
     let places: Vec<_> = airborne.map(|(id, _, truth, _)| (id, truth.position)).collect();
     let pairs = places.iter().enumerate().flat_map(|(nth, one)| places[..nth].iter().map(move |other| (other, one)));
     pairs.map(|(one, other)| (one.0, other.0, (one.1 - other.1).norm())).collect()

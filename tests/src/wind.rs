@@ -109,7 +109,7 @@ pub fn fly(scenario: Scenario) -> Flight {
         world.tick();
         tick += 1;
         let t_s = world.t_s();
-        for (id, what) in world.happened() {
+        for (id, what) in world.events() {
             if let Happening::Failed(failure) = what {
                 flight.failures.push((t_s, *id, *failure));
             }

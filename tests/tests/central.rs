@@ -19,7 +19,7 @@ fn world(sets: &[&str]) -> World {
 }
 
 fn truths(world: &World) -> Vec<Truth> {
-    world.everybody().map(|(_, _, truth, _)| *truth).collect()
+    world.all_vehicles().map(|(_, _, truth, _)| *truth).collect()
 }
 
 /// The figures that do not depend on the wall clock.

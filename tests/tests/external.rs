@@ -183,23 +183,23 @@ fn assert_fails(law: &Law, why: &str) {
 
 #[test]
 fn a_law_that_owes_an_answer_for_ten_seconds_fails_the_run() {
-    assert_fails(&Law::ready("pass"), "has said nothing for 10 s: it owes an answer");
+    assert_fails(&Law::ready("pass"), "has sent nothing for 10 s; the study waits for an answer");
 }
 
 #[test]
 fn a_law_that_hangs_for_ten_seconds_fails_the_run() {
-    assert_fails(&Law::ready("time.sleep(1000)"), "has said nothing for 10 s: it owes an answer");
+    assert_fails(&Law::ready("time.sleep(1000)"), "has sent nothing for 10 s; the study waits for an answer");
 }
 
 #[test]
 fn a_law_that_is_not_ready_after_ten_seconds_fails_the_run() {
-    assert_fails(&Law::new("pass", "pass"), "has said nothing for 10 s: it owes a ready");
+    assert_fails(&Law::new("pass", "pass"), "has sent nothing for 10 s; the study waits for a ready");
 }
 
 #[test]
 fn a_law_that_is_ready_for_another_protocol_fails_the_run() {
     let law = Law::new("say({'say': 'ready', 'protocol': 2})", "pass");
-    assert_fails(&law, "has said nothing for 10 s: it owes a ready");
+    assert_fails(&law, "has sent nothing for 10 s; the study waits for a ready");
 }
 
 #[test]

@@ -242,7 +242,7 @@ fn a_flight_of_twenty_seconds_leaves_its_files_and_no_process() {
         let all = steps.len() as f64 / (20.0 * 50.0);
         assert!((AT_LEAST..1.005).contains(&all), "vehicle {id}: {} steps of 20 s at 50 Hz", steps.len());
         assert!(steps[0].t_s < 0.5 && steps[steps.len() - 1].t_s > 19.5);
-        let high = recording.noted.iter().filter(|noted| noted.what == What::Said(*id, Happening::AtAltitude)).count();
+        let high = recording.noted.iter().filter(|noted| noted.what == What::Event(*id, Happening::AtAltitude)).count();
         assert_eq!(high, 1, "vehicle {id} reached its altitude once: {:#?}", recording.noted);
     }
     for phrase in ["everybody takes part", "everybody is asked to land", "vehicle 3: landed", "vehicle 3: ended"] {

@@ -73,7 +73,7 @@ fn exactly_the_live_vehicles_have_slots() {
                 while world.t_s() < until_s {
                     world.tick();
                 }
-                let agents: Vec<_> = world.everybody().filter(|(_, agent, ..)| agent.is_some()).collect();
+                let agents: Vec<_> = world.all_vehicles().filter(|(_, agent, ..)| agent.is_some()).collect();
                 let is_by_rank = law == "virtual-structure";
                 for (rank, (id, _, truth, _)) in agents.iter().enumerate() {
                     let nth = usize::from(id.get()) - 1;

@@ -61,15 +61,15 @@ impl Flight {
         self.world.tick();
         let t_s = self.t_s();
         self.incidents.extend(self.world.incidents().iter().map(|incident| (t_s, incident.clone())));
-        self.happened.extend(self.world.happened().iter().map(|(id, what)| (t_s, *id, *what)));
+        self.happened.extend(self.world.events().iter().map(|(id, what)| (t_s, *id, *what)));
     }
 
     fn agent(&self, number: u8) -> Option<&Agent> {
-        self.world.everybody().find(|(of, ..)| *of == id(number)).and_then(|(_, agent, ..)| agent)
+        self.world.all_vehicles().find(|(of, ..)| *of == id(number)).and_then(|(_, agent, ..)| agent)
     }
 
     fn truth(&self, number: u8) -> Truth {
-        *self.world.everybody().find(|(of, ..)| *of == id(number)).unwrap().2
+        *self.world.all_vehicles().find(|(of, ..)| *of == id(number)).unwrap().2
     }
 
     /// Time of the only fault that satisfies the condition, s.
@@ -132,7 +132,7 @@ fn the_helicopter_of_a_killed_agent_flies_on_and_the_restarted_agent_takes_over(
         flight.until(62.9);
         assert!(near(flight.done_s(|fault| *fault == Incident::Died(id(3))), 60.0));
         assert!(flight.agent(3).is_none() && flight.world.vehicles().count() == 3);
-        assert_eq!(flight.world.everybody().count(), 4);
+        assert_eq!(flight.world.all_vehicles().count(), 4);
         let after = flight.truth(3);
         assert!(after.height_m > 10.0 && after.position != before.position, "{after:?}");
         flight.until(63.0);

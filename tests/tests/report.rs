@@ -40,7 +40,7 @@ fn drawn(recording: &Recording) -> Vec<(Figure, String)> {
         assert!(!figure.caption.is_empty(), "{name}");
         for axis in figure.panels.iter().flat_map(|panel| [&panel.x, &panel.y]) {
             let (_, unit) = axis.label().rsplit_once(", ").unwrap_or_default();
-            let is_named = ["vehicle", "speaker", "hearer"].contains(&axis.label());
+            let is_named = ["vehicle", "sender", "receiver"].contains(&axis.label());
             assert!(is_named || ["s", "m", "%", "ms", "share of full"].contains(&unit), "{name}: {}", axis.label());
         }
     }
@@ -114,7 +114,7 @@ fn faults_are_marked_on_whatever_runs_over_time() {
         }
     }
     let timeline = svg(&drawn, "timeline");
-    for text in ["gather", "gate", "reached the step", "told of a failure", "out of formation"] {
+    for text in ["gather", "gate", "reached the step", "reported a failure", "out of formation"] {
         assert!(timeline.contains(text), "{text}");
     }
 }

@@ -1,4 +1,4 @@
-//! What ends a command: said in one place, once, with the exit status that scripts rely on.
+//! The errors that end a command: each is reported once, with the exit status that scripts rely on.
 
 use std::fmt;
 use std::io::IsTerminal;
@@ -7,21 +7,21 @@ use std::process::ExitCode;
 use miette::{Diagnostic, GraphicalReportHandler, LabeledSpan, NamedSource, SourceCode};
 use skein_common::scenario::ScenarioError;
 
-/// Why a command did not do what it was asked for.
+/// The reason why a command failed.
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
-    /// A scenario file, or a `--set` on top of it, is at fault: exit status 2, nothing was written.
+    /// A scenario file or a `--set` option is invalid: exit status 2, nothing was written.
     #[error("{fault}")]
     Scenario {
-        /// What is wrong, and where.
+        /// The error and its place in the file.
         fault: Box<ScenarioError>,
-        /// The file's text.
+        /// Text of the scenario file.
         text: String,
     },
-    /// What was asked for cannot be done: exit status 2, nothing was started or written.
+    /// The command cannot be carried out: exit status 2, nothing was started or written.
     #[error("{0}")]
     Refused(String),
-    /// It was begun and went wrong: exit status 1.
+    /// The command started and failed: exit status 1.
     #[error("{0}")]
     Failed(String),
 }
@@ -35,7 +35,9 @@ impl Error {
         }
     }
 
-    /// Says it on stderr: for people with the line of the file, otherwise as one line `file:line:column: message; help`.
+    /// Writes the error to stderr and returns the exit status.
+    ///
+    /// A terminal gets the line of the file with the error marked; a pipe gets one line `file:line:column: message; help`.
     pub fn report(&self) -> ExitCode {
         match self.drawn().filter(|_| std::io::stderr().is_terminal()) {
             Some(drawn) => eprint!("{drawn}"),
@@ -44,7 +46,7 @@ impl Error {
         self.exit_code().into()
     }
 
-    /// The file's line with the fault marked, if a file is at fault.
+    /// The line of the file with the error marked, if a file is invalid.
     fn drawn(&self) -> Option<String> {
         let Self::Scenario { fault, text } = self else { return None };
         let span = fault.span.clone()?;
@@ -55,7 +57,7 @@ impl Error {
     }
 }
 
-/// A fault in its file.
+/// An error together with the text of its file, for miette.
 #[derive(Debug)]
 struct Marked<'a> {
     fault: &'a ScenarioError,
@@ -97,7 +99,7 @@ mod tests {
     }
 
     #[test]
-    fn a_fault_is_drawn_in_its_line() {
+    fn an_error_in_a_file_is_drawn_with_its_line() {
         let error = error("[swarm]\nvehicles = 4\n[formation]\nraduis_m = 80\n", &[]);
         let line = "my.toml:4:1: unknown key `formation.raduis_m`; did you mean `formation.radius_m`?";
         assert_eq!(error.to_string(), line);
@@ -109,7 +111,7 @@ mod tests {
     }
 
     #[test]
-    fn a_fault_of_an_option_has_no_line() {
+    fn an_error_in_an_option_has_no_line() {
         let error = error("swarm.vehicles = 4", &["seed=x".to_owned()]);
         assert_eq!(error.drawn(), None);
         assert!(error.to_string().starts_with("--set seed=x: "), "{error}");

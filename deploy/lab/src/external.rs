@@ -1,10 +1,12 @@
-//! External laws in virtual time. All asks that are due at one instant are written, all answers waited for, and handed to
-//! the next step: a run depends on what the laws say, never on when.
+//! External laws in virtual time.
 //!
-//! There is no deadline, and no fallback for a law that is silent: that would depend on the PC. A law that says nothing for
-//! `SILENCE` fails the run, and so does one that ends. What it says wrongly is an ask without an answer.
+//! The study sends all queries of one instant, waits for all answers and hands them to the next step: a run depends on the
+//! content of the answers, never on their timing.
 //!
-//! One set of laws serves one run at a time. It is kept for the next one, which begins with a hello.
+//! There is no deadline and no fallback for a silent law, because both would depend on the speed of the PC. A law that sends
+//! nothing for `LAW_TIMEOUT` fails the run, and so does a law that ends. An invalid answer counts as an unanswered query.
+//!
+//! One set of laws serves one run at a time. It stays for the next run, which begins with a hello.
 
 mod trial;
 
@@ -26,115 +28,118 @@ use crate::world::World;
 use skein_host::clock::{now, sleep};
 pub use trial::Trial;
 
-/// A law that says nothing for so long has failed, s of wall clock.
-const SILENCE_S: u64 = 10;
-const SILENCE: Duration = Duration::from_secs(SILENCE_S);
-/// A law that connects or sends datagrams may be started this much later than the study.
-const ARRIVAL_S: u64 = 60;
-const ARRIVAL: Duration = Duration::from_secs(ARRIVAL_S);
-/// A datagram without an answer is sent again.
-const ASK_AGAIN_AFTER: Duration = Duration::from_secs(1);
-/// Lines that wait to be read: a law that says more waits too.
+/// A law that sends nothing for this long has failed, s of wall clock.
+const LAW_TIMEOUT_S: u64 = 10;
+const LAW_TIMEOUT: Duration = Duration::from_secs(LAW_TIMEOUT_S);
+/// A law that connects or sends datagrams may start this much later than the study, s of wall clock.
+const CONNECT_TIMEOUT_S: u64 = 60;
+const CONNECT_TIMEOUT: Duration = Duration::from_secs(CONNECT_TIMEOUT_S);
+/// A datagram without an answer is sent again after this time.
+const RESEND_AFTER: Duration = Duration::from_secs(1);
+/// Most lines that wait to be read: a law that sends more is blocked until the study reads them.
 const QUEUE: usize = 64;
 
-/// Why a run with external laws has failed.
+/// The reason why a run with external laws failed.
 #[derive(Debug, thiserror::Error)]
 pub enum LawError {
     /// The law cannot be reached.
     #[error(transparent)]
     External(#[from] ExternalError),
-    /// Nobody connects.
-    #[error("no law has connected to {0} for {ARRIVAL_S} s")]
-    Nobody(String),
-    /// The law says nothing.
-    #[error("the law of vehicle {vehicle} has said nothing for {for_s} s: it owes {owes}")]
+    /// No law connected to this address in time.
+    #[error("no law connected to {0} within {CONNECT_TIMEOUT_S} s")]
+    NotConnected(String),
+    /// The law sent nothing for too long.
+    #[error("the law of vehicle {vehicle} has sent nothing for {for_s} s; the study waits for {awaited}")]
     Silent {
-        /// Whose.
+        /// The vehicle whose law is silent.
         vehicle: VehicleId,
-        /// Wall clock, s.
+        /// Time without a message, s of wall clock.
         for_s: u64,
-        /// What.
-        owes: &'static str,
+        /// The message that the study waits for.
+        awaited: &'static str,
     },
-    /// The law is gone.
+    /// The law of this vehicle ended or closed its connection.
     #[error("the law of vehicle {0} {1}")]
     Ended(VehicleId, String),
 }
 
-/// Sets of laws that wait for their next run; whoever holds a clone shares them. The last one says bye.
+/// Sets of laws that wait for their next run.
+///
+/// All clones share the same sets. The laws receive a bye when the last clone is dropped.
 #[derive(Clone, Debug, Default)]
 pub struct LawPool(Arc<Mutex<Vec<Laws>>>);
 
 impl LawPool {
-    /// Laws for a run of this scenario, to which hello has been said; `None` if it has none that are external.
+    /// Takes laws for a run of this scenario and sends them a hello; `None` if its law is not external.
     ///
     /// # Errors
-    /// Laws that cannot be reached or do not get ready.
-    pub fn hire(&self, scenario: &Scenario) -> Result<Option<Laws>, LawError> {
-        let Some(way) = Way::of(scenario)? else { return Ok(None) };
-        let fits = |laws: &Laws| laws.way == way && laws.lives.len() == scenario.swarm.vehicles;
+    /// A law cannot be reached or does not report that it is ready.
+    pub fn take(&self, scenario: &Scenario) -> Result<Option<Laws>, LawError> {
+        let Some(transport) = Way::of(scenario)? else { return Ok(None) };
+        let fits = |laws: &Laws| laws.transport == transport && laws.has_asked.len() == scenario.swarm.vehicles;
         let kept = {
             let mut pool = self.0.lock().unwrap_or_else(PoisonError::into_inner);
             pool.iter().position(fits).map(|index| pool.swap_remove(index))
         };
         let mut laws = match kept {
             Some(laws) => laws,
-            None => Laws::start(way, scenario.ids())?,
+            None => Laws::start(transport, scenario.ids())?,
         };
-        laws.begin(scenario)?;
+        laws.begin_run(scenario)?;
         Ok(Some(laws))
     }
 
-    /// Keeps laws for another run.
-    pub fn keep(&self, laws: Laws) {
+    /// Returns laws to the pool for another run.
+    pub fn put_back(&self, laws: Laws) {
         self.0.lock().unwrap_or_else(PoisonError::into_inner).push(laws);
     }
 }
 
-/// How many runs at once laws allow, of so many that were asked for: there is one law at the end of an address.
+/// The number of runs that may fly at the same time: only one where the laws have a fixed address.
 ///
 /// # Errors
-/// If there were more.
-pub fn jobs(scenario: &Scenario, asked: Option<NonZeroUsize>) -> Result<Option<NonZeroUsize>, String> {
+/// More jobs were requested than the laws allow.
+pub fn jobs(scenario: &Scenario, requested: Option<NonZeroUsize>) -> Result<Option<NonZeroUsize>, String> {
     match Way::of(scenario).map_err(|error| error.to_string())? {
-        Some(Way::Listen(..) | Way::Udp { .. }) => match asked {
+        Some(Way::Listen(..) | Way::Udp { .. }) => match requested {
             Some(jobs) if jobs.get() > 1 => {
                 Err(format!("`formation.external.listen` and `udp` allow one job, not {jobs}; `command` allows any"))
             }
             _ => Ok(Some(NonZeroUsize::MIN)),
         },
-        _ => Ok(asked),
+        _ => Ok(requested),
     }
 }
 
 /// The laws of all vehicles of one run.
 #[derive(Debug)]
 pub struct Laws {
-    way: Way,
-    /// One for each vehicle, or one for all.
+    transport: Way,
+    /// One conversation for each vehicle, or a single one for all vehicles.
     conversations: Vec<Conversation>,
     listener: Option<TcpListener>,
     hellos: Vec<Hello>,
-    /// Whether the vehicle's agent has asked in this run.
-    lives: BTreeMap<VehicleId, bool>,
+    /// Whether each vehicle's agent has sent a query in this run.
+    has_asked: BTreeMap<VehicleId, bool>,
 }
 
 #[derive(Debug)]
 struct Conversation {
-    /// Whose laws are at the other end.
+    /// The vehicles whose law is at the other end.
     vehicles: Vec<VehicleId>,
-    talk: Talk,
+    session: Talk,
     words: Receiver<Word>,
-    /// Somebody is there.
-    was_heard: bool,
-    /// Vehicles and ticks of this run's asks that are answered, or whose answer may still come after what came in its place.
-    settled: BTreeSet<(VehicleId, u64)>,
-    /// Kinds of faults that were told.
-    told: [bool; Fault::KINDS],
+    /// Whether the law has sent anything in this session.
+    has_answered: bool,
+    /// Vehicles and ticks of this run's queries that are closed: answered, or given up because an invalid line came in place
+    /// of the answer. In the second case the answer may still come.
+    closed: BTreeSet<(VehicleId, u64)>,
+    /// Whether a warning about each kind of fault was printed.
+    warned: [bool; Fault::KINDS],
 }
 
 impl Laws {
-    fn start(way: Way, ids: impl Iterator<Item = VehicleId>) -> Result<Self, LawError> {
+    fn start(transport: Way, ids: impl Iterator<Item = VehicleId>) -> Result<Self, LawError> {
         let bind = |host: &str, port: u16| {
             let listener = TcpListener::bind((host, port));
             let listener = listener.and_then(|listener| listener.set_nonblocking(true).map(|()| listener));
@@ -142,50 +147,53 @@ impl Laws {
         };
         let mut laws = Self {
             conversations: Vec::new(),
-            listener: match &way {
+            listener: match &transport {
                 Way::Listen(host, port) => Some(bind(host, *port)?),
                 Way::Command(_) | Way::Udp { .. } => None,
             },
             hellos: Vec::new(),
-            lives: ids.map(|id| (id, false)).collect(),
-            way,
+            has_asked: ids.map(|id| (id, false)).collect(),
+            transport,
         };
         if laws.listener.is_none() {
-            laws.conversations = laws.lives.keys().map(|id| laws.converse(*id)).collect::<Result<_, _>>()?;
+            laws.conversations =
+                laws.has_asked.keys().map(|id| laws.open_conversation(*id)).collect::<Result<_, _>>()?;
         }
         Ok(laws)
     }
 
-    /// A conversation with the law of one vehicle.
-    fn converse(&self, id: VehicleId) -> Result<Conversation, ExternalError> {
-        let (sink, words) = ear();
-        let talk = match &self.way {
+    /// Opens the conversation with the law of one vehicle.
+    fn open_conversation(&self, id: VehicleId) -> Result<Conversation, ExternalError> {
+        let (sink, words) = message_queue();
+        let session = match &self.transport {
             Way::Command(command) => {
-                let tell = move |line: &str| crate::terminal::complain(&format!("vehicle {id}'s law: {line}"));
-                let started = Talk::process(command, false, sink, tell);
+                let print_line = move |line: &str| crate::terminal::complain(&format!("vehicle {id}'s law: {line}"));
+                let started = Talk::process(command, false, sink, print_line);
                 started.map_err(|error| ExternalError::Start(command.join(" "), error))?
             }
             Way::Udp { ask, answer } => {
                 let (ask_port, answer_port) = (port_of(ask.1, id)?, port_of(answer.1, id)?);
-                let talk = Talk::datagrams((&ask.0, ask_port), (&answer.0, answer_port), sink);
-                talk.map_err(|error| ExternalError::Port(format!("{}:{answer_port}", answer.0), error))?
+                let session = Talk::datagrams((&ask.0, ask_port), (&answer.0, answer_port), sink);
+                session.map_err(|error| ExternalError::Port(format!("{}:{answer_port}", answer.0), error))?
             }
-            Way::Listen(host, _) => return Err(ExternalError::Way(format!("{host} is listened to once"))),
+            Way::Listen(host, _) => {
+                return Err(ExternalError::Way(format!("one connection to {host} serves all vehicles")));
+            }
         };
-        Ok(Conversation::new(vec![id], talk, words))
+        Ok(Conversation::new(vec![id], session, words))
     }
 
-    /// Says hello to everybody, before a run, and waits until all are ready.
-    fn begin(&mut self, scenario: &Scenario) -> Result<(), LawError> {
+    /// Sends a hello for every vehicle before a run and waits until all laws are ready.
+    fn begin_run(&mut self, scenario: &Scenario) -> Result<(), LawError> {
         self.hellos = scenario.ids().map(|id| Hello::new(scenario, id, Time::Virtual)).collect();
-        self.lives.values_mut().for_each(|has_asked| *has_asked = false);
+        self.has_asked.values_mut().for_each(|has_asked| *has_asked = false);
         if self.listener.is_some() && self.conversations.iter_mut().all(Conversation::has_ended) {
             self.conversations = vec![self.accept()?];
         }
         for conversation in &mut self.conversations {
-            // Whatever is left of the last run is not meant for this one.
+            // Answers that are left from the last run do not belong to this one.
             drop(conversation.words.try_iter().take(QUEUE).last());
-            conversation.greet(&self.hellos)?;
+            conversation.send_hellos(&self.hellos)?;
         }
         self.conversations
             .iter_mut()
@@ -194,50 +202,52 @@ impl Laws {
 
     /// Waits for the law that serves all vehicles.
     fn accept(&self) -> Result<Conversation, LawError> {
-        let Some(listener) = &self.listener else { return Err(ExternalError::Way("nobody listens".to_owned()).into()) };
+        let Some(listener) = &self.listener else {
+            return Err(ExternalError::Way("the study does not listen for a law".to_owned()).into());
+        };
         let here = listener.local_addr().map_or_else(|_| String::new(), |here| here.to_string());
-        eprintln!("waits for a law to connect to {here}");
-        let until = now() + ARRIVAL;
+        eprintln!("waiting for a law to connect to {here}");
+        let until = now() + CONNECT_TIMEOUT;
         let stream = loop {
             match listener.accept() {
                 Ok((stream, _)) => break stream,
                 Err(_) if now() < until => sleep(Duration::from_millis(20)),
-                Err(_) => return Err(LawError::Nobody(here)),
+                Err(_) => return Err(LawError::NotConnected(here)),
             }
         };
-        let (sink, words) = ear();
-        let talk = Talk::connection(stream, sink).map_err(|error| ExternalError::Port(here, error))?;
-        Ok(Conversation::new(self.lives.keys().copied().collect(), talk, words))
+        let (sink, words) = message_queue();
+        let session = Talk::connection(stream, sink).map_err(|error| ExternalError::Port(here, error))?;
+        Ok(Conversation::new(self.has_asked.keys().copied().collect(), session, words))
     }
 
-    /// Carries the asks of the world's last tick to the laws, and their answers to its next.
+    /// Sends the queries of the world's last tick to the laws and hands their answers to its next tick.
     ///
     /// # Errors
-    /// A law that is silent or gone.
+    /// A law is silent or has ended.
     pub fn serve(&mut self, world: &mut World) -> Result<(), LawError> {
         let asks = world.take_asks();
         for ask in asks.iter().filter(|ask| ask.tick == 0) {
-            // A second life of the vehicle's agent is one of its law too.
-            if self.lives.insert(ask.vehicle, true) == Some(true) {
-                self.greet_again(ask.vehicle)?;
+            // A restarted agent needs a restarted law.
+            if self.has_asked.insert(ask.vehicle, true) == Some(true) {
+                self.send_hello_again(ask.vehicle)?;
             }
         }
         let mut open: Vec<Vec<&Ask>> = Vec::with_capacity(self.conversations.len());
         for conversation in &mut self.conversations {
             let its: Vec<&Ask> = asks.iter().filter(|ask| conversation.vehicles.contains(&ask.vehicle)).collect();
-            its.iter().try_for_each(|ask| conversation.say(&Said::Ask(ask)))?;
+            its.iter().try_for_each(|ask| conversation.send(&Said::Ask(ask)))?;
             open.push(its);
         }
         for (conversation, open) in self.conversations.iter_mut().zip(open) {
-            conversation.settle(open, |answer| world.answer(answer))?;
+            conversation.wait_for_answers(open, |answer| world.answer(answer))?;
         }
         Ok(())
     }
 
-    fn greet_again(&mut self, id: VehicleId) -> Result<(), LawError> {
+    fn send_hello_again(&mut self, id: VehicleId) -> Result<(), LawError> {
         let hellos: Vec<_> = self.hellos.iter().filter(|hello| hello.vehicle == id).cloned().collect();
         for conversation in self.conversations.iter_mut().filter(|it| it.vehicles.contains(&id)) {
-            conversation.greet(&hellos)?;
+            conversation.send_hellos(&hellos)?;
             conversation.wait_until_ready(1)?;
         }
         Ok(())
@@ -245,26 +255,26 @@ impl Laws {
 }
 
 impl Drop for Laws {
-    /// All at once: then none is waited for longer than another.
+    /// Sends bye to all laws first, so that they end at the same time.
     fn drop(&mut self) {
-        self.conversations.iter_mut().for_each(|conversation| conversation.talk.say_bye());
+        self.conversations.iter_mut().for_each(|conversation| conversation.session.say_bye());
     }
 }
 
-/// Puts what is heard in a short queue.
-fn ear() -> (impl Sink, Receiver<Word>) {
+/// A short queue for the messages of a law, and the sink that fills it.
+fn message_queue() -> (impl Sink, Receiver<Word>) {
     let (sender, words) = sync_channel(QUEUE);
     (move |_: Instant, word| sender.send(word).is_ok(), words)
 }
 
 impl Conversation {
-    fn new(vehicles: Vec<VehicleId>, talk: Talk, words: Receiver<Word>) -> Self {
-        Self { vehicles, talk, words, was_heard: false, settled: BTreeSet::new(), told: [false; Fault::KINDS] }
+    fn new(vehicles: Vec<VehicleId>, session: Talk, words: Receiver<Word>) -> Self {
+        Self { vehicles, session, words, has_answered: false, closed: BTreeSet::new(), warned: [false; Fault::KINDS] }
     }
 
-    /// Of several that one law serves, the first stands for it.
-    fn name(&self) -> VehicleId {
-        // A conversation is about somebody.
+    /// The vehicle that names this law in messages: the first of those that it serves.
+    fn first_vehicle(&self) -> VehicleId {
+        // A conversation always serves at least one vehicle.
         self.vehicles[0]
     }
 
@@ -278,24 +288,24 @@ impl Conversation {
         }
     }
 
-    /// Says hello for those whose law is here.
-    fn greet(&mut self, hellos: &[Hello]) -> Result<(), LawError> {
+    /// Sends the hellos of the vehicles that this law serves.
+    fn send_hellos(&mut self, hellos: &[Hello]) -> Result<(), LawError> {
         let vehicles = self.vehicles.clone();
         for hello in hellos.iter().filter(|hello| vehicles.contains(&hello.vehicle)) {
-            // Its asks are counted anew.
-            self.settled.retain(|(vehicle, _)| *vehicle != hello.vehicle);
-            self.say(&Said::Hello(hello))?;
+            // The ticks of a restarted agent count from 0 again.
+            self.closed.retain(|(vehicle, _)| *vehicle != hello.vehicle);
+            self.send(&Said::Hello(hello))?;
         }
         Ok(())
     }
 
-    fn say(&mut self, said: &Said<'_>) -> Result<(), LawError> {
-        self.talk.say(said).map_err(|Deaf| self.ended())
+    fn send(&mut self, said: &Said<'_>) -> Result<(), LawError> {
+        self.session.say(said).map_err(|Deaf| self.ended())
     }
 
-    /// Waits until the law has said so often that it is ready. What it said before belongs to what was before.
+    /// Waits until the law has reported `times` times that it is ready. Answers before that belong to the last run.
     fn wait_until_ready(&mut self, mut times: usize) -> Result<(), LawError> {
-        if self.talk.is_of_vectors() {
+        if self.session.is_of_vectors() {
             return Ok(());
         }
         let since = now();
@@ -303,23 +313,24 @@ impl Conversation {
             match self.next(since, "a ready")? {
                 Some(Ok(Heard::Ready)) => times -= 1,
                 Some(Ok(Heard::Answer(_))) | None => {}
-                Some(Err(fault)) => self.tell(&fault),
+                Some(Err(fault)) => self.warn_once(&fault),
             }
         }
         Ok(())
     }
 
-    /// Waits until every ask is answered, or as many lines were none as asks are left. Each of those lines costs one answer:
-    /// that answer may come later, and then it is not the next ask's.
-    fn settle(&mut self, mut open: Vec<&Ask>, mut give: impl FnMut(Answer)) -> Result<(), LawError> {
+    /// Waits until every query is answered, or until as many invalid lines came as queries are open.
+    ///
+    /// Each invalid line counts in place of one answer: if that answer comes later, it does not answer the next query.
+    fn wait_for_answers(&mut self, mut open: Vec<&Ask>, mut give: impl FnMut(Answer)) -> Result<(), LawError> {
         let since = now();
         let (mut faults, mut may_come) = (0, false);
         while open.len() > faults {
             let fault = match self.next(since, "an answer")? {
                 None => {
                     // A datagram may be lost, or the model was not running yet.
-                    if self.talk.is_of_vectors() {
-                        open.iter().try_for_each(|ask| self.say(&Said::Ask(ask)))?;
+                    if self.session.is_of_vectors() {
+                        open.iter().try_for_each(|ask| self.send(&Said::Ask(ask)))?;
                     }
                     continue;
                 }
@@ -327,16 +338,16 @@ impl Conversation {
                     let asked = (answer.vehicle, answer.tick);
                     if let Some(nth) = open.iter().position(|ask| (ask.vehicle, ask.tick) == asked) {
                         open.remove(nth);
-                        self.settled.insert(asked);
+                        self.closed.insert(asked);
                         give(answer);
                         continue;
                     }
-                    // To an ask that was sent twice.
-                    if self.talk.is_of_vectors() {
+                    // The answer to a query that was sent twice.
+                    if self.session.is_of_vectors() {
                         continue;
                     }
-                    if self.settled.contains(&asked) {
-                        self.tell(&Fault::Late(answer.tick));
+                    if self.closed.contains(&asked) {
+                        self.warn_once(&Fault::Late(answer.tick));
                         continue;
                     }
                     match open.iter().find(|ask| ask.vehicle == answer.vehicle) {
@@ -347,29 +358,32 @@ impl Conversation {
                 Some(Ok(Heard::Ready)) => Fault::OutOfPlace("ready".to_owned()),
                 Some(Err(fault)) => fault,
             };
-            self.tell(&fault);
+            self.warn_once(&fault);
             faults += 1;
-            // With a wrong tick it was the answer.
+            // An answer with a wrong tick was itself the answer: no other one will come.
             may_come |= !matches!(fault, Fault::Tick { .. });
         }
         if may_come {
-            self.settled.extend(open.iter().map(|ask| (ask.vehicle, ask.tick)));
+            self.closed.extend(open.iter().map(|ask| (ask.vehicle, ask.tick)));
         }
         Ok(())
     }
 
-    /// The next thing that the law says, or nothing when it is time to ask by datagram again.
-    fn next(&mut self, since: Instant, owes: &'static str) -> Result<Option<Result<Heard, Fault>>, LawError> {
-        let (limit, for_s) =
-            if self.talk.is_of_vectors() && !self.was_heard { (ARRIVAL, ARRIVAL_S) } else { (SILENCE, SILENCE_S) };
+    /// Receives the next message of the law; `None` when it is time to send the datagrams again.
+    fn next(&mut self, since: Instant, awaited: &'static str) -> Result<Option<Result<Heard, Fault>>, LawError> {
+        let (limit, for_s) = if self.session.is_of_vectors() && !self.has_answered {
+            (CONNECT_TIMEOUT, CONNECT_TIMEOUT_S)
+        } else {
+            (LAW_TIMEOUT, LAW_TIMEOUT_S)
+        };
         let left = (since + limit).saturating_duration_since(now());
         if left.is_zero() {
-            return Err(LawError::Silent { vehicle: self.name(), for_s, owes });
+            return Err(LawError::Silent { vehicle: self.first_vehicle(), for_s, awaited });
         }
-        let patience = if self.talk.is_of_vectors() { left.min(ASK_AGAIN_AFTER) } else { left };
+        let patience = if self.session.is_of_vectors() { left.min(RESEND_AFTER) } else { left };
         match self.words.recv_timeout(patience) {
-            Ok(Word::Said(said)) if self.talk.is_of_vectors() => {
-                self.was_heard = true;
+            Ok(Word::Said(said)) if self.session.is_of_vectors() => {
+                self.has_answered = true;
                 Ok(Some(vector::read(&said).map(Heard::Answer)))
             }
             Ok(Word::Said(line)) => Ok(Some(protocol::read(&line))),
@@ -379,18 +393,18 @@ impl Conversation {
         }
     }
 
-    /// Tells of the first fault of a kind.
-    fn tell(&mut self, fault: &Fault) {
-        if !std::mem::replace(&mut self.told[fault.kind()], true) {
+    /// Prints a warning about the first fault of each kind.
+    fn warn_once(&mut self, fault: &Fault) {
+        if !std::mem::replace(&mut self.warned[fault.kind()], true) {
             crate::terminal::complain(&format!(
                 "vehicle {}'s law: {fault}; more of the kind are only counted",
-                self.name()
+                self.first_vehicle()
             ));
         }
     }
 
     fn ended(&mut self) -> LawError {
-        LawError::Ended(self.name(), self.talk.how_it_ended())
+        LawError::Ended(self.first_vehicle(), self.session.how_it_ended())
     }
 }
 

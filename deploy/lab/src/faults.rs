@@ -1,5 +1,6 @@
-//! What a scenario does to a swarm and when, and what was really done to one. Flights, studies, figures, recordings and
-//! reports share it.
+//! The faults and orders that a scenario schedules, and the faults that were really injected into a swarm.
+//!
+//! Flights, studies, figures, recordings and reports share these types.
 
 use std::borrow::Cow;
 use std::fmt;
@@ -13,34 +14,35 @@ use skein_common::message::Verb;
 use skein_common::scenario::{self, Event, EventAction, Fault, Servo};
 use skein_core::impairments::{delays, lasting, silences, union};
 
-/// The scenario's word for what has failed. (Spelled out in the field below, it would let nobody read one back.)
+/// The scenario's name of a failure, such as `engine_out`.
+// An alias, because serde would borrow a field of type `&'static str` from its input, and could then not read it back.
 pub type FailureWord = &'static str;
 
-/// Something that was done to the swarm, noticed or not.
+/// A fault that was injected into the swarm, whether an agent noticed it or not.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub enum Incident {
     /// A vehicle's agent ended without a message. The helicopter flies on with its last controls.
     Died(VehicleId),
-    /// It began a new life, in the air or on the ground.
+    /// A vehicle's agent started again, in the air or on the ground.
     Restarted(VehicleId),
-    /// Something of a vehicle failed, as the scenario names it.
-    Failed(VehicleId, #[serde(deserialize_with = "failure")] FailureWord),
-    /// Directions of links that are dead from now on.
+    /// A part of a vehicle failed, under the scenario's name of the failure.
+    Failed(VehicleId, #[serde(deserialize_with = "deserialize_failure")] FailureWord),
+    /// Links that carry no messages from now on, each in one direction.
     Cut {
         /// Sender and receiver.
         links: Vec<(VehicleId, VehicleId)>,
     },
-    /// Directions of links that are alive again; sessions may take a while longer.
+    /// Links that carry messages again, each in one direction; sessions may take a while longer.
     Healed {
         /// Sender and receiver.
         links: Vec<(VehicleId, VehicleId)>,
     },
-    /// Directions of links on which messages take longer from now on.
+    /// Links on which messages take longer from now on, each in one direction.
     Delayed {
         /// Sender and receiver.
         links: Vec<(VehicleId, VehicleId)>,
     },
-    /// Directions of links on which an added delay has ended.
+    /// Links on which an added delay has ended, each in one direction.
     DelayOver {
         /// Sender and receiver.
         links: Vec<(VehicleId, VehicleId)>,
@@ -65,35 +67,35 @@ impl fmt::Display for Incident {
     }
 }
 
-/// What is to come, each at its time.
+/// Entries that become due one after the other, each at its time.
 #[derive(Debug)]
 pub struct Agenda<T> {
-    /// The latest first.
-    left: Vec<(f64, T)>,
+    /// The entries that are not due yet, the latest first.
+    remaining: Vec<(f64, T)>,
 }
 
 impl<T> Agenda<T> {
-    /// These, each with its time, s.
+    /// A schedule of these entries, each with its time, s. An entry at an infinite time is dropped.
     pub fn new(mut entries: Vec<(f64, T)>) -> Self {
-        // What has no end never ends.
+        // The end of a fault without an end is at infinity: it never comes.
         entries.retain(|(at_s, _)| at_s.is_finite());
         entries.sort_by(|(one_s, _), (other_s, _)| one_s.total_cmp(other_s));
         entries.reverse();
-        Self { left: entries }
+        Self { remaining: entries }
     }
 
-    /// The next that is due at `t_s`.
+    /// Takes the next entry that is due at `t_s`, s.
     pub fn due(&mut self, t_s: f64) -> Option<T> {
-        self.left.pop_if(|(at_s, _)| *at_s <= t_s).map(|(_, what)| what)
+        self.remaining.pop_if(|(at_s, _)| *at_s <= t_s).map(|(_, what)| what)
     }
 
-    /// What is left, the latest first.
-    pub fn left(&self) -> impl Iterator<Item = &T> {
-        self.left.iter().map(|(_, what)| what)
+    /// The entries that are not due yet, the latest first.
+    pub fn remaining(&self) -> impl Iterator<Item = &T> {
+        self.remaining.iter().map(|(_, what)| what)
     }
 }
 
-/// What the scenario does to a direction of a link.
+/// A change that the scenario makes to one direction of a link.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum LinkChange {
     /// Messages pass again after a cut.
@@ -119,25 +121,25 @@ impl LinkChange {
     }
 }
 
-/// What happens to links at one time, gathered by its kind.
+/// The changes of links at one instant, grouped by kind.
 #[derive(Debug, Default)]
 pub struct LinkChanges([Vec<(VehicleId, VehicleId)>; 4]);
 
 impl LinkChanges {
-    /// `link` is sender and receiver.
+    /// Adds a change of one direction of a link; `link` is its sender and receiver.
     pub fn add(&mut self, change: LinkChange, link: (VehicleId, VehicleId)) {
         self.0[change as usize].push(link);
     }
 
-    /// One of each kind that happened, ends before beginnings.
+    /// One injected fault for each kind of change, ends before beginnings.
     pub fn incidents(self) -> impl Iterator<Item = Incident> {
         let kinds = LinkChange::ALL.into_iter().zip(self.0).filter(|(_, links)| !links.is_empty());
         kinds.map(|(change, links)| change.incident(links))
     }
 }
 
-/// What the scenario does to the direction from `sender` to `receiver`, each at its time, s after the receiver's take-off;
-/// infinite if never.
+/// The changes that the scenario makes to the link from `sender` to `receiver`, each at its time, s after the receiver's
+/// take-off. The time of a change that never comes is infinite.
 pub fn link_changes(events: &[Event], sender: VehicleId, receiver: VehicleId) -> Vec<(f64, LinkChange)> {
     let cuts = silences(events, sender, receiver).into_iter();
     let cuts = cuts.flat_map(|lasts| [(lasts.start, LinkChange::Cut), (lasts.end, LinkChange::Healed)]);
@@ -146,19 +148,19 @@ pub fn link_changes(events: &[Event], sender: VehicleId, receiver: VehicleId) ->
     cuts.chain(delays).collect()
 }
 
-/// When vehicle `own` has no agent, s after its take-off.
+/// The spans in which vehicle `own` has no agent, s after its take-off.
 pub fn kills(events: &[Event], own: VehicleId) -> Vec<Range<f64>> {
     let kills = events.iter().filter(|event| event.what == EventAction::Fault(Fault::Kill { vehicle: own }));
     union(kills.map(lasting))
 }
 
-/// When the one control machine is dead, s after the first take-off.
+/// The spans in which the central controller is down, s after the first take-off.
 pub fn control_kills(events: &[Event]) -> Vec<Range<f64>> {
     let kills = events.iter().filter(|event| event.what == EventAction::Fault(Fault::KillControl));
     union(kills.map(lasting))
 }
 
-/// What an operator says, each order at its time. Of orders only a hold has an end.
+/// The operator's orders, each at its time, s after the first take-off. A hold ends with a `goto`; no other order has an end.
 pub fn orders(events: &[Event]) -> Vec<(f64, Verb)> {
     let verbs = events.iter().filter_map(|event| match &event.what {
         EventAction::Order(order) => Some([(event.at_s, verb(*order)), (lasting(event).end, Verb::Goto(0))]),
@@ -167,20 +169,23 @@ pub fn orders(events: &[Event]) -> Vec<(f64, Verb)> {
     verbs.flatten().collect()
 }
 
-/// The word for a simulator that stands still.
+/// The scenario's name of a simulator that freezes.
 pub const FROZEN: FailureWord = "simulator_freeze";
-/// The scenario's words for what can fail of a vehicle.
+/// The scenario's names of all failures of a vehicle.
 const FAILURES: [FailureWord; 6] = ["engine_out", FROZEN, "servo_stuck", "gyro_off", "gps_frozen", "clock_jump"];
 
-/// Reads the word of a failure; a word that names none is refused.
-pub fn failure<'de, D: Deserializer<'de>>(from: D) -> Result<FailureWord, D::Error> {
+/// Deserialises the name of a failure.
+///
+/// # Errors
+/// The text does not name a failure.
+pub fn deserialize_failure<'de, D: Deserializer<'de>>(from: D) -> Result<FailureWord, D::Error> {
     let word = Cow::<str>::deserialize(from)?;
     let known = FAILURES.into_iter().find(|known| *known == word);
-    known.ok_or_else(|| D::Error::custom(format!("no failure is called {word:?}")))
+    known.ok_or_else(|| D::Error::custom(format!("unknown failure {word:?}")))
 }
 
-/// Which vehicle something of which fails by this fault, and the scenario's word for it.
-pub fn failing(fault: &Fault) -> Option<(VehicleId, FailureWord)> {
+/// The vehicle that fails by this fault and the scenario's name of the failure; `None` if the fault is not a failure.
+pub fn failure_of(fault: &Fault) -> Option<(VehicleId, FailureWord)> {
     match fault {
         Fault::EngineOut { vehicle } => Some((*vehicle, "engine_out")),
         Fault::SimulatorFreeze { vehicle } => Some((*vehicle, FROZEN)),
@@ -201,7 +206,7 @@ fn verb(order: scenario::Order) -> Verb {
     }
 }
 
-/// The fault as a line of text.
+/// Describes the fault in a line of text, with the vehicles that it affects.
 pub fn describe(fault: &Fault) -> String {
     let list = |ids: &[VehicleId]| ids.iter().map(VehicleId::to_string).collect::<Vec<_>>().join(", ");
     match fault {

@@ -1,14 +1,14 @@
-//! A formation law of your own, in a crate of your own: all that it needs of Skein.
+//! Everything that a crate with its own formation law needs from Skein.
 //!
-//! A [`Law`] is asked at every step of one vehicle's controller what it wants. [`Laws`] gives it a name for scenario files, and
-//! [`cli::main_with`](crate::cli::main_with) makes a study program of it; the function of the same name in the crate `skein`
-//! makes one with every command of `skein`, which flies live swarms too but takes minutes to compile. Its parameters are the
-//! free table `[formation.parameters]` of the scenario.
+//! One vehicle's controller asks its [`Law`] for a velocity command at every step. [`Laws`] gives the law a name for scenario
+//! files, and [`cli::main_with`](crate::cli::main_with) makes a study program with it. The function of the same name in the
+//! crate `skein` makes a program with every command of `skein`: that one also flies live swarms, but takes minutes to compile.
+//! The law's parameters are the free table `[formation.parameters]` of the scenario.
 //!
 //! ```no_run
 //! use skein_lab::law::{Answer, Law, Laws, Sight, Wanted, number};
 //!
-//! /// Straight to the centre.
+//! /// Flies every vehicle straight to the centre.
 //! #[derive(Clone, Debug)]
 //! struct Gather {
 //!     gain_per_s: f64,
@@ -32,7 +32,7 @@
 pub use nalgebra::{Rotation2, Vector2, Vector3};
 pub use skein_common::frame::{PositionNed, VelocityNed};
 pub use skein_common::id::VehicleId;
-/// Elementary functions with the same bits on every machine: a law that uses them is as repeatable as Skein's own.
+/// Elementary functions that give the same bits on every computer: a law that uses them is as repeatable as Skein's own.
 pub use skein_common::math;
 pub use skein_core::formation::law::{Answer, Goal, Law, Neighbour, Obstacle, Setup, Sight, Wanted, number};
 pub use skein_core::formation::laws::{Laws, MakeLaw};

@@ -1,18 +1,19 @@
-//! The laboratory: flies scenarios in virtual time, seeded and repeatable, measures, records, draws and compares them. It needs
-//! no network: a crate with a law of its own builds a study program from this one alone.
+//! Flies scenarios in virtual time, seeded and repeatable, and measures, records, draws and compares the flights.
+//!
+//! The crate needs no network: a crate with its own formation law builds a study program from this one alone.
 //!
 //! | module | what it does |
 //! | --- | --- |
-//! | [`scenario`], [`prepare`] | a command's scenario: read, and everything that can stand against its flight |
-//! | [`world`] | a swarm in virtual time, step by step |
-//! | [`faults`] | what a scenario does to a swarm, and when; what really happened |
-//! | [`external`] | laws in other programs, in virtual time |
-//! | [`metrics`] | the figures of a flight |
-//! | [`study`] | many flights: seeds, sweeps, summaries |
-//! | [`recording`], [`record`] | a flight in memory, and as an MCAP file |
-//! | [`report`], [`compare`] | pictures and tables; one folder of runs judged against another |
-//! | [`cli`] | a program of these commands |
-//! | [`law`] | everything that a law of your own needs |
+//! | [`scenario`], [`prepare`] | reads a command's scenario and checks that it can fly |
+//! | [`world`] | simulates a swarm in virtual time, step by step |
+//! | [`faults`] | schedules the faults and orders of a scenario; names the faults that were injected |
+//! | [`external`] | connects laws that run in other programs, in virtual time |
+//! | [`metrics`] | measures the figures of a flight |
+//! | [`study`] | flies many flights: seeds, sweeps, summaries |
+//! | [`recording`], [`record`] | keep a flight in memory, and in an MCAP file |
+//! | [`report`], [`compare`] | draw pictures and tables; compare one folder of runs with another |
+//! | [`cli`] | makes a command-line program of these commands |
+//! | [`law`] | re-exports everything that your own formation law needs |
 
 pub mod cli;
 pub mod compare;

@@ -1,43 +1,44 @@
-//! One definition of every figure, for live runs, recordings and studies alike.
+//! Measures the figures of a run, with one definition for live runs, recordings and studies.
 //!
-//! Everything is measured on how the vehicles really were ([`VehicleNow::truth`]) and on who really lived and could be heard
-//! ([`Incident`]), never on what they believed. Only the formation's centre and the step of the mission are each vehicle's
-//! own: nobody else has one.
+//! Every figure uses the ground truth of the vehicles ([`VehicleNow::truth`]) and the faults that were really injected
+//! ([`Incident`]), never the agents' own estimates. The two exceptions are the formation's centre and the mission step: each
+//! vehicle has its own, and no other source knows them.
 //!
-//! * A **live member** is an active member whose agent runs. The formation is made of live members; separations are those
-//!   of all vehicles.
+//! * A **live member** is an active member whose agent runs. Figures of the formation use live members; separations use all
+//!   vehicles.
 //! * **Settling** figures (`at_altitude_s`, `in_band_s`, `even_*_s`) are the first time after which the condition holds to the
-//!   end of the window, in the formation of the step that each vehicle is at; what never settles is `null` and stands in
-//!   `never`. In a mission of more than one place it is `null` alone: there the swarm is to go on.
+//!   end of the window, in the formation of each vehicle's own step. A condition that never settles gives `null`, and its key
+//!   is in `never`. In a mission of more than one place it only gives `null`, because there the swarm has to move on.
 //! * **Steady** figures use the last [`STEADY_S`] of the window and are `null` in a shorter one. Figures of the network
 //!   (`union`, `connectivity`, `connected_share`) use all of it.
-//! * Separations and collisions count pairs of which both are higher than [`AIRBORNE_ABOVE_M`].
-//! * **A centre moves** from where a vehicle takes it to have left the beginning of a path until it has come to its end.
-//!   `max_centre_distance_m` is taken while the member's own centre moves. Under the laws of flocks (`flock`, `olfati-saber`,
-//!   `vasarhelyi`) `band_occupancy` (here the share with ρ ≤ R*) is too; `centroid_lag_m`, separations and collisions count
-//!   from the first movement on, if the mission has a path: random starts lie closer together and farther out than a flock
-//!   may be.
-//! * Slots in a line, a V, a grid or a list have no distance from the centre and no even angles: those figures are `null`
-//!   there. A law that is none of Skein's is measured as a ring is.
-//! * `polarization`, `order` and `velocity_correlation` leave out whoever is slower than 0.2 m/s, and instants with fewer than
-//!   two others. SwarmLab counts who has no neighbours as in order; here it says nothing.
-//! * `collision_risk` is the mean over time of what `safety` counts over the whole window: the share of all pairs that are in a
-//!   collision.
-//! * **A step is open** when every live member has reached or passed it, be it that the last one did so or that it died.
-//!   `advance_latency_s` is the longest that any of them was late in entering the next. `setpoints_reached` are the steps that
-//!   were open at the end. Who is carried forward over several steps was late for none of them.
-//! * **Noticing**: `detection_s` is from a death or a cut until every living vehicle that heard the speaker has it lost;
-//!   `rejoin_s` from a restart, or from a healed cut that had been noticed, until it is heard again and an active member. What
-//!   is undone before it is noticed does not count. What is not noticed in 30 s never is. A `false_suspicion` is a loss of a
-//!   speaker that lives, has not left, and has no cut link with the hearer either way; the 2 s after a restart or a healed cut
-//!   are left out. `response_s` is from a vehicle's own failure until it tells of one.
-//! * `transient_s` (of formations that spread evenly): from a change of the live members, or from a healed cut, until all are
-//!   in the band and evenly spaced to 10°, for good until the next such change, cut, or step. What has not settled when the
-//!   swarm goes on may do so at the next place. What does not, though it had more than 120 s for it, never does; in less time
-//!   it does not count.
+//! * Separations and collisions count pairs of which both vehicles are higher than [`AIRBORNE_ABOVE_M`].
+//! * **A centre moves** while a vehicle places it on a path between its two ends. `max_centre_distance_m` is measured while
+//!   the member's own centre moves. Under the flocking laws (`flock`, `olfati-saber`, `vasarhelyi`), so is `band_occupancy`,
+//!   there the share with ρ ≤ R*. Under these laws `centroid_lag_m`, separations and collisions count from the first movement
+//!   on, if the mission has a path: random starts lie closer together and farther out than a flock may be.
+//! * Slots in a line, a V, a grid or a list have neither a distance from the centre nor even angles: those figures are `null`
+//!   there. A law of your own is measured like a ring.
+//! * `polarization`, `order` and `velocity_correlation` leave out vehicles slower than 0.2 m/s, and instants at which fewer
+//!   than two vehicles are faster. SwarmLab counts a vehicle without neighbours as perfectly ordered; here it is left out.
+//! * `collision_risk` is the share of all pairs that are in a collision, averaged over time; `safety` counts the pairs without
+//!   a collision in the whole window.
+//! * **A step is open** from the moment when every live member has reached or passed it, or when the last member that had not
+//!   died. `advance_latency_s` is the longest delay of a member in entering the next step. `setpoints_reached` are the steps
+//!   that were open at the end. A member that is carried forward over several steps is late for none of them.
+//! * **Detection**: `detection_s` is the time from a death or a cut until every running agent that had been in contact with the
+//!   sender counts it as lost. `rejoin_s` is the time from a restart, or from the end of a detected cut, until the sender is
+//!   received again and an active member. A fault that ends before it is detected does not count. A fault that is not
+//!   detected within 30 s counts as never detected. A `false_suspicion` is the loss of a sender that lives, has not left, and
+//!   has no cut link with the receiver in either direction; the 2 s after a restart or a healed cut are left out.
+//!   `response_s` is the time from a vehicle's own failure until that vehicle reports one.
+//! * `transient_s` (of evenly spread formations) is the time from a change of the live members, or from a healed cut, until
+//!   all are in the band and even to 10°, and stay so until the next change, cut or step. A formation that has not settled
+//!   when the swarm moves on may settle at the next place. A formation that had more than 120 s and did not settle counts as
+//!   never settled; with less time it does not count.
 //! * A **crash** is a vehicle that was in the air and touches the ground too fast, too far from upright, or without an agent
-//!   that lands it (`crashes`); each counts once. What becomes of it afterwards is the plant's affair, and no damage is part of it.
-//! * `null` otherwise means that a figure does not apply to this run.
+//!   that lands it (`crashes`); each vehicle counts once. The plant decides how the vehicle moves afterwards; damage is not
+//!   modelled.
+//! * Otherwise `null` means that a figure does not apply to this run.
 
 mod crashes;
 pub mod figures;
@@ -71,11 +72,11 @@ pub use report::{Report, Run, VehicleReport, Wall};
 use series::{AgeHistogram, InFormation, RadialSeries, Settling};
 use transient::Transients;
 
-/// Steady figures use this much of the window's end, s.
+/// Length of the end of the window that steady figures use, s.
 pub const STEADY_S: f64 = 100.0;
-/// Pairs count as airborne above this height, m.
+/// Height above which a vehicle counts as airborne, m.
 pub const AIRBORNE_ABOVE_M: f64 = 2.0;
-/// Pairs below this distance have collided, m.
+/// Distance below which a pair has collided, m.
 pub const COLLISION_M: f64 = 2.0;
 /// Share of the altitude at which a vehicle is "at altitude".
 const AT_ALTITUDE_SHARE: f64 = 0.9;
@@ -83,30 +84,30 @@ const AT_ALTITUDE_SHARE: f64 = 0.9;
 /// One vehicle at one instant.
 #[derive(Clone, Copy, Debug)]
 pub struct VehicleNow {
-    /// Who.
+    /// The vehicle.
     pub id: VehicleId,
-    /// Its agent runs. Without, nothing but its truth says anything.
+    /// Whether its agent runs. If not, only `truth` is meaningful.
     pub runs: bool,
-    /// It is an active member.
+    /// Whether it is an active member.
     pub is_member: bool,
-    /// How it really is.
+    /// Ground truth of the vehicle.
     pub truth: Truth,
-    /// Its controls, if anybody holds them.
+    /// Controls of the vehicle; `None` if no agent holds them.
     pub sticks: Option<Sticks>,
-    /// The step of the mission that it is at, counted from 0.
+    /// The mission step of the vehicle, counted from 0.
     pub step: u32,
-    /// The highest step that it reached in this life.
+    /// The highest step that the vehicle reached since its agent started.
     pub reached: Option<u32>,
-    /// Where it takes the formation's centre to be, north and east, m.
+    /// The vehicle's own estimate of the formation's centre, north and east, m.
     pub centre_ne_m: Vector2<f64>,
-    /// Peers that it does not count as lost.
-    pub hears: VehicleSet,
-    /// Peers whose last state came less than half a second ago, however long it was on its way.
+    /// Peers that the vehicle does not count as lost.
+    pub in_contact: VehicleSet,
+    /// Peers whose newest state arrived less than 0.5 s ago, however long it was in flight.
     pub fresh: VehicleSet,
 }
 
 impl VehicleNow {
-    /// A vehicle without an agent: something to keep away from.
+    /// A vehicle without a running agent: other vehicles only have to avoid it.
     pub fn dead(id: VehicleId, truth: Truth) -> Self {
         Self {
             id,
@@ -117,32 +118,32 @@ impl VehicleNow {
             step: 0,
             reached: None,
             centre_ne_m: Vector2::zeros(),
-            hears: VehicleSet::default(),
+            in_contact: VehicleSet::default(),
             fresh: VehicleSet::default(),
         }
     }
 
-    /// It is a live member: the formation is made of those.
-    pub fn takes_part(&self) -> bool {
+    /// Whether the vehicle is a live member: an active member whose agent runs.
+    pub fn is_live_member(&self) -> bool {
         self.runs && self.is_member
     }
 }
 
-/// Measures a run while it happens.
+/// Measures a run while it flies.
 #[derive(Debug)]
 pub struct Metrics {
     run: Run,
-    /// One machine flies everybody: nobody has words of others.
+    /// Whether a central controller flies all vehicles: then peers' messages have no age.
     is_central: bool,
     is_flock: bool,
-    /// The formation has to do with a distance from the centre.
+    /// Whether the formation defines a distance from the centre.
     is_radial: bool,
-    /// The formation is a ring, or slots on one: what is evenly spread about the centre, seen from above.
+    /// Whether the formation is a ring, or slots on a ring: seen from above, evenly spread about the centre.
     is_round: bool,
     has_altitude: bool,
     /// The formation in each step of the mission.
     shapes: Vec<Shape>,
-    /// Steps that are no landing.
+    /// Number of mission steps that are not a landing.
     places: usize,
     t_s: f64,
     at_altitude: Settling,
@@ -177,9 +178,9 @@ pub struct Metrics {
 pub(crate) struct Shape {
     ring: Ring,
     altitude_m: f64,
-    /// Between the altitudes of neighbouring ranks.
+    /// Difference in altitude between neighbouring ranks, m.
     band_step_m: f64,
-    /// Beginning and end of the centre's path.
+    /// Beginning and end of the centre's path, north and east, m.
     path_ends: Option<[Vector2<f64>; 2]>,
 }
 
@@ -197,7 +198,7 @@ impl Shape {
         }
     }
 
-    /// ρ of a place given from the centre, m.
+    /// The level ρ of a position relative to the centre, NED, m.
     pub(crate) fn level_m(&self, from_centre_m: Vector3<f64>) -> f64 {
         let flat_m = self.ring.level_m(from_centre_m.xy());
         self.ring
@@ -205,33 +206,33 @@ impl Shape {
             .map_or(flat_m, |gamma_z| (math::square(flat_m) + gamma_z * math::square(from_centre_m.z)).sqrt())
     }
 
-    /// The altitude of a rank, counted from the middle one, m; none on an ellipsoid, which has all altitudes.
+    /// Altitude of a rank counted from the middle rank, m; `None` on an ellipsoid, where any altitude is possible.
     fn altitude_m(&self, rank: f64) -> Option<f64> {
         self.ring.gamma_z.is_none().then_some(self.altitude_m + rank * self.band_step_m)
     }
 
-    /// Whether a centre that is here is on its way.
-    fn is_on_the_way(&self, centre_ne_m: Vector2<f64>) -> bool {
+    /// Whether a centre at this place is moving along the path: between its two ends.
+    fn is_moving(&self, centre_ne_m: Vector2<f64>) -> bool {
         self.path_ends.is_some_and(|ends| !ends.contains(&centre_ne_m))
     }
 }
 
-/// What all agents together have counted since the start.
+/// Counters of all agents together since the start.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Totals {
-    /// States said.
+    /// State messages sent.
     pub state_messages: u64,
-    /// Their payload, bytes.
+    /// Payload of those messages, bytes.
     pub state_bytes: u64,
-    /// How often safety filters have stepped in; `None` without filters.
+    /// How often safety filters have changed a command; `None` without filters.
     pub safety_activations: Option<u64>,
-    /// Asks that external laws have not answered; `None` without such laws.
+    /// Queries that external laws have not answered; `None` without such laws.
     pub law_misses: Option<u64>,
-    /// Steps that ended after the next frame was due; of one machine that controls everybody, the frames that it left out.
+    /// Steps that ended after the next frame was due; under a central controller, the frames that it skipped.
     pub frame_overruns: u64,
 }
 
-/// What one vehicle spent.
+/// Energy and control activity of one vehicle.
 #[derive(Clone, Copy, Debug, Default)]
 struct Effort {
     energy_j: Option<f64>,
@@ -239,7 +240,7 @@ struct Effort {
 }
 
 impl Metrics {
-    /// Nothing measured yet.
+    /// Metrics of a run that has not begun.
     pub fn new(scenario: &Scenario, run: Run) -> Self {
         let vehicles = scenario.swarm.vehicles;
         let steps = &scenario.mission.steps;
@@ -283,8 +284,9 @@ impl Metrics {
         }
     }
 
-    /// All vehicles whose state is known `t_s` seconds into the window, in the order of ids, after the incidents and the words
-    /// that came until then; call it about fifty times a second.
+    /// Observes all vehicles with a known state, in the order of ids, `t_s` seconds into the window.
+    ///
+    /// Call it about fifty times a second, after the faults and events until then.
     pub fn observe(&mut self, t_s: f64, vehicles: &[VehicleNow]) {
         let dt_s = t_s - self.t_s;
         self.t_s = t_s;
@@ -298,7 +300,7 @@ impl Metrics {
         self.observe_effort(dt_s, vehicles);
     }
 
-    /// Something that really happened to the swarm.
+    /// Observes a fault that was injected into the swarm.
     pub fn incident(&mut self, t_s: f64, incident: &Incident) {
         match incident {
             Incident::Died(id) => self.membership.died(t_s, *id),
@@ -310,37 +312,37 @@ impl Metrics {
         }
     }
 
-    /// Something that a vehicle said of itself.
-    pub fn tell(&mut self, t_s: f64, speaker: VehicleId, what: &Happening) {
+    /// Observes an event that a vehicle reported of itself.
+    pub fn observe_event(&mut self, t_s: f64, speaker: VehicleId, what: &Happening) {
         self.forced_advances += u64::from(matches!(what, Happening::ForcedAdvance { .. }));
-        self.membership.told(t_s, speaker, what);
+        self.membership.reported(t_s, speaker, what);
     }
 
-    /// Age of one peer's word at one step, s, by the receiver's clock; of a peer that is not lost.
+    /// Observes the age of a peer's newest state at one step, s, by the receiver's clock. Leave out lost peers.
     pub fn observe_age(&mut self, age_s: f64) {
         if !self.is_central {
             self.ages.add(age_s);
         }
     }
 
-    /// Time from one frame's arrival to its last control, µs.
+    /// Observes the time from a frame's arrival to its last control, µs.
     pub fn observe_step(&mut self, step_us: f64) {
         self.steps_us.push(step_us);
     }
 
-    /// Totals over all vehicles since the start.
+    /// Replaces the totals over all vehicles since the start.
     pub fn count(&mut self, totals: Totals) {
         self.totals = totals;
     }
 
-    /// Seconds into the window.
+    /// Time of the last observation, from the start of the window, s.
     pub fn t_s(&self) -> f64 {
         self.t_s
     }
 
-    /// What the members' places say.
+    /// Updates the figures that depend on the members' positions.
     fn observe_members(&mut self, t_s: f64, vehicles: &[VehicleNow]) {
-        let members = || vehicles.iter().filter(|vehicle| vehicle.takes_part());
+        let members = || vehicles.iter().filter(|vehicle| vehicle.is_live_member());
         let count = members().count();
         let middle_rank = (count as f64 - 1.0) / 2.0;
         let (mut high, mut inside, mut sum_ne_m) = (true, true, Vector2::zeros());
@@ -352,17 +354,18 @@ impl Metrics {
             let (from_centre_ne_m, rho_m) = (from_centre_m.xy(), shape.level_m(from_centre_m));
             let is_inside = shape.ring.holds(from_centre_m);
             let altitude_m = member.truth.position.altitude_m();
-            let wanted_m = shape.altitude_m(rank as f64 - middle_rank);
-            high &= wanted_m.is_some_and(|wanted_m| altitude_m >= AT_ALTITUDE_SHARE * wanted_m);
+            let target_altitude_m = shape.altitude_m(rank as f64 - middle_rank);
+            high &=
+                target_altitude_m.is_some_and(|target_altitude_m| altitude_m >= AT_ALTITUDE_SHARE * target_altitude_m);
             inside &= is_inside;
             sum_ne_m += from_centre_ne_m;
             self.bearings.push(math::atan2(from_centre_ne_m.y, from_centre_ne_m.x));
-            if shape.is_on_the_way(member.centre_ne_m) {
+            if shape.is_moving(member.centre_ne_m) {
                 self.following.follow(from_centre_ne_m.norm(), is_inside);
             }
             if let Some(series) = self.radial.get_mut(index(member.id)) {
                 let radial_error_m = rho_m - shape.ring.radius_m;
-                let altitude_error_m = wanted_m.map(|wanted_m| altitude_m - wanted_m);
+                let altitude_error_m = target_altitude_m.map(|target_altitude_m| altitude_m - target_altitude_m);
                 series.add(InFormation { t_s, rho_m, radial_error_m, altitude_error_m, inside: is_inside });
             }
         }
@@ -374,7 +377,7 @@ impl Metrics {
         self.settle(t_s, count > 0 && high, count > 0 && inside, members().map(|member| member.step).max());
     }
 
-    /// What of the formation holds now, at this step.
+    /// Updates the settling figures with the conditions that hold now; `step` is the highest step of a member.
     fn settle(&mut self, t_s: f64, high: bool, inside: bool, step: Option<u32>) {
         self.at_altitude.observe(t_s, high);
         self.in_band.observe(t_s, inside);
@@ -385,13 +388,13 @@ impl Metrics {
         if let Some(deviation_deg) = deviation_deg {
             self.spacing.add(t_s, deviation_deg);
         }
-        // One alone has no gaps.
+        // A single vehicle has no gaps.
         let is_even = deviation_deg.is_none_or(|deviation_deg| deviation_deg < 10.0);
         let (members, is_split) = (self.membership.members(), self.membership.is_split());
         self.transients.observe(t_s, members, is_split, step, inside && is_even);
     }
 
-    /// What the vehicles spend.
+    /// Updates the figures of tilt, energy and control activity.
     fn observe_effort(&mut self, dt_s: f64, vehicles: &[VehicleNow]) {
         for vehicle in vehicles.iter().filter(|vehicle| vehicle.runs) {
             let truth = &vehicle.truth;
@@ -409,7 +412,7 @@ impl Metrics {
         }
     }
 
-    /// What every pair's distance says.
+    /// Updates the figures that depend on the distances of pairs.
     fn observe_pairs(&mut self, vehicles: &[VehicleNow]) {
         let count = self.radial.len();
         let has_path = self.shapes.iter().any(|shape| shape.path_ends.is_some());
@@ -436,17 +439,19 @@ impl Metrics {
     }
 }
 
-/// How many pairs so many vehicles make.
+/// Number of pairs of this many vehicles.
 fn pairs(vehicles: usize) -> f64 {
     (vehicles * vehicles.saturating_sub(1) / 2) as f64
 }
 
-/// Where the vehicle stands in tables that are in the order of ids.
+/// Index of the vehicle in tables in the order of ids.
 fn index(id: VehicleId) -> usize {
     usize::from(id.get()) - 1
 }
 
-/// Largest deviation of a gap between neighbouring bearings from the even gap; `None` for fewer than two. Sorts them.
+/// Largest deviation of a gap between neighbouring bearings from the even gap, rad; `None` for fewer than two bearings.
+///
+/// Sorts the bearings.
 pub fn largest_gap_deviation_rad(bearings_rad: &mut [f64]) -> Option<f64> {
     let count = bearings_rad.len();
     if count < 2 {

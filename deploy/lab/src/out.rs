@@ -1,4 +1,4 @@
-//! The folder that a run writes into.
+//! Chooses the folder that a run writes into.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -6,11 +6,10 @@ use std::path::{Path, PathBuf};
 use crate::error::Error;
 use skein_host::clock;
 
-/// The absolute path of `out`, or of a new folder in `skein-runs` named after what runs and the time of day. Nothing is
-/// created yet.
+/// The absolute path of `out`, or of a new folder in `skein-runs` named after `name` and the UTC time. Creates nothing.
 ///
 /// # Errors
-/// A folder with files in it, or a path that is no folder: what a run wrote is never overwritten.
+/// The folder contains files, or the path is not a folder: a command never overwrites the output of a run.
 pub fn folder(out: Option<&Path>, name: &str) -> Result<PathBuf, Error> {
     let out = match out {
         Some(out) => out.to_owned(),
@@ -19,14 +18,14 @@ pub fn folder(out: Option<&Path>, name: &str) -> Result<PathBuf, Error> {
     let out = std::path::absolute(&out).map_err(|error| Error::Refused(format!("{}: {error}", out.display())))?;
     let refused = |why: &str| Err(Error::Refused(format!("--out {}: {why}", out.display())));
     match fs::read_dir(&out).map(|mut entries| entries.next().is_some()) {
-        Ok(true) => refused("there are files in it already; choose another folder"),
+        Ok(true) => refused("the folder already contains files; choose another folder"),
         Ok(false) => Ok(out),
         Err(_) if out.exists() => refused("not a folder that can be written to"),
         Err(_) => Ok(out),
     }
 }
 
-/// The path, or with the first number behind it that makes it new.
+/// The path itself if it is free, otherwise the path with the first number behind it that makes it new.
 fn fresh(path: &Path) -> PathBuf {
     let numbered = |number: u32| {
         let mut name = path.as_os_str().to_owned();
@@ -41,9 +40,9 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_folder_with_files_is_left_alone() {
+    fn a_folder_with_files_is_refused() {
         let temporary = tempfile::tempdir().unwrap();
-        assert_eq!(folder(Some(temporary.path()), "x").unwrap(), temporary.path(), "an empty one is welcome");
+        assert_eq!(folder(Some(temporary.path()), "x").unwrap(), temporary.path(), "an empty folder is accepted");
         let file = temporary.path().join("x");
         fs::write(&file, "").unwrap();
         assert_eq!(folder(Some(temporary.path()), "x").unwrap_err().exit_code(), 2);

@@ -1,5 +1,6 @@
-//! Everything that can stand between a scenario and its flight, looked at before anything is started or written: what passes
-//! here, flies, and what is refused is refused with the same sentence by every command.
+//! Checks that a scenario can fly, before a command starts or writes anything.
+//!
+//! Every command uses these checks, so every command refuses the same scenario with the same sentence.
 
 use skein_common::scenario::Scenario;
 use skein_host::external::is_external;
@@ -9,12 +10,13 @@ use crate::error::Error;
 use crate::external::{LawError, Trial};
 use crate::scenario::{Ready, ScenarioArgs};
 
-/// Makes sure that this scenario, as [`ScenarioArgs::read`] gave it, can fly in this kind of time on the built-in helicopter:
-/// that this build flies it, that its files are there and right, that every vehicle has a flight model, and that its external
-/// law starts and gets ready. A `trial` may serve several scenarios.
+/// Checks that a scenario from [`ScenarioArgs::read`] can fly on the built-in helicopter, in virtual or real time.
+///
+/// This build must support the scenario, its files must exist and be valid, every vehicle needs a flight model, and its
+/// external law must start and report that it is ready. One `trial` may serve several scenarios.
 ///
 /// # Errors
-/// The first thing that stands against it, with its place and a remedy.
+/// The first obstacle, with its place and a remedy.
 pub fn prepare(args: &ScenarioArgs, scenario: &Scenario, time: Time, trial: &mut Trial) -> Result<Ready, Error> {
     let ready = args.ready(scenario)?;
     let mut vehicles = scenario.vehicle.iter().zip(&ready.aircraft);
@@ -29,16 +31,16 @@ pub fn prepare(args: &ScenarioArgs, scenario: &Scenario, time: Time, trial: &mut
     Ok(ready)
 }
 
-/// Makes sure that the scenario's external law, if it has one, starts and gets ready.
+/// Checks that the scenario's external law, if it has one, starts and reports that it is ready.
 ///
 /// # Errors
-/// What stands against it, with the command to try.
+/// Why the law cannot be used, with the command to try.
 pub fn try_law(args: &ScenarioArgs, scenario: &Scenario, time: Time, trial: &mut Trial) -> Result<(), Error> {
     let tried = trial.of(scenario, time);
     tried.map_err(|error| Error::Refused(format!("{}: {}", args.name(), of_law(scenario, &error))))
 }
 
-/// What stands against a law that was started, with its command as it was started.
+/// The error text of a law that was started, with the command that started it.
 fn of_law(scenario: &Scenario, error: &LawError) -> String {
     let command = scenario.formation.external.command.as_deref().filter(|_| is_external(scenario));
     match (error, command) {

@@ -1,30 +1,33 @@
-//! Recordings: one MCAP file a flight, which Foxglove, PlotJuggler and Python's `mcap` open, and which reads back here.
+//! Recordings of flights: one MCAP file for each flight, which Foxglove, PlotJuggler and Python's `mcap` open and this module
+//! reads back.
 //!
-//! | topic | schema | what |
+//! | topic | schema | content |
 //! | --- | --- | --- |
-//! | `/vehicle/N/trace` | `skein.Trace`, JSON | every step of a vehicle, all that it traced |
-//! | `/events` | `skein.Event`, JSON | what vehicles said of themselves |
-//! | `/faults` | `skein.Fault`, JSON | what was done to the swarm |
+//! | `/vehicle/N/trace` | `skein.Trace`, JSON | every step of a vehicle, with its complete trace |
+//! | `/events` | `skein.Event`, JSON | events that vehicles reported of themselves |
+//! | `/faults` | `skein.Fault`, JSON | faults that were injected into the swarm |
 //! | `/tf` | `foxglove.FrameTransforms` | frames `vehicle/N` and `centre` in the root frame `world` |
-//! | `/vehicle/N/location` | `foxglove.LocationFix` | where on the globe |
+//! | `/vehicle/N/location` | `foxglove.LocationFix` | position on the globe |
 //! | `/scene/vehicles`, `/scene/formation` | `foxglove.SceneUpdate` | helicopters; the formation's ellipse and band |
-//! | `/log` | `foxglove.Log` | events and faults as people read them |
+//! | `/log` | `foxglove.Log` | events and faults as text |
 //!
-//! Beside the messages stand a metadata record `skein.run` (what flew, in which program), one `skein.window_begins` and one
-//! `skein.window_ends` (log times of the window of the figures), one `skein.recorder` (what could not be recorded), and the
+//! The file also has the metadata records `skein.run` (the scenario and the program), `skein.window_begins` and
+//! `skein.window_ends` (log times of the figures' window) and `skein.recorder` (counts of what could not be recorded), and the
 //! complete `scenario.toml` as an attachment.
 //!
-//! **Log time** is nanoseconds. In virtual time 0 is the beginning of the window; in real time it is UTC, the moment at which
-//! the recorder heard of it. Times read back are rounded to the nanosecond; everything else comes back bit for bit.
+//! **Log time** is in nanoseconds. In virtual time, 0 is the beginning of the window; in real time, log time is the UTC time at
+//! which the recorder received the message. Times read back are rounded to the nanosecond; everything else comes back bit for
+//! bit.
 //!
-//! **Frames**: `world` is east, north, up at the scenario's origin; a vehicle's is forward, left, up. The program's own NED and
-//! FRD stay in the JSON channels.
+//! **Frames**: `world` is east, north, up at the scenario's origin; a vehicle's frame is forward, left, up. The JSON channels
+//! keep the program's own NED and FRD.
 //!
-//! **What survives**: messages are written in chunks, each with a checksum. A chunk that is whole can be read whatever is cut
-//! off or damaged behind it; a message is on disk, in such a chunk, within [`FLUSH`] of its recording. The scenario has the
-//! checksum of an attachment. MCAP has none for metadata: each record of ours carries its own, as `skein.checksum`. Older
-//! recordings have none there and are read all the same. Where a damaged record may have been the beginning or the end of the
-//! window, reading is refused, also of what is repaired or merged of it: without the window no step has its time.
+//! **Damaged files**: messages are written in chunks, each with a checksum. An intact chunk can be read even if the file behind
+//! it is cut off or damaged. A message is on disk, in an intact chunk, within [`FLUSH`] of its recording. The scenario has the
+//! checksum of an attachment. MCAP has no checksum for metadata: each metadata record of a recording carries its own, as
+//! `skein.checksum`. Older recordings have none, and are read without it. If a damaged record may have been the beginning or the
+//! end of the window, the reader refuses the file, and so it does for every file repaired or merged from it: without the window
+//! no step has a time.
 
 mod copy;
 mod csv;
@@ -52,57 +55,57 @@ pub use reader::read;
 pub use repair::{Repaired, repair};
 pub use writer::{About, Writer};
 
-/// Name of a run's recording in its folder.
+/// File name of the recording in the folder of a run.
 pub const FILE: &str = "run.mcap";
-/// A message waits no longer than this for its way to the disk.
+/// Longest time until a recorded message is on disk.
 pub const FLUSH: Duration = Duration::from_millis(200);
 
-/// Why something cannot be recorded or read.
+/// The reason why a recording cannot be written or read.
 #[derive(Debug, thiserror::Error)]
 pub enum RecordError {
-    /// The system refuses.
+    /// The operating system reported an error.
     #[error("{path}: {error}", path = path.display())]
     Io {
         /// The file.
         path: PathBuf,
-        /// What it says.
+        /// The error of the operating system.
         error: std::io::Error,
     },
-    /// Something else than MCAP.
+    /// The file is not an MCAP file.
     #[error("not an MCAP file")]
     NoMcap,
-    /// Not written by Skein, or cut off before the scenario.
-    #[error("no recording of Skein: {0} is missing")]
+    /// The file was not written by Skein, or is cut off before its scenario.
+    #[error("not a recording of Skein: {0} is missing")]
     Missing(&'static str),
-    /// Written by a program that records otherwise.
-    #[error("a recording of format {0}, where {format} is read", format = format::FORMAT)]
+    /// The file has the format of another version of Skein.
+    #[error("the recording has format {0}; this program reads format {format}", format = format::FORMAT)]
     Format(String),
-    /// The scenario in it is none that this program knows.
-    #[error("its scenario cannot be read: {0}")]
+    /// The scenario in the file is invalid for this program.
+    #[error("the scenario in the recording cannot be read: {0}")]
     Scenario(Box<ScenarioError>),
-    /// A message in it is none of ours.
+    /// A message in the file does not decode.
     #[error("a message on {topic} cannot be read: {what}")]
     Message {
-        /// Where it stands.
+        /// Topic of the message.
         topic: String,
-        /// What is wrong with it.
+        /// Error of the decoder.
         what: String,
     },
-    /// What is wrong with one file.
+    /// One file cannot be read.
     #[error("{path}: {error}", path = path.display())]
     File {
         /// The file.
         path: PathBuf,
-        /// What is wrong with it.
+        /// The error of that file.
         error: Box<RecordError>,
     },
-    /// It cannot be written.
+    /// The recording cannot be written.
     #[error("cannot write: {}", why(.0))]
     Write(#[from] McapError),
 }
 
 impl RecordError {
-    /// The same with the name of the file that was read, unless it says already where it arose.
+    /// Adds the name of the file that was read, unless the error has it already.
     fn reading(self, path: &Path) -> Self {
         match self {
             Self::Io { .. } | Self::File { .. } | Self::Write(_) => self,
@@ -111,7 +114,7 @@ impl RecordError {
     }
 }
 
-/// What the system says, if it was the system.
+/// The text of the error; that of the operating system, if it caused the error.
 fn why(error: &McapError) -> String {
     match error {
         McapError::Io(error) => error.to_string(),

@@ -1,4 +1,4 @@
-//! One flight as those saw it who looked on: every vehicle's steps, what was said, what was done to the swarm.
+//! A flight in memory: every vehicle's steps, the events that vehicles reported, and the faults that were injected.
 
 use skein_common::id::VehicleId;
 use skein_common::message::{Happening, Trace};
@@ -7,67 +7,67 @@ use skein_common::scenario::Scenario;
 use crate::faults::Incident;
 use crate::metrics::Run;
 
-/// Looks on while a flight goes by. Times are seconds into the window of the figures.
+/// Observes a flight. Times count from the start of the figures' window, s.
 pub trait Watch {
-    /// One step of one vehicle.
+    /// Observes one step of one vehicle.
     fn step(&mut self, t_s: f64, trace: &Trace);
-    /// Something that a vehicle said of itself.
-    fn happened(&mut self, t_s: f64, speaker: VehicleId, what: &Happening);
-    /// Something that was done to the swarm.
+    /// Observes an event that a vehicle reported of itself.
+    fn event(&mut self, t_s: f64, speaker: VehicleId, what: &Happening);
+    /// Observes a fault that was injected into the swarm.
     fn incident(&mut self, t_s: f64, incident: &Incident);
 }
 
-/// A whole flight in memory: what reports draw.
+/// A whole flight in memory, from which reports are drawn.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Recording {
-    /// What flew.
+    /// The scenario that flew.
     pub scenario: Scenario,
-    /// In which run.
+    /// The run: program, seed and target.
     pub run: Run,
-    /// One for each vehicle, in the order of ids.
+    /// The steps of each vehicle, in the order of ids.
     pub tracks: Vec<Track>,
-    /// In the order in which it happened.
+    /// Events and faults, in the order in which they happened.
     pub noted: Vec<Noted>,
 }
 
-/// One vehicle's steps.
+/// The steps of one vehicle.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Track {
-    /// Whose.
+    /// The vehicle.
     pub id: VehicleId,
-    /// In order of time; there are none while its agent is dead.
+    /// Its steps in the order of time; a dead agent makes no steps.
     pub steps: Vec<Step>,
 }
 
 /// One step of one vehicle.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Step {
-    /// Into the window, s.
+    /// Time from the start of the figures' window, s.
     pub t_s: f64,
-    /// What the vehicle traced.
+    /// The trace that the vehicle published.
     pub trace: Trace,
 }
 
-/// Something that happened.
+/// An event or a fault, with its time.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Noted {
-    /// Into the window, s.
+    /// Time from the start of the figures' window, s.
     pub t_s: f64,
-    /// What.
+    /// The event or the fault.
     pub what: What,
 }
 
-/// What can be noted.
+/// What a recording notes besides steps.
 #[derive(Clone, Debug, PartialEq)]
 pub enum What {
-    /// A vehicle said it of itself.
-    Said(VehicleId, Happening),
-    /// It was done to the swarm.
-    Done(Incident),
+    /// An event that this vehicle reported of itself.
+    Event(VehicleId, Happening),
+    /// A fault that was injected into the swarm.
+    Fault(Incident),
 }
 
 impl Recording {
-    /// Nothing recorded yet.
+    /// An empty recording.
     pub fn new(scenario: &Scenario, run: Run) -> Self {
         let tracks = scenario.ids().map(|id| Track { id, steps: Vec::new() }).collect();
         Self { scenario: scenario.clone(), run, tracks, noted: Vec::new() }
@@ -81,11 +81,11 @@ impl Watch for Recording {
         }
     }
 
-    fn happened(&mut self, t_s: f64, speaker: VehicleId, what: &Happening) {
-        self.noted.push(Noted { t_s, what: What::Said(speaker, *what) });
+    fn event(&mut self, t_s: f64, speaker: VehicleId, what: &Happening) {
+        self.noted.push(Noted { t_s, what: What::Event(speaker, *what) });
     }
 
     fn incident(&mut self, t_s: f64, incident: &Incident) {
-        self.noted.push(Noted { t_s, what: What::Done(incident.clone()) });
+        self.noted.push(Noted { t_s, what: What::Fault(incident.clone()) });
     }
 }

@@ -1,4 +1,4 @@
-//! `skein report`: what was flown, as pictures and tables on one page.
+//! Draws a report of flights as one page with figures and tables (`skein report`).
 
 pub mod figure;
 pub mod flight;
@@ -15,7 +15,7 @@ use crate::record;
 use crate::recording::Recording;
 use page::{Page, Part, Section};
 
-/// What to report on, and where to.
+/// The command-line arguments of `skein report`.
 #[derive(Clone, Debug, clap::Args)]
 pub struct ReportArgs {
     /// Folder of a run or a study, a folder of scenarios (these are flown in virtual time), or a recording
@@ -29,10 +29,10 @@ pub struct ReportArgs {
     pub csv: bool,
 }
 
-/// Reads or flies, draws, writes the page.
+/// Reads or flies the runs, draws their figures, and writes the page.
 ///
 /// # Errors
-/// If there is nothing to report on, or it cannot be written.
+/// There is nothing to report on, or the page cannot be written.
 pub fn run(ReportArgs { of, out, csv }: &ReportArgs) -> Result<(), Error> {
     let out = out::folder(out.as_deref(), &format!("{}-report", stem(of)))?;
     let recordings = if *csv { recordings(of)? } else { Vec::new() };
@@ -46,7 +46,7 @@ pub fn run(ReportArgs { of, out, csv }: &ReportArgs) -> Result<(), Error> {
     Ok(())
 }
 
-/// The report on what lies here.
+/// Makes the page about a recording, a folder of runs or a folder of scenarios.
 fn page(of: &Path) -> Result<Page, Error> {
     if of.is_file() {
         let (recording, title) = recording(of)?;
@@ -55,14 +55,14 @@ fn page(of: &Path) -> Result<Page, Error> {
         return Ok(Page { title, about, sections: vec![section] });
     }
     let scenarios = scenarios::in_folder(of)?;
-    // A run's folder has its scenario beside its figures.
+    // The folder of a run also contains a scenario.
     if scenarios.is_empty() || of.join("metrics.json").exists() {
         return study::page(&Folder::read(of)?);
     }
     scenarios::page(of, &scenarios)
 }
 
-/// All recordings that lie here, with a name each.
+/// Finds all recordings at this path, each with a name.
 fn recordings(of: &Path) -> Result<Vec<(String, PathBuf)>, Error> {
     if of.is_file() {
         return Ok(vec![(stem(of), of.to_owned())]);
@@ -75,31 +75,31 @@ fn recordings(of: &Path) -> Result<Vec<(String, PathBuf)>, Error> {
     };
     let found: Vec<_> = runs.filter(|path| path.is_file()).map(|path| (name(&path), path)).collect();
     if found.is_empty() {
-        return Err(Error::Refused(format!("--csv: no run in {} is recorded", of.display())));
+        return Err(Error::Refused(format!("--csv: {} contains no recording", of.display())));
     }
     Ok(found)
 }
 
-/// A recording, and what to call it.
+/// Reads a recording and makes its title.
 fn recording(path: &Path) -> Result<(Recording, String), Error> {
     let recording = record::read(path).map_err(|error| Error::Refused(error.to_string()))?;
     let title = format!("{}, seed {}", recording.run.scenario, recording.run.seed);
     Ok((recording, title))
 }
 
-/// All that is drawn of a flight.
+/// All figures of a flight.
 fn flight_parts(recording: &Recording) -> Vec<Part> {
     flight::figures(recording).into_iter().map(Part::Figure).collect()
 }
 
-/// The last part of a path, without its ending.
+/// The last component of a path without its extension, as a file name.
 fn stem(path: &Path) -> String {
     let absolute = std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
     let stem = absolute.file_stem().unwrap_or_default().to_string_lossy();
     slug(&stem)
 }
 
-/// A name that files may have anywhere.
+/// Replaces all characters that are not safe in file names.
 fn slug(name: &str) -> String {
     name.chars().map(|letter| if letter.is_alphanumeric() || letter == '_' { letter } else { '-' }).collect()
 }

@@ -1,4 +1,4 @@
-//! A command's scenario: read, checked against what can be flown today, refused before anything else happens.
+//! Reads the scenario of a command and checks that this build can fly it.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -16,27 +16,29 @@ use skein_host::files::{self, FileError};
 
 use crate::error::Error;
 
-/// What flies when nobody says what.
+/// The scenario that flies when the command line names none: a hover formation.
 pub const HOVER: Source<'_> = Source { name: "hover.toml", text: include_str!("../../scenarios/hover.toml") };
-/// A moving centre.
+/// A shipped scenario with a flock that follows a moving centre.
 pub const FLOCK: Source<'_> = Source { name: "flock.toml", text: include_str!("../../scenarios/flock.toml") };
 
-/// Which scenario.
+/// The command-line arguments that choose a scenario.
 #[derive(Clone, Debug, Default, clap::Args)]
 pub struct ScenarioArgs {
     /// Scenario file; without one, the hover formation of Garcia & Barnes 2010 flies
     #[arg(value_name = "SCENARIO")]
     pub scenario: Option<PathBuf>,
-    /// Any key of the scenario over what the file says, such as formation.radius_m=50; the last one wins
+    /// Override a key of the scenario file, such as formation.radius_m=50; the last value wins
     #[arg(long = "set", value_name = "KEY=VALUE")]
     pub sets: Vec<String>,
 }
 
 impl ScenarioArgs {
-    /// Reads the scenario, `more` sets on top of those given. Its paths become absolute: it may be flown from elsewhere.
+    /// Reads the scenario and applies the `--set` options and then `more` of them.
+    ///
+    /// Paths in the scenario become absolute, because another working directory may fly it.
     ///
     /// # Errors
-    /// If the file cannot be read, or it or a set is at fault.
+    /// The file cannot be read, or the file or a set is invalid.
     pub fn read(&self, more: Vec<String>) -> Result<Loaded, Error> {
         let mut sets = [self.sets.clone(), more].concat();
         let name = self.name();
@@ -64,18 +66,18 @@ impl ScenarioArgs {
         if sets.len() > given { load(&sets) } else { Ok(loaded) }
     }
 
-    /// Makes sure that agents of this build can fly the scenario, as [`ScenarioArgs::read`] gave it.
+    /// Checks that agents of this build can fly a scenario from [`ScenarioArgs::read`], and reads the files that it needs.
     ///
     /// # Errors
-    /// A sentence that says what stands against it.
+    /// A sentence with the reason why the scenario cannot fly.
     pub fn ready(&self, scenario: &Scenario) -> Result<Ready, Error> {
         let refused = |why: String| Error::Refused(format!("{}: {why}", self.name()));
         formation::check(scenario).map_err(|error| refused(error.to_string()))?;
         external::Way::of(scenario).map_err(|error| refused(error.to_string()))?;
         let (mut aircraft, mut aircraft_files) = (Vec::new(), BTreeMap::new());
         for vehicle in &scenario.vehicle {
-            let (its, text) = aircraft_of(vehicle, self.folder(), &self.name())?;
-            aircraft.push(its);
+            let (parameters, text) = aircraft_of(vehicle, self.folder(), &self.name())?;
+            aircraft.push(parameters);
             aircraft_files.insert(vehicle.aircraft.clone(), text);
         }
         let rules = files::rules(&scenario.control.rules, self.folder());
@@ -84,34 +86,34 @@ impl ScenarioArgs {
         Ok(Ready { starts, aircraft, aircraft_files, rules })
     }
 
-    /// The folder that the file's paths start from.
+    /// The folder to which paths in the scenario file are relative.
     fn folder(&self) -> &Path {
         self.scenario.as_deref().and_then(Path::parent).unwrap_or(Path::new(""))
     }
 
-    /// The file as messages name it.
+    /// The name of the scenario file in messages.
     pub fn name(&self) -> String {
         self.scenario.as_ref().map_or_else(|| HOVER.name.to_owned(), |path| path.display().to_string())
     }
 }
 
-/// What a flight of the scenario begins with.
+/// Everything that a flight of the scenario needs to start.
 #[derive(Clone, Debug)]
 pub struct Ready {
-    /// Where each vehicle stands, in the order of ids.
+    /// Start place of each vehicle, in the order of ids.
     pub starts: Vec<Start>,
-    /// What each vehicle is, in the order of ids.
+    /// Aircraft of each vehicle, in the order of ids.
     pub aircraft: Vec<Aircraft>,
-    /// The files of these aircraft, by name.
+    /// Texts of the aircraft files, by aircraft name.
     pub aircraft_files: BTreeMap<String, String>,
-    /// How the vehicle controllers decide.
+    /// Rules of the vehicle controllers.
     pub rules: Rules,
 }
 
-/// The aircraft of a vehicle and its file's text.
+/// Reads the aircraft of a vehicle and returns it with the text of its file.
 ///
 /// # Errors
-/// If there is no such aircraft, or its file is at fault: then with the file's line.
+/// The aircraft does not exist, or its file is invalid: then the error names the line.
 pub fn aircraft_of(vehicle: &Vehicle, folder: &Path, scenario: &str) -> Result<(Aircraft, String), Error> {
     let Vehicle { id, aircraft: name, .. } = vehicle;
     files::aircraft(name, folder).map_err(|error| match error {
@@ -119,7 +121,7 @@ pub fn aircraft_of(vehicle: &Vehicle, folder: &Path, scenario: &str) -> Result<(
         error => {
             let known = Aircraft::SHIPPED.map(|(known, _)| known).join(", ");
             Error::Refused(format!(
-                "{scenario}: vehicle {id}: no aircraft \"{name}\" ({error}); with the program come {known}"
+                "{scenario}: vehicle {id}: no aircraft \"{name}\" ({error}); the program includes {known}"
             ))
         }
     })
@@ -143,14 +145,14 @@ mod tests {
     }
 
     #[test]
-    fn sugar_stands_above_a_set() {
+    fn a_later_set_overrides_an_earlier_one() {
         let args = ScenarioArgs { sets: vec!["seed=3".to_owned(), "duration_s=7".to_owned()], ..Default::default() };
         let scenario = args.read(vec!["seed=4".to_owned()]).unwrap().scenario;
         assert_eq!((scenario.seed, scenario.duration_s), (4, Some(7.0)));
     }
 
     #[test]
-    fn what_is_not_flown_is_refused() {
+    fn an_unsupported_scenario_is_refused() {
         let uneven = refused(&["formation.law=olfati-saber", "formation.olfati_saber.action_a=6"]);
         assert!(
             uneven.contains("`formation.olfati_saber.action_a` is 6, but may not be above `action_b`, 5"),
@@ -158,11 +160,11 @@ mod tests {
         );
         let unknown = refused(&["vehicle.3.aircraft=r22"]);
         assert!(unknown.starts_with("hover.toml: vehicle 3: no aircraft \"r22\" (cannot read r22.toml"), "{unknown}");
-        assert!(unknown.ends_with("with the program come xcell60"), "{unknown}");
+        assert!(unknown.ends_with("the program includes xcell60"), "{unknown}");
     }
 
     #[test]
-    fn rules_are_found_from_the_folder_of_the_file() {
+    fn the_rules_folder_is_relative_to_the_scenario_file() {
         let args = ScenarioArgs {
             scenario: Some("../scenarios/hover.toml".into()),
             sets: vec!["control.rules=../controllers".to_owned()],
@@ -177,7 +179,7 @@ mod tests {
     }
 
     #[test]
-    fn a_file_that_is_not_there_is_refused() {
+    fn a_missing_scenario_file_is_refused() {
         let args = ScenarioArgs { scenario: Some("no/such.toml".into()), sets: Vec::new() };
         let error = args.read(Vec::new()).unwrap_err();
         assert!(error.to_string().starts_with("no/such.toml: "), "{error}");

@@ -84,7 +84,7 @@ impl Study {
         let started = now();
         let scenario = Scenario { seed, ..self.scenario.clone() };
         let mut world = World::new(&scenario, &self.aircraft, &self.rules)?;
-        let mut laws = self.laws.hire(&scenario)?;
+        let mut laws = self.laws.take(&scenario)?;
         let mut metrics = Metrics::new(&scenario, Run::new(&scenario, "study"));
         let mut tick_with_laws = |world: &mut World| {
             world.tick();
@@ -111,7 +111,7 @@ impl Study {
         }
         metrics.count(world.totals());
         // Laws of a run that failed are not kept.
-        laws.into_iter().for_each(|laws| self.laws.keep(laws));
+        laws.into_iter().for_each(|laws| self.laws.put_back(laws));
         let wall_s = now().duration_since(started).as_secs_f64();
         Ok(metrics.report(Wall { wall_s, real_time_factor: world.t_s() / wall_s.max(1e-9) }))
     }
@@ -142,7 +142,7 @@ fn longest_s(scenario: &Scenario) -> f64 {
 fn show(world: &mut World, zero_s: f64, watch: &mut dyn Watch, due: bool) {
     let t_s = world.t_s() - zero_s;
     world.incidents().iter().for_each(|incident| watch.incident(t_s, incident));
-    world.happened().iter().for_each(|(speaker, what)| watch.happened(t_s, *speaker, what));
+    world.events().iter().for_each(|(speaker, what)| watch.event(t_s, *speaker, what));
     if due {
         world.traces().for_each(|trace| watch.step(t_s, &trace));
     }
@@ -152,9 +152,9 @@ fn show(world: &mut World, zero_s: f64, watch: &mut dyn Watch, due: bool) {
 pub fn measure(world: &World, zero_s: f64, metrics: &mut Metrics, vehicles: &mut Vec<VehicleNow>) {
     let t_s = world.t_s() - zero_s;
     world.incidents().iter().for_each(|incident| metrics.incident(t_s, incident));
-    world.happened().iter().for_each(|(speaker, what)| metrics.tell(t_s, *speaker, what));
+    world.events().iter().for_each(|(speaker, what)| metrics.observe_event(t_s, *speaker, what));
     vehicles.clear();
-    for (id, agent, truth, sticks) in world.everybody() {
+    for (id, agent, truth, sticks) in world.all_vehicles() {
         let mut vehicle = VehicleNow::dead(id, *truth);
         if let Some(agent) = agent {
             for peer in agent.peers().iter().filter(|peer| peer.standing != Standing::Lost) {
@@ -170,7 +170,7 @@ pub fn measure(world: &World, zero_s: f64, metrics: &mut Metrics, vehicles: &mut
                 step: agent.at_step(),
                 reached: agent.reached(),
                 centre_ne_m: agent.centre_ne_m(),
-                hears: agent.peers_in_contact(),
+                in_contact: agent.peers_in_contact(),
                 ..vehicle
             };
         }

@@ -1,11 +1,12 @@
-//! A whole swarm in one thread and in virtual time: the same agents that fly in real time, over the scenario's network
-//! and under its faults.
+//! Simulates a whole swarm in one thread and in virtual time: the same agents that fly in real time, over the scenario's
+//! network and under its faults.
 //!
-//! One tick is one frame of every vehicle. What is said in a tick is heard in the next, by everybody, through the same
-//! encoding as on the wire and through each receiver's [`Station`](skein_core::station::Station). What the scenario does to the swarm it does between hearing
-//! and stepping.
+//! One tick is one frame of every vehicle. A message sent in a tick is received in the next one by all other agents. It
+//! passes through the same encoding as on the wire and through each receiver's
+//! [`Station`](skein_core::station::Station). Faults are injected after the agents have received messages and before they
+//! step.
 //!
-//! Where the agents run is the driver's to say (`world/driver.rs`): beside their vehicles, or on the one machine of
+//! The driver (`world/driver.rs`) decides where the agents run: beside their vehicles, or in the central controller of
 //! `control.mode = "central"` (`world/central.rs`).
 
 mod central;
@@ -38,16 +39,16 @@ use driver::{Beside, Driver};
 use script::{Deed, Operator};
 use vehicle::Vehicle;
 
-/// Nanoseconds of a tick.
+/// Length of a tick, ns.
 const TICK_NS: u64 = (TICK_S * 1e9) as u64;
 
-/// Why a swarm cannot be flown in virtual time.
+/// The reason why a swarm cannot fly in virtual time.
 #[derive(Debug, thiserror::Error)]
 pub enum WorldError {
-    /// The scenario asks for what is not flown.
+    /// This build does not support the scenario.
     #[error(transparent)]
     NotFlown(#[from] NotFlown),
-    /// The starts do not fit.
+    /// The start area is too small for the vehicles.
     #[error(transparent)]
     Starts(#[from] TooFull),
     /// This vehicle's aircraft has no flight model.
@@ -58,178 +59,181 @@ pub enum WorldError {
 /// A swarm in virtual time.
 #[derive(Debug)]
 pub struct World {
-    /// As the agents fly it.
+    /// The scenario as the agents receive it from the driver.
     scenario: Scenario,
     rules: Rules,
     vehicles: Vec<Vehicle>,
     driver: Box<dyn Driver>,
     operator: Operator,
-    /// What was said since everybody last heard.
-    said: Vec<Said>,
-    /// What external laws were asked since anybody took it.
+    /// Messages that were sent since the agents last received.
+    in_flight: Vec<Said>,
+    /// Queries to external laws since the last call of [`Self::take_asks`].
     asks: Vec<Ask>,
-    happened: Vec<(VehicleId, Happening)>,
+    events: Vec<(VehicleId, Happening)>,
     incidents: Vec<Incident>,
-    /// What was done since the last tick.
-    done: Vec<Incident>,
-    /// Of agents that have ended.
-    ended: Totals,
+    /// Faults that were injected since the last tick.
+    pending_faults: Vec<Incident>,
+    /// Counters of agents that have ended.
+    ended_totals: Totals,
     ticks: u64,
 }
 
-/// A word on its way.
+/// A message that was sent and is not received yet.
 #[derive(Debug)]
 struct Said {
-    /// `None` for the operator.
+    /// The sending vehicle; `None` for the operator.
     speaker: Option<VehicleId>,
-    /// `None` for everybody.
+    /// The receiving vehicle; `None` for all vehicles.
     hearer: Option<VehicleId>,
     word: Word,
 }
 
 impl World {
-    /// The swarm of this scenario on the ground.
+    /// Creates the swarm of this scenario, on the ground.
     ///
     /// # Errors
-    /// If the scenario asks for what is not flown.
+    /// This build does not support the scenario, its vehicles do not fit into the start area, or an aircraft has no flight
+    /// model.
     pub fn new(scenario: &Scenario, aircraft: &[Aircraft], rules: &Rules) -> Result<Self, WorldError> {
         formation::check(scenario)?;
         let driver: Box<dyn Driver> = match scenario.control.mode {
             ControlMode::Each => Box::new(Beside),
             ControlMode::Central => Box::new(Central::new(scenario)),
         };
-        let scenario = &driver.as_agents_see_it(scenario);
+        let scenario = &driver.scenario_of_agents(scenario);
         let (origin, weather) = (Origin::new(scenario.origin.geodetic()), Weather::from(&scenario.world));
         let starts = starts(scenario)?;
         let vehicles = scenario.ids().zip(&starts).zip(aircraft).map(|((id, start), aircraft)| {
             let parameters = aircraft.helicopter.as_ref().ok_or(WorldError::NoModel(id))?;
             let plant = BuiltInVehicle::new(&origin, parameters, start, &weather, scenario.seed, id);
-            let known = driver.as_agents_know_it(aircraft);
+            let known = driver.aircraft_of_agents(aircraft);
             Ok(Vehicle::new(scenario, id, known, rules, plant)?)
         });
         let vehicles = vehicles.collect::<Result<Vec<_>, WorldError>>()?;
         Ok(Self {
             vehicles,
             driver,
-            said: scenario.ids().map(|id| Said::to_all(id, Word::Appeared(id))).collect(),
+            in_flight: scenario.ids().map(|id| Said::to_all(id, Word::Appeared(id))).collect(),
             operator: Operator::new(scenario),
             scenario: scenario.clone(),
             rules: rules.clone(),
             asks: Vec::new(),
-            happened: Vec::new(),
+            events: Vec::new(),
             incidents: Vec::new(),
-            done: Vec::new(),
-            ended: Totals::default(),
+            pending_faults: Vec::new(),
+            ended_totals: Totals::default(),
             ticks: 0,
         })
     }
 
-    /// One frame of everybody.
+    /// Simulates one frame of every vehicle.
     pub fn tick(&mut self) {
-        self.happened.clear();
+        self.events.clear();
         self.incidents.clear();
-        self.incidents.append(&mut self.done);
+        self.incidents.append(&mut self.pending_faults);
         let now = LocalTime::from_nanoseconds(self.ticks * TICK_NS);
         self.deliver(now);
         self.follow_script(now);
-        let Self { vehicles, driver, said, asks, happened, .. } = self;
+        let Self { vehicles, driver, in_flight, asks, events, .. } = self;
         driver.frame(now, vehicles, &mut |vehicle, outbox, ask| {
             let id = vehicle.id;
             asks.extend(ask);
-            said.extend(outbox.state.map(|state| Said::to_all(id, Word::State(through_wire(&state)))));
+            in_flight.extend(outbox.state.map(|state| Said::to_all(id, Word::State(through_wire(&state)))));
             if let Some(mission) = outbox.mission {
-                vehicle.register = Some(through_wire(&mission));
-                said.extend(vehicle.register.map(|mission| Said::to_all(id, Word::Mission(mission))));
+                vehicle.heartbeat = Some(through_wire(&mission));
+                in_flight.extend(vehicle.heartbeat.map(|mission| Said::to_all(id, Word::Mission(mission))));
             }
-            happened.extend(outbox.happened.into_iter().map(|what| (id, what)));
+            events.extend(outbox.happened.into_iter().map(|what| (id, what)));
         });
         self.ticks += 1;
     }
 
-    /// The agent of this vehicle ends without a word, as by `kill -9`: its token is gone for the others in the next tick.
+    /// Ends the agent of this vehicle without a message, as by `kill -9`: its liveliness token vanishes in the next tick.
     pub fn kill(&mut self, id: VehicleId) {
         if let Some(index) = self.vehicles.iter().position(|vehicle| vehicle.id == id) {
             self.end(index);
         }
     }
 
-    /// What external laws were asked since the last call, by vehicle.
+    /// Takes the queries that the agents have sent to external laws since the last call.
     pub fn take_asks(&mut self) -> Vec<Ask> {
         mem::take(&mut self.asks)
     }
 
-    /// What the law of a vehicle has answered: its agent learns of it in the next tick.
+    /// Accepts the answer of a vehicle's external law: its agent receives it in the next tick.
     pub fn answer(&mut self, answer: Answer) {
         if let Some(vehicle) = self.vehicles.iter_mut().find(|vehicle| vehicle.id == answer.vehicle) {
             vehicle.answer = Some(answer);
         }
     }
 
-    /// Seconds since the beginning.
+    /// Time since the beginning, s.
     pub fn t_s(&self) -> f64 {
         self.ticks as f64 * TICK_S
     }
 
-    /// Everybody whose agent runs takes part.
+    /// Whether every running agent is an active member.
     pub fn all_active(&self) -> bool {
         self.vehicles().all(|(_, agent, ..)| agent.membership() == Membership::Active)
     }
 
-    /// Nobody who still takes part has anything of the mission left but to land.
+    /// Whether every running agent has finished the mission except for its landing.
     pub fn has_finished(&self) -> bool {
         self.vehicles().count() > 0 && self.vehicles().all(|(_, agent, ..)| agent.has_finished())
     }
 
-    /// Every agent that runs, how its vehicle really was in the last frame, and what was done with the controls.
+    /// Every vehicle whose agent runs: the agent, the ground truth of the last frame, and the controls.
     pub fn vehicles(&self) -> impl Iterator<Item = (VehicleId, &Agent, &Truth, Option<Sticks>)> {
-        self.everybody().filter_map(|(id, agent, truth, sticks)| Some((id, agent?, truth, sticks)))
+        self.all_vehicles().filter_map(|(id, agent, truth, sticks)| Some((id, agent?, truth, sticks)))
     }
 
-    /// Every vehicle: its agent if one runs, how it really was in the last frame, and what the agent did with the controls.
-    pub fn everybody(&self) -> impl Iterator<Item = (VehicleId, Option<&Agent>, &Truth, Option<Sticks>)> {
+    /// Every vehicle: its agent if one runs, the ground truth of the last frame, and the controls.
+    pub fn all_vehicles(&self) -> impl Iterator<Item = (VehicleId, Option<&Agent>, &Truth, Option<Sticks>)> {
         self.vehicles.iter().map(|vehicle| (vehicle.id, vehicle.agent(), &vehicle.truth, vehicle.command))
     }
 
-    /// The last tick's step of every agent that runs.
+    /// The traces of the last tick, one for each running agent.
     pub fn traces(&mut self) -> impl Iterator<Item = Trace> {
         let now = LocalTime::from_nanoseconds(self.ticks.saturating_sub(1) * TICK_NS);
         self.vehicles.iter_mut().filter_map(move |vehicle| vehicle.trace(now))
     }
 
-    /// What the agents told of themselves in the last tick.
-    pub fn happened(&self) -> &[(VehicleId, Happening)] {
-        &self.happened
+    /// The events that agents reported in the last tick.
+    pub fn events(&self) -> &[(VehicleId, Happening)] {
+        &self.events
     }
 
-    /// What was done to the swarm in the last tick.
+    /// The faults that were injected in the last tick.
     pub fn incidents(&self) -> &[Incident] {
         &self.incidents
     }
 
-    /// What all agents together have counted, those that have ended included.
+    /// The counters of all agents together, including those that have ended.
     ///
-    /// Of states it is what crossed the network: under one machine states and controls.
+    /// The counters of states count what crossed the network: states and controls under a central controller.
     pub fn totals(&self) -> Totals {
-        let totals = self.vehicles().fold(self.ended, |totals, (_, agent, ..)| with_counts(totals, agent));
+        let totals = self.vehicles().fold(self.ended_totals, |totals, (_, agent, ..)| with_counts(totals, agent));
         self.driver.totals(totals)
     }
 
-    /// What was said in the last tick arrives with everybody else who lives.
+    /// Delivers the messages of the last tick to all other running agents.
     fn deliver(&mut self, now: LocalTime) {
-        if !self.driver.listens(now) {
+        if !self.driver.agents_receive(now) {
             return;
         }
-        let mut said = mem::take(&mut self.said);
+        let mut in_flight = mem::take(&mut self.in_flight);
         for vehicle in self.vehicles.iter_mut().filter(|vehicle| vehicle.station.is_some()) {
             let id = vehicle.id;
-            let is_for_it = |said: &&Said| said.speaker != Some(id) && said.hearer.is_none_or(|hearer| hearer == id);
-            vehicle.hear(now, said.iter().filter(is_for_it).map(|said| Heard { word: said.word, at: now }));
+            let is_for_it =
+                |message: &&Said| message.speaker != Some(id) && message.hearer.is_none_or(|hearer| hearer == id);
+            vehicle
+                .receive(now, in_flight.iter().filter(is_for_it).map(|message| Heard { word: message.word, at: now }));
         }
-        said.clear();
-        self.said = said;
+        in_flight.clear();
+        self.in_flight = in_flight;
     }
 
-    /// Does what is due.
+    /// Carries out the scripted actions and orders that are due.
     fn follow_script(&mut self, now: LocalTime) {
         let mut changes = LinkChanges::default();
         for index in 0..self.vehicles.len() {
@@ -238,27 +242,27 @@ impl World {
                 match deed {
                     Deed::Kill => self.end(index),
                     Deed::Restart => self.restart(index),
-                    Deed::Fail(what) => self.done.push(Incident::Failed(id, what)),
+                    Deed::Fail(what) => self.pending_faults.push(Incident::Failed(id, what)),
                     Deed::Jump(by_s) => self.vehicles[index].clock_jumps(by_s),
                     Deed::Link(change, sender) => changes.add(change, (sender, id)),
                 }
             }
         }
-        self.done.extend(changes.incidents());
+        self.pending_faults.extend(changes.incidents());
         if let Some(t_s) = self.flown_s(now) {
-            self.strike_all(t_s);
-            self.order(t_s);
+            self.act_on_all_agents(t_s);
+            self.send_orders(t_s);
         }
-        self.incidents.append(&mut self.done);
+        self.incidents.append(&mut self.pending_faults);
     }
 
-    /// Since the first take-off, s: the operator's clock and the one machine's begin with it.
+    /// Time since the first take-off, s: the scripts of the operator and of the central controller count from it.
     fn flown_s(&self, now: LocalTime) -> Option<f64> {
         self.vehicles.iter().filter_map(|vehicle| vehicle.clocks().flown_s(now)).reduce(f64::max)
     }
 
-    /// Does what happens to all agents at once.
-    fn strike_all(&mut self, t_s: f64) {
+    /// Carries out the actions that affect all agents at once.
+    fn act_on_all_agents(&mut self, t_s: f64) {
         while let Some(deed) = self.driver.due(t_s) {
             for index in 0..self.vehicles.len() {
                 if deed == Deed::Kill { self.end(index) } else { self.restart(index) }
@@ -266,11 +270,12 @@ impl World {
         }
     }
 
-    fn order(&mut self, t_s: f64) {
-        let repeats = |vehicle: &Vehicle, order| vehicle.register.is_some_and(|register| register.order >= Some(order));
+    fn send_orders(&mut self, t_s: f64) {
+        let repeats =
+            |vehicle: &Vehicle, order| vehicle.heartbeat.is_some_and(|heartbeat| heartbeat.order >= Some(order));
         let living = self.vehicles.iter().filter(|vehicle| vehicle.station.is_some());
-        let order = self.operator.says(t_s, |order| living.clone().all(|vehicle| repeats(vehicle, *order)));
-        self.said.extend(order.map(|order| Said {
+        let order = self.operator.order_to_send(t_s, |order| living.clone().all(|vehicle| repeats(vehicle, *order)));
+        self.in_flight.extend(order.map(|order| Said {
             speaker: None,
             hearer: None,
             word: Word::Order(through_wire(&order)),
@@ -281,13 +286,13 @@ impl World {
         let vehicle = &mut self.vehicles[index];
         let Some(station) = vehicle.station.take() else { return };
         vehicle.clocks = *station.clocks();
-        (vehicle.register, vehicle.command, vehicle.answer) = (None, None, None);
-        self.ended = with_counts(self.ended, station.agent());
-        self.said.push(Said::to_all(vehicle.id, Word::Vanished(vehicle.id)));
-        self.done.push(Incident::Died(vehicle.id));
+        (vehicle.heartbeat, vehicle.command, vehicle.answer) = (None, None, None);
+        self.ended_totals = with_counts(self.ended_totals, station.agent());
+        self.in_flight.push(Said::to_all(vehicle.id, Word::Vanished(vehicle.id)));
+        self.pending_faults.push(Incident::Died(vehicle.id));
     }
 
-    /// A new life finds the tokens of those who live and their registers.
+    /// Starts the agent of a vehicle again: it receives the liveliness tokens and heartbeats of all running agents.
     fn restart(&mut self, index: usize) {
         let vehicle = &mut self.vehicles[index];
         if vehicle.station.is_some() {
@@ -295,18 +300,18 @@ impl World {
         }
         vehicle.incarnation.0 += 1;
         let station = vehicle.new_station(&self.scenario, &self.rules);
-        // A study whose scenario is refused never begins.
+        // A study with an unsupported scenario never begins.
         #[expect(clippy::expect_used, reason = "the same scenario made the first agent")]
-        let station = station.expect("a scenario that was flown");
+        let station = station.expect("the scenario has already flown");
         vehicle.station = Some(station);
-        let newborn = vehicle.id;
-        self.said.push(Said::to_all(newborn, Word::Appeared(newborn)));
-        for other in self.vehicles.iter().filter(|other| other.id != newborn && other.station.is_some()) {
-            let words = [Some(Word::Appeared(other.id)), other.register.map(Word::Mission)];
-            let to_newborn = |word| Said { speaker: Some(other.id), hearer: Some(newborn), word };
-            self.said.extend(words.into_iter().flatten().map(to_newborn));
+        let restarted = vehicle.id;
+        self.in_flight.push(Said::to_all(restarted, Word::Appeared(restarted)));
+        for other in self.vehicles.iter().filter(|other| other.id != restarted && other.station.is_some()) {
+            let words = [Some(Word::Appeared(other.id)), other.heartbeat.map(Word::Mission)];
+            let to_restarted = |word| Said { speaker: Some(other.id), hearer: Some(restarted), word };
+            self.in_flight.extend(words.into_iter().flatten().map(to_restarted));
         }
-        self.done.push(Incident::Restarted(newborn));
+        self.pending_faults.push(Incident::Restarted(restarted));
     }
 }
 
@@ -329,9 +334,9 @@ fn with_counts(totals: Totals, agent: &Agent) -> Totals {
     }
 }
 
-/// What arrives of a message.
-fn through_wire<M: Message>(said: &M) -> M {
-    // An agent says nothing that it would not itself believe; if it did, the study is wrong and must not go on.
+/// Encodes and decodes a message, as the network would.
+fn through_wire<M: Message>(message: &M) -> M {
+    // An agent sends no message that a receiver would reject. If it did, the study would be wrong and must stop.
     #[expect(clippy::expect_used, reason = "a message of ours that does not decode is a bug")]
-    message::decode(&message::encode(said)).expect("what an agent says can be heard")
+    message::decode(&message::encode(message)).expect("an agent's message decodes")
 }

@@ -209,7 +209,7 @@ impl Flight {
                 }
                 Heard::Event(event) => {
                     if self.stage == Stage::Flying {
-                        self.metrics.tell(self.flown_s(now), event.header.sender, &event.what);
+                        self.metrics.observe_event(self.flown_s(now), event.header.sender, &event.what);
                     }
                     self.record(|recorder| recorder.happened(at, &event));
                     self.show(now, format!("vehicle {}: {}", event.header.sender, event.what));

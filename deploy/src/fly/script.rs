@@ -11,7 +11,7 @@ use skein_core::impairments::{lasting, union};
 
 use crate::os;
 use skein_lab::faults::Incident;
-use skein_lab::faults::{Agenda, describe, failing, kills, orders};
+use skein_lab::faults::{Agenda, describe, failure_of, kills, orders};
 
 /// Something to be done, or to be told of.
 #[derive(Clone, Debug, PartialEq)]
@@ -82,7 +82,7 @@ pub(super) fn agenda(scenario: &Scenario) -> Agenda<Deed> {
     }
     for (event, fault) in faults(scenario, Player::Agent) {
         let what = describe(fault);
-        let failed = failing(fault).map(|(id, word)| Incident::Failed(id, word));
+        let failed = failure_of(fault).map(|(id, word)| Incident::Failed(id, word));
         span(lasting(event), Deed::Tell(what.clone(), failed), Deed::Tell(format!("{what}: over"), None));
     }
     Agenda::new(deeds)

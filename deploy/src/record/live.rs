@@ -170,7 +170,7 @@ fn write(
 fn put(writer: &mut Writer<BufWriter<File>>, log_time_ns: u64, entry: Entry) {
     match entry {
         Entry::Step(trace) => writer.step(log_time_ns, &trace),
-        Entry::Happened(Event { header, what }) => writer.happened(log_time_ns, header.sender, Some(&header), &what),
+        Entry::Happened(Event { header, what }) => writer.event(log_time_ns, header.sender, Some(&header), &what),
         Entry::Incident(incident) => writer.incident(log_time_ns, &incident),
         Entry::Note { is_bad, who, what } => writer.note(log_time_ns, is_bad, who, what),
         Entry::Begins => writer.window_begins(log_time_ns),

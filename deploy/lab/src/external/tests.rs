@@ -22,7 +22,7 @@ fn ask(vehicle: u8, tick: u64) -> Ask {
     Ask { vehicle: id(vehicle), tick, time_s: 0.0, dt_s: 0.1, own, peers: Vec::new(), goal }
 }
 
-/// A law of these vehicles, and where what it says is put.
+/// A scripted law of several vehicles, and the queue that holds what it sends.
 struct Script {
     conversation: Conversation,
     says: SyncSender<Word>,
@@ -33,10 +33,10 @@ impl Script {
     fn of(vehicles: &[u8]) -> Self {
         let listener = TcpListener::bind("127.0.0.1:0").unwrap();
         let far_end = TcpStream::connect(listener.local_addr().unwrap()).unwrap();
-        let talk = Talk::connection(listener.accept().unwrap().0, |_, _| true).unwrap();
+        let session = Talk::connection(listener.accept().unwrap().0, |_, _| true).unwrap();
         let (says, words) = sync_channel(QUEUE);
         let vehicles = vehicles.iter().map(|&vehicle| id(vehicle)).collect();
-        Self { conversation: Conversation::new(vehicles, talk, words), says, _far_end: far_end }
+        Self { conversation: Conversation::new(vehicles, session, words), says, _far_end: far_end }
     }
 
     fn say(&self, line: &str) {
@@ -47,15 +47,15 @@ impl Script {
         self.say(&format!(r#"{{"say":"answer","vehicle":{vehicle},"tick":{tick},"velocity_ned_m_s":[1,2,3]}}"#));
     }
 
-    /// All are asked; who was answered.
-    fn settle(&mut self, tick: u64) -> Vec<u8> {
+    /// Queries the law for every vehicle and returns the vehicles that got an answer.
+    fn wait_for_answers(&mut self, tick: u64) -> Vec<u8> {
         let asks: Vec<Ask> = self.conversation.vehicles.iter().map(|id| ask(id.get(), tick)).collect();
         let mut answered = Vec::new();
         let give = |answer: Answer| {
             assert_eq!(answer.tick, tick);
             answered.push(answer.vehicle.get());
         };
-        self.conversation.settle(asks.iter().collect(), give).unwrap();
+        self.conversation.wait_for_answers(asks.iter().collect(), give).unwrap();
         answered
     }
 }
@@ -72,52 +72,52 @@ fn a_stray_line_costs_one_answer() {
         let mut law = Script::of(&[1]);
         stray(&law);
         (0..4).for_each(|tick| law.answer(1, tick));
-        let answered: Vec<usize> = (0..4).map(|tick| law.settle(tick).len()).collect();
+        let answered: Vec<usize> = (0..4).map(|tick| law.wait_for_answers(tick).len()).collect();
         assert_eq!(answered, [0, 1, 1, 1]);
     }
 }
 
 #[test]
-fn of_several_vehicles_one_answer_is_lost() {
+fn a_stray_line_costs_one_answer_of_several_vehicles() {
     let mut law = Script::of(&[1, 2, 3]);
     law.say("debug");
     (0..3).for_each(|tick| [3, 1, 2].iter().for_each(|&vehicle| law.answer(vehicle, tick)));
-    assert_eq!([0, 1, 2].map(|tick| law.settle(tick)), [vec![3, 1], vec![3, 1, 2], vec![3, 1, 2]]);
-    // A faulty answer is that of whoever has no other.
+    assert_eq!([0, 1, 2].map(|tick| law.wait_for_answers(tick)), [vec![3, 1], vec![3, 1, 2], vec![3, 1, 2]]);
+    // An invalid answer counts for the vehicle that got no other.
     law.answer(3, 3);
     law.say(r#"{"say":"answer","vehicle":1,"tick":3,"velocity_ned_m_s":null}"#);
     law.answer(2, 3);
-    assert_eq!(law.settle(3), [3, 2]);
+    assert_eq!(law.wait_for_answers(3), [3, 2]);
 }
 
 #[test]
-fn an_answer_said_again_costs_nothing() {
+fn a_repeated_answer_costs_nothing() {
     let mut law = Script::of(&[1, 2]);
     for tick in 0..3 {
         [1, 1, 2, 2, 1].iter().for_each(|&vehicle| law.answer(vehicle, tick));
     }
-    (0..3).for_each(|tick| assert_eq!(law.settle(tick), [1, 2]));
+    (0..3).for_each(|tick| assert_eq!(law.wait_for_answers(tick), [1, 2]));
 }
 
 #[test]
-fn wrong_ticks_are_misses_and_no_more() {
+fn an_answer_with_a_wrong_tick_misses_only_its_own_query() {
     let mut law = Script::of(&[1]);
-    for (tick, said) in [(0, 1), (1, 0), (2, 0), (3, 4), (4, 4)] {
-        law.answer(1, said);
-        assert_eq!(law.settle(tick).len(), usize::from(tick == said), "{said} to {tick}");
+    for (tick, answered) in [(0, 1), (1, 0), (2, 0), (3, 4), (4, 4)] {
+        law.answer(1, answered);
+        assert_eq!(law.wait_for_answers(tick).len(), usize::from(tick == answered), "{answered} to {tick}");
     }
 }
 
 #[test]
-fn a_life_counts_its_asks_anew() {
+fn the_ticks_of_a_restarted_agent_count_from_zero() {
     let mut law = Script::of(&[1]);
     law.answer(1, 0);
-    assert_eq!(law.settle(0), [1]);
+    assert_eq!(law.wait_for_answers(0), [1]);
     let scenario = skein_common::scenario::load(
         &skein_common::scenario::Source { name: "test.toml", text: "swarm.vehicles = 1" },
         &[],
     );
-    law.conversation.greet(&[Hello::new(&scenario.unwrap().scenario, id(1), Time::Virtual)]).unwrap();
+    law.conversation.send_hellos(&[Hello::new(&scenario.unwrap().scenario, id(1), Time::Virtual)]).unwrap();
     law.answer(1, 0);
-    assert_eq!(law.settle(0), [1]);
+    assert_eq!(law.wait_for_answers(0), [1]);
 }

@@ -1,4 +1,4 @@
-//! External laws before anything flies.
+//! Tries external laws before anything flies.
 
 use std::net::{TcpListener, UdpSocket};
 
@@ -8,32 +8,36 @@ use skein_host::external::{ExternalError, Way, port_of};
 
 use super::{LawError, Laws};
 
-/// Shows whether external laws can be reached: the law of the first vehicle is started and stands for all. A law that connects
-/// or sends datagrams may be started later than the flight: only its ports are taken, for a moment.
+/// Checks whether external laws can be reached.
+///
+/// A law given as a command is started for the first vehicle only, as a sample of all. A law that connects or sends datagrams
+/// may start later than the flight: the trial only binds its ports for a moment.
 #[derive(Debug, Default)]
 pub struct Trial(Option<Laws>);
 
 impl Trial {
-    /// Makes sure that this scenario's law can be reached in this kind of time. A program starts and gets ready; it is that of
-    /// the last scenario, if the command is the same.
+    /// Checks that this scenario's law can be reached, in virtual or real time.
+    ///
+    /// A law given as a command must start and report that it is ready. If the last scenario had the same command, its law is
+    /// used again.
     ///
     /// # Errors
-    /// A law that cannot be reached, or does not get ready.
+    /// The law cannot be reached, or does not report that it is ready.
     pub fn of(&mut self, scenario: &Scenario, time: Time) -> Result<(), LawError> {
         let last = self.0.take();
-        let Some(way) = Way::of(scenario)? else { return Ok(()) };
-        match &way {
+        let Some(transport) = Way::of(scenario)? else { return Ok(()) };
+        match &transport {
             Way::Command(_) => {
-                let mut laws = match last.filter(|last| last.way == way) {
+                let mut laws = match last.filter(|last| last.transport == transport) {
                     Some(laws) => laws,
-                    None => Laws::start(way, scenario.ids().take(1))?,
+                    None => Laws::start(transport, scenario.ids().take(1))?,
                 };
-                laws.begin(scenario)?;
+                laws.begin_run(scenario)?;
                 self.0 = Some(laws);
             }
             Way::Listen(host, first) => {
                 let ports: Vec<u16> = match time {
-                    // One law serves all vehicles.
+                    // In virtual time one law serves all vehicles.
                     Time::Virtual => vec![*first],
                     Time::Real => scenario.ids().map(|id| port_of(*first, id)).collect::<Result<_, _>>()?,
                 };

@@ -1,28 +1,28 @@
-//! Who has come down otherwise than by a landing.
+//! Counts the vehicles that reach the ground otherwise than by a landing.
 
 use super::{AIRBORNE_ABOVE_M, VehicleNow, index};
 use skein_common::math;
 
-/// Touching the ground faster than this, in any direction, is a crash, m/s. Landings here touch at less than 1 m/s.
+/// Touchdown speed above which a vehicle has crashed, in any direction, m/s. Landings here touch down at less than 1 m/s.
 const CRASH_M_S: f64 = 3.0;
-/// Touching it this far from upright is one at any speed.
+/// Tilt above which a touchdown is a crash at any speed, degrees.
 const CRASH_TILT_DEG: f64 = 45.0;
-/// Who stands has its centre of gravity this high, m, where nobody has seen it stand.
+/// Height of the centre of gravity of a vehicle on the ground, m, if it was never observed there.
 const STANDING_M: f64 = 0.5;
-/// Who is not higher than this above where it stands touches the ground, m.
+/// Height above that on the ground below which a vehicle touches the ground, m.
 const TOUCH_M: f64 = 0.3;
 
 /// Counts vehicles that have crashed.
 #[derive(Debug)]
 pub(super) struct Crashes(Vec<Flight>);
 
-/// One vehicle between the ground and the ground.
+/// One vehicle between take-off and touchdown.
 #[derive(Clone, Debug, Default)]
 struct Flight {
-    /// The least height seen before it was in the air, m.
+    /// The least height observed before the vehicle was in the air, m.
     standing_m: Option<f64>,
     is_in_the_air: bool,
-    /// When it was last seen, m/s.
+    /// Speed at the last observation, m/s.
     speed_m_s: f64,
     has_crashed: bool,
 }
@@ -49,7 +49,7 @@ impl Crashes {
 impl Flight {
     fn observe(&mut self, vehicle: &VehicleNow) {
         let truth = &vehicle.truth;
-        // The ground has braked what is seen to touch it.
+        // The ground has already braked a vehicle that is observed touching it: the speed before counts too.
         let speed_m_s = truth.velocity.0.norm();
         let fastest_m_s = std::mem::replace(&mut self.speed_m_s, speed_m_s).max(speed_m_s);
         if truth.height_m > AIRBORNE_ABOVE_M {
@@ -86,27 +86,27 @@ mod tests {
     }
 
     #[test]
-    fn a_landing_is_none() {
+    fn a_landing_is_not_a_crash() {
         let down = [at(0.25, 0.0, false), at(30.0, 1.0, true), at(1.0, 0.8, true), at(0.3, 0.4, true)];
         assert_eq!(crashes(&down), 0);
         assert_eq!(crashes(&[at(0.25, 0.0, false), at(1.0, 9.0, false), at(0.25, 9.0, false)]), 0, "it never flew");
     }
 
     #[test]
-    fn the_speed_before_the_ground_brakes_it_counts() {
+    fn the_speed_before_touchdown_counts() {
         let down = [at(0.25, 0.0, false), at(30.0, 1.0, true), at(0.6, 4.0, true), at(0.4, 1.0, true)];
         assert_eq!(crashes(&down), 1);
     }
 
     #[test]
-    fn who_comes_down_without_landing_crashes_at_any_speed() {
+    fn a_touchdown_without_a_landing_is_a_crash_at_any_speed() {
         let dead = VehicleNow { runs: false, ..at(0.3, 0.2, true) };
         assert_eq!(crashes(&[at(30.0, 0.2, false), dead, dead]), 1);
         assert_eq!(crashes(&[at(30.0, 0.2, false), at(0.3, 0.2, false), at(3.0, 0.0, false), at(0.3, 0.2, false)]), 1);
     }
 
     #[test]
-    fn on_its_side_it_has_crashed() {
+    fn a_touchdown_on_the_side_is_a_crash() {
         let mut down = at(0.3, 0.2, true);
         down.truth.attitude.roll_rad = 1.5;
         assert_eq!(crashes(&[at(30.0, 1.0, true), down]), 1);

@@ -1,5 +1,7 @@
-//! Every figure of `metrics.json`, once: name, unit, meaning, and which way it gets worse. Comparisons, summaries and the
-//! documentation read this table; a test holds it against the keys of [`Report`](super::Report).
+//! The table of all figures of `metrics.json`: key, unit, meaning, and whether more or less is worse.
+//!
+//! Comparisons, summaries and the documentation read this table; a test compares it with the keys of
+//! [`Report`](super::Report).
 
 use Direction::{Less, More};
 
@@ -15,13 +17,13 @@ pub enum Direction {
 /// A figure of a run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Figure {
-    /// Its key in `metrics.json`.
+    /// Key in `metrics.json`.
     pub key: &'static str,
-    /// Its unit, or what it is a number of.
+    /// Unit, or the things that are counted.
     pub unit: &'static str,
-    /// Which way it gets worse; `None` if it is neither good nor bad.
+    /// Whether more or less is worse; `None` if the figure is neither good nor bad.
     pub worse: Option<Direction>,
-    /// What it is, in sentences.
+    /// Definition of the figure, in sentences.
     pub meaning: &'static str,
 }
 
@@ -29,11 +31,11 @@ const fn figure(key: &'static str, unit: &'static str, worse: Option<Direction>,
     Figure { key, unit, worse, meaning }
 }
 
-/// All figures, in the order of the file.
+/// All figures, in the order of `metrics.json`.
 #[rustfmt::skip]
 pub const FIGURES: [Figure; 54] = [
     figure("duration_s", "s", None, "Length of the window of the figures."),
-    figure("at_altitude_s", "s", Some(More), "First time after which every vehicle stays above 90 % of its altitude to the end of the window. In a mission of several places each settling figure counts at the step of each vehicle, and none stands in `never`."),
+    figure("at_altitude_s", "s", Some(More), "First time after which every vehicle stays above 90 % of its altitude to the end of the window. In a mission of several places each settling figure counts at the step of each vehicle, and none is in `never`."),
     figure("in_band_s", "s", Some(More), "First time after which every vehicle stays in the band of its step (under a law of flocks inside the area). Slots in a line, V, grid or list have no band."),
     figure("even_10deg_s", "s", Some(More), "First time after which every gap of the ring stays within 10° of even."),
     figure("even_5deg_s", "s", Some(More), "First time after which every gap of the ring stays within 5° of even."),
@@ -46,7 +48,7 @@ pub const FIGURES: [Figure; 54] = [
     figure("min_separation_m", "m", Some(Less), "Least distance of any pair of vehicles that are both above 2 m; under a law of flocks (`flock`, `olfati-saber`, `vasarhelyi`) from the first movement on."),
     figure("collisions", "pairs", Some(More), "Pairs of vehicles, both above 2 m, that came nearer than 2 m; under a law of flocks from the first movement on."),
     figure("crashes", "vehicles", Some(More), "Vehicles that touched the ground after flying at more than 3 m/s, at more than 45° from upright, or without an agent to land them."),
-    figure("safety_activations", "times", None, "How often the safety filter changed what a law wanted."),
+    figure("safety_activations", "times", None, "How often the safety filter changed a law's command."),
     figure("oscillation_m", "m", Some(More), "Half the peak-to-peak distance from the centre without its trend, of the vehicle where it is largest, over the last 100 s."),
     figure("max_tilt_deg", "degrees", Some(More), "Largest tilt of any vehicle."),
     figure("altitude_rms_m", "m", Some(More), "Root mean square of the altitude error, over the last 100 s."),
@@ -54,7 +56,7 @@ pub const FIGURES: [Figure; 54] = [
     figure("energy_j", "J", Some(More), "Shaft energy of all vehicles, where the plant measures it."),
     figure("band_occupancy", "share of time", Some(Less), "Share of time that members spend in the band, over the last 100 s; under a law of flocks inside R* while the centre moves."),
     figure("polarization", "0 to 1", Some(Less), "Length of the mean direction of flight of members faster than 0.2 m/s, over the last 100 s."),
-    figure("order", "-1 to 1", Some(Less), "Mean cosine between a member's velocity and those of the members that it hears (Soria, Schiano and Floreano 2020), over the last 100 s."),
+    figure("order", "-1 to 1", Some(Less), "Mean cosine between a member's velocity and those of the members that it is in contact with (Soria, Schiano and Floreano 2020), over the last 100 s."),
     figure("safety", "share of pairs", Some(Less), "Share of pairs without a collision (Soria, Schiano and Floreano 2020)."),
     figure("union", "0 to 1", Some(Less), "(N - components) / (N - 1) of the communication graph: 1 if it is in one piece. Two members are joined if each received a state of the other less than 0.5 s ago, however long that state was on its way."),
     figure("connectivity", "0 to 1", Some(Less), "Second smallest eigenvalue of the Laplacian of the communication graph, divided by N."),
@@ -69,10 +71,10 @@ pub const FIGURES: [Figure; 54] = [
     figure("setpoints_reached", "steps", Some(Less), "Steps of the mission that every live member has reached or passed at the end."),
     figure("setpoint_skew", "steps", Some(More), "Largest difference between the steps of two live members."),
     figure("advance_latency_s", "s", Some(More), "Longest time from when every live member has reached a step until the last member leaves it."),
-    figure("forced_advances", "times", Some(More), "How often a vehicle left a step without a member that had counted."),
-    figure("detection_s", "s", Some(More), "Longest time from a death or a cut until every vehicle has lost the peers that it cannot hear. More than 30 s count as never."),
+    figure("forced_advances", "times", Some(More), "How often a vehicle left a step without waiting for an active member."),
+    figure("detection_s", "s", Some(More), "Longest time from a death or a cut until every vehicle has lost the peers that it cannot receive. More than 30 s count as never."),
     figure("false_suspicions", "times", Some(More), "How often a vehicle lost a peer that lived, had not left, had no cut link with it and was nearer than where loss by distance begins."),
-    figure("rejoin_s", "s", Some(More), "Longest time from a restart or a healed cut until every vehicle counts on the peer again. More than 30 s count as never."),
+    figure("rejoin_s", "s", Some(More), "Longest time from a restart or a healed cut until every vehicle counts the peer as active again. More than 30 s count as never."),
     figure("response_s", "s", Some(More), "Longest time from a failure of a vehicle until that vehicle reports one."),
     figure("transient_s", "s", Some(More), "Longest time from a change of the live members, or from a healed cut, until all are in the band and even to 10°. More than 120 s count as never."),
     figure("state_messages", "messages", Some(More), "State messages that the swarm has sent; under a central controller states and controls."),
@@ -81,17 +83,17 @@ pub const FIGURES: [Figure; 54] = [
     figure("peer_age_p99_ms", "ms", Some(More), "99th percentile of that age."),
     figure("step_p50_us", "us", Some(More), "Median time from a frame's arrival to its last control, in real time."),
     figure("step_p99_us", "us", Some(More), "99th percentile of that time."),
-    figure("frame_overruns", "frames", Some(More), "Steps that ended after the next frame was due; under a central controller, in a study too, frames that it left out."),
-    figure("law_misses", "asks", Some(More), "Asks that an external law has not answered, or not in time."),
+    figure("frame_overruns", "frames", Some(More), "Steps that ended after the next frame was due; under a central controller, in a study too, frames that it skipped."),
+    figure("law_misses", "asks", Some(More), "Asks that an external law did not answer in time."),
     figure("wall_s", "s", None, "Time that the run took by the wall clock."),
     figure("real_time_factor", "s/s", None, "Time flown, joining included, for each second of wall clock."),
-    figure("never", "keys", None, "Figures of what could have happened and never did."),
+    figure("never", "keys", None, "Figures whose event could have happened but never did."),
 ];
 
 /// The only figures that may differ between two runs of the same scenario and seed in virtual time.
 pub const WALL_CLOCK_KEYS: [&str; 5] = ["wall_s", "real_time_factor", "step_p50_us", "step_p99_us", "frame_overruns"];
 
-/// The figure with this key.
+/// Finds the figure with this key.
 pub fn of(key: &str) -> Option<&'static Figure> {
     FIGURES.iter().find(|figure| figure.key == key)
 }
@@ -120,11 +122,11 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_unit_stands_in_the_key_too_where_it_is_one() {
+    fn a_key_that_ends_in_a_unit_has_that_unit() {
         for (ending, unit) in [("_s", "s"), ("_m", "m"), ("_deg", "degrees"), ("_j", "J"), ("_ms", "ms"), ("_us", "us")]
         {
-            let its: Vec<_> = FIGURES.iter().filter(|figure| figure.key.ends_with(ending)).collect();
-            assert!(its.iter().all(|figure| figure.unit == unit || figure.key == "mean_speed_m_s"), "{its:?}");
+            let figures: Vec<_> = FIGURES.iter().filter(|figure| figure.key.ends_with(ending)).collect();
+            assert!(figures.iter().all(|figure| figure.unit == unit || figure.key == "mean_speed_m_s"), "{figures:?}");
         }
     }
 }

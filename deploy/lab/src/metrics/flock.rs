@@ -1,4 +1,4 @@
-//! How the swarm flies together: whether all go the same way, and whether they keep to a centre that moves.
+//! Measures how the swarm flies together: whether all vehicles fly in the same direction, and how they follow a moving centre.
 
 use nalgebra::Vector3;
 use skein_common::frame::VelocityNed;
@@ -6,19 +6,19 @@ use skein_common::frame::VelocityNed;
 use super::VehicleNow;
 use super::series::{Mean, Window};
 
-/// Slower than this nobody has a direction, m/s.
+/// Speed below which a vehicle has no direction of flight, m/s.
 const MOVING_M_S: f64 = 0.2;
 
 /// How much the members' velocities point the same way.
 #[derive(Debug, Default)]
 pub(super) struct Alignment {
-    /// Φ.
+    /// Polarization Φ, 0 to 1.
     pub(super) polarization: Window,
-    /// Mean over the members of the mean cosine between the own velocity and those of the members that it hears.
+    /// Mean over the members of the mean cosine between their own velocity and those of the members in contact.
     pub(super) order: Window,
     /// Mean speed of the members, m/s: Vásárhelyi's φ^vel.
     pub(super) speed_m_s: Window,
-    /// Of each live member that has one.
+    /// Direction of flight of each vehicle; `None` if it is not a live member or does not move.
     directions: Vec<Option<Vector3<f64>>>,
 }
 
@@ -27,7 +27,7 @@ impl Alignment {
         self.directions.clear();
         let mut speeds_m_s = Mean::default();
         for vehicle in vehicles {
-            let moving = vehicle.takes_part().then(|| speed_and_direction(&vehicle.truth.velocity));
+            let moving = vehicle.is_live_member().then(|| speed_and_direction(&vehicle.truth.velocity));
             if let Some((speed_m_s, _)) = moving {
                 speeds_m_s.add(speed_m_s);
             }
@@ -36,7 +36,7 @@ impl Alignment {
         if let Some(speed_m_s) = speeds_m_s.mean() {
             self.speed_m_s.add(t_s, speed_m_s);
         }
-        // One alone always agrees with itself.
+        // A single vehicle always agrees with itself.
         if self.directions.iter().flatten().count() < 2 {
             return;
         }
@@ -48,26 +48,26 @@ impl Alignment {
         }
     }
 
-    /// The directions of the vehicles last observed: of each live member that has one.
+    /// Direction of flight of each vehicle at the last observation; `None` if it is not a live member or does not move.
     pub(super) fn directions(&self) -> &[Option<Vector3<f64>>] {
         &self.directions
     }
 }
 
-/// m/s, and where to, if it moves.
+/// Speed, m/s, and the direction of flight, if the vehicle moves.
 fn speed_and_direction(velocity: &VelocityNed) -> (f64, Option<Vector3<f64>>) {
     let speed_m_s = velocity.0.norm();
     (speed_m_s, (speed_m_s > MOVING_M_S).then(|| velocity.0 / speed_m_s))
 }
 
-/// Length of the mean direction.
+/// Length of the mean direction, 0 to 1.
 fn polarization(directions: &[Option<Vector3<f64>>]) -> Option<f64> {
     let (count, sum) =
         directions.iter().flatten().fold((0_u32, Vector3::zeros()), |(count, sum), one| (count + 1, sum + one));
     (count > 0).then(|| sum.norm() / f64::from(count))
 }
 
-/// Mean of the mean cosines; of those who move and hear somebody who does.
+/// Mean of the mean cosines over the vehicles that move and are in contact with one that moves.
 fn order(vehicles: &[VehicleNow], directions: &[Option<Vector3<f64>>]) -> Option<f64> {
     let mut all = Mean::default();
     for (vehicle, own) in vehicles.iter().zip(directions) {
@@ -75,7 +75,7 @@ fn order(vehicles: &[VehicleNow], directions: &[Option<Vector3<f64>>]) -> Option
         let mut cosines = Mean::default();
         for (other, theirs) in vehicles.iter().zip(directions) {
             if let Some(theirs) = theirs
-                && vehicle.hears.contains(other.id)
+                && vehicle.in_contact.contains(other.id)
             {
                 cosines.add(own.dot(theirs));
             }
@@ -92,23 +92,23 @@ fn order(vehicles: &[VehicleNow], directions: &[Option<Vector3<f64>>]) -> Option
 pub(super) struct Following {
     /// Whether a centre has ever moved.
     pub(super) has_begun: bool,
-    /// Largest horizontal distance of a member from its centre.
+    /// Largest horizontal distance of a member from its centre, m.
     pub(super) farthest_m: Option<f64>,
-    /// 1 for each member within its ellipse, 0 for each without.
+    /// Share of members inside their ellipse.
     pub(super) inside: Mean,
-    /// Distance of the centroid from the centre, from the first movement on.
+    /// Distance of the centroid from the centre, from the first movement on, m.
     pub(super) lag_m: Mean,
 }
 
 impl Following {
-    /// One member, while its centre moves.
+    /// Adds a member whose centre moves.
     pub(super) fn follow(&mut self, distance_m: f64, inside: bool) {
         self.has_begun = true;
         self.farthest_m = Some(self.farthest_m.map_or(distance_m, |farthest_m| farthest_m.max(distance_m)));
         self.inside.add(if inside { 1.0 } else { 0.0 });
     }
 
-    /// The distance of the members' centroid from the centre.
+    /// Adds the distance of the members' centroid from the centre, m.
     pub(super) fn trail(&mut self, lag_m: f64) {
         if self.has_begun {
             self.lag_m.add(lag_m);
@@ -121,9 +121,9 @@ mod tests {
     use super::super::tests::{set, vehicle};
     use super::*;
 
-    fn moving(number: u8, hears: &[u8], velocity: [f64; 3]) -> VehicleNow {
+    fn moving(number: u8, in_contact: &[u8], velocity: [f64; 3]) -> VehicleNow {
         let mut vehicle = vehicle(number, 0.0, 100.0, 30.0);
-        vehicle.hears = set(hears);
+        vehicle.in_contact = set(in_contact);
         vehicle.truth.velocity = VelocityNed::from(velocity);
         vehicle
     }
@@ -141,13 +141,13 @@ mod tests {
         assert!((polarization.unwrap() - 0.5_f64.sqrt()).abs() < 1e-12, "north and east: {polarization:?}");
         assert!(order.unwrap().abs() < 1e-12, "at right angles: {order:?}");
         let slow = moving(3, &[1, 2], [-0.1, -0.1, 0.1]);
-        assert_eq!(observed(&[all[0], all[1], slow]), (polarization, order), "who hovers has no direction");
-        assert_eq!(observed(&[all[0], slow]), (None, None), "one alone says nothing");
+        assert_eq!(observed(&[all[0], all[1], slow]), (polarization, order), "a hovering vehicle has no direction");
+        assert_eq!(observed(&[all[0], slow]), (None, None), "a single moving vehicle gives no value");
     }
 
     #[test]
-    fn order_is_among_those_who_hear_each_other() {
-        // 1 hears 2, which flies its way; 2 hears 3, which flies the opposite way; 3 hears nobody.
+    fn order_compares_only_vehicles_in_contact() {
+        // 1 is in contact with 2, which flies in its direction; 2 with 3, which flies the opposite way; 3 with no vehicle.
         let all =
             [moving(1, &[2], [2.0, 0.0, 0.0]), moving(2, &[3], [4.0, 0.0, 0.0]), moving(3, &[], [-1.0, 0.0, 0.0])];
         let (polarization, order) = observed(&all);
@@ -155,11 +155,11 @@ mod tests {
         assert_eq!(order, Some(0.0), "the mean of 1 and -1");
         let mut dead = all;
         dead[2].runs = false;
-        assert_eq!(observed(&dead), (Some(1.0), Some(1.0)), "who does not fly by itself is no neighbour");
+        assert_eq!(observed(&dead), (Some(1.0), Some(1.0)), "a vehicle without an agent does not count as a neighbour");
     }
 
     #[test]
-    fn mean_speed_is_of_members_and_includes_who_hovers() {
+    fn mean_speed_includes_hovering_members() {
         let mut all =
             [moving(1, &[], [3.0, 0.0, 4.0]), moving(2, &[], [0.0, 0.1, 0.0]), moving(3, &[], [9.0, 0.0, 0.0])];
         all[2].is_member = false;
@@ -170,7 +170,7 @@ mod tests {
     }
 
     #[test]
-    fn the_centroids_lag_counts_from_the_first_movement_on() {
+    fn the_centroid_lag_counts_from_the_first_movement_on() {
         let mut following = Following::default();
         following.trail(100.0);
         following.follow(30.0, true);

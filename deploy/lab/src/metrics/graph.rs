@@ -1,44 +1,45 @@
-//! Who hears whom, as a graph: its nodes are the live members, an edge joins two who both have fresh words of each other.
+//! The communication graph: its nodes are the live members, and an edge joins two members that both have a fresh state of each
+//! other.
 //!
 //! SwarmLab (E. Soria, F. Schiano, D. Floreano, "SwarmLab: a Matlab drone swarm simulator", IROS 2020) takes the edges from
-//! distances, and joins two if one of them sees the other. Vásárhelyi et al. ("Optimized flocking of autonomous drones in
-//! confined environments", Science Robotics 3, 2018) join two who are nearer than their law's forces reach. Here the graph is
-//! the network that the swarm really had, the same for every law.
+//! distances, and joins two vehicles if one of them sees the other. Vásárhelyi et al. ("Optimized flocking of autonomous drones
+//! in confined environments", Science Robotics 3, 2018) join two vehicles that are nearer than their law's forces reach. Here
+//! the graph is the network that the swarm really had, the same for every law.
 
 use nalgebra::{DMatrix, Vector3};
 
 use super::VehicleNow;
 use super::series::{Mean, Window};
 
-/// At least this long between two looks, s.
+/// Least time between two observations of the graph, s.
 const PERIOD_S: f64 = 0.1;
-/// Every so many looks one at the spectrum, which costs the most: about once a second.
+/// Number of observations for each computation of the spectrum, which costs the most: about one a second.
 const SPECTRUM_EVERY: u64 = 10;
 
-/// What the graph was like over the window; `None` while there was nobody to join.
+/// Means of the graph over the window; `None` while there were fewer than two members.
 #[derive(Debug, Default)]
 pub(super) struct Graph {
     next_s: f64,
-    looks: u64,
+    observations: u64,
     /// (N − components)/(N − 1).
     pub(super) union: Mean,
     /// Second-smallest eigenvalue of the Laplacian, divided by N.
     pub(super) connectivity: Mean,
-    /// 1 while connected, 0 while not.
+    /// Share of time in which the graph is connected.
     pub(super) connected: Mean,
-    /// Members that are joined to nobody: Vásárhelyi's φ^disc.
+    /// Number of members without an edge: Vásárhelyi's φ^disc.
     pub(super) disconnected: Mean,
-    /// Members of the smallest component, one who is alone being one of 1: Vásárhelyi's N_min.
+    /// Number of members of the smallest component, 1 for a member without an edge: Vásárhelyi's N_min.
     pub(super) smallest: Mean,
-    /// Vásárhelyi's φ^corr.
+    /// Correlation of velocities within components: Vásárhelyi's φ^corr.
     pub(super) correlation: Window,
-    /// Room to work in: where the nodes stand among the vehicles, and the components that they are in.
+    /// Reused memory: the nodes' indices among the vehicles, and their components.
     nodes: Vec<usize>,
     components: Components,
 }
 
 impl Graph {
-    /// All vehicles, and the direction of each live member that has one.
+    /// Observes all vehicles and their directions of flight; `None` for a vehicle that is not a live member or does not move.
     pub(super) fn observe(&mut self, t_s: f64, vehicles: &[VehicleNow], directions: &[Option<Vector3<f64>>]) {
         if t_s < self.next_s {
             return;
@@ -46,7 +47,7 @@ impl Graph {
         self.next_s = t_s + PERIOD_S;
         let Self { nodes, components, .. } = self;
         nodes.clear();
-        nodes.extend((0..vehicles.len()).filter(|&nth| vehicles[nth].takes_part()));
+        nodes.extend((0..vehicles.len()).filter(|&nth| vehicles[nth].is_live_member()));
         let count = nodes.len();
         if count < 2 {
             return;
@@ -65,14 +66,14 @@ impl Graph {
         if let Some(correlation) = components.correlation(direction) {
             self.correlation.add(t_s, correlation);
         }
-        if self.looks.is_multiple_of(SPECTRUM_EVERY) {
+        if self.observations.is_multiple_of(SPECTRUM_EVERY) {
             self.connectivity.add(second_eigenvalue(count, joined) / count as f64);
         }
-        self.looks += 1;
+        self.observations += 1;
     }
 }
 
-/// The parts of a graph that hang together, and room to find them in.
+/// The connected components of a graph, with reused memory.
 #[derive(Debug, Default)]
 struct Components {
     /// The nodes, those of one component together.
@@ -88,18 +89,18 @@ impl Components {
         sizes.clear();
         let mut first = 0;
         while first < count {
-            // From `first` to `reached` stands what was found of this component, from there on what is left.
-            let (mut reached, mut looked) = (first + 1, first);
-            while looked < reached {
+            // The nodes from `first` to `reached` belong to this component; the nodes behind are not assigned yet.
+            let (mut reached, mut expanded) = (first + 1, first);
+            while expanded < reached {
                 let mut other = reached;
                 while other < count {
-                    if joined(nodes[looked], nodes[other]) {
+                    if joined(nodes[expanded], nodes[other]) {
                         nodes.swap(reached, other);
                         reached += 1;
                     }
                     other += 1;
                 }
-                looked += 1;
+                expanded += 1;
             }
             sizes.push(reached - first);
             first = reached;
@@ -111,8 +112,9 @@ impl Components {
         &self.sizes
     }
 
-    /// Mean over the nodes of the mean cosine between the own direction and those of all others in the component; of nodes
-    /// that have a direction and somebody beside them who has one too.
+    /// Mean over the nodes of the mean cosine between the own direction and those of all others in the component.
+    ///
+    /// Only nodes count that have a direction and share their component with another one that has.
     fn correlation(&self, direction: impl Fn(usize) -> Option<Vector3<f64>>) -> Option<f64> {
         let (mut begin, mut all, mut cosines) = (0, 0.0, 0.0);
         for size in &self.sizes {
@@ -121,8 +123,8 @@ impl Components {
             let directions = component.iter().filter_map(|&node| direction(node));
             let (count, sum) = directions.fold((0.0, Vector3::zeros()), |(count, sum), one| (count + 1.0, sum + one));
             if count > 1.0 {
-                // The cosines of one with all others add up to its product with their sum; those of all with all others to
-                // the square of the whole sum, but for the ones of each with itself.
+                // The cosines of one direction with all others add up to its product with their sum. The cosines of all
+                // with all others add up to the square of the whole sum, minus 1 for each direction with itself.
                 cosines += (sum.norm_squared() - count) / (count - 1.0);
                 all += count;
             }
@@ -160,7 +162,7 @@ mod tests {
     }
 
     #[test]
-    fn components_are_told_apart() {
+    fn components_are_separated() {
         let sizes = |list: &[(usize, usize)]| {
             let mut components = Components::default();
             components.find(5, edges(list));
@@ -187,7 +189,7 @@ mod tests {
         let opposed = [Some(north), Some(north), Some(north), Some(-north), Some(-north)];
         near(correlation(&[(0, 1), (1, 2), (2, 3), (3, 4)], opposed), -0.2);
         near(correlation(&[(0, 1), (1, 2), (3, 4)], opposed), 1.0);
-        // A pair at right angles, a pair that agrees; one who hovers beside somebody, and so says nothing.
+        // A pair at right angles, a pair that agrees, and a hovering vehicle that does not count.
         let mixed = [Some(north), Some(east), Some(north), Some(north), None];
         near(correlation(&[(0, 1), (2, 3), (3, 4)], mixed), 0.5);
         // Vertices of a triangle, 120 degrees apart, each with two cosines of -1/2; the fourth is alone.
@@ -195,7 +197,7 @@ mod tests {
             |degrees: f64| Some(Vector3::new(math::cos(degrees.to_radians()), math::sin(degrees.to_radians()), 0.0));
         let triangle = [turned(0.0), turned(120.0), turned(240.0), Some(north), None];
         near(correlation(&[(0, 1), (1, 2), (3, 4)], triangle), -0.5);
-        assert_eq!(correlation(&[], opposed), None, "nobody has company");
+        assert_eq!(correlation(&[], opposed), None, "every vehicle is alone in its component");
     }
 
     #[test]
@@ -211,8 +213,8 @@ mod tests {
     }
 
     #[test]
-    fn an_edge_needs_both_ways_and_only_live_members_are_nodes() {
-        // Three hear each other, two of them in one direction only; the fourth is dead.
+    fn an_edge_needs_both_directions_and_only_live_members_are_nodes() {
+        // Three vehicles receive each other, two of them in one direction only; the fourth is dead.
         let mut vehicles = [1, 2, 3, 4].map(|number| vehicle(number, 0.0, 100.0, 30.0));
         vehicles[0].fresh = set(&[2, 3, 4]);
         vehicles[1].fresh = set(&[1, 3, 4]);
@@ -228,9 +230,9 @@ mod tests {
         graph.observe(1.05, &vehicles, &[]);
         vehicles[2].fresh = set(&[]);
         graph.observe(1.2, &vehicles, &[]);
-        assert_eq!(graph.connected.mean(), Some(0.5), "not looked at 50 ms after the first");
+        assert_eq!(graph.connected.mean(), Some(0.5), "not observed 50 ms after the first time");
         assert_eq!(graph.union.mean(), Some(0.75), "(3 - 2)/(3 - 1) the second time");
-        assert_eq!(graph.disconnected.mean(), Some(0.5), "none, then the third");
-        assert_eq!(graph.smallest.mean(), Some(2.0), "three, then one");
+        assert_eq!(graph.disconnected.mean(), Some(0.5), "no vehicle, then the third");
+        assert_eq!(graph.smallest.mean(), Some(2.0), "3 members, then 1");
     }
 }

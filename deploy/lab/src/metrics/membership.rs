@@ -1,4 +1,4 @@
-//! Who counts on whom, held against who lives and who can be heard.
+//! Compares the contacts that the agents report with the agents that really run and the links that really work.
 
 use std::mem;
 
@@ -8,35 +8,35 @@ use skein_common::message::Happening;
 use super::series::Worst;
 use super::{VehicleNow, index};
 
-/// What is not noticed in this time never is, s.
+/// Time after which an undetected change counts as never detected, s.
 const LIMIT_S: f64 = 30.0;
-/// A loss this soon after a cut was healed or a life began still comes from what was before, s.
+/// Time after a healed cut or a restart in which a loss still results from the fault before, s.
 const AFTERMATH_S: f64 = 2.0;
 
-/// From who speaks to who hears.
+/// One direction of a link: sender and receiver.
 type Link = (VehicleId, VehicleId);
 
-/// What the swarm makes of deaths, returns, cuts and failures.
+/// Measures how the swarm detects deaths, returns, cuts and failures.
 #[derive(Clone, Debug)]
 pub(super) struct Membership {
     vehicles: usize,
-    /// Farther apart, nobody can count on being heard, m.
+    /// Distance beyond which messages may be lost, m.
     reach_m: f64,
     alive: VehicleSet,
     members: VehicleSet,
-    /// Have been members in their present life.
+    /// Vehicles that have been members since their agent started.
     joined: VehicleSet,
-    /// Whom each vehicle does not count as lost, by id.
-    hears: Vec<VehicleSet>,
-    /// When each vehicle's present life began, by id, s.
+    /// The peers that each vehicle does not count as lost, by id.
+    in_contact: Vec<VehicleSet>,
+    /// Start time of each vehicle's present agent, by id, s.
     born_s: Vec<f64>,
-    /// Whose links to each vehicle are cut, by its id.
-    deaf_to: Vec<VehicleSet>,
-    /// When each link was last healed, s; by speaker, then hearer.
+    /// The senders whose links to each vehicle are cut, by its id.
+    cut_from: Vec<VehicleSet>,
+    /// Time at which each link was last healed, s; by sender, then receiver.
     healed_s: Vec<f64>,
-    awaited: Vec<Awaited>,
+    pending: Vec<PendingTransition>,
     failed: Vec<(VehicleId, f64)>,
-    /// Losses told of since the last look.
+    /// Losses that were reported since the last observation.
     suspected: Vec<Link>,
     detection: Worst,
     rejoin: Worst,
@@ -44,24 +44,25 @@ pub(super) struct Membership {
     false_suspicions: u64,
 }
 
-/// Something that hearers are to notice of speakers.
+/// A change of senders that receivers still have to detect.
 #[derive(Clone, Debug)]
-struct Awaited {
+struct PendingTransition {
     since_s: f64,
-    what: Notice,
+    what: Transition,
     links: Vec<Link>,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Notice {
-    /// That the speaker is lost.
+enum Transition {
+    /// The sender is lost.
     Loss,
-    /// That it is there again, and takes part.
+    /// The sender is received again and is an active member.
     Return,
 }
 
 impl Membership {
-    /// Everybody lives, nobody hears anybody, nothing is cut. Farther apart than `reach_m` distance loses words.
+    /// A swarm in which all agents run, no agents are in contact, and no link is cut. Messages over more than `reach_m` may be
+    /// lost.
     pub(super) fn new(vehicles: usize, reach_m: Option<f64>) -> Self {
         Self {
             vehicles,
@@ -69,11 +70,11 @@ impl Membership {
             alive: VehicleId::first(vehicles).collect(),
             members: VehicleSet::default(),
             joined: VehicleSet::default(),
-            hears: vec![VehicleSet::default(); vehicles],
+            in_contact: vec![VehicleSet::default(); vehicles],
             born_s: vec![f64::NEG_INFINITY; vehicles],
-            deaf_to: vec![VehicleSet::default(); vehicles],
+            cut_from: vec![VehicleSet::default(); vehicles],
             healed_s: vec![f64::NEG_INFINITY; vehicles * vehicles],
-            awaited: Vec::new(),
+            pending: Vec::new(),
             failed: Vec::new(),
             suspected: Vec::new(),
             detection: Worst::default(),
@@ -83,18 +84,18 @@ impl Membership {
         }
     }
 
-    /// Its agent is dead.
+    /// Observes that the agent of this vehicle died.
     pub(super) fn died(&mut self, t_s: f64, id: VehicleId) {
-        // Who has landed and ended is not missed.
+        // The peers do not have to detect the end of a vehicle that has landed.
         let is_missed = !self.has_left(id);
-        let links = self.others(id).filter(|&link| is_missed && self.is_heard(link)).collect();
-        self.awaited.push(Awaited { since_s: t_s, what: Notice::Loss, links });
+        let links = self.others(id).filter(|&link| is_missed && self.has_contact(link)).collect();
+        self.pending.push(PendingTransition { since_s: t_s, what: Transition::Loss, links });
         self.alive.remove(id);
         self.members.remove(id);
         self.failed.retain(|(failed, _)| *failed != id);
     }
 
-    /// It has a new agent.
+    /// Observes that the agent of this vehicle started again.
     pub(super) fn restarted(&mut self, t_s: f64, id: VehicleId) {
         self.alive.insert(id);
         self.joined.remove(id);
@@ -102,44 +103,44 @@ impl Membership {
             *born_s = t_s;
         }
         let links = self.others(id).collect();
-        self.awaited.push(Awaited { since_s: t_s, what: Notice::Return, links });
+        self.pending.push(PendingTransition { since_s: t_s, what: Transition::Return, links });
     }
 
-    /// Something of its vehicle does not work any more.
+    /// Observes that a part of this vehicle failed.
     pub(super) fn failed(&mut self, t_s: f64, id: VehicleId) {
         self.failed.push((id, t_s));
     }
 
-    /// What is said on these links is not heard any more.
+    /// Observes that these links are cut.
     pub(super) fn cut(&mut self, t_s: f64, links: &[Link]) {
         for &(speaker, hearer) in links {
-            if let Some(deaf_to) = self.deaf_to.get_mut(index(hearer)) {
-                deaf_to.insert(speaker);
+            if let Some(cut_from) = self.cut_from.get_mut(index(hearer)) {
+                cut_from.insert(speaker);
             }
         }
-        let links = links.iter().copied().filter(|&link| self.is_heard(link)).collect();
-        self.awaited.push(Awaited { since_s: t_s, what: Notice::Loss, links });
+        let links = links.iter().copied().filter(|&link| self.has_contact(link)).collect();
+        self.pending.push(PendingTransition { since_s: t_s, what: Transition::Loss, links });
     }
 
-    /// It is heard again.
+    /// Observes that these links work again.
     pub(super) fn healed(&mut self, t_s: f64, links: &[Link]) {
         for &(speaker, hearer) in links {
-            let Some(deaf_to) = self.deaf_to.get_mut(index(hearer)) else { continue };
-            deaf_to.remove(speaker);
+            let Some(cut_from) = self.cut_from.get_mut(index(hearer)) else { continue };
+            cut_from.remove(speaker);
             if let Some(healed_s) = self.healed_s.get_mut(index(speaker) * self.vehicles + index(hearer)) {
                 *healed_s = t_s;
             }
         }
-        // One dead direction ends the session, and with it the other direction.
+        // A cut of one direction ends the session, and so the other direction too.
         let both_ways = links.iter().flat_map(|&(speaker, hearer)| [(speaker, hearer), (hearer, speaker)]);
-        let links = both_ways.filter(|&link| !self.is_heard(link)).collect();
-        self.awaited.push(Awaited { since_s: t_s, what: Notice::Return, links });
+        let links = both_ways.filter(|&link| !self.has_contact(link)).collect();
+        self.pending.push(PendingTransition { since_s: t_s, what: Transition::Return, links });
     }
 
-    /// What a vehicle said of itself.
-    pub(super) fn told(&mut self, t_s: f64, speaker: VehicleId, what: &Happening) {
+    /// Observes an event that a vehicle reported of itself.
+    pub(super) fn reported(&mut self, t_s: f64, speaker: VehicleId, what: &Happening) {
         match what {
-            // Judged when it is known who still lives: a death may come to be known after its detection.
+            // Judged at the next observation: in a live run the report may arrive before the death itself.
             Happening::PeerLost(lost) => self.suspected.push((*lost, speaker)),
             Happening::Failed(_)
             | Happening::OwnDataStale
@@ -147,7 +148,7 @@ impl Membership {
             | Happening::ControlFault
             | Happening::ClockJumped => {
                 for (_, since_s) in self.failed.extract_if(.., |(failed, _)| *failed == speaker) {
-                    self.response.took(t_s - since_s);
+                    self.response.add_time(t_s - since_s);
                 }
             }
             _ => {}
@@ -156,9 +157,9 @@ impl Membership {
 
     pub(super) fn observe(&mut self, t_s: f64, vehicles: &[VehicleNow]) {
         for vehicle in vehicles {
-            let Some(hears) = self.hears.get_mut(index(vehicle.id)) else { continue };
-            *hears = vehicle.hears;
-            if vehicle.takes_part() {
+            let Some(in_contact) = self.in_contact.get_mut(index(vehicle.id)) else { continue };
+            *in_contact = vehicle.in_contact;
+            if vehicle.is_live_member() {
                 self.members.insert(vehicle.id);
                 self.joined.insert(vehicle.id);
             } else {
@@ -169,102 +170,103 @@ impl Membership {
             let is_false = self.is_falsely_suspected(t_s, link) && !self.is_far(vehicles, link);
             self.false_suspicions += u64::from(is_false);
         }
-        for mut awaited in mem::take(&mut self.awaited) {
-            awaited.links.retain(|&link| self.is_still_awaited(awaited.what, link));
-            if awaited.links.is_empty() {
+        for mut pending in mem::take(&mut self.pending) {
+            pending.links.retain(|&link| self.is_still_pending(pending.what, link));
+            if pending.links.is_empty() {
                 continue;
             }
-            if !awaited.links.iter().all(|&link| self.has_come(awaited.what, link)) {
-                self.awaited.push(awaited);
+            if !pending.links.iter().all(|&link| self.is_observed(pending.what, link)) {
+                self.pending.push(pending);
                 continue;
             }
-            let worst = match awaited.what {
-                Notice::Loss => &mut self.detection,
-                Notice::Return => &mut self.rejoin,
+            let worst = match pending.what {
+                Transition::Loss => &mut self.detection,
+                Transition::Return => &mut self.rejoin,
             };
-            worst.took(t_s - awaited.since_s);
+            worst.add_time(t_s - pending.since_s);
         }
     }
 
-    /// Live members, as they really are.
+    /// The live members, by ground truth.
     pub(super) fn members(&self) -> VehicleSet {
         self.members
     }
 
     /// Whether any link is cut.
     pub(super) fn is_split(&self) -> bool {
-        self.deaf_to.iter().any(|deaf_to| !deaf_to.is_empty())
+        self.cut_from.iter().any(|cut_from| !cut_from.is_empty())
     }
 
-    /// From a death or a cut until everybody who heard the speaker has it lost; in a window that ends at `t_s`.
+    /// Time from a death or a cut until every agent in contact with the sender has lost it, in a window that ends at `t_s`.
     pub(super) fn detection(&self, t_s: f64) -> Worst {
-        self.with_open(self.detection, Notice::Loss, t_s)
+        self.with_open(self.detection, Transition::Loss, t_s)
     }
 
-    /// From a restart or a healed cut until everybody counts on the speaker again; in a window that ends at `t_s`.
+    /// Time from a restart or a healed cut until every agent is in contact with the sender again, in a window that ends at
+    /// `t_s`.
     pub(super) fn rejoin(&self, t_s: f64) -> Worst {
-        self.with_open(self.rejoin, Notice::Return, t_s)
+        self.with_open(self.rejoin, Transition::Return, t_s)
     }
 
-    /// From a failure until its vehicle tells of one; in a window that ends at `t_s`.
+    /// Time from a failure until the vehicle reports one, in a window that ends at `t_s`.
     pub(super) fn response(&self, t_s: f64) -> Worst {
         let mut worst = self.response;
         if self.failed.iter().any(|(_, since_s)| t_s - since_s > LIMIT_S) {
-            worst.never_came();
+            worst.add_never();
         }
         worst
     }
 
-    /// How often somebody was lost who lived, could be heard, and had not left.
+    /// Number of losses of a sender that lived, could be received, and had not left.
     pub(super) fn false_suspicions(&self) -> u64 {
         self.false_suspicions
     }
 
-    fn with_open(&self, mut worst: Worst, what: Notice, t_s: f64) -> Worst {
-        if self.awaited.iter().any(|open| open.what == what && t_s - open.since_s > LIMIT_S) {
-            worst.never_came();
+    fn with_open(&self, mut worst: Worst, what: Transition, t_s: f64) -> Worst {
+        if self.pending.iter().any(|open| open.what == what && t_s - open.since_s > LIMIT_S) {
+            worst.add_never();
         }
         worst
     }
 
-    /// The links from this vehicle to all others that live.
+    /// The links from this vehicle to all other running agents.
     fn others(&self, speaker: VehicleId) -> impl Iterator<Item = Link> {
         let others = VehicleId::first(self.vehicles).filter(move |&id| id != speaker && self.alive.contains(id));
         others.map(move |hearer| (speaker, hearer))
     }
 
     fn is_cut(&self, (speaker, hearer): Link) -> bool {
-        self.deaf_to.get(index(hearer)).is_some_and(|deaf_to| deaf_to.contains(speaker))
+        self.cut_from.get(index(hearer)).is_some_and(|cut_from| cut_from.contains(speaker))
     }
 
-    fn is_heard(&self, (speaker, hearer): Link) -> bool {
-        self.hears.get(index(hearer)).is_some_and(|hears| hears.contains(speaker))
+    fn has_contact(&self, (speaker, hearer): Link) -> bool {
+        self.in_contact.get(index(hearer)).is_some_and(|in_contact| in_contact.contains(speaker))
     }
 
-    /// Whether it had taken part in this life and does not any more.
+    /// Whether the vehicle was an active member since its agent started and is one no longer.
     fn has_left(&self, id: VehicleId) -> bool {
         self.joined.contains(id) && !self.members.contains(id)
     }
 
-    /// Nobody can notice what is over, and nobody dead notices anything.
-    fn is_still_awaited(&self, what: Notice, link: Link) -> bool {
+    /// Whether the receiver can still detect the change: it runs, and the change is not over.
+    fn is_still_pending(&self, what: Transition, link: Link) -> bool {
         let (speaker, hearer) = link;
-        let can_be_heard = self.alive.contains(speaker) && !self.is_cut(link);
-        let is_so = match what {
-            Notice::Loss => !can_be_heard,
-            Notice::Return => can_be_heard && !self.has_left(speaker),
+        let can_be_received = self.alive.contains(speaker) && !self.is_cut(link);
+        let still_holds = match what {
+            Transition::Loss => !can_be_received,
+            Transition::Return => can_be_received && !self.has_left(speaker),
         };
-        is_so && self.alive.contains(hearer)
+        still_holds && self.alive.contains(hearer)
     }
 
-    fn has_come(&self, what: Notice, link: Link) -> bool {
+    fn is_observed(&self, what: Transition, link: Link) -> bool {
         match what {
-            Notice::Loss => !self.is_heard(link),
-            Notice::Return => self.is_heard(link) && self.members.contains(link.0),
+            Transition::Loss => !self.has_contact(link),
+            Transition::Return => self.has_contact(link) && self.members.contains(link.0),
         }
     }
 
-    /// The speaker is too far away to be heard for certain.
+    /// Whether the sender is so far away that its messages may be lost.
     fn is_far(&self, vehicles: &[VehicleNow], (speaker, hearer): Link) -> bool {
         let place = |id| vehicles.iter().find(|vehicle| vehicle.id == id).map(|vehicle| vehicle.truth.position);
         let apart_m = place(speaker).zip(place(hearer)).map(|(one, other)| (one - other).norm());

@@ -1,23 +1,23 @@
-//! How the swarm goes from step to step of its mission.
+//! Measures how the swarm moves from step to step of its mission.
 
 use super::{VehicleNow, index};
 
-/// The steps that the live members are at.
+/// The mission steps of the live members.
 #[derive(Debug)]
 pub(super) struct Steps {
-    /// How many steps every live member has reached or passed; `None` before anybody was a member.
+    /// Number of steps that every live member has reached or passed; `None` before the first vehicle was a member.
     passed: Option<u32>,
-    /// When every live member had come to have reached or passed each step, s. Not known of those that the window began
-    /// with.
+    /// Time at which the last live member reached or passed each step, s. Unknown for steps that were open when the window
+    /// began.
     open_s: Vec<Option<f64>>,
-    /// The step that each vehicle was last seen at as a live member, by id.
+    /// The step of each vehicle at the last observation as a live member, by id.
     at: Vec<Option<u32>>,
     skew: Option<u32>,
     latency_s: Option<f64>,
 }
 
 impl Steps {
-    /// Nothing seen yet of a mission with so many steps, flown by so many vehicles.
+    /// A mission of `steps` steps, flown by `vehicles` vehicles, before the first observation.
     pub(super) fn new(steps: usize, vehicles: usize) -> Self {
         Self { passed: None, open_s: vec![None; steps], at: vec![None; vehicles], skew: None, latency_s: None }
     }
@@ -26,8 +26,8 @@ impl Steps {
         self.open(t_s, vehicles);
         for vehicle in vehicles {
             let Some(at) = self.at.get_mut(index(vehicle.id)) else { continue };
-            let before = std::mem::replace(at, vehicle.takes_part().then_some(vehicle.step));
-            // Whoever goes on to a landing is no member any more, and has still entered that step.
+            let before = std::mem::replace(at, vehicle.is_live_member().then_some(vehicle.step));
+            // A vehicle that begins to land is not a member any more, but it has still entered the landing step.
             let has_entered = vehicle.runs && before.is_some_and(|before| vehicle.step > before);
             let left = vehicle.step.checked_sub(1).filter(|_| has_entered);
             if let Some(open_s) = left.and_then(|left| *self.open_s.get(left as usize)?) {
@@ -36,7 +36,7 @@ impl Steps {
         }
     }
 
-    /// How many steps every live member has reached or passed.
+    /// Number of steps that every live member has reached or passed.
     pub(super) fn passed(&self) -> Option<u64> {
         self.passed.map(u64::from)
     }
@@ -46,14 +46,14 @@ impl Steps {
         self.skew.map(u64::from)
     }
 
-    /// The longest that a live member was late in leaving a step that everybody had reached, s.
+    /// Longest time from when every live member had reached a step until a member left it, s.
     pub(super) fn latency_s(&self) -> Option<f64> {
         self.latency_s
     }
 
-    /// Notes which steps have just come to be reached or passed by everybody.
+    /// Notes the steps that every live member has now reached or passed.
     fn open(&mut self, t_s: f64, vehicles: &[VehicleNow]) {
-        let members = || vehicles.iter().filter(|vehicle| vehicle.takes_part());
+        let members = || vehicles.iter().filter(|vehicle| vehicle.is_live_member());
         let passed = members().map(|member| member.reached.map_or(0, |reached| reached + 1).max(member.step)).min();
         let Some(passed) = passed else { return };
         let steps = members().map(|member| member.step);
@@ -76,7 +76,7 @@ mod tests {
     use super::super::tests::vehicle;
     use super::*;
 
-    /// Vehicle `number` at a step, having reached some.
+    /// Vehicle `number` at a step, with the highest step that it has reached.
     fn at(number: u8, step: u32, reached: Option<u32>) -> VehicleNow {
         VehicleNow { step, reached, ..vehicle(number, 0.0, 100.0, 30.0) }
     }
@@ -103,7 +103,7 @@ mod tests {
     }
 
     #[test]
-    fn nobody_waits_for_the_dead_and_their_end_opens_the_step() {
+    fn the_death_of_the_last_missing_member_opens_the_step() {
         let dead = VehicleNow { runs: false, ..at(2, 0, None) };
         let steps = observed(&[
             (0.0, &[at(1, 0, Some(0)), at(2, 0, None)]),
@@ -115,7 +115,7 @@ mod tests {
     }
 
     #[test]
-    fn somebody_carried_forward_adds_to_the_skew_and_not_to_the_latency() {
+    fn a_vehicle_that_is_carried_forward_adds_to_the_skew_but_not_to_the_latency() {
         let steps = observed(&[
             (0.0, &[at(1, 0, Some(0)), at(2, 0, None)]),
             (5.0, &[at(1, 1, Some(1)), at(2, 0, None)]),
@@ -126,7 +126,7 @@ mod tests {
     }
 
     #[test]
-    fn a_joiner_is_no_latecomer_and_a_landing_is_an_entry() {
+    fn joining_adds_no_latency_and_a_landing_counts_as_entering_its_step() {
         let joining = |step| VehicleNow { is_member: false, ..at(3, step, None) };
         let landing = VehicleNow { is_member: false, ..at(1, 3, Some(2)) };
         let steps = observed(&[

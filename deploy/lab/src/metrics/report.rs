@@ -1,4 +1,4 @@
-//! The figures of one run as they are written: the keys of `metrics.json`.
+//! The figures of one run as written to `metrics.json`.
 
 use std::collections::BTreeMap;
 
@@ -9,40 +9,40 @@ use super::series::{Worst, extremes, mean, rms};
 use super::{COLLISION_M, Metrics, STEADY_S, pairs};
 use skein_common::statistics::quantile;
 
-/// What was run.
+/// Identity of a run: scenario, seed and program.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Run {
     /// Name of the scenario.
     pub scenario: String,
-    /// Its preset.
+    /// Preset of the scenario.
     pub preset: String,
     /// Formation law.
     pub law: String,
     /// Field conversion.
     pub conversion: String,
-    /// What moved.
+    /// Plant that flew.
     pub plant: String,
-    /// `fly` or `study`.
+    /// Command that flew: `fly` or `study`.
     pub target: String,
-    /// Of all randomness.
+    /// Seed of all random numbers.
     pub seed: u64,
-    /// Of the program.
+    /// Version of the program.
     pub version: String,
-    /// Git revision that the program was built from.
+    /// Git revision of the program.
     pub revision: String,
-    /// How many vehicles.
+    /// Number of vehicles.
     pub vehicles: usize,
 }
 
 impl Run {
-    /// A run of this scenario by `target`.
+    /// The identity of a run of this scenario by the command `target`.
     pub fn new(scenario: &Scenario, target: &str) -> Self {
         Self {
             scenario: scenario.name.clone(),
-            preset: word(&scenario.preset),
-            law: word(&scenario.formation.law),
-            conversion: word(&scenario.formation.conversion),
-            plant: word(&scenario.swarm.plant),
+            preset: scenario_spelling(&scenario.preset),
+            law: scenario_spelling(&scenario.formation.law),
+            conversion: scenario_spelling(&scenario.formation.conversion),
+            plant: scenario_spelling(&scenario.swarm.plant),
             target: target.to_owned(),
             seed: scenario.seed,
             version: crate::VERSION.to_owned(),
@@ -52,26 +52,26 @@ impl Run {
     }
 }
 
-/// A choice as the scenario file spells it.
-fn word(choice: &impl Serialize) -> String {
+/// The spelling of a choice in the scenario file.
+fn scenario_spelling(choice: &impl Serialize) -> String {
     match serde_json::to_value(choice) {
-        Ok(serde_json::Value::String(word)) => word,
+        Ok(serde_json::Value::String(text)) => text,
         _ => String::new(),
     }
 }
 
-/// How long a run took by the wall clock.
+/// Duration of a run by the wall clock.
 #[derive(Clone, Copy, Debug)]
 pub struct Wall {
-    /// s.
+    /// Wall-clock time that the run took, s.
     pub wall_s: f64,
     /// Seconds flown, joining included, for each second of wall clock.
     pub real_time_factor: f64,
 }
 
-/// `metrics.json`.
+/// The contents of `metrics.json`.
 #[derive(Clone, Debug, Serialize)]
-#[expect(missing_docs, reason = "every key stands in `figures.rs`, and is defined in the module above")]
+#[expect(missing_docs, reason = "`figures.rs` lists every key, and the module above defines it")]
 pub struct Report {
     #[serde(flatten)]
     pub run: Run,
@@ -128,7 +128,7 @@ pub struct Report {
     pub law_misses: Option<u64>,
     pub wall_s: f64,
     pub real_time_factor: f64,
-    /// Keys of what could have happened and never did.
+    /// Keys of figures whose event could have happened but never did.
     pub never: Vec<&'static str>,
     /// Radial error and effort of each vehicle, by id.
     pub vehicle: BTreeMap<String, VehicleReport>,
@@ -155,7 +155,7 @@ impl Metrics {
         let when_radial = |figure: Option<f64>| figure.filter(|_| steady && self.is_radial);
         let radial = extremes(samples().map(|sample| sample.rho_m)).filter(|_| steady && self.is_radial);
         let settled = self.settled();
-        let came = self.came();
+        let delays_after_faults = self.delays_after_faults();
         let (least_m, collisions) = self.separation();
         let pairs = pairs(self.run.vehicles);
         let mut steps_us = self.steps_us.clone();
@@ -211,11 +211,11 @@ impl Metrics {
             setpoint_skew: on_the_way(self.steps.skew()),
             advance_latency_s: self.steps.latency_s(),
             forced_advances: on_the_way(Some(self.forced_advances)),
-            detection_s: came[0].1.s(),
+            detection_s: delays_after_faults[0].1.s(),
             false_suspicions: (pairs > 0.0).then(|| self.membership.false_suspicions()),
-            rejoin_s: came[1].1.s(),
-            response_s: came[2].1.s(),
-            transient_s: came[3].1.s(),
+            rejoin_s: delays_after_faults[1].1.s(),
+            response_s: delays_after_faults[2].1.s(),
+            transient_s: delays_after_faults[3].1.s(),
             state_messages: self.totals.state_messages,
             state_bytes: self.totals.state_bytes,
             peer_age_p50_ms: self.ages.quantile_ms(0.5),
@@ -226,12 +226,12 @@ impl Metrics {
             law_misses: self.totals.law_misses,
             wall_s: wall.wall_s,
             real_time_factor: wall.real_time_factor,
-            never: self.never(&settled, &came),
+            never: self.never(&settled, &delays_after_faults),
             vehicle: self.vehicles(steady),
         }
     }
 
-    /// What settles for good, and since when it has.
+    /// The settling figures, with the time since which each condition holds, s.
     fn settled(&self) -> [(&'static str, Option<f64>); 4] {
         [
             ("at_altitude_s", self.at_altitude.since_s()),
@@ -241,8 +241,8 @@ impl Metrics {
         ]
     }
 
-    /// What should come after an incident.
-    fn came(&self) -> [(&'static str, Worst); 4] {
+    /// The figures of how the swarm reacted to injected faults.
+    fn delays_after_faults(&self) -> [(&'static str, Worst); 4] {
         let transient = if self.is_round { self.transients.worst(self.t_s) } else { Worst::default() };
         [
             ("detection_s", self.membership.detection(self.t_s)),
@@ -252,10 +252,14 @@ impl Metrics {
         ]
     }
 
-    /// Keys of what could have happened and never did.
-    fn never(&self, settled: &[(&'static str, Option<f64>)], came: &[(&'static str, Worst)]) -> Vec<&'static str> {
-        // A single vehicle has no spacing, a flock has none to keep, an ellipsoid has all altitudes: that does not apply rather
-        // than never happen. Nor does settling where the swarm is to go on.
+    /// Keys of figures whose event could have happened but never did.
+    fn never(
+        &self,
+        settled: &[(&'static str, Option<f64>)],
+        delays_after_faults: &[(&'static str, Worst)],
+    ) -> Vec<&'static str> {
+        // A figure that does not apply is not in `never`: the spacing of a single vehicle or of a flock, the altitude on an
+        // ellipsoid, and settling where the swarm has to move on.
         let applies = |key: &str| match key {
             _ if self.places > 1 => false,
             "at_altitude_s" => self.has_altitude,
@@ -264,7 +268,7 @@ impl Metrics {
             _ => true,
         };
         let unsettled = settled.iter().filter(|(key, since_s)| since_s.is_none() && applies(key)).map(|(key, _)| *key);
-        unsettled.chain(came.iter().filter(|(_, worst)| worst.is_never()).map(|(key, _)| *key)).collect()
+        unsettled.chain(delays_after_faults.iter().filter(|(_, worst)| worst.is_never()).map(|(key, _)| *key)).collect()
     }
 
     /// Least distance of any airborne pair, and how many pairs collided.

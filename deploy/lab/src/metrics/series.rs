@@ -1,10 +1,10 @@
-//! What accumulates while a run is measured.
+//! Accumulators for the samples of a run.
 
 use std::collections::VecDeque;
 
 use super::STEADY_S;
 
-/// The first time after which a condition holds to the end.
+/// Finds the first time after which a condition holds to the end.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Settling {
     since_s: Option<f64>,
@@ -20,7 +20,7 @@ impl Settling {
     }
 }
 
-/// The longest of several times that something took; what never came ranks above all.
+/// The longest of several delays; a reaction that never came ranks above all.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Worst {
     longest_s: Option<f64>,
@@ -28,22 +28,22 @@ pub(super) struct Worst {
 }
 
 impl Worst {
-    /// It came after this long, s.
-    pub(super) fn took(&mut self, took_s: f64) {
+    /// Adds a reaction that came after this delay, s.
+    pub(super) fn add_time(&mut self, took_s: f64) {
         self.longest_s = Some(self.longest_s.map_or(took_s, |longest_s| longest_s.max(took_s)));
     }
 
-    /// It had the time to come, and did not.
-    pub(super) fn never_came(&mut self) {
+    /// Adds a reaction that had enough time and never came.
+    pub(super) fn add_never(&mut self) {
         self.is_never = true;
     }
 
-    /// The longest time, if it always came, s.
+    /// Longest delay, s; `None` if a reaction never came.
     pub(super) fn s(&self) -> Option<f64> {
         self.longest_s.filter(|_| !self.is_never)
     }
 
-    /// Whether it once did not come.
+    /// Whether a reaction never came.
     pub(super) fn is_never(&self) -> bool {
         self.is_never
     }
@@ -67,7 +67,7 @@ impl Mean {
     }
 }
 
-/// A value over the last [`STEADY_S`].
+/// The samples of a value over the last [`STEADY_S`].
 #[derive(Clone, Debug, Default)]
 pub(super) struct Window {
     samples: VecDeque<(f64, f64)>,
@@ -79,7 +79,7 @@ impl Window {
         self.samples.push_back((t_s, value));
     }
 
-    /// Of the values since then; the last of all may be long ago.
+    /// Mean of the values since `since_s`; `None` if there are none.
     pub(super) fn mean(&self, since_s: f64) -> Option<f64> {
         mean(self.samples.iter().filter(|sample| sample.0 >= since_s).map(|sample| sample.1))
     }
@@ -89,16 +89,16 @@ impl Window {
 #[derive(Clone, Copy, Debug)]
 pub(super) struct InFormation {
     pub(super) t_s: f64,
-    /// Distance from the centre, measured as the formation's ellipse does.
+    /// Level ρ: the distance from the centre in the metric of the formation's ellipse, m.
     pub(super) rho_m: f64,
-    /// ρ − R*.
+    /// ρ − R*, m.
     pub(super) radial_error_m: f64,
     pub(super) altitude_error_m: Option<f64>,
-    /// Where the formation wants it: in the band, or inside.
+    /// Whether the vehicle is in the region of the formation: in the band, or inside the area.
     pub(super) inside: bool,
 }
 
-/// One vehicle in its formation over the last [`STEADY_S`].
+/// The samples of one vehicle in its formation over the last [`STEADY_S`].
 #[derive(Clone, Debug, Default)]
 pub(super) struct RadialSeries {
     samples: VecDeque<InFormation>,
@@ -110,12 +110,12 @@ impl RadialSeries {
         self.samples.push_back(sample);
     }
 
-    /// Since then; of who is gone, the last of all may be long ago.
+    /// The samples since `since_s`; none of a vehicle that left before.
     pub(super) fn samples(&self, since_s: f64) -> impl Iterator<Item = &InFormation> + Clone {
         self.samples.iter().filter(move |sample| sample.t_s >= since_s)
     }
 
-    /// Half the peak-to-peak of ρ after its quadratic trend is taken out, m.
+    /// Half the peak-to-peak value of ρ after the removal of its quadratic trend, m.
     pub(super) fn oscillation_m(&self, since_s: f64) -> Option<f64> {
         let (first, last) = (self.samples(since_s).next()?.t_s, self.samples.back()?.t_s);
         let middle_s = (first + last) / 2.0;
@@ -143,7 +143,7 @@ fn drop_before<T>(samples: &mut VecDeque<T>, first_s: f64, time_s: impl Fn(&T) -
     }
 }
 
-/// Ages in bins of one millisecond: the same for any order of samples, and small for any number of them.
+/// A histogram of ages in bins of 1 ms: its result is independent of the order of samples, and its size of their number.
 #[derive(Clone, Debug)]
 pub(super) struct AgeHistogram {
     bins: Vec<u64>,
@@ -163,14 +163,14 @@ impl AgeHistogram {
         self.count += 1;
     }
 
-    /// The age in ms below which this share of the samples lies, by the definition of [`skein_common::statistics::quantile`].
+    /// Age below which this share of the samples lies, ms, by the definition of [`skein_common::statistics::quantile`].
     pub(super) fn quantile_ms(&self, share: f64) -> Option<f64> {
         let place = share * self.count.checked_sub(1)? as f64;
         let (low, high) = (self.sample_ms(place.floor() as u64)?, self.sample_ms(place.ceil() as u64)?);
         Some(low + (high - low) * (place - place.floor()))
     }
 
-    /// The sample of this rank, from 0.
+    /// The sample of this rank, counted from 0, ms.
     fn sample_ms(&self, rank: u64) -> Option<f64> {
         let mut below = 0;
         let bin = self.bins.iter().position(|count| {
@@ -181,19 +181,19 @@ impl AgeHistogram {
     }
 }
 
-/// Mean of the values; `None` without any.
+/// Mean of the values; `None` without values.
 pub(super) fn mean(values: impl Iterator<Item = f64>) -> Option<f64> {
     let mut mean = Mean::default();
     values.for_each(|value| mean.add(value));
     mean.mean()
 }
 
-/// Root of the mean of the squares.
+/// Root mean square of the values; `None` without values.
 pub(super) fn rms(values: impl Iterator<Item = f64>) -> Option<f64> {
     mean(values.map(|value| value * value)).map(f64::sqrt)
 }
 
-/// Least and largest.
+/// Least and largest of the values; `None` without values.
 pub(super) fn extremes(values: impl Iterator<Item = f64>) -> Option<(f64, f64)> {
     values.fold(None, |extremes, value| match extremes {
         None => Some((value, value)),

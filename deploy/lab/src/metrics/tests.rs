@@ -19,7 +19,7 @@ fn report(metrics: &Metrics) -> Report {
     metrics.report(Wall { wall_s: 1.0, real_time_factor: 1.0 })
 }
 
-/// Vehicle `number` at a bearing and a distance from the centre.
+/// Vehicle `number` at this bearing, distance from the centre and height.
 pub(super) fn vehicle(number: u8, bearing_deg: f64, distance_m: f64, height_m: f64) -> VehicleNow {
     let (sin, cos) = math::sin_cos(bearing_deg.to_radians());
     let truth = Truth {
@@ -34,12 +34,12 @@ pub(super) fn vehicle(number: u8, bearing_deg: f64, distance_m: f64, height_m: f
         runs: true,
         is_member: true,
         sticks,
-        hears: VehicleId::first(3).collect(),
+        in_contact: VehicleId::first(3).collect(),
         ..VehicleNow::dead(VehicleId::new(number).unwrap(), truth)
     }
 }
 
-/// These vehicles.
+/// A set of these vehicles.
 pub(super) fn set(numbers: &[u8]) -> VehicleSet {
     numbers.iter().map(|&number| VehicleId::new(number).unwrap()).collect()
 }
@@ -119,7 +119,7 @@ fn ages_and_steps_are_quantiles() {
 }
 
 #[test]
-fn gaps_close_around_the_circle() {
+fn the_last_gap_closes_the_circle() {
     let degrees = |bearings: &[f64]| {
         let mut bearings: Vec<_> = bearings.iter().map(|degrees| degrees.to_radians()).collect();
         largest_gap_deviation_rad(&mut bearings).map(|deviation| deviation.to_degrees().round())
@@ -130,17 +130,17 @@ fn gaps_close_around_the_circle() {
 }
 
 #[test]
-fn every_key_of_the_file_is_there_even_without_a_value_and_in_the_table_of_figures() {
+fn every_key_is_written_even_without_a_value_and_is_in_the_table_of_figures() {
     let report = report(&metrics("swarm.vehicles = 2"));
     let serde_json::Value::Object(keys) = serde_json::to_value(&report).unwrap() else { panic!("an object") };
     let run = ["scenario", "preset", "law", "conversion", "plant", "target", "seed", "version", "revision", "vehicles"];
     let figures = figures::FIGURES.map(|figure| figure.key);
-    let wanted: BTreeSet<&str> = run.into_iter().chain(["vehicle"]).chain(figures).collect();
-    assert_eq!(keys.keys().map(String::as_str).collect::<BTreeSet<_>>(), wanted);
-    assert_eq!(wanted.len(), run.len() + 1 + figures.len(), "no figure stands twice in the table");
+    let expected: BTreeSet<&str> = run.into_iter().chain(["vehicle"]).chain(figures).collect();
+    assert_eq!(keys.keys().map(String::as_str).collect::<BTreeSet<_>>(), expected);
+    assert_eq!(expected.len(), run.len() + 1 + figures.len(), "every figure is in the table once");
 }
 
-/// The same vehicle about another centre, at a step.
+/// The same vehicle about another centre, at this step.
 fn about(vehicle: VehicleNow, step: u32, north_m: f64) -> VehicleNow {
     let mut vehicle = VehicleNow { step, centre_ne_m: Vector2::new(north_m, 0.0), ..vehicle };
     vehicle.truth.position.0.x += north_m;
@@ -148,7 +148,7 @@ fn about(vehicle: VehicleNow, step: u32, north_m: f64) -> VehicleNow {
 }
 
 #[test]
-fn a_formation_is_the_one_of_the_step_about_the_vehicles_own_centre() {
+fn figures_use_the_formation_of_the_step_about_the_vehicles_own_centre() {
     let mut metrics = metrics(
         "swarm.vehicles = 2\nmission.steps = [{ centre_ne_m = [0, 0] }, { centre_ne_m = [300, 0], formation = { radius_m = \
          50, altitude_m = 60 } }]",
@@ -170,7 +170,7 @@ fn a_formation_is_the_one_of_the_step_about_the_vehicles_own_centre() {
 }
 
 #[test]
-fn where_the_swarm_is_to_go_on_settling_does_not_apply_rather_than_never_happen() {
+fn settling_does_not_apply_in_a_mission_of_several_places() {
     let steps = "swarm.vehicles = 2\nmission.steps = [{ centre_ne_m = [0, 0] }, { centre_ne_m = [300, 0] }]";
     let far = |number| vehicle(number, 0.0, 200.0, 1.0);
     let report = |text: &str| {
@@ -185,11 +185,11 @@ fn where_the_swarm_is_to_go_on_settling_does_not_apply_rather_than_never_happen(
     assert_eq!((one.setpoint_skew, one.advance_latency_s), (Some(0), None));
     let flock = report("swarm.vehicles = 2\nformation.law = \"flock\"");
     assert_eq!(flock.never, ["at_altitude_s", "in_band_s"], "a flock has no even spacing");
-    assert_eq!((flock.setpoint_skew, flock.forced_advances), (None, None), "nowhere to go on to");
+    assert_eq!((flock.setpoint_skew, flock.forced_advances), (None, None), "there is only one step");
 }
 
 #[test]
-fn a_flock_counts_from_its_centres_first_movement_on() {
+fn a_flock_is_measured_from_the_first_movement_of_its_centre_on() {
     let mut metrics = metrics(
         "swarm.vehicles = 2\nformation.law = \"flock\"\nmission.steps = [{ hold_s = 1 }, { path_ne_m = [[0, 0], [30, 0]] }]",
     );
@@ -201,7 +201,7 @@ fn a_flock_counts_from_its_centres_first_movement_on() {
     metrics.observe(2.0, &pair(1, 0.0, 100.0, 100.0));
     metrics.observe(3.0, &pair(1, 10.0, 40.0, 20.0));
     metrics.observe(4.0, &pair(1, 20.0, 60.0, 0.0));
-    // At the end of the path it stands again.
+    // At the end of the path the centre rests again.
     metrics.observe(5.0, &pair(1, 30.0, 90.0, 50.0));
     let report = report(&metrics);
     assert_eq!(report.collisions, 0);
@@ -224,7 +224,7 @@ fn bands_have_their_own_altitudes_and_an_ellipsoid_has_all() {
     let bands = report("formation.band_step_m = 10", [25.0, 36.0]);
     assert!(
         (bands.altitude_rms_m.unwrap() - 0.5_f64.sqrt()).abs() < 1e-9,
-        "exact, and 1 m: {:?}",
+        "one exact, one 1 m off: {:?}",
         bands.altitude_rms_m
     );
     assert_eq!(bands.at_altitude_s, Some(0.0));
@@ -237,7 +237,7 @@ fn bands_have_their_own_altitudes_and_an_ellipsoid_has_all() {
 }
 
 #[test]
-fn steady_figures_leave_out_who_was_gone_by_then() {
+fn steady_figures_leave_out_vehicles_that_were_gone_before() {
     let mut metrics = metrics("swarm.vehicles = 3");
     for t_s in 0..=300_u32 {
         let alive = [vehicle(1, 0.0, 101.0, 30.0), vehicle(2, 180.0, 101.0, 30.0)];
@@ -251,21 +251,21 @@ fn steady_figures_leave_out_who_was_gone_by_then() {
 }
 
 #[test]
-fn what_happens_to_the_swarm_and_what_it_says_come_to_the_report() {
+fn injected_faults_and_reported_events_appear_in_the_report() {
     let id = |number| VehicleId::new(number).unwrap();
     let mut metrics =
         metrics("swarm.vehicles = 3\nmission.steps = [{ centre_ne_m = [0, 0] }, { centre_ne_m = [9, 0] }]");
-    let member = |number: u8, bearing_deg, hears: &[u8]| VehicleNow {
-        hears: set(hears),
+    let member = |number: u8, bearing_deg, in_contact: &[u8]| VehicleNow {
+        in_contact: set(in_contact),
         ..vehicle(number, bearing_deg, 100.0, 30.0)
     };
     metrics.observe(0.0, &[member(1, 0.0, &[2, 3]), member(2, 120.0, &[1, 3]), member(3, 240.0, &[1, 2])]);
     metrics.incident(10.0, &Incident::Died(id(3)));
     metrics.incident(10.0, &Incident::Failed(id(2), "gyro_off"));
     let dead = VehicleNow::dead(id(3), vehicle(3, 0.0, 0.0, 30.0).truth);
-    metrics.tell(10.5, id(2), &Happening::Failed(Failure::Gyro));
-    metrics.tell(10.5, id(2), &Happening::ForcedAdvance { to: 1, without: set(&[3]) });
-    metrics.tell(10.5, id(1), &Happening::PeerLost(id(3)));
+    metrics.observe_event(10.5, id(2), &Happening::Failed(Failure::Gyro));
+    metrics.observe_event(10.5, id(2), &Happening::ForcedAdvance { to: 1, without: set(&[3]) });
+    metrics.observe_event(10.5, id(1), &Happening::PeerLost(id(3)));
     metrics.observe(10.5, &[member(1, 0.0, &[2]), member(2, 120.0, &[1]), dead]);
     metrics.observe(40.0, &[member(1, 0.0, &[2]), member(2, 175.0, &[1]), dead]);
     metrics.incident(50.0, &Incident::Cut { links: vec![(id(1), id(2))] });

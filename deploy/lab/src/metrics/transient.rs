@@ -1,16 +1,18 @@
-//! How long the formation takes to settle after somebody has come or gone.
+//! Measures how long the formation takes to settle after a vehicle has joined or left.
 
 use skein_common::id::VehicleSet;
 
 use super::series::{Settling, Worst};
 
-/// A formation that has not settled in this time, though nothing disturbed it, never does, s.
+/// Time after which an undisturbed formation that has not settled counts as never settled, s.
 const LIMIT_S: f64 = 120.0;
 
-/// The formation's transients. One begins when the set of live members changes, or when a cut is healed, and ends with the
-/// next such change or cut; its length is the time after which the formation was settled until then. While a link is cut
-/// there is no common formation to settle. A swarm that goes on to another step breaks its formation up: one that had
-/// settled has settled, one that had not gets a new chance.
+/// The transients of the formation.
+///
+/// A transient begins when the set of live members changes, or when a cut is healed, and ends with the next such change or
+/// cut. Its length is the time after which the formation stayed settled until then. While a link is cut, there is no common
+/// formation to settle. A swarm that moves on to another step breaks up its formation: a transient that had settled ends, and
+/// one that had not gets a new chance.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Transients {
     members: Option<VehicleSet>,
@@ -23,14 +25,13 @@ pub(super) struct Transients {
 #[derive(Clone, Copy, Debug)]
 struct Transient {
     since_s: f64,
-    /// Since when the swarm is at its step, or since the transient began.
+    /// Time since which the swarm is at its step, or since which the transient lasts, whichever is later, s.
     calm_since_s: f64,
     settling: Settling,
 }
 
 impl Transients {
-    /// The live members, whether any link is cut, the latest step that a member is at, whether the formation is as it is to
-    /// be.
+    /// Observes the live members, whether a link is cut, the highest step of a member, and whether the formation is settled.
     pub(super) fn observe(
         &mut self,
         t_s: f64,
@@ -66,8 +67,8 @@ impl Transients {
     fn close(&mut self, t_s: f64) {
         let Some(Transient { since_s, calm_since_s, settling }) = self.current.take() else { return };
         match settling.since_s() {
-            Some(settled_s) => self.worst.took(settled_s - since_s),
-            None if t_s - calm_since_s > LIMIT_S => self.worst.never_came(),
+            Some(settled_s) => self.worst.add_time(settled_s - since_s),
+            None if t_s - calm_since_s > LIMIT_S => self.worst.add_never(),
             None => {}
         }
     }
@@ -78,7 +79,7 @@ mod tests {
     use super::super::tests::set;
     use super::*;
 
-    /// The figure of a window of `end_s`, seen once a second.
+    /// The figure of a window of `end_s` seconds, observed once a second.
     fn worst(
         end_s: u32,
         members: impl Fn(u32) -> VehicleSet,
@@ -116,7 +117,7 @@ mod tests {
     }
 
     #[test]
-    fn the_next_change_ends_it_and_the_worst_counts() {
+    fn the_next_change_ends_a_transient_and_the_worst_counts() {
         let members = |t_s| match t_s {
             0..50 => set(&[1, 2, 3]),
             50..100 => set(&[1, 3]),
@@ -127,7 +128,7 @@ mod tests {
     }
 
     #[test]
-    fn what_has_time_and_does_not_settle_never_does() {
+    fn a_formation_that_has_time_and_does_not_settle_counts_as_never() {
         let members = |t_s| if t_s < 50 { set(&[1, 2]) } else { set(&[1]) };
         assert_eq!(worst(170, members, |_| false, |t_s| t_s < 50), (None, false), "only 120 s were left");
         assert_eq!(worst(171, members, |_| false, |t_s| t_s < 50), (None, true));
@@ -137,16 +138,20 @@ mod tests {
     fn a_split_swarm_has_no_transient_and_a_healed_one_has() {
         let split = |t_s| (50..250).contains(&t_s);
         let figure = worst(400, |_| set(&[1, 2, 3, 4]), split, |t_s| !(50..262).contains(&t_s));
-        assert_eq!(figure, (Some(12.0), false), "the 200 s of the cut are nobody's fault");
+        assert_eq!(figure, (Some(12.0), false), "the 200 s of the cut do not count");
     }
 
     #[test]
-    fn a_step_ends_what_has_settled_and_gives_the_rest_a_new_chance() {
+    fn a_step_ends_a_settled_transient_and_gives_an_unsettled_one_a_new_chance() {
         let loses_one = |t_s| if t_s < 50 { set(&[1, 2, 3]) } else { set(&[1, 3]) };
         let whole = |_| false;
         let step = |t_s| u32::from(t_s >= 100);
         let settled = |t_s| (80..100).contains(&t_s);
-        assert_eq!(with_steps(400, loses_one, whole, step, settled), (Some(30.0), false), "on the way it need not be");
+        assert_eq!(
+            with_steps(400, loses_one, whole, step, settled),
+            (Some(30.0), false),
+            "the formation need not hold on the way"
+        );
         let later = |t_s| t_s >= 190;
         assert_eq!(with_steps(400, loses_one, whole, step, later), (Some(140.0), false), "at the next place");
         assert_eq!(with_steps(220, loses_one, whole, step, |_| false), (None, false), "120 s at the next place");

@@ -1,4 +1,6 @@
-//! What repairing and merging share: pieces of files go into another one, channels and schemas once.
+//! Copies messages, attachments and metadata of MCAP files into a new file, with each channel and schema once.
+//!
+//! Repairing and merging use it.
 
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -13,10 +15,10 @@ use super::scan::Found;
 use super::writer::options;
 use super::{RecordError, format};
 
-/// A file that is written piece by piece, and appears when it is whole.
+/// A new MCAP file that is written piece by piece and appears under its name when it is complete.
 pub(super) struct Copy {
     mcap: mcap::Writer<BufWriter<File>>,
-    /// Numbers here of channels there, by file and number there.
+    /// Channel ids in the new file, by source file and channel id there.
     channels: BTreeMap<(usize, u16), u16>,
     attachments: Vec<(AttachmentHeader, Vec<u8>)>,
     metadata: Vec<Metadata>,
@@ -35,7 +37,7 @@ impl Copy {
         })
     }
 
-    /// A message of the `file`-th file.
+    /// Copies a message of the source file with this index.
     pub(super) fn message(
         &mut self,
         file: usize,
@@ -58,7 +60,7 @@ impl Copy {
         Ok(self.mcap.write_to_known_channel(&MessageHeader { channel_id, ..header }, data)?)
     }
 
-    /// An attachment, unless the same is there.
+    /// Copies an attachment, unless the new file already has the same.
     pub(super) fn attachment(&mut self, header: AttachmentHeader, data: &[u8]) -> Result<(), RecordError> {
         let is_same = |(other, theirs): &(AttachmentHeader, Vec<u8>)| other.name == header.name && theirs == data;
         if self.attachments.iter().any(is_same) {
@@ -70,7 +72,7 @@ impl Copy {
         Ok(())
     }
 
-    /// A metadata record, unless the same is there.
+    /// Copies a metadata record, unless the new file already has the same.
     pub(super) fn metadata(&mut self, metadata: Metadata) -> Result<(), RecordError> {
         if !self.metadata.contains(&metadata) {
             self.mcap.write_metadata(&metadata)?;

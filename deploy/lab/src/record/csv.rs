@@ -1,8 +1,7 @@
-//! A recording as tables: one row a vehicle and step, one row a pair and step, one row a number that an external law logs,
-//! one row a thing that happened.
+//! Writes a recording as CSV tables: vehicles' steps, the ages of peers' states, numbers that external laws log, and events.
 //!
-//! Names of columns are kept from release to release; new ones come last. Times before the window of the figures are
-//! negative. An empty cell is what does not apply.
+//! Column names stay the same from release to release; new columns come last. Times before the figures' window are negative.
+//! An empty cell means that the value does not apply.
 
 use std::fs::File;
 use std::path::{Path, PathBuf};
@@ -14,11 +13,12 @@ use super::reader::{Whole, read_all};
 use super::{RecordError, format};
 use crate::recording::{Recording, Step, What};
 
-/// Writes `trace.csv`, `peers.csv`, `laws.csv` and `events.csv` of a recording into a folder, which is made if it is not there.
-/// Gives their paths.
+/// Writes `trace.csv`, `peers.csv`, `laws.csv` and `events.csv` of a recording into a folder and returns their paths.
+///
+/// Creates the folder if it does not exist.
 ///
 /// # Errors
-/// If the recording cannot be read, or a table not written.
+/// The recording cannot be read, or a table cannot be written.
 pub fn csv(recording: &Path, folder: &Path) -> Result<Vec<PathBuf>, RecordError> {
     let Whole { recording, .. } = read_all(recording)?;
     std::fs::create_dir_all(folder).map_err(|error| RecordError::Io { path: folder.to_owned(), error })?;
@@ -37,10 +37,10 @@ pub fn csv(recording: &Path, folder: &Path) -> Result<Vec<PathBuf>, RecordError>
     tables.into_iter().map(write).collect()
 }
 
-/// Every step, in the order of time.
+/// The steps of all vehicles, in the order of time.
 fn steps(recording: &Recording) -> Vec<&Step> {
     let mut steps: Vec<_> = recording.tracks.iter().flat_map(|track| &track.steps).collect();
-    // Stable: of one instant in the order of ids.
+    // A stable sort: steps of one instant stay in the order of ids.
     steps.sort_by(|one, two| one.t_s.total_cmp(&two.t_s));
     steps
 }
@@ -53,65 +53,65 @@ fn traces(to: &mut Writer<File>, recording: &Recording) -> csv::Result<()> {
     Ok(())
 }
 
-/// What a cell of a step holds.
+/// Formats one cell of a step.
 type Cell = fn(&Trace) -> String;
 
-/// The columns of `trace.csv` behind the time.
+/// The columns of `trace.csv` after the time.
 const COLUMNS: [(&str, Cell); 41] = [
-    ("vehicle", |said| said.header.sender.to_string()),
-    ("incarnation", |said| said.header.incarnation.0.to_string()),
-    ("sequence", |said| said.header.sequence.to_string()),
-    ("stamp_s", |said| said.header.stamp.seconds().to_string()),
-    ("plant_time_s", |said| said.plant_time.seconds().to_string()),
-    ("membership", |said| format::word(&said.membership)),
-    ("activity", |said| format::word(&said.activity)),
-    ("live", |said| said.live.to_string()),
-    ("step", |said| said.step.to_string()),
-    ("reached", |said| number(said.reached.map(u64::from))),
-    ("centre_north_m", |said| said.centre_ne_m[0].to_string()),
-    ("centre_east_m", |said| said.centre_ne_m[1].to_string()),
-    ("estimate_north_m", |said| said.estimate.north_m().to_string()),
-    ("estimate_east_m", |said| said.estimate.east_m().to_string()),
-    ("estimate_down_m", |said| said.estimate.down_m().to_string()),
-    ("north_m", |said| said.position.north_m().to_string()),
-    ("east_m", |said| said.position.east_m().to_string()),
-    ("down_m", |said| said.position.down_m().to_string()),
-    ("height_m", |said| said.height_m.to_string()),
-    ("velocity_north_m_s", |said| said.velocity.north_m_s().to_string()),
-    ("velocity_east_m_s", |said| said.velocity.east_m_s().to_string()),
-    ("velocity_down_m_s", |said| said.velocity.down_m_s().to_string()),
-    ("roll_rad", |said| said.attitude.roll_rad.to_string()),
-    ("pitch_rad", |said| said.attitude.pitch_rad.to_string()),
-    ("heading_rad", |said| said.attitude.heading_rad.to_string()),
-    ("power_w", |said| number(said.power_w)),
-    ("field_north", |said| said.field_ne[0].to_string()),
-    ("field_east", |said| said.field_ne[1].to_string()),
-    ("error_north_m", |said| said.error_ne_m[0].to_string()),
-    ("error_east_m", |said| said.error_ne_m[1].to_string()),
-    ("altitude_setpoint_m", |said| said.altitude_setpoint_m.to_string()),
-    ("stick_roll", |said| number(said.sticks.map(|sticks| sticks[0]))),
-    ("stick_pitch", |said| number(said.sticks.map(|sticks| sticks[1]))),
-    ("stick_yaw", |said| number(said.sticks.map(|sticks| sticks[2]))),
-    ("stick_collective", |said| number(said.sticks.map(|sticks| sticks[3]))),
-    ("step_us", |said| number(said.step_us)),
-    ("safety_activations", |said| number(said.safety_activations)),
-    ("frame_overruns", |said| said.frame_overruns.to_string()),
-    ("state_messages", |said| said.state_messages.to_string()),
-    ("state_bytes", |said| said.state_bytes.to_string()),
-    ("law_misses", |said| number(said.law_misses)),
+    ("vehicle", |trace| trace.header.sender.to_string()),
+    ("incarnation", |trace| trace.header.incarnation.0.to_string()),
+    ("sequence", |trace| trace.header.sequence.to_string()),
+    ("stamp_s", |trace| trace.header.stamp.seconds().to_string()),
+    ("plant_time_s", |trace| trace.plant_time.seconds().to_string()),
+    ("membership", |trace| format::spelling(&trace.membership)),
+    ("activity", |trace| format::spelling(&trace.activity)),
+    ("live", |trace| trace.live.to_string()),
+    ("step", |trace| trace.step.to_string()),
+    ("reached", |trace| number(trace.reached.map(u64::from))),
+    ("centre_north_m", |trace| trace.centre_ne_m[0].to_string()),
+    ("centre_east_m", |trace| trace.centre_ne_m[1].to_string()),
+    ("estimate_north_m", |trace| trace.estimate.north_m().to_string()),
+    ("estimate_east_m", |trace| trace.estimate.east_m().to_string()),
+    ("estimate_down_m", |trace| trace.estimate.down_m().to_string()),
+    ("north_m", |trace| trace.position.north_m().to_string()),
+    ("east_m", |trace| trace.position.east_m().to_string()),
+    ("down_m", |trace| trace.position.down_m().to_string()),
+    ("height_m", |trace| trace.height_m.to_string()),
+    ("velocity_north_m_s", |trace| trace.velocity.north_m_s().to_string()),
+    ("velocity_east_m_s", |trace| trace.velocity.east_m_s().to_string()),
+    ("velocity_down_m_s", |trace| trace.velocity.down_m_s().to_string()),
+    ("roll_rad", |trace| trace.attitude.roll_rad.to_string()),
+    ("pitch_rad", |trace| trace.attitude.pitch_rad.to_string()),
+    ("heading_rad", |trace| trace.attitude.heading_rad.to_string()),
+    ("power_w", |trace| number(trace.power_w)),
+    ("field_north", |trace| trace.field_ne[0].to_string()),
+    ("field_east", |trace| trace.field_ne[1].to_string()),
+    ("error_north_m", |trace| trace.error_ne_m[0].to_string()),
+    ("error_east_m", |trace| trace.error_ne_m[1].to_string()),
+    ("altitude_setpoint_m", |trace| trace.altitude_setpoint_m.to_string()),
+    ("stick_roll", |trace| number(trace.sticks.map(|sticks| sticks[0]))),
+    ("stick_pitch", |trace| number(trace.sticks.map(|sticks| sticks[1]))),
+    ("stick_yaw", |trace| number(trace.sticks.map(|sticks| sticks[2]))),
+    ("stick_collective", |trace| number(trace.sticks.map(|sticks| sticks[3]))),
+    ("step_us", |trace| number(trace.step_us)),
+    ("safety_activations", |trace| number(trace.safety_activations)),
+    ("frame_overruns", |trace| trace.frame_overruns.to_string()),
+    ("state_messages", |trace| trace.state_messages.to_string()),
+    ("state_bytes", |trace| trace.state_bytes.to_string()),
+    ("law_misses", |trace| number(trace.law_misses)),
 ];
 
-/// A cell that may be empty.
+/// Formats a cell that may be empty.
 fn number(value: Option<impl ToString>) -> String {
     value.map(|value| value.to_string()).unwrap_or_default()
 }
 
-/// How old the newest message of every peer was at each vehicle.
+/// Writes the age of every peer's newest state at each step of each vehicle.
 fn peers(to: &mut Writer<File>, recording: &Recording) -> csv::Result<()> {
     to.write_record(["t_s", "vehicle", "peer", "standing", "age_s", "delay_s", "delivered_age_s"])?;
     for Step { t_s, trace } in steps(recording) {
         for peer in &trace.peers {
-            let (vehicle, standing) = (trace.header.sender.to_string(), format::word(&peer.standing));
+            let (vehicle, standing) = (trace.header.sender.to_string(), format::spelling(&peer.standing));
             let ages = [peer.age_s.to_string(), number(peer.delay_s), peer.delivered_age_s.to_string()];
             to.write_record([t_s.to_string(), vehicle, peer.id.to_string(), standing].iter().chain(&ages))?;
         }
@@ -119,7 +119,7 @@ fn peers(to: &mut Writer<File>, recording: &Recording) -> csv::Result<()> {
     Ok(())
 }
 
-/// What external laws log.
+/// Writes the numbers that external laws log.
 fn laws(to: &mut Writer<File>, recording: &Recording) -> csv::Result<()> {
     to.write_record(["t_s", "vehicle", "name", "value"])?;
     for Step { t_s, trace } in steps(recording) {
@@ -135,8 +135,8 @@ fn events(to: &mut Writer<File>, recording: &Recording) -> csv::Result<()> {
     to.write_record(["t_s", "kind", "vehicle", "text"])?;
     for noted in &recording.noted {
         let (kind, vehicle, what) = match &noted.what {
-            What::Said(id, what) => ("event", Some(*id), what.to_string()),
-            What::Done(incident) => ("fault", format::of_whom(incident), incident.to_string()),
+            What::Event(id, what) => ("event", Some(*id), what.to_string()),
+            What::Fault(incident) => ("fault", format::vehicle_of(incident), incident.to_string()),
         };
         to.write_record([noted.t_s.to_string(), kind.to_owned(), number(vehicle), what])?;
     }

@@ -1,4 +1,4 @@
-//! Files that appear when they are whole.
+//! Files that appear under their name only when they are complete.
 
 use std::fs::{self, File};
 use std::io;
@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use super::RecordError;
 
-/// A file under another name until it is whole; given up, nothing is left of it.
+/// A file with a temporary name until it is complete; a draft that is dropped before is deleted.
 #[derive(Debug)]
 pub(crate) struct Draft {
     path: PathBuf,
@@ -22,7 +22,7 @@ impl Draft {
         File::create(&self.path).map_err(|error| RecordError::Io { path: self.path.clone(), error })
     }
 
-    /// It is whole.
+    /// Flushes the complete file to disk and renames it to its target.
     pub(crate) fn finish(self, file: &File) -> Result<(), RecordError> {
         let finished = file.sync_all().and_then(|()| fs::rename(&self.path, &self.target));
         finished.map_err(|error| self.error(error))
@@ -35,7 +35,7 @@ impl Draft {
 
 impl Drop for Draft {
     fn drop(&mut self) {
-        // Gone already if it was finished.
+        // A finished draft is already renamed.
         let _ = fs::remove_file(&self.path);
     }
 }

@@ -1,4 +1,4 @@
-//! What writer and reader agree on: topics, the JSON of our own channels, the metadata records.
+//! The format of recordings, for writer and reader: topics, JSON messages and metadata records.
 
 use std::borrow::Cow;
 use std::collections::BTreeMap;
@@ -11,16 +11,16 @@ use skein_common::message::Happening;
 
 use crate::faults::Incident;
 
-/// Of the whole; a change that older programs cannot read counts it up.
+/// Version of the format; a change that older programs cannot read increases it.
 pub(super) const FORMAT: &str = "1";
 
-/// Metadata record: what flew, in which program.
+/// Name of the metadata record with the scenario and the program.
 pub(super) const RUN: &str = "skein.run";
-/// Metadata record: the log time at which the window of the figures begins.
+/// Name of the metadata record with the log time at which the figures' window begins.
 pub(super) const BEGINS: &str = "skein.window_begins";
-/// Metadata record: the log time at which it ends.
+/// Name of the metadata record with the log time at which the figures' window ends.
 pub(super) const ENDS: &str = "skein.window_ends";
-/// Metadata record: what could not be recorded.
+/// Name of the metadata record with the counts of what could not be recorded.
 pub(super) const RECORDER: &str = "skein.recorder";
 /// Metadata record of a repaired or merged recording: records outside chunks were damaged and are not in it.
 pub(super) const DAMAGED: &str = "skein.damaged";
@@ -28,7 +28,7 @@ pub(super) const DAMAGED: &str = "skein.damaged";
 pub(super) const LOG_TIME: &str = "log_time_ns";
 /// Key of the checksum in each metadata record.
 pub(super) const CHECKSUM: &str = "skein.checksum";
-/// Attachment: the complete scenario.
+/// Name of the attachment with the complete scenario.
 pub(super) const SCENARIO: &str = "scenario.toml";
 
 pub(super) const EVENTS: &str = "/events";
@@ -68,58 +68,58 @@ pub(super) fn location_topic(id: VehicleId) -> String {
     format!("/vehicle/{id}/location")
 }
 
-/// Whose trace this topic holds.
+/// The vehicle whose traces are on this topic; `None` for any other topic.
 pub(super) fn traced(topic: &str) -> Option<VehicleId> {
     topic.strip_prefix("/vehicle/")?.strip_suffix("/trace")?.parse().ok()
 }
 
-/// What a vehicle reported of itself: a message on `/events`.
+/// An event that a vehicle reported of itself: a message on `/events`.
 #[derive(Debug, Serialize, Deserialize, JsonSchema)]
 pub(super) struct EventLine<'a> {
-    /// The vehicle that reports it.
+    /// The vehicle that reports the event.
     pub(super) vehicle: VehicleId,
-    /// The life of its agent: a restarted agent has a larger one; null in virtual time.
+    /// Incarnation of its agent: a restarted agent has a larger one; null in virtual time.
     pub(super) incarnation: Option<Incarnation>,
-    /// Grows with every event of that life; null in virtual time.
+    /// Number of the event, which grows with every event of the incarnation; null in virtual time.
     pub(super) sequence: Option<u64>,
-    /// As people read it.
+    /// The event as text.
     pub(super) text: Cow<'a, str>,
-    /// As programs read it: a name, or a name with its values.
+    /// The event as data: a name, or a name with its values.
     pub(super) what: Happening,
 }
 
-/// What was done to the swarm: a message on `/faults`.
+/// A fault that was injected into the swarm: a message on `/faults`.
 #[derive(Debug, Serialize, Deserialize, JsonSchema)]
 pub(super) struct FaultLine<'a> {
-    /// The vehicle that it was done to; null if it was done to links.
+    /// The vehicle that the fault affects; null if it affects links.
     pub(super) vehicle: Option<VehicleId>,
-    /// As people read it.
+    /// The fault as text.
     pub(super) text: Cow<'a, str>,
-    /// As programs read it: a name, or a name with its values.
+    /// The fault as data: a name, or a name with its values.
     pub(super) what: Cow<'a, Incident>,
 }
 
-/// Log time of an instant `t_s` after log time `zero_ns`.
+/// Log time of the instant `t_s` seconds after log time `zero_ns`, ns.
 pub(crate) fn log_time_ns(zero_ns: u64, t_s: f64) -> u64 {
     zero_ns.saturating_add_signed((t_s * 1e9).round() as i64)
 }
 
-/// Seconds from `zero_ns` to a log time; negative before.
+/// Time from `zero_ns` to a log time, s; negative if the log time is before.
 pub(super) fn seconds_since(zero_ns: u64, log_time_ns: u64) -> f64 {
-    // Divided, not multiplied: the nearest number to what the decimal says.
+    // A division gives the number nearest to the decimal value; a multiplication would not.
     log_time_ns.wrapping_sub(zero_ns) as i64 as f64 / 1e9
 }
 
-/// A choice as the JSON has it.
-pub(super) fn word(choice: &impl Serialize) -> String {
+/// The spelling of a choice in JSON.
+pub(super) fn spelling(choice: &impl Serialize) -> String {
     match serde_json::to_value(choice) {
-        Ok(serde_json::Value::String(word)) => word,
+        Ok(serde_json::Value::String(text)) => text,
         _ => String::new(),
     }
 }
 
-/// To which vehicle it is done, if to one.
-pub(super) fn of_whom(incident: &Incident) -> Option<VehicleId> {
+/// The vehicle that a fault affects; `None` if it affects links.
+pub(super) fn vehicle_of(incident: &Incident) -> Option<VehicleId> {
     match incident {
         Incident::Died(id) | Incident::Restarted(id) | Incident::Failed(id, _) => Some(*id),
         Incident::Cut { .. } | Incident::Healed { .. } | Incident::Delayed { .. } | Incident::DelayOver { .. } => None,

@@ -1,4 +1,4 @@
-//! Joining recordings, for example of several hosts.
+//! Merges recordings, for example of several hosts.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -11,20 +11,22 @@ use super::RecordError;
 use super::copy::Copy;
 use super::scan::{Piece, scan};
 
-/// One message of one file.
-struct One {
+/// A message with the index of its file.
+struct FileMessage {
     file: usize,
     channel: Arc<Channel<'static>>,
     header: MessageHeader,
     data: Vec<u8>,
 }
 
-/// Joins files into `to`: messages in the order of log time, of one instant in the order of the files; schemas, channels,
-/// attachments and metadata records that are the same once. Everything is held in memory meanwhile. A file that is cut off
-/// counts up to its end. Gives how many messages there are.
+/// Merges files into `to` and returns the number of messages.
+///
+/// Messages are in the order of log time, and those of one instant in the order of the files. Equal schemas, channels,
+/// attachments and metadata records are written once. A file that is cut off is read up to its end. All messages are held in
+/// memory.
 ///
 /// # Errors
-/// If one of them is no MCAP file or cannot be read, or `to` cannot be written.
+/// A file is not an MCAP file or cannot be read, or `to` cannot be written.
 pub fn merge(files: &[PathBuf], to: &Path) -> Result<u64, RecordError> {
     let mut copy = Copy::new(to)?;
     let mut messages = Vec::new();
@@ -32,7 +34,7 @@ pub fn merge(files: &[PathBuf], to: &Path) -> Result<u64, RecordError> {
         let bytes = fs::read(path).map_err(|error| RecordError::Io { path: path.clone(), error })?;
         let found = scan(&bytes, |piece| match piece {
             Piece::Message(channel, header, data) => {
-                messages.push(One { file, channel: channel.clone(), header, data: data.to_vec() });
+                messages.push(FileMessage { file, channel: channel.clone(), header, data: data.to_vec() });
                 Ok(())
             }
             Piece::Attachment(header, data) => copy.attachment(header, data),
@@ -41,9 +43,9 @@ pub fn merge(files: &[PathBuf], to: &Path) -> Result<u64, RecordError> {
         .map_err(|error| error.reading(path))?;
         copy.found(&found)?;
     }
-    // Stable.
+    // A stable sort: messages of one instant stay in the order of the files.
     messages.sort_by_key(|one| one.header.log_time);
-    for One { file, channel, header, data } in &messages {
+    for FileMessage { file, channel, header, data } in &messages {
         copy.message(*file, channel, *header, data)?;
     }
     copy.finish()?;

@@ -1,4 +1,4 @@
-//! Reading a recording back.
+//! Reads a recording.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
@@ -16,12 +16,13 @@ use super::scan::{Found, Piece, scan};
 use crate::metrics::Run;
 use crate::recording::{Noted, Recording, Step, What};
 
-/// A recording as it was made, up to where its file is cut off or the window of the figures ends, and from where that begins.
-/// Step by step it is what whoever looked on saw, with times rounded to nanoseconds; a step or an event that two recorders
-/// wrote into one merged file is there once.
+/// Reads the steps, events and faults of a recording that lie in the figures' window.
+///
+/// The recording ends where the window ends or where the file is cut off. Its steps are those that were recorded, with times
+/// rounded to nanoseconds. A step or an event that two recorders wrote into one merged file appears once.
 ///
 /// # Errors
-/// If the file cannot be read, or is no recording of ours.
+/// The file cannot be read, or is not a recording of Skein.
 pub fn read(path: &Path) -> Result<Recording, RecordError> {
     let mut whole = read_all(path)?;
     let end_s = whole.end_s.unwrap_or(f64::INFINITY);
@@ -31,12 +32,12 @@ pub fn read(path: &Path) -> Result<Recording, RecordError> {
     Ok(whole.recording)
 }
 
-/// Everything in a file, also what was before the window and after it.
+/// Everything in a file, including steps before and after the figures' window.
 #[derive(Debug)]
 pub(super) struct Whole {
-    /// With negative times for what was before the window.
+    /// The recording; times before the window are negative.
     pub(super) recording: Recording,
-    /// When the window ended, s.
+    /// End of the window, s; `None` if the file is cut off before it.
     pub(super) end_s: Option<f64>,
 }
 
@@ -48,16 +49,16 @@ pub(super) fn read_all(path: &Path) -> Result<Whole, RecordError> {
         .map_err(|error| error.reading(path))
 }
 
-/// What tells one noted thing from all others.
+/// Identifies an event or a fault, to drop the copies of other recorders.
 #[derive(Debug, PartialEq, Eq, PartialOrd, Ord)]
-enum Name {
-    /// A vehicle's own number for it, which every recorder hears.
+enum EventId {
+    /// The vehicle's own number of the event, which is the same for every recorder.
     Numbered(VehicleId, Incarnation, u64),
-    /// When it was noted, to whom or by whom, in words.
-    Told(u64, Option<VehicleId>, String),
+    /// Log time, vehicle and text.
+    Described(u64, Option<VehicleId>, String),
 }
 
-/// What a file held, before the beginning of the window is known.
+/// The contents of a file, collected until the beginning of the window is known.
 #[derive(Default)]
 struct Pieces {
     run: Option<BTreeMap<String, String>>,
@@ -68,7 +69,7 @@ struct Pieces {
     /// Of a file that this one was repaired or merged from, records outside chunks were damaged.
     lacks_records: bool,
     steps: Vec<(u64, Trace)>,
-    noted: Vec<(u64, Name, What)>,
+    noted: Vec<(u64, EventId, What)>,
 }
 
 impl Pieces {
@@ -106,16 +107,16 @@ impl Pieces {
             (None, format::EVENTS) => {
                 let EventLine { vehicle, incarnation, sequence, text, what } = parse(topic, data)?;
                 let name = match incarnation.zip(sequence) {
-                    Some((incarnation, sequence)) => Name::Numbered(vehicle, incarnation, sequence),
-                    None => Name::Told(log_time_ns, Some(vehicle), text.into_owned()),
+                    Some((incarnation, sequence)) => EventId::Numbered(vehicle, incarnation, sequence),
+                    None => EventId::Described(log_time_ns, Some(vehicle), text.into_owned()),
                 };
-                (name, What::Said(vehicle, what))
+                (name, What::Event(vehicle, what))
             }
             (None, format::FAULTS) => {
                 let FaultLine { vehicle, text, what } = parse(topic, data)?;
-                (Name::Told(log_time_ns, vehicle, text.into_owned()), What::Done(what.into_owned()))
+                (EventId::Described(log_time_ns, vehicle, text.into_owned()), What::Fault(what.into_owned()))
             }
-            // Drawn from the above for people.
+            // Other topics repeat the data above in a form for display.
             _ => return Ok(()),
         };
         self.noted.push((log_time_ns, name, what));
@@ -140,7 +141,7 @@ impl Pieces {
         let scenario = loaded.map_err(|fault| RecordError::Scenario(fault.into()))?.scenario;
         let run =
             Run { version: entry("version"), revision: entry("revision"), ..Run::new(&scenario, &entry("target")) };
-        // Cut off before everybody took part: then the file's first step is as good as any.
+        // A file that is cut off before all vehicles were active members has no window: its first step is time 0.
         let zero_ns = self.begins_ns.or(self.first_ns).unwrap_or(0);
         let mut recording = Recording::new(&scenario, run);
         let mut known = BTreeSet::new();
@@ -163,7 +164,7 @@ impl Pieces {
     }
 }
 
-/// A step that this vehicle can have traced.
+/// Parses a trace and checks that it is plausible and from this vehicle.
 fn trace(id: VehicleId, topic: &str, data: &[u8]) -> Result<Trace, RecordError> {
     let trace: Trace = parse(topic, data)?;
     match trace.header.sender == id && trace.is_plausible() {

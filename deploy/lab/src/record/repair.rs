@@ -1,4 +1,4 @@
-//! Making a whole file of one that is cut off or damaged.
+//! Repairs a recording that is cut off or damaged.
 
 use std::fmt;
 use std::fs;
@@ -8,29 +8,30 @@ use super::RecordError;
 use super::copy::Copy;
 use super::scan::{Found, Piece, scan};
 
-/// What became of a file that was to be repaired.
+/// The result of a repair.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Repaired {
-    /// Where the whole file is: beside the other. `None` if that was whole.
+    /// Path of the repaired file; `None` if the file was intact.
     pub to: Option<PathBuf>,
-    /// Messages that are in it.
+    /// Number of intact messages.
     pub messages: u64,
-    /// From the first to the last, ns of log time.
+    /// Log time from the first to the last message, ns.
     pub span_ns: u64,
-    /// Chunks and records left out, because damaged.
+    /// Number of damaged chunks and records, which are left out.
     pub damaged: usize,
-    /// Bytes at the end that are no whole chunk, left out.
+    /// Number of bytes of an incomplete chunk at the end, which are left out.
     pub left_over: usize,
 }
 
-/// Writes everything that is whole in `path` into a new file beside it: `run.mcap` becomes `run.repaired.mcap`. The other is
-/// left as it is. Every message of every chunk that is all there and undamaged is kept.
+/// Copies every message of every intact chunk of `path` into a new file beside it: `run.mcap` becomes `run.repaired.mcap`.
+///
+/// Does not change `path`, and writes no file if `path` is intact.
 ///
 /// # Errors
-/// If it is no MCAP file, cannot be read, or the other one cannot be written.
+/// The file is not an MCAP file or cannot be read, or the new file cannot be written.
 pub fn repair(path: &Path) -> Result<Repaired, RecordError> {
     let bytes = fs::read(path).map_err(|error| RecordError::Io { path: path.to_owned(), error })?;
-    // Nothing is written for a file that needs nothing.
+    // The first pass only counts: an intact file needs no repaired copy.
     let (mut messages, mut first_ns, mut last_ns) = (0, u64::MAX, 0);
     let count = |piece: Piece<'_>| {
         if let Piece::Message(_, header, _) = piece {

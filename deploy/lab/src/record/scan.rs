@@ -1,8 +1,8 @@
-//! Reading whatever is whole of an MCAP file, in the order in which it was written, up to where it ends.
+//! Reads the intact parts of an MCAP file, in the order in which they were written.
 //!
-//! The file is taken as it is: cut off anywhere, or damaged. A chunk counts if its checksum is right, and so does an attachment
-//! and a metadata record; a damaged one is left out, and reading goes on behind it. Messages stand in chunks: outside of them
-//! nothing shows that they are what was written. A record whose length leads beyond the end is where the file ends.
+//! The file may be cut off anywhere, or damaged. A chunk, an attachment or a metadata record with a wrong checksum is skipped, and
+//! reading continues behind it. Messages are in chunks: a message outside a chunk has no checksum and is skipped. A record whose
+//! length leads beyond the end of the file ends the reading.
 
 use std::sync::Arc;
 
@@ -13,42 +13,42 @@ use mcap::{Channel, MAGIC, parse_record};
 
 use super::{RecordError, format};
 
-/// A larger chunk is none of anybody's, bytes: a damaged length must not ask for all memory.
+/// Size of the largest plausible chunk, bytes: a damaged length must not allocate all memory.
 const LARGEST_CHUNK: usize = 1 << 28;
-/// Bytes before a record's content: its kind and its length.
+/// Size of the prefix of a record, bytes: its kind and its length.
 const PREFIX: usize = 9;
 /// Bytes of the record behind the last chunk.
 const DATA_END: usize = 4;
 /// Where a chunk says how long it is unpacked, and, after that, its checksum.
 const CHUNK_SIZE: usize = 16;
 
-/// One thing in a file.
+/// One intact part of a file.
 pub(super) enum Piece<'a> {
     /// A message with its channel.
     Message(&'a Arc<Channel<'static>>, MessageHeader, &'a [u8]),
     /// A file within the file.
     Attachment(AttachmentHeader, &'a [u8]),
-    /// Words about the whole.
+    /// A metadata record about the whole file.
     Metadata(Metadata),
 }
 
-/// What was found besides.
+/// The condition of a file.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct Found {
-    /// The file ends as it should, and nothing in it is damaged.
+    /// Whether the file is complete and undamaged.
     pub(super) is_whole: bool,
-    /// Damaged chunks and records, left out.
+    /// Number of damaged chunks and records, which were skipped.
     pub(super) damaged: usize,
-    /// Those of them that may have been anything, also what tells of the whole.
+    /// Number of damaged records outside chunks, which may have been metadata.
     pub(super) damaged_outside_chunks: usize,
-    /// Bytes at the end that are no whole record.
+    /// Number of bytes of an incomplete record at the end.
     pub(super) left_over: usize,
 }
 
-/// Hands everything that is whole to `take`.
+/// Hands every intact part of the file to `take` and returns the condition of the file.
 ///
 /// # Errors
-/// If this is no MCAP file at all, or `take` fails.
+/// The bytes are not an MCAP file, or `take` fails.
 pub(super) fn scan(
     bytes: &[u8],
     mut take: impl FnMut(Piece<'_>) -> Result<(), RecordError>,
@@ -56,16 +56,18 @@ pub(super) fn scan(
     let mut rest = bytes.strip_prefix(MAGIC).ok_or(RecordError::NoMcap)?;
     let mut channels = ChannelAccumulator::default();
     let (mut found, mut have_checksums) = (Found::default(), false);
-    while let Some((kind, content, behind)) = split(rest) {
+    while let Some((kind, content, behind)) = split_record(rest) {
         let taken = match kind {
             op::DATA_END if content.len() == DATA_END => {
                 let ends_well = behind.ends_with(MAGIC);
                 return Ok(Found { is_whole: ends_well && found.damaged == 0, ..found });
             }
-            op::CHUNK => has_checksum(content) && unpack(&rest[..PREFIX + content.len()], &mut channels, &mut take)?,
-            op::METADATA => pass_on_metadata(content, &mut have_checksums, &mut take)?,
+            op::CHUNK => {
+                has_checksum(content) && read_chunk(&rest[..PREFIX + content.len()], &mut channels, &mut take)?
+            }
+            op::METADATA => read_metadata(content, &mut have_checksums, &mut take)?,
             op::MESSAGE => false,
-            _ => pass_on(kind, content, &mut channels, &mut take)?,
+            _ => read_record(kind, content, &mut channels, &mut take)?,
         };
         found.damaged += usize::from(!taken);
         found.damaged_outside_chunks += usize::from(!taken && kind != op::CHUNK);
@@ -74,24 +76,25 @@ pub(super) fn scan(
     Ok(Found { left_over: rest.len(), ..found })
 }
 
-/// The first record's kind and content, and what stands behind it; `None` if it is not all there.
-fn split(bytes: &[u8]) -> Option<(u8, &[u8], &[u8])> {
+/// Splits the first record off: its kind, its content and the bytes behind it; `None` if the record is incomplete.
+fn split_record(bytes: &[u8]) -> Option<(u8, &[u8], &[u8])> {
     let (prefix, rest) = bytes.split_at_checked(PREFIX)?;
     let length = u64::from_le_bytes(prefix[1..].try_into().ok()?);
     let (content, behind) = rest.split_at_checked(usize::try_from(length).ok()?)?;
     Some((prefix[0], content, behind))
 }
 
-/// Whether a chunk says what its content has to add up to. One that holds nothing adds up to 0.
+/// Whether a chunk has a checksum. The checksum of an empty chunk is 0.
 fn has_checksum(chunk: &[u8]) -> bool {
-    let number =
+    let is_nonzero =
         |range: std::ops::Range<usize>| chunk.get(range).is_some_and(|bytes| bytes.iter().any(|byte| *byte != 0));
-    let is_empty = !number(CHUNK_SIZE..CHUNK_SIZE + 8);
-    is_empty || number(CHUNK_SIZE + 8..CHUNK_SIZE + 12)
+    let is_empty = !is_nonzero(CHUNK_SIZE..CHUNK_SIZE + 8);
+    is_empty || is_nonzero(CHUNK_SIZE + 8..CHUNK_SIZE + 12)
 }
 
-/// Hands on a metadata record. False if it is damaged: its checksum is wrong, or it has none where those before it have.
-fn pass_on_metadata(
+/// Hands a metadata record to `take`. Returns false if the record is damaged: its checksum is wrong, or it has none although an
+/// earlier record has one.
+fn read_metadata(
     content: &[u8],
     have_checksums: &mut bool,
     take: &mut impl FnMut(Piece<'_>) -> Result<(), RecordError>,
@@ -106,8 +109,8 @@ fn pass_on_metadata(
     Ok(true)
 }
 
-/// Hands on what stands in a chunk. False if that is damaged.
-fn unpack(
+/// Hands the contents of a chunk to `take`. Returns false if the chunk is damaged.
+fn read_chunk(
     record: &[u8],
     channels: &mut ChannelAccumulator<'static>,
     take: &mut impl FnMut(Piece<'_>) -> Result<(), RecordError>,
@@ -128,15 +131,15 @@ fn unpack(
                 reader.notify_read(next.len());
                 rest = behind;
             }
-            Ok(LinearReadEvent::Record { data, opcode }) => is_good &= pass_on(opcode, data, channels, take)?,
+            Ok(LinearReadEvent::Record { data, opcode }) => is_good &= read_record(opcode, data, channels, take)?,
             Err(_) => return Ok(false),
         }
     }
     Ok(is_good)
 }
 
-/// Hands on one record that is neither chunk nor metadata. False if it is damaged or of no known kind.
-fn pass_on(
+/// Hands one record that is neither a chunk nor metadata to `take`. Returns false if the record is damaged or of an unknown kind.
+fn read_record(
     kind: u8,
     content: &[u8],
     channels: &mut ChannelAccumulator<'static>,

@@ -1,7 +1,7 @@
-//! What Foxglove draws: frames, places on the globe, helicopters, the formation.
+//! Messages that Foxglove draws: frames, positions on the globe, helicopters and the formation.
 //!
-//! Foxglove's world is east, north, up, and its bodies are forward, left, up (as in ROS, REP 103); ours are north, east,
-//! down and forward, right, down. Both differ by a constant rotation on each side:
+//! Foxglove's world frame is east, north, up, and its body frames are forward, left, up (as in ROS, REP 103). Ours are north,
+//! east, down and forward, right, down. The two differ by a constant rotation on each side:
 //!
 //! ```text
 //!   enu_from_flu = enu_from_ned * ned_from_frd * frd_from_flu
@@ -21,12 +21,12 @@ use skein_core::formation::{self, ring::Region};
 
 /// The root frame: east, north, up at the scenario's origin.
 pub(super) const WORLD: &str = "world";
-/// Where the formation's centre is, in the axes of the world.
+/// The frame of the formation's centre, with the axes of the world frame.
 pub(super) const CENTRE: &str = "centre";
 
-/// Model helicopters would be dots in a formation of 100 m: this is the length of what is drawn, m.
+/// Length of a drawn helicopter, m. At its true size a model helicopter would be a dot in a formation of 100 m.
 const DRAWN_LENGTH_M: f64 = 8.0;
-/// Corners of a drawn ellipse.
+/// Number of corners of a drawn ellipse.
 const CORNERS: usize = 90;
 
 /// M. Okabe & K. Ito's colours, without black and yellow.
@@ -39,7 +39,7 @@ const COLOURS: [[f64; 3]; 6] = [
     [0.35, 0.70, 0.90],
 ];
 
-/// The frame of a vehicle: forward, left, up.
+/// Name of the frame of a vehicle: forward, left, up.
 pub(super) fn frame(id: VehicleId) -> String {
     format!("vehicle/{id}")
 }
@@ -49,12 +49,12 @@ pub(super) fn timestamp(log_time_ns: u64) -> Timestamp {
     Timestamp::new(seconds, (log_time_ns % 1_000_000_000) as u32)
 }
 
-/// North, east, down to east, north, up.
+/// Converts north, east, down to east, north, up.
 fn enu_from_ned(ned: nalgebra::Vector3<f64>) -> Vector3 {
     Vector3 { x: ned.y, y: ned.x, z: -ned.z }
 }
 
-/// Turns components along a vehicle's forward, left and up into components along east, north and up.
+/// Rotation from a vehicle's forward, left, up to east, north, up.
 fn enu_from_flu(attitude: &Attitude) -> UnitQuaternion<f64> {
     let enu_from_ned = Matrix3::new(0.0, 1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, -1.0);
     let frd_from_flu = Matrix3::from_diagonal(&nalgebra::Vector3::new(1.0, -1.0, -1.0));
@@ -62,13 +62,13 @@ fn enu_from_flu(attitude: &Attitude) -> UnitQuaternion<f64> {
     UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(rotation))
 }
 
-/// Where the vehicle really was.
+/// The transform of a vehicle's frame, from its ground truth.
 pub(super) fn vehicle_transform(time: Timestamp, trace: &Trace) -> FrameTransforms {
     let rotation = enu_from_flu(&trace.attitude);
     transform(time, frame(trace.header.sender), enu_from_ned(trace.position.0), rotation)
 }
 
-/// Where a vehicle takes the formation's centre to be, at this altitude.
+/// The transform of the frame `centre`, from a vehicle's own estimate of the centre, at this altitude, m.
 pub(super) fn centre_transform(time: Timestamp, centre_ne_m: [f64; 2], altitude_m: f64) -> FrameTransforms {
     let centre = Vector3 { x: centre_ne_m[1], y: centre_ne_m[0], z: altitude_m };
     transform(time, CENTRE.to_owned(), centre, UnitQuaternion::identity())
@@ -85,7 +85,7 @@ fn transform(time: Timestamp, child: String, place: Vector3, rotation: UnitQuate
     FrameTransforms { transforms: vec![transform] }
 }
 
-/// Where on the globe the vehicle really was.
+/// The vehicle's position on the globe, from its ground truth.
 pub(super) fn location(time: Timestamp, origin: &Origin, trace: &Trace) -> LocationFix {
     let place = origin.geodetic_from_ned(trace.position);
     LocationFix {
@@ -101,7 +101,7 @@ pub(super) fn location(time: Timestamp, origin: &Origin, trace: &Trace) -> Locat
     }
 }
 
-/// A helicopter in the frame of each vehicle, larger than life, with its number.
+/// A helicopter in the frame of each vehicle, larger than its true size, with the vehicle's id.
 pub(super) fn vehicles(time: Timestamp, ids: impl Iterator<Item = VehicleId>) -> SceneUpdate {
     let entity = |id: VehicleId| {
         let at = |x: f64, z: f64| pose(DRAWN_LENGTH_M * x, 0.0, DRAWN_LENGTH_M * z);
@@ -128,7 +128,7 @@ pub(super) fn vehicles(time: Timestamp, ids: impl Iterator<Item = VehicleId>) ->
             frame_id: frame(id),
             id: frame(id),
             frame_locked: true,
-            // A cabin before a boom.
+            // A cabin in front of a tail boom.
             cubes: vec![cube(0.1, size(0.4, 0.18, 0.2)), cube(-0.35, size(0.5, 0.05, 0.06))],
             cylinders: vec![rotor],
             texts: vec![number],
@@ -138,9 +138,9 @@ pub(super) fn vehicles(time: Timestamp, ids: impl Iterator<Item = VehicleId>) ->
     SceneUpdate { deletions: Vec::new(), entities: ids.map(entity).collect() }
 }
 
-/// The formation's ellipse and the edges of where vehicles belong, about the frame `centre`.
-pub(super) fn formation(time: Timestamp, wanted: &Formation) -> SceneUpdate {
-    let ring = formation::ring(wanted);
+/// The formation's ellipse and the edges of its band, about the frame `centre`.
+pub(super) fn formation(time: Timestamp, formation: &Formation) -> SceneUpdate {
+    let ring = formation::ring(formation);
     let edges_m = match ring.region {
         Region::Band => vec![ring.radius_m - ring.inner_width_m, ring.radius_m + ring.outer_width_m],
         Region::Inside => Vec::new(),
@@ -166,7 +166,7 @@ pub(super) fn formation(time: Timestamp, wanted: &Formation) -> SceneUpdate {
     SceneUpdate { deletions: Vec::new(), entities: vec![entity] }
 }
 
-/// Where ρ is `radius_m`: semi-axes ρ along the heading and ρ/√γ across it. East, north, up.
+/// Points of the ellipse ρ = `radius_m`, with the semi-axes ρ along the heading and ρ/√γ across it, m. East, north, up.
 fn ellipse(radius_m: f64, gamma: f64, heading_rad: f64) -> Vec<Point3> {
     let corner = |nth: usize| {
         let (sin, cos) = math::sin_cos(std::f64::consts::TAU * nth as f64 / CORNERS as f64);
@@ -178,7 +178,7 @@ fn ellipse(radius_m: f64, gamma: f64, heading_rad: f64) -> Vec<Point3> {
     (0..CORNERS).map(corner).collect()
 }
 
-/// A line for people.
+/// A line of the log: its source and its text.
 pub(super) fn line(time: Timestamp, is_bad: bool, who: String, what: String) -> Log {
     let level = if is_bad { log::Level::Warning } else { log::Level::Info };
     Log { timestamp: Some(time), level: level.into(), message: what, name: who, ..Log::default() }
@@ -201,7 +201,7 @@ mod tests {
 
     use super::*;
 
-    /// What a vehicle's forward, left and up are in east, north, up.
+    /// A vehicle's forward, left and up axes in east, north, up.
     fn axes(roll_rad: f64, pitch_rad: f64, heading_rad: f64) -> [[f64; 3]; 3] {
         let rotation = enu_from_flu(&Attitude { roll_rad, pitch_rad, heading_rad });
         let axes = [nalgebra::Vector3::x(), nalgebra::Vector3::y(), nalgebra::Vector3::z()];
@@ -209,7 +209,7 @@ mod tests {
     }
 
     #[test]
-    fn forward_left_and_up_are_where_a_pilot_has_them() {
+    fn the_axes_of_a_vehicle_are_forward_left_and_up() {
         let (east, north, up) = ([1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]);
         let [west, south, down] = [east, north, up].map(|axis| axis.map(|c| 0.0 - c));
         assert_eq!(axes(0.0, 0.0, 0.0), [north, west, up], "nose north");
@@ -221,7 +221,7 @@ mod tests {
     }
 
     #[test]
-    fn a_place_is_east_north_and_up() {
+    fn a_position_is_converted_to_east_north_and_up() {
         let ned = PositionNed::new(10.0, 20.0, -30.0);
         assert_eq!(enu_from_ned(ned.0), Vector3 { x: 20.0, y: 10.0, z: 30.0 });
     }
@@ -243,7 +243,7 @@ mod tests {
     }
 
     #[test]
-    fn times_beyond_a_stamp_stay_at_its_end() {
+    fn times_beyond_the_range_of_a_stamp_are_clamped() {
         assert_eq!(timestamp(1_500_000_000), Timestamp::new(1, 500_000_000));
         assert_eq!(timestamp(u64::MAX).sec(), u32::MAX);
     }

@@ -1,5 +1,6 @@
-//! JSON schemas of our own channels, for Foxglove's plots and for readers of a recording without this source. They come from
-//! the types that are recorded: keys, kinds and what may be null from the fields, descriptions from their docstrings.
+//! JSON schemas of our own channels, for Foxglove's plots and for programs that read a recording without this source.
+//!
+//! They are generated from the recorded types: keys, kinds and nullability from the fields, descriptions from the docstrings.
 
 use schemars::generate::SchemaSettings;
 use schemars::transform::RecursiveTransform;
@@ -16,29 +17,30 @@ pub(super) const EVENT: &str = "skein.Event";
 /// Name of the faults' schema.
 pub(super) const FAULT: &str = "skein.Fault";
 
-/// One step of a vehicle.
+/// Schema of a vehicle's trace of one step.
 pub(super) fn trace() -> Value {
     of::<Trace>(TRACE)
 }
 
-/// What a vehicle reports of itself.
+/// Schema of an event that a vehicle reports of itself.
 pub(super) fn event() -> Value {
     of::<EventLine<'_>>(EVENT)
 }
 
-/// What was done to the swarm.
+/// Schema of a fault that was injected into the swarm.
 pub(super) fn fault() -> Value {
     of::<FaultLine<'_>>(FAULT)
 }
 
-/// The schema of a type as it is written, in the part of JSON Schema that Foxglove's published reader takes. That reader refuses a
-/// channel over any key that it does not know: it follows no references, and wants exactly one kind for each key. So every part
-/// stands in its place, a key that may be null has the kind of its other values (its description says when it is null), and a key
-/// whose values are of several kinds is described with the message instead of by itself.
+/// The schema of a serialised type, in the subset of JSON Schema that Foxglove's published reader accepts.
+///
+/// That reader refuses a channel over any key that it does not know: it follows no references, and needs exactly one kind for
+/// each key. Therefore every subschema is inlined, a key that may be null has the kind of its other values (its description
+/// states when it is null), and a key with values of several kinds is described in the description of the message.
 fn of<T: JsonSchema>(title: &str) -> Value {
     let settings = SchemaSettings::draft2020_12().for_serialize().with(|settings| settings.inline_subschemas = true);
     let settings =
-        settings.with_transform(RecursiveTransform(name_choices)).with_transform(RecursiveTransform(no_null));
+        settings.with_transform(RecursiveTransform(name_choices)).with_transform(RecursiveTransform(drop_null));
     let mut schema = settings.into_generator().into_root_schema_for::<T>();
     schema.insert("title".to_owned(), title.into());
     let mut schema = schema.to_value();
@@ -46,8 +48,8 @@ fn of<T: JsonSchema>(title: &str) -> Value {
     schema
 }
 
-/// A key that may be null has the kind of its other values.
-fn no_null(schema: &mut Schema) {
+/// Gives a key that may be null the kind of its other values.
+fn drop_null(schema: &mut Schema) {
     if let Some(Value::Array(kinds)) = schema.get_mut("type") {
         kinds.retain(|kind| kind != "null");
         if let [kind] = kinds.as_slice() {
@@ -57,7 +59,7 @@ fn no_null(schema: &mut Schema) {
     }
 }
 
-/// A key of the message whose values are of several kinds leaves its place: the description of the message lists them.
+/// Removes each key of the message whose values are of several kinds, and lists its values in the message's description.
 fn describe_choices(message: &mut Value) {
     let Some(properties) = message["properties"].as_object_mut() else { return };
     let chosen = properties.iter().filter(|(_, schema)| schema.get("oneOf").is_some());
@@ -76,7 +78,7 @@ fn describe_choices(message: &mut Value) {
     }
 }
 
-/// The name by which a choice is recorded: the text itself, or the only key of the object.
+/// The name of a choice in a recording: the text itself, or the only key of the object.
 fn name_of(choice: &Value) -> String {
     let names = choice["enum"].as_array().into_iter().flatten().filter_map(Value::as_str);
     let own = choice["const"].as_str().into_iter().chain(names);
@@ -84,8 +86,9 @@ fn name_of(choice: &Value) -> String {
     own.chain(keys).collect::<Vec<_>>().join(", ")
 }
 
-/// A choice of described names becomes a text that is one of them, with all their descriptions: the published
-/// reader of Foxglove knows texts, but refuses a `oneOf` of texts.
+/// Turns a `oneOf` of described names into an `enum` of texts, with all descriptions in one.
+///
+/// The published reader of Foxglove accepts texts, but refuses a `oneOf` of texts.
 fn name_choices(schema: &mut Schema) {
     let Some(Value::Array(choices)) = schema.get("oneOf") else { return };
     let about = |choice: &Value| Some(format!("{}: {}", choice["const"].as_str()?, choice["description"].as_str()?));

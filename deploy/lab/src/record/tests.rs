@@ -101,8 +101,8 @@ fn every_recorded_message_is_as_its_schema_describes() {
         Happening::OrderTaken(order),
         Happening::ForcedAdvance { to: 2, without: [two].into_iter().collect() },
     ] {
-        writer.happened(0, one, Some(&steps[0].header), &what);
-        writer.happened(0, one, None, &what);
+        writer.event(0, one, Some(&steps[0].header), &what);
+        writer.event(0, one, None, &what);
     }
     let links = vec![(one, two)];
     let faults = [Incident::Died(one), Incident::Failed(one, "servo_stuck"), Incident::Cut { links }];
@@ -190,7 +190,7 @@ fn an_event_that_two_recorders_heard_counts_once() {
     let recorded = |name: &str, late_ns: u64| {
         let mut writer = Writer::new(std::io::Cursor::new(Vec::new()), &about, 0).unwrap();
         for (nth, header) in [heard(1, 1), heard(1, 2), heard(2, 1)].iter().enumerate() {
-            writer.happened(1_000 * nth as u64 + late_ns, header.sender, Some(header), &Happening::AtAltitude);
+            writer.event(1_000 * nth as u64 + late_ns, header.sender, Some(header), &Happening::AtAltitude);
         }
         let path = folder.path().join(name);
         std::fs::write(&path, writer.finish(0).unwrap().into_inner()).unwrap();

@@ -1,4 +1,4 @@
-//! Writing a recording.
+//! Writes a recording.
 
 use std::borrow::Cow;
 use std::collections::BTreeMap;
@@ -22,44 +22,44 @@ use crate::faults::Incident;
 use crate::metrics::Run;
 use crate::recording::Watch;
 
-/// Uncompressed size at which a chunk is closed, bytes: what one fault of the disk can cost.
+/// Uncompressed size at which a chunk is closed, bytes: the most that one disk error can destroy.
 const CHUNK_BYTES: u64 = 64 * 1024;
-/// A vehicle silent for this long tells nothing of the centre, s.
+/// Time after which a silent vehicle no longer determines the drawn centre, s.
 const SILENT_S: f64 = 1.0;
 
-/// What is recorded.
+/// The description of a flight at the beginning of its recording.
 #[derive(Clone, Copy, Debug)]
 pub struct About<'a> {
-    /// What flies.
+    /// The scenario that flies.
     pub scenario: &'a Scenario,
-    /// The same as a complete file.
+    /// The scenario as a complete TOML file.
     pub scenario_toml: &'a str,
-    /// In which run.
+    /// The run: program, seed and target.
     pub run: &'a Run,
-    /// What log times count from, for people.
+    /// The origin of log times, as text for the reader.
     pub clock: &'a str,
 }
 
-/// Writes a recording. Of what goes wrong the first is kept for [`Self::finish`]; nothing is written after it.
+/// Writes a recording. The first error stops the writing; [`Self::finish`] returns it.
 pub struct Writer<W: Write + Seek> {
     mcap: mcap::Writer<W>,
     channels: Channels,
     origin: Origin,
-    /// Of each step of the mission.
+    /// The formation of each step of the mission.
     formations: Vec<Formation>,
-    /// Of each vehicle that takes part, when it was last seen to.
+    /// Log time at which each active member was last recorded as one, ns.
     members: BTreeMap<VehicleId, u64>,
     /// The step whose formation was drawn last.
     drawn: Option<u32>,
-    /// What is recorded through [`Watch`] counts from here.
+    /// Log time of time 0 of the calls through [`Watch`], ns.
     zero_ns: u64,
-    /// Steps with impossible numbers.
+    /// Number of steps that were refused because of impossible values.
     refused: u64,
     failed: Option<RecordError>,
     bytes: Vec<u8>,
 }
 
-/// Where each kind of message goes.
+/// The channel of each kind of message.
 struct Channels {
     traces: BTreeMap<VehicleId, Channel>,
     locations: BTreeMap<VehicleId, Channel>,
@@ -71,17 +71,17 @@ struct Channels {
     log: Channel,
 }
 
-/// One channel, with the number of its next message.
+/// One channel, with the sequence number of its next message.
 struct Channel {
     id: u16,
     sequence: u32,
 }
 
 impl<W: Write + Seek> Writer<W> {
-    /// A recording that begins with what it is about. Log times that come through [`Watch`] count from `zero_ns`.
+    /// Begins a recording with the description of the flight. Times of calls through [`Watch`] count from `zero_ns`.
     ///
     /// # Errors
-    /// If it cannot be written.
+    /// The recording cannot be written.
     pub fn new(to: W, about: &About<'_>, zero_ns: u64) -> Result<Self, RecordError> {
         let mut mcap = options().create(to)?;
         mcap.write_metadata(&format::record(format::RUN, run_record(about)))?;
@@ -106,69 +106,75 @@ impl<W: Write + Seek> Writer<W> {
             bytes: Vec::new(),
         };
         let vehicles = scene::vehicles(scene::timestamp(zero_ns), scenario.ids());
-        writer.say(|channels| Some(&mut channels.vehicles), zero_ns, &vehicles);
+        writer.write_foxglove(|channels| Some(&mut channels.vehicles), zero_ns, &vehicles);
         writer.flush();
         Ok(writer)
     }
 
-    /// One step of one vehicle. One with impossible numbers is counted, not written.
+    /// Records a step of a vehicle. A step with impossible values is only counted.
     pub fn step(&mut self, log_time_ns: u64, trace: &Trace) {
         if !trace.is_plausible() {
             self.refused += 1;
             return;
         }
         let (id, time) = (trace.header.sender, scene::timestamp(log_time_ns));
-        self.say_json(|channels| channels.traces.get_mut(&id), log_time_ns, trace);
-        self.say(|channels| Some(&mut channels.transforms), log_time_ns, &scene::vehicle_transform(time, trace));
+        self.write_json(|channels| channels.traces.get_mut(&id), log_time_ns, trace);
+        self.write_foxglove(
+            |channels| Some(&mut channels.transforms),
+            log_time_ns,
+            &scene::vehicle_transform(time, trace),
+        );
         let location = scene::location(time, &self.origin, trace);
-        self.say(|channels| channels.locations.get_mut(&id), log_time_ns, &location);
+        self.write_foxglove(|channels| channels.locations.get_mut(&id), log_time_ns, &location);
         self.draw_formation(log_time_ns, trace);
     }
 
-    /// Something that a vehicle said of itself, and the message's header, if it came as one.
-    pub fn happened(&mut self, log_time_ns: u64, speaker: VehicleId, header: Option<&Header>, what: &Happening) {
+    /// Records an event that a vehicle reported of itself, with the header of its message if it came over the network.
+    pub fn event(&mut self, log_time_ns: u64, speaker: VehicleId, header: Option<&Header>, what: &Happening) {
         let text = what.to_string();
         self.note(log_time_ns, matches!(what, Happening::Failed(_)), format!("vehicle {speaker}"), text.clone());
         let (incarnation, sequence) = header.map(|header| (header.incarnation, header.sequence)).unzip();
         let line = EventLine { vehicle: speaker, incarnation, sequence, text: text.into(), what: *what };
-        self.say_json(|channels| Some(&mut channels.events), log_time_ns, &line);
+        self.write_json(|channels| Some(&mut channels.events), log_time_ns, &line);
     }
 
-    /// Something that was done to the swarm.
+    /// Records a fault that was injected into the swarm.
     pub fn incident(&mut self, log_time_ns: u64, incident: &Incident) {
         let text = incident.to_string();
         self.note(log_time_ns, true, "swarm".to_owned(), text.clone());
-        let line = FaultLine { vehicle: format::of_whom(incident), text: text.into(), what: Cow::Borrowed(incident) };
-        self.say_json(|channels| Some(&mut channels.faults), log_time_ns, &line);
+        let line =
+            FaultLine { vehicle: format::vehicle_of(incident), text: text.into(), what: Cow::Borrowed(incident) };
+        self.write_json(|channels| Some(&mut channels.faults), log_time_ns, &line);
     }
 
-    /// Something that only people read.
+    /// Records a line of the log, from source `who`.
     pub fn note(&mut self, log_time_ns: u64, is_bad: bool, who: String, what: String) {
         let line = scene::line(scene::timestamp(log_time_ns), is_bad, who, what);
-        self.say(|channels| Some(&mut channels.log), log_time_ns, &line);
+        self.write_foxglove(|channels| Some(&mut channels.log), log_time_ns, &line);
     }
 
-    /// The window of the figures begins.
+    /// Records the log time at which the figures' window begins, ns.
     pub fn window_begins(&mut self, log_time_ns: u64) {
-        self.record(format::BEGINS, &[(format::LOG_TIME, log_time_ns)]);
+        self.write_metadata_record(format::BEGINS, &[(format::LOG_TIME, log_time_ns)]);
     }
 
-    /// It ends.
+    /// Records the log time at which the figures' window ends, ns.
     pub fn window_ends(&mut self, log_time_ns: u64) {
-        self.record(format::ENDS, &[(format::LOG_TIME, log_time_ns)]);
+        self.write_metadata_record(format::ENDS, &[(format::LOG_TIME, log_time_ns)]);
     }
 
-    /// Hands everything so far to what is written to.
+    /// Closes the current chunk and flushes it to the underlying writer.
     pub fn flush(&mut self) {
         self.attempt(|mcap| mcap.flush());
     }
 
-    /// Closes the file; `dropped` steps came faster than they could be written. Gives what was written to.
+    /// Completes the recording and returns the underlying writer; `dropped` is the number of messages that were dropped
+    /// because they came faster than they could be written.
     ///
     /// # Errors
-    /// The first thing that went wrong since the beginning.
+    /// The first error since the beginning.
     pub fn finish(mut self, dropped: u64) -> Result<W, RecordError> {
-        self.record(format::RECORDER, &[("refused_steps", self.refused), ("dropped", dropped)]);
+        self.write_metadata_record(format::RECORDER, &[("refused_steps", self.refused), ("dropped", dropped)]);
         self.attempt(|mcap| mcap.finish().map(|_| ()));
         match self.failed {
             Some(error) => Err(error),
@@ -176,12 +182,12 @@ impl<W: Write + Seek> Writer<W> {
         }
     }
 
-    /// What went wrong so far, if anything did.
+    /// The first error so far, if there was one.
     pub fn failed(&self) -> Option<&RecordError> {
         self.failed.as_ref()
     }
 
-    /// The centre as the vehicle with the smallest id that takes part sees it, and the formation there when it changes.
+    /// Draws the centre by the estimate of the active member with the lowest id, and the formation there when it changes.
     fn draw_formation(&mut self, log_time_ns: u64, trace: &Trace) {
         let id = trace.header.sender;
         match trace.membership {
@@ -196,40 +202,40 @@ impl<W: Write + Seek> Writer<W> {
         let time = scene::timestamp(log_time_ns);
         let centre = scene::centre_transform(time, trace.centre_ne_m, formation.altitude_m);
         let drawing = (self.drawn != Some(trace.step)).then(|| scene::formation(time, formation));
-        self.say(|channels| Some(&mut channels.transforms), log_time_ns, &centre);
+        self.write_foxglove(|channels| Some(&mut channels.transforms), log_time_ns, &centre);
         if let Some(drawing) = drawing {
             self.drawn = Some(trace.step);
-            self.say(|channels| Some(&mut channels.formation), log_time_ns, &drawing);
+            self.write_foxglove(|channels| Some(&mut channels.formation), log_time_ns, &drawing);
         }
     }
 
-    fn say_json(
+    fn write_json(
         &mut self,
         channel: impl FnOnce(&mut Channels) -> Option<&mut Channel>,
         log_time_ns: u64,
         message: &impl Serialize,
     ) {
         self.bytes.clear();
-        // Messages of ours are structs of finite numbers and texts.
+        // Our messages are structs of finite numbers and texts: serialising them cannot fail.
         if serde_json::to_writer(&mut self.bytes, message).is_ok() {
             self.put(channel, log_time_ns);
         }
     }
 
-    fn say(
+    fn write_foxglove(
         &mut self,
         channel: impl FnOnce(&mut Channels) -> Option<&mut Channel>,
         log_time_ns: u64,
         message: &impl Encode,
     ) {
         self.bytes.clear();
-        // Into memory that grows.
+        // Encoding into growing memory cannot fail.
         if message.encode(&mut self.bytes).is_ok() {
             self.put(channel, log_time_ns);
         }
     }
 
-    /// Writes what `bytes` holds. A vehicle that is not of this swarm has no channel.
+    /// Writes the contents of `bytes` to the channel. A vehicle outside this swarm has no channel.
     fn put(&mut self, channel: impl FnOnce(&mut Channels) -> Option<&mut Channel>, log_time_ns: u64) {
         let Some(channel) = channel(&mut self.channels) else { return };
         let (channel_id, sequence) = (channel.id, channel.sequence);
@@ -240,7 +246,7 @@ impl<W: Write + Seek> Writer<W> {
         self.bytes = bytes;
     }
 
-    fn record(&mut self, name: &str, values: &[(&str, u64)]) {
+    fn write_metadata_record(&mut self, name: &str, values: &[(&str, u64)]) {
         let metadata = values.iter().map(|(key, value)| ((*key).to_owned(), value.to_string())).collect();
         self.attempt(|mcap| mcap.write_metadata(&format::record(name, metadata)));
     }
@@ -252,26 +258,26 @@ impl<W: Write + Seek> Writer<W> {
     }
 }
 
-/// How our files are written.
+/// The options of all our MCAP files.
 pub(super) fn options() -> WriteOptions {
     WriteOptions::new()
         .compression(Some(Compression::Zstd))
-        // In the caller's thread: the same bytes everywhere.
+        // Compression in the caller's thread makes the same bytes on every computer.
         .compression_threads(0)
         .chunk_size(Some(CHUNK_BYTES))
-        // A chunk is written when it is whole: the file never holds a part of one that is still open.
+        // A chunk is written when it is complete: the file never contains a part of an open chunk.
         .disable_seeking(true)
         .library(format!("skein {}", env!("CARGO_PKG_VERSION")))
 }
 
-/// In virtual time.
+/// Records a flight in virtual time.
 impl<W: Write + Seek> Watch for Writer<W> {
     fn step(&mut self, t_s: f64, trace: &Trace) {
         Self::step(self, log_time_ns(self.zero_ns, t_s), trace);
     }
 
-    fn happened(&mut self, t_s: f64, speaker: VehicleId, what: &Happening) {
-        Self::happened(self, log_time_ns(self.zero_ns, t_s), speaker, None, what);
+    fn event(&mut self, t_s: f64, speaker: VehicleId, what: &Happening) {
+        Self::event(self, log_time_ns(self.zero_ns, t_s), speaker, None, what);
     }
 
     fn incident(&mut self, t_s: f64, incident: &Incident) {

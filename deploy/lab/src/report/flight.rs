@@ -1,8 +1,8 @@
-//! The figures of one flight.
+//! Draws the figures of one flight.
 //!
-//! All are drawn from what the vehicles really did, sampled at the same instants for all of them. Up to [`FEW`] vehicles each
-//! has its own line, in its own colour with its own dots and its name; of more, the least, the middle and the largest are
-//! drawn.
+//! All figures use the ground truth of the vehicles, sampled at the same instants for all of them. Each of up to [`FEW`]
+//! vehicles has a line with its own colour, markers and name. For more vehicles, the least, the median and the largest value
+//! are drawn.
 
 mod ages;
 mod map;
@@ -22,24 +22,24 @@ use crate::metrics::{Run, Shape};
 use crate::recording::{Recording, Step};
 use skein_common::statistics::quantile;
 
-/// So many vehicles have lines of their own.
+/// Most vehicles that have a line each.
 pub const FEW: usize = 10;
-/// The flight is looked at so many times at most.
+/// Most samples of a flight.
 const SAMPLES: f64 = 2400.0;
-/// A step older than this, and than what is between two recorded ones, says nothing about now, s.
+/// Age above which a step is no longer used for a sample, s, unless steps were recorded less often than that.
 const OLDEST_S: f64 = 0.5;
 
-/// One flight, all vehicles at the same instants.
+/// One flight, with all vehicles sampled at the same instants.
 #[derive(Debug)]
 pub struct Flight<'a> {
     recording: &'a Recording,
-    /// Into the window, s; in order.
+    /// Times of the samples from the start of the window, in order, s.
     times_s: Vec<f64>,
-    /// Of each vehicle in the order of ids, at each time: its last step, unless its agent was dead.
+    /// Last step of each vehicle, in the order of ids, at each sample; `None` while its agent was dead.
     seen: Vec<Vec<Option<&'a Step>>>,
 }
 
-/// All figures of a flight that it gives rise to.
+/// Draws all figures that apply to a flight.
 pub fn figures(recording: &Recording) -> Vec<Figure> {
     let flight = Flight::new(recording);
     let figures = [
@@ -58,7 +58,7 @@ pub fn figures(recording: &Recording) -> Vec<Figure> {
     figures.into_iter().flatten().collect()
 }
 
-/// What was run, in a line for people.
+/// A line of text that identifies the run.
 pub fn subject(run: &Run) -> String {
     let Run { scenario, preset, law, conversion, target, seed, version, vehicles, .. } = run;
     let law =
@@ -77,7 +77,7 @@ impl<'a> Flight<'a> {
         let ends = ends.fold(None, |ends: Option<(f64, f64)>, t_s| {
             Some(ends.map_or((t_s, t_s), |(from, to)| (from.min(t_s), to.max(t_s))))
         });
-        // As often as was recorded, or there would be stairs to be seen.
+        // Not more often than steps were recorded, because the lines would show stairs.
         let between_steps = recording.tracks.iter().flat_map(|track| track.steps.windows(2).take(1));
         let recorded_s = between_steps.map(|pair| pair[1].t_s - pair[0].t_s).fold(f64::INFINITY, f64::min);
         let recorded_s = if recorded_s.is_finite() { recorded_s.max(0.1) } else { 0.1 };
@@ -95,12 +95,12 @@ impl<'a> Flight<'a> {
         &self.recording.scenario
     }
 
-    /// How many vehicles fly.
+    /// Number of vehicles.
     fn count(&self) -> usize {
         self.seen.len()
     }
 
-    /// Where this vehicle stands among the others.
+    /// Index of this vehicle among all vehicles.
     fn index(&self, id: VehicleId) -> Option<usize> {
         self.recording.tracks.binary_search_by_key(&id, |track| track.id).ok()
     }
@@ -113,18 +113,18 @@ impl<'a> Flight<'a> {
         self.recording.tracks[index].id
     }
 
-    /// Every vehicle that has one at this sample, with its trace.
+    /// The vehicles that have a trace at this sample, by index, with their traces.
     fn at(&self, sample: usize) -> impl Iterator<Item = (usize, &'a Trace)> + '_ {
         let steps = self.seen.iter().enumerate();
         steps.filter_map(move |(index, steps)| Some((index, &steps.get(sample).copied().flatten()?.trace)))
     }
 
-    /// The same of members that have not landed.
+    /// The active members that have not landed at this sample, by index, with their traces.
     fn members(&self, sample: usize) -> impl Iterator<Item = (usize, &'a Trace)> + '_ {
-        self.at(sample).filter(|(_, trace)| takes_part(trace))
+        self.at(sample).filter(|(_, trace)| flies_in_formation(trace))
     }
 
-    /// The step of the mission that the first of the swarm are at.
+    /// The highest mission step of a member at this sample.
     fn leading_step(&self, sample: usize) -> Option<u32> {
         self.members(sample).map(|(_, trace)| trace.step).max()
     }
@@ -133,7 +133,7 @@ impl<'a> Flight<'a> {
         self.scenario().mission.steps.get(step as usize)
     }
 
-    /// The last sample at which the swarm still flew in formation; the last of all if it never did.
+    /// The last sample at which the swarm flew in formation; the last of all samples if it never did.
     fn last_in_formation(&self) -> Option<usize> {
         let flies = |sample: &usize| {
             let leg = self.leading_step(*sample).and_then(|step| self.leg(step));
@@ -142,19 +142,19 @@ impl<'a> Flight<'a> {
         (0..self.times_s.len()).rev().find(flies).or_else(|| self.times_s.len().checked_sub(1))
     }
 
-    /// Where the swarm's centre is: as the leading member of the lowest id takes it.
+    /// The swarm's centre, north and east, m: the estimate of the leading member with the lowest id.
     fn centre_ne_m(&self, sample: usize) -> Option<[f64; 2]> {
         let step = self.leading_step(sample)?;
         self.members(sample).find(|(_, trace)| trace.step == step).map(|(_, trace)| trace.centre_ne_m)
     }
 
-    /// Whether the formation has one place all the time.
+    /// Whether the mission has a single place for the formation.
     fn has_one_place(&self) -> bool {
         let mut legs = self.scenario().mission.steps.iter().filter(|leg| !matches!(leg.target, Target::Land(_)));
         legs.next().is_some_and(|leg| matches!(leg.target, Target::Centre(_))) && legs.next().is_none()
     }
 
-    /// Which of the paper's figures this one is, where the paper's settings fly.
+    /// Number of the same figure in the paper; `None` unless the paper's settings fly.
     fn number_in_paper(&self, name: &str) -> Option<u8> {
         let Scenario { preset, formation, .. } = self.scenario();
         match (formation.law, name) {
@@ -168,7 +168,7 @@ impl<'a> Flight<'a> {
         }
     }
 
-    /// A figure of this flight.
+    /// Makes a figure of this flight.
     fn figure(
         &self,
         name: &str,
@@ -203,7 +203,7 @@ impl<'a> Flight<'a> {
         }
     }
 
-    /// A line of each vehicle over time, or of many their least, middle and largest.
+    /// A line over time for each vehicle; for many vehicles, their least, median and largest values.
     fn lines(&self, value: impl Fn(&Trace) -> Option<f64>) -> Vec<Item> {
         if !self.is_few() {
             return self.envelope("vehicles", |sample| self.at(sample).filter_map(|(_, trace)| value(trace)).collect());
@@ -216,7 +216,7 @@ impl<'a> Flight<'a> {
         (0..self.count()).map(line).collect()
     }
 
-    /// The least, middle and largest of many values at each sample.
+    /// Lines of the least, median and largest of many values at each sample.
     fn envelope(&self, of_what: &str, values: impl Fn(usize) -> Vec<f64>) -> Vec<Item> {
         let mut all: Vec<_> = (0..self.times_s.len()).map(values).collect();
         let mut line = |share: f64| self.over_time(all.iter_mut().map(|values| quantile(values, share)));
@@ -233,14 +233,14 @@ impl<'a> Flight<'a> {
         ]
     }
 
-    /// A line over time, in pieces where there is no value.
+    /// A line over time, with gaps where a value is missing.
     fn over_time(&self, values: impl Iterator<Item = Option<f64>>) -> Vec<Vec<[f64; 2]>> {
         pieces(self.times_s.iter().zip(values).map(|(t_s, value)| Some([*t_s, value?])))
     }
 }
 
-/// Takes part in the formation, and has not landed.
-fn takes_part(trace: &Trace) -> bool {
+/// Whether the vehicle is an active member that has not landed.
+fn flies_in_formation(trace: &Trace) -> bool {
     trace.membership == Membership::Active && trace.activity != Activity::Landed
 }
 
@@ -248,14 +248,14 @@ fn takes_part(trace: &Trace) -> bool {
 fn at_times<'a>(steps: &'a [Step], times_s: &[f64], recorded_s: f64) -> Vec<Option<&'a Step>> {
     let oldest_s = OLDEST_S.max(1.5 * recorded_s);
     let at = |t_s: &f64| {
-        // Half a microsecond for the rounding of sums.
+        // Half a microsecond of tolerance for the rounding of sums.
         let past = steps.partition_point(|step| step.t_s <= t_s + 5e-7);
         steps.get(past.checked_sub(1)?).filter(|step| t_s - step.t_s < oldest_s)
     };
     times_s.iter().map(at).collect()
 }
 
-/// Places in a row, parted where one is missing.
+/// Splits a sequence of places into pieces where a place is missing.
 pub(super) fn pieces(places: impl Iterator<Item = Option<[f64; 2]>>) -> Vec<Vec<[f64; 2]>> {
     let mut pieces = vec![Vec::new()];
     for place in places {
@@ -269,22 +269,22 @@ pub(super) fn pieces(places: impl Iterator<Item = Option<[f64; 2]>>) -> Vec<Vec<
     pieces
 }
 
-/// ρ of a member with respect to the formation of the step that it is at, m: the level of its ellipse through it.
+/// Level ρ of a member in the formation of its step, m: the radius of the similar ellipse through its position.
 fn level_m(scenario: &Scenario, trace: &Trace) -> Option<f64> {
     let leg = scenario.mission.steps.get(trace.step as usize)?;
     let centre = PositionNed::new(trace.centre_ne_m[0], trace.centre_ne_m[1], -leg.formation.altitude_m);
     Some(Shape::new(leg).level_m(trace.position - centre))
 }
 
-/// The radii R_in, R*, R_out of a step's formation, m, as far as its law has them.
+/// The radii R_in, R*, R_out of a step's formation, m; `None` where its law does not define them.
 fn radii_m(leg: &Leg) -> [Option<f64>; 3] {
-    let wanted = &leg.formation;
-    let is_ring = wanted.law == Law::Ring;
-    let edge_m = |width_m: f64| is_ring.then_some(wanted.radius_m + width_m);
-    [edge_m(-wanted.inner_width_m), Some(wanted.radius_m), edge_m(wanted.outer_width_m)]
+    let formation = &leg.formation;
+    let is_ring = formation.law == Law::Ring;
+    let edge_m = |width_m: f64| is_ring.then_some(formation.radius_m + width_m);
+    [edge_m(-formation.inner_width_m), Some(formation.radius_m), edge_m(formation.outer_width_m)]
 }
 
-/// East and north, for a map.
+/// Converts north and east to the axes of a map: east and north.
 fn on_map(ne_m: [f64; 2]) -> [f64; 2] {
     [ne_m[1], ne_m[0]]
 }

@@ -1,4 +1,4 @@
-//! One page that needs nothing else: text, tables, pictures.
+//! A self-contained HTML page with text, tables and figures.
 
 use std::fs;
 use std::num::NonZeroUsize;
@@ -9,48 +9,48 @@ use super::figure::{Figure, escaped};
 use crate::error::Error;
 use skein_host::parallel::in_parallel;
 
-/// A cell with more letters is no number: it begins at the left.
+/// Length above which a cell counts as text and is aligned to the left, characters.
 const LONG: usize = 28;
-/// How the page looks. Without scripts, letters or anything else from elsewhere.
+/// Style sheet of the page. It loads no scripts, fonts or anything else from elsewhere.
 const STYLE: &str = include_str!("page.css");
 
-/// A report.
+/// A report as one page.
 #[derive(Clone, Debug)]
 pub struct Page {
-    /// What it is about.
+    /// Title of the page.
     pub title: String,
-    /// Below the title.
+    /// Line below the title.
     pub about: String,
-    /// In their order.
+    /// Sections, in their order on the page.
     pub sections: Vec<Section>,
 }
 
-/// What belongs together.
+/// A section of a page.
 #[derive(Clone, Debug)]
 pub struct Section {
-    /// What it is about.
+    /// Title of the section.
     pub title: String,
-    /// Before the names of its figures' files; its own among the sections.
+    /// Unique name of the section, and prefix of the file names of its figures.
     pub name: String,
-    /// In their order.
+    /// Parts, in their order on the page.
     pub parts: Vec<Part>,
 }
 
-/// One thing on a page.
+/// One part of a section.
 #[derive(Clone, Debug)]
 pub enum Part {
     /// A paragraph.
     Text(String),
-    /// Rows of cells.
+    /// A table.
     Table {
-        /// Above it.
+        /// Caption above the table.
         caption: String,
-        /// Of the columns.
+        /// Titles of the columns.
         head: Vec<String>,
-        /// As long as the head each; the first cell names the row.
+        /// Rows, each as long as the head; the first cell names the row.
         rows: Vec<Vec<String>>,
     },
-    /// A picture.
+    /// A figure.
     Figure(Figure),
 }
 
@@ -58,7 +58,7 @@ impl Page {
     /// Writes `index.html` into the folder, and each figure as SVG and PNG into its `figures`.
     ///
     /// # Errors
-    /// If that cannot be written.
+    /// A file cannot be written, or a figure cannot be drawn.
     pub fn write(&self, out: &Path) -> Result<(), Error> {
         let failed = |path: &Path, error| Error::Failed(format!("{}: {error}", path.display()));
         let folder = out.join("figures");
@@ -126,7 +126,7 @@ impl Part {
     }
 }
 
-/// A figure on the page.
+/// The HTML of a figure, with links to its files.
 fn shown(figure: &Figure, name: &str, svg: &str) -> String {
     let files =
         ["svg", "png"].map(|ending| format!("<a href=\"figures/{name}.{ending}\">{}</a>", ending.to_uppercase()));
@@ -134,7 +134,7 @@ fn shown(figure: &Figure, name: &str, svg: &str) -> String {
     format!("<figure id=\"{name}\">\n{svg}<figcaption>{caption} {}</figcaption>\n</figure>\n", files.join(" "))
 }
 
-/// On all cores: compressing takes longer than anything else of a report.
+/// Writes the PNG files on all cores, because their compression takes longer than everything else in a report.
 fn write_pngs(figures: &[(PathBuf, &Figure)]) -> Result<(), Error> {
     let jobs = thread::available_parallelism().unwrap_or(NonZeroUsize::MIN);
     let write = |nth: usize| figures[nth].1.write_png(&figures[nth].0);

@@ -1,4 +1,4 @@
-//! A folder of scenarios: each is flown in virtual time, once to be looked at and over many seeds to be measured.
+//! Reports on a folder of scenarios: each is flown in virtual time, once for the figures and over many seeds for the tables.
 
 use std::collections::BTreeSet;
 use std::fs;
@@ -17,10 +17,10 @@ use crate::recording::Recording;
 use crate::scenario::ScenarioArgs;
 use crate::study::{Study, rounded, summarize};
 
-/// What the figures' tables are taken over.
+/// Seeds over which the tables of figures are measured.
 const SEEDS: Range<u64> = 0..20;
-/// What a table of figures tells of a formation.
-const TOLD: [&str; 12] = [
+/// Figures that the table of a scenario shows.
+const SHOWN: [&str; 12] = [
     "at_altitude_s",
     "in_band_s",
     "even_10deg_s",
@@ -35,7 +35,7 @@ const TOLD: [&str; 12] = [
     "centroid_lag_m",
 ];
 
-/// The scenario files of a folder, by name.
+/// The scenario files of a folder, sorted by name.
 pub(super) fn in_folder(folder: &Path) -> Result<Vec<PathBuf>, Error> {
     let entries = fs::read_dir(folder).map_err(|error| Error::Refused(format!("{}: {error}", folder.display())))?;
     let mut paths: Vec<_> = entries.filter_map(|entry| Some(entry.ok()?.path())).collect();
@@ -44,7 +44,7 @@ pub(super) fn in_folder(folder: &Path) -> Result<Vec<PathBuf>, Error> {
     Ok(paths)
 }
 
-/// Flies them all.
+/// Flies all scenarios and makes their page.
 pub(super) fn page(folder: &Path, scenarios: &[PathBuf]) -> Result<Page, Error> {
     let mut all = Vec::new();
     for path in scenarios {
@@ -90,7 +90,7 @@ pub(super) fn page(folder: &Path, scenarios: &[PathBuf]) -> Result<Page, Error> 
     Ok(Page { title, about, sections })
 }
 
-/// What the scenarios set, side by side, read from what was loaded. Missions and single vehicles are left to the files.
+/// A table of the keys that the scenarios set, side by side. It leaves out missions and single vehicles.
 fn parameters<'a>(all: impl Iterator<Item = &'a Loaded> + Clone) -> Part {
     let is_set = |origin: &Layer| !matches!(origin, Layer::Default);
     let is_plain = |key: &str| !key.contains('[') && !key.starts_with("vehicle.") && key != "name";
@@ -113,13 +113,13 @@ fn parameters<'a>(all: impl Iterator<Item = &'a Loaded> + Clone) -> Part {
     };
     let names = all.clone().map(|loaded| loaded.scenario.name.clone());
     Part::Table {
-        caption: "What a scenario, its preset or another key sets; all else has its default.".to_owned(),
+        caption: "Keys that a scenario, its preset or another key sets; all other keys have their defaults.".to_owned(),
         head: ["key".to_owned()].into_iter().chain(names).chain(["meaning".to_owned()]).collect(),
         rows: keys.into_iter().map(row).collect(),
     }
 }
 
-/// Over many seeds.
+/// Flies the scenario over many seeds and makes a table of its figures.
 fn measured(study: &Study) -> Result<Part, crate::study::StudyError> {
     let jobs = thread::available_parallelism().unwrap_or(NonZeroUsize::MIN);
     let summary = summarize(&study.fly_all(SEEDS, jobs, |_| {})?);
@@ -133,9 +133,9 @@ fn measured(study: &Study) -> Result<Part, crate::study::StudyError> {
         Some(vec![(*key).to_owned(), never, number(figure.median), quartiles, worst, seed])
     };
     Ok(Part::Table {
-        caption: format!("Of {} seeds.", SEEDS.end - SEEDS.start),
+        caption: format!("Figures over {} seeds.", SEEDS.end - SEEDS.start),
         head: ["figure", "never", "median", "quartiles", "worst", "its seed"].map(str::to_owned).to_vec(),
-        rows: TOLD.iter().filter_map(row).collect(),
+        rows: SHOWN.iter().filter_map(row).collect(),
     })
 }
 
@@ -145,7 +145,7 @@ mod tests {
 
     #[test]
     #[cfg(unix)]
-    fn a_scenario_that_fails_in_flight_is_not_the_users_fault() {
+    fn a_scenario_that_fails_in_flight_ends_with_status_1() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("gone.toml");
         let text = "swarm.vehicles = 1\n[formation]\nlaw = 'external'\nexternal.command = ['true']\n";

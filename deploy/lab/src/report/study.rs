@@ -1,4 +1,4 @@
-//! Many runs: what they measured, point by point.
+//! Reports on the figures of many runs, point by point.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -10,7 +10,7 @@ use crate::error::Error;
 use crate::record;
 use crate::study::{self, Measured, Outcome, Summary, rounded, worst_and_median};
 
-/// What pictures are drawn of, the most telling first; of those that vary, the first [`MOST_PANELS`].
+/// Figures that are drawn, the most important first: the first [`MOST_PANELS`] of those that vary.
 const DRAWN: [&str; 25] = [
     "even_10deg_s",
     "in_band_s",
@@ -39,23 +39,24 @@ const DRAWN: [&str; 25] = [
     "safety_activations",
 ];
 const MOST_PANELS: usize = 9;
-/// Panels side by side, and their height, px.
+/// Number of panels side by side.
 const COLUMNS: usize = 3;
+/// Height of a panel, px.
 const PANEL_PX: f64 = 250.0;
-/// More runs of a point are not drawn one by one.
+/// Most runs of a point that are drawn one by one.
 const MOST_DOTS: usize = 200;
-/// Lines of different colours in a panel.
+/// Most lines of different colours in a panel.
 const MOST_LINES: usize = 6;
-/// Points with longer names are numbered below an axis.
+/// Longest name of a point below an axis, characters: points with longer names are numbered.
 const LONGEST_NAME: usize = 14;
-/// More recorded flights make no page that anybody reads.
+/// Most recorded flights on a page, to keep it readable.
 const MOST_FLIGHTS: usize = 6;
 
-/// Runs that differ in their seeds alone.
+/// Runs that differ only in their seeds.
 struct Point<'a> {
-    /// Its folder in the whole.
+    /// Folder of the point, relative to the folder of the study.
     place: String,
-    /// The values of the swept keys; of what is no sweep, the folder.
+    /// Values of the swept keys; the folder if the study is not a sweep.
     values: Vec<String>,
     runs: Vec<&'a Flown>,
     summary: Summary,
@@ -66,7 +67,7 @@ impl Point<'_> {
         self.values.join(", ")
     }
 
-    /// Of a study's point; what the folder is called, of any other.
+    /// The number of a study's point, or the name of any other folder.
     fn number(&self) -> &str {
         self.place.strip_prefix("point-").unwrap_or(&self.place)
     }
@@ -76,22 +77,22 @@ impl Point<'_> {
     }
 }
 
-/// The page of a folder of runs.
+/// Makes the page of a folder of runs.
 ///
 /// # Errors
-/// If a recording in it cannot be read.
+/// A recording in the folder cannot be read.
 pub(super) fn page(folder: &Folder) -> Result<Page, Error> {
     let points = points(folder);
     let subject = subject(folder);
     let mut parts = Vec::new();
     if folder.is_unfinished {
-        parts.push(Part::Text("This study is not finished: some runs are missing.".to_owned()));
+        parts.push(Part::Text("This study is incomplete: some runs are missing.".to_owned()));
     }
     match points.as_slice() {
         [point] => parts.push(of_figures(&point.summary, folder.runs.len())),
         points => parts.push(of_points(&folder.swept, points)),
     }
-    let mut sections = vec![Section { title: "What was measured".to_owned(), name: "study".to_owned(), parts }];
+    let mut sections = vec![Section { title: "Figures".to_owned(), name: "study".to_owned(), parts }];
     let mut drawn = Vec::new();
     if folder.runs.len() > 1 {
         drawn.extend(lines(&folder.swept, &points, &subject));
@@ -108,7 +109,7 @@ pub(super) fn page(folder: &Folder) -> Result<Page, Error> {
     Ok(Page { title, about: format!("{subject} · {}", folder.path.display()), sections })
 }
 
-/// The runs in their points, in the order of their folders.
+/// Groups the runs by point, in the order of their folders.
 fn points(folder: &Folder) -> Vec<Point<'_>> {
     let varying = folder.varying();
     let mut points: Vec<Point<'_>> = Vec::new();
@@ -130,18 +131,18 @@ fn points(folder: &Folder) -> Vec<Point<'_>> {
     points
 }
 
-/// What a swept key is in a run; of a table or a list, what varies in it.
+/// The value of a swept key in a run; for a table or a list, the values in it that vary.
 fn value(run: &Flown, swept: &str, varying: &BTreeSet<&str>) -> String {
-    let word = |key: &str| run.scenario.get(key).map(|value| value.trim_matches('"'));
-    if let Some(value) = word(swept) {
+    let text = |key: &str| run.scenario.get(key).map(|value| value.trim_matches('"'));
+    if let Some(value) = text(swept) {
         return value.to_owned();
     }
-    let inside = |key: &str| Some(format!("{}={}", key[swept.len()..].trim_start_matches('.'), word(key)?));
+    let inside = |key: &str| Some(format!("{}={}", key[swept.len()..].trim_start_matches('.'), text(key)?));
     let values: Vec<String> = Folder::below(swept, varying.iter().copied()).filter_map(inside).collect();
     if values.is_empty() { "–".to_owned() } else { values.join(" ") }
 }
 
-/// Where a run's folder lies in the whole, without the seed's own folder.
+/// Folder of a run's point, relative to the folder of the study: the folder of the run without that of its seed.
 fn above(run: &Flown, folder: &Folder) -> String {
     let inside = run.folder.strip_prefix(&folder.path).unwrap_or(&run.folder);
     let is_seed = inside.file_name().is_some_and(|name| name.to_string_lossy().starts_with("seed-"));
@@ -149,9 +150,9 @@ fn above(run: &Flown, folder: &Folder) -> String {
     above.display().to_string()
 }
 
-/// What all runs have in common, in a line.
+/// A line with what all runs have in common.
 fn subject(folder: &Folder) -> String {
-    let words = |key: &str| folder.words(key).into_iter().collect::<Vec<_>>().join(", ");
+    let values = |key: &str| folder.words(key).into_iter().collect::<Vec<_>>().join(", ");
     let vehicles =
         folder.constant("swarm.vehicles").flatten().map_or_else(String::new, |count| format!(" · {count} vehicles"));
     let seeds = folder.runs.iter().map(|run| run.measured.seed);
@@ -161,15 +162,15 @@ fn subject(folder: &Folder) -> String {
     };
     format!(
         "{} · {} · preset {}{vehicles} · {seeds} · {} · skein {}",
-        words("scenario"),
-        words("law"),
-        words("preset"),
-        words("target"),
-        words("version"),
+        values("scenario"),
+        values("law"),
+        values("preset"),
+        values("target"),
+        values("version"),
     )
 }
 
-/// A row for each figure of one point.
+/// A table with a row for each figure of one point.
 fn of_figures(summary: &Summary, runs: usize) -> Part {
     let number = |value: Option<f64>| value.map_or_else(|| "–".to_owned(), rounded);
     if runs == 1 {
@@ -187,10 +188,10 @@ fn of_figures(summary: &Summary, runs: usize) -> Part {
         vec![key.clone(), figure.n.to_string(), figure.never.to_string(), number(figure.median), quartiles, worst, seed]
     };
     let head = ["figure", "runs", "never", "median", "quartiles", "worst", "its seed"].map(str::to_owned).to_vec();
-    Part::Table { caption: format!("Of {runs} runs."), head, rows: summary.iter().map(row).collect() }
+    Part::Table { caption: format!("Figures over {runs} runs."), head, rows: summary.iter().map(row).collect() }
 }
 
-/// A row for each point.
+/// A table with a row for each point.
 fn of_points(swept: &[String], points: &[Point<'_>]) -> Part {
     let keys: Vec<&str> = drawn(points);
     let keys: Vec<&str> = keys.into_iter().take(6).collect();
@@ -218,7 +219,7 @@ fn of_points(swept: &[String], points: &[Point<'_>]) -> Part {
     }
 }
 
-/// Figures that are worth a picture: those that are not the same in every run.
+/// The figures that are drawn: those that differ between runs.
 fn drawn(points: &[Point<'_>]) -> Vec<&'static str> {
     let varies = |key: &&str| {
         let mut all = points.iter().flat_map(|point| &point.runs).filter_map(|run| run.measured.outcome(key));
@@ -227,7 +228,7 @@ fn drawn(points: &[Point<'_>]) -> Vec<&'static str> {
     DRAWN.into_iter().filter(varies).take(MOST_PANELS).collect()
 }
 
-/// The values of a figure at a point, and how many runs never came to one.
+/// The values of a figure at a point, and the number of runs in which its event never happened.
 fn values(point: &Point<'_>, key: &str) -> (Vec<f64>, usize) {
     let outcomes = || point.runs.iter().filter_map(|run| run.measured.outcome(key));
     let value = |outcome| match outcome {
@@ -237,10 +238,10 @@ fn values(point: &Point<'_>, key: &str) -> (Vec<f64>, usize) {
     (outcomes().filter_map(value).collect(), outcomes().filter(|outcome| *outcome == Outcome::Never).count())
 }
 
-/// Every run of every point as a dot, with the quartiles and the median.
+/// Draws every run of every point as a dot, with the quartiles and the median.
 fn spread(swept: &[String], points: &[Point<'_>], subject: &str) -> Option<Figure> {
     let keys = drawn(points);
-    // Tables and lists are too long to stand side by side.
+    // Tables and lists are too long for labels side by side.
     let is_long = !swept.is_empty() && points.iter().any(|point| point.name().chars().count() > LONGEST_NAME);
     let name = |point: &Point<'_>| if is_long { point.number().to_owned() } else { point.name() };
     let names = || points.iter().enumerate().map(|(nth, point)| (nth as f64 + 1.0, name(point))).collect::<Vec<_>>();
@@ -264,7 +265,7 @@ fn spread(swept: &[String], points: &[Point<'_>], subject: &str) -> Option<Figur
         panel
     };
     let panels = keys.iter().map(panel).collect();
-    let caption = "A dot is a run; the bar reaches from the first to the third quartile, the line in it is the median. Where runs never came to a value, quartiles and median rank them worst, and are missing where they fall among them.";
+    let caption = "A dot is a run. The bar reaches from the first to the third quartile; the line in it is the median. A run in which the event never happened ranks worst; a quartile or median that falls on such a run is missing.";
     grid("spread", "All runs", subject, caption, panels)
 }
 
@@ -286,7 +287,9 @@ fn strip(x: f64, point: &Point<'_>, key: &str) -> Vec<Item> {
     items
 }
 
-/// Medians and quartiles over the key with most values, a line for each value of the others. None where it is no number.
+/// Draws medians and quartiles over the swept key with the most values, with a line for each value of the other keys.
+///
+/// `None` if no swept key has numbers as values.
 fn lines(swept: &[String], points: &[Point<'_>], subject: &str) -> Option<Figure> {
     let number = |point: &Point<'_>, nth: usize| point.values.get(nth)?.parse::<f64>().ok();
     let choices = |nth: usize| {
@@ -296,7 +299,7 @@ fn lines(swept: &[String], points: &[Point<'_>], subject: &str) -> Option<Figure
         (values.len() > 1).then_some(values)
     };
     let over = (0..swept.len()).filter_map(|nth| Some((nth, choices(nth)?.len())));
-    // Of equals, the first.
+    // Of keys with equally many values, the first.
     let (over, _) = over.rev().max_by_key(|(_, count)| *count)?;
     let xs = choices(over)?;
     let mut series: BTreeMap<usize, (String, Vec<&Point<'_>>)> = BTreeMap::new();
@@ -308,7 +311,7 @@ fn lines(swept: &[String], points: &[Point<'_>], subject: &str) -> Option<Figure
         let nth = known.unwrap_or(series.len());
         series.entry(nth).or_insert_with(|| (name, Vec::new())).1.push(point);
     }
-    // A line has to go somewhere, and to be told from others.
+    // A line needs two points and a colour of its own.
     if series.len() > MOST_LINES || series.values().any(|(_, points)| points.len() < 2) {
         return None;
     }
@@ -326,7 +329,7 @@ fn lines(swept: &[String], points: &[Point<'_>], subject: &str) -> Option<Figure
     };
     let panels = drawn(points).iter().map(panel).collect();
     let caption = format!(
-        "Medians over {}, with the quartiles as an area. A line is missing where the median run never came to a value.",
+        "Medians over {}, with the quartiles as an area. A line has a gap where the event never happened in the median run.",
         swept[over]
     );
     grid("sweep", &format!("Over {}", swept[over]), subject, &caption, panels)
@@ -352,7 +355,7 @@ fn line(nth: usize, name: String, points: &[&Point<'_>], over: usize, key: &str)
     vec![Item::new(Shape::Area(vec![area]), colour.faint(0.18)), line, dots]
 }
 
-/// Panels in rows.
+/// Arranges panels in rows.
 fn grid(name: &str, title: &str, subject: &str, caption: &str, mut panels: Vec<Panel>) -> Option<Figure> {
     if panels.is_empty() {
         return None;
@@ -374,14 +377,14 @@ fn grid(name: &str, title: &str, subject: &str, caption: &str, mut panels: Vec<P
     })
 }
 
-/// The last parts of keys.
+/// The keys without their tables: the part behind the last dot.
 fn short(keys: &[String]) -> Vec<String> {
     keys.iter().map(|key| key.rsplit('.').next().unwrap_or(key).to_owned()).collect()
 }
 
-/// The axis of a key that ends in its unit.
+/// The axis of a key whose name ends in its unit.
 fn axis(key: &str) -> Axis {
-    // Of two that fit, the longer one first.
+    // A longer ending comes before a shorter one that also fits.
     const UNITS: [(&str, &str); 15] = [
         ("_bit_s", "bit/s"),
         ("_m_s2", "m/s²"),
@@ -400,34 +403,34 @@ fn axis(key: &str) -> Axis {
         ("_ppm", "ppm"),
     ];
     let found = UNITS.into_iter().find_map(|(ending, unit)| Some((key.strip_suffix(ending)?, unit)));
-    // `record.hz` is nothing but a unit.
+    // The name of `record.hz` consists of the unit alone.
     let found = found.or((key == "hz").then_some(("rate", "Hz")));
     let (quantity, unit) = found.unwrap_or((key, "1"));
     Axis::new(&quantity.replace('_', " "), unit)
 }
 
-/// The recorded runs: of each point the worst and the median, of many points only the first ones'.
+/// Sections with the recorded runs: the worst and the median run of each point, up to [`MOST_FLIGHTS`].
 fn flights(folder: &Folder, points: &[Point<'_>]) -> Result<Vec<Section>, Error> {
     let mut sections: Vec<Section> = Vec::new();
     let recorded = |run: &&&Flown| run.folder.join(record::FILE).is_file();
     for point in points {
         let Some((worst, median)) = worst_and_median(&point.measured()) else { continue };
-        let told = if worst == median {
+        let shown = if worst == median {
             vec![(worst, "")]
         } else {
             vec![(worst, "the worst run"), (median, "the median run")]
         };
-        for (seed, which) in told {
+        for (seed, which) in shown {
             let Some(run) = point.runs.iter().filter(recorded).find(|run| run.measured.seed == seed) else { continue };
             if sections.len() == MOST_FLIGHTS {
-                let more = "More runs are recorded: any of their folders makes a report of its own.";
+                let more = "More runs have recordings: make a report of any of their folders to see them.";
                 sections.iter_mut().last().into_iter().for_each(|last| last.parts.push(Part::Text(more.to_owned())));
                 return Ok(sections);
             }
             let (recording, title) = recording(&run.folder.join(record::FILE))?;
             let inside = run.folder.strip_prefix(&folder.path).unwrap_or(&run.folder);
-            let words = [&title, &point.name(), which].map(str::to_owned);
-            let title = words.into_iter().filter(|word| !word.is_empty()).collect::<Vec<_>>().join(", ");
+            let parts = [&title, &point.name(), which].map(str::to_owned);
+            let title = parts.into_iter().filter(|part| !part.is_empty()).collect::<Vec<_>>().join(", ");
             let name = format!("flight-{}", slug(&inside.display().to_string())).trim_end_matches('-').to_owned();
             sections.push(Section { title, name, parts: flight_parts(&recording) });
         }
@@ -442,7 +445,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_point_of_a_sweep_stands_for_itself() {
+    fn every_point_of_a_sweep_has_its_own_values_and_summary() {
         let run = |point: usize, seed: u64, late_s: f64, scenario: &[(&str, &str)]| Flown {
             folder: format!("sweep/point-{point}/seed-{seed}").into(),
             measured: Measured {
@@ -484,21 +487,21 @@ mod tests {
     }
 
     #[test]
-    fn the_unit_is_what_ends_the_name_of_every_numeric_key() {
-        const WORDS: [&str; 13] = ["m", "s", "ms", "us", "s2", "per", "bit", "deg", "hz", "j", "bytes", "ppm", "rad"];
+    fn the_name_of_every_numeric_key_ends_in_its_unit() {
+        const UNITS: [&str; 13] = ["m", "s", "ms", "us", "s2", "per", "bit", "deg", "hz", "j", "bytes", "ppm", "rad"];
         for key in KEYS.iter().filter(|key| matches!(key.kind, Kind::Number(_) | Kind::NumberOr(..))) {
             let name = key.path.rsplit('.').next().unwrap_or(key.path);
             let label = axis(name).label().to_owned();
             let (quantity, unit) = label.rsplit_once(", ").unwrap();
             let last = quantity.rsplit(' ').next().unwrap();
-            assert!(!WORDS.contains(&last), "{name}: {label}");
+            assert!(!UNITS.contains(&last), "{name}: {label}");
             let spelled = unit.replace("1/", "per_").replace('/', "_").replace('²', "2").replace('°', "deg");
             assert!(unit == "1" || name.ends_with(&spelled.replace("Hz", "hz")), "{name}: {label}");
         }
     }
 
     #[test]
-    fn a_key_says_its_unit() {
+    fn the_label_of_an_axis_has_the_unit_of_its_key() {
         for (key, label) in [
             ("in_band_s", "in band, s"),
             ("bandwidth_bit_s", "bandwidth, bit/s"),

@@ -1,4 +1,4 @@
-//! Where the agents of a world run, and what lies between a vehicle and its agent.
+//! Drivers decide where the agents of a world run and how a vehicle is connected to its agent.
 
 use std::fmt::Debug;
 
@@ -13,44 +13,44 @@ use super::script::Deed;
 use super::vehicle::Vehicle;
 use crate::metrics::Totals;
 
-/// Takes what the agent of a vehicle sends and asks in one step.
-pub(super) type Take<'a> = dyn FnMut(&mut Vehicle, Outbox, Option<Ask>) + 'a;
+/// Accepts the messages and the query that the agent of a vehicle sends in one step.
+pub(super) type TakeOutputs<'a> = dyn FnMut(&mut Vehicle, Outbox, Option<Ask>) + 'a;
 
 /// Steps the agents and the vehicles of a world, one frame at a time.
 pub(super) trait Driver: Debug {
-    /// The scenario as the agents fly it here.
-    fn as_agents_see_it(&self, scenario: &Scenario) -> Scenario;
+    /// The scenario that the agents receive from this driver.
+    fn scenario_of_agents(&self, scenario: &Scenario) -> Scenario;
 
-    /// The aircraft as an agent knows it here.
-    fn as_agents_know_it(&self, aircraft: &Aircraft) -> Aircraft;
+    /// The aircraft data that an agent receives from this driver.
+    fn aircraft_of_agents(&self, aircraft: &Aircraft) -> Aircraft;
 
-    /// Whether the agents take in messages now.
-    fn listens(&self, now: LocalTime) -> bool;
+    /// Whether the agents receive messages now.
+    fn agents_receive(&self, now: LocalTime) -> bool;
 
-    /// What happens next to all agents at once, by this time after the first take-off, s.
+    /// Takes the next action on all agents that is due at this time after the first take-off, s.
     fn due(&mut self, flown_s: f64) -> Option<Deed>;
 
-    /// One frame: every agent that is due steps, every vehicle moves.
-    fn frame(&mut self, now: LocalTime, vehicles: &mut [Vehicle], take: &mut Take<'_>);
+    /// Simulates one frame: every agent that is due steps, and every vehicle moves.
+    fn frame(&mut self, now: LocalTime, vehicles: &mut [Vehicle], take: &mut TakeOutputs<'_>);
 
-    /// What crossed the network, made of what the agents have counted.
+    /// The counters of what crossed the network, from the agents' own counters.
     fn totals(&self, of_agents: Totals) -> Totals;
 }
 
-/// An agent beside each vehicle: nothing lies between the two.
+/// The driver with one agent beside each vehicle, connected without delay or loss.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Beside;
 
 impl Driver for Beside {
-    fn as_agents_see_it(&self, scenario: &Scenario) -> Scenario {
+    fn scenario_of_agents(&self, scenario: &Scenario) -> Scenario {
         scenario.clone()
     }
 
-    fn as_agents_know_it(&self, aircraft: &Aircraft) -> Aircraft {
+    fn aircraft_of_agents(&self, aircraft: &Aircraft) -> Aircraft {
         aircraft.clone()
     }
 
-    fn listens(&self, _: LocalTime) -> bool {
+    fn agents_receive(&self, _: LocalTime) -> bool {
         true
     }
 
@@ -58,7 +58,7 @@ impl Driver for Beside {
         None
     }
 
-    fn frame(&mut self, now: LocalTime, vehicles: &mut [Vehicle], take: &mut Take<'_>) {
+    fn frame(&mut self, now: LocalTime, vehicles: &mut [Vehicle], take: &mut TakeOutputs<'_>) {
         for vehicle in vehicles {
             let (frame, simulator_frozen) = vehicle.frame(now);
             let measurement = (!simulator_frozen).then_some(&frame.measurement);

@@ -1,4 +1,4 @@
-//! What the scenario does to each vehicle of a world, and what its operator orders.
+//! The scripted actions of a scenario on each vehicle of a world, and the orders of its operator.
 
 use std::ops::Range;
 
@@ -7,32 +7,32 @@ use skein_common::message::{Order, Verb};
 use skein_common::scenario::{Event, EventAction, Fault, Scenario};
 use skein_core::impairments::lasting;
 
-use crate::faults::{Agenda, LinkChange, failing, kills, link_changes, orders};
+use crate::faults::{Agenda, LinkChange, failure_of, kills, link_changes, orders};
 
-/// Between two sayings of an order, s.
-const REPEAT_S: f64 = 0.2;
-/// The operator's number.
+/// Time between two transmissions of an order, s.
+const RESEND_PERIOD_S: f64 = 0.2;
+/// Number of the operator in its orders.
 const ISSUER: u64 = 1;
 
-/// What is done to one vehicle.
+/// An action of the scenario on one vehicle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Deed {
-    /// Its agent ends.
+    /// The vehicle's agent ends.
     Kill,
-    /// Its agent begins a new life.
+    /// The vehicle's agent starts again.
     Restart,
-    /// Something of it fails; the plant's script knows what that means.
+    /// A part of the vehicle fails; the plant's script carries it out.
     Fail(&'static str),
-    /// Its clock jumps, s.
+    /// The vehicle's clock jumps by this much, s.
     Jump(f64),
-    /// A direction of a link changes: from this vehicle to it.
+    /// The link from this sender to the vehicle changes.
     Link(LinkChange, VehicleId),
 }
 
-/// What is done to vehicle `own`, s after its take-off.
+/// The schedule of actions on vehicle `own`, s after its take-off.
 pub(super) fn deeds(scenario: &Scenario, own: VehicleId) -> Agenda<Deed> {
     let events = &scenario.mission.events;
-    let mut deeds: Vec<_> = events.iter().flat_map(|event| faults(event, own)).collect();
+    let mut deeds: Vec<_> = events.iter().flat_map(|event| failures_and_jumps(event, own)).collect();
     let mut span = |from, until, lasts: Range<f64>| deeds.extend([(lasts.start, from), (lasts.end, until)]);
     kills(events, own).into_iter().for_each(|dead| span(Deed::Kill, Deed::Restart, dead));
     for speaker in scenario.ids() {
@@ -42,10 +42,10 @@ pub(super) fn deeds(scenario: &Scenario, own: VehicleId) -> Agenda<Deed> {
     Agenda::new(deeds)
 }
 
-/// What the event does to vehicle `own` besides killing and cutting.
-fn faults(event: &Event, own: VehicleId) -> Vec<(f64, Deed)> {
+/// The failure and the clock jumps that the event causes on vehicle `own`.
+fn failures_and_jumps(event: &Event, own: VehicleId) -> Vec<(f64, Deed)> {
     let EventAction::Fault(fault) = &event.what else { return Vec::new() };
-    let Some((vehicle, name)) = failing(fault) else { return Vec::new() };
+    let Some((vehicle, name)) = failure_of(fault) else { return Vec::new() };
     let mut deeds = vec![(event.at_s, Deed::Fail(name))];
     if let Fault::ClockJump { by_s, .. } = fault {
         deeds.extend([(event.at_s, Deed::Jump(*by_s)), (lasting(event).end, Deed::Jump(-by_s))]);
@@ -54,7 +54,7 @@ fn faults(event: &Event, own: VehicleId) -> Vec<(f64, Deed)> {
     deeds
 }
 
-/// How far the clock of vehicle `own` jumps back in all, s: where it has to begin, or it would come to its zero.
+/// Total backward jump of vehicle `own`'s clock, s. The clock starts at this time, or it would become negative.
 pub(super) fn clock_begins_s(scenario: &Scenario, own: VehicleId) -> f64 {
     let back_s = |event: &Event| match event.what {
         EventAction::Fault(Fault::ClockJump { vehicle, by_s }) if vehicle == own => (-by_s).max(0.0),
@@ -63,12 +63,12 @@ pub(super) fn clock_begins_s(scenario: &Scenario, own: VehicleId) -> f64 {
     scenario.mission.events.iter().map(back_s).sum()
 }
 
-/// Gives the scenario's orders as an operator does: says the newest until everybody repeats it.
+/// Sends the scenario's orders as an operator does: the newest order, until all agents acknowledge it.
 #[derive(Debug)]
 pub(super) struct Operator {
     agenda: Agenda<Verb>,
     epoch: u64,
-    /// With the time of its next saying, s.
+    /// The current order, with the time of its next transmission, s.
     order: Option<(Order, f64)>,
 }
 
@@ -77,15 +77,15 @@ impl Operator {
         Self { agenda: Agenda::new(orders(&scenario.mission.events)), epoch: 0, order: None }
     }
 
-    /// What the operator says at `t_s`; `has_taken_all` tells whether everybody repeats an order.
-    pub(super) fn says(&mut self, t_s: f64, has_taken_all: impl Fn(&Order) -> bool) -> Option<Order> {
+    /// The order that the operator sends at `t_s`, s; `all_acknowledge` returns whether every agent repeats an order.
+    pub(super) fn order_to_send(&mut self, t_s: f64, all_acknowledge: impl Fn(&Order) -> bool) -> Option<Order> {
         while let Some(verb) = self.agenda.due(t_s) {
             self.epoch += 1;
             self.order = Some((Order { epoch: self.epoch, issuer: ISSUER, verb, seal: None }, t_s));
         }
-        self.order = self.order.filter(|(order, _)| !has_taken_all(order));
+        self.order = self.order.filter(|(order, _)| !all_acknowledge(order));
         let (order, next_s) = self.order.as_mut().filter(|(_, next_s)| *next_s <= t_s)?;
-        *next_s += REPEAT_S;
+        *next_s += RESEND_PERIOD_S;
         Some(*order)
     }
 }
@@ -105,7 +105,7 @@ mod tests {
         VehicleId::new(number).unwrap()
     }
 
-    /// What is done to vehicle `own`, looked at once a second.
+    /// The actions on vehicle `own`, polled once a second.
     fn done(events: &str, own: u8) -> Vec<(u32, Deed)> {
         let mut deeds = deeds(&scenario(events), id(own));
         (0..100)
@@ -114,7 +114,7 @@ mod tests {
     }
 
     #[test]
-    fn everybody_has_what_concerns_it_in_the_order_of_time() {
+    fn each_vehicle_gets_its_own_actions_in_the_order_of_time() {
         let events = "{ at_s = 50, for_s = 5, fault = 'kill', vehicle = 2 }, \
                       { at_s = 10, for_s = 5, fault = 'clock_jump', vehicle = 2, by_s = -7 }, \
                       { at_s = 20, for_s = 3, fault = 'cut', from = [1, 2], to = [2, 3] }, \
@@ -135,25 +135,25 @@ mod tests {
     }
 
     #[test]
-    fn a_death_within_a_death_is_one() {
+    fn overlapping_kills_of_an_agent_are_one_kill() {
         let events =
             "{ at_s = 10, for_s = 20, fault = 'kill', vehicle = 1 }, { at_s = 20, fault = 'kill', vehicle = 1 }";
         assert_eq!(done(events, 1), [(10, Deed::Kill)]);
     }
 
     #[test]
-    fn the_operator_repeats_an_order_until_everybody_has_it_and_ends_a_hold() {
+    fn the_operator_repeats_an_order_until_all_acknowledge_it_and_ends_a_hold() {
         let events = "{ at_s = 1, for_s = 2, order = 'hold' }, { at_s = 5, order = 'goto', step = 0 }";
         let mut operator = Operator::new(&scenario(events));
         let order = |epoch, verb| Order { epoch, issuer: ISSUER, verb, seal: None };
-        assert_eq!(operator.says(0.9, |_| true), None);
+        assert_eq!(operator.order_to_send(0.9, |_| true), None);
         for t_s in [1.0, 1.2] {
-            assert_eq!(operator.says(t_s, |_| false), Some(order(1, Verb::Hold)));
-            assert_eq!(operator.says(t_s + 0.1, |_| false), None);
+            assert_eq!(operator.order_to_send(t_s, |_| false), Some(order(1, Verb::Hold)));
+            assert_eq!(operator.order_to_send(t_s + 0.1, |_| false), None);
         }
-        assert_eq!(operator.says(1.5, |said| *said == order(1, Verb::Hold)), None);
-        assert_eq!(operator.says(2.9, |_| false), None, "everybody had it");
-        assert_eq!(operator.says(3.0, |_| false), Some(order(2, Verb::Goto(0))));
-        assert_eq!(operator.says(5.0, |_| false), Some(order(3, Verb::Goto(0))), "the newest only");
+        assert_eq!(operator.order_to_send(1.5, |newest| *newest == order(1, Verb::Hold)), None);
+        assert_eq!(operator.order_to_send(2.9, |_| false), None, "all agents had acknowledged it");
+        assert_eq!(operator.order_to_send(3.0, |_| false), Some(order(2, Verb::Goto(0))));
+        assert_eq!(operator.order_to_send(5.0, |_| false), Some(order(3, Verb::Goto(0))), "the newest only");
     }
 }

@@ -1,4 +1,4 @@
-//! One vehicle of a world: its helicopter, what fails of it, and the station with its agent.
+//! One vehicle of a world: its helicopter, its failures, and the station with its agent.
 
 use skein_common::id::{Incarnation, VehicleId};
 use skein_common::message::{Mission, Trace};
@@ -23,22 +23,22 @@ pub(super) struct Vehicle {
     pub(super) id: VehicleId,
     pub(super) aircraft: Aircraft,
     pub(super) plant: BuiltInVehicle,
-    /// What fails of the plant.
+    /// Failures of the plant.
     pub(super) script: Script,
-    /// What else is done to the vehicle.
+    /// All other scripted actions on the vehicle.
     pub(super) deeds: Agenda<Deed>,
-    /// `None` while its agent is dead.
+    /// The station with the agent; `None` while the agent is dead.
     pub(super) station: Option<Station>,
-    /// The agent's, or the last one's.
+    /// Incarnation of the agent, or of the last one.
     pub(super) incarnation: Incarnation,
-    /// As the last station left them; while one lives, it has them.
+    /// Clocks while no station runs; a running station has its own.
     pub(super) clocks: Clocks,
-    /// Of its external law, for the next step.
+    /// Answer of the external law for the next step.
     pub(super) answer: Option<Answer>,
-    /// What the others find of it when they come late.
-    pub(super) register: Option<Mission>,
+    /// The newest heartbeat, which a restarted agent receives first.
+    pub(super) heartbeat: Option<Mission>,
     pub(super) truth: Truth,
-    /// Of the last frame.
+    /// Plant time of the last frame.
     pub(super) plant_time: PlantTime,
     pub(super) command: Option<Sticks>,
 }
@@ -62,7 +62,7 @@ impl Vehicle {
             incarnation: Incarnation(1),
             clocks: Clocks::new(scenario, id),
             answer: None,
-            register: None,
+            heartbeat: None,
             plant_time: PlantTime::ZERO,
             command: None,
         };
@@ -75,12 +75,12 @@ impl Vehicle {
         Station::new(scenario, self.id, self.incarnation, (&self.aircraft, rules.clone()), self.clocks)
     }
 
-    /// The agent, if it lives.
+    /// The agent, if it runs.
     pub(super) fn agent(&self) -> Option<&Agent> {
         self.station.as_ref().map(Station::agent)
     }
 
-    /// They go on while the agent is dead.
+    /// The vehicle's clocks, which run on while the agent is dead.
     pub(super) fn clocks(&self) -> &Clocks {
         self.station.as_ref().map_or(&self.clocks, Station::clocks)
     }
@@ -92,19 +92,19 @@ impl Vehicle {
         }
     }
 
-    /// The next that is to be done to it now.
+    /// Takes the next action on the vehicle that is due now.
     pub(super) fn due(&mut self, now: LocalTime) -> Option<Deed> {
         self.deeds.due(self.clocks().flown_s(now)?)
     }
 
-    /// Takes in what a perfect network delivers, if the agent lives.
-    pub(super) fn hear(&mut self, now: LocalTime, arriving: impl Iterator<Item = Heard>) {
+    /// Hands the messages of all senders to the station, if the agent runs; the station applies the impairments.
+    pub(super) fn receive(&mut self, now: LocalTime, arriving: impl Iterator<Item = Heard>) {
         if let Some(station) = &mut self.station {
             station.receive(now, arriving);
         }
     }
 
-    /// The plant's frame under what has failed of it, and whether it stands still.
+    /// The plant's frame under its present failures, and whether the simulator is frozen.
     pub(super) fn frame(&mut self, now: LocalTime) -> (Frame, bool) {
         let script = self.clocks().flown_s(now).map(|flown_s| self.script.at(flown_s)).unwrap_or_default();
         self.plant.fail(script.failures);
@@ -113,7 +113,7 @@ impl Vehicle {
         (frame, script.simulator_frozen)
     }
 
-    /// The agent's step, if it lives.
+    /// Steps the agent, if it runs.
     pub(super) fn step(&mut self, now: LocalTime, plant: (PlantTime, Option<&Measurement>)) -> Option<Outputs> {
         let station = self.station.as_mut()?;
         let answer = self.answer.take();

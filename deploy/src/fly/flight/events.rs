@@ -34,14 +34,14 @@ impl Flight {
 
     /// What is still to come does not come any more; but whoever stands still for a time is to be able to land.
     pub(super) fn end_events(&mut self, now: Instant) {
-        let thaws: Vec<Deed> = self.agenda.left().filter(|deed| matches!(deed, Deed::Thaw(_))).cloned().collect();
+        let thaws: Vec<Deed> = self.agenda.remaining().filter(|deed| matches!(deed, Deed::Thaw(_))).cloned().collect();
         while self.agenda.due(f64::INFINITY).is_some() {}
         thaws.iter().for_each(|deed| self.carry_out(now, deed));
     }
 
     /// Whether somebody who is dead comes back.
     pub(super) fn awaits_a_restart(&self) -> bool {
-        self.agenda.left().any(|deed| matches!(deed, Deed::Restart(_)))
+        self.agenda.remaining().any(|deed| matches!(deed, Deed::Restart(_)))
     }
 
     fn carry_out(&mut self, now: Instant, deed: &Deed) {

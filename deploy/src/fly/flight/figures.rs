@@ -119,7 +119,7 @@ fn vehicle_now(step: &Trace) -> VehicleNow {
         step: step.step,
         reached: step.reached,
         centre_ne_m: step.centre_ne_m.into(),
-        hears: peers().map(|peer| peer.id).collect(),
+        in_contact: peers().map(|peer| peer.id).collect(),
         fresh: peers().filter(|peer| peer.silent_s() < FRESH_S).map(|peer| peer.id).collect(),
         ..VehicleNow::dead(step.header.sender, truth)
     }

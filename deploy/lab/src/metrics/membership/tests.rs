@@ -11,20 +11,20 @@ fn links(links: &[(u8, u8)]) -> Vec<Link> {
     links.iter().map(|&(speaker, hearer)| (id(speaker), id(hearer))).collect()
 }
 
-/// Vehicle `number`, a member that hears these.
-fn member(number: u8, hears: &[u8]) -> VehicleNow {
-    VehicleNow { hears: set(hears), ..vehicle(number, 0.0, 100.0, 30.0) }
+/// Vehicle `number`, a member in contact with these vehicles.
+fn member(number: u8, in_contact: &[u8]) -> VehicleNow {
+    VehicleNow { in_contact: set(in_contact), ..vehicle(number, 0.0, 100.0, 30.0) }
 }
 
 fn dead(number: u8) -> VehicleNow {
     VehicleNow { runs: false, ..member(number, &[]) }
 }
 
-fn joining(number: u8, hears: &[u8]) -> VehicleNow {
-    VehicleNow { is_member: false, ..member(number, hears) }
+fn joining(number: u8, in_contact: &[u8]) -> VehicleNow {
+    VehicleNow { is_member: false, ..member(number, in_contact) }
 }
 
-/// Three members who hear each other.
+/// Three members, each in contact with the others.
 fn three() -> Membership {
     let mut membership = Membership::new(3, None);
     membership.observe(0.0, &[member(1, &[2, 3]), member(2, &[1, 3]), member(3, &[1, 2])]);
@@ -41,7 +41,7 @@ fn assert_took(worst: Worst, expected_s: f64) {
 }
 
 #[test]
-fn a_death_is_detected_when_the_last_one_has_lost_it() {
+fn a_death_is_detected_when_the_last_peer_has_lost_the_vehicle() {
     let mut membership = three();
     membership.died(10.0, id(2));
     membership.observe(10.0, &[member(1, &[2, 3]), dead(2), member(3, &[1, 2])]);
@@ -53,7 +53,7 @@ fn a_death_is_detected_when_the_last_one_has_lost_it() {
 }
 
 #[test]
-fn what_is_not_noticed_in_time_never_is() {
+fn a_death_that_is_not_detected_in_time_counts_as_never() {
     let mut membership = three();
     membership.died(10.0, id(2));
     membership.observe(10.0, &[member(1, &[3]), dead(2), member(3, &[1, 2])]);
@@ -62,14 +62,14 @@ fn what_is_not_noticed_in_time_never_is() {
 }
 
 #[test]
-fn a_restarted_agent_is_back_when_everybody_counts_on_it() {
+fn a_restarted_agent_has_rejoined_when_all_members_count_it_as_active() {
     let mut membership = three();
     membership.died(10.0, id(2));
     membership.observe(10.1, &[member(1, &[3]), dead(2), member(3, &[1])]);
     membership.restarted(30.0, id(2));
     membership.observe(30.0, &[member(1, &[3]), joining(2, &[]), member(3, &[1])]);
     membership.observe(31.0, &[member(1, &[2, 3]), joining(2, &[1, 3]), member(3, &[1, 2])]);
-    assert_eq!(membership.rejoin(31.0).s(), None, "heard by all, and does not take part yet");
+    assert_eq!(membership.rejoin(31.0).s(), None, "in contact with all, but not an active member yet");
     membership.observe(32.5, &[member(1, &[2, 3]), member(2, &[1, 3]), member(3, &[1, 2])]);
     let (detection, rejoin) = figures(&membership, 32.5);
     assert_took(detection, 0.1);
@@ -77,7 +77,7 @@ fn a_restarted_agent_is_back_when_everybody_counts_on_it() {
 }
 
 #[test]
-fn a_restart_before_the_death_was_noticed_leaves_nothing_to_detect() {
+fn a_restart_before_the_death_was_detected_leaves_nothing_to_detect() {
     let mut membership = three();
     membership.died(10.0, id(2));
     membership.observe(10.0, &[member(1, &[2, 3]), dead(2), member(3, &[1, 2])]);
@@ -89,9 +89,9 @@ fn a_restart_before_the_death_was_noticed_leaves_nothing_to_detect() {
 }
 
 #[test]
-fn a_cut_is_detected_by_those_who_hear_nothing_any_more_and_healed_when_they_do_again() {
+fn a_cut_is_detected_by_its_receivers_and_over_when_they_receive_again() {
     let mut membership = three();
-    // 3 does not hear 1 and 2; they hear it.
+    // 3 does not receive 1 and 2; they receive it.
     let cut = links(&[(1, 3), (2, 3)]);
     membership.cut(20.0, &cut);
     assert!(membership.is_split());
@@ -107,7 +107,7 @@ fn a_cut_is_detected_by_those_who_hear_nothing_any_more_and_healed_when_they_do_
 }
 
 #[test]
-fn a_cut_that_is_healed_unnoticed_is_neither_detected_nor_rejoined() {
+fn a_cut_that_is_healed_undetected_is_neither_detected_nor_rejoined() {
     let mut membership = three();
     let cut = links(&[(1, 3)]);
     membership.cut(20.0, &cut);
@@ -119,7 +119,7 @@ fn a_cut_that_is_healed_unnoticed_is_neither_detected_nor_rejoined() {
 }
 
 #[test]
-fn who_is_cut_off_cannot_see_a_return() {
+fn a_receiver_that_is_cut_off_does_not_have_to_detect_a_return() {
     let mut membership = three();
     membership.cut(5.0, &links(&[(2, 3), (3, 2)]));
     membership.died(10.0, id(2));
@@ -129,18 +129,18 @@ fn who_is_cut_off_cannot_see_a_return() {
 }
 
 #[test]
-fn who_loses_a_living_peer_that_it_could_hear_suspects_it_falsely() {
-    let everybody = [member(1, &[2, 3]), member(2, &[1, 3]), member(3, &[1, 2])];
+fn losing_a_living_peer_that_can_be_received_is_a_false_suspicion() {
+    let all_members = [member(1, &[2, 3]), member(2, &[1, 3]), member(3, &[1, 2])];
     let lost_by = |membership: &mut Membership, t_s, lost, by| {
-        membership.told(t_s, id(by), &Happening::PeerLost(id(lost)));
-        membership.observe(t_s, &everybody);
+        membership.reported(t_s, id(by), &Happening::PeerLost(id(lost)));
+        membership.observe(t_s, &all_members);
         membership.false_suspicions()
     };
     let mut membership = three();
     assert_eq!(lost_by(&mut membership, 1.0, 2, 1), 1);
     membership.cut(2.0, &links(&[(2, 1)]));
-    assert_eq!(lost_by(&mut membership, 2.5, 2, 1), 1, "it cannot hear it");
-    assert_eq!(lost_by(&mut membership, 2.5, 1, 2), 1, "the other way round it can, and is not blamed");
+    assert_eq!(lost_by(&mut membership, 2.5, 2, 1), 1, "vehicle 1 cannot receive it");
+    assert_eq!(lost_by(&mut membership, 2.5, 1, 2), 1, "the session is cut in one direction");
     assert_eq!(lost_by(&mut membership, 2.5, 3, 2), 2, "another link");
     membership.healed(3.0, &links(&[(2, 1)]));
     assert_eq!(lost_by(&mut membership, 4.9, 2, 1), 2, "healed just now");
@@ -148,42 +148,42 @@ fn who_loses_a_living_peer_that_it_could_hear_suspects_it_falsely() {
 }
 
 #[test]
-fn who_is_lost_beyond_where_loss_by_distance_begins_is_not_suspected_falsely() {
+fn a_loss_beyond_the_distance_where_messages_get_lost_is_not_a_false_suspicion() {
     for (reach_m, expected) in [(None, 1), (Some(250.0), 1), (Some(150.0), 0)] {
         let mut membership = Membership::new(2, reach_m);
-        let everybody = [vehicle(1, 0.0, 100.0, 30.0), vehicle(2, 180.0, 100.0, 30.0)];
-        membership.observe(0.0, &everybody);
-        membership.told(9.0, id(1), &Happening::PeerLost(id(2)));
-        membership.observe(9.0, &everybody);
+        let all_members = [vehicle(1, 0.0, 100.0, 30.0), vehicle(2, 180.0, 100.0, 30.0)];
+        membership.observe(0.0, &all_members);
+        membership.reported(9.0, id(1), &Happening::PeerLost(id(2)));
+        membership.observe(9.0, &all_members);
         assert_eq!(membership.false_suspicions(), expected, "200 m apart, {reach_m:?}");
     }
 }
 
 #[test]
-fn the_loss_of_somebody_dead_restarted_or_gone_is_right() {
+fn the_loss_of_a_dead_restarted_or_landed_vehicle_is_right() {
     let mut membership = three();
-    // In a live run a death may come to be known after others have told of it.
-    membership.told(1.0, id(1), &Happening::PeerLost(id(2)));
+    // In a live run the reports of other vehicles may arrive before the death itself.
+    membership.reported(1.0, id(1), &Happening::PeerLost(id(2)));
     membership.died(1.0, id(2));
     membership.observe(1.0, &[member(1, &[3]), dead(2), member(3, &[1])]);
     membership.restarted(3.0, id(2));
-    membership.told(4.0, id(3), &Happening::PeerLost(id(2)));
+    membership.reported(4.0, id(3), &Happening::PeerLost(id(2)));
     membership.observe(4.0, &[member(1, &[2, 3]), member(2, &[1, 3]), member(3, &[1])]);
     // Vehicle 1 has landed.
     membership.observe(9.0, &[joining(1, &[2, 3]), member(2, &[1, 3]), member(3, &[1, 2])]);
-    membership.told(10.0, id(3), &Happening::PeerLost(id(1)));
+    membership.reported(10.0, id(3), &Happening::PeerLost(id(1)));
     membership.observe(10.0, &[joining(1, &[2, 3]), member(2, &[1, 3]), member(3, &[2])]);
     assert_eq!(membership.false_suspicions(), 0);
 }
 
 #[test]
-fn a_failure_is_answered_when_its_vehicle_tells_of_it() {
+fn the_response_to_a_failure_is_the_report_of_its_own_vehicle() {
     let mut membership = three();
     membership.failed(50.0, id(2));
-    membership.told(50.5, id(1), &Happening::OwnDataStale);
-    assert_eq!(membership.response(50.5).s(), None, "somebody else's");
-    membership.told(51.5, id(2), &Happening::Failed(Failure::Engine));
-    membership.told(70.0, id(2), &Happening::OwnDataStale);
+    membership.reported(50.5, id(1), &Happening::OwnDataStale);
+    assert_eq!(membership.response(50.5).s(), None, "another vehicle's report");
+    membership.reported(51.5, id(2), &Happening::Failed(Failure::Engine));
+    membership.reported(70.0, id(2), &Happening::OwnDataStale);
     assert_took(membership.response(70.0), 1.5);
     membership.failed(80.0, id(3));
     assert!(!membership.response(110.0).is_never() && membership.response(110.1).is_never());

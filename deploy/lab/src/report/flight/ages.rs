@@ -1,4 +1,4 @@
-//! How old the others' words are.
+//! Draws the ages of peers' states.
 
 use skein_common::state::Standing;
 
@@ -8,37 +8,37 @@ use super::traces::histogram;
 use crate::report::figure::{Axis, Colour, Figure, Item, Panel, Shape};
 use skein_common::statistics::quantile;
 
-/// Over time, so many stretches.
+/// Number of time spans in the panel over time.
 const STRETCHES: usize = 160;
-/// Steps of colour.
+/// Shades of the panel by pairs.
 const SHADES: [f64; 5] = [0.0, 0.25, 0.5, 0.75, 1.0];
 
-/// Over time, in shares, and by pairs. None where nobody hears anybody.
+/// Draws the ages over time, as a histogram, and by pairs; `None` if no vehicle receives a peer.
 pub(super) fn ages(flight: &Flight<'_>) -> Option<Figure> {
     let mut all_ms: Vec<f64> = (0..flight.times_s.len()).flat_map(|sample| at_ms(flight, sample)).collect();
     let (oldest_ms, high_ms) = (quantile(&mut all_ms, 1.0)?, quantile(&mut all_ms, 0.99)?);
-    // The few words that were on their way while links were dead would leave nothing of the others to be seen.
+    // A few very old states from cut links would compress all others into a thin line: cut the axis off.
     let limit_ms = if oldest_ms > 3.0 * high_ms && high_ms > 0.0 { 2.0 * high_ms } else { oldest_ms };
     let (mut over_time, marked) = with_marks(flight, over_time(flight, limit_ms));
     over_time.place = [0.0, 0.0, 1.0, 0.46];
     all_ms.retain(|age_ms| *age_ms <= limit_ms);
     let cut = if limit_ms < oldest_ms {
-        format!(" What is older than {limit_ms:.0} ms, up to {oldest_ms:.0} ms, is cut off above.")
+        format!(" Ages above {limit_ms:.0} ms, up to {oldest_ms:.0} ms, are cut off.")
     } else {
         String::new()
     };
     let mut shares = histogram(&all_ms, Axis::new("age", "ms").including(0.0));
     shares.place = [0.0, 0.47, 0.5, 1.0];
-    shares.title = "All words".to_owned();
+    shares.title = "All states".to_owned();
     let mut pairs = by_pairs(flight);
     pairs.place = [0.5, 0.47, 1.0, 1.0];
     let caption = format!(
-        "Age of every peer's last word at every step, by the receiver's own clock, of peers that are not counted as lost. Below right, of every hearer (up) and speaker (across) the age that 99 % are younger than.{cut}{marked}"
+        "Age of every peer's newest state at every step, by the receiver's clock, without lost peers. Below right, the 99th percentile of the age for each receiver (up) and sender (across).{cut}{marked}"
     );
-    Some(flight.figure("message-age", "Age of the others' words", caption, 700.0, vec![over_time, shares, pairs]))
+    Some(flight.figure("message-age", "Age of peers' states", caption, 700.0, vec![over_time, shares, pairs]))
 }
 
-/// All ages at this sample, ms.
+/// The ages of all peers that are not lost at this sample, ms.
 fn at_ms(flight: &Flight<'_>, sample: usize) -> Vec<f64> {
     let peers = flight.at(sample).flat_map(|(_, trace)| &trace.peers);
     peers.filter(|peer| peer.standing != Standing::Lost).map(|peer| peer.age_s * 1e3).collect()
@@ -64,11 +64,11 @@ fn over_time(flight: &Flight<'_>, limit_ms: f64) -> Panel {
     panel
 }
 
-/// A field for each hearer and speaker.
+/// A panel with a field for each receiver and sender.
 fn by_pairs(flight: &Flight<'_>) -> Panel {
     let count = flight.count();
     let names = |sign: f64| (0..count).map(|nth| (sign * (nth as f64 + 1.0), flight.id(nth).to_string())).collect();
-    let mut panel = Panel::new(Axis::named("speaker", names(1.0)), Axis::named("hearer", names(-1.0)));
+    let mut panel = Panel::new(Axis::named("sender", names(1.0)), Axis::named("receiver", names(-1.0)));
     panel.title = "By pairs".to_owned();
     let mut ages_ms = vec![Vec::new(); count * count];
     for sample in 0..flight.times_s.len() {

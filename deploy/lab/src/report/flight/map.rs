@@ -1,4 +1,4 @@
-//! Seen from above.
+//! Draws maps: the swarm seen from above.
 
 use std::f64::consts::TAU;
 
@@ -12,33 +12,34 @@ use skein_core::formation;
 use skein_core::formation::law::Neighbour;
 
 use super::traces::{centre_distance_panel, pair_distance_panel};
-use super::{Flight, on_map, pieces, place_on_map, radii_m, takes_part};
+use super::{Flight, flies_in_formation, on_map, pieces, place_on_map, radii_m};
 use crate::report::figure::{Axis, Colour, Figure, Item, Marker, Panel, Shape, WIDTH_PX};
 
-/// Of a flight whose centre moves, trails are this long, s.
+/// Length of the trails of a flight whose centre moves, s.
 const TRAIL_S: f64 = 60.0;
-/// Snapshots along one path, and of a whole flight.
+/// Number of intervals between the snapshots along one path.
 const ALONG_PATH: usize = 6;
+/// Most snapshots of a flight.
 const MOST_SNAPSHOTS: usize = 9;
-/// Arrows across the field.
+/// Number of arrows across the field.
 const ARROWS: i32 = 23;
-/// Width and height of figures of one round thing, px.
+/// Width and height of a square figure, px.
 const SQUARE_PX: f64 = 720.0;
 
-/// A figure of one round thing.
+/// Makes a figure square.
 fn square(figure: Figure) -> Figure {
     Figure { size_px: [SQUARE_PX; 2], ..figure }
 }
 
-/// East to the right, north up.
+/// An empty map, with east to the right and north up.
 fn map() -> Panel {
     Panel { is_map: true, ..Panel::new(Axis::new("east", "m"), Axis::new("north", "m")) }
 }
 
-/// Where everybody was at the end, with the ellipses and the way there (the paper's figure 5).
+/// Draws the final positions of all vehicles, with the ellipses and the paths to them (the paper's figure 5).
 pub(super) fn final_places(flight: &Flight<'_>) -> Figure {
     let caption = format!(
-        "Where the vehicles are at {}, with R* (solid), the band's edges (broken) and their way there{}; small dots: where the way begins.",
+        "Positions of the vehicles at {}, with R* (solid), the band's edges (broken) and their paths{}; small dots: the starts of the paths.",
         flight.last_in_formation().map_or("the end".to_owned(), |last| format!("{:.0} s", flight.times_s[last])),
         if flight.has_one_place() { String::new() } else { format!(" in the last {TRAIL_S} s") },
     );
@@ -56,7 +57,7 @@ fn final_places_panel(flight: &Flight<'_>) -> Panel {
     panel
 }
 
-/// R_in, R* and R_out of the step that the swarm is at.
+/// The ellipses R_in, R* and R_out of the swarm's step.
 fn ellipses(flight: &Flight<'_>, sample: usize) -> Vec<Item> {
     let leg = flight.leading_step(sample).and_then(|step| flight.leg(step));
     let Some((leg, centre_ne_m)) = leg.zip(flight.centre_ne_m(sample)) else { return Vec::new() };
@@ -67,7 +68,7 @@ fn ellipses(flight: &Flight<'_>, sample: usize) -> Vec<Item> {
     radii_m(leg).into_iter().enumerate().filter_map(line).collect()
 }
 
-/// The ellipse of this level.
+/// Points of the ellipse of this level.
 fn ellipse(leg: &Leg, radius_m: f64, centre_ne_m: [f64; 2]) -> Vec<[f64; 2]> {
     let turn = Rotation2::new(leg.formation.heading_rad());
     let point = |nth: i32| {
@@ -79,18 +80,18 @@ fn ellipse(leg: &Leg, radius_m: f64, centre_ne_m: [f64; 2]) -> Vec<[f64; 2]> {
     (0..=120).map(point).collect()
 }
 
-/// Everybody's way from one sample to another.
+/// The paths of all vehicles from one sample to another.
 fn trails(flight: &Flight<'_>, first: usize, last: usize, with_beginning: bool) -> Vec<Item> {
-    let way = |index: usize| {
+    let path = |index: usize| {
         let steps = &flight.seen[index][first..=last];
         pieces(steps.iter().map(|step| step.map(|step| place_on_map(step.trace.position))))
     };
     let (width_px, opacity) = if flight.is_few() { (1.2, 0.75) } else { (0.7, 0.3) };
     let mut items = Vec::new();
     for index in 0..flight.count() {
-        let way = way(index);
-        let beginning = way.first().and_then(|piece| piece.first()).copied();
-        items.push(Item::line(way, colour(flight, index).faint(opacity)).wide(width_px));
+        let path = path(index);
+        let beginning = path.first().and_then(|piece| piece.first()).copied();
+        items.push(Item::line(path, colour(flight, index).faint(opacity)).wide(width_px));
         let dot = Shape::Dots { at: beginning.into_iter().collect(), marker: Marker::Circle, size_px: 4.0 };
         items.extend(with_beginning.then(|| Item::new(dot, colour(flight, index))));
     }
@@ -101,13 +102,13 @@ fn colour(flight: &Flight<'_>, index: usize) -> Colour {
     if flight.is_few() { Colour::nth(index) } else { Colour::BLUE }
 }
 
-/// Everybody where it is; who takes no part any more as a cross.
+/// All vehicles at their positions; a cross marks a vehicle that has left the formation.
 fn vehicles(flight: &Flight<'_>, sample: usize) -> Vec<Item> {
     let centre = flight.centre_ne_m(sample).map_or([0.0; 2], on_map);
     let mut items = Vec::new();
     for (index, trace) in flight.at(sample) {
         let at = place_on_map(trace.position);
-        let is_member = takes_part(trace);
+        let is_member = flies_in_formation(trace);
         let (colour, marker) = match is_member {
             true if flight.is_few() => (Colour::nth(index), Marker::nth(index)),
             true => (Colour::BLUE, Marker::Circle),
@@ -125,7 +126,7 @@ fn vehicles(flight: &Flight<'_>, sample: usize) -> Vec<Item> {
     items
 }
 
-/// The swarm along its way (the paper's figure 8). None of a swarm that stays.
+/// Draws the swarm at some instants along its path (the paper's figure 8); `None` if the swarm stays in one place.
 pub(super) fn snapshots(flight: &Flight<'_>) -> Option<Figure> {
     let samples = instants(flight);
     if samples.len() < 2 {
@@ -144,33 +145,32 @@ pub(super) fn snapshots(flight: &Flight<'_>) -> Option<Figure> {
         return Some(one_by_one(flight, &samples));
     }
     let mut panel = map();
-    panel.items.push(centre_way(flight));
+    panel.items.push(centre_path(flight));
     panel.items.extend(trails(flight, 0, *samples.last()?, true));
     for &sample in &samples {
         panel.items.extend(ellipses(flight, sample));
         panel.items.extend(vehicles_small(flight, sample));
     }
     panel.items.extend(times(flight, &samples, &discs));
-    let caption =
-        "The swarm at some instants, with the ellipse and its band, the centre's way (broken) and the vehicles'.";
-    Some(flight.figure("snapshots", "Snapshots along the way", caption, 640.0, vec![panel]))
+    let caption = "The swarm at some instants, with the ellipse and its band, and the paths of the centre (broken) and of the vehicles.";
+    Some(flight.figure("snapshots", "Snapshots along the path", caption, 640.0, vec![panel]))
 }
 
-/// The time of each snapshot, beside its ellipse, where the fewest others' ways and ellipses are.
+/// The time of each snapshot, beside its ellipse, on the side with the fewest other paths and ellipses.
 fn times(flight: &Flight<'_>, samples: &[usize], discs: &[(Vector2<f64>, f64)]) -> Vec<Item> {
-    let ways_ne_m: Vec<Vector2<f64>> = (0..flight.times_s.len())
+    let paths_ne_m: Vec<Vector2<f64>> = (0..flight.times_s.len())
         .step_by(8)
         .flat_map(|sample| flight.at(sample).map(|(_, trace)| trace.position.horizontal()))
         .collect();
     let beside = |(sample, (centre, reach_m)): (&usize, &(Vector2<f64>, f64))| {
         let crowd = |towards: &Vector2<f64>| {
             let label = centre + towards * (reach_m * 1.45);
-            let ways = ways_ne_m.iter().filter(|way| (*way - label).norm() < 0.5 * reach_m).count();
+            let paths_nearby = paths_ne_m.iter().filter(|path| (*path - label).norm() < 0.5 * reach_m).count();
             let others =
                 discs.iter().filter(|(other, other_m)| (other - label).norm() < other_m + 0.5 * reach_m).count();
-            ways + 1000 * others
+            paths_nearby + 1000 * others
         };
-        // East first: a text is wide.
+        // East comes first, because a text is wide.
         let towards =
             [(0.0, 1.0), (0.0, -1.0), (-0.7, 0.7), (0.7, 0.7), (-0.7, -0.7), (0.7, -0.7), (-1.0, 0.0), (1.0, 0.0)];
         let towards =
@@ -183,7 +183,7 @@ fn times(flight: &Flight<'_>, samples: &[usize], discs: &[(Vector2<f64>, f64)]) 
     samples.iter().zip(discs).map(beside).collect()
 }
 
-/// The same in a panel for each instant, where they lie on top of each other.
+/// Draws the snapshots in a panel each, if they overlap.
 fn one_by_one(flight: &Flight<'_>, samples: &[usize]) -> Figure {
     let columns = 3.0;
     let rows = (samples.len() as f64 / columns).ceil();
@@ -202,11 +202,11 @@ fn one_by_one(flight: &Flight<'_>, samples: &[usize]) -> Figure {
         panels.push(panel);
         before = sample;
     }
-    let caption = "The swarm before it leaves each place, with the ellipse and its band; lines: the way since the panel before. Crosses: who takes no part any more.";
-    flight.figure("snapshots", "Snapshots along the way", caption, 50.0 + rows * 300.0, panels)
+    let caption = "The swarm before it leaves each place, with the ellipse and its band; lines: the paths since the panel before. Crosses: vehicles that have left the formation.";
+    flight.figure("snapshots", "Snapshots along the path", caption, 50.0 + rows * 300.0, panels)
 }
 
-/// Without names, which would be too many.
+/// The vehicles with small markers and without names, for crowded maps.
 fn vehicles_small(flight: &Flight<'_>, sample: usize) -> Vec<Item> {
     let mut items = vehicles(flight, sample);
     items.retain(|item| matches!(item.shape, Shape::Dots { .. }));
@@ -218,13 +218,13 @@ fn vehicles_small(flight: &Flight<'_>, sample: usize) -> Vec<Item> {
     items
 }
 
-/// How far a step's formation reaches, m.
+/// Largest distance of a step's formation from its centre, m.
 fn reach_m(leg: &Leg) -> f64 {
     let outer_m = radii_m(leg).into_iter().flatten().fold(0.0, f64::max);
     outer_m * leg.formation.gamma.sqrt().recip().max(1.0)
 }
 
-/// When to look: at the end of every step, and on the way along a path.
+/// The samples of the snapshots: the end of every step, and instants along a path.
 fn instants(flight: &Flight<'_>) -> Vec<usize> {
     let Some(last) = flight.last_in_formation() else { return Vec::new() };
     let steps: Vec<_> = (0..=last).map(|sample| flight.leading_step(sample)).collect();
@@ -237,7 +237,7 @@ fn instants(flight: &Flight<'_>) -> Vec<usize> {
                 instants.extend((0..=ALONG_PATH).map(|nth| from + (to - from) * nth / ALONG_PATH));
             }
             Target::Centre(_) => instants.push(to),
-            // Where it waits, it was before.
+            // A hold repeats the place of the step before.
             Target::Hold(_) | Target::Land(_) => {}
         }
     }
@@ -247,12 +247,12 @@ fn instants(flight: &Flight<'_>) -> Vec<usize> {
     if many <= MOST_SNAPSHOTS { instants } else { (0..MOST_SNAPSHOTS).map(|nth| instants[kept(nth)]).collect() }
 }
 
-fn centre_way(flight: &Flight<'_>) -> Item {
-    let way = pieces((0..flight.times_s.len()).map(|sample| flight.centre_ne_m(sample).map(on_map)));
-    Item::line(way, Colour::GREY).wide(1.0).dashed()
+fn centre_path(flight: &Flight<'_>) -> Item {
+    let path = pieces((0..flight.times_s.len()).map(|sample| flight.centre_ne_m(sample).map(on_map)));
+    Item::line(path, Colour::GREY).wide(1.0).dashed()
 }
 
-/// What the law makes of every place around the formation. None of laws without a field.
+/// Draws the field of the law around the formation; `None` for laws without a field.
 pub(super) fn field(flight: &Flight<'_>) -> Option<Figure> {
     let last = flight.last_in_formation()?;
     let leg = flight.leading_step(last).and_then(|step| flight.leg(step))?;
@@ -274,7 +274,7 @@ pub(super) fn field(flight: &Flight<'_>) -> Option<Figure> {
         let place = PositionNed::new(centre_ne_m[0] + north_m, centre_ne_m[1] + east_m, centre.0.z);
         let field_ne = ring.field(flight.id(own), place, centre, &neighbours, &[]).xy();
         let size = field_ne.norm();
-        // The root leaves weak parts of the field long enough to have a direction.
+        // The root keeps the arrows of a weak field long enough to show a direction.
         let arrow_ne_m = field_ne / size.max(1e-9) * size.min(1.0).sqrt() * 0.92 * apart_m;
         let [east_m, north_m] = place_on_map(place);
         let half = [arrow_ne_m.y / 2.0, arrow_ne_m.x / 2.0];
@@ -293,26 +293,26 @@ pub(super) fn field(flight: &Flight<'_>) -> Option<Figure> {
     );
     let own = flight.id(own);
     let caption = format!(
-        "The dimensionless field V that vehicle {own} would feel at each place at {:.0} s, the others standing where they are. An arrow's length grows with the root of |V|.",
+        "The dimensionless field V of vehicle {own} at each place at {:.0} s, with the other vehicles at their positions. The length of an arrow grows with the root of |V|.",
         flight.times_s[last],
     );
-    let title = format!("Field around the formation, as vehicle {own} feels it");
+    let title = format!("Field of vehicle {own} around the formation");
     Some(square(flight.figure("field", &title, caption, SQUARE_PX, vec![panel])))
 }
 
-/// As a vehicle that hears everything at once would know it.
+/// A neighbour as a vehicle with a perfect network would observe it.
 fn neighbour(id: VehicleId, trace: &Trace) -> Neighbour {
     let heading_rad = trace.attitude.heading_rad;
     Neighbour { id, position: trace.position, velocity: trace.velocity, heading_rad, age_s: 0.0, is_fresh: true }
 }
 
-/// The flight in one picture.
+/// Draws an overview of the flight in one figure.
 pub(super) fn overview(flight: &Flight<'_>) -> Figure {
     let mut places = final_places_panel(flight);
     if !flight.has_one_place() {
         let last = flight.last_in_formation().unwrap_or(0);
         places = map();
-        places.items.push(centre_way(flight));
+        places.items.push(centre_path(flight));
         places.items.extend(ellipses(flight, last));
         if last < flight.times_s.len() {
             places.items.extend(trails(flight, 0, last, true));
@@ -324,7 +324,7 @@ pub(super) fn overview(flight: &Flight<'_>) -> Figure {
     let has_pairs = flight.count() > 1;
     distance.place = [0.47, 0.0, 1.0, if has_pairs { 0.5 } else { 1.0 }];
     pairs.place = [0.47, 0.5, 1.0, 1.0];
-    let caption = "Left, the ways from above, with R* (solid) and the band's edges (broken). Right, how far every vehicle is from the centre, and how far apart they are.";
+    let caption = "Left, the paths from above, with R* (solid) and the band's edges (broken). Right, the distance of every vehicle from the centre, and the distances between vehicles.";
     let panels = if has_pairs { vec![places, distance, pairs] } else { vec![places, distance] };
     let mut figure = flight.figure("overview", "The flight at a glance", caption, 560.0, panels);
     figure.size_px[0] = WIDTH_PX + 80.0;

@@ -1,4 +1,4 @@
-//! What was done to the swarm, as marks on everything that is drawn over time.
+//! Marks of injected faults and orders on all panels over time.
 
 use skein_common::id::VehicleId;
 use skein_common::message::{Happening, Order};
@@ -8,26 +8,26 @@ use crate::faults::Incident;
 use crate::recording::What;
 use crate::report::figure::{Mark, Panel};
 
-/// More marks have numbers above, and their words in the caption.
+/// Most marks that carry their texts; more marks carry numbers, and the caption lists their texts.
 const FEW_MARKS: usize = 8;
-/// Of the same sort within this time is one mark, s.
+/// Faults of the same kind within this time share a mark, s.
 const TOGETHER_S: f64 = 0.5;
 
-/// The panel with the flight's marks, and what its caption says of them.
+/// Adds the marks of the flight to a panel; returns the panel and the text about the marks for its caption.
 pub(super) fn with_marks(flight: &Flight<'_>, panel: Panel) -> (Panel, String) {
     let mut marks = marks(flight);
     if marks.len() <= FEW_MARKS {
         return (Panel { marks, ..panel }, String::new());
     }
-    let told = marks.iter().enumerate().map(|(nth, mark)| format!("{} {} ({:.0} s)", nth + 1, mark.text, mark.x));
-    let caption = format!(" Marks: {}.", told.collect::<Vec<_>>().join(", "));
+    let texts = marks.iter().enumerate().map(|(nth, mark)| format!("{} {} ({:.0} s)", nth + 1, mark.text, mark.x));
+    let caption = format!(" Marks: {}.", texts.collect::<Vec<_>>().join(", "));
     marks.iter_mut().enumerate().for_each(|(nth, mark)| mark.text = (nth + 1).to_string());
     (Panel { marks, ..panel }, caption)
 }
 
-/// In the order of time.
+/// The marks of the flight, in the order of time.
 fn marks(flight: &Flight<'_>) -> Vec<Mark> {
-    /// The same sort of thing, about the same time.
+    /// Faults of the same kind at about the same time.
     struct Sort {
         t_s: f64,
         who: Vec<VehicleId>,
@@ -37,18 +37,18 @@ fn marks(flight: &Flight<'_>) -> Vec<Mark> {
     let mut orders: Vec<Order> = Vec::new();
     for noted in &flight.recording.noted {
         let (who, what) = match &noted.what {
-            What::Done(Incident::Died(id)) => (Some(*id), "killed".to_owned()),
-            What::Done(Incident::Restarted(id)) => (Some(*id), "restarted".to_owned()),
-            What::Done(Incident::Failed(id, what)) => (Some(*id), what.replace('_', " ")),
-            What::Done(Incident::Cut { .. }) => (None, "links cut".to_owned()),
-            What::Done(Incident::Healed { .. }) => (None, "links healed".to_owned()),
-            What::Done(Incident::Delayed { .. }) => (None, "links delayed".to_owned()),
-            What::Done(Incident::DelayOver { .. }) => (None, "delay over".to_owned()),
-            What::Said(_, Happening::OrderTaken(order)) if !orders.contains(order) => {
+            What::Fault(Incident::Died(id)) => (Some(*id), "killed".to_owned()),
+            What::Fault(Incident::Restarted(id)) => (Some(*id), "restarted".to_owned()),
+            What::Fault(Incident::Failed(id, what)) => (Some(*id), what.replace('_', " ")),
+            What::Fault(Incident::Cut { .. }) => (None, "links cut".to_owned()),
+            What::Fault(Incident::Healed { .. }) => (None, "links healed".to_owned()),
+            What::Fault(Incident::Delayed { .. }) => (None, "links delayed".to_owned()),
+            What::Fault(Incident::DelayOver { .. }) => (None, "delay over".to_owned()),
+            What::Event(_, Happening::OrderTaken(order)) if !orders.contains(order) => {
                 orders.push(*order);
                 (None, format!("order: {}", order.verb))
             }
-            What::Said(..) => continue,
+            What::Event(..) => continue,
         };
         match sorts.iter_mut().rev().find(|sort| sort.what == what && noted.t_s - sort.t_s < TOGETHER_S) {
             Some(sort) => sort.who.extend(who.filter(|who| !sort.who.contains(who))),
@@ -56,7 +56,7 @@ fn marks(flight: &Flight<'_>) -> Vec<Mark> {
         }
     }
     sorts.sort_by(|one, other| one.t_s.total_cmp(&other.t_s));
-    let word = |sort: Sort| {
+    let mark = |sort: Sort| {
         let who: Vec<_> = sort.who.iter().map(ToString::to_string).collect();
         let text = match who.len() {
             0 => sort.what,
@@ -65,7 +65,7 @@ fn marks(flight: &Flight<'_>) -> Vec<Mark> {
         };
         Mark { x: sort.t_s, text }
     };
-    sorts.into_iter().map(word).collect()
+    sorts.into_iter().map(mark).collect()
 }
 
 #[cfg(test)]
@@ -86,18 +86,18 @@ mod tests {
     }
 
     fn died(t_s: f64, id: u8) -> Noted {
-        Noted { t_s, what: What::Done(Incident::Died(VehicleId::new(id).unwrap())) }
+        Noted { t_s, what: What::Fault(Incident::Died(VehicleId::new(id).unwrap())) }
     }
 
     #[test]
-    fn what_happens_to_several_at_once_is_one_mark() {
+    fn a_fault_of_several_vehicles_at_once_is_one_mark() {
         let (marks, caption) = marked(vec![died(20.0, 3), died(20.02, 4), died(30.0, 5)]);
         assert_eq!(marks, [(20.0, "3, 4 killed".to_owned()), (30.0, "5 killed".to_owned())]);
         assert_eq!(caption, "");
     }
 
     #[test]
-    fn many_marks_have_numbers_and_their_words_in_the_caption() {
+    fn many_marks_have_numbers_and_their_texts_are_in_the_caption() {
         let (marks, caption) = marked((1..=9).map(|id| died(10.0 * f64::from(id), id)).collect());
         assert_eq!(marks[8], (90.0, "9".to_owned()));
         assert!(caption.contains("2 2 killed (20 s)"), "{caption}");

@@ -1,4 +1,4 @@
-//! Who was at which step of the mission when.
+//! Draws the mission step of each vehicle over time.
 
 use skein_common::message::{Happening, Trace};
 use skein_common::scenario::Target;
@@ -9,10 +9,10 @@ use super::marks::with_marks;
 use crate::recording::What;
 use crate::report::figure::{Axis, Colour, Figure, Item, Marker, Panel, Shape};
 
-/// Half the height of a row, of the distance between two.
+/// Half the height of a bar, as a share of the distance between two rows.
 const HALF: f64 = 0.36;
 
-/// A row for each vehicle.
+/// Draws the timeline of the mission, with a row for each vehicle.
 pub(super) fn timeline(flight: &Flight<'_>) -> Figure {
     let row = |index: usize| -f64::from(flight.id(index).get());
     let names = (0..flight.count()).map(|index| (row(index), flight.id(index).to_string())).collect();
@@ -21,19 +21,19 @@ pub(super) fn timeline(flight: &Flight<'_>) -> Figure {
         panel.items.extend(step_bars(flight, step as u32, &row));
     }
     panel.items.extend(grey_bars(flight, "joining", &row, |trace| trace.membership == Membership::Joining));
-    let others = |trace: &Trace| trace.membership != Membership::Joining && is_apart(trace);
+    let others = |trace: &Trace| trace.membership != Membership::Joining && is_out_of_formation(trace);
     panel.items.extend(grey_bars(flight, "out of formation: holding, landing, landed", &row, others));
     panel.items.extend(dots(flight, &row));
     let (panel, marked) = with_marks(flight, panel);
     let height_px = 150.0 + (26.0 * flight.count() as f64).min(560.0);
     let caption = format!(
-        "The step of the mission that every vehicle is at, with its name or its number from 0. No bar: no agent.{marked}"
+        "The mission step of every vehicle, with its name or its number from 0. No bar: the agent does not run.{marked}"
     );
     flight.figure("timeline", "Mission", caption, height_px, vec![panel])
 }
 
-/// Its activity, not the mission's step, says what it does.
-fn is_apart(trace: &Trace) -> bool {
+/// Whether the vehicle does something else than fly its mission step in formation.
+fn is_out_of_formation(trace: &Trace) -> bool {
     trace.membership == Membership::Left
         || matches!(trace.activity, Activity::Holding | Activity::Landing | Activity::Landed | Activity::Blind)
 }
@@ -45,8 +45,9 @@ fn step_bars(flight: &Flight<'_>, step: u32, row: &impl Fn(usize) -> f64) -> Opt
         (None, Target::Land(_)) => "land".to_owned(),
         (None, _) => step.to_string(),
     };
-    let is_it = |trace: &Trace| trace.step == step && trace.membership == Membership::Active && !is_apart(trace);
-    let bars = bars(flight, row, &name, is_it);
+    let is_shown =
+        |trace: &Trace| trace.step == step && trace.membership == Membership::Active && !is_out_of_formation(trace);
+    let bars = bars(flight, row, &name, is_shown);
     // Neighbouring steps differ in lightness too.
     let opacity = if step.is_multiple_of(2) { 0.5 } else { 0.28 };
     (!bars.is_empty()).then(|| Item::new(Shape::Bars(bars), Colour::nth(step as usize % 6).faint(opacity)))
@@ -56,26 +57,26 @@ fn grey_bars(
     flight: &Flight<'_>,
     name: &str,
     row: &impl Fn(usize) -> f64,
-    is_it: impl Fn(&Trace) -> bool,
+    is_shown: impl Fn(&Trace) -> bool,
 ) -> Option<Item> {
-    let bars = bars(flight, row, "", is_it);
+    let bars = bars(flight, row, "", is_shown);
     let colour = if name == "joining" { Colour::PALE } else { Colour::GREY.faint(0.7) };
     (!bars.is_empty()).then(|| Item::new(Shape::Bars(bars), colour).in_legend(name))
 }
 
-/// A bar for every stretch of time in which it is so.
+/// A bar for every time span in which the condition holds.
 fn bars(
     flight: &Flight<'_>,
     row: &impl Fn(usize) -> f64,
     name: &str,
-    is_it: impl Fn(&Trace) -> bool,
+    is_shown: impl Fn(&Trace) -> bool,
 ) -> Vec<([f64; 2], [f64; 2], String)> {
     let apart_s = flight.times_s.windows(2).next().map_or(0.1, |pair| pair[1] - pair[0]);
     let mut bars: Vec<([f64; 2], [f64; 2], String)> = Vec::new();
     for (index, steps) in flight.seen.iter().enumerate() {
         let mut is_open = false;
         for (t_s, step) in flight.times_s.iter().zip(steps) {
-            let is_in = step.is_some_and(|step| is_it(&step.trace));
+            let is_in = step.is_some_and(|step| is_shown(&step.trace));
             match bars.last_mut() {
                 Some((_, to, _)) if is_in && is_open => to[0] = *t_s,
                 _ if is_in => {
@@ -89,12 +90,12 @@ fn bars(
     bars
 }
 
-/// What vehicles told of themselves that belongs here.
+/// Markers of the events that vehicles reported of their mission.
 fn dots(flight: &Flight<'_>, row: &impl Fn(usize) -> f64) -> Vec<Item> {
-    let told = |is_it: fn(&Happening) -> bool| -> Vec<[f64; 2]> {
+    let times_of = |is_shown: fn(&Happening) -> bool| -> Vec<[f64; 2]> {
         let noted = flight.recording.noted.iter().filter_map(|noted| match &noted.what {
-            What::Said(who, what) if is_it(what) => Some((noted.t_s, *who)),
-            What::Said(..) | What::Done(_) => None,
+            What::Event(who, what) if is_shown(what) => Some((noted.t_s, *who)),
+            What::Event(..) | What::Fault(_) => None,
         });
         let place = |(t_s, who)| flight.index(who).map(|index| [t_s, row(index) - HALF]);
         noted.filter_map(place).collect()
@@ -103,15 +104,15 @@ fn dots(flight: &Flight<'_>, row: &impl Fn(usize) -> f64) -> Vec<Item> {
     let item = |at: Vec<[f64; 2]>, marker, colour, name: &str| {
         (!at.is_empty()).then(|| Item::new(Shape::Dots { at, marker, size_px }, colour).in_legend(name))
     };
-    let reached = told(|what| matches!(what, Happening::Reached(_)));
-    let forced = told(|what| matches!(what, Happening::ForcedAdvance { .. }));
-    let skipped = told(|what| matches!(what, Happening::Skipped { .. }));
-    let failed = told(|what| matches!(what, Happening::Failed(_)));
+    let reached = times_of(|what| matches!(what, Happening::Reached(_)));
+    let forced = times_of(|what| matches!(what, Happening::ForcedAdvance { .. }));
+    let skipped = times_of(|what| matches!(what, Happening::Skipped { .. }));
+    let failed = times_of(|what| matches!(what, Happening::Failed(_)));
     let items = [
         item(reached, Marker::Circle, Colour::BLACK, "reached the step"),
-        item(forced, Marker::Down, Colour::VERMILLION, "went on without some"),
+        item(forced, Marker::Down, Colour::VERMILLION, "left a step without a member"),
         item(skipped, Marker::Triangle, Colour::BLUE, "carried forward"),
-        item(failed, Marker::Cross, Colour::VERMILLION, "told of a failure"),
+        item(failed, Marker::Cross, Colour::VERMILLION, "reported a failure"),
     ];
     items.into_iter().flatten().collect()
 }

@@ -1,4 +1,4 @@
-//! Quantities over time.
+//! Draws quantities over time.
 
 use std::f64::consts::PI;
 
@@ -6,29 +6,29 @@ use skein_common::math;
 use skein_common::scenario::{AvoidDistance, Law, SafetyFilter, Target};
 
 use super::marks::with_marks;
-use super::{Flight, level_m, radii_m, takes_part};
+use super::{Flight, flies_in_formation, level_m, radii_m};
 use crate::metrics::{AIRBORNE_ABOVE_M, COLLISION_M};
 use crate::report::figure::{Axis, Colour, Figure, Item, Mark, Panel, Shape};
 
-/// Lines of so many pairs are told apart.
+/// Most pairs that have a line each.
 const FEW_PAIRS: usize = 10;
-/// Effort is the root mean square over this long, s.
+/// Time over which the root mean square of the controls is taken, s.
 const EFFORT_S: f64 = 5.0;
-/// Bars of a histogram.
+/// Number of bars of a histogram.
 const BARS: usize = 48;
 
-/// How far each vehicle is from the formation's centre, with the band (the paper's figures 6 and 9).
+/// The panel with the distance of each vehicle from the formation's centre, and the band (the paper's figures 6 and 9).
 pub(super) fn centre_distance_panel(flight: &Flight<'_>) -> Panel {
     let scenario = flight.scenario();
     let is_round = scenario.mission.steps.iter().all(|leg| leg.formation.gamma == 1.0);
     let quantity = if is_round { "distance from the centre" } else { "ρ, level of the ellipse" };
     let mut panel = Panel::new(flight.time_axis(), Axis::new(quantity, "m").including(0.0));
     panel.items = band(flight);
-    panel.items.extend(flight.lines(|trace| level_m(scenario, trace).filter(|_| takes_part(trace))));
+    panel.items.extend(flight.lines(|trace| level_m(scenario, trace).filter(|_| flies_in_formation(trace))));
     panel
 }
 
-/// The band of the step that the swarm is at, over time.
+/// The band of the swarm's step over time.
 fn band(flight: &Flight<'_>) -> Vec<Item> {
     let radii = |sample| {
         let leg = flight.leading_step(sample).and_then(|step| flight.leg(step));
@@ -52,12 +52,12 @@ pub(super) fn centre_distance(flight: &Flight<'_>) -> Figure {
     let panel = with_marks(flight, centre_distance_panel(flight));
     let (panel, marked) = panel;
     let caption = format!(
-        "Distance of every member from where it takes the formation's centre to be, measured so that the ellipse is R*.{marked}"
+        "Distance of every member from its own estimate of the formation's centre, in the metric in which the ellipse is R*.{marked}"
     );
     flight.figure("centre-distance", "Distance from the centre", caption, 400.0, vec![panel])
 }
 
-/// The distance of every pair (the paper's figure 7).
+/// The panel with the distance of every pair (the paper's figure 7).
 pub(super) fn pair_distance_panel(flight: &Flight<'_>) -> Panel {
     let mut panel = Panel::new(flight.time_axis(), Axis::new("distance apart", "m").including(0.0));
     panel.items = even_distances(flight);
@@ -75,17 +75,17 @@ pub(super) fn pair_distance_panel(flight: &Flight<'_>) -> Panel {
     panel
 }
 
-/// What the distances are on an even ring, as far as it is a circle that stays.
+/// The distances on an evenly spread ring; none unless the ring is a circle in one place.
 fn even_distances(flight: &Flight<'_>) -> Vec<Item> {
-    let wanted = &flight.scenario().formation;
+    let formation = &flight.scenario().formation;
     let count = flight.count();
-    let is_known = flight.has_one_place() && wanted.law == Law::Ring && wanted.gamma == 1.0;
+    let is_known = flight.has_one_place() && formation.law == Law::Ring && formation.gamma == 1.0;
     if !is_known || !(2..=5).contains(&count) {
         return Vec::new();
     }
     let ends = [flight.times_s.first(), flight.times_s.last()].map(|t_s| t_s.copied().unwrap_or(0.0));
     let line = |chords: usize| {
-        let distance_m = 2.0 * wanted.radius_m * math::sin(PI * chords as f64 / count as f64);
+        let distance_m = 2.0 * formation.radius_m * math::sin(PI * chords as f64 / count as f64);
         let line = Item::line(vec![ends.map(|t_s| [t_s, distance_m]).to_vec()], Colour::BLACK);
         line.wide(1.0).dashed().in_legend("evenly spread on R*")
     };
@@ -104,7 +104,7 @@ pub(super) fn pair_distance(flight: &Flight<'_>) -> Option<Figure> {
 fn pair_m(flight: &Flight<'_>, sample: usize, one: usize, other: usize) -> Option<f64> {
     let position = |index: usize| {
         let trace = &flight.seen[index].get(sample).copied().flatten()?.trace;
-        takes_part(trace).then_some(trace.position)
+        flies_in_formation(trace).then_some(trace.position)
     };
     Some((position(one)? - position(other)?).norm())
 }
@@ -115,7 +115,7 @@ fn pairs_m(flight: &Flight<'_>, sample: usize) -> Vec<f64> {
     pairs.map(|(one, other)| (*one - *other).norm()).collect()
 }
 
-/// How far the nearest other is, all vehicles and all the time.
+/// Draws a histogram of the distance from each airborne vehicle to the nearest other one.
 pub(super) fn separations(flight: &Flight<'_>) -> Option<Figure> {
     let nearest_m = |sample: usize| {
         let high: Vec<_> = flight
@@ -131,26 +131,26 @@ pub(super) fn separations(flight: &Flight<'_>) -> Option<Figure> {
     };
     let all_m: Vec<f64> = (0..flight.times_s.len()).flat_map(nearest_m).collect();
     let least_m = all_m.iter().copied().reduce(f64::min)?;
-    let mut panel = histogram(&all_m, Axis::new("distance to the nearest other", "m").including(0.0));
+    let mut panel = histogram(&all_m, Axis::new("distance to the nearest vehicle", "m").including(0.0));
     panel.marks.push(Mark { x: COLLISION_M, text: format!("collision, {COLLISION_M} m") });
-    let wanted = &flight.scenario().formation;
-    if wanted.safety_filter != SafetyFilter::None {
+    let formation = &flight.scenario().formation;
+    if formation.safety_filter != SafetyFilter::None {
         panel.marks.push(Mark {
-            x: wanted.safety_distance_m,
-            text: format!("safety distance, {} m", wanted.safety_distance_m),
+            x: formation.safety_distance_m,
+            text: format!("safety distance, {} m", formation.safety_distance_m),
         });
     }
-    if let AvoidDistance::Fixed(distance_m) = wanted.avoid_distance_m {
+    if let AvoidDistance::Fixed(distance_m) = formation.avoid_distance_m {
         panel.marks.push(Mark { x: distance_m, text: format!("avoidance at half strength, {distance_m} m") });
     }
     panel.marks.sort_by(|one, other| one.x.total_cmp(&other.x));
     let caption = format!(
-        "How far from every vehicle above {AIRBORNE_ABOVE_M} m the nearest other one is, all the time. The least of all is {least_m:.1} m."
+        "Distance from every vehicle above {AIRBORNE_ABOVE_M} m to the nearest other one, over the whole flight. The least is {least_m:.1} m."
     );
-    Some(flight.figure("separation", "How near the nearest other is", caption, 340.0, vec![panel]))
+    Some(flight.figure("separation", "Distance to the nearest vehicle", caption, 340.0, vec![panel]))
 }
 
-/// How often values are how large, in shares.
+/// A histogram of values, in percent of all samples.
 pub(super) fn histogram(values: &[f64], x: Axis) -> Panel {
     let (from, to) = values.iter().fold((0.0_f64, 0.0_f64), |(from, to), value| (from.min(*value), to.max(*value)));
     let width = if to > from { (to - from) / BARS as f64 } else { 1.0 / BARS as f64 };
@@ -168,19 +168,19 @@ pub(super) fn histogram(values: &[f64], x: Axis) -> Panel {
     panel
 }
 
-/// How high everybody is, and is asked to be.
+/// Draws the altitude of every vehicle, and the altitude setpoint.
 pub(super) fn altitude(flight: &Flight<'_>) -> Figure {
     let mut panel = Panel::new(flight.time_axis(), Axis::new("altitude", "m").including(0.0));
     let leader = |sample| flight.members(sample).next().map(|(_, trace)| trace.altitude_setpoint_m);
-    let wanted = flight.over_time((0..flight.times_s.len()).map(leader));
-    panel.items.push(Item::line(wanted, Colour::BLACK).wide(1.2).dashed().in_legend("asked of the lowest id"));
+    let setpoint = flight.over_time((0..flight.times_s.len()).map(leader));
+    panel.items.push(Item::line(setpoint, Colour::BLACK).wide(1.2).dashed().in_legend("setpoint of the lowest id"));
     panel.items.extend(flight.lines(|trace| Some(trace.position.altitude_m())));
     let (panel, marked) = with_marks(flight, panel);
-    let caption = format!("Above the origin, as it really was.{marked}");
+    let caption = format!("True altitude above the origin.{marked}");
     flight.figure("altitude", "Altitude", caption, 360.0, vec![panel])
 }
 
-/// What the controllers do.
+/// Draws the controls of every vehicle.
 pub(super) fn effort(flight: &Flight<'_>) -> Figure {
     let cyclic = smooth(flight);
     let mut above =
@@ -200,12 +200,12 @@ pub(super) fn effort(flight: &Flight<'_>) -> Figure {
     below.items = flight.lines(|trace| trace.sticks.map(|sticks| sticks[3]));
     below.place = [0.0, 0.54, 1.0, 1.0];
     let caption = format!(
-        "Above, roll, pitch and yaw sticks (full deflection is 1): root mean square over {EFFORT_S} s. Below, the collective.{marked}"
+        "Above, the controls for roll, pitch and yaw (full deflection is 1): root mean square over {EFFORT_S} s. Below, the collective.{marked}"
     );
     flight.figure("effort", "Control effort", caption, 560.0, vec![above, below])
 }
 
-/// Of each vehicle at each sample: the root mean square of its sticks over the last while.
+/// Root mean square of each vehicle's controls over the last [`EFFORT_S`], at each sample.
 fn smooth(flight: &Flight<'_>) -> Vec<Vec<Option<f64>>> {
     let apart_s = flight.times_s.windows(2).next().map_or(1.0, |pair| pair[1] - pair[0]);
     let window = (EFFORT_S / apart_s).round().max(1.0) as usize;
