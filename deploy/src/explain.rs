@@ -8,6 +8,7 @@ use serde_json::{Value, json};
 use skein_common::scenario::{Key, Kind, Literal, Range, matching, meant};
 
 use skein_lab::error::Error;
+use skein_lab::terminal::wrapped;
 
 /// `skein explain`
 #[derive(Clone, Debug, clap::Args)]
@@ -97,18 +98,6 @@ fn key_as_text(key: &Key, columns: usize) -> String {
 /// A number with its unit, as people write it: 45°, 100 m.
 fn spaced(number: &str, unit: &str) -> String {
     if unit == "°" { format!("{number}{unit}") } else { format!("{number} {unit}") }
-}
-
-/// Lines of at most so many columns, broken between words.
-fn wrapped(text: &str, columns: usize) -> Vec<String> {
-    let mut lines: Vec<String> = Vec::new();
-    for word in text.split_whitespace() {
-        match lines.last_mut() {
-            Some(line) if line.chars().count() + 1 + word.chars().count() <= columns => *line += &format!(" {word}"),
-            _ => lines.push(word.to_owned()),
-        }
-    }
-    lines
 }
 
 /// An object for each key. `range` is `{min, max, min_included}` for numbers, the array of choices where there are only some,

@@ -11,6 +11,31 @@ pub fn json(value: &impl Serialize) -> String {
     text + "\n"
 }
 
+/// Lines of at most so many columns, broken between words. A word that is longer than a line has a line of its own.
+pub fn wrapped(text: &str, columns: usize) -> Vec<String> {
+    let mut lines: Vec<String> = Vec::new();
+    for word in text.split_whitespace() {
+        match lines.last_mut() {
+            Some(line) if line.chars().count() + 1 + word.chars().count() <= columns => *line += &format!(" {word}"),
+            _ => lines.push(word.to_owned()),
+        }
+    }
+    lines
+}
+
+/// The text, or as many of its first words as fit into so many columns, and `…`. A first word that does not fit is cut.
+pub fn shortened(text: &str, columns: usize) -> String {
+    if text.chars().count() <= columns {
+        return text.to_owned();
+    }
+    let room: String = text.chars().take(columns).collect();
+    let words = room.rfind(' ').map_or("", |end| room[..end].trim_end_matches([' ', ',', ';', ':']));
+    match words.is_empty() {
+        true => text.chars().take(columns.saturating_sub(1)).chain(['…']).take(columns).collect(),
+        false => format!("{words}…"),
+    }
+}
+
 /// Writes to stdout, with what a terminal would obey made visible: every text of another host or process that is shown passes
 /// here or through [`complain`]. A reader that is gone (`| head`) ends nothing.
 pub fn say(text: &str) {
@@ -28,4 +53,20 @@ pub fn complain(line: &str) {
 pub fn draw(text: &str) {
     use std::io::Write;
     let _ = std::io::stdout().write_all(text.as_bytes());
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lines_are_broken_and_shortened_between_words() {
+        assert_eq!(wrapped("one two  three", 8), ["one two", "three"]);
+        assert_eq!(wrapped("incomprehensible it is", 5), ["incomprehensible", "it is"]);
+        assert_eq!(shortened("one, two three", 14), "one, two three");
+        assert_eq!(shortened("one, two three", 13), "one, two…");
+        assert_eq!(shortened("one, two three", 7), "one…");
+        assert_eq!(shortened("incomprehensible", 5), "inco…");
+        assert_eq!(shortened("no", 0), "");
+    }
 }
