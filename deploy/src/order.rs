@@ -13,6 +13,7 @@ use skein_common::scenario::{Source, load};
 
 use crate::observe::{Observer, Seen, Steps};
 use crate::reach::{Reach, SwarmArgs};
+pub(crate) use effect::ranges;
 use effect::{Doing, Effect};
 use skein_host::clock;
 use skein_lab::error::Error;
@@ -28,6 +29,7 @@ const REPEAT: Duration = Duration::from_millis(200);
 
 /// `skein order`
 #[derive(Clone, Debug, clap::Args)]
+#[command(after_help = "Examples:\n  skein order hold\n  skein order goto 0\n  skein order land -f cluster.toml")]
 pub struct OrderArgs {
     /// What the swarm is to do
     #[command(subcommand)]
@@ -97,13 +99,13 @@ pub fn run(args: &OrderArgs) -> Result<(), Error> {
     let (taken, deaf) = give(&mut observer, &order)?;
     let effect = settle(&mut observer, &before);
     if !deaf.is_empty() {
-        let deaf = effect::ranges(&deaf);
+        let deaf = ranges(&deaf);
         return Err(Error::Failed(format!("{verb}: not taken by vehicle {deaf}; of those in contact {effect}")));
     }
     if !effect.is_any() {
         return Err(Error::Failed(format!("{verb}: without effect: {effect}")));
     }
-    skein_lab::terminal::say(&format!("{verb}: taken by vehicle {}; {effect}\n", effect::ranges(&taken)));
+    skein_lab::terminal::say(&format!("{verb}: taken by vehicle {}; {effect}\n", ranges(&taken)));
     Ok(())
 }
 

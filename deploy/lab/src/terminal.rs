@@ -1,5 +1,8 @@
 //! What goes to the terminal: text of other hosts with its control characters made visible, and JSON.
 
+use std::io::IsTerminal;
+
+use comfy_table::Table;
 use serde::Serialize;
 use skein_common::printable::printable_lines;
 
@@ -36,6 +39,22 @@ pub fn shortened(text: &str, columns: usize) -> String {
     }
 }
 
+/// What to do next: each command below what it is for. On a terminal a long command is broken as a shell takes it.
+pub fn what_next(commands: &[(String, &str)]) -> String {
+    let columns =
+        if std::io::stdout().is_terminal() { Table::new().width().map_or(80, usize::from) } else { usize::MAX };
+    let step = |(command, what): &(String, &str)| format!("next, {what}:\n  {}\n", shell_lines(command, columns));
+    commands.iter().map(step).collect()
+}
+
+/// A command in lines of so many columns with an indent of two, as a shell takes it. One with quotes stays as it is.
+fn shell_lines(command: &str, columns: usize) -> String {
+    match command.contains('\'') {
+        true => command.to_owned(),
+        false => wrapped(command, columns.saturating_sub(6)).join(" \\\n    "),
+    }
+}
+
 /// Writes to stdout, with what a terminal would obey made visible: every text of another host or process that is shown passes
 /// here or through [`complain`]. A reader that is gone (`| head`) ends nothing.
 pub fn say(text: &str) {
@@ -68,5 +87,7 @@ mod tests {
         assert_eq!(shortened("one, two three", 7), "one…");
         assert_eq!(shortened("incomprehensible", 5), "inco…");
         assert_eq!(shortened("no", 0), "");
+        assert_eq!(shell_lines("skein fly --set a=1", 16), "skein fly \\\n    --set a=1");
+        assert_eq!(shell_lines("skein fly 'a b.toml'", 10), "skein fly 'a b.toml'");
     }
 }

@@ -111,7 +111,7 @@ impl fmt::Display for Effect {
 }
 
 /// `1-4, 6`, of sorted ids.
-pub(super) fn ranges(ids: &[VehicleId]) -> String {
+pub(crate) fn ranges(ids: &[VehicleId]) -> String {
     let runs = ids.chunk_by(|one, next| next.get() - one.get() == 1);
     let words = runs.map(|run| match run {
         [first, .., last] if run.len() > 2 => format!("{first}-{last}"),

@@ -14,11 +14,14 @@ use super::{summary, table, verdict};
 use crate::error::Error;
 use crate::scenario::{ScenarioArgs, quoted};
 use crate::terminal::json;
-use crate::terminal::say;
+use crate::terminal::{say, what_next};
 use skein_host::parallel::in_parallel;
 
 /// `skein study`
 #[derive(Clone, Debug, clap::Args)]
+#[command(
+    after_help = "Examples:\n  skein study --seeds 0..20 --out my-study\n  skein study --seed 3 --set duration_s=100 --all\n  skein study --seeds 0..10 --sweep network.loss=0,0.1,0.3"
+)]
 pub struct StudyArgs {
     /// The scenario.
     #[command(flatten)]
@@ -126,8 +129,7 @@ fn next(out: &str, args: &StudyArgs, runs: &[Measured]) -> String {
         }
         _ => lines.push((format!("skein compare {out} OTHER"), "against another study's folder, seed by seed")),
     }
-    let width = lines.iter().map(|(command, _)| command.chars().count()).max().unwrap_or(0).min(48);
-    lines.iter().map(|(command, words)| format!("next: {command:<width$}  # {words}\n")).collect()
+    what_next(&lines)
 }
 
 /// All runs in their order; those that were there already are only read.

@@ -20,7 +20,7 @@ const HEADLINE: [(&str, &str); 20] = [
     ("detection_s", "slowest detection of a lost peer"),
     ("rejoin_s", "slowest rejoin of a peer"),
     ("transient_s", "slowest return into formation"),
-    ("radial_rms_m", "distance from the ring"),
+    ("radial_rms_m", "root mean square distance from the ring"),
     ("spacing_error_deg", "largest gap error, mean"),
     ("centroid_lag_m", "centroid from the formation's centre"),
     ("max_centre_distance_m", "farthest from the moving centre"),
@@ -75,7 +75,9 @@ pub(super) fn of_figures(summary: &Summary, which: Which) -> String {
             (None, Some(_)) => "never".to_owned(),
             (worst, Some(_)) => number(worst),
         };
-        let seed = figure.worst_seed.map(|seed| seed.to_string()).unwrap_or_default();
+        // Among equal runs none is the worst.
+        let differs = figure.never > 0 || figure.min != figure.max;
+        let seed = figure.worst_seed.filter(|_| differs).map(|seed| seed.to_string()).unwrap_or_default();
         let never = has_never.then(|| figure.never.to_string());
         let row = [key.to_owned(), figure.n.to_string()].into_iter().chain(never);
         table.add_row(row.chain([number(figure.median), quartiles, worst, seed, words.to_owned()]));

@@ -87,10 +87,11 @@ fn achievements(runs: &[&Measured]) -> Vec<String> {
     let steps = runs.iter().filter_map(|run| run.figures.get("setpoints_reached").copied().flatten());
     let mut steps: Vec<f64> = steps.collect();
     steps.sort_by(f64::total_cmp);
-    if let (Some(first), Some(last), true) = (steps.first(), steps.last(), steps.len() == runs.len()) {
+    // A mission of one step is over when the formation is there.
+    let has_mission = steps.len() == runs.len() && steps.last() > Some(&1.0);
+    if let (Some(first), Some(last), true) = (steps.first(), steps.last(), has_mission) {
         let steps = if first == last { format!("{first}") } else { format!("{first} to {last}") };
-        let plural = if last == &1.0 { "" } else { "s" };
-        words.push(format!("{steps} mission step{plural} reached"));
+        words.push(format!("{steps} mission steps reached"));
     }
     if words.is_empty() {
         words.push("without a measured failure".to_owned());
