@@ -32,7 +32,7 @@ mod written;
 use std::fmt;
 
 pub use error::ScenarioError;
-pub use keys::{Implied, KEYS, Key, Kind, Literal, Range, is_whole, matching, meant};
+pub use keys::{Implied, KEYS, Key, Kind, Literal, Range, is_whole, matching, meant, nearest_of};
 pub use kind::FileKind;
 pub use law::{LawName, OwnLaw, add_laws};
 pub use model::*;

@@ -17,6 +17,7 @@ use crate::fly::{self, FlyArgs};
 use crate::order::{self, OrderArgs};
 use crate::record::{self, RecordArgs};
 use crate::report::{self, ReportArgs};
+use skein_lab::cli::parsed;
 use skein_lab::compare::{self, CompareArgs};
 use skein_lab::error::Error;
 use skein_lab::study::{self, StudyArgs};
@@ -57,8 +58,12 @@ pub enum Command {
     #[command(hide = true)]
     Node(NodeArgs),
     /// Fly one vehicle; the same as the program skein-agent
+    #[command(
+        after_help = "Examples:\n  skein agent --scenario deploy/scenarios/hover.toml --id 1\n  skein agent --config node3.toml"
+    )]
     Agent(AgentOptions),
     /// A helicopter without a screen that speaks X-Plane's UDP protocol; the same as the program xplane-standin
+    #[command(after_help = "Examples:\n  skein standin\n  skein standin --port 49010")]
     Standin(StandinOptions),
 }
 
@@ -71,7 +76,7 @@ pub fn main() -> ExitCode {
 /// it starts know them as well. See [`skein_lab::law`].
 pub fn main_with(laws: Laws) -> ExitCode {
     match laws.add() {
-        Ok(()) => run(Cli::parse().command),
+        Ok(()) => run(parsed::<Cli>().command),
         Err(fault) => Error::Refused(fault.to_string()).report(),
     }
 }
@@ -115,6 +120,49 @@ mod tests {
     #[test]
     fn the_definition_holds_together() {
         Cli::command().debug_assert();
+    }
+
+    /// Every command that is shown, each below its parents.
+    fn shown(command: &clap::Command, found: &mut Vec<clap::Command>) {
+        for below in command.get_subcommands().filter(|below| !below.is_hide_set() && below.get_name() != "help") {
+            found.push(below.clone());
+            // The verbs of an order have their examples there.
+            if below.get_name() != "order" {
+                shown(below, found);
+            }
+        }
+    }
+
+    #[test]
+    fn every_command_ends_its_help_with_examples_that_can_be_typed() {
+        let mut commands = Vec::new();
+        shown(&Cli::command(), &mut commands);
+        assert!(commands.len() > 15);
+        for command in commands {
+            let help = command.get_after_help().map(ToString::to_string).unwrap_or_default();
+            let examples: Vec<&str> = help.strip_prefix("Examples:\n").unwrap_or_default().lines().collect();
+            assert!(examples.len() >= 2, "{}: {help:?}", command.get_name());
+            for example in examples {
+                assert!(parse(example.trim()).is_ok(), "{example}: {:?}", parse(example.trim()).err());
+            }
+        }
+    }
+
+    #[test]
+    fn f_is_the_file_of_the_cluster_in_every_command() {
+        let mut commands = Vec::new();
+        shown(&Cli::command(), &mut commands);
+        for command in commands {
+            let short = command.get_arguments().find(|argument| argument.get_short() == Some('f'));
+            assert!(short.is_none_or(|argument| argument.get_long() == Some("file")), "{}", command.get_name());
+        }
+        let Ok(Command::Cluster(logs)) = parse("skein cluster logs -f lab.toml -F -n 3 2") else { panic!("logs") };
+        let cluster::ClusterCommand::Logs(logs) = logs.command else { panic!("logs") };
+        assert!(logs.follow && logs.file == std::path::Path::new("lab.toml") && logs.nodes.len() == 1);
+        for old in ["skein cluster logs -f", "skein cluster logs -f 3", "skein cluster logs -f -n 5"] {
+            let refused = parse(old).unwrap_err();
+            assert!(refused.exit_code() == 2 && refused.to_string().contains("-F or --follow"), "{old}: {refused}");
+        }
     }
 
     #[test]

@@ -119,7 +119,8 @@ pub fn find(folder: &Path, swarm: Option<&SwarmName>) -> Result<Endpoints, Error
         // Some may have been left behind.
         names.retain(|name| read(folder, name).is_ok_and(|there| there.is_some_and(|there| there.anybody_there())));
     }
-    let nobody = || Error::Refused(format!("no swarm flies here (looked in {})", folder.display()));
+    let nobody =
+        || Error::Failed(format!("no swarm flies here (looked in {}); `skein fly` starts one", folder.display()));
     match names.as_slice() {
         [] => Err(nobody()),
         [name] => read(folder, name)?.ok_or_else(nobody),
@@ -166,7 +167,7 @@ mod tests {
         drop(file);
         let error = find(&folder, Some(&left.swarm)).unwrap_err();
         assert!(error.to_string().starts_with("no swarm flies here"), "{error}");
-        assert_eq!(error.exit_code(), 2);
+        assert_eq!(error.exit_code(), 1, "as on a cluster of which no vehicle answers");
     }
 
     #[cfg(unix)]

@@ -12,6 +12,7 @@ use skein_lab::terminal::wrapped;
 
 /// `skein explain`
 #[derive(Clone, Debug, clap::Args)]
+#[command(after_help = "Examples:\n  skein explain radius\n  skein explain network --json")]
 pub struct ExplainArgs {
     /// Part of a key's dotted path, in any case, such as radius or network.loss; without it, every key
     #[arg(value_name = "PATTERN")]
@@ -55,7 +56,7 @@ fn find(pattern: &str) -> Result<Vec<&'static Key>, Error> {
 }
 
 /// The terminal's columns, or else [`COLUMNS`].
-fn columns() -> usize {
+pub(crate) fn columns() -> usize {
     let terminal = std::io::stdout().is_terminal().then(terminal::size).and_then(Result::ok);
     terminal.map_or(COLUMNS, |(columns, _)| usize::from(columns).max(LEAST_COLUMNS))
 }

@@ -62,7 +62,7 @@ pub(in crate::scenario) fn siblings(known: &[Key], table: &str) -> Vec<&'static 
 }
 
 /// The word nearest to one that is none of these, if any is near.
-pub(in crate::scenario) fn nearest_of<'a>(words: impl Iterator<Item = &'a str>, word: &str) -> Option<&'a str> {
+pub fn nearest_of<'a>(words: impl Iterator<Item = &'a str>, word: &str) -> Option<&'a str> {
     let words = words.filter(|known| word.len() <= 2 * known.len());
     let close = |known: &'a str| Some((few_slips(word, known, usize::MAX)?, NEVER_SUGGESTED.contains(&known), known));
     words.filter_map(close).min().and_then(|(_, is_dangerous, known)| (!is_dangerous).then_some(known))
