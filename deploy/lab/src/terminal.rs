@@ -51,7 +51,11 @@ pub fn what_next(commands: &[(String, &str)]) -> String {
 fn shell_lines(command: &str, columns: usize) -> String {
     match command.contains('\'') {
         true => command.to_owned(),
-        false => wrapped(command, columns.saturating_sub(6)).join(" \\\n    "),
+        false => {
+            // An option and its value stay together.
+            let joined = command.replace("--set ", "--set\u{1}");
+            wrapped(&joined, columns.saturating_sub(6)).join(" \\\n    ").replace('\u{1}', " ")
+        }
     }
 }
 

@@ -11,7 +11,7 @@ use super::columns::{Column, NARROW, WIDE, WIDE_COLUMNS};
 use super::status::{Row, Stage, Status};
 
 /// Lines kept for events, if there is room for them.
-const EVENT_LINES: u16 = 4;
+const EVENT_LINES: u16 = 3;
 /// The columns of a terminal with events beside the table.
 const EVENTS_BESIDE: u16 = WIDE_COLUMNS + 50;
 /// The most space between two columns of the table.
@@ -277,9 +277,11 @@ mod tests {
 
     #[test]
     fn what_has_no_room_is_said() {
-        let lines = drawn(&status((1..=30).map(row).collect()), 80, 13);
+        let lines = drawn(&status((1..=30).map(row).collect()), 80, 12);
         assert!(lines[7].starts_with(" 26 more, make the window taller ─"), "{lines:#?}");
-        assert_eq!(lines[11], "   9.0 s  event 9");
+        assert_eq!(lines[10], "   9.0 s  event 9");
+        let sixteen = drawn(&status((1..=16).map(row).collect()), 80, 24);
+        assert!(sixteen.iter().any(|line| line.starts_with(" 16 formation")), "{sixteen:#?}");
     }
 
     #[test]
