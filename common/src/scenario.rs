@@ -33,7 +33,7 @@ use std::fmt;
 
 pub use error::ScenarioError;
 pub use keys::{
-    Implied, KEYS, Key, Kind, Literal, NEVER_SUGGESTED, Range, matching, most_similar, takes_whole_numbers,
+    Implied, KEYS, Key, Kind, Literal, NEVER_SUGGESTED, Range, matching, most_similar, nearest_of, takes_whole_numbers,
 };
 pub use kind::FileKind;
 pub use law::{LawNameError, OwnLaw, add_laws};

@@ -16,6 +16,9 @@ use skein_lab::scenario::ScenarioArgs;
 
 /// `skein check`
 #[derive(Clone, Debug, clap::Args)]
+#[command(
+    after_help = "Examples:\n  skein check --set formation.radius_m=50\n  skein check -f cluster.toml\n  skein check --xplane 127.0.0.1:49000"
+)]
 pub struct CheckArgs {
     /// The scenario.
     #[command(flatten)]

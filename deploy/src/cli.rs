@@ -1,14 +1,11 @@
 //! Defines the command line of `skein` and calls the module of each command.
 
-use std::ffi::OsString;
 use std::process::ExitCode;
 use std::sync::atomic::AtomicBool;
 
-use clap::error::{ContextKind, ContextValue};
 use clap::{Parser, Subcommand};
 use skein_agent::config::AgentOptions;
 use skein_agent::plant::xplane::standin::{StandinOptions, run_standin};
-use skein_common::scenario::NEVER_SUGGESTED;
 use skein_core::formation::laws::Laws;
 use tracing_subscriber::EnvFilter;
 
@@ -20,6 +17,7 @@ use crate::fly::{self, FlyArgs};
 use crate::order::{self, OrderArgs};
 use crate::record::{self, RecordArgs};
 use crate::report::{self, ReportArgs};
+use skein_lab::cli::parsed;
 use skein_lab::compare::{self, CompareArgs};
 use skein_lab::error::Error;
 use skein_lab::study::{self, StudyArgs};
@@ -60,8 +58,12 @@ pub enum Command {
     #[command(hide = true)]
     Node(NodeArgs),
     /// Fly one vehicle; the same as the program skein-agent
+    #[command(
+        after_help = "Examples:\n  skein agent --scenario deploy/scenarios/hover.toml --id 1\n  skein agent --config node3.toml"
+    )]
     Agent(AgentOptions),
     /// A helicopter without a screen that uses X-Plane's UDP protocol; the same as the program xplane-standin
+    #[command(after_help = "Examples:\n  skein standin\n  skein standin --port 49010")]
     Standin(StandinOptions),
 }
 
@@ -74,30 +76,9 @@ pub fn main() -> ExitCode {
 /// agents that it starts can fly them. See [`skein_lab::law`].
 pub fn main_with(laws: Laws) -> ExitCode {
     match laws.add() {
-        Ok(()) => run(parse(std::env::args_os()).unwrap_or_else(|error| error.exit()).command),
+        Ok(()) => run(parsed::<Cli>().command),
         Err(fault) => Error::Refused(fault.to_string()).report(),
     }
-}
-
-/// Parses the arguments, the first of which is the program's name. An error never suggests a command that lands or
-/// aborts the swarm.
-///
-/// # Errors
-/// If the arguments are wrong. A request for the help or the version is returned as an error too.
-pub fn parse(arguments: impl IntoIterator<Item = impl Into<OsString> + Clone>) -> Result<Cli, clap::Error> {
-    Cli::try_parse_from(arguments).map_err(|mut error| {
-        // `skein cluster down` lands the swarm.
-        let ends_flight = |command: &str| command == "down" || NEVER_SUGGESTED.contains(&command);
-        let is_dangerous = match error.get(ContextKind::SuggestedSubcommand) {
-            Some(ContextValue::String(command)) => ends_flight(command),
-            Some(ContextValue::Strings(commands)) => commands.iter().any(|command| ends_flight(command)),
-            _ => false,
-        };
-        if is_dangerous {
-            error.remove(ContextKind::SuggestedSubcommand);
-        }
-        error
-    })
 }
 
 /// Runs one command and returns its exit status: 0 success, 1 a run that failed, 2 an argument or a file at fault.
@@ -129,16 +110,60 @@ fn standin(options: &StandinOptions) -> Result<(), Error> {
 #[cfg(test)]
 mod tests {
     use clap::CommandFactory;
+    use skein_lab::cli::parse_from;
 
     use super::*;
 
     fn parse(line: &str) -> Result<Command, clap::Error> {
-        super::parse(line.split(' ')).map(|cli| cli.command)
+        parse_from::<Cli>(line.split(' ')).map(|cli| cli.command)
     }
 
     #[test]
     fn clap_accepts_the_definition_of_the_command_line() {
         Cli::command().debug_assert();
+    }
+
+    /// Every command that is shown, each below its parents.
+    fn shown(command: &clap::Command, found: &mut Vec<clap::Command>) {
+        for below in command.get_subcommands().filter(|below| !below.is_hide_set() && below.get_name() != "help") {
+            found.push(below.clone());
+            // The verbs of an order have their examples there.
+            if below.get_name() != "order" {
+                shown(below, found);
+            }
+        }
+    }
+
+    #[test]
+    fn every_command_ends_its_help_with_examples_that_can_be_typed() {
+        let mut commands = Vec::new();
+        shown(&Cli::command(), &mut commands);
+        assert!(commands.len() > 15);
+        for command in commands {
+            let help = command.get_after_help().map(ToString::to_string).unwrap_or_default();
+            let examples: Vec<&str> = help.strip_prefix("Examples:\n").unwrap_or_default().lines().collect();
+            assert!(examples.len() >= 2, "{}: {help:?}", command.get_name());
+            for example in examples {
+                assert!(parse(example.trim()).is_ok(), "{example}: {:?}", parse(example.trim()).err());
+            }
+        }
+    }
+
+    #[test]
+    fn f_is_the_file_of_the_cluster_in_every_command() {
+        let mut commands = Vec::new();
+        shown(&Cli::command(), &mut commands);
+        for command in commands {
+            let short = command.get_arguments().find(|argument| argument.get_short() == Some('f'));
+            assert!(short.is_none_or(|argument| argument.get_long() == Some("file")), "{}", command.get_name());
+        }
+        let Ok(Command::Cluster(logs)) = parse("skein cluster logs -f lab.toml -F -n 3 2") else { panic!("logs") };
+        let cluster::ClusterCommand::Logs(logs) = logs.command else { panic!("logs") };
+        assert!(logs.follow && logs.file == std::path::Path::new("lab.toml") && logs.nodes.len() == 1);
+        for old in ["skein cluster logs -f", "skein cluster logs -f 3", "skein cluster logs -f -n 5"] {
+            let refused = parse(old).unwrap_err();
+            assert!(refused.exit_code() == 2 && refused.to_string().contains("-F or --follow"), "{old}: {refused}");
+        }
     }
 
     #[test]

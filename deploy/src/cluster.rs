@@ -43,6 +43,9 @@ use skein_lab::error::Error;
 
 /// `skein cluster`
 #[derive(Clone, Debug, clap::Args)]
+#[command(
+    after_help = "Examples:\n  skein cluster keys\n  skein cluster install\n  skein cluster up\n  skein cluster status --watch\n  skein cluster down"
+)]
 pub struct ClusterArgs {
     /// What to do with the cluster
     #[command(subcommand)]

@@ -120,7 +120,8 @@ pub fn find(folder: &Path, swarm: Option<&SwarmName>) -> Result<Endpoints, Error
         // Ignore the files that ended swarms have left behind.
         names.retain(|name| read(folder, name).is_ok_and(|there| there.is_some_and(|there| there.any_agent_answers())));
     }
-    let no_swarm = || Error::Refused(format!("no swarm flies here (looked in {})", folder.display()));
+    let no_swarm =
+        || Error::Failed(format!("no swarm flies here (looked in {}); `skein fly` starts one", folder.display()));
     match names.as_slice() {
         [] => Err(no_swarm()),
         [name] => read(folder, name)?.ok_or_else(no_swarm),
@@ -167,7 +168,7 @@ mod tests {
         drop(file);
         let error = find(&folder, Some(&left.swarm)).unwrap_err();
         assert!(error.to_string().starts_with("no swarm flies here"), "{error}");
-        assert_eq!(error.exit_code(), 2);
+        assert_eq!(error.exit_code(), 1, "as on a cluster of which no vehicle answers");
     }
 
     #[cfg(unix)]

@@ -8,9 +8,11 @@ use serde_json::{Value, json};
 use skein_common::scenario::{Key, Kind, Literal, Range, matching, most_similar};
 
 use skein_lab::error::Error;
+use skein_lab::terminal::wrapped;
 
 /// `skein explain`
 #[derive(Clone, Debug, clap::Args)]
+#[command(after_help = "Examples:\n  skein explain radius\n  skein explain network --json")]
 pub struct ExplainArgs {
     /// Part of a key's dotted path, in any case, such as radius or network.loss; without it, every key
     #[arg(value_name = "PATTERN")]
@@ -54,7 +56,7 @@ fn find(pattern: &str) -> Result<Vec<&'static Key>, Error> {
 }
 
 /// The width of the terminal in columns, else [`COLUMNS`].
-fn columns() -> usize {
+pub(crate) fn columns() -> usize {
     let terminal = std::io::stdout().is_terminal().then(terminal::size).and_then(Result::ok);
     terminal.map_or(COLUMNS, |(columns, _)| usize::from(columns).max(LEAST_COLUMNS))
 }
@@ -97,18 +99,6 @@ fn key_as_text(key: &Key, columns: usize) -> String {
 /// Joins a number and its unit: 45°, 100 m.
 fn spaced(number: &str, unit: &str) -> String {
     if unit == "°" { format!("{number}{unit}") } else { format!("{number} {unit}") }
-}
-
-/// Wraps a text into lines of at most `columns` columns.
-fn wrapped(text: &str, columns: usize) -> Vec<String> {
-    let mut lines: Vec<String> = Vec::new();
-    for piece in text.split_whitespace() {
-        match lines.last_mut() {
-            Some(line) if line.chars().count() + 1 + piece.chars().count() <= columns => *line += &format!(" {piece}"),
-            _ => lines.push(piece.to_owned()),
-        }
-    }
-    lines
 }
 
 /// Makes a JSON object for each key. `range` is `{min, max, min_included}` for numbers, the array of choices if the key

@@ -10,7 +10,8 @@
 //! | [`ground`] | what really happens to the swarm, whoever notices |
 //! | [`script`] | what the scenario does to the swarm, as far as it is done from here |
 //! | [`status`] | figures of every vehicle |
-//! | [`table`], [`screen`] | what people see |
+//! | [`journal`] | what happened, equal events of several vehicles in one line |
+//! | [`table`], [`columns`], [`screen`] | what people see |
 
 use std::path::PathBuf;
 use std::time::Duration;
@@ -26,8 +27,10 @@ use skein_lab::error::Error;
 use skein_lab::scenario::ScenarioArgs;
 
 pub mod children;
+pub mod columns;
 pub mod flight;
 pub mod ground;
+pub mod journal;
 pub mod launch;
 pub mod plan;
 pub mod screen;
@@ -40,6 +43,9 @@ use plan::Plan;
 
 /// `skein fly`
 #[derive(Clone, Debug, Default, clap::Args)]
+#[command(
+    after_help = "Examples:\n  skein fly\n  skein fly --duration 100 --seed 7 --set swarm.vehicles=6 --set formation.radius_m=60\n  skein fly --plant standin --out my-flight"
+)]
 pub struct FlyArgs {
     /// The scenario.
     #[command(flatten)]

@@ -13,6 +13,7 @@ use skein_common::scenario::{Source, load};
 
 use crate::observe::{Observer, Seen, Steps};
 use crate::reach::{Reach, SwarmArgs};
+pub(crate) use effect::ranges;
 use effect::{Activity, Effect};
 use skein_host::clock;
 use skein_lab::error::Error;
@@ -28,6 +29,7 @@ const REPEAT: Duration = Duration::from_millis(200);
 
 /// `skein order`
 #[derive(Clone, Debug, clap::Args)]
+#[command(after_help = "Examples:\n  skein order hold\n  skein order goto 0\n  skein order land -f cluster.toml")]
 pub struct OrderArgs {
     /// The order
     #[command(subcommand)]
@@ -98,7 +100,7 @@ pub fn run(args: &OrderArgs) -> Result<(), Error> {
     let (accepted, unresponsive) = distribute(&mut observer, &order)?;
     let effect = wait_for_effect(&mut observer, &before);
     if !unresponsive.is_empty() {
-        let unresponsive = effect::ranges(&unresponsive);
+        let unresponsive = ranges(&unresponsive);
         return Err(Error::Failed(format!(
             "{verb}: not accepted by vehicle {unresponsive}; of those in contact {effect}"
         )));
@@ -106,7 +108,7 @@ pub fn run(args: &OrderArgs) -> Result<(), Error> {
     if !effect.is_any() {
         return Err(Error::Failed(format!("{verb}: no effect: {effect}")));
     }
-    skein_lab::terminal::say(&format!("{verb}: accepted by vehicle {}; {effect}\n", effect::ranges(&accepted)));
+    skein_lab::terminal::say(&format!("{verb}: accepted by vehicle {}; {effect}\n", ranges(&accepted)));
     Ok(())
 }
 

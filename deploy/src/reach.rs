@@ -77,7 +77,7 @@ impl Reach {
             Flown::Text(text) => Ok((format!("the scenario of {}", self.swarm), text.clone())),
             Flown::File(path) => {
                 let name = path.display().to_string();
-                let text = fs::read_to_string(path).map_err(|error| Error::Failed(format!("{name}: {error}")))?;
+                let text = fs::read_to_string(path).map_err(|error| Error::Refused(format!("{name}: {error}")))?;
                 Ok((name, text))
             }
         }

@@ -9,6 +9,9 @@ use crate::capacity;
 
 /// `skein report`
 #[derive(Clone, Debug, clap::Args)]
+#[command(
+    after_help = "Examples:\n  skein report my-study\n  skein report my-study/seed-3/run.mcap --csv\n  skein report --capacity"
+)]
 pub struct ReportArgs {
     /// Folder of a run or a study, a folder of scenarios (these are flown in virtual time), or a recording
     #[arg(value_name = "DIR|FILE.mcap", required_unless_present = "capacity")]

@@ -15,8 +15,8 @@ use crate::scenario::law;
 
 use Kind::{Edges, Free, Id, Ids, Integer, Path, Point, Texts};
 
-pub use nearest::{NEVER_SUGGESTED, matching, most_similar};
-pub(super) use nearest::{nearest, nearest_of, siblings};
+pub use nearest::{NEVER_SUGGESTED, matching, most_similar, nearest_of};
+pub(super) use nearest::{nearest, siblings};
 pub use table::KEYS;
 pub(super) use table::{FAULT_KEYS, ORDER_KEYS, REMOVED};
 

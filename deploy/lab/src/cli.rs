@@ -1,8 +1,12 @@
 //! The command line of a study program: what this crate can do by itself. `skein` has these commands too, and all others.
 
+use std::ffi::OsString;
 use std::process::ExitCode;
 
+use clap::builder::StyledStr;
+use clap::error::{ContextKind, ContextValue};
 use clap::{Parser, Subcommand};
+use skein_common::scenario::NEVER_SUGGESTED;
 use skein_core::formation::laws::Laws;
 
 use crate::compare::{self, CompareArgs};
@@ -34,8 +38,45 @@ pub enum Command {
 
 /// A study program whose scenarios may name these laws besides those of Skein. See [`crate::law`].
 pub fn main_with(laws: Laws) -> ExitCode {
-    let done = laws.add().map_err(|fault| Error::Refused(fault.to_string())).and_then(|()| run(&Cli::parse().command));
+    let done =
+        laws.add().map_err(|fault| Error::Refused(fault.to_string())).and_then(|()| run(&parsed::<Cli>().command));
     done.map_or_else(|error| error.report(), |()| ExitCode::SUCCESS)
+}
+
+/// Parses the arguments of this process. If they are wrong, the process ends with exit status 2 and [`parse_from`]'s message.
+pub fn parsed<T: Parser>() -> T {
+    parse_from(std::env::args_os()).unwrap_or_else(|error| error.exit())
+}
+
+/// Parses these arguments, the first of which is the program's name.
+///
+/// # Errors
+/// If the arguments are wrong, without suggestions that mislead: clap's advice to pass an unknown option as a value, because no
+/// command takes such values; and any command that lands or aborts the swarm, because a user who accepts a suggestion without
+/// reading it must not end the flight. A request for the help or the version is returned as an error too.
+pub fn parse_from<T: Parser>(
+    arguments: impl IntoIterator<Item = impl Into<OsString> + Clone>,
+) -> Result<T, clap::Error> {
+    T::try_parse_from(arguments).map_err(|mut error| {
+        if let Some(ContextValue::StyledStrs(tips)) = error.remove(ContextKind::Suggested) {
+            let helps = |tip: &StyledStr| !tip.to_string().contains("as a value, use");
+            let tips: Vec<StyledStr> = tips.into_iter().filter(helps).collect();
+            if !tips.is_empty() {
+                error.insert(ContextKind::Suggested, ContextValue::StyledStrs(tips));
+            }
+        }
+        // `skein cluster down` lands the swarm.
+        let ends_flight = |command: &str| command == "down" || NEVER_SUGGESTED.contains(&command);
+        let is_dangerous = match error.get(ContextKind::SuggestedSubcommand) {
+            Some(ContextValue::String(command)) => ends_flight(command),
+            Some(ContextValue::Strings(commands)) => commands.iter().any(|command| ends_flight(command)),
+            _ => false,
+        };
+        if is_dangerous {
+            error.remove(ContextKind::SuggestedSubcommand);
+        }
+        error
+    })
 }
 
 fn run(command: &Command) -> Result<(), Error> {
@@ -55,5 +96,29 @@ mod tests {
     #[test]
     fn the_definition_holds_together() {
         Cli::command().debug_assert();
+    }
+
+    #[derive(Debug, Parser)]
+    struct Orders {
+        #[command(subcommand)]
+        _order: Order,
+    }
+
+    #[derive(Debug, Subcommand)]
+    enum Order {
+        Land,
+        Hold,
+    }
+
+    #[test]
+    fn tips_that_mislead_are_left_out() {
+        let message = |arguments: &[&str]| parse_from::<Cli>(arguments).unwrap_err().to_string();
+        let unknown = message(&["lab", "compare", "a", "b", "--vebrose"]);
+        assert!(unknown.contains("--vebrose") && !unknown.contains("as a value"), "{unknown}");
+        let near = message(&["lab", "compare", "a", "b", "--onyl", "x"]);
+        assert!(near.contains("--only") && !near.contains("as a value"), "{near}");
+        let order = |verb: &str| parse_from::<Orders>(["orders", verb]).unwrap_err().to_string();
+        assert!(order("hodl").contains("'hold'"), "{}", order("hodl"));
+        assert!(!order("lnad").contains("'land'"), "{}", order("lnad"));
     }
 }

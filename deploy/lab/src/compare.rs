@@ -27,6 +27,7 @@ use std::path::PathBuf;
 
 use serde::Serialize;
 use serde_json::{Map, Value};
+use skein_common::scenario::nearest_of;
 
 use crate::error::Error;
 use crate::metrics::figures;
@@ -39,6 +40,9 @@ pub use verdict::{Compared, NEGLIGIBLE, Side, Verdict};
 
 /// `skein compare`
 #[derive(Clone, Debug, clap::Args)]
+#[command(
+    after_help = "Examples:\n  skein study --seeds 0..10 --out a\n  skein study --seeds 0..10 --set network.loss=0.3 --out b\n  skein compare a b --only collisions,even_10deg_s"
+)]
 pub struct CompareArgs {
     /// Runs to compare with: the folder of a study or of a flight, or any folder of such folders
     #[arg(value_name = "DIR_A")]
@@ -60,9 +64,7 @@ pub struct CompareArgs {
 /// What is worse, by name; or folders that cannot be compared.
 pub fn run(args: &CompareArgs) -> Result<(), Error> {
     if let Some(unknown) = args.only.iter().find(|key| is_worse(key).is_none()) {
-        let known: Vec<_> = figures::judged().map(|(key, _)| key).collect();
-        let known = known.join(", ");
-        return Err(Error::Refused(format!("--only {unknown}: no figure that can be worse; there are {known}")));
+        return Err(Error::Refused(refusal(unknown)));
     }
     let (a, b) = (Folder::read(&args.a)?, Folder::read(&args.b)?);
     for folder in [&a, &b].into_iter().filter(|folder| folder.is_unfinished) {
@@ -80,6 +82,18 @@ pub fn run(args: &CompareArgs) -> Result<(), Error> {
         [] => Ok(()),
         worse => Err(Error::Failed(format!("worse: {}", worse.join(", ")))),
     }
+}
+
+/// Why this is no figure to compare, with the figure that was probably meant.
+fn refusal(unknown: &str) -> String {
+    let known = || figures::judged().map(|(key, _)| key);
+    let why = match figures::of(unknown) {
+        Some(_) => "this figure is neither good nor bad".to_owned(),
+        None => "no figure that can be worse".to_owned(),
+    };
+    let meant = nearest_of(known(), unknown).map(|key| format!("; did you mean {key}?")).unwrap_or_default();
+    let all = known().collect::<Vec<_>>().join(", ");
+    format!("--only {unknown}: {why}{meant}\nThe figures are {all}")
 }
 
 /// All that is to be said.
@@ -136,5 +150,18 @@ impl Comparison {
             worse: keys().filter(is_worse).map(str::to_owned).collect(),
             points,
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_unknown_figure_is_refused_with_the_nearest_one() {
+        let start = |unknown| refusal(unknown).lines().next().unwrap_or_default().to_owned();
+        assert_eq!(start("colisions"), "--only colisions: no figure that can be worse; did you mean collisions?");
+        assert_eq!(start("qqqqqqqqqqq"), "--only qqqqqqqqqqq: no figure that can be worse");
+        assert!(start("duration_s").starts_with("--only duration_s: this figure is neither good nor bad"));
     }
 }

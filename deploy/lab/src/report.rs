@@ -17,6 +17,7 @@ use page::{Page, Part, Section};
 
 /// The command-line arguments of `skein report`.
 #[derive(Clone, Debug, clap::Args)]
+#[command(after_help = "Examples:\n  skein report my-study\n  skein report my-study/seed-3/run.mcap --csv")]
 pub struct ReportArgs {
     /// Folder of a run or a study, a folder of scenarios (these are flown in virtual time), or a recording
     #[arg(value_name = "DIR|FILE.mcap")]

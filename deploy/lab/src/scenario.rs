@@ -86,6 +86,21 @@ impl ScenarioArgs {
         Ok(Ready { starts, aircraft, aircraft_files, rules })
     }
 
+    /// The command line of this `skein` command on this scenario, with these keys set on top and this seed, for a shell.
+    pub fn command(&self, verb: &str, more: &[(String, String)], seed: Option<u64>) -> String {
+        let file = self.scenario.as_ref().map(|path| path.display().to_string());
+        let more = more.iter().map(|(key, value)| format!("{key}={value}"));
+        let sets = self.sets.iter().cloned().chain(more).flat_map(|set| ["--set".to_owned(), set]);
+        let seed = seed.into_iter().flat_map(|seed| ["--seed".to_owned(), seed.to_string()]);
+        let arguments = file.into_iter().chain(sets).chain(seed);
+        ["skein".to_owned(), verb.to_owned()]
+            .into_iter()
+            .chain(arguments)
+            .map(|part| quoted(&part))
+            .collect::<Vec<_>>()
+            .join(" ")
+    }
+
     /// The folder to which paths in the scenario file are relative.
     fn folder(&self) -> &Path {
         self.scenario.as_deref().and_then(Path::parent).unwrap_or(Path::new(""))
@@ -95,6 +110,15 @@ impl ScenarioArgs {
     pub fn name(&self) -> String {
         self.scenario.as_ref().map_or_else(|| HOVER.name.to_owned(), |path| path.display().to_string())
     }
+}
+
+/// Quotes an argument for a shell.
+pub fn quoted(argument: &str) -> String {
+    let is_plain = |letter: char| letter.is_alphanumeric() || "-_=./:,+%@".contains(letter);
+    if !argument.is_empty() && argument.chars().all(is_plain) {
+        return argument.to_owned();
+    }
+    format!("'{}'", argument.replace('\'', r"'\''"))
 }
 
 /// Everything that a flight of the scenario needs to start.
@@ -149,6 +173,15 @@ mod tests {
         let args = ScenarioArgs { sets: vec!["seed=3".to_owned(), "duration_s=7".to_owned()], ..Default::default() };
         let scenario = args.read(vec!["seed=4".to_owned()]).unwrap().scenario;
         assert_eq!((scenario.seed, scenario.duration_s), (4, Some(7.0)));
+    }
+
+    #[test]
+    fn a_command_line_is_quoted_for_a_shell() {
+        let args = ScenarioArgs { scenario: Some("a b.toml".into()), sets: vec!["name=it's".to_owned()] };
+        let more = [("mission.steps[0]".to_owned(), "{ hold_s = 1 }".to_owned())];
+        let expected = r"skein study 'a b.toml' --set 'name=it'\''s' --set 'mission.steps[0]={ hold_s = 1 }' --seed 3";
+        assert_eq!(args.command("study", &more, Some(3)), expected);
+        assert_eq!(ScenarioArgs::default().command("fly", &[], None), "skein fly");
     }
 
     #[test]

@@ -11,6 +11,7 @@ mod recorded;
 mod summary;
 pub mod sweep;
 mod table;
+mod verdict;
 
 use std::num::NonZeroUsize;
 use std::ops::Range;

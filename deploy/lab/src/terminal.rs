@@ -1,5 +1,8 @@
 //! Writes to the terminal: text with its control characters made visible, and JSON.
 
+use std::io::IsTerminal;
+
+use comfy_table::Table;
 use serde::Serialize;
 use skein_common::printable::printable_lines;
 
@@ -9,6 +12,51 @@ pub fn json(value: &impl Serialize) -> String {
     #[expect(clippy::expect_used, reason = "a report always has a JSON form")]
     let text = serde_json::to_string_pretty(value).expect("a report serialises to JSON");
     text + "\n"
+}
+
+/// Wraps a text into lines of at most this many columns, between words. A word longer than a line gets its own line.
+pub fn wrapped(text: &str, columns: usize) -> Vec<String> {
+    let mut lines: Vec<String> = Vec::new();
+    for word in text.split_whitespace() {
+        match lines.last_mut() {
+            Some(line) if line.chars().count() + 1 + word.chars().count() <= columns => *line += &format!(" {word}"),
+            _ => lines.push(word.to_owned()),
+        }
+    }
+    lines
+}
+
+/// Shortens a text to this many columns: as many of its first words as fit, and `…`. A first word that does not fit is cut.
+pub fn shortened(text: &str, columns: usize) -> String {
+    if text.chars().count() <= columns {
+        return text.to_owned();
+    }
+    let room: String = text.chars().take(columns).collect();
+    let words = room.rfind(' ').map_or("", |end| room[..end].trim_end_matches([' ', ',', ';', ':']));
+    match words.is_empty() {
+        true => text.chars().take(columns.saturating_sub(1)).chain(['…']).take(columns).collect(),
+        false => format!("{words}…"),
+    }
+}
+
+/// The commands to run next, each below its purpose. On a terminal, a long command is broken into lines for a shell.
+pub fn what_next(commands: &[(String, &str)]) -> String {
+    let columns =
+        if std::io::stdout().is_terminal() { Table::new().width().map_or(80, usize::from) } else { usize::MAX };
+    let step = |(command, what): &(String, &str)| format!("next, {what}:\n  {}\n", shell_lines(command, columns));
+    commands.iter().map(step).collect()
+}
+
+/// Breaks a command into lines of this many columns for a shell, with an indent of two. A command with quotes stays on one line.
+fn shell_lines(command: &str, columns: usize) -> String {
+    match command.contains('\'') {
+        true => command.to_owned(),
+        false => {
+            // An option and its value stay together.
+            let joined = command.replace("--set ", "--set\u{1}");
+            wrapped(&joined, columns.saturating_sub(6)).join(" \\\n    ").replace('\u{1}', " ")
+        }
+    }
 }
 
 /// Writes text to stdout and makes its control characters visible.
@@ -30,4 +78,22 @@ pub fn complain(line: &str) {
 pub fn draw(text: &str) {
     use std::io::Write;
     let _ = std::io::stdout().write_all(text.as_bytes());
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lines_are_broken_and_shortened_between_words() {
+        assert_eq!(wrapped("one two  three", 8), ["one two", "three"]);
+        assert_eq!(wrapped("incomprehensible it is", 5), ["incomprehensible", "it is"]);
+        assert_eq!(shortened("one, two three", 14), "one, two three");
+        assert_eq!(shortened("one, two three", 13), "one, two…");
+        assert_eq!(shortened("one, two three", 7), "one…");
+        assert_eq!(shortened("incomprehensible", 5), "inco…");
+        assert_eq!(shortened("no", 0), "");
+        assert_eq!(shell_lines("skein fly --set a=1", 16), "skein fly \\\n    --set a=1");
+        assert_eq!(shell_lines("skein fly 'a b.toml'", 10), "skein fly 'a b.toml'");
+    }
 }

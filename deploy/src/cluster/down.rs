@@ -26,6 +26,7 @@ const NOT_ORDERED: &str = "installed by hand, and not ordered to land: end it th
 
 /// `skein cluster down`
 #[derive(Clone, Debug, clap::Args)]
+#[command(after_help = "Examples:\n  skein cluster down\n  skein cluster down -f cluster.toml --node 3")]
 pub struct DownArgs {
     /// The nodes.
     #[command(flatten)]

@@ -30,6 +30,7 @@ pub(super) const ROOM: u64 = 32 << 20;
 
 /// `skein cluster install`
 #[derive(Clone, Debug, clap::Args)]
+#[command(after_help = "Examples:\n  skein cluster install\n  skein cluster install -f cluster.toml --node 3")]
 pub struct InstallArgs {
     /// The nodes.
     #[command(flatten)]

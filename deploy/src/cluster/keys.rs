@@ -24,6 +24,7 @@ use skein_lab::error::Error;
 
 /// `skein cluster keys`
 #[derive(Clone, Debug, clap::Args)]
+#[command(after_help = "Examples:\n  skein cluster keys\n  skein cluster keys -f cluster.toml")]
 pub struct KeysArgs {
     /// The cluster.
     #[command(flatten)]

@@ -25,15 +25,17 @@ const COLOURS: [u8; 6] = [36, 33, 32, 35, 34, 96];
 
 /// `skein cluster logs`
 #[derive(Clone, Debug, clap::Args)]
+#[command(after_help = "Examples:\n  skein cluster logs 3 -n 100\n  skein cluster logs -f cluster.toml --follow")]
 pub struct LogsArgs {
     /// Only these nodes; without any all
     #[arg(value_name = "NODE", value_parser = node)]
     pub nodes: Vec<VehicleId>,
     /// The cluster's file
-    #[arg(long, value_name = "CLUSTER.toml", default_value = "cluster.toml")]
+    #[arg(short = 'f', long, value_name = "CLUSTER.toml", default_value = "cluster.toml", value_parser = file)]
+    #[arg(num_args = 0..=1, default_missing_value = "")]
     pub file: PathBuf,
-    /// Go on with what comes, until Ctrl-C
-    #[arg(short = 'f', long)]
+    /// Show new lines as they are written, until Ctrl-C
+    #[arg(short = 'F', long)]
     pub follow: bool,
     /// So many of the last lines of each node
     #[arg(short = 'n', long, value_name = "N", default_value_t = 20)]
@@ -50,7 +52,15 @@ fn node(text: &str) -> Result<VehicleId, String> {
     text.strip_prefix("node-")
         .unwrap_or(text)
         .parse()
-        .map_err(|_| "not a node's number (the cluster's file goes with --file here; -f follows the logs)".to_owned())
+        .map_err(|_| "not a node's number; the cluster's file is named with -f".to_owned())
+}
+
+/// The cluster's file. `-f` once meant to follow the logs: without a file, or with a node behind it, it is refused.
+fn file(text: &str) -> Result<PathBuf, String> {
+    if text.is_empty() || node(text).is_ok() {
+        return Err("-f names the cluster's file; to follow the logs, use -F or --follow".to_owned());
+    }
+    Ok(text.into())
 }
 
 /// Does it.

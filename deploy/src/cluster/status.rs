@@ -6,6 +6,7 @@ mod table;
 use std::io::IsTerminal;
 use std::time::{Duration, Instant};
 
+use crate::explain::columns;
 use crate::keys::Role;
 use serde::Serialize;
 use skein_common::id::VehicleId;
@@ -19,6 +20,7 @@ use crate::inventory::{Inventory, Node};
 use crate::observe::{Observer, Steps};
 use skein_host::clock;
 use skein_lab::error::Error;
+use skein_lab::terminal::wrapped;
 
 /// Agents say how they do once a second; a link takes a while at first.
 const LISTEN: Duration = Duration::from_millis(2500);
@@ -33,6 +35,7 @@ pub(crate) const CLOCK_S: f64 = 0.020;
 
 /// `skein cluster status`
 #[derive(Clone, Debug, clap::Args)]
+#[command(after_help = "Examples:\n  skein cluster status\n  skein cluster status -f cluster.toml --watch")]
 pub struct StatusArgs {
     /// The cluster.
     #[command(flatten)]
@@ -80,7 +83,7 @@ pub struct Said {
     pub phase: String,
     /// Frames of its simulator a second.
     pub frame_rate_hz: f64,
-    /// 99th percentile of the distance between frames beyond their period, ms.
+    /// Largest distance between two frames beyond their period over the last second, ms.
     pub jitter_ms: f64,
     /// Peers that it hears.
     pub peers_seen: usize,
@@ -190,8 +193,7 @@ impl Said {
 /// If the swarm cannot be listened to, a node is not heard, or one is faulty.
 pub fn run(args: &StatusArgs) -> Result<(), Error> {
     let inventory = Inventory::read(&args.file.file)?;
-    let observer = Observer::open(&inventory.reach(Role::Observer)?, Steps::Off);
-    let mut observer = observer.map_err(|error| Error::Failed(error.to_string()))?;
+    let mut observer = Observer::open(&inventory.reach(Role::Observer)?, Steps::Off)?;
     let file = args.file.file.display().to_string();
     let mut until = clock::now() + LISTEN;
     let mut is_first = true;
@@ -224,13 +226,26 @@ fn show(status: &Status, file: &str, args: &StatusArgs) {
     let text = match (args.json, args.watch) {
         (true, true) => format!("{}\n", serde_json::to_string(status).unwrap_or_default()),
         (true, false) => skein_lab::terminal::json(status),
-        (false, _) => table::of(status, file),
+        (false, _) => fitted(&table::of(status, file)),
     };
     if is_screen && !args.json {
         // The screen is written anew: home, and what is left of the one before.
         skein_lab::terminal::draw("\x1b[H\x1b[2J");
     }
     skein_lab::terminal::say(&text);
+}
+
+/// The text with lines broken between words where stdout is a terminal that is narrower. The lines of the table fit already.
+fn fitted(text: &str) -> String {
+    if !std::io::stdout().is_terminal() {
+        return text.to_owned();
+    }
+    let columns = columns();
+    let line = |line: &str| match line.chars().count() > columns {
+        true => wrapped(line, columns).join("\n") + "\n",
+        false => format!("{line}\n"),
+    };
+    text.lines().map(line).collect()
 }
 
 fn verdict(status: &Status) -> Result<(), Error> {

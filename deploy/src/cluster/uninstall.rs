@@ -16,6 +16,7 @@ use skein_lab::error::Error;
 
 /// `skein cluster uninstall`
 #[derive(Clone, Debug, clap::Args)]
+#[command(after_help = "Examples:\n  skein cluster uninstall\n  skein cluster uninstall -f cluster.toml --node 3")]
 pub struct UninstallArgs {
     /// The nodes.
     #[command(flatten)]

@@ -28,6 +28,7 @@ const RUNS: u64 = 1 << 48;
 
 /// `skein cluster up`
 #[derive(Clone, Debug, clap::Args)]
+#[command(after_help = "Examples:\n  skein cluster up\n  skein cluster up -f cluster.toml --timeout 120")]
 pub struct UpArgs {
     /// The nodes.
     #[command(flatten)]

@@ -13,19 +13,20 @@
 
 mod events;
 mod figures;
+mod news;
 
 use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
 
 use skein_common::id::{SwarmName, VehicleId, VehicleSet};
 use skein_common::message::{Trace, Verb};
-use skein_common::printable::printable;
 use skein_common::scenario::{RecordRuns, Target};
 use skein_common::state::{Activity, Membership};
 use skein_core::formation::{self, ring::Ring};
 
-use super::children::{Children, Ended, Role};
+use super::children::{Children, Role};
 use super::ground::Ground;
+use super::journal::Journal;
 use super::launch::{Launched, launch};
 use super::plan::Plan;
 use super::screen::Screen;
@@ -57,8 +58,8 @@ const END: Duration = Duration::from_secs(15);
 /// Above this height a vehicle has left the ground, m.
 const LIFTED_M: f64 = 0.5;
 
-/// No event takes more room on the screen, characters.
-const MAX_EVENT: usize = 400;
+/// The screen has room for no more events.
+const MAX_EVENTS: usize = 200;
 
 /// A flight under way.
 pub struct Flight {
@@ -94,7 +95,7 @@ pub struct Flight {
     /// What agents that have ended had counted.
     ended: Totals,
     order: Option<UnderWay>,
-    events: Vec<String>,
+    journal: Journal,
     lost: Vec<String>,
     /// What went wrong, though the flight came to its end.
     failure: Option<String>,
@@ -141,7 +142,7 @@ impl Flight {
             killed: VehicleSet::default(),
             ended: Totals::default(),
             order: None,
-            events: vec![format!("   - s  the swarm gathers, within {} s", gather_within.as_secs())],
+            journal: Journal::default(),
             lost: Vec::new(),
             failure: None,
             is_broken_off: false,
@@ -156,14 +157,15 @@ impl Flight {
     /// A flight that never began, lost all its vehicles, or did not end on the ground.
     pub fn fly(mut self) -> Result<(), Error> {
         let mut next = clock::now();
+        self.show(next, format!("the swarm gathers, within {} s", self.gather_within.as_secs()));
         loop {
             let now = clock::now();
             self.look(now);
             if self.decide(now) {
                 break;
             }
-            if self.screen.is_due(now, self.events.len()) {
-                self.screen.show(&self.status(now), now);
+            if self.screen.is_due(now, self.journal.has_news(now)) {
+                self.draw(now, false);
             }
             next = (next + TICK).max(now);
             clock::sleep(next.saturating_duration_since(clock::now()));
@@ -173,7 +175,7 @@ impl Flight {
         let left = if self.is_broken_off { VehicleSet::default() } else { self.in_the_air() };
         self.children.leave(left);
         self.children.kill();
-        self.screen.show(&self.status(clock::now()), clock::now());
+        self.draw(clock::now(), true);
         // The terminal is given back before anything is said to it.
         let Self { screen, json, report, mut lost, failure, plan, recorder, file, .. } = self;
         drop(screen);
@@ -212,7 +214,7 @@ impl Flight {
                         self.metrics.observe_event(self.flown_s(now), event.header.sender, &event.what);
                     }
                     self.record(|recorder| recorder.happened(at, &event));
-                    self.show(now, format!("vehicle {}: {}", event.header.sender, event.what));
+                    self.show_event(now, &event);
                 }
                 _ => {}
             }
@@ -334,6 +336,7 @@ impl Flight {
         self.end_events(now);
         self.order(now, Verb::Land);
         self.tell(now, "everybody is asked to land".to_owned());
+        self.announce_landing(now);
     }
 
     /// Waits until everybody is down, or cannot be brought down. True when the flight is over.
@@ -365,43 +368,10 @@ impl Flight {
         landing::limit(heights_m.fold(0.0, f64::max))
     }
 
-    /// A process has ended: says so, and remembers it if nobody asked for it.
-    fn take_leave(&mut self, now: Instant, ended: &Ended) {
-        let Ended { role, id, status, last_words } = ended;
-        if *role == Role::Agent {
-            self.count_out(now, *id);
-        }
-        let what = match role {
-            Role::Agent => format!("vehicle {id}"),
-            Role::Standin => format!("vehicle {id}'s simulator"),
-        };
-        let last_words = last_words.as_ref().map(|words| format!(" ({words})")).unwrap_or_default();
-        let sentence = format!("{what}: {}{last_words}", os::how_it_ended(*status));
-        let was_killed = *role == Role::Agent && self.killed.contains(*id);
-        if !status.success() && !was_killed {
-            let when =
-                self.zero.as_ref().map_or_else(String::new, |_| format!(" after {:.1} s", self.since_zero_s(now)));
-            self.lost.push(format!("lost{when}: {sentence}"));
-        }
-        self.tell(now, sentence);
-    }
-
-    fn tell(&mut self, now: Instant, what: String) {
-        self.record(|recorder| recorder.note(now, false, "fly", &what));
-        self.show(now, what);
-    }
-
     fn record(&mut self, record: impl FnOnce(&mut Recorder)) {
         if let Some(recorder) = &mut self.recorder {
             record(recorder);
         }
-    }
-
-    fn show(&mut self, now: Instant, what: String) {
-        // What a process wrote last may stand in it.
-        let what = printable(&what, MAX_EVENT);
-        let at = self.zero.as_ref().map_or_else(|| "   -".to_owned(), |_| format!("{:6.1}", self.since_zero_s(now)));
-        self.events.push(format!("{at} s  {what}"));
     }
 
     /// Vehicles whose agents run, with what is known of them.
@@ -432,12 +402,19 @@ impl Flight {
         })
     }
 
+    /// Brings the screen up to date; at the `end` with all news.
+    fn draw(&mut self, now: Instant, end: bool) {
+        let (status, news) = (self.status(now), self.journal.take_news(now, end));
+        self.screen.show(&status, &news, now);
+    }
+
     fn status(&self, now: Instant) -> Status {
         let scenario = self.plan.scenario();
         let known: Vec<Known<'_>> = scenario
             .ids()
             .map(|id| Known { id, seen: self.observer.vehicles().get(&id), ended: self.ending(id) })
             .collect();
+        let rows = status::rows(&known, &self.rings, now);
         let flown_s = self.report.as_ref().map_or_else(|| self.flown_s(now), |report| report.duration_s);
         Status {
             swarm: scenario.swarm.name.to_string(),
@@ -446,8 +423,9 @@ impl Flight {
             flown_s,
             duration_s: scenario.duration_s,
             out: self.plan.out.display().to_string(),
-            rows: status::rows(&known, &self.rings, now),
-            events: self.events.clone(),
+            has_gaps: news::has_gaps(scenario, rows.iter().find_map(|row| row.step)),
+            rows,
+            events: self.journal.newest(MAX_EVENTS),
         }
     }
 }
@@ -490,8 +468,8 @@ fn heard_within(age: Duration, seen: &Seen, now: Instant) -> Option<&Trace> {
 fn left_in_the_air(left: VehicleSet, swarm: &SwarmName) -> String {
     let ids: Vec<_> = left.iter().map(|id| id.to_string()).collect();
     format!(
-        "vehicle {}: still in the air as far as is known; each agent lands and ends by itself (`skein status --swarm {swarm}` \
-         shows them, `skein order land --swarm {swarm}` asks again)",
+        "vehicle {}: still in the air as far as is known; each agent lands and ends by itself (`skein order land --swarm {swarm}` \
+         asks again)",
         ids.join(", ")
     )
 }

@@ -2,14 +2,15 @@
 
 use std::path::PathBuf;
 
-use skein_common::scenario::{Loaded, Scenario};
+use skein_common::scenario::{Loaded, PlantKind, Scenario};
 
 use super::{FlyArgs, PlantArg};
 use crate::prepare::{Prepared, Target, prepare};
+use crate::simulators::HostPort;
 use skein_lab::error::Error;
 use skein_lab::external::Trial;
 use skein_lab::out;
-use skein_lab::scenario::Ready;
+use skein_lab::scenario::{Ready, quoted};
 
 /// A flight that may begin.
 #[derive(Clone, Debug)]
@@ -22,6 +23,10 @@ pub struct Plan {
     pub xplanes: Vec<String>,
     /// The folder for everything that is written; does not exist yet, or is empty.
     pub out: PathBuf,
+    /// The command that flies the same flight again.
+    pub again: String,
+    /// The command that flies the scenario in virtual time with many seeds.
+    pub study: String,
 }
 
 impl Plan {
@@ -35,7 +40,19 @@ impl Plan {
         let target = Target::Fly { xplane: args.xplane.as_ref() };
         let Prepared { ready, xplanes } = prepare(&args.scenario, scenario, target, &mut Trial::default())?;
         let out = out::folder(args.out.as_deref(), &scenario.name)?;
-        Ok(Self { ready, xplanes, out, loaded })
+        let set = |key: &str, value: String| (key.to_owned(), value);
+        let duration = args.duration.map(|duration_s| set("duration_s", duration_s.to_string()));
+        let plant = args.plant.map(|plant| set("swarm.plant", plant.word().to_owned()));
+        let more: Vec<_> = plant.into_iter().chain(duration.clone()).collect();
+        let mut again = args.scenario.command("fly", &more, Some(scenario.seed));
+        if let Some(HostPort { host, port }) = &args.xplane {
+            again += &format!(" --xplane {}", quoted(&format!("{host}:{port}")));
+        }
+        let other_plant = scenario.swarm.plant != PlantKind::Builtin;
+        let built_in = other_plant.then(|| set("swarm.plant", PlantArg::Builtin.word().to_owned()));
+        let more: Vec<_> = built_in.into_iter().chain(duration).collect();
+        let study = args.scenario.command("study", &more, None) + " --seeds 0..20";
+        Ok(Self { ready, xplanes, out, again, study, loaded })
     }
 
     /// What flies.
@@ -63,8 +80,6 @@ fn sets(args: &FlyArgs) -> Result<Vec<String>, Error> {
 mod tests {
     use std::net::UdpSocket;
 
-    use skein_common::scenario::PlantKind;
-
     use super::*;
     use crate::simulators;
     use skein_lab::scenario::ScenarioArgs;
@@ -90,6 +105,9 @@ mod tests {
         assert_eq!(plan.ready.starts.len(), 4);
         assert!(plan.xplanes.is_empty() && plan.out.is_absolute());
         assert!(!folder.path().join("run").exists(), "a plan writes nothing");
+        let sets = "--set seed=1 --set duration_s=9 --set swarm.plant";
+        assert_eq!(plan.again, format!("skein fly {sets}=standin --set duration_s=20.5 --seed 7"));
+        assert_eq!(plan.study, format!("skein study {sets}=builtin --set duration_s=20.5 --seeds 0..20"));
     }
 
     #[test]

@@ -1,5 +1,6 @@
 //! A flight as people look at it: figures of every vehicle, what happened, how it stands.
 
+use std::collections::BTreeMap;
 use std::f64::consts::TAU;
 use std::time::{Duration, Instant};
 
@@ -11,6 +12,7 @@ use skein_common::state::{Activity, Membership, Standing};
 use skein_core::formation::ring::Ring;
 
 use crate::observe::Seen;
+use skein_lab::terminal::shortened;
 
 /// A vehicle silent for this long is said to be silent.
 const SILENT: Duration = Duration::from_secs(1);
@@ -45,8 +47,55 @@ pub struct Status {
     pub out: String,
     /// One for each vehicle, by id.
     pub rows: Vec<Row>,
+    /// The formation has even gaps around its centre.
+    pub has_gaps: bool,
     /// What happened, the newest last.
     pub events: Vec<String>,
+}
+
+impl Status {
+    /// How the swarm does, in as many parts as fit into so many columns, the most telling first:
+    /// `16/16 in formation, worst gap 3.8°, nearest 22.6 m`.
+    pub fn summary(&self, columns: usize) -> String {
+        let values = |of: fn(&Row) -> Option<f64>| self.rows.iter().filter_map(of);
+        let least = |of| values(of).reduce(f64::min);
+        let most = |of| values(of).reduce(f64::max);
+        let span = |name: &str, of: fn(&Row) -> Option<f64>| {
+            let [least, most] = [least(of)?, most(of)?].map(|value| format!("{value:.1}"));
+            let both = if least == most { least } else { format!("{least} to {most}") };
+            Some(format!("{name} {both} m"))
+        };
+        let gap = most(|row| row.gap_deg.map(|(_, excess)| excess.abs())).filter(|_| self.has_gaps);
+        let parts = [
+            gap.map(|off| format!("worst gap {off:.1}°")),
+            least(|row| row.nearest_m).map(|nearest| format!("nearest {nearest:.1} m")),
+            span("altitude", |row| row.altitude_m),
+            span("from centre", |row| row.from_centre_m),
+            most(|row| row.step_p99_us).map(|step_us| format!("step p99 {step_us:.0} µs")),
+        ];
+        let mut summary = self.phases();
+        for part in parts.into_iter().flatten() {
+            if summary.chars().count() + 2 + part.chars().count() > columns {
+                break;
+            }
+            summary += &format!(", {part}");
+        }
+        shortened(&summary, columns)
+    }
+
+    /// How many vehicles are in formation, and what the others do: `14/16 in formation, 2 silent`.
+    fn phases(&self) -> String {
+        let mut others: BTreeMap<&str, usize> = BTreeMap::new();
+        self.rows.iter().for_each(|row| *others.entry(&row.phase).or_default() += 1);
+        let all = self.rows.len();
+        let in_formation = others.remove(Activity::Formation.to_string().as_str());
+        let first = match (in_formation, others.first_key_value()) {
+            // One that says it all.
+            (None, Some((phase, count))) if *count == all => return format!("{all}/{all} {phase}"),
+            (in_formation, _) => format!("{}/{all} in formation", in_formation.unwrap_or(0)),
+        };
+        others.iter().fold(first, |words, (phase, count)| format!("{words}, {count} {phase}"))
+    }
 }
 
 /// One vehicle.
@@ -170,6 +219,44 @@ fn oldest_ms(trace: &Trace) -> Option<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_summary_has_the_essential_figures() {
+        let row = |id, altitude_m: Option<f64>| Row {
+            id: VehicleId::new(id).unwrap(),
+            phase: altitude_m.map_or("silent", |_| "formation").to_owned(),
+            bad: false,
+            altitude_m,
+            step: altitude_m.map(|_| 0),
+            from_centre_m: altitude_m.map(|_| 100.0 + f64::from(id)),
+            gap_deg: altitude_m.map(|_| (90.0, -1.5)),
+            nearest_m: altitude_m.map(|_| 141.0),
+            frame_rate_hz: None,
+            peer_age_ms: None,
+            step_p99_us: altitude_m.map(|_| 80.0),
+            late_dropped: None,
+        };
+        let mut status = Status {
+            swarm: "hover".to_owned(),
+            plant: "builtin".to_owned(),
+            stage: Stage::Flying,
+            flown_s: 10.0,
+            duration_s: None,
+            out: String::new(),
+            rows: vec![row(1, Some(29.5)), row(2, Some(30.0)), row(3, None)],
+            has_gaps: true,
+            events: Vec::new(),
+        };
+        let short = "2/3 in formation, 1 silent, worst gap 1.5°, nearest 141.0 m";
+        let long = format!("{short}, altitude 29.5 to 30.0 m, from centre 101.0 to 102.0 m, step p99 80 µs");
+        assert_eq!(status.summary(1000), long);
+        assert_eq!(status.summary(80), short);
+        assert_eq!(status.summary(20), "2/3 in formation, 1…");
+        status.has_gaps = false;
+        assert_eq!(status.summary(45), "2/3 in formation, 1 silent, nearest 141.0 m");
+        status.rows = vec![row(1, None)];
+        assert_eq!(status.summary(80), "1/1 silent");
+    }
 
     #[test]
     fn gaps_run_clockwise_and_add_up_to_a_circle() {

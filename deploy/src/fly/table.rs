@@ -1,51 +1,87 @@
-//! The table that `fly` shows on a terminal: a picture of a [`Status`] and of nothing else.
+//! The picture that `fly` shows on a terminal: of a [`Status`] and of nothing else.
 
 use ratatui::Frame;
 use ratatui::layout::{Alignment, Constraint, Layout, Rect};
 use ratatui::style::{Color, Modifier, Style};
 use ratatui::text::{Line, Span, Text};
-use ratatui::widgets::{Cell, Paragraph, Row as TableRow, Table};
+use ratatui::widgets::{Block, Borders, Cell, Padding, Paragraph, Row as TableRow, Table};
+use skein_lab::terminal::{shortened, wrapped};
 
+use super::columns::{Column, NARROW, WIDE, WIDE_COLUMNS};
 use super::status::{Row, Stage, Status};
 
-/// Lines kept for what happened, if there is room for them.
-const EVENT_LINES: u16 = 4;
+/// Lines kept for events, if there is room for them.
+const EVENT_LINES: u16 = 3;
+/// The columns of a terminal with events beside the table.
+const EVENTS_BESIDE: u16 = WIDE_COLUMNS + 50;
+/// The most space between two columns of the table.
+const MAX_SPACING: u16 = 3;
+/// Columns of the time in front of an event.
+const EVENT_INDENT: usize = 10;
 
-/// Title and width of each column.
-const COLUMNS: [(&str, u16); 11] = [
-    ("id", 3),
-    ("phase", 10),
-    ("step", 4),
-    ("alt m", 5),
-    ("ρ m", 6),
-    ("gap °", 11),
-    ("near m", 6),
-    ("Hz", 4),
-    ("peer ms", 7),
-    ("p99 µs", 6),
-    ("late/dr", 7),
-];
-
-/// Draws all of it.
-pub fn draw(frame: &mut Frame<'_>, status: &Status) {
-    let rows = u16::try_from(status.rows.len()).unwrap_or(u16::MAX).saturating_add(1);
-    let room = frame.area().height.saturating_sub(3 + EVENT_LINES).max(2);
-    let [title, table, rule, events, help] = Layout::vertical([
-        Constraint::Length(1),
-        Constraint::Length(rows.min(room)),
-        Constraint::Length(1),
-        Constraint::Min(0),
-        Constraint::Length(1),
-    ])
-    .areas(frame.area());
+/// Draws all of it, or the explanation of the columns.
+pub fn draw(frame: &mut Frame<'_>, status: &Status, explains: bool) {
+    let [title, summary, body, bottom] =
+        Layout::vertical([Constraint::Length(1), Constraint::Length(1), Constraint::Min(0), Constraint::Length(1)])
+            .areas(frame.area());
+    let width = usize::from(frame.area().width);
+    let columns = if title.width >= WIDE_COLUMNS { &WIDE[..] } else { &NARROW[..] };
     frame.render_widget(Paragraph::new(headline(status)), title);
-    frame.render_widget(vehicles(&status.rows), table);
-    let hidden = status.rows.len().saturating_sub(usize::from(table.height.saturating_sub(1)));
+    frame.render_widget(Paragraph::new(status.summary(width)), summary);
+    if explains {
+        frame.render_widget(Paragraph::new(explanation(columns, width)), body);
+    } else if body.width >= EVENTS_BESIDE {
+        let [left, right] = Layout::horizontal([Constraint::Length(WIDE_COLUMNS), Constraint::Min(0)]).areas(body);
+        let rest = draw_vehicles(frame, left, &status.rows, columns, 0);
+        frame.render_widget(Paragraph::new(legend(columns, usize::from(rest.width))).style(dim()), rest);
+        let block = Block::new().borders(Borders::LEFT).border_style(dim()).padding(Padding::horizontal(1));
+        let inner = block.inner(right);
+        frame.render_widget(block, right);
+        draw_events(frame, inner, status);
+    } else {
+        let legend = legend(columns, width);
+        let wanted = u16::try_from(status.rows.len() + legend.len()).unwrap_or(u16::MAX).saturating_add(3);
+        let has_legend = body.width >= WIDE_COLUMNS && body.height >= wanted.saturating_add(EVENT_LINES);
+        let rest = draw_vehicles(frame, body, &status.rows, columns, EVENT_LINES);
+        let height = if has_legend { u16::try_from(legend.len()).unwrap_or(0) + 1 } else { 0 };
+        let [keys, events] = Layout::vertical([Constraint::Length(height), Constraint::Min(0)]).areas(rest);
+        frame.render_widget(Paragraph::new(legend).style(dim()), keys);
+        draw_events(frame, events, status);
+    }
+    let bottom_line = if explains { "? or Esc: back to the flight".to_owned() } else { keys(status, width) };
+    frame.render_widget(Paragraph::new(bottom_line).style(dim()), bottom);
+}
+
+fn dim() -> Style {
+    Style::new().fg(Color::DarkGray)
+}
+
+/// The table and the rule below it; `kept` lines stay free if possible. Gives the area that is left.
+fn draw_vehicles(frame: &mut Frame<'_>, area: Rect, rows: &[Row], columns: &[Column], kept: u16) -> Rect {
+    let height = u16::try_from(rows.len()).unwrap_or(u16::MAX).saturating_add(1);
+    let room = area.height.saturating_sub(1 + kept).max(2);
+    let [table, rule, rest] =
+        Layout::vertical([Constraint::Length(height.min(room)), Constraint::Length(1), Constraint::Min(0)]).areas(area);
+    frame.render_widget(vehicles(rows, columns, table.width), table);
+    let hidden = rows.len().saturating_sub(usize::from(table.height.saturating_sub(1)));
     frame.render_widget(divider(rule, hidden), rule);
-    let newest = status.events.len().saturating_sub(usize::from(events.height));
-    let lines: Vec<Line<'_>> = status.events[newest..].iter().map(|event| Line::raw(event.as_str())).collect();
-    frame.render_widget(Paragraph::new(lines), events);
-    frame.render_widget(Paragraph::new(how_to_stop(status)).style(Style::new().fg(Color::DarkGray)), help);
+    rest
+}
+
+/// The newest events that fit, lines broken between words.
+fn draw_events(frame: &mut Frame<'_>, area: Rect, status: &Status) {
+    let room = usize::from(area.width).saturating_sub(EVENT_INDENT).max(1);
+    let mut lines: Vec<String> = Vec::new();
+    for event in &status.events {
+        let at = event.char_indices().nth(EVENT_INDENT).map_or(event.len(), |(at, _)| at);
+        let (time, what) = event.split_at(at);
+        for (nth, line) in wrapped(what, room).into_iter().enumerate() {
+            let time = if nth == 0 { time } else { "" };
+            lines.push(format!("{time:<EVENT_INDENT$}{}", shortened(&line, room)));
+        }
+    }
+    let newest = lines.len().saturating_sub(usize::from(area.height));
+    frame.render_widget(Paragraph::new(lines.split_off(newest).join("\n")), area);
 }
 
 fn headline(status: &Status) -> Line<'_> {
@@ -75,51 +111,62 @@ fn minutes(seconds: f64) -> String {
     format!("{:02}:{:02}", whole / 60, whole % 60)
 }
 
-fn vehicles(rows: &[Row]) -> Table<'_> {
-    let right = |text: String| Cell::from(Text::from(text).alignment(Alignment::Right));
-    let number = |value: Option<f64>, decimals: usize| {
-        right(value.map_or_else(|| "-".to_owned(), |value| format!("{value:.decimals$}")))
+fn vehicles<'a>(rows: &[Row], columns: &[Column], width: u16) -> Table<'a> {
+    let cell = |column: &Column, text: String| match column.title {
+        "phase" => Cell::from(text),
+        _ => Cell::from(Text::from(text).alignment(Alignment::Right)),
     };
     let row = |row: &Row| {
-        let gap = row.gap_deg.map_or_else(|| "-".to_owned(), |(gap, excess)| format!("{gap:.1} {excess:+.1}"));
-        let late = row.late_dropped.map_or_else(|| "-".to_owned(), |(late, dropped)| format!("{late}/{dropped}"));
-        let cells = [
-            right(row.id.to_string()),
-            Cell::from(row.phase.clone()),
-            right(row.step.map_or_else(|| "-".to_owned(), |step| step.to_string())),
-            number(row.altitude_m, 1),
-            number(row.from_centre_m, 1),
-            right(gap),
-            number(row.nearest_m, 1),
-            number(row.frame_rate_hz, 1),
-            number(row.peer_age_ms, 0),
-            number(row.step_p99_us, 0),
-            right(late),
-        ];
+        let cells = columns.iter().map(|column| cell(column, (column.cell)(row)));
         TableRow::new(cells).style(if row.bad { Style::new().fg(Color::Red) } else { Style::new() })
     };
-    let titles = COLUMNS.iter().enumerate().map(
-        |(nth, (title, _))| {
-            if nth == 1 { Cell::from(*title) } else { right((*title).to_owned()) }
-        },
-    );
+    let titles = columns.iter().map(|column| cell(column, column.title.to_owned()));
     let header = TableRow::new(titles).style(Style::new().add_modifier(Modifier::UNDERLINED));
-    Table::new(rows.iter().map(row), COLUMNS.map(|(_, width)| Constraint::Length(width))).header(header)
+    let gaps = u16::try_from(columns.len()).unwrap_or(u16::MAX).saturating_sub(1).max(1);
+    let spare = width.saturating_sub(columns.iter().map(|column| column.width).sum());
+    let widths = columns.iter().map(|column| Constraint::Length(column.width));
+    let spacing = (spare / gaps).clamp(1, MAX_SPACING);
+    Table::new(rows.iter().map(row), widths).header(header).column_spacing(spacing)
+}
+
+/// A line or more for each column: what it shows, its unit, and which values are bad.
+fn legend(columns: &[Column], width: usize) -> Vec<Line<'static>> {
+    let indent = columns.iter().map(|column| column.title.chars().count()).max().unwrap_or(0) + 2;
+    let mut lines = Vec::new();
+    for column in columns {
+        for (nth, line) in wrapped(column.about, width.saturating_sub(indent).max(1)).into_iter().enumerate() {
+            let title = if nth == 0 { column.title } else { "" };
+            lines.push(Line::raw(format!("{title:<indent$}{line}")));
+        }
+    }
+    lines
+}
+
+fn explanation(columns: &[Column], width: usize) -> Vec<Line<'static>> {
+    let mut lines = vec![Line::raw("What the columns mean:")];
+    lines.extend(legend(columns, width));
+    lines
 }
 
 /// A rule, that says how many rows there was no room for.
 fn divider(area: Rect, hidden: usize) -> Paragraph<'static> {
     let note = if hidden > 0 { format!(" {hidden} more, make the window taller ") } else { String::new() };
     let rule = "─".repeat(usize::from(area.width).saturating_sub(note.chars().count()));
-    Paragraph::new(note + &rule).style(Style::new().fg(Color::DarkGray))
+    Paragraph::new(note + &rule).style(dim())
 }
 
-fn how_to_stop(status: &Status) -> String {
-    match status.stage {
-        Stage::Gathering | Stage::Flying => format!("Ctrl-C or q: land and end   files: {}", status.out),
-        Stage::Landing => format!("Ctrl-C or q: end at once, in the air   files: {}", status.out),
-        Stage::Ending => format!("Ctrl-C or q: end at once   files: {}", status.out),
-    }
+/// The keys that can be pressed, and where the files are if there is room.
+fn keys(status: &Status, width: usize) -> String {
+    let stop = match status.stage {
+        Stage::Gathering | Stage::Flying => "Ctrl-C or q: land and end",
+        Stage::Landing => "Ctrl-C or q: end at once, in the air",
+        Stage::Ending => "Ctrl-C or q: end at once",
+    };
+    let keys = format!("{stop}   ?: what the columns mean");
+    let folder = status.out.rsplit('/').next().unwrap_or_default();
+    let files = [format!("{keys}   files: {}", status.out), format!("{keys}   files: …/{folder}")];
+    let fits = files.into_iter().find(|line| line.chars().count() <= width);
+    fits.unwrap_or_else(|| shortened(&keys, width))
 }
 
 #[cfg(test)]
@@ -156,13 +203,18 @@ mod tests {
             duration_s: Some(400.0),
             out: "skein-runs/hover".to_owned(),
             rows,
-            events: (1..=9).map(|nth| format!("event {nth}")).collect(),
+            has_gaps: true,
+            events: (1..=9).map(|nth| format!("{:6.1} s  event {nth}", f64::from(nth))).collect(),
         }
     }
 
     fn drawn(status: &Status, width: u16, height: u16) -> Vec<String> {
+        drawn_as(status, width, height, false)
+    }
+
+    fn drawn_as(status: &Status, width: u16, height: u16, explains: bool) -> Vec<String> {
         let mut terminal = Terminal::new(TestBackend::new(width, height)).unwrap();
-        terminal.draw(|frame| draw(frame, status)).unwrap();
+        terminal.draw(|frame| draw(frame, status, explains)).unwrap();
         let buffer = terminal.backend().buffer();
         let line = |y| (0..width).map(|x| buffer[(x, y)].symbol()).collect::<String>().trim_end().to_owned();
         (0..height).map(line).collect()
@@ -175,31 +227,68 @@ mod tests {
         status.rows[1] = Row { gap_deg: None, late_dropped: None, altitude_m: None, ..lost };
         let expected = [
             "hover  3 vehicles, builtin  01:23 of 06:40",
-            " id phase      step alt m    ρ m       gap ° near m   Hz peer ms p99 µs late/dr",
-            "  1 formation     2  30.0  101.3   92.1 +2.1  141.4 50.0     187     84     0/3",
-            "  2 lost          2     -  101.3           -  141.4 50.0     187     84       -",
-            "  3 formation     2  30.0  101.3   92.1 +2.1  141.4 50.0     187     84     0/3",
+            "2/3 in formation, 1 lost, worst gap 2.1°, nearest 141.4 m, altitude 30.0 m",
+            " id phase       step alt m   ρ m       gap ° near m   Hz peer ms p99 µs late/dr",
+            "  1 formation      2  30.0 101.3   92.1 +2.1  141.4 50.0     187     84     0/3",
+            "  2 lost           2     - 101.3           -  141.4 50.0     187     84       -",
+            "  3 formation      2  30.0 101.3   92.1 +2.1  141.4 50.0     187     84     0/3",
             &"─".repeat(80),
-            "event 6",
-            "event 7",
-            "event 8",
-            "event 9",
-            "Ctrl-C or q: land and end   files: skein-runs/hover",
+            "   6.0 s  event 6",
+            "   7.0 s  event 7",
+            "   8.0 s  event 8",
+            "   9.0 s  event 9",
+            "Ctrl-C or q: land and end   ?: what the columns mean   files: skein-runs/hover",
         ];
-        assert_eq!(drawn(&status, 80, 11), expected);
+        assert_eq!(drawn(&status, 80, 12), expected);
+    }
+
+    #[test]
+    fn long_events_are_broken_between_words() {
+        let mut status = status(vec![row(1)]);
+        status.events = vec![format!("  16.2 s  the vehicle {}has landed", "far away ".repeat(8))];
+        let lines = drawn(&status, 80, 12);
+        assert_eq!(lines[5].chars().take(30).collect::<String>(), "  16.2 s  the vehicle far away");
+        assert_eq!(lines[6], "          away far away has landed");
+    }
+
+    #[test]
+    fn a_key_press_explains_every_column() {
+        let status = status((1..=16).map(row).collect());
+        let lines = drawn_as(&status, 80, 24, true);
+        assert!(lines[2].starts_with("What the columns mean"), "{lines:#?}");
+        for column in NARROW {
+            assert!(lines.iter().any(|line| line.starts_with(column.title)), "{}: {lines:#?}", column.title);
+        }
+        assert_eq!(lines[23], "? or Esc: back to the flight");
+        assert!(lines[22].is_empty(), "all of it is shown: {lines:#?}");
+    }
+
+    #[test]
+    fn a_wide_terminal_has_words_a_legend_and_events_beside_the_table() {
+        let status = status((1..=16).map(row).collect());
+        let lines = drawn(&status, 120, 44);
+        assert!(lines[2].starts_with("vehicle phase") && lines[2].ends_with(" dropped"), "{lines:#?}");
+        assert!(lines.iter().any(|line| line.starts_with("off even °   by how much")), "{lines:#?}");
+        assert!(lines[42].ends_with("event 9"), "{lines:#?}");
+        let lines = drawn(&status, 200, 50);
+        assert!(lines[2].contains("dropped  │    1.0 s  event 1"), "{lines:#?}");
+        assert!(lines.iter().any(|line| line.starts_with("off even °   by how much")), "{lines:#?}");
     }
 
     #[test]
     fn what_has_no_room_is_said() {
         let lines = drawn(&status((1..=30).map(row).collect()), 80, 12);
-        assert!(lines[6].starts_with(" 26 more, make the window taller ─"), "{lines:#?}");
-        assert_eq!(lines[10], "event 9");
+        assert!(lines[7].starts_with(" 26 more, make the window taller ─"), "{lines:#?}");
+        assert_eq!(lines[10], "   9.0 s  event 9");
+        let sixteen = drawn(&status((1..=16).map(row).collect()), 80, 24);
+        assert!(sixteen.iter().any(|line| line.starts_with(" 16 formation")), "{sixteen:#?}");
     }
 
     #[test]
     fn no_size_is_too_small() {
         for (width, height) in [(1, 1), (5, 2), (20, 3), (200, 1), (1, 50)] {
             drawn(&status(vec![row(1), row(2)]), width, height);
+            drawn_as(&status(vec![row(1), row(2)]), width, height, true);
         }
     }
 
@@ -211,6 +300,6 @@ mod tests {
         assert_eq!(stage(&status), "01:23");
         status.stage = Stage::Landing;
         assert_eq!(stage(&status), "landing after 01:23");
-        assert!(how_to_stop(&status).contains("in the air"));
+        assert!(keys(&status, 80).contains("in the air"));
     }
 }

@@ -111,7 +111,7 @@ impl fmt::Display for Effect {
 }
 
 /// Formats sorted ids as ranges: `1-4, 6`.
-pub(super) fn ranges(ids: &[VehicleId]) -> String {
+pub(crate) fn ranges(ids: &[VehicleId]) -> String {
     let runs = ids.chunk_by(|one, next| next.get() - one.get() == 1);
     let parts = runs.map(|run| match run {
         [first, .., last] if run.len() > 2 => format!("{first}-{last}"),

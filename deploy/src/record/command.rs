@@ -23,6 +23,9 @@ const LISTEN: Duration = Duration::from_secs(5);
 
 /// `skein record`
 #[derive(Clone, Debug, clap::Args)]
+#[command(
+    after_help = "Examples:\n  skein record --out mine.mcap\n  skein record -f cluster.toml --out cluster.mcap\n  skein record --repair mine.mcap"
+)]
 pub struct RecordArgs {
     /// The swarm to record.
     #[command(flatten)]

@@ -18,6 +18,18 @@ const TOUCHDOWN_BELOW_M: f64 = 3.0;
 const TOUCHDOWN_LEAD_M: f64 = 1.0;
 const TOUCHDOWN_SINK_M_S: f64 = 0.15;
 
+/// Descent rate of the shipped controllers above [`DESCENT_LEAD_M`], m/s: measured, and less than [`DESCENT_M_S`].
+const USUAL_DESCENT_M_S: f64 = 1.1;
+
+/// Usual duration of a landing from this height until the vehicle has landed, s: the descent at both rates, the time at rest
+/// and the unloading of the rotor.
+pub fn usual_s(height_m: f64) -> f64 {
+    let gentle_m = height_m.clamp(0.0, GENTLE_BELOW_M);
+    let fast_m = (height_m - GENTLE_BELOW_M).max(0.0);
+    let descent_s = fast_m / USUAL_DESCENT_M_S + gentle_m / GENTLE_DESCENT_M_S;
+    descent_s + Deadline::TouchedDown.after_s() + Deadline::Unloaded.after_s()
+}
+
 /// A landing in progress.
 #[derive(Clone, Copy, Debug)]
 pub struct Landing {
@@ -69,5 +81,19 @@ impl Landing {
         }
         let sink_m_s = if estimate.height_m > GENTLE_BELOW_M { DESCENT_M_S } else { GENTLE_DESCENT_M_S };
         Descent::To((altitude_m.min(at_m) - sink_m_s * dt_s).max(at_m - DESCENT_LEAD_M - off_m))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::usual_s;
+
+    #[test]
+    fn the_announced_time_of_a_landing_is_near_the_flown_one() {
+        // Flown with the built-in helicopter.
+        for (height_m, flown_s) in [(5.0, 12.5), (30.0, 32.0), (60.0, 60.3)] {
+            assert!((usual_s(height_m) - flown_s).abs() < 3.0, "from {height_m} m: {} s", usual_s(height_m));
+        }
+        assert!(usual_s(0.0) == 3.0 && usual_s(-1.0) == 3.0);
     }
 }

@@ -63,7 +63,7 @@ pub(in crate::scenario) fn siblings(known: &[Key], table: &str) -> Vec<&'static 
 }
 
 /// The choice most similar to a text, if one is similar.
-pub(in crate::scenario) fn nearest_of<'a>(choices: impl Iterator<Item = &'a str>, text: &str) -> Option<&'a str> {
+pub fn nearest_of<'a>(choices: impl Iterator<Item = &'a str>, text: &str) -> Option<&'a str> {
     let choices = choices.filter(|known| text.len() <= 2 * known.len());
     let close = |known: &'a str| Some((few_typos(text, known, usize::MAX)?, NEVER_SUGGESTED.contains(&known), known));
     choices.filter_map(close).min().and_then(|(_, is_dangerous, known)| (!is_dangerous).then_some(known))

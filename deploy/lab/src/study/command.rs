@@ -10,15 +10,18 @@ use super::plan::{Plan, write};
 use super::progress::Progress;
 use super::recorded::record;
 use super::sweep::Sweep;
-use super::{summary, table};
+use super::{summary, table, verdict};
 use crate::error::Error;
-use crate::scenario::ScenarioArgs;
+use crate::scenario::{ScenarioArgs, quoted};
 use crate::terminal::json;
-use crate::terminal::say;
+use crate::terminal::{say, what_next};
 use skein_host::parallel::in_parallel;
 
 /// `skein study`
 #[derive(Clone, Debug, clap::Args)]
+#[command(
+    after_help = "Examples:\n  skein study --seeds 0..20 --out my-study\n  skein study --seed 3 --set duration_s=100 --all\n  skein study --seeds 0..10 --sweep network.loss=0,0.1,0.3"
+)]
 pub struct StudyArgs {
     /// The scenario.
     #[command(flatten)]
@@ -47,6 +50,9 @@ pub struct StudyArgs {
     /// Write no recordings, whatever record.runs says
     #[arg(long)]
     pub no_record: bool,
+    /// Print every figure that was measured, not only about a dozen
+    #[arg(long, conflicts_with = "json")]
+    pub all: bool,
     /// Print the summary (of one seed: its figures) as JSON on stdout, everything else on stderr
     #[arg(long)]
     pub json: bool,
@@ -76,25 +82,54 @@ pub fn run(args: &StudyArgs) -> Result<(), Error> {
     }
 
     write(&plan.out.join("runs.csv"), &summary::csv(&plan.points, &runs))?;
+    let which = if args.all { table::Which::All } else { table::Which::Headline };
     let (text, told) = match args.sweep.is_empty() {
         true => {
             let summary = summary(&runs);
-            (json(&summary), table::of_figures(&summary))
+            let told = match runs.as_slice() {
+                [run] => table::of_run(run, which),
+                _ => table::of_figures(&summary, which),
+            };
+            (json(&summary), told)
         }
         false => {
             let summaries = summary::by_point(&plan.points, &runs);
-            (json(&summaries), table::of_points(&plan.points, &summaries))
+            let mut told = table::of_points(&plan.points, &summaries);
+            for (point, summary) in plan.points.iter().zip(&summaries).filter(|_| args.all) {
+                told += &format!("\npoint {}: {point}\n{}", summary.point, table::of_figures(&summary.figures, which));
+            }
+            (json(&summaries), told)
         }
     };
     // The last of all: the study is finished when it is there.
     write(&plan.out.join("summary.json"), &text)?;
     match runs.as_slice() {
-        _ if !args.json => say(&told),
+        _ if !args.json => say(&format!("{}\n{told}", verdict::verdict(&args.scenario, &plan.points, &runs))),
         [_] if args.sweep.is_empty() => say(&plan.run(0).text()?),
         _ => say(&text),
     }
-    eprintln!("written to {}", plan.out.display());
+    let out = plan.out.display().to_string();
+    eprintln!("written to {out}");
+    if !args.json {
+        if !args.all {
+            eprintln!("summary.json and runs.csv in it have every figure; --all prints them");
+        }
+        eprint!("{}", next(&out, args, &runs));
+    }
     Ok(())
+}
+
+/// What to do next with a study in this folder.
+fn next(out: &str, args: &StudyArgs, runs: &[Measured]) -> String {
+    let out = quoted(out);
+    let mut lines = vec![(format!("skein report {out}"), "pictures and tables on one page")];
+    match runs {
+        [run] if args.sweep.is_empty() => {
+            lines.push((args.scenario.command("fly", &[], Some(run.seed)), "the same flight in real time"));
+        }
+        _ => lines.push((format!("skein compare {out} OTHER"), "against another study's folder, seed by seed")),
+    }
+    what_next(&lines)
 }
 
 /// All runs in their order; those that were there already are only read.

@@ -2,23 +2,124 @@
 
 use comfy_table::{CellAlignment, Table, presets};
 
+use super::measured::{Measured, Outcome};
 use super::summary::{Figure, PointSummary, Summary};
 use super::sweep::Point;
+use crate::metrics::figures;
 
-/// A line for each figure.
-pub(super) fn of_figures(summary: &Summary) -> String {
-    let mut table = Table::new();
-    table.load_style(presets::NOTHING).set_header(["", "runs", "never", "median", "quartiles", "worst", "seed"]);
-    let number = |value: Option<f64>| value.map_or_else(|| "–".to_owned(), rounded);
-    for (key, figure) in summary {
-        let quartiles = format!("{} … {}", number(figure.q1), number(figure.q3));
-        let worst = if figure.worst_seed.is_some() { number(figure.worst) } else { String::new() };
-        let seed = figure.worst_seed.map(|seed| seed.to_string()).unwrap_or_default();
-        let (n, never) = (figure.n.to_string(), figure.never.to_string());
-        table.add_row([key.clone(), n, never, number(figure.median), quartiles, worst, seed]);
+/// The figures that a reader looks for first, with what each is in a few words. The table has the first [`HEADLINES`] of these that
+/// the runs have.
+const HEADLINE: [(&str, &str); 20] = [
+    ("collisions", "pairs nearer than 2 m"),
+    ("crashes", "vehicles that crashed"),
+    ("min_separation_m", "least distance of a pair"),
+    ("setpoints_reached", "mission steps reached by all"),
+    ("at_altitude_s", "all at their altitude from then on"),
+    ("in_band_s", "all in the band from then on"),
+    ("even_10deg_s", "gaps within 10° of even from then on"),
+    ("detection_s", "slowest detection of a lost peer"),
+    ("rejoin_s", "slowest rejoin of a peer"),
+    ("transient_s", "slowest return into formation"),
+    ("radial_rms_m", "root mean square distance from the ring"),
+    ("spacing_error_deg", "largest gap error, mean"),
+    ("centroid_lag_m", "centroid from the formation's centre"),
+    ("max_centre_distance_m", "farthest from the moving centre"),
+    ("order", "alignment of velocities, 1 is best"),
+    ("band_occupancy", "share of time in the band"),
+    ("max_tilt_deg", "largest tilt"),
+    ("altitude_rms_m", "altitude error"),
+    ("peer_age_p99_ms", "99th percentile age of peer states"),
+    ("duration_s", "length of a run"),
+];
+const HEADLINES: usize = 12;
+
+/// Which figures a table has.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Which {
+    /// About a dozen that a reader looks for first.
+    Headline,
+    /// Every one.
+    All,
+}
+
+impl Which {
+    /// The keys of a table, with what each is in a few words.
+    fn keys<'a>(self, has: impl Fn(&str) -> bool, all: impl Iterator<Item = &'a str>) -> Vec<(&'a str, &'static str)> {
+        match self {
+            Self::Headline => HEADLINE.into_iter().filter(|(key, _)| has(key)).take(HEADLINES).collect(),
+            Self::All => all.map(|key| (key, meaning(key))).collect(),
+        }
     }
-    table.column_iter_mut().skip(1).for_each(|column| column.set_cell_alignment(CellAlignment::Right));
-    format!("{table}\n")
+}
+
+/// A few words on a figure: those of the headline, or the unit.
+fn meaning(key: &str) -> &'static str {
+    let headline = HEADLINE.iter().find(|(known, _)| *known == key).map(|(_, words)| *words);
+    headline.or_else(|| figures::of(key).map(|figure| figure.unit)).unwrap_or_default()
+}
+
+/// A line for each figure over all runs.
+pub(super) fn of_figures(summary: &Summary, which: Which) -> String {
+    let keys = which.keys(|key| summary.contains_key(key), summary.keys().map(String::as_str));
+    let has_never = keys.iter().filter_map(|(key, _)| summary.get(*key)).any(|figure| figure.never > 0);
+    let mut table = Table::new();
+    let never = has_never.then_some("never");
+    let header = ["figure", "runs"].into_iter().chain(never).chain(["median", "quartiles", "worst", "its seed", ""]);
+    table.load_style(presets::NOTHING).set_header(header);
+    for (key, words) in keys {
+        let Some(figure) = summary.get(key) else { continue };
+        let number = |value: Option<f64>| value.map_or_else(|| "–".to_owned(), |value| value_text(key, value));
+        let quartiles = format!("{} … {}", number(figure.q1), number(figure.q3));
+        let worst = match (figure.worst, figure.worst_seed) {
+            (_, None) => String::new(),
+            (None, Some(_)) => "never".to_owned(),
+            (worst, Some(_)) => number(worst),
+        };
+        // Among equal runs none is the worst.
+        let differs = figure.never > 0 || figure.min != figure.max;
+        let seed = figure.worst_seed.filter(|_| differs).map(|seed| seed.to_string()).unwrap_or_default();
+        let never = has_never.then(|| figure.never.to_string());
+        let row = [key.to_owned(), figure.n.to_string()].into_iter().chain(never);
+        table.add_row(row.chain([number(figure.median), quartiles, worst, seed, words.to_owned()]));
+    }
+    let last = table.column_count().saturating_sub(1);
+    for (nth, column) in table.column_iter_mut().enumerate() {
+        if nth > 0 && nth < last {
+            column.set_cell_alignment(CellAlignment::Right);
+        }
+    }
+    trimmed(&table)
+}
+
+/// A line for each figure of one run.
+pub(super) fn of_run(run: &Measured, which: Which) -> String {
+    let keys = which.keys(|key| run.outcome(key).is_some(), run.figures.keys().map(String::as_str));
+    let mut table = Table::new();
+    table.load_style(presets::NOTHING).set_header(["figure", "value", ""]);
+    for (key, words) in keys {
+        let value = match run.outcome(key) {
+            Some(Outcome::Value(value)) => value_text(key, value),
+            Some(Outcome::Never) => "never".to_owned(),
+            None => continue,
+        };
+        table.add_row([key, &value, words]);
+    }
+    if let Some(values) = table.column_mut(1) {
+        values.set_cell_alignment(CellAlignment::Right);
+    }
+    trimmed(&table)
+}
+
+/// The table without spaces at the ends of its lines, which would wrap on a narrow terminal.
+fn trimmed(table: &Table) -> String {
+    table.to_string().lines().map(|line| format!("{}\n", line.trim_end())).collect()
+}
+
+/// A figure with the digits that say something; what is counted in whole numbers has no decimals.
+fn value_text(key: &str, value: f64) -> String {
+    let counted = ["pairs", "vehicles", "times", "steps", "messages", "bytes", "frames", "asks"];
+    let is_whole = figures::of(key).is_some_and(|figure| counted.contains(&figure.unit)) && value.fract() == 0.0;
+    if is_whole { format!("{value:.0}") } else { rounded(value) }
 }
 
 /// Figures that tell one point from another, the most telling first; a table has the first five that are not the same in
@@ -58,12 +159,13 @@ pub(super) fn of_points(points: &[Point], summaries: &[PointSummary]) -> String 
             |value: &String| value.parse().ok().filter(|_| value.len() > 8).map_or_else(|| value.clone(), rounded);
         let set = point.0.iter().map(|(_, value)| short(value));
         let runs = summary.figures.values().map(|figure| figure.n).max().unwrap_or(0);
-        let cells = telling.iter().map(|key| summary.figures.get(*key).map(median_and_worst).unwrap_or_default());
+        let cell = |key: &&str| summary.figures.get(*key).map(|figure| median_and_worst(key, figure));
+        let cells = telling.iter().map(|key| cell(key).unwrap_or_default());
         let row = [summary.point.to_string()].into_iter().chain(set).chain([runs.to_string()]);
         table.add_row(row.chain(cells).chain([summary.worst_seed.to_string()]));
     }
     table.column_iter_mut().for_each(|column| column.set_cell_alignment(CellAlignment::Right));
-    format!("{table}\nmedian [worst] of the runs at each point\n")
+    format!("{}median [worst] of the runs at each point\n", trimmed(&table))
 }
 
 /// The swept keys as short as they can be told apart.
@@ -75,10 +177,10 @@ fn names(point: &Point) -> Vec<String> {
     keys.zip(&names).map(|(key, name)| if is_clear(name) { name.clone() } else { key.clone() }).collect()
 }
 
-fn median_and_worst(figure: &Figure) -> String {
-    let median = figure.median.map_or_else(|| "never".to_owned(), rounded);
+fn median_and_worst(key: &str, figure: &Figure) -> String {
+    let median = figure.median.map_or_else(|| "never".to_owned(), |value| value_text(key, value));
     match figure.worst.filter(|_| figure.never == 0) {
-        Some(worst) => format!("{median} [{}]", rounded(worst)),
+        Some(worst) => format!("{median} [{}]", value_text(key, worst)),
         None => format!("{median} [{} never]", figure.never),
     }
 }
@@ -97,7 +199,6 @@ pub fn rounded(value: f64) -> String {
 
 #[cfg(test)]
 mod tests {
-    use super::super::measured::Measured;
     use super::super::summary::by_point;
     use super::*;
 
@@ -117,6 +218,28 @@ mod tests {
     }
 
     #[test]
+    fn one_run_has_plain_values_and_several_have_quartiles() {
+        let run = |seed: u64| {
+            let text = format!(
+                "{{\"seed\":{seed},\"collisions\":0,\"energy_j\":5,\"max_tilt_deg\":{seed}.5,\"in_band_s\":null,\"never\":[\"in_band_s\"]}}"
+            );
+            Measured::read(&text).unwrap()
+        };
+        let plain = of_run(&run(3), Which::Headline);
+        let words: Vec<Vec<&str>> = plain.lines().map(|line| line.split_whitespace().take(2).collect()).collect();
+        assert_eq!(
+            words,
+            [["figure", "value"], ["collisions", "0"], ["in_band_s", "never"], ["max_tilt_deg", "3.50"]],
+            "{plain}"
+        );
+        assert!(of_run(&run(3), Which::All).contains("energy_j"));
+        let table = of_figures(&super::super::summary::summary(&[run(1), run(2)]), Which::Headline);
+        assert!(table.contains("quartiles") && table.contains("its seed") && !table.contains("energy_j"), "{table}");
+        assert!(table.lines().any(|line| line.contains("in_band_s") && line.contains("never")), "{table}");
+        assert!(table.lines().all(|line| line.chars().count() <= 110), "{table}");
+    }
+
+    #[test]
     fn crashes_are_shown_where_there_are_some() {
         let points = ["0", "0.5"].map(|loss| Point(vec![("network.loss".to_owned(), loss.to_owned())]));
         let table = |crashes: u64| {
@@ -125,7 +248,7 @@ mod tests {
             of_points(&points, &by_point(&points, &runs))
         };
         assert!(!table(0).contains("crashes"));
-        assert!(table(3).contains("crashes") && table(3).contains("3.00 [3.00]"), "{}", table(3));
+        assert!(table(3).contains("crashes") && table(3).contains("3 [3]"), "{}", table(3));
     }
 
     #[test]

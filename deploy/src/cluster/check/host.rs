@@ -218,7 +218,7 @@ pub(super) fn of_version(node: &Node, facts: &Facts, expected: &Installed, file:
         Some(agent) if agent.restarts > 0 => {
             let times = if agent.restarts == 1 { "once".to_owned() } else { format!("{} times", agent.restarts) };
             let found = format!("{}, runs, and was started again {times}", current.release);
-            line(found).warning(format!("`skein cluster logs --file {file}` shows why"))
+            line(found).warning(format!("`skein cluster logs -f {file}` shows why"))
         }
         Some(_) => line(format!("{}, runs", current.release)),
         None => line(format!("{}, does not run", current.release)),

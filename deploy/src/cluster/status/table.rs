@@ -1,18 +1,27 @@
 //! The table, for 120 columns.
 
-use comfy_table::{CellAlignment, Table, presets};
+use comfy_table::{CellAlignment, ContentArrangement, Table, presets};
 
 use super::{NodeStatus, Said, Status};
 
 const HEADER: [&str; 12] =
     ["node", "version", "plant", "phase", "Hz", "jitter", "peers", "age", "clock ms", "faults", "refused", "uptime"];
+/// What every column shows, its unit, and which values are bad.
+const LEGEND: [&str; 5] = [
+    "version: the release that runs   plant: what moves   phase: what the vehicle does   uptime: since its agent started",
+    "Hz: simulator frames per second   jitter: latest frame of the last second, ms; bad above a frame's period, 1000/Hz",
+    "peers: in contact, of all others   age: of the oldest peer state, delay included, ms (> if a delay is unknown)",
+    "clock ms: ahead of the swarm's clock, ± bound (! if more than 20 ms off; flight does not depend on it)",
+    "faults: what has failed, named below   refused: messages not believed since the start, named below",
+];
 /// Columns of words; the others are numbers.
 const WORDS: [usize; 3] = [1, 2, 3];
 
 /// All of it; `file` is the cluster's as the user has named it.
 pub(super) fn of(status: &Status, file: &str) -> String {
     let mut table = Table::new();
-    table.load_style(presets::NOTHING).set_header(HEADER);
+    // On a terminal that is narrower, cells are broken between words.
+    table.load_style(presets::NOTHING).set_header(HEADER).set_content_arrangement(ContentArrangement::Dynamic);
     for node in &status.nodes {
         table.add_row(row(node));
     }
@@ -24,12 +33,11 @@ pub(super) fn of(status: &Status, file: &str) -> String {
     }
     let lines = table.to_string();
     let mut text: String = lines.lines().map(|line| format!("{}\n", line.trim_end())).collect();
-    text += "jitter (99 %) and age (of the oldest peer state, delay included) in ms; clock: ahead of the swarm's\n";
+    LEGEND.iter().for_each(|line| text += &format!("{line}\n"));
     status.nodes.iter().for_each(|node| text += &words(node));
     if status.nodes.iter().any(|node| node.said.is_none()) {
-        text += &format!(
-            "`skein check -f {file}` looks why not, `skein cluster logs --file {file}` shows what was written\n"
-        );
+        text +=
+            &format!("`skein check -f {file}` looks why not, `skein cluster logs -f {file}` shows what was written\n");
     }
     text
 }

@@ -145,7 +145,10 @@ fn a_good_swarm_fits_the_screen() {
     assert!(status.is_good() && verdict(&status).is_ok());
     let text = table::of(&status, "cluster.toml");
     let lines: Vec<&str> = text.lines().collect();
-    assert_eq!(lines.len(), 6, "{text}");
+    assert_eq!(lines.len(), 10, "{text}");
+    for heading in lines[0].split_whitespace().filter(|word| !["node", "ms"].contains(word)) {
+        assert!(lines[5..].iter().any(|line| line.contains(heading)), "{heading}: {text}");
+    }
     assert!(lines.iter().all(|line| line.chars().count() <= 120), "{text}");
     let words: Vec<&str> = lines[2].split_whitespace().collect();
     let expected = [

@@ -14,6 +14,8 @@ use crate::fly::plan::Plan;
 use crate::fly::status::Stage;
 use skein_lab::faults::Incident;
 use skein_lab::metrics::{Report, Totals, VehicleNow, Wall};
+use skein_lab::scenario::quoted;
+use skein_lab::terminal::what_next;
 
 impl Flight {
     /// Takes in what only one step tells.
@@ -125,7 +127,7 @@ fn vehicle_now(step: &Trace) -> VehicleNow {
     }
 }
 
-/// The figures that a reader looks for first.
+/// The figures that a reader looks for first, and what to do next.
 pub(super) fn summary(report: &Report, plan: &Plan) -> String {
     let figure = |value: Option<f64>, unit: &str| value.map_or_else(|| "-".to_owned(), |v| format!("{v:.2} {unit}"));
     let lines = [
@@ -135,10 +137,18 @@ pub(super) fn summary(report: &Report, plan: &Plan) -> String {
         ("even within 10°", figure(report.even_10deg_s, "s")),
         ("radial rms", figure(report.radial_rms_m, "m")),
         ("least separation", figure(report.min_separation_m, "m")),
-        ("peers' words p99", figure(report.peer_age_p99_ms, "ms")),
+        ("collisions", report.collisions.to_string()),
+        ("crashes", report.crashes.to_string()),
+        ("peer age p99", figure(report.peer_age_p99_ms, "ms")),
         ("step p50, p99", format!("{}, {}", figure(report.step_p50_us, "µs"), figure(report.step_p99_us, "µs"))),
         ("late frames", report.frame_overruns.map_or_else(|| "-".to_owned(), |late| late.to_string())),
         ("files", plan.out.display().to_string()),
     ];
-    lines.iter().map(|(name, value)| format!("{name:<18}{value}\n")).collect()
+    let figures: String = lines.iter().map(|(name, value)| format!("{name:<18}{value}\n")).collect();
+    let next = [
+        (format!("skein report {}", quoted(&plan.out.display().to_string())), "pictures and tables of this flight"),
+        (plan.again.clone(), "the same flight again"),
+        (plan.study.clone(), "many seeds of it in virtual time"),
+    ];
+    figures + "\n" + &what_next(&next)
 }

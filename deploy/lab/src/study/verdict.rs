@@ -1,0 +1,175 @@
+//! A study's verdict: how many runs did what they should, and which ones did not.
+
+use super::measured::{Measured, Outcome};
+use super::sweep::Point;
+use crate::scenario::ScenarioArgs;
+
+/// The verdict names at most this many seeds of one kind of failure.
+const MAX_SEEDS: usize = 8;
+/// The figures that have a value when every vehicle is in formation at the end of the run, as far as the formation has them.
+const IN_FORMATION: [&str; 3] = ["at_altitude_s", "in_band_s", "even_10deg_s"];
+
+/// A way in which a run can fail, with the words after "4 of 100 runs".
+struct Failure {
+    words: &'static str,
+    is_it: fn(&Measured) -> bool,
+}
+
+const FAILURES: [Failure; 7] = [
+    Failure { words: "with a collision", is_it: |run| is_above_zero(run, "collisions") },
+    Failure { words: "with a crash", is_it: |run| is_above_zero(run, "crashes") },
+    Failure {
+        words: "with a vehicle out of formation at the end",
+        is_it: |run| IN_FORMATION.iter().any(|key| run.outcome(key) == Some(Outcome::Never)),
+    },
+    Failure { words: "with a lost peer that was not detected within 30 s", is_it: |run| never(run, "detection_s") },
+    Failure { words: "with a returned peer that was not rejoined within 30 s", is_it: |run| never(run, "rejoin_s") },
+    Failure { words: "with a failure that its vehicle did not report", is_it: |run| never(run, "response_s") },
+    Failure { words: "not back in formation 120 s after a change", is_it: |run| never(run, "transient_s") },
+];
+
+fn is_above_zero(run: &Measured, key: &str) -> bool {
+    matches!(run.outcome(key), Some(Outcome::Value(value)) if value > 0.0)
+}
+
+fn never(run: &Measured, key: &str) -> bool {
+    run.outcome(key) == Some(Outcome::Never)
+}
+
+/// The verdict in a line, then a line for each kind of failure with its seeds and the command that flies the first one live.
+/// `runs` are those of the first point, then those of the next.
+pub(super) fn verdict(scenario: &ScenarioArgs, points: &[Point], runs: &[Measured]) -> String {
+    let good = |run: &&Measured| !FAILURES.iter().any(|failure| (failure.is_it)(run));
+    let all_good: Vec<&Measured> = runs.iter().filter(good).collect();
+    let words = match all_good.as_slice() {
+        [] => "none without a failure".to_owned(),
+        all_good => achievements(all_good).join(", "),
+    };
+    let mut text = match runs {
+        [_] if all_good.is_empty() => String::new(),
+        [run] => format!("seed {}: {words}\n", run.seed),
+        runs => format!("{} of {} runs: {words}\n", all_good.len(), runs.len()),
+    };
+    for failure in &FAILURES {
+        let failed: Vec<usize> = (0..runs.len()).filter(|&nth| (failure.is_it)(&runs[nth])).collect();
+        let Some(first) = failed.first() else { continue };
+        let point_of = |nth: usize| nth * points.len() / runs.len();
+        let seeds = if points.len() > 1 {
+            let place = |nth: usize| format!("point {} seed {}", point_of(nth) + 1, runs[nth].seed);
+            list(&failed.iter().map(|&nth| place(nth)).collect::<Vec<_>>())
+        } else {
+            let plural = if failed.len() > 1 { "s" } else { "" };
+            let seeds: Vec<String> = failed.iter().map(|&nth| runs[nth].seed.to_string()).collect();
+            format!("seed{plural} {}", list(&seeds))
+        };
+        let set = points.get(point_of(*first)).map(|point| point.0.as_slice()).unwrap_or_default();
+        let command = scenario.command("fly", set, Some(runs[*first].seed));
+        text += &match runs {
+            [run] => format!("seed {} failed, {}: {command}\n", run.seed, failure.words),
+            runs => format!("{} of {} runs {}, {seeds}: {command}\n", failed.len(), runs.len(), failure.words),
+        };
+    }
+    text
+}
+
+/// What all of these runs have achieved, as far as their figures show it.
+fn achievements(runs: &[&Measured]) -> Vec<String> {
+    let mut words = Vec::new();
+    let all_have = |key: &str| runs.iter().all(|run| matches!(run.outcome(key), Some(Outcome::Value(_))));
+    for (key, what) in [("collisions", "no collision"), ("crashes", "no crash")] {
+        words.extend(all_have(key).then(|| what.to_owned()));
+    }
+    match IN_FORMATION.map(all_have) {
+        [_, _, true] | [_, true, _] => words.push("every vehicle in formation".to_owned()),
+        [true, ..] => words.push("every vehicle at its altitude".to_owned()),
+        _ => {}
+    }
+    let steps = runs.iter().filter_map(|run| run.figures.get("setpoints_reached").copied().flatten());
+    let mut steps: Vec<f64> = steps.collect();
+    steps.sort_by(f64::total_cmp);
+    // A mission of one step is over when the formation is there.
+    let has_mission = steps.len() == runs.len() && steps.last() > Some(&1.0);
+    if let (Some(first), Some(last), true) = (steps.first(), steps.last(), has_mission) {
+        let steps = if first == last { format!("{first}") } else { format!("{first} to {last}") };
+        words.push(format!("{steps} mission steps reached"));
+    }
+    if words.is_empty() {
+        words.push("without a measured failure".to_owned());
+    }
+    words
+}
+
+/// `1, 2 and 5`; of many the first ones.
+fn list(items: &[String]) -> String {
+    match items {
+        [] => String::new(),
+        [only] => only.clone(),
+        items if items.len() > MAX_SEEDS => {
+            format!("{} and {} more", items[..MAX_SEEDS].join(", "), items.len() - MAX_SEEDS)
+        }
+        [first @ .., last] => format!("{} and {last}", first.join(", ")),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn run(seed: u64, figures: &str) -> Measured {
+        Measured::read(&format!("{{\"seed\":{seed},{figures}}}")).unwrap()
+    }
+
+    const GOOD: &str = r#""collisions":0,"crashes":0,"at_altitude_s":17.5,"in_band_s":20,"even_10deg_s":60"#;
+    const COLLIDED: &str = r#""collisions":1,"crashes":0,"at_altitude_s":17.5,"in_band_s":20,"even_10deg_s":60"#;
+    const NEVER: &str = r#""collisions":0,"crashes":2,"in_band_s":null,"never":["in_band_s"]"#;
+
+    fn of(runs: &[Measured]) -> String {
+        let scenario =
+            ScenarioArgs { scenario: Some("my tour.toml".into()), sets: vec!["network.loss=0.3".to_owned()] };
+        verdict(&scenario, &[Point::default()], runs)
+    }
+
+    #[test]
+    fn a_verdict_of_good_runs_is_one_line() {
+        let runs: Vec<Measured> = (0..100).map(|seed| run(seed, GOOD)).collect();
+        assert_eq!(of(&runs), "100 of 100 runs: no collision, no crash, every vehicle in formation\n");
+        assert_eq!(of(&runs[3..4]), "seed 3: no collision, no crash, every vehicle in formation\n");
+    }
+
+    #[test]
+    fn a_failed_run_is_named_with_the_command_that_flies_it() {
+        let runs = [run(0, GOOD), run(4, COLLIDED), run(5, NEVER), run(17, COLLIDED)];
+        let command = "skein fly 'my tour.toml' --set network.loss=0.3 --seed";
+        let expected = format!(
+            "1 of 4 runs: no collision, no crash, every vehicle in formation\n\
+             2 of 4 runs with a collision, seeds 4 and 17: {command} 4\n\
+             1 of 4 runs with a crash, seed 5: {command} 5\n\
+             1 of 4 runs with a vehicle out of formation at the end, seed 5: {command} 5\n"
+        );
+        assert_eq!(of(&runs), expected);
+        assert_eq!(of(&runs[1..2]), format!("seed 4 failed, with a collision: {command} 4\n"));
+    }
+
+    #[test]
+    fn a_verdict_claims_only_what_was_measured() {
+        assert_eq!(of(&[run(1, r#""max_tilt_deg":3.5"#)]), "seed 1: without a measured failure\n");
+        let tour = [6, 7].map(|steps| run(steps, &format!("\"collisions\":0,\"setpoints_reached\":{steps}")));
+        assert_eq!(of(&tour), "2 of 2 runs: no collision, 6 to 7 mission steps reached\n");
+    }
+
+    #[test]
+    fn a_verdict_on_a_sweep_names_the_point() {
+        let points = ["0", "0.5"].map(|loss| Point(vec![("network.loss".to_owned(), loss.to_owned())]));
+        let runs = [run(1, GOOD), run(2, GOOD), run(1, GOOD), run(2, COLLIDED)];
+        let text = verdict(&ScenarioArgs::default(), &points, &runs);
+        let expected = "1 of 4 runs with a collision, point 2 seed 2: skein fly --set network.loss=0.5 --seed 2\n";
+        assert!(text.ends_with(expected), "{text}");
+    }
+
+    #[test]
+    fn many_seeds_are_cut_to_the_first_ones() {
+        let runs: Vec<Measured> = (0..20).map(|seed| run(seed, COLLIDED)).collect();
+        assert!(of(&runs).contains("20 of 20 runs with a collision, seeds 0, 1, 2, 3, 4, 5, 6, 7 and 12 more: "));
+        assert!(of(&runs).starts_with("0 of 20 runs: none without a failure\n"));
+    }
+}

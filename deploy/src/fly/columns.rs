@@ -1,0 +1,116 @@
+//! The columns of the table that `fly` shows: a narrow set for 80 columns and one with whole words for wide terminals.
+
+use super::status::Row;
+
+/// A column of the table.
+#[derive(Clone, Copy, Debug)]
+pub struct Column {
+    /// Its heading.
+    pub title: &'static str,
+    /// Its width.
+    pub width: u16,
+    /// What it shows, in which unit, and which values are bad.
+    pub about: &'static str,
+    /// What a vehicle has there.
+    pub cell: fn(&Row) -> String,
+}
+
+const PHASE: &str = "what the vehicle does; a red row: silent (no message for 1 s), blind or no frames (no data from its simulator), killed, lost";
+const STEP: &str = "step of the mission, counted from 0";
+const ALTITUDE: &str = "altitude above the origin, m";
+const CENTRE: &str = "distance from the formation's centre, along the ellipse (ρ), m";
+const NEAREST: &str = "distance to the nearest other vehicle, m; below 2 m is a collision";
+const FRAMES: &str = "simulator frames per second; bad if far below 50 (below the simulator's own rate)";
+const AGE: &str = "age of the oldest state of a peer in contact, with delay, ms; above 500 is stale";
+const STEP_TIME: &str = "99th percentile of the time from a frame to its control, µs; bad above 20000";
+
+/// For terminals of 80 columns.
+pub const NARROW: [Column; 11] = [
+    Column { title: "id", width: 3, about: "number of the vehicle", cell: |row| row.id.to_string() },
+    Column { title: "phase", width: 11, about: PHASE, cell: |row| row.phase.clone() },
+    Column { title: "step", width: 4, about: STEP, cell: |row| optional(row.step) },
+    Column { title: "alt m", width: 5, about: ALTITUDE, cell: |row| number(row.altitude_m, 1) },
+    Column { title: "ρ m", width: 5, about: CENTRE, cell: |row| number(row.from_centre_m, 1) },
+    Column {
+        title: "gap °",
+        width: 11,
+        about: "angle clockwise to the next vehicle, and by how much it is more than an even share, degrees; bad beyond ±10 once in formation",
+        cell: |row| row.gap_deg.map_or_else(none, |(gap, excess)| format!("{gap:.1} {excess:+.1}")),
+    },
+    Column { title: "near m", width: 6, about: NEAREST, cell: |row| number(row.nearest_m, 1) },
+    Column { title: "Hz", width: 4, about: FRAMES, cell: |row| number(row.frame_rate_hz, 1) },
+    Column { title: "peer ms", width: 7, about: AGE, cell: |row| number(row.peer_age_ms, 0) },
+    Column { title: "p99 µs", width: 6, about: STEP_TIME, cell: |row| number(row.step_p99_us, 0) },
+    Column {
+        title: "late/dr",
+        width: 7,
+        about: "steps that ended after the next frame was due, and messages that were dropped; both grow if this PC is too slow",
+        cell: |row| row.late_dropped.map_or_else(none, |(late, dropped)| format!("{late}/{dropped}")),
+    },
+];
+
+/// For terminals of at least [`WIDE_COLUMNS`] columns.
+pub const WIDE: [Column; 13] = [
+    Column { title: "vehicle", width: 7, about: "its number", cell: |row| row.id.to_string() },
+    Column { title: "phase", width: 11, about: PHASE, cell: |row| row.phase.clone() },
+    Column { title: "step", width: 4, about: STEP, cell: |row| optional(row.step) },
+    Column { title: "altitude m", width: 10, about: ALTITUDE, cell: |row| number(row.altitude_m, 1) },
+    Column { title: "centre m", width: 8, about: CENTRE, cell: |row| number(row.from_centre_m, 1) },
+    Column {
+        title: "gap °",
+        width: 6,
+        about: "angle clockwise to the next vehicle, degrees",
+        cell: |row| number(row.gap_deg.map(|(gap, _)| gap), 1),
+    },
+    Column {
+        title: "off even °",
+        width: 10,
+        about: "by how much that gap is more than an even share, degrees; bad beyond ±10 once in formation",
+        cell: |row| row.gap_deg.map_or_else(none, |(_, excess)| format!("{excess:+.1}")),
+    },
+    Column { title: "nearest m", width: 9, about: NEAREST, cell: |row| number(row.nearest_m, 1) },
+    Column { title: "frames/s", width: 8, about: FRAMES, cell: |row| number(row.frame_rate_hz, 1) },
+    Column { title: "peer age ms", width: 11, about: AGE, cell: |row| number(row.peer_age_ms, 0) },
+    Column { title: "p99 step µs", width: 11, about: STEP_TIME, cell: |row| number(row.step_p99_us, 0) },
+    Column {
+        title: "late",
+        width: 4,
+        about: "steps that ended after the next frame was due; if it grows, this PC is too slow",
+        cell: |row| optional(row.late_dropped.map(|(late, _)| late)),
+    },
+    Column {
+        title: "dropped",
+        width: 7,
+        about: "messages that were not understood, not believed or too old; bad if it grows",
+        cell: |row| optional(row.late_dropped.map(|(_, dropped)| dropped)),
+    },
+];
+
+/// The columns of a terminal that has room for [`WIDE`].
+pub const WIDE_COLUMNS: u16 = 120;
+
+fn none() -> String {
+    "-".to_owned()
+}
+
+fn optional(value: Option<impl ToString>) -> String {
+    value.map_or_else(none, |value| value.to_string())
+}
+
+fn number(value: Option<f64>, decimals: usize) -> String {
+    value.map_or_else(none, |value| format!("{value:.decimals$}"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_set_fits_its_terminal_and_every_heading_its_column() {
+        for (columns, room) in [(&NARROW[..], 80), (&WIDE[..], WIDE_COLUMNS)] {
+            let widths: u16 = columns.iter().map(|column| column.width).sum();
+            assert!(widths + columns.len() as u16 - 1 <= room, "{widths}");
+            assert!(columns.iter().all(|column| column.title.chars().count() <= usize::from(column.width)));
+        }
+    }
+}

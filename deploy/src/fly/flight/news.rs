@@ -1,0 +1,101 @@
+//! What a flight tells people while it lasts.
+
+use std::time::Instant;
+
+use skein_common::id::VehicleSet;
+use skein_common::message::{Event, Happening};
+use skein_common::printable::printable;
+use skein_common::scenario::{Pattern, Scenario, Vertical};
+use skein_core::mission::landing;
+
+use super::{Flight, fresh};
+use crate::fly::children::{Ended, Role};
+use crate::fly::journal::{self, Alike, When};
+use crate::fly::status::Stage;
+use crate::os;
+
+/// No event takes more room on the screen, characters.
+const MAX_EVENT: usize = 400;
+
+impl Flight {
+    /// Says what this process did or found, and records it.
+    pub(super) fn tell(&mut self, now: Instant, what: String) {
+        self.record(|recorder| recorder.note(now, false, "fly", &what));
+        self.show(now, what);
+    }
+
+    /// Says what this process did or found.
+    pub(super) fn show(&mut self, now: Instant, what: String) {
+        // What a process wrote last may stand in it.
+        let what = printable(&what, MAX_EVENT);
+        self.journal.add(self.when(now), what);
+    }
+
+    /// Says what happened to a vehicle; what happens to several vehicles alike is one line.
+    pub(super) fn show_event(&mut self, now: Instant, event: &Event) {
+        let id = event.header.sender;
+        let mut awaited: VehicleSet = self.live().map(|(id, _)| id).collect();
+        match event.what {
+            // While the swarm gathers, each vehicle finds each of the others: taking part tells enough.
+            Happening::PeerFound(_) if self.stage == Stage::Gathering => return,
+            Happening::PeerFound(peer) | Happening::PeerLost(peer) => awaited.remove(peer),
+            // All others are active already.
+            Happening::BecameActive if self.stage == Stage::Flying => awaited = VehicleSet::default(),
+            _ => {}
+        }
+        self.journal.add_alike(self.when(now), id, journal::alike(&event.what), awaited);
+    }
+
+    /// Says that a process has ended, and keeps it for the end of the flight if it was not asked to.
+    pub(super) fn take_leave(&mut self, now: Instant, ended: &Ended) {
+        let Ended { role, id, status, last_words } = ended;
+        if *role == Role::Agent {
+            self.count_out(now, *id);
+        }
+        let what = match role {
+            Role::Agent => format!("vehicle {id}"),
+            Role::Standin => format!("vehicle {id}'s simulator"),
+        };
+        let how = os::how_it_ended(*status);
+        let wrote = last_words.as_ref().map(|words| format!(" ({words})")).unwrap_or_default();
+        let sentence = format!("{what}: {how}{wrote}");
+        let was_killed = *role == Role::Agent && self.killed.contains(*id);
+        if !status.success() && !was_killed {
+            let when =
+                self.zero.as_ref().map_or_else(String::new, |_| format!(" after {:.1} s", self.since_zero_s(now)));
+            self.lost.push(format!("lost{when}: {sentence}"));
+        }
+        if !status.success() {
+            self.tell(now, sentence);
+            return;
+        }
+        self.record(|recorder| recorder.note(now, false, "fly", &sentence));
+        let several = match role {
+            Role::Agent => how.clone(),
+            Role::Standin => format!("simulators {how}"),
+        };
+        let one = if *role == Role::Agent { how } else { format!("its simulator {how}") };
+        let awaited = self.live().map(|(id, _)| id).collect();
+        self.journal.add_alike(self.when(now), *id, Alike { one, several, by_all: true }, awaited);
+    }
+
+    /// Says how long the landing takes, of the vehicle that is highest above the ground.
+    pub(super) fn announce_landing(&mut self, now: Instant) {
+        let heights_m = self.live().filter_map(|(_, seen)| Some(fresh(seen?, now)?.height_m));
+        let Some(highest_m) = heights_m.reduce(f64::max).filter(|height_m| *height_m > super::LIFTED_M) else { return };
+        let (usual_s, limit_s) = (landing::usual_s(highest_m), self.landing_limit().as_secs());
+        self.tell(now, format!("landing from {highest_m:.0} m: about {usual_s:.0} s, given up after {limit_s} s"));
+    }
+
+    fn when(&self, now: Instant) -> When {
+        When { now, window_s: self.zero.as_ref().map(|_| self.since_zero_s(now)) }
+    }
+}
+
+/// Whether the vehicles are to have even gaps around the formation's centre at this step.
+pub(super) fn has_gaps(scenario: &Scenario, step: Option<u32>) -> bool {
+    let Some(step) = scenario.mission.steps.get(step.unwrap_or(0) as usize) else { return false };
+    let flown = &step.formation;
+    let is_radial = !flown.law.has_slots() || flown.slots.pattern == Pattern::Circle;
+    is_radial && !flown.law.is_flock() && flown.vertical == Vertical::Bands
+}
