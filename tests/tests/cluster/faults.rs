@@ -15,9 +15,9 @@ const FAKETIME: &str = "/usr/lib/x86_64-linux-gnu/faketime/libfaketime.so.1";
 
 /// Host, what is wrong there, the check that finds it, what it says, and what it has one do.
 const FAULTS: [(u8, &str, &str, &str, &str); 8] = [
-    (1, "the operator's key taken away", "ssh", "lets none of your keys in", "ssh-copy-id heli1"),
-    (2, "cut off", "ssh", "", "see that"),
-    (3, "another host key", "ssh", "host key is not the one known here", "ssh-keygen -R heli3"),
+    (1, "the operator's key taken away", "ssh", "accepts none of your keys", "ssh-copy-id heli1"),
+    (2, "cut off", "ssh", "", "check"),
+    (3, "another host key", "ssh", "its host key has changed", "ssh-keygen -R heli3"),
     (4, "a firewall before its port", "port", "10.79.0.4:7450 is closed for this PC", "TCP port 7450"),
     (5, "a clock 2.5 s ahead", "clock", "+2", "timedatectl set-ntp true"),
     (6, "no X-Plane", "X-Plane", "", "X-Plane"),
