@@ -105,7 +105,7 @@ impl SwarmArgs {
     /// Returns how to connect to the chosen swarm in this role.
     ///
     /// # Errors
-    /// If there is no such swarm, or several and none is chosen, or the cluster file or its keys are wrong.
+    /// If the swarm is not found, or several fly here and none is chosen, or the cluster file or its keys are wrong.
     pub fn reach(&self, role: Role) -> Result<Reach, Error> {
         match (&self.swarm, &self.file) {
             (Some(_), Some(_)) => {

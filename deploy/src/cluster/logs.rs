@@ -32,7 +32,7 @@ pub struct LogsArgs {
     /// The cluster's file
     #[arg(long, value_name = "CLUSTER.toml", default_value = "cluster.toml")]
     pub file: PathBuf,
-    /// Go on with what comes, until Ctrl-C
+    /// Follow the logs with new lines, until Ctrl-C
     #[arg(short = 'f', long)]
     pub follow: bool,
     /// So many of the last lines of each node

@@ -104,8 +104,8 @@ impl Ssh {
     /// Runs a command on a host with this standard input and waits until it ends, at most `within`.
     ///
     /// # Errors
-    /// If the host cannot be reached or the command takes too long: one sentence with the remedy. A remote command that
-    /// fails is no error: its status is returned.
+    /// If the host cannot be reached or the command takes too long: one sentence with the remedy. If the remote command
+    /// fails, its status is returned instead.
     pub fn run(
         &self,
         host: &Host,

@@ -136,8 +136,8 @@ impl Folder {
         Ok(Pair { certificate: self.need(certificate)?, key: self.need(key)? })
     }
 
-    /// Reads the valid names; `None` if there is no file yet. Names of vehicles that have left the cluster are kept, so
-    /// that a revoked name is not used again.
+    /// Reads the valid names; `None` if the file does not exist yet. Names of vehicles that have left the cluster are
+    /// kept, so that a revoked name is not used again.
     ///
     /// # Errors
     /// If the file is not a valid `names.toml`.

@@ -37,7 +37,7 @@ impl RunFile {
         (inventory.security == SecurityKind::Tls).then(|| Self(Folder(inventory.keys.clone())))
     }
 
-    /// Reads the record of the run that this PC began last; `None` if there is no file.
+    /// Reads the record of the run that this PC began last; `None` if the file does not exist.
     ///
     /// # Errors
     /// If the file cannot be read or is not valid.

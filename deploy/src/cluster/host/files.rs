@@ -82,7 +82,7 @@ pub(super) fn link(link: &Path, to: &Path) -> Result<(), String> {
     done.and_then(|()| sync(link)).map_err(at(link))
 }
 
-/// Removes a file, a link or a whole folder; a missing path is no error.
+/// Removes a file, a link or a whole folder, if it exists.
 pub(super) fn remove(path: &Path) -> io::Result<()> {
     step()?;
     let gone = match fs::symlink_metadata(path) {

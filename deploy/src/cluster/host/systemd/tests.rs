@@ -122,7 +122,7 @@ fn the_unit_is_valid() {
     os::symlink(Path::new("/bin/true"), &install.join("skein")).unwrap();
     os::symlink(&Path::new("../installs").join(install.file_name().unwrap()), &node.active()).unwrap();
     let Ok(verified) = verify(&unit) else {
-        let missing = "there is no systemd-analyze";
+        let missing = "systemd-analyze was not found";
         assert_ne!(std::env::var("SKEIN_NAMESPACES").as_deref(), Ok("required"), "{missing}");
         return eprintln!("not verified: {missing}");
     };
