@@ -197,15 +197,15 @@ mod tests {
         assert_eq!(own.platform.as_deref(), Some(format!("Linux {}", std::env::consts::ARCH).as_str()));
         assert_eq!(own.sum.len(), 64);
         assert_eq!(own.release, format!("{}-{}", env!("CARGO_PKG_VERSION"), &own.sum[..12]));
-        let message = |program: &str, arguments: &[&OsStr]| {
+        let output_of = |program: &str, arguments: &[&OsStr]| {
             let output =
                 Command::new(program).args(arguments).output().unwrap_or_else(|why| panic!("{program}: {why}"));
             String::from_utf8(output.stdout).unwrap()
         };
-        let there = glibc(&message("getconf", &["GNU_LIBC_VERSION".as_ref()]));
+        let there = glibc(&output_of("getconf", &["GNU_LIBC_VERSION".as_ref()]));
         assert!(own.glibc.is_some() && own.glibc <= there, "{:?} {there:?}", own.glibc);
         // A PC that can link programs has readelf.
-        let needs = message("readelf", &["--version-info".as_ref(), "--wide".as_ref(), own.path.as_ref()]);
+        let needs = output_of("readelf", &["--version-info".as_ref(), "--wide".as_ref(), own.path.as_ref()]);
         let names = needs.split("Name: GLIBC_").skip(1).filter_map(|rest| version(rest.split_whitespace().next()?));
         assert_eq!(own.glibc, names.max());
     }

@@ -148,8 +148,8 @@ impl Remote<'_> {
 
     fn script(&self, node: &Node, script: &str, arguments: &[&str]) -> String {
         let folder = self.folder(node);
-        let fields = [script, "skein", &folder].into_iter().chain(arguments.iter().copied());
-        format!("sh -c {}", fields.map(quote).collect::<Vec<_>>().join(" "))
+        let parts = [script, "skein", &folder].into_iter().chain(arguments.iter().copied());
+        format!("sh -c {}", parts.map(quote).collect::<Vec<_>>().join(" "))
     }
 
     fn request(&self, node: &Node, ask: Ask) -> Arc<[u8]> {
@@ -164,8 +164,7 @@ impl Remote<'_> {
 /// text in the answer is made safe for a terminal.
 fn answer(host: &Host, output: &CommandOutput) -> Result<Answer, Fault> {
     let last = output.stdout.lines().rev().map(str::trim).find(|line| !line.is_empty());
-    let read =
-        |line: &str| serde_json::from_str(line).and_then(|output| serde_json::from_value(with_printable(output)));
+    let read = |line: &str| serde_json::from_str(line).and_then(|value| serde_json::from_value(with_printable(value)));
     match last.map(|line| (line, read(line))) {
         Some((NOT_INSTALLED, _)) => Err(Fault::NotInstalled),
         // Other nodes of this host are installed.
@@ -177,8 +176,8 @@ fn answer(host: &Host, output: &CommandOutput) -> Result<Answer, Fault> {
 }
 
 /// Returns the value with every text made safe for a terminal.
-fn with_printable(output: Value) -> Value {
-    match output {
+fn with_printable(value: Value) -> Value {
+    match value {
         Value::String(text) => Value::String(printable(&text, MAX_SENTENCE)),
         Value::Array(all) => all.into_iter().map(with_printable).collect(),
         Value::Object(all) => all.into_iter().map(|(key, value)| (key, with_printable(value))).collect(),

@@ -188,14 +188,14 @@ fn of_probe(host: &Host, node: &Node, program: &Program, probed: &Probed) -> [Li
         }
     };
     let is_there = probed.sum.as_deref() == Some(program.sum.as_str());
-    let expected = ROOM + if is_there { 0 } else { program.bytes.len() as u64 };
+    let needed = ROOM + if is_there { 0 } else { program.bytes.len() as u64 };
     let mebibytes = |bytes: u64| bytes >> 20;
     let free = format!("{} MiB free", mebibytes(probed.free_bytes));
-    let disk = match probed.free_bytes < expected {
+    let disk = match probed.free_bytes < needed {
         true => Line::of(
             node,
             "disk",
-            format!("{free}, {} MiB needed, in the file system of {}", mebibytes(expected), node.folder),
+            format!("{free}, {} MiB needed, in the file system of {}", mebibytes(needed), node.folder),
         )
         .fault(format!("`ssh {host} df -h` shows which disk is full: make room, or set `folder` to another")),
         false => Line::of(node, "disk", free),

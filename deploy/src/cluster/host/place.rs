@@ -39,7 +39,7 @@ pub(super) struct Place {
 }
 
 impl Place {
-    /// The place that this program is installed in.
+    /// Finds the swarm's folder from the path of this program.
     pub(super) fn of_this_program() -> Result<Self, String> {
         let program = std::env::current_exe().and_then(fs::canonicalize);
         let program = program.map_err(|error| format!("the path of this program is unknown: {error}"))?;
