@@ -167,7 +167,7 @@ mod tests {
     }
 
     #[test]
-    fn no_error_suggests_to_land_or_to_abort() {
+    fn no_error_suggests_landing_or_aborting() {
         let message = |line: &str| parse(line).unwrap_err().to_string();
         for slip in
             ["order lnad", "order landd", "order lan", "order abrot", "order abor", "cluster dwon", "cluster dow"]

@@ -106,7 +106,7 @@ pub fn read(folder: &Path, swarm: &SwarmName) -> Result<Option<Endpoints>, Error
 /// Finds the swarm of this name, or without a name the only swarm on this PC.
 ///
 /// # Errors
-/// If there is no such swarm, or there are several and no name is given, or another user can write the file.
+/// If this swarm does not fly here, or several do and no name is given, or another user can write the file.
 pub fn find(folder: &Path, swarm: Option<&SwarmName>) -> Result<Endpoints, Error> {
     match os::check_own_folder(folder) {
         Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(Error::Refused(error.to_string())),

@@ -32,7 +32,7 @@ const INDENT: usize = 11;
 /// Prints the explanation of every key whose path contains the pattern.
 ///
 /// # Errors
-/// If there is no such key.
+/// If no key contains the pattern.
 pub fn run(args: &ExplainArgs) -> Result<(), Error> {
     let keys = find(args.pattern.as_deref().unwrap_or_default())?;
     skein_lab::terminal::say(&if args.json {

@@ -120,7 +120,7 @@ pub enum ServiceKind {
 }
 
 impl Node {
-    /// Its endpoint, `tls/10.0.0.11:7447` or `tcp/...`.
+    /// Returns its endpoint, `tls/10.0.0.11:7447` or `tcp/...`.
     pub fn endpoint(&self, security: SecurityKind) -> String {
         let scheme = match security {
             SecurityKind::Tls => "tls",

@@ -105,7 +105,7 @@ impl SwarmArgs {
     /// Returns how to connect to the chosen swarm in this role.
     ///
     /// # Errors
-    /// If there is no such swarm, or several and none is chosen, or the cluster file or its keys are wrong.
+    /// If the swarm is not found, or several fly here and none is chosen, or the cluster file or its keys are wrong.
     pub fn reach(&self, role: Role) -> Result<Reach, Error> {
         match (&self.swarm, &self.file) {
             (Some(_), Some(_)) => {
@@ -122,7 +122,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_swarm_is_here_or_on_a_cluster() {
+    fn a_swarm_on_this_pc_and_a_cluster_cannot_both_be_chosen() {
         let both = SwarmArgs { swarm: SwarmName::new("lab").ok(), file: Some("cluster.toml".into()) };
         let error = both.reach(Role::Observer).unwrap_err();
         assert_eq!(error.to_string(), "give either --swarm, for a swarm on this PC, or -f, for a cluster");

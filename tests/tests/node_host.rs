@@ -225,7 +225,7 @@ fn a_node_is_installed_started_kept_alive_landed_and_removed() {
     let Answer::Failed(why) = host.ask("r2", Ask::Start { run: 10, note: None }) else {
         panic!("the port is not free")
     };
-    assert!(why.contains("has ended at once: ") && why.contains(&port.to_string()), "{why}");
+    assert!(why.contains("ended at once: ") && why.contains(&port.to_string()), "{why}");
     assert!(processes(host.folder.path().to_str().unwrap()).is_empty());
     drop(occupied);
 
@@ -240,7 +240,7 @@ fn a_node_is_installed_started_kept_alive_landed_and_removed() {
     assert!(host.done("r2", Ask::Start { run: 10, note: None }).0);
     kill_process(pid(agent.pid), Signal::TERM).unwrap();
     wait_until("the end of agent and supervisor", || processes(host.folder.path().to_str().unwrap()).is_empty());
-    assert!(host.log().ends_with("supervisor: ends\n"), "{}", host.log());
+    assert!(host.log().ends_with("supervisor: ending\n"), "{}", host.log());
     assert!(host.done("r2", Ask::Start { run: 11, note: None }).1.agent.is_some_and(|agent| agent.restarts == 0));
     let mut follower = host.node("r1");
     let mut follower_input = follower.stdin.take().unwrap();
@@ -249,7 +249,7 @@ fn a_node_is_installed_started_kept_alive_landed_and_removed() {
     lines.next().unwrap().unwrap();
     let stopped = host.ask("r2", Ask::Stop { within_s: 0.0 });
     assert!(matches!(stopped, Answer::Done { changed: true, forced: true, .. }), "{stopped:?}");
-    assert!(lines.any(|line| line.unwrap().ends_with("supervisor: ends")), "the log is followed");
+    assert!(lines.any(|line| line.unwrap().ends_with("supervisor: ending")), "the log is followed");
     drop(follower_input);
     wait_until("the follower's end", || follower.try_wait().unwrap().is_some());
 

@@ -53,7 +53,7 @@ pub enum Scheme {
     CentralZenoh,
     /// Every vehicle's states to every other vehicle.
     Mesh {
-        /// Name of the scheme, which tells when states are sent.
+        /// Name of the scheme, which states when states are sent.
         name: &'static str,
         /// States of one vehicle a second.
         states_hz: f64,

@@ -96,7 +96,7 @@ fn size(
 /// frame for as long.
 ///
 /// # Errors
-/// As [`sizes`].
+/// The errors of [`sizes`].
 pub(super) fn time(sending_s: f64) -> Result<MessageTime, String> {
     let mut mesh = LinkEnd::mesh(SESSIONS, Ok)?;
     let silent_s = run_for(&mut mesh, sending_s, false);

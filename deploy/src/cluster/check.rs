@@ -1,7 +1,7 @@
-//! `skein check -f CLUSTER.toml`: what would stop a flight of this cluster, each line with its remedy.
+//! `skein check -f CLUSTER.toml`: reports what would prevent a flight of this cluster, each fault with its remedy.
 //!
-//! Keys are looked at here; every host is asked over ssh, eight at once; ports are called from here and from every host that has
-//! a program to ask. A host that hangs is given up after 7 s.
+//! Keys are checked on this PC. Every host is asked over ssh, eight at once. Ports are called from this PC and from every host
+//! that has the program. A host that hangs is given up after 7 s.
 
 mod clock;
 mod host;
@@ -19,15 +19,15 @@ use crate::inventory::{Inventory, Node};
 use host::HostChecks;
 use skein_lab::error::Error;
 
-/// Who does not let in within this time is not asked any more.
+/// Time limit of a login; a host that takes longer is not asked further.
 const LOGIN: Duration = Duration::from_secs(7);
 
-/// Something that was looked at.
+/// Result of one check.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub(super) struct Line {
-    /// At which node or host.
+    /// The node or host.
     place: String,
-    /// What.
+    /// What was checked.
     what: &'static str,
     state: State,
     /// What was found.
@@ -36,15 +36,15 @@ pub(super) struct Line {
     remedy: Option<String>,
 }
 
-/// How it is.
+/// Verdict of a check.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub(super) enum State {
     Good,
-    /// It does not stop a flight.
+    /// It does not prevent a flight.
     Warning,
     Fault,
-    /// It could not be looked at.
+    /// It could not be checked.
     Unknown,
 }
 
@@ -69,29 +69,29 @@ impl Line {
         Self { state: State::Unknown, ..self }
     }
 
-    /// Of a sentence `what is wrong; what to do`.
+    /// Makes a fault from a sentence `what is wrong; what to do`; `or` is the remedy if the sentence has none.
     fn of_sentence(place: impl Into<String>, what: &'static str, sentence: &str, or: &str) -> Self {
         let (found, remedy) = sentence.split_once("; ").unwrap_or((sentence, or));
         Self::new(place, what, found).fault(remedy)
     }
 }
 
-/// Looks at everything and prints it.
+/// Runs all checks and prints the results.
 ///
 /// # Errors
-/// A cluster's file or scenario at fault, or anything found that stops a flight.
+/// If the cluster file or the scenario is wrong, or anything was found that would prevent a flight.
 pub(crate) fn run(file: &Path, json: bool) -> Result<(), Error> {
     let inventory = Inventory::read(file)?;
     let lines = check_all(&inventory, &file.display().to_string());
     skein_lab::terminal::say(&if json { skein_lab::terminal::json(&lines) } else { as_table(&lines) });
     match lines.iter().filter(|line| line.state == State::Fault).count() {
         0 => Ok(()),
-        1 => Err(Error::Failed("one fault stands against a flight".to_owned())),
-        faults => Err(Error::Failed(format!("{faults} faults stand against a flight"))),
+        1 => Err(Error::Failed("1 fault prevents a flight".to_owned())),
+        faults => Err(Error::Failed(format!("{faults} faults prevent a flight"))),
     }
 }
 
-/// Every line there is.
+/// Runs all checks.
 fn check_all(inventory: &Inventory, file: &str) -> Vec<Line> {
     let hosts = by_host(inventory.nodes.values());
     let flown = &inventory.scenario.scenario;
@@ -101,11 +101,11 @@ fn check_all(inventory: &Inventory, file: &str) -> Vec<Line> {
     lines.extend(keys::lines(inventory, file));
     let ssh = Ssh::new(false);
     let programs = host::programs(inventory);
-    let check_all = HostChecks { inventory, ssh: &ssh, file, programs: &programs };
-    // Called from here while hosts are asked.
+    let checks = HostChecks { inventory, ssh: &ssh, file, programs: &programs };
+    // Call the ports from this PC while the hosts are asked.
     let (here, asked) = std::thread::scope(|scope| {
         let here = scope.spawn(|| ports::call_all(inventory));
-        let asked = at_once(&hosts, |(host, nodes)| check_all.host(host, nodes));
+        let asked = at_once(&hosts, |(host, nodes)| checks.host(host, nodes));
         (here.join().ok(), asked)
     });
     let mut calls: Vec<_> = here.into_iter().collect();
@@ -116,7 +116,7 @@ fn check_all(inventory: &Inventory, file: &str) -> Vec<Line> {
         agents.extend(asked.agents);
     }
     let by_hand = inventory.nodes.values().filter(|node| node.host.is_none());
-    lines.extend(by_hand.map(|node| Line::of(node, "ssh", "installed by hand: only its port is looked at").unknown()));
+    lines.extend(by_hand.map(|node| Line::of(node, "ssh", "installed by hand: only its port is checked").unknown()));
     lines.extend(ports::lines(inventory, &calls, &agents));
     lines
 }

@@ -1,5 +1,5 @@
-//! `skein cluster down`: an order to land over the mesh, which reaches whoever can be reached there; and over ssh the end of
-//! every agent, after it has landed, so that nothing starts it again.
+//! `skein cluster down`: orders the swarm to land over the mesh, which reaches all vehicles in contact; and over ssh it
+//! ends every agent after the landing, so that nothing restarts it.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::thread;
@@ -21,7 +21,7 @@ use crate::order;
 use skein_host::clock;
 use skein_lab::error::Error;
 
-/// What is said of a node without ssh, where nobody was ordered over the mesh.
+/// Text for a node without ssh, if no order was sent over the mesh.
 const NOT_ORDERED: &str = "installed by hand, and not ordered to land: end it there, or land all with `skein cluster down` or `skein order land`";
 
 /// `skein cluster down`
@@ -37,21 +37,21 @@ pub struct DownArgs {
     pub timeout: Option<f64>,
 }
 
-/// What came of it.
+/// Result of the command.
 #[derive(Debug, Serialize)]
 struct Report {
     swarm: String,
-    /// Whether they were ordered to land over the mesh, or why not.
+    /// Whether the vehicles were ordered to land over the mesh, or why not.
     order: String,
-    /// Beginning to end, s.
+    /// Total duration, s.
     seconds: f64,
     nodes: Vec<Outcome>,
 }
 
-/// Does it.
+/// Runs the command.
 ///
 /// # Errors
-/// If the cluster's file is at fault, or it is not known of every vehicle that it has landed and ended.
+/// If the cluster file is wrong, or the landing and end of any vehicle is not confirmed.
 pub fn run(args: &DownArgs) -> Result<(), Error> {
     let chosen = args.nodes.read()?;
     let ssh = args.nodes.ssh();
@@ -72,25 +72,25 @@ pub fn run(args: &DownArgs) -> Result<(), Error> {
     }
 }
 
-/// What became of the vehicles.
+/// Result of landing the vehicles.
 pub(super) struct Landed {
     pub(super) order: String,
     pub(super) nodes: Vec<Outcome>,
-    /// Those that were ended wherever they were.
+    /// Vehicles whose agent was ended before they had landed.
     pub(super) forced: BTreeSet<VehicleId>,
 }
 
 /// Lands the chosen vehicles and ends their agents.
 ///
 /// # Errors
-/// If the swarm cannot be listened to.
+/// If the swarm cannot be observed.
 pub(super) fn land(chosen: &Chosen, ssh: &Ssh, progress: &Progress, timeout_s: Option<f64>) -> Result<Landed, Error> {
     let timeout_s = timeout_s.unwrap_or_else(|| chosen.inventory.landing_s());
     let until = clock::now() + Duration::from_secs_f64(timeout_s);
     let all = chosen.ids.len() == chosen.inventory.nodes.len();
     let line = progress.line(&"swarm");
     let (mut watch, order) = match chosen.inventory.reach(Role::Operator) {
-        // An order is for all of them.
+        // An order over the mesh is for all vehicles.
         Ok(reach) if all => {
             let mut watch = Watch::open(&reach, 0)?;
             let order = order_to_land(&mut watch, &reach, &line);
@@ -128,20 +128,20 @@ pub(super) fn land(chosen: &Chosen, ssh: &Ssh, progress: &Progress, timeout_s: O
     Ok(Landed { order, nodes: nodes.collect(), forced })
 }
 
-/// What is known of a vehicle over the mesh.
+/// State of a vehicle on the mesh.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Mesh {
-    /// It was ordered to land and is there still.
+    /// It was ordered to land and is still in contact.
     There,
-    /// It was ordered to land and has gone.
+    /// It was ordered to land and has left the mesh.
     Gone,
-    /// Everybody was ordered to land, and it was not heard.
+    /// All vehicles were ordered to land, but this one was not in contact.
     Silent,
-    /// Nobody was ordered anything over the mesh.
+    /// No order was sent over the mesh.
     NotAsked,
 }
 
-/// What became of a node, as the mesh and its host tell, where there is ssh.
+/// Result for a node, from the mesh and from its host, if it has ssh.
 fn became(node: &Node, mesh: Mesh, done: Option<Result<Stopped, Fault>>) -> Outcome {
     let mut outcome = Outcome::new(node);
     let was_heard = matches!(mesh, Mesh::There | Mesh::Gone);
@@ -165,7 +165,7 @@ fn became(node: &Node, mesh: Mesh, done: Option<Result<Stopped, Fault>>) -> Outc
     outcome
 }
 
-/// Tells what came of the order.
+/// Sends the order to land and describes the result.
 fn order_to_land(watch: &mut Watch, reach: &crate::reach::Reach, line: &Line<'_>) -> String {
     line.say("listening who flies");
     order::wait_for_heartbeats(&mut watch.observer, reach);
@@ -187,21 +187,21 @@ fn order_to_land(watch: &mut Watch, reach: &crate::reach::Reach, line: &Line<'_>
     }
 }
 
-/// How an agent has ended.
+/// How an agent ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Stopped {
-    /// After its landing.
+    /// After its vehicle had landed.
     Landed,
-    /// Wherever it was: it had not landed in time.
+    /// Before its vehicle had landed, because the time was up.
     Forced,
-    /// There was none.
+    /// No agent was running.
     Nothing,
 }
 
-/// What came of it at each host, and how long it took, s.
+/// Result for each node, and how long it took, s.
 type ByHost = BTreeMap<VehicleId, (Result<Stopped, Fault>, f64)>;
 
-/// Over ssh: each lands, if it has not, and nothing starts it again.
+/// Ends every agent over ssh, after its landing, so that nothing restarts it.
 fn stop_all(chosen: &Chosen, remote: &Remote<'_>, progress: &Progress, within_s: f64) -> ByHost {
     let done = at_once(&chosen.hosts(), |(host, nodes)| {
         let line = progress.line(host);
@@ -235,12 +235,12 @@ mod tests {
     use crate::cluster::ssh::tests::node;
 
     #[test]
-    fn landed_is_only_who_has_landed() {
-        let said = |host, mesh, done| {
+    fn only_a_vehicle_that_has_landed_is_reported_as_landed() {
+        let text = |host, mesh, done| {
             let outcome = became(&node(1, host), mesh, done);
             outcome.why.unwrap_or_else(|| outcome.done.to_owned())
         };
-        let ssh = |mesh, done| said(Some("heli1"), mesh, Some(done));
+        let ssh = |mesh, done| text(Some("heli1"), mesh, Some(done));
         assert_eq!(ssh(Mesh::Gone, Ok(Stopped::Landed)), "landed");
         assert_eq!(ssh(Mesh::NotAsked, Ok(Stopped::Landed)), "landed");
         assert_eq!(ssh(Mesh::Gone, Ok(Stopped::Nothing)), "landed");
@@ -248,9 +248,9 @@ mod tests {
         assert_eq!(ssh(Mesh::Gone, Ok(Stopped::Forced)), FORCED, "gone, and not because it had landed");
         assert_eq!(ssh(Mesh::Gone, Err(Fault::Failed("no route".to_owned()))), "landed");
         assert_eq!(ssh(Mesh::There, Err(Fault::Failed("no route".to_owned()))), "no route");
-        assert_eq!(said(None, Mesh::Gone, None), "landed");
-        assert_eq!(said(None, Mesh::There, None), "is still heard on the network");
-        assert_eq!(said(None, Mesh::Silent, None), "was not heard");
-        assert_eq!(said(None, Mesh::NotAsked, None), NOT_ORDERED);
+        assert_eq!(text(None, Mesh::Gone, None), "landed");
+        assert_eq!(text(None, Mesh::There, None), "is still heard on the network");
+        assert_eq!(text(None, Mesh::Silent, None), "was not heard");
+        assert_eq!(text(None, Mesh::NotAsked, None), NOT_ORDERED);
     }
 }

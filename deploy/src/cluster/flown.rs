@@ -61,9 +61,9 @@ impl Evidence<'_> {
             None => "no run was begun from this PC".to_owned(),
         };
         Err(format!(
-            "the run in flight cannot be determined: {}, but {why}, and no run has a majority of the {} vehicles. Run `skein cluster down`, \
-             which lands every vehicle, then `skein cluster up`. Do not trust a node that still reports an old run after that: remove it \
-             from the cluster file and revoke its key",
+            "the run in flight cannot be determined: {}, but {why}, and no run has a majority of the {} vehicles. Run \
+             `skein cluster down`, which lands every vehicle, then `skein cluster up`. Do not trust a node that still reports \
+             an old run after that: remove it from the cluster file and revoke its key",
             self.to_text(),
             self.vehicles
         ))

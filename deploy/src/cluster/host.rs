@@ -1,15 +1,15 @@
-//! `skein node`: the side of the cluster's commands that runs on a node's host. Asked over ssh, one [`super::protocol`] request
-//! at a time; it works in the place that it is installed in.
+//! `skein node`: the part of the cluster's commands that runs on a node's host. It answers one [`super::protocol`] request over
+//! ssh and works in the folder in which it is installed.
 //!
-//! | module | what it knows |
+//! | module | contents |
 //! | --- | --- |
-//! | `place` | where everything is |
-//! | `files` | writing so that no moment is a bad one to be broken off at |
-//! | `install` | putting a node's files there, switching, taking away |
+//! | `place` | the paths of all files |
+//! | `files` | writing files so that an interruption at any moment does no harm |
+//! | `install` | installing a node's files, switching between versions, removing them |
 //! | `service` | starting and ending an agent |
-//! | `systemd`, `supervisor` | who starts it again |
-//! | `logs` | what the agent wrote |
-//! | `probe` | what the host can reach |
+//! | `systemd`, `supervisor` | the services that restart an agent |
+//! | `logs` | the agent's log |
+//! | `probe` | which peers the host can reach |
 
 mod files;
 mod install;
@@ -42,7 +42,7 @@ use skein_lab::error::Error;
 /// `skein node`
 #[derive(Clone, Debug, clap::Args)]
 pub struct NodeArgs {
-    /// Instead of answering a request: start this node's agent again whenever it has died
+    /// Instead of answering a request: start this node's agent, and restart it whenever it has failed
     #[arg(long, value_name = "N", conflicts_with = "fly")]
     pub supervise: Option<VehicleId>,
     /// Instead of answering a request: become this node's agent
@@ -50,10 +50,10 @@ pub struct NodeArgs {
     pub fly: Option<VehicleId>,
 }
 
-/// Answers one request.
+/// Answers one request, supervises an agent, or becomes an agent, according to the options.
 ///
 /// # Errors
-/// If the request is none, or this program is not installed.
+/// If the request is invalid, or this program is not installed in a swarm's folder.
 pub fn run(args: &NodeArgs) -> Result<(), Error> {
     let place = Place::of_this_program().map_err(Error::Refused)?;
     if let Some(id) = args.fly {
@@ -72,21 +72,21 @@ pub fn run(args: &NodeArgs) -> Result<(), Error> {
     Ok(())
 }
 
-/// `skein agent`: flies one vehicle.
+/// Runs `skein agent`: flies one vehicle.
 pub fn fly(options: &AgentOptions) -> ExitCode {
     service::fly(options)
 }
 
-/// The first value of the input, which need not end after it.
+/// Reads the request, the first JSON value of the input. The input may stay open after it.
 fn read(input: impl Read) -> Result<Request, String> {
     let mut input = serde_json::Deserializer::from_reader(io::BufReader::new(input));
-    Request::deserialize(&mut input).map_err(|error| format!("this is no request: {error}"))
+    Request::deserialize(&mut input).map_err(|error| format!("not a valid request: {error}"))
 }
 
 fn answer(place: &Place, request: Request) -> Result<Answer, String> {
     let Request { swarm, id, ask } = request;
     if swarm != place.swarm {
-        return Err(format!("this is swarm {}, and {swarm} was asked", place.swarm));
+        return Err(format!("the request is for swarm {swarm}, but this is swarm {}", place.swarm));
     }
     let node = place.node(id);
     match ask {
@@ -100,7 +100,7 @@ fn answer(place: &Place, request: Request) -> Result<Answer, String> {
             return Ok(Answer::Carries(capacity::exceeded_by(demand).map_err(|error| error.to_string())?));
         }
         Ask::Apply { .. } => node::make_folders(&[node.installs(), node.run(), node.log()])?,
-        // Nothing is left of it, or never was: the rest of its request is done below.
+        // The node was removed or never installed: only shared files may have to be removed.
         Ask::Remove { .. } if !node.path.exists() => {
             let changed = install::remove(place, &node)?;
             return Ok(Answer::Done { changed, forced: false, facts: node.facts() });
@@ -118,7 +118,7 @@ fn answer(place: &Place, request: Request) -> Result<Answer, String> {
     let changed = match ask {
         Ask::Apply { bundle, service, log } => {
             let settings = Settings { service: service::resolve(place, &node, service)?, log };
-            // Both in any case.
+            // Do both in any case.
             let of_service = service::install_service(place, &node, &settings)?;
             install::apply(place, &node, &bundle, &settings)? || of_service
         }
@@ -136,11 +136,11 @@ fn answer(place: &Place, request: Request) -> Result<Answer, String> {
 }
 
 fn seconds(seconds: f64) -> Result<Duration, String> {
-    Duration::try_from_secs_f64(seconds).map_err(|_| format!("{seconds} is no number of seconds"))
+    Duration::try_from_secs_f64(seconds).map_err(|_| format!("{seconds} is not a valid number of seconds"))
 }
 
-/// Writes a node's log to standard output. One that is followed ends with the input: standard output may be silent for long
-/// after whoever read it has gone.
+/// Writes a node's log to standard output. Following ends when the input closes, because standard output may have
+/// nothing to write for long after its reader has gone.
 fn show_log(place: &Place, node: &NodeFolder, lines: usize, follow: bool) -> Result<(), String> {
     match node.settings().and_then(|settings| place.systemd(settings.service)) {
         Some(systemd) => Err(systemd.become_log(&place.swarm, node, lines, follow)),
@@ -151,7 +151,7 @@ fn show_log(place: &Place, node: &NodeFolder, lines: usize, follow: bool) -> Res
                 let _ = io::copy(&mut io::stdin().lock(), &mut io::sink());
                 watched.store(true, Relaxed);
             });
-            // If it cannot be written, nobody reads any more.
+            // A failed write means that the reader has gone.
             let _ = logs::show(&node.log(), lines, || is_closed.load(Relaxed), &mut io::stdout());
             Ok(())
         }

@@ -1,6 +1,7 @@
-//! `skein cluster install`: the program, its configuration and its keys on every node. Three calls for each host: what is
-//! there, the program if it is not, the configuration; so that a second time nothing is done. Whatever fails leaves a node
-//! as it was. Vehicles in the air fly on; then those whose node has something new are restarted one by one.
+//! `skein cluster install`: installs the program, its configuration and its keys on every node. It makes three calls to
+//! each host: what is there, the program if it is missing, the configuration; a second time nothing is done. If
+//! anything fails, the node stays as it was. Vehicles in the air fly on; then those whose node has something new are
+//! restarted one by one.
 
 mod manual;
 mod roll;
@@ -25,7 +26,7 @@ use row::{Done, Row};
 use skein_host::clock;
 use skein_lab::error::Error;
 
-/// A disk is not filled to its last byte: logs have to go somewhere.
+/// Free space to leave on a disk, bytes: logs need some.
 pub(super) const ROOM: u64 = 32 << 20;
 
 /// `skein cluster install`
@@ -49,22 +50,22 @@ pub struct InstallArgs {
     pub out: PathBuf,
 }
 
-/// What came of it.
+/// Result of the command.
 #[derive(Debug, Serialize)]
 struct Report {
     swarm: String,
     dry_run: bool,
-    /// Beginning to end, s.
+    /// Total duration, s.
     seconds: f64,
-    /// Until every node had its files, s.
+    /// Time until every node had its files, s.
     installed_s: f64,
     nodes: Vec<Row>,
 }
 
-/// Does it.
+/// Runs the command.
 ///
 /// # Errors
-/// If the cluster's file is at fault, and if any node failed; the others are done then.
+/// If the cluster file is wrong, or any node failed; the other nodes are installed then.
 pub fn run(args: &InstallArgs) -> Result<(), Error> {
     let chosen = args.nodes.read()?;
     let ssh = args.nodes.ssh();
@@ -99,7 +100,7 @@ pub fn run(args: &InstallArgs) -> Result<(), Error> {
     nodes::fail_if_any(&failed, report.nodes.len(), "failed")
 }
 
-/// What a node is to be given.
+/// What to install on a node.
 struct Given {
     program: Arc<Program>,
     bundle: Bundle,
@@ -111,7 +112,7 @@ impl Given {
     }
 }
 
-/// Everything is read and checked before the first host is called.
+/// Reads and checks everything before the first host is called.
 fn prepare(chosen: &Chosen) -> Result<BTreeMap<VehicleId, Given>, Error> {
     let mut programs = BTreeMap::<Option<PathBuf>, Arc<Program>>::new();
     let mut given = BTreeMap::new();
@@ -136,14 +137,14 @@ struct Install<'a> {
     progress: &'a Progress,
 }
 
-/// What became of a node, and whether its vehicle is to be restarted.
+/// Result for a node, and the restart of its vehicle if one is needed.
 type Became<'a> = (Row, Option<Restart<'a>>);
 
 impl Install<'_> {
-    /// All nodes of a host, one after the other.
+    /// Installs all nodes of a host, one after the other.
     fn on<'a>(&self, host: &Host, nodes: &[&'a Node]) -> Vec<Became<'a>> {
         let line = self.progress.line(host);
-        // What is probed and copied for one of them is there for all that have the same folder and program.
+        // A probe and a copy for one node serve all nodes with the same folder and program.
         let mut places = BTreeMap::new();
         let mut all = Vec::new();
         for node in nodes {
@@ -205,7 +206,7 @@ impl Install<'_> {
         Ok(facts)
     }
 
-    /// The program on this host, verified.
+    /// Makes sure that the program is on this host, verified.
     fn prepare(&self, host: &Host, node: &Node, given: &Given, row: &mut Row, line: &Line<'_>) -> Result<(), String> {
         let program = &given.program;
         line.say("asking what it is");
@@ -236,7 +237,7 @@ impl Install<'_> {
         Ok(())
     }
 
-    /// What would become of a node.
+    /// Determines what would be done on a node.
     fn foresee(&self, host: &Host, node: &Node, given: &Given, row: &mut Row) -> Result<Facts, String> {
         let facts = match self.remote.ask(host, node, Ask::Facts) {
             Ok(Answer::Facts(facts)) => facts,
@@ -259,7 +260,7 @@ impl Install<'_> {
     }
 }
 
-/// What an answer to something that changes says.
+/// Reads the answer to a request that changes something.
 fn done(host: &Host, answer: Result<Answer, Fault>) -> Result<(bool, Facts), String> {
     match answer {
         Ok(Answer::Done { forced: true, .. }) => Err(format!("{host}: {FORCED}")),

@@ -1,8 +1,8 @@
-//! `skein cluster keys`: the swarm's authority, and what it has signed: a certificate for each node, one for observers, one
-//! for the operator. The key that seals orders goes with the operator's.
+//! `skein cluster keys`: creates the swarm's authority and the certificates that it signs: one for each node, one for observers,
+//! one for the operator. The key that signs orders belongs to the operator.
 //!
-//! A second run changes nothing. A vehicle's certificate is revoked by issuing another one under another name and with another
-//! key: every agent believes only those that count (`names.toml`), so that `install` is what makes a revocation felt.
+//! A second run changes nothing. A revocation issues the certificate again under another name and with another key. Agents
+//! accept only the names and keys in `names.toml`, so a revocation takes effect with the next `install`.
 
 use std::str::FromStr;
 
@@ -32,8 +32,8 @@ pub struct KeysArgs {
     /// Issue certificates anew, under the same names: all of them, a vehicle's, `observer` or `operator`
     #[arg(long, value_name = "WHOSE", num_args = 0..=1, default_missing_value = "all", conflicts_with = "revoke")]
     pub renew: Option<Whose>,
-    /// Issue a certificate under a new name and with a new key, so that nothing is believed any more that is said with the
-    /// present one; `operator`: also the key that seals orders
+    /// Issue a certificate under a new name and with a new key, so that no message signed with the present one is
+    /// accepted any more; `operator`: also the key that signs orders
     #[arg(long, value_name = "N|observer|operator")]
     pub revoke: Option<Whose>,
     /// Print the result as JSON
@@ -41,12 +41,12 @@ pub struct KeysArgs {
     pub json: bool,
 }
 
-/// Whose certificate is meant.
+/// The certificates to issue again.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Whose {
-    /// Everybody's.
+    /// All certificates.
     All,
-    /// One's.
+    /// The certificate of one role.
     One(Role),
 }
 
@@ -65,25 +65,25 @@ impl FromStr for Whose {
     }
 }
 
-/// What became of one file.
+/// Result for one certificate or key.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Line {
-    /// Whose it is.
+    /// Its owner.
     pub who: String,
     /// Its common name.
     pub name: String,
-    /// The address that it is for.
+    /// The address that it is valid for.
     pub address: Option<String>,
-    /// When it ends; seals never do.
+    /// End of its validity; keys of orders have none.
     pub expires: Option<OffsetDateTime>,
     /// What was done, and why.
     pub done: Option<String>,
 }
 
-/// Makes what is missing and prints what there is.
+/// Creates what is missing and prints all keys and certificates.
 ///
 /// # Errors
-/// A cluster that wants no keys, a folder that others can read, or what cannot be written.
+/// If the cluster has no security, others can read the folder, or a file cannot be written.
 pub fn run(args: &KeysArgs) -> Result<(), Error> {
     let inventory = Inventory::read(&args.file.file)?;
     let lines = make(&inventory, args.renew, args.revoke, clock::utc())?;
@@ -98,22 +98,22 @@ pub fn run(args: &KeysArgs) -> Result<(), Error> {
     Ok(())
 }
 
-/// What makes the new keys felt. A vehicle with another key is not let in by those who know the one before: while they are
-/// restarted one by one, a part of the swarm would fly without it.
+/// Returns the commands that put new keys into effect. A vehicle with a new key is refused by peers that know only the
+/// old one: restarted one by one, a part of the swarm would fly without it.
 fn next(args: &KeysArgs) -> String {
     let file = args.file.file.display();
     match args.revoke {
         Some(Whose::One(Role::Vehicle(_))) => {
-            format!("next: skein cluster down, install, up, each with -f {file}: in flight not all would let it in")
+            format!("next: skein cluster down, install, up, each with -f {file}: in flight some peers would refuse it")
         }
         _ => format!("next: skein cluster install -f {file}"),
     }
 }
 
-/// Makes what is missing, no longer good, or asked for.
+/// Creates what is missing, invalid, or to be renewed.
 ///
 /// # Errors
-/// As [`run()`].
+/// The errors of [`run()`].
 pub(crate) fn make(
     inventory: &Inventory,
     renew: Option<Whose>,
@@ -123,7 +123,7 @@ pub(crate) fn make(
     if inventory.security == SecurityKind::None {
         let path = inventory.path.display();
         return Err(Error::Refused(format!(
-            "{path}: security = \"none\": this cluster has no keys; delete that line first"
+            "{path}: this cluster has no keys, because of security = \"none\"; delete that line first"
         )));
     }
     for whose in [renew, revoke].into_iter().flatten() {
@@ -138,7 +138,7 @@ pub(crate) fn make(
     os::private_folder(&folder.0).map_err(|error| Error::Refused(error.to_string()))?;
     let revoked = match revoke {
         Some(Whose::All) => {
-            let why = "--revoke all: to begin anew, move the folder of keys away, then `skein cluster keys`";
+            let why = "--revoke all is not possible: to start again, move the folder of keys away, then run `skein cluster keys`";
             return Err(Error::Refused(why.to_owned()));
         }
         Some(Whose::One(role)) => Some(role),
@@ -147,7 +147,7 @@ pub(crate) fn make(
     Maker { inventory, folder, now }.make(renew, revoked)
 }
 
-/// Makes keys at one time.
+/// Creates the keys of a cluster at a given time.
 struct Maker<'a> {
     inventory: &'a Inventory,
     folder: Folder,
@@ -155,8 +155,8 @@ struct Maker<'a> {
 }
 
 impl Maker<'_> {
-    /// A crash between two writes leaves what the next run finds unfit and makes good: first a key, then the name and the key
-    /// that count, then the certificate that shows both.
+    /// Creates the keys in an order that survives a crash: first a key, then the valid name and public key, then the
+    /// certificate that contains both. The next run finds and repairs what a crash has left.
     fn make(&self, renew: Option<Whose>, revoked: Option<Role>) -> Result<Vec<Line>, Error> {
         let (authority, authority_line) = self.authority()?;
         let orders_line = self.orders(revoked == Some(Role::Operator))?;
@@ -192,7 +192,8 @@ impl Maker<'_> {
         Ok(lines)
     }
 
-    /// The public half of the private key in this file, which is made anew if it was revoked or is none.
+    /// Returns the public key of the private key in this file. Creates a new private key if it was revoked, or is
+    /// missing or invalid.
     fn key(&self, file: &str, revoked: bool) -> Result<SealKey, Error> {
         let there = self.folder.read(file)?.filter(|_| !revoked);
         if let Some(sealer) = there.and_then(|text| Sealer::from_pem(&text).ok()) {
@@ -213,15 +214,15 @@ impl Maker<'_> {
             }
             (Some(_), None) => {
                 return Err(Error::Refused(format!(
-                    "{} is not there, and nothing can be issued without it: put it back, or move the folder away and install \
-                     all nodes anew",
+                    "{} is missing, and nothing can be issued without it: put it back, or move the folder away and install \
+                     all nodes again",
                     self.folder.path(AUTHORITY_KEY).display()
                 )));
             }
             (None, Some(key)) => {
                 let (authority, pair) =
                     Authority::renewed(swarm, &key, self.now).map_err(|e| self.bad(AUTHORITY_KEY, &e))?;
-                (authority, Some(pair), Some("issued anew: the file was missing".to_owned()))
+                (authority, Some(pair), Some("issued again: the file was missing".to_owned()))
             }
             (Some(certificate), Some(key)) => {
                 let pair = certificate::Pair { certificate, key };
@@ -230,7 +231,7 @@ impl Maker<'_> {
                     Some(why @ (Unfit::Expiring | Unfit::Expired)) => {
                         let renewed = Authority::renewed(swarm, &pair.key, self.now);
                         let (authority, pair) = renewed.map_err(|e| self.bad(AUTHORITY_KEY, &e))?;
-                        (authority, Some(pair), Some(format!("issued anew: {why}")))
+                        (authority, Some(pair), Some(format!("issued again: {why}")))
                     }
                     Some(unfit) => return Err(self.bad(AUTHORITY, &unfit)),
                 }
@@ -250,23 +251,23 @@ impl Maker<'_> {
         Ok((authority, line))
     }
 
-    /// The key that seals orders. Its public half follows from it.
+    /// Creates the key that signs orders, and writes its public key.
     fn orders(&self, revoked: bool) -> Result<Line, Error> {
         let before = self.folder.read(ORDERS_KEY)?;
         if let Some(there) = &before
             && let Err(why) = Sealer::from_pem(there)
         {
-            // Whoever put something else there is told, before the swarm is.
+            // Report an invalid file instead of replacing the key, because the swarm would be affected.
             return Err(self.bad(ORDERS_KEY, &why));
         }
         let public = self.key(ORDERS_KEY, revoked)?.to_string();
         let done = match before {
-            Some(_) => revoked.then_some("made anew: revoked"),
+            Some(_) => revoked.then_some("made again: revoked"),
             None => Some("made"),
         };
         self.write_if_new(ORDERS_PUBLIC, &format!("{public}\n"))?;
         let name = format!("{}…", &public[..8]);
-        Ok(Line { who: "orders' seal".to_owned(), name, address: None, expires: None, done: done.map(str::to_owned) })
+        Ok(Line { who: "orders' key".to_owned(), name, address: None, expires: None, done: done.map(str::to_owned) })
     }
 
     fn certificate(
@@ -281,9 +282,9 @@ impl Maker<'_> {
         let unfit = there.as_ref().map(|pair| unfit(pair, certificate_spec, authority.certificate(), self.now));
         let done = match unfit {
             None => Some("made".to_owned()),
-            Some(_) if revoked => Some("issued anew: revoked".to_owned()),
-            Some(Some(why)) => Some(format!("issued anew: {why}")),
-            Some(None) => asked.then(|| "issued anew".to_owned()),
+            Some(_) if revoked => Some("issued again: revoked".to_owned()),
+            Some(Some(why)) => Some(format!("issued again: {why}")),
+            Some(None) => asked.then(|| "issued again".to_owned()),
         };
         let certificate = match there.filter(|_| done.is_none()) {
             Some(pair) => pair.certificate,
@@ -315,7 +316,7 @@ fn failed(error: rcgen::Error) -> Error {
     Error::Failed(format!("no key can be made: {error}"))
 }
 
-/// `vehicle-3`, `vehicle-3.2`, `vehicle-3.3`, ...
+/// Returns the next common name: `vehicle-3`, `vehicle-3.2`, `vehicle-3.3`, ...
 fn next_name(name: &str) -> String {
     let (stem, number) = name.rsplit_once('.').unwrap_or((name, "1"));
     format!("{stem}.{}", number.parse::<u64>().unwrap_or(1) + 1)

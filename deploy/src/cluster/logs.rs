@@ -1,4 +1,4 @@
-//! `skein cluster logs`: what the agents have written, from all hosts at once, each line with its node's name in front.
+//! `skein cluster logs`: shows the agents' logs of all hosts at once, each line after its node's name.
 
 use std::io::IsTerminal;
 use std::path::PathBuf;
@@ -16,11 +16,11 @@ use crate::inventory::Node;
 use skein_host::clock;
 use skein_lab::error::Error;
 
-/// Lines that wait to be written; hosts wait beyond that.
+/// Capacity of the queue of lines to be shown; beyond that, the hosts wait.
 const QUEUE: usize = 1000;
-/// Before a host that was lost is called again.
+/// Pause before a lost host is called again.
 const AGAIN: Duration = Duration::from_secs(2);
-/// Colours of the nodes' names, as ANSI numbers them: none is red, which stands for errors.
+/// ANSI numbers of the colours of the nodes' names, without red, which means an error.
 const COLOURS: [u8; 6] = [36, 33, 32, 35, 34, 96];
 
 /// `skein cluster logs`
@@ -34,7 +34,7 @@ pub struct LogsArgs {
     #[arg(short = 'f', long, value_name = "CLUSTER.toml", default_value = "cluster.toml", value_parser = file)]
     #[arg(num_args = 0..=1, default_missing_value = "")]
     pub file: PathBuf,
-    /// Show new lines as they are written, until Ctrl-C
+    /// Follow the logs with new lines, until Ctrl-C
     #[arg(short = 'F', long)]
     pub follow: bool,
     /// So many of the last lines of each node
@@ -63,10 +63,10 @@ fn file(text: &str) -> Result<PathBuf, String> {
     Ok(text.into())
 }
 
-/// Does it.
+/// Runs the command.
 ///
 /// # Errors
-/// If the cluster's file is at fault, or a host could not be asked; the others are shown then.
+/// If the cluster file is wrong, or a host could not be asked; the logs of the others are shown then.
 pub fn run(args: &LogsArgs) -> Result<(), Error> {
     let chosen = Chosen::read(&args.file, &args.nodes)?;
     let ssh = Ssh::new(args.verbose);
@@ -82,7 +82,7 @@ pub fn run(args: &LogsArgs) -> Result<(), Error> {
     let failed = thread::scope(|scope| {
         let all = hosts.iter().flat_map(|(host, nodes)| nodes.iter().map(move |node| (host, *node)));
         if args.follow {
-            // All of them at once: each has a line open for as long as anybody looks.
+            // All hosts at once: each has a connection open until Ctrl-C.
             for (host, node) in all {
                 let (source, lines) = (&source, lines.clone());
                 scope.spawn(move || source.follow(host, node, &lines));
@@ -116,7 +116,7 @@ struct Source<'a> {
 }
 
 impl Source<'_> {
-    /// The last lines. If they cannot be had, that is said.
+    /// Shows the last lines. If that fails, reports why and returns false.
     fn once(&self, host: &Host, node: &Node, lines: &SyncSender<LogLine>) -> bool {
         let ended = self.ask(host, node, self.lines, lines);
         if let Err(fault) = &ended {
@@ -125,7 +125,7 @@ impl Source<'_> {
         ended.is_ok()
     }
 
-    /// For as long as anybody looks; a host that is lost is called again, and what it wrote meanwhile is not shown twice.
+    /// Follows the log until Ctrl-C. A lost host is called again; what it wrote meanwhile is not shown twice.
     fn follow(&self, host: &Host, node: &Node, lines: &SyncSender<LogLine>) {
         let (mut last, mut count) = (None, self.lines);
         loop {
@@ -144,7 +144,7 @@ impl Source<'_> {
 
     fn ask(&self, host: &Host, node: &Node, count: usize, lines: &SyncSender<LogLine>) -> Result<(), Fault> {
         self.remote.log(host, node, (count, self.follow), |line| {
-            // Nobody reads any more only when this process ends.
+            // The receiver is gone only when this process ends.
             let _ = lines.send(LogLine { node: node.id, line: line.to_owned() });
         })
     }

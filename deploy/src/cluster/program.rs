@@ -1,35 +1,35 @@
-//! The program that is put on a node: where it runs, which C library it wants, and what it is called there.
+//! The program to install on a node: its platform, the C library that it needs, and its name there.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use skein_lab::error::Error;
 
-/// A version of the C library.
+/// A version of the GNU C library: major, minor.
 pub type Glibc = (u32, u32);
 
-/// A program's file, read.
+/// A program file in memory.
 #[derive(Clone, Debug)]
 pub struct Program {
-    /// Where it is here.
+    /// Path of the file on this PC.
     pub path: PathBuf,
-    /// All of it.
+    /// Contents of the file.
     pub bytes: Arc<[u8]>,
     /// SHA-256, 64 hexadecimal digits.
     pub sum: String,
     /// Version and checksum, `0.1.0-1f2e3d4c5b6a`: the folder's name on a host.
     pub release: String,
-    /// Where it runs, as `uname -sm` says it; `None` for what is no program of Linux.
+    /// Its platform in the format of `uname -sm`; `None` if it is not a program for Linux.
     pub platform: Option<String>,
-    /// The newest version of the C library that it asks for, if it asks for one.
+    /// The newest version of the C library that it needs, if any.
     pub glibc: Option<Glibc>,
 }
 
 impl Program {
-    /// Reads it; without a path the program that runs now.
+    /// Reads a program file; without a path, that of this program.
     ///
     /// # Errors
-    /// If it cannot be read.
+    /// If the file cannot be read.
     pub fn read(path: Option<&Path>) -> Result<Self, Error> {
         let path = match path {
             Some(path) => path.to_owned(),
@@ -51,25 +51,29 @@ impl Program {
         Self { path, sum, release, platform, glibc, bytes: bytes.into() }
     }
 
-    /// Why it would not run on a host that says this of itself, if it would not.
+    /// Checks that the program can run on a host with this platform and C library.
     ///
     /// # Errors
-    /// One sentence with a remedy.
+    /// If it cannot: one sentence with the remedy.
     pub fn fits(&self, platform: &str, glibc: Option<Glibc>) -> Result<(), String> {
         let path = self.path.display();
         match &self.platform {
-            None => return Err(format!("{path} is no program for Linux; name one for {platform} with `binary`")),
+            None => {
+                return Err(format!("{path} is not a program for Linux; name a program for {platform} with `binary`"));
+            }
             Some(own) if own != platform => {
-                return Err(format!("is {platform}, but {path} is for {own}; name one for it with `binary`"));
+                return Err(format!(
+                    "is {platform}, but {path} is for {own}; name a program for its platform with `binary`"
+                ));
             }
             Some(_) => {}
         }
         match (self.glibc, glibc) {
-            (Some((major, minor)), None) => {
-                Err(format!("has no GNU C library, and {path} wants {major}.{minor}; name another with `binary`"))
-            }
+            (Some((major, minor)), None) => Err(format!(
+                "has no GNU C library, but {path} needs {major}.{minor}; name another program with `binary`"
+            )),
             (Some(required), Some(there)) if required > there => Err(format!(
-                "has the C library {}.{}, and {path} wants {}.{}; name one that was built for an older one with `binary`",
+                "has C library {}.{}, but {path} needs {}.{}; name a program built for an older version with `binary`",
                 there.0, there.1, required.0, required.1
             )),
             _ => Ok(()),
@@ -77,7 +81,7 @@ impl Program {
     }
 }
 
-/// `glibc 2.36`, as `getconf GNU_LIBC_VERSION` says it.
+/// Parses the output of `getconf GNU_LIBC_VERSION`: `glibc 2.36`.
 pub fn glibc(text: &str) -> Option<Glibc> {
     version(text.trim().strip_prefix("glibc ")?)
 }
@@ -87,10 +91,11 @@ fn version(text: &str) -> Option<Glibc> {
     Some((numbers.next()?.ok()?, numbers.next()?.ok()?))
 }
 
-/// An executable of Linux, as far as it is read here: 64 bit, little-endian, as all machines are that X-Plane or an agent runs on.
+/// Reads what is needed of a Linux executable (ELF): 64 bit, little-endian, like all computers that run X-Plane or an
+/// agent.
 struct Elf<'a>(&'a [u8]);
 
-/// A section of this kind holds the versions that are asked of libraries.
+/// Type of the ELF section with the needed library versions.
 const VERSIONS_NEEDED: u32 = 0x6fff_fffe;
 
 impl<'a> Elf<'a> {
@@ -112,7 +117,7 @@ impl<'a> Elf<'a> {
         Some(bytes.iter().rev().fold(0, |number, byte| number << 8 | usize::from(*byte)))
     }
 
-    /// The header of the nth section.
+    /// Position of the header of the nth section.
     fn section(&self, nth: usize) -> Option<usize> {
         let (first, size) = (self.number::<8>(0x28)?, self.number::<2>(0x3a)?);
         first.checked_add(nth.checked_mul(size)?)
@@ -159,7 +164,7 @@ mod tests {
     }
 
     #[test]
-    fn a_program_goes_only_where_it_runs() {
+    fn a_program_is_installed_only_where_it_can_run() {
         let linux = program(Some("Linux x86_64"), Some((2, 34)));
         let fits = |platform, glibc| linux.fits(platform, glibc);
         assert_eq!(fits("Linux x86_64", Some((2, 34))), Ok(()));
@@ -167,8 +172,8 @@ mod tests {
         for (platform, glibc, why) in [
             ("Linux aarch64", Some((2, 40)), "is Linux aarch64, but skein-x is for Linux x86_64"),
             ("Darwin arm64", None, "is Darwin arm64, but skein-x is for Linux x86_64"),
-            ("Linux x86_64", Some((2, 28)), "has the C library 2.28, and skein-x wants 2.34"),
-            ("Linux x86_64", None, "has no GNU C library, and skein-x wants 2.34"),
+            ("Linux x86_64", Some((2, 28)), "has C library 2.28, but skein-x needs 2.34"),
+            ("Linux x86_64", None, "has no GNU C library, but skein-x needs 2.34"),
         ] {
             let message = fits(platform, glibc).unwrap_err();
             assert!(message.starts_with(why) && message.contains("`binary`"), "{message}");
@@ -178,7 +183,7 @@ mod tests {
     }
 
     #[test]
-    fn what_the_host_says_of_its_library_is_read() {
+    fn the_version_of_the_hosts_c_library_is_parsed() {
         assert_eq!(glibc("glibc 2.36\n"), Some((2, 36)));
         assert_eq!(glibc("glibc 2.9"), Some((2, 9)));
         assert_eq!(glibc(""), None);
@@ -192,21 +197,21 @@ mod tests {
         assert_eq!(own.platform.as_deref(), Some(format!("Linux {}", std::env::consts::ARCH).as_str()));
         assert_eq!(own.sum.len(), 64);
         assert_eq!(own.release, format!("{}-{}", env!("CARGO_PKG_VERSION"), &own.sum[..12]));
-        let message = |program: &str, arguments: &[&OsStr]| {
+        let output_of = |program: &str, arguments: &[&OsStr]| {
             let output =
                 Command::new(program).args(arguments).output().unwrap_or_else(|why| panic!("{program}: {why}"));
             String::from_utf8(output.stdout).unwrap()
         };
-        let there = glibc(&message("getconf", &["GNU_LIBC_VERSION".as_ref()]));
+        let there = glibc(&output_of("getconf", &["GNU_LIBC_VERSION".as_ref()]));
         assert!(own.glibc.is_some() && own.glibc <= there, "{:?} {there:?}", own.glibc);
-        // Whoever links programs has readelf.
-        let needs = message("readelf", &["--version-info".as_ref(), "--wide".as_ref(), own.path.as_ref()]);
+        // A PC that can link programs has readelf.
+        let needs = output_of("readelf", &["--version-info".as_ref(), "--wide".as_ref(), own.path.as_ref()]);
         let names = needs.split("Name: GLIBC_").skip(1).filter_map(|rest| version(rest.split_whitespace().next()?));
         assert_eq!(own.glibc, names.max());
     }
 
     #[test]
-    fn what_is_damaged_is_no_program_and_no_panic() {
+    fn a_damaged_program_is_recognised_without_a_panic() {
         let own = Program::read(None).unwrap();
         for bytes in [&b""[..], b"\x7fELF", b"MZ\0\0", b"#!/bin/sh\n"] {
             assert_eq!(Program::new(PathBuf::new(), bytes.to_vec()).platform, None);

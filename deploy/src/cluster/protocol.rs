@@ -1,5 +1,5 @@
-//! What the operator's PC asks of a node's host over ssh, and what is answered: one JSON object on the standard input of
-//! `skein node` there, JSON lines on its standard output, the last of them an [`Answer`].
+//! The requests of the operator's PC to a node's host over ssh, and the answers. A request is one JSON object on the
+//! Time limit of the landing, s.
 
 use serde::{Deserialize, Serialize};
 use skein_agent::link::seal::runs::RunNote;
@@ -8,146 +8,147 @@ use skein_common::id::{SwarmName, VehicleId};
 use super::bundle::Bundle;
 use crate::inventory::ServiceKind;
 
-/// What is asked of one node.
+/// A request to one node.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Request {
-    /// The swarm.
+    /// Name of the swarm.
     pub swarm: SwarmName,
-    /// Whose agent.
+    /// Id of the agent's vehicle.
     pub id: VehicleId,
-    /// What to do with it.
+    /// The task.
     pub ask: Ask,
 }
 
-/// What to do.
+/// The tasks of a node's host.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Ask {
-    /// Tell what is there.
+    /// Report what is installed and running.
     Facts,
-    /// Have this configuration and the program that is asked, as the next to run; what runs goes on running.
+    /// Install this configuration with the program that answers, for the next start. A running agent is not affected.
     Apply {
-        /// The configuration.
+        /// The node's files.
         bundle: Bundle,
-        /// Who is to start it again when it has died. `Auto` is resolved there; [`Facts::service`] tells what it became.
+        /// The service that restarts the agent when it has failed. The host resolves `Auto`; [`Facts::service`] reports
+        /// the result.
         service: ServiceKind,
-        /// What its agent logs, as `RUST_LOG` takes it.
+        /// Log filter of the agent, in the syntax of `RUST_LOG`.
         log: Option<String>,
     },
-    /// Start the agent, in this run of the swarm. One that runs already goes on.
+    /// Start the agent in this run of the swarm. A running agent is not affected.
     Start {
-        /// Drawn by `up`: orders of another run are void.
+        /// Id of the run, drawn by `up`: orders of other runs are void.
         run: u64,
-        /// The operator's note of that run, kept with what was started.
+        /// The operator's signed note of that run, which the host keeps.
         #[serde(default)]
         note: Option<RunNote>,
     },
-    /// Land the vehicle and end its agent, within so many seconds; then end it wherever the vehicle is.
+    /// Land the vehicle and end its agent. After this time, end the agent wherever the vehicle is.
     Stop {
-        /// s
+        /// Time limit of the landing, s.
         within_s: f64,
     },
-    /// Have what was there before the last `Apply` that changed something.
+    /// Go back to what was installed before the last `Apply` that changed something.
     Rollback,
-    /// As `Stop`; then take away everything of this node, and what no other node of this host needs.
+    /// Like `Stop`; then remove everything of this node, and what no other node of this host needs.
     Remove {
-        /// s
+        /// Time limit of the landing, s.
         within_s: f64,
     },
-    /// Whether a simulator answers at this address within two seconds.
+    /// Ask whether a simulator answers at this address within two seconds.
     Simulator {
         /// `HOST[:PORT]`
         address: String,
     },
-    /// Whether these endpoints of peers, `HOST:PORT`, can be reached; each is given a second.
+    /// Ask whether these endpoints of peers, `HOST:PORT`, can be reached within a second.
     Reach {
-        /// Which.
+        /// The endpoints.
         endpoints: Vec<String>,
     },
-    /// Whether the host carries these agents of the swarm, measured there.
+    /// Measure whether the host has the processor time for these agents.
     Carries {
-        /// That many of them run there.
+        /// Number of agents on this host.
         agents: usize,
-        /// The vehicles of the swarm.
+        /// Number of vehicles in the swarm.
         swarm: usize,
     },
-    /// Write the log to standard output, raw, instead of an answer.
+    /// Write the log to standard output as plain text, instead of an answer.
     Log {
-        /// So many of the last lines.
+        /// Number of last lines to write.
         lines: usize,
-        /// And then what comes, until the input that the request came by is closed.
+        /// Continue with new lines until standard input is closed.
         follow: bool,
     },
 }
 
-/// Who starts an agent again.
+/// The service that restarts an agent.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Service {
-    /// A unit of the user's systemd.
+    /// A unit of the user's systemd instance.
     SystemdUser,
-    /// A unit of the system's.
+    /// A unit of the system's systemd instance.
     SystemdSystem,
-    /// Our supervisor.
+    /// Skein's own supervisor.
     Own,
 }
 
-/// What is said where an answer is [`Answer::Done`] with `forced`.
+/// Text for an answer [`Answer::Done`] with `forced`.
 pub const FORCED: &str = "had not landed in time: its agent was ended wherever the vehicle was";
 
-/// What is answered.
+/// The answers to the tasks.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Answer {
-    /// To [`Ask::Facts`].
+    /// Answer to [`Ask::Facts`].
     Facts(Facts),
-    /// To what changes something: whether it did, and what is there now.
+    /// Answer to a task that can change something.
     Done {
-        /// Anything was written, started or ended.
+        /// Whether anything was written, started or ended.
         changed: bool,
-        /// An agent that had not landed in time was ended wherever its vehicle was.
+        /// Whether an agent was ended before its vehicle had landed, because the time was up.
         #[serde(default)]
         forced: bool,
-        /// What is there now.
+        /// What is installed and running afterwards.
         facts: Facts,
     },
-    /// To [`Ask::Simulator`]: what was heard of it, or why nothing was.
+    /// Answer to [`Ask::Simulator`]: a description of the simulator, or why it did not answer.
     Simulator(Result<String, String>),
-    /// To [`Ask::Carries`]: why it does not, with figures; nothing if it does.
+    /// Answer to [`Ask::Carries`]: the reason with figures if the host cannot run the agents, else `None`.
     Carries(Option<String>),
-    /// To [`Ask::Reach`]: each endpoint, in the order in which they were asked.
+    /// Answer to [`Ask::Reach`]: the result for each endpoint, in the order of the request.
     Reach(Vec<Reached>),
-    /// It could not be done, and nothing is half done.
+    /// The task failed, and nothing is left half done: the reason.
     Failed(String),
 }
 
-/// What became of a call to an endpoint.
+/// Result of connecting to an endpoint.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Reached {
-    /// Somebody takes calls there.
+    /// The connection was accepted.
     Taken,
-    /// The host is reached and refuses: nobody listens there, as before `up`; or a firewall resets.
+    /// The host refused: no process listens there, as before `up`, or a firewall resets connections.
     Refused,
-    /// Nothing came back, or the host cannot be found: why.
+    /// No answer, or the host cannot be found: the reason.
     No(String),
 }
 
-/// What there is of one node on its host.
+/// What is installed and running of one node on its host.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Facts {
     /// What would run at the next start.
     pub current: Option<Installed>,
-    /// What a rollback would bring.
+    /// What a rollback would restore.
     pub previous: Option<Installed>,
-    /// Who starts it again.
+    /// The service that restarts the agent.
     pub service: Option<Service>,
-    /// The agent's process, if it runs.
+    /// The agent's process, if it is running.
     pub agent: Option<RunningAgent>,
-    /// The operator's note of the run that was started last, whether its agent runs or not.
+    /// The operator's note of the run that was started last, whether its agent is running or not.
     #[serde(default)]
     pub note: Option<RunNote>,
-    /// Free space where its files are, bytes.
+    /// Free space in the file system of its files, bytes.
     pub free_bytes: u64,
 }
 
-/// A program and a configuration.
+/// An installed program and configuration.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Installed {
     /// Version and checksum, `0.1.0-1f2e3d4c5b6a`.
@@ -156,18 +157,18 @@ pub struct Installed {
     pub bundle: String,
 }
 
-/// An agent's process.
+/// A running agent.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct RunningAgent {
-    /// Its number.
+    /// Process id.
     pub pid: u32,
-    /// What it runs: it may have been installed before what is current.
+    /// What it runs, which may have been installed before what is current.
     pub installed: Installed,
-    /// In which run of the swarm.
+    /// The run of the swarm.
     pub run: u64,
-    /// How often it has died and was started again in this run.
+    /// How often it has failed and was restarted in this run.
     pub restarts: u32,
-    /// Whoever flies the scenario that it was started with has landed within this time, s; 0 if that is not known.
+    /// Time limit for a landing in the scenario that it was started with, s; 0 if unknown.
     #[serde(default)]
     pub landing_s: f64,
 }

@@ -1,8 +1,8 @@
-//! The system's OpenSSH, so that everybody's configuration, keys, jump hosts and known hosts are used as they are: at most
-//! eight hosts at once, and a host that hangs ends nothing else.
+//! Runs the system's OpenSSH, so that the user's configuration, keys, jump hosts and known hosts apply: at most eight hosts at
+//! once, and a host that hangs does not hold up the others.
 //!
-//! What is kept from `ssh` is no choice of anybody's: it never asks ([`CONNECT_S`] and it has failed), and on Unix the calls
-//! to one host share a connection, which stays for a minute so that the next command has it too.
+//! Two settings of `ssh` are overridden: it never asks, and a connection fails after [`CONNECT_S`]. On Unix the calls to one
+//! host share a connection, which stays open for a minute, so that the next command can use it too.
 
 mod reason;
 
@@ -27,30 +27,32 @@ use crate::inventory::Node;
 use crate::os;
 use skein_host::clock;
 
-/// A host that is not there within so many seconds is not there.
+/// Time limit of a connection, s.
 pub const CONNECT_S: u32 = 5;
-/// So many hosts are called at once.
+/// Number of hosts that are called at once.
 pub const AT_ONCE: NonZeroUsize = NonZeroUsize::MIN.saturating_add(7);
-/// Nobody has more to say in one answer, bytes.
+/// Size limit of an answer, bytes.
 const MAX_ANSWER: u64 = 16 << 20;
-/// Of what goes wrong so much is kept, bytes.
+/// Size limit of the standard error that is kept, bytes.
 const MAX_ERROR_OUTPUT: u64 = 64 << 10;
-/// Of a host's sentence, and of a line of its log, so much is shown, characters.
+/// Length limit of a host's message that is shown, characters.
 pub(super) const MAX_SENTENCE: usize = 400;
+/// Length limit of a line of a host's log that is shown, characters.
 const MAX_LINE: usize = 4000;
-/// How often a call is looked at.
+/// Interval at which a call is checked.
 const POLL_PERIOD: Duration = Duration::from_millis(5);
-/// After the end of `ssh` its last words are there at once; a connection that stays behind may hold the pipe open.
+/// How long to wait for the last output after `ssh` has ended: the output is there at once, but a connection that stays
+/// open may hold the pipe.
 const LAST_OUTPUT: Duration = Duration::from_millis(200);
-/// A socket's path has at most 107 bytes; ssh adds 40 digits of a hash, and 17 bytes while it makes it.
+/// Length limit of the socket's path: 107 bytes, of which ssh needs 40 for a hash and 17 while it creates the socket.
 const LONGEST_SOCKET: usize = 107 - 40 - 17;
 
-/// Where somebody logs in.
+/// A host to log in to.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Host {
-    /// What `ssh` takes, aliases included.
+    /// The host as given to `ssh`; may be an alias.
     pub name: String,
-    /// Who; `None`: as ssh's own configuration says.
+    /// User; `None`: according to ssh's own configuration.
     pub user: Option<String>,
 }
 
@@ -63,18 +65,18 @@ impl fmt::Display for Host {
     }
 }
 
-/// Calls hosts.
+/// Runs commands on hosts over ssh.
 #[derive(Clone, Debug)]
 pub struct Ssh {
-    /// What is called, and its first arguments.
+    /// The program and its first arguments.
     program: Vec<OsString>,
-    /// `ControlPath`, where calls can share a connection.
+    /// `ControlPath` of shared connections, if calls can share one.
     sharing: Option<String>,
-    /// Say every command first.
+    /// Print every command before it runs.
     verbose: bool,
 }
 
-/// What came of a call.
+/// Output of a remote command.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct CommandOutput {
     /// Exit status of the remote command.
@@ -86,7 +88,7 @@ pub struct CommandOutput {
 }
 
 impl CommandOutput {
-    /// The last line of standard error that says something, fit for a terminal; else the exit status.
+    /// The last line of standard error that is not empty, made safe for a terminal; else the exit status.
     pub fn error_text(&self) -> String {
         let line = self.stderr.lines().rev().map(str::trim).find(|line| !line.is_empty());
         line.map_or_else(|| format!("exit status {}", self.status), |line| printable(line, MAX_SENTENCE))
@@ -94,16 +96,16 @@ impl CommandOutput {
 }
 
 impl Ssh {
-    /// The `ssh` in the path; `verbose`: every command is said on stderr before it runs.
+    /// Uses the `ssh` in the path. With `verbose` every command is printed on stderr before it runs.
     pub fn new(verbose: bool) -> Self {
         Self { program: vec!["ssh".into()], sharing: sharing(&endpoints::folder()), verbose }
     }
 
-    /// Runs a command there, gives it this standard input and waits for its end, at most `within`.
+    /// Runs a command on a host with this standard input and waits until it ends, at most `within`.
     ///
     /// # Errors
-    /// One sentence, with what to do about it, if the host cannot be reached or takes longer. A remote command that fails is
-    /// no error here: its status is told.
+    /// If the host cannot be reached or the command takes too long: one sentence with the remedy. If the remote command
+    /// fails, its status is returned instead.
     pub fn run(
         &self,
         host: &Host,
@@ -117,32 +119,34 @@ impl Ssh {
         let stderr = collect(child.stderr.take(), MAX_ERROR_OUTPUT);
         let Some(status) = wait(&mut child, within).map_err(|error| format!("{host}: {error}"))? else {
             return Err(format!(
-                "{host}: did not do it within {:.0} s; see with `ssh {host}` how it does",
+                "{host}: the command took longer than {:.0} s; check the host with `ssh {host}`",
                 within.as_secs_f64()
             ));
         };
         let (stdout, stderr) = (stdout.text(), stderr.text());
         match status.code() {
-            // ssh's own; a remote command of ours never ends with it.
+            // 255 is ssh's own status; Skein's remote commands never return it.
             Some(255) => Err(reason::sentence(host, &stderr, || self.keys(host))),
             Some(status) => Ok(CommandOutput { status, stdout, stderr }),
             None => Err(format!("{host}: ssh was {}", os::how_it_ended(status))),
         }
     }
 
-    /// Runs a command there and hands over every line that it writes, until it ends. Its standard input has no end before.
+    /// Runs a command on a host and passes each line of its output to `line` until it ends. Standard input stays open
+    /// until then.
     ///
     /// # Errors
-    /// As [`Self::run`]; and if the command fails, with what it complained of.
+    /// The errors of [`Self::run`]; and if the command fails, its last line of standard error.
     pub fn lines(&self, host: &Host, command: &str, stdin: &[u8], mut line: impl FnMut(&str)) -> Result<(), String> {
         let mut child = self.spawn(host, command)?;
         let mut given = child.stdin.take();
-        // Who does not read it says why, or ends with a status. It stays open: the end of it would end what is there.
+        // An error is ignored: a command that does not read its input reports why or returns a status. The pipe stays
+        // open, because closing it would end the command.
         let _ = given.as_mut().map(|given| given.write_all(stdin));
         let stderr = collect(child.stderr.take(), MAX_ERROR_OUTPUT);
         let mut stdout = BufReader::new(child.stdout.take().ok_or_else(|| format!("{host}: no pipe"))?);
         let mut bytes = Vec::new();
-        // What is no text in it, or would be obeyed by a terminal, is shown as well as it can be.
+        // Bytes that are not text and control characters are shown as escapes.
         while stdout.read_until(b'\n', &mut bytes).is_ok_and(|read| read > 0) {
             line(&printable(String::from_utf8_lossy(&bytes).trim_end_matches(['\r', '\n']), MAX_LINE));
             bytes.clear();
@@ -159,12 +163,12 @@ impl Ssh {
         }
     }
 
-    /// Ends the connection that was kept for the next command.
+    /// Closes the shared connection.
     pub fn close(&self, host: &Host) {
         self.control_shared(host, "exit");
     }
 
-    /// The next call logs in anew. Calls on the kept connection go on.
+    /// Makes the next call log in again. Calls on the shared connection continue.
     pub fn forget(&self, host: &Host) {
         self.control_shared(host, "stop");
     }
@@ -184,7 +188,7 @@ impl Ssh {
         if let Some(path) = &self.sharing {
             let path = format!("ControlPath={path}");
             command.args(["-o", "ControlMaster=auto", "-o", "ControlPersist=60", "-o", &path]);
-            // A shared connection whose host is gone is found out within 10 s.
+            // A shared connection to a host that has disappeared is detected within 10 s.
             command.args(["-o", "ServerAliveInterval=5", "-o", "ServerAliveCountMax=2"]);
         }
         if let Some(user) = &host.user {
@@ -193,10 +197,10 @@ impl Ssh {
         command
     }
 
-    /// Begins a command there, for who talks with it.
+    /// Starts a command on a host for a dialogue over its pipes.
     ///
     /// # Errors
-    /// If there is no ssh here.
+    /// If `ssh` cannot be started.
     pub fn spawn(&self, host: &Host, command: &str) -> Result<Child, String> {
         let mut ssh = self.options(host);
         ssh.args(["--", &host.name, command]);
@@ -205,7 +209,7 @@ impl Ssh {
         }
         ssh.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped());
         ssh.spawn().map_err(|error| match error.kind() {
-            io::ErrorKind::NotFound => "there is no `ssh` here; install OpenSSH's client".to_owned(),
+            io::ErrorKind::NotFound => "`ssh` was not found on this PC; install OpenSSH's client".to_owned(),
             _ => format!("ssh: {error}"),
         })
     }
@@ -218,7 +222,8 @@ impl Ssh {
     }
 }
 
-/// Where the sockets of shared connections are, if that can be a folder of this user's alone, with a short path.
+/// Returns the `ControlPath` of shared connections, if the folder can be private to this user and its path is short
+/// enough.
 fn sharing(folder: &Path) -> Option<String> {
     let path = folder
         .join("s-")
@@ -228,7 +233,7 @@ fn sharing(folder: &Path) -> Option<String> {
     (cfg!(unix) && os::private_folder(folder).is_ok()).then(|| path + "%C")
 }
 
-/// A command as somebody could type it.
+/// Formats a command as it could be typed in a shell.
 fn shown(command: &Command) -> String {
     let arguments = [command.get_program()].into_iter().chain(command.get_args());
     let quoted = arguments.map(|argument| {
@@ -239,37 +244,37 @@ fn shown(command: &Command) -> String {
     quoted.collect::<Vec<_>>().join(" ")
 }
 
-/// One word for a shell, whatever is in it.
+/// Quotes a text as one argument for a shell.
 pub fn quote(argument: &str) -> String {
     format!("'{}'", argument.replace('\'', r"'\''"))
 }
 
-/// Writes it to the child, on a thread: it may take long, and ends with the child.
+/// Writes the child's standard input in a thread, because it can take long. The thread ends with the child.
 fn write_input(stdin: Option<ChildStdin>, bytes: &Arc<[u8]>) {
     let bytes = bytes.clone();
     if let Some(mut stdin) = stdin {
-        // Who does not read all of it says why, or ends with a status.
+        // An error is ignored: a command that does not read its input reports why or returns a status.
         thread::spawn(move || stdin.write_all(&bytes));
     }
 }
 
-/// What a child writes, collected on a thread.
+/// Output of a child, collected in a thread.
 struct Collected {
     bytes: Arc<Mutex<Vec<u8>>>,
     ended: Receiver<()>,
 }
 
 impl Collected {
-    /// All of it, once the child has ended.
+    /// Returns the output after the child has ended.
     fn text(self) -> String {
-        // Either way: what is there is there.
+        // On a timeout, return what has arrived.
         let _ = self.ended.recv_timeout(LAST_OUTPUT);
         let bytes = self.bytes.lock().unwrap_or_else(PoisonError::into_inner);
         String::from_utf8_lossy(&bytes).into_owned()
     }
 }
 
-/// Collects until the end, keeps at most so many bytes.
+/// Reads a pipe to its end and keeps at most `max` bytes.
 fn collect(pipe: Option<impl Read + Send + 'static>, max: u64) -> Collected {
     let bytes = Arc::new(Mutex::new(Vec::new()));
     let (end, ended) = channel();
@@ -288,7 +293,7 @@ fn collect(pipe: Option<impl Read + Send + 'static>, max: u64) -> Collected {
     Collected { bytes, ended }
 }
 
-/// Waits for the child; ends it after that time and gives nothing.
+/// Waits for the child to end. After `within` it kills the child and returns `None`.
 fn wait(child: &mut Child, within: Duration) -> io::Result<Option<ExitStatus>> {
     let until = clock::now() + within;
     loop {
@@ -304,7 +309,7 @@ fn wait(child: &mut Child, within: Duration) -> io::Result<Option<ExitStatus>> {
     }
 }
 
-/// These nodes, by the host that they are on; those without one are left out.
+/// Groups the nodes by host; nodes without a host are left out.
 pub fn by_host<'a>(nodes: impl IntoIterator<Item = &'a Node>) -> Vec<(Host, Vec<&'a Node>)> {
     let mut hosts = BTreeMap::<Host, Vec<&Node>>::new();
     for node in nodes {
@@ -317,7 +322,7 @@ pub fn by_host<'a>(nodes: impl IntoIterator<Item = &'a Node>) -> Vec<(Host, Vec<
     hosts
 }
 
-/// Does it for all of them, at most [`AT_ONCE`] at a time. What came of it, in their order.
+/// Runs the task for all items, at most [`AT_ONCE`] at a time, and returns the results in the order of the items.
 pub fn at_once<T: Sync, R: Send>(all: &[T], task: impl Fn(&T) -> R + Sync) -> Vec<R> {
     let Ok(done) = in_parallel(all.len(), AT_ONCE, |nth| Ok::<_, Infallible>(task(&all[nth])));
     done

@@ -1,5 +1,5 @@
-//! `skein cluster status`: how every node does, as the swarm itself says. Any computer with the observers' keys can ask: the
-//! operator's, or a node with the file that it was given.
+//! `skein cluster status`: shows the status of every node, as the vehicles report it. Any computer with the observers'
+//! keys can ask: the operator's PC, or a node with its own cluster file.
 
 mod table;
 
@@ -22,15 +22,15 @@ use skein_host::clock;
 use skein_lab::error::Error;
 use skein_lab::terminal::wrapped;
 
-/// Agents say how they do once a second; a link takes a while at first.
+/// How long to wait for health reports: agents send one a second, and a new link takes some time.
 const LISTEN: Duration = Duration::from_millis(2500);
-/// How often is looked whether all are there.
+/// Interval at which received messages are read.
 const POLL_PERIOD: Duration = Duration::from_millis(20);
-/// Between two tables.
+/// Interval between two tables of `--watch`.
 const REFRESH: Duration = Duration::from_secs(1);
-/// Who was not heard for so long is not there.
+/// Age from which a health report is ignored.
 const SILENT: Duration = Duration::from_millis(3500);
-/// Clocks may be so far apart before it is worth a word, s. Nothing in flight relies on them.
+/// Largest clock offset that is not reported, s. Nothing in flight depends on the clocks.
 pub(crate) const CLOCK_S: f64 = 0.020;
 
 /// `skein cluster status`
@@ -48,75 +48,75 @@ pub struct StatusArgs {
     pub json: bool,
 }
 
-/// How the nodes of a swarm do.
+/// Status of the nodes of a swarm.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Status {
-    /// The swarm.
+    /// Name of the swarm.
     pub swarm: String,
-    /// Every node's, in the order of ids.
+    /// Status of every node, in the order of ids.
     pub nodes: Vec<NodeStatus>,
 }
 
-/// How one node does.
+/// Status of one node.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct NodeStatus {
-    /// Its vehicle.
+    /// Id of its vehicle.
     pub id: VehicleId,
-    /// What ssh takes, where there is ssh.
+    /// Its host as given to `ssh`, if any.
     pub host: Option<String>,
-    /// Where it should be heard.
+    /// Endpoint of its agent.
     pub endpoint: String,
-    /// What it says; `None`: nothing was heard of it that is believed.
+    /// Its health report; `None` if no valid one was received.
     pub said: Option<Said>,
-    /// It is in contact, and this is why nothing of it is believed.
+    /// If it is in contact and its reports are rejected: why.
     pub why: Option<String>,
 }
 
-/// What a node says of itself.
+/// Contents of a node's health report.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Said {
     /// The release that it runs.
     pub version: String,
-    /// What it flies.
+    /// The plant that it flies.
     pub plant: String,
-    /// What it does.
+    /// Its present activity.
     pub phase: String,
-    /// Frames of its simulator a second.
+    /// Frame rate of its simulator, Hz.
     pub frame_rate_hz: f64,
     /// Largest distance between two frames beyond their period over the last second, ms.
     pub jitter_ms: f64,
-    /// Peers that it hears.
+    /// Number of peers that it receives.
     pub peers_seen: usize,
-    /// Peers that there should be.
+    /// Number of peers that there should be.
     pub peers: usize,
-    /// Upper bound of the age of the oldest state of the peers that it hears, ms; delays are included where they are known.
+    /// Upper bound of the age of the oldest state of the received peers, ms; delays are included where they are known.
     pub peer_age_ms: Option<f64>,
     /// Upper bound of the longest delay of these, ms; `None` while the delay of one of them is not known.
     pub peer_delay_ms: Option<f64>,
     /// How far its clock is ahead of the swarm's, ms, once measured.
     pub clock_offset_ms: Option<f64>,
-    /// The truth is within this of it, ms.
+    /// Bound of the error of the offset, ms.
     pub clock_bound_ms: Option<f64>,
-    /// The clock is farther off than 20 ms, beyond the bound.
+    /// Whether the offset exceeds 20 ms by more than its bound.
     pub clock_is_off: bool,
-    /// What of its own has failed.
+    /// Failures of the vehicle.
     pub faults: Vec<String>,
-    /// What it did not believe, since its start.
+    /// Number of messages that it has rejected since its start.
     pub refused: u64,
-    /// The last kinds of it.
+    /// The latest kinds of rejected messages.
     pub refusals: Vec<Refusal>,
-    /// Since its start, s.
+    /// Time since its start, s.
     pub uptime_s: f64,
 }
 
-/// Something that was not believed.
+/// A kind of rejected message.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Refusal {
-    /// Why not.
+    /// Why it was rejected.
     pub reason: String,
-    /// The key that it came under.
+    /// The Zenoh key that it was received under.
     pub key: String,
-    /// How often.
+    /// Number of such messages.
     pub count: u64,
 }
 
@@ -126,7 +126,7 @@ impl Status {
         self.nodes.iter().all(|node| node.said.as_ref().is_some_and(|said| said.faults.is_empty()))
     }
 
-    /// Of this cluster, from what was heard.
+    /// Determines the status of this cluster from the received messages.
     fn of(inventory: &Inventory, observer: &Observer, now: Instant) -> Self {
         let node = |(id, node): (&VehicleId, &Node)| {
             let health = observer.health_of(*id).filter(|(_, at)| now.saturating_duration_since(*at) < SILENT);
@@ -142,7 +142,7 @@ impl Status {
     }
 }
 
-/// Why a vehicle in contact is not believed, where that is because of the run that it flies in.
+/// Returns why the reports of a vehicle in contact are rejected, if that is because of its run.
 fn stray(observer: &Observer, id: VehicleId) -> Option<String> {
     let run = observer.vehicles().get(&id).filter(|view| view.alive)?.run?;
     match observer.run() {
@@ -187,10 +187,10 @@ impl Said {
     }
 }
 
-/// Prints how every node does.
+/// Prints the status of every node.
 ///
 /// # Errors
-/// If the swarm cannot be listened to, a node is not heard, or one is faulty.
+/// If the swarm cannot be observed, a node does not report, or one is faulty.
 pub fn run(args: &StatusArgs) -> Result<(), Error> {
     let inventory = Inventory::read(&args.file.file)?;
     let mut observer = Observer::open(&inventory.reach(Role::Observer)?, Steps::Off)?;
@@ -209,7 +209,7 @@ pub fn run(args: &StatusArgs) -> Result<(), Error> {
     }
 }
 
-/// Listens until then, or `early` until every node was heard.
+/// Receives messages until `until`, or if `early` until every node has reported.
 fn listen(observer: &mut Observer, inventory: &Inventory, until: Instant, early: bool) {
     loop {
         observer.poll();
@@ -229,7 +229,7 @@ fn show(status: &Status, file: &str, args: &StatusArgs) {
         (false, _) => fitted(&table::of(status, file)),
     };
     if is_screen && !args.json {
-        // The screen is written anew: home, and what is left of the one before.
+        // Clear the screen before the new table.
         skein_lab::terminal::draw("\x1b[H\x1b[2J");
     }
     skein_lab::terminal::say(&text);

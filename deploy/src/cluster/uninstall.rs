@@ -1,4 +1,5 @@
-//! `skein cluster uninstall`: everything that `install` put on the nodes goes. Nothing goes from under a vehicle in the air.
+//! `skein cluster uninstall`: removes everything that `install` put on the nodes. It refuses while a vehicle flies,
+//! unless the vehicles are to be landed first.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -29,19 +30,19 @@ pub struct UninstallArgs {
     pub timeout: Option<f64>,
 }
 
-/// What came of it.
+/// Result of the command.
 #[derive(Debug, Serialize)]
 struct Report {
     swarm: String,
-    /// Beginning to end, s.
+    /// Total duration, s.
     seconds: f64,
     nodes: Vec<Outcome>,
 }
 
-/// Does it.
+/// Runs the command.
 ///
 /// # Errors
-/// If a vehicle flies, and then nothing was done; if the cluster's file is at fault, or any node failed.
+/// If a vehicle flies, and then nothing is done; if the cluster file is wrong, or any node failed.
 pub fn run(args: &UninstallArgs) -> Result<(), Error> {
     let chosen = args.nodes.read()?;
     let ssh = args.nodes.ssh();
@@ -74,7 +75,7 @@ pub fn run(args: &UninstallArgs) -> Result<(), Error> {
             let begun = clock::now();
             let mut outcome = Outcome::new(node);
             let removed = match asked.get(&node.id) {
-                // It may fly, for all that is known.
+                // It is unknown whether this vehicle flies.
                 Some(Err(why)) => Err(Fault::Failed(why.clone())),
                 _ => remote.ask(host, node, Ask::Remove { within_s }),
             };
@@ -95,7 +96,7 @@ pub fn run(args: &UninstallArgs) -> Result<(), Error> {
         }
         all
     });
-    // When all are done: two names of one host share a connection.
+    // Close after all are done, because two names of one host share a connection.
     hosts.iter().for_each(|(host, _)| ssh.close(host));
     let mut outcomes: Vec<Outcome> = removed.into_iter().flatten().collect();
     outcomes.extend(chosen.manual().map(|node| {
@@ -116,7 +117,7 @@ pub fn run(args: &UninstallArgs) -> Result<(), Error> {
     Outcome::fail_if_any(&report.nodes, "failed")
 }
 
-/// Whether a node's vehicle flies, or why that is not known.
+/// Returns whether a node's vehicle flies, or why that is unknown.
 fn flies(host: &Host, answer: Result<Answer, Fault>) -> Result<bool, String> {
     match answer {
         Ok(Answer::Facts(facts)) => Ok(facts.agent.is_some()),
@@ -133,7 +134,7 @@ mod tests {
     use crate::cluster::ssh::tests::heli;
 
     #[test]
-    fn who_cannot_be_asked_is_not_known_to_stand() {
+    fn a_vehicle_whose_host_does_not_answer_may_be_flying() {
         let flies = |answer| flies(&heli("heli1"), answer);
         assert_eq!(flies(Ok(Answer::Facts(Facts::default()))), Ok(false));
         assert_eq!(flies(Err(Fault::NotInstalled)), Ok(false));

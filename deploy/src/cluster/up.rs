@@ -1,5 +1,5 @@
-//! `skein cluster up`: every agent started, in one run of the swarm; and then it listens, as anybody could, until every
-//! vehicle has said by itself that it takes part. It may end at any moment: nothing depends on it.
+//! `skein cluster up`: starts every agent in one run of the swarm, then waits until every vehicle has reported over the
+//! mesh that it is an active member. The command may end at any moment: nothing depends on it.
 
 use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
@@ -23,7 +23,7 @@ use crate::keys::run::Record;
 use skein_host::clock;
 use skein_lab::error::Error;
 
-/// A run has a number that people can type and every reader of JSON can hold.
+/// Upper limit of run numbers: they can be typed, and every JSON reader can represent them.
 const RUNS: u64 = 1 << 48;
 
 /// `skein cluster up`
@@ -41,16 +41,16 @@ pub struct UpArgs {
     pub anyway: bool,
 }
 
-/// What came of it.
+/// Result of the command.
 #[derive(Debug, Serialize)]
 struct Report {
     swarm: String,
     run: u64,
-    /// Until every host had told what it runs, s.
+    /// Time until every host had reported what it runs, s.
     asked_s: f64,
-    /// Until every agent was started, s.
+    /// Time until every agent was started, s.
     started_s: f64,
-    /// Beginning to end, s.
+    /// Total duration, s.
     seconds: f64,
     nodes: Vec<Row>,
 }
@@ -60,11 +60,11 @@ struct Row {
     node: VehicleId,
     host: String,
     state: State,
-    /// It flew before.
+    /// Whether it flew before.
     ran: bool,
-    /// Until its host said that it was started, s.
+    /// Time until its host reported that it was started, s.
     started_s: Option<f64>,
-    /// Until it said itself that it takes part, s.
+    /// Time until it reported itself that it is an active member, s.
     ready_s: Option<f64>,
     why: Option<String>,
 }
@@ -76,25 +76,25 @@ enum State {
     Missing,
 }
 
-/// Does it.
+/// Runs the command.
 ///
 /// # Errors
-/// If the cluster's file or the keys are at fault, or not every vehicle is ready in time; the others fly then.
+/// If the cluster file or the keys are wrong, or not every vehicle is ready in time; the others fly then.
 pub fn run(args: &UpArgs) -> Result<(), Error> {
     let chosen = args.nodes.read()?;
     let ssh = args.nodes.ssh();
     let progress = args.nodes.progress();
     let reach = chosen.inventory.reach(Role::Operator)?;
-    // It listens from the beginning: whoever flies is known when the last host has answered.
+    // Receive from the beginning, so that the vehicles in flight are known when the last host has answered.
     let mut watch = Watch::open(&reach, 0)?;
     let heard_by = clock::now() + CONTACT_TIMEOUT;
     let up = Up { remote: Remote { ssh: &ssh, swarm: &chosen.inventory.swarm }, chosen: &chosen, progress: &progress };
 
     let mut rows: BTreeMap<VehicleId, Row> = chosen.nodes().map(|node| (node.id, Row::new(node))).collect();
-    let (told, notes) = up.ask(&mut rows);
+    let (running, notes) = up.ask(&mut rows);
     let asked_s = progress.seconds();
     if !args.anyway {
-        let full = up.full(&told, &rows);
+        let full = up.full(&running, &rows);
         if !full.is_empty() && !capacity::agrees(&full.join("\n")) {
             drop(progress);
             let all = full.join("; ");
@@ -103,10 +103,10 @@ pub fn run(args: &UpArgs) -> Result<(), Error> {
             )));
         }
     }
-    let until = if may_fly_unknown(&chosen.inventory, &told) { heard_by } else { clock::now() };
+    let until = if may_fly_unasked(&chosen.inventory, &running) { heard_by } else { clock::now() };
     let note;
-    (watch.run, note) = run_of(&mut watch, &reach, &told, &notes, until)?;
-    up.start((watch.run, note), &told, &mut rows);
+    (watch.run, note) = run_of(&mut watch, &reach, &running, &notes, until)?;
+    up.start((watch.run, note), &running, &mut rows);
     let started_s = progress.seconds();
     up.wait(&mut watch, Duration::from_secs_f64(args.timeout), &mut rows);
 
@@ -120,27 +120,29 @@ pub fn run(args: &UpArgs) -> Result<(), Error> {
     nodes::fail_if_any(&missing, report.nodes.len(), "not ready")
 }
 
-/// What the hosts have told of the nodes that they could be asked about: the agent that runs, if one does.
-type Told = BTreeMap<VehicleId, Option<RunningAgent>>;
+/// The running agent of each node whose host could be asked; `None` if none is running.
+type RunningAgents = BTreeMap<VehicleId, Option<RunningAgent>>;
 
-/// Whether somebody may fly whom no host has told of: installed by hand, not chosen, or on a host that cannot be asked. A new
-/// run must not be begun beside theirs. Where words are not sealed, nobody says a run, and nobody minds another.
-fn may_fly_unknown(inventory: &Inventory, told: &Told) -> bool {
-    inventory.security == SecurityKind::Tls && inventory.nodes.keys().any(|id| !told.contains_key(id))
+/// Whether a vehicle may fly of which no host has reported: it is installed by hand, was not chosen, or its host cannot
+/// be asked. A new run must not be begun beside its run. Where messages are not signed, they name no run, so this does
+/// not matter.
+fn may_fly_unasked(inventory: &Inventory, running: &RunningAgents) -> bool {
+    inventory.security == SecurityKind::Tls && inventory.nodes.keys().any(|id| !running.contains_key(id))
 }
 
-/// The run that the vehicles are to fly in, and the operator's note of it: the one that flies, or else a new one.
+/// Determines the run that the vehicles are to fly in, and the operator's note of it: the run in flight, or else a new
+/// one.
 fn run_of(
     watch: &mut Watch,
     reach: &Reach,
-    told: &Told,
+    running: &RunningAgents,
     notes: &[RunNote],
     until: Instant,
 ) -> Result<(u64, Option<RunNote>), Error> {
     let by_hosts: BTreeMap<VehicleId, u64> =
-        told.iter().filter_map(|(id, agent)| Some((*id, agent.as_ref()?.run))).collect();
+        running.iter().filter_map(|(id, agent)| Some((*id, agent.as_ref()?.run))).collect();
     let Some(((key, sealer), file)) = reach.orders_key.zip(reach.sealer.as_ref()).zip(reach.run_file.as_ref()) else {
-        // Nothing is sealed for a run here, and any of them is as good.
+        // Messages are not signed for a run here, so any run will do.
         return Ok((by_hosts.into_values().next().map_or_else(draw, Ok)?, None));
     };
     let own = file.read()?;
@@ -163,7 +165,7 @@ fn run_of(
     let latest_ms = sealed.chain(own.iter().map(|own| &own.note)).map(|note| note.began_ms).max();
     let began_ms = latest_ms.map_or(now_ms, |latest_ms| now_ms.max(latest_ms.saturating_add(1)));
     let note = RunNote::new(sealer, &reach.swarm, run, began_ms);
-    // Before anything is started in it.
+    // Record the run before anything is started in it.
     file.keep(&Record::of(note))?;
     Ok((run, Some(note)))
 }
@@ -175,8 +177,9 @@ struct Up<'a> {
 }
 
 impl Up<'_> {
-    /// What runs already, and the notes of runs that hosts keep. A host that cannot be asked is said in its rows.
-    fn ask(&self, rows: &mut BTreeMap<VehicleId, Row>) -> (Told, Vec<RunNote>) {
+    /// Asks what is running already, and for the notes of runs that hosts keep. A host that cannot be asked is noted in
+    /// its rows.
+    fn ask(&self, rows: &mut BTreeMap<VehicleId, Row>) -> (RunningAgents, Vec<RunNote>) {
         let asked = at_once(&self.chosen.hosts(), |(host, nodes)| {
             let line = self.progress.line(host);
             line.say("asking what runs");
@@ -195,11 +198,11 @@ impl Up<'_> {
             }
             all
         });
-        let (mut told, mut notes) = (Told::new(), Vec::new());
+        let (mut running, mut notes) = (RunningAgents::new(), Vec::new());
         for (id, fact) in asked.into_iter().flatten() {
             match fact {
                 Ok((agent, note)) => {
-                    told.insert(id, agent);
+                    running.insert(id, agent);
                     notes.extend(note);
                 }
                 Err(why) => {
@@ -207,21 +210,21 @@ impl Up<'_> {
                 }
             }
         }
-        (told, notes)
+        (running, notes)
     }
 
-    /// The hosts that are to carry more agents than they can, measured there; in words. One that cannot be measured is told
-    /// and left to its operator.
-    fn full(&self, told: &Told, rows: &BTreeMap<VehicleId, Row>) -> Vec<String> {
+    /// Returns a text for each host that would have to run more agents than it can, measured there. A host that cannot
+    /// be measured is reported and left to its operator.
+    fn full(&self, running: &RunningAgents, rows: &BTreeMap<VehicleId, Row>) -> Vec<String> {
         let swarm = self.chosen.inventory.nodes.len();
-        let starts = |node: &&Node| rows[&node.id].why.is_none() && told.get(&node.id).is_none_or(Option::is_none);
+        let starts = |node: &&Node| rows[&node.id].why.is_none() && running.get(&node.id).is_none_or(Option::is_none);
         let hosts = self.chosen.hosts();
         let asked: Vec<_> = hosts
             .iter()
             .filter_map(|(host, nodes)| Some((host, *nodes.iter().find(|node| starts(node))?, nodes.len())))
             .filter(|(_, _, agents)| !Demand { agents: *agents, swarm, traces: false }.is_small(1))
             .collect();
-        let told = at_once(&asked, |(host, node, agents)| {
+        let running = at_once(&asked, |(host, node, agents)| {
             let line = self.progress.line(host);
             line.say("measuring what it carries");
             match self.remote.ask(host, node, Ask::Carries { agents: *agents, swarm }) {
@@ -236,11 +239,12 @@ impl Up<'_> {
                 }
             }
         });
-        told.into_iter().flatten().collect()
+        running.into_iter().flatten().collect()
     }
 
-    /// Starts what does not run yet, where the host could be asked; and the supervisor of what runs, if that has died.
-    fn start(&self, (run, note): (u64, Option<RunNote>), told: &Told, rows: &mut BTreeMap<VehicleId, Row>) {
+    /// Starts the agents that are not running yet, where the host could be asked; and the supervisor of a running
+    /// agent, if it has died.
+    fn start(&self, (run, note): (u64, Option<RunNote>), running: &RunningAgents, rows: &mut BTreeMap<VehicleId, Row>) {
         let hosts = self.chosen.hosts();
         let asked: Vec<_> =
             hosts.iter().filter(|(_, nodes)| nodes.iter().any(|node| rows[&node.id].why.is_none())).collect();
@@ -249,7 +253,7 @@ impl Up<'_> {
             let line = self.progress.line(host);
             let mut all = Vec::new();
             for node in nodes.iter().filter(|node| seen[&node.id].why.is_none()) {
-                let ran = told.get(&node.id).is_some_and(Option::is_some);
+                let ran = running.get(&node.id).is_some_and(Option::is_some);
                 let done = self.remote.ask(host, node, Ask::Start { run, note });
                 let done = done.map(drop).map_err(|why| why.sentence(host));
                 line.say(&match &done {
@@ -276,7 +280,8 @@ impl Up<'_> {
         }
     }
 
-    /// Listens until everybody has said that it is ready, or long enough; then asks what became of the missing.
+    /// Waits until every vehicle has reported that it is ready, or until the timeout; then adds the reasons for the
+    /// missing ones.
     fn wait(&self, watch: &mut Watch, timeout: Duration, rows: &mut BTreeMap<VehicleId, Row>) {
         let begun = clock::now();
         let line = self.progress.line(&"swarm");
@@ -300,24 +305,24 @@ impl Up<'_> {
                 row.why = Some(row.why.take().map_or_else(|| lacks.clone(), |why| format!("{why}; {lacks}")));
             });
         }
-        self.last_words(rows);
+        self.last_lines(rows);
     }
 
-    /// What those that were started and are not ready wrote last.
-    fn last_words(&self, rows: &mut BTreeMap<VehicleId, Row>) {
+    /// Adds the last log line of each agent that was started but is not ready.
+    fn last_lines(&self, rows: &mut BTreeMap<VehicleId, Row>) {
         let silent = |node: &&Node| rows[&node.id].state == State::Missing && rows[&node.id].started_s.is_some();
         let hosts = super::ssh::by_host(self.chosen.nodes().filter(|node| node.install == Install::Ssh).filter(silent));
-        let words = at_once(&hosts, |(host, nodes)| {
+        let last_lines = at_once(&hosts, |(host, nodes)| {
             let mut all = Vec::new();
             for node in nodes {
                 let mut last = None;
-                // Without it the rest of the reason stands.
+                // If this fails, the rest of the reason is still shown.
                 let _ = self.remote.log(host, node, (1, false), |line| last = Some(line.to_owned()));
                 all.push((node.id, last));
             }
             all
         });
-        for (id, last) in words.into_iter().flatten() {
+        for (id, last) in last_lines.into_iter().flatten() {
             let Some((row, last)) = rows.get_mut(&id).zip(last) else { continue };
             row.why = Some(format!("{}; wrote last: {last}", row.why.take().unwrap_or_default()));
         }
@@ -351,7 +356,7 @@ impl Report {
     }
 }
 
-/// The number of a new run: never one that was before, and not 0.
+/// Draws the number of a new run: random, so that it is never used twice, and not 0.
 fn draw() -> Result<u64, Error> {
     let mut bytes = [0; 8];
     let drawn = SystemRandom::new().fill(&mut bytes);
@@ -372,25 +377,25 @@ mod tests {
     use crate::inventory::tests::lab;
 
     #[test]
-    fn no_two_runs_are_the_same() {
+    fn run_numbers_are_unique() {
         let drawn: std::collections::BTreeSet<u64> = (0..100).map(|_| draw().unwrap()).collect();
         assert_eq!(drawn.len(), 100);
         assert!(drawn.iter().all(|run| (1..RUNS).contains(run)));
     }
 
     #[test]
-    fn a_swarm_may_fly_whom_no_host_has_told_of() {
+    fn a_vehicle_whose_host_was_not_asked_may_be_flying() {
         let folder = tempfile::tempdir().unwrap();
         let manual = "[defaults]\ninstall = 'manual'";
         for (more, hosts, may) in [("", 2, false), ("", 1, true), (manual, 0, true), ("security = 'none'", 1, false)] {
-            let told: Told = VehicleId::first(hosts).map(|id| (id, None)).collect();
-            assert_eq!(may_fly_unknown(&lab(folder.path(), 2, more), &told), may, "{more} {told:?}");
+            let running: RunningAgents = VehicleId::first(hosts).map(|id| (id, None)).collect();
+            assert_eq!(may_fly_unasked(&lab(folder.path(), 2, more), &running), may, "{more} {running:?}");
         }
     }
 
     #[test]
     #[cfg(unix)]
-    fn what_flies_is_started_too_for_its_supervisor_may_have_died() {
+    fn a_running_agent_is_started_too_because_its_supervisor_may_have_died() {
         let folder = tempfile::tempdir().unwrap();
         let (ssh, inventory) = (local(folder.path()), lab(folder.path(), 1, ""));
         let installed = Installed { release: "r1".to_owned(), bundle: "00".to_owned() };
@@ -405,8 +410,8 @@ mod tests {
         let mut rows: BTreeMap<_, _> = chosen.nodes().map(|node| (node.id, Row::new(node))).collect();
         let remote = Remote { ssh: &ssh, swarm: &chosen.inventory.swarm };
         let up = Up { remote, chosen: &chosen, progress: &Progress::new(true) };
-        let told: Told = chosen.ids.iter().map(|id| (*id, Some(agent.clone()))).collect();
-        up.start((5, None), &told, &mut rows);
+        let running: RunningAgents = chosen.ids.iter().map(|id| (*id, Some(agent.clone()))).collect();
+        up.start((5, None), &running, &mut rows);
         let asked = fs::read_to_string(folder.path().join("home/asked")).unwrap();
         assert!(asked.contains(r#""Start":{"run":5,"note":null}"#), "{asked}");
         assert!(rows.values().all(|row| row.ran && row.started_s.is_some() && row.why.is_none()), "{rows:?}");
@@ -414,7 +419,7 @@ mod tests {
 
     #[test]
     #[cfg(unix)]
-    fn a_host_that_is_to_carry_more_agents_than_it_can_is_named_with_its_figures() {
+    fn a_host_with_more_agents_than_it_can_run_is_listed_with_figures() {
         let folder = tempfile::tempdir().unwrap();
         let ssh = local(folder.path());
         let program = folder.path().join("home/.skein/lab/releases/r1/skein");
@@ -430,8 +435,8 @@ mod tests {
             let up = Up { remote, chosen: &chosen, progress: &Progress::new(true) };
             let installed = Installed { release: "r1".to_owned(), bundle: "00".to_owned() };
             let agent = runs.then_some(RunningAgent { pid: 7, installed, run: 5, restarts: 0, landing_s: 0.0 });
-            let told: Told = chosen.ids.iter().map(|id| (*id, agent.clone())).collect();
-            up.full(&told, &rows)
+            let running: RunningAgents = chosen.ids.iter().map(|id| (*id, agent.clone())).collect();
+            up.full(&running, &rows)
         };
         let full = full_of(20, false);
         assert_eq!(full.len(), 20);
@@ -440,11 +445,11 @@ mod tests {
         assert!(asked.contains(r#""Carries":{"agents":1,"swarm":20}"#), "{asked}");
         assert_eq!(full_of(4, false), [""; 0], "so few fit anywhere");
         assert_eq!(full_of(20, true), [""; 0], "they run already");
-        assert_eq!(fs::read_to_string(folder.path().join("home/asked")).unwrap(), asked, "nobody was asked again");
+        assert_eq!(fs::read_to_string(folder.path().join("home/asked")).unwrap(), asked, "no host was asked again");
     }
 
     #[test]
-    fn the_table_says_what_is_missing() {
+    fn the_table_shows_why_a_vehicle_is_missing() {
         let row = |id: u8, state, why: Option<&str>| Row {
             node: VehicleId::new(id).unwrap(),
             host: format!("heli{id}"),

@@ -157,11 +157,11 @@ fn missing(awaited: VehicleSet, came: VehicleSet) -> Vec<VehicleId> {
 pub fn alike(what: &Happening) -> Alike {
     let one = what.to_string();
     let (several, by_all) = match what {
-        Happening::BecameActive => ("take part".to_owned(), true),
-        Happening::PeerFound(id) => (format!("hear vehicle {id}"), true),
-        Happening::OrderTaken(order) => (format!("take the order: {}", order.verb), true),
-        Happening::Advanced(step) => (format!("go on to step {step}"), true),
-        Happening::ForcedAdvance { to, without } => (format!("go on to step {to} without vehicle {without}"), true),
+        Happening::BecameActive => (one.clone(), true),
+        Happening::PeerFound(id) => (format!("in contact with vehicle {id}"), true),
+        Happening::OrderTaken(order) => (format!("accept the order: {}", order.verb), true),
+        Happening::Advanced(step) => (format!("continue to step {step}"), true),
+        Happening::ForcedAdvance { to, without } => (format!("continue to step {to} without vehicle {without}"), true),
         Happening::PeerLost(_) | Happening::Reached(_) | Happening::AtAltitude | Happening::Landed => {
             (one.clone(), true)
         }
@@ -251,7 +251,7 @@ mod tests {
     fn a_failure_of_one_vehicle_is_news_at_once() {
         let mut told = Told::new();
         told.tell(1.0, 3, Happening::OwnDataStale);
-        assert_eq!(told.news(1.0), ["   1.0 s  vehicle 3: own data stale, controls neutral"]);
+        assert_eq!(told.news(1.0), ["   1.0 s  vehicle 3: simulator data stale, controls neutral"]);
         told.tell(1.0, 4, Happening::OwnDataStale);
         assert_eq!(told.news(1.0).len(), 1);
     }

@@ -111,7 +111,7 @@ fn read(
     let ids = vehicle_ids(&written, &text("scenario"), &scenario)?;
     let of_node = |id| Ok((id, Reader { written: &written, id }.node(folder, &scenario)?));
     let nodes: BTreeMap<_, _> = ids.into_iter().map(of_node).collect::<Result<_, ScenarioError>>()?;
-    alone_in_their_simulators(&written, &nodes)?;
+    check_simulators_are_not_shared(&written, &nodes)?;
     Ok(Inventory {
         security: if text("security") == "none" { SecurityKind::None } else { SecurityKind::Tls },
         files: files(&written, folder)?,
@@ -160,7 +160,10 @@ fn vehicle_ids(written: &Written<'_>, name: &str, scenario: &Loaded) -> Result<V
 }
 
 /// Checks that no two vehicles share a simulator, which flies one aircraft only.
-fn alone_in_their_simulators(written: &Written<'_>, nodes: &BTreeMap<VehicleId, Node>) -> Result<(), ScenarioError> {
+fn check_simulators_are_not_shared(
+    written: &Written<'_>,
+    nodes: &BTreeMap<VehicleId, Node>,
+) -> Result<(), ScenarioError> {
     let mut taken = BTreeMap::new();
     for (id, node) in nodes {
         let Some(simulator) = node.xplane.as_ref().and_then(|text| text.parse::<HostPort>().ok()) else { continue };

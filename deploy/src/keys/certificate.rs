@@ -47,7 +47,7 @@ pub(crate) struct Authority {
     certificate: String,
 }
 
-/// Why a certificate cannot be used as it is.
+/// Why a certificate is invalid or has to be replaced soon.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Unfit {
     /// The certificate or its key cannot be read.
@@ -176,8 +176,8 @@ pub(crate) fn shows(certificate: &str) -> Option<Known> {
     Some(Known { name: common_name(&shown)?.to_owned(), key: key.into() })
 }
 
-/// Returns why this certificate cannot be used as it is, if so: it must be signed by this authority, belong to its key
-/// and meet the requirements.
+/// Returns why this certificate is invalid or has to be replaced soon, if so: it must be signed by this authority,
+/// belong to its key and meet the requirements.
 pub(crate) fn unfit(pair: &Pair, spec: &CertificateSpec<'_>, authority: &str, now: OffsetDateTime) -> Option<Unfit> {
     let (own, authority) = (pem(&pair.certificate), pem(authority));
     let (own, authority) = (own.as_ref(), authority.as_ref());

@@ -81,7 +81,7 @@ impl Folder {
     /// Checks that only its owner can read this file.
     ///
     /// # Errors
-    /// As [`Self::check_private`].
+    /// The errors of [`Self::check_private`].
     pub(crate) fn check_private_file(&self, name: &str) -> Result<(), Error> {
         check_private(&self.path(name), "600")
     }
@@ -89,7 +89,7 @@ impl Folder {
     /// Reads a file; `None` if it does not exist.
     ///
     /// # Errors
-    /// If it cannot be read.
+    /// If the file cannot be read.
     pub(crate) fn read(&self, name: &str) -> Result<Option<String>, Error> {
         match fs::read_to_string(self.path(name)) {
             Ok(text) => Ok(Some(text)),
@@ -111,7 +111,7 @@ impl Folder {
     /// Writes a file atomically.
     ///
     /// # Errors
-    /// If it cannot be written.
+    /// If the file cannot be written.
     pub(crate) fn write(&self, name: &str, text: &str) -> Result<(), Error> {
         let is_secret = Path::new(name).extension().is_some_and(|extension| extension == "key");
         let path = self.path(name);
@@ -136,8 +136,8 @@ impl Folder {
         Ok(Pair { certificate: self.need(certificate)?, key: self.need(key)? })
     }
 
-    /// Reads the valid names; `None` if there is no file yet. Names of vehicles that have left the cluster are kept, so
-    /// that a revoked name is not used again.
+    /// Reads the valid names; `None` if the file does not exist yet. Names of vehicles that have left the cluster are
+    /// kept, so that a revoked name is not used again.
     ///
     /// # Errors
     /// If the file is not a valid `names.toml`.

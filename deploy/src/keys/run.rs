@@ -37,7 +37,7 @@ impl RunFile {
         (inventory.security == SecurityKind::Tls).then(|| Self(Folder(inventory.keys.clone())))
     }
 
-    /// Reads the record of the run that this PC began last; `None` if there is no file.
+    /// Reads the record of the run that this PC began last; `None` if the file does not exist.
     ///
     /// # Errors
     /// If the file cannot be read or is not valid.
@@ -53,7 +53,7 @@ impl RunFile {
     /// Replaces the record.
     ///
     /// # Errors
-    /// If it cannot be written.
+    /// If the file cannot be written.
     pub(crate) fn keep(&self, record: &Record) -> Result<(), Error> {
         self.0.write(RUN, &skein_lab::terminal::json(record))
     }
@@ -61,7 +61,7 @@ impl RunFile {
     /// Records that an order ends the run, before it is sent.
     ///
     /// # Errors
-    /// As [`Self::note_end`].
+    /// The errors of [`Self::note_end`].
     pub(crate) fn note_order(&self, verb: Verb) -> Result<(), Error> {
         match verb {
             Verb::Land | Verb::Abort => self.note_end(),
@@ -72,7 +72,7 @@ impl RunFile {
     /// Records that the run is over.
     ///
     /// # Errors
-    /// As [`Self::read`] and [`Self::keep`].
+    /// The errors of [`Self::read`] and [`Self::keep`].
     pub(crate) fn note_end(&self) -> Result<(), Error> {
         match self.read()? {
             Some(record) if !record.over => self.keep(&Record { over: true, ..record }),

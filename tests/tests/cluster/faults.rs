@@ -15,9 +15,9 @@ const FAKETIME: &str = "/usr/lib/x86_64-linux-gnu/faketime/libfaketime.so.1";
 
 /// Host, problem, the check that finds it, a part of its finding, a part of its advice.
 const FAULTS: [(u8, &str, &str, &str, &str); 8] = [
-    (1, "the operator's key removed", "ssh", "lets none of your keys in", "ssh-copy-id heli1"),
-    (2, "disconnected", "ssh", "", "see that"),
-    (3, "another host key", "ssh", "host key is not the one known here", "ssh-keygen -R heli3"),
+    (1, "the operator's key removed", "ssh", "accepts none of your keys", "ssh-copy-id heli1"),
+    (2, "disconnected", "ssh", "", "check"),
+    (3, "another host key", "ssh", "its host key has changed", "ssh-keygen -R heli3"),
     (4, "a firewall closes its port", "port", "10.79.0.4:7450 is closed for this PC", "TCP port 7450"),
     (5, "a clock 2.5 s ahead", "clock", "+2", "timedatectl set-ntp true"),
     (6, "no X-Plane", "X-Plane", "", "X-Plane"),

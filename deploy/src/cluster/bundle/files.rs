@@ -250,7 +250,7 @@ fn cluster_toml(inventory: &Inventory) -> String {
             ("address", Some(node.address.as_str())),
             ("install", (node.install == Install::Manual).then_some("manual")),
         ];
-        let line = |(name, argument): (&str, Option<&str>)| Some(format!("{name} = {}\n", Toml::from(argument?)));
+        let line = |(name, value): (&str, Option<&str>)| Some(format!("{name} = {}\n", Toml::from(value?)));
         text.extend(entries.into_iter().filter_map(line));
     }
     text

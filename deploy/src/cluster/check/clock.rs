@@ -1,4 +1,4 @@
-//! A host's clock against this PC's, over one ssh channel: the host is asked for its time and answers at once.
+//! Compares a host's clock with this PC's, over one ssh channel: the host is asked for its time and answers at once.
 
 use std::io::{BufRead, BufReader, Write};
 use std::sync::mpsc;
@@ -8,26 +8,27 @@ use std::time::Duration;
 use crate::cluster::ssh::{Host, Ssh};
 use skein_host::clock::{self, Utc};
 
-/// The smallest round trip of so many counts.
+/// Number of exchanges; the one with the shortest round trip is used.
 const EXCHANGES: usize = 8;
-/// For all of them.
+/// Time limit of all exchanges.
 const WITHIN: Duration = Duration::from_secs(5);
-/// A line for a line, by what every Linux has.
+/// Command that answers each line with the time, available on every Linux.
 const ANSWERS: &str = "sh -c 'while read x; do date +%s.%N; done'";
 
-/// How far a clock is ahead of this PC's, and how wrong that can be.
+/// Offset of a host's clock, with its bound.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Offset {
+    /// How far the clock is ahead of this PC's, s.
     pub(super) offset_s: f64,
-    /// Half of the round trip: where in it the clock was read is not known.
+    /// Bound of the error, s: half of the round trip, because it is unknown when within it the clock was read.
     pub(super) bound_s: f64,
 }
 
-/// Measures it.
+/// Measures the offset of a host's clock.
 pub(super) fn measure(ssh: &Ssh, host: &Host) -> Result<Offset, String> {
     let mut child = ssh.spawn(host, ANSWERS)?;
     let pipes = child.stdin.take().zip(child.stdout.take());
-    let (send, received) = mpsc::channel();
+    let (sender, received) = mpsc::channel();
     if let Some((mut ask, answer)) = pipes {
         thread::spawn(move || {
             let utc = Utc::read();
@@ -39,24 +40,25 @@ pub(super) fn measure(ssh: &Ssh, host: &Host) -> Result<Offset, String> {
                 let answered = clock::now();
                 Some(offset(utc.nanoseconds(asked), &theirs, utc.nanoseconds(answered)))
             });
-            let _ = send.send(exchanges.collect::<Option<Vec<Offset>>>());
+            let _ = sender.send(exchanges.collect::<Option<Vec<Offset>>>());
         });
     }
     let exchanges = received.recv_timeout(WITHIN);
-    // It ends with its input anyway; a host that hangs does not.
+    // The command ends with its input, but a host that hangs does not.
     let _ = child.kill();
     let _ = child.wait();
     let best = exchanges.ok().flatten().unwrap_or_default().into_iter().min_by(|a, b| a.bound_s.total_cmp(&b.bound_s));
-    best.ok_or_else(|| format!("{host}: does not tell the time (`date +%s.%N`)"))
+    best.ok_or_else(|| format!("{host}: did not report its time (`date +%s.%N`)"))
 }
 
-/// Of one exchange: asked and answered by this PC's clock, ns since 1970; in between the other said this.
+/// Offset from one exchange: the question and the answer by this PC's clock, ns since 1970, and the host's time in
+/// between.
 fn offset(asked_ns: u64, theirs: &str, answered_ns: u64) -> Option<Offset> {
     let (seconds, fraction) = theirs.trim().split_once('.')?;
     let nanoseconds: u64 = fraction.parse().ok().filter(|_| fraction.len() == 9)?;
     let theirs_ns = seconds.parse::<u64>().ok()?.checked_mul(1_000_000_000)?.checked_add(nanoseconds)?;
     let bound_s = answered_ns.checked_sub(asked_ns)? as f64 / 2.0 * 1e-9;
-    // The difference of the two is exact; as numbers with a fraction they would not be.
+    // Subtract the integers, because the times as floating-point numbers would be inexact.
     let since_asked_s = (i128::from(theirs_ns) - i128::from(asked_ns)) as f64 * 1e-9;
     Some(Offset { offset_s: since_asked_s - bound_s, bound_s })
 }
@@ -66,7 +68,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_middle_of_an_exchange_counts() {
+    fn the_offset_is_measured_at_the_middle_of_an_exchange() {
         let asked_ns = 1_795_248_902_000_000_000;
         let read = |theirs: &str| offset(asked_ns, theirs, asked_ns + 4_000_000);
         let near = |offset: Option<Offset>, wanted_s: f64| {

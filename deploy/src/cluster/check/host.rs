@@ -1,5 +1,5 @@
-//! One host, asked over ssh: whether it lets in, its clock, its disk, its platform, and of each of its nodes what is installed,
-//! what runs, and whether its simulator answers.
+//! Checks one host over ssh: login, clock, disk, platform, and for each of its nodes what is installed, what is
+//! running, and whether its simulator answers.
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -22,20 +22,20 @@ use crate::cluster::status::CLOCK_S;
 use crate::inventory::{Inventory, Node};
 use skein_lab::error::Error;
 
-/// Looks at the hosts of one cluster.
+/// Checks the hosts of one cluster.
 pub(super) struct HostChecks<'a> {
     pub(super) inventory: &'a Inventory,
     pub(super) ssh: &'a Ssh,
-    /// The cluster's file as the user has named it.
+    /// Name of the cluster file as the user gave it.
     pub(super) file: &'a str,
-    /// What would be installed, by its path.
+    /// The programs to install.
     pub(super) programs: &'a Programs,
 }
 
-/// Programs by their path; without one, what runs now.
+/// Programs by their paths; without a path, this program.
 pub(super) type Programs = BTreeMap<Option<PathBuf>, Result<Program, Error>>;
 
-/// Every program that a node wants, read once.
+/// Reads every program that a node needs, once.
 pub(super) fn programs(inventory: &Inventory) -> Programs {
     let mut programs = Programs::new();
     for node in inventory.nodes.values() {
@@ -44,21 +44,21 @@ pub(super) fn programs(inventory: &Inventory) -> Programs {
     programs
 }
 
-/// What there is to say of one host.
+/// Results for one host.
 #[derive(Default)]
 pub(super) struct Asked {
     pub(super) lines: Vec<Line>,
-    /// What became of its calls to everybody's port.
+    /// Results of its calls to every node's port.
     pub(super) calls: Option<Calls>,
     pub(super) agents: BTreeMap<VehicleId, Agent>,
 }
 
 impl HostChecks<'_> {
-    /// Everything of one host.
+    /// Runs all checks of one host.
     pub(super) fn host(&self, host: &Host, nodes: &[&Node]) -> Asked {
         let mut asked = Asked::default();
         let place = host.to_string();
-        // A kept connection would hide a key that was taken away, and a host's that has changed.
+        // A shared connection would hide a key that was removed, and a changed host key.
         self.ssh.forget(host);
         if let Err(sentence) = self.ssh.run(host, "true", &Arc::default(), LOGIN) {
             let sentence = sentence.strip_prefix(&format!("{host}: ")).unwrap_or(&sentence).to_owned();
@@ -66,7 +66,7 @@ impl HostChecks<'_> {
             asked.agents.extend(nodes.iter().map(|node| (node.id, Agent::Unknown)));
             return asked;
         }
-        asked.lines.push(Line::new(place.as_str(), "ssh", "lets in"));
+        asked.lines.push(Line::new(place.as_str(), "ssh", "login works"));
         asked.lines.push(self.clock(host));
         for node in nodes {
             self.node(host, node, &mut asked);
@@ -101,7 +101,7 @@ impl HostChecks<'_> {
         }
     }
 
-    /// What is there before anything of ours, and what is of ours.
+    /// Checks the platform, and what is installed.
     fn node(&self, host: &Host, node: &Node, asked: &mut Asked) {
         let line = |what, found: String| Line::of(node, what, found);
         let install = format!("`skein cluster install -f {}`", self.file);
@@ -109,7 +109,7 @@ impl HostChecks<'_> {
             Some(Ok(program)) => program,
             why => {
                 let why = why.and_then(|why| why.as_ref().err()).map(ToString::to_string).unwrap_or_default();
-                return asked.lines.push(line("program", why).fault("name one that is there with `binary`"));
+                return asked.lines.push(line("program", why).fault("name an existing file with `binary`"));
             }
         };
         match self.remote().probe(host, node, &program.release) {
@@ -123,9 +123,9 @@ impl HostChecks<'_> {
                 return asked.lines.push(line("version", "nothing is installed".to_owned()).fault(install));
             }
             Ok(_) => {
-                return asked
-                    .lines
-                    .push(line("version", "what is there gives another answer".to_owned()).fault(install));
+                return asked.lines.push(
+                    line("version", "the installed program gives an unexpected answer".to_owned()).fault(install),
+                );
             }
             Err(Fault::Failed(why)) => return asked.lines.push(line("version", why).fault(install)),
         };
@@ -136,7 +136,7 @@ impl HostChecks<'_> {
                 format!("node {}", node.id),
                 "configuration",
                 &error.to_string(),
-                "mend the scenario's file",
+                "correct the scenario file",
             )),
             Ok(bundle) => {
                 let expected = Installed { release: program.release.clone(), bundle: bundle.id() };
@@ -152,16 +152,16 @@ impl HostChecks<'_> {
             (PlantKind::Xplane, None) => "127.0.0.1".to_owned(),
         };
         match self.remote().ask(host, node, Ask::Simulator { address: address.clone() }) {
-            Ok(Answer::Simulator(Ok(heard))) => Some(Line::of(node, "X-Plane", heard)),
+            Ok(Answer::Simulator(Ok(found))) => Some(Line::of(node, "X-Plane", found)),
             Ok(Answer::Simulator(Err(why))) => {
                 let found = why.split("; ").next().unwrap_or_default();
                 let remedy = format!(
-                    "start X-Plane at {address} as {} sees it, with a flight loaded, and let UDP through both ways; is `xplane` right?",
+                    "start X-Plane at {address}, as seen from {}, with a flight loaded, and let UDP through both ways; check `xplane`",
                     host.name
                 );
                 Some(Line::of(node, "X-Plane", found).fault(remedy))
             }
-            _ => Some(Line::of(node, "X-Plane", "asked once there is something installed").unknown()),
+            _ => Some(Line::of(node, "X-Plane", "not asked, because nothing is installed").unknown()),
         }
     }
 
@@ -178,7 +178,7 @@ impl HostChecks<'_> {
     }
 }
 
-/// Of the host before anything of ours is there.
+/// Makes the lines about a host's platform and disk.
 fn of_probe(host: &Host, node: &Node, program: &Program, probed: &Probed) -> [Line; 2] {
     let glibc = probed.glibc.map(|(major, minor)| format!(", C library {major}.{minor}")).unwrap_or_default();
     let platform = match program.fits(&probed.platform, probed.glibc) {
@@ -188,18 +188,22 @@ fn of_probe(host: &Host, node: &Node, program: &Program, probed: &Probed) -> [Li
         }
     };
     let is_there = probed.sum.as_deref() == Some(program.sum.as_str());
-    let expected = ROOM + if is_there { 0 } else { program.bytes.len() as u64 };
+    let needed = ROOM + if is_there { 0 } else { program.bytes.len() as u64 };
     let mebibytes = |bytes: u64| bytes >> 20;
     let free = format!("{} MiB free", mebibytes(probed.free_bytes));
-    let disk = match probed.free_bytes < expected {
-        true => Line::of(node, "disk", format!("{free}, {} MiB wanted, where {} is", mebibytes(expected), node.folder))
-            .fault(format!("`ssh {host} df -h` shows which disk is full: make room, or set `folder` to another")),
+    let disk = match probed.free_bytes < needed {
+        true => Line::of(
+            node,
+            "disk",
+            format!("{free}, {} MiB needed, in the file system of {}", mebibytes(needed), node.folder),
+        )
+        .fault(format!("`ssh {host} df -h` shows which disk is full: make room, or set `folder` to another")),
         false => Line::of(node, "disk", free),
     };
     [platform, disk]
 }
 
-/// Of what is installed and what runs.
+/// Makes the line about what is installed and what is running.
 pub(super) fn of_version(node: &Node, facts: &Facts, expected: &Installed, file: &str) -> Line {
     let line = |found: String| Line::of(node, "version", found);
     let install = format!("`skein cluster install -f {file}`");
@@ -208,16 +212,16 @@ pub(super) fn of_version(node: &Node, facts: &Facts, expected: &Installed, file:
         return line(format!("{} is installed, this PC has {}", current.release, expected.release)).fault(install);
     }
     if current.bundle != expected.bundle {
-        return line("its configuration or keys are not this PC's any more".to_owned()).fault(install);
+        return line("its configuration or keys differ from those on this PC".to_owned()).fault(install);
     }
     match &facts.agent {
         Some(agent) if agent.installed != *current => {
-            line(format!("runs {}, and {} was installed since", agent.installed.release, current.release))
+            line(format!("runs {}, but {} has been installed since", agent.installed.release, current.release))
                 .fault(format!("`skein cluster down -f {file}`, then `skein cluster up -f {file}`"))
         }
         Some(agent) if agent.restarts > 0 => {
             let times = if agent.restarts == 1 { "once".to_owned() } else { format!("{} times", agent.restarts) };
-            let found = format!("{}, runs, and was started again {times}", current.release);
+            let found = format!("{}, runs, and was restarted {times}", current.release);
             line(found).warning(format!("`skein cluster logs -f {file}` shows why"))
         }
         Some(_) => line(format!("{}, runs", current.release)),

@@ -1,4 +1,4 @@
-//! Whether the keys are there, good for the inventory, and nobody else's to read.
+//! Checks whether the keys exist, fit the cluster file, and can be read only by their owner.
 
 use super::Line;
 use crate::inventory::{Inventory, SecurityKind};
@@ -8,10 +8,11 @@ use crate::keys::{certificate_spec, day, roles};
 use skein_host::clock;
 use skein_lab::error::Error;
 
-/// What stands against them, or one line that all are good.
+/// Returns the faults of the keys, or one line that all are valid.
 pub(super) fn lines(inventory: &Inventory, file: &str) -> Vec<Line> {
     if inventory.security == SecurityKind::None {
-        let found = "links are plain and orders unsealed: whoever is on the network can join and command";
+        let found =
+            "links are plain TCP and orders are not signed: any computer on the network can join and send orders";
         return vec![
             Line::new("this PC", "keys", found).warning("delete `security = \"none\"`, then `skein cluster keys`"),
         ];
@@ -28,8 +29,8 @@ pub(super) fn lines(inventory: &Inventory, file: &str) -> Vec<Line> {
     }
     let folder = Folder(inventory.keys.clone());
     let ends = roles(inventory).filter_map(|role| expires(&folder.read(&certificate_file(role)).ok()??)).min();
-    let until = ends.map_or(String::new(), |end| format!("; the first ends on {}", day(end)));
-    vec![Line::new("this PC", "keys", format!("all {} are good{until}", inventory.nodes.len() + 2))]
+    let until = ends.map_or(String::new(), |end| format!("; the first expires on {}", day(end)));
+    vec![Line::new("this PC", "keys", format!("all {} are valid{until}", inventory.nodes.len() + 2))]
 }
 
 fn faults(inventory: &Inventory, file: &str) -> Result<Vec<Line>, Error> {

@@ -1,4 +1,4 @@
-//! Whether everybody's port can be reached: from this PC and from every host where there is a program to ask.
+//! Checks whether every node's port can be reached: from this PC and from every host that has the program.
 
 use std::collections::BTreeMap;
 
@@ -9,14 +9,14 @@ use crate::cluster::host::probe;
 use crate::cluster::protocol::Reached;
 use crate::inventory::{Inventory, Node};
 
-/// Who called, and what became of it at each node.
+/// Results of the calls from one computer to every node's port.
 pub(super) struct Calls {
-    /// In words: a host, or this PC.
+    /// Name of the caller: a host, or this PC.
     pub(super) from: String,
     pub(super) reached: BTreeMap<VehicleId, Reached>,
 }
 
-/// What is known of an agent.
+/// State of an agent, as its host reports it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Agent {
     Runs,
@@ -25,7 +25,7 @@ pub(super) enum Agent {
     Unknown,
 }
 
-/// `HOST:PORT` of a node.
+/// Returns `HOST:PORT` of a node.
 pub(super) fn address(node: &Node) -> String {
     match node.address.contains(':') {
         true => format!("[{}]:{}", node.address, node.port),
@@ -33,22 +33,22 @@ pub(super) fn address(node: &Node) -> String {
     }
 }
 
-/// Calls everybody from this PC.
+/// Calls every node's port from this PC.
 pub(super) fn call_all(inventory: &Inventory) -> Calls {
     let endpoints: Vec<_> = inventory.nodes.values().map(address).collect();
     let reached = inventory.nodes.keys().copied().zip(probe::reach(&endpoints)).collect();
     Calls { from: "this PC".to_owned(), reached }
 }
 
-/// One line for each node's port: closed for whom, taken by whom.
+/// Makes one line for each node's port, from all calls.
 pub(super) fn lines(inventory: &Inventory, calls: &[Calls], agents: &BTreeMap<VehicleId, Agent>) -> Vec<Line> {
     inventory.nodes.values().map(|node| line(node, calls, agents.get(&node.id).copied())).collect()
 }
 
 fn line(node: &Node, calls: &[Calls], agent: Option<Agent>) -> Line {
     let at = address(node);
-    let by = |expected: fn(&Reached) -> bool| -> Vec<&str> {
-        let by = calls.iter().filter(|calls| calls.reached.get(&node.id).is_some_and(expected));
+    let by = |filter: fn(&Reached) -> bool| -> Vec<&str> {
+        let by = calls.iter().filter(|calls| calls.reached.get(&node.id).is_some_and(filter));
         by.map(|calls| calls.from.as_str()).collect()
     };
     let closed = by(|reached| matches!(reached, Reached::No(_)));
@@ -62,22 +62,22 @@ fn line(node: &Node, calls: &[Calls], agent: Option<Agent>) -> Line {
         });
         let only = if taken.len() + refused.len() > 0 { " (not for all)" } else { "" };
         return line(format!("{at} is closed for {}{only}: {}", closed.join(", "), why.unwrap_or_default())).fault(format!(
-            "have a firewall on {host} or before it let TCP port {} through: `sudo ufw allow {0}/tcp` or `sudo firewall-cmd \
-             --permanent --add-port={0}/tcp && sudo firewall-cmd --reload`; see that {} is its address",
+            "open TCP port {} in the firewall on {host} or in front of it: `sudo ufw allow {0}/tcp` or `sudo firewall-cmd \
+             --permanent --add-port={0}/tcp && sudo firewall-cmd --reload`; check that {} is its address",
             node.port, node.address
         ));
     }
     match (agent, taken.is_empty(), refused.is_empty()) {
-        (Some(Agent::DoesNot), false, _) => line(format!("{at} is taken, and not by this node's agent"))
-            .fault(format!("see by whom, and end it: `ssh {host} ss -ltnp sport = :{}`", node.port)),
-        (Some(Agent::Runs), _, false) => line(format!("{at} refuses {}, and its agent runs", refused.join(", ")))
+        (Some(Agent::DoesNot), false, _) => line(format!("{at} is used by another program than this node's agent"))
+            .fault(format!("find and end that program: `ssh {host} ss -ltnp sport = :{}`", node.port)),
+        (Some(Agent::Runs), _, false) => line(format!("{at} refuses {}, although its agent runs", refused.join(", ")))
             .fault(format!(
-                "see that {} is an address of {host} and that no firewall rejects port {}",
+                "check that {} is an address of {host} and that no firewall rejects port {}",
                 node.address, node.port
             )),
-        (_, false, _) => line(format!("{at} takes calls")),
-        (_, true, false) => line(format!("{at} can be reached; nobody listens yet")),
-        (_, true, true) => line(format!("{at}: nobody could call")).unknown(),
+        (_, false, _) => line(format!("{at} accepts connections")),
+        (_, true, false) => line(format!("{at} can be reached; no agent listens yet")),
+        (_, true, true) => line(format!("{at}: could not be called")).unknown(),
     }
 }
 
@@ -87,7 +87,7 @@ mod tests {
     use super::*;
     use crate::inventory::tests::lab;
 
-    /// The line of node 1, as this PC and heli2 have called it.
+    /// The line of node 1 after calls from this PC and heli2.
     fn line_of(pc: Reached, other: Reached, agent: Agent) -> Line {
         let folder = tempfile::tempdir().unwrap();
         let inventory = lab(folder.path(), 1, "");
@@ -98,7 +98,7 @@ mod tests {
     }
 
     #[test]
-    fn a_port_that_is_closed_taken_or_refused_has_its_remedy() {
+    fn a_closed_used_or_refused_port_has_its_remedy() {
         let late = || Reached::No("no answer within 1 s".to_owned());
         let closed = line_of(late(), late(), Agent::DoesNot);
         assert_eq!(closed.state, State::Fault);

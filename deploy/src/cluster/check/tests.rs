@@ -1,4 +1,4 @@
-//! With an `ssh` that is a script, for which this PC is the host.
+//! Tests with a script in place of `ssh` and this PC as the host.
 
 use std::fs;
 use std::os::unix::fs::PermissionsExt;
@@ -13,7 +13,7 @@ use crate::cluster::ssh::tests::{fake, heli};
 use crate::inventory::tests::lab;
 use skein_host::clock;
 
-/// What is found of a host whose programs in `bin` stand before the system's.
+/// Results for a host on which the programs in `bin` replace the system's.
 fn asked(script: &str, bin: &[(&str, &str)]) -> host::Asked {
     let folder = tempfile::tempdir().unwrap();
     for name in ["bin", "home"] {
@@ -39,7 +39,7 @@ fn line(asked: &host::Asked, what: &str) -> Line {
 }
 
 #[test]
-fn a_bare_host_lacks_only_the_installation() {
+fn a_host_without_skein_lacks_only_the_installation() {
     let asked = asked("", &[]);
     for what in ["ssh", "clock", "platform", "disk"] {
         assert_eq!(line(&asked, what).state, State::Good, "{:?}", line(&asked, what));
@@ -52,11 +52,11 @@ fn a_bare_host_lacks_only_the_installation() {
 }
 
 #[test]
-fn a_host_that_does_not_let_in_is_not_asked_further() {
+fn a_host_that_refuses_the_login_is_not_asked_further() {
     for (output, found, remedy) in [
-        ("lab@heli1: Permission denied (publickey).", "lets none of your keys in", "`ssh-copy-id heli1`"),
-        ("ssh: connect to host heli1 port 22: No route to host", "no way there", "see that both are connected"),
-        ("Host key verification failed.", "its host key is not known here", "`ssh heli1` once by hand"),
+        ("lab@heli1: Permission denied (publickey).", "accepts none of your keys", "`ssh-copy-id heli1`"),
+        ("ssh: connect to host heli1 port 22: No route to host", "no route from this network", "both are connected"),
+        ("Host key verification failed.", "its host key is not known on this PC", "`ssh heli1` once by hand"),
     ] {
         let asked = asked(&format!("echo '{output}' >&2; exit 255"), &[]);
         let [line] = asked.lines.as_slice() else { panic!("{:?}", asked.lines) };
@@ -75,7 +75,7 @@ fn a_host_that_hangs_is_given_up() {
 }
 
 #[test]
-fn a_clock_that_is_off_is_found_with_its_sign() {
+fn a_wrong_clock_is_reported_with_its_sign() {
     let ahead = asked("", &[("date", "exec /bin/date -d '90 seconds' \"$@\"")]);
     let clock = line(&ahead, "clock");
     assert_eq!(clock.state, State::Fault);
@@ -87,7 +87,7 @@ fn a_clock_that_is_off_is_found_with_its_sign() {
 }
 
 #[test]
-fn a_full_disk_and_another_platform_are_found() {
+fn a_full_disk_and_another_platform_are_faults() {
     let full =
         "echo 'Filesystem 1024-blocks Used Available Capacity Mounted on'; echo '/dev/sda1 1000000 990000 10000 99% /'";
     let asked = asked("", &[("df", full), ("uname", "echo Linux mips"), ("getconf", "echo glibc 2.12")]);
@@ -98,7 +98,7 @@ fn a_full_disk_and_another_platform_are_found() {
 }
 
 #[test]
-fn another_version_is_found_whether_installed_or_running() {
+fn another_version_is_a_fault_whether_installed_or_running() {
     let folder = tempfile::tempdir().unwrap();
     let inventory = lab(folder.path(), 1, "");
     let node = inventory.nodes.values().next().unwrap();
@@ -111,9 +111,9 @@ fn another_version_is_found_whether_installed_or_running() {
     };
     for (line, state, found) in [
         (of(installed("1", "b"), None), State::Fault, "1 is installed, this PC has 2"),
-        (of(installed("2", "a"), None), State::Fault, "its configuration or keys are not this PC's any more"),
-        (of(expected.clone(), running(installed("1", "b"), 0)), State::Fault, "runs 1, and 2 was installed since"),
-        (of(expected.clone(), running(expected.clone(), 2)), State::Warning, "2, runs, and was started again 2 times"),
+        (of(installed("2", "a"), None), State::Fault, "its configuration or keys differ from those on this PC"),
+        (of(expected.clone(), running(installed("1", "b"), 0)), State::Fault, "runs 1, but 2 has been installed since"),
+        (of(expected.clone(), running(expected.clone(), 2)), State::Warning, "2, runs, and was restarted 2 times"),
         (of(expected.clone(), running(expected.clone(), 0)), State::Good, "2, runs"),
         (of(expected.clone(), None), State::Good, "2, does not run"),
     ] {
@@ -122,7 +122,7 @@ fn another_version_is_found_whether_installed_or_running() {
 }
 
 #[test]
-fn keys_that_are_missing_moved_or_open_are_found() {
+fn missing_invalid_or_readable_keys_are_faults() {
     let folder = tempfile::tempdir().unwrap();
     let mut inventory = lab(folder.path(), 2, "");
     let lines = |inventory: &Inventory| keys::lines(inventory, "lab.toml");
@@ -131,7 +131,7 @@ fn keys_that_are_missing_moved_or_open_are_found() {
     assert!(missing.remedy.as_ref().unwrap().contains("skein cluster keys"));
     cluster_keys::make(&inventory, None, None, clock::utc()).unwrap();
     let [good] = &lines(&inventory)[..] else { panic!("one line") };
-    assert!(good.state == State::Good && good.found.starts_with("all 4 are good; the first ends on 2"), "{good:?}");
+    assert!(good.state == State::Good && good.found.starts_with("all 4 are valid; the first expires on 2"), "{good:?}");
     inventory.nodes.get_mut(&VehicleId::new(2).unwrap()).unwrap().address = "10.0.0.99".to_owned();
     let [moved] = &lines(&inventory)[..] else { panic!("one line") };
     assert_eq!((moved.state, moved.found.as_str()), (State::Fault, "vehicle-2.pem has another address"));
@@ -146,9 +146,9 @@ fn keys_that_are_missing_moved_or_open_are_found() {
 }
 
 #[test]
-fn the_table_and_the_lines_say_the_same() {
+fn the_table_and_the_json_agree() {
     let line = Line::new("heli1", "clock", "+90000.0 ±0.4 ms").fault("`ssh heli1 sudo timedatectl set-ntp true`");
-    let table = as_table(&[Line::new("heli1", "ssh", "lets in"), line.clone()]);
+    let table = as_table(&[Line::new("heli1", "ssh", "login works"), line.clone()]);
     let fault = table.lines().last().unwrap();
     assert!(fault.contains("FAULT") && fault.contains("+90000.0") && fault.contains("set-ntp"), "{table}");
     let json = serde_json::to_value(&line).unwrap();

@@ -74,7 +74,7 @@ fn a_run_is_over_as_soon_as_it_is_ordered_to_land() {
     let file = RunFile::of(&inventory).unwrap();
     assert_eq!(file.read().unwrap(), None);
     file.note_order(Verb::Abort).unwrap();
-    assert_eq!(file.read().unwrap(), None, "there is no run");
+    assert_eq!(file.read().unwrap(), None, "no run was begun");
     let record = Record::of(RunNote::new(&operator(), &lab(), OWN, 1000));
     for (verb, over) in [(Verb::Hold, false), (Verb::Goto(2), false), (Verb::Land, true), (Verb::Abort, true)] {
         file.keep(&record).unwrap();

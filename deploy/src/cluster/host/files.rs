@@ -1,4 +1,4 @@
-//! Files on a node's host: written whole or not at all, and there after a power cut.
+//! Writes files on a node's host atomically and durably: they survive a power cut.
 
 use std::ffi::OsString;
 use std::fs::{self, File, TryLockError};
@@ -10,17 +10,17 @@ use crate::os;
 use skein_host::clock;
 use skein_host::whole::{self, Promise};
 
-/// A draft's ending: nobody reads what has it.
+/// Extension of a draft: files and folders with it are ignored.
 const DRAFT: &str = "draft";
-/// Between two looks at a lock.
+/// Interval at which a lock is tried.
 const POLL_PERIOD: Duration = Duration::from_millis(20);
 
-/// An error with the path it is about, as one sentence.
+/// Makes an error text that names the path.
 pub(super) fn at(path: &Path) -> impl FnOnce(io::Error) -> String + '_ {
     move |error| format!("{}: {error}", path.display())
 }
 
-/// The path with `.draft` behind it.
+/// Returns the path with `.draft` appended.
 pub(super) fn draft(path: &Path) -> PathBuf {
     let mut name = OsString::from(path);
     name.push(".");
@@ -28,61 +28,61 @@ pub(super) fn draft(path: &Path) -> PathBuf {
     name.into()
 }
 
-/// Whether it is one.
+/// Whether the path is a draft.
 pub(super) fn is_draft(path: &Path) -> bool {
     path.extension().is_some_and(|extension| extension == DRAFT)
 }
 
-/// Before everything that changes something on disk: where a test breaks off.
+/// Called before every change on disk: a test can make it fail to simulate an interruption.
 fn step() -> io::Result<()> {
     #[cfg(test)]
     tests::step()?;
     Ok(())
 }
 
-/// Gives a file or folder another name; what has it so far goes, unless it is a folder with something in it.
+/// Renames a file or folder. An existing target is replaced, unless it is a folder that is not empty.
 pub(super) fn rename(from: &Path, to: &Path) -> io::Result<()> {
     step()?;
     fs::rename(from, to)
 }
 
-/// Makes a link that nobody follows yet.
+/// Creates a link that is not used yet.
 pub(super) fn symlink(to: &Path, link: &Path) -> io::Result<()> {
     step()?;
     os::symlink(to, link)
 }
 
-/// Writes a file, and makes it last; readers see the old one or the new one.
+/// Writes a file durably; readers see the old or the new one.
 pub(super) fn write(path: &Path, content: &[u8], is_secret: bool) -> Result<(), String> {
     let done = step().and_then(|()| whole::write(path, content, Promise::of(is_secret))).and_then(|()| sync(path));
     done.map_err(at(path))
 }
 
-/// Writes a file that nobody reads yet, down to the disk.
+/// Writes a file that is not used yet, durably.
 pub(super) fn write_through(path: &Path, content: &[u8], mode: u32) -> io::Result<()> {
     remove(path)?;
     step()?;
     let mut file = File::options().write(true).create_new(true).open(path)?;
-    // Before there is anything in it to read.
+    // Set the mode before there are contents to protect.
     os::set_mode(path, mode)?;
     step()?;
     file.write_all(content)?;
     file.sync_all()
 }
 
-/// Makes the entry of a path in its folder last.
+/// Makes the directory entry of a path durable.
 pub(super) fn sync(path: &Path) -> io::Result<()> {
     path.parent().map_or(Ok(()), |folder| File::open(folder)?.sync_all())
 }
 
-/// Lets a link point there; readers see the old one or the new one.
+/// Points a link to another target; readers see the old or the new one.
 pub(super) fn link(link: &Path, to: &Path) -> Result<(), String> {
     let draft = draft(link);
     let done = remove(&draft).and_then(|()| symlink(to, &draft)).and_then(|()| rename(&draft, link));
     done.and_then(|()| sync(link)).map_err(at(link))
 }
 
-/// Takes away a file, a link or a whole folder; what is not there is gone.
+/// Removes a file, a link or a whole folder, if it exists.
 pub(super) fn remove(path: &Path) -> io::Result<()> {
     step()?;
     let gone = match fs::symlink_metadata(path) {
@@ -96,7 +96,7 @@ pub(super) fn remove(path: &Path) -> io::Result<()> {
     }
 }
 
-/// Paths in a folder, sorted; none if there is no such folder.
+/// Returns the paths in a folder, sorted; none if the folder does not exist.
 pub(super) fn entries(folder: &Path) -> Vec<PathBuf> {
     let entries = fs::read_dir(folder).map(|entries| entries.filter_map(|entry| Some(entry.ok()?.path())).collect());
     let mut entries: Vec<_> = entries.unwrap_or_default();
@@ -104,23 +104,23 @@ pub(super) fn entries(folder: &Path) -> Vec<PathBuf> {
     entries
 }
 
-/// The last name of a path as text.
+/// Returns the last component of a path as text.
 pub(super) fn name(path: &Path) -> Option<&str> {
     path.file_name()?.to_str()
 }
 
-/// Held by one process at a time, and by nobody once that one has ended however it may.
+/// A file lock, held by one process at a time and released when that process ends in any way.
 #[derive(Debug)]
 pub(super) struct Lock(File);
 
 impl Lock {
-    /// `None` if another holds it for so long. The folder has to be there.
+    /// Takes the lock; `None` if another process holds it for longer than `within`. The folder must exist.
     pub(super) fn take(path: &Path, within: Duration) -> Result<Option<Self>, String> {
         let until = clock::now() + within;
         loop {
             let file = File::options().create(true).truncate(false).write(true).open(path).map_err(at(path))?;
             match file.try_lock() {
-                // Who held it may have taken the file away.
+                // The previous holder may have removed the file.
                 Ok(()) if os::is_file_at(&file, path) => return Ok(Some(Self(file))),
                 Ok(()) => continue,
                 Err(TryLockError::WouldBlock) if clock::now() < until => clock::sleep(POLL_PERIOD),
@@ -130,16 +130,16 @@ impl Lock {
         }
     }
 
-    /// Whether anybody holds it. Nothing is written.
+    /// Whether a process holds the lock. Writes nothing.
     pub(super) fn is_held(path: &Path) -> bool {
         let tried = File::open(path).map(|file| file.try_lock_shared());
         matches!(tried, Ok(Err(TryLockError::WouldBlock)))
     }
 
-    /// Leaves a word for others in the locked file.
-    pub(super) fn set_text(&mut self, word: &str) -> io::Result<()> {
+    /// Replaces the text in the locked file, for other processes to read.
+    pub(super) fn set_text(&mut self, text: &str) -> io::Result<()> {
         self.0.set_len(0)?;
-        self.0.write_all(word.as_bytes())
+        self.0.write_all(text.as_bytes())
     }
 }
 
@@ -150,11 +150,11 @@ pub(super) mod tests {
     use super::*;
 
     thread_local! {
-        /// So many changes are made on this thread, and the next one is where it breaks off.
+        /// Number of changes that still succeed on this thread; the one after them fails.
         static CHANGES: Cell<u32> = const { Cell::new(u32::MAX) };
     }
 
-    /// From now on as many changes are made on this thread, and then none.
+    /// Lets this many changes succeed on this thread, and then none.
     pub(in crate::cluster::host) fn fail_after(changes: u32) {
         CHANGES.set(changes);
     }
@@ -162,12 +162,12 @@ pub(super) mod tests {
     pub(super) fn step() -> io::Result<()> {
         let left = CHANGES.get();
         CHANGES.set(left.saturating_sub(u32::from(left != u32::MAX)));
-        if left == 0 { Err(io::Error::other("broken off")) } else { Ok(()) }
+        if left == 0 { Err(io::Error::other("interrupted")) } else { Ok(()) }
     }
 
     #[test]
     #[cfg(unix)]
-    fn a_link_is_replaced_and_a_draft_left_behind_is_no_obstacle() {
+    fn a_link_is_replaced_even_if_a_draft_was_left_behind() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("current");
         fs::create_dir(draft(&path)).unwrap();
@@ -179,7 +179,7 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn a_lock_is_one_holders_and_outlives_its_files_removal() {
+    fn a_lock_has_one_holder_even_after_its_file_is_removed() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("lock");
         assert!(!Lock::is_held(&path) && !path.exists());
@@ -190,7 +190,7 @@ pub(super) mod tests {
         let second = Lock::take(&path, Duration::ZERO).unwrap().unwrap();
         assert!(os::is_file_at(&second.0, &path));
         drop(first);
-        assert!(Lock::is_held(&path), "the second holds it");
+        assert!(Lock::is_held(&path), "the second process holds it");
         drop(second);
         assert!(!Lock::is_held(&path));
     }

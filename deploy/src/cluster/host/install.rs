@@ -1,5 +1,5 @@
-//! Putting a node's files there and taking them away. At whatever moment it is broken off, what would run is whole, and the
-//! same request made again ends it.
+//! Installs and removes a node's files. Whenever it is interrupted, what would run next is complete, and the same
+//! request finishes the work.
 
 use std::collections::BTreeSet;
 use std::fs;
@@ -13,13 +13,13 @@ use crate::cluster::bundle::{Bundle, BundleFile};
 use crate::cluster::protocol::Installed;
 use crate::os;
 
-/// Makes a bundle and the program of this place the next to run. Whether anything was written.
+/// Installs these files with the program of this release, for the next start. Returns whether anything was written.
 pub(super) fn apply(place: &Place, node: &NodeFolder, bundle: &Bundle, settings: &Settings) -> Result<bool, String> {
     check(bundle)?;
     let installed = Installed { release: place.release.clone(), bundle: bundle.id() };
     let program = place.releases().join(&installed.release).join(PROGRAM);
     if !program.is_file() {
-        return Err(format!("{}: there is no such program", program.display()));
+        return Err(format!("{}: this program does not exist", program.display()));
     }
     let mut changed = write_install(node, &installed, bundle)?;
     if node.settings().as_ref() != Some(settings) {
@@ -38,22 +38,22 @@ pub(super) fn apply(place: &Place, node: &NodeFolder, bundle: &Bundle, settings:
     Ok(changed)
 }
 
-/// Makes what was there before the next to run.
+/// Switches back to what was installed before, for the next start.
 pub(super) fn rollback(node: &NodeFolder) -> Result<(), String> {
     let (current, previous) = (linked(&node.current()), linked(&node.previous()));
     let Some((current, previous)) = current.zip(previous).filter(|(current, previous)| current != previous) else {
-        return Err(format!("node {} has nothing to go back to", node.id));
+        return Err(format!("node {} has no earlier version to go back to", node.id));
     };
     files::link(&node.current(), &link_to(&previous))?;
     files::link(&node.previous(), &link_to(&current))
 }
 
-/// Takes away the node's folder, what no other node of this host needs, and folders that are empty then. Whether there was
-/// anything. The node's agent has ended, and its lock is held.
+/// Removes the node's folder, what no other node of this host needs, and folders that are empty then. Returns whether
+/// the node existed. The agent must have ended, and the node's lock be held.
 pub(super) fn remove(place: &Place, node: &NodeFolder) -> Result<bool, String> {
     let _shared = place.lock()?;
     let was_there = node.path.exists();
-    // First what says that something is installed.
+    // First remove the links that mark the node as installed.
     for path in [node.current(), node.previous(), node.path.clone()] {
         files::remove(&path).map_err(at(&path))?;
     }
@@ -65,13 +65,13 @@ pub(super) fn remove(place: &Place, node: &NodeFolder) -> Result<bool, String> {
     for path in [place.lock_path(), place.releases()] {
         files::remove(&path).map_err(at(&path))?;
     }
-    // Whatever somebody else has put there stays, and the folders around it.
+    // Files of others stay, and so do the folders that contain them.
     let parents = [Some(place.folder.as_path()), place.folder.parent()];
     let _ = parents.into_iter().flatten().try_for_each(fs::remove_dir);
     Ok(was_there)
 }
 
-/// Plain names with `/` between them, and none that is ours.
+/// Checks that all paths are plain names with `/` between them, and none is reserved.
 fn check(bundle: &Bundle) -> Result<(), String> {
     let is_plain = |name: &str| {
         let is_odd = |c: char| c.is_control() || c == '\\' || c == ':';
@@ -84,12 +84,12 @@ fn check(bundle: &Bundle) -> Result<(), String> {
     }
 }
 
-/// Where a link of a node leads.
+/// Target of a node's link to an install.
 fn link_to(installed: &Installed) -> PathBuf {
     Path::new("installs").join(install_name(installed))
 }
 
-/// Whether anything was written.
+/// Writes the install, unless it is complete already. Returns whether anything was written.
 fn write_install(node: &NodeFolder, installed: &Installed, bundle: &Bundle) -> Result<bool, String> {
     let path = node.install(installed);
     if is_whole(&path, bundle) {
@@ -110,7 +110,7 @@ fn write_install(node: &NodeFolder, installed: &Installed, bundle: &Bundle) -> R
     let program = Path::new("../../../releases").join(&installed.release).join(PROGRAM);
     files::symlink(&program, &draft.join(PROGRAM)).map_err(at(&draft))?;
     folders.iter().try_for_each(|folder| files::sync(&folder.join(PROGRAM))).map_err(at(&draft))?;
-    // Its name says what has to be in it: what is in the way is damaged.
+    // The name identifies the contents, so an existing folder that is not complete is damaged.
     let damaged = files::draft(&draft);
     if path.exists() {
         files::remove(&damaged).and_then(|()| files::rename(&path, &damaged)).map_err(at(&damaged))?;
@@ -128,7 +128,7 @@ fn mode(file: &BundleFile) -> u32 {
     }
 }
 
-/// Every file of the bundle with its bytes and its mode, and the link to the program.
+/// Whether every file exists with its contents and mode, and the program too.
 fn is_whole(path: &Path, bundle: &Bundle) -> bool {
     let is_there = |(name, file): (&String, &BundleFile)| {
         let path = path.join(name);
@@ -137,7 +137,7 @@ fn is_whole(path: &Path, bundle: &Bundle) -> bool {
     path.join(PROGRAM).is_file() && bundle.files.iter().all(is_there)
 }
 
-/// Takes away installs and releases that nobody needs, and what was broken off.
+/// Removes installs and releases that are not needed, and drafts.
 fn prune(place: &Place, node: &NodeFolder) -> Result<(), String> {
     let running = node.agent().and_then(|_| linked(&node.active()));
     let needed = [linked(&node.current()), linked(&node.previous()), running];
@@ -147,14 +147,14 @@ fn prune(place: &Place, node: &NodeFolder) -> Result<(), String> {
             files::remove(&path).map_err(at(&path))?;
         }
     }
-    // What a crash has left; no other request is at work.
+    // Drafts were left by a crash, because no other request is running.
     let drafts = files::entries(&node.path).into_iter().filter(|path| files::is_draft(path));
     drafts.into_iter().try_for_each(|path| files::remove(&path).map_err(at(&path)))?;
     let _shared = place.lock()?;
     prune_releases(place, Some(&place.release))
 }
 
-/// Takes away the releases that no install of any node asks for. One that has no program yet is just being copied.
+/// Removes the releases that no install of any node needs. A release without a program is just being copied.
 fn prune_releases(place: &Place, also: Option<&str>) -> Result<(), String> {
     let nodes = files::entries(&place.folder).into_iter().filter(|path| is_node(path));
     let installs = nodes.flat_map(|node| files::entries(&node.join("installs")));

@@ -1,4 +1,4 @@
-//! An agent's log on disk: a row of files, the newest without a number, that never takes more than its share.
+//! An agent's log on disk: a rotated series of files, the newest without a number, with a limited total size.
 
 use std::collections::VecDeque;
 use std::fs::{self, File};
@@ -9,24 +9,25 @@ use std::time::Duration;
 use crate::os;
 use skein_host::clock;
 
-/// The newest file.
+/// Name of the newest file.
 const FILE: &str = "agent.log";
-/// All files together, and the largest one: bytes that a log can take.
+/// Number of files.
 const FILES: usize = 5;
+/// Size limit of a file, bytes.
 const MAX_BYTES: u64 = 1_000_000;
-/// A line is cut there.
+/// Length limit of a line, bytes; longer lines are cut.
 const MAX_LINE_BYTES: u64 = 16_384;
-/// Stands behind the time in a line of the supervisor's.
+/// Follows the time in a line that the supervisor wrote.
 const OURS: &str = "  supervisor: ";
-/// Between two looks at a log that is followed.
+/// Interval at which a followed log is read.
 const POLL_PERIOD: Duration = Duration::from_millis(100);
 
-/// The file of this age: 0 is the newest.
+/// Path of the file of this age; 0 is the newest.
 fn path(folder: &Path, age: usize) -> PathBuf {
     if age == 0 { folder.join(FILE) } else { folder.join(format!("{FILE}.{age}")) }
 }
 
-/// Writes the log. A disk that is full costs lines and nothing else.
+/// Writes the log. On a full disk lines are lost, and nothing else happens.
 #[derive(Debug)]
 pub(super) struct Log {
     folder: PathBuf,
@@ -39,13 +40,13 @@ impl Log {
         Self { folder: folder.to_owned(), max_bytes: MAX_BYTES, file: None }
     }
 
-    /// Adds a whole line. Its end is part of it.
+    /// Adds a line, which includes its line end.
     pub(super) fn add(&mut self, line: &[u8]) {
-        // What could not be written this time is opened anew the next time.
+        // After an error the file is opened again for the next line.
         self.file = self.try_add(line).ok();
     }
 
-    /// A line of the supervisor's own, with the time before it.
+    /// Adds a line of the supervisor, with the time.
     pub(super) fn note(&mut self, what: &str) {
         self.add(format!("{}{OURS}{what}\n", clock::utc_stamp()).as_bytes());
     }
@@ -58,7 +59,7 @@ impl Log {
         };
         if size > 0 && size + line.len() as u64 > self.max_bytes {
             for age in (1..FILES).rev() {
-                // Young logs have few files.
+                // A new log does not have all the files yet.
                 let _ = fs::rename(path(&self.folder, age - 1), path(&self.folder, age));
             }
             (file, size) = open(&newest)?;
@@ -74,12 +75,12 @@ fn open(path: &Path) -> io::Result<(File, u64)> {
     Ok((file, size))
 }
 
-/// Whether the supervisor wrote it, and not the agent.
+/// Whether the supervisor wrote this line, not the agent.
 pub(super) fn is_ours(line: &str) -> bool {
     line.contains(OURS)
 }
 
-/// Reads lines until there are no more, and gives each on.
+/// Reads lines to the end of the input and passes each to `give`.
 pub(super) fn lines(input: impl Read, mut give: impl FnMut(&[u8])) {
     let mut input = BufReader::new(input);
     let mut line = Vec::new();
@@ -92,7 +93,7 @@ pub(super) fn lines(input: impl Read, mut give: impl FnMut(&[u8])) {
     }
 }
 
-/// So many of the last lines, oldest first.
+/// Returns the last `count` lines, oldest first.
 pub(super) fn tail(folder: &Path, count: usize) -> VecDeque<Vec<u8>> {
     let mut tail = VecDeque::new();
     for age in (0..FILES).rev() {
@@ -108,7 +109,7 @@ pub(super) fn tail(folder: &Path, count: usize) -> VecDeque<Vec<u8>> {
     tail
 }
 
-/// Writes so many of the last lines, and then what comes until it is over.
+/// Writes the last `count` lines, and then new lines until `is_over`.
 pub(super) fn show(
     folder: &Path,
     count: usize,
@@ -116,7 +117,7 @@ pub(super) fn show(
     to: &mut impl Write,
 ) -> io::Result<()> {
     let newest = path(folder, 0);
-    // Opened before the tail is read: a line may come twice then, but none is missed.
+    // Open the file before reading the tail: a line may be written twice then, but none is lost.
     let mut file = File::open(&newest).ok();
     if let Some(file) = &mut file {
         io::Seek::seek(file, io::SeekFrom::End(0))?;
@@ -132,7 +133,7 @@ pub(super) fn show(
         }
         let is_newest = file.as_ref().is_some_and(|file| os::is_file_at(file, &newest));
         if !is_newest {
-            // To its end once more: the last lines may have come before it was renamed.
+            // Read to the end once more, because the last lines may have come before the file was renamed.
             file.as_mut().map_or(Ok(0), |open| io::copy(open, to))?;
             file = File::open(&newest).ok();
         }
@@ -157,13 +158,13 @@ mod tests {
     }
 
     #[test]
-    fn a_log_never_takes_more_than_its_share() {
+    fn a_log_never_exceeds_its_size_limit() {
         let folder = tempfile::tempdir().unwrap();
         let mut log = Log { max_bytes: 100, ..Log::new(folder.path()) };
         for number in 0..100 {
             log.add(format!("line {number:4}\n").as_bytes());
         }
-        // Ten lines in each file.
+        // Each file has ten lines.
         assert_eq!(sizes(folder.path()), [100; FILES]);
         let all = tail(folder.path(), 1000);
         assert_eq!((all.len(), text(&all[0]), text(&all[49])), (50, "line   50".to_owned(), "line   99".to_owned()));
@@ -171,14 +172,14 @@ mod tests {
             tail(folder.path(), 3).iter().map(|line| text(line)).collect::<Vec<_>>().concat(),
             "line   97line   98line   99"
         );
-        // Another writer goes on where this one has ended.
+        // Another writer continues where this one has ended.
         Log { max_bytes: 100, ..Log::new(folder.path()) }.add(b"more\n");
         assert_eq!(text(&tail(folder.path(), 1)[0]), "more");
         assert_eq!(sizes(folder.path()).len(), FILES);
     }
 
     #[test]
-    fn a_line_without_an_end_is_cut() {
+    fn an_endless_line_is_cut() {
         let mut given = Vec::new();
         let endless = [b'x'; 2 * MAX_LINE_BYTES as usize + 5];
         lines(&endless[..], |line| given.push(line.len()));
@@ -187,7 +188,7 @@ mod tests {
     }
 
     #[test]
-    fn a_folder_that_is_gone_costs_lines_and_nothing_else() {
+    fn a_missing_folder_loses_lines_and_does_nothing_else() {
         let folder = tempfile::tempdir().unwrap();
         let gone = folder.path().join("log");
         let mut log = Log::new(&gone);

@@ -1,4 +1,5 @@
-//! One node's folder on its host: what is installed, what was started, which process flies it. [`place`](super::place) draws it.
+//! One node's folder on its host: what is installed, what was started, and the agent's process. [`place`](super::place)
+//! shows its files.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -18,10 +19,11 @@ use crate::cluster::protocol::{Facts, Installed, RunningAgent, Service};
 use crate::landing;
 use crate::os;
 
-/// A supervisor that has begun has said who it is within this time, and between two looks at its word.
+/// Time within which a new supervisor has written its process into its lock file.
 const SUPERVISOR_START: Duration = Duration::from_secs(2);
+/// Interval at which the supervisor's lock file is read.
 const POLL_PERIOD: Duration = Duration::from_millis(5);
-/// How long a request waits for another one to be done.
+/// How long a request waits for the lock of another request.
 pub(super) const LOCK_TIMEOUT: Duration = Duration::from_secs(5);
 
 /// One node's folder.
@@ -31,24 +33,26 @@ pub(super) struct NodeFolder {
     pub(super) id: VehicleId,
 }
 
-/// How a node is started; beside its configuration.
+/// How a node is started, apart from its configuration.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub(super) struct Settings {
-    /// Who starts it again when it has died.
+    /// The service that restarts its agent when it has failed.
     pub(super) service: Service,
-    /// As `RUST_LOG` takes it.
+    /// Log filter in the syntax of `RUST_LOG`.
     pub(super) log: Option<String>,
 }
 
-/// What was started last. Agents that take the place of one that has died are the same in all of it.
+/// What was started last. An agent that is restarted after a failure runs with the same.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct Started {
+    /// The program and configuration.
     pub(super) installed: Installed,
+    /// The run of the swarm.
     pub(super) run: u64,
-    /// The operator's note of that run.
+    /// The operator's signed note of that run.
     #[serde(default)]
     pub(super) note: Option<RunNote>,
-    /// When, on the clock that every process of this host reads, s.
+    /// Time of the start, on the clock that all processes of this host share, s.
     pub(super) at_s: f64,
 }
 
@@ -56,7 +60,7 @@ pub(super) struct Started {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub(super) struct AgentProcess {
     pub(super) process: Process,
-    /// How often it has died and was started again.
+    /// How often it has failed and was restarted.
     pub(super) restarts: u32,
 }
 
@@ -109,9 +113,9 @@ impl NodeFolder {
         self.run().join("supervisor")
     }
 
-    /// Held by a request that changes something of this node.
+    /// Takes the lock for changes of this node.
     pub(super) fn lock(&self) -> Result<Lock, String> {
-        let busy = || format!("another request is at work on node {}", self.id);
+        let busy = || format!("another request is changing node {}; try again", self.id);
         Lock::take(&self.run().join("lock"), LOCK_TIMEOUT)?.ok_or_else(busy)
     }
 
@@ -131,7 +135,7 @@ impl NodeFolder {
         write(&self.started_path(), started)
     }
 
-    /// The agent that was started last, whether it runs or not.
+    /// The agent that was started last, running or not.
     pub(super) fn last_agent(&self) -> Option<AgentProcess> {
         read(&self.agent_path())
     }
@@ -140,16 +144,16 @@ impl NodeFolder {
         write(&self.agent_path(), agent)
     }
 
-    /// The agent that runs.
+    /// The running agent.
     pub(super) fn agent(&self) -> Option<AgentProcess> {
         self.last_agent().filter(|agent| agent.process.is_running())
     }
 
-    /// The supervisor's process, if there is one.
+    /// The supervisor's process, if one is running.
     pub(super) fn supervisor(&self) -> Option<Process> {
         let (path, until) = (self.supervisor_path(), clock::now() + SUPERVISOR_START);
         while Lock::is_held(&path) && clock::now() < until {
-            // Until it has said who it is, the word of the one before it stands there.
+            // Until a new supervisor has written its process, the file contains the previous one's.
             if let Some(process) = read(&path).filter(Process::is_running) {
                 return Some(process);
             }
@@ -158,7 +162,7 @@ impl NodeFolder {
         None
     }
 
-    /// What is there.
+    /// Returns what is installed and running.
     pub(super) fn facts(&self) -> Facts {
         let started = self.started();
         let note = started.as_ref().and_then(|started| started.note);
@@ -180,31 +184,31 @@ impl NodeFolder {
     }
 }
 
-/// How long a landing may take of whoever flies what is installed here, s; 0 if it cannot be read.
+/// Time limit for a landing with this install, s; 0 if its scenario cannot be read.
 fn landing_s(install: &Path) -> f64 {
     let text = fs::read_to_string(install.join(SCENARIO)).ok();
     let loaded = text.and_then(|text| load(&Source { name: SCENARIO, text: &text }, &[]).ok());
     loaded.map_or(0.0, |loaded| landing::limit_of(&loaded.scenario).as_secs_f64())
 }
 
-/// The name of an install's folder.
+/// Name of an install's folder.
 pub(super) fn install_name(installed: &Installed) -> String {
     format!("{}_{}", installed.release, installed.bundle)
 }
 
-/// What a folder of this name has installed.
+/// Returns what is installed in a folder of this name.
 pub(super) fn installed(folder: &Path) -> Option<Installed> {
     let (release, bundle) = files::name(folder).filter(|_| !files::is_draft(folder))?.rsplit_once('_')?;
     Some(Installed { release: release.to_owned(), bundle: bundle.to_owned() })
 }
 
-/// What a link leads to, if that is there.
+/// Returns the install that a link points to, if it exists.
 pub(super) fn linked(link: &Path) -> Option<Installed> {
     let to = fs::read_link(link).ok()?;
     link.is_dir().then(|| installed(&to)).flatten()
 }
 
-/// A file of ours; none if it is not there, or not whole.
+/// Reads a JSON file; `None` if it does not exist or is incomplete.
 fn read<T: DeserializeOwned>(path: &Path) -> Option<T> {
     serde_json::from_slice(&fs::read(path).ok()?).ok()
 }
@@ -213,7 +217,7 @@ fn write(path: &Path, value: &impl Serialize) -> Result<(), String> {
     files::write(path, skein_lab::terminal::json(value).as_bytes(), true)
 }
 
-/// Makes folders for nobody but this user.
+/// Creates folders that only this user can access.
 pub(super) fn make_folders(folders: &[PathBuf]) -> Result<(), String> {
     folders.iter().try_for_each(|folder| os::make_private(folder).map_err(at(folder)))
 }

@@ -1,16 +1,16 @@
-//! Where everything is on a node's host:
+//! The paths of all files on a node's host:
 //!
 //! ```text
 //! <folder>/<swarm>/releases/<release>/skein                  the program, shared by the agents of this host
-//!                  node-<id>/installs/<release>_<bundle>/    one node's configuration; `skein` in it is a link to the program
+//!                  node-<id>/installs/<release>_<bundle>/    one node's configuration; `skein` in it links to the program
 //!                            current, previous               links to installs
-//!                            settings.json                   who starts it again, what it logs
-//!                            log/agent.log, .1, ...          what the agent wrote, under our own supervisor
-//!                            run/active                      a link to the install that was started last
-//!                                started.json, agent.json    in which run; the agent's process
-//!                                ended                       left by an agent that has ended well
+//!                            settings.json                   the service that restarts it, its log filter
+//!                            log/agent.log, .1, ...          the agent's log, under Skein's own supervisor
+//!                            run/active                      link to the install that was started last
+//!                                started.json, agent.json    the run; the agent's process
+//!                                ended                       written by an agent that has ended successfully
 //!                                skein-*                     the agent's sockets, if its service has no folder for them
-//!                                lock, supervisor            held by a request and by the supervisor
+//!                                lock, supervisor            locks of a request and of the supervisor
 //! ```
 
 use std::fs;
@@ -23,26 +23,26 @@ use super::node::{LOCK_TIMEOUT, NodeFolder};
 use super::systemd::Systemd;
 use crate::cluster::protocol::Service;
 
-/// The program's name, in a release and in an install.
+/// Name of the program file in a release and in an install.
 pub(super) const PROGRAM: &str = "skein";
-/// One swarm's folder on this host, and the release that works in it.
+/// One swarm's folder on this host, and the release of the program that answers.
 #[derive(Clone, Debug)]
 pub(super) struct Place {
     /// `<folder>/<swarm>`
     pub(super) folder: PathBuf,
-    /// Its last name.
+    /// Name of the swarm: the last component of the folder.
     pub(super) swarm: SwarmName,
-    /// Of the program that answers.
+    /// Release of the program that answers.
     pub(super) release: String,
-    /// This host's.
+    /// The systemd instance of this host.
     pub(super) systemd: Systemd,
 }
 
 impl Place {
-    /// The place that this program is installed in.
+    /// Finds the swarm's folder from the path of this program.
     pub(super) fn of_this_program() -> Result<Self, String> {
         let program = std::env::current_exe().and_then(fs::canonicalize);
-        let program = program.map_err(|error| format!("this program does not know where it is: {error}"))?;
+        let program = program.map_err(|error| format!("the path of this program is unknown: {error}"))?;
         Self::of(&program).ok_or_else(|| {
             let is = program.display();
             format!("{is} is not installed: it has to be <folder>/<swarm>/releases/<release>/{PROGRAM}")
@@ -62,12 +62,12 @@ impl Place {
         })
     }
 
-    /// Who starts the agents, if it is not our own supervisor.
+    /// Returns systemd, unless the service is Skein's own supervisor.
     pub(super) fn systemd(&self, service: Service) -> Option<&Systemd> {
         (service != Service::Own).then_some(&self.systemd)
     }
 
-    /// Everything of one node.
+    /// Returns the folder of one node.
     pub(super) fn node(&self, id: VehicleId) -> NodeFolder {
         NodeFolder { path: self.folder.join(format!("node-{id}")), id }
     }
@@ -76,9 +76,9 @@ impl Place {
         self.folder.join("releases")
     }
 
-    /// Held while what several nodes share is changed.
+    /// Takes the lock for changes of files that the nodes of this host share.
     pub(super) fn lock(&self) -> Result<Lock, String> {
-        let busy = || "another request changes what the nodes of this host share".to_owned();
+        let busy = || "another request is changing the shared files of this host; try again".to_owned();
         Lock::take(&self.lock_path(), LOCK_TIMEOUT)?.ok_or_else(busy)
     }
 
@@ -95,7 +95,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_program_knows_its_place() {
+    fn a_program_finds_the_swarms_folder_from_its_own_path() {
         let place = Place::of(Path::new("/home/lab/.skein/lab/releases/0.1.0-1f2e3d4c5b6a/skein")).unwrap();
         assert_eq!(place.folder, Path::new("/home/lab/.skein/lab"));
         assert_eq!((place.swarm.as_str(), place.release.as_str()), ("lab", "0.1.0-1f2e3d4c5b6a"));

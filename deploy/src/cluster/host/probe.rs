@@ -1,4 +1,4 @@
-//! Which of its peers a host can reach.
+//! Checks which peers a host can reach.
 
 use std::io;
 use std::net::{SocketAddr, TcpStream, ToSocketAddrs};
@@ -7,14 +7,14 @@ use std::time::Duration;
 
 use crate::cluster::protocol::Reached;
 
-/// How long a peer is given to take a call.
+/// Time limit of a connection to a peer.
 const PEER: Duration = Duration::from_secs(1);
 
-/// What becomes of a call to each of these endpoints, all at once.
+/// Connects to each of these endpoints, all at once, and returns the results.
 pub(crate) fn reach(endpoints: &[String]) -> Vec<Reached> {
     let calls: Vec<_> = endpoints.iter().cloned().map(|endpoint| thread::spawn(move || call(&endpoint))).collect();
-    let nobody = |_| Reached::No("the call was broken off".to_owned());
-    calls.into_iter().map(|call| call.join().unwrap_or_else(nobody)).collect()
+    let interrupted = |_| Reached::No("the call was interrupted".to_owned());
+    calls.into_iter().map(|call| call.join().unwrap_or_else(interrupted)).collect()
 }
 
 fn call(endpoint: &str) -> Reached {
@@ -41,7 +41,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn calls_are_taken_or_refused() {
+    fn calls_are_accepted_or_refused() {
         let listener = TcpListener::bind("127.0.0.1:0").unwrap();
         let open = listener.local_addr().unwrap().to_string();
         let closed = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().to_string();

@@ -1,4 +1,4 @@
-//! Another process, known well enough not to be taken for a later one of the same number.
+//! Identifies another process, so that a later process with the same id is not mistaken for it.
 
 use std::fs;
 
@@ -9,32 +9,33 @@ use crate::os;
 /// A process that runs or has run on this host.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub(super) struct Process {
+    /// Process id.
     pub(super) pid: u32,
-    /// When it began, in the kernel's count; `None` where that is not told.
+    /// Start time in the kernel's clock ticks; `None` where the system does not report it.
     began: Option<u64>,
 }
 
 impl Process {
-    /// This one. It stays the same if it becomes another program.
+    /// This process. It stays the same when it becomes another program.
     pub(super) fn own() -> Self {
         let pid = std::process::id();
         Self { pid, began: stat(pid).map(|(_, began)| began) }
     }
 
-    /// A dead one that nobody has buried does not run.
+    /// Whether it is running. A zombie is not.
     pub(super) fn is_running(&self) -> bool {
         let is_it = |(state, began)| state != 'Z' && self.began.is_none_or(|own| own == began);
         os::is_running(self.pid) && stat(self.pid).map_or(self.began.is_none(), is_it)
     }
 
-    /// SIGTERM, if it still runs.
+    /// Sends SIGTERM, if it is running.
     pub(super) fn ask_to_end(&self) {
         if self.is_running() {
             os::ask_to_end(self.pid);
         }
     }
 
-    /// SIGKILL, if it still runs.
+    /// Sends SIGKILL, if it is running.
     pub(super) fn kill(&self) {
         if self.is_running() {
             os::kill(self.pid);
@@ -42,16 +43,17 @@ impl Process {
     }
 }
 
-/// Its state and when it began, from Linux's table.
+/// Reads a process's state and start time from Linux's `/proc`.
 fn stat(pid: u32) -> Option<(char, u64)> {
     parse(&fs::read_to_string(format!("/proc/{pid}/stat")).ok()?)
 }
 
-/// The second field is the program's name in parentheses, which may hold anything.
+/// Parses a line of `/proc/PID/stat`. The second field is the program's name in parentheses, which may contain any
+/// character.
 fn parse(stat: &str) -> Option<(char, u64)> {
     let mut fields = stat.rsplit_once(')')?.1.split_ascii_whitespace();
     let state = fields.next()?.chars().next()?;
-    // The 22nd of all.
+    // The 22nd field of the line.
     Some((state, fields.nth(18)?.parse().ok()?))
 }
 
@@ -63,14 +65,14 @@ mod tests {
     use skein_host::clock;
 
     #[test]
-    fn a_name_with_parentheses_and_spaces_is_passed_over() {
+    fn a_program_name_with_parentheses_and_spaces_is_skipped() {
         let stat = "77 (a) b) S 1 77 77 0 -1 4194560 1 2 3 4 5 6 7 8 20 0 1 0 424242 1000 5";
         assert_eq!(parse(stat), Some(('S', 424_242)));
     }
 
     #[test]
     #[cfg(unix)]
-    fn another_process_of_the_same_number_is_another() {
+    fn a_process_with_the_same_id_and_another_start_is_another_process() {
         let own = Process::own();
         assert!(own.is_running());
         if let Some(began) = own.began {
@@ -81,7 +83,7 @@ mod tests {
         assert!(process.is_running());
         process.kill();
         if process.began.is_some() {
-            // Dead before it is waited for.
+            // A zombie until it is waited for.
             let until = clock::now() + std::time::Duration::from_secs(10);
             while process.is_running() && clock::now() < until {
                 clock::sleep(std::time::Duration::from_millis(5));

@@ -1,4 +1,4 @@
-//! Starting and stopping a node's agent, whoever it is that starts it again when it has died.
+//! Starts and stops a node's agent, under either service.
 
 use std::ffi::OsString;
 use std::fs;
@@ -21,29 +21,29 @@ use crate::inventory::ServiceKind;
 use crate::os;
 use skein_host::clock;
 
-/// Environment variable that names the file which an agent leaves when it has ended well.
+/// Environment variable with the path of the file that an agent writes when it has ended successfully.
 const ENDED: &str = "SKEIN_ENDED";
-/// Environment variable that names the folder which systemd has made for a service.
+/// Environment variable with the folder that systemd has created for a service.
 const RUNTIME_DIRECTORY: &str = "RUNTIME_DIRECTORY";
-/// Between two looks at a process.
+/// Interval at which a process is checked.
 const POLL_PERIOD: Duration = Duration::from_millis(20);
-/// A process that was started is there within this time, and one that was killed is gone.
+/// Time limit for a process to appear after its start, or to end after a kill.
 const PROCESS_TIMEOUT: Duration = Duration::from_secs(10);
-/// An agent that cannot begin has ended within this time.
+/// Time within which an agent that cannot start has ended.
 const EARLY_EXIT: Duration = Duration::from_millis(400);
-/// An agent that was asked a second time gives its controls back and ends.
+/// Time limit for an agent to end after a second request, on which it gives its controls back without landing.
 const FORCED_END: Duration = Duration::from_secs(3);
 
-/// What there was to end, and how it has ended.
+/// Result of stopping a node.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct Ended {
-    /// An agent ran, or somebody was there to start one.
+    /// Whether an agent was running, or a supervisor that would start one.
     pub(super) was_busy: bool,
-    /// The agent did not land in time.
+    /// Whether the agent had to be ended before its vehicle had landed.
     pub(super) by_force: bool,
 }
 
-/// Who will start this node's agent again. What was chosen once stays.
+/// Determines the service that restarts this node's agent. With `Auto`, an earlier choice is kept.
 pub(super) fn resolve(place: &Place, node: &NodeFolder, kind: ServiceKind) -> Result<Service, String> {
     let systemd = &place.systemd;
     match (kind, node.settings()) {
@@ -55,12 +55,15 @@ pub(super) fn resolve(place: &Place, node: &NodeFolder, kind: ServiceKind) -> Re
     }
 }
 
-/// Makes it so that this service can start the node. Whether anything was written.
+/// Prepares the service to start the node. Returns whether anything was written.
 pub(super) fn install_service(place: &Place, node: &NodeFolder, settings: &Settings) -> Result<bool, String> {
     let old = node.settings().map(|settings| settings.service);
     if old.is_some_and(|old| old != settings.service) {
         if is_busy(node) {
-            return Err(format!("node {} runs under another service: end it first", node.id));
+            return Err(format!(
+                "node {} runs under another service; stop it first with `skein cluster down`",
+                node.id
+            ));
         }
         remove_service(place, node)?;
     }
@@ -70,7 +73,7 @@ pub(super) fn install_service(place: &Place, node: &NodeFolder, settings: &Setti
     }
 }
 
-/// Takes the node's service away.
+/// Removes the node's service.
 pub(super) fn remove_service(place: &Place, node: &NodeFolder) -> Result<(), String> {
     match node.settings().and_then(|settings| place.systemd(settings.service)) {
         Some(systemd) => systemd.remove_service(&place.swarm, node),
@@ -78,8 +81,8 @@ pub(super) fn remove_service(place: &Place, node: &NodeFolder) -> Result<(), Str
     }
 }
 
-/// Starts what is current, in this run of the swarm, and waits until the agent's process is there. Whether anything was
-/// started; what runs goes on.
+/// Starts the current install in this run of the swarm, and waits until the agent's process exists. A running agent is
+/// not affected. Returns whether anything was started.
 pub(super) fn start(place: &Place, node: &NodeFolder, run: u64, note: Option<RunNote>) -> Result<bool, String> {
     let (Some(installed), Some(settings)) = (linked(&node.current()), node.settings()) else {
         return Err(format!("nothing is installed for node {}", node.id));
@@ -88,9 +91,9 @@ pub(super) fn start(place: &Place, node: &NodeFolder, run: u64, note: Option<Run
     match (node.agent(), systemd) {
         (Some(_), Some(_)) => return Ok(false),
         (Some(_), None) if node.supervisor().is_some() => return Ok(false),
-        // Its supervisor has died; a new one takes it on.
+        // Its supervisor has died: a new one takes it over.
         (Some(_), None) => return supervise(node).map(|()| true),
-        // What dies again and again, and waits to be started once more, is given up for what is asked now.
+        // A supervisor that waits to restart a failing agent is replaced.
         (None, None) => drop(end(node, None, Duration::ZERO)?),
         (None, Some(_)) => {}
     }
@@ -105,15 +108,15 @@ pub(super) fn start(place: &Place, node: &NodeFolder, run: u64, note: Option<Run
     if !wait(PROCESS_TIMEOUT, || node.last_agent().is_some()) {
         return Err(format!("the agent of node {} was not started{}", node.id, last_line(node)));
     }
-    // What is wrong with its files or its port it says at once; no patience mends that.
+    // An agent reports faults of its files or its port at once, and restarting does not help.
     if wait(EARLY_EXIT, || node.agent().is_none()) {
         stop(place, node, Duration::ZERO)?;
-        return Err(format!("the agent of node {} has ended at once{}", node.id, last_line(node)));
+        return Err(format!("the agent of node {} ended at once{}", node.id, last_line(node)));
     }
     Ok(true)
 }
 
-/// Lets the agent land and end; after `within` it is ended wherever the vehicle is.
+/// Asks the agent to land and end. After `within` it is ended wherever the vehicle is.
 pub(super) fn stop(place: &Place, node: &NodeFolder, within: Duration) -> Result<Ended, String> {
     let systemd = node.settings().and_then(|settings| place.systemd(settings.service));
     end(node, systemd.map(|systemd| (systemd, place)), within)
@@ -123,7 +126,7 @@ fn end(node: &NodeFolder, systemd: Option<(&Systemd, &Place)>, within: Duration)
     let was_busy = is_busy(node);
     let agent = node.agent().map(|agent| agent.process);
     match (systemd, node.supervisor()) {
-        // Also one that is about to be started again.
+        // This also stops an agent that is about to be restarted.
         (Some((systemd, place)), _) => systemd.stop(&place.swarm, node)?,
         (None, Some(supervisor)) => supervisor.ask_to_end(),
         (None, None) => agent.iter().for_each(Process::ask_to_end),
@@ -134,7 +137,7 @@ fn end(node: &NodeFolder, systemd: Option<(&Systemd, &Place)>, within: Duration)
         by_force = node.agent().is_some();
         agent.iter().for_each(Process::ask_to_end);
         if !wait(FORCED_END, is_over) {
-            // The supervisor first: it would be the one to start another.
+            // Kill the supervisor first, because it would restart the agent.
             node.supervisor().iter().for_each(Process::kill);
             node.agent().iter().for_each(|agent| agent.process.kill());
             if !wait(PROCESS_TIMEOUT, is_over) {
@@ -145,12 +148,12 @@ fn end(node: &NodeFolder, systemd: Option<(&Systemd, &Place)>, within: Duration)
     Ok(Ended { was_busy, by_force })
 }
 
-/// Whether an agent runs, or somebody is there to start one.
+/// Whether an agent is running, or a supervisor that would start one.
 fn is_busy(node: &NodeFolder) -> bool {
     node.agent().is_some() || node.supervisor().is_some()
 }
 
-/// Starts a supervisor that outlives this process and the session it was started in.
+/// Starts a supervisor that outlives this process and its session.
 fn supervise(node: &NodeFolder) -> Result<(), String> {
     let program = node.active().join(PROGRAM);
     let mut command = Command::new(&program);
@@ -161,18 +164,19 @@ fn supervise(node: &NodeFolder) -> Result<(), String> {
         wait(PROCESS_TIMEOUT, || node.supervisor().is_some() || matches!(supervisor.try_wait(), Ok(Some(_)) | Err(_)));
     match supervisor.try_wait() {
         Ok(Some(status)) => Err(format!("the supervisor of node {} {}", node.id, os::how_it_ended(status))),
-        _ if !is_there => Err(format!("the supervisor of node {} does not begin", node.id)),
+        _ if !is_there => Err(format!("the supervisor of node {} did not start", node.id)),
         _ => Ok(()),
     }
 }
 
-/// Becomes the node's agent, under this process's number: whoever started this process has started the agent.
+/// Replaces this process with the node's agent, under the same process id, so that the parent process is the agent's
+/// parent.
 pub(super) fn become_agent(node: &NodeFolder) -> Result<(), String> {
     let (Some(started), Some(settings)) = (node.started(), node.settings()) else {
         return Err(format!("node {} was not started by a request", node.id));
     };
     let restarts = node.last_agent().map(|last| last.restarts + 1);
-    // Of one that has died: its sockets, and that an earlier one had ended well.
+    // Remove what an earlier agent has left: its sockets, and the mark of a successful end.
     let left = files::entries(&node.run()).into_iter().filter(|path| is_socket_folder(path));
     for path in left.chain([node.ended_path()]) {
         files::remove(&path).map_err(at(&path))?;
@@ -184,13 +188,13 @@ pub(super) fn become_agent(node: &NodeFolder) -> Result<(), String> {
     command.args(["agent", "--config"]).arg(node.install(&started.installed).join("agent.toml"));
     command.arg("--run").arg(started.run.to_string());
     if restarts.is_some() {
-        // The scenario's events go on from there.
+        // The scenario's events continue from this time.
         let flown_s = (os::uptime_s() - started.at_s).max(0.0);
         command.arg("--flown-s").arg(format!("{flown_s:.3}"));
     }
     command.env(RELEASE, &started.installed.release).env(LIFE, node.run().join("life"));
     command.env(ENDED, node.ended_path());
-    // Where its sockets are, and what a crash of it is to tell.
+    // The folder of its sockets, and a backtrace after a panic.
     let given = std::env::var_os(RUNTIME_DIRECTORY);
     command.env(RUNTIME_DIRECTORY, sockets(node, settings.service, given)).env("RUST_BACKTRACE", "1");
     if let Some(log) = &settings.log {
@@ -199,36 +203,36 @@ pub(super) fn become_agent(node: &NodeFolder) -> Result<(), String> {
     Err(at(&program)(os::become_program(&mut command)))
 }
 
-/// Flies one vehicle. An agent that has ended well leaves a mark, if whoever started it wants one: a supervisor that was not
-/// there yet is not told how it ends.
+/// Flies one vehicle. An agent that has ended successfully writes a mark file, if asked to: a supervisor that has taken
+/// it over cannot read its exit status.
 pub(super) fn fly(options: &AgentOptions) -> ExitCode {
     let status = skein_agent::run::program(options);
     if let Some(mark) = std::env::var_os(ENDED).filter(|_| status == ExitCode::SUCCESS) {
-        // Without it the agent is started again.
+        // If this fails, the agent is restarted.
         let _ = fs::write(mark, "");
     }
     status
 }
 
-/// Where an agent has the folder of its sockets: in the one that goes with its service, if it was given one.
+/// Returns the folder for the agent's sockets: the folder of its service, if it has one.
 pub(super) fn sockets(node: &NodeFolder, service: Service, given: Option<OsString>) -> PathBuf {
     let given = given.filter(|_| service != Service::Own);
     given.map_or_else(|| node.run(), PathBuf::from)
 }
 
-/// As the agent's links name it.
+/// Whether this is a folder of sockets, as an agent's links name it.
 fn is_socket_folder(path: &Path) -> bool {
     files::name(path).is_some_and(|name| name.starts_with("skein-"))
 }
 
-/// The last that the agent wrote, as the end of a sentence.
+/// Returns the last line that the agent wrote, as the end of a sentence.
 fn last_line(node: &NodeFolder) -> String {
     let mut tail = logs::tail(&node.log(), 10).into_iter().map(|line| String::from_utf8_lossy(&line).trim().to_owned());
     let last = tail.rfind(|line| !line.is_empty() && !logs::is_ours(line));
     last.map(|line| format!(": {line}")).unwrap_or_default()
 }
 
-/// Whether it came true in time.
+/// Waits until the condition is true, at most `within`. Returns whether it became true.
 pub(super) fn wait(within: Duration, mut condition: impl FnMut() -> bool) -> bool {
     let until: Option<Instant> = clock::now().checked_add(within);
     loop {

@@ -1,5 +1,6 @@
-//! Our own supervisor, for hosts without systemd: starts an agent again when it has died, and keeps its log. Killed, it
-//! costs the log and the next restart, never the flight; the next one takes the agent on that it finds.
+//! Skein's own supervisor, for hosts without systemd: restarts an agent that has failed, and writes its log. If the
+//! supervisor is killed, the log and the next restart are lost, but the flight continues; a new supervisor takes over
+//! the running agent.
 
 use std::io;
 use std::path::Path;
@@ -17,26 +18,28 @@ use super::process::Process;
 use crate::os::{self, Interrupts};
 use skein_host::clock;
 
-/// The first pause before an agent is started again, and the longest: each is twice the one before.
+/// The first pause before an agent is restarted; each further pause is twice as long.
 const FIRST_PAUSE: Duration = Duration::from_millis(500);
+/// The longest pause before an agent is restarted.
 const LONGEST_PAUSE: Duration = Duration::from_secs(10);
-/// One that has flown for so long has not died of its start: pauses begin anew.
+/// An agent that has run for this long did not fail at its start: pauses begin with the shortest again.
 const STABLE: Duration = Duration::from_secs(60);
-/// Between two looks at the agent.
+/// Interval at which the agent is checked.
 const POLL_PERIOD: Duration = Duration::from_millis(50);
-/// Whoever only asks whether there is a supervisor holds its lock for an instant.
+/// Time limit for the supervisor's lock: a process that only checks for a supervisor holds it for an instant.
 const LOCK_WITHIN: Duration = Duration::from_secs(2);
-/// What an agent wrote before its end is read within this time.
+/// Time limit for reading the agent's last output.
 const LAST_LINES: Duration = Duration::from_secs(1);
 
-/// Keeps the node's agent alive until it has ended well, or this process is asked to end: then the agent is asked to.
+/// Keeps the node's agent running until it has ended successfully, or this process is asked to end: then it asks the
+/// agent to end.
 pub(super) fn supervise(node: &NodeFolder) -> Result<(), String> {
     os::leave_session();
     let interrupts = Interrupts::listen().map_err(|error| error.to_string())?;
     let path = node.supervisor_path();
-    let another = || format!("node {} has a supervisor already", node.id);
+    let another = || format!("node {} already has a supervisor", node.id);
     let mut lock = Lock::take(&path, LOCK_WITHIN)?.ok_or_else(another)?;
-    lock.note(&skein_lab::terminal::json(&Process::own())).map_err(at(&path))?;
+    lock.set_text(&skein_lab::terminal::json(&Process::own())).map_err(at(&path))?;
     Supervisor { node, interrupts, passed_on: 0, log: Arc::new(Mutex::new(Log::new(&node.log()))) }.run();
     Ok(())
 }
@@ -44,16 +47,16 @@ pub(super) fn supervise(node: &NodeFolder) -> Result<(), String> {
 struct Supervisor<'a> {
     node: &'a NodeFolder,
     interrupts: Interrupts,
-    /// How often this process was asked to end, as far as the agent knows.
+    /// Number of requests to end that were passed on to the agent.
     passed_on: u32,
     log: Arc<Mutex<Log>>,
 }
 
-/// The agent that is looked after.
+/// The supervised agent.
 enum Agent {
-    /// Started by this process; what it writes is told to be read to its end.
+    /// Started by this process; the receiver reports that its output has been read to the end.
     Own(Child, Receiver<()>),
-    /// Of a supervisor that has died. Only a mark tells whether it has ended well.
+    /// Started by a supervisor that has died. Only the mark file shows whether it has ended successfully.
     Found(Process),
 }
 
@@ -65,7 +68,8 @@ impl Agent {
         }
     }
 
-    /// How it has ended, as far as that is known, if it has; `mark` is there then, if it has ended well.
+    /// Returns `None` while the agent runs, else its exit status as far as known. For an agent of another supervisor,
+    /// `mark` exists if it has ended successfully.
     fn ended(&mut self, mark: &Path) -> Option<Option<ExitStatus>> {
         match self {
             Self::Own(child, _) => child.try_wait().ok()?.map(Some),
@@ -80,7 +84,7 @@ impl Supervisor<'_> {
         let mut pause = Duration::ZERO;
         let mut found = self.node.agent().map(|agent| Agent::Found(agent.process));
         if found.is_some() {
-            self.note("takes on the agent that it finds");
+            self.note("takes over the running agent");
         }
         loop {
             let begun = clock::now();
@@ -92,23 +96,23 @@ impl Supervisor<'_> {
                 }
             };
             if ended.is_some_and(|status| status.success()) || self.interrupts.count() > 0 {
-                return self.note("ends");
+                return self.note("ending");
             }
             pause = next_pause(pause, clock::now().duration_since(begun));
-            self.note(&format!("starts it again in {} s", pause.as_secs_f64()));
+            self.note(&format!("restarting the agent in {} s", pause.as_secs_f64()));
             if super::service::wait(pause, || self.interrupts.count() > 0) {
-                return self.note("ends");
+                return self.note("ending");
             }
         }
     }
 
-    /// Starts the agent. Its output comes by a pipe: one file of its own would have no end.
+    /// Starts the agent. Its output comes through a pipe, because a file of its own would grow without limit.
     fn start(&self) -> io::Result<Agent> {
         let (output, input) = io::pipe()?;
         let mut command = Command::new(self.node.active().join(PROGRAM));
         command.args(["node", "--fly"]).arg(self.node.id.to_string()).stdin(Stdio::null());
         let child = command.stdout(input.try_clone()?).stderr(input).spawn()?;
-        // The command holds the pipe's other end.
+        // The command holds the other end of the pipe.
         drop(command);
         let (log, (done, is_done)) = (self.log.clone(), mpsc::channel());
         thread::spawn(move || {
@@ -118,7 +122,7 @@ impl Supervisor<'_> {
         Ok(Agent::Own(child, is_done))
     }
 
-    /// Waits for the agent's end. Being asked to end is passed on.
+    /// Waits until the agent has ended, and passes on requests to end.
     fn watch(&mut self, mut agent: Agent) -> Option<ExitStatus> {
         let mark = self.node.ended_path();
         let status = loop {
@@ -133,10 +137,10 @@ impl Supervisor<'_> {
             clock::sleep(POLL_PERIOD);
         };
         if let Agent::Own(_, is_done) = agent {
-            // A process that it has left behind may still hold the pipe.
+            // A child process of the agent may still hold the pipe.
             let _ = is_done.recv_timeout(LAST_LINES);
         }
-        let how = status.map_or("is gone".to_owned(), os::how_it_ended);
+        let how = status.map_or("has disappeared".to_owned(), os::how_it_ended);
         self.note(&format!("the agent {}", how.replace("killed", "was killed")));
         status
     }
@@ -146,7 +150,7 @@ impl Supervisor<'_> {
     }
 }
 
-/// Before an agent is started again that has flown for so long, and had to wait for so long the last time.
+/// Returns the pause before the next restart, from the last pause and the time that the agent has run.
 fn next_pause(last: Duration, flown: Duration) -> Duration {
     if flown > STABLE { FIRST_PAUSE } else { (2 * last).clamp(FIRST_PAUSE, LONGEST_PAUSE) }
 }
@@ -156,7 +160,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn pauses_grow_while_agents_die_young() {
+    fn pauses_grow_while_agents_fail_soon_after_their_start() {
         let young = Duration::from_secs(1);
         let mut pause = Duration::ZERO;
         let mut pauses_s = Vec::new();

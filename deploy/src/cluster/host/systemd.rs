@@ -1,4 +1,5 @@
-//! systemd, where it serves: a unit for each node, the user's own or the system's. Its log goes to the journal.
+//! Controls systemd on hosts that have it: a unit for each node, of the user's or of the system's instance. The agent's
+//! log is in the journal.
 
 use std::ffi::OsString;
 use std::fs;
@@ -11,25 +12,26 @@ use crate::cluster::protocol::Service;
 use crate::os;
 use skein_common::id::SwarmName;
 
+/// Template of a unit.
 const TEMPLATE: &str = include_str!("../../../service/skein-agent.service");
-/// There while systemd is the host's first process.
+/// This folder exists while systemd is the host's first process.
 const BOOTED: &str = "/run/systemd/system";
-/// Left among the user's units if we were the ones to let the user's services outlive the last login.
+/// Marker file among the user's units: Skein has enabled the user's services to outlive the last login.
 const LINGERS: &str = "skein-lingers";
 
-/// One systemd of this host.
+/// A systemd instance of this host.
 #[derive(Clone, Debug)]
 pub(super) struct Systemd {
-    /// The user's, not the system's.
+    /// Whether it is the user's instance, not the system's.
     pub(super) is_users: bool,
-    /// Where its units are.
+    /// Folder of its units.
     pub(super) units: PathBuf,
-    /// Where its programs are found, if not where all are.
+    /// `PATH` for its programs; `None` for the normal one.
     pub(super) path: Option<OsString>,
 }
 
 impl Systemd {
-    /// The one that serves the user of this process.
+    /// The instance for the user of this process.
     pub(super) fn here() -> Self {
         let is_users = !os::is_root();
         Self { is_users, units: if is_users { users_units() } else { "/etc/systemd/system".into() }, path: None }
@@ -39,12 +41,13 @@ impl Systemd {
         if self.is_users { Service::SystemdUser } else { Service::SystemdSystem }
     }
 
-    /// Whether it is the host's first process.
+    /// Whether systemd is the host's first process.
     pub(super) fn is_booted() -> bool {
         Path::new(BOOTED).is_dir()
     }
 
-    /// Whether it can serve: it answers, and keeps a user's services after the last login has ended.
+    /// Checks that systemd can be used: that it answers, and keeps the user's services after the last logout, which is
+    /// enabled if necessary.
     pub(super) fn ready(&self) -> Result<(), String> {
         self.call("systemctl", &["show", "--property=Version"])?;
         if self.is_users && self.loginctl(&["show-user", "--property=Linger"])?.trim() != "Linger=yes" {
@@ -56,7 +59,7 @@ impl Systemd {
         Ok(())
     }
 
-    /// Has a unit for this node. Whether anything was written.
+    /// Writes the unit of this node. Returns whether anything was written.
     pub(super) fn install_service(&self, swarm: &SwarmName, node: &NodeFolder) -> Result<bool, String> {
         let (path, text) = (self.units.join(unit(swarm, node)), text(swarm, node)?);
         if fs::read_to_string(&path).is_ok_and(|there| there == text) {
@@ -68,7 +71,7 @@ impl Systemd {
         Ok(true)
     }
 
-    /// Takes the node's unit away.
+    /// Removes the node's unit.
     pub(super) fn remove_service(&self, swarm: &SwarmName, node: &NodeFolder) -> Result<(), String> {
         let path = self.units.join(unit(swarm, node));
         if path.exists() {
@@ -84,25 +87,25 @@ impl Systemd {
         Ok(())
     }
 
-    /// Starts the node's unit, and does not wait for it.
+    /// Starts the node's unit, without waiting for it.
     pub(super) fn start(&self, swarm: &SwarmName, node: &NodeFolder) -> Result<(), String> {
         let unit = unit(swarm, node);
-        // One that has failed begins anew. One that never ran has nothing to forget.
+        // Forget earlier failures. This fails for a unit that has never run.
         let _ = self.call("systemctl", &["reset-failed", &unit]);
         self.call("systemctl", &["start", "--no-block", &unit]).map(drop)
     }
 
-    /// Stops the node's unit, and does not wait for it. One that was taken away already is not there to be stopped.
+    /// Stops the node's unit, without waiting for it. A unit that was removed is ignored.
     pub(super) fn stop(&self, swarm: &SwarmName, node: &NodeFolder) -> Result<(), String> {
         let unit = unit(swarm, node);
         let stopped = self.call("systemctl", &["stop", "--no-block", &unit]);
         if self.units.join(&unit).exists() { stopped.map(drop) } else { Ok(()) }
     }
 
-    /// Becomes the program that shows what the journal has of the node. Comes back only if it cannot.
+    /// Replaces this process with the program that shows the node's journal. Returns only if that fails.
     pub(super) fn become_log(&self, swarm: &SwarmName, node: &NodeFolder, lines: usize, follow: bool) -> String {
         let mut command = self.command("journalctl");
-        // The agent's lines have times of their own.
+        // The agent's lines contain their times.
         command.args(["--quiet", "--no-pager", "--output=cat", "--unit", &unit(swarm, node)]);
         command.args(["--lines", &lines.to_string()]);
         if follow {
@@ -111,7 +114,7 @@ impl Systemd {
         format!("journalctl: {}", os::become_program(&mut command))
     }
 
-    /// One of systemd's programs, for the user or the system. What it said, or why it did not do it.
+    /// Runs one of systemd's programs for this instance; returns its output.
     fn call(&self, program: &str, arguments: &[&str]) -> Result<String, String> {
         output_of(program, self.command(program).args(arguments))
     }
@@ -134,7 +137,7 @@ impl Systemd {
         if let Some(path) = &self.path {
             command.env("PATH", path);
         }
-        // A login without a terminal may not have been told where its own systemd is.
+        // A login without a terminal may lack the variable that locates the user's systemd.
         let runtime = PathBuf::from(format!("/run/user/{}", os::user_name()));
         if std::env::var_os("XDG_RUNTIME_DIR").is_none() && runtime.is_dir() {
             command.env("XDG_RUNTIME_DIR", runtime);
@@ -143,6 +146,7 @@ impl Systemd {
     }
 }
 
+/// Runs a command; returns its standard output, or an error with its standard error.
 fn output_of(program: &str, command: &mut Command) -> Result<String, String> {
     let output = command.output().map_err(|error| format!("{program}: {error}"))?;
     if output.status.success() {
@@ -153,19 +157,19 @@ fn output_of(program: &str, command: &mut Command) -> Result<String, String> {
     Err(format!("{program} {}: {}", arguments.join(" "), why.trim().replace('\n', "; ")))
 }
 
-/// Where this user's units are.
+/// Folder of this user's units.
 fn users_units() -> PathBuf {
     let variable = |name| std::env::var_os(name).filter(|value| !value.is_empty()).map(PathBuf::from);
     let config = variable("XDG_CONFIG_HOME").or_else(|| Some(variable("HOME")?.join(".config")));
     config.unwrap_or_default().join("systemd/user")
 }
 
-/// The name of a node's unit.
+/// Name of a node's unit.
 fn unit(swarm: &SwarmName, node: &NodeFolder) -> String {
     format!("skein-{}-{}.service", swarm, node.id)
 }
 
-/// A node's unit.
+/// Text of a node's unit.
 fn text(swarm: &SwarmName, node: &NodeFolder) -> Result<String, String> {
     let folder = node.path.to_str().filter(|path| !path.contains(['"', '\\', '$', '\n']));
     let folder = folder.ok_or_else(|| format!("{}: a systemd unit cannot name this path", node.path.display()))?;

@@ -12,7 +12,7 @@ use crate::os;
 
 const REMOVE: Ask = Ask::Remove { within_s: 20.0 };
 
-/// As the operator's PC leaves a host before the first request.
+/// A host as the operator's PC leaves it before the first request.
 fn place(folder: &Path) -> Place {
     let release = folder.join("skein/lab/releases/r1");
     fs::create_dir_all(&release).unwrap();
@@ -22,7 +22,7 @@ fn place(folder: &Path) -> Place {
 
 fn ask(place: &Place, ask: Ask) -> Result<Answer, String> {
     let request = Request { swarm: place.swarm.clone(), id: VehicleId::new(1).unwrap(), ask };
-    // As it comes over the wire.
+    // Encoded as for a real request.
     let line = serde_json::to_vec(&request).unwrap();
     answer(place, read(&line[..])?)
 }
@@ -45,26 +45,26 @@ fn done(answer: Result<Answer, String>) -> (bool, Facts) {
 }
 
 #[test]
-fn a_node_is_installed_and_taken_away_again() {
+fn a_node_is_installed_and_removed_again() {
     let folder = tempfile::tempdir().unwrap();
     let place = place(folder.path());
     let before = ask(&place, Ask::Facts).unwrap();
     let Answer::Facts(facts) = before else { panic!("{before:?}") };
     assert!(facts.current.is_none() && facts.service.is_none() && facts.free_bytes > 0);
-    assert!(!place.node(VehicleId::new(1).unwrap()).path.exists(), "nothing is written to tell what is there");
+    assert!(!place.node(VehicleId::new(1).unwrap()).path.exists(), "a request for facts writes nothing");
 
     let (changed, facts) = done(ask(&place, apply()));
     assert!(changed && facts.current.is_some() && facts.service == Some(Service::Own));
     let (changed, again) = done(ask(&place, apply()));
     assert!(!changed && again.current == facts.current);
-    assert!(!done(ask(&place, Ask::Stop { within_s: 0.0 })).0, "there is nothing to end");
+    assert!(!done(ask(&place, Ask::Stop { within_s: 0.0 })).0, "nothing is running");
 
     assert!(done(ask(&place, REMOVE)).0);
     assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 0);
 }
 
 #[test]
-fn what_cannot_be_done_is_said_and_writes_nothing() {
+fn an_impossible_request_fails_and_writes_nothing() {
     let folder = tempfile::tempdir().unwrap();
     let place = place(folder.path());
     for asked in [Ask::Start { run: 1, note: None }, Ask::Stop { within_s: 1.0 }, Ask::Rollback] {
@@ -72,8 +72,8 @@ fn what_cannot_be_done_is_said_and_writes_nothing() {
     }
     let other = Place { swarm: SwarmName::new("other").unwrap(), ..place.clone() };
     let request = Request { swarm: other.swarm, id: VehicleId::new(1).unwrap(), ask: Ask::Facts };
-    assert_eq!(answer(&place, request), Err("this is swarm lab, and other was asked".to_owned()));
-    assert!(read(&b"{\"swarm\":3}"[..]).unwrap_err().starts_with("this is no request: "));
+    assert_eq!(answer(&place, request), Err("the request is for swarm other, but this is swarm lab".to_owned()));
+    assert!(read(&b"{\"swarm\":3}"[..]).unwrap_err().starts_with("not a valid request: "));
     assert_eq!(fs::read_dir(folder.path().join("skein/lab")).unwrap().count(), 1, "only the releases");
 
     done(ask(&place, apply()));
@@ -83,26 +83,30 @@ fn what_cannot_be_done_is_said_and_writes_nothing() {
 }
 
 #[test]
-fn sockets_are_where_they_go_with_the_agent() {
+fn sockets_are_in_the_services_folder_if_there_is_one() {
     let folder = tempfile::tempdir().unwrap();
     let node = place(folder.path()).node(VehicleId::new(1).unwrap());
     let given = || Some("/run/skein-lab-1".into());
     assert_eq!(service::sockets(&node, Service::SystemdSystem, given()), Path::new("/run/skein-lab-1"));
-    assert_eq!(service::sockets(&node, Service::SystemdSystem, None), node.run(), "an older systemd tells none");
-    assert_eq!(service::sockets(&node, Service::Own, given()), node.run(), "somebody else's");
+    assert_eq!(
+        service::sockets(&node, Service::SystemdSystem, None),
+        node.run(),
+        "an older systemd has no such folder"
+    );
+    assert_eq!(service::sockets(&node, Service::Own, given()), node.run(), "the folder of another service");
 }
 
 #[test]
-fn the_rest_of_the_input_is_not_waited_for() {
+fn a_request_does_not_wait_for_the_end_of_the_input() {
     let (input, mut output) = io::pipe().unwrap();
     let request = r#"{"swarm":"lab","id":1,"ask":{"Log":{"lines":3,"follow":true}}}"#;
     io::Write::write_all(&mut output, request.as_bytes()).unwrap();
     assert_eq!(read(input).unwrap().ask, Ask::Log { lines: 3, follow: true });
 }
 
-/// A `systemctl` that starts and stops what the unit says, and an agent that does nothing.
+/// With a `systemctl` that starts and stops the unit's program, and an agent that does nothing.
 #[test]
-fn systemd_starts_and_stops_what_is_active() {
+fn systemd_starts_and_stops_the_active_install() {
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path();
     let script = |path: &Path, text: &str| {
@@ -132,7 +136,7 @@ fn systemd_starts_and_stops_what_is_active() {
     let (changed, facts) = done(ask(&place, apply_with(ServiceKind::Systemd)));
     assert!(changed && facts.service == Some(Service::SystemdUser) && at.join("units/skein-lab-1.service").is_file());
     let (_, facts) = done(ask(&place, apply_with(ServiceKind::Auto)));
-    assert_eq!(facts.service, Some(Service::SystemdUser), "what was chosen stays");
+    assert_eq!(facts.service, Some(Service::SystemdUser), "an earlier choice is kept");
     let (changed, facts) = done(ask(&place, Ask::Start { run: 5, note: None }));
     assert!(changed && facts.agent.as_ref().is_some_and(|agent| agent.run == 5));
     let (changed, again) = done(ask(&place, Ask::Start { run: 6, note: None }));

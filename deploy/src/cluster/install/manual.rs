@@ -1,4 +1,4 @@
-//! A node without ssh gets a folder to carry there.
+//! Writes the files of a node without ssh into a folder, to be carried there.
 
 use std::fs;
 use std::io;
@@ -12,7 +12,7 @@ use crate::inventory::Node;
 use crate::os;
 use skein_host::whole::{self, Promise};
 
-/// Its folder, with everything it needs.
+/// Writes the folder of a node, with everything that it needs.
 pub(super) fn write(args: &InstallArgs, chosen: &Chosen, node: &Node, given: Option<&Given>) -> Row {
     let mut row = Row::new(node);
     let Some(given) = given else {

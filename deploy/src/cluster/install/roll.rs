@@ -1,5 +1,6 @@
-//! Vehicles that fly something else than what their node has now: one after the other lands, starts again and has to say
-//! over the mesh that it takes part, before the next does. One that does not come back gets what it had, and the roll ends.
+//! Restarts the vehicles that run something else than what is installed on their node now: one after the other lands,
+//! starts again and has to report over the mesh that it is an active member, before the next one lands. If a vehicle
+//! does not return, its earlier version is restored and the roll stops.
 
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -24,23 +25,23 @@ use skein_lab::error::Error;
 pub(super) struct Restart<'a> {
     pub(super) host: Host,
     pub(super) node: &'a Node,
-    /// In this run of the swarm.
+    /// The run of the swarm that it flies in.
     pub(super) run: u64,
-    /// The operator's note of it.
+    /// The operator's note of that run.
     pub(super) note: Option<RunNote>,
-    /// What it flies now has landed within this time, s.
+    /// Time limit for a landing in the scenario that it flies now, s.
     pub(super) landing_s: f64,
 }
 
 impl<'a> Restart<'a> {
-    /// If it runs something else than what is current.
+    /// Returns the restart that a node needs, if its agent runs something else than what is current.
     pub(super) fn needed(host: &Host, node: &'a Node, facts: &Facts) -> Option<Self> {
         let agent = facts.agent.as_ref().filter(|agent| Some(&agent.installed) != facts.current.as_ref())?;
         Some(Self { host: host.clone(), node, run: agent.run, note: facts.note, landing_s: agent.landing_s })
     }
 }
 
-/// One after the other; what became of each goes to its row.
+/// Restarts the agents one after the other; the result of each is written to its row.
 pub(super) fn roll(
     remote: &Remote<'_>,
     inventory: &Inventory,
@@ -61,7 +62,7 @@ pub(super) fn roll(
         let line = progress.line(&format!("node {}", restart.node.id));
         let begun = clock::now();
         watch.run = restart.run;
-        // It may fly higher by what it had than by what it has now.
+        // The scenario that it flies may be higher than the one that is installed now.
         let landing_s = inventory.landing_s().max(restart.landing_s);
         let incarnation = watch.incarnation(restart.node.id);
         let mut comes_back = |line: &Line<'_>| {

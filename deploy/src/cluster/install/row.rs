@@ -1,4 +1,4 @@
-//! What became of each node, for people and for scripts.
+//! Result for each node, as a table and as JSON.
 
 use serde::Serialize;
 use skein_common::id::VehicleId;
@@ -11,17 +11,17 @@ use crate::inventory::Node;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub(super) enum Done {
-    /// For the first time.
+    /// Installed for the first time.
     Installed,
-    /// Something newer, or other.
+    /// Replaced by another version.
     Upgraded,
-    /// Nothing.
+    /// Nothing was changed.
     Unchanged,
-    /// What was before.
+    /// The earlier version was restored.
     RolledBack,
-    /// A folder to carry there.
+    /// A folder to carry there was written.
     Written,
-    /// See why.
+    /// It failed: see `why`.
     Failed,
 }
 
@@ -38,28 +38,28 @@ impl Done {
     }
 }
 
-/// One node.
+/// Result for one node.
 #[derive(Clone, Debug, Serialize)]
 pub(super) struct Row {
     pub(super) node: VehicleId,
     pub(super) host: String,
     pub(super) done: Done,
-    /// Why not, or what is not as it should be.
+    /// Why it failed, or what is wrong.
     pub(super) why: Option<String>,
-    /// Something to know that is no fault.
+    /// Additional information that is not a fault.
     pub(super) note: Option<String>,
-    /// What its next start runs.
+    /// What would run at the next start.
     #[serde(flatten)]
     pub(super) runs: Option<Installed>,
-    /// All of it but the restart, s.
+    /// Duration without the restart, s.
     pub(super) seconds: f64,
-    /// Connecting, and asking what is there, s.
+    /// Duration of connecting and probing, s.
     pub(super) probe_s: f64,
     pub(super) copied_bytes: u64,
     pub(super) copy_s: f64,
-    /// Its configuration, s.
+    /// Duration of installing the configuration, s.
     pub(super) apply_s: f64,
-    /// From the order to land until it was ready again, s.
+    /// Time from the order to land until the vehicle was ready again, s.
     pub(super) restart_s: Option<f64>,
 }
 
@@ -86,7 +86,7 @@ impl Row {
         self.why = Some(why);
     }
 
-    /// A line of progress.
+    /// Formats the result as a line of progress.
     pub(super) fn to_text(&self) -> String {
         match &self.why {
             Some(why) => format!("node {} {}: {why}", self.node, self.done.word()),
@@ -95,7 +95,7 @@ impl Row {
     }
 }
 
-/// The table in the end.
+/// Formats the results as a table.
 pub(super) fn table(rows: &[Row], dry_run: bool) -> String {
     let restarted = rows.iter().any(|row| row.restart_s.is_some());
     let mut header = vec!["node", "host", "done", "all s", "copied MB", "copying s"];
@@ -113,7 +113,7 @@ pub(super) fn table(rows: &[Row], dry_run: bool) -> String {
     nodes::table(&header, rows.iter().map(cells)) + note
 }
 
-/// Bytes for people.
+/// Formats a number of bytes in MB.
 pub(super) fn megabytes(bytes: u64) -> String {
     format!("{:.1} MB", bytes as f64 * 1e-6)
 }

@@ -14,7 +14,7 @@ fn installed(release: &str) -> Installed {
 }
 
 #[test]
-fn only_a_vehicle_that_flies_something_else_is_restarted() {
+fn only_a_vehicle_that_runs_another_version_is_restarted() {
     let node = node(3, Some("heli1"));
     let agent = |release| RunningAgent { pid: 1, installed: installed(release), run: 7, restarts: 0, landing_s: 660.0 };
     let needed = |current, agent: Option<RunningAgent>| {
@@ -27,7 +27,7 @@ fn only_a_vehicle_that_flies_something_else_is_restarted() {
 }
 
 #[test]
-fn the_table_says_what_was_done() {
+fn the_table_shows_what_was_done() {
     let mut rows = vec![Row::new(&node(1, Some("heli1"))), Row::new(&node(10, Some("heli10")))];
     rows[0].done = Done::Installed;
     (rows[0].seconds, rows[0].copied_bytes, rows[0].copy_s) = (2.34, 12_345_678, 0.96);
@@ -69,7 +69,7 @@ fn a_node_without_ssh_gets_a_folder_to_carry() {
         row.done
     };
     assert_eq!(write(&args, &given), Done::Written);
-    assert!(!out.exists(), "only said");
+    assert!(!out.exists(), "a dry run writes nothing");
     args.dry_run = false;
     assert_eq!(write(&args, &given), Done::Written);
     assert_eq!(write(&args, &given), Done::Unchanged);
@@ -81,5 +81,5 @@ fn a_node_without_ssh_gets_a_folder_to_carry() {
     assert_eq!(fs::read_to_string(there.join("agent.toml")).unwrap(), "id = 2 # other");
     let readme = fs::read_to_string(there.join("README.txt")).unwrap();
     assert!(readme.contains("./skein agent --config agent.toml --run RUN") && readme.contains("7448"), "{readme}");
-    assert!(!there.join("skein").exists(), "nobody said for which platform");
+    assert!(!there.join("skein").exists(), "the platform is unknown");
 }

@@ -8,12 +8,12 @@ use skein_agent::link::Security;
 use skein_common::id::VehicleId;
 use time::Duration;
 
-/// What was done, by who.
+/// The owners and what was done, for the results in which something was done.
 fn done(lines: &[Line]) -> Vec<(&str, &str)> {
     lines.iter().filter_map(|line| Some((line.who.as_str(), line.done.as_deref()?))).collect()
 }
 
-/// Every file's bytes.
+/// All files and their contents.
 fn files(folder: &Path) -> Vec<(String, Vec<u8>)> {
     let read = |entry: fs::DirEntry| (entry.file_name().into_string().unwrap(), fs::read(entry.path()).unwrap());
     let mut files: Vec<_> = fs::read_dir(folder).unwrap().map(|entry| read(entry.unwrap())).collect();
@@ -35,7 +35,7 @@ fn a_second_run_changes_nothing() {
     let inventory = lab(temporary.path(), 3, "");
     let now = clock::utc();
     let lines = make(&inventory, None, None, now).unwrap();
-    assert_eq!(done(&lines).len(), 7, "authority, three nodes, observers, operator, seal");
+    assert_eq!(done(&lines).len(), 7, "authority, three nodes, observers, operator, key of orders");
     assert_eq!((lines[3].name.as_str(), lines[3].address.as_deref()), ("vehicle-3", Some("10.0.0.13")));
     let before = files(&inventory.keys);
     let names: Vec<_> = before.iter().map(|(name, _)| name.as_str()).collect();
@@ -51,7 +51,7 @@ fn a_second_run_changes_nothing() {
 
 #[cfg(unix)]
 #[test]
-fn secrets_are_their_owners_only() {
+fn only_the_owner_can_read_the_secrets() {
     use std::os::unix::fs::PermissionsExt;
 
     let temporary = tempfile::tempdir().unwrap();
@@ -75,7 +75,7 @@ fn secrets_are_their_owners_only() {
 }
 
 #[test]
-fn what_is_missing_moved_or_ending_is_issued_anew_and_nothing_else() {
+fn only_missing_moved_or_expiring_certificates_are_issued_again() {
     let temporary = tempfile::tempdir().unwrap();
     let inventory = lab(temporary.path(), 3, "");
     let now = clock::utc();
@@ -83,30 +83,30 @@ fn what_is_missing_moved_or_ending_is_issued_anew_and_nothing_else() {
     fs::remove_file(inventory.keys.join("vehicle-2.key")).unwrap();
     assert_eq!(
         done(&make(&inventory, None, None, now).unwrap()),
-        [("node 2", "issued anew: does not belong to its key")]
+        [("node 2", "issued again: does not belong to its key")]
     );
     let mut moved = inventory.clone();
     moved.nodes.get_mut(&VehicleId::new(3).unwrap()).unwrap().address = "heli3.lab".to_owned();
-    assert_eq!(done(&make(&moved, None, None, now).unwrap()), [("node 3", "issued anew: has another address")]);
+    assert_eq!(done(&make(&moved, None, None, now).unwrap()), [("node 3", "issued again: has another address")]);
     assert_eq!(done(&make(&moved, None, None, now).unwrap()), []);
     let certificate = inventory.keys.join("vehicle-1.pem");
     fs::copy(inventory.keys.join("vehicle-2.pem"), &certificate).unwrap();
-    assert_eq!(done(&make(&moved, None, None, now).unwrap()), [("node 1", "issued anew: does not belong to its key")]);
+    assert_eq!(done(&make(&moved, None, None, now).unwrap()), [("node 1", "issued again: does not belong to its key")]);
     fs::write(&certificate, "nothing").unwrap();
-    assert_eq!(done(&make(&moved, None, None, now).unwrap()), [("node 1", "issued anew: unreadable")]);
-    // All of them have a year; the authority has ten.
+    assert_eq!(done(&make(&moved, None, None, now).unwrap()), [("node 1", "issued again: unreadable")]);
+    // Certificates are valid for a year, the authority for ten.
     assert_eq!(done(&make(&moved, None, None, now + Duration::days(334)).unwrap()), []);
     let late = make(&moved, None, None, now + Duration::days(336)).unwrap();
     assert_eq!(done(&late).len(), 5);
-    assert!(done(&late).iter().all(|(_, why)| *why == "issued anew: expires soon"), "{late:?}");
+    assert!(done(&late).iter().all(|(_, why)| *why == "issued again: expires soon"), "{late:?}");
     let authority = fs::read_to_string(inventory.keys.join(AUTHORITY_KEY)).unwrap();
     let late = make(&moved, None, None, now + Duration::days(3640)).unwrap();
     assert_eq!(done(&late).len(), 6);
-    assert_eq!(fs::read_to_string(inventory.keys.join(AUTHORITY_KEY)).unwrap(), authority, "the same key goes on");
+    assert_eq!(fs::read_to_string(inventory.keys.join(AUTHORITY_KEY)).unwrap(), authority, "the key stays the same");
 }
 
 #[test]
-fn a_certificate_says_who_where_and_until_when() {
+fn a_certificate_has_a_name_an_address_and_a_validity() {
     let temporary = tempfile::tempdir().unwrap();
     let inventory = lab(temporary.path(), 2, "");
     let now = clock::utc();
@@ -125,7 +125,7 @@ fn a_certificate_says_who_where_and_until_when() {
     assert!(usage.client_auth && usage.server_auth && !certificate.is_ca());
     assert_eq!(certificate.validity().not_before.to_datetime(), now - Duration::hours(1), "for clocks that are behind");
     assert_eq!(certificate.validity().not_after.to_datetime(), now + Duration::days(365));
-    // Another swarm's authority has signed nothing here.
+    // Another swarm's authority has signed nothing in this folder.
     let elsewhere = tempfile::tempdir().unwrap();
     let other = lab(elsewhere.path(), 2, "");
     make(&other, None, None, now).unwrap();
@@ -135,26 +135,28 @@ fn a_certificate_says_who_where_and_until_when() {
 }
 
 #[test]
-fn renewing_keeps_the_name_and_revoking_takes_it() {
+fn renewing_keeps_the_name_and_revoking_changes_it() {
     let temporary = tempfile::tempdir().unwrap();
     let inventory = lab(temporary.path(), 3, "");
     let now = clock::utc();
     make(&inventory, None, None, now).unwrap();
-    let seal = fs::read_to_string(inventory.keys.join(ORDERS_PUBLIC)).unwrap();
+    let public_key = fs::read_to_string(inventory.keys.join(ORDERS_PUBLIC)).unwrap();
     let lines = make(&inventory, Some(Whose::One(vehicle(1))), None, now).unwrap();
-    assert_eq!(done(&lines), [("node 1", "issued anew")]);
+    assert_eq!(done(&lines), [("node 1", "issued again")]);
     assert_eq!(lines[1].name, "vehicle-1");
     assert_eq!(done(&make(&inventory, Some(Whose::All), None, now).unwrap()).len(), 5);
     for name in ["vehicle-3.2", "vehicle-3.3"] {
         let lines = make(&inventory, None, Some(Whose::One(vehicle(3))), now).unwrap();
-        assert_eq!(done(&lines), [("node 3", "issued anew: revoked")]);
+        assert_eq!(done(&lines), [("node 3", "issued again: revoked")]);
         assert_eq!(lines[3].name, name);
     }
-    assert_eq!(fs::read_to_string(inventory.keys.join(ORDERS_PUBLIC)).unwrap(), seal);
+    assert_eq!(fs::read_to_string(inventory.keys.join(ORDERS_PUBLIC)).unwrap(), public_key);
     let lines = make(&inventory, None, Some(Whose::One(Role::Operator)), now).unwrap();
-    assert_eq!(done(&lines), [("operator", "issued anew: revoked"), ("orders' seal", "made anew: revoked")]);
+    assert_eq!(done(&lines), [("operator", "issued again: revoked"), ("orders' key", "made again: revoked")]);
     let anew = fs::read_to_string(inventory.keys.join(ORDERS_PUBLIC)).unwrap();
-    assert!(anew != seal && anew.trim().len() == 64 && anew.trim().bytes().all(|digit| digit.is_ascii_hexdigit()));
+    assert!(
+        anew != public_key && anew.trim().len() == 64 && anew.trim().bytes().all(|digit| digit.is_ascii_hexdigit())
+    );
     assert_eq!(done(&make(&inventory, None, None, now).unwrap()), [], "all of it is kept");
     let names = Folder(inventory.keys.clone()).need_names().unwrap();
     assert_eq!((names.operator.as_str(), names.vehicles.len()), ("operator.2", 3));
@@ -166,7 +168,7 @@ fn renewing_keeps_the_name_and_revoking_takes_it() {
 }
 
 #[test]
-fn a_vehicles_new_key_is_not_for_a_swarm_in_flight() {
+fn after_a_vehicles_revocation_the_swarm_has_to_land_first() {
     let file = FileArgs { file: "cluster.toml".into() };
     let next = |revoke| next(&KeysArgs { file: file.clone(), renew: None, revoke, json: false });
     assert_eq!(next(None), "next: skein cluster install -f cluster.toml");
@@ -176,7 +178,7 @@ fn a_vehicles_new_key_is_not_for_a_swarm_in_flight() {
 }
 
 #[test]
-fn a_revoked_name_does_not_come_back_with_a_lost_file() {
+fn a_revoked_name_stays_revoked_when_the_names_file_is_lost() {
     let temporary = tempfile::tempdir().unwrap();
     let inventory = lab(temporary.path(), 3, "");
     let now = clock::utc();
@@ -191,7 +193,7 @@ fn a_revoked_name_does_not_come_back_with_a_lost_file() {
     lose();
     assert_eq!(done(&make(&inventory, None, None, now).unwrap()), []);
     assert_eq!(folder.need_names().unwrap(), names);
-    // Nor do those of vehicles that are not in the cluster now, or have lost their key.
+    // The same for vehicles that have left the cluster or lost their key.
     lose();
     fs::remove_file(folder.path("vehicle-2.key")).unwrap();
     make(&lab(temporary.path(), 2, ""), None, None, now).unwrap();
@@ -201,7 +203,7 @@ fn a_revoked_name_does_not_come_back_with_a_lost_file() {
 }
 
 #[test]
-fn the_key_that_counts_is_the_certificates() {
+fn the_valid_key_is_the_key_of_the_certificate() {
     let temporary = tempfile::tempdir().unwrap();
     let inventory = lab(temporary.path(), 2, "");
     let now = clock::utc();
@@ -211,15 +213,15 @@ fn the_key_that_counts_is_the_certificates() {
     let first = known();
     assert_eq!(Sealer::from_pem(&pair(&folder, vehicle(1)).key).unwrap().key(), first);
     make(&inventory, Some(Whose::All), None, now).unwrap();
-    assert_eq!(known(), first, "renewing changes nothing for the others");
+    assert_eq!(known(), first, "renewing changes nothing for the other nodes");
     make(&inventory, None, Some(Whose::One(vehicle(1))), now).unwrap();
     let second = known();
     assert_ne!(second, first);
-    // A key of another kind seals nothing.
+    // A key of another algorithm cannot sign.
     fs::write(folder.path("vehicle-1.key"), rcgen::KeyPair::generate().unwrap().serialize_pem()).unwrap();
     assert_eq!(
         done(&make(&inventory, None, None, now).unwrap()),
-        [("node 1", "issued anew: does not belong to its key")]
+        [("node 1", "issued again: does not belong to its key")]
     );
     assert_eq!(Sealer::from_pem(&pair(&folder, vehicle(1)).key).unwrap().key(), known());
     fs::write(folder.path(ORDERS_KEY), "no key").unwrap();
@@ -232,16 +234,16 @@ fn the_key_that_counts_is_the_certificates() {
 }
 
 #[test]
-fn what_cannot_be_done_is_said() {
+fn impossible_requests_are_refused() {
     let temporary = tempfile::tempdir().unwrap();
     let inventory = lab(temporary.path(), 2, "");
     let now = clock::utc();
     let refused = |renew, revoke| make(&inventory, renew, revoke, now).unwrap_err().to_string();
     assert!(refused(Some(Whose::One(vehicle(7))), None).starts_with("vehicle 7 is not in "));
-    assert!(refused(None, Some(Whose::All)).starts_with("--revoke all: "));
+    assert!(refused(None, Some(Whose::All)).starts_with("--revoke all "));
     make(&inventory, None, None, now).unwrap();
     fs::remove_file(inventory.keys.join(AUTHORITY_KEY)).unwrap();
-    assert!(refused(None, None).contains("authority.key is not there, and nothing can be issued without it"));
+    assert!(refused(None, None).contains("authority.key is missing, and nothing can be issued without it"));
     let plain = lab(temporary.path(), 2, "security = 'none'");
     assert!(make(&plain, None, None, now).unwrap_err().to_string().contains("this cluster has no keys"));
     assert_eq!("3".parse(), Ok(Whose::One(vehicle(3))));
@@ -249,7 +251,7 @@ fn what_cannot_be_done_is_said() {
 }
 
 #[test]
-fn the_swarm_is_reached_with_what_the_folder_holds() {
+fn the_keys_in_the_folder_connect_to_the_swarm() {
     let temporary = tempfile::tempdir().unwrap();
     let inventory = lab(temporary.path(), 2, "");
     assert!(inventory.reach(Role::Observer).unwrap_err().to_string().contains("`skein cluster keys` creates it"));
@@ -259,9 +261,9 @@ fn the_swarm_is_reached_with_what_the_folder_holds() {
     let Security::Tls(tls) = reach.security else { panic!("secured") };
     assert_eq!((tls.key, tls.vehicles.len()), (inventory.keys.join("operator.key"), 2));
     assert_eq!(tls.vehicles[&VehicleId::new(1).unwrap()].name, "vehicle-1");
-    let seal = Sealer::from_pem(&fs::read_to_string(inventory.keys.join("orders.key")).unwrap()).unwrap();
-    assert_eq!((reach.orders_key, reach.sealer.unwrap().key()), (Some(seal.key()), seal.key()));
-    assert!(inventory.reach(Role::Observer).unwrap().sealer.is_none(), "an observer orders nothing");
+    let signing_key = Sealer::from_pem(&fs::read_to_string(inventory.keys.join("orders.key")).unwrap()).unwrap();
+    assert_eq!((reach.orders_key, reach.sealer.unwrap().key()), (Some(signing_key.key()), signing_key.key()));
+    assert!(inventory.reach(Role::Observer).unwrap().sealer.is_none(), "an observer cannot sign orders");
     fs::write(inventory.keys.join("orders.pub"), "0".repeat(64)).unwrap();
     let error = inventory.reach(Role::Operator).unwrap_err().to_string();
     assert!(error.contains("orders.key") && error.contains("not the private key of orders.pub"), "{error}");

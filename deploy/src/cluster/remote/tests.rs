@@ -1,4 +1,4 @@
-//! With a host that is this PC, and a program that is a script.
+//! Tests with this PC as the host and a script as the program.
 
 use std::fs;
 use std::os::unix::fs::{PermissionsExt, symlink};
@@ -9,7 +9,7 @@ use crate::cluster::ssh::tests::{heli, local, node};
 
 const VERSION: &str = concat!("skein ", env!("CARGO_PKG_VERSION"));
 
-/// A program that says this is its version, and answers everything with what it was asked.
+/// A program that prints this version and records each request that it answers.
 fn program(folder: &Path, version: &str) -> Program {
     let path = folder.join("program");
     let echo = r#"[ "$1" = node ] && read -r asked && printf '%s %s\n' "$0" "$asked" > asked; echo '{"Simulator":{"Ok":"it"}}'"#;
@@ -17,7 +17,7 @@ fn program(folder: &Path, version: &str) -> Program {
     Program::read(Some(&path)).unwrap()
 }
 
-/// Everything below the home, sorted.
+/// All paths below the home folder, sorted.
 fn tree(folder: &Path) -> Vec<String> {
     let mut all = Vec::new();
     let mut folders = vec![folder.join("home")];
@@ -33,7 +33,7 @@ fn tree(folder: &Path) -> Vec<String> {
 }
 
 #[test]
-fn a_program_is_there_whole_or_not_at_all() {
+fn a_program_is_copied_completely_or_not_at_all() {
     let folder = tempfile::tempdir().unwrap();
     let ssh = local(folder.path());
     let swarm = SwarmName::new("lab").unwrap();
@@ -46,19 +46,19 @@ fn a_program_is_there_whole_or_not_at_all() {
     assert_eq!(before.platform, String::from_utf8(uname.stdout).unwrap().trim());
     assert_eq!(before.sum, None);
     assert!(before.free_bytes > 0);
-    assert!(tree(folder.path()).is_empty(), "looking leaves nothing");
+    assert!(tree(folder.path()).is_empty(), "a probe writes nothing");
 
-    // Damaged on its way: another checksum.
+    // Damaged during the copy: another checksum.
     let damaged = Program { bytes: good.bytes[1..].into(), ..good.clone() };
     let error = remote.copy(&host, &node, &damaged).unwrap_err();
-    assert_eq!(error, "heli1: the program was damaged on its way");
+    assert_eq!(error, "heli1: the program was damaged during the copy");
     assert!(tree(folder.path()).is_empty(), "{:?}", tree(folder.path()));
     // Another version.
     let old = program(folder.path(), "skein 0.0.1");
     let error = remote.copy(&host, &node, &old).unwrap_err();
-    assert_eq!(error, format!("heli1: the program says it is skein 0.0.1, not {VERSION}"));
+    assert_eq!(error, format!("heli1: the program reports version skein 0.0.1, not {VERSION}"));
     assert!(tree(folder.path()).is_empty(), "{:?}", tree(folder.path()));
-    // What does not run there.
+    // A program that cannot run there.
     let mut none = program(folder.path(), VERSION);
     none.bytes = b"\x7fELF".as_slice().into();
     none.sum = Program::read(Some(&{
@@ -79,12 +79,12 @@ fn a_program_is_there_whole_or_not_at_all() {
     let path = folder.path().join("home").join(&file);
     assert_eq!(fs::metadata(&path).unwrap().permissions().mode() & 0o777, 0o700);
     assert_eq!(remote.probe(&host, &node, &good.release).unwrap().sum.as_deref(), Some(good.sum.as_str()));
-    // Again: the same, and what stands beside is left alone.
+    // Again: nothing changes, and other files there are kept.
     remote.copy(&host, &node, &good).unwrap();
     remote.copy(&host, &node, &damaged).unwrap_err();
     assert_eq!(tree(folder.path()), all);
 
-    // A folder of any name, and an absolute one.
+    // A folder with special characters, and an absolute one.
     for name in ["it's a $HOME", "/absolute"] {
         node.folder = match name.strip_prefix('/') {
             Some(name) => folder.path().join("home").join(name).display().to_string(),
@@ -98,7 +98,7 @@ fn a_program_is_there_whole_or_not_at_all() {
 }
 
 #[test]
-fn a_node_is_asked_by_the_program_that_it_runs() {
+fn a_request_is_answered_by_the_program_that_the_node_runs() {
     let folder = tempfile::tempdir().unwrap();
     let ssh = local(folder.path());
     let swarm = SwarmName::new("lab").unwrap();
@@ -118,7 +118,7 @@ fn a_node_is_asked_by_the_program_that_it_runs() {
         assert_eq!(asked, format!(".skein/lab/releases/{}/skein {json}\n", with.release));
     };
     let simulator = Ok(Answer::Simulator(Ok("it".to_owned())));
-    // None is current: any will do.
+    // No program is current, so any may answer.
     assert_eq!(remote.ask(&host, &node, Ask::Rollback), simulator);
     asked(&first, Ask::Rollback);
     assert_eq!(remote.ask_release(&host, &node, &second.release, Ask::Facts), simulator);
@@ -137,7 +137,7 @@ fn a_node_is_asked_by_the_program_that_it_runs() {
 }
 
 #[test]
-fn a_probe_is_read_behind_whatever_the_shell_says() {
+fn a_probe_is_read_after_other_output_of_the_shell() {
     let output = "Welcome to heli1!\nskein platform Linux x86_64\nskein libc glibc 2.36\nskein sum 00ff  -\n\
                 skein disk /dev/my disk 1000 400 600 40% /\n";
     let full = probed(output).unwrap();
@@ -151,7 +151,7 @@ fn a_probe_is_read_behind_whatever_the_shell_says() {
 }
 
 #[test]
-fn every_text_of_an_answer_is_fit_for_a_terminal() {
+fn every_text_of_an_answer_is_made_safe_for_a_terminal() {
     let hostile = r#"{"Facts":{"current":{"release":"r\u001b[2J","bundle":"b\nnode 9"},"previous":null,"service":null,"agent":null,"free_bytes":1}}"#;
     let output = CommandOutput { status: 0, stdout: hostile.to_owned(), stderr: String::new() };
     let Ok(Answer::Facts(facts)) = answer(&heli("h"), &output) else { panic!("facts") };
@@ -164,7 +164,7 @@ fn every_text_of_an_answer_is_fit_for_a_terminal() {
 }
 
 #[test]
-fn the_last_line_answers() {
+fn the_answer_is_the_last_line() {
     let output = |status, stdout: &str, stderr: &str| CommandOutput {
         status,
         stdout: stdout.to_owned(),
@@ -184,10 +184,10 @@ fn the_last_line_answers() {
 }
 
 #[test]
-fn scripts_are_one_word_for_any_shell() {
+fn scripts_are_one_argument_for_any_shell() {
     for script in [PROBE, COPY, NODE] {
         assert!(!script.contains(['\'', '\n']), "{script}");
-        // Before `=` it is none to csh either.
+        // csh does not expand `!` before `=`.
         assert!(!script.replace("!=", "").contains('!'), "{script}");
     }
 }

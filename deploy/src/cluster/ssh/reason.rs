@@ -1,4 +1,4 @@
-//! Why a host could not be called: ssh's own words, turned into one sentence with what to do about it.
+//! Turns ssh's error messages into one sentence with the remedy.
 
 use std::path::{Path, PathBuf};
 
@@ -6,45 +6,45 @@ use skein_common::printable::printable;
 
 use super::{CONNECT_S, Host, MAX_SENTENCE};
 
-/// The sentence. `keys`: the key files that ssh tries for this host.
+/// Returns the sentence for ssh's standard error. `keys` returns the key files that ssh tries for this host.
 pub(super) fn sentence(host: &Host, stderr: &str, keys: impl FnOnce() -> Vec<String>) -> String {
-    let says = |words: &str| stderr.contains(words);
+    let has = |text: &str| stderr.contains(text);
     let name = &host.name;
-    if says("IDENTIFICATION HAS CHANGED") {
+    if has("IDENTIFICATION HAS CHANGED") {
         return format!(
-            "{host}: its host key is not the one known here; if it was set up anew, `ssh-keygen -R {name}`, then `ssh {host}` \
+            "{host}: its host key has changed; if the host was reinstalled, run `ssh-keygen -R {name}`, then `ssh {host}` \
              once by hand"
         );
     }
-    if says("Host key verification failed") || says("host key is known") {
-        return format!("{host}: its host key is not known here; `ssh {host}` once by hand to see it and accept it");
+    if has("Host key verification failed") || has("host key is known") {
+        return format!(
+            "{host}: its host key is not known on this PC; run `ssh {host}` once by hand to check and accept it"
+        );
     }
-    if says("Permission denied") || says("Too many authentication failures") {
+    if has("Permission denied") || has("Too many authentication failures") {
         let tried = match keys().as_slice() {
-            [] => "there is no key file of yours here".to_owned(),
+            [] => "you have no key file on this PC".to_owned(),
             keys => format!("tried {}", keys.join(", ")),
         };
         return format!(
-            "{host}: lets none of your keys in ({tried}, and what ssh-agent holds); `ssh-copy-id {host}` once by hand"
+            "{host}: accepts none of your keys ({tried}, and the keys of ssh-agent); run `ssh-copy-id {host}` once by hand"
         );
     }
-    if says("Could not resolve hostname") {
+    if has("Could not resolve hostname") {
         return format!(
-            "{host}: nobody knows this name; give its address in the cluster's file (`host`) or in ~/.ssh/config (HostName)"
+            "{host}: this name is unknown; give the address in the cluster file (`host`) or in ~/.ssh/config (HostName)"
         );
     }
-    if says("Connection refused") {
-        return format!("{host}: no ssh server answers there; start its sshd, or give its port in ~/.ssh/config");
+    if has("Connection refused") {
+        return format!("{host}: no ssh server answers; start its sshd, or give its port in ~/.ssh/config");
     }
-    if says("timed out") || says("Connection timeout") {
-        return format!(
-            "{host}: no answer within {CONNECT_S} s; see that it is on, and that nothing between blocks ssh"
-        );
+    if has("timed out") || has("Connection timeout") {
+        return format!("{host}: no answer within {CONNECT_S} s; check that it is on, and that no firewall blocks ssh");
     }
-    if says("No route to host") || says("Network is unreachable") {
-        return format!("{host}: no way there from this network; see that both are connected, and its address");
+    if has("No route to host") || has("Network is unreachable") {
+        return format!("{host}: no route from this network; check its address and that both are connected");
     }
-    if says("closed by") || says("reset by peer") || says("Broken pipe") || says("master") || says("not responding") {
+    if has("closed by") || has("reset by peer") || has("Broken pipe") || has("master") || has("not responding") {
         return format!("{host}: the connection was lost ({}); try again", last(stderr));
     }
     format!("{host}: {}", last(stderr))
@@ -52,10 +52,10 @@ pub(super) fn sentence(host: &Host, stderr: &str, keys: impl FnOnce() -> Vec<Str
 
 fn last(stderr: &str) -> String {
     let last = stderr.lines().rev().map(str::trim).find(|line| !line.is_empty());
-    printable(last.unwrap_or("ssh failed and says nothing"), MAX_SENTENCE)
+    printable(last.unwrap_or("ssh failed without a message"), MAX_SENTENCE)
 }
 
-/// The key files that exist, of those that `ssh -G` names.
+/// Returns the key files named by `ssh -G` that exist.
 pub(super) fn keys(options: &str) -> Vec<String> {
     let named = options.lines().filter_map(|line| line.strip_prefix("identityfile "));
     named.filter(|file| in_home(file).exists()).map(str::to_owned).collect()
@@ -78,56 +78,56 @@ mod tests {
         for (stderr, expected) in [
             (
                 "@@@@\n@ WARNING: REMOTE HOST IDENTIFICATION HAS CHANGED! @\nHost key verification failed.\r\n",
-                "lab@heli1: its host key is not the one known here; if it was set up anew, `ssh-keygen -R heli1`, then \
+                "lab@heli1: its host key has changed; if the host was reinstalled, run `ssh-keygen -R heli1`, then \
                  `ssh lab@heli1` once by hand",
             ),
             (
                 "No ED25519 host key is known for heli1 and you have requested strict checking.\r\nHost key verification \
                  failed.\r\n",
-                "lab@heli1: its host key is not known here; `ssh lab@heli1` once by hand to see it and accept it",
+                "lab@heli1: its host key is not known on this PC; run `ssh lab@heli1` once by hand to check and accept it",
             ),
             (
                 "lab@heli1: Permission denied (publickey).\r\n",
-                "lab@heli1: lets none of your keys in (tried ~/.ssh/lab, and what ssh-agent holds); `ssh-copy-id lab@heli1` \
+                "lab@heli1: accepts none of your keys (tried ~/.ssh/lab, and the keys of ssh-agent); run `ssh-copy-id lab@heli1` \
                  once by hand",
             ),
             (
                 "ssh: Could not resolve hostname heli1: Name or service not known\r\n",
-                "lab@heli1: nobody knows this name; give its address in the cluster's file (`host`) or in ~/.ssh/config \
+                "lab@heli1: this name is unknown; give the address in the cluster file (`host`) or in ~/.ssh/config \
                  (HostName)",
             ),
             (
                 "ssh: connect to host heli1 port 22: Connection refused\r\n",
-                "lab@heli1: no ssh server answers there; start its sshd, or give its port in ~/.ssh/config",
+                "lab@heli1: no ssh server answers; start its sshd, or give its port in ~/.ssh/config",
             ),
             (
                 "ssh: connect to host heli1 port 22: Connection timed out\r\n",
-                "lab@heli1: no answer within 5 s; see that it is on, and that nothing between blocks ssh",
+                "lab@heli1: no answer within 5 s; check that it is on, and that no firewall blocks ssh",
             ),
             (
                 "Connection timed out during banner exchange\r\n",
-                "lab@heli1: no answer within 5 s; see that it is on, and that nothing between blocks ssh",
+                "lab@heli1: no answer within 5 s; check that it is on, and that no firewall blocks ssh",
             ),
             (
                 "ssh: connect to host heli1 port 22: No route to host\r\n",
-                "lab@heli1: no way there from this network; see that both are connected, and its address",
+                "lab@heli1: no route from this network; check its address and that both are connected",
             ),
             (
                 "Warning: something\nclient_loop: send disconnect: Broken pipe\r\n",
                 "lab@heli1: the connection was lost (client_loop: send disconnect: Broken pipe); try again",
             ),
             ("one\nBad owner or permissions on config\n\n", "lab@heli1: Bad owner or permissions on config"),
-            ("", "lab@heli1: ssh failed and says nothing"),
+            ("", "lab@heli1: ssh failed without a message"),
             ("\u{1b}[2J\u{1b}]0;all ready\u{7}", "lab@heli1: \\u001b[2J\\u001b]0;all ready\\u0007"),
         ] {
             assert_eq!(sentence(&host, stderr, || vec!["~/.ssh/lab".to_owned()]), expected);
         }
         let none = sentence(&host, "Permission denied (publickey).", Vec::new);
-        assert!(none.contains("(there is no key file of yours here, and"), "{none}");
+        assert!(none.contains("(you have no key file on this PC, and"), "{none}");
     }
 
     #[test]
-    fn only_keys_that_are_there_are_named() {
+    fn only_key_files_that_exist_are_listed() {
         let folder = tempfile::tempdir().unwrap();
         let key = folder.path().join("id");
         std::fs::write(&key, "").unwrap();

@@ -1,4 +1,4 @@
-//! With an `ssh` that is a script.
+//! Tests with a script in place of `ssh`.
 
 use std::fs;
 use std::sync::atomic::AtomicBool;
@@ -9,20 +9,21 @@ use skein_common::scenario::PlantKind;
 use super::*;
 use crate::inventory::{Install, ServiceKind};
 
-/// An `ssh` that leaves its arguments in `output`, one a line, and then runs this script, with the command as `$command`.
+/// An `ssh` that writes its arguments to the file `arguments`, one a line, and then runs this script with the command in
+/// `$command`.
 pub(in crate::cluster) fn fake(folder: &Path, script: &str) -> Ssh {
     let path = folder.join("ssh");
-    let output = folder.join("said");
+    let arguments = folder.join("arguments");
     let text = format!(
         "cd '{}' || exit\nprintf '%s\\n' \"$@\" >> '{}'\nfor command; do :; done\n{script}\n",
         folder.display(),
-        output.display()
+        arguments.display()
     );
     fs::write(&path, text).unwrap();
     Ssh { program: vec!["sh".into(), path.into()], sharing: None, verbose: false }
 }
 
-/// A host that is this PC, with its home in `folder`.
+/// A host that is this PC, with its home folder in `folder`.
 pub(in crate::cluster) fn local(folder: &Path) -> Ssh {
     fs::create_dir_all(folder.join("home")).unwrap();
     fake(folder, "export HOME=\"$PWD/home\"; cd home; exec sh -c \"$command\"")
@@ -56,7 +57,7 @@ fn none() -> Arc<[u8]> {
 }
 
 #[test]
-fn the_command_line_leaves_everything_to_peoples_configuration() {
+fn the_command_line_overrides_nothing_in_the_users_configuration() {
     let folder = tempfile::tempdir().unwrap();
     let mut ssh = fake(folder.path(), "exit 0");
     ssh.run(&heli("heli1"), "uname -sm", &none(), LONG).unwrap();
@@ -64,39 +65,39 @@ fn the_command_line_leaves_everything_to_peoples_configuration() {
     let host = Host { name: "heli2".to_owned(), user: Some("lab".to_owned()) };
     ssh.run(&host, "sh -c 'x y'", &none(), LONG).unwrap();
     ssh.close(&host);
-    let output = fs::read_to_string(folder.path().join("said")).unwrap();
+    let arguments = fs::read_to_string(folder.path().join("arguments")).unwrap();
     let plain = "-T -o BatchMode=yes -o ConnectTimeout=5";
     let shared = format!(
         "{plain} -o ControlMaster=auto -o ControlPersist=60 -o ControlPath=/run/user/7/skein/s-%C -o ServerAliveInterval=5 \
          -o ServerAliveCountMax=2 -l lab"
     );
     let expected = [plain, "-- heli1", "uname -sm", &shared, "-- heli2", "sh -c 'x y'", &shared, "-O exit -- heli2"];
-    assert_eq!(output.replace('\n', " ").trim_end(), expected.join(" "));
-    assert!(!output.contains("KnownHosts") && !output.contains("StrictHostKey"));
+    assert_eq!(arguments.replace('\n', " ").trim_end(), expected.join(" "));
+    assert!(!arguments.contains("KnownHosts") && !arguments.contains("StrictHostKey"));
     let typed = shown(Command::new("ssh").args(["-o", "A=b", "--", "heli1", "sh -c 'x'"]));
     assert_eq!(typed, r"ssh -o A=b -- heli1 'sh -c '\''x'\'''");
 }
 
 #[test]
-fn a_socket_of_a_shared_connection_has_a_short_path_or_there_is_none() {
+fn connections_are_shared_only_if_the_sockets_path_is_short() {
     let folder = tempfile::tempdir().unwrap();
     let short = folder.path().join("r");
     assert_eq!(sharing(&short), Some(format!("{}/s-%C", short.display())));
     assert!(os::private_folder(&short).is_ok());
     assert_eq!(sharing(&folder.path().join("x".repeat(50))), None);
-    assert_eq!(sharing(&folder.path().join("a b")), None, "ssh would read two words");
+    assert_eq!(sharing(&folder.path().join("a b")), None, "ssh would read two arguments");
 }
 
 #[test]
-fn what_is_given_and_what_is_said_are_whole() {
+fn input_and_output_are_complete() {
     let folder = tempfile::tempdir().unwrap();
     let ssh = local(folder.path());
     let bytes: Arc<[u8]> = (0..2_000_000_u32).map(|n| b'a' + (n % 26) as u8).collect();
     let output = ssh.run(&heli("h"), "echo one >&2; echo two >&2; echo >&2; cat; exit 3", &bytes, LONG).unwrap();
     assert_eq!((output.status, output.stdout.as_bytes() == &*bytes, output.error_text().as_str()), (3, true, "two"));
-    // Nobody reads it: that is no reason to wait, or to fail.
+    // Input that the command does not read neither blocks nor fails.
     assert_eq!(ssh.run(&heli("h"), "echo done", &bytes, LONG).unwrap().stdout, "done\n");
-    // More than anybody has to say is not kept.
+    // Output beyond the limit is dropped.
     let output = ssh.run(&heli("h"), "head -c 40000000 /dev/zero", &none(), LONG).unwrap();
     assert!(output.stdout.len() as u64 <= MAX_ANSWER, "{}", output.stdout.len());
     let silent = ssh.run(&heli("h"), "exit 7", &none(), LONG).unwrap();
@@ -104,11 +105,11 @@ fn what_is_given_and_what_is_said_are_whole() {
 }
 
 #[test]
-fn lines_come_while_they_are_written() {
+fn lines_arrive_while_the_command_runs() {
     let folder = tempfile::tempdir().unwrap();
     let ssh = local(folder.path());
     let mut lines = Vec::new();
-    // It goes on only after its first line was taken.
+    // The command continues only after its first line has been received.
     let command = "echo one; until [ -e taken ]; do sleep 0.01; done; printf 'two\\377\\r\\nthree'";
     let taken = folder.path().join("home/taken");
     let ended = ssh.lines(&heli("h"), command, &none(), |line| {
@@ -122,16 +123,16 @@ fn lines_come_while_they_are_written() {
 }
 
 #[test]
-fn a_failure_is_one_sentence() {
+fn a_failure_is_reported_as_one_sentence() {
     let folder = tempfile::tempdir().unwrap();
     let refuses = "echo 'ssh: connect to host heli1 port 22: Connection refused' >&2; exit 255";
     let ssh = fake(folder.path(), refuses);
-    let sentence = "heli1: no ssh server answers there; start its sshd, or give its port in ~/.ssh/config";
+    let sentence = "heli1: no ssh server answers; start its sshd, or give its port in ~/.ssh/config";
     assert_eq!(ssh.run(&heli("heli1"), "x", &none(), LONG), Err(sentence.to_owned()));
     assert_eq!(ssh.lines(&heli("heli1"), "x", &none(), |_| ()), Err(sentence.to_owned()));
     let missing = Ssh { program: vec![folder.path().join("none").into()], sharing: None, verbose: false };
     let error = missing.run(&heli("heli1"), "x", &none(), LONG).unwrap_err();
-    assert_eq!(error, "there is no `ssh` here; install OpenSSH's client");
+    assert_eq!(error, "`ssh` was not found on this PC; install OpenSSH's client");
 }
 
 #[test]
@@ -140,14 +141,14 @@ fn a_host_that_hangs_is_given_up() {
     let ssh = fake(folder.path(), "exec sleep 100");
     let begun = clock::now();
     let error = ssh.run(&heli("heli1"), "x", &none(), Duration::from_millis(300)).unwrap_err();
-    assert!(error.starts_with("heli1: did not do it within "), "{error}");
+    assert!(error.starts_with("heli1: the command took longer than "), "{error}");
     assert!(clock::now() - begun < LONG);
 }
 
 #[test]
-fn a_connection_that_stays_behind_keeps_nobody_waiting() {
+fn a_connection_that_stays_open_does_not_delay_the_result() {
     let folder = tempfile::tempdir().unwrap();
-    // As ssh's own did before it let go of its standard error.
+    // Older versions of ssh kept standard error open like this.
     let ssh = fake(folder.path(), "sleep 100 >/dev/null & echo $! > pid; echo warned >&2; echo done");
     let begun = clock::now();
     let output = ssh.run(&heli("heli1"), "x", &none(), LONG).unwrap();
@@ -158,7 +159,7 @@ fn a_connection_that_stays_behind_keeps_nobody_waiting() {
 }
 
 #[test]
-fn eight_at_once_and_no_more() {
+fn at_most_eight_hosts_are_called_at_once() {
     let all: Vec<usize> = (0..30).collect();
     let running = AtomicUsize::new(0);
     let most = AtomicUsize::new(0);
@@ -170,7 +171,7 @@ fn eight_at_once_and_no_more() {
         if now == AT_ONCE.get() {
             full.store(true, Relaxed);
         }
-        // None goes before eight were there together.
+        // No task ends before eight have run together.
         while !full.load(Relaxed) && clock::now() < until {
             clock::sleep(Duration::from_millis(1));
         }
@@ -183,7 +184,7 @@ fn eight_at_once_and_no_more() {
 }
 
 #[test]
-fn nodes_of_one_host_are_together() {
+fn nodes_are_grouped_by_host_and_user() {
     let mut nodes = [node(1, Some("b")), node(2, Some("a")), node(3, None), node(4, Some("b")), node(5, Some("b"))];
     nodes[4].user = Some("other".to_owned());
     let hosts = by_host(&nodes);

@@ -15,7 +15,7 @@ fn id(number: u8) -> VehicleId {
     VehicleId::new(number).unwrap()
 }
 
-/// What vehicle `number` of four says, whose clock is ahead by so much.
+/// The health report of vehicle `number` of four, whose clock is ahead by `ahead_s`.
 fn health(number: u8, ahead_s: f64) -> Health {
     let peer = |peer: VehicleId| PeerHealth {
         id: peer,
@@ -44,7 +44,7 @@ fn health(number: u8, ahead_s: f64) -> Health {
     }
 }
 
-/// The status of four, all in contact, when these were heard so long ago.
+/// The status of four vehicles, all in contact, when these reports were received `ago`.
 fn status(folder: &Path, heard: Vec<Health>, ago: Duration) -> Status {
     let at = clock::now();
     let there = VehicleId::first(4).map(|id| (Heard::Appeared(id), None, at));
@@ -52,7 +52,7 @@ fn status(folder: &Path, heard: Vec<Health>, ago: Duration) -> Status {
     status_of(folder, there.chain(heard), at + ago)
 }
 
-/// The status of four from what was heard in which run of the swarm.
+/// The status of four vehicles from messages, each in a run of the swarm.
 fn status_of(folder: &Path, heard: impl IntoIterator<Item = (Heard, Option<u64>, Instant)>, now: Instant) -> Status {
     let inventory = lab(folder, 4, "");
     let reach = Reach::plain(inventory.swarm.clone(), BTreeMap::new(), Flown::Text(String::new()));
@@ -61,7 +61,7 @@ fn status_of(folder: &Path, heard: impl IntoIterator<Item = (Heard, Option<u64>,
     Status::of(&inventory, &observer, now)
 }
 
-/// Its register in this life.
+/// The vehicle's heartbeat in this incarnation.
 fn mission(number: u8, life: u64) -> Mission {
     let header = Header { incarnation: Incarnation(life), ..health(number, 0.0).header };
     Mission {
@@ -77,14 +77,14 @@ fn mission(number: u8, life: u64) -> Mission {
     }
 }
 
-/// What vehicle `number` says in a run: that it is there, its register, its health.
+/// The messages of vehicle `number` in a run: its appearance, its heartbeat, its health report.
 fn all_of(number: u8, run: u64) -> [(Heard, Option<u64>, Instant); 3] {
     let said = [Heard::Appeared(id(number)), Heard::Mission(mission(number, 1)), Heard::Health(health(number, 0.0))];
     said.map(|said| (said, Some(run), clock::now()))
 }
 
 #[test]
-fn a_text_from_the_network_does_nothing_to_the_terminal() {
+fn a_text_from_the_network_is_made_safe_for_the_terminal() {
     let folder = tempfile::tempdir().unwrap();
     let mut second = health(2, 0.0);
     second.version = "1\u{1b}[2J\nnode 9: \u{202e}good\u{9b}".to_owned();
@@ -98,12 +98,12 @@ fn a_text_from_the_network_does_nothing_to_the_terminal() {
 }
 
 #[test]
-fn health_of_a_vehicle_that_is_gone_or_of_another_life_is_not_heard() {
+fn health_of_a_lost_vehicle_or_of_an_earlier_incarnation_is_ignored() {
     let folder = tempfile::tempdir().unwrap();
     let now = clock::now();
     let gone = all_of(1, 7).into_iter().chain([(Heard::Vanished(id(1)), None, now)]);
     let restarted = all_of(2, 7).into_iter().chain([(Heard::Mission(mission(2, 2)), Some(7), now)]);
-    // What was recorded of it is published by another, while it is not there.
+    // A recorded report, replayed by another node while the vehicle is not in contact.
     let never_there = [(Heard::Health(health(3, 0.0)), Some(7), now)];
     let heard = gone.chain(restarted).chain(never_there).chain(all_of(4, 7));
     let status = status_of(folder.path(), heard, now);
@@ -114,7 +114,7 @@ fn health_of_a_vehicle_that_is_gone_or_of_another_life_is_not_heard() {
 }
 
 #[test]
-fn health_of_another_run_is_not_heard() {
+fn health_of_another_run_is_ignored() {
     let folder = tempfile::tempdir().unwrap();
     let of_runs = |runs: [u64; 4]| {
         let heard = (1..).zip(runs).flat_map(|(number, run)| all_of(number, run));
@@ -126,11 +126,11 @@ fn health_of_another_run_is_not_heard() {
     let expected = "node 3 (10.0.0.13, tls/10.0.0.13:7449) is not heard: it flies in run 5, and the swarm in run 7; \
                     `skein cluster down`, then `up`\n";
     assert!(text.contains(expected), "{text}");
-    // As many say one as the other: neither is believed.
+    // As many vehicles report one run as the other: neither is accepted.
     let undecided = of_runs([7, 7, 5, 5]);
     assert!(undecided.nodes.iter().all(|node| node.said.is_none()));
     assert!(table::of(&undecided, "lab.toml").contains("no run has a majority of the vehicles in contact"));
-    // Health of yesterday's run, from a vehicle that flies in today's.
+    // A health report of an old run, from a vehicle that flies in the present run.
     let mut old = all_of(3, 7).to_vec();
     old[2].1 = Some(5);
     let heard = [1, 2, 4].into_iter().flat_map(|number| all_of(number, 7)).chain(old);
@@ -139,7 +139,7 @@ fn health_of_another_run_is_not_heard() {
 }
 
 #[test]
-fn a_good_swarm_fits_the_screen() {
+fn the_table_of_a_good_swarm_fits_the_screen() {
     let folder = tempfile::tempdir().unwrap();
     let status = status(folder.path(), (1..=4).map(|number| health(number, 0.0)).collect(), Duration::ZERO);
     assert!(status.is_good() && verdict(&status).is_ok());
@@ -170,7 +170,7 @@ fn a_good_swarm_fits_the_screen() {
 }
 
 #[test]
-fn who_is_not_heard_or_faulty_is_named() {
+fn silent_and_faulty_nodes_are_listed() {
     let folder = tempfile::tempdir().unwrap();
     let mut second = health(2, 0.0);
     second.failures = vec![Failure::Gyro];
@@ -197,7 +197,7 @@ fn who_is_not_heard_or_faulty_is_named() {
 }
 
 #[test]
-fn a_peer_whose_messages_take_long_is_old_and_one_whose_delay_is_unknown_is_older_than_shown() {
+fn the_age_of_a_peer_includes_its_delay_and_is_marked_while_the_delay_is_unknown() {
     let folder = tempfile::tempdir().unwrap();
     let (mut late, mut unknown) = (health(1, 0.0), health(2, 0.0));
     for peer in &mut late.peers {
@@ -213,7 +213,7 @@ fn a_peer_whose_messages_take_long_is_old_and_one_whose_delay_is_unknown_is_olde
 }
 
 #[test]
-fn a_clock_that_is_off_is_warned_of_and_no_fault() {
+fn a_wrong_clock_is_a_warning_and_not_a_fault() {
     let folder = tempfile::tempdir().unwrap();
     let heard = vec![health(1, 0.0), health(2, 0.25), health(3, 0.0), health(4, 86_400.0)];
     let status = status(folder.path(), heard, Duration::ZERO);
@@ -225,7 +225,7 @@ fn a_clock_that_is_off_is_warned_of_and_no_fault() {
 }
 
 #[test]
-fn who_has_fallen_silent_is_not_heard() {
+fn a_node_that_has_fallen_silent_is_not_listed_as_reporting() {
     let folder = tempfile::tempdir().unwrap();
     let all = || (1..=4).map(|number| health(number, 0.0)).collect();
     assert!(status(folder.path(), all(), Duration::from_secs(3)).is_good());

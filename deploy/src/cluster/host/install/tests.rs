@@ -41,7 +41,7 @@ impl Host {
         node
     }
 
-    /// As the operator's PC does it: first the program, then what it is asked.
+    /// Installs as the operator's PC does: first the program, then the files.
     fn apply(&self, id: u8, release: &str, bundle: &Bundle) -> Result<bool, String> {
         self.copy(release);
         apply(&self.place(release), &self.node(id), bundle, &SETTINGS)
@@ -77,7 +77,7 @@ fn is(release: &str, content: &str) -> Option<Installed> {
 }
 
 #[test]
-fn what_is_installed_twice_is_installed_once() {
+fn installing_again_changes_nothing() {
     let host = Host::new();
     assert_eq!(host.apply(1, "r1", &bundle("a")), Ok(true));
     assert_eq!(host.apply(1, "r1", &bundle("a")), Ok(false));
@@ -90,17 +90,17 @@ fn what_is_installed_twice_is_installed_once() {
         assert_eq!(os::mode(&node.current().join(file)).unwrap(), mode, "{file}");
     }
     assert_eq!(os::mode(&node.path).unwrap(), 0o700);
-    // A change of what it logs is a change, and keeps what there was before.
+    // A change of the log filter is a change, and keeps the earlier version.
     let logs = Settings { log: Some("debug".to_owned()), ..SETTINGS };
     assert_eq!(apply(&host.place("r1"), &node, &bundle("a"), &logs), Ok(true));
     assert_eq!((linked(&node.current()), linked(&node.previous())), (is("r1", "a"), None));
 }
 
 #[test]
-fn an_upgrade_can_be_taken_back_and_what_is_older_goes() {
+fn an_upgrade_can_be_rolled_back_and_older_versions_are_removed() {
     let host = Host::new();
     let node = host.node(1);
-    assert!(rollback(&node).unwrap_err().contains("nothing to go back to"));
+    assert!(rollback(&node).unwrap_err().contains("no earlier version to go back to"));
     host.apply(1, "r1", &bundle("a")).unwrap();
     assert!(rollback(&node).is_err());
     host.apply(1, "r1", &bundle("b")).unwrap();
@@ -112,11 +112,11 @@ fn an_upgrade_can_be_taken_back_and_what_is_older_goes() {
     rollback(&node).unwrap();
     assert_eq!(linked(&node.current()), is("r2", "c"));
     host.apply(1, "r2", &bundle("d")).unwrap();
-    assert_eq!(host.releases(), ["r2"], "nobody needs the other one");
+    assert_eq!(host.releases(), ["r2"], "no node needs the other release");
 }
 
 #[test]
-fn what_another_node_of_the_host_needs_stays() {
+fn a_release_that_another_node_needs_is_kept() {
     let host = Host::new();
     host.apply(1, "r1", &bundle("a")).unwrap();
     host.apply(2, "r2", &bundle("a")).unwrap();
@@ -130,7 +130,7 @@ fn what_another_node_of_the_host_needs_stays() {
 }
 
 #[test]
-fn what_is_no_plain_path_is_refused_before_anything_is_written() {
+fn a_path_that_is_not_plain_is_refused_before_anything_is_written() {
     let host = Host::new();
     let node = host.node(1);
     for path in ["../x", "/etc/x", "a//b", "a/./b", "", "a/..", "a\\b", "c:x", "a\nb", "skein", "skein/x"] {
@@ -142,11 +142,11 @@ fn what_is_no_plain_path_is_refused_before_anything_is_written() {
         assert_eq!(names(&node.installs()), [""; 0]);
     }
     let error = apply(&host.place("r9"), &node, &bundle("a"), &SETTINGS).unwrap_err();
-    assert!(error.contains("no such program"), "{error}");
+    assert!(error.contains("this program does not exist"), "{error}");
 }
 
 #[test]
-fn a_damaged_install_is_made_whole() {
+fn a_damaged_install_is_repaired() {
     let host = Host::new();
     let node = host.node(1);
     host.apply(1, "r1", &bundle("a")).unwrap();
@@ -165,10 +165,10 @@ fn a_damaged_install_is_made_whole() {
     }
 }
 
-/// Broken off before its first change, its second, and so on: what would run is whole at each of them, and the same request
-/// ends what was begun.
+/// Interrupts the installation before each of its changes: what would run is complete every time, and the same request
+/// finishes the work.
 #[test]
-fn no_moment_is_a_bad_one_to_be_broken_off_at() {
+fn an_installation_can_be_interrupted_at_any_moment() {
     let mut moments = 0;
     for changes in 0.. {
         let host = Host::new();

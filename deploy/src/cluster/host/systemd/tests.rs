@@ -5,7 +5,7 @@ use crate::cluster::host::place::Place;
 use crate::cluster::protocol::Installed;
 use skein_common::id::{SwarmName, VehicleId};
 
-/// A host whose `systemctl` and `loginctl` write down what they are asked.
+/// A host whose `systemctl` and `loginctl` record their arguments.
 struct Host {
     folder: TempDir,
     systemd: Systemd,
@@ -37,7 +37,7 @@ impl Host {
         self.place().node(VehicleId::new(3).unwrap())
     }
 
-    /// What was asked since the last call.
+    /// The recorded calls since the last call of this function.
     fn calls(&self) -> Vec<String> {
         let calls = self.folder.path().join("calls");
         let text = fs::read_to_string(&calls).unwrap_or_default();
@@ -47,7 +47,7 @@ impl Host {
 }
 
 #[test]
-fn a_unit_is_written_once_and_goes_again() {
+fn a_unit_is_written_once_and_removed_again() {
     let host = Host::new(true);
     let (place, node) = (host.place(), host.node());
     host.systemd.ready().unwrap();
@@ -73,11 +73,11 @@ fn a_unit_is_written_once_and_goes_again() {
     assert_eq!(host.calls(), ["systemctl --user daemon-reload", "loginctl disable-linger"]);
     assert!(files::entries(&host.systemd.units).is_empty());
     host.systemd.remove_service(&place.swarm, &node).unwrap();
-    assert!(host.calls().is_empty(), "there is none any more");
+    assert!(host.calls().is_empty(), "no unit is left");
 }
 
 #[test]
-fn the_systems_own_needs_nobody_to_linger() {
+fn the_systems_instance_does_not_need_lingering() {
     let host = Host::new(false);
     host.systemd.ready().unwrap();
     host.systemd.install_service(&host.place().swarm, &host.node()).unwrap();
@@ -85,13 +85,13 @@ fn the_systems_own_needs_nobody_to_linger() {
 }
 
 #[test]
-fn what_systemd_refuses_is_said_with_its_own_words() {
+fn an_error_of_systemd_is_reported_with_its_own_message() {
     let host = Host::new(true);
     let failing = "#!/bin/sh\necho 'Failed to connect to bus' >&2; exit 1\n";
     fs::write(host.folder.path().join("bin/systemctl"), failing).unwrap();
     let error = host.systemd.ready().unwrap_err();
     assert_eq!(error, "systemctl --user show --property=Version: Failed to connect to bus");
-    // Where it has no unit there is nothing that it could stop.
+    // Without a unit there is nothing to stop.
     let (place, node) = (host.place(), host.node());
     host.systemd.stop(&place.swarm, &node).unwrap();
     host.systemd.install_service(&place.swarm, &node).unwrap_err();
@@ -100,21 +100,21 @@ fn what_systemd_refuses_is_said_with_its_own_words() {
 }
 
 #[test]
-fn a_path_that_no_unit_can_name_is_refused() {
+fn a_path_that_a_unit_cannot_contain_is_refused() {
     let host = Host::new(true);
     let place = Place { folder: "/home/a\"b/lab".into(), ..host.place() };
     assert!(text(&place.swarm, &place.node(VehicleId::new(1).unwrap())).is_err());
 }
 
-/// By systemd's own word; `SKEIN_NAMESPACES=required` where it has to be there.
+/// Verified by systemd itself; with `SKEIN_NAMESPACES=required` it must be available.
 #[test]
-fn the_unit_is_one() {
+fn the_unit_is_valid() {
     let host = Host::new(true);
     let (place, node) = (host.place(), host.node());
     host.systemd.install_service(&place.swarm, &node).unwrap();
     let unit = host.systemd.units.join(unit(&place.swarm, &node));
     let verify = |unit: &Path| Command::new("systemd-analyze").args(["verify", "--man=no"]).arg(unit).output();
-    // The program has to be where the unit says.
+    // The program must exist at the path in the unit.
     let install = node.install(&Installed { release: "r1".to_owned(), bundle: "00".to_owned() });
     for folder in [&install, &node.run()] {
         fs::create_dir_all(folder).unwrap();
@@ -122,13 +122,13 @@ fn the_unit_is_one() {
     os::symlink(Path::new("/bin/true"), &install.join("skein")).unwrap();
     os::symlink(&Path::new("../installs").join(install.file_name().unwrap()), &node.active()).unwrap();
     let Ok(verified) = verify(&unit) else {
-        let missing = "there is no systemd-analyze";
+        let missing = "systemd-analyze was not found";
         assert_ne!(std::env::var("SKEIN_NAMESPACES").as_deref(), Ok("required"), "{missing}");
         return eprintln!("not verified: {missing}");
     };
     let output = String::from_utf8_lossy(&verified.stderr).into_owned();
     assert!(verified.status.success() && !output.contains("skein"), "{output}");
-    // It does find what is wrong.
+    // The verification does find faults.
     let text = fs::read_to_string(&unit).unwrap();
     for (right, wrong) in
         [("run/active", "run/gone"), ("KillMode=mixed", "KillMode=mixde"), ("WatchdogSec", "Watchdog")]
