@@ -117,7 +117,7 @@ pub enum ObserveError {
 impl From<ObserveError> for Error {
     fn from(error: ObserveError) -> Self {
         match &error {
-            ObserveError::Link(fault) if fault.is_the_users() => Self::Refused(error.to_string()),
+            ObserveError::Link(fault) if fault.is_user_error() => Self::Refused(error.to_string()),
             _ => Self::Failed(error.to_string()),
         }
     }
@@ -142,8 +142,8 @@ impl Observer {
         ear.subscribe(session, topic::all::MISSIONS, Heard::Mission)?;
         ear.subscribe(session, topic::all::EVENTS, Heard::Event)?;
         let note = move |change| match change {
-            Change::Came(id) => ear.hand_over(Heard::Appeared(id), None),
-            Change::Went(id) => ear.hand_over(Heard::Vanished(id), None),
+            Change::Appeared(id) => ear.hand_over(Heard::Appeared(id), None),
+            Change::Vanished(id) => ear.hand_over(Heard::Vanished(id), None),
             Change::Refused(_) => {}
         };
         sessions.presence().watch(&sessions, note)?;
@@ -219,7 +219,7 @@ impl Observer {
         let Some(sealer) = &self.sealer else { return vec![order] };
         let there = self.vehicles.values().filter(|seen| seen.alive);
         let runs: BTreeSet<u64> = there.filter_map(|seen| seen.run).filter(|run| *run != 0).collect();
-        runs.into_iter().map(|run| orders::seal(sealer, &self.swarm, run, order)).collect()
+        runs.into_iter().map(|run| orders::sign(sealer, &self.swarm, run, order)).collect()
     }
 
     /// Publishes an order to every agent that can be reached now. It is a register: publishing it again changes nothing.
@@ -257,7 +257,7 @@ impl Ear {
             let key = sample.key_expr().as_str();
             match Topic::parse(key).map(|topic| topic.author()) {
                 // Replayed by another, or on its way while its link broke.
-                Some(Author::Vehicle(id)) if !ear.presence.may_speak(id) => count(&ear.dropped.forged),
+                Some(Author::Vehicle(id)) if !ear.presence.may_send(id) => count(&ear.dropped.forged),
                 _ => match ear.voices.read(key, &sample.payload().to_bytes()) {
                     Ok(said) => ear.hand_over(heard(said.message), said.run),
                     Err(error) => count(match error.reason() {
@@ -419,7 +419,7 @@ mod tests {
             let mut is_heard = false;
             while !(is_heard && link.trace_is_wanted() == wanted) {
                 assert!(clock::now() < until, "heard: {is_heard}, {steps:?}");
-                link.say_event(&event);
+                link.publish_event(&event);
                 clock::sleep(Duration::from_millis(20));
                 is_heard |= observer.poll().contains(&Heard::Event(event));
             }
@@ -458,9 +458,9 @@ mod tests {
         let order = |epoch| Order { epoch, issuer: 1, verb: Verb::Hold, seal: None };
         // The run that most are in; and what each of them repeats.
         let said = [
-            (1, 7, orders::seal(&sealer, &swarm, 7, order(3))),
+            (1, 7, orders::sign(&sealer, &swarm, 7, order(3))),
             (2, 7, order(u64::MAX - 1)),
-            (3, 6, orders::seal(&sealer, &swarm, 6, order(50))),
+            (3, 6, orders::sign(&sealer, &swarm, 6, order(50))),
         ];
         let observe = |reach: &Reach| {
             let mut observer = Observer::open(reach, Steps::Unheard).unwrap();

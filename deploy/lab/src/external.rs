@@ -19,7 +19,7 @@ use skein_common::id::VehicleId;
 use skein_common::scenario::Scenario;
 use skein_core::formation::external::{Answer, Ask};
 use skein_host::external::protocol::{self, Fault, Heard, Hello, Said, Time};
-use skein_host::external::talk::{Deaf, Sink, Talk, Word};
+use skein_host::external::session::{Deaf, Sink, Talk, Word};
 use skein_host::external::{ExternalError, Way, port_of, vector};
 
 use crate::world::World;
@@ -170,7 +170,7 @@ impl Laws {
                 let talk = Talk::datagrams((&ask.0, ask_port), (&answer.0, answer_port), sink);
                 talk.map_err(|error| ExternalError::Port(format!("{}:{answer_port}", answer.0), error))?
             }
-            Way::Listen(host, _) => return Err(ExternalError::Way(format!("{host} is listened to once"))),
+            Way::Listen(host, _) => return Err(ExternalError::Transport(format!("{host} is listened to once"))),
         };
         Ok(Conversation::new(vec![id], talk, words))
     }
@@ -194,7 +194,9 @@ impl Laws {
 
     /// Waits for the law that serves all vehicles.
     fn accept(&self) -> Result<Conversation, LawError> {
-        let Some(listener) = &self.listener else { return Err(ExternalError::Way("nobody listens".to_owned()).into()) };
+        let Some(listener) = &self.listener else {
+            return Err(ExternalError::Transport("nobody listens".to_owned()).into());
+        };
         let here = listener.local_addr().map_or_else(|_| String::new(), |here| here.to_string());
         eprintln!("waits for a law to connect to {here}");
         let until = now() + ARRIVAL;
@@ -247,7 +249,7 @@ impl Laws {
 impl Drop for Laws {
     /// All at once: then none is waited for longer than another.
     fn drop(&mut self) {
-        self.conversations.iter_mut().for_each(|conversation| conversation.talk.say_bye());
+        self.conversations.iter_mut().for_each(|conversation| conversation.talk.send_bye());
     }
 }
 
@@ -290,12 +292,12 @@ impl Conversation {
     }
 
     fn say(&mut self, said: &Said<'_>) -> Result<(), LawError> {
-        self.talk.say(said).map_err(|Deaf| self.ended())
+        self.talk.send(said).map_err(|Deaf| self.ended())
     }
 
     /// Waits until the law has said so often that it is ready. What it said before belongs to what was before.
     fn wait_until_ready(&mut self, mut times: usize) -> Result<(), LawError> {
-        if self.talk.is_of_vectors() {
+        if self.talk.uses_vectors() {
             return Ok(());
         }
         let since = now();
@@ -318,7 +320,7 @@ impl Conversation {
             let fault = match self.next(since, "an answer")? {
                 None => {
                     // A datagram may be lost, or the model was not running yet.
-                    if self.talk.is_of_vectors() {
+                    if self.talk.uses_vectors() {
                         open.iter().try_for_each(|ask| self.say(&Said::Ask(ask)))?;
                     }
                     continue;
@@ -332,7 +334,7 @@ impl Conversation {
                         continue;
                     }
                     // To an ask that was sent twice.
-                    if self.talk.is_of_vectors() {
+                    if self.talk.uses_vectors() {
                         continue;
                     }
                     if self.settled.contains(&asked) {
@@ -361,18 +363,18 @@ impl Conversation {
     /// The next thing that the law says, or nothing when it is time to ask by datagram again.
     fn next(&mut self, since: Instant, owes: &'static str) -> Result<Option<Result<Heard, Fault>>, LawError> {
         let (limit, for_s) =
-            if self.talk.is_of_vectors() && !self.was_heard { (ARRIVAL, ARRIVAL_S) } else { (SILENCE, SILENCE_S) };
+            if self.talk.uses_vectors() && !self.was_heard { (ARRIVAL, ARRIVAL_S) } else { (SILENCE, SILENCE_S) };
         let left = (since + limit).saturating_duration_since(now());
         if left.is_zero() {
             return Err(LawError::Silent { vehicle: self.name(), for_s, owes });
         }
-        let patience = if self.talk.is_of_vectors() { left.min(ASK_AGAIN_AFTER) } else { left };
+        let patience = if self.talk.uses_vectors() { left.min(ASK_AGAIN_AFTER) } else { left };
         match self.words.recv_timeout(patience) {
-            Ok(Word::Said(said)) if self.talk.is_of_vectors() => {
+            Ok(Word::Data(said)) if self.talk.uses_vectors() => {
                 self.was_heard = true;
                 Ok(Some(vector::read(&said).map(Heard::Answer)))
             }
-            Ok(Word::Said(line)) => Ok(Some(protocol::read(&line))),
+            Ok(Word::Data(line)) => Ok(Some(protocol::read(&line))),
             Ok(Word::TooLong) => Ok(Some(Err(Fault::TooLong))),
             Ok(Word::End) | Err(RecvTimeoutError::Disconnected) => Err(self.ended()),
             Err(RecvTimeoutError::Timeout) => Ok(None),

@@ -65,7 +65,7 @@ pub(super) fn sizes(count: u32) -> Result<[WordSize; 2], String> {
     let [one, two] = pair.as_mut_slice() else { return Err("not two sessions".to_owned()) };
     // The second dials the first.
     Ok([
-        size(one, two, &counts.to_dialler, count, Speaker::say_state)?,
+        size(one, two, &counts.to_dialler, count, Speaker::publish_state)?,
         size(one, two, &counts.to_dialler, count, Speaker::say_register)?,
     ])
 }
@@ -120,7 +120,7 @@ fn talk(mesh: &mut [Speaker], talk_s: f64, aloud: bool) -> Option<f64> {
             next += turn;
             speaker.listen();
             if aloud {
-                speaker.say_state();
+                speaker.publish_state();
             }
         }
     }
@@ -187,7 +187,7 @@ impl Speaker {
             mesh.push(Self { link, id, incarnation, clock, said, heard_of, heard });
         }
         until(|| {
-            mesh.iter_mut().for_each(|speaker| _ = speaker.say_state());
+            mesh.iter_mut().for_each(|speaker| _ = speaker.publish_state());
             sleep_until(now() + 5 * PAUSE);
             mesh.iter_mut().all(|speaker| {
                 speaker.listen();
@@ -198,11 +198,11 @@ impl Speaker {
     }
 
     /// Says where it is, as an agent in flight does; gives the encoding's length, bytes.
-    fn say_state(&mut self) -> usize {
+    fn publish_state(&mut self) -> usize {
         let position = Geodetic::from_degrees(28.000_1, -82.000_1, 30.1);
         let velocity = VelocityNed::new(0.1, -0.2, 0.01);
         let state = State { header: self.header(), state: VehicleState { position, velocity, heading_rad: 1.0 } };
-        self.link.say_state(&state, Cell::of(PositionNed::new(10.0, -10.0, -30.0)));
+        self.link.publish_state(&state, Cell::of(PositionNed::new(10.0, -10.0, -30.0)));
         message::encode(&state).len()
     }
 
@@ -221,7 +221,7 @@ impl Speaker {
             order: None,
             echo,
         };
-        self.link.say_mission(&said);
+        self.link.publish_mission(&said);
         message::encode(&said).len()
     }
 
