@@ -24,17 +24,17 @@ use skein_common::scenario::Scenario;
 use skein_core::formation::external::{Answer, Ask};
 use skein_host::clock::now;
 use skein_host::external::protocol::{self, Fault, Heard, Hello, Said, Time};
-use skein_host::external::talk::{Deaf, Talk, Word};
+use skein_host::external::session::{Deaf, Talk, Word};
 use skein_host::external::{ExternalError, Way, port_of, vector};
 
 /// Queue between the threads, messages. A law that floods its output makes queries get lost, but delays nothing.
 const QUEUE: usize = 256;
 /// How often the law's thread checks for a new connection or a stop.
-const LOOK_UP: Duration = Duration::from_millis(50);
+const POLL_PERIOD: Duration = Duration::from_millis(50);
 /// Least time between two starts of the law's process.
-const RESTART_AFTER: Duration = Duration::from_secs(1);
+const RESTART_DELAY: Duration = Duration::from_secs(1);
 /// A datagram without a reply is sent again after this time.
-const ASK_AGAIN_AFTER: Duration = Duration::from_secs(1);
+const RESEND_DELAY: Duration = Duration::from_secs(1);
 
 /// The external law of one vehicle. Dropping it sends the law a bye.
 #[derive(Debug)]
@@ -47,9 +47,9 @@ pub struct LiveLaw {
 
 #[derive(Debug)]
 enum Event {
-    Ask(Box<Ask>, Instant),
+    Query(Box<Ask>, Instant),
     /// Input from the session of this number.
-    Heard(u64, Instant, Word),
+    Input(u64, Instant, Word),
 }
 
 impl LiveLaw {
@@ -58,19 +58,19 @@ impl LiveLaw {
     /// # Errors
     /// If a program does not start, an address is not valid, or a port cannot be bound.
     pub fn start(scenario: &Scenario, own: VehicleId) -> Result<Option<Self>, ExternalError> {
-        let Some(way) = Way::of(scenario)? else { return Ok(None) };
+        let Some(transport) = Way::of(scenario)? else { return Ok(None) };
         let (events, queue) = sync_channel(QUEUE);
         let (newest, stop) = (Arc::new(Mutex::new(None)), Arc::new(AtomicBool::new(false)));
-        let mut keeper = Keeper {
+        let mut law_thread = LawThread {
             own,
             hello: Hello::new(scenario, own, Time::Real),
             deadline: Duration::from_secs_f64(scenario.formation.external.deadline_s),
-            listener: listener(&way, own)?,
-            way,
+            listener: listener(&transport, own)?,
+            transport,
             events: events.clone(),
             newest: newest.clone(),
-            talk: None,
-            talks: 0,
+            session: None,
+            sessions: 0,
             started: None,
             is_ready: false,
             open: None,
@@ -79,16 +79,16 @@ impl LiveLaw {
             has_failed: false,
         };
         // An error at the first start is reported before the flight begins.
-        keeper.connect()?;
+        law_thread.connect()?;
         let of_thread = stop.clone();
-        let thread = thread::Builder::new().name("law".to_owned()).spawn(move || keeper.run(&queue, &of_thread));
+        let thread = thread::Builder::new().name("law".to_owned()).spawn(move || law_thread.run(&queue, &of_thread));
         let thread = thread.map_err(|error| ExternalError::Port("cannot start a thread".to_owned(), error))?;
         Ok(Some(Self { events, newest, stop, thread: Some(thread) }))
     }
 
     /// Sends a query. Never waits: a query that does not fit into the queue gets no reply.
     pub fn ask(&self, ask: Ask) {
-        let _ = self.events.try_send(Event::Ask(Box::new(ask), now()));
+        let _ = self.events.try_send(Event::Query(Box::new(ask), now()));
     }
 
     /// The newest reply since the last call that came in time. Never waits.
@@ -108,8 +108,8 @@ impl Drop for LiveLaw {
 }
 
 /// Socket to which the law of this vehicle connects, if it does.
-fn listener(way: &Way, own: VehicleId) -> Result<Option<TcpListener>, ExternalError> {
-    let Way::Listen(host, first) = way else { return Ok(None) };
+fn listener(transport: &Way, own: VehicleId) -> Result<Option<TcpListener>, ExternalError> {
+    let Way::Listen(host, first) = transport else { return Ok(None) };
     let port = port_of(*first, own)?;
     let bound = TcpListener::bind((host.as_str(), port)).and_then(|listener| {
         listener.set_nonblocking(true)?;
@@ -119,20 +119,20 @@ fn listener(way: &Way, own: VehicleId) -> Result<Option<TcpListener>, ExternalEr
 }
 
 /// State of the law's thread.
-struct Keeper {
+struct LawThread {
     own: VehicleId,
-    way: Way,
+    transport: Way,
     hello: Hello,
     deadline: Duration,
     listener: Option<TcpListener>,
     events: SyncSender<Event>,
     newest: Arc<Mutex<Option<Answer>>>,
-    talk: Option<Talk>,
+    session: Option<Talk>,
     /// Number of sessions so far, which is the number of the current one.
-    talks: u64,
+    sessions: u64,
     started: Option<Instant>,
     is_ready: bool,
-    open: Option<Open>,
+    open: Option<OpenQuery>,
     /// Number of faults by kind.
     faults: [u64; Fault::KINDS],
     /// Whether the end of the law was logged.
@@ -142,13 +142,13 @@ struct Keeper {
 }
 
 /// A query that awaits its reply.
-struct Open {
+struct OpenQuery {
     ask: Box<Ask>,
     asked: Instant,
-    said: Instant,
+    sent: Instant,
 }
 
-impl Keeper {
+impl LawThread {
     fn run(mut self, queue: &Receiver<Event>, stop: &AtomicBool) {
         while !stop.load(Relaxed) {
             if let Err(error) = self.connect()
@@ -156,24 +156,24 @@ impl Keeper {
             {
                 tracing::warn!("vehicle {}'s law: {error}", self.own);
             }
-            match queue.recv_timeout(LOOK_UP) {
-                Ok(Event::Ask(ask, asked)) => self.ask(ask, asked),
-                Ok(Event::Heard(talk, at, word)) if talk == self.talks => self.hear(at, word),
-                Ok(Event::Heard(..)) | Err(RecvTimeoutError::Timeout) => {}
+            match queue.recv_timeout(POLL_PERIOD) {
+                Ok(Event::Query(ask, asked)) => self.ask(ask, asked),
+                Ok(Event::Input(session, at, word)) if session == self.sessions => self.receive(at, word),
+                Ok(Event::Input(..)) | Err(RecvTimeoutError::Timeout) => {}
                 // Impossible while this thread itself holds a sender.
                 Err(RecvTimeoutError::Disconnected) => break,
             }
             self.ask_again();
         }
-        let late = self.faults.iter().sum::<u64>();
-        if late > 0 {
-            tracing::info!("vehicle {}'s law: {late} messages were not replies in time", self.own);
+        let faults = self.faults.iter().sum::<u64>();
+        if faults > 0 {
+            tracing::info!("vehicle {}'s law: {faults} messages were not replies in time", self.own);
         }
     }
 
     /// Starts a session if the law has connected, or if the last session has ended and the restart time has passed.
     fn connect(&mut self) -> Result<(), ExternalError> {
-        let talk = match (&self.way, &self.listener) {
+        let session = match (&self.transport, &self.listener) {
             (Way::Listen(host, _), Some(listener)) => match listener.accept() {
                 Ok((stream, _)) => {
                     let sink = self.sink();
@@ -182,68 +182,68 @@ impl Keeper {
                 // No new connection.
                 Err(_) => return Ok(()),
             },
-            _ if self.talk.is_some() => return Ok(()),
-            _ if self.started.is_some_and(|started| now() < started + RESTART_AFTER) => return Ok(()),
+            _ if self.session.is_some() => return Ok(()),
+            _ if self.started.is_some_and(|started| now() < started + RESTART_DELAY) => return Ok(()),
             (Way::Command(command), _) => {
                 self.started = Some(now());
                 let own = self.own;
-                let tell = move |line: &str| tracing::warn!("vehicle {own}'s law: {line}");
-                let started = Talk::process(command, true, self.sink(), tell);
+                let log = move |line: &str| tracing::warn!("vehicle {own}'s law: {line}");
+                let started = Talk::process(command, true, self.sink(), log);
                 started.map_err(|error| ExternalError::Start(command.join(" "), error))?
             }
             (Way::Udp { ask, answer }, _) => {
                 let (ask_port, answer_port) = (port_of(ask.1, self.own)?, port_of(answer.1, self.own)?);
                 self.started = Some(now());
-                let talk = Talk::datagrams((&ask.0, ask_port), (&answer.0, answer_port), self.sink());
-                talk.map_err(|error| ExternalError::Port(format!("{}:{answer_port}", answer.0), error))?
+                let session = Talk::datagrams((&ask.0, ask_port), (&answer.0, answer_port), self.sink());
+                session.map_err(|error| ExternalError::Port(format!("{}:{answer_port}", answer.0), error))?
             }
             (Way::Listen(..), None) => return Ok(()),
         };
-        (self.talks, self.open) = (self.talks + 1, None);
-        self.is_ready = talk.is_of_vectors();
-        let said = talk.say(&Said::Hello(&self.hello));
-        self.talk = Some(talk);
-        if said.is_err() {
+        (self.sessions, self.open) = (self.sessions + 1, None);
+        self.is_ready = session.uses_vectors();
+        let sent = session.send(&Said::Hello(&self.hello));
+        self.session = Some(session);
+        if sent.is_err() {
             self.end();
         }
         Ok(())
     }
 
     /// Passes on the input of the next session, with its number.
-    fn sink(&self) -> impl skein_host::external::talk::Sink + use<> {
-        let (events, number) = (self.events.clone(), self.talks + 1);
-        move |at, word| events.send(Event::Heard(number, at, word)).is_ok()
+    fn sink(&self) -> impl skein_host::external::session::Sink + use<> {
+        let (events, number) = (self.events.clone(), self.sessions + 1);
+        move |at, word| events.send(Event::Input(number, at, word)).is_ok()
     }
 
     fn ask(&mut self, ask: Box<Ask>, asked: Instant) {
         // A law that is not ready gets no query, and its replies are faults.
         self.open = None;
-        let Some(talk) = self.talk.as_ref().filter(|_| self.is_ready) else { return };
-        let said = talk.say(&Said::Ask(&ask));
-        self.open = Some(Open { ask, asked, said: asked });
-        if said == Err(Deaf) {
+        let Some(session) = self.session.as_ref().filter(|_| self.is_ready) else { return };
+        let sent = session.send(&Said::Ask(&ask));
+        self.open = Some(OpenQuery { ask, asked, sent: asked });
+        if sent == Err(Deaf) {
             self.end();
         }
     }
 
     /// Sends an unanswered query again: the datagram may be lost, or the model may not have run yet.
     fn ask_again(&mut self) {
-        let Some((talk, open)) = self.talk.as_ref().zip(self.open.as_mut()) else { return };
-        if talk.is_of_vectors() && now() >= open.said + ASK_AGAIN_AFTER {
-            open.said = now();
+        let Some((session, open)) = self.session.as_ref().zip(self.open.as_mut()) else { return };
+        if session.uses_vectors() && now() >= open.sent + RESEND_DELAY {
+            open.sent = now();
             // A UDP socket never reports an unresponsive law.
-            let _ = talk.say(&Said::Ask(&open.ask));
+            let _ = session.send(&Said::Ask(&open.ask));
         }
     }
 
-    fn hear(&mut self, at: Instant, word: Word) {
+    fn receive(&mut self, at: Instant, word: Word) {
         let heard = match word {
             Word::End => return self.end(),
             Word::TooLong => Err(Fault::TooLong),
-            Word::Said(said) if self.talk.as_ref().is_some_and(Talk::is_of_vectors) => {
-                vector::read(&said).map(Heard::Answer)
+            Word::Data(datagram) if self.session.as_ref().is_some_and(Talk::uses_vectors) => {
+                vector::read(&datagram).map(Heard::Answer)
             }
-            Word::Said(line) => protocol::read(&line),
+            Word::Data(line) => protocol::read(&line),
         };
         let taken = match heard {
             Ok(Heard::Ready) if !self.is_ready => {
@@ -297,11 +297,11 @@ impl Keeper {
 
     /// Ends the session, and logs the first end.
     fn end(&mut self) {
-        let Some(mut talk) = self.talk.take() else { return };
+        let Some(mut session) = self.session.take() else { return };
         (self.is_ready, self.open) = (false, None);
         if !std::mem::replace(&mut self.has_ended, true) {
-            let next = Next(&self.way);
-            tracing::warn!("vehicle {}'s law {}; {next}", self.own, talk.how_it_ended());
+            let next = Next(&self.transport);
+            tracing::warn!("vehicle {}'s law {}; {next}", self.own, session.how_it_ended());
         }
     }
 }

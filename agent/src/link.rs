@@ -9,11 +9,11 @@
 mod clocks;
 mod health;
 mod inbox;
-mod line;
 mod outgoing;
 pub mod presence;
+mod publisher;
+mod queries;
 mod refusals;
-mod register;
 pub mod seal;
 pub mod security;
 mod sessions;
@@ -38,14 +38,14 @@ use zenoh::sample::{Locality, Sample, SampleKind};
 use zenoh::{Config, Session, Wait};
 
 use clocks::Clocks;
-pub use clocks::{ASK_EVERY, Utc};
-pub use health::HealthLine;
+pub use clocks::{CLOCK_QUERY_PERIOD, Utc};
+pub use health::HealthPublisher;
 use inbox::Inbox;
-pub use line::Line;
 pub use outgoing::Messages;
 use outgoing::{Outgoing, Waiting};
 use presence::{Change, Presence, watch_tokens};
-use register::Register;
+pub use publisher::Line;
+use queries::LastHeartbeat;
 use seal::Sealer;
 use seal::words::Voices;
 pub use security::Security;
@@ -65,13 +65,13 @@ pub const ZENOH_ON_TWO_THREADS: &str =
     "(rx:(handover:app),acc:(handover:app),net:(handover:app),tx:(handover:app),app:(worker_threads:2))";
 
 /// Time for a dialled peer to reply. The tunnel gives up earlier on a host that cannot be reached.
-const OPEN_WITHIN: Duration = Duration::from_secs(10);
+const OPEN_TIMEOUT: Duration = Duration::from_secs(10);
 /// Zenoh's lease: a session that has sent nothing for this long ends. The lease is long so that agents on a slow PC
 /// stay linked; a lost agent is detected earlier, by the age of its messages.
 const LEASE: Duration = Duration::from_secs(4);
 
 /// Longest time that a thread waits for a peer to accept a message that must not be dropped; then that link is closed.
-const BLOCK_WITHIN: Duration = Duration::from_millis(20);
+const BLOCK_TIMEOUT: Duration = Duration::from_millis(20);
 
 /// Time for the last messages to arrive before the link closes.
 const LINGER: Duration = Duration::from_millis(500);
@@ -94,14 +94,14 @@ pub enum LinkError {
     /// A plain endpoint where links are secured, or a secured endpoint without keys.
     #[error(
         "{endpoint:?}: {}",
-        if *wanted == "tls" { "links are secured here; write the endpoint like tls/10.0.0.11:7447" }
+        if *expected == "tls" { "links are secured here; write the endpoint like tls/10.0.0.11:7447" }
         else { "there are no keys for secured links; write a plain endpoint like tcp/127.0.0.1:7447" }
     )]
     Protocol {
         /// The endpoint.
         endpoint: String,
         /// Protocol that the endpoint must start with.
-        wanted: &'static str,
+        expected: &'static str,
     },
     /// A key or certificate file that cannot be used.
     #[error("{}: {source}", path.display())]
@@ -140,7 +140,7 @@ pub enum LinkError {
 
 impl LinkError {
     /// Whether the cause is an argument or a file, not the network.
-    pub fn is_the_users(&self) -> bool {
+    pub fn is_user_error(&self) -> bool {
         !matches!(self, Self::Configuration { .. } | Self::Open { .. } | Self::Declare { .. } | Self::Thread(_))
     }
 }
@@ -172,7 +172,7 @@ fn configuration(
         // A short retry period: a peer is back within a second after the network is restored.
         ("connect/retry", json!({ "period_init_ms": 200, "period_max_ms": 1000, "period_increase_factor": 1.5 })),
         // A peer that replies slowly is not dialled a second time.
-        ("transport/unicast/open_timeout", json!(OPEN_WITHIN.as_millis())),
+        ("transport/unicast/open_timeout", json!(OPEN_TIMEOUT.as_millis())),
         ("scouting/multicast/enabled", json!(false)),
         ("scouting/gossip/enabled", json!(false)),
         ("adminspace/enabled", json!(false)),
@@ -181,7 +181,7 @@ fn configuration(
         // Sending never waits: a message whose queue is full is dropped at once, because the next one is newer.
         ("transport/link/tx/queue/congestion_control/drop/wait_before_drop", json!(0)),
         // Zenoh must not drop its own declarations. A peer that does not accept them in time loses its link.
-        ("transport/link/tx/queue/congestion_control/block/wait_before_close", json!(BLOCK_WITHIN.as_micros())),
+        ("transport/link/tx/queue/congestion_control/block/wait_before_close", json!(BLOCK_TIMEOUT.as_micros())),
         // A reply gets the quality of service of its query. The querying peer must not choose it: a reply is dropped
         // rather than waited for, and has a queue of its own.
         (
@@ -203,7 +203,7 @@ fn configuration(
 
 /// The network link of one agent: receives the peers' messages and publishes its own.
 pub struct Link {
-    ear: Arc<Ear>,
+    receiver: Arc<Ear>,
     outgoing: Outgoing,
     /// Whether the trace has a subscriber, for each session.
     trace_is_wanted: Vec<Arc<AtomicBool>>,
@@ -228,34 +228,35 @@ impl Link {
     ) -> Result<Self, LinkError> {
         let sessions = sessions.into();
         let (voices, sealer, presence) = (trust.voices.clone(), trust.sealer.clone(), sessions.presence());
-        let ear = Arc::new(Ear { inbox: Inbox::new(), judge: Judge::new(own, trust), clock, presence, voices, sealer });
-        let register = Register::open(&sessions, Topic::Mission(own))?;
-        hear_presence(&sessions, own, &ear)?;
+        let receiver =
+            Arc::new(Ear { inbox: Inbox::new(), judge: Judge::new(own, trust), clock, presence, voices, sealer });
+        let last_heartbeat = LastHeartbeat::open(&sessions, Topic::Mission(own))?;
+        watch_presence(&sessions, own, &receiver)?;
         for session in &sessions.all {
-            hear::<State>(session, all::STATES, &ear, Word::State)?;
-            hear::<Mission>(session, all::MISSIONS, &ear, Word::Mission)?;
-            hear::<Order>(session, all::ORDERS, &ear, Word::Order)?;
+            subscribe::<State>(session, all::STATES, &receiver, Word::State)?;
+            subscribe::<Mission>(session, all::MISSIONS, &receiver, Word::Mission)?;
+            subscribe::<Order>(session, all::ORDERS, &receiver, Word::Order)?;
         }
-        let trace = Line::open(&sessions, &ear, Topic::Trace(own), Priority::DataLow)?;
+        let trace = Line::open(&sessions, &receiver, Topic::Trace(own), Priority::DataLow)?;
         let trace_is_wanted = trace.publishers.iter().map(watch_matching).collect::<Result<_, _>>()?;
-        let mission = Line::open(&sessions, &ear, Topic::Mission(own), Priority::InteractiveHigh)?;
-        let event = Line::open(&sessions, &ear, Topic::Event(own), Priority::DataHigh)?;
-        let (ear_of_mouth, all) = (ear.clone(), sessions.all.clone());
-        let mut mouth =
-            Mouth { ear: ear_of_mouth, sessions: all, own, state_key: None, mission, register, event, trace };
-        let outgoing = Outgoing::start(move |waiting| mouth.send(waiting)).map_err(LinkError::Thread)?;
+        let mission = Line::open(&sessions, &receiver, Topic::Mission(own), Priority::InteractiveHigh)?;
+        let event = Line::open(&sessions, &receiver, Topic::Event(own), Priority::DataHigh)?;
+        let (for_thread, all) = (receiver.clone(), sessions.all.clone());
+        let mut publisher_thread =
+            Mouth { receiver: for_thread, sessions: all, own, state_key: None, mission, last_heartbeat, event, trace };
+        let outgoing = Outgoing::start(move |waiting| publisher_thread.send(waiting)).map_err(LinkError::Thread)?;
         let alive = Topic::Alive(own).key();
         let token = |session: &Arc<Session>| {
             session.liveliness().declare_token(alive.clone()).wait().map_err(declaring(&alive))
         };
         // The token comes last: an agent whose token is visible must already be able to receive.
         let alive = sessions.all.iter().map(token).collect::<Result<_, _>>()?;
-        Ok(Self { ear, outgoing, trace_is_wanted, _alive: alive, own, sessions })
+        Ok(Self { receiver, outgoing, trace_is_wanted, _alive: alive, own, sessions })
     }
 
     /// Moves all messages received since the last call to the end of `heard`: the newest of each peer and kind.
     pub fn drain(&self, heard: &mut Vec<Heard>) {
-        self.ear.inbox.drain(heard);
+        self.receiver.inbox.drain(heard);
     }
 
     /// Hands over the messages of one step. Never waits for the network.
@@ -264,23 +265,23 @@ impl Link {
     }
 
     /// Publishes the own state under the key of its cell.
-    pub fn say_state(&self, state: &State, cell: Cell) {
+    pub fn publish_state(&self, state: &State, cell: Cell) {
         self.send(Messages { state: Some((*state, cell)), ..Messages::default() });
     }
 
     /// Publishes the own heartbeat with the agreement state, and keeps it for agents that start late.
-    pub fn say_mission(&self, mission: &Mission) {
+    pub fn publish_mission(&self, mission: &Mission) {
         self.send(Messages { mission: Some(*mission), ..Messages::default() });
     }
 
     /// Publishes an event.
-    pub fn say_event(&self, event: &Event) {
+    pub fn publish_event(&self, event: &Event) {
         self.send(Messages { events: vec![*event], ..Messages::default() });
     }
 
     /// Whether the trace has a subscriber.
     pub fn trace_is_wanted(&self) -> bool {
-        self.trace_is_wanted.iter().any(|wanted| wanted.load(Relaxed))
+        self.trace_is_wanted.iter().any(|flag| flag.load(Relaxed))
     }
 
     /// Opens the health publisher, for use by another thread, and starts to answer clock queries with the time of
@@ -288,15 +289,15 @@ impl Link {
     ///
     /// # Errors
     /// If a session is closed.
-    pub fn health(&self, utc: Utc) -> Result<HealthLine, LinkError> {
-        let line = Line::open(&self.sessions, &self.ear, Topic::Health(self.own), Priority::DataHigh)?;
-        let clocks = Clocks::open(&self.sessions, &self.ear, self.own, utc)?;
-        Ok(HealthLine { line, ear: self.ear.clone(), clocks, live: Vec::new() })
+    pub fn health(&self, utc: Utc) -> Result<HealthPublisher, LinkError> {
+        let publisher = Line::open(&self.sessions, &self.receiver, Topic::Health(self.own), Priority::DataHigh)?;
+        let clocks = Clocks::open(&self.sessions, &self.receiver, self.own, utc)?;
+        Ok(HealthPublisher { publisher, receiver: self.receiver.clone(), clocks, live: Vec::new() })
     }
 
     /// Number of messages dropped so far, by reason.
     pub fn drops(&self) -> Drops {
-        self.ear.inbox.drops()
+        self.receiver.inbox.drops()
     }
 
     /// Number of events and traces that were not sent because the network was too slow.
@@ -316,12 +317,12 @@ impl Link {
 
 /// Everything that the publisher's thread sends with.
 struct Mouth {
-    ear: Arc<Ear>,
+    receiver: Arc<Ear>,
     sessions: Vec<Arc<Session>>,
     own: VehicleId,
     state_key: Option<(Cell, String)>,
     mission: Line<Mission>,
-    register: Register,
+    last_heartbeat: LastHeartbeat,
     event: Line<Event>,
     trace: Line<Trace>,
 }
@@ -333,12 +334,12 @@ impl Mouth {
             self.send_state(&state, cell);
         }
         if let Some(mission) = waiting.mission.take() {
-            let said = self.mission.write(&mission);
-            self.register.keep(said.clone());
-            self.mission.put(said);
+            let bytes = self.mission.write(&mission);
+            self.last_heartbeat.keep(bytes.clone());
+            self.mission.put(bytes);
         }
-        waiting.events.drain(..).for_each(|event| self.event.say(&event));
-        waiting.traces.drain(..).for_each(|trace| self.trace.say(&trace));
+        waiting.events.drain(..).for_each(|event| self.event.publish(&event));
+        waiting.traces.drain(..).for_each(|trace| self.trace.publish(&trace));
     }
 
     fn send_state(&mut self, state: &State, cell: Cell) {
@@ -346,11 +347,11 @@ impl Mouth {
             Some((of, key)) if *of == cell => key,
             key => &mut key.insert((cell, Topic::State(self.own, cell).key())).1,
         };
-        let said = ZBytes::from(self.ear.write(key, state));
+        let bytes = ZBytes::from(self.receiver.write(key, state));
         for session in &self.sessions {
             // As in `MessagePublisher`: it fails only on a closed session. Cells change, so no publisher is declared.
             let _ = session
-                .put(key.as_str(), said.clone())
+                .put(key.as_str(), bytes.clone())
                 .congestion_control(CongestionControl::Drop)
                 .priority(Priority::RealTime)
                 .express(true)
@@ -373,26 +374,26 @@ struct Ear {
 
 impl Ear {
     /// Verifies a message and stores it if its sender was allowed to publish it under this key.
-    fn hear<M: Message>(&self, sample: &Sample, word: fn(M) -> Word) {
+    fn receive<M: Message>(&self, sample: &Sample, word: fn(M) -> Word) {
         let key = sample.key_expr().as_str();
         match Topic::parse(key).map(|topic| topic.author()) {
             // Replayed by another node, or delivered while the sender's link broke.
-            Some(Author::Vehicle(id)) if !self.presence.may_speak(id) => {
+            Some(Author::Vehicle(id)) if !self.presence.may_send(id) => {
                 self.inbox.refuse(Reason::Old, key, &"its sender has no link");
             }
             _ => match self.voices.read::<M>(key, &sample.payload().to_bytes()) {
-                Ok(said) => self.file(key, word(said.message), said.run),
+                Ok(verified) => self.store(key, word(verified.message), verified.run),
                 Err(error) => self.inbox.refuse(error.reason(), key, &error),
             },
         }
     }
 
     /// Stores a message if the trust rules accept it. `run` is the run of the swarm in its signature, if it has one.
-    fn file(&self, key: &str, word: Word, run: Option<u64>) {
+    fn store(&self, key: &str, word: Word, run: Option<u64>) {
         let at = self.clock.now();
         let refused = |reason: Reason| self.inbox.refuse(reason, key, &reason);
-        if let Some(word) = self.judge.hear(word, run, refused) {
-            self.inbox.file(key, Heard { word, at });
+        if let Some(word) = self.judge.accept(word, run, refused) {
+            self.inbox.store(key, Heard { word, at });
         }
     }
 
@@ -408,51 +409,53 @@ impl Ear {
 
 /// Follows whether this publisher has subscribers.
 fn watch_matching(publisher: &Publisher<'static>) -> Result<Arc<AtomicBool>, LinkError> {
-    let is_wanted = Arc::new(AtomicBool::new(false));
-    let noted = is_wanted.clone();
-    let listener = publisher.matching_listener().callback(move |status| noted.store(status.matching(), Relaxed));
+    let has_subscriber = Arc::new(AtomicBool::new(false));
+    let flag = has_subscriber.clone();
+    let listener = publisher.matching_listener().callback(move |status| flag.store(status.matching(), Relaxed));
     listener.background().wait().map_err(declaring(publisher.key_expr().as_str()))?;
-    Ok(is_wanted)
+    Ok(has_subscriber)
 }
 
 /// Stores every message of this kind.
-fn hear<M: Message + 'static>(
+fn subscribe<M: Message + 'static>(
     session: &Session,
     key: &str,
-    ear: &Arc<Ear>,
+    receiver: &Arc<Ear>,
     word: fn(M) -> Word,
 ) -> Result<(), LinkError> {
-    let ear = ear.clone();
+    let receiver = receiver.clone();
     session
         .declare_subscriber(key)
         .allowed_origin(Locality::Remote)
-        .callback(move |sample| ear.hear(&sample, word))
+        .callback(move |sample| receiver.receive(&sample, word))
         .background()
         .wait()
         .map_err(declaring(key))
 }
 
 /// Stores which peers appear and vanish, those already up included, and queries each new peer for its last heartbeat.
-fn hear_presence(sessions: &Sessions, own: VehicleId, ear: &Arc<Ear>) -> Result<(), LinkError> {
+fn watch_presence(sessions: &Sessions, own: VehicleId, receiver: &Arc<Ear>) -> Result<(), LinkError> {
     // A weak reference: the receiver owns the presence that calls this.
-    let told = Arc::downgrade(ear);
+    let weak = Arc::downgrade(receiver);
     let note = move |change| {
-        let Some(ear) = told.upgrade() else { return };
+        let Some(receiver) = weak.upgrade() else { return };
         match change {
             // The own token is reported like any other.
-            Change::Came(id) if id != own => ear.file(&Topic::Alive(id).key(), Word::Appeared(id), None),
-            Change::Went(id) if id != own => ear.file(&Topic::Alive(id).key(), Word::Vanished(id), None),
-            Change::Came(_) | Change::Went(_) => {}
-            Change::Refused(address) => ear.inbox.count(Reason::Link, &address),
+            Change::Appeared(id) if id != own => receiver.store(&Topic::Alive(id).key(), Word::Appeared(id), None),
+            Change::Vanished(id) if id != own => receiver.store(&Topic::Alive(id).key(), Word::Vanished(id), None),
+            Change::Appeared(_) | Change::Vanished(_) => {}
+            Change::Refused(address) => receiver.inbox.count(Reason::Link, &address),
         }
     };
-    ear.presence.watch(sessions, note)?;
+    receiver.presence.watch(sessions, note)?;
     for session in &sessions.all {
-        let (ear, asking) = (ear.clone(), Arc::downgrade(session));
+        let (receiver, asking) = (receiver.clone(), Arc::downgrade(session));
         let ask = move |id: VehicleId, kind| {
             if let (true, SampleKind::Put, Some(session)) = (id != own, kind, asking.upgrade()) {
-                let ear = ear.clone();
-                register::ask(&session, Topic::Mission(id), &[], move |said| ear.hear(said, Word::Mission));
+                let receiver = receiver.clone();
+                queries::send_query(&session, Topic::Mission(id), &[], move |sample| {
+                    receiver.receive(sample, Word::Mission)
+                });
             }
         };
         watch_tokens(session, ask)?;

@@ -34,7 +34,9 @@ use tokio::time::MissedTickBehavior;
 
 use crate::config::{AgentOptions, Node};
 use crate::external::LiveLaw;
-use crate::link::{ASK_EVERY, HealthLine, Link, LinkError, Sessions, Trust, ZENOH_ON_TWO_THREADS, ZENOH_RUNTIME};
+use crate::link::{
+    CLOCK_QUERY_PERIOD, HealthPublisher, Link, LinkError, Sessions, Trust, ZENOH_ON_TWO_THREADS, ZENOH_RUNTIME,
+};
 use crate::plant::xplane;
 use crate::unix;
 use control::Control;
@@ -49,37 +51,37 @@ pub const RELEASE: &str = "SKEIN_RELEASE";
 /// Environment variable with the file in which an agent keeps its incarnation number. The file makes the next
 /// incarnation larger even if the clock was set back; peers would otherwise discard its messages as those of an earlier
 /// incarnation.
-pub const LIFE: &str = "SKEIN_LIFE";
+pub const INCARNATION_FILE: &str = "SKEIN_LIFE";
 
 /// Requests that an agent end.
 #[derive(Debug, Default)]
 pub struct Stop {
-    times: AtomicU32,
-    forsaken: AtomicBool,
+    requests: AtomicU32,
+    abandoned: AtomicBool,
 }
 
 impl Stop {
     /// Requests the end. First call: land, release the controls, end. Second call: release the controls and end at
     /// once.
-    pub fn ask(&self) {
-        self.times.fetch_add(1, Relaxed);
+    pub fn request(&self) {
+        self.requests.fetch_add(1, Relaxed);
     }
 
     /// Marks the agent as unattended: no launcher can end it. It flies on, and ends after an order has landed it.
-    pub fn forsake(&self) {
-        self.forsaken.store(true, Relaxed);
+    pub fn abandon(&self) {
+        self.abandoned.store(true, Relaxed);
     }
 
-    fn is_asked(&self) -> bool {
-        self.times.load(Relaxed) > 0
+    fn is_requested(&self) -> bool {
+        self.requests.load(Relaxed) > 0
     }
 
     fn is_urgent(&self) -> bool {
-        self.times.load(Relaxed) > 1
+        self.requests.load(Relaxed) > 1
     }
 
-    fn is_forsaken(&self) -> bool {
-        self.forsaken.load(Relaxed)
+    fn is_abandoned(&self) -> bool {
+        self.abandoned.load(Relaxed)
     }
 }
 
@@ -131,13 +133,13 @@ pub fn program(options: &AgentOptions) -> ExitCode {
         stop_on_stdin(stop.clone());
     } else if node.run != 0 {
         // On a cluster no launcher watches the agent, so it ends by itself after an order has landed it.
-        stop.forsake();
+        stop.abandon();
     }
     let flown = run(&node, &stop, runtime.handle());
     runtime.shutdown_background();
     match flown {
         Ok(()) => ExitCode::SUCCESS,
-        Err(RunError::Link(error)) if error.is_the_users() => failed(&error, 2),
+        Err(RunError::Link(error)) if error.is_user_error() => failed(&error, 2),
         Err(error) => failed(&error, 1),
     }
 }
@@ -170,8 +172,8 @@ pub fn fly(node: &Node, sessions: impl Into<Sessions>, stop: &Arc<Stop>, tokio: 
         ..Trust::of(&node.scenario)
     };
     let link = Link::new(sessions, node.id, clock, trust)?;
-    let (health, healths) = mpsc::channel(2);
-    tokio.spawn(publish(link.health(utc_nanoseconds)?, healths));
+    let (health, reports) = mpsc::channel(2);
+    tokio.spawn(publish_health(link.health(utc_nanoseconds)?, reports));
     let control = Control {
         station,
         plant,
@@ -188,13 +190,13 @@ pub fn fly(node: &Node, sessions: impl Into<Sessions>, stop: &Arc<Stop>, tokio: 
     };
     let (id, plant) = (node.id, node.plant.name());
     let thread = thread::Builder::new().name("control".to_owned()).spawn(move || {
-        let (priority, memory) = (unix::raise_this_thread(), unix::lock_memory());
+        let (priority, memory) = (unix::raise_thread_priority(), unix::lock_memory());
         tracing::info!("vehicle {id} flies {plant}: {priority}, {memory}");
         control.run()
     })?;
-    unix::tell_service("READY=1");
+    unix::notify_service_manager("READY=1");
     let link = thread.join().map_err(|_| RunError::Panicked)?;
-    unix::tell_service("STOPPING=1");
+    unix::notify_service_manager("STOPPING=1");
     link.close();
     tracing::info!("vehicle {id} ends");
     Ok(())
@@ -202,24 +204,24 @@ pub fn fly(node: &Node, sessions: impl Into<Sessions>, stop: &Arc<Stop>, tokio: 
 
 /// Publishes each health message and queries the peers' clocks until the control thread has ended. Health is sent only
 /// while the control loop runs, so it also feeds the service manager's watchdog.
-async fn publish(mut line: HealthLine, mut healths: mpsc::Receiver<Health>) {
-    let mut turns = tokio::time::interval(ASK_EVERY);
-    turns.set_missed_tick_behavior(MissedTickBehavior::Delay);
+async fn publish_health(mut publisher: HealthPublisher, mut reports: mpsc::Receiver<Health>) {
+    let mut ticks = tokio::time::interval(CLOCK_QUERY_PERIOD);
+    ticks.set_missed_tick_behavior(MissedTickBehavior::Delay);
     loop {
         tokio::select! {
-            health = healths.recv() => {
+            health = reports.recv() => {
                 let Some(health) = health else { return };
-                line.say(health);
-                unix::tell_service("WATCHDOG=1");
+                publisher.publish(health);
+                unix::notify_service_manager("WATCHDOG=1");
             }
-            _ = turns.tick() => line.ask_a_clock(),
+            _ = ticks.tick() => publisher.query_next_clock(),
         }
     }
 }
 
 /// Incarnation number of this process.
 fn incarnation() -> Incarnation {
-    let Some(file) = std::env::var_os(LIFE) else { return new_incarnation() };
+    let Some(file) = std::env::var_os(INCARNATION_FILE) else { return new_incarnation() };
     let (incarnation, fault) = next_incarnation(Path::new(&file));
     fault.iter().for_each(|fault| tracing::warn!("cannot save the incarnation number: {fault}"));
     incarnation
@@ -237,7 +239,7 @@ fn stop_on_signals(tokio: &Handle, stop: Arc<Stop>) {
         match unix::Signals::catch() {
             Ok(mut signals) => loop {
                 signals.next().await;
-                stop.ask();
+                stop.request();
             },
             Err(error) => tracing::warn!("cannot catch signals; a signal ends this agent in flight: {error}"),
         }
@@ -250,10 +252,10 @@ fn stop_on_stdin(stop: Arc<Stop>) {
     thread::spawn(move || {
         for line in io::stdin().lock().lines().map_while(Result::ok) {
             if line.trim() == "stop" {
-                stop.ask();
+                stop.request();
             }
         }
-        stop.forsake();
+        stop.abandon();
     });
 }
 

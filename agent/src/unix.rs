@@ -27,7 +27,7 @@ mod on_unix {
     const PRIORITY: u8 = 30;
 
     /// Gives this thread real-time priority (SCHED_FIFO), if permitted. Returns a description of the result.
-    pub fn raise_this_thread() -> String {
+    pub fn raise_thread_priority() -> String {
         let fifo = ThreadSchedulePolicy::Realtime(RealtimeThreadSchedulePolicy::Fifo);
         let raised = ThreadPriorityValue::try_from(PRIORITY).map_err(|what| what.to_owned()).and_then(|priority| {
             set_thread_priority_and_policy(thread_native_id(), ThreadPriority::Crossplatform(priority), fifo)
@@ -87,7 +87,7 @@ mod on_unix {
     /// # Errors
     /// If the system refuses the option.
     #[cfg_attr(not(any(target_os = "linux", target_os = "android")), expect(unused_variables))]
-    pub fn give_up_unacknowledged(socket: &tokio::net::TcpStream, after: std::time::Duration) -> io::Result<()> {
+    pub fn set_unacknowledged_timeout(socket: &tokio::net::TcpStream, after: std::time::Duration) -> io::Result<()> {
         #[cfg(any(target_os = "linux", target_os = "android"))]
         socket2::SockRef::from(socket).set_tcp_user_timeout(Some(after))?;
         Ok(())
@@ -99,7 +99,7 @@ mod on_unix {
     }
 
     /// Notifies systemd, if it has started this process and asked for notifications. Never waits.
-    pub fn tell_service(what: &str) {
+    pub fn notify_service_manager(what: &str) {
         if let Some(socket) = env::var_os("NOTIFY_SOCKET") {
             // The agent flies on if the service manager does not receive it.
             let _ = notify(&socket, what);
@@ -148,7 +148,7 @@ mod on_unix {
     mod tests {
         use super::*;
 
-        fn hears(service: &UnixDatagram, name: &OsStr) {
+        fn receives(service: &UnixDatagram, name: &OsStr) {
             let mut heard = [0; 64];
             for what in ["READY=1", "WATCHDOG=1"] {
                 assert_eq!(notify(name, what).unwrap(), what.len());
@@ -161,7 +161,7 @@ mod on_unix {
         fn a_service_manager_is_notified() {
             let folder = tempfile::tempdir().unwrap();
             let path = folder.path().join("notify");
-            hears(&UnixDatagram::bind(&path).unwrap(), path.as_os_str());
+            receives(&UnixDatagram::bind(&path).unwrap(), path.as_os_str());
             assert!(notify(path.with_extension("not").as_os_str(), "READY=1").is_err());
         }
 
@@ -171,7 +171,7 @@ mod on_unix {
             use std::os::linux::net::SocketAddrExt;
             let name = format!("skein-notify-{}", std::process::id());
             let address = std::os::unix::net::SocketAddr::from_abstract_name(&name).unwrap();
-            hears(&UnixDatagram::bind_addr(&address).unwrap(), OsStr::new(&format!("@{name}")));
+            receives(&UnixDatagram::bind_addr(&address).unwrap(), OsStr::new(&format!("@{name}")));
         }
 
         #[test]
@@ -191,7 +191,7 @@ mod on_unix {
 #[cfg(not(unix))]
 mod plain {
     /// Leaves the priority unchanged. Returns a description of that.
-    pub fn raise_this_thread() -> String {
+    pub fn raise_thread_priority() -> String {
         "ordinary priority".to_owned()
     }
 
@@ -204,13 +204,16 @@ mod plain {
     pub fn restart_with(_variable: (&str, &str)) {}
 
     /// Does nothing: there is a service manager only on Unix.
-    pub fn tell_service(_what: &str) {}
+    pub fn notify_service_manager(_what: &str) {}
 
     /// Does nothing: Zenoh's lease ends a cut connection.
     ///
     /// # Errors
     /// Never.
-    pub fn give_up_unacknowledged(_socket: &tokio::net::TcpStream, _after: std::time::Duration) -> std::io::Result<()> {
+    pub fn set_unacknowledged_timeout(
+        _socket: &tokio::net::TcpStream,
+        _after: std::time::Duration,
+    ) -> std::io::Result<()> {
         Ok(())
     }
 

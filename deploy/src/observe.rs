@@ -118,7 +118,7 @@ pub enum ObserveError {
 impl From<ObserveError> for Error {
     fn from(error: ObserveError) -> Self {
         match &error {
-            ObserveError::Link(fault) if fault.is_the_users() => Self::Refused(error.to_string()),
+            ObserveError::Link(fault) if fault.is_user_error() => Self::Refused(error.to_string()),
             _ => Self::Failed(error.to_string()),
         }
     }
@@ -143,8 +143,8 @@ impl Observer {
         receiver.subscribe(session, topic::all::MISSIONS, Heard::Mission)?;
         receiver.subscribe(session, topic::all::EVENTS, Heard::Event)?;
         let note = move |change| match change {
-            Change::Came(id) => receiver.enqueue(Heard::Appeared(id), None),
-            Change::Went(id) => receiver.enqueue(Heard::Vanished(id), None),
+            Change::Appeared(id) => receiver.enqueue(Heard::Appeared(id), None),
+            Change::Vanished(id) => receiver.enqueue(Heard::Vanished(id), None),
             Change::Refused(_) => {}
         };
         sessions.presence().watch(&sessions, note)?;
@@ -223,7 +223,7 @@ impl Observer {
         let Some(sealer) = &self.sealer else { return vec![order] };
         let there = self.vehicles.values().filter(|view| view.alive);
         let runs: BTreeSet<u64> = there.filter_map(|view| view.run).filter(|run| *run != 0).collect();
-        runs.into_iter().map(|run| orders::seal(sealer, &self.swarm, run, order)).collect()
+        runs.into_iter().map(|run| orders::sign(sealer, &self.swarm, run, order)).collect()
     }
 
     /// Publishes an order to every agent that can be reached now. An order is a register: publishing it again changes
@@ -262,7 +262,7 @@ impl Ear {
             let key = sample.key_expr().as_str();
             match Topic::parse(key).map(|topic| topic.author()) {
                 // Replayed by another node, or in flight while the sender's link broke.
-                Some(Author::Vehicle(id)) if !receiver.presence.may_speak(id) => count(&receiver.dropped.forged),
+                Some(Author::Vehicle(id)) if !receiver.presence.may_send(id) => count(&receiver.dropped.forged),
                 _ => match receiver.voices.read(key, &sample.payload().to_bytes()) {
                     Ok(verified) => receiver.enqueue(heard(verified.message), verified.run),
                     Err(error) => count(match error.reason() {
@@ -424,7 +424,7 @@ mod tests {
             let mut has_event = false;
             while !(has_event && link.trace_is_wanted() == wanted) {
                 assert!(clock::now() < until, "event received: {has_event}, {steps:?}");
-                link.say_event(&event);
+                link.publish_event(&event);
                 clock::sleep(Duration::from_millis(20));
                 has_event |= observer.poll().contains(&Heard::Event(event));
             }
@@ -463,9 +463,9 @@ mod tests {
         let order = |epoch| Order { epoch, issuer: 1, verb: Verb::Hold, seal: None };
         // Each vehicle's id, its run, and the order that it repeats.
         let repeated = [
-            (1, 7, orders::seal(&sealer, &swarm, 7, order(3))),
+            (1, 7, orders::sign(&sealer, &swarm, 7, order(3))),
             (2, 7, order(u64::MAX - 1)),
-            (3, 6, orders::seal(&sealer, &swarm, 6, order(50))),
+            (3, 6, orders::sign(&sealer, &swarm, 6, order(50))),
         ];
         let observe = |reach: &Reach| {
             let mut observer = Observer::open(reach, Steps::Off).unwrap();

@@ -4,12 +4,12 @@
 //! | --- | --- |
 //! | [`protocol`] | messages as JSON lines: hello, ask and bye to the law; ready and answer from it |
 //! | [`vector`] | queries and replies as vectors of numbers, for programs without JSON |
-//! | [`talk`] | one session: a child process, a TCP connection or a UDP socket |
+//! | [`session`] | one session: a child process, a TCP connection or a UDP socket |
 //!
 //! The core only has [`skein_core::formation::external`]. In virtual time the study carries the messages.
 
 pub mod protocol;
-pub mod talk;
+pub mod session;
 pub mod vector;
 
 use std::env;
@@ -46,7 +46,7 @@ pub enum ExternalError {
     Start(String, io::Error),
     /// The scenario names no transport, several, or an address that is not valid.
     #[error("formation.external: {0}")]
-    Way(String),
+    Transport(String),
     /// A port cannot be bound.
     #[error("formation.external: {0}: {1}")]
     Port(String, io::Error),
@@ -62,7 +62,7 @@ impl Way {
             return Ok(None);
         }
         let external = &scenario.formation.external;
-        let way = match (&external.command, &external.listen, &external.udp) {
+        let transport = match (&external.command, &external.listen, &external.udp) {
             (Some(command), None, None) => {
                 let program = command.first().map_or("", String::as_str);
                 if !exists(program) {
@@ -77,9 +77,9 @@ impl Way {
             (None, None, Some(scenario::Udp { ask, answer })) => {
                 Self::Udp { ask: address(ask)?, answer: address(answer)? }
             }
-            _ => return Err(ExternalError::Way("give exactly one of command, listen and udp".to_owned())),
+            _ => return Err(ExternalError::Transport("give exactly one of command, listen and udp".to_owned())),
         };
-        Ok(Some(way))
+        Ok(Some(transport))
     }
 }
 
@@ -90,7 +90,7 @@ impl Way {
 /// The same as [`Way::of`].
 pub fn find(scenario: &mut Scenario, folder: &Path) -> Result<(), ExternalError> {
     if let Some(command) = &mut scenario.formation.external.command {
-        *command = resolve(command, folder).map_err(|error| ExternalError::Way(error.to_string()))?;
+        *command = resolve(command, folder).map_err(|error| ExternalError::Transport(error.to_string()))?;
     }
     Way::of(scenario).map(drop)
 }
@@ -124,12 +124,12 @@ pub fn resolve(command: &[String], folder: &Path) -> io::Result<Vec<String>> {
 /// If that port number is too large.
 pub fn port_of(first: u16, id: VehicleId) -> Result<u16, ExternalError> {
     let port = first.checked_add(id.get().into());
-    port.ok_or_else(|| ExternalError::Way(format!("port {first} plus the vehicle id {id} is above 65535")))
+    port.ok_or_else(|| ExternalError::Transport(format!("port {first} plus the vehicle id {id} is above 65535")))
 }
 
 fn address(text: &str) -> Result<(String, u16), ExternalError> {
     let parsed = text.rsplit_once(':').and_then(|(host, port)| Some((host.to_owned(), port.parse().ok()?)));
-    parsed.ok_or_else(|| ExternalError::Way(format!("{text:?} is not HOST:PORT")))
+    parsed.ok_or_else(|| ExternalError::Transport(format!("{text:?} is not HOST:PORT")))
 }
 
 fn has_path(program: &str) -> bool {
@@ -152,7 +152,7 @@ mod tests {
 
     use super::*;
 
-    fn way(lines: &str) -> Result<Option<Way>, ExternalError> {
+    fn transport(lines: &str) -> Result<Option<Way>, ExternalError> {
         let text = format!("swarm.vehicles = 2\n[formation]\n{lines}");
         let source = scenario::Source { name: "test.toml", text: &text };
         Way::of(&scenario::load(&source, &[]).unwrap().scenario)
@@ -160,10 +160,10 @@ mod tests {
 
     #[test]
     fn a_law_has_one_of_three_transports() {
-        assert_eq!(way("").unwrap(), None);
-        let nobody = "external.command = ['no/such program']";
-        assert_eq!(way(nobody).unwrap(), None, "an unused command is not looked for");
-        let law = |external: &str| way(&format!("law = 'external'\nexternal.{external}"));
+        assert_eq!(transport("").unwrap(), None);
+        let unused = "external.command = ['no/such program']";
+        assert_eq!(transport(unused).unwrap(), None, "an unused command is not looked for");
+        let law = |external: &str| transport(&format!("law = 'external'\nexternal.{external}"));
         let missing = law("command = ['no-such-program-7']").unwrap_err().to_string();
         assert_eq!(missing, "formation.external.command: program \"no-such-program-7\" not found");
         assert!(law("command = ['no/such/program']").is_err());

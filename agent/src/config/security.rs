@@ -8,7 +8,7 @@ use skein_common::id::VehicleId;
 
 use crate::link::Security;
 use crate::link::seal::SealKey;
-use crate::link::security::{Known, Tls, known_by_vehicle};
+use crate::link::security::{Known, Tls, identities_by_vehicle};
 
 /// The `[security]` table. Without it links are plain and orders are accepted without a signature.
 #[derive(Clone, Debug, PartialEq, Eq, Deserialize)]
@@ -27,7 +27,7 @@ pub struct SecurityTable {
     /// Common name in the operator's certificate.
     pub operator: String,
     /// Certificate name and public key of each vehicle.
-    #[serde(deserialize_with = "known_by_vehicle")]
+    #[serde(deserialize_with = "identities_by_vehicle")]
     pub vehicles: BTreeMap<VehicleId, Known>,
 }
 

@@ -9,7 +9,7 @@ use skein_core::formation::external::{Goal, Own, Wanted};
 use skein_host::clock::sleep_until;
 
 /// Time limit of a wait.
-const PATIENCE: Duration = Duration::from_secs(30);
+const TIMEOUT: Duration = Duration::from_secs(30);
 
 fn id(number: u8) -> VehicleId {
     VehicleId::new(number).unwrap()
@@ -67,7 +67,7 @@ fn answer_to(law: &LiveLaw, mut tick: u64, within: Duration) -> Option<Answer> {
 #[test]
 fn a_law_process_replies() {
     let law = shell(GOOD);
-    let answer = answer_to(&law, 40, PATIENCE).unwrap();
+    let answer = answer_to(&law, 40, TIMEOUT).unwrap();
     assert_eq!((answer.vehicle, answer.wanted), (id(2), Wanted::VelocityNed(Vector3::new(1.0, 2.0, 3.0))));
     assert!(answer.tick >= 40);
     assert_eq!(law.answer(), None, "every reply is returned once");
@@ -120,7 +120,7 @@ fn a_late_reply_is_dropped_and_the_next_in_time_is_used() {
         r#"read hello; echo '{{"say":"ready","protocol":1}}'; while read ask; do tick=$(echo "$ask" | sed 's/.*"tick":\([0-9]*\).*/\1/'); {late}; done"#
     );
     let law = law(&format!("deadline_s = 0.5\ncommand = ['sh', '-c', '''{script}''']")).unwrap();
-    let until = now() + PATIENCE;
+    let until = now() + TIMEOUT;
     let mut tick = 1;
     let answer = loop {
         // Each query is given up before the next.
@@ -138,8 +138,8 @@ fn a_late_reply_is_dropped_and_the_next_in_time_is_used() {
 #[test]
 fn a_law_process_that_ends_is_started_again() {
     let law = shell(&format!("{GOOD}; exit 1"));
-    let first = answer_to(&law, 1, PATIENCE).unwrap();
-    let second = answer_to(&law, first.tick + 1, PATIENCE).expect("a reply after the restart");
+    let first = answer_to(&law, 1, TIMEOUT).unwrap();
+    let second = answer_to(&law, first.tick + 1, TIMEOUT).expect("a reply after the restart");
     assert!(second.tick > first.tick);
 }
 
@@ -182,7 +182,7 @@ fn a_law_that_connects_is_queried_and_may_reconnect() {
                 writeln!(to, "{answer}").unwrap();
             }
         });
-        let answer = answer_to(&law, 1000 * life, PATIENCE).unwrap();
+        let answer = answer_to(&law, 1000 * life, TIMEOUT).unwrap();
         assert_eq!(answer.wanted, Wanted::FieldNe(nalgebra::Vector2::new(0.5, life as f64)));
         while !program.is_finished() {
             answer_to(&law, 1000 * life + 500, Duration::from_millis(300));
@@ -198,7 +198,7 @@ fn vector_queries_are_repeated_and_replies_accepted_from_any_port() {
         free(port) && free(port + 100)
     });
     let model = UdpSocket::bind(("127.0.0.1", port + 2)).unwrap();
-    model.set_read_timeout(Some(PATIENCE)).unwrap();
+    model.set_read_timeout(Some(TIMEOUT)).unwrap();
     let udp = format!("udp = {{ ask = '127.0.0.1:{port}', answer = '127.0.0.1:{}' }}", port + 100);
     let law = law(&format!("deadline_s = 10\n{udp}")).unwrap();
     law.ask(ask(7));
@@ -211,7 +211,7 @@ fn vector_queries_are_repeated_and_replies_accepted_from_any_port() {
     let answer: Vec<u8> =
         [1.0, 2.0, 7.0, 1.0, 0.5, 0.25, -0.5, 0.0, 0.0].iter().flat_map(|x: &f64| x.to_le_bytes()).collect();
     elsewhere.send_to(&answer[1..], ("127.0.0.1", port + 102)).unwrap();
-    let until = now() + PATIENCE;
+    let until = now() + TIMEOUT;
     let answered = loop {
         // The malformed datagram has closed the query.
         law.ask(ask(7));

@@ -15,11 +15,11 @@ use zenoh::Session;
 use zenoh::query::{Query, Queryable};
 use zenoh::sample::Sample;
 
-use super::{Ear, LinkError, Sessions, register};
+use super::{Ear, LinkError, Sessions, queries};
 use skein_host::clock::now;
 
 /// Time between two clock queries; each goes to one peer.
-pub const ASK_EVERY: Duration = Duration::from_millis(500);
+pub const CLOCK_QUERY_PERIOD: Duration = Duration::from_millis(500);
 /// Number of exchanges kept; the one with the smallest bound is used.
 const KEPT: usize = 8;
 /// A measurement expires after this time, or after three rounds of all peers if that is longer.
@@ -35,75 +35,77 @@ pub type Utc = fn() -> u64;
 /// Answers queries for the own clock and queries the peers' clocks.
 pub(super) struct Clocks {
     sessions: Vec<Weak<Session>>,
-    ear: Arc<Ear>,
+    receiver: Arc<Ear>,
     utc: Utc,
-    measured: Arc<Mutex<BTreeMap<VehicleId, Measured>>>,
+    measurements: Arc<Mutex<BTreeMap<VehicleId, Measurements>>>,
     /// Peer of the last query.
     asked: Option<VehicleId>,
-    _answering: Vec<Queryable<()>>,
+    _queryables: Vec<Queryable<()>>,
 }
 
 /// Measurements of one peer's clock.
 #[derive(Debug, Default)]
-struct Measured {
+struct Measurements {
     last: VecDeque<(Instant, ClockOffset)>,
     /// Whether the clock was last logged as off.
     is_off: bool,
 }
 
 impl Clocks {
-    pub(super) fn open(sessions: &Sessions, ear: &Arc<Ear>, own: VehicleId, utc: Utc) -> Result<Self, LinkError> {
-        let answering = ear.clone();
+    pub(super) fn open(sessions: &Sessions, receiver: &Arc<Ear>, own: VehicleId, utc: Utc) -> Result<Self, LinkError> {
+        let for_queries = receiver.clone();
         let answer = move |query: &Query| {
             let received_ns = utc();
             let question = u64::from_le_bytes(query.payload()?.to_bytes().as_ref().try_into().ok()?);
             let answer = ClockAnswer { sender: own, question, received_ns, answered_ns: utc().max(received_ns) };
-            Some(answering.write(&Topic::Clock(own).key(), &answer))
+            Some(for_queries.write(&Topic::Clock(own).key(), &answer))
         };
-        let answering = register::answer(sessions, Topic::Clock(own), answer)?;
+        let queryables = queries::answer_queries(sessions, Topic::Clock(own), answer)?;
         let sessions = sessions.all.iter().map(Arc::downgrade).collect();
-        let (ear, measured) = (ear.clone(), Arc::default());
-        Ok(Self { sessions, ear, utc, measured, asked: None, _answering: answering })
+        let (receiver, measurements) = (receiver.clone(), Arc::default());
+        Ok(Self { sessions, receiver, utc, measurements, asked: None, _queryables: queryables })
     }
 
     /// Queries the next peer in contact. Never waits for the reply.
-    pub(super) fn ask_next(&mut self, live: &[VehicleId]) {
+    pub(super) fn query_next(&mut self, live: &[VehicleId]) {
         let after = live.iter().find(|id| Some(**id) > self.asked).or(live.first());
         let Some(&id) = after else { return };
         self.asked = Some(id);
-        let (measured, ear, answered) = (self.measured.clone(), self.ear.clone(), Arc::new(AtomicBool::new(false)));
+        let (measurements, receiver, answered) =
+            (self.measurements.clone(), self.receiver.clone(), Arc::new(AtomicBool::new(false)));
         // The round trip is measured on the monotonic clock, because the own UTC may be set meanwhile.
         let (asked_ns, asked) = ((self.utc)(), now());
-        let take = move |said: &Sample| {
+        let take = move |sample: &Sample| {
             let round_trip = now().saturating_duration_since(asked);
-            let answer = ear.voices.read::<ClockAnswer>(said.key_expr().as_str(), &said.payload().to_bytes()).ok();
-            let answer = answer.map(|said| said.message);
+            let answer =
+                receiver.voices.read::<ClockAnswer>(sample.key_expr().as_str(), &sample.payload().to_bytes()).ok();
+            let answer = answer.map(|verified| verified.message);
             // The number must be that of this query: a replayed reply to an earlier one is ignored.
             let answer = answer.filter(|answer| (answer.sender, answer.question) == (id, asked_ns));
             let round_trip_ns = u64::try_from(round_trip.as_nanos()).unwrap_or(u64::MAX);
             let offset = answer.and_then(|answer| ClockOffset::of_exchange(asked_ns, &answer, round_trip_ns));
             // One query counts at most once.
             if let Some(offset) = offset.filter(|_| !answered.swap(true, Relaxed)) {
-                lock(&measured).entry(id).or_default().take_up(now(), offset);
+                lock(&measurements).entry(id).or_default().add(now(), offset);
             }
         };
         // The peer is linked to one of the sessions.
         for session in self.sessions.iter().filter_map(Weak::upgrade) {
-            register::ask(&session, Topic::Clock(id), &asked_ns.to_le_bytes(), take.clone());
+            queries::send_query(&session, Topic::Clock(id), &asked_ns.to_le_bytes(), take.clone());
         }
     }
 
     /// Writes each peer's clock offset into its health entry; logs a clock whose offset has become large or small
     /// again.
-    pub(super) fn tell(&self, peers: &mut [PeerHealth]) {
-        let mut measured = lock(&self.measured);
-        let valid_for = VALID_FOR.max(ASK_EVERY * 3 * u32::try_from(measured.len()).unwrap_or(u32::MAX));
+    pub(super) fn report(&self, peers: &mut [PeerHealth]) {
+        let mut measurements = lock(&self.measurements);
+        let valid_for = VALID_FOR.max(CLOCK_QUERY_PERIOD * 3 * u32::try_from(measurements.len()).unwrap_or(u32::MAX));
         let now = now();
-        measured.values_mut().for_each(|known| known.forget(now, valid_for));
+        measurements.values_mut().for_each(|known| known.expire(now, valid_for));
         for peer in peers {
-            let Some(known) = measured.get_mut(&peer.id) else { continue };
+            let Some(known) = measurements.get_mut(&peer.id) else { continue };
             peer.clock = known.best(now);
-            if let Some(ClockOffset { offset_s, bound_s }) = known.news(now) {
+            if let Some(ClockOffset { offset_s, bound_s }) = known.change(now) {
                 let (id, offset_ms, bound_ms) = (peer.id, offset_s * 1e3, bound_s * 1e3);
                 if known.is_off {
                     tracing::warn!(
@@ -120,8 +122,8 @@ impl Clocks {
     }
 }
 
-impl Measured {
-    fn take_up(&mut self, now: Instant, new: ClockOffset) {
+impl Measurements {
+    fn add(&mut self, now: Instant, new: ClockOffset) {
         // Measurements that contradict the new one are obsolete: the clock was set in between.
         self.last.retain(|old| aged(old, now).agrees_with(&new));
         if self.last.len() == KEPT {
@@ -131,7 +133,7 @@ impl Measured {
     }
 
     /// Drops measurements older than `valid_for`.
-    fn forget(&mut self, now: Instant, valid_for: Duration) {
+    fn expire(&mut self, now: Instant, valid_for: Duration) {
         self.last.retain(|(at, _)| now.saturating_duration_since(*at) <= valid_for);
     }
 
@@ -140,7 +142,7 @@ impl Measured {
     }
 
     /// The best offset, if it has just become large or small again.
-    fn news(&mut self, now: Instant) -> Option<ClockOffset> {
+    fn change(&mut self, now: Instant) -> Option<ClockOffset> {
         let best = self.best(now)?;
         let is_off = best.offset_s.abs() - best.bound_s > TOLERATED_S;
         (std::mem::replace(&mut self.is_off, is_off) != is_off).then_some(best)
@@ -159,8 +161,8 @@ pub(super) fn live(peers: &[PeerHealth]) -> Vec<VehicleId> {
 }
 
 /// Locks the measurements. The lock is never poisoned in mid-change: no holder can panic.
-fn lock(measured: &Mutex<BTreeMap<VehicleId, Measured>>) -> MutexGuard<'_, BTreeMap<VehicleId, Measured>> {
-    measured.lock().unwrap_or_else(PoisonError::into_inner)
+fn lock(measurements: &Mutex<BTreeMap<VehicleId, Measurements>>) -> MutexGuard<'_, BTreeMap<VehicleId, Measurements>> {
+    measurements.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 #[cfg(test)]
@@ -173,49 +175,49 @@ mod tests {
 
     #[test]
     fn of_the_last_eight_exchanges_the_one_with_the_smallest_bound_counts() {
-        let (mut measured, at) = (Measured::default(), now());
-        assert_eq!(measured.best(at), None);
-        measured.take_up(at, offset(0.0, 0.001));
+        let (mut measurements, at) = (Measurements::default(), now());
+        assert_eq!(measurements.best(at), None);
+        measurements.add(at, offset(0.0, 0.001));
         for _ in 1..KEPT {
-            measured.take_up(at, offset(0.002, 0.005));
-            assert_eq!(measured.best(at), Some(offset(0.0, 0.001)));
+            measurements.add(at, offset(0.002, 0.005));
+            assert_eq!(measurements.best(at), Some(offset(0.0, 0.001)));
         }
-        measured.take_up(at, offset(0.002, 0.005));
-        assert_eq!(measured.best(at), Some(offset(0.002, 0.005)), "the surest has been dropped");
-        assert_eq!(measured.last.len(), KEPT);
+        measurements.add(at, offset(0.002, 0.005));
+        assert_eq!(measurements.best(at), Some(offset(0.002, 0.005)), "the surest has been dropped");
+        assert_eq!(measurements.last.len(), KEPT);
     }
 
     #[test]
     fn a_clock_that_was_set_is_measured_anew() {
-        let (mut measured, at) = (Measured::default(), now());
-        measured.take_up(at, offset(0.0, 0.000_1));
-        measured.take_up(at, offset(0.3, 0.005));
-        assert_eq!(measured.best(at), Some(offset(0.3, 0.005)), "the two measurements contradict each other");
+        let (mut measurements, at) = (Measurements::default(), now());
+        measurements.add(at, offset(0.0, 0.000_1));
+        measurements.add(at, offset(0.3, 0.005));
+        assert_eq!(measurements.best(at), Some(offset(0.3, 0.005)), "the two measurements contradict each other");
     }
 
     #[test]
     fn a_clock_offset_is_reported_once_when_it_becomes_large_and_once_when_small() {
-        let (mut measured, at) = (Measured::default(), now());
-        let mut news = |offset_s, bound_s| {
-            measured.take_up(at, offset(offset_s, bound_s));
-            measured.news(at).map(|_| measured.is_off)
+        let (mut measurements, at) = (Measurements::default(), now());
+        let mut change = |offset_s, bound_s| {
+            measurements.add(at, offset(offset_s, bound_s));
+            measurements.change(at).map(|_| measurements.is_off)
         };
-        assert_eq!(news(0.021, 0.002), None, "the offset may be only 19 ms");
-        assert_eq!(news(-0.5, 0.002), Some(true));
-        assert_eq!(news(-0.5, 0.002), None);
-        assert_eq!(news(0.001, 0.002), Some(false));
-        assert_eq!(news(0.001, 0.002), None);
+        assert_eq!(change(0.021, 0.002), None, "the offset may be only 19 ms");
+        assert_eq!(change(-0.5, 0.002), Some(true));
+        assert_eq!(change(-0.5, 0.002), None);
+        assert_eq!(change(0.001, 0.002), Some(false));
+        assert_eq!(change(0.001, 0.002), None);
     }
 
     #[test]
     fn a_clock_measurement_ages_and_expires() {
-        let (mut measured, at) = (Measured::default(), now());
-        measured.take_up(at, offset(0.3, 0.001));
+        let (mut measurements, at) = (Measurements::default(), now());
+        measurements.add(at, offset(0.3, 0.001));
         let later = at + Duration::from_secs(50);
-        measured.forget(later, VALID_FOR);
-        assert!((measured.best(later).unwrap().bound_s - 0.00175).abs() < 1e-9, "clocks drift apart");
+        measurements.expire(later, VALID_FOR);
+        assert!((measurements.best(later).unwrap().bound_s - 0.00175).abs() < 1e-9, "clocks drift apart");
         let later = at + Duration::from_secs(61);
-        measured.forget(later, VALID_FOR);
-        assert_eq!(measured.best(later), None, "the clock of a vehicle that no longer replies is unknown");
+        measurements.expire(later, VALID_FOR);
+        assert_eq!(measurements.best(later), None, "the clock of a vehicle that no longer replies is unknown");
     }
 }

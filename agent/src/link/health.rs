@@ -9,28 +9,29 @@ use super::clocks::{Clocks, live};
 use super::{Ear, Line};
 
 /// Publisher of health messages.
-pub struct HealthLine {
-    pub(super) line: Line<Health>,
-    pub(super) ear: Arc<Ear>,
+pub struct HealthPublisher {
+    pub(super) publisher: Line<Health>,
+    pub(super) receiver: Arc<Ear>,
     pub(super) clocks: Clocks,
     /// Peers in contact at the last health message.
     pub(super) live: Vec<VehicleId>,
 }
 
-impl HealthLine {
+impl HealthPublisher {
     /// Publishes a health message after adding the refused messages and the peers' clock offsets.
-    pub fn say(&mut self, mut health: Health) {
+    pub fn publish(&mut self, mut health: Health) {
         let of_core = std::mem::take(&mut health.refused);
-        health.refused = self.ear.refused();
+        health.refused = self.receiver.refused();
         health.refused.extend(of_core);
         health.refused.truncate(Refused::MAX_COUNT);
         self.live = live(&health.peers);
-        self.clocks.tell(&mut health.peers);
-        self.line.say(&health);
+        self.clocks.report(&mut health.peers);
+        self.publisher.publish(&health);
     }
 
-    /// Queries the next peer for its time. Call it every [`ASK_EVERY`](super::ASK_EVERY). Never waits.
-    pub fn ask_a_clock(&mut self) {
-        self.clocks.ask_next(&self.live);
+    /// Queries the next peer for its time. Call it every [`CLOCK_QUERY_PERIOD`](super::CLOCK_QUERY_PERIOD). Never
+    /// waits.
+    pub fn query_next_clock(&mut self) {
+        self.clocks.query_next(&self.live);
     }
 }

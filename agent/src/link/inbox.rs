@@ -27,9 +27,9 @@ impl Inbox {
     }
 
     /// Stores a message that came under this key, in place of an older one of the same peer and kind.
-    pub(super) fn file(&self, key: &str, new: Heard) {
+    pub(super) fn store(&self, key: &str, new: Heard) {
         let mut heard = self.lock();
-        match heard.iter_mut().find(|kept| is_same_register(&kept.word, &new.word)) {
+        match heard.iter_mut().find(|kept| is_same_kind(&kept.word, &new.word)) {
             Some(kept) if is_later(&new.word, &kept.word) => *kept = new,
             // A late joiner's query delivers a heartbeat twice.
             Some(kept) if matches!(new.word, Word::Mission(_)) && kept.word == new.word => {}
@@ -65,7 +65,7 @@ impl Inbox {
 
     /// The refused messages by reason and key, the latest first.
     pub(super) fn refused(&self) -> Vec<Refused> {
-        self.refusals.named()
+        self.refusals.latest()
     }
 
     /// Locks the messages. The lock is never poisoned in mid-change: no holder can panic.
@@ -74,7 +74,7 @@ impl Inbox {
     }
 }
 
-fn is_same_register(one: &Word, other: &Word) -> bool {
+fn is_same_kind(one: &Word, other: &Word) -> bool {
     match (one, other) {
         (Word::State(one), Word::State(other)) => one.header.sender == other.header.sender,
         (Word::Mission(one), Word::Mission(other)) => one.header.sender == other.header.sender,

@@ -20,7 +20,7 @@ const MAX_EVENTS: usize = 64;
 /// Longest queue of traces: a third of a second at 50 frames a second.
 const MAX_TRACES: usize = 16;
 /// Time for the publisher's thread to send the waiting messages when it ends.
-const END_WITHIN: Duration = Duration::from_millis(200);
+const END_TIMEOUT: Duration = Duration::from_millis(200);
 
 /// The messages of one step.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -92,7 +92,7 @@ impl Outgoing {
 
     /// Hands over the messages of one step. Never waits for the network.
     pub(super) fn hand_over(&self, messages: Messages) {
-        self.shared.lock().take_up(messages);
+        self.shared.lock().add(messages);
         self.shared.handed_over.notify_one();
     }
 
@@ -101,10 +101,10 @@ impl Outgoing {
         self.shared.lock().dropped
     }
 
-    /// Ends the thread after the waiting messages are sent, at the latest after [`END_WITHIN`].
+    /// Ends the thread after the waiting messages are sent, at the latest after [`END_TIMEOUT`].
     pub(super) fn end(&self) {
         self.shared.end();
-        let _ = self.ended.recv_timeout(END_WITHIN);
+        let _ = self.ended.recv_timeout(END_TIMEOUT);
     }
 }
 
@@ -141,7 +141,7 @@ impl Shared {
 }
 
 impl Held {
-    fn take_up(&mut self, messages: Messages) {
+    fn add(&mut self, messages: Messages) {
         let Self { waiting, dropped, .. } = self;
         waiting.state = messages.state.or(waiting.state.take());
         waiting.mission = messages.mission.or(waiting.mission.take());
@@ -186,7 +186,7 @@ mod tests {
         Header { sender, incarnation: Incarnation(1), sequence, stamp: SenderStamp::ZERO }
     }
 
-    fn register(sequence: u64) -> Mission {
+    fn heartbeat(sequence: u64) -> Mission {
         Mission {
             header: header(sequence),
             plan: 7,
@@ -202,7 +202,7 @@ mod tests {
 
     fn step(sequence: u64) -> Messages {
         let events = vec![Event { header: header(sequence), what: Happening::Landed }];
-        Messages { mission: Some(register(sequence)), events, ..Messages::default() }
+        Messages { mission: Some(heartbeat(sequence)), events, ..Messages::default() }
     }
 
     #[test]
@@ -213,8 +213,8 @@ mod tests {
         let outgoing = Outgoing::start(move |waiting| {
             begun.send(()).unwrap();
             held_up.recv().unwrap();
-            let registers = waiting.mission.take().map(|said| said.header.sequence);
-            sent.send((registers, waiting.events.drain(..).map(|said| said.header.sequence).collect::<Vec<_>>()))
+            let registers = waiting.mission.take().map(|message| message.header.sequence);
+            sent.send((registers, waiting.events.drain(..).map(|message| message.header.sequence).collect::<Vec<_>>()))
                 .unwrap();
         })
         .unwrap();
@@ -238,7 +238,7 @@ mod tests {
         let outgoing = Outgoing::start(move |waiting| sent.send(std::mem::take(waiting)).unwrap()).unwrap();
         outgoing.hand_over(step(1));
         outgoing.end();
-        assert_eq!(was_sent.try_recv().unwrap().mission, Some(register(1)));
+        assert_eq!(was_sent.try_recv().unwrap().mission, Some(heartbeat(1)));
         assert!(was_sent.recv().is_err(), "the thread has ended");
 
         let (_let_go, held_up) = mpsc::channel::<()>();
@@ -246,6 +246,6 @@ mod tests {
         outgoing.hand_over(step(1));
         let from = now();
         outgoing.end();
-        assert!(now() - from < END_WITHIN + Duration::from_secs(1));
+        assert!(now() - from < END_TIMEOUT + Duration::from_secs(1));
     }
 }

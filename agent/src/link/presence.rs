@@ -23,28 +23,28 @@ const LOG_AT_MOST: usize = 32;
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Change {
     /// A vehicle is up.
-    Came(VehicleId),
+    Appeared(VehicleId),
     /// A vehicle is gone.
-    Went(VehicleId),
+    Vanished(VehicleId),
     /// A link with this address was refused, by this host or by the other.
     Refused(String),
 }
 
-type Tell = Box<dyn Fn(Change) + Send + Sync>;
+type Listener = Box<dyn Fn(Change) + Send + Sync>;
 
 /// Follows which vehicles are up.
 #[derive(Default)]
 pub struct Presence {
     /// Whether links decide; otherwise tokens do.
     by_links: bool,
-    noted: Mutex<Noted>,
+    tracked: Mutex<Tracked>,
 }
 
 #[derive(Default)]
-struct Noted {
+struct Tracked {
     /// Number of links of each vehicle. A broken link may be detected after the vehicle has made its next one.
     links: BTreeMap<VehicleId, u32>,
-    tell: Vec<Tell>,
+    listeners: Vec<Listener>,
     /// Refusals logged lately, and when.
     logged: Vec<(String, Instant)>,
 }
@@ -64,82 +64,82 @@ impl Presence {
     ///
     /// # Errors
     /// If a session is closed.
-    pub fn watch(&self, sessions: &Sessions, tell: impl Fn(Change) + Send + Sync + 'static) -> Result<(), LinkError> {
+    pub fn watch(&self, sessions: &Sessions, notify: impl Fn(Change) + Send + Sync + 'static) -> Result<(), LinkError> {
         if !self.by_links {
-            let tell = Arc::new(tell);
+            let notify = Arc::new(notify);
             return sessions.all.iter().try_for_each(|session| {
-                let tell = tell.clone();
+                let notify = notify.clone();
                 watch_tokens(session, move |id, kind| {
-                    tell(if kind == SampleKind::Put { Change::Came(id) } else { Change::Went(id) });
+                    notify(if kind == SampleKind::Put { Change::Appeared(id) } else { Change::Vanished(id) });
                 })
             });
         }
-        let mut noted = self.lock();
-        noted.links.keys().for_each(|id| tell(Change::Came(*id)));
-        noted.tell.push(Box::new(tell));
+        let mut tracked = self.lock();
+        tracked.links.keys().for_each(|id| notify(Change::Appeared(*id)));
+        tracked.listeners.push(Box::new(notify));
         Ok(())
     }
 
     /// Whether a message can come from this vehicle itself. Peers do not relay, so a vehicle without a link sends
     /// nothing.
-    pub fn may_speak(&self, id: VehicleId) -> bool {
+    pub fn may_send(&self, id: VehicleId) -> bool {
         !self.by_links || self.lock().links.contains_key(&id)
     }
 
     /// Registers a link that lasts until the returned value is dropped. `with` is `None` for an observer or operator.
-    pub(super) fn link(self: &Arc<Self>, with: Option<VehicleId>) -> Linked {
+    pub(super) fn link(self: &Arc<Self>, with: Option<VehicleId>) -> LinkGuard {
         if let Some(id) = with {
-            let mut noted = self.lock();
-            let count = noted.links.entry(id).or_default();
+            let mut tracked = self.lock();
+            let count = tracked.links.entry(id).or_default();
             *count += 1;
             if *count == 1 {
-                noted.tell(&Change::Came(id));
+                tracked.notify(&Change::Appeared(id));
             }
         }
-        Linked { presence: self.clone(), with }
+        LinkGuard { presence: self.clone(), with }
     }
 
     /// Reports a refused link. Repeated refusals are logged only once in [`LOG_EVERY`].
     pub(super) fn refuse(&self, address: &str, why: &str) {
-        let mut noted = self.lock();
-        noted.tell(&Change::Refused(address.to_owned()));
+        let mut tracked = self.lock();
+        tracked.notify(&Change::Refused(address.to_owned()));
         let (line, at) = (format!("no link with {address}: {why}"), now());
-        noted.logged.retain(|(_, told)| at.saturating_duration_since(*told) < LOG_EVERY);
-        if noted.logged.len() < LOG_AT_MOST && noted.logged.iter().all(|(told, _)| *told != line) {
+        tracked.logged.retain(|(_, logged_at)| at.saturating_duration_since(*logged_at) < LOG_EVERY);
+        if tracked.logged.len() < LOG_AT_MOST && tracked.logged.iter().all(|(text, _)| *text != line) {
             tracing::warn!("{line}");
-            noted.logged.push((line, at));
+            tracked.logged.push((line, at));
         }
     }
 
     /// Locks the state. The lock is never poisoned in mid-change: no holder can panic. Changes are reported under the
     /// lock, so their order is the order in which they happened.
-    fn lock(&self) -> MutexGuard<'_, Noted> {
-        self.noted.lock().unwrap_or_else(PoisonError::into_inner)
+    fn lock(&self) -> MutexGuard<'_, Tracked> {
+        self.tracked.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
-impl Noted {
-    fn tell(&self, change: &Change) {
-        self.tell.iter().for_each(|tell| tell(change.clone()));
+impl Tracked {
+    fn notify(&self, change: &Change) {
+        self.listeners.iter().for_each(|notify| notify(change.clone()));
     }
 }
 
 /// Keeps one link registered until it is dropped.
-pub(super) struct Linked {
+pub(super) struct LinkGuard {
     presence: Arc<Presence>,
     with: Option<VehicleId>,
 }
 
-impl Drop for Linked {
+impl Drop for LinkGuard {
     fn drop(&mut self) {
         let Some(id) = self.with else { return };
-        let mut noted = self.presence.lock();
-        let left = noted.links.get(&id).map_or(0, |count| count.saturating_sub(1));
+        let mut tracked = self.presence.lock();
+        let left = tracked.links.get(&id).map_or(0, |count| count.saturating_sub(1));
         if left == 0 {
-            noted.links.remove(&id);
-            noted.tell(&Change::Went(id));
+            tracked.links.remove(&id);
+            tracked.notify(&Change::Vanished(id));
         } else {
-            noted.links.insert(id, left);
+            tracked.links.insert(id, left);
         }
     }
 }
@@ -147,11 +147,11 @@ impl Drop for Linked {
 /// Reports each token that appears or vanishes. A vehicle with a token can be queried.
 pub(super) fn watch_tokens(
     session: &Session,
-    tell: impl Fn(VehicleId, SampleKind) + Send + Sync + 'static,
+    notify: impl Fn(VehicleId, SampleKind) + Send + Sync + 'static,
 ) -> Result<(), LinkError> {
     let token = move |sample: Sample| {
         if let Some(Topic::Alive(id)) = Topic::parse(sample.key_expr().as_str()) {
-            tell(id, sample.kind());
+            notify(id, sample.kind());
         }
     };
     let tokens = session.liveliness().declare_subscriber(all::ALIVE).history(true).callback(token);
@@ -169,28 +169,28 @@ mod tests {
     #[test]
     fn a_vehicle_is_up_while_it_has_a_link() {
         let presence = Presence::by_links();
-        let told = Arc::<Mutex<Vec<Change>>>::default();
-        let into = told.clone();
-        presence.lock().tell.push(Box::new(move |change| into.lock().unwrap().push(change)));
-        let told = || std::mem::take(&mut *told.lock().unwrap());
+        let changes = Arc::<Mutex<Vec<Change>>>::default();
+        let into = changes.clone();
+        presence.lock().listeners.push(Box::new(move |change| into.lock().unwrap().push(change)));
+        let changes = || std::mem::take(&mut *changes.lock().unwrap());
         let first = presence.link(Some(id(1)));
-        assert_eq!(told(), [Change::Came(id(1))]);
-        assert!(presence.may_speak(id(1)) && !presence.may_speak(id(2)));
+        assert_eq!(changes(), [Change::Appeared(id(1))]);
+        assert!(presence.may_send(id(1)) && !presence.may_send(id(2)));
         let second = presence.link(Some(id(1)));
         drop(first);
-        assert_eq!(told(), [], "a new link was made before the broken one was detected");
+        assert_eq!(changes(), [], "a new link was made before the broken one was detected");
         drop(presence.link(Some(id(3))));
-        assert_eq!(told(), [Change::Came(id(3)), Change::Went(id(3))]);
+        assert_eq!(changes(), [Change::Appeared(id(3)), Change::Vanished(id(3))]);
         drop(second);
-        assert_eq!(told(), [Change::Went(id(1))]);
+        assert_eq!(changes(), [Change::Vanished(id(1))]);
         drop(presence.link(None));
         presence.refuse("10.0.0.9", "no certificate");
-        assert_eq!(told(), [Change::Refused("10.0.0.9".to_owned())], "links with observers are not reported");
-        assert!(!presence.may_speak(id(1)));
+        assert_eq!(changes(), [Change::Refused("10.0.0.9".to_owned())], "links with observers are not reported");
+        assert!(!presence.may_send(id(1)));
     }
 
     #[test]
     fn on_plain_links_every_vehicle_may_send() {
-        assert!(Presence::by_tokens().may_speak(id(1)));
+        assert!(Presence::by_tokens().may_send(id(1)));
     }
 }

@@ -14,24 +14,24 @@ const REASONS: usize = Reason::Old as usize + 1;
 pub(super) struct Refusals {
     counts: [AtomicU64; REASONS],
     /// Refusals by reason and key, the latest last.
-    named: Mutex<Vec<Refused>>,
+    latest: Mutex<Vec<Refused>>,
 }
 
 impl Refusals {
     /// Counts one refusal; returns the number with this reason.
     pub(super) fn count(&self, reason: Reason, key: &str) -> u64 {
         let key = Refused::printable(&without_cell(key));
-        let mut named = self.lock();
-        let known = named.iter().position(|kind| (kind.reason, &kind.key) == (reason, &key));
+        let mut latest = self.lock();
+        let known = latest.iter().position(|kind| (kind.reason, &kind.key) == (reason, &key));
         let before = match known {
-            Some(nth) => named.remove(nth).count,
-            None if named.len() == Refused::MAX_COUNT => {
-                named.remove(0);
+            Some(nth) => latest.remove(nth).count,
+            None if latest.len() == Refused::MAX_COUNT => {
+                latest.remove(0);
                 0
             }
             None => 0,
         };
-        named.push(Refused { reason, key, count: before + 1 });
+        latest.push(Refused { reason, key, count: before + 1 });
         self.counter(reason).fetch_add(1, Relaxed) + 1
     }
 
@@ -51,7 +51,7 @@ impl Refusals {
     }
 
     /// The latest refusals by reason and key, the latest first.
-    pub(super) fn named(&self) -> Vec<Refused> {
+    pub(super) fn latest(&self) -> Vec<Refused> {
         self.lock().iter().rev().cloned().collect()
     }
 
@@ -61,7 +61,7 @@ impl Refusals {
 
     /// Locks the list. The lock is never poisoned in mid-change: no holder can panic.
     fn lock(&self) -> MutexGuard<'_, Vec<Refused>> {
-        self.named.lock().unwrap_or_else(PoisonError::into_inner)
+        self.latest.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
@@ -90,13 +90,13 @@ mod tests {
         ] {
             refusals.count(reason, key);
         }
-        let named: Vec<_> = refusals.named().into_iter().map(|kind| (kind.reason, kind.key, kind.count)).collect();
+        let latest: Vec<_> = refusals.latest().into_iter().map(|kind| (kind.reason, kind.key, kind.count)).collect();
         let expected = [
             (Reason::Unsealed, "order", 2),
             (Reason::Stranger, "vehicle/9/mission", 1),
             (Reason::Forged, "vehicle/3/state", 2),
         ];
-        assert_eq!(named, expected.map(|(reason, key, count)| (reason, key.to_owned(), count)));
+        assert_eq!(latest, expected.map(|(reason, key, count)| (reason, key.to_owned(), count)));
         assert_eq!(refusals.drops(), Drops { forged: 3, unsealed: 2, ..Drops::default() });
         assert_eq!(refusals.drops().refused(), 5);
     }
@@ -107,9 +107,12 @@ mod tests {
         for nth in 0..1000 {
             refusals.count(Reason::Undecodable, &format!("vehicle/\u{1b}[2J{nth}/{}", "x".repeat(1000)));
         }
-        let named = refusals.named();
-        assert_eq!(named.len(), Refused::MAX_COUNT);
-        assert!(named[0].key.starts_with("vehicle/?[2J999/x") && named[0].key.len() == Refused::MAX_KEY, "{named:?}");
+        let latest = refusals.latest();
+        assert_eq!(latest.len(), Refused::MAX_COUNT);
+        assert!(
+            latest[0].key.starts_with("vehicle/?[2J999/x") && latest[0].key.len() == Refused::MAX_KEY,
+            "{latest:?}"
+        );
         assert_eq!(refusals.drops().undecodable, 1000);
     }
 }

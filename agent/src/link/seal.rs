@@ -119,7 +119,7 @@ impl Sealer {
         SealKey(key)
     }
 
-    fn seal(&self, bytes: &[u8]) -> Seal {
+    fn sign(&self, bytes: &[u8]) -> Seal {
         let mut seal = [0; Seal::BYTES];
         seal.copy_from_slice(self.0.sign(bytes).as_ref());
         Seal::from_bytes(seal)
@@ -136,7 +136,7 @@ impl fmt::Debug for Sealer {
 /// Start of the signed bytes: purpose, swarm and run. The length of the swarm's name precedes it, so that no two signed
 /// messages have the same bytes. Nothing else that these keys sign starts like one of our contexts (TLS 1.3 starts with
 /// 64 spaces, RFC 8446, 4.4.3).
-fn signed(context: &[u8], swarm: &SwarmName, run: u64) -> Vec<u8> {
+fn signed_prefix(context: &[u8], swarm: &SwarmName, run: u64) -> Vec<u8> {
     let name = swarm.as_str().as_bytes();
     let mut bytes = context.to_vec();
     bytes.extend((name.len() as u64).to_le_bytes());
@@ -177,9 +177,9 @@ pub(crate) mod tests {
             "the secret is not shown"
         );
         assert!(Sealer::from_pkcs8(b"key").is_err() && Sealer::from_pem("key").is_err());
-        let signature = "6291d657deec24024827e69c3abe01a30ce548a284743a445e3680d7db5ac3ac18ff9b538d16f290ae67f760984dc6594a7c15e9716ed28dc027beceea1ec40a";
-        let seal = sealer.seal(&[0xaf, 0x82]);
-        assert_eq!(seal.to_bytes().as_slice(), hex(signature));
+        let expected = "6291d657deec24024827e69c3abe01a30ce548a284743a445e3680d7db5ac3ac18ff9b538d16f290ae67f760984dc6594a7c15e9716ed28dc027beceea1ec40a";
+        let seal = sealer.sign(&[0xaf, 0x82]);
+        assert_eq!(seal.to_bytes().as_slice(), hex(expected));
         assert!(sealer.key().has_sealed(&[0xaf, 0x82], seal) && !sealer.key().has_sealed(&[0xaf, 0x83], seal));
     }
 

@@ -56,7 +56,7 @@ pub struct Known {
 ///
 /// # Errors
 /// If a key of the table is not a vehicle id.
-pub fn known_by_vehicle<'de, D: Deserializer<'de>>(of: D) -> Result<BTreeMap<VehicleId, Known>, D::Error> {
+pub fn identities_by_vehicle<'de, D: Deserializer<'de>>(of: D) -> Result<BTreeMap<VehicleId, Known>, D::Error> {
     let vehicles = BTreeMap::<String, Known>::deserialize(of)?.into_iter();
     vehicles.map(|(id, known)| id.parse().map(|id| (id, known)).map_err(D::Error::custom)).collect()
 }
@@ -64,11 +64,11 @@ pub fn known_by_vehicle<'de, D: Deserializer<'de>>(of: D) -> Result<BTreeMap<Veh
 impl Security {
     /// Checks the endpoints and the certificate names.
     pub(super) fn check(&self, listen: &[String], dial: &[String]) -> Result<(), LinkError> {
-        let wanted = self.protocol();
+        let expected = self.protocol();
         for text in listen.iter().chain(dial) {
             let endpoint = EndPoint::from_str(text).map_err(|_| LinkError::Endpoint(text.clone()))?;
-            if endpoint.protocol().as_str() != wanted {
-                return Err(LinkError::Protocol { endpoint: text.clone(), wanted });
+            if endpoint.protocol().as_str() != expected {
+                return Err(LinkError::Protocol { endpoint: text.clone(), expected });
             }
         }
         let Self::Tls(tls) = self else { return Ok(()) };

@@ -20,7 +20,7 @@ fn is_loopback(endpoint: &str) -> bool {
 }
 
 /// Time for the sessions to close; afterwards they close in the background.
-const CLOSE_WITHIN: Duration = Duration::from_secs(1);
+const CLOSE_TIMEOUT: Duration = Duration::from_secs(1);
 
 /// The sessions of one agent or observer: one that listens and one that dials, or one that does both. A tunnel carries
 /// their messages to other hosts, if there are any. Each peer is linked to one of the sessions.
@@ -60,11 +60,11 @@ impl Sessions {
             }
             Security::Plain => None,
         };
-        Self::through(Tunnel::open(listen, dial, tls)?, |listen, dial| open_zenoh(swarm, listen, dial, &[]))
+        Self::open_through(Tunnel::open(listen, dial, tls)?, |listen, dial| open_zenoh(swarm, listen, dial, &[]))
     }
 
     /// Opens the sessions with `open` and sends their messages through this tunnel.
-    pub(super) fn through(
+    pub(super) fn open_through(
         mut tunnel: Tunnel,
         open: impl Fn(&[String], &[String]) -> Result<Session, LinkError>,
     ) -> Result<Self, LinkError> {
@@ -107,6 +107,6 @@ impl Sessions {
             drop((rest, tunnel));
             let _ = done.send(());
         });
-        let _ = is_done.recv_timeout(CLOSE_WITHIN);
+        let _ = is_done.recv_timeout(CLOSE_TIMEOUT);
     }
 }

@@ -16,7 +16,7 @@ use super::*;
 use skein_core::peers::Peers;
 use skein_host::clock::{now, sleep_until};
 
-const PATIENCE: Duration = Duration::from_secs(20);
+const TIMEOUT: Duration = Duration::from_secs(20);
 
 /// Name of a swarm used by one test only, a session that listens, and the endpoints that reach it.
 fn hub(test: &str) -> (SwarmName, Session, Vec<String>) {
@@ -71,7 +71,7 @@ fn mission(sender: u8, sequence: u64) -> Mission {
 /// Repeats `again` until `found` finds a result in all messages received so far.
 fn until<T>(link: &Link, mut again: impl FnMut(), mut found: impl FnMut(&[Heard]) -> Option<T>) -> T {
     let mut heard = Vec::new();
-    let deadline = now() + PATIENCE;
+    let deadline = now() + TIMEOUT;
     loop {
         again();
         link.drain(&mut heard);
@@ -91,7 +91,7 @@ fn word(heard: &[Heard], wanted: impl Fn(&Word) -> bool) -> Option<Heard> {
     heard.iter().copied().find(|heard| wanted(&heard.word))
 }
 
-fn say(session: &Session, key: &str, bytes: &[u8]) {
+fn send(session: &Session, key: &str, bytes: &[u8]) {
     session.put(key, bytes).congestion_control(CongestionControl::Block).wait().unwrap();
 }
 
@@ -107,26 +107,26 @@ fn two_agents_receive_each_others_messages_and_not_their_own() {
         &one,
         || {
             sequence += 1;
-            two.say_state(&state(2, sequence), cell);
+            two.publish_state(&state(2, sequence), cell);
         },
         |heard| word(heard, |word| matches!(word, Word::State(_))),
     );
-    assert!(matches!(heard.word, Word::State(said) if said.state == state(2, 1).state));
+    assert!(matches!(heard.word, Word::State(content) if content.state == state(2, 1).state));
     assert!(LocalTime::ZERO < heard.at && heard.at <= clock.now());
 
     let mission = mission(1, 1);
     let all = until(
         &two,
         || {
-            one.say_state(&state(1, 1), cell);
-            one.say_mission(&mission);
+            one.publish_state(&state(1, 1), cell);
+            one.publish_mission(&mission);
         },
         |heard| word(heard, |word| matches!(word, Word::Mission(_))).map(|_| heard.to_vec()),
     );
     assert!(all.iter().any(|heard| heard.word == Word::Mission(mission)));
     assert!(all.iter().any(|heard| heard.word == Word::Appeared(id(1))), "the peer that was up first is found");
     let own = |word: &Word| match word {
-        Word::State(said) => said.header.sender == id(2),
+        Word::State(content) => content.header.sender == id(2),
         Word::Appeared(vehicle) | Word::Vanished(vehicle) => *vehicle == id(2),
         _ => false,
     };
@@ -152,8 +152,8 @@ fn a_peer_that_closes_its_link_is_reported_at_once() {
 fn a_late_joiner_receives_the_last_heartbeat_of_a_silent_peer() {
     let (swarm, hub, dial) = hub("late");
     let silent = link(hub, 1, trust(&swarm));
-    silent.say_mission(&mission(1, 4));
-    silent.say_mission(&mission(1, 5));
+    silent.publish_mission(&mission(1, 4));
+    silent.publish_mission(&mission(1, 5));
     let newest = |sender, sequence| move |word: &Word| *word == Word::Mission(mission(sender, sequence));
     let born = now();
     let late = link(open_zenoh(&swarm, &[], &dial, &[]).unwrap(), 2, trust(&swarm));
@@ -164,7 +164,7 @@ fn a_late_joiner_receives_the_last_heartbeat_of_a_silent_peer() {
     let endpoint = vec![format!("tcp/{free}")];
     let waiting = link(open_zenoh(&swarm, &[], &endpoint, &[]).unwrap(), 3, trust(&swarm));
     let hidden = link(open_zenoh(&swarm, &endpoint, &[], &[]).unwrap(), 4, trust(&swarm));
-    hidden.say_mission(&mission(4, 9));
+    hidden.publish_mission(&mission(4, 9));
     let mut appeared = None;
     until(
         &waiting,
@@ -187,26 +187,29 @@ fn malformed_and_forged_messages_are_counted_and_dropped() {
     let good = encode(&state(2, 1));
     until(
         &link,
-        || say(&stranger, "vehicle/2/cell/0/0/state", &good),
+        || send(&stranger, "vehicle/2/cell/0/0/state", &good),
         |heard| word(heard, |word| matches!(word, Word::State(_))),
     );
     let before = link.drops();
 
-    say(&stranger, "vehicle/3/cell/0/0/state", &good);
-    say(&stranger, "vehicle/0/cell/0/0/state", &good);
-    say(&stranger, "vehicle/2/mission", &[&[VERSION], &b"garbage"[..]].concat());
-    say(&stranger, "vehicle/2/mission", b"");
-    say(&stranger, "vehicle/2/cell/0/0/state", &good[..good.len() - 1]);
-    say(&stranger, "order/1", &[VERSION + 1, 1, 1, 0]);
+    send(&stranger, "vehicle/3/cell/0/0/state", &good);
+    send(&stranger, "vehicle/0/cell/0/0/state", &good);
+    send(&stranger, "vehicle/2/mission", &[&[VERSION], &b"garbage"[..]].concat());
+    send(&stranger, "vehicle/2/mission", b"");
+    send(&stranger, "vehicle/2/cell/0/0/state", &good[..good.len() - 1]);
+    send(&stranger, "order/1", &[VERSION + 1, 1, 1, 0]);
     let expected = Drops { undecodable: 3, other_version: 1, forged: 2, ..before };
-    let deadline = now() + PATIENCE;
+    let deadline = now() + TIMEOUT;
     while link.drops() != expected {
         assert!(now() < deadline, "{:?}", link.drops());
         pause();
     }
     let mut heard = Vec::new();
     link.drain(&mut heard);
-    assert!(heard.iter().all(|heard| matches!(heard.word, Word::State(said) if said == state(2, 1))), "{heard:?}");
+    assert!(
+        heard.iter().all(|heard| matches!(heard.word, Word::State(content) if content == state(2, 1))),
+        "{heard:?}"
+    );
 }
 
 #[test]
@@ -216,7 +219,7 @@ fn an_operators_order_is_received() {
     let observer = open_zenoh(&swarm, &[], &dial, &[]).unwrap();
     let order = Order { epoch: 1, issuer: 9, verb: Verb::Land, seal: None };
     let key = Topic::Order(order.issuer).key();
-    until(&link, || say(&observer, &key, &encode(&order)), |heard| word(heard, |word| *word == Word::Order(order)));
+    until(&link, || send(&observer, &key, &encode(&order)), |heard| word(heard, |word| *word == Word::Order(order)));
 }
 
 #[test]
@@ -234,7 +237,7 @@ fn the_trace_is_wanted_only_while_it_has_a_subscriber() {
 }
 
 fn wait_until(is_so: impl Fn() -> bool) {
-    let deadline: Instant = now() + PATIENCE;
+    let deadline: Instant = now() + TIMEOUT;
     while !is_so() {
         assert!(now() < deadline);
         pause();
@@ -245,20 +248,20 @@ fn wait_until(is_so: impl Fn() -> bool) {
 fn the_inbox_keeps_the_newest_message_of_each_peer_and_kind() {
     let inbox = Inbox::new();
     let at = LocalTime::from_seconds(1.0);
-    let file = |word| inbox.file("vehicle/2/state", Heard { word, at });
+    let store = |word| inbox.store("vehicle/2/state", Heard { word, at });
     for sequence in [1, 3, 2, 3] {
-        file(Word::State(state(2, sequence)));
+        store(Word::State(state(2, sequence)));
     }
     let later_life = State { header: Header { incarnation: Incarnation(2), ..state(3, 1).header }, ..state(3, 1) };
-    for said in [state(3, 8), later_life, state(3, 9)] {
-        file(Word::State(said));
+    for state in [state(3, 8), later_life, state(3, 9)] {
+        store(Word::State(state));
     }
     for word in [Word::Appeared(id(2)), Word::Vanished(id(2)), Word::Vanished(id(4)), Word::Appeared(id(4))] {
-        file(word);
+        store(word);
     }
     let order = |epoch| Order { epoch, issuer: 1, verb: Verb::Hold, seal: None };
     for epoch in [2, 3, 1] {
-        file(Word::Order(order(epoch)));
+        store(Word::Order(order(epoch)));
     }
     let mut heard = Vec::new();
     inbox.drain(&mut heard);
@@ -288,10 +291,10 @@ fn every_vehicle_fits_into_the_inbox_without_growing() {
         for vehicle in 1..=VehicleId::MAX {
             let mission = Word::Mission(mission(vehicle, 1));
             for word in [Word::State(state(vehicle, 1)), mission, Word::Appeared(id(vehicle))] {
-                inbox.file("a", Heard { word, at });
+                inbox.store("a", Heard { word, at });
             }
         }
-        inbox.file("a", Heard { word: Word::Order(Order { epoch: 1, issuer: 1, verb: Verb::Hold, seal: None }), at });
+        inbox.store("a", Heard { word: Word::Order(Order { epoch: 1, issuer: 1, verb: Verb::Hold, seal: None }), at });
     }
     assert_eq!(inbox.capacity(), before);
 }
@@ -304,7 +307,7 @@ fn a_replayed_message_is_dropped_by_the_core() {
     let key = "vehicle/2/cell/0/0/state";
     let newest = until(
         &link,
-        || say(&replayer, key, &encode(&state(2, 5))),
+        || send(&replayer, key, &encode(&state(2, 5))),
         |heard| word(heard, |word| matches!(word, Word::State(_))),
     );
     let origin = Origin::new(Geodetic::from_degrees(28.0, -82.0, 0.0));
@@ -314,8 +317,8 @@ fn a_replayed_message_is_dropped_by_the_core() {
     let before = peers.old();
     let old = until(
         &link,
-        || say(&replayer, key, &encode(&state(2, 4))),
-        |heard| word(heard, |word| matches!(word, Word::State(said) if said.header.sequence == 4)),
+        || send(&replayer, key, &encode(&state(2, 4))),
+        |heard| word(heard, |word| matches!(word, Word::State(content) if content.header.sequence == 4)),
     );
     peers.update(old.at, &origin, &[old]);
     assert_eq!(peers.old(), before + 1);

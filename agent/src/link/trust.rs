@@ -64,7 +64,7 @@ impl Judge {
 
     /// Returns the part of a message that is accepted. `run` is the run in its signature, if it has one. Calls
     /// `refused` with the reason for each part that is not accepted.
-    pub(super) fn hear(&self, word: Word, run: Option<u64>, mut refused: impl FnMut(Reason)) -> Option<Word> {
+    pub(super) fn accept(&self, word: Word, run: Option<u64>, mut refused: impl FnMut(Reason)) -> Option<Word> {
         let stranger = |id: VehicleId| usize::from(id.get()) > self.vehicles;
         match (word.speaker(), word) {
             (Some(id), _) if id == self.own => {
@@ -79,16 +79,16 @@ impl Judge {
                 refused(Reason::OtherRun);
                 None
             }
-            (_, Word::Mission(said)) => {
-                if said.plan != self.plan {
+            (_, Word::Mission(content)) => {
+                if content.plan != self.plan {
                     refused(Reason::OtherPlan);
                 }
-                let order = said.order.filter(|order| self.is_sealed(order));
-                if order != said.order {
+                let order = content.order.filter(|order| self.is_sealed(order));
+                if order != content.order {
                     refused(Reason::Unsealed);
                 }
                 // The heartbeat itself is still the sender's: even with another plan it shows that the sender is up.
-                Some(Word::Mission(Mission { order, ..said }))
+                Some(Word::Mission(Mission { order, ..content }))
             }
             (_, Word::Order(order)) if !self.is_sealed(&order) => {
                 refused(Reason::Unsealed);

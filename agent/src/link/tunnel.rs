@@ -7,8 +7,9 @@
 //! ```
 //!
 //! Owning the network sockets has three advantages: a cut link ends when the other host's kernel has acknowledged
-//! nothing for [`CUT_AFTER`], however busy the processes at both ends are; closing a link never blocks a thread
-//! (Zenoh's own TCP sockets linger for ten seconds); and the tunnel gives up early on a host that cannot be reached.
+//! nothing for [`UNACKNOWLEDGED_TIMEOUT`], however busy the processes at both ends are; closing a link never blocks a
+//! thread (Zenoh's own TCP sockets linger for ten seconds); and the tunnel gives up early on a host that cannot be
+//! reached.
 //!
 //! Zenoh's own TLS links are not used: they let two threads use one TLS connection at once, which corrupts memory
 //! ([zenoh#2557](https://github.com/eclipse-zenoh/zenoh/issues/2557)). Here each end is identified by its certificate
@@ -38,19 +39,19 @@ use super::presence::Presence;
 use super::security::Tls;
 use crate::unix;
 use local::{Locals, ZenohListener};
-pub(super) use tls::{Ends, Peer};
+pub(super) use tls::{Peer, TlsContext};
 
 /// Longest time to reach another host and to complete the TLS handshake. Zenoh dials again afterwards.
-const REACH_WITHIN: Duration = Duration::from_millis(900);
+const CONNECT_TIMEOUT: Duration = Duration::from_millis(900);
 /// Largest number of handshakes at once, in total and from one address, so that a stranger that never completes its
 /// handshake does not keep the others waiting. Several agents may share a host; a refused one dials again.
-const AT_ONCE: usize = 64;
-const AT_ONCE_OF_ONE: usize = 16;
+const MAX_PENDING: usize = 64;
+const MAX_PENDING_PER_ADDRESS: usize = 16;
 /// A link is cut when the other end has acknowledged nothing for this long. An agent sends at least five times a
 /// second.
-const CUT_AFTER: Duration = Duration::from_secs(1);
+const UNACKNOWLEDGED_TIMEOUT: Duration = Duration::from_secs(1);
 /// Time to announce the end of a link to the other host.
-const GOODBYE_WITHIN: Duration = Duration::from_millis(200);
+const SHUTDOWN_TIMEOUT: Duration = Duration::from_millis(200);
 /// Pause after a failed accept, for example because no file descriptor is left.
 const PAUSE: Duration = Duration::from_millis(100);
 
@@ -65,7 +66,7 @@ pub(super) struct Tunnel {
 
 struct Shared {
     /// Certificates and keys; `None` on plain links.
-    ends: Option<Ends>,
+    tls_context: Option<TlsContext>,
     presence: Arc<Presence>,
 }
 
@@ -76,7 +77,7 @@ impl Tunnel {
     /// # Errors
     /// If a key is not valid, or an address cannot be listened on.
     pub(super) fn open(listen: &[String], dial: &[String], tls: Option<&Tls>) -> Result<Self, LinkError> {
-        let ends = tls.map(Ends::new).transpose()?;
+        let tls_context = tls.map(TlsContext::new).transpose()?;
         let taken = |source: io::Error| LinkError::Open { listen: listen.to_vec(), source: source.into() };
         let bind = |endpoint: &String| {
             let listener = StdListener::bind(address(endpoint))?;
@@ -88,8 +89,8 @@ impl Tunnel {
             Builder::new_multi_thread().worker_threads(1).thread_name("tunnel").enable_all().build().map_err(taken)?;
         let locals = runtime.block_on(async { Locals::open(dial) }).map_err(taken)?;
         // Only a certificate identifies the vehicle at the other end.
-        let presence = if ends.is_some() { Presence::by_links() } else { Presence::by_tokens() };
-        Ok(Self { shared: Arc::new(Shared { ends, presence }), listeners, locals, runtime: Some(runtime) })
+        let presence = if tls_context.is_some() { Presence::by_links() } else { Presence::by_tokens() };
+        Ok(Self { shared: Arc::new(Shared { tls_context, presence }), listeners, locals, runtime: Some(runtime) })
     }
 
     /// Local endpoint for Zenoh to listen on, if other hosts dial this one.
@@ -105,7 +106,7 @@ impl Tunnel {
     /// Endpoints that other hosts dial, with the actual ports.
     pub(super) fn endpoints(&self) -> Vec<String> {
         let addresses = self.listeners.iter().filter_map(|listener| listener.local_addr().ok());
-        let protocol = if self.shared.ends.is_some() { "tls" } else { "tcp" };
+        let protocol = if self.shared.tls_context.is_some() { "tls" } else { "tcp" };
         addresses.map(|address| format!("{protocol}/{address}")).collect()
     }
 
@@ -126,7 +127,7 @@ impl Tunnel {
                 runtime.spawn(accept(listener, zenoh.clone(), self.shared.clone()));
             }
         }
-        for (local, endpoint) in self.locals.take_dialled() {
+        for (local, endpoint) in self.locals.take_dial_sockets() {
             let shared = self.shared.clone();
             runtime.spawn(async move {
                 loop {
@@ -151,34 +152,34 @@ impl Drop for Tunnel {
 
 /// Accepts connections that show a known certificate.
 async fn accept(listener: TcpListener, zenoh: Arc<ZenohListener>, shared: Arc<Shared>) {
-    let at_once = Arc::new(Semaphore::new(AT_ONCE));
-    let doorstep = Arc::new(Doorstep::default());
+    let permits = Arc::new(Semaphore::new(MAX_PENDING));
+    let pending = Arc::new(PendingHandshakes::default());
     loop {
         let Ok((socket, from)) = listener.accept().await else {
             sleep(PAUSE).await;
             continue;
         };
-        let Some(waiting) = Waiting::new(&doorstep, from.ip()) else {
-            tracing::debug!("no link from {from}: {AT_ONCE_OF_ONE} handshakes from that address are pending");
+        let Some(handshake) = PendingHandshake::new(&pending, from.ip()) else {
+            tracing::debug!("no link from {from}: {MAX_PENDING_PER_ADDRESS} handshakes from that address are pending");
             continue;
         };
         // The semaphore is never closed.
-        let Ok(asked) = at_once.clone().acquire_owned().await else { return };
+        let Ok(permit) = permits.clone().acquire_owned().await else { return };
         let (zenoh, shared) = (zenoh.clone(), shared.clone());
         tokio::spawn(async move {
-            let let_in = async {
+            let accepted = async {
                 prepare(&socket)?;
-                io::Result::Ok(match &shared.ends {
-                    Some(ends) => Way::secured(ends.accept(socket).await?),
-                    None => Way::Plain(socket),
+                io::Result::Ok(match &shared.tls_context {
+                    Some(tls_context) => Connection::secured(tls_context.accept(socket).await?),
+                    None => Connection::Plain(socket),
                 })
             };
-            let let_in = timeout(REACH_WITHIN, let_in).await.unwrap_or(Err(io::ErrorKind::TimedOut.into()));
-            drop((asked, waiting));
-            match let_in {
-                Ok(way) => {
+            let accepted = timeout(CONNECT_TIMEOUT, accepted).await.unwrap_or(Err(io::ErrorKind::TimedOut.into()));
+            drop((permit, handshake));
+            match accepted {
+                Ok(connection) => {
                     if let Ok(here) = zenoh.connect().await {
-                        way.carry(here, &from.ip().to_string(), &shared.presence).await;
+                        connection.carry(here, &from.ip().to_string(), &shared.presence).await;
                     }
                 }
                 // A port scan, or a network that failed during the handshake.
@@ -192,38 +193,38 @@ async fn accept(listener: TcpListener, zenoh: Arc<ZenohListener>, shared: Arc<Sh
 }
 
 /// Number of pending handshakes by address.
-type Doorstep = Mutex<BTreeMap<IpAddr, usize>>;
+type PendingHandshakes = Mutex<BTreeMap<IpAddr, usize>>;
 
 /// One pending handshake.
-struct Waiting {
-    doorstep: Arc<Doorstep>,
+struct PendingHandshake {
+    pending: Arc<PendingHandshakes>,
     from: IpAddr,
 }
 
-impl Waiting {
+impl PendingHandshake {
     /// Returns `None` if too many handshakes from this address are pending.
-    fn new(doorstep: &Arc<Doorstep>, from: IpAddr) -> Option<Self> {
-        let mut counts = lock(doorstep);
+    fn new(pending: &Arc<PendingHandshakes>, from: IpAddr) -> Option<Self> {
+        let mut counts = lock(pending);
         let count = counts.entry(from).or_default();
-        if *count >= AT_ONCE_OF_ONE {
+        if *count >= MAX_PENDING_PER_ADDRESS {
             return None;
         }
         *count += 1;
-        Some(Self { doorstep: doorstep.clone(), from })
+        Some(Self { pending: pending.clone(), from })
     }
 }
 
-impl Drop for Waiting {
+impl Drop for PendingHandshake {
     fn drop(&mut self) {
-        let mut counts = lock(&self.doorstep);
+        let mut counts = lock(&self.pending);
         counts.entry(self.from).and_modify(|count| *count -= 1);
         counts.retain(|_, count| *count > 0);
     }
 }
 
 /// Locks the counts. The lock is never poisoned in mid-change: no holder can panic.
-fn lock(doorstep: &Doorstep) -> MutexGuard<'_, BTreeMap<IpAddr, usize>> {
-    doorstep.lock().unwrap_or_else(PoisonError::into_inner)
+fn lock(pending: &PendingHandshakes) -> MutexGuard<'_, BTreeMap<IpAddr, usize>> {
+    pending.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// Connects to another host for Zenoh, which dials again if that fails.
@@ -232,13 +233,13 @@ async fn dial(here: local::Stream, endpoint: String, shared: Arc<Shared>) {
     let reach = async {
         let socket = TcpStream::connect(address).await?;
         prepare(&socket)?;
-        io::Result::Ok(match &shared.ends {
-            Some(ends) => Way::secured(ends.connect(host(address), socket).await?),
-            None => Way::Plain(socket),
+        io::Result::Ok(match &shared.tls_context {
+            Some(tls_context) => Connection::secured(tls_context.connect(host(address), socket).await?),
+            None => Connection::Plain(socket),
         })
     };
-    match timeout(REACH_WITHIN, reach).await {
-        Ok(Ok(way)) => way.carry(here, address, &shared.presence).await,
+    match timeout(CONNECT_TIMEOUT, reach).await {
+        Ok(Ok(connection)) => connection.carry(here, address, &shared.presence).await,
         Ok(Err(error)) if error.kind() == io::ErrorKind::InvalidData => {
             shared.presence.refuse(address, &error.to_string());
         }
@@ -250,16 +251,16 @@ async fn dial(here: local::Stream, endpoint: String, shared: Arc<Shared>) {
 /// Sets the options of a socket to another host.
 fn prepare(socket: &TcpStream) -> io::Result<()> {
     socket.set_nodelay(true)?;
-    unix::give_up_unacknowledged(socket, CUT_AFTER)
+    unix::set_unacknowledged_timeout(socket, UNACKNOWLEDGED_TIMEOUT)
 }
 
 /// A connection to another host.
-enum Way {
+enum Connection {
     Plain(TcpStream),
     Tls(Box<TlsStream<TcpStream>>, Peer),
 }
 
-impl Way {
+impl Connection {
     fn secured((stream, peer): (TlsStream<TcpStream>, Peer)) -> Self {
         Self::Tls(Box::new(stream), peer)
     }
@@ -280,7 +281,7 @@ async fn carry(
     (address, peer): (&str, &Peer),
     presence: &Arc<Presence>,
 ) {
-    let _is_there = presence.link(peer.vehicle);
+    let _link = presence.link(peer.vehicle);
     let (mut from_there, mut to_there) = split(there);
     let (mut from_here, mut to_here) = split(here);
     // Neither direction waits for the other, or a cut link would go unnoticed for a quarter of an hour.
@@ -293,9 +294,9 @@ async fn carry(
             _ => {}
         },
         _ = copy(&mut from_here, &mut to_there) => {}
-        () = sleep(peer.lasts) => tracing::warn!("the link with {} was closed: its certificate has expired", peer.name),
+        () = sleep(peer.valid_for) => tracing::warn!("the link with {} was closed: its certificate has expired", peer.name),
     }
-    let _ = timeout(GOODBYE_WITHIN, to_there.shutdown()).await;
+    let _ = timeout(SHUTDOWN_TIMEOUT, to_there.shutdown()).await;
 }
 
 /// `10.0.0.11:7447` of `tls/10.0.0.11:7447`.
@@ -310,9 +311,9 @@ fn host(address: &str) -> &str {
 
 /// The other end of a link.
 impl Peer {
-    /// A host with this certificate name, whose certificate is valid for `lasts`.
-    fn new(name: String, vehicle: Option<VehicleId>, lasts: Duration) -> Self {
-        Self { name, vehicle, lasts }
+    /// A host with this certificate name, whose certificate is valid for `valid_for`.
+    fn new(name: String, vehicle: Option<VehicleId>, valid_for: Duration) -> Self {
+        Self { name, vehicle, valid_for }
     }
 
     /// The other end of a plain link.
@@ -327,14 +328,15 @@ mod tests {
 
     #[test]
     fn one_address_cannot_take_all_pending_handshakes() {
-        let doorstep = Arc::new(Doorstep::default());
+        let pending = Arc::new(PendingHandshakes::default());
         let [stranger, other] = ["10.0.0.9", "10.0.0.11"].map(|ip| ip.parse::<IpAddr>().unwrap());
-        let mut strangers: Vec<_> = (0..AT_ONCE).filter_map(|_| Waiting::new(&doorstep, stranger)).collect();
-        assert_eq!(strangers.len(), AT_ONCE_OF_ONE);
-        assert!(Waiting::new(&doorstep, other).is_some());
+        let mut strangers: Vec<_> =
+            (0..MAX_PENDING).filter_map(|_| PendingHandshake::new(&pending, stranger)).collect();
+        assert_eq!(strangers.len(), MAX_PENDING_PER_ADDRESS);
+        assert!(PendingHandshake::new(&pending, other).is_some());
         strangers.pop();
-        assert!(Waiting::new(&doorstep, stranger).is_some(), "one of its handshakes has ended");
+        assert!(PendingHandshake::new(&pending, stranger).is_some(), "one of its handshakes has ended");
         strangers.clear();
-        assert!(lock(&doorstep).is_empty(), "an address without pending handshakes is forgotten");
+        assert!(lock(&pending).is_empty(), "an address without pending handshakes is forgotten");
     }
 }

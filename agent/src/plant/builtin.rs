@@ -19,9 +19,9 @@ pub struct BuiltIn {
     vehicle: BuiltInVehicle,
     script: Script,
     /// When the script started, and how much of it was over by then, s.
-    alive_since: Option<(Instant, f64)>,
+    script_since: Option<(Instant, f64)>,
     sticks: Option<Sticks>,
-    due: Option<Instant>,
+    tick_at: Option<Instant>,
     skipped: u64,
 }
 
@@ -31,42 +31,42 @@ impl BuiltIn {
     /// Simulated time starts with the first [`Plant::wait`]. The script starts now if an earlier agent has flown for
     /// `flown_s`.
     pub fn new(vehicle: BuiltInVehicle, script: Script, flown_s: Option<f64>) -> Self {
-        let alive_since = flown_s.map(|flown_s| (now(), flown_s));
-        Self { vehicle, script, alive_since, sticks: None, due: None, skipped: 0 }
+        let script_since = flown_s.map(|flown_s| (now(), flown_s));
+        Self { vehicle, script, script_since, sticks: None, tick_at: None, skipped: 0 }
     }
 
     /// Current state of the script. No failure occurs before the first command.
     fn script_now(&self) -> ActiveFaults {
         let since = |(at, flown_s)| self.script.at(flown_s + now().saturating_duration_since(at).as_secs_f64());
-        self.alive_since.map(since).unwrap_or_default()
+        self.script_since.map(since).unwrap_or_default()
     }
 }
 
 impl Plant for BuiltIn {
     fn wait(&mut self, patience: Duration) -> Wake {
         let deadline = now() + patience;
-        let due = *self.due.get_or_insert_with(|| now() + TICK);
-        sleep_until(due.min(deadline));
-        if deadline < due {
+        let tick_at = *self.tick_at.get_or_insert_with(|| now() + TICK);
+        sleep_until(tick_at.min(deadline));
+        if deadline < tick_at {
             return Wake::Deadline;
         }
         let ActiveFaults { failures, simulator_frozen } = self.script_now();
         if simulator_frozen {
             // A new grid starts after the freeze: frozen ticks do not count as skipped.
-            self.due = None;
+            self.tick_at = None;
             sleep_until(deadline);
             return Wake::Deadline;
         }
         self.vehicle.fail(failures);
         self.vehicle.advance(self.sticks);
-        let (next, skipped) = next_due(due, now());
-        self.due = Some(next);
+        let (next, skipped) = next_tick(tick_at, now());
+        self.tick_at = Some(next);
         self.skipped += skipped;
         Wake::Frame(self.vehicle.frame())
     }
 
     fn command(&mut self, sticks: Sticks) {
-        self.alive_since.get_or_insert_with(|| (now(), 0.0));
+        self.script_since.get_or_insert_with(|| (now(), 0.0));
         self.sticks = Some(sticks);
     }
 
@@ -91,12 +91,12 @@ impl Plant for BuiltIn {
     }
 }
 
-/// The next deadline of the grid, at most one tick before `now`, and the number of ticks skipped for it. `due` is the
-/// deadline that is served at `now`.
-fn next_due(due: Instant, now: Instant) -> (Instant, u64) {
-    let late_ticks = now.saturating_duration_since(due).as_nanos() / TICK.as_nanos();
+/// The next deadline of the grid, at most one tick before `now`, and the number of ticks skipped for it. `tick_at` is
+/// the deadline that is served at `now`.
+fn next_tick(tick_at: Instant, now: Instant) -> (Instant, u64) {
+    let late_ticks = now.saturating_duration_since(tick_at).as_nanos() / TICK.as_nanos();
     let skipped = u32::try_from(late_ticks.saturating_sub(1)).unwrap_or(u32::MAX - 1);
-    (due + TICK * (skipped + 1), skipped.into())
+    (tick_at + TICK * (skipped + 1), skipped.into())
 }
 
 #[cfg(test)]
@@ -119,12 +119,16 @@ mod tests {
 
     #[test]
     fn late_ticks_are_skipped_and_the_grid_is_kept() {
-        let due = now();
+        let tick_at = now();
         let ms = Duration::from_millis;
         for (late_ms, next_ms, skipped) in
             [(0, 20, 0), (19, 20, 0), (21, 20, 0), (39, 20, 0), (41, 40, 1), (205, 200, 9)]
         {
-            assert_eq!(next_due(due, due + ms(late_ms)), (due + ms(next_ms), skipped), "{late_ms} ms late");
+            assert_eq!(
+                next_tick(tick_at, tick_at + ms(late_ms)),
+                (tick_at + ms(next_ms), skipped),
+                "{late_ms} ms late"
+            );
         }
     }
 

@@ -12,7 +12,7 @@ use skein_common::topic::Cell;
 use tokio::sync::mpsc;
 
 use super::Stop;
-use super::silence::Silence;
+use super::silence::SilenceMonitor;
 use super::timing::{Summary, Timing};
 use crate::external::LiveLaw;
 use crate::link::{Link, Messages};
@@ -24,7 +24,7 @@ use skein_core::station::Station;
 use skein_host::clock::{LocalClock, now, sleep_until};
 
 /// Longest wait for the plant's frame, in frame periods. The agent then steps without a frame.
-const PATIENCE_PERIODS: f64 = 1.5;
+const TIMEOUT_PERIODS: f64 = 1.5;
 
 /// Time without a frame after which a simulator counts as ended. A simulator on an overloaded PC pauses for seconds,
 /// and its vehicle still has to be landed afterwards.
@@ -50,11 +50,11 @@ pub(super) struct Control {
 }
 
 /// State kept from one pass of the control loop to the next.
-struct Since {
+struct LoopState {
     timing: Timing,
-    silence: Silence,
+    silence: SilenceMonitor,
     plant_time: PlantTime,
-    arriving: Vec<Heard>,
+    arrived: Vec<Heard>,
     events: u64,
     healths: u64,
 }
@@ -63,12 +63,12 @@ impl Control {
     /// Flies until the flight has ended, and returns the link to be closed.
     pub(super) fn run(mut self) -> Link {
         let period = Duration::from_secs_f64(self.plant.frame_period_s());
-        let patience = period.mul_f64(PATIENCE_PERIODS);
-        let mut since = Since {
+        let patience = period.mul_f64(TIMEOUT_PERIODS);
+        let mut kept = LoopState {
             timing: Timing::new(period, now()),
-            silence: Silence::new(),
+            silence: SilenceMonitor::new(),
             plant_time: PlantTime::ZERO,
-            arriving: Vec::new(),
+            arrived: Vec::new(),
             events: 0,
             healths: 0,
         };
@@ -81,8 +81,8 @@ impl Control {
             }
             let woken = now();
             deadline = woken + patience;
-            self.turn(&wake, woken, &mut since);
-            if self.is_over(&since.timing) {
+            self.run_once(&wake, woken, &mut kept);
+            if self.is_over(&kept.timing) {
                 break;
             }
         }
@@ -94,17 +94,18 @@ impl Control {
     }
 
     /// One pass of the control loop.
-    fn turn(&mut self, wake: &Wake, woken: Instant, since: &mut Since) {
+    fn run_once(&mut self, wake: &Wake, woken: Instant, kept: &mut LoopState) {
         let frame = match wake {
             Wake::Frame(frame) => Some(frame),
             Wake::Deadline => None,
         };
-        since.plant_time = frame.map_or(since.plant_time, |frame| frame.time);
-        let right = self.clock.at(woken);
-        self.hear(right, since);
+        kept.plant_time = frame.map_or(kept.plant_time, |frame| frame.time);
+        let true_time = self.clock.at(woken);
+        self.receive(true_time, kept);
         let answer = self.law.as_ref().and_then(LiveLaw::answer);
-        let plant = (since.plant_time, frame.map(|frame| &frame.measurement));
-        let Outputs { command, outbox, ask } = self.station.step(right, plant, self.stop.is_asked(), answer.as_ref());
+        let plant = (kept.plant_time, frame.map(|frame| &frame.measurement));
+        let Outputs { command, outbox, ask } =
+            self.station.step(true_time, plant, self.stop.is_requested(), answer.as_ref());
         if let Some(sticks) = command {
             self.plant.command(sticks);
         }
@@ -114,37 +115,37 @@ impl Control {
             law.ask(ask);
         }
 
-        let trace = frame.and_then(|frame| self.trace(right, frame, since));
+        let trace = frame.and_then(|frame| self.trace(true_time, frame, kept));
         if frame.is_some() {
-            since.timing.frame(woken, self.plant.skipped_frames());
-            since.timing.step(woken, done);
+            kept.timing.frame(woken, self.plant.skipped_frames());
+            kept.timing.step(woken, done);
         }
-        let shown = self.station.clocks().local_time(right);
-        self.send(shown, outbox, trace, since);
-        if let Some(summary) = since.timing.summary(done) {
-            since.healths += 1;
-            let health = self.health(shown, right.seconds(), summary, since);
+        let local_time = self.station.clocks().local_time(true_time);
+        self.send(local_time, outbox, trace, kept);
+        if let Some(summary) = kept.timing.summary(done) {
+            kept.healths += 1;
+            let health = self.health(local_time, true_time.seconds(), summary, kept);
             // If the publishing thread still has the previous one, this one is dropped.
             let _ = self.health.try_send(health);
         }
     }
 
     /// Passes the messages that the link received to the station.
-    fn hear(&mut self, right: LocalTime, since: &mut Since) {
-        self.link.drain(&mut since.arriving);
-        if let Some(late_s) = since.silence.watch(right, &mut since.arriving) {
+    fn receive(&mut self, true_time: LocalTime, kept: &mut LoopState) {
+        self.link.drain(&mut kept.arrived);
+        if let Some(late_s) = kept.silence.watch(true_time, &mut kept.arrived) {
             self.station.did_not_run(late_s);
         }
-        self.station.receive(right, since.arriving.drain(..));
+        self.station.receive(true_time, kept.arrived.drain(..));
     }
 
     /// Hands the messages of this step to the publisher's thread.
-    fn send(&mut self, now: LocalTime, outbox: Outbox, trace: Option<Trace>, since: &mut Since) {
+    fn send(&mut self, now: LocalTime, outbox: Outbox, trace: Option<Trace>, kept: &mut LoopState) {
         let state = outbox.state.map(|state| (state, Cell::of(self.origin.ned_from_geodetic(&state.state.position))));
         let event = |what| {
-            since.events += 1;
+            kept.events += 1;
             tracing::info!("vehicle {} {what}", self.own);
-            Event { header: self.header(now, since.events), what }
+            Event { header: self.header(now, kept.events), what }
         };
         let events: Vec<Event> = outbox.happened.into_iter().map(event).collect();
         if state.is_some() || outbox.mission.is_some() || !events.is_empty() || trace.is_some() {
@@ -153,16 +154,16 @@ impl Control {
     }
 
     /// The trace of this step, if it has a subscriber. Its timing is that of the previous step.
-    fn trace(&mut self, right: LocalTime, frame: &Frame, since: &Since) -> Option<Trace> {
+    fn trace(&mut self, true_time: LocalTime, frame: &Frame, kept: &LoopState) -> Option<Trace> {
         self.link.trace_is_wanted().then(|| {
-            let mut trace = self.station.trace(right, frame.time, &frame.truth);
-            trace.step_us = since.timing.last_step_us();
-            trace.frame_overruns = since.timing.overruns();
+            let mut trace = self.station.trace(true_time, frame.time, &frame.truth);
+            trace.step_us = kept.timing.last_step_us();
+            trace.frame_overruns = kept.timing.overruns();
             trace
         })
     }
 
-    fn health(&self, now: LocalTime, uptime_s: f64, summary: Summary, since: &Since) -> Health {
+    fn health(&self, now: LocalTime, uptime_s: f64, summary: Summary, kept: &LoopState) -> Health {
         let agent = self.station.agent();
         let (state_messages, state_bytes) = agent.states_sent();
         let peer = |peer: &skein_core::peers::Seen| PeerHealth {
@@ -174,7 +175,7 @@ impl Control {
         };
         let old = |(id, count)| Refused { reason: Reason::Old, key: format!("vehicle/{id}"), count };
         Health {
-            header: self.header(now, since.healths),
+            header: self.header(now, kept.healths),
             uptime_s,
             activity: agent.activity(),
             plant: self.plant_name.to_owned(),
@@ -184,7 +185,7 @@ impl Control {
             jitter_ms: summary.jitter_ms,
             step_p50_us: summary.step_p50_us,
             step_p99_us: summary.step_p99_us,
-            frame_overruns: since.timing.overruns(),
+            frame_overruns: kept.timing.overruns(),
             drops: self.drops(),
             refused: agent.old_messages().map(old).take(Refused::MAX_COUNT).collect(),
             state_messages,
@@ -218,6 +219,8 @@ impl Control {
     fn is_over(&self, timing: &Timing) -> bool {
         let is_flying = timing.last_frame().is_some_and(|last| now() < last + SIMULATOR_GONE_AFTER);
         let is_down = self.station.agent().activity() == Activity::Landed;
-        self.stop.is_urgent() || self.stop.is_asked() && (is_down || !is_flying) || self.stop.is_forsaken() && is_down
+        self.stop.is_urgent()
+            || self.stop.is_requested() && (is_down || !is_flying)
+            || self.stop.is_abandoned() && is_down
     }
 }

@@ -14,7 +14,7 @@ const QUEUE: usize = 1024;
 /// Longest line, characters; the rest is cut.
 const MAX_LINE: usize = 4000;
 /// Time to write the last lines when the process ends.
-const FLUSH_WITHIN: Duration = Duration::from_millis(500);
+const FLUSH_TIMEOUT: Duration = Duration::from_millis(500);
 
 /// Default log levels. Zenoh's warnings are suppressed: it warns of every session without gossip and of every peer that
 /// is not up yet, and the agent itself logs which peers appear, vanish and are refused.
@@ -56,7 +56,7 @@ impl Drop for Log {
     fn drop(&mut self) {
         let (done, is_done) = mpsc::channel();
         if self.0.try_send(Item::Flush(done)).is_ok() {
-            let _ = is_done.recv_timeout(FLUSH_WITHIN);
+            let _ = is_done.recv_timeout(FLUSH_TIMEOUT);
         }
     }
 }

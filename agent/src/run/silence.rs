@@ -13,11 +13,11 @@ use skein_common::time::LocalTime;
 use skein_core::peers::{Heard, Word};
 
 /// Timeout on a computer that keeps up, s.
-const SILENT_S: f64 = 1.0;
+const TIMEOUT_S: f64 = 1.0;
 /// Longest timeout: while the swarm starts, or while this computer is overloaded, s.
-const SILENT_AT_MOST_S: f64 = 4.0;
+const MAX_TIMEOUT_S: f64 = 4.0;
 /// After a peer has appeared, the longest timeout applies for this time, s.
-const GATHERS_FOR_S: f64 = 10.0;
+const START_GRACE_S: f64 = 10.0;
 /// The control thread checks every frame. A check that comes later than this after the previous one is late, s.
 const LATE_S: f64 = 0.1;
 /// After this time without a sign of overload the timeout is halved, s.
@@ -25,10 +25,10 @@ const CALM_S: f64 = 10.0;
 
 /// Watches the peers for silence.
 #[derive(Debug)]
-pub(super) struct Silence {
+pub(super) struct SilenceMonitor {
     peers: BTreeMap<VehicleId, Peer>,
-    silent_s: f64,
-    looked: Option<LocalTime>,
+    timeout_s: f64,
+    last_check: Option<LocalTime>,
     /// When overload was last detected, or the timeout last halved.
     calm_since: LocalTime,
 }
@@ -42,16 +42,16 @@ struct Peer {
     is_suspected: bool,
 }
 
-impl Silence {
+impl SilenceMonitor {
     pub(super) fn new() -> Self {
-        Self { peers: BTreeMap::new(), silent_s: SILENT_S, looked: None, calm_since: LocalTime::ZERO }
+        Self { peers: BTreeMap::new(), timeout_s: TIMEOUT_S, last_check: None, calm_since: LocalTime::ZERO }
     }
 
     /// Appends to `arrived` a `Vanished` for each peer that has become silent and an `Appeared` for each that sends
     /// again. Returns how long the own control thread did not run, s, if this check is late.
     pub(super) fn watch(&mut self, now: LocalTime, arrived: &mut Vec<Heard>) -> Option<f64> {
-        let since_s = self.looked.map_or(0.0, |looked| now.seconds_since(looked));
-        self.looked = Some(now);
+        let since_s = self.last_check.map_or(0.0, |last_check| now.seconds_since(last_check));
+        self.last_check = Some(now);
         let is_late = since_s > LATE_S;
         if is_late {
             self.back_off(now);
@@ -79,22 +79,22 @@ impl Silence {
             }
         }
         for (&id, peer) in &mut self.peers {
-            let gathers = now.seconds_since(peer.appeared) < GATHERS_FOR_S;
-            let may_be_s = if gathers { SILENT_AT_MOST_S } else { self.silent_s };
-            if !peer.is_suspected && peer.silent_s > may_be_s {
+            let is_starting = now.seconds_since(peer.appeared) < START_GRACE_S;
+            let timeout_s = if is_starting { MAX_TIMEOUT_S } else { self.timeout_s };
+            if !peer.is_suspected && peer.silent_s > timeout_s {
                 peer.is_suspected = true;
                 arrived.push(Heard { word: Word::Vanished(id), at: now });
             }
         }
         if now.seconds_since(self.calm_since) > CALM_S {
-            self.silent_s = (self.silent_s / 2.0).max(SILENT_S);
+            self.timeout_s = (self.timeout_s / 2.0).max(TIMEOUT_S);
             self.calm_since = now;
         }
         is_late.then_some(since_s)
     }
 
     fn back_off(&mut self, now: LocalTime) {
-        self.silent_s = (self.silent_s * 2.0).min(SILENT_AT_MOST_S);
+        self.timeout_s = (self.timeout_s * 2.0).min(MAX_TIMEOUT_S);
         self.calm_since = now;
     }
 }
@@ -113,7 +113,7 @@ mod tests {
         VehicleId::new(number).unwrap()
     }
 
-    fn register(sender: u8) -> Word {
+    fn heartbeat(sender: u8) -> Word {
         let header = Header { sender: id(sender), incarnation: Incarnation(1), sequence: 1, stamp: SenderStamp::ZERO };
         Word::Mission(Mission {
             header,
@@ -129,14 +129,14 @@ mod tests {
     }
 
     struct Watched {
-        silence: Silence,
+        silence: SilenceMonitor,
         now_s: f64,
     }
 
     impl Watched {
         /// A swarm that has started: messages of vehicle 2 arrived for twenty seconds.
         fn steady() -> Self {
-            let mut watched = Self { silence: Silence::new(), now_s: 0.0 };
+            let mut watched = Self { silence: SilenceMonitor::new(), now_s: 0.0 };
             assert_eq!(watched.pass(20.0, FRAME_S, &[2]), []);
             watched
         }
@@ -149,7 +149,7 @@ mod tests {
             while self.now_s < begin_s + for_s - 1e-9 {
                 self.now_s += every_s;
                 let at = LocalTime::from_seconds(self.now_s);
-                let mut arrived: Vec<_> = heard.iter().map(|&sender| Heard { word: register(sender), at }).collect();
+                let mut arrived: Vec<_> = heard.iter().map(|&sender| Heard { word: heartbeat(sender), at }).collect();
                 self.silence.watch(at, &mut arrived);
                 added.extend(arrived.split_off(heard.len()).iter().map(|heard| (heard.word, self.now_s - begin_s)));
             }
@@ -186,7 +186,7 @@ mod tests {
 
     #[test]
     fn a_starting_swarm_gets_the_longest_timeout() {
-        let mut watched = Watched { silence: Silence::new(), now_s: 0.0 };
+        let mut watched = Watched { silence: SilenceMonitor::new(), now_s: 0.0 };
         watched.pass(0.1, FRAME_S, &[2, 3]);
         assert_eq!(watched.pass(3.8, FRAME_S, &[3]), []);
         let [(word, _)] = watched.pass(0.4, FRAME_S, &[3])[..] else { panic!("not exactly one suspected") };

@@ -16,7 +16,7 @@ use zenoh::handlers::FifoChannel;
 
 use super::*;
 use crate::config::PlantChoice;
-use crate::link::seal::orders::seal;
+use crate::link::seal::orders::sign;
 use crate::link::seal::tests::sealer;
 use crate::link::{self, Security};
 use skein_core::aircraft::Aircraft;
@@ -25,7 +25,7 @@ use skein_core::helicopter::{BuiltInVehicle, Start, Weather};
 use skein_host::clock::{now, sleep_until};
 
 /// Time limit of a wait; a test that passes needs a third of it.
-const PATIENCE: Duration = Duration::from_secs(30);
+const TIMEOUT: Duration = Duration::from_secs(30);
 
 /// Vehicle `number` of a swarm of two, 60 m from the other.
 fn node(swarm: &SwarmName, number: u8) -> Node {
@@ -76,7 +76,7 @@ impl Flight {
 }
 
 fn wait_until(what: &str, mut is_so: impl FnMut() -> bool) {
-    let deadline: Instant = now() + PATIENCE;
+    let deadline: Instant = now() + TIMEOUT;
     while !is_so() {
         assert!(now() < deadline, "timed out waiting for {what}");
         sleep_until(now() + Duration::from_millis(5));
@@ -111,18 +111,18 @@ fn two_agents_find_each_other_become_active_and_land_on_request() {
     let begin = now();
     let two = Flight::begin(node(&swarm, 2), second, &tokio);
 
-    let mut told: Vec<Event> = Vec::new();
-    let has = |told: &[Event], number: u8, what| {
-        told.iter().any(|event| event.header.sender.get() == number && event.what == what)
+    let mut recorded: Vec<Event> = Vec::new();
+    let has = |recorded: &[Event], number: u8, what| {
+        recorded.iter().any(|event| event.header.sender.get() == number && event.what == what)
     };
     wait_until("two members", || {
-        told.extend(events());
-        has(&told, 1, Happening::BecameActive) && has(&told, 2, Happening::BecameActive)
+        recorded.extend(events());
+        has(&recorded, 1, Happening::BecameActive) && has(&recorded, 2, Happening::BecameActive)
     });
     assert!(now() < begin + Duration::from_secs(5));
     for number in [1, 2] {
         let other = VehicleId::new(3 - number).unwrap();
-        assert!(has(&told, number, Happening::PeerFound(other)), "{told:?}");
+        assert!(has(&recorded, number, Happening::PeerFound(other)), "{recorded:?}");
     }
 
     let (mut health, mut trace): (Vec<Health>, Vec<Trace>) = (Vec::new(), Vec::new());
@@ -130,33 +130,33 @@ fn two_agents_find_each_other_become_active_and_land_on_request() {
         health.extend(healths());
         trace.extend(traces());
         [1, 2].iter().all(|&number| {
-            let of_both = |said: &Health| {
-                said.header.sender.get() == number && said.peers.first().is_some_and(|peer| peer.clock.is_some())
+            let of_both = |message: &Health| {
+                message.header.sender.get() == number && message.peers.first().is_some_and(|peer| peer.clock.is_some())
             };
-            health.iter().any(of_both) && trace.iter().any(|said| said.header.sender.get() == number)
+            health.iter().any(of_both) && trace.iter().any(|message| message.header.sender.get() == number)
         })
     });
     let last = health.last().unwrap();
     assert_eq!((last.plant.as_str(), last.drops.total()), ("builtin", 0));
     assert!(last.frame_rate_hz > 25.0 && last.step_p50_us > 0.0 && last.step_p50_us <= last.step_p99_us, "{last:?}");
     assert_eq!(last.peers[0].standing, Standing::Fresh);
-    let clocks: Vec<_> = health.iter().filter_map(|said| said.peers.first()?.clock).collect();
+    let clocks: Vec<_> = health.iter().filter_map(|message| message.peers.first()?.clock).collect();
     assert!(clocks.iter().all(|clock| clock.offset_s.abs() <= clock.bound_s && clock.bound_s < 0.5), "{clocks:?}");
     assert!(
         last.failures.is_empty() && last.refused.is_empty() && last.version == env!("CARGO_PKG_VERSION"),
         "{last:?}"
     );
-    let of_one = trace.iter().filter(|said| said.header.sender.get() == 1);
-    let sequence: Vec<u64> = of_one.map(|said| said.header.sequence).collect();
+    let of_one = trace.iter().filter(|message| message.header.sender.get() == 1);
+    let sequence: Vec<u64> = of_one.map(|message| message.header.sequence).collect();
     assert!(sequence.windows(2).all(|pair| pair[0] < pair[1]));
-    assert!(trace.iter().all(|said| said.step_us.is_some() || said.header.sequence == 1));
+    assert!(trace.iter().all(|message| message.step_us.is_some() || message.header.sequence == 1));
 
-    one.stop.ask();
-    two.stop.ask();
+    one.stop.request();
+    two.stop.request();
     one.end();
     two.end();
-    told.extend(events());
-    assert!(has(&told, 1, Happening::Landed) && has(&told, 2, Happening::Landed), "{told:?}");
+    recorded.extend(events());
+    assert!(has(&recorded, 1, Happening::Landed) && has(&recorded, 2, Happening::Landed), "{recorded:?}");
 }
 
 #[test]
@@ -177,15 +177,15 @@ fn a_cut_in_the_scenario_separates_two_agents_until_it_ends() {
     let observer = link::open_zenoh(&swarm, &[], &dial, &[]).unwrap();
     let mut events = listen::<Event>(&observer, all::EVENTS);
     let flights = [Flight::begin(one, session, &tokio), Flight::begin(two, second, &tokio)];
-    let mut told: Vec<(Instant, Event)> = Vec::new();
+    let mut recorded: Vec<(Instant, Event)> = Vec::new();
     for number in [1, 2] {
         let other = VehicleId::new(3 - number).unwrap();
         let mut when = |what, nth: usize| {
             let mut at = None;
             wait_until(&format!("{number}: {what}"), || {
-                told.extend(events().into_iter().map(|event| (now(), event)));
+                recorded.extend(events().into_iter().map(|event| (now(), event)));
                 let mut its =
-                    told.iter().filter(|(_, event)| event.header.sender.get() == number && event.what == what);
+                    recorded.iter().filter(|(_, event)| event.header.sender.get() == number && event.what == what);
                 at = its.nth(nth).map(|(at, _)| *at);
                 at.is_some()
             });
@@ -199,8 +199,8 @@ fn a_cut_in_the_scenario_separates_two_agents_until_it_ends() {
         assert!(back > lost + Duration::from_millis(700), "{:?}", back - lost);
     }
     for flight in flights {
-        flight.stop.ask();
-        flight.stop.ask();
+        flight.stop.request();
+        flight.stop.request();
         flight.end();
     }
 }
@@ -229,11 +229,11 @@ fn an_agent_publishes_ages_that_include_the_delay_of_the_network() {
             *oldest_s = step.peers.iter().map(|peer| peer.age_s).fold(*oldest_s, f64::max);
         }
         [1, 2].iter().all(|&number| {
-            let mut its = health.iter().filter(|said| said.header.sender.get() == number);
-            its.any(|said| said.peers.iter().any(|peer| peer.delay_s.is_some()))
+            let mut its = health.iter().filter(|message| message.header.sender.get() == number);
+            its.any(|message| message.peers.iter().any(|peer| peer.delay_s.is_some()))
         }) && oldest_s.iter().all(|age_s| *age_s >= 4.0)
     });
-    let peers = || health.iter().flat_map(|said| &said.peers);
+    let peers = || health.iter().flat_map(|message| &message.peers);
     for peer in peers().filter(|peer| peer.standing != Standing::Lost) {
         let Some(delay_s) = peer.delay_s else { continue };
         assert!((4.0..5.0).contains(&delay_s) && peer.age_s >= delay_s, "{peer:?}");
@@ -241,8 +241,8 @@ fn an_agent_publishes_ages_that_include_the_delay_of_the_network() {
     }
     assert!(peers().any(|peer| peer.delay_s.is_none()), "the delay is unknown before the first round trip");
     for flight in flights {
-        flight.stop.ask();
-        flight.stop.ask();
+        flight.stop.request();
+        flight.stop.request();
         flight.end();
     }
 }
@@ -297,8 +297,8 @@ fn a_delay_that_starts_in_flight_increases_the_ages_and_loses_no_peer() {
     }
     assert!(!events().iter().any(|event| matches!(event.what, Happening::PeerLost(_))));
     for flight in flights {
-        flight.stop.ask();
-        flight.stop.ask();
+        flight.stop.request();
+        flight.stop.request();
         flight.end();
     }
 }
@@ -334,18 +334,19 @@ fn network_impairments_and_clock_offsets_of_the_scenario_apply_to_real_agents() 
     let mut traces = listen::<Trace>(&observer, all::TRACES);
     let flights = [Flight::begin(one, session, &tokio), Flight::begin(two, second, &tokio)];
     let (mut steps, mut health): (Vec<Trace>, Vec<Health>) = (Vec::new(), Vec::new());
-    let of = |said: &Header, number: u8| said.sender.get() == number;
+    let of = |header: &Header, number: u8| header.sender.get() == number;
     for number in [1, 2] {
         wait_until("two hundred steps of a member in contact that has dropped reordered messages", || {
             steps.extend(traces().into_iter().filter(|step| step.peers.first().is_some_and(|peer| peer.age_s < 3.0)));
             health.extend(healths());
             steps.iter().filter(|step| of(&step.header, number) && step.membership == Membership::Active).count() > 200
-                && health.iter().any(|said| of(&said.header, number) && said.drops.old > 3)
+                && health.iter().any(|message| of(&message.header, number) && message.drops.old > 3)
         });
     }
-    let named =
-        |said: &Health| said.refused.iter().any(|kind| kind.reason == Reason::Old && kind.key.starts_with("vehicle/"));
-    assert!(health.iter().filter(|said| said.drops.old > 3).all(named), "{health:?}");
+    let named = |message: &Health| {
+        message.refused.iter().any(|kind| kind.reason == Reason::Old && kind.key.starts_with("vehicle/"))
+    };
+    assert!(health.iter().filter(|message| message.drops.old > 3).all(named), "{health:?}");
     let late: Vec<f64> = steps.iter().map(|step| step.peers[0].delivered_age_s).collect();
     assert!(late.iter().all(|late_s| (0.2..=0.9 + 0.2).contains(late_s)), "{late:?}");
     let spread_s = late.iter().fold(0.0, |most: f64, late_s| most.max(*late_s)) - 0.2;
@@ -353,10 +354,10 @@ fn network_impairments_and_clock_offsets_of_the_scenario_apply_to_real_agents() 
     // Neither vehicle learns the other's clock setting, and no age shows it.
     let hours = |number| steps.iter().rfind(|step| of(&step.header, number)).unwrap().header.stamp.seconds() / 3600.0;
     assert!((2.0..2.1).contains(&hours(1)) && (0.0..0.1).contains(&hours(2)), "{} and {}", hours(1), hours(2));
-    assert!(health.iter().all(|said| said.uptime_s < 100.0), "{health:?}");
+    assert!(health.iter().all(|message| message.uptime_s < 100.0), "{health:?}");
     for flight in flights {
-        flight.stop.ask();
-        flight.stop.ask();
+        flight.stop.request();
+        flight.stop.request();
         flight.end();
     }
 }
@@ -366,20 +367,20 @@ fn an_agent_whose_launcher_is_gone_flies_until_an_order_has_landed_it() {
     let tokio = Builder::new_multi_thread().worker_threads(1).enable_all().build().unwrap();
     let (swarm, session, dial) = hub("order");
     let flight = Flight::begin(node(&swarm, 1), session, &tokio);
-    flight.stop.forsake();
+    flight.stop.abandon();
     let observer = link::open_zenoh(&swarm, &[], &dial, &[]).unwrap();
     let mut events = listen::<Event>(&observer, all::EVENTS);
-    let mut told: Vec<Happening> = Vec::new();
+    let mut recorded: Vec<Happening> = Vec::new();
     wait_until("a member", || {
-        told.extend(events().iter().map(|event| event.what));
-        told.contains(&Happening::BecameActive)
+        recorded.extend(events().iter().map(|event| event.what));
+        recorded.contains(&Happening::BecameActive)
     });
     assert!(!flight.thread.is_finished());
     let order = Order { epoch: 1, issuer: 5, verb: Verb::Land, seal: None };
     observer.put(Topic::Order(order.issuer).key(), encode(&order)).wait().unwrap();
     flight.end();
-    told.extend(events().iter().map(|event| event.what));
-    assert!(told.contains(&Happening::OrderTaken(order)) && told.contains(&Happening::Landed), "{told:?}");
+    recorded.extend(events().iter().map(|event| event.what));
+    assert!(recorded.contains(&Happening::OrderTaken(order)) && recorded.contains(&Happening::Landed), "{recorded:?}");
 }
 
 #[test]
@@ -390,13 +391,13 @@ fn an_invented_order_lands_no_vehicle_and_a_signed_one_does() {
     let one = Node { orders_key: Some(operator.key()), run: 7, ..node(&swarm, 1) };
     let plan = one.scenario.plan_hash();
     let flight = Flight::begin(one, session, &tokio);
-    flight.stop.forsake();
+    flight.stop.abandon();
     let other = link::open_zenoh(&swarm, &[], &dial, &[]).unwrap();
     let (mut events, mut healths) = (listen::<Event>(&other, all::EVENTS), listen::<Health>(&other, all::HEALTH));
     let mut missions = listen::<Mission>(&other, all::MISSIONS);
-    let mut told: Vec<Happening> = Vec::new();
+    let mut recorded: Vec<Happening> = Vec::new();
     let abort = Order { epoch: u64::MAX, issuer: 5, verb: Verb::Abort, seal: None };
-    let mut register = Mission {
+    let mut heartbeat = Mission {
         header: Header {
             sender: VehicleId::new(2).unwrap(),
             incarnation: Incarnation(1),
@@ -415,30 +416,30 @@ fn an_invented_order_lands_no_vehicle_and_a_signed_one_does() {
     let put = |topic: Topic, bytes: Vec<u8>| other.put(topic.key(), bytes).wait().unwrap();
     let mut named: Vec<Refused> = Vec::new();
     wait_until("a member that has refused an invented order and an order of an earlier run", || {
-        register.header.sequence += 1;
-        register.order = Some(abort);
-        put(Topic::Mission(register.header.sender), encode(&register));
-        put(Topic::Order(5), encode(&seal(&operator, &swarm, 6, abort)));
-        told.extend(events().iter().map(|event| event.what));
-        named = healths().pop().map_or_else(|| named.clone(), |said| said.refused);
+        heartbeat.header.sequence += 1;
+        heartbeat.order = Some(abort);
+        put(Topic::Mission(heartbeat.header.sender), encode(&heartbeat));
+        put(Topic::Order(5), encode(&sign(&operator, &swarm, 6, abort)));
+        recorded.extend(events().iter().map(|event| event.what));
+        named = healths().pop().map_or_else(|| named.clone(), |message| message.refused);
         let refused = |key: &str| named.iter().any(|kind| kind.reason == Reason::Unsealed && kind.key == key);
-        told.contains(&Happening::BecameActive) && refused("vehicle/2/mission") && refused("order")
+        recorded.contains(&Happening::BecameActive) && refused("vehicle/2/mission") && refused("order")
     });
-    assert!(!told.iter().any(|what| matches!(what, Happening::OrderTaken(_))), "{told:?}");
-    let said: Vec<_> = missions().into_iter().filter(|said| said.header.sender.get() == 1).collect();
-    assert!(!said.is_empty() && said.iter().all(|said| said.order.is_none()), "{said:?}");
+    assert!(!recorded.iter().any(|what| matches!(what, Happening::OrderTaken(_))), "{recorded:?}");
+    let heartbeats: Vec<_> = missions().into_iter().filter(|message| message.header.sender.get() == 1).collect();
+    assert!(!heartbeats.is_empty() && heartbeats.iter().all(|message| message.order.is_none()), "{heartbeats:?}");
 
     // The order travels only in the other vehicle's heartbeat: it needs to reach just one vehicle.
     let land = Order { epoch: 1, issuer: 5, verb: Verb::Land, seal: None };
-    register.order = Some(seal(&operator, &swarm, 7, land));
+    heartbeat.order = Some(sign(&operator, &swarm, 7, land));
     wait_until("the order to be passed on", || {
-        register.header.sequence += 1;
-        put(Topic::Mission(register.header.sender), encode(&register));
-        missions().iter().any(|said| said.header.sender.get() == 1 && said.order == register.order)
+        heartbeat.header.sequence += 1;
+        put(Topic::Mission(heartbeat.header.sender), encode(&heartbeat));
+        missions().iter().any(|message| message.header.sender.get() == 1 && message.order == heartbeat.order)
     });
     flight.end();
-    told.extend(events().iter().map(|event| event.what));
-    assert!(told.contains(&Happening::OrderTaken(land)) && told.contains(&Happening::Landed), "{told:?}");
+    recorded.extend(events().iter().map(|event| event.what));
+    assert!(recorded.contains(&Happening::OrderTaken(land)) && recorded.contains(&Happening::Landed), "{recorded:?}");
 }
 
 #[test]
@@ -446,8 +447,8 @@ fn a_second_request_ends_at_once() {
     let tokio = Builder::new_multi_thread().worker_threads(1).enable_all().build().unwrap();
     let (swarm, session, _) = hub("twice");
     let flight = Flight::begin(node(&swarm, 1), session, &tokio);
-    flight.stop.ask();
-    flight.stop.ask();
+    flight.stop.request();
+    flight.stop.request();
     let begin = now();
     flight.end();
     assert!(now() < begin + Duration::from_secs(3));
@@ -462,9 +463,9 @@ fn without_a_simulator_the_agent_ends_on_request_without_landing() {
     let plant = PlantChoice::Standin(silent.local_addr().unwrap());
     let flight = Flight::begin(Node { plant, ..node(&swarm, 1) }, session, &tokio);
     let mut request = [0; 64];
-    silent.set_read_timeout(Some(PATIENCE)).unwrap();
+    silent.set_read_timeout(Some(TIMEOUT)).unwrap();
     silent.recv(&mut request).unwrap();
     assert!(!flight.thread.is_finished());
-    flight.stop.ask();
+    flight.stop.request();
     flight.end();
 }

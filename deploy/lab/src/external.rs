@@ -21,7 +21,7 @@ use skein_common::id::VehicleId;
 use skein_common::scenario::Scenario;
 use skein_core::formation::external::{Answer, Ask};
 use skein_host::external::protocol::{self, Fault, Heard, Hello, Said, Time};
-use skein_host::external::talk::{Deaf, Sink, Talk, Word};
+use skein_host::external::session::{Deaf, Sink, Talk, Word};
 use skein_host::external::{ExternalError, Way, port_of, vector};
 
 use crate::world::World;
@@ -177,7 +177,7 @@ impl Laws {
                 session.map_err(|error| ExternalError::Port(format!("{}:{answer_port}", answer.0), error))?
             }
             Way::Listen(host, _) => {
-                return Err(ExternalError::Way(format!("one connection to {host} serves all vehicles")));
+                return Err(ExternalError::Transport(format!("one connection to {host} serves all vehicles")));
             }
         };
         Ok(Conversation::new(vec![id], session, words))
@@ -203,7 +203,7 @@ impl Laws {
     /// Waits for the law that serves all vehicles.
     fn accept(&self) -> Result<Conversation, LawError> {
         let Some(listener) = &self.listener else {
-            return Err(ExternalError::Way("the study does not listen for a law".to_owned()).into());
+            return Err(ExternalError::Transport("the study does not listen for a law".to_owned()).into());
         };
         let here = listener.local_addr().map_or_else(|_| String::new(), |here| here.to_string());
         eprintln!("waiting for a law to connect to {here}");
@@ -257,7 +257,7 @@ impl Laws {
 impl Drop for Laws {
     /// Sends bye to all laws first, so that they end at the same time.
     fn drop(&mut self) {
-        self.conversations.iter_mut().for_each(|conversation| conversation.session.say_bye());
+        self.conversations.iter_mut().for_each(|conversation| conversation.session.send_bye());
     }
 }
 
@@ -300,12 +300,12 @@ impl Conversation {
     }
 
     fn send(&mut self, said: &Said<'_>) -> Result<(), LawError> {
-        self.session.say(said).map_err(|Deaf| self.ended())
+        self.session.send(said).map_err(|Deaf| self.ended())
     }
 
     /// Waits until the law has reported `times` times that it is ready. Answers before that belong to the last run.
     fn wait_until_ready(&mut self, mut times: usize) -> Result<(), LawError> {
-        if self.session.is_of_vectors() {
+        if self.session.uses_vectors() {
             return Ok(());
         }
         let since = now();
@@ -329,7 +329,7 @@ impl Conversation {
             let fault = match self.next(since, "an answer")? {
                 None => {
                     // A datagram may be lost, or the model was not running yet.
-                    if self.session.is_of_vectors() {
+                    if self.session.uses_vectors() {
                         open.iter().try_for_each(|ask| self.send(&Said::Ask(ask)))?;
                     }
                     continue;
@@ -343,7 +343,7 @@ impl Conversation {
                         continue;
                     }
                     // The answer to a query that was sent twice.
-                    if self.session.is_of_vectors() {
+                    if self.session.uses_vectors() {
                         continue;
                     }
                     if self.closed.contains(&asked) {
@@ -371,7 +371,7 @@ impl Conversation {
 
     /// Receives the next message of the law; `None` when it is time to send the datagrams again.
     fn next(&mut self, since: Instant, awaited: &'static str) -> Result<Option<Result<Heard, Fault>>, LawError> {
-        let (limit, for_s) = if self.session.is_of_vectors() && !self.has_answered {
+        let (limit, for_s) = if self.session.uses_vectors() && !self.has_answered {
             (CONNECT_TIMEOUT, CONNECT_TIMEOUT_S)
         } else {
             (LAW_TIMEOUT, LAW_TIMEOUT_S)
@@ -380,13 +380,13 @@ impl Conversation {
         if left.is_zero() {
             return Err(LawError::Silent { vehicle: self.first_vehicle(), for_s, awaited });
         }
-        let patience = if self.session.is_of_vectors() { left.min(RESEND_AFTER) } else { left };
+        let patience = if self.session.uses_vectors() { left.min(RESEND_AFTER) } else { left };
         match self.words.recv_timeout(patience) {
-            Ok(Word::Said(said)) if self.session.is_of_vectors() => {
+            Ok(Word::Data(said)) if self.session.uses_vectors() => {
                 self.has_answered = true;
                 Ok(Some(vector::read(&said).map(Heard::Answer)))
             }
-            Ok(Word::Said(line)) => Ok(Some(protocol::read(&line))),
+            Ok(Word::Data(line)) => Ok(Some(protocol::read(&line))),
             Ok(Word::TooLong) => Ok(Some(Err(Fault::TooLong))),
             Ok(Word::End) | Err(RecvTimeoutError::Disconnected) => Err(self.ended()),
             Err(RecvTimeoutError::Timeout) => Ok(None),

@@ -206,7 +206,7 @@ impl LinkEnd {
         let position = Geodetic::from_degrees(28.000_1, -82.000_1, 30.1);
         let velocity = VelocityNed::new(0.1, -0.2, 0.01);
         let state = State { header: self.header(), state: VehicleState { position, velocity, heading_rad: 1.0 } };
-        self.link.say_state(&state, Cell::of(PositionNed::new(10.0, -10.0, -30.0)));
+        self.link.publish_state(&state, Cell::of(PositionNed::new(10.0, -10.0, -30.0)));
         message::encode(&state).len()
     }
 
@@ -225,7 +225,7 @@ impl LinkEnd {
             order: None,
             echo,
         };
-        self.link.say_mission(&heartbeat);
+        self.link.publish_mission(&heartbeat);
         message::encode(&heartbeat).len()
     }
 

@@ -8,9 +8,9 @@ use std::path::{Path, PathBuf};
 use crate::keys::Role;
 use rcgen::{KeyPair, PKCS_ED25519};
 use serde::{Deserialize, Serialize};
-use skein_agent::link::security::{Known, known_by_vehicle};
+use skein_agent::link::security::{Known, identities_by_vehicle};
 use skein_common::id::VehicleId;
-use skein_host::whole::{self, Promise};
+use skein_host::atomic_file::{self, Promise};
 
 use super::certificate::{Pair, shows};
 use crate::os;
@@ -54,7 +54,7 @@ pub(crate) fn key_file(role: Role) -> String {
 pub(crate) struct Names {
     pub(crate) observer: String,
     pub(crate) operator: String,
-    #[serde(deserialize_with = "known_by_vehicle")]
+    #[serde(deserialize_with = "identities_by_vehicle")]
     pub(crate) vehicles: BTreeMap<VehicleId, Known>,
 }
 
@@ -115,7 +115,7 @@ impl Folder {
     pub(crate) fn write(&self, name: &str, text: &str) -> Result<(), Error> {
         let is_secret = Path::new(name).extension().is_some_and(|extension| extension == "key");
         let path = self.path(name);
-        whole::write(&path, text.as_bytes(), Promise::of(is_secret))
+        atomic_file::write(&path, text.as_bytes(), Promise::of(is_secret))
             .map_err(|error| Error::Failed(format!("{}: {error}", path.display())))
     }
 

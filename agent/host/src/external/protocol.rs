@@ -83,6 +83,7 @@ pub enum Said<'a> {
     /// First message, sent again to start the law anew.
     Hello(&'a Hello),
     /// Query that needs one reply.
+    #[serde(rename = "ask")]
     Ask(&'a Ask),
     /// Last message.
     Bye,

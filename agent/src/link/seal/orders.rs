@@ -19,14 +19,14 @@ const CONTEXT: &[u8] = b"skein order v1\0";
 const KEPT: usize = 16;
 
 /// The signed bytes: the order's content, swarm and run. Every field has a fixed length.
-fn signed(swarm: &SwarmName, run: u64, order: &Order) -> Vec<u8> {
+fn signed_bytes(swarm: &SwarmName, run: u64, order: &Order) -> Vec<u8> {
     let (verb, step) = match order.verb {
         Verb::Hold => (0, 0),
         Verb::Land => (1, 0),
         Verb::Goto(step) => (2, step),
         Verb::Abort => (3, 0),
     };
-    let mut bytes = super::signed(CONTEXT, swarm, run);
+    let mut bytes = super::signed_prefix(CONTEXT, swarm, run);
     bytes.extend(order.epoch.to_le_bytes());
     bytes.extend(order.issuer.to_le_bytes());
     bytes.push(verb);
@@ -36,12 +36,12 @@ fn signed(swarm: &SwarmName, run: u64, order: &Order) -> Vec<u8> {
 
 /// Whether the operator with this key gave this order in this run of the swarm. Takes about 100 µs.
 pub fn is_sealed(key: &SealKey, swarm: &SwarmName, run: u64, order: &Order) -> bool {
-    order.seal.is_some_and(|seal| key.has_sealed(&signed(swarm, run, order), seal))
+    order.seal.is_some_and(|seal| key.has_sealed(&signed_bytes(swarm, run, order), seal))
 }
 
 /// Signs the order for this run of this swarm.
-pub fn seal(sealer: &Sealer, swarm: &SwarmName, run: u64, order: Order) -> Order {
-    Order { seal: Some(sealer.seal(&signed(swarm, run, &order))), ..order }
+pub fn sign(sealer: &Sealer, swarm: &SwarmName, run: u64, order: Order) -> Order {
+    Order { seal: Some(sealer.sign(&signed_bytes(swarm, run, &order))), ..order }
 }
 
 /// Verifies orders, and remembers the latest results so that a repeated order costs nothing.
@@ -88,7 +88,7 @@ mod tests {
     #[test]
     fn a_signature_is_valid_for_one_order_in_one_run_of_one_swarm() {
         let (operator, lab) = (sealer(), name("lab"));
-        let (key, sealed) = (operator.key(), seal(&operator, &lab, 7, ORDER));
+        let (key, sealed) = (operator.key(), sign(&operator, &lab, 7, ORDER));
         assert_eq!(Order { seal: None, ..sealed }, ORDER);
         assert!(is_sealed(&key, &lab, 7, &sealed));
         assert!(!is_sealed(&key, &lab, 7, &ORDER), "not signed");
@@ -114,14 +114,14 @@ mod tests {
         golden.extend([3, 0, 0, 0, 0, 0, 0, 0]);
         golden.extend(b"lab");
         golden.extend([7, 0, 0, 0, 0, 0, 0, 0, 5, 0, 0, 0, 0, 0, 0, 0, 9, 0, 0, 0, 0, 0, 0, 0, 2, 2, 0, 0, 0]);
-        assert_eq!(signed(&name("lab"), 7, &ORDER), golden);
+        assert_eq!(signed_bytes(&name("lab"), 7, &ORDER), golden);
     }
 
     #[test]
     fn verified_orders_are_remembered_in_bounded_memory() {
         let (operator, lab) = (sealer(), name("lab"));
         let checker = Checker::new(operator.key(), lab.clone());
-        let sealed = |epoch| seal(&operator, &lab, 7, Order { epoch, ..ORDER });
+        let sealed = |epoch| sign(&operator, &lab, 7, Order { epoch, ..ORDER });
         for epoch in 0..100 {
             assert!(checker.is_sealed(7, &sealed(epoch)));
             assert!(!checker.is_sealed(8, &sealed(epoch)));

@@ -23,17 +23,17 @@ pub struct RunNote {
 impl RunNote {
     /// Signs a note of a run that begins now.
     pub fn new(sealer: &Sealer, swarm: &SwarmName, run: u64, began_ms: u64) -> Self {
-        Self { run, began_ms, seal: sealer.seal(&signed(swarm, run, began_ms)) }
+        Self { run, began_ms, seal: sealer.sign(&signed_bytes(swarm, run, began_ms)) }
     }
 
     /// Whether the operator of this swarm, with this public key, signed this note.
     pub fn is_sealed(&self, key: &SealKey, swarm: &SwarmName) -> bool {
-        key.has_sealed(&signed(swarm, self.run, self.began_ms), self.seal)
+        key.has_sealed(&signed_bytes(swarm, self.run, self.began_ms), self.seal)
     }
 }
 
-fn signed(swarm: &SwarmName, run: u64, began_ms: u64) -> Vec<u8> {
-    let mut bytes = super::signed(CONTEXT, swarm, run);
+fn signed_bytes(swarm: &SwarmName, run: u64, began_ms: u64) -> Vec<u8> {
+    let mut bytes = super::signed_prefix(CONTEXT, swarm, run);
     bytes.extend(began_ms.to_le_bytes());
     bytes
 }

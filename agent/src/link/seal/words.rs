@@ -92,11 +92,11 @@ impl Voices {
             return Ok(Said { message: own(&topic, bytes)?, run: None });
         };
         let (rest, seal) = bytes.split_last_chunk().ok_or(Unbelieved::NoSeal)?;
-        let (said, run) = rest.split_last_chunk().ok_or(Unbelieved::NoSeal)?;
+        let (body, run) = rest.split_last_chunk().ok_or(Unbelieved::NoSeal)?;
         let (run, seal) = (u64::from_le_bytes(*run), Seal::from_bytes(*seal));
         // The cheap check comes first.
-        let message = own(&topic, said)?;
-        if known_by.has_sealed(&self.signed(run, key, said), seal) {
+        let message = own(&topic, body)?;
+        if known_by.has_sealed(&self.signed_bytes(run, key, body), seal) {
             Ok(Said { message, run: Some(run) })
         } else {
             Err(Unbelieved::NoSeal)
@@ -107,15 +107,15 @@ impl Voices {
     pub fn write(&self, sealer: Option<&Sealer>, run: u64, key: &str, message: &impl Message) -> Vec<u8> {
         let mut bytes = message::encode(message);
         if let Some(sealer) = sealer {
-            let seal = sealer.seal(&self.signed(run, key, &bytes));
+            let seal = sealer.sign(&self.signed_bytes(run, key, &bytes));
             bytes.extend(run.to_le_bytes());
             bytes.extend(seal.to_bytes());
         }
         bytes
     }
 
-    fn signed(&self, run: u64, key: &str, message: &[u8]) -> Vec<u8> {
-        let mut bytes = super::signed(CONTEXT, &self.swarm, run);
+    fn signed_bytes(&self, run: u64, key: &str, message: &[u8]) -> Vec<u8> {
+        let mut bytes = super::signed_prefix(CONTEXT, &self.swarm, run);
         bytes.extend((key.len() as u64).to_le_bytes());
         bytes.extend(key.as_bytes());
         bytes.extend(message);
@@ -157,45 +157,45 @@ mod tests {
         let (one, two) = (sealer(), sealer());
         let keys = BTreeMap::from([(id(1), one.key()), (id(2), two.key())]);
         let lab = Voices::sealed(name("lab"), keys.clone());
-        let said = lab.write(Some(&one), 7, "vehicle/1/event", &event(1));
+        let bytes = lab.write(Some(&one), 7, "vehicle/1/event", &event(1));
         let read = |voices: &Voices, key: &str, bytes: &[u8]| voices.read::<Event>(key, bytes);
-        assert_eq!(read(&lab, "vehicle/1/event", &said), Ok(Said { message: event(1), run: Some(7) }));
-        assert_eq!(said.len(), message::encode(&event(1)).len() + ADDED_BYTES);
+        assert_eq!(read(&lab, "vehicle/1/event", &bytes), Ok(Said { message: event(1), run: Some(7) }));
+        assert_eq!(bytes.len(), message::encode(&event(1)).len() + ADDED_BYTES);
 
         let forged = Err(Unbelieved::NoSeal);
-        assert_eq!(read(&lab, "vehicle/1/health", &said), forged, "another kind of message");
-        assert_eq!(read(&Voices::sealed(name("lab2"), keys), "vehicle/1/event", &said), forged, "another swarm");
+        assert_eq!(read(&lab, "vehicle/1/health", &bytes), forged, "another kind of message");
+        assert_eq!(read(&Voices::sealed(name("lab2"), keys), "vehicle/1/event", &bytes), forged, "another swarm");
         for by_two in [lab.write(Some(&two), 7, "vehicle/1/event", &event(1)), message::encode(&event(1))] {
             assert!(read(&lab, "vehicle/1/event", &by_two).is_err());
         }
-        assert_eq!(read(&lab, "vehicle/2/event", &said), Err(Unbelieved::OtherName));
-        assert_eq!(read(&lab, "order/1", &said).unwrap_err().reason(), Reason::Undecodable);
-        assert_eq!(read(&lab, "vehicle/3/event", &said), Err(Unbelieved::Stranger));
-        assert_eq!(read(&lab, "somewhere/else", &said), Err(Unbelieved::OtherName));
+        assert_eq!(read(&lab, "vehicle/2/event", &bytes), Err(Unbelieved::OtherName));
+        assert_eq!(read(&lab, "order/1", &bytes).unwrap_err().reason(), Reason::Undecodable);
+        assert_eq!(read(&lab, "vehicle/3/event", &bytes), Err(Unbelieved::Stranger));
+        assert_eq!(read(&lab, "somewhere/else", &bytes), Err(Unbelieved::OtherName));
     }
 
     #[test]
     fn a_signed_message_with_a_changed_or_missing_byte_is_refused() {
         let one = sealer();
         let lab = Voices::sealed(name("lab"), BTreeMap::from([(id(1), one.key())]));
-        let said = lab.write(Some(&one), 7, "vehicle/1/event", &event(1));
-        for nth in 0..said.len() {
+        let bytes = lab.write(Some(&one), 7, "vehicle/1/event", &event(1));
+        for nth in 0..bytes.len() {
             for bit in 0..8 {
-                let mut changed = said.clone();
+                let mut changed = bytes.clone();
                 changed[nth] ^= 1 << bit;
                 assert!(lab.read::<Event>("vehicle/1/event", &changed).is_err(), "bit {bit} of byte {nth}");
             }
-            assert!(lab.read::<Event>("vehicle/1/event", &said[..nth]).is_err(), "{nth} bytes");
+            assert!(lab.read::<Event>("vehicle/1/event", &bytes[..nth]).is_err(), "{nth} bytes");
         }
     }
 
     #[test]
     fn plain_messages_and_orders_carry_no_vehicle_signature() {
         let plain = Voices::plain(name("lab"));
-        let said = plain.write(None, 7, "vehicle/1/event", &event(1));
-        assert_eq!(said, message::encode(&event(1)));
-        assert_eq!(plain.read("vehicle/1/event", &said), Ok(Said { message: event(1), run: None }));
-        assert_eq!(plain.read::<Event>("vehicle/2/event", &said), Err(Unbelieved::OtherName));
+        let bytes = plain.write(None, 7, "vehicle/1/event", &event(1));
+        assert_eq!(bytes, message::encode(&event(1)));
+        assert_eq!(plain.read("vehicle/1/event", &bytes), Ok(Said { message: event(1), run: None }));
+        assert_eq!(plain.read::<Event>("vehicle/2/event", &bytes), Err(Unbelieved::OtherName));
         let order = Order { epoch: 1, issuer: 9, verb: Verb::Land, seal: None };
         for voices in [plain, Voices::sealed(name("lab"), BTreeMap::new())] {
             assert_eq!(voices.read("order/9", &message::encode(&order)), Ok(Said { message: order, run: None }));
@@ -212,6 +212,6 @@ mod tests {
         golden.extend([7, 0, 0, 0, 0, 0, 0, 0, 15, 0, 0, 0, 0, 0, 0, 0]);
         golden.extend(b"vehicle/1/event");
         golden.extend([4, 1, 2]);
-        assert_eq!(Voices::plain(name("lab")).signed(7, "vehicle/1/event", &[4, 1, 2]), golden);
+        assert_eq!(Voices::plain(name("lab")).signed_bytes(7, "vehicle/1/event", &[4, 1, 2]), golden);
     }
 }

@@ -38,20 +38,26 @@ fn health(sender: u8, sequence: u64, peers: &[u8]) -> Health {
 }
 
 /// Publishes health and queries clocks until a health message satisfies `wanted`; returns that message.
-fn measure(line: &mut HealthLine, listener: &Session, own: u8, peers: &[u8], wanted: fn(&Health) -> bool) -> Health {
+fn measure(
+    publisher: &mut HealthPublisher,
+    listener: &Session,
+    own: u8,
+    peers: &[u8],
+    wanted: fn(&Health) -> bool,
+) -> Health {
     let subscriber = listener.declare_subscriber(Topic::Health(id(own)).key()).wait().unwrap();
-    let deadline = now() + PATIENCE;
+    let deadline = now() + TIMEOUT;
     let mut last = None;
     for sequence in 1.. {
-        line.say(health(own, sequence, peers));
-        line.ask_a_clock();
+        publisher.publish(health(own, sequence, peers));
+        publisher.query_next_clock();
         pause();
         while let Some(sample) = subscriber.try_recv().unwrap() {
-            let said = decode::<Health>(&sample.payload().to_bytes()).unwrap();
-            if wanted(&said) {
-                return said;
+            let report = decode::<Health>(&sample.payload().to_bytes()).unwrap();
+            if wanted(&report) {
+                return report;
             }
-            last = Some(said);
+            last = Some(report);
         }
         assert!(now() < deadline, "{last:?}");
     }
@@ -69,8 +75,9 @@ fn clocks_are_measured_within_their_bounds_and_a_wrong_one_is_detected() {
     let mut asking = one.health(utc_nanoseconds).unwrap();
     let _right = two.health(utc_nanoseconds).unwrap();
     let _wrong = three.health(fast).unwrap();
-    let said = measure(&mut asking, &listener, 1, &[2, 3], |said| said.peers.iter().all(|peer| peer.clock.is_some()));
-    let [right, wrong] = [0, 1].map(|nth| said.peers[nth].clock.unwrap());
+    let report =
+        measure(&mut asking, &listener, 1, &[2, 3], |report| report.peers.iter().all(|peer| peer.clock.is_some()));
+    let [right, wrong] = [0, 1].map(|nth| report.peers[nth].clock.unwrap());
     println!("{right:?}, {wrong:?}");
     assert!(right.offset_s.abs() <= right.bound_s, "{right:?}");
     assert!((wrong.offset_s - 0.25).abs() <= wrong.bound_s, "{wrong:?}");
@@ -118,9 +125,10 @@ fn false_clock_replies_do_no_harm_and_replies_for_another_vehicle_are_ignored() 
     );
     let mut asking = agent.health(utc_nanoseconds).unwrap();
     let listener = open_zenoh(&swarm, &[], &dial, &[]).unwrap();
-    let said =
-        measure(&mut asking, &listener, 1, &[2, 3, 4], |said| said.peers[..2].iter().all(|peer| peer.clock.is_some()));
-    let offsets_s = [0, 1].map(|nth| said.peers[nth].clock.unwrap().offset_s);
-    assert!(offsets_s[0] > 1e9 && offsets_s[1] < -1e9, "{said:?}");
-    assert_eq!(said.peers[2].clock, None, "vehicle 4 is not up");
+    let report = measure(&mut asking, &listener, 1, &[2, 3, 4], |report| {
+        report.peers[..2].iter().all(|peer| peer.clock.is_some())
+    });
+    let offsets_s = [0, 1].map(|nth| report.peers[nth].clock.unwrap().offset_s);
+    assert!(offsets_s[0] > 1e9 && offsets_s[1] < -1e9, "{report:?}");
+    assert_eq!(report.peers[2].clock, None, "vehicle 4 is not up");
 }

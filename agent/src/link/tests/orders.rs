@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::link::seal::SealKey;
-use crate::link::seal::orders::seal;
+use crate::link::seal::orders::sign;
 use crate::link::seal::tests::sealer;
 
 const RUN: u64 = 77;
@@ -21,16 +21,16 @@ fn with_order(sender: u8, sequence: u64, order: Order) -> Mission {
 }
 
 /// Publishes a heartbeat again and again, with a new sequence number each time; returns what the inbox has of it.
-fn file_register(link: &Link, speaker: &Session, sender: u8, order: Order) -> Mission {
+fn store_heartbeat(link: &Link, session: &Session, sender: u8, order: Order) -> Mission {
     let key = Topic::Mission(id(sender)).key();
     let mut sequence = 0;
     let again = || {
         sequence += 1;
-        say(speaker, &key, &encode(&with_order(sender, sequence, order)));
+        send(session, &key, &encode(&with_order(sender, sequence, order)));
     };
     until(link, again, |heard| {
         heard.iter().find_map(|heard| match heard.word {
-            Word::Mission(said) if said.header.sender == id(sender) => Some(said),
+            Word::Mission(content) if content.header.sender == id(sender) => Some(content),
             _ => None,
         })
     })
@@ -44,16 +44,16 @@ fn orders(heard: &[Heard]) -> Vec<Order> {
 /// stored orders.
 fn refused_then(link: &Link, session: &Session, bad: &[Order], good: Order) -> Vec<Order> {
     let before = link.drops().unsealed;
-    let deadline = now() + PATIENCE;
+    let deadline = now() + TIMEOUT;
     while link.drops().unsealed < before + bad.len() as u64 {
         assert!(now() < deadline, "{:?}", link.drops());
-        bad.iter().for_each(|order| say(session, &Topic::Order(order.issuer).key(), &encode(order)));
+        bad.iter().for_each(|order| send(session, &Topic::Order(order.issuer).key(), &encode(order)));
         pause();
     }
     let key = Topic::Order(good.issuer).key();
     until(
         link,
-        || say(session, &key, &encode(&good)),
+        || send(session, &key, &encode(&good)),
         |heard| Some(orders(heard)).filter(|orders| orders.contains(&good)),
     )
 }
@@ -64,17 +64,17 @@ fn only_an_order_signed_by_the_operator_in_this_run_is_accepted() {
     let operator = sealer();
     let agent = link(hub, 1, trust_in(&swarm, operator.key(), RUN));
     let session = open_zenoh(&swarm, &[], &dial, &[]).unwrap();
-    let good = seal(&operator, &swarm, RUN, order(2, Verb::Hold));
+    let good = sign(&operator, &swarm, RUN, order(2, Verb::Hold));
     let bad = [
         order(9, Verb::Abort),
-        seal(&sealer(), &swarm, RUN, order(9, Verb::Abort)),
+        sign(&sealer(), &swarm, RUN, order(9, Verb::Abort)),
         // From an earlier run: without the run's number it would be valid.
-        seal(&operator, &swarm, RUN - 1, order(9, Verb::Abort)),
-        seal(&operator, &SwarmName::new("another").unwrap(), RUN, order(9, Verb::Abort)),
+        sign(&operator, &swarm, RUN - 1, order(9, Verb::Abort)),
+        sign(&operator, &SwarmName::new("another").unwrap(), RUN, order(9, Verb::Abort)),
         Order { verb: Verb::Abort, ..good },
     ];
     assert_eq!(refused_then(&agent, &session, &bad, good), [good]);
-    let refused = agent.ear.refused();
+    let refused = agent.receiver.refused();
     assert_eq!((refused.len(), refused[0].reason, refused[0].key.as_str()), (1, Reason::Unsealed, "order"));
     assert!(refused[0].count == agent.drops().unsealed && agent.drops().total() == refused[0].count);
 }
@@ -86,15 +86,15 @@ fn an_order_invented_in_a_heartbeat_is_removed_and_counted() {
     let agent = link(hub, 1, trust_in(&swarm, operator.key(), RUN));
     let node = open_zenoh(&swarm, &[], &dial, &[]).unwrap();
     let made_up = order(u64::MAX, Verb::Abort);
-    let filed = file_register(&agent, &node, 2, made_up);
+    let filed = store_heartbeat(&agent, &node, 2, made_up);
     assert_eq!(filed, Mission { order: None, ..with_order(2, filed.header.sequence, made_up) });
-    let refused = agent.ear.refused();
+    let refused = agent.receiver.refused();
     assert_eq!((refused[0].reason, refused[0].key.as_str()), (Reason::Unsealed, "vehicle/2/mission"));
     assert_eq!(agent.drops(), Drops { unsealed: refused[0].count, ..Drops::default() });
 
     // An order in another vehicle's heartbeat is valid if the operator has signed it.
-    let sealed = seal(&operator, &swarm, RUN, order(1, Verb::Land));
-    assert_eq!(file_register(&agent, &node, 3, sealed).order, Some(sealed));
+    let sealed = sign(&operator, &swarm, RUN, order(1, Verb::Land));
+    assert_eq!(store_heartbeat(&agent, &node, 3, sealed).order, Some(sealed));
 }
 
 #[test]
@@ -104,7 +104,7 @@ fn without_an_orders_key_any_order_is_accepted() {
     let session = open_zenoh(&swarm, &[], &dial, &[]).unwrap();
     let plain = order(1, Verb::Hold);
     assert_eq!(refused_then(&agent, &session, &[], plain), [plain]);
-    assert_eq!(file_register(&agent, &session, 2, order(2, Verb::Land)).order, Some(order(2, Verb::Land)));
+    assert_eq!(store_heartbeat(&agent, &session, 2, order(2, Verb::Land)).order, Some(order(2, Verb::Land)));
     assert_eq!(agent.drops(), Drops::default());
 }
 
@@ -115,14 +115,14 @@ fn an_agent_without_a_run_refuses_peers_with_a_run_and_signed_orders() {
     let by_hand = link(hub, 1, trust_in(&swarm, operator.key(), 0));
     let session = open_zenoh(&swarm, &[], &dial, &[]).unwrap();
     for sender in 2..9 {
-        by_hand.ear.file("vehicle/2/mission", Word::Mission(mission(sender, 1)), Some(RUN));
+        by_hand.receiver.store("vehicle/2/mission", Word::Mission(mission(sender, 1)), Some(RUN));
     }
-    assert_eq!((by_hand.ear.judge.run(), by_hand.drops().forged), (0, 7), "seven peers agree on a run");
-    let bad = [seal(&operator, &swarm, 0, order(9, Verb::Abort)), seal(&operator, &swarm, RUN, order(9, Verb::Abort))];
-    let deadline = now() + PATIENCE;
+    assert_eq!((by_hand.receiver.judge.run(), by_hand.drops().forged), (0, 7), "seven peers agree on a run");
+    let bad = [sign(&operator, &swarm, 0, order(9, Verb::Abort)), sign(&operator, &swarm, RUN, order(9, Verb::Abort))];
+    let deadline = now() + TIMEOUT;
     while by_hand.drops().unsealed < 4 {
         assert!(now() < deadline, "{:?}", by_hand.drops());
-        bad.iter().for_each(|order| say(&session, &Topic::Order(order.issuer).key(), &encode(order)));
+        bad.iter().for_each(|order| send(&session, &Topic::Order(order.issuer).key(), &encode(order)));
         pause();
     }
     let mut heard = Vec::new();
@@ -135,13 +135,13 @@ fn an_agent_with_a_run_refuses_messages_of_another_run() {
     let (swarm, hub, _) = hub("told");
     let agent = link(hub, 1, trust_in(&swarm, sealer().key(), RUN));
     for sender in 2..9 {
-        agent.ear.file("vehicle/2/mission", Word::Mission(mission(sender, 1)), Some(5));
+        agent.receiver.store("vehicle/2/mission", Word::Mission(mission(sender, 1)), Some(5));
     }
-    assert_eq!(agent.ear.judge.run(), RUN);
+    assert_eq!(agent.receiver.judge.run(), RUN);
     let mut heard = Vec::new();
     agent.drain(&mut heard);
     assert_eq!(heard, [], "of another run");
-    let refused = agent.ear.refused();
+    let refused = agent.receiver.refused();
     assert_eq!((refused[0].reason, refused[0].count), (Reason::OtherRun, 7));
     assert_eq!(agent.drops(), Drops { forged: 7, ..Drops::default() });
 }
@@ -150,14 +150,14 @@ fn an_agent_with_a_run_refuses_messages_of_another_run() {
 fn strangers_other_plans_and_the_own_id_are_refused_and_counted() {
     let (swarm, hub, _) = hub("strangers");
     let agent = link(hub, 1, Trust { vehicles: 4, ..trust(&swarm) });
-    let file = |key: &str, word| agent.ear.file(key, word, None);
-    file("vehicle/9/cell/0/0/state", Word::State(state(9, 1)));
-    file("vehicle/5/alive", Word::Appeared(id(5)));
-    file("vehicle/1/cell/0/0/state", Word::State(state(1, 1)));
+    let store = |key: &str, word| agent.receiver.store(key, word, None);
+    store("vehicle/9/cell/0/0/state", Word::State(state(9, 1)));
+    store("vehicle/5/alive", Word::Appeared(id(5)));
+    store("vehicle/1/cell/0/0/state", Word::State(state(1, 1)));
     let other_plan = Mission { plan: 8, ..mission(2, 1) };
-    file("vehicle/2/mission", Word::Mission(other_plan));
-    file("vehicle/4/cell/0/0/state", Word::State(state(4, 2)));
-    file("vehicle/4/cell/3/0/state", Word::State(state(4, 1)));
+    store("vehicle/2/mission", Word::Mission(other_plan));
+    store("vehicle/4/cell/0/0/state", Word::State(state(4, 2)));
+    store("vehicle/4/cell/3/0/state", Word::State(state(4, 1)));
     let mut heard = Vec::new();
     agent.drain(&mut heard);
     let words: Vec<Word> = heard.iter().map(|heard| heard.word).collect();
@@ -166,7 +166,7 @@ fn strangers_other_plans_and_the_own_id_are_refused_and_counted() {
         [Word::Mission(other_plan), Word::State(state(4, 2))],
         "a vehicle with another plan still counts as up"
     );
-    let named: Vec<_> = agent.ear.refused().into_iter().map(|kind| (kind.reason, kind.key, kind.count)).collect();
+    let named: Vec<_> = agent.receiver.refused().into_iter().map(|kind| (kind.reason, kind.key, kind.count)).collect();
     let expected = [
         (Reason::Old, "vehicle/4/state"),
         (Reason::OtherPlan, "vehicle/2/mission"),

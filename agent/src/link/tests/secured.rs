@@ -34,7 +34,7 @@ const FORGER: u64 = 77;
 /// Run of the swarm in all tests.
 const RUN: u64 = 7;
 /// Id of a vehicle that is not up.
-const NOBODY: u8 = 7;
+const ABSENT: u8 = 7;
 /// Number of message exchanges between the honest vehicles during an attack.
 const ROUNDS: u64 = 60;
 
@@ -120,7 +120,7 @@ struct Swarm {
     endpoints: Vec<String>,
     one: Link,
     two: Link,
-    said: u64,
+    sequence: u64,
 }
 
 impl Swarm {
@@ -145,8 +145,8 @@ impl Swarm {
             let trust = trust(&authority, &name, &vehicle);
             Link::new(sessions, id(number), LocalClock::start(), trust).unwrap()
         });
-        let mut swarm = Self { name, authority, endpoints, one, two, said: 0 };
-        swarm.talk(1, || {});
+        let mut swarm = Self { name, authority, endpoints, one, two, sequence: 0 };
+        swarm.exchange(1, || {});
         swarm
     }
 
@@ -163,22 +163,22 @@ impl Swarm {
 
     /// Lets both vehicles publish states, with `meanwhile` in between, until each has received the other's; repeats
     /// that. Returns everything that they received.
-    fn talk(&mut self, rounds: u64, mut meanwhile: impl FnMut()) -> Vec<Heard> {
+    fn exchange(&mut self, rounds: u64, mut meanwhile: impl FnMut()) -> Vec<Heard> {
         let mut all = Vec::new();
         for _ in 0..rounds {
             let mut waits_for: BTreeSet<u8> = [1, 2].into();
-            let deadline = now() + PATIENCE;
+            let deadline = now() + TIMEOUT;
             while !waits_for.is_empty() {
                 assert!(now() < deadline, "no state received by the peers of {waits_for:?}");
-                self.said += 1;
-                self.one.say_state(&state(1, self.said), Cell::default());
-                self.two.say_state(&state(2, self.said), Cell::default());
+                self.sequence += 1;
+                self.one.publish_state(&state(1, self.sequence), Cell::default());
+                self.two.publish_state(&state(2, self.sequence), Cell::default());
                 meanwhile();
                 sleep_until(now() + Duration::from_millis(10));
                 for (link, other) in [(&self.one, 2), (&self.two, 1)] {
                     let mut heard = Vec::new();
                     link.drain(&mut heard);
-                    if word(&heard, |word| *word == Word::State(state(other, self.said))).is_some() {
+                    if word(&heard, |word| *word == Word::State(state(other, self.sequence))).is_some() {
                         waits_for.remove(&other);
                     }
                     all.append(&mut heard);
@@ -190,7 +190,7 @@ impl Swarm {
 
     /// Lets the two exchange messages during an attack, and checks that no forged message is accepted.
     fn withstand(&mut self, mut attack: impl FnMut()) {
-        let heard = self.talk(ROUNDS, &mut attack);
+        let heard = self.exchange(ROUNDS, &mut attack);
         assert_eq!(heard.iter().find(|heard| is_forged(&heard.word)), None);
         for vehicle in [1, 2] {
             let comes_or_goes =
@@ -202,7 +202,7 @@ impl Swarm {
     }
 
     /// Checks that no forged message is accepted, and that none even reaches our code.
-    fn never_hear(&mut self, attack: impl FnMut()) {
+    fn receive_nothing_forged(&mut self, attack: impl FnMut()) {
         self.withstand(attack);
         for link in [&self.one, &self.two] {
             assert_eq!(
@@ -215,15 +215,15 @@ impl Swarm {
 
     /// Checks that no forged message is accepted, and that both vehicles count the forged ones.
     fn refuse(&mut self, mut attack: impl FnMut()) {
-        let deadline = now() + PATIENCE;
+        let deadline = now() + TIMEOUT;
         while [&self.one, &self.two].iter().any(|link| link.drops().forged < 20) {
             assert!(now() < deadline, "{:?}, {:?}", self.one.drops(), self.two.drops());
-            self.talk(1, &mut attack);
+            self.exchange(1, &mut attack);
         }
         self.withstand(attack);
         for link in [&self.one, &self.two] {
             let known = [Reason::Forged, Reason::Stranger, Reason::Undecodable, Reason::Unsealed, Reason::Old];
-            assert_eq!(link.ear.refused().iter().find(|kind| !known.contains(&kind.reason)), None);
+            assert_eq!(link.receiver.refused().iter().find(|kind| !known.contains(&kind.reason)), None);
         }
     }
 }
@@ -234,10 +234,10 @@ fn secured(tls: Tls) -> Security {
 
 fn is_forged(word: &Word) -> bool {
     match word {
-        Word::State(said) => said.header.incarnation == FORGED,
-        Word::Mission(said) => said.header.incarnation == FORGED,
+        Word::State(content) => content.header.incarnation == FORGED,
+        Word::Mission(content) => content.header.incarnation == FORGED,
         Word::Order(order) => order.issuer == FORGER,
-        Word::Appeared(who) | Word::Vanished(who) => who.get() == NOBODY,
+        Word::Appeared(who) | Word::Vanished(who) => who.get() == ABSENT,
     }
 }
 
@@ -256,22 +256,22 @@ impl Forger {
     fn forge(&self, session: &Session, senders: &[u8]) {
         for &sender in senders {
             let header = forged_header(sender);
-            self.say(session, Topic::State(id(sender), Cell::default()), &State { header, ..state(sender, 1) });
-            self.say(session, Topic::Mission(id(sender)), &Mission { header, ..mission(sender, 1) });
-            self.say(session, Topic::Event(id(sender)), &Event { header, what: Happening::Landed });
-            say(session, &Topic::Health(id(sender)).key(), b"not a message");
+            self.send(session, Topic::State(id(sender), Cell::default()), &State { header, ..state(sender, 1) });
+            self.send(session, Topic::Mission(id(sender)), &Mission { header, ..mission(sender, 1) });
+            self.send(session, Topic::Event(id(sender)), &Event { header, what: Happening::Landed });
+            send(session, &Topic::Health(id(sender)).key(), b"not a message");
         }
     }
 
-    fn say(&self, session: &Session, topic: Topic, message: &impl Message) {
-        say(session, &topic.key(), &self.voices.write(Some(&self.sealer), RUN, &topic.key(), message));
-        say(session, &topic.key(), &encode(message));
+    fn send(&self, session: &Session, topic: Topic, message: &impl Message) {
+        send(session, &topic.key(), &self.voices.write(Some(&self.sealer), RUN, &topic.key(), message));
+        send(session, &topic.key(), &encode(message));
     }
 }
 
 /// Publishes an order without a signature.
 fn forge_order(session: &Session) {
-    say(session, &Topic::Order(FORGER).key(), &encode(&forged_order()));
+    send(session, &Topic::Order(FORGER).key(), &encode(&forged_order()));
 }
 
 fn forged_order() -> Order {
@@ -280,7 +280,7 @@ fn forged_order() -> Order {
 
 /// Forges messages, an order and tokens.
 fn attack(session: &Session, forger: &Forger) {
-    forger.forge(session, &[1, 2, NOBODY]);
+    forger.forge(session, &[1, 2, ABSENT]);
     forge_order(session);
     forge_tokens(session, &[1, 2]);
 }
@@ -290,8 +290,8 @@ fn forge_tokens(session: &Session, senders: &[u8]) {
     for &sender in senders {
         drop(session.liveliness().declare_token(Topic::Alive(id(sender)).key()).wait().unwrap());
     }
-    let nobody = session.liveliness().declare_token(Topic::Alive(id(NOBODY)).key());
-    drop(nobody.wait().unwrap());
+    let absent = session.liveliness().declare_token(Topic::Alive(id(ABSENT)).key());
+    drop(absent.wait().unwrap());
 }
 
 fn is_linked(session: &Session) -> bool {

@@ -35,17 +35,17 @@ mod unix {
     /// The local sockets of one tunnel, in a folder that is removed with them.
     pub(in super::super) struct Locals {
         folder: PathBuf,
-        dialled: Vec<(Dialled, String)>,
+        outgoing: Vec<(DialSocket, String)>,
         dials: Vec<String>,
     }
 
     impl Locals {
         pub(in super::super) fn open(dial: &[String]) -> io::Result<Self> {
-            let mut locals = Self { folder: new_folder()?, dialled: Vec::new(), dials: Vec::new() };
+            let mut locals = Self { folder: new_folder()?, outgoing: Vec::new(), dials: Vec::new() };
             for (nth, endpoint) in dial.iter().enumerate() {
                 let path = locals.folder.join(format!("dial-{nth}"));
                 locals.dials.push(zenoh_endpoint(&path));
-                locals.dialled.push((Dialled(UnixListener::bind(path)?), endpoint.clone()));
+                locals.outgoing.push((DialSocket(UnixListener::bind(path)?), endpoint.clone()));
             }
             Ok(locals)
         }
@@ -58,8 +58,8 @@ mod unix {
             self.dials.clone()
         }
 
-        pub(in super::super) fn take_dialled(&mut self) -> Vec<(Dialled, String)> {
-            std::mem::take(&mut self.dialled)
+        pub(in super::super) fn take_dial_sockets(&mut self) -> Vec<(DialSocket, String)> {
+            std::mem::take(&mut self.outgoing)
         }
 
         pub(in super::super) fn zenoh(&self, _: &Session) -> io::Result<ZenohListener> {
@@ -75,9 +75,9 @@ mod unix {
     }
 
     /// Local socket that Zenoh dials to reach one other host.
-    pub(in super::super) struct Dialled(UnixListener);
+    pub(in super::super) struct DialSocket(UnixListener);
 
-    impl Dialled {
+    impl DialSocket {
         pub(in super::super) async fn accept(&self) -> io::Result<Stream> {
             self.0.accept().await.map(|(stream, _)| stream)
         }
@@ -166,18 +166,18 @@ mod loopback {
 
     /// The local sockets of one tunnel.
     pub(in super::super) struct Locals {
-        dialled: Vec<(Dialled, String)>,
+        outgoing: Vec<(DialSocket, String)>,
         dials: Vec<String>,
     }
 
     impl Locals {
         pub(in super::super) fn open(dial: &[String]) -> io::Result<Self> {
-            let mut locals = Self { dialled: Vec::new(), dials: Vec::new() };
+            let mut locals = Self { outgoing: Vec::new(), dials: Vec::new() };
             for endpoint in dial {
                 let listener = std::net::TcpListener::bind("127.0.0.1:0")?;
                 listener.set_nonblocking(true)?;
                 locals.dials.push(format!("tcp/{}", listener.local_addr()?));
-                locals.dialled.push((Dialled(TcpListener::from_std(listener)?), endpoint.clone()));
+                locals.outgoing.push((DialSocket(TcpListener::from_std(listener)?), endpoint.clone()));
             }
             Ok(locals)
         }
@@ -190,8 +190,8 @@ mod loopback {
             self.dials.clone()
         }
 
-        pub(in super::super) fn take_dialled(&mut self) -> Vec<(Dialled, String)> {
-            std::mem::take(&mut self.dialled)
+        pub(in super::super) fn take_dial_sockets(&mut self) -> Vec<(DialSocket, String)> {
+            std::mem::take(&mut self.outgoing)
         }
 
         pub(in super::super) fn zenoh(&self, session: &Session) -> io::Result<ZenohListener> {
@@ -202,9 +202,9 @@ mod loopback {
     }
 
     /// Local socket that Zenoh dials to reach one other host.
-    pub(in super::super) struct Dialled(TcpListener);
+    pub(in super::super) struct DialSocket(TcpListener);
 
-    impl Dialled {
+    impl DialSocket {
         pub(in super::super) async fn accept(&self) -> io::Result<Stream> {
             let (stream, _) = self.0.accept().await?;
             stream.set_nodelay(true)?;

@@ -33,18 +33,18 @@ pub(in crate::link) struct Peer {
     /// Vehicle of the agent; `None` for observers and operators.
     pub(super) vehicle: Option<VehicleId>,
     /// Time until its certificate expires.
-    pub(super) lasts: Duration,
+    pub(super) valid_for: Duration,
 }
 
 /// TLS configuration for accepting and for making links.
-pub(in crate::link) struct Ends {
+pub(in crate::link) struct TlsContext {
     acceptor: TlsAcceptor,
     connector: TlsConnector,
     /// Known common names: a vehicle's with its id and key, an observer's or operator's with `None`.
     names: BTreeMap<String, Option<(VehicleId, SealKey)>>,
 }
 
-impl Ends {
+impl TlsContext {
     /// Reads the keys and certificates, and takes over the known names.
     ///
     /// # Errors
@@ -62,7 +62,7 @@ impl Ends {
             roots.add(authority).map_err(fault(&tls.authority))?;
         }
         let (roots, own) = (Arc::new(roots), certificates(&tls.certificate)?);
-        let key = || PrivateKeyDer::from_pem_slice(&read(&tls.key)?).map_err(|_| nothing(&tls.key, "PRIVATE KEY"));
+        let key = || PrivateKeyDer::from_pem_slice(&read(&tls.key)?).map_err(|_| missing(&tls.key, "PRIVATE KEY"));
         let provider = Arc::new(ring::default_provider());
         let verifier = WebPkiClientVerifier::builder_with_provider(roots.clone(), provider.clone()).build();
         let verifier =
@@ -116,17 +116,18 @@ impl Ends {
     }
 
     fn peer(&self, connection: &CommonState) -> io::Result<Peer> {
-        let shown = connection.peer_certificates().and_then(<[_]>::first).ok_or_else(|| refused("no certificate"))?;
-        let (_, shown) = X509Certificate::from_der(shown).map_err(refused)?;
-        let name = shown.subject().iter_common_name().next().and_then(|name| name.as_str().ok());
+        let certificate =
+            connection.peer_certificates().and_then(<[_]>::first).ok_or_else(|| refused("no certificate"))?;
+        let (_, certificate) = X509Certificate::from_der(certificate).map_err(refused)?;
+        let name = certificate.subject().iter_common_name().next().and_then(|name| name.as_str().ok());
         let name = name.ok_or_else(|| refused("a certificate without a common name"))?;
         let known = self.names.get(name);
         let known = known.ok_or_else(|| refused(format!("the certificate name {name:?} is not known here")))?;
         // A replacement for a lost key has the same name.
-        if known.is_some_and(|(_, key)| *shown.public_key().subject_public_key.data != key.to_bytes()) {
+        if known.is_some_and(|(_, key)| *certificate.public_key().subject_public_key.data != key.to_bytes()) {
             return Err(refused(format!("the certificate {name:?} is for a key that is not known here")));
         }
-        let ends_s = u64::try_from(shown.validity().not_after.timestamp()).unwrap_or(0);
+        let ends_s = u64::try_from(certificate.validity().not_after.timestamp()).unwrap_or(0);
         // Certificates expire by UTC.
         let now = Duration::from_nanos(utc_nanoseconds());
         Ok(Peer::new(name.to_owned(), known.map(|(id, _)| id), Duration::from_secs(ends_s).saturating_sub(now)))
@@ -141,12 +142,12 @@ fn read(path: &Path) -> Result<Vec<u8>, LinkError> {
     fs::read(path).map_err(|source| LinkError::File { path: path.to_owned(), source })
 }
 
-fn nothing(path: &Path, what: &str) -> LinkError {
+fn missing(path: &Path, what: &str) -> LinkError {
     LinkError::File { path: path.to_owned(), source: refused(format!("no {what} in it")) }
 }
 
 fn certificates(path: &Path) -> Result<Vec<CertificateDer<'static>>, LinkError> {
     let text = read(path)?;
     let all: Vec<_> = CertificateDer::pem_slice_iter(&text).filter_map(Result::ok).collect();
-    if all.is_empty() { Err(nothing(path, "CERTIFICATE")) } else { Ok(all) }
+    if all.is_empty() { Err(missing(path, "CERTIFICATE")) } else { Ok(all) }
 }

@@ -27,7 +27,7 @@ use super::wire::rpos::{self, Position};
 use super::wire::{PORT, WireError, rref};
 use beacon::Search;
 use controls::Controls;
-use session::{Answer, Indices, Sender, Senders, Value};
+use session::{Indices, Provenance, Sender, Senders, Value};
 use skein_core::aircraft::{Dataref, Profile};
 use skein_core::plant::{Frame, Plant, Sticks, Wake};
 
@@ -43,7 +43,7 @@ const STALE: Duration = Duration::from_secs(1);
 const MAX_QUEUED: u32 = 1024;
 /// The release is sent several times, because X-Plane does not acknowledge it and a lost one would leave the pilot
 /// without control.
-const GIVE_BACK_TIMES: u32 = 3;
+const RELEASE_REPEATS: u32 = 3;
 
 /// Why the link to the simulator could not be opened.
 #[derive(Debug, thiserror::Error)]
@@ -92,7 +92,7 @@ pub struct Counters {
     /// Pauses longer than one and a half frame periods between two positions.
     pub gaps: u64,
     /// Positions that came while the simulator's time was stopped.
-    pub standing_frames: u64,
+    pub frozen_frames: u64,
     /// Commands outside the controls' travel, which were not sent.
     pub refused_commands: u64,
     /// Socket errors, including those because the simulator is not up.
@@ -201,7 +201,7 @@ impl XPlane {
         self.simulator
     }
 
-    fn stay_subscribed(&mut self, simulator: SocketAddr) {
+    fn renew_subscription(&mut self, simulator: SocketAddr) {
         let now = now();
         let is_over = |since: Option<Instant>, patience| since.is_none_or(|since| now >= since + patience);
         let is_silent = is_over(self.last_position, RESUBSCRIBE_SILENT);
@@ -234,7 +234,7 @@ impl XPlane {
             let at_once = newest.is_some() || now() >= deadline;
             match self.port.receive((!at_once).then_some(deadline)) {
                 Received::Datagram(size, from) => {
-                    if let Some(position) = self.digest(size, from, simulator) {
+                    if let Some(position) = self.process(size, from, simulator) {
                         self.counters.skipped_frames += u64::from(newest.is_some());
                         newest = Some(position);
                     }
@@ -248,7 +248,7 @@ impl XPlane {
     }
 
     /// Processes one datagram; returns the position if it is one of the simulator.
-    fn digest(&mut self, size: usize, from: SocketAddr, simulator: IpAddr) -> Option<(Position, Instant)> {
+    fn process(&mut self, size: usize, from: SocketAddr, simulator: IpAddr) -> Option<(Position, Instant)> {
         if from.ip() != simulator {
             self.refuse_foreign(from, "which is not the simulator's address");
             return None;
@@ -273,13 +273,13 @@ impl XPlane {
 
     /// Whether this position is the simulator's.
     fn is_own(&mut self, from: SocketAddr, position: &Position, now: Instant) -> bool {
-        match self.senders.judge(from, position, now, self.frame_period_s(), self.clock.rate()) {
+        match self.senders.assess(from, position, now, self.frame_period_s(), self.clock.rate()) {
             Sender::Simulator => return true,
             Sender::Unproven => self.counters.unproven += 1,
-            Sender::Foreign(Some(beyond_m)) if beyond_m > 0.0 => {
+            Sender::Foreign(Some(excess_m)) if excess_m > 0.0 => {
                 self.refuse_foreign(
                     from,
-                    format_args!("whose position is {beyond_m:.1} m farther away than X-Plane's values allow"),
+                    format_args!("whose position is {excess_m:.1} m farther away than X-Plane's values allow"),
                 );
             }
             Sender::Foreign(_) => self.refuse_foreign(from, "whose positions compete with another sender's"),
@@ -289,10 +289,10 @@ impl XPlane {
 
     fn take_values(&mut self, size: usize, from: SocketAddr, now: Instant) -> Result<(), WireError> {
         let values = rref::decode_values(self.port.datagram(size))?;
-        match self.indices.judge(values.map(|(index, _)| index)) {
-            Answer::Proof => self.senders.prove(from, now),
-            Answer::Ours => {}
-            Answer::Foreign => {
+        match self.indices.assess(values.map(|(index, _)| index)) {
+            Provenance::Proof => self.senders.prove(from, now),
+            Provenance::Ours => {}
+            Provenance::Foreign => {
                 self.refuse_foreign(from, "whose values were not asked for");
                 return Ok(());
             }
@@ -341,7 +341,7 @@ impl XPlane {
         let last = self.last_position.replace(at);
         self.counters.gaps += u64::from(last.is_some_and(|last| at > last + longest));
         let Some(time) = self.clock.frame(at) else {
-            self.counters.standing_frames += 1;
+            self.counters.frozen_frames += 1;
             return None;
         };
         self.counters.frames += 1;
@@ -353,7 +353,7 @@ impl Plant for XPlane {
     fn wait(&mut self, patience: Duration) -> Wake {
         let deadline = now() + patience;
         let Some(simulator) = self.find(deadline) else { return Wake::Deadline };
-        self.stay_subscribed(simulator);
+        self.renew_subscription(simulator);
         while let Some((position, at)) = self.newest_position(simulator.ip(), deadline) {
             if let Some(frame) = self.frame(&position, at) {
                 return Wake::Frame(frame);
@@ -383,9 +383,9 @@ impl Plant for XPlane {
         let Some(simulator) = self.simulator else { return };
         let was_holding = self.overrides_confirmed.take().is_some();
         let was_subscribed = self.last_subscribed.take().is_some();
-        for _ in 0..GIVE_BACK_TIMES {
+        for _ in 0..RELEASE_REPEATS {
             if was_holding {
-                self.controls.give_back(&mut self.port, simulator);
+                self.controls.release(&mut self.port, simulator);
             }
             if was_subscribed {
                 self.subscribe(simulator, 0, 0);

@@ -215,7 +215,7 @@ impl Server {
     /// Whether a subscriber has sent anything lately.
     pub fn is_used(&self) -> bool {
         let lately = PRESUMED_GONE_S * u64::from(self.frame_rate_hz);
-        self.clients.all.iter().any(|client| client.last_heard + lately >= self.frames)
+        self.clients.all.iter().any(|client| client.last_received + lately >= self.frames)
     }
 
     /// Number of malformed datagrams so far.

@@ -13,7 +13,7 @@ const FAULT_PAUSE: Duration = Duration::from_millis(10);
 
 /// Whether an error means that the receiver is not up: an ICMP reply to an earlier datagram, which sockets report at a
 /// later call (on Windows as a reset), or a signal.
-pub(super) fn is_nobody_there(error: &io::Error) -> bool {
+pub(super) fn is_receiver_down(error: &io::Error) -> bool {
     use io::ErrorKind::{ConnectionRefused, ConnectionReset, Interrupted};
     matches!(error.kind(), ConnectionReset | ConnectionRefused | Interrupted)
 }
@@ -66,12 +66,12 @@ impl Port {
     pub(super) fn receive(&mut self, deadline: Option<Instant>) -> Received {
         let patience =
             deadline.map(|deadline| deadline.saturating_duration_since(now())).filter(|wait| !wait.is_zero());
-        let outcome = self.set_patience(patience).and_then(|()| self.socket.recv_from(&mut *self.buffer));
-        self.judge(outcome, patience)
+        let outcome = self.set_timeout(patience).and_then(|()| self.socket.recv_from(&mut *self.buffer));
+        self.assess(outcome, patience)
     }
 
     /// Interprets an attempt to receive. Pauses after an error that may last.
-    fn judge(&mut self, outcome: io::Result<(usize, SocketAddr)>, patience: Option<Duration>) -> Received {
+    fn assess(&mut self, outcome: io::Result<(usize, SocketAddr)>, patience: Option<Duration>) -> Received {
         match outcome {
             Ok((size, from)) => Received::Datagram(size, from),
             Err(error) if matches!(error.kind(), io::ErrorKind::WouldBlock | io::ErrorKind::TimedOut) => {
@@ -79,7 +79,7 @@ impl Port {
             }
             Err(error) => {
                 self.faults += 1;
-                if !is_nobody_there(&error) && patience.is_some() {
+                if !is_receiver_down(&error) && patience.is_some() {
                     sleep(patience.unwrap_or_default().min(FAULT_PAUSE));
                 }
                 Received::Fault
@@ -87,7 +87,7 @@ impl Port {
         }
     }
 
-    fn set_patience(&mut self, patience: Option<Duration>) -> io::Result<()> {
+    fn set_timeout(&mut self, patience: Option<Duration>) -> io::Result<()> {
         if self.is_blocking != patience.is_some() {
             self.socket.set_nonblocking(patience.is_none())?;
             self.is_blocking = patience.is_some();
@@ -115,9 +115,9 @@ mod tests {
     #[test]
     fn resets_and_refusals_mean_that_the_receiver_is_not_up() {
         for kind in [io::ErrorKind::ConnectionReset, io::ErrorKind::ConnectionRefused, io::ErrorKind::Interrupted] {
-            assert!(is_nobody_there(&kind.into()), "{kind:?}");
+            assert!(is_receiver_down(&kind.into()), "{kind:?}");
         }
-        assert!(!is_nobody_there(&io::ErrorKind::PermissionDenied.into()));
+        assert!(!is_receiver_down(&io::ErrorKind::PermissionDenied.into()));
     }
 
     #[test]
@@ -154,7 +154,7 @@ mod tests {
         let begin = now();
         for _ in 0..1000 {
             let reset = Err(io::ErrorKind::ConnectionReset.into());
-            assert!(matches!(port.judge(reset, Some(Duration::from_secs(1))), Received::Fault));
+            assert!(matches!(port.assess(reset, Some(Duration::from_secs(1))), Received::Fault));
         }
         assert!(now() < begin + Duration::from_secs(1), "a thousand resets cause no pause");
         assert_eq!(port.faults, 1000);

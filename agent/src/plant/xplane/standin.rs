@@ -20,7 +20,7 @@ use skein_host::clock::{now, sleep_until};
 use socket2::SockRef;
 
 use super::server::{Server, Version};
-use super::socket::{Port, Received, is_nobody_there, is_this_host};
+use super::socket::{Port, Received, is_receiver_down, is_this_host};
 use super::wire::{self, becn, prel::Placement, rpos};
 use skein_core::helicopter::{BuiltInVehicle, ParameterError, Parameters, Start, TICK_S, Weather};
 
@@ -31,7 +31,7 @@ const MAX_QUEUED: u32 = 4096;
 /// Number of frames by which a simulator may be late before it skips them.
 const MAX_LATE_FRAMES: u32 = 5;
 /// Time without subscribers after which a stand-in with `--until-unused` ends.
-const UNUSED: Duration = Duration::from_secs(5);
+const UNUSED_TIMEOUT: Duration = Duration::from_secs(5);
 /// The default aircraft file.
 const XCELL60: &str = include_str!("../../../../deploy/aircraft/xcell60.toml");
 
@@ -218,8 +218,8 @@ impl Standin {
             let is_needed = launcher_gone.as_ref().is_none_or(|gone| !gone.load(Relaxed)) || self.server.is_used();
             if is_needed {
                 last_used = now;
-            } else if now >= last_used + UNUSED {
-                tracing::info!("no subscriber for {} s: the stand-in ends", UNUSED.as_secs());
+            } else if now >= last_used + UNUSED_TIMEOUT {
+                tracing::info!("no subscriber for {} s: the stand-in ends", UNUSED_TIMEOUT.as_secs());
                 return;
             }
         }
@@ -227,7 +227,7 @@ impl Standin {
 
     fn frame(&mut self) {
         self.announce();
-        self.hear();
+        self.receive();
         let sticks = self.server.take_controls();
         for _ in 0..self.ticks_per_frame {
             self.vehicle.advance(sticks);
@@ -236,7 +236,7 @@ impl Standin {
         let Self { server, port, split, vehicle, .. } = self;
         server.publish(&vehicle.frame(), |to, datagram| {
             let port = split.as_mut().map_or(&mut *port, |split| split.port_of(datagram));
-            if port.send(datagram, to).is_err_and(|error| is_nobody_there(&error)) {
+            if port.send(datagram, to).is_err_and(|error| is_receiver_down(&error)) {
                 gone = Some(to);
             }
         });
@@ -255,7 +255,7 @@ impl Standin {
     }
 
     /// Processes the datagrams received since the last frame.
-    fn hear(&mut self) {
+    fn receive(&mut self) {
         for _ in 0..MAX_QUEUED {
             match self.port.receive(None) {
                 // Like its beacon, the stand-in is for this computer only.

@@ -40,7 +40,7 @@ impl Script {
     }
 
     fn say(&self, line: &str) {
-        self.says.send(Word::Said(line.as_bytes().to_vec())).unwrap();
+        self.says.send(Word::Data(line.as_bytes().to_vec())).unwrap();
     }
 
     fn answer(&self, vehicle: u8, tick: u64) {

@@ -7,8 +7,8 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use crate::os;
+use skein_host::atomic_file::{self, Promise};
 use skein_host::clock;
-use skein_host::whole::{self, Promise};
 
 /// Extension of a draft: files and folders with it are ignored.
 const DRAFT: &str = "draft";
@@ -54,7 +54,8 @@ pub(super) fn symlink(to: &Path, link: &Path) -> io::Result<()> {
 
 /// Writes a file durably; readers see the old or the new one.
 pub(super) fn write(path: &Path, content: &[u8], is_secret: bool) -> Result<(), String> {
-    let done = step().and_then(|()| whole::write(path, content, Promise::of(is_secret))).and_then(|()| sync(path));
+    let done =
+        step().and_then(|()| atomic_file::write(path, content, Promise::of(is_secret))).and_then(|()| sync(path));
     done.map_err(at(path))
 }
 

@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 
 use skein_agent::config::AgentOptions;
 use skein_agent::link::seal::runs::RunNote;
-use skein_agent::run::{LIFE, RELEASE};
+use skein_agent::run::{INCARNATION_FILE, RELEASE};
 
 use super::files::{self, at};
 use super::logs;
@@ -192,7 +192,7 @@ pub(super) fn become_agent(node: &NodeFolder) -> Result<(), String> {
         let flown_s = (os::uptime_s() - started.at_s).max(0.0);
         command.arg("--flown-s").arg(format!("{flown_s:.3}"));
     }
-    command.env(RELEASE, &started.installed.release).env(LIFE, node.run().join("life"));
+    command.env(RELEASE, &started.installed.release).env(INCARNATION_FILE, node.run().join("life"));
     command.env(ENDED, node.ended_path());
     // The folder of its sockets, and a backtrace after a panic.
     let given = std::env::var_os(RUNTIME_DIRECTORY);

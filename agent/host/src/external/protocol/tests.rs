@@ -8,8 +8,8 @@ fn id(number: u8) -> VehicleId {
     VehicleId::new(number).unwrap()
 }
 
-fn text(said: &Said<'_>) -> String {
-    String::from_utf8(said.line()).unwrap()
+fn text(sent: &Said<'_>) -> String {
+    String::from_utf8(sent.line()).unwrap()
 }
 
 fn answer_to(line: &str) -> Result<Answer, Fault> {
@@ -35,8 +35,8 @@ fn messages_to_a_law_have_exactly_these_bytes() {
         max_speed_m_s: 5.0,
         parameters,
     };
-    let said = r#"{"say":"hello","protocol":1,"run":"hover/42","vehicle":3,"ids":[1,2,3,4],"seed":9001,"time":"virtual","period_s":0.1,"max_speed_m_s":5.0,"parameters":{"gain":0.3}}"#;
-    assert_eq!(text(&Said::Hello(&hello)), format!("{said}\n"));
+    let line = r#"{"say":"hello","protocol":1,"run":"hover/42","vehicle":3,"ids":[1,2,3,4],"seed":9001,"time":"virtual","period_s":0.1,"max_speed_m_s":5.0,"parameters":{"gain":0.3}}"#;
+    assert_eq!(text(&Said::Hello(&hello)), format!("{line}\n"));
     let ask = Ask {
         vehicle: id(3),
         tick: 417,
@@ -65,8 +65,8 @@ fn messages_to_a_law_have_exactly_these_bytes() {
             gamma: 1.0,
         },
     };
-    let said = r#"{"say":"ask","vehicle":3,"tick":417,"time_s":41.7,"dt_s":0.1,"own":{"position_ned_m":[81.0,-60.2,-30.0],"velocity_ned_m_s":[0.1,0.4,0.0],"heading_rad":1.57,"age_s":0.02},"peers":[{"id":1,"position_ned_m":[99.1,3.2,-30.1],"velocity_ned_m_s":[0.0,0.2,0.0],"heading_rad":0.0,"age_s":0.06,"fresh":true}],"goal":{"step":0,"centre_ned_m":[0.0,0.0,-30.0],"centre_velocity_ned_m_s":[0.0,0.0,0.0],"heading_rad":0.0,"radius_m":100.0,"gamma":1.0}}"#;
-    assert_eq!(text(&Said::Ask(&ask)), format!("{said}\n"));
+    let line = r#"{"say":"ask","vehicle":3,"tick":417,"time_s":41.7,"dt_s":0.1,"own":{"position_ned_m":[81.0,-60.2,-30.0],"velocity_ned_m_s":[0.1,0.4,0.0],"heading_rad":1.57,"age_s":0.02},"peers":[{"id":1,"position_ned_m":[99.1,3.2,-30.1],"velocity_ned_m_s":[0.0,0.2,0.0],"heading_rad":0.0,"age_s":0.06,"fresh":true}],"goal":{"step":0,"centre_ned_m":[0.0,0.0,-30.0],"centre_velocity_ned_m_s":[0.0,0.0,0.0],"heading_rad":0.0,"radius_m":100.0,"gamma":1.0}}"#;
+    assert_eq!(text(&Said::Ask(&ask)), format!("{line}\n"));
     assert_eq!(text(&Said::Bye), "{\"say\":\"bye\"}\n");
 }
 
@@ -74,15 +74,15 @@ fn messages_to_a_law_have_exactly_these_bytes() {
 fn valid_lines_of_a_law_are_read() {
     assert_eq!(read(br#"{"say":"ready","protocol":1}"#), Ok(Heard::Ready));
     assert_eq!(read(br#"{"protocol":1.0,"say":"ready","name":"mine"}"#), Ok(Heard::Ready), "unknown keys are ignored");
-    let said =
+    let line =
         r#"{"say":"answer","vehicle":3,"tick":417,"velocity_ned_m_s":[0.4,-1.2,0],"log":{"consensus_error":0.31}}"#;
-    let answer = answer_to(said).unwrap();
+    let answer = answer_to(line).unwrap();
     assert_eq!((answer.vehicle, answer.tick), (id(3), 417));
     assert_eq!(answer.wanted, Wanted::VelocityNed(Vector3::new(0.4, -1.2, 0.0)));
     assert_eq!(answer.log, [LawNumber { name: "consensus_error".to_owned(), value: 0.31 }]);
     assert_eq!((answer.heading_rad, answer.reached), (None, None));
-    let said = r#"{"say":"answer","vehicle":3.0,"tick":4e2,"field_ne":[0.1,-0.3],"heading_rad":1.5,"reached":false}"#;
-    let answer = answer_to(said).unwrap();
+    let line = r#"{"say":"answer","vehicle":3.0,"tick":4e2,"field_ne":[0.1,-0.3],"heading_rad":1.5,"reached":false}"#;
+    let answer = answer_to(line).unwrap();
     assert_eq!((answer.tick, answer.heading_rad, answer.reached), (400, Some(1.5), Some(false)));
     assert_eq!(answer.wanted, Wanted::FieldNe(Vector2::new(0.1, -0.3)));
 }
@@ -120,20 +120,20 @@ fn invalid_lines_are_refused_by_kind() {
     for wrong in wrong {
         assert_eq!(kind(&wrong), content, "{wrong}");
     }
-    let nobody = "{\"say\":\"answer\",\"vehicle\":251,\"tick\":4,\"field_ne\":[0,0]}";
-    assert_eq!(read(nobody.as_bytes()), Err(Fault::Vehicle(251)));
+    let unknown = "{\"say\":\"answer\",\"vehicle\":251,\"tick\":4,\"field_ne\":[0,0]}";
+    assert_eq!(read(unknown.as_bytes()), Err(Fault::Vehicle(251)));
 }
 
 #[test]
 fn a_law_log_is_limited_to_what_a_recording_holds() {
     let many: Vec<String> = (0..40).map(|nth| format!("\"n{nth:02}\":{nth}")).collect();
-    let said = |log: &str| format!("{{\"say\":\"answer\",\"vehicle\":3,\"tick\":4,\"field_ne\":[0,0],\"log\":{log}}}");
-    let log = answer_to(&said(&format!("{{{}}}", many.join(",")))).unwrap().log;
+    let reply = |log: &str| format!("{{\"say\":\"answer\",\"vehicle\":3,\"tick\":4,\"field_ne\":[0,0],\"log\":{log}}}");
+    let log = answer_to(&reply(&format!("{{{}}}", many.join(",")))).unwrap().log;
     assert_eq!((log.len(), log[15].name.as_str(), log[15].value), (LawNumber::MAX_COUNT, "n15", 15.0));
     let long = "ü".repeat(40);
-    let log = answer_to(&said(&format!("{{\"{long}\":1,\"text\":\"x\",\"none\":null}}"))).unwrap().log;
+    let log = answer_to(&reply(&format!("{{\"{long}\":1,\"text\":\"x\",\"none\":null}}"))).unwrap().log;
     assert_eq!(log, [LawNumber { name: "ü".repeat(16), value: 1.0 }], "a name has 32 bytes; only numbers are kept");
-    assert!(answer_to(&said("7")).unwrap().log.is_empty());
+    assert!(answer_to(&reply("7")).unwrap().log.is_empty());
 }
 
 #[test]

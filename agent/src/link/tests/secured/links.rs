@@ -10,7 +10,7 @@ fn a_node_without_a_certificate_is_refused() {
     let plain = open_zenoh(&swarm.name, &[], &[format!("tcp/{address}")], &[]).unwrap();
     // A valid signature does not help.
     let forger = swarm.forger("vehicle-1");
-    swarm.never_hear(|| attack(&plain, &forger));
+    swarm.receive_nothing_forged(|| attack(&plain, &forger));
     assert!(!is_linked(&plain));
 
     let mut roots = RootCertStore::empty();
@@ -21,7 +21,7 @@ fn a_node_without_a_certificate_is_refused() {
     let mut socket = TcpStream::connect(address).unwrap();
     let ended = Stream::new(&mut tls, &mut socket).read(&mut [0; 1]);
     assert!(ended.is_err(), "{ended:?}");
-    wait_until(|| swarm.one.ear.refused().iter().any(|kind| kind.reason == Reason::Link));
+    wait_until(|| swarm.one.receiver.refused().iter().any(|kind| kind.reason == Reason::Link));
 }
 
 #[test]
@@ -32,7 +32,7 @@ fn a_certificate_of_another_authority_is_refused() {
     let tls = Tls { authority: swarm.authority.folder.path().join("authority.pem"), ..others.tls("vehicle-3.2") };
     let intruder = swarm.guest(tls);
     let forger = swarm.forger("vehicle-1");
-    swarm.never_hear(|| attack(intruder.first(), &forger));
+    swarm.receive_nothing_forged(|| attack(intruder.first(), &forger));
     assert!(!is_linked(intruder.first()));
 }
 
@@ -43,7 +43,7 @@ fn an_expired_certificate_is_refused() {
     swarm.authority.certify("vehicle-3.2", 2021);
     let intruder = swarm.guest(tls);
     let forger = swarm.forger("vehicle-1");
-    swarm.never_hear(|| attack(intruder.first(), &forger));
+    swarm.receive_nothing_forged(|| attack(intruder.first(), &forger));
     assert!(!is_linked(intruder.first()));
 }
 
@@ -52,7 +52,7 @@ fn a_node_with_a_replaced_certificate_name_is_refused() {
     let mut swarm = Swarm::begin("revoked");
     let intruder = swarm.guest(swarm.authority.tls("vehicle-3"));
     let forger = swarm.forger("vehicle-1");
-    swarm.never_hear(|| attack(intruder.first(), &forger));
+    swarm.receive_nothing_forged(|| attack(intruder.first(), &forger));
     assert!(!is_linked(intruder.first()));
     assert!(swarm.one.drops().links > 0 && swarm.two.drops().links > 0, "the refused links are counted");
 }
@@ -67,7 +67,7 @@ fn a_node_with_a_replaced_key_is_refused() {
     swarm.authority.certify("vehicle-3.2", 2100);
     let intruder = swarm.guest(tls);
     let forger = swarm.forger("vehicle-1");
-    swarm.never_hear(|| attack(intruder.first(), &forger));
+    swarm.receive_nothing_forged(|| attack(intruder.first(), &forger));
     assert!(!is_linked(intruder.first()));
     assert!(swarm.one.drops().links > 0 && swarm.two.drops().links > 0, "the refused links are counted");
 }
@@ -78,7 +78,8 @@ fn a_router_gets_no_forged_message_through() {
     let mut swarm = Swarm::begin("router");
     let router = [("mode", json!("router"))];
     let tunnel = Tunnel::open(&[], &swarm.endpoints, Some(&swarm.authority.tls("vehicle-3.2"))).unwrap();
-    let intruder = Sessions::through(tunnel, |listen, dial| open_zenoh(&swarm.name, listen, dial, &router)).unwrap();
+    let intruder =
+        Sessions::open_through(tunnel, |listen, dial| open_zenoh(&swarm.name, listen, dial, &router)).unwrap();
     let forger = swarm.forger("vehicle-3.2");
     swarm.withstand(|| attack(intruder.first(), &forger));
 }
@@ -121,7 +122,7 @@ fn errors_name_the_key_file_or_name_at_fault() {
     let Err(error) = Sessions::open(&name, &[], &[here.to_owned()], &Security::Plain) else {
         panic!("the sessions were opened")
     };
-    assert!(error.is_the_users() && error.to_string().contains("no keys for secured links"), "{error}");
+    assert!(error.is_user_error() && error.to_string().contains("no keys for secured links"), "{error}");
     let mut vehicles = good.vehicles.clone();
     vehicles.insert(id(4), vehicles[&id(1)].clone());
     assert!(refused(Tls { vehicles, ..good.clone() }, here).contains("\"vehicle-1\" must name exactly one"));
@@ -135,7 +136,10 @@ fn errors_name_the_key_file_or_name_at_fault() {
     let sealer = |tls: Tls, own: u8| secured(tls).sealer(id(own));
     assert!(sealer(good.clone(), 1).unwrap().is_some() && Security::Plain.sealer(id(1)).unwrap().is_none());
     let error = sealer(good.clone(), 2).unwrap_err();
-    assert!(error.is_the_users() && error.to_string().ends_with("the key that the swarm has for vehicle 2"), "{error}");
+    assert!(
+        error.is_user_error() && error.to_string().ends_with("the key that the swarm has for vehicle 2"),
+        "{error}"
+    );
     let error = sealer(Tls { key: good.certificate.clone(), ..good }, 1).unwrap_err().to_string();
     assert!(error.ends_with("vehicle-1.pem: not an Ed25519 key in PKCS#8"), "{error}");
 }
@@ -175,11 +179,11 @@ fn links_that_come_and_go_do_not_disturb_the_swarm() {
     std::thread::scope(|scope| {
         for (own, link) in links {
             scope.spawn(move || {
-                let (mut said, mut heard) = (0, Vec::new());
+                let (mut sequence, mut heard) = (0, Vec::new());
                 while !all_went() {
-                    said += 1;
-                    link.say_state(&state(own, said), Cell::default());
-                    link.say_mission(&mission(own, said));
+                    sequence += 1;
+                    link.publish_state(&state(own, sequence), Cell::default());
+                    link.publish_mission(&mission(own, sequence));
                     pause();
                     link.drain(&mut heard);
                 }

@@ -10,15 +10,15 @@ fn without_signatures_a_valid_node_could_forge_any_message() {
     let forger = Forger { voices: Voices::plain(swarm.name.clone()), sealer: swarm.authority.sealer("vehicle-3.2") };
     wait_until(|| is_linked(intruder.first()));
     let mut heard = Vec::new();
-    let deadline = now() + PATIENCE;
+    let deadline = now() + TIMEOUT;
     let kinds: [fn(&Word) -> bool; 3] = [
         |word| matches!(word, Word::State(_)),
         |word| matches!(word, Word::Mission(_)),
         |word| matches!(word, Word::Order(_)),
     ];
-    let is_heard =
+    let are_received =
         |heard: &[Heard]| kinds.iter().all(|kind| word(heard, |word| is_forged(word) && kind(word)).is_some());
-    while !is_heard(&heard) {
+    while !are_received(&heard) {
         assert!(now() < deadline, "{heard:?}");
         forger.forge(intruder.first(), &[1, 2]);
         forge_order(intruder.first());
@@ -40,49 +40,49 @@ fn a_node_with_a_valid_certificate_can_use_every_kind_of_message() {
     let healths = subscriber(all::HEALTH);
     let tokens = observer.liveliness().declare_subscriber(all::ALIVE).history(true).wait().unwrap();
     wait_until(|| swarm.one.trace_is_wanted() && swarm.two.trace_is_wanted());
-    let mut lines = [&swarm.one, &swarm.two].map(|link| link.health(|| 0).unwrap());
+    let mut publishers = [&swarm.one, &swarm.two].map(|link| link.health(|| 0).unwrap());
 
     let mut there = BTreeSet::new();
-    let mut told = [false; 4];
-    let deadline = now() + PATIENCE;
-    while there.len() < 2 || told != [true; 4] {
-        assert!(now() < deadline, "tokens {there:?}, received {told:?}");
-        swarm.talk(1, || {});
-        swarm.one.say_mission(&mission(1, 1));
-        swarm.two.say_event(&Event { header: state(2, 1).header, what: Happening::Landed });
-        for publisher in lines.iter().flat_map(|line| &line.line.publishers) {
+    let mut received_kinds = [false; 4];
+    let deadline = now() + TIMEOUT;
+    while there.len() < 2 || received_kinds != [true; 4] {
+        assert!(now() < deadline, "tokens {there:?}, received {received_kinds:?}");
+        swarm.exchange(1, || {});
+        swarm.one.publish_mission(&mission(1, 1));
+        swarm.two.publish_event(&Event { header: state(2, 1).header, what: Happening::Landed });
+        for publisher in publishers.iter().flat_map(|health| &health.publisher.publishers) {
             publisher.put(b"health").wait().unwrap();
         }
         there.extend(tokens.drain().map(|token| token.key_expr().as_str().to_owned()));
-        for (told, lines) in told.iter_mut().zip([&states, &missions, &events, &healths]) {
-            *told |= lines.drain().count() > 0;
+        for (received_kinds, lines) in received_kinds.iter_mut().zip([&states, &missions, &events, &healths]) {
+            *received_kinds |= lines.drain().count() > 0;
         }
     }
     assert_eq!(traces.drain().count(), 0, "no vehicle has published a trace");
 
     // A late observer queries for heartbeats.
-    let answers = observer.get("vehicle/*/mission").timeout(PATIENCE).wait().unwrap();
+    let answers = observer.get("vehicle/*/mission").timeout(TIMEOUT).wait().unwrap();
     let keys: Vec<String> = answers.iter().map(|reply| reply.result().unwrap().key_expr().to_string()).collect();
     assert_eq!(keys, ["vehicle/1/mission"]);
 
     // Each vehicle queries the other's clock.
-    for (line, other) in lines.iter_mut().zip([2, 1]) {
+    for (health, other) in publishers.iter_mut().zip([2, 1]) {
         let mut peers =
             [PeerHealth { id: id(other), standing: Standing::Fresh, age_s: 0.0, delay_s: None, clock: None }];
-        line.live = vec![id(other)];
-        let deadline = now() + PATIENCE;
+        health.live = vec![id(other)];
+        let deadline = now() + TIMEOUT;
         while peers[0].clock.is_none() {
             assert!(now() < deadline, "vehicle {other} does not reply with its time");
-            line.ask_a_clock();
+            health.query_next_clock();
             pause();
-            line.clocks.tell(&mut peers);
+            health.clocks.report(&mut peers);
         }
     }
 
     let order = Order { epoch: 1, issuer: 9, verb: Verb::Land, seal: None };
-    let order = seal::orders::seal(&swarm.authority.sealer("operator"), &swarm.name, RUN, order);
+    let order = seal::orders::sign(&swarm.authority.sealer("operator"), &swarm.name, RUN, order);
     for link in [&swarm.one, &swarm.two] {
-        let give = || say(operator.first(), &Topic::Order(9).key(), &encode(&order));
+        let give = || send(operator.first(), &Topic::Order(9).key(), &encode(&order));
         until(link, give, |heard| word(heard, |word| *word == Word::Order(order)));
     }
 }
@@ -90,7 +90,7 @@ fn a_node_with_a_valid_certificate_can_use_every_kind_of_message() {
 #[test]
 fn a_late_vehicle_receives_the_heartbeats_of_its_peers() {
     let swarm = Swarm::begin("late-secured");
-    swarm.one.say_mission(&mission(1, 5));
+    swarm.one.publish_mission(&mission(1, 5));
     let trust = swarm.authority.trust(&swarm.name, "vehicle-3.2");
     let late = Link::new(swarm.guest(swarm.authority.tls("vehicle-3.2")), id(3), LocalClock::start(), trust).unwrap();
     until(&late, || {}, |heard| word(heard, |word| *word == Word::Mission(mission(1, 5))));
@@ -104,16 +104,16 @@ fn a_valid_vehicle_can_send_for_itself_only() {
     let intruder = swarm.guest(swarm.authority.tls("vehicle-3.2"));
     wait_until(|| is_linked(intruder.first()));
     let forger = swarm.forger("vehicle-3.2");
-    let mut said = 0;
+    let mut sequence = 0;
     for receiver in [1, 2] {
         for _ in 0..5 {
             attack(intruder.first(), &forger);
-            said += 1;
+            sequence += 1;
             let link = if receiver == 1 { &swarm.one } else { &swarm.two };
             let heard = until(
                 link,
-                || forger.say(intruder.first(), Topic::State(id(3), Cell::default()), &state(3, said)),
-                |heard| word(heard, |word| *word == Word::State(state(3, said))).map(|_| heard.to_vec()),
+                || forger.send(intruder.first(), Topic::State(id(3), Cell::default()), &state(3, sequence)),
+                |heard| word(heard, |word| *word == Word::State(state(3, sequence))).map(|_| heard.to_vec()),
             );
             assert_eq!(heard.iter().find(|heard| is_forged(&heard.word)), None);
         }
@@ -125,16 +125,16 @@ fn a_valid_vehicle_can_send_for_itself_only() {
 #[test]
 fn a_valid_vehicle_can_reply_for_itself_only() {
     let swarm = Swarm::begin("reply");
-    swarm.one.say_mission(&mission(1, 5));
+    swarm.one.publish_mission(&mission(1, 5));
     let own = swarm.authority.tls("vehicle-3.2");
     let forger = swarm.forger("vehicle-3.2");
     let intruder = Sessions::open(&swarm.name, &["tls/127.0.0.1:0".to_owned()], &[], &secured(own)).unwrap();
     let answer = move |query: zenoh::query::Query| {
         for sender in [1, 3] {
-            let said = Mission { header: forged_header(sender), ..mission(sender, 1) };
+            let forged = Mission { header: forged_header(sender), ..mission(sender, 1) };
             let key = Topic::Mission(id(sender)).key();
             // Zenoh rejects a reply under a key that was not queried.
-            let _ = query.reply(&key, forger.voices.write(Some(&forger.sealer), RUN, &key, &said)).wait();
+            let _ = query.reply(&key, forger.voices.write(Some(&forger.sealer), RUN, &key, &forged)).wait();
         }
     };
     // It declares itself complete for all vehicles.
@@ -148,9 +148,9 @@ fn a_valid_vehicle_can_reply_for_itself_only() {
     // Queried repeatedly, because the intruder's link may come up later than vehicle 1's.
     let ask = || {
         for sender in [1, 3] {
-            let ear = late.ear.clone();
-            register::ask(late.sessions.first(), Topic::Mission(id(sender)), &[], move |said| {
-                ear.hear(said, Word::Mission)
+            let receiver = late.receiver.clone();
+            queries::send_query(late.sessions.first(), Topic::Mission(id(sender)), &[], move |sample| {
+                receiver.receive(sample, Word::Mission)
             });
         }
     };
@@ -179,11 +179,11 @@ fn replayed_messages_are_refused_once_their_sender_has_gone() {
     let swarm = Swarm::begin("replay");
     let intruder = swarm.guest(swarm.authority.tls("vehicle-3.2"));
     let kept = intruder.first().declare_subscriber("vehicle/1/**").wait().unwrap();
-    let deadline = now() + PATIENCE;
+    let deadline = now() + TIMEOUT;
     let mut words = Vec::new();
     while words.len() < 2 {
         assert!(now() < deadline);
-        swarm.one.say_mission(&mission(1, 1));
+        swarm.one.publish_mission(&mission(1, 1));
         words.extend(
             kept.drain().map(|sample| (sample.key_expr().to_string(), sample.payload().to_bytes().into_owned())),
         );
@@ -200,10 +200,10 @@ fn replayed_messages_are_refused_once_their_sender_has_gone() {
     let again = Sessions::open(&name, &[], &dial, &secured(authority.tls("vehicle-3.2"))).unwrap();
     let again = again.first();
     let mut heard = Vec::new();
-    let deadline = now() + PATIENCE;
+    let deadline = now() + TIMEOUT;
     while newcomer.drops().old < 20 {
         assert!(now() < deadline, "{:?}", newcomer.drops());
-        words.iter().for_each(|(key, bytes)| say(again, key, bytes));
+        words.iter().for_each(|(key, bytes)| send(again, key, bytes));
         drop(again.liveliness().declare_token(Topic::Alive(id(1)).key()).wait().unwrap());
         newcomer.drain(&mut heard);
         pause();
@@ -246,7 +246,7 @@ fn no_node_can_send_for_another_by_taking_its_session_number() {
     let intruder = as_number(&swarm, &number, &of_intruder, &[], &swarm.authority.tls("vehicle-2"));
     let forger = swarm.forger("vehicle-2");
     let mut heard = Vec::new();
-    let deadline = now() + PATIENCE;
+    let deadline = now() + TIMEOUT;
     while three.drops().forged < 20 {
         assert!(now() < deadline, "{:?}", three.drops());
         forger.forge(intruder.first(), &[1]);
@@ -260,5 +260,5 @@ fn no_node_can_send_for_another_by_taking_its_session_number() {
 fn as_number(swarm: &Swarm, number: &str, listen: &[String], dial: &[String], tls: &Tls) -> Sessions {
     let chosen = [("id", json!(number))];
     let tunnel = Tunnel::open(listen, dial, Some(tls)).unwrap();
-    Sessions::through(tunnel, |listen, dial| open_zenoh(&swarm.name, listen, dial, &chosen)).unwrap()
+    Sessions::open_through(tunnel, |listen, dial| open_zenoh(&swarm.name, listen, dial, &chosen)).unwrap()
 }

@@ -12,7 +12,7 @@ use crate::plant::xplane::socket::{Port, Received, is_this_host};
 use crate::plant::xplane::wire::becn::{self, Beacon};
 
 /// Time without a beacon before a warning: an X-Plane that loads scenery may miss two beacons.
-const PATIENCE: Duration = Duration::from_secs(3);
+const TIMEOUT: Duration = Duration::from_secs(3);
 
 /// Listens for a beacon of an X-Plane on this host.
 pub(super) struct Search {
@@ -70,12 +70,12 @@ impl Search {
     }
 
     fn report(&mut self) {
-        if !self.is_reported && now() >= self.since + PATIENCE {
+        if !self.is_reported && now() >= self.since + TIMEOUT {
             self.is_reported = true;
             tracing::warn!(
                 "no beacon from an X-Plane on this computer for {} s, still listening: is X-Plane running? You can \
                  also give its address",
-                PATIENCE.as_secs()
+                TIMEOUT.as_secs()
             );
         }
     }

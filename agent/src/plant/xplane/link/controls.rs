@@ -41,7 +41,7 @@ impl Controls {
     }
 
     /// Releases the controls.
-    pub(super) fn give_back(&mut self, port: &mut Port, to: SocketAddr) {
+    pub(super) fn release(&mut self, port: &mut Port, to: SocketAddr) {
         self.set_overrides(0.0, port, to);
     }
 

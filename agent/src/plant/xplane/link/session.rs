@@ -24,7 +24,7 @@ use crate::plant::xplane::wire::rpos::Position;
 use skein_core::aircraft::Dataref;
 
 /// Number of our indices that proves a datagram in spite of foreign indices in it: too many to be guessed.
-const BEYOND_GUESSING: u32 = 3;
+const PROOF_COUNT: u32 = 3;
 /// Age above which values neither refute nor support a position. X-Plane slows its time below 19 frames a second, so a
 /// value comes at least every 53 ms; one of four in a row arrives.
 const FRESH: Duration = Duration::from_millis(250);
@@ -108,7 +108,7 @@ impl Indices {
     }
 
     /// Classifies a datagram with these indices.
-    pub(super) fn judge(&self, indices: impl Iterator<Item = i32>) -> Answer {
+    pub(super) fn assess(&self, indices: impl Iterator<Item = i32>) -> Provenance {
         let (mut ours, mut others) = (0_u32, false);
         for index in indices {
             match self.value(index) {
@@ -117,17 +117,17 @@ impl Indices {
             }
         }
         match ours.count_ones() {
-            BEYOND_GUESSING.. => Answer::Proof,
+            PROOF_COUNT.. => Provenance::Proof,
             // X-Plane may send each value by itself, but has no reason to add other values to it.
-            _ if !others => Answer::Ours,
-            _ => Answer::Foreign,
+            _ if !others => Provenance::Ours,
+            _ => Provenance::Foreign,
         }
     }
 }
 
 /// What a datagram's indices reveal about its sender.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Answer {
+pub(super) enum Provenance {
     /// The sender is certainly the simulator.
     Proof,
     /// All indices are ours; the sender may be the simulator.
@@ -155,21 +155,21 @@ pub(super) struct Senders {
     /// Latitude, longitude and elevation from values with our indices.
     place: [Option<(Instant, f32)>; 3],
     /// Port that sends values with our indices.
-    proven: Option<Seen>,
+    proven: Option<Contact>,
     /// Port whose positions are trusted.
-    believed: Option<Seen>,
+    trusted: Option<Contact>,
     /// Port on trial, and since when its positions have agreed.
-    candidate: Option<(Seen, Instant)>,
+    candidate: Option<(Contact, Instant)>,
 }
 
 /// A sender and the time of its last datagram.
 #[derive(Clone, Copy, Debug)]
-struct Seen {
+struct Contact {
     address: SocketAddr,
     at: Instant,
 }
 
-impl Seen {
+impl Contact {
     fn is_silent(&self, now: Instant) -> bool {
         now.saturating_duration_since(self.at) >= STALE
     }
@@ -178,7 +178,7 @@ impl Seen {
 impl Senders {
     /// Records a datagram that only the simulator can have sent.
     pub(super) fn prove(&mut self, address: SocketAddr, at: Instant) {
-        self.proven = Some(Seen { address, at });
+        self.proven = Some(Contact { address, at });
     }
 
     /// Records a coordinate of the aircraft that came with our index.
@@ -194,7 +194,7 @@ impl Senders {
 
     /// Assesses the sender of a position that came from `from` at `at`. Positions are `frame_period_s` apart;
     /// `time_rate` is the simulator's time against local time.
-    pub(super) fn judge(
+    pub(super) fn assess(
         &mut self,
         from: SocketAddr,
         position: &Position,
@@ -202,62 +202,62 @@ impl Senders {
         frame_period_s: f64,
         time_rate: f64,
     ) -> Sender {
-        let seen = Seen { address: from, at };
+        let contact = Contact { address: from, at };
         if self.proven.is_some_and(|proven| proven.address == from && !proven.is_silent(at)) {
-            self.believe(seen);
+            self.trust(contact);
             return Sender::Simulator;
         }
-        let beyond_m = self.beyond_m(position, at, frame_period_s, time_rate);
-        let agrees = beyond_m.map(|beyond_m| beyond_m <= 0.0);
-        match self.believed {
-            Some(believed) if !believed.is_silent(at) => match agrees {
-                _ if believed.address != from => Sender::Foreign(beyond_m),
-                Some(false) => Sender::Foreign(beyond_m),
+        let excess_m = self.excess_m(position, at, frame_period_s, time_rate);
+        let agrees = excess_m.map(|excess_m| excess_m <= 0.0);
+        match self.trusted {
+            Some(trusted) if !trusted.is_silent(at) => match agrees {
+                _ if trusted.address != from => Sender::Foreign(excess_m),
+                Some(false) => Sender::Foreign(excess_m),
                 Some(true) | None => {
-                    self.believe(seen);
+                    self.trust(contact);
                     Sender::Simulator
                 }
             },
             // A simulator that was silent for a while need not compete with other senders again.
-            Some(believed) if believed.address == from && agrees == Some(true) => {
-                self.believe(seen);
+            Some(trusted) if trusted.address == from && agrees == Some(true) => {
+                self.trust(contact);
                 Sender::Simulator
             }
             _ => match agrees {
-                Some(true) => self.try_out(seen),
-                Some(false) => Sender::Foreign(beyond_m),
+                Some(true) => self.run_trial(contact),
+                Some(false) => Sender::Foreign(excess_m),
                 None => Sender::Unproven,
             },
         }
     }
 
-    fn believe(&mut self, seen: Seen) {
-        (self.believed, self.candidate) = (Some(seen), None);
+    fn trust(&mut self, contact: Contact) {
+        (self.trusted, self.candidate) = (Some(contact), None);
     }
 
     /// Handles a position that agrees with the values while no port is trusted.
-    fn try_out(&mut self, seen: Seen) -> Sender {
+    fn run_trial(&mut self, contact: Contact) -> Sender {
         let (rival, since) = match self.candidate {
-            Some((last, since)) if last.is_silent(seen.at) => (None, since),
+            Some((last, since)) if last.is_silent(contact.at) => (None, since),
             Some((last, since)) => (Some(last.address), since),
-            None => (None, seen.at),
+            None => (None, contact.at),
         };
         match rival {
-            Some(rival) if rival != seen.address => {
+            Some(rival) if rival != contact.address => {
                 // Two senders agree, so neither can be trusted: the trial starts anew.
-                self.candidate = Some((seen, seen.at));
+                self.candidate = Some((contact, contact.at));
                 Sender::Foreign(None)
             }
-            Some(_) if seen.at.saturating_duration_since(since) >= TRIAL => {
-                self.believe(seen);
+            Some(_) if contact.at.saturating_duration_since(since) >= TRIAL => {
+                self.trust(contact);
                 Sender::Simulator
             }
             Some(_) => {
-                self.candidate = Some((seen, since));
+                self.candidate = Some((contact, since));
                 Sender::Unproven
             }
             None => {
-                self.candidate = Some((seen, seen.at));
+                self.candidate = Some((contact, contact.at));
                 Sender::Unproven
             }
         }
@@ -268,7 +268,7 @@ impl Senders {
     /// A value is an f32, up to one step from the true one, whether X-Plane rounds or truncates (at most 0.85 m of
     /// latitude and 1.7 m of longitude). It may be older than the position by its age, or a frame younger; in that time
     /// the aircraft moves at its speed.
-    fn beyond_m(&self, position: &Position, at: Instant, frame_period_s: f64, time_rate: f64) -> Option<f64> {
+    fn excess_m(&self, position: &Position, at: Instant, frame_period_s: f64, time_rate: f64) -> Option<f64> {
         let [Some(latitude), Some(longitude), Some(elevation)] = self.place else { return None };
         let oldest = latitude.0.min(longitude.0).min(elevation.0);
         let age = at.saturating_duration_since(oldest);
@@ -277,21 +277,21 @@ impl Senders {
         }
         let east_m_per_degree = METRES_PER_DEGREE * cos(position.latitude_deg.to_radians());
         let turn_deg = wrap_deg(position.longitude_deg - f64::from(longitude.1));
-        let off_m = [
-            off(position.latitude_deg - f64::from(latitude.1), latitude.1) * METRES_PER_DEGREE,
-            off(turn_deg, longitude.1) * east_m_per_degree,
-            off(position.elevation_m - f64::from(elevation.1), elevation.1),
+        let offset_m = [
+            excess(position.latitude_deg - f64::from(latitude.1), latitude.1) * METRES_PER_DEGREE,
+            excess(turn_deg, longitude.1) * east_m_per_degree,
+            excess(position.elevation_m - f64::from(elevation.1), elevation.1),
         ];
         let speed_m_s = [position.velocity_east_m_s, position.velocity_up_m_s, position.velocity_south_m_s];
         let may_move_m = length(speed_m_s.map(f64::from)).min(TOP_SPEED_M_S)
             * time_rate.max(1.0)
             * (age.as_secs_f64() + frame_period_s);
-        Some(length(off_m) - may_move_m - MARGIN_M)
+        Some(length(offset_m) - may_move_m - MARGIN_M)
     }
 }
 
 /// How far a difference from a value exceeds one f32 step of that value.
-fn off(difference: f64, value: f32) -> f64 {
+fn excess(difference: f64, value: f32) -> f64 {
     let step = f64::from(value.abs().next_up() - value.abs());
     (difference.abs() - step).max(0.0)
 }

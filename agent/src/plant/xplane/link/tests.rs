@@ -12,7 +12,7 @@ use crate::plant::xplane::wire::MAX_DATAGRAM;
 use crate::plant::xplane::wire::dref::Write;
 
 const LOCAL: IpAddr = IpAddr::V4(Ipv4Addr::LOCALHOST);
-const PATIENCE: Duration = Duration::from_secs(5);
+const TIMEOUT: Duration = Duration::from_secs(5);
 const ROTOR_SPEED: &str = "sim/cockpit2/engine/indicators/prop_speed_rpm[0]";
 const VERSION: &str = "sim/version/xplane_internal_version";
 const PAUSED: &str = "sim/time/paused";
@@ -26,13 +26,13 @@ fn link_to(simulator: SocketAddr, listen: IpAddr) -> XPlane {
 const SOON: Duration = Duration::from_millis(30);
 
 fn next_frame(link: &mut XPlane) -> Frame {
-    let give_up = now() + PATIENCE;
+    let give_up = now() + TIMEOUT;
     while now() < give_up {
         if let Wake::Frame(frame) = link.wait(SOON) {
             return frame;
         }
     }
-    panic!("no frame in {PATIENCE:?}: {:?}", link.counters());
+    panic!("no frame in {TIMEOUT:?}: {:?}", link.counters());
 }
 
 /// An X-Plane that a test controls, and that records everything it receives.
@@ -59,7 +59,7 @@ impl Scripted {
         let mut link = link_to(socket.local_addr().unwrap(), LOCAL);
         link.wait(Duration::ZERO);
         let mut simulator = Self { socket, heard: Vec::new(), asked: Vec::new() };
-        simulator.asked = simulator.hear().to_vec();
+        simulator.asked = simulator.receive().to_vec();
         (simulator, link)
     }
 
@@ -102,7 +102,7 @@ impl Scripted {
     }
 
     /// Datagrams received since the last call.
-    fn hear(&mut self) -> &[Vec<u8>] {
+    fn receive(&mut self) -> &[Vec<u8>] {
         self.heard.clear();
         let mut buffer = [0; MAX_DATAGRAM];
         while let Ok(size) = self.socket.recv(&mut buffer) {
@@ -113,7 +113,7 @@ impl Scripted {
 
     /// Dataref writes received since the last call, in order.
     fn writes(&mut self) -> Vec<(String, f32)> {
-        let writes = self.hear().iter().filter_map(|datagram| Write::decode(datagram).ok());
+        let writes = self.receive().iter().filter_map(|datagram| Write::decode(datagram).ok());
         writes.map(|write| (write.path.to_owned(), write.value)).collect()
     }
 }
@@ -142,7 +142,7 @@ fn the_link_subscribes_at_its_first_wait_and_touches_no_control() {
 #[test]
 fn commands_take_the_override_first_and_then_set_every_axis() {
     let (mut simulator, mut link) = Scripted::new();
-    simulator.hear();
+    simulator.receive();
     link.command(HOVER);
     let axes = [
         ("sim/joystick/yoke_roll_ratio", 0.25),
@@ -166,9 +166,9 @@ fn commands_take_the_override_first_and_then_set_every_axis() {
 fn release_gives_the_override_back_and_unsubscribes_once() {
     let (mut simulator, mut link) = Scripted::new();
     link.command(HOVER);
-    simulator.hear();
+    simulator.receive();
     link.release();
-    let heard = simulator.hear().to_vec();
+    let heard = simulator.receive().to_vec();
     let writes: Vec<_> = heard.iter().filter_map(|datagram| Write::decode(datagram).ok()).collect();
     assert!(!writes.is_empty());
     assert!(writes.iter().all(|write| write.path.ends_with("override_joystick") && write.value == 0.0), "{writes:?}");
@@ -182,7 +182,7 @@ fn release_gives_the_override_back_and_unsubscribes_once() {
     ended.sort_unstable();
     assert_eq!(indices, ended);
     drop(link);
-    assert!(simulator.hear().is_empty());
+    assert!(simulator.receive().is_empty());
 }
 
 #[test]
@@ -204,12 +204,12 @@ fn a_link_that_never_commanded_leaves_the_override_unchanged() {
 #[test]
 fn commands_outside_the_travel_are_not_sent() {
     let (mut simulator, mut link) = Scripted::new();
-    simulator.hear();
+    simulator.receive();
     for bad in [f64::NAN, f64::INFINITY, 1.5] {
         link.command(Sticks { roll: bad, ..HOVER });
     }
     assert_eq!(link.counters().refused_commands, 3);
-    assert!(simulator.hear().is_empty());
+    assert!(simulator.receive().is_empty());
 }
 
 #[test]
@@ -256,7 +256,7 @@ fn a_paused_simulator_delivers_no_frames_and_its_time_stops() {
         simulator.send_position(&link, at_height(1.0));
         assert_eq!(link.wait(SOON), Wake::Deadline);
     }
-    assert!(link.is_paused() && link.counters().standing_frames == 5);
+    assert!(link.is_paused() && link.counters().frozen_frames == 5);
     simulator.send_value(&link, PAUSED, 0.0);
     simulator.send_position(&link, at_height(1.0));
     let after = next_frame(&mut link).time;
@@ -365,7 +365,7 @@ mod beacons {
         let standin = Standin::open(&StandinOptions { beacon: true, ..live::options(0) }).unwrap();
         let address = standin.address();
         let _live = live::Live::run(standin);
-        let (give_up, mut counters) = (now() + PATIENCE, Counters::default());
+        let (give_up, mut counters) = (now() + TIMEOUT, Counters::default());
         let mut heard = Vec::new();
         // Other simulators on this computer may send beacons too.
         while !heard.contains(&address.port()) && now() < give_up {
@@ -419,7 +419,7 @@ mod live {
     /// Value of a dataref, read by a separate client.
     fn read(simulator: SocketAddr, path: &str) -> f32 {
         let socket = UdpSocket::bind((LOCAL, 0)).unwrap();
-        socket.set_read_timeout(Some(PATIENCE)).unwrap();
+        socket.set_read_timeout(Some(TIMEOUT)).unwrap();
         let mut datagram = Vec::new();
         rref::Request { frequency_hz: 50, index: 9, path }.encode(&mut datagram).unwrap();
         socket.send_to(&datagram, simulator).unwrap();

@@ -47,7 +47,7 @@ pub(super) struct Client {
     pub(super) position: Option<Schedule>,
     pub(super) values: Vec<Subscription>,
     /// Frame in which it last sent anything.
-    pub(super) last_heard: u64,
+    pub(super) last_received: u64,
 }
 
 /// All clients.
@@ -66,7 +66,7 @@ impl Clients {
     /// Records that a client has sent a datagram.
     pub(super) fn heard(&mut self, address: SocketAddr, frame: u64) {
         if let Some(client) = self.all.iter_mut().find(|client| client.address == address) {
-            client.last_heard = frame;
+            client.last_received = frame;
         }
     }
 
@@ -124,11 +124,11 @@ impl Clients {
             return self.all.get_mut(at);
         }
         if self.all.len() >= MAX_CLIENTS {
-            let silent = self.all.iter().enumerate().min_by_key(|(_, client)| client.last_heard);
-            let (at, _) = silent.filter(|(_, client)| client.last_heard + self.silence < frame)?;
+            let silent = self.all.iter().enumerate().min_by_key(|(_, client)| client.last_received);
+            let (at, _) = silent.filter(|(_, client)| client.last_received + self.silence < frame)?;
             self.all.swap_remove(at);
         }
-        self.all.push(Client { address, position: None, values: Vec::new(), last_heard: frame });
+        self.all.push(Client { address, position: None, values: Vec::new(), last_received: frame });
         self.all.last_mut()
     }
 }

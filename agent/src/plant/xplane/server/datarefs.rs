@@ -51,7 +51,7 @@ impl Setting {
     const COUNT: usize = Self::Governor as usize + 1;
 
     /// The number that X-Plane stores when this one is written.
-    fn taken(self, value: f32) -> f32 {
+    fn stored_value(self, value: f32) -> f32 {
         match self {
             // These are integers, so the fraction is cut off.
             Self::OverrideJoystick | Self::OverrideRoll | Self::OverridePitch | Self::OverrideYaw | Self::Governor => {
@@ -199,11 +199,11 @@ impl Handle {
         let setting = match self.dataref.source {
             Source::Computed(_) => return None,
             Source::Kept(setting) => {
-                settings.0[setting as usize][self.element] = setting.taken(value);
+                settings.0[setting as usize][self.element] = setting.stored_value(value);
                 setting
             }
             Source::All(setting) => {
-                settings.0[setting as usize] = [setting.taken(value); ENGINES];
+                settings.0[setting as usize] = [setting.stored_value(value); ENGINES];
                 setting
             }
         };

@@ -47,22 +47,22 @@ impl Bench {
         Self { server: Server::new(Version::V12, RATE_HZ), sent: Vec::new() }
     }
 
-    fn say(&mut self, from: SocketAddr, write: impl FnOnce(&mut Vec<u8>)) {
+    fn send(&mut self, from: SocketAddr, write: impl FnOnce(&mut Vec<u8>)) {
         let mut datagram = Vec::new();
         write(&mut datagram);
         assert_eq!(self.server.handle(&datagram, from), None);
     }
 
-    fn want_position(&mut self, from: SocketAddr, rate_hz: u32) {
-        self.say(from, |out| rpos::Request { rate_hz }.encode(out));
+    fn subscribe_position(&mut self, from: SocketAddr, rate_hz: u32) {
+        self.send(from, |out| rpos::Request { rate_hz }.encode(out));
     }
 
-    fn want(&mut self, from: SocketAddr, frequency_hz: u32, index: i32, path: &str) {
-        self.say(from, |out| rref::Request { frequency_hz, index, path }.encode(out).unwrap());
+    fn subscribe_value(&mut self, from: SocketAddr, frequency_hz: u32, index: i32, path: &str) {
+        self.send(from, |out| rref::Request { frequency_hz, index, path }.encode(out).unwrap());
     }
 
     fn set(&mut self, path: &str, value: f32) {
-        self.say(client(1), |out| Write { value, path }.encode(out).unwrap());
+        self.send(client(1), |out| Write { value, path }.encode(out).unwrap());
     }
 
     fn frame(&mut self) -> Option<Sticks> {
@@ -97,10 +97,10 @@ impl Bench {
     /// Value of a dataref in the next frame.
     fn read(&mut self, path: &str) -> Option<f32> {
         let reader = client(60_000);
-        self.want(reader, RATE_HZ, 0, path);
+        self.subscribe_value(reader, RATE_HZ, 0, path);
         self.sent.clear();
         self.frame();
-        self.want(reader, 0, 0, "");
+        self.subscribe_value(reader, 0, 0, "");
         self.values(reader).remove(&0).map(|values| values[0])
     }
 }
@@ -109,7 +109,7 @@ impl Bench {
 fn positions_come_at_the_rate_asked_for_and_never_faster_than_frames() {
     for (asked, expected) in [(50, 50), (100, 50), (25, 25), (20, 20), (7, 7), (1, 1)] {
         let mut bench = Bench::new();
-        bench.want_position(client(1), asked);
+        bench.subscribe_position(client(1), asked);
         bench.frame();
         assert_eq!(bench.positions(client(1)), 1, "the first is sent at once");
         bench.frames(49);
@@ -120,9 +120,9 @@ fn positions_come_at_the_rate_asked_for_and_never_faster_than_frames() {
 #[test]
 fn a_rate_of_zero_ends_the_positions() {
     let mut bench = Bench::new();
-    bench.want_position(client(1), 50);
+    bench.subscribe_position(client(1), 50);
     bench.frames(3);
-    bench.want_position(client(1), 0);
+    bench.subscribe_position(client(1), 0);
     bench.frames(3);
     assert_eq!(bench.positions(client(1)), 3);
     assert!(!bench.server.is_used());
@@ -131,7 +131,7 @@ fn a_rate_of_zero_ends_the_positions() {
 #[test]
 fn the_position_is_in_x_planes_axes_and_degrees() {
     let mut bench = Bench::new();
-    bench.want_position(client(1), 50);
+    bench.subscribe_position(client(1), 50);
     bench.frame();
     let (_, datagram) = &bench.sent[0];
     assert_eq!(datagram.len(), 69);
@@ -146,11 +146,11 @@ fn the_position_is_in_x_planes_axes_and_degrees() {
 #[test]
 fn clients_differ_by_address_port_and_index_each_with_its_own_rate() {
     let mut bench = Bench::new();
-    bench.want(client(1), 50, 7, RUNNING);
-    bench.want(client(1), 10, 8, RUNNING);
-    bench.want(client(2), 25, 7, "sim/time/paused");
+    bench.subscribe_value(client(1), 50, 7, RUNNING);
+    bench.subscribe_value(client(1), 10, 8, RUNNING);
+    bench.subscribe_value(client(2), 25, 7, "sim/time/paused");
     let elsewhere = SocketAddr::from(([127, 0, 0, 2], 1));
-    bench.want(elsewhere, 5, 7, RUNNING);
+    bench.subscribe_value(elsewhere, 5, 7, RUNNING);
     bench.frames(50);
     let count = |to, index| bench.values(to)[&index].len();
     assert_eq!((count(client(1), 7), count(client(1), 8), count(client(2), 7), count(elsewhere, 7)), (50, 10, 25, 5));
@@ -160,8 +160,8 @@ fn clients_differ_by_address_port_and_index_each_with_its_own_rate() {
 #[test]
 fn the_same_index_again_replaces_path_and_rate() {
     let mut bench = Bench::new();
-    bench.want(client(1), 50, 7, RUNNING);
-    bench.want(client(1), 25, 7, "sim/version/xplane_internal_version");
+    bench.subscribe_value(client(1), 50, 7, RUNNING);
+    bench.subscribe_value(client(1), 25, 7, "sim/version/xplane_internal_version");
     bench.frames(50);
     let values = &bench.values(client(1))[&7];
     assert_eq!((values.len(), values[0]), (25, 121_400.0));
@@ -171,10 +171,10 @@ fn the_same_index_again_replaces_path_and_rate() {
 fn frequency_zero_ends_a_value_whatever_the_path() {
     for path in ["", RUNNING, "another/one"] {
         let mut bench = Bench::new();
-        bench.want(client(1), 50, 7, RUNNING);
-        bench.want(client(2), 50, 7, RUNNING);
+        bench.subscribe_value(client(1), 50, 7, RUNNING);
+        bench.subscribe_value(client(2), 50, 7, RUNNING);
         bench.frame();
-        bench.want(client(1), 0, 7, path);
+        bench.subscribe_value(client(1), 0, 7, path);
         bench.frames(5);
         assert_eq!((bench.values(client(1))[&7].len(), bench.values(client(2))[&7].len()), (1, 6));
     }
@@ -184,7 +184,7 @@ fn frequency_zero_ends_a_value_whatever_the_path() {
 fn values_due_together_share_datagrams_of_at_most_183() {
     let mut bench = Bench::new();
     for index in 0..400 {
-        bench.want(client(1), 50, index, RUNNING);
+        bench.subscribe_value(client(1), 50, index, RUNNING);
     }
     bench.frame();
     let sizes: Vec<_> = bench.sent.iter().map(|(_, datagram)| datagram.len()).collect();
@@ -201,7 +201,7 @@ fn unknown_datarefs_and_elements_are_ignored() {
             .into_iter()
             .enumerate()
     {
-        bench.want(client(1), 50, index as i32, path);
+        bench.subscribe_value(client(1), 50, index as i32, path);
     }
     bench.frames(3);
     assert!(bench.sent.is_empty());
@@ -321,7 +321,7 @@ fn only_the_users_own_aircraft_is_placed_and_only_at_coordinates() {
     let mut datagram = Vec::new();
     placement.encode(&mut datagram);
     assert_eq!(bench.server.handle(&datagram, client(1)), Some(placement));
-    bench.say(client(1), |out| Placement { aircraft: 1, ..placement }.encode(out));
+    bench.send(client(1), |out| Placement { aircraft: 1, ..placement }.encode(out));
     datagram[5] = 11;
     assert_eq!(bench.server.handle(&datagram, client(1)), None);
     assert_eq!(bench.server.malformed(), 1);
@@ -331,11 +331,11 @@ fn only_the_users_own_aircraft_is_placed_and_only_at_coordinates() {
 fn wrong_sizes_are_counted_and_other_messages_are_ignored() {
     let mut bench = Bench::new();
     for datagram in [&b"RREF\0short"[..], b"DREF\0short", b"RPOS\0", b"RPOS\0abc\0", b"PREL\0", b"RREF"] {
-        bench.say(client(1), |out| out.extend_from_slice(datagram));
+        bench.send(client(1), |out| out.extend_from_slice(datagram));
     }
     assert_eq!(bench.server.malformed(), 6);
     for datagram in [&b""[..], b"RP", b"CMND\0sim/operation/pause_toggle", b"QUIT\0", b"hello"] {
-        bench.say(client(1), |out| out.extend_from_slice(datagram));
+        bench.send(client(1), |out| out.extend_from_slice(datagram));
     }
     assert_eq!(bench.server.malformed(), 6);
 }
@@ -361,25 +361,25 @@ fn the_beacon_comes_once_a_second() {
 fn tables_are_bounded_and_only_long_silent_clients_are_replaced() {
     let mut bench = Bench::new();
     for port in 1..=MAX_CLIENTS as u16 {
-        bench.want_position(client(port), 50);
+        bench.subscribe_position(client(port), 50);
     }
-    bench.want_position(client(5000), 50);
+    bench.subscribe_position(client(5000), 50);
     bench.frame();
     assert_eq!((bench.sent.len(), bench.positions(client(5000))), (MAX_CLIENTS, 0));
 
     bench.frames(13 * RATE_HZ);
     for port in 2..=MAX_CLIENTS as u16 {
-        bench.want_position(client(port), 50);
+        bench.subscribe_position(client(port), 50);
     }
     bench.sent.clear();
-    bench.want_position(client(5000), 50);
-    bench.want_position(client(5001), 50);
+    bench.subscribe_position(client(5000), 50);
+    bench.subscribe_position(client(5001), 50);
     bench.frame();
     assert_eq!((bench.positions(client(1)), bench.positions(client(5000)), bench.positions(client(5001))), (0, 1, 0));
 
     let mut bench = Bench::new();
     for index in 0..=MAX_SUBSCRIPTIONS as i32 {
-        bench.want(client(1), 50, index, RUNNING);
+        bench.subscribe_value(client(1), 50, index, RUNNING);
     }
     bench.frame();
     assert_eq!(bench.values(client(1)).len(), MAX_SUBSCRIPTIONS);
@@ -388,8 +388,8 @@ fn tables_are_bounded_and_only_long_silent_clients_are_replaced() {
 #[test]
 fn a_subscriber_that_has_gone_is_removed() {
     let mut bench = Bench::new();
-    bench.want_position(client(1), 50);
-    bench.want_position(client(2), 50);
+    bench.subscribe_position(client(1), 50);
+    bench.subscribe_position(client(2), 50);
     bench.server.forget(client(1));
     bench.frame();
     assert_eq!((bench.positions(client(1)), bench.positions(client(2))), (0, 1));
@@ -398,7 +398,7 @@ fn a_subscriber_that_has_gone_is_removed() {
 #[test]
 fn a_long_silent_subscriber_still_gets_positions_but_does_not_keep_the_server_in_use() {
     let mut bench = Bench::new();
-    bench.want_position(client(1), 50);
+    bench.subscribe_position(client(1), 50);
     bench.frames(11 * RATE_HZ);
     assert!(bench.server.is_used());
     bench.frames(2 * RATE_HZ);

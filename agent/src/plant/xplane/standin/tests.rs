@@ -34,18 +34,18 @@ impl Bench {
         Self { standin, client }
     }
 
-    fn say(&self, write: impl FnOnce(&mut Vec<u8>)) {
+    fn send(&self, write: impl FnOnce(&mut Vec<u8>)) {
         let mut datagram = Vec::new();
         write(&mut datagram);
         self.client.send_to(&datagram, self.standin.address()).unwrap();
     }
 
     fn set(&self, path: &str, value: f32) {
-        self.say(|out| Write { value, path }.encode(out).unwrap());
+        self.send(|out| Write { value, path }.encode(out).unwrap());
     }
 
     fn position_after(&mut self, frames: u32) -> Position {
-        self.say(|out| rpos::Request { rate_hz: 50 }.encode(out));
+        self.send(|out| rpos::Request { rate_hz: 50 }.encode(out));
         let mut buffer = [0; MAX_DATAGRAM];
         let mut newest = None;
         for _ in 0..frames {
@@ -87,7 +87,7 @@ fn a_placement_puts_the_helicopter_on_the_ground_elsewhere() {
         heading_deg: 180.0,
         speed_m_s: 20.0,
     };
-    bench.say(|out| placement.encode(out));
+    bench.send(|out| placement.encode(out));
     let placed = bench.position_after(5);
     assert!((placed.latitude_deg - 47.0).abs() < 1e-9 && (placed.longitude_deg - 8.0).abs() < 1e-9);
     assert!((placed.elevation_m - 10.242).abs() < 0.01 && (placed.heading_deg - 180.0).abs() < 1e-3);

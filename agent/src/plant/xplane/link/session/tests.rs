@@ -41,7 +41,7 @@ impl Bench {
     }
 
     fn position(&mut self, port: u16, position: &Position) -> Sender {
-        self.senders.judge(address(port), position, self.at, FRAME_S, 1.0)
+        self.senders.assess(address(port), position, self.at, FRAME_S, 1.0)
     }
 
     /// Runs frames with values and one position from each port; returns the assessment of the first port's last
@@ -72,15 +72,15 @@ fn indices_are_distinct_and_of_one_session_only() {
 #[test]
 fn only_the_queried_simulator_knows_the_indices() {
     let indices = Indices([5, 900, 17, 4000, 1000, 2000, 3000]);
-    let judge = |answer: &[i32]| indices.judge(answer.iter().copied());
-    assert_eq!(judge(&[5, 900, 17, 1000]), Answer::Proof);
-    assert_eq!(judge(&[5, 900, 17, 1]), Answer::Proof, "with a subscription of an earlier program on this port");
-    assert_eq!(judge(&[1000]), Answer::Ours);
-    assert_eq!(judge(&[1000, 1000, 1000, 5]), Answer::Ours, "two different indices");
-    assert_eq!(judge(&[1000, 5, 1]), Answer::Foreign);
-    assert_eq!(judge(&[1]), Answer::Foreign);
+    let assess = |answer: &[i32]| indices.assess(answer.iter().copied());
+    assert_eq!(assess(&[5, 900, 17, 1000]), Provenance::Proof);
+    assert_eq!(assess(&[5, 900, 17, 1]), Provenance::Proof, "with a subscription of an earlier program on this port");
+    assert_eq!(assess(&[1000]), Provenance::Ours);
+    assert_eq!(assess(&[1000, 1000, 1000, 5]), Provenance::Ours, "two different indices");
+    assert_eq!(assess(&[1000, 5, 1]), Provenance::Foreign);
+    assert_eq!(assess(&[1]), Provenance::Foreign);
     let guesses: Vec<i32> = (1..=183).collect();
-    assert_eq!(judge(&guesses), Answer::Foreign, "two indices were guessed by chance");
+    assert_eq!(assess(&guesses), Provenance::Foreign, "two indices were guessed by chance");
 }
 
 #[test]
@@ -121,7 +121,7 @@ fn another_port_is_trusted_once_it_alone_has_agreed_for_the_trial() {
 fn a_distant_sender_is_never_trusted() {
     let mut bench = Bench::new();
     let far = moved_m(hovering(), 30.0);
-    assert!(matches!(bench.frames(10.0, &[(50_000, far)]), Sender::Foreign(Some(beyond_m)) if beyond_m > 25.0));
+    assert!(matches!(bench.frames(10.0, &[(50_000, far)]), Sender::Foreign(Some(excess_m)) if excess_m > 25.0));
     assert_eq!(
         bench.frames(2.0, &[(49_001, hovering()), (50_000, far)]),
         Sender::Simulator,
@@ -134,7 +134,7 @@ fn of_two_senders_that_agree_neither_is_trusted_until_one_is_silent() {
     let mut bench = Bench::new();
     let both = [(49_001, hovering()), (50_000, moved_m(hovering(), 0.5))];
     assert_eq!(bench.frames(20.0, &both), Sender::Foreign(None));
-    assert!(bench.senders.believed.is_none());
+    assert!(bench.senders.trusted.is_none());
     assert_eq!(bench.frames(2.0, &both[..1]), Sender::Simulator);
 }
 
@@ -166,13 +166,13 @@ fn a_hovering_aircrafts_position_is_checked_to_two_metres() {
     bench.values(&hovering());
     bench.wait_s(FRAME_S);
     for (north_m, agrees) in [(0.0, true), (0.9, true), (-0.9, true), (2.5, false), (-2.5, false)] {
-        let beyond_m = bench.senders.beyond_m(&moved_m(hovering(), north_m), bench.at, FRAME_S, 1.0).unwrap();
-        assert_eq!(beyond_m <= 0.0, agrees, "{north_m} m: {beyond_m}");
+        let excess_m = bench.senders.excess_m(&moved_m(hovering(), north_m), bench.at, FRAME_S, 1.0).unwrap();
+        assert_eq!(excess_m <= 0.0, agrees, "{north_m} m: {excess_m}");
     }
     let up = Position { elevation_m: 532.0, ..hovering() };
-    assert!(bench.senders.beyond_m(&up, bench.at, FRAME_S, 1.0).unwrap() > 0.9);
+    assert!(bench.senders.excess_m(&up, bench.at, FRAME_S, 1.0).unwrap() > 0.9);
     let fast = Position { velocity_up_m_s: 500.0, ..moved_m(hovering(), 10.0) };
-    assert!(bench.senders.beyond_m(&fast, bench.at, FRAME_S, 1.0).unwrap() > 0.0, "the claimed speed is limited");
+    assert!(bench.senders.excess_m(&fast, bench.at, FRAME_S, 1.0).unwrap() > 0.0, "the claimed speed is limited");
 }
 
 proptest! {
@@ -204,18 +204,18 @@ proptest! {
             speed_m_s * sin(course_rad) + east * t_s,
             climb_m_s + up * t_s,
         ];
-        let way = |speed: f64, acceleration: f64| (speed - acceleration * t_s / 2.0) * t_s;
+        let displacement_m = |speed: f64, acceleration: f64| (speed - acceleration * t_s / 2.0) * t_s;
         let east_m_per_degree = METRES_PER_DEGREE * cos(latitude_deg.to_radians());
         let position = Position {
-            latitude_deg: latitude_deg + way(speeds[0], north) / METRES_PER_DEGREE,
-            longitude_deg: wrap_deg(longitude_deg + way(speeds[1], east) / east_m_per_degree),
-            elevation_m: elevation_m + way(speeds[2], up),
+            latitude_deg: latitude_deg + displacement_m(speeds[0], north) / METRES_PER_DEGREE,
+            longitude_deg: wrap_deg(longitude_deg + displacement_m(speeds[1], east) / east_m_per_degree),
+            elevation_m: elevation_m + displacement_m(speeds[2], up),
             velocity_south_m_s: -speeds[0] as f32,
             velocity_east_m_s: speeds[1] as f32,
             velocity_up_m_s: speeds[2] as f32,
             ..Position::default()
         };
-        let beyond_m = bench.senders.beyond_m(&position, bench.at, FRAME_S, 1.0).unwrap();
-        prop_assert!(beyond_m <= 0.0, "{}", beyond_m);
+        let excess_m = bench.senders.excess_m(&position, bench.at, FRAME_S, 1.0).unwrap();
+        prop_assert!(excess_m <= 0.0, "{}", excess_m);
     }
 }

@@ -13,61 +13,66 @@ use zenoh::{Session, Wait};
 use super::{LinkError, Sessions, declaring};
 
 /// Longest wait for a reply. By then the peer has sent its next heartbeat anyway.
-const ANSWER_WITHIN: Duration = Duration::from_secs(1);
+const REPLY_TIMEOUT: Duration = Duration::from_secs(1);
 
 /// Answers queries with the last heartbeat.
-pub(super) struct Register {
+pub(super) struct LastHeartbeat {
     last: Arc<Mutex<Vec<u8>>>,
-    _answering: Vec<Queryable<()>>,
+    _queryables: Vec<Queryable<()>>,
 }
 
-impl Register {
-    /// Starts to answer queries for this topic; the first reply needs a [`Register::keep`].
+impl LastHeartbeat {
+    /// Starts to answer queries for this topic; the first reply needs a [`LastHeartbeat::keep`].
     pub(super) fn open(sessions: &Sessions, topic: Topic) -> Result<Self, LinkError> {
         let last = Arc::<Mutex<Vec<u8>>>::default();
-        let kept = last.clone();
-        let said = move |_: &Query| Some(lock(&kept).clone()).filter(|said| !said.is_empty());
-        let answering = answer(sessions, topic, said)?;
-        Ok(Self { last, _answering: answering })
+        let for_queries = last.clone();
+        let reply = move |_: &Query| Some(lock(&for_queries).clone()).filter(|bytes| !bytes.is_empty());
+        let queryables = answer_queries(sessions, topic, reply)?;
+        Ok(Self { last, _queryables: queryables })
     }
 
     /// Makes these bytes the reply from now on.
-    pub(super) fn keep(&self, said: Vec<u8>) {
-        *lock(&self.last) = said;
+    pub(super) fn keep(&self, bytes: Vec<u8>) {
+        *lock(&self.last) = bytes;
     }
 }
 
 /// Locks the bytes. No holder can panic: the lock is held only for a copy.
-fn lock(kept: &Mutex<Vec<u8>>) -> MutexGuard<'_, Vec<u8>> {
-    kept.lock().unwrap_or_else(PoisonError::into_inner)
+fn lock(shared: &Mutex<Vec<u8>>) -> MutexGuard<'_, Vec<u8>> {
+    shared.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Answers queries for this topic on one of Zenoh's threads, with the bytes that `said` returns.
-pub(super) fn answer(
+/// Answers queries for this topic on one of Zenoh's threads, with the bytes that `reply` returns.
+pub(super) fn answer_queries(
     sessions: &Sessions,
     topic: Topic,
-    said: impl Fn(&Query) -> Option<Vec<u8>> + Clone + Send + Sync + 'static,
+    reply: impl Fn(&Query) -> Option<Vec<u8>> + Clone + Send + Sync + 'static,
 ) -> Result<Vec<Queryable<()>>, LinkError> {
     let key = topic.key();
     let declare = |session: &Arc<Session>| {
-        let (own_key, said) = (key.clone(), said.clone());
+        let (own_key, reply) = (key.clone(), reply.clone());
         let answer = move |query: Query| {
-            if let Some(said) = said(&query) {
+            if let Some(bytes) = reply(&query) {
                 // It fails only on a closed session. Zenoh gives a reply the quality of service of its query, which our
                 // configuration sets when the query comes in: the reply is dropped rather than waited for.
-                let _ = query.reply(&own_key, said).wait();
+                let _ = query.reply(&own_key, bytes).wait();
             }
         };
-        let answering = session.declare_queryable(&key).allowed_origin(Locality::Remote).callback(answer);
-        answering.wait().map_err(declaring(&key))
+        let queryable = session.declare_queryable(&key).allowed_origin(Locality::Remote).callback(answer);
+        queryable.wait().map_err(declaring(&key))
     };
     sessions.all.iter().map(declare).collect()
 }
 
-/// Queries a peer for its heartbeat or clock; `question` is the payload. Never waits: `take` gets the replies on one of
-/// Zenoh's threads.
-pub(super) fn ask(session: &Session, topic: Topic, question: &[u8], take: impl Fn(&Sample) + Send + Sync + 'static) {
-    let asked = session
+/// Queries a peer for its heartbeat or clock; `question` is the payload. Never waits: `on_reply` gets the replies on
+/// one of Zenoh's threads.
+pub(super) fn send_query(
+    session: &Session,
+    topic: Topic,
+    question: &[u8],
+    on_reply: impl Fn(&Sample) + Send + Sync + 'static,
+) {
+    let query = session
         .get(topic.key())
         .payload(question)
         // A node that declares itself complete for all keys must not be the only one queried.
@@ -78,12 +83,12 @@ pub(super) fn ask(session: &Session, topic: Topic, question: &[u8], take: impl F
         // Otherwise Zenoh holds back a reply until the last one has come.
         .consolidation(ConsolidationMode::None)
         .allowed_destination(Locality::Remote)
-        .timeout(ANSWER_WITHIN)
+        .timeout(REPLY_TIMEOUT)
         .callback(move |reply| {
-            if let Ok(said) = reply.result() {
-                take(said);
+            if let Ok(sample) = reply.result() {
+                on_reply(sample);
             }
         });
     // It fails only on a closed session.
-    let _ = asked.wait();
+    let _ = query.wait();
 }

@@ -21,17 +21,17 @@ use crate::process::in_own_group;
 /// Longest queue of outgoing messages. A law that reads no further gets no further queries.
 const QUEUE: usize = 1024;
 /// Time for a process to end after a bye; then it is killed.
-const END_WITHIN: Duration = Duration::from_secs(1);
+const END_TIMEOUT: Duration = Duration::from_secs(1);
 /// A connection that accepts no data for this long is dead.
-const WRITE_WITHIN: Duration = Duration::from_secs(1);
+const WRITE_TIMEOUT: Duration = Duration::from_secs(1);
 /// How often the thread that receives datagrams checks whether the session was closed.
-const LOOK_UP: Duration = Duration::from_millis(100);
+const POLL_PERIOD: Duration = Duration::from_millis(100);
 
 /// Input from a law.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Word {
     /// A line without its newline, or a datagram.
-    Said(Vec<u8>),
+    Data(Vec<u8>),
     /// A line that is too long.
     TooLong,
     /// The end of the input.
@@ -62,7 +62,7 @@ enum Partner {
 pub struct Deaf;
 
 impl Talk {
-    /// Starts a process. Each line of its standard error goes to `tell`. In its `own_group` the process does not get
+    /// Starts a process. Each line of its standard error goes to `log`. In its `own_group` the process does not get
     /// the terminal's Ctrl-C.
     ///
     /// # Errors
@@ -71,7 +71,7 @@ impl Talk {
         command: &[String],
         own_group: bool,
         sink: impl Sink,
-        tell: impl Fn(&str) + Send + 'static,
+        log: impl Fn(&str) + Send + 'static,
     ) -> io::Result<Self> {
         let (program, arguments) = command.split_first().ok_or(io::ErrorKind::NotFound)?;
         let mut command = Command::new(program);
@@ -81,7 +81,7 @@ impl Talk {
         }
         let mut process = command.spawn()?;
         if let Some(stderr) = process.stderr.take() {
-            thread::spawn(move || pass_on(stderr, tell));
+            thread::spawn(move || pass_on(stderr, log));
         }
         if let Some(stdout) = process.stdout.take() {
             thread::spawn(move || read_lines(stdout, sink));
@@ -99,7 +99,7 @@ impl Talk {
     pub fn connection(stream: TcpStream, sink: impl Sink) -> io::Result<Self> {
         stream.set_nonblocking(false)?;
         stream.set_nodelay(true)?;
-        stream.set_write_timeout(Some(WRITE_WITHIN))?;
+        stream.set_write_timeout(Some(WRITE_TIMEOUT))?;
         let (reading, writing) = (stream.try_clone()?, stream.try_clone()?);
         thread::spawn(move || read_lines(reading, sink));
         let (outbox, words) = sync_channel(QUEUE);
@@ -113,7 +113,7 @@ impl Talk {
     /// If an address is not valid, or the port cannot be bound.
     pub fn datagrams(ask: (&str, u16), answer: (&str, u16), sink: impl Sink) -> io::Result<Self> {
         let socket = UdpSocket::bind(answer)?;
-        socket.set_read_timeout(Some(LOOK_UP))?;
+        socket.set_read_timeout(Some(POLL_PERIOD))?;
         let of_kind = |address: &SocketAddr| socket.local_addr().is_ok_and(|own| own.is_ipv4() == address.is_ipv4());
         let to = ask.to_socket_addrs()?.find(of_kind).ok_or(io::ErrorKind::AddrNotAvailable)?;
         let (reading, closed) = (socket.try_clone()?, Arc::new(AtomicBool::new(false)));
@@ -133,11 +133,11 @@ impl Talk {
     ///
     /// # Errors
     /// If the law has stopped reading.
-    pub fn say(&self, said: &Said<'_>) -> Result<(), Deaf> {
-        let word = match (&self.partner, said) {
+    pub fn send(&self, outgoing: &Said<'_>) -> Result<(), Deaf> {
+        let word = match (&self.partner, outgoing) {
             (Partner::Datagrams { .. }, Said::Ask(ask)) => vector::write(ask),
             (Partner::Datagrams { .. }, _) => return Ok(()),
-            _ => said.line(),
+            _ => outgoing.line(),
         };
         match self.outbox.as_ref().map(|outbox| outbox.try_send(word)) {
             Some(Ok(())) => Ok(()),
@@ -148,14 +148,14 @@ impl Talk {
     }
 
     /// Whether the session uses vectors.
-    pub fn is_of_vectors(&self) -> bool {
+    pub fn uses_vectors(&self) -> bool {
         matches!(self.partner, Partner::Datagrams { .. })
     }
 
     /// Describes how the law ended.
     pub fn how_it_ended(&mut self) -> String {
         let Partner::Process(process) = &mut self.partner else { return "has closed the connection".to_owned() };
-        let until = now() + END_WITHIN;
+        let until = now() + END_TIMEOUT;
         loop {
             match process.try_wait() {
                 Ok(Some(status)) => return format!("has ended ({status})"),
@@ -166,18 +166,18 @@ impl Talk {
     }
 
     /// Sends a bye and closes the law's input, which asks the law to end.
-    pub fn say_bye(&mut self) {
-        let _ = self.say(&Said::Bye);
+    pub fn send_bye(&mut self) {
+        let _ = self.send(&Said::Bye);
         self.outbox = None;
     }
 }
 
 impl Drop for Talk {
     fn drop(&mut self) {
-        self.say_bye();
+        self.send_bye();
         match &mut self.partner {
             Partner::Process(process) => {
-                let until = now() + END_WITHIN;
+                let until = now() + END_TIMEOUT;
                 while now() < until && matches!(process.try_wait(), Ok(None)) {
                     sleep_until(now() + Duration::from_millis(5));
                 }
@@ -225,7 +225,7 @@ fn read_lines(from: impl Read, mut sink: impl Sink) {
         let taken = end.map_or(some.len(), |end| end + 1);
         from.consume(taken);
         if end.is_some() {
-            let word = if is_too_long { Word::TooLong } else { Word::Said(std::mem::take(&mut line)) };
+            let word = if is_too_long { Word::TooLong } else { Word::Data(std::mem::take(&mut line)) };
             is_too_long = false;
             if !sink(now(), word) {
                 return;
@@ -240,14 +240,14 @@ fn read_datagrams(socket: &UdpSocket, closed: &AtomicBool, mut sink: impl Sink) 
     while !closed.load(Relaxed) {
         match socket.recv(&mut datagram) {
             Ok(length) => {
-                if !sink(now(), Word::Said(datagram[..length].to_vec())) {
+                if !sink(now(), Word::Data(datagram[..length].to_vec())) {
                     return;
                 }
             }
             Err(error) => match error.kind() {
                 io::ErrorKind::WouldBlock | io::ErrorKind::TimedOut | io::ErrorKind::Interrupted => {}
                 // The law is not up yet.
-                io::ErrorKind::ConnectionReset | io::ErrorKind::ConnectionRefused => sleep_until(now() + LOOK_UP),
+                io::ErrorKind::ConnectionReset | io::ErrorKind::ConnectionRefused => sleep_until(now() + POLL_PERIOD),
                 _ => break,
             },
         }
@@ -256,10 +256,10 @@ fn read_datagrams(socket: &UdpSocket, closed: &AtomicBool, mut sink: impl Sink) 
 }
 
 /// Passes on a law's standard error, line by line.
-fn pass_on(stderr: ChildStderr, tell: impl Fn(&str) + Send + 'static) {
+fn pass_on(stderr: ChildStderr, log: impl Fn(&str) + Send + 'static) {
     read_lines(stderr, move |_, word| {
-        if let Word::Said(line) = word {
-            tell(String::from_utf8_lossy(&line).trim_end());
+        if let Word::Data(line) = word {
+            log(String::from_utf8_lossy(&line).trim_end());
         }
         true
     });

@@ -9,17 +9,17 @@ use std::process;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Promise {
     /// A concurrent reader sees the old content or the new one.
-    Whole,
+    Atomic,
     /// Also, the new content is on the disk when the call returns.
-    Lasting,
+    Synced,
     /// Also, only the owner can ever read the file.
     Secret,
 }
 
 impl Promise {
-    /// [`Promise::Secret`] for a secret file, else [`Promise::Lasting`].
+    /// [`Promise::Secret`] for a secret file, else [`Promise::Synced`].
     pub fn of(is_secret: bool) -> Self {
-        if is_secret { Self::Secret } else { Self::Lasting }
+        if is_secret { Self::Secret } else { Self::Synced }
     }
 }
 
@@ -33,7 +33,7 @@ pub fn write(path: &Path, content: &[u8], promise: Promise) -> io::Result<()> {
     let draft = path.with_file_name(name);
     let written = create(&draft, promise).and_then(|mut file| {
         file.write_all(content)?;
-        if promise != Promise::Whole {
+        if promise != Promise::Atomic {
             file.sync_all()?;
         }
         fs::rename(&draft, path)
@@ -68,7 +68,7 @@ mod tests {
     fn a_file_is_replaced_atomically_and_leaves_no_draft() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("key");
-        for (content, promise) in [("one", Promise::Whole), ("two", Promise::Lasting), ("three", Promise::Secret)] {
+        for (content, promise) in [("one", Promise::Atomic), ("two", Promise::Synced), ("three", Promise::Secret)] {
             write(&path, content.as_bytes(), promise).unwrap();
             assert_eq!(fs::read_to_string(&path).unwrap(), content);
             #[cfg(unix)]
@@ -79,6 +79,6 @@ mod tests {
             }
         }
         assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1);
-        assert!(write(&folder.path().join("no/such/folder"), b"", Promise::Whole).is_err());
+        assert!(write(&folder.path().join("no/such/folder"), b"", Promise::Atomic).is_err());
     }
 }

@@ -17,7 +17,7 @@ use super::{Ear, LinkError, Sessions, declaring};
 pub struct Line<M> {
     pub(super) publishers: Vec<Publisher<'static>>,
     key: String,
-    ear: Arc<Ear>,
+    receiver: Arc<Ear>,
     kind: PhantomData<fn(M)>,
 }
 
@@ -28,7 +28,7 @@ impl<M: Message> Line<M> {
     /// If a session is closed.
     pub(super) fn open(
         sessions: &Sessions,
-        ear: &Arc<Ear>,
+        receiver: &Arc<Ear>,
         topic: Topic,
         priority: Priority,
     ) -> Result<Self, LinkError> {
@@ -43,25 +43,25 @@ impl<M: Message> Line<M> {
                 .map_err(declaring(&key))
         };
         let publishers = sessions.all.iter().map(declare).collect::<Result<_, _>>()?;
-        Ok(Self { publishers, key, ear: ear.clone(), kind: PhantomData })
+        Ok(Self { publishers, key, receiver: receiver.clone(), kind: PhantomData })
     }
 
     /// Publishes a message.
-    pub fn say(&self, message: &M) {
+    pub fn publish(&self, message: &M) {
         self.put(self.write(message));
     }
 
     /// Encodes a message, with a signature where messages are signed.
     pub(super) fn write(&self, message: &M) -> Vec<u8> {
-        self.ear.write(&self.key, message)
+        self.receiver.write(&self.key, message)
     }
 
     /// Publishes an encoded message.
-    pub(super) fn put(&self, said: Vec<u8>) {
-        let said = ZBytes::from(said);
+    pub(super) fn put(&self, bytes: Vec<u8>) {
+        let bytes = ZBytes::from(bytes);
         for publisher in &self.publishers {
             // It fails only on a closed session, which has no subscribers.
-            let _ = publisher.put(said.clone()).wait();
+            let _ = publisher.put(bytes.clone()).wait();
         }
     }
 }
