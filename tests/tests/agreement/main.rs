@@ -1,11 +1,11 @@
 //! Model check of the mission agreement: all states that three agents can reach by delivery in any order, loss,
 //! repetition, an outage and a return, a network cut and its end.
 //!
-//! The model runs the agreement code that flies. Around it the model has only what the agents cannot know: which messages
-//! are in flight, which agents are up, which links are cut. An agent sends its agreement state whenever it changes. A
-//! message stays in flight for ever and may arrive at any time, any number of times, or never: this covers loss,
-//! repetition, delay and reordering at once. The model has no time, and leaves out reaching the last step, which no
-//! agent ever leaves.
+//! The model runs the agreement code that flies. Around it the model has only what the agents cannot know: which
+//! messages are in flight, which agents are up, which links are cut. An agent sends its agreement state whenever it
+//! changes. A message stays in flight for ever and may arrive at any time, any number of times, or never: this covers
+//! loss, repetition, delay and reordering at once. The model has no time, and leaves out reaching the last step, which
+//! no agent ever leaves.
 #![expect(
     clippy::unwrap_used,
     clippy::disallowed_methods,

@@ -2,24 +2,24 @@
 //!
 //! # Settled agents
 //!
-//! The third property is about all live agents. But an agent that has just returned is live before any peer can know it.
-//! Therefore the model defines:
+//! The third property is about all live agents. But an agent that has just returned is live before any peer can know
+//! it. Therefore the model defines:
 //!
-//! * Agent `i` has *admitted* agent `j` when `i` has received a message that `j` sent since `j` became active. This ends
-//!   when `j` is no longer active, when `i` crashes, or when the link between them is cut. It does not end when `i`
-//!   suspects `j`, so that a false suspicion shows.
-//! * Agent `j` is *settled* when every other active agent on its side of a cut has admitted it, and `j` is at least at the
-//!   step of every message that was sent there. It stays settled until it has an outage, an agent that has not admitted it
-//!   becomes active, or a cut ends: then messages of the other side arrive.
+//! * Agent `i` has *admitted* agent `j` when `i` has received a message that `j` sent since `j` became active. This
+//!   ends when `j` is no longer active, when `i` crashes, or when the link between them is cut. It does not end when
+//!   `i` suspects `j`, so that a false suspicion shows.
+//! * Agent `j` is *settled* when every other active agent on its side of a cut has admitted it, and `j` is at least at
+//!   the step of every message that was sent there. It stays settled until it has an outage, an agent that has not
+//!   admitted it becomes active, or a cut ends: then messages of the other side arrive.
 //!
 //! All agents are settled at first, and can be settled again after every sequence of events; that is checked too.
 //!
 //! # The liar
 //!
-//! One further vehicle may send anything to any agent at any time, different messages to different agents, or be silent.
-//! A lie matters only when an agent acts on it. The model therefore sends the lie in the same action, and withdraws it
-//! after the action: whether the liar is in contact is part of the state, the content of the lie is not. A lie that keeps
-//! agents waiting needs no action at all.
+//! One further vehicle may send anything to any agent at any time, different messages to different agents, or be
+//! silent. A lie matters only when an agent acts on it. The model therefore sends the lie in the same action, and
+//! withdraws it after the action: whether the liar is in contact is part of the state, the content of the lie is not. A
+//! lie that keeps agents waiting needs no action at all.
 
 use std::hash::{Hash, Hasher};
 
@@ -85,7 +85,8 @@ struct Agent {
     /// Peers out of contact that it assumes to have stopped flying.
     given_up: Bits,
     admitted: Bits,
-    /// Whether in this incarnation it followed the liar, its only peer in contact, to a step that no honest agent had earned.
+    /// Whether in this incarnation it followed the liar, its only peer in contact, to a step that no honest agent had
+    /// earned.
     is_misled: bool,
 }
 
@@ -94,8 +95,8 @@ pub(super) struct Swarm<const N: usize> {
     agents: [Agent; N],
     /// Number of lies so far: each is a new incarnation of the liar, so that nothing remains of the lie before.
     lies: u64,
-    /// The latest step that an agent entered because it and all its peers in contact had reached the step before, and not by
-    /// following the liar.
+    /// The latest step that an agent entered because it and all its peers in contact had reached the step before, and
+    /// not by following the liar.
     earned: u32,
     /// The agent that is cut off.
     cut_off: Option<usize>,
@@ -200,8 +201,8 @@ impl Agent {
         }
     }
 
-    /// Sets the peers in contact; `own` is the agent's index among `N` honest ones. A liar out of contact may have left: it
-    /// does not count as lost.
+    /// Sets the peers in contact; `own` is the agent's index among `N` honest ones. A liar out of contact may have
+    /// left: it does not count as lost.
     fn see<const N: usize>(&mut self, own: usize, sees: Bits) -> Option<Progress> {
         self.sees = sees;
         self.given_up &= !sees;
@@ -521,9 +522,9 @@ impl<const N: usize> Swarm<N> {
         is_over && self.settled == Self::ALL && self.agents.iter().all(|agent| agent.agreement.at() == 0)
     }
 
-    /// Whether every agent that is up reaches the last step, in one round of heartbeats for every step, if from here on no
-    /// link is cut, messages arrive, the liar is silent and every agent reaches its step. Agents that are down are assumed to
-    /// have stopped flying.
+    /// Whether every agent that is up reaches the last step, in one round of heartbeats for every step, if from here on
+    /// no link is cut, messages arrive, the liar is silent and every agent reaches its step. Agents that are down are
+    /// assumed to have stopped flying.
     pub(super) fn completes(mut self, bounds: &Bounds<N>) -> bool {
         let last_step = bounds.last_step;
         self.cut_off = None;
@@ -565,9 +566,9 @@ impl<const N: usize> Swarm<N> {
         (keys, sent_key(&own), *is_up, self.cut_off == Some(agent), *is_misled, has(*sees, N))
     }
 
-    /// The rest of the state that influences later events, beside the agents' own keys. Of a message in an agent's table
-    /// these matter: the sender's incarnation, whether it is active, which of the agent's own and later steps it has reached,
-    /// and which steps beyond the agent's own vouched step it vouches for.
+    /// The rest of the state that influences later events, beside the agents' own keys. Of a message in an agent's
+    /// table these matter: the sender's incarnation, whether it is active, which of the agent's own and later steps it
+    /// has reached, and which steps beyond the agent's own vouched step it vouches for.
     fn key(&self, permutation: &[usize; N]) -> impl Ord + Hash + use<N> {
         let rename =
             |bits: Bits| permutation.iter().fold(0, |renamed, &agent| renamed << 1 | u8::from(has(bits, agent)));
