@@ -1,4 +1,4 @@
-# The smallest external law: everybody goes to the centre. Parameters: gain, 1/s.
+# The smallest external law: every vehicle flies to the centre. Parameters: gain, 1/s.
 import json, sys
 for line in sys.stdin:
     m = json.loads(line)

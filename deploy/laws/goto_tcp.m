@@ -1,4 +1,4 @@
-% The smallest external law, for Matlab over TCP: everybody goes to the centre. Parameters: gain, 1/s.
+% The smallest external law, for Matlab over TCP: every vehicle flies to the centre. Parameters: gain, 1/s.
 % scenario: formation.external.listen = "tcp/127.0.0.1:5600"
 % In real time vehicle i connects to port 5600 + i; in a study one program serves all vehicles, on port 5600.
 c = tcpclient("127.0.0.1", 5603); configureTerminator(c, "LF");          % vehicle 3 in real time

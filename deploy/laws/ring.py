@@ -1,7 +1,7 @@
 """The law "ring" of Skein as another program: even spacing on an ellipse, after Garcia & Barnes 2010, section 4.1.
 
 The field V = (w_in S_in - w_out S_out) g + A - S_perp (A.g) g + w_circ S_perp t, all weights but w_circ one, with
-sigmoids for limiting functions. It is answered as a dimensionless field: Skein's own conversion makes metres of it.
+sigmoids for limiting functions. The answer is a dimensionless field: Skein's own conversion makes metres of it.
 Parameters (all optional): inner_width_m, outer_width_m, edge_share, avoid_distance_m (else it follows from the number of
 live members), full_avoidance, circulation. Radius, gamma and heading of the ellipse come with the goal.
 Standard library only.
@@ -96,12 +96,12 @@ def main():
     # One program may serve several vehicles, over one connection: the parameters are the same for all.
     parameters = {}
     for line in sys.stdin:
-        said = json.loads(line)
-        if said["say"] == "hello":
-            parameters = said["parameters"]
+        message = json.loads(line)
+        if message["say"] == "hello":
+            parameters = message["parameters"]
             reply = {"say": "ready", "protocol": 1}
-        elif said["say"] == "ask":
-            reply = answer(said, parameters)
+        elif message["say"] == "ask":
+            reply = answer(message, parameters)
         else:
             break
         print(json.dumps(reply), flush=True)

@@ -59,8 +59,9 @@ pub struct Flight {
 }
 
 impl Case {
-    /// Changes to `hover.toml`. The ring grows with the swarm, so that neighbours stay as far apart as the paper's four, up
-    /// to 200 m for eight vehicles: on a larger ring the vehicles would still be on their way at the time of the kill.
+    /// Changes to `hover.toml`. The ring grows with the swarm, so that neighbours stay as far apart as the paper's
+    /// four, up to 200 m for eight vehicles: on a larger ring the vehicles would still be on their way at the time of
+    /// the kill.
     pub fn sets(&self) -> Vec<String> {
         let radius_m = (25 * self.vehicles).min(200);
         let killed = match (self.killed, self.central) {
@@ -124,7 +125,7 @@ impl Case {
         let off_m = |here: &VehicleNow| (here.truth.position.horizontal().norm() - radius_m).abs();
         let is_in = |here: &&VehicleNow| {
             let too_high_m = here.truth.position.altitude_m() - altitude_m;
-            here.takes_part() && off_m(here) <= BAND_M && too_high_m.abs() <= 0.1 * altitude_m
+            here.is_live_member() && off_m(here) <= BAND_M && too_high_m.abs() <= 0.1 * altitude_m
         };
         Flight {
             in_formation: vehicles.iter().filter(is_in).count(),
@@ -137,8 +138,8 @@ impl Case {
 }
 
 impl Flight {
-    /// Traffic on the network: datagrams a second, and their payload in kB/s. A state or heartbeat of an agent goes to every
-    /// other agent; with central control agents send each other nothing.
+    /// Traffic on the network: datagrams a second, and their payload in kB/s. A state or heartbeat of an agent goes to
+    /// every other agent; with central control agents send each other nothing.
     pub fn sent(&self, case: &Case) -> (f64, f64) {
         let Report { state_messages, state_bytes, .. } = self.report;
         let (messages, bytes) = match case.central {
@@ -152,8 +153,8 @@ impl Flight {
     }
 }
 
-/// The table of both kinds of control with these numbers of vehicles over these networks, over this many seeds; below it
-/// the commands that fly the worst seeds.
+/// The table of both kinds of control with these numbers of vehicles over these networks, over this many seeds; below
+/// it the commands that fly the worst seeds.
 pub fn table(vehicles: &[usize], networks: &[(f64, f64)], seeds: u64) -> String {
     let mut lines = vec![heading()];
     let mut worst = Vec::new();

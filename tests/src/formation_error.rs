@@ -46,8 +46,8 @@ pub fn cells() -> Vec<Cell> {
     VEHICLES.iter().flat_map(|&vehicles| cells(vehicles)).collect()
 }
 
-/// The study of a cell: the shipped hover formation in gusts for 150 s, of which the last 100 s count. `sets` are further
-/// settings.
+/// The study of a cell: the shipped hover formation in gusts for 150 s, of which the last 100 s count. `sets` are
+/// further settings.
 ///
 /// # Panics
 /// If a setting is not valid.

@@ -1,7 +1,7 @@
-//! Golden files: figures of flights in virtual time, to the last bit. They are the same on every computer, so that a test
-//! compares them exactly. `cargo run --release -p skein-tests --bin tables -- golden` writes them again and prints which
-//! medians changed. The golden
-//! tables, `tests/golden/*.txt`, are what the program `tables` prints; `.ci/long` writes them, and the book shows excerpts.
+//! Golden files: figures of flights in virtual time, to the last bit. They are the same on every computer, so that a
+//! test compares them exactly. `cargo run --release -p skein-tests --bin tables -- golden` writes them again and prints
+//! which medians changed. The golden tables, `tests/golden/*.txt`, are what the program `tables` prints; `.ci/long`
+//! writes them, and the book shows excerpts.
 
 use skein_common::statistics::median;
 use std::collections::BTreeMap;

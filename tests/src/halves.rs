@@ -1,5 +1,5 @@
-//! A swarm that a network cut splits into two partitions for a while: the steps of each partition during the cut, and the
-//! time until the swarm is one again.
+//! A swarm that a network cut splits into two partitions for a while: the steps of each partition during the cut, and
+//! the time until the swarm is one again.
 
 use skein_common::id::{VehicleId, VehicleSet};
 use skein_common::scenario::{Scenario, Source, load};
@@ -21,8 +21,8 @@ pub struct Flight {
     pub first_steps: u32,
     /// Steps that the second partition advanced while it knew of the cut.
     pub second_steps: u32,
-    /// Time from the end of the cut until all vehicles are in contact and at the same step, s. One vehicle may be a step
-    /// ahead: it left the step just before it received the others again, and waits for them at the next.
+    /// Time from the end of the cut until all vehicles are in contact and at the same step, s. One vehicle may be a
+    /// step ahead: it left the step just before it received the others again, and waits for them at the next.
     pub rejoined_s: Option<f64>,
     /// Least distance between two airborne vehicles, m.
     pub closest_m: f64,

@@ -1,4 +1,4 @@
-"""What the public Python packages find in recordings: prints one JSON object for each file named."""
+"""Reads recordings with the public Python packages and prints one JSON object for each file."""
 
 import json
 import math
@@ -14,7 +14,7 @@ def vector(v):
 
 
 def turned(q, v):
-    """The vector, turned by the quaternion."""
+    """The vector, rotated by the quaternion."""
     u = [q.x, q.y, q.z]
     cross = lambda a, b: [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
     t = [2 * c for c in cross(u, v)]
@@ -22,7 +22,7 @@ def turned(q, v):
 
 
 def missing(schema, message):
-    """Keys that a JSON schema requires and the message has not, or the reverse."""
+    """Keys that only one of a JSON schema and a message has."""
     wrong = set(schema.get("required", [])) ^ set(message)
     for name, inner in schema["properties"].items():
         if inner.get("type") == "object":
@@ -34,7 +34,7 @@ def missing(schema, message):
 
 
 def nearest_pair_m(last):
-    """Of the vehicles' last places, of those above two metres."""
+    """Least distance between the last positions of the vehicles above two metres, m."""
     up = [trace["position"] for trace in last.values() if trace["height_m"] > 2.0]
     pairs = [math.dist(a, b) for n, a in enumerate(up) for b in up[:n]]
     return min(pairs) if pairs else None
@@ -61,7 +61,7 @@ def look(path):
         }
         counts, traces, wrong, times = Counter(), {}, set(), []
         summary = reader.get_summary()
-        # Protobuf has a decoder of its own; JSON is read here.
+        # This loop reads JSON; the next one reads Protobuf with its decoder.
         for schema, channel, message in reader.iter_messages(log_time_order=False):
             topic = channel.topic
             counts[topic] += 1

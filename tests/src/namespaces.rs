@@ -1,5 +1,5 @@
-//! Network namespaces of a test and the links between them, made with `ip` and removed when the value is dropped. A test
-//! removes what a killed test left behind.
+//! Network namespaces of a test and the links between them, made with `ip` and removed when the value is dropped. A
+//! test removes what a killed test left behind.
 //!
 //! Needs Linux, root and `ip` (iproute2). Nothing is added to the namespace of the test itself, so that its addresses
 //! cannot conflict with others.
@@ -82,8 +82,8 @@ impl Namespaces {
         delete(&name);
     }
 
-    /// The command that runs a program in the namespace. `ip` replaces itself by the program, so that the process id is the
-    /// program's.
+    /// The command that runs a program in the namespace. `ip` replaces itself by the program, so that the process id is
+    /// the program's.
     pub fn command(&self, namespace: &str, program: &str) -> Command {
         let mut command = Command::new("ip");
         command.args(["netns", "exec", &self.name(namespace), program]);

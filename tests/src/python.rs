@@ -9,8 +9,8 @@ use serde_json::Value;
 const LOOK: &str = include_str!("look.py");
 const INSTALL_HINT: &str = "pip install -r tests/requirements.txt";
 
-/// The result of `look.py` for each of these files; `None`, with a message, if no Python with the packages is installed.
-/// The Python is `$SKEIN_PYTHON`, or else `python3`.
+/// The result of `look.py` for each of these files; `None`, with a message, if no Python with the packages is
+/// installed. The Python is `$SKEIN_PYTHON`, or else `python3`.
 ///
 /// # Panics
 /// If the packages are missing and `SKEIN_MCAP=required`, or if a file cannot be read.

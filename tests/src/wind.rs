@@ -1,5 +1,5 @@
-//! Helicopters without faults in wind: in none of these flights does an agent detect a failure and land, and every ring is
-//! spaced as evenly as in calm air.
+//! Helicopters without faults in wind: in none of these flights does an agent detect a failure and land, and every ring
+//! is spaced as evenly as in calm air.
 
 use std::collections::BTreeMap;
 use std::f64::consts::TAU;
@@ -39,8 +39,8 @@ pub struct Flight {
     pub vehicles: usize,
     /// Failures that agents reported although the vehicles had none: time, s, vehicle and failure.
     pub failures: Vec<(f64, VehicleId, Failure)>,
-    /// Longest uninterrupted time for which a vehicle in formation was off its altitude by more than 2.5 m and approached it
-    /// at less than 1 m/s, s.
+    /// Longest uninterrupted time for which a vehicle in formation was off its altitude by more than 2.5 m and
+    /// approached it at less than 1 m/s, s.
     pub longest_off_s: f64,
     /// That vehicle, the end of that time, s, and the vehicle's distance below its altitude then, m.
     pub longest_off: Option<(VehicleId, f64, f64)>,

@@ -34,7 +34,8 @@ fn partitions_continue_or_hold_by_their_policy_and_rejoin_soon() {
             assert!(flight.rejoined_s.is_some_and(|s| s > 0.0 && s < 3.0), "{case}");
             assert!(!flight.has_collided(), "{case}");
         }
-        // A partition that has to respace first may not reach its place while the cut lasts, but in some flights it does.
+        // A partition that has to respace first may not reach its place while the cut lasts, but in some flights it
+        // does.
         let advanced = |steps: fn(&halves::Flight) -> u32| flights.iter().any(|flight| steps(flight) > 0);
         let case = format!("{partition}, {first} of {vehicles}: {flights:?}");
         assert_eq!(advanced(|flight| flight.first_steps), partition == "continue" || 2 * first > vehicles, "{case}");

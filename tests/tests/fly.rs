@@ -485,7 +485,8 @@ fn an_invalid_flight_is_refused_before_any_process_starts() {
     }
 }
 
-/// Flies fifty seconds of the default hover formation and checks its limits. At the end the ring is already spaced evenly.
+/// Flies fifty seconds of the default hover formation and checks its limits. At the end the ring is already spaced
+/// evenly.
 fn flies_the_default_formation(name: &'static str, plant: &str) {
     let place = Place::new(name);
     let mut command = place.command();

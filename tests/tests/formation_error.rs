@@ -60,8 +60,8 @@ fn every_network_changes_the_figures_of_every_flight() {
         assert!(!on_time.is_empty() && on_time.iter().all(|age_s| *age_s < 0.05), "seed {seed}: {on_time:?}");
         let is_late = |age_s: &f64| (1.99..2.05).contains(age_s);
         assert!(lateness.len() == on_time.len() && lateness.iter().all(is_late), "seed {seed}: {lateness:?}");
-        // States are sent five times a second. If half of them are lost, the median age nearly doubles, and one gap in a
-        // hundred has seven lost states. All ages include up to two frames for sending and receiving.
+        // States are sent five times a second. If half of them are lost, the median age nearly doubles, and one gap in
+        // a hundred has seven lost states. All ages include up to two frames for sending and receiving.
         let ages_ms = |report: &Report| [report.peer_age_p50_ms, report.peer_age_p99_ms].map(|age| age.expect("peers"));
         let ([p50, p99], [lossy_p50, lossy_p99]) = (ages_ms(perfect), ages_ms(lossy));
         let rise = (lossy_p50 / p50, lossy_p99 / p99);

@@ -47,8 +47,8 @@ fn a_flock_follows_its_centre_with_safe_separation() {
     assert!(worst(&papers_m) >= 18.0, "without feed-forward: {papers_m:?} m");
 }
 
-/// One crossing: least separation from the start of the second step on, number of pairs that collided, and time from that
-/// start until all vehicles were in their new places, s.
+/// One crossing: least separation from the start of the second step on, number of pairs that collided, and time from
+/// that start until all vehicles were in their new places, s.
 fn cross(sets: &[&str], seed: u64) -> (f64, usize, Option<f64>) {
     let study = study("crossing.toml", sets);
     let scenario = Scenario { seed, ..study.scenario };
@@ -161,8 +161,8 @@ fn six_vehicles_on_an_ellipsoid_spread_over_all_of_it() {
     }
 }
 
-/// Flights in wind, gusts and heights up to 60 m, in which the climb fills the integral of the collective. The vehicle then
-/// hovers 1 to 2.5 m too high while the integral empties. An earlier version reported that as a failure.
+/// Flights in wind, gusts and heights up to 60 m, in which the climb fills the integral of the collective. The vehicle
+/// then hovers 1 to 2.5 m too high while the integral empties. An earlier version reported that as a failure.
 #[test]
 fn a_healthy_helicopter_in_wind_reports_no_failure() {
     for (wind_m_s, vehicles, altitude_m) in [(6.0, 7, 50.0), (6.0, 8, 60.0), (8.0, 7, 50.0)] {

@@ -1,4 +1,4 @@
-//! The borders between crates and modules, read from the sources and from cargo.
+//! Rules for dependencies between crates and modules, checked against the sources and cargo.
 #![expect(clippy::unwrap_used, reason = "what a test cannot do has failed")]
 
 use std::collections::{BTreeMap, BTreeSet};
@@ -6,14 +6,14 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-/// A module's path below its crate: empty for the crate itself.
+/// Path of a module below its crate; empty for the crate itself.
 type Module = Vec<String>;
 
 fn root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("..")
 }
 
-/// Every source of a crate with its module's path; tests are left out, wherever they are.
+/// Collects the sources of a crate by their modules' paths, without tests.
 fn sources(folder: &Path, module: &[String], found: &mut BTreeMap<Module, String>) {
     let mut entries: Vec<_> = fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path()).collect();
     entries.sort();
@@ -32,7 +32,7 @@ fn sources(folder: &Path, module: &[String], found: &mut BTreeMap<Module, String
     }
 }
 
-/// A source without comments and without what is compiled for tests only.
+/// A source without comments and without code that is compiled only for tests.
 fn code_of(source: &str) -> String {
     let lines: String =
         source.lines().filter(|line| !line.trim_start().starts_with("//")).fold(String::new(), |mut code, line| {
@@ -49,7 +49,7 @@ fn code_of(source: &str) -> String {
     code + rest
 }
 
-/// What follows the item at the beginning: behind its `;` or its closing brace, whichever comes first.
+/// The code after the first item: after its `;` or its closing brace, whichever is first.
 fn after_item(code: &str) -> &str {
     let mut depth = 0;
     for (at, letter) in code.char_indices() {
@@ -68,14 +68,14 @@ fn after_item(code: &str) -> &str {
     ""
 }
 
-/// The paths that begin with `crate`, `super` or `self`, braces opened: `crate::a::{b, c::d}` is two.
+/// The paths that begin with `crate`, `super` or `self`, with groups expanded: `crate::a::{b, c::d}` gives two.
 fn paths(code: &str) -> Vec<Vec<String>> {
     let is_name = |letter: char| letter.is_alphanumeric() || letter == '_';
     let mut found = Vec::new();
     for keyword in ["crate::", "super::", "self::"] {
         for (at, _) in code.match_indices(keyword) {
             let before = code[..at].chars().next_back();
-            // `super::super::a` is found once, from its beginning.
+            // `super::super::a` counts once, from its beginning.
             if before.is_some_and(|letter| is_name(letter) || letter == ':' || letter == '$') {
                 continue;
             }
@@ -85,7 +85,7 @@ fn paths(code: &str) -> Vec<Vec<String>> {
     found
 }
 
-/// One path or, behind it, a group in braces. Gives what follows it.
+/// Reads one path, with a group in braces after it, and returns the rest of the code.
 fn open<'a>(mut code: &'a str, mut path: Vec<String>, found: &mut Vec<Vec<String>>) -> &'a str {
     loop {
         code = code.trim_start();
@@ -112,7 +112,7 @@ fn open<'a>(mut code: &'a str, mut path: Vec<String>, found: &mut Vec<Vec<String
     code
 }
 
-/// The module in which a path from `here` ends, as far as it goes through modules.
+/// The module to which a path in module `here` leads.
 fn target(path: &[String], here: &[String], modules: &BTreeMap<Module, String>) -> Module {
     let mut at: Module = here.to_vec();
     for (nth, name) in path.iter().enumerate() {
@@ -132,7 +132,7 @@ fn target(path: &[String], here: &[String], modules: &BTreeMap<Module, String>) 
     at
 }
 
-/// Which modules with the same parent use which, each with a place where it does.
+/// Pairs of sibling modules of which the first uses the second, each with a module in which it does.
 fn uses(modules: &BTreeMap<Module, String>) -> BTreeMap<(Module, Module), Module> {
     let mut uses = BTreeMap::new();
     for (here, code) in modules {
@@ -148,22 +148,22 @@ fn uses(modules: &BTreeMap<Module, String>) -> BTreeMap<(Module, Module), Module
     uses
 }
 
-/// A way from a module back to itself; `None` if there is none.
-fn circle(uses: &BTreeMap<(Module, Module), Module>) -> Option<Vec<Module>> {
+/// A cycle of modules that use each other; `None` if the uses have no cycle.
+fn cycle_of(uses: &BTreeMap<(Module, Module), Module>) -> Option<Vec<Module>> {
     let all: BTreeSet<&Module> = uses.keys().map(|(from, _)| from).collect();
     let next =
         |from: &Module| uses.keys().filter(move |(one, _)| one == from).map(|(_, to)| to.clone()).collect::<Vec<_>>();
     for start in all {
         let mut seen = BTreeSet::new();
-        let mut ways = vec![vec![start.clone()]];
-        while let Some(way) = ways.pop() {
-            for to in next(way.last().unwrap()) {
-                let longer: Vec<_> = way.iter().cloned().chain([to.clone()]).collect();
+        let mut paths = vec![vec![start.clone()]];
+        while let Some(path) = paths.pop() {
+            for to in next(path.last().unwrap()) {
+                let longer: Vec<_> = path.iter().cloned().chain([to.clone()]).collect();
                 if to == *start {
                     return Some(longer);
                 }
                 if seen.insert(to) {
-                    ways.push(longer);
+                    paths.push(longer);
                 }
             }
         }
@@ -173,26 +173,26 @@ fn circle(uses: &BTreeMap<(Module, Module), Module>) -> Option<Vec<Module>> {
 
 #[test]
 fn no_two_modules_import_each_other() {
-    let mut circles = Vec::new();
+    let mut cycles = Vec::new();
     for member in ["common", "agent/core", "agent/host", "agent", "deploy/lab", "deploy", "tests"] {
         let folder = root().join(member).join("src");
         let mut modules = BTreeMap::from([(Module::new(), String::new())]);
         sources(&folder, &[], &mut modules);
         assert!(modules.len() > 3, "{member} has {} modules", modules.len());
         let mut uses = uses(&modules);
-        while let Some(way) = circle(&uses) {
-            let arrows: Vec<_> = way.iter().map(|module| module.join("::")).collect();
+        while let Some(cycle) = cycle_of(&uses) {
+            let arrows: Vec<_> = cycle.iter().map(|module| module.join("::")).collect();
             let step = |pair: &[Module]| (pair[0].clone(), pair[1].clone());
-            let places: Vec<_> = way.windows(2).map(|pair| uses[&step(pair)].join("::")).collect();
-            circles.push(format!("{member}: {} (in {})", arrows.join(" -> "), places.join(", ")));
-            uses.remove(&step(&way[..2]));
+            let places: Vec<_> = cycle.windows(2).map(|pair| uses[&step(pair)].join("::")).collect();
+            cycles.push(format!("{member}: {} (in {})", arrows.join(" -> "), places.join(", ")));
+            uses.remove(&step(&cycle[..2]));
         }
     }
-    assert!(circles.is_empty(), "modules that import each other:\n{}", circles.join("\n"));
+    assert!(cycles.is_empty(), "modules that import each other:\n{}", cycles.join("\n"));
 }
 
 #[test]
-fn the_reader_of_modules_sees_what_it_should() {
+fn paths_in_the_sources_are_read_correctly() {
     let module = |path: &str| path.split("::").map(str::to_owned).collect::<Module>();
     let code = "use crate::a::{self, b::{C, d}, E};\nuse super::super::f;\n#[cfg(test)]\nmod tests { use crate::g; }\nlet x = self::h::I;";
     let read = paths(&code_of(code));
@@ -201,10 +201,10 @@ fn the_reader_of_modules_sees_what_it_should() {
     assert_eq!(read, expected.map(module));
     let both = [("one", "use crate::two::X;"), ("two", "fn f() { super::one::y() }"), ("three", "use super::one;")];
     let modules = both.map(|(name, code)| (module(name), code.to_owned())).into_iter().collect();
-    assert_eq!(circle(&uses(&modules)), Some(["one", "two", "one"].map(module).to_vec()));
+    assert_eq!(cycle_of(&uses(&modules)), Some(["one", "two", "one"].map(module).to_vec()));
 }
 
-/// Every package that this one is built from, by cargo.
+/// All packages from which this one is built, as cargo lists them.
 fn built_from(package: &str) -> BTreeSet<String> {
     let mut cargo = Command::new(env!("CARGO"));
     cargo.current_dir(root()).args(["tree", "--locked", "--offline", "--edges", "normal", "--prefix", "none"]);
@@ -217,7 +217,7 @@ fn built_from(package: &str) -> BTreeSet<String> {
 #[test]
 fn the_core_and_the_lab_are_built_without_network() {
     let network = ["tokio", "zenoh", "rustls", "socket2", "skein-agent", "skein"];
-    // The lab's terminal uses the system's calls; the core may use none.
+    // The lab's terminal uses system calls; the core must not.
     let core = [&network[..], &["rustix", "libc", "skein-host"]].concat();
     for (package, edges) in
         [("skein-common", &core[..]), ("skein-core", &core), ("skein-host", &network), ("skein-lab", &network)]

@@ -14,7 +14,8 @@ fn follow(sets: &[&str]) -> Vec<Report> {
     study("laws.toml", sets).fly_all(0..2, TWO, |_| {}).unwrap()
 }
 
-/// No vehicle is lost, left behind or hit under any law: all stay within this distance of the centre, and this far apart.
+/// No vehicle is lost, left behind or hit under any law: all stay within this distance of the centre, and this far
+/// apart.
 #[test]
 fn under_every_law_eight_vehicles_follow_the_centre() {
     let limits = [

@@ -1,5 +1,5 @@
-//! A swarm in virtual time over a bad network and with faults: flights are repeatable bit for bit, and peers notice faults
-//! in time.
+//! A swarm in virtual time over a bad network and with faults: flights are repeatable bit for bit, and peers notice
+//! faults in time.
 #![expect(clippy::unwrap_used, reason = "what a test cannot do has failed")]
 
 use skein_common::id::VehicleId;

@@ -1,5 +1,5 @@
-//! What the operator's commands believe, and show, of hosts and vehicles that are not to be trusted: the real program, with an
-//! `ssh` that is a script.
+//! Untrusted hosts and vehicles: what the operator's commands accept from them and show. The real program runs with a
+//! script as `ssh`.
 #![cfg(unix)]
 #![expect(clippy::disallowed_methods, reason = "real processes take real time")]
 #![expect(clippy::unwrap_used, reason = "what a test cannot do has failed")]
@@ -23,22 +23,22 @@ use skein_host::clock::{LocalClock, utc_nanoseconds};
 use tempfile::TempDir;
 
 const PROGRAM: &str = env!("CARGO_BIN_EXE_skein-under-test");
-/// What a terminal would obey: clear the screen, set its title, C1's introducer, turn the direction of writing.
+/// Control sequences of a terminal: clear the screen, set the title, the C1 introducer, reverse the writing direction.
 const HOSTILE: &str = "\u{1b}[2J\u{1b}]0;all is well\u{7}\u{9b}31m\u{202e}";
 
-/// An operator's PC: a cluster of vehicles 1 to N, whose hosts are answered for by a script.
+/// An operator's PC with a cluster of vehicles 1 to N; a script answers for the hosts.
 struct Pc {
     folder: TempDir,
 }
 
-struct Ran {
+struct Finished {
     status: Option<i32>,
     out: String,
     err: String,
 }
 
 impl Pc {
-    /// `network` is the part of 127.0.0.0/8 that the vehicles have for themselves.
+    /// `network` is the part of 127.0.0.0/8 that only these vehicles use.
     fn new(vehicles: u8, network: &str, security: &str) -> Self {
         let folder = tempfile::tempdir().unwrap();
         let nodes: String =
@@ -55,7 +55,8 @@ impl Pc {
         self.folder.path().join(name)
     }
 
-    /// From now on hosts answer by this script: `$host` is which, `$asked` the request's line, which is kept in `asked`.
+    /// Sets the script by which hosts answer. `$host` is the host, `$asked` the line of the request, which the file
+    /// `asked` keeps.
     fn answers(&self, script: &str) {
         let folder = self.folder.path().display();
         let text = format!(
@@ -72,16 +73,16 @@ impl Pc {
         fs::read_to_string(self.path("asked")).unwrap()
     }
 
-    fn skein(&self, words: &str) -> Ran {
+    fn skein(&self, arguments: &str) -> Finished {
         let mut command = Command::new(PROGRAM);
         let path = format!("{}:{}", self.path("bin").display(), std::env::var("PATH").unwrap());
-        command.args(words.split(' ')).current_dir(self.folder.path()).env("PATH", path);
+        command.args(arguments.split(' ')).current_dir(self.folder.path()).env("PATH", path);
         let output = command.env("XDG_RUNTIME_DIR", self.path("runtime")).output().unwrap();
         let text = |bytes| String::from_utf8(bytes).unwrap();
-        Ran { status: output.status.code(), out: text(output.stdout), err: text(output.stderr) }
+        Finished { status: output.status.code(), out: text(output.stdout), err: text(output.stderr) }
     }
 
-    /// Facts of a host whose agent says that it flies in this run.
+    /// Script of a host that reports an agent flying in this run.
     fn facts(run: Option<u64>, note: &Value) -> String {
         let installed = json!({ "release": "r1", "bundle": "00" });
         let agent = run.map(|run| json!({ "pid": 7, "installed": installed, "run": run, "restarts": 0 }));
@@ -96,14 +97,14 @@ impl Pc {
     }
 }
 
-/// It is on one line and does nothing to a terminal, and can be seen.
+/// Checks that a hostile text is shown without control characters, with their numbers visible.
 fn is_shown_as_text(shown: &str) {
     assert!(!shown.contains(|c: char| c.is_control() && c != '\n' || c == '\u{202e}'), "{shown:?}");
     assert!(shown.contains("\\u001b[2J\\u001b]0;all is well\\u0007\\u009b31m\\u202e"), "{shown:?}");
 }
 
 #[test]
-fn what_hosts_write_reaches_the_terminal_as_text() {
+fn output_of_hosts_is_shown_without_control_characters() {
     let pc = Pc::new(2, "127.77.1", "none");
     pc.answers(&format!(
         "case $host in heli1) printf '%s\\n' 'one{HOSTILE}two';; *) printf '%s\\n' 'no log{HOSTILE}' >&2; exit 1;; esac"
@@ -116,7 +117,7 @@ fn what_hosts_write_reaches_the_terminal_as_text() {
     assert!(!json.contains(|c: char| c.is_control() && c != '\n' || c == '\u{202e}'), "{json:?}");
     serde_json::from_str::<Value>(json.lines().next().unwrap()).unwrap();
 
-    // In an answer; and why ssh itself has failed.
+    // In an answer of a host, and in the error of ssh itself.
     let failed = json!({ "Failed": format!("no room{HOSTILE}\nnode 2 installed") }).to_string();
     pc.answers(&format!("printf '%s\\n' '{failed}'"));
     let down = pc.skein("cluster down -f cluster.toml --timeout 1");
@@ -133,7 +134,7 @@ fn what_hosts_write_reaches_the_terminal_as_text() {
 }
 
 #[test]
-fn what_vehicles_say_of_themselves_reaches_the_terminal_as_text() {
+fn health_reports_of_vehicles_are_shown_without_control_characters() {
     let pc = Pc::new(1, "127.77.2", "none");
     let swarm = SwarmName::new("lab").unwrap();
     let id = VehicleId::new(1).unwrap();
@@ -171,8 +172,8 @@ fn what_vehicles_say_of_themselves_reaches_the_terminal_as_text() {
                 }
             }
         });
-        let [text, json] =
-            ["cluster status -f cluster.toml", "cluster status --json -f cluster.toml"].map(|w| pc.skein(w));
+        let [text, json] = ["cluster status -f cluster.toml", "cluster status --json -f cluster.toml"]
+            .map(|arguments| pc.skein(arguments));
         is_over.store(true, Relaxed);
         is_shown_as_text(&text.out);
         assert!(text.out.contains("1\\u000anode 9: good\\u001b"), "one line: {}", text.out);
@@ -182,28 +183,28 @@ fn what_vehicles_say_of_themselves_reaches_the_terminal_as_text() {
 }
 
 #[test]
-fn up_joins_no_run_on_one_hosts_word() {
+fn up_does_not_join_a_run_that_only_one_host_reports() {
     let pc = Pc::new(2, "127.77.3", "tls");
     let keys = pc.skein("cluster keys -f cluster.toml");
     assert_eq!(keys.status, Some(0), "{}", keys.err);
     let up = || pc.skein("cluster up -f cluster.toml --timeout 0.2");
     let refused = |why: &str| {
-        let ran = up();
-        assert!(ran.status == Some(2) && ran.err.contains(why), "{} {}", ran.out, ran.err);
-        assert!(!pc.asked().contains("Start"), "nothing is started: {}", pc.asked());
+        let finished = up();
+        assert!(finished.status == Some(2) && finished.err.contains(why), "{} {}", finished.out, finished.err);
+        assert!(!pc.asked().contains("Start"), "no agent is started: {}", pc.asked());
     };
     let only_the_first =
         |facts: String, others: String| format!("if [ $host = heli1 ]; then {facts}; else {others}; fi");
     let idle = Pc::facts(None, &Value::Null);
 
-    // The first host names a run that nobody has begun here.
+    // The first host reports a run that was not started from this PC.
     pc.answers(&only_the_first(Pc::facts(Some(42), &Value::Null), idle.clone()));
     refused("node 1 in run 42 reported to fly, but no run was begun from this PC");
 
-    // Nothing flies: a new run, with the operator's note on every host and on this PC.
+    // No agent flies: `up` starts a new run and leaves a signed note on every host and on this PC.
     pc.answers(&idle);
     let begun = up();
-    assert_eq!(begun.status, Some(1), "the hosts only say that they start anything: {}", begun.err);
+    assert_eq!(begun.status, Some(1), "the hosts only report a start, no agent runs: {}", begun.err);
     let kept = || serde_json::from_str::<Value>(&fs::read_to_string(pc.path("keys/run.json")).unwrap()).unwrap();
     let note = kept()["note"].clone();
     let run = note["run"].as_u64().unwrap();
@@ -213,13 +214,13 @@ fn up_joins_no_run_on_one_hosts_word() {
     );
     assert_eq!(pc.asked().matches(&started).count(), 2, "{}", pc.asked());
 
-    // One that is left of it is joined: it is known here that this run was begun, and it is not over.
+    // A host that still flies in that run is joined: this PC started the run, and the run is not over.
     pc.answers(&only_the_first(Pc::facts(Some(run), &note), idle.clone()));
     let joined = up();
     assert!(joined.out.contains(&format!("(run {run})")), "{} {}", joined.out, joined.err);
     assert_eq!(pc.asked().matches(&started).count(), 2, "{}", pc.asked());
 
-    // Yesterday's, which was ordered to abort, so that it is over: its host still has the note that the operator sealed.
+    // An old run that was aborted and is over: its host still has the note that the operator signed.
     let mut over = kept();
     over["over"] = json!(true);
     fs::write(pc.path("keys/run.json"), over.to_string()).unwrap();
@@ -232,7 +233,7 @@ fn up_joins_no_run_on_one_hosts_word() {
     pc.answers(&only_the_first(Pc::facts(Some(run), &note), idle));
     refused(&format!("the run begun last from this PC is {today}"));
 
-    // As many in one run as in another.
+    // Two runs with equally many vehicles.
     pc.answers(&only_the_first(Pc::facts(Some(5), &Value::Null), Pc::facts(Some(6), &Value::Null)));
     refused("no run has a majority of the 2 vehicles");
 }

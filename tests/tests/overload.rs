@@ -1,5 +1,5 @@
-//! `skein fly` on a PC that has no time for all of its agents. An agent that gets no time is stopped here (SIGSTOP): it says
-//! nothing and does nothing, and nobody can tell that from a PC that is too slow.
+//! `skein fly` on an overloaded PC. The test stops agents with SIGSTOP: to all others a stopped agent looks like an
+//! agent without computing time.
 #![cfg(unix)]
 #![expect(clippy::disallowed_methods, reason = "real processes take real time")]
 #![expect(clippy::unwrap_used, reason = "what a test cannot do has failed")]
@@ -16,10 +16,10 @@ use skein_common::state::Activity;
 use tempfile::TempDir;
 
 const PROGRAM: &str = env!("CARGO_BIN_EXE_skein-under-test");
-/// For what takes a second on a quiet PC.
+/// Timeout for steps that take a second on an idle PC.
 const SOON: Duration = Duration::from_secs(60);
 
-/// A flight of three vehicles at 20 m, with a folder of its own.
+/// A flight of three vehicles at 20 m, with its own folder.
 struct Flight {
     folder: TempDir,
     process: Child,
@@ -48,7 +48,7 @@ impl Flight {
         ours.map(split).collect()
     }
 
-    /// Waits for the agent of this vehicle, and gives it no more time, or time again.
+    /// Waits for the agent of this vehicle, and stops or continues it.
     fn signal(&self, id: u8, signal: Signal) {
         let file = format!("agents/{id}.toml");
         let found = wait_for(|| self.agents().into_iter().find(|(_, arguments)| arguments.contains(&file)));
@@ -70,12 +70,12 @@ impl Flight {
         });
     }
 
-    /// Waits for the end. Gives the exit status and what was said on stderr.
+    /// Waits for the end, and returns the exit status and the text on stderr.
     fn end(&mut self) -> (Option<i32>, String) {
         let status = wait_for(|| self.process.try_wait().unwrap());
-        let mut said = String::new();
-        std::io::Read::read_to_string(&mut self.process.stderr.take().unwrap(), &mut said).unwrap();
-        (status.code(), said)
+        let mut stderr = String::new();
+        std::io::Read::read_to_string(&mut self.process.stderr.take().unwrap(), &mut stderr).unwrap();
+        (status.code(), stderr)
     }
 }
 
@@ -99,26 +99,26 @@ fn wait_for<T>(mut found: impl FnMut() -> Option<T>) -> T {
         if let Some(found) = found() {
             return found;
         }
-        assert!(Instant::now() < until, "waited in vain");
+        assert!(Instant::now() < until, "timeout");
         sleep(Duration::from_millis(50));
     }
 }
 
 #[test]
-fn agents_in_the_air_that_get_no_time_are_not_killed_and_land_when_they_get_some() {
+fn airborne_agents_without_computing_time_are_not_killed_and_land_later() {
     let mut flight = Flight::start("starved", &[]);
     flight.wait_until_it_flies();
     [2, 3].into_iter().for_each(|id| flight.signal(id, Signal::STOP));
     kill_process(Pid::from_child(&flight.process), Signal::INT).unwrap();
-    // The first has landed and ended: the others, which are silent, were told to end.
+    // The first has landed and ended; the others are silent and were asked to end.
     wait_for(|| flight.agents().iter().all(|(_, arguments)| !arguments.contains("agents/1.toml")).then_some(()));
-    // They get time again two seconds before `fly` ends: too late to be down by then.
+    // They continue two seconds before `fly` ends: too late to land by then.
     sleep(Duration::from_secs(13));
     [2, 3].into_iter().for_each(|id| flight.signal(id, Signal::CONT));
-    let (status, said) = flight.end();
-    println!("{said}");
-    assert_eq!(status, Some(1), "{said}");
-    assert!(said.contains("vehicle 2, 3: still in the air as far as is known"), "{said}");
+    let (status, stderr) = flight.end();
+    println!("{stderr}");
+    assert_eq!(status, Some(1), "{stderr}");
+    assert!(stderr.contains("vehicle 2, 3: still in the air as far as is known"), "{stderr}");
     let left = flight.agents();
     assert_eq!(left.len(), 2, "{left:?}");
     wait_for(|| flight.agents().is_empty().then_some(()));
@@ -127,26 +127,26 @@ fn agents_in_the_air_that_get_no_time_are_not_killed_and_land_when_they_get_some
 }
 
 #[test]
-fn a_swarm_that_does_not_gather_in_time_is_ended_with_a_reason() {
+fn a_swarm_that_is_not_active_in_time_is_ended_with_a_reason() {
     let mut flight = Flight::start("apart", &["--timeout", "6"]);
     flight.signal(2, Signal::STOP);
-    let (status, said) = flight.end();
-    println!("{said}");
-    assert_eq!(status, Some(1), "{said}");
-    assert!(said.contains("only 2 of 3 vehicles took part within 6 s (not vehicle 2)"), "{said}");
-    assert_eq!(flight.agents(), [], "what is on the ground is ended");
+    let (status, stderr) = flight.end();
+    println!("{stderr}");
+    assert_eq!(status, Some(1), "{stderr}");
+    assert!(stderr.contains("only 2 of 3 vehicles took part within 6 s (not vehicle 2)"), "{stderr}");
+    assert_eq!(flight.agents(), [], "agents on the ground are ended");
 }
 
 #[test]
-fn a_swarm_that_no_pc_carries_is_refused_with_a_figure_and_nothing_is_begun() {
+fn a_swarm_too_large_for_any_pc_is_refused_before_any_process_starts() {
     let folder = tempfile::tempdir().unwrap();
     let mut command = command(folder.path());
     command.args(["fly", "--out", "out", "--set", "swarm.vehicles=250", "--set", "formation.radius_m=1000"]);
     command.args(["--set", "start.square_m=400"]);
     let Output { status, stderr, .. } = command.stdin(Stdio::null()).output().unwrap();
-    let said = String::from_utf8_lossy(&stderr).into_owned();
-    println!("{said}");
-    assert_eq!(status.code(), Some(2), "{said}");
-    assert!(said.contains("250 agents need ") && said.contains(": it can fly "), "{said}");
+    let stderr = String::from_utf8_lossy(&stderr).into_owned();
+    println!("{stderr}");
+    assert_eq!(status.code(), Some(2), "{stderr}");
+    assert!(stderr.contains("250 agents need ") && stderr.contains(": it can fly "), "{stderr}");
     assert!(!folder.path().join("out").exists() && !folder.path().join("runtime").exists());
 }

@@ -1,4 +1,4 @@
-//! A law that is none of Skein's, from a crate outside its workspace: compiled, flown, refused by its name.
+//! A control law of the user, in a crate outside of Skein's workspace: it is compiled and flown, and checked by name.
 #![expect(clippy::unwrap_used, reason = "what a test cannot do has failed")]
 
 use std::env;
@@ -10,8 +10,8 @@ use std::sync::OnceLock;
 use serde_json::Value;
 use skein_lab::metrics::WALL_CLOCK_KEYS;
 
-/// The crate's program, built beside the one under test: with the same lock file and profile, all that Skein stands on is
-/// there already.
+/// The program of that crate, built beside the one under test: with the same lock file and profile, Skein's
+/// dependencies are compiled already.
 fn program() -> &'static Path {
     static PROGRAM: OnceLock<PathBuf> = OnceLock::new();
     PROGRAM.get_or_init(|| {
@@ -26,7 +26,7 @@ fn program() -> &'static Path {
         fs::copy(here.join("own-law/src/main.rs"), copy.join("src/main.rs")).unwrap();
         fs::copy(here.join("../Cargo.lock"), copy.join("Cargo.lock")).unwrap();
         let mut cargo = Command::new(env!("CARGO"));
-        // What cargo tells this test of itself would have every build script run again.
+        // The variables that cargo sets for this test would make every build script run again.
         let ours = env::vars_os().map(|(name, _)| name).filter(|name| {
             let name = name.to_string_lossy();
             ["CARGO_PKG_", "CARGO_MANIFEST_", "CARGO_BIN_", "CARGO_CRATE_"].iter().any(|ours| name.starts_with(ours))
@@ -36,9 +36,9 @@ fn program() -> &'static Path {
         }
         cargo.args(["build", "--offline", "--quiet", "--target-dir"]).arg(built.parent().unwrap());
         if built.ends_with("release") {
-            // As in the workspace's manifest.
+            // The same as in the workspace's manifest.
             cargo.args(["--release", "--config", "profile.release.strip='debuginfo'"]);
-            // To another workspace Skein's own crates are new. A few seconds' flights need no optimizer.
+            // Another workspace compiles Skein's own crates again. Short flights do not need the optimiser.
             for name in ["skein-lab", "skein-host", "skein-core", "skein-common"] {
                 cargo.arg("--config").arg(format!("profile.release.package.{name}.opt-level=0"));
             }
@@ -61,7 +61,7 @@ fn figures(folder: &Path) -> Value {
     figures
 }
 
-/// A scenario whose law Skein itself does not know.
+/// A scenario with a law that Skein itself does not have.
 fn hover(folder: &Path) -> PathBuf {
     let file = folder.join("mine.toml");
     fs::write(&file, "[swarm]\nvehicles = 5\n[formation]\nlaw = \"pursuit\"\nradius_m = 60\n").unwrap();
@@ -69,7 +69,7 @@ fn hover(folder: &Path) -> PathBuf {
 }
 
 #[test]
-fn a_crate_outside_the_tree_flies_its_own_law_the_same_on_one_job_and_on_two() {
+fn a_law_of_a_foreign_crate_flies_the_same_with_one_job_and_with_two() {
     let folder = tempfile::tempdir().unwrap();
     let file = hover(folder.path());
     let [one, two] = ["one", "two"].map(|name| folder.path().join(name));
@@ -83,7 +83,7 @@ fn a_crate_outside_the_tree_flies_its_own_law_the_same_on_one_job_and_on_two() {
         assert_eq!(flown["law"], "pursuit");
         let figure = |name: &str| flown[name].as_f64().unwrap();
         assert!((figure("radial_mean_m") - 60.0).abs() < 10.0, "{flown:#}");
-        assert!(figure("polarization") < 0.3, "five on a circle fly five ways: {flown:#}");
+        assert!(figure("polarization") < 0.3, "five vehicles on a circle fly in five directions: {flown:#}");
         assert!(figure("collisions") == 0.0 && figure("min_separation_m") > 5.0, "{flown:#}");
     }
     let slow =
@@ -93,7 +93,7 @@ fn a_crate_outside_the_tree_flies_its_own_law_the_same_on_one_job_and_on_two() {
 }
 
 #[test]
-fn its_name_and_its_parameters_are_checked_as_skeins_are() {
+fn the_name_and_the_parameters_of_a_users_law_are_checked() {
     let folder = tempfile::tempdir().unwrap();
     let file = hover(folder.path());
     let refused = |sets: &[&str]| {
@@ -107,5 +107,5 @@ fn its_name_and_its_parameters_are_checked_as_skeins_are() {
     let wrong = refused(&["--set", "formation.parameters.speed_m_s=[1]"]);
     assert!(wrong.contains("`formation.parameters.speed_m_s` has to be a number, not [1]"), "{wrong}");
     let unknown = Command::new(env!("CARGO_BIN_EXE_skein-under-test")).arg("check").arg(&file).output().unwrap();
-    assert_eq!(unknown.status.code(), Some(2), "Skein alone has no such law");
+    assert_eq!(unknown.status.code(), Some(2), "Skein itself does not have this law");
 }

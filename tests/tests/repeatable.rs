@@ -1,4 +1,4 @@
-//! Virtual time gives the same bits on every machine: golden flights, and a processor that hides what it can do.
+//! Virtual time gives the same bits on every computer: golden flights, and a processor that hides its extensions.
 #![expect(clippy::unwrap_used, reason = "what a test cannot do has failed")]
 
 use std::fs;
@@ -20,7 +20,8 @@ fn the_golden_flights_repeat_to_the_bit() {
     assert_eq!(flown.lines().count(), golden.lines().count());
 }
 
-/// The figures of a short study in gusts, by a process with this `GLIBC_TUNABLES`, without those of the wall clock.
+/// The figures of a short study in gusts, flown by a process with this `GLIBC_TUNABLES`, without those of the wall
+/// clock.
 fn figures(tunables: &str) -> Vec<Vec<String>> {
     let folder = TempDir::new().unwrap();
     let sets =
@@ -43,8 +44,8 @@ fn figures(tunables: &str) -> Vec<Vec<String>> {
     csv.lines().map(kept).collect()
 }
 
-/// Without AVX2 and FMA glibc takes other routines for sine, exponential and their like, which differ in the last bits. It is
-/// glibc on x86-64 that listens to this; elsewhere the test still flies twice.
+/// Without AVX2 and FMA glibc uses other routines for sine, exponential and the like, which differ in the last bits.
+/// Only glibc on x86-64 has this setting; elsewhere the test flies twice in the same way.
 #[test]
 fn a_processor_without_avx2_and_fma_flies_the_same() {
     let figures = [figures(""), figures("glibc.cpu.hwcaps=-AVX2,-AVX2_Usable,-FMA,-FMA_Usable,-FMA4")];
@@ -52,8 +53,8 @@ fn a_processor_without_avx2_and_fma_flies_the_same() {
     assert_eq!(figures[0], figures[1]);
 }
 
-/// Every elementary function that a study uses comes from the program itself. Of the C library's, `pow` alone remains: tokio's
-/// statistics and the progress bar use it.
+/// A study uses elementary functions of the program itself. The only one that the program imports from the C library is
+/// `pow`, for tokio's statistics and the progress bar.
 #[cfg(target_os = "linux")]
 #[test]
 fn the_program_imports_no_elementary_function() {

@@ -1,4 +1,4 @@
-//! Reports: every picture that a flight gives rise to, the same each time, on a page that needs nothing else.
+//! Reports: the pictures of a flight are the same each time, and their page needs no other file.
 #![expect(clippy::unwrap_used, reason = "what a test cannot do has failed")]
 
 use std::fs;
@@ -28,7 +28,7 @@ fn recorded(name: &str, sets: &[&str], rate_hz: f64) -> Recording {
     record(&of_scenario(scenario(name, sets)), rate_hz)
 }
 
-/// Draws every figure, and checks what has to be true of any.
+/// Draws every figure, and checks the properties that all figures have.
 fn drawn(recording: &Recording) -> Vec<(Figure, String)> {
     let figures = flight::figures(recording);
     let drawn: Vec<_> = figures.into_iter().map(|figure| (figure.svg().unwrap(), figure)).collect();
@@ -57,28 +57,28 @@ fn svg<'a>(drawn: &'a [(Figure, String)], name: &str) -> &'a str {
 
 const ALWAYS: [&str; 6] = ["overview", "final-places", "centre-distance", "altitude", "effort", "timeline"];
 
-/// The paper's scenarios as they lie there.
+/// A scenario of the paper.
 fn of_paper(name: &str) -> Scenario {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../deploy/scenarios/paper").join(name);
     ScenarioArgs { scenario: Some(path), sets: Vec::new() }.read(Vec::new()).unwrap().scenario
 }
 
-/// Without numbers, which on other machines differ in their last digits.
+/// The picture without numbers, whose last digits differ on other computers.
 fn structure(svg: &str) -> String {
     svg.chars().filter(|letter| !letter.is_ascii_digit() && !matches!(letter, '.' | '-' | ',' | ' ')).collect()
 }
 
-/// The picture in the documentation is the one that flies today: `skein report deploy/scenarios/paper` makes it anew, as
-/// `figures/hover-overview.svg`.
+/// The picture in the documentation is that of the present program: `skein report deploy/scenarios/paper` makes it
+/// again, as `figures/hover-overview.svg`.
 #[test]
-fn the_picture_in_the_documentation_is_what_flies() {
+fn the_picture_in_the_documentation_is_up_to_date() {
     let drawn = drawn(&record(&of_scenario(of_paper("hover.toml")), 10.0));
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../deploy/scenarios/paper/hover.svg");
     let there = fs::read_to_string(&path).unwrap().replace('\r', "");
     let flown = svg(&drawn, "overview");
-    // Elsewhere the elementary functions differ in their last bits.
+    // On other platforms the elementary functions differ in their last bits.
     if cfg!(all(target_os = "linux", target_arch = "x86_64")) {
-        assert!(there == flown, "{} is not what flies: see the comment above this test", path.display());
+        assert!(there == flown, "{} is not up to date: see the comment above this test", path.display());
     } else {
         assert_eq!(structure(&there), structure(flown));
     }
@@ -91,7 +91,7 @@ fn the_picture_in_the_documentation_is_what_flies() {
 }
 
 #[test]
-fn a_flock_on_its_way_has_snapshots_of_it() {
+fn a_moving_flock_has_snapshots() {
     let drawn = drawn(&record(&of_scenario(of_paper("flock.toml")), 2.0));
     for name in ALWAYS.iter().chain(&["pair-distance", "field", "snapshots"]) {
         assert!(names(&drawn).contains(name), "{name}");
@@ -101,7 +101,7 @@ fn a_flock_on_its_way_has_snapshots_of_it() {
 }
 
 #[test]
-fn faults_are_marked_on_whatever_runs_over_time() {
+fn faults_are_marked_in_every_figure_over_time() {
     let recording = recorded("tour.toml", &["duration_s=320"], 2.0);
     let drawn = drawn(&recording);
     for name in ALWAYS.iter().chain(&["pair-distance", "message-age", "snapshots"]) {
@@ -120,7 +120,7 @@ fn faults_are_marked_on_whatever_runs_over_time() {
 }
 
 #[test]
-fn fifty_vehicles_are_drawn_as_an_envelope_and_one_alone_has_no_pairs() {
+fn fifty_vehicles_are_drawn_as_an_envelope_and_a_single_one_has_no_pairs() {
     let fifty = ["swarm.vehicles=50", "start.square_m=300", "formation.radius_m=200", "duration_s=20"];
     let fifty = drawn(&recorded("hover.toml", &fifty, 1.0));
     assert!(svg(&fifty, "centre-distance").contains("all vehicles, least to largest"));
@@ -130,7 +130,7 @@ fn fifty_vehicles_are_drawn_as_an_envelope_and_one_alone_has_no_pairs() {
 }
 
 #[test]
-fn nothing_and_one_instant_are_drawn_too() {
+fn recordings_without_steps_or_with_one_step_are_drawn_too() {
     let mut recording = recorded("hover.toml", &["duration_s=2"], 1.0);
     recording.tracks.iter_mut().for_each(|track| track.steps.truncate(1));
     for name in ALWAYS {
@@ -147,14 +147,14 @@ fn skein(line: &[&str]) -> ExitCode {
     cli::run(Cli::try_parse_from(["skein"].iter().chain(line)).unwrap().command)
 }
 
-/// The page, which must not need anything but itself.
+/// Reads the page and checks that it needs no other file.
 fn page(folder: &Path) -> String {
     let page = fs::read_to_string(folder.join("index.html")).unwrap();
     let elsewhere = page.replace("http://www.w3.org/2000/svg", "");
     for needs in ["http:", "https:", "<script", "<link", "<img", "src=", "@import", "url("] {
         assert!(!elsewhere.contains(needs), "{needs}");
     }
-    for (_, rest) in page.match_indices("href=\"").map(|(at, it)| page.split_at(at + it.len())) {
+    for (_, rest) in page.match_indices("href=\"").map(|(at, found)| page.split_at(at + found.len())) {
         let target = &rest[..rest.find('"').unwrap()];
         let is_there = match target.strip_prefix('#') {
             Some(id) => page.contains(&format!("id=\"{id}\"")),
@@ -166,7 +166,7 @@ fn page(folder: &Path) -> String {
 }
 
 #[test]
-fn a_folder_of_scenarios_and_a_study_become_pages_that_need_nothing_else() {
+fn reports_of_scenarios_and_of_a_study_need_no_other_files() {
     let temporary = tempfile::tempdir().unwrap();
     let at = |name: &str| temporary.path().join(name).display().to_string();
     let text = "name = 'two'\nduration_s = 20\nswarm.vehicles = 2\nformation.radius_m = 40\n";

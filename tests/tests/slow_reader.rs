@@ -1,5 +1,5 @@
-//! A stranger with a link asks an agent, in the most urgent and least patient way that Zenoh has, and reads the answers as
-//! slowly as it can. The agent's control thread must not notice, and the other listeners must go on hearing the agent.
+//! An intruder with a link queries an agent with Zenoh's most urgent settings and reads the answers as slowly as
+//! possible. The attack must not delay the agent's control thread, nor its messages to other receivers.
 #![expect(clippy::disallowed_methods, reason = "a live agent takes real time")]
 #![expect(clippy::unwrap_used, reason = "what a test cannot do has failed")]
 
@@ -23,44 +23,44 @@ use zenoh::query::{ConsolidationMode, QueryTarget};
 use zenoh::sample::Sample;
 
 const PROGRAM: &str = env!("CARGO_BIN_EXE_skein-under-test");
-/// How long the agent is watched before the attack, and then under it.
+/// Duration of the observation before the attack, and of that under attack.
 const WATCHED: Duration = Duration::from_secs(10);
-/// Control may come this much later than without the attack, s.
+/// Largest additional delay of the control under attack, s.
 const JITTER_S: f64 = 0.020;
-/// The agent's states may be this much farther apart than without the attack, s.
+/// Largest additional time between two states of the agent under attack, s.
 const SILENCE_S: f64 = 1.0;
-/// What the stranger reads of the answers, bytes a second: enough for its link to live.
+/// Rate at which the intruder reads the answers, bytes/s: enough to keep its link alive.
 const READS_BYTES_S: usize = 20_000;
 
-/// Between the stranger and the agent: what the agent sends passes slowly.
-fn slow_way(agent: SocketAddr, read: Arc<AtomicU64>) -> SocketAddr {
+/// Starts a proxy between the intruder and the agent that passes the agent's data slowly.
+fn slow_proxy(agent: SocketAddr, read: Arc<AtomicU64>) -> SocketAddr {
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let address = listener.local_addr().unwrap();
-    let carry = move |stranger: TcpStream| {
+    let carry = move |intruder: TcpStream| {
         let Ok(agent) = TcpStream::connect(agent) else { return };
-        let (mut from_stranger, mut to_agent) = (stranger.try_clone().unwrap(), agent.try_clone().unwrap());
+        let (mut from_intruder, mut to_agent) = (intruder.try_clone().unwrap(), agent.try_clone().unwrap());
         thread::spawn(move || {
-            let _ = std::io::copy(&mut from_stranger, &mut to_agent);
+            let _ = std::io::copy(&mut from_intruder, &mut to_agent);
             let _ = to_agent.shutdown(std::net::Shutdown::Both);
         });
-        let (mut from_agent, mut to_stranger, read) = (agent, stranger, read.clone());
+        let (mut from_agent, mut to_intruder, read) = (agent, intruder, read.clone());
         thread::spawn(move || {
             let mut some = [0; READS_BYTES_S / 20];
             while let Ok(count @ 1..) = from_agent.read(&mut some) {
                 read.fetch_add(count as u64, Relaxed);
-                if to_stranger.write_all(&some[..count]).is_err() {
+                if to_intruder.write_all(&some[..count]).is_err() {
                     break;
                 }
                 thread::sleep(Duration::from_millis(50));
             }
-            let _ = to_stranger.shutdown(std::net::Shutdown::Both);
+            let _ = to_intruder.shutdown(std::net::Shutdown::Both);
         });
     };
     thread::spawn(move || listener.incoming().map_while(Result::ok).for_each(carry));
     address
 }
 
-/// An agent's process, which ends with its value.
+/// The process of an agent, killed when it is dropped.
 struct Agent(Child);
 
 impl Drop for Agent {
@@ -80,7 +80,7 @@ fn agent(swarm: &SwarmName, port: u16, folder: &std::path::Path) -> Agent {
     Agent(command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap())
 }
 
-/// What an observer has seen of the agent in a while.
+/// Measurements of an observer.
 #[derive(Debug, Default)]
 struct Watched {
     /// The longest delay of a frame beyond its period, of those that the agent reports, s.
@@ -141,7 +141,7 @@ impl Observer {
 }
 
 #[test]
-fn a_stranger_that_asks_urgently_and_reads_slowly_delays_no_step_of_an_agent() {
+fn urgent_queries_of_a_slow_reader_delay_no_step_of_an_agent() {
     let swarm = SwarmName::new(format!("slow-{}", std::process::id())).unwrap();
     let folder = tempfile::tempdir().unwrap();
     let port = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
@@ -149,19 +149,19 @@ fn a_stranger_that_asks_urgently_and_reads_slowly_delays_no_step_of_an_agent() {
     let observer = Observer::open(&swarm, &format!("tcp/127.0.0.1:{port}"));
     let until = Instant::now() + Duration::from_secs(30);
     while observer.watch(Duration::from_millis(500)).states == 0 {
-        assert!(Instant::now() < until, "the agent is not heard");
+        assert!(Instant::now() < until, "no state of the agent arrives");
     }
     let calm = observer.watch(WATCHED);
 
     let (read, asked, is_over) = (Arc::<AtomicU64>::default(), Arc::<AtomicU64>::default(), AtomicBool::new(false));
-    let way = slow_way(SocketAddr::from(([127, 0, 0, 1], port)), read.clone());
-    let stranger = Sessions::open(&swarm, &[], &[format!("tcp/{way}")], &Security::Plain).unwrap();
-    // States are sent to whoever subscribes to them.
-    stranger.first().declare_subscriber("vehicle/*/**").callback(|_| {}).background().wait().unwrap();
+    let proxy = slow_proxy(SocketAddr::from(([127, 0, 0, 1], port)), read.clone());
+    let intruder = Sessions::open(&swarm, &[], &[format!("tcp/{proxy}")], &Security::Plain).unwrap();
+    // The agent sends states to every subscriber.
+    intruder.first().declare_subscriber("vehicle/*/**").callback(|_| {}).background().wait().unwrap();
     let under_attack = thread::scope(|scope| {
         scope.spawn(|| {
             while !is_over.load(Relaxed) {
-                let question = stranger
+                let question = intruder
                     .first()
                     .get("vehicle/*/**")
                     .payload(vec![0; 8])
@@ -187,8 +187,8 @@ fn a_stranger_that_asks_urgently_and_reads_slowly_delays_no_step_of_an_agent() {
         asked.load(Relaxed),
         read.load(Relaxed)
     );
-    assert!(asked.load(Relaxed) > 1000 && read.load(Relaxed) > 1000, "there was no attack");
-    assert!(calm.healths > 5 && under_attack.healths > 5, "the agent tells how it does");
+    assert!(asked.load(Relaxed) > 1000 && read.load(Relaxed) > 1000, "the attack did not take place");
+    assert!(calm.healths > 5 && under_attack.healths > 5, "the agent sends health reports");
     assert!(under_attack.jitter_s < calm.jitter_s + JITTER_S);
     assert!(under_attack.step_s < calm.step_s + JITTER_S);
     assert!(under_attack.silence_s < calm.silence_s + SILENCE_S);

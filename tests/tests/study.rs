@@ -1,4 +1,4 @@
-//! `skein study` and `skein compare` as their user has them: files, interruptions, exit statuses.
+//! `skein study` and `skein compare` as a user runs them: files, interruptions, exit statuses.
 #![cfg(unix)]
 #![expect(clippy::disallowed_methods, reason = "real processes take real time")]
 #![expect(clippy::unwrap_used, reason = "what a test cannot do has failed")]
@@ -20,7 +20,7 @@ fn skein(folder: &Path, line: &str) -> Output {
     Command::new(PROGRAM).current_dir(folder).args(line.split_whitespace()).output().unwrap()
 }
 
-/// The same, of which success is expected. What it wrote on stdout and stderr.
+/// Runs the program, checks that it succeeds, and returns its stdout and stderr.
 fn succeed(folder: &Path, line: &str) -> (String, String) {
     let output = skein(folder, line);
     let [stdout, stderr] = [&output.stdout, &output.stderr].map(|text| String::from_utf8_lossy(text).into_owned());
@@ -28,7 +28,7 @@ fn succeed(folder: &Path, line: &str) -> (String, String) {
     (stdout, stderr)
 }
 
-/// The same, of which this exit status is expected, and this on stderr.
+/// Runs the program and checks its exit status and a part of its stderr.
 fn fail(folder: &Path, line: &str, status: i32, why: &str) {
     let output = skein(folder, line);
     let stderr = String::from_utf8_lossy(&output.stderr).into_owned();
@@ -36,7 +36,7 @@ fn fail(folder: &Path, line: &str, status: i32, why: &str) {
     assert!(stderr.contains(why), "{line}: {stderr}");
 }
 
-/// Every file below a folder; figures of the wall clock are taken out.
+/// Every file below a folder, without the figures that depend on the wall clock.
 fn files(folder: &Path) -> BTreeMap<PathBuf, String> {
     let mut files = BTreeMap::new();
     let mut folders = vec![folder.to_owned()];
@@ -79,11 +79,11 @@ fn without_columns(csv: &str) -> String {
     csv.lines().map(cells).collect::<Vec<_>>().join("\n")
 }
 
-/// A small swarm, soon over.
+/// A short study of a small swarm.
 const SMALL: &str = "study --no-record --set swarm.vehicles=3 --set duration_s=12";
 
 #[test]
-fn a_study_is_byte_equal_on_one_job_and_on_two() {
+fn a_study_gives_the_same_bytes_with_one_job_and_with_two() {
     let folder = tempfile::tempdir().unwrap();
     let study = format!("{SMALL} --seeds 3..6 --sweep network.loss=0,0.3 --sweep network.delay_s=0..1 --points 2");
     for (out, jobs) in [("one", 1), ("again", 1), ("two", 2)] {
@@ -106,7 +106,7 @@ fn a_study_is_byte_equal_on_one_job_and_on_two() {
 }
 
 #[test]
-fn a_study_that_was_killed_goes_on_and_comes_to_the_same_end() {
+fn a_killed_study_resumes_and_gives_the_same_files() {
     let folder = tempfile::tempdir().unwrap();
     let runs = 60;
     let study = format!(
@@ -137,9 +137,9 @@ fn a_study_that_was_killed_goes_on_and_comes_to_the_same_end() {
         child.kill().unwrap();
         child.wait().unwrap();
         let there = done();
-        assert!((least..runs).contains(&there), "{there} runs when it was killed");
+        assert!((least..runs).contains(&there), "{there} runs at the kill");
         if least == 3 {
-            // Half a run is no run.
+            // An incomplete run does not count as a run.
             fs::write(killed.join("point-1/seed-0/metrics.json"), "{\"seed\": 0,").unwrap();
             child = Command::new(PROGRAM)
                 .current_dir(folder.path())
@@ -170,7 +170,7 @@ fn a_study_that_was_killed_goes_on_and_comes_to_the_same_end() {
 }
 
 #[test]
-fn what_cannot_fly_is_refused_before_anything_flies() {
+fn an_invalid_study_is_refused_before_any_run() {
     let folder = tempfile::tempdir().unwrap();
     for (sweep, why) in [
         ("--sweep network.loss=0,0.5,2", "point 3 (network.loss=2): --set network.loss=2: "),
@@ -195,7 +195,7 @@ fn two_studies(folder: &TempDir, common: &str, a: &str, b: &str) {
 }
 
 #[test]
-fn a_comparison_finds_what_is_worse_and_says_so_by_its_exit_status() {
+fn a_comparison_reports_worse_figures_by_its_exit_status() {
     let folder = tempfile::tempdir().unwrap();
     two_studies(&folder, &format!("{SMALL} --seeds 0..8"), "--set network.loss=0", "--set network.loss=0.6");
     let (same, _) = succeed(folder.path(), "compare a a");
@@ -214,7 +214,7 @@ fn a_comparison_finds_what_is_worse_and_says_so_by_its_exit_status() {
     assert_eq!((&figure["pairs"], &figure["worse"], &figure["verdict"]), (&8.into(), &8.into(), &"worse".into()));
     assert_eq!(figure["effect"]["median"], -1.0);
 
-    // The command that it gives flies the very run again.
+    // The printed command repeats that run exactly.
     let replay = figure["replay"].as_str().unwrap();
     let seed = figure["worst_seed"].as_u64().unwrap();
     assert_eq!(replay, format!("skein study b/seed-{seed}/scenario.toml"));
@@ -232,7 +232,7 @@ fn a_comparison_finds_what_is_worse_and_says_so_by_its_exit_status() {
 }
 
 #[test]
-fn a_run_flies_again_from_its_own_folder() {
+fn a_run_can_be_repeated_from_its_own_folder() {
     let folder = tempfile::tempdir().unwrap();
     fs::create_dir(folder.path().join("mine")).unwrap();
     let aircraft = include_str!("../../deploy/aircraft/xcell60.toml");
@@ -274,10 +274,10 @@ fn a_comparison_pairs_by_seed_and_by_swept_point() {
 }
 
 #[test]
-fn targets_are_set_side_by_side_without_a_verdict() {
+fn a_study_and_flights_are_compared_without_a_verdict() {
     let folder = tempfile::tempdir().unwrap();
     succeed(folder.path(), &format!("{SMALL} --seeds 0..2 --out virtual"));
-    // What a flight of the same scenario would have left.
+    // Files as a flight of the same scenario would leave them.
     succeed(folder.path(), &format!("{SMALL} --seeds 0..2 --set network.loss=0.3 --out real"));
     for seed in 0..2 {
         let path = folder.path().join(format!("real/seed-{seed}/metrics.json"));

@@ -1,4 +1,4 @@
-//! The swarm in virtual time against its acceptance figures, and twice the same.
+//! Acceptance figures of the swarm in virtual time, and repeatability.
 #![expect(clippy::unwrap_used, reason = "what a test cannot do has failed")]
 
 use std::num::NonZeroUsize;
@@ -85,7 +85,7 @@ fn the_papers_hover_formation_keeps_its_limits() {
 }
 
 #[test]
-fn a_steep_linear_conversion_swings_and_the_nonlinear_one_does_not() {
+fn a_steep_linear_conversion_oscillates_and_the_nonlinear_one_does_not() {
     let median = |sets: &[&str], key: &str| summarize(&fly(&study("sinusoid.toml", sets), 10))[key].median;
     let linear = ["formation.conversion=linear", "formation.gain_m=56"];
     let swing_m = median(&linear, "oscillation_m").unwrap();
@@ -105,12 +105,12 @@ fn the_safety_filter_keeps_a_crowd_apart() {
     };
     let (with_m, activations) = closest("cbf");
     let (without_m, none) = closest("none");
-    println!("twelve who start 10 m apart: closest {with_m:.1} m, without the filter {without_m:.1} m");
+    println!("twelve vehicles that start 10 m apart: closest {with_m:.1} m, without the filter {without_m:.1} m");
     assert!(with_m > 8.0 && with_m > without_m + 1.0, "{with_m} m, without {without_m} m");
     assert!(activations.is_some_and(|activations| activations > 0) && none.is_none());
 }
 
-/// The report as text, without what the wall clock decides.
+/// The report as text, without the figures that depend on the wall clock.
 fn without_wall_clock(report: &Report) -> String {
     let mut value = serde_json::to_value(report).unwrap();
     let Value::Object(keys) = &mut value else { panic!("a report is an object") };
@@ -130,7 +130,7 @@ fn a_seed_gives_the_same_figures_again_with_any_number_of_jobs() {
 }
 
 #[test]
-fn a_seed_gives_the_same_history_bit_for_bit() {
+fn a_seed_gives_the_same_flight_bit_for_bit() {
     let study = study("hover.toml", &["preset=paper", "world.wind_m_s=4", "world.gust_w20_m_s=4"]);
     let mut worlds = [0, 1].map(|_| World::new(&study.scenario, &study.aircraft, &study.rules).unwrap());
     for tick in 0..3_000 {
@@ -149,7 +149,7 @@ fn a_seed_gives_the_same_history_bit_for_bit() {
 }
 
 #[test]
-fn three_of_four_space_themselves_anew_when_one_is_killed() {
+fn three_of_four_vehicles_respace_evenly_after_one_is_killed() {
     for seed in 0..5 {
         let study = study("hover.toml", &[&format!("seed={seed}")]);
         let mut world = World::new(&study.scenario, &study.aircraft, &study.rules).unwrap();
@@ -178,7 +178,7 @@ fn three_of_four_space_themselves_anew_when_one_is_killed() {
         let report = metrics.report(Wall { wall_s: 1.0, real_time_factor: 1.0 });
         assert!(noticed_s.is_some_and(|noticed_s| noticed_s < 2.0), "seed {seed}: noticed after {noticed_s:?} s");
         assert!(report.even_10deg_s.is_some_and(|even_s| even_s < 180.0), "seed {seed}: {:?}", report.even_10deg_s);
-        assert!(report.in_band_s.is_some_and(|since_s| since_s < 0.03), "seed {seed}: somebody left the band");
+        assert!(report.in_band_s.is_some_and(|since_s| since_s < 0.03), "seed {seed}: a vehicle left the band");
         println!("seed {seed}: noticed after {noticed_s:?} s, even to 10 degrees after {:?} s", report.even_10deg_s);
     }
 }

@@ -1,5 +1,5 @@
-//! What is printed about thirty wrong files of all kinds: `golden/wrong_files.txt` has every message as an operator sees it.
-//! After a message was changed on purpose, `SKEIN_GOLDEN=write` in this test's environment writes the file anew.
+//! Errors of thirty wrong files of all kinds: `golden/wrong_files.txt` has every message as an operator sees it. After
+//! an intended change of a message, `SKEIN_GOLDEN=write` in this test's environment writes the file again.
 #![expect(clippy::unwrap_used, reason = "what a test cannot do has failed")]
 
 use std::fmt::Write;
@@ -12,13 +12,13 @@ use skein_core::aircraft::Aircraft;
 const PROGRAM: &str = env!("CARGO_BIN_EXE_skein-under-test");
 const GOLDEN: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/golden/wrong_files.txt");
 
-/// Which command reads the file.
+/// The command that reads the file.
 enum Read {
-    /// `skein check NAME`, beside a `hover.toml` and an `xcell.toml` that are right.
+    /// `skein check NAME`, beside a valid `hover.toml`.
     Scenario(&'static str),
     /// `skein check -f NAME`.
     Cluster(&'static str),
-    /// The shipped aircraft with this part replaced by that, named by a scenario.
+    /// The shipped aircraft with the first text replaced by the second, in a scenario.
     Aircraft(&'static str, &'static str),
 }
 
@@ -29,20 +29,20 @@ const CASES: [(&str, Read); 31] = [
     ("a key without its unit", Scenario("swarm.vehicles = 4\n[formation]\nheading = 30\n")),
     ("a key of another table", Scenario("swarm.vehicles = 4\n[formation]\nspeed_m_s = 3\n")),
     (
-        "a key that no step has, near to one that lands",
+        "an unknown key of a step, similar to one that lands",
         Scenario("swarm.vehicles = 4\n[mission]\nsteps = [{ lnad = true }]\n"),
     ),
-    ("a key that is like no other", Scenario("swarm.vehicles = 4\n[formation]\nwobble = 3\n")),
+    ("a key similar to no other", Scenario("swarm.vehicles = 4\n[formation]\nwobble = 3\n")),
     ("a text where a number is needed", Scenario("swarm.vehicles = 4\n[formation]\nradius_m = 'wide'\n")),
     ("a number out of its range", Scenario("swarm.vehicles = 4\n[formation]\naltitude_m = 2\n")),
-    ("a word that is not a choice", Scenario("swarm.vehicles = 4\n[formation]\nlaw = 'vasarheli'\n")),
+    ("a text that is not a choice", Scenario("swarm.vehicles = 4\n[formation]\nlaw = 'vasarheli'\n")),
     ("an order that is not one", Scenario("swarm.vehicles = 4\n[mission]\nevents = [{ at_s = 5, order = 'abrot' }]\n")),
     (
         "a fault without its vehicle",
         Scenario("swarm.vehicles = 4\n[mission]\nevents = [{ at_s = 5, fault = 'kill' }]\n"),
     ),
-    ("no number of vehicles", Scenario("name = 'nobody'\n")),
-    ("a vehicle that does not fly", Scenario("swarm.vehicles = 4\n[vehicle.9]\nheading_deg = 90\n")),
+    ("no number of vehicles", Scenario("name = 'empty'\n")),
+    ("a vehicle that is not in the swarm", Scenario("swarm.vehicles = 4\n[vehicle.9]\nheading_deg = 90\n")),
     ("a key that was removed", Scenario("swarm.vehicles = 4\n[network]\nstate_json_hz = 2\n")),
     ("a table that is not closed", Scenario("swarm.vehicles = 4\n[formation\n")),
     ("a key that is written twice", Scenario("swarm.vehicles = 4\n[formation]\ngamma = 1\ngamma = 2\n")),
@@ -54,7 +54,7 @@ const CASES: [(&str, Read); 31] = [
         "a misspelt key of a node",
         Cluster("swarm = 'lab'\nscenario = 'hover.toml'\n[node.1]\nhost = '10.0.0.1'\nadress = '10.0.0.1'\n"),
     ),
-    ("a word that is not a choice", Cluster("swarm = 'lab'\nscenario = 'hover.toml'\nsecurity = 'tsl'\n")),
+    ("a text that is not a choice", Cluster("swarm = 'lab'\nscenario = 'hover.toml'\nsecurity = 'tsl'\n")),
     ("no scenario", Cluster("swarm = 'lab'\n[node.1]\nhost = '10.0.0.1'\n")),
     ("a vehicle without a node", Cluster("swarm = 'lab'\nscenario = 'hover.toml'\n[node.1]\nhost = '10.0.0.1'\n")),
     (
@@ -73,7 +73,7 @@ const CASES: [(&str, Read); 31] = [
     ("a dataref with a space", Plane("[trim]", "[xplane]\nroll = 'sim/joystick roll'\n[trim]")),
 ];
 
-/// A case as the golden file has it: title, the file's line at fault, the message.
+/// A case in the format of the golden file: title, the wrong line, the message.
 fn case(title: &str, read: &Read) -> String {
     let folder = tempfile::tempdir().unwrap();
     let write = |name: &str, text: &str| fs::write(folder.path().join(name), text).unwrap();
@@ -93,19 +93,18 @@ fn case(title: &str, read: &Read) -> String {
     assert_eq!(output.status.code(), Some(2), "{title}: {message}");
     assert_eq!(message.lines().count(), 1, "{title}: {message}");
     let place = message.strip_prefix("my.toml:").and_then(|rest| rest.split(':').next()?.parse::<usize>().ok());
-    let line = text.lines().nth(place.unwrap_or_else(|| panic!("{title} has no place: {message}")) - 1);
+    let line = text.lines().nth(place.unwrap_or_else(|| panic!("{title} has no position: {message}")) - 1);
     let line = line.unwrap_or_default();
-    // What stands behind the value is a comment.
+    // The text after the value is a comment.
     let line = line.split_once("  #").map_or(line, |(line, _)| line).trim_end();
     format!("{kind}: {title}\n    {line}\n    {message}\n")
 }
 
 #[test]
-fn every_wrong_file_is_refused_with_its_place_and_a_remedy() {
-    let mut text =
-        "What `skein check` prints about wrong files: the kind of file, what is wrong with it, the line at fault, the \
+fn every_wrong_file_is_refused_with_its_position_and_a_remedy() {
+    let mut text = "What `skein check` prints about wrong files: the kind of file, the mistake, the wrong line, the \
                     message.\n\n"
-            .to_owned();
+        .to_owned();
     for (title, read) in &CASES {
         let _ = write!(text, "{}", case(title, read));
     }

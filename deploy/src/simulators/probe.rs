@@ -42,7 +42,7 @@ pub(crate) fn simulator_at(address: &str) -> Result<String, String> {
             place.longitude_deg(),
             place.altitude_m
         )),
-        None if heard.standing_frames > 0 => Ok(format!("{name}, paused")),
+        None if heard.frozen_frames > 0 => Ok(format!("{name}, paused")),
         // Its positions come from another port than its values, and the time was too short to verify that port.
         None if heard.unproven > 0 && heard.foreign == 0 && link.version().is_some() => {
             Ok(format!("{name}, its positions not yet verified"))

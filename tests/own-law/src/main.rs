@@ -1,8 +1,8 @@
 //! A control law of one's own: all vehicles circle the centre, and each adjusts its speed to stay halfway between the
 //! vehicle ahead and the vehicle behind.
 //!
-//! Pursuit on a circle, after J. Marshall, M. Broucke & B. Francis, "Formations of Vehicles in Cyclic Pursuit", IEEE Trans.
-//! Automatic Control 49(11) (2004), with the vehicle ahead on the circle instead of the one with the next id.
+//! Pursuit on a circle, after J. Marshall, M. Broucke & B. Francis, "Formations of Vehicles in Cyclic Pursuit", IEEE
+//! Trans. Automatic Control 49(11) (2004), with the vehicle ahead on the circle instead of the one with the next id.
 
 use std::f64::consts::TAU;
 use std::process::ExitCode;

@@ -34,7 +34,8 @@ enum Table {
     Laws,
     /// The ring's error with 4 to 32 vehicles, 0 to 50 % loss and 0 to 2 s delay, from the golden file
     Network,
-    /// The same flight in virtual time, in real time, and in real time behind X-Plane's protocol, one seed after the other
+    /// The same flight in virtual time, in real time, and in real time behind X-Plane's protocol, one seed after the
+    /// other
     Divergence,
     /// The tour with 2 to 16 vehicles, 0 to 30 % loss and 0 to 1 s delay
     Tour,

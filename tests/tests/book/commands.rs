@@ -1,4 +1,4 @@
-//! Every `console` block prints what the chapter says.
+//! Every `console` block prints the output that the chapter shows.
 
 use std::collections::BTreeSet;
 
@@ -10,7 +10,7 @@ use crate::is_writing;
 use crate::markdown::Page;
 use crate::runner::Folder;
 
-/// A test for each page, so that they run side by side and a failure names its page.
+/// Makes a test for each page, so that they run in parallel and a failure names its page.
 macro_rules! pages {
     ($($test:ident: $path:literal,)*) => {
         const PAGES: &[&str] = &[$($path),*];
@@ -71,7 +71,7 @@ struct Step {
     lines: usize,
 }
 
-/// The commands of a block. Behind a backslash at its end a command continues on the next line.
+/// The commands of a block. A command continues on the next line after a backslash at the end of its line.
 fn steps(lines: &[String]) -> Result<Vec<Step>, String> {
     let mut steps: Vec<Step> = Vec::new();
     let mut is_continued = false;
@@ -138,9 +138,10 @@ fn run(path: &str) {
     assert!(wrong.is_empty(), "{}\nSKEIN_GOLDEN=write writes what is printed into the page", wrong.join("\n"));
 }
 
-/// The output with the lines that match kept as the page has them, if others do not match; notes the difference.
+/// Compares the output. If it differs, notes the difference and returns the output, in which matching lines are kept as
+/// the page has them.
 fn difference(place: &str, expected: &str, printed: &str, wrong: &mut Vec<String>) -> Option<String> {
-    // Blanks at the end of a line cannot be seen in a page.
+    // Blanks at the end of a line are invisible in a page.
     let printed: String = printed.lines().map(|line| format!("{}\n", line.trim_end())).collect();
     let printed = printed.trim_end_matches('\n').to_owned() + if printed.trim().is_empty() { "" } else { "\n" };
     let expected = Data::text(expected.to_owned());

@@ -1,4 +1,4 @@
-//! The tables below `<!-- golden: NAME -->` are those of `tests/golden/NAME`, which `.ci/long` flies anew.
+//! The tables below `<!-- golden: NAME -->` are those of `tests/golden/NAME`, which `.ci/long` flies again.
 
 use std::fs;
 
@@ -12,7 +12,10 @@ fn made_from(name: &str) -> Option<String> {
     (name == "formation_error.csv").then(|| formation_error::markdown(&formation_error::golden()))
 }
 
-/// What a table that is marked with this golden file comes from; or what is wrong with the marker.
+/// The text from which a table with this marker comes.
+///
+/// # Errors
+/// If the marker names no golden file.
 fn whole(name: &str) -> Result<String, String> {
     match made_from(name) {
         Some(made) => Ok(made),
@@ -24,7 +27,7 @@ fn whole(name: &str) -> Result<String, String> {
     }
 }
 
-/// Whether a line of an excerpt says that lines are left out there.
+/// Whether a line of an excerpt marks omitted lines.
 fn is_gap(line: &str) -> bool {
     matches!(line.trim(), "" | "…" | "...")
 }
@@ -37,7 +40,8 @@ fn first_other<'a>(excerpt: &'a [String], whole: &str) -> Option<&'a str> {
     others.next()
 }
 
-/// The excerpt with each row replaced by that of the whole whose beginning is most like it: the first columns name the row.
+/// The excerpt with each row replaced by the row of the whole with the longest equal beginning, because the first
+/// columns name the row.
 fn renewed<'a>(excerpt: &'a [String], whole: &'a str) -> Vec<&'a str> {
     let common =
         |one: &str, other: &str| one.chars().zip(other.chars()).take_while(|(one, other)| one == other).count();
@@ -83,7 +87,7 @@ fn every_marked_table_is_that_of_its_golden_file() {
 
 /// Rows that are flown in a second or two; `.ci/long` flies the others.
 #[test]
-fn rows_flown_anew_are_those_of_their_golden_files() {
+fn rows_flown_again_equal_those_of_their_golden_files() {
     let flown = [
         ("tour.txt", tour::table(&[2], &[0.0], &[0.0], 5)),
         ("central-limits.txt", central::limits(8, &[0.12], &[], 4)),

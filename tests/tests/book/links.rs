@@ -29,7 +29,7 @@ fn is_address(target: &str) -> bool {
     host.contains('.') && !host.starts_with('.') && !host.ends_with('.') && rest.chars().all(is_plain)
 }
 
-/// What is wrong with a link.
+/// The error of a link; `None` if it is valid.
 fn fault(page: &Page, link: &Link, anchors: &BTreeMap<&str, Vec<String>>) -> Option<String> {
     let target = &link.target;
     if target.contains("://") {
@@ -40,7 +40,7 @@ fn fault(page: &Page, link: &Link, anchors: &BTreeMap<&str, Vec<String>>) -> Opt
         return Some("leads out of the checkout".to_owned());
     };
     if !root().join(&path).exists() {
-        return Some(format!("there is no {path}"));
+        return Some(format!("{path} does not exist"));
     }
     let anchor = anchor?;
     let Some(headings) = anchors.get(&*path) else {

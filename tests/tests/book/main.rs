@@ -1,8 +1,8 @@
-//! The documentation is held against the program and the tree: every `console` block of the README and the book is run, links
-//! are followed, measured tables are compared with `tests/golden`, and the pages that the source decides are made anew.
+//! Checks of the documentation: every `console` block of the README and the book is run, links are followed, measured
+//! tables are compared with `tests/golden`, and the generated pages are made again and compared.
 //!
-//! `SKEIN_GOLDEN=write` in this test's environment writes what the commands print and the generated pages into the files.
-//! [`markdown`] says what a chapter may contain.
+//! `SKEIN_GOLDEN=write` in this test's environment writes what the commands print and the generated pages into the
+//! files. [`markdown`] describes the markers of a chapter.
 #![cfg(unix)]
 #![expect(clippy::unwrap_used, reason = "what a test cannot do has failed")]
 

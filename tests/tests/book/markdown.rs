@@ -1,11 +1,11 @@
-//! What the tests see of a Markdown file: fences, tables, links, headings, and the markers above fences and tables.
+//! Markdown files as the tests read them: fences, tables, links, headings, and the markers above fences and tables.
 //!
-//! * A fence ```` ```console ```` is run: lines that begin with `$ ` are commands, the lines below each are its output. Its info
-//!   string may also have `status=N`, the exit status of the block's last command, and `needs=MODULE`, a module of Python
-//!   without which the block is skipped.
+//! * A fence ```` ```console ```` is run: lines that begin with `$
+//!   ` are commands, the lines below each are its output. Its info string may also have `status=N`, the exit status of the block's last command, and `needs=MODULE`,
+//!   a module of Python without which the block is skipped.
 //! * A fence with `file=NAME` is written into the folder in which later blocks of the chapter run.
-//! * `<!-- golden: NAME -->` names a file of `tests/golden`, and `<!-- same as: PATH -->` a file of the checkout, from which the
-//!   fence or table below it comes.
+//! * `<!-- golden: NAME -->` names a file of `tests/golden`, and `<!-- same as: PATH -->` a file of the checkout, from
+//!   which the fence or table below it comes.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -47,8 +47,8 @@ impl Block {
 
     /// The value of `name=value` in the info string.
     pub(crate) fn option(&self, name: &str) -> Option<&str> {
-        let words = self.info.as_deref()?.split_whitespace();
-        words.skip(1).find_map(|word| word.strip_prefix(name)?.strip_prefix('='))
+        let parts = self.info.as_deref()?.split_whitespace();
+        parts.skip(1).find_map(|part| part.strip_prefix(name)?.strip_prefix('='))
     }
 
     /// Lines with the indentation that they have in the file.
@@ -57,7 +57,7 @@ impl Block {
         lines.map(|line| format!("{indent}{line}").trim_end().to_owned()).collect()
     }
 
-    /// What the marker says behind this name and a colon.
+    /// The text of the marker after this name and a colon.
     pub(crate) fn marked(&self, name: &str) -> Option<&str> {
         Some(self.marker.as_deref()?.strip_prefix(name)?.strip_prefix(':')?.trim())
     }
@@ -88,8 +88,8 @@ impl Page {
         paths.iter().map(|path| Self::read(path)).collect()
     }
 
-    /// Replaces lines of the file: each edit has the number of the first line, from 1, how many lines it takes out, and what it
-    /// puts there. The edits are in the order of the file.
+    /// Replaces lines of the file: each edit has the number of the first line, from 1, how many lines it takes out, and
+    /// what it puts there. The edits are in the order of the file.
     ///
     /// # Panics
     /// If the file has changed since it was read: another test has written it.
@@ -234,7 +234,7 @@ fn find(folder: &Path, path: &str, found: &mut Vec<String>) {
 }
 
 #[test]
-fn a_page_is_read_with_its_places() {
+fn a_page_is_read_with_the_lines_of_its_parts() {
     let text = "# A *b* `c_d`, e!\n\n<!-- golden: x.txt -->\n```text\none\n\ntwo\n```\n- list\n  ```console status=2\n  $ no\n    \
                 x\n  ```\n\n<!-- same as: y -->\n\n| a | b |\n| --- | --- |\n| 1 | 2 |\n\n## Über 10 m/s\n## Über 10 m/s\n";
     let page = Page { path: "x.md".to_owned(), text: text.to_owned() };

@@ -1,4 +1,4 @@
-//! The pages of the reference that the source decides: made anew here, and compared with the files.
+//! Generated pages of the reference: made again from the source, and compared with the files.
 
 mod commands;
 mod figures;
@@ -13,7 +13,7 @@ use crate::{BOOK, is_writing, root};
 /// The command that writes the pages.
 const WRITES: &str = "SKEIN_GOLDEN=write cargo test --release -p skein-tests --test book reference";
 
-/// A page as the file has it: title, what a reader can do with it, a comment on where it comes from, then the rest.
+/// The text of a page: title, purpose, a comment about its source, then the rest.
 fn page(title: &str, purpose: &str, from: &str, body: &str) -> String {
     format!(
         "# {title}\n\n{purpose}\n\n<!-- Made from {from} by `{WRITES}`: change that instead. -->\n\n{}\n",
@@ -32,7 +32,7 @@ fn head(cells: &[&str]) -> String {
     format!("{}{}", row(cells), row(&vec!["---"; cells.len()]))
 }
 
-/// The page is that of the file; or is written into it.
+/// Compares a page with its file, or writes it into the file.
 fn compare(name: &str, made: &str) {
     let path = root().join(BOOK).join("reference").join(name);
     if is_writing() {
@@ -41,9 +41,9 @@ fn compare(name: &str, made: &str) {
     }
     let there = fs::read_to_string(&path).unwrap_or_default().replace('\r', "");
     for (nth, (there, made)) in there.lines().zip(made.lines()).enumerate() {
-        assert_eq!(there, made, "{}:{}; to write it anew: {WRITES}", path.display(), nth + 1);
+        assert_eq!(there, made, "{}:{}; to write it again: {WRITES}", path.display(), nth + 1);
     }
-    assert_eq!(there.len(), made.len(), "{}; to write it anew: {WRITES}", path.display());
+    assert_eq!(there.len(), made.len(), "{}; to write it again: {WRITES}", path.display());
 }
 
 #[test]

@@ -1,4 +1,4 @@
-//! Runs the commands of one chapter in a folder of their own.
+//! Runs the commands of one chapter in their own folder.
 
 use std::fs;
 use std::io::Read;
@@ -15,10 +15,10 @@ use tempfile::TempDir;
 
 use crate::{PROGRAM, root};
 
-/// No command takes longer than this, s; CI's PCs have other work meanwhile.
+/// Timeout of a command, s; CI's PCs may be busy.
 const LIMIT_S: u64 = 180;
 
-/// A fresh folder, `/home/you/lab` in what is printed, with `deploy` linked into it.
+/// A new folder with a link to `deploy`; the output shows it as `/home/you/lab`.
 pub(crate) struct Folder {
     /// Removed with the folder.
     _tree: TempDir,
@@ -26,7 +26,7 @@ pub(crate) struct Folder {
     background: Vec<Pid>,
 }
 
-/// What a command printed, on stdout and stderr together, and its exit status.
+/// Output of a command on stdout and stderr together, and its exit status.
 pub(crate) struct Printed {
     pub(crate) text: String,
     pub(crate) status: Option<i32>,
@@ -44,7 +44,7 @@ impl Folder {
         symlink(root().join("deploy"), folder.at("home/you/lab/deploy")).unwrap();
         symlink(PROGRAM, folder.at("bin/skein")).unwrap();
         if let Some(python) = std::env::var_os("SKEIN_PYTHON") {
-            // Not a link: a virtual environment is found by the path of its own program.
+            // A script, not a link: Python finds a virtual environment by the path of its program.
             let script = format!("#!/bin/sh\nexec '{}' \"$@\"\n", Path::new(&python).display());
             fs::write(folder.at("bin/python3"), script).unwrap();
             fs::set_permissions(folder.at("bin/python3"), fs::Permissions::from_mode(0o755)).unwrap();
@@ -74,7 +74,7 @@ impl Folder {
         shell
     }
 
-    /// Whether Python has this module; where recordings have to be read, all modules are required.
+    /// Whether Python has this module, or all modules are required.
     pub(crate) fn has_python(&self, module: &str) -> bool {
         let found = self.shell(&format!("python3 -c 'import {module}'")).stderr(Stdio::null()).status();
         found.is_ok_and(|status| status.success())
@@ -87,7 +87,7 @@ impl Folder {
         let mut shell = self.shell(line);
         shell.stdout(to.try_clone().unwrap()).stderr(to).process_group(0);
         let child = shell.spawn().unwrap();
-        // It holds the pipe's other end, which has to be closed for the reader to see the end.
+        // `shell` keeps the pipe's other end open, and the reader ends only when all copies are closed.
         drop(shell);
         let (send, receive) = mpsc::channel();
         thread::spawn(move || {

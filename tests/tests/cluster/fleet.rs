@@ -43,8 +43,8 @@ impl Fleet {
         let mut command = pc.command("/opt/x-plane");
         let beacon = is_elsewhere(id).to_string();
         if is_elsewhere(id) {
-            // X-Plane accepts packets from every PC. The stand-in does so only with its beacon, and if it can bind every
-            // address, because it answers only on its own.
+            // X-Plane accepts packets from every PC. The stand-in does so only with its beacon, and if it can bind
+            // every address, because it answers only on its own.
             pc.sh("echo 1 >/proc/sys/net/ipv4/ip_nonlocal_bind").succeeded();
         }
         command.args(["standin", "--beacon", &beacon, "--port", &PORT.to_string()]);
@@ -79,8 +79,8 @@ pub(super) fn place(id: u8) -> String {
     format!("{:.5}°, {:.5}°", start.latitude_deg(), start.longitude_deg())
 }
 
-/// Start positions alternate between inside and outside of the ring's band: every vehicle has to fly to the ring, and no
-/// two paths meet.
+/// Start positions alternate between inside and outside of the ring's band: every vehicle has to fly to the ring, and
+/// no two paths meet.
 fn start_ne_m(id: u8) -> [f64; 2] {
     let (east, north) = math::sin_cos((f64::from(id) * 40.0).to_radians());
     let from_centre_m = RADIUS_M + if id.is_multiple_of(2) { BAND_M + 6.0 } else { -BAND_M - 6.0 };

@@ -18,8 +18,8 @@ use super::sky::{Sky, Snapshot, now_s};
 
 /// A vehicle above this height has taken off, m.
 const OFF_M: f64 = 1.5;
-/// Largest time from an empty host to the take-off of all vehicles, without the time for copying, on a busy PC, s. An idle
-/// PC needs a quarter of it.
+/// Largest time from an empty host to the take-off of all vehicles, without the time for copying, on a busy PC, s. An
+/// idle PC needs a quarter of it.
 const OFF_WITHIN_S: f64 = 30.0;
 /// Two vehicles closer than this have collided, m.
 const COLLISION_M: f64 = 2.0;
@@ -58,8 +58,8 @@ impl Flight {
         self.lab.skein(&format!("cluster {arguments} -f lab/cluster.toml --json"), within_s)
     }
 
-    /// Makes keys, installs the program on all hosts, and waits for the take-off of all vehicles. From then on an observer
-    /// watches.
+    /// Makes keys, installs the program on all hosts, and waits for the take-off of all vehicles. From then on an
+    /// observer watches.
     pub(super) fn start(&mut self) -> Sky {
         let keys = self.cluster("keys", 30).succeeded();
         let mode = |name: &str| {
@@ -240,8 +240,8 @@ impl Flight {
         ));
     }
 
-    /// Checks that since then all eight have continued the mission, in the same incarnation, under the same order and no
-    /// faster than possible.
+    /// Checks that since then all eight have continued the mission, in the same incarnation, under the same order and
+    /// no faster than possible.
     fn nothing_has_changed(&self, sky: &Sky, before: &Snapshot) {
         let advances = |snapshot: &Snapshot| {
             snapshot.vehicles.iter().zip(&before.vehicles).all(|(after, before)| after.step > before.step)
@@ -308,8 +308,8 @@ impl Flight {
         ));
     }
 
-    /// Installs another release and a ninth vehicle, node by node while the others fly. Host 8 then runs two agents and no
-    /// X-Plane.
+    /// Installs another release and a ninth vehicle, node by node while the others fly. Host 8 then runs two agents and
+    /// no X-Plane.
     pub(super) fn upgrade(&mut self, sky: Sky) -> Sky {
         let program = self.lab.operator().path("/opt/skein");
         fs::rename(other_release(&program), &program).unwrap();

@@ -1,5 +1,5 @@
-//! One host: its own network, process tree, name, home and sshd. It shares everything else with the computer that runs the
-//! test.
+//! One host: its own network, process tree, name, home and sshd. It shares everything else with the computer that runs
+//! the test.
 
 use std::fs::{self, Permissions};
 use std::io::{BufRead, BufReader};

@@ -1,5 +1,5 @@
-//! A whole cluster as in a lab: eight hosts, each with its own network, sshd, home and process tree, and the operator's PC,
-//! which has only ssh and `skein`.
+//! A whole cluster as in a lab: eight hosts, each with its own network, sshd, home and process tree, and the operator's
+//! PC, which has only ssh and `skein`.
 //!
 //! Needs Linux, root, `ip`, `nft`, util-linux and OpenSSH's server. Without them these tests print a message and pass,
 //! unless `SKEIN_NAMESPACES=required`.

@@ -153,7 +153,8 @@ impl Sky {
         self.observed.lock().unwrap().events.iter().filter(|event| event.at_s >= from_s).cloned().collect()
     }
 
-    /// Time at which the last of these vehicles reported this event, s; `None` unless all have reported it since `from_s`.
+    /// Time at which the last of these vehicles reported this event, s; `None` unless all have reported it since
+    /// `from_s`.
     pub(super) fn all_reported(&self, ids: &[u8], from_s: f64, what: &str) -> Option<f64> {
         let events = self.events_since(from_s);
         let first = |id: &u8| events.iter().find(|event| event.id == *id && event.what == what).map(|event| event.at_s);

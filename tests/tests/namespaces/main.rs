@@ -1,5 +1,5 @@
-//! Agents as on a cluster: one process each, in its own network namespace, on two bridges that a cable connects. The test
-//! can disconnect the cable: then no packet passes, and neither end notices.
+//! Agents as on a cluster: one process each, in its own network namespace, on two bridges that a cable connects. The
+//! test can disconnect the cable: then no packet passes, and neither end notices.
 //!
 //! Needs Linux, root and `ip` (iproute2). Without them these tests print a message and pass, unless
 //! `SKEIN_NAMESPACES=required`.

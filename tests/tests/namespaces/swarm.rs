@@ -123,8 +123,9 @@ impl Swarm {
         steps
     }
 
-    /// Time after `since_s` at which every vehicle had found all lost peers again and all were at the same step, s. One vehicle
-    /// may be a step ahead: it left the step just before it received the others again, and waits for them at the next.
+    /// Time after `since_s` at which every vehicle had found all lost peers again and all were at the same step, s. One
+    /// vehicle may be a step ahead: it left the step just before it received the others again, and waits for them at
+    /// the next.
     pub(super) fn rejoined_s(lines: &[Line], since_s: f64) -> Option<f64> {
         let mut steps: BTreeMap<u8, u32> = lines.iter().map(|line| (line.id, 0)).collect();
         let mut lost = BTreeSet::new();

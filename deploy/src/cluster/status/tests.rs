@@ -182,7 +182,7 @@ fn silent_and_faulty_nodes_are_listed() {
     let error = verdict(&status).unwrap_err();
     assert_eq!((error.to_string().as_str(), error.exit_code()), ("not heard: node 3; faulty: node 2", 1));
     let text = table::of(&status, "lab.toml");
-    assert!(text.contains("node 2: yaw gyro off, lands\n"), "{text}");
+    assert!(text.contains("node 2: yaw gyro failed, lands\n"), "{text}");
     assert!(text.contains("node 2 refused 3 times: forged, under vehicle/1/state\n"), "{text}");
     assert!(
         text.contains("node 3 (10.0.0.13, tls/10.0.0.13:7449) is not heard\n`skein check -f lab.toml` looks"),

@@ -7,7 +7,7 @@ pub(super) fn page() -> String {
     let body = format!(
         "Times count from the moment when the last agent is an active member. The program takes figures from how the vehicles really \
          flew, not from what their agents estimated. A figure is `null` if it does not apply to the flight, or if its event \
-         never happened; in the second case its key is also in `never`. The column *worse* says whether more or less of a figure is \
+         never happened; in the second case its key is also in `never`. The column *worse* shows whether more or less of a figure is \
          worse.\n\n{}\n\
          `order`, `safety`, `union` and `connectivity` are those of SwarmLab (Soria, Schiano, Floreano 2020). \
          `velocity_correlation`, `collision_risk`, `mean_speed_m_s`, `disconnected_vehicles` and `min_cluster_vehicles` are the order \

@@ -12,7 +12,7 @@ use crate::PROGRAM;
 pub(super) fn page() -> String {
     let mut body = format!(
         "The program explains the same keys:\n\n```console\n$ skein explain band_step\n{}```\n\nThe path of a key is its table and \
-         its name: `radius_m` of `[formation]` is `formation.radius_m` for `--set`. `N` stands for a vehicle's id, `[N]` for a place in \
+         its name: `radius_m` of `[formation]` is `formation.radius_m` for `--set`. `N` is a vehicle's id, `[N]` an index of \
          a list, counted from 0. In the column of units `1` is a pure number. Some defaults depend on another key: see [Presets](#presets).\n\n",
         explained("band_step")
     );
@@ -28,7 +28,7 @@ pub(super) fn page() -> String {
     super::page("Keys of a scenario", purpose, "the keys' table", &body)
 }
 
-/// What `skein explain` prints.
+/// Output of `skein explain`.
 fn explained(pattern: &str) -> String {
     String::from_utf8(Command::new(PROGRAM).args(["explain", pattern]).output().unwrap().stdout).unwrap()
 }
@@ -50,7 +50,7 @@ fn key_row(key: &Key) -> String {
     row(&[&format!("`{}`", key.name()), &kind, &range, &shown(key.default), unit, key.about])
 }
 
-/// A default as a file spells it, or in words.
+/// A default as a file spells it, or a description of it.
 fn shown(value: Literal) -> String {
     match value {
         Literal::Required => "required".to_owned(),
