@@ -1,8 +1,8 @@
 //! Markdown files as the tests read them: fences, tables, links, headings, and the markers above fences and tables.
 //!
-//! * A fence ```` ```console ```` is run: lines that begin with `$
-//!   ` are commands, the lines below each are its output. Its info string may also have `status=N`, the exit status of the block's last command, and `needs=MODULE`,
-//!   a module of Python without which the block is skipped.
+//! * A fence ```` ```console ```` is run: lines that begin with `$ ` are commands, the lines below each are its output.
+//!   Its info string may also have `status=N`, the exit status of the block's last command, and `needs=MODULE`, a module
+//!   of Python without which the block is skipped.
 //! * A fence with `file=NAME` is written into the folder in which later blocks of the chapter run.
 //! * `<!-- golden: NAME -->` names a file of `tests/golden`, and `<!-- same as: PATH -->` a file of the checkout, from
 //!   which the fence or table below it comes.
