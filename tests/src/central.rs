@@ -118,12 +118,12 @@ impl Case {
             alarms.extend(failed.map(|(id, _)| *id));
             agreed.extend(world.vehicles().map(|(id, agent, ..)| (id, agent.agreed())));
         }
-        metrics.count(world.totals());
+        metrics.set_totals(world.totals());
         let (radius_m, altitude_m) = (scenario.formation.radius_m, scenario.formation.altitude_m);
         let off_m = |here: &VehicleNow| (here.truth.position.horizontal().norm() - radius_m).abs();
         let is_in = |here: &&VehicleNow| {
             let too_high_m = here.truth.position.altitude_m() - altitude_m;
-            here.takes_part() && off_m(here) <= BAND_M && too_high_m.abs() <= 0.1 * altitude_m
+            here.is_live_member() && off_m(here) <= BAND_M && too_high_m.abs() <= 0.1 * altitude_m
         };
         Flight {
             in_formation: vehicles.iter().filter(is_in).count(),

@@ -1,7 +1,7 @@
 //! Reads the intact parts of an MCAP file, in the order in which they were written.
 //!
-//! The file may be cut off anywhere, or damaged. A chunk with a wrong checksum is skipped, and reading continues behind it. A
-//! record whose length leads beyond the end of the file ends the reading.
+//! The file may be cut off anywhere, or damaged. A chunk with a wrong checksum is skipped, and reading continues behind
+//! it. A record whose length leads beyond the end of the file ends the reading.
 
 use std::sync::Arc;
 
