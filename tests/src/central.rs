@@ -120,7 +120,7 @@ impl Case {
             alarms.extend(failed.map(|(id, _)| *id));
             agreed.extend(world.vehicles().map(|(id, agent, ..)| (id, agent.heartbeats_sent())));
         }
-        metrics.count(world.totals());
+        metrics.set_totals(world.totals());
         let (radius_m, altitude_m) = (scenario.formation.radius_m, scenario.formation.altitude_m);
         let off_m = |here: &VehicleNow| (here.truth.position.horizontal().norm() - radius_m).abs();
         let is_in = |here: &&VehicleNow| {

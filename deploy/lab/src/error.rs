@@ -37,7 +37,8 @@ impl Error {
 
     /// Writes the error to stderr and returns the exit status.
     ///
-    /// A terminal gets the line of the file with the error marked; a pipe gets one line `file:line:column: message; help`.
+    /// A terminal gets the line of the file with the error marked; a pipe gets one line:
+    /// `file:line:column: message; help`.
     pub fn report(&self) -> ExitCode {
         match self.drawn().filter(|_| std::io::stderr().is_terminal()) {
             Some(drawn) => eprint!("{drawn}"),

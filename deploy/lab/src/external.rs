@@ -1,10 +1,11 @@
 //! External laws in virtual time.
 //!
-//! The study sends all queries of one instant, waits for all answers and hands them to the next step: a run depends on the
-//! content of the answers, never on their timing.
+//! The study sends all queries of one instant, waits for all answers and hands them to the next step: a run depends on
+//! the content of the answers, never on their timing.
 //!
-//! There is no deadline and no fallback for a silent law, because both would depend on the speed of the PC. A law that sends
-//! nothing for `LAW_TIMEOUT` fails the run, and so does a law that ends. An invalid answer counts as an unanswered query.
+//! A silent law has neither a deadline nor a fallback, because both would depend on the speed of the PC. A law that
+//! sends nothing for `LAW_TIMEOUT` fails the run, and so does a law that ends. An invalid answer counts as an
+//! unanswered query.
 //!
 //! One set of laws serves one run at a time. It stays for the next run, which begins with a hello.
 
@@ -131,8 +132,8 @@ struct Conversation {
     words: Receiver<Word>,
     /// Whether the law has sent anything in this session.
     has_answered: bool,
-    /// Vehicles and ticks of this run's queries that are closed: answered, or given up because an invalid line came in place
-    /// of the answer. In the second case the answer may still come.
+    /// Vehicles and ticks of this run's queries that are closed: answered, or given up because an invalid line came in
+    /// place of the answer. In the second case the answer may still come.
     closed: BTreeSet<(VehicleId, u64)>,
     /// Whether a warning about each kind of fault was printed.
     warned: [bool; Fault::KINDS],
@@ -380,8 +381,8 @@ impl Conversation {
         if left.is_zero() {
             return Err(LawError::Silent { vehicle: self.first_vehicle(), for_s, awaited });
         }
-        let patience = if self.session.uses_vectors() { left.min(RESEND_AFTER) } else { left };
-        match self.words.recv_timeout(patience) {
+        let timeout = if self.session.uses_vectors() { left.min(RESEND_AFTER) } else { left };
+        match self.words.recv_timeout(timeout) {
             Ok(Word::Data(said)) if self.session.uses_vectors() => {
                 self.has_answered = true;
                 Ok(Some(vector::read(&said).map(Heard::Answer)))

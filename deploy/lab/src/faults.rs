@@ -138,8 +138,8 @@ impl LinkChanges {
     }
 }
 
-/// The changes that the scenario makes to the link from `sender` to `receiver`, each at its time, s after the receiver's
-/// take-off. The time of a change that never comes is infinite.
+/// The changes that the scenario makes to the link from `sender` to `receiver`, each at its time, s after the
+/// receiver's take-off. The time of a change that never comes is infinite.
 pub fn link_changes(events: &[Event], sender: VehicleId, receiver: VehicleId) -> Vec<(f64, LinkChange)> {
     let cuts = silences(events, sender, receiver).into_iter();
     let cuts = cuts.flat_map(|lasts| [(lasts.start, LinkChange::Cut), (lasts.end, LinkChange::Healed)]);
@@ -160,7 +160,8 @@ pub fn control_kills(events: &[Event]) -> Vec<Range<f64>> {
     union(kills.map(lasting))
 }
 
-/// The operator's orders, each at its time, s after the first take-off. A hold ends with a `goto`; no other order has an end.
+/// The operator's orders, each at its time, s after the first take-off. A hold ends with a `goto`; no other order has
+/// an end.
 pub fn orders(events: &[Event]) -> Vec<(f64, Verb)> {
     let verbs = events.iter().filter_map(|event| match &event.what {
         EventAction::Order(order) => Some([(event.at_s, verb(*order)), (lasting(event).end, Verb::Goto(0))]),
@@ -179,9 +180,9 @@ const FAILURES: [FailureWord; 6] = ["engine_out", FROZEN, "servo_stuck", "gyro_o
 /// # Errors
 /// The text does not name a failure.
 pub fn deserialize_failure<'de, D: Deserializer<'de>>(from: D) -> Result<FailureWord, D::Error> {
-    let word = Cow::<str>::deserialize(from)?;
-    let known = FAILURES.into_iter().find(|known| *known == word);
-    known.ok_or_else(|| D::Error::custom(format!("unknown failure {word:?}")))
+    let name = Cow::<str>::deserialize(from)?;
+    let known = FAILURES.into_iter().find(|known| *known == name);
+    known.ok_or_else(|| D::Error::custom(format!("unknown failure {name:?}")))
 }
 
 /// The vehicle that fails by this fault and the scenario's name of the failure; `None` if the fault is not a failure.

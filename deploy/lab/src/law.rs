@@ -1,9 +1,9 @@
 //! Everything that a crate with its own formation law needs from Skein.
 //!
-//! One vehicle's controller asks its [`Law`] for a velocity command at every step. [`Laws`] gives the law a name for scenario
-//! files, and [`cli::main_with`](crate::cli::main_with) makes a study program with it. The function of the same name in the
-//! crate `skein` makes a program with every command of `skein`: that one also flies live swarms, but takes minutes to compile.
-//! The law's parameters are the free table `[formation.parameters]` of the scenario.
+//! One vehicle's controller asks its [`Law`] for a velocity command at every step. [`Laws`] gives the law a name for
+//! scenario files, and [`cli::main_with`](crate::cli::main_with) makes a study program with it. The function of the
+//! same name in the crate `skein` makes a program with every command of `skein`: that one also flies live swarms, but
+//! takes minutes to compile. The law's parameters are the free table `[formation.parameters]` of the scenario.
 //!
 //! ```no_run
 //! use skein_lab::law::{Answer, Law, Laws, Sight, Wanted, number};
@@ -16,8 +16,8 @@
 //!
 //! impl Law for Gather {
 //!     fn ask(&mut self, sight: &Sight<'_>) -> Answer {
-//!         let way_ne_m = -sight.from_centre_ne_m();
-//!         Answer { wanted: Wanted::level(way_ne_m * self.gain_per_s), is_there: way_ne_m.norm() < 3.0 }
+//!         let to_centre_ne_m = -sight.from_centre_ne_m();
+//!         Answer { wanted: Wanted::level(to_centre_ne_m * self.gain_per_s), is_there: to_centre_ne_m.norm() < 3.0 }
 //!     }
 //! }
 //!
@@ -32,7 +32,8 @@
 pub use nalgebra::{Rotation2, Vector2, Vector3};
 pub use skein_common::frame::{PositionNed, VelocityNed};
 pub use skein_common::id::VehicleId;
-/// Elementary functions that give the same bits on every computer: a law that uses them is as repeatable as Skein's own.
+/// Elementary functions that give the same bits on every computer: a law that uses them is as repeatable as Skein's
+/// own.
 pub use skein_common::math;
 pub use skein_core::formation::law::{Answer, Goal, Law, Neighbour, Obstacle, Setup, Sight, Wanted, number};
 pub use skein_core::formation::laws::{Laws, MakeLaw};

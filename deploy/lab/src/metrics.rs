@@ -1,43 +1,47 @@
 //! Measures the figures of a run, with one definition for live runs, recordings and studies.
 //!
 //! Every figure uses the ground truth of the vehicles ([`VehicleNow::truth`]) and the faults that were really injected
-//! ([`Incident`]), never the agents' own estimates. The two exceptions are the formation's centre and the mission step: each
-//! vehicle has its own, and no other source knows them.
+//! ([`Incident`]), never the agents' own estimates. The two exceptions are the formation's centre and the mission step:
+//! each vehicle has its own, and no other source knows them.
 //!
-//! * A **live member** is an active member whose agent runs. Figures of the formation use live members; separations use all
-//!   vehicles.
-//! * **Settling** figures (`at_altitude_s`, `in_band_s`, `even_*_s`) are the first time after which the condition holds to the
-//!   end of the window, in the formation of each vehicle's own step. A condition that never settles gives `null`, and its key
-//!   is in `never`. In a mission of more than one place it only gives `null`, because there the swarm has to move on.
+//! * A **live member** is an active member whose agent runs. Figures of the formation use live members; separations use
+//!   all vehicles.
+//! * **Settling** figures (`at_altitude_s`, `in_band_s`, `even_*_s`) are the first time after which the condition holds
+//!   to the end of the window, in the formation of each vehicle's own step. A condition that never settles gives
+//!   `null`, and its key is in `never`. In a mission of more than one place it only gives `null`, because there the
+//!   swarm has to move on.
 //! * **Steady** figures use the last [`STEADY_S`] of the window and are `null` in a shorter one. Figures of the network
 //!   (`union`, `connectivity`, `connected_share`) use all of it.
 //! * Separations and collisions count pairs of which both vehicles are higher than [`AIRBORNE_ABOVE_M`].
-//! * **A centre moves** while a vehicle places it on a path between its two ends. `max_centre_distance_m` is measured while
-//!   the member's own centre moves. Under the flocking laws (`flock`, `olfati-saber`, `vasarhelyi`), so is `band_occupancy`,
-//!   there the share with ρ ≤ R*. Under these laws `centroid_lag_m`, separations and collisions count from the first movement
-//!   on, if the mission has a path: random starts lie closer together and farther out than a flock may be.
-//! * Slots in a line, a V, a grid or a list have neither a distance from the centre nor even angles: those figures are `null`
-//!   there. A law of your own is measured like a ring.
-//! * `polarization`, `order` and `velocity_correlation` leave out vehicles slower than 0.2 m/s, and instants at which fewer
-//!   than two vehicles are faster. SwarmLab counts a vehicle without neighbours as perfectly ordered; here it is left out.
-//! * `collision_risk` is the share of all pairs that are in a collision, averaged over time; `safety` counts the pairs without
-//!   a collision in the whole window.
-//! * **A step is open** from the moment when every live member has reached or passed it, or when the last member that had not
-//!   died. `advance_latency_s` is the longest delay of a member in entering the next step. `setpoints_reached` are the steps
-//!   that were open at the end. A member that is carried forward over several steps is late for none of them.
-//! * **Detection**: `detection_s` is the time from a death or a cut until every running agent that had been in contact with the
-//!   sender counts it as lost. `rejoin_s` is the time from a restart, or from the end of a detected cut, until the sender is
-//!   received again and an active member. A fault that ends before it is detected does not count. A fault that is not
-//!   detected within 30 s counts as never detected. A `false_suspicion` is the loss of a sender that lives, has not left, and
-//!   has no cut link with the receiver in either direction; the 2 s after a restart or a healed cut are left out.
-//!   `response_s` is the time from a vehicle's own failure until that vehicle reports one.
-//! * `transient_s` (of evenly spread formations) is the time from a change of the live members, or from a healed cut, until
-//!   all are in the band and even to 10°, and stay so until the next change, cut or step. A formation that has not settled
-//!   when the swarm moves on may settle at the next place. A formation that had more than 120 s and did not settle counts as
-//!   never settled; with less time it does not count.
-//! * A **crash** is a vehicle that was in the air and touches the ground too fast, too far from upright, or without an agent
-//!   that lands it (`crashes`); each vehicle counts once. The plant decides how the vehicle moves afterwards; damage is not
-//!   modelled.
+//! * **A centre moves** while a vehicle places it on a path between its two ends. `max_centre_distance_m` is measured
+//!   while the member's own centre moves. Under the flocking laws (`flock`, `olfati-saber`, `vasarhelyi`), so is
+//!   `band_occupancy`, there the share with ρ ≤ R*. Under these laws `centroid_lag_m`, separations and collisions count
+//!   from the first movement on, if the mission has a path: random starts lie closer together and farther out than a
+//!   flock may be.
+//! * Slots in a line, a V, a grid or a list have neither a distance from the centre nor even angles: those figures are
+//!   `null` there. A law of your own is measured like a ring.
+//! * `polarization`, `order` and `velocity_correlation` leave out vehicles slower than 0.2 m/s, and instants at which
+//!   fewer than two vehicles are faster. SwarmLab counts a vehicle without neighbours as perfectly ordered; here it is
+//!   left out.
+//! * `collision_risk` is the share of all pairs that are in a collision, averaged over time; `safety` counts the pairs
+//!   without a collision in the whole window.
+//! * **A step is open** from the moment when every live member has reached or passed it, or when the last member that
+//!   had not died. `advance_latency_s` is the longest delay of a member in entering the next step. `setpoints_reached`
+//!   are the steps that were open at the end. A member that is carried forward over several steps is late for none of
+//!   them.
+//! * **Detection**: `detection_s` is the time from a death or a cut until every running agent that had been in contact
+//!   with the sender counts it as lost. `rejoin_s` is the time from a restart, or from the end of a detected cut, until
+//!   the sender is received again and an active member. A fault that ends before it is detected does not count. A fault
+//!   that is not detected within 30 s counts as never detected. A `false_suspicion` is the loss of a sender that lives,
+//!   has not left, and has no cut link with the receiver in either direction; the 2 s after a restart or a healed cut
+//!   are left out. `response_s` is the time from a vehicle's own failure until that vehicle reports one.
+//! * `transient_s` (of evenly spread formations) is the time from a change of the live members, or from a healed cut,
+//!   until all are in the band and even to 10°, and stay so until the next change, cut or step. A formation that has
+//!   not settled when the swarm moves on may settle at the next place. A formation that had more than 120 s and did not
+//!   settle counts as never settled; with less time it does not count.
+//! * A **crash** is a vehicle that was in the air and touches the ground too fast, too far from upright, or without an
+//!   agent that lands it (`crashes`); each vehicle counts once. The plant decides how the vehicle moves afterwards;
+//!   damage is not modelled.
 //! * Otherwise `null` means that a figure does not apply to this run.
 
 mod crashes;
@@ -331,7 +335,7 @@ impl Metrics {
     }
 
     /// Replaces the totals over all vehicles since the start.
-    pub fn count(&mut self, totals: Totals) {
+    pub fn set_totals(&mut self, totals: Totals) {
         self.totals = totals;
     }
 

@@ -36,12 +36,12 @@ pub fn prepare(args: &ScenarioArgs, scenario: &Scenario, time: Time, trial: &mut
 /// # Errors
 /// Why the law cannot be used, with the command to try.
 pub fn try_law(args: &ScenarioArgs, scenario: &Scenario, time: Time, trial: &mut Trial) -> Result<(), Error> {
-    let tried = trial.of(scenario, time);
-    tried.map_err(|error| Error::Refused(format!("{}: {}", args.name(), of_law(scenario, &error))))
+    let tried = trial.check(scenario, time);
+    tried.map_err(|error| Error::Refused(format!("{}: {}", args.name(), law_error_text(scenario, &error))))
 }
 
 /// The error text of a law that was started, with the command that started it.
-fn of_law(scenario: &Scenario, error: &LawError) -> String {
+fn law_error_text(scenario: &Scenario, error: &LawError) -> String {
     let command = scenario.formation.external.command.as_deref().filter(|_| is_external(scenario));
     match (error, command) {
         (LawError::Ended(..) | LawError::Silent { .. }, Some(command)) => {

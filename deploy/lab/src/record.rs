@@ -1,5 +1,5 @@
-//! Recordings of flights: one MCAP file for each flight, which Foxglove, PlotJuggler and Python's `mcap` open and this module
-//! reads back.
+//! Recordings of flights: one MCAP file for each flight, which Foxglove, PlotJuggler and Python's `mcap` open and this
+//! module reads back.
 //!
 //! | topic | schema | content |
 //! | --- | --- | --- |
@@ -12,15 +12,15 @@
 //! | `/log` | `foxglove.Log` | events and faults as text |
 //!
 //! The file also has the metadata records `skein.run` (the scenario and the program), `skein.window_begins` and
-//! `skein.window_ends` (log times of the figures' window) and `skein.recorder` (counts of what could not be recorded), and the
-//! complete `scenario.toml` as an attachment.
+//! `skein.window_ends` (log times of the figures' window) and `skein.recorder` (counts of what could not be recorded),
+//! and the complete `scenario.toml` as an attachment.
 //!
-//! **Log time** is in nanoseconds. In virtual time, 0 is the beginning of the window; in real time, log time is the UTC time at
-//! which the recorder received the message. Times read back are rounded to the nanosecond; everything else comes back bit for
-//! bit.
+//! **Log time** is in nanoseconds. In virtual time, 0 is the beginning of the window; in real time, log time is the UTC
+//! time at which the recorder received the message. Times read back are rounded to the nanosecond; everything else
+//! comes back bit for bit.
 //!
-//! **Frames**: `world` is east, north, up at the scenario's origin; a vehicle's frame is forward, left, up. The JSON channels
-//! keep the program's own NED and FRD.
+//! **Frames**: `world` is east, north, up at the scenario's origin; a vehicle's frame is forward, left, up. The JSON
+//! channels keep the program's own NED and FRD.
 //!
 //! **Damaged files**: messages are written in chunks, each with a checksum. An intact chunk can be read even if the file behind
 //! it is cut off or damaged. A message is on disk, in an intact chunk, within [`FLUSH`] of its recording. The scenario has the

@@ -57,7 +57,7 @@ pub struct Noted {
     pub what: What,
 }
 
-/// What a recording notes besides steps.
+/// An event or a fault of a recording.
 #[derive(Clone, Debug, PartialEq)]
 pub enum What {
     /// An event that this vehicle reported of itself.

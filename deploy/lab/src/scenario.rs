@@ -66,7 +66,8 @@ impl ScenarioArgs {
         if sets.len() > given { load(&sets) } else { Ok(loaded) }
     }
 
-    /// Checks that agents of this build can fly a scenario from [`ScenarioArgs::read`], and reads the files that it needs.
+    /// Checks that agents of this build can fly a scenario from [`ScenarioArgs::read`], and reads the files that it
+    /// needs.
     ///
     /// # Errors
     /// A sentence with the reason why the scenario cannot fly.

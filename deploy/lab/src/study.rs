@@ -110,7 +110,7 @@ impl Study {
                 break;
             }
         }
-        metrics.count(world.totals());
+        metrics.set_totals(world.totals());
         // Laws of a run that failed are not kept.
         laws.into_iter().for_each(|laws| self.laws.put_back(laws));
         let wall_s = now().duration_since(started).as_secs_f64();

@@ -61,8 +61,8 @@ fn shell_lines(command: &str, columns: usize) -> String {
 
 /// Writes text to stdout and makes its control characters visible.
 ///
-/// Every text from another host or process passes through this function or [`complain`], because a terminal would obey its
-/// escape sequences. A closed pipe (`| head`) is not an error.
+/// Every text from another host or process passes through this function or [`complain`], because a terminal would obey
+/// its escape sequences. A closed pipe (`| head`) is not an error.
 pub fn say(text: &str) {
     draw(&printable_lines(text));
 }

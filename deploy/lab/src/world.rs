@@ -1,10 +1,10 @@
-//! Simulates a whole swarm in one thread and in virtual time: the same agents that fly in real time, over the scenario's
-//! network and under its faults.
+//! Simulates a whole swarm in one thread and in virtual time: the same agents that fly in real time, over the
+//! scenario's network and under its faults.
 //!
 //! One tick is one frame of every vehicle. A message sent in a tick is received in the next one by all other agents. It
 //! passes through the same encoding as on the wire and through each receiver's
-//! [`Station`](skein_core::station::Station). Faults are injected after the agents have received messages and before they
-//! step.
+//! [`Station`](skein_core::station::Station). Faults are injected after the agents have received messages and before
+//! they step.
 //!
 //! The driver (`world/driver.rs`) decides where the agents run: beside their vehicles, or in the central controller of
 //! `control.mode = "central"` (`world/central.rs`).
@@ -92,8 +92,8 @@ impl World {
     /// Creates the swarm of this scenario, on the ground.
     ///
     /// # Errors
-    /// This build does not support the scenario, its vehicles do not fit into the start area, or an aircraft has no flight
-    /// model.
+    /// This build does not support the scenario, its vehicles do not fit into the start area, or an aircraft has no
+    /// flight model.
     pub fn new(scenario: &Scenario, aircraft: &[Aircraft], rules: &Rules) -> Result<Self, WorldError> {
         formation::check(scenario)?;
         let driver: Box<dyn Driver> = match scenario.control.mode {
@@ -148,7 +148,8 @@ impl World {
         self.ticks += 1;
     }
 
-    /// Ends the agent of this vehicle without a message, as by `kill -9`: its liveliness token vanishes in the next tick.
+    /// Ends the agent of this vehicle without a message, as by `kill -9`: its liveliness token vanishes in the next
+    /// tick.
     pub fn kill(&mut self, id: VehicleId) {
         if let Some(index) = self.vehicles.iter().position(|vehicle| vehicle.id == id) {
             self.end(index);

@@ -10,20 +10,20 @@ use super::{LawError, Laws};
 
 /// Checks whether external laws can be reached.
 ///
-/// A law given as a command is started for the first vehicle only, as a sample of all. A law that connects or sends datagrams
-/// may start later than the flight: the trial only binds its ports for a moment.
+/// A law given as a command is started for the first vehicle only, as a sample of all. A law that connects or sends
+/// datagrams may start later than the flight: the trial only binds its ports for a moment.
 #[derive(Debug, Default)]
 pub struct Trial(Option<Laws>);
 
 impl Trial {
     /// Checks that this scenario's law can be reached, in virtual or real time.
     ///
-    /// A law given as a command must start and report that it is ready. If the last scenario had the same command, its law is
-    /// used again.
+    /// A law given as a command must start and report that it is ready. If the last scenario had the same command, its
+    /// law is used again.
     ///
     /// # Errors
     /// The law cannot be reached, or does not report that it is ready.
-    pub fn of(&mut self, scenario: &Scenario, time: Time) -> Result<(), LawError> {
+    pub fn check(&mut self, scenario: &Scenario, time: Time) -> Result<(), LawError> {
         let last = self.0.take();
         let Some(transport) = Way::of(scenario)? else { return Ok(()) };
         match &transport {

@@ -3,7 +3,8 @@
 use super::{AIRBORNE_ABOVE_M, VehicleNow, index};
 use skein_common::math;
 
-/// Touchdown speed above which a vehicle has crashed, in any direction, m/s. Landings here touch down at less than 1 m/s.
+/// Touchdown speed above which a vehicle has crashed, in any direction, m/s. A landing here touches down at less than
+/// 1 m/s.
 const CRASH_M_S: f64 = 3.0;
 /// Tilt above which a touchdown is a crash at any speed, degrees.
 const CRASH_TILT_DEG: f64 = 45.0;

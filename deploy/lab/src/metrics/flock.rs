@@ -1,4 +1,5 @@
-//! Measures how the swarm flies together: whether all vehicles fly in the same direction, and how they follow a moving centre.
+//! Measures how the swarm flies together: whether all vehicles fly in the same direction, and how they follow a moving
+//! centre.
 
 use nalgebra::Vector3;
 use skein_common::frame::VelocityNed;
@@ -9,7 +10,7 @@ use super::series::{Mean, Window};
 /// Speed below which a vehicle has no direction of flight, m/s.
 const MOVING_M_S: f64 = 0.2;
 
-/// How much the members' velocities point the same way.
+/// Measures how well the members' directions of flight agree.
 #[derive(Debug, Default)]
 pub(super) struct Alignment {
     /// Polarization Φ, 0 to 1.
@@ -87,7 +88,7 @@ fn order(vehicles: &[VehicleNow], directions: &[Option<Vector3<f64>>]) -> Option
     all.mean()
 }
 
-/// How the members keep to their centres while these move.
+/// Measures how the members follow their moving centres.
 #[derive(Debug, Default)]
 pub(super) struct Following {
     /// Whether a centre has ever moved.
@@ -147,7 +148,8 @@ mod tests {
 
     #[test]
     fn order_compares_only_vehicles_in_contact() {
-        // 1 is in contact with 2, which flies in its direction; 2 with 3, which flies the opposite way; 3 with no vehicle.
+        // 1 is in contact with 2, which flies in its direction; 2 with 3, which flies in the opposite direction; 3
+        // with no vehicle.
         let all =
             [moving(1, &[2], [2.0, 0.0, 0.0]), moving(2, &[3], [4.0, 0.0, 0.0]), moving(3, &[], [-1.0, 0.0, 0.0])];
         let (polarization, order) = observed(&all);

@@ -1,10 +1,10 @@
-//! The communication graph: its nodes are the live members, and an edge joins two members that both have a fresh state of each
-//! other.
+//! The communication graph: its nodes are the live members, and an edge joins two members that both have a fresh state
+//! of each other.
 //!
-//! SwarmLab (E. Soria, F. Schiano, D. Floreano, "SwarmLab: a Matlab drone swarm simulator", IROS 2020) takes the edges from
-//! distances, and joins two vehicles if one of them sees the other. Vásárhelyi et al. ("Optimized flocking of autonomous drones
-//! in confined environments", Science Robotics 3, 2018) join two vehicles that are nearer than their law's forces reach. Here
-//! the graph is the network that the swarm really had, the same for every law.
+//! SwarmLab (E. Soria, F. Schiano, D. Floreano, "SwarmLab: a Matlab drone swarm simulator", IROS 2020) takes the edges
+//! from distances, and joins two vehicles if one of them sees the other. Vásárhelyi et al. ("Optimized flocking of
+//! autonomous drones in confined environments", Science Robotics 3, 2018) join two vehicles that are nearer than their
+//! law's forces reach. Here the graph is the network that the swarm really had, the same for every law.
 
 use nalgebra::{DMatrix, Vector3};
 
@@ -39,7 +39,8 @@ pub(super) struct Graph {
 }
 
 impl Graph {
-    /// Observes all vehicles and their directions of flight; `None` for a vehicle that is not a live member or does not move.
+    /// Observes all vehicles and their directions of flight; `None` for a vehicle that is not a live member or does not
+    /// move.
     pub(super) fn observe(&mut self, t_s: f64, vehicles: &[VehicleNow], directions: &[Option<Vector3<f64>>]) {
         if t_s < self.next_s {
             return;
@@ -107,7 +108,7 @@ impl Components {
         }
     }
 
-    /// How many nodes each component has.
+    /// Number of nodes of each component.
     fn sizes(&self) -> &[usize] {
         &self.sizes
     }

@@ -61,8 +61,8 @@ enum Transition {
 }
 
 impl Membership {
-    /// A swarm in which all agents run, no agents are in contact, and no link is cut. Messages over more than `reach_m` may be
-    /// lost.
+    /// A swarm in which all agents run, no agents are in contact, and no link is cut. Messages over more than `reach_m`
+    /// may be lost.
     pub(super) fn new(vehicles: usize, reach_m: Option<f64>) -> Self {
         Self {
             vehicles,
@@ -87,8 +87,8 @@ impl Membership {
     /// Observes that the agent of this vehicle died.
     pub(super) fn died(&mut self, t_s: f64, id: VehicleId) {
         // The peers do not have to detect the end of a vehicle that has landed.
-        let is_missed = !self.has_left(id);
-        let links = self.others(id).filter(|&link| is_missed && self.has_contact(link)).collect();
+        let must_be_detected = !self.has_left(id);
+        let links = self.others(id).filter(|&link| must_be_detected && self.has_contact(link)).collect();
         self.pending.push(PendingTransition { since_s: t_s, what: Transition::Loss, links });
         self.alive.remove(id);
         self.members.remove(id);
@@ -132,8 +132,8 @@ impl Membership {
             }
         }
         // A cut of one direction ends the session, and so the other direction too.
-        let both_ways = links.iter().flat_map(|&(speaker, hearer)| [(speaker, hearer), (hearer, speaker)]);
-        let links = both_ways.filter(|&link| !self.has_contact(link)).collect();
+        let both_directions = links.iter().flat_map(|&(speaker, hearer)| [(speaker, hearer), (hearer, speaker)]);
+        let links = both_directions.filter(|&link| !self.has_contact(link)).collect();
         self.pending.push(PendingTransition { since_s: t_s, what: Transition::Return, links });
     }
 
@@ -197,13 +197,14 @@ impl Membership {
         self.cut_from.iter().any(|cut_from| !cut_from.is_empty())
     }
 
-    /// Time from a death or a cut until every agent in contact with the sender has lost it, in a window that ends at `t_s`.
+    /// Time from a death or a cut until every agent in contact with the sender has lost it, in a window that ends at
+    /// `t_s`.
     pub(super) fn detection(&self, t_s: f64) -> Worst {
         self.with_open(self.detection, Transition::Loss, t_s)
     }
 
-    /// Time from a restart or a healed cut until every agent is in contact with the sender again, in a window that ends at
-    /// `t_s`.
+    /// Time from a restart or a healed cut until every agent is in contact with the sender again, in a window that ends
+    /// at `t_s`.
     pub(super) fn rejoin(&self, t_s: f64) -> Worst {
         self.with_open(self.rejoin, Transition::Return, t_s)
     }

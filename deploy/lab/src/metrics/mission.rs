@@ -7,8 +7,8 @@ use super::{VehicleNow, index};
 pub(super) struct Steps {
     /// Number of steps that every live member has reached or passed; `None` before the first vehicle was a member.
     passed: Option<u32>,
-    /// Time at which the last live member reached or passed each step, s. Unknown for steps that were open when the window
-    /// began.
+    /// Time at which the last live member reached or passed each step, s. Unknown for steps that were open when the
+    /// window began.
     open_s: Vec<Option<f64>>,
     /// The step of each vehicle at the last observation as a live member, by id.
     at: Vec<Option<u32>>,

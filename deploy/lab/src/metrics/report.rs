@@ -160,7 +160,7 @@ impl Metrics {
         let pairs = pairs(self.run.vehicles);
         let mut steps_us = self.steps_us.clone();
         let live = !steps_us.is_empty();
-        let on_the_way = |figure: Option<u64>| figure.filter(|_| self.shapes.len() > 1);
+        let with_several_steps = |figure: Option<u64>| figure.filter(|_| self.shapes.len() > 1);
         Report {
             run: self.run.clone(),
             duration_s: self.t_s,
@@ -208,9 +208,9 @@ impl Metrics {
             },
             max_centre_distance_m: self.following.farthest_m,
             setpoints_reached: self.steps.passed(),
-            setpoint_skew: on_the_way(self.steps.skew()),
+            setpoint_skew: with_several_steps(self.steps.skew()),
             advance_latency_s: self.steps.latency_s(),
-            forced_advances: on_the_way(Some(self.forced_advances)),
+            forced_advances: with_several_steps(Some(self.forced_advances)),
             detection_s: delays_after_faults[0].1.s(),
             false_suspicions: (pairs > 0.0).then(|| self.membership.false_suspicions()),
             rejoin_s: delays_after_faults[1].1.s(),
@@ -258,8 +258,8 @@ impl Metrics {
         settled: &[(&'static str, Option<f64>)],
         delays_after_faults: &[(&'static str, Worst)],
     ) -> Vec<&'static str> {
-        // A figure that does not apply is not in `never`: the spacing of a single vehicle or of a flock, the altitude on an
-        // ellipsoid, and settling where the swarm has to move on.
+        // A figure that does not apply is not in `never`: the spacing of a single vehicle or of a flock, the altitude
+        // on an ellipsoid, and settling where the swarm has to move on.
         let applies = |key: &str| match key {
             _ if self.places > 1 => false,
             "at_altitude_s" => self.has_altitude,

@@ -79,7 +79,7 @@ impl Window {
         self.samples.push_back((t_s, value));
     }
 
-    /// Mean of the values since `since_s`; `None` if there are none.
+    /// Mean of the values since `since_s`; `None` without values.
     pub(super) fn mean(&self, since_s: f64) -> Option<f64> {
         mean(self.samples.iter().filter(|sample| sample.0 >= since_s).map(|sample| sample.1))
     }
@@ -143,7 +143,8 @@ fn drop_before<T>(samples: &mut VecDeque<T>, first_s: f64, time_s: impl Fn(&T) -
     }
 }
 
-/// A histogram of ages in bins of 1 ms: its result is independent of the order of samples, and its size of their number.
+/// A histogram of ages in bins of 1 ms: its result is independent of the order of samples, and its size of their
+/// number.
 #[derive(Clone, Debug)]
 pub(super) struct AgeHistogram {
     bins: Vec<u64>,

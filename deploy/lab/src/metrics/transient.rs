@@ -9,10 +9,10 @@ const LIMIT_S: f64 = 120.0;
 
 /// The transients of the formation.
 ///
-/// A transient begins when the set of live members changes, or when a cut is healed, and ends with the next such change or
-/// cut. Its length is the time after which the formation stayed settled until then. While a link is cut, there is no common
-/// formation to settle. A swarm that moves on to another step breaks up its formation: a transient that had settled ends, and
-/// one that had not gets a new chance.
+/// A transient begins when the set of live members changes, or when a cut is healed, and ends with the next such change
+/// or cut. Its length is the time after which the formation stayed settled until then. While a link is cut, the swarm
+/// has no common formation to settle. A swarm that moves on to another step breaks up its formation: a transient that
+/// had settled ends, and one that had not gets a new chance.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Transients {
     members: Option<VehicleSet>,
@@ -31,7 +31,8 @@ struct Transient {
 }
 
 impl Transients {
-    /// Observes the live members, whether a link is cut, the highest step of a member, and whether the formation is settled.
+    /// Observes the live members, whether a link is cut, the highest step of a member, and whether the formation is
+    /// settled.
     pub(super) fn observe(
         &mut self,
         t_s: f64,
@@ -144,17 +145,17 @@ mod tests {
     #[test]
     fn a_step_ends_a_settled_transient_and_gives_an_unsettled_one_a_new_chance() {
         let loses_one = |t_s| if t_s < 50 { set(&[1, 2, 3]) } else { set(&[1, 3]) };
-        let whole = |_| false;
+        let unsplit = |_| false;
         let step = |t_s| u32::from(t_s >= 100);
         let settled = |t_s| (80..100).contains(&t_s);
         assert_eq!(
-            with_steps(400, loses_one, whole, step, settled),
+            with_steps(400, loses_one, unsplit, step, settled),
             (Some(30.0), false),
             "the formation need not hold on the way"
         );
         let later = |t_s| t_s >= 190;
-        assert_eq!(with_steps(400, loses_one, whole, step, later), (Some(140.0), false), "at the next place");
-        assert_eq!(with_steps(220, loses_one, whole, step, |_| false), (None, false), "120 s at the next place");
-        assert_eq!(with_steps(221, loses_one, whole, step, |_| false), (None, true));
+        assert_eq!(with_steps(400, loses_one, unsplit, step, later), (Some(140.0), false), "at the next place");
+        assert_eq!(with_steps(220, loses_one, unsplit, step, |_| false), (None, false), "120 s at the next place");
+        assert_eq!(with_steps(221, loses_one, unsplit, step, |_| false), (None, true));
     }
 }

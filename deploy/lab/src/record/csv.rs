@@ -1,7 +1,8 @@
-//! Writes a recording as CSV tables: vehicles' steps, the ages of peers' states, numbers that external laws log, and events.
+//! Writes a recording as CSV tables: vehicles' steps, the ages of peers' states, numbers that external laws log, and
+//! events.
 //!
-//! Column names stay the same from release to release; new columns come last. Times before the figures' window are negative.
-//! An empty cell means that the value does not apply.
+//! Column names stay the same from release to release; new columns come last. Times before the figures' window are
+//! negative. An empty cell means that the value does not apply.
 
 use std::fs::File;
 use std::path::{Path, PathBuf};

@@ -22,8 +22,8 @@ struct FileMessage {
 /// Merges files into `to` and returns the number of messages.
 ///
 /// Messages are in the order of log time, and those of one instant in the order of the files. Equal schemas, channels,
-/// attachments and metadata records are written once. A file that is cut off is read up to its end. All messages are held in
-/// memory.
+/// attachments and metadata records are written once. A file that is cut off is read up to its end. All messages are
+/// held in memory.
 ///
 /// # Errors
 /// A file is not an MCAP file or cannot be read, or `to` cannot be written.

@@ -18,8 +18,8 @@ use crate::recording::{Noted, Recording, Step, What};
 
 /// Reads the steps, events and faults of a recording that lie in the figures' window.
 ///
-/// The recording ends where the window ends or where the file is cut off. Its steps are those that were recorded, with times
-/// rounded to nanoseconds. A step or an event that two recorders wrote into one merged file appears once.
+/// The recording ends where the window ends or where the file is cut off. Its steps are those that were recorded, with
+/// times rounded to nanoseconds. A step or an event that two recorders wrote into one merged file appears once.
 ///
 /// # Errors
 /// The file cannot be read, or is not a recording of Skein.

@@ -23,7 +23,8 @@ pub struct Repaired {
     pub left_over: usize,
 }
 
-/// Copies every message of every intact chunk of `path` into a new file beside it: `run.mcap` becomes `run.repaired.mcap`.
+/// Copies every message of every intact chunk of `path` into a new file beside it: `run.mcap` becomes
+/// `run.repaired.mcap`.
 ///
 /// Does not change `path`, and writes no file if `path` is intact.
 ///

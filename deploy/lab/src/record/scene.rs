@@ -1,7 +1,7 @@
 //! Messages that Foxglove draws: frames, positions on the globe, helicopters and the formation.
 //!
-//! Foxglove's world frame is east, north, up, and its body frames are forward, left, up (as in ROS, REP 103). Ours are north,
-//! east, down and forward, right, down. The two differ by a constant rotation on each side:
+//! Foxglove's world frame is east, north, up, and its body frames are forward, left, up (as in ROS, REP 103). Ours are
+//! north, east, down and forward, right, down. The two differ by a constant rotation on each side:
 //!
 //! ```text
 //!   enu_from_flu = enu_from_ned * ned_from_frd * frd_from_flu

@@ -1,6 +1,7 @@
 //! JSON schemas of our own channels, for Foxglove's plots and for programs that read a recording without this source.
 //!
-//! They are generated from the recorded types: keys, kinds and nullability from the fields, descriptions from the docstrings.
+//! They are generated from the recorded types: keys, kinds and nullability from the fields, descriptions from the
+//! docstrings.
 
 use schemars::generate::SchemaSettings;
 use schemars::transform::RecursiveTransform;
@@ -34,9 +35,10 @@ pub(super) fn fault() -> Value {
 
 /// The schema of a serialised type, in the subset of JSON Schema that Foxglove's published reader accepts.
 ///
-/// That reader refuses a channel over any key that it does not know: it follows no references, and needs exactly one kind for
-/// each key. Therefore every subschema is inlined, a key that may be null has the kind of its other values (its description
-/// states when it is null), and a key with values of several kinds is described in the description of the message.
+/// That reader refuses a channel over any key that it does not know: it follows no references, and needs exactly one
+/// kind for each key. Therefore every subschema is inlined, a key that may be null has the kind of its other values
+/// (its description states when it is null), and a key with values of several kinds is described in the description of
+/// the message.
 fn of<T: JsonSchema>(title: &str) -> Value {
     let settings = SchemaSettings::draft2020_12().for_serialize().with(|settings| settings.inline_subschemas = true);
     let settings =
@@ -59,7 +61,8 @@ fn drop_null(schema: &mut Schema) {
     }
 }
 
-/// Removes each key of the message whose values are of several kinds, and lists its values in the message's description.
+/// Removes each key of the message whose values are of several kinds, and lists its values in the message's
+/// description.
 fn describe_choices(message: &mut Value) {
     let Some(properties) = message["properties"].as_object_mut() else { return };
     let chosen = properties.iter().filter(|(_, schema)| schema.get("oneOf").is_some());

@@ -187,7 +187,8 @@ impl<W: Write + Seek> Writer<W> {
         self.failed.as_ref()
     }
 
-    /// Draws the centre by the estimate of the active member with the lowest id, and the formation there when it changes.
+    /// Draws the centre by the estimate of the active member with the lowest id, and the formation there when it
+    /// changes.
     fn draw_formation(&mut self, log_time_ns: u64, trace: &Trace) {
         let id = trace.header.sender;
         match trace.membership {

@@ -1,8 +1,8 @@
 //! Draws the figures of one flight.
 //!
-//! All figures use the ground truth of the vehicles, sampled at the same instants for all of them. Each of up to [`FEW`]
-//! vehicles has a line with its own colour, markers and name. For more vehicles, the least, the median and the largest value
-//! are drawn.
+//! All figures use the ground truth of the vehicles, sampled at the same instants for all of them. Each of up to
+//! [`FEW`] vehicles has a line with its own colour, markers and name. For more vehicles, the least, the median and the
+//! largest value are drawn.
 
 mod ages;
 mod map;
@@ -26,7 +26,7 @@ use skein_common::statistics::quantile;
 pub const FEW: usize = 10;
 /// Most samples of a flight.
 const SAMPLES: f64 = 2400.0;
-/// Age above which a step is no longer used for a sample, s, unless steps were recorded less often than that.
+/// Largest age of a step that a sample uses, s; larger if steps were recorded less often.
 const OLDEST_S: f64 = 0.5;
 
 /// One flight, with all vehicles sampled at the same instants.

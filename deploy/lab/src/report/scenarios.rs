@@ -1,4 +1,5 @@
-//! Reports on a folder of scenarios: each is flown in virtual time, once for the figures and over many seeds for the tables.
+//! Reports on a folder of scenarios: each is flown in virtual time, once for the figures and over many seeds for the
+//! tables.
 
 use std::collections::BTreeSet;
 use std::fs;

@@ -1,5 +1,5 @@
-//! The central controller: the baseline for comparisons, after the paper's single control computer (Garcia & Barnes 2010,
-//! section 3). It reads every aircraft's state over the network, computes every control and sends it back.
+//! The central controller: the baseline for comparisons, after the paper's single control computer (Garcia & Barnes
+//! 2010, section 3). It reads every aircraft's state over the network, computes every control and sends it back.
 //!
 //! ```text
 //!  aircraft 1 --state--> |  central controller: all agents,        | --controls--> aircraft 1
@@ -7,17 +7,17 @@
 //! ```
 //!
 //! It runs the same agents that otherwise fly beside each vehicle. Once a frame every simulator sends its state. The
-//! controller takes the newest state that has arrived from each aircraft, steps every agent, and sends the controls as soon
-//! as they are computed.
+//! controller takes the newest state that has arrived from each aircraft, steps every agent, and sends the controls as
+//! soon as they are computed.
 //!
 //! Every datagram crosses the scenario's network. The controller counts as one more vehicle on it, at the origin; the
-//! controller and every aircraft receive through an [`Ear`]. If controls are lost, the aircraft keeps its last ones; if they
-//! arrive out of order, the newest count. The agents exchange all messages without loss, one frame of the controller later.
-//! An external law answers a central controller as it would answer many agents.
+//! controller and every aircraft receive through an [`Ear`]. If controls are lost, the aircraft keeps its last ones; if
+//! they arrive out of order, the newest count. The agents exchange all messages without loss, one frame of the
+//! controller later. An external law answers a central controller as it would answer many agents.
 //!
-//! An agent in the central controller has no flight model of its aircraft. To find a servo or a gyro that does not follow, it
-//! compares every frame with the command before it: a command that is still in flight looks like a stuck servo. A failed
-//! engine and a frozen position are detected here too.
+//! An agent in the central controller has no flight model of its aircraft. To find a servo or a gyro that does not
+//! follow, it compares every frame with the command before it: a command that is still in flight looks like a stuck
+//! servo. A failed engine and a frozen position are detected here too.
 //!
 //! The controller needs `control.central_step_s` for each vehicle and frame. While it is busy, it skips frames of 20 ms
 //! (`frame_overruns`). Controls that reach a simulator before its next frame count for all of the present one, as in
@@ -46,10 +46,11 @@ use super::vehicle::Vehicle;
 use crate::faults::{Agenda, control_kills};
 use crate::metrics::Totals;
 
-/// Size of the state that an aircraft sends in a frame, bytes: X-Plane's RPOS. The rotor speed is not counted, because it is
-/// only needed until the rotor turns at full speed.
+/// Size of the state that an aircraft sends in a frame, bytes: X-Plane's RPOS. The rotor speed is not counted, because
+/// it is only needed until the rotor turns at full speed.
 const STATE_BYTES: u64 = 69;
-/// Size of the controls that an aircraft receives, bytes: X-Plane's DATA with the rows of the joystick and the collective.
+/// Size of the controls that an aircraft receives, bytes: X-Plane's DATA with the rows of the joystick and the
+/// collective.
 const CONTROLS_BYTES: u64 = 5 + 2 * 36;
 /// Most frames of a vehicle that are in flight: four minutes of them; the longest delay of the network is one minute.
 const MAX_IN_FLIGHT: usize = 12_000;
@@ -241,8 +242,8 @@ impl Central {
 }
 
 impl Driver for Central {
-    /// The agents of a central controller share a perfect network and one clock, and send every frame, because silence would
-    /// save nothing.
+    /// The agents of a central controller share a perfect network and one clock, and send every frame, because silence
+    /// would save nothing.
     fn scenario_of_agents(&self, scenario: &Scenario) -> Scenario {
         let defaults = Source { name: "defaults", text: "swarm.vehicles = 1" };
         #[expect(clippy::expect_used, reason = "the smallest scenario, which tests load")]

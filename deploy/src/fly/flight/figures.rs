@@ -39,7 +39,7 @@ impl Flight {
         self.metrics.observe(t_s, &vehicles);
         let steps = self.observer.vehicles().values().filter_map(|seen| seen.trace.as_ref());
         let living = steps.filter(|step| self.ground.lives(step));
-        self.metrics.count(living.fold(self.ended, with_counts));
+        self.metrics.set_totals(living.fold(self.ended, with_counts));
     }
 
     /// Something was done to the swarm.
