@@ -160,7 +160,7 @@ pub(super) fn live(peers: &[PeerHealth]) -> Vec<VehicleId> {
     peers.iter().filter(|peer| peer.standing != Standing::Lost).map(|peer| peer.id).collect()
 }
 
-/// Locks the measurements. The lock is never poisoned in mid-change: no holder can panic.
+/// Locks the measurements. No holder can panic, so poisoning is ignored.
 fn lock(measurements: &Mutex<BTreeMap<VehicleId, Measurements>>) -> MutexGuard<'_, BTreeMap<VehicleId, Measurements>> {
     measurements.lock().unwrap_or_else(PoisonError::into_inner)
 }

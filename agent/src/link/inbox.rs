@@ -68,7 +68,7 @@ impl Inbox {
         self.refusals.latest()
     }
 
-    /// Locks the messages. The lock is never poisoned in mid-change: no holder can panic.
+    /// Locks the messages. No holder can panic, so poisoning is ignored.
     fn lock(&self) -> MutexGuard<'_, Vec<Heard>> {
         self.heard.lock().unwrap_or_else(PoisonError::into_inner)
     }

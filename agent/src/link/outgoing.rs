@@ -134,7 +134,7 @@ impl Shared {
         self.handed_over.notify_one();
     }
 
-    /// Locks the waiting messages. The lock is never poisoned in mid-change: no holder can panic.
+    /// Locks the waiting messages. No holder can panic, so poisoning is ignored.
     fn lock(&self) -> MutexGuard<'_, Held> {
         self.held.lock().unwrap_or_else(PoisonError::into_inner)
     }

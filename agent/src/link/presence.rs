@@ -111,7 +111,7 @@ impl Presence {
         }
     }
 
-    /// Locks the state. The lock is never poisoned in mid-change: no holder can panic. Changes are reported under the
+    /// Locks the state. No holder can panic, so poisoning is ignored. Changes are reported under the
     /// lock, so their order is the order in which they happened.
     fn lock(&self) -> MutexGuard<'_, Tracked> {
         self.tracked.lock().unwrap_or_else(PoisonError::into_inner)

@@ -37,7 +37,7 @@ impl LastHeartbeat {
     }
 }
 
-/// Locks the bytes. No holder can panic: the lock is held only for a copy.
+/// Locks the bytes, which are held only for a copy. No holder can panic, so poisoning is ignored.
 fn lock(shared: &Mutex<Vec<u8>>) -> MutexGuard<'_, Vec<u8>> {
     shared.lock().unwrap_or_else(PoisonError::into_inner)
 }

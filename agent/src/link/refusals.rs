@@ -59,7 +59,7 @@ impl Refusals {
         &self.counts[reason as usize]
     }
 
-    /// Locks the list. The lock is never poisoned in mid-change: no holder can panic.
+    /// Locks the list. No holder can panic, so poisoning is ignored.
     fn lock(&self) -> MutexGuard<'_, Vec<Refused>> {
         self.latest.lock().unwrap_or_else(PoisonError::into_inner)
     }

@@ -222,7 +222,7 @@ impl Drop for PendingHandshake {
     }
 }
 
-/// Locks the counts. The lock is never poisoned in mid-change: no holder can panic.
+/// Locks the counts. No holder can panic, so poisoning is ignored.
 fn lock(pending: &PendingHandshakes) -> MutexGuard<'_, BTreeMap<IpAddr, usize>> {
     pending.lock().unwrap_or_else(PoisonError::into_inner)
 }

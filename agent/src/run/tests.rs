@@ -386,7 +386,7 @@ fn an_agent_whose_launcher_is_gone_flies_until_an_order_has_landed_it() {
 #[test]
 fn an_invented_order_lands_no_vehicle_and_a_signed_one_does() {
     let tokio = Builder::new_multi_thread().worker_threads(1).enable_all().build().unwrap();
-    let (swarm, session, dial) = hub("sealed");
+    let (swarm, session, dial) = hub("signed");
     let operator = sealer();
     let one = Node { orders_key: Some(operator.key()), run: 7, ..node(&swarm, 1) };
     let plan = one.scenario.plan_hash();
@@ -457,7 +457,7 @@ fn a_second_request_ends_at_once() {
 #[test]
 fn without_a_simulator_the_agent_ends_on_request_without_landing() {
     let tokio = Builder::new_multi_thread().worker_threads(1).enable_all().build().unwrap();
-    let (swarm, session, _) = hub("nobody");
+    let (swarm, session, _) = hub("no-simulator");
     // The port is in use, but never replies.
     let silent = std::net::UdpSocket::bind("127.0.0.1:0").unwrap();
     let plant = PlantChoice::Standin(silent.local_addr().unwrap());

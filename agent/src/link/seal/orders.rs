@@ -61,7 +61,7 @@ impl Checker {
 
     /// Whether the operator gave this order in this run.
     pub fn is_sealed(&self, run: u64, order: &Order) -> bool {
-        // The lock is never poisoned in mid-change: no holder can panic.
+        // No holder can panic, so poisoning is ignored.
         let known = || self.known.lock().unwrap_or_else(PoisonError::into_inner);
         let answer = known().iter().find(|(of, known, _)| (*of, known) == (run, order)).map(|(.., answer)| *answer);
         answer.unwrap_or_else(|| {

@@ -60,7 +60,7 @@ fn refused_then(link: &Link, session: &Session, bad: &[Order], good: Order) -> V
 
 #[test]
 fn only_an_order_signed_by_the_operator_in_this_run_is_accepted() {
-    let (swarm, hub, dial) = hub("sealed");
+    let (swarm, hub, dial) = hub("signed");
     let operator = sealer();
     let agent = link(hub, 1, trust_in(&swarm, operator.key(), RUN));
     let session = open_zenoh(&swarm, &[], &dial, &[]).unwrap();
@@ -132,7 +132,7 @@ fn an_agent_without_a_run_refuses_peers_with_a_run_and_signed_orders() {
 
 #[test]
 fn an_agent_with_a_run_refuses_messages_of_another_run() {
-    let (swarm, hub, _) = hub("told");
+    let (swarm, hub, _) = hub("numbered");
     let agent = link(hub, 1, trust_in(&swarm, sealer().key(), RUN));
     for sender in 2..9 {
         agent.receiver.store("vehicle/2/mission", Word::Mission(mission(sender, 1)), Some(5));

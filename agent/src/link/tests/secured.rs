@@ -129,7 +129,7 @@ impl Swarm {
     }
 
     /// A swarm whose vehicles require certificates but not signatures.
-    fn without_seals(test: &str) -> Self {
+    fn without_signatures(test: &str) -> Self {
         Self::with(test, |_, swarm, _| trust(swarm))
     }
 

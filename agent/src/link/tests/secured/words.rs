@@ -5,7 +5,7 @@ use super::*;
 /// The other tests rely on this: without signatures every forged message is accepted.
 #[test]
 fn without_signatures_a_valid_node_could_forge_any_message() {
-    let swarm = Swarm::without_seals("unsealed");
+    let swarm = Swarm::without_signatures("unsigned");
     let intruder = swarm.guest(swarm.authority.tls("vehicle-3.2"));
     let forger = Forger { voices: Voices::plain(swarm.name.clone()), sealer: swarm.authority.sealer("vehicle-3.2") };
     wait_until(|| is_linked(intruder.first()));
@@ -165,7 +165,7 @@ fn a_valid_vehicle_can_reply_for_itself_only() {
 #[test]
 fn observers_and_operators_cannot_send_for_a_vehicle() {
     for who in ["observer", "operator"] {
-        let mut swarm = Swarm::begin(&format!("{who}-says"));
+        let mut swarm = Swarm::begin(&format!("{who}-forges"));
         let intruder = swarm.guest(swarm.authority.tls(who));
         wait_until(|| is_linked(intruder.first()));
         let forger = swarm.forger(who);
@@ -232,7 +232,7 @@ fn no_node_can_replace_another_by_taking_its_session_number() {
 /// with its own signature.
 #[test]
 fn no_node_can_send_for_another_by_taking_its_session_number() {
-    let swarm = Swarm::begin("voice");
+    let swarm = Swarm::begin("taken-number");
     let free = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
     let of_intruder = vec![format!("tls/{free}")];
     let dial = [&swarm.endpoints[..1], &of_intruder].concat();
