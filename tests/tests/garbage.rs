@@ -352,7 +352,7 @@ fn garbage_on_every_port_is_counted_and_nothing_of_it_is_believed() {
         thread::sleep(Duration::from_millis(50));
     }
     let (controls, garbage) = (seen.controls.load(Relaxed), seen.garbage.load(Relaxed));
-    stop.ask();
+    stop.request();
     flight.join().unwrap().unwrap();
     stop_edges.store(true, Relaxed);
     edges.into_iter().for_each(|edge| edge.join().unwrap());

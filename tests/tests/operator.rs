@@ -165,7 +165,7 @@ fn health_reports_of_vehicles_are_shown_without_control_characters() {
     thread::scope(|scope| {
         scope.spawn(|| {
             for sequence in 1.. {
-                line.say(health(sequence));
+                line.publish(health(sequence));
                 thread::sleep(Duration::from_millis(50));
                 if is_over.load(Relaxed) {
                     return;

@@ -46,7 +46,7 @@ pub(super) struct Bounds<const HONEST: usize> {
     /// A further vehicle lies.
     pub(super) liar: bool,
     /// How often somebody falls: crashes, or loses its own data and takes part no longer. Each may come back.
-    pub(super) falls: u8,
+    pub(super) outages: u8,
     /// How often one is cut off from the others. Each cut may heal.
     pub(super) cuts: u8,
     /// Whether a cut may last a minute, after which no further vehicle is taken to be flying on its other side.
@@ -58,8 +58,8 @@ pub(super) struct Bounds<const HONEST: usize> {
 impl<const HONEST: usize> Bounds<HONEST> {
     /// Nothing happens but that words are late, lost and repeated.
     pub(super) const fn new(last_step: u32, partition: Partition) -> Self {
-        let (liar, falls, cuts, long_cuts, false_suspicion) = (false, 0, 0, false, false);
-        Self { last_step, partition, liar, falls, cuts, long_cuts, false_suspicion }
+        let (liar, outages, cuts, long_cuts, false_suspicion) = (false, 0, 0, false, false);
+        Self { last_step, partition, liar, outages, cuts, long_cuts, false_suspicion }
     }
 
     pub(super) fn vehicles(&self) -> usize {
@@ -76,7 +76,7 @@ pub(super) struct Swarm<const N: usize> {
     earned: u32,
     /// The one that is cut off.
     cut_off: Option<usize>,
-    falls_left: u8,
+    outages_left: u8,
     cuts_left: u8,
     settled: Bits,
     /// Whether somebody of the others, and the one cut off, advanced in this cut with nobody of the other side in view.
@@ -132,7 +132,7 @@ impl<const N: usize> Swarm<N> {
             lies: 0,
             earned: 0,
             cut_off: None,
-            falls_left: bounds.falls,
+            outages_left: bounds.outages,
             cuts_left: bounds.cuts,
             settled: Self::ALL,
             advanced: [false; 2],
@@ -161,7 +161,7 @@ impl<const N: usize> Swarm<N> {
             let is_there = own.reached >= Some(own.step) || own.step >= bounds.last_step;
             let is_active = self.agents[agent].is_active();
             actions.extend((is_active && !is_there).then_some(Action::Reach(agent)));
-            if self.falls_left > 0 {
+            if self.outages_left > 0 {
                 actions.push(Action::Crash(agent));
                 actions.extend(is_active.then_some(Action::Withdraw(agent)));
             }
@@ -286,7 +286,7 @@ impl<const N: usize> Swarm<N> {
                 self.agents[to].see::<N>(to, sees);
             }
             Action::Crash(agent) => {
-                self.falls_left -= 1;
+                self.outages_left -= 1;
                 let dead = &mut self.agents[agent];
                 let (next, said) = (dead.incarnation + 1, std::mem::take(&mut dead.said));
                 *dead = Agent { said, is_up: false, ..Agent::new(bounds, next) };
@@ -294,7 +294,7 @@ impl<const N: usize> Swarm<N> {
             }
             Action::Restart(agent) => self.agents[agent].is_up = true,
             Action::Withdraw(agent) => {
-                self.falls_left -= 1;
+                self.outages_left -= 1;
                 self.agents[agent].set_membership(Membership::Joining);
                 self.expel(agent);
             }
@@ -416,7 +416,7 @@ impl<const N: usize> Swarm<N> {
 
     /// All that may go wrong has, and all are settled, still at the first step.
     pub(super) fn has_recovered(&self) -> bool {
-        let is_over = self.falls_left + self.cuts_left == 0 && self.cut_off.is_none();
+        let is_over = self.outages_left + self.cuts_left == 0 && self.cut_off.is_none();
         is_over && self.settled == Self::ALL && self.agents.iter().all(|agent| agent.agreement.own().step == 0)
     }
 
@@ -474,7 +474,7 @@ impl<const N: usize> Swarm<N> {
             let known = naming.map(|other| known[other].map(|word| known_key(&word, &own)));
             (known, rename(*sees), rename(*given_up), rename(*admitted))
         });
-        (views, self.falls_left, self.cuts_left, rename(self.settled), self.advanced, self.earned, self.broken)
+        (views, self.outages_left, self.cuts_left, rename(self.settled), self.advanced, self.earned, self.broken)
     }
 }
 
