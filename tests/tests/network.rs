@@ -107,7 +107,7 @@ fn a_seed_gives_the_same_flight_bit_for_bit_over_a_bad_network_with_faults() {
         let bits = |number| {
             let truth = flight.truth(number);
             let (place, velocity): ([f64; 3], [f64; 3]) = (truth.position.into(), truth.velocity.into());
-            (place.map(f64::to_bits), velocity.map(f64::to_bits), flight.agent(number).map(Agent::spoken))
+            (place.map(f64::to_bits), velocity.map(f64::to_bits), flight.agent(number).map(Agent::states_sent))
         };
         [1, 2, 3, 4].map(bits)
     };
