@@ -250,15 +250,7 @@ fn a_flight_of_twenty_seconds_leaves_its_files_and_no_process() {
     }
 }
 
-/// Side by side: these only wait.
 #[test]
-fn control_c_lands_everybody_and_a_second_one_ends_at_once() {
-    std::thread::scope(|scope| {
-        scope.spawn(control_c_lands_everybody);
-        scope.spawn(control_c_twice_ends_at_once);
-    });
-}
-
 fn control_c_lands_everybody() {
     let place = Place::new("stopped");
     let flight = Flight::start(&place, &["--plant", "standin"]);
@@ -276,6 +268,7 @@ fn control_c_lands_everybody() {
     assert_eq!(metrics["plant"], "standin");
 }
 
+#[test]
 fn control_c_twice_ends_at_once() {
     let place = Place::new("urgent");
     let flight = Flight::start(&place, &[]);
@@ -294,15 +287,7 @@ fn control_c_twice_ends_at_once() {
     assert!(place.metrics()["duration_s"].is_number(), "the window was over before");
 }
 
-/// Side by side: these only wait.
 #[test]
-fn a_swarm_flies_on_without_a_vehicle_and_without_its_launcher() {
-    std::thread::scope(|scope| {
-        scope.spawn(a_vehicle_that_is_killed_is_named_and_the_others_fly_on);
-        scope.spawn(a_swarm_whose_launcher_is_killed_flies_on_until_it_is_ordered_to_land);
-    });
-}
-
 fn a_vehicle_that_is_killed_is_named_and_the_others_fly_on() {
     let place = Place::new("bereft");
     let flight = Flight::start(&place, &[]);
@@ -323,6 +308,7 @@ fn a_vehicle_that_is_killed_is_named_and_the_others_fly_on() {
     assert_eq!(place.processes(), []);
 }
 
+#[test]
 fn a_swarm_whose_launcher_is_killed_flies_on_until_it_is_ordered_to_land() {
     let place = Place::new("orphaned");
     let mut flight = Flight::start(&place, &["--plant", "standin"]);
@@ -513,11 +499,14 @@ fn flies_the_default_formation(name: &'static str, plant: &str) {
     assert!(figure("nearest_pair_end_m") >= 100.0 && figure("collisions") == 0.0, "{metrics:#}");
 }
 
-/// Side by side, and by its name before the shorter tests.
+// By their names before the shorter tests.
+
 #[test]
-fn a_default_formation_is_flown_by_four_processes_on_the_built_in_model_and_over_the_simulators_protocol() {
-    std::thread::scope(|scope| {
-        scope.spawn(|| flies_the_default_formation("default-builtin", "builtin"));
-        scope.spawn(|| flies_the_default_formation("default-standin", "standin"));
-    });
+fn a_default_formation_is_flown_by_four_processes_on_the_built_in_model() {
+    flies_the_default_formation("default-builtin", "builtin");
+}
+
+#[test]
+fn a_default_formation_is_flown_by_four_processes_over_the_simulators_protocol() {
+    flies_the_default_formation("default-standin", "standin");
 }

@@ -42,3 +42,5 @@ pub mod random;
 pub mod skew;
 pub mod start;
 pub mod station;
+#[cfg(test)]
+mod testing;

@@ -72,37 +72,43 @@ fn a_process_answers() {
     assert_eq!(law.answer(), None, "every answer is given once");
 }
 
-#[test]
-fn what_is_no_answer_is_never_handed_on() {
-    let answer = |vehicle: &str, tick: &str, velocity: &str| {
-        format!(
-            r#"echo "{{\"say\":\"answer\",\"vehicle\":{vehicle},\"tick\":{tick},\"velocity_ned_m_s\":{velocity}}}""#
-        )
-    };
-    let laws = [
-        "echo '{'".to_owned(),
-        "echo 'Traceback'".to_owned(),
-        "head -c 200000 /dev/zero; echo".to_owned(),
-        "head -c 1000 /dev/urandom; echo".to_owned(),
-        "true".to_owned(),
-        answer("1", "$tick", "[1,2,3]"),
-        answer("2", "$((tick+1))", "[1,2,3]"),
-        answer("2", "0", "[1,2,3]"),
-        answer("2", "$tick", "[NaN,2,3]"),
-        answer("2", "$tick", "[1e300,2,3]"),
-        answer("2", "$tick", "[1,2]"),
-        "exec <&-; sleep 1000".to_owned(),
-        "exec >&-; sleep 1000".to_owned(),
-        "while true; do echo '{\"say\":\"ready\",\"protocol\":1}'; done".to_owned(),
-    ];
+/// What each of these programs does when it is asked is handed on as no answer. They are waited for side by side.
+fn assert_no_answers(scripts: &[&str]) {
     thread::scope(|scope| {
-        for script in &laws {
-            scope.spawn(move || {
-                let law = shell(script);
-                assert_eq!(answer_to(&law, 1, Duration::from_secs(2)), None, "{script}");
-            });
+        for script in scripts {
+            scope.spawn(move || assert_eq!(answer_to(&shell(script), 1, Duration::from_secs(2)), None, "{script}"));
         }
     });
+}
+
+/// The command that answers with these values.
+fn answering(vehicle: &str, tick: &str, velocity: &str) -> String {
+    format!(r#"echo "{{\"say\":\"answer\",\"vehicle\":{vehicle},\"tick\":{tick},\"velocity_ned_m_s\":{velocity}}}""#)
+}
+
+#[test]
+fn lines_that_are_no_json_are_not_handed_on() {
+    let zeros = "head -c 200000 /dev/zero; echo";
+    assert_no_answers(&["echo '{'", "echo 'Traceback'", zeros, "head -c 1000 /dev/urandom; echo"]);
+}
+
+#[test]
+fn answers_for_another_vehicle_or_tick_are_not_handed_on() {
+    let answers = [("1", "$tick"), ("2", "$((tick+1))"), ("2", "0")];
+    let [vehicle, later, earlier] = answers.map(|(vehicle, tick)| answering(vehicle, tick, "[1,2,3]"));
+    assert_no_answers(&[&vehicle, &later, &earlier]);
+}
+
+#[test]
+fn answers_without_three_finite_numbers_are_not_handed_on() {
+    let [nan, huge, two] = ["[NaN,2,3]", "[1e300,2,3]", "[1,2]"].map(|velocity| answering("2", "$tick", velocity));
+    assert_no_answers(&[&nan, &huge, &two]);
+}
+
+#[test]
+fn a_program_that_never_answers_is_waited_for_no_longer_than_asked() {
+    let always_ready = r#"while true; do echo '{"say":"ready","protocol":1}'; done"#;
+    assert_no_answers(&["true", "exec <&-; sleep 1000", "exec >&-; sleep 1000", always_ready]);
 }
 
 #[test]

@@ -24,6 +24,10 @@
 //!
 //! **Damaged files**: messages are written in chunks, each with a checksum. An intact chunk can be read even if the
 //! file behind it is cut off or damaged. A message is on disk, in an intact chunk, within [`FLUSH`] of its recording.
+//! The scenario has the checksum of an attachment. MCAP has no checksum for metadata, so each of our metadata records
+//! has its own, as `skein.checksum`; recordings from before have none and can still be read. If a damaged record may
+//! have been the beginning or the end of the window, the recording and its repaired or merged copies are refused,
+//! because without the window no step has a time.
 
 mod copy;
 mod csv;
@@ -37,7 +41,7 @@ mod scene;
 mod schema;
 mod writer;
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use mcap::McapError;
@@ -87,9 +91,27 @@ pub enum RecordError {
         /// Error of the decoder.
         what: String,
     },
+    /// An error in one file.
+    #[error("{path}: {error}", path = path.display())]
+    File {
+        /// The file.
+        path: PathBuf,
+        /// The error in the file.
+        error: Box<RecordError>,
+    },
     /// The recording cannot be written.
     #[error("cannot write: {}", why(.0))]
     Write(#[from] McapError),
+}
+
+impl RecordError {
+    /// Adds the path of the file that was read, unless the error already names a file.
+    fn reading(self, path: &Path) -> Self {
+        match self {
+            Self::Io { .. } | Self::File { .. } | Self::Write(_) => self,
+            error => Self::File { path: path.to_owned(), error: Box::new(error) },
+        }
+    }
 }
 
 /// The text of the error; that of the operating system, if it caused the error.

@@ -39,7 +39,7 @@ pub fn run(ReportArgs { of, out, csv }: &ReportArgs) -> Result<(), Error> {
     let page = page(of)?;
     page.write(&out)?;
     for (name, path) in recordings {
-        let failed = |error| Error::Failed(format!("{}: {error}", path.display()));
+        let failed = |error: record::RecordError| Error::Failed(error.to_string());
         record::csv(&path, &out.join("csv").join(name)).map_err(failed)?;
     }
     eprintln!("written to {}", out.join("index.html").display());
@@ -82,7 +82,7 @@ fn recordings(of: &Path) -> Result<Vec<(String, PathBuf)>, Error> {
 
 /// Reads a recording and makes its title.
 fn recording(path: &Path) -> Result<(Recording, String), Error> {
-    let recording = record::read(path).map_err(|error| Error::Refused(format!("{}: {error}", path.display())))?;
+    let recording = record::read(path).map_err(|error| Error::Refused(error.to_string()))?;
     let title = format!("{}, seed {}", recording.run.scenario, recording.run.seed);
     Ok((recording, title))
 }

@@ -78,6 +78,7 @@ fn about_file(path: &Path, sources: &[PathBuf], error: RecordError) -> Error {
         // Names its file.
         RecordError::Io { path: ref of, .. } if sources.contains(of) => Error::Refused(error.to_string()),
         RecordError::Io { .. } => Error::Failed(error.to_string()),
+        RecordError::File { .. } => Error::Refused(error.to_string()),
         RecordError::Write(_) => Error::Failed(format!("{}: {error}", path.display())),
         _ => Error::Refused(format!("{}: {error}", path.display())),
     }

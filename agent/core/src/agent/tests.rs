@@ -1,15 +1,12 @@
 use proptest::prelude::*;
 use skein_common::frame::{Attitude, BodyRates, Geodetic, PositionNed, VelocityNed};
-use skein_common::message::{Header, Mission as MissionMessage, Order, State, Verb};
+use skein_common::message::{Mission as MissionMessage, Order, State, Verb};
 use skein_common::scenario::{Source, load};
 use skein_common::state::VehicleState;
-use skein_common::time::{LocalTime, SenderStamp};
+use skein_common::time::LocalTime;
 
 use super::*;
-
-fn id(number: u8) -> VehicleId {
-    VehicleId::new(number).unwrap()
-}
+use crate::testing::{header, heartbeat, id};
 
 fn scenario(sets: &[&str]) -> Scenario {
     let sets: Vec<_> = sets.iter().map(|&set| set.to_owned()).collect();
@@ -72,10 +69,6 @@ impl Flight {
         }
         (happened, command)
     }
-}
-
-fn header(sender: u8, sequence: u64) -> Header {
-    Header { sender: id(sender), incarnation: Incarnation(1), sequence, stamp: SenderStamp::ZERO }
 }
 
 fn state_of(sender: u8, sequence: u64, north_m: f64) -> Word {
@@ -144,17 +137,7 @@ fn while_blind_the_state_is_kept_to_oneself() {
 #[test]
 fn with_nobody_left_the_vehicle_holds_its_place() {
     let mut flight = Flight::new(&scenario(&[]));
-    let active = MissionMessage {
-        header: header(2, 1),
-        plan: 0,
-        membership: Membership::Active,
-        step: 0,
-        vouched: 0,
-        reached: None,
-        progress_m: 0.0,
-        order: None,
-        echo: None,
-    };
+    let active = MissionMessage { plan: 0, ..heartbeat(header(2, 1)) };
     flight.frame(Some(&measured(30.0)), &[Word::Appeared(id(2)), state_of(2, 1, 80.0), Word::Mission(active)]);
     let outputs = flight.frame(Some(&measured(30.0)), &[Word::Vanished(id(2))]);
     assert_eq!(outputs.outbox.happened, [Happening::PeerLost(id(2)), Happening::AllPeersLost]);

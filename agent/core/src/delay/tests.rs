@@ -1,10 +1,7 @@
 use proptest::prelude::*;
 
 use super::*;
-
-fn id(number: u8) -> VehicleId {
-    VehicleId::new(number).unwrap()
-}
+use crate::testing::id;
 
 /// One peer's heartbeats, five a second, each way with a delay of its own, and clocks that are set wrong.
 struct Pair {

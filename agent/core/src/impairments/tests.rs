@@ -1,13 +1,12 @@
 use core::mem::discriminant;
 
 use skein_common::frame::{Geodetic, VelocityNed};
-use skein_common::id::Incarnation;
-use skein_common::message::{self, Header, Order, Verb};
+use skein_common::message::{Order, Verb};
 use skein_common::scenario::{Source, load};
-use skein_common::state::{Membership, VehicleState};
-use skein_common::time::SenderStamp;
+use skein_common::state::VehicleState;
 
 use super::*;
+use crate::testing::{header, heartbeat, id};
 
 mod impaired;
 
@@ -23,14 +22,6 @@ fn with_events(seed: u64, events: &str) -> Scenario {
     scenario(&format!("seed = {seed}\n[mission]\nsteps = [{{ centre_ne_m = [0, 0] }}]\nevents = [{events}]"))
 }
 
-fn id(number: u8) -> VehicleId {
-    VehicleId::new(number).unwrap()
-}
-
-fn header(sender: u8, sequence: u64) -> Header {
-    Header { sender: id(sender), incarnation: Incarnation(1), sequence, stamp: SenderStamp::default() }
-}
-
 fn state(sender: u8, sequence: u64) -> Word {
     let (position, velocity) = (Geodetic::from_degrees(28.0, -82.0, 30.0), VelocityNed::default());
     Word::State(State {
@@ -40,17 +31,7 @@ fn state(sender: u8, sequence: u64) -> Word {
 }
 
 fn mission(sender: u8, sequence: u64) -> Word {
-    Word::Mission(message::Mission {
-        header: header(sender, sequence),
-        plan: 1,
-        membership: Membership::Active,
-        step: 0,
-        vouched: 0,
-        reached: None,
-        progress_m: 0.0,
-        order: None,
-        echo: None,
-    })
+    Word::Mission(heartbeat(header(sender, sequence)))
 }
 
 fn order(epoch: u64) -> Word {

@@ -1,11 +1,9 @@
 use proptest::prelude::*;
 use skein_common::frame::{Attitude, BodyRates, Geodetic, PositionNed, VelocityNed};
-use skein_common::id::{Incarnation, VehicleId};
-use skein_common::message::Header;
 use skein_common::scenario::{Source, load};
-use skein_common::time::SenderStamp;
 
 use super::*;
+use crate::testing::{header, heartbeat, id};
 
 const LAND: Order = Order { epoch: 2, issuer: 1, verb: Verb::Land, seal: None };
 const HOLD: Order = Order { epoch: 1, issuer: 1, verb: Verb::Hold, seal: None };
@@ -24,10 +22,6 @@ fn estimate(altitude_m: f64, down_m_s: f64) -> Estimate {
         rates: BodyRates::default(),
         rotor_speed_rad_s: None,
     }
-}
-
-fn id(number: u8) -> VehicleId {
-    VehicleId::new(number).unwrap()
 }
 
 fn scenario(steps: &str, more: &str) -> Scenario {
@@ -85,10 +79,8 @@ impl One {
 
     fn register(&mut self, sender: u8, step: u32, reached: Option<u32>, progress_m: f64) -> message::Mission {
         self.said += 1;
-        let header =
-            Header { sender: id(sender), incarnation: Incarnation(1), sequence: self.said, stamp: SenderStamp::ZERO };
-        let (plan, membership) = (self.mission.plan(), Membership::Active);
-        message::Mission { header, plan, membership, step, vouched: step, reached, progress_m, order: None, echo: None }
+        let plan = self.mission.plan();
+        message::Mission { plan, step, vouched: step, reached, progress_m, ..heartbeat(header(sender, self.said)) }
     }
 
     fn told(&mut self) -> Vec<Happening> {
@@ -525,15 +517,13 @@ fn nobody_takes_part_before_the_rotor_is_at_speed() {
 /// What a mission's vehicle sends.
 fn heartbeat_of(mission: &Mission, number: u8, sequence: u64) -> message::Mission {
     message::Mission {
-        header: Header { sender: id(number), incarnation: Incarnation(1), sequence, stamp: SenderStamp::ZERO },
         plan: mission.plan(),
         membership: mission.membership(),
         step: mission.at(),
         vouched: mission.vouched(),
         reached: mission.reached(),
         progress_m: mission.progress_m(),
-        order: None,
-        echo: None,
+        ..heartbeat(header(number, sequence))
     }
 }
 

@@ -3,22 +3,18 @@ use skein_common::frame::Geodetic;
 use skein_common::message::{Order, Verb};
 use skein_common::scenario::{Source, load};
 use skein_common::state::VehicleState;
-use skein_common::time::SenderStamp;
 
 use super::*;
+use crate::testing::{self, heartbeat, id};
 
 mod ages;
-
-fn id(number: u8) -> VehicleId {
-    VehicleId::new(number).unwrap()
-}
 
 fn origin() -> Origin {
     Origin::new(Geodetic::from_degrees(28.0, -82.0, 0.0))
 }
 
 fn header(sender: u8, incarnation: u64, sequence: u64) -> Header {
-    Header { sender: id(sender), incarnation: Incarnation(incarnation), sequence, stamp: SenderStamp::ZERO }
+    Header { incarnation: Incarnation(incarnation), ..testing::header(sender, sequence) }
 }
 
 fn seconds(seconds: f64) -> LocalTime {
@@ -38,7 +34,7 @@ fn mission(sender: u8, incarnation: u64, sequence: u64, membership: Membership) 
 }
 
 fn register(header: Header, plan: u64, membership: Membership) -> Mission {
-    Mission { header, plan, membership, step: 0, vouched: 0, reached: None, progress_m: 0.0, order: None, echo: None }
+    Mission { plan, membership, ..heartbeat(header) }
 }
 
 /// The network with these keys.

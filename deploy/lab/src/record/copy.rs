@@ -10,9 +10,10 @@ use std::path::Path;
 use mcap::records::{AttachmentHeader, MessageHeader, Metadata};
 use mcap::{Attachment, Channel};
 
-use super::RecordError;
 use super::draft::Draft;
+use super::scan::Found;
 use super::writer::options;
+use super::{RecordError, format};
 
 /// A new MCAP file that is written piece by piece and appears under its name when it is complete.
 pub(super) struct Copy {
@@ -78,6 +79,15 @@ impl Copy {
             self.metadata.push(metadata);
         }
         Ok(())
+    }
+
+    /// Adds a metadata record if the copied file had damaged records outside chunks, because a reader has to know.
+    pub(super) fn found(&mut self, found: &Found) -> Result<(), RecordError> {
+        if found.damaged_outside_chunks == 0 {
+            return Ok(());
+        }
+        let count = ("records".to_owned(), found.damaged_outside_chunks.to_string());
+        self.metadata(format::record(format::DAMAGED, [count].into()))
     }
 
     pub(super) fn finish(mut self) -> Result<(), RecordError> {

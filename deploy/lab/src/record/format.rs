@@ -1,7 +1,9 @@
 //! The format of recordings, for writer and reader: topics, JSON messages and metadata records.
 
 use std::borrow::Cow;
+use std::collections::BTreeMap;
 
+use mcap::records::Metadata;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use skein_common::id::{Incarnation, VehicleId};
@@ -20,8 +22,12 @@ pub(super) const BEGINS: &str = "skein.window_begins";
 pub(super) const ENDS: &str = "skein.window_ends";
 /// Name of the metadata record with the counts of what could not be recorded.
 pub(super) const RECORDER: &str = "skein.recorder";
+/// Name of the metadata record in a repaired or merged recording that lacks damaged records from outside chunks.
+pub(super) const DAMAGED: &str = "skein.damaged";
 /// Key of the log time in the records of the window.
 pub(super) const LOG_TIME: &str = "log_time_ns";
+/// Key of the checksum in each metadata record.
+pub(super) const CHECKSUM: &str = "skein.checksum";
 /// Name of the attachment with the complete scenario.
 pub(super) const SCENARIO: &str = "scenario.toml";
 
@@ -31,6 +37,28 @@ pub(super) const TRANSFORMS: &str = "/tf";
 pub(super) const VEHICLES: &str = "/scene/vehicles";
 pub(super) const FORMATION: &str = "/scene/formation";
 pub(super) const LOG: &str = "/log";
+
+/// Makes a metadata record with its checksum.
+pub(super) fn record(name: &str, mut metadata: BTreeMap<String, String>) -> Metadata {
+    metadata.insert(CHECKSUM.to_owned(), checksum(name, &metadata));
+    Metadata { name: name.to_owned(), metadata }
+}
+
+/// Whether the checksum of a record is right; `None` if it has none.
+pub(super) fn is_intact(record: &Metadata) -> Option<bool> {
+    let stated = record.metadata.get(CHECKSUM)?;
+    Some(*stated == checksum(&record.name, &record.metadata))
+}
+
+/// FNV-1a over the name and all entries except the checksum, each with its length.
+fn checksum(name: &str, entries: &BTreeMap<String, String>) -> String {
+    let entries = entries.iter().filter(|(key, _)| *key != CHECKSUM);
+    let texts = [name].into_iter().chain(entries.flat_map(|(key, value)| [key.as_str(), value.as_str()]));
+    let bytes = texts.flat_map(|text| (text.len() as u64).to_le_bytes().into_iter().chain(text.bytes()));
+    let hash =
+        bytes.fold(0xcbf2_9ce4_8422_2325_u64, |hash, byte| (hash ^ u64::from(byte)).wrapping_mul(0x100_0000_01b3));
+    format!("{hash:016x}")
+}
 
 pub(super) fn trace_topic(id: VehicleId) -> String {
     format!("/vehicle/{id}/trace")

@@ -32,14 +32,16 @@ pub fn merge(files: &[PathBuf], to: &Path) -> Result<u64, RecordError> {
     let mut messages = Vec::new();
     for (file, path) in files.iter().enumerate() {
         let bytes = fs::read(path).map_err(|error| RecordError::Io { path: path.clone(), error })?;
-        scan(&bytes, |piece| match piece {
+        let found = scan(&bytes, |piece| match piece {
             Piece::Message(channel, header, data) => {
                 messages.push(FileMessage { file, channel: channel.clone(), header, data: data.to_vec() });
                 Ok(())
             }
             Piece::Attachment(header, data) => copy.attachment(header, data),
             Piece::Metadata(metadata) => copy.metadata(metadata),
-        })?;
+        })
+        .map_err(|error| error.reading(path))?;
+        copy.found(&found)?;
     }
     // A stable sort: messages of one instant stay in the order of the files.
     messages.sort_by_key(|one| one.header.log_time);

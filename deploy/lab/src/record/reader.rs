@@ -12,7 +12,7 @@ use skein_common::scenario::{Source, load};
 
 use super::RecordError;
 use super::format::{self, EventLine, FaultLine, seconds_since};
-use super::scan::{Piece, scan};
+use super::scan::{Found, Piece, scan};
 use crate::metrics::Run;
 use crate::recording::{Noted, Recording, Step, What};
 
@@ -44,8 +44,9 @@ pub(super) struct Whole {
 pub(super) fn read_all(path: &Path) -> Result<Whole, RecordError> {
     let bytes = fs::read(path).map_err(|error| RecordError::Io { path: path.to_owned(), error })?;
     let mut pieces = Pieces::default();
-    scan(&bytes, |piece| pieces.take(piece))?;
-    pieces.assemble()
+    scan(&bytes, |piece| pieces.take(piece))
+        .and_then(|found| pieces.assemble(&found))
+        .map_err(|error| error.reading(path))
 }
 
 /// Identifies an event or a fault, to drop the copies of other recorders.
@@ -65,6 +66,8 @@ struct Pieces {
     begins_ns: Option<u64>,
     ends_ns: Option<u64>,
     first_ns: Option<u64>,
+    /// Whether this file was repaired or merged from a file with damaged records outside chunks.
+    lacks_records: bool,
     steps: Vec<(u64, Trace)>,
     noted: Vec<(u64, EventId, What)>,
 }
@@ -82,6 +85,7 @@ impl Pieces {
                 let log_time_ns = || metadata.get(format::LOG_TIME)?.parse().ok();
                 match name.as_str() {
                     format::BEGINS => self.begins_ns = self.begins_ns.or_else(log_time_ns),
+                    format::DAMAGED => self.lacks_records = true,
                     format::ENDS => self.ends_ns = self.ends_ns.or_else(log_time_ns),
                     format::RUN => {
                         self.run.get_or_insert(metadata);
@@ -119,7 +123,15 @@ impl Pieces {
         Ok(())
     }
 
-    fn assemble(self) -> Result<Whole, RecordError> {
+    fn assemble(self, found: &Found) -> Result<Whole, RecordError> {
+        // A damaged record may have been the beginning or the end of the window: then steps would have wrong times, or
+        // steps from after the window would count.
+        let lacks_records = self.lacks_records || found.damaged_outside_chunks > 0;
+        for (name, log_time_ns) in [(format::BEGINS, self.begins_ns), (format::ENDS, self.ends_ns)] {
+            if log_time_ns.is_none() && lacks_records {
+                return Err(RecordError::Missing(name));
+            }
+        }
         let run = self.run.ok_or(RecordError::Missing(format::RUN))?;
         let entry = |key: &str| run.get(key).cloned().unwrap_or_default();
         if entry("format") != format::FORMAT {

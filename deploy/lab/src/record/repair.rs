@@ -41,7 +41,7 @@ pub fn repair(path: &Path) -> Result<Repaired, RecordError> {
         }
         Ok(())
     };
-    let Found { is_whole, damaged, left_over } = scan(&bytes, count)?;
+    let Found { is_whole, damaged, left_over, .. } = scan(&bytes, count).map_err(|error| error.reading(path))?;
     let to = match is_whole {
         true => None,
         false => Some(write(&bytes, path)?),
@@ -52,11 +52,12 @@ pub fn repair(path: &Path) -> Result<Repaired, RecordError> {
 fn write(bytes: &[u8], path: &Path) -> Result<PathBuf, RecordError> {
     let to = path.with_extension("repaired.mcap");
     let mut copy = Copy::new(&to)?;
-    scan(bytes, |piece| match piece {
+    let found = scan(bytes, |piece| match piece {
         Piece::Message(channel, header, data) => copy.message(0, channel, header, data),
         Piece::Attachment(header, data) => copy.attachment(header, data),
         Piece::Metadata(metadata) => copy.metadata(metadata),
     })?;
+    copy.found(&found)?;
     copy.finish()?;
     Ok(to)
 }

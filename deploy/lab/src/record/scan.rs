@@ -1,7 +1,8 @@
 //! Reads the intact parts of an MCAP file, in the order in which they were written.
 //!
-//! The file may be cut off anywhere, or damaged. A chunk with a wrong checksum is skipped, and reading continues behind
-//! it. A record whose length leads beyond the end of the file ends the reading.
+//! The file may be cut off anywhere, or damaged. A chunk, an attachment or a metadata record with a wrong checksum is
+//! skipped, and reading continues behind it. Messages outside chunks are skipped too, because nothing shows that they
+//! are intact. A record whose length leads beyond the end of the file ends the reading.
 
 use std::sync::Arc;
 
@@ -10,12 +11,16 @@ use mcap::records::{AttachmentHeader, MessageHeader, Metadata, Record, op};
 use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
 use mcap::{Channel, MAGIC, parse_record};
 
-use super::RecordError;
+use super::{RecordError, format};
 
 /// Size of the largest plausible chunk, bytes: a damaged length must not allocate all memory.
 const LARGEST_CHUNK: usize = 1 << 28;
 /// Size of the prefix of a record, bytes: its kind and its length.
 const PREFIX: usize = 9;
+/// Size of the record behind the last chunk, bytes.
+const DATA_END: usize = 4;
+/// Offset of a chunk's uncompressed size, which its checksum follows, bytes.
+const CHUNK_SIZE: usize = 16;
 
 /// One intact part of a file.
 pub(super) enum Piece<'a> {
@@ -34,6 +39,8 @@ pub(super) struct Found {
     pub(super) is_whole: bool,
     /// Number of damaged chunks and records, which were skipped.
     pub(super) damaged: usize,
+    /// Number of them that were outside chunks: each may have been any record, also one about the whole file.
+    pub(super) damaged_outside_chunks: usize,
     /// Number of bytes of an incomplete record at the end.
     pub(super) left_over: usize,
 }
@@ -48,17 +55,22 @@ pub(super) fn scan(
 ) -> Result<Found, RecordError> {
     let mut rest = bytes.strip_prefix(MAGIC).ok_or(RecordError::NoMcap)?;
     let mut channels = ChannelAccumulator::default();
-    let mut found = Found::default();
+    let (mut found, mut have_checksums) = (Found::default(), false);
     while let Some((kind, content, behind)) = split_record(rest) {
         let taken = match kind {
-            op::DATA_END => {
+            op::DATA_END if content.len() == DATA_END => {
                 let ends_well = behind.ends_with(MAGIC);
                 return Ok(Found { is_whole: ends_well && found.damaged == 0, ..found });
             }
-            op::CHUNK => read_chunk(&rest[..PREFIX + content.len()], &mut channels, &mut take)?,
+            op::CHUNK => {
+                has_checksum(content) && read_chunk(&rest[..PREFIX + content.len()], &mut channels, &mut take)?
+            }
+            op::METADATA => read_metadata(content, &mut have_checksums, &mut take)?,
+            op::MESSAGE => false,
             _ => read_record(kind, content, &mut channels, &mut take)?,
         };
         found.damaged += usize::from(!taken);
+        found.damaged_outside_chunks += usize::from(!taken && kind != op::CHUNK);
         rest = behind;
     }
     Ok(Found { left_over: rest.len(), ..found })
@@ -70,6 +82,31 @@ fn split_record(bytes: &[u8]) -> Option<(u8, &[u8], &[u8])> {
     let length = u64::from_le_bytes(prefix[1..].try_into().ok()?);
     let (content, behind) = rest.split_at_checked(usize::try_from(length).ok()?)?;
     Some((prefix[0], content, behind))
+}
+
+/// Whether a chunk has a checksum. An empty chunk needs none.
+fn has_checksum(chunk: &[u8]) -> bool {
+    let number =
+        |range: std::ops::Range<usize>| chunk.get(range).is_some_and(|bytes| bytes.iter().any(|byte| *byte != 0));
+    let is_empty = !number(CHUNK_SIZE..CHUNK_SIZE + 8);
+    is_empty || number(CHUNK_SIZE + 8..CHUNK_SIZE + 12)
+}
+
+/// Hands a metadata record to `take`. Returns false if the record is damaged: its checksum is wrong, or it has none and
+/// a record before it has one.
+fn read_metadata(
+    content: &[u8],
+    have_checksums: &mut bool,
+    take: &mut impl FnMut(Piece<'_>) -> Result<(), RecordError>,
+) -> Result<bool, RecordError> {
+    let Ok(Record::Metadata(metadata)) = parse_record(op::METADATA, content) else { return Ok(false) };
+    let is_intact = format::is_intact(&metadata);
+    *have_checksums |= is_intact.is_some();
+    if !is_intact.unwrap_or(!*have_checksums) {
+        return Ok(false);
+    }
+    take(Piece::Metadata(metadata))?;
+    Ok(true)
 }
 
 /// Hands the contents of a chunk to `take`. Returns false if the chunk is damaged.
@@ -101,7 +138,7 @@ fn read_chunk(
     Ok(is_good)
 }
 
-/// Hands one record outside a chunk's envelope to `take`. Returns false if the record is damaged.
+/// Hands a record that is neither a chunk nor metadata to `take`. Returns false if the record is damaged or unknown.
 fn read_record(
     kind: u8,
     content: &[u8],
@@ -116,8 +153,9 @@ fn read_record(
             Some(channel) => take(Piece::Message(&channel, header, &data))?,
             None => return Ok(false),
         },
+        Record::Attachment { crc: 0, .. } => return Ok(false),
         Record::Attachment { header, data, .. } => take(Piece::Attachment(header, &data))?,
-        Record::Metadata(metadata) => take(Piece::Metadata(metadata))?,
+        Record::Unknown { .. } => return Ok(false),
         _ => {}
     }
     Ok(true)

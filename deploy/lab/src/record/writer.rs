@@ -6,7 +6,7 @@ use std::io::{Seek, Write};
 
 use foxglove::Encode;
 use foxglove::messages::{FrameTransforms, LocationFix, Log, SceneUpdate};
-use mcap::records::{MessageHeader, Metadata};
+use mcap::records::MessageHeader;
 use mcap::{Attachment, Compression, WriteOptions};
 use serde::Serialize;
 use serde_json::Value;
@@ -84,7 +84,7 @@ impl<W: Write + Seek> Writer<W> {
     /// The recording cannot be written.
     pub fn new(to: W, about: &About<'_>, zero_ns: u64) -> Result<Self, RecordError> {
         let mut mcap = options().create(to)?;
-        mcap.write_metadata(&Metadata { name: format::RUN.to_owned(), metadata: run_record(about) })?;
+        mcap.write_metadata(&format::record(format::RUN, run_record(about)))?;
         mcap.attach(&Attachment {
             log_time: zero_ns,
             create_time: zero_ns,
@@ -249,7 +249,7 @@ impl<W: Write + Seek> Writer<W> {
 
     fn write_metadata_record(&mut self, name: &str, values: &[(&str, u64)]) {
         let metadata = values.iter().map(|(key, value)| ((*key).to_owned(), value.to_string())).collect();
-        self.attempt(|mcap| mcap.write_metadata(&Metadata { name: name.to_owned(), metadata }));
+        self.attempt(|mcap| mcap.write_metadata(&format::record(name, metadata)));
     }
 
     fn attempt(&mut self, write: impl FnOnce(&mut mcap::Writer<W>) -> mcap::McapResult<()>) {

@@ -4,10 +4,7 @@ use skein_common::id::VehicleSet;
 use skein_common::scenario::{Source, load};
 
 use super::*;
-
-fn id(number: u8) -> VehicleId {
-    VehicleId::new(number).unwrap()
-}
+use crate::testing::id;
 
 /// The dealings of vehicle 2 with a law, frame by frame.
 struct Dealings {

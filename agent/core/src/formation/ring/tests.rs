@@ -4,10 +4,7 @@ use skein_common::frame::VelocityNed;
 use skein_common::math;
 
 use super::*;
-
-fn id(number: u8) -> VehicleId {
-    VehicleId::new(number).unwrap()
-}
+use crate::testing::id;
 
 /// Table 1 of the paper.
 fn table_1() -> Ring {

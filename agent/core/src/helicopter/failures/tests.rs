@@ -6,6 +6,7 @@ use crate::helicopter::tests::xcell60;
 use crate::helicopter::{Air, BuiltInVehicle, Helicopter, Start, TICK_S, Weather};
 use crate::plant::{Frame, Sticks};
 use crate::random::{self, Purpose, uniform};
+use crate::testing::id;
 
 const HOVER: Sticks = Sticks { roll: 0.0185, pitch: 0.0, yaw: 0.0, collective: 0.6 };
 const CLIMB: Sticks = Sticks { collective: 0.7, ..HOVER };
@@ -14,10 +15,6 @@ const SOUND: Failures = Failures { engine_out: false, gyro_off: false, stuck: [f
 const ENGINE_OUT: Failures = Failures { engine_out: true, ..SOUND };
 const GYRO_OFF: Failures = Failures { gyro_off: true, ..SOUND };
 const POSITION_FROZEN: Failures = Failures { position_frozen: true, ..SOUND };
-
-fn id(number: u8) -> VehicleId {
-    VehicleId::new(number).unwrap()
-}
 
 /// Climbing, some metres up.
 fn in_the_air() -> BuiltInVehicle {

@@ -5,13 +5,10 @@ use proptest::sample::select;
 use skein_common::id::{VehicleId, VehicleSet};
 
 use super::*;
+use crate::testing::id;
 
 const ROSTER: u8 = 4;
 const LAST_STEP: u32 = 3;
-
-fn id(number: u8) -> VehicleId {
-    VehicleId::new(number).unwrap()
-}
 
 fn set(numbers: &[u8]) -> VehicleSet {
     numbers.iter().map(|&number| id(number)).collect()

@@ -158,8 +158,39 @@ fn every_vehicle_and_run_has_a_seed_of_its_own() {
 
 proptest! {
     #[test]
-    fn any_line_is_read_or_refused(line in proptest::collection::vec(any::<u8>(), 0..300)) {
-        let _ = read(&line);
+    fn bytes_that_are_no_json_are_refused_and_quoted_on_one_line_that_does_nothing_to_a_terminal(
+        line in proptest::collection::vec(any::<u8>(), 0..300),
+    ) {
+        prop_assume!(!serde_json::from_slice(&line).is_ok_and(|value: Value| value.is_object()));
+        let fault = read(&line).unwrap_err();
+        prop_assert!(matches!(fault, Fault::NotJson(..)), "{fault:?}");
+        let text = fault.to_string();
+        prop_assert!(!text.chars().any(char::is_control), "{text:?}");
+        prop_assert!(text.chars().count() < 200 + 10 * EXCERPT);
+    }
+
+    #[test]
+    fn a_line_with_other_bytes_in_it_is_refused_or_says_what_it_says(
+        at in any::<proptest::sample::Index>(),
+        byte in any::<u8>(),
+    ) {
+        let mut line = br#"{"say":"answer","vehicle":3,"tick":17,"field_ne":[0.5,-2],"heading_rad":1.25}"#.to_vec();
+        *at.get_mut(&mut line) = byte;
+        let value = serde_json::from_slice::<Value>(&line);
+        match read(&line) {
+            Ok(Heard::Answer(answer)) => {
+                let value = value.unwrap();
+                prop_assert_eq!(value["vehicle"].as_f64(), Some(answer.vehicle.get().into()));
+                prop_assert_eq!(value["tick"].as_f64(), Some(answer.tick as f64));
+                let Wanted::FieldNe(field) = answer.wanted else { panic!("{answer:?}") };
+                prop_assert_eq!(&value["field_ne"], &serde_json::json!([value["field_ne"][0], value["field_ne"][1]]));
+                prop_assert_eq!(value["field_ne"][0].as_f64(), Some(field.x));
+                prop_assert_eq!(value["field_ne"][1].as_f64(), Some(field.y));
+                prop_assert_eq!(value["heading_rad"].as_f64(), answer.heading_rad);
+            }
+            Ok(Heard::Ready) => panic!("ready"),
+            Err(fault) => prop_assert_eq!(matches!(fault, Fault::NotJson(..)), value.is_err(), "{}", fault),
+        }
     }
 
     #[test]

@@ -101,17 +101,44 @@ fn what_is_no_answer_is_named() {
     }
 }
 
+/// A number as an answer has it at this place, or any other.
+fn at_place(good: f64) -> impl Strategy<Value = f64> {
+    prop_oneof![8 => Just(good), 1 => any::<f64>(), 1 => -3.0..300.0_f64, 1 => (-3..300_i32).prop_map(f64::from)]
+}
+
 proptest! {
     #[test]
-    fn any_datagram_is_read_or_refused(datagram in proptest::collection::vec(any::<u8>(), 0..200)) {
-        let _ = read(&datagram);
+    fn a_datagram_of_another_length_is_refused_with_its_length(datagram in proptest::collection::vec(any::<u8>(), 0..200)) {
+        prop_assume!(datagram.len() != 8 * ANSWER);
+        prop_assert_eq!(read(&datagram), Err(Fault::Length(datagram.len(), 8 * ANSWER)));
     }
 
     #[test]
-    fn any_numbers_are_read_or_refused(values in proptest::array::uniform9(any::<f64>())) {
-        if let Ok(answer) = read(&datagram(&values)) {
-            let Wanted::VelocityNed(wanted) = answer.wanted else { return Ok(()) };
-            prop_assert!(wanted.iter().all(|number| is_sane(*number)));
+    fn numbers_are_an_answer_exactly_when_each_is_one_that_its_place_can_hold(
+        mut values in [1.0, 3.0, 417.0, 1.0, 0.4, -1.2, 0.1, 1.5, 1.0].map(at_place),
+        is_field in any::<bool>(),
+    ) {
+        if is_field && values[3] == 1.0 {
+            values[3] = 2.0;
+        }
+        let [protocol, vehicle, tick, kind, x, y, z, heading_rad, is_meant] = values;
+        let is_whole = |number: f64, most: f64| number.fract() == 0.0 && (0.0..most).contains(&number);
+        let is_answer = values.iter().all(|number| number.abs() <= 1e9)
+            && protocol == 1.0
+            && is_whole(vehicle, 251.0)
+            && vehicle > 0.0
+            && is_whole(tick, 9e15)
+            && [1.0, 2.0].contains(&kind);
+        let read = read(&datagram(&values));
+        prop_assert_eq!(read.is_ok(), is_answer, "{:?}", read);
+        if let Ok(answer) = read {
+            prop_assert_eq!((f64::from(answer.vehicle.get()), answer.tick as f64), (vehicle, tick));
+            prop_assert_eq!(answer.heading_rad, (is_meant == 1.0).then_some(heading_rad));
+            let wanted = match kind {
+                1.0 => Wanted::VelocityNed(Vector3::new(x, y, z)),
+                _ => Wanted::FieldNe(Vector2::new(x, y)),
+            };
+            prop_assert_eq!(answer.wanted, wanted);
         }
     }
 }

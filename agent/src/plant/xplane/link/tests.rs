@@ -493,7 +493,8 @@ mod live {
                 }
             });
             for _ in 0..50 {
-                next_frame(&mut link);
+                let height_m = next_frame(&mut link).measurement.height_m;
+                assert!((height_m - 0.242).abs() < 0.01, "it stands where it stood: {height_m}");
             }
             stop.store(true, Relaxed);
         });

@@ -410,7 +410,7 @@ fn a_subscriber_silent_for_long_still_hears_but_no_longer_keeps_the_server_in_us
 
 proptest! {
     #[test]
-    fn no_datagram_upsets_it(
+    fn malformed_datagrams_are_counted_one_by_one_and_the_stick_stays_within_its_travel(
         tag in prop::sample::select(vec![&b"RPOS\0"[..], b"RREF\0", b"DREF\0", b"PREL\0", b"BECN\0", b""]),
         bodies in prop::collection::vec(prop::collection::vec(any::<u8>(), 0..520), 1..20),
         path in prop::sample::select(vec![JOYSTICK, ROLL, PITCH, COLLECTIVE, COLLECTIVE_ALL]),
@@ -419,8 +419,19 @@ proptest! {
         let mut bench = Bench::new();
         let mut write = Vec::new();
         Write { value, path }.encode(&mut write).unwrap();
+        let mut malformed = 0;
         for datagram in bodies.iter().map(|body| [tag, body].concat()).chain([write]) {
-            let _ = bench.server.handle(&datagram, client(1));
+            let placed = bench.server.handle(&datagram, client(1));
+            let error = match datagram.first_chunk::<4>() {
+                Some(&rpos::TAG) => rpos::Request::decode(&datagram).err(),
+                Some(&rref::TAG) => rref::Request::decode(&datagram).err(),
+                Some(&dref::TAG) => Write::decode(&datagram).err(),
+                Some(&prel::TAG) => Placement::decode(&datagram).err(),
+                _ => None,
+            };
+            malformed += u64::from(error.is_some());
+            prop_assert_eq!(bench.server.malformed(), malformed);
+            prop_assert_eq!(placed, Placement::decode(&datagram).ok().filter(|placement| placement.aircraft == 0));
             if let Some(sticks) = bench.frame() {
                 prop_assert!(sticks.is_within_limits());
             }

@@ -284,12 +284,31 @@ mod refused {
     }
 }
 
-/// Bytes that begin like a message, or like nothing.
+/// Bytes that begin like a message, or like nothing: noise, numbers that can be, or text with whatever pads it.
 fn any_datagram() -> impl Strategy<Value = Vec<u8>> {
     let tag = prop::sample::select(vec![&b"BECN\0"[..], b"RPOS\0", b"RREF,", b"DREF0", b"PREL\0", b""]);
     let length = prop_oneof![0..600_usize, Just(64_usize), Just(408), Just(504), Just(1464), 1400..2000_usize];
-    let body = length.prop_flat_map(|length| prop::collection::vec(any::<u8>(), length));
-    (tag, body).prop_map(|(tag, body)| [tag, &body].concat())
+    let noise = length.prop_flat_map(|length| prop::collection::vec(any::<u8>(), length));
+    let text = (
+        prop::collection::vec(any::<u8>(), 0..17),
+        "[ -~]{0,40}\0",
+        any::<u8>(),
+        prop_oneof![0..9_usize, Just(408), Just(504)],
+    );
+    let text = text.prop_map(|(head, text, padding, length)| {
+        let mut body = [&head, text.as_bytes()].concat();
+        body.resize(length.max(body.len()), padding);
+        body
+    });
+    let digits = "[0-9]{1,11}\0?".prop_map(String::into_bytes);
+    let beacon = prop::collection::vec(any::<u8>(), 14..40).prop_map(|rest| [&[1], &rest[..]].concat());
+    let placement =
+        (6..8_i32, 0..21_i32, prop::collection::vec(-200.0..200.0_f64, 5)).prop_map(|(start, aircraft, rest)| {
+            let numbers = rest.into_iter().flat_map(f64::to_le_bytes);
+            [start.to_le_bytes(), aircraft.to_le_bytes()].concat().into_iter().chain([7; 16]).chain(numbers).collect()
+        });
+    (tag, prop_oneof![2 => noise, 2 => text, 1 => digits, 1 => beacon, 1 => placement])
+        .prop_map(|(tag, body)| [tag, &body].concat())
 }
 
 fn any_f32() -> impl Strategy<Value = f32> {
@@ -312,18 +331,68 @@ prop_compose! {
 
 proptest! {
     #[test]
-    fn no_bytes_upset_a_decoder(datagram in any_datagram()) {
+    fn what_any_bytes_decode_to_is_written_with_these_bytes_and_no_other_messages(datagram in any_datagram()) {
+        // What a decoder ignores: the fifth byte, what pads a text after its NUL, and what names a placement's airport.
+        let agrees = |again: &[u8], ignored: std::ops::Range<usize>| {
+            let ignored = |at: usize| at == 4 || ignored.contains(&at);
+            again.iter().zip(&datagram).enumerate().all(|(at, (again, byte))| ignored(at) || again == byte)
+        };
+        let padding = |start: usize, text: &str| start + text.len()..usize::MAX;
+        let mut messages = Vec::new();
         if let Ok(position) = Position::decode(&datagram) {
-            prop_assert!(position.latitude_deg.abs() <= 90.0 && position.yaw_rate_rad_s.is_finite());
+            let again = encoded(|out| position.encode(out));
+            prop_assert!(again.len() == datagram.len() && agrees(&again, 0..0));
+            prop_assert!(position.latitude_deg.abs() <= 90.0 && position.longitude_deg.abs() <= 180.0);
+            messages.push(rpos::TAG);
         }
         if let Ok(write) = Write::decode(&datagram) {
-            prop_assert!(write.value.is_finite() && write.path.is_ascii());
+            let mut again = Vec::new();
+            match write.encode(&mut again) {
+                Ok(()) => prop_assert!(again.len() == dref::SIZE && agrees(&again, padding(9, write.path)), "{write:?}"),
+                // A path that fills its field is read, but always written with a NUL.
+                Err(error) => prop_assert_eq!((error, write.path.len()), (WireError::TooLong, dref::SIZE - 9)),
+            }
+            prop_assert!(write.value.is_finite());
+            messages.push(dref::TAG);
         }
         if let Ok(values) = rref::decode_values(&datagram) {
-            prop_assert!(values.len() <= rref::MAX_VALUES);
+            let values: Vec<_> = values.collect();
+            let again = encoded(|out| rref::encode_values(&values, out).unwrap());
+            prop_assert!(again.len() == datagram.len() && agrees(&again, 0..0));
+            messages.push(rref::TAG);
         }
-        let _ = (Beacon::decode(&datagram), rpos::Request::decode(&datagram));
-        let _ = (rref::Request::decode(&datagram), Placement::decode(&datagram));
+        if let Ok(request) = rref::Request::decode(&datagram) {
+            let (mut again, size) = (Vec::new(), rref::REQUEST_SIZE);
+            match request.encode(&mut again) {
+                Ok(()) => prop_assert!(again.len() == size && agrees(&again, padding(13, request.path)), "{request:?}"),
+                Err(error) => prop_assert_eq!((error, request.path.len()), (WireError::TooLong, size - 13)),
+            }
+            messages.push(rref::TAG);
+        }
+        if let Ok(request) = rpos::Request::decode(&datagram) {
+            let again = encoded(|out| request.encode(out));
+            let digits = datagram[5..].split(|byte| *byte == 0).next().unwrap();
+            let value = digits.iter().fold(0, |value, digit| 10 * value + u64::from(digit - b'0'));
+            prop_assert_eq!(value, u64::from(request.rate_hz), "{:?}", digits);
+            prop_assert_eq!(rpos::Request::decode(&again), Ok(request));
+            messages.push(rpos::TAG);
+        }
+        if let Ok(beacon) = Beacon::decode(&datagram) {
+            // What stands for bytes that are no text is longer than they are.
+            if beacon.name.len() < 500 {
+                let again = encoded(|out| beacon.encode(out).unwrap());
+                prop_assert!(agrees(&again, 21..usize::MAX) && beacon.port > 0, "{beacon:?}");
+                prop_assert_eq!(Beacon::decode(&again).map(|again| again.name), Ok(beacon.name));
+            }
+            messages.push(becn::TAG);
+        }
+        if let Ok(placement) = Placement::decode(&datagram) {
+            let again = encoded(|out| placement.encode(out));
+            prop_assert!(again.len() == datagram.len() && agrees(&again, 13..29), "{placement:?}");
+            prop_assert!(placement.aircraft < 20 && placement.latitude_deg.abs() <= 90.0);
+            messages.push(prel::TAG);
+        }
+        prop_assert!(messages.iter().all(|tag| datagram.starts_with(tag)), "{messages:?}");
     }
 
     #[test]
