@@ -81,7 +81,7 @@ impl Copy {
         Ok(())
     }
 
-    /// Notes what was found in a file that was copied: where records are missing, a reader has to know.
+    /// Adds a metadata record if the copied file had damaged records outside chunks, because a reader has to know.
     pub(super) fn found(&mut self, found: &Found) -> Result<(), RecordError> {
         if found.damaged_outside_chunks == 0 {
             return Ok(());

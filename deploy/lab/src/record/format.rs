@@ -22,7 +22,7 @@ pub(super) const BEGINS: &str = "skein.window_begins";
 pub(super) const ENDS: &str = "skein.window_ends";
 /// Name of the metadata record with the counts of what could not be recorded.
 pub(super) const RECORDER: &str = "skein.recorder";
-/// Metadata record of a repaired or merged recording: records outside chunks were damaged and are not in it.
+/// Name of the metadata record in a repaired or merged recording that lacks damaged records from outside chunks.
 pub(super) const DAMAGED: &str = "skein.damaged";
 /// Key of the log time in the records of the window.
 pub(super) const LOG_TIME: &str = "log_time_ns";
@@ -38,7 +38,7 @@ pub(super) const VEHICLES: &str = "/scene/vehicles";
 pub(super) const FORMATION: &str = "/scene/formation";
 pub(super) const LOG: &str = "/log";
 
-/// A metadata record with its checksum.
+/// Makes a metadata record with its checksum.
 pub(super) fn record(name: &str, mut metadata: BTreeMap<String, String>) -> Metadata {
     metadata.insert(CHECKSUM.to_owned(), checksum(name, &metadata));
     Metadata { name: name.to_owned(), metadata }
@@ -50,7 +50,7 @@ pub(super) fn is_intact(record: &Metadata) -> Option<bool> {
     Some(*stated == checksum(&record.name, &record.metadata))
 }
 
-/// FNV-1a over the name and all entries but the checksum, each with its length.
+/// FNV-1a over the name and all entries except the checksum, each with its length.
 fn checksum(name: &str, entries: &BTreeMap<String, String>) -> String {
     let entries = entries.iter().filter(|(key, _)| *key != CHECKSUM);
     let texts = [name].into_iter().chain(entries.flat_map(|(key, value)| [key.as_str(), value.as_str()]));

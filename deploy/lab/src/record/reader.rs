@@ -66,7 +66,7 @@ struct Pieces {
     begins_ns: Option<u64>,
     ends_ns: Option<u64>,
     first_ns: Option<u64>,
-    /// Of a file that this one was repaired or merged from, records outside chunks were damaged.
+    /// Whether this file was repaired or merged from a file with damaged records outside chunks.
     lacks_records: bool,
     steps: Vec<(u64, Trace)>,
     noted: Vec<(u64, EventId, What)>,
@@ -124,7 +124,8 @@ impl Pieces {
     }
 
     fn assemble(self, found: &Found) -> Result<Whole, RecordError> {
-        // What is damaged may have been the window's beginning or end: no step would have its time, or some would be too many.
+        // A damaged record may have been the beginning or the end of the window: then steps would have wrong times, or
+        // steps from after the window would count.
         let lacks_records = self.lacks_records || found.damaged_outside_chunks > 0;
         for (name, log_time_ns) in [(format::BEGINS, self.begins_ns), (format::ENDS, self.ends_ns)] {
             if log_time_ns.is_none() && lacks_records {

@@ -17,9 +17,9 @@ use super::{RecordError, format};
 const LARGEST_CHUNK: usize = 1 << 28;
 /// Size of the prefix of a record, bytes: its kind and its length.
 const PREFIX: usize = 9;
-/// Bytes of the record behind the last chunk.
+/// Size of the record behind the last chunk, bytes.
 const DATA_END: usize = 4;
-/// Where a chunk says how long it is unpacked, and, after that, its checksum.
+/// Offset of a chunk's uncompressed size, which its checksum follows, bytes.
 const CHUNK_SIZE: usize = 16;
 
 /// One intact part of a file.
