@@ -13,17 +13,17 @@ use skein_common::id::VehicleId;
 use skein_common::scenario::{self, ControlMode, FileKind, PlantKind, Scenario, ScenarioError, Source, Written};
 
 use crate::link::Security;
-use crate::link::seal::SealKey;
+use crate::link::seal::VerificationKey;
 use crate::plant::builtin::BuiltIn;
 use crate::plant::xplane::{self, XPlane, wire};
 use crate::unix;
 pub use security::SecurityTable;
 use skein_core::aircraft::Aircraft;
 use skein_core::control::Rules;
-use skein_core::formation::{self, NotFlown};
+use skein_core::formation::{self, UnsupportedScenario};
 use skein_core::helicopter::{BuiltInVehicle, Script, TICK_S, Weather};
 use skein_core::plant::Plant;
-use skein_core::start::{TooFull, starts};
+use skein_core::start::{StartAreaTooSmall, starts};
 use skein_host::external::{self, ExternalError};
 use skein_host::files::{self, FileError};
 
@@ -91,11 +91,11 @@ pub enum ConfigError {
     Scenario(#[from] ScenarioError),
     /// The scenario uses a feature that agents do not support.
     #[error("{file}: {source}")]
-    NotFlown {
+    UnsupportedScenario {
         /// The scenario's file.
         file: String,
         /// The unsupported feature.
-        source: NotFlown,
+        source: UnsupportedScenario,
     },
     /// The vehicle is not in the scenario.
     #[error("vehicle {id} does not fly in {file}, which has vehicles 1 to {vehicles}")]
@@ -109,11 +109,11 @@ pub enum ConfigError {
     },
     /// The vehicles do not fit into the start area.
     #[error("{file}: {source}")]
-    TooFull {
+    StartAreaTooSmall {
         /// The scenario's file.
         file: String,
         /// The start area and the vehicles.
-        source: TooFull,
+        source: StartAreaTooSmall,
     },
     /// Only X-Plane can fly this aircraft.
     #[error("the aircraft {0} has no [helicopter] table, which the built-in plant needs")]
@@ -161,7 +161,7 @@ pub struct Node {
     /// How its links are secured.
     pub security: Security,
     /// Public key that verifies orders; without it orders are accepted without a signature.
-    pub orders_key: Option<SealKey>,
+    pub orders_key: Option<VerificationKey>,
     /// Run of the swarm; 0 where runs have no number.
     pub run: u64,
 }
@@ -222,7 +222,7 @@ impl AgentOptions {
         let name = path.display().to_string();
         let loaded = scenario::load(&Source { name: &name, text: &files::read(&path)? }, &self.sets)?;
         let (mut notes, mut scenario) = (loaded.notes, loaded.scenario);
-        check_live(&scenario).map_err(|source| ConfigError::NotFlown { file: name.clone(), source })?;
+        check_live(&scenario).map_err(|source| ConfigError::UnsupportedScenario { file: name.clone(), source })?;
         let vehicles = scenario.swarm.vehicles;
         let folder = path.parent().unwrap_or(Path::new(""));
         external::find(&mut scenario, folder)?;
@@ -234,7 +234,7 @@ impl AgentOptions {
         let address = self.xplane.as_ref().or(xplane.as_ref());
         let plant = match (plant.unwrap_or(scenario.swarm.plant), address) {
             (PlantKind::Builtin, None) => {
-                let start = starts(&scenario).map_err(|source| ConfigError::TooFull { file: name, source })?;
+                let start = starts(&scenario).map_err(|source| ConfigError::StartAreaTooSmall { file: name, source })?;
                 let helicopter =
                     aircraft.helicopter.as_ref().ok_or_else(|| ConfigError::NoModel(vehicle.aircraft.clone()))?;
                 let start = &start[usize::from(id.get()) - 1];
@@ -305,9 +305,9 @@ pub fn listen_for(simulator: IpAddr) -> IpAddr {
 ///
 /// # Errors
 /// The first unsupported feature, by name.
-pub fn check_live(scenario: &Scenario) -> Result<(), NotFlown> {
+pub fn check_live(scenario: &Scenario) -> Result<(), UnsupportedScenario> {
     if scenario.control.mode == ControlMode::Central {
-        return Err(NotFlown("control.mode = \"central\" is flown only in a study".to_owned()));
+        return Err(UnsupportedScenario("control.mode = \"central\" is flown only in a study".to_owned()));
     }
     formation::check(scenario)
 }

@@ -21,11 +21,11 @@ use std::time::{Duration, Instant};
 use skein_common::id::VehicleId;
 use skein_common::scenario::Scenario;
 
-use skein_core::formation::external::{Answer, Ask};
+use skein_core::formation::external::{LawReply, LawQuery};
 use skein_host::clock::now;
-use skein_host::external::protocol::{self, Fault, Heard, Hello, Said, Time};
-use skein_host::external::session::{Deaf, Talk, Word};
-use skein_host::external::{ExternalError, Way, port_of, vector};
+use skein_host::external::protocol::{self, Fault, MessageFromLaw, Hello, MessageToLaw, Time};
+use skein_host::external::session::{LawUnresponsive, LawSession, LawInput};
+use skein_host::external::{ExternalError, LawTransport, port_of, vector};
 
 /// Queue between the threads, messages. A law that floods its output makes queries get lost, but delays nothing.
 const QUEUE: usize = 256;
@@ -40,16 +40,16 @@ const RESEND_DELAY: Duration = Duration::from_secs(1);
 #[derive(Debug)]
 pub struct LiveLaw {
     events: SyncSender<Event>,
-    newest: Arc<Mutex<Option<Answer>>>,
+    newest: Arc<Mutex<Option<LawReply>>>,
     stop: Arc<AtomicBool>,
     thread: Option<JoinHandle<()>>,
 }
 
 #[derive(Debug)]
 enum Event {
-    Query(Box<Ask>, Instant),
+    Query(Box<LawQuery>, Instant),
     /// Input from the session of this number.
-    Input(u64, Instant, Word),
+    Input(u64, Instant, LawInput),
 }
 
 impl LiveLaw {
@@ -58,7 +58,7 @@ impl LiveLaw {
     /// # Errors
     /// If a program does not start, an address is not valid, or a port cannot be bound.
     pub fn start(scenario: &Scenario, own: VehicleId) -> Result<Option<Self>, ExternalError> {
-        let Some(transport) = Way::of(scenario)? else { return Ok(None) };
+        let Some(transport) = LawTransport::of(scenario)? else { return Ok(None) };
         let (events, queue) = sync_channel(QUEUE);
         let (newest, stop) = (Arc::new(Mutex::new(None)), Arc::new(AtomicBool::new(false)));
         let mut law_thread = LawThread {
@@ -87,12 +87,12 @@ impl LiveLaw {
     }
 
     /// Sends a query. Never waits: a query that does not fit into the queue gets no reply.
-    pub fn ask(&self, ask: Ask) {
+    pub fn ask(&self, ask: LawQuery) {
         let _ = self.events.try_send(Event::Query(Box::new(ask), now()));
     }
 
     /// The newest reply since the last call that came in time. Never waits.
-    pub fn answer(&self) -> Option<Answer> {
+    pub fn answer(&self) -> Option<LawReply> {
         self.newest.try_lock().ok()?.take()
     }
 }
@@ -108,8 +108,8 @@ impl Drop for LiveLaw {
 }
 
 /// Socket to which the law of this vehicle connects, if it does.
-fn listener(transport: &Way, own: VehicleId) -> Result<Option<TcpListener>, ExternalError> {
-    let Way::Listen(host, first) = transport else { return Ok(None) };
+fn listener(transport: &LawTransport, own: VehicleId) -> Result<Option<TcpListener>, ExternalError> {
+    let LawTransport::Listen(host, first) = transport else { return Ok(None) };
     let port = port_of(*first, own)?;
     let bound = TcpListener::bind((host.as_str(), port)).and_then(|listener| {
         listener.set_nonblocking(true)?;
@@ -121,13 +121,13 @@ fn listener(transport: &Way, own: VehicleId) -> Result<Option<TcpListener>, Exte
 /// State of the law's thread.
 struct LawThread {
     own: VehicleId,
-    transport: Way,
+    transport: LawTransport,
     hello: Hello,
     deadline: Duration,
     listener: Option<TcpListener>,
     events: SyncSender<Event>,
-    newest: Arc<Mutex<Option<Answer>>>,
-    session: Option<Talk>,
+    newest: Arc<Mutex<Option<LawReply>>>,
+    session: Option<LawSession>,
     /// Number of sessions so far, which is the number of the current one.
     sessions: u64,
     started: Option<Instant>,
@@ -143,7 +143,7 @@ struct LawThread {
 
 /// A query that awaits its reply.
 struct OpenQuery {
-    ask: Box<Ask>,
+    ask: Box<LawQuery>,
     asked: Instant,
     sent: Instant,
 }
@@ -174,34 +174,34 @@ impl LawThread {
     /// Starts a session if the law has connected, or if the last session has ended and the restart time has passed.
     fn connect(&mut self) -> Result<(), ExternalError> {
         let session = match (&self.transport, &self.listener) {
-            (Way::Listen(host, _), Some(listener)) => match listener.accept() {
+            (LawTransport::Listen(host, _), Some(listener)) => match listener.accept() {
                 Ok((stream, _)) => {
                     let sink = self.sink();
-                    Talk::connection(stream, sink).map_err(|error| ExternalError::Port(host.clone(), error))?
+                    LawSession::connection(stream, sink).map_err(|error| ExternalError::Port(host.clone(), error))?
                 }
                 // No new connection.
                 Err(_) => return Ok(()),
             },
             _ if self.session.is_some() => return Ok(()),
             _ if self.started.is_some_and(|started| now() < started + RESTART_DELAY) => return Ok(()),
-            (Way::Command(command), _) => {
+            (LawTransport::Command(command), _) => {
                 self.started = Some(now());
                 let own = self.own;
                 let log = move |line: &str| tracing::warn!("vehicle {own}'s law: {line}");
-                let started = Talk::process(command, true, self.sink(), log);
+                let started = LawSession::process(command, true, self.sink(), log);
                 started.map_err(|error| ExternalError::Start(command.join(" "), error))?
             }
-            (Way::Udp { ask, answer }, _) => {
+            (LawTransport::Udp { ask, answer }, _) => {
                 let (ask_port, answer_port) = (port_of(ask.1, self.own)?, port_of(answer.1, self.own)?);
                 self.started = Some(now());
-                let session = Talk::datagrams((&ask.0, ask_port), (&answer.0, answer_port), self.sink());
+                let session = LawSession::datagrams((&ask.0, ask_port), (&answer.0, answer_port), self.sink());
                 session.map_err(|error| ExternalError::Port(format!("{}:{answer_port}", answer.0), error))?
             }
-            (Way::Listen(..), None) => return Ok(()),
+            (LawTransport::Listen(..), None) => return Ok(()),
         };
         (self.sessions, self.open) = (self.sessions + 1, None);
         self.is_ready = session.uses_vectors();
-        let sent = session.send(&Said::Hello(&self.hello));
+        let sent = session.send(&MessageToLaw::Hello(&self.hello));
         self.session = Some(session);
         if sent.is_err() {
             self.end();
@@ -215,13 +215,13 @@ impl LawThread {
         move |at, word| events.send(Event::Input(number, at, word)).is_ok()
     }
 
-    fn ask(&mut self, ask: Box<Ask>, asked: Instant) {
+    fn ask(&mut self, ask: Box<LawQuery>, asked: Instant) {
         // A law that is not ready gets no query, and its replies are faults.
         self.open = None;
         let Some(session) = self.session.as_ref().filter(|_| self.is_ready) else { return };
-        let sent = session.send(&Said::Ask(&ask));
+        let sent = session.send(&MessageToLaw::LawQuery(&ask));
         self.open = Some(OpenQuery { ask, asked, sent: asked });
-        if sent == Err(Deaf) {
+        if sent == Err(LawUnresponsive) {
             self.end();
         }
     }
@@ -232,28 +232,28 @@ impl LawThread {
         if session.uses_vectors() && now() >= open.sent + RESEND_DELAY {
             open.sent = now();
             // A UDP socket never reports an unresponsive law.
-            let _ = session.send(&Said::Ask(&open.ask));
+            let _ = session.send(&MessageToLaw::LawQuery(&open.ask));
         }
     }
 
-    fn receive(&mut self, at: Instant, word: Word) {
+    fn receive(&mut self, at: Instant, word: LawInput) {
         let heard = match word {
-            Word::End => return self.end(),
-            Word::TooLong => Err(Fault::TooLong),
-            Word::Data(datagram) if self.session.as_ref().is_some_and(Talk::uses_vectors) => {
-                vector::read(&datagram).map(Heard::Answer)
+            LawInput::End => return self.end(),
+            LawInput::TooLong => Err(Fault::TooLong),
+            LawInput::Data(datagram) if self.session.as_ref().is_some_and(LawSession::uses_vectors) => {
+                vector::read(&datagram).map(MessageFromLaw::LawReply)
             }
-            Word::Data(line) => protocol::read(&line),
+            LawInput::Data(line) => protocol::read(&line),
         };
         let taken = match heard {
-            Ok(Heard::Ready) if !self.is_ready => {
+            Ok(MessageFromLaw::Ready) if !self.is_ready => {
                 self.is_ready = true;
                 tracing::info!("vehicle {}'s law is ready", self.own);
                 Ok(())
             }
-            Ok(Heard::Ready) => Err(Fault::OutOfPlace("ready".to_owned())),
-            Ok(Heard::Answer(_)) if !self.is_ready => Err(Fault::OutOfPlace("a reply before ready".to_owned())),
-            Ok(Heard::Answer(answer)) => self.take(at, answer),
+            Ok(MessageFromLaw::Ready) => Err(Fault::OutOfPlace("ready".to_owned())),
+            Ok(MessageFromLaw::LawReply(_)) if !self.is_ready => Err(Fault::OutOfPlace("a reply before ready".to_owned())),
+            Ok(MessageFromLaw::LawReply(answer)) => self.take(at, answer),
             Err(fault) => Err(fault),
         };
         if let Err(fault) = taken {
@@ -262,7 +262,7 @@ impl LawThread {
     }
 
     /// Passes a reply on, if it answers the open query in time.
-    fn take(&mut self, at: Instant, answer: Answer) -> Result<(), Fault> {
+    fn take(&mut self, at: Instant, answer: LawReply) -> Result<(), Fault> {
         if answer.vehicle != self.own {
             return Err(Fault::Vehicle(answer.vehicle.get().into()));
         }
@@ -307,13 +307,13 @@ impl LawThread {
 }
 
 /// What happens next to a law that has ended.
-struct Next<'a>(&'a Way);
+struct Next<'a>(&'a LawTransport);
 
 impl fmt::Display for Next<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self.0 {
-            Way::Command(_) => "it is started again, now and whenever it ends",
-            Way::Listen(..) | Way::Udp { .. } => "it may come back",
+            LawTransport::Command(_) => "it is started again, now and whenever it ends",
+            LawTransport::Listen(..) | LawTransport::Udp { .. } => "it may come back",
         })
     }
 }

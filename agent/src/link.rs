@@ -44,15 +44,15 @@ use inbox::Inbox;
 pub use outgoing::Messages;
 use outgoing::{Outgoing, Waiting};
 use presence::{Change, Presence, watch_tokens};
-pub use publisher::Line;
+pub use publisher::MessagePublisher;
 use queries::LastHeartbeat;
-use seal::Sealer;
-use seal::words::Voices;
+use seal::SigningKey;
+use seal::words::KeyRing;
 pub use security::Security;
 pub use sessions::Sessions;
-use skein_core::peers::{Heard, Word};
+use skein_core::peers::{Received, PeerMessage};
 use skein_host::clock::{LocalClock, now, sleep_until};
-use trust::Judge;
+use trust::Verifier;
 pub use trust::Trust;
 
 /// Environment variable that sets Zenoh's threads. Zenoh reads it once, at the start of the process.
@@ -203,7 +203,7 @@ fn configuration(
 
 /// The network link of one agent: receives the peers' messages and publishes its own.
 pub struct Link {
-    receiver: Arc<Ear>,
+    receiver: Arc<LinkReceiver>,
     outgoing: Outgoing,
     /// Whether the trace has a subscriber, for each session.
     trace_is_wanted: Vec<Arc<AtomicBool>>,
@@ -229,21 +229,21 @@ impl Link {
         let sessions = sessions.into();
         let (voices, sealer, presence) = (trust.voices.clone(), trust.sealer.clone(), sessions.presence());
         let receiver =
-            Arc::new(Ear { inbox: Inbox::new(), judge: Judge::new(own, trust), clock, presence, voices, sealer });
+            Arc::new(LinkReceiver { inbox: Inbox::new(), judge: Verifier::new(own, trust), clock, presence, voices, sealer });
         let last_heartbeat = LastHeartbeat::open(&sessions, Topic::Mission(own))?;
         watch_presence(&sessions, own, &receiver)?;
         for session in &sessions.all {
-            subscribe::<State>(session, all::STATES, &receiver, Word::State)?;
-            subscribe::<Mission>(session, all::MISSIONS, &receiver, Word::Mission)?;
-            subscribe::<Order>(session, all::ORDERS, &receiver, Word::Order)?;
+            subscribe::<State>(session, all::STATES, &receiver, PeerMessage::State)?;
+            subscribe::<Mission>(session, all::MISSIONS, &receiver, PeerMessage::Mission)?;
+            subscribe::<Order>(session, all::ORDERS, &receiver, PeerMessage::Order)?;
         }
-        let trace = Line::open(&sessions, &receiver, Topic::Trace(own), Priority::DataLow)?;
+        let trace = MessagePublisher::open(&sessions, &receiver, Topic::Trace(own), Priority::DataLow)?;
         let trace_is_wanted = trace.publishers.iter().map(watch_matching).collect::<Result<_, _>>()?;
-        let mission = Line::open(&sessions, &receiver, Topic::Mission(own), Priority::InteractiveHigh)?;
-        let event = Line::open(&sessions, &receiver, Topic::Event(own), Priority::DataHigh)?;
+        let mission = MessagePublisher::open(&sessions, &receiver, Topic::Mission(own), Priority::InteractiveHigh)?;
+        let event = MessagePublisher::open(&sessions, &receiver, Topic::Event(own), Priority::DataHigh)?;
         let (for_thread, all) = (receiver.clone(), sessions.all.clone());
         let mut publisher_thread =
-            Mouth { receiver: for_thread, sessions: all, own, state_key: None, mission, last_heartbeat, event, trace };
+            PublisherThread { receiver: for_thread, sessions: all, own, state_key: None, mission, last_heartbeat, event, trace };
         let outgoing = Outgoing::start(move |waiting| publisher_thread.send(waiting)).map_err(LinkError::Thread)?;
         let alive = Topic::Alive(own).key();
         let token = |session: &Arc<Session>| {
@@ -255,7 +255,7 @@ impl Link {
     }
 
     /// Moves all messages received since the last call to the end of `heard`: the newest of each peer and kind.
-    pub fn drain(&self, heard: &mut Vec<Heard>) {
+    pub fn drain(&self, heard: &mut Vec<Received>) {
         self.receiver.inbox.drain(heard);
     }
 
@@ -290,7 +290,7 @@ impl Link {
     /// # Errors
     /// If a session is closed.
     pub fn health(&self, utc: Utc) -> Result<HealthPublisher, LinkError> {
-        let publisher = Line::open(&self.sessions, &self.receiver, Topic::Health(self.own), Priority::DataHigh)?;
+        let publisher = MessagePublisher::open(&self.sessions, &self.receiver, Topic::Health(self.own), Priority::DataHigh)?;
         let clocks = Clocks::open(&self.sessions, &self.receiver, self.own, utc)?;
         Ok(HealthPublisher { publisher, receiver: self.receiver.clone(), clocks, live: Vec::new() })
     }
@@ -316,18 +316,18 @@ impl Link {
 }
 
 /// Everything that the publisher's thread sends with.
-struct Mouth {
-    receiver: Arc<Ear>,
+struct PublisherThread {
+    receiver: Arc<LinkReceiver>,
     sessions: Vec<Arc<Session>>,
     own: VehicleId,
     state_key: Option<(Cell, String)>,
-    mission: Line<Mission>,
+    mission: MessagePublisher<Mission>,
     last_heartbeat: LastHeartbeat,
-    event: Line<Event>,
-    trace: Line<Trace>,
+    event: MessagePublisher<Event>,
+    trace: MessagePublisher<Trace>,
 }
 
-impl Mouth {
+impl PublisherThread {
     /// Sends all waiting messages. Zenoh may block it for a slow peer.
     fn send(&mut self, waiting: &mut Waiting) {
         if let Some((state, cell)) = waiting.state.take() {
@@ -363,18 +363,18 @@ impl Mouth {
 }
 
 /// Processing of received messages on Zenoh's threads, which never waits, and the encoding of the own messages.
-struct Ear {
+struct LinkReceiver {
     inbox: Inbox,
-    judge: Judge,
+    judge: Verifier,
     clock: LocalClock,
     presence: Arc<Presence>,
-    voices: Voices,
-    sealer: Option<Arc<Sealer>>,
+    voices: KeyRing,
+    sealer: Option<Arc<SigningKey>>,
 }
 
-impl Ear {
+impl LinkReceiver {
     /// Verifies a message and stores it if its sender was allowed to publish it under this key.
-    fn receive<M: Message>(&self, sample: &Sample, word: fn(M) -> Word) {
+    fn receive<M: Message>(&self, sample: &Sample, word: fn(M) -> PeerMessage) {
         let key = sample.key_expr().as_str();
         match Topic::parse(key).map(|topic| topic.author()) {
             // Replayed by another node, or delivered while the sender's link broke.
@@ -389,11 +389,11 @@ impl Ear {
     }
 
     /// Stores a message if the trust rules accept it. `run` is the run of the swarm in its signature, if it has one.
-    fn store(&self, key: &str, word: Word, run: Option<u64>) {
+    fn store(&self, key: &str, word: PeerMessage, run: Option<u64>) {
         let at = self.clock.now();
         let refused = |reason: Reason| self.inbox.refuse(reason, key, &reason);
         if let Some(word) = self.judge.accept(word, run, refused) {
-            self.inbox.store(key, Heard { word, at });
+            self.inbox.store(key, Received { word, at });
         }
     }
 
@@ -420,8 +420,8 @@ fn watch_matching(publisher: &Publisher<'static>) -> Result<Arc<AtomicBool>, Lin
 fn subscribe<M: Message + 'static>(
     session: &Session,
     key: &str,
-    receiver: &Arc<Ear>,
-    word: fn(M) -> Word,
+    receiver: &Arc<LinkReceiver>,
+    word: fn(M) -> PeerMessage,
 ) -> Result<(), LinkError> {
     let receiver = receiver.clone();
     session
@@ -434,15 +434,15 @@ fn subscribe<M: Message + 'static>(
 }
 
 /// Stores which peers appear and vanish, those already up included, and queries each new peer for its last heartbeat.
-fn watch_presence(sessions: &Sessions, own: VehicleId, receiver: &Arc<Ear>) -> Result<(), LinkError> {
+fn watch_presence(sessions: &Sessions, own: VehicleId, receiver: &Arc<LinkReceiver>) -> Result<(), LinkError> {
     // A weak reference: the receiver owns the presence that calls this.
     let weak = Arc::downgrade(receiver);
     let note = move |change| {
         let Some(receiver) = weak.upgrade() else { return };
         match change {
             // The own token is reported like any other.
-            Change::Appeared(id) if id != own => receiver.store(&Topic::Alive(id).key(), Word::Appeared(id), None),
-            Change::Vanished(id) if id != own => receiver.store(&Topic::Alive(id).key(), Word::Vanished(id), None),
+            Change::Appeared(id) if id != own => receiver.store(&Topic::Alive(id).key(), PeerMessage::Appeared(id), None),
+            Change::Vanished(id) if id != own => receiver.store(&Topic::Alive(id).key(), PeerMessage::Vanished(id), None),
             Change::Appeared(_) | Change::Vanished(_) => {}
             Change::Refused(address) => receiver.inbox.count(Reason::Link, &address),
         }
@@ -454,7 +454,7 @@ fn watch_presence(sessions: &Sessions, own: VehicleId, receiver: &Arc<Ear>) -> R
             if let (true, SampleKind::Put, Some(session)) = (id != own, kind, asking.upgrade()) {
                 let receiver = receiver.clone();
                 queries::send_query(&session, Topic::Mission(id), &[], move |sample| {
-                    receiver.receive(sample, Word::Mission)
+                    receiver.receive(sample, PeerMessage::Mission)
                 });
             }
         };

@@ -40,7 +40,7 @@ use crate::link::{
 use crate::plant::xplane;
 use crate::unix;
 use control::Control;
-use skein_core::formation::NotFlown;
+use skein_core::formation::UnsupportedScenario;
 use skein_core::station::{Clocks, Station};
 use skein_host::clock::{LocalClock, new_incarnation, next_incarnation, utc_nanoseconds};
 use skein_host::external::ExternalError;
@@ -96,7 +96,7 @@ pub enum RunError {
     Plant(#[from] xplane::LinkError),
     /// The scenario uses a feature that agents do not support.
     #[error(transparent)]
-    NotFlown(#[from] NotFlown),
+    UnsupportedScenario(#[from] UnsupportedScenario),
     /// The external law could not be started.
     #[error(transparent)]
     Law(#[from] ExternalError),

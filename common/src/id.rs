@@ -14,7 +14,7 @@ pub struct VehicleId(NonZeroU8);
 /// A number that cannot be a vehicle's id.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("vehicle ids are 1 to 250, not {0}")]
-pub struct NoSuchVehicle(pub u64);
+pub struct InvalidVehicleId(pub u64);
 
 impl VehicleId {
     /// The largest id: MAVLink reserves the higher ones for ground stations.
@@ -24,10 +24,10 @@ impl VehicleId {
     ///
     /// # Errors
     /// If the number is not 1 to 250.
-    pub fn new(number: u8) -> Result<Self, NoSuchVehicle> {
+    pub fn new(number: u8) -> Result<Self, InvalidVehicleId> {
         match NonZeroU8::new(number) {
             Some(id) if number <= Self::MAX => Ok(Self(id)),
-            _ => Err(NoSuchVehicle(number.into())),
+            _ => Err(InvalidVehicleId(number.into())),
         }
     }
 
@@ -44,8 +44,8 @@ impl VehicleId {
 }
 
 impl TryFrom<u8> for VehicleId {
-    type Error = NoSuchVehicle;
-    fn try_from(number: u8) -> Result<Self, NoSuchVehicle> {
+    type Error = InvalidVehicleId;
+    fn try_from(number: u8) -> Result<Self, InvalidVehicleId> {
         Self::new(number)
     }
 }
@@ -57,10 +57,10 @@ impl From<VehicleId> for u8 {
 }
 
 impl std::str::FromStr for VehicleId {
-    type Err = NoSuchVehicle;
-    fn from_str(text: &str) -> Result<Self, NoSuchVehicle> {
-        let number: u64 = text.parse().map_err(|_| NoSuchVehicle(0))?;
-        Self::new(u8::try_from(number).map_err(|_| NoSuchVehicle(number))?)
+    type Err = InvalidVehicleId;
+    fn from_str(text: &str) -> Result<Self, InvalidVehicleId> {
+        let number: u64 = text.parse().map_err(|_| InvalidVehicleId(0))?;
+        Self::new(u8::try_from(number).map_err(|_| InvalidVehicleId(number))?)
     }
 }
 
@@ -77,12 +77,12 @@ impl fmt::Display for VehicleId {
 pub struct VehicleSet([u64; 4]);
 
 impl TryFrom<[u64; 4]> for VehicleSet {
-    type Error = NoSuchVehicle;
-    fn try_from(blocks: [u64; 4]) -> Result<Self, NoSuchVehicle> {
+    type Error = InvalidVehicleId;
+    fn try_from(blocks: [u64; 4]) -> Result<Self, InvalidVehicleId> {
         let beyond = blocks[3] >> (VehicleId::MAX - 192);
         match beyond {
             0 => Ok(Self(blocks)),
-            _ => Err(NoSuchVehicle(u64::from(VehicleId::MAX) + u64::from(beyond.trailing_zeros()) + 1)),
+            _ => Err(InvalidVehicleId(u64::from(VehicleId::MAX) + u64::from(beyond.trailing_zeros()) + 1)),
         }
     }
 }
@@ -220,7 +220,7 @@ mod tests {
         assert!(VehicleId::new(0).is_err());
         assert!(VehicleId::new(251).is_err());
         assert_eq!("250".parse::<VehicleId>().map(VehicleId::get), Ok(250));
-        assert_eq!("300".parse::<VehicleId>(), Err(NoSuchVehicle(300)));
+        assert_eq!("300".parse::<VehicleId>(), Err(InvalidVehicleId(300)));
         assert_eq!(VehicleId::first(3).map(VehicleId::get).collect::<Vec<_>>(), [1, 2, 3]);
     }
 

@@ -20,7 +20,7 @@ use crate::topic::{Author, Topic};
 
 pub use clock::{ClockAnswer, ClockOffset};
 pub use health::{Drops, Health, PeerHealth, Reason, Refused};
-pub use order::{Order, Seal, Verb};
+pub use order::{Order, Signature, Verb};
 pub use trace::{LawNumber, PeerAge, Trace};
 
 /// Version of the messages: the first byte of every message.
@@ -152,13 +152,13 @@ pub struct Event {
     /// Sender, number and time of the message.
     pub header: Header,
     /// The kind of event.
-    pub what: Happening,
+    pub what: EventKind,
 }
 
 /// Kind of an [`Event`]. Its text is what operators read in the log and on the screen.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
-pub enum Happening {
+pub enum EventKind {
     /// The sender became an active member of the swarm.
     BecameActive,
     /// Messages of a peer arrived for the first time, or again after a loss of contact.
@@ -250,7 +250,7 @@ impl std::fmt::Display for Failure {
     }
 }
 
-impl std::fmt::Display for Happening {
+impl std::fmt::Display for EventKind {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {
             Self::BecameActive => f.write_str("active"),

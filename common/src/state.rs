@@ -80,7 +80,7 @@ impl std::fmt::Display for Activity {
 /// Status of a peer as an agent sees it, by the age of the peer's newest messages.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
-pub enum Standing {
+pub enum PeerStatus {
     /// A state of the peer arrived recently.
     Fresh,
     /// No state of the peer arrived for a while: its position is extrapolated.

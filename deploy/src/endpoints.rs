@@ -9,7 +9,7 @@ use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
 use skein_common::id::{SwarmName, VehicleId};
-use skein_host::atomic_file::{self, Promise};
+use skein_host::atomic_file::{self, Durability};
 
 use crate::os;
 use skein_lab::error::Error;
@@ -61,7 +61,7 @@ impl Endpoints {
     pub fn leave(&self, folder: &Path) -> io::Result<EndpointsFile> {
         os::private_folder(folder)?;
         let path = path(folder, &self.swarm);
-        atomic_file::write(&path, skein_lab::terminal::json(self).as_bytes(), Promise::Secret)?;
+        atomic_file::write(&path, skein_lab::terminal::json(self).as_bytes(), Durability::Secret)?;
         Ok(EndpointsFile { path })
     }
 

@@ -8,9 +8,9 @@ use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::time::Instant;
 
 use skein_agent::link::presence::{Change, Presence};
-use skein_agent::link::seal::Sealer;
+use skein_agent::link::seal::SigningKey;
 use skein_agent::link::seal::orders::{self, Checker};
-use skein_agent::link::seal::words::Voices;
+use skein_agent::link::seal::words::KeyRing;
 use skein_agent::link::{LinkError, Sessions};
 use skein_common::id::{SwarmName, VehicleId};
 use skein_common::message::{self, Event, Health, Message, Mission, Order, Reason, Trace};
@@ -29,7 +29,7 @@ const QUEUE: usize = 25_000;
 /// Whether the observer subscribes to the trace, which has one message for each control step. A vehicle computes, signs
 /// and sends its trace only while there is a subscriber.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Steps {
+pub enum TraceSubscription {
     /// Subscribe to the trace.
     On,
     /// Subscribe to everything except the trace.
@@ -38,7 +38,7 @@ pub enum Steps {
 
 /// A message from a vehicle, or a change of its presence.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Heard {
+pub enum SwarmMessage {
     /// The trace of one control step.
     Trace(Trace),
     /// The vehicle's health report.
@@ -54,8 +54,8 @@ pub enum Heard {
 }
 
 /// A received message with its run and its time of arrival.
-struct Caught {
-    heard: Heard,
+struct ReceivedMessage {
+    heard: SwarmMessage,
     /// The run that the sender signed the message for.
     run: Option<u64>,
     at: Instant,
@@ -63,7 +63,7 @@ struct Caught {
 
 /// The newest data received from one vehicle.
 #[derive(Clone, Debug, Default)]
-pub struct Seen {
+pub struct VehicleView {
     /// Whether the vehicle's agent is on the network: by its liveliness token, or by its link where links are secured.
     pub alive: bool,
     /// The run that the vehicle flies in, where messages are signed.
@@ -93,13 +93,13 @@ struct Dropped {
 /// Receives the messages of one swarm and keeps the newest of each vehicle.
 pub struct Observer {
     sessions: Sessions,
-    inbox: Receiver<Caught>,
+    inbox: Receiver<ReceivedMessage>,
     dropped: Arc<Dropped>,
-    vehicles: BTreeMap<VehicleId, Seen>,
+    vehicles: BTreeMap<VehicleId, VehicleView>,
     swarm: SwarmName,
     /// Verifies that an order was signed by an operator, where orders are signed.
     orders: Option<Checker>,
-    sealer: Option<Arc<Sealer>>,
+    sealer: Option<Arc<SigningKey>>,
     /// The run that this PC began last, if any.
     own_run: Option<u64>,
 }
@@ -129,22 +129,22 @@ impl Observer {
     ///
     /// # Errors
     /// If a key or certificate is invalid, or Zenoh refuses.
-    pub fn open(reach: &Reach, steps: Steps) -> Result<Self, ObserveError> {
+    pub fn open(reach: &Reach, steps: TraceSubscription) -> Result<Self, ObserveError> {
         let sessions = Sessions::open(&reach.swarm, &[], &reach.all(), &reach.security)?;
         let session = sessions.first();
         let (sender, inbox) = sync_channel(QUEUE);
         let dropped = Arc::new(Dropped::default());
         let voices = reach.security.voices(&reach.swarm);
-        let receiver = Ear { sender, dropped: dropped.clone(), voices, presence: sessions.presence() };
-        if steps == Steps::On {
-            receiver.subscribe(session, topic::all::TRACES, Heard::Trace)?;
+        let receiver = SwarmReceiver { sender, dropped: dropped.clone(), voices, presence: sessions.presence() };
+        if steps == TraceSubscription::On {
+            receiver.subscribe(session, topic::all::TRACES, SwarmMessage::Trace)?;
         }
-        receiver.subscribe(session, topic::all::HEALTH, Heard::Health)?;
-        receiver.subscribe(session, topic::all::MISSIONS, Heard::Mission)?;
-        receiver.subscribe(session, topic::all::EVENTS, Heard::Event)?;
+        receiver.subscribe(session, topic::all::HEALTH, SwarmMessage::Health)?;
+        receiver.subscribe(session, topic::all::MISSIONS, SwarmMessage::Mission)?;
+        receiver.subscribe(session, topic::all::EVENTS, SwarmMessage::Event)?;
         let note = move |change| match change {
-            Change::Appeared(id) => receiver.enqueue(Heard::Appeared(id), None),
-            Change::Vanished(id) => receiver.enqueue(Heard::Vanished(id), None),
+            Change::Appeared(id) => receiver.enqueue(SwarmMessage::Appeared(id), None),
+            Change::Vanished(id) => receiver.enqueue(SwarmMessage::Vanished(id), None),
             Change::Refused(_) => {}
         };
         sessions.presence().watch(&sessions, note)?;
@@ -156,12 +156,12 @@ impl Observer {
 
     /// Returns the messages received since the last call, in order of arrival, and updates [`Self::vehicles`]. Never
     /// blocks.
-    pub fn poll(&mut self) -> Vec<Heard> {
+    pub fn poll(&mut self) -> Vec<SwarmMessage> {
         self.poll_timed().into_iter().map(|(heard, _)| heard).collect()
     }
 
     /// Like [`Self::poll`], with the time of arrival of each message.
-    pub fn poll_timed(&mut self) -> Vec<(Heard, Instant)> {
+    pub fn poll_timed(&mut self) -> Vec<(SwarmMessage, Instant)> {
         let mut all = Vec::new();
         while let Ok(arrival) = self.inbox.try_recv() {
             if update(&mut self.vehicles, &arrival) {
@@ -172,7 +172,7 @@ impl Observer {
     }
 
     /// The newest data of every vehicle that has appeared or sent a message.
-    pub fn vehicles(&self) -> &BTreeMap<VehicleId, Seen> {
+    pub fn vehicles(&self) -> &BTreeMap<VehicleId, VehicleView> {
         &self.vehicles
     }
 
@@ -203,7 +203,7 @@ impl Observer {
 
     /// The order that a vehicle repeats in its heartbeat, if an operator issued it: where orders are signed, the
     /// order's signature must be valid for the run that the vehicle flies in.
-    pub fn order_of(&self, view: &Seen) -> Option<Order> {
+    pub fn order_of(&self, view: &VehicleView) -> Option<Order> {
         let is_sealed =
             |order: &Order| self.orders.as_ref().is_none_or(|orders| orders.is_sealed(view.run.unwrap_or(0), order));
         view.mission?.order.filter(is_sealed)
@@ -243,19 +243,19 @@ impl Observer {
 
 /// Runs in Zenoh's threads: decodes, verifies and queues each message. Never blocks.
 #[derive(Clone)]
-struct Ear {
-    sender: SyncSender<Caught>,
+struct SwarmReceiver {
+    sender: SyncSender<ReceivedMessage>,
     dropped: Arc<Dropped>,
-    voices: Voices,
+    voices: KeyRing,
     presence: Arc<Presence>,
 }
 
-impl Ear {
+impl SwarmReceiver {
     fn subscribe<M: Message + 'static>(
         &self,
         session: &zenoh::Session,
         keys: &'static str,
-        heard: fn(M) -> Heard,
+        heard: fn(M) -> SwarmMessage,
     ) -> zenoh::Result<()> {
         let receiver = self.clone();
         let on_sample = move |sample: Sample| {
@@ -275,8 +275,8 @@ impl Ear {
         session.declare_subscriber(keys).allowed_origin(Locality::Remote).callback(on_sample).background().wait()
     }
 
-    fn enqueue(&self, heard: Heard, run: Option<u64>) {
-        if self.sender.try_send(Caught { heard, run, at: clock::now() }).is_err() {
+    fn enqueue(&self, heard: SwarmMessage, run: Option<u64>) {
+        if self.sender.try_send(ReceivedMessage { heard, run, at: clock::now() }).is_err() {
             count(&self.dropped.overflow);
         }
     }
@@ -293,12 +293,12 @@ fn count(counter: &AtomicU64) {
 }
 
 /// Keeps the newest message of each kind and vehicle. Returns false if the message is older than the kept one.
-fn update(vehicles: &mut BTreeMap<VehicleId, Seen>, Caught { heard, run, at }: &Caught) -> bool {
+fn update(vehicles: &mut BTreeMap<VehicleId, VehicleView>, ReceivedMessage { heard, run, at }: &ReceivedMessage) -> bool {
     let newer = |header: &message::Header, known: Option<&message::Header>| {
         known.map(message::Header::order) < Some(header.order())
     };
     match heard {
-        Heard::Trace(trace) => {
+        SwarmMessage::Trace(trace) => {
             let view = vehicles.entry(trace.header.sender).or_default();
             let news = newer(&trace.header, view.trace.as_ref().map(|known| &known.header));
             if news {
@@ -307,7 +307,7 @@ fn update(vehicles: &mut BTreeMap<VehicleId, Seen>, Caught { heard, run, at }: &
             }
             news
         }
-        Heard::Health(health) => {
+        SwarmMessage::Health(health) => {
             let view = vehicles.entry(health.header.sender).or_default();
             let news = newer(&health.header, view.health.as_ref().map(|known| &known.header));
             if news {
@@ -315,7 +315,7 @@ fn update(vehicles: &mut BTreeMap<VehicleId, Seen>, Caught { heard, run, at }: &
             }
             news
         }
-        Heard::Mission(mission) => {
+        SwarmMessage::Mission(mission) => {
             let view = vehicles.entry(mission.header.sender).or_default();
             let news = newer(&mission.header, view.mission.as_ref().map(|known| &known.header));
             if news {
@@ -323,9 +323,9 @@ fn update(vehicles: &mut BTreeMap<VehicleId, Seen>, Caught { heard, run, at }: &
             }
             news
         }
-        Heard::Event(_) => true,
-        Heard::Appeared(id) | Heard::Vanished(id) => {
-            vehicles.entry(*id).or_default().alive = matches!(heard, Heard::Appeared(_));
+        SwarmMessage::Event(_) => true,
+        SwarmMessage::Appeared(id) | SwarmMessage::Vanished(id) => {
+            vehicles.entry(*id).or_default().alive = matches!(heard, SwarmMessage::Appeared(_));
             true
         }
     }
@@ -334,9 +334,9 @@ fn update(vehicles: &mut BTreeMap<VehicleId, Seen>, Caught { heard, run, at }: &
 #[cfg(test)]
 impl Observer {
     /// Processes these messages as if vehicles had sent them, each in a run and at a time.
-    pub(crate) fn inject(&mut self, heard: impl IntoIterator<Item = (Heard, Option<u64>, Instant)>) {
+    pub(crate) fn inject(&mut self, heard: impl IntoIterator<Item = (SwarmMessage, Option<u64>, Instant)>) {
         for (heard, run, at) in heard {
-            update(&mut self.vehicles, &Caught { heard, run, at });
+            update(&mut self.vehicles, &ReceivedMessage { heard, run, at });
         }
     }
 }
@@ -349,7 +349,7 @@ mod tests {
     use ring::signature::Ed25519KeyPair;
     use skein_agent::link::{Link, Security, Trust};
     use skein_common::id::Incarnation;
-    use skein_common::message::{Happening, Header, Verb};
+    use skein_common::message::{EventKind, Header, Verb};
     use skein_common::scenario::{Source, load};
     use skein_common::state::Membership;
     use skein_common::time::SenderStamp;
@@ -377,15 +377,15 @@ mod tests {
         }
     }
 
-    fn arrival(heard: Heard) -> Caught {
-        Caught { heard, run: None, at: clock::now() }
+    fn arrival(heard: SwarmMessage) -> ReceivedMessage {
+        ReceivedMessage { heard, run: None, at: clock::now() }
     }
 
     #[test]
     fn the_newest_message_of_the_newest_incarnation_is_kept() {
         let mut vehicles = BTreeMap::new();
         let mut receive = |life, sequence| {
-            let news = update(&mut vehicles, &arrival(Heard::Mission(mission(2, life, sequence))));
+            let news = update(&mut vehicles, &arrival(SwarmMessage::Mission(mission(2, life, sequence))));
             (news, vehicles[&VehicleId::new(2).unwrap()].mission.unwrap().header.sequence)
         };
         assert_eq!(receive(1, 5), (true, 5));
@@ -399,8 +399,8 @@ mod tests {
     fn a_vehicle_is_alive_from_its_appearance_to_its_disappearance() {
         let id = VehicleId::new(1).unwrap();
         let mut vehicles = BTreeMap::new();
-        let event = Event { header: mission(1, 1, 1).header, what: Happening::Landed };
-        for (heard, alive) in [(Heard::Appeared(id), true), (Heard::Event(event), true), (Heard::Vanished(id), false)] {
+        let event = Event { header: mission(1, 1, 1).header, what: EventKind::Landed };
+        for (heard, alive) in [(SwarmMessage::Appeared(id), true), (SwarmMessage::Event(event), true), (SwarmMessage::Vanished(id), false)] {
             assert!(update(&mut vehicles, &arrival(heard)));
             assert_eq!(vehicles[&id].alive, alive);
         }
@@ -417,8 +417,8 @@ mod tests {
         let trust = Trust { swarm: swarm.clone(), ..Trust::of(&scenario) };
         let link = Link::new(sessions, id, LocalClock::start(), trust).unwrap();
         let reach = Reach::plain(swarm, agents, Flown::Text(String::new()));
-        let event = Event { header: mission(1, 1, 1).header, what: Happening::Landed };
-        for (steps, wanted) in [(Steps::Off, false), (Steps::On, true)] {
+        let event = Event { header: mission(1, 1, 1).header, what: EventKind::Landed };
+        for (steps, wanted) in [(TraceSubscription::Off, false), (TraceSubscription::On, true)] {
             let mut observer = Observer::open(&reach, steps).unwrap();
             let until = clock::now() + Duration::from_secs(20);
             let mut has_event = false;
@@ -426,7 +426,7 @@ mod tests {
                 assert!(clock::now() < until, "event received: {has_event}, {steps:?}");
                 link.publish_event(&event);
                 clock::sleep(Duration::from_millis(20));
-                has_event |= observer.poll().contains(&Heard::Event(event));
+                has_event |= observer.poll().contains(&SwarmMessage::Event(event));
             }
         }
     }
@@ -437,10 +437,10 @@ mod tests {
         assert_eq!((majority(&[5, 5, 7, 7], 4), majority(&[0, 0, 0], 3), majority(&[], 0)), (None, None, None));
         let reach = Reach::plain(SwarmName::new("runs").unwrap(), BTreeMap::new(), Flown::Text(String::new()));
         let run = |own_run, named: &[(u8, u64, bool)]| {
-            let mut observer = Observer::open(&Reach { own_run, ..reach.clone() }, Steps::Off).unwrap();
+            let mut observer = Observer::open(&Reach { own_run, ..reach.clone() }, TraceSubscription::Off).unwrap();
             for (sender, run, alive) in named {
-                let there = alive.then(|| Heard::Appeared(VehicleId::new(*sender).unwrap()));
-                let heard = there.into_iter().chain([Heard::Mission(mission(*sender, 1, 1))]);
+                let there = alive.then(|| SwarmMessage::Appeared(VehicleId::new(*sender).unwrap()));
+                let heard = there.into_iter().chain([SwarmMessage::Mission(mission(*sender, 1, 1))]);
                 observer.inject(heard.map(|heard| (heard, Some(*run), clock::now())));
             }
             observer.run()
@@ -454,7 +454,7 @@ mod tests {
     #[test]
     fn a_forged_order_is_ignored() {
         let key = Ed25519KeyPair::generate_pkcs8(&SystemRandom::new()).unwrap();
-        let sealer = Arc::new(Sealer::from_pkcs8(key.as_ref()).unwrap());
+        let sealer = Arc::new(SigningKey::from_pkcs8(key.as_ref()).unwrap());
         let swarm = SwarmName::new(format!("observe-{}", std::process::id())).unwrap();
         let public = sealer.key();
         let scenario = Flown::Text(String::new());
@@ -468,12 +468,12 @@ mod tests {
             (3, 6, orders::sign(&sealer, &swarm, 6, order(50))),
         ];
         let observe = |reach: &Reach| {
-            let mut observer = Observer::open(reach, Steps::Off).unwrap();
+            let mut observer = Observer::open(reach, TraceSubscription::Off).unwrap();
             for (sender, run, order) in repeated {
                 let id = VehicleId::new(sender).unwrap();
-                update(&mut observer.vehicles, &arrival(Heard::Appeared(id)));
+                update(&mut observer.vehicles, &arrival(SwarmMessage::Appeared(id)));
                 let mission = Mission { order: Some(order), ..mission(sender, 1, 1) };
-                update(&mut observer.vehicles, &Caught { run: Some(run), ..arrival(Heard::Mission(mission)) });
+                update(&mut observer.vehicles, &ReceivedMessage { run: Some(run), ..arrival(SwarmMessage::Mission(mission)) });
             }
             observer
         };
@@ -485,7 +485,7 @@ mod tests {
         for (given, run) in given.into_iter().zip([6, 7]) {
             assert!(orders::is_sealed(&public, &swarm, run, &given));
             let mission = Some(Mission { order: Some(given), ..mission(1, 1, 2) });
-            let of_run = |run| Seen { mission, run: Some(run), ..Seen::default() };
+            let of_run = |run| VehicleView { mission, run: Some(run), ..VehicleView::default() };
             assert_eq!(observer.order_of(&of_run(run)), Some(given));
             assert_eq!(observer.order_of(&of_run(13 - run)), None, "a signature for another run");
         }

@@ -11,7 +11,7 @@ use skein_common::id::VehicleId;
 use skein_common::message::{Order, Verb};
 use skein_common::scenario::{Source, load};
 
-use crate::observe::{Observer, Seen, Steps};
+use crate::observe::{Observer, VehicleView, TraceSubscription};
 use crate::reach::{Reach, SwarmArgs};
 pub(crate) use effect::ranges;
 use effect::{Activity, Effect};
@@ -75,7 +75,7 @@ impl From<VerbArg> for Verb {
 pub fn run(args: &OrderArgs) -> Result<(), Error> {
     let reach = args.swarm.reach(Role::Operator)?;
     let verb = args.verb.into();
-    let mut observer = Observer::open(&reach, Steps::Off)?;
+    let mut observer = Observer::open(&reach, TraceSubscription::Off)?;
     wait_for_heartbeats(&mut observer, &reach);
     if speakers(&observer).next().is_none() {
         return Err(Error::Failed(format!("no vehicle of swarm {} answered", reach.swarm)));
@@ -182,7 +182,7 @@ pub fn distribute(observer: &mut Observer, order: &Order) -> Result<(Vec<Vehicle
         }
         clock::sleep(Duration::from_millis(20));
         observer.poll();
-        let has_accepted = |view: &Seen| observer.order_of(view) >= Some(*order);
+        let has_accepted = |view: &VehicleView| observer.order_of(view) >= Some(*order);
         let ids = |filter: fn(bool, bool) -> bool| {
             let vehicles = observer.vehicles().iter();
             vehicles.filter(|(_, view)| filter(has_accepted(view), view.alive)).map(|(id, _)| *id).collect::<Vec<_>>()

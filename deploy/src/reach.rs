@@ -8,7 +8,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use skein_agent::link::Security;
-use skein_agent::link::seal::{SealKey, Sealer};
+use skein_agent::link::seal::{VerificationKey, SigningKey};
 use skein_common::id::{SwarmName, VehicleId};
 
 use crate::endpoints::{self, Endpoints};
@@ -28,9 +28,9 @@ pub struct Reach {
     /// How the links are secured, and with which role's certificate.
     pub security: Security,
     /// The key that verifies the signatures of orders; `None` where orders are not signed.
-    pub orders_key: Option<SealKey>,
+    pub orders_key: Option<VerificationKey>,
     /// The key that signs orders; only an operator has it.
-    pub sealer: Option<Arc<Sealer>>,
+    pub sealer: Option<Arc<SigningKey>>,
     /// The run that this PC began last, if any.
     pub own_run: Option<u64>,
     /// The file that records the orders in that run.

@@ -16,7 +16,7 @@ use skein_core::aircraft::Aircraft;
 use skein_core::control::{Rules, Setpoint, VehicleController};
 use skein_core::estimate::Estimator;
 use skein_core::helicopter::{BuiltInVehicle, Start, TICK_S, Weather};
-use skein_core::plant::Sticks;
+use skein_core::plant::Controls;
 use skein_lab::external::LawPool;
 use skein_lab::study::Study;
 use skein_lab::world::World;
@@ -55,7 +55,7 @@ impl Bench {
     }
 
     fn plant(&mut self) {
-        let trim = Sticks { roll: 0.0185, pitch: 0.0, yaw: 0.0, collective: 0.6 };
+        let trim = Controls { roll: 0.0185, pitch: 0.0, yaw: 0.0, collective: 0.6 };
         self.vehicle.advance(Some(black_box(trim)));
         black_box(self.vehicle.frame());
     }

@@ -3,7 +3,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use skein_common::message::Happening;
+use skein_common::message::EventKind;
 use skein_lab::metrics::{Metrics, Report, Run, VehicleNow, Wall};
 use skein_lab::study::{Study, measure};
 use skein_lab::world::World;
@@ -116,7 +116,7 @@ impl Case {
         while world.t_s() - zero_s < f64::from(DURATION_S) {
             world.tick();
             measure(&world, zero_s, &mut metrics, &mut vehicles);
-            let failed = world.events().iter().filter(|(_, what)| matches!(what, Happening::Failed(_)));
+            let failed = world.events().iter().filter(|(_, what)| matches!(what, EventKind::Failed(_)));
             alarms.extend(failed.map(|(id, _)| *id));
             agreed.extend(world.vehicles().map(|(id, agent, ..)| (id, agent.heartbeats_sent())));
         }

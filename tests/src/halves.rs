@@ -3,7 +3,7 @@
 
 use skein_common::id::{VehicleId, VehicleSet};
 use skein_common::scenario::{Scenario, Source, load};
-use skein_lab::faults::Incident;
+use skein_lab::faults::InjectedFault;
 use skein_lab::metrics::COLLISION_M;
 use skein_lab::world::World;
 
@@ -77,8 +77,8 @@ pub fn fly(partition: &str, first: usize, vehicles: usize, seed: u64) -> Flight 
         let t_s = world.t_s();
         for incident in world.incidents() {
             match incident {
-                Incident::Cut { .. } => cut_s = cut_s.or(Some(t_s)),
-                Incident::Healed { .. } if healed_s.is_none() => {
+                InjectedFault::Cut { .. } => cut_s = cut_s.or(Some(t_s)),
+                InjectedFault::Healed { .. } if healed_s.is_none() => {
                     healed_s = Some(t_s);
                     let (one, two) = steps_then.unwrap_or_default();
                     flight.first_steps = foremost(&world, true) - one;

@@ -6,7 +6,7 @@ use std::f64::consts::TAU;
 use std::fmt;
 
 use skein_common::id::VehicleId;
-use skein_common::message::{Failure, Happening};
+use skein_common::message::{Failure, EventKind};
 use skein_common::scenario::{Scenario, Source, load};
 use skein_common::state::Activity;
 use skein_core::random::{self, Purpose};
@@ -110,7 +110,7 @@ pub fn fly(scenario: Scenario) -> Flight {
         tick += 1;
         let t_s = world.t_s();
         for (id, what) in world.events() {
-            if let Happening::Failed(failure) = what {
+            if let EventKind::Failed(failure) = what {
                 flight.failures.push((t_s, *id, *failure));
             }
         }

@@ -3,8 +3,8 @@
 
 use serde_json::Value;
 use skein_common::state::Membership;
-use skein_core::plant::Truth;
-use skein_lab::faults::Incident;
+use skein_core::plant::GroundTruth;
+use skein_lab::faults::InjectedFault;
 use skein_lab::metrics::{Report, WALL_CLOCK_KEYS};
 use skein_lab::study::Study;
 use skein_lab::world::World;
@@ -18,7 +18,7 @@ fn world(sets: &[&str]) -> World {
     World::new(&scenario, &aircraft, &rules).unwrap()
 }
 
-fn truths(world: &World) -> Vec<Truth> {
+fn truths(world: &World) -> Vec<GroundTruth> {
     world.all_vehicles().map(|(_, _, truth, _)| *truth).collect()
 }
 
@@ -91,8 +91,8 @@ fn a_central_controller_that_restarts_soon_controls_all_vehicles_again() {
         world.tick();
         for incident in world.incidents() {
             match incident {
-                Incident::Died(_) => died.push(world.t_s()),
-                Incident::Restarted(_) => restarted.push(world.t_s()),
+                InjectedFault::Died(_) => died.push(world.t_s()),
+                InjectedFault::Restarted(_) => restarted.push(world.t_s()),
                 _ => panic!("{incident:?}"),
             }
         }

@@ -16,8 +16,8 @@ use std::time::{Duration, Instant};
 use rustix::process::{Pid, Signal, kill_process};
 use serde_json::Value;
 use skein::endpoints;
-use skein::observe::{Heard, Observer, Steps};
-use skein_common::message::{Happening, Trace};
+use skein::observe::{SwarmMessage, Observer, Steps};
+use skein_common::message::{EventKind, Trace};
 use skein_common::scenario::{Source, load};
 use skein_common::time::SenderStamp;
 use skein_lab::record;
@@ -242,7 +242,7 @@ fn a_flight_of_twenty_seconds_leaves_its_files_and_no_process() {
         let all = steps.len() as f64 / (20.0 * 50.0);
         assert!((AT_LEAST..1.005).contains(&all), "vehicle {id}: {} steps of 20 s at 50 Hz", steps.len());
         assert!(steps[0].t_s < 0.5 && steps[steps.len() - 1].t_s > 19.5);
-        let high = recording.noted.iter().filter(|noted| noted.what == What::Event(*id, Happening::AtAltitude)).count();
+        let high = recording.noted.iter().filter(|noted| noted.what == What::Event(*id, EventKind::AtAltitude)).count();
         assert_eq!(high, 1, "vehicle {id} reached its altitude once: {:#?}", recording.noted);
     }
     for phrase in [
@@ -365,7 +365,7 @@ fn orders_report_their_effect(place: &Place) {
 fn steps(observer: &mut Observer, within: Duration) -> Vec<Trace> {
     std::thread::sleep(within);
     let heard = observer.poll().into_iter().filter_map(|heard| match heard {
-        Heard::Trace(trace) => Some(trace),
+        SwarmMessage::Trace(trace) => Some(trace),
         _ => None,
     });
     heard.collect()

@@ -2,11 +2,11 @@
 #![expect(clippy::unwrap_used, reason = "what a test cannot do has failed")]
 
 use skein_common::id::VehicleId;
-use skein_common::message::{Happening, PeerAge, Trace, encode};
+use skein_common::message::{EventKind, PeerAge, Trace, encode};
 use skein_common::scenario::Scenario;
-use skein_common::state::{Membership, Standing};
+use skein_common::state::{Membership, PeerStatus};
 use skein_core::agent::Agent;
-use skein_lab::faults::Incident;
+use skein_lab::faults::InjectedFault;
 use skein_lab::metrics::Report;
 use skein_lab::world::World;
 use skein_tests::{of_scenario, scenario, study};
@@ -142,7 +142,7 @@ fn a_delay_that_begins_in_flight_is_in_the_ages_from_its_first_message_on() {
         world.tick();
         let t_s = world.t_s() - zero_s;
         incidents.extend(world.incidents().iter().map(|incident| (t_s, incident.clone())));
-        assert!(!world.events().iter().any(|(_, what)| matches!(what, Happening::PeerLost(_))), "{t_s} s");
+        assert!(!world.events().iter().any(|(_, what)| matches!(what, EventKind::PeerLost(_))), "{t_s} s");
         for Trace { header, peers, .. } in world.traces() {
             for peer in peers {
                 let PeerAge { id, age_s, delivered_age_s, .. } = peer;
@@ -164,12 +164,12 @@ fn a_delay_that_begins_in_flight_is_in_the_ages_from_its_first_message_on() {
         }
     }
     assert!(late > 6 * 700, "{late} ages with the delay in them");
-    let all_s = |is: fn(&Incident) -> bool| {
+    let all_s = |is: fn(&InjectedFault) -> bool| {
         incidents.iter().filter(|(_, fault)| is(fault)).map(|(t_s, _)| *t_s).collect::<Vec<_>>()
     };
     let (begins_s, ends_s) = (
-        all_s(|fault| matches!(fault, Incident::Delayed { .. })),
-        all_s(|fault| matches!(fault, Incident::DelayOver { .. })),
+        all_s(|fault| matches!(fault, InjectedFault::Delayed { .. })),
+        all_s(|fault| matches!(fault, InjectedFault::DelayOver { .. })),
     );
     assert!(!begins_s.is_empty() && begins_s.iter().all(|t_s| (19.0..20.1).contains(t_s)), "{begins_s:?}");
     assert!(!ends_s.is_empty() && ends_s.iter().all(|t_s| (34.0..35.1).contains(t_s)), "{ends_s:?}");
@@ -186,7 +186,7 @@ fn ages_include_the_delay_and_neither_delay_nor_clock_jumps_lose_a_vehicle() {
         // After a round trip and one echo to each of the three peers.
         if world.t_s() > 6.0 {
             let peers: Vec<_> = world.traces().flat_map(|trace| trace.peers).collect();
-            assert!(peers.iter().all(|peer| peer.standing == Standing::Stale), "{} s: {peers:?}", world.t_s());
+            assert!(peers.iter().all(|peer| peer.standing == PeerStatus::Stale), "{} s: {peers:?}", world.t_s());
             ages_s.extend(peers.iter().map(|peer| peer.age_s));
         }
     }
@@ -207,7 +207,7 @@ fn with_few_neighbours_no_peer_is_lost_and_all_agree_on_the_mission() {
         let (mut seen, mut began) = (Vec::new(), false);
         while !world.has_finished() && world.t_s() < 900.0 {
             world.tick();
-            let lost = |what: &Happening| matches!(what, Happening::PeerLost(_) | Happening::ForcedAdvance { .. });
+            let lost = |what: &EventKind| matches!(what, EventKind::PeerLost(_) | EventKind::ForcedAdvance { .. });
             assert!(!world.events().iter().any(|(_, what)| lost(what)), "{graph:?}: {:?}", world.events());
             began |= world.all_active();
             if began {
@@ -233,8 +233,8 @@ fn a_vehicle_out_of_range_is_lost_and_found_again() {
     while world.t_s() < 200.0 {
         world.tick();
         for (_, what) in world.events() {
-            lost += u32::from(matches!(what, Happening::PeerLost(_)));
-            found += u32::from(matches!(what, Happening::PeerFound(_)));
+            lost += u32::from(matches!(what, EventKind::PeerLost(_)));
+            found += u32::from(matches!(what, EventKind::PeerFound(_)));
         }
     }
     assert!(lost >= 2 && found >= 2, "lost {lost}, found {found}");

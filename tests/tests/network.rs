@@ -3,11 +3,11 @@
 #![expect(clippy::unwrap_used, reason = "what a test cannot do has failed")]
 
 use skein_common::id::VehicleId;
-use skein_common::message::{Happening, Verb};
+use skein_common::message::{EventKind, Verb};
 use skein_common::state::{Activity, Membership};
 use skein_core::agent::Agent;
-use skein_core::plant::Truth;
-use skein_lab::faults::Incident;
+use skein_core::plant::GroundTruth;
+use skein_lab::faults::InjectedFault;
 use skein_lab::study::Study;
 use skein_lab::world::World;
 use skein_tests::study;
@@ -29,8 +29,8 @@ struct Flight {
     /// Time at which all vehicles were active, s.
     zero_s: f64,
     /// Faults with their times since then, s.
-    incidents: Vec<(f64, Incident)>,
-    happened: Vec<(f64, VehicleId, Happening)>,
+    incidents: Vec<(f64, InjectedFault)>,
+    happened: Vec<(f64, VehicleId, EventKind)>,
 }
 
 impl Flight {
@@ -68,19 +68,19 @@ impl Flight {
         self.world.all_vehicles().find(|(of, ..)| *of == id(number)).and_then(|(_, agent, ..)| agent)
     }
 
-    fn truth(&self, number: u8) -> Truth {
+    fn truth(&self, number: u8) -> GroundTruth {
         *self.world.all_vehicles().find(|(of, ..)| *of == id(number)).unwrap().2
     }
 
     /// Time of the only fault that satisfies the condition, s.
-    fn done_s(&self, is_it: impl Fn(&Incident) -> bool) -> f64 {
+    fn done_s(&self, is_it: impl Fn(&InjectedFault) -> bool) -> f64 {
         let times: Vec<_> = self.incidents.iter().filter(|(_, fault)| is_it(fault)).map(|(t_s, _)| *t_s).collect();
         assert_eq!(times.len(), 1, "{:?}", self.incidents);
         times[0]
     }
 
     /// The vehicles that reported this event after `since_s`, with the time since then, s.
-    fn reported(&self, what: Happening, since_s: f64) -> Vec<(u8, f64)> {
+    fn reported(&self, what: EventKind, since_s: f64) -> Vec<(u8, f64)> {
         let reported = self.happened.iter().filter(|(t_s, _, event)| *event == what && *t_s >= since_s);
         reported.map(|(t_s, id, _)| (id.get(), t_s - since_s)).collect()
     }
@@ -130,25 +130,25 @@ fn the_helicopter_of_a_killed_agent_flies_on_and_the_restarted_agent_takes_over(
         let (before, sticks) = (flight.truth(3), flight.world.vehicles().nth(2).unwrap().3);
         assert!(sticks.is_some() && flight.world.vehicles().count() == 4);
         flight.until(62.9);
-        assert!(near(flight.done_s(|fault| *fault == Incident::Died(id(3))), 60.0));
+        assert!(near(flight.done_s(|fault| *fault == InjectedFault::Died(id(3))), 60.0));
         assert!(flight.agent(3).is_none() && flight.world.vehicles().count() == 3);
         assert_eq!(flight.world.all_vehicles().count(), 4);
         let after = flight.truth(3);
         assert!(after.height_m > 10.0 && after.position != before.position, "{after:?}");
         flight.until(63.0);
-        let restarted_s = flight.done_s(|fault| *fault == Incident::Restarted(id(3)));
+        let restarted_s = flight.done_s(|fault| *fault == InjectedFault::Restarted(id(3)));
         assert!(near(restarted_s, 63.0));
         assert_eq!(flight.agent(3).unwrap().membership(), Membership::Joining);
         flight.until(72.0);
-        let [(3, active_s)] = flight.reported(Happening::BecameActive, restarted_s)[..] else {
+        let [(3, active_s)] = flight.reported(EventKind::BecameActive, restarted_s)[..] else {
             panic!("{:?}", flight.happened)
         };
         assert!((2.0..3.0).contains(&active_s), "active {active_s} s after the restart");
         // The first messages of a new incarnation take at least a frame.
-        let found = flight.reported(Happening::PeerFound(id(3)), restarted_s);
+        let found = flight.reported(EventKind::PeerFound(id(3)), restarted_s);
         assert_eq!(found.len(), 3, "{found:?}");
         assert!(found.iter().all(|(_, found_s)| (FRAME_S..0.3).contains(found_s)), "{found:?}");
-        let finds: Vec<_> = [1, 2, 4].map(|peer| flight.reported(Happening::PeerFound(id(peer)), restarted_s)).concat();
+        let finds: Vec<_> = [1, 2, 4].map(|peer| flight.reported(EventKind::PeerFound(id(peer)), restarted_s)).concat();
         assert!(finds.len() == 3 && finds.iter().all(|(by, found_s)| *by == 3 && *found_s < 0.3), "{finds:?}");
         flight.until(120.0);
         let truth = flight.truth(3);
@@ -168,8 +168,8 @@ fn a_killed_agent_is_noticed_in_two_frames_and_a_cut_after_a_lease() {
                   { at_s = 70, fault = 'cut', from = [1, 2], to = [3, 4], both_ways = true, for_s = 5 }";
     let mut flight = Flight::new(&[], events);
     flight.until(20.5);
-    let died_s = flight.done_s(|fault| *fault == Incident::Died(id(4)));
-    let lost = flight.reported(Happening::PeerLost(id(4)), died_s);
+    let died_s = flight.done_s(|fault| *fault == InjectedFault::Died(id(4)));
+    let lost = flight.reported(EventKind::PeerLost(id(4)), died_s);
     assert_eq!(lost.iter().map(|(by, _)| *by).collect::<Vec<_>>(), [1, 2, 3]);
     assert!(lost.iter().all(|(_, lost_s)| (0.01..0.03).contains(lost_s)), "{lost:?}");
 
@@ -177,23 +177,23 @@ fn a_killed_agent_is_noticed_in_two_frames_and_a_cut_after_a_lease() {
     let link = |speaker, hearer| (id(speaker), id(hearer));
     let one_way = vec![link(1, 2), link(1, 3)];
     flight.until(60.0);
-    let cut_s = flight.done_s(|fault| *fault == Incident::Cut { links: one_way.clone() });
-    let healed_s = flight.done_s(|fault| *fault == Incident::Healed { links: one_way.clone() });
+    let cut_s = flight.done_s(|fault| *fault == InjectedFault::Cut { links: one_way.clone() });
+    let healed_s = flight.done_s(|fault| *fault == InjectedFault::Healed { links: one_way.clone() });
     assert!(near(cut_s, 50.0) && near(healed_s, 55.0));
     // A session is lost in both directions: vehicle 1 also loses the peers that do not receive its messages.
     for (lost, by) in [(1, vec![2, 3]), (2, vec![1]), (3, vec![1]), (4, vec![])] {
-        let lost = flight.reported(Happening::PeerLost(id(lost)), cut_s);
+        let lost = flight.reported(EventKind::PeerLost(id(lost)), cut_s);
         assert_eq!(lost.iter().map(|(by, _)| *by).collect::<Vec<_>>(), by);
         assert!(lost.iter().all(|(_, lost_s)| (1.0..1.05).contains(lost_s)), "{lost:?}");
     }
-    let found = [1, 2, 3, 4].map(|peer| flight.reported(Happening::PeerFound(id(peer)), healed_s)).concat();
+    let found = [1, 2, 3, 4].map(|peer| flight.reported(EventKind::PeerFound(id(peer)), healed_s)).concat();
     assert_eq!(found.len(), 4, "{found:?}");
     assert!(found.iter().all(|(_, found_s)| (0.2..1.05).contains(found_s)), "{found:?}");
 
     flight.until(80.0);
-    let is_partition = |(_, fault): &&(f64, Incident)| matches!(fault, Incident::Cut { links } if links.len() == 8);
+    let is_partition = |(_, fault): &&(f64, InjectedFault)| matches!(fault, InjectedFault::Cut { links } if links.len() == 8);
     let cut_s = flight.incidents.iter().find(is_partition).unwrap().0;
-    let lost = [1, 2, 3, 4].map(|peer| flight.reported(Happening::PeerLost(id(peer)), cut_s)).concat();
+    let lost = [1, 2, 3, 4].map(|peer| flight.reported(EventKind::PeerLost(id(peer)), cut_s)).concat();
     assert_eq!(lost.len(), 8);
     assert!(lost.iter().all(|(_, lost_s)| (1.0..1.05).contains(lost_s)), "{lost:?}");
 }
@@ -204,8 +204,8 @@ fn a_restarted_agent_receives_an_order_given_while_it_was_down() {
     let mut flight = Flight::new(&[], events);
     flight.until(28.0);
     let orders = |flight: &Flight, verb| {
-        let taken = |(t_s, by, what): &(f64, VehicleId, Happening)| match what {
-            Happening::OrderTaken(order) if order.verb == verb => Some((by.get(), *t_s)),
+        let taken = |(t_s, by, what): &(f64, VehicleId, EventKind)| match what {
+            EventKind::OrderTaken(order) if order.verb == verb => Some((by.get(), *t_s)),
             _ => None,
         };
         flight.happened.iter().filter_map(taken).collect::<Vec<_>>()
@@ -236,7 +236,7 @@ fn a_frozen_simulator_stops_while_the_others_fly() {
     flight.until(13.9);
     assert_eq!(flight.truth(2), frozen);
     assert_ne!(flight.truth(1), free);
-    assert!(near(flight.done_s(|fault| *fault == Incident::Failed(id(2), "simulator_freeze")), 10.0));
+    assert!(near(flight.done_s(|fault| *fault == InjectedFault::Failed(id(2), "simulator_freeze")), 10.0));
     assert!(flight.agent(2).is_some());
     flight.until(14.5);
     assert_ne!(flight.truth(2), frozen);
@@ -249,12 +249,12 @@ fn a_clock_jump_changes_no_flight() {
     let [mut steady, mut jumping] = ["", jumps].map(|events| Flight::new(&[], events));
     steady.until(40.0);
     jumping.until(40.0);
-    let reported = jumping.reported(Happening::ClockJumped, 0.0);
+    let reported = jumping.reported(EventKind::ClockJumped, 0.0);
     assert_eq!(reported.iter().map(|(by, _)| *by).collect::<Vec<_>>(), [2, 2, 2]);
     for number in [1, 2, 3, 4] {
         let apart_m = (steady.truth(number).position - jumping.truth(number).position).norm();
         assert!(apart_m < 0.5, "vehicle {number} is {apart_m} m from its position without the jump");
-        assert!(jumping.reported(Happening::PeerLost(id(number)), 0.0).is_empty());
+        assert!(jumping.reported(EventKind::PeerLost(id(number)), 0.0).is_empty());
     }
 }
 

@@ -5,7 +5,7 @@ use std::num::NonZeroUsize;
 
 use serde_json::Value;
 use skein_common::id::VehicleId;
-use skein_common::state::{Membership, Standing};
+use skein_common::state::{Membership, PeerStatus};
 use skein_lab::metrics::{Metrics, Report, Run, WALL_CLOCK_KEYS, Wall};
 use skein_lab::study::{Study, measure, summarize};
 use skein_lab::world::World;
@@ -136,7 +136,7 @@ fn a_seed_gives_the_same_flight_bit_for_bit() {
     for tick in 0..3_000 {
         let [one, other] = worlds.each_mut().map(|world| {
             world.tick();
-            let bits = |(_, _, truth, sticks): (_, _, &skein_core::plant::Truth, Option<skein_core::plant::Sticks>)| {
+            let bits = |(_, _, truth, sticks): (_, _, &skein_core::plant::GroundTruth, Option<skein_core::plant::Controls>)| {
                 let place: [f64; 3] = truth.position.into();
                 let velocity: [f64; 3] = truth.velocity.into();
                 let sticks = sticks.map_or([0.0; 4], |s| [s.roll, s.pitch, s.yaw, s.collective]);
@@ -167,7 +167,7 @@ fn three_of_four_vehicles_respace_evenly_after_one_is_killed() {
             world.tick();
             measure(&world, killed_s, &mut metrics, &mut vehicles);
             let noticed = world.vehicles().all(|(_, agent, ..)| {
-                agent.peers().iter().any(|peer| peer.id == victim && peer.standing == Standing::Lost)
+                agent.peers().iter().any(|peer| peer.id == victim && peer.standing == PeerStatus::Lost)
             });
             if noticed {
                 noticed_s.get_or_insert(world.t_s() - killed_s);

@@ -17,23 +17,23 @@ use alloc::vec::Vec;
 use nalgebra::Vector2;
 use skein_common::frame::{Origin, PositionNed, VelocityNed};
 use skein_common::id::{Incarnation, VehicleId, VehicleSet};
-use skein_common::message::{Drops, Failure, Happening, PeerAge, Trace};
+use skein_common::message::{Drops, Failure, EventKind, PeerAge, Trace};
 use skein_common::scenario::Scenario;
 use skein_common::state::{Activity, Membership};
 use skein_common::time::{LocalTime, Now, PlantTime};
 
 use crate::aircraft::Aircraft;
-use crate::control::{Controls, Rules, Setpoint, Trim, VehicleController};
+use crate::control::{ControlOutput, Rules, Setpoint, Trim, VehicleController};
 use crate::deadlines::Deadline;
 use crate::diagnosis::Diagnosis;
 use crate::estimate::{Estimate, Estimator};
 use crate::failsafe::{Condition, Conditions, Response};
-use crate::formation::external::{Answer, Ask};
-use crate::formation::{self, Formation, NotFlown, Wish};
+use crate::formation::external::{LawReply, LawQuery};
+use crate::formation::{self, Formation, UnsupportedScenario, FormationOutput};
 use crate::mission::{Mission, Task, View};
 use crate::outbox::{Outbox, SendSchedule};
-use crate::peers::{Change, Heard, Peers, Seen, Word};
-use crate::plant::{Measurement, Sticks, Truth};
+use crate::peers::{Change, Received, Peers, PeerEstimate, PeerMessage};
+use crate::plant::{Measurement, Controls, GroundTruth};
 use crate::random::{self, Purpose};
 
 /// The inputs since the last step.
@@ -42,22 +42,22 @@ pub struct Inputs<'a> {
     /// Measurement of the plant's new frame; `None` if none arrived in time.
     pub measurement: Option<&'a Measurement>,
     /// Messages received from peers and operators, in any order.
-    pub heard: &'a [Heard],
+    pub heard: &'a [Received],
     /// Makes this vehicle land and leave the swarm, because its agent is about to end.
     pub leave: bool,
     /// Reply of an external law to the last query.
-    pub answer: Option<&'a Answer>,
+    pub answer: Option<&'a LawReply>,
 }
 
 /// The outputs of a step.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Outputs {
     /// The controls to write; `None` leaves the controls unchanged.
-    pub command: Option<Sticks>,
+    pub command: Option<Controls>,
     /// The messages to send.
     pub outbox: Outbox,
     /// The query to an external law; its reply belongs to a later step.
-    pub ask: Option<Ask>,
+    pub ask: Option<LawQuery>,
 }
 
 /// The core of one vehicle, without a clock, input, output or randomness other than its seed's. The same inputs give
@@ -78,7 +78,7 @@ pub struct Agent {
 
 /// The output of the estimate stage.
 #[derive(Clone, Copy, Debug)]
-struct Own {
+struct OwnEstimate {
     /// Time of this step, with the clock's jumps removed.
     now: Now,
     clock_jumped: bool,
@@ -101,8 +101,8 @@ struct LastStep {
     activity: Activity,
     plant_time: Option<PlantTime>,
     estimate: Option<Estimate>,
-    wish: Option<Wish>,
-    command: Option<Sticks>,
+    wish: Option<FormationOutput>,
+    command: Option<Controls>,
 }
 
 impl Agent {
@@ -117,7 +117,7 @@ impl Agent {
         incarnation: Incarnation,
         aircraft: &Aircraft,
         rules: Rules,
-    ) -> Result<Self, NotFlown> {
+    ) -> Result<Self, UnsupportedScenario> {
         formation::check(scenario)?;
         let origin = Origin::new(scenario.origin.geodetic());
         let trim = with_hidden_error(aircraft.trim, scenario, own);
@@ -160,7 +160,7 @@ impl Agent {
 
     /// The record of this step for metrics and displays; `truth` is the plant's true state, which the agent itself
     /// never uses.
-    pub fn trace(&mut self, now: Now, truth: &Truth) -> Trace {
+    pub fn trace(&mut self, now: Now, truth: &GroundTruth) -> Trace {
         let LastStep { membership, activity, estimate, wish, command, .. } = &self.last;
         let wish = wish.as_ref();
         let setpoint: Option<&Setpoint> = wish.map(|wish| &wish.setpoint);
@@ -186,7 +186,7 @@ impl Agent {
             peers: self
                 .peers()
                 .iter()
-                .map(|&Seen { id, standing, age_s, delay_s, .. }| PeerAge {
+                .map(|&PeerEstimate { id, standing, age_s, delay_s, .. }| PeerAge {
                     id,
                     standing,
                     age_s,
@@ -210,7 +210,7 @@ impl Agent {
     }
 
     /// The peers' estimated current states.
-    pub fn peers(&self) -> &[Seen] {
+    pub fn peers(&self) -> &[PeerEstimate] {
         self.peers.estimates()
     }
 
@@ -299,7 +299,7 @@ impl Agent {
     }
 
     /// The estimate stage: the own state and its age.
-    fn estimate(&mut self, now: Now, inputs: &Inputs<'_>) -> Own {
+    fn estimate(&mut self, now: Now, inputs: &Inputs<'_>) -> OwnEstimate {
         let (now, clock_jumped) = self.clock.read(now);
         if self.diagnosis.is_position_frozen() {
             self.estimator.dead_reckon();
@@ -309,11 +309,11 @@ impl Agent {
         let before = if new.is_some() { self.last.plant_time.replace(now.plant) } else { None };
         let dt_s = before.map_or(0.0, |before| now.plant.seconds_since(before));
         let condition = Condition::of_own_data(self.estimator.age_s(now.local), new.is_some());
-        Own { now, clock_jumped, estimate, condition, new, dt_s }
+        OwnEstimate { now, clock_jumped, estimate, condition, new, dt_s }
     }
 
     /// The diagnosis stage: a failure newly found in the own vehicle.
-    fn diagnose(&mut self, own: &Own, inputs: &Inputs<'_>) -> Option<Failure> {
+    fn diagnose(&mut self, own: &OwnEstimate, inputs: &Inputs<'_>) -> Option<Failure> {
         if own.condition == Some(Condition::SimulatorLost) {
             // The next measurement may come from a restarted simulator with the rotor at rest.
             self.diagnosis.restart();
@@ -323,7 +323,7 @@ impl Agent {
     }
 
     /// The peers stage: updates the peers and returns all conditions so far.
-    fn update_peers(&mut self, own: &Own, inputs: &Inputs<'_>) -> Conditions {
+    fn update_peers(&mut self, own: &OwnEstimate, inputs: &Inputs<'_>) -> Conditions {
         self.peers.update(own.now.local, &self.origin, inputs.heard);
         let mut conditions = self.diagnosis.conditions();
         conditions.extend(own.condition);
@@ -334,14 +334,14 @@ impl Agent {
     /// The mission stage: the task of this step, `None` without a new measurement, and the events so far.
     fn decide(
         &mut self,
-        own: &Own,
+        own: &OwnEstimate,
         failure: Option<Failure>,
         conditions: Conditions,
         inputs: &Inputs<'_>,
-    ) -> (Option<Task>, Vec<Happening>) {
+    ) -> (Option<Task>, Vec<EventKind>) {
         let mut events = self.take_orders(inputs);
-        events.extend(own.clock_jumped.then_some(Happening::ClockJumped));
-        events.extend(failure.map(Happening::Failed));
+        events.extend(own.clock_jumped.then_some(EventKind::ClockJumped));
+        events.extend(failure.map(EventKind::Failed));
         if conditions.response() == Response::LetGo {
             self.mission.withdraw();
         }
@@ -360,17 +360,17 @@ impl Agent {
 
     /// Takes the orders of operators and of the peers' heartbeats; returns the events of these orders and of the peers
     /// stage.
-    fn take_orders(&mut self, inputs: &Inputs<'_>) -> Vec<Happening> {
+    fn take_orders(&mut self, inputs: &Inputs<'_>) -> Vec<EventKind> {
         if inputs.leave {
             self.mission.leave();
         }
         let event = |change: &Change| match *change {
-            Change::Found(id) => Happening::PeerFound(id),
-            Change::Lost(id) => Happening::PeerLost(id),
+            Change::Found(id) => EventKind::PeerFound(id),
+            Change::Lost(id) => EventKind::PeerLost(id),
         };
         let mut events: Vec<_> = self.peers.changes().iter().map(event).collect();
         for heard in inputs.heard {
-            if let Word::Order(order) = heard.word {
+            if let PeerMessage::Order(order) = heard.word {
                 self.mission.merge(order, &mut events);
             }
         }
@@ -381,7 +381,7 @@ impl Agent {
     }
 
     /// The formation stage: the formation's output; `None` without a task that needs one.
-    fn compute_formation(&mut self, own: &Own, task: Option<&Task>, inputs: &Inputs<'_>) -> Option<Wish> {
+    fn compute_formation(&mut self, own: &OwnEstimate, task: Option<&Task>, inputs: &Inputs<'_>) -> Option<FormationOutput> {
         self.formation.receive_reply(own.now.plant, inputs.answer);
         let (estimate, task) = own.new.as_ref().zip(task)?;
         self.last.wish = self.formation.step(own.dt_s, estimate, &self.peers.others(), task);
@@ -391,19 +391,19 @@ impl Agent {
     /// The control stage: the command of this step; `None` leaves the controls unchanged.
     fn control(
         &mut self,
-        own: &Own,
+        own: &OwnEstimate,
         conditions: Conditions,
         task: Option<&Task>,
-        wish: Option<&Wish>,
-        events: &mut Vec<Happening>,
-    ) -> Option<Sticks> {
+        wish: Option<&FormationOutput>,
+        events: &mut Vec<EventKind>,
+    ) -> Option<Controls> {
         let response = conditions.response();
         let Some((estimate, task)) = own.new.as_ref().zip(task) else {
             let is_neutral = response == Response::Neutral && self.last.command.is_some();
             return is_neutral.then(|| self.controller.neutral());
         };
         let controls = match (task, wish) {
-            (Task::Park, _) => Some(Controls { sticks: self.controller.unload(own.dt_s), fault: None }),
+            (Task::Park, _) => Some(ControlOutput { sticks: self.controller.unload(own.dt_s), fault: None }),
             (Task::Autorotate { heading_rad }, _) => Some(self.controller.autorotate(own.dt_s, estimate, *heading_rad)),
             (_, Some(wish)) if response == Response::LandTurning => {
                 Some(self.controller.turn(own.dt_s, estimate, &wish.setpoint))
@@ -412,13 +412,13 @@ impl Agent {
             (_, None) => None,
         };
         let fault = controls.and_then(|controls| controls.fault);
-        events.extend(fault.map(|_| Happening::ControlFault));
+        events.extend(fault.map(|_| EventKind::ControlFault));
         self.last.command = controls.map(|controls| controls.sticks);
         self.last.command
     }
 
     /// The outbox stage: the messages of this step.
-    fn send(&mut self, own: &Own, conditions: Conditions, mut events: Vec<Happening>) -> Outbox {
+    fn send(&mut self, own: &OwnEstimate, conditions: Conditions, mut events: Vec<EventKind>) -> Outbox {
         self.report_changes(conditions, own.estimate, &mut events);
         let estimate = match conditions.response() {
             Response::Neutral => None,
@@ -431,28 +431,28 @@ impl Agent {
     }
 
     /// Compares with the last step and reports the changes.
-    fn report_changes(&mut self, conditions: Conditions, estimate: Option<Estimate>, events: &mut Vec<Happening>) {
+    fn report_changes(&mut self, conditions: Conditions, estimate: Option<Estimate>, events: &mut Vec<EventKind>) {
         const MISSING: [Condition; 3] = [Condition::SimulatorLost, Condition::OwnDataStale, Condition::AllPeersLost];
         let is_blind = |missing| matches!(missing, Some(Condition::SimulatorLost | Condition::OwnDataStale));
         let missing = MISSING.into_iter().find(|&condition| conditions.contains(condition));
         let was_blind = is_blind(self.last.missing);
         if missing != self.last.missing {
             match missing {
-                Some(Condition::SimulatorLost) => events.push(Happening::SimulatorLost),
-                Some(Condition::OwnDataStale) => events.push(Happening::OwnDataStale),
-                Some(Condition::AllPeersLost) if !was_blind => events.push(Happening::AllPeersLost),
-                _ if was_blind && self.last.estimate.is_some() => events.push(Happening::OwnDataBack),
+                Some(Condition::SimulatorLost) => events.push(EventKind::SimulatorLost),
+                Some(Condition::OwnDataStale) => events.push(EventKind::OwnDataStale),
+                Some(Condition::AllPeersLost) if !was_blind => events.push(EventKind::AllPeersLost),
+                _ if was_blind && self.last.estimate.is_some() => events.push(EventKind::OwnDataBack),
                 _ => {}
             }
         }
         let (membership, activity) = (self.mission.membership(), self.mission.activity());
         if membership == Membership::Active && self.last.membership == Membership::Joining {
-            events.push(Happening::BecameActive);
+            events.push(EventKind::BecameActive);
         }
         if activity != self.last.activity {
             match (self.last.activity, activity) {
-                (Activity::TakingOff, Activity::Formation) => events.push(Happening::AtAltitude),
-                (_, Activity::Landed) => events.push(Happening::Landed),
+                (Activity::TakingOff, Activity::Formation) => events.push(EventKind::AtAltitude),
+                (_, Activity::Landed) => events.push(EventKind::Landed),
                 _ => {}
             }
         }

@@ -30,7 +30,7 @@ use nalgebra::Vector2;
 use skein_common::frame::{heading_from_ne, wrap_rad};
 
 use crate::estimate::Estimate;
-use crate::plant::Sticks;
+use crate::plant::Controls;
 
 pub use fis::{Fis, FisError};
 pub use sugeno::Sugeno;
@@ -77,9 +77,9 @@ impl Setpoint {
 
 /// The output of one control step.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Controls {
+pub struct ControlOutput {
     /// The controls, always finite and within their travel.
-    pub sticks: Sticks,
+    pub sticks: Controls,
     /// The reason why `sticks` repeats the last good command; `None` for a new command.
     pub fault: Option<ControlFault>,
 }
@@ -189,7 +189,7 @@ pub struct VehicleController {
     rules: Rules,
     trim: Trim,
     auto_trim: Option<AutoTrim>,
-    last: Sticks,
+    last: Controls,
     collective_limit: Option<CollectiveLimit>,
 }
 
@@ -204,7 +204,7 @@ impl VehicleController {
     ///
     /// If an argument is not finite, the step repeats the last controls (before the first step, the trim), freezes all
     /// integrals and reports a fault.
-    pub fn step(&mut self, dt_s: f64, estimate: &Estimate, setpoint: &Setpoint) -> Controls {
+    pub fn step(&mut self, dt_s: f64, estimate: &Estimate, setpoint: &Setpoint) -> ControlOutput {
         let fault = match self.command(dt_s, estimate, setpoint) {
             Ok(sticks) => {
                 self.last = sticks;
@@ -212,35 +212,35 @@ impl VehicleController {
             }
             Err(fault) => Some(fault),
         };
-        Controls { sticks: self.last, fault }
+        ControlOutput { sticks: self.last, fault }
     }
 
     /// Cyclic and pedals at trim, collective unchanged: for a vehicle without own data.
-    pub fn neutral(&mut self) -> Sticks {
-        self.last = Sticks { collective: self.last.collective, ..self.trim.sticks() };
+    pub fn neutral(&mut self) -> Controls {
+        self.last = Controls { collective: self.last.collective, ..self.trim.sticks() };
         self.last
     }
 
     /// Cyclic and pedals centred, collective lowered to zero within a second: for a vehicle on the ground.
-    pub fn unload(&mut self, dt_s: f64) -> Sticks {
+    pub fn unload(&mut self, dt_s: f64) -> Controls {
         let taken_out = dt_s.clamp(0.0, LONGEST_STEP_S);
-        self.last = Sticks { collective: (self.last.collective - taken_out).max(0.0), ..Sticks::default() };
+        self.last = Controls { collective: (self.last.collective - taken_out).max(0.0), ..Controls::default() };
         self.last
     }
 
     /// [`Self::step`] with full pedal, for a vehicle whose roll or pitch servo is stuck. The stuck axis tips the
     /// vehicle over at a steady body rate p. Yawing at a rate r turns that tilt around: it stays at p/r in the body and
     /// has no mean direction. The working axis points in every direction in turn and holds the position.
-    pub fn turn(&mut self, dt_s: f64, estimate: &Estimate, setpoint: &Setpoint) -> Controls {
+    pub fn turn(&mut self, dt_s: f64, estimate: &Estimate, setpoint: &Setpoint) -> ControlOutput {
         let controls = self.step(dt_s, estimate, setpoint);
         self.last.yaw = 1.0;
-        Controls { sticks: self.last, ..controls }
+        ControlOutput { sticks: self.last, ..controls }
     }
 
     /// Autorotation, for a vehicle without power: upright, slow over the ground, with low collective so that the air
     /// from below keeps the rotor turning. In the last metres the rotor's energy brakes the fall: the collective rises
     /// above the speed that `BRAKING_M_S2` can stop within the remaining height.
-    pub fn autorotate(&mut self, dt_s: f64, estimate: &Estimate, heading_rad: f64) -> Controls {
+    pub fn autorotate(&mut self, dt_s: f64, estimate: &Estimate, heading_rad: f64) -> ControlOutput {
         let altitude_m = estimate.position.altitude_m();
         let zero = Vector2::zeros();
         let level = Setpoint { relative_velocity_ne_m_s: zero, feedforward_ne_m_s: zero, altitude_m, heading_rad };
@@ -250,7 +250,7 @@ impl VehicleController {
             let brake = BRAKE_PER_M_S * (-climb_m_s(estimate) - stops_from_m_s);
             self.last.collective = (self.trim.sticks().collective + brake).clamp(0.0, 1.0);
         }
-        Controls { sticks: self.last, ..controls }
+        ControlOutput { sticks: self.last, ..controls }
     }
 
     /// The state of auto-trim; `None` if it is off.
@@ -263,7 +263,7 @@ impl VehicleController {
         self.collective_limit
     }
 
-    fn command(&mut self, dt_s: f64, estimate: &Estimate, setpoint: &Setpoint) -> Result<Sticks, ControlFault> {
+    fn command(&mut self, dt_s: f64, estimate: &Estimate, setpoint: &Setpoint) -> Result<Controls, ControlFault> {
         check(dt_s, estimate, setpoint)?;
         let found = self.auto_trim.unwrap_or_default();
         let gate = gate(estimate.height_m);
@@ -284,7 +284,7 @@ impl VehicleController {
 
     /// The collective limit: the end of the control's travel, the end of the integral's range, or an altitude error at
     /// which the rules give their maximum. A vehicle on the ground with a command to climb is at its highest limit.
-    fn limit_of(&self, sticks: &Sticks, estimate: &Estimate, setpoint: &Setpoint) -> Option<CollectiveLimit> {
+    fn limit_of(&self, sticks: &Controls, estimate: &Estimate, setpoint: &Setpoint) -> Option<CollectiveLimit> {
         let gate = gate(estimate.height_m);
         let altitude_error_m = setpoint.altitude_m - estimate.position.altitude_m();
         if gate == 0.0 && altitude_error_m > 0.0 {
@@ -298,7 +298,7 @@ impl VehicleController {
     }
 
     /// Evaluates the four rule bases; `None` if a number overflows.
-    fn sticks(&self, estimate: &Estimate, setpoint: &Setpoint, found: &AutoTrim) -> Option<Sticks> {
+    fn sticks(&self, estimate: &Estimate, setpoint: &Setpoint, found: &AutoTrim) -> Option<Controls> {
         let heading_rad = estimate.attitude.heading_rad;
         let [pitch_error_m, roll_error_m] = pseudo_errors(setpoint.error_ne_m(), heading_rad);
         let velocity = heading_from_ne(estimate.velocity.horizontal() - setpoint.feedforward_ne_m_s, heading_rad);
@@ -314,7 +314,7 @@ impl VehicleController {
         let yaw = self.rules.heading.evaluate(&[heading_error_rad, estimate.rates.yaw_rad_s])?;
         let collective = self.rules.collective.evaluate(&[altitude_error_m, climb_m_s(estimate)])?;
         let trim = self.trim.sticks();
-        Some(Sticks {
+        Some(Controls {
             roll: (trim.roll + roll).clamp(-1.0, 1.0),
             pitch: (trim.pitch + pitch).clamp(-1.0, 1.0),
             yaw: (trim.yaw + yaw).clamp(-1.0, 1.0),

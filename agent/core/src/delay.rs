@@ -42,7 +42,7 @@ const STAMPS_KEPT: usize = 128;
 
 /// The delay of one message.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Way {
+pub struct MessageDelay {
     /// Upper bound of the delay, s.
     pub most_s: f64,
     /// Delay if both directions are alike, s.
@@ -65,9 +65,9 @@ struct RoundTrip {
 }
 
 impl RoundTrip {
-    fn message_delay(&self, now: LocalTime, transit_s: f64) -> Way {
+    fn message_delay(&self, now: LocalTime, transit_s: f64) -> MessageDelay {
         let most_s = self.s + transit_s - self.transit_s + DRIFT * now.seconds_since(self.at).max(0.0);
-        Way { most_s, likely_s: most_s - self.s / 2.0 }
+        MessageDelay { most_s, likely_s: most_s - self.s / 2.0 }
     }
 }
 
@@ -87,12 +87,12 @@ impl Delay {
     }
 
     /// The delay of a message with this transit; `None` until a round trip is known.
-    pub fn of(&self, now: LocalTime, transit_s: f64) -> Option<Way> {
+    pub fn of(&self, now: LocalTime, transit_s: f64) -> Option<MessageDelay> {
         let valid = || self.trips.iter().filter(|trip| !Deadline::RoundTripOld.is_past(now.seconds_since(trip.at)));
         let shortest = valid().min_by(|one, other| one.s.total_cmp(&other.s))?;
         let most_s = valid().map(|trip| trip.message_delay(now, transit_s).most_s).fold(f64::INFINITY, f64::min);
         let likely_s = shortest.message_delay(now, transit_s).likely_s.min(most_s).max(0.0);
-        (most_s >= -TOLERANCE_S).then(|| Way { most_s: most_s.max(0.0), likely_s })
+        (most_s >= -TOLERANCE_S).then(|| MessageDelay { most_s: most_s.max(0.0), likely_s })
     }
 }
 

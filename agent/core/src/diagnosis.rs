@@ -18,7 +18,7 @@ use skein_common::scenario::Servo;
 use crate::aircraft::Aircraft;
 use crate::failsafe::{Condition, Conditions};
 use crate::helicopter::Parameters;
-use crate::plant::{Measurement, Sticks};
+use crate::plant::{Measurement, Controls};
 
 /// Ratio to the lift-off rotor speed above which the rotor counts as having been at speed.
 const AT_SPEED: f64 = 1.05;
@@ -58,7 +58,7 @@ impl Diagnosis {
     /// Evaluates a plausible measurement taken `dt_s` of plant time after the last one, and the controls commanded in
     /// between. Returns a newly found failure. After a first failure only worse failures and a frozen position are
     /// reported.
-    pub fn update(&mut self, dt_s: f64, measurement: &Measurement, command: Option<Sticks>) -> Option<Failure> {
+    pub fn update(&mut self, dt_s: f64, measurement: &Measurement, command: Option<Controls>) -> Option<Failure> {
         let dt_s = dt_s.clamp(0.0, LONGEST_STEP_S);
         let unresponsive = match (&mut self.monitor, command) {
             (Some(monitor), Some(sticks)) => monitor.unresponsive(dt_s, measurement, &sticks),
@@ -157,7 +157,7 @@ enum Control {
 /// Compares the expected response to each control with the measured one.
 #[derive(Clone, Debug)]
 struct ControlMonitor {
-    trim: Sticks,
+    trim: Controls,
     roll: Rate,
     pitch: Rate,
     yaw: Rate,
@@ -172,7 +172,7 @@ impl ControlMonitor {
     /// Lags and limits were tuned on the built-in helicopter: in 384 flights with steps, turns and transits at 7 m/s,
     /// in wind and gusts of up to 8 m/s, the sums of climb and yaw reach two thirds of their limits, and those of roll
     /// and pitch stay at zero.
-    fn new(model: &Parameters, trim: Sticks) -> Self {
+    fn new(model: &Parameters, trim: Controls) -> Self {
         let Parameters { head, servos, .. } = model;
         let speed_rad_s = head.nominal_speed_rad_s;
         let rate_rad_s = |gain: f64| gain * servos.cyclic_throw_rad * head.flybar_lock_number * speed_rad_s / 16.0;
@@ -196,7 +196,7 @@ impl ControlMonitor {
     }
 
     /// The worst actuator that does not follow its control.
-    fn unresponsive(&mut self, dt_s: f64, measurement: &Measurement, sticks: &Sticks) -> Option<Control> {
+    fn unresponsive(&mut self, dt_s: f64, measurement: &Measurement, sticks: &Controls) -> Option<Control> {
         let Measurement { rates, velocity, attitude, height_m, .. } = measurement;
         let is_free = *height_m > FREE_ABOVE_M;
         // A leaning rotor carries the vehicle with part of its thrust; the air it leans into may add lift or not.

@@ -51,7 +51,7 @@ pub struct Estimator {
     origin: Origin,
     rounds_to_f32: bool,
     difference: Option<Difference>,
-    reckoning: Reckoning,
+    reckoning: DeadReckoning,
     latest: Option<(Estimate, LocalTime)>,
     /// Whether the last update used a measurement.
     is_new: bool,
@@ -60,7 +60,7 @@ pub struct Estimator {
 
 /// Displacement by the measured velocity since the measured position last changed.
 #[derive(Clone, Copy, Debug, Default)]
-struct Reckoning {
+struct DeadReckoning {
     is_on: bool,
     /// The position, and the time of its last update.
     last: Option<(Geodetic, PlantTime)>,
@@ -89,7 +89,7 @@ impl Estimator {
             origin,
             rounds_to_f32: sensing.position == PositionSensing::F32Latlon,
             difference,
-            reckoning: Reckoning::default(),
+            reckoning: DeadReckoning::default(),
             latest: None,
             is_new: false,
             refused: 0,
@@ -158,7 +158,7 @@ impl Estimator {
     }
 }
 
-impl Reckoning {
+impl DeadReckoning {
     /// Returns the position from which the displacement is counted.
     fn update(&mut self, at: PlantTime, measurement: &Measurement) -> Geodetic {
         let (begin, displacement_ned_m) = match self.last {

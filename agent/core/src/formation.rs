@@ -34,18 +34,18 @@ use alloc::vec::Vec;
 use nalgebra::{Vector2, Vector3};
 use skein_common::frame::{PositionNed, VelocityNed};
 use skein_common::id::{VehicleId, VehicleSet};
-use skein_common::message::{Happening, LawNumber};
+use skein_common::message::{EventKind, LawNumber};
 use skein_common::scenario::{self, Scenario};
-use skein_common::state::Standing;
+use skein_common::state::PeerStatus;
 use skein_common::time::PlantTime;
 
 use crate::control::{Setpoint, VELOCITY_PER_ERROR_PER_S};
 use crate::estimate::Estimate;
 use crate::mission::{self, Task};
-use crate::peers::{Others, Role, Seen};
+use crate::peers::{PeerSummary, Role, PeerEstimate};
 use conversion::Conversion;
-use external::{Ask, External};
-use law::{Answer, Goal, Law, Neighbour, Obstacle, Sight, Wanted};
+use external::{LawQuery, External};
+use law::{LawOutput, Goal, Law, Neighbour, Obstacle, Observation, LawCommand};
 use safety::{Constraint, SafetyFilter};
 use vertical::Heights;
 
@@ -61,20 +61,20 @@ const COINCIDENT_M: f64 = 1e-3;
 /// Why this program cannot fly a scenario, as one sentence.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{0}")]
-pub struct NotFlown(pub String);
+pub struct UnsupportedScenario(pub String);
 
 /// Checks that every vehicle's formation can be built. A scenario that fails is refused: flying another formation
 /// instead would be worse than not flying.
 ///
 /// # Errors
 /// A law that this program does not know, or that refuses its parameters.
-pub fn check(scenario: &Scenario) -> Result<(), NotFlown> {
+pub fn check(scenario: &Scenario) -> Result<(), UnsupportedScenario> {
     scenario.ids().try_for_each(|id| Formation::new(id, scenario).map(drop))
 }
 
 /// The output of the formation stage for one step.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Wish {
+pub struct FormationOutput {
     /// The field V, north and east, dimensionless; zero if no law was queried or the law gives no field.
     pub field_ne: Vector2<f64>,
     /// The setpoint for the vehicle controller.
@@ -84,7 +84,7 @@ pub struct Wish {
     pub in_place: bool,
 }
 
-impl Wish {
+impl FormationOutput {
     /// Altitude setpoint minus the vehicle's altitude, m.
     pub fn altitude_error_m(&self, estimate: &Estimate) -> f64 {
         self.setpoint.altitude_m - estimate.position.altitude_m()
@@ -166,7 +166,7 @@ impl Formation {
     /// # Errors
     ///
     /// A law that this program does not know, or that refuses its parameters.
-    pub fn new(own: VehicleId, scenario: &Scenario) -> Result<Self, NotFlown> {
+    pub fn new(own: VehicleId, scenario: &Scenario) -> Result<Self, UnsupportedScenario> {
         let mut different: Vec<&scenario::Formation> = Vec::new();
         let (mut shapes, mut steps) = (Vec::new(), Vec::new());
         for scenario::Step { formation, .. } in &scenario.mission.steps {
@@ -209,14 +209,14 @@ impl Formation {
     }
 
     /// Sets the time of the next step and takes the reply of an external law, if there is one.
-    pub fn receive_reply(&mut self, now: PlantTime, answer: Option<&external::Answer>) {
+    pub fn receive_reply(&mut self, now: PlantTime, answer: Option<&external::LawOutput>) {
         if let Some(external) = &mut self.external {
             external.receive_reply(now, answer);
         }
     }
 
     /// Takes the query to an external law after a step, and adds the stage's events to `happened`.
-    pub fn take_query(&mut self, happened: &mut Vec<Happening>) -> Option<Ask> {
+    pub fn take_query(&mut self, happened: &mut Vec<EventKind>) -> Option<LawQuery> {
         self.external.as_mut().and_then(|external| external.take_query(happened))
     }
 
@@ -232,7 +232,7 @@ impl Formation {
 
     /// The formation's output `dt_s` after the last step; `None` if the task does not use the vehicle controller's
     /// setpoint.
-    pub fn step(&mut self, dt_s: f64, estimate: &Estimate, others: &Others<'_>, task: &Task) -> Option<Wish> {
+    pub fn step(&mut self, dt_s: f64, estimate: &Estimate, others: &PeerSummary<'_>, task: &Task) -> Option<FormationOutput> {
         self.split_peers(estimate, others.estimates);
         self.unseen = others.unseen;
         let partition_rise_m = self.heights.partition_rise(dt_s, others.flies_above);
@@ -250,18 +250,18 @@ impl Formation {
                 let altitude_m = altitude_m + risen_m;
                 let heading_rad = *heading_rad;
                 let setpoint = Setpoint { relative_velocity_ne_m_s, feedforward_ne_m_s, altitude_m, heading_rad };
-                Some(Wish { field_ne: Vector2::zeros(), setpoint, in_place: false })
+                Some(FormationOutput { field_ne: Vector2::zeros(), setpoint, in_place: false })
             }
         }
     }
 
     /// The output of the law of the goal's step.
-    fn fly(&mut self, dt_s: f64, estimate: &Estimate, goal: &mission::Goal, partition_rise_m: f64) -> Option<Wish> {
+    fn fly(&mut self, dt_s: f64, estimate: &Estimate, goal: &mission::Goal, partition_rise_m: f64) -> Option<FormationOutput> {
         let shape = self.shapes.get_mut(*self.steps.get(goal.step)?)?;
         self.heights.end_stay();
         let level_m = shape.altitude_m + partition_rise_m;
         let mission::Goal { step, centre_ne_m, centre_velocity_ne_m_s, heading_rad } = *goal;
-        let sight = Sight {
+        let sight = Observation {
             own: self.own,
             position: estimate.position,
             velocity: estimate.velocity,
@@ -287,7 +287,7 @@ impl Formation {
             }
             None => None,
         };
-        let Answer { wanted, is_there } =
+        let LawOutput { wanted, is_there } =
             external_output.map_or_else(|| shape.law.ask(&sight), |external_output| external_output.answer);
         let heading_rad =
             external_output.and_then(|external_output| external_output.heading_rad).unwrap_or(heading_rad);
@@ -296,14 +296,14 @@ impl Formation {
         let mut field = Vector3::zeros();
         let mut climb_m_s = None;
         let command_ne_m_s = match wanted.sane() {
-            Wanted::Field(wanted) => {
+            LawCommand::Field(wanted) => {
                 field = wanted;
                 shape.conversion.velocity_ne_m_s(field.xy())
             }
-            Wanted::Displacement(displacement_ne_m) => {
+            LawCommand::Displacement(displacement_ne_m) => {
                 (displacement_ne_m * VELOCITY_PER_ERROR_PER_S).cap_magnitude(FASTEST_M_S)
             }
-            Wanted::Velocity { ne_m_s, down_m_s } => {
+            LawCommand::Velocity { ne_m_s, down_m_s } => {
                 climb_m_s = down_m_s.map(|down_m_s| -down_m_s);
                 (ne_m_s - feedforward_ne_m_s).cap_magnitude(FASTEST_M_S)
             }
@@ -316,8 +316,8 @@ impl Formation {
         self.filter = shape.filter;
         let relative_velocity_ne_m_s = self.restrain(estimate, command_ne_m_s, feedforward_ne_m_s);
         let setpoint = Setpoint { relative_velocity_ne_m_s, feedforward_ne_m_s, altitude_m, heading_rad };
-        let wish = Wish { field_ne: field.xy(), setpoint, in_place: false };
-        Some(Wish { in_place: is_there && wish.altitude_error_m(estimate).abs() < mission::AT_ALTITUDE_M, ..wish })
+        let wish = FormationOutput { field_ne: field.xy(), setpoint, in_place: false };
+        Some(FormationOutput { in_place: is_there && wish.altitude_error_m(estimate).abs() < mission::AT_ALTITUDE_M, ..wish })
     }
 
     /// The relative velocity after the safety filter, feed-forward included; the commanded velocity if it keeps all
@@ -350,13 +350,13 @@ impl Formation {
     }
 
     /// Splits the peers into members and obstacles.
-    fn split_peers(&mut self, estimate: &Estimate, peers: &[Seen]) {
+    fn split_peers(&mut self, estimate: &Estimate, peers: &[PeerEstimate]) {
         self.neighbours.clear();
         self.obstacles.clear();
-        for &Seen { id, position, velocity, heading_rad, carried_s, standing, role, .. } in peers {
+        for &PeerEstimate { id, position, velocity, heading_rad, carried_s, standing, role, .. } in peers {
             match role {
                 Role::Member => {
-                    let is_fresh = standing == Standing::Fresh;
+                    let is_fresh = standing == PeerStatus::Fresh;
                     let age_s = carried_s;
                     self.neighbours.push(Neighbour { id, position, velocity, heading_rad, age_s, is_fresh });
                 }

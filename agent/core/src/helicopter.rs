@@ -43,9 +43,9 @@ pub use check::ParameterError;
 pub use failures::{Failures, Script};
 pub use parameters::Parameters;
 pub use vehicle::{BuiltInVehicle, Start};
-pub use wind::{Air, Weather};
+pub use wind::{LocalWind, Weather};
 
-use crate::plant::Sticks;
+use crate::plant::Controls;
 use dynamics::{Command, Dynamics, State};
 
 /// Length of one tick, during which controls and wind are held, s.
@@ -59,20 +59,20 @@ pub struct Helicopter {
     dynamics: Dynamics,
     /// `dynamics` without any failure.
     healthy: Dynamics,
-    controls: Controls,
+    controls: HeldControls,
     state: State,
 }
 
 /// Converts control deflections to blade pitch and yaw rate commands.
 #[derive(Clone, Debug)]
-struct Controls {
+struct HeldControls {
     cyclic_throw_rad: f64,
     min_collective_rad: f64,
     collective_range_rad: f64,
     max_yaw_rate_rad_s: f64,
 }
 
-impl Controls {
+impl HeldControls {
     fn new(parameters: &Parameters) -> Self {
         let servos = &parameters.servos;
         Self {
@@ -83,7 +83,7 @@ impl Controls {
         }
     }
 
-    fn command(&self, sticks: &Sticks) -> Command {
+    fn command(&self, sticks: &Controls) -> Command {
         Command {
             lateral_rad: self.cyclic_throw_rad * sticks.roll.clamp(-1.0, 1.0),
             longitudinal_rad: self.cyclic_throw_rad * sticks.pitch.clamp(-1.0, 1.0),
@@ -118,12 +118,12 @@ impl Helicopter {
             hover.tail_pitch_rad,
         ]);
         state[21..].copy_from_slice(&[hover.lambda, hover.lambda_t]);
-        Self { healthy: dynamics.clone(), dynamics, controls: Controls::new(parameters), state: State(state) }
+        Self { healthy: dynamics.clone(), dynamics, controls: HeldControls::new(parameters), state: State(state) }
     }
 
     /// Advances by one tick with these controls and this wind. The controls must be finite; values beyond the travel
     /// are clamped.
-    pub fn advance(&mut self, sticks: &Sticks, wind: VelocityNed) {
+    pub fn advance(&mut self, sticks: &Controls, wind: VelocityNed) {
         let command = self.controls.command(sticks);
         for _ in 0..STEPS {
             self.state = self.dynamics.step(&self.state, &command, &wind.0);

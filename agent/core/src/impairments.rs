@@ -1,7 +1,7 @@
 //! Network impairments of one receiving agent: lost, delayed, duplicated or reordered messages, links that are narrow,
 //! cut or out of range, and states that `network.graph` withholds.
 //!
-//! The impairments are applied at each receiver, so that the same [`Ear`] provides a study's network and, between Zenoh
+//! The impairments are applied at each receiver, so that the same [`Impairments`] provides a study's network and, between Zenoh
 //! and the agent, the faults of a real one. All randomness comes from the scenario's seed.
 //!
 //! * Each direction of a link has its own impairments (`channel`); those that depend on positions or on the graph are
@@ -28,27 +28,27 @@ use skein_common::message::{MessageOrder, PeerAge, State};
 use skein_common::scenario::Scenario;
 use skein_common::time::LocalTime;
 
-use crate::peers::{Heard, Word};
-use channels::Air;
+use crate::peers::{Received, PeerMessage};
+use channels::ReceiverChannels;
 pub use cuts::{delays, lasting, silences, union};
 use link::Link;
 
 /// The network impairments of one receiving agent.
 #[derive(Clone, Debug)]
-pub struct Ear {
+pub struct Impairments {
     delay_s: f64,
     /// Per-link impairments; `None` if all links have only the same delay.
-    channels: Option<Box<Air>>,
+    channels: Option<Box<ReceiverChannels>>,
     /// The links that a cut ever affects, by the other end's id.
     links: Vec<Link>,
     delays: AddedDelays,
     /// Time since the own take-off, s; `None` before it.
     flown_s: Option<f64>,
     /// Messages in flight, the earliest arrival first.
-    in_flight: VecDeque<UnderWay>,
+    in_flight: VecDeque<InFlight>,
     /// Latency of the newest state of each sender, by id.
-    latencies: Vec<Late>,
-    tally: Tally,
+    latencies: Vec<StateLatency>,
+    tally: DeliveryCounts,
 }
 
 /// Delays that events add per sender: when, in s after the own take-off, and how much, s.
@@ -57,7 +57,7 @@ struct AddedDelays(Vec<(VehicleId, (Range<f64>, f64))>);
 
 /// The receiver's data on which impairments depend.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Whereabouts {
+pub struct ReceiverPosition {
     /// Time since its take-off, s, the clock of the cuts; `None` before it.
     pub flown_s: Option<f64>,
     /// Its estimated position.
@@ -69,7 +69,7 @@ pub struct Whereabouts {
 /// `offered + duplicated` always equals `outside_graph + queue_full + out_of_range + lost + cut + heard` plus the
 /// messages in flight.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Tally {
+pub struct DeliveryCounts {
     /// Messages offered to the network, including those repeated by a link after a cut.
     pub offered: u64,
     /// Copies made by the network.
@@ -90,7 +90,7 @@ pub struct Tally {
 
 /// The delivery of one message.
 #[derive(Clone, Copy, Debug, PartialEq)]
-enum Fate {
+enum Delivery {
     OutsideGraph,
     QueueFull,
     OutOfRange,
@@ -104,34 +104,34 @@ enum Fate {
 
 /// A message in flight.
 #[derive(Clone, Copy, Debug)]
-struct UnderWay {
+struct InFlight {
     /// The message with its time of arrival.
-    heard: Heard,
+    heard: Received,
     sent_at: LocalTime,
 }
 
 /// Latency of a sender's newest state.
 #[derive(Clone, Copy, Debug)]
-struct Late {
+struct StateLatency {
     speaker: VehicleId,
     newest: MessageOrder,
     by_s: f64,
 }
 
-impl Ear {
+impl Impairments {
     /// The impairments of vehicle `own` at the start of its agent.
     pub fn new(scenario: &Scenario, own: VehicleId) -> Self {
         let peers = scenario.ids().filter(|&id| id != own);
         let delays = AddedDelays::new(scenario, own, peers.clone());
         Self {
             delay_s: scenario.network.delay_s,
-            channels: Air::new(scenario, own).map(Box::new),
+            channels: ReceiverChannels::new(scenario, own).map(Box::new),
             delays,
             flown_s: None,
             links: peers.filter_map(|peer| Link::new(scenario, own, peer)).collect(),
             in_flight: VecDeque::new(),
             latencies: Vec::new(),
-            tally: Tally::default(),
+            tally: DeliveryCounts::default(),
         }
     }
 
@@ -140,9 +140,9 @@ impl Ear {
     pub fn receive(
         &mut self,
         now: LocalTime,
-        own: Whereabouts,
-        arriving: impl IntoIterator<Item = Heard>,
-        out: &mut Vec<Heard>,
+        own: ReceiverPosition,
+        arriving: impl IntoIterator<Item = Received>,
+        out: &mut Vec<Received>,
     ) {
         if self.is_perfect() {
             out.extend(arriving);
@@ -156,12 +156,12 @@ impl Ear {
         for heard in arriving {
             self.tally.offered += 1;
             match self.fate(&heard) {
-                Fate::OutsideGraph => self.tally.outside_graph += 1,
-                Fate::QueueFull => self.tally.queue_full += 1,
-                Fate::OutOfRange => self.tally.out_of_range += 1,
-                Fate::Lost => self.tally.lost += 1,
-                Fate::Arrives { .. } if !self.gets_through(&heard) => self.tally.cut += 1,
-                Fate::Arrives { at, copy_at } => {
+                Delivery::OutsideGraph => self.tally.outside_graph += 1,
+                Delivery::QueueFull => self.tally.queue_full += 1,
+                Delivery::OutOfRange => self.tally.out_of_range += 1,
+                Delivery::Lost => self.tally.lost += 1,
+                Delivery::Arrives { .. } if !self.gets_through(&heard) => self.tally.cut += 1,
+                Delivery::Arrives { at, copy_at } => {
                     let delay_s = heard.word.speaker().map_or(0.0, |sender| self.added_delay_s(sender));
                     send(&mut self.in_flight, heard, at.plus_seconds(delay_s));
                     if let Some(copy_at) = copy_at {
@@ -175,7 +175,7 @@ impl Ear {
     }
 
     /// Counts of all messages by their delivery.
-    pub fn tally(&self) -> Tally {
+    pub fn tally(&self) -> DeliveryCounts {
         self.tally
     }
 
@@ -217,27 +217,27 @@ impl Ear {
         self.delays.s(self.flown_s, sender)
     }
 
-    fn fate(&mut self, heard: &Heard) -> Fate {
+    fn fate(&mut self, heard: &Received) -> Delivery {
         let is_cut = self.channels.is_some() && self.link(&heard.word).is_some_and(|index| self.links[index].is_dead());
         if let Some(channels) = &mut self.channels {
             return channels.fate(heard, is_cut);
         }
-        Fate::Arrives { at: heard.at.plus_seconds(self.delay_s), copy_at: None }
+        Delivery::Arrives { at: heard.at.plus_seconds(self.delay_s), copy_at: None }
     }
 
-    fn gets_through(&mut self, heard: &Heard) -> bool {
+    fn gets_through(&mut self, heard: &Received) -> bool {
         self.link(&heard.word).is_none_or(|index| self.links[index].lets_through(heard))
     }
 
     /// The affected link that a message arrives on. An operator's messages have none.
-    fn link(&self, word: &Word) -> Option<usize> {
+    fn link(&self, word: &PeerMessage) -> Option<usize> {
         self.links.binary_search_by_key(&word.speaker()?, Link::peer).ok()
     }
 
-    fn deliver(&mut self, now: LocalTime, out: &mut Vec<Heard>) {
-        while let Some(UnderWay { heard, sent_at }) = self.in_flight.pop_front_if(|word| word.heard.at <= now) {
+    fn deliver(&mut self, now: LocalTime, out: &mut Vec<Received>) {
+        while let Some(InFlight { heard, sent_at }) = self.in_flight.pop_front_if(|word| word.heard.at <= now) {
             self.tally.heard += 1;
-            if let Word::State(state) = &heard.word {
+            if let PeerMessage::State(state) = &heard.word {
                 self.note(state, heard.at.seconds_since(sent_at));
             }
             out.push(heard);
@@ -247,7 +247,7 @@ impl Ear {
     /// Records the latency of a state if it is the newest of its sender.
     fn note(&mut self, state: &State, by_s: f64) {
         let newest = state.header.order();
-        let late = Late { speaker: state.header.sender, newest, by_s };
+        let late = StateLatency { speaker: state.header.sender, newest, by_s };
         match self.late(late.speaker) {
             Ok(index) if self.latencies[index].newest < newest => self.latencies[index] = late,
             Ok(_) => {}
@@ -276,9 +276,9 @@ impl AddedDelays {
 }
 
 /// Puts a message in flight, behind those that arrive no later.
-fn send(in_flight: &mut VecDeque<UnderWay>, sent: Heard, at: LocalTime) {
+fn send(in_flight: &mut VecDeque<InFlight>, sent: Received, at: LocalTime) {
     let place = in_flight.partition_point(|earlier| earlier.heard.at <= at);
-    in_flight.insert(place, UnderWay { heard: Heard { at, ..sent }, sent_at: sent.at });
+    in_flight.insert(place, InFlight { heard: Received { at, ..sent }, sent_at: sent.at });
 }
 
 #[cfg(test)]

@@ -22,7 +22,7 @@ use alloc::vec::Vec;
 
 use nalgebra::Vector2;
 use skein_common::id::{VehicleId, VehicleSet};
-use skein_common::message::{self, Failure, Happening, Order, Verb};
+use skein_common::message::{self, Failure, EventKind, Order, Verb};
 use skein_common::scenario::Scenario;
 use skein_common::state::{Activity, Membership};
 use skein_common::time::{LocalTime, Now, PlantTime};
@@ -35,7 +35,7 @@ use agreement::{Agreement, AgreementState, OtherStates, Progress};
 use landing::{Descent, Landing};
 use plan::{Kind, Leg};
 use progress::LegProgress;
-pub use task::{Goal, Task};
+pub use task::{MissionGoal, Task};
 
 /// Height of the centre of gravity above which a vehicle counts as flying, m.
 const FLYING_ABOVE_M: f64 = 1.5;
@@ -132,12 +132,12 @@ impl Mission {
     }
 
     /// Merges an order: the larger register wins.
-    pub fn merge(&mut self, order: Order, happened: &mut Vec<Happening>) {
+    pub fn merge(&mut self, order: Order, happened: &mut Vec<EventKind>) {
         if self.order >= Some(order) {
             return;
         }
         self.order = Some(order);
-        happened.push(Happening::OrderTaken(Order { seal: None, ..order }));
+        happened.push(EventKind::OrderTaken(Order { seal: None, ..order }));
         if let Verb::Goto(step) = order.verb {
             let progress = self.agreement.order(step);
             self.begin_step(progress, core::iter::empty(), happened);
@@ -159,13 +159,13 @@ impl Mission {
     }
 
     /// Merges the order of a peer's heartbeat if the peer flies the same plan; otherwise reports the peer.
-    pub fn take_heartbeat(&mut self, heartbeat: &message::Mission, happened: &mut Vec<Happening>) {
+    pub fn take_heartbeat(&mut self, heartbeat: &message::Mission, happened: &mut Vec<EventKind>) {
         let id = heartbeat.header.sender;
         if heartbeat.plan == self.plan {
             heartbeat.order.into_iter().for_each(|order| self.merge(order, happened));
         } else if !self.strangers.contains(id) {
             self.strangers.insert(id);
-            happened.push(Happening::PlanDiffers(id));
+            happened.push(EventKind::PlanDiffers(id));
         }
     }
 
@@ -178,7 +178,7 @@ impl Mission {
         estimate: &Estimate,
         view: &View,
         heartbeats: impl Iterator<Item = &'a message::Mission> + Clone,
-        happened: &mut Vec<Happening>,
+        happened: &mut Vec<EventKind>,
     ) -> Task {
         let since = *self.since.get_or_insert_with(|| {
             self.heading_rad = estimate.attitude.heading_rad;
@@ -267,7 +267,7 @@ impl Mission {
         estimate: &Estimate,
         view: &View,
         heartbeats: impl Iterator<Item = &'a message::Mission> + Clone,
-        happened: &mut Vec<Happening>,
+        happened: &mut Vec<EventKind>,
     ) -> Task {
         let order = self.order.map(|order| order.verb);
         let response = self.conditions(view).response();
@@ -298,16 +298,16 @@ impl Mission {
         &mut self,
         progress: Option<Progress>,
         heartbeats: impl Iterator<Item = &'a message::Mission>,
-        happened: &mut Vec<Happening>,
+        happened: &mut Vec<EventKind>,
     ) {
         let Some(progress) = progress else { return };
         let to = self.at();
         let without = core::mem::take(&mut self.awaited);
         let event = match progress {
-            Progress::Advanced if without.is_empty() => Happening::Advanced(to),
-            Progress::Advanced => Happening::ForcedAdvance { to, without },
-            Progress::Carried { reached: true, .. } => Happening::Advanced(to),
-            Progress::Carried { from, reached: false } => Happening::Skipped { from, to },
+            Progress::Advanced if without.is_empty() => EventKind::Advanced(to),
+            Progress::Advanced => EventKind::ForcedAdvance { to, without },
+            Progress::Carried { reached: true, .. } => EventKind::Advanced(to),
+            Progress::Carried { from, reached: false } => EventKind::Skipped { from, to },
         };
         // A vehicle that has left only observes.
         happened.extend((self.membership() != Membership::Left).then_some(event));
@@ -338,9 +338,9 @@ impl Mission {
         along_m.into_iter().for_each(|along_m| self.progress.catch_up(along_m));
     }
 
-    fn watch_quorum(&mut self, has_quorum: bool, happened: &mut Vec<Happening>) {
+    fn watch_quorum(&mut self, has_quorum: bool, happened: &mut Vec<EventKind>) {
         if has_quorum != self.has_quorum && self.membership() == Membership::Active {
-            happened.push(if has_quorum { Happening::QuorumBack } else { Happening::QuorumLost });
+            happened.push(if has_quorum { EventKind::QuorumBack } else { EventKind::QuorumLost });
         }
         self.has_quorum = has_quorum;
     }
@@ -367,7 +367,7 @@ impl Mission {
         estimate: &Estimate,
         view: &View,
         heartbeats: impl Iterator<Item = &'a message::Mission> + Clone,
-        happened: &mut Vec<Happening>,
+        happened: &mut Vec<EventKind>,
     ) -> Task {
         self.stay = None;
         if self.landing.take().is_some() {
@@ -379,10 +379,10 @@ impl Mission {
         self.activity = if self.at_altitude { Activity::Formation } else { Activity::TakingOff };
         let is_stuck = !is_at_altitude && Self::is_without_authority(estimate, view);
         self.stuck_s = if is_stuck { self.stuck_s + self.progress.since_s(now.plant) } else { 0.0 };
-        happened.extend(self.is_stuck().then_some(Happening::Failed(Failure::Altitude)));
+        happened.extend(self.is_stuck().then_some(EventKind::Failed(Failure::Altitude)));
         if self.is_complete(now.plant, view.in_place, heartbeats.clone()) && self.reached() < Some(self.at()) {
             self.agreement.reach();
-            happened.push(Happening::Reached(self.at()));
+            happened.push(EventKind::Reached(self.at()));
         }
         let others =
             OtherStates { states: heartbeats.clone().map(AgreementState::from), absent_may_fly: view.absent_may_fly };
@@ -390,7 +390,7 @@ impl Mission {
         self.begin_step(progress, heartbeats, happened);
         let (centre_ne_m, centre_velocity_ne_m_s) = self.centre();
         let step = self.at() as usize;
-        Task::Formation(Goal { step, centre_ne_m, centre_velocity_ne_m_s, heading_rad: self.heading_rad })
+        Task::Formation(MissionGoal { step, centre_ne_m, centre_velocity_ne_m_s, heading_rad: self.heading_rad })
     }
 
     /// Whether the collective is at its limit and the vehicle comes no nearer to its altitude.

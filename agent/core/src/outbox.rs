@@ -9,7 +9,7 @@ use alloc::vec::Vec;
 use skein_common::frame::{PositionNed, VelocityNed};
 use skein_common::id::{Incarnation, VehicleId};
 use skein_common::math;
-use skein_common::message::{self, Echo, Happening, Header, Mission as MissionMessage, State};
+use skein_common::message::{self, Echo, EventKind, Header, Mission as MissionMessage, State};
 use skein_common::scenario::{Network, SendMode};
 use skein_common::time::{LocalTime, SenderStamp};
 
@@ -28,7 +28,7 @@ pub struct Outbox {
     /// The heartbeat with the agreement state, if it is due.
     pub mission: Option<MissionMessage>,
     /// The events of this step, in the order of the stages that found them.
-    pub happened: Vec<Happening>,
+    pub happened: Vec<EventKind>,
 }
 
 /// Decides when the vehicle sends its state and its heartbeat, and counts what it sent.
@@ -108,7 +108,7 @@ impl SendSchedule {
         now: LocalTime,
         estimate: Option<&Estimate>,
         mission: &Mission,
-        happened: Vec<Happening>,
+        happened: Vec<EventKind>,
         echo: impl FnOnce(SenderStamp) -> Option<Echo>,
     ) -> Outbox {
         Outbox { state: estimate.and_then(|e| self.state(now, e)), mission: self.mission(now, mission, echo), happened }

@@ -27,11 +27,11 @@ use skein_common::frame::{Origin, PositionNed, VelocityNed};
 use skein_common::id::{Incarnation, VehicleId, VehicleSet};
 use skein_common::message::{Echo, Header, Mission, Order, State};
 use skein_common::scenario::{Graph, Network};
-use skein_common::state::{Membership, Standing, VehicleState};
+use skein_common::state::{Membership, PeerStatus, VehicleState};
 use skein_common::time::{LocalTime, SenderStamp};
 
 use crate::deadlines::Deadline;
-use crate::delay::{Delay, Exchange, Way, since_stamp_s};
+use crate::delay::{Delay, Exchange, MessageDelay, since_stamp_s};
 
 /// A state younger than this is fresh, s.
 pub const FRESH_S: f64 = Deadline::StateOld.after_s();
@@ -43,16 +43,16 @@ const OBSTACLE_GROWTH_M: f64 = 12.0;
 
 /// A received message with its time of arrival.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Heard {
+pub struct Received {
     /// The message.
-    pub word: Word,
+    pub word: PeerMessage,
     /// Time of arrival by the own clock.
     pub at: LocalTime,
 }
 
 /// A message from a peer, the network or an operator.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Word {
+pub enum PeerMessage {
     /// A peer's state.
     State(State),
     /// A peer's heartbeat with its agreement state.
@@ -65,7 +65,7 @@ pub enum Word {
     Order(Order),
 }
 
-impl Word {
+impl PeerMessage {
     /// The sender; `None` for an operator.
     pub fn speaker(&self) -> Option<VehicleId> {
         match self {
@@ -79,7 +79,7 @@ impl Word {
 
 /// The estimated current state of a peer.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Seen {
+pub struct PeerEstimate {
     /// The peer's id.
     pub id: VehicleId,
     /// Its last position, extrapolated at constant velocity.
@@ -95,12 +95,12 @@ pub struct Seen {
     /// Most likely age of this state, s, over which it was extrapolated.
     pub carried_s: f64,
     /// Status of the peer.
-    pub standing: Standing,
+    pub standing: PeerStatus,
     /// Role of the peer in the own formation.
     pub role: Role,
 }
 
-impl Seen {
+impl PeerEstimate {
     /// Time since the arrival of its last state, s.
     pub fn silent_s(&self) -> f64 {
         self.age_s - self.delay_s.unwrap_or_default()
@@ -109,9 +109,9 @@ impl Seen {
 
 /// The peers as the formation needs them.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Others<'a> {
+pub struct PeerSummary<'a> {
     /// The peers with a known state that are not out of sight, by id.
-    pub estimates: &'a [Seen],
+    pub estimates: &'a [PeerEstimate],
     /// The active members in contact that are out of sight.
     pub unseen: VehicleSet,
     /// Whether a lost peer that may still be flying has a lower id than every peer in contact. Of two partitions
@@ -152,7 +152,7 @@ pub struct Peers {
     /// Whether the network graph passes every peer's states.
     receives_all_states: bool,
     known: Vec<Peer>,
-    estimates: Vec<Seen>,
+    estimates: Vec<PeerEstimate>,
     unseen: VehicleSet,
     flies_above: bool,
     changes: Vec<Change>,
@@ -172,7 +172,7 @@ pub struct Peers {
 struct Peer {
     id: VehicleId,
     incarnation: Incarnation,
-    state: Option<Told>,
+    state: Option<ReportedState>,
     mission: Option<Mission>,
     /// Arrival of the newest heartbeat.
     heartbeat_at: LocalTime,
@@ -188,7 +188,7 @@ struct Peer {
 
 /// A state as received.
 #[derive(Clone, Copy, Debug)]
-struct Told {
+struct ReportedState {
     sequence: u64,
     position: PositionNed,
     velocity: VelocityNed,
@@ -237,7 +237,7 @@ impl Peers {
     }
 
     /// Takes the messages received since the last update and extrapolates all peers to `now`.
-    pub fn update(&mut self, now: LocalTime, origin: &Origin, heard: &[Heard]) {
+    pub fn update(&mut self, now: LocalTime, origin: &Origin, heard: &[Received]) {
         let before = core::mem::replace(&mut self.now, now).min(now);
         for heard in heard {
             // Whatever the clock showed at its arrival, the message arrived between the two updates.
@@ -271,13 +271,13 @@ impl Peers {
     }
 
     /// The peers with a known state that are not out of sight, by id.
-    pub fn estimates(&self) -> &[Seen] {
+    pub fn estimates(&self) -> &[PeerEstimate] {
         &self.estimates
     }
 
     /// The peers as the formation needs them.
-    pub fn others(&self) -> Others<'_> {
-        Others { estimates: &self.estimates, unseen: self.unseen, flies_above: self.flies_above }
+    pub fn others(&self) -> PeerSummary<'_> {
+        PeerSummary { estimates: &self.estimates, unseen: self.unseen, flies_above: self.flies_above }
     }
 
     /// The changes of the last update.
@@ -333,9 +333,9 @@ impl Peers {
         self.forged
     }
 
-    fn receive(&mut self, origin: &Origin, heard: &Heard, at: LocalTime) {
+    fn receive(&mut self, origin: &Origin, heard: &Received, at: LocalTime) {
         match heard.word {
-            Word::State(message) => {
+            PeerMessage::State(message) => {
                 let Some(peer) = self.speaker(&message.header) else { return };
                 let sequence = message.header.sequence;
                 if peer.state.is_some_and(|last| last.sequence >= sequence) {
@@ -345,10 +345,10 @@ impl Peers {
                 let position = origin.ned_from_geodetic(&message.state.position);
                 let VehicleState { velocity, heading_rad, .. } = message.state;
                 let transit_s = since_stamp_s(at, message.header.stamp);
-                peer.state = Some(Told { sequence, position, velocity, heading_rad, at, transit_s });
+                peer.state = Some(ReportedState { sequence, position, velocity, heading_rad, at, transit_s });
                 peer.received_at = Some(at);
             }
-            Word::Mission(message) => {
+            PeerMessage::Mission(message) => {
                 let Some(peer) = self.speaker(&message.header) else { return };
                 // A heartbeat is repeated to every agent that asks for it.
                 if peer.mission == Some(message) {
@@ -368,13 +368,13 @@ impl Peers {
                     peer.delay.take(at, since_stamp_s(at, message.header.stamp), round_trip_s);
                 }
             }
-            Word::Appeared(id) | Word::Vanished(id) => {
+            PeerMessage::Appeared(id) | PeerMessage::Vanished(id) => {
                 if let Some(peer) = self.member(id) {
-                    peer.token = Some(matches!(heard.word, Word::Appeared(_)));
+                    peer.token = Some(matches!(heard.word, PeerMessage::Appeared(_)));
                 }
             }
             // The mission stage handles orders.
-            Word::Order(_) => {}
+            PeerMessage::Order(_) => {}
         }
     }
 
@@ -473,17 +473,17 @@ impl Peer {
         }
     }
 
-    fn estimate(&self, now: LocalTime, plan: u64, stale_s: f64) -> Option<Seen> {
+    fn estimate(&self, now: LocalTime, plan: u64, stale_s: f64) -> Option<PeerEstimate> {
         let last = self.state?;
         let silent_s = now.seconds_since(last.at).max(0.0);
         let message_delay = self.delay.of(now, last.transit_s);
         let delay_s = message_delay.map(|message_delay| message_delay.most_s);
-        let Way { most_s, likely_s } = message_delay.unwrap_or_default();
+        let MessageDelay { most_s, likely_s } = message_delay.unwrap_or_default();
         let (age_s, carried_s) = (silent_s + most_s, silent_s + likely_s);
         let standing = match self.lost_at {
-            Some(_) => Standing::Lost,
-            None if Deadline::StateOld.is_past(age_s) => Standing::Stale,
-            None => Standing::Fresh,
+            Some(_) => PeerStatus::Lost,
+            None if Deadline::StateOld.is_past(age_s) => PeerStatus::Stale,
+            None => PeerStatus::Fresh,
         };
         let flies_along = !Deadline::NeighbourSilent(stale_s).is_past(silent_s)
             && self.mission.is_some_and(|message| message.plan == plan);
@@ -496,8 +496,8 @@ impl Peer {
             }
         };
         let position = last.position + last.velocity.0 * carried_s;
-        let Told { velocity, heading_rad, .. } = last;
-        Some(Seen { id: self.id, position, velocity, heading_rad, age_s, delay_s, carried_s, standing, role })
+        let ReportedState { velocity, heading_rad, .. } = last;
+        Some(PeerEstimate { id: self.id, position, velocity, heading_rad, age_s, delay_s, carried_s, standing, role })
     }
 
     /// Whether the peer was lost as an active member and may still be flying the mission.

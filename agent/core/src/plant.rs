@@ -1,6 +1,6 @@
 //! The interface to a plant: the simulator that an agent controls.
 //!
-//! A plant delivers one [`Frame`] at a time and takes [`Sticks`]. Degrees, feet, knots and a simulator's own axes are
+//! A plant delivers one [`Frame`] at a time and takes [`Controls`]. Degrees, feet, knots and a simulator's own axes are
 //! converted inside the module of that plant.
 
 use core::time::Duration;
@@ -10,7 +10,7 @@ use skein_common::time::PlantTime;
 
 /// Positions of the pilot's controls. The same numbers drive the built-in helicopter and X-Plane's overrides.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Sticks {
+pub struct Controls {
     /// Lateral cyclic, −1 to 1, positive rolls right.
     pub roll: f64,
     /// Longitudinal cyclic, −1 to 1, positive lifts the nose.
@@ -21,7 +21,7 @@ pub struct Sticks {
     pub collective: f64,
 }
 
-impl Sticks {
+impl Controls {
     /// Whether all controls are finite and within their travel.
     pub fn is_within_limits(&self) -> bool {
         let axis = |value: f64| (-1.0..=1.0).contains(&value);
@@ -48,7 +48,7 @@ pub struct Measurement {
 
 /// The vehicle's true state. For measuring and plotting only: no decision may use it.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Truth {
+pub struct GroundTruth {
     /// Position of the centre of gravity in the swarm's frame.
     pub position: PositionNed,
     /// Height of the centre of gravity above the ground, m.
@@ -69,7 +69,7 @@ pub struct Frame {
     /// The sensor readings.
     pub measurement: Measurement,
     /// The true state.
-    pub truth: Truth,
+    pub truth: GroundTruth,
 }
 
 /// Why a plant woke its agent.
@@ -89,7 +89,7 @@ pub trait Plant: Send {
     fn wait(&mut self, timeout: Duration) -> Wake;
 
     /// Sets the controls; called at most once per frame, never blocks.
-    fn command(&mut self, sticks: Sticks);
+    fn command(&mut self, sticks: Controls);
 
     /// Returns the controls to the simulator.
     fn release(&mut self);

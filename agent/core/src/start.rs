@@ -17,7 +17,7 @@ const ATTEMPTS: usize = 100;
 /// The start positions do not fit into their square.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 #[error("{vehicles} vehicles {separation_m} m apart do not fit into a square of {square_m} m")]
-pub struct TooFull {
+pub struct StartAreaTooSmall {
     vehicles: usize,
     separation_m: f64,
     square_m: f64,
@@ -29,7 +29,7 @@ pub struct TooFull {
 /// # Errors
 ///
 /// The square is too small for the vehicles at their separation.
-pub fn starts(scenario: &Scenario) -> Result<Vec<Start>, TooFull> {
+pub fn starts(scenario: &Scenario) -> Result<Vec<Start>, StartAreaTooSmall> {
     let vehicles = scenario.swarm.vehicles;
     let mut generator = random::generator(scenario.seed, None, Purpose::Start);
     let mut starts = match scenario.start.pattern {
@@ -60,7 +60,7 @@ pub fn starts(scenario: &Scenario) -> Result<Vec<Start>, TooFull> {
 }
 
 /// Starts evenly distributed over the square around the origin, at least the separation apart, with random headings.
-fn random_starts(scenario: &Scenario, generator: &mut impl Rng) -> Result<Vec<Start>, TooFull> {
+fn random_starts(scenario: &Scenario, generator: &mut impl Rng) -> Result<Vec<Start>, StartAreaTooSmall> {
     let (vehicles, start) = (scenario.swarm.vehicles, &scenario.start);
     for _ in 0..ATTEMPTS {
         let mut starts: Vec<Start> = Vec::with_capacity(vehicles);
@@ -79,7 +79,7 @@ fn random_starts(scenario: &Scenario, generator: &mut impl Rng) -> Result<Vec<St
             }
         }
     }
-    Err(TooFull { vehicles, separation_m: start.separation_m, square_m: start.square_m })
+    Err(StartAreaTooSmall { vehicles, separation_m: start.separation_m, square_m: start.square_m })
 }
 
 #[cfg(test)]

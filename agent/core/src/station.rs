@@ -19,11 +19,11 @@ use skein_common::time::{LocalTime, Now, PlantTime};
 use crate::agent::{Agent, Inputs, Outputs};
 use crate::aircraft::Aircraft;
 use crate::control::Rules;
-use crate::formation::NotFlown;
-use crate::formation::external::Answer;
-use crate::impairments::{Ear, Tally, Whereabouts};
-use crate::peers::Heard;
-use crate::plant::{Measurement, Truth};
+use crate::formation::UnsupportedScenario;
+use crate::formation::external::LawReply;
+use crate::impairments::{Impairments, DeliveryCounts, ReceiverPosition};
+use crate::peers::Received;
+use crate::plant::{Measurement, GroundTruth};
 use crate::skew::Skew;
 
 /// Clock data that survive a restart of the agent: the clock's error and the time of take-off.
@@ -72,10 +72,10 @@ impl Clocks {
 #[derive(Clone, Debug)]
 pub struct Station {
     agent: Agent,
-    impairments: Ear,
+    impairments: Impairments,
     clocks: Clocks,
     /// Messages received since the last step, stamped by the vehicle's clock.
-    heard: Vec<Heard>,
+    heard: Vec<Received>,
 }
 
 impl Station {
@@ -90,15 +90,15 @@ impl Station {
         incarnation: Incarnation,
         (aircraft, rules): (&Aircraft, Rules),
         clocks: Clocks,
-    ) -> Result<Self, NotFlown> {
+    ) -> Result<Self, UnsupportedScenario> {
         let agent = Agent::new(scenario, own, incarnation, aircraft, rules)?;
-        Ok(Self { agent, impairments: Ear::new(scenario, own), clocks, heard: Vec::new() })
+        Ok(Self { agent, impairments: Impairments::new(scenario, own), clocks, heard: Vec::new() })
     }
 
     /// Takes the messages that an ideal network delivers, each with the correct time of its arrival. Those that pass
     /// the impairments by now are kept for the next step.
-    pub fn receive(&mut self, right: LocalTime, arriving: impl IntoIterator<Item = Heard>) {
-        let own = Whereabouts { flown_s: self.clocks.flown_s(right), position: self.agent.position() };
+    pub fn receive(&mut self, right: LocalTime, arriving: impl IntoIterator<Item = Received>) {
+        let own = ReceiverPosition { flown_s: self.clocks.flown_s(right), position: self.agent.position() };
         let before = self.heard.len();
         self.impairments.receive(right, own, arriving, &mut self.heard);
         if !self.clocks.skew.is_zero() {
@@ -114,7 +114,7 @@ impl Station {
         right: LocalTime,
         (plant_time, measurement): (PlantTime, Option<&Measurement>),
         leave: bool,
-        answer: Option<&Answer>,
+        answer: Option<&LawReply>,
     ) -> Outputs {
         let now = Now { plant: plant_time, local: self.clocks.local_time(right) };
         let outputs = self.agent.step(now, &Inputs { measurement, heard: &self.heard, leave, answer });
@@ -127,7 +127,7 @@ impl Station {
 
     /// The record of the last step. It lacks the figures known only in real time: the step's duration and the missed
     /// frames. `truth` is the plant's true state.
-    pub fn trace(&mut self, right: LocalTime, plant_time: PlantTime, truth: &Truth) -> Trace {
+    pub fn trace(&mut self, right: LocalTime, plant_time: PlantTime, truth: &GroundTruth) -> Trace {
         let now = Now { plant: plant_time, local: self.clocks.local_time(right) };
         let mut trace = self.agent.trace(now, truth);
         self.impairments.report_latency(&mut trace.peers);
@@ -155,7 +155,7 @@ impl Station {
     }
 
     /// Counts of all messages by their delivery; `None` if the scenario has no impairments.
-    pub fn delivery_counts(&self) -> Option<Tally> {
+    pub fn delivery_counts(&self) -> Option<DeliveryCounts> {
         (!self.impairments.is_perfect()).then(|| self.impairments.tally())
     }
 }

@@ -7,7 +7,7 @@ use std::process;
 
 /// How safely a file is written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Promise {
+pub enum Durability {
     /// A concurrent reader sees the old content or the new one.
     Atomic,
     /// Also, the new content is on the disk when the call returns.
@@ -16,8 +16,8 @@ pub enum Promise {
     Secret,
 }
 
-impl Promise {
-    /// [`Promise::Secret`] for a secret file, else [`Promise::Synced`].
+impl Durability {
+    /// [`Durability::Secret`] for a secret file, else [`Durability::Synced`].
     pub fn of(is_secret: bool) -> Self {
         if is_secret { Self::Secret } else { Self::Synced }
     }
@@ -27,13 +27,13 @@ impl Promise {
 ///
 /// # Errors
 /// If it cannot be written; the old file is then unchanged.
-pub fn write(path: &Path, content: &[u8], promise: Promise) -> io::Result<()> {
+pub fn write(path: &Path, content: &[u8], promise: Durability) -> io::Result<()> {
     let mut name = path.file_name().ok_or(io::ErrorKind::InvalidInput)?.to_owned();
     name.push(format!(".{}.draft", process::id()));
     let draft = path.with_file_name(name);
     let written = create(&draft, promise).and_then(|mut file| {
         file.write_all(content)?;
-        if promise != Promise::Atomic {
+        if promise != Durability::Atomic {
             file.sync_all()?;
         }
         fs::rename(&draft, path)
@@ -45,7 +45,7 @@ pub fn write(path: &Path, content: &[u8], promise: Promise) -> io::Result<()> {
     written
 }
 
-fn create(path: &Path, promise: Promise) -> io::Result<File> {
+fn create(path: &Path, promise: Durability) -> io::Result<File> {
     // A draft left by an earlier process with this id may have another mode.
     match fs::remove_file(path) {
         Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(error),
@@ -54,7 +54,7 @@ fn create(path: &Path, promise: Promise) -> io::Result<File> {
     let mut options = OpenOptions::new();
     options.write(true).create_new(true);
     #[cfg(unix)]
-    std::os::unix::fs::OpenOptionsExt::mode(&mut options, if promise == Promise::Secret { 0o600 } else { 0o644 });
+    std::os::unix::fs::OpenOptionsExt::mode(&mut options, if promise == Durability::Secret { 0o600 } else { 0o644 });
     #[cfg(not(unix))]
     let _ = promise;
     options.open(path)
@@ -68,17 +68,17 @@ mod tests {
     fn a_file_is_replaced_atomically_and_leaves_no_draft() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("key");
-        for (content, promise) in [("one", Promise::Atomic), ("two", Promise::Synced), ("three", Promise::Secret)] {
+        for (content, promise) in [("one", Durability::Atomic), ("two", Durability::Synced), ("three", Durability::Secret)] {
             write(&path, content.as_bytes(), promise).unwrap();
             assert_eq!(fs::read_to_string(&path).unwrap(), content);
             #[cfg(unix)]
             {
                 use std::os::unix::fs::PermissionsExt;
                 let mode = fs::metadata(&path).unwrap().permissions().mode() & 0o777;
-                assert_eq!(mode & 0o077 == 0, promise == Promise::Secret, "{mode:o}");
+                assert_eq!(mode & 0o077 == 0, promise == Durability::Secret, "{mode:o}");
             }
         }
         assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1);
-        assert!(write(&folder.path().join("no/such/folder"), b"", Promise::Atomic).is_err());
+        assert!(write(&folder.path().join("no/such/folder"), b"", Durability::Atomic).is_err());
     }
 }

@@ -21,7 +21,7 @@ use skein_common::scenario::{self, Law, Scenario};
 
 /// Checked transport to a law.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Way {
+pub enum LawTransport {
     /// Program and arguments, started as one process for each vehicle.
     Command(Vec<String>),
     /// Host and port that the law connects to.
@@ -52,7 +52,7 @@ pub enum ExternalError {
     Port(String, io::Error),
 }
 
-impl Way {
+impl LawTransport {
     /// Transport to this scenario's law; `None` if no step has an external law.
     ///
     /// # Errors
@@ -87,12 +87,12 @@ impl Way {
 /// its law can be reached.
 ///
 /// # Errors
-/// The same as [`Way::of`].
+/// The same as [`LawTransport::of`].
 pub fn find(scenario: &mut Scenario, folder: &Path) -> Result<(), ExternalError> {
     if let Some(command) = &mut scenario.formation.external.command {
         *command = resolve(command, folder).map_err(|error| ExternalError::Transport(error.to_string()))?;
     }
-    Way::of(scenario).map(drop)
+    LawTransport::of(scenario).map(drop)
 }
 
 /// Whether any step of the mission has an external law.
@@ -152,10 +152,10 @@ mod tests {
 
     use super::*;
 
-    fn transport(lines: &str) -> Result<Option<Way>, ExternalError> {
+    fn transport(lines: &str) -> Result<Option<LawTransport>, ExternalError> {
         let text = format!("swarm.vehicles = 2\n[formation]\n{lines}");
         let source = scenario::Source { name: "test.toml", text: &text };
-        Way::of(&scenario::load(&source, &[]).unwrap().scenario)
+        LawTransport::of(&scenario::load(&source, &[]).unwrap().scenario)
     }
 
     #[test]
@@ -167,11 +167,11 @@ mod tests {
         let missing = law("command = ['no-such-program-7']").unwrap_err().to_string();
         assert_eq!(missing, "formation.external.command: program \"no-such-program-7\" not found");
         assert!(law("command = ['no/such/program']").is_err());
-        assert_eq!(law("command = ['cargo', 'x']").unwrap(), Some(Way::Command(vec!["cargo".into(), "x".into()])));
+        assert_eq!(law("command = ['cargo', 'x']").unwrap(), Some(LawTransport::Command(vec!["cargo".into(), "x".into()])));
         let listen = law("listen = 'tcp/127.0.0.1:5600'").unwrap();
-        assert_eq!(listen, Some(Way::Listen("127.0.0.1".into(), 5600)));
+        assert_eq!(listen, Some(LawTransport::Listen("127.0.0.1".into(), 5600)));
         let udp = law("udp = { ask = '[::1]:5700', answer = '0.0.0.0:5800' }").unwrap();
-        assert_eq!(udp, Some(Way::Udp { ask: ("[::1]".into(), 5700), answer: ("0.0.0.0".into(), 5800) }));
+        assert_eq!(udp, Some(LawTransport::Udp { ask: ("[::1]".into(), 5700), answer: ("0.0.0.0".into(), 5800) }));
     }
 
     #[test]

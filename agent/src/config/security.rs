@@ -7,7 +7,7 @@ use serde::Deserialize;
 use skein_common::id::VehicleId;
 
 use crate::link::Security;
-use crate::link::seal::SealKey;
+use crate::link::seal::VerificationKey;
 use crate::link::security::{Known, Tls, identities_by_vehicle};
 
 /// The `[security]` table. Without it links are plain and orders are accepted without a signature.
@@ -21,7 +21,7 @@ pub struct SecurityTable {
     /// The node's private key, PEM.
     pub key: PathBuf,
     /// Public key that verifies orders.
-    pub orders: SealKey,
+    pub orders: VerificationKey,
     /// Common name in observers' certificates.
     pub observer: String,
     /// Common name in the operator's certificate.
@@ -33,7 +33,7 @@ pub struct SecurityTable {
 
 impl SecurityTable {
     /// Resolves the paths from `folder`, and splits off the key that verifies orders.
-    pub fn of(self, folder: &Path) -> (Security, SealKey) {
+    pub fn of(self, folder: &Path) -> (Security, VerificationKey) {
         let Self { authority, certificate, key, orders, observer, operator, vehicles } = self;
         let [authority, certificate, key] = [authority, certificate, key].map(|file| folder.join(file));
         (Security::Tls(Tls { authority, certificate, key, vehicles, observer, operator }), orders)

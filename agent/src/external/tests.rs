@@ -5,7 +5,7 @@ use nalgebra::Vector3;
 use skein_common::scenario::{Source, load};
 
 use super::*;
-use skein_core::formation::external::{Goal, Own, Wanted};
+use skein_core::formation::external::{QueryGoal, OwnState, ReplyCommand};
 use skein_host::clock::sleep_until;
 
 /// Time limit of a wait.
@@ -34,9 +34,9 @@ fn shell(answer: &str) -> LiveLaw {
 
 const GOOD: &str = r#"echo "{\"say\":\"answer\",\"vehicle\":2,\"tick\":$tick,\"velocity_ned_m_s\":[1,2,3]}""#;
 
-fn ask(tick: u64) -> Ask {
-    let own = Own { position_ned_m: [0.0; 3], velocity_ned_m_s: [0.0; 3], heading_rad: 0.0, age_s: 0.0 };
-    let goal = Goal {
+fn ask(tick: u64) -> LawQuery {
+    let own = OwnState { position_ned_m: [0.0; 3], velocity_ned_m_s: [0.0; 3], heading_rad: 0.0, age_s: 0.0 };
+    let goal = QueryGoal {
         step: 0,
         centre_ned_m: [0.0; 3],
         centre_velocity_ned_m_s: [0.0; 3],
@@ -44,11 +44,11 @@ fn ask(tick: u64) -> Ask {
         radius_m: 100.0,
         gamma: 1.0,
     };
-    Ask { vehicle: id(2), tick, time_s: 0.0, dt_s: 0.1, own, peers: Vec::new(), goal }
+    LawQuery { vehicle: id(2), tick, time_s: 0.0, dt_s: 0.1, own, peers: Vec::new(), goal }
 }
 
 /// Queries repeatedly, as a vehicle does, starting at this tick; returns the first reply, or `None` after `within`.
-fn answer_to(law: &LiveLaw, mut tick: u64, within: Duration) -> Option<Answer> {
+fn answer_to(law: &LiveLaw, mut tick: u64, within: Duration) -> Option<LawReply> {
     let until = now() + within;
     let mut next = now();
     while now() < until {
@@ -68,7 +68,7 @@ fn answer_to(law: &LiveLaw, mut tick: u64, within: Duration) -> Option<Answer> {
 fn a_law_process_replies() {
     let law = shell(GOOD);
     let answer = answer_to(&law, 40, TIMEOUT).unwrap();
-    assert_eq!((answer.vehicle, answer.wanted), (id(2), Wanted::VelocityNed(Vector3::new(1.0, 2.0, 3.0))));
+    assert_eq!((answer.vehicle, answer.wanted), (id(2), ReplyCommand::VelocityNed(Vector3::new(1.0, 2.0, 3.0))));
     assert!(answer.tick >= 40);
     assert_eq!(law.answer(), None, "every reply is returned once");
 }
@@ -183,7 +183,7 @@ fn a_law_that_connects_is_queried_and_may_reconnect() {
             }
         });
         let answer = answer_to(&law, 1000 * life, TIMEOUT).unwrap();
-        assert_eq!(answer.wanted, Wanted::FieldNe(nalgebra::Vector2::new(0.5, life as f64)));
+        assert_eq!(answer.wanted, ReplyCommand::FieldNe(nalgebra::Vector2::new(0.5, life as f64)));
         while !program.is_finished() {
             answer_to(&law, 1000 * life + 500, Duration::from_millis(300));
         }
@@ -222,5 +222,5 @@ fn vector_queries_are_repeated_and_replies_accepted_from_any_port() {
         }
         assert!(now() < until);
     };
-    assert_eq!((answered.tick, answered.wanted), (7, Wanted::VelocityNed(Vector3::new(0.5, 0.25, -0.5))));
+    assert_eq!((answered.tick, answered.wanted), (7, ReplyCommand::VelocityNed(Vector3::new(0.5, 0.25, -0.5))));
 }

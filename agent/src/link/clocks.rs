@@ -9,13 +9,13 @@ use std::time::{Duration, Instant};
 
 use skein_common::id::VehicleId;
 use skein_common::message::{ClockAnswer, ClockOffset, PeerHealth};
-use skein_common::state::Standing;
+use skein_common::state::PeerStatus;
 use skein_common::topic::Topic;
 use zenoh::Session;
 use zenoh::query::{Query, Queryable};
 use zenoh::sample::Sample;
 
-use super::{Ear, LinkError, Sessions, queries};
+use super::{LinkReceiver, LinkError, Sessions, queries};
 use skein_host::clock::now;
 
 /// Time between two clock queries; each goes to one peer.
@@ -35,7 +35,7 @@ pub type Utc = fn() -> u64;
 /// Answers queries for the own clock and queries the peers' clocks.
 pub(super) struct Clocks {
     sessions: Vec<Weak<Session>>,
-    receiver: Arc<Ear>,
+    receiver: Arc<LinkReceiver>,
     utc: Utc,
     measurements: Arc<Mutex<BTreeMap<VehicleId, Measurements>>>,
     /// Peer of the last query.
@@ -52,7 +52,7 @@ struct Measurements {
 }
 
 impl Clocks {
-    pub(super) fn open(sessions: &Sessions, receiver: &Arc<Ear>, own: VehicleId, utc: Utc) -> Result<Self, LinkError> {
+    pub(super) fn open(sessions: &Sessions, receiver: &Arc<LinkReceiver>, own: VehicleId, utc: Utc) -> Result<Self, LinkError> {
         let for_queries = receiver.clone();
         let answer = move |query: &Query| {
             let received_ns = utc();
@@ -157,7 +157,7 @@ fn aged((at, measured): &(Instant, ClockOffset), now: Instant) -> ClockOffset {
 
 /// The peers in contact, which can be queried.
 pub(super) fn live(peers: &[PeerHealth]) -> Vec<VehicleId> {
-    peers.iter().filter(|peer| peer.standing != Standing::Lost).map(|peer| peer.id).collect()
+    peers.iter().filter(|peer| peer.standing != PeerStatus::Lost).map(|peer| peer.id).collect()
 }
 
 /// Locks the measurements. No holder can panic, so poisoning is ignored.

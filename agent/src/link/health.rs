@@ -6,12 +6,12 @@ use skein_common::id::VehicleId;
 use skein_common::message::{Health, Refused};
 
 use super::clocks::{Clocks, live};
-use super::{Ear, Line};
+use super::{LinkReceiver, MessagePublisher};
 
 /// Publisher of health messages.
 pub struct HealthPublisher {
-    pub(super) publisher: Line<Health>,
-    pub(super) receiver: Arc<Ear>,
+    pub(super) publisher: MessagePublisher<Health>,
+    pub(super) receiver: Arc<LinkReceiver>,
     pub(super) clocks: Clocks,
     /// Peers in contact at the last health message.
     pub(super) live: Vec<VehicleId>,

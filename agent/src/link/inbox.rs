@@ -9,7 +9,7 @@ use skein_common::id::VehicleId;
 use skein_common::message::{Drops, Reason, Refused};
 
 use super::refusals::Refusals;
-use skein_core::peers::{Heard, Word};
+use skein_core::peers::{Received, PeerMessage};
 
 /// State, heartbeat and token of each vehicle, and the largest order.
 const CAPACITY: usize = 3 * VehicleId::MAX as usize + 1;
@@ -17,7 +17,7 @@ const CAPACITY: usize = 3 * VehicleId::MAX as usize + 1;
 /// Filled by Zenoh's threads, emptied by the control thread.
 #[derive(Debug)]
 pub(super) struct Inbox {
-    heard: Mutex<Vec<Heard>>,
+    heard: Mutex<Vec<Received>>,
     refusals: Refusals,
 }
 
@@ -27,12 +27,12 @@ impl Inbox {
     }
 
     /// Stores a message that came under this key, in place of an older one of the same peer and kind.
-    pub(super) fn store(&self, key: &str, new: Heard) {
+    pub(super) fn store(&self, key: &str, new: Received) {
         let mut heard = self.lock();
         match heard.iter_mut().find(|kept| is_same_kind(&kept.word, &new.word)) {
             Some(kept) if is_later(&new.word, &kept.word) => *kept = new,
             // A late joiner's query delivers a heartbeat twice.
-            Some(kept) if matches!(new.word, Word::Mission(_)) && kept.word == new.word => {}
+            Some(kept) if matches!(new.word, PeerMessage::Mission(_)) && kept.word == new.word => {}
             Some(_) => {
                 drop(heard);
                 self.refusals.count(Reason::Old, key);
@@ -42,7 +42,7 @@ impl Inbox {
     }
 
     /// Moves all messages to the end of `heard`.
-    pub(super) fn drain(&self, heard: &mut Vec<Heard>) {
+    pub(super) fn drain(&self, heard: &mut Vec<Received>) {
         heard.append(&mut self.lock());
     }
 
@@ -69,26 +69,26 @@ impl Inbox {
     }
 
     /// Locks the messages. No holder can panic, so poisoning is ignored.
-    fn lock(&self) -> MutexGuard<'_, Vec<Heard>> {
+    fn lock(&self) -> MutexGuard<'_, Vec<Received>> {
         self.heard.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
-fn is_same_kind(one: &Word, other: &Word) -> bool {
+fn is_same_kind(one: &PeerMessage, other: &PeerMessage) -> bool {
     match (one, other) {
-        (Word::State(one), Word::State(other)) => one.header.sender == other.header.sender,
-        (Word::Mission(one), Word::Mission(other)) => one.header.sender == other.header.sender,
-        (Word::Appeared(one) | Word::Vanished(one), Word::Appeared(other) | Word::Vanished(other)) => one == other,
-        (Word::Order(_), Word::Order(_)) => true,
+        (PeerMessage::State(one), PeerMessage::State(other)) => one.header.sender == other.header.sender,
+        (PeerMessage::Mission(one), PeerMessage::Mission(other)) => one.header.sender == other.header.sender,
+        (PeerMessage::Appeared(one) | PeerMessage::Vanished(one), PeerMessage::Appeared(other) | PeerMessage::Vanished(other)) => one == other,
+        (PeerMessage::Order(_), PeerMessage::Order(_)) => true,
         _ => false,
     }
 }
 
-fn is_later(new: &Word, kept: &Word) -> bool {
+fn is_later(new: &PeerMessage, kept: &PeerMessage) -> bool {
     match (new, kept) {
-        (Word::State(new), Word::State(kept)) => new.header.order() > kept.header.order(),
-        (Word::Mission(new), Word::Mission(kept)) => new.header.order() > kept.header.order(),
-        (Word::Order(new), Word::Order(kept)) => new > kept,
+        (PeerMessage::State(new), PeerMessage::State(kept)) => new.header.order() > kept.header.order(),
+        (PeerMessage::Mission(new), PeerMessage::Mission(kept)) => new.header.order() > kept.header.order(),
+        (PeerMessage::Order(new), PeerMessage::Order(kept)) => new > kept,
         _ => true,
     }
 }

@@ -175,7 +175,7 @@ mod tests {
     use std::time::Instant;
 
     use skein_common::id::{Incarnation, VehicleId};
-    use skein_common::message::{Happening, Header};
+    use skein_common::message::{EventKind, Header};
     use skein_common::time::SenderStamp;
 
     use super::*;
@@ -201,7 +201,7 @@ mod tests {
     }
 
     fn step(sequence: u64) -> Messages {
-        let events = vec![Event { header: header(sequence), what: Happening::Landed }];
+        let events = vec![Event { header: header(sequence), what: EventKind::Landed }];
         Messages { mission: Some(heartbeat(sequence)), events, ..Messages::default() }
     }
 

@@ -11,24 +11,24 @@ use zenoh::qos::{CongestionControl, Priority};
 use zenoh::sample::Locality;
 use zenoh::{Session, Wait};
 
-use super::{Ear, LinkError, Sessions, declaring};
+use super::{LinkReceiver, LinkError, Sessions, declaring};
 
 /// A declared publisher of one kind of message, in each session. Its messages are dropped rather than waited for.
-pub struct Line<M> {
+pub struct MessagePublisher<M> {
     pub(super) publishers: Vec<Publisher<'static>>,
     key: String,
-    receiver: Arc<Ear>,
+    receiver: Arc<LinkReceiver>,
     kind: PhantomData<fn(M)>,
 }
 
-impl<M: Message> Line<M> {
+impl<M: Message> MessagePublisher<M> {
     /// Declares a publisher for this topic.
     ///
     /// # Errors
     /// If a session is closed.
     pub(super) fn open(
         sessions: &Sessions,
-        receiver: &Arc<Ear>,
+        receiver: &Arc<LinkReceiver>,
         topic: Topic,
         priority: Priority,
     ) -> Result<Self, LinkError> {

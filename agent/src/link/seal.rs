@@ -14,7 +14,7 @@ use rustls_pki_types::PrivatePkcs8KeyDer;
 use rustls_pki_types::pem::PemObject;
 use serde::{Deserialize, Serialize};
 use skein_common::id::SwarmName;
-use skein_common::message::Seal;
+use skein_common::message::Signature;
 
 /// Why a text or bytes are not a key.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
@@ -30,27 +30,27 @@ pub enum NotAKey {
 /// Public key that verifies one sender's signatures. As text it has 64 hexadecimal digits.
 #[derive(Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(try_from = "String", into = "String")]
-pub struct SealKey([u8; 32]);
+pub struct VerificationKey([u8; 32]);
 
-impl SealKey {
+impl VerificationKey {
     /// The key's bytes.
     pub fn to_bytes(self) -> [u8; 32] {
         self.0
     }
 
     /// Whether `seal` is the signature of these bytes with the matching private key. Takes about 100 µs.
-    fn has_sealed(&self, bytes: &[u8], seal: Seal) -> bool {
+    fn has_sealed(&self, bytes: &[u8], seal: Signature) -> bool {
         UnparsedPublicKey::new(&ED25519, self.0).verify(bytes, &seal.to_bytes()).is_ok()
     }
 }
 
-impl From<[u8; 32]> for SealKey {
+impl From<[u8; 32]> for VerificationKey {
     fn from(key: [u8; 32]) -> Self {
         Self(key)
     }
 }
 
-impl FromStr for SealKey {
+impl FromStr for VerificationKey {
     type Err = NotAKey;
     fn from_str(text: &str) -> Result<Self, NotAKey> {
         let digits = text.as_bytes();
@@ -66,35 +66,35 @@ impl FromStr for SealKey {
     }
 }
 
-impl TryFrom<String> for SealKey {
+impl TryFrom<String> for VerificationKey {
     type Error = NotAKey;
     fn try_from(text: String) -> Result<Self, NotAKey> {
         text.parse()
     }
 }
 
-impl From<SealKey> for String {
-    fn from(key: SealKey) -> Self {
+impl From<VerificationKey> for String {
+    fn from(key: VerificationKey) -> Self {
         key.to_string()
     }
 }
 
-impl fmt::Display for SealKey {
+impl fmt::Display for VerificationKey {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         self.0.iter().try_for_each(|byte| write!(f, "{byte:02x}"))
     }
 }
 
-impl fmt::Debug for SealKey {
+impl fmt::Debug for VerificationKey {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "VerificationKey({self})")
     }
 }
 
 /// Private key that signs messages.
-pub struct Sealer(Ed25519KeyPair);
+pub struct SigningKey(Ed25519KeyPair);
 
-impl Sealer {
+impl SigningKey {
     /// Reads the key from a PKCS#8 document (DER), with or without its public key.
     ///
     /// # Errors
@@ -113,20 +113,20 @@ impl Sealer {
     }
 
     /// The public key that verifies this key's signatures.
-    pub fn key(&self) -> SealKey {
+    pub fn key(&self) -> VerificationKey {
         let mut key = [0; 32];
         key.copy_from_slice(self.0.public_key().as_ref());
-        SealKey(key)
+        VerificationKey(key)
     }
 
-    fn sign(&self, bytes: &[u8]) -> Seal {
-        let mut seal = [0; Seal::BYTES];
+    fn sign(&self, bytes: &[u8]) -> Signature {
+        let mut seal = [0; Signature::BYTES];
         seal.copy_from_slice(self.0.sign(bytes).as_ref());
-        Seal::from_bytes(seal)
+        Signature::from_bytes(seal)
     }
 }
 
-impl fmt::Debug for Sealer {
+impl fmt::Debug for SigningKey {
     /// Shows the public key only.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "SigningKey(of {:?})", self.key())
@@ -151,8 +151,8 @@ pub(crate) mod tests {
 
     use super::*;
 
-    pub(crate) fn sealer() -> Sealer {
-        Sealer::from_pkcs8(Ed25519KeyPair::generate_pkcs8(&SystemRandom::new()).unwrap().as_ref()).unwrap()
+    pub(crate) fn sealer() -> SigningKey {
+        SigningKey::from_pkcs8(Ed25519KeyPair::generate_pkcs8(&SystemRandom::new()).unwrap().as_ref()).unwrap()
     }
 
     pub(crate) fn name(text: &str) -> SwarmName {
@@ -169,14 +169,14 @@ pub(crate) mod tests {
         let public = "fc51cd8e6218a1a38da47ed00230f0580816ed13ba3303ac5deb911548908025";
         // PKCS#8 version 1 as OpenSSL writes it: a fixed header and the seed.
         let der = [hex("302e020100300506032b657004220420"), seed].concat();
-        let sealer = Sealer::from_pkcs8(&der).unwrap();
+        let sealer = SigningKey::from_pkcs8(&der).unwrap();
         assert_eq!(Ok(sealer.key()), public.parse());
         assert_eq!(
             format!("{sealer:?}"),
             format!("SigningKey(of VerificationKey({public}))"),
             "the secret is not shown"
         );
-        assert!(Sealer::from_pkcs8(b"key").is_err() && Sealer::from_pem("key").is_err());
+        assert!(SigningKey::from_pkcs8(b"key").is_err() && SigningKey::from_pem("key").is_err());
         let expected = "6291d657deec24024827e69c3abe01a30ce548a284743a445e3680d7db5ac3ac18ff9b538d16f290ae67f760984dc6594a7c15e9716ed28dc027beceea1ec40a";
         let seal = sealer.sign(&[0xaf, 0x82]);
         assert_eq!(seal.to_bytes().as_slice(), hex(expected));
@@ -188,7 +188,7 @@ pub(crate) mod tests {
         let key = sealer().key();
         assert_eq!(key.to_string().parse(), Ok(key));
         for text in ["", "0", &"0".repeat(63), &"0".repeat(65), &"g".repeat(64), &"é".repeat(32)] {
-            assert_eq!(text.parse::<SealKey>(), Err(NotAKey::Public), "{text:?}");
+            assert_eq!(text.parse::<VerificationKey>(), Err(NotAKey::Public), "{text:?}");
         }
     }
 }

@@ -13,8 +13,8 @@ use skein_common::id::{SwarmName, VehicleId};
 use zenoh::config::EndPoint;
 
 use super::LinkError;
-use super::seal::words::Voices;
-use super::seal::{SealKey, Sealer};
+use super::seal::words::KeyRing;
+use super::seal::{VerificationKey, SigningKey};
 
 /// How the links of a session are secured.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -35,7 +35,7 @@ pub struct Tls {
     /// File of its private key, PEM. A vehicle also signs its messages with this key.
     pub key: PathBuf,
     /// Vehicles of the swarm.
-    pub vehicles: BTreeMap<VehicleId, Known>,
+    pub vehicles: BTreeMap<VehicleId, PeerIdentity>,
     /// Common name in observers' certificates.
     pub observer: String,
     /// Common name in the operator's certificate.
@@ -45,19 +45,19 @@ pub struct Tls {
 /// Certificate name and public key of a vehicle.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Known {
+pub struct PeerIdentity {
     /// Common name of its certificate; a replacement certificate has another name.
     pub name: String,
     /// Public key of its certificate and of its messages' signatures.
-    pub key: SealKey,
+    pub key: VerificationKey,
 }
 
 /// Deserializes a table of vehicle identities whose keys are vehicle ids.
 ///
 /// # Errors
 /// If a key of the table is not a vehicle id.
-pub fn identities_by_vehicle<'de, D: Deserializer<'de>>(of: D) -> Result<BTreeMap<VehicleId, Known>, D::Error> {
-    let vehicles = BTreeMap::<String, Known>::deserialize(of)?.into_iter();
+pub fn identities_by_vehicle<'de, D: Deserializer<'de>>(of: D) -> Result<BTreeMap<VehicleId, PeerIdentity>, D::Error> {
+    let vehicles = BTreeMap::<String, PeerIdentity>::deserialize(of)?.into_iter();
     vehicles.map(|(id, known)| id.parse().map(|id| (id, known)).map_err(D::Error::custom)).collect()
 }
 
@@ -81,12 +81,12 @@ impl Security {
     }
 
     /// Key ring that verifies the senders of messages.
-    pub fn voices(&self, swarm: &SwarmName) -> Voices {
+    pub fn voices(&self, swarm: &SwarmName) -> KeyRing {
         match self {
-            Self::Plain => Voices::plain(swarm.clone()),
+            Self::Plain => KeyRing::plain(swarm.clone()),
             Self::Tls(tls) => {
                 let keys = tls.vehicles.iter().map(|(id, known)| (*id, known.key)).collect();
-                Voices::sealed(swarm.clone(), keys)
+                KeyRing::sealed(swarm.clone(), keys)
             }
         }
     }
@@ -95,12 +95,12 @@ impl Security {
     ///
     /// # Errors
     /// If the file has no Ed25519 key, or not the key that the swarm has for this vehicle.
-    pub fn sealer(&self, own: VehicleId) -> Result<Option<Sealer>, LinkError> {
+    pub fn sealer(&self, own: VehicleId) -> Result<Option<SigningKey>, LinkError> {
         let Self::Tls(tls) = self else { return Ok(None) };
         let fault = |source| LinkError::File { path: tls.key.clone(), source };
         let text = fs::read_to_string(&tls.key).map_err(fault)?;
         let sealer =
-            Sealer::from_pem(&text).map_err(|error| fault(io::Error::new(io::ErrorKind::InvalidData, error)))?;
+            SigningKey::from_pem(&text).map_err(|error| fault(io::Error::new(io::ErrorKind::InvalidData, error)))?;
         match tls.vehicles.get(&own) {
             Some(known) if known.key == sealer.key() => Ok(Some(sealer)),
             _ => Err(LinkError::Key(own)),

@@ -38,7 +38,7 @@ fn trust(swarm: &SwarmName) -> Trust {
         plan: 7,
         orders: None,
         run: 0,
-        voices: Voices::plain(swarm.clone()),
+        voices: KeyRing::plain(swarm.clone()),
         sealer: None,
     }
 }
@@ -69,7 +69,7 @@ fn mission(sender: u8, sequence: u64) -> Mission {
 }
 
 /// Repeats `again` until `found` finds a result in all messages received so far.
-fn until<T>(link: &Link, mut again: impl FnMut(), mut found: impl FnMut(&[Heard]) -> Option<T>) -> T {
+fn until<T>(link: &Link, mut again: impl FnMut(), mut found: impl FnMut(&[Received]) -> Option<T>) -> T {
     let mut heard = Vec::new();
     let deadline = now() + TIMEOUT;
     loop {
@@ -87,7 +87,7 @@ fn pause() {
     sleep_until(now() + Duration::from_millis(2));
 }
 
-fn word(heard: &[Heard], wanted: impl Fn(&Word) -> bool) -> Option<Heard> {
+fn word(heard: &[Received], wanted: impl Fn(&PeerMessage) -> bool) -> Option<Received> {
     heard.iter().copied().find(|heard| wanted(&heard.word))
 }
 
@@ -109,9 +109,9 @@ fn two_agents_receive_each_others_messages_and_not_their_own() {
             sequence += 1;
             two.publish_state(&state(2, sequence), cell);
         },
-        |heard| word(heard, |word| matches!(word, Word::State(_))),
+        |heard| word(heard, |word| matches!(word, PeerMessage::State(_))),
     );
-    assert!(matches!(heard.word, Word::State(content) if content.state == state(2, 1).state));
+    assert!(matches!(heard.word, PeerMessage::State(content) if content.state == state(2, 1).state));
     assert!(LocalTime::ZERO < heard.at && heard.at <= clock.now());
 
     let mission = mission(1, 1);
@@ -121,13 +121,13 @@ fn two_agents_receive_each_others_messages_and_not_their_own() {
             one.publish_state(&state(1, 1), cell);
             one.publish_mission(&mission);
         },
-        |heard| word(heard, |word| matches!(word, Word::Mission(_))).map(|_| heard.to_vec()),
+        |heard| word(heard, |word| matches!(word, PeerMessage::Mission(_))).map(|_| heard.to_vec()),
     );
-    assert!(all.iter().any(|heard| heard.word == Word::Mission(mission)));
-    assert!(all.iter().any(|heard| heard.word == Word::Appeared(id(1))), "the peer that was up first is found");
-    let own = |word: &Word| match word {
-        Word::State(content) => content.header.sender == id(2),
-        Word::Appeared(vehicle) | Word::Vanished(vehicle) => *vehicle == id(2),
+    assert!(all.iter().any(|heard| heard.word == PeerMessage::Mission(mission)));
+    assert!(all.iter().any(|heard| heard.word == PeerMessage::Appeared(id(1))), "the peer that was up first is found");
+    let own = |word: &PeerMessage| match word {
+        PeerMessage::State(content) => content.header.sender == id(2),
+        PeerMessage::Appeared(vehicle) | PeerMessage::Vanished(vehicle) => *vehicle == id(2),
         _ => false,
     };
     assert_eq!(word(&all, own), None);
@@ -140,10 +140,10 @@ fn a_peer_that_closes_its_link_is_reported_at_once() {
     let (swarm, hub, dial) = hub("goes");
     let one = link(hub, 1, trust(&swarm));
     let two = link(open_zenoh(&swarm, &[], &dial, &[]).unwrap(), 2, trust(&swarm));
-    until(&one, || {}, |heard| word(heard, |word| *word == Word::Appeared(id(2))));
+    until(&one, || {}, |heard| word(heard, |word| *word == PeerMessage::Appeared(id(2))));
     let begin = now();
     two.close();
-    until(&one, || {}, |heard| word(heard, |word| *word == Word::Vanished(id(2))));
+    until(&one, || {}, |heard| word(heard, |word| *word == PeerMessage::Vanished(id(2))));
     assert!(now() < begin + Duration::from_secs(2));
 }
 
@@ -154,7 +154,7 @@ fn a_late_joiner_receives_the_last_heartbeat_of_a_silent_peer() {
     let silent = link(hub, 1, trust(&swarm));
     silent.publish_mission(&mission(1, 4));
     silent.publish_mission(&mission(1, 5));
-    let newest = |sender, sequence| move |word: &Word| *word == Word::Mission(mission(sender, sequence));
+    let newest = |sender, sequence| move |word: &PeerMessage| *word == PeerMessage::Mission(mission(sender, sequence));
     let born = now();
     let late = link(open_zenoh(&swarm, &[], &dial, &[]).unwrap(), 2, trust(&swarm));
     until(&late, || {}, |heard| word(heard, newest(1, 5)));
@@ -170,7 +170,7 @@ fn a_late_joiner_receives_the_last_heartbeat_of_a_silent_peer() {
         &waiting,
         || {},
         |heard| {
-            let _ = word(heard, |word| *word == Word::Appeared(id(4))).map(|_| appeared.get_or_insert_with(now));
+            let _ = word(heard, |word| *word == PeerMessage::Appeared(id(4))).map(|_| appeared.get_or_insert_with(now));
             word(heard, newest(4, 9))
         },
     );
@@ -188,7 +188,7 @@ fn malformed_and_forged_messages_are_counted_and_dropped() {
     until(
         &link,
         || send(&stranger, "vehicle/2/cell/0/0/state", &good),
-        |heard| word(heard, |word| matches!(word, Word::State(_))),
+        |heard| word(heard, |word| matches!(word, PeerMessage::State(_))),
     );
     let before = link.drops();
 
@@ -207,7 +207,7 @@ fn malformed_and_forged_messages_are_counted_and_dropped() {
     let mut heard = Vec::new();
     link.drain(&mut heard);
     assert!(
-        heard.iter().all(|heard| matches!(heard.word, Word::State(content) if content == state(2, 1))),
+        heard.iter().all(|heard| matches!(heard.word, PeerMessage::State(content) if content == state(2, 1))),
         "{heard:?}"
     );
 }
@@ -219,7 +219,7 @@ fn an_operators_order_is_received() {
     let observer = open_zenoh(&swarm, &[], &dial, &[]).unwrap();
     let order = Order { epoch: 1, issuer: 9, verb: Verb::Land, seal: None };
     let key = Topic::Order(order.issuer).key();
-    until(&link, || send(&observer, &key, &encode(&order)), |heard| word(heard, |word| *word == Word::Order(order)));
+    until(&link, || send(&observer, &key, &encode(&order)), |heard| word(heard, |word| *word == PeerMessage::Order(order)));
 }
 
 #[test]
@@ -248,32 +248,32 @@ fn wait_until(is_so: impl Fn() -> bool) {
 fn the_inbox_keeps_the_newest_message_of_each_peer_and_kind() {
     let inbox = Inbox::new();
     let at = LocalTime::from_seconds(1.0);
-    let store = |word| inbox.store("vehicle/2/state", Heard { word, at });
+    let store = |word| inbox.store("vehicle/2/state", Received { word, at });
     for sequence in [1, 3, 2, 3] {
-        store(Word::State(state(2, sequence)));
+        store(PeerMessage::State(state(2, sequence)));
     }
     let later_life = State { header: Header { incarnation: Incarnation(2), ..state(3, 1).header }, ..state(3, 1) };
     for state in [state(3, 8), later_life, state(3, 9)] {
-        store(Word::State(state));
+        store(PeerMessage::State(state));
     }
-    for word in [Word::Appeared(id(2)), Word::Vanished(id(2)), Word::Vanished(id(4)), Word::Appeared(id(4))] {
+    for word in [PeerMessage::Appeared(id(2)), PeerMessage::Vanished(id(2)), PeerMessage::Vanished(id(4)), PeerMessage::Appeared(id(4))] {
         store(word);
     }
     let order = |epoch| Order { epoch, issuer: 1, verb: Verb::Hold, seal: None };
     for epoch in [2, 3, 1] {
-        store(Word::Order(order(epoch)));
+        store(PeerMessage::Order(order(epoch)));
     }
     let mut heard = Vec::new();
     inbox.drain(&mut heard);
-    let words: Vec<Word> = heard.iter().map(|heard| heard.word).collect();
+    let words: Vec<PeerMessage> = heard.iter().map(|heard| heard.word).collect();
     assert_eq!(
         words,
         [
-            Word::State(state(2, 3)),
-            Word::State(later_life),
-            Word::Vanished(id(2)),
-            Word::Appeared(id(4)),
-            Word::Order(order(3))
+            PeerMessage::State(state(2, 3)),
+            PeerMessage::State(later_life),
+            PeerMessage::Vanished(id(2)),
+            PeerMessage::Appeared(id(4)),
+            PeerMessage::Order(order(3))
         ]
     );
     assert_eq!(inbox.drops(), Drops { old: 4, ..Drops::default() });
@@ -289,12 +289,12 @@ fn every_vehicle_fits_into_the_inbox_without_growing() {
     let before = inbox.capacity();
     for _ in 0..3 {
         for vehicle in 1..=VehicleId::MAX {
-            let mission = Word::Mission(mission(vehicle, 1));
-            for word in [Word::State(state(vehicle, 1)), mission, Word::Appeared(id(vehicle))] {
-                inbox.store("a", Heard { word, at });
+            let mission = PeerMessage::Mission(mission(vehicle, 1));
+            for word in [PeerMessage::State(state(vehicle, 1)), mission, PeerMessage::Appeared(id(vehicle))] {
+                inbox.store("a", Received { word, at });
             }
         }
-        inbox.store("a", Heard { word: Word::Order(Order { epoch: 1, issuer: 1, verb: Verb::Hold, seal: None }), at });
+        inbox.store("a", Received { word: PeerMessage::Order(Order { epoch: 1, issuer: 1, verb: Verb::Hold, seal: None }), at });
     }
     assert_eq!(inbox.capacity(), before);
 }
@@ -308,7 +308,7 @@ fn a_replayed_message_is_dropped_by_the_core() {
     let newest = until(
         &link,
         || send(&replayer, key, &encode(&state(2, 5))),
-        |heard| word(heard, |word| matches!(word, Word::State(_))),
+        |heard| word(heard, |word| matches!(word, PeerMessage::State(_))),
     );
     let origin = Origin::new(Geodetic::from_degrees(28.0, -82.0, 0.0));
     let four = load(&Source { name: "test.toml", text: "swarm.vehicles = 4" }, &[]).unwrap().scenario;
@@ -318,7 +318,7 @@ fn a_replayed_message_is_dropped_by_the_core() {
     let old = until(
         &link,
         || send(&replayer, key, &encode(&state(2, 4))),
-        |heard| word(heard, |word| matches!(word, Word::State(content) if content.header.sequence == 4)),
+        |heard| word(heard, |word| matches!(word, PeerMessage::State(content) if content.header.sequence == 4)),
     );
     peers.update(old.at, &origin, &[old]);
     assert_eq!(peers.old(), before + 1);

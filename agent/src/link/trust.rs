@@ -7,9 +7,9 @@ use skein_common::message::{Mission, Order, Reason};
 use skein_common::scenario::Scenario;
 
 use super::seal::orders::Checker;
-use super::seal::words::Voices;
-use super::seal::{SealKey, Sealer};
-use skein_core::peers::Word;
+use super::seal::words::KeyRing;
+use super::seal::{VerificationKey, SigningKey};
+use skein_core::peers::PeerMessage;
 
 /// Which peers an agent believes and whose orders it accepts.
 #[derive(Clone, Debug)]
@@ -21,28 +21,28 @@ pub struct Trust {
     /// Hash of the plan that the swarm flies.
     pub plan: u64,
     /// Key of the operator, which must have signed every order. Without it any order is accepted.
-    pub orders: Option<SealKey>,
+    pub orders: Option<VerificationKey>,
     /// Run of the swarm that the agent was started in; 0 where runs have no number. It is never learnt from peers. A
     /// signed order is accepted in a numbered run only, because one for run 0 would be valid again tomorrow.
     pub run: u64,
     /// Verifies the sender of each message.
-    pub voices: Voices,
+    pub voices: KeyRing,
     /// Signs the own messages, where messages are signed.
-    pub sealer: Option<Arc<Sealer>>,
+    pub sealer: Option<Arc<SigningKey>>,
 }
 
 impl Trust {
     /// The trust of a plain swarm with this scenario: no certificates, no signatures, no runs.
     pub fn of(scenario: &Scenario) -> Self {
         let (swarm, vehicles) = (scenario.swarm.name.clone(), scenario.swarm.vehicles);
-        let (plan, voices) = (scenario.plan_hash(), Voices::plain(swarm.clone()));
+        let (plan, voices) = (scenario.plan_hash(), KeyRing::plain(swarm.clone()));
         Self { swarm, vehicles, plan, orders: None, run: 0, voices, sealer: None }
     }
 }
 
 /// Filters messages between the network and the inbox.
 #[derive(Debug)]
-pub(super) struct Judge {
+pub(super) struct Verifier {
     own: VehicleId,
     vehicles: usize,
     plan: u64,
@@ -50,7 +50,7 @@ pub(super) struct Judge {
     run: u64,
 }
 
-impl Judge {
+impl Verifier {
     pub(super) fn new(own: VehicleId, trust: Trust) -> Self {
         let Trust { swarm, vehicles, plan, orders, run, .. } = trust;
         let orders = orders.map(|key| Checker::new(key, swarm));
@@ -64,7 +64,7 @@ impl Judge {
 
     /// Returns the part of a message that is accepted. `run` is the run in its signature, if it has one. Calls
     /// `refused` with the reason for each part that is not accepted.
-    pub(super) fn accept(&self, word: Word, run: Option<u64>, mut refused: impl FnMut(Reason)) -> Option<Word> {
+    pub(super) fn accept(&self, word: PeerMessage, run: Option<u64>, mut refused: impl FnMut(Reason)) -> Option<PeerMessage> {
         let stranger = |id: VehicleId| usize::from(id.get()) > self.vehicles;
         match (word.speaker(), word) {
             (Some(id), _) if id == self.own => {
@@ -79,7 +79,7 @@ impl Judge {
                 refused(Reason::OtherRun);
                 None
             }
-            (_, Word::Mission(content)) => {
+            (_, PeerMessage::Mission(content)) => {
                 if content.plan != self.plan {
                     refused(Reason::OtherPlan);
                 }
@@ -88,9 +88,9 @@ impl Judge {
                     refused(Reason::Unsealed);
                 }
                 // The heartbeat itself is still the sender's: even with another plan it shows that the sender is up.
-                Some(Word::Mission(Mission { order, ..content }))
+                Some(PeerMessage::Mission(Mission { order, ..content }))
             }
-            (_, Word::Order(order)) if !self.is_sealed(&order) => {
+            (_, PeerMessage::Order(order)) if !self.is_sealed(&order) => {
                 refused(Reason::Unsealed);
                 None
             }

@@ -4,7 +4,7 @@ use std::time::{Duration, Instant};
 
 use skein_core::helicopter::failures::ActiveFaults;
 use skein_core::helicopter::{BuiltInVehicle, Script, TICK_S};
-use skein_core::plant::{Plant, Sticks, Wake};
+use skein_core::plant::{Plant, Controls, Wake};
 use skein_host::clock::{now, sleep_until};
 
 /// A helicopter that advances one tick of 20 ms at each deadline of a fixed grid.
@@ -20,7 +20,7 @@ pub struct BuiltIn {
     script: Script,
     /// When the script started, and how much of it was over by then, s.
     script_since: Option<(Instant, f64)>,
-    sticks: Option<Sticks>,
+    sticks: Option<Controls>,
     tick_at: Option<Instant>,
     skipped: u64,
 }
@@ -65,7 +65,7 @@ impl Plant for BuiltIn {
         Wake::Frame(self.vehicle.frame())
     }
 
-    fn command(&mut self, sticks: Sticks) {
+    fn command(&mut self, sticks: Controls) {
         self.script_since.get_or_insert_with(|| (now(), 0.0));
         self.sticks = Some(sticks);
     }
@@ -173,7 +173,7 @@ mod tests {
         // The script starts only with the first command.
         let Wake::Frame(first) = plant.wait(2 * TICK) else { panic!("no frame") };
         assert!(!plant.vehicle.failures().engine_out);
-        plant.command(Sticks::default());
+        plant.command(Controls::default());
         let begin = now();
         let (mut frames, mut deadlines) = (Vec::new(), Vec::new());
         while now() < begin + Duration::from_millis(800) {

@@ -18,7 +18,7 @@ use crate::external::LiveLaw;
 use crate::link::{Link, Messages};
 use skein_core::agent::Outputs;
 use skein_core::outbox::Outbox;
-use skein_core::peers::Heard;
+use skein_core::peers::Received;
 use skein_core::plant::{Frame, Plant, Wake};
 use skein_core::station::Station;
 use skein_host::clock::{LocalClock, now, sleep_until};
@@ -54,7 +54,7 @@ struct LoopState {
     timing: Timing,
     silence: SilenceMonitor,
     plant_time: PlantTime,
-    arrived: Vec<Heard>,
+    arrived: Vec<Received>,
     events: u64,
     healths: u64,
 }

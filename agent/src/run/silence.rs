@@ -10,7 +10,7 @@ use std::collections::BTreeMap;
 use skein_common::id::VehicleId;
 use skein_common::time::LocalTime;
 
-use skein_core::peers::{Heard, Word};
+use skein_core::peers::{Received, PeerMessage};
 
 /// Timeout on a computer that keeps up, s.
 const TIMEOUT_S: f64 = 1.0;
@@ -49,7 +49,7 @@ impl SilenceMonitor {
 
     /// Appends to `arrived` a `Vanished` for each peer that has become silent and an `Appeared` for each that sends
     /// again. Returns how long the own control thread did not run, s, if this check is late.
-    pub(super) fn watch(&mut self, now: LocalTime, arrived: &mut Vec<Heard>) -> Option<f64> {
+    pub(super) fn watch(&mut self, now: LocalTime, arrived: &mut Vec<Received>) -> Option<f64> {
         let since_s = self.last_check.map_or(0.0, |last_check| now.seconds_since(last_check));
         self.last_check = Some(now);
         let is_late = since_s > LATE_S;
@@ -60,22 +60,22 @@ impl SilenceMonitor {
             peer.silent_s += since_s;
         }
         for nth in 0..arrived.len() {
-            let Heard { word, at } = arrived[nth];
+            let Received { word, at } = arrived[nth];
             match word {
-                Word::State(_) | Word::Mission(_) => {
+                PeerMessage::State(_) | PeerMessage::Mission(_) => {
                     let Some(id) = word.speaker() else { continue };
                     let peer =
                         self.peers.entry(id).or_insert(Peer { appeared: at, silent_s: 0.0, is_suspected: false });
                     peer.silent_s = 0.0;
                     if std::mem::replace(&mut peer.is_suspected, false) {
-                        arrived.push(Heard { word: Word::Appeared(id), at });
+                        arrived.push(Received { word: PeerMessage::Appeared(id), at });
                         // It was suspected too early.
                         self.back_off(now);
                     }
                 }
                 // The link reports this peer's state.
-                Word::Vanished(id) | Word::Appeared(id) => drop(self.peers.remove(&id)),
-                Word::Order(_) => {}
+                PeerMessage::Vanished(id) | PeerMessage::Appeared(id) => drop(self.peers.remove(&id)),
+                PeerMessage::Order(_) => {}
             }
         }
         for (&id, peer) in &mut self.peers {
@@ -83,7 +83,7 @@ impl SilenceMonitor {
             let timeout_s = if is_starting { MAX_TIMEOUT_S } else { self.timeout_s };
             if !peer.is_suspected && peer.silent_s > timeout_s {
                 peer.is_suspected = true;
-                arrived.push(Heard { word: Word::Vanished(id), at: now });
+                arrived.push(Received { word: PeerMessage::Vanished(id), at: now });
             }
         }
         if now.seconds_since(self.calm_since) > CALM_S {
@@ -113,9 +113,9 @@ mod tests {
         VehicleId::new(number).unwrap()
     }
 
-    fn heartbeat(sender: u8) -> Word {
+    fn heartbeat(sender: u8) -> PeerMessage {
         let header = Header { sender: id(sender), incarnation: Incarnation(1), sequence: 1, stamp: SenderStamp::ZERO };
-        Word::Mission(Mission {
+        PeerMessage::Mission(Mission {
             header,
             plan: 7,
             membership: Default::default(),
@@ -143,13 +143,13 @@ mod tests {
 
         /// Checks every `every_s`; a heartbeat of each of `heard` arrives every time. Returns the appended messages and
         /// their times, s.
-        fn pass(&mut self, for_s: f64, every_s: f64, heard: &[u8]) -> Vec<(Word, f64)> {
+        fn pass(&mut self, for_s: f64, every_s: f64, heard: &[u8]) -> Vec<(PeerMessage, f64)> {
             let begin_s = self.now_s;
             let mut added = Vec::new();
             while self.now_s < begin_s + for_s - 1e-9 {
                 self.now_s += every_s;
                 let at = LocalTime::from_seconds(self.now_s);
-                let mut arrived: Vec<_> = heard.iter().map(|&sender| Heard { word: heartbeat(sender), at }).collect();
+                let mut arrived: Vec<_> = heard.iter().map(|&sender| Received { word: heartbeat(sender), at }).collect();
                 self.silence.watch(at, &mut arrived);
                 added.extend(arrived.split_off(heard.len()).iter().map(|heard| (heard.word, self.now_s - begin_s)));
             }
@@ -161,9 +161,9 @@ mod tests {
     fn a_peer_silent_for_a_second_is_suspected_once_and_restored_by_its_next_message() {
         let mut watched = Watched::steady();
         let [(word, after_s)] = watched.pass(3.0, FRAME_S, &[])[..] else { panic!("not suspected exactly once") };
-        assert!(word == Word::Vanished(id(2)) && (0.99..1.05).contains(&after_s), "{word:?} after {after_s} s");
+        assert!(word == PeerMessage::Vanished(id(2)) && (0.99..1.05).contains(&after_s), "{word:?} after {after_s} s");
         let [(word, after_s)] = watched.pass(0.5, FRAME_S, &[2])[..] else { panic!("not restored exactly once") };
-        assert!(word == Word::Appeared(id(2)) && after_s < 0.03, "{word:?} after {after_s} s");
+        assert!(word == PeerMessage::Appeared(id(2)) && after_s < 0.03, "{word:?} after {after_s} s");
     }
 
     #[test]
@@ -190,9 +190,9 @@ mod tests {
         watched.pass(0.1, FRAME_S, &[2, 3]);
         assert_eq!(watched.pass(3.8, FRAME_S, &[3]), []);
         let [(word, _)] = watched.pass(0.4, FRAME_S, &[3])[..] else { panic!("not exactly one suspected") };
-        assert_eq!(word, Word::Vanished(id(2)));
+        assert_eq!(word, PeerMessage::Vanished(id(2)));
         let at = LocalTime::from_seconds(watched.now_s);
-        watched.silence.watch(at, &mut vec![Heard { word: Word::Vanished(id(3)), at }]);
+        watched.silence.watch(at, &mut vec![Received { word: PeerMessage::Vanished(id(3)), at }]);
         assert_eq!(watched.pass(10.0, FRAME_S, &[]), [], "the link reports a peer whose link was lost");
     }
 }

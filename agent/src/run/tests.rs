@@ -3,10 +3,10 @@ use std::time::{Duration, Instant};
 
 use skein_common::id::{Incarnation, SwarmName, VehicleId};
 use skein_common::message::{
-    Event, Happening, Header, Health, Message, Mission, Order, Reason, Refused, Trace, Verb, decode, encode,
+    Event, EventKind, Header, Health, Message, Mission, Order, Reason, Refused, Trace, Verb, decode, encode,
 };
 use skein_common::scenario::{self, EventAction, Fault, Graph, Network, Source, load};
-use skein_common::state::{Membership, Standing};
+use skein_common::state::{Membership, PeerStatus};
 use skein_common::time::SenderStamp;
 use skein_common::topic::{Topic, all};
 use tokio::runtime::Runtime;
@@ -117,12 +117,12 @@ fn two_agents_find_each_other_become_active_and_land_on_request() {
     };
     wait_until("two members", || {
         recorded.extend(events());
-        has(&recorded, 1, Happening::BecameActive) && has(&recorded, 2, Happening::BecameActive)
+        has(&recorded, 1, EventKind::BecameActive) && has(&recorded, 2, EventKind::BecameActive)
     });
     assert!(now() < begin + Duration::from_secs(5));
     for number in [1, 2] {
         let other = VehicleId::new(3 - number).unwrap();
-        assert!(has(&recorded, number, Happening::PeerFound(other)), "{recorded:?}");
+        assert!(has(&recorded, number, EventKind::PeerFound(other)), "{recorded:?}");
     }
 
     let (mut health, mut trace): (Vec<Health>, Vec<Trace>) = (Vec::new(), Vec::new());
@@ -139,7 +139,7 @@ fn two_agents_find_each_other_become_active_and_land_on_request() {
     let last = health.last().unwrap();
     assert_eq!((last.plant.as_str(), last.drops.total()), ("builtin", 0));
     assert!(last.frame_rate_hz > 25.0 && last.step_p50_us > 0.0 && last.step_p50_us <= last.step_p99_us, "{last:?}");
-    assert_eq!(last.peers[0].standing, Standing::Fresh);
+    assert_eq!(last.peers[0].standing, PeerStatus::Fresh);
     let clocks: Vec<_> = health.iter().filter_map(|message| message.peers.first()?.clock).collect();
     assert!(clocks.iter().all(|clock| clock.offset_s.abs() <= clock.bound_s && clock.bound_s < 0.5), "{clocks:?}");
     assert!(
@@ -156,7 +156,7 @@ fn two_agents_find_each_other_become_active_and_land_on_request() {
     one.end();
     two.end();
     recorded.extend(events());
-    assert!(has(&recorded, 1, Happening::Landed) && has(&recorded, 2, Happening::Landed), "{recorded:?}");
+    assert!(has(&recorded, 1, EventKind::Landed) && has(&recorded, 2, EventKind::Landed), "{recorded:?}");
 }
 
 #[test]
@@ -191,8 +191,8 @@ fn a_cut_in_the_scenario_separates_two_agents_until_it_ends() {
             });
             at.unwrap()
         };
-        let (member, lost) = (when(Happening::BecameActive, 0), when(Happening::PeerLost(other), 0));
-        let back = when(Happening::PeerFound(other), 1);
+        let (member, lost) = (when(EventKind::BecameActive, 0), when(EventKind::PeerLost(other), 0));
+        let back = when(EventKind::PeerFound(other), 1);
         // Lost: the lease and the delay after the cut. Found again: at least one retry after its end. Half a second for
         // the event to reach this test.
         assert!(lost > member + Duration::from_millis(1_600), "{:?}", lost - member);
@@ -234,10 +234,10 @@ fn an_agent_publishes_ages_that_include_the_delay_of_the_network() {
         }) && oldest_s.iter().all(|age_s| *age_s >= 4.0)
     });
     let peers = || health.iter().flat_map(|message| &message.peers);
-    for peer in peers().filter(|peer| peer.standing != Standing::Lost) {
+    for peer in peers().filter(|peer| peer.standing != PeerStatus::Lost) {
         let Some(delay_s) = peer.delay_s else { continue };
         assert!((4.0..5.0).contains(&delay_s) && peer.age_s >= delay_s, "{peer:?}");
-        assert_eq!(peer.standing, Standing::Stale);
+        assert_eq!(peer.standing, PeerStatus::Stale);
     }
     assert!(peers().any(|peer| peer.delay_s.is_none()), "the delay is unknown before the first round trip");
     for flight in flights {
@@ -295,7 +295,7 @@ fn a_delay_that_starts_in_flight_increases_the_ages_and_loses_no_peer() {
             "a state is younger than its delivery: {ages:?}"
         );
     }
-    assert!(!events().iter().any(|event| matches!(event.what, Happening::PeerLost(_))));
+    assert!(!events().iter().any(|event| matches!(event.what, EventKind::PeerLost(_))));
     for flight in flights {
         flight.stop.request();
         flight.stop.request();
@@ -370,17 +370,17 @@ fn an_agent_whose_launcher_is_gone_flies_until_an_order_has_landed_it() {
     flight.stop.abandon();
     let observer = link::open_zenoh(&swarm, &[], &dial, &[]).unwrap();
     let mut events = listen::<Event>(&observer, all::EVENTS);
-    let mut recorded: Vec<Happening> = Vec::new();
+    let mut recorded: Vec<EventKind> = Vec::new();
     wait_until("a member", || {
         recorded.extend(events().iter().map(|event| event.what));
-        recorded.contains(&Happening::BecameActive)
+        recorded.contains(&EventKind::BecameActive)
     });
     assert!(!flight.thread.is_finished());
     let order = Order { epoch: 1, issuer: 5, verb: Verb::Land, seal: None };
     observer.put(Topic::Order(order.issuer).key(), encode(&order)).wait().unwrap();
     flight.end();
     recorded.extend(events().iter().map(|event| event.what));
-    assert!(recorded.contains(&Happening::OrderTaken(order)) && recorded.contains(&Happening::Landed), "{recorded:?}");
+    assert!(recorded.contains(&EventKind::OrderTaken(order)) && recorded.contains(&EventKind::Landed), "{recorded:?}");
 }
 
 #[test]
@@ -395,7 +395,7 @@ fn an_invented_order_lands_no_vehicle_and_a_signed_one_does() {
     let other = link::open_zenoh(&swarm, &[], &dial, &[]).unwrap();
     let (mut events, mut healths) = (listen::<Event>(&other, all::EVENTS), listen::<Health>(&other, all::HEALTH));
     let mut missions = listen::<Mission>(&other, all::MISSIONS);
-    let mut recorded: Vec<Happening> = Vec::new();
+    let mut recorded: Vec<EventKind> = Vec::new();
     let abort = Order { epoch: u64::MAX, issuer: 5, verb: Verb::Abort, seal: None };
     let mut heartbeat = Mission {
         header: Header {
@@ -423,9 +423,9 @@ fn an_invented_order_lands_no_vehicle_and_a_signed_one_does() {
         recorded.extend(events().iter().map(|event| event.what));
         named = healths().pop().map_or_else(|| named.clone(), |message| message.refused);
         let refused = |key: &str| named.iter().any(|kind| kind.reason == Reason::Unsealed && kind.key == key);
-        recorded.contains(&Happening::BecameActive) && refused("vehicle/2/mission") && refused("order")
+        recorded.contains(&EventKind::BecameActive) && refused("vehicle/2/mission") && refused("order")
     });
-    assert!(!recorded.iter().any(|what| matches!(what, Happening::OrderTaken(_))), "{recorded:?}");
+    assert!(!recorded.iter().any(|what| matches!(what, EventKind::OrderTaken(_))), "{recorded:?}");
     let heartbeats: Vec<_> = missions().into_iter().filter(|message| message.header.sender.get() == 1).collect();
     assert!(!heartbeats.is_empty() && heartbeats.iter().all(|message| message.order.is_none()), "{heartbeats:?}");
 
@@ -439,7 +439,7 @@ fn an_invented_order_lands_no_vehicle_and_a_signed_one_does() {
     });
     flight.end();
     recorded.extend(events().iter().map(|event| event.what));
-    assert!(recorded.contains(&Happening::OrderTaken(land)) && recorded.contains(&Happening::Landed), "{recorded:?}");
+    assert!(recorded.contains(&EventKind::OrderTaken(land)) && recorded.contains(&EventKind::Landed), "{recorded:?}");
 }
 
 #[test]

@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{ClockOffset, Failure, Header, Message, message};
 use crate::id::VehicleId;
-use crate::state::{Activity, Standing};
+use crate::state::{Activity, PeerStatus};
 use crate::topic::{Author, Topic};
 
 /// Health report of an agent. It shows whether a problem comes from the flight software or from the computer and
@@ -164,7 +164,7 @@ pub struct PeerHealth {
     /// The peer.
     pub id: VehicleId,
     /// Fresh, stale or lost.
-    pub standing: Standing,
+    pub standing: PeerStatus,
     /// Upper bound of the age of the peer's newest state by the receiver's clock, s: the time since it arrived plus
     /// [`Self::delay_s`].
     pub age_s: f64,

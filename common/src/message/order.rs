@@ -17,15 +17,15 @@ pub struct Order {
     /// The action.
     pub verb: Verb,
     /// Signature of the operator; `None` in a swarm whose orders are not signed.
-    pub seal: Option<Seal>,
+    pub seal: Option<Signature>,
 }
 
 /// Ed25519 signature (RFC 8032) of an order. A swarm with an orders key accepts only orders with a valid signature.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
-pub struct Seal([u8; 32], [u8; 32]);
+pub struct Signature([u8; 32], [u8; 32]);
 
-impl Seal {
+impl Signature {
     /// Length of a signature, bytes.
     pub const BYTES: usize = 64;
 
@@ -46,7 +46,7 @@ impl Seal {
     }
 }
 
-impl std::fmt::Debug for Seal {
+impl std::fmt::Debug for Signature {
     /// The first four bytes: enough to distinguish two signatures in a test's output.
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let [a, b, c, d, ..] = self.0;

@@ -2,7 +2,7 @@ use proptest::prelude::*;
 
 use super::*;
 use crate::frame::{Geodetic, VelocityNed};
-use crate::state::{Activity, Standing};
+use crate::state::{Activity, PeerStatus};
 
 fn header() -> Header {
     Header {
@@ -24,8 +24,8 @@ fn state() -> State {
     }
 }
 
-fn seal() -> Seal {
-    Seal::from_bytes(std::array::from_fn(|nth| nth as u8))
+fn seal() -> Signature {
+    Signature::from_bytes(std::array::from_fn(|nth| nth as u8))
 }
 
 fn mission() -> Mission {
@@ -80,7 +80,7 @@ fn a_heartbeat_and_an_event_are_encoded_as_the_golden_bytes() {
     let mut golden = vec![VERSION];
     golden.extend(HEADER);
     golden.extend([2, 4]);
-    let event = Event { header: header(), what: Happening::PeerLost(VehicleId::new(4).unwrap()) };
+    let event = Event { header: header(), what: EventKind::PeerLost(VehicleId::new(4).unwrap()) };
     assert_eq!(encode(&event), golden);
     assert_eq!(decode(&golden), Ok(event));
 }
@@ -141,7 +141,7 @@ fn the_largest_messages_fit() {
     };
     assert_eq!(decode(&encode(&mission)), Ok(mission));
     assert_eq!(decode(&encode(&order)), Ok(order));
-    let event = Event { header: most, what: Happening::OrderTaken(order) };
+    let event = Event { header: most, what: EventKind::OrderTaken(order) };
     assert_eq!(decode(&encode(&event)), Ok(event));
     let health = health(VehicleId::MAX);
     assert_eq!(decode(&encode(&health)).as_ref(), Ok(&health));
@@ -151,7 +151,7 @@ fn the_largest_messages_fit() {
 fn health(vehicles: u8) -> Health {
     let peer = |id| PeerHealth {
         id,
-        standing: Standing::Fresh,
+        standing: PeerStatus::Fresh,
         age_s: 0.1,
         delay_s: Some(0.05),
         clock: Some(ClockOffset { offset_s: -0.5, bound_s: 0.001 }),
@@ -206,7 +206,7 @@ fn a_health_report_with_too_many_or_implausible_values_is_refused() {
 
 /// Bytes of a good message of any kind, up to two of them changed, and perhaps cut off or followed by more.
 fn nearly_a_message() -> impl Strategy<Value = Vec<u8>> {
-    let event = Event { header: header(), what: Happening::PeerLost(VehicleId::new(4).unwrap()) };
+    let event = Event { header: header(), what: EventKind::PeerLost(VehicleId::new(4).unwrap()) };
     let order = Order { epoch: 1, issuer: 9, verb: Verb::Goto(2), seal: Some(seal()) };
     let good = [encode(&state()), encode(&mission()), encode(&order), encode(&event), encode(&health(2))];
     let changes = proptest::collection::vec((any::<proptest::sample::Index>(), any::<u8>()), 0..3);

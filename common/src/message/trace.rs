@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 use super::{Header, Message, message};
 use crate::frame::{Attitude, PositionNed, VelocityNed};
 use crate::id::VehicleId;
-use crate::state::{Activity, Membership, Standing};
+use crate::state::{Activity, Membership, PeerStatus};
 use crate::time::PlantTime;
 use crate::topic::{Author, Topic};
 
@@ -97,7 +97,7 @@ pub struct PeerAge {
     /// The peer.
     pub id: VehicleId,
     /// How its newest state stands with this vehicle.
-    pub standing: Standing,
+    pub standing: PeerStatus,
     /// Upper bound of the age of the peer's newest state by the receiver's clock, s; it includes the delay once a round
     /// trip is known.
     pub age_s: f64,

@@ -20,10 +20,10 @@ use std::time::{Duration, Instant};
 
 use skein_common::id::VehicleId;
 use skein_common::scenario::Scenario;
-use skein_core::formation::external::{Answer, Ask};
-use skein_host::external::protocol::{self, Fault, Heard, Hello, Said, Time};
-use skein_host::external::session::{Deaf, Sink, Talk, Word};
-use skein_host::external::{ExternalError, Way, port_of, vector};
+use skein_core::formation::external::{LawReply, LawQuery};
+use skein_host::external::protocol::{self, Fault, MessageFromLaw, Hello, MessageToLaw, Time};
+use skein_host::external::session::{LawUnresponsive, Sink, LawSession, LawInput};
+use skein_host::external::{ExternalError, LawTransport, port_of, vector};
 
 use crate::world::World;
 use skein_host::clock::{now, sleep};
@@ -76,7 +76,7 @@ impl LawPool {
     /// # Errors
     /// A law cannot be reached or does not report that it is ready.
     pub fn take(&self, scenario: &Scenario) -> Result<Option<Laws>, LawError> {
-        let Some(transport) = Way::of(scenario)? else { return Ok(None) };
+        let Some(transport) = LawTransport::of(scenario)? else { return Ok(None) };
         let fits = |laws: &Laws| laws.transport == transport && laws.has_asked.len() == scenario.swarm.vehicles;
         let kept = {
             let mut pool = self.0.lock().unwrap_or_else(PoisonError::into_inner);
@@ -101,8 +101,8 @@ impl LawPool {
 /// # Errors
 /// More jobs were requested than the laws allow.
 pub fn jobs(scenario: &Scenario, requested: Option<NonZeroUsize>) -> Result<Option<NonZeroUsize>, String> {
-    match Way::of(scenario).map_err(|error| error.to_string())? {
-        Some(Way::Listen(..) | Way::Udp { .. }) => match requested {
+    match LawTransport::of(scenario).map_err(|error| error.to_string())? {
+        Some(LawTransport::Listen(..) | LawTransport::Udp { .. }) => match requested {
             Some(jobs) if jobs.get() > 1 => {
                 Err(format!("`formation.external.listen` and `udp` allow one job, not {jobs}; `command` allows any"))
             }
@@ -115,7 +115,7 @@ pub fn jobs(scenario: &Scenario, requested: Option<NonZeroUsize>) -> Result<Opti
 /// The laws of all vehicles of one run.
 #[derive(Debug)]
 pub struct Laws {
-    transport: Way,
+    transport: LawTransport,
     /// One conversation for each vehicle, or a single one for all vehicles.
     conversations: Vec<Conversation>,
     listener: Option<TcpListener>,
@@ -128,8 +128,8 @@ pub struct Laws {
 struct Conversation {
     /// The vehicles whose law is at the other end.
     vehicles: Vec<VehicleId>,
-    session: Talk,
-    words: Receiver<Word>,
+    session: LawSession,
+    words: Receiver<LawInput>,
     /// Whether the law has sent anything in this session.
     has_answered: bool,
     /// Vehicles and ticks of this run's queries that are closed: answered, or given up because an invalid line came in
@@ -140,7 +140,7 @@ struct Conversation {
 }
 
 impl Laws {
-    fn start(transport: Way, ids: impl Iterator<Item = VehicleId>) -> Result<Self, LawError> {
+    fn start(transport: LawTransport, ids: impl Iterator<Item = VehicleId>) -> Result<Self, LawError> {
         let bind = |host: &str, port: u16| {
             let listener = TcpListener::bind((host, port));
             let listener = listener.and_then(|listener| listener.set_nonblocking(true).map(|()| listener));
@@ -149,8 +149,8 @@ impl Laws {
         let mut laws = Self {
             conversations: Vec::new(),
             listener: match &transport {
-                Way::Listen(host, port) => Some(bind(host, *port)?),
-                Way::Command(_) | Way::Udp { .. } => None,
+                LawTransport::Listen(host, port) => Some(bind(host, *port)?),
+                LawTransport::Command(_) | LawTransport::Udp { .. } => None,
             },
             hellos: Vec::new(),
             has_asked: ids.map(|id| (id, false)).collect(),
@@ -167,17 +167,17 @@ impl Laws {
     fn open_conversation(&self, id: VehicleId) -> Result<Conversation, ExternalError> {
         let (sink, words) = message_queue();
         let session = match &self.transport {
-            Way::Command(command) => {
+            LawTransport::Command(command) => {
                 let print_line = move |line: &str| crate::terminal::complain(&format!("vehicle {id}'s law: {line}"));
-                let started = Talk::process(command, false, sink, print_line);
+                let started = LawSession::process(command, false, sink, print_line);
                 started.map_err(|error| ExternalError::Start(command.join(" "), error))?
             }
-            Way::Udp { ask, answer } => {
+            LawTransport::Udp { ask, answer } => {
                 let (ask_port, answer_port) = (port_of(ask.1, id)?, port_of(answer.1, id)?);
-                let session = Talk::datagrams((&ask.0, ask_port), (&answer.0, answer_port), sink);
+                let session = LawSession::datagrams((&ask.0, ask_port), (&answer.0, answer_port), sink);
                 session.map_err(|error| ExternalError::Port(format!("{}:{answer_port}", answer.0), error))?
             }
-            Way::Listen(host, _) => {
+            LawTransport::Listen(host, _) => {
                 return Err(ExternalError::Transport(format!("one connection to {host} serves all vehicles")));
             }
         };
@@ -217,7 +217,7 @@ impl Laws {
             }
         };
         let (sink, words) = message_queue();
-        let session = Talk::connection(stream, sink).map_err(|error| ExternalError::Port(here, error))?;
+        let session = LawSession::connection(stream, sink).map_err(|error| ExternalError::Port(here, error))?;
         Ok(Conversation::new(self.has_asked.keys().copied().collect(), session, words))
     }
 
@@ -233,10 +233,10 @@ impl Laws {
                 self.send_hello_again(ask.vehicle)?;
             }
         }
-        let mut open: Vec<Vec<&Ask>> = Vec::with_capacity(self.conversations.len());
+        let mut open: Vec<Vec<&LawQuery>> = Vec::with_capacity(self.conversations.len());
         for conversation in &mut self.conversations {
-            let its: Vec<&Ask> = asks.iter().filter(|ask| conversation.vehicles.contains(&ask.vehicle)).collect();
-            its.iter().try_for_each(|ask| conversation.send(&Said::Ask(ask)))?;
+            let its: Vec<&LawQuery> = asks.iter().filter(|ask| conversation.vehicles.contains(&ask.vehicle)).collect();
+            its.iter().try_for_each(|ask| conversation.send(&MessageToLaw::LawQuery(ask)))?;
             open.push(its);
         }
         for (conversation, open) in self.conversations.iter_mut().zip(open) {
@@ -263,13 +263,13 @@ impl Drop for Laws {
 }
 
 /// A short queue for the messages of a law, and the sink that fills it.
-fn message_queue() -> (impl Sink, Receiver<Word>) {
+fn message_queue() -> (impl Sink, Receiver<LawInput>) {
     let (sender, words) = sync_channel(QUEUE);
     (move |_: Instant, word| sender.send(word).is_ok(), words)
 }
 
 impl Conversation {
-    fn new(vehicles: Vec<VehicleId>, session: Talk, words: Receiver<Word>) -> Self {
+    fn new(vehicles: Vec<VehicleId>, session: LawSession, words: Receiver<LawInput>) -> Self {
         Self { vehicles, session, words, has_answered: false, closed: BTreeSet::new(), warned: [false; Fault::KINDS] }
     }
 
@@ -282,7 +282,7 @@ impl Conversation {
     fn has_ended(&mut self) -> bool {
         loop {
             match self.words.try_recv() {
-                Ok(Word::End) => return true,
+                Ok(LawInput::End) => return true,
                 Ok(_) => {}
                 Err(error) => return error == std::sync::mpsc::TryRecvError::Disconnected,
             }
@@ -295,13 +295,13 @@ impl Conversation {
         for hello in hellos.iter().filter(|hello| vehicles.contains(&hello.vehicle)) {
             // The ticks of a restarted agent count from 0 again.
             self.closed.retain(|(vehicle, _)| *vehicle != hello.vehicle);
-            self.send(&Said::Hello(hello))?;
+            self.send(&MessageToLaw::Hello(hello))?;
         }
         Ok(())
     }
 
-    fn send(&mut self, said: &Said<'_>) -> Result<(), LawError> {
-        self.session.send(said).map_err(|Deaf| self.ended())
+    fn send(&mut self, said: &MessageToLaw<'_>) -> Result<(), LawError> {
+        self.session.send(said).map_err(|LawUnresponsive| self.ended())
     }
 
     /// Waits until the law has reported `times` times that it is ready. Answers before that belong to the last run.
@@ -312,8 +312,8 @@ impl Conversation {
         let since = now();
         while times > 0 {
             match self.next(since, "a ready")? {
-                Some(Ok(Heard::Ready)) => times -= 1,
-                Some(Ok(Heard::Answer(_))) | None => {}
+                Some(Ok(MessageFromLaw::Ready)) => times -= 1,
+                Some(Ok(MessageFromLaw::LawReply(_))) | None => {}
                 Some(Err(fault)) => self.warn_once(&fault),
             }
         }
@@ -323,7 +323,7 @@ impl Conversation {
     /// Waits until every query is answered, or until as many invalid lines came as queries are open.
     ///
     /// Each invalid line counts in place of one answer: if that answer comes later, it does not answer the next query.
-    fn wait_for_answers(&mut self, mut open: Vec<&Ask>, mut give: impl FnMut(Answer)) -> Result<(), LawError> {
+    fn wait_for_answers(&mut self, mut open: Vec<&LawQuery>, mut give: impl FnMut(LawReply)) -> Result<(), LawError> {
         let since = now();
         let (mut faults, mut may_come) = (0, false);
         while open.len() > faults {
@@ -331,11 +331,11 @@ impl Conversation {
                 None => {
                     // A datagram may be lost, or the model was not running yet.
                     if self.session.uses_vectors() {
-                        open.iter().try_for_each(|ask| self.send(&Said::Ask(ask)))?;
+                        open.iter().try_for_each(|ask| self.send(&MessageToLaw::LawQuery(ask)))?;
                     }
                     continue;
                 }
-                Some(Ok(Heard::Answer(answer))) => {
+                Some(Ok(MessageFromLaw::LawReply(answer))) => {
                     let asked = (answer.vehicle, answer.tick);
                     if let Some(nth) = open.iter().position(|ask| (ask.vehicle, ask.tick) == asked) {
                         open.remove(nth);
@@ -356,7 +356,7 @@ impl Conversation {
                         None => Fault::Vehicle(answer.vehicle.get().into()),
                     }
                 }
-                Some(Ok(Heard::Ready)) => Fault::OutOfPlace("ready".to_owned()),
+                Some(Ok(MessageFromLaw::Ready)) => Fault::OutOfPlace("ready".to_owned()),
                 Some(Err(fault)) => fault,
             };
             self.warn_once(&fault);
@@ -371,7 +371,7 @@ impl Conversation {
     }
 
     /// Receives the next message of the law; `None` when it is time to send the datagrams again.
-    fn next(&mut self, since: Instant, awaited: &'static str) -> Result<Option<Result<Heard, Fault>>, LawError> {
+    fn next(&mut self, since: Instant, awaited: &'static str) -> Result<Option<Result<MessageFromLaw, Fault>>, LawError> {
         let (limit, for_s) = if self.session.uses_vectors() && !self.has_answered {
             (CONNECT_TIMEOUT, CONNECT_TIMEOUT_S)
         } else {
@@ -383,13 +383,13 @@ impl Conversation {
         }
         let timeout = if self.session.uses_vectors() { left.min(RESEND_AFTER) } else { left };
         match self.words.recv_timeout(timeout) {
-            Ok(Word::Data(said)) if self.session.uses_vectors() => {
+            Ok(LawInput::Data(said)) if self.session.uses_vectors() => {
                 self.has_answered = true;
-                Ok(Some(vector::read(&said).map(Heard::Answer)))
+                Ok(Some(vector::read(&said).map(MessageFromLaw::LawReply)))
             }
-            Ok(Word::Data(line)) => Ok(Some(protocol::read(&line))),
-            Ok(Word::TooLong) => Ok(Some(Err(Fault::TooLong))),
-            Ok(Word::End) | Err(RecvTimeoutError::Disconnected) => Err(self.ended()),
+            Ok(LawInput::Data(line)) => Ok(Some(protocol::read(&line))),
+            Ok(LawInput::TooLong) => Ok(Some(Err(Fault::TooLong))),
+            Ok(LawInput::End) | Err(RecvTimeoutError::Disconnected) => Err(self.ended()),
             Err(RecvTimeoutError::Timeout) => Ok(None),
         }
     }

@@ -16,17 +16,17 @@ use skein_core::impairments::{delays, lasting, silences, union};
 
 /// The scenario's name of a failure, such as `engine_out`.
 // An alias, because serde would borrow a field of type `&'static str` from its input, and could then not read it back.
-pub type FailureWord = &'static str;
+pub type FailureName = &'static str;
 
 /// A fault that was injected into the swarm, whether an agent noticed it or not.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-pub enum Incident {
+pub enum InjectedFault {
     /// A vehicle's agent ended without a message. The helicopter flies on with its last controls.
     Died(VehicleId),
     /// A vehicle's agent started again, in the air or on the ground.
     Restarted(VehicleId),
     /// A part of a vehicle failed, under the scenario's name of the failure.
-    Failed(VehicleId, #[serde(deserialize_with = "deserialize_failure")] FailureWord),
+    Failed(VehicleId, #[serde(deserialize_with = "deserialize_failure")] FailureName),
     /// Links that carry no messages from now on, each in one direction.
     Cut {
         /// Sender and receiver.
@@ -49,7 +49,7 @@ pub enum Incident {
     },
 }
 
-impl fmt::Display for Incident {
+impl fmt::Display for InjectedFault {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let list = |links: &[(VehicleId, VehicleId)]| {
             let link = |(speaker, hearer): &(VehicleId, VehicleId)| format!("{speaker} to {hearer}");
@@ -69,12 +69,12 @@ impl fmt::Display for Incident {
 
 /// Entries that become due one after the other, each at its time.
 #[derive(Debug)]
-pub struct Agenda<T> {
+pub struct Schedule<T> {
     /// The entries that are not due yet, the latest first.
     remaining: Vec<(f64, T)>,
 }
 
-impl<T> Agenda<T> {
+impl<T> Schedule<T> {
     /// A schedule of these entries, each with its time, s. An entry at an infinite time is dropped.
     pub fn new(mut entries: Vec<(f64, T)>) -> Self {
         // The end of a fault without an end is at infinity: it never comes.
@@ -111,12 +111,12 @@ pub enum LinkChange {
 impl LinkChange {
     const ALL: [Self; 4] = [Self::Healed, Self::Cut, Self::DelayOver, Self::Delayed];
 
-    fn incident(self, links: Vec<(VehicleId, VehicleId)>) -> Incident {
+    fn incident(self, links: Vec<(VehicleId, VehicleId)>) -> InjectedFault {
         match self {
-            Self::Healed => Incident::Healed { links },
-            Self::Cut => Incident::Cut { links },
-            Self::DelayOver => Incident::DelayOver { links },
-            Self::Delayed => Incident::Delayed { links },
+            Self::Healed => InjectedFault::Healed { links },
+            Self::Cut => InjectedFault::Cut { links },
+            Self::DelayOver => InjectedFault::DelayOver { links },
+            Self::Delayed => InjectedFault::Delayed { links },
         }
     }
 }
@@ -132,7 +132,7 @@ impl LinkChanges {
     }
 
     /// One injected fault for each kind of change, ends before beginnings.
-    pub fn incidents(self) -> impl Iterator<Item = Incident> {
+    pub fn incidents(self) -> impl Iterator<Item = InjectedFault> {
         let kinds = LinkChange::ALL.into_iter().zip(self.0).filter(|(_, links)| !links.is_empty());
         kinds.map(|(change, links)| change.incident(links))
     }
@@ -171,22 +171,22 @@ pub fn orders(events: &[Event]) -> Vec<(f64, Verb)> {
 }
 
 /// The scenario's name of a simulator that freezes.
-pub const FROZEN: FailureWord = "simulator_freeze";
+pub const FROZEN: FailureName = "simulator_freeze";
 /// The scenario's names of all failures of a vehicle.
-const FAILURES: [FailureWord; 6] = ["engine_out", FROZEN, "servo_stuck", "gyro_off", "gps_frozen", "clock_jump"];
+const FAILURES: [FailureName; 6] = ["engine_out", FROZEN, "servo_stuck", "gyro_off", "gps_frozen", "clock_jump"];
 
 /// Deserialises the name of a failure.
 ///
 /// # Errors
 /// The text does not name a failure.
-pub fn deserialize_failure<'de, D: Deserializer<'de>>(from: D) -> Result<FailureWord, D::Error> {
+pub fn deserialize_failure<'de, D: Deserializer<'de>>(from: D) -> Result<FailureName, D::Error> {
     let name = Cow::<str>::deserialize(from)?;
     let known = FAILURES.into_iter().find(|known| *known == name);
     known.ok_or_else(|| D::Error::custom(format!("unknown failure {name:?}")))
 }
 
 /// The vehicle that fails by this fault and the scenario's name of the failure; `None` if the fault is not a failure.
-pub fn failure_of(fault: &Fault) -> Option<(VehicleId, FailureWord)> {
+pub fn failure_of(fault: &Fault) -> Option<(VehicleId, FailureName)> {
     match fault {
         Fault::EngineOut { vehicle } => Some((*vehicle, "engine_out")),
         Fault::SimulatorFreeze { vehicle } => Some((*vehicle, FROZEN)),

@@ -35,6 +35,6 @@ pub use skein_common::id::VehicleId;
 /// Elementary functions that give the same bits on every computer: a law that uses them is as repeatable as Skein's
 /// own.
 pub use skein_common::math;
-pub use skein_core::formation::law::{Answer, Goal, Law, Neighbour, Obstacle, Setup, Sight, Wanted, number};
+pub use skein_core::formation::law::{LawOutput, Goal, Law, Neighbour, Obstacle, Setup, Observation, LawCommand, number};
 pub use skein_core::formation::laws::{Laws, MakeLaw};
 pub use skein_core::formation::slots::Slots;

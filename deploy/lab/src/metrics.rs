@@ -1,7 +1,7 @@
 //! Measures the figures of a run, with one definition for live runs, recordings and studies.
 //!
 //! Every figure uses the ground truth of the vehicles ([`VehicleNow::truth`]) and the faults that were really injected
-//! ([`Incident`]), never the agents' own estimates. The two exceptions are the formation's centre and the mission step:
+//! ([`InjectedFault`]), never the agents' own estimates. The two exceptions are the formation's centre and the mission step:
 //! each vehicle has its own, and no other source knows them.
 //!
 //! * A **live member** is an active member whose agent runs. Figures of the formation use live members; separations use
@@ -60,12 +60,12 @@ use nalgebra::{Vector2, Vector3};
 use skein_common::frame::PositionNed;
 use skein_common::id::{VehicleId, VehicleSet};
 use skein_common::math;
-use skein_common::message::Happening;
+use skein_common::message::EventKind;
 use skein_common::scenario::{self, ControlMode, Pattern, Scenario, Step, Target, Vertical};
 use skein_core::formation::{self, ring::Ring};
-use skein_core::plant::{Sticks, Truth};
+use skein_core::plant::{Controls, GroundTruth};
 
-use crate::faults::Incident;
+use crate::faults::InjectedFault;
 use crashes::Crashes;
 pub use figures::{Direction, WALL_CLOCK_KEYS};
 use flock::{Alignment, Following};
@@ -95,9 +95,9 @@ pub struct VehicleNow {
     /// Whether it is an active member.
     pub is_member: bool,
     /// Ground truth of the vehicle.
-    pub truth: Truth,
+    pub truth: GroundTruth,
     /// Controls of the vehicle; `None` if no agent holds them.
-    pub sticks: Option<Sticks>,
+    pub sticks: Option<Controls>,
     /// The mission step of the vehicle, counted from 0.
     pub step: u32,
     /// The highest step that the vehicle reached since its agent started.
@@ -112,7 +112,7 @@ pub struct VehicleNow {
 
 impl VehicleNow {
     /// A vehicle without a running agent: other vehicles only have to avoid it.
-    pub fn dead(id: VehicleId, truth: Truth) -> Self {
+    pub fn dead(id: VehicleId, truth: GroundTruth) -> Self {
         Self {
             id,
             runs: false,
@@ -305,20 +305,20 @@ impl Metrics {
     }
 
     /// Observes a fault that was injected into the swarm.
-    pub fn incident(&mut self, t_s: f64, incident: &Incident) {
+    pub fn incident(&mut self, t_s: f64, incident: &InjectedFault) {
         match incident {
-            Incident::Died(id) => self.membership.died(t_s, *id),
-            Incident::Restarted(id) => self.membership.restarted(t_s, *id),
-            Incident::Failed(id, ..) => self.membership.failed(t_s, *id),
-            Incident::Cut { links } => self.membership.cut(t_s, links),
-            Incident::Healed { links } => self.membership.healed(t_s, links),
-            Incident::Delayed { .. } | Incident::DelayOver { .. } => {}
+            InjectedFault::Died(id) => self.membership.died(t_s, *id),
+            InjectedFault::Restarted(id) => self.membership.restarted(t_s, *id),
+            InjectedFault::Failed(id, ..) => self.membership.failed(t_s, *id),
+            InjectedFault::Cut { links } => self.membership.cut(t_s, links),
+            InjectedFault::Healed { links } => self.membership.healed(t_s, links),
+            InjectedFault::Delayed { .. } | InjectedFault::DelayOver { .. } => {}
         }
     }
 
     /// Observes an event that a vehicle reported of itself.
-    pub fn observe_event(&mut self, t_s: f64, speaker: VehicleId, what: &Happening) {
-        self.forced_advances += u64::from(matches!(what, Happening::ForcedAdvance { .. }));
+    pub fn observe_event(&mut self, t_s: f64, speaker: VehicleId, what: &EventKind) {
+        self.forced_advances += u64::from(matches!(what, EventKind::ForcedAdvance { .. }));
         self.membership.reported(t_s, speaker, what);
     }
 

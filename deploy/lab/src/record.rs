@@ -53,7 +53,7 @@ pub(crate) use format::log_time_ns;
 pub use merge::merge;
 pub use reader::read;
 pub use repair::{Repaired, repair};
-pub use writer::{About, Writer};
+pub use writer::{RecordingInfo, Writer};
 
 /// File name of the recording in the folder of a run.
 pub const FILE: &str = "run.mcap";

@@ -1,10 +1,10 @@
 //! A flight in memory: every vehicle's steps, the events that vehicles reported, and the faults that were injected.
 
 use skein_common::id::VehicleId;
-use skein_common::message::{Happening, Trace};
+use skein_common::message::{EventKind, Trace};
 use skein_common::scenario::Scenario;
 
-use crate::faults::Incident;
+use crate::faults::InjectedFault;
 use crate::metrics::Run;
 
 /// Observes a flight. Times count from the start of the figures' window, s.
@@ -12,9 +12,9 @@ pub trait Watch {
     /// Observes one step of one vehicle.
     fn step(&mut self, t_s: f64, trace: &Trace);
     /// Observes an event that a vehicle reported of itself.
-    fn event(&mut self, t_s: f64, speaker: VehicleId, what: &Happening);
+    fn event(&mut self, t_s: f64, speaker: VehicleId, what: &EventKind);
     /// Observes a fault that was injected into the swarm.
-    fn incident(&mut self, t_s: f64, incident: &Incident);
+    fn incident(&mut self, t_s: f64, incident: &InjectedFault);
 }
 
 /// A whole flight in memory, from which reports are drawn.
@@ -54,16 +54,16 @@ pub struct Noted {
     /// Time from the start of the figures' window, s.
     pub t_s: f64,
     /// The event or the fault.
-    pub what: What,
+    pub what: NotedKind,
 }
 
 /// An event or a fault of a recording.
 #[derive(Clone, Debug, PartialEq)]
-pub enum What {
+pub enum NotedKind {
     /// An event that this vehicle reported of itself.
-    Event(VehicleId, Happening),
+    Event(VehicleId, EventKind),
     /// A fault that was injected into the swarm.
-    Fault(Incident),
+    Fault(InjectedFault),
 }
 
 impl Recording {
@@ -81,11 +81,11 @@ impl Watch for Recording {
         }
     }
 
-    fn event(&mut self, t_s: f64, speaker: VehicleId, what: &Happening) {
-        self.noted.push(Noted { t_s, what: What::Event(speaker, *what) });
+    fn event(&mut self, t_s: f64, speaker: VehicleId, what: &EventKind) {
+        self.noted.push(Noted { t_s, what: NotedKind::Event(speaker, *what) });
     }
 
-    fn incident(&mut self, t_s: f64, incident: &Incident) {
-        self.noted.push(Noted { t_s, what: What::Fault(incident.clone()) });
+    fn incident(&mut self, t_s: f64, incident: &InjectedFault) {
+        self.noted.push(Noted { t_s, what: NotedKind::Fault(incident.clone()) });
     }
 }

@@ -17,7 +17,7 @@ use std::num::NonZeroUsize;
 use std::ops::Range;
 
 use skein_common::scenario::{Scenario, Target};
-use skein_common::state::{Membership, Standing};
+use skein_common::state::{Membership, PeerStatus};
 use skein_core::aircraft::Aircraft;
 use skein_core::control::Rules;
 use skein_core::helicopter::TICK_S;
@@ -158,7 +158,7 @@ pub fn measure(world: &World, zero_s: f64, metrics: &mut Metrics, vehicles: &mut
     for (id, agent, truth, sticks) in world.all_vehicles() {
         let mut vehicle = VehicleNow::dead(id, *truth);
         if let Some(agent) = agent {
-            for peer in agent.peers().iter().filter(|peer| peer.standing != Standing::Lost) {
+            for peer in agent.peers().iter().filter(|peer| peer.standing != PeerStatus::Lost) {
                 metrics.observe_age(peer.age_s);
                 if peer.silent_s() < FRESH_S {
                     vehicle.fresh.insert(peer.id);

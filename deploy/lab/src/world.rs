@@ -18,25 +18,25 @@ use std::mem;
 
 use skein_common::frame::Origin;
 use skein_common::id::VehicleId;
-use skein_common::message::{self, Happening, Message, Trace};
+use skein_common::message::{self, EventKind, Message, Trace};
 use skein_common::scenario::{ControlMode, Scenario};
 use skein_common::state::Membership;
 use skein_common::time::LocalTime;
 use skein_core::agent::Agent;
 use skein_core::aircraft::Aircraft;
 use skein_core::control::Rules;
-use skein_core::formation::external::{Answer, Ask};
-use skein_core::formation::{self, NotFlown};
+use skein_core::formation::external::{LawReply, LawQuery};
+use skein_core::formation::{self, UnsupportedScenario};
 use skein_core::helicopter::{BuiltInVehicle, TICK_S, Weather};
-use skein_core::peers::{Heard, Word};
-use skein_core::plant::{Sticks, Truth};
-use skein_core::start::{TooFull, starts};
+use skein_core::peers::{Received, PeerMessage};
+use skein_core::plant::{Controls, GroundTruth};
+use skein_core::start::{StartAreaTooSmall, starts};
 
-use crate::faults::{Incident, LinkChanges};
+use crate::faults::{InjectedFault, LinkChanges};
 use crate::metrics::Totals;
 use central::Central;
-use driver::{Beside, Driver};
-use script::{Deed, Operator};
+use driver::{Decentralised, Driver};
+use script::{ScriptedAction, Operator};
 use vehicle::Vehicle;
 
 /// Length of a tick, ns.
@@ -47,10 +47,10 @@ const TICK_NS: u64 = (TICK_S * 1e9) as u64;
 pub enum WorldError {
     /// This build does not support the scenario.
     #[error(transparent)]
-    NotFlown(#[from] NotFlown),
+    UnsupportedScenario(#[from] UnsupportedScenario),
     /// The start area is too small for the vehicles.
     #[error(transparent)]
-    Starts(#[from] TooFull),
+    Starts(#[from] StartAreaTooSmall),
     /// This vehicle's aircraft has no flight model.
     #[error("vehicle {0}: its aircraft has no [helicopter] table, so only X-Plane can fly it")]
     NoModel(VehicleId),
@@ -66,13 +66,13 @@ pub struct World {
     driver: Box<dyn Driver>,
     operator: Operator,
     /// Messages that were sent since the agents last received.
-    in_flight: Vec<Said>,
+    in_flight: Vec<InFlightMessage>,
     /// Queries to external laws since the last call of [`Self::take_asks`].
-    asks: Vec<Ask>,
-    events: Vec<(VehicleId, Happening)>,
-    incidents: Vec<Incident>,
+    asks: Vec<LawQuery>,
+    events: Vec<(VehicleId, EventKind)>,
+    incidents: Vec<InjectedFault>,
     /// Faults that were injected since the last tick.
-    pending_faults: Vec<Incident>,
+    pending_faults: Vec<InjectedFault>,
     /// Counters of agents that have ended.
     ended_totals: Totals,
     ticks: u64,
@@ -80,12 +80,12 @@ pub struct World {
 
 /// A message that was sent and is not received yet.
 #[derive(Debug)]
-struct Said {
+struct InFlightMessage {
     /// The sending vehicle; `None` for the operator.
     speaker: Option<VehicleId>,
     /// The receiving vehicle; `None` for all vehicles.
     hearer: Option<VehicleId>,
-    word: Word,
+    word: PeerMessage,
 }
 
 impl World {
@@ -97,7 +97,7 @@ impl World {
     pub fn new(scenario: &Scenario, aircraft: &[Aircraft], rules: &Rules) -> Result<Self, WorldError> {
         formation::check(scenario)?;
         let driver: Box<dyn Driver> = match scenario.control.mode {
-            ControlMode::Each => Box::new(Beside),
+            ControlMode::Each => Box::new(Decentralised),
             ControlMode::Central => Box::new(Central::new(scenario)),
         };
         let scenario = &driver.scenario_of_agents(scenario);
@@ -113,7 +113,7 @@ impl World {
         Ok(Self {
             vehicles,
             driver,
-            in_flight: scenario.ids().map(|id| Said::to_all(id, Word::Appeared(id))).collect(),
+            in_flight: scenario.ids().map(|id| InFlightMessage::to_all(id, PeerMessage::Appeared(id))).collect(),
             operator: Operator::new(scenario),
             scenario: scenario.clone(),
             rules: rules.clone(),
@@ -138,10 +138,10 @@ impl World {
         driver.frame(now, vehicles, &mut |vehicle, outbox, ask| {
             let id = vehicle.id;
             asks.extend(ask);
-            in_flight.extend(outbox.state.map(|state| Said::to_all(id, Word::State(through_wire(&state)))));
+            in_flight.extend(outbox.state.map(|state| InFlightMessage::to_all(id, PeerMessage::State(through_wire(&state)))));
             if let Some(mission) = outbox.mission {
                 vehicle.heartbeat = Some(through_wire(&mission));
-                in_flight.extend(vehicle.heartbeat.map(|mission| Said::to_all(id, Word::Mission(mission))));
+                in_flight.extend(vehicle.heartbeat.map(|mission| InFlightMessage::to_all(id, PeerMessage::Mission(mission))));
             }
             events.extend(outbox.happened.into_iter().map(|what| (id, what)));
         });
@@ -157,12 +157,12 @@ impl World {
     }
 
     /// Takes the queries that the agents have sent to external laws since the last call.
-    pub fn take_asks(&mut self) -> Vec<Ask> {
+    pub fn take_asks(&mut self) -> Vec<LawQuery> {
         mem::take(&mut self.asks)
     }
 
     /// Accepts the answer of a vehicle's external law: its agent receives it in the next tick.
-    pub fn answer(&mut self, answer: Answer) {
+    pub fn answer(&mut self, answer: LawReply) {
         if let Some(vehicle) = self.vehicles.iter_mut().find(|vehicle| vehicle.id == answer.vehicle) {
             vehicle.answer = Some(answer);
         }
@@ -184,12 +184,12 @@ impl World {
     }
 
     /// Every vehicle whose agent runs: the agent, the ground truth of the last frame, and the controls.
-    pub fn vehicles(&self) -> impl Iterator<Item = (VehicleId, &Agent, &Truth, Option<Sticks>)> {
+    pub fn vehicles(&self) -> impl Iterator<Item = (VehicleId, &Agent, &GroundTruth, Option<Controls>)> {
         self.all_vehicles().filter_map(|(id, agent, truth, sticks)| Some((id, agent?, truth, sticks)))
     }
 
     /// Every vehicle: its agent if one runs, the ground truth of the last frame, and the controls.
-    pub fn all_vehicles(&self) -> impl Iterator<Item = (VehicleId, Option<&Agent>, &Truth, Option<Sticks>)> {
+    pub fn all_vehicles(&self) -> impl Iterator<Item = (VehicleId, Option<&Agent>, &GroundTruth, Option<Controls>)> {
         self.vehicles.iter().map(|vehicle| (vehicle.id, vehicle.agent(), &vehicle.truth, vehicle.command))
     }
 
@@ -200,12 +200,12 @@ impl World {
     }
 
     /// The events that agents reported in the last tick.
-    pub fn events(&self) -> &[(VehicleId, Happening)] {
+    pub fn events(&self) -> &[(VehicleId, EventKind)] {
         &self.events
     }
 
     /// The faults that were injected in the last tick.
-    pub fn incidents(&self) -> &[Incident] {
+    pub fn incidents(&self) -> &[InjectedFault] {
         &self.incidents
     }
 
@@ -226,9 +226,9 @@ impl World {
         for vehicle in self.vehicles.iter_mut().filter(|vehicle| vehicle.station.is_some()) {
             let id = vehicle.id;
             let is_for_it =
-                |message: &&Said| message.speaker != Some(id) && message.hearer.is_none_or(|hearer| hearer == id);
+                |message: &&InFlightMessage| message.speaker != Some(id) && message.hearer.is_none_or(|hearer| hearer == id);
             vehicle
-                .receive(now, in_flight.iter().filter(is_for_it).map(|message| Heard { word: message.word, at: now }));
+                .receive(now, in_flight.iter().filter(is_for_it).map(|message| Received { word: message.word, at: now }));
         }
         in_flight.clear();
         self.in_flight = in_flight;
@@ -241,11 +241,11 @@ impl World {
             let id = self.vehicles[index].id;
             while let Some(deed) = self.vehicles[index].due(now) {
                 match deed {
-                    Deed::Kill => self.end(index),
-                    Deed::Restart => self.restart(index),
-                    Deed::Fail(what) => self.pending_faults.push(Incident::Failed(id, what)),
-                    Deed::Jump(by_s) => self.vehicles[index].clock_jumps(by_s),
-                    Deed::Link(change, sender) => changes.add(change, (sender, id)),
+                    ScriptedAction::Kill => self.end(index),
+                    ScriptedAction::Restart => self.restart(index),
+                    ScriptedAction::Fail(what) => self.pending_faults.push(InjectedFault::Failed(id, what)),
+                    ScriptedAction::Jump(by_s) => self.vehicles[index].clock_jumps(by_s),
+                    ScriptedAction::Link(change, sender) => changes.add(change, (sender, id)),
                 }
             }
         }
@@ -266,7 +266,7 @@ impl World {
     fn act_on_all_agents(&mut self, t_s: f64) {
         while let Some(deed) = self.driver.due(t_s) {
             for index in 0..self.vehicles.len() {
-                if deed == Deed::Kill { self.end(index) } else { self.restart(index) }
+                if deed == ScriptedAction::Kill { self.end(index) } else { self.restart(index) }
             }
         }
     }
@@ -276,10 +276,10 @@ impl World {
             |vehicle: &Vehicle, order| vehicle.heartbeat.is_some_and(|heartbeat| heartbeat.order >= Some(order));
         let living = self.vehicles.iter().filter(|vehicle| vehicle.station.is_some());
         let order = self.operator.order_to_send(t_s, |order| living.clone().all(|vehicle| repeats(vehicle, *order)));
-        self.in_flight.extend(order.map(|order| Said {
+        self.in_flight.extend(order.map(|order| InFlightMessage {
             speaker: None,
             hearer: None,
-            word: Word::Order(through_wire(&order)),
+            word: PeerMessage::Order(through_wire(&order)),
         }));
     }
 
@@ -289,8 +289,8 @@ impl World {
         vehicle.clocks = *station.clocks();
         (vehicle.heartbeat, vehicle.command, vehicle.answer) = (None, None, None);
         self.ended_totals = with_counts(self.ended_totals, station.agent());
-        self.in_flight.push(Said::to_all(vehicle.id, Word::Vanished(vehicle.id)));
-        self.pending_faults.push(Incident::Died(vehicle.id));
+        self.in_flight.push(InFlightMessage::to_all(vehicle.id, PeerMessage::Vanished(vehicle.id)));
+        self.pending_faults.push(InjectedFault::Died(vehicle.id));
     }
 
     /// Starts the agent of a vehicle again: it receives the liveliness tokens and heartbeats of all running agents.
@@ -306,18 +306,18 @@ impl World {
         let station = station.expect("the scenario has already flown");
         vehicle.station = Some(station);
         let restarted = vehicle.id;
-        self.in_flight.push(Said::to_all(restarted, Word::Appeared(restarted)));
+        self.in_flight.push(InFlightMessage::to_all(restarted, PeerMessage::Appeared(restarted)));
         for other in self.vehicles.iter().filter(|other| other.id != restarted && other.station.is_some()) {
-            let words = [Some(Word::Appeared(other.id)), other.heartbeat.map(Word::Mission)];
-            let to_restarted = |word| Said { speaker: Some(other.id), hearer: Some(restarted), word };
+            let words = [Some(PeerMessage::Appeared(other.id)), other.heartbeat.map(PeerMessage::Mission)];
+            let to_restarted = |word| InFlightMessage { speaker: Some(other.id), hearer: Some(restarted), word };
             self.in_flight.extend(words.into_iter().flatten().map(to_restarted));
         }
-        self.pending_faults.push(Incident::Restarted(restarted));
+        self.pending_faults.push(InjectedFault::Restarted(restarted));
     }
 }
 
-impl Said {
-    fn to_all(speaker: VehicleId, word: Word) -> Self {
+impl InFlightMessage {
+    fn to_all(speaker: VehicleId, word: PeerMessage) -> Self {
         Self { speaker: Some(speaker), hearer: None, word }
     }
 }

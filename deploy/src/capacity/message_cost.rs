@@ -8,14 +8,14 @@ use std::sync::atomic::Ordering::Relaxed;
 use std::time::Duration;
 
 use serde::Serialize;
-use skein_agent::link::seal::words::Voices;
+use skein_agent::link::seal::words::KeyRing;
 use skein_agent::link::{Link, Security, Sessions, Trust};
 use skein_common::frame::{Geodetic, PositionNed, VelocityNed};
 use skein_common::id::{Incarnation, SwarmName, VehicleId};
 use skein_common::message::{self, Echo, Header, Mission, State};
 use skein_common::state::{Membership, VehicleState};
 use skein_common::topic::Cell;
-use skein_core::peers::{Heard, Word};
+use skein_core::peers::{Received, PeerMessage};
 use skein_host::clock::{LocalClock, new_incarnation, sleep_until};
 
 use super::relay;
@@ -156,7 +156,7 @@ struct LinkEnd {
     sent: u64,
     /// The number of the newest message received from each vehicle, in the order of ids.
     newest: Vec<u64>,
-    heard: Vec<Heard>,
+    heard: Vec<Received>,
 }
 
 impl LinkEnd {
@@ -183,7 +183,7 @@ impl LinkEnd {
                 plan: PLAN,
                 orders: None,
                 run: 0,
-                voices: Voices::plain(swarm.clone()),
+                voices: KeyRing::plain(swarm.clone()),
                 sealer: None,
             };
             let link = Link::new(sessions, id, clock, trust).map_err(to_text)?;
@@ -241,9 +241,9 @@ impl LinkEnd {
         self.link.drain(&mut self.heard);
         for heard in &self.heard {
             let header = match &heard.word {
-                Word::State(state) => state.header,
-                Word::Mission(mission) => mission.header,
-                Word::Order(_) | Word::Appeared(_) | Word::Vanished(_) => continue,
+                PeerMessage::State(state) => state.header,
+                PeerMessage::Mission(mission) => mission.header,
+                PeerMessage::Order(_) | PeerMessage::Appeared(_) | PeerMessage::Vanished(_) => continue,
             };
             if let Some(newest) = self.newest.get_mut(usize::from(header.sender.get()) - 1) {
                 *newest = header.sequence.max(*newest);

@@ -26,7 +26,7 @@ pub fn ahead_of_swarm(peers: &[PeerHealth]) -> Option<ClockOffset> {
 #[cfg(test)]
 mod tests {
     use skein_common::id::VehicleId;
-    use skein_common::state::Standing;
+    use skein_common::state::PeerStatus;
 
     use super::*;
 
@@ -34,7 +34,7 @@ mod tests {
     fn ahead(peers_s: &[f64]) -> Option<f64> {
         let peer = |(id, offset_s)| PeerHealth {
             id,
-            standing: Standing::Fresh,
+            standing: PeerStatus::Fresh,
             age_s: 0.0,
             delay_s: None,
             clock: Some(ClockOffset { offset_s, bound_s: 0.001 }),
@@ -64,7 +64,7 @@ mod tests {
     fn a_node_without_measurements_has_no_offset() {
         let peer = PeerHealth {
             id: VehicleId::new(1).unwrap(),
-            standing: Standing::Fresh,
+            standing: PeerStatus::Fresh,
             age_s: 0.0,
             delay_s: None,
             clock: None,

@@ -4,7 +4,7 @@
 
 use std::collections::BTreeMap;
 
-use skein_agent::link::seal::SealKey;
+use skein_agent::link::seal::VerificationKey;
 use skein_agent::link::seal::runs::RunNote;
 use skein_common::id::{SwarmName, VehicleId};
 
@@ -36,7 +36,7 @@ impl Evidence<'_> {
     /// # Errors
     /// If vehicles are reported to fly in a run that cannot be proven, with the remedy: a new run beside theirs would
     /// be two swarms in the same airspace, and their run may be an old one with old orders.
-    pub(super) fn run(&self, key: &SealKey, swarm: &SwarmName) -> Result<Option<u64>, String> {
+    pub(super) fn run(&self, key: &VerificationKey, swarm: &SwarmName) -> Result<Option<u64>, String> {
         if let Some(run) = self.majority() {
             return Ok(Some(run));
         }

@@ -7,8 +7,8 @@
 use std::str::FromStr;
 
 use serde_json::json;
-use skein_agent::link::seal::{SealKey, Sealer};
-use skein_agent::link::security::Known;
+use skein_agent::link::seal::{VerificationKey, SigningKey};
+use skein_agent::link::security::PeerIdentity;
 use time::OffsetDateTime;
 
 use super::{FileArgs, nodes};
@@ -172,7 +172,7 @@ impl Maker<'_> {
                 name => name.to_owned(),
             };
             match role {
-                Role::Vehicle(id) => _ = names.vehicles.insert(id, Known { name, key }),
+                Role::Vehicle(id) => _ = names.vehicles.insert(id, PeerIdentity { name, key }),
                 Role::Observer => names.observer = name,
                 Role::Operator => names.operator = name,
             }
@@ -194,14 +194,14 @@ impl Maker<'_> {
 
     /// Returns the public key of the private key in this file. Creates a new private key if it was revoked, or is
     /// missing or invalid.
-    fn key(&self, file: &str, revoked: bool) -> Result<SealKey, Error> {
+    fn key(&self, file: &str, revoked: bool) -> Result<VerificationKey, Error> {
         let there = self.folder.read(file)?.filter(|_| !revoked);
-        if let Some(sealer) = there.and_then(|text| Sealer::from_pem(&text).ok()) {
+        if let Some(sealer) = there.and_then(|text| SigningKey::from_pem(&text).ok()) {
             return Ok(sealer.key());
         }
         let key = folder::new_key().map_err(failed)?;
         self.folder.write(file, &key)?;
-        Sealer::from_pem(&key).map(|sealer| sealer.key()).map_err(|why| self.bad(file, &why))
+        SigningKey::from_pem(&key).map(|sealer| sealer.key()).map_err(|why| self.bad(file, &why))
     }
 
     fn authority(&self) -> Result<(Authority, Line), Error> {
@@ -255,7 +255,7 @@ impl Maker<'_> {
     fn orders(&self, revoked: bool) -> Result<Line, Error> {
         let before = self.folder.read(ORDERS_KEY)?;
         if let Some(there) = &before
-            && let Err(why) = Sealer::from_pem(there)
+            && let Err(why) = SigningKey::from_pem(there)
         {
             // Report an invalid file instead of replacing the key, because the swarm would be affected.
             return Err(self.bad(ORDERS_KEY, &why));

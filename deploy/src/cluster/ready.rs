@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 use skein_common::id::{Incarnation, VehicleId};
 use skein_common::state::Membership;
 
-use crate::observe::{Observer, Seen, Steps};
+use crate::observe::{Observer, VehicleView, TraceSubscription};
 use crate::reach::Reach;
 use skein_host::clock;
 use skein_lab::error::Error;
@@ -31,7 +31,7 @@ impl Watch {
     /// # Errors
     /// If Zenoh refuses.
     pub fn open(reach: &Reach, run: u64) -> Result<Self, Error> {
-        Ok(Self { observer: Observer::open(reach, Steps::Off)?, run })
+        Ok(Self { observer: Observer::open(reach, TraceSubscription::Off)?, run })
     }
 
     /// Returns why this vehicle is not ready, if so. It must run in an incarnation newer than `after`.
@@ -116,7 +116,7 @@ impl Watch {
     }
 }
 
-fn lacks(view: Option<&Seen>, run: u64, after: Option<Incarnation>) -> Option<String> {
+fn lacks(view: Option<&VehicleView>, run: u64, after: Option<Incarnation>) -> Option<String> {
     let Some((view, true)) = view.map(|view| (view, view.alive)) else {
         return Some("not in contact".to_owned());
     };

@@ -12,12 +12,12 @@ use serde::Serialize;
 use skein_common::id::VehicleId;
 use skein_common::message::Health;
 use skein_common::printable::printable;
-use skein_common::state::{Activity, Standing};
+use skein_common::state::{Activity, PeerStatus};
 
 use super::FileArgs;
 use super::clocks::ahead_of_swarm;
 use crate::inventory::{Inventory, Node};
-use crate::observe::{Observer, Steps};
+use crate::observe::{Observer, TraceSubscription};
 use skein_host::clock;
 use skein_lab::error::Error;
 use skein_lab::terminal::wrapped;
@@ -154,7 +154,7 @@ fn stray(observer: &Observer, id: VehicleId) -> Option<String> {
 
 impl Said {
     fn of(health: &Health, peers: usize) -> Self {
-        let heard = health.peers.iter().filter(|peer| peer.standing != Standing::Lost);
+        let heard = health.peers.iter().filter(|peer| peer.standing != PeerStatus::Lost);
         let delays_ms: Option<Vec<f64>> = heard.clone().map(|peer| Some(peer.delay_s? * 1e3)).collect();
         let clock = ahead_of_swarm(&health.peers);
         let blind = (health.activity == Activity::Blind).then(|| "hears nothing of its simulator".to_owned());
@@ -193,7 +193,7 @@ impl Said {
 /// If the swarm cannot be observed, a node does not report, or one is faulty.
 pub fn run(args: &StatusArgs) -> Result<(), Error> {
     let inventory = Inventory::read(&args.file.file)?;
-    let mut observer = Observer::open(&inventory.reach(Role::Observer)?, Steps::Off)?;
+    let mut observer = Observer::open(&inventory.reach(Role::Observer)?, TraceSubscription::Off)?;
     let file = args.file.file.display().to_string();
     let mut until = clock::now() + LISTEN;
     let mut is_first = true;

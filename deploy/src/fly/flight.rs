@@ -30,20 +30,20 @@ use super::journal::Journal;
 use super::launch::{Launched, launch};
 use super::plan::Plan;
 use super::screen::Screen;
-use super::script::{self, Deed};
+use super::script::{self, ScriptedAction};
 use super::status::{self, Ending, Known, Stage, Status};
 use crate::endpoints::EndpointsFile;
 use crate::landing;
-use crate::observe::{Heard, Observer, Seen, Steps};
+use crate::observe::{SwarmMessage, Observer, VehicleView, TraceSubscription};
 use crate::os::{self, Interrupts};
 use crate::record::Recorder;
 use events::UnderWay;
 use figures::summary;
 use skein_host::clock;
 use skein_lab::error::Error;
-use skein_lab::faults::Agenda;
+use skein_lab::faults::Schedule;
 use skein_lab::metrics::{Metrics, Report, Run, Totals};
-use skein_lab::record::{self, About};
+use skein_lab::record::{self, RecordingInfo};
 
 /// Between two looks at the swarm: the metrics want fifty a second.
 const TICK: Duration = Duration::from_millis(20);
@@ -89,7 +89,7 @@ pub struct Flight {
     zero: Option<Zero>,
     report: Option<Report>,
     /// What the scenario has still to do.
-    agenda: Agenda<Deed>,
+    agenda: Schedule<ScriptedAction>,
     /// Vehicles whose agents it has ended.
     killed: VehicleSet,
     /// What agents that have ended had counted.
@@ -119,7 +119,7 @@ impl Flight {
     pub fn begin(plan: Plan, interrupts: Interrupts, gather_within: Duration, json: bool) -> Result<Self, Error> {
         let scenario = plan.scenario();
         let Launched { children, endpoints, file } = launch(&plan)?;
-        let observer = Observer::open(&endpoints.into(), Steps::On);
+        let observer = Observer::open(&endpoints.into(), TraceSubscription::On);
         let recorder = recorder(&plan)?;
         Ok(Self {
             json,
@@ -205,11 +205,11 @@ impl Flight {
         }
         for (heard, at) in self.observer.poll_timed() {
             match heard {
-                Heard::Trace(trace) => {
+                SwarmMessage::Trace(trace) => {
                     self.record(|recorder| recorder.step(at, &trace));
                     self.take_step(now, &trace);
                 }
-                Heard::Event(event) => {
+                SwarmMessage::Event(event) => {
                     if self.stage == Stage::Flying {
                         self.metrics.observe_event(self.flown_s(now), event.header.sender, &event.what);
                     }
@@ -312,7 +312,7 @@ impl Flight {
 
     fn why_not_gathered(&self) -> String {
         let (all, within_s) = (self.plan.scenario().swarm.vehicles, self.gather_within.as_secs());
-        let takes_part = |(_, seen): &(VehicleId, Option<&Seen>)| seen.is_some_and(takes_part);
+        let takes_part = |(_, seen): &(VehicleId, Option<&VehicleView>)| seen.is_some_and(takes_part);
         let ready = self.live().filter(takes_part).count();
         let missing: Vec<String> =
             self.live().filter(|known| !takes_part(known)).take(8).map(|(id, _)| id.to_string()).collect();
@@ -375,7 +375,7 @@ impl Flight {
     }
 
     /// Vehicles whose agents run, with what is known of them.
-    fn live(&self) -> impl Iterator<Item = (VehicleId, Option<&Seen>)> {
+    fn live(&self) -> impl Iterator<Item = (VehicleId, Option<&VehicleView>)> {
         let running = self.plan.scenario().ids().filter(|id| self.children.how_ended(Role::Agent, *id).is_none());
         running.map(|id| (id, self.observer.vehicles().get(&id)))
     }
@@ -437,7 +437,7 @@ fn recorder(plan: &Plan) -> Result<Option<Recorder>, Error> {
         return Ok(None);
     }
     let (run, path) = (Run::new(scenario, "fly"), plan.out.join(record::FILE));
-    let about = About { scenario, scenario_toml: &plan.loaded.to_toml(), run: &run, clock: "" };
+    let about = RecordingInfo { scenario, scenario_toml: &plan.loaded.to_toml(), run: &run, clock: "" };
     let recorder = Recorder::begin(&path, &about, scenario.record.hz.live_hz());
     recorder.map(Some).map_err(|error| Error::Failed(format!("no recording: {error}")))
 }
@@ -451,17 +451,17 @@ fn end_recording(recorder: Recorder) -> Option<String> {
     }
 }
 
-fn takes_part(seen: &Seen) -> bool {
+fn takes_part(seen: &VehicleView) -> bool {
     seen.trace.as_ref().is_some_and(|trace| trace.membership != Membership::Joining)
 }
 
 /// The newest step, if it is new enough to be true.
-fn fresh(seen: &Seen, now: Instant) -> Option<&Trace> {
+fn fresh(seen: &VehicleView, now: Instant) -> Option<&Trace> {
     heard_within(SILENT, seen, now)
 }
 
 /// The newest step, if it is younger than this.
-fn heard_within(age: Duration, seen: &Seen, now: Instant) -> Option<&Trace> {
+fn heard_within(age: Duration, seen: &VehicleView, now: Instant) -> Option<&Trace> {
     seen.trace.as_ref().filter(|_| seen.trace_at.is_some_and(|at| now.duration_since(at) < age))
 }
 
@@ -475,7 +475,7 @@ fn left_in_the_air(left: VehicleSet, swarm: &SwarmName) -> String {
 }
 
 /// Landed, or never off the ground, or helpless: without data or a voice, and given up.
-fn is_down(seen: &Seen, now: Instant, waited: Duration) -> bool {
+fn is_down(seen: &VehicleView, now: Instant, waited: Duration) -> bool {
     match fresh(seen, now).map(|trace| trace.activity) {
         Some(Activity::Landed) => true,
         None if seen.trace.is_none() => true,

@@ -8,13 +8,13 @@ use skein_common::message::Trace;
 use skein_common::scenario::Scenario;
 use skein_common::state::Membership;
 
-use skein_lab::faults::{Incident, LinkChange, LinkChanges, link_changes};
+use skein_lab::faults::{InjectedFault, LinkChange, LinkChanges, link_changes};
 
 /// The ground truth of a flight.
 #[derive(Debug)]
 pub struct Ground {
     /// What is still to be done to the links.
-    agenda: Vec<Deed>,
+    agenda: Vec<ScriptedAction>,
     /// When each vehicle first took part: the scenario's cuts count from the hearer's.
     took_off: BTreeMap<VehicleId, Instant>,
     /// The lives that ended last; without a number, of agents that were never heard.
@@ -24,7 +24,7 @@ pub struct Ground {
 }
 
 #[derive(Clone, Copy, Debug)]
-struct Deed {
+struct ScriptedAction {
     at_s: f64,
     link: (VehicleId, VehicleId),
     change: LinkChange,
@@ -36,7 +36,7 @@ impl Ground {
         let links = scenario.ids().flat_map(|speaker| scenario.ids().map(move |hearer| (speaker, hearer)));
         let deeds = links.flat_map(|link| {
             let changes = link_changes(&scenario.mission.events, link.0, link.1).into_iter();
-            changes.map(move |(at_s, change)| Deed { at_s, link, change })
+            changes.map(move |(at_s, change)| ScriptedAction { at_s, link, change })
         });
         Self {
             agenda: deeds.collect(),
@@ -47,7 +47,7 @@ impl Ground {
     }
 
     /// A step of an agent was heard. Gives its restart, if it is the first of a new life that is not known of.
-    pub fn heard(&mut self, now: Instant, step: &Trace) -> Option<Incident> {
+    pub fn heard(&mut self, now: Instant, step: &Trace) -> Option<InjectedFault> {
         let id = step.header.sender;
         if step.membership != Membership::Joining {
             self.took_off.entry(id).or_insert(now);
@@ -57,20 +57,20 @@ impl Ground {
         if is_new {
             self.restarted.remove(id);
         }
-        (is_new && !was_known).then_some(Incident::Restarted(id))
+        (is_new && !was_known).then_some(InjectedFault::Restarted(id))
     }
 
     /// The agent of this vehicle was started again.
-    pub fn restarted(&mut self, id: VehicleId) -> Incident {
+    pub fn restarted(&mut self, id: VehicleId) -> InjectedFault {
         self.restarted.insert(id);
-        Incident::Restarted(id)
+        InjectedFault::Restarted(id)
     }
 
     /// The agent of this vehicle has ended; `life` is the last that was heard of.
-    pub fn ended(&mut self, id: VehicleId, life: Option<Incarnation>) -> Incident {
+    pub fn ended(&mut self, id: VehicleId, life: Option<Incarnation>) -> InjectedFault {
         self.ended.insert(id, life);
         self.restarted.remove(id);
-        Incident::Died(id)
+        InjectedFault::Died(id)
     }
 
     /// Whether the life that said this is not known to have ended.
@@ -85,9 +85,9 @@ impl Ground {
     }
 
     /// What has been done to the links since the last call.
-    pub fn due(&mut self, now: Instant) -> Vec<Incident> {
+    pub fn due(&mut self, now: Instant) -> Vec<InjectedFault> {
         let Self { agenda, took_off, .. } = self;
-        let is_due = |deed: &mut Deed| {
+        let is_due = |deed: &mut ScriptedAction| {
             let took_off = took_off.get(&deed.link.1);
             took_off.is_some_and(|at| now.saturating_duration_since(*at).as_secs_f64() >= deed.at_s)
         };
@@ -162,13 +162,13 @@ mod tests {
         let (old, new) = (step(2, 7, Membership::Active), step(2, 8, Membership::Joining));
         assert_eq!(ground.heard(now, &old), None);
         assert!(ground.lives(&old));
-        assert_eq!(ground.ended(id(2), Some(Incarnation(7))), Incident::Died(id(2)));
+        assert_eq!(ground.ended(id(2), Some(Incarnation(7))), InjectedFault::Died(id(2)));
         assert_eq!(ground.heard(now, &old), None, "a word of the dead that was late");
         assert!(!ground.lives(&old) && ground.lives(&new));
-        assert_eq!(ground.heard(now, &new), Some(Incident::Restarted(id(2))));
+        assert_eq!(ground.heard(now, &new), Some(InjectedFault::Restarted(id(2))));
         assert_eq!(ground.heard(now, &new), None, "once");
         ground.ended(id(2), Some(Incarnation(8)));
-        assert_eq!(ground.restarted(id(2)), Incident::Restarted(id(2)));
+        assert_eq!(ground.restarted(id(2)), InjectedFault::Restarted(id(2)));
         assert!(!ground.lives(&new));
         let third = step(2, 9, Membership::Joining);
         assert_eq!(ground.heard(now, &third), None, "that is known");
@@ -187,10 +187,10 @@ mod tests {
         ground.heard(at(2.0), &step(3, 1, Membership::Active));
         let [to_2, to_3] = [2, 3].map(|hearer| vec![(id(1), id(hearer))]);
         assert_eq!(ground.due(at(9.9)), []);
-        assert_eq!(ground.due(at(10.1)), [Incident::Cut { links: to_2.clone() }]);
+        assert_eq!(ground.due(at(10.1)), [InjectedFault::Cut { links: to_2.clone() }]);
         assert_eq!(ground.due(at(10.2)), []);
-        let both = [Incident::Healed { links: to_2 }, Incident::Cut { links: to_3.clone() }];
+        let both = [InjectedFault::Healed { links: to_2 }, InjectedFault::Cut { links: to_3.clone() }];
         assert_eq!(ground.due(at(15.5)), both);
-        assert_eq!(ground.due(at(30.0)), [Incident::Healed { links: to_3 }]);
+        assert_eq!(ground.due(at(30.0)), [InjectedFault::Healed { links: to_3 }]);
     }
 }

@@ -6,7 +6,7 @@
 use std::time::{Duration, Instant};
 
 use skein_common::id::{VehicleId, VehicleSet};
-use skein_common::message::Happening;
+use skein_common::message::EventKind;
 
 use crate::order::ranges;
 
@@ -154,15 +154,15 @@ fn missing(awaited: VehicleSet, came: VehicleSet) -> Vec<VehicleId> {
 }
 
 /// How an event of one vehicle reads for several of them.
-pub fn alike(what: &Happening) -> Alike {
+pub fn alike(what: &EventKind) -> Alike {
     let one = what.to_string();
     let (several, by_all) = match what {
-        Happening::BecameActive => (one.clone(), true),
-        Happening::PeerFound(id) => (format!("in contact with vehicle {id}"), true),
-        Happening::OrderTaken(order) => (format!("accept the order: {}", order.verb), true),
-        Happening::Advanced(step) => (format!("continue to step {step}"), true),
-        Happening::ForcedAdvance { to, without } => (format!("continue to step {to} without vehicle {without}"), true),
-        Happening::PeerLost(_) | Happening::Reached(_) | Happening::AtAltitude | Happening::Landed => {
+        EventKind::BecameActive => (one.clone(), true),
+        EventKind::PeerFound(id) => (format!("in contact with vehicle {id}"), true),
+        EventKind::OrderTaken(order) => (format!("accept the order: {}", order.verb), true),
+        EventKind::Advanced(step) => (format!("continue to step {step}"), true),
+        EventKind::ForcedAdvance { to, without } => (format!("continue to step {to} without vehicle {without}"), true),
+        EventKind::PeerLost(_) | EventKind::Reached(_) | EventKind::AtAltitude | EventKind::Landed => {
             (one.clone(), true)
         }
         _ => (one.clone(), false),
@@ -197,7 +197,7 @@ mod tests {
             When { now: self.zero + Duration::from_secs_f64(at_s), window_s: Some(at_s) }
         }
 
-        fn tell(&mut self, at_s: f64, number: u8, what: Happening) {
+        fn tell(&mut self, at_s: f64, number: u8, what: EventKind) {
             self.journal.add_alike(self.when(at_s), id(number), alike(&what), set(1..=4));
         }
 
@@ -211,13 +211,13 @@ mod tests {
     #[test]
     fn a_group_is_one_line_that_counts_up_and_is_written_when_complete() {
         let mut told = Told::new();
-        told.tell(16.2, 2, Happening::AtAltitude);
+        told.tell(16.2, 2, EventKind::AtAltitude);
         assert_eq!(told.journal.newest(9), ["  16.2 s  vehicle 2: at altitude"]);
-        told.tell(17.0, 1, Happening::AtAltitude);
-        told.tell(17.1, 4, Happening::AtAltitude);
+        told.tell(17.0, 1, EventKind::AtAltitude);
+        told.tell(17.1, 4, EventKind::AtAltitude);
         assert_eq!(told.journal.newest(9), ["  16.2 s  3 of 4 at altitude (16.2 to 17.1 s), missing vehicle 3"]);
         assert_eq!(told.news(17.2), [""; 0]);
-        told.tell(18.5, 3, Happening::AtAltitude);
+        told.tell(18.5, 3, EventKind::AtAltitude);
         let line = "  16.2 s  4 of 4 at altitude (16.2 to 18.5 s)";
         assert_eq!(told.news(18.5), [line]);
         assert_eq!(told.news(60.0), [""; 0], "written once");
@@ -227,39 +227,39 @@ mod tests {
     #[test]
     fn a_group_that_waits_is_written_with_the_vehicles_that_are_missing_and_again_when_complete() {
         let mut told = Told::new();
-        told.tell(1.0, 1, Happening::Reached(3));
-        told.tell(1.0, 2, Happening::Reached(3));
+        told.tell(1.0, 1, EventKind::Reached(3));
+        told.tell(1.0, 2, EventKind::Reached(3));
         assert_eq!(told.news(5.9), [""; 0]);
         assert_eq!(told.news(6.0), ["   1.0 s  2 of 4 reached step 3 (1.0 s), missing vehicle 3, 4"]);
-        told.tell(9.0, 3, Happening::Reached(3));
-        told.tell(9.5, 4, Happening::Reached(3));
+        told.tell(9.0, 3, EventKind::Reached(3));
+        told.tell(9.5, 4, EventKind::Reached(3));
         assert_eq!(told.news(9.5), ["   1.0 s  4 of 4 reached step 3 (1.0 to 9.5 s)"]);
     }
 
     #[test]
     fn the_same_event_of_the_same_vehicle_begins_a_new_group() {
         let mut told = Told::new();
-        (1..=4).for_each(|number| told.tell(1.0, number, Happening::Landed));
-        told.tell(2.0, 3, Happening::Landed);
+        (1..=4).for_each(|number| told.tell(1.0, number, EventKind::Landed));
+        told.tell(2.0, 3, EventKind::Landed);
         assert_eq!(told.journal.newest(9), ["   1.0 s  4 of 4 landed (1.0 s)", "   2.0 s  vehicle 3: landed"]);
         assert_eq!(told.journal.newest(1).len(), 1);
-        told.tell(90.0, 1, Happening::Landed);
+        told.tell(90.0, 1, EventKind::Landed);
         assert_eq!(told.journal.newest(9).len(), 3, "long after the others");
     }
 
     #[test]
     fn a_failure_of_one_vehicle_is_news_at_once() {
         let mut told = Told::new();
-        told.tell(1.0, 3, Happening::OwnDataStale);
+        told.tell(1.0, 3, EventKind::OwnDataStale);
         assert_eq!(told.news(1.0), ["   1.0 s  vehicle 3: simulator data stale, controls neutral"]);
-        told.tell(1.0, 4, Happening::OwnDataStale);
+        told.tell(1.0, 4, EventKind::OwnDataStale);
         assert_eq!(told.news(1.0).len(), 1);
     }
 
     #[test]
     fn the_end_writes_what_is_left() {
         let mut told = Told::new();
-        told.tell(1.0, 1, Happening::Landed);
+        told.tell(1.0, 1, EventKind::Landed);
         told.journal.add(When { now: told.zero, window_s: None }, "ends".to_owned());
         let now = told.when(1.0).now;
         assert_eq!(told.journal.take_news(now, true), ["   1.0 s  vehicle 1: landed", "     - s  ends"]);

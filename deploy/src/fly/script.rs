@@ -10,12 +10,12 @@ use skein_common::scenario::{Event, EventAction, Fault, PlantKind, Scenario};
 use skein_core::impairments::{lasting, union};
 
 use crate::os;
-use skein_lab::faults::Incident;
-use skein_lab::faults::{Agenda, describe, failure_of, kills, orders};
+use skein_lab::faults::InjectedFault;
+use skein_lab::faults::{Schedule, describe, failure_of, kills, orders};
 
 /// Something to be done, or to be told of.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Deed {
+pub enum ScriptedAction {
     /// End this vehicle's agent at once.
     Kill(VehicleId),
     /// Give it an agent again.
@@ -27,10 +27,10 @@ pub enum Deed {
     /// Order the swarm.
     Order(Verb),
     /// Somebody else does it: what, and what of which vehicle fails then.
-    Tell(String, Option<Incident>),
+    Tell(String, Option<InjectedFault>),
 }
 
-impl fmt::Display for Deed {
+impl fmt::Display for ScriptedAction {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Kill(id) => write!(f, "kills vehicle {id}"),
@@ -69,23 +69,23 @@ impl Player {
 }
 
 /// Everything that `fly` does or tells of, in its order. The times count from the beginning of the flight's window.
-pub(super) fn agenda(scenario: &Scenario) -> Agenda<Deed> {
+pub(super) fn agenda(scenario: &Scenario) -> Schedule<ScriptedAction> {
     let events = &scenario.mission.events;
-    let mut deeds: Vec<_> = orders(events).into_iter().map(|(at_s, verb)| (at_s, Deed::Order(verb))).collect();
+    let mut deeds: Vec<_> = orders(events).into_iter().map(|(at_s, verb)| (at_s, ScriptedAction::Order(verb))).collect();
     let mut span = |Range { start, end }: Range<f64>, from, until| deeds.extend([(start, from), (end, until)]);
     for id in scenario.ids() {
-        kills(events, id).into_iter().for_each(|dead| span(dead, Deed::Kill(id), Deed::Restart(id)));
+        kills(events, id).into_iter().for_each(|dead| span(dead, ScriptedAction::Kill(id), ScriptedAction::Restart(id)));
         let is_its = |fault: &Fault| *fault == Fault::SimulatorFreeze { vehicle: id };
         let frozen = faults(scenario, Player::Launcher).filter(|(_, fault)| is_its(fault));
         let frozen = union(frozen.map(|(event, _)| lasting(event)));
-        frozen.into_iter().for_each(|frozen| span(frozen, Deed::Freeze(id), Deed::Thaw(id)));
+        frozen.into_iter().for_each(|frozen| span(frozen, ScriptedAction::Freeze(id), ScriptedAction::Thaw(id)));
     }
     for (event, fault) in faults(scenario, Player::Agent) {
         let what = describe(fault);
-        let failed = failure_of(fault).map(|(id, word)| Incident::Failed(id, word));
-        span(lasting(event), Deed::Tell(what.clone(), failed), Deed::Tell(format!("{what}: over"), None));
+        let failed = failure_of(fault).map(|(id, word)| InjectedFault::Failed(id, word));
+        span(lasting(event), ScriptedAction::Tell(what.clone(), failed), ScriptedAction::Tell(format!("{what}: over"), None));
     }
-    Agenda::new(deeds)
+    Schedule::new(deeds)
 }
 
 /// Events that `fly` cannot produce on the scenario's plant, a sentence each.

@@ -8,10 +8,10 @@ use nalgebra::Vector2;
 use skein_common::id::VehicleId;
 use skein_common::math;
 use skein_common::message::Trace;
-use skein_common::state::{Activity, Membership, Standing};
+use skein_common::state::{Activity, Membership, PeerStatus};
 use skein_core::formation::ring::Ring;
 
-use crate::observe::Seen;
+use crate::observe::VehicleView;
 use skein_lab::terminal::shortened;
 
 /// A vehicle silent for this long is said to be silent.
@@ -133,7 +133,7 @@ pub struct Known<'a> {
     /// Who.
     pub id: VehicleId,
     /// What it said.
-    pub seen: Option<&'a Seen>,
+    pub seen: Option<&'a VehicleView>,
     /// How its process ended, if it has.
     pub ended: Option<Ending>,
 }
@@ -212,7 +212,7 @@ fn gap_deg(id: VehicleId, members: &[(VehicleId, f64)]) -> Option<(f64, f64)> {
 }
 
 fn oldest_ms(trace: &Trace) -> Option<f64> {
-    let heard = trace.peers.iter().filter(|peer| peer.standing != Standing::Lost);
+    let heard = trace.peers.iter().filter(|peer| peer.standing != PeerStatus::Lost);
     heard.map(|peer| 1e3 * peer.age_s).reduce(f64::max)
 }
 

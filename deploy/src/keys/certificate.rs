@@ -7,7 +7,7 @@ use rcgen::{
     BasicConstraints, CertificateParams, DistinguishedName, DnType, ExtendedKeyUsagePurpose, IsCa, Issuer, KeyPair,
     KeyUsagePurpose, PublicKeyData,
 };
-use skein_agent::link::security::Known;
+use skein_agent::link::security::PeerIdentity;
 use time::{Duration, OffsetDateTime};
 use x509_parser::certificate::X509Certificate;
 use x509_parser::extensions::GeneralName;
@@ -169,11 +169,11 @@ pub(crate) fn expires(certificate: &str) -> Option<OffsetDateTime> {
 }
 
 /// Returns the common name and the public key in a certificate.
-pub(crate) fn shows(certificate: &str) -> Option<Known> {
+pub(crate) fn shows(certificate: &str) -> Option<PeerIdentity> {
     let pem = pem(certificate)?;
     let shown = pem.parse_x509().ok()?;
     let key: [u8; 32] = shown.public_key().subject_public_key.data.as_ref().try_into().ok()?;
-    Some(Known { name: common_name(&shown)?.to_owned(), key: key.into() })
+    Some(PeerIdentity { name: common_name(&shown)?.to_owned(), key: key.into() })
 }
 
 /// Returns why this certificate is invalid or has to be replaced soon, if so: it must be signed by this authority,

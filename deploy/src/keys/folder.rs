@@ -8,9 +8,9 @@ use std::path::{Path, PathBuf};
 use crate::keys::Role;
 use rcgen::{KeyPair, PKCS_ED25519};
 use serde::{Deserialize, Serialize};
-use skein_agent::link::security::{Known, identities_by_vehicle};
+use skein_agent::link::security::{PeerIdentity, identities_by_vehicle};
 use skein_common::id::VehicleId;
-use skein_host::atomic_file::{self, Promise};
+use skein_host::atomic_file::{self, Durability};
 
 use super::certificate::{Pair, shows};
 use crate::os;
@@ -55,7 +55,7 @@ pub(crate) struct Names {
     pub(crate) observer: String,
     pub(crate) operator: String,
     #[serde(deserialize_with = "identities_by_vehicle")]
-    pub(crate) vehicles: BTreeMap<VehicleId, Known>,
+    pub(crate) vehicles: BTreeMap<VehicleId, PeerIdentity>,
 }
 
 /// The folder of one cluster's keys.
@@ -115,7 +115,7 @@ impl Folder {
     pub(crate) fn write(&self, name: &str, text: &str) -> Result<(), Error> {
         let is_secret = Path::new(name).extension().is_some_and(|extension| extension == "key");
         let path = self.path(name);
-        atomic_file::write(&path, text.as_bytes(), Promise::of(is_secret))
+        atomic_file::write(&path, text.as_bytes(), Durability::of(is_secret))
             .map_err(|error| Error::Failed(format!("{}: {error}", path.display())))
     }
 
@@ -154,7 +154,7 @@ impl Folder {
     /// If a certificate cannot be read.
     pub(crate) fn shown_names(&self) -> Result<Names, Error> {
         let shown = |role| {
-            let of_role = |known: &Known| is_name_of(role, &known.name);
+            let of_role = |known: &PeerIdentity| is_name_of(role, &known.name);
             Ok::<_, Error>(self.read(&certificate_file(role))?.and_then(|text| shows(&text)).filter(of_role))
         };
         let name = |role| Ok::<_, Error>(shown(role)?.map(|known| known.name).unwrap_or_default());
@@ -190,10 +190,10 @@ impl Names {
 }
 
 /// Formats a line for each vehicle: `1 = { name = "vehicle-1", key = "..." }`.
-pub(crate) fn vehicles_toml(vehicles: &BTreeMap<VehicleId, Known>) -> String {
+pub(crate) fn vehicles_toml(vehicles: &BTreeMap<VehicleId, PeerIdentity>) -> String {
     vehicles
         .iter()
-        .map(|(id, Known { name, key })| format!("{id} = {{ name = \"{name}\", key = \"{key}\" }}\n"))
+        .map(|(id, PeerIdentity { name, key })| format!("{id} = {{ name = \"{name}\", key = \"{key}\" }}\n"))
         .collect()
 }
 

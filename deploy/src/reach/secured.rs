@@ -4,7 +4,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use skein_agent::link::Security;
-use skein_agent::link::seal::{NotAKey, SealKey, Sealer};
+use skein_agent::link::seal::{NotAKey, VerificationKey, SigningKey};
 use skein_agent::link::security::Tls;
 
 use super::{Flown, Reach};
@@ -64,10 +64,10 @@ impl Inventory {
 }
 
 /// Reads the private key that signs orders; `known_by` is its public key.
-fn sealer(folder: &Folder, known_by: SealKey) -> Result<Sealer, Error> {
+fn sealer(folder: &Folder, known_by: VerificationKey) -> Result<SigningKey, Error> {
     folder.check_private_file(ORDERS_KEY)?;
     let path = folder.path(ORDERS_KEY);
-    let sealer = Sealer::from_pem(&folder.need(ORDERS_KEY)?).map_err(|error| bad(&path, &error.to_string()))?;
+    let sealer = SigningKey::from_pem(&folder.need(ORDERS_KEY)?).map_err(|error| bad(&path, &error.to_string()))?;
     if sealer.key() != known_by {
         return Err(bad(&path, &format!("not the private key of {ORDERS_PUBLIC}")));
     }
@@ -75,7 +75,7 @@ fn sealer(folder: &Folder, known_by: SealKey) -> Result<Sealer, Error> {
 }
 
 /// Reads the public key that verifies the signatures of orders.
-pub(crate) fn orders_key(folder: &Folder) -> Result<SealKey, Error> {
+pub(crate) fn orders_key(folder: &Folder) -> Result<VerificationKey, Error> {
     let text = folder.need(ORDERS_PUBLIC)?;
     text.trim().parse().map_err(|error: NotAKey| bad(&folder.path(ORDERS_PUBLIC), &error.to_string()))
 }

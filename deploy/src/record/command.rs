@@ -8,13 +8,13 @@ use skein_common::scenario::{Source, load};
 use skein_common::state::Membership;
 
 use super::Recorder;
-use crate::observe::{Heard, Observer, Steps};
+use crate::observe::{SwarmMessage, Observer, TraceSubscription};
 use crate::os::Interrupts;
 use crate::reach::{Reach, SwarmArgs};
 use skein_host::clock;
 use skein_lab::error::Error;
 use skein_lab::metrics::Run;
-use skein_lab::record::{About, RecordError, merge, repair};
+use skein_lab::record::{RecordingInfo, RecordError, merge, repair};
 
 /// Interval at which received messages are read.
 const TICK: Duration = Duration::from_millis(20);
@@ -92,7 +92,7 @@ fn record(swarm: &SwarmArgs, out: &Path) -> Result<(), Error> {
     refuse_existing(out)?;
     let reach = swarm.reach(Role::Observer)?;
     let interrupts = Interrupts::listen().map_err(|error| Error::Failed(format!("signals: {error}")))?;
-    let mut observer = Observer::open(&reach, Steps::On)?;
+    let mut observer = Observer::open(&reach, TraceSubscription::On)?;
     let heard = first_messages(&mut observer, &reach)?;
     let mut recorder = begin(&reach, out)?;
     eprintln!("recording swarm {} into {}; Ctrl-C ends the recording", reach.swarm, out.display());
@@ -116,7 +116,7 @@ fn record(swarm: &SwarmArgs, out: &Path) -> Result<(), Error> {
 }
 
 /// Waits for the first messages of the swarm.
-fn first_messages(observer: &mut Observer, reach: &Reach) -> Result<Vec<(Heard, Instant)>, Error> {
+fn first_messages(observer: &mut Observer, reach: &Reach) -> Result<Vec<(SwarmMessage, Instant)>, Error> {
     let until = clock::now() + LISTEN;
     loop {
         let heard = observer.poll_timed();
@@ -135,17 +135,17 @@ fn begin(reach: &Reach, out: &Path) -> Result<Recorder, Error> {
     let loaded = load(&Source { name: &name, text: &text }, &[])
         .map_err(|fault| Error::Scenario { fault: fault.into(), text: text.clone() })?;
     let scenario = &loaded.scenario;
-    let about = About { scenario, scenario_toml: &text, run: &Run::new(scenario, "fly"), clock: "" };
+    let about = RecordingInfo { scenario, scenario_toml: &text, run: &Run::new(scenario, "fly"), clock: "" };
     Recorder::begin(out, &about, scenario.record.hz.live_hz()).map_err(|error| about_file(out, &[], error))
 }
 
-fn put(recorder: &mut Recorder, heard: &Heard, at: Instant) {
+fn put(recorder: &mut Recorder, heard: &SwarmMessage, at: Instant) {
     match heard {
-        Heard::Trace(trace) => recorder.step(at, trace),
-        Heard::Event(event) => recorder.happened(at, event),
-        Heard::Appeared(id) => recorder.note(at, false, &format!("vehicle {id}"), "its agent has appeared"),
-        Heard::Vanished(id) => recorder.note(at, true, &format!("vehicle {id}"), "its agent has disappeared"),
-        Heard::Health(_) | Heard::Mission(_) => {}
+        SwarmMessage::Trace(trace) => recorder.step(at, trace),
+        SwarmMessage::Event(event) => recorder.happened(at, event),
+        SwarmMessage::Appeared(id) => recorder.note(at, false, &format!("vehicle {id}"), "its agent has appeared"),
+        SwarmMessage::Vanished(id) => recorder.note(at, true, &format!("vehicle {id}"), "its agent has disappeared"),
+        SwarmMessage::Health(_) | SwarmMessage::Mission(_) => {}
     }
 }
 
@@ -159,7 +159,7 @@ struct Window {
 impl Window {
     /// Returns true once, when the window begins.
     fn begins(&mut self, observer: &Observer) -> bool {
-        let is_active = |view: &crate::observe::Seen| {
+        let is_active = |view: &crate::observe::VehicleView| {
             view.trace.as_ref().is_some_and(|trace| trace.membership != Membership::Joining)
         };
         let mut alive = observer.vehicles().values().filter(|view| view.alive).peekable();

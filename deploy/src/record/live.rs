@@ -13,8 +13,8 @@ use skein_common::id::VehicleId;
 use skein_common::message::{Event, Trace};
 
 use skein_host::clock::{self, Utc};
-use skein_lab::faults::Incident;
-use skein_lab::record::{About, FLUSH, RecordError, Writer};
+use skein_lab::faults::InjectedFault;
+use skein_lab::record::{RecordingInfo, FLUSH, RecordError, Writer};
 
 /// Capacity of the queue of entries to be written: two seconds of 250 vehicles.
 const QUEUE: usize = 25_000;
@@ -37,7 +37,7 @@ pub struct Recorder {
 enum Entry {
     Step(Box<Trace>),
     Happened(Event),
-    Incident(Incident),
+    InjectedFault(InjectedFault),
     Note {
         is_bad: bool,
         who: String,
@@ -55,12 +55,12 @@ impl Recorder {
     ///
     /// # Errors
     /// If the file exists already or cannot be written.
-    pub fn begin(path: &Path, about: &About<'_>, hz: f64) -> Result<Self, RecordError> {
+    pub fn begin(path: &Path, about: &RecordingInfo<'_>, hz: f64) -> Result<Self, RecordError> {
         let io = |error: io::Error| RecordError::Io { path: path.to_owned(), error };
         let file = File::options().write(true).create_new(true).open(path).map_err(io)?;
         let synced = file.try_clone().map_err(io)?;
         let utc = Utc::read();
-        let about = About { clock: CLOCK, ..*about };
+        let about = RecordingInfo { clock: CLOCK, ..*about };
         let writer = Writer::new(BufWriter::new(file), &about, utc.nanoseconds(clock::now()))?;
         let (queue, entries) = sync_channel(QUEUE);
         let thread = thread::Builder::new().name("record".to_owned());
@@ -85,8 +85,8 @@ impl Recorder {
     }
 
     /// Records a fault that was injected into the swarm.
-    pub fn incident(&mut self, at: Instant, incident: &Incident) {
-        self.enqueue(at, Entry::Incident(incident.clone()));
+    pub fn incident(&mut self, at: Instant, incident: &InjectedFault) {
+        self.enqueue(at, Entry::InjectedFault(incident.clone()));
     }
 
     /// Records a note for human readers.
@@ -171,7 +171,7 @@ fn put(writer: &mut Writer<BufWriter<File>>, log_time_ns: u64, entry: Entry) {
     match entry {
         Entry::Step(trace) => writer.step(log_time_ns, &trace),
         Entry::Happened(Event { header, what }) => writer.event(log_time_ns, header.sender, Some(&header), &what),
-        Entry::Incident(incident) => writer.incident(log_time_ns, &incident),
+        Entry::InjectedFault(incident) => writer.incident(log_time_ns, &incident),
         Entry::Note { is_bad, who, what } => writer.note(log_time_ns, is_bad, who, what),
         Entry::Begins => writer.window_begins(log_time_ns),
         Entry::Ends => writer.window_ends(log_time_ns),
@@ -271,7 +271,7 @@ mod tests {
         let full = File::options().write(true).open("/dev/full").unwrap();
         let loaded = ScenarioArgs::default().read(Vec::new()).unwrap();
         let run = skein_lab::metrics::Run::new(&loaded.scenario, "fly");
-        let about = About { scenario: &loaded.scenario, scenario_toml: "", run: &run, clock: "" };
+        let about = RecordingInfo { scenario: &loaded.scenario, scenario_toml: "", run: &run, clock: "" };
         let synced = full.try_clone().unwrap();
         // Everything before the first entries fits into memory.
         let to = BufWriter::with_capacity(1 << 20, full);
@@ -297,7 +297,7 @@ mod tests {
         std::fs::write(&path, "precious").unwrap();
         let loaded = ScenarioArgs::default().read(Vec::new()).unwrap();
         let run = skein_lab::metrics::Run::new(&loaded.scenario, "fly");
-        let about = About { scenario: &loaded.scenario, scenario_toml: "", run: &run, clock: "" };
+        let about = RecordingInfo { scenario: &loaded.scenario, scenario_toml: "", run: &run, clock: "" };
         assert!(matches!(Recorder::begin(&path, &about, 50.0), Err(RecordError::Io { .. })));
         assert_eq!(std::fs::read(&path).unwrap(), b"precious");
     }

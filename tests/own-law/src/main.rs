@@ -7,7 +7,7 @@
 use std::f64::consts::TAU;
 use std::process::ExitCode;
 
-use skein_lab::law::{Answer, Law, Laws, Setup, Sight, Vector2, Wanted, math, number};
+use skein_lab::law::{LawOutput, Law, Laws, Setup, Observation, Vector2, LawCommand, math, number};
 
 #[derive(Clone, Debug)]
 struct Pursuit {
@@ -23,7 +23,7 @@ impl Pursuit {
 }
 
 impl Law for Pursuit {
-    fn ask(&mut self, sight: &Sight<'_>) -> Answer {
+    fn ask(&mut self, sight: &Observation<'_>) -> LawOutput {
         let out_ne_m = sight.from_centre_ne_m();
         let bearing_rad = |from_centre: Vector2<f64>| math::atan2(from_centre.y, from_centre.x);
         let centre = sight.goal.centre.horizontal();
@@ -38,7 +38,7 @@ impl Law for Pursuit {
         let haste = (1.0 + ahead_rad - behind_rad).clamp(0.0, 2.0);
         let off_m = sight.goal.radius_m - out_ne_m.norm();
         let wanted = clockwise * (self.speed_m_s * haste) + outward * (self.homing_per_s * off_m);
-        Answer { wanted: Wanted::level(wanted), is_there: off_m.abs() < 10.0 }
+        LawOutput { wanted: LawCommand::level(wanted), is_there: off_m.abs() < 10.0 }
     }
 }
 

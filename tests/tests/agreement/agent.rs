@@ -16,12 +16,12 @@ pub(super) type Bits = u8;
 
 /// A message with an agent's record.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(super) struct Word {
+pub(super) struct PeerMessage {
     pub(super) order: MessageOrder,
     pub(super) part: AgreementState,
 }
 
-impl Word {
+impl PeerMessage {
     fn is_newer_than(&self, other: &Self) -> bool {
         let age = |word: &Self| (word.order, word.part.step, word.part.vouched, word.part.reached);
         age(self) > age(other)
@@ -36,9 +36,9 @@ pub(super) struct Agent {
     pub(super) sequence: u64,
     pub(super) is_up: bool,
     /// Every word that it ever said.
-    pub(super) said: Vec<Word>,
+    pub(super) said: Vec<PeerMessage>,
     /// The newest that it has received of each, the liar included.
-    pub(super) known: Vec<Option<Word>>,
+    pub(super) known: Vec<Option<PeerMessage>>,
     /// Who it takes to be there.
     pub(super) sees: Bits,
     /// Those that it does not see and takes to be flying no longer.
@@ -73,9 +73,9 @@ impl Agent {
         }
     }
 
-    pub(super) fn word(&self) -> Word {
+    pub(super) fn word(&self) -> PeerMessage {
         let order = MessageOrder { incarnation: Incarnation(self.incarnation), sequence: self.sequence };
-        Word { order, part: self.agreement.own() }
+        PeerMessage { order, part: self.agreement.own() }
     }
 
     pub(super) fn is_active(&self) -> bool {
@@ -95,14 +95,14 @@ impl Agent {
         }
     }
 
-    pub(super) fn receive(&mut self, from: usize, word: Word) {
+    pub(super) fn receive(&mut self, from: usize, word: PeerMessage) {
         if self.is_news(from, &word) {
             self.known[from] = Some(word);
         }
     }
 
     /// Whether a word is newer than all that it has received of this one.
-    pub(super) fn is_news(&self, from: usize, word: &Word) -> bool {
+    pub(super) fn is_news(&self, from: usize, word: &PeerMessage) -> bool {
         self.known[from].is_none_or(|known| word.is_newer_than(&known))
     }
 
@@ -138,25 +138,25 @@ impl Agent {
     }
 
     /// Whether it has said this since it became active, and is.
-    pub(super) fn is_latest(&self, word: &Word) -> bool {
+    pub(super) fn is_latest(&self, word: &PeerMessage) -> bool {
         self.is_active() && word.order == self.word().order
     }
 }
 
 /// One of the 256 words that an agent can have said.
-pub(super) fn said_key(word: &Word) -> u8 {
+pub(super) fn said_key(word: &PeerMessage) -> u8 {
     let part = &word.part;
     key(word, part.step << 1 | u32::from(part.has_reached(part.step)), part.vouched)
 }
 
 /// One of the 256 words that differ in what matters to an agent whose own part is this.
-pub(super) fn known_key(word: &Word, own: &AgreementState) -> u8 {
+pub(super) fn known_key(word: &PeerMessage, own: &AgreementState) -> u8 {
     let part = &word.part;
     let past = part.step.max(part.reached.map_or(0, |reached| reached + 1));
     key(word, past.max(own.step), part.vouched.max(own.vouched))
 }
 
-fn key(word: &Word, past: u32, vouched: u32) -> u8 {
+fn key(word: &PeerMessage, past: u32, vouched: u32) -> u8 {
     let MessageOrder { incarnation: Incarnation(life), sequence } = word.order;
     assert!(life < 2 && sequence < 4 && past < 8 && vouched < 4, "too large for a key: {word:?}");
     (life as u8) << 7 | (sequence as u8) << 5 | (past as u8) << 2 | vouched as u8

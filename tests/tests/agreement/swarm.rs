@@ -26,7 +26,7 @@ use skein_common::scenario::Partition;
 use skein_common::state::Membership;
 use skein_core::mission::agreement::{AgreementState, Progress};
 
-use super::agent::{Agent, Bits, Word, has, known_key, others, said_key};
+use super::agent::{Agent, Bits, PeerMessage, has, known_key, others, said_key};
 use super::{MISLED, P1, P2, P3, P4, VOUCHED};
 
 /// Every way to name three.
@@ -178,7 +178,7 @@ impl<const N: usize> Swarm<N> {
                 let suspects = self.may_suspect(agent, other, bounds.false_suspicion);
                 actions.extend(suspects.then_some(Action::Suspect { by: agent, whom: other }));
                 let arrives =
-                    |(_, word): &(usize, &Word)| self.are_linked(agent, other) && self.is_news(agent, other, word);
+                    |(_, word): &(usize, &PeerMessage)| self.are_linked(agent, other) && self.is_news(agent, other, word);
                 let words = self.agents[other].said.iter().enumerate().filter(arrives);
                 actions.extend(words.map(|(word, _)| Action::Deliver { to: agent, from: other, word }));
             }
@@ -224,7 +224,7 @@ impl<const N: usize> Swarm<N> {
     }
 
     /// Whether a word changes anything for the one who hears it.
-    fn is_news(&self, to: usize, from: usize, word: &Word) -> bool {
+    fn is_news(&self, to: usize, from: usize, word: &PeerMessage) -> bool {
         let (to, speaker) = (&self.agents[to], &self.agents[from]);
         to.is_news(from, word)
             || (speaker.is_up && !has(to.sees, from))
@@ -245,7 +245,7 @@ impl<const N: usize> Swarm<N> {
     fn lie(&mut self, to: usize, part: AgreementState) {
         self.lies += 1;
         let order = MessageOrder { incarnation: Incarnation(self.lies), sequence: 0 };
-        self.agents[to].receive(N, Word { order, part });
+        self.agents[to].receive(N, PeerMessage { order, part });
     }
 
     /// An agent hears this from the liar, does something, and the liar takes it back.
@@ -328,7 +328,7 @@ impl<const N: usize> Swarm<N> {
         let in_view: Vec<usize> = (0..N).filter(is_member).collect();
         for &other in &in_view {
             let life = known[other].map(|word| word.order.incarnation);
-            let reports = |word: &Word| Some(word.order.incarnation) == life && word.part.has_reached(left);
+            let reports = |word: &PeerMessage| Some(word.order.incarnation) == life && word.part.has_reached(left);
             if !self.agents[other].said.iter().any(reports) {
                 self.broken = Some(P2);
             }

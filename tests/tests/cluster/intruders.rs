@@ -17,13 +17,13 @@ use rustls_pki_types::pem::PemObject;
 use serde_json::json;
 use skein::inventory::Inventory;
 use skein::keys::Role;
-use skein_agent::link::seal::Sealer;
-use skein_agent::link::seal::words::{ADDED_BYTES, Voices};
+use skein_agent::link::seal::SigningKey;
+use skein_agent::link::seal::words::{ADDED_BYTES, KeyRing};
 use skein_agent::link::security::{Known, Tls};
 use skein_agent::link::{Security, Sessions};
 use skein_common::frame::{Geodetic, VelocityNed};
 use skein_common::id::{Incarnation, SwarmName, VehicleId};
-use skein_common::message::{self, Header, Message, Mission, Order, Seal, State, Verb};
+use skein_common::message::{self, Header, Message, Mission, Order, Signature, State, Verb};
 use skein_common::state::{Membership, VehicleState};
 use skein_common::time::SenderStamp;
 use skein_common::topic::{Cell, Topic};
@@ -153,7 +153,7 @@ pub(super) fn intrude() {
 
 /// The run of the swarm, read from a received message.
 fn run(heard: &[(String, Vec<u8>)]) -> u64 {
-    let run = |bytes: &[u8]| Some(u64::from_le_bytes(*bytes[..bytes.len().checked_sub(Seal::BYTES)?].last_chunk()?));
+    let run = |bytes: &[u8]| Some(u64::from_le_bytes(*bytes[..bytes.len().checked_sub(Signature::BYTES)?].last_chunk()?));
     heard.first().and_then(|(_, bytes)| run(bytes)).unwrap_or(0)
 }
 
@@ -198,15 +198,15 @@ fn open(who: &str) -> Sessions {
 /// An intruder with its sessions and its signing key.
 struct Intruder {
     sessions: Sessions,
-    voices: Voices,
-    sealer: Option<Sealer>,
+    voices: KeyRing,
+    sealer: Option<SigningKey>,
 }
 
 impl Intruder {
     fn open(who: &str) -> Self {
         let key = fs::read_to_string(Path::new("/root").join(who).join("own.key"));
-        let sealer = key.ok().and_then(|key| Sealer::from_pem(&key).ok());
-        let voices = Voices::sealed(SwarmName::new("lab").unwrap(), BTreeMap::new());
+        let sealer = key.ok().and_then(|key| SigningKey::from_pem(&key).ok());
+        let voices = KeyRing::sealed(SwarmName::new("lab").unwrap(), BTreeMap::new());
         Self { sessions: open(who), voices, sealer }
     }
 
@@ -274,7 +274,7 @@ impl Intruder {
         if let Some((_, bytes)) = last
             && let Ok(own) = message::decode::<Mission>(&bytes[..bytes.len() - ADDED_BYTES])
         {
-            for seal in [None, Some(Seal::from_bytes([7; Seal::BYTES]))] {
+            for seal in [None, Some(Signature::from_bytes([7; Signature::BYTES]))] {
                 let header = Header { sequence: own.header.sequence + 1, ..own.header };
                 let order = Some(order(seal));
                 sent += self.send(run, Topic::Mission(header.sender), &Mission { header, order, ..own });
@@ -284,6 +284,6 @@ impl Intruder {
     }
 }
 
-fn order(seal: Option<Seal>) -> Order {
+fn order(seal: Option<Signature>) -> Order {
     Order { epoch: 1 << 40, issuer: FORGER, verb: Verb::Abort, seal }
 }

@@ -12,7 +12,7 @@ use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 use serde_json::{Value, json};
 use skein::inventory::Inventory;
 use skein::keys::Role;
-use skein::observe::{Heard, Observer, Steps};
+use skein::observe::{SwarmMessage, Observer, Steps};
 
 use super::lab::Lab;
 
@@ -237,7 +237,7 @@ pub(super) fn observe_swarm() {
     loop {
         sleep(PERIOD);
         let events = observer.poll().into_iter().filter_map(|heard| match heard {
-            Heard::Event(event) => Some(json!({ "id": event.header.sender.get(), "what": event.what.to_string() })),
+            SwarmMessage::Event(event) => Some(json!({ "id": event.header.sender.get(), "what": event.what.to_string() })),
             _ => None,
         });
         let events: Vec<Value> = events.collect();

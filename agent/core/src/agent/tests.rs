@@ -48,18 +48,18 @@ impl Flight {
     }
 
     /// Advances by 20 ms, with or without a frame.
-    fn frame(&mut self, measurement: Option<&Measurement>, words: &[Word]) -> Outputs {
+    fn frame(&mut self, measurement: Option<&Measurement>, words: &[PeerMessage]) -> Outputs {
         self.local_s += 0.02;
         if measurement.is_some() {
             self.plant_s += 0.02;
         }
         let now = Now { plant: PlantTime::from_seconds(self.plant_s), local: LocalTime::from_seconds(self.local_s) };
-        let heard: Vec<_> = words.iter().map(|&word| Heard { word, at: now.local }).collect();
+        let heard: Vec<_> = words.iter().map(|&word| Received { word, at: now.local }).collect();
         self.agent.step(now, &Inputs { measurement, heard: &heard, leave: false, answer: None })
     }
 
     /// Steps without frames for this time; returns the events and the last command.
-    fn without_frames(&mut self, seconds: f64) -> (Vec<Happening>, Option<Sticks>) {
+    fn without_frames(&mut self, seconds: f64) -> (Vec<EventKind>, Option<Controls>) {
         let mut happened = Vec::new();
         let mut command = None;
         for _ in 0..(seconds / 0.02).round() as usize {
@@ -71,12 +71,12 @@ impl Flight {
     }
 }
 
-fn state_of(sender: u8, sequence: u64, north_m: f64) -> Word {
+fn state_of(sender: u8, sequence: u64, north_m: f64) -> PeerMessage {
     let scenario = scenario(&[]);
     let origin = Origin::new(scenario.origin.geodetic());
     let position = origin.geodetic_from_ned(PositionNed::new(north_m, 0.0, -30.0));
     let state = VehicleState { position, velocity: VelocityNed::default(), heading_rad: 0.0 };
-    Word::State(State { header: header(sender, sequence), state })
+    PeerMessage::State(State { header: header(sender, sequence), state })
 }
 
 #[test]
@@ -90,12 +90,12 @@ fn no_controls_are_written_before_the_agent_is_active() {
         if outputs.command.is_some() {
             first_command_s.get_or_insert(flight.local_s);
         }
-        if outputs.outbox.happened.contains(&Happening::BecameActive) {
+        if outputs.outbox.happened.contains(&EventKind::BecameActive) {
             active_s = Some(flight.local_s);
         }
         happened.extend(outputs.outbox.happened);
     }
-    assert_eq!(happened, [Happening::BecameActive], "the first data ever are not reported as back");
+    assert_eq!(happened, [EventKind::BecameActive], "the first data ever are not reported as back");
     assert!((active_s.unwrap() - 2.02).abs() < 1e-9, "two seconds after the first frame");
     assert_eq!(first_command_s, active_s);
 }
@@ -105,15 +105,15 @@ fn stale_data_give_neutral_controls_and_a_lost_simulator_is_reported_and_awaited
     let mut flight = Flight::new(&scenario(&["swarm.trim_error_rms_deg=0"]));
     assert_eq!(flight.without_frames(0.1), (vec![], None), "a late frame changes nothing");
     let (happened, command) = flight.without_frames(0.5);
-    assert_eq!(happened, [Happening::OwnDataStale]);
+    assert_eq!(happened, [EventKind::OwnDataStale]);
     assert_eq!(flight.agent.activity(), Activity::Blind);
     let sticks = command.unwrap();
     assert_eq!((sticks.roll, sticks.pitch, sticks.yaw), (0.0185, 0.0, 0.0), "cyclic and pedals at trim");
     assert!((0.5..0.7).contains(&sticks.collective), "collective held: {sticks:?}");
     let (happened, command) = flight.without_frames(2.0);
-    assert_eq!((happened, command), (vec![Happening::SimulatorLost], None));
+    assert_eq!((happened, command), (vec![EventKind::SimulatorLost], None));
     let back = flight.frame(Some(&measured(30.0)), &[]);
-    assert_eq!(back.outbox.happened, [Happening::OwnDataBack]);
+    assert_eq!(back.outbox.happened, [EventKind::OwnDataBack]);
     assert!(back.command.is_some());
     let joins = (flight.agent.membership(), flight.agent.activity());
     assert_eq!(joins, (Membership::Joining, Activity::Joining), "the vehicle rejoins in the air");
@@ -138,11 +138,11 @@ fn without_own_data_no_state_is_sent() {
 fn without_any_peer_the_vehicle_holds_its_position() {
     let mut flight = Flight::new(&scenario(&[]));
     let active = MissionMessage { plan: 0, ..heartbeat(header(2, 1)) };
-    flight.frame(Some(&measured(30.0)), &[Word::Appeared(id(2)), state_of(2, 1, 80.0), Word::Mission(active)]);
-    let outputs = flight.frame(Some(&measured(30.0)), &[Word::Vanished(id(2))]);
-    assert_eq!(outputs.outbox.happened, [Happening::PeerLost(id(2)), Happening::AllPeersLost]);
+    flight.frame(Some(&measured(30.0)), &[PeerMessage::Appeared(id(2)), state_of(2, 1, 80.0), PeerMessage::Mission(active)]);
+    let outputs = flight.frame(Some(&measured(30.0)), &[PeerMessage::Vanished(id(2))]);
+    assert_eq!(outputs.outbox.happened, [EventKind::PeerLost(id(2)), EventKind::AllPeersLost]);
     assert_eq!(flight.agent.activity(), Activity::Holding);
-    flight.frame(Some(&measured(30.0)), &[Word::Appeared(id(2)), state_of(2, 2, 80.0)]);
+    flight.frame(Some(&measured(30.0)), &[PeerMessage::Appeared(id(2)), state_of(2, 2, 80.0)]);
     assert_eq!(flight.agent.activity(), Activity::Formation, "a peer is back");
 }
 
@@ -150,8 +150,8 @@ fn without_any_peer_the_vehicle_holds_its_position() {
 fn an_order_received_once_is_taken_and_repeated() {
     let mut flight = Flight::new(&scenario(&[]));
     let order = Order { epoch: 3, issuer: 9, verb: Verb::Land, seal: None };
-    let outputs = flight.frame(Some(&measured(30.0)), &[Word::Order(order)]);
-    assert_eq!(outputs.outbox.happened, [Happening::OrderTaken(order)]);
+    let outputs = flight.frame(Some(&measured(30.0)), &[PeerMessage::Order(order)]);
+    assert_eq!(outputs.outbox.happened, [EventKind::OrderTaken(order)]);
     assert_eq!(outputs.outbox.mission.and_then(|mission| mission.order), Some(order), "at once");
     let again = (0..10).find_map(|_| flight.frame(Some(&measured(30.0)), &[]).outbox.mission);
     assert_eq!(again.and_then(|mission| mission.order), Some(order), "and again within 0.2 s");
@@ -215,7 +215,7 @@ fn spoilt_measurement() -> impl Strategy<Value = Measurement> {
     })
 }
 
-fn any_message() -> impl Strategy<Value = Word> {
+fn any_message() -> impl Strategy<Value = PeerMessage> {
     // The link drops implausible messages; any message that passes must do no harm.
     let place = (-1.57..1.57, -3.1..3.1, -900.0..9e4_f64);
     let velocity = (-170.0..170.0, -170.0..170.0, -170.0..170.0_f64);
@@ -225,10 +225,10 @@ fn any_message() -> impl Strategy<Value = Word> {
         State { header: header(sender, sequence), state: VehicleState { position, velocity, heading_rad: 0.0 } }
     });
     prop_oneof![
-        state.prop_map(Word::State),
+        state.prop_map(PeerMessage::State),
         (-1e4..1e4, 1_u8..5, any::<u64>()).prop_map(|(north_m, sender, sequence)| state_of(sender, sequence, north_m)),
-        (1_u8..9).prop_map(|sender| Word::Vanished(id(sender))),
-        (1_u8..9).prop_map(|sender| Word::Appeared(id(sender))),
+        (1_u8..9).prop_map(|sender| PeerMessage::Vanished(id(sender))),
+        (1_u8..9).prop_map(|sender| PeerMessage::Appeared(id(sender))),
     ]
 }
 

@@ -46,7 +46,7 @@ fn stay(heading_rad: f64) -> Setpoint {
     }
 }
 
-fn sticks(estimate: &Estimate, setpoint: &Setpoint) -> Sticks {
+fn sticks(estimate: &Estimate, setpoint: &Setpoint) -> Controls {
     let controls = controller(false).step(0.02, estimate, setpoint);
     assert_eq!(controls.fault, None);
     controls.sticks
@@ -74,7 +74,7 @@ fn pseudo_errors_have_the_papers_signs() {
 #[test]
 fn a_trimmed_hover_needs_the_trim_controls() {
     for heading_rad in [0.0, 1.0, -2.5] {
-        let Sticks { roll, pitch, yaw, collective } = sticks(&hover(heading_rad), &stay(heading_rad));
+        let Controls { roll, pitch, yaw, collective } = sticks(&hover(heading_rad), &stay(heading_rad));
         assert_near(roll, TRIM.roll_stick);
         assert_near(pitch, TRIM.pitch_stick);
         assert_near(yaw, 0.0);
@@ -305,9 +305,9 @@ fn auto_trim_leans_in_the_direction_of_its_integral() {
 fn a_non_finite_argument_repeats_the_last_controls() {
     let mut controller = controller(true);
     let bad = Estimate { height_m: f64::NAN, ..hover(0.0) };
-    let neutral = Sticks { roll: TRIM.roll_stick, pitch: 0.0, yaw: 0.0, collective: 0.6 };
+    let neutral = Controls { roll: TRIM.roll_stick, pitch: 0.0, yaw: 0.0, collective: 0.6 };
     let before = controller.step(0.02, &bad, &stay(0.0));
-    assert_eq!(before, Controls { sticks: neutral, fault: Some(ControlFault::Estimate) });
+    assert_eq!(before, ControlOutput { sticks: neutral, fault: Some(ControlFault::Estimate) });
 
     let setpoint =
         Setpoint { relative_velocity_ne_m_s: Vector2::new(1.0, 2.0) * VELOCITY_PER_ERROR_PER_S, ..stay(0.3) };
@@ -336,7 +336,7 @@ fn a_non_finite_argument_repeats_the_last_controls() {
         Setpoint { relative_velocity_ne_m_s: Vector2::new(f64::MAX, f64::MAX) * VELOCITY_PER_ERROR_PER_S, ..setpoint };
     faults.push((controller.step(0.02, &hover(0.8), &overflowing), ControlFault::Rules));
     for (controls, fault) in faults {
-        assert_eq!(controls, Controls { sticks: good.sticks, fault: Some(fault) });
+        assert_eq!(controls, ControlOutput { sticks: good.sticks, fault: Some(fault) });
     }
     assert_eq!(controller.auto_trim(), found);
     assert_eq!(controller.step(0.02, &hover(0.0), &setpoint).fault, None);

@@ -5,7 +5,7 @@ use serde::Deserialize;
 
 use super::{CollectiveLimit, Setpoint, climb_m_s};
 use crate::estimate::Estimate;
-use crate::plant::Sticks;
+use crate::plant::Controls;
 
 /// Controls and attitude in a hover without wind: the `[trim]` table of an aircraft file, which has the angles in
 /// degrees.
@@ -28,9 +28,9 @@ pub struct Trim {
 
 impl Trim {
     /// The controls in the hover, clamped to their travel even if a field is out of range.
-    pub(crate) fn sticks(&self) -> Sticks {
+    pub(crate) fn sticks(&self) -> Controls {
         let within = |value: f64, low: f64| if value.is_finite() { value.clamp(low, 1.0) } else { 0.0 };
-        Sticks {
+        Controls {
             roll: within(self.roll_stick, -1.0),
             pitch: within(self.pitch_stick, -1.0),
             yaw: within(self.yaw_stick, -1.0),

@@ -35,7 +35,7 @@ impl Pair {
 
     /// Runs until this time; every second the peer echoes the newest heartbeat it has. For a message sent every 0.2 s,
     /// returns when it was received, its true delay and the delay estimated then.
-    fn run(&mut self, until_s: f64) -> Vec<(f64, f64, Option<Way>)> {
+    fn run(&mut self, until_s: f64) -> Vec<(f64, f64, Option<MessageDelay>)> {
         let mut echoes: Vec<(f64, f64, f64)> = Vec::new();
         let (mut sent, mut delays) = (Vec::new(), Vec::new());
         for tick in 0..(until_s / 0.2) as u32 {
@@ -72,7 +72,7 @@ fn a_constant_delay_is_bounded_by_the_round_trip_and_estimated_as_half_of_it() {
     let delays = pair.run(20.0);
     assert_eq!(delays[0].2, None, "no round trip is known yet");
     for (received_s, true_delay_s, message_delay) in delays.into_iter().filter(|(received_s, ..)| *received_s > 5.5) {
-        let Way { most_s, likely_s } = message_delay.unwrap();
+        let MessageDelay { most_s, likely_s } = message_delay.unwrap();
         assert!(
             (most_s - 4.0).abs() < 0.01 && (likely_s - true_delay_s).abs() < 0.01,
             "{received_s}: {message_delay:?}"
@@ -87,7 +87,7 @@ fn a_change_of_the_delay_is_measured_with_the_first_message_it_affects() {
     for (received_s, true_delay_s, message_delay) in
         pair.run(60.0).into_iter().filter(|(received_s, ..)| *received_s > 1.5)
     {
-        let Way { most_s, likely_s } = message_delay.unwrap();
+        let MessageDelay { most_s, likely_s } = message_delay.unwrap();
         assert!(most_s >= true_delay_s - 0.01, "{received_s}: the bound {most_s} is below the delay {true_delay_s}");
         // The first four round trips are without the delay, the next have it in one direction only.
         let (most_within_s, likely_within_s) = match received_s {
@@ -106,7 +106,7 @@ fn a_change_of_the_delay_is_measured_with_the_first_message_it_affects() {
 fn a_delay_of_one_direction_is_within_the_bound() {
     for (there_s, back_s) in [(|_| 1.0, |_| 0.0), (|_| 0.0, |_| 1.0)] as [(fn(f64) -> f64, fn(f64) -> f64); 2] {
         for (_, true_delay_s, message_delay) in Pair::new(there_s, back_s).run(20.0).into_iter().skip(20) {
-            let Way { most_s, likely_s } = message_delay.unwrap();
+            let MessageDelay { most_s, likely_s } = message_delay.unwrap();
             assert!((most_s - 1.0).abs() < 0.01 && (likely_s - 0.5).abs() < 0.01 && true_delay_s <= most_s + 0.01);
         }
     }
@@ -123,7 +123,7 @@ fn after_a_clock_was_set_the_delay_is_correct_within_four_round_trips() {
             let since_jump_s = [0.0, 10.0, 30.0].map(|at_s| received_s - at_s).into_iter().filter(|s| *s >= -0.2);
             // Four round trips and a margin.
             if since_jump_s.fold(f64::INFINITY, f64::min) > 4.5 * SECOND {
-                let Way { most_s, likely_s } = message_delay.unwrap();
+                let MessageDelay { most_s, likely_s } = message_delay.unwrap();
                 assert!(
                     (most_s - 0.2).abs() < 0.01 && (likely_s - 0.1).abs() < 0.01,
                     "{received_s}: {message_delay:?}"

@@ -311,7 +311,7 @@ fn a_restarted_simulator_with_its_rotor_at_rest_is_not_a_failure() {
 fn without_a_flight_model_only_engine_and_position_are_watched() {
     let aircraft = Aircraft { helicopter: None, rotor_speed_rad_s: Some(167.0), ..xcell60() };
     let mut diagnosis = Diagnosis::new(&aircraft);
-    let full = Some(Sticks { roll: 1.0, pitch: -1.0, yaw: 1.0, collective: 0.0 });
+    let full = Some(Controls { roll: 1.0, pitch: -1.0, yaw: 1.0, collective: 0.0 });
     for tick in 0..500 {
         assert_eq!(diagnosis.update(TICK_S, &measured(f64::from(tick), Some(167.0)), full), None);
     }
@@ -343,7 +343,7 @@ proptest! {
             let mut measured = measured(if east_m.is_finite() { east_m } else { 0.0 }, Some(rotor_rad_s));
             (measured.rates.yaw_rad_s, measured.rates.roll_rad_s) = (turn_rad_s, turn_rad_s);
             let (worst, was_frozen) = (diagnosis.worst, diagnosis.is_position_frozen());
-            let news = diagnosis.update(dt_s, &measured, Some(Sticks { roll, pitch, yaw, collective }));
+            let news = diagnosis.update(dt_s, &measured, Some(Controls { roll, pitch, yaw, collective }));
             prop_assert!(diagnosis.worst >= worst && diagnosis.is_position_frozen() >= was_frozen);
             let is_new = diagnosis.worst > worst || diagnosis.is_position_frozen() && !was_frozen;
             prop_assert_eq!(news.is_some(), is_new, "{:?} after {:?}", news, worst);

@@ -20,7 +20,7 @@ use alloc::vec::Vec;
 use nalgebra::Vector2;
 use skein_common::id::VehicleId;
 
-use super::law::{Answer, Law, Setup, Sight, Wanted};
+use super::law::{LawOutput, Law, Setup, Observation, LawCommand};
 use super::slots::{Slots, is_in_slot};
 
 /// The law's gains and slots.
@@ -50,7 +50,7 @@ impl DisplacementConsensus {
 }
 
 impl Law for DisplacementConsensus {
-    fn ask(&mut self, sight: &Sight<'_>) -> Answer {
+    fn ask(&mut self, sight: &Observation<'_>) -> LawOutput {
         let own_ne_m = sight.position.horizontal() - self.slot_ne_m(sight.own);
         let apart_m = |id, place: Vector2<f64>| own_ne_m - (place - self.slot_ne_m(id));
         let heard = sight.neighbours.iter().map(|neighbour| apart_m(neighbour.id, neighbour.position.horizontal()));
@@ -61,7 +61,7 @@ impl Law for DisplacementConsensus {
             sight.goal.centre_velocity.horizontal() - sum_m * self.gain_per_s - from_goal_m * self.goal_gain_per_s;
         // Distance from the own slot; without a goal gain, the largest displacement error to a received neighbour.
         let off_m = if self.goal_gain_per_s > 0.0 { from_goal_m.norm() } else { worst_m };
-        Answer { wanted: Wanted::level(wanted), is_there: is_in_slot(off_m) && sight.is_slow() }
+        LawOutput { wanted: LawCommand::level(wanted), is_there: is_in_slot(off_m) && sight.is_slow() }
     }
 }
 

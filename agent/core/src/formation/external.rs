@@ -1,6 +1,6 @@
 //! An external law: a law that runs in another program, with the agent's queries and its handling of the replies.
 //!
-//! The core does not contain the program. A step returns an [`Ask`]; a later step takes the [`Answer`]. Until then, and
+//! The core does not contain the program. A step returns an [`LawQuery`]; a later step takes the [`LawReply`]. Until then, and
 //! while replies are missing, the vehicle flies the last reply. In real time `skein_agent::external` exchanges queries
 //! and replies with the program, in virtual time `skein_lab::external`; recorded replies can replace the program.
 //!
@@ -16,18 +16,18 @@ use alloc::vec::Vec;
 use nalgebra::{Vector2, Vector3};
 use serde::Serialize;
 use skein_common::id::VehicleId;
-use skein_common::message::{Happening, LawNumber};
+use skein_common::message::{EventKind, LawNumber};
 use skein_common::scenario;
 use skein_common::time::PlantTime;
 
-use super::law::{self, Neighbour, Sight};
+use super::law::{self, Neighbour, Observation};
 
 /// Rounding of frame times, s: a query may be sent this much early.
 const ROUNDING_S: f64 = 1e-6;
 
 /// A query to a law, with everything that a built-in law observes. Names and order are those of the wire format.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Ask {
+pub struct LawQuery {
     /// The vehicle that sends the query.
     pub vehicle: VehicleId,
     /// Number of the query since the agent's start, from 0.
@@ -37,16 +37,16 @@ pub struct Ask {
     /// Plant time since the last query, s; 0 for the first.
     pub dt_s: f64,
     /// The vehicle's own estimate.
-    pub own: Own,
+    pub own: OwnState,
     /// The other live members, by id.
-    pub peers: Vec<Peer>,
+    pub peers: Vec<PeerState>,
     /// The formation's goal.
-    pub goal: Goal,
+    pub goal: QueryGoal,
 }
 
 /// The vehicle's own state.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct Own {
+pub struct OwnState {
     /// Position north, east, down, m.
     pub position_ned_m: [f64; 3],
     /// Velocity over the ground, north, east, down, m/s.
@@ -59,7 +59,7 @@ pub struct Own {
 
 /// The state of another live member.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct Peer {
+pub struct PeerState {
     /// The member's id.
     pub id: VehicleId,
     /// Position extrapolated to now at constant velocity, north, east, down, m.
@@ -76,7 +76,7 @@ pub struct Peer {
 
 /// Position, motion and size of the formation.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct Goal {
+pub struct QueryGoal {
     /// Step of the mission, counted from 0.
     pub step: usize,
     /// Centre, north, east, down, m, at this vehicle's altitude.
@@ -93,13 +93,13 @@ pub struct Goal {
 
 /// The reply of an external law. Every number is finite; no other property is guaranteed.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Answer {
+pub struct LawReply {
     /// The vehicle whose query is answered.
     pub vehicle: VehicleId,
     /// The number of the query.
     pub tick: u64,
     /// The commanded velocity or field.
-    pub wanted: Wanted,
+    pub wanted: ReplyCommand,
     /// Commanded heading, clockwise from north, rad; `None` leaves it to the mission.
     pub heading_rad: Option<f64>,
     /// Whether the vehicle is in place; `None` leaves the decision to the agent.
@@ -110,7 +110,7 @@ pub struct Answer {
 
 /// The command of an external law.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Wanted {
+pub enum ReplyCommand {
     /// Velocity over the ground, north, east, down, m/s.
     VelocityNed(Vector3<f64>),
     /// Field, north and east, dimensionless, at the goal's altitude.
@@ -132,12 +132,12 @@ pub struct External {
     /// Number of the query that is still without a reply.
     pending: Option<u64>,
     /// The last accepted reply.
-    last: Option<Answer>,
+    last: Option<LawReply>,
     misses_in_a_row: u32,
     misses: u64,
     /// Query and event to hand out after this step.
-    ask: Option<Ask>,
-    event: Option<Happening>,
+    ask: Option<LawQuery>,
+    event: Option<EventKind>,
 }
 
 impl External {
@@ -161,17 +161,17 @@ impl External {
     }
 
     /// Sets the time of this step and takes a reply, if there is one. Only a reply to the pending query is accepted.
-    pub fn receive_reply(&mut self, now: PlantTime, answer: Option<&Answer>) {
+    pub fn receive_reply(&mut self, now: PlantTime, answer: Option<&LawReply>) {
         self.now = now;
         let Some(answer) = answer.filter(|answer| self.pending == Some(answer.tick)) else { return };
-        self.event = self.is_lost().then_some(Happening::LawBack);
+        self.event = self.is_lost().then_some(EventKind::LawBack);
         (self.pending, self.misses_in_a_row) = (None, 0);
         self.last = Some(answer.clone());
     }
 
     /// The output of the law from its last reply; queries the law when the next query is due. `None` while the law is
     /// lost.
-    pub fn output(&mut self, sight: &Sight<'_>) -> Option<Consulted> {
+    pub fn output(&mut self, sight: &Observation<'_>) -> Option<ExternalLawOutput> {
         self.query_if_due(sight);
         if self.is_lost() {
             return None;
@@ -180,22 +180,22 @@ impl External {
         let is_near = centre_m.norm() <= sight.goal.radius_m && sight.is_slow();
         let Some(answer) = &self.last else {
             // Before the first reply the vehicle stays where it is.
-            let answer = law::Answer { wanted: law::Wanted::Displacement(Vector2::zeros()), is_there: false };
-            return Some(Consulted { answer, heading_rad: None });
+            let answer = law::LawReply { wanted: law::ReplyCommand::Displacement(Vector2::zeros()), is_there: false };
+            return Some(ExternalLawOutput { answer, heading_rad: None });
         };
         let wanted = match answer.wanted {
-            Wanted::VelocityNed(velocity) => {
+            ReplyCommand::VelocityNed(velocity) => {
                 let velocity = velocity.cap_magnitude(self.max_speed_m_s);
-                law::Wanted::Velocity { ne_m_s: velocity.xy(), down_m_s: Some(velocity.z) }
+                law::ReplyCommand::Velocity { ne_m_s: velocity.xy(), down_m_s: Some(velocity.z) }
             }
-            Wanted::FieldNe(field) => law::Wanted::Field(field.push(0.0)),
+            ReplyCommand::FieldNe(field) => law::ReplyCommand::Field(field.push(0.0)),
         };
         let is_there = answer.reached.unwrap_or(is_near);
-        Some(Consulted { answer: law::Answer { wanted, is_there }, heading_rad: answer.heading_rad })
+        Some(ExternalLawOutput { answer: law::LawReply { wanted, is_there }, heading_rad: answer.heading_rad })
     }
 
     /// Prepares the next query when it is due. A query still pending then was missed.
-    fn query_if_due(&mut self, sight: &Sight<'_>) {
+    fn query_if_due(&mut self, sight: &Observation<'_>) {
         let since_next_query_s = self.next_query.map_or(0.0, |next_query| self.now.seconds_since(next_query));
         if since_next_query_s < -ROUNDING_S {
             return;
@@ -204,7 +204,7 @@ impl External {
             self.misses += 1;
             self.misses_in_a_row = self.misses_in_a_row.saturating_add(1);
             if self.misses_in_a_row == self.patience {
-                self.event = Some(Happening::LawLost);
+                self.event = Some(EventKind::LawLost);
             }
         }
         // Queries keep an even period independent of the frames, but periods missed in a pause are not made up.
@@ -212,14 +212,14 @@ impl External {
         let (tick, dt_s) = (self.ticks, self.last_query.map_or(0.0, |last| self.now.seconds_since(last)));
         self.next_query = Some(on_time.unwrap_or(self.now).plus_seconds(self.period_s));
         (self.last_query, self.pending, self.ticks) = (Some(self.now), Some(tick), tick + 1);
-        self.ask = Some(Ask {
+        self.ask = Some(LawQuery {
             vehicle: sight.own,
             tick,
             time_s: self.now.seconds(),
             dt_s,
-            own: Own::from(sight),
-            peers: sight.neighbours.iter().map(Peer::from).collect(),
-            goal: Goal::from(&sight.goal),
+            own: OwnState::from(sight),
+            peers: sight.neighbours.iter().map(PeerState::from).collect(),
+            goal: QueryGoal::from(&sight.goal),
         });
     }
 
@@ -229,7 +229,7 @@ impl External {
     }
 
     /// Takes the query to send after this step, and adds the law's event to `happened`.
-    pub fn take_query(&mut self, happened: &mut Vec<Happening>) -> Option<Ask> {
+    pub fn take_query(&mut self, happened: &mut Vec<EventKind>) -> Option<LawQuery> {
         happened.extend(self.event.take());
         self.ask.take()
     }
@@ -251,16 +251,16 @@ impl External {
 
 /// The output of an external law.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Consulted {
+pub struct ExternalLawOutput {
     /// The output in the form of a built-in law.
-    pub answer: law::Answer,
+    pub answer: law::LawReply,
     /// Commanded heading, clockwise from north, rad; `None` leaves it to the mission.
     pub heading_rad: Option<f64>,
 }
 
-impl From<&Sight<'_>> for Own {
+impl From<&Observation<'_>> for OwnState {
     /// The estimate is from this very step, so its age is zero.
-    fn from(sight: &Sight<'_>) -> Self {
+    fn from(sight: &Observation<'_>) -> Self {
         Self {
             position_ned_m: sight.position.0.into(),
             velocity_ned_m_s: sight.velocity.0.into(),
@@ -270,7 +270,7 @@ impl From<&Sight<'_>> for Own {
     }
 }
 
-impl From<&Neighbour> for Peer {
+impl From<&Neighbour> for PeerState {
     fn from(neighbour: &Neighbour) -> Self {
         Self {
             id: neighbour.id,
@@ -283,8 +283,8 @@ impl From<&Neighbour> for Peer {
     }
 }
 
-impl From<&law::Goal> for Goal {
-    fn from(goal: &law::Goal) -> Self {
+impl From<&law::QueryGoal> for QueryGoal {
+    fn from(goal: &law::QueryGoal) -> Self {
         Self {
             step: goal.step,
             centre_ned_m: goal.centre.0.into(),

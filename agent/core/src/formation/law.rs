@@ -1,7 +1,7 @@
 //! The interface of a formation law: from one vehicle's observation to its command. Implement it to add a law.
 //!
 //! A law instance belongs to one vehicle. It observes only what that vehicle knows, so that it runs on any vehicle of
-//! any swarm, and it may keep a memory. It returns one kind of [`Wanted`] and reports whether the vehicle is in place.
+//! any swarm, and it may keep a memory. It returns one kind of [`LawCommand`] and reports whether the vehicle is in place.
 //! Altitude bands, the conversion to controls and the safety distance are handled by other stages.
 
 use alloc::boxed::Box;
@@ -22,7 +22,7 @@ const SLOW_M_S: f64 = 0.5;
 pub trait Law: CloneLaw + Debug + Send {
     /// The command for this observation. The agent calls it at every step of the vehicle controller (50 Hz) while the
     /// mission flies a formation, and not while the vehicle holds its position or lands.
-    fn ask(&mut self, sight: &Sight<'_>) -> Answer;
+    fn ask(&mut self, sight: &Observation<'_>) -> LawOutput;
 }
 
 /// Copies a law with its memory. Every law that derives `Clone` implements it.
@@ -72,7 +72,7 @@ pub fn number(setup: &Setup<'_>, name: &str, default: f64) -> Result<f64, String
 
 /// One vehicle's observation of the swarm at one instant.
 #[derive(Clone, Copy, Debug)]
-pub struct Sight<'a> {
+pub struct Observation<'a> {
     /// The observing vehicle.
     pub own: VehicleId,
     /// Its position.
@@ -141,9 +141,9 @@ pub struct Goal {
 
 /// The output of a law.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Answer {
+pub struct LawOutput {
     /// The command to the vehicle.
-    pub wanted: Wanted,
+    pub wanted: LawCommand,
     /// Whether the vehicle is where the law commands it, altitude aside. It "reaches" a step after a dwell at its
     /// altitude.
     pub is_there: bool,
@@ -151,7 +151,7 @@ pub struct Answer {
 
 /// The command of a law. Numbers that are not finite count as a zero displacement.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Wanted {
+pub enum LawCommand {
     /// A dimensionless field vector, NED, of a length around one, which the scenario's conversion turns into metres.
     /// The third component is used with `vertical = "ellipsoid"` only.
     Field(Vector3<f64>),
@@ -167,7 +167,7 @@ pub enum Wanted {
     },
 }
 
-impl Wanted {
+impl LawCommand {
     /// A velocity over the ground at the scenario's altitude.
     pub fn level(ne_m_s: Vector2<f64>) -> Self {
         Self::Velocity { ne_m_s, down_m_s: None }
@@ -184,7 +184,7 @@ impl Wanted {
     }
 }
 
-impl Sight<'_> {
+impl Observation<'_> {
     /// Rank of this vehicle among all live ids, from 0.
     pub fn rank(&self) -> usize {
         let received = self.neighbours.iter().filter(|neighbour| neighbour.id < self.own).count();

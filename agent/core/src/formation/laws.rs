@@ -10,7 +10,7 @@ use rand::Rng;
 use skein_common::id::VehicleId;
 use skein_common::scenario::{self, LawNameError, Scenario, add_laws};
 
-use super::NotFlown;
+use super::UnsupportedScenario;
 use super::law::{Law, Setup};
 use super::{displacement_consensus, olfati_saber, ring, vasarhelyi, virtual_structure};
 use crate::random::{Purpose, generator};
@@ -47,7 +47,7 @@ impl Laws {
     /// Returns an error for a name that is in use or misspelt, and for a second call.
     pub fn add(self) -> Result<(), LawNameError> {
         add_laws(self.0.iter().map(|(name, _)| *name).collect())?;
-        ADDED.set(Box::new(self)).map_err(|_| LawNameError::Late)
+        ADDED.set(Box::new(self)).map_err(|_| LawNameError::StateLatency)
     }
 }
 
@@ -59,13 +59,13 @@ pub(super) fn make(
     scenario: &Scenario,
     formation: &scenario::Formation,
     own: VehicleId,
-) -> Result<Box<dyn Law>, NotFlown> {
+) -> Result<Box<dyn Law>, UnsupportedScenario> {
     let name = formation.law.name();
     let added = ADDED.get().map_or(&[][..], |laws| &laws.0);
     let Some((_, make)) = BUILT_IN.iter().chain(added).find(|(known, _)| *known == name) else {
-        return Err(NotFlown(format!("formation.law = \"{name}\": this program does not know this law")));
+        return Err(UnsupportedScenario(format!("formation.law = \"{name}\": this program does not know this law")));
     };
     let seed = generator(scenario.seed, Some(own), Purpose::Law).next_u64();
     make(&Setup { own, formation, vehicles: scenario.swarm.vehicles, seed })
-        .map_err(|why| NotFlown(format!("formation.law = \"{name}\": {why}")))
+        .map_err(|why| UnsupportedScenario(format!("formation.law = \"{name}\": {why}")))
 }

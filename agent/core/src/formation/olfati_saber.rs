@@ -23,7 +23,7 @@ use skein_common::math;
 
 use nalgebra::Vector2;
 
-use super::law::{Answer, Law, Setup, Sight, Wanted};
+use super::law::{LawOutput, Law, Setup, Observation, LawCommand};
 
 /// Distance d in the source's units.
 const SOURCE_DISTANCE: f64 = 7.0;
@@ -97,7 +97,7 @@ impl OlfatiSaber {
     }
 
     /// Acceleration u_i, north and east, m/s².
-    fn acceleration(&self, sight: &Sight<'_>) -> Vector2<f64> {
+    fn acceleration(&self, sight: &Observation<'_>) -> Vector2<f64> {
         let (place, velocity) = (sight.position.horizontal(), sight.velocity.horizontal());
         let (mut gradient, mut consensus) = (Vector2::zeros(), Vector2::zeros());
         for neighbour in sight.neighbours {
@@ -117,10 +117,10 @@ impl OlfatiSaber {
 }
 
 impl Law for OlfatiSaber {
-    fn ask(&mut self, sight: &Sight<'_>) -> Answer {
+    fn ask(&mut self, sight: &Observation<'_>) -> LawOutput {
         let velocity = sight.velocity.horizontal() + self.acceleration(sight) * self.horizon_s;
         let is_there = sight.from_centre_ne_m().norm() <= sight.goal.radius_m && sight.is_slow();
-        Answer { wanted: Wanted::level(velocity.cap_magnitude(self.max_speed_m_s)), is_there }
+        LawOutput { wanted: LawCommand::level(velocity.cap_magnitude(self.max_speed_m_s)), is_there }
     }
 }
 

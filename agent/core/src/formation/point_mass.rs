@@ -6,7 +6,7 @@ use skein_common::frame::{PositionNed, VelocityNed};
 use skein_common::id::{VehicleId, VehicleSet};
 use skein_common::scenario::{Source, load};
 
-use super::law::{Goal, Law, Neighbour, Sight, Wanted};
+use super::law::{Goal, Law, Neighbour, Observation, LawCommand};
 use super::laws;
 use crate::random::{Purpose, generator, uniform};
 
@@ -49,7 +49,7 @@ impl Points {
     pub(super) fn each<T>(
         &self,
         receives: impl Fn(usize, usize) -> bool,
-        mut ask: impl FnMut(usize, &Sight<'_>) -> T,
+        mut ask: impl FnMut(usize, &Observation<'_>) -> T,
     ) -> Vec<T> {
         let count = self.places_m.len();
         let heard = |own: usize| (0..count).filter(|&other| other != own && receives(own, other)).collect::<Vec<_>>();
@@ -60,7 +60,7 @@ impl Points {
             let neighbours = &neighbours[..];
             let unseen = VehicleSet::default();
             let (obstacles, dt_s) = (&[][..], 0.02);
-            let sight = Sight { own: id, position, velocity, heading_rad, neighbours, unseen, obstacles, goal, dt_s };
+            let sight = Observation { own: id, position, velocity, heading_rad, neighbours, unseen, obstacles, goal, dt_s };
             ask(own, &sight)
         };
         (0..count).map(&mut one).collect()
@@ -71,11 +71,11 @@ impl Points {
         let dt_s = 0.02;
         for _ in 0..(for_s / dt_s) as usize {
             self.velocities_m_s = self.each(&receives, |own, sight| match laws[own].ask(sight).wanted {
-                Wanted::Velocity { ne_m_s, .. } => ne_m_s,
-                Wanted::Displacement(displacement_ne_m) => {
+                LawCommand::Velocity { ne_m_s, .. } => ne_m_s,
+                LawCommand::Displacement(displacement_ne_m) => {
                     displacement_ne_m / 2.0 + sight.goal.centre_velocity.horizontal()
                 }
-                Wanted::Field(field) => field.xy(),
+                LawCommand::Field(field) => field.xy(),
             });
             self.pass(dt_s);
         }

@@ -28,7 +28,7 @@ use skein_common::math;
 use skein_common::scenario;
 
 use super::COINCIDENT_M;
-use super::law::{Answer, Law, Neighbour, Obstacle, Setup, Sight, Wanted};
+use super::law::{LawOutput, Law, Neighbour, Obstacle, Setup, Observation, LawCommand};
 
 /// Limit of the summed avoidance of all neighbours: a crowd must not expel its members.
 const MAX_AVOIDANCE: f64 = 2.0;
@@ -136,14 +136,14 @@ pub(super) fn make(setup: &Setup<'_>) -> Result<Box<dyn Law>, String> {
 }
 
 impl Law for Ring {
-    fn ask(&mut self, sight: &Sight<'_>) -> Answer {
+    fn ask(&mut self, sight: &Observation<'_>) -> LawOutput {
         let centre = sight.goal.centre;
         // The spacing also leaves room for members whose states are not received.
         let ring = Self { avoid_distance: AvoidDistance::Fixed(self.avoid_distance_m(sight.live())), ..*self };
         let field = ring.field(sight.own, sight.position, centre, sight.neighbours, sight.obstacles);
         let is_calm = self.region == Region::Inside || field.norm() < IN_PLACE_FIELD;
         let is_there = is_calm && self.holds(sight.position - centre) && sight.is_slow();
-        Answer { wanted: Wanted::Field(field), is_there }
+        LawOutput { wanted: LawCommand::Field(field), is_there }
     }
 }
 

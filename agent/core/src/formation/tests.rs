@@ -3,7 +3,7 @@ use proptest::sample::select;
 use skein_common::frame::{Attitude, BodyRates, Geodetic};
 use skein_common::math;
 use skein_common::scenario::{Source, load};
-use skein_common::state::Standing;
+use skein_common::state::PeerStatus;
 
 use super::*;
 
@@ -26,8 +26,8 @@ fn at(north_m: f64, east_m: f64, altitude_m: f64) -> Estimate {
     }
 }
 
-fn member(number: u8, north_m: f64, east_m: f64, altitude_m: f64) -> Seen {
-    Seen {
+fn member(number: u8, north_m: f64, east_m: f64, altitude_m: f64) -> PeerEstimate {
+    PeerEstimate {
         id: VehicleId::new(number).unwrap(),
         position: PositionNed::new(north_m, east_m, -altitude_m),
         velocity: VelocityNed::default(),
@@ -35,13 +35,13 @@ fn member(number: u8, north_m: f64, east_m: f64, altitude_m: f64) -> Seen {
         age_s: 0.0,
         delay_s: Some(0.0),
         carried_s: 0.0,
-        standing: Standing::Fresh,
+        standing: PeerStatus::Fresh,
         role: Role::Member,
     }
 }
 
-fn estimates(estimates: &[Seen]) -> Others<'_> {
-    Others { estimates, ..Others::default() }
+fn estimates(estimates: &[PeerEstimate]) -> PeerSummary<'_> {
+    PeerSummary { estimates, ..PeerSummary::default() }
 }
 
 /// The task to fly a formation around a centre at the origin that moves north.
@@ -54,7 +54,7 @@ fn task(speed_m_s: f64) -> Task {
     })
 }
 
-fn wish(formation: &mut Formation, estimate: &Estimate, peers: &[Seen], speed_m_s: f64) -> Wish {
+fn wish(formation: &mut Formation, estimate: &Estimate, peers: &[PeerEstimate], speed_m_s: f64) -> FormationOutput {
     formation.step(0.02, estimate, &estimates(peers), &task(speed_m_s)).unwrap()
 }
 
@@ -133,11 +133,11 @@ fn coordinate_m() -> impl Strategy<Value = f64> {
     prop_oneof![Just(0.0), Just(1e-9), -1.0..1.0, -200.0..200.0, -1e5..1e5]
 }
 
-fn any_member() -> impl Strategy<Value = Seen> {
+fn any_member() -> impl Strategy<Value = PeerEstimate> {
     let place = (coordinate_m(), coordinate_m(), 20.0..40.0);
     (1_u8..9, place, -300.0..300.0, prop::option::of(0.1..30.0)).prop_map(|(id, (n, e, altitude_m), speed, radius)| {
         let role = radius.map_or(Role::Member, |radius_m| Role::Obstacle { radius_m });
-        Seen { velocity: VelocityNed::new(speed, -speed / 3.0, 0.0), role, ..member(id, n, e, altitude_m) }
+        PeerEstimate { velocity: VelocityNed::new(speed, -speed / 3.0, 0.0), role, ..member(id, n, e, altitude_m) }
     })
 }
 
@@ -182,12 +182,12 @@ fn a_velocity_command_is_over_the_ground_with_or_without_feedforward() {
 
 /// A law with a fixed command that counts its queries.
 #[derive(Clone, Debug)]
-struct FixedLaw(Wanted, usize);
+struct FixedLaw(LawCommand, usize);
 
 impl Law for FixedLaw {
-    fn ask(&mut self, _: &Sight<'_>) -> Answer {
+    fn ask(&mut self, _: &Observation<'_>) -> LawOutput {
         self.1 += 1;
-        Answer { wanted: self.0, is_there: true }
+        LawOutput { wanted: self.0, is_there: true }
     }
 }
 
@@ -198,11 +198,11 @@ fn a_law_may_command_a_climb_and_a_non_finite_command_counts_as_zero() {
         formation.shapes[0].law = Box::new(FixedLaw(wanted, 0));
         wish(&mut formation, &at(0.0, 0.0, altitude_m), &[], 0.0).setpoint
     };
-    let climbs = |up_m_s: f64| Wanted::Velocity { ne_m_s: Vector2::new(1.0, 0.0), down_m_s: Some(-up_m_s) };
+    let climbs = |up_m_s: f64| LawCommand::Velocity { ne_m_s: Vector2::new(1.0, 0.0), down_m_s: Some(-up_m_s) };
     assert_eq!(flown(climbs(1.0), 10.0).altitude_m, 30.0, "the vehicle first takes off");
     let up = flown(climbs(1.0), 31.0);
     assert!((up.altitude_m - 31.02).abs() < 1e-9 && up.relative_velocity_ne_m_s == Vector2::new(1.0, 0.0), "{up:?}");
-    for nothing in [climbs(f64::NAN), Wanted::Displacement(Vector2::new(f64::INFINITY, 0.0))] {
+    for nothing in [climbs(f64::NAN), LawCommand::Displacement(Vector2::new(f64::INFINITY, 0.0))] {
         let setpoint = flown(nothing, 31.0);
         assert!(setpoint.relative_velocity_ne_m_s == Vector2::zeros() && setpoint.altitude_m == 30.0, "{setpoint:?}");
     }
@@ -219,16 +219,16 @@ fn steps_with_the_same_formation_share_the_laws_memory() {
 
 #[test]
 fn a_vehicle_that_stays_keeps_the_rise_of_its_partition() {
-    let apart = Others { flies_above: true, ..Others::default() };
+    let apart = PeerSummary { flies_above: true, ..PeerSummary::default() };
     let stay = |altitude_m, lands| Task::Stay { at_ne_m: Vector2::zeros(), altitude_m, heading_rad: 0.0, lands };
     let mut formation = formation("");
-    let mut fly = |others: &Others<'_>, task: &Task| {
+    let mut fly = |others: &PeerSummary<'_>, task: &Task| {
         let steps = (0..1000).filter_map(|_| formation.step(0.02, &at(100.0, 0.0, 40.0), others, task));
         steps.map(|wish| wish.setpoint.altitude_m).last().unwrap()
     };
     assert!((fly(&apart, &task(0.0)) - 40.0).abs() < 1e-9, "10 m above the 30 m of the other partition");
     assert!((fly(&apart, &stay(40.0, false)) - 40.0).abs() < 1e-9);
-    assert!((fly(&Others::default(), &stay(40.0, false)) - 30.0).abs() < 1e-9, "descends after the partitions rejoin");
+    assert!((fly(&PeerSummary::default(), &stay(40.0, false)) - 30.0).abs() < 1e-9, "descends after the partitions rejoin");
     assert!((fly(&apart, &stay(12.0, true)) - 12.0).abs() < 1e-9, "nothing is added during a landing");
     assert!((fly(&apart, &stay(12.0, false)) - 12.0).abs() < 1e-9, "recalled, the vehicle stays at its altitude");
 }

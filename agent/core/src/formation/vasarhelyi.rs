@@ -20,7 +20,7 @@ use nalgebra::Vector2;
 use skein_common::scenario;
 
 use super::COINCIDENT_M;
-use super::law::{Answer, Law, Neighbour, Setup, Sight, Wanted};
+use super::law::{LawOutput, Law, Neighbour, Setup, Observation, LawCommand};
 
 /// The law's parameters.
 #[derive(Clone, Debug, PartialEq)]
@@ -33,7 +33,7 @@ pub(super) fn make(setup: &Setup<'_>) -> Result<Box<dyn Law>, String> {
 
 impl Vasarhelyi {
     /// Velocity away from a neighbour that is too near, m/s.
-    fn repulsion_m_s(&self, sight: &Sight<'_>, neighbour: &Neighbour) -> Vector2<f64> {
+    fn repulsion_m_s(&self, sight: &Observation<'_>, neighbour: &Neighbour) -> Vector2<f64> {
         let Self(its) = self;
         let from_it_m = (sight.position - neighbour.position).xy();
         let distance_m = from_it_m.norm();
@@ -50,7 +50,7 @@ impl Vasarhelyi {
     }
 
     /// Velocity change towards a relative velocity at which this vehicle can still stop beside the other, m/s.
-    fn friction_m_s(&self, sight: &Sight<'_>, neighbour: &Neighbour) -> Vector2<f64> {
+    fn friction_m_s(&self, sight: &Observation<'_>, neighbour: &Neighbour) -> Vector2<f64> {
         let Self(its) = self;
         let difference_m_s = neighbour.velocity.horizontal() - sight.velocity.horizontal();
         let speed_m_s = difference_m_s.norm();
@@ -65,7 +65,7 @@ impl Vasarhelyi {
     }
 
     /// Velocity towards the centre beyond half of R*, m/s.
-    fn homing_m_s(&self, sight: &Sight<'_>) -> Vector2<f64> {
+    fn homing_m_s(&self, sight: &Observation<'_>) -> Vector2<f64> {
         let Self(its) = self;
         let out_ne_m = sight.from_centre_ne_m();
         let distance_m = out_ne_m.norm();
@@ -78,12 +78,12 @@ impl Vasarhelyi {
 }
 
 impl Law for Vasarhelyi {
-    fn ask(&mut self, sight: &Sight<'_>) -> Answer {
+    fn ask(&mut self, sight: &Observation<'_>) -> LawOutput {
         let interaction: Vector2<f64> =
             sight.neighbours.iter().map(|it| self.repulsion_m_s(sight, it) + self.friction_m_s(sight, it)).sum();
         let velocity = sight.goal.centre_velocity.horizontal() + self.homing_m_s(sight) + interaction;
         let is_there = sight.from_centre_ne_m().norm() <= sight.goal.radius_m && sight.is_slow();
-        Answer { wanted: Wanted::level(velocity.cap_magnitude(self.0.max_speed_m_s)), is_there }
+        LawOutput { wanted: LawCommand::level(velocity.cap_magnitude(self.0.max_speed_m_s)), is_there }
     }
 }
 

@@ -9,7 +9,7 @@
 use alloc::boxed::Box;
 use alloc::string::String;
 
-use super::law::{Answer, Law, Setup, Sight, Wanted};
+use super::law::{LawOutput, Law, Setup, Observation, LawCommand};
 use super::slots::{Slots, is_in_slot};
 
 /// The law: flies to the slot of the own rank.
@@ -24,12 +24,12 @@ pub(super) fn make(setup: &Setup<'_>) -> Result<Box<dyn Law>, String> {
 impl Law for VirtualStructure {
     /// Command v = 0.5 (slot − p) + the centre's velocity: the vehicle controller flies half the displacement plus
     /// that.
-    fn ask(&mut self, sight: &Sight<'_>) -> Answer {
+    fn ask(&mut self, sight: &Observation<'_>) -> LawOutput {
         let Self(slots) = self;
         let slot_ne_m = slots.slot_ne_m(sight.rank(), sight.live());
         let displacement_ne_m = sight.goal.centre.horizontal() + slot_ne_m - sight.position.horizontal();
-        Answer {
-            wanted: Wanted::Displacement(displacement_ne_m),
+        LawOutput {
+            wanted: LawCommand::Displacement(displacement_ne_m),
             is_there: is_in_slot(displacement_ne_m.norm()) && sight.is_slow(),
         }
     }

@@ -51,7 +51,7 @@ impl Flight {
 
     /// The same as a [`Helicopter`], for its accessors.
     fn helicopter(&self) -> Helicopter {
-        let (dynamics, controls) = (self.dynamics.clone(), Controls::new(&xcell60()));
+        let (dynamics, controls) = (self.dynamics.clone(), HeldControls::new(&xcell60()));
         Helicopter { healthy: dynamics.clone(), dynamics, controls, state: self.state }
     }
 

@@ -4,9 +4,9 @@ use skein_common::frame::{Geodetic, Origin};
 use skein_common::id::VehicleId;
 use skein_common::time::PlantTime;
 
-use super::wind::{Air, Weather};
+use super::wind::{LocalWind, Weather};
 use super::{Failures, Helicopter, Parameters, TICK_S};
-use crate::plant::{Frame, Measurement, Sticks, Truth};
+use crate::plant::{Frame, Measurement, Controls, GroundTruth};
 use crate::random::{self, Purpose};
 
 /// Initial place of a vehicle on flat ground at the height of the swarm's origin.
@@ -26,10 +26,10 @@ pub struct Start {
 pub struct BuiltInVehicle {
     origin: Origin,
     helicopter: Helicopter,
-    air: Air,
+    air: LocalWind,
     ticks: u64,
     /// The last valid controls; `None` before the first.
-    sticks: Option<Sticks>,
+    sticks: Option<Controls>,
     failures: Failures,
     /// The position that is measured while the position is frozen.
     frozen: Option<Geodetic>,
@@ -48,7 +48,7 @@ impl BuiltInVehicle {
         Self {
             origin: *origin,
             helicopter: Helicopter::at_rest(parameters, start.north_m, start.east_m, 0.0, start.heading_rad),
-            air: Air::new(weather, random::generator(seed, Some(vehicle), Purpose::Wind)),
+            air: LocalWind::new(weather, random::generator(seed, Some(vehicle), Purpose::Wind)),
             ticks: 0,
             sticks: None,
             failures: Failures::default(),
@@ -71,14 +71,14 @@ impl BuiltInVehicle {
                 rates: helicopter.rates(),
                 rotor_speed_rad_s: Some(helicopter.rotor_speed_rad_s()),
             },
-            truth: Truth { position, height_m, velocity, attitude, power_w: Some(helicopter.power_w()) },
+            truth: GroundTruth { position, height_m, velocity, attitude, power_w: Some(helicopter.power_w()) },
         }
     }
 
     /// Advances by one tick. `None` keeps the last controls. Before the first controls the vehicle is held on the
     /// ground and only time passes: otherwise the gyro's integral would wind up against the ground and the heading
     /// would swing at lift-off. Controls that are not finite are ignored, and values beyond the travel are clamped.
-    pub fn advance(&mut self, sticks: Option<Sticks>) {
+    pub fn advance(&mut self, sticks: Option<Controls>) {
         self.ticks += 1;
         self.sticks = sticks.filter(is_finite).or(self.sticks);
         let Some(sticks) = self.sticks else { return };
@@ -107,7 +107,7 @@ impl BuiltInVehicle {
     }
 }
 
-fn is_finite(sticks: &Sticks) -> bool {
+fn is_finite(sticks: &Controls) -> bool {
     [sticks.roll, sticks.pitch, sticks.yaw, sticks.collective].iter().all(|deflection| deflection.is_finite())
 }
 

@@ -37,7 +37,7 @@ const MIN_MEAN_M_S: f64 = 3.0;
 
 /// The air at one vehicle, with its own random generator.
 #[derive(Clone, Debug)]
-pub struct Air {
+pub struct LocalWind {
     weather: Weather,
     /// North and east components of the direction the mean wind blows to.
     along: (f64, f64),
@@ -47,7 +47,7 @@ pub struct Air {
     generator: ChaCha8Rng,
 }
 
-impl Air {
+impl LocalWind {
     /// Air in which the gusts start at zero; `generator` drives them.
     pub fn new(weather: &Weather, generator: ChaCha8Rng) -> Self {
         let (sin, cos) = math::sin_cos(weather.wind_from_rad);

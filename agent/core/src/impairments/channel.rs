@@ -12,8 +12,8 @@ use skein_common::message;
 use skein_common::scenario::Quality;
 use skein_common::time::LocalTime;
 
-use super::Fate;
-use crate::peers::Word;
+use super::Delivery;
+use crate::peers::PeerMessage;
 use crate::random;
 
 /// Size of a message on the wire beyond its encoding, bytes. Measured on a mesh of TCP links: 20 of Zenoh's framing and
@@ -52,25 +52,25 @@ impl Channel {
     }
 
     /// Delivery of a message sent at `at`, with this share of messages lost by distance.
-    pub(super) fn fate(&mut self, word: &Word, at: LocalTime, lost_by_distance: f64) -> Fate {
+    pub(super) fn fate(&mut self, word: &PeerMessage, at: LocalTime, lost_by_distance: f64) -> Delivery {
         let chance = self.draw();
-        let Some(sent_at) = self.through_queue(word, at) else { return Fate::QueueFull };
+        let Some(sent_at) = self.through_queue(word, at) else { return Delivery::QueueFull };
         let is_lost = match &mut self.burst {
             Some(burst) => burst.is_on(sent_at, chance.loss),
             None => chance.loss < self.quality.loss,
         };
         if chance.distance < lost_by_distance {
-            return Fate::OutOfRange;
+            return Delivery::OutOfRange;
         }
         if is_lost {
-            return Fate::Lost;
+            return Delivery::Lost;
         }
         let Quality { delay_s, jitter_s, reorder, reorder_s, duplicate, .. } = self.quality;
         let held_s = if chance.reorder < reorder { reorder_s } else { 0.0 };
         let at = sent_at.plus_seconds(delay_s + chance.jitter * jitter_s + held_s);
         // The copy arrives later, as a retransmission does. So copies only repeat known content.
         let copy_at = (chance.duplicate < duplicate).then(|| at.plus_seconds(chance.copy * jitter_s));
-        Fate::Arrives { at, copy_at }
+        Delivery::Arrives { at, copy_at }
     }
 
     /// The delay of every message, liveliness tokens included, s.
@@ -84,7 +84,7 @@ impl Channel {
     }
 
     /// The time at which the message has left the queue; `None` if it would have to wait too long.
-    fn through_queue(&mut self, word: &Word, at: LocalTime) -> Option<LocalTime> {
+    fn through_queue(&mut self, word: &PeerMessage, at: LocalTime) -> Option<LocalTime> {
         let Some(bandwidth_bit_s) = self.quality.bandwidth_bit_s else { return Some(at) };
         let begins_at = self.free_at.max(at);
         if begins_at.seconds_since(at) > self.quality.queue_s {
@@ -96,12 +96,12 @@ impl Channel {
 }
 
 /// Size of a message on the wire, bytes.
-pub(super) fn size_bytes(word: &Word) -> usize {
+pub(super) fn size_bytes(word: &PeerMessage) -> usize {
     let encoded = match word {
-        Word::State(payload) => message::encode(payload).len() + STATE_KEY_BYTES,
-        Word::Mission(payload) => message::encode(payload).len(),
-        Word::Order(payload) => message::encode(payload).len(),
-        Word::Appeared(_) | Word::Vanished(_) => 0,
+        PeerMessage::State(payload) => message::encode(payload).len() + STATE_KEY_BYTES,
+        PeerMessage::Mission(payload) => message::encode(payload).len(),
+        PeerMessage::Order(payload) => message::encode(payload).len(),
+        PeerMessage::Appeared(_) | PeerMessage::Vanished(_) => 0,
     };
     encoded + OVERHEAD_BYTES
 }

@@ -8,20 +8,20 @@ use skein_common::id::{VehicleId, VehicleSet};
 use skein_common::scenario::{Graph, Network, Quality, Scenario};
 use skein_common::time::LocalTime;
 
-use super::Fate;
+use super::Delivery;
 use super::channel::Channel;
-use crate::peers::{Heard, Word};
+use crate::peers::{Received, PeerMessage};
 
 /// All channels to one receiving vehicle.
 #[derive(Clone, Debug)]
-pub(super) struct Air {
+pub(super) struct ReceiverChannels {
     origin: Origin,
     /// The other vehicles, by id.
     speakers: Vec<Sender>,
     /// The channel from operators, who have no position.
     operator: Channel,
     range: Option<Range>,
-    selection: Hearing,
+    selection: NeighbourSelection,
     /// Age beyond which a sender is not selected as one of the nearest, s.
     stale_s: f64,
     /// Position of the receiver.
@@ -61,7 +61,7 @@ impl Range {
 
 /// The selection of senders whose states the vehicle receives.
 #[derive(Clone, Debug)]
-enum Hearing {
+enum NeighbourSelection {
     All,
     /// These senders.
     Edges(VehicleSet),
@@ -74,7 +74,7 @@ enum Hearing {
     },
 }
 
-impl Air {
+impl ReceiverChannels {
     /// The channels to vehicle `own`; `None` if all links have only the same delay.
     pub(super) fn new(scenario: &Scenario, own: VehicleId) -> Option<Self> {
         let Network { range_m, fade_m, graph, ref links, .. } = scenario.network;
@@ -87,13 +87,13 @@ impl Air {
             Sender { id, channel: Channel::new(quality, scenario.seed, Some(id), own), place: None }
         };
         let selection = match graph {
-            Graph::All => Hearing::All,
+            Graph::All => NeighbourSelection::All,
             Graph::Edges => {
                 let to_own = scenario.network.edges.iter().filter(|[_, hearer]| *hearer == own);
-                Hearing::Edges(to_own.map(|[speaker, _]| *speaker).collect())
+                NeighbourSelection::Edges(to_own.map(|[speaker, _]| *speaker).collect())
             }
             Graph::Nearest => {
-                Hearing::Nearest { count: scenario.network.neighbours, selected: None, distances: Vec::new() }
+                NeighbourSelection::Nearest { count: scenario.network.neighbours, selected: None, distances: Vec::new() }
             }
         };
         Some(Self {
@@ -110,7 +110,7 @@ impl Air {
     /// Sets the receiver's position and selects the nearest senders.
     pub(super) fn update(&mut self, now: LocalTime, own_position: Option<PositionNed>) {
         self.own_position = own_position;
-        let Hearing::Nearest { count, selected, distances } = &mut self.selection else { return };
+        let NeighbourSelection::Nearest { count, selected, distances } = &mut self.selection else { return };
         let Some(own) = own_position else { return };
         let near = self.speakers.iter().filter_map(|speaker| {
             let (position, sent_at) = speaker.place?;
@@ -123,28 +123,28 @@ impl Air {
     }
 
     /// Delivery of a message. With `is_cut` the link is dead, so the sender's reported position is not taken over.
-    pub(super) fn fate(&mut self, heard: &Heard, is_cut: bool) -> Fate {
-        let Heard { word, at } = heard;
+    pub(super) fn fate(&mut self, heard: &Received, is_cut: bool) -> Delivery {
+        let Received { word, at } = heard;
         let Some(sender_id) = word.speaker() else { return self.operator.fate(word, *at, 0.0) };
         let index = self.speakers.binary_search_by_key(&sender_id, |speaker| speaker.id);
         // A message with a false sender id passes: the agent counts those.
         let Some(speaker) = index.ok().and_then(|index| self.speakers.get_mut(index)) else {
-            return Fate::Arrives { at: *at, copy_at: None };
+            return Delivery::Arrives { at: *at, copy_at: None };
         };
         match word {
-            Word::Appeared(_) | Word::Vanished(_) => {
+            PeerMessage::Appeared(_) | PeerMessage::Vanished(_) => {
                 speaker.place = None;
-                return Fate::Arrives { at: at.plus_seconds(speaker.channel.delay_s()), copy_at: None };
+                return Delivery::Arrives { at: at.plus_seconds(speaker.channel.delay_s()), copy_at: None };
             }
-            Word::State(payload) => {
+            PeerMessage::State(payload) => {
                 if !is_cut {
                     speaker.place = Some((self.origin.ned_from_geodetic(&payload.state.position), *at));
                 }
                 if !self.selection.includes(sender_id) {
-                    return Fate::OutsideGraph;
+                    return Delivery::OutsideGraph;
                 }
             }
-            Word::Mission(_) | Word::Order(_) => {}
+            PeerMessage::Mission(_) | PeerMessage::Order(_) => {}
         }
         let distance_m = self.own_position.zip(speaker.place).map(|(own, (other, _))| (own - other).norm());
         let lost_by_distance = self.range.zip(distance_m).map_or(0.0, |(range, distance_m)| range.loss_at(distance_m));
@@ -159,7 +159,7 @@ impl Air {
     }
 }
 
-impl Hearing {
+impl NeighbourSelection {
     fn includes(&self, speaker: VehicleId) -> bool {
         match self {
             Self::All => true,

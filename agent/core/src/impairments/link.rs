@@ -18,7 +18,7 @@ use skein_common::scenario::Scenario;
 use skein_common::time::LocalTime;
 
 use super::cuts::{self, Outage};
-use crate::peers::{Heard, Word};
+use crate::peers::{Received, PeerMessage};
 
 /// The receiver's end of a link.
 #[derive(Clone, Debug)]
@@ -49,9 +49,9 @@ enum Session {
 #[derive(Clone, Copy, Debug, Default)]
 struct Held {
     /// The newest state: TCP retransmits it while the session lasts.
-    state: Option<Heard>,
+    state: Option<Received>,
     /// The newest heartbeat: the peer keeps it for late joiners.
-    mission: Option<Heard>,
+    mission: Option<Received>,
 }
 
 impl Link {
@@ -73,7 +73,7 @@ impl Link {
     }
 
     /// Advances to `flown_s` after take-off; calls `deliver` with the messages that the change of the session delivers.
-    pub(super) fn update(&mut self, flown_s: f64, now: LocalTime, mut deliver: impl FnMut(Heard)) {
+    pub(super) fn update(&mut self, flown_s: f64, now: LocalTime, mut deliver: impl FnMut(Received)) {
         let session = self.session_at(flown_s);
         if session == self.session {
             return;
@@ -84,7 +84,7 @@ impl Link {
                 self.held.state = None;
                 if self.reported == Some(true) {
                     self.reported = Some(false);
-                    deliver(Heard { word: Word::Vanished(self.peer), at: now });
+                    deliver(Received { word: PeerMessage::Vanished(self.peer), at: now });
                 }
             }
             Session::Open => self.catch_up(now, deliver),
@@ -95,26 +95,26 @@ impl Link {
     }
 
     /// Whether the agent receives this message now. A message that is held back may be delivered later.
-    pub(super) fn lets_through(&mut self, heard: &Heard) -> bool {
+    pub(super) fn lets_through(&mut self, heard: &Received) -> bool {
         let word = &heard.word;
         match word {
-            Word::Appeared(_) => self.token = Some(true),
+            PeerMessage::Appeared(_) => self.token = Some(true),
             // Messages of a vehicle that has gone are dropped.
-            Word::Vanished(_) => (self.token, self.held) = (Some(false), Held::default()),
-            Word::State(_) | Word::Mission(_) | Word::Order(_) => {}
+            PeerMessage::Vanished(_) => (self.token, self.held) = (Some(false), Held::default()),
+            PeerMessage::State(_) | PeerMessage::Mission(_) | PeerMessage::Order(_) => {}
         }
         let is_received = match self.session {
             Session::Open => true,
             // A session does not reopen with one dead direction.
             Session::Failing { incoming_dead } => {
-                !incoming_dead && self.reported == Some(true) && !matches!(word, Word::Appeared(_))
+                !incoming_dead && self.reported == Some(true) && !matches!(word, PeerMessage::Appeared(_))
             }
             Session::Closed => false,
         };
         match word {
-            Word::Appeared(_) | Word::Vanished(_) if is_received => self.reported = self.token,
-            Word::State(_) if !is_received && self.session != Session::Closed => self.held.state = Some(*heard),
-            Word::Mission(_) if !is_received => self.held.mission = Some(*heard),
+            PeerMessage::Appeared(_) | PeerMessage::Vanished(_) if is_received => self.reported = self.token,
+            PeerMessage::State(_) if !is_received && self.session != Session::Closed => self.held.state = Some(*heard),
+            PeerMessage::Mission(_) if !is_received => self.held.mission = Some(*heard),
             _ => {}
         }
         is_received
@@ -133,11 +133,11 @@ impl Link {
     }
 
     /// Delivers the held messages.
-    fn catch_up(&mut self, now: LocalTime, mut deliver: impl FnMut(Heard)) {
+    fn catch_up(&mut self, now: LocalTime, mut deliver: impl FnMut(Received)) {
         if let Some(is_there) = self.token.filter(|_| self.token != self.reported) {
             self.reported = self.token;
-            let word = if is_there { Word::Appeared(self.peer) } else { Word::Vanished(self.peer) };
-            deliver(Heard { word, at: now });
+            let word = if is_there { PeerMessage::Appeared(self.peer) } else { PeerMessage::Vanished(self.peer) };
+            deliver(Received { word, at: now });
         }
         let Held { state, mission } = core::mem::take(&mut self.held);
         state.into_iter().chain(mission).for_each(deliver);

@@ -22,48 +22,48 @@ fn with_events(seed: u64, events: &str) -> Scenario {
     scenario(&format!("seed = {seed}\n[mission]\nsteps = [{{ centre_ne_m = [0, 0] }}]\nevents = [{events}]"))
 }
 
-fn state(sender: u8, sequence: u64) -> Word {
+fn state(sender: u8, sequence: u64) -> PeerMessage {
     let (position, velocity) = (Geodetic::from_degrees(28.0, -82.0, 30.0), VelocityNed::default());
-    Word::State(State {
+    PeerMessage::State(State {
         header: header(sender, sequence),
         state: VehicleState { position, velocity, heading_rad: 0.0 },
     })
 }
 
-fn mission(sender: u8, sequence: u64) -> Word {
-    Word::Mission(heartbeat(header(sender, sequence)))
+fn mission(sender: u8, sequence: u64) -> PeerMessage {
+    PeerMessage::Mission(heartbeat(header(sender, sequence)))
 }
 
-fn order(epoch: u64) -> Word {
-    Word::Order(Order { epoch, issuer: 1, verb: Verb::Hold, seal: None })
+fn order(epoch: u64) -> PeerMessage {
+    PeerMessage::Order(Order { epoch, issuer: 1, verb: Verb::Hold, seal: None })
 }
 
 /// The receiver's data this long after take-off, without a position.
-fn flown(flown_s: f64) -> Whereabouts {
-    Whereabouts { flown_s: Some(flown_s), position: None }
+fn flown(flown_s: f64) -> ReceiverPosition {
+    ReceiverPosition { flown_s: Some(flown_s), position: None }
 }
 
 /// A receiver that took off at its clock's zero.
 struct Receiver {
-    ear: Ear,
+    ear: Impairments,
     position: Option<PositionNed>,
-    log: Vec<(f64, Word)>,
+    log: Vec<(f64, PeerMessage)>,
 }
 
 impl Receiver {
     fn new(scenario: &Scenario, own: u8) -> Self {
-        Self { ear: Ear::new(scenario, id(own)), position: None, log: Vec::new() }
+        Self { ear: Impairments::new(scenario, id(own)), position: None, log: Vec::new() }
     }
 
-    fn own(&self, t_s: f64) -> Whereabouts {
-        Whereabouts { position: self.position, ..flown(t_s) }
+    fn own(&self, t_s: f64) -> ReceiverPosition {
+        ReceiverPosition { position: self.position, ..flown(t_s) }
     }
 
     /// Offers the messages that arrive at `t_s` and returns those received by then.
-    fn receive(&mut self, t_s: f64, words: impl IntoIterator<Item = Word>) -> Vec<Word> {
+    fn receive(&mut self, t_s: f64, words: impl IntoIterator<Item = PeerMessage>) -> Vec<PeerMessage> {
         let at = LocalTime::from_seconds(t_s);
         let mut out = Vec::new();
-        self.ear.receive(at, self.own(t_s), words.into_iter().map(|word| Heard { word, at }), &mut out);
+        self.ear.receive(at, self.own(t_s), words.into_iter().map(|word| Received { word, at }), &mut out);
         assert!(out.iter().all(|heard| heard.at <= at), "received before its arrival");
         self.log.extend(out.iter().map(|heard| (heard.at.seconds(), heard.word)));
         out.into_iter().map(|heard| heard.word).collect()
@@ -78,19 +78,19 @@ impl Receiver {
     }
 
     /// Times at which messages of this kind were received, s.
-    fn times(&self, kind: impl Fn(&Word) -> bool) -> Vec<f64> {
+    fn times(&self, kind: impl Fn(&PeerMessage) -> bool) -> Vec<f64> {
         self.log.iter().filter(|(_, word)| kind(word)).map(|(t_s, _)| *t_s).collect()
     }
 
-    fn only_time(&self, word: Word) -> f64 {
+    fn only_time(&self, word: PeerMessage) -> f64 {
         let times = self.times(|log| *log == word);
         assert_eq!(times.len(), 1, "{word:?} at {times:?}");
         times[0]
     }
 }
 
-fn is_state(word: &Word) -> bool {
-    matches!(word, Word::State(_))
+fn is_state(word: &PeerMessage) -> bool {
+    matches!(word, PeerMessage::State(_))
 }
 
 /// Gaps of more than two frames between these times, s.
@@ -104,15 +104,15 @@ fn near(one_s: f64, other_s: f64) -> bool {
 
 #[test]
 fn an_ideal_network_delivers_all_messages_at_once_and_in_order() {
-    let mut ear = Ear::new(&scenario(""), id(1));
+    let mut ear = Impairments::new(&scenario(""), id(1));
     let at = LocalTime::from_seconds;
-    let words = [order(1), state(2, 1), Word::Vanished(id(3)), mission(4, 9)];
+    let words = [order(1), state(2, 1), PeerMessage::Vanished(id(3)), mission(4, 9)];
     // The last one arrives shortly after the step began, as in a real agent.
     let arriving =
-        words.map(|word| Heard { word, at: at(1.0) }).into_iter().chain([Heard { word: state(3, 2), at: at(1.01) }]);
+        words.map(|word| Received { word, at: at(1.0) }).into_iter().chain([Received { word: state(3, 2), at: at(1.01) }]);
     let arriving: Vec<_> = arriving.collect();
-    let mut out = vec![Heard { word: order(0), at: at(0.5) }];
-    ear.receive(at(1.0), Whereabouts::default(), arriving.iter().copied(), &mut out);
+    let mut out = vec![Received { word: order(0), at: at(0.5) }];
+    ear.receive(at(1.0), ReceiverPosition::default(), arriving.iter().copied(), &mut out);
     assert_eq!(out[1..], arriving[..]);
 }
 
@@ -122,7 +122,7 @@ fn the_loss_matches_the_scenario_and_tokens_are_never_lost() {
         let mut hearer = Receiver::new(&scenario(&format!("seed = 7\nnetwork.loss = {loss}")), own);
         let rounds = 20_000_u32;
         for round in 0..rounds {
-            let words = [state(4, round.into()), mission(4, round.into()), order(round.into()), Word::Appeared(id(4))];
+            let words = [state(4, round.into()), mission(4, round.into()), order(round.into()), PeerMessage::Appeared(id(4))];
             hearer.receive(f64::from(round) * FRAME_S, words);
         }
         // Five standard deviations of a binomial distribution.
@@ -132,7 +132,7 @@ fn the_loss_matches_the_scenario_and_tokens_are_never_lost() {
             let lost = 1.0 - heard as f64 / f64::from(rounds);
             assert!((lost - loss).abs() < bound, "lost {lost} of the messages like {first:?} at {loss}");
         }
-        assert_eq!(hearer.times(|word| matches!(word, Word::Appeared(_))).len(), rounds as usize);
+        assert_eq!(hearer.times(|word| matches!(word, PeerMessage::Appeared(_))).len(), rounds as usize);
     }
 }
 
@@ -151,7 +151,7 @@ fn losses_differ_between_receivers_and_repeat_with_the_seed() {
 #[test]
 fn a_delay_is_exact_and_keeps_the_order_of_simultaneous_arrivals() {
     let mut hearer = Receiver::new(&scenario("network.delay_s = 0.25"), 1);
-    let words = [state(2, 1), Word::Appeared(id(3)), order(1), state(4, 1), mission(2, 1)];
+    let words = [state(2, 1), PeerMessage::Appeared(id(3)), order(1), state(4, 1), mission(2, 1)];
     assert_eq!(hearer.receive(1.0, words), []);
     assert_eq!(hearer.receive(1.24, [state(2, 2)]), []);
     assert_eq!(hearer.receive(1.26, []), words);
@@ -163,12 +163,12 @@ fn a_delay_is_exact_and_keeps_the_order_of_simultaneous_arrivals() {
 
 #[test]
 fn messages_are_delivered_in_order_of_arrival() {
-    let mut ear = Ear::new(&scenario("network.delay_s = 0.1"), id(1));
+    let mut ear = Impairments::new(&scenario("network.delay_s = 0.1"), id(1));
     let at = LocalTime::from_seconds;
     let arriving = [(state(2, 1), 0.99), (state(3, 1), 0.97), (state(4, 1), 0.98)];
     let mut out = Vec::new();
-    ear.receive(at(1.0), Whereabouts::default(), arriving.map(|(word, t_s)| Heard { word, at: at(t_s) }), &mut out);
-    ear.receive(at(1.085), Whereabouts::default(), [], &mut out);
+    ear.receive(at(1.0), ReceiverPosition::default(), arriving.map(|(word, t_s)| Received { word, at: at(t_s) }), &mut out);
+    ear.receive(at(1.085), ReceiverPosition::default(), [], &mut out);
     assert_eq!(out.iter().map(|heard| heard.word).collect::<Vec<_>>(), [state(3, 1), state(4, 1)]);
 }
 
@@ -178,17 +178,17 @@ fn a_cut_removes_the_token_after_a_lease_and_a_retry_after_healing_returns_it() 
         with_events(3, "{ at_s = 10, for_s = 20, fault = 'cut', from = [1], to = [2, 3], both_ways = true }");
     let returns = [(1, 2), (2, 1), (1, 3), (3, 1)].map(|(own, peer)| {
         let mut hearer = Receiver::new(&scenario, own);
-        hearer.receive(0.0, [Word::Appeared(id(peer))]);
+        hearer.receive(0.0, [PeerMessage::Appeared(id(peer))]);
         hearer.run_with_peer(peer, FRAME_S, 40.0);
-        let gone_s = hearer.only_time(Word::Vanished(id(peer)));
+        let gone_s = hearer.only_time(PeerMessage::Vanished(id(peer)));
         assert!(near(gone_s, 11.0), "{own} from {peer}: gone at {gone_s}");
-        let [_, back_s] = hearer.times(|word| matches!(word, Word::Appeared(_)))[..] else { panic!("not back once") };
+        let [_, back_s] = hearer.times(|word| matches!(word, PeerMessage::Appeared(_)))[..] else { panic!("not back once") };
         assert!((30.2..31.0 + FRAME_S).contains(&back_s), "{own} from {peer}: back at {back_s}");
         let gaps = gaps(&hearer.times(is_state));
         assert_eq!(gaps.len(), 1, "{gaps:?}");
         assert!(near(gaps[0].0, 10.0) && near(gaps[0].1, back_s), "{gaps:?}");
         // The peer's register arrives with the token; states arrive as they are sent.
-        let registers = hearer.times(|word| matches!(word, Word::Mission(_)));
+        let registers = hearer.times(|word| matches!(word, PeerMessage::Mission(_)));
         assert!(registers.contains(&back_s), "{registers:?}");
         back_s
     });
@@ -211,9 +211,9 @@ fn under_a_one_way_cut_the_other_direction_delivers_for_a_lease_only() {
     let scenario = with_events(5, "{ at_s = 10, for_s = 20, fault = 'cut', from = [1], to = [2] }");
     let ends = [(1, 2), (2, 1)].map(|(own, peer)| {
         let mut hearer = Receiver::new(&scenario, own);
-        hearer.receive(0.0, [Word::Appeared(id(peer))]);
+        hearer.receive(0.0, [PeerMessage::Appeared(id(peer))]);
         hearer.run_with_peer(peer, FRAME_S, 40.0);
-        let gone_s = hearer.only_time(Word::Vanished(id(peer)));
+        let gone_s = hearer.only_time(PeerMessage::Vanished(id(peer)));
         assert!(near(gone_s, 11.0), "{own} from {peer}: gone at {gone_s}");
         let gaps = gaps(&hearer.times(is_state));
         assert_eq!(gaps.len(), 1, "{gaps:?}");
@@ -228,7 +228,7 @@ fn under_a_one_way_cut_the_other_direction_delivers_for_a_lease_only() {
 fn a_cut_shorter_than_the_lease_only_delays() {
     let scenario = with_events(5, "{ at_s = 10, for_s = 0.9, fault = 'cut', from = [2], to = [1] }");
     let mut hearer = Receiver::new(&scenario, 1);
-    hearer.receive(0.0, [Word::Appeared(id(2))]);
+    hearer.receive(0.0, [PeerMessage::Appeared(id(2))]);
     hearer.run_with_peer(2, FRAME_S, 10.0);
     // The last message before a long pause is stopped by the cut.
     assert_eq!(hearer.receive(10.5, [state(2, 1_000), mission(2, 1_000)]), []);
@@ -236,7 +236,7 @@ fn a_cut_shorter_than_the_lease_only_delays() {
     assert_eq!(hearer.receive(10.88, []), []);
     assert_eq!(hearer.receive(10.9, []), [state(2, 1_001), mission(2, 1_000)], "the newest");
     hearer.run_with_peer(2, 10.92, 20.0);
-    assert!(hearer.times(|word| matches!(word, Word::Vanished(_))).is_empty());
+    assert!(hearer.times(|word| matches!(word, PeerMessage::Vanished(_))).is_empty());
     assert_eq!(gaps(&hearer.times(is_state)).len(), 1);
 }
 
@@ -244,9 +244,9 @@ fn a_cut_shorter_than_the_lease_only_delays() {
 fn a_permanent_cut_never_heals() {
     let scenario = with_events(5, "{ at_s = 10, fault = 'cut', from = [2], to = [1], both_ways = true }");
     let mut hearer = Receiver::new(&scenario, 1);
-    hearer.receive(0.0, [Word::Appeared(id(2))]);
+    hearer.receive(0.0, [PeerMessage::Appeared(id(2))]);
     hearer.run_with_peer(2, FRAME_S, 500.0);
-    assert!(near(hearer.only_time(Word::Vanished(id(2))), 11.0));
+    assert!(near(hearer.only_time(PeerMessage::Vanished(id(2))), 11.0));
     assert!(hearer.times(is_state).last().is_some_and(|&t_s| t_s < 10.0));
 }
 
@@ -254,21 +254,21 @@ fn a_permanent_cut_never_heals() {
 fn a_peer_gone_behind_a_cut_is_lost_with_the_lease_and_a_new_one_appears_after_the_retry() {
     let scenario = with_events(5, "{ at_s = 10, for_s = 20, fault = 'cut', from = [2], to = [1], both_ways = true }");
     let mut gone = Receiver::new(&scenario, 1);
-    gone.receive(0.0, [Word::Appeared(id(2))]);
+    gone.receive(0.0, [PeerMessage::Appeared(id(2))]);
     gone.run_with_peer(2, FRAME_S, 10.4);
-    assert_eq!(gone.receive(10.4, [Word::Vanished(id(2))]), []);
+    assert_eq!(gone.receive(10.4, [PeerMessage::Vanished(id(2))]), []);
     let mut restarted = Receiver { ear: gone.ear.clone(), position: None, log: Vec::new() };
     for frame in 521..2_000 {
         let t_s = f64::from(frame) * FRAME_S;
         gone.receive(t_s, []);
-        restarted.receive(t_s, (frame == 1_000).then_some(Word::Appeared(id(2))));
+        restarted.receive(t_s, (frame == 1_000).then_some(PeerMessage::Appeared(id(2))));
     }
-    assert!(near(gone.only_time(Word::Vanished(id(2))), 11.0));
+    assert!(near(gone.only_time(PeerMessage::Vanished(id(2))), 11.0));
     assert!(
         gone.times(is_state).last().is_some_and(|&t_s| t_s < 10.0),
         "messages of a vehicle that has gone are dropped"
     );
-    assert!((30.2..31.1).contains(&restarted.only_time(Word::Appeared(id(2)))));
+    assert!((30.2..31.1).contains(&restarted.only_time(PeerMessage::Appeared(id(2)))));
 }
 
 #[test]
@@ -277,10 +277,10 @@ fn an_agent_started_during_an_outage_receives_nothing_before_its_end() {
     // The direction that is alive is affected as well: a session needs both.
     for (begin_s, own, peer) in [(10.4, 1, 2), (10.4, 2, 1), (15.0, 1, 2), (30.1, 2, 1)] {
         let mut hearer = Receiver::new(&scenario, own);
-        assert_eq!(hearer.receive(begin_s, [Word::Appeared(id(peer)), mission(peer, 1)]), []);
+        assert_eq!(hearer.receive(begin_s, [PeerMessage::Appeared(id(peer)), mission(peer, 1)]), []);
         hearer.run_with_peer(peer, begin_s + FRAME_S, 40.0);
-        assert!(hearer.times(|word| matches!(word, Word::Vanished(_))).is_empty());
-        let first_s = hearer.only_time(Word::Appeared(id(peer)));
+        assert!(hearer.times(|word| matches!(word, PeerMessage::Vanished(_))).is_empty());
+        let first_s = hearer.only_time(PeerMessage::Appeared(id(peer)));
         assert!((30.2..31.1).contains(&first_s) && hearer.log[0].0 == first_s, "from {begin_s} s: {:?}", hearer.log[0]);
     }
 }
@@ -321,17 +321,17 @@ fn adjoining_cuts_merge_and_short_one_way_cuts_close_no_session() {
 #[test]
 fn cuts_count_from_take_off() {
     let scenario = with_events(5, "{ at_s = 0, fault = 'cut', from = [2], to = [1] }");
-    let mut ear = Ear::new(&scenario, id(1));
+    let mut ear = Impairments::new(&scenario, id(1));
     let mut out = Vec::new();
     let at = LocalTime::from_seconds(100.0);
     ear.receive(
         at,
-        Whereabouts::default(),
-        [Heard { word: Word::Appeared(id(2)), at }, Heard { word: state(2, 1), at }],
+        ReceiverPosition::default(),
+        [Received { word: PeerMessage::Appeared(id(2)), at }, Received { word: state(2, 1), at }],
         &mut out,
     );
     assert_eq!(out.len(), 2);
-    ear.receive(at, flown(0.0), [Heard { word: state(2, 2), at }], &mut out);
+    ear.receive(at, flown(0.0), [Received { word: state(2, 2), at }], &mut out);
     assert_eq!(out.len(), 2);
 }
 
@@ -341,9 +341,9 @@ fn loss_and_delay_act_in_addition_to_a_cut() {
         with_events(5, "{ at_s = 10, for_s = 20, fault = 'cut', from = [2], to = [1], both_ways = true }");
     (scenario.network.loss, scenario.network.delay_s) = (0.3, 0.5);
     let mut hearer = Receiver::new(&scenario, 1);
-    hearer.receive(0.0, [Word::Appeared(id(2))]);
+    hearer.receive(0.0, [PeerMessage::Appeared(id(2))]);
     hearer.run_with_peer(2, FRAME_S, 40.0);
-    assert!(near(hearer.only_time(Word::Vanished(id(2))), 11.5));
+    assert!(near(hearer.only_time(PeerMessage::Vanished(id(2))), 11.5));
     let states = hearer.times(is_state);
     let before = states.iter().filter(|t_s| **t_s < 10.4).count();
     assert!((300..400).contains(&before), "{before} of 495");

@@ -8,7 +8,7 @@ pub enum Task {
     /// Leave the controls unchanged.
     Wait,
     /// Fly the formation law.
-    Formation(Goal),
+    Formation(MissionGoal),
     /// Fly to this position and stay there.
     Stay {
         /// Position, north and east, m.
@@ -31,7 +31,7 @@ pub enum Task {
 
 /// The goal of the formation.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Goal {
+pub struct MissionGoal {
     /// The step of the mission, which determines the formation.
     pub step: usize,
     /// Centre, north and east, m.

@@ -33,7 +33,7 @@ fn scenario(steps: &str, more: &str) -> Scenario {
 struct One {
     mission: Mission,
     view: View,
-    events: Vec<Happening>,
+    events: Vec<EventKind>,
     sequence: u64,
     /// The newest heartbeat of each peer.
     heartbeats: Vec<message::Mission>,
@@ -83,7 +83,7 @@ impl One {
         message::Mission { plan, step, vouched: step, reached, progress_m, ..heartbeat(header(sender, self.sequence)) }
     }
 
-    fn take_events(&mut self) -> Vec<Happening> {
+    fn take_events(&mut self) -> Vec<EventKind> {
         core::mem::take(&mut self.events)
     }
 }
@@ -91,7 +91,7 @@ impl One {
 const ONE: &str = "{ centre_ne_m = [3, 4] }";
 const TWO: &str = "{ centre_ne_m = [0, 0] }, { centre_ne_m = [300, 0] }";
 
-fn formation(task: Task) -> Goal {
+fn formation(task: Task) -> MissionGoal {
     let Task::Formation(goal) = task else { panic!("no formation: {task:?}") };
     goal
 }
@@ -134,7 +134,7 @@ fn a_step_is_left_when_all_active_members_have_reached_it() {
     assert_eq!(one.mission.reached(), Some(0), "a reached step stays reached");
     one.receive(3, 0, Some(0), 0.0);
     assert_eq!(formation(one.step(8.0, 30.0)).centre_ne_m, Vector2::new(300.0, 0.0));
-    assert_eq!(one.take_events(), [Happening::Reached(0), Happening::Advanced(1)]);
+    assert_eq!(one.take_events(), [EventKind::Reached(0), EventKind::Advanced(1)]);
 }
 
 #[test]
@@ -159,7 +159,7 @@ fn a_lost_vehicle_is_not_waited_for_and_is_reported() {
     one.contact.remove(id(3));
     one.step(7.1, 30.0);
     let without = [id(3)].into_iter().collect();
-    assert_eq!(one.take_events(), [Happening::Reached(0), Happening::ForcedAdvance { to: 1, without }]);
+    assert_eq!(one.take_events(), [EventKind::Reached(0), EventKind::ForcedAdvance { to: 1, without }]);
 }
 
 #[test]
@@ -171,7 +171,7 @@ fn a_straggler_is_moved_forward_and_reports_the_skipped_steps() {
     assert_eq!(formation(one.step(2.5, 30.0)).step, 0, "a single vehicle moves no other");
     one.receive(3, 2, None, 0.0);
     assert_eq!(formation(one.step(3.0, 30.0)).centre_ne_m, Vector2::new(5.0, 5.0));
-    assert_eq!(one.take_events(), [Happening::Skipped { from: 0, to: 2 }]);
+    assert_eq!(one.take_events(), [EventKind::Skipped { from: 0, to: 2 }]);
 }
 
 #[test]
@@ -187,7 +187,7 @@ fn a_hold_ends_by_the_own_clock() {
 }
 
 /// Steps at 50 Hz from 2 s on and returns the last goal.
-fn fly_along(one: &mut One, seconds: f64, mut each: impl FnMut(&mut One, f64)) -> Goal {
+fn fly_along(one: &mut One, seconds: f64, mut each: impl FnMut(&mut One, f64)) -> MissionGoal {
     let mut goal = None;
     for tick in 0..(seconds * 50.0) as u32 {
         let now_s = 2.02 + 0.02 * f64::from(tick);
@@ -275,9 +275,9 @@ fn a_minority_holds_its_position_under_quorum() {
     assert!(matches!(one.step(4.0, 30.0), Task::Stay { .. }));
     one.contact.insert(id(2));
     formation(one.step(5.0, 30.0));
-    let quorum = |event: &Happening| matches!(event, Happening::QuorumLost | Happening::QuorumBack);
+    let quorum = |event: &EventKind| matches!(event, EventKind::QuorumLost | EventKind::QuorumBack);
     let events: Vec<_> = one.take_events().into_iter().filter(quorum).collect();
-    assert!(events.ends_with(&[Happening::QuorumLost, Happening::QuorumBack]), "{events:?}");
+    assert!(events.ends_with(&[EventKind::QuorumLost, EventKind::QuorumBack]), "{events:?}");
 }
 
 #[test]
@@ -322,7 +322,7 @@ fn the_larger_order_wins() {
     for order in [HOLD, HOLD, LAND, HOLD] {
         one.order(order);
     }
-    assert_eq!(one.take_events(), [Happening::OrderTaken(HOLD), Happening::OrderTaken(LAND)]);
+    assert_eq!(one.take_events(), [EventKind::OrderTaken(HOLD), EventKind::OrderTaken(LAND)]);
     assert_eq!(one.mission.order(), Some(LAND));
 }
 
@@ -371,7 +371,7 @@ fn a_vehicle_off_its_altitude_with_no_collective_left_lands() {
     for (error_m, climb_m_s, limit) in [(5.0, 0.0, Highest), (5.0, -2.0, Highest), (-5.0, 0.2, Lowest)] {
         let mut one = flown("", error_m, climb_m_s, Some(limit));
         assert_eq!(one.mission.membership(), Membership::Left, "{error_m} m, {climb_m_s} m/s");
-        assert_eq!(one.take_events(), [Happening::Failed(Failure::Altitude)]);
+        assert_eq!(one.take_events(), [EventKind::Failed(Failure::Altitude)]);
         assert!(one.mission.is_stuck());
     }
     let mut one = One::active(ONE, "");
@@ -479,12 +479,12 @@ fn orders_spread_among_peers_with_the_same_plan() {
     for heartbeat in [stranger, stranger] {
         one.mission.take_heartbeat(&heartbeat, &mut one.events);
     }
-    assert_eq!(one.take_events(), [Happening::PlanDiffers(id(2))], "reported once");
+    assert_eq!(one.take_events(), [EventKind::PlanDiffers(id(2))], "reported once");
     assert_eq!(one.mission.order(), None, "an order of another plan is ignored");
     for heartbeat in [friend, friend] {
         one.mission.take_heartbeat(&heartbeat, &mut one.events);
     }
-    assert_eq!(one.take_events(), [Happening::OrderTaken(LAND)]);
+    assert_eq!(one.take_events(), [EventKind::OrderTaken(LAND)]);
 }
 
 #[test]

@@ -22,15 +22,15 @@ fn seconds(seconds: f64) -> LocalTime {
 }
 
 /// A state of vehicle `sender` at `north_m`, flying north at 2 m/s.
-fn state(sender: u8, incarnation: u64, sequence: u64, north_m: f64) -> Word {
+fn state(sender: u8, incarnation: u64, sequence: u64, north_m: f64) -> PeerMessage {
     let position = origin().geodetic_from_ned(PositionNed::new(north_m, 0.0, -30.0));
     let velocity = VelocityNed::new(2.0, 0.0, 0.0);
     let state = VehicleState { position, velocity, heading_rad: 0.0 };
-    Word::State(State { header: header(sender, incarnation, sequence), state })
+    PeerMessage::State(State { header: header(sender, incarnation, sequence), state })
 }
 
-fn mission(sender: u8, incarnation: u64, sequence: u64, membership: Membership) -> Word {
-    Word::Mission(heartbeat_of(header(sender, incarnation, sequence), 1, membership))
+fn mission(sender: u8, incarnation: u64, sequence: u64, membership: Membership) -> PeerMessage {
+    PeerMessage::Mission(heartbeat_of(header(sender, incarnation, sequence), 1, membership))
 }
 
 fn heartbeat_of(header: Header, plan: u64, membership: Membership) -> Mission {
@@ -55,13 +55,13 @@ impl PeersStage {
         Self(Peers::new(id(1), 4, 1, &network(keys)))
     }
 
-    fn receive(&mut self, at_s: f64, words: &[Word]) -> Vec<Change> {
-        let heard: Vec<_> = words.iter().map(|&word| Heard { word, at: seconds(at_s) }).collect();
+    fn receive(&mut self, at_s: f64, words: &[PeerMessage]) -> Vec<Change> {
+        let heard: Vec<_> = words.iter().map(|&word| Received { word, at: seconds(at_s) }).collect();
         self.0.update(seconds(at_s), &origin(), &heard);
         self.0.changes().to_vec()
     }
 
-    fn only(&self) -> Seen {
+    fn only(&self) -> PeerEstimate {
         assert_eq!(self.0.estimates().len(), 1);
         self.0.estimates()[0]
     }
@@ -77,9 +77,9 @@ fn a_silent_peer_is_extrapolated_then_stale_then_lost_then_ignored() {
     table.receive(1.4, &[]);
     let estimate = table.only();
     assert!((estimate.position.north_m() - 10.8).abs() < 1e-5, "2 m/s for 0.4 s");
-    assert_eq!((estimate.standing, estimate.role), (Standing::Fresh, Role::Member));
+    assert_eq!((estimate.standing, estimate.role), (PeerStatus::Fresh, Role::Member));
     table.receive(2.9, &[]);
-    assert_eq!((table.only().standing, table.only().role), (Standing::Stale, Role::Member));
+    assert_eq!((table.only().standing, table.only().role), (PeerStatus::Stale, Role::Member));
     assert_eq!(table.receive(3.1, &[]), [Change::Lost(id(2))]);
     let near = table.only();
     table.receive(12.0, &[]);
@@ -96,12 +96,12 @@ fn a_silent_peer_is_extrapolated_then_stale_then_lost_then_ignored() {
 #[test]
 fn a_peer_without_token_is_lost_at_once_and_back_with_its_token() {
     let mut table = PeersStage::new();
-    table.receive(1.0, &[Word::Appeared(id(2)), state(2, 1, 1, 0.0), mission(2, 1, 1, Membership::Active)]);
+    table.receive(1.0, &[PeerMessage::Appeared(id(2)), state(2, 1, 1, 0.0), mission(2, 1, 1, Membership::Active)]);
     assert!(!table.0.all_lost());
-    assert_eq!(table.receive(1.1, &[Word::Vanished(id(2))]), [Change::Lost(id(2))]);
+    assert_eq!(table.receive(1.1, &[PeerMessage::Vanished(id(2))]), [Change::Lost(id(2))]);
     assert!(table.0.all_lost());
     assert_eq!(table.receive(1.2, &[state(2, 1, 2, 0.0)]), [], "messages without a token do not bring it back");
-    assert_eq!(table.receive(1.3, &[Word::Appeared(id(2))]), [Change::Found(id(2))]);
+    assert_eq!(table.receive(1.3, &[PeerMessage::Appeared(id(2))]), [Change::Found(id(2))]);
     assert_eq!(table.only().role, Role::Member);
 }
 
@@ -129,7 +129,7 @@ fn messages_with_the_own_id_or_an_unknown_one_are_forged() {
     assert!(table.0.estimates().is_empty());
     table.receive(
         1.0,
-        &[Word::Order(Order { epoch: 1, issuer: 1, verb: Verb::Land, seal: None }), Word::Vanished(id(9))],
+        &[PeerMessage::Order(Order { epoch: 1, issuer: 1, verb: Verb::Land, seal: None }), PeerMessage::Vanished(id(9))],
     );
     assert!(table.0.estimates().is_empty());
 }
@@ -138,7 +138,7 @@ fn messages_with_the_own_id_or_an_unknown_one_are_forged() {
 fn a_peer_with_another_plan_is_an_obstacle() {
     let mut table = PeersStage::new();
     let stranger = heartbeat_of(header(2, 1, 1), 99, Membership::Active);
-    table.receive(1.0, &[state(2, 1, 1, 0.0), Word::Mission(stranger)]);
+    table.receive(1.0, &[state(2, 1, 1, 0.0), PeerMessage::Mission(stranger)]);
     assert!(matches!(table.only().role, Role::Obstacle { .. }));
 }
 
@@ -151,7 +151,7 @@ fn joining_and_landed_peers_are_not_members() {
     assert_eq!(table.only().role, Role::Member);
     table.receive(1.2, &[mission(2, 1, 2, Membership::Left)]);
     assert!(matches!(table.only().role, Role::Obstacle { .. }), "leaving");
-    assert_eq!(table.receive(1.3, &[Word::Vanished(id(2))]), [], "a vehicle that left is not reported as lost");
+    assert_eq!(table.receive(1.3, &[PeerMessage::Vanished(id(2))]), [], "a vehicle that left is not reported as lost");
     assert!(!table.0.all_lost());
 }
 
@@ -185,11 +185,11 @@ fn of_two_partitions_the_one_without_the_lowest_id_flies_above() {
     let mut table = PeersStage(Peers::new(id(3), 4, 1, &network("network.graph = 'edges'\nnetwork.edges = [[2, 3]]")));
     let all = |sequence| [1, 2, 4].map(|peer| mission(peer, 1, sequence, Membership::Active));
     table.receive(1.0, &all(1));
-    table.receive(1.1, &[Word::Vanished(id(4))]);
+    table.receive(1.1, &[PeerMessage::Vanished(id(4))]);
     assert!(!table.0.others().flies_above, "with the smallest id");
-    table.receive(1.2, &[Word::Vanished(id(2))]);
+    table.receive(1.2, &[PeerMessage::Vanished(id(2))]);
     assert!(!table.0.others().flies_above, "1 is in contact, although out of sight");
-    table.receive(1.3, &[Word::Vanished(id(1))]);
+    table.receive(1.3, &[PeerMessage::Vanished(id(1))]);
     assert!(table.0.others().flies_above, "lost, although its states were never received");
     table.receive(61.5, &[]);
     assert!(!table.0.others().flies_above, "after a minute no lost peer counts as flying");
@@ -207,10 +207,10 @@ fn the_newest_heartbeats_of_peers_in_contact_are_kept_for_any_plan() {
     };
     assert_eq!(plans(&table), [(2, 1), (3, 1)], "4 has sent no heartbeat");
     // Vehicle 2 returns with a changed scenario.
-    table.receive(1.2, &[Word::Mission(heartbeat_of(header(2, 2, 1), 9, Membership::Active))]);
+    table.receive(1.2, &[PeerMessage::Mission(heartbeat_of(header(2, 2, 1), 9, Membership::Active))]);
     assert!(table.0.in_contact().contains(id(2)));
     assert_eq!(plans(&table), [(2, 9), (3, 1)]);
-    table.receive(1.3, &[Word::Vanished(id(3))]);
+    table.receive(1.3, &[PeerMessage::Vanished(id(3))]);
     assert_eq!(plans(&table), [(2, 9)]);
 }
 
@@ -219,7 +219,7 @@ fn arrival_times_are_limited_to_the_time_since_the_last_update() {
     let mut table = PeersStage::new();
     table.receive(1.0, &[]);
     let heard =
-        [(2, 0.2), (3, 999.0)].map(|(sender, at_s)| Heard { word: state(sender, 1, 1, 0.0), at: seconds(at_s) });
+        [(2, 0.2), (3, 999.0)].map(|(sender, at_s)| Received { word: state(sender, 1, 1, 0.0), at: seconds(at_s) });
     table.0.update(seconds(1.5), &origin(), &heard);
     let ages: Vec<_> = table.0.estimates().iter().map(|estimate| estimate.age_s).collect();
     assert_eq!(ages, [0.5, 0.0]);
@@ -241,7 +241,7 @@ fn a_peer_whose_states_are_withheld_is_out_of_sight_but_not_lost() {
         assert!(table.0.in_contact().contains(id(2)), "the mission waits for it");
         assert_eq!(table.0.others().unseen.contains(id(2)), !is_seen, "it has its rank in the formation");
         // Its end is noticed as well; its position was unknown.
-        assert_eq!(table.receive(21.0, &[Word::Vanished(id(2))]), [Change::Lost(id(2))]);
+        assert_eq!(table.receive(21.0, &[PeerMessage::Vanished(id(2))]), [Change::Lost(id(2))]);
         assert_eq!(table.0.estimates().len(), usize::from(is_seen));
         assert!(table.0.others().unseen.is_empty());
     }
@@ -272,11 +272,11 @@ fn time_in_which_the_own_agent_did_not_run_is_not_a_peers_silence() {
 }
 
 /// A message of vehicle 2; the position of a state identifies it.
-fn message_of(incarnation: u64, sequence: u64, is_state: bool) -> Word {
-    let Word::State(sent) = state(2, incarnation, sequence, north_m(incarnation, sequence)) else { unreachable!() };
+fn message_of(incarnation: u64, sequence: u64, is_state: bool) -> PeerMessage {
+    let PeerMessage::State(sent) = state(2, incarnation, sequence, north_m(incarnation, sequence)) else { unreachable!() };
     let at_rest = VehicleState { velocity: VelocityNed::default(), ..sent.state };
     if is_state {
-        Word::State(State { state: at_rest, ..sent })
+        PeerMessage::State(State { state: at_rest, ..sent })
     } else {
         mission(2, incarnation, sequence, Membership::Active)
     }
@@ -296,7 +296,7 @@ proptest! {
         for (incarnation, sequence, is_state, after_s, off_s) in received {
             now_s += after_s;
             // The time of arrival may be wrong because the own clock was set.
-            let heard = Heard { word: message_of(incarnation, sequence, is_state), at: seconds(now_s + off_s) };
+            let heard = Received { word: message_of(incarnation, sequence, is_state), at: seconds(now_s + off_s) };
             table.0.update(seconds(now_s), &origin(), &[heard]);
             if is_state { states.push((incarnation, sequence)) } else { heartbeats.push((incarnation, sequence)) }
             let newest_incarnation = states.iter().chain(&heartbeats).map(|(incarnation, _)| *incarnation).max();

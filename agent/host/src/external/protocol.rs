@@ -11,7 +11,7 @@ use skein_common::id::VehicleId;
 use skein_common::message::LawNumber;
 use skein_common::scenario::Scenario;
 
-use skein_core::formation::external::{Answer, Ask, Wanted};
+use skein_core::formation::external::{LawReply, LawQuery, ReplyCommand};
 use skein_core::random::{self, Purpose};
 
 /// Version of the protocol.
@@ -79,17 +79,17 @@ impl Hello {
 /// A message to a law.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(tag = "say", rename_all = "snake_case")]
-pub enum Said<'a> {
+pub enum MessageToLaw<'a> {
     /// First message, sent again to start the law anew.
     Hello(&'a Hello),
     /// Query that needs one reply.
     #[serde(rename = "ask")]
-    Ask(&'a Ask),
+    LawQuery(&'a LawQuery),
     /// Last message.
     Bye,
 }
 
-impl Said<'_> {
+impl MessageToLaw<'_> {
     /// The message as a line, with its newline.
     pub fn line(&self) -> Vec<u8> {
         // The messages hold only numbers, texts and a TOML table, whose keys are texts.
@@ -102,11 +102,11 @@ impl Said<'_> {
 
 /// A valid message from a law.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Heard {
+pub enum MessageFromLaw {
     /// The law has processed the hello.
     Ready,
     /// Reply to a query.
-    Answer(Answer),
+    LawReply(LawReply),
 }
 
 /// Why a message from a law is not valid.
@@ -170,7 +170,7 @@ impl Fault {
 ///
 /// # Errors
 /// What is wrong with the line. The caller has to check that a reply answers the open query.
-pub fn read(line: &[u8]) -> Result<Heard, Fault> {
+pub fn read(line: &[u8]) -> Result<MessageFromLaw, Fault> {
     let not_json = |why: String| Fault::NotJson(why, excerpt(line));
     let object = match serde_json::from_slice(line) {
         Ok(Value::Object(object)) => object,
@@ -178,24 +178,24 @@ pub fn read(line: &[u8]) -> Result<Heard, Fault> {
         Err(error) => return Err(not_json(error.to_string())),
     };
     match object.get("say").and_then(Value::as_str) {
-        Some("ready") if whole(object.get("protocol")) == Some(PROTOCOL) => Ok(Heard::Ready),
+        Some("ready") if whole(object.get("protocol")) == Some(PROTOCOL) => Ok(MessageFromLaw::Ready),
         Some("ready") => Err(Fault::Protocol),
-        Some("answer") => answer(&object).map(Heard::Answer),
+        Some("answer") => answer(&object).map(MessageFromLaw::LawReply),
         _ => Err(Fault::OutOfPlace(excerpt(line))),
     }
 }
 
-fn answer(object: &Map<String, Value>) -> Result<Answer, Fault> {
+fn answer(object: &Map<String, Value>) -> Result<LawReply, Fault> {
     let vehicle = whole(object.get("vehicle")).ok_or(Fault::Content("vehicle is not a number"))?;
     let tick = whole(object.get("tick")).ok_or(Fault::Content("tick is not a number"))?;
     let wanted = match (object.get("velocity_ned_m_s"), object.get("field_ne")) {
         (Some(velocity), None) => {
             let velocity = numbers(velocity).ok_or(Fault::Content("velocity_ned_m_s is not three finite numbers"))?;
-            Wanted::VelocityNed(Vector3::from(velocity))
+            ReplyCommand::VelocityNed(Vector3::from(velocity))
         }
         (None, Some(field)) => {
             let field = numbers(field).ok_or(Fault::Content("field_ne is not two finite numbers"))?;
-            Wanted::FieldNe(Vector2::from(field))
+            ReplyCommand::FieldNe(Vector2::from(field))
         }
         _ => return Err(Fault::Content("velocity_ned_m_s and field_ne are both present, or both missing")),
     };
@@ -208,7 +208,7 @@ fn answer(object: &Map<String, Value>) -> Result<Answer, Fault> {
         None => None,
     };
     let vehicle = vehicle_id(vehicle)?;
-    Ok(Answer { vehicle, tick, wanted, heading_rad, reached, log: object.get("log").map(log).unwrap_or_default() })
+    Ok(LawReply { vehicle, tick, wanted, heading_rad, reached, log: object.get("log").map(log).unwrap_or_default() })
 }
 
 /// Vehicle id of this number.

@@ -1,7 +1,7 @@
 //! One session with a law, over the standard streams of a process, a TCP connection or a UDP socket.
 //!
 //! Outgoing messages wait in a short queue for a writer thread that may block; a reader thread passes on the incoming
-//! ones. The owner of a [`Talk`] therefore never waits for the law, and a law that sends too much waits for the
+//! ones. The owner of a [`LawSession`] therefore never waits for the law, and a law that sends too much waits for the
 //! receiver. At most [`MAX_LINE`] bytes of an unfinished line are kept.
 
 use std::io::{self, BufRead, BufReader, Read, Write};
@@ -13,7 +13,7 @@ use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
 use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
-use super::protocol::{MAX_LINE, Said};
+use super::protocol::{MAX_LINE, MessageToLaw};
 use super::vector;
 use crate::clock::{now, sleep_until};
 use crate::process::in_own_group;
@@ -29,7 +29,7 @@ const POLL_PERIOD: Duration = Duration::from_millis(100);
 
 /// Input from a law.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Word {
+pub enum LawInput {
     /// A line without its newline, or a datagram.
     Data(Vec<u8>),
     /// A line that is too long.
@@ -39,12 +39,12 @@ pub enum Word {
 }
 
 /// Receives each input and its arrival time; returns false when no further input is needed.
-pub trait Sink: FnMut(Instant, Word) -> bool + Send + 'static {}
-impl<F: FnMut(Instant, Word) -> bool + Send + 'static> Sink for F {}
+pub trait Sink: FnMut(Instant, LawInput) -> bool + Send + 'static {}
+impl<F: FnMut(Instant, LawInput) -> bool + Send + 'static> Sink for F {}
 
 /// A session with a law. Dropping it sends a bye, waits for a process to end and then kills it.
 #[derive(Debug)]
-pub struct Talk {
+pub struct LawSession {
     outbox: Option<SyncSender<Vec<u8>>>,
     writer: Option<JoinHandle<()>>,
     partner: Partner,
@@ -59,9 +59,9 @@ enum Partner {
 
 /// The law has stopped reading its messages.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Deaf;
+pub struct LawUnresponsive;
 
-impl Talk {
+impl LawSession {
     /// Starts a process. Each line of its standard error goes to `log`. In its `own_group` the process does not get
     /// the terminal's Ctrl-C.
     ///
@@ -133,9 +133,9 @@ impl Talk {
     ///
     /// # Errors
     /// If the law has stopped reading.
-    pub fn send(&self, outgoing: &Said<'_>) -> Result<(), Deaf> {
+    pub fn send(&self, outgoing: &MessageToLaw<'_>) -> Result<(), LawUnresponsive> {
         let word = match (&self.partner, outgoing) {
-            (Partner::Datagrams { .. }, Said::Ask(ask)) => vector::write(ask),
+            (Partner::Datagrams { .. }, MessageToLaw::LawQuery(ask)) => vector::write(ask),
             (Partner::Datagrams { .. }, _) => return Ok(()),
             _ => outgoing.line(),
         };
@@ -143,7 +143,7 @@ impl Talk {
             Some(Ok(())) => Ok(()),
             // The law is behind; it does not reply to a query that it does not get.
             Some(Err(TrySendError::Full(_))) => Ok(()),
-            Some(Err(TrySendError::Disconnected(_))) | None => Err(Deaf),
+            Some(Err(TrySendError::Disconnected(_))) | None => Err(LawUnresponsive),
         }
     }
 
@@ -167,12 +167,12 @@ impl Talk {
 
     /// Sends a bye and closes the law's input, which asks the law to end.
     pub fn send_bye(&mut self) {
-        let _ = self.send(&Said::Bye);
+        let _ = self.send(&MessageToLaw::Bye);
         self.outbox = None;
     }
 }
 
-impl Drop for Talk {
+impl Drop for LawSession {
     fn drop(&mut self) {
         self.send_bye();
         match &mut self.partner {
@@ -225,14 +225,14 @@ fn read_lines(from: impl Read, mut sink: impl Sink) {
         let taken = end.map_or(some.len(), |end| end + 1);
         from.consume(taken);
         if end.is_some() {
-            let word = if is_too_long { Word::TooLong } else { Word::Data(std::mem::take(&mut line)) };
+            let word = if is_too_long { LawInput::TooLong } else { LawInput::Data(std::mem::take(&mut line)) };
             is_too_long = false;
             if !sink(now(), word) {
                 return;
             }
         }
     }
-    sink(now(), Word::End);
+    sink(now(), LawInput::End);
 }
 
 fn read_datagrams(socket: &UdpSocket, closed: &AtomicBool, mut sink: impl Sink) {
@@ -240,7 +240,7 @@ fn read_datagrams(socket: &UdpSocket, closed: &AtomicBool, mut sink: impl Sink) 
     while !closed.load(Relaxed) {
         match socket.recv(&mut datagram) {
             Ok(length) => {
-                if !sink(now(), Word::Data(datagram[..length].to_vec())) {
+                if !sink(now(), LawInput::Data(datagram[..length].to_vec())) {
                     return;
                 }
             }
@@ -252,13 +252,13 @@ fn read_datagrams(socket: &UdpSocket, closed: &AtomicBool, mut sink: impl Sink) 
             },
         }
     }
-    sink(now(), Word::End);
+    sink(now(), LawInput::End);
 }
 
 /// Passes on a law's standard error, line by line.
 fn pass_on(stderr: ChildStderr, log: impl Fn(&str) + Send + 'static) {
     read_lines(stderr, move |_, word| {
-        if let Word::Data(line) = word {
+        if let LawInput::Data(line) = word {
             log(String::from_utf8_lossy(&line).trim_end());
         }
         true

@@ -12,7 +12,7 @@
 use nalgebra::{Vector2, Vector3};
 
 use super::protocol::{Fault, PROTOCOL, is_sane, vehicle_id, whole_f64};
-use skein_core::formation::external::{Answer, Ask, Peer, Wanted};
+use skein_core::formation::external::{LawReply, LawQuery, PeerState, ReplyCommand};
 
 /// Number of values in a query.
 pub const ASK: usize = 144;
@@ -25,8 +25,8 @@ const KIND_VELOCITY: f64 = 1.0;
 const KIND_FIELD: f64 = 2.0;
 
 /// Encodes a query.
-pub fn write(ask: &Ask) -> Vec<u8> {
-    let Ask { vehicle, tick, time_s, dt_s, own, peers, goal } = ask;
+pub fn write(ask: &LawQuery) -> Vec<u8> {
+    let LawQuery { vehicle, tick, time_s, dt_s, own, peers, goal } = ask;
     let peers = nearest(own.position_ned_m.into(), peers);
     let mut values = Vec::with_capacity(ASK);
     values.extend([PROTOCOL as f64, vehicle.get().into(), *tick as f64, *time_s, *dt_s, goal.step as f64]);
@@ -44,9 +44,9 @@ pub fn write(ask: &Ask) -> Vec<u8> {
 }
 
 /// The nearest peers, ordered by id.
-fn nearest(own_m: Vector3<f64>, peers: &[Peer]) -> Vec<&Peer> {
-    let distance_m = |peer: &Peer| (Vector3::from(peer.position_ned_m) - own_m).norm();
-    let mut nearest: Vec<&Peer> = peers.iter().collect();
+fn nearest(own_m: Vector3<f64>, peers: &[PeerState]) -> Vec<&PeerState> {
+    let distance_m = |peer: &PeerState| (Vector3::from(peer.position_ned_m) - own_m).norm();
+    let mut nearest: Vec<&PeerState> = peers.iter().collect();
     nearest.sort_by(|one, other| distance_m(one).total_cmp(&distance_m(other)));
     nearest.truncate(PEERS);
     nearest.sort_by_key(|peer| peer.id);
@@ -57,7 +57,7 @@ fn nearest(own_m: Vector3<f64>, peers: &[Peer]) -> Vec<&Peer> {
 ///
 /// # Errors
 /// What is wrong with the datagram. The caller has to check that a reply answers the open query.
-pub fn read(datagram: &[u8]) -> Result<Answer, Fault> {
+pub fn read(datagram: &[u8]) -> Result<LawReply, Fault> {
     let wrong_length = || Fault::Length(datagram.len(), 8 * ANSWER);
     let (chunks, []) = datagram.as_chunks::<8>() else { return Err(wrong_length()) };
     let chunks: &[[u8; 8]; ANSWER] = chunks.try_into().map_err(|_| wrong_length())?;
@@ -72,14 +72,14 @@ pub fn read(datagram: &[u8]) -> Result<Answer, Fault> {
     let vehicle = vehicle_id(whole_f64(vehicle).ok_or(Fault::Content("vehicle is not a whole number"))?)?;
     let tick = whole_f64(tick).ok_or(Fault::Content("tick is not a whole number"))?;
     let wanted = if kind == KIND_VELOCITY {
-        Wanted::VelocityNed(Vector3::new(x, y, z))
+        ReplyCommand::VelocityNed(Vector3::new(x, y, z))
     } else if kind == KIND_FIELD {
-        Wanted::FieldNe(Vector2::new(x, y))
+        ReplyCommand::FieldNe(Vector2::new(x, y))
     } else {
         return Err(Fault::Content("kind is neither 1 nor 2"));
     };
     let heading_rad = (heading_is_meant == 1.0).then_some(heading_rad);
-    Ok(Answer { vehicle, tick, wanted, heading_rad, reached: None, log: Vec::new() })
+    Ok(LawReply { vehicle, tick, wanted, heading_rad, reached: None, log: Vec::new() })
 }
 
 #[cfg(test)]

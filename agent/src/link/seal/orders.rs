@@ -9,7 +9,7 @@ use std::sync::{Mutex, PoisonError};
 use skein_common::id::SwarmName;
 use skein_common::message::{Order, Verb};
 
-use super::{SealKey, Sealer};
+use super::{VerificationKey, SigningKey};
 
 /// Marks a signed order; nothing else signed with this key starts like this.
 const CONTEXT: &[u8] = b"skein order v1\0";
@@ -35,19 +35,19 @@ fn signed_bytes(swarm: &SwarmName, run: u64, order: &Order) -> Vec<u8> {
 }
 
 /// Whether the operator with this key gave this order in this run of the swarm. Takes about 100 µs.
-pub fn is_sealed(key: &SealKey, swarm: &SwarmName, run: u64, order: &Order) -> bool {
+pub fn is_sealed(key: &VerificationKey, swarm: &SwarmName, run: u64, order: &Order) -> bool {
     order.seal.is_some_and(|seal| key.has_sealed(&signed_bytes(swarm, run, order), seal))
 }
 
 /// Signs the order for this run of this swarm.
-pub fn sign(sealer: &Sealer, swarm: &SwarmName, run: u64, order: Order) -> Order {
+pub fn sign(sealer: &SigningKey, swarm: &SwarmName, run: u64, order: Order) -> Order {
     Order { seal: Some(sealer.sign(&signed_bytes(swarm, run, &order))), ..order }
 }
 
 /// Verifies orders, and remembers the latest results so that a repeated order costs nothing.
 #[derive(Debug)]
 pub struct Checker {
-    key: SealKey,
+    key: VerificationKey,
     swarm: SwarmName,
     /// The latest results: whether this order is valid in this run.
     known: Mutex<Vec<(u64, Order, bool)>>,
@@ -55,7 +55,7 @@ pub struct Checker {
 
 impl Checker {
     /// Verifies orders of this swarm by this key.
-    pub fn new(key: SealKey, swarm: SwarmName) -> Self {
+    pub fn new(key: VerificationKey, swarm: SwarmName) -> Self {
         Self { key, swarm, known: Mutex::new(Vec::with_capacity(KEPT)) }
     }
 
@@ -78,7 +78,7 @@ impl Checker {
 
 #[cfg(test)]
 mod tests {
-    use skein_common::message::Seal;
+    use skein_common::message::Signature;
 
     use super::super::tests::{name, sealer};
     use super::*;
@@ -99,7 +99,7 @@ mod tests {
             Order { issuer: 10, ..sealed },
             Order { verb: Verb::Goto(3), ..sealed },
             Order { verb: Verb::Abort, ..sealed },
-            Order { seal: Some(Seal::from_bytes([0; Seal::BYTES])), ..sealed },
+            Order { seal: Some(Signature::from_bytes([0; Signature::BYTES])), ..sealed },
         ];
         for other in others {
             assert!(!is_sealed(&key, &lab, 7, &other), "{other:?}");

@@ -2,9 +2,9 @@
 
 use serde::{Deserialize, Serialize};
 use skein_common::id::SwarmName;
-use skein_common::message::Seal;
+use skein_common::message::Signature;
 
-use super::{SealKey, Sealer};
+use super::{VerificationKey, SigningKey};
 
 /// Marks a signed note; nothing else signed with an orders key starts like this.
 const CONTEXT: &[u8] = b"skein run v1\0";
@@ -17,17 +17,17 @@ pub struct RunNote {
     /// Begin of the run by the operator's clock, ms since 1970; later than every earlier run that the operator knew of.
     pub began_ms: u64,
     #[serde(rename = "seal", with = "hex")]
-    seal: Seal,
+    seal: Signature,
 }
 
 impl RunNote {
     /// Signs a note of a run that begins now.
-    pub fn new(sealer: &Sealer, swarm: &SwarmName, run: u64, began_ms: u64) -> Self {
+    pub fn new(sealer: &SigningKey, swarm: &SwarmName, run: u64, began_ms: u64) -> Self {
         Self { run, began_ms, seal: sealer.sign(&signed_bytes(swarm, run, began_ms)) }
     }
 
     /// Whether the operator of this swarm, with this public key, signed this note.
-    pub fn is_sealed(&self, key: &SealKey, swarm: &SwarmName) -> bool {
+    pub fn is_sealed(&self, key: &VerificationKey, swarm: &SwarmName) -> bool {
         key.has_sealed(&signed_bytes(swarm, self.run, self.began_ms), self.seal)
     }
 }
@@ -42,19 +42,19 @@ fn signed_bytes(swarm: &SwarmName, run: u64, began_ms: u64) -> Vec<u8> {
 mod hex {
     use serde::de::Error;
     use serde::{Deserialize, Deserializer, Serializer};
-    use skein_common::message::Seal;
+    use skein_common::message::Signature;
 
-    pub(super) fn serialize<S: Serializer>(seal: &Seal, to: S) -> Result<S::Ok, S::Error> {
+    pub(super) fn serialize<S: Serializer>(seal: &Signature, to: S) -> Result<S::Ok, S::Error> {
         to.collect_str(&seal.to_bytes().iter().map(|byte| format!("{byte:02x}")).collect::<String>())
     }
 
-    pub(super) fn deserialize<'de, D: Deserializer<'de>>(from: D) -> Result<Seal, D::Error> {
+    pub(super) fn deserialize<'de, D: Deserializer<'de>>(from: D) -> Result<Signature, D::Error> {
         let text = String::deserialize(from)?;
         let digit = |digit: u8| char::from(digit).to_digit(16);
         let byte = |two: &[u8]| Some((digit(two[0])? * 16 + digit(two[1])?) as u8);
         let bytes: Option<Vec<u8>> = text.as_bytes().chunks_exact(2).map(byte).collect();
-        let bytes = bytes.filter(|_| text.len() == 2 * Seal::BYTES).and_then(|bytes| bytes.try_into().ok());
-        bytes.map(Seal::from_bytes).ok_or_else(|| D::Error::custom("a signature has 128 hexadecimal digits"))
+        let bytes = bytes.filter(|_| text.len() == 2 * Signature::BYTES).and_then(|bytes| bytes.try_into().ok());
+        bytes.map(Signature::from_bytes).ok_or_else(|| D::Error::custom("a signature has 128 hexadecimal digits"))
     }
 }
 
@@ -78,7 +78,7 @@ mod tests {
     #[test]
     fn a_run_note_survives_writing_and_reading() {
         let note = RunNote::new(&sealer(), &name("lab"), 7, 1000);
-        let written = format!("{{\"run\":7,\"began_ms\":1000,\"seal\":\"{}\"}}", "0f".repeat(Seal::BYTES));
+        let written = format!("{{\"run\":7,\"began_ms\":1000,\"seal\":\"{}\"}}", "0f".repeat(Signature::BYTES));
         let read: RunNote = serde_json::from_str(&written).unwrap();
         assert_eq!(serde_json::to_string(&read).unwrap(), written);
         let again: RunNote = serde_json::from_str(&serde_json::to_string(&note).unwrap()).unwrap();

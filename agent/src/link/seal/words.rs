@@ -10,19 +10,19 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use skein_common::id::{SwarmName, VehicleId};
-use skein_common::message::{self, DecodeError, Message, Reason, Seal};
+use skein_common::message::{self, DecodeError, Message, Reason, Signature};
 use skein_common::topic::{Author, Topic};
 
-use super::{SealKey, Sealer};
+use super::{VerificationKey, SigningKey};
 
 const CONTEXT: &[u8] = b"skein word v1\0";
 
 /// Number of bytes that the run and the signature add to a message.
-pub const ADDED_BYTES: usize = 8 + Seal::BYTES;
+pub const ADDED_BYTES: usize = 8 + Signature::BYTES;
 
 /// A message whose sender is verified.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Said<M> {
+pub struct Verified<M> {
     /// The message.
     pub message: M,
     /// Run of the swarm it was sent in, where messages are signed.
@@ -31,7 +31,7 @@ pub struct Said<M> {
 
 /// Why a message is refused.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-pub enum Unbelieved {
+pub enum VerificationError {
     /// The bytes are not a message.
     #[error(transparent)]
     Undecodable(#[from] DecodeError),
@@ -46,7 +46,7 @@ pub enum Unbelieved {
     NoSeal,
 }
 
-impl Unbelieved {
+impl VerificationError {
     /// The reason under which the refusal is counted.
     pub fn reason(self) -> Reason {
         match self {
@@ -60,20 +60,20 @@ impl Unbelieved {
 
 /// Public keys of the vehicles, which verify the sender of each message.
 #[derive(Clone, Debug)]
-pub struct Voices {
+pub struct KeyRing {
     swarm: SwarmName,
     /// `None` on plain links, where messages are not signed.
-    keys: Option<Arc<BTreeMap<VehicleId, SealKey>>>,
+    keys: Option<Arc<BTreeMap<VehicleId, VerificationKey>>>,
 }
 
-impl Voices {
+impl KeyRing {
     /// Accepts messages without a signature: every sender is believed.
     pub fn plain(swarm: SwarmName) -> Self {
         Self { swarm, keys: None }
     }
 
     /// Verifies messages with these keys.
-    pub fn sealed(swarm: SwarmName, keys: BTreeMap<VehicleId, SealKey>) -> Self {
+    pub fn sealed(swarm: SwarmName, keys: BTreeMap<VehicleId, VerificationKey>) -> Self {
         Self { swarm, keys: Some(Arc::new(keys)) }
     }
 
@@ -82,29 +82,29 @@ impl Voices {
     ///
     /// # Errors
     /// If the bytes are not a message of the sender that the key names.
-    pub fn read<M: Message>(&self, key: &str, bytes: &[u8]) -> Result<Said<M>, Unbelieved> {
-        let topic = Topic::parse(key).ok_or(Unbelieved::OtherName)?;
+    pub fn read<M: Message>(&self, key: &str, bytes: &[u8]) -> Result<Verified<M>, VerificationError> {
+        let topic = Topic::parse(key).ok_or(VerificationError::OtherName)?;
         let keys = match (&self.keys, topic.author()) {
-            (Some(keys), Author::Vehicle(id)) => Some(keys.get(&id).ok_or(Unbelieved::Stranger)?),
+            (Some(keys), Author::Vehicle(id)) => Some(keys.get(&id).ok_or(VerificationError::Stranger)?),
             _ => None,
         };
         let Some(known_by) = keys else {
-            return Ok(Said { message: own(&topic, bytes)?, run: None });
+            return Ok(Verified { message: own(&topic, bytes)?, run: None });
         };
-        let (rest, seal) = bytes.split_last_chunk().ok_or(Unbelieved::NoSeal)?;
-        let (body, run) = rest.split_last_chunk().ok_or(Unbelieved::NoSeal)?;
-        let (run, seal) = (u64::from_le_bytes(*run), Seal::from_bytes(*seal));
+        let (rest, seal) = bytes.split_last_chunk().ok_or(VerificationError::NoSeal)?;
+        let (body, run) = rest.split_last_chunk().ok_or(VerificationError::NoSeal)?;
+        let (run, seal) = (u64::from_le_bytes(*run), Signature::from_bytes(*seal));
         // The cheap check comes first.
         let message = own(&topic, body)?;
         if known_by.has_sealed(&self.signed_bytes(run, key, body), seal) {
-            Ok(Said { message, run: Some(run) })
+            Ok(Verified { message, run: Some(run) })
         } else {
-            Err(Unbelieved::NoSeal)
+            Err(VerificationError::NoSeal)
         }
     }
 
     /// Encodes a message, and signs it if there is a signing key.
-    pub fn write(&self, sealer: Option<&Sealer>, run: u64, key: &str, message: &impl Message) -> Vec<u8> {
+    pub fn write(&self, sealer: Option<&SigningKey>, run: u64, key: &str, message: &impl Message) -> Vec<u8> {
         let mut bytes = message::encode(message);
         if let Some(sealer) = sealer {
             let seal = sealer.sign(&self.signed_bytes(run, key, &bytes));
@@ -124,15 +124,15 @@ impl Voices {
 }
 
 /// Decodes the message and checks that its sender may publish under this topic.
-fn own<M: Message>(topic: &Topic, bytes: &[u8]) -> Result<M, Unbelieved> {
+fn own<M: Message>(topic: &Topic, bytes: &[u8]) -> Result<M, VerificationError> {
     let message: M = message::decode(bytes)?;
-    if message.is_allowed_under(topic) { Ok(message) } else { Err(Unbelieved::OtherName) }
+    if message.is_allowed_under(topic) { Ok(message) } else { Err(VerificationError::OtherName) }
 }
 
 #[cfg(test)]
 mod tests {
     use skein_common::id::Incarnation;
-    use skein_common::message::{Event, Happening, Header, Order, Verb};
+    use skein_common::message::{Event, EventKind, Header, Order, Verb};
     use skein_common::time::SenderStamp;
 
     use super::super::tests::{name, sealer};
@@ -149,35 +149,35 @@ mod tests {
             sequence: 5,
             stamp: SenderStamp::from_seconds(1.0),
         };
-        Event { header, what: Happening::Landed }
+        Event { header, what: EventKind::Landed }
     }
 
     #[test]
     fn a_message_is_accepted_under_its_senders_key_with_its_senders_signature() {
         let (one, two) = (sealer(), sealer());
         let keys = BTreeMap::from([(id(1), one.key()), (id(2), two.key())]);
-        let lab = Voices::sealed(name("lab"), keys.clone());
+        let lab = KeyRing::sealed(name("lab"), keys.clone());
         let bytes = lab.write(Some(&one), 7, "vehicle/1/event", &event(1));
-        let read = |voices: &Voices, key: &str, bytes: &[u8]| voices.read::<Event>(key, bytes);
-        assert_eq!(read(&lab, "vehicle/1/event", &bytes), Ok(Said { message: event(1), run: Some(7) }));
+        let read = |voices: &KeyRing, key: &str, bytes: &[u8]| voices.read::<Event>(key, bytes);
+        assert_eq!(read(&lab, "vehicle/1/event", &bytes), Ok(Verified { message: event(1), run: Some(7) }));
         assert_eq!(bytes.len(), message::encode(&event(1)).len() + ADDED_BYTES);
 
-        let forged = Err(Unbelieved::NoSeal);
+        let forged = Err(VerificationError::NoSeal);
         assert_eq!(read(&lab, "vehicle/1/health", &bytes), forged, "another kind of message");
-        assert_eq!(read(&Voices::sealed(name("lab2"), keys), "vehicle/1/event", &bytes), forged, "another swarm");
+        assert_eq!(read(&KeyRing::sealed(name("lab2"), keys), "vehicle/1/event", &bytes), forged, "another swarm");
         for by_two in [lab.write(Some(&two), 7, "vehicle/1/event", &event(1)), message::encode(&event(1))] {
             assert!(read(&lab, "vehicle/1/event", &by_two).is_err());
         }
-        assert_eq!(read(&lab, "vehicle/2/event", &bytes), Err(Unbelieved::OtherName));
+        assert_eq!(read(&lab, "vehicle/2/event", &bytes), Err(VerificationError::OtherName));
         assert_eq!(read(&lab, "order/1", &bytes).unwrap_err().reason(), Reason::Undecodable);
-        assert_eq!(read(&lab, "vehicle/3/event", &bytes), Err(Unbelieved::Stranger));
-        assert_eq!(read(&lab, "somewhere/else", &bytes), Err(Unbelieved::OtherName));
+        assert_eq!(read(&lab, "vehicle/3/event", &bytes), Err(VerificationError::Stranger));
+        assert_eq!(read(&lab, "somewhere/else", &bytes), Err(VerificationError::OtherName));
     }
 
     #[test]
     fn a_signed_message_with_a_changed_or_missing_byte_is_refused() {
         let one = sealer();
-        let lab = Voices::sealed(name("lab"), BTreeMap::from([(id(1), one.key())]));
+        let lab = KeyRing::sealed(name("lab"), BTreeMap::from([(id(1), one.key())]));
         let bytes = lab.write(Some(&one), 7, "vehicle/1/event", &event(1));
         for nth in 0..bytes.len() {
             for bit in 0..8 {
@@ -191,15 +191,15 @@ mod tests {
 
     #[test]
     fn plain_messages_and_orders_carry_no_vehicle_signature() {
-        let plain = Voices::plain(name("lab"));
+        let plain = KeyRing::plain(name("lab"));
         let bytes = plain.write(None, 7, "vehicle/1/event", &event(1));
         assert_eq!(bytes, message::encode(&event(1)));
-        assert_eq!(plain.read("vehicle/1/event", &bytes), Ok(Said { message: event(1), run: None }));
-        assert_eq!(plain.read::<Event>("vehicle/2/event", &bytes), Err(Unbelieved::OtherName));
+        assert_eq!(plain.read("vehicle/1/event", &bytes), Ok(Verified { message: event(1), run: None }));
+        assert_eq!(plain.read::<Event>("vehicle/2/event", &bytes), Err(VerificationError::OtherName));
         let order = Order { epoch: 1, issuer: 9, verb: Verb::Land, seal: None };
-        for voices in [plain, Voices::sealed(name("lab"), BTreeMap::new())] {
-            assert_eq!(voices.read("order/9", &message::encode(&order)), Ok(Said { message: order, run: None }));
-            assert_eq!(voices.read::<Order>("order/8", &message::encode(&order)), Err(Unbelieved::OtherName));
+        for voices in [plain, KeyRing::sealed(name("lab"), BTreeMap::new())] {
+            assert_eq!(voices.read("order/9", &message::encode(&order)), Ok(Verified { message: order, run: None }));
+            assert_eq!(voices.read::<Order>("order/8", &message::encode(&order)), Err(VerificationError::OtherName));
         }
     }
 
@@ -212,6 +212,6 @@ mod tests {
         golden.extend([7, 0, 0, 0, 0, 0, 0, 0, 15, 0, 0, 0, 0, 0, 0, 0]);
         golden.extend(b"vehicle/1/event");
         golden.extend([4, 1, 2]);
-        assert_eq!(Voices::plain(name("lab")).signed_bytes(7, "vehicle/1/event", &[4, 1, 2]), golden);
+        assert_eq!(KeyRing::plain(name("lab")).signed_bytes(7, "vehicle/1/event", &[4, 1, 2]), golden);
     }
 }

@@ -3,7 +3,7 @@
 use std::sync::atomic::AtomicUsize;
 
 use skein_common::message::{ClockAnswer, Health, PeerHealth, decode};
-use skein_common::state::{Activity, Standing};
+use skein_common::state::{Activity, PeerStatus};
 use zenoh::query::Query;
 
 use super::*;
@@ -16,7 +16,7 @@ fn fast() -> u64 {
 
 fn health(sender: u8, sequence: u64, peers: &[u8]) -> Health {
     let peer =
-        |&peer: &u8| PeerHealth { id: id(peer), standing: Standing::Fresh, age_s: 0.0, delay_s: None, clock: None };
+        |&peer: &u8| PeerHealth { id: id(peer), standing: PeerStatus::Fresh, age_s: 0.0, delay_s: None, clock: None };
     Health {
         header: state(sender, sequence).header,
         uptime_s: 1.0,

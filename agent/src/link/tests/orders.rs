@@ -1,14 +1,14 @@
 //! Which orders an agent accepts: an agent with an orders key, an operator, and a node that invents orders.
 
 use super::*;
-use crate::link::seal::SealKey;
+use crate::link::seal::VerificationKey;
 use crate::link::seal::orders::sign;
 use crate::link::seal::tests::sealer;
 
 const RUN: u64 = 77;
 
 /// Trust of an agent that was started in a run and has the operator's key.
-fn trust_in(swarm: &SwarmName, key: SealKey, run: u64) -> Trust {
+fn trust_in(swarm: &SwarmName, key: VerificationKey, run: u64) -> Trust {
     Trust { orders: Some(key), run, ..trust(swarm) }
 }
 
@@ -30,14 +30,14 @@ fn store_heartbeat(link: &Link, session: &Session, sender: u8, order: Order) -> 
     };
     until(link, again, |heard| {
         heard.iter().find_map(|heard| match heard.word {
-            Word::Mission(content) if content.header.sender == id(sender) => Some(content),
+            PeerMessage::Mission(content) if content.header.sender == id(sender) => Some(content),
             _ => None,
         })
     })
 }
 
-fn orders(heard: &[Heard]) -> Vec<Order> {
-    heard.iter().filter_map(|heard| if let Word::Order(order) = heard.word { Some(order) } else { None }).collect()
+fn orders(heard: &[Received]) -> Vec<Order> {
+    heard.iter().filter_map(|heard| if let PeerMessage::Order(order) = heard.word { Some(order) } else { None }).collect()
 }
 
 /// Publishes `bad` orders until all are counted as refused, then the valid order `good` until it is stored; returns all
@@ -115,7 +115,7 @@ fn an_agent_without_a_run_refuses_peers_with_a_run_and_signed_orders() {
     let by_hand = link(hub, 1, trust_in(&swarm, operator.key(), 0));
     let session = open_zenoh(&swarm, &[], &dial, &[]).unwrap();
     for sender in 2..9 {
-        by_hand.receiver.store("vehicle/2/mission", Word::Mission(mission(sender, 1)), Some(RUN));
+        by_hand.receiver.store("vehicle/2/mission", PeerMessage::Mission(mission(sender, 1)), Some(RUN));
     }
     assert_eq!((by_hand.receiver.judge.run(), by_hand.drops().forged), (0, 7), "seven peers agree on a run");
     let bad = [sign(&operator, &swarm, 0, order(9, Verb::Abort)), sign(&operator, &swarm, RUN, order(9, Verb::Abort))];
@@ -135,7 +135,7 @@ fn an_agent_with_a_run_refuses_messages_of_another_run() {
     let (swarm, hub, _) = hub("numbered");
     let agent = link(hub, 1, trust_in(&swarm, sealer().key(), RUN));
     for sender in 2..9 {
-        agent.receiver.store("vehicle/2/mission", Word::Mission(mission(sender, 1)), Some(5));
+        agent.receiver.store("vehicle/2/mission", PeerMessage::Mission(mission(sender, 1)), Some(5));
     }
     assert_eq!(agent.receiver.judge.run(), RUN);
     let mut heard = Vec::new();
@@ -151,19 +151,19 @@ fn strangers_other_plans_and_the_own_id_are_refused_and_counted() {
     let (swarm, hub, _) = hub("strangers");
     let agent = link(hub, 1, Trust { vehicles: 4, ..trust(&swarm) });
     let store = |key: &str, word| agent.receiver.store(key, word, None);
-    store("vehicle/9/cell/0/0/state", Word::State(state(9, 1)));
-    store("vehicle/5/alive", Word::Appeared(id(5)));
-    store("vehicle/1/cell/0/0/state", Word::State(state(1, 1)));
+    store("vehicle/9/cell/0/0/state", PeerMessage::State(state(9, 1)));
+    store("vehicle/5/alive", PeerMessage::Appeared(id(5)));
+    store("vehicle/1/cell/0/0/state", PeerMessage::State(state(1, 1)));
     let other_plan = Mission { plan: 8, ..mission(2, 1) };
-    store("vehicle/2/mission", Word::Mission(other_plan));
-    store("vehicle/4/cell/0/0/state", Word::State(state(4, 2)));
-    store("vehicle/4/cell/3/0/state", Word::State(state(4, 1)));
+    store("vehicle/2/mission", PeerMessage::Mission(other_plan));
+    store("vehicle/4/cell/0/0/state", PeerMessage::State(state(4, 2)));
+    store("vehicle/4/cell/3/0/state", PeerMessage::State(state(4, 1)));
     let mut heard = Vec::new();
     agent.drain(&mut heard);
-    let words: Vec<Word> = heard.iter().map(|heard| heard.word).collect();
+    let words: Vec<PeerMessage> = heard.iter().map(|heard| heard.word).collect();
     assert_eq!(
         words,
-        [Word::Mission(other_plan), Word::State(state(4, 2))],
+        [PeerMessage::Mission(other_plan), PeerMessage::State(state(4, 2))],
         "a vehicle with another plan still counts as up"
     );
     let named: Vec<_> = agent.receiver.refused().into_iter().map(|kind| (kind.reason, kind.key, kind.count)).collect();

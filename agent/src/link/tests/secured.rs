@@ -17,14 +17,14 @@ use rcgen::{
 };
 use rustls_pki_types::CertificateDer;
 use rustls_pki_types::pem::PemObject;
-use skein_common::message::{Happening, PeerHealth};
-use skein_common::state::Standing;
+use skein_common::message::{EventKind, PeerHealth};
+use skein_common::state::PeerStatus;
 use tempfile::TempDir;
 use tokio_rustls::rustls::crypto::ring;
 use tokio_rustls::rustls::version::TLS13;
 use tokio_rustls::rustls::{ClientConfig, ClientConnection, RootCertStore, Stream};
 
-use super::security::{Known, Tls};
+use super::security::{PeerIdentity, Tls};
 use super::tunnel::Tunnel;
 use super::*;
 
@@ -76,8 +76,8 @@ impl Authority {
         file
     }
 
-    fn sealer(&self, name: &str) -> Arc<Sealer> {
-        Arc::new(Sealer::from_pem(&fs::read_to_string(self.key_file(name)).unwrap()).unwrap())
+    fn sealer(&self, name: &str) -> Arc<SigningKey> {
+        Arc::new(SigningKey::from_pem(&fs::read_to_string(self.key_file(name)).unwrap()).unwrap())
     }
 
     fn tls(&self, name: &str) -> Tls {
@@ -94,8 +94,8 @@ impl Authority {
     }
 
     /// Known vehicles; vehicle 3's first certificate name was revoked.
-    fn vehicles(&self) -> BTreeMap<VehicleId, Known> {
-        let known = |name: &str| Known { name: name.to_owned(), key: self.sealer(name).key() };
+    fn vehicles(&self) -> BTreeMap<VehicleId, PeerIdentity> {
+        let known = |name: &str| PeerIdentity { name: name.to_owned(), key: self.sealer(name).key() };
         let names = ["vehicle-1", "vehicle-2", "vehicle-3.2"];
         names.iter().zip(1..).map(|(name, number)| (id(number), known(name))).collect()
     }
@@ -163,7 +163,7 @@ impl Swarm {
 
     /// Lets both vehicles publish states, with `meanwhile` in between, until each has received the other's; repeats
     /// that. Returns everything that they received.
-    fn exchange(&mut self, rounds: u64, mut meanwhile: impl FnMut()) -> Vec<Heard> {
+    fn exchange(&mut self, rounds: u64, mut meanwhile: impl FnMut()) -> Vec<Received> {
         let mut all = Vec::new();
         for _ in 0..rounds {
             let mut waits_for: BTreeSet<u8> = [1, 2].into();
@@ -178,7 +178,7 @@ impl Swarm {
                 for (link, other) in [(&self.one, 2), (&self.two, 1)] {
                     let mut heard = Vec::new();
                     link.drain(&mut heard);
-                    if word(&heard, |word| *word == Word::State(state(other, self.sequence))).is_some() {
+                    if word(&heard, |word| *word == PeerMessage::State(state(other, self.sequence))).is_some() {
                         waits_for.remove(&other);
                     }
                     all.append(&mut heard);
@@ -194,10 +194,10 @@ impl Swarm {
         assert_eq!(heard.iter().find(|heard| is_forged(&heard.word)), None);
         for vehicle in [1, 2] {
             let comes_or_goes =
-                |word: &Word| matches!(word, Word::Appeared(who) | Word::Vanished(who) if who.get() == vehicle);
+                |word: &PeerMessage| matches!(word, PeerMessage::Appeared(who) | PeerMessage::Vanished(who) if who.get() == vehicle);
             // A link may break on a busy computer, but it must be restored.
             let last = heard.iter().rev().find(|heard| comes_or_goes(&heard.word));
-            assert!(!last.is_some_and(|last| matches!(last.word, Word::Vanished(_))), "{last:?}");
+            assert!(!last.is_some_and(|last| matches!(last.word, PeerMessage::Vanished(_))), "{last:?}");
         }
     }
 
@@ -232,12 +232,12 @@ fn secured(tls: Tls) -> Security {
     Security::Tls(tls)
 }
 
-fn is_forged(word: &Word) -> bool {
+fn is_forged(word: &PeerMessage) -> bool {
     match word {
-        Word::State(content) => content.header.incarnation == FORGED,
-        Word::Mission(content) => content.header.incarnation == FORGED,
-        Word::Order(order) => order.issuer == FORGER,
-        Word::Appeared(who) | Word::Vanished(who) => who.get() == ABSENT,
+        PeerMessage::State(content) => content.header.incarnation == FORGED,
+        PeerMessage::Mission(content) => content.header.incarnation == FORGED,
+        PeerMessage::Order(order) => order.issuer == FORGER,
+        PeerMessage::Appeared(who) | PeerMessage::Vanished(who) => who.get() == ABSENT,
     }
 }
 
@@ -247,8 +247,8 @@ fn forged_header(sender: u8) -> Header {
 
 /// Forges messages.
 struct Forger {
-    voices: Voices,
-    sealer: Arc<Sealer>,
+    voices: KeyRing,
+    sealer: Arc<SigningKey>,
 }
 
 impl Forger {
@@ -258,7 +258,7 @@ impl Forger {
             let header = forged_header(sender);
             self.send(session, Topic::State(id(sender), Cell::default()), &State { header, ..state(sender, 1) });
             self.send(session, Topic::Mission(id(sender)), &Mission { header, ..mission(sender, 1) });
-            self.send(session, Topic::Event(id(sender)), &Event { header, what: Happening::Landed });
+            self.send(session, Topic::Event(id(sender)), &Event { header, what: EventKind::Landed });
             send(session, &Topic::Health(id(sender)).key(), b"not a message");
         }
     }

@@ -22,7 +22,7 @@ use x509_parser::certificate::X509Certificate;
 use x509_parser::prelude::FromDer;
 
 use crate::link::LinkError;
-use crate::link::seal::SealKey;
+use crate::link::seal::VerificationKey;
 use crate::link::security::Tls;
 use skein_host::clock::utc_nanoseconds;
 
@@ -41,7 +41,7 @@ pub(in crate::link) struct TlsContext {
     acceptor: TlsAcceptor,
     connector: TlsConnector,
     /// Known common names: a vehicle's with its id and key, an observer's or operator's with `None`.
-    names: BTreeMap<String, Option<(VehicleId, SealKey)>>,
+    names: BTreeMap<String, Option<(VehicleId, VerificationKey)>>,
 }
 
 impl TlsContext {

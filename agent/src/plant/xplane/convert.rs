@@ -10,7 +10,7 @@ use std::f64::consts::TAU;
 use skein_common::frame::{Attitude, BodyRates, Geodetic, Origin, VelocityNed, wrap_rad};
 
 use super::wire::rpos::Position;
-use skein_core::plant::{Measurement, Truth};
+use skein_core::plant::{Measurement, GroundTruth};
 
 /// Largest plausible speed of a helicopter, m/s.
 const MAX_SPEED_M_S: f64 = 500.0;
@@ -63,8 +63,8 @@ pub(super) fn measurement(position: &Position, rotor_speed_rad_s: Option<f64>) -
 }
 
 /// Ground truth of the simulator: its own position.
-pub(super) fn truth(measurement: &Measurement, origin: &Origin) -> Truth {
-    Truth {
+pub(super) fn truth(measurement: &Measurement, origin: &Origin) -> GroundTruth {
+    GroundTruth {
         position: origin.ned_from_geodetic(&measurement.position),
         height_m: measurement.height_m,
         velocity: measurement.velocity,

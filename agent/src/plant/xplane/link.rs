@@ -26,10 +26,10 @@ use super::socket::{Port, Received};
 use super::wire::rpos::{self, Position};
 use super::wire::{PORT, WireError, rref};
 use beacon::Search;
-use controls::Controls;
+use controls::ControlWriter;
 use session::{Indices, Provenance, Sender, Senders, Value};
 use skein_core::aircraft::{Dataref, Profile};
-use skein_core::plant::{Frame, Plant, Sticks, Wake};
+use skein_core::plant::{Frame, Plant, Controls, Wake};
 
 /// Time between two subscriptions, needed because X-Plane forgets its subscribers when it restarts.
 const RESUBSCRIBE: Duration = Duration::from_secs(5);
@@ -110,7 +110,7 @@ pub struct XPlane {
     listen: IpAddr,
     simulator: Option<SocketAddr>,
     search: Option<Search>,
-    controls: Controls,
+    controls: ControlWriter,
     clock: Clock,
     /// When the rotor speed arrived, and its value in revolutions per minute.
     rotor_speed: Option<(Instant, f32)>,
@@ -152,7 +152,7 @@ impl XPlane {
             listen,
             simulator: address,
             search,
-            controls: Controls::new(profile).map_err(LinkError::Profile)?,
+            controls: ControlWriter::new(profile).map_err(LinkError::Profile)?,
             clock: Clock::new(),
             rotor_speed: None,
             version: None,
@@ -365,7 +365,7 @@ impl Plant for XPlane {
         Wake::Deadline
     }
 
-    fn command(&mut self, sticks: Sticks) {
+    fn command(&mut self, sticks: Controls) {
         let Some(simulator) = self.simulator else { return };
         if !sticks.is_within_limits() {
             self.counters.refused_commands += 1;

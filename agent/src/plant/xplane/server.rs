@@ -18,7 +18,7 @@ use super::wire::prel::{self, Placement};
 use super::wire::{WireError, rpos, rref};
 use clients::Clients;
 use datarefs::{Handle, Setting, Settings, Situation};
-use skein_core::plant::{Frame, Sticks};
+use skein_core::plant::{Frame, Controls};
 
 /// A client silent for this long counts as gone where that matters, s. Our agents subscribe again every five seconds.
 const PRESUMED_GONE_S: u64 = 12;
@@ -143,7 +143,7 @@ impl Server {
 
     /// Starts a frame: returns the controls if a client holds them, which it does while an override is 1, from the
     /// first written collective on. An axis without an override springs back to its centre.
-    pub fn take_controls(&mut self) -> Option<Sticks> {
+    pub fn take_controls(&mut self) -> Option<Controls> {
         let is_on = |settings: &Settings, setting| settings.first(setting) != 0.0;
         let has_joystick = is_on(&self.settings, Setting::OverrideJoystick);
         let mut is_held = has_joystick;
@@ -159,7 +159,7 @@ impl Server {
             }
         }
         let stick = |setting| f64::from(self.settings.first(setting));
-        (is_held && self.has_collective).then(|| Sticks {
+        (is_held && self.has_collective).then(|| Controls {
             roll: stick(Setting::Roll),
             pitch: stick(Setting::Pitch),
             yaw: stick(Setting::Yaw),

@@ -20,14 +20,14 @@ pub struct Divergence {
     /// Pairs of runs.
     pub pairs: usize,
     /// Every figure that applies on both sides.
-    pub figures: Vec<Apart>,
+    pub figures: Vec<FigureDifference>,
     /// Keys of figures that only one side has, A's and B's.
     pub one_sided: [Vec<String>; 2],
 }
 
 /// One figure.
 #[derive(Clone, Debug, Serialize)]
-pub struct Apart {
+pub struct FigureDifference {
     /// Its key in `metrics.json`.
     pub key: String,
     /// Median of A; `null` for never.
@@ -39,14 +39,14 @@ pub struct Apart {
     /// That as a share of A's median; `null` if this is 0.
     pub relative: Option<f64>,
     /// The pair that is farthest apart.
-    pub farthest: Both,
+    pub farthest: ComparedPair,
     /// Each pair.
-    pub each: Vec<Both>,
+    pub each: Vec<ComparedPair>,
 }
 
 /// One pair.
 #[derive(Clone, Copy, Debug, Serialize)]
-pub struct Both {
+pub struct ComparedPair {
     /// Of both runs.
     pub seed: u64,
     /// Of A; `null` for never.
@@ -81,16 +81,16 @@ pub fn divergence(paired: &Paired<'_>, only: &[String]) -> Divergence {
     Divergence { a: name(paired.a), b: name(paired.b), pairs: paired.pairs().count(), figures, one_sided }
 }
 
-fn apart(key: &str, each: &[(u64, [f64; 2])]) -> Option<Apart> {
+fn apart(key: &str, each: &[(u64, [f64; 2])]) -> Option<FigureDifference> {
     let finite = |value: f64| value.is_finite().then_some(value);
     let middle = |of: fn(&[f64; 2]) -> f64| {
         median(&mut each.iter().map(|(_, both)| of(both)).collect::<Vec<_>>()).unwrap_or(f64::NAN)
     };
     let size = |both: &[f64; 2]| difference(*both).abs();
-    let both = |&(seed, [a, b]): &(u64, [f64; 2])| Both { seed, a: finite(a), b: finite(b) };
+    let both = |&(seed, [a, b]): &(u64, [f64; 2])| ComparedPair { seed, a: finite(a), b: finite(b) };
     let farthest = each.iter().reduce(|most, next| if size(&next.1) > size(&most.1) { next } else { most })?;
     let (a, difference) = (middle(|both| both[0]), middle(|both| difference(*both)));
-    Some(Apart {
+    Some(FigureDifference {
         key: key.to_owned(),
         a: finite(a),
         b: finite(middle(|both| both[1])),
@@ -123,7 +123,7 @@ pub fn table(divergence: &Divergence) -> String {
     ]);
     for figure in &divergence.figures {
         let relative = figure.relative.map(|share| format!("{:+.1} %", 100.0 * share)).unwrap_or_default();
-        let Both { seed, a, b } = figure.farthest;
+        let ComparedPair { seed, a, b } = figure.farthest;
         let farthest =
             if a == b { "0".to_owned() } else { a.zip(b).map_or("never".to_owned(), |(a, b)| rounded(b - a)) };
         let difference =

@@ -1,7 +1,7 @@
 use std::net::TcpStream;
 use std::sync::mpsc::SyncSender;
 
-use skein_core::formation::external::{Goal, Own};
+use skein_core::formation::external::{QueryGoal, OwnState};
 
 use super::*;
 
@@ -9,9 +9,9 @@ fn id(number: u8) -> VehicleId {
     VehicleId::new(number).unwrap()
 }
 
-fn ask(vehicle: u8, tick: u64) -> Ask {
-    let own = Own { position_ned_m: [0.0; 3], velocity_ned_m_s: [0.0; 3], heading_rad: 0.0, age_s: 0.0 };
-    let goal = Goal {
+fn ask(vehicle: u8, tick: u64) -> LawQuery {
+    let own = OwnState { position_ned_m: [0.0; 3], velocity_ned_m_s: [0.0; 3], heading_rad: 0.0, age_s: 0.0 };
+    let goal = QueryGoal {
         step: 0,
         centre_ned_m: [0.0; 3],
         centre_velocity_ned_m_s: [0.0; 3],
@@ -19,13 +19,13 @@ fn ask(vehicle: u8, tick: u64) -> Ask {
         radius_m: 100.0,
         gamma: 1.0,
     };
-    Ask { vehicle: id(vehicle), tick, time_s: 0.0, dt_s: 0.1, own, peers: Vec::new(), goal }
+    LawQuery { vehicle: id(vehicle), tick, time_s: 0.0, dt_s: 0.1, own, peers: Vec::new(), goal }
 }
 
 /// A scripted law of several vehicles, and the queue that holds what it sends.
 struct Script {
     conversation: Conversation,
-    says: SyncSender<Word>,
+    says: SyncSender<LawInput>,
     _far_end: TcpStream,
 }
 
@@ -33,14 +33,14 @@ impl Script {
     fn of(vehicles: &[u8]) -> Self {
         let listener = TcpListener::bind("127.0.0.1:0").unwrap();
         let far_end = TcpStream::connect(listener.local_addr().unwrap()).unwrap();
-        let session = Talk::connection(listener.accept().unwrap().0, |_, _| true).unwrap();
+        let session = LawSession::connection(listener.accept().unwrap().0, |_, _| true).unwrap();
         let (says, words) = sync_channel(QUEUE);
         let vehicles = vehicles.iter().map(|&vehicle| id(vehicle)).collect();
         Self { conversation: Conversation::new(vehicles, session, words), says, _far_end: far_end }
     }
 
     fn say(&self, line: &str) {
-        self.says.send(Word::Data(line.as_bytes().to_vec())).unwrap();
+        self.says.send(LawInput::Data(line.as_bytes().to_vec())).unwrap();
     }
 
     fn answer(&self, vehicle: u8, tick: u64) {
@@ -49,9 +49,9 @@ impl Script {
 
     /// Queries the law for every vehicle and returns the vehicles that got an answer.
     fn wait_for_answers(&mut self, tick: u64) -> Vec<u8> {
-        let asks: Vec<Ask> = self.conversation.vehicles.iter().map(|id| ask(id.get(), tick)).collect();
+        let asks: Vec<LawQuery> = self.conversation.vehicles.iter().map(|id| ask(id.get(), tick)).collect();
         let mut answered = Vec::new();
-        let give = |answer: Answer| {
+        let give = |answer: LawReply| {
             assert_eq!(answer.tick, tick);
             answered.push(answer.vehicle.get());
         };

@@ -4,7 +4,7 @@ use std::net::{TcpListener, UdpSocket};
 
 use skein_common::scenario::Scenario;
 use skein_host::external::protocol::Time;
-use skein_host::external::{ExternalError, Way, port_of};
+use skein_host::external::{ExternalError, LawTransport, port_of};
 
 use super::{LawError, Laws};
 
@@ -25,9 +25,9 @@ impl Trial {
     /// The law cannot be reached, or does not report that it is ready.
     pub fn check(&mut self, scenario: &Scenario, time: Time) -> Result<(), LawError> {
         let last = self.0.take();
-        let Some(transport) = Way::of(scenario)? else { return Ok(()) };
+        let Some(transport) = LawTransport::of(scenario)? else { return Ok(()) };
         match &transport {
-            Way::Command(_) => {
+            LawTransport::Command(_) => {
                 let mut laws = match last.filter(|last| last.transport == transport) {
                     Some(laws) => laws,
                     None => Laws::start(transport, scenario.ids().take(1))?,
@@ -35,7 +35,7 @@ impl Trial {
                 laws.begin_run(scenario)?;
                 self.0 = Some(laws);
             }
-            Way::Listen(host, first) => {
+            LawTransport::Listen(host, first) => {
                 let ports: Vec<u16> = match time {
                     // In virtual time one law serves all vehicles.
                     Time::Virtual => vec![*first],
@@ -46,7 +46,7 @@ impl Trial {
                     taken.map_err(|error| ExternalError::Port(format!("{host}:{port}"), error))
                 })?;
             }
-            Way::Udp { ask, answer } => scenario.ids().try_for_each(|id| {
+            LawTransport::Udp { ask, answer } => scenario.ids().try_for_each(|id| {
                 port_of(ask.1, id)?;
                 let port = port_of(answer.1, id)?;
                 let taken = UdpSocket::bind((answer.0.as_str(), port)).map(drop);

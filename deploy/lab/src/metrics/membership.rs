@@ -3,7 +3,7 @@
 use std::mem;
 
 use skein_common::id::{VehicleId, VehicleSet};
-use skein_common::message::Happening;
+use skein_common::message::EventKind;
 
 use super::series::Worst;
 use super::{VehicleNow, index};
@@ -138,15 +138,15 @@ impl Membership {
     }
 
     /// Observes an event that a vehicle reported of itself.
-    pub(super) fn reported(&mut self, t_s: f64, speaker: VehicleId, what: &Happening) {
+    pub(super) fn reported(&mut self, t_s: f64, speaker: VehicleId, what: &EventKind) {
         match what {
             // Judged at the next observation: in a live run the report may arrive before the death itself.
-            Happening::PeerLost(lost) => self.suspected.push((*lost, speaker)),
-            Happening::Failed(_)
-            | Happening::OwnDataStale
-            | Happening::SimulatorLost
-            | Happening::ControlFault
-            | Happening::ClockJumped => {
+            EventKind::PeerLost(lost) => self.suspected.push((*lost, speaker)),
+            EventKind::Failed(_)
+            | EventKind::OwnDataStale
+            | EventKind::SimulatorLost
+            | EventKind::ControlFault
+            | EventKind::ClockJumped => {
                 for (_, since_s) in self.failed.extract_if(.., |(failed, _)| *failed == speaker) {
                     self.response.add_time(t_s - since_s);
                 }

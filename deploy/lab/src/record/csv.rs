@@ -10,9 +10,9 @@ use std::path::{Path, PathBuf};
 use csv::Writer;
 use skein_common::message::Trace;
 
-use super::reader::{Whole, read_all};
+use super::reader::{FullRecording, read_all};
 use super::{RecordError, format};
-use crate::recording::{Recording, Step, What};
+use crate::recording::{Recording, Step, NotedKind};
 
 /// Writes `trace.csv`, `peers.csv`, `laws.csv` and `events.csv` of a recording into a folder and returns their paths.
 ///
@@ -21,7 +21,7 @@ use crate::recording::{Recording, Step, What};
 /// # Errors
 /// The recording cannot be read, or a table cannot be written.
 pub fn csv(recording: &Path, folder: &Path) -> Result<Vec<PathBuf>, RecordError> {
-    let Whole { recording, .. } = read_all(recording)?;
+    let FullRecording { recording, .. } = read_all(recording)?;
     std::fs::create_dir_all(folder).map_err(|error| RecordError::Io { path: folder.to_owned(), error })?;
     type Table = fn(&mut Writer<File>, &Recording) -> csv::Result<()>;
     let tables: [(&str, Table); 4] =
@@ -136,8 +136,8 @@ fn events(to: &mut Writer<File>, recording: &Recording) -> csv::Result<()> {
     to.write_record(["t_s", "kind", "vehicle", "text"])?;
     for noted in &recording.noted {
         let (kind, vehicle, what) = match &noted.what {
-            What::Event(id, what) => ("event", Some(*id), what.to_string()),
-            What::Fault(incident) => ("fault", format::vehicle_of(incident), incident.to_string()),
+            NotedKind::Event(id, what) => ("event", Some(*id), what.to_string()),
+            NotedKind::Fault(incident) => ("fault", format::vehicle_of(incident), incident.to_string()),
         };
         to.write_record([noted.t_s.to_string(), kind.to_owned(), number(vehicle), what])?;
     }

@@ -7,9 +7,9 @@ use mcap::records::Metadata;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use skein_common::id::{Incarnation, VehicleId};
-use skein_common::message::Happening;
+use skein_common::message::EventKind;
 
-use crate::faults::Incident;
+use crate::faults::InjectedFault;
 
 /// Version of the format; a change that older programs cannot read increases it.
 pub(super) const FORMAT: &str = "1";
@@ -85,7 +85,7 @@ pub(super) struct EventLine<'a> {
     /// The event as text.
     pub(super) text: Cow<'a, str>,
     /// The event as data: a name, or a name with its values.
-    pub(super) what: Happening,
+    pub(super) what: EventKind,
 }
 
 /// A fault that was injected into the swarm: a message on `/faults`.
@@ -96,7 +96,7 @@ pub(super) struct FaultLine<'a> {
     /// The fault as text.
     pub(super) text: Cow<'a, str>,
     /// The fault as data: a name, or a name with its values.
-    pub(super) what: Cow<'a, Incident>,
+    pub(super) what: Cow<'a, InjectedFault>,
 }
 
 /// Log time of the instant `t_s` seconds after log time `zero_ns`, ns.
@@ -119,9 +119,9 @@ pub(super) fn spelling(choice: &impl Serialize) -> String {
 }
 
 /// The vehicle that a fault affects; `None` if it affects links.
-pub(super) fn vehicle_of(incident: &Incident) -> Option<VehicleId> {
+pub(super) fn vehicle_of(incident: &InjectedFault) -> Option<VehicleId> {
     match incident {
-        Incident::Died(id) | Incident::Restarted(id) | Incident::Failed(id, _) => Some(*id),
-        Incident::Cut { .. } | Incident::Healed { .. } | Incident::Delayed { .. } | Incident::DelayOver { .. } => None,
+        InjectedFault::Died(id) | InjectedFault::Restarted(id) | InjectedFault::Failed(id, _) => Some(*id),
+        InjectedFault::Cut { .. } | InjectedFault::Healed { .. } | InjectedFault::Delayed { .. } | InjectedFault::DelayOver { .. } => None,
     }
 }

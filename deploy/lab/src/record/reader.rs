@@ -14,7 +14,7 @@ use super::RecordError;
 use super::format::{self, EventLine, FaultLine, seconds_since};
 use super::scan::{Found, Piece, scan};
 use crate::metrics::Run;
-use crate::recording::{Noted, Recording, Step, What};
+use crate::recording::{Noted, Recording, Step, NotedKind};
 
 /// Reads the steps, events and faults of a recording that lie in the figures' window.
 ///
@@ -34,14 +34,14 @@ pub fn read(path: &Path) -> Result<Recording, RecordError> {
 
 /// Everything in a file, including steps before and after the figures' window.
 #[derive(Debug)]
-pub(super) struct Whole {
+pub(super) struct FullRecording {
     /// The recording; times before the window are negative.
     pub(super) recording: Recording,
     /// End of the window, s; `None` if the file is cut off before it.
     pub(super) end_s: Option<f64>,
 }
 
-pub(super) fn read_all(path: &Path) -> Result<Whole, RecordError> {
+pub(super) fn read_all(path: &Path) -> Result<FullRecording, RecordError> {
     let bytes = fs::read(path).map_err(|error| RecordError::Io { path: path.to_owned(), error })?;
     let mut pieces = Pieces::default();
     scan(&bytes, |piece| pieces.take(piece))
@@ -69,7 +69,7 @@ struct Pieces {
     /// Whether this file was repaired or merged from a file with damaged records outside chunks.
     lacks_records: bool,
     steps: Vec<(u64, Trace)>,
-    noted: Vec<(u64, EventId, What)>,
+    noted: Vec<(u64, EventId, NotedKind)>,
 }
 
 impl Pieces {
@@ -110,11 +110,11 @@ impl Pieces {
                     Some((incarnation, sequence)) => EventId::Numbered(vehicle, incarnation, sequence),
                     None => EventId::Described(log_time_ns, Some(vehicle), text.into_owned()),
                 };
-                (name, What::Event(vehicle, what))
+                (name, NotedKind::Event(vehicle, what))
             }
             (None, format::FAULTS) => {
                 let FaultLine { vehicle, text, what } = parse(topic, data)?;
-                (EventId::Described(log_time_ns, vehicle, text.into_owned()), What::Fault(what.into_owned()))
+                (EventId::Described(log_time_ns, vehicle, text.into_owned()), NotedKind::Fault(what.into_owned()))
             }
             // Other topics repeat the data above in a form for display.
             _ => return Ok(()),
@@ -123,7 +123,7 @@ impl Pieces {
         Ok(())
     }
 
-    fn assemble(self, found: &Found) -> Result<Whole, RecordError> {
+    fn assemble(self, found: &Found) -> Result<FullRecording, RecordError> {
         // A damaged record may have been the beginning or the end of the window: then steps would have wrong times, or
         // steps from after the window would count.
         let lacks_records = self.lacks_records || found.damaged_outside_chunks > 0;
@@ -161,7 +161,7 @@ impl Pieces {
         });
         recording.noted = once.collect();
         recording.noted.sort_by(|one, two| one.t_s.total_cmp(&two.t_s));
-        Ok(Whole { recording, end_s: self.ends_ns.map(|ends_ns| seconds_since(zero_ns, ends_ns)) })
+        Ok(FullRecording { recording, end_s: self.ends_ns.map(|ends_ns| seconds_since(zero_ns, ends_ns)) })
     }
 }
 

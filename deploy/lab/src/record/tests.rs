@@ -2,14 +2,14 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use serde_json::Value;
 use skein_common::id::{Incarnation, VehicleId};
-use skein_common::message::{Failure, Happening, Header, LawNumber, Order, Seal, Trace, Verb};
+use skein_common::message::{Failure, EventKind, Header, LawNumber, Order, Signature, Trace, Verb};
 use skein_core::aircraft::Aircraft;
 use skein_core::control::Rules;
 
 use super::format::{log_time_ns, seconds_since, traced};
 use super::*;
 use crate::external::LawPool;
-use crate::faults::Incident;
+use crate::faults::InjectedFault;
 use crate::metrics::Run;
 use crate::recording::Recording;
 use crate::scenario::ScenarioArgs;
@@ -84,7 +84,7 @@ fn mismatch(schema: &Value, value: &Value, path: &str) -> Option<String> {
 fn every_recorded_message_is_as_its_schema_describes() {
     let loaded = ScenarioArgs::default().read(vec!["swarm.vehicles=2".to_owned()]).unwrap();
     let (scenario, text) = (&loaded.scenario, loaded.to_toml());
-    let about = About { scenario, scenario_toml: &text, run: &Run::new(scenario, "study"), clock: "" };
+    let about = RecordingInfo { scenario, scenario_toml: &text, run: &Run::new(scenario, "study"), clock: "" };
     let mut writer = Writer::new(std::io::Cursor::new(Vec::new()), &about, 0).unwrap();
     let mut steps = steps();
     // A law's numbers, and what only flights in real time have.
@@ -93,19 +93,19 @@ fn every_recorded_message_is_as_its_schema_describes() {
     (last.step_us, last.law_misses, last.sticks) = (Some(80.0), Some(1), None);
     steps.iter().for_each(|step| writer.step(0, step));
     let [one, two] = [1, 2].map(|number| VehicleId::new(number).unwrap());
-    let order = Order { epoch: 1, issuer: 7, verb: Verb::Goto(1), seal: Some(Seal::from_bytes([9; Seal::BYTES])) };
+    let order = Order { epoch: 1, issuer: 7, verb: Verb::Goto(1), seal: Some(Signature::from_bytes([9; Signature::BYTES])) };
     for what in [
-        Happening::AtAltitude,
-        Happening::PeerLost(two),
-        Happening::Failed(Failure::Gyro),
-        Happening::OrderTaken(order),
-        Happening::ForcedAdvance { to: 2, without: [two].into_iter().collect() },
+        EventKind::AtAltitude,
+        EventKind::PeerLost(two),
+        EventKind::Failed(Failure::Gyro),
+        EventKind::OrderTaken(order),
+        EventKind::ForcedAdvance { to: 2, without: [two].into_iter().collect() },
     ] {
         writer.event(0, one, Some(&steps[0].header), &what);
         writer.event(0, one, None, &what);
     }
     let links = vec![(one, two)];
-    let faults = [Incident::Died(one), Incident::Failed(one, "servo_stuck"), Incident::Cut { links }];
+    let faults = [InjectedFault::Died(one), InjectedFault::Failed(one, "servo_stuck"), InjectedFault::Cut { links }];
     faults.iter().for_each(|fault| writer.incident(0, fault));
     let bytes = writer.finish(0).unwrap().into_inner();
     let mut checked = BTreeMap::new();
@@ -171,11 +171,11 @@ fn what_a_schema_does_not_describe_is_found() {
 #[test]
 fn a_fault_reads_back_as_it_was_recorded() {
     let [one, two] = [1, 2].map(|number| VehicleId::new(number).unwrap());
-    for what in [Incident::Failed(one, "servo_stuck"), Incident::Cut { links: vec![(one, two)] }] {
+    for what in [InjectedFault::Failed(one, "servo_stuck"), InjectedFault::Cut { links: vec![(one, two)] }] {
         let line = serde_json::to_string(&what).unwrap();
-        assert_eq!(serde_json::from_str::<Incident>(&line).unwrap(), what);
+        assert_eq!(serde_json::from_str::<InjectedFault>(&line).unwrap(), what);
     }
-    assert!(serde_json::from_str::<Incident>(r#"{"Failed":[1,"bored"]}"#).is_err(), "not a fault of any scenario");
+    assert!(serde_json::from_str::<InjectedFault>(r#"{"Failed":[1,"bored"]}"#).is_err(), "not a fault of any scenario");
 }
 
 #[test]
@@ -183,14 +183,14 @@ fn an_event_that_two_recorders_heard_counts_once() {
     let folder = tempfile::tempdir().unwrap();
     let loaded = ScenarioArgs::default().read(vec!["swarm.vehicles=2".to_owned()]).unwrap();
     let (scenario, text) = (&loaded.scenario, loaded.to_toml());
-    let about = About { scenario, scenario_toml: &text, run: &Run::new(scenario, "fly"), clock: "" };
+    let about = RecordingInfo { scenario, scenario_toml: &text, run: &Run::new(scenario, "fly"), clock: "" };
     let header = steps()[0].header;
     // The second recorder hears it a little later, and a restarted agent says the same in another life.
     let heard = |life: u64, sequence| Header { incarnation: Incarnation(life), sequence, ..header };
     let recorded = |name: &str, late_ns: u64| {
         let mut writer = Writer::new(std::io::Cursor::new(Vec::new()), &about, 0).unwrap();
         for (nth, header) in [heard(1, 1), heard(1, 2), heard(2, 1)].iter().enumerate() {
-            writer.event(1_000 * nth as u64 + late_ns, header.sender, Some(header), &Happening::AtAltitude);
+            writer.event(1_000 * nth as u64 + late_ns, header.sender, Some(header), &EventKind::AtAltitude);
         }
         let path = folder.path().join(name);
         std::fs::write(&path, writer.finish(0).unwrap().into_inner()).unwrap();
@@ -224,7 +224,7 @@ fn topics_name_their_vehicle() {
 fn a_step_with_impossible_numbers_is_counted_and_the_rest_is_there() {
     let loaded = ScenarioArgs::default().read(vec!["swarm.vehicles=2".to_owned()]).unwrap();
     let (scenario, text) = (&loaded.scenario, loaded.to_toml());
-    let about = About { scenario, scenario_toml: &text, run: &Run::new(scenario, "study"), clock: "" };
+    let about = RecordingInfo { scenario, scenario_toml: &text, run: &Run::new(scenario, "study"), clock: "" };
     let mut writer = Writer::new(std::io::Cursor::new(Vec::new()), &about, 0).unwrap();
     let steps = steps();
     let mut broken = steps[1].clone();

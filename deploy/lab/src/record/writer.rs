@@ -12,13 +12,13 @@ use serde::Serialize;
 use serde_json::Value;
 use skein_common::frame::Origin;
 use skein_common::id::VehicleId;
-use skein_common::message::{Happening, Header, Message, Trace};
+use skein_common::message::{EventKind, Header, Message, Trace};
 use skein_common::scenario::{Formation, Scenario};
 use skein_common::state::Membership;
 
 use super::format::{self, EventLine, FaultLine, log_time_ns, seconds_since};
 use super::{RecordError, scene, schema};
-use crate::faults::Incident;
+use crate::faults::InjectedFault;
 use crate::metrics::Run;
 use crate::recording::Watch;
 
@@ -29,7 +29,7 @@ const SILENT_S: f64 = 1.0;
 
 /// The description of a flight at the beginning of its recording.
 #[derive(Clone, Copy, Debug)]
-pub struct About<'a> {
+pub struct RecordingInfo<'a> {
     /// The scenario that flies.
     pub scenario: &'a Scenario,
     /// The scenario as a complete TOML file.
@@ -82,7 +82,7 @@ impl<W: Write + Seek> Writer<W> {
     ///
     /// # Errors
     /// The recording cannot be written.
-    pub fn new(to: W, about: &About<'_>, zero_ns: u64) -> Result<Self, RecordError> {
+    pub fn new(to: W, about: &RecordingInfo<'_>, zero_ns: u64) -> Result<Self, RecordError> {
         let mut mcap = options().create(to)?;
         mcap.write_metadata(&format::record(format::RUN, run_record(about)))?;
         mcap.attach(&Attachment {
@@ -130,16 +130,16 @@ impl<W: Write + Seek> Writer<W> {
     }
 
     /// Records an event that a vehicle reported of itself, with the header of its message if it came over the network.
-    pub fn event(&mut self, log_time_ns: u64, speaker: VehicleId, header: Option<&Header>, what: &Happening) {
+    pub fn event(&mut self, log_time_ns: u64, speaker: VehicleId, header: Option<&Header>, what: &EventKind) {
         let text = what.to_string();
-        self.note(log_time_ns, matches!(what, Happening::Failed(_)), format!("vehicle {speaker}"), text.clone());
+        self.note(log_time_ns, matches!(what, EventKind::Failed(_)), format!("vehicle {speaker}"), text.clone());
         let (incarnation, sequence) = header.map(|header| (header.incarnation, header.sequence)).unzip();
         let line = EventLine { vehicle: speaker, incarnation, sequence, text: text.into(), what: *what };
         self.write_json(|channels| Some(&mut channels.events), log_time_ns, &line);
     }
 
     /// Records a fault that was injected into the swarm.
-    pub fn incident(&mut self, log_time_ns: u64, incident: &Incident) {
+    pub fn incident(&mut self, log_time_ns: u64, incident: &InjectedFault) {
         let text = incident.to_string();
         self.note(log_time_ns, true, "swarm".to_owned(), text.clone());
         let line =
@@ -277,11 +277,11 @@ impl<W: Write + Seek> Watch for Writer<W> {
         Self::step(self, log_time_ns(self.zero_ns, t_s), trace);
     }
 
-    fn event(&mut self, t_s: f64, speaker: VehicleId, what: &Happening) {
+    fn event(&mut self, t_s: f64, speaker: VehicleId, what: &EventKind) {
         Self::event(self, log_time_ns(self.zero_ns, t_s), speaker, None, what);
     }
 
-    fn incident(&mut self, t_s: f64, incident: &Incident) {
+    fn incident(&mut self, t_s: f64, incident: &InjectedFault) {
         Self::incident(self, log_time_ns(self.zero_ns, t_s), incident);
     }
 }
@@ -328,7 +328,7 @@ fn foxglove_schema<M: Encode, W: Write + Seek>(mcap: &mut mcap::Writer<W>) -> Re
     Ok((mcap.add_schema(&schema.name, &schema.encoding, &schema.data)?, "protobuf"))
 }
 
-fn run_record(about: &About<'_>) -> BTreeMap<String, String> {
+fn run_record(about: &RecordingInfo<'_>) -> BTreeMap<String, String> {
     let Run { scenario, target, seed, version, revision, .. } = about.run;
     let entries = [
         ("format", format::FORMAT.to_owned()),

@@ -23,7 +23,7 @@ use serde_json::{Value, json};
 use skein_common::scenario::{Loaded, Scenario};
 use skein_core::aircraft::Aircraft;
 use skein_core::start::starts;
-use skein_host::atomic_file::{self, Promise};
+use skein_host::atomic_file::{self, Durability};
 use skein_host::external::is_external;
 use skein_host::external::protocol::Time;
 
@@ -293,7 +293,7 @@ impl std::fmt::Display for Run<'_> {
 pub fn write(path: &Path, text: &str) -> Result<(), Error> {
     let written = || {
         path.parent().map_or(Ok(()), fs::create_dir_all)?;
-        atomic_file::write(path, text.as_bytes(), Promise::Atomic)
+        atomic_file::write(path, text.as_bytes(), Durability::Atomic)
     };
     written().map_err(|error| Error::Failed(format!("{}: {error}", path.display())))
 }

@@ -13,7 +13,7 @@ use super::plan::{Plan, Run};
 use super::{Study, StudyError};
 use crate::error::Error;
 use crate::metrics::{Report, Run as Flight, WALL_CLOCK_KEYS};
-use crate::record::{self, About, Draft, RecordError, Writer, log_time_ns};
+use crate::record::{self, RecordingInfo, Draft, RecordError, Writer, log_time_ns};
 use skein_host::parallel::in_parallel;
 
 /// Records what the scenario of each point asks for, beside the figures of the run. What is there already is left.
@@ -86,7 +86,7 @@ const CLOCK: &str = "virtual: 0 is the beginning of the window of the figures";
 pub fn record_run(study: &Study, seed: u64, as_flown: &str, path: &Path) -> Result<Report, RecordRunError> {
     let scenario = Scenario { seed, ..study.scenario.clone() };
     let run = Flight::new(&scenario, "study");
-    let about = About { scenario: &scenario, scenario_toml: as_flown, run: &run, clock: CLOCK };
+    let about = RecordingInfo { scenario: &scenario, scenario_toml: as_flown, run: &run, clock: CLOCK };
     let draft = Draft::new(path);
     let mut writer = Writer::new(BufWriter::new(draft.create()?), &about, 0)?;
     writer.window_begins(0);

@@ -11,7 +11,7 @@
 //! soon as they are computed.
 //!
 //! Every datagram crosses the scenario's network. The controller counts as one more vehicle on it, at the origin; the
-//! controller and every aircraft receive through an [`Ear`]. If controls are lost, the aircraft keeps its last ones; if
+//! controller and every aircraft receive through an [`Impairments`]. If controls are lost, the aircraft keeps its last ones; if
 //! they arrive out of order, the newest count. The agents exchange all messages without loss, one frame of the
 //! controller later. An external law answers a central controller as it would answer many agents.
 //!
@@ -33,17 +33,17 @@ use skein_common::state::VehicleState;
 use skein_common::time::{LocalTime, PlantTime};
 use skein_core::agent::Outputs;
 use skein_core::aircraft::Aircraft;
-use skein_core::formation::external::Ask;
-use skein_core::impairments::{Ear, Whereabouts};
+use skein_core::formation::external::LawQuery;
+use skein_core::impairments::{Impairments, ReceiverPosition};
 use skein_core::outbox::Outbox;
-use skein_core::peers::{Heard, Word};
-use skein_core::plant::{Measurement, Sticks};
+use skein_core::peers::{Received, PeerMessage};
+use skein_core::plant::{Measurement, Controls};
 
 use super::TICK_NS;
 use super::driver::{Driver, TakeOutputs};
-use super::script::Deed;
+use super::script::ScriptedAction;
 use super::vehicle::Vehicle;
-use crate::faults::{Agenda, control_kills};
+use crate::faults::{Schedule, control_kills};
 use crate::metrics::Totals;
 
 /// Size of the state that an aircraft sends in a frame, bytes: X-Plane's RPOS. The rotor speed is not counted, because
@@ -64,14 +64,14 @@ pub(super) struct Central {
     place: Geodetic,
     /// Time to compute one vehicle's step, s.
     step_s: f64,
-    outages: Agenda<Deed>,
+    outages: Schedule<ScriptedAction>,
     is_running: bool,
     /// Time at which the current frame is computed.
     busy_until: LocalTime,
-    ear: Ear,
+    ear: Impairments,
     /// One link for each vehicle, in the order of ids.
     links: Vec<AircraftLink>,
-    heard: Vec<Heard>,
+    heard: Vec<Received>,
     totals: Totals,
 }
 
@@ -79,27 +79,27 @@ pub(super) struct Central {
 #[derive(Debug)]
 struct AircraftLink {
     /// Impairments of what the aircraft receives.
-    ear: Ear,
-    states: UnderWay<(PlantTime, Measurement)>,
-    controls: UnderWay<Sticks>,
+    ear: Impairments,
+    states: InFlight<(PlantTime, Measurement)>,
+    controls: InFlight<Controls>,
     /// The newest state that has arrived and that no step has used yet.
     newest: Option<(PlantTime, Measurement)>,
     /// Plant time of the last state that a step used.
     plant_time: PlantTime,
     /// Controls that are not sent yet, with the times at which they are computed.
-    computed: VecDeque<Heard>,
+    computed: VecDeque<Received>,
     simulator_frozen: bool,
 }
 
 /// The contents of datagrams that may still arrive, by number: the simulated network carries only the number.
 #[derive(Debug)]
-struct UnderWay<T> {
+struct InFlight<T> {
     sent: VecDeque<T>,
     /// Number of the first entry of `sent`.
     first: u64,
 }
 
-impl<T> UnderWay<T> {
+impl<T> InFlight<T> {
     fn new() -> Self {
         Self { sent: VecDeque::new(), first: 0 }
     }
@@ -146,17 +146,17 @@ impl Central {
         let (network, id) = with_central_controller(scenario);
         let mut outages = Vec::new();
         for dead in control_kills(&scenario.mission.events) {
-            outages.extend([(dead.start, Deed::Kill), (dead.end, Deed::Restart)]);
+            outages.extend([(dead.start, ScriptedAction::Kill), (dead.end, ScriptedAction::Restart)]);
         }
         Self {
             id,
             place: scenario.origin.geodetic(),
             step_s: scenario.control.central_step_s,
-            outages: Agenda::new(outages),
+            outages: Schedule::new(outages),
             is_running: true,
             busy_until: LocalTime::ZERO,
-            ear: Ear::new(&network, id),
-            links: scenario.ids().map(|id| AircraftLink::new(Ear::new(&network, id))).collect(),
+            ear: Impairments::new(&network, id),
+            links: scenario.ids().map(|id| AircraftLink::new(Impairments::new(&network, id))).collect(),
             heard: Vec::new(),
             totals: Totals::default(),
         }
@@ -186,7 +186,7 @@ impl Central {
             self.totals.state_bytes += STATE_BYTES;
         }
         let flown_s = vehicles.iter().filter_map(|vehicle| vehicle.clocks().flown_s(now)).reduce(f64::max);
-        let here = Whereabouts { flown_s, position: Some(PositionNed::default()) };
+        let here = ReceiverPosition { flown_s, position: Some(PositionNed::default()) };
         self.ear.receive(now, here, sent, &mut self.heard);
         for (sender, number) in self.heard.drain(..).filter_map(datagram_number) {
             let link = self.links.get_mut(usize::from(sender.get()) - 1);
@@ -207,7 +207,7 @@ impl Central {
     }
 
     /// Steps one vehicle's agent in the frame that begins now. Returns the messages and the query that the agent sends.
-    fn step(&mut self, now: LocalTime, vehicle: &mut Vehicle) -> Option<(Outbox, Option<Ask>)> {
+    fn step(&mut self, now: LocalTime, vehicle: &mut Vehicle) -> Option<(Outbox, Option<LawQuery>)> {
         let rank = usize::from(vehicle.id.get());
         let link = self.links.get_mut(rank - 1)?;
         let newest = link.newest.take();
@@ -229,7 +229,7 @@ impl Central {
             let computed = link.computed.partition_point(|controls| controls.at <= next_frame);
             self.totals.state_messages += computed as u64;
             self.totals.state_bytes += computed as u64 * CONTROLS_BYTES;
-            let there = Whereabouts { flown_s: vehicle.clocks().flown_s(now), position: Some(vehicle.truth.position) };
+            let there = ReceiverPosition { flown_s: vehicle.clocks().flown_s(now), position: Some(vehicle.truth.position) };
             link.ear.receive(next_frame, there, link.computed.drain(..computed), &mut self.heard);
             for (_, number) in self.heard.drain(..).filter_map(datagram_number) {
                 vehicle.command = link.controls.arrive(number).or(vehicle.command);
@@ -269,9 +269,9 @@ impl Driver for Central {
     }
 
     /// Takes the next outage or restart of the controller. An outage discards controls that are computed and not sent.
-    fn due(&mut self, flown_s: f64) -> Option<Deed> {
+    fn due(&mut self, flown_s: f64) -> Option<ScriptedAction> {
         let deed = self.outages.due(flown_s)?;
-        self.is_running = deed != Deed::Kill;
+        self.is_running = deed != ScriptedAction::Kill;
         if !self.is_running {
             self.busy_until = LocalTime::ZERO;
             self.links.iter_mut().for_each(|link| link.computed.clear());
@@ -298,11 +298,11 @@ impl Driver for Central {
 }
 
 impl AircraftLink {
-    fn new(ear: Ear) -> Self {
+    fn new(ear: Impairments) -> Self {
         Self {
             ear,
-            states: UnderWay::new(),
-            controls: UnderWay::new(),
+            states: InFlight::new(),
+            controls: InFlight::new(),
             newest: None,
             plant_time: PlantTime::ZERO,
             computed: VecDeque::new(),
@@ -312,14 +312,14 @@ impl AircraftLink {
 }
 
 /// A datagram as the simulated network carries it: sender, position and number.
-fn numbered_datagram(sender: VehicleId, sequence: u64, state: VehicleState, at: LocalTime) -> Heard {
+fn numbered_datagram(sender: VehicleId, sequence: u64, state: VehicleState, at: LocalTime) -> Received {
     let header = Header { sender, incarnation: Incarnation(1), sequence, stamp: at.into() };
-    Heard { word: Word::State(State { header, state }), at }
+    Received { word: PeerMessage::State(State { header, state }), at }
 }
 
-fn datagram_number(heard: Heard) -> Option<(VehicleId, u64)> {
+fn datagram_number(heard: Received) -> Option<(VehicleId, u64)> {
     match heard.word {
-        Word::State(State { header, .. }) => Some((header.sender, header.sequence)),
+        PeerMessage::State(State { header, .. }) => Some((header.sender, header.sequence)),
         _ => None,
     }
 }
@@ -330,7 +330,7 @@ mod tests {
 
     #[test]
     fn a_newer_datagram_replaces_those_in_flight_before_it() {
-        let mut in_flight = UnderWay::new();
+        let mut in_flight = InFlight::new();
         let numbers: Vec<u64> = ["a", "b", "c", "d"].into_iter().map(|what| in_flight.send(what)).collect();
         assert_eq!(numbers, [0, 1, 2, 3]);
         assert_eq!(in_flight.arrive(2), Some("c"), "a and b are late or lost");
@@ -343,7 +343,7 @@ mod tests {
 
     #[test]
     fn datagrams_that_never_arrive_are_dropped() {
-        let mut in_flight = UnderWay::new();
+        let mut in_flight = InFlight::new();
         let last = (0..2 * MAX_IN_FLIGHT).map(|what| in_flight.send(what)).last();
         assert_eq!(in_flight.sent.len(), MAX_IN_FLIGHT);
         assert_eq!(in_flight.arrive(0), None);

@@ -6,15 +6,15 @@ use skein_common::scenario::Scenario;
 use skein_common::time::LocalTime;
 use skein_core::agent::Outputs;
 use skein_core::aircraft::Aircraft;
-use skein_core::formation::external::Ask;
+use skein_core::formation::external::LawQuery;
 use skein_core::outbox::Outbox;
 
-use super::script::Deed;
+use super::script::ScriptedAction;
 use super::vehicle::Vehicle;
 use crate::metrics::Totals;
 
 /// Accepts the messages and the query that the agent of a vehicle sends in one step.
-pub(super) type TakeOutputs<'a> = dyn FnMut(&mut Vehicle, Outbox, Option<Ask>) + 'a;
+pub(super) type TakeOutputs<'a> = dyn FnMut(&mut Vehicle, Outbox, Option<LawQuery>) + 'a;
 
 /// Steps the agents and the vehicles of a world, one frame at a time.
 pub(super) trait Driver: Debug {
@@ -28,7 +28,7 @@ pub(super) trait Driver: Debug {
     fn agents_receive(&self, now: LocalTime) -> bool;
 
     /// Takes the next action on all agents that is due at this time after the first take-off, s.
-    fn due(&mut self, flown_s: f64) -> Option<Deed>;
+    fn due(&mut self, flown_s: f64) -> Option<ScriptedAction>;
 
     /// Simulates one frame: every agent that is due steps, and every vehicle moves.
     fn frame(&mut self, now: LocalTime, vehicles: &mut [Vehicle], take: &mut TakeOutputs<'_>);
@@ -39,9 +39,9 @@ pub(super) trait Driver: Debug {
 
 /// The driver with one agent beside each vehicle, connected without delay or loss.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Beside;
+pub(super) struct Decentralised;
 
-impl Driver for Beside {
+impl Driver for Decentralised {
     fn scenario_of_agents(&self, scenario: &Scenario) -> Scenario {
         scenario.clone()
     }
@@ -54,7 +54,7 @@ impl Driver for Beside {
         true
     }
 
-    fn due(&mut self, _: f64) -> Option<Deed> {
+    fn due(&mut self, _: f64) -> Option<ScriptedAction> {
         None
     }
 

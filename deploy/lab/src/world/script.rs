@@ -7,7 +7,7 @@ use skein_common::message::{Order, Verb};
 use skein_common::scenario::{Event, EventAction, Fault, Scenario};
 use skein_core::impairments::lasting;
 
-use crate::faults::{Agenda, LinkChange, failure_of, kills, link_changes, orders};
+use crate::faults::{Schedule, LinkChange, failure_of, kills, link_changes, orders};
 
 /// Time between two transmissions of an order, s.
 const RESEND_PERIOD_S: f64 = 0.2;
@@ -16,7 +16,7 @@ const ISSUER: u64 = 1;
 
 /// An action of the scenario on one vehicle.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) enum Deed {
+pub(super) enum ScriptedAction {
     /// The vehicle's agent ends.
     Kill,
     /// The vehicle's agent starts again.
@@ -30,25 +30,25 @@ pub(super) enum Deed {
 }
 
 /// The schedule of actions on vehicle `own`, s after its take-off.
-pub(super) fn deeds(scenario: &Scenario, own: VehicleId) -> Agenda<Deed> {
+pub(super) fn deeds(scenario: &Scenario, own: VehicleId) -> Schedule<ScriptedAction> {
     let events = &scenario.mission.events;
     let mut deeds: Vec<_> = events.iter().flat_map(|event| failures_and_jumps(event, own)).collect();
     let mut span = |from, until, lasts: Range<f64>| deeds.extend([(lasts.start, from), (lasts.end, until)]);
-    kills(events, own).into_iter().for_each(|dead| span(Deed::Kill, Deed::Restart, dead));
+    kills(events, own).into_iter().for_each(|dead| span(ScriptedAction::Kill, ScriptedAction::Restart, dead));
     for speaker in scenario.ids() {
         let changes = link_changes(events, speaker, own).into_iter();
-        deeds.extend(changes.map(|(at_s, change)| (at_s, Deed::Link(change, speaker))));
+        deeds.extend(changes.map(|(at_s, change)| (at_s, ScriptedAction::Link(change, speaker))));
     }
-    Agenda::new(deeds)
+    Schedule::new(deeds)
 }
 
 /// The failure and the clock jumps that the event causes on vehicle `own`.
-fn failures_and_jumps(event: &Event, own: VehicleId) -> Vec<(f64, Deed)> {
+fn failures_and_jumps(event: &Event, own: VehicleId) -> Vec<(f64, ScriptedAction)> {
     let EventAction::Fault(fault) = &event.what else { return Vec::new() };
     let Some((vehicle, name)) = failure_of(fault) else { return Vec::new() };
-    let mut deeds = vec![(event.at_s, Deed::Fail(name))];
+    let mut deeds = vec![(event.at_s, ScriptedAction::Fail(name))];
     if let Fault::ClockJump { by_s, .. } = fault {
-        deeds.extend([(event.at_s, Deed::Jump(*by_s)), (lasting(event).end, Deed::Jump(-by_s))]);
+        deeds.extend([(event.at_s, ScriptedAction::Jump(*by_s)), (lasting(event).end, ScriptedAction::Jump(-by_s))]);
     }
     deeds.retain(|_| vehicle == own);
     deeds
@@ -66,7 +66,7 @@ pub(super) fn clock_begins_s(scenario: &Scenario, own: VehicleId) -> f64 {
 /// Sends the scenario's orders as an operator does: the newest order, until all agents acknowledge it.
 #[derive(Debug)]
 pub(super) struct Operator {
-    agenda: Agenda<Verb>,
+    agenda: Schedule<Verb>,
     epoch: u64,
     /// The current order, with the time of its next transmission, s.
     order: Option<(Order, f64)>,
@@ -74,7 +74,7 @@ pub(super) struct Operator {
 
 impl Operator {
     pub(super) fn new(scenario: &Scenario) -> Self {
-        Self { agenda: Agenda::new(orders(&scenario.mission.events)), epoch: 0, order: None }
+        Self { agenda: Schedule::new(orders(&scenario.mission.events)), epoch: 0, order: None }
     }
 
     /// The order that the operator sends at `t_s`, s; `all_acknowledge` returns whether every agent repeats an order.
@@ -106,7 +106,7 @@ mod tests {
     }
 
     /// The actions on vehicle `own`, polled once a second.
-    fn done(events: &str, own: u8) -> Vec<(u32, Deed)> {
+    fn done(events: &str, own: u8) -> Vec<(u32, ScriptedAction)> {
         let mut deeds = deeds(&scenario(events), id(own));
         (0..100)
             .flat_map(|t_s| std::iter::from_fn(|| deeds.due(t_s.into()).map(|deed| (t_s, deed))).collect::<Vec<_>>())
@@ -120,16 +120,16 @@ mod tests {
                       { at_s = 20, for_s = 3, fault = 'cut', from = [1, 2], to = [2, 3] }, \
                       { at_s = 2, fault = 'servo_stuck', vehicle = 1 }";
         let of_2 = [
-            (10, Deed::Fail("clock_jump")),
-            (10, Deed::Jump(-7.0)),
-            (15, Deed::Jump(7.0)),
-            (20, Deed::Link(LinkChange::Cut, id(1))),
-            (23, Deed::Link(LinkChange::Healed, id(1))),
-            (50, Deed::Kill),
-            (55, Deed::Restart),
+            (10, ScriptedAction::Fail("clock_jump")),
+            (10, ScriptedAction::Jump(-7.0)),
+            (15, ScriptedAction::Jump(7.0)),
+            (20, ScriptedAction::Link(LinkChange::Cut, id(1))),
+            (23, ScriptedAction::Link(LinkChange::Healed, id(1))),
+            (50, ScriptedAction::Kill),
+            (55, ScriptedAction::Restart),
         ];
         assert_eq!(done(events, 2), of_2);
-        assert_eq!(done(events, 1), [(2, Deed::Fail("servo_stuck"))]);
+        assert_eq!(done(events, 1), [(2, ScriptedAction::Fail("servo_stuck"))]);
         assert_eq!(clock_begins_s(&scenario(events), id(2)), 7.0);
         assert_eq!(clock_begins_s(&scenario(events), id(1)), 0.0);
     }
@@ -138,7 +138,7 @@ mod tests {
     fn overlapping_kills_of_an_agent_are_one_kill() {
         let events =
             "{ at_s = 10, for_s = 20, fault = 'kill', vehicle = 1 }, { at_s = 20, fault = 'kill', vehicle = 1 }";
-        assert_eq!(done(events, 1), [(10, Deed::Kill)]);
+        assert_eq!(done(events, 1), [(10, ScriptedAction::Kill)]);
     }
 
     #[test]

@@ -7,15 +7,15 @@ use skein_common::time::{LocalTime, PlantTime};
 use skein_core::agent::{Agent, Outputs};
 use skein_core::aircraft::Aircraft;
 use skein_core::control::Rules;
-use skein_core::formation::NotFlown;
-use skein_core::formation::external::Answer;
+use skein_core::formation::UnsupportedScenario;
+use skein_core::formation::external::LawReply;
 use skein_core::helicopter::{BuiltInVehicle, Script};
-use skein_core::peers::Heard;
-use skein_core::plant::{Frame, Measurement, Sticks, Truth};
+use skein_core::peers::Received;
+use skein_core::plant::{Frame, Measurement, Controls, GroundTruth};
 use skein_core::station::{Clocks, Station};
 
-use super::script::{self, Deed};
-use crate::faults::Agenda;
+use super::script::{self, ScriptedAction};
+use crate::faults::Schedule;
 
 /// One vehicle with its agent.
 #[derive(Debug)]
@@ -26,7 +26,7 @@ pub(super) struct Vehicle {
     /// Failures of the plant.
     pub(super) script: Script,
     /// All other scripted actions on the vehicle.
-    pub(super) deeds: Agenda<Deed>,
+    pub(super) deeds: Schedule<ScriptedAction>,
     /// The station with the agent; `None` while the agent is dead.
     pub(super) station: Option<Station>,
     /// Incarnation of the agent, or of the last one.
@@ -34,13 +34,13 @@ pub(super) struct Vehicle {
     /// Clocks while no station runs; a running station has its own.
     pub(super) clocks: Clocks,
     /// Answer of the external law for the next step.
-    pub(super) answer: Option<Answer>,
+    pub(super) answer: Option<LawReply>,
     /// The newest heartbeat, which a restarted agent receives first.
     pub(super) heartbeat: Option<Mission>,
-    pub(super) truth: Truth,
+    pub(super) truth: GroundTruth,
     /// Plant time of the last frame.
     pub(super) plant_time: PlantTime,
-    pub(super) command: Option<Sticks>,
+    pub(super) command: Option<Controls>,
 }
 
 impl Vehicle {
@@ -50,7 +50,7 @@ impl Vehicle {
         aircraft: Aircraft,
         rules: &Rules,
         plant: BuiltInVehicle,
-    ) -> Result<Self, NotFlown> {
+    ) -> Result<Self, UnsupportedScenario> {
         let mut vehicle = Self {
             id,
             aircraft,
@@ -71,7 +71,7 @@ impl Vehicle {
         Ok(vehicle)
     }
 
-    pub(super) fn new_station(&self, scenario: &Scenario, rules: &Rules) -> Result<Station, NotFlown> {
+    pub(super) fn new_station(&self, scenario: &Scenario, rules: &Rules) -> Result<Station, UnsupportedScenario> {
         Station::new(scenario, self.id, self.incarnation, (&self.aircraft, rules.clone()), self.clocks)
     }
 
@@ -93,12 +93,12 @@ impl Vehicle {
     }
 
     /// Takes the next action on the vehicle that is due now.
-    pub(super) fn due(&mut self, now: LocalTime) -> Option<Deed> {
+    pub(super) fn due(&mut self, now: LocalTime) -> Option<ScriptedAction> {
         self.deeds.due(self.clocks().flown_s(now)?)
     }
 
     /// Hands the messages of all senders to the station, if the agent runs; the station applies the impairments.
-    pub(super) fn receive(&mut self, now: LocalTime, arriving: impl Iterator<Item = Heard>) {
+    pub(super) fn receive(&mut self, now: LocalTime, arriving: impl Iterator<Item = Received>) {
         if let Some(station) = &mut self.station {
             station.receive(now, arriving);
         }

@@ -3,7 +3,7 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use skein_agent::link::seal::SealKey;
+use skein_agent::link::seal::VerificationKey;
 use skein_common::id::VehicleId;
 use skein_common::scenario::{self, Loaded, PlantKind, Source};
 use skein_core::aircraft::Aircraft;
@@ -219,7 +219,7 @@ fn agent_toml(inventory: &Inventory, node: &Node) -> String {
     text
 }
 
-fn security_toml(inventory: &Inventory, names: Names, orders: SealKey) -> String {
+fn security_toml(inventory: &Inventory, names: Names, orders: VerificationKey) -> String {
     let mut vehicles = names.vehicles;
     vehicles.retain(|id, _| inventory.nodes.contains_key(id));
     format!(

@@ -5,7 +5,7 @@ use clap::Parser;
 use skein_agent::plant::xplane::wire;
 use skein_common::id::VehicleId;
 use skein_common::scenario::PlantKind;
-use skein_host::atomic_file::{self, Promise};
+use skein_host::atomic_file::{self, Durability};
 
 use super::*;
 use crate::cli::{Cli, Command};
@@ -30,7 +30,7 @@ fn unpack(bundle: &Bundle, folder: &Path) {
     for (path, file) in &bundle.files {
         let path = folder.join(path);
         fs::create_dir_all(path.parent().unwrap()).unwrap();
-        atomic_file::write(&path, &file.content, Promise::of(file.is_secret)).unwrap();
+        atomic_file::write(&path, &file.content, Durability::of(file.is_secret)).unwrap();
     }
 }
 

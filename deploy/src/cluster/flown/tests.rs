@@ -1,4 +1,4 @@
-use skein_agent::link::seal::Sealer;
+use skein_agent::link::seal::SigningKey;
 use skein_common::message::Verb;
 
 use super::*;
@@ -8,8 +8,8 @@ use crate::keys::run::RunFile;
 const OWN: u64 = 7;
 const YESTERDAYS: u64 = 5;
 
-fn operator() -> Sealer {
-    Sealer::from_pem(&new_key().unwrap()).unwrap()
+fn operator() -> SigningKey {
+    SigningKey::from_pem(&new_key().unwrap()).unwrap()
 }
 
 fn lab() -> SwarmName {
@@ -22,7 +22,7 @@ fn run(
     reported: &[(u8, u64)],
     own: Option<Record>,
     notes: &[RunNote],
-    operator: &Sealer,
+    operator: &SigningKey,
 ) -> Result<Option<u64>, String> {
     let reported = reported.iter().map(|(id, run)| (VehicleId::new(*id).unwrap(), *run)).collect();
     Evidence { vehicles: 4, reported, own, notes }.run(&operator.key(), &lab())

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use crate::os;
-use skein_host::atomic_file::{self, Promise};
+use skein_host::atomic_file::{self, Durability};
 use skein_host::clock;
 
 /// Extension of a draft: files and folders with it are ignored.
@@ -55,7 +55,7 @@ pub(super) fn symlink(to: &Path, link: &Path) -> io::Result<()> {
 /// Writes a file durably; readers see the old or the new one.
 pub(super) fn write(path: &Path, content: &[u8], is_secret: bool) -> Result<(), String> {
     let done =
-        step().and_then(|()| atomic_file::write(path, content, Promise::of(is_secret))).and_then(|()| sync(path));
+        step().and_then(|()| atomic_file::write(path, content, Durability::of(is_secret))).and_then(|()| sync(path));
     done.map_err(at(path))
 }
 

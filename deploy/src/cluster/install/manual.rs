@@ -10,7 +10,7 @@ use crate::cluster::bundle::BundleFile;
 use crate::cluster::nodes::Chosen;
 use crate::inventory::Node;
 use crate::os;
-use skein_host::atomic_file::{self, Promise};
+use skein_host::atomic_file::{self, Durability};
 
 /// Writes the folder of a node, with everything that it needs.
 pub(super) fn write(args: &InstallArgs, chosen: &Chosen, node: &Node, given: Option<&Given>) -> Row {
@@ -50,7 +50,7 @@ fn write_all(folder: &Path, chosen: &Chosen, node: &Node, given: &Given, dry_run
         if !dry_run {
             os::private_folder(folder)?;
             path.parent().map_or(Ok(()), fs::create_dir_all)?;
-            atomic_file::write(&path, &file.content, Promise::of(file.is_secret))?;
+            atomic_file::write(&path, &file.content, Durability::of(file.is_secret))?;
             if file.is_executable {
                 os::set_mode(&path, if file.is_secret { 0o700 } else { 0o755 })?;
             }

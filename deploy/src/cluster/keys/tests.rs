@@ -211,7 +211,7 @@ fn the_valid_key_is_the_key_of_the_certificate() {
     let known = || folder.need_names().unwrap().vehicles[&VehicleId::new(1).unwrap()].key;
     make(&inventory, None, None, now).unwrap();
     let first = known();
-    assert_eq!(Sealer::from_pem(&pair(&folder, vehicle(1)).key).unwrap().key(), first);
+    assert_eq!(SigningKey::from_pem(&pair(&folder, vehicle(1)).key).unwrap().key(), first);
     make(&inventory, Some(Whose::All), None, now).unwrap();
     assert_eq!(known(), first, "renewing changes nothing for the other nodes");
     make(&inventory, None, Some(Whose::One(vehicle(1))), now).unwrap();
@@ -223,7 +223,7 @@ fn the_valid_key_is_the_key_of_the_certificate() {
         done(&make(&inventory, None, None, now).unwrap()),
         [("node 1", "issued again: does not belong to its key")]
     );
-    assert_eq!(Sealer::from_pem(&pair(&folder, vehicle(1)).key).unwrap().key(), known());
+    assert_eq!(SigningKey::from_pem(&pair(&folder, vehicle(1)).key).unwrap().key(), known());
     fs::write(folder.path(ORDERS_KEY), "no key").unwrap();
     assert!(
         make(&inventory, None, None, now)
@@ -261,7 +261,7 @@ fn the_keys_in_the_folder_connect_to_the_swarm() {
     let Security::Tls(tls) = reach.security else { panic!("secured") };
     assert_eq!((tls.key, tls.vehicles.len()), (inventory.keys.join("operator.key"), 2));
     assert_eq!(tls.vehicles[&VehicleId::new(1).unwrap()].name, "vehicle-1");
-    let signing_key = Sealer::from_pem(&fs::read_to_string(inventory.keys.join("orders.key")).unwrap()).unwrap();
+    let signing_key = SigningKey::from_pem(&fs::read_to_string(inventory.keys.join("orders.key")).unwrap()).unwrap();
     assert_eq!((reach.orders_key, reach.sealer.unwrap().key()), (Some(signing_key.key()), signing_key.key()));
     assert!(inventory.reach(Role::Observer).unwrap().sealer.is_none(), "an observer cannot sign orders");
     fs::write(inventory.keys.join("orders.pub"), "0".repeat(64)).unwrap();

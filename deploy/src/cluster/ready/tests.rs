@@ -7,7 +7,7 @@ fn id() -> VehicleId {
     VehicleId::new(3).unwrap()
 }
 
-fn view(membership: Membership, run: u64, life: u64) -> Seen {
+fn view(membership: Membership, run: u64, life: u64) -> VehicleView {
     let header = Header { sender: id(), incarnation: Incarnation(life), sequence: 1, stamp: SenderStamp::ZERO };
     let mission = Mission {
         header,
@@ -20,16 +20,16 @@ fn view(membership: Membership, run: u64, life: u64) -> Seen {
         order: None,
         echo: None,
     };
-    Seen { alive: true, mission: Some(mission), run: Some(run), ..Seen::default() }
+    VehicleView { alive: true, mission: Some(mission), run: Some(run), ..VehicleView::default() }
 }
 
 #[test]
 fn a_vehicle_that_is_not_ready_is_listed_with_the_reason() {
-    let why = |view: &Seen, after| lacks(Some(view), 7, after).unwrap();
+    let why = |view: &VehicleView, after| lacks(Some(view), 7, after).unwrap();
     assert_eq!(lacks(None, 7, None).unwrap(), "not in contact");
-    let gone = Seen { alive: false, ..view(Membership::Active, 7, 1) };
+    let gone = VehicleView { alive: false, ..view(Membership::Active, 7, 1) };
     assert_eq!(why(&gone, None), "not in contact");
-    let silent = Seen { alive: true, ..Seen::default() };
+    let silent = VehicleView { alive: true, ..VehicleView::default() };
     assert_eq!(why(&silent, None), "in contact, but sends no heartbeats");
     assert_eq!(
         why(&view(Membership::Active, 8, 1), None),

@@ -8,7 +8,7 @@ use skein_common::time::SenderStamp;
 
 use super::*;
 use crate::inventory::tests::lab;
-use crate::observe::Heard;
+use crate::observe::SwarmMessage;
 use crate::reach::{Flown, Reach};
 
 fn id(number: u8) -> VehicleId {
@@ -19,7 +19,7 @@ fn id(number: u8) -> VehicleId {
 fn health(number: u8, ahead_s: f64) -> Health {
     let peer = |peer: VehicleId| PeerHealth {
         id: peer,
-        standing: Standing::Fresh,
+        standing: PeerStatus::Fresh,
         age_s: 0.1 * f64::from(peer.get()),
         delay_s: Some(0.004),
         clock: Some(ClockOffset { offset_s: -ahead_s, bound_s: 0.0004 }),
@@ -47,16 +47,16 @@ fn health(number: u8, ahead_s: f64) -> Health {
 /// The status of four vehicles, all in contact, when these reports were received `ago`.
 fn status(folder: &Path, heard: Vec<Health>, ago: Duration) -> Status {
     let at = clock::now();
-    let there = VehicleId::first(4).map(|id| (Heard::Appeared(id), None, at));
-    let heard = heard.into_iter().map(|health| (Heard::Health(health), None, at));
+    let there = VehicleId::first(4).map(|id| (SwarmMessage::Appeared(id), None, at));
+    let heard = heard.into_iter().map(|health| (SwarmMessage::Health(health), None, at));
     status_of(folder, there.chain(heard), at + ago)
 }
 
 /// The status of four vehicles from messages, each in a run of the swarm.
-fn status_of(folder: &Path, heard: impl IntoIterator<Item = (Heard, Option<u64>, Instant)>, now: Instant) -> Status {
+fn status_of(folder: &Path, heard: impl IntoIterator<Item = (SwarmMessage, Option<u64>, Instant)>, now: Instant) -> Status {
     let inventory = lab(folder, 4, "");
     let reach = Reach::plain(inventory.swarm.clone(), BTreeMap::new(), Flown::Text(String::new()));
-    let mut observer = Observer::open(&reach, Steps::Off).unwrap();
+    let mut observer = Observer::open(&reach, TraceSubscription::Off).unwrap();
     observer.inject(heard);
     Status::of(&inventory, &observer, now)
 }
@@ -78,8 +78,8 @@ fn mission(number: u8, life: u64) -> Mission {
 }
 
 /// The messages of vehicle `number` in a run: its appearance, its heartbeat, its health report.
-fn all_of(number: u8, run: u64) -> [(Heard, Option<u64>, Instant); 3] {
-    let said = [Heard::Appeared(id(number)), Heard::Mission(mission(number, 1)), Heard::Health(health(number, 0.0))];
+fn all_of(number: u8, run: u64) -> [(SwarmMessage, Option<u64>, Instant); 3] {
+    let said = [SwarmMessage::Appeared(id(number)), SwarmMessage::Mission(mission(number, 1)), SwarmMessage::Health(health(number, 0.0))];
     said.map(|said| (said, Some(run), clock::now()))
 }
 
@@ -101,10 +101,10 @@ fn a_text_from_the_network_is_made_safe_for_the_terminal() {
 fn health_of_a_lost_vehicle_or_of_an_earlier_incarnation_is_ignored() {
     let folder = tempfile::tempdir().unwrap();
     let now = clock::now();
-    let gone = all_of(1, 7).into_iter().chain([(Heard::Vanished(id(1)), None, now)]);
-    let restarted = all_of(2, 7).into_iter().chain([(Heard::Mission(mission(2, 2)), Some(7), now)]);
+    let gone = all_of(1, 7).into_iter().chain([(SwarmMessage::Vanished(id(1)), None, now)]);
+    let restarted = all_of(2, 7).into_iter().chain([(SwarmMessage::Mission(mission(2, 2)), Some(7), now)]);
     // A recorded report, replayed by another node while the vehicle is not in contact.
-    let never_there = [(Heard::Health(health(3, 0.0)), Some(7), now)];
+    let never_there = [(SwarmMessage::Health(health(3, 0.0)), Some(7), now)];
     let heard = gone.chain(restarted).chain(never_there).chain(all_of(4, 7));
     let status = status_of(folder.path(), heard, now);
     let said: Vec<bool> = status.nodes.iter().map(|node| node.said.is_some()).collect();
@@ -174,7 +174,7 @@ fn silent_and_faulty_nodes_are_listed() {
     let folder = tempfile::tempdir().unwrap();
     let mut second = health(2, 0.0);
     second.failures = vec![Failure::Gyro];
-    second.peers[0].standing = Standing::Lost;
+    second.peers[0].standing = PeerStatus::Lost;
     second.drops.forged = 3;
     second.refused = vec![Refused { reason: Reason::Forged, key: "vehicle/1/state".to_owned(), count: 3 }];
     let status = status(folder.path(), vec![health(1, 0.0), second, health(4, 0.0)], Duration::ZERO);
@@ -201,9 +201,9 @@ fn the_age_of_a_peer_includes_its_delay_and_is_marked_while_the_delay_is_unknown
     let folder = tempfile::tempdir().unwrap();
     let (mut late, mut unknown) = (health(1, 0.0), health(2, 0.0));
     for peer in &mut late.peers {
-        (peer.standing, peer.age_s, peer.delay_s) = (Standing::Stale, 4.051, Some(4.0));
+        (peer.standing, peer.age_s, peer.delay_s) = (PeerStatus::Stale, 4.051, Some(4.0));
     }
-    (unknown.peers[0].standing, unknown.peers[0].delay_s) = (Standing::Stale, None);
+    (unknown.peers[0].standing, unknown.peers[0].delay_s) = (PeerStatus::Stale, None);
     let status = status(folder.path(), vec![late, unknown], Duration::ZERO);
     let said: Vec<_> = status.nodes.iter().filter_map(|node| node.said.as_ref()).collect();
     assert_eq!((said[0].peers_seen, said[0].peer_age_ms, said[0].peer_delay_ms), (3, Some(4051.0), Some(4000.0)));

@@ -7,11 +7,11 @@ use skein_common::message::{Mission, Order, Verb};
 
 use super::Flight;
 use crate::fly::children::Role;
-use crate::fly::script::Deed;
+use crate::fly::script::ScriptedAction;
 use crate::fly::status::Stage;
 use crate::order;
 use skein_lab::faults::FROZEN;
-use skein_lab::faults::Incident;
+use skein_lab::faults::InjectedFault;
 
 /// Between two sayings of an order.
 const AGAIN: Duration = Duration::from_millis(200);
@@ -34,36 +34,36 @@ impl Flight {
 
     /// What is still to come does not come any more; but whoever stands still for a time is to be able to land.
     pub(super) fn end_events(&mut self, now: Instant) {
-        let thaws: Vec<Deed> = self.agenda.remaining().filter(|deed| matches!(deed, Deed::Thaw(_))).cloned().collect();
+        let thaws: Vec<ScriptedAction> = self.agenda.remaining().filter(|deed| matches!(deed, ScriptedAction::Thaw(_))).cloned().collect();
         while self.agenda.due(f64::INFINITY).is_some() {}
         thaws.iter().for_each(|deed| self.carry_out(now, deed));
     }
 
     /// Whether somebody who is dead comes back.
     pub(super) fn awaits_a_restart(&self) -> bool {
-        self.agenda.remaining().any(|deed| matches!(deed, Deed::Restart(_)))
+        self.agenda.remaining().any(|deed| matches!(deed, ScriptedAction::Restart(_)))
     }
 
-    fn carry_out(&mut self, now: Instant, deed: &Deed) {
+    fn carry_out(&mut self, now: Instant, deed: &ScriptedAction) {
         let failed = match deed {
-            Deed::Kill(id) => {
+            ScriptedAction::Kill(id) => {
                 self.killed.insert(*id);
                 if let Some(ended) = self.children.kill_one(Role::Agent, *id) {
                     self.take_leave(now, &ended);
                 }
                 None
             }
-            Deed::Restart(id) => self.restart(now, *id).err(),
-            Deed::Freeze(id) => {
-                self.record(|recorder| recorder.incident(now, &Incident::Failed(*id, FROZEN)));
+            ScriptedAction::Restart(id) => self.restart(now, *id).err(),
+            ScriptedAction::Freeze(id) => {
+                self.record(|recorder| recorder.incident(now, &InjectedFault::Failed(*id, FROZEN)));
                 self.children.freeze(Role::Standin, *id, true).err()
             }
-            Deed::Thaw(id) => self.children.freeze(Role::Standin, *id, false).err(),
-            Deed::Order(verb) => {
+            ScriptedAction::Thaw(id) => self.children.freeze(Role::Standin, *id, false).err(),
+            ScriptedAction::Order(verb) => {
                 self.order(now, *verb);
                 None
             }
-            Deed::Tell(_, failed) => {
+            ScriptedAction::Tell(_, failed) => {
                 let failed = failed.iter();
                 failed.for_each(|failed| self.record(|recorder| recorder.incident(now, failed)));
                 None

@@ -5,14 +5,14 @@ use std::time::Instant;
 
 use skein_common::id::VehicleId;
 use skein_common::message::Trace;
-use skein_common::state::{Membership, Standing};
+use skein_common::state::{Membership, PeerStatus};
 use skein_core::peers::FRESH_S;
-use skein_core::plant::{Sticks, Truth};
+use skein_core::plant::{Controls, GroundTruth};
 
 use super::{Flight, fresh};
 use crate::fly::plan::Plan;
 use crate::fly::status::Stage;
-use skein_lab::faults::Incident;
+use skein_lab::faults::InjectedFault;
 use skein_lab::metrics::{Report, Totals, VehicleNow, Wall};
 use skein_lab::scenario::quoted;
 use skein_lab::terminal::what_next;
@@ -24,7 +24,7 @@ impl Flight {
             self.incident(now, &restarted);
         }
         if self.stage == Stage::Flying {
-            let heard = step.peers.iter().filter(|peer| peer.standing != Standing::Lost);
+            let heard = step.peers.iter().filter(|peer| peer.standing != PeerStatus::Lost);
             heard.for_each(|peer| self.metrics.observe_age(peer.age_s));
             step.step_us.into_iter().for_each(|step_us| self.metrics.observe_step(step_us));
         }
@@ -43,7 +43,7 @@ impl Flight {
     }
 
     /// Something was done to the swarm.
-    fn incident(&mut self, now: Instant, incident: &Incident) {
+    fn incident(&mut self, now: Instant, incident: &InjectedFault) {
         self.metrics.incident(self.flown_s(now), incident);
         self.record(|recorder| recorder.incident(now, incident));
     }
@@ -106,18 +106,18 @@ fn with_counts(before: Totals, step: &Trace) -> Totals {
 }
 
 fn vehicle_now(step: &Trace) -> VehicleNow {
-    let truth = Truth {
+    let truth = GroundTruth {
         position: step.position,
         height_m: step.height_m,
         velocity: step.velocity,
         attitude: step.attitude,
         power_w: step.power_w,
     };
-    let peers = || step.peers.iter().filter(|peer| peer.standing != Standing::Lost);
+    let peers = || step.peers.iter().filter(|peer| peer.standing != PeerStatus::Lost);
     VehicleNow {
         runs: true,
         is_member: step.membership == Membership::Active,
-        sticks: step.sticks.map(|[roll, pitch, yaw, collective]| Sticks { roll, pitch, yaw, collective }),
+        sticks: step.sticks.map(|[roll, pitch, yaw, collective]| Controls { roll, pitch, yaw, collective }),
         step: step.step,
         reached: step.reached,
         centre_ne_m: step.centre_ne_m.into(),

@@ -3,7 +3,7 @@
 use std::time::Instant;
 
 use skein_common::id::VehicleSet;
-use skein_common::message::{Event, Happening};
+use skein_common::message::{Event, EventKind};
 use skein_common::printable::printable;
 use skein_common::scenario::{Pattern, Scenario, Vertical};
 use skein_core::mission::landing;
@@ -37,10 +37,10 @@ impl Flight {
         let mut awaited: VehicleSet = self.live().map(|(id, _)| id).collect();
         match event.what {
             // While the swarm gathers, each vehicle finds each of the others: taking part tells enough.
-            Happening::PeerFound(_) if self.stage == Stage::Gathering => return,
-            Happening::PeerFound(peer) | Happening::PeerLost(peer) => awaited.remove(peer),
+            EventKind::PeerFound(_) if self.stage == Stage::Gathering => return,
+            EventKind::PeerFound(peer) | EventKind::PeerLost(peer) => awaited.remove(peer),
             // All others are active already.
-            Happening::BecameActive if self.stage == Stage::Flying => awaited = VehicleSet::default(),
+            EventKind::BecameActive if self.stage == Stage::Flying => awaited = VehicleSet::default(),
             _ => {}
         }
         self.journal.add_alike(self.when(now), id, journal::alike(&event.what), awaited);

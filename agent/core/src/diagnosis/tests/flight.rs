@@ -12,7 +12,7 @@ use crate::control::{Rules, Setpoint, VELOCITY_PER_ERROR_PER_S, VehicleControlle
 use crate::diagnosis::Diagnosis;
 use crate::estimate::{Estimate, Estimator};
 use crate::helicopter::{BuiltInVehicle, Failures, Start, TICK_S, Weather};
-use crate::plant::{Sticks, Truth};
+use crate::plant::{Controls, GroundTruth};
 
 /// The sensing of a vehicle.
 #[derive(Clone, Copy, Debug)]
@@ -31,7 +31,7 @@ pub(super) struct Flight {
     estimator: Estimator,
     pub(super) controller: VehicleController,
     pub(super) diagnosis: Diagnosis,
-    pub(super) command: Option<Sticks>,
+    pub(super) command: Option<Controls>,
     time_s: f64,
     /// Target position, north and east, and its velocity.
     pub(super) place_ne_m: Vector2<f64>,
@@ -91,7 +91,7 @@ impl Flight {
     }
 
     /// Advances by one tick with these controls.
-    pub(super) fn advance(&mut self, sticks: Sticks) {
+    pub(super) fn advance(&mut self, sticks: Controls) {
         self.command = Some(sticks);
         self.vehicle.advance(self.command);
         self.time_s += TICK_S;
@@ -139,7 +139,7 @@ impl Flight {
         self.time_s
     }
 
-    pub(super) fn truth(&self) -> Truth {
+    pub(super) fn truth(&self) -> GroundTruth {
         self.vehicle.frame().truth
     }
 }

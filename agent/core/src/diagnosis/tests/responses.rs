@@ -30,7 +30,7 @@ const CONTACT_M: f64 = 0.35;
 const LEVEL_CONTACT_M: f64 = 0.26;
 
 /// The controls of an agent that has found a failure and descends to the flight's target.
-fn response_controls(flight: &mut Flight) -> Sticks {
+fn response_controls(flight: &mut Flight) -> Controls {
     if flight.diagnosis.is_frozen {
         flight.dead_reckon();
     }

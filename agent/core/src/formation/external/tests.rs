@@ -13,7 +13,7 @@ struct Session {
     frame: u64,
     position: PositionNed,
     velocity: VelocityNed,
-    events: Vec<Happening>,
+    events: Vec<EventKind>,
 }
 
 impl Session {
@@ -30,7 +30,7 @@ impl Session {
     }
 
     /// Advances by 20 ms; returns the law's output and its query.
-    fn step(&mut self, answer: Option<&Answer>) -> (Option<Consulted>, Option<Ask>) {
+    fn step(&mut self, answer: Option<&LawReply>) -> (Option<ExternalLawOutput>, Option<LawQuery>) {
         self.frame += 1;
         self.external.receive_reply(PlantTime::from_nanoseconds(self.frame * 20_000_000), answer);
         let neighbour = Neighbour {
@@ -41,7 +41,7 @@ impl Session {
             age_s: 0.6,
             is_fresh: false,
         };
-        let sight = Sight {
+        let sight = Observation {
             own: id(2),
             position: self.position,
             velocity: self.velocity,
@@ -49,7 +49,7 @@ impl Session {
             neighbours: &[neighbour],
             unseen: VehicleSet::default(),
             obstacles: &[],
-            goal: law::Goal {
+            goal: law::QueryGoal {
                 step: 1,
                 centre: PositionNed::new(10.0, 0.0, -30.0),
                 centre_velocity: VelocityNed::new(2.0, 0.0, 0.0),
@@ -65,7 +65,7 @@ impl Session {
     }
 
     /// Steps until the next query; returns the output of that step and the query.
-    fn next_query(&mut self) -> (Option<Consulted>, Ask) {
+    fn next_query(&mut self) -> (Option<ExternalLawOutput>, LawQuery) {
         for _ in 0..1000 {
             if let (external_output, Some(ask)) = self.step(None) {
                 return (external_output, ask);
@@ -75,28 +75,28 @@ impl Session {
     }
 
     /// The output after this reply to the next query.
-    fn flown(&mut self, answer: impl FnOnce(u64) -> Answer) -> Consulted {
+    fn flown(&mut self, answer: impl FnOnce(u64) -> LawReply) -> ExternalLawOutput {
         let (_, ask) = self.next_query();
         self.step(Some(&answer(ask.tick))).0.unwrap()
     }
 }
 
-fn answer(tick: u64, wanted: Wanted) -> Answer {
-    Answer { vehicle: id(2), tick, wanted, heading_rad: None, reached: None, log: Vec::new() }
+fn answer(tick: u64, wanted: ReplyCommand) -> LawReply {
+    LawReply { vehicle: id(2), tick, wanted, heading_rad: None, reached: None, log: Vec::new() }
 }
 
-fn velocity(north_m_s: f64, east_m_s: f64, down_m_s: f64) -> Wanted {
-    Wanted::VelocityNed(Vector3::new(north_m_s, east_m_s, down_m_s))
+fn velocity(north_m_s: f64, east_m_s: f64, down_m_s: f64) -> ReplyCommand {
+    ReplyCommand::VelocityNed(Vector3::new(north_m_s, east_m_s, down_m_s))
 }
 
-fn wanted(external_output: Option<Consulted>) -> law::Wanted {
+fn wanted(external_output: Option<ExternalLawOutput>) -> law::ReplyCommand {
     external_output.unwrap().answer.wanted
 }
 
-const STAY: law::Wanted = law::Wanted::Displacement(Vector2::new(0.0, 0.0));
+const STAY: law::ReplyCommand = law::ReplyCommand::Displacement(Vector2::new(0.0, 0.0));
 
-fn level_and_down(north_m_s: f64, east_m_s: f64, down_m_s: f64) -> law::Wanted {
-    law::Wanted::Velocity { ne_m_s: Vector2::new(north_m_s, east_m_s), down_m_s: Some(down_m_s) }
+fn level_and_down(north_m_s: f64, east_m_s: f64, down_m_s: f64) -> law::ReplyCommand {
+    law::ReplyCommand::Velocity { ne_m_s: Vector2::new(north_m_s, east_m_s), down_m_s: Some(down_m_s) }
 }
 
 #[test]
@@ -139,10 +139,10 @@ fn a_reply_is_flown_from_the_next_step_until_the_next_reply() {
     assert_eq!(wanted(flown), level_and_down(1.0, -2.0, 0.5));
     let (_, ask) = session.next_query();
     assert_eq!(wanted(session.step(None).0), level_and_down(1.0, -2.0, 0.5), "the last reply is flown");
-    let (flown, _) = session.step(Some(&answer(ask.tick, Wanted::FieldNe(Vector2::new(0.1, 0.2)))));
-    assert_eq!(wanted(flown), law::Wanted::Field(Vector3::new(0.1, 0.2, 0.0)));
+    let (flown, _) = session.step(Some(&answer(ask.tick, ReplyCommand::FieldNe(Vector2::new(0.1, 0.2)))));
+    assert_eq!(wanted(flown), law::ReplyCommand::Field(Vector3::new(0.1, 0.2, 0.0)));
     let (flown, _) = session.step(Some(&answer(ask.tick, velocity(3.0, 0.0, 0.0))));
-    assert_eq!(wanted(flown), law::Wanted::Field(Vector3::new(0.1, 0.2, 0.0)), "a second reply is ignored");
+    assert_eq!(wanted(flown), law::ReplyCommand::Field(Vector3::new(0.1, 0.2, 0.0)), "a second reply is ignored");
     assert_eq!(session.external.misses(), 0);
 }
 
@@ -150,7 +150,7 @@ fn a_reply_is_flown_from_the_next_step_until_the_next_reply() {
 fn a_fast_reply_is_limited_and_keeps_its_direction() {
     let mut session = Session::new("max_speed_m_s = 5");
     let flown = session.flown(|tick| answer(tick, velocity(6e8, 8e8, 0.0)));
-    let law::Wanted::Velocity { ne_m_s, down_m_s } = flown.answer.wanted else { panic!("{flown:?}") };
+    let law::ReplyCommand::Velocity { ne_m_s, down_m_s } = flown.answer.wanted else { panic!("{flown:?}") };
     assert!((ne_m_s - Vector2::new(3.0, 4.0)).norm() < 1e-9 && down_m_s == Some(0.0), "{flown:?}");
 }
 
@@ -161,7 +161,7 @@ fn the_law_decides_in_place_or_else_a_slow_vehicle_near_the_centre_is() {
         session.position = PositionNed::new(north_m, 0.0, -30.0);
         session.velocity = VelocityNed::new(north_m_s, 0.0, 0.0);
         let flown =
-            session.flown(|tick| Answer { reached, heading_rad: Some(2.5), ..answer(tick, velocity(0.0, 0.0, 0.0)) });
+            session.flown(|tick| LawReply { reached, heading_rad: Some(2.5), ..answer(tick, velocity(0.0, 0.0, 0.0)) });
         assert_eq!(flown.heading_rad, Some(2.5));
         flown.answer.is_there
     };
@@ -180,7 +180,7 @@ fn after_misses_in_a_row_the_law_is_lost_until_its_next_reply() {
     }
     assert_eq!((session.external.misses(), session.events.as_slice()), (2, &[][..]));
     let (flown, ask) = session.next_query();
-    assert_eq!((flown, session.events.as_slice()), (None, &[Happening::LawLost][..]));
+    assert_eq!((flown, session.events.as_slice()), (None, &[EventKind::LawLost][..]));
     let late = answer(ask.tick - 1, velocity(9.0, 0.0, 0.0));
     assert_eq!(session.step(Some(&late)).0, None, "a late reply does not bring the law back");
     for _ in 0..4 {
@@ -189,14 +189,14 @@ fn after_misses_in_a_row_the_law_is_lost_until_its_next_reply() {
     assert_eq!((session.external.misses(), session.events.len()), (7, 1), "reported once");
     let flown = session.flown(|tick| answer(tick, velocity(0.0, 1.0, 0.0)));
     assert_eq!(flown.answer.wanted, level_and_down(0.0, 1.0, 0.0));
-    assert_eq!(session.events, [Happening::LawLost, Happening::LawBack]);
+    assert_eq!(session.events, [EventKind::LawLost, EventKind::LawBack]);
 }
 
 #[test]
 fn after_a_suspension_no_old_reply_is_flown() {
     let mut session = Session::new("");
     let log = vec![LawNumber { name: "error".to_owned(), value: 0.5 }];
-    session.flown(|tick| Answer { log: log.clone(), ..answer(tick, velocity(1.0, 0.0, 0.0)) });
+    session.flown(|tick| LawReply { log: log.clone(), ..answer(tick, velocity(1.0, 0.0, 0.0)) });
     assert_eq!(session.external.log(), log);
     let (_, ask) = session.next_query();
     session.external.suspend();

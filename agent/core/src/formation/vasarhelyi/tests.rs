@@ -50,7 +50,7 @@ fn wanted(points: &Points) -> Vec<Vector2<f64>> {
     points.each(
         |_, _| true,
         |own, sight| match laws[own].ask(sight).wanted {
-            Wanted::Velocity { ne_m_s, .. } => ne_m_s,
+            LawCommand::Velocity { ne_m_s, .. } => ne_m_s,
             _ => panic!("not a velocity"),
         },
     )
@@ -71,7 +71,7 @@ fn ten_vehicles_with_a_lag_follow_a_centre_aligned_and_apart() {
         let wanted = points.each(
             |_, _| true,
             |own, sight| match laws[own].ask(sight).wanted {
-                Wanted::Velocity { ne_m_s, .. } => ne_m_s,
+                LawCommand::Velocity { ne_m_s, .. } => ne_m_s,
                 _ => panic!("not a velocity"),
             },
         );

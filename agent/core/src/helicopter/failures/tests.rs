@@ -3,13 +3,13 @@ use skein_common::frame::{Geodetic, Origin, VelocityNed};
 
 use super::*;
 use crate::helicopter::tests::xcell60;
-use crate::helicopter::{Air, BuiltInVehicle, Helicopter, Start, TICK_S, Weather};
-use crate::plant::{Frame, Sticks};
+use crate::helicopter::{LocalWind, BuiltInVehicle, Helicopter, Start, TICK_S, Weather};
+use crate::plant::{Frame, Controls};
 use crate::random::{self, Purpose, uniform};
 use crate::testing::id;
 
-const HOVER: Sticks = Sticks { roll: 0.0185, pitch: 0.0, yaw: 0.0, collective: 0.6 };
-const CLIMB: Sticks = Sticks { collective: 0.7, ..HOVER };
+const HOVER: Controls = Controls { roll: 0.0185, pitch: 0.0, yaw: 0.0, collective: 0.6 };
+const CLIMB: Controls = Controls { collective: 0.7, ..HOVER };
 
 const HEALTHY: Failures = Failures { engine_out: false, gyro_off: false, stuck: [false; 3], position_frozen: false };
 const ENGINE_OUT: Failures = Failures { engine_out: true, ..HEALTHY };
@@ -26,13 +26,13 @@ fn in_the_air() -> BuiltInVehicle {
     vehicle
 }
 
-fn fly(vehicle: &mut BuiltInVehicle, sticks: Sticks, seconds: f64) -> Frame {
+fn fly(vehicle: &mut BuiltInVehicle, sticks: Controls, seconds: f64) -> Frame {
     (0..(seconds / TICK_S) as u32).for_each(|_| vehicle.advance(Some(sticks)));
     vehicle.frame()
 }
 
 /// The vehicle after 2 s from the climb with these failures and controls.
-fn flown(failures: Failures, sticks: Sticks) -> BuiltInVehicle {
+fn flown(failures: Failures, sticks: Controls) -> BuiltInVehicle {
     let mut vehicle = in_the_air();
     vehicle.fail(failures);
     fly(&mut vehicle, sticks, 2.0);
@@ -53,7 +53,7 @@ fn without_power_the_rotor_slows_down_and_with_power_it_recovers() {
     assert_eq!(frame.truth.power_w, Some(0.0));
     assert_eq!(vehicle.failures(), ENGINE_OUT);
     vehicle.fail(HEALTHY);
-    let frame = fly(&mut vehicle, Sticks { collective: 0.3, ..HOVER }, 2.0);
+    let frame = fly(&mut vehicle, Controls { collective: 0.3, ..HOVER }, 2.0);
     assert!(frame.measurement.rotor_speed_rad_s.unwrap() > 150.0, "{frame:?}");
 }
 
@@ -74,7 +74,7 @@ fn a_rotor_without_power_comes_to_rest() {
 
 #[test]
 fn without_its_gyro_the_tail_rotor_keeps_its_pitch() {
-    let pedals = Sticks { yaw: 0.5, ..HOVER };
+    let pedals = Controls { yaw: 0.5, ..HOVER };
     let turning = flown(HEALTHY, pedals).helicopter().rates().yaw_rad_s;
     assert!((0.8..1.2).contains(&turning), "{turning}");
     let mut vehicle = in_the_air();
@@ -92,7 +92,7 @@ fn without_its_gyro_the_tail_rotor_keeps_its_pitch() {
 
 #[test]
 fn a_stuck_servo_keeps_its_position_while_the_others_move() {
-    let away = Sticks { roll: 0.1, pitch: 0.1, yaw: 0.0, collective: 0.65 };
+    let away = Controls { roll: 0.1, pitch: 0.1, yaw: 0.0, collective: 0.65 };
     for axis in 0..3 {
         let mut vehicle = in_the_air();
         let before = servos(&vehicle);
@@ -145,14 +145,14 @@ proptest! {
     #[test]
     fn no_failure_makes_a_number_non_finite(seed: u64, heals: bool) {
         let weather = Weather { wind_m_s: 20.0, wind_from_rad: 1.0, gust_w20_m_s: 20.0 };
-        let mut air = Air::new(&weather, random::generator(seed, None, Purpose::Wind));
+        let mut air = LocalWind::new(&weather, random::generator(seed, None, Purpose::Wind));
         let mut chance = random::generator(seed, None, Purpose::Start);
         let mut helicopter = Helicopter::at_rest(&xcell60(), 0.0, 0.0, 0.0, 0.0);
         helicopter.state.0[2] -= 1_000.0;
         let mut failures = HEALTHY;
         for _ in 0..120 {
             let mut deflection = || 2.0 * uniform(&mut chance) - 1.0;
-            let sticks = Sticks { roll: deflection(), pitch: deflection(), yaw: deflection(), collective: deflection().abs() };
+            let sticks = Controls { roll: deflection(), pitch: deflection(), yaw: deflection(), collective: deflection().abs() };
             let mut fails = |before: bool| uniform(&mut chance) < 0.2 || before && !heals;
             failures.engine_out = fails(failures.engine_out);
             failures.gyro_off = fails(failures.gyro_off);

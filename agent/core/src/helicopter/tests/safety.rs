@@ -9,14 +9,14 @@ use crate::random::{self, Purpose, uniform};
 /// continue there.
 fn flown(seed: u64, seconds: u32, weather: &Weather, mut check: impl FnMut(&Helicopter)) -> Helicopter {
     let mut chance = random::generator(seed, None, Purpose::Start);
-    let mut air = Air::new(weather, random::generator(seed, None, Purpose::Wind));
+    let mut air = LocalWind::new(weather, random::generator(seed, None, Purpose::Wind));
     let mut helicopter = Helicopter::at_rest(&xcell60(), 0.0, 0.0, 0.0, 0.0);
     helicopter.state.0[2] -= 1_000.0;
     let mut ticks = 0;
     while ticks < seconds * 50 {
         let mut deflection = || 2.0 * uniform(&mut chance) - 1.0;
         let (roll, pitch, yaw) = (deflection(), deflection(), deflection());
-        let sticks = Sticks { roll, pitch, yaw, collective: 0.3 + 0.7 * uniform(&mut chance) };
+        let sticks = Controls { roll, pitch, yaw, collective: 0.3 + 0.7 * uniform(&mut chance) };
         for _ in 0..(1.0 + 50.0 * uniform(&mut chance)) as u32 {
             helicopter.advance(&sticks, air.advance(helicopter.height_m()));
             check(&helicopter);
@@ -64,7 +64,7 @@ fn a_dropped_helicopter_comes_to_rest_on_its_skids() {
     for _ in 0..500 {
         // The gyro's integral winds up on the ground. It is held, because only the drop matters.
         helicopter.state.0[17] = 0.175;
-        helicopter.advance(&Sticks { collective: 0.2, ..Sticks::default() }, VelocityNed::default());
+        helicopter.advance(&Controls { collective: 0.2, ..Controls::default() }, VelocityNed::default());
     }
     assert_near(0.03, helicopter.height_m(), 0.242);
     assert!(helicopter.velocity().0.norm() < 0.02, "{:?}", helicopter.velocity());

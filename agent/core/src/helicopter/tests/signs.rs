@@ -18,13 +18,13 @@ fn moved(heading_rad: f64, end_s: f64, control: impl Fn(&mut Command)) -> Helico
 
 #[test]
 fn each_control_acts_in_the_right_direction() {
-    let controls = Controls::new(&xcell60());
-    let hover = controls.command(&Sticks { collective: 0.6, ..Sticks::default() });
-    let full = controls.command(&Sticks { roll: 1.0, pitch: 1.0, yaw: 1.0, collective: 1.0 });
+    let controls = HeldControls::new(&xcell60());
+    let hover = controls.command(&Controls { collective: 0.6, ..Controls::default() });
+    let full = controls.command(&Controls { roll: 1.0, pitch: 1.0, yaw: 1.0, collective: 1.0 });
     assert_eq!((full.lateral_rad, full.longitudinal_rad, full.yaw_rate_rad_s), (0.1, 0.1, 2.0));
     assert_near(1e-12, full.collective_rad, 0.2);
     assert_near(1e-12, hover.collective_rad, 0.1);
-    assert_near(1e-12, controls.command(&Sticks::default()).collective_rad, -0.05);
+    assert_near(1e-12, controls.command(&Controls::default()).collective_rad, -0.05);
 
     let roll = moved(0.0, 0.5, |command| command.lateral_rad += 0.01);
     assert!(roll.rates().roll_rad_s > 0.1 && roll.velocity().east_m_s() > 0.01, "{roll:?}");
@@ -82,7 +82,7 @@ fn the_wind_carries_the_helicopter_along() {
     for (north, east) in [(4.0, 0.0), (-4.0, 0.0), (0.0, 4.0), (0.0, -4.0)] {
         let hover = Flight::trimmed(0.0);
         let mut helicopter = hover.helicopter();
-        let trim = Sticks { roll: hover.command.lateral_rad / 0.1, collective: 0.6, ..Sticks::default() };
+        let trim = Controls { roll: hover.command.lateral_rad / 0.1, collective: 0.6, ..Controls::default() };
         for _ in 0..50 {
             helicopter.advance(&trim, VelocityNed::new(north, east, 0.0));
         }

@@ -36,7 +36,7 @@ fn hover(dynamics: &Dynamics, speed_m_s: f64, from_rad: f64) -> Option<(Unknowns
 /// The needs of a hover in this wind; `None` if some direction has no trim.
 fn needs(speed_m_s: f64) -> Option<Needs> {
     let parameters = xcell60();
-    let (dynamics, controls) = (Dynamics::new(&parameters, -100.0), Controls::new(&parameters));
+    let (dynamics, controls) = (Dynamics::new(&parameters, -100.0), HeldControls::new(&parameters));
     let (calm, ..) = hover(&dynamics, 0.0, 0.0)?;
     let mut needs = Needs {
         lowest_collective: f64::INFINITY,

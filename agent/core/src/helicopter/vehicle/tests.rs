@@ -4,7 +4,7 @@ use super::*;
 use crate::helicopter::tests::xcell60;
 
 const GUSTY: Weather = Weather { wind_m_s: 5.0, wind_from_rad: 0.5, gust_w20_m_s: 5.0 };
-const CLIMB: Sticks = Sticks { roll: 0.0185, pitch: 0.0, yaw: 0.0, collective: 0.65 };
+const CLIMB: Controls = Controls { roll: 0.0185, pitch: 0.0, yaw: 0.0, collective: 0.65 };
 
 fn vehicle(number: u8, seed: u64) -> BuiltInVehicle {
     let origin = Origin::new(Geodetic::from_degrees(28.0, -82.0, 10.0));
@@ -12,7 +12,7 @@ fn vehicle(number: u8, seed: u64) -> BuiltInVehicle {
     BuiltInVehicle::new(&origin, &xcell60(), &start, &GUSTY, seed, VehicleId::new(number).unwrap())
 }
 
-fn after(mut vehicle: BuiltInVehicle, words: impl IntoIterator<Item = Option<Sticks>>) -> Frame {
+fn after(mut vehicle: BuiltInVehicle, words: impl IntoIterator<Item = Option<Controls>>) -> Frame {
     words.into_iter().for_each(|word| vehicle.advance(word));
     vehicle.frame()
 }
@@ -38,11 +38,11 @@ fn without_new_controls_the_last_are_held() {
 
 #[test]
 fn controls_are_clamped_to_their_travel_and_non_finite_ones_ignored() {
-    let wild = Sticks { roll: -7.0, pitch: 9.0, yaw: -1e300, collective: 44.0 };
-    let end = Sticks { roll: -1.0, pitch: 1.0, yaw: -1.0, collective: 1.0 };
+    let wild = Controls { roll: -7.0, pitch: 9.0, yaw: -1e300, collective: 44.0 };
+    let end = Controls { roll: -1.0, pitch: 1.0, yaw: -1.0, collective: 1.0 };
     assert_eq!(after(vehicle(1, 1), [Some(wild); 20]), after(vehicle(1, 1), [Some(end); 20]));
     for bad in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
-        let nonsense = Some(Sticks { pitch: bad, ..CLIMB });
+        let nonsense = Some(Controls { pitch: bad, ..CLIMB });
         assert_eq!(after(vehicle(1, 1), [nonsense; 20]), after(vehicle(1, 1), [None; 20]));
         let words = [Some(CLIMB), nonsense, nonsense];
         assert_eq!(after(vehicle(1, 1), words), after(vehicle(1, 1), [Some(CLIMB); 3]));

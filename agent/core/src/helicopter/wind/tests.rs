@@ -11,7 +11,7 @@ const W20_M_S: f64 = 10.0;
 /// The gusts along, across and down of a long run, m/s.
 fn gusts(seed: u64, ticks: usize) -> [Vec<f64>; 3] {
     let weather = Weather { wind_m_s: WIND_M_S, wind_from_rad: WIND_FROM_RAD, gust_w20_m_s: W20_M_S };
-    let mut air = Air::new(&weather, random::generator(seed, None, Purpose::Wind));
+    let mut air = LocalWind::new(&weather, random::generator(seed, None, Purpose::Wind));
     let mut gusts = [const { Vec::new() }; 3];
     // The direction to which the wind blows, and the direction to its right.
     let (sin, cos) = math::sin_cos(WIND_FROM_RAD + core::f64::consts::PI);
@@ -75,7 +75,7 @@ fn gusts_are_repeatable_and_differ_between_seeds() {
 fn the_wind_blows_away_from_its_direction_of_origin() {
     for (from_deg, north, east) in [(0.0_f64, -6.0, 0.0), (90.0, 0.0, -6.0), (180.0, 6.0, 0.0), (270.0, 0.0, 6.0)] {
         let weather = Weather { wind_m_s: 6.0, wind_from_rad: from_deg.to_radians(), gust_w20_m_s: 0.0 };
-        let air = Air::new(&weather, random::generator(0, None, Purpose::Wind)).advance(50.0);
+        let air = LocalWind::new(&weather, random::generator(0, None, Purpose::Wind)).advance(50.0);
         assert!((air - VelocityNed::new(north, east, 0.0)).norm() < 1e-12, "from {from_deg}°: {air:?}");
     }
 }

@@ -3,7 +3,7 @@
 use proptest::prelude::*;
 use skein_common::frame::Origin;
 use skein_common::math;
-use skein_common::state::Standing;
+use skein_common::state::PeerStatus;
 
 use super::super::channel::size_bytes;
 use super::*;
@@ -20,26 +20,26 @@ fn network(seed: u64, keys: &str) -> Scenario {
 }
 
 /// A state of a vehicle this far north of the origin.
-fn state_at(sender: u8, sequence: u64, north_m: f64) -> Word {
+fn state_at(sender: u8, sequence: u64, north_m: f64) -> PeerMessage {
     let origin = Origin::new(Geodetic::from_degrees(28.0, -82.0, 0.0));
     let position = origin.geodetic_from_ned(PositionNed::new(north_m, 0.0, -30.0));
     let state = VehicleState { position, velocity: VelocityNed::default(), heading_rad: 0.0 };
-    Word::State(State { header: header(sender, sequence), state })
+    PeerMessage::State(State { header: header(sender, sequence), state })
 }
 
 /// Offers one state per frame; returns the times of reception with the sequence numbers.
 fn deliveries(hearer: &mut Receiver, speaker: u8, frames: u64) -> Vec<(f64, u64)> {
     (0..frames).for_each(|frame| drop(hearer.receive(frame as f64 * FRAME_S, [state(speaker, frame)])));
-    let of = |(t_s, word): &(f64, Word)| match word {
-        Word::State(payload) if payload.header.sender == id(speaker) => Some((*t_s, payload.header.sequence)),
+    let of = |(t_s, word): &(f64, PeerMessage)| match word {
+        PeerMessage::State(payload) if payload.header.sender == id(speaker) => Some((*t_s, payload.header.sequence)),
         _ => None,
     };
     hearer.log.iter().filter_map(of).collect()
 }
 
 /// Whether the delivery counts add up to `offered + duplicated`.
-fn adds_up(ear: &Ear) -> bool {
-    let Tally { offered, duplicated, outside_graph, queue_full, out_of_range, lost, cut, heard } = ear.tally();
+fn adds_up(ear: &Impairments) -> bool {
+    let DeliveryCounts { offered, duplicated, outside_graph, queue_full, out_of_range, lost, cut, heard } = ear.tally();
     offered + duplicated == outside_graph + queue_full + out_of_range + lost + cut + heard + ear.in_flight() as u64
 }
 
@@ -170,7 +170,7 @@ fn a_listed_link_has_its_own_directed_settings() {
         network(1, "delay_s = 0.1\nlinks = [{ from = [2], delay_s = 0.3 }, { from = [2], to = [1], delay_s = 0.5 }]");
     for (own, speaker, delay_s) in [(1, 2, 0.5), (3, 2, 0.3), (2, 1, 0.1), (1, 3, 0.1)] {
         let mut hearer = Receiver::new(&scenario, own);
-        hearer.receive(0.0, [state(speaker, 1), Word::Appeared(id(speaker))]);
+        hearer.receive(0.0, [state(speaker, 1), PeerMessage::Appeared(id(speaker))]);
         hearer.receive(1.0, []);
         let times = hearer.times(|_| true);
         assert!(
@@ -226,7 +226,7 @@ fn the_nearest_are_the_current_neighbours_that_send() {
     hearer.receive(1.0, [state_at(2, 4, 50.0)]);
     assert_eq!(hearer.receive(2.3, [state_at(2, 5, 50.0)]).len(), 1);
     // Vehicle 2 has gone, and 3 is left.
-    hearer.receive(2.4, [Word::Vanished(id(2)), state_at(3, 6, -30.0)]);
+    hearer.receive(2.4, [PeerMessage::Vanished(id(2)), state_at(3, 6, -30.0)]);
     assert_eq!(hearer.receive(2.5, [state_at(3, 7, -30.0)]).len(), 1);
     assert!(adds_up(&hearer.ear) && hearer.ear.tally().outside_graph > 0);
 }
@@ -235,7 +235,7 @@ fn the_nearest_are_the_current_neighbours_that_send() {
 fn edges_are_directed_and_carry_states_only() {
     let scenario = network(3, "graph = 'edges'\nedges = [[1, 2], [2, 3]]");
     for (own, speaker) in [(1, 2), (2, 1), (2, 3), (3, 2), (4, 1)] {
-        let words = [state(speaker, 1), mission(speaker, 1), Word::Appeared(id(speaker)), order(1)];
+        let words = [state(speaker, 1), mission(speaker, 1), PeerMessage::Appeared(id(speaker)), order(1)];
         let heard = Receiver::new(&scenario, own).receive(0.0, words);
         let is_edge = [(1, 2), (2, 3)].contains(&(speaker, own));
         assert_eq!(heard, words[usize::from(!is_edge)..], "{own} of {speaker}");
@@ -245,7 +245,7 @@ fn edges_are_directed_and_carry_states_only() {
 #[test]
 fn tokens_arrive_once_and_in_order_under_any_impairment() {
     let mut hearer = Receiver::new(&network(3, &format!("{ALL}\npeer_stale_s = 3")), 3);
-    let token = |n: u32| if n.is_multiple_of(2) { Word::Appeared(id(2)) } else { Word::Vanished(id(2)) };
+    let token = |n: u32| if n.is_multiple_of(2) { PeerMessage::Appeared(id(2)) } else { PeerMessage::Vanished(id(2)) };
     for n in 0..2_000 {
         hearer.receive(f64::from(n) * FRAME_S, [token(n), state(2, n.into()), state(2, n.into()), state(2, n.into())]);
     }
@@ -264,7 +264,7 @@ fn the_latency_of_the_newest_state_is_reported_per_sender() {
     let ages = |hearer: &Receiver| {
         let blank = |number| PeerAge {
             id: id(number),
-            standing: Standing::Fresh,
+            standing: PeerStatus::Fresh,
             age_s: 0.0,
             delay_s: None,
             delivered_age_s: 0.0,
@@ -280,7 +280,7 @@ fn the_latency_of_the_newest_state_is_reported_per_sender() {
         let before = hearer.log.len();
         hearer.receive(frame as f64 * FRAME_S, [state(2, frame + 1), state(3, frame + 1)]);
         for (t_s, word) in &hearer.log[before..] {
-            let Word::State(payload) = word else { panic!("{word:?}") };
+            let PeerMessage::State(payload) = word else { panic!("{word:?}") };
             let of = &mut newest[usize::from(payload.header.sender.get()) - 2];
             let late_s = t_s - (payload.header.sequence - 1) as f64 * FRAME_S;
             held += usize::from(late_s > 0.6 && payload.header.sequence > of.0);
@@ -310,7 +310,7 @@ fn the_same_seed_gives_identical_deliveries_that_differ_per_direction() {
     };
     assert_eq!(log(1, 1), log(1, 1));
     assert_ne!(log(1, 1), log(2, 1));
-    let of = |log: &[(f64, Word)]| log.iter().filter(|(_, word)| word.speaker() == Some(id(4))).count();
+    let of = |log: &[(f64, PeerMessage)]| log.iter().filter(|(_, word)| word.speaker() == Some(id(4))).count();
     assert_ne!(of(&log(1, 2)), of(&log(1, 3)), "two receivers of the same sender");
 }
 
@@ -320,14 +320,14 @@ fn traffic() -> impl Strategy<Value = Vec<Vec<(u8, u8)>>> {
 }
 
 /// The messages of each frame, with ascending sequence numbers.
-fn words(traffic: &[Vec<(u8, u8)>]) -> impl Iterator<Item = (f64, Vec<Word>)> + '_ {
+fn words(traffic: &[Vec<(u8, u8)>]) -> impl Iterator<Item = (f64, Vec<PeerMessage>)> + '_ {
     let mut sequence = 0;
     traffic.iter().enumerate().map(move |(frame, sent)| {
         let word = |(speaker, kind): &(u8, u8)| {
             sequence += 1;
             match kind {
-                0 => Word::Appeared(id(*speaker)),
-                1 => Word::Vanished(id(*speaker)),
+                0 => PeerMessage::Appeared(id(*speaker)),
+                1 => PeerMessage::Vanished(id(*speaker)),
                 2..4 => mission(*speaker, sequence),
                 4 => order(sequence),
                 _ => state_at(*speaker, sequence, f64::from(*speaker) * 60.0),
@@ -371,7 +371,7 @@ proptest! {
                 hearer.receive(t_s, words.clone());
                 let heard: Vec<_> = hearer.log[from..]
                     .iter()
-                    .map(|(at_s, word)| Heard { word: *word, at: LocalTime::from_seconds(*at_s) })
+                    .map(|(at_s, word)| Received { word: *word, at: LocalTime::from_seconds(*at_s) })
                     .collect();
                 peers.update(now, &origin, &heard);
             }

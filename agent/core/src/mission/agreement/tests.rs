@@ -22,7 +22,7 @@ fn active(step: u32, reached: Option<u32>) -> AgreementState {
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Event {
     /// A newer agreement state of another vehicle.
-    Heard(VehicleId, AgreementState),
+    Received(VehicleId, AgreementState),
     Reached,
     Ordered(u32),
     Became(Membership),
@@ -63,7 +63,7 @@ impl One {
         let mut agreement = self.agreement.clone();
         let mut progress = None;
         match event {
-            Event::Heard(id, part) => {
+            Event::Received(id, part) => {
                 self.states.retain(|(known, _)| *known != id);
                 self.states.push((id, part));
             }
@@ -118,7 +118,7 @@ fn at_reached_step(partition: Partition) -> One {
 fn at_reached_step_with(others: &[(u8, AgreementState)]) -> One {
     let mut one = at_reached_step(Partition::Continue);
     for &(number, part) in others {
-        one.step(Event::Heard(id(number), part));
+        one.step(Event::Received(id(number), part));
     }
     one.step(in_contact(&others.iter().map(|(number, _)| *number).collect::<Vec<_>>()));
     one
@@ -128,7 +128,7 @@ fn at_reached_step_with(others: &[(u8, AgreementState)]) -> One {
 fn a_step_is_left_when_the_last_member_reaches_it() {
     let mut agreement = at_reached_step_with(&[(2, active(0, Some(0))), (3, active(0, None))]);
     assert_eq!(agreement.step(Event::Free), None);
-    assert_eq!(agreement.step(Event::Heard(id(3), active(0, Some(0)))), None);
+    assert_eq!(agreement.step(Event::Received(id(3), active(0, Some(0)))), None);
     assert_eq!(agreement.step(Event::Free), Some(Progress::Advanced));
     assert_eq!((agreement.at(), agreement.reached()), (1, Some(0)));
     assert_eq!(agreement.step(Event::Free), None, "the next step has to be reached first");
@@ -138,7 +138,7 @@ fn a_step_is_left_when_the_last_member_reaches_it() {
 fn a_vehicle_that_has_not_reached_the_step_stays_although_all_others_have() {
     let mut agreement = One::new(ROSTER, Partition::Continue);
     agreement.step(Event::Became(Membership::Active));
-    agreement.step(Event::Heard(id(2), active(0, Some(0))));
+    agreement.step(Event::Received(id(2), active(0, Some(0))));
     agreement.step(in_contact(&[2]));
     assert_eq!(agreement.step(Event::Free), None);
 }
@@ -167,8 +167,8 @@ fn a_joining_vehicle_follows_two_others_but_does_not_advance_itself() {
     let mut agreement = One::new(ROSTER, Partition::Continue);
     agreement.step(Event::Reached);
     assert_eq!(agreement.step(Event::Free), None);
-    agreement.step(Event::Heard(id(2), active(2, Some(1))));
-    agreement.step(Event::Heard(id(3), active(2, None)));
+    agreement.step(Event::Received(id(2), active(2, Some(1))));
+    agreement.step(Event::Received(id(3), active(2, None)));
     assert_eq!(agreement.step(in_contact(&[2, 3])), Some(Progress::Carried { from: 0, reached: true }));
     assert_eq!((agreement.at(), agreement.membership()), (2, Membership::Joining));
 }
@@ -178,14 +178,14 @@ fn a_member_counts_from_the_state_that_reports_it_active() {
     let joining = AgreementState { membership: Membership::Joining, ..active(0, None) };
     let mut agreement = at_reached_step_with(&[(2, joining)]);
     assert_eq!(agreement.clone().step(Event::Free), Some(Progress::Advanced));
-    agreement.step(Event::Heard(id(2), active(0, None)));
+    agreement.step(Event::Received(id(2), active(0, None)));
     assert_eq!(agreement.step(Event::Free), None);
 }
 
 #[test]
 fn a_restarted_agent_begins_at_the_first_step() {
     let mut agreement = at_reached_step_with(&[(2, active(0, Some(0)))]);
-    agreement.step(Event::Heard(id(2), active(0, None)));
+    agreement.step(Event::Received(id(2), active(0, None)));
     assert_eq!(agreement.step(Event::Free), None);
 }
 
@@ -193,7 +193,7 @@ fn a_restarted_agent_begins_at_the_first_step() {
 fn after(others: &[(u8, AgreementState)], event: Event) -> (One, Option<Progress>) {
     let mut agreement = at_reached_step(Partition::Continue);
     for &(number, part) in others {
-        assert_eq!(agreement.step(Event::Heard(id(number), part)), None);
+        assert_eq!(agreement.step(Event::Received(id(number), part)), None);
     }
     let progress = agreement.step(event);
     (agreement, progress)
@@ -203,10 +203,10 @@ fn after(others: &[(u8, AgreementState)], event: Event) -> (One, Option<Progress
 fn one_later_state_moves_no_vehicle_and_two_move_it_to_the_step_of_both() {
     let (mut agreement, progress) = after(&[(2, active(3, Some(3))), (3, active(0, None))], in_contact(&[2, 3]));
     assert_eq!((progress, agreement.at(), agreement.vouched()), (None, 0, 0), "one of the two may be false");
-    agreement.step(Event::Heard(id(3), active(1, None)));
+    agreement.step(Event::Received(id(3), active(1, None)));
     assert_eq!(agreement.step(in_contact(&[2, 3])), Some(Progress::Carried { from: 0, reached: true }));
     assert_eq!((agreement.at(), agreement.vouched(), agreement.reached()), (1, 1, Some(0)));
-    agreement.step(Event::Heard(id(4), active(2, None)));
+    agreement.step(Event::Received(id(4), active(2, None)));
     assert_eq!(agreement.step(in_contact(&[2, 3, 4])), Some(Progress::Carried { from: 1, reached: false }));
     assert_eq!(agreement.at(), 2, "two are at step 2 or later");
 }
@@ -225,7 +225,7 @@ fn a_single_state_moves_a_vehicle_only_if_no_further_one_may_fly() {
     let (mut agreement, progress) = after(&ahead, only_in_contact(&[2]));
     assert_eq!(progress, Some(Progress::Carried { from: 0, reached: true }));
     assert_eq!((agreement.at(), agreement.vouched()), (3, 0), "only one vehicle has vouched for it");
-    agreement.step(Event::Heard(id(3), active(3, None)));
+    agreement.step(Event::Received(id(3), active(3, None)));
     agreement.step(in_contact(&[2, 3]));
     assert_eq!(agreement.vouched(), 3, "two vouch for it now");
 }
@@ -239,7 +239,7 @@ fn a_vehicle_moved_by_a_single_state_moves_no_further_vehicle() {
     // Nor do the steps it reaches after that.
     let (mut agreement, _) = after(&[(2, active(2, None))], only_in_contact(&[2]));
     agreement.step(Event::Reached);
-    agreement.step(Event::Heard(id(2), active(3, None)));
+    agreement.step(Event::Received(id(2), active(3, None)));
     assert_eq!(agreement.step(Event::Free), Some(Progress::Advanced));
     assert_eq!((agreement.at(), agreement.vouched()), (3, 0));
 }
@@ -247,7 +247,7 @@ fn a_vehicle_moved_by_a_single_state_moves_no_further_vehicle() {
 #[test]
 fn in_a_swarm_of_two_each_follows_the_other() {
     let mut agreement = One::new(2, Partition::Quorum);
-    agreement.step(Event::Heard(id(2), active(2, None)));
+    agreement.step(Event::Received(id(2), active(2, None)));
     assert!(agreement.step(only_in_contact(&[2])).is_some());
     assert_eq!((agreement.at(), agreement.vouched()), (2, 2));
 }
@@ -257,13 +257,13 @@ fn a_vehicle_that_ran_ahead_alone_waits_for_the_others_to_follow() {
     let mut others = after(&[(2, active(2, None)), (3, active(0, Some(0)))], in_contact(&[2, 3])).0;
     assert_eq!(others.step(Event::Free), Some(Progress::Advanced), "it does not keep a vehicle from its own step");
     others.step(Event::Reached);
-    others.step(Event::Heard(id(3), active(1, Some(1))));
+    others.step(Event::Received(id(3), active(1, Some(1))));
     assert_eq!(others.step(Event::Free), Some(Progress::Advanced));
     let mut ahead = after(&[(2, active(0, None))], in_contact(&[2])).0;
     ahead.step(Event::Ordered(2));
     ahead.step(Event::Reached);
     assert_eq!(ahead.step(Event::Free), None);
-    ahead.step(Event::Heard(id(2), active(2, Some(2))));
+    ahead.step(Event::Received(id(2), active(2, Some(2))));
     assert_eq!(ahead.step(Event::Free), Some(Progress::Advanced));
 }
 
@@ -291,7 +291,7 @@ fn under_quorum_half_of_the_roster_cannot_advance() {
         for (partition, advances) in [(Partition::Quorum, enough), (Partition::Continue, true)] {
             let mut agreement = at_reached_step(partition);
             for number in 2..=ROSTER {
-                agreement.step(Event::Heard(id(number), active(0, Some(0))));
+                agreement.step(Event::Received(id(number), active(0, Some(0))));
             }
             agreement.step(in_contact(others));
             assert_eq!(agreement.has_quorum(), advances, "{partition:?} with {others:?}");
@@ -323,7 +323,7 @@ fn vehicle() -> impl Strategy<Value = VehicleId> {
 
 fn event() -> impl Strategy<Value = Event> {
     prop_oneof![
-        4 => (vehicle(), part()).prop_map(|(id, part)| Event::Heard(id, part)),
+        4 => (vehicle(), part()).prop_map(|(id, part)| Event::Received(id, part)),
         4 => Just(Event::Reached),
         4 => Just(Event::Free),
         2 => (vec(vehicle(), 0..4), any::<bool>()).prop_map(|(heard, absent_may_fly)| {
@@ -382,9 +382,9 @@ proptest! {
     ) {
         let honest = AgreementState { step: 0, vouched: 0, ..honest };
         let mut agreement = at_reached_step(Partition::Continue);
-        agreement.step(Event::Heard(id(2), honest));
+        agreement.step(Event::Received(id(2), honest));
         for lie in lies {
-            agreement.step(Event::Heard(id(3), lie));
+            agreement.step(Event::Received(id(3), lie));
             agreement.step(Event::Contact { heard: set(&[2, 3]), absent_may_fly });
             prop_assert_eq!((agreement.at(), agreement.vouched()), (0, 0));
         }

@@ -9,7 +9,7 @@ struct Side {
     clock_s: fn(f64) -> f64,
     sequence: u64,
     /// Messages with their true times of arrival and of sending, s.
-    in_flight: Vec<(f64, f64, Word)>,
+    in_flight: Vec<(f64, f64, PeerMessage)>,
     /// True time of sending of the newest state that has arrived, s.
     newest_sent_s: f64,
 }
@@ -29,19 +29,19 @@ impl Side {
         self.in_flight = in_flight;
         arrived.sort_by(|one, other| one.0.total_cmp(&other.0));
         let now = self.now(t_s);
-        let heard: Vec<_> = arrived.iter().map(|&(.., word)| Heard { word, at: now }).collect();
+        let heard: Vec<_> = arrived.iter().map(|&(.., word)| Received { word, at: now }).collect();
         self.newest_sent_s = arrived.iter().map(|&(_, sent_s, _)| sent_s).fold(self.newest_sent_s, f64::max);
         self.peers.update(now, &origin(), &heard);
     }
 
     /// Sends a state and a heartbeat, which arrive `delay_s` later.
-    fn send(&mut self, own: u8, t_s: f64, delay_s: f64) -> [(f64, f64, Word); 2] {
+    fn send(&mut self, own: u8, t_s: f64, delay_s: f64) -> [(f64, f64, PeerMessage); 2] {
         self.sequence += 1;
         let stamp = self.now(t_s).into();
         let header = Header { stamp, ..header(own, 1, self.sequence) };
-        let Word::State(sent) = state(own, 1, self.sequence, 2.0 * t_s) else { unreachable!() };
+        let PeerMessage::State(sent) = state(own, 1, self.sequence, 2.0 * t_s) else { unreachable!() };
         let heartbeat = Mission { echo: self.peers.echo(stamp), ..heartbeat_of(header, 1, Membership::Active) };
-        [Word::State(State { header, ..sent }), Word::Mission(heartbeat)].map(|word| (t_s + delay_s, t_s, word))
+        [PeerMessage::State(State { header, ..sent }), PeerMessage::Mission(heartbeat)].map(|word| (t_s + delay_s, t_s, word))
     }
 }
 
@@ -50,7 +50,7 @@ struct Step {
     t_s: f64,
     /// True age of the peer's newest state, s.
     age_s: f64,
-    estimate: Seen,
+    estimate: PeerEstimate,
 }
 
 /// Flies for a minute with this delay of messages sent at true time t, in both directions.
@@ -90,7 +90,7 @@ fn a_constant_delay_is_in_the_age_after_one_round_trip() {
         assert!((estimate.carried_s - age_s).abs() < 0.05, "{t_s}: {} for {age_s}", estimate.carried_s);
         assert!((estimate.position.north_m() - 2.0 * t_s).abs() < 0.1, "{t_s}: {:?}", estimate.position);
         // The delay is as long as network.peer_stale_s, but the peer is not silent.
-        assert_eq!((estimate.standing, estimate.role), (Standing::Stale, Role::Member), "{t_s}");
+        assert_eq!((estimate.standing, estimate.role), (PeerStatus::Stale, Role::Member), "{t_s}");
     }
 }
 
@@ -101,7 +101,7 @@ fn a_delay_that_begins_in_flight_is_in_the_age_from_its_first_message() {
         if t_s < 0.5 {
             continue;
         }
-        assert!(estimate.delay_s.is_some() && estimate.standing != Standing::Lost, "{t_s}: {estimate:?}");
+        assert!(estimate.delay_s.is_some() && estimate.standing != PeerStatus::Lost, "{t_s}: {estimate:?}");
         assert!((age_s - 1e-3..age_s + 1.6).contains(&estimate.age_s), "{t_s}: {} for {age_s}", estimate.age_s);
         let settled = [(1.0, 20.0), (25.0, 40.0), (45.0, 60.0)].iter().any(|(from, to)| (*from..*to).contains(&t_s));
         assert!(!settled || (estimate.carried_s - age_s).abs() < 0.05, "{t_s}: {} for {age_s}", estimate.carried_s);
@@ -113,10 +113,10 @@ fn a_delay_that_begins_in_flight_is_in_the_age_from_its_first_message() {
 fn after_a_peers_clock_was_set_the_age_is_correct_within_two_seconds() {
     let jumps: fn(f64) -> f64 = |t_s| if (20.0..40.0).contains(&t_s) { 503.0 + t_s } else { 500.0 + t_s };
     for Step { t_s, age_s, estimate } in fly(|_| 0.1, [RIGHT[0], jumps]) {
-        assert_ne!(estimate.standing, Standing::Lost, "{t_s}");
+        assert_ne!(estimate.standing, PeerStatus::Lost, "{t_s}");
         if [2.0..20.0, 22.0..40.0, 42.0..60.0].iter().any(|settled| settled.contains(&t_s)) {
             assert!((age_s - 1e-3..age_s + 0.15).contains(&estimate.age_s), "{t_s}: {} for {age_s}", estimate.age_s);
-            assert_eq!(estimate.standing, Standing::Fresh, "{t_s}: {estimate:?}");
+            assert_eq!(estimate.standing, PeerStatus::Fresh, "{t_s}: {estimate:?}");
         }
     }
 }

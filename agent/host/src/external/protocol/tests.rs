@@ -2,20 +2,20 @@ use proptest::prelude::*;
 use skein_common::scenario::{Source, load};
 
 use super::*;
-use skein_core::formation::external::{Goal, Own, Peer};
+use skein_core::formation::external::{QueryGoal, OwnState, PeerState};
 
 fn id(number: u8) -> VehicleId {
     VehicleId::new(number).unwrap()
 }
 
-fn text(sent: &Said<'_>) -> String {
+fn text(sent: &MessageToLaw<'_>) -> String {
     String::from_utf8(sent.line()).unwrap()
 }
 
-fn answer_to(line: &str) -> Result<Answer, Fault> {
+fn answer_to(line: &str) -> Result<LawReply, Fault> {
     match read(line.as_bytes())? {
-        Heard::Answer(answer) => Ok(answer),
-        Heard::Ready => panic!("ready"),
+        MessageFromLaw::LawReply(answer) => Ok(answer),
+        MessageFromLaw::Ready => panic!("ready"),
     }
 }
 
@@ -36,19 +36,19 @@ fn messages_to_a_law_have_exactly_these_bytes() {
         parameters,
     };
     let line = r#"{"say":"hello","protocol":1,"run":"hover/42","vehicle":3,"ids":[1,2,3,4],"seed":9001,"time":"virtual","period_s":0.1,"max_speed_m_s":5.0,"parameters":{"gain":0.3}}"#;
-    assert_eq!(text(&Said::Hello(&hello)), format!("{line}\n"));
-    let ask = Ask {
+    assert_eq!(text(&MessageToLaw::Hello(&hello)), format!("{line}\n"));
+    let ask = LawQuery {
         vehicle: id(3),
         tick: 417,
         time_s: 41.7,
         dt_s: 0.1,
-        own: Own {
+        own: OwnState {
             position_ned_m: [81.0, -60.2, -30.0],
             velocity_ned_m_s: [0.1, 0.4, 0.0],
             heading_rad: 1.57,
             age_s: 0.02,
         },
-        peers: vec![Peer {
+        peers: vec![PeerState {
             id: id(1),
             position_ned_m: [99.1, 3.2, -30.1],
             velocity_ned_m_s: [0.0, 0.2, 0.0],
@@ -56,7 +56,7 @@ fn messages_to_a_law_have_exactly_these_bytes() {
             age_s: 0.06,
             fresh: true,
         }],
-        goal: Goal {
+        goal: QueryGoal {
             step: 0,
             centre_ned_m: [0.0, 0.0, -30.0],
             centre_velocity_ned_m_s: [0.0, 0.0, 0.0],
@@ -66,25 +66,25 @@ fn messages_to_a_law_have_exactly_these_bytes() {
         },
     };
     let line = r#"{"say":"ask","vehicle":3,"tick":417,"time_s":41.7,"dt_s":0.1,"own":{"position_ned_m":[81.0,-60.2,-30.0],"velocity_ned_m_s":[0.1,0.4,0.0],"heading_rad":1.57,"age_s":0.02},"peers":[{"id":1,"position_ned_m":[99.1,3.2,-30.1],"velocity_ned_m_s":[0.0,0.2,0.0],"heading_rad":0.0,"age_s":0.06,"fresh":true}],"goal":{"step":0,"centre_ned_m":[0.0,0.0,-30.0],"centre_velocity_ned_m_s":[0.0,0.0,0.0],"heading_rad":0.0,"radius_m":100.0,"gamma":1.0}}"#;
-    assert_eq!(text(&Said::Ask(&ask)), format!("{line}\n"));
-    assert_eq!(text(&Said::Bye), "{\"say\":\"bye\"}\n");
+    assert_eq!(text(&MessageToLaw::LawQuery(&ask)), format!("{line}\n"));
+    assert_eq!(text(&MessageToLaw::Bye), "{\"say\":\"bye\"}\n");
 }
 
 #[test]
 fn valid_lines_of_a_law_are_read() {
-    assert_eq!(read(br#"{"say":"ready","protocol":1}"#), Ok(Heard::Ready));
-    assert_eq!(read(br#"{"protocol":1.0,"say":"ready","name":"mine"}"#), Ok(Heard::Ready), "unknown keys are ignored");
+    assert_eq!(read(br#"{"say":"ready","protocol":1}"#), Ok(MessageFromLaw::Ready));
+    assert_eq!(read(br#"{"protocol":1.0,"say":"ready","name":"mine"}"#), Ok(MessageFromLaw::Ready), "unknown keys are ignored");
     let line =
         r#"{"say":"answer","vehicle":3,"tick":417,"velocity_ned_m_s":[0.4,-1.2,0],"log":{"consensus_error":0.31}}"#;
     let answer = answer_to(line).unwrap();
     assert_eq!((answer.vehicle, answer.tick), (id(3), 417));
-    assert_eq!(answer.wanted, Wanted::VelocityNed(Vector3::new(0.4, -1.2, 0.0)));
+    assert_eq!(answer.wanted, ReplyCommand::VelocityNed(Vector3::new(0.4, -1.2, 0.0)));
     assert_eq!(answer.log, [LawNumber { name: "consensus_error".to_owned(), value: 0.31 }]);
     assert_eq!((answer.heading_rad, answer.reached), (None, None));
     let line = r#"{"say":"answer","vehicle":3.0,"tick":4e2,"field_ne":[0.1,-0.3],"heading_rad":1.5,"reached":false}"#;
     let answer = answer_to(line).unwrap();
     assert_eq!((answer.tick, answer.heading_rad, answer.reached), (400, Some(1.5), Some(false)));
-    assert_eq!(answer.wanted, Wanted::FieldNe(Vector2::new(0.1, -0.3)));
+    assert_eq!(answer.wanted, ReplyCommand::FieldNe(Vector2::new(0.1, -0.3)));
 }
 
 #[test]
@@ -145,8 +145,8 @@ fn every_vehicle_and_run_has_a_seed_of_its_own() {
     };
     let one = hello(7, 1, Time::Real);
     assert_eq!((one.run.as_str(), one.ids.len(), one.period_s), ("swarm/7", 3, 0.1));
-    assert!(text(&Said::Hello(&one)).contains(r#""time":"real""#));
-    assert!(text(&Said::Hello(&one)).contains(r#""parameters":{"gain":0.3,"names":["a"]}"#));
+    assert!(text(&MessageToLaw::Hello(&one)).contains(r#""time":"real""#));
+    assert!(text(&MessageToLaw::Hello(&one)).contains(r#""parameters":{"gain":0.3,"names":["a"]}"#));
     assert_eq!(one.seed, hello(7, 1, Time::Virtual).seed);
     assert!(one.seed != hello(7, 2, Time::Real).seed && one.seed != hello(8, 1, Time::Real).seed);
     assert!(one.seed < 1 << 32, "exact in any language");
@@ -174,17 +174,17 @@ proptest! {
         *at.get_mut(&mut line) = byte;
         let value = serde_json::from_slice::<Value>(&line);
         match read(&line) {
-            Ok(Heard::Answer(answer)) => {
+            Ok(MessageFromLaw::LawReply(answer)) => {
                 let value = value.unwrap();
                 prop_assert_eq!(value["vehicle"].as_f64(), Some(answer.vehicle.get().into()));
                 prop_assert_eq!(value["tick"].as_f64(), Some(answer.tick as f64));
-                let Wanted::FieldNe(field) = answer.wanted else { panic!("{answer:?}") };
+                let ReplyCommand::FieldNe(field) = answer.wanted else { panic!("{answer:?}") };
                 prop_assert_eq!(&value["field_ne"], &serde_json::json!([value["field_ne"][0], value["field_ne"][1]]));
                 prop_assert_eq!(value["field_ne"][0].as_f64(), Some(field.x));
                 prop_assert_eq!(value["field_ne"][1].as_f64(), Some(field.y));
                 prop_assert_eq!(value["heading_rad"].as_f64(), answer.heading_rad);
             }
-            Ok(Heard::Ready) => panic!("ready"),
+            Ok(MessageFromLaw::Ready) => panic!("ready"),
             Err(fault) => prop_assert_eq!(matches!(fault, Fault::NotJson(..)), value.is_err(), "{}", fault),
         }
     }
@@ -195,10 +195,10 @@ proptest! {
         value in "[0-9eE+.,\\-\\[\\]{}\":nulNaI ]{0,30}",
     ) {
         let line = format!(r#"{{"say":"answer","vehicle":3,"tick":1,"field_ne":[0.5,0],"{key}":{value}}}"#);
-        if let Ok(Heard::Answer(answer)) = read(line.as_bytes()) {
+        if let Ok(MessageFromLaw::LawReply(answer)) = read(line.as_bytes()) {
             let wanted: Vec<f64> = match answer.wanted {
-                Wanted::VelocityNed(velocity) => velocity.iter().copied().collect(),
-                Wanted::FieldNe(field) => field.iter().copied().collect(),
+                ReplyCommand::VelocityNed(velocity) => velocity.iter().copied().collect(),
+                ReplyCommand::FieldNe(field) => field.iter().copied().collect(),
             };
             prop_assert!(wanted.iter().chain(&answer.heading_rad).all(|number| number.abs() <= MAX_NUMBER));
             prop_assert!(answer.log.len() <= LawNumber::MAX_COUNT);

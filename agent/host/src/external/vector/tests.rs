@@ -2,14 +2,14 @@ use proptest::prelude::*;
 use skein_common::id::VehicleId;
 
 use super::*;
-use skein_core::formation::external::{Goal, Own};
+use skein_core::formation::external::{QueryGoal, OwnState};
 
 fn id(number: u8) -> VehicleId {
     VehicleId::new(number).unwrap()
 }
 
-fn peer(number: u8, north_m: f64) -> Peer {
-    Peer {
+fn peer(number: u8, north_m: f64) -> PeerState {
+    PeerState {
         id: id(number),
         position_ned_m: [north_m, 3.2, -30.1],
         velocity_ned_m_s: [0.5, 0.2, 0.1],
@@ -19,20 +19,20 @@ fn peer(number: u8, north_m: f64) -> Peer {
     }
 }
 
-fn ask(peers: Vec<Peer>) -> Ask {
-    Ask {
+fn ask(peers: Vec<PeerState>) -> LawQuery {
+    LawQuery {
         vehicle: id(3),
         tick: 417,
         time_s: 41.7,
         dt_s: 0.1,
-        own: Own {
+        own: OwnState {
             position_ned_m: [81.0, -60.2, -30.0],
             velocity_ned_m_s: [0.1, 0.4, 0.3],
             heading_rad: 1.57,
             age_s: 0.0,
         },
         peers,
-        goal: Goal {
+        goal: QueryGoal {
             step: 2,
             centre_ned_m: [11.0, 12.0, -30.0],
             centre_velocity_ned_m_s: [1.0, 2.0, 3.0],
@@ -64,7 +64,7 @@ fn a_query_has_its_values_at_these_indices() {
 
 #[test]
 fn of_many_peers_the_nearest_have_a_row_by_id() {
-    let peers: Vec<Peer> = (4..=24).map(|number| peer(number, 81.0 + 10.0 * f64::from(25 - number))).collect();
+    let peers: Vec<PeerState> = (4..=24).map(|number| peer(number, 81.0 + 10.0 * f64::from(25 - number))).collect();
     let at = values(&write(&ask(peers)));
     let ids: Vec<f64> = (0..15).map(|k| at(25 + 8 * k)).collect();
     assert_eq!((at(23), ids), (15.0, (10..=24).map(f64::from).collect()));
@@ -78,9 +78,9 @@ fn datagram(values: &[f64]) -> Vec<u8> {
 fn a_reply_has_its_values_at_these_indices() {
     let answer = read(&datagram(&[1.0, 3.0, 417.0, 1.0, 0.4, -1.2, 0.1, 1.5, 1.0])).unwrap();
     assert_eq!((answer.vehicle, answer.tick, answer.heading_rad), (id(3), 417, Some(1.5)));
-    assert_eq!(answer.wanted, Wanted::VelocityNed(Vector3::new(0.4, -1.2, 0.1)));
+    assert_eq!(answer.wanted, ReplyCommand::VelocityNed(Vector3::new(0.4, -1.2, 0.1)));
     let answer = read(&datagram(&[1.0, 3.0, 417.0, 2.0, 0.4, -1.2, 0.0, 1.5, 0.0])).unwrap();
-    assert_eq!((answer.wanted, answer.heading_rad), (Wanted::FieldNe(Vector2::new(0.4, -1.2)), None));
+    assert_eq!((answer.wanted, answer.heading_rad), (ReplyCommand::FieldNe(Vector2::new(0.4, -1.2)), None));
 }
 
 #[test]
@@ -135,8 +135,8 @@ proptest! {
             prop_assert_eq!((f64::from(answer.vehicle.get()), answer.tick as f64), (vehicle, tick));
             prop_assert_eq!(answer.heading_rad, (is_meant == 1.0).then_some(heading_rad));
             let wanted = match kind {
-                1.0 => Wanted::VelocityNed(Vector3::new(x, y, z)),
-                _ => Wanted::FieldNe(Vector2::new(x, y)),
+                1.0 => ReplyCommand::VelocityNed(Vector3::new(x, y, z)),
+                _ => ReplyCommand::FieldNe(Vector2::new(x, y)),
             };
             prop_assert_eq!(answer.wanted, wanted);
         }

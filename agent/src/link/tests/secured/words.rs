@@ -7,17 +7,17 @@ use super::*;
 fn without_signatures_a_valid_node_could_forge_any_message() {
     let swarm = Swarm::without_signatures("unsigned");
     let intruder = swarm.guest(swarm.authority.tls("vehicle-3.2"));
-    let forger = Forger { voices: Voices::plain(swarm.name.clone()), sealer: swarm.authority.sealer("vehicle-3.2") };
+    let forger = Forger { voices: KeyRing::plain(swarm.name.clone()), sealer: swarm.authority.sealer("vehicle-3.2") };
     wait_until(|| is_linked(intruder.first()));
     let mut heard = Vec::new();
     let deadline = now() + TIMEOUT;
-    let kinds: [fn(&Word) -> bool; 3] = [
-        |word| matches!(word, Word::State(_)),
-        |word| matches!(word, Word::Mission(_)),
-        |word| matches!(word, Word::Order(_)),
+    let kinds: [fn(&PeerMessage) -> bool; 3] = [
+        |word| matches!(word, PeerMessage::State(_)),
+        |word| matches!(word, PeerMessage::Mission(_)),
+        |word| matches!(word, PeerMessage::Order(_)),
     ];
     let are_received =
-        |heard: &[Heard]| kinds.iter().all(|kind| word(heard, |word| is_forged(word) && kind(word)).is_some());
+        |heard: &[Received]| kinds.iter().all(|kind| word(heard, |word| is_forged(word) && kind(word)).is_some());
     while !are_received(&heard) {
         assert!(now() < deadline, "{heard:?}");
         forger.forge(intruder.first(), &[1, 2]);
@@ -49,7 +49,7 @@ fn a_node_with_a_valid_certificate_can_use_every_kind_of_message() {
         assert!(now() < deadline, "tokens {there:?}, received {received_kinds:?}");
         swarm.exchange(1, || {});
         swarm.one.publish_mission(&mission(1, 1));
-        swarm.two.publish_event(&Event { header: state(2, 1).header, what: Happening::Landed });
+        swarm.two.publish_event(&Event { header: state(2, 1).header, what: EventKind::Landed });
         for publisher in publishers.iter().flat_map(|health| &health.publisher.publishers) {
             publisher.put(b"health").wait().unwrap();
         }
@@ -68,7 +68,7 @@ fn a_node_with_a_valid_certificate_can_use_every_kind_of_message() {
     // Each vehicle queries the other's clock.
     for (health, other) in publishers.iter_mut().zip([2, 1]) {
         let mut peers =
-            [PeerHealth { id: id(other), standing: Standing::Fresh, age_s: 0.0, delay_s: None, clock: None }];
+            [PeerHealth { id: id(other), standing: PeerStatus::Fresh, age_s: 0.0, delay_s: None, clock: None }];
         health.live = vec![id(other)];
         let deadline = now() + TIMEOUT;
         while peers[0].clock.is_none() {
@@ -83,7 +83,7 @@ fn a_node_with_a_valid_certificate_can_use_every_kind_of_message() {
     let order = seal::orders::sign(&swarm.authority.sealer("operator"), &swarm.name, RUN, order);
     for link in [&swarm.one, &swarm.two] {
         let give = || send(operator.first(), &Topic::Order(9).key(), &encode(&order));
-        until(link, give, |heard| word(heard, |word| *word == Word::Order(order)));
+        until(link, give, |heard| word(heard, |word| *word == PeerMessage::Order(order)));
     }
 }
 
@@ -93,8 +93,8 @@ fn a_late_vehicle_receives_the_heartbeats_of_its_peers() {
     swarm.one.publish_mission(&mission(1, 5));
     let trust = swarm.authority.trust(&swarm.name, "vehicle-3.2");
     let late = Link::new(swarm.guest(swarm.authority.tls("vehicle-3.2")), id(3), LocalClock::start(), trust).unwrap();
-    until(&late, || {}, |heard| word(heard, |word| *word == Word::Mission(mission(1, 5))));
-    until(&swarm.two, || {}, |heard| word(heard, |word| *word == Word::Appeared(id(3))));
+    until(&late, || {}, |heard| word(heard, |word| *word == PeerMessage::Mission(mission(1, 5))));
+    until(&swarm.two, || {}, |heard| word(heard, |word| *word == PeerMessage::Appeared(id(3))));
 }
 
 /// Vehicle 3's own messages arrive, so the ones that it forged before were refused.
@@ -113,7 +113,7 @@ fn a_valid_vehicle_can_send_for_itself_only() {
             let heard = until(
                 link,
                 || forger.send(intruder.first(), Topic::State(id(3), Cell::default()), &state(3, sequence)),
-                |heard| word(heard, |word| *word == Word::State(state(3, sequence))).map(|_| heard.to_vec()),
+                |heard| word(heard, |word| *word == PeerMessage::State(state(3, sequence))).map(|_| heard.to_vec()),
             );
             assert_eq!(heard.iter().find(|heard| is_forged(&heard.word)), None);
         }
@@ -150,13 +150,13 @@ fn a_valid_vehicle_can_reply_for_itself_only() {
         for sender in [1, 3] {
             let receiver = late.receiver.clone();
             queries::send_query(late.sessions.first(), Topic::Mission(id(sender)), &[], move |sample| {
-                receiver.receive(sample, Word::Mission)
+                receiver.receive(sample, PeerMessage::Mission)
             });
         }
     };
     let heard = until(&late, ask, |heard| {
         (late.drops().forged > 0).then_some(())?;
-        word(heard, |word| *word == Word::Mission(mission(1, 5)))?;
+        word(heard, |word| *word == PeerMessage::Mission(mission(1, 5)))?;
         word(heard, |word| is_forged(word) && word.speaker() == Some(id(3))).map(|_| heard.to_vec())
     });
     assert_eq!(word(&heard, |word| is_forged(word) && word.speaker() == Some(id(1))), None);
@@ -191,7 +191,7 @@ fn replayed_messages_are_refused_once_their_sender_has_gone() {
     }
     let Swarm { one, two, authority, name, .. } = swarm;
     one.close();
-    until(&two, || {}, |heard| word(heard, |word| *word == Word::Vanished(id(1))));
+    until(&two, || {}, |heard| word(heard, |word| *word == PeerMessage::Vanished(id(1))));
     two.close();
     let here = ["tls/127.0.0.1:0".to_owned()];
     let sessions = Sessions::open(&name, &here, &[], &secured(authority.tls("vehicle-2"))).unwrap();
@@ -240,7 +240,7 @@ fn no_node_can_send_for_another_by_taking_its_session_number() {
     let sessions = Sessions::open(&swarm.name, &["tls/127.0.0.1:0".to_owned()], &dial, &secured(tls)).unwrap();
     let trust = swarm.authority.trust(&swarm.name, "vehicle-3.2");
     let three = Link::new(sessions, id(3), LocalClock::start(), trust).unwrap();
-    until(&three, || {}, |heard| word(heard, |word| *word == Word::Appeared(id(1))));
+    until(&three, || {}, |heard| word(heard, |word| *word == PeerMessage::Appeared(id(1))));
 
     let number = swarm.one.sessions.first().zid().to_string();
     let intruder = as_number(&swarm, &number, &of_intruder, &[], &swarm.authority.tls("vehicle-2"));

@@ -6,10 +6,10 @@ use crate::plant::xplane::socket::Port;
 use crate::plant::xplane::wire::WireError;
 use crate::plant::xplane::wire::dref::Template;
 use skein_core::aircraft::{Dataref, Profile};
-use skein_core::plant::Sticks;
+use skein_core::plant::Controls;
 
 /// One datagram template for each dataref of the aircraft's profile.
-pub(super) struct Controls {
+pub(super) struct ControlWriter {
     overrides: Vec<Template>,
     hold: Vec<(Template, f32)>,
     roll: Template,
@@ -18,7 +18,7 @@ pub(super) struct Controls {
     collective: Vec<Template>,
 }
 
-impl Controls {
+impl ControlWriter {
     pub(super) fn new(profile: &Profile) -> Result<Self, WireError> {
         let template = |dataref: &Dataref| Template::new(dataref.as_str());
         let held = |(dataref, &value): (&Dataref, &f32)| Ok((template(dataref)?, value));
@@ -52,7 +52,7 @@ impl Controls {
     }
 
     /// Sets the controls.
-    pub(super) fn set(&mut self, sticks: Sticks, port: &mut Port, to: SocketAddr) {
+    pub(super) fn set(&mut self, sticks: Controls, port: &mut Port, to: SocketAddr) {
         send(port, &mut self.roll, sticks.roll as f32, to);
         send(port, &mut self.pitch, sticks.pitch as f32, to);
         send(port, &mut self.yaw, sticks.yaw as f32, to);

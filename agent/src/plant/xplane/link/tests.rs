@@ -16,7 +16,7 @@ const TIMEOUT: Duration = Duration::from_secs(5);
 const ROTOR_SPEED: &str = "sim/cockpit2/engine/indicators/prop_speed_rpm[0]";
 const VERSION: &str = "sim/version/xplane_internal_version";
 const PAUSED: &str = "sim/time/paused";
-const HOVER: Sticks = Sticks { roll: 0.25, pitch: -0.5, yaw: 0.125, collective: 0.75 };
+const HOVER: Controls = Controls { roll: 0.25, pitch: -0.5, yaw: 0.125, collective: 0.75 };
 
 fn link_to(simulator: SocketAddr, listen: IpAddr) -> XPlane {
     let origin = Origin::new(Geodetic::from_degrees(28.0, -82.0, 0.0));
@@ -206,7 +206,7 @@ fn commands_outside_the_travel_are_not_sent() {
     let (mut simulator, mut link) = Scripted::new();
     simulator.receive();
     for bad in [f64::NAN, f64::INFINITY, 1.5] {
-        link.command(Sticks { roll: bad, ..HOVER });
+        link.command(Controls { roll: bad, ..HOVER });
     }
     assert_eq!(link.counters().refused_commands, 3);
     assert!(simulator.receive().is_empty());
@@ -440,7 +440,7 @@ mod live {
         assert_eq!(read(live.address, "sim/operation/override/override_joystick"), 0.0);
 
         for _ in 0..75 {
-            link.command(Sticks { collective: 0.7, ..Sticks::default() });
+            link.command(Controls { collective: 0.7, ..Controls::default() });
             next_frame(&mut link);
         }
         let risen = next_frame(&mut link).measurement;

@@ -7,7 +7,7 @@ use skein_common::time::PlantTime;
 use super::clients::{MAX_CLIENTS, MAX_SUBSCRIPTIONS};
 use super::*;
 use crate::plant::xplane::wire::rpos::Position;
-use skein_core::plant::{Measurement, Truth};
+use skein_core::plant::{Measurement, GroundTruth};
 
 const RATE_HZ: u32 = 50;
 const JOYSTICK: &str = "sim/operation/override/override_joystick";
@@ -32,7 +32,7 @@ fn flying() -> Frame {
             rates: BodyRates { roll_rad_s: 0.1, pitch_rad_s: 0.2, yaw_rad_s: -0.3 },
             rotor_speed_rad_s: Some(167.0),
         },
-        truth: Truth::default(),
+        truth: GroundTruth::default(),
     }
 }
 
@@ -65,7 +65,7 @@ impl Bench {
         self.send(client(1), |out| Write { value, path }.encode(out).unwrap());
     }
 
-    fn frame(&mut self) -> Option<Sticks> {
+    fn frame(&mut self) -> Option<Controls> {
         let sticks = self.server.take_controls();
         self.server.publish(&flying(), |to, datagram| self.sent.push((to, datagram.to_vec())));
         sticks
@@ -241,7 +241,7 @@ fn no_client_holds_the_controls_before_an_override_and_a_collective() {
     assert_eq!(bench.read(ROLL), Some(0.5));
     bench.set(COLLECTIVE, 0.6);
     let sticks = bench.frame().unwrap();
-    assert_eq!(sticks, Sticks { roll: 0.5, pitch: 0.0, yaw: 0.0, collective: f64::from(0.6_f32) });
+    assert_eq!(sticks, Controls { roll: 0.5, pitch: 0.0, yaw: 0.0, collective: f64::from(0.6_f32) });
     bench.frames(100);
     assert_eq!(bench.frame(), Some(sticks), "an overridden axis keeps its value");
 }

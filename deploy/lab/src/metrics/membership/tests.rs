@@ -132,7 +132,7 @@ fn a_receiver_that_is_cut_off_does_not_have_to_detect_a_return() {
 fn losing_a_living_peer_that_can_be_received_is_a_false_suspicion() {
     let all_members = [member(1, &[2, 3]), member(2, &[1, 3]), member(3, &[1, 2])];
     let lost_by = |membership: &mut Membership, t_s, lost, by| {
-        membership.reported(t_s, id(by), &Happening::PeerLost(id(lost)));
+        membership.reported(t_s, id(by), &EventKind::PeerLost(id(lost)));
         membership.observe(t_s, &all_members);
         membership.false_suspicions()
     };
@@ -153,7 +153,7 @@ fn a_loss_beyond_the_distance_where_messages_get_lost_is_not_a_false_suspicion()
         let mut membership = Membership::new(2, reach_m);
         let all_members = [vehicle(1, 0.0, 100.0, 30.0), vehicle(2, 180.0, 100.0, 30.0)];
         membership.observe(0.0, &all_members);
-        membership.reported(9.0, id(1), &Happening::PeerLost(id(2)));
+        membership.reported(9.0, id(1), &EventKind::PeerLost(id(2)));
         membership.observe(9.0, &all_members);
         assert_eq!(membership.false_suspicions(), expected, "200 m apart, {reach_m:?}");
     }
@@ -163,15 +163,15 @@ fn a_loss_beyond_the_distance_where_messages_get_lost_is_not_a_false_suspicion()
 fn the_loss_of_a_dead_restarted_or_landed_vehicle_is_right() {
     let mut membership = three();
     // In a live run the reports of other vehicles may arrive before the death itself.
-    membership.reported(1.0, id(1), &Happening::PeerLost(id(2)));
+    membership.reported(1.0, id(1), &EventKind::PeerLost(id(2)));
     membership.died(1.0, id(2));
     membership.observe(1.0, &[member(1, &[3]), dead(2), member(3, &[1])]);
     membership.restarted(3.0, id(2));
-    membership.reported(4.0, id(3), &Happening::PeerLost(id(2)));
+    membership.reported(4.0, id(3), &EventKind::PeerLost(id(2)));
     membership.observe(4.0, &[member(1, &[2, 3]), member(2, &[1, 3]), member(3, &[1])]);
     // Vehicle 1 has landed.
     membership.observe(9.0, &[joining(1, &[2, 3]), member(2, &[1, 3]), member(3, &[1, 2])]);
-    membership.reported(10.0, id(3), &Happening::PeerLost(id(1)));
+    membership.reported(10.0, id(3), &EventKind::PeerLost(id(1)));
     membership.observe(10.0, &[joining(1, &[2, 3]), member(2, &[1, 3]), member(3, &[2])]);
     assert_eq!(membership.false_suspicions(), 0);
 }
@@ -180,10 +180,10 @@ fn the_loss_of_a_dead_restarted_or_landed_vehicle_is_right() {
 fn the_response_to_a_failure_is_the_report_of_its_own_vehicle() {
     let mut membership = three();
     membership.failed(50.0, id(2));
-    membership.reported(50.5, id(1), &Happening::OwnDataStale);
+    membership.reported(50.5, id(1), &EventKind::OwnDataStale);
     assert_eq!(membership.response(50.5).s(), None, "another vehicle's report");
-    membership.reported(51.5, id(2), &Happening::Failed(Failure::Engine));
-    membership.reported(70.0, id(2), &Happening::OwnDataStale);
+    membership.reported(51.5, id(2), &EventKind::Failed(Failure::Engine));
+    membership.reported(70.0, id(2), &EventKind::OwnDataStale);
     assert_took(membership.response(70.0), 1.5);
     membership.failed(80.0, id(3));
     assert!(!membership.response(110.0).is_never() && membership.response(110.1).is_never());

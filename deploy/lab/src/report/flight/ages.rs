@@ -1,6 +1,6 @@
 //! Draws the ages of peers' states.
 
-use skein_common::state::Standing;
+use skein_common::state::PeerStatus;
 
 use super::Flight;
 use super::marks::with_marks;
@@ -41,7 +41,7 @@ pub(super) fn ages(flight: &Flight<'_>) -> Option<Figure> {
 /// The ages of all peers that are not lost at this sample, ms.
 fn at_ms(flight: &Flight<'_>, sample: usize) -> Vec<f64> {
     let peers = flight.at(sample).flat_map(|(_, trace)| &trace.peers);
-    peers.filter(|peer| peer.standing != Standing::Lost).map(|peer| peer.age_s * 1e3).collect()
+    peers.filter(|peer| peer.standing != PeerStatus::Lost).map(|peer| peer.age_s * 1e3).collect()
 }
 
 fn over_time(flight: &Flight<'_>, limit_ms: f64) -> Panel {
@@ -73,7 +73,7 @@ fn by_pairs(flight: &Flight<'_>) -> Panel {
     let mut ages_ms = vec![Vec::new(); count * count];
     for sample in 0..flight.times_s.len() {
         for (hearer, trace) in flight.at(sample) {
-            for peer in trace.peers.iter().filter(|peer| peer.standing != Standing::Lost) {
+            for peer in trace.peers.iter().filter(|peer| peer.standing != PeerStatus::Lost) {
                 let Some(speaker) = flight.index(peer.id) else { continue };
                 ages_ms[hearer * count + speaker].push(peer.age_s * 1e3);
             }

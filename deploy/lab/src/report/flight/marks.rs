@@ -1,11 +1,11 @@
 //! Marks of injected faults and orders on all panels over time.
 
 use skein_common::id::VehicleId;
-use skein_common::message::{Happening, Order};
+use skein_common::message::{EventKind, Order};
 
 use super::Flight;
-use crate::faults::Incident;
-use crate::recording::What;
+use crate::faults::InjectedFault;
+use crate::recording::NotedKind;
 use crate::report::figure::{Mark, Panel};
 
 /// Most marks that carry their texts; more marks carry numbers, and the caption lists their texts.
@@ -37,18 +37,18 @@ fn marks(flight: &Flight<'_>) -> Vec<Mark> {
     let mut orders: Vec<Order> = Vec::new();
     for noted in &flight.recording.noted {
         let (who, what) = match &noted.what {
-            What::Fault(Incident::Died(id)) => (Some(*id), "killed".to_owned()),
-            What::Fault(Incident::Restarted(id)) => (Some(*id), "restarted".to_owned()),
-            What::Fault(Incident::Failed(id, what)) => (Some(*id), what.replace('_', " ")),
-            What::Fault(Incident::Cut { .. }) => (None, "links cut".to_owned()),
-            What::Fault(Incident::Healed { .. }) => (None, "links healed".to_owned()),
-            What::Fault(Incident::Delayed { .. }) => (None, "links delayed".to_owned()),
-            What::Fault(Incident::DelayOver { .. }) => (None, "delay over".to_owned()),
-            What::Event(_, Happening::OrderTaken(order)) if !orders.contains(order) => {
+            NotedKind::Fault(InjectedFault::Died(id)) => (Some(*id), "killed".to_owned()),
+            NotedKind::Fault(InjectedFault::Restarted(id)) => (Some(*id), "restarted".to_owned()),
+            NotedKind::Fault(InjectedFault::Failed(id, what)) => (Some(*id), what.replace('_', " ")),
+            NotedKind::Fault(InjectedFault::Cut { .. }) => (None, "links cut".to_owned()),
+            NotedKind::Fault(InjectedFault::Healed { .. }) => (None, "links healed".to_owned()),
+            NotedKind::Fault(InjectedFault::Delayed { .. }) => (None, "links delayed".to_owned()),
+            NotedKind::Fault(InjectedFault::DelayOver { .. }) => (None, "delay over".to_owned()),
+            NotedKind::Event(_, EventKind::OrderTaken(order)) if !orders.contains(order) => {
                 orders.push(*order);
                 (None, format!("order: {}", order.verb))
             }
-            What::Event(..) => continue,
+            NotedKind::Event(..) => continue,
         };
         match sorts.iter_mut().rev().find(|sort| sort.what == what && noted.t_s - sort.t_s < TOGETHER_S) {
             Some(sort) => sort.who.extend(who.filter(|who| !sort.who.contains(who))),
@@ -86,7 +86,7 @@ mod tests {
     }
 
     fn died(t_s: f64, id: u8) -> Noted {
-        Noted { t_s, what: What::Fault(Incident::Died(VehicleId::new(id).unwrap())) }
+        Noted { t_s, what: NotedKind::Fault(InjectedFault::Died(VehicleId::new(id).unwrap())) }
     }
 
     #[test]

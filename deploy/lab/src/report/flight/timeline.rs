@@ -1,12 +1,12 @@
 //! Draws the mission step of each vehicle over time.
 
-use skein_common::message::{Happening, Trace};
+use skein_common::message::{EventKind, Trace};
 use skein_common::scenario::Target;
 use skein_common::state::{Activity, Membership};
 
 use super::Flight;
 use super::marks::with_marks;
-use crate::recording::What;
+use crate::recording::NotedKind;
 use crate::report::figure::{Axis, Colour, Figure, Item, Marker, Panel, Shape};
 
 /// Half the height of a bar, as a share of the distance between two rows.
@@ -92,10 +92,10 @@ fn bars(
 
 /// Markers of the events that vehicles reported of their mission.
 fn dots(flight: &Flight<'_>, row: &impl Fn(usize) -> f64) -> Vec<Item> {
-    let times_of = |is_shown: fn(&Happening) -> bool| -> Vec<[f64; 2]> {
+    let times_of = |is_shown: fn(&EventKind) -> bool| -> Vec<[f64; 2]> {
         let noted = flight.recording.noted.iter().filter_map(|noted| match &noted.what {
-            What::Event(who, what) if is_shown(what) => Some((noted.t_s, *who)),
-            What::Event(..) | What::Fault(_) => None,
+            NotedKind::Event(who, what) if is_shown(what) => Some((noted.t_s, *who)),
+            NotedKind::Event(..) | NotedKind::Fault(_) => None,
         });
         let place = |(t_s, who)| flight.index(who).map(|index| [t_s, row(index) - HALF]);
         noted.filter_map(place).collect()
@@ -104,10 +104,10 @@ fn dots(flight: &Flight<'_>, row: &impl Fn(usize) -> f64) -> Vec<Item> {
     let item = |at: Vec<[f64; 2]>, marker, colour, name: &str| {
         (!at.is_empty()).then(|| Item::new(Shape::Dots { at, marker, size_px }, colour).in_legend(name))
     };
-    let reached = times_of(|what| matches!(what, Happening::Reached(_)));
-    let forced = times_of(|what| matches!(what, Happening::ForcedAdvance { .. }));
-    let skipped = times_of(|what| matches!(what, Happening::Skipped { .. }));
-    let failed = times_of(|what| matches!(what, Happening::Failed(_)));
+    let reached = times_of(|what| matches!(what, EventKind::Reached(_)));
+    let forced = times_of(|what| matches!(what, EventKind::ForcedAdvance { .. }));
+    let skipped = times_of(|what| matches!(what, EventKind::Skipped { .. }));
+    let failed = times_of(|what| matches!(what, EventKind::Failed(_)));
     let items = [
         item(reached, Marker::Circle, Colour::BLACK, "reached the step"),
         item(forced, Marker::Down, Colour::VERMILLION, "left a step without a member"),
