@@ -234,7 +234,8 @@ impl AgentOptions {
         let address = self.xplane.as_ref().or(xplane.as_ref());
         let plant = match (plant.unwrap_or(scenario.swarm.plant), address) {
             (PlantKind::Builtin, None) => {
-                let start = starts(&scenario).map_err(|source| ConfigError::StartAreaTooSmall { file: name, source })?;
+                let start =
+                    starts(&scenario).map_err(|source| ConfigError::StartAreaTooSmall { file: name, source })?;
                 let helicopter =
                     aircraft.helicopter.as_ref().ok_or_else(|| ConfigError::NoModel(vehicle.aircraft.clone()))?;
                 let start = &start[usize::from(id.get()) - 1];

@@ -21,10 +21,10 @@ use std::time::{Duration, Instant};
 use skein_common::id::VehicleId;
 use skein_common::scenario::Scenario;
 
-use skein_core::formation::external::{LawReply, LawQuery};
+use skein_core::formation::external::{LawQuery, LawReply};
 use skein_host::clock::now;
-use skein_host::external::protocol::{self, Fault, MessageFromLaw, Hello, MessageToLaw, Time};
-use skein_host::external::session::{LawUnresponsive, LawSession, LawInput};
+use skein_host::external::protocol::{self, Fault, Hello, MessageFromLaw, MessageToLaw, Time};
+use skein_host::external::session::{LawInput, LawSession, LawUnresponsive};
 use skein_host::external::{ExternalError, LawTransport, port_of, vector};
 
 /// Queue between the threads, messages. A law that floods its output makes queries get lost, but delays nothing.
@@ -252,7 +252,9 @@ impl LawThread {
                 Ok(())
             }
             Ok(MessageFromLaw::Ready) => Err(Fault::OutOfPlace("ready".to_owned())),
-            Ok(MessageFromLaw::LawReply(_)) if !self.is_ready => Err(Fault::OutOfPlace("a reply before ready".to_owned())),
+            Ok(MessageFromLaw::LawReply(_)) if !self.is_ready => {
+                Err(Fault::OutOfPlace("a reply before ready".to_owned()))
+            }
             Ok(MessageFromLaw::LawReply(answer)) => self.take(at, answer),
             Err(fault) => Err(fault),
         };

@@ -50,10 +50,10 @@ use seal::SigningKey;
 use seal::words::KeyRing;
 pub use security::Security;
 pub use sessions::Sessions;
-use skein_core::peers::{Received, PeerMessage};
+use skein_core::peers::{PeerMessage, Received};
 use skein_host::clock::{LocalClock, now, sleep_until};
-use trust::Verifier;
 pub use trust::Trust;
+use trust::Verifier;
 
 /// Environment variable that sets Zenoh's threads. Zenoh reads it once, at the start of the process.
 pub const ZENOH_RUNTIME: &str = "ZENOH_RUNTIME";
@@ -228,8 +228,14 @@ impl Link {
     ) -> Result<Self, LinkError> {
         let sessions = sessions.into();
         let (voices, sealer, presence) = (trust.voices.clone(), trust.sealer.clone(), sessions.presence());
-        let receiver =
-            Arc::new(LinkReceiver { inbox: Inbox::new(), judge: Verifier::new(own, trust), clock, presence, voices, sealer });
+        let receiver = Arc::new(LinkReceiver {
+            inbox: Inbox::new(),
+            judge: Verifier::new(own, trust),
+            clock,
+            presence,
+            voices,
+            sealer,
+        });
         let last_heartbeat = LastHeartbeat::open(&sessions, Topic::Mission(own))?;
         watch_presence(&sessions, own, &receiver)?;
         for session in &sessions.all {
@@ -242,8 +248,16 @@ impl Link {
         let mission = MessagePublisher::open(&sessions, &receiver, Topic::Mission(own), Priority::InteractiveHigh)?;
         let event = MessagePublisher::open(&sessions, &receiver, Topic::Event(own), Priority::DataHigh)?;
         let (for_thread, all) = (receiver.clone(), sessions.all.clone());
-        let mut publisher_thread =
-            PublisherThread { receiver: for_thread, sessions: all, own, state_key: None, mission, last_heartbeat, event, trace };
+        let mut publisher_thread = PublisherThread {
+            receiver: for_thread,
+            sessions: all,
+            own,
+            state_key: None,
+            mission,
+            last_heartbeat,
+            event,
+            trace,
+        };
         let outgoing = Outgoing::start(move |waiting| publisher_thread.send(waiting)).map_err(LinkError::Thread)?;
         let alive = Topic::Alive(own).key();
         let token = |session: &Arc<Session>| {
@@ -290,7 +304,8 @@ impl Link {
     /// # Errors
     /// If a session is closed.
     pub fn health(&self, utc: Utc) -> Result<HealthPublisher, LinkError> {
-        let publisher = MessagePublisher::open(&self.sessions, &self.receiver, Topic::Health(self.own), Priority::DataHigh)?;
+        let publisher =
+            MessagePublisher::open(&self.sessions, &self.receiver, Topic::Health(self.own), Priority::DataHigh)?;
         let clocks = Clocks::open(&self.sessions, &self.receiver, self.own, utc)?;
         Ok(HealthPublisher { publisher, receiver: self.receiver.clone(), clocks, live: Vec::new() })
     }
@@ -441,8 +456,12 @@ fn watch_presence(sessions: &Sessions, own: VehicleId, receiver: &Arc<LinkReceiv
         let Some(receiver) = weak.upgrade() else { return };
         match change {
             // The own token is reported like any other.
-            Change::Appeared(id) if id != own => receiver.store(&Topic::Alive(id).key(), PeerMessage::Appeared(id), None),
-            Change::Vanished(id) if id != own => receiver.store(&Topic::Alive(id).key(), PeerMessage::Vanished(id), None),
+            Change::Appeared(id) if id != own => {
+                receiver.store(&Topic::Alive(id).key(), PeerMessage::Appeared(id), None)
+            }
+            Change::Vanished(id) if id != own => {
+                receiver.store(&Topic::Alive(id).key(), PeerMessage::Vanished(id), None)
+            }
             Change::Appeared(_) | Change::Vanished(_) => {}
             Change::Refused(address) => receiver.inbox.count(Reason::Link, &address),
         }

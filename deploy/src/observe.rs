@@ -293,7 +293,10 @@ fn count(counter: &AtomicU64) {
 }
 
 /// Keeps the newest message of each kind and vehicle. Returns false if the message is older than the kept one.
-fn update(vehicles: &mut BTreeMap<VehicleId, VehicleView>, ReceivedMessage { heard, run, at }: &ReceivedMessage) -> bool {
+fn update(
+    vehicles: &mut BTreeMap<VehicleId, VehicleView>,
+    ReceivedMessage { heard, run, at }: &ReceivedMessage,
+) -> bool {
     let newer = |header: &message::Header, known: Option<&message::Header>| {
         known.map(message::Header::order) < Some(header.order())
     };
@@ -400,7 +403,11 @@ mod tests {
         let id = VehicleId::new(1).unwrap();
         let mut vehicles = BTreeMap::new();
         let event = Event { header: mission(1, 1, 1).header, what: EventKind::Landed };
-        for (heard, alive) in [(SwarmMessage::Appeared(id), true), (SwarmMessage::Event(event), true), (SwarmMessage::Vanished(id), false)] {
+        for (heard, alive) in [
+            (SwarmMessage::Appeared(id), true),
+            (SwarmMessage::Event(event), true),
+            (SwarmMessage::Vanished(id), false),
+        ] {
             assert!(update(&mut vehicles, &arrival(heard)));
             assert_eq!(vehicles[&id].alive, alive);
         }
@@ -473,7 +480,10 @@ mod tests {
                 let id = VehicleId::new(sender).unwrap();
                 update(&mut observer.vehicles, &arrival(SwarmMessage::Appeared(id)));
                 let mission = Mission { order: Some(order), ..mission(sender, 1, 1) };
-                update(&mut observer.vehicles, &ReceivedMessage { run: Some(run), ..arrival(SwarmMessage::Mission(mission)) });
+                update(
+                    &mut observer.vehicles,
+                    &ReceivedMessage { run: Some(run), ..arrival(SwarmMessage::Mission(mission)) },
+                );
             }
             observer
         };

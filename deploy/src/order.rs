@@ -11,7 +11,7 @@ use skein_common::id::VehicleId;
 use skein_common::message::{Order, Verb};
 use skein_common::scenario::{Source, load};
 
-use crate::observe::{Observer, VehicleView, TraceSubscription};
+use crate::observe::{Observer, TraceSubscription, VehicleView};
 use crate::reach::{Reach, SwarmArgs};
 pub(crate) use effect::ranges;
 use effect::{Activity, Effect};

@@ -8,7 +8,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use skein_agent::link::Security;
-use skein_agent::link::seal::{VerificationKey, SigningKey};
+use skein_agent::link::seal::{SigningKey, VerificationKey};
 use skein_common::id::{SwarmName, VehicleId};
 
 use crate::endpoints::{self, Endpoints};

@@ -6,7 +6,7 @@ use std::f64::consts::TAU;
 use std::fmt;
 
 use skein_common::id::VehicleId;
-use skein_common::message::{Failure, EventKind};
+use skein_common::message::{EventKind, Failure};
 use skein_common::scenario::{Scenario, Source, load};
 use skein_common::state::Activity;
 use skein_core::random::{self, Purpose};

@@ -16,12 +16,12 @@ use std::time::{Duration, Instant};
 use rustix::process::{Pid, Signal, kill_process};
 use serde_json::Value;
 use skein::endpoints;
-use skein::observe::{SwarmMessage, Observer, Steps};
+use skein::observe::{Observer, TraceSubscription, SwarmMessage};
 use skein_common::message::{EventKind, Trace};
 use skein_common::scenario::{Source, load};
 use skein_common::time::SenderStamp;
 use skein_lab::record;
-use skein_lab::recording::{Track, What};
+use skein_lab::recording::{Track, NotedKind};
 use tempfile::TempDir;
 
 const PROGRAM: &str = env!("CARGO_BIN_EXE_skein-under-test");
@@ -103,7 +103,7 @@ impl Place {
     /// Opens an observer of the swarm, as `fly` does.
     fn observer(&self) -> Observer {
         let endpoints = endpoints::find(&self.runtime().join("skein"), None).unwrap();
-        Observer::open(&endpoints.into(), Steps::On).unwrap()
+        Observer::open(&endpoints.into(), TraceSubscription::On).unwrap()
     }
 
     fn wait_until_all_processes_ended(&self) {
@@ -242,7 +242,7 @@ fn a_flight_of_twenty_seconds_leaves_its_files_and_no_process() {
         let all = steps.len() as f64 / (20.0 * 50.0);
         assert!((AT_LEAST..1.005).contains(&all), "vehicle {id}: {} steps of 20 s at 50 Hz", steps.len());
         assert!(steps[0].t_s < 0.5 && steps[steps.len() - 1].t_s > 19.5);
-        let high = recording.noted.iter().filter(|noted| noted.what == What::Event(*id, EventKind::AtAltitude)).count();
+        let high = recording.noted.iter().filter(|noted| noted.what == NotedKind::Event(*id, EventKind::AtAltitude)).count();
         assert_eq!(high, 1, "vehicle {id} reached its altitude once: {:#?}", recording.noted);
     }
     for phrase in [

@@ -191,7 +191,8 @@ fn a_killed_agent_is_noticed_in_two_frames_and_a_cut_after_a_lease() {
     assert!(found.iter().all(|(_, found_s)| (0.2..1.05).contains(found_s)), "{found:?}");
 
     flight.until(80.0);
-    let is_partition = |(_, fault): &&(f64, InjectedFault)| matches!(fault, InjectedFault::Cut { links } if links.len() == 8);
+    let is_partition =
+        |(_, fault): &&(f64, InjectedFault)| matches!(fault, InjectedFault::Cut { links } if links.len() == 8);
     let cut_s = flight.incidents.iter().find(is_partition).unwrap().0;
     let lost = [1, 2, 3, 4].map(|peer| flight.reported(EventKind::PeerLost(id(peer)), cut_s)).concat();
     assert_eq!(lost.len(), 8);

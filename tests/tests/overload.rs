@@ -11,7 +11,7 @@ use std::time::{Duration, Instant};
 
 use rustix::process::{Pid, Signal, kill_process};
 use skein::endpoints;
-use skein::observe::{Observer, Steps};
+use skein::observe::{Observer, TraceSubscription};
 use skein_common::state::Activity;
 use tempfile::TempDir;
 
@@ -59,7 +59,7 @@ impl Flight {
     fn wait_until_it_flies(&self) {
         let runtime = self.folder.path().join("runtime/skein");
         let endpoints = wait_for(|| endpoints::find(&runtime, None).ok());
-        let mut observer = Observer::open(&endpoints.into(), Steps::On).unwrap();
+        let mut observer = Observer::open(&endpoints.into(), TraceSubscription::On).unwrap();
         wait_for(|| {
             observer.poll();
             let flies = |id: &u8| {

@@ -136,7 +136,12 @@ fn a_seed_gives_the_same_flight_bit_for_bit() {
     for tick in 0..3_000 {
         let [one, other] = worlds.each_mut().map(|world| {
             world.tick();
-            let bits = |(_, _, truth, sticks): (_, _, &skein_core::plant::GroundTruth, Option<skein_core::plant::Controls>)| {
+            let bits = |(_, _, truth, sticks): (
+                _,
+                _,
+                &skein_core::plant::GroundTruth,
+                Option<skein_core::plant::Controls>,
+            )| {
                 let place: [f64; 3] = truth.position.into();
                 let velocity: [f64; 3] = truth.velocity.into();
                 let sticks = sticks.map_or([0.0; 4], |s| [s.roll, s.pitch, s.yaw, s.collective]);

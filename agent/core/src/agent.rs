@@ -17,7 +17,7 @@ use alloc::vec::Vec;
 use nalgebra::Vector2;
 use skein_common::frame::{Origin, PositionNed, VelocityNed};
 use skein_common::id::{Incarnation, VehicleId, VehicleSet};
-use skein_common::message::{Drops, Failure, EventKind, PeerAge, Trace};
+use skein_common::message::{Drops, EventKind, Failure, PeerAge, Trace};
 use skein_common::scenario::Scenario;
 use skein_common::state::{Activity, Membership};
 use skein_common::time::{LocalTime, Now, PlantTime};
@@ -28,12 +28,12 @@ use crate::deadlines::Deadline;
 use crate::diagnosis::Diagnosis;
 use crate::estimate::{Estimate, Estimator};
 use crate::failsafe::{Condition, Conditions, Response};
-use crate::formation::external::{LawReply, LawQuery};
-use crate::formation::{self, Formation, UnsupportedScenario, FormationOutput};
+use crate::formation::external::{LawQuery, LawReply};
+use crate::formation::{self, Formation, FormationOutput, UnsupportedScenario};
 use crate::mission::{Mission, Task, View};
 use crate::outbox::{Outbox, SendSchedule};
-use crate::peers::{Change, Received, Peers, PeerEstimate, PeerMessage};
-use crate::plant::{Measurement, Controls, GroundTruth};
+use crate::peers::{Change, PeerEstimate, PeerMessage, Peers, Received};
+use crate::plant::{Controls, GroundTruth, Measurement};
 use crate::random::{self, Purpose};
 
 /// The inputs since the last step.
@@ -381,7 +381,12 @@ impl Agent {
     }
 
     /// The formation stage: the formation's output; `None` without a task that needs one.
-    fn compute_formation(&mut self, own: &OwnEstimate, task: Option<&Task>, inputs: &Inputs<'_>) -> Option<FormationOutput> {
+    fn compute_formation(
+        &mut self,
+        own: &OwnEstimate,
+        task: Option<&Task>,
+        inputs: &Inputs<'_>,
+    ) -> Option<FormationOutput> {
         self.formation.receive_reply(own.now.plant, inputs.answer);
         let (estimate, task) = own.new.as_ref().zip(task)?;
         self.last.wish = self.formation.step(own.dt_s, estimate, &self.peers.others(), task);

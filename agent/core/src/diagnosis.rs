@@ -18,7 +18,7 @@ use skein_common::scenario::Servo;
 use crate::aircraft::Aircraft;
 use crate::failsafe::{Condition, Conditions};
 use crate::helicopter::Parameters;
-use crate::plant::{Measurement, Controls};
+use crate::plant::{Controls, Measurement};
 
 /// Ratio to the lift-off rotor speed above which the rotor counts as having been at speed.
 const AT_SPEED: f64 = 1.05;

@@ -42,10 +42,10 @@ use skein_common::time::PlantTime;
 use crate::control::{Setpoint, VELOCITY_PER_ERROR_PER_S};
 use crate::estimate::Estimate;
 use crate::mission::{self, Task};
-use crate::peers::{PeerSummary, Role, PeerEstimate};
+use crate::peers::{PeerEstimate, PeerSummary, Role};
 use conversion::Conversion;
-use external::{LawQuery, External};
-use law::{LawOutput, Goal, Law, Neighbour, Obstacle, Observation, LawCommand};
+use external::{External, LawQuery};
+use law::{Goal, Law, LawCommand, LawOutput, Neighbour, Observation, Obstacle};
 use safety::{Constraint, SafetyFilter};
 use vertical::Heights;
 
@@ -209,7 +209,7 @@ impl Formation {
     }
 
     /// Sets the time of the next step and takes the reply of an external law, if there is one.
-    pub fn receive_reply(&mut self, now: PlantTime, answer: Option<&external::LawOutput>) {
+    pub fn receive_reply(&mut self, now: PlantTime, answer: Option<&external::LawReply>) {
         if let Some(external) = &mut self.external {
             external.receive_reply(now, answer);
         }
@@ -232,7 +232,13 @@ impl Formation {
 
     /// The formation's output `dt_s` after the last step; `None` if the task does not use the vehicle controller's
     /// setpoint.
-    pub fn step(&mut self, dt_s: f64, estimate: &Estimate, others: &PeerSummary<'_>, task: &Task) -> Option<FormationOutput> {
+    pub fn step(
+        &mut self,
+        dt_s: f64,
+        estimate: &Estimate,
+        others: &PeerSummary<'_>,
+        task: &Task,
+    ) -> Option<FormationOutput> {
         self.split_peers(estimate, others.estimates);
         self.unseen = others.unseen;
         let partition_rise_m = self.heights.partition_rise(dt_s, others.flies_above);
@@ -256,11 +262,17 @@ impl Formation {
     }
 
     /// The output of the law of the goal's step.
-    fn fly(&mut self, dt_s: f64, estimate: &Estimate, goal: &mission::Goal, partition_rise_m: f64) -> Option<FormationOutput> {
+    fn fly(
+        &mut self,
+        dt_s: f64,
+        estimate: &Estimate,
+        goal: &mission::MissionGoal,
+        partition_rise_m: f64,
+    ) -> Option<FormationOutput> {
         let shape = self.shapes.get_mut(*self.steps.get(goal.step)?)?;
         self.heights.end_stay();
         let level_m = shape.altitude_m + partition_rise_m;
-        let mission::Goal { step, centre_ne_m, centre_velocity_ne_m_s, heading_rad } = *goal;
+        let mission::MissionGoal { step, centre_ne_m, centre_velocity_ne_m_s, heading_rad } = *goal;
         let sight = Observation {
             own: self.own,
             position: estimate.position,
@@ -317,7 +329,10 @@ impl Formation {
         let relative_velocity_ne_m_s = self.restrain(estimate, command_ne_m_s, feedforward_ne_m_s);
         let setpoint = Setpoint { relative_velocity_ne_m_s, feedforward_ne_m_s, altitude_m, heading_rad };
         let wish = FormationOutput { field_ne: field.xy(), setpoint, in_place: false };
-        Some(FormationOutput { in_place: is_there && wish.altitude_error_m(estimate).abs() < mission::AT_ALTITUDE_M, ..wish })
+        Some(FormationOutput {
+            in_place: is_there && wish.altitude_error_m(estimate).abs() < mission::AT_ALTITUDE_M,
+            ..wish
+        })
     }
 
     /// The relative velocity after the safety filter, feed-forward included; the commanded velocity if it keeps all

@@ -28,7 +28,7 @@ use skein_common::message::{MessageOrder, PeerAge, State};
 use skein_common::scenario::Scenario;
 use skein_common::time::LocalTime;
 
-use crate::peers::{Received, PeerMessage};
+use crate::peers::{PeerMessage, Received};
 use channels::ReceiverChannels;
 pub use cuts::{delays, lasting, silences, union};
 use link::Link;

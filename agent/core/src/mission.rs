@@ -22,7 +22,7 @@ use alloc::vec::Vec;
 
 use nalgebra::Vector2;
 use skein_common::id::{VehicleId, VehicleSet};
-use skein_common::message::{self, Failure, EventKind, Order, Verb};
+use skein_common::message::{self, EventKind, Failure, Order, Verb};
 use skein_common::scenario::Scenario;
 use skein_common::state::{Activity, Membership};
 use skein_common::time::{LocalTime, Now, PlantTime};

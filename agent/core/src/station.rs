@@ -21,9 +21,9 @@ use crate::aircraft::Aircraft;
 use crate::control::Rules;
 use crate::formation::UnsupportedScenario;
 use crate::formation::external::LawReply;
-use crate::impairments::{Impairments, DeliveryCounts, ReceiverPosition};
+use crate::impairments::{DeliveryCounts, Impairments, ReceiverPosition};
 use crate::peers::Received;
-use crate::plant::{Measurement, GroundTruth};
+use crate::plant::{GroundTruth, Measurement};
 use crate::skew::Skew;
 
 /// Clock data that survive a restart of the agent: the clock's error and the time of take-off.

@@ -68,7 +68,9 @@ mod tests {
     fn a_file_is_replaced_atomically_and_leaves_no_draft() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("key");
-        for (content, promise) in [("one", Durability::Atomic), ("two", Durability::Synced), ("three", Durability::Secret)] {
+        for (content, promise) in
+            [("one", Durability::Atomic), ("two", Durability::Synced), ("three", Durability::Secret)]
+        {
             write(&path, content.as_bytes(), promise).unwrap();
             assert_eq!(fs::read_to_string(&path).unwrap(), content);
             #[cfg(unix)]

@@ -167,7 +167,10 @@ mod tests {
         let missing = law("command = ['no-such-program-7']").unwrap_err().to_string();
         assert_eq!(missing, "formation.external.command: program \"no-such-program-7\" not found");
         assert!(law("command = ['no/such/program']").is_err());
-        assert_eq!(law("command = ['cargo', 'x']").unwrap(), Some(LawTransport::Command(vec!["cargo".into(), "x".into()])));
+        assert_eq!(
+            law("command = ['cargo', 'x']").unwrap(),
+            Some(LawTransport::Command(vec!["cargo".into(), "x".into()]))
+        );
         let listen = law("listen = 'tcp/127.0.0.1:5600'").unwrap();
         assert_eq!(listen, Some(LawTransport::Listen("127.0.0.1".into(), 5600)));
         let udp = law("udp = { ask = '[::1]:5700', answer = '0.0.0.0:5800' }").unwrap();

@@ -8,7 +8,7 @@ use skein_common::id::VehicleId;
 
 use crate::link::Security;
 use crate::link::seal::VerificationKey;
-use crate::link::security::{Known, Tls, identities_by_vehicle};
+use crate::link::security::{PeerIdentity, Tls, identities_by_vehicle};
 
 /// The `[security]` table. Without it links are plain and orders are accepted without a signature.
 #[derive(Clone, Debug, PartialEq, Eq, Deserialize)]
@@ -28,7 +28,7 @@ pub struct SecurityTable {
     pub operator: String,
     /// Certificate name and public key of each vehicle.
     #[serde(deserialize_with = "identities_by_vehicle")]
-    pub vehicles: BTreeMap<VehicleId, Known>,
+    pub vehicles: BTreeMap<VehicleId, PeerIdentity>,
 }
 
 impl SecurityTable {

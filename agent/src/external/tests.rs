@@ -5,7 +5,7 @@ use nalgebra::Vector3;
 use skein_common::scenario::{Source, load};
 
 use super::*;
-use skein_core::formation::external::{QueryGoal, OwnState, ReplyCommand};
+use skein_core::formation::external::{OwnState, QueryGoal, ReplyCommand};
 use skein_host::clock::sleep_until;
 
 /// Time limit of a wait.

@@ -15,7 +15,7 @@ use zenoh::Session;
 use zenoh::query::{Query, Queryable};
 use zenoh::sample::Sample;
 
-use super::{LinkReceiver, LinkError, Sessions, queries};
+use super::{LinkError, LinkReceiver, Sessions, queries};
 use skein_host::clock::now;
 
 /// Time between two clock queries; each goes to one peer.
@@ -52,7 +52,12 @@ struct Measurements {
 }
 
 impl Clocks {
-    pub(super) fn open(sessions: &Sessions, receiver: &Arc<LinkReceiver>, own: VehicleId, utc: Utc) -> Result<Self, LinkError> {
+    pub(super) fn open(
+        sessions: &Sessions,
+        receiver: &Arc<LinkReceiver>,
+        own: VehicleId,
+        utc: Utc,
+    ) -> Result<Self, LinkError> {
         let for_queries = receiver.clone();
         let answer = move |query: &Query| {
             let received_ns = utc();

@@ -9,7 +9,7 @@ use skein_common::id::VehicleId;
 use skein_common::message::{Drops, Reason, Refused};
 
 use super::refusals::Refusals;
-use skein_core::peers::{Received, PeerMessage};
+use skein_core::peers::{PeerMessage, Received};
 
 /// State, heartbeat and token of each vehicle, and the largest order.
 const CAPACITY: usize = 3 * VehicleId::MAX as usize + 1;
@@ -78,7 +78,10 @@ fn is_same_kind(one: &PeerMessage, other: &PeerMessage) -> bool {
     match (one, other) {
         (PeerMessage::State(one), PeerMessage::State(other)) => one.header.sender == other.header.sender,
         (PeerMessage::Mission(one), PeerMessage::Mission(other)) => one.header.sender == other.header.sender,
-        (PeerMessage::Appeared(one) | PeerMessage::Vanished(one), PeerMessage::Appeared(other) | PeerMessage::Vanished(other)) => one == other,
+        (
+            PeerMessage::Appeared(one) | PeerMessage::Vanished(one),
+            PeerMessage::Appeared(other) | PeerMessage::Vanished(other),
+        ) => one == other,
         (PeerMessage::Order(_), PeerMessage::Order(_)) => true,
         _ => false,
     }

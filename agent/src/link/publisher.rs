@@ -11,7 +11,7 @@ use zenoh::qos::{CongestionControl, Priority};
 use zenoh::sample::Locality;
 use zenoh::{Session, Wait};
 
-use super::{LinkReceiver, LinkError, Sessions, declaring};
+use super::{LinkError, LinkReceiver, Sessions, declaring};
 
 /// A declared publisher of one kind of message, in each session. Its messages are dropped rather than waited for.
 pub struct MessagePublisher<M> {

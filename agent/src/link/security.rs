@@ -14,7 +14,7 @@ use zenoh::config::EndPoint;
 
 use super::LinkError;
 use super::seal::words::KeyRing;
-use super::seal::{VerificationKey, SigningKey};
+use super::seal::{SigningKey, VerificationKey};
 
 /// How the links of a session are secured.
 #[derive(Clone, Debug, PartialEq, Eq)]

@@ -219,7 +219,11 @@ fn an_operators_order_is_received() {
     let observer = open_zenoh(&swarm, &[], &dial, &[]).unwrap();
     let order = Order { epoch: 1, issuer: 9, verb: Verb::Land, seal: None };
     let key = Topic::Order(order.issuer).key();
-    until(&link, || send(&observer, &key, &encode(&order)), |heard| word(heard, |word| *word == PeerMessage::Order(order)));
+    until(
+        &link,
+        || send(&observer, &key, &encode(&order)),
+        |heard| word(heard, |word| *word == PeerMessage::Order(order)),
+    );
 }
 
 #[test]
@@ -256,7 +260,12 @@ fn the_inbox_keeps_the_newest_message_of_each_peer_and_kind() {
     for state in [state(3, 8), later_life, state(3, 9)] {
         store(PeerMessage::State(state));
     }
-    for word in [PeerMessage::Appeared(id(2)), PeerMessage::Vanished(id(2)), PeerMessage::Vanished(id(4)), PeerMessage::Appeared(id(4))] {
+    for word in [
+        PeerMessage::Appeared(id(2)),
+        PeerMessage::Vanished(id(2)),
+        PeerMessage::Vanished(id(4)),
+        PeerMessage::Appeared(id(4)),
+    ] {
         store(word);
     }
     let order = |epoch| Order { epoch, issuer: 1, verb: Verb::Hold, seal: None };
@@ -294,7 +303,10 @@ fn every_vehicle_fits_into_the_inbox_without_growing() {
                 inbox.store("a", Received { word, at });
             }
         }
-        inbox.store("a", Received { word: PeerMessage::Order(Order { epoch: 1, issuer: 1, verb: Verb::Hold, seal: None }), at });
+        inbox.store(
+            "a",
+            Received { word: PeerMessage::Order(Order { epoch: 1, issuer: 1, verb: Verb::Hold, seal: None }), at },
+        );
     }
     assert_eq!(inbox.capacity(), before);
 }

@@ -8,7 +8,7 @@ use skein_common::scenario::Scenario;
 
 use super::seal::orders::Checker;
 use super::seal::words::KeyRing;
-use super::seal::{VerificationKey, SigningKey};
+use super::seal::{SigningKey, VerificationKey};
 use skein_core::peers::PeerMessage;
 
 /// Which peers an agent believes and whose orders it accepts.
@@ -64,7 +64,12 @@ impl Verifier {
 
     /// Returns the part of a message that is accepted. `run` is the run in its signature, if it has one. Calls
     /// `refused` with the reason for each part that is not accepted.
-    pub(super) fn accept(&self, word: PeerMessage, run: Option<u64>, mut refused: impl FnMut(Reason)) -> Option<PeerMessage> {
+    pub(super) fn accept(
+        &self,
+        word: PeerMessage,
+        run: Option<u64>,
+        mut refused: impl FnMut(Reason),
+    ) -> Option<PeerMessage> {
         let stranger = |id: VehicleId| usize::from(id.get()) > self.vehicles;
         match (word.speaker(), word) {
             (Some(id), _) if id == self.own => {

@@ -4,7 +4,7 @@ use std::time::{Duration, Instant};
 
 use skein_core::helicopter::failures::ActiveFaults;
 use skein_core::helicopter::{BuiltInVehicle, Script, TICK_S};
-use skein_core::plant::{Plant, Controls, Wake};
+use skein_core::plant::{Controls, Plant, Wake};
 use skein_host::clock::{now, sleep_until};
 
 /// A helicopter that advances one tick of 20 ms at each deadline of a fixed grid.

@@ -166,7 +166,7 @@ impl Control {
     fn health(&self, now: LocalTime, uptime_s: f64, summary: Summary, kept: &LoopState) -> Health {
         let agent = self.station.agent();
         let (state_messages, state_bytes) = agent.states_sent();
-        let peer = |peer: &skein_core::peers::Seen| PeerHealth {
+        let peer = |peer: &skein_core::peers::PeerEstimate| PeerHealth {
             id: peer.id,
             standing: peer.standing,
             age_s: peer.age_s,

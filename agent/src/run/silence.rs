@@ -10,7 +10,7 @@ use std::collections::BTreeMap;
 use skein_common::id::VehicleId;
 use skein_common::time::LocalTime;
 
-use skein_core::peers::{Received, PeerMessage};
+use skein_core::peers::{PeerMessage, Received};
 
 /// Timeout on a computer that keeps up, s.
 const TIMEOUT_S: f64 = 1.0;
@@ -149,7 +149,8 @@ mod tests {
             while self.now_s < begin_s + for_s - 1e-9 {
                 self.now_s += every_s;
                 let at = LocalTime::from_seconds(self.now_s);
-                let mut arrived: Vec<_> = heard.iter().map(|&sender| Received { word: heartbeat(sender), at }).collect();
+                let mut arrived: Vec<_> =
+                    heard.iter().map(|&sender| Received { word: heartbeat(sender), at }).collect();
                 self.silence.watch(at, &mut arrived);
                 added.extend(arrived.split_off(heard.len()).iter().map(|heard| (heard.word, self.now_s - begin_s)));
             }

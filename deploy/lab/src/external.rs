@@ -20,9 +20,9 @@ use std::time::{Duration, Instant};
 
 use skein_common::id::VehicleId;
 use skein_common::scenario::Scenario;
-use skein_core::formation::external::{LawReply, LawQuery};
-use skein_host::external::protocol::{self, Fault, MessageFromLaw, Hello, MessageToLaw, Time};
-use skein_host::external::session::{LawUnresponsive, Sink, LawSession, LawInput};
+use skein_core::formation::external::{LawQuery, LawReply};
+use skein_host::external::protocol::{self, Fault, Hello, MessageFromLaw, MessageToLaw, Time};
+use skein_host::external::session::{LawInput, LawSession, LawUnresponsive, Sink};
 use skein_host::external::{ExternalError, LawTransport, port_of, vector};
 
 use crate::world::World;
@@ -371,7 +371,11 @@ impl Conversation {
     }
 
     /// Receives the next message of the law; `None` when it is time to send the datagrams again.
-    fn next(&mut self, since: Instant, awaited: &'static str) -> Result<Option<Result<MessageFromLaw, Fault>>, LawError> {
+    fn next(
+        &mut self,
+        since: Instant,
+        awaited: &'static str,
+    ) -> Result<Option<Result<MessageFromLaw, Fault>>, LawError> {
         let (limit, for_s) = if self.session.uses_vectors() && !self.has_answered {
             (CONNECT_TIMEOUT, CONNECT_TIMEOUT_S)
         } else {

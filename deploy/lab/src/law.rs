@@ -35,6 +35,8 @@ pub use skein_common::id::VehicleId;
 /// Elementary functions that give the same bits on every computer: a law that uses them is as repeatable as Skein's
 /// own.
 pub use skein_common::math;
-pub use skein_core::formation::law::{LawOutput, Goal, Law, Neighbour, Obstacle, Setup, Observation, LawCommand, number};
+pub use skein_core::formation::law::{
+    Goal, Law, LawCommand, LawOutput, Neighbour, Observation, Obstacle, Setup, number,
+};
 pub use skein_core::formation::laws::{Laws, MakeLaw};
 pub use skein_core::formation::slots::Slots;

@@ -74,7 +74,7 @@ impl ScenarioArgs {
     pub fn ready(&self, scenario: &Scenario) -> Result<Ready, Error> {
         let refused = |why: String| Error::Refused(format!("{}: {why}", self.name()));
         formation::check(scenario).map_err(|error| refused(error.to_string()))?;
-        external::Way::of(scenario).map_err(|error| refused(error.to_string()))?;
+        external::LawTransport::of(scenario).map_err(|error| refused(error.to_string()))?;
         let (mut aircraft, mut aircraft_files) = (Vec::new(), BTreeMap::new());
         for vehicle in &scenario.vehicle {
             let (parameters, text) = aircraft_of(vehicle, self.folder(), &self.name())?;

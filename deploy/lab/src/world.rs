@@ -25,10 +25,10 @@ use skein_common::time::LocalTime;
 use skein_core::agent::Agent;
 use skein_core::aircraft::Aircraft;
 use skein_core::control::Rules;
-use skein_core::formation::external::{LawReply, LawQuery};
+use skein_core::formation::external::{LawQuery, LawReply};
 use skein_core::formation::{self, UnsupportedScenario};
 use skein_core::helicopter::{BuiltInVehicle, TICK_S, Weather};
-use skein_core::peers::{Received, PeerMessage};
+use skein_core::peers::{PeerMessage, Received};
 use skein_core::plant::{Controls, GroundTruth};
 use skein_core::start::{StartAreaTooSmall, starts};
 
@@ -36,7 +36,7 @@ use crate::faults::{InjectedFault, LinkChanges};
 use crate::metrics::Totals;
 use central::Central;
 use driver::{Decentralised, Driver};
-use script::{ScriptedAction, Operator};
+use script::{Operator, ScriptedAction};
 use vehicle::Vehicle;
 
 /// Length of a tick, ns.
@@ -138,10 +138,14 @@ impl World {
         driver.frame(now, vehicles, &mut |vehicle, outbox, ask| {
             let id = vehicle.id;
             asks.extend(ask);
-            in_flight.extend(outbox.state.map(|state| InFlightMessage::to_all(id, PeerMessage::State(through_wire(&state)))));
+            in_flight.extend(
+                outbox.state.map(|state| InFlightMessage::to_all(id, PeerMessage::State(through_wire(&state)))),
+            );
             if let Some(mission) = outbox.mission {
                 vehicle.heartbeat = Some(through_wire(&mission));
-                in_flight.extend(vehicle.heartbeat.map(|mission| InFlightMessage::to_all(id, PeerMessage::Mission(mission))));
+                in_flight.extend(
+                    vehicle.heartbeat.map(|mission| InFlightMessage::to_all(id, PeerMessage::Mission(mission))),
+                );
             }
             events.extend(outbox.happened.into_iter().map(|what| (id, what)));
         });
@@ -225,10 +229,13 @@ impl World {
         let mut in_flight = mem::take(&mut self.in_flight);
         for vehicle in self.vehicles.iter_mut().filter(|vehicle| vehicle.station.is_some()) {
             let id = vehicle.id;
-            let is_for_it =
-                |message: &&InFlightMessage| message.speaker != Some(id) && message.hearer.is_none_or(|hearer| hearer == id);
-            vehicle
-                .receive(now, in_flight.iter().filter(is_for_it).map(|message| Received { word: message.word, at: now }));
+            let is_for_it = |message: &&InFlightMessage| {
+                message.speaker != Some(id) && message.hearer.is_none_or(|hearer| hearer == id)
+            };
+            vehicle.receive(
+                now,
+                in_flight.iter().filter(is_for_it).map(|message| Received { word: message.word, at: now }),
+            );
         }
         in_flight.clear();
         self.in_flight = in_flight;

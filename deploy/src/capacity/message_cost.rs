@@ -15,7 +15,7 @@ use skein_common::id::{Incarnation, SwarmName, VehicleId};
 use skein_common::message::{self, Echo, Header, Mission, State};
 use skein_common::state::{Membership, VehicleState};
 use skein_common::topic::Cell;
-use skein_core::peers::{Received, PeerMessage};
+use skein_core::peers::{PeerMessage, Received};
 use skein_host::clock::{LocalClock, new_incarnation, sleep_until};
 
 use super::relay;

@@ -7,7 +7,7 @@
 use std::str::FromStr;
 
 use serde_json::json;
-use skein_agent::link::seal::{VerificationKey, SigningKey};
+use skein_agent::link::seal::{SigningKey, VerificationKey};
 use skein_agent::link::security::PeerIdentity;
 use time::OffsetDateTime;
 

@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 use skein_common::id::{Incarnation, VehicleId};
 use skein_common::state::Membership;
 
-use crate::observe::{Observer, VehicleView, TraceSubscription};
+use crate::observe::{Observer, TraceSubscription, VehicleView};
 use crate::reach::Reach;
 use skein_host::clock;
 use skein_lab::error::Error;

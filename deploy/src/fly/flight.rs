@@ -34,7 +34,7 @@ use super::script::{self, ScriptedAction};
 use super::status::{self, Ending, Known, Stage, Status};
 use crate::endpoints::EndpointsFile;
 use crate::landing;
-use crate::observe::{SwarmMessage, Observer, VehicleView, TraceSubscription};
+use crate::observe::{Observer, SwarmMessage, TraceSubscription, VehicleView};
 use crate::os::{self, Interrupts};
 use crate::record::Recorder;
 use events::UnderWay;

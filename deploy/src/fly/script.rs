@@ -71,10 +71,13 @@ impl Player {
 /// Everything that `fly` does or tells of, in its order. The times count from the beginning of the flight's window.
 pub(super) fn agenda(scenario: &Scenario) -> Schedule<ScriptedAction> {
     let events = &scenario.mission.events;
-    let mut deeds: Vec<_> = orders(events).into_iter().map(|(at_s, verb)| (at_s, ScriptedAction::Order(verb))).collect();
+    let mut deeds: Vec<_> =
+        orders(events).into_iter().map(|(at_s, verb)| (at_s, ScriptedAction::Order(verb))).collect();
     let mut span = |Range { start, end }: Range<f64>, from, until| deeds.extend([(start, from), (end, until)]);
     for id in scenario.ids() {
-        kills(events, id).into_iter().for_each(|dead| span(dead, ScriptedAction::Kill(id), ScriptedAction::Restart(id)));
+        kills(events, id)
+            .into_iter()
+            .for_each(|dead| span(dead, ScriptedAction::Kill(id), ScriptedAction::Restart(id)));
         let is_its = |fault: &Fault| *fault == Fault::SimulatorFreeze { vehicle: id };
         let frozen = faults(scenario, Player::Launcher).filter(|(_, fault)| is_its(fault));
         let frozen = union(frozen.map(|(event, _)| lasting(event)));
@@ -83,7 +86,11 @@ pub(super) fn agenda(scenario: &Scenario) -> Schedule<ScriptedAction> {
     for (event, fault) in faults(scenario, Player::Agent) {
         let what = describe(fault);
         let failed = failure_of(fault).map(|(id, word)| InjectedFault::Failed(id, word));
-        span(lasting(event), ScriptedAction::Tell(what.clone(), failed), ScriptedAction::Tell(format!("{what}: over"), None));
+        span(
+            lasting(event),
+            ScriptedAction::Tell(what.clone(), failed),
+            ScriptedAction::Tell(format!("{what}: over"), None),
+        );
     }
     Schedule::new(deeds)
 }

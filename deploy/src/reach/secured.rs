@@ -4,7 +4,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use skein_agent::link::Security;
-use skein_agent::link::seal::{NotAKey, VerificationKey, SigningKey};
+use skein_agent::link::seal::{NotAKey, SigningKey, VerificationKey};
 use skein_agent::link::security::Tls;
 
 use super::{Flown, Reach};

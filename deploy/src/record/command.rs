@@ -8,13 +8,13 @@ use skein_common::scenario::{Source, load};
 use skein_common::state::Membership;
 
 use super::Recorder;
-use crate::observe::{SwarmMessage, Observer, TraceSubscription};
+use crate::observe::{Observer, SwarmMessage, TraceSubscription};
 use crate::os::Interrupts;
 use crate::reach::{Reach, SwarmArgs};
 use skein_host::clock;
 use skein_lab::error::Error;
 use skein_lab::metrics::Run;
-use skein_lab::record::{RecordingInfo, RecordError, merge, repair};
+use skein_lab::record::{RecordError, RecordingInfo, merge, repair};
 
 /// Interval at which received messages are read.
 const TICK: Duration = Duration::from_millis(20);

@@ -14,7 +14,7 @@ use skein_common::message::{Event, Trace};
 
 use skein_host::clock::{self, Utc};
 use skein_lab::faults::InjectedFault;
-use skein_lab::record::{RecordingInfo, FLUSH, RecordError, Writer};
+use skein_lab::record::{FLUSH, RecordError, RecordingInfo, Writer};
 
 /// Capacity of the queue of entries to be written: two seconds of 250 vehicles.
 const QUEUE: usize = 25_000;

@@ -177,8 +177,9 @@ impl<const N: usize> Swarm<N> {
                 actions.extend(gives_up.then_some(Action::GiveUp { by: agent, whom: other }));
                 let suspects = self.may_suspect(agent, other, bounds.false_suspicion);
                 actions.extend(suspects.then_some(Action::Suspect { by: agent, whom: other }));
-                let arrives =
-                    |(_, word): &(usize, &PeerMessage)| self.are_linked(agent, other) && self.is_news(agent, other, word);
+                let arrives = |(_, word): &(usize, &PeerMessage)| {
+                    self.are_linked(agent, other) && self.is_news(agent, other, word)
+                };
                 let words = self.agents[other].said.iter().enumerate().filter(arrives);
                 actions.extend(words.map(|(word, _)| Action::Deliver { to: agent, from: other, word }));
             }

@@ -19,7 +19,7 @@ use skein::inventory::Inventory;
 use skein::keys::Role;
 use skein_agent::link::seal::SigningKey;
 use skein_agent::link::seal::words::{ADDED_BYTES, KeyRing};
-use skein_agent::link::security::{Known, Tls};
+use skein_agent::link::security::{PeerIdentity, Tls};
 use skein_agent::link::{Security, Sessions};
 use skein_common::frame::{Geodetic, VelocityNed};
 use skein_common::id::{Incarnation, SwarmName, VehicleId};
@@ -153,7 +153,8 @@ pub(super) fn intrude() {
 
 /// The run of the swarm, read from a received message.
 fn run(heard: &[(String, Vec<u8>)]) -> u64 {
-    let run = |bytes: &[u8]| Some(u64::from_le_bytes(*bytes[..bytes.len().checked_sub(Signature::BYTES)?].last_chunk()?));
+    let run =
+        |bytes: &[u8]| Some(u64::from_le_bytes(*bytes[..bytes.len().checked_sub(Signature::BYTES)?].last_chunk()?));
     heard.first().and_then(|(_, bytes)| run(bytes)).unwrap_or(0)
 }
 
@@ -185,7 +186,7 @@ fn open(who: &str) -> Sessions {
         false => ("tcp", Security::Plain),
         true => {
             // The intruder itself accepts every certificate.
-            let known: Vec<Known> = serde_json::from_slice(&fs::read(folder.join("known.json")).unwrap()).unwrap();
+            let known: Vec<PeerIdentity> = serde_json::from_slice(&fs::read(folder.join("known.json")).unwrap()).unwrap();
             let vehicles = VehicleId::first(HOSTS.into()).zip(known).collect();
             let (observer, operator) = ("observer".to_owned(), "operator".to_owned());
             ("tls", Security::Tls(Tls { authority, certificate, key, vehicles, observer, operator }))

@@ -12,7 +12,7 @@ use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 use serde_json::{Value, json};
 use skein::inventory::Inventory;
 use skein::keys::Role;
-use skein::observe::{SwarmMessage, Observer, Steps};
+use skein::observe::{Observer, TraceSubscription, SwarmMessage};
 
 use super::lab::Lab;
 
@@ -228,7 +228,7 @@ pub(super) fn now_s() -> f64 {
 /// The process of the observer.
 pub(super) fn observe_swarm() {
     let Ok(inventory) = Inventory::read("lab/cluster.toml".as_ref()) else { return };
-    let mut observer = Observer::open(&inventory.reach(Role::Observer).unwrap(), Steps::On).unwrap();
+    let mut observer = Observer::open(&inventory.reach(Role::Observer).unwrap(), TraceSubscription::On).unwrap();
     thread::spawn(|| {
         let _ = std::io::copy(&mut std::io::stdin(), &mut std::io::sink());
         std::process::exit(0);
@@ -237,7 +237,9 @@ pub(super) fn observe_swarm() {
     loop {
         sleep(PERIOD);
         let events = observer.poll().into_iter().filter_map(|heard| match heard {
-            SwarmMessage::Event(event) => Some(json!({ "id": event.header.sender.get(), "what": event.what.to_string() })),
+            SwarmMessage::Event(event) => {
+                Some(json!({ "id": event.header.sender.get(), "what": event.what.to_string() }))
+            }
             _ => None,
         });
         let events: Vec<Value> = events.collect();

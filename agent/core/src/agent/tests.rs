@@ -138,7 +138,10 @@ fn without_own_data_no_state_is_sent() {
 fn without_any_peer_the_vehicle_holds_its_position() {
     let mut flight = Flight::new(&scenario(&[]));
     let active = MissionMessage { plan: 0, ..heartbeat(header(2, 1)) };
-    flight.frame(Some(&measured(30.0)), &[PeerMessage::Appeared(id(2)), state_of(2, 1, 80.0), PeerMessage::Mission(active)]);
+    flight.frame(
+        Some(&measured(30.0)),
+        &[PeerMessage::Appeared(id(2)), state_of(2, 1, 80.0), PeerMessage::Mission(active)],
+    );
     let outputs = flight.frame(Some(&measured(30.0)), &[PeerMessage::Vanished(id(2))]);
     assert_eq!(outputs.outbox.happened, [EventKind::PeerLost(id(2)), EventKind::AllPeersLost]);
     assert_eq!(flight.agent.activity(), Activity::Holding);

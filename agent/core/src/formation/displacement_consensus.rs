@@ -20,7 +20,7 @@ use alloc::vec::Vec;
 use nalgebra::Vector2;
 use skein_common::id::VehicleId;
 
-use super::law::{LawOutput, Law, Setup, Observation, LawCommand};
+use super::law::{Law, LawCommand, LawOutput, Observation, Setup};
 use super::slots::{Slots, is_in_slot};
 
 /// The law's gains and slots.

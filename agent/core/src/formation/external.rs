@@ -180,18 +180,18 @@ impl External {
         let is_near = centre_m.norm() <= sight.goal.radius_m && sight.is_slow();
         let Some(answer) = &self.last else {
             // Before the first reply the vehicle stays where it is.
-            let answer = law::LawReply { wanted: law::ReplyCommand::Displacement(Vector2::zeros()), is_there: false };
+            let answer = law::LawOutput { wanted: law::LawCommand::Displacement(Vector2::zeros()), is_there: false };
             return Some(ExternalLawOutput { answer, heading_rad: None });
         };
         let wanted = match answer.wanted {
             ReplyCommand::VelocityNed(velocity) => {
                 let velocity = velocity.cap_magnitude(self.max_speed_m_s);
-                law::ReplyCommand::Velocity { ne_m_s: velocity.xy(), down_m_s: Some(velocity.z) }
+                law::LawCommand::Velocity { ne_m_s: velocity.xy(), down_m_s: Some(velocity.z) }
             }
-            ReplyCommand::FieldNe(field) => law::ReplyCommand::Field(field.push(0.0)),
+            ReplyCommand::FieldNe(field) => law::LawCommand::Field(field.push(0.0)),
         };
         let is_there = answer.reached.unwrap_or(is_near);
-        Some(ExternalLawOutput { answer: law::LawReply { wanted, is_there }, heading_rad: answer.heading_rad })
+        Some(ExternalLawOutput { answer: law::LawOutput { wanted, is_there }, heading_rad: answer.heading_rad })
     }
 
     /// Prepares the next query when it is due. A query still pending then was missed.
@@ -253,7 +253,7 @@ impl External {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ExternalLawOutput {
     /// The output in the form of a built-in law.
-    pub answer: law::LawReply,
+    pub answer: law::LawOutput,
     /// Commanded heading, clockwise from north, rad; `None` leaves it to the mission.
     pub heading_rad: Option<f64>,
 }
@@ -283,8 +283,8 @@ impl From<&Neighbour> for PeerState {
     }
 }
 
-impl From<&law::QueryGoal> for QueryGoal {
-    fn from(goal: &law::QueryGoal) -> Self {
+impl From<&law::Goal> for QueryGoal {
+    fn from(goal: &law::Goal) -> Self {
         Self {
             step: goal.step,
             centre_ned_m: goal.centre.0.into(),

@@ -47,7 +47,7 @@ impl Laws {
     /// Returns an error for a name that is in use or misspelt, and for a second call.
     pub fn add(self) -> Result<(), LawNameError> {
         add_laws(self.0.iter().map(|(name, _)| *name).collect())?;
-        ADDED.set(Box::new(self)).map_err(|_| LawNameError::StateLatency)
+        ADDED.set(Box::new(self)).map_err(|_| LawNameError::Late)
     }
 }
 

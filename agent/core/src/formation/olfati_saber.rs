@@ -23,7 +23,7 @@ use skein_common::math;
 
 use nalgebra::Vector2;
 
-use super::law::{LawOutput, Law, Setup, Observation, LawCommand};
+use super::law::{Law, LawCommand, LawOutput, Observation, Setup};
 
 /// Distance d in the source's units.
 const SOURCE_DISTANCE: f64 = 7.0;

@@ -6,7 +6,7 @@ use skein_common::frame::{PositionNed, VelocityNed};
 use skein_common::id::{VehicleId, VehicleSet};
 use skein_common::scenario::{Source, load};
 
-use super::law::{Goal, Law, Neighbour, Observation, LawCommand};
+use super::law::{Goal, Law, LawCommand, Neighbour, Observation};
 use super::laws;
 use crate::random::{Purpose, generator, uniform};
 
@@ -60,7 +60,8 @@ impl Points {
             let neighbours = &neighbours[..];
             let unseen = VehicleSet::default();
             let (obstacles, dt_s) = (&[][..], 0.02);
-            let sight = Observation { own: id, position, velocity, heading_rad, neighbours, unseen, obstacles, goal, dt_s };
+            let sight =
+                Observation { own: id, position, velocity, heading_rad, neighbours, unseen, obstacles, goal, dt_s };
             ask(own, &sight)
         };
         (0..count).map(&mut one).collect()

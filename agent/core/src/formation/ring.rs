@@ -28,7 +28,7 @@ use skein_common::math;
 use skein_common::scenario;
 
 use super::COINCIDENT_M;
-use super::law::{LawOutput, Law, Neighbour, Obstacle, Setup, Observation, LawCommand};
+use super::law::{Law, LawCommand, LawOutput, Neighbour, Observation, Obstacle, Setup};
 
 /// Limit of the summed avoidance of all neighbours: a crowd must not expel its members.
 const MAX_AVOIDANCE: f64 = 2.0;

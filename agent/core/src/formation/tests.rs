@@ -46,7 +46,7 @@ fn estimates(estimates: &[PeerEstimate]) -> PeerSummary<'_> {
 
 /// The task to fly a formation around a centre at the origin that moves north.
 fn task(speed_m_s: f64) -> Task {
-    Task::Formation(mission::Goal {
+    Task::Formation(mission::MissionGoal {
         step: 0,
         centre_ne_m: Vector2::zeros(),
         centre_velocity_ne_m_s: Vector2::new(speed_m_s, 0.0),
@@ -228,7 +228,10 @@ fn a_vehicle_that_stays_keeps_the_rise_of_its_partition() {
     };
     assert!((fly(&apart, &task(0.0)) - 40.0).abs() < 1e-9, "10 m above the 30 m of the other partition");
     assert!((fly(&apart, &stay(40.0, false)) - 40.0).abs() < 1e-9);
-    assert!((fly(&PeerSummary::default(), &stay(40.0, false)) - 30.0).abs() < 1e-9, "descends after the partitions rejoin");
+    assert!(
+        (fly(&PeerSummary::default(), &stay(40.0, false)) - 30.0).abs() < 1e-9,
+        "descends after the partitions rejoin"
+    );
     assert!((fly(&apart, &stay(12.0, true)) - 12.0).abs() < 1e-9, "nothing is added during a landing");
     assert!((fly(&apart, &stay(12.0, false)) - 12.0).abs() < 1e-9, "recalled, the vehicle stays at its altitude");
 }

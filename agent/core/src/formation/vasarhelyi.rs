@@ -20,7 +20,7 @@ use nalgebra::Vector2;
 use skein_common::scenario;
 
 use super::COINCIDENT_M;
-use super::law::{LawOutput, Law, Neighbour, Setup, Observation, LawCommand};
+use super::law::{Law, LawCommand, LawOutput, Neighbour, Observation, Setup};
 
 /// The law's parameters.
 #[derive(Clone, Debug, PartialEq)]

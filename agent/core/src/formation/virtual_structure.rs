@@ -9,7 +9,7 @@
 use alloc::boxed::Box;
 use alloc::string::String;
 
-use super::law::{LawOutput, Law, Setup, Observation, LawCommand};
+use super::law::{Law, LawCommand, LawOutput, Observation, Setup};
 use super::slots::{Slots, is_in_slot};
 
 /// The law: flies to the slot of the own rank.

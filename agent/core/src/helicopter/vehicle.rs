@@ -6,7 +6,7 @@ use skein_common::time::PlantTime;
 
 use super::wind::{LocalWind, Weather};
 use super::{Failures, Helicopter, Parameters, TICK_S};
-use crate::plant::{Frame, Measurement, Controls, GroundTruth};
+use crate::plant::{Controls, Frame, GroundTruth, Measurement};
 use crate::random::{self, Purpose};
 
 /// Initial place of a vehicle on flat ground at the height of the swarm's origin.

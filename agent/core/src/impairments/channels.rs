@@ -10,7 +10,7 @@ use skein_common::time::LocalTime;
 
 use super::Delivery;
 use super::channel::Channel;
-use crate::peers::{Received, PeerMessage};
+use crate::peers::{PeerMessage, Received};
 
 /// All channels to one receiving vehicle.
 #[derive(Clone, Debug)]
@@ -92,9 +92,11 @@ impl ReceiverChannels {
                 let to_own = scenario.network.edges.iter().filter(|[_, hearer]| *hearer == own);
                 NeighbourSelection::Edges(to_own.map(|[speaker, _]| *speaker).collect())
             }
-            Graph::Nearest => {
-                NeighbourSelection::Nearest { count: scenario.network.neighbours, selected: None, distances: Vec::new() }
-            }
+            Graph::Nearest => NeighbourSelection::Nearest {
+                count: scenario.network.neighbours,
+                selected: None,
+                distances: Vec::new(),
+            },
         };
         Some(Self {
             origin: Origin::new(scenario.origin.geodetic()),

@@ -18,7 +18,7 @@ use skein_common::scenario::Scenario;
 use skein_common::time::LocalTime;
 
 use super::cuts::{self, Outage};
-use crate::peers::{Received, PeerMessage};
+use crate::peers::{PeerMessage, Received};
 
 /// The receiver's end of a link.
 #[derive(Clone, Debug)]

@@ -108,8 +108,10 @@ fn an_ideal_network_delivers_all_messages_at_once_and_in_order() {
     let at = LocalTime::from_seconds;
     let words = [order(1), state(2, 1), PeerMessage::Vanished(id(3)), mission(4, 9)];
     // The last one arrives shortly after the step began, as in a real agent.
-    let arriving =
-        words.map(|word| Received { word, at: at(1.0) }).into_iter().chain([Received { word: state(3, 2), at: at(1.01) }]);
+    let arriving = words
+        .map(|word| Received { word, at: at(1.0) })
+        .into_iter()
+        .chain([Received { word: state(3, 2), at: at(1.01) }]);
     let arriving: Vec<_> = arriving.collect();
     let mut out = vec![Received { word: order(0), at: at(0.5) }];
     ear.receive(at(1.0), ReceiverPosition::default(), arriving.iter().copied(), &mut out);
@@ -122,7 +124,8 @@ fn the_loss_matches_the_scenario_and_tokens_are_never_lost() {
         let mut hearer = Receiver::new(&scenario(&format!("seed = 7\nnetwork.loss = {loss}")), own);
         let rounds = 20_000_u32;
         for round in 0..rounds {
-            let words = [state(4, round.into()), mission(4, round.into()), order(round.into()), PeerMessage::Appeared(id(4))];
+            let words =
+                [state(4, round.into()), mission(4, round.into()), order(round.into()), PeerMessage::Appeared(id(4))];
             hearer.receive(f64::from(round) * FRAME_S, words);
         }
         // Five standard deviations of a binomial distribution.
@@ -167,7 +170,12 @@ fn messages_are_delivered_in_order_of_arrival() {
     let at = LocalTime::from_seconds;
     let arriving = [(state(2, 1), 0.99), (state(3, 1), 0.97), (state(4, 1), 0.98)];
     let mut out = Vec::new();
-    ear.receive(at(1.0), ReceiverPosition::default(), arriving.map(|(word, t_s)| Received { word, at: at(t_s) }), &mut out);
+    ear.receive(
+        at(1.0),
+        ReceiverPosition::default(),
+        arriving.map(|(word, t_s)| Received { word, at: at(t_s) }),
+        &mut out,
+    );
     ear.receive(at(1.085), ReceiverPosition::default(), [], &mut out);
     assert_eq!(out.iter().map(|heard| heard.word).collect::<Vec<_>>(), [state(3, 1), state(4, 1)]);
 }
@@ -182,7 +190,9 @@ fn a_cut_removes_the_token_after_a_lease_and_a_retry_after_healing_returns_it() 
         hearer.run_with_peer(peer, FRAME_S, 40.0);
         let gone_s = hearer.only_time(PeerMessage::Vanished(id(peer)));
         assert!(near(gone_s, 11.0), "{own} from {peer}: gone at {gone_s}");
-        let [_, back_s] = hearer.times(|word| matches!(word, PeerMessage::Appeared(_)))[..] else { panic!("not back once") };
+        let [_, back_s] = hearer.times(|word| matches!(word, PeerMessage::Appeared(_)))[..] else {
+            panic!("not back once")
+        };
         assert!((30.2..31.0 + FRAME_S).contains(&back_s), "{own} from {peer}: back at {back_s}");
         let gaps = gaps(&hearer.times(is_state));
         assert_eq!(gaps.len(), 1, "{gaps:?}");

@@ -129,7 +129,10 @@ fn messages_with_the_own_id_or_an_unknown_one_are_forged() {
     assert!(table.0.estimates().is_empty());
     table.receive(
         1.0,
-        &[PeerMessage::Order(Order { epoch: 1, issuer: 1, verb: Verb::Land, seal: None }), PeerMessage::Vanished(id(9))],
+        &[
+            PeerMessage::Order(Order { epoch: 1, issuer: 1, verb: Verb::Land, seal: None }),
+            PeerMessage::Vanished(id(9)),
+        ],
     );
     assert!(table.0.estimates().is_empty());
 }
@@ -273,7 +276,9 @@ fn time_in_which_the_own_agent_did_not_run_is_not_a_peers_silence() {
 
 /// A message of vehicle 2; the position of a state identifies it.
 fn message_of(incarnation: u64, sequence: u64, is_state: bool) -> PeerMessage {
-    let PeerMessage::State(sent) = state(2, incarnation, sequence, north_m(incarnation, sequence)) else { unreachable!() };
+    let PeerMessage::State(sent) = state(2, incarnation, sequence, north_m(incarnation, sequence)) else {
+        unreachable!()
+    };
     let at_rest = VehicleState { velocity: VelocityNed::default(), ..sent.state };
     if is_state {
         PeerMessage::State(State { state: at_rest, ..sent })

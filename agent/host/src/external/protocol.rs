@@ -11,7 +11,7 @@ use skein_common::id::VehicleId;
 use skein_common::message::LawNumber;
 use skein_common::scenario::Scenario;
 
-use skein_core::formation::external::{LawReply, LawQuery, ReplyCommand};
+use skein_core::formation::external::{LawQuery, LawReply, ReplyCommand};
 use skein_core::random::{self, Purpose};
 
 /// Version of the protocol.

@@ -12,7 +12,7 @@
 use nalgebra::{Vector2, Vector3};
 
 use super::protocol::{Fault, PROTOCOL, is_sane, vehicle_id, whole_f64};
-use skein_core::formation::external::{LawReply, LawQuery, PeerState, ReplyCommand};
+use skein_core::formation::external::{LawQuery, LawReply, PeerState, ReplyCommand};
 
 /// Number of values in a query.
 pub const ASK: usize = 144;

@@ -9,7 +9,7 @@ use std::sync::{Mutex, PoisonError};
 use skein_common::id::SwarmName;
 use skein_common::message::{Order, Verb};
 
-use super::{VerificationKey, SigningKey};
+use super::{SigningKey, VerificationKey};
 
 /// Marks a signed order; nothing else signed with this key starts like this.
 const CONTEXT: &[u8] = b"skein order v1\0";

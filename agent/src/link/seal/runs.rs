@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 use skein_common::id::SwarmName;
 use skein_common::message::Signature;
 
-use super::{VerificationKey, SigningKey};
+use super::{SigningKey, VerificationKey};
 
 /// Marks a signed note; nothing else signed with an orders key starts like this.
 const CONTEXT: &[u8] = b"skein run v1\0";

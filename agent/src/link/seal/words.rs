@@ -13,7 +13,7 @@ use skein_common::id::{SwarmName, VehicleId};
 use skein_common::message::{self, DecodeError, Message, Reason, Signature};
 use skein_common::topic::{Author, Topic};
 
-use super::{VerificationKey, SigningKey};
+use super::{SigningKey, VerificationKey};
 
 const CONTEXT: &[u8] = b"skein word v1\0";
 

@@ -37,7 +37,10 @@ fn store_heartbeat(link: &Link, session: &Session, sender: u8, order: Order) -> 
 }
 
 fn orders(heard: &[Received]) -> Vec<Order> {
-    heard.iter().filter_map(|heard| if let PeerMessage::Order(order) = heard.word { Some(order) } else { None }).collect()
+    heard
+        .iter()
+        .filter_map(|heard| if let PeerMessage::Order(order) = heard.word { Some(order) } else { None })
+        .collect()
 }
 
 /// Publishes `bad` orders until all are counted as refused, then the valid order `good` until it is stored; returns all

@@ -193,8 +193,7 @@ impl Swarm {
         let heard = self.exchange(ROUNDS, &mut attack);
         assert_eq!(heard.iter().find(|heard| is_forged(&heard.word)), None);
         for vehicle in [1, 2] {
-            let comes_or_goes =
-                |word: &PeerMessage| matches!(word, PeerMessage::Appeared(who) | PeerMessage::Vanished(who) if who.get() == vehicle);
+            let comes_or_goes = |word: &PeerMessage| matches!(word, PeerMessage::Appeared(who) | PeerMessage::Vanished(who) if who.get() == vehicle);
             // A link may break on a busy computer, but it must be restored.
             let last = heard.iter().rev().find(|heard| comes_or_goes(&heard.word));
             assert!(!last.is_some_and(|last| matches!(last.word, PeerMessage::Vanished(_))), "{last:?}");

@@ -10,7 +10,7 @@ use std::f64::consts::TAU;
 use skein_common::frame::{Attitude, BodyRates, Geodetic, Origin, VelocityNed, wrap_rad};
 
 use super::wire::rpos::Position;
-use skein_core::plant::{Measurement, GroundTruth};
+use skein_core::plant::{GroundTruth, Measurement};
 
 /// Largest plausible speed of a helicopter, m/s.
 const MAX_SPEED_M_S: f64 = 500.0;

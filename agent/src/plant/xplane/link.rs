@@ -29,7 +29,7 @@ use beacon::Search;
 use controls::ControlWriter;
 use session::{Indices, Provenance, Sender, Senders, Value};
 use skein_core::aircraft::{Dataref, Profile};
-use skein_core::plant::{Frame, Plant, Controls, Wake};
+use skein_core::plant::{Controls, Frame, Plant, Wake};
 
 /// Time between two subscriptions, needed because X-Plane forgets its subscribers when it restarts.
 const RESUBSCRIBE: Duration = Duration::from_secs(5);

@@ -18,7 +18,7 @@ use super::wire::prel::{self, Placement};
 use super::wire::{WireError, rpos, rref};
 use clients::Clients;
 use datarefs::{Handle, Setting, Settings, Situation};
-use skein_core::plant::{Frame, Controls};
+use skein_core::plant::{Controls, Frame};
 
 /// A client silent for this long counts as gone where that matters, s. Our agents subscribe again every five seconds.
 const PRESUMED_GONE_S: u64 = 12;

@@ -1,7 +1,7 @@
 use std::net::TcpStream;
 use std::sync::mpsc::SyncSender;
 
-use skein_core::formation::external::{QueryGoal, OwnState};
+use skein_core::formation::external::{OwnState, QueryGoal};
 
 use super::*;
 

@@ -12,7 +12,7 @@ use skein_common::message::Trace;
 
 use super::reader::{FullRecording, read_all};
 use super::{RecordError, format};
-use crate::recording::{Recording, Step, NotedKind};
+use crate::recording::{NotedKind, Recording, Step};
 
 /// Writes `trace.csv`, `peers.csv`, `laws.csv` and `events.csv` of a recording into a folder and returns their paths.
 ///

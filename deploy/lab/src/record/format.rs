@@ -122,6 +122,9 @@ pub(super) fn spelling(choice: &impl Serialize) -> String {
 pub(super) fn vehicle_of(incident: &InjectedFault) -> Option<VehicleId> {
     match incident {
         InjectedFault::Died(id) | InjectedFault::Restarted(id) | InjectedFault::Failed(id, _) => Some(*id),
-        InjectedFault::Cut { .. } | InjectedFault::Healed { .. } | InjectedFault::Delayed { .. } | InjectedFault::DelayOver { .. } => None,
+        InjectedFault::Cut { .. }
+        | InjectedFault::Healed { .. }
+        | InjectedFault::Delayed { .. }
+        | InjectedFault::DelayOver { .. } => None,
     }
 }

@@ -14,7 +14,7 @@ use super::RecordError;
 use super::format::{self, EventLine, FaultLine, seconds_since};
 use super::scan::{Found, Piece, scan};
 use crate::metrics::Run;
-use crate::recording::{Noted, Recording, Step, NotedKind};
+use crate::recording::{Noted, NotedKind, Recording, Step};
 
 /// Reads the steps, events and faults of a recording that lie in the figures' window.
 ///

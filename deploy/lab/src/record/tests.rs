@@ -2,7 +2,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use serde_json::Value;
 use skein_common::id::{Incarnation, VehicleId};
-use skein_common::message::{Failure, EventKind, Header, LawNumber, Order, Signature, Trace, Verb};
+use skein_common::message::{EventKind, Failure, Header, LawNumber, Order, Signature, Trace, Verb};
 use skein_core::aircraft::Aircraft;
 use skein_core::control::Rules;
 
@@ -93,7 +93,8 @@ fn every_recorded_message_is_as_its_schema_describes() {
     (last.step_us, last.law_misses, last.sticks) = (Some(80.0), Some(1), None);
     steps.iter().for_each(|step| writer.step(0, step));
     let [one, two] = [1, 2].map(|number| VehicleId::new(number).unwrap());
-    let order = Order { epoch: 1, issuer: 7, verb: Verb::Goto(1), seal: Some(Signature::from_bytes([9; Signature::BYTES])) };
+    let order =
+        Order { epoch: 1, issuer: 7, verb: Verb::Goto(1), seal: Some(Signature::from_bytes([9; Signature::BYTES])) };
     for what in [
         EventKind::AtAltitude,
         EventKind::PeerLost(two),

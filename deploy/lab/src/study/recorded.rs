@@ -13,7 +13,7 @@ use super::plan::{Plan, Run};
 use super::{Study, StudyError};
 use crate::error::Error;
 use crate::metrics::{Report, Run as Flight, WALL_CLOCK_KEYS};
-use crate::record::{self, RecordingInfo, Draft, RecordError, Writer, log_time_ns};
+use crate::record::{self, Draft, RecordError, RecordingInfo, Writer, log_time_ns};
 use skein_host::parallel::in_parallel;
 
 /// Records what the scenario of each point asks for, beside the figures of the run. What is there already is left.

@@ -36,8 +36,8 @@ use skein_core::aircraft::Aircraft;
 use skein_core::formation::external::LawQuery;
 use skein_core::impairments::{Impairments, ReceiverPosition};
 use skein_core::outbox::Outbox;
-use skein_core::peers::{Received, PeerMessage};
-use skein_core::plant::{Measurement, Controls};
+use skein_core::peers::{PeerMessage, Received};
+use skein_core::plant::{Controls, Measurement};
 
 use super::TICK_NS;
 use super::driver::{Driver, TakeOutputs};
@@ -229,7 +229,8 @@ impl Central {
             let computed = link.computed.partition_point(|controls| controls.at <= next_frame);
             self.totals.state_messages += computed as u64;
             self.totals.state_bytes += computed as u64 * CONTROLS_BYTES;
-            let there = ReceiverPosition { flown_s: vehicle.clocks().flown_s(now), position: Some(vehicle.truth.position) };
+            let there =
+                ReceiverPosition { flown_s: vehicle.clocks().flown_s(now), position: Some(vehicle.truth.position) };
             link.ear.receive(next_frame, there, link.computed.drain(..computed), &mut self.heard);
             for (_, number) in self.heard.drain(..).filter_map(datagram_number) {
                 vehicle.command = link.controls.arrive(number).or(vehicle.command);

@@ -7,7 +7,7 @@ use skein_common::message::{Order, Verb};
 use skein_common::scenario::{Event, EventAction, Fault, Scenario};
 use skein_core::impairments::lasting;
 
-use crate::faults::{Schedule, LinkChange, failure_of, kills, link_changes, orders};
+use crate::faults::{LinkChange, Schedule, failure_of, kills, link_changes, orders};
 
 /// Time between two transmissions of an order, s.
 const RESEND_PERIOD_S: f64 = 0.2;

@@ -11,7 +11,7 @@ use skein_core::formation::UnsupportedScenario;
 use skein_core::formation::external::LawReply;
 use skein_core::helicopter::{BuiltInVehicle, Script};
 use skein_core::peers::Received;
-use skein_core::plant::{Frame, Measurement, Controls, GroundTruth};
+use skein_core::plant::{Controls, Frame, GroundTruth, Measurement};
 use skein_core::station::{Clocks, Station};
 
 use super::script::{self, ScriptedAction};

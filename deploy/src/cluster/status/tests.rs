@@ -53,7 +53,11 @@ fn status(folder: &Path, heard: Vec<Health>, ago: Duration) -> Status {
 }
 
 /// The status of four vehicles from messages, each in a run of the swarm.
-fn status_of(folder: &Path, heard: impl IntoIterator<Item = (SwarmMessage, Option<u64>, Instant)>, now: Instant) -> Status {
+fn status_of(
+    folder: &Path,
+    heard: impl IntoIterator<Item = (SwarmMessage, Option<u64>, Instant)>,
+    now: Instant,
+) -> Status {
     let inventory = lab(folder, 4, "");
     let reach = Reach::plain(inventory.swarm.clone(), BTreeMap::new(), Flown::Text(String::new()));
     let mut observer = Observer::open(&reach, TraceSubscription::Off).unwrap();
@@ -79,7 +83,11 @@ fn mission(number: u8, life: u64) -> Mission {
 
 /// The messages of vehicle `number` in a run: its appearance, its heartbeat, its health report.
 fn all_of(number: u8, run: u64) -> [(SwarmMessage, Option<u64>, Instant); 3] {
-    let said = [SwarmMessage::Appeared(id(number)), SwarmMessage::Mission(mission(number, 1)), SwarmMessage::Health(health(number, 0.0))];
+    let said = [
+        SwarmMessage::Appeared(id(number)),
+        SwarmMessage::Mission(mission(number, 1)),
+        SwarmMessage::Health(health(number, 0.0)),
+    ];
     said.map(|said| (said, Some(run), clock::now()))
 }
 

@@ -34,7 +34,8 @@ impl Flight {
 
     /// What is still to come does not come any more; but whoever stands still for a time is to be able to land.
     pub(super) fn end_events(&mut self, now: Instant) {
-        let thaws: Vec<ScriptedAction> = self.agenda.remaining().filter(|deed| matches!(deed, ScriptedAction::Thaw(_))).cloned().collect();
+        let thaws: Vec<ScriptedAction> =
+            self.agenda.remaining().filter(|deed| matches!(deed, ScriptedAction::Thaw(_))).cloned().collect();
         while self.agenda.due(f64::INFINITY).is_some() {}
         thaws.iter().for_each(|deed| self.carry_out(now, deed));
     }

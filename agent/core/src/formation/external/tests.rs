@@ -49,7 +49,7 @@ impl Session {
             neighbours: &[neighbour],
             unseen: VehicleSet::default(),
             obstacles: &[],
-            goal: law::QueryGoal {
+            goal: law::Goal {
                 step: 1,
                 centre: PositionNed::new(10.0, 0.0, -30.0),
                 centre_velocity: VelocityNed::new(2.0, 0.0, 0.0),
@@ -89,14 +89,14 @@ fn velocity(north_m_s: f64, east_m_s: f64, down_m_s: f64) -> ReplyCommand {
     ReplyCommand::VelocityNed(Vector3::new(north_m_s, east_m_s, down_m_s))
 }
 
-fn wanted(external_output: Option<ExternalLawOutput>) -> law::ReplyCommand {
+fn wanted(external_output: Option<ExternalLawOutput>) -> law::LawCommand {
     external_output.unwrap().answer.wanted
 }
 
-const STAY: law::ReplyCommand = law::ReplyCommand::Displacement(Vector2::new(0.0, 0.0));
+const STAY: law::LawCommand = law::LawCommand::Displacement(Vector2::new(0.0, 0.0));
 
-fn level_and_down(north_m_s: f64, east_m_s: f64, down_m_s: f64) -> law::ReplyCommand {
-    law::ReplyCommand::Velocity { ne_m_s: Vector2::new(north_m_s, east_m_s), down_m_s: Some(down_m_s) }
+fn level_and_down(north_m_s: f64, east_m_s: f64, down_m_s: f64) -> law::LawCommand {
+    law::LawCommand::Velocity { ne_m_s: Vector2::new(north_m_s, east_m_s), down_m_s: Some(down_m_s) }
 }
 
 #[test]
@@ -140,9 +140,9 @@ fn a_reply_is_flown_from_the_next_step_until_the_next_reply() {
     let (_, ask) = session.next_query();
     assert_eq!(wanted(session.step(None).0), level_and_down(1.0, -2.0, 0.5), "the last reply is flown");
     let (flown, _) = session.step(Some(&answer(ask.tick, ReplyCommand::FieldNe(Vector2::new(0.1, 0.2)))));
-    assert_eq!(wanted(flown), law::ReplyCommand::Field(Vector3::new(0.1, 0.2, 0.0)));
+    assert_eq!(wanted(flown), law::LawCommand::Field(Vector3::new(0.1, 0.2, 0.0)));
     let (flown, _) = session.step(Some(&answer(ask.tick, velocity(3.0, 0.0, 0.0))));
-    assert_eq!(wanted(flown), law::ReplyCommand::Field(Vector3::new(0.1, 0.2, 0.0)), "a second reply is ignored");
+    assert_eq!(wanted(flown), law::LawCommand::Field(Vector3::new(0.1, 0.2, 0.0)), "a second reply is ignored");
     assert_eq!(session.external.misses(), 0);
 }
 
@@ -150,7 +150,7 @@ fn a_reply_is_flown_from_the_next_step_until_the_next_reply() {
 fn a_fast_reply_is_limited_and_keeps_its_direction() {
     let mut session = Session::new("max_speed_m_s = 5");
     let flown = session.flown(|tick| answer(tick, velocity(6e8, 8e8, 0.0)));
-    let law::ReplyCommand::Velocity { ne_m_s, down_m_s } = flown.answer.wanted else { panic!("{flown:?}") };
+    let law::LawCommand::Velocity { ne_m_s, down_m_s } = flown.answer.wanted else { panic!("{flown:?}") };
     assert!((ne_m_s - Vector2::new(3.0, 4.0)).norm() < 1e-9 && down_m_s == Some(0.0), "{flown:?}");
 }
 

@@ -97,7 +97,8 @@ fn the_lattice_scales_with_its_units_of_length_and_time() {
     let place = Vector2::new(3.0, 1.0);
     let pull = |law: &OlfatiSaber| {
         let points = Points::at(vec![Vector2::zeros(), place * law.unit_m]);
-        points.each(|_, _| true, |_, sight| law.acceleration(&Observation { position: Default::default(), ..*sight }))[0]
+        points.each(|_, _| true, |_, sight| law.acceleration(&Observation { position: Default::default(), ..*sight }))
+            [0]
     };
     let (in_sources_units, ours) = (pull(&small), pull(&large));
     assert!((ours - in_sources_units * (5.0 / 100.0)).norm() < 1e-12, "length over time squared: {ours}");

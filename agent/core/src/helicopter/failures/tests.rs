@@ -3,8 +3,8 @@ use skein_common::frame::{Geodetic, Origin, VelocityNed};
 
 use super::*;
 use crate::helicopter::tests::xcell60;
-use crate::helicopter::{LocalWind, BuiltInVehicle, Helicopter, Start, TICK_S, Weather};
-use crate::plant::{Frame, Controls};
+use crate::helicopter::{BuiltInVehicle, Helicopter, LocalWind, Start, TICK_S, Weather};
+use crate::plant::{Controls, Frame};
 use crate::random::{self, Purpose, uniform};
 use crate::testing::id;
 

@@ -41,7 +41,8 @@ impl Side {
         let header = Header { stamp, ..header(own, 1, self.sequence) };
         let PeerMessage::State(sent) = state(own, 1, self.sequence, 2.0 * t_s) else { unreachable!() };
         let heartbeat = Mission { echo: self.peers.echo(stamp), ..heartbeat_of(header, 1, Membership::Active) };
-        [PeerMessage::State(State { header, ..sent }), PeerMessage::Mission(heartbeat)].map(|word| (t_s + delay_s, t_s, word))
+        [PeerMessage::State(State { header, ..sent }), PeerMessage::Mission(heartbeat)]
+            .map(|word| (t_s + delay_s, t_s, word))
     }
 }
 

@@ -2,7 +2,7 @@ use proptest::prelude::*;
 use skein_common::scenario::{Source, load};
 
 use super::*;
-use skein_core::formation::external::{QueryGoal, OwnState, PeerState};
+use skein_core::formation::external::{OwnState, PeerState, QueryGoal};
 
 fn id(number: u8) -> VehicleId {
     VehicleId::new(number).unwrap()
@@ -73,7 +73,11 @@ fn messages_to_a_law_have_exactly_these_bytes() {
 #[test]
 fn valid_lines_of_a_law_are_read() {
     assert_eq!(read(br#"{"say":"ready","protocol":1}"#), Ok(MessageFromLaw::Ready));
-    assert_eq!(read(br#"{"protocol":1.0,"say":"ready","name":"mine"}"#), Ok(MessageFromLaw::Ready), "unknown keys are ignored");
+    assert_eq!(
+        read(br#"{"protocol":1.0,"say":"ready","name":"mine"}"#),
+        Ok(MessageFromLaw::Ready),
+        "unknown keys are ignored"
+    );
     let line =
         r#"{"say":"answer","vehicle":3,"tick":417,"velocity_ned_m_s":[0.4,-1.2,0],"log":{"consensus_error":0.31}}"#;
     let answer = answer_to(line).unwrap();

@@ -5,7 +5,7 @@ use skein_common::id::VehicleId;
 
 use super::*;
 use crate::external::protocol::{Hello, Time};
-use skein_core::formation::external::{LawQuery, QueryGoal, OwnState};
+use skein_core::formation::external::{LawQuery, OwnState, QueryGoal};
 
 /// Time limit of a wait.
 const TIMEOUT: Duration = Duration::from_secs(20);
@@ -61,7 +61,11 @@ fn a_law_process_exchanges_lines_and_leaves_nothing_behind() {
     assert_eq!([line, b"\n".to_vec()].concat(), MessageToLaw::LawQuery(&ask(7)).line());
     assert_eq!(stderr.recv_timeout(TIMEOUT).unwrap(), "warned");
     drop(session);
-    assert_eq!(words.recv_timeout(TIMEOUT), Ok(LawInput::Data(b"{\"say\":\"bye\"}".to_vec())), "the bye precedes the end");
+    assert_eq!(
+        words.recv_timeout(TIMEOUT),
+        Ok(LawInput::Data(b"{\"say\":\"bye\"}".to_vec())),
+        "the bye precedes the end"
+    );
     assert_eq!(words.recv_timeout(TIMEOUT), Ok(LawInput::End));
     let listed = Command::new("ps").args(["-p", &id.to_string()]).output().unwrap();
     assert!(!listed.status.success(), "{}", String::from_utf8_lossy(&listed.stdout));

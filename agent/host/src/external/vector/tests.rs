@@ -2,7 +2,7 @@ use proptest::prelude::*;
 use skein_common::id::VehicleId;
 
 use super::*;
-use skein_core::formation::external::{QueryGoal, OwnState};
+use skein_core::formation::external::{OwnState, QueryGoal};
 
 fn id(number: u8) -> VehicleId {
     VehicleId::new(number).unwrap()

@@ -189,7 +189,8 @@ fn links_that_come_and_go_do_not_disturb_the_swarm() {
                 }
                 let others = [1, 2, 3].into_iter().filter(|other| *other != own);
                 for other in others {
-                    let is_others = |word: &PeerMessage| matches!(word, PeerMessage::State(_)) && word.speaker() == Some(id(other));
+                    let is_others =
+                        |word: &PeerMessage| matches!(word, PeerMessage::State(_)) && word.speaker() == Some(id(other));
                     assert!(
                         word(&heard, is_others).is_some(),
                         "vehicle {own} has not received a state of vehicle {other}"

@@ -7,7 +7,7 @@ use skein_common::time::PlantTime;
 use super::clients::{MAX_CLIENTS, MAX_SUBSCRIPTIONS};
 use super::*;
 use crate::plant::xplane::wire::rpos::Position;
-use skein_core::plant::{Measurement, GroundTruth};
+use skein_core::plant::{GroundTruth, Measurement};
 
 const RATE_HZ: u32 = 50;
 const JOYSTICK: &str = "sim/operation/override/override_joystick";
