@@ -83,7 +83,7 @@ pub fn run(out: Option<&Path>, json: bool) -> Result<(), Error> {
     fs::create_dir_all(&out).map_err(failed)?;
     fs::write(out.join("capacity.json"), skein_lab::terminal::json(&capacity)).map_err(failed)?;
     fs::write(out.join("capacity.txt"), text).map_err(failed)?;
-    fs::write(out.join("capacity.svg"), figure.svg()?).map_err(failed)?;
+    fs::write(out.join("capacity.svg"), figure.svg()).map_err(failed)?;
     figure.write_png(&out.join("capacity.png"))?;
     eprintln!("written to {}", out.display());
     Ok(())

@@ -1,29 +1,21 @@
 //! Pictures for reports: what is to be seen, said in the quantities' own units, becomes SVG and PNG.
 //!
-//! The only place that knows plotters. A [`Figure`] is plain data: panels with two axes each, and in them lines, areas,
-//! dots, bars and arrows, in the order in which they are drawn. What would make a picture hard to read is looked after
-//! here: the letters come with the program, scales and ticks are chosen, labels keep clear of each other.
-//!
-//! Everything is drawn `FINE` times as large as it is shown, because plotters rounds to whole pixels. The same figure
-//! gives the same bytes.
+//! A [`Figure`] is plain data: panels with two axes each, and in them lines, areas, dots, bars and arrows, in the order
+//! in which they are drawn. What would make a picture hard to read is looked after here: scales and ticks are chosen,
+//! labels keep clear of each other. The PNG is a rendering of the SVG, with a font that comes with the program. The same
+//! figure gives the same bytes.
 
 mod axis;
 mod canvas;
 mod layout;
-mod path;
+mod plot;
 
+use std::fs;
 use std::path::Path;
-
-use plotters::prelude::*;
 
 use crate::error::Error;
 pub use axis::Axis;
-use canvas::Canvas;
 
-/// Pixels drawn for each pixel shown.
-const FINE: f64 = 4.0;
-/// Pixels of a PNG for each pixel shown.
-const PNG_FINE: u32 = 2;
 /// How wide figures are shown, px.
 pub const WIDTH_PX: f64 = 880.0;
 
@@ -272,22 +264,8 @@ pub struct Figure {
 
 impl Figure {
     /// As an SVG document that needs nothing else.
-    ///
-    /// # Errors
-    /// If the letters that come with the program cannot be used.
-    pub fn svg(&self) -> Result<String, Error> {
-        let (width, height) = self.fine_size();
-        let mut drawn = String::new();
-        {
-            let area = SVGBackend::with_string(&mut drawn, (width, height)).into_drawing_area();
-            self.draw(&Canvas::new(&area, 0.05)?)?;
-            area.present().map_err(|error| canvas::failed(&error))?;
-        }
-        let [shown_width, shown_height] = self.size_px;
-        let size = format!("width=\"{width}\" height=\"{height}\"");
-        let shown = format!("width=\"{shown_width}\" height=\"{shown_height}\" role=\"img\"");
-        let title = format!(">\n<title>{}</title>\n", escaped(&format!("{}. {}", self.title, self.subject)));
-        Ok(drawn.replacen(&size, &shown, 1).replacen(">\n", &title, 1))
+    pub fn svg(&self) -> String {
+        layout::svg(self)
     }
 
     /// Writes it as PNG.
@@ -295,64 +273,14 @@ impl Figure {
     /// # Errors
     /// If that cannot be written.
     pub fn write_png(&self, path: &Path) -> Result<(), Error> {
-        let (width, height) = self.fine_size();
-        let mut fine = vec![0; (width * height * 3) as usize];
-        {
-            let area = BitMapBackend::with_buffer(&mut fine, (width, height)).into_drawing_area();
-            // plotters sets a bitmap's letters higher than an SVG's.
-            self.draw(&Canvas::new(&area, 0.15)?)?;
-            area.present().map_err(|error| canvas::failed(&error))?;
-        }
-        let by = FINE as u32 / PNG_FINE;
-        let size = (width / by, height / by);
-        let mut file = BitMapBackend::new(path, size);
-        let written = file.blit_bitmap((0, 0), size, &smaller(&fine, width, by)).and_then(|()| file.present());
-        written.map_err(|error| Error::Failed(format!("{}: {error}", path.display())))
-    }
-
-    /// Width and height as drawn, px.
-    fn fine_size(&self) -> (u32, u32) {
-        let [width, height] = self.size_px.map(|px| (px * FINE).round() as u32);
-        (width, height)
-    }
-
-    fn draw<DB: DrawingBackend>(&self, canvas: &Canvas<'_, DB>) -> Result<(), Error> {
-        let [width, height] = self.size_px;
-        canvas.fill(&[[0.0, 0.0], [width, 0.0], [width, height], [0.0, height]], Colour::WHITE)?;
-        let top = layout::heading(self, canvas)?;
-        let place = |panel: &Panel| {
-            let [left, upper, right, lower] = panel.place;
-            let down = |share: f64| top + share * (height - top);
-            [left * width, down(upper), right * width, down(lower)]
-        };
-        let margins = layout::margins(&self.panels, place);
-        self.panels
-            .iter()
-            .zip(margins)
-            .try_for_each(|(panel, margins)| layout::panel(panel, place(panel), margins, canvas))
+        let failed = |error| Error::Failed(format!("{}: {error}", path.display()));
+        fs::write(path, canvas::png(&self.svg())?).map_err(failed)
     }
 }
 
 /// As it may stand between tags, or in an attribute.
 pub fn escaped(text: &str) -> String {
     text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
-}
-
-/// The mean of each `by` times `by` pixels of an RGB picture that is this wide.
-fn smaller(fine: &[u8], width: u32, by: u32) -> Vec<u8> {
-    let (width, by) = (width as usize, by as usize);
-    let height = fine.len() / 3 / width;
-    let mut small = Vec::with_capacity(fine.len() / by / by);
-    for y in 0..height / by {
-        for x in 0..width / by {
-            for channel in 0..3 {
-                let pixel = |nth: usize| fine[((y * by + nth / by) * width + x * by + nth % by) * 3 + channel];
-                let sum: usize = (0..by * by).map(|nth| usize::from(pixel(nth))).sum();
-                small.push((sum / (by * by)) as u8);
-            }
-        }
-    }
-    small
 }
 
 #[cfg(test)]

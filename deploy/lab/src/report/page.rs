@@ -74,7 +74,7 @@ impl Page {
                     body += &part.html();
                     continue;
                 };
-                let (name, svg) = (format!("{}-{}", section.name, figure.name), figure.svg()?);
+                let (name, svg) = (format!("{}-{}", section.name, figure.name), figure.svg());
                 body += &shown(figure, &name, &svg);
                 put(folder.join(format!("{name}.svg")), &svg)?;
                 figures.push((folder.join(format!("{name}.png")), figure));

@@ -193,7 +193,7 @@ fn one_by_one(flight: &Flight<'_>, samples: &[usize]) -> Figure {
         let mut panel = map();
         let step = flight.leading_step(sample);
         let name = step.and_then(|step| flight.leg(step)).and_then(|leg| leg.name.as_deref()).unwrap_or_default();
-        panel.title = format!("{:.0} s  {name}", flight.times_s[sample]);
+        panel.title = format!("{:.0} s\u{a0} {name}", flight.times_s[sample]);
         panel.items = ellipses(flight, sample);
         panel.items.extend(trails(flight, before, sample, false));
         panel.items.extend(vehicles_small(flight, sample));
