@@ -13,7 +13,7 @@ use skein_common::id::VehicleId;
 use skein_common::scenario::{self, ControlMode, FileKind, PlantKind, Scenario, ScenarioError, Source, Written};
 
 use crate::link::Security;
-use crate::link::seal::VerificationKey;
+use crate::link::signature::VerificationKey;
 use crate::plant::builtin::BuiltIn;
 use crate::plant::xplane::{self, XPlane, wire};
 use crate::unix;

@@ -158,7 +158,7 @@ impl LawThread {
             }
             match queue.recv_timeout(POLL_PERIOD) {
                 Ok(Event::Query(ask, asked)) => self.ask(ask, asked),
-                Ok(Event::Input(session, at, word)) if session == self.sessions => self.receive(at, word),
+                Ok(Event::Input(session, at, message)) if session == self.sessions => self.receive(at, message),
                 Ok(Event::Input(..)) | Err(RecvTimeoutError::Timeout) => {}
                 // Impossible while this thread itself holds a sender.
                 Err(RecvTimeoutError::Disconnected) => break,
@@ -212,7 +212,7 @@ impl LawThread {
     /// Passes on the input of the next session, with its number.
     fn sink(&self) -> impl skein_host::external::session::Sink + use<> {
         let (events, number) = (self.events.clone(), self.sessions + 1);
-        move |at, word| events.send(Event::Input(number, at, word)).is_ok()
+        move |at, message| events.send(Event::Input(number, at, message)).is_ok()
     }
 
     fn ask(&mut self, ask: Box<LawQuery>, asked: Instant) {
@@ -236,8 +236,8 @@ impl LawThread {
         }
     }
 
-    fn receive(&mut self, at: Instant, word: LawInput) {
-        let heard = match word {
+    fn receive(&mut self, at: Instant, message: LawInput) {
+        let received = match message {
             LawInput::End => return self.end(),
             LawInput::TooLong => Err(Fault::TooLong),
             LawInput::Data(datagram) if self.session.as_ref().is_some_and(LawSession::uses_vectors) => {
@@ -245,7 +245,7 @@ impl LawThread {
             }
             LawInput::Data(line) => protocol::read(&line),
         };
-        let taken = match heard {
+        let taken = match received {
             Ok(MessageFromLaw::Ready) if !self.is_ready => {
                 self.is_ready = true;
                 tracing::info!("vehicle {}'s law is ready", self.own);

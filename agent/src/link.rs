@@ -14,9 +14,9 @@ pub mod presence;
 mod publisher;
 mod queries;
 mod refusals;
-pub mod seal;
 pub mod security;
 mod sessions;
+pub mod signature;
 mod trust;
 mod tunnel;
 
@@ -46,10 +46,10 @@ use outgoing::{Outgoing, Waiting};
 use presence::{Change, Presence, watch_tokens};
 pub use publisher::MessagePublisher;
 use queries::LastHeartbeat;
-use seal::SigningKey;
-use seal::words::KeyRing;
 pub use security::Security;
 pub use sessions::Sessions;
+use signature::SigningKey;
+use signature::messages::KeyRing;
 use skein_core::peers::{PeerMessage, Received};
 use skein_host::clock::{LocalClock, now, sleep_until};
 pub use trust::Trust;
@@ -227,14 +227,15 @@ impl Link {
         trust: Trust,
     ) -> Result<Self, LinkError> {
         let sessions = sessions.into();
-        let (voices, sealer, presence) = (trust.voices.clone(), trust.sealer.clone(), sessions.presence());
+        let (key_ring, signing_key, presence) =
+            (trust.key_ring.clone(), trust.signing_key.clone(), sessions.presence());
         let receiver = Arc::new(LinkReceiver {
             inbox: Inbox::new(),
-            judge: Verifier::new(own, trust),
+            verifier: Verifier::new(own, trust),
             clock,
             presence,
-            voices,
-            sealer,
+            key_ring,
+            signing_key,
         });
         let last_heartbeat = LastHeartbeat::open(&sessions, Topic::Mission(own))?;
         watch_presence(&sessions, own, &receiver)?;
@@ -268,9 +269,9 @@ impl Link {
         Ok(Self { receiver, outgoing, trace_is_wanted, _alive: alive, own, sessions })
     }
 
-    /// Moves all messages received since the last call to the end of `heard`: the newest of each peer and kind.
-    pub fn drain(&self, heard: &mut Vec<Received>) {
-        self.receiver.inbox.drain(heard);
+    /// Moves all messages received since the last call to the end of `received`: the newest of each peer and kind.
+    pub fn drain(&self, received: &mut Vec<Received>) {
+        self.receiver.inbox.drain(received);
     }
 
     /// Hands over the messages of one step. Never waits for the network.
@@ -380,41 +381,41 @@ impl PublisherThread {
 /// Processing of received messages on Zenoh's threads, which never waits, and the encoding of the own messages.
 struct LinkReceiver {
     inbox: Inbox,
-    judge: Verifier,
+    verifier: Verifier,
     clock: LocalClock,
     presence: Arc<Presence>,
-    voices: KeyRing,
-    sealer: Option<Arc<SigningKey>>,
+    key_ring: KeyRing,
+    signing_key: Option<Arc<SigningKey>>,
 }
 
 impl LinkReceiver {
     /// Verifies a message and stores it if its sender was allowed to publish it under this key.
-    fn receive<M: Message>(&self, sample: &Sample, word: fn(M) -> PeerMessage) {
+    fn receive<M: Message>(&self, sample: &Sample, message: fn(M) -> PeerMessage) {
         let key = sample.key_expr().as_str();
         match Topic::parse(key).map(|topic| topic.author()) {
             // Replayed by another node, or delivered while the sender's link broke.
             Some(Author::Vehicle(id)) if !self.presence.may_send(id) => {
                 self.inbox.refuse(Reason::Old, key, &"its sender has no link");
             }
-            _ => match self.voices.read::<M>(key, &sample.payload().to_bytes()) {
-                Ok(verified) => self.store(key, word(verified.message), verified.run),
+            _ => match self.key_ring.read::<M>(key, &sample.payload().to_bytes()) {
+                Ok(verified) => self.store(key, message(verified.message), verified.run),
                 Err(error) => self.inbox.refuse(error.reason(), key, &error),
             },
         }
     }
 
     /// Stores a message if the trust rules accept it. `run` is the run of the swarm in its signature, if it has one.
-    fn store(&self, key: &str, word: PeerMessage, run: Option<u64>) {
+    fn store(&self, key: &str, message: PeerMessage, run: Option<u64>) {
         let at = self.clock.now();
         let refused = |reason: Reason| self.inbox.refuse(reason, key, &reason);
-        if let Some(word) = self.judge.accept(word, run, refused) {
-            self.inbox.store(key, Received { word, at });
+        if let Some(message) = self.verifier.accept(message, run, refused) {
+            self.inbox.store(key, Received { message, at });
         }
     }
 
     /// Encodes one of the own messages, with a signature where messages are signed.
     fn write(&self, key: &str, message: &impl Message) -> Vec<u8> {
-        self.voices.write(self.sealer.as_deref(), self.judge.run(), key, message)
+        self.key_ring.write(self.signing_key.as_deref(), self.verifier.run(), key, message)
     }
 
     fn refused(&self) -> Vec<Refused> {
@@ -436,13 +437,13 @@ fn subscribe<M: Message + 'static>(
     session: &Session,
     key: &str,
     receiver: &Arc<LinkReceiver>,
-    word: fn(M) -> PeerMessage,
+    message: fn(M) -> PeerMessage,
 ) -> Result<(), LinkError> {
     let receiver = receiver.clone();
     session
         .declare_subscriber(key)
         .allowed_origin(Locality::Remote)
-        .callback(move |sample| receiver.receive(&sample, word))
+        .callback(move |sample| receiver.receive(&sample, message))
         .background()
         .wait()
         .map_err(declaring(key))

@@ -167,8 +167,8 @@ pub fn fly(node: &Node, sessions: impl Into<Sessions>, stop: &Arc<Stop>, tokio: 
     let trust = Trust {
         orders: node.orders_key,
         run: node.run,
-        voices: node.security.voices(&node.scenario.swarm.name),
-        sealer: node.security.sealer(node.id)?.map(Arc::new),
+        key_ring: node.security.key_ring(&node.scenario.swarm.name),
+        signing_key: node.security.signing_key(node.id)?.map(Arc::new),
         ..Trust::of(&node.scenario)
     };
     let link = Link::new(sessions, node.id, clock, trust)?;

@@ -149,11 +149,11 @@ mod on_unix {
         use super::*;
 
         fn receives(service: &UnixDatagram, name: &OsStr) {
-            let mut heard = [0; 64];
+            let mut received = [0; 64];
             for what in ["READY=1", "WATCHDOG=1"] {
                 assert_eq!(notify(name, what).unwrap(), what.len());
-                let length = service.recv(&mut heard).unwrap();
-                assert_eq!(&heard[..length], what.as_bytes());
+                let length = service.recv(&mut received).unwrap();
+                assert_eq!(&received[..length], what.as_bytes());
             }
         }
 

@@ -53,10 +53,10 @@ pub fn run(args: &CheckArgs) -> Result<(), Error> {
 
 fn simulator(xplane: &HostPort, json: bool) -> Result<(), Error> {
     let address = format!("{}:{}", xplane.host, xplane.port);
-    let heard = simulators::ask(&address)?;
-    let text = format!("{address}: {heard}\n");
+    let received = simulators::ask(&address)?;
+    let text = format!("{address}: {received}\n");
     skein_lab::terminal::say(&if json {
-        skein_lab::terminal::json(&json!({ "xplane": address, "heard": heard }))
+        skein_lab::terminal::json(&json!({ "xplane": address, "heard": received }))
     } else {
         text
     });

@@ -98,7 +98,7 @@ pub enum PlantArg {
 
 impl PlantArg {
     /// As the scenario spells it.
-    fn word(self) -> &'static str {
+    fn message(self) -> &'static str {
         match self {
             Self::Builtin => "builtin",
             Self::Standin => "standin",

@@ -8,9 +8,9 @@ use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::time::Instant;
 
 use skein_agent::link::presence::{Change, Presence};
-use skein_agent::link::seal::SigningKey;
-use skein_agent::link::seal::orders::{self, Checker};
-use skein_agent::link::seal::words::KeyRing;
+use skein_agent::link::signature::SigningKey;
+use skein_agent::link::signature::messages::KeyRing;
+use skein_agent::link::signature::orders::{self, Checker};
 use skein_agent::link::{LinkError, Sessions};
 use skein_common::id::{SwarmName, VehicleId};
 use skein_common::message::{self, Event, Health, Message, Mission, Order, Reason, Trace};
@@ -55,7 +55,7 @@ pub enum SwarmMessage {
 
 /// A received message with its run and its time of arrival.
 struct ReceivedMessage {
-    heard: SwarmMessage,
+    received: SwarmMessage,
     /// The run that the sender signed the message for.
     run: Option<u64>,
     at: Instant,
@@ -99,7 +99,7 @@ pub struct Observer {
     swarm: SwarmName,
     /// Verifies that an order was signed by an operator, where orders are signed.
     orders: Option<Checker>,
-    sealer: Option<Arc<SigningKey>>,
+    signing_key: Option<Arc<SigningKey>>,
     /// The run that this PC began last, if any.
     own_run: Option<u64>,
 }
@@ -134,8 +134,8 @@ impl Observer {
         let session = sessions.first();
         let (sender, inbox) = sync_channel(QUEUE);
         let dropped = Arc::new(Dropped::default());
-        let voices = reach.security.voices(&reach.swarm);
-        let receiver = SwarmReceiver { sender, dropped: dropped.clone(), voices, presence: sessions.presence() };
+        let key_ring = reach.security.key_ring(&reach.swarm);
+        let receiver = SwarmReceiver { sender, dropped: dropped.clone(), key_ring, presence: sessions.presence() };
         if steps == TraceSubscription::On {
             receiver.subscribe(session, topic::all::TRACES, SwarmMessage::Trace)?;
         }
@@ -148,16 +148,16 @@ impl Observer {
             Change::Refused(_) => {}
         };
         sessions.presence().watch(&sessions, note)?;
-        let (swarm, sealer) = (reach.swarm.clone(), reach.sealer.clone());
+        let (swarm, signing_key) = (reach.swarm.clone(), reach.signing_key.clone());
         let orders = reach.orders_key.map(|key| Checker::new(key, swarm.clone()));
         let own_run = reach.own_run;
-        Ok(Self { sessions, inbox, dropped, vehicles: BTreeMap::new(), swarm, orders, sealer, own_run })
+        Ok(Self { sessions, inbox, dropped, vehicles: BTreeMap::new(), swarm, orders, signing_key, own_run })
     }
 
     /// Returns the messages received since the last call, in order of arrival, and updates [`Self::vehicles`]. Never
     /// blocks.
     pub fn poll(&mut self) -> Vec<SwarmMessage> {
-        self.poll_timed().into_iter().map(|(heard, _)| heard).collect()
+        self.poll_timed().into_iter().map(|(received, _)| received).collect()
     }
 
     /// Like [`Self::poll`], with the time of arrival of each message.
@@ -165,7 +165,7 @@ impl Observer {
         let mut all = Vec::new();
         while let Ok(arrival) = self.inbox.try_recv() {
             if update(&mut self.vehicles, &arrival) {
-                all.push((arrival.heard, arrival.at));
+                all.push((arrival.received, arrival.at));
             }
         }
         all
@@ -204,9 +204,9 @@ impl Observer {
     /// The order that a vehicle repeats in its heartbeat, if an operator issued it: where orders are signed, the
     /// order's signature must be valid for the run that the vehicle flies in.
     pub fn order_of(&self, view: &VehicleView) -> Option<Order> {
-        let is_sealed =
-            |order: &Order| self.orders.as_ref().is_none_or(|orders| orders.is_sealed(view.run.unwrap_or(0), order));
-        view.mission?.order.filter(is_sealed)
+        let is_signed =
+            |order: &Order| self.orders.as_ref().is_none_or(|orders| orders.is_signed(view.run.unwrap_or(0), order));
+        view.mission?.order.filter(is_signed)
     }
 
     /// One more than the largest epoch of any order that a vehicle repeats.
@@ -219,11 +219,11 @@ impl Observer {
     /// each run that a vehicle in contact flies in. So a vehicle cannot decide for another one which run is ordered,
     /// and a vehicle in another run than most is not left in the air. A signature for a run that has ended is useless
     /// to an attacker: that run is never joined again.
-    pub fn sealed(&self, order: Order) -> Vec<Order> {
-        let Some(sealer) = &self.sealer else { return vec![order] };
+    pub fn signed(&self, order: Order) -> Vec<Order> {
+        let Some(signing_key) = &self.signing_key else { return vec![order] };
         let there = self.vehicles.values().filter(|view| view.alive);
         let runs: BTreeSet<u64> = there.filter_map(|view| view.run).filter(|run| *run != 0).collect();
-        runs.into_iter().map(|run| orders::sign(sealer, &self.swarm, run, order)).collect()
+        runs.into_iter().map(|run| orders::sign(signing_key, &self.swarm, run, order)).collect()
     }
 
     /// Publishes an order to every agent that can be reached now. An order is a register: publishing it again changes
@@ -233,7 +233,7 @@ impl Observer {
     /// If Zenoh refuses.
     pub fn order(&self, order: &Order) -> Result<(), ObserveError> {
         let key = Topic::Order(order.issuer).key();
-        self.sealed(*order).iter().try_for_each(|order| {
+        self.signed(*order).iter().try_for_each(|order| {
             let put = self.sessions.first().put(key.as_str(), message::encode(order));
             let put = put.congestion_control(CongestionControl::Drop).priority(Priority::RealTime);
             Ok(put.express(true).wait()?)
@@ -246,7 +246,7 @@ impl Observer {
 struct SwarmReceiver {
     sender: SyncSender<ReceivedMessage>,
     dropped: Arc<Dropped>,
-    voices: KeyRing,
+    key_ring: KeyRing,
     presence: Arc<Presence>,
 }
 
@@ -255,7 +255,7 @@ impl SwarmReceiver {
         &self,
         session: &zenoh::Session,
         keys: &'static str,
-        heard: fn(M) -> SwarmMessage,
+        received: fn(M) -> SwarmMessage,
     ) -> zenoh::Result<()> {
         let receiver = self.clone();
         let on_sample = move |sample: Sample| {
@@ -263,8 +263,8 @@ impl SwarmReceiver {
             match Topic::parse(key).map(|topic| topic.author()) {
                 // Replayed by another node, or in flight while the sender's link broke.
                 Some(Author::Vehicle(id)) if !receiver.presence.may_send(id) => count(&receiver.dropped.forged),
-                _ => match receiver.voices.read(key, &sample.payload().to_bytes()) {
-                    Ok(verified) => receiver.enqueue(heard(verified.message), verified.run),
+                _ => match receiver.key_ring.read(key, &sample.payload().to_bytes()) {
+                    Ok(verified) => receiver.enqueue(received(verified.message), verified.run),
                     Err(error) => count(match error.reason() {
                         Reason::Undecodable | Reason::OtherVersion => &receiver.dropped.undecodable,
                         _ => &receiver.dropped.forged,
@@ -275,8 +275,8 @@ impl SwarmReceiver {
         session.declare_subscriber(keys).allowed_origin(Locality::Remote).callback(on_sample).background().wait()
     }
 
-    fn enqueue(&self, heard: SwarmMessage, run: Option<u64>) {
-        if self.sender.try_send(ReceivedMessage { heard, run, at: clock::now() }).is_err() {
+    fn enqueue(&self, received: SwarmMessage, run: Option<u64>) {
+        if self.sender.try_send(ReceivedMessage { received, run, at: clock::now() }).is_err() {
             count(&self.dropped.overflow);
         }
     }
@@ -295,12 +295,12 @@ fn count(counter: &AtomicU64) {
 /// Keeps the newest message of each kind and vehicle. Returns false if the message is older than the kept one.
 fn update(
     vehicles: &mut BTreeMap<VehicleId, VehicleView>,
-    ReceivedMessage { heard, run, at }: &ReceivedMessage,
+    ReceivedMessage { received, run, at }: &ReceivedMessage,
 ) -> bool {
     let newer = |header: &message::Header, known: Option<&message::Header>| {
         known.map(message::Header::order) < Some(header.order())
     };
-    match heard {
+    match received {
         SwarmMessage::Trace(trace) => {
             let view = vehicles.entry(trace.header.sender).or_default();
             let news = newer(&trace.header, view.trace.as_ref().map(|known| &known.header));
@@ -328,7 +328,7 @@ fn update(
         }
         SwarmMessage::Event(_) => true,
         SwarmMessage::Appeared(id) | SwarmMessage::Vanished(id) => {
-            vehicles.entry(*id).or_default().alive = matches!(heard, SwarmMessage::Appeared(_));
+            vehicles.entry(*id).or_default().alive = matches!(received, SwarmMessage::Appeared(_));
             true
         }
     }
@@ -337,9 +337,9 @@ fn update(
 #[cfg(test)]
 impl Observer {
     /// Processes these messages as if vehicles had sent them, each in a run and at a time.
-    pub(crate) fn inject(&mut self, heard: impl IntoIterator<Item = (SwarmMessage, Option<u64>, Instant)>) {
-        for (heard, run, at) in heard {
-            update(&mut self.vehicles, &ReceivedMessage { heard, run, at });
+    pub(crate) fn inject(&mut self, received: impl IntoIterator<Item = (SwarmMessage, Option<u64>, Instant)>) {
+        for (received, run, at) in received {
+            update(&mut self.vehicles, &ReceivedMessage { received, run, at });
         }
     }
 }
@@ -375,13 +375,13 @@ mod tests {
             vouched: 0,
             reached: None,
             progress_m: 0.0,
-            order: Some(Order { epoch: sequence, issuer: 1, verb: Verb::Hold, seal: None }),
+            order: Some(Order { epoch: sequence, issuer: 1, verb: Verb::Hold, signature: None }),
             echo: None,
         }
     }
 
-    fn arrival(heard: SwarmMessage) -> ReceivedMessage {
-        ReceivedMessage { heard, run: None, at: clock::now() }
+    fn arrival(received: SwarmMessage) -> ReceivedMessage {
+        ReceivedMessage { received, run: None, at: clock::now() }
     }
 
     #[test]
@@ -403,12 +403,12 @@ mod tests {
         let id = VehicleId::new(1).unwrap();
         let mut vehicles = BTreeMap::new();
         let event = Event { header: mission(1, 1, 1).header, what: EventKind::Landed };
-        for (heard, alive) in [
+        for (received, alive) in [
             (SwarmMessage::Appeared(id), true),
             (SwarmMessage::Event(event), true),
             (SwarmMessage::Vanished(id), false),
         ] {
-            assert!(update(&mut vehicles, &arrival(heard)));
+            assert!(update(&mut vehicles, &arrival(received)));
             assert_eq!(vehicles[&id].alive, alive);
         }
     }
@@ -447,8 +447,8 @@ mod tests {
             let mut observer = Observer::open(&Reach { own_run, ..reach.clone() }, TraceSubscription::Off).unwrap();
             for (sender, run, alive) in named {
                 let there = alive.then(|| SwarmMessage::Appeared(VehicleId::new(*sender).unwrap()));
-                let heard = there.into_iter().chain([SwarmMessage::Mission(mission(*sender, 1, 1))]);
-                observer.inject(heard.map(|heard| (heard, Some(*run), clock::now())));
+                let received = there.into_iter().chain([SwarmMessage::Mission(mission(*sender, 1, 1))]);
+                observer.inject(received.map(|received| (received, Some(*run), clock::now())));
             }
             observer.run()
         };
@@ -461,18 +461,18 @@ mod tests {
     #[test]
     fn a_forged_order_is_ignored() {
         let key = Ed25519KeyPair::generate_pkcs8(&SystemRandom::new()).unwrap();
-        let sealer = Arc::new(SigningKey::from_pkcs8(key.as_ref()).unwrap());
+        let signing_key = Arc::new(SigningKey::from_pkcs8(key.as_ref()).unwrap());
         let swarm = SwarmName::new(format!("observe-{}", std::process::id())).unwrap();
-        let public = sealer.key();
+        let public = signing_key.key();
         let scenario = Flown::Text(String::new());
         let plain = Reach::plain(swarm.clone(), BTreeMap::new(), scenario);
-        let sealed = Reach { orders_key: Some(public), sealer: Some(sealer.clone()), ..plain.clone() };
-        let order = |epoch| Order { epoch, issuer: 1, verb: Verb::Hold, seal: None };
+        let signed = Reach { orders_key: Some(public), signing_key: Some(signing_key.clone()), ..plain.clone() };
+        let order = |epoch| Order { epoch, issuer: 1, verb: Verb::Hold, signature: None };
         // Each vehicle's id, its run, and the order that it repeats.
         let repeated = [
-            (1, 7, orders::sign(&sealer, &swarm, 7, order(3))),
+            (1, 7, orders::sign(&signing_key, &swarm, 7, order(3))),
             (2, 7, order(u64::MAX - 1)),
-            (3, 6, orders::sign(&sealer, &swarm, 6, order(50))),
+            (3, 6, orders::sign(&signing_key, &swarm, 6, order(50))),
         ];
         let observe = |reach: &Reach| {
             let mut observer = Observer::open(reach, TraceSubscription::Off).unwrap();
@@ -487,13 +487,13 @@ mod tests {
             }
             observer
         };
-        let observer = observe(&sealed);
+        let observer = observe(&signed);
         assert_eq!((observer.run(), observer.next_epoch()), (Some(7), 51));
         // An order is for every vehicle, whichever run it flies in: it is signed for each of these runs.
-        let given = observer.sealed(order(51));
+        let given = observer.signed(order(51));
         assert_eq!(given.len(), 2);
         for (given, run) in given.into_iter().zip([6, 7]) {
-            assert!(orders::is_sealed(&public, &swarm, run, &given));
+            assert!(orders::is_signed(&public, &swarm, run, &given));
             let mission = Some(Mission { order: Some(given), ..mission(1, 1, 2) });
             let of_run = |run| VehicleView { mission, run: Some(run), ..VehicleView::default() };
             assert_eq!(observer.order_of(&of_run(run)), Some(given));
@@ -501,6 +501,6 @@ mod tests {
         }
         let unsigned_observer = observe(&plain);
         assert_eq!(unsigned_observer.next_epoch(), u64::MAX);
-        assert_eq!(unsigned_observer.sealed(order(4)), [order(4)], "orders are not signed");
+        assert_eq!(unsigned_observer.signed(order(4)), [order(4)], "orders are not signed");
     }
 }

@@ -77,7 +77,7 @@ pub fn run(args: &OrderArgs) -> Result<(), Error> {
     let verb = args.verb.into();
     let mut observer = Observer::open(&reach, TraceSubscription::Off)?;
     wait_for_heartbeats(&mut observer, &reach);
-    if speakers(&observer).next().is_none() {
+    if senders(&observer).next().is_none() {
         return Err(Error::Failed(format!("no vehicle of swarm {} answered", reach.swarm)));
     }
     if let Verb::Goto(step) = verb
@@ -93,7 +93,7 @@ pub fn run(args: &OrderArgs) -> Result<(), Error> {
         )));
     }
     let order = new_order(&observer, verb);
-    if observer.sealed(order).is_empty() {
+    if observer.signed(order).is_empty() {
         return Err(Error::Failed(format!("no vehicle of swarm {} reported the run that it flies in", reach.swarm)));
     }
     note_order(&reach, verb);
@@ -149,20 +149,20 @@ fn wait_for_effect(observer: &mut Observer, before: &BTreeMap<VehicleId, Activit
 /// A new order that supersedes every order that a vehicle repeats. Its issuer is a random number, so that no two
 /// issuers are the same.
 pub fn new_order(observer: &Observer, verb: Verb) -> Order {
-    Order { epoch: observer.next_epoch(), issuer: crate::os::random(), verb, seal: None }
+    Order { epoch: observer.next_epoch(), issuer: crate::os::random(), verb, signature: None }
 }
 
 /// Waits until every agent has sent a heartbeat, or until [`LISTEN`] has passed.
 pub fn wait_for_heartbeats(observer: &mut Observer, reach: &Reach) {
     let until = clock::now() + LISTEN;
-    while clock::now() < until && speakers(observer).count() < reach.agents.len() {
+    while clock::now() < until && senders(observer).count() < reach.agents.len() {
         clock::sleep(Duration::from_millis(20));
         observer.poll();
     }
 }
 
 /// The vehicles from which a heartbeat was received.
-fn speakers(observer: &Observer) -> impl Iterator<Item = VehicleId> {
+fn senders(observer: &Observer) -> impl Iterator<Item = VehicleId> {
     observer.vehicles().iter().filter(|(_, view)| view.mission.is_some()).map(|(id, _)| *id)
 }
 

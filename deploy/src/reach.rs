@@ -8,7 +8,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use skein_agent::link::Security;
-use skein_agent::link::seal::{SigningKey, VerificationKey};
+use skein_agent::link::signature::{SigningKey, VerificationKey};
 use skein_common::id::{SwarmName, VehicleId};
 
 use crate::endpoints::{self, Endpoints};
@@ -30,7 +30,7 @@ pub struct Reach {
     /// The key that verifies the signatures of orders; `None` where orders are not signed.
     pub orders_key: Option<VerificationKey>,
     /// The key that signs orders; only an operator has it.
-    pub sealer: Option<Arc<SigningKey>>,
+    pub signing_key: Option<Arc<SigningKey>>,
     /// The run that this PC began last, if any.
     pub own_run: Option<u64>,
     /// The file that records the orders in that run.
@@ -56,7 +56,7 @@ impl Reach {
             agents,
             security: Security::Plain,
             orders_key: None,
-            sealer: None,
+            signing_key: None,
             own_run: None,
             run_file: None,
             scenario,

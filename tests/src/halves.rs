@@ -75,8 +75,8 @@ pub fn fly(partition: &str, first: usize, vehicles: usize, seed: u64) -> Flight 
     while healed_s.is_none_or(|healed_s| world.t_s() < healed_s + 30.0) {
         world.tick();
         let t_s = world.t_s();
-        for incident in world.incidents() {
-            match incident {
+        for fault in world.faults() {
+            match fault {
                 InjectedFault::Cut { .. } => cut_s = cut_s.or(Some(t_s)),
                 InjectedFault::Healed { .. } if healed_s.is_none() => {
                     healed_s = Some(t_s);

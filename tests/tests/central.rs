@@ -89,11 +89,11 @@ fn a_central_controller_that_restarts_soon_controls_all_vehicles_again() {
     let (mut died, mut restarted) = (Vec::new(), Vec::new());
     while world.t_s() < 120.0 {
         world.tick();
-        for incident in world.incidents() {
-            match incident {
+        for fault in world.faults() {
+            match fault {
                 InjectedFault::Died(_) => died.push(world.t_s()),
                 InjectedFault::Restarted(_) => restarted.push(world.t_s()),
-                _ => panic!("{incident:?}"),
+                _ => panic!("{fault:?}"),
             }
         }
         assert_eq!(world.vehicles().count(), if died.len() > restarted.len() { 0 } else { 4 });

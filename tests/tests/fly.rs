@@ -16,12 +16,12 @@ use std::time::{Duration, Instant};
 use rustix::process::{Pid, Signal, kill_process};
 use serde_json::Value;
 use skein::endpoints;
-use skein::observe::{Observer, TraceSubscription, SwarmMessage};
+use skein::observe::{Observer, SwarmMessage, TraceSubscription};
 use skein_common::message::{EventKind, Trace};
 use skein_common::scenario::{Source, load};
 use skein_common::time::SenderStamp;
 use skein_lab::record;
-use skein_lab::recording::{Track, NotedKind};
+use skein_lab::recording::{NotedKind, Track};
 use tempfile::TempDir;
 
 const PROGRAM: &str = env!("CARGO_BIN_EXE_skein-under-test");
@@ -242,7 +242,8 @@ fn a_flight_of_twenty_seconds_leaves_its_files_and_no_process() {
         let all = steps.len() as f64 / (20.0 * 50.0);
         assert!((AT_LEAST..1.005).contains(&all), "vehicle {id}: {} steps of 20 s at 50 Hz", steps.len());
         assert!(steps[0].t_s < 0.5 && steps[steps.len() - 1].t_s > 19.5);
-        let high = recording.noted.iter().filter(|noted| noted.what == NotedKind::Event(*id, EventKind::AtAltitude)).count();
+        let high =
+            recording.noted.iter().filter(|noted| noted.what == NotedKind::Event(*id, EventKind::AtAltitude)).count();
         assert_eq!(high, 1, "vehicle {id} reached its altitude once: {:#?}", recording.noted);
     }
     for phrase in [
@@ -364,11 +365,11 @@ fn orders_report_their_effect(place: &Place) {
 /// All traces that arrive within this time.
 fn steps(observer: &mut Observer, within: Duration) -> Vec<Trace> {
     std::thread::sleep(within);
-    let heard = observer.poll().into_iter().filter_map(|heard| match heard {
+    let received = observer.poll().into_iter().filter_map(|received| match received {
         SwarmMessage::Trace(trace) => Some(trace),
         _ => None,
     });
-    heard.collect()
+    received.collect()
 }
 
 /// Longest time without a step of each vehicle, by its own clock, s, from the traces of a `window`.

@@ -115,31 +115,31 @@ impl Meddler {
 
     /// What no simulator says, from the simulator's own address and from another port of it.
     fn meddle(&mut self, agent: SocketAddr) {
-        let mut words = vec![noise(&mut self.rng, 200), noise(&mut self.rng, 9000), b"RPOS".to_vec()];
+        let mut messages = vec![noise(&mut self.rng, 200), noise(&mut self.rng, 9000), b"RPOS".to_vec()];
         let mut tagged = b"RREF,".to_vec();
         tagged.extend(noise(&mut self.rng, 64));
-        words.push(tagged);
+        messages.push(tagged);
         if !self.last_position.is_empty() {
-            words.push(self.last_position[..40].to_vec());
+            messages.push(self.last_position[..40].to_vec());
             let longer = [self.last_position.as_slice(), &[0; 500]].concat();
-            words.push(longer);
+            messages.push(longer);
             for (offset, value) in [(13, f64::NAN), (13, 1e9), (21, f64::INFINITY)] {
                 let mut spoilt = self.last_position.clone();
                 spoilt[offset..offset + 8].copy_from_slice(&value.to_le_bytes());
-                words.push(spoilt);
+                messages.push(spoilt);
             }
             for (offset, value) in [(33, f32::NAN), (45, 1e20_f32), (57, f32::INFINITY)] {
                 let mut spoilt = self.last_position.clone();
                 spoilt[offset..offset + 4].copy_from_slice(&value.to_le_bytes());
-                words.push(spoilt);
+                messages.push(spoilt);
             }
         }
         self.spoof(agent);
-        for word in words {
-            self.garbage(&self.agent_side, &word, agent);
-            self.garbage(&self.simulator_side, &word, agent);
+        for message in messages {
+            self.garbage(&self.agent_side, &message, agent);
+            self.garbage(&self.simulator_side, &message, agent);
             // The stand-in gets its share.
-            let _ = self.agent_side.send_to(&word, self.simulator);
+            let _ = self.agent_side.send_to(&message, self.simulator);
         }
     }
 }
@@ -156,9 +156,9 @@ impl Meddler {
         let spoofed = Position { roll_deg: 60.0, yaw_rate_rad_s: 5.0, velocity_up_m_s: -10.0, ..true_one };
         let far = Position { latitude_deg: spoofed.latitude_deg + 0.01, height_m: 90.0, ..spoofed };
         for position in [spoofed, far] {
-            let mut word = Vec::new();
-            position.encode(&mut word);
-            self.garbage(&self.simulator_side, &word, agent);
+            let mut message = Vec::new();
+            position.encode(&mut message);
+            self.garbage(&self.simulator_side, &message, agent);
         }
     }
 }
@@ -237,7 +237,7 @@ impl Stranger {
         self.put(Topic::State(id(1), cell), encode(&own));
         let alien = self.state(200);
         self.put(Topic::State(id(200), cell), encode(&alien));
-        let order = Order { epoch: u64::MAX, issuer: 1, verb: Verb::Land, seal: None };
+        let order = Order { epoch: u64::MAX, issuer: 1, verb: Verb::Land, signature: None };
         let mission = Mission {
             header: self.header(3),
             plan: 1,
@@ -321,7 +321,7 @@ fn garbage_on_every_port_is_counted_and_nothing_of_it_is_believed() {
     let (mut drops, mut highest_m, mut height_m) = (Drops::default(), 0.0_f64, 0.0);
     let mut activities = Vec::new();
     let meddled = Instant::now() + Duration::from_secs(14);
-    let patience = meddled + Duration::from_secs(20);
+    let timeout = meddled + Duration::from_secs(20);
     let mut controls_under_garbage = 0;
     let counted = |drops: &Drops| Drops { plant_malformed: 0, plant_foreign: 0, ..*drops };
     loop {
@@ -346,7 +346,7 @@ fn garbage_on_every_port_is_counted_and_nothing_of_it_is_believed() {
             }
         }
         let is_counted = is_over && counted(&drops) == stranger.expected;
-        if is_counted && seen.controls.load(Relaxed) > controls_under_garbage + 500 || Instant::now() > patience {
+        if is_counted && seen.controls.load(Relaxed) > controls_under_garbage + 500 || Instant::now() > timeout {
             break;
         }
         thread::sleep(Duration::from_millis(50));

@@ -118,11 +118,11 @@ fn a_trace_has_the_exact_delivery_delay_of_each_peers_state() {
     assert!(exact.iter().flatten().all(|(_, age_s)| (age_s - 0.15).abs() < 1e-9));
     let link = "network.links=[{ from = [2], to = [3], delay_s = 0.75 }]";
     let ages = delivered_ages(&["network.delay_s=0.1", "network.jitter_s=0.2", link]);
-    for (hearer, ages) in (1..).zip(&ages) {
-        for (speaker, age_s) in ages {
-            let is_slow = (speaker.get(), hearer) == (2, 3);
+    for (receiver, ages) in (1..).zip(&ages) {
+        for (sender, age_s) in ages {
+            let is_slow = (sender.get(), receiver) == (2, 3);
             let least_s = if is_slow { 0.75 } else { 0.1 };
-            assert!((least_s..least_s + 0.2).contains(age_s), "{hearer} of {speaker}: {age_s} s");
+            assert!((least_s..least_s + 0.2).contains(age_s), "{receiver} of {sender}: {age_s} s");
         }
     }
 }
@@ -137,11 +137,11 @@ fn a_delay_that_begins_in_flight_is_in_the_ages_from_its_first_message_on() {
     }
     let zero_s = world.t_s();
     let is_delayed = |one: VehicleId, other: VehicleId| (one.get() == 4) != (other.get() == 4);
-    let (mut incidents, mut late) = (Vec::new(), 0);
+    let (mut faults, mut late) = (Vec::new(), 0);
     while world.t_s() < zero_s + 50.0 {
         world.tick();
         let t_s = world.t_s() - zero_s;
-        incidents.extend(world.incidents().iter().map(|incident| (t_s, incident.clone())));
+        faults.extend(world.faults().iter().map(|fault| (t_s, fault.clone())));
         assert!(!world.events().iter().any(|(_, what)| matches!(what, EventKind::PeerLost(_))), "{t_s} s");
         for Trace { header, peers, .. } in world.traces() {
             for peer in peers {
@@ -165,7 +165,7 @@ fn a_delay_that_begins_in_flight_is_in_the_ages_from_its_first_message_on() {
     }
     assert!(late > 6 * 700, "{late} ages with the delay in them");
     let all_s = |is: fn(&InjectedFault) -> bool| {
-        incidents.iter().filter(|(_, fault)| is(fault)).map(|(t_s, _)| *t_s).collect::<Vec<_>>()
+        faults.iter().filter(|(_, fault)| is(fault)).map(|(t_s, _)| *t_s).collect::<Vec<_>>()
     };
     let (begins_s, ends_s) = (
         all_s(|fault| matches!(fault, InjectedFault::Delayed { .. })),

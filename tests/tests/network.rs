@@ -29,7 +29,7 @@ struct Flight {
     /// Time at which all vehicles were active, s.
     zero_s: f64,
     /// Faults with their times since then, s.
-    incidents: Vec<(f64, InjectedFault)>,
+    faults: Vec<(f64, InjectedFault)>,
     happened: Vec<(f64, VehicleId, EventKind)>,
 }
 
@@ -44,7 +44,7 @@ impl Flight {
             world.tick();
         }
         let zero_s = world.t_s();
-        Self { world, zero_s, incidents: Vec::new(), happened: Vec::new() }
+        Self { world, zero_s, faults: Vec::new(), happened: Vec::new() }
     }
 
     fn t_s(&self) -> f64 {
@@ -60,7 +60,7 @@ impl Flight {
     fn tick(&mut self) {
         self.world.tick();
         let t_s = self.t_s();
-        self.incidents.extend(self.world.incidents().iter().map(|incident| (t_s, incident.clone())));
+        self.faults.extend(self.world.faults().iter().map(|fault| (t_s, fault.clone())));
         self.happened.extend(self.world.events().iter().map(|(id, what)| (t_s, *id, *what)));
     }
 
@@ -74,8 +74,8 @@ impl Flight {
 
     /// Time of the only fault that satisfies the condition, s.
     fn done_s(&self, is_it: impl Fn(&InjectedFault) -> bool) -> f64 {
-        let times: Vec<_> = self.incidents.iter().filter(|(_, fault)| is_it(fault)).map(|(t_s, _)| *t_s).collect();
-        assert_eq!(times.len(), 1, "{:?}", self.incidents);
+        let times: Vec<_> = self.faults.iter().filter(|(_, fault)| is_it(fault)).map(|(t_s, _)| *t_s).collect();
+        assert_eq!(times.len(), 1, "{:?}", self.faults);
         times[0]
     }
 
@@ -115,11 +115,11 @@ fn a_seed_gives_the_same_flight_bit_for_bit_over_a_bad_network_with_faults() {
         [&mut one, &mut same, &mut other].into_iter().for_each(Flight::tick);
         assert_eq!(bits(&one), bits(&same), "at {} s", one.t_s());
     }
-    assert_eq!((&one.incidents, &one.happened), (&same.incidents, &same.happened));
+    assert_eq!((&one.faults, &one.happened), (&same.faults, &same.happened));
     assert_ne!(one.happened, other.happened, "another seed");
-    let kinds = |flight: &Flight| flight.incidents.iter().map(|(_, incident)| incident.clone()).collect::<Vec<_>>();
+    let kinds = |flight: &Flight| flight.faults.iter().map(|(_, fault)| fault.clone()).collect::<Vec<_>>();
     assert_eq!(kinds(&one), kinds(&other), "the scenario decides the faults, not the seed");
-    assert_eq!(one.incidents.len(), 11, "{:?}", one.incidents);
+    assert_eq!(one.faults.len(), 11, "{:?}", one.faults);
 }
 
 #[test]
@@ -127,8 +127,8 @@ fn the_helicopter_of_a_killed_agent_flies_on_and_the_restarted_agent_takes_over(
     for seed in ["seed=0", "seed=1", "seed=2"] {
         let mut flight = Flight::new(&[seed], "{ at_s = 60, fault = 'kill', vehicle = 3, for_s = 3 }");
         flight.until(59.9);
-        let (before, sticks) = (flight.truth(3), flight.world.vehicles().nth(2).unwrap().3);
-        assert!(sticks.is_some() && flight.world.vehicles().count() == 4);
+        let (before, controls) = (flight.truth(3), flight.world.vehicles().nth(2).unwrap().3);
+        assert!(controls.is_some() && flight.world.vehicles().count() == 4);
         flight.until(62.9);
         assert!(near(flight.done_s(|fault| *fault == InjectedFault::Died(id(3))), 60.0));
         assert!(flight.agent(3).is_none() && flight.world.vehicles().count() == 3);
@@ -174,7 +174,7 @@ fn a_killed_agent_is_noticed_in_two_frames_and_a_cut_after_a_lease() {
     assert!(lost.iter().all(|(_, lost_s)| (0.01..0.03).contains(lost_s)), "{lost:?}");
 
     flight.until(49.0);
-    let link = |speaker, hearer| (id(speaker), id(hearer));
+    let link = |sender, receiver| (id(sender), id(receiver));
     let one_way = vec![link(1, 2), link(1, 3)];
     flight.until(60.0);
     let cut_s = flight.done_s(|fault| *fault == InjectedFault::Cut { links: one_way.clone() });
@@ -193,7 +193,7 @@ fn a_killed_agent_is_noticed_in_two_frames_and_a_cut_after_a_lease() {
     flight.until(80.0);
     let is_partition =
         |(_, fault): &&(f64, InjectedFault)| matches!(fault, InjectedFault::Cut { links } if links.len() == 8);
-    let cut_s = flight.incidents.iter().find(is_partition).unwrap().0;
+    let cut_s = flight.faults.iter().find(is_partition).unwrap().0;
     let lost = [1, 2, 3, 4].map(|peer| flight.reported(EventKind::PeerLost(id(peer)), cut_s)).concat();
     assert_eq!(lost.len(), 8);
     assert!(lost.iter().all(|(_, lost_s)| (1.0..1.05).contains(lost_s)), "{lost:?}");

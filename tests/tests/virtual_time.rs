@@ -136,7 +136,7 @@ fn a_seed_gives_the_same_flight_bit_for_bit() {
     for tick in 0..3_000 {
         let [one, other] = worlds.each_mut().map(|world| {
             world.tick();
-            let bits = |(_, _, truth, sticks): (
+            let bits = |(_, _, truth, controls): (
                 _,
                 _,
                 &skein_core::plant::GroundTruth,
@@ -144,8 +144,8 @@ fn a_seed_gives_the_same_flight_bit_for_bit() {
             )| {
                 let place: [f64; 3] = truth.position.into();
                 let velocity: [f64; 3] = truth.velocity.into();
-                let sticks = sticks.map_or([0.0; 4], |s| [s.roll, s.pitch, s.yaw, s.collective]);
-                (place.map(f64::to_bits), velocity.map(f64::to_bits), sticks.map(f64::to_bits))
+                let controls = controls.map_or([0.0; 4], |s| [s.roll, s.pitch, s.yaw, s.collective]);
+                (place.map(f64::to_bits), velocity.map(f64::to_bits), controls.map(f64::to_bits))
             };
             world.vehicles().map(bits).collect::<Vec<_>>()
         });

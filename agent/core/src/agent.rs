@@ -42,7 +42,7 @@ pub struct Inputs<'a> {
     /// Measurement of the plant's new frame; `None` if none arrived in time.
     pub measurement: Option<&'a Measurement>,
     /// Messages received from peers and operators, in any order.
-    pub heard: &'a [Received],
+    pub received: &'a [Received],
     /// Makes this vehicle land and leave the swarm, because its agent is about to end.
     pub leave: bool,
     /// Reply of an external law to the last query.
@@ -101,7 +101,7 @@ struct LastStep {
     activity: Activity,
     plant_time: Option<PlantTime>,
     estimate: Option<Estimate>,
-    wish: Option<FormationOutput>,
+    output: Option<FormationOutput>,
     command: Option<Controls>,
 }
 
@@ -139,7 +139,7 @@ impl Agent {
                 activity: Activity::Joining,
                 plant_time: None,
                 estimate: None,
-                wish: None,
+                output: None,
                 command: None,
             },
         })
@@ -151,8 +151,8 @@ impl Agent {
         let failure = self.diagnose(&own, inputs);
         let conditions = self.update_peers(&own, inputs);
         let (task, mut events) = self.decide(&own, failure, conditions, inputs);
-        let wish = self.compute_formation(&own, task.as_ref(), inputs);
-        let command = self.control(&own, conditions, task.as_ref(), wish.as_ref(), &mut events);
+        let output = self.compute_formation(&own, task.as_ref(), inputs);
+        let command = self.control(&own, conditions, task.as_ref(), output.as_ref(), &mut events);
         let ask = self.formation.take_query(&mut events);
         let outbox = self.send(&own, conditions, events);
         Outputs { command, outbox, ask }
@@ -161,9 +161,9 @@ impl Agent {
     /// The record of this step for metrics and displays; `truth` is the plant's true state, which the agent itself
     /// never uses.
     pub fn trace(&mut self, now: Now, truth: &GroundTruth) -> Trace {
-        let LastStep { membership, activity, estimate, wish, command, .. } = &self.last;
-        let wish = wish.as_ref();
-        let setpoint: Option<&Setpoint> = wish.map(|wish| &wish.setpoint);
+        let LastStep { membership, activity, estimate, output, command, .. } = &self.last;
+        let output = output.as_ref();
+        let setpoint: Option<&Setpoint> = output.map(|output| &output.setpoint);
         Trace {
             header: self.schedule.header_of_trace(now.local),
             plant_time: now.plant,
@@ -179,10 +179,10 @@ impl Agent {
             velocity: truth.velocity,
             attitude: truth.attitude,
             power_w: truth.power_w,
-            field_ne: wish.map(|wish| wish.field_ne.into()).unwrap_or_default(),
+            field_ne: output.map(|output| output.field_ne.into()).unwrap_or_default(),
             error_ne_m: setpoint.map(|setpoint| setpoint.error_ne_m().into()).unwrap_or_default(),
             altitude_setpoint_m: setpoint.map(|setpoint| setpoint.altitude_m).unwrap_or_default(),
-            sticks: command.map(|sticks| [sticks.roll, sticks.pitch, sticks.yaw, sticks.collective]),
+            controls: command.map(|controls| [controls.roll, controls.pitch, controls.yaw, controls.collective]),
             peers: self
                 .peers()
                 .iter()
@@ -324,7 +324,7 @@ impl Agent {
 
     /// The peers stage: updates the peers and returns all conditions so far.
     fn update_peers(&mut self, own: &OwnEstimate, inputs: &Inputs<'_>) -> Conditions {
-        self.peers.update(own.now.local, &self.origin, inputs.heard);
+        self.peers.update(own.now.local, &self.origin, inputs.received);
         let mut conditions = self.diagnosis.conditions();
         conditions.extend(own.condition);
         conditions.extend(self.peers.all_lost().then_some(Condition::AllPeersLost));
@@ -346,12 +346,12 @@ impl Agent {
             self.mission.withdraw();
         }
         let Some(estimate) = &own.new else { return (None, events) };
-        let wish = self.last.wish.as_ref();
+        let output = self.last.output.as_ref();
         let view = View {
             absent_may_fly: self.peers.absent_may_fly(),
-            altitude_error_m: wish.map(|wish| wish.altitude_error_m(estimate)),
+            altitude_error_m: output.map(|output| output.altitude_error_m(estimate)),
             collective_limit: self.controller.collective_limit(),
-            in_place: wish.is_some_and(|wish| wish.in_place),
+            in_place: output.is_some_and(|output| output.in_place),
             conditions,
         };
         let task = self.mission.step(own.now, estimate, &view, self.peers.heartbeats(), &mut events);
@@ -369,8 +369,8 @@ impl Agent {
             Change::Lost(id) => EventKind::PeerLost(id),
         };
         let mut events: Vec<_> = self.peers.changes().iter().map(event).collect();
-        for heard in inputs.heard {
-            if let PeerMessage::Order(order) = heard.word {
+        for received in inputs.received {
+            if let PeerMessage::Order(order) = received.message {
                 self.mission.merge(order, &mut events);
             }
         }
@@ -389,8 +389,8 @@ impl Agent {
     ) -> Option<FormationOutput> {
         self.formation.receive_reply(own.now.plant, inputs.answer);
         let (estimate, task) = own.new.as_ref().zip(task)?;
-        self.last.wish = self.formation.step(own.dt_s, estimate, &self.peers.others(), task);
-        self.last.wish
+        self.last.output = self.formation.step(own.dt_s, estimate, &self.peers.others(), task);
+        self.last.output
     }
 
     /// The control stage: the command of this step; `None` leaves the controls unchanged.
@@ -399,7 +399,7 @@ impl Agent {
         own: &OwnEstimate,
         conditions: Conditions,
         task: Option<&Task>,
-        wish: Option<&FormationOutput>,
+        output: Option<&FormationOutput>,
         events: &mut Vec<EventKind>,
     ) -> Option<Controls> {
         let response = conditions.response();
@@ -407,18 +407,18 @@ impl Agent {
             let is_neutral = response == Response::Neutral && self.last.command.is_some();
             return is_neutral.then(|| self.controller.neutral());
         };
-        let controls = match (task, wish) {
-            (Task::Park, _) => Some(ControlOutput { sticks: self.controller.unload(own.dt_s), fault: None }),
+        let controls = match (task, output) {
+            (Task::Park, _) => Some(ControlOutput { controls: self.controller.unload(own.dt_s), fault: None }),
             (Task::Autorotate { heading_rad }, _) => Some(self.controller.autorotate(own.dt_s, estimate, *heading_rad)),
-            (_, Some(wish)) if response == Response::LandTurning => {
-                Some(self.controller.turn(own.dt_s, estimate, &wish.setpoint))
+            (_, Some(output)) if response == Response::LandTurning => {
+                Some(self.controller.turn(own.dt_s, estimate, &output.setpoint))
             }
-            (_, Some(wish)) => Some(self.controller.step(own.dt_s, estimate, &wish.setpoint)),
+            (_, Some(output)) => Some(self.controller.step(own.dt_s, estimate, &output.setpoint)),
             (_, None) => None,
         };
         let fault = controls.and_then(|controls| controls.fault);
         events.extend(fault.map(|_| EventKind::ControlFault));
-        self.last.command = controls.map(|controls| controls.sticks);
+        self.last.command = controls.map(|controls| controls.controls);
         self.last.command
     }
 

@@ -79,8 +79,8 @@ impl Setpoint {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ControlOutput {
     /// The controls, always finite and within their travel.
-    pub sticks: Controls,
-    /// The reason why `sticks` repeats the last good command; `None` for a new command.
+    pub controls: Controls,
+    /// The reason why `controls` repeats the last good command; `None` for a new command.
     pub fault: Option<ControlFault>,
 }
 
@@ -197,7 +197,7 @@ impl VehicleController {
     /// A controller that has not commanded anything yet.
     pub fn new(rules: Rules, trim: Trim, auto_trim: bool) -> Self {
         let auto_trim = auto_trim.then(AutoTrim::default);
-        Self { rules, trim, auto_trim, last: trim.sticks(), collective_limit: None }
+        Self { rules, trim, auto_trim, last: trim.controls(), collective_limit: None }
     }
 
     /// Computes the next controls. `dt_s` is the time since the last step; only auto-trim uses it.
@@ -206,18 +206,18 @@ impl VehicleController {
     /// integrals and reports a fault.
     pub fn step(&mut self, dt_s: f64, estimate: &Estimate, setpoint: &Setpoint) -> ControlOutput {
         let fault = match self.command(dt_s, estimate, setpoint) {
-            Ok(sticks) => {
-                self.last = sticks;
+            Ok(controls) => {
+                self.last = controls;
                 None
             }
             Err(fault) => Some(fault),
         };
-        ControlOutput { sticks: self.last, fault }
+        ControlOutput { controls: self.last, fault }
     }
 
     /// Cyclic and pedals at trim, collective unchanged: for a vehicle without own data.
     pub fn neutral(&mut self) -> Controls {
-        self.last = Controls { collective: self.last.collective, ..self.trim.sticks() };
+        self.last = Controls { collective: self.last.collective, ..self.trim.controls() };
         self.last
     }
 
@@ -234,7 +234,7 @@ impl VehicleController {
     pub fn turn(&mut self, dt_s: f64, estimate: &Estimate, setpoint: &Setpoint) -> ControlOutput {
         let controls = self.step(dt_s, estimate, setpoint);
         self.last.yaw = 1.0;
-        ControlOutput { sticks: self.last, ..controls }
+        ControlOutput { controls: self.last, ..controls }
     }
 
     /// Autorotation, for a vehicle without power: upright, slow over the ground, with low collective so that the air
@@ -248,9 +248,9 @@ impl VehicleController {
         if controls.fault.is_none() {
             let stops_from_m_s = (2.0 * BRAKING_M_S2 * estimate.height_m.max(0.0)).sqrt();
             let brake = BRAKE_PER_M_S * (-climb_m_s(estimate) - stops_from_m_s);
-            self.last.collective = (self.trim.sticks().collective + brake).clamp(0.0, 1.0);
+            self.last.collective = (self.trim.controls().collective + brake).clamp(0.0, 1.0);
         }
-        ControlOutput { sticks: self.last, ..controls }
+        ControlOutput { controls: self.last, ..controls }
     }
 
     /// The state of auto-trim; `None` if it is off.
@@ -272,19 +272,19 @@ impl VehicleController {
             feedforward_ne_m_s: setpoint.feedforward_ne_m_s * gate,
             ..*setpoint
         };
-        let sticks = self.sticks(estimate, &gated, &found).ok_or(ControlFault::Rules)?;
+        let controls = self.controls(estimate, &gated, &found).ok_or(ControlFault::Rules)?;
         if let Some(auto_trim) = &mut self.auto_trim
             && gate >= 1.0
         {
             auto_trim.step(dt_s.clamp(0.0, LONGEST_STEP_S), estimate, &gated);
         }
-        self.collective_limit = self.limit_of(&sticks, estimate, &gated);
-        Ok(sticks)
+        self.collective_limit = self.limit_of(&controls, estimate, &gated);
+        Ok(controls)
     }
 
     /// The collective limit: the end of the control's travel, the end of the integral's range, or an altitude error at
     /// which the rules give their maximum. A vehicle on the ground with a command to climb is at its highest limit.
-    fn limit_of(&self, sticks: &Controls, estimate: &Estimate, setpoint: &Setpoint) -> Option<CollectiveLimit> {
+    fn limit_of(&self, controls: &Controls, estimate: &Estimate, setpoint: &Setpoint) -> Option<CollectiveLimit> {
         let gate = gate(estimate.height_m);
         let altitude_error_m = setpoint.altitude_m - estimate.position.altitude_m();
         if gate == 0.0 && altitude_error_m > 0.0 {
@@ -294,11 +294,11 @@ impl VehicleController {
         let full_m = if self.auto_trim.is_some() { trim::FASTEST_CLIMB_ERROR_M } else { OUTERMOST_ALTITUDE_ERROR_M };
         of_integral
             .or_else(|| CollectiveLimit::of(altitude_error_m, -full_m, full_m))
-            .or_else(|| CollectiveLimit::of(sticks.collective, 0.0, 1.0))
+            .or_else(|| CollectiveLimit::of(controls.collective, 0.0, 1.0))
     }
 
     /// Evaluates the four rule bases; `None` if a number overflows.
-    fn sticks(&self, estimate: &Estimate, setpoint: &Setpoint, found: &AutoTrim) -> Option<Controls> {
+    fn controls(&self, estimate: &Estimate, setpoint: &Setpoint, found: &AutoTrim) -> Option<Controls> {
         let heading_rad = estimate.attitude.heading_rad;
         let [pitch_error_m, roll_error_m] = pseudo_errors(setpoint.error_ne_m(), heading_rad);
         let velocity = heading_from_ne(estimate.velocity.horizontal() - setpoint.feedforward_ne_m_s, heading_rad);
@@ -313,7 +313,7 @@ impl VehicleController {
         let pitch = self.rules.pitch.evaluate(&[pitch_error_m, -velocity.x, pitch_rad])?;
         let yaw = self.rules.heading.evaluate(&[heading_error_rad, estimate.rates.yaw_rad_s])?;
         let collective = self.rules.collective.evaluate(&[altitude_error_m, climb_m_s(estimate)])?;
-        let trim = self.trim.sticks();
+        let trim = self.trim.controls();
         Some(Controls {
             roll: (trim.roll + roll).clamp(-1.0, 1.0),
             pitch: (trim.pitch + pitch).clamp(-1.0, 1.0),

@@ -51,7 +51,7 @@ impl Diagnosis {
     /// The diagnosis of a vehicle of this type before take-off.
     pub fn new(aircraft: &Aircraft) -> Self {
         let rotor = Rotor { lifts_at_rad_s: aircraft.take_off_rotor_rad_s(), was_at_speed: false };
-        let monitor = aircraft.helicopter.as_ref().map(|model| ControlMonitor::new(model, aircraft.trim.sticks()));
+        let monitor = aircraft.helicopter.as_ref().map(|model| ControlMonitor::new(model, aircraft.trim.controls()));
         Self { rotor, monitor, position: Position::default(), worst: None, stuck: None, is_frozen: false }
     }
 
@@ -61,7 +61,7 @@ impl Diagnosis {
     pub fn update(&mut self, dt_s: f64, measurement: &Measurement, command: Option<Controls>) -> Option<Failure> {
         let dt_s = dt_s.clamp(0.0, LONGEST_STEP_S);
         let unresponsive = match (&mut self.monitor, command) {
-            (Some(monitor), Some(sticks)) => monitor.unresponsive(dt_s, measurement, &sticks),
+            (Some(monitor), Some(controls)) => monitor.unresponsive(dt_s, measurement, &controls),
             _ => None,
         };
         let found = match unresponsive {
@@ -196,21 +196,21 @@ impl ControlMonitor {
     }
 
     /// The worst actuator that does not follow its control.
-    fn unresponsive(&mut self, dt_s: f64, measurement: &Measurement, sticks: &Controls) -> Option<Control> {
+    fn unresponsive(&mut self, dt_s: f64, measurement: &Measurement, controls: &Controls) -> Option<Control> {
         let Measurement { rates, velocity, attitude, height_m, .. } = measurement;
         let is_free = *height_m > FREE_ABOVE_M;
         // A leaning rotor carries the vehicle with part of its thrust; the air it leans into may add lift or not.
         let upright = (math::cos(attitude.roll_rad) * math::cos(attitude.pitch_rad)).max(MIN_UPRIGHT);
-        let above_trim = sticks.collective - self.trim.collective;
+        let above_trim = controls.collective - self.trim.collective;
         let lift_above_trim =
-            if above_trim > 0.0 { (sticks.collective - self.trim.collective / upright).max(0.0) } else { above_trim };
+            if above_trim > 0.0 { (controls.collective - self.trim.collective / upright).max(0.0) } else { above_trim };
         let climb = self.climb.is_wrong(dt_s, lift_above_trim, -velocity.down_m_s(), is_free);
         let lacks_tail = above_trim > TAIL_AT_STOP_OVER;
         let ignored_from_rad_s = if lacks_tail { f64::NEG_INFINITY } else { 0.0 };
         let rates = [
-            (&mut self.roll, sticks.roll - self.trim.roll, rates.roll_rad_s, 0.0),
-            (&mut self.pitch, sticks.pitch - self.trim.pitch, rates.pitch_rad_s, 0.0),
-            (&mut self.yaw, sticks.yaw - self.trim.yaw, rates.yaw_rad_s, ignored_from_rad_s),
+            (&mut self.roll, controls.roll - self.trim.roll, rates.roll_rad_s, 0.0),
+            (&mut self.pitch, controls.pitch - self.trim.pitch, rates.pitch_rad_s, 0.0),
+            (&mut self.yaw, controls.yaw - self.trim.yaw, rates.yaw_rad_s, ignored_from_rad_s),
         ];
         let [roll, pitch, yaw] = rates.map(|(rate, deflection, measured_rad_s, ignored_from_rad_s)| {
             if !is_free {

@@ -273,7 +273,7 @@ impl Formation {
         self.heights.end_stay();
         let level_m = shape.altitude_m + partition_rise_m;
         let mission::MissionGoal { step, centre_ne_m, centre_velocity_ne_m_s, heading_rad } = *goal;
-        let sight = Observation {
+        let observation = Observation {
             own: self.own,
             position: estimate.position,
             velocity: estimate.velocity,
@@ -292,24 +292,24 @@ impl Formation {
             dt_s,
         };
         let external_output = match &mut self.external {
-            Some(external) if shape.is_external => external.output(&sight),
+            Some(external) if shape.is_external => external.output(&observation),
             Some(external) => {
                 external.suspend();
                 None
             }
             None => None,
         };
-        let LawOutput { wanted, is_there } =
-            external_output.map_or_else(|| shape.law.ask(&sight), |external_output| external_output.answer);
+        let LawOutput { command, reached } =
+            external_output.map_or_else(|| shape.law.ask(&observation), |external_output| external_output.answer);
         let heading_rad =
             external_output.and_then(|external_output| external_output.heading_rad).unwrap_or(heading_rad);
-        let (rank, live) = (sight.rank(), sight.live());
+        let (rank, live) = (observation.rank(), observation.live());
         let feedforward_ne_m_s = if shape.feedforward { centre_velocity_ne_m_s } else { Vector2::zeros() };
         let mut field = Vector3::zeros();
         let mut climb_m_s = None;
-        let command_ne_m_s = match wanted.sane() {
-            LawCommand::Field(wanted) => {
-                field = wanted;
+        let command_ne_m_s = match command.sane() {
+            LawCommand::Field(command) => {
+                field = command;
                 shape.conversion.velocity_ne_m_s(field.xy())
             }
             LawCommand::Displacement(displacement_ne_m) => {
@@ -328,10 +328,10 @@ impl Formation {
         self.filter = shape.filter;
         let relative_velocity_ne_m_s = self.restrain(estimate, command_ne_m_s, feedforward_ne_m_s);
         let setpoint = Setpoint { relative_velocity_ne_m_s, feedforward_ne_m_s, altitude_m, heading_rad };
-        let wish = FormationOutput { field_ne: field.xy(), setpoint, in_place: false };
+        let output = FormationOutput { field_ne: field.xy(), setpoint, in_place: false };
         Some(FormationOutput {
-            in_place: is_there && wish.altitude_error_m(estimate).abs() < mission::AT_ALTITUDE_M,
-            ..wish
+            in_place: reached && output.altitude_error_m(estimate).abs() < mission::AT_ALTITUDE_M,
+            ..output
         })
     }
 

@@ -83,12 +83,12 @@ impl HeldControls {
         }
     }
 
-    fn command(&self, sticks: &Controls) -> Command {
+    fn command(&self, controls: &Controls) -> Command {
         Command {
-            lateral_rad: self.cyclic_throw_rad * sticks.roll.clamp(-1.0, 1.0),
-            longitudinal_rad: self.cyclic_throw_rad * sticks.pitch.clamp(-1.0, 1.0),
-            collective_rad: self.min_collective_rad + self.collective_range_rad * sticks.collective.clamp(0.0, 1.0),
-            yaw_rate_rad_s: self.max_yaw_rate_rad_s * sticks.yaw.clamp(-1.0, 1.0),
+            lateral_rad: self.cyclic_throw_rad * controls.roll.clamp(-1.0, 1.0),
+            longitudinal_rad: self.cyclic_throw_rad * controls.pitch.clamp(-1.0, 1.0),
+            collective_rad: self.min_collective_rad + self.collective_range_rad * controls.collective.clamp(0.0, 1.0),
+            yaw_rate_rad_s: self.max_yaw_rate_rad_s * controls.yaw.clamp(-1.0, 1.0),
         }
     }
 }
@@ -123,8 +123,8 @@ impl Helicopter {
 
     /// Advances by one tick with these controls and this wind. The controls must be finite; values beyond the travel
     /// are clamped.
-    pub fn advance(&mut self, sticks: &Controls, wind: VelocityNed) {
-        let command = self.controls.command(sticks);
+    pub fn advance(&mut self, controls: &Controls, wind: VelocityNed) {
+        let command = self.controls.command(controls);
         for _ in 0..STEPS {
             self.state = self.dynamics.step(&self.state, &command, &wind.0);
         }

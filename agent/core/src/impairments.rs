@@ -48,7 +48,7 @@ pub struct Impairments {
     in_flight: VecDeque<InFlight>,
     /// Latency of the newest state of each sender, by id.
     latencies: Vec<StateLatency>,
-    tally: DeliveryCounts,
+    delivery_counts: DeliveryCounts,
 }
 
 /// Delays that events add per sender: when, in s after the own take-off, and how much, s.
@@ -66,7 +66,7 @@ pub struct ReceiverPosition {
 
 /// Counts of all messages by their delivery. A network without impairments counts nothing.
 ///
-/// `offered + duplicated` always equals `outside_graph + queue_full + out_of_range + lost + cut + heard` plus the
+/// `offered + duplicated` always equals `outside_graph + queue_full + out_of_range + lost + cut + received` plus the
 /// messages in flight.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct DeliveryCounts {
@@ -85,7 +85,7 @@ pub struct DeliveryCounts {
     /// Messages stopped by a cut; the newest may be repeated later.
     pub cut: u64,
     /// Messages delivered, copies included.
-    pub heard: u64,
+    pub received: u64,
 }
 
 /// The delivery of one message.
@@ -106,14 +106,14 @@ enum Delivery {
 #[derive(Clone, Copy, Debug)]
 struct InFlight {
     /// The message with its time of arrival.
-    heard: Received,
+    received: Received,
     sent_at: LocalTime,
 }
 
 /// Latency of a sender's newest state.
 #[derive(Clone, Copy, Debug)]
 struct StateLatency {
-    speaker: VehicleId,
+    sender: VehicleId,
     newest: MessageOrder,
     by_s: f64,
 }
@@ -131,7 +131,7 @@ impl Impairments {
             links: peers.filter_map(|peer| Link::new(scenario, own, peer)).collect(),
             in_flight: VecDeque::new(),
             latencies: Vec::new(),
-            tally: DeliveryCounts::default(),
+            delivery_counts: DeliveryCounts::default(),
         }
     }
 
@@ -153,20 +153,20 @@ impl Impairments {
         }
         self.flown_s = own.flown_s;
         self.pass_time(now, own.flown_s);
-        for heard in arriving {
-            self.tally.offered += 1;
-            match self.fate(&heard) {
-                Delivery::OutsideGraph => self.tally.outside_graph += 1,
-                Delivery::QueueFull => self.tally.queue_full += 1,
-                Delivery::OutOfRange => self.tally.out_of_range += 1,
-                Delivery::Lost => self.tally.lost += 1,
-                Delivery::Arrives { .. } if !self.gets_through(&heard) => self.tally.cut += 1,
+        for received in arriving {
+            self.delivery_counts.offered += 1;
+            match self.fate(&received) {
+                Delivery::OutsideGraph => self.delivery_counts.outside_graph += 1,
+                Delivery::QueueFull => self.delivery_counts.queue_full += 1,
+                Delivery::OutOfRange => self.delivery_counts.out_of_range += 1,
+                Delivery::Lost => self.delivery_counts.lost += 1,
+                Delivery::Arrives { .. } if !self.gets_through(&received) => self.delivery_counts.cut += 1,
                 Delivery::Arrives { at, copy_at } => {
-                    let delay_s = heard.word.speaker().map_or(0.0, |sender| self.added_delay_s(sender));
-                    send(&mut self.in_flight, heard, at.plus_seconds(delay_s));
+                    let delay_s = received.message.sender().map_or(0.0, |sender| self.added_delay_s(sender));
+                    send(&mut self.in_flight, received, at.plus_seconds(delay_s));
                     if let Some(copy_at) = copy_at {
-                        self.tally.duplicated += 1;
-                        send(&mut self.in_flight, heard, copy_at.plus_seconds(delay_s));
+                        self.delivery_counts.duplicated += 1;
+                        send(&mut self.in_flight, received, copy_at.plus_seconds(delay_s));
                     }
                 }
             }
@@ -175,8 +175,8 @@ impl Impairments {
     }
 
     /// Counts of all messages by their delivery.
-    pub fn tally(&self) -> DeliveryCounts {
-        self.tally
+    pub fn delivery_counts(&self) -> DeliveryCounts {
+        self.delivery_counts
     }
 
     /// Number of messages in flight.
@@ -200,14 +200,14 @@ impl Impairments {
 
     /// Sends the messages that links repeat after a cut.
     fn pass_time(&mut self, now: LocalTime, flown_s: Option<f64>) {
-        let Self { links, delays, in_flight, channels, tally, .. } = self;
+        let Self { links, delays, in_flight, channels, delivery_counts, .. } = self;
         let Some(flown_s) = flown_s else { return };
         for link in links {
             let delay_s = channels.as_ref().map_or(self.delay_s, |channels| channels.delay_s(Some(link.peer())))
                 + delays.s(Some(flown_s), link.peer());
-            link.update(flown_s, now, |heard| {
-                tally.offered += 1;
-                send(in_flight, heard, now.plus_seconds(delay_s));
+            link.update(flown_s, now, |received| {
+                delivery_counts.offered += 1;
+                send(in_flight, received, now.plus_seconds(delay_s));
             });
         }
     }
@@ -217,46 +217,49 @@ impl Impairments {
         self.delays.s(self.flown_s, sender)
     }
 
-    fn fate(&mut self, heard: &Received) -> Delivery {
-        let is_cut = self.channels.is_some() && self.link(&heard.word).is_some_and(|index| self.links[index].is_dead());
+    fn fate(&mut self, received: &Received) -> Delivery {
+        let is_cut =
+            self.channels.is_some() && self.link(&received.message).is_some_and(|index| self.links[index].is_dead());
         if let Some(channels) = &mut self.channels {
-            return channels.fate(heard, is_cut);
+            return channels.fate(received, is_cut);
         }
-        Delivery::Arrives { at: heard.at.plus_seconds(self.delay_s), copy_at: None }
+        Delivery::Arrives { at: received.at.plus_seconds(self.delay_s), copy_at: None }
     }
 
-    fn gets_through(&mut self, heard: &Received) -> bool {
-        self.link(&heard.word).is_none_or(|index| self.links[index].lets_through(heard))
+    fn gets_through(&mut self, received: &Received) -> bool {
+        self.link(&received.message).is_none_or(|index| self.links[index].lets_through(received))
     }
 
     /// The affected link that a message arrives on. An operator's messages have none.
-    fn link(&self, word: &PeerMessage) -> Option<usize> {
-        self.links.binary_search_by_key(&word.speaker()?, Link::peer).ok()
+    fn link(&self, message: &PeerMessage) -> Option<usize> {
+        self.links.binary_search_by_key(&message.sender()?, Link::peer).ok()
     }
 
     fn deliver(&mut self, now: LocalTime, out: &mut Vec<Received>) {
-        while let Some(InFlight { heard, sent_at }) = self.in_flight.pop_front_if(|word| word.heard.at <= now) {
-            self.tally.heard += 1;
-            if let PeerMessage::State(state) = &heard.word {
-                self.note(state, heard.at.seconds_since(sent_at));
+        while let Some(InFlight { received, sent_at }) =
+            self.in_flight.pop_front_if(|message| message.received.at <= now)
+        {
+            self.delivery_counts.received += 1;
+            if let PeerMessage::State(state) = &received.message {
+                self.note(state, received.at.seconds_since(sent_at));
             }
-            out.push(heard);
+            out.push(received);
         }
     }
 
     /// Records the latency of a state if it is the newest of its sender.
     fn note(&mut self, state: &State, by_s: f64) {
         let newest = state.header.order();
-        let late = StateLatency { speaker: state.header.sender, newest, by_s };
-        match self.late(late.speaker) {
+        let late = StateLatency { sender: state.header.sender, newest, by_s };
+        match self.late(late.sender) {
             Ok(index) if self.latencies[index].newest < newest => self.latencies[index] = late,
             Ok(_) => {}
             Err(index) => self.latencies.insert(index, late),
         }
     }
 
-    fn late(&self, speaker: VehicleId) -> Result<usize, usize> {
-        self.latencies.binary_search_by_key(&speaker, |late| late.speaker)
+    fn late(&self, sender: VehicleId) -> Result<usize, usize> {
+        self.latencies.binary_search_by_key(&sender, |late| late.sender)
     }
 }
 
@@ -277,8 +280,8 @@ impl AddedDelays {
 
 /// Puts a message in flight, behind those that arrive no later.
 fn send(in_flight: &mut VecDeque<InFlight>, sent: Received, at: LocalTime) {
-    let place = in_flight.partition_point(|earlier| earlier.heard.at <= at);
-    in_flight.insert(place, InFlight { heard: Received { at, ..sent }, sent_at: sent.at });
+    let place = in_flight.partition_point(|earlier| earlier.received.at <= at);
+    in_flight.insert(place, InFlight { received: Received { at, ..sent }, sent_at: sent.at });
 }
 
 #[cfg(test)]

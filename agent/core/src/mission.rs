@@ -137,7 +137,7 @@ impl Mission {
             return;
         }
         self.order = Some(order);
-        happened.push(EventKind::OrderTaken(Order { seal: None, ..order }));
+        happened.push(EventKind::OrderTaken(Order { signature: None, ..order }));
         if let Verb::Goto(step) = order.verb {
             let progress = self.agreement.order(step);
             self.begin_step(progress, core::iter::empty(), happened);

@@ -45,7 +45,7 @@ const OBSTACLE_GROWTH_M: f64 = 12.0;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Received {
     /// The message.
-    pub word: PeerMessage,
+    pub message: PeerMessage,
     /// Time of arrival by the own clock.
     pub at: LocalTime,
 }
@@ -67,7 +67,7 @@ pub enum PeerMessage {
 
 impl PeerMessage {
     /// The sender; `None` for an operator.
-    pub fn speaker(&self) -> Option<VehicleId> {
+    pub fn sender(&self) -> Option<VehicleId> {
         match self {
             Self::State(message) => Some(message.header.sender),
             Self::Mission(message) => Some(message.header.sender),
@@ -237,11 +237,11 @@ impl Peers {
     }
 
     /// Takes the messages received since the last update and extrapolates all peers to `now`.
-    pub fn update(&mut self, now: LocalTime, origin: &Origin, heard: &[Received]) {
+    pub fn update(&mut self, now: LocalTime, origin: &Origin, received: &[Received]) {
         let before = core::mem::replace(&mut self.now, now).min(now);
-        for heard in heard {
+        for received in received {
             // Whatever the clock showed at its arrival, the message arrived between the two updates.
-            self.receive(origin, heard, heard.at.clamp(before, now));
+            self.receive(origin, received, received.at.clamp(before, now));
         }
         self.changes.clear();
         self.estimates.clear();
@@ -333,10 +333,10 @@ impl Peers {
         self.forged
     }
 
-    fn receive(&mut self, origin: &Origin, heard: &Received, at: LocalTime) {
-        match heard.word {
+    fn receive(&mut self, origin: &Origin, received: &Received, at: LocalTime) {
+        match received.message {
             PeerMessage::State(message) => {
-                let Some(peer) = self.speaker(&message.header) else { return };
+                let Some(peer) = self.sender(&message.header) else { return };
                 let sequence = message.header.sequence;
                 if peer.state.is_some_and(|last| last.sequence >= sequence) {
                     peer.old += 1;
@@ -349,7 +349,7 @@ impl Peers {
                 peer.received_at = Some(at);
             }
             PeerMessage::Mission(message) => {
-                let Some(peer) = self.speaker(&message.header) else { return };
+                let Some(peer) = self.sender(&message.header) else { return };
                 // A heartbeat is repeated to every agent that asks for it.
                 if peer.mission == Some(message) {
                     return;
@@ -370,7 +370,7 @@ impl Peers {
             }
             PeerMessage::Appeared(id) | PeerMessage::Vanished(id) => {
                 if let Some(peer) = self.member(id) {
-                    peer.token = Some(matches!(heard.word, PeerMessage::Appeared(_)));
+                    peer.token = Some(matches!(received.message, PeerMessage::Appeared(_)));
                 }
             }
             // The mission stage handles orders.
@@ -379,7 +379,7 @@ impl Peers {
     }
 
     /// The peer in whose current incarnation this message was sent; the caller compares the sequence numbers.
-    fn speaker(&mut self, header: &Header) -> Option<&mut Peer> {
+    fn sender(&mut self, header: &Header) -> Option<&mut Peer> {
         let Some(index) = self.index(header.sender) else {
             self.forged += 1;
             return None;

@@ -89,7 +89,7 @@ pub trait Plant: Send {
     fn wait(&mut self, timeout: Duration) -> Wake;
 
     /// Sets the controls; called at most once per frame, never blocks.
-    fn command(&mut self, sticks: Controls);
+    fn command(&mut self, controls: Controls);
 
     /// Returns the controls to the simulator.
     fn release(&mut self);

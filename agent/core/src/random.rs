@@ -38,11 +38,11 @@ pub fn generator(seed: u64, vehicle: Option<VehicleId>, purpose: Purpose) -> Cha
     generator
 }
 
-/// The stream of one direction of a link, from `speaker` (`None`: an operator) to `hearer`.
-pub fn link_generator(seed: u64, speaker: Option<VehicleId>, hearer: VehicleId) -> ChaCha8Rng {
-    let mut generator = generator(seed, Some(hearer), Purpose::Link);
-    let speaker = speaker.map_or(0, VehicleId::get);
-    generator.set_stream(generator.get_stream() | u64::from(speaker) << 40);
+/// The stream of one direction of a link, from `sender` (`None`: an operator) to `receiver`.
+pub fn link_generator(seed: u64, sender: Option<VehicleId>, receiver: VehicleId) -> ChaCha8Rng {
+    let mut generator = generator(seed, Some(receiver), Purpose::Link);
+    let sender = sender.map_or(0, VehicleId::get);
+    generator.set_stream(generator.get_stream() | u64::from(sender) << 40);
     generator
 }
 
@@ -83,8 +83,8 @@ mod tests {
             }
         }
         let id = |number| VehicleId::new(number).unwrap();
-        for (speaker, hearer) in [(None, 1), (Some(1), 1), (Some(1), 2), (Some(2), 1), (Some(250), 250)] {
-            draws.push(link_generator(1, speaker.map(id), id(hearer)).next_u64());
+        for (sender, receiver) in [(None, 1), (Some(1), 1), (Some(1), 2), (Some(2), 1), (Some(250), 250)] {
+            draws.push(link_generator(1, sender.map(id), id(receiver)).next_u64());
         }
         let count = draws.len();
         draws.sort_unstable();

@@ -75,7 +75,7 @@ pub struct Station {
     impairments: Impairments,
     clocks: Clocks,
     /// Messages received since the last step, stamped by the vehicle's clock.
-    heard: Vec<Received>,
+    received: Vec<Received>,
 }
 
 impl Station {
@@ -92,17 +92,17 @@ impl Station {
         clocks: Clocks,
     ) -> Result<Self, UnsupportedScenario> {
         let agent = Agent::new(scenario, own, incarnation, aircraft, rules)?;
-        Ok(Self { agent, impairments: Impairments::new(scenario, own), clocks, heard: Vec::new() })
+        Ok(Self { agent, impairments: Impairments::new(scenario, own), clocks, received: Vec::new() })
     }
 
     /// Takes the messages that an ideal network delivers, each with the correct time of its arrival. Those that pass
     /// the impairments by now are kept for the next step.
     pub fn receive(&mut self, right: LocalTime, arriving: impl IntoIterator<Item = Received>) {
         let own = ReceiverPosition { flown_s: self.clocks.flown_s(right), position: self.agent.position() };
-        let before = self.heard.len();
-        self.impairments.receive(right, own, arriving, &mut self.heard);
+        let before = self.received.len();
+        self.impairments.receive(right, own, arriving, &mut self.received);
         if !self.clocks.skew.is_zero() {
-            self.heard[before..].iter_mut().for_each(|heard| heard.at = self.clocks.local_time(heard.at));
+            self.received[before..].iter_mut().for_each(|received| received.at = self.clocks.local_time(received.at));
         }
     }
 
@@ -117,8 +117,8 @@ impl Station {
         answer: Option<&LawReply>,
     ) -> Outputs {
         let now = Now { plant: plant_time, local: self.clocks.local_time(right) };
-        let outputs = self.agent.step(now, &Inputs { measurement, heard: &self.heard, leave, answer });
-        self.heard.clear();
+        let outputs = self.agent.step(now, &Inputs { measurement, received: &self.received, leave, answer });
+        self.received.clear();
         if self.agent.membership() == Membership::Active {
             self.clocks.took_off.get_or_insert(right);
         }
@@ -156,7 +156,7 @@ impl Station {
 
     /// Counts of all messages by their delivery; `None` if the scenario has no impairments.
     pub fn delivery_counts(&self) -> Option<DeliveryCounts> {
-        (!self.impairments.is_perfect()).then(|| self.impairments.tally())
+        (!self.impairments.is_perfect()).then(|| self.impairments.delivery_counts())
     }
 }
 

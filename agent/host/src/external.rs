@@ -106,12 +106,12 @@ pub fn is_external(scenario: &Scenario) -> bool {
 /// # Errors
 /// If this process has no working directory.
 pub fn resolve(command: &[String], folder: &Path) -> io::Result<Vec<String>> {
-    let resolved = command.iter().enumerate().map(|(nth, word)| {
-        let path = folder.join(word);
+    let resolved = command.iter().enumerate().map(|(nth, message)| {
+        let path = folder.join(message);
         let is_program = nth == 0;
-        let names_a_file = if is_program { has_path(word) } else { path.is_file() };
-        if !names_a_file || Path::new(word).is_absolute() {
-            return Ok(word.clone());
+        let names_a_file = if is_program { has_path(message) } else { path.is_file() };
+        if !names_a_file || Path::new(message).is_absolute() {
+            return Ok(message.clone());
         }
         std::path::absolute(&path).map(|path| path.display().to_string())
     });

@@ -7,8 +7,8 @@ use serde::Deserialize;
 use skein_common::id::VehicleId;
 
 use crate::link::Security;
-use crate::link::seal::VerificationKey;
 use crate::link::security::{PeerIdentity, Tls, identities_by_vehicle};
+use crate::link::signature::VerificationKey;
 
 /// The `[security]` table. Without it links are plain and orders are accepted without a signature.
 #[derive(Clone, Debug, PartialEq, Eq, Deserialize)]

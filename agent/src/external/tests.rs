@@ -68,7 +68,7 @@ fn answer_to(law: &LiveLaw, mut tick: u64, within: Duration) -> Option<LawReply>
 fn a_law_process_replies() {
     let law = shell(GOOD);
     let answer = answer_to(&law, 40, TIMEOUT).unwrap();
-    assert_eq!((answer.vehicle, answer.wanted), (id(2), ReplyCommand::VelocityNed(Vector3::new(1.0, 2.0, 3.0))));
+    assert_eq!((answer.vehicle, answer.command), (id(2), ReplyCommand::VelocityNed(Vector3::new(1.0, 2.0, 3.0))));
     assert!(answer.tick >= 40);
     assert_eq!(law.answer(), None, "every reply is returned once");
 }
@@ -183,7 +183,7 @@ fn a_law_that_connects_is_queried_and_may_reconnect() {
             }
         });
         let answer = answer_to(&law, 1000 * life, TIMEOUT).unwrap();
-        assert_eq!(answer.wanted, ReplyCommand::FieldNe(nalgebra::Vector2::new(0.5, life as f64)));
+        assert_eq!(answer.command, ReplyCommand::FieldNe(nalgebra::Vector2::new(0.5, life as f64)));
         while !program.is_finished() {
             answer_to(&law, 1000 * life + 500, Duration::from_millis(300));
         }
@@ -222,5 +222,5 @@ fn vector_queries_are_repeated_and_replies_accepted_from_any_port() {
         }
         assert!(now() < until);
     };
-    assert_eq!((answered.tick, answered.wanted), (7, ReplyCommand::VelocityNed(Vector3::new(0.5, 0.25, -0.5))));
+    assert_eq!((answered.tick, answered.command), (7, ReplyCommand::VelocityNed(Vector3::new(0.5, 0.25, -0.5))));
 }

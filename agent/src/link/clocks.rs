@@ -83,7 +83,7 @@ impl Clocks {
         let take = move |sample: &Sample| {
             let round_trip = now().saturating_duration_since(asked);
             let answer =
-                receiver.voices.read::<ClockAnswer>(sample.key_expr().as_str(), &sample.payload().to_bytes()).ok();
+                receiver.key_ring.read::<ClockAnswer>(sample.key_expr().as_str(), &sample.payload().to_bytes()).ok();
             let answer = answer.map(|verified| verified.message);
             // The number must be that of this query: a replayed reply to an earlier one is ignored.
             let answer = answer.filter(|answer| (answer.sender, answer.question) == (id, asked_ns));

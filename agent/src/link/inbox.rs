@@ -17,33 +17,33 @@ const CAPACITY: usize = 3 * VehicleId::MAX as usize + 1;
 /// Filled by Zenoh's threads, emptied by the control thread.
 #[derive(Debug)]
 pub(super) struct Inbox {
-    heard: Mutex<Vec<Received>>,
+    received: Mutex<Vec<Received>>,
     refusals: Refusals,
 }
 
 impl Inbox {
     pub(super) fn new() -> Self {
-        Self { heard: Mutex::new(Vec::with_capacity(CAPACITY)), refusals: Refusals::default() }
+        Self { received: Mutex::new(Vec::with_capacity(CAPACITY)), refusals: Refusals::default() }
     }
 
     /// Stores a message that came under this key, in place of an older one of the same peer and kind.
     pub(super) fn store(&self, key: &str, new: Received) {
-        let mut heard = self.lock();
-        match heard.iter_mut().find(|kept| is_same_kind(&kept.word, &new.word)) {
-            Some(kept) if is_later(&new.word, &kept.word) => *kept = new,
+        let mut received = self.lock();
+        match received.iter_mut().find(|kept| is_same_kind(&kept.message, &new.message)) {
+            Some(kept) if is_later(&new.message, &kept.message) => *kept = new,
             // A late joiner's query delivers a heartbeat twice.
-            Some(kept) if matches!(new.word, PeerMessage::Mission(_)) && kept.word == new.word => {}
+            Some(kept) if matches!(new.message, PeerMessage::Mission(_)) && kept.message == new.message => {}
             Some(_) => {
-                drop(heard);
+                drop(received);
                 self.refusals.count(Reason::Old, key);
             }
-            None => heard.push(new),
+            None => received.push(new),
         }
     }
 
-    /// Moves all messages to the end of `heard`.
-    pub(super) fn drain(&self, heard: &mut Vec<Received>) {
-        heard.append(&mut self.lock());
+    /// Moves all messages to the end of `received`.
+    pub(super) fn drain(&self, received: &mut Vec<Received>) {
+        received.append(&mut self.lock());
     }
 
     /// Counts a refused message that was logged already.
@@ -70,7 +70,7 @@ impl Inbox {
 
     /// Locks the messages. No holder can panic, so poisoning is ignored.
     fn lock(&self) -> MutexGuard<'_, Vec<Received>> {
-        self.heard.lock().unwrap_or_else(PoisonError::into_inner)
+        self.received.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 

@@ -43,7 +43,7 @@ impl Refusals {
             other_version: count(Reason::OtherVersion),
             forged: [Reason::Forged, Reason::Stranger, Reason::OtherRun].into_iter().map(count).sum(),
             old: count(Reason::Old),
-            unsealed: count(Reason::Unsealed),
+            unsigned: count(Reason::Unsealed),
             other_plan: count(Reason::OtherPlan),
             links: count(Reason::Link),
             ..Drops::default()
@@ -97,7 +97,7 @@ mod tests {
             (Reason::Forged, "vehicle/3/state", 2),
         ];
         assert_eq!(latest, expected.map(|(reason, key, count)| (reason, key.to_owned(), count)));
-        assert_eq!(refusals.drops(), Drops { forged: 3, unsealed: 2, ..Drops::default() });
+        assert_eq!(refusals.drops(), Drops { forged: 3, unsigned: 2, ..Drops::default() });
         assert_eq!(refusals.drops().refused(), 5);
     }
 

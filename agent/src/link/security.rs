@@ -1,5 +1,5 @@
 //! Decides who may join a swarm: mutual TLS on every link (`link/tunnel.rs`), with certificates of the swarm's
-//! authority and known names. A link admits a node; signatures ([`super::seal`]) prove which vehicle sent a message.
+//! authority and known names. A link admits a node; signatures ([`super::signature`]) prove which vehicle sent a message.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -13,8 +13,8 @@ use skein_common::id::{SwarmName, VehicleId};
 use zenoh::config::EndPoint;
 
 use super::LinkError;
-use super::seal::words::KeyRing;
-use super::seal::{SigningKey, VerificationKey};
+use super::signature::messages::KeyRing;
+use super::signature::{SigningKey, VerificationKey};
 
 /// How the links of a session are secured.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -81,12 +81,12 @@ impl Security {
     }
 
     /// Key ring that verifies the senders of messages.
-    pub fn voices(&self, swarm: &SwarmName) -> KeyRing {
+    pub fn key_ring(&self, swarm: &SwarmName) -> KeyRing {
         match self {
             Self::Plain => KeyRing::plain(swarm.clone()),
             Self::Tls(tls) => {
                 let keys = tls.vehicles.iter().map(|(id, known)| (*id, known.key)).collect();
-                KeyRing::sealed(swarm.clone(), keys)
+                KeyRing::signed(swarm.clone(), keys)
             }
         }
     }
@@ -95,14 +95,14 @@ impl Security {
     ///
     /// # Errors
     /// If the file has no Ed25519 key, or not the key that the swarm has for this vehicle.
-    pub fn sealer(&self, own: VehicleId) -> Result<Option<SigningKey>, LinkError> {
+    pub fn signing_key(&self, own: VehicleId) -> Result<Option<SigningKey>, LinkError> {
         let Self::Tls(tls) = self else { return Ok(None) };
         let fault = |source| LinkError::File { path: tls.key.clone(), source };
         let text = fs::read_to_string(&tls.key).map_err(fault)?;
-        let sealer =
+        let signing_key =
             SigningKey::from_pem(&text).map_err(|error| fault(io::Error::new(io::ErrorKind::InvalidData, error)))?;
         match tls.vehicles.get(&own) {
-            Some(known) if known.key == sealer.key() => Ok(Some(sealer)),
+            Some(known) if known.key == signing_key.key() => Ok(Some(signing_key)),
             _ => Err(LinkError::Key(own)),
         }
     }

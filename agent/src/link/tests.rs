@@ -38,8 +38,8 @@ fn trust(swarm: &SwarmName) -> Trust {
         plan: 7,
         orders: None,
         run: 0,
-        voices: KeyRing::plain(swarm.clone()),
-        sealer: None,
+        key_ring: KeyRing::plain(swarm.clone()),
+        signing_key: None,
     }
 }
 
@@ -70,15 +70,15 @@ fn mission(sender: u8, sequence: u64) -> Mission {
 
 /// Repeats `again` until `found` finds a result in all messages received so far.
 fn until<T>(link: &Link, mut again: impl FnMut(), mut found: impl FnMut(&[Received]) -> Option<T>) -> T {
-    let mut heard = Vec::new();
+    let mut received = Vec::new();
     let deadline = now() + TIMEOUT;
     loop {
         again();
-        link.drain(&mut heard);
-        if let Some(found) = found(&heard) {
+        link.drain(&mut received);
+        if let Some(found) = found(&received) {
             return found;
         }
-        assert!(now() < deadline, "received only {heard:?}, dropped {:?}", link.drops());
+        assert!(now() < deadline, "received only {received:?}, dropped {:?}", link.drops());
         pause();
     }
 }
@@ -87,8 +87,8 @@ fn pause() {
     sleep_until(now() + Duration::from_millis(2));
 }
 
-fn word(heard: &[Received], wanted: impl Fn(&PeerMessage) -> bool) -> Option<Received> {
-    heard.iter().copied().find(|heard| wanted(&heard.word))
+fn message(received: &[Received], wanted: impl Fn(&PeerMessage) -> bool) -> Option<Received> {
+    received.iter().copied().find(|received| wanted(&received.message))
 }
 
 fn send(session: &Session, key: &str, bytes: &[u8]) {
@@ -103,16 +103,16 @@ fn two_agents_receive_each_others_messages_and_not_their_own() {
     let two = Link::new(open_zenoh(&swarm, &[], &dial, &[]).unwrap(), id(2), clock, trust(&swarm)).unwrap();
     let cell = Cell { x: -1, y: 3 };
     let mut sequence = 0;
-    let heard = until(
+    let received = until(
         &one,
         || {
             sequence += 1;
             two.publish_state(&state(2, sequence), cell);
         },
-        |heard| word(heard, |word| matches!(word, PeerMessage::State(_))),
+        |received| message(received, |message| matches!(message, PeerMessage::State(_))),
     );
-    assert!(matches!(heard.word, PeerMessage::State(content) if content.state == state(2, 1).state));
-    assert!(LocalTime::ZERO < heard.at && heard.at <= clock.now());
+    assert!(matches!(received.message, PeerMessage::State(content) if content.state == state(2, 1).state));
+    assert!(LocalTime::ZERO < received.at && received.at <= clock.now());
 
     let mission = mission(1, 1);
     let all = until(
@@ -121,16 +121,19 @@ fn two_agents_receive_each_others_messages_and_not_their_own() {
             one.publish_state(&state(1, 1), cell);
             one.publish_mission(&mission);
         },
-        |heard| word(heard, |word| matches!(word, PeerMessage::Mission(_))).map(|_| heard.to_vec()),
+        |received| message(received, |message| matches!(message, PeerMessage::Mission(_))).map(|_| received.to_vec()),
     );
-    assert!(all.iter().any(|heard| heard.word == PeerMessage::Mission(mission)));
-    assert!(all.iter().any(|heard| heard.word == PeerMessage::Appeared(id(1))), "the peer that was up first is found");
-    let own = |word: &PeerMessage| match word {
+    assert!(all.iter().any(|received| received.message == PeerMessage::Mission(mission)));
+    assert!(
+        all.iter().any(|received| received.message == PeerMessage::Appeared(id(1))),
+        "the peer that was up first is found"
+    );
+    let own = |message: &PeerMessage| match message {
         PeerMessage::State(content) => content.header.sender == id(2),
         PeerMessage::Appeared(vehicle) | PeerMessage::Vanished(vehicle) => *vehicle == id(2),
         _ => false,
     };
-    assert_eq!(word(&all, own), None);
+    assert_eq!(message(&all, own), None);
     // States sent faster than they are read are replaced, which is not a fault.
     assert_eq!(two.drops().refused(), 0);
 }
@@ -140,10 +143,10 @@ fn a_peer_that_closes_its_link_is_reported_at_once() {
     let (swarm, hub, dial) = hub("goes");
     let one = link(hub, 1, trust(&swarm));
     let two = link(open_zenoh(&swarm, &[], &dial, &[]).unwrap(), 2, trust(&swarm));
-    until(&one, || {}, |heard| word(heard, |word| *word == PeerMessage::Appeared(id(2))));
+    until(&one, || {}, |received| message(received, |message| *message == PeerMessage::Appeared(id(2))));
     let begin = now();
     two.close();
-    until(&one, || {}, |heard| word(heard, |word| *word == PeerMessage::Vanished(id(2))));
+    until(&one, || {}, |received| message(received, |message| *message == PeerMessage::Vanished(id(2))));
     assert!(now() < begin + Duration::from_secs(2));
 }
 
@@ -154,10 +157,11 @@ fn a_late_joiner_receives_the_last_heartbeat_of_a_silent_peer() {
     let silent = link(hub, 1, trust(&swarm));
     silent.publish_mission(&mission(1, 4));
     silent.publish_mission(&mission(1, 5));
-    let newest = |sender, sequence| move |word: &PeerMessage| *word == PeerMessage::Mission(mission(sender, sequence));
+    let newest =
+        |sender, sequence| move |message: &PeerMessage| *message == PeerMessage::Mission(mission(sender, sequence));
     let born = now();
     let late = link(open_zenoh(&swarm, &[], &dial, &[]).unwrap(), 2, trust(&swarm));
-    until(&late, || {}, |heard| word(heard, newest(1, 5)));
+    until(&late, || {}, |received| message(received, newest(1, 5)));
     assert!(now() < born + Duration::from_secs(1), "received after {:?}", now() - born);
 
     let free = std::net::TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
@@ -169,9 +173,10 @@ fn a_late_joiner_receives_the_last_heartbeat_of_a_silent_peer() {
     until(
         &waiting,
         || {},
-        |heard| {
-            let _ = word(heard, |word| *word == PeerMessage::Appeared(id(4))).map(|_| appeared.get_or_insert_with(now));
-            word(heard, newest(4, 9))
+        |received| {
+            let _ = message(received, |message| *message == PeerMessage::Appeared(id(4)))
+                .map(|_| appeared.get_or_insert_with(now));
+            message(received, newest(4, 9))
         },
     );
     let after = now() - appeared.expect("the token comes first");
@@ -188,7 +193,7 @@ fn malformed_and_forged_messages_are_counted_and_dropped() {
     until(
         &link,
         || send(&stranger, "vehicle/2/cell/0/0/state", &good),
-        |heard| word(heard, |word| matches!(word, PeerMessage::State(_))),
+        |received| message(received, |message| matches!(message, PeerMessage::State(_))),
     );
     let before = link.drops();
 
@@ -204,11 +209,13 @@ fn malformed_and_forged_messages_are_counted_and_dropped() {
         assert!(now() < deadline, "{:?}", link.drops());
         pause();
     }
-    let mut heard = Vec::new();
-    link.drain(&mut heard);
+    let mut received = Vec::new();
+    link.drain(&mut received);
     assert!(
-        heard.iter().all(|heard| matches!(heard.word, PeerMessage::State(content) if content == state(2, 1))),
-        "{heard:?}"
+        received
+            .iter()
+            .all(|received| matches!(received.message, PeerMessage::State(content) if content == state(2, 1))),
+        "{received:?}"
     );
 }
 
@@ -217,12 +224,12 @@ fn an_operators_order_is_received() {
     let (swarm, hub, dial) = hub("order");
     let link = link(hub, 1, trust(&swarm));
     let observer = open_zenoh(&swarm, &[], &dial, &[]).unwrap();
-    let order = Order { epoch: 1, issuer: 9, verb: Verb::Land, seal: None };
+    let order = Order { epoch: 1, issuer: 9, verb: Verb::Land, signature: None };
     let key = Topic::Order(order.issuer).key();
     until(
         &link,
         || send(&observer, &key, &encode(&order)),
-        |heard| word(heard, |word| *word == PeerMessage::Order(order)),
+        |received| message(received, |message| *message == PeerMessage::Order(order)),
     );
 }
 
@@ -252,7 +259,7 @@ fn wait_until(is_so: impl Fn() -> bool) {
 fn the_inbox_keeps_the_newest_message_of_each_peer_and_kind() {
     let inbox = Inbox::new();
     let at = LocalTime::from_seconds(1.0);
-    let store = |word| inbox.store("vehicle/2/state", Received { word, at });
+    let store = |message| inbox.store("vehicle/2/state", Received { message, at });
     for sequence in [1, 3, 2, 3] {
         store(PeerMessage::State(state(2, sequence)));
     }
@@ -260,23 +267,23 @@ fn the_inbox_keeps_the_newest_message_of_each_peer_and_kind() {
     for state in [state(3, 8), later_life, state(3, 9)] {
         store(PeerMessage::State(state));
     }
-    for word in [
+    for message in [
         PeerMessage::Appeared(id(2)),
         PeerMessage::Vanished(id(2)),
         PeerMessage::Vanished(id(4)),
         PeerMessage::Appeared(id(4)),
     ] {
-        store(word);
+        store(message);
     }
-    let order = |epoch| Order { epoch, issuer: 1, verb: Verb::Hold, seal: None };
+    let order = |epoch| Order { epoch, issuer: 1, verb: Verb::Hold, signature: None };
     for epoch in [2, 3, 1] {
         store(PeerMessage::Order(order(epoch)));
     }
-    let mut heard = Vec::new();
-    inbox.drain(&mut heard);
-    let words: Vec<PeerMessage> = heard.iter().map(|heard| heard.word).collect();
+    let mut received = Vec::new();
+    inbox.drain(&mut received);
+    let messages: Vec<PeerMessage> = received.iter().map(|received| received.message).collect();
     assert_eq!(
-        words,
+        messages,
         [
             PeerMessage::State(state(2, 3)),
             PeerMessage::State(later_life),
@@ -286,9 +293,9 @@ fn the_inbox_keeps_the_newest_message_of_each_peer_and_kind() {
         ]
     );
     assert_eq!(inbox.drops(), Drops { old: 4, ..Drops::default() });
-    heard.clear();
-    inbox.drain(&mut heard);
-    assert_eq!(heard, []);
+    received.clear();
+    inbox.drain(&mut received);
+    assert_eq!(received, []);
 }
 
 #[test]
@@ -299,13 +306,16 @@ fn every_vehicle_fits_into_the_inbox_without_growing() {
     for _ in 0..3 {
         for vehicle in 1..=VehicleId::MAX {
             let mission = PeerMessage::Mission(mission(vehicle, 1));
-            for word in [PeerMessage::State(state(vehicle, 1)), mission, PeerMessage::Appeared(id(vehicle))] {
-                inbox.store("a", Received { word, at });
+            for message in [PeerMessage::State(state(vehicle, 1)), mission, PeerMessage::Appeared(id(vehicle))] {
+                inbox.store("a", Received { message, at });
             }
         }
         inbox.store(
             "a",
-            Received { word: PeerMessage::Order(Order { epoch: 1, issuer: 1, verb: Verb::Hold, seal: None }), at },
+            Received {
+                message: PeerMessage::Order(Order { epoch: 1, issuer: 1, verb: Verb::Hold, signature: None }),
+                at,
+            },
         );
     }
     assert_eq!(inbox.capacity(), before);
@@ -320,7 +330,7 @@ fn a_replayed_message_is_dropped_by_the_core() {
     let newest = until(
         &link,
         || send(&replayer, key, &encode(&state(2, 5))),
-        |heard| word(heard, |word| matches!(word, PeerMessage::State(_))),
+        |received| message(received, |message| matches!(message, PeerMessage::State(_))),
     );
     let origin = Origin::new(Geodetic::from_degrees(28.0, -82.0, 0.0));
     let four = load(&Source { name: "test.toml", text: "swarm.vehicles = 4" }, &[]).unwrap().scenario;
@@ -330,7 +340,9 @@ fn a_replayed_message_is_dropped_by_the_core() {
     let old = until(
         &link,
         || send(&replayer, key, &encode(&state(2, 4))),
-        |heard| word(heard, |word| matches!(word, PeerMessage::State(content) if content.header.sequence == 4)),
+        |received| {
+            message(received, |message| matches!(message, PeerMessage::State(content) if content.header.sequence == 4))
+        },
     );
     peers.update(old.at, &origin, &[old]);
     assert_eq!(peers.old(), before + 1);

@@ -6,9 +6,9 @@ use skein_common::id::{SwarmName, VehicleId};
 use skein_common::message::{Mission, Order, Reason};
 use skein_common::scenario::Scenario;
 
-use super::seal::orders::Checker;
-use super::seal::words::KeyRing;
-use super::seal::{SigningKey, VerificationKey};
+use super::signature::messages::KeyRing;
+use super::signature::orders::Checker;
+use super::signature::{SigningKey, VerificationKey};
 use skein_core::peers::PeerMessage;
 
 /// Which peers an agent believes and whose orders it accepts.
@@ -26,17 +26,17 @@ pub struct Trust {
     /// signed order is accepted in a numbered run only, because one for run 0 would be valid again tomorrow.
     pub run: u64,
     /// Verifies the sender of each message.
-    pub voices: KeyRing,
+    pub key_ring: KeyRing,
     /// Signs the own messages, where messages are signed.
-    pub sealer: Option<Arc<SigningKey>>,
+    pub signing_key: Option<Arc<SigningKey>>,
 }
 
 impl Trust {
     /// The trust of a plain swarm with this scenario: no certificates, no signatures, no runs.
     pub fn of(scenario: &Scenario) -> Self {
         let (swarm, vehicles) = (scenario.swarm.name.clone(), scenario.swarm.vehicles);
-        let (plan, voices) = (scenario.plan_hash(), KeyRing::plain(swarm.clone()));
-        Self { swarm, vehicles, plan, orders: None, run: 0, voices, sealer: None }
+        let (plan, key_ring) = (scenario.plan_hash(), KeyRing::plain(swarm.clone()));
+        Self { swarm, vehicles, plan, orders: None, run: 0, key_ring, signing_key: None }
     }
 }
 
@@ -66,12 +66,12 @@ impl Verifier {
     /// `refused` with the reason for each part that is not accepted.
     pub(super) fn accept(
         &self,
-        word: PeerMessage,
+        message: PeerMessage,
         run: Option<u64>,
         mut refused: impl FnMut(Reason),
     ) -> Option<PeerMessage> {
         let stranger = |id: VehicleId| usize::from(id.get()) > self.vehicles;
-        match (word.speaker(), word) {
+        match (message.sender(), message) {
             (Some(id), _) if id == self.own => {
                 refused(Reason::Forged);
                 None
@@ -88,22 +88,22 @@ impl Verifier {
                 if content.plan != self.plan {
                     refused(Reason::OtherPlan);
                 }
-                let order = content.order.filter(|order| self.is_sealed(order));
+                let order = content.order.filter(|order| self.is_signed(order));
                 if order != content.order {
                     refused(Reason::Unsealed);
                 }
                 // The heartbeat itself is still the sender's: even with another plan it shows that the sender is up.
                 Some(PeerMessage::Mission(Mission { order, ..content }))
             }
-            (_, PeerMessage::Order(order)) if !self.is_sealed(&order) => {
+            (_, PeerMessage::Order(order)) if !self.is_signed(&order) => {
                 refused(Reason::Unsealed);
                 None
             }
-            _ => Some(word),
+            _ => Some(message),
         }
     }
 
-    fn is_sealed(&self, order: &Order) -> bool {
-        self.orders.as_ref().is_none_or(|orders| self.run != 0 && orders.is_sealed(self.run, order))
+    fn is_signed(&self, order: &Order) -> bool {
+        self.orders.as_ref().is_none_or(|orders| self.run != 0 && orders.is_signed(self.run, order))
     }
 }

@@ -20,7 +20,7 @@ pub struct BuiltIn {
     script: Script,
     /// When the script started, and how much of it was over by then, s.
     script_since: Option<(Instant, f64)>,
-    sticks: Option<Controls>,
+    controls: Option<Controls>,
     tick_at: Option<Instant>,
     skipped: u64,
 }
@@ -32,7 +32,7 @@ impl BuiltIn {
     /// `flown_s`.
     pub fn new(vehicle: BuiltInVehicle, script: Script, flown_s: Option<f64>) -> Self {
         let script_since = flown_s.map(|flown_s| (now(), flown_s));
-        Self { vehicle, script, script_since, sticks: None, tick_at: None, skipped: 0 }
+        Self { vehicle, script, script_since, controls: None, tick_at: None, skipped: 0 }
     }
 
     /// Current state of the script. No failure occurs before the first command.
@@ -43,8 +43,8 @@ impl BuiltIn {
 }
 
 impl Plant for BuiltIn {
-    fn wait(&mut self, patience: Duration) -> Wake {
-        let deadline = now() + patience;
+    fn wait(&mut self, timeout: Duration) -> Wake {
+        let deadline = now() + timeout;
         let tick_at = *self.tick_at.get_or_insert_with(|| now() + TICK);
         sleep_until(tick_at.min(deadline));
         if deadline < tick_at {
@@ -58,20 +58,20 @@ impl Plant for BuiltIn {
             return Wake::Deadline;
         }
         self.vehicle.fail(failures);
-        self.vehicle.advance(self.sticks);
+        self.vehicle.advance(self.controls);
         let (next, skipped) = next_tick(tick_at, now());
         self.tick_at = Some(next);
         self.skipped += skipped;
         Wake::Frame(self.vehicle.frame())
     }
 
-    fn command(&mut self, sticks: Controls) {
+    fn command(&mut self, controls: Controls) {
         self.script_since.get_or_insert_with(|| (now(), 0.0));
-        self.sticks = Some(sticks);
+        self.controls = Some(controls);
     }
 
     fn release(&mut self) {
-        self.sticks = None;
+        self.controls = None;
     }
 
     fn frame_period_s(&self) -> f64 {

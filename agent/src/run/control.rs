@@ -63,7 +63,7 @@ impl Control {
     /// Flies until the flight has ended, and returns the link to be closed.
     pub(super) fn run(mut self) -> Link {
         let period = Duration::from_secs_f64(self.plant.frame_period_s());
-        let patience = period.mul_f64(TIMEOUT_PERIODS);
+        let timeout = period.mul_f64(TIMEOUT_PERIODS);
         let mut kept = LoopState {
             timing: Timing::new(period, now()),
             silence: SilenceMonitor::new(),
@@ -72,7 +72,7 @@ impl Control {
             events: 0,
             healths: 0,
         };
-        let mut deadline = now() + patience;
+        let mut deadline = now() + timeout;
         loop {
             let wake = self.plant.wait(deadline.saturating_duration_since(now()));
             if wake == Wake::Deadline {
@@ -80,15 +80,15 @@ impl Control {
                 sleep_until(deadline);
             }
             let woken = now();
-            deadline = woken + patience;
+            deadline = woken + timeout;
             self.run_once(&wake, woken, &mut kept);
             if self.is_over(&kept.timing) {
                 break;
             }
         }
         self.plant.release();
-        if let Some(tally) = self.station.delivery_counts() {
-            tracing::info!("vehicle {} received over the scenario's network: {tally:?}", self.own);
+        if let Some(delivery_counts) = self.station.delivery_counts() {
+            tracing::info!("vehicle {} received over the scenario's network: {delivery_counts:?}", self.own);
         }
         self.link
     }
@@ -106,8 +106,8 @@ impl Control {
         let plant = (kept.plant_time, frame.map(|frame| &frame.measurement));
         let Outputs { command, outbox, ask } =
             self.station.step(true_time, plant, self.stop.is_requested(), answer.as_ref());
-        if let Some(sticks) = command {
-            self.plant.command(sticks);
+        if let Some(controls) = command {
+            self.plant.command(controls);
         }
         let done = now();
 
@@ -205,7 +205,7 @@ impl Control {
             forged: core.forged + link.forged,
             old: core.old + link.old,
             measurement: core.measurement,
-            unsealed: link.unsealed,
+            unsigned: link.unsigned,
             other_plan: link.other_plan,
             links: link.links,
         }

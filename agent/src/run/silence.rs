@@ -60,15 +60,15 @@ impl SilenceMonitor {
             peer.silent_s += since_s;
         }
         for nth in 0..arrived.len() {
-            let Received { word, at } = arrived[nth];
-            match word {
+            let Received { message, at } = arrived[nth];
+            match message {
                 PeerMessage::State(_) | PeerMessage::Mission(_) => {
-                    let Some(id) = word.speaker() else { continue };
+                    let Some(id) = message.sender() else { continue };
                     let peer =
                         self.peers.entry(id).or_insert(Peer { appeared: at, silent_s: 0.0, is_suspected: false });
                     peer.silent_s = 0.0;
                     if std::mem::replace(&mut peer.is_suspected, false) {
-                        arrived.push(Received { word: PeerMessage::Appeared(id), at });
+                        arrived.push(Received { message: PeerMessage::Appeared(id), at });
                         // It was suspected too early.
                         self.back_off(now);
                     }
@@ -83,7 +83,7 @@ impl SilenceMonitor {
             let timeout_s = if is_starting { MAX_TIMEOUT_S } else { self.timeout_s };
             if !peer.is_suspected && peer.silent_s > timeout_s {
                 peer.is_suspected = true;
-                arrived.push(Received { word: PeerMessage::Vanished(id), at: now });
+                arrived.push(Received { message: PeerMessage::Vanished(id), at: now });
             }
         }
         if now.seconds_since(self.calm_since) > CALM_S {
@@ -141,18 +141,20 @@ mod tests {
             watched
         }
 
-        /// Checks every `every_s`; a heartbeat of each of `heard` arrives every time. Returns the appended messages and
+        /// Checks every `every_s`; a heartbeat of each of `received` arrives every time. Returns the appended messages and
         /// their times, s.
-        fn pass(&mut self, for_s: f64, every_s: f64, heard: &[u8]) -> Vec<(PeerMessage, f64)> {
+        fn pass(&mut self, for_s: f64, every_s: f64, received: &[u8]) -> Vec<(PeerMessage, f64)> {
             let begin_s = self.now_s;
             let mut added = Vec::new();
             while self.now_s < begin_s + for_s - 1e-9 {
                 self.now_s += every_s;
                 let at = LocalTime::from_seconds(self.now_s);
                 let mut arrived: Vec<_> =
-                    heard.iter().map(|&sender| Received { word: heartbeat(sender), at }).collect();
+                    received.iter().map(|&sender| Received { message: heartbeat(sender), at }).collect();
                 self.silence.watch(at, &mut arrived);
-                added.extend(arrived.split_off(heard.len()).iter().map(|heard| (heard.word, self.now_s - begin_s)));
+                added.extend(
+                    arrived.split_off(received.len()).iter().map(|received| (received.message, self.now_s - begin_s)),
+                );
             }
             added
         }
@@ -161,10 +163,13 @@ mod tests {
     #[test]
     fn a_peer_silent_for_a_second_is_suspected_once_and_restored_by_its_next_message() {
         let mut watched = Watched::steady();
-        let [(word, after_s)] = watched.pass(3.0, FRAME_S, &[])[..] else { panic!("not suspected exactly once") };
-        assert!(word == PeerMessage::Vanished(id(2)) && (0.99..1.05).contains(&after_s), "{word:?} after {after_s} s");
-        let [(word, after_s)] = watched.pass(0.5, FRAME_S, &[2])[..] else { panic!("not restored exactly once") };
-        assert!(word == PeerMessage::Appeared(id(2)) && after_s < 0.03, "{word:?} after {after_s} s");
+        let [(message, after_s)] = watched.pass(3.0, FRAME_S, &[])[..] else { panic!("not suspected exactly once") };
+        assert!(
+            message == PeerMessage::Vanished(id(2)) && (0.99..1.05).contains(&after_s),
+            "{message:?} after {after_s} s"
+        );
+        let [(message, after_s)] = watched.pass(0.5, FRAME_S, &[2])[..] else { panic!("not restored exactly once") };
+        assert!(message == PeerMessage::Appeared(id(2)) && after_s < 0.03, "{message:?} after {after_s} s");
     }
 
     #[test]
@@ -190,10 +195,10 @@ mod tests {
         let mut watched = Watched { silence: SilenceMonitor::new(), now_s: 0.0 };
         watched.pass(0.1, FRAME_S, &[2, 3]);
         assert_eq!(watched.pass(3.8, FRAME_S, &[3]), []);
-        let [(word, _)] = watched.pass(0.4, FRAME_S, &[3])[..] else { panic!("not exactly one suspected") };
-        assert_eq!(word, PeerMessage::Vanished(id(2)));
+        let [(message, _)] = watched.pass(0.4, FRAME_S, &[3])[..] else { panic!("not exactly one suspected") };
+        assert_eq!(message, PeerMessage::Vanished(id(2)));
         let at = LocalTime::from_seconds(watched.now_s);
-        watched.silence.watch(at, &mut vec![Received { word: PeerMessage::Vanished(id(3)), at }]);
+        watched.silence.watch(at, &mut vec![Received { message: PeerMessage::Vanished(id(3)), at }]);
         assert_eq!(watched.pass(10.0, FRAME_S, &[]), [], "the link reports a peer whose link was lost");
     }
 }

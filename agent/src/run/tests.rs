@@ -16,8 +16,8 @@ use zenoh::handlers::FifoChannel;
 
 use super::*;
 use crate::config::PlantChoice;
-use crate::link::seal::orders::sign;
-use crate::link::seal::tests::sealer;
+use crate::link::signature::orders::sign;
+use crate::link::signature::tests::signing_key;
 use crate::link::{self, Security};
 use skein_core::aircraft::Aircraft;
 use skein_core::control::Rules;
@@ -376,7 +376,7 @@ fn an_agent_whose_launcher_is_gone_flies_until_an_order_has_landed_it() {
         recorded.contains(&EventKind::BecameActive)
     });
     assert!(!flight.thread.is_finished());
-    let order = Order { epoch: 1, issuer: 5, verb: Verb::Land, seal: None };
+    let order = Order { epoch: 1, issuer: 5, verb: Verb::Land, signature: None };
     observer.put(Topic::Order(order.issuer).key(), encode(&order)).wait().unwrap();
     flight.end();
     recorded.extend(events().iter().map(|event| event.what));
@@ -387,7 +387,7 @@ fn an_agent_whose_launcher_is_gone_flies_until_an_order_has_landed_it() {
 fn an_invented_order_lands_no_vehicle_and_a_signed_one_does() {
     let tokio = Builder::new_multi_thread().worker_threads(1).enable_all().build().unwrap();
     let (swarm, session, dial) = hub("signed");
-    let operator = sealer();
+    let operator = signing_key();
     let one = Node { orders_key: Some(operator.key()), run: 7, ..node(&swarm, 1) };
     let plan = one.scenario.plan_hash();
     let flight = Flight::begin(one, session, &tokio);
@@ -396,7 +396,7 @@ fn an_invented_order_lands_no_vehicle_and_a_signed_one_does() {
     let (mut events, mut healths) = (listen::<Event>(&other, all::EVENTS), listen::<Health>(&other, all::HEALTH));
     let mut missions = listen::<Mission>(&other, all::MISSIONS);
     let mut recorded: Vec<EventKind> = Vec::new();
-    let abort = Order { epoch: u64::MAX, issuer: 5, verb: Verb::Abort, seal: None };
+    let abort = Order { epoch: u64::MAX, issuer: 5, verb: Verb::Abort, signature: None };
     let mut heartbeat = Mission {
         header: Header {
             sender: VehicleId::new(2).unwrap(),
@@ -430,7 +430,7 @@ fn an_invented_order_lands_no_vehicle_and_a_signed_one_does() {
     assert!(!heartbeats.is_empty() && heartbeats.iter().all(|message| message.order.is_none()), "{heartbeats:?}");
 
     // The order travels only in the other vehicle's heartbeat: it needs to reach just one vehicle.
-    let land = Order { epoch: 1, issuer: 5, verb: Verb::Land, seal: None };
+    let land = Order { epoch: 1, issuer: 5, verb: Verb::Land, signature: None };
     heartbeat.order = Some(sign(&operator, &swarm, 7, land));
     wait_until("the order to be passed on", || {
         heartbeat.header.sequence += 1;

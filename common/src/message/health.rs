@@ -66,7 +66,8 @@ pub struct Drops {
     /// Messages older than one already received: late, replayed or of an earlier incarnation.
     pub old: u64,
     /// Orders of an operator, or orders repeated by a peer, without a valid signature of this run.
-    pub unsealed: u64,
+    #[serde(rename = "unsealed")]
+    pub unsigned: u64,
     /// Heartbeats of peers that fly a different plan: their agreement state is ignored.
     pub other_plan: u64,
     /// Links that were refused: one of the two sides does not accept the certificate of the other.
@@ -83,7 +84,7 @@ impl Drops {
 
     /// Sum of the counts that a correct peer of this swarm never causes, even over a bad network.
     pub fn refused(&self) -> u64 {
-        self.undecodable + self.other_version + self.forged + self.unsealed + self.other_plan + self.links
+        self.undecodable + self.other_version + self.forged + self.unsigned + self.other_plan + self.links
     }
 }
 

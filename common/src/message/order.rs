@@ -17,7 +17,8 @@ pub struct Order {
     /// The action.
     pub verb: Verb,
     /// Signature of the operator; `None` in a swarm whose orders are not signed.
-    pub seal: Option<Signature>,
+    #[serde(rename = "seal")]
+    pub signature: Option<Signature>,
 }
 
 /// Ed25519 signature (RFC 8032) of an order. A swarm with an orders key accepts only orders with a valid signature.
@@ -56,7 +57,7 @@ impl std::fmt::Debug for Signature {
 
 impl Ord for Order {
     fn cmp(&self, other: &Self) -> std::cmp::Ordering {
-        let rank = |order: &Self| (order.verb == Verb::Abort, order.epoch, order.issuer, order.verb, order.seal);
+        let rank = |order: &Self| (order.verb == Verb::Abort, order.epoch, order.issuer, order.verb, order.signature);
         rank(self).cmp(&rank(other))
     }
 }

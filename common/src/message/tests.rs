@@ -24,12 +24,12 @@ fn state() -> State {
     }
 }
 
-fn seal() -> Signature {
+fn signature() -> Signature {
     Signature::from_bytes(std::array::from_fn(|nth| nth as u8))
 }
 
 fn mission() -> Mission {
-    let order = Order { epoch: 1, issuer: 9, verb: Verb::Land, seal: Some(seal()) };
+    let order = Order { epoch: 1, issuer: 9, verb: Verb::Land, signature: Some(signature()) };
     Mission {
         header: header(),
         plan: 7,
@@ -69,12 +69,12 @@ fn a_heartbeat_and_an_event_are_encoded_as_the_golden_bytes() {
     golden.extend(0.5_f64.to_le_bytes());
     // The order and its signature.
     golden.extend([1, 1, 9, 1, 1]);
-    golden.extend(seal().to_bytes());
+    golden.extend(signature().to_bytes());
     // Vehicle 2's stamp, held for 0.2 s.
     golden.extend([1, 2, 0xac, 0x02, 0xc0, 0x9a, 0x0c]);
     assert_eq!(encode(&mission()), golden);
     assert_eq!(decode(&golden), Ok(mission()));
-    let plain = Mission { order: mission().order.map(|order| Order { seal: None, ..order }), ..mission() };
+    let plain = Mission { order: mission().order.map(|order| Order { signature: None, ..order }), ..mission() };
     assert_eq!(encode(&plain).len(), golden.len() - 64, "an order without a signature spends one byte on that");
 
     let mut golden = vec![VERSION];
@@ -109,14 +109,14 @@ fn bytes_that_no_correct_peer_sends_are_refused() {
 
 #[test]
 fn the_larger_of_two_orders_wins_in_either_sequence() {
-    let early = Order { epoch: 1, issuer: 900, verb: Verb::Land, seal: None };
-    let late = Order { epoch: 2, issuer: 1, verb: Verb::Hold, seal: None };
+    let early = Order { epoch: 1, issuer: 900, verb: Verb::Land, signature: None };
+    let late = Order { epoch: 2, issuer: 1, verb: Verb::Hold, signature: None };
     assert_eq!(early.max(late), late);
-    let end = Order { epoch: 1, issuer: 0, verb: Verb::Abort, seal: None };
+    let end = Order { epoch: 1, issuer: 0, verb: Verb::Abort, signature: None };
     assert_eq!(end.max(late), end, "no order revokes an abort");
     assert_eq!(Some(early).max(None), Some(early));
-    let sealed = Order { seal: Some(seal()), ..late };
-    assert!(sealed > late && sealed.max(late) == sealed && sealed != late, "two different orders are never equal");
+    let signed = Order { signature: Some(signature()), ..late };
+    assert!(signed > late && signed.max(late) == signed && signed != late, "two different orders are never equal");
 }
 
 #[test]
@@ -127,7 +127,7 @@ fn the_largest_messages_fit() {
         sequence: u64::MAX,
         stamp: SenderStamp::from_nanoseconds(u64::MAX),
     };
-    let order = Order { epoch: u64::MAX, issuer: u64::MAX, verb: Verb::Goto(u32::MAX), seal: Some(seal()) };
+    let order = Order { epoch: u64::MAX, issuer: u64::MAX, verb: Verb::Goto(u32::MAX), signature: Some(signature()) };
     let mission = Mission {
         header: most,
         plan: u64::MAX,
@@ -207,7 +207,7 @@ fn a_health_report_with_too_many_or_implausible_values_is_refused() {
 /// Bytes of a good message of any kind, up to two of them changed, and perhaps cut off or followed by more.
 fn nearly_a_message() -> impl Strategy<Value = Vec<u8>> {
     let event = Event { header: header(), what: EventKind::PeerLost(VehicleId::new(4).unwrap()) };
-    let order = Order { epoch: 1, issuer: 9, verb: Verb::Goto(2), seal: Some(seal()) };
+    let order = Order { epoch: 1, issuer: 9, verb: Verb::Goto(2), signature: Some(signature()) };
     let good = [encode(&state()), encode(&mission()), encode(&order), encode(&event), encode(&health(2))];
     let changes = proptest::collection::vec((any::<proptest::sample::Index>(), any::<u8>()), 0..3);
     (proptest::sample::select(good.to_vec()), changes, 0..4_usize, 0..4_usize).prop_map(

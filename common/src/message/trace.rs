@@ -50,7 +50,8 @@ pub struct Trace {
     /// Altitude setpoint of the vehicle controller above the origin, m.
     pub altitude_setpoint_m: f64,
     /// Controls sent to the plant: roll, pitch, yaw, collective; null while the agent does not control the plant.
-    pub sticks: Option<[f64; 4]>,
+    #[serde(rename = "sticks")]
+    pub controls: Option<[f64; 4]>,
     /// Every peer of which a message ever arrived.
     pub peers: Vec<PeerAge>,
     /// Time from the previous frame's arrival to its last control output, µs; null in virtual time.
@@ -124,7 +125,7 @@ message!(Trace, 16 * 1024, |trace| Author::Vehicle(trace.header.sender), |trace|
         && trace.attitude.is_finite()
         && trace.height_m.is_finite()
         && trace.altitude_setpoint_m.is_finite()
-        && pairs.chain(options).chain(trace.sticks.iter().flatten()).all(|number| number.is_finite())
+        && pairs.chain(options).chain(trace.controls.iter().flatten()).all(|number| number.is_finite())
         && trace.peers.iter().all(|peer| peer.age_s.is_finite() && peer.delivered_age_s.is_finite())
         && trace.law_log.len() <= LawNumber::MAX_COUNT
         && trace.law_log.iter().all(LawNumber::is_plausible)

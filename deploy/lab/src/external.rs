@@ -129,7 +129,7 @@ struct Conversation {
     /// The vehicles whose law is at the other end.
     vehicles: Vec<VehicleId>,
     session: LawSession,
-    words: Receiver<LawInput>,
+    messages: Receiver<LawInput>,
     /// Whether the law has sent anything in this session.
     has_answered: bool,
     /// Vehicles and ticks of this run's queries that are closed: answered, or given up because an invalid line came in
@@ -165,7 +165,7 @@ impl Laws {
 
     /// Opens the conversation with the law of one vehicle.
     fn open_conversation(&self, id: VehicleId) -> Result<Conversation, ExternalError> {
-        let (sink, words) = message_queue();
+        let (sink, messages) = message_queue();
         let session = match &self.transport {
             LawTransport::Command(command) => {
                 let print_line = move |line: &str| crate::terminal::complain(&format!("vehicle {id}'s law: {line}"));
@@ -181,7 +181,7 @@ impl Laws {
                 return Err(ExternalError::Transport(format!("one connection to {host} serves all vehicles")));
             }
         };
-        Ok(Conversation::new(vec![id], session, words))
+        Ok(Conversation::new(vec![id], session, messages))
     }
 
     /// Sends a hello for every vehicle before a run and waits until all laws are ready.
@@ -193,7 +193,7 @@ impl Laws {
         }
         for conversation in &mut self.conversations {
             // Answers that are left from the last run do not belong to this one.
-            drop(conversation.words.try_iter().take(QUEUE).last());
+            drop(conversation.messages.try_iter().take(QUEUE).last());
             conversation.send_hellos(&self.hellos)?;
         }
         self.conversations
@@ -216,9 +216,9 @@ impl Laws {
                 Err(_) => return Err(LawError::NotConnected(here)),
             }
         };
-        let (sink, words) = message_queue();
+        let (sink, messages) = message_queue();
         let session = LawSession::connection(stream, sink).map_err(|error| ExternalError::Port(here, error))?;
-        Ok(Conversation::new(self.has_asked.keys().copied().collect(), session, words))
+        Ok(Conversation::new(self.has_asked.keys().copied().collect(), session, messages))
     }
 
     /// Sends the queries of the world's last tick to the laws and hands their answers to its next tick.
@@ -264,13 +264,20 @@ impl Drop for Laws {
 
 /// A short queue for the messages of a law, and the sink that fills it.
 fn message_queue() -> (impl Sink, Receiver<LawInput>) {
-    let (sender, words) = sync_channel(QUEUE);
-    (move |_: Instant, word| sender.send(word).is_ok(), words)
+    let (sender, messages) = sync_channel(QUEUE);
+    (move |_: Instant, message| sender.send(message).is_ok(), messages)
 }
 
 impl Conversation {
-    fn new(vehicles: Vec<VehicleId>, session: LawSession, words: Receiver<LawInput>) -> Self {
-        Self { vehicles, session, words, has_answered: false, closed: BTreeSet::new(), warned: [false; Fault::KINDS] }
+    fn new(vehicles: Vec<VehicleId>, session: LawSession, messages: Receiver<LawInput>) -> Self {
+        Self {
+            vehicles,
+            session,
+            messages,
+            has_answered: false,
+            closed: BTreeSet::new(),
+            warned: [false; Fault::KINDS],
+        }
     }
 
     /// The vehicle that names this law in messages: the first of those that it serves.
@@ -281,7 +288,7 @@ impl Conversation {
 
     fn has_ended(&mut self) -> bool {
         loop {
-            match self.words.try_recv() {
+            match self.messages.try_recv() {
                 Ok(LawInput::End) => return true,
                 Ok(_) => {}
                 Err(error) => return error == std::sync::mpsc::TryRecvError::Disconnected,
@@ -386,7 +393,7 @@ impl Conversation {
             return Err(LawError::Silent { vehicle: self.first_vehicle(), for_s, awaited });
         }
         let timeout = if self.session.uses_vectors() { left.min(RESEND_AFTER) } else { left };
-        match self.words.recv_timeout(timeout) {
+        match self.messages.recv_timeout(timeout) {
             Ok(LawInput::Data(said)) if self.session.uses_vectors() => {
                 self.has_answered = true;
                 Ok(Some(vector::read(&said).map(MessageFromLaw::LawReply)))

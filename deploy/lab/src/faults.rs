@@ -52,7 +52,7 @@ pub enum InjectedFault {
 impl fmt::Display for InjectedFault {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let list = |links: &[(VehicleId, VehicleId)]| {
-            let link = |(speaker, hearer): &(VehicleId, VehicleId)| format!("{speaker} to {hearer}");
+            let link = |(sender, receiver): &(VehicleId, VehicleId)| format!("{sender} to {receiver}");
             links.iter().map(link).collect::<Vec<_>>().join(", ")
         };
         match self {
@@ -111,7 +111,7 @@ pub enum LinkChange {
 impl LinkChange {
     const ALL: [Self; 4] = [Self::Healed, Self::Cut, Self::DelayOver, Self::Delayed];
 
-    fn incident(self, links: Vec<(VehicleId, VehicleId)>) -> InjectedFault {
+    fn fault(self, links: Vec<(VehicleId, VehicleId)>) -> InjectedFault {
         match self {
             Self::Healed => InjectedFault::Healed { links },
             Self::Cut => InjectedFault::Cut { links },
@@ -132,9 +132,9 @@ impl LinkChanges {
     }
 
     /// One injected fault for each kind of change, ends before beginnings.
-    pub fn incidents(self) -> impl Iterator<Item = InjectedFault> {
+    pub fn faults(self) -> impl Iterator<Item = InjectedFault> {
         let kinds = LinkChange::ALL.into_iter().zip(self.0).filter(|(_, links)| !links.is_empty());
-        kinds.map(|(change, links)| change.incident(links))
+        kinds.map(|(change, links)| change.fault(links))
     }
 }
 

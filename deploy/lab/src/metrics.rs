@@ -97,7 +97,7 @@ pub struct VehicleNow {
     /// Ground truth of the vehicle.
     pub truth: GroundTruth,
     /// Controls of the vehicle; `None` if no agent holds them.
-    pub sticks: Option<Controls>,
+    pub controls: Option<Controls>,
     /// The mission step of the vehicle, counted from 0.
     pub step: u32,
     /// The highest step that the vehicle reached since its agent started.
@@ -118,7 +118,7 @@ impl VehicleNow {
             runs: false,
             is_member: false,
             truth,
-            sticks: None,
+            controls: None,
             step: 0,
             reached: None,
             centre_ne_m: Vector2::zeros(),
@@ -305,8 +305,8 @@ impl Metrics {
     }
 
     /// Observes a fault that was injected into the swarm.
-    pub fn incident(&mut self, t_s: f64, incident: &InjectedFault) {
-        match incident {
+    pub fn fault(&mut self, t_s: f64, fault: &InjectedFault) {
+        match fault {
             InjectedFault::Died(id) => self.membership.died(t_s, *id),
             InjectedFault::Restarted(id) => self.membership.restarted(t_s, *id),
             InjectedFault::Failed(id, ..) => self.membership.failed(t_s, *id),
@@ -317,9 +317,9 @@ impl Metrics {
     }
 
     /// Observes an event that a vehicle reported of itself.
-    pub fn observe_event(&mut self, t_s: f64, speaker: VehicleId, what: &EventKind) {
+    pub fn observe_event(&mut self, t_s: f64, sender: VehicleId, what: &EventKind) {
         self.forced_advances += u64::from(matches!(what, EventKind::ForcedAdvance { .. }));
-        self.membership.reported(t_s, speaker, what);
+        self.membership.reported(t_s, sender, what);
     }
 
     /// Observes the age of a peer's newest state at one step, s, by the receiver's clock. Leave out lost peers.
@@ -408,8 +408,9 @@ impl Metrics {
             if let Some(power_w) = truth.power_w {
                 *effort.energy_j.get_or_insert(0.0) += power_w * dt_s;
             }
-            if let Some(sticks) = vehicle.sticks {
-                let square = (math::square(sticks.roll) + math::square(sticks.pitch) + math::square(sticks.yaw)) / 3.0;
+            if let Some(controls) = vehicle.controls {
+                let square =
+                    (math::square(controls.roll) + math::square(controls.pitch) + math::square(controls.yaw)) / 3.0;
                 effort.stick_square.add(square);
                 self.stick_square.add(square);
             }

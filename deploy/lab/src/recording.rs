@@ -12,9 +12,9 @@ pub trait Watch {
     /// Observes one step of one vehicle.
     fn step(&mut self, t_s: f64, trace: &Trace);
     /// Observes an event that a vehicle reported of itself.
-    fn event(&mut self, t_s: f64, speaker: VehicleId, what: &EventKind);
+    fn event(&mut self, t_s: f64, sender: VehicleId, what: &EventKind);
     /// Observes a fault that was injected into the swarm.
-    fn incident(&mut self, t_s: f64, incident: &InjectedFault);
+    fn fault(&mut self, t_s: f64, fault: &InjectedFault);
 }
 
 /// A whole flight in memory, from which reports are drawn.
@@ -81,11 +81,11 @@ impl Watch for Recording {
         }
     }
 
-    fn event(&mut self, t_s: f64, speaker: VehicleId, what: &EventKind) {
-        self.noted.push(Noted { t_s, what: NotedKind::Event(speaker, *what) });
+    fn event(&mut self, t_s: f64, sender: VehicleId, what: &EventKind) {
+        self.noted.push(Noted { t_s, what: NotedKind::Event(sender, *what) });
     }
 
-    fn incident(&mut self, t_s: f64, incident: &InjectedFault) {
-        self.noted.push(Noted { t_s, what: NotedKind::Fault(incident.clone()) });
+    fn fault(&mut self, t_s: f64, fault: &InjectedFault) {
+        self.noted.push(Noted { t_s, what: NotedKind::Fault(fault.clone()) });
     }
 }

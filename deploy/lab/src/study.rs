@@ -142,8 +142,8 @@ fn longest_s(scenario: &Scenario) -> f64 {
 /// Shows the world's last tick to somebody who looks on; the vehicles' steps only if they are `due`.
 fn show(world: &mut World, zero_s: f64, watch: &mut dyn Watch, due: bool) {
     let t_s = world.t_s() - zero_s;
-    world.incidents().iter().for_each(|incident| watch.incident(t_s, incident));
-    world.events().iter().for_each(|(speaker, what)| watch.event(t_s, *speaker, what));
+    world.faults().iter().for_each(|fault| watch.fault(t_s, fault));
+    world.events().iter().for_each(|(sender, what)| watch.event(t_s, *sender, what));
     if due {
         world.traces().for_each(|trace| watch.step(t_s, &trace));
     }
@@ -152,10 +152,10 @@ fn show(world: &mut World, zero_s: f64, watch: &mut dyn Watch, due: bool) {
 /// Hands the world's last tick to the metrics; `vehicles` is only room to work in.
 pub fn measure(world: &World, zero_s: f64, metrics: &mut Metrics, vehicles: &mut Vec<VehicleNow>) {
     let t_s = world.t_s() - zero_s;
-    world.incidents().iter().for_each(|incident| metrics.incident(t_s, incident));
-    world.events().iter().for_each(|(speaker, what)| metrics.observe_event(t_s, *speaker, what));
+    world.faults().iter().for_each(|fault| metrics.fault(t_s, fault));
+    world.events().iter().for_each(|(sender, what)| metrics.observe_event(t_s, *sender, what));
     vehicles.clear();
-    for (id, agent, truth, sticks) in world.all_vehicles() {
+    for (id, agent, truth, controls) in world.all_vehicles() {
         let mut vehicle = VehicleNow::dead(id, *truth);
         if let Some(agent) = agent {
             for peer in agent.peers().iter().filter(|peer| peer.standing != PeerStatus::Lost) {
@@ -167,7 +167,7 @@ pub fn measure(world: &World, zero_s: f64, metrics: &mut Metrics, vehicles: &mut
             vehicle = VehicleNow {
                 runs: true,
                 is_member: agent.membership() == Membership::Active,
-                sticks,
+                controls,
                 step: agent.at_step(),
                 reached: agent.reached(),
                 centre_ne_m: agent.centre_ne_m(),

@@ -17,10 +17,12 @@ pub fn json(value: &impl Serialize) -> String {
 /// Wraps a text into lines of at most this many columns, between words. A word longer than a line gets its own line.
 pub fn wrapped(text: &str, columns: usize) -> Vec<String> {
     let mut lines: Vec<String> = Vec::new();
-    for word in text.split_whitespace() {
+    for message in text.split_whitespace() {
         match lines.last_mut() {
-            Some(line) if line.chars().count() + 1 + word.chars().count() <= columns => *line += &format!(" {word}"),
-            _ => lines.push(word.to_owned()),
+            Some(line) if line.chars().count() + 1 + message.chars().count() <= columns => {
+                *line += &format!(" {message}")
+            }
+            _ => lines.push(message.to_owned()),
         }
     }
     lines
@@ -32,10 +34,10 @@ pub fn shortened(text: &str, columns: usize) -> String {
         return text.to_owned();
     }
     let room: String = text.chars().take(columns).collect();
-    let words = room.rfind(' ').map_or("", |end| room[..end].trim_end_matches([' ', ',', ';', ':']));
-    match words.is_empty() {
+    let messages = room.rfind(' ').map_or("", |end| room[..end].trim_end_matches([' ', ',', ';', ':']));
+    match messages.is_empty() {
         true => text.chars().take(columns.saturating_sub(1)).chain(['…']).take(columns).collect(),
-        false => format!("{words}…"),
+        false => format!("{messages}…"),
     }
 }
 

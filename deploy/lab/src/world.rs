@@ -70,7 +70,7 @@ pub struct World {
     /// Queries to external laws since the last call of [`Self::take_asks`].
     asks: Vec<LawQuery>,
     events: Vec<(VehicleId, EventKind)>,
-    incidents: Vec<InjectedFault>,
+    faults: Vec<InjectedFault>,
     /// Faults that were injected since the last tick.
     pending_faults: Vec<InjectedFault>,
     /// Counters of agents that have ended.
@@ -82,10 +82,10 @@ pub struct World {
 #[derive(Debug)]
 struct InFlightMessage {
     /// The sending vehicle; `None` for the operator.
-    speaker: Option<VehicleId>,
+    sender: Option<VehicleId>,
     /// The receiving vehicle; `None` for all vehicles.
-    hearer: Option<VehicleId>,
-    word: PeerMessage,
+    receiver: Option<VehicleId>,
+    message: PeerMessage,
 }
 
 impl World {
@@ -119,7 +119,7 @@ impl World {
             rules: rules.clone(),
             asks: Vec::new(),
             events: Vec::new(),
-            incidents: Vec::new(),
+            faults: Vec::new(),
             pending_faults: Vec::new(),
             ended_totals: Totals::default(),
             ticks: 0,
@@ -129,8 +129,8 @@ impl World {
     /// Simulates one frame of every vehicle.
     pub fn tick(&mut self) {
         self.events.clear();
-        self.incidents.clear();
-        self.incidents.append(&mut self.pending_faults);
+        self.faults.clear();
+        self.faults.append(&mut self.pending_faults);
         let now = LocalTime::from_nanoseconds(self.ticks * TICK_NS);
         self.deliver(now);
         self.follow_script(now);
@@ -189,7 +189,7 @@ impl World {
 
     /// Every vehicle whose agent runs: the agent, the ground truth of the last frame, and the controls.
     pub fn vehicles(&self) -> impl Iterator<Item = (VehicleId, &Agent, &GroundTruth, Option<Controls>)> {
-        self.all_vehicles().filter_map(|(id, agent, truth, sticks)| Some((id, agent?, truth, sticks)))
+        self.all_vehicles().filter_map(|(id, agent, truth, controls)| Some((id, agent?, truth, controls)))
     }
 
     /// Every vehicle: its agent if one runs, the ground truth of the last frame, and the controls.
@@ -209,8 +209,8 @@ impl World {
     }
 
     /// The faults that were injected in the last tick.
-    pub fn incidents(&self) -> &[InjectedFault] {
-        &self.incidents
+    pub fn faults(&self) -> &[InjectedFault] {
+        &self.faults
     }
 
     /// The counters of all agents together, including those that have ended.
@@ -230,11 +230,11 @@ impl World {
         for vehicle in self.vehicles.iter_mut().filter(|vehicle| vehicle.station.is_some()) {
             let id = vehicle.id;
             let is_for_it = |message: &&InFlightMessage| {
-                message.speaker != Some(id) && message.hearer.is_none_or(|hearer| hearer == id)
+                message.sender != Some(id) && message.receiver.is_none_or(|receiver| receiver == id)
             };
             vehicle.receive(
                 now,
-                in_flight.iter().filter(is_for_it).map(|message| Received { word: message.word, at: now }),
+                in_flight.iter().filter(is_for_it).map(|message| Received { message: message.message, at: now }),
             );
         }
         in_flight.clear();
@@ -246,8 +246,8 @@ impl World {
         let mut changes = LinkChanges::default();
         for index in 0..self.vehicles.len() {
             let id = self.vehicles[index].id;
-            while let Some(deed) = self.vehicles[index].due(now) {
-                match deed {
+            while let Some(action) = self.vehicles[index].due(now) {
+                match action {
                     ScriptedAction::Kill => self.end(index),
                     ScriptedAction::Restart => self.restart(index),
                     ScriptedAction::Fail(what) => self.pending_faults.push(InjectedFault::Failed(id, what)),
@@ -256,12 +256,12 @@ impl World {
                 }
             }
         }
-        self.pending_faults.extend(changes.incidents());
+        self.pending_faults.extend(changes.faults());
         if let Some(t_s) = self.flown_s(now) {
             self.act_on_all_agents(t_s);
             self.send_orders(t_s);
         }
-        self.incidents.append(&mut self.pending_faults);
+        self.faults.append(&mut self.pending_faults);
     }
 
     /// Time since the first take-off, s: the scripts of the operator and of the central controller count from it.
@@ -271,9 +271,9 @@ impl World {
 
     /// Carries out the actions that affect all agents at once.
     fn act_on_all_agents(&mut self, t_s: f64) {
-        while let Some(deed) = self.driver.due(t_s) {
+        while let Some(action) = self.driver.due(t_s) {
             for index in 0..self.vehicles.len() {
-                if deed == ScriptedAction::Kill { self.end(index) } else { self.restart(index) }
+                if action == ScriptedAction::Kill { self.end(index) } else { self.restart(index) }
             }
         }
     }
@@ -284,9 +284,9 @@ impl World {
         let living = self.vehicles.iter().filter(|vehicle| vehicle.station.is_some());
         let order = self.operator.order_to_send(t_s, |order| living.clone().all(|vehicle| repeats(vehicle, *order)));
         self.in_flight.extend(order.map(|order| InFlightMessage {
-            speaker: None,
-            hearer: None,
-            word: PeerMessage::Order(through_wire(&order)),
+            sender: None,
+            receiver: None,
+            message: PeerMessage::Order(through_wire(&order)),
         }));
     }
 
@@ -315,17 +315,17 @@ impl World {
         let restarted = vehicle.id;
         self.in_flight.push(InFlightMessage::to_all(restarted, PeerMessage::Appeared(restarted)));
         for other in self.vehicles.iter().filter(|other| other.id != restarted && other.station.is_some()) {
-            let words = [Some(PeerMessage::Appeared(other.id)), other.heartbeat.map(PeerMessage::Mission)];
-            let to_restarted = |word| InFlightMessage { speaker: Some(other.id), hearer: Some(restarted), word };
-            self.in_flight.extend(words.into_iter().flatten().map(to_restarted));
+            let messages = [Some(PeerMessage::Appeared(other.id)), other.heartbeat.map(PeerMessage::Mission)];
+            let to_restarted = |message| InFlightMessage { sender: Some(other.id), receiver: Some(restarted), message };
+            self.in_flight.extend(messages.into_iter().flatten().map(to_restarted));
         }
         self.pending_faults.push(InjectedFault::Restarted(restarted));
     }
 }
 
 impl InFlightMessage {
-    fn to_all(speaker: VehicleId, word: PeerMessage) -> Self {
-        Self { speaker: Some(speaker), hearer: None, word }
+    fn to_all(sender: VehicleId, message: PeerMessage) -> Self {
+        Self { sender: Some(sender), receiver: None, message }
     }
 }
 

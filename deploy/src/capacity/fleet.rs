@@ -124,10 +124,10 @@ impl Scheme {
                 Load { port_bit_s: [inward, outward], cores, network_bit_s: inward + outward }
             }
             Self::CentralZenoh => {
-                let words = count * FRAME_HZ;
-                let each_way = words * message_bits(measured.state, FRAME_HZ);
+                let messages = count * FRAME_HZ;
+                let each_way = messages * message_bits(measured.state, FRAME_HZ);
                 // A command is assumed to cost as much as a state. The controller has one end of each message.
-                let messages_us = measured.time.message_us.map(|message_us| words * message_us);
+                let messages_us = measured.time.message_us.map(|message_us| messages * message_us);
                 let cores = cores(messages_us, steps_us(measured, count, others));
                 Load { port_bit_s: [each_way; 2], cores, network_bit_s: 2.0 * each_way }
             }
@@ -156,8 +156,8 @@ fn mesh(measured: &Measured, count: f64, near: f64, states_hz: f64) -> Load {
     let of_far = heartbeat_hz * message_bits(measured.heartbeat, heartbeat_hz);
     // As much is received as sent, because the same pairs send in both directions.
     let each_way = near * of_near + (others - near) * of_far;
-    let words = near * states_hz + others * heartbeat_hz;
-    let messages_us = measured.time.message_us.map(|message_us| words * message_us);
+    let messages = near * states_hz + others * heartbeat_hz;
+    let messages_us = measured.time.message_us.map(|message_us| messages * message_us);
     let cores = cores(messages_us, steps_us(measured, 1.0, near));
     Load { port_bit_s: [each_way; 2], cores, network_bit_s: count * each_way }
 }
@@ -225,9 +225,9 @@ pub(super) mod tests {
         near(rows.cores.unwrap(), 10.0 * 50.0 * (2.0 + 6.0 + 2.0 + 0.5 * 9.0) * 1e-6);
         let datarefs = load(&schemes[1], 10);
         near(datarefs.port_bit_s[1], 10.0 * 50.0 * 4.0 * 575.0 * 8.0);
-        let words = load(&Scheme::CentralZenoh, 10);
-        near(words.port_bit_s[0], 10.0 * 50.0 * 190.0 * 8.0);
-        near(words.cores.unwrap(), 10.0 * 50.0 * (40.0 + 2.0 + 0.5 * 9.0) * 1e-6);
+        let messages = load(&Scheme::CentralZenoh, 10);
+        near(messages.port_bit_s[0], 10.0 * 50.0 * 190.0 * 8.0);
+        near(messages.cores.unwrap(), 10.0 * 50.0 * (40.0 + 2.0 + 0.5 * 9.0) * 1e-6);
     }
 
     #[test]

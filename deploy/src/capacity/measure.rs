@@ -22,7 +22,7 @@ pub(super) const HEARTBEAT_HZ: f64 = 1.0 / HEARTBEAT_PERIOD_S;
 #[derive(Clone, Copy, Debug)]
 pub struct Effort {
     /// Number of messages of each kind whose bytes are counted.
-    pub words: u32,
+    pub messages: u32,
     /// How long the sessions are silent, and how long they send, s.
     pub sending_s: f64,
     /// Number of batches of datagrams that are sent and received; a socket's buffer holds a batch.
@@ -33,7 +33,7 @@ pub struct Effort {
 
 impl Effort {
     /// The effort of `skein report --capacity`: about ten seconds.
-    pub const FULL: Self = Self { words: 200, sending_s: 3.0, batches: 200, flight_s: 400.0 };
+    pub const FULL: Self = Self { messages: 200, sending_s: 3.0, batches: 200, flight_s: 400.0 };
 }
 
 /// The measurements, with where and when they were made.
@@ -91,7 +91,7 @@ pub struct StepTime {
 /// If sockets or sessions cannot be opened, or no message arrives.
 pub fn measure(effort: Effort) -> Result<Measured, Error> {
     let failed = |why: String| Error::Failed(format!("capacity: {why}"));
-    let [state, heartbeat] = message_cost::sizes(effort.words).map_err(failed)?;
+    let [state, heartbeat] = message_cost::sizes(effort.messages).map_err(failed)?;
     let time = message_cost::time(effort.sending_s).map_err(failed)?;
     let datagram_us = datagram_us(effort.batches).map_err(|error| failed(error.to_string()))?;
     let (state_rates, step) = flights(effort.flight_s).map_err(failed)?;

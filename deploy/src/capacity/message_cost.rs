@@ -8,7 +8,7 @@ use std::sync::atomic::Ordering::Relaxed;
 use std::time::Duration;
 
 use serde::Serialize;
-use skein_agent::link::seal::words::KeyRing;
+use skein_agent::link::signature::messages::KeyRing;
 use skein_agent::link::{Link, Security, Sessions, Trust};
 use skein_common::frame::{Geodetic, PositionNed, VelocityNed};
 use skein_common::id::{Incarnation, SwarmName, VehicleId};
@@ -103,8 +103,8 @@ pub(super) fn time(sending_s: f64) -> Result<MessageTime, String> {
     let before = delivered(&mesh);
     let active_s = run_for(&mut mesh, sending_s, true);
     let all_received = |mesh: &mut [LinkEnd]| {
-        let sent: Vec<_> = mesh.iter().map(|speaker| speaker.sent).collect();
-        mesh.iter_mut().all(|speaker| speaker.has_received_up_to(&sent))
+        let sent: Vec<_> = mesh.iter().map(|sender| sender.sent).collect();
+        mesh.iter_mut().all(|sender| sender.has_received_up_to(&sent))
     };
     until(|| all_received(&mut mesh))?;
     let deliveries = delivered(&mesh) - before;
@@ -118,12 +118,12 @@ fn run_for(mesh: &mut [LinkEnd], sending_s: f64, is_sending: bool) -> Option<f64
     let interval = Duration::from_secs_f64(1.0 / (FRAME_HZ * mesh.len() as f64));
     let mut next = now();
     for _ in 0..(sending_s * FRAME_HZ) as u64 {
-        for speaker in mesh.iter_mut() {
+        for sender in mesh.iter_mut() {
             sleep_until(next);
             next += interval;
-            speaker.listen();
+            sender.listen();
             if is_sending {
-                speaker.send_state();
+                sender.send_state();
             }
         }
     }
@@ -132,7 +132,7 @@ fn run_for(mesh: &mut [LinkEnd], sending_s: f64, is_sending: bool) -> Option<f64
 
 /// Number of messages that have arrived, over all sessions.
 fn delivered(mesh: &[LinkEnd]) -> u64 {
-    mesh.iter().flat_map(|speaker| &speaker.newest).sum()
+    mesh.iter().flat_map(|sender| &sender.newest).sum()
 }
 
 fn until(mut done: impl FnMut() -> bool) -> Result<(), String> {
@@ -156,7 +156,7 @@ struct LinkEnd {
     sent: u64,
     /// The number of the newest message received from each vehicle, in the order of ids.
     newest: Vec<u64>,
-    heard: Vec<Received>,
+    received: Vec<Received>,
 }
 
 impl LinkEnd {
@@ -183,19 +183,19 @@ impl LinkEnd {
                 plan: PLAN,
                 orders: None,
                 run: 0,
-                voices: KeyRing::plain(swarm.clone()),
-                sealer: None,
+                key_ring: KeyRing::plain(swarm.clone()),
+                signing_key: None,
             };
             let link = Link::new(sessions, id, clock, trust).map_err(to_text)?;
-            let (sent, newest, heard) = (0, vec![0; count.into()], Vec::new());
-            mesh.push(Self { link, id, incarnation, clock, sent, newest, heard });
+            let (sent, newest, received) = (0, vec![0; count.into()], Vec::new());
+            mesh.push(Self { link, id, incarnation, clock, sent, newest, received });
         }
         until(|| {
-            mesh.iter_mut().for_each(|speaker| _ = speaker.send_state());
+            mesh.iter_mut().for_each(|sender| _ = sender.send_state());
             sleep_until(now() + 5 * PAUSE);
-            mesh.iter_mut().all(|speaker| {
-                speaker.listen();
-                speaker.newest.iter().filter(|&&number| number > 0).count() + 1 == usize::from(count)
+            mesh.iter_mut().all(|sender| {
+                sender.listen();
+                sender.newest.iter().filter(|&&number| number > 0).count() + 1 == usize::from(count)
             })
         })?;
         Ok(mesh)
@@ -237,10 +237,10 @@ impl LinkEnd {
 
     /// Processes the messages that have arrived, as an agent does once a step.
     fn listen(&mut self) {
-        self.heard.clear();
-        self.link.drain(&mut self.heard);
-        for heard in &self.heard {
-            let header = match &heard.word {
+        self.received.clear();
+        self.link.drain(&mut self.received);
+        for received in &self.received {
+            let header = match &received.message {
                 PeerMessage::State(state) => state.header,
                 PeerMessage::Mission(mission) => mission.header,
                 PeerMessage::Order(_) | PeerMessage::Appeared(_) | PeerMessage::Vanished(_) => continue,

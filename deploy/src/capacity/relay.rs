@@ -60,14 +60,14 @@ mod tests {
         let (address, counts) = open(end.local_addr().unwrap()).unwrap();
         let mut dialler = TcpStream::connect(address).unwrap();
         let (mut listener, _) = end.accept().unwrap();
-        let mut heard = [0; 5];
+        let mut received = [0; 5];
         dialler.write_all(b"hello").unwrap();
-        listener.read_exact(&mut heard).unwrap();
-        assert_eq!(&heard, b"hello");
+        listener.read_exact(&mut received).unwrap();
+        assert_eq!(&received, b"hello");
         listener.write_all(b"yes").unwrap();
-        dialler.read_exact(&mut heard[..3]).unwrap();
+        dialler.read_exact(&mut received[..3]).unwrap();
         drop(listener);
-        assert_eq!(dialler.read(&mut heard).unwrap(), 0, "closed after the last byte");
+        assert_eq!(dialler.read(&mut received).unwrap(), 0, "closed after the last byte");
         assert_eq!((counts.to_listener.load(Relaxed), counts.to_dialler.load(Relaxed)), (5, 3));
     }
 }

@@ -2,9 +2,9 @@ use super::*;
 
 #[test]
 fn the_measurements_are_plausible() {
-    let measured = measure(Effort { words: 20, sending_s: 0.2, batches: 5, flight_s: 20.0 }).unwrap();
-    for word in [measured.state, measured.heartbeat] {
-        assert!(word.segment_bytes > word.encoded_bytes as f64, "{word:?}");
+    let measured = measure(Effort { messages: 20, sending_s: 0.2, batches: 5, flight_s: 20.0 }).unwrap();
+    for message in [measured.state, measured.heartbeat] {
+        assert!(message.segment_bytes > message.encoded_bytes as f64, "{message:?}");
     }
     assert!(!measured.machine.is_empty() && measured.when.ends_with('Z'));
     assert_eq!(measured.heartbeat_hz, 5.0);

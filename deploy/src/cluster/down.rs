@@ -101,7 +101,7 @@ pub(super) fn land(chosen: &Chosen, ssh: &Ssh, progress: &Progress, timeout_s: O
     };
     line.say(&order);
     let was_ordered = watch.is_some();
-    let heard: BTreeSet<VehicleId> = match &watch {
+    let received: BTreeSet<VehicleId> = match &watch {
         Some(watch) => chosen.ids.iter().copied().filter(|id| watch.is_there(*id)).collect(),
         None => BTreeSet::new(),
     };
@@ -109,21 +109,21 @@ pub(super) fn land(chosen: &Chosen, ssh: &Ssh, progress: &Progress, timeout_s: O
     let (still, stopped) = thread::scope(|scope| {
         let still = scope.spawn(|| {
             let gone = |id| line.say(&format!("node {id} has landed and is gone"));
-            watch.as_mut().map_or_else(BTreeSet::new, |watch| watch.gone(&heard, until, gone))
+            watch.as_mut().map_or_else(BTreeSet::new, |watch| watch.gone(&received, until, gone))
         });
         let stopped = stop_all(chosen, &remote, progress, timeout_s);
-        (still.join().unwrap_or_else(|_| heard.clone()), stopped)
+        (still.join().unwrap_or_else(|_| received.clone()), stopped)
     });
     let forced = stopped.iter().filter(|(_, (done, _))| *done == Ok(Stopped::Forced)).map(|(id, _)| *id).collect();
     let nodes = chosen.nodes().map(|node| {
-        let heard = match (was_ordered, heard.contains(&node.id)) {
+        let received = match (was_ordered, received.contains(&node.id)) {
             (_, true) if still.contains(&node.id) => Mesh::There,
             (_, true) => Mesh::Gone,
             (true, false) => Mesh::Silent,
             (false, false) => Mesh::NotAsked,
         };
         let (done, seconds) = stopped.get(&node.id).cloned().unzip();
-        Outcome { seconds: seconds.unwrap_or_default(), ..became(node, heard, done) }
+        Outcome { seconds: seconds.unwrap_or_default(), ..became(node, received, done) }
     });
     Ok(Landed { order, nodes: nodes.collect(), forced })
 }

@@ -4,8 +4,8 @@
 
 use std::collections::BTreeMap;
 
-use skein_agent::link::seal::VerificationKey;
-use skein_agent::link::seal::runs::RunNote;
+use skein_agent::link::signature::VerificationKey;
+use skein_agent::link::signature::runs::RunNote;
 use skein_common::id::{SwarmName, VehicleId};
 
 use super::nodes::list;
@@ -44,12 +44,12 @@ impl Evidence<'_> {
             return Ok(None);
         }
         let newer = |own: &Record| {
-            let sealed = self.notes.iter().filter(|note| note.is_sealed(key, swarm));
-            sealed.max_by_key(|note| note.began_ms).filter(|note| note.began_ms > own.note.began_ms)
+            let signed = self.notes.iter().filter(|note| note.is_signed(key, swarm));
+            signed.max_by_key(|note| note.began_ms).filter(|note| note.began_ms > own.note.began_ms)
         };
         let reports_own = |own: &Record| self.reported.values().any(|run| *run == own.note.run);
         let why = match &self.own {
-            Some(own) if !own.note.is_sealed(key, swarm) => {
+            Some(own) if !own.note.is_signed(key, swarm) => {
                 "the record of the run begun from this PC is signed with another key".to_owned()
             }
             Some(own) if !reports_own(own) => format!("the run begun last from this PC is {}", own.note.run),

@@ -7,8 +7,8 @@
 use std::str::FromStr;
 
 use serde_json::json;
-use skein_agent::link::seal::{SigningKey, VerificationKey};
 use skein_agent::link::security::PeerIdentity;
+use skein_agent::link::signature::{SigningKey, VerificationKey};
 use time::OffsetDateTime;
 
 use super::{FileArgs, nodes};
@@ -196,12 +196,12 @@ impl Maker<'_> {
     /// missing or invalid.
     fn key(&self, file: &str, revoked: bool) -> Result<VerificationKey, Error> {
         let there = self.folder.read(file)?.filter(|_| !revoked);
-        if let Some(sealer) = there.and_then(|text| SigningKey::from_pem(&text).ok()) {
-            return Ok(sealer.key());
+        if let Some(signing_key) = there.and_then(|text| SigningKey::from_pem(&text).ok()) {
+            return Ok(signing_key.key());
         }
         let key = folder::new_key().map_err(failed)?;
         self.folder.write(file, &key)?;
-        SigningKey::from_pem(&key).map(|sealer| sealer.key()).map_err(|why| self.bad(file, &why))
+        SigningKey::from_pem(&key).map(|signing_key| signing_key.key()).map_err(|why| self.bad(file, &why))
     }
 
     fn authority(&self) -> Result<(Authority, Line), Error> {

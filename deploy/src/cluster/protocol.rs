@@ -2,7 +2,7 @@
 //! Time limit of the landing, s.
 
 use serde::{Deserialize, Serialize};
-use skein_agent::link::seal::runs::RunNote;
+use skein_agent::link::signature::runs::RunNote;
 use skein_common::id::{SwarmName, VehicleId};
 
 use super::bundle::Bundle;

@@ -154,8 +154,8 @@ fn stray(observer: &Observer, id: VehicleId) -> Option<String> {
 
 impl Said {
     fn of(health: &Health, peers: usize) -> Self {
-        let heard = health.peers.iter().filter(|peer| peer.standing != PeerStatus::Lost);
-        let delays_ms: Option<Vec<f64>> = heard.clone().map(|peer| Some(peer.delay_s? * 1e3)).collect();
+        let received = health.peers.iter().filter(|peer| peer.standing != PeerStatus::Lost);
+        let delays_ms: Option<Vec<f64>> = received.clone().map(|peer| Some(peer.delay_s? * 1e3)).collect();
         let clock = ahead_of_swarm(&health.peers);
         let blind = (health.activity == Activity::Blind).then(|| "hears nothing of its simulator".to_owned());
         Self {
@@ -164,9 +164,9 @@ impl Said {
             phase: health.activity.to_string(),
             frame_rate_hz: health.frame_rate_hz,
             jitter_ms: health.jitter_ms,
-            peers_seen: heard.clone().count(),
+            peers_seen: received.clone().count(),
             peers,
-            peer_age_ms: heard.map(|peer| peer.age_s * 1e3).max_by(f64::total_cmp),
+            peer_age_ms: received.map(|peer| peer.age_s * 1e3).max_by(f64::total_cmp),
             peer_delay_ms: delays_ms.and_then(|delays_ms| delays_ms.into_iter().max_by(f64::total_cmp)),
             clock_offset_ms: clock.map(|clock| clock.offset_s * 1e3),
             clock_bound_ms: clock.map(|clock| clock.bound_s * 1e3),

@@ -8,7 +8,7 @@ use crate::keys::Role;
 use crate::reach::Reach;
 use ring::rand::{SecureRandom, SystemRandom};
 use serde::Serialize;
-use skein_agent::link::seal::runs::RunNote;
+use skein_agent::link::signature::runs::RunNote;
 use skein_common::id::VehicleId;
 
 use super::flown::Evidence;
@@ -141,7 +141,9 @@ fn run_of(
 ) -> Result<(u64, Option<RunNote>), Error> {
     let by_hosts: BTreeMap<VehicleId, u64> =
         running.iter().filter_map(|(id, agent)| Some((*id, agent.as_ref()?.run))).collect();
-    let Some(((key, sealer), file)) = reach.orders_key.zip(reach.sealer.as_ref()).zip(reach.run_file.as_ref()) else {
+    let Some(((key, signing_key), file)) =
+        reach.orders_key.zip(reach.signing_key.as_ref()).zip(reach.run_file.as_ref())
+    else {
         // Messages are not signed for a run here, so any run will do.
         return Ok((by_hosts.into_values().next().map_or_else(draw, Ok)?, None));
     };
@@ -156,15 +158,15 @@ fn run_of(
         clock::sleep(POLL_PERIOD);
     };
     let joined = evidence.run(&key, &reach.swarm).map_err(Error::Refused)?;
-    if let Some(own) = own.filter(|own| joined == Some(own.note.run) && own.note.is_sealed(&key, &reach.swarm)) {
+    if let Some(own) = own.filter(|own| joined == Some(own.note.run) && own.note.is_signed(&key, &reach.swarm)) {
         return Ok((own.note.run, Some(own.note)));
     }
     let run = joined.map_or_else(draw, Ok)?;
     let now_ms = clock::Utc::read().nanoseconds(clock::now()) / 1_000_000;
-    let sealed = notes.iter().filter(|note| note.is_sealed(&key, &reach.swarm));
-    let latest_ms = sealed.chain(own.iter().map(|own| &own.note)).map(|note| note.began_ms).max();
+    let signed = notes.iter().filter(|note| note.is_signed(&key, &reach.swarm));
+    let latest_ms = signed.chain(own.iter().map(|own| &own.note)).map(|note| note.began_ms).max();
     let began_ms = latest_ms.map_or(now_ms, |latest_ms| now_ms.max(latest_ms.saturating_add(1)));
-    let note = RunNote::new(sealer, &reach.swarm, run, began_ms);
+    let note = RunNote::new(signing_key, &reach.swarm, run, began_ms);
     // Record the run before anything is started in it.
     file.keep(&Record::of(note))?;
     Ok((run, Some(note)))

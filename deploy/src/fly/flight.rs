@@ -89,7 +89,7 @@ pub struct Flight {
     zero: Option<Zero>,
     report: Option<Report>,
     /// What the scenario has still to do.
-    agenda: Schedule<ScriptedAction>,
+    schedule: Schedule<ScriptedAction>,
     /// Vehicles whose agents it has ended.
     killed: VehicleSet,
     /// What agents that have ended had counted.
@@ -138,7 +138,7 @@ impl Flight {
             asked_before: 0,
             zero: None,
             report: None,
-            agenda: script::agenda(scenario),
+            schedule: script::schedule(scenario),
             killed: VehicleSet::default(),
             ended: Totals::default(),
             order: None,
@@ -203,8 +203,8 @@ impl Flight {
         for _ in 0..self.screen.asked_to_end() {
             self.interrupts.add();
         }
-        for (heard, at) in self.observer.poll_timed() {
-            match heard {
+        for (received, at) in self.observer.poll_timed() {
+            match received {
                 SwarmMessage::Trace(trace) => {
                     self.record(|recorder| recorder.step(at, &trace));
                     self.take_step(now, &trace);
@@ -282,7 +282,7 @@ impl Flight {
     fn everybody_takes_part(&self) -> bool {
         let can = |id| self.children.how_ended(Role::Standin, id).is_none();
         let mut awaited = self.live().filter(|(id, _)| can(*id)).peekable();
-        awaited.peek().is_some() && awaited.all(|(_, seen)| seen.is_some_and(takes_part))
+        awaited.peek().is_some() && awaited.all(|(_, seen)| seen.is_some_and(is_active))
     }
 
     /// The duration is over, or somebody has ordered everybody down, or nobody has anything left to do but to land.
@@ -312,10 +312,10 @@ impl Flight {
 
     fn why_not_gathered(&self) -> String {
         let (all, within_s) = (self.plan.scenario().swarm.vehicles, self.gather_within.as_secs());
-        let takes_part = |(_, seen): &(VehicleId, Option<&VehicleView>)| seen.is_some_and(takes_part);
-        let ready = self.live().filter(takes_part).count();
+        let is_active = |(_, seen): &(VehicleId, Option<&VehicleView>)| seen.is_some_and(is_active);
+        let ready = self.live().filter(is_active).count();
         let missing: Vec<String> =
-            self.live().filter(|known| !takes_part(known)).take(8).map(|(id, _)| id.to_string()).collect();
+            self.live().filter(|known| !is_active(known)).take(8).map(|(id, _)| id.to_string()).collect();
         let more = if all - ready > missing.len() { ", ..." } else { "" };
         let load = os::load().map(|load| format!("; this PC's load is {load:.0} on {} cores", os::cores()));
         format!(
@@ -451,7 +451,7 @@ fn end_recording(recorder: Recorder) -> Option<String> {
     }
 }
 
-fn takes_part(seen: &VehicleView) -> bool {
+fn is_active(seen: &VehicleView) -> bool {
     seen.trace.as_ref().is_some_and(|trace| trace.membership != Membership::Joining)
 }
 

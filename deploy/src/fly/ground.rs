@@ -14,7 +14,7 @@ use skein_lab::faults::{InjectedFault, LinkChange, LinkChanges, link_changes};
 #[derive(Debug)]
 pub struct Ground {
     /// What is still to be done to the links.
-    agenda: Vec<ScriptedAction>,
+    schedule: Vec<ScriptedAction>,
     /// When each vehicle first took part: the scenario's cuts count from the hearer's.
     took_off: BTreeMap<VehicleId, Instant>,
     /// The lives that ended last; without a number, of agents that were never heard.
@@ -33,13 +33,13 @@ struct ScriptedAction {
 impl Ground {
     /// Nothing has happened yet to the swarm of this scenario.
     pub fn new(scenario: &Scenario) -> Self {
-        let links = scenario.ids().flat_map(|speaker| scenario.ids().map(move |hearer| (speaker, hearer)));
-        let deeds = links.flat_map(|link| {
+        let links = scenario.ids().flat_map(|sender| scenario.ids().map(move |receiver| (sender, receiver)));
+        let actions = links.flat_map(|link| {
             let changes = link_changes(&scenario.mission.events, link.0, link.1).into_iter();
             changes.map(move |(at_s, change)| ScriptedAction { at_s, link, change })
         });
         Self {
-            agenda: deeds.collect(),
+            schedule: actions.collect(),
             took_off: BTreeMap::new(),
             ended: BTreeMap::new(),
             restarted: VehicleSet::default(),
@@ -47,7 +47,7 @@ impl Ground {
     }
 
     /// A step of an agent was heard. Gives its restart, if it is the first of a new life that is not known of.
-    pub fn heard(&mut self, now: Instant, step: &Trace) -> Option<InjectedFault> {
+    pub fn received(&mut self, now: Instant, step: &Trace) -> Option<InjectedFault> {
         let id = step.header.sender;
         if step.membership != Membership::Joining {
             self.took_off.entry(id).or_insert(now);
@@ -86,14 +86,14 @@ impl Ground {
 
     /// What has been done to the links since the last call.
     pub fn due(&mut self, now: Instant) -> Vec<InjectedFault> {
-        let Self { agenda, took_off, .. } = self;
-        let is_due = |deed: &mut ScriptedAction| {
-            let took_off = took_off.get(&deed.link.1);
-            took_off.is_some_and(|at| now.saturating_duration_since(*at).as_secs_f64() >= deed.at_s)
+        let Self { schedule, took_off, .. } = self;
+        let is_due = |action: &mut ScriptedAction| {
+            let took_off = took_off.get(&action.link.1);
+            took_off.is_some_and(|at| now.saturating_duration_since(*at).as_secs_f64() >= action.at_s)
         };
         let mut changes = LinkChanges::default();
-        agenda.extract_if(.., is_due).for_each(|deed| changes.add(deed.change, deed.link));
-        changes.incidents().collect()
+        schedule.extract_if(.., is_due).for_each(|action| changes.add(action.change, action.link));
+        changes.faults().collect()
     }
 }
 
@@ -143,7 +143,7 @@ mod tests {
             field_ne: [0.0; 2],
             error_ne_m: [0.0; 2],
             altitude_setpoint_m: 0.0,
-            sticks: None,
+            controls: None,
             peers: Vec::new(),
             step_us: None,
             safety_activations: None,
@@ -160,18 +160,18 @@ mod tests {
         let mut ground = ground("");
         let now = clock::now();
         let (old, new) = (step(2, 7, Membership::Active), step(2, 8, Membership::Joining));
-        assert_eq!(ground.heard(now, &old), None);
+        assert_eq!(ground.received(now, &old), None);
         assert!(ground.lives(&old));
         assert_eq!(ground.ended(id(2), Some(Incarnation(7))), InjectedFault::Died(id(2)));
-        assert_eq!(ground.heard(now, &old), None, "a word of the dead that was late");
+        assert_eq!(ground.received(now, &old), None, "a word of the dead that was late");
         assert!(!ground.lives(&old) && ground.lives(&new));
-        assert_eq!(ground.heard(now, &new), Some(InjectedFault::Restarted(id(2))));
-        assert_eq!(ground.heard(now, &new), None, "once");
+        assert_eq!(ground.received(now, &new), Some(InjectedFault::Restarted(id(2))));
+        assert_eq!(ground.received(now, &new), None, "once");
         ground.ended(id(2), Some(Incarnation(8)));
         assert_eq!(ground.restarted(id(2)), InjectedFault::Restarted(id(2)));
         assert!(!ground.lives(&new));
         let third = step(2, 9, Membership::Joining);
-        assert_eq!(ground.heard(now, &third), None, "that is known");
+        assert_eq!(ground.received(now, &third), None, "that is known");
         assert!(ground.lives(&third));
     }
 
@@ -182,10 +182,10 @@ mod tests {
         let zero = clock::now();
         let at = |t_s: f64| zero + Duration::from_secs_f64(t_s);
         assert_eq!(ground.due(at(20.0)), [], "nobody has taken off");
-        ground.heard(at(0.0), &step(2, 1, Membership::Active));
-        ground.heard(at(0.0), &step(3, 1, Membership::Joining));
-        ground.heard(at(2.0), &step(3, 1, Membership::Active));
-        let [to_2, to_3] = [2, 3].map(|hearer| vec![(id(1), id(hearer))]);
+        ground.received(at(0.0), &step(2, 1, Membership::Active));
+        ground.received(at(0.0), &step(3, 1, Membership::Joining));
+        ground.received(at(2.0), &step(3, 1, Membership::Active));
+        let [to_2, to_3] = [2, 3].map(|receiver| vec![(id(1), id(receiver))]);
         assert_eq!(ground.due(at(9.9)), []);
         assert_eq!(ground.due(at(10.1)), [InjectedFault::Cut { links: to_2.clone() }]);
         assert_eq!(ground.due(at(10.2)), []);

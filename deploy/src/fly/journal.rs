@@ -122,10 +122,10 @@ impl Entry {
     /// `  16.2 s  8 of 8 at altitude (16.2 to 18.5 s)`
     fn line(&self) -> String {
         let at = self.began.window_s.map_or_else(|| "     -".to_owned(), |window_s| format!("{window_s:6.1}"));
-        format!("{at} s  {}", self.words())
+        format!("{at} s  {}", self.messages())
     }
 
-    fn words(&self) -> String {
+    fn messages(&self) -> String {
         let (alike, awaited, came, last) = match &self.what {
             What::Single(what) => return what.clone(),
             What::Group { alike, awaited, came, last } => (alike, *awaited, *came, last),
@@ -135,17 +135,17 @@ impl Entry {
         }
         let missing = missing(awaited, came);
         let of = came.len() + missing.len();
-        let mut words = format!("{} of {of} {}", came.len(), alike.several);
+        let mut messages = format!("{} of {of} {}", came.len(), alike.several);
         if let (Some(first_s), Some(last_s)) = (self.began.window_s, last.window_s) {
-            words += &match format!("{first_s:.1}") == format!("{last_s:.1}") {
+            messages += &match format!("{first_s:.1}") == format!("{last_s:.1}") {
                 true => format!(" ({first_s:.1} s)"),
                 false => format!(" ({first_s:.1} to {last_s:.1} s)"),
             };
         }
         if !missing.is_empty() {
-            words += &format!(", missing vehicle {}", ranges(&missing));
+            messages += &format!(", missing vehicle {}", ranges(&missing));
         }
-        words
+        messages
     }
 }
 

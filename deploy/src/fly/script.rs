@@ -69,11 +69,11 @@ impl Player {
 }
 
 /// Everything that `fly` does or tells of, in its order. The times count from the beginning of the flight's window.
-pub(super) fn agenda(scenario: &Scenario) -> Schedule<ScriptedAction> {
+pub(super) fn schedule(scenario: &Scenario) -> Schedule<ScriptedAction> {
     let events = &scenario.mission.events;
-    let mut deeds: Vec<_> =
+    let mut actions: Vec<_> =
         orders(events).into_iter().map(|(at_s, verb)| (at_s, ScriptedAction::Order(verb))).collect();
-    let mut span = |Range { start, end }: Range<f64>, from, until| deeds.extend([(start, from), (end, until)]);
+    let mut span = |Range { start, end }: Range<f64>, from, until| actions.extend([(start, from), (end, until)]);
     for id in scenario.ids() {
         kills(events, id)
             .into_iter()
@@ -85,14 +85,14 @@ pub(super) fn agenda(scenario: &Scenario) -> Schedule<ScriptedAction> {
     }
     for (event, fault) in faults(scenario, Player::Agent) {
         let what = describe(fault);
-        let failed = failure_of(fault).map(|(id, word)| InjectedFault::Failed(id, word));
+        let failed = failure_of(fault).map(|(id, message)| InjectedFault::Failed(id, message));
         span(
             lasting(event),
             ScriptedAction::Tell(what.clone(), failed),
             ScriptedAction::Tell(format!("{what}: over"), None),
         );
     }
-    Schedule::new(deeds)
+    Schedule::new(actions)
 }
 
 /// Events that `fly` cannot produce on the scenario's plant, a sentence each.
@@ -143,11 +143,11 @@ mod tests {
     }
 
     fn told(plant: &str) -> Vec<(f64, String)> {
-        let mut agenda = agenda(&scenario(plant));
+        let mut schedule = schedule(&scenario(plant));
         let mut told = Vec::new();
         for at_s in (0..600).map(|half_seconds| f64::from(half_seconds) / 2.0) {
-            while let Some(deed) = agenda.due(at_s) {
-                told.push((at_s, deed.to_string()));
+            while let Some(action) = schedule.due(at_s) {
+                told.push((at_s, action.to_string()));
             }
         }
         told

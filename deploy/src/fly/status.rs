@@ -94,7 +94,7 @@ impl Status {
             (None, Some((phase, count))) if *count == all => return format!("{all}/{all} {phase}"),
             (in_formation, _) => format!("{}/{all} in formation", in_formation.unwrap_or(0)),
         };
-        others.iter().fold(first, |words, (phase, count)| format!("{words}, {count} {phase}"))
+        others.iter().fold(first, |messages, (phase, count)| format!("{messages}, {count} {phase}"))
     }
 }
 
@@ -212,8 +212,8 @@ fn gap_deg(id: VehicleId, members: &[(VehicleId, f64)]) -> Option<(f64, f64)> {
 }
 
 fn oldest_ms(trace: &Trace) -> Option<f64> {
-    let heard = trace.peers.iter().filter(|peer| peer.standing != PeerStatus::Lost);
-    heard.map(|peer| 1e3 * peer.age_s).reduce(f64::max)
+    let received = trace.peers.iter().filter(|peer| peer.standing != PeerStatus::Lost);
+    received.map(|peer| 1e3 * peer.age_s).reduce(f64::max)
 }
 
 #[cfg(test)]

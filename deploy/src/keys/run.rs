@@ -2,7 +2,7 @@
 //! host can pass off an old run as the current one.
 
 use serde::{Deserialize, Serialize};
-use skein_agent::link::seal::runs::RunNote;
+use skein_agent::link::signature::runs::RunNote;
 use skein_common::message::Verb;
 
 use super::folder::Folder;

@@ -4,8 +4,8 @@ use std::path::Path;
 use std::sync::Arc;
 
 use skein_agent::link::Security;
-use skein_agent::link::seal::{NotAKey, SigningKey, VerificationKey};
 use skein_agent::link::security::Tls;
+use skein_agent::link::signature::{NotAKey, SigningKey, VerificationKey};
 
 use super::{Flown, Reach};
 use crate::inventory::Inventory;
@@ -49,13 +49,13 @@ impl Inventory {
             operator: names.operator,
         };
         let orders_key = orders_key(&folder)?;
-        let sealer = (role == Role::Operator).then(|| sealer(&folder, orders_key)).transpose()?;
+        let signing_key = (role == Role::Operator).then(|| signing_key(&folder, orders_key)).transpose()?;
         Ok(Reach {
             swarm: self.swarm.clone(),
             agents: self.endpoints(),
             security: Security::Tls(tls),
             orders_key: Some(orders_key),
-            sealer: sealer.map(Arc::new),
+            signing_key: signing_key.map(Arc::new),
             own_run: run_file.read()?.map(|record| record.note.run),
             run_file: Some(run_file),
             scenario,
@@ -64,14 +64,15 @@ impl Inventory {
 }
 
 /// Reads the private key that signs orders; `known_by` is its public key.
-fn sealer(folder: &Folder, known_by: VerificationKey) -> Result<SigningKey, Error> {
+fn signing_key(folder: &Folder, known_by: VerificationKey) -> Result<SigningKey, Error> {
     folder.check_private_file(ORDERS_KEY)?;
     let path = folder.path(ORDERS_KEY);
-    let sealer = SigningKey::from_pem(&folder.need(ORDERS_KEY)?).map_err(|error| bad(&path, &error.to_string()))?;
-    if sealer.key() != known_by {
+    let signing_key =
+        SigningKey::from_pem(&folder.need(ORDERS_KEY)?).map_err(|error| bad(&path, &error.to_string()))?;
+    if signing_key.key() != known_by {
         return Err(bad(&path, &format!("not the private key of {ORDERS_PUBLIC}")));
     }
-    Ok(sealer)
+    Ok(signing_key)
 }
 
 /// Reads the public key that verifies the signatures of orders.

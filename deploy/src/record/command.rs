@@ -93,13 +93,13 @@ fn record(swarm: &SwarmArgs, out: &Path) -> Result<(), Error> {
     let reach = swarm.reach(Role::Observer)?;
     let interrupts = Interrupts::listen().map_err(|error| Error::Failed(format!("signals: {error}")))?;
     let mut observer = Observer::open(&reach, TraceSubscription::On)?;
-    let heard = first_messages(&mut observer, &reach)?;
+    let received = first_messages(&mut observer, &reach)?;
     let mut recorder = begin(&reach, out)?;
     eprintln!("recording swarm {} into {}; Ctrl-C ends the recording", reach.swarm, out.display());
     let mut window = Window::default();
-    heard.iter().for_each(|(heard, at)| put(&mut recorder, heard, *at));
+    received.iter().for_each(|(received, at)| put(&mut recorder, received, *at));
     while interrupts.count() == 0 && !recorder.has_failed() {
-        observer.poll_timed().iter().for_each(|(heard, at)| put(&mut recorder, heard, *at));
+        observer.poll_timed().iter().for_each(|(received, at)| put(&mut recorder, received, *at));
         if window.begins(&observer) {
             recorder.window_begins(clock::now());
         }
@@ -119,9 +119,9 @@ fn record(swarm: &SwarmArgs, out: &Path) -> Result<(), Error> {
 fn first_messages(observer: &mut Observer, reach: &Reach) -> Result<Vec<(SwarmMessage, Instant)>, Error> {
     let until = clock::now() + LISTEN;
     loop {
-        let heard = observer.poll_timed();
-        if !heard.is_empty() {
-            return Ok(heard);
+        let received = observer.poll_timed();
+        if !received.is_empty() {
+            return Ok(received);
         }
         if clock::now() >= until {
             return Err(Error::Failed(format!("no vehicle of swarm {} answered", reach.swarm)));
@@ -139,8 +139,8 @@ fn begin(reach: &Reach, out: &Path) -> Result<Recorder, Error> {
     Recorder::begin(out, &about, scenario.record.hz.live_hz()).map_err(|error| about_file(out, &[], error))
 }
 
-fn put(recorder: &mut Recorder, heard: &SwarmMessage, at: Instant) {
-    match heard {
+fn put(recorder: &mut Recorder, received: &SwarmMessage, at: Instant) {
+    match received {
         SwarmMessage::Trace(trace) => recorder.step(at, trace),
         SwarmMessage::Event(event) => recorder.happened(at, event),
         SwarmMessage::Appeared(id) => recorder.note(at, false, &format!("vehicle {id}"), "its agent has appeared"),

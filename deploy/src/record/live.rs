@@ -85,8 +85,8 @@ impl Recorder {
     }
 
     /// Records a fault that was injected into the swarm.
-    pub fn incident(&mut self, at: Instant, incident: &InjectedFault) {
-        self.enqueue(at, Entry::InjectedFault(incident.clone()));
+    pub fn fault(&mut self, at: Instant, fault: &InjectedFault) {
+        self.enqueue(at, Entry::InjectedFault(fault.clone()));
     }
 
     /// Records a note for human readers.
@@ -171,7 +171,7 @@ fn put(writer: &mut Writer<BufWriter<File>>, log_time_ns: u64, entry: Entry) {
     match entry {
         Entry::Step(trace) => writer.step(log_time_ns, &trace),
         Entry::Happened(Event { header, what }) => writer.event(log_time_ns, header.sender, Some(&header), &what),
-        Entry::InjectedFault(incident) => writer.incident(log_time_ns, &incident),
+        Entry::InjectedFault(fault) => writer.fault(log_time_ns, &fault),
         Entry::Note { is_bad, who, what } => writer.note(log_time_ns, is_bad, who, what),
         Entry::Begins => writer.window_begins(log_time_ns),
         Entry::Ends => writer.window_ends(log_time_ns),

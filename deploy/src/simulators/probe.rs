@@ -32,7 +32,7 @@ pub(crate) fn simulator_at(address: &str) -> Result<String, String> {
             place = Some(frame.measurement.position);
         }
     }
-    let heard = link.counters();
+    let received = link.counters();
     let version = link.version().map(|version| format!("X-Plane {}", version_text(version)));
     let name = version.unwrap_or_else(|| "an X-Plane of unknown version".to_owned());
     match place {
@@ -42,15 +42,15 @@ pub(crate) fn simulator_at(address: &str) -> Result<String, String> {
             place.longitude_deg(),
             place.altitude_m
         )),
-        None if heard.frozen_frames > 0 => Ok(format!("{name}, paused")),
+        None if received.frozen_frames > 0 => Ok(format!("{name}, paused")),
         // Its positions come from another port than its values, and the time was too short to verify that port.
-        None if heard.unproven > 0 && heard.foreign == 0 && link.version().is_some() => {
+        None if received.unproven > 0 && received.foreign == 0 && link.version().is_some() => {
             Ok(format!("{name}, its positions not yet verified"))
         }
-        None if heard.foreign > 0 => Err(format!(
+        None if received.foreign > 0 => Err(format!(
             "{address}: positions arrive that may come from another program; does a program beside X-Plane send to its clients?"
         )),
-        None if heard.malformed > 0 => Err(format!("{address}: the program that answers is not X-Plane")),
+        None if received.malformed > 0 => Err(format!("{address}: the program that answers is not X-Plane")),
         None => Err(format!(
             "{address}: no answer within {} s; is X-Plane running with a flight loaded, its network setting \"Accept \
              incoming connections\" on, and UDP let through both ways?",
@@ -93,11 +93,14 @@ mod tests {
             let stop = Arc::new(AtomicBool::new(false));
             let of_thread = stop.clone();
             let standin = thread::spawn(move || standin.run(&of_thread));
-            let heard = simulator_at(&address.to_string());
+            let received = simulator_at(&address.to_string());
             stop.store(true, Relaxed);
             standin.join().unwrap();
-            let heard = heard.unwrap();
-            assert!(heard.starts_with("X-Plane 12.1.4, aircraft at 28.50000°, -82.25000°, "), "{more:?}: {heard}");
+            let received = received.unwrap();
+            assert!(
+                received.starts_with("X-Plane 12.1.4, aircraft at 28.50000°, -82.25000°, "),
+                "{more:?}: {received}"
+            );
         }
     }
 

@@ -23,12 +23,12 @@ impl Pursuit {
 }
 
 impl Law for Pursuit {
-    fn ask(&mut self, sight: &Observation<'_>) -> LawOutput {
-        let out_ne_m = sight.from_centre_ne_m();
+    fn ask(&mut self, observation: &Observation<'_>) -> LawOutput {
+        let out_ne_m = observation.from_centre_ne_m();
         let bearing_rad = |from_centre: Vector2<f64>| math::atan2(from_centre.y, from_centre.x);
-        let centre = sight.goal.centre.horizontal();
+        let centre = observation.goal.centre.horizontal();
         let (mut ahead_rad, mut behind_rad) = (TAU, TAU);
-        for neighbour in sight.neighbours {
+        for neighbour in observation.neighbours {
             let gap_rad = bearing_rad(neighbour.position.horizontal() - centre) - bearing_rad(out_ne_m);
             ahead_rad = ahead_rad.min(gap_rad.rem_euclid(TAU));
             behind_rad = behind_rad.min((-gap_rad).rem_euclid(TAU));
@@ -36,9 +36,9 @@ impl Law for Pursuit {
         let outward = out_ne_m.try_normalize(1e-6).unwrap_or(Vector2::x());
         let clockwise = Vector2::new(-outward.y, outward.x);
         let haste = (1.0 + ahead_rad - behind_rad).clamp(0.0, 2.0);
-        let off_m = sight.goal.radius_m - out_ne_m.norm();
-        let wanted = clockwise * (self.speed_m_s * haste) + outward * (self.homing_per_s * off_m);
-        LawOutput { wanted: LawCommand::level(wanted), is_there: off_m.abs() < 10.0 }
+        let off_m = observation.goal.radius_m - out_ne_m.norm();
+        let command = clockwise * (self.speed_m_s * haste) + outward * (self.homing_per_s * off_m);
+        LawOutput { command: LawCommand::level(command), reached: off_m.abs() < 10.0 }
     }
 }
 

@@ -23,7 +23,7 @@ pub(super) struct PeerMessage {
 
 impl PeerMessage {
     fn is_newer_than(&self, other: &Self) -> bool {
-        let age = |word: &Self| (word.order, word.part.step, word.part.vouched, word.part.reached);
+        let age = |message: &Self| (message.order, message.part.step, message.part.vouched, message.part.reached);
         age(self) > age(other)
     }
 }
@@ -73,7 +73,7 @@ impl Agent {
         }
     }
 
-    pub(super) fn word(&self) -> PeerMessage {
+    pub(super) fn message(&self) -> PeerMessage {
         let order = MessageOrder { incarnation: Incarnation(self.incarnation), sequence: self.sequence };
         PeerMessage { order, part: self.agreement.own() }
     }
@@ -89,27 +89,27 @@ impl Agent {
     }
 
     pub(super) fn say(&mut self) {
-        let word = self.word();
-        if self.said.last() != Some(&word) {
-            self.said.push(word);
+        let message = self.message();
+        if self.said.last() != Some(&message) {
+            self.said.push(message);
         }
     }
 
-    pub(super) fn receive(&mut self, from: usize, word: PeerMessage) {
-        if self.is_news(from, &word) {
-            self.known[from] = Some(word);
+    pub(super) fn receive(&mut self, from: usize, message: PeerMessage) {
+        if self.is_news(from, &message) {
+            self.known[from] = Some(message);
         }
     }
 
     /// Whether a word is newer than all that it has received of this one.
-    pub(super) fn is_news(&self, from: usize, word: &PeerMessage) -> bool {
-        self.known[from].is_none_or(|known| word.is_newer_than(&known))
+    pub(super) fn is_news(&self, from: usize, message: &PeerMessage) -> bool {
+        self.known[from].is_none_or(|known| message.is_newer_than(&known))
     }
 
     /// What it knows as agent `own` of `N` that are honest. A liar that is not heard may have left: it is not missed.
     fn others<const N: usize>(&self, own: usize) -> OtherStates<impl Iterator<Item = AgreementState> + Clone> {
         let seen = self.known.iter().enumerate().filter(|(other, _)| has(self.sees, *other));
-        let states = seen.filter_map(|(_, known)| known.map(|word| word.part));
+        let states = seen.filter_map(|(_, known)| known.map(|message| message.part));
         OtherStates { states, absent_may_fly: others::<N>(own).any(|other| !has(self.sees | self.given_up, other)) }
     }
 
@@ -134,30 +134,30 @@ impl Agent {
     pub(super) fn is_behind<const N: usize>(&self) -> bool {
         let step = self.agreement.own().step;
         let honest = self.known.iter().take(N).enumerate().filter(|(other, _)| has(self.sees, *other));
-        honest.filter(|(_, known)| known.is_some_and(|word| word.part.vouched > step)).count() >= 2
+        honest.filter(|(_, known)| known.is_some_and(|message| message.part.vouched > step)).count() >= 2
     }
 
     /// Whether it has said this since it became active, and is.
-    pub(super) fn is_latest(&self, word: &PeerMessage) -> bool {
-        self.is_active() && word.order == self.word().order
+    pub(super) fn is_latest(&self, message: &PeerMessage) -> bool {
+        self.is_active() && message.order == self.message().order
     }
 }
 
 /// One of the 256 words that an agent can have said.
-pub(super) fn said_key(word: &PeerMessage) -> u8 {
-    let part = &word.part;
-    key(word, part.step << 1 | u32::from(part.has_reached(part.step)), part.vouched)
+pub(super) fn said_key(message: &PeerMessage) -> u8 {
+    let part = &message.part;
+    key(message, part.step << 1 | u32::from(part.has_reached(part.step)), part.vouched)
 }
 
 /// One of the 256 words that differ in what matters to an agent whose own part is this.
-pub(super) fn known_key(word: &PeerMessage, own: &AgreementState) -> u8 {
-    let part = &word.part;
+pub(super) fn known_key(message: &PeerMessage, own: &AgreementState) -> u8 {
+    let part = &message.part;
     let past = part.step.max(part.reached.map_or(0, |reached| reached + 1));
-    key(word, past.max(own.step), part.vouched.max(own.vouched))
+    key(message, past.max(own.step), part.vouched.max(own.vouched))
 }
 
-fn key(word: &PeerMessage, past: u32, vouched: u32) -> u8 {
-    let MessageOrder { incarnation: Incarnation(life), sequence } = word.order;
-    assert!(life < 2 && sequence < 4 && past < 8 && vouched < 4, "too large for a key: {word:?}");
+fn key(message: &PeerMessage, past: u32, vouched: u32) -> u8 {
+    let MessageOrder { incarnation: Incarnation(life), sequence } = message.order;
+    assert!(life < 2 && sequence < 4 && past < 8 && vouched < 4, "too large for a key: {message:?}");
     (life as u8) << 7 | (sequence as u8) << 5 | (past as u8) << 2 | vouched as u8
 }

@@ -91,7 +91,7 @@ pub(super) enum Action {
     Deliver {
         to: usize,
         from: usize,
-        word: usize,
+        message: usize,
     },
     Suspect {
         by: usize,
@@ -177,11 +177,11 @@ impl<const N: usize> Swarm<N> {
                 actions.extend(gives_up.then_some(Action::GiveUp { by: agent, whom: other }));
                 let suspects = self.may_suspect(agent, other, bounds.false_suspicion);
                 actions.extend(suspects.then_some(Action::Suspect { by: agent, whom: other }));
-                let arrives = |(_, word): &(usize, &PeerMessage)| {
-                    self.are_linked(agent, other) && self.is_news(agent, other, word)
+                let arrives = |(_, message): &(usize, &PeerMessage)| {
+                    self.are_linked(agent, other) && self.is_news(agent, other, message)
                 };
-                let words = self.agents[other].said.iter().enumerate().filter(arrives);
-                actions.extend(words.map(|(word, _)| Action::Deliver { to: agent, from: other, word }));
+                let messages = self.agents[other].said.iter().enumerate().filter(arrives);
+                actions.extend(messages.map(|(message, _)| Action::Deliver { to: agent, from: other, message }));
             }
         }
         match self.cut_off {
@@ -195,7 +195,7 @@ impl<const N: usize> Swarm<N> {
     pub(super) fn after(&self, action: Action, bounds: &Bounds<N>) -> Option<Self> {
         let mut swarm = self.clone();
         swarm.apply(action, bounds);
-        swarm.judge(self);
+        swarm.verifier(self);
         swarm.settle();
         (swarm != *self).then_some(swarm)
     }
@@ -218,28 +218,28 @@ impl<const N: usize> Swarm<N> {
         let own = &self.agents[agent];
         let has_heard = |other: usize| {
             let life = Incarnation(self.agents[other].incarnation);
-            own.known[other].is_some_and(|word| word.order.incarnation == life)
+            own.known[other].is_some_and(|message| message.order.incarnation == life)
         };
         let mut linked = others::<N>(agent).filter(|&other| self.agents[other].is_up && self.are_linked(agent, other));
         own.agreement.own().membership == Membership::Joining && linked.all(has_heard)
     }
 
     /// Whether a word changes anything for the one who hears it.
-    fn is_news(&self, to: usize, from: usize, word: &PeerMessage) -> bool {
-        let (to, speaker) = (&self.agents[to], &self.agents[from]);
-        to.is_news(from, word)
-            || (speaker.is_up && !has(to.sees, from))
-            || (speaker.is_latest(word) && !has(to.admitted, from))
+    fn is_news(&self, to: usize, from: usize, message: &PeerMessage) -> bool {
+        let (to, sender) = (&self.agents[to], &self.agents[from]);
+        to.is_news(from, message)
+            || (sender.is_up && !has(to.sees, from))
+            || (sender.is_latest(message) && !has(to.admitted, from))
     }
 
-    fn deliver(&mut self, to: usize, from: usize, word: usize) {
-        let speaker = &self.agents[from];
-        let (word, is_up) = (speaker.said[word], speaker.is_up);
-        let admits = speaker.is_latest(&word);
-        let hearer = &mut self.agents[to];
-        hearer.receive(from, word);
-        hearer.see::<N>(to, hearer.sees | Bits::from(is_up) << from);
-        hearer.admitted |= Bits::from(admits) << from;
+    fn deliver(&mut self, to: usize, from: usize, message: usize) {
+        let sender = &self.agents[from];
+        let (message, is_up) = (sender.said[message], sender.is_up);
+        let admits = sender.is_latest(&message);
+        let receiver = &mut self.agents[to];
+        receiver.receive(from, message);
+        receiver.see::<N>(to, receiver.sees | Bits::from(is_up) << from);
+        receiver.admitted |= Bits::from(admits) << from;
     }
 
     /// The liar's word, newer than any before.
@@ -270,7 +270,7 @@ impl<const N: usize> Swarm<N> {
         match action {
             Action::Reach(agent) => self.agents[agent].agreement.reach(),
             Action::Advance(agent) => self.advance(agent),
-            Action::Deliver { to, from, word } => self.deliver(to, from, word),
+            Action::Deliver { to, from, message } => self.deliver(to, from, message),
             Action::Suspect { by, whom } => {
                 let sees = self.agents[by].sees & !(1 << whom);
                 self.agents[by].see::<N>(by, sees);
@@ -325,11 +325,13 @@ impl<const N: usize> Swarm<N> {
             self.earned = self.earned.max(own.step);
         }
         let Agent { known, sees, .. } = &self.agents[agent];
-        let is_member = |&other: &usize| has(*sees, other) && known[other].is_some_and(|word| word.part.is_active());
+        let is_member =
+            |&other: &usize| has(*sees, other) && known[other].is_some_and(|message| message.part.is_active());
         let in_view: Vec<usize> = (0..N).filter(is_member).collect();
         for &other in &in_view {
-            let life = known[other].map(|word| word.order.incarnation);
-            let reports = |word: &PeerMessage| Some(word.order.incarnation) == life && word.part.has_reached(left);
+            let life = known[other].map(|message| message.order.incarnation);
+            let reports =
+                |message: &PeerMessage| Some(message.order.incarnation) == life && message.part.has_reached(left);
             if !self.agents[other].said.iter().any(reports) {
                 self.broken = Some(P2);
             }
@@ -340,7 +342,7 @@ impl<const N: usize> Swarm<N> {
     }
 
     /// Notes what an action broke, given how things were before it.
-    fn judge(&mut self, before: &Self) {
+    fn verifier(&mut self, before: &Self) {
         for agent in 0..N {
             let (was, is) = (&before.agents[agent], &self.agents[agent]);
             if was.incarnation != is.incarnation {
@@ -368,7 +370,7 @@ impl<const N: usize> Swarm<N> {
             if (0..N).any(|other| has(before.settled, other) && is_late(&other)) {
                 self.broken = Some(P3);
             }
-            if !self.agents.iter().flat_map(|agent| &agent.said).any(|word| word.part.reached >= Some(left)) {
+            if !self.agents.iter().flat_map(|agent| &agent.said).any(|message| message.part.reached >= Some(left)) {
                 self.broken = Some(P4);
             }
         }
@@ -379,11 +381,11 @@ impl<const N: usize> Swarm<N> {
         let is_settled = |&agent: &usize| {
             let is_linked = |&other: &usize| self.are_linked(agent, other);
             let mut peers = others::<N>(agent).filter(is_linked).filter(|&other| self.agents[other].is_active());
-            let mut words = (0..N).filter(is_linked).flat_map(|other| &self.agents[other].said);
+            let mut messages = (0..N).filter(is_linked).flat_map(|other| &self.agents[other].said);
             self.agents[agent].is_active()
                 && peers.all(|peer| has(self.agents[peer].admitted, agent))
                 && (has(self.settled, agent)
-                    || words.all(|word| word.part.step <= self.agents[agent].agreement.own().step))
+                    || messages.all(|message| message.part.step <= self.agents[agent].agreement.own().step))
         };
         self.settled = (0..N).filter(is_settled).fold(0, |settled, agent| settled | 1 << agent);
     }
@@ -455,10 +457,10 @@ impl<const N: usize> Swarm<N> {
     /// What matters of an agent, whoever the others are.
     fn own_key(&self, agent: usize) -> impl Ord + Hash + Copy + use<N> {
         let Agent { is_up, said, is_misled, sees, .. } = &self.agents[agent];
-        let own = self.agents[agent].word();
+        let own = self.agents[agent].message();
         let mut keys = [0_u64; 4];
-        for word in said {
-            let key = said_key(word);
+        for message in said {
+            let key = said_key(message);
             keys[usize::from(key >> 6)] |= 1 << (key & 63);
         }
         (keys, said_key(&own), *is_up, self.cut_off == Some(agent), *is_misled, has(*sees, N))
@@ -472,7 +474,7 @@ impl<const N: usize> Swarm<N> {
         let views = naming.map(|agent| {
             let Agent { agreement, known, sees, given_up, admitted, .. } = &self.agents[agent];
             let own = agreement.own();
-            let known = naming.map(|other| known[other].map(|word| known_key(&word, &own)));
+            let known = naming.map(|other| known[other].map(|message| known_key(&message, &own)));
             (known, rename(*sees), rename(*given_up), rename(*admitted))
         });
         (views, self.outages_left, self.cuts_left, rename(self.settled), self.advanced, self.earned, self.broken)

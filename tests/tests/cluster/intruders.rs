@@ -17,9 +17,9 @@ use rustls_pki_types::pem::PemObject;
 use serde_json::json;
 use skein::inventory::Inventory;
 use skein::keys::Role;
-use skein_agent::link::seal::SigningKey;
-use skein_agent::link::seal::words::{ADDED_BYTES, KeyRing};
 use skein_agent::link::security::{PeerIdentity, Tls};
+use skein_agent::link::signature::SigningKey;
+use skein_agent::link::signature::messages::{ADDED_BYTES, KeyRing};
 use skein_agent::link::{Security, Sessions};
 use skein_common::frame::{Geodetic, VelocityNed};
 use skein_common::id::{Incarnation, SwarmName, VehicleId};
@@ -123,8 +123,8 @@ pub(super) fn intrude() {
     let Ok(who) = std::env::var(FILES_VARIABLE) else { return };
     let intruder = Intruder::open(&who);
     let session = intruder.sessions.first();
-    let heard = Arc::<Mutex<Vec<(String, Vec<u8>)>>>::default();
-    let into = heard.clone();
+    let received = Arc::<Mutex<Vec<(String, Vec<u8>)>>>::default();
+    let into = received.clone();
     let listen = move |sample: zenoh::sample::Sample| {
         into.lock().unwrap().push((sample.key_expr().to_string(), sample.payload().to_bytes().into_owned()));
     };
@@ -143,19 +143,19 @@ pub(super) fn intrude() {
     while Instant::now() < until {
         sleep(Duration::from_millis(100));
         links = links.max(session.info().peers_zid().wait().count());
-        let heard = heard.lock().unwrap().clone();
-        sent += intruder.forge(run(&heard));
-        sent += intruder.replay(run(&heard), &heard);
+        let received = received.lock().unwrap().clone();
+        sent += intruder.forge(run(&received));
+        sent += intruder.replay(run(&received), &received);
     }
     let mut out = std::io::stdout().lock();
     writeln!(out, "\n{}", json!({ "links": links, "sent": sent })).unwrap();
 }
 
 /// The run of the swarm, read from a received message.
-fn run(heard: &[(String, Vec<u8>)]) -> u64 {
+fn run(received: &[(String, Vec<u8>)]) -> u64 {
     let run =
         |bytes: &[u8]| Some(u64::from_le_bytes(*bytes[..bytes.len().checked_sub(Signature::BYTES)?].last_chunk()?));
-    heard.first().and_then(|(_, bytes)| run(bytes)).unwrap_or(0)
+    received.first().and_then(|(_, bytes)| run(bytes)).unwrap_or(0)
 }
 
 /// Connects to each node without a certificate.
@@ -186,7 +186,8 @@ fn open(who: &str) -> Sessions {
         false => ("tcp", Security::Plain),
         true => {
             // The intruder itself accepts every certificate.
-            let known: Vec<PeerIdentity> = serde_json::from_slice(&fs::read(folder.join("known.json")).unwrap()).unwrap();
+            let known: Vec<PeerIdentity> =
+                serde_json::from_slice(&fs::read(folder.join("known.json")).unwrap()).unwrap();
             let vehicles = VehicleId::first(HOSTS.into()).zip(known).collect();
             let (observer, operator) = ("observer".to_owned(), "operator".to_owned());
             ("tls", Security::Tls(Tls { authority, certificate, key, vehicles, observer, operator }))
@@ -199,16 +200,16 @@ fn open(who: &str) -> Sessions {
 /// An intruder with its sessions and its signing key.
 struct Intruder {
     sessions: Sessions,
-    voices: KeyRing,
-    sealer: Option<SigningKey>,
+    key_ring: KeyRing,
+    signing_key: Option<SigningKey>,
 }
 
 impl Intruder {
     fn open(who: &str) -> Self {
         let key = fs::read_to_string(Path::new("/root").join(who).join("own.key"));
-        let sealer = key.ok().and_then(|key| SigningKey::from_pem(&key).ok());
-        let voices = KeyRing::sealed(SwarmName::new("lab").unwrap(), BTreeMap::new());
-        Self { sessions: open(who), voices, sealer }
+        let signing_key = key.ok().and_then(|key| SigningKey::from_pem(&key).ok());
+        let key_ring = KeyRing::signed(SwarmName::new("lab").unwrap(), BTreeMap::new());
+        Self { sessions: open(who), key_ring, signing_key }
     }
 
     /// Publishes bytes; without links they reach no node.
@@ -220,7 +221,7 @@ impl Intruder {
     /// Sends a message with the intruder's own signature, and without one.
     fn send(&self, run: u64, topic: Topic, message: &impl Message) -> u64 {
         let key = topic.key();
-        self.publish(&key, self.voices.write(self.sealer.as_ref(), run, &key, message))
+        self.publish(&key, self.key_ring.write(self.signing_key.as_ref(), run, &key, message))
             + self.publish(&key, message::encode(message))
     }
 
@@ -252,10 +253,10 @@ impl Intruder {
 
     /// Replays received messages: own and foreign ones again, foreign ones under the own key, and an order in the own
     /// heartbeat.
-    fn replay(&self, run: u64, heard: &[(String, Vec<u8>)]) -> u64 {
+    fn replay(&self, run: u64, received: &[(String, Vec<u8>)]) -> u64 {
         let of = |id: u8, kind: &str| {
             let branch = format!("vehicle/{id}/");
-            heard
+            received
                 .iter()
                 .filter(move |(key, _)| key.starts_with(&branch))
                 .filter(move |(key, _)| key.ends_with(kind))
@@ -275,9 +276,9 @@ impl Intruder {
         if let Some((_, bytes)) = last
             && let Ok(own) = message::decode::<Mission>(&bytes[..bytes.len() - ADDED_BYTES])
         {
-            for seal in [None, Some(Signature::from_bytes([7; Signature::BYTES]))] {
+            for signature in [None, Some(Signature::from_bytes([7; Signature::BYTES]))] {
                 let header = Header { sequence: own.header.sequence + 1, ..own.header };
-                let order = Some(order(seal));
+                let order = Some(order(signature));
                 sent += self.send(run, Topic::Mission(header.sender), &Mission { header, order, ..own });
             }
         }
@@ -285,6 +286,6 @@ impl Intruder {
     }
 }
 
-fn order(seal: Option<Signature>) -> Order {
-    Order { epoch: 1 << 40, issuer: FORGER, verb: Verb::Abort, seal }
+fn order(signature: Option<Signature>) -> Order {
+    Order { epoch: 1 << 40, issuer: FORGER, verb: Verb::Abort, signature }
 }

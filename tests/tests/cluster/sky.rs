@@ -12,7 +12,7 @@ use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 use serde_json::{Value, json};
 use skein::inventory::Inventory;
 use skein::keys::Role;
-use skein::observe::{Observer, TraceSubscription, SwarmMessage};
+use skein::observe::{Observer, SwarmMessage, TraceSubscription};
 
 use super::lab::Lab;
 
@@ -236,7 +236,7 @@ pub(super) fn observe_swarm() {
     println!();
     loop {
         sleep(PERIOD);
-        let events = observer.poll().into_iter().filter_map(|heard| match heard {
+        let events = observer.poll().into_iter().filter_map(|received| match received {
             SwarmMessage::Event(event) => {
                 Some(json!({ "id": event.header.sender.get(), "what": event.what.to_string() }))
             }

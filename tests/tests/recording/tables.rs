@@ -35,7 +35,7 @@ fn every_step_every_pair_and_every_event_has_its_row() {
     );
     assert_eq!(
         (cell("stick_collective"), cell("error_east_m")),
-        (step.trace.sticks.unwrap()[3], step.trace.error_ne_m[1])
+        (step.trace.controls.unwrap()[3], step.trace.error_ne_m[1])
     );
     assert_eq!((last[column("membership")], last[column("step_us")]), ("Active", ""));
 

@@ -48,14 +48,14 @@ impl Flight {
     }
 
     /// Advances by 20 ms, with or without a frame.
-    fn frame(&mut self, measurement: Option<&Measurement>, words: &[PeerMessage]) -> Outputs {
+    fn frame(&mut self, measurement: Option<&Measurement>, messages: &[PeerMessage]) -> Outputs {
         self.local_s += 0.02;
         if measurement.is_some() {
             self.plant_s += 0.02;
         }
         let now = Now { plant: PlantTime::from_seconds(self.plant_s), local: LocalTime::from_seconds(self.local_s) };
-        let heard: Vec<_> = words.iter().map(|&word| Received { word, at: now.local }).collect();
-        self.agent.step(now, &Inputs { measurement, heard: &heard, leave: false, answer: None })
+        let received: Vec<_> = messages.iter().map(|&message| Received { message, at: now.local }).collect();
+        self.agent.step(now, &Inputs { measurement, received: &received, leave: false, answer: None })
     }
 
     /// Steps without frames for this time; returns the events and the last command.
@@ -107,9 +107,9 @@ fn stale_data_give_neutral_controls_and_a_lost_simulator_is_reported_and_awaited
     let (happened, command) = flight.without_frames(0.5);
     assert_eq!(happened, [EventKind::OwnDataStale]);
     assert_eq!(flight.agent.activity(), Activity::Blind);
-    let sticks = command.unwrap();
-    assert_eq!((sticks.roll, sticks.pitch, sticks.yaw), (0.0185, 0.0, 0.0), "cyclic and pedals at trim");
-    assert!((0.5..0.7).contains(&sticks.collective), "collective held: {sticks:?}");
+    let controls = command.unwrap();
+    assert_eq!((controls.roll, controls.pitch, controls.yaw), (0.0185, 0.0, 0.0), "cyclic and pedals at trim");
+    assert!((0.5..0.7).contains(&controls.collective), "collective held: {controls:?}");
     let (happened, command) = flight.without_frames(2.0);
     assert_eq!((happened, command), (vec![EventKind::SimulatorLost], None));
     let back = flight.frame(Some(&measured(30.0)), &[]);
@@ -152,7 +152,7 @@ fn without_any_peer_the_vehicle_holds_its_position() {
 #[test]
 fn an_order_received_once_is_taken_and_repeated() {
     let mut flight = Flight::new(&scenario(&[]));
-    let order = Order { epoch: 3, issuer: 9, verb: Verb::Land, seal: None };
+    let order = Order { epoch: 3, issuer: 9, verb: Verb::Land, signature: None };
     let outputs = flight.frame(Some(&measured(30.0)), &[PeerMessage::Order(order)]);
     assert_eq!(outputs.outbox.happened, [EventKind::OrderTaken(order)]);
     assert_eq!(outputs.outbox.mission.and_then(|mission| mission.order), Some(order), "at once");
@@ -245,12 +245,12 @@ proptest! {
         ),
     ) {
         let mut flight = Flight::new(&scenario(&[]));
-        for (measurement, words) in frames {
-            let outputs = flight.frame(Some(&measurement), &words);
-            prop_assert!(outputs.command.is_none_or(|sticks| sticks.is_within_limits()), "{outputs:?}");
+        for (measurement, messages) in frames {
+            let outputs = flight.frame(Some(&measurement), &messages);
+            prop_assert!(outputs.command.is_none_or(|controls| controls.is_within_limits()), "{outputs:?}");
             prop_assert!(outputs.outbox.state.is_none_or(|sent| sent.state.is_plausible()));
         }
         let recovered = flight.frame(Some(&measured(30.0)), &[]);
-        prop_assert!(recovered.command.is_some_and(|sticks| sticks.is_within_limits()), "flies on afterwards");
+        prop_assert!(recovered.command.is_some_and(|controls| controls.is_within_limits()), "flies on afterwards");
     }
 }

@@ -46,10 +46,10 @@ fn stay(heading_rad: f64) -> Setpoint {
     }
 }
 
-fn sticks(estimate: &Estimate, setpoint: &Setpoint) -> Controls {
+fn controls(estimate: &Estimate, setpoint: &Setpoint) -> Controls {
     let controls = controller(false).step(0.02, estimate, setpoint);
     assert_eq!(controls.fault, None);
-    controls.sticks
+    controls.controls
 }
 
 #[track_caller]
@@ -74,7 +74,7 @@ fn pseudo_errors_have_the_papers_signs() {
 #[test]
 fn a_trimmed_hover_needs_the_trim_controls() {
     for heading_rad in [0.0, 1.0, -2.5] {
-        let Controls { roll, pitch, yaw, collective } = sticks(&hover(heading_rad), &stay(heading_rad));
+        let Controls { roll, pitch, yaw, collective } = controls(&hover(heading_rad), &stay(heading_rad));
         assert_near(roll, TRIM.roll_stick);
         assert_near(pitch, TRIM.pitch_stick);
         assert_near(yaw, 0.0);
@@ -88,49 +88,49 @@ fn an_error_moves_the_control_that_reduces_it() {
         relative_velocity_ne_m_s: Vector2::new(north, east) * VELOCITY_PER_ERROR_PER_S,
         ..stay(0.0)
     };
-    assert_near(sticks(&hover(0.0), &towards(5.0, 0.0)).pitch, -0.25);
-    assert_near(sticks(&hover(0.0), &towards(-5.0, 0.0)).pitch, 0.25);
-    assert_near(sticks(&hover(0.0), &towards(0.0, 5.0)).roll, TRIM.roll_stick + 0.25);
-    assert_near(sticks(&hover(0.0), &towards(0.0, -5.0)).roll, TRIM.roll_stick - 0.25);
+    assert_near(controls(&hover(0.0), &towards(5.0, 0.0)).pitch, -0.25);
+    assert_near(controls(&hover(0.0), &towards(-5.0, 0.0)).pitch, 0.25);
+    assert_near(controls(&hover(0.0), &towards(0.0, 5.0)).roll, TRIM.roll_stick + 0.25);
+    assert_near(controls(&hover(0.0), &towards(0.0, -5.0)).roll, TRIM.roll_stick - 0.25);
 
     // Heading east, a target in the east is ahead.
     let east = Setpoint { heading_rad: FRAC_PI_2, ..towards(0.0, 5.0) };
-    assert_near(sticks(&hover(FRAC_PI_2), &east).pitch, -0.25);
-    assert_near(sticks(&hover(FRAC_PI_2), &east).roll, TRIM.roll_stick);
+    assert_near(controls(&hover(FRAC_PI_2), &east).pitch, -0.25);
+    assert_near(controls(&hover(FRAC_PI_2), &east).roll, TRIM.roll_stick);
 
-    assert_near(sticks(&hover(0.0), &Setpoint { heading_rad: 0.3, ..stay(0.0) }).yaw, 0.225);
-    assert_near(sticks(&hover(0.0), &Setpoint { altitude_m: 33.0, ..stay(0.0) }).collective, 0.6675);
-    assert_near(sticks(&hover(0.0), &Setpoint { altitude_m: 20.0, ..stay(0.0) }).collective, 0.4875);
+    assert_near(controls(&hover(0.0), &Setpoint { heading_rad: 0.3, ..stay(0.0) }).yaw, 0.225);
+    assert_near(controls(&hover(0.0), &Setpoint { altitude_m: 33.0, ..stay(0.0) }).collective, 0.6675);
+    assert_near(controls(&hover(0.0), &Setpoint { altitude_m: 20.0, ..stay(0.0) }).collective, 0.4875);
 }
 
 #[test]
 fn motion_is_damped() {
     let moving = |north, east, down| Estimate { velocity: VelocityNed::new(north, east, down), ..hover(0.0) };
-    assert_near(sticks(&moving(3.0, 0.0, 0.0), &stay(0.0)).pitch, 0.3);
-    assert_near(sticks(&moving(0.0, 3.0, 0.0), &stay(0.0)).roll, TRIM.roll_stick - 0.3);
-    assert_near(sticks(&moving(0.0, 0.0, -1.5), &stay(0.0)).collective, 0.5325);
+    assert_near(controls(&moving(3.0, 0.0, 0.0), &stay(0.0)).pitch, 0.3);
+    assert_near(controls(&moving(0.0, 3.0, 0.0), &stay(0.0)).roll, TRIM.roll_stick - 0.3);
+    assert_near(controls(&moving(0.0, 0.0, -1.5), &stay(0.0)).collective, 0.5325);
 
     let attitude = Attitude { roll_rad: TRIM.roll_rad + 0.3, pitch_rad: -0.3, heading_rad: 0.0 };
     let tilted = Estimate { attitude, ..hover(0.0) };
-    assert_near(sticks(&tilted, &stay(0.0)).roll, TRIM.roll_stick - 0.3);
-    assert_near(sticks(&tilted, &stay(0.0)).pitch, 0.3);
+    assert_near(controls(&tilted, &stay(0.0)).roll, TRIM.roll_stick - 0.3);
+    assert_near(controls(&tilted, &stay(0.0)).pitch, 0.3);
 
     let turning = Estimate { rates: BodyRates { yaw_rad_s: 1.5, ..BodyRates::default() }, ..hover(0.0) };
-    assert_near(sticks(&turning, &stay(0.0)).yaw, -0.3);
+    assert_near(controls(&turning, &stay(0.0)).yaw, -0.3);
 }
 
 #[test]
 fn the_moving_centres_velocity_is_not_damped() {
     let with_it = Estimate { velocity: VelocityNed::new(3.0, -2.0, 0.0), ..hover(0.7) };
     let follow = Setpoint { feedforward_ne_m_s: Vector2::new(3.0, -2.0), ..stay(0.7) };
-    assert_eq!(sticks(&with_it, &follow), sticks(&hover(0.7), &stay(0.7)));
+    assert_eq!(controls(&with_it, &follow), controls(&hover(0.7), &stay(0.7)));
 }
 
 #[test]
 fn heading_error_takes_the_short_way_round() {
     let setpoint = stay(-PI + 0.1);
-    assert_near(sticks(&hover(PI - 0.1), &setpoint).yaw, 0.75 * 0.2);
-    assert_near(sticks(&hover(PI - 0.1 + 3.0 * TAU), &setpoint).yaw, 0.75 * 0.2);
+    assert_near(controls(&hover(PI - 0.1), &setpoint).yaw, 0.75 * 0.2);
+    assert_near(controls(&hover(PI - 0.1 + 3.0 * TAU), &setpoint).yaw, 0.75 * 0.2);
 }
 
 #[test]
@@ -139,12 +139,12 @@ fn near_the_ground_there_is_no_lateral_command() {
         Setpoint { relative_velocity_ne_m_s: Vector2::new(-5.0, 5.0) * VELOCITY_PER_ERROR_PER_S, ..stay(0.0) };
     for (height_m, share) in [(0.24, 0.0), (1.5, 0.0), (2.5, 0.5), (3.5, 1.0), (30.0, 1.0)] {
         let low = Estimate { height_m, ..hover(0.0) };
-        assert_near(sticks(&low, &setpoint).roll, TRIM.roll_stick + 0.25 * share);
-        assert_near(sticks(&low, &setpoint).pitch, 0.25 * share);
+        assert_near(controls(&low, &setpoint).roll, TRIM.roll_stick + 0.25 * share);
+        assert_near(controls(&low, &setpoint).pitch, 0.25 * share);
     }
     let moving = Setpoint { feedforward_ne_m_s: Vector2::new(4.0, -2.0), ..stay(0.0) };
     let on_skids = Estimate { height_m: 0.24, ..hover(0.0) };
-    assert_eq!(sticks(&on_skids, &moving), sticks(&on_skids, &stay(0.0)), "nor forwards with a moving centre");
+    assert_eq!(controls(&on_skids, &moving), controls(&on_skids, &stay(0.0)), "nor forwards with a moving centre");
 }
 
 /// The integrals of auto-trim after one second with this estimate and setpoint.
@@ -291,14 +291,14 @@ fn auto_trim_leans_in_the_direction_of_its_integral() {
     let mut controller = controller(false);
     controller.auto_trim = Some(found);
     // Heading north: nose down to lean north, right to lean east.
-    let sticks = controller.step(0.0, &hover(0.0), &stay(0.0)).sticks;
-    assert_near(sticks.pitch, -0.1);
-    assert_near(sticks.roll, TRIM.roll_stick + 0.05);
-    assert_near(sticks.collective, 0.62);
+    let controls = controller.step(0.0, &hover(0.0), &stay(0.0)).controls;
+    assert_near(controls.pitch, -0.1);
+    assert_near(controls.roll, TRIM.roll_stick + 0.05);
+    assert_near(controls.collective, 0.62);
     // Heading west: bank left to lean north.
-    let sticks = controller.step(0.0, &hover(-FRAC_PI_2), &stay(-FRAC_PI_2)).sticks;
-    assert_near(sticks.roll, TRIM.roll_stick + 0.1);
-    assert_near(sticks.pitch, 0.05);
+    let controls = controller.step(0.0, &hover(-FRAC_PI_2), &stay(-FRAC_PI_2)).controls;
+    assert_near(controls.roll, TRIM.roll_stick + 0.1);
+    assert_near(controls.pitch, 0.05);
 }
 
 #[test]
@@ -307,13 +307,13 @@ fn a_non_finite_argument_repeats_the_last_controls() {
     let bad = Estimate { height_m: f64::NAN, ..hover(0.0) };
     let neutral = Controls { roll: TRIM.roll_stick, pitch: 0.0, yaw: 0.0, collective: 0.6 };
     let before = controller.step(0.02, &bad, &stay(0.0));
-    assert_eq!(before, ControlOutput { sticks: neutral, fault: Some(ControlFault::Estimate) });
+    assert_eq!(before, ControlOutput { controls: neutral, fault: Some(ControlFault::Estimate) });
 
     let setpoint =
         Setpoint { relative_velocity_ne_m_s: Vector2::new(1.0, 2.0) * VELOCITY_PER_ERROR_PER_S, ..stay(0.3) };
     let good = controller.step(0.02, &hover(0.0), &setpoint);
     let found = controller.auto_trim();
-    assert_ne!(good.sticks, neutral);
+    assert_ne!(good.controls, neutral);
     let nan = f64::NAN;
     let estimates = [
         Estimate { position: PositionNed::new(0.0, nan, 0.0), ..hover(0.0) },
@@ -336,7 +336,7 @@ fn a_non_finite_argument_repeats_the_last_controls() {
         Setpoint { relative_velocity_ne_m_s: Vector2::new(f64::MAX, f64::MAX) * VELOCITY_PER_ERROR_PER_S, ..setpoint };
     faults.push((controller.step(0.02, &hover(0.8), &overflowing), ControlFault::Rules));
     for (controls, fault) in faults {
-        assert_eq!(controls, ControlOutput { sticks: good.sticks, fault: Some(fault) });
+        assert_eq!(controls, ControlOutput { controls: good.controls, fault: Some(fault) });
     }
     assert_eq!(controller.auto_trim(), found);
     assert_eq!(controller.step(0.02, &hover(0.0), &setpoint).fault, None);
@@ -392,7 +392,7 @@ fn any_setpoint() -> impl Strategy<Value = Setpoint> {
 fn in_autorotation_the_collective_stays_low_until_the_fall_is_braked() {
     let collective = |height_m: f64, sink_m_s: f64| {
         let falling = Estimate { height_m, velocity: VelocityNed::new(0.0, 0.0, sink_m_s), ..hover(0.0) };
-        controller(false).autorotate(0.02, &falling, 0.0).sticks.collective
+        controller(false).autorotate(0.02, &falling, 0.0).controls.collective
     };
     assert_eq!(collective(30.0, 10.0), 0.0);
     assert_eq!(collective(3.0, 10.0), 1.0);
@@ -423,11 +423,11 @@ proptest! {
         for trim in [trim, TRIM] {
             let mut controller = VehicleController::new(Rules::shipped(), trim, auto_trim);
             for (dt_s, estimate, setpoint) in &steps {
-                let sticks = controller.step(*dt_s, estimate, setpoint).sticks;
-                prop_assert!(sticks.is_within_limits(), "{sticks:?}");
-                let turning = controller.turn(*dt_s, estimate, setpoint).sticks;
+                let controls = controller.step(*dt_s, estimate, setpoint).controls;
+                prop_assert!(controls.is_within_limits(), "{controls:?}");
+                let turning = controller.turn(*dt_s, estimate, setpoint).controls;
                 prop_assert!(turning.is_within_limits() && turning.yaw == 1.0, "{turning:?}");
-                let falling = controller.autorotate(*dt_s, estimate, setpoint.heading_rad).sticks;
+                let falling = controller.autorotate(*dt_s, estimate, setpoint.heading_rad).controls;
                 prop_assert!(falling.is_within_limits(), "{falling:?}");
                 let AutoTrim { tilt_ne_rad, collective, .. } = controller.auto_trim().unwrap_or_default();
                 prop_assert!(tilt_ne_rad.amax() <= 0.15 && collective.abs() <= 0.1);

@@ -28,7 +28,7 @@ pub struct Trim {
 
 impl Trim {
     /// The controls in the hover, clamped to their travel even if a field is out of range.
-    pub(crate) fn sticks(&self) -> Controls {
+    pub(crate) fn controls(&self) -> Controls {
         let within = |value: f64, low: f64| if value.is_finite() { value.clamp(low, 1.0) } else { 0.0 };
         Controls {
             roll: within(self.roll_stick, -1.0),

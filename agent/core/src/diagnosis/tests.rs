@@ -269,7 +269,7 @@ fn xcell60() -> Aircraft {
 #[test]
 fn a_failure_stays_found_and_only_a_worse_one_or_the_position_is_reported() {
     let mut diagnosis = Diagnosis::new(&xcell60());
-    let trim = Some(xcell60().trim.sticks());
+    let trim = Some(xcell60().trim.controls());
     let mut seconds = |number: u32, turn_rad_s: f64, rotor_rad_s: f64, moves: bool| {
         let news = (0..50 * number).filter_map(|tick| {
             let mut measured = measured(if moves { f64::from(tick) } else { 0.0 }, Some(rotor_rad_s));

@@ -50,18 +50,20 @@ impl DisplacementConsensus {
 }
 
 impl Law for DisplacementConsensus {
-    fn ask(&mut self, sight: &Observation<'_>) -> LawOutput {
-        let own_ne_m = sight.position.horizontal() - self.slot_ne_m(sight.own);
+    fn ask(&mut self, observation: &Observation<'_>) -> LawOutput {
+        let own_ne_m = observation.position.horizontal() - self.slot_ne_m(observation.own);
         let apart_m = |id, place: Vector2<f64>| own_ne_m - (place - self.slot_ne_m(id));
-        let heard = sight.neighbours.iter().map(|neighbour| apart_m(neighbour.id, neighbour.position.horizontal()));
-        let (sum_m, worst_m) =
-            heard.fold((Vector2::zeros(), 0.0_f64), |(sum, worst), apart_m| (sum + apart_m, worst.max(apart_m.norm())));
-        let from_goal_m = own_ne_m - sight.goal.centre.horizontal();
-        let wanted =
-            sight.goal.centre_velocity.horizontal() - sum_m * self.gain_per_s - from_goal_m * self.goal_gain_per_s;
+        let received =
+            observation.neighbours.iter().map(|neighbour| apart_m(neighbour.id, neighbour.position.horizontal()));
+        let (sum_m, worst_m) = received
+            .fold((Vector2::zeros(), 0.0_f64), |(sum, worst), apart_m| (sum + apart_m, worst.max(apart_m.norm())));
+        let from_goal_m = own_ne_m - observation.goal.centre.horizontal();
+        let command = observation.goal.centre_velocity.horizontal()
+            - sum_m * self.gain_per_s
+            - from_goal_m * self.goal_gain_per_s;
         // Distance from the own slot; without a goal gain, the largest displacement error to a received neighbour.
         let off_m = if self.goal_gain_per_s > 0.0 { from_goal_m.norm() } else { worst_m };
-        LawOutput { wanted: LawCommand::level(wanted), is_there: is_in_slot(off_m) && sight.is_slow() }
+        LawOutput { command: LawCommand::level(command), reached: is_in_slot(off_m) && observation.is_slow() }
     }
 }
 

@@ -99,7 +99,7 @@ pub struct LawReply {
     /// The number of the query.
     pub tick: u64,
     /// The commanded velocity or field.
-    pub wanted: ReplyCommand,
+    pub command: ReplyCommand,
     /// Commanded heading, clockwise from north, rad; `None` leaves it to the mission.
     pub heading_rad: Option<f64>,
     /// Whether the vehicle is in place; `None` leaves the decision to the agent.
@@ -123,7 +123,7 @@ pub struct External {
     period_s: f64,
     max_speed_m_s: f64,
     /// Number of misses in a row after which the law is lost.
-    patience: u32,
+    timeout: u32,
     now: PlantTime,
     /// Time of the next query; `None` while the law is suspended.
     next_query: Option<PlantTime>,
@@ -146,7 +146,7 @@ impl External {
         Self {
             period_s: external.period_s,
             max_speed_m_s: external.max_speed_m_s,
-            patience: external.misses,
+            timeout: external.misses,
             now: PlantTime::ZERO,
             next_query: None,
             last_query: None,
@@ -171,31 +171,31 @@ impl External {
 
     /// The output of the law from its last reply; queries the law when the next query is due. `None` while the law is
     /// lost.
-    pub fn output(&mut self, sight: &Observation<'_>) -> Option<ExternalLawOutput> {
-        self.query_if_due(sight);
+    pub fn output(&mut self, observation: &Observation<'_>) -> Option<ExternalLawOutput> {
+        self.query_if_due(observation);
         if self.is_lost() {
             return None;
         }
-        let centre_m = sight.from_centre_ne_m();
-        let is_near = centre_m.norm() <= sight.goal.radius_m && sight.is_slow();
+        let centre_m = observation.from_centre_ne_m();
+        let is_near = centre_m.norm() <= observation.goal.radius_m && observation.is_slow();
         let Some(answer) = &self.last else {
             // Before the first reply the vehicle stays where it is.
-            let answer = law::LawOutput { wanted: law::LawCommand::Displacement(Vector2::zeros()), is_there: false };
+            let answer = law::LawOutput { command: law::LawCommand::Displacement(Vector2::zeros()), reached: false };
             return Some(ExternalLawOutput { answer, heading_rad: None });
         };
-        let wanted = match answer.wanted {
+        let command = match answer.command {
             ReplyCommand::VelocityNed(velocity) => {
                 let velocity = velocity.cap_magnitude(self.max_speed_m_s);
                 law::LawCommand::Velocity { ne_m_s: velocity.xy(), down_m_s: Some(velocity.z) }
             }
             ReplyCommand::FieldNe(field) => law::LawCommand::Field(field.push(0.0)),
         };
-        let is_there = answer.reached.unwrap_or(is_near);
-        Some(ExternalLawOutput { answer: law::LawOutput { wanted, is_there }, heading_rad: answer.heading_rad })
+        let reached = answer.reached.unwrap_or(is_near);
+        Some(ExternalLawOutput { answer: law::LawOutput { command, reached }, heading_rad: answer.heading_rad })
     }
 
     /// Prepares the next query when it is due. A query still pending then was missed.
-    fn query_if_due(&mut self, sight: &Observation<'_>) {
+    fn query_if_due(&mut self, observation: &Observation<'_>) {
         let since_next_query_s = self.next_query.map_or(0.0, |next_query| self.now.seconds_since(next_query));
         if since_next_query_s < -ROUNDING_S {
             return;
@@ -203,7 +203,7 @@ impl External {
         if self.pending.is_some() {
             self.misses += 1;
             self.misses_in_a_row = self.misses_in_a_row.saturating_add(1);
-            if self.misses_in_a_row == self.patience {
+            if self.misses_in_a_row == self.timeout {
                 self.event = Some(EventKind::LawLost);
             }
         }
@@ -213,13 +213,13 @@ impl External {
         self.next_query = Some(on_time.unwrap_or(self.now).plus_seconds(self.period_s));
         (self.last_query, self.pending, self.ticks) = (Some(self.now), Some(tick), tick + 1);
         self.ask = Some(LawQuery {
-            vehicle: sight.own,
+            vehicle: observation.own,
             tick,
             time_s: self.now.seconds(),
             dt_s,
-            own: OwnState::from(sight),
-            peers: sight.neighbours.iter().map(PeerState::from).collect(),
-            goal: QueryGoal::from(&sight.goal),
+            own: OwnState::from(observation),
+            peers: observation.neighbours.iter().map(PeerState::from).collect(),
+            goal: QueryGoal::from(&observation.goal),
         });
     }
 
@@ -245,7 +245,7 @@ impl External {
     }
 
     fn is_lost(&self) -> bool {
-        self.misses_in_a_row >= self.patience
+        self.misses_in_a_row >= self.timeout
     }
 }
 
@@ -260,11 +260,11 @@ pub struct ExternalLawOutput {
 
 impl From<&Observation<'_>> for OwnState {
     /// The estimate is from this very step, so its age is zero.
-    fn from(sight: &Observation<'_>) -> Self {
+    fn from(observation: &Observation<'_>) -> Self {
         Self {
-            position_ned_m: sight.position.0.into(),
-            velocity_ned_m_s: sight.velocity.0.into(),
-            heading_rad: sight.heading_rad,
+            position_ned_m: observation.position.0.into(),
+            velocity_ned_m_s: observation.velocity.0.into(),
+            heading_rad: observation.heading_rad,
             age_s: 0.0,
         }
     }

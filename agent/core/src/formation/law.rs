@@ -22,7 +22,7 @@ const SLOW_M_S: f64 = 0.5;
 pub trait Law: CloneLaw + Debug + Send {
     /// The command for this observation. The agent calls it at every step of the vehicle controller (50 Hz) while the
     /// mission flies a formation, and not while the vehicle holds its position or lands.
-    fn ask(&mut self, sight: &Observation<'_>) -> LawOutput;
+    fn ask(&mut self, observation: &Observation<'_>) -> LawOutput;
 }
 
 /// Copies a law with its memory. Every law that derives `Clone` implements it.
@@ -143,10 +143,10 @@ pub struct Goal {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LawOutput {
     /// The command to the vehicle.
-    pub wanted: LawCommand,
+    pub command: LawCommand,
     /// Whether the vehicle is where the law commands it, altitude aside. It "reaches" a step after a dwell at its
     /// altitude.
-    pub is_there: bool,
+    pub reached: bool,
 }
 
 /// The command of a law. Numbers that are not finite count as a zero displacement.

@@ -97,10 +97,10 @@ impl OlfatiSaber {
     }
 
     /// Acceleration u_i, north and east, m/s².
-    fn acceleration(&self, sight: &Observation<'_>) -> Vector2<f64> {
-        let (place, velocity) = (sight.position.horizontal(), sight.velocity.horizontal());
+    fn acceleration(&self, observation: &Observation<'_>) -> Vector2<f64> {
+        let (place, velocity) = (observation.position.horizontal(), observation.velocity.horizontal());
         let (mut gradient, mut consensus) = (Vector2::zeros(), Vector2::zeros());
-        for neighbour in sight.neighbours {
+        for neighbour in observation.neighbours {
             let offset = (neighbour.position.horizontal() - place) / self.unit_m;
             let squared = offset.norm_squared();
             let sigma = sigma_norm(self.epsilon, squared);
@@ -109,18 +109,18 @@ impl OlfatiSaber {
                 consensus += (neighbour.velocity.horizontal() - velocity) * self.bump(sigma / self.range_sigma);
             }
         }
-        let relative = velocity - sight.goal.centre_velocity.horizontal();
+        let relative = velocity - observation.goal.centre_velocity.horizontal();
         gradient * (self.unit_m / (self.unit_s * self.unit_s)) + consensus / self.unit_s
-            - sight.from_centre_ne_m() * self.c1_per_s2
+            - observation.from_centre_ne_m() * self.c1_per_s2
             - relative * self.c2_per_s
     }
 }
 
 impl Law for OlfatiSaber {
-    fn ask(&mut self, sight: &Observation<'_>) -> LawOutput {
-        let velocity = sight.velocity.horizontal() + self.acceleration(sight) * self.horizon_s;
-        let is_there = sight.from_centre_ne_m().norm() <= sight.goal.radius_m && sight.is_slow();
-        LawOutput { wanted: LawCommand::level(velocity.cap_magnitude(self.max_speed_m_s)), is_there }
+    fn ask(&mut self, observation: &Observation<'_>) -> LawOutput {
+        let velocity = observation.velocity.horizontal() + self.acceleration(observation) * self.horizon_s;
+        let reached = observation.from_centre_ne_m().norm() <= observation.goal.radius_m && observation.is_slow();
+        LawOutput { command: LawCommand::level(velocity.cap_magnitude(self.max_speed_m_s)), reached }
     }
 }
 

@@ -52,17 +52,18 @@ impl Points {
         mut ask: impl FnMut(usize, &Observation<'_>) -> T,
     ) -> Vec<T> {
         let count = self.places_m.len();
-        let heard = |own: usize| (0..count).filter(|&other| other != own && receives(own, other)).collect::<Vec<_>>();
+        let received =
+            |own: usize| (0..count).filter(|&other| other != own && receives(own, other)).collect::<Vec<_>>();
         let mut one = |own: usize| {
-            let neighbours: Vec<_> = heard(own).into_iter().map(|other| self.neighbour(other)).collect();
+            let neighbours: Vec<_> = received(own).into_iter().map(|other| self.neighbour(other)).collect();
             let Neighbour { id, position, velocity, heading_rad, .. } = self.neighbour(own);
             let goal = self.goal;
             let neighbours = &neighbours[..];
             let unseen = VehicleSet::default();
             let (obstacles, dt_s) = (&[][..], 0.02);
-            let sight =
+            let observation =
                 Observation { own: id, position, velocity, heading_rad, neighbours, unseen, obstacles, goal, dt_s };
-            ask(own, &sight)
+            ask(own, &observation)
         };
         (0..count).map(&mut one).collect()
     }
@@ -71,10 +72,10 @@ impl Points {
     pub(super) fn fly(&mut self, laws: &mut [Box<dyn Law>], receives: impl Fn(usize, usize) -> bool, for_s: f64) {
         let dt_s = 0.02;
         for _ in 0..(for_s / dt_s) as usize {
-            self.velocities_m_s = self.each(&receives, |own, sight| match laws[own].ask(sight).wanted {
+            self.velocities_m_s = self.each(&receives, |own, observation| match laws[own].ask(observation).command {
                 LawCommand::Velocity { ne_m_s, .. } => ne_m_s,
                 LawCommand::Displacement(displacement_ne_m) => {
-                    displacement_ne_m / 2.0 + sight.goal.centre_velocity.horizontal()
+                    displacement_ne_m / 2.0 + observation.goal.centre_velocity.horizontal()
                 }
                 LawCommand::Field(field) => field.xy(),
             });

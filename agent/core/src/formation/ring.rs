@@ -136,14 +136,15 @@ pub(super) fn make(setup: &Setup<'_>) -> Result<Box<dyn Law>, String> {
 }
 
 impl Law for Ring {
-    fn ask(&mut self, sight: &Observation<'_>) -> LawOutput {
-        let centre = sight.goal.centre;
+    fn ask(&mut self, observation: &Observation<'_>) -> LawOutput {
+        let centre = observation.goal.centre;
         // The spacing also leaves room for members whose states are not received.
-        let ring = Self { avoid_distance: AvoidDistance::Fixed(self.avoid_distance_m(sight.live())), ..*self };
-        let field = ring.field(sight.own, sight.position, centre, sight.neighbours, sight.obstacles);
+        let ring = Self { avoid_distance: AvoidDistance::Fixed(self.avoid_distance_m(observation.live())), ..*self };
+        let field =
+            ring.field(observation.own, observation.position, centre, observation.neighbours, observation.obstacles);
         let is_calm = self.region == Region::Inside || field.norm() < IN_PLACE_FIELD;
-        let is_there = is_calm && self.holds(sight.position - centre) && sight.is_slow();
-        LawOutput { wanted: LawCommand::Field(field), is_there }
+        let reached = is_calm && self.holds(observation.position - centre) && observation.is_slow();
+        LawOutput { command: LawCommand::Field(field), reached }
     }
 }
 

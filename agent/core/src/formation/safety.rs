@@ -203,11 +203,11 @@ mod tests {
     proptest! {
         #[test]
         fn the_filtered_velocity_is_allowed_if_any_velocity_is(
-            wanted in vector(15.0), others in proptest::collection::vec(vector(60.0), 1..8),
+            command in vector(15.0), others in proptest::collection::vec(vector(60.0), 1..8),
         ) {
             let outside = others.iter().filter(|from| from.norm() >= FILTER.distance_m);
             let constraints: Vec<_> = outside.map(|place| from(place.x, place.y)).collect();
-            let flown = FILTER.restrain(wanted, &constraints).unwrap_or(wanted);
+            let flown = FILTER.restrain(command, &constraints).unwrap_or(command);
             prop_assert!(flown.iter().all(|speed| speed.is_finite()));
             // Outside the safety distance of all others, standing still is always allowed.
             prop_assert!(constraints.iter().all(|constraint| constraint.margin(flown) >= -1e-6));
@@ -215,7 +215,7 @@ mod tests {
 
         #[test]
         fn the_two_shares_satisfy_the_constraint_with_any_feedforward(
-            apart in vector(40.0), wanted in [vector(10.0), vector(10.0)], carried in [vector(6.0), vector(6.0)],
+            apart in vector(40.0), command in [vector(10.0), vector(10.0)], carried in [vector(6.0), vector(6.0)],
             moves in [vector(6.0), vector(6.0)], together: bool,
         ) {
             prop_assume!(apart.norm() > FILTER.distance_m);
@@ -223,7 +223,7 @@ mod tests {
             let carried = if together { [carried[0]; 2] } else { carried };
             let fly = |nth: usize, from_other: Vector2<f64>, other| {
                 let constraint = from(from_other.x, from_other.y).relative(carried[nth], other);
-                carried[nth] + FILTER.restrain(wanted[nth], &[constraint]).unwrap_or(wanted[nth])
+                carried[nth] + FILTER.restrain(command[nth], &[constraint]).unwrap_or(command[nth])
             };
             let mut flown = moves;
             for _ in 0..50 {

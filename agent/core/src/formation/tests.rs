@@ -54,13 +54,13 @@ fn task(speed_m_s: f64) -> Task {
     })
 }
 
-fn wish(formation: &mut Formation, estimate: &Estimate, peers: &[PeerEstimate], speed_m_s: f64) -> FormationOutput {
+fn output(formation: &mut Formation, estimate: &Estimate, peers: &[PeerEstimate], speed_m_s: f64) -> FormationOutput {
     formation.step(0.02, estimate, &estimates(peers), &task(speed_m_s)).unwrap()
 }
 
 #[test]
 fn each_law_has_its_own_rule_for_being_in_place() {
-    let placed = |lines: &str, estimate: Estimate| wish(&mut formation(lines), &estimate, &[], 0.0).in_place;
+    let placed = |lines: &str, estimate: Estimate| output(&mut formation(lines), &estimate, &[], 0.0).in_place;
     assert!(placed("", at(100.0, 0.0, 30.0)) && !placed("", at(70.0, 0.0, 30.0)), "ring: in the band");
     assert!(!placed("", at(85.0, 0.0, 30.0)), "ring: only with a weak field");
     assert!(placed("law = 'flock'", at(45.0, 0.0, 30.0)) && !placed("law = 'flock'", at(51.0, 0.0, 30.0)), "inside");
@@ -76,9 +76,9 @@ fn each_law_has_its_own_rule_for_being_in_place() {
 #[test]
 fn slow_is_relative_to_the_centre_whether_or_not_it_is_fed_forward() {
     let along = Estimate { velocity: VelocityNed::new(2.0, 0.0, 0.0), ..at(10.0, 0.0, 30.0) };
-    let fed = wish(&mut formation("law = 'flock'"), &along, &[], 2.0);
+    let fed = output(&mut formation("law = 'flock'"), &along, &[], 2.0);
     assert!(fed.in_place && fed.setpoint.feedforward_ne_m_s == Vector2::new(2.0, 0.0));
-    let trailing = wish(&mut formation("law = 'flock'\nfeedforward = false"), &along, &[], 2.0);
+    let trailing = output(&mut formation("law = 'flock'\nfeedforward = false"), &along, &[], 2.0);
     assert!(trailing.in_place && trailing.setpoint.feedforward_ne_m_s == Vector2::zeros());
 }
 
@@ -86,13 +86,13 @@ fn slow_is_relative_to_the_centre_whether_or_not_it_is_fed_forward() {
 fn slots_and_bands_follow_the_ranks_of_the_live_members() {
     let peers = [member(1, 0.0, 100.0, 30.0), member(4, 0.0, -100.0, 30.0)];
     let lines = "law = 'virtual-structure'\nradius_m = 60\nband_step_m = 4";
-    let second_of_three = wish(&mut formation(lines), &at(-30.0, 50.0, 30.0), &peers, 0.0);
+    let second_of_three = output(&mut formation(lines), &at(-30.0, 50.0, 30.0), &peers, 0.0);
     assert_eq!(second_of_three.setpoint.altitude_m, 30.0, "the middle band");
     assert!(
         (second_of_three.setpoint.error_ne_m() - Vector2::new(0.0, 1.9615)).norm() < 1e-3,
         "a third of the circle further"
     );
-    let first_of_two = wish(&mut formation(lines), &at(-30.0, 50.0, 30.0), &peers[1..], 0.0);
+    let first_of_two = output(&mut formation(lines), &at(-30.0, 50.0, 30.0), &peers[1..], 0.0);
     assert_eq!(first_of_two.setpoint.altitude_m, 28.0);
     assert!((first_of_two.setpoint.error_ne_m().norm() - 15.0).abs() < 1e-9, "at most 15 m");
 }
@@ -101,8 +101,8 @@ fn slots_and_bands_follow_the_ranks_of_the_live_members() {
 fn on_an_ellipsoid_a_vehicle_below_another_descends() {
     let mut formation = formation("vertical = 'ellipsoid'\nradius_m = 40\naltitude_m = 60");
     let peers = [member(1, 40.0, 0.0, 75.0)];
-    let first_m = wish(&mut formation, &at(40.0, 0.0, 60.0), &peers, 0.0).setpoint.altitude_m;
-    let second = wish(&mut formation, &at(40.0, 0.0, 60.0), &peers, 0.0);
+    let first_m = output(&mut formation, &at(40.0, 0.0, 60.0), &peers, 0.0).setpoint.altitude_m;
+    let second = output(&mut formation, &at(40.0, 0.0, 60.0), &peers, 0.0);
     assert!(second.setpoint.altitude_m < first_m && !second.in_place);
 }
 
@@ -114,15 +114,15 @@ fn the_filter_includes_the_feedforward_and_ignores_vehicles_far_above() {
     let place = at(100.0 * cos, 100.0 * sin, 30.0);
     let ahead = |altitude_m| [member(1, 100.0 * cos + 12.0, 100.0 * sin, altitude_m), member(3, 0.0, -90.0, 30.0)];
     let mut filtered = formation(slots);
-    let held = wish(&mut filtered, &place, &ahead(30.0), 4.0);
+    let held = output(&mut filtered, &place, &ahead(30.0), 4.0);
     let flown_m_s = held.setpoint.relative_velocity_ne_m_s + held.setpoint.feedforward_ne_m_s;
     assert!((flown_m_s.x - 0.125 * 80.0 / 12.0).abs() < 1e-9, "κ/4 h / d: {flown_m_s}");
     assert_eq!(filtered.safety_activations(), Some(1));
-    wish(&mut filtered, &place, &ahead(30.0), 4.0);
+    output(&mut filtered, &place, &ahead(30.0), 4.0);
     assert_eq!(filtered.safety_activations(), Some(1), "counted once per intervention");
-    let above = wish(&mut filtered, &place, &ahead(38.5), 4.0);
+    let above = output(&mut filtered, &place, &ahead(38.5), 4.0);
     assert!(above.setpoint.relative_velocity_ne_m_s.norm() < 1e-6);
-    let free = wish(&mut formation("law = 'virtual-structure'\nsafety_filter = 'none'"), &place, &ahead(30.0), 4.0);
+    let free = output(&mut formation("law = 'virtual-structure'\nsafety_filter = 'none'"), &place, &ahead(30.0), 4.0);
     assert!(free.setpoint.relative_velocity_ne_m_s.norm() < 1e-6);
 }
 
@@ -157,11 +157,11 @@ proptest! {
             let lines = format!("law = '{law}'\nsafety_filter = '{filter}'\nslots.pattern = '{pattern}'");
             let mut formation = formation(&lines);
             for _ in 0..2 {
-                let wish = formation.step(dt_s, &estimate, &estimates(&peers), &task(centre)).unwrap();
-                let Setpoint { relative_velocity_ne_m_s, feedforward_ne_m_s, altitude_m, heading_rad } = wish.setpoint;
-                let error_ne_m = wish.setpoint.error_ne_m();
-                let numbers = relative_velocity_ne_m_s.iter().chain(&feedforward_ne_m_s).chain(&wish.field_ne);
-                prop_assert!(numbers.chain([&altitude_m, &heading_rad]).all(|x| x.is_finite()), "{law}: {wish:?}");
+                let output = formation.step(dt_s, &estimate, &estimates(&peers), &task(centre)).unwrap();
+                let Setpoint { relative_velocity_ne_m_s, feedforward_ne_m_s, altitude_m, heading_rad } = output.setpoint;
+                let error_ne_m = output.setpoint.error_ne_m();
+                let numbers = relative_velocity_ne_m_s.iter().chain(&feedforward_ne_m_s).chain(&output.field_ne);
+                prop_assert!(numbers.chain([&altitude_m, &heading_rad]).all(|x| x.is_finite()), "{law}: {output:?}");
                 let is_field = ["ring", "flock"].contains(&law);
                 let bound_m = if is_field { 28.0 * 20.0 } else { 15.0 + 1e-9 };
                 prop_assert!(filter == "cbf" || error_ne_m.norm() <= bound_m, "{law}: {error_ne_m}");
@@ -174,7 +174,7 @@ proptest! {
 fn a_velocity_command_is_over_the_ground_with_or_without_feedforward() {
     for feedforward in [true, false] {
         let lines = format!("law = 'vasarhelyi'\nfeedforward = {feedforward}\nsafety_filter = 'none'");
-        let setpoint = wish(&mut formation(&lines), &at(0.0, 0.0, 30.0), &[], 3.0).setpoint;
+        let setpoint = output(&mut formation(&lines), &at(0.0, 0.0, 30.0), &[], 3.0).setpoint;
         let flown_m_s = setpoint.relative_velocity_ne_m_s + setpoint.feedforward_ne_m_s;
         assert!((flown_m_s - Vector2::new(3.0, 0.0)).norm() < 1e-12, "at the centre: its velocity");
     }
@@ -187,16 +187,16 @@ struct FixedLaw(LawCommand, usize);
 impl Law for FixedLaw {
     fn ask(&mut self, _: &Observation<'_>) -> LawOutput {
         self.1 += 1;
-        LawOutput { wanted: self.0, is_there: true }
+        LawOutput { command: self.0, reached: true }
     }
 }
 
 #[test]
 fn a_law_may_command_a_climb_and_a_non_finite_command_counts_as_zero() {
     let mut formation = formation("altitude_m = 30\nsafety_filter = 'none'");
-    let mut flown = |wanted, altitude_m| {
-        formation.shapes[0].law = Box::new(FixedLaw(wanted, 0));
-        wish(&mut formation, &at(0.0, 0.0, altitude_m), &[], 0.0).setpoint
+    let mut flown = |command, altitude_m| {
+        formation.shapes[0].law = Box::new(FixedLaw(command, 0));
+        output(&mut formation, &at(0.0, 0.0, altitude_m), &[], 0.0).setpoint
     };
     let climbs = |up_m_s: f64| LawCommand::Velocity { ne_m_s: Vector2::new(1.0, 0.0), down_m_s: Some(-up_m_s) };
     assert_eq!(flown(climbs(1.0), 10.0).altitude_m, 30.0, "the vehicle first takes off");
@@ -224,7 +224,7 @@ fn a_vehicle_that_stays_keeps_the_rise_of_its_partition() {
     let mut formation = formation("");
     let mut fly = |others: &PeerSummary<'_>, task: &Task| {
         let steps = (0..1000).filter_map(|_| formation.step(0.02, &at(100.0, 0.0, 40.0), others, task));
-        steps.map(|wish| wish.setpoint.altitude_m).last().unwrap()
+        steps.map(|output| output.setpoint.altitude_m).last().unwrap()
     };
     assert!((fly(&apart, &task(0.0)) - 40.0).abs() < 1e-9, "10 m above the 30 m of the other partition");
     assert!((fly(&apart, &stay(40.0, false)) - 40.0).abs() < 1e-9);

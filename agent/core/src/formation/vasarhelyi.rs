@@ -33,9 +33,9 @@ pub(super) fn make(setup: &Setup<'_>) -> Result<Box<dyn Law>, String> {
 
 impl Vasarhelyi {
     /// Velocity away from a neighbour that is too near, m/s.
-    fn repulsion_m_s(&self, sight: &Observation<'_>, neighbour: &Neighbour) -> Vector2<f64> {
+    fn repulsion_m_s(&self, observation: &Observation<'_>, neighbour: &Neighbour) -> Vector2<f64> {
         let Self(its) = self;
-        let from_it_m = (sight.position - neighbour.position).xy();
+        let from_it_m = (observation.position - neighbour.position).xy();
         let distance_m = from_it_m.norm();
         if distance_m >= its.repulsion_range_m {
             return Vector2::zeros();
@@ -44,17 +44,17 @@ impl Vasarhelyi {
         let away = if distance_m > COINCIDENT_M {
             from_it_m / distance_m
         } else {
-            Vector2::new(if sight.own < neighbour.id { 1.0 } else { -1.0 }, 0.0)
+            Vector2::new(if observation.own < neighbour.id { 1.0 } else { -1.0 }, 0.0)
         };
         away * (its.repulsion_per_s * (its.repulsion_range_m - distance_m))
     }
 
     /// Velocity change towards a relative velocity at which this vehicle can still stop beside the other, m/s.
-    fn friction_m_s(&self, sight: &Observation<'_>, neighbour: &Neighbour) -> Vector2<f64> {
+    fn friction_m_s(&self, observation: &Observation<'_>, neighbour: &Neighbour) -> Vector2<f64> {
         let Self(its) = self;
-        let difference_m_s = neighbour.velocity.horizontal() - sight.velocity.horizontal();
+        let difference_m_s = neighbour.velocity.horizontal() - observation.velocity.horizontal();
         let speed_m_s = difference_m_s.norm();
-        let distance_m = (sight.position - neighbour.position).xy().norm();
+        let distance_m = (observation.position - neighbour.position).xy().norm();
         let stoppable_m_s =
             braking_m_s(distance_m - its.friction_offset_m, its.friction_m_s2, its.friction_slope_per_s);
         let allowed_m_s = its.friction_slack_m_s.max(stoppable_m_s);
@@ -65,11 +65,11 @@ impl Vasarhelyi {
     }
 
     /// Velocity towards the centre beyond half of R*, m/s.
-    fn homing_m_s(&self, sight: &Observation<'_>) -> Vector2<f64> {
+    fn homing_m_s(&self, observation: &Observation<'_>) -> Vector2<f64> {
         let Self(its) = self;
-        let out_ne_m = sight.from_centre_ne_m();
+        let out_ne_m = observation.from_centre_ne_m();
         let distance_m = out_ne_m.norm();
-        let beyond_m = distance_m - sight.goal.radius_m / 2.0;
+        let beyond_m = distance_m - observation.goal.radius_m / 2.0;
         if beyond_m <= 0.0 {
             return Vector2::zeros();
         }
@@ -78,12 +78,15 @@ impl Vasarhelyi {
 }
 
 impl Law for Vasarhelyi {
-    fn ask(&mut self, sight: &Observation<'_>) -> LawOutput {
-        let interaction: Vector2<f64> =
-            sight.neighbours.iter().map(|it| self.repulsion_m_s(sight, it) + self.friction_m_s(sight, it)).sum();
-        let velocity = sight.goal.centre_velocity.horizontal() + self.homing_m_s(sight) + interaction;
-        let is_there = sight.from_centre_ne_m().norm() <= sight.goal.radius_m && sight.is_slow();
-        LawOutput { wanted: LawCommand::level(velocity.cap_magnitude(self.0.max_speed_m_s)), is_there }
+    fn ask(&mut self, observation: &Observation<'_>) -> LawOutput {
+        let interaction: Vector2<f64> = observation
+            .neighbours
+            .iter()
+            .map(|it| self.repulsion_m_s(observation, it) + self.friction_m_s(observation, it))
+            .sum();
+        let velocity = observation.goal.centre_velocity.horizontal() + self.homing_m_s(observation) + interaction;
+        let reached = observation.from_centre_ne_m().norm() <= observation.goal.radius_m && observation.is_slow();
+        LawOutput { command: LawCommand::level(velocity.cap_magnitude(self.0.max_speed_m_s)), reached }
     }
 }
 

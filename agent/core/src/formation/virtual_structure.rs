@@ -24,13 +24,13 @@ pub(super) fn make(setup: &Setup<'_>) -> Result<Box<dyn Law>, String> {
 impl Law for VirtualStructure {
     /// Command v = 0.5 (slot − p) + the centre's velocity: the vehicle controller flies half the displacement plus
     /// that.
-    fn ask(&mut self, sight: &Observation<'_>) -> LawOutput {
+    fn ask(&mut self, observation: &Observation<'_>) -> LawOutput {
         let Self(slots) = self;
-        let slot_ne_m = slots.slot_ne_m(sight.rank(), sight.live());
-        let displacement_ne_m = sight.goal.centre.horizontal() + slot_ne_m - sight.position.horizontal();
+        let slot_ne_m = slots.slot_ne_m(observation.rank(), observation.live());
+        let displacement_ne_m = observation.goal.centre.horizontal() + slot_ne_m - observation.position.horizontal();
         LawOutput {
-            wanted: LawCommand::Displacement(displacement_ne_m),
-            is_there: is_in_slot(displacement_ne_m.norm()) && sight.is_slow(),
+            command: LawCommand::Displacement(displacement_ne_m),
+            reached: is_in_slot(displacement_ne_m.norm()) && observation.is_slow(),
         }
     }
 }

@@ -29,7 +29,7 @@ pub struct BuiltInVehicle {
     air: LocalWind,
     ticks: u64,
     /// The last valid controls; `None` before the first.
-    sticks: Option<Controls>,
+    controls: Option<Controls>,
     failures: Failures,
     /// The position that is measured while the position is frozen.
     frozen: Option<Geodetic>,
@@ -50,7 +50,7 @@ impl BuiltInVehicle {
             helicopter: Helicopter::at_rest(parameters, start.north_m, start.east_m, 0.0, start.heading_rad),
             air: LocalWind::new(weather, random::generator(seed, Some(vehicle), Purpose::Wind)),
             ticks: 0,
-            sticks: None,
+            controls: None,
             failures: Failures::default(),
             frozen: None,
         }
@@ -78,12 +78,12 @@ impl BuiltInVehicle {
     /// Advances by one tick. `None` keeps the last controls. Before the first controls the vehicle is held on the
     /// ground and only time passes: otherwise the gyro's integral would wind up against the ground and the heading
     /// would swing at lift-off. Controls that are not finite are ignored, and values beyond the travel are clamped.
-    pub fn advance(&mut self, sticks: Option<Controls>) {
+    pub fn advance(&mut self, controls: Option<Controls>) {
         self.ticks += 1;
-        self.sticks = sticks.filter(is_finite).or(self.sticks);
-        let Some(sticks) = self.sticks else { return };
+        self.controls = controls.filter(is_finite).or(self.controls);
+        let Some(controls) = self.controls else { return };
         let wind = self.air.advance(self.helicopter.height_m());
-        self.helicopter.advance(&sticks, wind);
+        self.helicopter.advance(&controls, wind);
     }
 
     /// From now on exactly these failures are present; all others are cured.
@@ -107,8 +107,8 @@ impl BuiltInVehicle {
     }
 }
 
-fn is_finite(sticks: &Controls) -> bool {
-    [sticks.roll, sticks.pitch, sticks.yaw, sticks.collective].iter().all(|deflection| deflection.is_finite())
+fn is_finite(controls: &Controls) -> bool {
+    [controls.roll, controls.pitch, controls.yaw, controls.collective].iter().all(|deflection| deflection.is_finite())
 }
 
 #[cfg(test)]

@@ -44,17 +44,17 @@ struct Chance {
 }
 
 impl Channel {
-    /// The direction from `speaker`, `None` for an operator, to `hearer`.
-    pub(super) fn new(quality: Quality, seed: u64, speaker: Option<VehicleId>, hearer: VehicleId) -> Self {
-        let generator = random::link_generator(seed, speaker, hearer);
+    /// The direction from `sender`, `None` for an operator, to `receiver`.
+    pub(super) fn new(quality: Quality, seed: u64, sender: Option<VehicleId>, receiver: VehicleId) -> Self {
+        let generator = random::link_generator(seed, sender, receiver);
         let burst = quality.burst_s.map(|mean_s| Burst { loss: quality.loss, mean_s, state: None });
         Self { quality, generator, burst, free_at: LocalTime::ZERO }
     }
 
     /// Delivery of a message sent at `at`, with this share of messages lost by distance.
-    pub(super) fn fate(&mut self, word: &PeerMessage, at: LocalTime, lost_by_distance: f64) -> Delivery {
+    pub(super) fn fate(&mut self, message: &PeerMessage, at: LocalTime, lost_by_distance: f64) -> Delivery {
         let chance = self.draw();
-        let Some(sent_at) = self.through_queue(word, at) else { return Delivery::QueueFull };
+        let Some(sent_at) = self.through_queue(message, at) else { return Delivery::QueueFull };
         let is_lost = match &mut self.burst {
             Some(burst) => burst.is_on(sent_at, chance.loss),
             None => chance.loss < self.quality.loss,
@@ -84,20 +84,20 @@ impl Channel {
     }
 
     /// The time at which the message has left the queue; `None` if it would have to wait too long.
-    fn through_queue(&mut self, word: &PeerMessage, at: LocalTime) -> Option<LocalTime> {
+    fn through_queue(&mut self, message: &PeerMessage, at: LocalTime) -> Option<LocalTime> {
         let Some(bandwidth_bit_s) = self.quality.bandwidth_bit_s else { return Some(at) };
         let begins_at = self.free_at.max(at);
         if begins_at.seconds_since(at) > self.quality.queue_s {
             return None;
         }
-        self.free_at = begins_at.plus_seconds(8.0 * size_bytes(word) as f64 / bandwidth_bit_s);
+        self.free_at = begins_at.plus_seconds(8.0 * size_bytes(message) as f64 / bandwidth_bit_s);
         Some(self.free_at)
     }
 }
 
 /// Size of a message on the wire, bytes.
-pub(super) fn size_bytes(word: &PeerMessage) -> usize {
-    let encoded = match word {
+pub(super) fn size_bytes(message: &PeerMessage) -> usize {
+    let encoded = match message {
         PeerMessage::State(payload) => message::encode(payload).len() + STATE_KEY_BYTES,
         PeerMessage::Mission(payload) => message::encode(payload).len(),
         PeerMessage::Order(payload) => message::encode(payload).len(),

@@ -17,7 +17,7 @@ use crate::peers::{PeerMessage, Received};
 pub(super) struct ReceiverChannels {
     origin: Origin,
     /// The other vehicles, by id.
-    speakers: Vec<Sender>,
+    senders: Vec<Sender>,
     /// The channel from operators, who have no position.
     operator: Channel,
     range: Option<Range>,
@@ -82,15 +82,15 @@ impl ReceiverChannels {
         if links.is_empty() && range_m.is_none() && graph == Graph::All && only_delays(&everywhere) {
             return None;
         }
-        let speaker = |id| {
+        let sender = |id| {
             let quality = scenario.network.link(id, own);
             Sender { id, channel: Channel::new(quality, scenario.seed, Some(id), own), place: None }
         };
         let selection = match graph {
             Graph::All => NeighbourSelection::All,
             Graph::Edges => {
-                let to_own = scenario.network.edges.iter().filter(|[_, hearer]| *hearer == own);
-                NeighbourSelection::Edges(to_own.map(|[speaker, _]| *speaker).collect())
+                let to_own = scenario.network.edges.iter().filter(|[_, receiver]| *receiver == own);
+                NeighbourSelection::Edges(to_own.map(|[sender, _]| *sender).collect())
             }
             Graph::Nearest => NeighbourSelection::Nearest {
                 count: scenario.network.neighbours,
@@ -100,7 +100,7 @@ impl ReceiverChannels {
         };
         Some(Self {
             origin: Origin::new(scenario.origin.geodetic()),
-            speakers: scenario.ids().filter(|&id| id != own).map(speaker).collect(),
+            senders: scenario.ids().filter(|&id| id != own).map(sender).collect(),
             operator: Channel::new(everywhere, scenario.seed, None, own),
             range: range_m.map(|range_m| Range { fade_m: fade_m.unwrap_or(range_m), range_m }),
             selection,
@@ -114,9 +114,9 @@ impl ReceiverChannels {
         self.own_position = own_position;
         let NeighbourSelection::Nearest { count, selected, distances } = &mut self.selection else { return };
         let Some(own) = own_position else { return };
-        let near = self.speakers.iter().filter_map(|speaker| {
-            let (position, sent_at) = speaker.place?;
-            (now.seconds_since(sent_at) <= self.stale_s).then(|| ((position - own).norm_squared(), speaker.id))
+        let near = self.senders.iter().filter_map(|sender| {
+            let (position, sent_at) = sender.place?;
+            (now.seconds_since(sent_at) <= self.stale_s).then(|| ((position - own).norm_squared(), sender.id))
         });
         distances.clear();
         distances.extend(near);
@@ -125,22 +125,22 @@ impl ReceiverChannels {
     }
 
     /// Delivery of a message. With `is_cut` the link is dead, so the sender's reported position is not taken over.
-    pub(super) fn fate(&mut self, heard: &Received, is_cut: bool) -> Delivery {
-        let Received { word, at } = heard;
-        let Some(sender_id) = word.speaker() else { return self.operator.fate(word, *at, 0.0) };
-        let index = self.speakers.binary_search_by_key(&sender_id, |speaker| speaker.id);
+    pub(super) fn fate(&mut self, received: &Received, is_cut: bool) -> Delivery {
+        let Received { message, at } = received;
+        let Some(sender_id) = message.sender() else { return self.operator.fate(message, *at, 0.0) };
+        let index = self.senders.binary_search_by_key(&sender_id, |sender| sender.id);
         // A message with a false sender id passes: the agent counts those.
-        let Some(speaker) = index.ok().and_then(|index| self.speakers.get_mut(index)) else {
+        let Some(sender) = index.ok().and_then(|index| self.senders.get_mut(index)) else {
             return Delivery::Arrives { at: *at, copy_at: None };
         };
-        match word {
+        match message {
             PeerMessage::Appeared(_) | PeerMessage::Vanished(_) => {
-                speaker.place = None;
-                return Delivery::Arrives { at: at.plus_seconds(speaker.channel.delay_s()), copy_at: None };
+                sender.place = None;
+                return Delivery::Arrives { at: at.plus_seconds(sender.channel.delay_s()), copy_at: None };
             }
             PeerMessage::State(payload) => {
                 if !is_cut {
-                    speaker.place = Some((self.origin.ned_from_geodetic(&payload.state.position), *at));
+                    sender.place = Some((self.origin.ned_from_geodetic(&payload.state.position), *at));
                 }
                 if !self.selection.includes(sender_id) {
                     return Delivery::OutsideGraph;
@@ -148,25 +148,25 @@ impl ReceiverChannels {
             }
             PeerMessage::Mission(_) | PeerMessage::Order(_) => {}
         }
-        let distance_m = self.own_position.zip(speaker.place).map(|(own, (other, _))| (own - other).norm());
+        let distance_m = self.own_position.zip(sender.place).map(|(own, (other, _))| (own - other).norm());
         let lost_by_distance = self.range.zip(distance_m).map_or(0.0, |(range, distance_m)| range.loss_at(distance_m));
-        speaker.channel.fate(word, *at, lost_by_distance)
+        sender.channel.fate(message, *at, lost_by_distance)
     }
 
     /// The delay of every message from this sender, s.
-    pub(super) fn delay_s(&self, speaker: Option<VehicleId>) -> f64 {
-        let of = |id| self.speakers.binary_search_by_key(&id, |speaker| speaker.id).ok();
-        let speaker = speaker.and_then(of).and_then(|index| self.speakers.get(index));
-        speaker.map_or(&self.operator, |speaker| &speaker.channel).delay_s()
+    pub(super) fn delay_s(&self, sender: Option<VehicleId>) -> f64 {
+        let of = |id| self.senders.binary_search_by_key(&id, |sender| sender.id).ok();
+        let sender = sender.and_then(of).and_then(|index| self.senders.get(index));
+        sender.map_or(&self.operator, |sender| &sender.channel).delay_s()
     }
 }
 
 impl NeighbourSelection {
-    fn includes(&self, speaker: VehicleId) -> bool {
+    fn includes(&self, sender: VehicleId) -> bool {
         match self {
             Self::All => true,
-            Self::Edges(speakers) => speakers.contains(speaker),
-            Self::Nearest { selected, .. } => selected.is_none_or(|selected| selected.contains(speaker)),
+            Self::Edges(senders) => senders.contains(sender),
+            Self::Nearest { selected, .. } => selected.is_none_or(|selected| selected.contains(sender)),
         }
     }
 }

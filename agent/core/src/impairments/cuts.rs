@@ -26,11 +26,11 @@ pub(super) struct Outage {
     pub(super) back_s: f64,
 }
 
-/// The times in which no message from `speaker` reaches `hearer`, s after take-off, in order and disjoint.
-pub fn silences(events: &[Event], speaker: VehicleId, hearer: VehicleId) -> Vec<Range<f64>> {
+/// The times in which no message from `sender` reaches `receiver`, s after take-off, in order and disjoint.
+pub fn silences(events: &[Event], sender: VehicleId, receiver: VehicleId) -> Vec<Range<f64>> {
     let silence = |event: &Event| {
         let EventAction::Fault(Fault::Cut { from, to, both_ways }) = &event.what else { return None };
-        is_among([from, to], *both_ways, speaker, hearer).then(|| lasting(event))
+        is_among([from, to], *both_ways, sender, receiver).then(|| lasting(event))
     };
     union(events.iter().filter_map(silence))
 }

@@ -84,7 +84,7 @@ impl Link {
                 self.held.state = None;
                 if self.reported == Some(true) {
                     self.reported = Some(false);
-                    deliver(Received { word: PeerMessage::Vanished(self.peer), at: now });
+                    deliver(Received { message: PeerMessage::Vanished(self.peer), at: now });
                 }
             }
             Session::Open => self.catch_up(now, deliver),
@@ -95,9 +95,9 @@ impl Link {
     }
 
     /// Whether the agent receives this message now. A message that is held back may be delivered later.
-    pub(super) fn lets_through(&mut self, heard: &Received) -> bool {
-        let word = &heard.word;
-        match word {
+    pub(super) fn lets_through(&mut self, received: &Received) -> bool {
+        let message = &received.message;
+        match message {
             PeerMessage::Appeared(_) => self.token = Some(true),
             // Messages of a vehicle that has gone are dropped.
             PeerMessage::Vanished(_) => (self.token, self.held) = (Some(false), Held::default()),
@@ -107,14 +107,16 @@ impl Link {
             Session::Open => true,
             // A session does not reopen with one dead direction.
             Session::Failing { incoming_dead } => {
-                !incoming_dead && self.reported == Some(true) && !matches!(word, PeerMessage::Appeared(_))
+                !incoming_dead && self.reported == Some(true) && !matches!(message, PeerMessage::Appeared(_))
             }
             Session::Closed => false,
         };
-        match word {
+        match message {
             PeerMessage::Appeared(_) | PeerMessage::Vanished(_) if is_received => self.reported = self.token,
-            PeerMessage::State(_) if !is_received && self.session != Session::Closed => self.held.state = Some(*heard),
-            PeerMessage::Mission(_) if !is_received => self.held.mission = Some(*heard),
+            PeerMessage::State(_) if !is_received && self.session != Session::Closed => {
+                self.held.state = Some(*received)
+            }
+            PeerMessage::Mission(_) if !is_received => self.held.mission = Some(*received),
             _ => {}
         }
         is_received
@@ -136,8 +138,8 @@ impl Link {
     fn catch_up(&mut self, now: LocalTime, mut deliver: impl FnMut(Received)) {
         if let Some(is_there) = self.token.filter(|_| self.token != self.reported) {
             self.reported = self.token;
-            let word = if is_there { PeerMessage::Appeared(self.peer) } else { PeerMessage::Vanished(self.peer) };
-            deliver(Received { word, at: now });
+            let message = if is_there { PeerMessage::Appeared(self.peer) } else { PeerMessage::Vanished(self.peer) };
+            deliver(Received { message, at: now });
         }
         let Held { state, mission } = core::mem::take(&mut self.held);
         state.into_iter().chain(mission).for_each(deliver);

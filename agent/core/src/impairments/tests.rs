@@ -35,7 +35,7 @@ fn mission(sender: u8, sequence: u64) -> PeerMessage {
 }
 
 fn order(epoch: u64) -> PeerMessage {
-    PeerMessage::Order(Order { epoch, issuer: 1, verb: Verb::Hold, seal: None })
+    PeerMessage::Order(Order { epoch, issuer: 1, verb: Verb::Hold, signature: None })
 }
 
 /// The receiver's data this long after take-off, without a position.
@@ -45,14 +45,14 @@ fn flown(flown_s: f64) -> ReceiverPosition {
 
 /// A receiver that took off at its clock's zero.
 struct Receiver {
-    ear: Impairments,
+    impairments: Impairments,
     position: Option<PositionNed>,
     log: Vec<(f64, PeerMessage)>,
 }
 
 impl Receiver {
     fn new(scenario: &Scenario, own: u8) -> Self {
-        Self { ear: Impairments::new(scenario, id(own)), position: None, log: Vec::new() }
+        Self { impairments: Impairments::new(scenario, id(own)), position: None, log: Vec::new() }
     }
 
     fn own(&self, t_s: f64) -> ReceiverPosition {
@@ -60,37 +60,43 @@ impl Receiver {
     }
 
     /// Offers the messages that arrive at `t_s` and returns those received by then.
-    fn receive(&mut self, t_s: f64, words: impl IntoIterator<Item = PeerMessage>) -> Vec<PeerMessage> {
+    fn receive(&mut self, t_s: f64, messages: impl IntoIterator<Item = PeerMessage>) -> Vec<PeerMessage> {
         let at = LocalTime::from_seconds(t_s);
         let mut out = Vec::new();
-        self.ear.receive(at, self.own(t_s), words.into_iter().map(|word| Received { word, at }), &mut out);
-        assert!(out.iter().all(|heard| heard.at <= at), "received before its arrival");
-        self.log.extend(out.iter().map(|heard| (heard.at.seconds(), heard.word)));
-        out.into_iter().map(|heard| heard.word).collect()
+        self.impairments.receive(
+            at,
+            self.own(t_s),
+            messages.into_iter().map(|message| Received { message, at }),
+            &mut out,
+        );
+        assert!(out.iter().all(|received| received.at <= at), "received before its arrival");
+        self.log.extend(out.iter().map(|received| (received.at.seconds(), received.message)));
+        out.into_iter().map(|received| received.message).collect()
     }
 
     /// Runs until `to_s`; `peer` sends a state in every frame and a heartbeat in every tenth.
     fn run_with_peer(&mut self, peer: u8, from_s: f64, to_s: f64) {
         for frame in (from_s / FRAME_S).round() as u64..(to_s / FRAME_S).round() as u64 {
-            let words = [state(peer, frame + 1)].into_iter().chain((frame % 10 == 0).then(|| mission(peer, frame + 1)));
-            self.receive(frame as f64 * FRAME_S, words);
+            let messages =
+                [state(peer, frame + 1)].into_iter().chain((frame % 10 == 0).then(|| mission(peer, frame + 1)));
+            self.receive(frame as f64 * FRAME_S, messages);
         }
     }
 
     /// Times at which messages of this kind were received, s.
     fn times(&self, kind: impl Fn(&PeerMessage) -> bool) -> Vec<f64> {
-        self.log.iter().filter(|(_, word)| kind(word)).map(|(t_s, _)| *t_s).collect()
+        self.log.iter().filter(|(_, message)| kind(message)).map(|(t_s, _)| *t_s).collect()
     }
 
-    fn only_time(&self, word: PeerMessage) -> f64 {
-        let times = self.times(|log| *log == word);
-        assert_eq!(times.len(), 1, "{word:?} at {times:?}");
+    fn only_time(&self, message: PeerMessage) -> f64 {
+        let times = self.times(|log| *log == message);
+        assert_eq!(times.len(), 1, "{message:?} at {times:?}");
         times[0]
     }
 }
 
-fn is_state(word: &PeerMessage) -> bool {
-    matches!(word, PeerMessage::State(_))
+fn is_state(message: &PeerMessage) -> bool {
+    matches!(message, PeerMessage::State(_))
 }
 
 /// Gaps of more than two frames between these times, s.
@@ -104,80 +110,80 @@ fn near(one_s: f64, other_s: f64) -> bool {
 
 #[test]
 fn an_ideal_network_delivers_all_messages_at_once_and_in_order() {
-    let mut ear = Impairments::new(&scenario(""), id(1));
+    let mut impairments = Impairments::new(&scenario(""), id(1));
     let at = LocalTime::from_seconds;
-    let words = [order(1), state(2, 1), PeerMessage::Vanished(id(3)), mission(4, 9)];
+    let messages = [order(1), state(2, 1), PeerMessage::Vanished(id(3)), mission(4, 9)];
     // The last one arrives shortly after the step began, as in a real agent.
-    let arriving = words
-        .map(|word| Received { word, at: at(1.0) })
+    let arriving = messages
+        .map(|message| Received { message, at: at(1.0) })
         .into_iter()
-        .chain([Received { word: state(3, 2), at: at(1.01) }]);
+        .chain([Received { message: state(3, 2), at: at(1.01) }]);
     let arriving: Vec<_> = arriving.collect();
-    let mut out = vec![Received { word: order(0), at: at(0.5) }];
-    ear.receive(at(1.0), ReceiverPosition::default(), arriving.iter().copied(), &mut out);
+    let mut out = vec![Received { message: order(0), at: at(0.5) }];
+    impairments.receive(at(1.0), ReceiverPosition::default(), arriving.iter().copied(), &mut out);
     assert_eq!(out[1..], arriving[..]);
 }
 
 #[test]
 fn the_loss_matches_the_scenario_and_tokens_are_never_lost() {
     for (loss, own) in [(0.05, 1), (0.3, 2), (0.9, 3)] {
-        let mut hearer = Receiver::new(&scenario(&format!("seed = 7\nnetwork.loss = {loss}")), own);
+        let mut receiver = Receiver::new(&scenario(&format!("seed = 7\nnetwork.loss = {loss}")), own);
         let rounds = 20_000_u32;
         for round in 0..rounds {
-            let words =
+            let messages =
                 [state(4, round.into()), mission(4, round.into()), order(round.into()), PeerMessage::Appeared(id(4))];
-            hearer.receive(f64::from(round) * FRAME_S, words);
+            receiver.receive(f64::from(round) * FRAME_S, messages);
         }
         // Five standard deviations of a binomial distribution.
         let bound = 5.0 * (loss * (1.0 - loss) / f64::from(rounds)).sqrt();
         for first in [state(4, 0), mission(4, 0), order(0)] {
-            let heard = hearer.times(|word| discriminant(word) == discriminant(&first)).len();
-            let lost = 1.0 - heard as f64 / f64::from(rounds);
+            let received = receiver.times(|message| discriminant(message) == discriminant(&first)).len();
+            let lost = 1.0 - received as f64 / f64::from(rounds);
             assert!((lost - loss).abs() < bound, "lost {lost} of the messages like {first:?} at {loss}");
         }
-        assert_eq!(hearer.times(|word| matches!(word, PeerMessage::Appeared(_))).len(), rounds as usize);
+        assert_eq!(receiver.times(|message| matches!(message, PeerMessage::Appeared(_))).len(), rounds as usize);
     }
 }
 
 #[test]
 fn losses_differ_between_receivers_and_repeat_with_the_seed() {
     let lossy = |seed: u64| scenario(&format!("seed = {seed}\nnetwork.loss = 0.5"));
-    let heard = |scenario: &Scenario, own| {
-        let mut hearer = Receiver::new(scenario, own);
-        (0..200).map(|n| hearer.receive(n as f64, [state(4, n)]).len()).collect::<Vec<_>>()
+    let received = |scenario: &Scenario, own| {
+        let mut receiver = Receiver::new(scenario, own);
+        (0..200).map(|n| receiver.receive(n as f64, [state(4, n)]).len()).collect::<Vec<_>>()
     };
-    assert_eq!(heard(&lossy(1), 1), heard(&lossy(1), 1));
-    assert_ne!(heard(&lossy(1), 1), heard(&lossy(1), 2), "independent");
-    assert_ne!(heard(&lossy(1), 1), heard(&lossy(2), 1), "another seed");
+    assert_eq!(received(&lossy(1), 1), received(&lossy(1), 1));
+    assert_ne!(received(&lossy(1), 1), received(&lossy(1), 2), "independent");
+    assert_ne!(received(&lossy(1), 1), received(&lossy(2), 1), "another seed");
 }
 
 #[test]
 fn a_delay_is_exact_and_keeps_the_order_of_simultaneous_arrivals() {
-    let mut hearer = Receiver::new(&scenario("network.delay_s = 0.25"), 1);
-    let words = [state(2, 1), PeerMessage::Appeared(id(3)), order(1), state(4, 1), mission(2, 1)];
-    assert_eq!(hearer.receive(1.0, words), []);
-    assert_eq!(hearer.receive(1.24, [state(2, 2)]), []);
-    assert_eq!(hearer.receive(1.26, []), words);
-    assert!(hearer.log.iter().all(|(t_s, _)| *t_s == 1.25), "{:?}", hearer.log);
-    assert_eq!(hearer.receive(1.48, []), []);
-    assert_eq!(hearer.receive(1.5, []), [state(2, 2)]);
-    assert_eq!(hearer.log.last().unwrap().0, 1.49);
+    let mut receiver = Receiver::new(&scenario("network.delay_s = 0.25"), 1);
+    let messages = [state(2, 1), PeerMessage::Appeared(id(3)), order(1), state(4, 1), mission(2, 1)];
+    assert_eq!(receiver.receive(1.0, messages), []);
+    assert_eq!(receiver.receive(1.24, [state(2, 2)]), []);
+    assert_eq!(receiver.receive(1.26, []), messages);
+    assert!(receiver.log.iter().all(|(t_s, _)| *t_s == 1.25), "{:?}", receiver.log);
+    assert_eq!(receiver.receive(1.48, []), []);
+    assert_eq!(receiver.receive(1.5, []), [state(2, 2)]);
+    assert_eq!(receiver.log.last().unwrap().0, 1.49);
 }
 
 #[test]
 fn messages_are_delivered_in_order_of_arrival() {
-    let mut ear = Impairments::new(&scenario("network.delay_s = 0.1"), id(1));
+    let mut impairments = Impairments::new(&scenario("network.delay_s = 0.1"), id(1));
     let at = LocalTime::from_seconds;
     let arriving = [(state(2, 1), 0.99), (state(3, 1), 0.97), (state(4, 1), 0.98)];
     let mut out = Vec::new();
-    ear.receive(
+    impairments.receive(
         at(1.0),
         ReceiverPosition::default(),
-        arriving.map(|(word, t_s)| Received { word, at: at(t_s) }),
+        arriving.map(|(message, t_s)| Received { message, at: at(t_s) }),
         &mut out,
     );
-    ear.receive(at(1.085), ReceiverPosition::default(), [], &mut out);
-    assert_eq!(out.iter().map(|heard| heard.word).collect::<Vec<_>>(), [state(3, 1), state(4, 1)]);
+    impairments.receive(at(1.085), ReceiverPosition::default(), [], &mut out);
+    assert_eq!(out.iter().map(|received| received.message).collect::<Vec<_>>(), [state(3, 1), state(4, 1)]);
 }
 
 #[test]
@@ -185,20 +191,20 @@ fn a_cut_removes_the_token_after_a_lease_and_a_retry_after_healing_returns_it() 
     let scenario =
         with_events(3, "{ at_s = 10, for_s = 20, fault = 'cut', from = [1], to = [2, 3], both_ways = true }");
     let returns = [(1, 2), (2, 1), (1, 3), (3, 1)].map(|(own, peer)| {
-        let mut hearer = Receiver::new(&scenario, own);
-        hearer.receive(0.0, [PeerMessage::Appeared(id(peer))]);
-        hearer.run_with_peer(peer, FRAME_S, 40.0);
-        let gone_s = hearer.only_time(PeerMessage::Vanished(id(peer)));
+        let mut receiver = Receiver::new(&scenario, own);
+        receiver.receive(0.0, [PeerMessage::Appeared(id(peer))]);
+        receiver.run_with_peer(peer, FRAME_S, 40.0);
+        let gone_s = receiver.only_time(PeerMessage::Vanished(id(peer)));
         assert!(near(gone_s, 11.0), "{own} from {peer}: gone at {gone_s}");
-        let [_, back_s] = hearer.times(|word| matches!(word, PeerMessage::Appeared(_)))[..] else {
+        let [_, back_s] = receiver.times(|message| matches!(message, PeerMessage::Appeared(_)))[..] else {
             panic!("not back once")
         };
         assert!((30.2..31.0 + FRAME_S).contains(&back_s), "{own} from {peer}: back at {back_s}");
-        let gaps = gaps(&hearer.times(is_state));
+        let gaps = gaps(&receiver.times(is_state));
         assert_eq!(gaps.len(), 1, "{gaps:?}");
         assert!(near(gaps[0].0, 10.0) && near(gaps[0].1, back_s), "{gaps:?}");
         // The peer's register arrives with the token; states arrive as they are sent.
-        let registers = hearer.times(|word| matches!(word, PeerMessage::Mission(_)));
+        let registers = receiver.times(|message| matches!(message, PeerMessage::Mission(_)));
         assert!(registers.contains(&back_s), "{registers:?}");
         back_s
     });
@@ -210,9 +216,9 @@ fn a_cut_removes_the_token_after_a_lease_and_a_retry_after_healing_returns_it() 
 fn a_vehicle_outside_all_cuts_receives_every_message() {
     let scenario = with_events(3, "{ at_s = 10, for_s = 20, fault = 'cut', from = [1], to = [2], both_ways = true }");
     for (own, peer) in [(1, 3), (3, 1), (3, 4), (2, 4)] {
-        let mut hearer = Receiver::new(&scenario, own);
-        hearer.run_with_peer(peer, 0.0, 40.0);
-        assert_eq!(hearer.times(is_state).len(), 2_000);
+        let mut receiver = Receiver::new(&scenario, own);
+        receiver.run_with_peer(peer, 0.0, 40.0);
+        assert_eq!(receiver.times(is_state).len(), 2_000);
     }
 }
 
@@ -220,12 +226,12 @@ fn a_vehicle_outside_all_cuts_receives_every_message() {
 fn under_a_one_way_cut_the_other_direction_delivers_for_a_lease_only() {
     let scenario = with_events(5, "{ at_s = 10, for_s = 20, fault = 'cut', from = [1], to = [2] }");
     let ends = [(1, 2), (2, 1)].map(|(own, peer)| {
-        let mut hearer = Receiver::new(&scenario, own);
-        hearer.receive(0.0, [PeerMessage::Appeared(id(peer))]);
-        hearer.run_with_peer(peer, FRAME_S, 40.0);
-        let gone_s = hearer.only_time(PeerMessage::Vanished(id(peer)));
+        let mut receiver = Receiver::new(&scenario, own);
+        receiver.receive(0.0, [PeerMessage::Appeared(id(peer))]);
+        receiver.run_with_peer(peer, FRAME_S, 40.0);
+        let gone_s = receiver.only_time(PeerMessage::Vanished(id(peer)));
         assert!(near(gone_s, 11.0), "{own} from {peer}: gone at {gone_s}");
-        let gaps = gaps(&hearer.times(is_state));
+        let gaps = gaps(&receiver.times(is_state));
         assert_eq!(gaps.len(), 1, "{gaps:?}");
         gaps[0]
     });
@@ -237,27 +243,27 @@ fn under_a_one_way_cut_the_other_direction_delivers_for_a_lease_only() {
 #[test]
 fn a_cut_shorter_than_the_lease_only_delays() {
     let scenario = with_events(5, "{ at_s = 10, for_s = 0.9, fault = 'cut', from = [2], to = [1] }");
-    let mut hearer = Receiver::new(&scenario, 1);
-    hearer.receive(0.0, [PeerMessage::Appeared(id(2))]);
-    hearer.run_with_peer(2, FRAME_S, 10.0);
+    let mut receiver = Receiver::new(&scenario, 1);
+    receiver.receive(0.0, [PeerMessage::Appeared(id(2))]);
+    receiver.run_with_peer(2, FRAME_S, 10.0);
     // The last message before a long pause is stopped by the cut.
-    assert_eq!(hearer.receive(10.5, [state(2, 1_000), mission(2, 1_000)]), []);
-    assert_eq!(hearer.receive(10.6, [state(2, 1_001)]), []);
-    assert_eq!(hearer.receive(10.88, []), []);
-    assert_eq!(hearer.receive(10.9, []), [state(2, 1_001), mission(2, 1_000)], "the newest");
-    hearer.run_with_peer(2, 10.92, 20.0);
-    assert!(hearer.times(|word| matches!(word, PeerMessage::Vanished(_))).is_empty());
-    assert_eq!(gaps(&hearer.times(is_state)).len(), 1);
+    assert_eq!(receiver.receive(10.5, [state(2, 1_000), mission(2, 1_000)]), []);
+    assert_eq!(receiver.receive(10.6, [state(2, 1_001)]), []);
+    assert_eq!(receiver.receive(10.88, []), []);
+    assert_eq!(receiver.receive(10.9, []), [state(2, 1_001), mission(2, 1_000)], "the newest");
+    receiver.run_with_peer(2, 10.92, 20.0);
+    assert!(receiver.times(|message| matches!(message, PeerMessage::Vanished(_))).is_empty());
+    assert_eq!(gaps(&receiver.times(is_state)).len(), 1);
 }
 
 #[test]
 fn a_permanent_cut_never_heals() {
     let scenario = with_events(5, "{ at_s = 10, fault = 'cut', from = [2], to = [1], both_ways = true }");
-    let mut hearer = Receiver::new(&scenario, 1);
-    hearer.receive(0.0, [PeerMessage::Appeared(id(2))]);
-    hearer.run_with_peer(2, FRAME_S, 500.0);
-    assert!(near(hearer.only_time(PeerMessage::Vanished(id(2))), 11.0));
-    assert!(hearer.times(is_state).last().is_some_and(|&t_s| t_s < 10.0));
+    let mut receiver = Receiver::new(&scenario, 1);
+    receiver.receive(0.0, [PeerMessage::Appeared(id(2))]);
+    receiver.run_with_peer(2, FRAME_S, 500.0);
+    assert!(near(receiver.only_time(PeerMessage::Vanished(id(2))), 11.0));
+    assert!(receiver.times(is_state).last().is_some_and(|&t_s| t_s < 10.0));
 }
 
 #[test]
@@ -267,7 +273,7 @@ fn a_peer_gone_behind_a_cut_is_lost_with_the_lease_and_a_new_one_appears_after_t
     gone.receive(0.0, [PeerMessage::Appeared(id(2))]);
     gone.run_with_peer(2, FRAME_S, 10.4);
     assert_eq!(gone.receive(10.4, [PeerMessage::Vanished(id(2))]), []);
-    let mut restarted = Receiver { ear: gone.ear.clone(), position: None, log: Vec::new() };
+    let mut restarted = Receiver { impairments: gone.impairments.clone(), position: None, log: Vec::new() };
     for frame in 521..2_000 {
         let t_s = f64::from(frame) * FRAME_S;
         gone.receive(t_s, []);
@@ -286,12 +292,16 @@ fn an_agent_started_during_an_outage_receives_nothing_before_its_end() {
     let scenario = with_events(5, "{ at_s = 10, for_s = 20, fault = 'cut', from = [1], to = [2] }");
     // The direction that is alive is affected as well: a session needs both.
     for (begin_s, own, peer) in [(10.4, 1, 2), (10.4, 2, 1), (15.0, 1, 2), (30.1, 2, 1)] {
-        let mut hearer = Receiver::new(&scenario, own);
-        assert_eq!(hearer.receive(begin_s, [PeerMessage::Appeared(id(peer)), mission(peer, 1)]), []);
-        hearer.run_with_peer(peer, begin_s + FRAME_S, 40.0);
-        assert!(hearer.times(|word| matches!(word, PeerMessage::Vanished(_))).is_empty());
-        let first_s = hearer.only_time(PeerMessage::Appeared(id(peer)));
-        assert!((30.2..31.1).contains(&first_s) && hearer.log[0].0 == first_s, "from {begin_s} s: {:?}", hearer.log[0]);
+        let mut receiver = Receiver::new(&scenario, own);
+        assert_eq!(receiver.receive(begin_s, [PeerMessage::Appeared(id(peer)), mission(peer, 1)]), []);
+        receiver.run_with_peer(peer, begin_s + FRAME_S, 40.0);
+        assert!(receiver.times(|message| matches!(message, PeerMessage::Vanished(_))).is_empty());
+        let first_s = receiver.only_time(PeerMessage::Appeared(id(peer)));
+        assert!(
+            (30.2..31.1).contains(&first_s) && receiver.log[0].0 == first_s,
+            "from {begin_s} s: {:?}",
+            receiver.log[0]
+        );
     }
 }
 
@@ -331,17 +341,17 @@ fn adjoining_cuts_merge_and_short_one_way_cuts_close_no_session() {
 #[test]
 fn cuts_count_from_take_off() {
     let scenario = with_events(5, "{ at_s = 0, fault = 'cut', from = [2], to = [1] }");
-    let mut ear = Impairments::new(&scenario, id(1));
+    let mut impairments = Impairments::new(&scenario, id(1));
     let mut out = Vec::new();
     let at = LocalTime::from_seconds(100.0);
-    ear.receive(
+    impairments.receive(
         at,
         ReceiverPosition::default(),
-        [Received { word: PeerMessage::Appeared(id(2)), at }, Received { word: state(2, 1), at }],
+        [Received { message: PeerMessage::Appeared(id(2)), at }, Received { message: state(2, 1), at }],
         &mut out,
     );
     assert_eq!(out.len(), 2);
-    ear.receive(at, flown(0.0), [Received { word: state(2, 2), at }], &mut out);
+    impairments.receive(at, flown(0.0), [Received { message: state(2, 2), at }], &mut out);
     assert_eq!(out.len(), 2);
 }
 
@@ -350,11 +360,11 @@ fn loss_and_delay_act_in_addition_to_a_cut() {
     let mut scenario =
         with_events(5, "{ at_s = 10, for_s = 20, fault = 'cut', from = [2], to = [1], both_ways = true }");
     (scenario.network.loss, scenario.network.delay_s) = (0.3, 0.5);
-    let mut hearer = Receiver::new(&scenario, 1);
-    hearer.receive(0.0, [PeerMessage::Appeared(id(2))]);
-    hearer.run_with_peer(2, FRAME_S, 40.0);
-    assert!(near(hearer.only_time(PeerMessage::Vanished(id(2))), 11.5));
-    let states = hearer.times(is_state);
+    let mut receiver = Receiver::new(&scenario, 1);
+    receiver.receive(0.0, [PeerMessage::Appeared(id(2))]);
+    receiver.run_with_peer(2, FRAME_S, 40.0);
+    assert!(near(receiver.only_time(PeerMessage::Vanished(id(2))), 11.5));
+    let states = receiver.times(is_state);
     let before = states.iter().filter(|t_s| **t_s < 10.4).count();
     assert!((300..400).contains(&before), "{before} of 495");
     assert!(states.iter().all(|t_s| !(10.5..30.7).contains(t_s)));

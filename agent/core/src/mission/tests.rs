@@ -5,8 +5,8 @@ use skein_common::scenario::{Source, load};
 use super::*;
 use crate::testing::{header, heartbeat, id};
 
-const LAND: Order = Order { epoch: 2, issuer: 1, verb: Verb::Land, seal: None };
-const HOLD: Order = Order { epoch: 1, issuer: 1, verb: Verb::Hold, seal: None };
+const LAND: Order = Order { epoch: 2, issuer: 1, verb: Verb::Land, signature: None };
+const HOLD: Order = Order { epoch: 1, issuer: 1, verb: Verb::Hold, signature: None };
 
 fn at(seconds: f64) -> Now {
     Now { plant: PlantTime::from_seconds(seconds), local: LocalTime::from_seconds(seconds) }
@@ -310,9 +310,9 @@ fn a_goto_order_ends_a_hold() {
     let mut one = One::active(TWO, "");
     one.order(HOLD);
     assert!(matches!(one.step(20.0, 30.0), Task::Stay { .. }));
-    one.order(Order { epoch: 2, issuer: 1, verb: Verb::Goto(0), seal: None });
+    one.order(Order { epoch: 2, issuer: 1, verb: Verb::Goto(0), signature: None });
     assert_eq!(formation(one.step(21.0, 30.0)).step, 0);
-    one.order(Order { epoch: 3, issuer: 1, verb: Verb::Goto(1), seal: None });
+    one.order(Order { epoch: 3, issuer: 1, verb: Verb::Goto(1), signature: None });
     assert_eq!(formation(one.step(22.0, 30.0)).step, 1);
 }
 
@@ -328,7 +328,7 @@ fn the_larger_order_wins() {
 
 #[test]
 fn a_landing_can_be_recalled_but_an_abort_cannot() {
-    let later = Order { epoch: 9, issuer: 1, verb: Verb::Goto(0), seal: None };
+    let later = Order { epoch: 9, issuer: 1, verb: Verb::Goto(0), signature: None };
     let mut one = One::active(ONE, "");
     one.order(LAND);
     assert!(matches!(one.step(20.0, 30.0), Task::Stay { .. }));

@@ -55,9 +55,9 @@ impl PeersStage {
         Self(Peers::new(id(1), 4, 1, &network(keys)))
     }
 
-    fn receive(&mut self, at_s: f64, words: &[PeerMessage]) -> Vec<Change> {
-        let heard: Vec<_> = words.iter().map(|&word| Received { word, at: seconds(at_s) }).collect();
-        self.0.update(seconds(at_s), &origin(), &heard);
+    fn receive(&mut self, at_s: f64, messages: &[PeerMessage]) -> Vec<Change> {
+        let received: Vec<_> = messages.iter().map(|&message| Received { message, at: seconds(at_s) }).collect();
+        self.0.update(seconds(at_s), &origin(), &received);
         self.0.changes().to_vec()
     }
 
@@ -130,7 +130,7 @@ fn messages_with_the_own_id_or_an_unknown_one_are_forged() {
     table.receive(
         1.0,
         &[
-            PeerMessage::Order(Order { epoch: 1, issuer: 1, verb: Verb::Land, seal: None }),
+            PeerMessage::Order(Order { epoch: 1, issuer: 1, verb: Verb::Land, signature: None }),
             PeerMessage::Vanished(id(9)),
         ],
     );
@@ -221,9 +221,9 @@ fn the_newest_heartbeats_of_peers_in_contact_are_kept_for_any_plan() {
 fn arrival_times_are_limited_to_the_time_since_the_last_update() {
     let mut table = PeersStage::new();
     table.receive(1.0, &[]);
-    let heard =
-        [(2, 0.2), (3, 999.0)].map(|(sender, at_s)| Received { word: state(sender, 1, 1, 0.0), at: seconds(at_s) });
-    table.0.update(seconds(1.5), &origin(), &heard);
+    let received =
+        [(2, 0.2), (3, 999.0)].map(|(sender, at_s)| Received { message: state(sender, 1, 1, 0.0), at: seconds(at_s) });
+    table.0.update(seconds(1.5), &origin(), &received);
     let ages: Vec<_> = table.0.estimates().iter().map(|estimate| estimate.age_s).collect();
     assert_eq!(ages, [0.5, 0.0]);
 }
@@ -301,8 +301,8 @@ proptest! {
         for (incarnation, sequence, is_state, after_s, off_s) in received {
             now_s += after_s;
             // The time of arrival may be wrong because the own clock was set.
-            let heard = Received { word: message_of(incarnation, sequence, is_state), at: seconds(now_s + off_s) };
-            table.0.update(seconds(now_s), &origin(), &[heard]);
+            let received = Received { message: message_of(incarnation, sequence, is_state), at: seconds(now_s + off_s) };
+            table.0.update(seconds(now_s), &origin(), &[received]);
             if is_state { states.push((incarnation, sequence)) } else { heartbeats.push((incarnation, sequence)) }
             let newest_incarnation = states.iter().chain(&heartbeats).map(|(incarnation, _)| *incarnation).max();
             let newest = |sent: &[(u64, u64)]| {

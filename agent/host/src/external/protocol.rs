@@ -188,7 +188,7 @@ pub fn read(line: &[u8]) -> Result<MessageFromLaw, Fault> {
 fn answer(object: &Map<String, Value>) -> Result<LawReply, Fault> {
     let vehicle = whole(object.get("vehicle")).ok_or(Fault::Content("vehicle is not a number"))?;
     let tick = whole(object.get("tick")).ok_or(Fault::Content("tick is not a number"))?;
-    let wanted = match (object.get("velocity_ned_m_s"), object.get("field_ne")) {
+    let command = match (object.get("velocity_ned_m_s"), object.get("field_ne")) {
         (Some(velocity), None) => {
             let velocity = numbers(velocity).ok_or(Fault::Content("velocity_ned_m_s is not three finite numbers"))?;
             ReplyCommand::VelocityNed(Vector3::from(velocity))
@@ -208,7 +208,7 @@ fn answer(object: &Map<String, Value>) -> Result<LawReply, Fault> {
         None => None,
     };
     let vehicle = vehicle_id(vehicle)?;
-    Ok(LawReply { vehicle, tick, wanted, heading_rad, reached, log: object.get("log").map(log).unwrap_or_default() })
+    Ok(LawReply { vehicle, tick, command, heading_rad, reached, log: object.get("log").map(log).unwrap_or_default() })
 }
 
 /// Vehicle id of this number.

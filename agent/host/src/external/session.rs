@@ -86,9 +86,9 @@ impl LawSession {
         if let Some(stdout) = process.stdout.take() {
             thread::spawn(move || read_lines(stdout, sink));
         }
-        let (outbox, words) = sync_channel(QUEUE);
+        let (outbox, messages) = sync_channel(QUEUE);
         let stdin = process.stdin.take();
-        let writer = stdin.map(|stdin| thread::spawn(move || write_all(words, stdin)));
+        let writer = stdin.map(|stdin| thread::spawn(move || write_all(messages, stdin)));
         Ok(Self { outbox: Some(outbox), writer, partner: Partner::Process(process) })
     }
 
@@ -102,8 +102,8 @@ impl LawSession {
         stream.set_write_timeout(Some(WRITE_TIMEOUT))?;
         let (reading, writing) = (stream.try_clone()?, stream.try_clone()?);
         thread::spawn(move || read_lines(reading, sink));
-        let (outbox, words) = sync_channel(QUEUE);
-        let writer = thread::spawn(move || write_all(words, writing));
+        let (outbox, messages) = sync_channel(QUEUE);
+        let writer = thread::spawn(move || write_all(messages, writing));
         Ok(Self { outbox: Some(outbox), writer: Some(writer), partner: Partner::Connection(stream) })
     }
 
@@ -119,11 +119,11 @@ impl LawSession {
         let (reading, closed) = (socket.try_clone()?, Arc::new(AtomicBool::new(false)));
         let of_reader = closed.clone();
         thread::spawn(move || read_datagrams(&reading, &of_reader, sink));
-        let (outbox, words) = sync_channel::<Vec<u8>>(QUEUE);
+        let (outbox, messages) = sync_channel::<Vec<u8>>(QUEUE);
         let writer = thread::spawn(move || {
-            for word in words {
+            for message in messages {
                 // The law may not be up yet.
-                let _ = socket.send_to(&word, to);
+                let _ = socket.send_to(&message, to);
             }
         });
         Ok(Self { outbox: Some(outbox), writer: Some(writer), partner: Partner::Datagrams { closed } })
@@ -134,12 +134,12 @@ impl LawSession {
     /// # Errors
     /// If the law has stopped reading.
     pub fn send(&self, outgoing: &MessageToLaw<'_>) -> Result<(), LawUnresponsive> {
-        let word = match (&self.partner, outgoing) {
+        let message = match (&self.partner, outgoing) {
             (Partner::Datagrams { .. }, MessageToLaw::LawQuery(ask)) => vector::write(ask),
             (Partner::Datagrams { .. }, _) => return Ok(()),
             _ => outgoing.line(),
         };
-        match self.outbox.as_ref().map(|outbox| outbox.try_send(word)) {
+        match self.outbox.as_ref().map(|outbox| outbox.try_send(message)) {
             Some(Ok(())) => Ok(()),
             // The law is behind; it does not reply to a query that it does not get.
             Some(Err(TrySendError::Full(_))) => Ok(()),
@@ -195,9 +195,9 @@ impl Drop for LawSession {
 }
 
 /// Writes messages until the queue is closed or the law stops reading.
-fn write_all(words: Receiver<Vec<u8>>, mut to: impl Write) {
-    for word in words {
-        if to.write_all(&word).and_then(|()| to.flush()).is_err() {
+fn write_all(messages: Receiver<Vec<u8>>, mut to: impl Write) {
+    for message in messages {
+        if to.write_all(&message).and_then(|()| to.flush()).is_err() {
             return;
         }
     }
@@ -225,9 +225,9 @@ fn read_lines(from: impl Read, mut sink: impl Sink) {
         let taken = end.map_or(some.len(), |end| end + 1);
         from.consume(taken);
         if end.is_some() {
-            let word = if is_too_long { LawInput::TooLong } else { LawInput::Data(std::mem::take(&mut line)) };
+            let message = if is_too_long { LawInput::TooLong } else { LawInput::Data(std::mem::take(&mut line)) };
             is_too_long = false;
-            if !sink(now(), word) {
+            if !sink(now(), message) {
                 return;
             }
         }
@@ -257,8 +257,8 @@ fn read_datagrams(socket: &UdpSocket, closed: &AtomicBool, mut sink: impl Sink) 
 
 /// Passes on a law's standard error, line by line.
 fn pass_on(stderr: ChildStderr, log: impl Fn(&str) + Send + 'static) {
-    read_lines(stderr, move |_, word| {
-        if let LawInput::Data(line) = word {
+    read_lines(stderr, move |_, message| {
+        if let LawInput::Data(line) = message {
             log(String::from_utf8_lossy(&line).trim_end());
         }
         true

@@ -71,7 +71,7 @@ pub fn read(datagram: &[u8]) -> Result<LawReply, Fault> {
     }
     let vehicle = vehicle_id(whole_f64(vehicle).ok_or(Fault::Content("vehicle is not a whole number"))?)?;
     let tick = whole_f64(tick).ok_or(Fault::Content("tick is not a whole number"))?;
-    let wanted = if kind == KIND_VELOCITY {
+    let command = if kind == KIND_VELOCITY {
         ReplyCommand::VelocityNed(Vector3::new(x, y, z))
     } else if kind == KIND_FIELD {
         ReplyCommand::FieldNe(Vector2::new(x, y))
@@ -79,7 +79,7 @@ pub fn read(datagram: &[u8]) -> Result<LawReply, Fault> {
         return Err(Fault::Content("kind is neither 1 nor 2"));
     };
     let heading_rad = (heading_is_meant == 1.0).then_some(heading_rad);
-    Ok(LawReply { vehicle, tick, wanted, heading_rad, reached: None, log: Vec::new() })
+    Ok(LawReply { vehicle, tick, command, heading_rad, reached: None, log: Vec::new() })
 }
 
 #[cfg(test)]

@@ -1,9 +1,9 @@
 //! Which orders an agent accepts: an agent with an orders key, an operator, and a node that invents orders.
 
 use super::*;
-use crate::link::seal::VerificationKey;
-use crate::link::seal::orders::sign;
-use crate::link::seal::tests::sealer;
+use crate::link::signature::VerificationKey;
+use crate::link::signature::orders::sign;
+use crate::link::signature::tests::signing_key;
 
 const RUN: u64 = 77;
 
@@ -13,7 +13,7 @@ fn trust_in(swarm: &SwarmName, key: VerificationKey, run: u64) -> Trust {
 }
 
 fn order(epoch: u64, verb: Verb) -> Order {
-    Order { epoch, issuer: 9, verb, seal: None }
+    Order { epoch, issuer: 9, verb, signature: None }
 }
 
 fn with_order(sender: u8, sequence: u64, order: Order) -> Mission {
@@ -28,27 +28,27 @@ fn store_heartbeat(link: &Link, session: &Session, sender: u8, order: Order) -> 
         sequence += 1;
         send(session, &key, &encode(&with_order(sender, sequence, order)));
     };
-    until(link, again, |heard| {
-        heard.iter().find_map(|heard| match heard.word {
+    until(link, again, |received| {
+        received.iter().find_map(|received| match received.message {
             PeerMessage::Mission(content) if content.header.sender == id(sender) => Some(content),
             _ => None,
         })
     })
 }
 
-fn orders(heard: &[Received]) -> Vec<Order> {
-    heard
+fn orders(received: &[Received]) -> Vec<Order> {
+    received
         .iter()
-        .filter_map(|heard| if let PeerMessage::Order(order) = heard.word { Some(order) } else { None })
+        .filter_map(|received| if let PeerMessage::Order(order) = received.message { Some(order) } else { None })
         .collect()
 }
 
 /// Publishes `bad` orders until all are counted as refused, then the valid order `good` until it is stored; returns all
 /// stored orders.
 fn refused_then(link: &Link, session: &Session, bad: &[Order], good: Order) -> Vec<Order> {
-    let before = link.drops().unsealed;
+    let before = link.drops().unsigned;
     let deadline = now() + TIMEOUT;
-    while link.drops().unsealed < before + bad.len() as u64 {
+    while link.drops().unsigned < before + bad.len() as u64 {
         assert!(now() < deadline, "{:?}", link.drops());
         bad.iter().for_each(|order| send(session, &Topic::Order(order.issuer).key(), &encode(order)));
         pause();
@@ -57,20 +57,20 @@ fn refused_then(link: &Link, session: &Session, bad: &[Order], good: Order) -> V
     until(
         link,
         || send(session, &key, &encode(&good)),
-        |heard| Some(orders(heard)).filter(|orders| orders.contains(&good)),
+        |received| Some(orders(received)).filter(|orders| orders.contains(&good)),
     )
 }
 
 #[test]
 fn only_an_order_signed_by_the_operator_in_this_run_is_accepted() {
     let (swarm, hub, dial) = hub("signed");
-    let operator = sealer();
+    let operator = signing_key();
     let agent = link(hub, 1, trust_in(&swarm, operator.key(), RUN));
     let session = open_zenoh(&swarm, &[], &dial, &[]).unwrap();
     let good = sign(&operator, &swarm, RUN, order(2, Verb::Hold));
     let bad = [
         order(9, Verb::Abort),
-        sign(&sealer(), &swarm, RUN, order(9, Verb::Abort)),
+        sign(&signing_key(), &swarm, RUN, order(9, Verb::Abort)),
         // From an earlier run: without the run's number it would be valid.
         sign(&operator, &swarm, RUN - 1, order(9, Verb::Abort)),
         sign(&operator, &SwarmName::new("another").unwrap(), RUN, order(9, Verb::Abort)),
@@ -79,13 +79,13 @@ fn only_an_order_signed_by_the_operator_in_this_run_is_accepted() {
     assert_eq!(refused_then(&agent, &session, &bad, good), [good]);
     let refused = agent.receiver.refused();
     assert_eq!((refused.len(), refused[0].reason, refused[0].key.as_str()), (1, Reason::Unsealed, "order"));
-    assert!(refused[0].count == agent.drops().unsealed && agent.drops().total() == refused[0].count);
+    assert!(refused[0].count == agent.drops().unsigned && agent.drops().total() == refused[0].count);
 }
 
 #[test]
 fn an_order_invented_in_a_heartbeat_is_removed_and_counted() {
     let (swarm, hub, dial) = hub("made-up");
-    let operator = sealer();
+    let operator = signing_key();
     let agent = link(hub, 1, trust_in(&swarm, operator.key(), RUN));
     let node = open_zenoh(&swarm, &[], &dial, &[]).unwrap();
     let made_up = order(u64::MAX, Verb::Abort);
@@ -93,11 +93,11 @@ fn an_order_invented_in_a_heartbeat_is_removed_and_counted() {
     assert_eq!(filed, Mission { order: None, ..with_order(2, filed.header.sequence, made_up) });
     let refused = agent.receiver.refused();
     assert_eq!((refused[0].reason, refused[0].key.as_str()), (Reason::Unsealed, "vehicle/2/mission"));
-    assert_eq!(agent.drops(), Drops { unsealed: refused[0].count, ..Drops::default() });
+    assert_eq!(agent.drops(), Drops { unsigned: refused[0].count, ..Drops::default() });
 
     // An order in another vehicle's heartbeat is valid if the operator has signed it.
-    let sealed = sign(&operator, &swarm, RUN, order(1, Verb::Land));
-    assert_eq!(store_heartbeat(&agent, &node, 3, sealed).order, Some(sealed));
+    let signed = sign(&operator, &swarm, RUN, order(1, Verb::Land));
+    assert_eq!(store_heartbeat(&agent, &node, 3, signed).order, Some(signed));
 }
 
 #[test]
@@ -114,36 +114,36 @@ fn without_an_orders_key_any_order_is_accepted() {
 #[test]
 fn an_agent_without_a_run_refuses_peers_with_a_run_and_signed_orders() {
     let (swarm, hub, dial) = hub("by-hand");
-    let operator = sealer();
+    let operator = signing_key();
     let by_hand = link(hub, 1, trust_in(&swarm, operator.key(), 0));
     let session = open_zenoh(&swarm, &[], &dial, &[]).unwrap();
     for sender in 2..9 {
         by_hand.receiver.store("vehicle/2/mission", PeerMessage::Mission(mission(sender, 1)), Some(RUN));
     }
-    assert_eq!((by_hand.receiver.judge.run(), by_hand.drops().forged), (0, 7), "seven peers agree on a run");
+    assert_eq!((by_hand.receiver.verifier.run(), by_hand.drops().forged), (0, 7), "seven peers agree on a run");
     let bad = [sign(&operator, &swarm, 0, order(9, Verb::Abort)), sign(&operator, &swarm, RUN, order(9, Verb::Abort))];
     let deadline = now() + TIMEOUT;
-    while by_hand.drops().unsealed < 4 {
+    while by_hand.drops().unsigned < 4 {
         assert!(now() < deadline, "{:?}", by_hand.drops());
         bad.iter().for_each(|order| send(&session, &Topic::Order(order.issuer).key(), &encode(order)));
         pause();
     }
-    let mut heard = Vec::new();
-    by_hand.drain(&mut heard);
-    assert_eq!(orders(&heard), []);
+    let mut received = Vec::new();
+    by_hand.drain(&mut received);
+    assert_eq!(orders(&received), []);
 }
 
 #[test]
 fn an_agent_with_a_run_refuses_messages_of_another_run() {
     let (swarm, hub, _) = hub("numbered");
-    let agent = link(hub, 1, trust_in(&swarm, sealer().key(), RUN));
+    let agent = link(hub, 1, trust_in(&swarm, signing_key().key(), RUN));
     for sender in 2..9 {
         agent.receiver.store("vehicle/2/mission", PeerMessage::Mission(mission(sender, 1)), Some(5));
     }
-    assert_eq!(agent.receiver.judge.run(), RUN);
-    let mut heard = Vec::new();
-    agent.drain(&mut heard);
-    assert_eq!(heard, [], "of another run");
+    assert_eq!(agent.receiver.verifier.run(), RUN);
+    let mut received = Vec::new();
+    agent.drain(&mut received);
+    assert_eq!(received, [], "of another run");
     let refused = agent.receiver.refused();
     assert_eq!((refused[0].reason, refused[0].count), (Reason::OtherRun, 7));
     assert_eq!(agent.drops(), Drops { forged: 7, ..Drops::default() });
@@ -153,7 +153,7 @@ fn an_agent_with_a_run_refuses_messages_of_another_run() {
 fn strangers_other_plans_and_the_own_id_are_refused_and_counted() {
     let (swarm, hub, _) = hub("strangers");
     let agent = link(hub, 1, Trust { vehicles: 4, ..trust(&swarm) });
-    let store = |key: &str, word| agent.receiver.store(key, word, None);
+    let store = |key: &str, message| agent.receiver.store(key, message, None);
     store("vehicle/9/cell/0/0/state", PeerMessage::State(state(9, 1)));
     store("vehicle/5/alive", PeerMessage::Appeared(id(5)));
     store("vehicle/1/cell/0/0/state", PeerMessage::State(state(1, 1)));
@@ -161,11 +161,11 @@ fn strangers_other_plans_and_the_own_id_are_refused_and_counted() {
     store("vehicle/2/mission", PeerMessage::Mission(other_plan));
     store("vehicle/4/cell/0/0/state", PeerMessage::State(state(4, 2)));
     store("vehicle/4/cell/3/0/state", PeerMessage::State(state(4, 1)));
-    let mut heard = Vec::new();
-    agent.drain(&mut heard);
-    let words: Vec<PeerMessage> = heard.iter().map(|heard| heard.word).collect();
+    let mut received = Vec::new();
+    agent.drain(&mut received);
+    let messages: Vec<PeerMessage> = received.iter().map(|received| received.message).collect();
     assert_eq!(
-        words,
+        messages,
         [PeerMessage::Mission(other_plan), PeerMessage::State(state(4, 2))],
         "a vehicle with another plan still counts as up"
     );

@@ -3,7 +3,7 @@
 //! they got through.
 
 mod links;
-mod words;
+mod messages;
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
@@ -76,7 +76,7 @@ impl Authority {
         file
     }
 
-    fn sealer(&self, name: &str) -> Arc<SigningKey> {
+    fn signing_key(&self, name: &str) -> Arc<SigningKey> {
         Arc::new(SigningKey::from_pem(&fs::read_to_string(self.key_file(name)).unwrap()).unwrap())
     }
 
@@ -95,7 +95,7 @@ impl Authority {
 
     /// Known vehicles; vehicle 3's first certificate name was revoked.
     fn vehicles(&self) -> BTreeMap<VehicleId, PeerIdentity> {
-        let known = |name: &str| PeerIdentity { name: name.to_owned(), key: self.sealer(name).key() };
+        let known = |name: &str| PeerIdentity { name: name.to_owned(), key: self.signing_key(name).key() };
         let names = ["vehicle-1", "vehicle-2", "vehicle-3.2"];
         names.iter().zip(1..).map(|(name, number)| (id(number), known(name))).collect()
     }
@@ -104,9 +104,9 @@ impl Authority {
     fn trust(&self, swarm: &SwarmName, name: &str) -> Trust {
         let security = secured(self.tls(name));
         Trust {
-            voices: security.voices(swarm),
-            sealer: Some(self.sealer(name)),
-            orders: Some(self.sealer("operator").key()),
+            key_ring: security.key_ring(swarm),
+            signing_key: Some(self.signing_key(name)),
+            orders: Some(self.signing_key("operator").key()),
             run: RUN,
             ..trust(swarm)
         }
@@ -158,7 +158,7 @@ impl Swarm {
     /// A forger that signs with this name's key.
     fn forger(&self, name: &str) -> Forger {
         let security = secured(self.authority.tls(name));
-        Forger { voices: security.voices(&self.name), sealer: self.authority.sealer(name) }
+        Forger { key_ring: security.key_ring(&self.name), signing_key: self.authority.signing_key(name) }
     }
 
     /// Lets both vehicles publish states, with `meanwhile` in between, until each has received the other's; repeats
@@ -176,12 +176,14 @@ impl Swarm {
                 meanwhile();
                 sleep_until(now() + Duration::from_millis(10));
                 for (link, other) in [(&self.one, 2), (&self.two, 1)] {
-                    let mut heard = Vec::new();
-                    link.drain(&mut heard);
-                    if word(&heard, |word| *word == PeerMessage::State(state(other, self.sequence))).is_some() {
+                    let mut received = Vec::new();
+                    link.drain(&mut received);
+                    if message(&received, |message| *message == PeerMessage::State(state(other, self.sequence)))
+                        .is_some()
+                    {
                         waits_for.remove(&other);
                     }
-                    all.append(&mut heard);
+                    all.append(&mut received);
                 }
             }
         }
@@ -190,13 +192,13 @@ impl Swarm {
 
     /// Lets the two exchange messages during an attack, and checks that no forged message is accepted.
     fn withstand(&mut self, mut attack: impl FnMut()) {
-        let heard = self.exchange(ROUNDS, &mut attack);
-        assert_eq!(heard.iter().find(|heard| is_forged(&heard.word)), None);
+        let received = self.exchange(ROUNDS, &mut attack);
+        assert_eq!(received.iter().find(|received| is_forged(&received.message)), None);
         for vehicle in [1, 2] {
-            let comes_or_goes = |word: &PeerMessage| matches!(word, PeerMessage::Appeared(who) | PeerMessage::Vanished(who) if who.get() == vehicle);
+            let comes_or_goes = |message: &PeerMessage| matches!(message, PeerMessage::Appeared(who) | PeerMessage::Vanished(who) if who.get() == vehicle);
             // A link may break on a busy computer, but it must be restored.
-            let last = heard.iter().rev().find(|heard| comes_or_goes(&heard.word));
-            assert!(!last.is_some_and(|last| matches!(last.word, PeerMessage::Vanished(_))), "{last:?}");
+            let last = received.iter().rev().find(|received| comes_or_goes(&received.message));
+            assert!(!last.is_some_and(|last| matches!(last.message, PeerMessage::Vanished(_))), "{last:?}");
         }
     }
 
@@ -231,8 +233,8 @@ fn secured(tls: Tls) -> Security {
     Security::Tls(tls)
 }
 
-fn is_forged(word: &PeerMessage) -> bool {
-    match word {
+fn is_forged(message: &PeerMessage) -> bool {
+    match message {
         PeerMessage::State(content) => content.header.incarnation == FORGED,
         PeerMessage::Mission(content) => content.header.incarnation == FORGED,
         PeerMessage::Order(order) => order.issuer == FORGER,
@@ -246,8 +248,8 @@ fn forged_header(sender: u8) -> Header {
 
 /// Forges messages.
 struct Forger {
-    voices: KeyRing,
-    sealer: Arc<SigningKey>,
+    key_ring: KeyRing,
+    signing_key: Arc<SigningKey>,
 }
 
 impl Forger {
@@ -263,7 +265,7 @@ impl Forger {
     }
 
     fn send(&self, session: &Session, topic: Topic, message: &impl Message) {
-        send(session, &topic.key(), &self.voices.write(Some(&self.sealer), RUN, &topic.key(), message));
+        send(session, &topic.key(), &self.key_ring.write(Some(&self.signing_key), RUN, &topic.key(), message));
         send(session, &topic.key(), &encode(message));
     }
 }
@@ -274,7 +276,7 @@ fn forge_order(session: &Session) {
 }
 
 fn forged_order() -> Order {
-    Order { epoch: 9, issuer: FORGER, verb: Verb::Land, seal: None }
+    Order { epoch: 9, issuer: FORGER, verb: Verb::Land, signature: None }
 }
 
 /// Forges messages, an order and tokens.

@@ -22,8 +22,8 @@ use x509_parser::certificate::X509Certificate;
 use x509_parser::prelude::FromDer;
 
 use crate::link::LinkError;
-use crate::link::seal::VerificationKey;
 use crate::link::security::Tls;
+use crate::link::signature::VerificationKey;
 use skein_host::clock::utc_nanoseconds;
 
 /// The identified other end of a link.

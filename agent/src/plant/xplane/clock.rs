@@ -29,12 +29,12 @@ pub(super) struct Clock {
     /// Start of the current measurement of the rate: local time and the simulator's time, s.
     mark: Option<(Instant, f32)>,
     /// When the simulator last reported its time.
-    heard: Option<Instant>,
+    received: Option<Instant>,
 }
 
 impl Clock {
     pub(super) fn new() -> Self {
-        Self { time: PlantTime::ZERO, last_frame: None, rate: 1.0, paused: false, mark: None, heard: None }
+        Self { time: PlantTime::ZERO, last_frame: None, rate: 1.0, paused: false, mark: None, received: None }
     }
 
     /// Plant time of the frame that arrived at `at`, or `None` if no simulated time has passed since the last one. A
@@ -66,8 +66,8 @@ impl Clock {
     /// Takes a value of `sim/time/total_running_time_sec`, which arrived at `at`. A value below the previous one comes
     /// from a restarted simulator. The rate is never measured across a silence or a pause.
     pub(super) fn running_time(&mut self, at: Instant, running_s: f32) {
-        let heard = self.heard.replace(at);
-        let is_steady = !self.paused && heard.is_some_and(|heard| at <= heard + MAX_SILENCE);
+        let received = self.received.replace(at);
+        let is_steady = !self.paused && received.is_some_and(|received| at <= received + MAX_SILENCE);
         let Some((since, from_s)) = self.mark.filter(|&(_, from_s)| is_steady && running_s >= from_s) else {
             self.mark = Some((at, running_s));
             return;

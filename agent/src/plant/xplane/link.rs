@@ -203,10 +203,10 @@ impl XPlane {
 
     fn renew_subscription(&mut self, simulator: SocketAddr) {
         let now = now();
-        let is_over = |since: Option<Instant>, patience| since.is_none_or(|since| now >= since + patience);
+        let is_over = |since: Option<Instant>, timeout| since.is_none_or(|since| now >= since + timeout);
         let is_silent = is_over(self.last_position, RESUBSCRIBE_SILENT);
-        let patience = if is_silent { RESUBSCRIBE_SILENT } else { RESUBSCRIBE };
-        if is_over(self.last_subscribed, patience) {
+        let timeout = if is_silent { RESUBSCRIBE_SILENT } else { RESUBSCRIBE };
+        if is_over(self.last_subscribed, timeout) {
             self.subscribe(simulator, self.rate_hz, 1);
             self.last_subscribed = Some(now);
         }
@@ -350,8 +350,8 @@ impl XPlane {
 }
 
 impl Plant for XPlane {
-    fn wait(&mut self, patience: Duration) -> Wake {
-        let deadline = now() + patience;
+    fn wait(&mut self, timeout: Duration) -> Wake {
+        let deadline = now() + timeout;
         let Some(simulator) = self.find(deadline) else { return Wake::Deadline };
         self.renew_subscription(simulator);
         while let Some((position, at)) = self.newest_position(simulator.ip(), deadline) {
@@ -365,9 +365,9 @@ impl Plant for XPlane {
         Wake::Deadline
     }
 
-    fn command(&mut self, sticks: Controls) {
+    fn command(&mut self, controls: Controls) {
         let Some(simulator) = self.simulator else { return };
-        if !sticks.is_within_limits() {
+        if !controls.is_within_limits() {
             self.counters.refused_commands += 1;
             return;
         }
@@ -376,7 +376,7 @@ impl Plant for XPlane {
             self.controls.take(&mut self.port, simulator);
             self.overrides_confirmed = Some(now);
         }
-        self.controls.set(sticks, &mut self.port, simulator);
+        self.controls.set(controls, &mut self.port, simulator);
     }
 
     fn release(&mut self) {

@@ -89,7 +89,7 @@ impl Server {
     /// Processes a datagram. Returns a placement of the user's own aircraft, which the caller has to carry out.
     #[must_use]
     pub fn handle(&mut self, datagram: &[u8], from: SocketAddr) -> Option<Placement> {
-        self.clients.heard(from, self.frames);
+        self.clients.received(from, self.frames);
         let outcome = match datagram.first_chunk() {
             Some(&rpos::TAG) => self.subscribe_position(datagram, from),
             Some(&rref::TAG) => self.subscribe_value(datagram, from),

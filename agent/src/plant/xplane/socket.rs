@@ -64,14 +64,13 @@ impl Port {
 
     /// Receives a datagram, waiting until the deadline or not at all.
     pub(super) fn receive(&mut self, deadline: Option<Instant>) -> Received {
-        let patience =
-            deadline.map(|deadline| deadline.saturating_duration_since(now())).filter(|wait| !wait.is_zero());
-        let outcome = self.set_timeout(patience).and_then(|()| self.socket.recv_from(&mut *self.buffer));
-        self.assess(outcome, patience)
+        let timeout = deadline.map(|deadline| deadline.saturating_duration_since(now())).filter(|wait| !wait.is_zero());
+        let outcome = self.set_timeout(timeout).and_then(|()| self.socket.recv_from(&mut *self.buffer));
+        self.assess(outcome, timeout)
     }
 
     /// Interprets an attempt to receive. Pauses after an error that may last.
-    fn assess(&mut self, outcome: io::Result<(usize, SocketAddr)>, patience: Option<Duration>) -> Received {
+    fn assess(&mut self, outcome: io::Result<(usize, SocketAddr)>, timeout: Option<Duration>) -> Received {
         match outcome {
             Ok((size, from)) => Received::Datagram(size, from),
             Err(error) if matches!(error.kind(), io::ErrorKind::WouldBlock | io::ErrorKind::TimedOut) => {
@@ -79,20 +78,20 @@ impl Port {
             }
             Err(error) => {
                 self.faults += 1;
-                if !is_receiver_down(&error) && patience.is_some() {
-                    sleep(patience.unwrap_or_default().min(FAULT_PAUSE));
+                if !is_receiver_down(&error) && timeout.is_some() {
+                    sleep(timeout.unwrap_or_default().min(FAULT_PAUSE));
                 }
                 Received::Fault
             }
         }
     }
 
-    fn set_timeout(&mut self, patience: Option<Duration>) -> io::Result<()> {
-        if self.is_blocking != patience.is_some() {
-            self.socket.set_nonblocking(patience.is_none())?;
-            self.is_blocking = patience.is_some();
+    fn set_timeout(&mut self, timeout: Option<Duration>) -> io::Result<()> {
+        if self.is_blocking != timeout.is_some() {
+            self.socket.set_nonblocking(timeout.is_none())?;
+            self.is_blocking = timeout.is_some();
         }
-        if patience.is_some() { self.socket.set_read_timeout(patience) } else { Ok(()) }
+        if timeout.is_some() { self.socket.set_read_timeout(timeout) } else { Ok(()) }
     }
 
     /// Sends a datagram. An error is counted.
@@ -138,13 +137,13 @@ mod tests {
         let mut port = Port::new(UdpSocket::bind(local).unwrap()).unwrap();
         for _ in 0..3 {
             let _ = port.send(b"hello", closed);
-            let heard = port.receive(Some(now() + Duration::from_millis(5)));
-            assert!(!matches!(heard, Received::Datagram(..)));
+            let received = port.receive(Some(now() + Duration::from_millis(5)));
+            assert!(!matches!(received, Received::Datagram(..)));
         }
         let friend = UdpSocket::bind(local).unwrap();
         friend.send_to(b"here", port.local_addr().unwrap()).unwrap();
         let mut attempts = (0..10).map(|_| port.receive(Some(now() + Duration::from_secs(1))));
-        assert!(attempts.any(|heard| matches!(heard, Received::Datagram(4, _))));
+        assert!(attempts.any(|received| matches!(received, Received::Datagram(4, _))));
     }
 
     #[test]
@@ -171,8 +170,8 @@ mod tests {
         socket.connect(closed).unwrap();
         socket.send(b"hello").unwrap();
         let mut port = Port::new(socket).unwrap();
-        let heard = port.receive(Some(now() + Duration::from_secs(1)));
-        assert!(matches!(heard, Received::Fault) && port.faults == 1);
+        let received = port.receive(Some(now() + Duration::from_secs(1)));
+        assert!(matches!(received, Received::Fault) && port.faults == 1);
         assert!(matches!(port.receive(None), Received::Nothing));
     }
 }

@@ -228,9 +228,9 @@ impl Standin {
     fn frame(&mut self) {
         self.announce();
         self.receive();
-        let sticks = self.server.take_controls();
+        let controls = self.server.take_controls();
         for _ in 0..self.ticks_per_frame {
-            self.vehicle.advance(sticks);
+            self.vehicle.advance(controls);
         }
         let mut gone = None;
         let Self { server, port, split, vehicle, .. } = self;

@@ -142,9 +142,9 @@ impl Network {
         }
     }
 
-    /// Impairments of the link from `speaker` to `hearer`.
-    pub fn link(&self, speaker: VehicleId, hearer: VehicleId) -> Quality {
-        let changes = self.links.iter().filter(|change| change.is_of(speaker, hearer));
+    /// Impairments of the link from `sender` to `receiver`.
+    pub fn link(&self, sender: VehicleId, receiver: VehicleId) -> Quality {
+        let changes = self.links.iter().filter(|change| change.is_of(sender, receiver));
         changes.fold(self.quality(), |link, change| Quality {
             loss: change.loss.unwrap_or(link.loss),
             burst_s: change.burst_s.or(link.burst_s),
@@ -160,9 +160,9 @@ impl Network {
 }
 
 impl LinkChange {
-    fn is_of(&self, speaker: VehicleId, hearer: VehicleId) -> bool {
+    fn is_of(&self, sender: VehicleId, receiver: VehicleId) -> bool {
         let is_among = |ids: &[VehicleId], id| ids.is_empty() || ids.contains(&id);
-        let goes = |speaker, hearer| is_among(&self.from, speaker) && is_among(&self.to, hearer);
-        goes(speaker, hearer) || self.both_ways && goes(hearer, speaker)
+        let goes = |sender, receiver| is_among(&self.from, sender) && is_among(&self.to, receiver);
+        goes(sender, receiver) || self.both_ways && goes(receiver, sender)
     }
 }

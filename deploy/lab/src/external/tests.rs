@@ -34,9 +34,9 @@ impl Script {
         let listener = TcpListener::bind("127.0.0.1:0").unwrap();
         let far_end = TcpStream::connect(listener.local_addr().unwrap()).unwrap();
         let session = LawSession::connection(listener.accept().unwrap().0, |_, _| true).unwrap();
-        let (says, words) = sync_channel(QUEUE);
+        let (says, messages) = sync_channel(QUEUE);
         let vehicles = vehicles.iter().map(|&vehicle| id(vehicle)).collect();
-        Self { conversation: Conversation::new(vehicles, session, words), says, _far_end: far_end }
+        Self { conversation: Conversation::new(vehicles, session, messages), says, _far_end: far_end }
     }
 
     fn say(&self, line: &str) {

@@ -113,9 +113,9 @@ impl Membership {
 
     /// Observes that these links are cut.
     pub(super) fn cut(&mut self, t_s: f64, links: &[Link]) {
-        for &(speaker, hearer) in links {
-            if let Some(cut_from) = self.cut_from.get_mut(index(hearer)) {
-                cut_from.insert(speaker);
+        for &(sender, receiver) in links {
+            if let Some(cut_from) = self.cut_from.get_mut(index(receiver)) {
+                cut_from.insert(sender);
             }
         }
         let links = links.iter().copied().filter(|&link| self.has_contact(link)).collect();
@@ -124,30 +124,30 @@ impl Membership {
 
     /// Observes that these links work again.
     pub(super) fn healed(&mut self, t_s: f64, links: &[Link]) {
-        for &(speaker, hearer) in links {
-            let Some(cut_from) = self.cut_from.get_mut(index(hearer)) else { continue };
-            cut_from.remove(speaker);
-            if let Some(healed_s) = self.healed_s.get_mut(index(speaker) * self.vehicles + index(hearer)) {
+        for &(sender, receiver) in links {
+            let Some(cut_from) = self.cut_from.get_mut(index(receiver)) else { continue };
+            cut_from.remove(sender);
+            if let Some(healed_s) = self.healed_s.get_mut(index(sender) * self.vehicles + index(receiver)) {
                 *healed_s = t_s;
             }
         }
         // A cut of one direction ends the session, and so the other direction too.
-        let both_directions = links.iter().flat_map(|&(speaker, hearer)| [(speaker, hearer), (hearer, speaker)]);
+        let both_directions = links.iter().flat_map(|&(sender, receiver)| [(sender, receiver), (receiver, sender)]);
         let links = both_directions.filter(|&link| !self.has_contact(link)).collect();
         self.pending.push(PendingTransition { since_s: t_s, what: Transition::Return, links });
     }
 
     /// Observes an event that a vehicle reported of itself.
-    pub(super) fn reported(&mut self, t_s: f64, speaker: VehicleId, what: &EventKind) {
+    pub(super) fn reported(&mut self, t_s: f64, sender: VehicleId, what: &EventKind) {
         match what {
             // Judged at the next observation: in a live run the report may arrive before the death itself.
-            EventKind::PeerLost(lost) => self.suspected.push((*lost, speaker)),
+            EventKind::PeerLost(lost) => self.suspected.push((*lost, sender)),
             EventKind::Failed(_)
             | EventKind::OwnDataStale
             | EventKind::SimulatorLost
             | EventKind::ControlFault
             | EventKind::ClockJumped => {
-                for (_, since_s) in self.failed.extract_if(.., |(failed, _)| *failed == speaker) {
+                for (_, since_s) in self.failed.extract_if(.., |(failed, _)| *failed == sender) {
                     self.response.add_time(t_s - since_s);
                 }
             }
@@ -231,17 +231,17 @@ impl Membership {
     }
 
     /// The links from this vehicle to all other running agents.
-    fn others(&self, speaker: VehicleId) -> impl Iterator<Item = Link> {
-        let others = VehicleId::first(self.vehicles).filter(move |&id| id != speaker && self.alive.contains(id));
-        others.map(move |hearer| (speaker, hearer))
+    fn others(&self, sender: VehicleId) -> impl Iterator<Item = Link> {
+        let others = VehicleId::first(self.vehicles).filter(move |&id| id != sender && self.alive.contains(id));
+        others.map(move |receiver| (sender, receiver))
     }
 
-    fn is_cut(&self, (speaker, hearer): Link) -> bool {
-        self.cut_from.get(index(hearer)).is_some_and(|cut_from| cut_from.contains(speaker))
+    fn is_cut(&self, (sender, receiver): Link) -> bool {
+        self.cut_from.get(index(receiver)).is_some_and(|cut_from| cut_from.contains(sender))
     }
 
-    fn has_contact(&self, (speaker, hearer): Link) -> bool {
-        self.in_contact.get(index(hearer)).is_some_and(|in_contact| in_contact.contains(speaker))
+    fn has_contact(&self, (sender, receiver): Link) -> bool {
+        self.in_contact.get(index(receiver)).is_some_and(|in_contact| in_contact.contains(sender))
     }
 
     /// Whether the vehicle was an active member since its agent started and is one no longer.
@@ -251,13 +251,13 @@ impl Membership {
 
     /// Whether the receiver can still detect the change: it runs, and the change is not over.
     fn is_still_pending(&self, what: Transition, link: Link) -> bool {
-        let (speaker, hearer) = link;
-        let can_be_received = self.alive.contains(speaker) && !self.is_cut(link);
+        let (sender, receiver) = link;
+        let can_be_received = self.alive.contains(sender) && !self.is_cut(link);
         let still_holds = match what {
             Transition::Loss => !can_be_received,
-            Transition::Return => can_be_received && !self.has_left(speaker),
+            Transition::Return => can_be_received && !self.has_left(sender),
         };
-        still_holds && self.alive.contains(hearer)
+        still_holds && self.alive.contains(receiver)
     }
 
     fn is_observed(&self, what: Transition, link: Link) -> bool {
@@ -268,23 +268,23 @@ impl Membership {
     }
 
     /// Whether the sender is so far away that its messages may be lost.
-    fn is_far(&self, vehicles: &[VehicleNow], (speaker, hearer): Link) -> bool {
+    fn is_far(&self, vehicles: &[VehicleNow], (sender, receiver): Link) -> bool {
         let place = |id| vehicles.iter().find(|vehicle| vehicle.id == id).map(|vehicle| vehicle.truth.position);
-        let apart_m = place(speaker).zip(place(hearer)).map(|(one, other)| (one - other).norm());
+        let apart_m = place(sender).zip(place(receiver)).map(|(one, other)| (one - other).norm());
         apart_m.is_some_and(|apart_m| apart_m > self.reach_m)
     }
 
-    fn is_falsely_suspected(&self, t_s: f64, (speaker, hearer): Link) -> bool {
+    fn is_falsely_suspected(&self, t_s: f64, (sender, receiver): Link) -> bool {
         let is_long_ago = |since_s: Option<&f64>| since_s.is_none_or(|since_s| t_s - since_s >= AFTERMATH_S);
-        let is_open = |speaker, hearer| {
-            let healed_s = self.healed_s.get(index(speaker) * self.vehicles + index(hearer));
-            !self.is_cut((speaker, hearer)) && is_long_ago(healed_s)
+        let is_open = |sender, receiver| {
+            let healed_s = self.healed_s.get(index(sender) * self.vehicles + index(receiver));
+            !self.is_cut((sender, receiver)) && is_long_ago(healed_s)
         };
-        self.alive.contains(speaker)
-            && !self.has_left(speaker)
-            && is_long_ago(self.born_s.get(index(speaker)))
-            && is_open(speaker, hearer)
-            && is_open(hearer, speaker)
+        self.alive.contains(sender)
+            && !self.has_left(sender)
+            && is_long_ago(self.born_s.get(index(sender)))
+            && is_open(sender, receiver)
+            && is_open(receiver, sender)
     }
 }
 

@@ -29,11 +29,11 @@ pub(super) fn vehicle(number: u8, bearing_deg: f64, distance_m: f64, height_m: f
         attitude: Attitude { roll_rad: 0.1, pitch_rad: -0.2, heading_rad: 3.0 },
         power_w: Some(1000.0),
     };
-    let sticks = Some(Controls { roll: 0.3, pitch: 0.0, yaw: 0.0, collective: 0.6 });
+    let controls = Some(Controls { roll: 0.3, pitch: 0.0, yaw: 0.0, collective: 0.6 });
     VehicleNow {
         runs: true,
         is_member: true,
-        sticks,
+        controls,
         in_contact: VehicleId::first(3).collect(),
         ..VehicleNow::dead(VehicleId::new(number).unwrap(), truth)
     }
@@ -260,15 +260,15 @@ fn injected_faults_and_reported_events_appear_in_the_report() {
         ..vehicle(number, bearing_deg, 100.0, 30.0)
     };
     metrics.observe(0.0, &[member(1, 0.0, &[2, 3]), member(2, 120.0, &[1, 3]), member(3, 240.0, &[1, 2])]);
-    metrics.incident(10.0, &InjectedFault::Died(id(3)));
-    metrics.incident(10.0, &InjectedFault::Failed(id(2), "gyro_off"));
+    metrics.fault(10.0, &InjectedFault::Died(id(3)));
+    metrics.fault(10.0, &InjectedFault::Failed(id(2), "gyro_off"));
     let dead = VehicleNow::dead(id(3), vehicle(3, 0.0, 0.0, 30.0).truth);
     metrics.observe_event(10.5, id(2), &EventKind::Failed(Failure::Gyro));
     metrics.observe_event(10.5, id(2), &EventKind::ForcedAdvance { to: 1, without: set(&[3]) });
     metrics.observe_event(10.5, id(1), &EventKind::PeerLost(id(3)));
     metrics.observe(10.5, &[member(1, 0.0, &[2]), member(2, 120.0, &[1]), dead]);
     metrics.observe(40.0, &[member(1, 0.0, &[2]), member(2, 175.0, &[1]), dead]);
-    metrics.incident(50.0, &InjectedFault::Cut { links: vec![(id(1), id(2))] });
+    metrics.fault(50.0, &InjectedFault::Cut { links: vec![(id(1), id(2))] });
     metrics.observe(85.0, &[member(1, 0.0, &[2]), member(2, 175.0, &[1]), dead]);
     let report = report(&metrics);
     assert_eq!((report.response_s, report.transient_s), (Some(0.5), Some(29.5)));

@@ -90,10 +90,10 @@ const COLUMNS: [(&str, Cell); 41] = [
     ("error_north_m", |trace| trace.error_ne_m[0].to_string()),
     ("error_east_m", |trace| trace.error_ne_m[1].to_string()),
     ("altitude_setpoint_m", |trace| trace.altitude_setpoint_m.to_string()),
-    ("stick_roll", |trace| number(trace.sticks.map(|sticks| sticks[0]))),
-    ("stick_pitch", |trace| number(trace.sticks.map(|sticks| sticks[1]))),
-    ("stick_yaw", |trace| number(trace.sticks.map(|sticks| sticks[2]))),
-    ("stick_collective", |trace| number(trace.sticks.map(|sticks| sticks[3]))),
+    ("stick_roll", |trace| number(trace.controls.map(|controls| controls[0]))),
+    ("stick_pitch", |trace| number(trace.controls.map(|controls| controls[1]))),
+    ("stick_yaw", |trace| number(trace.controls.map(|controls| controls[2]))),
+    ("stick_collective", |trace| number(trace.controls.map(|controls| controls[3]))),
     ("step_us", |trace| number(trace.step_us)),
     ("safety_activations", |trace| number(trace.safety_activations)),
     ("frame_overruns", |trace| trace.frame_overruns.to_string()),
@@ -137,7 +137,7 @@ fn events(to: &mut Writer<File>, recording: &Recording) -> csv::Result<()> {
     for noted in &recording.noted {
         let (kind, vehicle, what) = match &noted.what {
             NotedKind::Event(id, what) => ("event", Some(*id), what.to_string()),
-            NotedKind::Fault(incident) => ("fault", format::vehicle_of(incident), incident.to_string()),
+            NotedKind::Fault(fault) => ("fault", format::vehicle_of(fault), fault.to_string()),
         };
         to.write_record([noted.t_s.to_string(), kind.to_owned(), number(vehicle), what])?;
     }

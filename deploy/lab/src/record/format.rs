@@ -119,8 +119,8 @@ pub(super) fn spelling(choice: &impl Serialize) -> String {
 }
 
 /// The vehicle that a fault affects; `None` if it affects links.
-pub(super) fn vehicle_of(incident: &InjectedFault) -> Option<VehicleId> {
-    match incident {
+pub(super) fn vehicle_of(fault: &InjectedFault) -> Option<VehicleId> {
+    match fault {
         InjectedFault::Died(id) | InjectedFault::Restarted(id) | InjectedFault::Failed(id, _) => Some(*id),
         InjectedFault::Cut { .. }
         | InjectedFault::Healed { .. }

@@ -90,11 +90,15 @@ fn every_recorded_message_is_as_its_schema_describes() {
     // A law's numbers, and what only flights in real time have.
     let last = steps.last_mut().unwrap();
     last.law_log = vec![LawNumber { name: "gain".to_owned(), value: 0.5 }];
-    (last.step_us, last.law_misses, last.sticks) = (Some(80.0), Some(1), None);
+    (last.step_us, last.law_misses, last.controls) = (Some(80.0), Some(1), None);
     steps.iter().for_each(|step| writer.step(0, step));
     let [one, two] = [1, 2].map(|number| VehicleId::new(number).unwrap());
-    let order =
-        Order { epoch: 1, issuer: 7, verb: Verb::Goto(1), seal: Some(Signature::from_bytes([9; Signature::BYTES])) };
+    let order = Order {
+        epoch: 1,
+        issuer: 7,
+        verb: Verb::Goto(1),
+        signature: Some(Signature::from_bytes([9; Signature::BYTES])),
+    };
     for what in [
         EventKind::AtAltitude,
         EventKind::PeerLost(two),
@@ -107,7 +111,7 @@ fn every_recorded_message_is_as_its_schema_describes() {
     }
     let links = vec![(one, two)];
     let faults = [InjectedFault::Died(one), InjectedFault::Failed(one, "servo_stuck"), InjectedFault::Cut { links }];
-    faults.iter().for_each(|fault| writer.incident(0, fault));
+    faults.iter().for_each(|fault| writer.fault(0, fault));
     let bytes = writer.finish(0).unwrap().into_inner();
     let mut checked = BTreeMap::new();
     for message in mcap::MessageStream::new(&bytes).unwrap() {
@@ -187,10 +191,10 @@ fn an_event_that_two_recorders_heard_counts_once() {
     let about = RecordingInfo { scenario, scenario_toml: &text, run: &Run::new(scenario, "fly"), clock: "" };
     let header = steps()[0].header;
     // The second recorder hears it a little later, and a restarted agent says the same in another life.
-    let heard = |life: u64, sequence| Header { incarnation: Incarnation(life), sequence, ..header };
+    let received = |life: u64, sequence| Header { incarnation: Incarnation(life), sequence, ..header };
     let recorded = |name: &str, late_ns: u64| {
         let mut writer = Writer::new(std::io::Cursor::new(Vec::new()), &about, 0).unwrap();
-        for (nth, header) in [heard(1, 1), heard(1, 2), heard(2, 1)].iter().enumerate() {
+        for (nth, header) in [received(1, 1), received(1, 2), received(2, 1)].iter().enumerate() {
             writer.event(1_000 * nth as u64 + late_ns, header.sender, Some(header), &EventKind::AtAltitude);
         }
         let path = folder.path().join(name);

@@ -130,20 +130,19 @@ impl<W: Write + Seek> Writer<W> {
     }
 
     /// Records an event that a vehicle reported of itself, with the header of its message if it came over the network.
-    pub fn event(&mut self, log_time_ns: u64, speaker: VehicleId, header: Option<&Header>, what: &EventKind) {
+    pub fn event(&mut self, log_time_ns: u64, sender: VehicleId, header: Option<&Header>, what: &EventKind) {
         let text = what.to_string();
-        self.note(log_time_ns, matches!(what, EventKind::Failed(_)), format!("vehicle {speaker}"), text.clone());
+        self.note(log_time_ns, matches!(what, EventKind::Failed(_)), format!("vehicle {sender}"), text.clone());
         let (incarnation, sequence) = header.map(|header| (header.incarnation, header.sequence)).unzip();
-        let line = EventLine { vehicle: speaker, incarnation, sequence, text: text.into(), what: *what };
+        let line = EventLine { vehicle: sender, incarnation, sequence, text: text.into(), what: *what };
         self.write_json(|channels| Some(&mut channels.events), log_time_ns, &line);
     }
 
     /// Records a fault that was injected into the swarm.
-    pub fn incident(&mut self, log_time_ns: u64, incident: &InjectedFault) {
-        let text = incident.to_string();
+    pub fn fault(&mut self, log_time_ns: u64, fault: &InjectedFault) {
+        let text = fault.to_string();
         self.note(log_time_ns, true, "swarm".to_owned(), text.clone());
-        let line =
-            FaultLine { vehicle: format::vehicle_of(incident), text: text.into(), what: Cow::Borrowed(incident) };
+        let line = FaultLine { vehicle: format::vehicle_of(fault), text: text.into(), what: Cow::Borrowed(fault) };
         self.write_json(|channels| Some(&mut channels.faults), log_time_ns, &line);
     }
 
@@ -277,12 +276,12 @@ impl<W: Write + Seek> Watch for Writer<W> {
         Self::step(self, log_time_ns(self.zero_ns, t_s), trace);
     }
 
-    fn event(&mut self, t_s: f64, speaker: VehicleId, what: &EventKind) {
-        Self::event(self, log_time_ns(self.zero_ns, t_s), speaker, None, what);
+    fn event(&mut self, t_s: f64, sender: VehicleId, what: &EventKind) {
+        Self::event(self, log_time_ns(self.zero_ns, t_s), sender, None, what);
     }
 
-    fn incident(&mut self, t_s: f64, incident: &InjectedFault) {
-        Self::incident(self, log_time_ns(self.zero_ns, t_s), incident);
+    fn fault(&mut self, t_s: f64, fault: &InjectedFault) {
+        Self::fault(self, log_time_ns(self.zero_ns, t_s), fault);
     }
 }
 

@@ -54,7 +54,7 @@ impl Which {
 
 /// A few words on a figure: those of the headline, or the unit.
 fn meaning(key: &str) -> &'static str {
-    let headline = HEADLINE.iter().find(|(known, _)| *known == key).map(|(_, words)| *words);
+    let headline = HEADLINE.iter().find(|(known, _)| *known == key).map(|(_, messages)| *messages);
     headline.or_else(|| figures::of(key).map(|figure| figure.unit)).unwrap_or_default()
 }
 
@@ -66,7 +66,7 @@ pub(super) fn of_figures(summary: &Summary, which: Which) -> String {
     let never = has_never.then_some("never");
     let header = ["figure", "runs"].into_iter().chain(never).chain(["median", "quartiles", "worst", "its seed", ""]);
     table.load_style(presets::NOTHING).set_header(header);
-    for (key, words) in keys {
+    for (key, messages) in keys {
         let Some(figure) = summary.get(key) else { continue };
         let number = |value: Option<f64>| value.map_or_else(|| "–".to_owned(), |value| value_text(key, value));
         let quartiles = format!("{} … {}", number(figure.q1), number(figure.q3));
@@ -80,7 +80,7 @@ pub(super) fn of_figures(summary: &Summary, which: Which) -> String {
         let seed = figure.worst_seed.filter(|_| differs).map(|seed| seed.to_string()).unwrap_or_default();
         let never = has_never.then(|| figure.never.to_string());
         let row = [key.to_owned(), figure.n.to_string()].into_iter().chain(never);
-        table.add_row(row.chain([number(figure.median), quartiles, worst, seed, words.to_owned()]));
+        table.add_row(row.chain([number(figure.median), quartiles, worst, seed, messages.to_owned()]));
     }
     let last = table.column_count().saturating_sub(1);
     for (nth, column) in table.column_iter_mut().enumerate() {
@@ -96,13 +96,13 @@ pub(super) fn of_run(run: &Measured, which: Which) -> String {
     let keys = which.keys(|key| run.outcome(key).is_some(), run.figures.keys().map(String::as_str));
     let mut table = Table::new();
     table.load_style(presets::NOTHING).set_header(["figure", "value", ""]);
-    for (key, words) in keys {
+    for (key, messages) in keys {
         let value = match run.outcome(key) {
             Some(Outcome::Value(value)) => value_text(key, value),
             Some(Outcome::Never) => "never".to_owned(),
             None => continue,
         };
-        table.add_row([key, &value, words]);
+        table.add_row([key, &value, messages]);
     }
     if let Some(values) = table.column_mut(1) {
         values.set_cell_alignment(CellAlignment::Right);
@@ -226,9 +226,9 @@ mod tests {
             Measured::read(&text).unwrap()
         };
         let plain = of_run(&run(3), Which::Headline);
-        let words: Vec<Vec<&str>> = plain.lines().map(|line| line.split_whitespace().take(2).collect()).collect();
+        let messages: Vec<Vec<&str>> = plain.lines().map(|line| line.split_whitespace().take(2).collect()).collect();
         assert_eq!(
-            words,
+            messages,
             [["figure", "value"], ["collisions", "0"], ["in_band_s", "never"], ["max_tilt_deg", "3.50"]],
             "{plain}"
         );

@@ -68,10 +68,10 @@ pub(super) struct Central {
     is_running: bool,
     /// Time at which the current frame is computed.
     busy_until: LocalTime,
-    ear: Impairments,
+    impairments: Impairments,
     /// One link for each vehicle, in the order of ids.
     links: Vec<AircraftLink>,
-    heard: Vec<Received>,
+    received: Vec<Received>,
     totals: Totals,
 }
 
@@ -79,7 +79,7 @@ pub(super) struct Central {
 #[derive(Debug)]
 struct AircraftLink {
     /// Impairments of what the aircraft receives.
-    ear: Impairments,
+    impairments: Impairments,
     states: InFlight<(PlantTime, Measurement)>,
     controls: InFlight<Controls>,
     /// The newest state that has arrived and that no step has used yet.
@@ -155,9 +155,9 @@ impl Central {
             outages: Schedule::new(outages),
             is_running: true,
             busy_until: LocalTime::ZERO,
-            ear: Impairments::new(&network, id),
+            impairments: Impairments::new(&network, id),
             links: scenario.ids().map(|id| AircraftLink::new(Impairments::new(&network, id))).collect(),
-            heard: Vec::new(),
+            received: Vec::new(),
             totals: Totals::default(),
         }
     }
@@ -187,8 +187,8 @@ impl Central {
         }
         let flown_s = vehicles.iter().filter_map(|vehicle| vehicle.clocks().flown_s(now)).reduce(f64::max);
         let here = ReceiverPosition { flown_s, position: Some(PositionNed::default()) };
-        self.ear.receive(now, here, sent, &mut self.heard);
-        for (sender, number) in self.heard.drain(..).filter_map(datagram_number) {
+        self.impairments.receive(now, here, sent, &mut self.received);
+        for (sender, number) in self.received.drain(..).filter_map(datagram_number) {
             let link = self.links.get_mut(usize::from(sender.get()) - 1);
             if let Some((link, state)) = link.and_then(|link| link.states.arrive(number).map(|state| (link, state))) {
                 link.newest = Some(state);
@@ -214,10 +214,10 @@ impl Central {
         link.plant_time = newest.map_or(link.plant_time, |(plant_time, _)| plant_time);
         let measurement = newest.as_ref().map(|(_, measurement)| measurement);
         let Outputs { command, outbox, ask } = vehicle.step(now, (link.plant_time, measurement))?;
-        if let Some(sticks) = command {
+        if let Some(controls) = command {
             let at = now.plus_seconds(self.step_s * rank as f64);
             let state = VehicleState { position: self.place, velocity: VelocityNed::default(), heading_rad: 0.0 };
-            link.computed.push_back(numbered_datagram(self.id, link.controls.send(sticks), state, at));
+            link.computed.push_back(numbered_datagram(self.id, link.controls.send(controls), state, at));
         }
         Some((outbox, ask))
     }
@@ -231,8 +231,8 @@ impl Central {
             self.totals.state_bytes += computed as u64 * CONTROLS_BYTES;
             let there =
                 ReceiverPosition { flown_s: vehicle.clocks().flown_s(now), position: Some(vehicle.truth.position) };
-            link.ear.receive(next_frame, there, link.computed.drain(..computed), &mut self.heard);
-            for (_, number) in self.heard.drain(..).filter_map(datagram_number) {
+            link.impairments.receive(next_frame, there, link.computed.drain(..computed), &mut self.received);
+            for (_, number) in self.received.drain(..).filter_map(datagram_number) {
                 vehicle.command = link.controls.arrive(number).or(vehicle.command);
             }
             if !link.simulator_frozen {
@@ -271,13 +271,13 @@ impl Driver for Central {
 
     /// Takes the next outage or restart of the controller. An outage discards controls that are computed and not sent.
     fn due(&mut self, flown_s: f64) -> Option<ScriptedAction> {
-        let deed = self.outages.due(flown_s)?;
-        self.is_running = deed != ScriptedAction::Kill;
+        let action = self.outages.due(flown_s)?;
+        self.is_running = action != ScriptedAction::Kill;
         if !self.is_running {
             self.busy_until = LocalTime::ZERO;
             self.links.iter_mut().for_each(|link| link.computed.clear());
         }
-        Some(deed)
+        Some(action)
     }
 
     fn frame(&mut self, now: LocalTime, vehicles: &mut [Vehicle], take: &mut TakeOutputs<'_>) {
@@ -299,9 +299,9 @@ impl Driver for Central {
 }
 
 impl AircraftLink {
-    fn new(ear: Impairments) -> Self {
+    fn new(impairments: Impairments) -> Self {
         Self {
-            ear,
+            impairments,
             states: InFlight::new(),
             controls: InFlight::new(),
             newest: None,
@@ -315,11 +315,11 @@ impl AircraftLink {
 /// A datagram as the simulated network carries it: sender, position and number.
 fn numbered_datagram(sender: VehicleId, sequence: u64, state: VehicleState, at: LocalTime) -> Received {
     let header = Header { sender, incarnation: Incarnation(1), sequence, stamp: at.into() };
-    Received { word: PeerMessage::State(State { header, state }), at }
+    Received { message: PeerMessage::State(State { header, state }), at }
 }
 
-fn datagram_number(heard: Received) -> Option<(VehicleId, u64)> {
-    match heard.word {
+fn datagram_number(received: Received) -> Option<(VehicleId, u64)> {
+    match received.message {
         PeerMessage::State(State { header, .. }) => Some((header.sender, header.sequence)),
         _ => None,
     }

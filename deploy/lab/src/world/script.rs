@@ -30,28 +30,28 @@ pub(super) enum ScriptedAction {
 }
 
 /// The schedule of actions on vehicle `own`, s after its take-off.
-pub(super) fn deeds(scenario: &Scenario, own: VehicleId) -> Schedule<ScriptedAction> {
+pub(super) fn actions(scenario: &Scenario, own: VehicleId) -> Schedule<ScriptedAction> {
     let events = &scenario.mission.events;
-    let mut deeds: Vec<_> = events.iter().flat_map(|event| failures_and_jumps(event, own)).collect();
-    let mut span = |from, until, lasts: Range<f64>| deeds.extend([(lasts.start, from), (lasts.end, until)]);
+    let mut actions: Vec<_> = events.iter().flat_map(|event| failures_and_jumps(event, own)).collect();
+    let mut span = |from, until, lasts: Range<f64>| actions.extend([(lasts.start, from), (lasts.end, until)]);
     kills(events, own).into_iter().for_each(|dead| span(ScriptedAction::Kill, ScriptedAction::Restart, dead));
-    for speaker in scenario.ids() {
-        let changes = link_changes(events, speaker, own).into_iter();
-        deeds.extend(changes.map(|(at_s, change)| (at_s, ScriptedAction::Link(change, speaker))));
+    for sender in scenario.ids() {
+        let changes = link_changes(events, sender, own).into_iter();
+        actions.extend(changes.map(|(at_s, change)| (at_s, ScriptedAction::Link(change, sender))));
     }
-    Schedule::new(deeds)
+    Schedule::new(actions)
 }
 
 /// The failure and the clock jumps that the event causes on vehicle `own`.
 fn failures_and_jumps(event: &Event, own: VehicleId) -> Vec<(f64, ScriptedAction)> {
     let EventAction::Fault(fault) = &event.what else { return Vec::new() };
     let Some((vehicle, name)) = failure_of(fault) else { return Vec::new() };
-    let mut deeds = vec![(event.at_s, ScriptedAction::Fail(name))];
+    let mut actions = vec![(event.at_s, ScriptedAction::Fail(name))];
     if let Fault::ClockJump { by_s, .. } = fault {
-        deeds.extend([(event.at_s, ScriptedAction::Jump(*by_s)), (lasting(event).end, ScriptedAction::Jump(-by_s))]);
+        actions.extend([(event.at_s, ScriptedAction::Jump(*by_s)), (lasting(event).end, ScriptedAction::Jump(-by_s))]);
     }
-    deeds.retain(|_| vehicle == own);
-    deeds
+    actions.retain(|_| vehicle == own);
+    actions
 }
 
 /// Total backward jump of vehicle `own`'s clock, s. The clock starts at this time, or it would become negative.
@@ -66,7 +66,7 @@ pub(super) fn clock_begins_s(scenario: &Scenario, own: VehicleId) -> f64 {
 /// Sends the scenario's orders as an operator does: the newest order, until all agents acknowledge it.
 #[derive(Debug)]
 pub(super) struct Operator {
-    agenda: Schedule<Verb>,
+    schedule: Schedule<Verb>,
     epoch: u64,
     /// The current order, with the time of its next transmission, s.
     order: Option<(Order, f64)>,
@@ -74,14 +74,14 @@ pub(super) struct Operator {
 
 impl Operator {
     pub(super) fn new(scenario: &Scenario) -> Self {
-        Self { agenda: Schedule::new(orders(&scenario.mission.events)), epoch: 0, order: None }
+        Self { schedule: Schedule::new(orders(&scenario.mission.events)), epoch: 0, order: None }
     }
 
     /// The order that the operator sends at `t_s`, s; `all_acknowledge` returns whether every agent repeats an order.
     pub(super) fn order_to_send(&mut self, t_s: f64, all_acknowledge: impl Fn(&Order) -> bool) -> Option<Order> {
-        while let Some(verb) = self.agenda.due(t_s) {
+        while let Some(verb) = self.schedule.due(t_s) {
             self.epoch += 1;
-            self.order = Some((Order { epoch: self.epoch, issuer: ISSUER, verb, seal: None }, t_s));
+            self.order = Some((Order { epoch: self.epoch, issuer: ISSUER, verb, signature: None }, t_s));
         }
         self.order = self.order.filter(|(order, _)| !all_acknowledge(order));
         let (order, next_s) = self.order.as_mut().filter(|(_, next_s)| *next_s <= t_s)?;
@@ -107,9 +107,11 @@ mod tests {
 
     /// The actions on vehicle `own`, polled once a second.
     fn done(events: &str, own: u8) -> Vec<(u32, ScriptedAction)> {
-        let mut deeds = deeds(&scenario(events), id(own));
+        let mut actions = actions(&scenario(events), id(own));
         (0..100)
-            .flat_map(|t_s| std::iter::from_fn(|| deeds.due(t_s.into()).map(|deed| (t_s, deed))).collect::<Vec<_>>())
+            .flat_map(|t_s| {
+                std::iter::from_fn(|| actions.due(t_s.into()).map(|action| (t_s, action))).collect::<Vec<_>>()
+            })
             .collect()
     }
 
@@ -145,7 +147,7 @@ mod tests {
     fn the_operator_repeats_an_order_until_all_acknowledge_it_and_ends_a_hold() {
         let events = "{ at_s = 1, for_s = 2, order = 'hold' }, { at_s = 5, order = 'goto', step = 0 }";
         let mut operator = Operator::new(&scenario(events));
-        let order = |epoch, verb| Order { epoch, issuer: ISSUER, verb, seal: None };
+        let order = |epoch, verb| Order { epoch, issuer: ISSUER, verb, signature: None };
         assert_eq!(operator.order_to_send(0.9, |_| true), None);
         for t_s in [1.0, 1.2] {
             assert_eq!(operator.order_to_send(t_s, |_| false), Some(order(1, Verb::Hold)));

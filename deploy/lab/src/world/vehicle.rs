@@ -26,7 +26,7 @@ pub(super) struct Vehicle {
     /// Failures of the plant.
     pub(super) script: Script,
     /// All other scripted actions on the vehicle.
-    pub(super) deeds: Schedule<ScriptedAction>,
+    pub(super) actions: Schedule<ScriptedAction>,
     /// The station with the agent; `None` while the agent is dead.
     pub(super) station: Option<Station>,
     /// Incarnation of the agent, or of the last one.
@@ -57,7 +57,7 @@ impl Vehicle {
             truth: plant.frame().truth,
             plant,
             script: Script::of(&scenario.mission.events, id),
-            deeds: script::deeds(scenario, id),
+            actions: script::actions(scenario, id),
             station: None,
             incarnation: Incarnation(1),
             clocks: Clocks::new(scenario, id),
@@ -94,7 +94,7 @@ impl Vehicle {
 
     /// Takes the next action on the vehicle that is due now.
     pub(super) fn due(&mut self, now: LocalTime) -> Option<ScriptedAction> {
-        self.deeds.due(self.clocks().flown_s(now)?)
+        self.actions.due(self.clocks().flown_s(now)?)
     }
 
     /// Hands the messages of all senders to the station, if the agent runs; the station applies the impairments.

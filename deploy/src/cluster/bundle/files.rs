@@ -3,7 +3,7 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use skein_agent::link::seal::VerificationKey;
+use skein_agent::link::signature::VerificationKey;
 use skein_common::id::VehicleId;
 use skein_common::scenario::{self, Loaded, PlantKind, Source};
 use skein_core::aircraft::Aircraft;

@@ -1,4 +1,4 @@
-use skein_agent::link::seal::SigningKey;
+use skein_agent::link::signature::SigningKey;
 use skein_common::message::Verb;
 
 use super::*;

@@ -7,7 +7,7 @@ use std::process::{Command, ExitCode, Stdio};
 use std::time::{Duration, Instant};
 
 use skein_agent::config::AgentOptions;
-use skein_agent::link::seal::runs::RunNote;
+use skein_agent::link::signature::runs::RunNote;
 use skein_agent::run::{INCARNATION_FILE, RELEASE};
 
 use super::files::{self, at};

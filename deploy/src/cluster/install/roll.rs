@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 use std::time::Duration;
 
 use crate::keys::Role;
-use skein_agent::link::seal::runs::RunNote;
+use skein_agent::link::signature::runs::RunNote;
 use skein_common::id::VehicleId;
 
 use super::done;

@@ -262,8 +262,8 @@ fn the_keys_in_the_folder_connect_to_the_swarm() {
     assert_eq!((tls.key, tls.vehicles.len()), (inventory.keys.join("operator.key"), 2));
     assert_eq!(tls.vehicles[&VehicleId::new(1).unwrap()].name, "vehicle-1");
     let signing_key = SigningKey::from_pem(&fs::read_to_string(inventory.keys.join("orders.key")).unwrap()).unwrap();
-    assert_eq!((reach.orders_key, reach.sealer.unwrap().key()), (Some(signing_key.key()), signing_key.key()));
-    assert!(inventory.reach(Role::Observer).unwrap().sealer.is_none(), "an observer cannot sign orders");
+    assert_eq!((reach.orders_key, reach.signing_key.unwrap().key()), (Some(signing_key.key()), signing_key.key()));
+    assert!(inventory.reach(Role::Observer).unwrap().signing_key.is_none(), "an observer cannot sign orders");
     fs::write(inventory.keys.join("orders.pub"), "0".repeat(64)).unwrap();
     let error = inventory.reach(Role::Operator).unwrap_err().to_string();
     assert!(error.contains("orders.key") && error.contains("not the private key of orders.pub"), "{error}");
@@ -271,5 +271,5 @@ fn the_keys_in_the_folder_connect_to_the_swarm() {
     assert!(inventory.reach(Role::Observer).unwrap_err().to_string().contains("64 hexadecimal digits"));
     let plain = lab(temporary.path(), 2, "security = 'none'");
     let reach = plain.reach(Role::Observer).unwrap();
-    assert_eq!((reach.security, reach.orders_key, reach.sealer.is_none()), (Security::Plain, None, true));
+    assert_eq!((reach.security, reach.orders_key, reach.signing_key.is_none()), (Security::Plain, None, true));
 }

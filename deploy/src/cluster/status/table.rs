@@ -34,7 +34,7 @@ pub(super) fn of(status: &Status, file: &str) -> String {
     let lines = table.to_string();
     let mut text: String = lines.lines().map(|line| format!("{}\n", line.trim_end())).collect();
     LEGEND.iter().for_each(|line| text += &format!("{line}\n"));
-    status.nodes.iter().for_each(|node| text += &words(node));
+    status.nodes.iter().for_each(|node| text += &messages(node));
     if status.nodes.iter().any(|node| node.said.is_none()) {
         text +=
             &format!("`skein check -f {file}` looks why not, `skein cluster logs -f {file}` shows what was written\n");
@@ -84,7 +84,7 @@ fn clock(said: &Said) -> String {
 }
 
 /// What a number does not say.
-fn words(node: &NodeStatus) -> String {
+fn messages(node: &NodeStatus) -> String {
     let id = node.id;
     let Some(said) = &node.said else {
         let host = node.host.as_deref().map(|host| format!("{host}, ")).unwrap_or_default();

@@ -45,23 +45,23 @@ fn health(number: u8, ahead_s: f64) -> Health {
 }
 
 /// The status of four vehicles, all in contact, when these reports were received `ago`.
-fn status(folder: &Path, heard: Vec<Health>, ago: Duration) -> Status {
+fn status(folder: &Path, received: Vec<Health>, ago: Duration) -> Status {
     let at = clock::now();
     let there = VehicleId::first(4).map(|id| (SwarmMessage::Appeared(id), None, at));
-    let heard = heard.into_iter().map(|health| (SwarmMessage::Health(health), None, at));
-    status_of(folder, there.chain(heard), at + ago)
+    let received = received.into_iter().map(|health| (SwarmMessage::Health(health), None, at));
+    status_of(folder, there.chain(received), at + ago)
 }
 
 /// The status of four vehicles from messages, each in a run of the swarm.
 fn status_of(
     folder: &Path,
-    heard: impl IntoIterator<Item = (SwarmMessage, Option<u64>, Instant)>,
+    received: impl IntoIterator<Item = (SwarmMessage, Option<u64>, Instant)>,
     now: Instant,
 ) -> Status {
     let inventory = lab(folder, 4, "");
     let reach = Reach::plain(inventory.swarm.clone(), BTreeMap::new(), Flown::Text(String::new()));
     let mut observer = Observer::open(&reach, TraceSubscription::Off).unwrap();
-    observer.inject(heard);
+    observer.inject(received);
     Status::of(&inventory, &observer, now)
 }
 
@@ -113,8 +113,8 @@ fn health_of_a_lost_vehicle_or_of_an_earlier_incarnation_is_ignored() {
     let restarted = all_of(2, 7).into_iter().chain([(SwarmMessage::Mission(mission(2, 2)), Some(7), now)]);
     // A recorded report, replayed by another node while the vehicle is not in contact.
     let never_there = [(SwarmMessage::Health(health(3, 0.0)), Some(7), now)];
-    let heard = gone.chain(restarted).chain(never_there).chain(all_of(4, 7));
-    let status = status_of(folder.path(), heard, now);
+    let received = gone.chain(restarted).chain(never_there).chain(all_of(4, 7));
+    let status = status_of(folder.path(), received, now);
     let said: Vec<bool> = status.nodes.iter().map(|node| node.said.is_some()).collect();
     assert_eq!(said, [false, false, false, true]);
     assert!(status.nodes.iter().all(|node| node.why.is_none()));
@@ -125,8 +125,8 @@ fn health_of_a_lost_vehicle_or_of_an_earlier_incarnation_is_ignored() {
 fn health_of_another_run_is_ignored() {
     let folder = tempfile::tempdir().unwrap();
     let of_runs = |runs: [u64; 4]| {
-        let heard = (1..).zip(runs).flat_map(|(number, run)| all_of(number, run));
-        status_of(folder.path(), heard, clock::now())
+        let received = (1..).zip(runs).flat_map(|(number, run)| all_of(number, run));
+        status_of(folder.path(), received, clock::now())
     };
     let one_strays = of_runs([7, 7, 5, 7]);
     assert_eq!(verdict(&one_strays).unwrap_err().to_string(), "not heard: node 3");
@@ -141,8 +141,8 @@ fn health_of_another_run_is_ignored() {
     // A health report of an old run, from a vehicle that flies in the present run.
     let mut old = all_of(3, 7).to_vec();
     old[2].1 = Some(5);
-    let heard = [1, 2, 4].into_iter().flat_map(|number| all_of(number, 7)).chain(old);
-    let status = status_of(folder.path(), heard, clock::now());
+    let received = [1, 2, 4].into_iter().flat_map(|number| all_of(number, 7)).chain(old);
+    let status = status_of(folder.path(), received, clock::now());
     assert_eq!(verdict(&status).unwrap_err().to_string(), "not heard: node 3");
 }
 
@@ -154,11 +154,11 @@ fn the_table_of_a_good_swarm_fits_the_screen() {
     let text = table::of(&status, "cluster.toml");
     let lines: Vec<&str> = text.lines().collect();
     assert_eq!(lines.len(), 10, "{text}");
-    for heading in lines[0].split_whitespace().filter(|word| !["node", "ms"].contains(word)) {
+    for heading in lines[0].split_whitespace().filter(|message| !["node", "ms"].contains(message)) {
         assert!(lines[5..].iter().any(|line| line.contains(heading)), "{heading}: {text}");
     }
     assert!(lines.iter().all(|line| line.chars().count() <= 120), "{text}");
-    let words: Vec<&str> = lines[2].split_whitespace().collect();
+    let messages: Vec<&str> = lines[2].split_whitespace().collect();
     let expected = [
         "2",
         "0.1.0-1f2e3d4c5b6a",
@@ -174,7 +174,7 @@ fn the_table_of_a_good_swarm_fits_the_screen() {
         "0",
         "1:02:05",
     ];
-    assert_eq!(words, expected, "{text}");
+    assert_eq!(messages, expected, "{text}");
 }
 
 #[test]
@@ -223,8 +223,8 @@ fn the_age_of_a_peer_includes_its_delay_and_is_marked_while_the_delay_is_unknown
 #[test]
 fn a_wrong_clock_is_a_warning_and_not_a_fault() {
     let folder = tempfile::tempdir().unwrap();
-    let heard = vec![health(1, 0.0), health(2, 0.25), health(3, 0.0), health(4, 86_400.0)];
-    let status = status(folder.path(), heard, Duration::ZERO);
+    let received = vec![health(1, 0.0), health(2, 0.25), health(3, 0.0), health(4, 86_400.0)];
+    let status = status(folder.path(), received, Duration::ZERO);
     assert!(status.is_good());
     let text = table::of(&status, "cluster.toml");
     assert!(text.contains("!+250.0 ±0.4") && text.contains("!+86400 s"), "{text}");

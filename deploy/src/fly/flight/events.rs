@@ -26,27 +26,27 @@ pub(super) struct UnderWay {
 impl Flight {
     /// Does what the scenario has for now.
     pub(super) fn play(&mut self, now: Instant) {
-        while let Some(deed) = self.agenda.due(self.since_zero_s(now)) {
-            self.tell(now, format!("event: {deed}"));
-            self.carry_out(now, &deed);
+        while let Some(action) = self.schedule.due(self.since_zero_s(now)) {
+            self.tell(now, format!("event: {action}"));
+            self.carry_out(now, &action);
         }
     }
 
     /// What is still to come does not come any more; but whoever stands still for a time is to be able to land.
     pub(super) fn end_events(&mut self, now: Instant) {
         let thaws: Vec<ScriptedAction> =
-            self.agenda.remaining().filter(|deed| matches!(deed, ScriptedAction::Thaw(_))).cloned().collect();
-        while self.agenda.due(f64::INFINITY).is_some() {}
-        thaws.iter().for_each(|deed| self.carry_out(now, deed));
+            self.schedule.remaining().filter(|action| matches!(action, ScriptedAction::Thaw(_))).cloned().collect();
+        while self.schedule.due(f64::INFINITY).is_some() {}
+        thaws.iter().for_each(|action| self.carry_out(now, action));
     }
 
     /// Whether somebody who is dead comes back.
     pub(super) fn awaits_a_restart(&self) -> bool {
-        self.agenda.remaining().any(|deed| matches!(deed, ScriptedAction::Restart(_)))
+        self.schedule.remaining().any(|action| matches!(action, ScriptedAction::Restart(_)))
     }
 
-    fn carry_out(&mut self, now: Instant, deed: &ScriptedAction) {
-        let failed = match deed {
+    fn carry_out(&mut self, now: Instant, action: &ScriptedAction) {
+        let failed = match action {
             ScriptedAction::Kill(id) => {
                 self.killed.insert(*id);
                 if let Some(ended) = self.children.kill_one(Role::Agent, *id) {
@@ -56,7 +56,7 @@ impl Flight {
             }
             ScriptedAction::Restart(id) => self.restart(now, *id).err(),
             ScriptedAction::Freeze(id) => {
-                self.record(|recorder| recorder.incident(now, &InjectedFault::Failed(*id, FROZEN)));
+                self.record(|recorder| recorder.fault(now, &InjectedFault::Failed(*id, FROZEN)));
                 self.children.freeze(Role::Standin, *id, true).err()
             }
             ScriptedAction::Thaw(id) => self.children.freeze(Role::Standin, *id, false).err(),
@@ -66,12 +66,12 @@ impl Flight {
             }
             ScriptedAction::Tell(_, failed) => {
                 let failed = failed.iter();
-                failed.for_each(|failed| self.record(|recorder| recorder.incident(now, failed)));
+                failed.for_each(|failed| self.record(|recorder| recorder.fault(now, failed)));
                 None
             }
         };
         if let Some(error) = failed {
-            self.tell(now, format!("event: {deed}: {error}"));
+            self.tell(now, format!("event: {action}: {error}"));
         }
     }
 

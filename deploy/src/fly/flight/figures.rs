@@ -20,12 +20,12 @@ use skein_lab::terminal::what_next;
 impl Flight {
     /// Takes in what only one step tells.
     pub(super) fn take_step(&mut self, now: Instant, step: &Trace) {
-        if let Some(restarted) = self.ground.heard(now, step) {
-            self.incident(now, &restarted);
+        if let Some(restarted) = self.ground.received(now, step) {
+            self.fault(now, &restarted);
         }
         if self.stage == Stage::Flying {
-            let heard = step.peers.iter().filter(|peer| peer.standing != PeerStatus::Lost);
-            heard.for_each(|peer| self.metrics.observe_age(peer.age_s));
+            let received = step.peers.iter().filter(|peer| peer.standing != PeerStatus::Lost);
+            received.for_each(|peer| self.metrics.observe_age(peer.age_s));
             step.step_us.into_iter().for_each(|step_us| self.metrics.observe_step(step_us));
         }
     }
@@ -33,7 +33,7 @@ impl Flight {
     /// Hands the newest of everybody who lives to the metrics. Where a dead agent's helicopter is, nobody knows.
     pub(super) fn measure(&mut self, now: Instant) {
         let t_s = self.flown_s(now);
-        self.ground.due(now).iter().for_each(|incident| self.incident(now, incident));
+        self.ground.due(now).iter().for_each(|fault| self.fault(now, fault));
         let steps = self.observer.vehicles().values().filter_map(|seen| fresh(seen, now));
         let vehicles: Vec<VehicleNow> = steps.filter(|step| self.ground.lives(step)).map(vehicle_now).collect();
         self.metrics.observe(t_s, &vehicles);
@@ -43,9 +43,9 @@ impl Flight {
     }
 
     /// Something was done to the swarm.
-    fn incident(&mut self, now: Instant, incident: &InjectedFault) {
-        self.metrics.incident(self.flown_s(now), incident);
-        self.record(|recorder| recorder.incident(now, incident));
+    fn fault(&mut self, now: Instant, fault: &InjectedFault) {
+        self.metrics.fault(self.flown_s(now), fault);
+        self.record(|recorder| recorder.fault(now, fault));
     }
 
     /// The agent of this vehicle has ended.
@@ -55,13 +55,13 @@ impl Flight {
             self.ended = with_counts(self.ended, last);
         }
         let died = self.ground.ended(id, step.map(|step| step.header.incarnation));
-        self.incident(now, &died);
+        self.fault(now, &died);
     }
 
     /// It has a new one, whose simulator's clock may begin anew.
     pub(super) fn count_in(&mut self, now: Instant, id: VehicleId) {
         let restarted = self.ground.restarted(id);
-        self.incident(now, &restarted);
+        self.fault(now, &restarted);
         if let Some(zero) = &mut self.zero {
             zero.plant_s.remove(&id);
         }
@@ -117,7 +117,7 @@ fn vehicle_now(step: &Trace) -> VehicleNow {
     VehicleNow {
         runs: true,
         is_member: step.membership == Membership::Active,
-        sticks: step.sticks.map(|[roll, pitch, yaw, collective]| Controls { roll, pitch, yaw, collective }),
+        controls: step.controls.map(|[roll, pitch, yaw, collective]| Controls { roll, pitch, yaw, collective }),
         step: step.step,
         reached: step.reached,
         centre_ne_m: step.centre_ne_m.into(),

@@ -57,7 +57,7 @@ impl Flight {
             Role::Standin => format!("vehicle {id}'s simulator"),
         };
         let how = os::how_it_ended(*status);
-        let wrote = last_words.as_ref().map(|words| format!(" ({words})")).unwrap_or_default();
+        let wrote = last_words.as_ref().map(|messages| format!(" ({messages})")).unwrap_or_default();
         let sentence = format!("{what}: {how}{wrote}");
         let was_killed = *role == Role::Agent && self.killed.contains(*id);
         if !status.success() && !was_killed {

@@ -90,7 +90,7 @@ impl Flight {
         };
         let controls = self.controller.step(TICK_S, &estimate, &setpoint);
         assert_eq!(controls.fault, None);
-        self.vehicle.advance(Some(controls.sticks));
+        self.vehicle.advance(Some(controls.controls));
 
         let truth = self.vehicle.frame().truth;
         let attitude = truth.attitude;

@@ -91,8 +91,8 @@ impl Flight {
     }
 
     /// Advances by one tick with these controls.
-    pub(super) fn advance(&mut self, sticks: Controls) {
-        self.command = Some(sticks);
+    pub(super) fn advance(&mut self, controls: Controls) {
+        self.command = Some(controls);
         self.vehicle.advance(self.command);
         self.time_s += TICK_S;
         self.place_ne_m += self.moves_ne_m_s * TICK_S;
@@ -102,7 +102,7 @@ impl Flight {
         for _ in 0..(seconds / TICK_S).round() as u32 {
             let estimate = self.estimate();
             let controls = self.controller.step(TICK_S, &estimate, &self.setpoint(&estimate));
-            self.advance(controls.sticks);
+            self.advance(controls.controls);
         }
     }
 

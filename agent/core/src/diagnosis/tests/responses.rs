@@ -43,7 +43,7 @@ fn response_controls(flight: &mut Flight) -> Controls {
         Response::LandTurning => flight.controller.turn(TICK_S, &estimate, &setpoint),
         _ => flight.controller.step(TICK_S, &estimate, &setpoint),
     };
-    controls.sticks
+    controls.controls
 }
 
 /// Fails, flies on until the failure is found, then descends on the spot. `None` if the failure is not found within 30
@@ -59,8 +59,8 @@ fn touchdown(mut flight: Flight, failures: Failures) -> Option<Touchdown> {
     flight.stop_here();
     let mut touchdown = Touchdown::default();
     for _ in 0..6_000 {
-        let sticks = response_controls(&mut flight);
-        flight.advance(sticks);
+        let controls = response_controls(&mut flight);
+        flight.advance(controls);
         let truth = flight.truth();
         if truth.height_m < CONTACT_M {
             return Some(touchdown);
@@ -106,8 +106,8 @@ fn impact_speeds_m_s(height_m: f64) -> [f64; 2] {
         while flight.truth().height_m > LEVEL_CONTACT_M {
             sink_m_s = flight.truth().velocity.down_m_s();
             if answers && !flight.found.is_empty() {
-                let sticks = response_controls(&mut flight);
-                flight.advance(sticks);
+                let controls = response_controls(&mut flight);
+                flight.advance(controls);
             } else {
                 flight.fly(TICK_S);
             }
@@ -197,8 +197,8 @@ fn with_a_stuck_collective_the_vehicle_stays_above_its_target() {
         assert_eq!(flight.diagnosis.conditions().response(), Response::Land);
         flight.stop_here();
         for _ in 0..1_500 {
-            let sticks = response_controls(&mut flight);
-            flight.advance(sticks);
+            let controls = response_controls(&mut flight);
+            flight.advance(controls);
             let truth = flight.truth();
             let off_m = (truth.position.horizontal() - flight.place_ne_m).norm();
             assert!(off_m < 3.0 || truth.height_m < CONTACT_M, "seed {seed}: {truth:?}");

@@ -70,7 +70,9 @@ fn with_a_goal_gain_all_reach_their_slots_around_the_moving_centre_on_any_graph(
             let off_m = place - slot - points.goal.centre.horizontal();
             assert!(off_m.norm() < 0.01, "{off_m}");
         }
-        assert!(points.each(receives, |own, sight| laws[own].ask(sight).is_there).into_iter().all(|there| there));
+        assert!(
+            points.each(receives, |own, observation| laws[own].ask(observation).reached).into_iter().all(|there| there)
+        );
     }
 }
 

@@ -41,7 +41,7 @@ impl Session {
             age_s: 0.6,
             is_fresh: false,
         };
-        let sight = Observation {
+        let observation = Observation {
             own: id(2),
             position: self.position,
             velocity: self.velocity,
@@ -59,7 +59,7 @@ impl Session {
             },
             dt_s: 0.02,
         };
-        let external_output = self.external.output(&sight);
+        let external_output = self.external.output(&observation);
         let ask = self.external.take_query(&mut self.events);
         (external_output, ask)
     }
@@ -81,16 +81,16 @@ impl Session {
     }
 }
 
-fn answer(tick: u64, wanted: ReplyCommand) -> LawReply {
-    LawReply { vehicle: id(2), tick, wanted, heading_rad: None, reached: None, log: Vec::new() }
+fn answer(tick: u64, command: ReplyCommand) -> LawReply {
+    LawReply { vehicle: id(2), tick, command, heading_rad: None, reached: None, log: Vec::new() }
 }
 
 fn velocity(north_m_s: f64, east_m_s: f64, down_m_s: f64) -> ReplyCommand {
     ReplyCommand::VelocityNed(Vector3::new(north_m_s, east_m_s, down_m_s))
 }
 
-fn wanted(external_output: Option<ExternalLawOutput>) -> law::LawCommand {
-    external_output.unwrap().answer.wanted
+fn command(external_output: Option<ExternalLawOutput>) -> law::LawCommand {
+    external_output.unwrap().answer.command
 }
 
 const STAY: law::LawCommand = law::LawCommand::Displacement(Vector2::new(0.0, 0.0));
@@ -103,7 +103,7 @@ fn level_and_down(north_m_s: f64, east_m_s: f64, down_m_s: f64) -> law::LawComma
 fn queries_are_periodic_and_carry_the_vehicles_observation() {
     let mut session = Session::new("");
     let (first, ask) = session.step(None);
-    assert_eq!(wanted(first), STAY, "the vehicle stays before the first reply");
+    assert_eq!(command(first), STAY, "the vehicle stays before the first reply");
     let ask = ask.expect("a query in the first step");
     assert_eq!((ask.vehicle, ask.tick, ask.time_s, ask.dt_s), (id(2), 0, 2.02, 0.0));
     assert_eq!((ask.own.position_ned_m, ask.own.heading_rad), ([150.0, 0.0, -30.0], 1.5));
@@ -136,13 +136,13 @@ fn a_reply_is_flown_from_the_next_step_until_the_next_reply() {
     let mut session = Session::new("");
     let (_, ask) = session.next_query();
     let (flown, _) = session.step(Some(&answer(ask.tick, velocity(1.0, -2.0, 0.5))));
-    assert_eq!(wanted(flown), level_and_down(1.0, -2.0, 0.5));
+    assert_eq!(command(flown), level_and_down(1.0, -2.0, 0.5));
     let (_, ask) = session.next_query();
-    assert_eq!(wanted(session.step(None).0), level_and_down(1.0, -2.0, 0.5), "the last reply is flown");
+    assert_eq!(command(session.step(None).0), level_and_down(1.0, -2.0, 0.5), "the last reply is flown");
     let (flown, _) = session.step(Some(&answer(ask.tick, ReplyCommand::FieldNe(Vector2::new(0.1, 0.2)))));
-    assert_eq!(wanted(flown), law::LawCommand::Field(Vector3::new(0.1, 0.2, 0.0)));
+    assert_eq!(command(flown), law::LawCommand::Field(Vector3::new(0.1, 0.2, 0.0)));
     let (flown, _) = session.step(Some(&answer(ask.tick, velocity(3.0, 0.0, 0.0))));
-    assert_eq!(wanted(flown), law::LawCommand::Field(Vector3::new(0.1, 0.2, 0.0)), "a second reply is ignored");
+    assert_eq!(command(flown), law::LawCommand::Field(Vector3::new(0.1, 0.2, 0.0)), "a second reply is ignored");
     assert_eq!(session.external.misses(), 0);
 }
 
@@ -150,7 +150,7 @@ fn a_reply_is_flown_from_the_next_step_until_the_next_reply() {
 fn a_fast_reply_is_limited_and_keeps_its_direction() {
     let mut session = Session::new("max_speed_m_s = 5");
     let flown = session.flown(|tick| answer(tick, velocity(6e8, 8e8, 0.0)));
-    let law::LawCommand::Velocity { ne_m_s, down_m_s } = flown.answer.wanted else { panic!("{flown:?}") };
+    let law::LawCommand::Velocity { ne_m_s, down_m_s } = flown.answer.command else { panic!("{flown:?}") };
     assert!((ne_m_s - Vector2::new(3.0, 4.0)).norm() < 1e-9 && down_m_s == Some(0.0), "{flown:?}");
 }
 
@@ -163,7 +163,7 @@ fn the_law_decides_in_place_or_else_a_slow_vehicle_near_the_centre_is() {
         let flown =
             session.flown(|tick| LawReply { reached, heading_rad: Some(2.5), ..answer(tick, velocity(0.0, 0.0, 0.0)) });
         assert_eq!(flown.heading_rad, Some(2.5));
-        flown.answer.is_there
+        flown.answer.reached
     };
     assert!(there(None, 109.0, 2.0) && !there(None, 111.0, 2.0), "within R* of the centre");
     assert!(!there(None, 109.0, 1.4), "slow relative to the centre");
@@ -188,7 +188,7 @@ fn after_misses_in_a_row_the_law_is_lost_until_its_next_reply() {
     }
     assert_eq!((session.external.misses(), session.events.len()), (7, 1), "reported once");
     let flown = session.flown(|tick| answer(tick, velocity(0.0, 1.0, 0.0)));
-    assert_eq!(flown.answer.wanted, level_and_down(0.0, 1.0, 0.0));
+    assert_eq!(flown.answer.command, level_and_down(0.0, 1.0, 0.0));
     assert_eq!(session.events, [EventKind::LawLost, EventKind::LawBack]);
 }
 
@@ -202,7 +202,7 @@ fn after_a_suspension_no_old_reply_is_flown() {
     session.external.suspend();
     assert!(session.external.log().is_empty());
     let (flown, next) = session.step(Some(&answer(ask.tick, velocity(1.0, 0.0, 0.0))));
-    assert_eq!(wanted(flown), STAY);
+    assert_eq!(command(flown), STAY);
     assert_eq!(next.unwrap().tick, ask.tick + 1, "queried at once, with the next number");
     assert_eq!(session.external.misses(), 0, "no reply was pending");
 }

@@ -37,7 +37,7 @@ fn energy(law: &OlfatiSaber, points: &Points) -> f64 {
 
 /// Moves points with inertia, as in the source.
 fn accelerate(law: &OlfatiSaber, points: &mut Points, dt_s: f64) {
-    let accelerations = points.each(|_, _| true, |_, sight| law.acceleration(sight));
+    let accelerations = points.each(|_, _| true, |_, observation| law.acceleration(observation));
     points.velocities_m_s.iter_mut().zip(accelerations).for_each(|(velocity, u)| *velocity += u * dt_s);
     points.pass(dt_s);
 }
@@ -97,8 +97,10 @@ fn the_lattice_scales_with_its_units_of_length_and_time() {
     let place = Vector2::new(3.0, 1.0);
     let pull = |law: &OlfatiSaber| {
         let points = Points::at(vec![Vector2::zeros(), place * law.unit_m]);
-        points.each(|_, _| true, |_, sight| law.acceleration(&Observation { position: Default::default(), ..*sight }))
-            [0]
+        points.each(
+            |_, _| true,
+            |_, observation| law.acceleration(&Observation { position: Default::default(), ..*observation }),
+        )[0]
     };
     let (in_sources_units, ours) = (pull(&small), pull(&large));
     assert!((ours - in_sources_units * (5.0 / 100.0)).norm() < 1e-12, "length over time squared: {ours}");
@@ -130,7 +132,7 @@ proptest! {
         let law = OlfatiSaber { c1_per_s2: 0.0, c2_per_s: 0.0, ..law(&[]) };
         let mut points = Points::at(vec![Vector2::zeros(), Vector2::new(north, east)]);
         points.velocities_m_s[1] = Vector2::new(vn, ve);
-        let forces = points.each(|_, _| true, |_, sight| law.acceleration(sight));
+        let forces = points.each(|_, _| true, |_, observation| law.acceleration(observation));
         prop_assert!((forces[0] + forces[1]).norm() < 1e-9);
     }
 }

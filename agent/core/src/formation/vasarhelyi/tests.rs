@@ -34,22 +34,22 @@ fn two_vehicles_separate_to_the_repulsion_range_and_no_farther() {
 fn friction_removes_relative_speed_that_is_too_fast_to_stop() {
     let mut points = Points::at(vec![Vector2::zeros(), Vector2::new(0.0, 30.0)]);
     points.velocities_m_s[1] = Vector2::new(3.0, 0.0);
-    let wanted = wanted(&points);
-    assert!((wanted[0] - Vector2::new(0.05 * (3.0 - 0.63), 0.0)).norm() < 1e-12, "{wanted:?}");
-    assert!((wanted[0] + wanted[1]).norm() < 1e-12);
+    let command = command(&points);
+    assert!((command[0] - Vector2::new(0.05 * (3.0 - 0.63), 0.0)).norm() < 1e-12, "{command:?}");
+    assert!((command[0] + command[1]).norm() < 1e-12);
     points.velocities_m_s[1] = Vector2::new(0.6, 0.0);
-    assert_eq!(self::wanted(&points)[0], Vector2::zeros(), "a small difference is allowed at any distance");
+    assert_eq!(self::command(&points)[0], Vector2::zeros(), "a small difference is allowed at any distance");
     let far = 85.3 + 2.0;
     points.places_m[1] = Vector2::new(0.0, far);
     points.velocities_m_s[1] = Vector2::new(3.0, 0.0);
-    assert_eq!(self::wanted(&points)[0], Vector2::zeros(), "far away, stopping is still possible");
+    assert_eq!(self::command(&points)[0], Vector2::zeros(), "far away, stopping is still possible");
 }
 
-fn wanted(points: &Points) -> Vec<Vector2<f64>> {
+fn command(points: &Points) -> Vec<Vector2<f64>> {
     let mut laws = laws(points.places_m.len(), "law = 'vasarhelyi'\nradius_m = 1000");
     points.each(
         |_, _| true,
-        |own, sight| match laws[own].ask(sight).wanted {
+        |own, observation| match laws[own].ask(observation).command {
             LawCommand::Velocity { ne_m_s, .. } => ne_m_s,
             _ => panic!("not a velocity"),
         },
@@ -68,15 +68,15 @@ fn ten_vehicles_with_a_lag_follow_a_centre_aligned_and_apart() {
     points.velocities_m_s.iter_mut().for_each(|velocity| *velocity = Vector2::new(speed(), speed()));
     let mut nearest_m = f64::INFINITY;
     for tick in 0..10_000 {
-        let wanted = points.each(
+        let command = points.each(
             |_, _| true,
-            |own, sight| match laws[own].ask(sight).wanted {
+            |own, observation| match laws[own].ask(observation).command {
                 LawCommand::Velocity { ne_m_s, .. } => ne_m_s,
                 _ => panic!("not a velocity"),
             },
         );
-        let velocities = points.velocities_m_s.iter_mut().zip(wanted);
-        velocities.for_each(|(velocity, wanted)| *velocity += (wanted - *velocity) * 0.02);
+        let velocities = points.velocities_m_s.iter_mut().zip(command);
+        velocities.for_each(|(velocity, command)| *velocity += (command - *velocity) * 0.02);
         points.pass(0.02);
         if tick > 3_000 {
             nearest_m = points.distances_m().into_iter().fold(nearest_m, f64::min);

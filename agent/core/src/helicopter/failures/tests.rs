@@ -26,16 +26,16 @@ fn in_the_air() -> BuiltInVehicle {
     vehicle
 }
 
-fn fly(vehicle: &mut BuiltInVehicle, sticks: Controls, seconds: f64) -> Frame {
-    (0..(seconds / TICK_S) as u32).for_each(|_| vehicle.advance(Some(sticks)));
+fn fly(vehicle: &mut BuiltInVehicle, controls: Controls, seconds: f64) -> Frame {
+    (0..(seconds / TICK_S) as u32).for_each(|_| vehicle.advance(Some(controls)));
     vehicle.frame()
 }
 
 /// The vehicle after 2 s from the climb with these failures and controls.
-fn flown(failures: Failures, sticks: Controls) -> BuiltInVehicle {
+fn flown(failures: Failures, controls: Controls) -> BuiltInVehicle {
     let mut vehicle = in_the_air();
     vehicle.fail(failures);
-    fly(&mut vehicle, sticks, 2.0);
+    fly(&mut vehicle, controls, 2.0);
     vehicle
 }
 
@@ -152,14 +152,14 @@ proptest! {
         let mut failures = HEALTHY;
         for _ in 0..120 {
             let mut deflection = || 2.0 * uniform(&mut chance) - 1.0;
-            let sticks = Controls { roll: deflection(), pitch: deflection(), yaw: deflection(), collective: deflection().abs() };
+            let controls = Controls { roll: deflection(), pitch: deflection(), yaw: deflection(), collective: deflection().abs() };
             let mut fails = |before: bool| uniform(&mut chance) < 0.2 || before && !heals;
             failures.engine_out = fails(failures.engine_out);
             failures.gyro_off = fails(failures.gyro_off);
             failures.stuck = failures.stuck.map(fails);
             helicopter.fail(&failures);
             for _ in 0..50 {
-                helicopter.advance(&sticks, air.advance(helicopter.height_m()));
+                helicopter.advance(&controls, air.advance(helicopter.height_m()));
                 let state = helicopter.state.0;
                 prop_assert!(state.iter().all(|value| value.is_finite()), "{state:?}");
                 prop_assert!((0.0..600.0).contains(&state[15]), "rotor speed {}", state[15]);

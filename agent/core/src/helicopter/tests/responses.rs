@@ -85,10 +85,10 @@ fn the_climb_step_matches_the_reference() {
 fn after_30_s_on_the_ground(gyro_integral: f64) -> (f64, f64, f64, f64) {
     let mut helicopter = Helicopter::at_rest(&xcell60(), 0.0, 0.0, 0.0, 0.0);
     helicopter.state.0[17] = gyro_integral;
-    let sticks = Controls { collective: 0.2, ..Controls::default() };
+    let controls = Controls { collective: 0.2, ..Controls::default() };
     let (mut tilt_rad, mut yaw_rad) = (0.0_f64, 0.0_f64);
     for _ in 0..1_500 {
-        helicopter.advance(&sticks, VelocityNed::default());
+        helicopter.advance(&controls, VelocityNed::default());
         let attitude = helicopter.attitude();
         tilt_rad = tilt_rad.max(math::hypot(attitude.roll_rad, attitude.pitch_rad));
         yaw_rad = yaw_rad.max(attitude.heading_rad.abs());

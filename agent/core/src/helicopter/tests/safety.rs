@@ -16,9 +16,9 @@ fn flown(seed: u64, seconds: u32, weather: &Weather, mut check: impl FnMut(&Heli
     while ticks < seconds * 50 {
         let mut deflection = || 2.0 * uniform(&mut chance) - 1.0;
         let (roll, pitch, yaw) = (deflection(), deflection(), deflection());
-        let sticks = Controls { roll, pitch, yaw, collective: 0.3 + 0.7 * uniform(&mut chance) };
+        let controls = Controls { roll, pitch, yaw, collective: 0.3 + 0.7 * uniform(&mut chance) };
         for _ in 0..(1.0 + 50.0 * uniform(&mut chance)) as u32 {
-            helicopter.advance(&sticks, air.advance(helicopter.height_m()));
+            helicopter.advance(&controls, air.advance(helicopter.height_m()));
             check(&helicopter);
             ticks += 1;
         }

@@ -12,8 +12,8 @@ fn vehicle(number: u8, seed: u64) -> BuiltInVehicle {
     BuiltInVehicle::new(&origin, &xcell60(), &start, &GUSTY, seed, VehicleId::new(number).unwrap())
 }
 
-fn after(mut vehicle: BuiltInVehicle, words: impl IntoIterator<Item = Option<Controls>>) -> Frame {
-    words.into_iter().for_each(|word| vehicle.advance(word));
+fn after(mut vehicle: BuiltInVehicle, messages: impl IntoIterator<Item = Option<Controls>>) -> Frame {
+    messages.into_iter().for_each(|message| vehicle.advance(message));
     vehicle.frame()
 }
 
@@ -44,8 +44,8 @@ fn controls_are_clamped_to_their_travel_and_non_finite_ones_ignored() {
     for bad in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
         let nonsense = Some(Controls { pitch: bad, ..CLIMB });
         assert_eq!(after(vehicle(1, 1), [nonsense; 20]), after(vehicle(1, 1), [None; 20]));
-        let words = [Some(CLIMB), nonsense, nonsense];
-        assert_eq!(after(vehicle(1, 1), words), after(vehicle(1, 1), [Some(CLIMB); 3]));
+        let messages = [Some(CLIMB), nonsense, nonsense];
+        assert_eq!(after(vehicle(1, 1), messages), after(vehicle(1, 1), [Some(CLIMB); 3]));
     }
 }
 

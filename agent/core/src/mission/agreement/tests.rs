@@ -27,7 +27,7 @@ enum Event {
     Ordered(u32),
     Became(Membership),
     Contact {
-        heard: VehicleSet,
+        received: VehicleSet,
         absent_may_fly: bool,
     },
     Free,
@@ -35,12 +35,12 @@ enum Event {
 
 /// These others are in contact. Those of the four that are not may be flying.
 fn in_contact(numbers: &[u8]) -> Event {
-    Event::Contact { heard: set(numbers), absent_may_fly: numbers.len() + 1 < usize::from(ROSTER) }
+    Event::Contact { received: set(numbers), absent_may_fly: numbers.len() + 1 < usize::from(ROSTER) }
 }
 
 /// These others are in contact, and all further ones have left or were silent for long.
 fn only_in_contact(numbers: &[u8]) -> Event {
-    Event::Contact { heard: set(numbers), absent_may_fly: false }
+    Event::Contact { received: set(numbers), absent_may_fly: false }
 }
 
 /// Vehicle 1's agreement, with the inputs from its other stages.
@@ -49,14 +49,14 @@ struct One {
     agreement: Agreement,
     /// The newest agreement state of each of the others.
     states: Vec<(VehicleId, AgreementState)>,
-    heard: VehicleSet,
+    received: VehicleSet,
     absent_may_fly: bool,
 }
 
 impl One {
     fn new(roster: u8, partition: Partition) -> Self {
-        let (agreement, heard) = (Agreement::new(roster, LAST_STEP, partition), VehicleSet::default());
-        Self { agreement, states: Vec::new(), heard, absent_may_fly: true }
+        let (agreement, received) = (Agreement::new(roster, LAST_STEP, partition), VehicleSet::default());
+        Self { agreement, states: Vec::new(), received, absent_may_fly: true }
     }
 
     fn step(&mut self, event: Event) -> Option<Progress> {
@@ -70,8 +70,8 @@ impl One {
             Event::Reached => agreement.reach(),
             Event::Ordered(step) => progress = agreement.order(step),
             Event::Became(membership) => agreement.set_membership(membership),
-            Event::Contact { heard, absent_may_fly } => {
-                (self.heard, self.absent_may_fly) = (heard, absent_may_fly);
+            Event::Contact { received, absent_may_fly } => {
+                (self.received, self.absent_may_fly) = (received, absent_may_fly);
                 progress = agreement.follow(&self.others());
             }
             Event::Free => progress = agreement.advance(&self.others()),
@@ -81,7 +81,7 @@ impl One {
     }
 
     fn others(&self) -> OtherStates<impl Iterator<Item = AgreementState> + Clone> {
-        let in_contact = self.states.iter().filter(|(id, _)| self.heard.contains(*id));
+        let in_contact = self.states.iter().filter(|(id, _)| self.received.contains(*id));
         OtherStates { states: in_contact.map(|(_, part)| *part), absent_may_fly: self.absent_may_fly }
     }
 
@@ -326,8 +326,8 @@ fn event() -> impl Strategy<Value = Event> {
         4 => (vehicle(), part()).prop_map(|(id, part)| Event::Received(id, part)),
         4 => Just(Event::Reached),
         4 => Just(Event::Free),
-        2 => (vec(vehicle(), 0..4), any::<bool>()).prop_map(|(heard, absent_may_fly)| {
-            Event::Contact { heard: heard.into_iter().collect(), absent_may_fly }
+        2 => (vec(vehicle(), 0..4), any::<bool>()).prop_map(|(received, absent_may_fly)| {
+            Event::Contact { received: received.into_iter().collect(), absent_may_fly }
         }),
         1 => (0..=LAST_STEP + 1).prop_map(Event::Ordered),
         1 => membership().prop_map(Event::Became),
@@ -385,7 +385,7 @@ proptest! {
         agreement.step(Event::Received(id(2), honest));
         for lie in lies {
             agreement.step(Event::Received(id(3), lie));
-            agreement.step(Event::Contact { heard: set(&[2, 3]), absent_may_fly });
+            agreement.step(Event::Contact { received: set(&[2, 3]), absent_may_fly });
             prop_assert_eq!((agreement.at(), agreement.vouched()), (0, 0));
         }
     }

@@ -29,9 +29,9 @@ impl Side {
         self.in_flight = in_flight;
         arrived.sort_by(|one, other| one.0.total_cmp(&other.0));
         let now = self.now(t_s);
-        let heard: Vec<_> = arrived.iter().map(|&(.., word)| Received { word, at: now }).collect();
+        let received: Vec<_> = arrived.iter().map(|&(.., message)| Received { message, at: now }).collect();
         self.newest_sent_s = arrived.iter().map(|&(_, sent_s, _)| sent_s).fold(self.newest_sent_s, f64::max);
-        self.peers.update(now, &origin(), &heard);
+        self.peers.update(now, &origin(), &received);
     }
 
     /// Sends a state and a heartbeat, which arrive `delay_s` later.
@@ -42,7 +42,7 @@ impl Side {
         let PeerMessage::State(sent) = state(own, 1, self.sequence, 2.0 * t_s) else { unreachable!() };
         let heartbeat = Mission { echo: self.peers.echo(stamp), ..heartbeat_of(header, 1, Membership::Active) };
         [PeerMessage::State(State { header, ..sent }), PeerMessage::Mission(heartbeat)]
-            .map(|word| (t_s + delay_s, t_s, word))
+            .map(|message| (t_s + delay_s, t_s, message))
     }
 }
 

@@ -82,13 +82,13 @@ fn valid_lines_of_a_law_are_read() {
         r#"{"say":"answer","vehicle":3,"tick":417,"velocity_ned_m_s":[0.4,-1.2,0],"log":{"consensus_error":0.31}}"#;
     let answer = answer_to(line).unwrap();
     assert_eq!((answer.vehicle, answer.tick), (id(3), 417));
-    assert_eq!(answer.wanted, ReplyCommand::VelocityNed(Vector3::new(0.4, -1.2, 0.0)));
+    assert_eq!(answer.command, ReplyCommand::VelocityNed(Vector3::new(0.4, -1.2, 0.0)));
     assert_eq!(answer.log, [LawNumber { name: "consensus_error".to_owned(), value: 0.31 }]);
     assert_eq!((answer.heading_rad, answer.reached), (None, None));
     let line = r#"{"say":"answer","vehicle":3.0,"tick":4e2,"field_ne":[0.1,-0.3],"heading_rad":1.5,"reached":false}"#;
     let answer = answer_to(line).unwrap();
     assert_eq!((answer.tick, answer.heading_rad, answer.reached), (400, Some(1.5), Some(false)));
-    assert_eq!(answer.wanted, ReplyCommand::FieldNe(Vector2::new(0.1, -0.3)));
+    assert_eq!(answer.command, ReplyCommand::FieldNe(Vector2::new(0.1, -0.3)));
 }
 
 #[test]
@@ -182,7 +182,7 @@ proptest! {
                 let value = value.unwrap();
                 prop_assert_eq!(value["vehicle"].as_f64(), Some(answer.vehicle.get().into()));
                 prop_assert_eq!(value["tick"].as_f64(), Some(answer.tick as f64));
-                let ReplyCommand::FieldNe(field) = answer.wanted else { panic!("{answer:?}") };
+                let ReplyCommand::FieldNe(field) = answer.command else { panic!("{answer:?}") };
                 prop_assert_eq!(&value["field_ne"], &serde_json::json!([value["field_ne"][0], value["field_ne"][1]]));
                 prop_assert_eq!(value["field_ne"][0].as_f64(), Some(field.x));
                 prop_assert_eq!(value["field_ne"][1].as_f64(), Some(field.y));
@@ -200,11 +200,11 @@ proptest! {
     ) {
         let line = format!(r#"{{"say":"answer","vehicle":3,"tick":1,"field_ne":[0.5,0],"{key}":{value}}}"#);
         if let Ok(MessageFromLaw::LawReply(answer)) = read(line.as_bytes()) {
-            let wanted: Vec<f64> = match answer.wanted {
+            let command: Vec<f64> = match answer.command {
                 ReplyCommand::VelocityNed(velocity) => velocity.iter().copied().collect(),
                 ReplyCommand::FieldNe(field) => field.iter().copied().collect(),
             };
-            prop_assert!(wanted.iter().chain(&answer.heading_rad).all(|number| number.abs() <= MAX_NUMBER));
+            prop_assert!(command.iter().chain(&answer.heading_rad).all(|number| number.abs() <= MAX_NUMBER));
             prop_assert!(answer.log.len() <= LawNumber::MAX_COUNT);
         }
     }

@@ -78,9 +78,9 @@ fn datagram(values: &[f64]) -> Vec<u8> {
 fn a_reply_has_its_values_at_these_indices() {
     let answer = read(&datagram(&[1.0, 3.0, 417.0, 1.0, 0.4, -1.2, 0.1, 1.5, 1.0])).unwrap();
     assert_eq!((answer.vehicle, answer.tick, answer.heading_rad), (id(3), 417, Some(1.5)));
-    assert_eq!(answer.wanted, ReplyCommand::VelocityNed(Vector3::new(0.4, -1.2, 0.1)));
+    assert_eq!(answer.command, ReplyCommand::VelocityNed(Vector3::new(0.4, -1.2, 0.1)));
     let answer = read(&datagram(&[1.0, 3.0, 417.0, 2.0, 0.4, -1.2, 0.0, 1.5, 0.0])).unwrap();
-    assert_eq!((answer.wanted, answer.heading_rad), (ReplyCommand::FieldNe(Vector2::new(0.4, -1.2)), None));
+    assert_eq!((answer.command, answer.heading_rad), (ReplyCommand::FieldNe(Vector2::new(0.4, -1.2)), None));
 }
 
 #[test]
@@ -134,11 +134,11 @@ proptest! {
         if let Ok(answer) = read {
             prop_assert_eq!((f64::from(answer.vehicle.get()), answer.tick as f64), (vehicle, tick));
             prop_assert_eq!(answer.heading_rad, (is_meant == 1.0).then_some(heading_rad));
-            let wanted = match kind {
+            let command = match kind {
                 1.0 => ReplyCommand::VelocityNed(Vector3::new(x, y, z)),
                 _ => ReplyCommand::FieldNe(Vector2::new(x, y)),
             };
-            prop_assert_eq!(answer.wanted, wanted);
+            prop_assert_eq!(answer.command, command);
         }
     }
 }

@@ -133,14 +133,14 @@ fn errors_name_the_key_file_or_name_at_fault() {
         "the key of another certificate"
     );
 
-    let sealer = |tls: Tls, own: u8| secured(tls).sealer(id(own));
-    assert!(sealer(good.clone(), 1).unwrap().is_some() && Security::Plain.sealer(id(1)).unwrap().is_none());
-    let error = sealer(good.clone(), 2).unwrap_err();
+    let signing_key = |tls: Tls, own: u8| secured(tls).signing_key(id(own));
+    assert!(signing_key(good.clone(), 1).unwrap().is_some() && Security::Plain.signing_key(id(1)).unwrap().is_none());
+    let error = signing_key(good.clone(), 2).unwrap_err();
     assert!(
         error.is_user_error() && error.to_string().ends_with("the key that the swarm has for vehicle 2"),
         "{error}"
     );
-    let error = sealer(Tls { key: good.certificate.clone(), ..good }, 1).unwrap_err().to_string();
+    let error = signing_key(Tls { key: good.certificate.clone(), ..good }, 1).unwrap_err().to_string();
     assert!(error.ends_with("vehicle-1.pem: not an Ed25519 key in PKCS#8"), "{error}");
 }
 
@@ -179,20 +179,21 @@ fn links_that_come_and_go_do_not_disturb_the_swarm() {
     std::thread::scope(|scope| {
         for (own, link) in links {
             scope.spawn(move || {
-                let (mut sequence, mut heard) = (0, Vec::new());
+                let (mut sequence, mut received) = (0, Vec::new());
                 while !all_went() {
                     sequence += 1;
                     link.publish_state(&state(own, sequence), Cell::default());
                     link.publish_mission(&mission(own, sequence));
                     pause();
-                    link.drain(&mut heard);
+                    link.drain(&mut received);
                 }
                 let others = [1, 2, 3].into_iter().filter(|other| *other != own);
                 for other in others {
-                    let is_others =
-                        |word: &PeerMessage| matches!(word, PeerMessage::State(_)) && word.speaker() == Some(id(other));
+                    let is_others = |message: &PeerMessage| {
+                        matches!(message, PeerMessage::State(_)) && message.sender() == Some(id(other))
+                    };
                     assert!(
-                        word(&heard, is_others).is_some(),
+                        message(&received, is_others).is_some(),
                         "vehicle {own} has not received a state of vehicle {other}"
                     );
                 }
@@ -204,9 +205,9 @@ fn links_that_come_and_go_do_not_disturb_the_swarm() {
                 let _gone = Gone(still_come);
                 for _ in 0..VISITS {
                     let sessions = Sessions::open(name, &[], endpoints, observer).unwrap();
-                    let heard = sessions.first().declare_subscriber(all::STATES).wait().unwrap();
-                    wait_until(|| heard.drain().count() > 0);
-                    drop(heard);
+                    let received = sessions.first().declare_subscriber(all::STATES).wait().unwrap();
+                    wait_until(|| received.drain().count() > 0);
+                    drop(received);
                     sessions.close(());
                 }
             });

@@ -52,12 +52,12 @@ impl ControlWriter {
     }
 
     /// Sets the controls.
-    pub(super) fn set(&mut self, sticks: Controls, port: &mut Port, to: SocketAddr) {
-        send(port, &mut self.roll, sticks.roll as f32, to);
-        send(port, &mut self.pitch, sticks.pitch as f32, to);
-        send(port, &mut self.yaw, sticks.yaw as f32, to);
+    pub(super) fn set(&mut self, controls: Controls, port: &mut Port, to: SocketAddr) {
+        send(port, &mut self.roll, controls.roll as f32, to);
+        send(port, &mut self.pitch, controls.pitch as f32, to);
+        send(port, &mut self.yaw, controls.yaw as f32, to);
         for template in &mut self.collective {
-            send(port, template, sticks.collective as f32, to);
+            send(port, template, controls.collective as f32, to);
         }
     }
 }

@@ -38,7 +38,7 @@ fn next_frame(link: &mut XPlane) -> Frame {
 /// An X-Plane that a test controls, and that records everything it receives.
 struct Scripted {
     socket: UdpSocket,
-    heard: Vec<Vec<u8>>,
+    received: Vec<Vec<u8>>,
     /// The link's first requests.
     asked: Vec<Vec<u8>>,
 }
@@ -58,7 +58,7 @@ impl Scripted {
         socket.set_read_timeout(Some(Duration::from_millis(50))).unwrap();
         let mut link = link_to(socket.local_addr().unwrap(), LOCAL);
         link.wait(Duration::ZERO);
-        let mut simulator = Self { socket, heard: Vec::new(), asked: Vec::new() };
+        let mut simulator = Self { socket, received: Vec::new(), asked: Vec::new() };
         simulator.asked = simulator.receive().to_vec();
         (simulator, link)
     }
@@ -103,12 +103,12 @@ impl Scripted {
 
     /// Datagrams received since the last call.
     fn receive(&mut self) -> &[Vec<u8>] {
-        self.heard.clear();
+        self.received.clear();
         let mut buffer = [0; MAX_DATAGRAM];
         while let Ok(size) = self.socket.recv(&mut buffer) {
-            self.heard.push(buffer[..size].to_vec());
+            self.received.push(buffer[..size].to_vec());
         }
-        &self.heard
+        &self.received
     }
 
     /// Dataref writes received since the last call, in order.
@@ -125,9 +125,9 @@ fn at_height(height_m: f32) -> Position {
 #[test]
 fn the_link_subscribes_at_its_first_wait_and_touches_no_control() {
     let (simulator, _link) = Scripted::silent();
-    let heard = &simulator.asked;
-    assert_eq!(rpos::Request::decode(&heard[0]), Ok(rpos::Request { rate_hz: 50 }));
-    let values: Vec<_> = heard[1..].iter().map(|datagram| rref::Request::decode(datagram).unwrap()).collect();
+    let received = &simulator.asked;
+    assert_eq!(rpos::Request::decode(&received[0]), Ok(rpos::Request { rate_hz: 50 }));
+    let values: Vec<_> = received[1..].iter().map(|datagram| rref::Request::decode(datagram).unwrap()).collect();
     let of = |path: &str| values.iter().find(|value| value.path == path).map(|value| value.frequency_hz);
     assert_eq!(of("sim/time/total_running_time_sec"), Some(50));
     assert_eq!(of("sim/time/paused"), Some(50));
@@ -168,12 +168,12 @@ fn release_gives_the_override_back_and_unsubscribes_once() {
     link.command(HOVER);
     simulator.receive();
     link.release();
-    let heard = simulator.receive().to_vec();
-    let writes: Vec<_> = heard.iter().filter_map(|datagram| Write::decode(datagram).ok()).collect();
+    let received = simulator.receive().to_vec();
+    let writes: Vec<_> = received.iter().filter_map(|datagram| Write::decode(datagram).ok()).collect();
     assert!(!writes.is_empty());
     assert!(writes.iter().all(|write| write.path.ends_with("override_joystick") && write.value == 0.0), "{writes:?}");
-    assert!(heard.iter().any(|datagram| rpos::Request::decode(datagram) == Ok(rpos::Request { rate_hz: 0 })));
-    let stopped = heard.iter().filter_map(|datagram| rref::Request::decode(datagram).ok());
+    assert!(received.iter().any(|datagram| rpos::Request::decode(datagram) == Ok(rpos::Request { rate_hz: 0 })));
+    let stopped = received.iter().filter_map(|datagram| rref::Request::decode(datagram).ok());
     let mut indices: Vec<_> = stopped.map(|request| (request.frequency_hz, request.index)).collect();
     indices.sort_unstable();
     indices.dedup();
@@ -366,15 +366,15 @@ mod beacons {
         let address = standin.address();
         let _live = live::Live::run(standin);
         let (give_up, mut counters) = (now() + TIMEOUT, Counters::default());
-        let mut heard = Vec::new();
+        let mut received = Vec::new();
         // Other simulators on this computer may send beacons too.
-        while !heard.contains(&address.port()) && now() < give_up {
-            heard.extend(search.find(now() + SOON, &mut counters));
+        while !received.contains(&address.port()) && now() < give_up {
+            received.extend(search.find(now() + SOON, &mut counters));
         }
-        if heard.is_empty() {
+        if received.is_empty() {
             return println!("skipped: multicast does not return to this computer");
         }
-        assert!(heard.contains(&address.port()), "{heard:?}");
+        assert!(received.contains(&address.port()), "{received:?}");
     }
 }
 

@@ -64,7 +64,7 @@ impl Clients {
     }
 
     /// Records that a client has sent a datagram.
-    pub(super) fn heard(&mut self, address: SocketAddr, frame: u64) {
+    pub(super) fn received(&mut self, address: SocketAddr, frame: u64) {
         if let Some(client) = self.all.iter_mut().find(|client| client.address == address) {
             client.last_received = frame;
         }

@@ -66,9 +66,9 @@ impl Bench {
     }
 
     fn frame(&mut self) -> Option<Controls> {
-        let sticks = self.server.take_controls();
+        let controls = self.server.take_controls();
         self.server.publish(&flying(), |to, datagram| self.sent.push((to, datagram.to_vec())));
-        sticks
+        controls
     }
 
     fn frames(&mut self, count: u32) {
@@ -240,10 +240,10 @@ fn no_client_holds_the_controls_before_an_override_and_a_collective() {
     assert_eq!(bench.frame(), None);
     assert_eq!(bench.read(ROLL), Some(0.5));
     bench.set(COLLECTIVE, 0.6);
-    let sticks = bench.frame().unwrap();
-    assert_eq!(sticks, Controls { roll: 0.5, pitch: 0.0, yaw: 0.0, collective: f64::from(0.6_f32) });
+    let controls = bench.frame().unwrap();
+    assert_eq!(controls, Controls { roll: 0.5, pitch: 0.0, yaw: 0.0, collective: f64::from(0.6_f32) });
     bench.frames(100);
-    assert_eq!(bench.frame(), Some(sticks), "an overridden axis keeps its value");
+    assert_eq!(bench.frame(), Some(controls), "an overridden axis keeps its value");
 }
 
 #[test]
@@ -266,8 +266,8 @@ fn one_axis_alone_can_be_overridden() {
     {
         bench.set(path, value);
     }
-    let sticks = bench.frame().unwrap();
-    assert_eq!((sticks.roll, sticks.pitch), (0.0, f64::from(0.3_f32)));
+    let controls = bench.frame().unwrap();
+    assert_eq!((controls.roll, controls.pitch), (0.0, f64::from(0.3_f32)));
 }
 
 #[test]
@@ -280,8 +280,8 @@ fn integers_are_truncated_and_travel_is_limited() {
     bench.set(JOYSTICK, 1.9);
     bench.set(ROLL, -7.0);
     bench.set(COLLECTIVE, 3.0);
-    let sticks = bench.frame().unwrap();
-    assert_eq!((bench.read(JOYSTICK), sticks.roll, sticks.collective), (Some(1.0), -1.0, 1.0));
+    let controls = bench.frame().unwrap();
+    assert_eq!((bench.read(JOYSTICK), controls.roll, controls.collective), (Some(1.0), -1.0, 1.0));
 }
 
 #[test]
@@ -343,10 +343,10 @@ fn wrong_sizes_are_counted_and_other_messages_are_ignored() {
 #[test]
 fn the_beacon_comes_once_a_second() {
     let mut bench = Bench::new();
-    let mut heard = Vec::new();
+    let mut received = Vec::new();
     for frame in 0..150 {
         if let Some(datagram) = bench.server.beacon(49010, "lab") {
-            heard.push(frame);
+            received.push(frame);
             let beacon = Beacon::decode(datagram).unwrap();
             assert!(beacon.is_master());
             assert_eq!((beacon.minor, beacon.port, beacon.version, beacon.name.as_str()), (2, 49010, 121_400, "lab"));
@@ -354,7 +354,7 @@ fn the_beacon_comes_once_a_second() {
         }
         bench.frame();
     }
-    assert_eq!(heard, [0, 50, 100]);
+    assert_eq!(received, [0, 50, 100]);
 }
 
 #[test]
@@ -432,12 +432,12 @@ proptest! {
             malformed += u64::from(error.is_some());
             prop_assert_eq!(bench.server.malformed(), malformed);
             prop_assert_eq!(placed, Placement::decode(&datagram).ok().filter(|placement| placement.aircraft == 0));
-            if let Some(sticks) = bench.frame() {
-                prop_assert!(sticks.is_within_limits());
+            if let Some(controls) = bench.frame() {
+                prop_assert!(controls.is_within_limits());
             }
         }
         bench.set(JOYSTICK, 1.0);
         bench.set(COLLECTIVE, 0.5);
-        prop_assert!(bench.frame().is_some_and(|sticks| sticks.is_within_limits()));
+        prop_assert!(bench.frame().is_some_and(|controls| controls.is_within_limits()));
     }
 }

@@ -8,7 +8,7 @@ fn id(number: u8) -> VehicleId {
 }
 
 fn links(links: &[(u8, u8)]) -> Vec<Link> {
-    links.iter().map(|&(speaker, hearer)| (id(speaker), id(hearer))).collect()
+    links.iter().map(|&(sender, receiver)| (id(sender), id(receiver))).collect()
 }
 
 /// Vehicle `number`, a member in contact with these vehicles.

@@ -72,10 +72,10 @@ fn by_pairs(flight: &Flight<'_>) -> Panel {
     panel.title = "By pairs".to_owned();
     let mut ages_ms = vec![Vec::new(); count * count];
     for sample in 0..flight.times_s.len() {
-        for (hearer, trace) in flight.at(sample) {
+        for (receiver, trace) in flight.at(sample) {
             for peer in trace.peers.iter().filter(|peer| peer.standing != PeerStatus::Lost) {
-                let Some(speaker) = flight.index(peer.id) else { continue };
-                ages_ms[hearer * count + speaker].push(peer.age_s * 1e3);
+                let Some(sender) = flight.index(peer.id) else { continue };
+                ages_ms[receiver * count + sender].push(peer.age_s * 1e3);
             }
         }
     }
@@ -86,8 +86,8 @@ fn by_pairs(flight: &Flight<'_>) -> Panel {
     let shade = |age_ms: f64| (((age_ms - least_ms) / step_ms.max(1e-9)) as usize).min(SHADES.len() - 1);
     for (nth, share) in SHADES.into_iter().enumerate() {
         let field = |(pair, age_ms): (usize, &Option<f64>)| {
-            let (hearer, speaker) = (pair / count, pair % count);
-            let (x, y) = (speaker as f64 + 1.0, -(hearer as f64 + 1.0));
+            let (receiver, sender) = (pair / count, pair % count);
+            let (x, y) = (sender as f64 + 1.0, -(receiver as f64 + 1.0));
             let corners = ([x - 0.46, y - 0.46], [x + 0.46, y + 0.46], String::new());
             age_ms.filter(|age_ms| shade(*age_ms) == nth).map(|_| corners)
         };

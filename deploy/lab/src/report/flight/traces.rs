@@ -197,7 +197,7 @@ pub(super) fn effort(flight: &Flight<'_>) -> Figure {
     let (mut above, marked) = with_marks(flight, above);
     above.place = [0.0, 0.0, 1.0, 0.54];
     let mut below = Panel::new(flight.time_axis(), Axis::new("collective", "share of full"));
-    below.items = flight.lines(|trace| trace.sticks.map(|sticks| sticks[3]));
+    below.items = flight.lines(|trace| trace.controls.map(|controls| controls[3]));
     below.place = [0.0, 0.54, 1.0, 1.0];
     let caption = format!(
         "Above, the controls for roll, pitch and yaw (full deflection is 1): root mean square over {EFFORT_S} s. Below, the collective.{marked}"
@@ -212,8 +212,8 @@ fn smooth(flight: &Flight<'_>) -> Vec<Vec<Option<f64>>> {
     let of = |steps: &Vec<Option<&crate::recording::Step>>| {
         let squares: Vec<Option<f64>> = steps
             .iter()
-            .map(|step| step.and_then(|step| step.trace.sticks))
-            .map(|sticks| sticks.map(|[roll, pitch, yaw, _]| (roll * roll + pitch * pitch + yaw * yaw) / 3.0))
+            .map(|step| step.and_then(|step| step.trace.controls))
+            .map(|controls| controls.map(|[roll, pitch, yaw, _]| (roll * roll + pitch * pitch + yaw * yaw) / 3.0))
             .collect();
         let rms = |sample: usize| {
             squares[sample]?;

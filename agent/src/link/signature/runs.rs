@@ -17,18 +17,18 @@ pub struct RunNote {
     /// Begin of the run by the operator's clock, ms since 1970; later than every earlier run that the operator knew of.
     pub began_ms: u64,
     #[serde(rename = "seal", with = "hex")]
-    seal: Signature,
+    signature: Signature,
 }
 
 impl RunNote {
     /// Signs a note of a run that begins now.
-    pub fn new(sealer: &SigningKey, swarm: &SwarmName, run: u64, began_ms: u64) -> Self {
-        Self { run, began_ms, seal: sealer.sign(&signed_bytes(swarm, run, began_ms)) }
+    pub fn new(signing_key: &SigningKey, swarm: &SwarmName, run: u64, began_ms: u64) -> Self {
+        Self { run, began_ms, signature: signing_key.sign(&signed_bytes(swarm, run, began_ms)) }
     }
 
     /// Whether the operator of this swarm, with this public key, signed this note.
-    pub fn is_sealed(&self, key: &VerificationKey, swarm: &SwarmName) -> bool {
-        key.has_sealed(&signed_bytes(swarm, self.run, self.began_ms), self.seal)
+    pub fn is_signed(&self, key: &VerificationKey, swarm: &SwarmName) -> bool {
+        key.has_signed(&signed_bytes(swarm, self.run, self.began_ms), self.signature)
     }
 }
 
@@ -44,8 +44,8 @@ mod hex {
     use serde::{Deserialize, Deserializer, Serializer};
     use skein_common::message::Signature;
 
-    pub(super) fn serialize<S: Serializer>(seal: &Signature, to: S) -> Result<S::Ok, S::Error> {
-        to.collect_str(&seal.to_bytes().iter().map(|byte| format!("{byte:02x}")).collect::<String>())
+    pub(super) fn serialize<S: Serializer>(signature: &Signature, to: S) -> Result<S::Ok, S::Error> {
+        to.collect_str(&signature.to_bytes().iter().map(|byte| format!("{byte:02x}")).collect::<String>())
     }
 
     pub(super) fn deserialize<'de, D: Deserializer<'de>>(from: D) -> Result<Signature, D::Error> {
@@ -60,24 +60,24 @@ mod hex {
 
 #[cfg(test)]
 mod tests {
-    use super::super::tests::{name, sealer};
+    use super::super::tests::{name, signing_key};
     use super::*;
 
     #[test]
     fn a_run_note_is_valid_for_one_run_of_one_swarm() {
-        let (operator, lab) = (sealer(), name("lab"));
+        let (operator, lab) = (signing_key(), name("lab"));
         let (key, note) = (operator.key(), RunNote::new(&operator, &lab, 7, 1000));
-        assert!(note.is_sealed(&key, &lab));
-        assert!(!note.is_sealed(&key, &name("lab2")), "in another swarm");
-        assert!(!note.is_sealed(&sealer().key(), &lab), "signed by another operator");
+        assert!(note.is_signed(&key, &lab));
+        assert!(!note.is_signed(&key, &name("lab2")), "in another swarm");
+        assert!(!note.is_signed(&signing_key().key(), &lab), "signed by another operator");
         for other in [RunNote { run: 8, ..note }, RunNote { began_ms: 1001, ..note }] {
-            assert!(!other.is_sealed(&key, &lab), "{other:?}");
+            assert!(!other.is_signed(&key, &lab), "{other:?}");
         }
     }
 
     #[test]
     fn a_run_note_survives_writing_and_reading() {
-        let note = RunNote::new(&sealer(), &name("lab"), 7, 1000);
+        let note = RunNote::new(&signing_key(), &name("lab"), 7, 1000);
         let written = format!("{{\"run\":7,\"began_ms\":1000,\"seal\":\"{}\"}}", "0f".repeat(Signature::BYTES));
         let read: RunNote = serde_json::from_str(&written).unwrap();
         assert_eq!(serde_json::to_string(&read).unwrap(), written);

@@ -7,22 +7,26 @@ use super::*;
 fn without_signatures_a_valid_node_could_forge_any_message() {
     let swarm = Swarm::without_signatures("unsigned");
     let intruder = swarm.guest(swarm.authority.tls("vehicle-3.2"));
-    let forger = Forger { voices: KeyRing::plain(swarm.name.clone()), sealer: swarm.authority.sealer("vehicle-3.2") };
+    let forger = Forger {
+        key_ring: KeyRing::plain(swarm.name.clone()),
+        signing_key: swarm.authority.signing_key("vehicle-3.2"),
+    };
     wait_until(|| is_linked(intruder.first()));
-    let mut heard = Vec::new();
+    let mut received = Vec::new();
     let deadline = now() + TIMEOUT;
     let kinds: [fn(&PeerMessage) -> bool; 3] = [
-        |word| matches!(word, PeerMessage::State(_)),
-        |word| matches!(word, PeerMessage::Mission(_)),
-        |word| matches!(word, PeerMessage::Order(_)),
+        |message| matches!(message, PeerMessage::State(_)),
+        |message| matches!(message, PeerMessage::Mission(_)),
+        |message| matches!(message, PeerMessage::Order(_)),
     ];
-    let are_received =
-        |heard: &[Received]| kinds.iter().all(|kind| word(heard, |word| is_forged(word) && kind(word)).is_some());
-    while !are_received(&heard) {
-        assert!(now() < deadline, "{heard:?}");
+    let are_received = |received: &[Received]| {
+        kinds.iter().all(|kind| message(received, |message| is_forged(message) && kind(message)).is_some())
+    };
+    while !are_received(&received) {
+        assert!(now() < deadline, "{received:?}");
         forger.forge(intruder.first(), &[1, 2]);
         forge_order(intruder.first());
-        swarm.one.drain(&mut heard);
+        swarm.one.drain(&mut received);
         pause();
     }
 }
@@ -79,11 +83,11 @@ fn a_node_with_a_valid_certificate_can_use_every_kind_of_message() {
         }
     }
 
-    let order = Order { epoch: 1, issuer: 9, verb: Verb::Land, seal: None };
-    let order = seal::orders::sign(&swarm.authority.sealer("operator"), &swarm.name, RUN, order);
+    let order = Order { epoch: 1, issuer: 9, verb: Verb::Land, signature: None };
+    let order = signature::orders::sign(&swarm.authority.signing_key("operator"), &swarm.name, RUN, order);
     for link in [&swarm.one, &swarm.two] {
         let give = || send(operator.first(), &Topic::Order(9).key(), &encode(&order));
-        until(link, give, |heard| word(heard, |word| *word == PeerMessage::Order(order)));
+        until(link, give, |received| message(received, |message| *message == PeerMessage::Order(order)));
     }
 }
 
@@ -93,8 +97,8 @@ fn a_late_vehicle_receives_the_heartbeats_of_its_peers() {
     swarm.one.publish_mission(&mission(1, 5));
     let trust = swarm.authority.trust(&swarm.name, "vehicle-3.2");
     let late = Link::new(swarm.guest(swarm.authority.tls("vehicle-3.2")), id(3), LocalClock::start(), trust).unwrap();
-    until(&late, || {}, |heard| word(heard, |word| *word == PeerMessage::Mission(mission(1, 5))));
-    until(&swarm.two, || {}, |heard| word(heard, |word| *word == PeerMessage::Appeared(id(3))));
+    until(&late, || {}, |received| message(received, |message| *message == PeerMessage::Mission(mission(1, 5))));
+    until(&swarm.two, || {}, |received| message(received, |message| *message == PeerMessage::Appeared(id(3))));
 }
 
 /// Vehicle 3's own messages arrive, so the ones that it forged before were refused.
@@ -110,12 +114,15 @@ fn a_valid_vehicle_can_send_for_itself_only() {
             attack(intruder.first(), &forger);
             sequence += 1;
             let link = if receiver == 1 { &swarm.one } else { &swarm.two };
-            let heard = until(
+            let received = until(
                 link,
                 || forger.send(intruder.first(), Topic::State(id(3), Cell::default()), &state(3, sequence)),
-                |heard| word(heard, |word| *word == PeerMessage::State(state(3, sequence))).map(|_| heard.to_vec()),
+                |received| {
+                    message(received, |message| *message == PeerMessage::State(state(3, sequence)))
+                        .map(|_| received.to_vec())
+                },
             );
-            assert_eq!(heard.iter().find(|heard| is_forged(&heard.word)), None);
+            assert_eq!(received.iter().find(|received| is_forged(&received.message)), None);
         }
     }
     swarm.refuse(|| attack(intruder.first(), &forger));
@@ -134,7 +141,7 @@ fn a_valid_vehicle_can_reply_for_itself_only() {
             let forged = Mission { header: forged_header(sender), ..mission(sender, 1) };
             let key = Topic::Mission(id(sender)).key();
             // Zenoh rejects a reply under a key that was not queried.
-            let _ = query.reply(&key, forger.voices.write(Some(&forger.sealer), RUN, &key, &forged)).wait();
+            let _ = query.reply(&key, forger.key_ring.write(Some(&forger.signing_key), RUN, &key, &forged)).wait();
         }
     };
     // It declares itself complete for all vehicles.
@@ -154,12 +161,12 @@ fn a_valid_vehicle_can_reply_for_itself_only() {
             });
         }
     };
-    let heard = until(&late, ask, |heard| {
+    let received = until(&late, ask, |received| {
         (late.drops().forged > 0).then_some(())?;
-        word(heard, |word| *word == PeerMessage::Mission(mission(1, 5)))?;
-        word(heard, |word| is_forged(word) && word.speaker() == Some(id(3))).map(|_| heard.to_vec())
+        message(received, |message| *message == PeerMessage::Mission(mission(1, 5)))?;
+        message(received, |message| is_forged(message) && message.sender() == Some(id(3))).map(|_| received.to_vec())
     });
-    assert_eq!(word(&heard, |word| is_forged(word) && word.speaker() == Some(id(1))), None);
+    assert_eq!(message(&received, |message| is_forged(message) && message.sender() == Some(id(1))), None);
 }
 
 #[test]
@@ -180,18 +187,18 @@ fn replayed_messages_are_refused_once_their_sender_has_gone() {
     let intruder = swarm.guest(swarm.authority.tls("vehicle-3.2"));
     let kept = intruder.first().declare_subscriber("vehicle/1/**").wait().unwrap();
     let deadline = now() + TIMEOUT;
-    let mut words = Vec::new();
-    while words.len() < 2 {
+    let mut messages = Vec::new();
+    while messages.len() < 2 {
         assert!(now() < deadline);
         swarm.one.publish_mission(&mission(1, 1));
-        words.extend(
+        messages.extend(
             kept.drain().map(|sample| (sample.key_expr().to_string(), sample.payload().to_bytes().into_owned())),
         );
         pause();
     }
     let Swarm { one, two, authority, name, .. } = swarm;
     one.close();
-    until(&two, || {}, |heard| word(heard, |word| *word == PeerMessage::Vanished(id(1))));
+    until(&two, || {}, |received| message(received, |message| *message == PeerMessage::Vanished(id(1))));
     two.close();
     let here = ["tls/127.0.0.1:0".to_owned()];
     let sessions = Sessions::open(&name, &here, &[], &secured(authority.tls("vehicle-2"))).unwrap();
@@ -199,16 +206,16 @@ fn replayed_messages_are_refused_once_their_sender_has_gone() {
     let newcomer = Link::new(sessions, id(2), LocalClock::start(), authority.trust(&name, "vehicle-2")).unwrap();
     let again = Sessions::open(&name, &[], &dial, &secured(authority.tls("vehicle-3.2"))).unwrap();
     let again = again.first();
-    let mut heard = Vec::new();
+    let mut received = Vec::new();
     let deadline = now() + TIMEOUT;
     while newcomer.drops().old < 20 {
         assert!(now() < deadline, "{:?}", newcomer.drops());
-        words.iter().for_each(|(key, bytes)| send(again, key, bytes));
+        messages.iter().for_each(|(key, bytes)| send(again, key, bytes));
         drop(again.liveliness().declare_token(Topic::Alive(id(1)).key()).wait().unwrap());
-        newcomer.drain(&mut heard);
+        newcomer.drain(&mut received);
         pause();
     }
-    assert_eq!(word(&heard, |word| word.speaker() == Some(id(1))), None);
+    assert_eq!(message(&received, |message| message.sender() == Some(id(1))), None);
 }
 
 /// Zenoh identifies a session by a number (Zenoh id) that all its linked nodes see.
@@ -240,20 +247,20 @@ fn no_node_can_send_for_another_by_taking_its_session_number() {
     let sessions = Sessions::open(&swarm.name, &["tls/127.0.0.1:0".to_owned()], &dial, &secured(tls)).unwrap();
     let trust = swarm.authority.trust(&swarm.name, "vehicle-3.2");
     let three = Link::new(sessions, id(3), LocalClock::start(), trust).unwrap();
-    until(&three, || {}, |heard| word(heard, |word| *word == PeerMessage::Appeared(id(1))));
+    until(&three, || {}, |received| message(received, |message| *message == PeerMessage::Appeared(id(1))));
 
     let number = swarm.one.sessions.first().zid().to_string();
     let intruder = as_number(&swarm, &number, &of_intruder, &[], &swarm.authority.tls("vehicle-2"));
     let forger = swarm.forger("vehicle-2");
-    let mut heard = Vec::new();
+    let mut received = Vec::new();
     let deadline = now() + TIMEOUT;
     while three.drops().forged < 20 {
         assert!(now() < deadline, "{:?}", three.drops());
         forger.forge(intruder.first(), &[1]);
-        three.drain(&mut heard);
+        three.drain(&mut received);
         pause();
     }
-    assert_eq!(word(&heard, is_forged), None);
+    assert_eq!(message(&received, is_forged), None);
 }
 
 /// Opens sessions with a chosen number.

@@ -35,13 +35,13 @@ fn signed_bytes(swarm: &SwarmName, run: u64, order: &Order) -> Vec<u8> {
 }
 
 /// Whether the operator with this key gave this order in this run of the swarm. Takes about 100 µs.
-pub fn is_sealed(key: &VerificationKey, swarm: &SwarmName, run: u64, order: &Order) -> bool {
-    order.seal.is_some_and(|seal| key.has_sealed(&signed_bytes(swarm, run, order), seal))
+pub fn is_signed(key: &VerificationKey, swarm: &SwarmName, run: u64, order: &Order) -> bool {
+    order.signature.is_some_and(|signature| key.has_signed(&signed_bytes(swarm, run, order), signature))
 }
 
 /// Signs the order for this run of this swarm.
-pub fn sign(sealer: &SigningKey, swarm: &SwarmName, run: u64, order: Order) -> Order {
-    Order { seal: Some(sealer.sign(&signed_bytes(swarm, run, &order))), ..order }
+pub fn sign(signing_key: &SigningKey, swarm: &SwarmName, run: u64, order: Order) -> Order {
+    Order { signature: Some(signing_key.sign(&signed_bytes(swarm, run, &order))), ..order }
 }
 
 /// Verifies orders, and remembers the latest results so that a repeated order costs nothing.
@@ -60,12 +60,12 @@ impl Checker {
     }
 
     /// Whether the operator gave this order in this run.
-    pub fn is_sealed(&self, run: u64, order: &Order) -> bool {
+    pub fn is_signed(&self, run: u64, order: &Order) -> bool {
         // No holder can panic, so poisoning is ignored.
         let known = || self.known.lock().unwrap_or_else(PoisonError::into_inner);
         let answer = known().iter().find(|(of, known, _)| (*of, known) == (run, order)).map(|(.., answer)| *answer);
         answer.unwrap_or_else(|| {
-            let answer = is_sealed(&self.key, &self.swarm, run, order);
+            let answer = is_signed(&self.key, &self.swarm, run, order);
             let mut known = known();
             if known.len() == KEPT {
                 known.remove(0);
@@ -80,31 +80,31 @@ impl Checker {
 mod tests {
     use skein_common::message::Signature;
 
-    use super::super::tests::{name, sealer};
+    use super::super::tests::{name, signing_key};
     use super::*;
 
-    const ORDER: Order = Order { epoch: 5, issuer: 9, verb: Verb::Goto(2), seal: None };
+    const ORDER: Order = Order { epoch: 5, issuer: 9, verb: Verb::Goto(2), signature: None };
 
     #[test]
     fn a_signature_is_valid_for_one_order_in_one_run_of_one_swarm() {
-        let (operator, lab) = (sealer(), name("lab"));
-        let (key, sealed) = (operator.key(), sign(&operator, &lab, 7, ORDER));
-        assert_eq!(Order { seal: None, ..sealed }, ORDER);
-        assert!(is_sealed(&key, &lab, 7, &sealed));
-        assert!(!is_sealed(&key, &lab, 7, &ORDER), "not signed");
-        assert!(!is_sealed(&key, &lab, 8, &sealed), "in another run");
-        assert!(!is_sealed(&key, &name("lab2"), 7, &sealed), "in another swarm");
+        let (operator, lab) = (signing_key(), name("lab"));
+        let (key, signed) = (operator.key(), sign(&operator, &lab, 7, ORDER));
+        assert_eq!(Order { signature: None, ..signed }, ORDER);
+        assert!(is_signed(&key, &lab, 7, &signed));
+        assert!(!is_signed(&key, &lab, 7, &ORDER), "not signed");
+        assert!(!is_signed(&key, &lab, 8, &signed), "in another run");
+        assert!(!is_signed(&key, &name("lab2"), 7, &signed), "in another swarm");
         let others = [
-            Order { epoch: 6, ..sealed },
-            Order { issuer: 10, ..sealed },
-            Order { verb: Verb::Goto(3), ..sealed },
-            Order { verb: Verb::Abort, ..sealed },
-            Order { seal: Some(Signature::from_bytes([0; Signature::BYTES])), ..sealed },
+            Order { epoch: 6, ..signed },
+            Order { issuer: 10, ..signed },
+            Order { verb: Verb::Goto(3), ..signed },
+            Order { verb: Verb::Abort, ..signed },
+            Order { signature: Some(Signature::from_bytes([0; Signature::BYTES])), ..signed },
         ];
         for other in others {
-            assert!(!is_sealed(&key, &lab, 7, &other), "{other:?}");
+            assert!(!is_signed(&key, &lab, 7, &other), "{other:?}");
         }
-        assert!(!is_sealed(&sealer().key(), &lab, 7, &sealed), "signed by another operator");
+        assert!(!is_signed(&signing_key().key(), &lab, 7, &signed), "signed by another operator");
     }
 
     /// The signed bytes are part of the protocol.
@@ -119,17 +119,17 @@ mod tests {
 
     #[test]
     fn verified_orders_are_remembered_in_bounded_memory() {
-        let (operator, lab) = (sealer(), name("lab"));
+        let (operator, lab) = (signing_key(), name("lab"));
         let checker = Checker::new(operator.key(), lab.clone());
-        let sealed = |epoch| sign(&operator, &lab, 7, Order { epoch, ..ORDER });
+        let signed = |epoch| sign(&operator, &lab, 7, Order { epoch, ..ORDER });
         for epoch in 0..100 {
-            assert!(checker.is_sealed(7, &sealed(epoch)));
-            assert!(!checker.is_sealed(8, &sealed(epoch)));
+            assert!(checker.is_signed(7, &signed(epoch)));
+            assert!(!checker.is_signed(8, &signed(epoch)));
         }
         let known = || checker.known.lock().unwrap().clone();
         let before = known();
         assert_eq!(before.len(), KEPT);
-        assert!(checker.is_sealed(7, &sealed(99)) && !checker.is_sealed(8, &sealed(99)));
+        assert!(checker.is_signed(7, &signed(99)) && !checker.is_signed(8, &signed(99)));
         assert_eq!(known(), before, "not verified again");
     }
 }

@@ -1,10 +1,10 @@
 //! Signatures (Ed25519, RFC 8032) that prove the sender of a message: an operator signs orders ([`orders`]), a vehicle
-//! signs its other messages ([`words`]). A signature is valid in one run of one swarm only, so a message replayed from
+//! signs its other messages ([`messages`]). A signature is valid in one run of one swarm only, so a message replayed from
 //! an earlier run or another swarm is refused.
 
+pub mod messages;
 pub mod orders;
 pub mod runs;
-pub mod words;
 
 use std::fmt;
 use std::str::FromStr;
@@ -38,9 +38,9 @@ impl VerificationKey {
         self.0
     }
 
-    /// Whether `seal` is the signature of these bytes with the matching private key. Takes about 100 µs.
-    fn has_sealed(&self, bytes: &[u8], seal: Signature) -> bool {
-        UnparsedPublicKey::new(&ED25519, self.0).verify(bytes, &seal.to_bytes()).is_ok()
+    /// Whether `signature` is the signature of these bytes with the matching private key. Takes about 100 µs.
+    fn has_signed(&self, bytes: &[u8], signature: Signature) -> bool {
+        UnparsedPublicKey::new(&ED25519, self.0).verify(bytes, &signature.to_bytes()).is_ok()
     }
 }
 
@@ -120,9 +120,9 @@ impl SigningKey {
     }
 
     fn sign(&self, bytes: &[u8]) -> Signature {
-        let mut seal = [0; Signature::BYTES];
-        seal.copy_from_slice(self.0.sign(bytes).as_ref());
-        Signature::from_bytes(seal)
+        let mut signature = [0; Signature::BYTES];
+        signature.copy_from_slice(self.0.sign(bytes).as_ref());
+        Signature::from_bytes(signature)
     }
 }
 
@@ -151,7 +151,7 @@ pub(crate) mod tests {
 
     use super::*;
 
-    pub(crate) fn sealer() -> SigningKey {
+    pub(crate) fn signing_key() -> SigningKey {
         SigningKey::from_pkcs8(Ed25519KeyPair::generate_pkcs8(&SystemRandom::new()).unwrap().as_ref()).unwrap()
     }
 
@@ -169,23 +169,26 @@ pub(crate) mod tests {
         let public = "fc51cd8e6218a1a38da47ed00230f0580816ed13ba3303ac5deb911548908025";
         // PKCS#8 version 1 as OpenSSL writes it: a fixed header and the seed.
         let der = [hex("302e020100300506032b657004220420"), seed].concat();
-        let sealer = SigningKey::from_pkcs8(&der).unwrap();
-        assert_eq!(Ok(sealer.key()), public.parse());
+        let signing_key = SigningKey::from_pkcs8(&der).unwrap();
+        assert_eq!(Ok(signing_key.key()), public.parse());
         assert_eq!(
-            format!("{sealer:?}"),
+            format!("{signing_key:?}"),
             format!("SigningKey(of VerificationKey({public}))"),
             "the secret is not shown"
         );
         assert!(SigningKey::from_pkcs8(b"key").is_err() && SigningKey::from_pem("key").is_err());
         let expected = "6291d657deec24024827e69c3abe01a30ce548a284743a445e3680d7db5ac3ac18ff9b538d16f290ae67f760984dc6594a7c15e9716ed28dc027beceea1ec40a";
-        let seal = sealer.sign(&[0xaf, 0x82]);
-        assert_eq!(seal.to_bytes().as_slice(), hex(expected));
-        assert!(sealer.key().has_sealed(&[0xaf, 0x82], seal) && !sealer.key().has_sealed(&[0xaf, 0x83], seal));
+        let signature = signing_key.sign(&[0xaf, 0x82]);
+        assert_eq!(signature.to_bytes().as_slice(), hex(expected));
+        assert!(
+            signing_key.key().has_signed(&[0xaf, 0x82], signature)
+                && !signing_key.key().has_signed(&[0xaf, 0x83], signature)
+        );
     }
 
     #[test]
     fn a_key_survives_writing_and_reading() {
-        let key = sealer().key();
+        let key = signing_key().key();
         assert_eq!(key.to_string().parse(), Ok(key));
         for text in ["", "0", &"0".repeat(63), &"0".repeat(65), &"g".repeat(64), &"é".repeat(32)] {
             assert_eq!(text.parse::<VerificationKey>(), Err(NotAKey::Public), "{text:?}");

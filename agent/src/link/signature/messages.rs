@@ -73,7 +73,7 @@ impl KeyRing {
     }
 
     /// Verifies messages with these keys.
-    pub fn sealed(swarm: SwarmName, keys: BTreeMap<VehicleId, VerificationKey>) -> Self {
+    pub fn signed(swarm: SwarmName, keys: BTreeMap<VehicleId, VerificationKey>) -> Self {
         Self { swarm, keys: Some(Arc::new(keys)) }
     }
 
@@ -91,12 +91,12 @@ impl KeyRing {
         let Some(known_by) = keys else {
             return Ok(Verified { message: own(&topic, bytes)?, run: None });
         };
-        let (rest, seal) = bytes.split_last_chunk().ok_or(VerificationError::NoSeal)?;
+        let (rest, signature) = bytes.split_last_chunk().ok_or(VerificationError::NoSeal)?;
         let (body, run) = rest.split_last_chunk().ok_or(VerificationError::NoSeal)?;
-        let (run, seal) = (u64::from_le_bytes(*run), Signature::from_bytes(*seal));
+        let (run, signature) = (u64::from_le_bytes(*run), Signature::from_bytes(*signature));
         // The cheap check comes first.
         let message = own(&topic, body)?;
-        if known_by.has_sealed(&self.signed_bytes(run, key, body), seal) {
+        if known_by.has_signed(&self.signed_bytes(run, key, body), signature) {
             Ok(Verified { message, run: Some(run) })
         } else {
             Err(VerificationError::NoSeal)
@@ -104,12 +104,12 @@ impl KeyRing {
     }
 
     /// Encodes a message, and signs it if there is a signing key.
-    pub fn write(&self, sealer: Option<&SigningKey>, run: u64, key: &str, message: &impl Message) -> Vec<u8> {
+    pub fn write(&self, signing_key: Option<&SigningKey>, run: u64, key: &str, message: &impl Message) -> Vec<u8> {
         let mut bytes = message::encode(message);
-        if let Some(sealer) = sealer {
-            let seal = sealer.sign(&self.signed_bytes(run, key, &bytes));
+        if let Some(signing_key) = signing_key {
+            let signature = signing_key.sign(&self.signed_bytes(run, key, &bytes));
             bytes.extend(run.to_le_bytes());
-            bytes.extend(seal.to_bytes());
+            bytes.extend(signature.to_bytes());
         }
         bytes
     }
@@ -135,7 +135,7 @@ mod tests {
     use skein_common::message::{Event, EventKind, Header, Order, Verb};
     use skein_common::time::SenderStamp;
 
-    use super::super::tests::{name, sealer};
+    use super::super::tests::{name, signing_key};
     use super::*;
 
     fn id(number: u8) -> VehicleId {
@@ -154,17 +154,17 @@ mod tests {
 
     #[test]
     fn a_message_is_accepted_under_its_senders_key_with_its_senders_signature() {
-        let (one, two) = (sealer(), sealer());
+        let (one, two) = (signing_key(), signing_key());
         let keys = BTreeMap::from([(id(1), one.key()), (id(2), two.key())]);
-        let lab = KeyRing::sealed(name("lab"), keys.clone());
+        let lab = KeyRing::signed(name("lab"), keys.clone());
         let bytes = lab.write(Some(&one), 7, "vehicle/1/event", &event(1));
-        let read = |voices: &KeyRing, key: &str, bytes: &[u8]| voices.read::<Event>(key, bytes);
+        let read = |key_ring: &KeyRing, key: &str, bytes: &[u8]| key_ring.read::<Event>(key, bytes);
         assert_eq!(read(&lab, "vehicle/1/event", &bytes), Ok(Verified { message: event(1), run: Some(7) }));
         assert_eq!(bytes.len(), message::encode(&event(1)).len() + ADDED_BYTES);
 
         let forged = Err(VerificationError::NoSeal);
         assert_eq!(read(&lab, "vehicle/1/health", &bytes), forged, "another kind of message");
-        assert_eq!(read(&KeyRing::sealed(name("lab2"), keys), "vehicle/1/event", &bytes), forged, "another swarm");
+        assert_eq!(read(&KeyRing::signed(name("lab2"), keys), "vehicle/1/event", &bytes), forged, "another swarm");
         for by_two in [lab.write(Some(&two), 7, "vehicle/1/event", &event(1)), message::encode(&event(1))] {
             assert!(read(&lab, "vehicle/1/event", &by_two).is_err());
         }
@@ -176,8 +176,8 @@ mod tests {
 
     #[test]
     fn a_signed_message_with_a_changed_or_missing_byte_is_refused() {
-        let one = sealer();
-        let lab = KeyRing::sealed(name("lab"), BTreeMap::from([(id(1), one.key())]));
+        let one = signing_key();
+        let lab = KeyRing::signed(name("lab"), BTreeMap::from([(id(1), one.key())]));
         let bytes = lab.write(Some(&one), 7, "vehicle/1/event", &event(1));
         for nth in 0..bytes.len() {
             for bit in 0..8 {
@@ -196,10 +196,10 @@ mod tests {
         assert_eq!(bytes, message::encode(&event(1)));
         assert_eq!(plain.read("vehicle/1/event", &bytes), Ok(Verified { message: event(1), run: None }));
         assert_eq!(plain.read::<Event>("vehicle/2/event", &bytes), Err(VerificationError::OtherName));
-        let order = Order { epoch: 1, issuer: 9, verb: Verb::Land, seal: None };
-        for voices in [plain, KeyRing::sealed(name("lab"), BTreeMap::new())] {
-            assert_eq!(voices.read("order/9", &message::encode(&order)), Ok(Verified { message: order, run: None }));
-            assert_eq!(voices.read::<Order>("order/8", &message::encode(&order)), Err(VerificationError::OtherName));
+        let order = Order { epoch: 1, issuer: 9, verb: Verb::Land, signature: None };
+        for key_ring in [plain, KeyRing::signed(name("lab"), BTreeMap::new())] {
+            assert_eq!(key_ring.read("order/9", &message::encode(&order)), Ok(Verified { message: order, run: None }));
+            assert_eq!(key_ring.read::<Order>("order/8", &message::encode(&order)), Err(VerificationError::OtherName));
         }
     }
 
