@@ -300,7 +300,7 @@ impl Formation {
             None => None,
         };
         let LawOutput { command, reached } =
-            external_output.map_or_else(|| shape.law.ask(&observation), |external_output| external_output.answer);
+            external_output.map_or_else(|| shape.law.update(&observation), |external_output| external_output.answer);
         let heading_rad =
             external_output.and_then(|external_output| external_output.heading_rad).unwrap_or(heading_rad);
         let (rank, live) = (observation.rank(), observation.live());

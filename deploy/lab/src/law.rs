@@ -6,7 +6,7 @@
 //! takes minutes to compile. The law's parameters are the free table `[formation.parameters]` of the scenario.
 //!
 //! ```no_run
-//! use skein_lab::law::{Answer, Law, Laws, Sight, Wanted, number};
+//! use skein_lab::law::{Law, LawCommand, LawOutput, Laws, Observation, number};
 //!
 //! /// Flies every vehicle straight to the centre.
 //! #[derive(Clone, Debug)]
@@ -15,9 +15,10 @@
 //! }
 //!
 //! impl Law for Gather {
-//!     fn ask(&mut self, sight: &Sight<'_>) -> Answer {
-//!         let to_centre_ne_m = -sight.from_centre_ne_m();
-//!         Answer { wanted: Wanted::level(to_centre_ne_m * self.gain_per_s), is_there: to_centre_ne_m.norm() < 3.0 }
+//!     fn update(&mut self, observation: &Observation<'_>) -> LawOutput {
+//!         let to_centre_ne_m = -observation.from_centre_ne_m();
+//!         let command = LawCommand::level(to_centre_ne_m * self.gain_per_s);
+//!         LawOutput { command, reached: to_centre_ne_m.norm() < 3.0 }
 //!     }
 //! }
 //!

@@ -7,7 +7,7 @@
 use std::f64::consts::TAU;
 use std::process::ExitCode;
 
-use skein_lab::law::{LawOutput, Law, Laws, Setup, Observation, Vector2, LawCommand, math, number};
+use skein_lab::law::{Law, LawCommand, LawOutput, Laws, Observation, Setup, Vector2, math, number};
 
 #[derive(Clone, Debug)]
 struct Pursuit {
@@ -23,7 +23,7 @@ impl Pursuit {
 }
 
 impl Law for Pursuit {
-    fn ask(&mut self, observation: &Observation<'_>) -> LawOutput {
+    fn update(&mut self, observation: &Observation<'_>) -> LawOutput {
         let out_ne_m = observation.from_centre_ne_m();
         let bearing_rad = |from_centre: Vector2<f64>| math::atan2(from_centre.y, from_centre.x);
         let centre = observation.goal.centre.horizontal();

@@ -50,7 +50,7 @@ impl DisplacementConsensus {
 }
 
 impl Law for DisplacementConsensus {
-    fn ask(&mut self, observation: &Observation<'_>) -> LawOutput {
+    fn update(&mut self, observation: &Observation<'_>) -> LawOutput {
         let own_ne_m = observation.position.horizontal() - self.slot_ne_m(observation.own);
         let apart_m = |id, place: Vector2<f64>| own_ne_m - (place - self.slot_ne_m(id));
         let received =

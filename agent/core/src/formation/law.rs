@@ -22,7 +22,7 @@ const SLOW_M_S: f64 = 0.5;
 pub trait Law: CloneLaw + Debug + Send {
     /// The command for this observation. The agent calls it at every step of the vehicle controller (50 Hz) while the
     /// mission flies a formation, and not while the vehicle holds its position or lands.
-    fn ask(&mut self, observation: &Observation<'_>) -> LawOutput;
+    fn update(&mut self, observation: &Observation<'_>) -> LawOutput;
 }
 
 /// Copies a law with its memory. Every law that derives `Clone` implements it.

@@ -117,7 +117,7 @@ impl OlfatiSaber {
 }
 
 impl Law for OlfatiSaber {
-    fn ask(&mut self, observation: &Observation<'_>) -> LawOutput {
+    fn update(&mut self, observation: &Observation<'_>) -> LawOutput {
         let velocity = observation.velocity.horizontal() + self.acceleration(observation) * self.horizon_s;
         let reached = observation.from_centre_ne_m().norm() <= observation.goal.radius_m && observation.is_slow();
         LawOutput { command: LawCommand::level(velocity.cap_magnitude(self.max_speed_m_s)), reached }

@@ -44,12 +44,12 @@ impl Points {
         self.goal.centre = self.goal.centre + self.goal.centre_velocity.0 * dt_s;
     }
 
-    /// The results of `ask` for the observation of each point; `receives(i, j)` states whether point i receives point
+    /// The results of `update` for the observation of each point; `receives(i, j)` states whether point i receives point
     /// j.
     pub(super) fn each<T>(
         &self,
         receives: impl Fn(usize, usize) -> bool,
-        mut ask: impl FnMut(usize, &Observation<'_>) -> T,
+        mut update: impl FnMut(usize, &Observation<'_>) -> T,
     ) -> Vec<T> {
         let count = self.places_m.len();
         let received =
@@ -63,7 +63,7 @@ impl Points {
             let (obstacles, dt_s) = (&[][..], 0.02);
             let observation =
                 Observation { own: id, position, velocity, heading_rad, neighbours, unseen, obstacles, goal, dt_s };
-            ask(own, &observation)
+            update(own, &observation)
         };
         (0..count).map(&mut one).collect()
     }
@@ -72,13 +72,14 @@ impl Points {
     pub(super) fn fly(&mut self, laws: &mut [Box<dyn Law>], receives: impl Fn(usize, usize) -> bool, for_s: f64) {
         let dt_s = 0.02;
         for _ in 0..(for_s / dt_s) as usize {
-            self.velocities_m_s = self.each(&receives, |own, observation| match laws[own].ask(observation).command {
-                LawCommand::Velocity { ne_m_s, .. } => ne_m_s,
-                LawCommand::Displacement(displacement_ne_m) => {
-                    displacement_ne_m / 2.0 + observation.goal.centre_velocity.horizontal()
-                }
-                LawCommand::Field(field) => field.xy(),
-            });
+            self.velocities_m_s =
+                self.each(&receives, |own, observation| match laws[own].update(observation).command {
+                    LawCommand::Velocity { ne_m_s, .. } => ne_m_s,
+                    LawCommand::Displacement(displacement_ne_m) => {
+                        displacement_ne_m / 2.0 + observation.goal.centre_velocity.horizontal()
+                    }
+                    LawCommand::Field(field) => field.xy(),
+                });
             self.pass(dt_s);
         }
     }

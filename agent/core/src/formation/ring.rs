@@ -136,7 +136,7 @@ pub(super) fn make(setup: &Setup<'_>) -> Result<Box<dyn Law>, String> {
 }
 
 impl Law for Ring {
-    fn ask(&mut self, observation: &Observation<'_>) -> LawOutput {
+    fn update(&mut self, observation: &Observation<'_>) -> LawOutput {
         let centre = observation.goal.centre;
         // The spacing also leaves room for members whose states are not received.
         let ring = Self { avoid_distance: AvoidDistance::Fixed(self.avoid_distance_m(observation.live())), ..*self };

@@ -185,7 +185,7 @@ fn a_velocity_command_is_over_the_ground_with_or_without_feedforward() {
 struct FixedLaw(LawCommand, usize);
 
 impl Law for FixedLaw {
-    fn ask(&mut self, _: &Observation<'_>) -> LawOutput {
+    fn update(&mut self, _: &Observation<'_>) -> LawOutput {
         self.1 += 1;
         LawOutput { command: self.0, reached: true }
     }

@@ -78,7 +78,7 @@ impl Vasarhelyi {
 }
 
 impl Law for Vasarhelyi {
-    fn ask(&mut self, observation: &Observation<'_>) -> LawOutput {
+    fn update(&mut self, observation: &Observation<'_>) -> LawOutput {
         let interaction: Vector2<f64> = observation
             .neighbours
             .iter()

@@ -24,7 +24,7 @@ pub(super) fn make(setup: &Setup<'_>) -> Result<Box<dyn Law>, String> {
 impl Law for VirtualStructure {
     /// Command v = 0.5 (slot − p) + the centre's velocity: the vehicle controller flies half the displacement plus
     /// that.
-    fn ask(&mut self, observation: &Observation<'_>) -> LawOutput {
+    fn update(&mut self, observation: &Observation<'_>) -> LawOutput {
         let Self(slots) = self;
         let slot_ne_m = slots.slot_ne_m(observation.rank(), observation.live());
         let displacement_ne_m = observation.goal.centre.horizontal() + slot_ne_m - observation.position.horizontal();

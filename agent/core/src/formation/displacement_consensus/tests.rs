@@ -71,7 +71,10 @@ fn with_a_goal_gain_all_reach_their_slots_around_the_moving_centre_on_any_graph(
             assert!(off_m.norm() < 0.01, "{off_m}");
         }
         assert!(
-            points.each(receives, |own, observation| laws[own].ask(observation).reached).into_iter().all(|there| there)
+            points
+                .each(receives, |own, observation| laws[own].update(observation).reached)
+                .into_iter()
+                .all(|there| there)
         );
     }
 }

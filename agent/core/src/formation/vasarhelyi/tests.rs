@@ -49,7 +49,7 @@ fn command(points: &Points) -> Vec<Vector2<f64>> {
     let mut laws = laws(points.places_m.len(), "law = 'vasarhelyi'\nradius_m = 1000");
     points.each(
         |_, _| true,
-        |own, observation| match laws[own].ask(observation).command {
+        |own, observation| match laws[own].update(observation).command {
             LawCommand::Velocity { ne_m_s, .. } => ne_m_s,
             _ => panic!("not a velocity"),
         },
@@ -70,7 +70,7 @@ fn ten_vehicles_with_a_lag_follow_a_centre_aligned_and_apart() {
     for tick in 0..10_000 {
         let command = points.each(
             |_, _| true,
-            |own, observation| match laws[own].ask(observation).command {
+            |own, observation| match laws[own].update(observation).command {
                 LawCommand::Velocity { ne_m_s, .. } => ne_m_s,
                 _ => panic!("not a velocity"),
             },
