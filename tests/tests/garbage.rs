@@ -1,5 +1,6 @@
-//! Garbage on every port of a flying agent: on the port for its simulator, on its Zenoh listener, in the names of its peers.
-//! The agent counts every message of it and believes none, keeps every control within its travel, and flies on afterwards.
+//! Garbage on every port of a flying agent: on the port for its simulator, on its Zenoh listener, in the names of its
+//! peers. The agent counts every message of it and believes none, keeps every control within its travel, and flies on
+//! afterwards.
 #![expect(clippy::disallowed_methods, reason = "a live agent takes real time")]
 #![expect(clippy::unwrap_used, reason = "a failure of the test's own set-up fails the test")]
 
@@ -150,8 +151,8 @@ impl Meddler {
         self.seen.garbage.fetch_add(u64::from(from.send_to(datagram, agent).is_ok()), Relaxed);
     }
 
-    /// Sends well-formed positions from another port of the simulator's address: one a kilometre away, and one in the right
-    /// place with a false attitude and velocity.
+    /// Sends well-formed positions from another port of the simulator's address: one a kilometre away, and one in the
+    /// right place with a false attitude and velocity.
     fn spoof(&self, agent: SocketAddr) {
         let Ok(true_one) = Position::decode(&self.last_position) else { return };
         let spoofed = Position { roll_deg: 60.0, yaw_rate_rad_s: 5.0, velocity_up_m_s: -10.0, ..true_one };
@@ -315,7 +316,8 @@ fn garbage_on_every_port_is_counted_and_never_believed() {
     let mut stranger = Stranger::dial(&swarm, &locator);
     let healths = stranger.session.declare_subscriber(all::HEALTH).with(FifoChannel::new(256)).wait().unwrap();
     let traces = stranger.session.declare_subscriber(all::TRACES).with(FifoChannel::new(4096)).wait().unwrap();
-    // Zenoh drops messages sent before the agent's subscriptions are known here: they would be missing in the agent's counts.
+    // Zenoh drops messages sent before the agent's subscriptions are known here: they would be missing in the agent's
+    // counts.
     while healths.recv_timeout(Duration::from_secs(10)).unwrap().is_none() {}
     let port: SocketAddr = locator.trim_start_matches("tcp/").parse().unwrap();
 

@@ -1,8 +1,9 @@
 //! One honest agent: its agreement, which is the code that flies, and the messages that it has received.
 //!
-//! As in the peers stage, an agent keeps the newest message of every other agent. A message that is not newer changes nothing.
-//! Here the number of a message grows only when its sender's membership changes. Between two such changes the message with the
-//! larger values is the newer one, because no value of the agreement state decreases in one incarnation; this is checked too.
+//! As in the peers stage, an agent keeps the newest message of every other agent. A message that is not newer changes
+//! nothing. Here the number of a message grows only when its sender's membership changes. Between two such changes the
+//! message with the larger values is the newer one, because no value of the agreement state decreases in one
+//! incarnation; this is checked too.
 
 use skein_common::id::Incarnation;
 use skein_common::message::MessageOrder;
@@ -45,8 +46,8 @@ pub(super) struct Agent {
     pub(super) given_up: Bits,
     /// Agents that it admitted; the docs of [`super::swarm`] define it.
     pub(super) admitted: Bits,
-    /// Whether in this incarnation, with only the liar in contact, it followed the liar to a step that no honest agent had
-    /// earned.
+    /// Whether in this incarnation, with only the liar in contact, it followed the liar to a step that no honest agent
+    /// had earned.
     pub(super) is_misled: bool,
 }
 
@@ -108,8 +109,8 @@ impl Agent {
         self.known[from].is_none_or(|known| message.is_newer_than(&known))
     }
 
-    /// The states that agent `own` of `N` honest agents knows of the others. A silent liar may have left: it does not count as
-    /// an absent vehicle that may fly.
+    /// The states that agent `own` of `N` honest agents knows of the others. A silent liar may have left: it does not
+    /// count as an absent vehicle that may fly.
     fn others<const N: usize>(&self, own: usize) -> OtherStates<impl Iterator<Item = AgreementState> + Clone> {
         let seen = self.known.iter().enumerate().filter(|(other, _)| has(self.sees, *other));
         let states = seen.filter_map(|(_, known)| known.map(|message| message.state));
@@ -152,7 +153,7 @@ pub(super) fn sent_key(message: &PeerMessage) -> u8 {
     key(message, state.step << 1 | u32::from(state.has_reached(state.step)), state.vouched)
 }
 
-/// Key of a received message among the 256 that an agent with the state `own` can tell apart.
+/// Key of a received message among the 256 that an agent with the state `own` distinguishes.
 pub(super) fn known_key(message: &PeerMessage, own: &AgreementState) -> u8 {
     let state = &message.state;
     let past = state.step.max(state.reached.map_or(0, |reached| reached + 1));

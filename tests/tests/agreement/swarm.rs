@@ -2,24 +2,24 @@
 //!
 //! # Settled agents
 //!
-//! The third property is about all live agents. But an agent that has just restarted is live before another agent can know it.
-//! Therefore the model defines:
+//! The third property is about all live agents. But an agent that has just restarted is live before another agent can
+//! know it. Therefore the model defines:
 //!
-//! * `i` has *admitted* `j` when it received a message that `j` sent since `j` became active. This ends when `j` is no longer
-//!   active, when `i` crashes, or when the link between them is cut. It does not end when `i` suspects `j`, so that the
-//!   effect of a false suspicion shows.
-//! * `j` is *settled* when every other active agent on its side of a cut has admitted it, and its step
-//!   is as late as that of every message sent on that side. It stays settled until it fails, until an agent that has not
+//! * `i` has *admitted* `j` when it received a message that `j` sent since `j` became active. This ends when `j` stops
+//!   being active, when `i` crashes, or when the link between them is cut. It does not end when `i` suspects `j`, so
+//!   that the effect of a false suspicion shows.
+//! * `j` is *settled* when every other active agent on its side of a cut has admitted it, and its step is at least as
+//!   late as that of every message sent on that side. It stays settled until it fails, until an agent that has not
 //!   admitted it becomes active, or until a cut heals: then messages of the other side arrive.
 //!
 //! All agents are settled at first. They can be settled again after every failure and cut; this is checked too.
 //!
 //! # The liar
 //!
-//! One further vehicle may send any message to any agent at any time, different ones to different agents, or be silent. A lie
-//! matters only when an agent acts on it. The liar therefore sends it in the same action, and withdraws it afterwards: the state
-//! contains whether an agent is in contact with the liar, and not the content of the lie. A lie that keeps agents waiting needs
-//! no action at all.
+//! One further vehicle may send any message to any agent at any time, different ones to different agents, or be silent.
+//! A lie matters only when an agent acts on it. The liar therefore sends it in the same action, and withdraws it
+//! afterwards: the state contains whether an agent is in contact with the liar, and not the content of the lie. A lie
+//! that keeps agents waiting needs no action at all.
 
 use std::hash::{Hash, Hasher};
 
@@ -48,11 +48,13 @@ pub(super) struct Bounds<const HONEST: usize> {
     pub(super) partition: Partition,
     /// Whether a further vehicle lies.
     pub(super) liar: bool,
-    /// Number of failures of an agent: it crashes, or loses its simulator's data and is no longer active. Each agent may return.
+    /// Number of failures of an agent: it crashes, or loses its simulator's data and becomes inactive. Each agent may
+    /// return.
     pub(super) outages: u8,
     /// Number of times that one agent is cut off from the others. Each cut may heal.
     pub(super) cuts: u8,
-    /// Whether a cut may last a minute. After a minute each side takes the vehicles of the other to have stopped flying.
+    /// Whether a cut may last a minute. After a minute each side takes the vehicles of the other to have stopped
+    /// flying.
     pub(super) long_cuts: bool,
     /// Whether an agent can be suspected although it is up and not cut off.
     pub(super) false_suspicion: bool,
@@ -75,15 +77,16 @@ pub(super) struct Swarm<const N: usize> {
     agents: [Agent; N],
     /// Number of messages that the liar has sent.
     lies: u64,
-    /// Latest step that an agent entered because it and all agents in contact had reached the step before, and not because it
-    /// followed the liar.
+    /// Latest step that an agent entered because it and all agents in contact had reached the step before, and not
+    /// because it followed the liar.
     earned: u32,
     /// The agent that is cut off.
     cut_off: Option<usize>,
     outages_left: u8,
     cuts_left: u8,
     settled: Bits,
-    /// Whether an agent of the others, and the agent cut off, advanced in this cut with no agent of the other side in view.
+    /// Whether an agent of the others, and the agent cut off, advanced in this cut with no agent of the other side in
+    /// view.
     advanced: [bool; 2],
     broken: Option<&'static str>,
 }
@@ -428,9 +431,9 @@ impl<const N: usize> Swarm<N> {
         is_over && self.settled == Self::ALL && self.agents.iter().all(|agent| agent.agreement.own().step == 0)
     }
 
-    /// Whether all agents that are up come to the last step, in one round of publishing for every step. From here on the links
-    /// are whole, messages arrive, the liar is silent, every agent reaches the step that it is at, and agents that are down
-    /// are given up.
+    /// Whether all agents that are up come to the last step, in one round of publishing for every step. From here on
+    /// the links are whole, messages arrive, the liar is silent, every agent reaches the step that it is at, and agents
+    /// that are down are given up.
     pub(super) fn completes(mut self, bounds: &Bounds<N>) -> bool {
         let last_step = bounds.last_step;
         self.cut_off = None;
@@ -472,9 +475,9 @@ impl<const N: usize> Swarm<N> {
         (keys, sent_key(&own), *is_up, self.cut_off == Some(agent), *is_misled, has(*sees, N))
     }
 
-    /// The part of the swarm's state that can affect later actions, beside the agents' own keys. Of a message in an agent's
-    /// table these affect them: the incarnation and membership of its sender, which of the agent's own and later steps the
-    /// sender reached, and how far the sender vouches beyond the agent's own vouched step.
+    /// The part of the swarm's state that can affect later actions, beside the agents' own keys. Of a message in an
+    /// agent's table these affect them: the incarnation and membership of its sender, which of the agent's own and
+    /// later steps the sender reached, and how far the sender vouches beyond the agent's own vouched step.
     fn key(&self, naming: &[usize; N]) -> impl Ord + Hash + use<N> {
         let rename = |bits: Bits| naming.iter().fold(0, |renamed, &agent| renamed << 1 | u8::from(has(bits, agent)));
         let views = naming.map(|agent| {
@@ -487,8 +490,8 @@ impl<const N: usize> Swarm<N> {
     }
 }
 
-/// To the checker two swarms are the same state if they differ only in the order of their agents, or in data that cannot
-/// affect later actions.
+/// To the checker two swarms are the same state if they differ only in the order of their agents, or in data that
+/// cannot affect later actions.
 impl<const N: usize> Hash for Swarm<N> {
     fn hash<H: Hasher>(&self, hasher: &mut H) {
         let own: [_; N] = std::array::from_fn(|agent| self.own_key(agent));
