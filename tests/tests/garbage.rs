@@ -1,7 +1,8 @@
-//! Garbage on every port of a flying agent: on its simulator's, on its Zenoh listener, in its peers' names. All of it is
-//! counted message by message, nothing of it is believed, no control leaves its travel, and the flight goes on afterwards.
+//! Garbage on every port of a flying agent: on the port for its simulator, on its Zenoh listener, in the names of its
+//! peers. The agent counts every message of it and believes none, keeps every control within its travel, and flies on
+//! afterwards.
 #![expect(clippy::disallowed_methods, reason = "a live agent takes real time")]
-#![expect(clippy::unwrap_used, reason = "what a test cannot do has failed")]
+#![expect(clippy::unwrap_used, reason = "a failure of the test's own set-up fails the test")]
 
 use std::io::Write;
 use std::net::{SocketAddr, TcpStream, UdpSocket};
@@ -44,7 +45,7 @@ fn noise(rng: &mut ChaCha8Rng, most: usize) -> Vec<u8> {
     bytes
 }
 
-/// Stands between an agent and its stand-in: passes both ways, checks every control, and adds garbage.
+/// A relay between an agent and its stand-in: it forwards both ways, checks every control, and adds garbage.
 struct Meddler {
     agent_side: UdpSocket,
     simulator_side: UdpSocket,
@@ -55,14 +56,14 @@ struct Meddler {
     seen: Arc<Seen>,
 }
 
-/// What the meddler tells of its work, and whether it is to leave it.
+/// Counts of the meddler, and the request to stop adding garbage.
 #[derive(Default)]
 struct Seen {
-    /// Controls that the agent wrote.
+    /// Number of controls that the agent wrote.
     controls: AtomicU64,
-    /// Datagrams of garbage that were sent to the agent.
+    /// Number of datagrams of garbage that were sent to the agent.
     garbage: AtomicU64,
-    /// Nothing is added any more.
+    /// Whether the meddler adds no more garbage.
     is_over: AtomicBool,
 }
 
@@ -101,7 +102,7 @@ impl Meddler {
         }
     }
 
-    /// The agent sends whole messages only, and every control that it writes is finite and within its travel.
+    /// Checks that the agent sends whole messages only, and that every control is finite and within its travel.
     fn check(&self, datagram: &[u8]) {
         let Ok(DrefWrite { path, value }) = DrefWrite::decode(datagram) else {
             let is_request = rpos::Request::decode(datagram).is_ok() || rref::Request::decode(datagram).is_ok();
@@ -113,7 +114,7 @@ impl Meddler {
         self.seen.controls.fetch_add(1, Relaxed);
     }
 
-    /// What no simulator says, from the simulator's own address and from another port of it.
+    /// Sends messages that no simulator sends, from the simulator's own address and from another port.
     fn meddle(&mut self, agent: SocketAddr) {
         let mut messages = vec![noise(&mut self.rng, 200), noise(&mut self.rng, 9000), b"RPOS".to_vec()];
         let mut tagged = b"RREF,".to_vec();
@@ -138,19 +139,20 @@ impl Meddler {
         for message in messages {
             self.garbage(&self.agent_side, &message, agent);
             self.garbage(&self.simulator_side, &message, agent);
-            // The stand-in gets its share.
+            // The stand-in receives the garbage too.
             let _ = self.agent_side.send_to(&message, self.simulator);
         }
     }
 }
 
 impl Meddler {
-    /// Sends garbage to the agent; where its queue is full, nothing is sent.
+    /// Sends garbage to the agent, unless the queue is full.
     fn garbage(&self, from: &UdpSocket, datagram: &[u8], agent: SocketAddr) {
         self.seen.garbage.fetch_add(u64::from(from.send_to(datagram, agent).is_ok()), Relaxed);
     }
 
-    /// Whole positions from the simulator's address and another port: a kilometre away, and where the simulator is but turning.
+    /// Sends well-formed positions from another port of the simulator's address: one a kilometre away, and one in the
+    /// right place with a false attitude and velocity.
     fn spoof(&self, agent: SocketAddr) {
         let Ok(true_one) = Position::decode(&self.last_position) else { return };
         let spoofed = Position { roll_deg: 60.0, yaw_rate_rad_s: 5.0, velocity_up_m_s: -10.0, ..true_one };
@@ -163,17 +165,17 @@ impl Meddler {
     }
 }
 
-/// What a stranger with a link to the agent can say.
+/// A Zenoh client outside the swarm that has a link to the agent.
 struct Stranger {
     session: zenoh::Session,
     rng: ChaCha8Rng,
     sequence: u64,
-    /// What the agent has to count of it.
+    /// Counts that the agent has to report for it.
     expected: Drops,
 }
 
 impl Stranger {
-    /// A session of its own making, which waits for the agent instead of dropping what it sends.
+    /// Opens a Zenoh session that waits for the agent instead of dropping messages.
     fn dial(swarm: &SwarmName, locator: &str) -> Self {
         let mut configuration = zenoh::Config::default();
         for (key, value) in [
@@ -195,7 +197,7 @@ impl Stranger {
         self.session.put(topic.key(), bytes).congestion_control(CongestionControl::Block).wait().unwrap();
     }
 
-    /// Bytes that are no message: the first of them is the version, if there is one.
+    /// Publishes bytes that are not a message. The first byte, if any, is the version.
     fn put_garbage(&mut self, topic: Topic, bytes: Vec<u8>) {
         match bytes.first() {
             Some(&VERSION) | None => self.expected.undecodable += 1,
@@ -250,7 +252,7 @@ impl Stranger {
             echo: None,
         };
         self.put(Topic::Mission(id(3)), encode(&mission));
-        // Once and again: a replay.
+        // The same message twice: a replay.
         self.put(Topic::State(id(2), cell), encode(&good));
         self.put(Topic::State(id(2), cell), encode(&good));
         self.expected.forged += 3;
@@ -260,7 +262,7 @@ impl Stranger {
 }
 
 #[test]
-fn garbage_on_every_port_is_counted_and_nothing_of_it_is_believed() {
+fn garbage_on_every_port_is_counted_and_never_believed() {
     let swarm = SwarmName::new(format!("garbage-{}", std::process::id())).unwrap();
     let text = format!("swarm.vehicles = 4\nswarm.name = {:?}\nformation.altitude_m = 8", swarm.as_str());
     let scenario = load(&Source { name: "garbage.toml", text: &text }, &[]).unwrap().scenario;
@@ -314,7 +316,8 @@ fn garbage_on_every_port_is_counted_and_nothing_of_it_is_believed() {
     let mut stranger = Stranger::dial(&swarm, &locator);
     let healths = stranger.session.declare_subscriber(all::HEALTH).with(FifoChannel::new(256)).wait().unwrap();
     let traces = stranger.session.declare_subscriber(all::TRACES).with(FifoChannel::new(4096)).wait().unwrap();
-    // What is sent before the agent's subscriptions are known here goes nowhere, and it would be missing in its counts.
+    // Zenoh drops messages sent before the agent's subscriptions are known here: they would be missing in the agent's
+    // counts.
     while healths.recv_timeout(Duration::from_secs(10)).unwrap().is_none() {}
     let port: SocketAddr = locator.trim_start_matches("tcp/").parse().unwrap();
 

@@ -1,8 +1,9 @@
-//! One honest agent: its own agreement, the very code that flies, and what it has received.
+//! One honest agent: its agreement, which is the code that flies, and the messages that it has received.
 //!
-//! As in the peers stage, an agent keeps the newest message of every other, and what it receives that is not newer changes nothing.
-//! Here the number of a message grows only when its sender's membership changes: between two such changes the one that says more
-//! is the newer, because nothing of a record goes back in one life, which is checked.
+//! As in the peers stage, an agent keeps the newest message of every other agent. A message that is not newer changes
+//! nothing. Here the number of a message grows only when its sender's membership changes. Between two such changes the
+//! message with the larger values is the newer one, because no value of the agreement state decreases in one
+//! incarnation; this is checked too.
 
 use skein_common::id::Incarnation;
 use skein_common::message::MessageOrder;
@@ -11,19 +12,19 @@ use skein_core::mission::agreement::{Agreement, AgreementState, OtherStates, Pro
 
 use super::swarm::Bounds;
 
-/// Agents by index, one bit each; the liar's is that after the last.
+/// Set of agents: one bit for each index; the bit after the last honest agent is the liar's.
 pub(super) type Bits = u8;
 
-/// A message with an agent's record.
+/// A message with an agent's agreement state.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct PeerMessage {
     pub(super) order: MessageOrder,
-    pub(super) part: AgreementState,
+    pub(super) state: AgreementState,
 }
 
 impl PeerMessage {
     fn is_newer_than(&self, other: &Self) -> bool {
-        let age = |message: &Self| (message.order, message.part.step, message.part.vouched, message.part.reached);
+        let age = |message: &Self| (message.order, message.state.step, message.state.vouched, message.state.reached);
         age(self) > age(other)
     }
 }
@@ -32,19 +33,21 @@ impl PeerMessage {
 pub(super) struct Agent {
     pub(super) agreement: Agreement,
     pub(super) incarnation: u64,
-    /// How often its membership has changed in this life.
+    /// Number of changes of its membership in this incarnation.
     pub(super) sequence: u64,
     pub(super) is_up: bool,
-    /// Every word that it ever said.
-    pub(super) said: Vec<PeerMessage>,
-    /// The newest that it has received of each, the liar included.
+    /// Every message that it ever sent.
+    pub(super) sent: Vec<PeerMessage>,
+    /// Newest message that it received from each agent, the liar included.
     pub(super) known: Vec<Option<PeerMessage>>,
-    /// Who it takes to be there.
+    /// Agents that it takes to be in contact.
     pub(super) sees: Bits,
-    /// Those that it does not see and takes to be flying no longer.
+    /// Agents out of contact that it takes to have stopped flying.
     pub(super) given_up: Bits,
+    /// Agents that it admitted; the docs of [`super::swarm`] define it.
     pub(super) admitted: Bits,
-    /// In this life it has followed the liar, which it saw alone, to a step that no honest agent had earned.
+    /// Whether in this incarnation, with only the liar in contact, it followed the liar to a step that no honest agent
+    /// had earned.
     pub(super) is_misled: bool,
 }
 
@@ -57,14 +60,14 @@ pub(super) fn has(bits: Bits, agent: usize) -> bool {
 }
 
 impl Agent {
-    /// At the beginning of a life.
+    /// An agent at the start of an incarnation.
     pub(super) fn new<const N: usize>(bounds: &Bounds<N>, incarnation: u64) -> Self {
         Self {
             agreement: Agreement::new(bounds.vehicles() as u8, bounds.last_step, bounds.partition),
             incarnation,
             sequence: 0,
             is_up: true,
-            said: Vec::new(),
+            sent: Vec::new(),
             known: vec![None; N + 1],
             sees: 0,
             given_up: 0,
@@ -75,23 +78,23 @@ impl Agent {
 
     pub(super) fn message(&self) -> PeerMessage {
         let order = MessageOrder { incarnation: Incarnation(self.incarnation), sequence: self.sequence };
-        PeerMessage { order, part: self.agreement.own() }
+        PeerMessage { order, state: self.agreement.own() }
     }
 
     pub(super) fn is_active(&self) -> bool {
         self.is_up && self.agreement.own().is_active()
     }
 
-    /// Takes part from now on, or no longer.
+    /// Makes the agent an active member, or ends that.
     pub(super) fn set_membership(&mut self, membership: Membership) {
         self.agreement.set_membership(membership);
         self.sequence += 1;
     }
 
-    pub(super) fn say(&mut self) {
+    pub(super) fn publish(&mut self) {
         let message = self.message();
-        if self.said.last() != Some(&message) {
-            self.said.push(message);
+        if self.sent.last() != Some(&message) {
+            self.sent.push(message);
         }
     }
 
@@ -101,19 +104,20 @@ impl Agent {
         }
     }
 
-    /// Whether a word is newer than all that it has received of this one.
+    /// Whether a message is newer than every message that it received from this sender.
     pub(super) fn is_news(&self, from: usize, message: &PeerMessage) -> bool {
         self.known[from].is_none_or(|known| message.is_newer_than(&known))
     }
 
-    /// What it knows as agent `own` of `N` that are honest. A liar that is not heard may have left: it is not missed.
+    /// The states that agent `own` of `N` honest agents knows of the others. A silent liar may have left: it does not
+    /// count as an absent vehicle that may fly.
     fn others<const N: usize>(&self, own: usize) -> OtherStates<impl Iterator<Item = AgreementState> + Clone> {
         let seen = self.known.iter().enumerate().filter(|(other, _)| has(self.sees, *other));
-        let states = seen.filter_map(|(_, known)| known.map(|message| message.part));
+        let states = seen.filter_map(|(_, known)| known.map(|message| message.state));
         OtherStates { states, absent_may_fly: others::<N>(own).any(|other| !has(self.sees | self.given_up, other)) }
     }
 
-    /// Sees these from now on.
+    /// Sets the agents in contact.
     pub(super) fn see<const N: usize>(&mut self, own: usize, sees: Bits) -> Option<Progress> {
         self.sees = sees;
         self.given_up &= !sees;
@@ -130,34 +134,34 @@ impl Agent {
         progress
     }
 
-    /// Whether two that it sees vouch for a step that it has not come to.
+    /// Whether two agents in contact vouch for a step that it has not entered.
     pub(super) fn is_behind<const N: usize>(&self) -> bool {
         let step = self.agreement.own().step;
         let honest = self.known.iter().take(N).enumerate().filter(|(other, _)| has(self.sees, *other));
-        honest.filter(|(_, known)| known.is_some_and(|message| message.part.vouched > step)).count() >= 2
+        honest.filter(|(_, known)| known.is_some_and(|message| message.state.vouched > step)).count() >= 2
     }
 
-    /// Whether it has said this since it became active, and is.
+    /// Whether it is active, and sent this message since it became active.
     pub(super) fn is_latest(&self, message: &PeerMessage) -> bool {
         self.is_active() && message.order == self.message().order
     }
 }
 
-/// One of the 256 words that an agent can have said.
-pub(super) fn said_key(message: &PeerMessage) -> u8 {
-    let part = &message.part;
-    key(message, part.step << 1 | u32::from(part.has_reached(part.step)), part.vouched)
+/// Key of a message among the 256 that an agent can have sent.
+pub(super) fn sent_key(message: &PeerMessage) -> u8 {
+    let state = &message.state;
+    key(message, state.step << 1 | u32::from(state.has_reached(state.step)), state.vouched)
 }
 
-/// One of the 256 words that differ in what matters to an agent whose own part is this.
+/// Key of a received message among the 256 that an agent with the state `own` distinguishes.
 pub(super) fn known_key(message: &PeerMessage, own: &AgreementState) -> u8 {
-    let part = &message.part;
-    let past = part.step.max(part.reached.map_or(0, |reached| reached + 1));
-    key(message, past.max(own.step), part.vouched.max(own.vouched))
+    let state = &message.state;
+    let past = state.step.max(state.reached.map_or(0, |reached| reached + 1));
+    key(message, past.max(own.step), state.vouched.max(own.vouched))
 }
 
 fn key(message: &PeerMessage, past: u32, vouched: u32) -> u8 {
-    let MessageOrder { incarnation: Incarnation(life), sequence } = message.order;
-    assert!(life < 2 && sequence < 4 && past < 8 && vouched < 4, "too large for a key: {message:?}");
-    (life as u8) << 7 | (sequence as u8) << 5 | (past as u8) << 2 | vouched as u8
+    let MessageOrder { incarnation: Incarnation(incarnation), sequence } = message.order;
+    assert!(incarnation < 2 && sequence < 4 && past < 8 && vouched < 4, "too large for a key: {message:?}");
+    (incarnation as u8) << 7 | (sequence as u8) << 5 | (past as u8) << 2 | vouched as u8
 }

@@ -1,22 +1,25 @@
-//! Honest agents, the words under way between them, who has been left behind, and what one liar does to them.
+//! Honest agents, the messages in flight between them, the agents left behind, and the effect of one liar.
 //!
-//! # Who counts
+//! # Settled agents
 //!
-//! The third property speaks of all live agents. But who has just come back lives before anybody can know it. Here
+//! The third property is about all live agents. But an agent that has just restarted is live before another agent can
+//! know it. Therefore the model defines:
 //!
-//! * `i` has *admitted* `j` when it has heard a word that `j` said since it became active. It ends when `j` is no longer
-//!   active, when `i` crashes, or when the link between them is cut: not when `i` suspects `j`, so a false one shows.
-//! * `j` is *settled* when every other active agent on its side of a cut has admitted it, and it has been as far as every
-//!   word that was said there. It stays so until it falls, somebody who has not admitted it becomes active, or a cut
-//!   heals: then words of the other side arrive.
+//! * `i` has *admitted* `j` when it received a message that `j` sent since `j` became active. This ends when `j` stops
+//!   being active, when `i` crashes, or when the link between them is cut. It does not end when `i` suspects `j`, so
+//!   that the effect of a false suspicion shows.
+//! * `j` is *settled* when every other active agent on its side of a cut has admitted it, and its step is at least as
+//!   late as that of every message sent on that side. It stays settled until it fails, until an agent that has not
+//!   admitted it becomes active, or until a cut heals: then messages of the other side arrive.
 //!
-//! All are settled at first, and can be again after everything that happens, which is checked too.
+//! All agents are settled at first. They can be settled again after every failure and cut; this is checked too.
 //!
 //! # The liar
 //!
-//! One further vehicle may say anything to any agent at any time, different things to different ones, or be silent. What it said
-//! matters only when an agent acts on it, so it is said just then, in the same action, and taken back after it: whether an agent
-//! hears the liar is part of the state, what the liar says is not. A lie that keeps agents waiting needs no action at all.
+//! One further vehicle may send any message to any agent at any time, different ones to different agents, or be silent.
+//! A lie matters only when an agent acts on it. The liar therefore sends it in the same action, and withdraws it
+//! afterwards: the state contains whether an agent is in contact with the liar, and not the content of the lie. A lie
+//! that keeps agents waiting needs no action at all.
 
 use std::hash::{Hash, Hasher};
 
@@ -26,37 +29,39 @@ use skein_common::scenario::Partition;
 use skein_common::state::Membership;
 use skein_core::mission::agreement::{AgreementState, Progress};
 
-use super::agent::{Agent, Bits, PeerMessage, has, known_key, others, said_key};
+use super::agent::{Agent, Bits, PeerMessage, has, known_key, others, sent_key};
 use super::{MISLED, P1, P2, P3, P4, VOUCHED};
 
-/// Every way to name three.
+/// All orders of three agents.
 const NAMINGS: [[usize; 3]; 6] = [[0, 1, 2], [0, 2, 1], [1, 0, 2], [1, 2, 0], [2, 0, 1], [2, 1, 0]];
 
-/// Every way to name so many, three at most.
+/// All orders of `N` agents, three at most.
 fn namings<const N: usize>() -> impl Iterator<Item = [usize; N]> {
     let is_of_so_many = |naming: &&[usize; 3]| naming[N..].iter().zip(N..).all(|(&name, own)| name == own);
     NAMINGS.iter().filter(is_of_so_many).map(|naming| std::array::from_fn(|nth| naming[nth]))
 }
 
-/// What may happen to so many honest agents.
+/// Faults and cuts that may happen to `HONEST` honest agents.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Bounds<const HONEST: usize> {
     pub(super) last_step: u32,
     pub(super) partition: Partition,
-    /// A further vehicle lies.
+    /// Whether a further vehicle lies.
     pub(super) liar: bool,
-    /// How often somebody falls: crashes, or loses its own data and takes part no longer. Each may come back.
+    /// Number of failures of an agent: it crashes, or loses its simulator's data and becomes inactive. Each agent may
+    /// return.
     pub(super) outages: u8,
-    /// How often one is cut off from the others. Each cut may heal.
+    /// Number of times that one agent is cut off from the others. Each cut may heal.
     pub(super) cuts: u8,
-    /// Whether a cut may last a minute, after which no further vehicle is taken to be flying on its other side.
+    /// Whether a cut may last a minute. After a minute each side takes the vehicles of the other to have stopped
+    /// flying.
     pub(super) long_cuts: bool,
-    /// Whether somebody can be suspected who is up and not cut off.
+    /// Whether an agent can be suspected although it is up and not cut off.
     pub(super) false_suspicion: bool,
 }
 
 impl<const HONEST: usize> Bounds<HONEST> {
-    /// Nothing happens but that words are late, lost and repeated.
+    /// Bounds without failures and cuts: messages are only delayed, lost and repeated.
     pub(super) const fn new(last_step: u32, partition: Partition) -> Self {
         let (liar, outages, cuts, long_cuts, false_suspicion) = (false, 0, 0, false, false);
         Self { last_step, partition, liar, outages, cuts, long_cuts, false_suspicion }
@@ -70,16 +75,18 @@ impl<const HONEST: usize> Bounds<HONEST> {
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Swarm<const N: usize> {
     agents: [Agent; N],
-    /// The liar's words so far.
+    /// Number of messages that the liar has sent.
     lies: u64,
-    /// The latest step that an agent has come to by having reached the one before with all that it saw, and not after the liar.
+    /// Latest step that an agent entered because it and all agents in contact had reached the step before, and not
+    /// because it followed the liar.
     earned: u32,
-    /// The one that is cut off.
+    /// The agent that is cut off.
     cut_off: Option<usize>,
     outages_left: u8,
     cuts_left: u8,
     settled: Bits,
-    /// Whether somebody of the others, and the one cut off, advanced in this cut with nobody of the other side in view.
+    /// Whether an agent of the others, and the agent cut off, advanced in this cut with no agent of the other side in
+    /// view.
     advanced: [bool; 2],
     broken: Option<&'static str>,
 }
@@ -97,7 +104,7 @@ pub(super) enum Action {
         by: usize,
         whom: usize,
     },
-    /// A minute after it was suspected.
+    /// `by` takes `whom` to have stopped flying, a minute after it suspected it.
     GiveUp {
         by: usize,
         whom: usize,
@@ -107,16 +114,16 @@ pub(super) enum Action {
         to: usize,
         vouched: u32,
     },
-    /// An agent advances while the liar says that it has reached everything.
+    /// An agent advances while the liar claims to have reached every step.
     AdvanceWithLiar(usize),
-    /// The liar falls silent, or says that it has left.
+    /// The liar falls silent, or reports that it has left.
     Silence {
         to: usize,
     },
     Crash(usize),
     Restart(usize),
     Withdraw(usize),
-    /// The end of listening: everybody up and not cut off has been heard.
+    /// The agent becomes active: it received a message of every agent that is up and not cut off.
     Activate(usize),
     CutOff(usize),
     Heal,
@@ -125,7 +132,7 @@ pub(super) enum Action {
 impl<const N: usize> Swarm<N> {
     const ALL: Bits = (1 << N) - 1;
 
-    /// Everybody is active and has heard so.
+    /// A swarm whose agents are all active, and know that of each other.
     pub(super) fn start(bounds: &Bounds<N>) -> Self {
         let mut swarm = Self {
             agents: std::array::from_fn(|_| Agent::new(bounds, 0)),
@@ -140,7 +147,7 @@ impl<const N: usize> Swarm<N> {
         };
         for agent in &mut swarm.agents {
             agent.set_membership(Membership::Active);
-            agent.say();
+            agent.publish();
         }
         for to in 0..N {
             others::<N>(to).for_each(|from| swarm.deliver(to, from, 0));
@@ -148,7 +155,7 @@ impl<const N: usize> Swarm<N> {
         swarm
     }
 
-    /// What may happen next.
+    /// Appends the actions that may happen next.
     pub(super) fn actions(&self, bounds: &Bounds<N>, actions: &mut Vec<Action>) {
         for agent in 0..N {
             let Agent { agreement, is_up, .. } = &self.agents[agent];
@@ -180,7 +187,7 @@ impl<const N: usize> Swarm<N> {
                 let arrives = |(_, message): &(usize, &PeerMessage)| {
                     self.are_linked(agent, other) && self.is_news(agent, other, message)
                 };
-                let messages = self.agents[other].said.iter().enumerate().filter(arrives);
+                let messages = self.agents[other].sent.iter().enumerate().filter(arrives);
                 actions.extend(messages.map(|(message, _)| Action::Deliver { to: agent, from: other, message }));
             }
         }
@@ -191,11 +198,11 @@ impl<const N: usize> Swarm<N> {
         }
     }
 
-    /// How it is after that, unless it changes nothing.
+    /// The swarm after an action; `None` if the action changes nothing.
     pub(super) fn after(&self, action: Action, bounds: &Bounds<N>) -> Option<Self> {
         let mut swarm = self.clone();
         swarm.apply(action, bounds);
-        swarm.verifier(self);
+        swarm.check(self);
         swarm.settle();
         (swarm != *self).then_some(swarm)
     }
@@ -216,15 +223,15 @@ impl<const N: usize> Swarm<N> {
 
     fn may_activate(&self, agent: usize) -> bool {
         let own = &self.agents[agent];
-        let has_heard = |other: usize| {
-            let life = Incarnation(self.agents[other].incarnation);
-            own.known[other].is_some_and(|message| message.order.incarnation == life)
+        let has_received = |other: usize| {
+            let incarnation = Incarnation(self.agents[other].incarnation);
+            own.known[other].is_some_and(|message| message.order.incarnation == incarnation)
         };
         let mut linked = others::<N>(agent).filter(|&other| self.agents[other].is_up && self.are_linked(agent, other));
-        own.agreement.own().membership == Membership::Joining && linked.all(has_heard)
+        own.agreement.own().membership == Membership::Joining && linked.all(has_received)
     }
 
-    /// Whether a word changes anything for the one who hears it.
+    /// Whether a message changes anything at its receiver.
     fn is_news(&self, to: usize, from: usize, message: &PeerMessage) -> bool {
         let (to, sender) = (&self.agents[to], &self.agents[from]);
         to.is_news(from, message)
@@ -234,7 +241,7 @@ impl<const N: usize> Swarm<N> {
 
     fn deliver(&mut self, to: usize, from: usize, message: usize) {
         let sender = &self.agents[from];
-        let (message, is_up) = (sender.said[message], sender.is_up);
+        let (message, is_up) = (sender.sent[message], sender.is_up);
         let admits = sender.is_latest(&message);
         let receiver = &mut self.agents[to];
         receiver.receive(from, message);
@@ -242,14 +249,14 @@ impl<const N: usize> Swarm<N> {
         receiver.admitted |= Bits::from(admits) << from;
     }
 
-    /// The liar's word, newer than any before.
-    fn lie(&mut self, to: usize, part: AgreementState) {
+    /// Delivers a message of the liar, newer than every earlier one.
+    fn lie(&mut self, to: usize, state: AgreementState) {
         self.lies += 1;
         let order = MessageOrder { incarnation: Incarnation(self.lies), sequence: 0 };
-        self.agents[to].receive(N, PeerMessage { order, part });
+        self.agents[to].receive(N, PeerMessage { order, state });
     }
 
-    /// An agent hears this from the liar, does something, and the liar takes it back.
+    /// Delivers a lie to an agent, lets it act, and withdraws the lie.
     fn lie_while(&mut self, to: usize, vouched: u32, bounds: &Bounds<N>, act: impl FnOnce(&mut Self)) {
         let (step, reached) = (bounds.last_step, Some(bounds.last_step));
         self.lie(to, AgreementState { membership: Membership::Active, step, vouched, reached });
@@ -261,7 +268,7 @@ impl<const N: usize> Swarm<N> {
         self.lie(to, AgreementState::default());
     }
 
-    /// Nobody has it admitted any longer.
+    /// Ends the admission of an agent at all others.
     fn expel(&mut self, agent: usize) {
         self.agents.iter_mut().for_each(|other| other.admitted &= !(1 << agent));
     }
@@ -289,8 +296,8 @@ impl<const N: usize> Swarm<N> {
             Action::Crash(agent) => {
                 self.outages_left -= 1;
                 let dead = &mut self.agents[agent];
-                let (next, said) = (dead.incarnation + 1, std::mem::take(&mut dead.said));
-                *dead = Agent { said, is_up: false, ..Agent::new(bounds, next) };
+                let (next, sent) = (dead.incarnation + 1, std::mem::take(&mut dead.sent));
+                *dead = Agent { sent, is_up: false, ..Agent::new(bounds, next) };
                 self.expel(agent);
             }
             Action::Restart(agent) => self.agents[agent].is_up = true,
@@ -312,7 +319,7 @@ impl<const N: usize> Swarm<N> {
                 self.settled = 0;
             }
         }
-        self.agents.iter_mut().filter(|agent| agent.is_up).for_each(Agent::say);
+        self.agents.iter_mut().filter(|agent| agent.is_up).for_each(Agent::publish);
     }
 
     fn advance(&mut self, agent: usize) {
@@ -326,13 +333,14 @@ impl<const N: usize> Swarm<N> {
         }
         let Agent { known, sees, .. } = &self.agents[agent];
         let is_member =
-            |&other: &usize| has(*sees, other) && known[other].is_some_and(|message| message.part.is_active());
+            |&other: &usize| has(*sees, other) && known[other].is_some_and(|message| message.state.is_active());
         let in_view: Vec<usize> = (0..N).filter(is_member).collect();
         for &other in &in_view {
-            let life = known[other].map(|message| message.order.incarnation);
-            let reports =
-                |message: &PeerMessage| Some(message.order.incarnation) == life && message.part.has_reached(left);
-            if !self.agents[other].said.iter().any(reports) {
+            let incarnation = known[other].map(|message| message.order.incarnation);
+            let reports = |message: &PeerMessage| {
+                Some(message.order.incarnation) == incarnation && message.state.has_reached(left)
+            };
+            if !self.agents[other].sent.iter().any(reports) {
                 self.broken = Some(P2);
             }
         }
@@ -341,8 +349,8 @@ impl<const N: usize> Swarm<N> {
         }
     }
 
-    /// Notes what an action broke, given how things were before it.
-    fn verifier(&mut self, before: &Self) {
+    /// Notes the property that an action broke, given the swarm before it.
+    fn check(&mut self, before: &Self) {
         for agent in 0..N {
             let (was, is) = (&before.agents[agent], &self.agents[agent]);
             if was.incarnation != is.incarnation {
@@ -370,22 +378,22 @@ impl<const N: usize> Swarm<N> {
             if (0..N).any(|other| has(before.settled, other) && is_late(&other)) {
                 self.broken = Some(P3);
             }
-            if !self.agents.iter().flat_map(|agent| &agent.said).any(|message| message.part.reached >= Some(left)) {
+            if !self.agents.iter().flat_map(|agent| &agent.sent).any(|message| message.state.reached >= Some(left)) {
                 self.broken = Some(P4);
             }
         }
     }
 
-    /// Finds who is settled now, given who was.
+    /// Updates the set of settled agents.
     fn settle(&mut self) {
         let is_settled = |&agent: &usize| {
             let is_linked = |&other: &usize| self.are_linked(agent, other);
             let mut peers = others::<N>(agent).filter(is_linked).filter(|&other| self.agents[other].is_active());
-            let mut messages = (0..N).filter(is_linked).flat_map(|other| &self.agents[other].said);
+            let mut messages = (0..N).filter(is_linked).flat_map(|other| &self.agents[other].sent);
             self.agents[agent].is_active()
                 && peers.all(|peer| has(self.agents[peer].admitted, agent))
                 && (has(self.settled, agent)
-                    || messages.all(|message| message.part.step <= self.agents[agent].agreement.own().step))
+                    || messages.all(|message| message.state.step <= self.agents[agent].agreement.own().step))
         };
         self.settled = (0..N).filter(is_settled).fold(0, |settled, agent| settled | 1 << agent);
     }
@@ -398,17 +406,17 @@ impl<const N: usize> Swarm<N> {
         self.agents.iter().any(Agent::is_behind::<N>)
     }
 
-    /// Somebody has followed the liar.
+    /// Whether an agent has followed the liar.
     pub(super) fn is_misled(&self) -> bool {
         self.agents.iter().any(|agent| agent.is_misled)
     }
 
-    /// Both sides of the cut have gone on without the other.
+    /// Whether both sides of the cut advanced without the other.
     pub(super) fn is_split(&self) -> bool {
         self.advanced == [true; 2]
     }
 
-    /// Whether somebody is two steps ahead of a settled agent.
+    /// Whether an agent is two steps ahead of a settled agent.
     pub(super) fn is_skewed(&self) -> bool {
         (0..N).filter(|&late| has(self.settled, late)).any(|late| {
             let step = |agent: &Agent| agent.agreement.own().step;
@@ -417,14 +425,15 @@ impl<const N: usize> Swarm<N> {
         })
     }
 
-    /// All that may go wrong has, and all are settled, still at the first step.
+    /// Whether all failures and cuts are over, and all agents are settled and still at the first step.
     pub(super) fn has_recovered(&self) -> bool {
         let is_over = self.outages_left + self.cuts_left == 0 && self.cut_off.is_none();
         is_over && self.settled == Self::ALL && self.agents.iter().all(|agent| agent.agreement.own().step == 0)
     }
 
-    /// Whether everybody up comes to the last step if from here on links are whole, words arrive, the liar is silent, and
-    /// everybody reaches the step that it is at: in a round of publishing for every step. Who is down is given up.
+    /// Whether all agents that are up come to the last step, in one round of publishing for every step. From here on
+    /// the links are whole, messages arrive, the liar is silent, every agent reaches the step that it is at, and agents
+    /// that are down are given up.
     pub(super) fn completes(mut self, bounds: &Bounds<N>) -> bool {
         let last_step = bounds.last_step;
         self.cut_off = None;
@@ -434,12 +443,12 @@ impl<const N: usize> Swarm<N> {
         }
         let sees = up.iter().fold(0, |sees, &agent| sees | 1 << agent);
         (0..=last_step).any(|_| {
-            up.iter().for_each(|&agent| self.agents[agent].say());
+            up.iter().for_each(|&agent| self.agents[agent].publish());
             for &to in &up {
                 self.agents[to].given_up = !sees;
                 self.agents[to].see::<N>(to, sees & !(1 << to));
                 for from in others::<N>(to).filter(|&from| has(sees, from)) {
-                    self.deliver(to, from, self.agents[from].said.len() - 1);
+                    self.deliver(to, from, self.agents[from].sent.len() - 1);
                 }
             }
             for &own in &up {
@@ -454,21 +463,21 @@ impl<const N: usize> Swarm<N> {
         })
     }
 
-    /// What matters of an agent, whoever the others are.
+    /// The part of an agent's state that does not refer to other agents.
     fn own_key(&self, agent: usize) -> impl Ord + Hash + Copy + use<N> {
-        let Agent { is_up, said, is_misled, sees, .. } = &self.agents[agent];
+        let Agent { is_up, sent, is_misled, sees, .. } = &self.agents[agent];
         let own = self.agents[agent].message();
         let mut keys = [0_u64; 4];
-        for message in said {
-            let key = said_key(message);
+        for message in sent {
+            let key = sent_key(message);
             keys[usize::from(key >> 6)] |= 1 << (key & 63);
         }
-        (keys, said_key(&own), *is_up, self.cut_off == Some(agent), *is_misled, has(*sees, N))
+        (keys, sent_key(&own), *is_up, self.cut_off == Some(agent), *is_misled, has(*sees, N))
     }
 
-    /// What matters of a swarm to whatever may happen yet, beside the agents' own keys. Of a word in an agent's table this
-    /// does: whose life, whether that one takes part, which of the agent's own and later steps it has reached, and how far
-    /// beyond what the agent itself vouches for it vouches.
+    /// The part of the swarm's state that can affect later actions, beside the agents' own keys. Of a message in an
+    /// agent's table these affect them: the incarnation and membership of its sender, which of the agent's own and
+    /// later steps the sender reached, and how far the sender vouches beyond the agent's own vouched step.
     fn key(&self, naming: &[usize; N]) -> impl Ord + Hash + use<N> {
         let rename = |bits: Bits| naming.iter().fold(0, |renamed, &agent| renamed << 1 | u8::from(has(bits, agent)));
         let views = naming.map(|agent| {
@@ -481,7 +490,8 @@ impl<const N: usize> Swarm<N> {
     }
 }
 
-/// Swarms are one to the checker if they differ in names only, or in what does not matter.
+/// To the checker two swarms are the same state if they differ only in the order of their agents, or in data that
+/// cannot affect later actions.
 impl<const N: usize> Hash for Swarm<N> {
     fn hash<H: Hasher>(&self, hasher: &mut H) {
         let own: [_; N] = std::array::from_fn(|agent| self.own_key(agent));

@@ -50,13 +50,13 @@ fn chunks(file: &[u8]) -> Vec<(usize, u64)> {
     chunks.map(chunk).collect()
 }
 
-/// Steps of each vehicle, and things noted.
+/// Number of steps of each vehicle, then the number of notes.
 fn sizes(recording: &Recording) -> Vec<usize> {
     let steps = recording.tracks.iter().map(|track| track.steps.len());
     steps.chain([recording.noted.len()]).collect()
 }
 
-/// Everything of `part` stands at the beginning of `whole`.
+/// Whether `whole` begins with everything in `part`.
 fn is_beginning(part: &Recording, whole: &Recording) -> bool {
     let tracks = part.tracks.iter().zip(&whole.tracks);
     part.scenario == whole.scenario

@@ -1,4 +1,4 @@
-//! Recordings of a live swarm: whole ones, and what kill -9 leaves.
+//! Recordings of a live swarm: complete ones, and the file that `kill -9` leaves.
 #![expect(clippy::disallowed_methods, reason = "real processes take real time")]
 
 use std::fs;
@@ -13,7 +13,7 @@ use tempfile::TempDir;
 
 use super::{PROGRAM, python};
 
-/// A flight begins within this time, whatever else the machine does.
+/// Timeout for the start of a flight, long enough for a busy PC.
 const SOON: Duration = Duration::from_secs(60);
 
 struct Place(TempDir);
@@ -30,17 +30,17 @@ impl Place {
         command
     }
 
-    /// Three vehicles that are ended, not landed: they are gone with this value.
+    /// Starts a flight of three vehicles. Dropping this [`Place`] ends them without a landing.
     fn fly(&self) -> Child {
         let sets = ["swarm.vehicles=3", "formation.altitude_m=8", "formation.radius_m=60", "swarm.name=recorded"];
-        // By its whole name, so that the process can be found by it.
+        // The absolute path, so that `processes` can find the process by it.
         let out = self.out();
         let sets = sets.iter().flat_map(|set| ["--set", set]);
         let arguments: Vec<&str> = ["fly", "--out", out.to_str().unwrap()].into_iter().chain(sets).collect();
         self.command(&arguments).spawn().unwrap()
     }
 
-    /// Whatever runs here.
+    /// Processes of the program that use this folder.
     fn processes(&self) -> Vec<Pid> {
         let listed = Command::new("ps").args(["-axww", "-o", "pid=,args="]).output().unwrap();
         let folder = self.0.path().to_str().unwrap();
@@ -61,7 +61,7 @@ fn utc_s() -> f64 {
     SystemTime::now().duration_since(UNIX_EPOCH).unwrap().as_secs_f64()
 }
 
-/// UTC of the newest step in a file, be it cut off, s.
+/// UTC of the newest step in a file, complete or cut off, s.
 fn newest_s(path: &Path) -> Option<f64> {
     let bytes = fs::read(path).ok()?;
     let stream = mcap::MessageStream::new_with_options(&bytes, mcap::read::Options::IgnoreEndMagic.into()).ok()?;
@@ -78,7 +78,7 @@ fn wait_until(what: &str, mut holds: impl FnMut() -> bool) {
 }
 
 #[test]
-fn what_was_heard_is_on_disk_within_a_quarter_of_a_second() {
+fn a_received_step_is_on_disk_within_a_quarter_of_a_second() {
     let place = Place(tempfile::tempdir().unwrap());
     let (own, other) = (place.out().join(FILE), place.0.path().join("other.mcap"));
     let mut fly = place.fly();
@@ -91,7 +91,7 @@ fn what_was_heard_is_on_disk_within_a_quarter_of_a_second() {
     let mut second = place.command(&["record", "--out", other.to_str().unwrap()]).spawn().unwrap();
     wait_until("in the air", has_climbed);
 
-    // What a kill at this moment would cost, again and again.
+    // Time of flight that a kill at this moment would lose, measured twenty times.
     let mut lags_s: Vec<f64> = (0..20)
         .map(|_| {
             std::thread::sleep(Duration::from_millis(70));
@@ -104,19 +104,19 @@ fn what_was_heard_is_on_disk_within_a_quarter_of_a_second() {
     fly.wait().unwrap();
     let lost_s = killed_s - newest_s(&own).unwrap();
     println!(
-        "behind what was heard: median {:.3} s, worst {:.3} s; kill -9 cost {lost_s:.3} s",
+        "delay until a step is on disk: median {:.3} s, worst {:.3} s; kill -9 cost {lost_s:.3} s",
         lags_s[10], lags_s[19]
     );
-    // The promise, and a frame on its way. The worst of twenty is as bad as the machine is busy.
+    // The promised quarter of a second and one frame. The median, because the worst value depends on the load of the PC.
     assert!(lags_s[10] <= 0.27, "{lags_s:.3?}");
     assert!(lost_s <= 1.0, "{lost_s}");
     let cut_off = read(&own).unwrap();
     let repaired = repair(&own).unwrap();
-    let repaired = repaired.to.expect("nobody closed it");
+    let repaired = repaired.to.expect("the killed recorder left the file open");
     assert_eq!(read(&repaired).unwrap(), cut_off);
     assert!(cut_off.tracks.iter().all(|track| track.steps.len() > 100), "fifty a second");
 
-    // The recorder in another process goes on until it is asked to end.
+    // The recorder in another process continues until it receives the signal to end.
     std::thread::sleep(Duration::from_millis(300));
     kill_process(Pid::from_child(&second), Signal::INT).unwrap();
     assert!(second.wait().unwrap().success());
@@ -126,7 +126,7 @@ fn what_was_heard_is_on_disk_within_a_quarter_of_a_second() {
     let newest =
         |recording: &skein_lab::recording::Recording| recording.tracks[0].steps.last().unwrap().trace.header.sequence;
     assert!(newest(&whole) > newest(&cut_off), "it outlived fly");
-    // What both heard is the same.
+    // Both recordings agree on the steps that are in both.
     let mut shared = 0;
     for (one, two) in cut_off.tracks.iter().zip(&whole.tracks) {
         let known = |step: &skein_lab::recording::Step| two.steps.iter().any(|other| other.trace == step.trace);

@@ -49,7 +49,7 @@ pub(super) fn check(found: &Value, vehicles: usize) {
         let heading_rad = number(&traced["attitude"]["heading_rad"]);
         let forward = numbers(&last["forward"]);
         let along = forward[0] * math::sin(heading_rad) + forward[1] * math::cos(heading_rad);
-        assert!(along > 0.9, "its nose points where its heading says: {forward:?}, {heading_rad}");
+        assert!(along > 0.9, "its nose points along its heading: {forward:?}, {heading_rad}");
         let fix = numbers(&found["fixes"][&frame]);
         // A degree of latitude is about 111 km.
         assert!((fix[0] - 28.0 - north / 110_850.0).abs() < 1e-5 && (fix[2] + down).abs() < 0.1, "{fix:?}");

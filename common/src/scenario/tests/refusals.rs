@@ -99,7 +99,7 @@ fn a_file_of_another_kind_is_refused_with_its_kind() {
     let cluster = "swarm = 'lab'\nscenario = 'hover.toml'\n[node.1]\nhost = 'heli1'\n";
     let it_is = "this is a cluster file, not a scenario; run `skein cluster up -f a.toml`";
     assert_eq!(refusal(cluster, &[]), format!("a.toml:1:1: {it_is}"));
-    // Without a node too, whatever else it says.
+    // A cluster file is recognised without a node too.
     for (text, place) in [
         ("swarm = 'lab'\nscenario = 'hover.toml'\n", "1:1"),
         ("scenario = 'hover.toml'\nsecurity = 'none'\n", "2:1"),

@@ -31,7 +31,7 @@ const PLAIN: [(&str, &str); 13] = [
     ("PlantTime", "`u64`, ns"),
     ("PositionNed", "3 × `f64`: north, east, down, m"),
     ("VelocityNed", "3 × `f64`: north, east, down, m/s"),
-    ("Seal", "64 bytes"),
+    ("Signature", "64 bytes"),
     ("String", "text"),
     ("f64", "`f64`"),
     ("u64", "`u64`"),

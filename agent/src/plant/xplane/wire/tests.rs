@@ -378,7 +378,7 @@ proptest! {
             messages.push(rpos::TAG);
         }
         if let Ok(beacon) = Beacon::decode(&datagram) {
-            // What stands for bytes that are no text is longer than they are.
+            // Bytes that are not UTF-8 become replacement characters, which are longer.
             if beacon.name.len() < 500 {
                 let again = encoded(|out| beacon.encode(out).unwrap());
                 prop_assert!(agrees(&again, 21..usize::MAX) && beacon.port > 0, "{beacon:?}");
