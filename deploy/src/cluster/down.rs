@@ -157,8 +157,8 @@ fn became(node: &Node, mesh: Mesh, done: Option<Result<Stopped, Fault>>) -> Outc
         Some(Err(Fault::Failed(why))) => outcome.fail(why),
         None => match mesh {
             Mesh::Gone => outcome.done = "landed",
-            Mesh::There => outcome.fail("is still heard on the network".to_owned()),
-            Mesh::Silent => outcome.done = "was not heard",
+            Mesh::There => outcome.fail("is still on the network".to_owned()),
+            Mesh::Silent => outcome.done = "was not in contact",
             Mesh::NotAsked => outcome.fail(NOT_ORDERED.to_owned()),
         },
     }
@@ -171,7 +171,7 @@ fn order_to_land(watch: &mut Watch, reach: &crate::reach::Reach, line: &Line<'_>
     order::wait_for_heartbeats(&mut watch.observer, reach);
     let there = watch.observer.vehicles().values().filter(|view| view.alive).count();
     if there == 0 {
-        return "nobody was heard on the network".to_owned();
+        return "no vehicle was in contact on the network".to_owned();
     }
     line.say(&format!("ordering {there} vehicles to land"));
     order::note_order(reach, Verb::Land);
@@ -249,8 +249,8 @@ mod tests {
         assert_eq!(ssh(Mesh::Gone, Err(Fault::Failed("no route".to_owned()))), "landed");
         assert_eq!(ssh(Mesh::There, Err(Fault::Failed("no route".to_owned()))), "no route");
         assert_eq!(text(None, Mesh::Gone, None), "landed");
-        assert_eq!(text(None, Mesh::There, None), "is still heard on the network");
-        assert_eq!(text(None, Mesh::Silent, None), "was not heard");
+        assert_eq!(text(None, Mesh::There, None), "is still on the network");
+        assert_eq!(text(None, Mesh::Silent, None), "was not in contact");
         assert_eq!(text(None, Mesh::NotAsked, None), NOT_ORDERED);
     }
 }

@@ -157,7 +157,7 @@ impl Said {
         let received = health.peers.iter().filter(|peer| peer.standing != PeerStatus::Lost);
         let delays_ms: Option<Vec<f64>> = received.clone().map(|peer| Some(peer.delay_s? * 1e3)).collect();
         let clock = ahead_of_swarm(&health.peers);
-        let blind = (health.activity == Activity::Blind).then(|| "hears nothing of its simulator".to_owned());
+        let blind = (health.activity == Activity::Blind).then(|| "receives no data from its simulator".to_owned());
         Self {
             version: printable(&health.version, Health::MAX_VERSION),
             plant: printable(&health.plant, Health::MAX_VERSION),
@@ -235,7 +235,7 @@ fn show(status: &Status, file: &str, args: &StatusArgs) {
     skein_lab::terminal::say(&text);
 }
 
-/// The text with lines broken between words where stdout is a terminal that is narrower. The lines of the table fit already.
+/// Wraps the text at spaces if stdout is a narrower terminal. The lines of the table fit already.
 fn fitted(text: &str) -> String {
     if !std::io::stdout().is_terminal() {
         return text.to_owned();
@@ -255,7 +255,7 @@ fn verdict(status: &Status) -> Result<(), Error> {
     };
     let silent = ids(|node| node.said.is_none());
     let faulty = ids(|node| node.said.as_ref().is_some_and(|said| !said.faults.is_empty()));
-    let why = [("not heard: node", silent), ("faulty: node", faulty)];
+    let why = [("not in contact: node", silent), ("faulty: node", faulty)];
     let why: Vec<_> = why.into_iter().filter(|(_, ids)| !ids.is_empty()).collect();
     if status.is_good() {
         return Ok(());

@@ -10,7 +10,7 @@ use skein_common::message::EventKind;
 
 use crate::order::ranges;
 
-/// A group that is not complete is written as it is after this time.
+/// An incomplete group is written after this time.
 const PARTIAL_AFTER: Duration = Duration::from_secs(5);
 /// An event that comes so long after the last one of its kind begins a new group.
 const NEW_GROUP_AFTER: Duration = Duration::from_secs(60);

@@ -68,7 +68,7 @@ fn draw_vehicles(frame: &mut Frame<'_>, area: Rect, rows: &[Row], columns: &[Col
     rest
 }
 
-/// The newest events that fit, lines broken between words.
+/// The newest events that fit, with lines wrapped at spaces.
 fn draw_events(frame: &mut Frame<'_>, area: Rect, status: &Status) {
     let room = usize::from(area.width).saturating_sub(EVENT_INDENT).max(1);
     let mut lines: Vec<String> = Vec::new();
@@ -93,7 +93,7 @@ fn headline(status: &Status) -> Line<'_> {
     ])
 }
 
-/// How far the flight is, in words; plain progress lines begin with it too.
+/// The stage of the flight as text; plain progress lines begin with it too.
 pub fn stage(status: &Status) -> String {
     let flown = minutes(status.flown_s);
     match (status.stage, status.duration_s) {
@@ -148,7 +148,7 @@ fn explanation(columns: &[Column], width: usize) -> Vec<Line<'static>> {
     lines
 }
 
-/// A rule, that says how many rows there was no room for.
+/// A horizontal rule with the number of rows that did not fit.
 fn divider(area: Rect, hidden: usize) -> Paragraph<'static> {
     let note = if hidden > 0 { format!(" {hidden} more, make the window taller ") } else { String::new() };
     let rule = "─".repeat(usize::from(area.width).saturating_sub(note.chars().count()));

@@ -1,5 +1,5 @@
-//! How far the same scenario and seed are apart in virtual and in real time, or with another plant: no verdict, as nobody is
-//! to be better. Every figure that both sides have is shown; the wall clock's are those of whoever flew in real time.
+//! Difference between runs of the same scenario and seed in virtual and in real time, or with different plants, without a
+//! verdict. Every figure that both sides have is shown; wall-clock figures come from the run in real time.
 
 use comfy_table::{CellAlignment, Table, presets};
 use serde::Serialize;

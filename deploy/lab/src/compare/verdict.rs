@@ -138,7 +138,7 @@ fn value(outcome: Outcome, bad: f64) -> f64 {
     }
 }
 
-/// The larger size of the two medians; of a side that never comes there is none.
+/// The larger magnitude of the two medians; a side in which the event never happened does not count.
 fn scale(values: &[[f64; 2]]) -> f64 {
     let size =
         |side: usize| median(&mut values.iter().map(|pair| pair[side]).collect::<Vec<_>>()).unwrap_or(f64::NAN).abs();

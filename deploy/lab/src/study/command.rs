@@ -1,4 +1,4 @@
-//! `skein study` as it is typed.
+//! The command `skein study` and its options.
 
 use std::num::NonZeroUsize;
 use std::ops::Range;
@@ -37,17 +37,17 @@ pub struct StudyArgs {
     #[arg(long = "sweep", value_name = "KEY=V1,V2,...")]
     pub sweep: Vec<Sweep>,
     /// Points of a Latin hypercube over all swept ranges, at each point of the grid if there is one. The scenario's own
-    /// seed says which (--set seed=N gives others)
+    /// seed selects them (--set seed=N gives others)
     #[arg(long, value_name = "N", value_parser = samples)]
     pub points: Option<usize>,
     /// Runs at once; without it one for each core. The results do not depend on it
     #[arg(long, value_name = "N")]
     pub jobs: Option<NonZeroUsize>,
-    /// Folder for what is written, new or empty, or that of the very same study, interrupted: it goes on there. Without
-    /// it a new one in skein-runs
+    /// Folder for the results, new or empty, or that of the very same study, interrupted: the study resumes there.
+    /// Without it a new one in skein-runs
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
-    /// Write no recordings, whatever record.runs says
+    /// Write no recordings, whatever record.runs is set to
     #[arg(long)]
     pub no_record: bool,
     /// Print every figure that was measured, not only about a dozen

@@ -1,5 +1,5 @@
-//! What one run measured, as its `metrics.json` tells it: what summaries, comparisons and the choice of runs to look at
-//! stand on, be the run just flown or read back.
+//! The figures of one run as in its `metrics.json`, just flown or read back: the basis of summaries, comparisons and the
+//! choice of runs to look at.
 
 use std::cmp::Ordering;
 use std::collections::{BTreeMap, BTreeSet};
@@ -174,7 +174,7 @@ mod tests {
             run(4, &[("collisions", 0.0)], &["even_10deg_s"]),
             run(5, &[("collisions", 0.0), ("even_10deg_s", 50.0), ("min_separation_m", 9.0)], &[]),
         ];
-        // From best to worst: 1 (a separation that nobody measured stands first), 5, 3, 4, 2.
+        // From best to worst: 1 (a separation that was not measured ranks first), 5, 3, 4, 2.
         assert_eq!(worst_and_median(&runs), Some((2, 3)));
         assert_eq!(worst_and_median(&runs[..1]), Some((1, 1)));
         let without_collision = [runs[0].clone(), runs[2].clone(), runs[3].clone(), runs[4].clone()];

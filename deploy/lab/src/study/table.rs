@@ -7,7 +7,7 @@ use super::summary::{Figure, PointSummary, Summary};
 use super::sweep::Point;
 use crate::metrics::figures;
 
-/// The figures that a reader looks for first, with what each is in a few words. The table has the first [`HEADLINES`] of these that
+/// The figures that a reader looks for first, each with a short description. The table has the first [`HEADLINES`] of these that
 /// the runs have.
 const HEADLINE: [(&str, &str); 20] = [
     ("collisions", "pairs nearer than 2 m"),
@@ -43,7 +43,7 @@ pub(super) enum Which {
 }
 
 impl Which {
-    /// The keys of a table, with what each is in a few words.
+    /// The keys of a table, each with a short description.
     fn keys<'a>(self, has: impl Fn(&str) -> bool, all: impl Iterator<Item = &'a str>) -> Vec<(&'a str, &'static str)> {
         match self {
             Self::Headline => HEADLINE.into_iter().filter(|(key, _)| has(key)).take(HEADLINES).collect(),
@@ -52,7 +52,7 @@ impl Which {
     }
 }
 
-/// A few words on a figure: those of the headline, or the unit.
+/// A short description of a figure: that of the headline, or the unit.
 fn meaning(key: &str) -> &'static str {
     let headline = HEADLINE.iter().find(|(known, _)| *known == key).map(|(_, messages)| *messages);
     headline.or_else(|| figures::of(key).map(|figure| figure.unit)).unwrap_or_default()
@@ -122,7 +122,7 @@ fn value_text(key: &str, value: f64) -> String {
     if is_whole { format!("{value:.0}") } else { rounded(value) }
 }
 
-/// Figures that tell one point from another, the most telling first; a table has the first five that are not the same in
+/// Figures that distinguish points, the most significant first; a table has the first five that are not the same in
 /// every run.
 const TELLING: [&str; 9] = [
     "setpoints_reached",
@@ -154,7 +154,7 @@ pub(super) fn of_points(points: &[Point], summaries: &[PointSummary]) -> String 
     let mut table = Table::new();
     table.load_style(presets::NOTHING).set_header(header);
     for (point, summary) in points.iter().zip(summaries) {
-        // What somebody typed is short; what was sampled has all its digits.
+        // A value typed by the operator is short; a sampled one has all its digits.
         let short =
             |value: &String| value.parse().ok().filter(|_| value.len() > 8).map_or_else(|| value.clone(), rounded);
         let set = point.0.iter().map(|(_, value)| short(value));
@@ -168,7 +168,7 @@ pub(super) fn of_points(points: &[Point], summaries: &[PointSummary]) -> String 
     format!("{}median [worst] of the runs at each point\n", trimmed(&table))
 }
 
-/// The swept keys as short as they can be told apart.
+/// The swept keys, shortened as far as they stay distinct.
 fn names(point: &Point) -> Vec<String> {
     let short = |key: &str| key.rsplit_once('.').map_or(key, |(_, name)| name).to_owned();
     let names: Vec<String> = point.0.iter().map(|(key, _)| short(key)).collect();

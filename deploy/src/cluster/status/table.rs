@@ -14,20 +14,20 @@ const LEGEND: [&str; 5] = [
     "clock ms: ahead of the swarm's clock, ± bound (! if more than 20 ms off; flight does not depend on it)",
     "faults: what has failed, named below   refused: messages not believed since the start, named below",
 ];
-/// Columns of words; the others are numbers.
-const WORDS: [usize; 3] = [1, 2, 3];
+/// Columns with text; the others hold numbers.
+const TEXT_COLUMNS: [usize; 3] = [1, 2, 3];
 
 /// All of it; `file` is the cluster's as the user has named it.
 pub(super) fn of(status: &Status, file: &str) -> String {
     let mut table = Table::new();
-    // On a terminal that is narrower, cells are broken between words.
+    // On a narrower terminal, cells are wrapped at spaces.
     table.load_style(presets::NOTHING).set_header(HEADER).set_content_arrangement(ContentArrangement::Dynamic);
     for node in &status.nodes {
         table.add_row(row(node));
     }
     for (nth, column) in table.column_iter_mut().enumerate() {
         column.set_padding((0, 2));
-        if !WORDS.contains(&nth) {
+        if !TEXT_COLUMNS.contains(&nth) {
             column.set_cell_alignment(CellAlignment::Right);
         }
     }
@@ -47,7 +47,7 @@ fn row(node: &NodeStatus) -> [String; 12] {
     let Some(said) = &node.said else {
         let mut row = [(); 12].map(|()| "-".to_owned());
         row[0] = id;
-        row[3] = "not heard".to_owned();
+        row[3] = "not in contact".to_owned();
         return row;
     };
     [
@@ -90,7 +90,7 @@ fn messages(node: &NodeStatus) -> String {
         let host = node.host.as_deref().map(|host| format!("{host}, ")).unwrap_or_default();
         let why =
             node.why.as_ref().map(|why| format!(": it {why}; `skein cluster down`, then `up`")).unwrap_or_default();
-        return format!("node {id} ({host}{}) is not heard{why}\n", node.endpoint);
+        return format!("node {id} ({host}{}) is not in contact{why}\n", node.endpoint);
     };
     let mut text: String = said.faults.iter().map(|fault| format!("node {id}: {fault}\n")).collect();
     if said.clock_is_off {

@@ -118,7 +118,7 @@ fn health_of_a_lost_vehicle_or_of_an_earlier_incarnation_is_ignored() {
     let said: Vec<bool> = status.nodes.iter().map(|node| node.said.is_some()).collect();
     assert_eq!(said, [false, false, false, true]);
     assert!(status.nodes.iter().all(|node| node.why.is_none()));
-    assert_eq!(verdict(&status).unwrap_err().to_string(), "not heard: node 1, 2, 3");
+    assert_eq!(verdict(&status).unwrap_err().to_string(), "not in contact: node 1, 2, 3");
 }
 
 #[test]
@@ -129,9 +129,9 @@ fn health_of_another_run_is_ignored() {
         status_of(folder.path(), received, clock::now())
     };
     let one_strays = of_runs([7, 7, 5, 7]);
-    assert_eq!(verdict(&one_strays).unwrap_err().to_string(), "not heard: node 3");
+    assert_eq!(verdict(&one_strays).unwrap_err().to_string(), "not in contact: node 3");
     let text = table::of(&one_strays, "lab.toml");
-    let expected = "node 3 (10.0.0.13, tls/10.0.0.13:7449) is not heard: it flies in run 5, and the swarm in run 7; \
+    let expected = "node 3 (10.0.0.13, tls/10.0.0.13:7449) is not in contact: it flies in run 5, and the swarm in run 7; \
                     `skein cluster down`, then `up`\n";
     assert!(text.contains(expected), "{text}");
     // As many vehicles report one run as the other: neither is accepted.
@@ -143,7 +143,7 @@ fn health_of_another_run_is_ignored() {
     old[2].1 = Some(5);
     let received = [1, 2, 4].into_iter().flat_map(|number| all_of(number, 7)).chain(old);
     let status = status_of(folder.path(), received, clock::now());
-    assert_eq!(verdict(&status).unwrap_err().to_string(), "not heard: node 3");
+    assert_eq!(verdict(&status).unwrap_err().to_string(), "not in contact: node 3");
 }
 
 #[test]
@@ -188,12 +188,12 @@ fn silent_and_faulty_nodes_are_listed() {
     let status = status(folder.path(), vec![health(1, 0.0), second, health(4, 0.0)], Duration::ZERO);
     assert!(!status.is_good());
     let error = verdict(&status).unwrap_err();
-    assert_eq!((error.to_string().as_str(), error.exit_code()), ("not heard: node 3; faulty: node 2", 1));
+    assert_eq!((error.to_string().as_str(), error.exit_code()), ("not in contact: node 3; faulty: node 2", 1));
     let text = table::of(&status, "lab.toml");
     assert!(text.contains("node 2: yaw gyro failed, lands\n"), "{text}");
     assert!(text.contains("node 2 refused 3 times: forged, under vehicle/1/state\n"), "{text}");
     assert!(
-        text.contains("node 3 (10.0.0.13, tls/10.0.0.13:7449) is not heard\n`skein check -f lab.toml` looks"),
+        text.contains("node 3 (10.0.0.13, tls/10.0.0.13:7449) is not in contact\n`skein check -f lab.toml` looks"),
         "{text}"
     );
     assert_eq!(status.nodes[1].said.as_ref().unwrap().peers_seen, 2);

@@ -166,8 +166,8 @@ fn legend(panel: &Panel, plot: &Plot, right: f64, canvas: &mut Canvas) -> f64 {
     if entries.is_empty() { plot.top } else { y + LINE_PX / 2.0 + 2.0 }
 }
 
-/// Of each mark's word above the plot, where it begins and ends, px, and its row, 0 the highest. A word that begins
-/// beneath an earlier one stands lower, so that no mark's line runs through a word.
+/// Left and right end of each mark's label above the plot, px, and its row, 0 the highest. A label that overlaps an
+/// earlier one is placed in a lower row, so that no mark's line crosses a label.
 fn messages(marks: &[Mark], plot: &Plot, right: f64) -> Vec<(f64, f64, usize)> {
     let mut messages: Vec<(f64, f64, usize)> = Vec::with_capacity(marks.len());
     for mark in marks {
