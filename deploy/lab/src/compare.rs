@@ -71,7 +71,7 @@ pub fn run(args: &CompareArgs) -> Result<(), Error> {
         eprintln!("{}: this study is not finished; the runs that are there are compared", folder.path.display());
     }
     let paired = Paired::new(&a, &b)?;
-    if ["target", "plant"].iter().any(|key| a.messages(key) != b.messages(key)) {
+    if ["target", "plant"].iter().any(|key| a.texts(key) != b.texts(key)) {
         let divergence = divergence::divergence(&paired, &args.only);
         say(&if args.json { json(&divergence) } else { paired.heading() + "\n" + &divergence::table(&divergence) });
         return Ok(());

@@ -87,7 +87,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn lines_are_broken_and_shortened_between_words() {
+    fn lines_are_wrapped_and_shortened_at_spaces() {
         assert_eq!(wrapped("one two  three", 8), ["one two", "three"]);
         assert_eq!(wrapped("incomprehensible it is", 5), ["incomprehensible", "it is"]);
         assert_eq!(shortened("one, two three", 14), "one, two three");

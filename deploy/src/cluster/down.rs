@@ -144,11 +144,11 @@ enum Mesh {
 /// Result for a node, from the mesh and from its host, if it has ssh.
 fn became(node: &Node, mesh: Mesh, done: Option<Result<Stopped, Fault>>) -> Outcome {
     let mut outcome = Outcome::new(node);
-    let was_heard = matches!(mesh, Mesh::There | Mesh::Gone);
+    let was_in_contact = matches!(mesh, Mesh::There | Mesh::Gone);
     match done {
         Some(Ok(Stopped::Forced)) => outcome.fail(FORCED.to_owned()),
         Some(Ok(Stopped::Landed)) => outcome.done = "landed",
-        Some(Ok(Stopped::Nothing)) => outcome.done = if was_heard { "landed" } else { "was not running" },
+        Some(Ok(Stopped::Nothing)) => outcome.done = if was_in_contact { "landed" } else { "was not running" },
         Some(Err(Fault::NotInstalled)) => outcome.done = "nothing is installed",
         Some(Err(Fault::Failed(why))) if mesh == Mesh::Gone => {
             outcome.done = "landed";

@@ -176,7 +176,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_last_line_that_says_something() {
+    fn the_last_line_that_is_not_empty() {
         let folder = tempfile::tempdir().unwrap();
         let log = folder.path().join("log");
         assert_eq!(last_line(&log), None);

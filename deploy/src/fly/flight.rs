@@ -299,7 +299,7 @@ impl Flight {
     fn has_finished(&self, now: Instant) -> bool {
         let steps = &self.plan.scenario().mission.steps;
         let landing = steps.iter().position(|step| matches!(step.target, Target::Land(_)));
-        let mut known = self.live().filter_map(|(_, seen)| heard_within(GIVEN_UP, seen?, now)).peekable();
+        let mut known = self.live().filter_map(|(_, seen)| received_within(GIVEN_UP, seen?, now)).peekable();
         let has_finished = |step: &Trace| landing == Some(step.step as usize) || step.membership == Membership::Left;
         known.peek().is_some() && known.all(has_finished)
     }
@@ -458,11 +458,11 @@ fn is_active(seen: &VehicleView) -> bool {
 
 /// The newest step, if it is new enough to be true.
 fn fresh(seen: &VehicleView, now: Instant) -> Option<&Trace> {
-    heard_within(SILENT, seen, now)
+    received_within(SILENT, seen, now)
 }
 
 /// The newest step, if it is younger than this.
-fn heard_within(age: Duration, seen: &VehicleView, now: Instant) -> Option<&Trace> {
+fn received_within(age: Duration, seen: &VehicleView, now: Instant) -> Option<&Trace> {
     seen.trace.as_ref().filter(|_| seen.trace_at.is_some_and(|at| now.duration_since(at) < age))
 }
 

@@ -156,7 +156,7 @@ mod tests {
     }
 
     #[test]
-    fn a_new_life_is_a_restart_and_what_the_old_one_said_is_nobodys() {
+    fn a_new_incarnation_is_a_restart_and_steps_of_the_old_one_are_ignored() {
         let mut ground = ground("");
         let now = clock::now();
         let (old, new) = (step(2, 7, Membership::Active), step(2, 8, Membership::Joining));

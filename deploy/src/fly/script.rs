@@ -154,7 +154,7 @@ mod tests {
     }
 
     #[test]
-    fn the_launcher_does_what_is_its_and_tells_of_the_rest() {
+    fn the_launcher_performs_its_events_and_reports_the_others() {
         let cut = "cut from vehicle 1, 2 to vehicle 3, 4, both ways";
         let always = [
             (50.0, cut),
@@ -183,7 +183,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_skipped_is_said_once_each() {
+    fn every_skipped_event_is_reported_once() {
         let clock = "at 30 s: clock_jump of vehicle 4 by -5 s: skipped by `fly`: agents in real time use a clock that \
                      cannot be set";
         assert_eq!(skipped(&scenario("builtin")), [clock]);

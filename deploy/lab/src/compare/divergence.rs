@@ -76,7 +76,7 @@ pub fn divergence(paired: &Paired<'_>, only: &[String]) -> Divergence {
         }
     }
     let name = |folder: &Folder| {
-        ["target", "plant"].map(|key| folder.messages(key).into_iter().collect::<Vec<_>>().join("/")).join(" ")
+        ["target", "plant"].map(|key| folder.texts(key).into_iter().collect::<Vec<_>>().join("/")).join(" ")
     };
     Divergence { a: name(paired.a), b: name(paired.b), pairs: paired.pairs().count(), figures, one_sided }
 }

@@ -26,12 +26,12 @@ impl Flown {
         let path = self.folder.join("scenario.toml").display().to_string();
         let is_plain = |c: char| c.is_ascii_alphanumeric() || "/\\.:_-+".contains(c);
         let path = if path.chars().all(is_plain) { path } else { format!("'{}'", path.replace('\'', r"'\''")) };
-        format!("skein {} {path}", self.message("target").unwrap_or("study"))
+        format!("skein {} {path}", self.text("target").unwrap_or("study"))
     }
 
     /// One of the texts that describe the run, such as its target or plant.
-    pub fn message(&self, key: &str) -> Option<&str> {
-        self.measured.messages.get(key).map(String::as_str)
+    pub fn text(&self, key: &str) -> Option<&str> {
+        self.measured.texts.get(key).map(String::as_str)
     }
 }
 
@@ -96,8 +96,8 @@ impl Folder {
     }
 
     /// All values that this text has in the runs.
-    pub fn messages(&self, key: &str) -> BTreeSet<&str> {
-        self.runs.iter().filter_map(|run| run.message(key)).collect()
+    pub fn texts(&self, key: &str) -> BTreeSet<&str> {
+        self.runs.iter().filter_map(|run| run.text(key)).collect()
     }
 }
 

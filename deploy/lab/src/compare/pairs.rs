@@ -87,9 +87,9 @@ impl<'a> Paired<'a> {
     /// What is compared, for people.
     pub fn heading(&self) -> String {
         let side = |name: &str, folder: &Folder| {
-            let messages = ["scenario", "target", "plant", "version", "revision"];
-            let messages = messages.map(|key| folder.messages(key).into_iter().collect::<Vec<_>>().join("/"));
-            format!("{name}  {}: {} runs, {}\n", folder.path.display(), folder.runs.len(), messages.join(" "))
+            let texts = ["scenario", "target", "plant", "version", "revision"];
+            let texts = texts.map(|key| folder.texts(key).into_iter().collect::<Vec<_>>().join("/"));
+            format!("{name}  {}: {} runs, {}\n", folder.path.display(), folder.runs.len(), texts.join(" "))
         };
         let mut text = side("A", self.a) + &side("B", self.b);
         let differ = self.differ();

@@ -184,7 +184,7 @@ fn a_fault_reads_back_as_it_was_recorded() {
 }
 
 #[test]
-fn an_event_that_two_recorders_heard_counts_once() {
+fn an_event_that_two_recorders_received_counts_once() {
     let folder = tempfile::tempdir().unwrap();
     let loaded = ScenarioArgs::default().read(vec!["swarm.vehicles=2".to_owned()]).unwrap();
     let (scenario, text) = (&loaded.scenario, loaded.to_toml());

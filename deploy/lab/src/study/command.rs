@@ -83,28 +83,29 @@ pub fn run(args: &StudyArgs) -> Result<(), Error> {
 
     write(&plan.out.join("runs.csv"), &summary::csv(&plan.points, &runs))?;
     let which = if args.all { table::Which::All } else { table::Which::Headline };
-    let (text, told) = match args.sweep.is_empty() {
+    let (text, output) = match args.sweep.is_empty() {
         true => {
             let summary = summary(&runs);
-            let told = match runs.as_slice() {
+            let output = match runs.as_slice() {
                 [run] => table::of_run(run, which),
                 _ => table::of_figures(&summary, which),
             };
-            (json(&summary), told)
+            (json(&summary), output)
         }
         false => {
             let summaries = summary::by_point(&plan.points, &runs);
-            let mut told = table::of_points(&plan.points, &summaries);
+            let mut output = table::of_points(&plan.points, &summaries);
             for (point, summary) in plan.points.iter().zip(&summaries).filter(|_| args.all) {
-                told += &format!("\npoint {}: {point}\n{}", summary.point, table::of_figures(&summary.figures, which));
+                output +=
+                    &format!("\npoint {}: {point}\n{}", summary.point, table::of_figures(&summary.figures, which));
             }
-            (json(&summaries), told)
+            (json(&summaries), output)
         }
     };
     // The last of all: the study is finished when it is there.
     write(&plan.out.join("summary.json"), &text)?;
     match runs.as_slice() {
-        _ if !args.json => say(&format!("{}\n{told}", verdict::verdict(&args.scenario, &plan.points, &runs))),
+        _ if !args.json => say(&format!("{}\n{output}", verdict::verdict(&args.scenario, &plan.points, &runs))),
         [_] if args.sweep.is_empty() => say(&plan.run(0).text()?),
         _ => say(&text),
     }

@@ -83,12 +83,12 @@ fn mission(number: u8, life: u64) -> Mission {
 
 /// The messages of vehicle `number` in a run: its appearance, its heartbeat, its health report.
 fn all_of(number: u8, run: u64) -> [(SwarmMessage, Option<u64>, Instant); 3] {
-    let said = [
+    let report = [
         SwarmMessage::Appeared(id(number)),
         SwarmMessage::Mission(mission(number, 1)),
         SwarmMessage::Health(health(number, 0.0)),
     ];
-    said.map(|said| (said, Some(run), clock::now()))
+    report.map(|report| (report, Some(run), clock::now()))
 }
 
 #[test]
@@ -115,8 +115,8 @@ fn health_of_a_lost_vehicle_or_of_an_earlier_incarnation_is_ignored() {
     let never_there = [(SwarmMessage::Health(health(3, 0.0)), Some(7), now)];
     let received = gone.chain(restarted).chain(never_there).chain(all_of(4, 7));
     let status = status_of(folder.path(), received, now);
-    let said: Vec<bool> = status.nodes.iter().map(|node| node.said.is_some()).collect();
-    assert_eq!(said, [false, false, false, true]);
+    let report: Vec<bool> = status.nodes.iter().map(|node| node.report.is_some()).collect();
+    assert_eq!(report, [false, false, false, true]);
     assert!(status.nodes.iter().all(|node| node.why.is_none()));
     assert_eq!(verdict(&status).unwrap_err().to_string(), "not in contact: node 1, 2, 3");
 }
@@ -136,7 +136,7 @@ fn health_of_another_run_is_ignored() {
     assert!(text.contains(expected), "{text}");
     // As many vehicles report one run as the other: neither is accepted.
     let undecided = of_runs([7, 7, 5, 5]);
-    assert!(undecided.nodes.iter().all(|node| node.said.is_none()));
+    assert!(undecided.nodes.iter().all(|node| node.report.is_none()));
     assert!(table::of(&undecided, "lab.toml").contains("no run has a majority of the vehicles in contact"));
     // A health report of an old run, from a vehicle that flies in the present run.
     let mut old = all_of(3, 7).to_vec();
@@ -196,7 +196,7 @@ fn silent_and_faulty_nodes_are_listed() {
         text.contains("node 3 (10.0.0.13, tls/10.0.0.13:7449) is not in contact\n`skein check -f lab.toml` looks"),
         "{text}"
     );
-    assert_eq!(status.nodes[1].said.as_ref().unwrap().peers_seen, 2);
+    assert_eq!(status.nodes[1].report.as_ref().unwrap().peers_seen, 2);
     let json = serde_json::to_value(&status).unwrap();
     assert_eq!(
         (&json["nodes"][2]["said"], &json["nodes"][1]["said"]["refused"]),
@@ -213,9 +213,9 @@ fn the_age_of_a_peer_includes_its_delay_and_is_marked_while_the_delay_is_unknown
     }
     (unknown.peers[0].standing, unknown.peers[0].delay_s) = (PeerStatus::Stale, None);
     let status = status(folder.path(), vec![late, unknown], Duration::ZERO);
-    let said: Vec<_> = status.nodes.iter().filter_map(|node| node.said.as_ref()).collect();
-    assert_eq!((said[0].peers_seen, said[0].peer_age_ms, said[0].peer_delay_ms), (3, Some(4051.0), Some(4000.0)));
-    assert_eq!((said[1].peers_seen, said[1].peer_delay_ms), (3, None));
+    let report: Vec<_> = status.nodes.iter().filter_map(|node| node.report.as_ref()).collect();
+    assert_eq!((report[0].peers_seen, report[0].peer_age_ms, report[0].peer_delay_ms), (3, Some(4051.0), Some(4000.0)));
+    assert_eq!((report[1].peers_seen, report[1].peer_delay_ms), (3, None));
     let text = table::of(&status, "cluster.toml");
     assert!(text.contains(" 4051  ") && text.contains(" >400  "), "{text}");
 }
@@ -237,5 +237,5 @@ fn a_node_that_has_fallen_silent_is_not_listed_as_reporting() {
     let folder = tempfile::tempdir().unwrap();
     let all = || (1..=4).map(|number| health(number, 0.0)).collect();
     assert!(status(folder.path(), all(), Duration::from_secs(3)).is_good());
-    assert!(status(folder.path(), all(), Duration::from_secs(4)).nodes.iter().all(|node| node.said.is_none()));
+    assert!(status(folder.path(), all(), Duration::from_secs(4)).nodes.iter().all(|node| node.report.is_none()));
 }

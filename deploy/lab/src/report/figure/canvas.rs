@@ -219,7 +219,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn only_points_that_nobody_sees_are_left_out() {
+    fn only_invisible_points_are_left_out() {
         let straight: Vec<_> = (0..1000).map(|nth| [f64::from(nth), 3.0]).collect();
         assert_eq!(way(&straight), "M0,3 999,3");
         let mut bent = straight;
