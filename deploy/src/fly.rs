@@ -1,5 +1,5 @@
-//! `skein fly`: a swarm on this PC, in real time. One process for each vehicle; this one starts them, looks on, measures,
-//! and at the end asks everybody to land. It is never in the loop: killed, it leaves a swarm that flies on.
+//! `skein fly`: a swarm on this PC, in real time. One process for each vehicle; this one starts them, observes, measures,
+//! and at the end orders all vehicles to land. It is never in the control loop: if it is killed, the swarm keeps flying.
 //!
 //! | module | what it does |
 //! | --- | --- |
@@ -7,8 +7,8 @@
 //! | [`launch`] | files and processes |
 //! | [`children`] | the processes while they run |
 //! | [`flight`] | from the first sign of life to the last process's end |
-//! | [`ground`] | what really happens to the swarm, whoever notices |
-//! | [`script`] | what the scenario does to the swarm, as far as it is done from here |
+//! | [`ground`] | ground truth of the swarm: agents that ended or restarted, links that are cut |
+//! | [`script`] | the scenario's events that this process performs |
 //! | [`status`] | figures of every vehicle |
 //! | [`journal`] | what happened, equal events of several vehicles in one line |
 //! | [`table`], [`columns`], [`screen`] | what people see |
@@ -65,10 +65,10 @@ pub struct FlyArgs {
     /// Folder for what is written, new or empty; without it a new one in skein-runs
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
-    /// Address of the live page. There is no page yet: without effect
+    /// Address of the live page. Not implemented yet: without effect
     #[arg(long, value_name = "ADDR", conflicts_with = "no_view")]
     pub view: Option<String>,
-    /// No live page. There is none yet: without effect
+    /// Do not serve the live page. Not implemented yet: without effect
     #[arg(long)]
     pub no_view: bool,
     /// How long the vehicles may take to find each other, s; without it 60
@@ -82,7 +82,7 @@ pub struct FlyArgs {
     pub json: bool,
 }
 
-/// A swarm gathers within this time unless `--timeout` says otherwise, s.
+/// Default of `--timeout`, s: all vehicles become active within this time.
 const GATHER_WITHIN_S: f64 = 60.0;
 
 /// `--plant`
@@ -107,9 +107,9 @@ impl PlantArg {
     }
 }
 
-/// Flies until the duration is over, until the mission has come to its landing, until everybody was ordered to land, or
-/// until Ctrl-C; then lands everybody and ends every process. A vehicle that is lost on the way is named, and the others'
-/// flight counts.
+/// Flies until the duration is over, until the mission has come to its landing, until an order to land, or until Ctrl-C;
+/// then lands all vehicles and ends every process. A vehicle lost in flight is named; the flight of the others still
+/// counts.
 ///
 /// # Errors
 /// What stands against the flight, such as a PC that does not carry so many agents; or a flight that never began, lost all its
@@ -121,7 +121,7 @@ pub fn run(args: &FlyArgs) -> Result<(), Error> {
     plan.loaded.notes.iter().for_each(|note| eprintln!("{note}"));
     script::skipped(plan.scenario()).iter().for_each(|skipped| eprintln!("{skipped}"));
     if args.view.is_some() {
-        eprintln!("--view: there is no live page yet, the flight goes without it");
+        eprintln!("--view: the live page is not implemented yet; the flight continues without it");
     }
     let interrupts = Interrupts::listen().map_err(|error| Error::Failed(format!("signals: {error}")))?;
     capacity::ask_for(plan.scenario().swarm.vehicles, args.anyway)?;

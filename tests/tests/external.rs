@@ -419,7 +419,7 @@ fn in_real_time_a_vehicle_with_a_killed_law_falls_back_and_the_swarm_continues()
     let long_deadlines = ["start.square_m=60", "formation.external.period_s=0.2", "formation.external.deadline_s=0.2"];
     let sets = [&sets[..], &long_deadlines].concat();
     let mut flight = Flight::start(&law, &sets);
-    flight.wait_for("everybody takes part");
+    flight.wait_for("all vehicles active");
     flight.wait_for("at altitude");
     fs::write(flight.folder.join("slow-1"), "").unwrap();
     flight.kill_law_of(1);
@@ -430,7 +430,7 @@ fn in_real_time_a_vehicle_with_a_killed_law_falls_back_and_the_swarm_continues()
     flight.wait_for("vehicle 2: external law unresponsive, fallback law flies");
     std::thread::sleep(Duration::from_secs(3));
     kill_process(Pid::from_child(&flight.process), Signal::INT).unwrap();
-    flight.wait_for("everybody is asked to land");
+    flight.wait_for("all vehicles are ordered to land");
     flight.wait_for("files");
     assert!(flight.process.wait().unwrap().success());
     assert_eq!(flight.processes(), Vec::<String>::new());

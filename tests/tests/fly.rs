@@ -247,8 +247,8 @@ fn a_flight_of_twenty_seconds_leaves_its_files_and_no_process() {
         assert_eq!(high, 1, "vehicle {id} reached its altitude once: {:#?}", recording.noted);
     }
     for phrase in [
-        "everybody takes part",
-        "everybody is asked to land",
+        "all vehicles active",
+        "all vehicles are ordered to land",
         "landing from 5 m: about",
         "3 of 3 landed",
         "3 of 3 ended",
@@ -261,7 +261,7 @@ fn a_flight_of_twenty_seconds_leaves_its_files_and_no_process() {
 fn control_c_lands_all_vehicles() {
     let place = Place::new("stopped");
     let flight = Flight::start(&place, &["--plant", "standin"]);
-    flight.wait_for("everybody takes part");
+    flight.wait_for("all vehicles active");
     std::thread::sleep(Duration::from_secs(5));
     flight.interrupt();
     flight.wait_for("3 of 3 landed");
@@ -279,10 +279,10 @@ fn control_c_lands_all_vehicles() {
 fn control_c_twice_ends_at_once() {
     let place = Place::new("urgent");
     let flight = Flight::start(&place, &[]);
-    flight.wait_for("everybody takes part");
+    flight.wait_for("all vehicles active");
     std::thread::sleep(Duration::from_secs(4));
     flight.interrupt();
-    flight.wait_for("everybody is asked to land");
+    flight.wait_for("all vehicles are ordered to land");
     std::thread::sleep(Duration::from_millis(300));
     let asked = Instant::now();
     flight.interrupt();
@@ -298,7 +298,7 @@ fn control_c_twice_ends_at_once() {
 fn a_vehicle_that_is_killed_is_named_and_the_others_fly_on() {
     let place = Place::new("bereft");
     let flight = Flight::start(&place, &[]);
-    flight.wait_for("everybody takes part");
+    flight.wait_for("all vehicles active");
     std::thread::sleep(Duration::from_secs(3));
     let killed = Instant::now();
     kill_process(place.agent(2).unwrap(), Signal::KILL).unwrap();
@@ -319,7 +319,7 @@ fn a_vehicle_that_is_killed_is_named_and_the_others_fly_on() {
 fn a_swarm_whose_launcher_is_killed_flies_on_until_it_is_ordered_to_land() {
     let place = Place::new("orphaned");
     let mut flight = Flight::start(&place, &["--plant", "standin"]);
-    flight.wait_for("everybody takes part");
+    flight.wait_for("all vehicles active");
     std::thread::sleep(Duration::from_secs(2));
     flight.process.kill().unwrap();
     flight.process.wait().unwrap();
@@ -388,7 +388,7 @@ fn pauses_s(steps: &[Trace], window: Duration) -> BTreeMap<u8, f64> {
 fn a_kill_of_any_process_never_stops_the_others() {
     let place = Place::new("survivors");
     let mut flight = Flight::start(&place, &["--plant", "standin", "--set", "swarm.vehicles=4"]);
-    flight.wait_for("everybody takes part");
+    flight.wait_for("all vehicles active");
     let mut observer = place.observer();
     steps(&mut observer, Duration::from_secs(3));
     let window = Duration::from_millis(1500);
@@ -442,17 +442,17 @@ fn a_scenario_kills_and_restarts_an_agent_whose_helicopter_flies_on() {
         "event: orders hold",
         "event: freezes the simulator of vehicle 3",
         "vehicle 3: simulator data stale",
-        "event: lets the simulator of vehicle 3 go on",
+        "event: resumes the simulator of vehicle 3",
         "vehicle 3: simulator data available again",
         "event: orders goto 0",
         "continue to step 1",
     ]);
     let lowest_m = steps(&mut observer, Duration::ZERO).iter().map(|step| step.height_m).fold(f64::INFINITY, f64::min);
     assert!(lowest_m > 5.0, "down to {lowest_m} m");
-    flight.wait_for_all(&["everybody is asked to land", "3 of 3 landed"]);
+    flight.wait_for_all(&["all vehicles are ordered to land", "3 of 3 landed"]);
     flight.wait_for("files");
     let (status, stderr) = flight.end();
-    let skipped = "at 15 s: gyro_off of vehicle 3: skipped by `fly`: a stand-in cannot be made to fail so\n";
+    let skipped = "at 15 s: gyro_off of vehicle 3: skipped by `fly`: the stand-in cannot simulate this failure\n";
     assert_eq!((status, stderr.as_str()), (Some(0), skipped), "a mission that ends ends the flight");
     assert_eq!(place.processes(), []);
     let metrics = place.metrics();

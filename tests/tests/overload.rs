@@ -133,7 +133,7 @@ fn a_swarm_that_is_not_active_in_time_is_ended_with_a_reason() {
     let (status, stderr) = flight.end();
     println!("{stderr}");
     assert_eq!(status, Some(1), "{stderr}");
-    assert!(stderr.contains("only 2 of 3 vehicles took part within 6 s (not vehicle 2)"), "{stderr}");
+    assert!(stderr.contains("only 2 of 3 vehicles became active within 6 s (not vehicle 2)"), "{stderr}");
     assert_eq!(flight.agents(), [], "agents on the ground are ended");
 }
 

@@ -170,7 +170,7 @@ fn files(folder: &Path, found: &mut Vec<PathBuf>) {
     entries.sort();
     for path in entries {
         let name = path.file_name().unwrap().to_str().unwrap();
-        if ["target", ".git", "golden", "plain_words.rs"].contains(&name) {
+        if matches!(name, "target" | ".git" | "golden" | "plain_words.rs") {
             continue;
         }
         let is_read = ["rs", "md", "toml", "py", "sh", "service"]

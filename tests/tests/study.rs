@@ -155,7 +155,7 @@ fn a_killed_study_resumes_and_gives_the_same_files() {
         folder.path(),
         &format!("{study} --out killed --set formation.radius_m=60"),
         2,
-        "something else stands in its scenario",
+        "its scenario or a file that it names has changed",
     );
     fail(
         folder.path(),

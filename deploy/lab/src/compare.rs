@@ -9,12 +9,12 @@
 //! * A difference is *notable* if it is more than [`NEGLIGIBLE`] of the larger of the two medians.
 //! * *worse*: the interval of the median difference lies on the bad side of zero, and that median is notable; or among the pairs
 //!   that differ notably so many are worse that chance has less than 5 % of it (sign test). The second finds what happens to a few runs only,
-//!   such as collisions: there the median says nothing. Both need six pairs at least; with fewer the verdict is *unclear*.
+//!   such as collisions: there the median shows no difference. Both need six pairs at least; with fewer the verdict is *unclear*.
 //! * *better* likewise, unless something is worse; *same*: no difference is shown.
 //!
 //! Of forty figures that differ by chance alone, one looks worse. A test that has to decide names its figures (`--only`).
 //!
-//! If the two sides are different targets (`study`, `fly`) or plants, nobody is better or worse: see [`divergence`].
+//! If the two sides are different targets (`study`, `fly`) or plants, neither is better or worse: see [`divergence`].
 
 pub mod divergence;
 pub mod folder;
@@ -71,7 +71,7 @@ pub fn run(args: &CompareArgs) -> Result<(), Error> {
         eprintln!("{}: this study is not finished; the runs that are there are compared", folder.path.display());
     }
     let paired = Paired::new(&a, &b)?;
-    if ["target", "plant"].iter().any(|key| a.messages(key) != b.messages(key)) {
+    if ["target", "plant"].iter().any(|key| a.texts(key) != b.texts(key)) {
         let divergence = divergence::divergence(&paired, &args.only);
         say(&if args.json { json(&divergence) } else { paired.heading() + "\n" + &divergence::table(&divergence) });
         return Ok(());
@@ -84,7 +84,7 @@ pub fn run(args: &CompareArgs) -> Result<(), Error> {
     }
 }
 
-/// Why this is no figure to compare, with the figure that was probably meant.
+/// Explains why this figure cannot be compared, and suggests the figure that was probably meant.
 fn refusal(unknown: &str) -> String {
     let known = || figures::judged().map(|(key, _)| key);
     let why = match figures::of(unknown) {
@@ -96,7 +96,7 @@ fn refusal(unknown: &str) -> String {
     format!("--only {unknown}: {why}{meant}\nThe figures are {all}")
 }
 
-/// All that is to be said.
+/// The complete result of a comparison.
 #[derive(Clone, Debug, Serialize)]
 pub struct Comparison {
     /// What is compared with.

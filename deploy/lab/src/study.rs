@@ -50,8 +50,8 @@ pub enum StudyError {
     /// An external law.
     #[error(transparent)]
     Law(#[from] LawError),
-    /// Not everybody became active.
-    #[error("not everybody takes part after {JOIN_LIMIT_S} s")]
+    /// Some vehicles did not become active.
+    #[error("not all vehicles are active after {JOIN_LIMIT_S} s")]
     NeverActive,
 }
 
@@ -72,12 +72,12 @@ impl Study {
     /// Flies one seed from the ground to the end of the window, or of the mission if that is earlier.
     ///
     /// # Errors
-    /// If the scenario is not flown, not everybody joins, or an external law is silent or gone.
+    /// If the scenario cannot be flown, a vehicle does not join, or an external law is silent or gone.
     pub fn fly(&self, seed: u64) -> Result<Report, StudyError> {
         self.fly_watched(seed, None)
     }
 
-    /// As [`Self::fly`], with somebody looking on at this rate, Hz. That changes nothing of the flight.
+    /// Flies as [`Self::fly`] does, with an observer called at this rate, Hz. The observer does not affect the flight.
     ///
     /// # Errors
     /// As [`Self::fly`].
@@ -139,7 +139,7 @@ fn longest_s(scenario: &Scenario) -> f64 {
     scenario.duration_s.unwrap_or(if ends { LONGEST_MISSION_S } else { DEFAULT_DURATION_S })
 }
 
-/// Shows the world's last tick to somebody who looks on; the vehicles' steps only if they are `due`.
+/// Shows the world's last tick to the observer; the vehicles' steps only if they are `due`.
 fn show(world: &mut World, zero_s: f64, watch: &mut dyn Watch, due: bool) {
     let t_s = world.t_s() - zero_s;
     world.faults().iter().for_each(|fault| watch.fault(t_s, fault));

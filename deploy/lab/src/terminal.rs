@@ -14,7 +14,7 @@ pub fn json(value: &impl Serialize) -> String {
     text + "\n"
 }
 
-/// Wraps a text into lines of at most this many columns, between words. A word longer than a line gets its own line.
+/// Wraps a text at spaces into lines of at most this many columns. A piece longer than a line gets its own line.
 pub fn wrapped(text: &str, columns: usize) -> Vec<String> {
     let mut lines: Vec<String> = Vec::new();
     for message in text.split_whitespace() {
@@ -28,7 +28,7 @@ pub fn wrapped(text: &str, columns: usize) -> Vec<String> {
     lines
 }
 
-/// Shortens a text to this many columns: as many of its first words as fit, and `…`. A first word that does not fit is cut.
+/// Shortens a text to this many columns at a space, and adds `…`. A text whose first space is too far is cut.
 pub fn shortened(text: &str, columns: usize) -> String {
     if text.chars().count() <= columns {
         return text.to_owned();
@@ -87,7 +87,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn lines_are_broken_and_shortened_between_words() {
+    fn lines_are_wrapped_and_shortened_at_spaces() {
         assert_eq!(wrapped("one two  three", 8), ["one two", "three"]);
         assert_eq!(wrapped("incomprehensible it is", 5), ["incomprehensible", "it is"]);
         assert_eq!(shortened("one, two three", 14), "one, two three");

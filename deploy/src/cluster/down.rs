@@ -144,11 +144,11 @@ enum Mesh {
 /// Result for a node, from the mesh and from its host, if it has ssh.
 fn became(node: &Node, mesh: Mesh, done: Option<Result<Stopped, Fault>>) -> Outcome {
     let mut outcome = Outcome::new(node);
-    let was_heard = matches!(mesh, Mesh::There | Mesh::Gone);
+    let was_in_contact = matches!(mesh, Mesh::There | Mesh::Gone);
     match done {
         Some(Ok(Stopped::Forced)) => outcome.fail(FORCED.to_owned()),
         Some(Ok(Stopped::Landed)) => outcome.done = "landed",
-        Some(Ok(Stopped::Nothing)) => outcome.done = if was_heard { "landed" } else { "was not running" },
+        Some(Ok(Stopped::Nothing)) => outcome.done = if was_in_contact { "landed" } else { "was not running" },
         Some(Err(Fault::NotInstalled)) => outcome.done = "nothing is installed",
         Some(Err(Fault::Failed(why))) if mesh == Mesh::Gone => {
             outcome.done = "landed";
@@ -157,8 +157,8 @@ fn became(node: &Node, mesh: Mesh, done: Option<Result<Stopped, Fault>>) -> Outc
         Some(Err(Fault::Failed(why))) => outcome.fail(why),
         None => match mesh {
             Mesh::Gone => outcome.done = "landed",
-            Mesh::There => outcome.fail("is still heard on the network".to_owned()),
-            Mesh::Silent => outcome.done = "was not heard",
+            Mesh::There => outcome.fail("is still on the network".to_owned()),
+            Mesh::Silent => outcome.done = "was not in contact",
             Mesh::NotAsked => outcome.fail(NOT_ORDERED.to_owned()),
         },
     }
@@ -171,7 +171,7 @@ fn order_to_land(watch: &mut Watch, reach: &crate::reach::Reach, line: &Line<'_>
     order::wait_for_heartbeats(&mut watch.observer, reach);
     let there = watch.observer.vehicles().values().filter(|view| view.alive).count();
     if there == 0 {
-        return "nobody was heard on the network".to_owned();
+        return "no vehicle was in contact on the network".to_owned();
     }
     line.say(&format!("ordering {there} vehicles to land"));
     order::note_order(reach, Verb::Land);
@@ -249,8 +249,8 @@ mod tests {
         assert_eq!(ssh(Mesh::Gone, Err(Fault::Failed("no route".to_owned()))), "landed");
         assert_eq!(ssh(Mesh::There, Err(Fault::Failed("no route".to_owned()))), "no route");
         assert_eq!(text(None, Mesh::Gone, None), "landed");
-        assert_eq!(text(None, Mesh::There, None), "is still heard on the network");
-        assert_eq!(text(None, Mesh::Silent, None), "was not heard");
+        assert_eq!(text(None, Mesh::There, None), "is still on the network");
+        assert_eq!(text(None, Mesh::Silent, None), "was not in contact");
         assert_eq!(text(None, Mesh::NotAsked, None), NOT_ORDERED);
     }
 }

@@ -67,14 +67,15 @@ pub struct NodeStatus {
     /// Endpoint of its agent.
     pub endpoint: String,
     /// Its health report; `None` if no valid one was received.
-    pub said: Option<Said>,
+    #[serde(rename = "said")]
+    pub report: Option<HealthReport>,
     /// If it is in contact and its reports are rejected: why.
     pub why: Option<String>,
 }
 
 /// Contents of a node's health report.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Said {
+pub struct HealthReport {
     /// The release that it runs.
     pub version: String,
     /// The plant that it flies.
@@ -123,7 +124,7 @@ pub struct Refusal {
 impl Status {
     /// Whether every node reports and none is faulty.
     pub fn is_good(&self) -> bool {
-        self.nodes.iter().all(|node| node.said.as_ref().is_some_and(|said| said.faults.is_empty()))
+        self.nodes.iter().all(|node| node.report.as_ref().is_some_and(|report| report.faults.is_empty()))
     }
 
     /// Determines the status of this cluster from the received messages.
@@ -134,7 +135,7 @@ impl Status {
                 id: *id,
                 host: node.host.clone(),
                 endpoint: node.endpoint(inventory.security),
-                said: health.map(|(health, _)| Said::of(health, inventory.nodes.len() - 1)),
+                report: health.map(|(health, _)| HealthReport::of(health, inventory.nodes.len() - 1)),
                 why: if health.is_some() { None } else { stray(observer, *id) },
             }
         };
@@ -152,12 +153,12 @@ fn stray(observer: &Observer, id: VehicleId) -> Option<String> {
     }
 }
 
-impl Said {
+impl HealthReport {
     fn of(health: &Health, peers: usize) -> Self {
         let received = health.peers.iter().filter(|peer| peer.standing != PeerStatus::Lost);
         let delays_ms: Option<Vec<f64>> = received.clone().map(|peer| Some(peer.delay_s? * 1e3)).collect();
         let clock = ahead_of_swarm(&health.peers);
-        let blind = (health.activity == Activity::Blind).then(|| "hears nothing of its simulator".to_owned());
+        let blind = (health.activity == Activity::Blind).then(|| "receives no data from its simulator".to_owned());
         Self {
             version: printable(&health.version, Health::MAX_VERSION),
             plant: printable(&health.plant, Health::MAX_VERSION),
@@ -235,7 +236,7 @@ fn show(status: &Status, file: &str, args: &StatusArgs) {
     skein_lab::terminal::say(&text);
 }
 
-/// The text with lines broken between words where stdout is a terminal that is narrower. The lines of the table fit already.
+/// Wraps the text at spaces if stdout is a narrower terminal. The lines of the table fit already.
 fn fitted(text: &str) -> String {
     if !std::io::stdout().is_terminal() {
         return text.to_owned();
@@ -253,9 +254,9 @@ fn verdict(status: &Status) -> Result<(), Error> {
         let ids = status.nodes.iter().filter(|node| wanted(node)).map(|node| node.id.to_string());
         ids.collect::<Vec<_>>().join(", ")
     };
-    let silent = ids(|node| node.said.is_none());
-    let faulty = ids(|node| node.said.as_ref().is_some_and(|said| !said.faults.is_empty()));
-    let why = [("not heard: node", silent), ("faulty: node", faulty)];
+    let silent = ids(|node| node.report.is_none());
+    let faulty = ids(|node| node.report.as_ref().is_some_and(|report| !report.faults.is_empty()));
+    let why = [("not in contact: node", silent), ("faulty: node", faulty)];
     let why: Vec<_> = why.into_iter().filter(|(_, ids)| !ids.is_empty()).collect();
     if status.is_good() {
         return Ok(());

@@ -81,7 +81,7 @@ impl Children {
         Some(child.end(status))
     }
 
-    /// Makes one process stand still, or lets it go on.
+    /// Freezes one process, or resumes it.
     ///
     /// # Errors
     /// If the system cannot, or the process is gone.
@@ -165,7 +165,7 @@ fn spawn(arguments: &[OsString], log: &Path) -> io::Result<Process> {
     command.stdin(Stdio::piped()).stdout(Stdio::null()).stderr(log).spawn()
 }
 
-/// The last line of a log that says something.
+/// The last line of a log that is not empty.
 fn last_line(log: &Path) -> Option<String> {
     let text = String::from_utf8_lossy(&fs::read(log).ok()?).into_owned();
     text.lines().rev().map(str::trim).find(|line| !line.is_empty()).map(str::to_owned)
@@ -176,7 +176,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_last_line_that_says_something() {
+    fn the_last_line_that_is_not_empty() {
         let folder = tempfile::tempdir().unwrap();
         let log = folder.path().join("log");
         assert_eq!(last_line(&log), None);

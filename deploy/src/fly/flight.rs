@@ -1,15 +1,16 @@
 //! One flight, from the first sign of life to the last process's end.
 //!
 //! ```text
-//!   Gathering ---- everybody takes part ----> Flying ---- time or mission over, -----> Landing ---- all down ----> Ending
+//!   Gathering ---- all vehicles active -----> Flying ---- time or mission over, -----> Landing ---- all down ----> Ending
 //!       |                                               Ctrl-C, an order to land         ^
-//!       +------------------ Ctrl-C, or not everybody in time ----------------------------+
+//!       +------------------ Ctrl-C, or the time-out is over -----------------------------+
 //! ```
 //!
 //! The window of the figures is the stage Flying; the scenario's events happen in it.
 //!
-//! An agent whose vehicle is in the air is killed only by the scenario or by a second Ctrl-C. A vehicle that is not heard, or
-//! does not come down in time, may be one that this PC is too slow for: its agent is asked to land, and left to do so.
+//! An agent whose vehicle is in the air is killed only by the scenario or by a second Ctrl-C. A vehicle that is not
+//! in contact, or does not land in time, may be one that this PC is too slow for: its agent is ordered to land, and left
+//! to do so.
 
 mod events;
 mod figures;
@@ -47,13 +48,13 @@ use skein_lab::record::{self, RecordingInfo};
 
 /// Between two looks at the swarm: the metrics want fifty a second.
 const TICK: Duration = Duration::from_millis(20);
-/// A vehicle silent for this long says nothing that is still true.
+/// The last known state of a vehicle silent for this long is out of date.
 const SILENT: Duration = Duration::from_secs(1);
 /// A vehicle that was asked to land and has no data of its own, or is silent, is waited for this long.
 const HELPLESS: Duration = Duration::from_secs(10);
 /// A flight whose others have finished is not prolonged for a vehicle that is silent for this long.
 const GIVEN_UP: Duration = Duration::from_secs(60);
-/// An agent that was told to end does so within this time; helpless ones try to come down in it.
+/// An agent that was ordered to end does so within this time; a vehicle without control tries to land within it.
 const END: Duration = Duration::from_secs(15);
 /// Above this height a vehicle has left the ground, m.
 const LIFTED_M: f64 = 0.5;
@@ -79,7 +80,7 @@ pub struct Flight {
     metrics: Metrics,
     /// Absent if the scenario wants no recording.
     recorder: Option<Recorder>,
-    /// It cannot go on, and that was told.
+    /// The recording has failed, and the operator was informed.
     recording_failed: bool,
     stage: Stage,
     /// When the stage began, and how often this process had been asked to end by then.
@@ -171,12 +172,12 @@ impl Flight {
             clock::sleep(next.saturating_duration_since(clock::now()));
         }
         let is_lost = |id| self.ending(id).is_some_and(|ending| ending != Ending::Asked);
-        let nobody_came_back = self.plan.scenario().ids().all(is_lost);
+        let all_are_lost = self.plan.scenario().ids().all(is_lost);
         let left = if self.is_broken_off { VehicleSet::default() } else { self.in_the_air() };
         self.children.leave(left);
         self.children.kill();
         self.draw(clock::now(), true);
-        // The terminal is given back before anything is said to it.
+        // The terminal is restored before anything is written to it.
         let Self { screen, json, report, mut lost, failure, plan, recorder, file, .. } = self;
         drop(screen);
         if !left.is_empty() {
@@ -192,8 +193,8 @@ impl Flight {
         }
         match (failure, report) {
             (Some(why), _) => Err(Error::Failed(why)),
-            (None, None) => Err(Error::Failed("stopped before everybody took part".to_owned())),
-            (None, Some(_)) if nobody_came_back => Err(Error::Failed("every vehicle was lost".to_owned())),
+            (None, None) => Err(Error::Failed("stopped before all vehicles were active".to_owned())),
+            (None, Some(_)) if all_are_lost => Err(Error::Failed("every vehicle was lost".to_owned())),
             (None, Some(_)) => Ok(()),
         }
     }
@@ -224,7 +225,7 @@ impl Flight {
         }
         let has_failed = self.recorder.as_ref().is_some_and(Recorder::has_failed);
         if has_failed && !std::mem::replace(&mut self.recording_failed, true) {
-            self.show(now, "the recording cannot be written, the flight goes on without".to_owned());
+            self.show(now, "the recording cannot be written, the flight continues without".to_owned());
         }
     }
 
@@ -242,11 +243,11 @@ impl Flight {
                 return true;
             }
             Stage::Gathering if asked => self.enter_landing(now),
-            Stage::Gathering if self.everybody_takes_part() => {
+            Stage::Gathering if self.all_are_active() => {
                 self.zero = Some(Zero { at: now, plant_s: self.plant_s(now).collect() });
                 self.record(|recorder| recorder.window_begins(now));
                 self.enter(Stage::Flying, now);
-                self.tell(now, "everybody takes part, the clock runs".to_owned());
+                self.report_news(now, "all vehicles active, the clock runs".to_owned());
             }
             Stage::Gathering if now.duration_since(self.since) > self.gather_within => {
                 self.fail(self.why_not_gathered());
@@ -273,19 +274,19 @@ impl Flight {
         false
     }
 
-    /// The first thing that goes wrong is the one to be told.
+    /// Keeps the first failure, which is the one to report.
     fn fail(&mut self, why: String) {
         self.failure.get_or_insert(why);
     }
 
-    /// Everybody who can: an agent whose stand-in has ended never will.
-    fn everybody_takes_part(&self) -> bool {
+    /// Whether every vehicle that can be active is: an agent whose stand-in has ended never will be.
+    fn all_are_active(&self) -> bool {
         let can = |id| self.children.how_ended(Role::Standin, id).is_none();
         let mut awaited = self.live().filter(|(id, _)| can(*id)).peekable();
         awaited.peek().is_some() && awaited.all(|(_, seen)| seen.is_some_and(is_active))
     }
 
-    /// The duration is over, or somebody has ordered everybody down, or nobody has anything left to do but to land.
+    /// Whether the duration is over, an operator has ordered a landing, or all vehicles have only the landing left.
     fn is_over(&self, now: Instant) -> bool {
         let is_late = self.plan.scenario().duration_s.is_some_and(|duration_s| self.since_zero_s(now) >= duration_s);
         let orders = self.live().filter_map(|(_, seen)| seen?.mission?.order);
@@ -293,12 +294,12 @@ impl Flight {
         is_late || orders.map(|order| order.verb).any(is_down) || self.has_finished(now)
     }
 
-    /// By its last known step every vehicle is at the mission's landing, or has left. One that is not heard for a while has not
-    /// finished because of that: its agent or this process may get no time from this PC.
+    /// Whether every vehicle is at the mission's landing by its last known step, or has left. A vehicle that is silent for a
+    /// while does not count as finished: its agent or this process may get no time from this PC.
     fn has_finished(&self, now: Instant) -> bool {
         let steps = &self.plan.scenario().mission.steps;
         let landing = steps.iter().position(|step| matches!(step.target, Target::Land(_)));
-        let mut known = self.live().filter_map(|(_, seen)| heard_within(GIVEN_UP, seen?, now)).peekable();
+        let mut known = self.live().filter_map(|(_, seen)| received_within(GIVEN_UP, seen?, now)).peekable();
         let has_finished = |step: &Trace| landing == Some(step.step as usize) || step.membership == Membership::Left;
         known.peek().is_some() && known.all(has_finished)
     }
@@ -319,7 +320,7 @@ impl Flight {
         let more = if all - ready > missing.len() { ", ..." } else { "" };
         let load = os::load().map(|load| format!("; this PC's load is {load:.0} on {} cores", os::cores()));
         format!(
-            "only {ready} of {all} vehicles took part within {within_s} s (not vehicle {}{more}){}; more time: --timeout S; \
+            "only {ready} of {all} vehicles became active within {within_s} s (not vehicle {}{more}){}; more time: --timeout S; \
              logs: {}",
             missing.join(", "),
             load.unwrap_or_default(),
@@ -335,11 +336,11 @@ impl Flight {
         self.enter(Stage::Landing, now);
         self.end_events(now);
         self.order(now, Verb::Land);
-        self.tell(now, "everybody is asked to land".to_owned());
+        self.report_news(now, "all vehicles are ordered to land".to_owned());
         self.announce_landing(now);
     }
 
-    /// Waits until everybody is down, or cannot be brought down. True when the flight is over.
+    /// Waits until every vehicle has landed, or cannot be landed. True when the flight is over.
     fn bring_down(&mut self, now: Instant, asked: bool) -> bool {
         let waited = now.duration_since(self.since);
         let flying = self.flying(now, waited);
@@ -357,7 +358,7 @@ impl Flight {
         false
     }
 
-    /// Vehicles that are still to come down, `waited` after they were asked to.
+    /// Vehicles that have not landed yet, `waited` after the order to land.
     fn flying(&self, now: Instant, waited: Duration) -> Vec<String> {
         let flying = self.live().filter(|(_, seen)| seen.is_some_and(|seen| !is_down(seen, now, waited)));
         flying.map(|(id, _)| id.to_string()).collect()
@@ -457,11 +458,11 @@ fn is_active(seen: &VehicleView) -> bool {
 
 /// The newest step, if it is new enough to be true.
 fn fresh(seen: &VehicleView, now: Instant) -> Option<&Trace> {
-    heard_within(SILENT, seen, now)
+    received_within(SILENT, seen, now)
 }
 
 /// The newest step, if it is younger than this.
-fn heard_within(age: Duration, seen: &VehicleView, now: Instant) -> Option<&Trace> {
+fn received_within(age: Duration, seen: &VehicleView, now: Instant) -> Option<&Trace> {
     seen.trace.as_ref().filter(|_| seen.trace_at.is_some_and(|at| now.duration_since(at) < age))
 }
 
@@ -474,7 +475,7 @@ fn left_in_the_air(left: VehicleSet, swarm: &SwarmName) -> String {
     )
 }
 
-/// Landed, or never off the ground, or helpless: without data or a voice, and given up.
+/// Whether the vehicle has landed, never took off, or is given up, without data or not in contact.
 fn is_down(seen: &VehicleView, now: Instant, waited: Duration) -> bool {
     match fresh(seen, now).map(|trace| trace.activity) {
         Some(Activity::Landed) => true,

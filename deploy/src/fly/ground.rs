@@ -1,4 +1,4 @@
-//! What really happens to a live swarm, whoever notices: whose agents end and begin anew, which links the scenario cuts.
+//! Ground truth of a live swarm: which agents ended and restarted, and which links the scenario cuts.
 
 use std::collections::BTreeMap;
 use std::time::Instant;
@@ -15,11 +15,11 @@ use skein_lab::faults::{InjectedFault, LinkChange, LinkChanges, link_changes};
 pub struct Ground {
     /// What is still to be done to the links.
     schedule: Vec<ScriptedAction>,
-    /// When each vehicle first took part: the scenario's cuts count from the hearer's.
+    /// When each vehicle first was active: the times of the scenario's cuts count from the receiver's.
     took_off: BTreeMap<VehicleId, Instant>,
-    /// The lives that ended last; without a number, of agents that were never heard.
+    /// The incarnations that ended last; without a number for agents that were never in contact.
     ended: BTreeMap<VehicleId, Option<Incarnation>>,
-    /// Agents that were given a new life from here and have not been heard yet.
+    /// Agents that were restarted from here and are not in contact yet.
     restarted: VehicleSet,
 }
 
@@ -46,7 +46,7 @@ impl Ground {
         }
     }
 
-    /// A step of an agent was heard. Gives its restart, if it is the first of a new life that is not known of.
+    /// Takes a step received from an agent. Gives its restart, if the step is the first of an unknown incarnation.
     pub fn received(&mut self, now: Instant, step: &Trace) -> Option<InjectedFault> {
         let id = step.header.sender;
         if step.membership != Membership::Joining {
@@ -66,20 +66,20 @@ impl Ground {
         InjectedFault::Restarted(id)
     }
 
-    /// The agent of this vehicle has ended; `life` is the last that was heard of.
+    /// Notes that the agent of this vehicle has ended; `life` is its last known incarnation.
     pub fn ended(&mut self, id: VehicleId, life: Option<Incarnation>) -> InjectedFault {
         self.ended.insert(id, life);
         self.restarted.remove(id);
         InjectedFault::Died(id)
     }
 
-    /// Whether the life that said this is not known to have ended.
+    /// Whether the incarnation that sent this step is not known to have ended.
     pub fn lives(&self, step: &Trace) -> bool {
         let ended = self.ended.get(&step.header.sender);
         ended.is_none_or(|life| *life < Some(step.header.incarnation))
     }
 
-    /// How long ago this vehicle first took part, s.
+    /// Time since this vehicle first was active, s.
     pub fn since_take_off_s(&self, now: Instant, id: VehicleId) -> Option<f64> {
         self.took_off.get(&id).map(|at| now.saturating_duration_since(*at).as_secs_f64())
     }
@@ -156,14 +156,14 @@ mod tests {
     }
 
     #[test]
-    fn a_new_life_is_a_restart_and_what_the_old_one_said_is_nobodys() {
+    fn a_new_incarnation_is_a_restart_and_steps_of_the_old_one_are_ignored() {
         let mut ground = ground("");
         let now = clock::now();
         let (old, new) = (step(2, 7, Membership::Active), step(2, 8, Membership::Joining));
         assert_eq!(ground.received(now, &old), None);
         assert!(ground.lives(&old));
         assert_eq!(ground.ended(id(2), Some(Incarnation(7))), InjectedFault::Died(id(2)));
-        assert_eq!(ground.received(now, &old), None, "a word of the dead that was late");
+        assert_eq!(ground.received(now, &old), None, "a late step of the agent that ended");
         assert!(!ground.lives(&old) && ground.lives(&new));
         assert_eq!(ground.received(now, &new), Some(InjectedFault::Restarted(id(2))));
         assert_eq!(ground.received(now, &new), None, "once");
@@ -181,7 +181,7 @@ mod tests {
             ground("mission.events = [{ at_s = 10, fault = \"cut\", from = [1], to = [2, 3], for_s = 5 }]");
         let zero = clock::now();
         let at = |t_s: f64| zero + Duration::from_secs_f64(t_s);
-        assert_eq!(ground.due(at(20.0)), [], "nobody has taken off");
+        assert_eq!(ground.due(at(20.0)), [], "no vehicle has taken off");
         ground.received(at(0.0), &step(2, 1, Membership::Active));
         ground.received(at(0.0), &step(3, 1, Membership::Joining));
         ground.received(at(2.0), &step(3, 1, Membership::Active));

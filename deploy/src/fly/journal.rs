@@ -10,7 +10,7 @@ use skein_common::message::EventKind;
 
 use crate::order::ranges;
 
-/// A group that is not complete is written as it is after this time.
+/// An incomplete group is written after this time.
 const PARTIAL_AFTER: Duration = Duration::from_secs(5);
 /// An event that comes so long after the last one of its kind begins a new group.
 const NEW_GROUP_AFTER: Duration = Duration::from_secs(60);
@@ -122,10 +122,10 @@ impl Entry {
     /// `  16.2 s  8 of 8 at altitude (16.2 to 18.5 s)`
     fn line(&self) -> String {
         let at = self.began.window_s.map_or_else(|| "     -".to_owned(), |window_s| format!("{window_s:6.1}"));
-        format!("{at} s  {}", self.messages())
+        format!("{at} s  {}", self.text())
     }
 
-    fn messages(&self) -> String {
+    fn text(&self) -> String {
         let (alike, awaited, came, last) = match &self.what {
             What::Single(what) => return what.clone(),
             What::Group { alike, awaited, came, last } => (alike, *awaited, *came, last),
@@ -135,17 +135,17 @@ impl Entry {
         }
         let missing = missing(awaited, came);
         let of = came.len() + missing.len();
-        let mut messages = format!("{} of {of} {}", came.len(), alike.several);
+        let mut text = format!("{} of {of} {}", came.len(), alike.several);
         if let (Some(first_s), Some(last_s)) = (self.began.window_s, last.window_s) {
-            messages += &match format!("{first_s:.1}") == format!("{last_s:.1}") {
+            text += &match format!("{first_s:.1}") == format!("{last_s:.1}") {
                 true => format!(" ({first_s:.1} s)"),
                 false => format!(" ({first_s:.1} to {last_s:.1} s)"),
             };
         }
         if !missing.is_empty() {
-            messages += &format!(", missing vehicle {}", ranges(&missing));
+            text += &format!(", missing vehicle {}", ranges(&missing));
         }
-        messages
+        text
     }
 }
 
@@ -183,12 +183,12 @@ mod tests {
     }
 
     /// A journal with a clock of its own.
-    struct Told {
+    struct JournalFixture {
         journal: Journal,
         zero: Instant,
     }
 
-    impl Told {
+    impl JournalFixture {
         fn new() -> Self {
             Self { journal: Journal::default(), zero: skein_host::clock::now() }
         }
@@ -197,7 +197,7 @@ mod tests {
             When { now: self.zero + Duration::from_secs_f64(at_s), window_s: Some(at_s) }
         }
 
-        fn tell(&mut self, at_s: f64, number: u8, what: EventKind) {
+        fn add_event(&mut self, at_s: f64, number: u8, what: EventKind) {
             self.journal.add_alike(self.when(at_s), id(number), alike(&what), set(1..=4));
         }
 
@@ -210,59 +210,59 @@ mod tests {
 
     #[test]
     fn a_group_is_one_line_that_counts_up_and_is_written_when_complete() {
-        let mut told = Told::new();
-        told.tell(16.2, 2, EventKind::AtAltitude);
-        assert_eq!(told.journal.newest(9), ["  16.2 s  vehicle 2: at altitude"]);
-        told.tell(17.0, 1, EventKind::AtAltitude);
-        told.tell(17.1, 4, EventKind::AtAltitude);
-        assert_eq!(told.journal.newest(9), ["  16.2 s  3 of 4 at altitude (16.2 to 17.1 s), missing vehicle 3"]);
-        assert_eq!(told.news(17.2), [""; 0]);
-        told.tell(18.5, 3, EventKind::AtAltitude);
+        let mut fixture = JournalFixture::new();
+        fixture.add_event(16.2, 2, EventKind::AtAltitude);
+        assert_eq!(fixture.journal.newest(9), ["  16.2 s  vehicle 2: at altitude"]);
+        fixture.add_event(17.0, 1, EventKind::AtAltitude);
+        fixture.add_event(17.1, 4, EventKind::AtAltitude);
+        assert_eq!(fixture.journal.newest(9), ["  16.2 s  3 of 4 at altitude (16.2 to 17.1 s), missing vehicle 3"]);
+        assert_eq!(fixture.news(17.2), [""; 0]);
+        fixture.add_event(18.5, 3, EventKind::AtAltitude);
         let line = "  16.2 s  4 of 4 at altitude (16.2 to 18.5 s)";
-        assert_eq!(told.news(18.5), [line]);
-        assert_eq!(told.news(60.0), [""; 0], "written once");
-        assert_eq!(told.journal.newest(9), [line]);
+        assert_eq!(fixture.news(18.5), [line]);
+        assert_eq!(fixture.news(60.0), [""; 0], "written once");
+        assert_eq!(fixture.journal.newest(9), [line]);
     }
 
     #[test]
     fn a_group_that_waits_is_written_with_the_vehicles_that_are_missing_and_again_when_complete() {
-        let mut told = Told::new();
-        told.tell(1.0, 1, EventKind::Reached(3));
-        told.tell(1.0, 2, EventKind::Reached(3));
-        assert_eq!(told.news(5.9), [""; 0]);
-        assert_eq!(told.news(6.0), ["   1.0 s  2 of 4 reached step 3 (1.0 s), missing vehicle 3, 4"]);
-        told.tell(9.0, 3, EventKind::Reached(3));
-        told.tell(9.5, 4, EventKind::Reached(3));
-        assert_eq!(told.news(9.5), ["   1.0 s  4 of 4 reached step 3 (1.0 to 9.5 s)"]);
+        let mut fixture = JournalFixture::new();
+        fixture.add_event(1.0, 1, EventKind::Reached(3));
+        fixture.add_event(1.0, 2, EventKind::Reached(3));
+        assert_eq!(fixture.news(5.9), [""; 0]);
+        assert_eq!(fixture.news(6.0), ["   1.0 s  2 of 4 reached step 3 (1.0 s), missing vehicle 3, 4"]);
+        fixture.add_event(9.0, 3, EventKind::Reached(3));
+        fixture.add_event(9.5, 4, EventKind::Reached(3));
+        assert_eq!(fixture.news(9.5), ["   1.0 s  4 of 4 reached step 3 (1.0 to 9.5 s)"]);
     }
 
     #[test]
     fn the_same_event_of_the_same_vehicle_begins_a_new_group() {
-        let mut told = Told::new();
-        (1..=4).for_each(|number| told.tell(1.0, number, EventKind::Landed));
-        told.tell(2.0, 3, EventKind::Landed);
-        assert_eq!(told.journal.newest(9), ["   1.0 s  4 of 4 landed (1.0 s)", "   2.0 s  vehicle 3: landed"]);
-        assert_eq!(told.journal.newest(1).len(), 1);
-        told.tell(90.0, 1, EventKind::Landed);
-        assert_eq!(told.journal.newest(9).len(), 3, "long after the others");
+        let mut fixture = JournalFixture::new();
+        (1..=4).for_each(|number| fixture.add_event(1.0, number, EventKind::Landed));
+        fixture.add_event(2.0, 3, EventKind::Landed);
+        assert_eq!(fixture.journal.newest(9), ["   1.0 s  4 of 4 landed (1.0 s)", "   2.0 s  vehicle 3: landed"]);
+        assert_eq!(fixture.journal.newest(1).len(), 1);
+        fixture.add_event(90.0, 1, EventKind::Landed);
+        assert_eq!(fixture.journal.newest(9).len(), 3, "long after the others");
     }
 
     #[test]
     fn a_failure_of_one_vehicle_is_news_at_once() {
-        let mut told = Told::new();
-        told.tell(1.0, 3, EventKind::OwnDataStale);
-        assert_eq!(told.news(1.0), ["   1.0 s  vehicle 3: simulator data stale, controls neutral"]);
-        told.tell(1.0, 4, EventKind::OwnDataStale);
-        assert_eq!(told.news(1.0).len(), 1);
+        let mut fixture = JournalFixture::new();
+        fixture.add_event(1.0, 3, EventKind::OwnDataStale);
+        assert_eq!(fixture.news(1.0), ["   1.0 s  vehicle 3: simulator data stale, controls neutral"]);
+        fixture.add_event(1.0, 4, EventKind::OwnDataStale);
+        assert_eq!(fixture.news(1.0).len(), 1);
     }
 
     #[test]
     fn the_end_writes_what_is_left() {
-        let mut told = Told::new();
-        told.tell(1.0, 1, EventKind::Landed);
-        told.journal.add(When { now: told.zero, window_s: None }, "ends".to_owned());
-        let now = told.when(1.0).now;
-        assert_eq!(told.journal.take_news(now, true), ["   1.0 s  vehicle 1: landed", "     - s  ends"]);
-        assert!(told.journal.take_news(now, true).is_empty());
+        let mut fixture = JournalFixture::new();
+        fixture.add_event(1.0, 1, EventKind::Landed);
+        fixture.journal.add(When { now: fixture.zero, window_s: None }, "ends".to_owned());
+        let now = fixture.when(1.0).now;
+        assert_eq!(fixture.journal.take_news(now, true), ["   1.0 s  vehicle 1: landed", "     - s  ends"]);
+        assert!(fixture.journal.take_news(now, true).is_empty());
     }
 }

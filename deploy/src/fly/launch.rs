@@ -24,7 +24,7 @@ pub struct Launched {
     pub children: Children,
     /// Where the agents listen.
     pub endpoints: Endpoints,
-    /// Tells others where that is.
+    /// The file by which other commands find the endpoints.
     pub file: EndpointsFile,
 }
 
@@ -51,7 +51,7 @@ pub fn launch(plan: &Plan) -> Result<Launched, Error> {
         out: plan.out.clone(),
         agents: listen,
     };
-    // Before the agents: whoever outlives this process can be found.
+    // Before the agents: an agent that outlives this process can be found.
     let file = endpoints.leave(&endpoints::folder()).map_err(|error| failed("the runtime folder", error))?;
     let mut children = Children::default();
     let simulators = match scenario.swarm.plant {
@@ -101,7 +101,7 @@ fn endpoints_of(scenario: &Scenario) -> io::Result<BTreeMap<VehicleId, String>> 
     Ok(scenario.ids().zip(ports).map(|(id, port)| (id, format!("tcp/127.0.0.1:{port}"))).collect())
 }
 
-/// What an agent is told: it dials those with smaller ids, so that every pair has one direction.
+/// The configuration file of an agent: it dials agents with smaller ids, so that every pair connects once.
 fn agent_file(id: VehicleId, agents: &BTreeMap<VehicleId, String>, simulator: Option<&String>) -> String {
     let mut file = toml::Table::new();
     file.insert("scenario".to_owned(), "../scenario.toml".into());

@@ -65,7 +65,7 @@ impl Plan {
 fn sets(args: &FlyArgs) -> Result<Vec<String>, Error> {
     let plant = match (args.plant, &args.xplane) {
         (Some(PlantArg::Builtin | PlantArg::Standin), Some(_)) => {
-            return Err(Error::Refused("--xplane says where X-Plane is: it goes with --plant xplane".to_owned()));
+            return Err(Error::Refused("--xplane gives the address of X-Plane: use it with --plant xplane".to_owned()));
         }
         (None, Some(_)) => Some(PlantArg::Xplane),
         (plant, _) => plant,

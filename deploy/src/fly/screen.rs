@@ -49,8 +49,8 @@ impl Screen {
         has_news || self.next.is_none_or(|next| now >= next)
     }
 
-    /// Shows the flight as it is; without a table the `news`, and now and then the figures. What cannot be shown is not: the
-    /// terminal may be closed.
+    /// Shows the state of the flight; without a table the `news`, and now and then the figures. Output errors are ignored:
+    /// the terminal may be closed.
     pub fn show(&mut self, status: &Status, news: &[String], now: Instant) {
         let explains = self.explains;
         match &mut self.face {

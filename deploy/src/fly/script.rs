@@ -1,5 +1,5 @@
-//! What the scenario does to a flight, as far as its launcher does it: processes that end, begin anew or stand still, and
-//! orders. What happens to links, and to plants inside the agents, the agents play by themselves.
+//! The scenario's events that the launcher performs: it kills, restarts and freezes processes and gives orders. The
+//! agents themselves produce the faults of links and of plants inside them.
 
 use std::fmt;
 use std::ops::Range;
@@ -13,7 +13,7 @@ use crate::os;
 use skein_lab::faults::InjectedFault;
 use skein_lab::faults::{Schedule, describe, failure_of, kills, orders};
 
-/// Something to be done, or to be told of.
+/// An action of the launcher, or an event to report.
 #[derive(Clone, Debug, PartialEq)]
 pub enum ScriptedAction {
     /// End this vehicle's agent at once.
@@ -22,12 +22,12 @@ pub enum ScriptedAction {
     Restart(VehicleId),
     /// Stop its stand-in.
     Freeze(VehicleId),
-    /// Let its stand-in go on.
+    /// Resume its stand-in.
     Thaw(VehicleId),
     /// Order the swarm.
     Order(Verb),
-    /// Somebody else does it: what, and what of which vehicle fails then.
-    Tell(String, Option<InjectedFault>),
+    /// Report an event that an agent performs: its text, and the fault that it injects.
+    Report(String, Option<InjectedFault>),
 }
 
 impl fmt::Display for ScriptedAction {
@@ -36,9 +36,9 @@ impl fmt::Display for ScriptedAction {
             Self::Kill(id) => write!(f, "kills vehicle {id}"),
             Self::Restart(id) => write!(f, "restarts vehicle {id}"),
             Self::Freeze(id) => write!(f, "freezes the simulator of vehicle {id}"),
-            Self::Thaw(id) => write!(f, "lets the simulator of vehicle {id} go on"),
+            Self::Thaw(id) => write!(f, "resumes the simulator of vehicle {id}"),
             Self::Order(verb) => write!(f, "orders {verb}"),
-            Self::Tell(what, _) => f.write_str(what),
+            Self::Report(what, _) => f.write_str(what),
         }
     }
 }
@@ -49,7 +49,7 @@ enum Player {
     Launcher,
     Agent,
     /// This target cannot produce it.
-    Nobody,
+    Unsupported,
 }
 
 impl Player {
@@ -57,18 +57,18 @@ impl Player {
         match (fault, plant) {
             (Fault::Kill { .. }, _) => Self::Launcher,
             (Fault::Cut { .. } | Fault::Delay { .. }, _) => Self::Agent,
-            // Agents measure time by a clock that nobody sets.
-            (Fault::ClockJump { .. }, _) => Self::Nobody,
-            // Only a study has one machine to kill.
-            (Fault::KillControl, _) => Self::Nobody,
+            // Agents measure time by a monotonic clock, which cannot be set.
+            (Fault::ClockJump { .. }, _) => Self::Unsupported,
+            // Only a study has a central controller to kill.
+            (Fault::KillControl, _) => Self::Unsupported,
             (_, PlantKind::Builtin) => Self::Agent,
             (Fault::SimulatorFreeze { .. }, PlantKind::Standin) if os::CAN_FREEZE => Self::Launcher,
-            _ => Self::Nobody,
+            _ => Self::Unsupported,
         }
     }
 }
 
-/// Everything that `fly` does or tells of, in its order. The times count from the beginning of the flight's window.
+/// Everything that `fly` does or reports, in order of time. The times count from the beginning of the flight's window.
 pub(super) fn schedule(scenario: &Scenario) -> Schedule<ScriptedAction> {
     let events = &scenario.mission.events;
     let mut actions: Vec<_> =
@@ -88,8 +88,8 @@ pub(super) fn schedule(scenario: &Scenario) -> Schedule<ScriptedAction> {
         let failed = failure_of(fault).map(|(id, message)| InjectedFault::Failed(id, message));
         span(
             lasting(event),
-            ScriptedAction::Tell(what.clone(), failed),
-            ScriptedAction::Tell(format!("{what}: over"), None),
+            ScriptedAction::Report(what.clone(), failed),
+            ScriptedAction::Report(format!("{what}: over"), None),
         );
     }
     Schedule::new(actions)
@@ -99,18 +99,18 @@ pub(super) fn schedule(scenario: &Scenario) -> Schedule<ScriptedAction> {
 pub fn skipped(scenario: &Scenario) -> Vec<String> {
     let plant = match scenario.swarm.plant {
         PlantKind::Builtin => "the built-in plant",
-        PlantKind::Standin => "a stand-in",
+        PlantKind::Standin => "the stand-in",
         PlantKind::Xplane => "X-Plane",
     };
     let sentence = |(event, fault): (&Event, &Fault)| {
         let why = match fault {
-            Fault::ClockJump { .. } => "agents in real time have a clock that nobody sets".to_owned(),
-            Fault::KillControl => "there is no one machine to kill".to_owned(),
-            _ => format!("{plant} cannot be made to fail so"),
+            Fault::ClockJump { .. } => "agents in real time use a clock that cannot be set".to_owned(),
+            Fault::KillControl => "only a study has a central controller".to_owned(),
+            _ => format!("{plant} cannot simulate this failure"),
         };
         format!("at {} s: {}: skipped by `fly`: {why}", event.at_s, describe(fault))
     };
-    faults(scenario, Player::Nobody).map(sentence).collect()
+    faults(scenario, Player::Unsupported).map(sentence).collect()
 }
 
 fn faults(scenario: &Scenario, player: Player) -> impl Iterator<Item = (&Event, &Fault)> {
@@ -142,19 +142,19 @@ mod tests {
         ScenarioArgs::default().read(sets).unwrap().scenario
     }
 
-    fn told(plant: &str) -> Vec<(f64, String)> {
+    fn reported(plant: &str) -> Vec<(f64, String)> {
         let mut schedule = schedule(&scenario(plant));
-        let mut told = Vec::new();
+        let mut reported = Vec::new();
         for at_s in (0..600).map(|half_seconds| f64::from(half_seconds) / 2.0) {
             while let Some(action) = schedule.due(at_s) {
-                told.push((at_s, action.to_string()));
+                reported.push((at_s, action.to_string()));
             }
         }
-        told
+        reported
     }
 
     #[test]
-    fn the_launcher_does_what_is_its_and_tells_of_the_rest() {
+    fn the_launcher_performs_its_events_and_reports_the_others() {
         let cut = "cut from vehicle 1, 2 to vehicle 3, 4, both ways";
         let always = [
             (50.0, cut),
@@ -171,26 +171,26 @@ mod tests {
             let first = first.iter().map(|(at_s, what)| (*at_s, (*what).to_owned()));
             first.chain(always.iter().cloned()).collect()
         };
-        let frozen = [(10.0, "freezes the simulator of vehicle 2"), (11.5, "lets the simulator of vehicle 2 go on")];
+        let frozen = [(10.0, "freezes the simulator of vehicle 2"), (11.5, "resumes the simulator of vehicle 2")];
         let inside = [
             (10.0, "simulator_freeze of vehicle 2"),
             (11.5, "simulator_freeze of vehicle 2: over"),
             (20.0, "engine_out of vehicle 2"),
         ];
-        assert_eq!(told("builtin"), with(&inside));
-        assert_eq!(told("standin"), with(if os::CAN_FREEZE { &frozen } else { &[] }));
-        assert_eq!(told("xplane"), with(&[]));
+        assert_eq!(reported("builtin"), with(&inside));
+        assert_eq!(reported("standin"), with(if os::CAN_FREEZE { &frozen } else { &[] }));
+        assert_eq!(reported("xplane"), with(&[]));
     }
 
     #[test]
-    fn what_is_skipped_is_said_once_each() {
-        let clock = "at 30 s: clock_jump of vehicle 4 by -5 s: skipped by `fly`: agents in real time have a clock that \
-                     nobody sets";
+    fn every_skipped_event_is_reported_once() {
+        let clock = "at 30 s: clock_jump of vehicle 4 by -5 s: skipped by `fly`: agents in real time use a clock that \
+                     cannot be set";
         assert_eq!(skipped(&scenario("builtin")), [clock]);
         let engine =
-            |plant| format!("at 20 s: engine_out of vehicle 2: skipped by `fly`: {plant} cannot be made to fail so");
+            |plant| format!("at 20 s: engine_out of vehicle 2: skipped by `fly`: {plant} cannot simulate this failure");
         let standin = skipped(&scenario("standin"));
-        assert_eq!(standin[standin.len() - 2..], [engine("a stand-in"), clock.to_owned()]);
+        assert_eq!(standin[standin.len() - 2..], [engine("the stand-in"), clock.to_owned()]);
         assert_eq!(standin.len(), if os::CAN_FREEZE { 2 } else { 3 });
         assert_eq!(skipped(&scenario("xplane"))[1], engine("X-Plane"));
         assert_eq!(skipped(&scenario("xplane")).len(), 3);

@@ -14,7 +14,7 @@ use skein_core::formation::ring::Ring;
 use crate::observe::VehicleView;
 use skein_lab::terminal::shortened;
 
-/// A vehicle silent for this long is said to be silent.
+/// A vehicle silent for this long is shown as silent.
 const SILENT: Duration = Duration::from_secs(1);
 
 /// How far a flight is.
@@ -24,7 +24,7 @@ pub enum Stage {
     Gathering,
     /// The clock of the flight runs.
     Flying,
-    /// Everybody was asked to land.
+    /// All vehicles are ordered to land.
     Landing,
     /// The processes end.
     Ending,
@@ -35,13 +35,13 @@ pub enum Stage {
 pub struct Status {
     /// The swarm's name.
     pub swarm: String,
-    /// What moves, in a word.
+    /// Name of the plant.
     pub plant: String,
     /// How far the flight is.
     pub stage: Stage,
     /// Time flown, s.
     pub flown_s: f64,
-    /// Time to be flown, s; `None` until somebody stops it.
+    /// Time to be flown, s; `None` until the operator stops the flight.
     pub duration_s: Option<f64>,
     /// Where the files of the run are.
     pub out: String,
@@ -54,7 +54,7 @@ pub struct Status {
 }
 
 impl Status {
-    /// How the swarm does, in as many parts as fit into so many columns, the most telling first:
+    /// Summary of the swarm, in as many parts as fit into so many columns, the most important first:
     /// `16/16 in formation, worst gap 3.8°, nearest 22.6 m`.
     pub fn summary(&self, columns: usize) -> String {
         let values = |of: fn(&Row) -> Option<f64>| self.rows.iter().filter_map(of);
@@ -90,7 +90,7 @@ impl Status {
         let all = self.rows.len();
         let in_formation = others.remove(Activity::Formation.to_string().as_str());
         let first = match (in_formation, others.first_key_value()) {
-            // One that says it all.
+            // All vehicles are in the same phase.
             (None, Some((phase, count))) if *count == all => return format!("{all}/{all} {phase}"),
             (in_formation, _) => format!("{}/{all} in formation", in_formation.unwrap_or(0)),
         };
@@ -119,11 +119,11 @@ pub struct Row {
     pub nearest_m: Option<f64>,
     /// Simulator frames a second.
     pub frame_rate_hz: Option<f64>,
-    /// Age of the oldest word of a peer that counts as fresh.
+    /// Age of the oldest peer state that counts as fresh, ms.
     pub peer_age_ms: Option<f64>,
     /// 99th percentile of the time from a frame to its last control.
     pub step_p99_us: Option<f64>,
-    /// Steps that were late, and words and datagrams that were dropped.
+    /// Steps that were late, and messages and datagrams that were dropped.
     pub late_dropped: Option<(u64, u64)>,
 }
 
@@ -132,7 +132,7 @@ pub struct Row {
 pub struct Known<'a> {
     /// Who.
     pub id: VehicleId,
-    /// What it said.
+    /// What was received from it.
     pub seen: Option<&'a VehicleView>,
     /// How its process ended, if it has.
     pub ended: Option<Ending>,
@@ -141,16 +141,16 @@ pub struct Known<'a> {
 /// How an agent's process ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Ending {
-    /// As it was to: it had landed, or was told to.
+    /// As expected: it had landed, or was ordered to end.
     Asked,
     /// By the scenario's hand.
     Killed,
-    /// On its own, or by somebody's hand.
+    /// Unexpectedly: it failed, or another process killed it.
     Lost,
 }
 
 impl Known<'_> {
-    /// Its newest step, while it flies and is heard.
+    /// Its newest step, while it flies and is in contact.
     fn flying(&self, now: Instant) -> Option<&Trace> {
         let seen = self.seen.filter(|_| self.ended.is_none())?;
         seen.trace.as_ref().filter(|_| seen.trace_at.is_some_and(|at| now.duration_since(at) < SILENT))
@@ -203,7 +203,7 @@ pub fn rows(vehicles: &[Known<'_>], rings: &[Ring], now: Instant) -> Vec<Row> {
     vehicles.iter().map(row).collect()
 }
 
-/// Angle from a member clockwise to the next, and its excess over an even share, given everybody's bearing.
+/// Angle from a member clockwise to the next, and its excess over an even share, given the bearings of all members.
 fn gap_deg(id: VehicleId, members: &[(VehicleId, f64)]) -> Option<(f64, f64)> {
     let (_, own_rad) = members.iter().find(|(member, _)| *member == id)?;
     let others = members.iter().filter(|(member, _)| *member != id);
@@ -268,6 +268,6 @@ mod tests {
             assert!((gap - expected).abs() < 1e-9 && (excess - (expected - 90.0)).abs() < 1e-9, "{gaps:?}");
         }
         assert_eq!(gap_deg(id(9), &members), None, "no member");
-        assert_eq!(gap_deg(id(1), &members[..1]), None, "nobody else");
+        assert_eq!(gap_deg(id(1), &members[..1]), None, "no other member");
     }
 }

@@ -68,7 +68,7 @@ fn draw_vehicles(frame: &mut Frame<'_>, area: Rect, rows: &[Row], columns: &[Col
     rest
 }
 
-/// The newest events that fit, lines broken between words.
+/// The newest events that fit, with lines wrapped at spaces.
 fn draw_events(frame: &mut Frame<'_>, area: Rect, status: &Status) {
     let room = usize::from(area.width).saturating_sub(EVENT_INDENT).max(1);
     let mut lines: Vec<String> = Vec::new();
@@ -93,7 +93,7 @@ fn headline(status: &Status) -> Line<'_> {
     ])
 }
 
-/// How far the flight is, in words; plain progress lines begin with it too.
+/// The stage of the flight as text; plain progress lines begin with it too.
 pub fn stage(status: &Status) -> String {
     let flown = minutes(status.flown_s);
     match (status.stage, status.duration_s) {
@@ -148,7 +148,7 @@ fn explanation(columns: &[Column], width: usize) -> Vec<Line<'static>> {
     lines
 }
 
-/// A rule, that says how many rows there was no room for.
+/// A horizontal rule with the number of rows that did not fit.
 fn divider(area: Rect, hidden: usize) -> Paragraph<'static> {
     let note = if hidden > 0 { format!(" {hidden} more, make the window taller ") } else { String::new() };
     let rule = "─".repeat(usize::from(area.width).saturating_sub(note.chars().count()));
@@ -243,7 +243,7 @@ mod tests {
     }
 
     #[test]
-    fn long_events_are_broken_between_words() {
+    fn long_events_are_wrapped_at_spaces() {
         let mut status = status(vec![row(1)]);
         status.events = vec![format!("  16.2 s  the vehicle {}has landed", "far away ".repeat(8))];
         let lines = drawn(&status, 80, 12);
@@ -264,7 +264,7 @@ mod tests {
     }
 
     #[test]
-    fn a_wide_terminal_has_words_a_legend_and_events_beside_the_table() {
+    fn a_wide_terminal_has_full_names_a_legend_and_events_beside_the_table() {
         let status = status((1..=16).map(row).collect());
         let lines = drawn(&status, 120, 44);
         assert!(lines[2].starts_with("vehicle phase") && lines[2].ends_with(" dropped"), "{lines:#?}");
@@ -276,7 +276,7 @@ mod tests {
     }
 
     #[test]
-    fn what_has_no_room_is_said() {
+    fn rows_that_do_not_fit_are_counted() {
         let lines = drawn(&status((1..=30).map(row).collect()), 80, 12);
         assert!(lines[7].starts_with(" 26 more, make the window taller ─"), "{lines:#?}");
         assert_eq!(lines[10], "   9.0 s  event 9");
@@ -293,7 +293,7 @@ mod tests {
     }
 
     #[test]
-    fn the_stage_says_what_is_left_to_do() {
+    fn the_stage_shows_what_is_left_to_do() {
         let mut status = status(Vec::new());
         assert_eq!(stage(&status), "01:23 of 06:40");
         status.duration_s = None;

@@ -1,5 +1,5 @@
-//! How far the same scenario and seed are apart in virtual and in real time, or with another plant: no verdict, as nobody is
-//! to be better. Every figure that both sides have is shown; the wall clock's are those of whoever flew in real time.
+//! Difference between runs of the same scenario and seed in virtual and in real time, or with different plants, without a
+//! verdict. Every figure that both sides have is shown; wall-clock figures come from the run in real time.
 
 use comfy_table::{CellAlignment, Table, presets};
 use serde::Serialize;
@@ -76,7 +76,7 @@ pub fn divergence(paired: &Paired<'_>, only: &[String]) -> Divergence {
         }
     }
     let name = |folder: &Folder| {
-        ["target", "plant"].map(|key| folder.messages(key).into_iter().collect::<Vec<_>>().join("/")).join(" ")
+        ["target", "plant"].map(|key| folder.texts(key).into_iter().collect::<Vec<_>>().join("/")).join(" ")
     };
     Divergence { a: name(paired.a), b: name(paired.b), pairs: paired.pairs().count(), figures, one_sided }
 }

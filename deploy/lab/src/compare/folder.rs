@@ -26,12 +26,12 @@ impl Flown {
         let path = self.folder.join("scenario.toml").display().to_string();
         let is_plain = |c: char| c.is_ascii_alphanumeric() || "/\\.:_-+".contains(c);
         let path = if path.chars().all(is_plain) { path } else { format!("'{}'", path.replace('\'', r"'\''")) };
-        format!("skein {} {path}", self.message("target").unwrap_or("study"))
+        format!("skein {} {path}", self.text("target").unwrap_or("study"))
     }
 
-    /// One of the words that say what was run.
-    pub fn message(&self, key: &str) -> Option<&str> {
-        self.measured.messages.get(key).map(String::as_str)
+    /// One of the texts that describe the run, such as its target or plant.
+    pub fn text(&self, key: &str) -> Option<&str> {
+        self.measured.texts.get(key).map(String::as_str)
     }
 }
 
@@ -52,7 +52,7 @@ impl Folder {
     /// Reads all runs.
     ///
     /// # Errors
-    /// If there are none, or one cannot be read.
+    /// If the folder holds no runs, or a run cannot be read.
     pub fn read(path: &Path) -> Result<Self, Error> {
         let mut folders = Vec::new();
         find(path, &mut folders).map_err(|error| Error::Refused(format!("{}: {error}", path.display())))?;
@@ -88,16 +88,16 @@ impl Folder {
         keys.into_iter().filter(|key| self.constant(key).is_none()).collect()
     }
 
-    /// The value of a key if it is the same in all runs; there, `None` stands for no value.
+    /// The value of a key if it is the same in all runs; an inner `None` means that no run sets it.
     pub fn constant(&self, key: &str) -> Option<Option<&str>> {
         let mut values = self.runs.iter().map(|run| run.scenario.get(key).map(String::as_str));
         let first = values.next()?;
         values.all(|value| value == first).then_some(first)
     }
 
-    /// All that a word is in some run.
-    pub fn messages(&self, key: &str) -> BTreeSet<&str> {
-        self.runs.iter().filter_map(|run| run.message(key)).collect()
+    /// All values that this text has in the runs.
+    pub fn texts(&self, key: &str) -> BTreeSet<&str> {
+        self.runs.iter().filter_map(|run| run.text(key)).collect()
     }
 }
 

@@ -39,7 +39,7 @@ impl<'a> Paired<'a> {
     /// Pairs the runs.
     ///
     /// # Errors
-    /// If it is not clear which run belongs to which, or no seed stands on both sides.
+    /// If runs cannot be paired unambiguously, or the sides have no seed in common.
     pub fn new(a: &'a Folder, b: &'a Folder) -> Result<Self, Error> {
         let varying: BTreeSet<&str> = a.varying().intersection(&b.varying()).copied().collect();
         let [of_a, of_b] = [by_identity(a, &varying)?, by_identity(b, &varying)?];
@@ -87,9 +87,9 @@ impl<'a> Paired<'a> {
     /// What is compared, for people.
     pub fn heading(&self) -> String {
         let side = |name: &str, folder: &Folder| {
-            let messages = ["scenario", "target", "plant", "version", "revision"];
-            let messages = messages.map(|key| folder.messages(key).into_iter().collect::<Vec<_>>().join("/"));
-            format!("{name}  {}: {} runs, {}\n", folder.path.display(), folder.runs.len(), messages.join(" "))
+            let texts = ["scenario", "target", "plant", "version", "revision"];
+            let texts = texts.map(|key| folder.texts(key).into_iter().collect::<Vec<_>>().join("/"));
+            format!("{name}  {}: {} runs, {}\n", folder.path.display(), folder.runs.len(), texts.join(" "))
         };
         let mut text = side("A", self.a) + &side("B", self.b);
         let differ = self.differ();
@@ -132,7 +132,7 @@ fn by_identity<'a>(folder: &'a Folder, varying: &BTreeSet<&str>) -> Result<BTree
     Ok(found)
 }
 
-/// What is set at a run's point: the swept keys if a study says which, else all that vary.
+/// What is set at a run's point: the swept keys if a study names them, else all keys that vary.
 fn set(run: &Flown, varying: &BTreeSet<&str>, swept: &[String]) -> Vec<String> {
     let keys = swept.iter().flat_map(|swept| Folder::below(swept, varying.iter().copied()));
     let keys: Vec<&str> = match keys.collect::<Vec<_>>() {

@@ -169,7 +169,7 @@ mod tests {
     }
 
     #[test]
-    fn an_interval_holds_the_truth_as_often_as_it_says() {
+    fn an_interval_contains_the_true_value_as_often_as_its_level() {
         let mut rng = random::generator(7, None, Purpose::Wind);
         let mut normal = || random::standard_normal(&mut rng);
         for n in [7, 12, 13, 23, 40] {

@@ -138,7 +138,7 @@ fn value(outcome: Outcome, bad: f64) -> f64 {
     }
 }
 
-/// The larger size of the two medians; of a side that never comes there is none.
+/// The larger magnitude of the two medians; a side in which the event never happened does not count.
 fn scale(values: &[[f64; 2]]) -> f64 {
     let size =
         |side: usize| median(&mut values.iter().map(|pair| pair[side]).collect::<Vec<_>>()).unwrap_or(f64::NAN).abs();
@@ -173,7 +173,7 @@ mod tests {
     fn run(seed: u64, key: &str, value: Option<f64>) -> Flown {
         let never = if value.is_none() { BTreeSet::from([key.to_owned()]) } else { BTreeSet::new() };
         let figures = BTreeMap::from([(key.to_owned(), value)]);
-        let measured = Measured { seed, messages: BTreeMap::new(), figures, never };
+        let measured = Measured { seed, texts: BTreeMap::new(), figures, never };
         Flown { folder: format!("b/seed-{seed}").into(), measured, scenario: BTreeMap::new() }
     }
 

@@ -184,13 +184,13 @@ fn a_fault_reads_back_as_it_was_recorded() {
 }
 
 #[test]
-fn an_event_that_two_recorders_heard_counts_once() {
+fn an_event_that_two_recorders_received_counts_once() {
     let folder = tempfile::tempdir().unwrap();
     let loaded = ScenarioArgs::default().read(vec!["swarm.vehicles=2".to_owned()]).unwrap();
     let (scenario, text) = (&loaded.scenario, loaded.to_toml());
     let about = RecordingInfo { scenario, scenario_toml: &text, run: &Run::new(scenario, "fly"), clock: "" };
     let header = steps()[0].header;
-    // The second recorder hears it a little later, and a restarted agent says the same in another life.
+    // The second recorder receives it a little later, and a restarted agent sends the same in another incarnation.
     let received = |life: u64, sequence| Header { incarnation: Incarnation(life), sequence, ..header };
     let recorded = |name: &str, late_ns: u64| {
         let mut writer = Writer::new(std::io::Cursor::new(Vec::new()), &about, 0).unwrap();
@@ -212,7 +212,7 @@ fn times_go_through_nanoseconds() {
         assert_eq!(log_time_ns(100, t_s), ns);
         assert!((seconds_since(100, ns) - t_s).abs() < 1e-9);
     }
-    assert_eq!(seconds_since(0, 120_000_000), 0.12, "what the decimal says");
+    assert_eq!(seconds_since(0, 120_000_000), 0.12, "the exact decimal value");
     assert_eq!(log_time_ns(0, -5.0), 0, "nothing is before all time");
 }
 

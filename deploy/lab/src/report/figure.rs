@@ -1,4 +1,4 @@
-//! Pictures for reports: what is to be seen, said in the quantities' own units, becomes SVG and PNG.
+//! Figures for reports: a description in the units of the quantities is rendered as SVG and PNG.
 //!
 //! A [`Figure`] is plain data: panels with two axes each, and in them lines, areas, dots, bars and arrows, in the order
 //! in which they are drawn. What would make a picture hard to read is looked after here: scales and ticks are chosen,
@@ -39,7 +39,7 @@ impl Colour {
     pub const PALE: Self = Self::new(0xd9, 0xd9, 0xd9);
     /// The paper.
     pub const WHITE: Self = Self::new(0xff, 0xff, 0xff);
-    /// Of M. Okabe & K. Ito's set, which the colour-blind tell apart; without their yellow, too light for lines.
+    /// Blue of M. Okabe & K. Ito's colour-blind-safe set, without its yellow, which is too light for lines.
     pub const BLUE: Self = Self::new(0x00, 0x72, 0xb2);
     /// As [`Self::BLUE`].
     pub const VERMILLION: Self = Self::new(0xd5, 0x5e, 0x00);
@@ -209,12 +209,12 @@ impl Item {
     }
 }
 
-/// Something that happened: a line from top to bottom with a word above.
+/// An event: a line from top to bottom with a label above.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Mark {
     /// Where on the x axis.
     pub x: f64,
-    /// The word.
+    /// The label.
     pub text: String,
 }
 
@@ -254,7 +254,7 @@ pub struct Figure {
     pub title: String,
     /// Of what: scenario, law, seed, version.
     pub subject: String,
-    /// What a reader has to know, in sentences; it stands below the picture on a page.
+    /// What a reader has to know, in sentences; shown below the figure on a page.
     pub caption: String,
     /// Width and height as shown, px.
     pub size_px: [f64; 2],

@@ -101,9 +101,9 @@ pub(super) fn page(folder: &Folder) -> Result<Page, Error> {
     sections[0].parts.extend(drawn.into_iter().map(Part::Figure));
     sections.extend(flights(folder, &points)?);
     let title = match folder.runs.as_slice() {
-        [run] => format!("{}, seed {}", run.message("scenario").unwrap_or("A run"), run.measured.seed),
+        [run] => format!("{}, seed {}", run.text("scenario").unwrap_or("A run"), run.measured.seed),
         runs => {
-            format!("{}: {} runs", runs.first().and_then(|run| run.message("scenario")).unwrap_or("Study"), runs.len())
+            format!("{}: {} runs", runs.first().and_then(|run| run.text("scenario")).unwrap_or("Study"), runs.len())
         }
     };
     Ok(Page { title, about: format!("{subject} · {}", folder.path.display()), sections })
@@ -152,7 +152,7 @@ fn above(run: &Flown, folder: &Folder) -> String {
 
 /// A line with what all runs have in common.
 fn subject(folder: &Folder) -> String {
-    let values = |key: &str| folder.messages(key).into_iter().collect::<Vec<_>>().join(", ");
+    let values = |key: &str| folder.texts(key).into_iter().collect::<Vec<_>>().join(", ");
     let vehicles =
         folder.constant("swarm.vehicles").flatten().map_or_else(String::new, |count| format!(" · {count} vehicles"));
     let seeds = folder.runs.iter().map(|run| run.measured.seed);
@@ -450,7 +450,7 @@ mod tests {
             folder: format!("sweep/point-{point}/seed-{seed}").into(),
             measured: Measured {
                 seed,
-                messages: BTreeMap::new(),
+                texts: BTreeMap::new(),
                 figures: BTreeMap::from([("in_band_s".to_owned(), Some(late_s))]),
                 never: BTreeSet::new(),
             },

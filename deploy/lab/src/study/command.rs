@@ -1,4 +1,4 @@
-//! `skein study` as it is typed.
+//! The command `skein study` and its options.
 
 use std::num::NonZeroUsize;
 use std::ops::Range;
@@ -37,17 +37,17 @@ pub struct StudyArgs {
     #[arg(long = "sweep", value_name = "KEY=V1,V2,...")]
     pub sweep: Vec<Sweep>,
     /// Points of a Latin hypercube over all swept ranges, at each point of the grid if there is one. The scenario's own
-    /// seed says which (--set seed=N gives others)
+    /// seed selects them (--set seed=N gives others)
     #[arg(long, value_name = "N", value_parser = samples)]
     pub points: Option<usize>,
     /// Runs at once; without it one for each core. The results do not depend on it
     #[arg(long, value_name = "N")]
     pub jobs: Option<NonZeroUsize>,
-    /// Folder for what is written, new or empty, or that of the very same study, interrupted: it goes on there. Without
-    /// it a new one in skein-runs
+    /// Folder for the results, new or empty, or that of the very same study, interrupted: the study resumes there.
+    /// Without it a new one in skein-runs
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
-    /// Write no recordings, whatever record.runs says
+    /// Write no recordings, whatever record.runs is set to
     #[arg(long)]
     pub no_record: bool,
     /// Print every figure that was measured, not only about a dozen
@@ -83,28 +83,29 @@ pub fn run(args: &StudyArgs) -> Result<(), Error> {
 
     write(&plan.out.join("runs.csv"), &summary::csv(&plan.points, &runs))?;
     let which = if args.all { table::Which::All } else { table::Which::Headline };
-    let (text, told) = match args.sweep.is_empty() {
+    let (text, output) = match args.sweep.is_empty() {
         true => {
             let summary = summary(&runs);
-            let told = match runs.as_slice() {
+            let output = match runs.as_slice() {
                 [run] => table::of_run(run, which),
                 _ => table::of_figures(&summary, which),
             };
-            (json(&summary), told)
+            (json(&summary), output)
         }
         false => {
             let summaries = summary::by_point(&plan.points, &runs);
-            let mut told = table::of_points(&plan.points, &summaries);
+            let mut output = table::of_points(&plan.points, &summaries);
             for (point, summary) in plan.points.iter().zip(&summaries).filter(|_| args.all) {
-                told += &format!("\npoint {}: {point}\n{}", summary.point, table::of_figures(&summary.figures, which));
+                output +=
+                    &format!("\npoint {}: {point}\n{}", summary.point, table::of_figures(&summary.figures, which));
             }
-            (json(&summaries), told)
+            (json(&summaries), output)
         }
     };
     // The last of all: the study is finished when it is there.
     write(&plan.out.join("summary.json"), &text)?;
     match runs.as_slice() {
-        _ if !args.json => say(&format!("{}\n{told}", verdict::verdict(&args.scenario, &plan.points, &runs))),
+        _ if !args.json => say(&format!("{}\n{output}", verdict::verdict(&args.scenario, &plan.points, &runs))),
         [_] if args.sweep.is_empty() => say(&plan.run(0).text()?),
         _ => say(&text),
     }

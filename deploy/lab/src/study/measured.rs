@@ -1,5 +1,5 @@
-//! What one run measured, as its `metrics.json` tells it: what summaries, comparisons and the choice of runs to look at
-//! stand on, be the run just flown or read back.
+//! The figures of one run as in its `metrics.json`, just flown or read back: the basis of summaries, comparisons and the
+//! choice of runs to look at.
 
 use std::cmp::Ordering;
 use std::collections::{BTreeMap, BTreeSet};
@@ -14,7 +14,7 @@ pub struct Measured {
     /// Of all randomness.
     pub seed: u64,
     /// What was run, by key: the scenario's name, `target`, `plant`, `version` and so on.
-    pub messages: BTreeMap<String, String>,
+    pub texts: BTreeMap<String, String>,
     /// Every figure by its key; `None` where it does not apply or never came.
     pub figures: BTreeMap<String, Option<f64>>,
     /// Keys of what could have happened and never did.
@@ -47,10 +47,10 @@ impl Measured {
         };
         let seed = keys.get("seed").and_then(Value::as_u64).ok_or("it has no seed")?;
         let exact: BTreeMap<&str, f64> = text.lines().filter_map(exact).collect();
-        let mut measured = Self { seed, messages: BTreeMap::new(), figures: BTreeMap::new(), never: BTreeSet::new() };
+        let mut measured = Self { seed, texts: BTreeMap::new(), figures: BTreeMap::new(), never: BTreeSet::new() };
         for (key, value) in keys {
             match value {
-                Value::String(message) => _ = measured.messages.insert(key, message),
+                Value::String(message) => _ = measured.texts.insert(key, message),
                 Value::Array(never) if key == "never" => {
                     measured.never = never.iter().filter_map(|key| key.as_str().map(str::to_owned)).collect();
                 }
@@ -131,7 +131,7 @@ mod tests {
     fn run(seed: u64, figures: &[(&str, f64)], never: &[&str]) -> Measured {
         Measured {
             seed,
-            messages: BTreeMap::new(),
+            texts: BTreeMap::new(),
             figures: figures.iter().map(|(key, value)| ((*key).to_owned(), Some(*value))).collect(),
             never: never.iter().map(|key| (*key).to_owned()).collect(),
         }
@@ -151,7 +151,7 @@ mod tests {
         let spread =
             Measured::read("{\"seed\":3,\"never\":[\"b_s\"],\"b_s\":null,\"a\":[1,\n2],\"target\":\"fly\"}").unwrap();
         assert_eq!((spread.seed, spread.outcome("b_s"), spread.outcome("c")), (3, Some(Outcome::Never), None));
-        assert_eq!((spread.messages["target"].as_str(), spread.figures.len()), ("fly", 1));
+        assert_eq!((spread.texts["target"].as_str(), spread.figures.len()), ("fly", 1));
         assert!(Measured::read("[]").is_err() && Measured::read("{}").is_err() && Measured::read("{").is_err());
     }
 
@@ -174,7 +174,7 @@ mod tests {
             run(4, &[("collisions", 0.0)], &["even_10deg_s"]),
             run(5, &[("collisions", 0.0), ("even_10deg_s", 50.0), ("min_separation_m", 9.0)], &[]),
         ];
-        // From best to worst: 1 (a separation that nobody measured stands first), 5, 3, 4, 2.
+        // From best to worst: 1 (a separation that was not measured ranks first), 5, 3, 4, 2.
         assert_eq!(worst_and_median(&runs), Some((2, 3)));
         assert_eq!(worst_and_median(&runs[..1]), Some((1, 1)));
         let without_collision = [runs[0].clone(), runs[2].clone(), runs[3].clone(), runs[4].clone()];

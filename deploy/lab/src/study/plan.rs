@@ -2,7 +2,7 @@
 //! was interrupted finds again.
 //!
 //! ```text
-//! DIR/study.json            what study this is: only the very same one, of the very same program, goes on here
+//! DIR/study.json            identity of the study: only the same study of the same program resumes here
 //! DIR/runs.csv, summary.json    when all runs are there
 //! DIR/scenario.toml, metrics.json           of a single run
 //! DIR/seed-N/...                            of several seeds
@@ -36,7 +36,7 @@ use crate::out;
 use crate::prepare::prepare;
 use crate::scenario::{Ready, ScenarioArgs};
 
-/// Nobody waits for more runs than these.
+/// A study has at most this many runs: more would take too long.
 const MOST_RUNS: usize = 10_000_000;
 
 /// A study before it flies.
@@ -49,7 +49,7 @@ pub struct Plan {
     pub seeds: Range<u64>,
     /// The folder.
     pub out: PathBuf,
-    /// Runs at once, if somebody minds.
+    /// Runs at once, if limited by the operator.
     pub jobs: Option<NonZeroUsize>,
     is_swept: bool,
     /// Where external laws wait for their next run.
@@ -96,7 +96,7 @@ impl Plan {
         Run { plan: self, point: nth / seeds, seed: self.seeds.start + (nth % seeds) as u64 }
     }
 
-    /// Reads every run's scenario and makes sure that it can begin. Gives what tells this study from any other.
+    /// Reads every run's scenario and makes sure that it can begin. Gives the study's fingerprint.
     fn check(&mut self) -> Result<u64, Error> {
         let mut hasher = DefaultHasher::new();
         let mut law_files = BTreeSet::new();
@@ -138,7 +138,7 @@ impl Plan {
             "seeds": format!("{}..{}", self.seeds.start, self.seeds.end),
             "sweep": sweeps.iter().map(Sweep::to_string).collect::<Vec<_>>(),
             "points": self.points.len(),
-            // Of the program's own file: a build with a change that no revision tells is another one.
+            // A hash of the program's own file: the revision does not distinguish builds with uncommitted changes.
             "program": format!("{:016x}", program.finish()),
             // Of every value of every point, and of the files that they name.
             "fingerprint": format!("{fingerprint:016x}"),
@@ -161,10 +161,7 @@ impl Plan {
             }
             None if differing.is_empty() => {}
             None => {
-                return refused(
-                    "another study is there: something else stands in its scenario or in a file that it names"
-                        .to_owned(),
-                );
+                return refused("another study is there: its scenario or a file that it names has changed".to_owned());
             }
         }
         if out.join("summary.json").exists() {
@@ -186,7 +183,7 @@ fn files_of_law(scenario: &Scenario) -> impl Iterator<Item = PathBuf> {
     command.unwrap_or_default().iter().map(PathBuf::from).filter(|path| path.is_file())
 }
 
-/// Takes in what stands in a file.
+/// Adds a file's content to the hash.
 fn hash_file(path: &Path, hasher: &mut impl Hasher) -> Result<(), Error> {
     let bytes = fs::read(path).map_err(|error| Error::Refused(format!("{}: {error}", path.display())))?;
     bytes.hash(hasher);
@@ -322,10 +319,10 @@ mod tests {
         let Command::Study(args) = Cli::try_parse_from(line).unwrap().command else { panic!("a study") };
         let plan = || Plan::new(&args).map(|plan| plan.out).map_err(|error| error.to_string());
         assert_eq!(plan(), Ok(out.clone()));
-        assert_eq!(plan(), Ok(out.clone()), "it goes on");
+        assert_eq!(plan(), Ok(out.clone()), "the study resumes");
         fs::write(&law, script("second")).unwrap();
         let why = plan().unwrap_err();
-        assert!(why.contains("something else stands in its scenario or in a file that it names"), "{why}");
+        assert!(why.contains("its scenario or a file that it names has changed"), "{why}");
         fs::write(&law, script("first")).unwrap();
         let there = fs::read_to_string(out.join("study.json")).unwrap();
         let mut study: Value = serde_json::from_str(&there).unwrap();

@@ -114,7 +114,7 @@ fn figure(key: &str, column: &[(u64, Option<f64>)]) -> Figure {
     }
 }
 
-/// One row a run: the seed, what is set at its point, then every figure; empty where there is none.
+/// One row a run: the seed, what is set at its point, then every figure; an unmeasured figure is empty.
 pub(super) fn csv(points: &[Point], runs: &[Measured]) -> String {
     let (Some(first), Some(point)) = (runs.first(), points.first()) else { return String::new() };
     let swept = point.0.iter().map(|(key, _)| key.as_str());

@@ -80,7 +80,7 @@ fn range(text: &str) -> Option<Result<Values, String>> {
     })
 }
 
-/// Splits at the commas that stand in no bracket and no quotes.
+/// Splits at the commas outside brackets and quotes.
 fn list(text: &str) -> Result<Vec<String>, String> {
     let (mut values, mut value) = (Vec::new(), String::new());
     let (mut depth, mut quote, mut is_escaped) = (0_i32, None, false);
@@ -106,11 +106,11 @@ fn list(text: &str) -> Result<Vec<String>, String> {
     match values.iter().enumerate().find(|(nth, value)| value.is_empty() || values[..*nth].contains(value)) {
         None => Ok(values),
         Some((_, value)) if value.is_empty() => Err("a value is missing".to_owned()),
-        Some((_, value)) => Err(format!("{value} stands there twice")),
+        Some((_, value)) => Err(format!("{value} is listed twice")),
     }
 }
 
-/// All points of these sweeps, `samples` of the hypercube; `seed` says which.
+/// All points of these sweeps, `samples` of the hypercube; `seed` selects them.
 ///
 /// # Errors
 /// A sentence about what does not go together.
@@ -150,7 +150,7 @@ pub fn points(sweeps: &[Sweep], samples: Option<usize>, seed: u64) -> Result<Vec
     Ok((0..combinations).map(point).collect())
 }
 
-/// Nobody waits for more points than these.
+/// A sweep has at most this many points: more would take too long.
 const MOST: usize = 100_000;
 
 impl Sweep {
@@ -227,7 +227,7 @@ mod tests {
         let Values::List(values) = sweep.values else { panic!("a list") };
         assert_eq!(values, ["{ centre_ne_m = [0, 5] }", r#"{ name = "a,b", land = true }"#]);
         assert_eq!(list(r#""a\",b",'c"',d"#).unwrap(), [r#""a\",b""#, r#"'c"'"#, "d"]);
-        // A path that goes up is no range.
+        // `../` in a path does not make a range.
         assert!(matches!(parse("control.rules=../a,../b").unwrap().values, Values::List(values) if values.len() == 2));
     }
 
@@ -281,7 +281,7 @@ mod tests {
             ("network.loss", "key=v1,v2"),
             ("network.loss=", "missing"),
             ("network.loss=0,,1", "missing"),
-            ("network.loss=0,0.1,0", "0 stands there twice"),
+            ("network.loss=0,0.1,0", "0 is listed twice"),
             ("network.loss=0.5..0.1", "the lower end comes first"),
             ("network.loss=0..1:log", "above zero"),
             ("seed=1,2", "--seeds"),

@@ -7,7 +7,7 @@ use super::summary::{Figure, PointSummary, Summary};
 use super::sweep::Point;
 use crate::metrics::figures;
 
-/// The figures that a reader looks for first, with what each is in a few words. The table has the first [`HEADLINES`] of these that
+/// The figures that a reader looks for first, each with a short description. The table has the first [`HEADLINES`] of these that
 /// the runs have.
 const HEADLINE: [(&str, &str); 20] = [
     ("collisions", "pairs nearer than 2 m"),
@@ -43,7 +43,7 @@ pub(super) enum Which {
 }
 
 impl Which {
-    /// The keys of a table, with what each is in a few words.
+    /// The keys of a table, each with a short description.
     fn keys<'a>(self, has: impl Fn(&str) -> bool, all: impl Iterator<Item = &'a str>) -> Vec<(&'a str, &'static str)> {
         match self {
             Self::Headline => HEADLINE.into_iter().filter(|(key, _)| has(key)).take(HEADLINES).collect(),
@@ -52,9 +52,9 @@ impl Which {
     }
 }
 
-/// A few words on a figure: those of the headline, or the unit.
+/// A short description of a figure: that of the headline, or the unit.
 fn meaning(key: &str) -> &'static str {
-    let headline = HEADLINE.iter().find(|(known, _)| *known == key).map(|(_, messages)| *messages);
+    let headline = HEADLINE.iter().find(|(known, _)| *known == key).map(|(_, description)| *description);
     headline.or_else(|| figures::of(key).map(|figure| figure.unit)).unwrap_or_default()
 }
 
@@ -66,7 +66,7 @@ pub(super) fn of_figures(summary: &Summary, which: Which) -> String {
     let never = has_never.then_some("never");
     let header = ["figure", "runs"].into_iter().chain(never).chain(["median", "quartiles", "worst", "its seed", ""]);
     table.load_style(presets::NOTHING).set_header(header);
-    for (key, messages) in keys {
+    for (key, description) in keys {
         let Some(figure) = summary.get(key) else { continue };
         let number = |value: Option<f64>| value.map_or_else(|| "–".to_owned(), |value| value_text(key, value));
         let quartiles = format!("{} … {}", number(figure.q1), number(figure.q3));
@@ -80,7 +80,7 @@ pub(super) fn of_figures(summary: &Summary, which: Which) -> String {
         let seed = figure.worst_seed.filter(|_| differs).map(|seed| seed.to_string()).unwrap_or_default();
         let never = has_never.then(|| figure.never.to_string());
         let row = [key.to_owned(), figure.n.to_string()].into_iter().chain(never);
-        table.add_row(row.chain([number(figure.median), quartiles, worst, seed, messages.to_owned()]));
+        table.add_row(row.chain([number(figure.median), quartiles, worst, seed, description.to_owned()]));
     }
     let last = table.column_count().saturating_sub(1);
     for (nth, column) in table.column_iter_mut().enumerate() {
@@ -96,13 +96,13 @@ pub(super) fn of_run(run: &Measured, which: Which) -> String {
     let keys = which.keys(|key| run.outcome(key).is_some(), run.figures.keys().map(String::as_str));
     let mut table = Table::new();
     table.load_style(presets::NOTHING).set_header(["figure", "value", ""]);
-    for (key, messages) in keys {
+    for (key, description) in keys {
         let value = match run.outcome(key) {
             Some(Outcome::Value(value)) => value_text(key, value),
             Some(Outcome::Never) => "never".to_owned(),
             None => continue,
         };
-        table.add_row([key, &value, messages]);
+        table.add_row([key, &value, description]);
     }
     if let Some(values) = table.column_mut(1) {
         values.set_cell_alignment(CellAlignment::Right);
@@ -122,9 +122,9 @@ fn value_text(key: &str, value: f64) -> String {
     if is_whole { format!("{value:.0}") } else { rounded(value) }
 }
 
-/// Figures that tell one point from another, the most telling first; a table has the first five that are not the same in
+/// Figures that distinguish points, the most significant first; a table has the first five that are not the same in
 /// every run.
-const TELLING: [&str; 9] = [
+const SIGNIFICANT: [&str; 9] = [
     "setpoints_reached",
     "even_10deg_s",
     "in_band_s",
@@ -139,28 +139,28 @@ const COLUMNS: usize = 5;
 
 /// A line for each point of a sweep.
 pub(super) fn of_points(points: &[Point], summaries: &[PointSummary]) -> String {
-    let told = |key: &&str| {
+    let distinguishes = |key: &&str| {
         let figures = || summaries.iter().filter_map(|summary| summary.figures.get(*key));
         let ends = || figures().flat_map(|figure| [figure.min, figure.max]);
         figures().any(|figure| figure.never > 0) || ends().any(|end| Some(end) != ends().next())
     };
     let crash = |summary: &PointSummary| summary.figures.get("crashes").is_some_and(|figure| figure.max > Some(0.0));
     let wrecks = ["collisions"].into_iter().chain(summaries.iter().any(crash).then_some("crashes"));
-    let telling = TELLING.into_iter().filter(told).take(COLUMNS).chain(wrecks);
-    let telling: Vec<&str> = telling.collect();
+    let columns = SIGNIFICANT.into_iter().filter(distinguishes).take(COLUMNS).chain(wrecks);
+    let columns: Vec<&str> = columns.collect();
     let swept = points.first().map(names).unwrap_or_default();
     let header = ["point".to_owned()].into_iter().chain(swept).chain(["runs".to_owned()]);
-    let header = header.chain(telling.iter().map(|key| (*key).to_owned())).chain(["worst seed".to_owned()]);
+    let header = header.chain(columns.iter().map(|key| (*key).to_owned())).chain(["worst seed".to_owned()]);
     let mut table = Table::new();
     table.load_style(presets::NOTHING).set_header(header);
     for (point, summary) in points.iter().zip(summaries) {
-        // What somebody typed is short; what was sampled has all its digits.
+        // A value typed by the operator is short; a sampled one has all its digits.
         let short =
             |value: &String| value.parse().ok().filter(|_| value.len() > 8).map_or_else(|| value.clone(), rounded);
         let set = point.0.iter().map(|(_, value)| short(value));
         let runs = summary.figures.values().map(|figure| figure.n).max().unwrap_or(0);
         let cell = |key: &&str| summary.figures.get(*key).map(|figure| median_and_worst(key, figure));
-        let cells = telling.iter().map(|key| cell(key).unwrap_or_default());
+        let cells = columns.iter().map(|key| cell(key).unwrap_or_default());
         let row = [summary.point.to_string()].into_iter().chain(set).chain([runs.to_string()]);
         table.add_row(row.chain(cells).chain([summary.worst_seed.to_string()]));
     }
@@ -168,7 +168,7 @@ pub(super) fn of_points(points: &[Point], summaries: &[PointSummary]) -> String 
     format!("{}median [worst] of the runs at each point\n", trimmed(&table))
 }
 
-/// The swept keys as short as they can be told apart.
+/// The swept keys, shortened as far as they stay distinct.
 fn names(point: &Point) -> Vec<String> {
     let short = |key: &str| key.rsplit_once('.').map_or(key, |(_, name)| name).to_owned();
     let names: Vec<String> = point.0.iter().map(|(key, _)| short(key)).collect();
@@ -226,9 +226,9 @@ mod tests {
             Measured::read(&text).unwrap()
         };
         let plain = of_run(&run(3), Which::Headline);
-        let messages: Vec<Vec<&str>> = plain.lines().map(|line| line.split_whitespace().take(2).collect()).collect();
+        let rows: Vec<Vec<&str>> = plain.lines().map(|line| line.split_whitespace().take(2).collect()).collect();
         assert_eq!(
-            messages,
+            rows,
             [["figure", "value"], ["collisions", "0"], ["in_band_s", "never"], ["max_tilt_deg", "3.50"]],
             "{plain}"
         );

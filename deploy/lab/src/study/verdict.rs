@@ -9,23 +9,23 @@ const MAX_SEEDS: usize = 8;
 /// The figures that have a value when every vehicle is in formation at the end of the run, as far as the formation has them.
 const IN_FORMATION: [&str; 3] = ["at_altitude_s", "in_band_s", "even_10deg_s"];
 
-/// A way in which a run can fail, with the words after "4 of 100 runs".
+/// A way in which a run can fail, with the text after "4 of 100 runs".
 struct Failure {
-    messages: &'static str,
+    text: &'static str,
     is_it: fn(&Measured) -> bool,
 }
 
 const FAILURES: [Failure; 7] = [
-    Failure { messages: "with a collision", is_it: |run| is_above_zero(run, "collisions") },
-    Failure { messages: "with a crash", is_it: |run| is_above_zero(run, "crashes") },
+    Failure { text: "with a collision", is_it: |run| is_above_zero(run, "collisions") },
+    Failure { text: "with a crash", is_it: |run| is_above_zero(run, "crashes") },
     Failure {
-        messages: "with a vehicle out of formation at the end",
+        text: "with a vehicle out of formation at the end",
         is_it: |run| IN_FORMATION.iter().any(|key| run.outcome(key) == Some(Outcome::Never)),
     },
-    Failure { messages: "with a lost peer that was not detected within 30 s", is_it: |run| never(run, "detection_s") },
-    Failure { messages: "with a returned peer that was not rejoined within 30 s", is_it: |run| never(run, "rejoin_s") },
-    Failure { messages: "with a failure that its vehicle did not report", is_it: |run| never(run, "response_s") },
-    Failure { messages: "not back in formation 120 s after a change", is_it: |run| never(run, "transient_s") },
+    Failure { text: "with a lost peer that was not detected within 30 s", is_it: |run| never(run, "detection_s") },
+    Failure { text: "with a returned peer that was not rejoined within 30 s", is_it: |run| never(run, "rejoin_s") },
+    Failure { text: "with a failure that its vehicle did not report", is_it: |run| never(run, "response_s") },
+    Failure { text: "not back in formation 120 s after a change", is_it: |run| never(run, "transient_s") },
 ];
 
 fn is_above_zero(run: &Measured, key: &str) -> bool {
@@ -41,14 +41,14 @@ fn never(run: &Measured, key: &str) -> bool {
 pub(super) fn verdict(scenario: &ScenarioArgs, points: &[Point], runs: &[Measured]) -> String {
     let good = |run: &&Measured| !FAILURES.iter().any(|failure| (failure.is_it)(run));
     let all_good: Vec<&Measured> = runs.iter().filter(good).collect();
-    let messages = match all_good.as_slice() {
+    let results = match all_good.as_slice() {
         [] => "none without a failure".to_owned(),
         all_good => achievements(all_good).join(", "),
     };
     let mut text = match runs {
         [_] if all_good.is_empty() => String::new(),
-        [run] => format!("seed {}: {messages}\n", run.seed),
-        runs => format!("{} of {} runs: {messages}\n", all_good.len(), runs.len()),
+        [run] => format!("seed {}: {results}\n", run.seed),
+        runs => format!("{} of {} runs: {results}\n", all_good.len(), runs.len()),
     };
     for failure in &FAILURES {
         let failed: Vec<usize> = (0..runs.len()).filter(|&nth| (failure.is_it)(&runs[nth])).collect();
@@ -65,8 +65,8 @@ pub(super) fn verdict(scenario: &ScenarioArgs, points: &[Point], runs: &[Measure
         let set = points.get(point_of(*first)).map(|point| point.0.as_slice()).unwrap_or_default();
         let command = scenario.command("fly", set, Some(runs[*first].seed));
         text += &match runs {
-            [run] => format!("seed {} failed, {}: {command}\n", run.seed, failure.messages),
-            runs => format!("{} of {} runs {}, {seeds}: {command}\n", failed.len(), runs.len(), failure.messages),
+            [run] => format!("seed {} failed, {}: {command}\n", run.seed, failure.text),
+            runs => format!("{} of {} runs {}, {seeds}: {command}\n", failed.len(), runs.len(), failure.text),
         };
     }
     text
@@ -74,14 +74,14 @@ pub(super) fn verdict(scenario: &ScenarioArgs, points: &[Point], runs: &[Measure
 
 /// What all of these runs have achieved, as far as their figures show it.
 fn achievements(runs: &[&Measured]) -> Vec<String> {
-    let mut messages = Vec::new();
+    let mut results = Vec::new();
     let all_have = |key: &str| runs.iter().all(|run| matches!(run.outcome(key), Some(Outcome::Value(_))));
     for (key, what) in [("collisions", "no collision"), ("crashes", "no crash")] {
-        messages.extend(all_have(key).then(|| what.to_owned()));
+        results.extend(all_have(key).then(|| what.to_owned()));
     }
     match IN_FORMATION.map(all_have) {
-        [_, _, true] | [_, true, _] => messages.push("every vehicle in formation".to_owned()),
-        [true, ..] => messages.push("every vehicle at its altitude".to_owned()),
+        [_, _, true] | [_, true, _] => results.push("every vehicle in formation".to_owned()),
+        [true, ..] => results.push("every vehicle at its altitude".to_owned()),
         _ => {}
     }
     let steps = runs.iter().filter_map(|run| run.figures.get("setpoints_reached").copied().flatten());
@@ -91,12 +91,12 @@ fn achievements(runs: &[&Measured]) -> Vec<String> {
     let has_mission = steps.len() == runs.len() && steps.last() > Some(&1.0);
     if let (Some(first), Some(last), true) = (steps.first(), steps.last(), has_mission) {
         let steps = if first == last { format!("{first}") } else { format!("{first} to {last}") };
-        messages.push(format!("{steps} mission steps reached"));
+        results.push(format!("{steps} mission steps reached"));
     }
-    if messages.is_empty() {
-        messages.push("without a measured failure".to_owned());
+    if results.is_empty() {
+        results.push("without a measured failure".to_owned());
     }
-    messages
+    results
 }
 
 /// `1, 2 and 5`; of many the first ones.

@@ -2,7 +2,7 @@
 
 use comfy_table::{CellAlignment, ContentArrangement, Table, presets};
 
-use super::{NodeStatus, Said, Status};
+use super::{HealthReport, NodeStatus, Status};
 
 const HEADER: [&str; 12] =
     ["node", "version", "plant", "phase", "Hz", "jitter", "peers", "age", "clock ms", "faults", "refused", "uptime"];
@@ -14,20 +14,20 @@ const LEGEND: [&str; 5] = [
     "clock ms: ahead of the swarm's clock, ± bound (! if more than 20 ms off; flight does not depend on it)",
     "faults: what has failed, named below   refused: messages not believed since the start, named below",
 ];
-/// Columns of words; the others are numbers.
-const WORDS: [usize; 3] = [1, 2, 3];
+/// Columns with text; the others hold numbers.
+const TEXT_COLUMNS: [usize; 3] = [1, 2, 3];
 
 /// All of it; `file` is the cluster's as the user has named it.
 pub(super) fn of(status: &Status, file: &str) -> String {
     let mut table = Table::new();
-    // On a terminal that is narrower, cells are broken between words.
+    // On a narrower terminal, cells are wrapped at spaces.
     table.load_style(presets::NOTHING).set_header(HEADER).set_content_arrangement(ContentArrangement::Dynamic);
     for node in &status.nodes {
         table.add_row(row(node));
     }
     for (nth, column) in table.column_iter_mut().enumerate() {
         column.set_padding((0, 2));
-        if !WORDS.contains(&nth) {
+        if !TEXT_COLUMNS.contains(&nth) {
             column.set_cell_alignment(CellAlignment::Right);
         }
     }
@@ -35,7 +35,7 @@ pub(super) fn of(status: &Status, file: &str) -> String {
     let mut text: String = lines.lines().map(|line| format!("{}\n", line.trim_end())).collect();
     LEGEND.iter().for_each(|line| text += &format!("{line}\n"));
     status.nodes.iter().for_each(|node| text += &messages(node));
-    if status.nodes.iter().any(|node| node.said.is_none()) {
+    if status.nodes.iter().any(|node| node.report.is_none()) {
         text +=
             &format!("`skein check -f {file}` looks why not, `skein cluster logs -f {file}` shows what was written\n");
     }
@@ -44,38 +44,38 @@ pub(super) fn of(status: &Status, file: &str) -> String {
 
 fn row(node: &NodeStatus) -> [String; 12] {
     let id = node.id.to_string();
-    let Some(said) = &node.said else {
+    let Some(report) = &node.report else {
         let mut row = [(); 12].map(|()| "-".to_owned());
         row[0] = id;
-        row[3] = "not heard".to_owned();
+        row[3] = "not in contact".to_owned();
         return row;
     };
     [
         id,
-        said.version.clone(),
-        said.plant.clone(),
-        said.phase.clone(),
-        format!("{:.0}", said.frame_rate_hz),
-        format!("{:.1}", said.jitter_ms),
-        format!("{}/{}", said.peers_seen, said.peers),
-        age(said),
-        clock(said),
-        if said.faults.is_empty() { "-".to_owned() } else { said.faults.len().to_string() },
-        said.refused.to_string(),
-        uptime(said.uptime_s),
+        report.version.clone(),
+        report.plant.clone(),
+        report.phase.clone(),
+        format!("{:.0}", report.frame_rate_hz),
+        format!("{:.1}", report.jitter_ms),
+        format!("{}/{}", report.peers_seen, report.peers),
+        age(report),
+        clock(report),
+        if report.faults.is_empty() { "-".to_owned() } else { report.faults.len().to_string() },
+        report.refused.to_string(),
+        uptime(report.uptime_s),
     ]
 }
 
 /// The upper bound of the age; with `>` it lacks a delay that is not known yet.
-fn age(said: &Said) -> String {
-    let mark = if said.peer_delay_ms.is_some() { "" } else { ">" };
-    said.peer_age_ms.map_or("-".to_owned(), |age_ms| format!("{mark}{age_ms:.0}"))
+fn age(report: &HealthReport) -> String {
+    let mark = if report.peer_delay_ms.is_some() { "" } else { ">" };
+    report.peer_age_ms.map_or("-".to_owned(), |age_ms| format!("{mark}{age_ms:.0}"))
 }
 
 /// `+0.1 ±0.3`, and a mark if it is far off. Seconds where milliseconds would not fit.
-fn clock(said: &Said) -> String {
-    let (Some(offset), Some(bound)) = (said.clock_offset_ms, said.clock_bound_ms) else { return "-".to_owned() };
-    let mark = if said.clock_is_off { "!" } else { "" };
+fn clock(report: &HealthReport) -> String {
+    let (Some(offset), Some(bound)) = (report.clock_offset_ms, report.clock_bound_ms) else { return "-".to_owned() };
+    let mark = if report.clock_is_off { "!" } else { "" };
     match offset.abs() < 1e4 {
         // Never minus zero.
         true => format!("{mark}{:+.1} ±{bound:.1}", (offset * 10.0).round() / 10.0 + 0.0),
@@ -86,21 +86,21 @@ fn clock(said: &Said) -> String {
 /// What a number does not say.
 fn messages(node: &NodeStatus) -> String {
     let id = node.id;
-    let Some(said) = &node.said else {
+    let Some(report) = &node.report else {
         let host = node.host.as_deref().map(|host| format!("{host}, ")).unwrap_or_default();
         let why =
             node.why.as_ref().map(|why| format!(": it {why}; `skein cluster down`, then `up`")).unwrap_or_default();
-        return format!("node {id} ({host}{}) is not heard{why}\n", node.endpoint);
+        return format!("node {id} ({host}{}) is not in contact{why}\n", node.endpoint);
     };
-    let mut text: String = said.faults.iter().map(|fault| format!("node {id}: {fault}\n")).collect();
-    if said.clock_is_off {
+    let mut text: String = report.faults.iter().map(|fault| format!("node {id}: {fault}\n")).collect();
+    if report.clock_is_off {
         text += &format!(
             "node {id}: its clock is {:+.0} ms off; nothing in flight relies on it, but logs and recordings are read by it: \
              have it set by NTP (`timedatectl set-ntp true`)\n",
-            said.clock_offset_ms.unwrap_or_default()
+            report.clock_offset_ms.unwrap_or_default()
         );
     }
-    for refusal in &said.refusals {
+    for refusal in &report.refusals {
         let times = if refusal.count == 1 { "once" } else { &format!("{} times", refusal.count) };
         text += &format!("node {id} refused {times}: {}, under {}\n", refusal.reason, refusal.key);
     }

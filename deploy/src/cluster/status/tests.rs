@@ -83,12 +83,12 @@ fn mission(number: u8, life: u64) -> Mission {
 
 /// The messages of vehicle `number` in a run: its appearance, its heartbeat, its health report.
 fn all_of(number: u8, run: u64) -> [(SwarmMessage, Option<u64>, Instant); 3] {
-    let said = [
+    let report = [
         SwarmMessage::Appeared(id(number)),
         SwarmMessage::Mission(mission(number, 1)),
         SwarmMessage::Health(health(number, 0.0)),
     ];
-    said.map(|said| (said, Some(run), clock::now()))
+    report.map(|report| (report, Some(run), clock::now()))
 }
 
 #[test]
@@ -115,10 +115,10 @@ fn health_of_a_lost_vehicle_or_of_an_earlier_incarnation_is_ignored() {
     let never_there = [(SwarmMessage::Health(health(3, 0.0)), Some(7), now)];
     let received = gone.chain(restarted).chain(never_there).chain(all_of(4, 7));
     let status = status_of(folder.path(), received, now);
-    let said: Vec<bool> = status.nodes.iter().map(|node| node.said.is_some()).collect();
-    assert_eq!(said, [false, false, false, true]);
+    let report: Vec<bool> = status.nodes.iter().map(|node| node.report.is_some()).collect();
+    assert_eq!(report, [false, false, false, true]);
     assert!(status.nodes.iter().all(|node| node.why.is_none()));
-    assert_eq!(verdict(&status).unwrap_err().to_string(), "not heard: node 1, 2, 3");
+    assert_eq!(verdict(&status).unwrap_err().to_string(), "not in contact: node 1, 2, 3");
 }
 
 #[test]
@@ -129,21 +129,21 @@ fn health_of_another_run_is_ignored() {
         status_of(folder.path(), received, clock::now())
     };
     let one_strays = of_runs([7, 7, 5, 7]);
-    assert_eq!(verdict(&one_strays).unwrap_err().to_string(), "not heard: node 3");
+    assert_eq!(verdict(&one_strays).unwrap_err().to_string(), "not in contact: node 3");
     let text = table::of(&one_strays, "lab.toml");
-    let expected = "node 3 (10.0.0.13, tls/10.0.0.13:7449) is not heard: it flies in run 5, and the swarm in run 7; \
+    let expected = "node 3 (10.0.0.13, tls/10.0.0.13:7449) is not in contact: it flies in run 5, and the swarm in run 7; \
                     `skein cluster down`, then `up`\n";
     assert!(text.contains(expected), "{text}");
     // As many vehicles report one run as the other: neither is accepted.
     let undecided = of_runs([7, 7, 5, 5]);
-    assert!(undecided.nodes.iter().all(|node| node.said.is_none()));
+    assert!(undecided.nodes.iter().all(|node| node.report.is_none()));
     assert!(table::of(&undecided, "lab.toml").contains("no run has a majority of the vehicles in contact"));
     // A health report of an old run, from a vehicle that flies in the present run.
     let mut old = all_of(3, 7).to_vec();
     old[2].1 = Some(5);
     let received = [1, 2, 4].into_iter().flat_map(|number| all_of(number, 7)).chain(old);
     let status = status_of(folder.path(), received, clock::now());
-    assert_eq!(verdict(&status).unwrap_err().to_string(), "not heard: node 3");
+    assert_eq!(verdict(&status).unwrap_err().to_string(), "not in contact: node 3");
 }
 
 #[test]
@@ -188,15 +188,15 @@ fn silent_and_faulty_nodes_are_listed() {
     let status = status(folder.path(), vec![health(1, 0.0), second, health(4, 0.0)], Duration::ZERO);
     assert!(!status.is_good());
     let error = verdict(&status).unwrap_err();
-    assert_eq!((error.to_string().as_str(), error.exit_code()), ("not heard: node 3; faulty: node 2", 1));
+    assert_eq!((error.to_string().as_str(), error.exit_code()), ("not in contact: node 3; faulty: node 2", 1));
     let text = table::of(&status, "lab.toml");
     assert!(text.contains("node 2: yaw gyro failed, lands\n"), "{text}");
     assert!(text.contains("node 2 refused 3 times: forged, under vehicle/1/state\n"), "{text}");
     assert!(
-        text.contains("node 3 (10.0.0.13, tls/10.0.0.13:7449) is not heard\n`skein check -f lab.toml` looks"),
+        text.contains("node 3 (10.0.0.13, tls/10.0.0.13:7449) is not in contact\n`skein check -f lab.toml` looks"),
         "{text}"
     );
-    assert_eq!(status.nodes[1].said.as_ref().unwrap().peers_seen, 2);
+    assert_eq!(status.nodes[1].report.as_ref().unwrap().peers_seen, 2);
     let json = serde_json::to_value(&status).unwrap();
     assert_eq!(
         (&json["nodes"][2]["said"], &json["nodes"][1]["said"]["refused"]),
@@ -213,9 +213,9 @@ fn the_age_of_a_peer_includes_its_delay_and_is_marked_while_the_delay_is_unknown
     }
     (unknown.peers[0].standing, unknown.peers[0].delay_s) = (PeerStatus::Stale, None);
     let status = status(folder.path(), vec![late, unknown], Duration::ZERO);
-    let said: Vec<_> = status.nodes.iter().filter_map(|node| node.said.as_ref()).collect();
-    assert_eq!((said[0].peers_seen, said[0].peer_age_ms, said[0].peer_delay_ms), (3, Some(4051.0), Some(4000.0)));
-    assert_eq!((said[1].peers_seen, said[1].peer_delay_ms), (3, None));
+    let report: Vec<_> = status.nodes.iter().filter_map(|node| node.report.as_ref()).collect();
+    assert_eq!((report[0].peers_seen, report[0].peer_age_ms, report[0].peer_delay_ms), (3, Some(4051.0), Some(4000.0)));
+    assert_eq!((report[1].peers_seen, report[1].peer_delay_ms), (3, None));
     let text = table::of(&status, "cluster.toml");
     assert!(text.contains(" 4051  ") && text.contains(" >400  "), "{text}");
 }
@@ -237,5 +237,5 @@ fn a_node_that_has_fallen_silent_is_not_listed_as_reporting() {
     let folder = tempfile::tempdir().unwrap();
     let all = || (1..=4).map(|number| health(number, 0.0)).collect();
     assert!(status(folder.path(), all(), Duration::from_secs(3)).is_good());
-    assert!(status(folder.path(), all(), Duration::from_secs(4)).nodes.iter().all(|node| node.said.is_none()));
+    assert!(status(folder.path(), all(), Duration::from_secs(4)).nodes.iter().all(|node| node.report.is_none()));
 }

@@ -27,12 +27,12 @@ impl Flight {
     /// Does what the scenario has for now.
     pub(super) fn play(&mut self, now: Instant) {
         while let Some(action) = self.schedule.due(self.since_zero_s(now)) {
-            self.tell(now, format!("event: {action}"));
+            self.report_news(now, format!("event: {action}"));
             self.carry_out(now, &action);
         }
     }
 
-    /// What is still to come does not come any more; but whoever stands still for a time is to be able to land.
+    /// Cancels the events that are still to come, but resumes frozen simulators, so that their vehicles can land.
     pub(super) fn end_events(&mut self, now: Instant) {
         let thaws: Vec<ScriptedAction> =
             self.schedule.remaining().filter(|action| matches!(action, ScriptedAction::Thaw(_))).cloned().collect();
@@ -40,7 +40,7 @@ impl Flight {
         thaws.iter().for_each(|action| self.carry_out(now, action));
     }
 
-    /// Whether somebody who is dead comes back.
+    /// Whether a killed agent is still to be restarted.
     pub(super) fn awaits_a_restart(&self) -> bool {
         self.schedule.remaining().any(|action| matches!(action, ScriptedAction::Restart(_)))
     }
@@ -64,18 +64,18 @@ impl Flight {
                 self.order(now, *verb);
                 None
             }
-            ScriptedAction::Tell(_, failed) => {
+            ScriptedAction::Report(_, failed) => {
                 let failed = failed.iter();
                 failed.for_each(|failed| self.record(|recorder| recorder.fault(now, failed)));
                 None
             }
         };
         if let Some(error) = failed {
-            self.tell(now, format!("event: {action}: {error}"));
+            self.report_news(now, format!("event: {action}: {error}"));
         }
     }
 
-    /// An agent with the same files goes on in the scenario where the one before it was.
+    /// Starts an agent with the same files, which resumes the scenario where the previous one was.
     fn restart(&mut self, now: Instant, id: VehicleId) -> std::io::Result<()> {
         let flown_s = self.ground.since_take_off_s(now, id).unwrap_or_else(|| self.since_zero_s(now));
         self.children.restart(Role::Agent, id, ["--flown-s".into(), flown_s.to_string().into()])?;
@@ -84,18 +84,18 @@ impl Flight {
         Ok(())
     }
 
-    /// Gives an order, larger than all that were heard of or given from here.
+    /// Gives an order, with a number larger than all that were received or given from here.
     pub(super) fn order(&mut self, now: Instant, verb: Verb) {
         let order = order::new_order(&self.observer, verb);
         let epoch = self.order.map_or(0, |before| before.order.epoch.saturating_add(1)).max(order.epoch);
         self.order = Some(UnderWay { order: Order { epoch, ..order }, again: now });
     }
 
-    /// Says the newest order until everybody has taken it.
+    /// Repeats the newest order until every vehicle has taken it.
     pub(super) fn repeat_order(&mut self, now: Instant) {
         let Some(UnderWay { order, again }) = self.order.filter(|order| now >= order.again) else { return };
         self.order = Some(UnderWay { order, again: again.max(now) + AGAIN });
-        let has_taken = |said: Mission| said.order >= Some(order);
+        let has_taken = |mission: Mission| mission.order >= Some(order);
         if self.live().all(|(_, seen)| seen.and_then(|seen| seen.mission).is_some_and(has_taken)) {
             return;
         }

@@ -18,7 +18,7 @@ use skein_lab::scenario::quoted;
 use skein_lab::terminal::what_next;
 
 impl Flight {
-    /// Takes in what only one step tells.
+    /// Updates the figures that depend on a single step.
     pub(super) fn take_step(&mut self, now: Instant, step: &Trace) {
         if let Some(restarted) = self.ground.received(now, step) {
             self.fault(now, &restarted);
@@ -30,7 +30,7 @@ impl Flight {
         }
     }
 
-    /// Hands the newest of everybody who lives to the metrics. Where a dead agent's helicopter is, nobody knows.
+    /// Passes the newest step of every running agent to the metrics. The position of a dead agent's helicopter is unknown.
     pub(super) fn measure(&mut self, now: Instant) {
         let t_s = self.flown_s(now);
         self.ground.due(now).iter().for_each(|fault| self.fault(now, fault));
@@ -92,7 +92,7 @@ impl Flight {
     }
 }
 
-/// What was counted before, and what the agent that says this step has counted.
+/// Adds the counts of the agent that published this step to the earlier ones.
 fn with_counts(before: Totals, step: &Trace) -> Totals {
     let activations = step.safety_activations.map(|more| more + before.safety_activations.unwrap_or(0));
     let misses = step.law_misses.map(|more| more + before.law_misses.unwrap_or(0));

@@ -1,4 +1,4 @@
-//! What a flight tells people while it lasts.
+//! The operator's view of a flight while it lasts: events, losses and the landing.
 
 use std::time::Instant;
 
@@ -18,25 +18,25 @@ use crate::os;
 const MAX_EVENT: usize = 400;
 
 impl Flight {
-    /// Says what this process did or found, and records it.
-    pub(super) fn tell(&mut self, now: Instant, what: String) {
+    /// Shows what this process did or found, and records it.
+    pub(super) fn report_news(&mut self, now: Instant, what: String) {
         self.record(|recorder| recorder.note(now, false, "fly", &what));
         self.show(now, what);
     }
 
-    /// Says what this process did or found.
+    /// Shows what this process did or found.
     pub(super) fn show(&mut self, now: Instant, what: String) {
-        // What a process wrote last may stand in it.
+        // It may contain the last output of a process.
         let what = printable(&what, MAX_EVENT);
         self.journal.add(self.when(now), what);
     }
 
-    /// Says what happened to a vehicle; what happens to several vehicles alike is one line.
+    /// Shows what happened to a vehicle; an event that several vehicles share is one line.
     pub(super) fn show_event(&mut self, now: Instant, event: &Event) {
         let id = event.header.sender;
         let mut awaited: VehicleSet = self.live().map(|(id, _)| id).collect();
         match event.what {
-            // While the swarm gathers, each vehicle finds each of the others: taking part tells enough.
+            // While the swarm gathers, each vehicle finds each of the others: that it becomes active is enough.
             EventKind::PeerFound(_) if self.stage == Stage::Gathering => return,
             EventKind::PeerFound(peer) | EventKind::PeerLost(peer) => awaited.remove(peer),
             // All others are active already.
@@ -46,7 +46,7 @@ impl Flight {
         self.journal.add_alike(self.when(now), id, journal::alike(&event.what), awaited);
     }
 
-    /// Says that a process has ended, and keeps it for the end of the flight if it was not asked to.
+    /// Shows that a process has ended, and keeps it for the end of the flight if it was not ordered to end.
     pub(super) fn take_leave(&mut self, now: Instant, ended: &Ended) {
         let Ended { role, id, status, last_words } = ended;
         if *role == Role::Agent {
@@ -57,7 +57,7 @@ impl Flight {
             Role::Standin => format!("vehicle {id}'s simulator"),
         };
         let how = os::how_it_ended(*status);
-        let wrote = last_words.as_ref().map(|messages| format!(" ({messages})")).unwrap_or_default();
+        let wrote = last_words.as_ref().map(|text| format!(" ({text})")).unwrap_or_default();
         let sentence = format!("{what}: {how}{wrote}");
         let was_killed = *role == Role::Agent && self.killed.contains(*id);
         if !status.success() && !was_killed {
@@ -66,7 +66,7 @@ impl Flight {
             self.lost.push(format!("lost{when}: {sentence}"));
         }
         if !status.success() {
-            self.tell(now, sentence);
+            self.report_news(now, sentence);
             return;
         }
         self.record(|recorder| recorder.note(now, false, "fly", &sentence));
@@ -79,12 +79,15 @@ impl Flight {
         self.journal.add_alike(self.when(now), *id, Alike { one, several, by_all: true }, awaited);
     }
 
-    /// Says how long the landing takes, of the vehicle that is highest above the ground.
+    /// Shows how long the landing takes for the vehicle that is highest above the ground.
     pub(super) fn announce_landing(&mut self, now: Instant) {
         let heights_m = self.live().filter_map(|(_, seen)| Some(fresh(seen?, now)?.height_m));
         let Some(highest_m) = heights_m.reduce(f64::max).filter(|height_m| *height_m > super::LIFTED_M) else { return };
         let (usual_s, limit_s) = (landing::usual_s(highest_m), self.landing_limit().as_secs());
-        self.tell(now, format!("landing from {highest_m:.0} m: about {usual_s:.0} s, given up after {limit_s} s"));
+        self.report_news(
+            now,
+            format!("landing from {highest_m:.0} m: about {usual_s:.0} s, given up after {limit_s} s"),
+        );
     }
 
     fn when(&self, now: Instant) -> When {

@@ -131,7 +131,7 @@ impl Scale {
         let magnitude = math::pow(10.0, math::log10(least).floor());
         let steps = [0.2, 0.5, 1.0, 2.0, 5.0, 10.0].map(|times| times * magnitude);
         let fits = steps.iter().position(|step| *step >= least).unwrap_or(steps.len() - 1);
-        // One number alone says nothing of the scale.
+        // A single number does not show the scale.
         let is_alone = |step: f64| (self.to / step + 1e-6).floor() - (self.from / step - 1e-6).ceil() < 1.0;
         let step = if is_alone(steps[fits]) { steps[fits - 1] } else { steps[fits] };
         let decimals = (-math::log10(step) - 1e-9).floor() as i32 + 1;

@@ -1,4 +1,4 @@
-//! A figure's SVG as it is written, and the PNG that is rendered from it.
+//! Writes a figure's SVG, and renders the PNG from it.
 
 use std::fmt::{Display, Write};
 use std::sync::{Arc, LazyLock};
@@ -19,7 +19,7 @@ const PNG_FINE: f32 = 2.0;
 const FONTS: &str = "Ubuntu, 'Segoe UI', Roboto, 'Helvetica Neue', Arial, sans-serif";
 /// Most of those are wider than ours, in which text is measured.
 const WIDER: f64 = 1.1;
-/// Letters are this much of their size high, so that half of it below the middle is the line they stand on.
+/// Height of capital letters as a share of the font size; the baseline is half of it below the middle.
 const LETTER_HEIGHT: f64 = 0.7;
 /// Points nearer than this to a line without them are left out, px.
 const UNSEEN_PX: f64 = 0.1;
@@ -219,7 +219,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn only_points_that_nobody_sees_are_left_out() {
+    fn only_invisible_points_are_left_out() {
         let straight: Vec<_> = (0..1000).map(|nth| [f64::from(nth), 3.0]).collect();
         assert_eq!(way(&straight), "M0,3 999,3");
         let mut bent = straight;

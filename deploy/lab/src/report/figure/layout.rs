@@ -87,9 +87,9 @@ fn panel(panel: &Panel, [left, top, right, bottom]: [f64; 4], margins: [f64; 2],
         plot.top += 22.0;
     }
     plot.top = legend(panel, &plot, right, canvas);
-    let messages = messages(&panel.marks, &plot, right);
+    let labels = labels(&panel.marks, &plot, right);
     let words_top = plot.top;
-    let rows = messages.iter().map(|(.., row)| row + 1).max().unwrap_or(0);
+    let rows = labels.iter().map(|(.., row)| row + 1).max().unwrap_or(0);
     plot.top = crisp(plot.top + LINE_PX * rows as f64 + 4.0);
     if panel.is_map {
         plot.keep_scale();
@@ -101,11 +101,11 @@ fn panel(panel: &Panel, [left, top, right, bottom]: [f64; 4], margins: [f64; 2],
     panel.items.iter().filter(|item| !is_area(item)).for_each(|item| draw(item, panel, &plot, canvas));
     axes(panel, &plot, left, canvas);
     let height = |row: usize| words_top + (row as f64 + 0.5) * LINE_PX;
-    for (mark, (.., row)) in panel.marks.iter().zip(&messages) {
+    for (mark, (.., row)) in panel.marks.iter().zip(&labels) {
         let x = plot.x_px(mark.x);
         canvas.rule([x, height(*row) - 5.0], [x, plot.bottom], Colour::GREY);
     }
-    for (mark, (from, _, row)) in panel.marks.iter().zip(&messages) {
+    for (mark, (from, _, row)) in panel.marks.iter().zip(&labels) {
         canvas.text_on_paper([from + 4.0, height(*row)], &mark.text, SMALL_PX, Colour::BLACK, Anchor::Left);
     }
     names(panel, &plot, canvas);
@@ -166,17 +166,17 @@ fn legend(panel: &Panel, plot: &Plot, right: f64, canvas: &mut Canvas) -> f64 {
     if entries.is_empty() { plot.top } else { y + LINE_PX / 2.0 + 2.0 }
 }
 
-/// Of each mark's word above the plot, where it begins and ends, px, and its row, 0 the highest. A word that begins
-/// beneath an earlier one stands lower, so that no mark's line runs through a word.
-fn messages(marks: &[Mark], plot: &Plot, right: f64) -> Vec<(f64, f64, usize)> {
-    let mut messages: Vec<(f64, f64, usize)> = Vec::with_capacity(marks.len());
+/// Left and right end of each mark's label above the plot, px, and its row, 0 the highest. A label that overlaps an
+/// earlier one is placed in a lower row, so that no mark's line crosses a label.
+fn labels(marks: &[Mark], plot: &Plot, right: f64) -> Vec<(f64, f64, usize)> {
+    let mut labels: Vec<(f64, f64, usize)> = Vec::with_capacity(marks.len());
     for mark in marks {
         let width = text_width(&mark.text, SMALL_PX) + 10.0;
         let from = plot.x_px(mark.x).min(right - width);
-        let above = messages.iter().filter(|(_, to, _)| *to > from).map(|(.., row)| row + 1).max();
-        messages.push((from, from + width, above.unwrap_or(0)));
+        let above = labels.iter().filter(|(_, to, _)| *to > from).map(|(.., row)| row + 1).max();
+        labels.push((from, from + width, above.unwrap_or(0)));
     }
-    messages
+    labels
 }
 
 /// Names beside the ends of lines, pushed apart.
@@ -245,12 +245,12 @@ mod tests {
     }
 
     #[test]
-    fn a_mark_beneath_a_word_stands_lower() {
+    fn a_label_that_overlaps_another_is_placed_lower() {
         let scale = |to: f64| crate::report::figure::Axis::new("time", "s").within(0.0, to).scale([].into_iter(), 0.0);
         let plot = Plot { left: 0.0, top: 0.0, right: 800.0, bottom: 100.0, x: scale(800.0), y: scale(1.0) };
         let mark = |x: f64| Mark { x, text: "vehicle 3 killed".to_owned() };
         let marks = [0.0, 20.0, 40.0, 400.0, 790.0].map(mark);
-        let rows: Vec<_> = messages(&marks, &plot, 800.0).into_iter().map(|(.., row)| row).collect();
+        let rows: Vec<_> = labels(&marks, &plot, 800.0).into_iter().map(|(.., row)| row).collect();
         assert_eq!(rows, [0, 1, 2, 0, 0]);
     }
 }

@@ -26,7 +26,7 @@ impl Plot {
         [self.x_px(x), self.bottom - self.y.share(y) * (self.bottom - self.top)]
     }
 
-    /// Lines in pixels, interrupted where there is no number, or none that a logarithmic axis has.
+    /// Lines in pixels, interrupted at missing numbers and at numbers that a logarithmic axis cannot show.
     fn lines(&self, pieces: &[Vec<[f64; 2]>]) -> Vec<Vec<[f64; 2]>> {
         // Far outside, any place is as good as another, and a renderer has numbers for it.
         let near = |place: &[f64; 2]| place.map(|px| px.clamp(-1e5, 1e5));
