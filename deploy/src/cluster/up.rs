@@ -87,7 +87,7 @@ pub fn run(args: &UpArgs) -> Result<(), Error> {
     let reach = chosen.inventory.reach(Role::Operator)?;
     // Receive from the beginning, so that the vehicles in flight are known when the last host has answered.
     let mut watch = Watch::open(&reach, 0)?;
-    let heard_by = clock::now() + CONTACT_TIMEOUT;
+    let contact_deadline = clock::now() + CONTACT_TIMEOUT;
     let up = Up { remote: Remote { ssh: &ssh, swarm: &chosen.inventory.swarm }, chosen: &chosen, progress: &progress };
 
     let mut rows: BTreeMap<VehicleId, Row> = chosen.nodes().map(|node| (node.id, Row::new(node))).collect();
@@ -103,7 +103,7 @@ pub fn run(args: &UpArgs) -> Result<(), Error> {
             )));
         }
     }
-    let until = if may_fly_unasked(&chosen.inventory, &running) { heard_by } else { clock::now() };
+    let until = if may_fly_unasked(&chosen.inventory, &running) { contact_deadline } else { clock::now() };
     let note;
     (watch.run, note) = run_of(&mut watch, &reach, &running, &notes, until)?;
     up.start((watch.run, note), &running, &mut rows);
