@@ -464,13 +464,13 @@ mod tests {
         let nodes = vec![
             row(1, State::Ready, None),
             row(2, State::Ready, None),
-            row(10, State::Missing, Some("not in contact on the network")),
+            row(10, State::Missing, Some("not in contact")),
         ];
         let report = Report { swarm: "lab".to_owned(), run: 42, asked_s: 0.3, started_s: 0.6, seconds: 60.04, nodes };
         let wanted = " node  host    state               started s  ready s
     1  heli1   ready                     0.5      1.2
     2  heli2   ready, flew before        0.5      1.2
-   10  heli10  missing                   0.5           not in contact on the network
+   10  heli10  missing                   0.5           not in contact
 2 of 3 vehicles of lab are ready after 60.0 s (run 42)\n";
         assert_eq!(report.to_text(), wanted);
     }
