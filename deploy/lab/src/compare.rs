@@ -9,7 +9,8 @@
 //! * A difference is *notable* if it is more than [`NEGLIGIBLE`] of the larger of the two medians.
 //! * *worse*: the interval of the median difference lies on the bad side of zero, and that median is notable; or among the pairs
 //!   that differ notably so many are worse that chance has less than 5 % of it (sign test). The second finds what happens to a few runs only,
-//!   such as collisions: there the median shows no difference. Both need six pairs at least; with fewer the verdict is *unclear*.
+//!   such as collisions: there the median shows no difference. Both need six pairs at least; with fewer the verdict
+//!   is *unclear*.
 //! * *better* likewise, unless something is worse; *same*: no difference is shown.
 //!
 //! Of forty figures that differ by chance alone, one looks worse. A test that has to decide names its figures (`--only`).

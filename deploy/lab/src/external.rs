@@ -307,8 +307,8 @@ impl Conversation {
         Ok(())
     }
 
-    fn send(&mut self, said: &MessageToLaw<'_>) -> Result<(), LawError> {
-        self.session.send(said).map_err(|LawUnresponsive| self.ended())
+    fn send(&mut self, message: &MessageToLaw<'_>) -> Result<(), LawError> {
+        self.session.send(message).map_err(|LawUnresponsive| self.ended())
     }
 
     /// Waits until the law has reported `times` times that it is ready. Answers before that belong to the last run.
@@ -394,9 +394,9 @@ impl Conversation {
         }
         let timeout = if self.session.uses_vectors() { left.min(RESEND_AFTER) } else { left };
         match self.messages.recv_timeout(timeout) {
-            Ok(LawInput::Data(said)) if self.session.uses_vectors() => {
+            Ok(LawInput::Data(message)) if self.session.uses_vectors() => {
                 self.has_answered = true;
-                Ok(Some(vector::read(&said).map(MessageFromLaw::LawReply)))
+                Ok(Some(vector::read(&message).map(MessageFromLaw::LawReply)))
             }
             Ok(LawInput::Data(line)) => Ok(Some(protocol::read(&line))),
             Ok(LawInput::TooLong) => Ok(Some(Err(Fault::TooLong))),

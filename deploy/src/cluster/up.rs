@@ -87,7 +87,7 @@ pub fn run(args: &UpArgs) -> Result<(), Error> {
     let reach = chosen.inventory.reach(Role::Operator)?;
     // Receive from the beginning, so that the vehicles in flight are known when the last host has answered.
     let mut watch = Watch::open(&reach, 0)?;
-    let heard_by = clock::now() + CONTACT_TIMEOUT;
+    let contact_deadline = clock::now() + CONTACT_TIMEOUT;
     let up = Up { remote: Remote { ssh: &ssh, swarm: &chosen.inventory.swarm }, chosen: &chosen, progress: &progress };
 
     let mut rows: BTreeMap<VehicleId, Row> = chosen.nodes().map(|node| (node.id, Row::new(node))).collect();
@@ -103,7 +103,7 @@ pub fn run(args: &UpArgs) -> Result<(), Error> {
             )));
         }
     }
-    let until = if may_fly_unasked(&chosen.inventory, &running) { heard_by } else { clock::now() };
+    let until = if may_fly_unasked(&chosen.inventory, &running) { contact_deadline } else { clock::now() };
     let note;
     (watch.run, note) = run_of(&mut watch, &reach, &running, &notes, until)?;
     up.start((watch.run, note), &running, &mut rows);
@@ -464,13 +464,13 @@ mod tests {
         let nodes = vec![
             row(1, State::Ready, None),
             row(2, State::Ready, None),
-            row(10, State::Missing, Some("not in contact on the network")),
+            row(10, State::Missing, Some("not in contact")),
         ];
         let report = Report { swarm: "lab".to_owned(), run: 42, asked_s: 0.3, started_s: 0.6, seconds: 60.04, nodes };
         let wanted = " node  host    state               started s  ready s
     1  heli1   ready                     0.5      1.2
     2  heli2   ready, flew before        0.5      1.2
-   10  heli10  missing                   0.5           not in contact on the network
+   10  heli10  missing                   0.5           not in contact
 2 of 3 vehicles of lab are ready after 60.0 s (run 42)\n";
         assert_eq!(report.to_text(), wanted);
     }

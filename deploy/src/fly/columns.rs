@@ -1,4 +1,5 @@
-//! The columns of the table that `fly` shows: a narrow set with abbreviations for 80 columns and a full set for wide terminals.
+//! The columns of the table that `fly` shows: a narrow set with abbreviations for 80 columns, and a full set for wide
+//! terminals.
 
 use super::status::Row;
 

@@ -294,8 +294,8 @@ impl Flight {
         is_late || orders.map(|order| order.verb).any(is_down) || self.has_finished(now)
     }
 
-    /// Whether every vehicle is at the mission's landing by its last known step, or has left. A vehicle that is silent for a
-    /// while does not count as finished: its agent or this process may get no time from this PC.
+    /// Whether every vehicle is at the mission's landing by its last known step, or has left. A vehicle that is silent for
+    /// a while does not count as finished: its agent or this process may get no time from this PC.
     fn has_finished(&self, now: Instant) -> bool {
         let steps = &self.plan.scenario().mission.steps;
         let landing = steps.iter().position(|step| matches!(step.target, Target::Land(_)));
@@ -320,8 +320,8 @@ impl Flight {
         let more = if all - ready > missing.len() { ", ..." } else { "" };
         let load = os::load().map(|load| format!("; this PC's load is {load:.0} on {} cores", os::cores()));
         format!(
-            "only {ready} of {all} vehicles became active within {within_s} s (not vehicle {}{more}){}; more time: --timeout S; \
-             logs: {}",
+            "only {ready} of {all} vehicles became active within {within_s} s (not vehicle {}{more}){}; more time: \
+             --timeout S; logs: {}",
             missing.join(", "),
             load.unwrap_or_default(),
             self.logs()

@@ -25,7 +25,7 @@ fn ask(vehicle: u8, tick: u64) -> LawQuery {
 /// A scripted law of several vehicles, and the queue that holds what it sends.
 struct Script {
     conversation: Conversation,
-    says: SyncSender<LawInput>,
+    law_output: SyncSender<LawInput>,
     _far_end: TcpStream,
 }
 
@@ -34,13 +34,13 @@ impl Script {
         let listener = TcpListener::bind("127.0.0.1:0").unwrap();
         let far_end = TcpStream::connect(listener.local_addr().unwrap()).unwrap();
         let session = LawSession::connection(listener.accept().unwrap().0, |_, _| true).unwrap();
-        let (says, messages) = sync_channel(QUEUE);
+        let (law_output, messages) = sync_channel(QUEUE);
         let vehicles = vehicles.iter().map(|&vehicle| id(vehicle)).collect();
-        Self { conversation: Conversation::new(vehicles, session, messages), says, _far_end: far_end }
+        Self { conversation: Conversation::new(vehicles, session, messages), law_output, _far_end: far_end }
     }
 
     fn say(&self, line: &str) {
-        self.says.send(LawInput::Data(line.as_bytes().to_vec())).unwrap();
+        self.law_output.send(LawInput::Data(line.as_bytes().to_vec())).unwrap();
     }
 
     fn answer(&self, vehicle: u8, tick: u64) {

@@ -70,8 +70,8 @@ fn readme(chosen: &Chosen, node: &Node, program: &str) -> String {
     };
     let dot = if program == "skein" { "./" } else { "" };
     format!(
-        "Node {id} of the swarm {swarm}. Carry this folder to the PC at {address}: it holds a secret key, so only that PC's operator \
-         may read it there.\n{own}\n\
+        "Node {id} of the swarm {swarm}. Carry this folder to the PC at {address}: it holds a secret key, so only \
+         that PC's operator may read it there.\n{own}\n\
          Peers reach it at {address}, TCP port {port}: open that port in its firewall.\n\n\
          `skein cluster up` prints a number for the run that it begins. In this folder, with that number:\n\n    \
          {dot}{program} agent --config agent.toml --run RUN\n\n\

@@ -83,7 +83,7 @@ fn clock(report: &HealthReport) -> String {
     }
 }
 
-/// What a number does not say.
+/// The lines below the table: why a node is not in contact, and its faults and refusals.
 fn messages(node: &NodeStatus) -> String {
     let id = node.id;
     let Some(report) = &node.report else {

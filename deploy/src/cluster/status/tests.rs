@@ -83,12 +83,12 @@ fn mission(number: u8, life: u64) -> Mission {
 
 /// The messages of vehicle `number` in a run: its appearance, its heartbeat, its health report.
 fn all_of(number: u8, run: u64) -> [(SwarmMessage, Option<u64>, Instant); 3] {
-    let report = [
+    let messages = [
         SwarmMessage::Appeared(id(number)),
         SwarmMessage::Mission(mission(number, 1)),
         SwarmMessage::Health(health(number, 0.0)),
     ];
-    report.map(|report| (report, Some(run), clock::now()))
+    messages.map(|message| (message, Some(run), clock::now()))
 }
 
 #[test]
@@ -115,8 +115,8 @@ fn health_of_a_lost_vehicle_or_of_an_earlier_incarnation_is_ignored() {
     let never_there = [(SwarmMessage::Health(health(3, 0.0)), Some(7), now)];
     let received = gone.chain(restarted).chain(never_there).chain(all_of(4, 7));
     let status = status_of(folder.path(), received, now);
-    let report: Vec<bool> = status.nodes.iter().map(|node| node.report.is_some()).collect();
-    assert_eq!(report, [false, false, false, true]);
+    let reported: Vec<bool> = status.nodes.iter().map(|node| node.report.is_some()).collect();
+    assert_eq!(reported, [false, false, false, true]);
     assert!(status.nodes.iter().all(|node| node.why.is_none()));
     assert_eq!(verdict(&status).unwrap_err().to_string(), "not in contact: node 1, 2, 3");
 }
@@ -213,9 +213,12 @@ fn the_age_of_a_peer_includes_its_delay_and_is_marked_while_the_delay_is_unknown
     }
     (unknown.peers[0].standing, unknown.peers[0].delay_s) = (PeerStatus::Stale, None);
     let status = status(folder.path(), vec![late, unknown], Duration::ZERO);
-    let report: Vec<_> = status.nodes.iter().filter_map(|node| node.report.as_ref()).collect();
-    assert_eq!((report[0].peers_seen, report[0].peer_age_ms, report[0].peer_delay_ms), (3, Some(4051.0), Some(4000.0)));
-    assert_eq!((report[1].peers_seen, report[1].peer_delay_ms), (3, None));
+    let reports: Vec<_> = status.nodes.iter().filter_map(|node| node.report.as_ref()).collect();
+    assert_eq!(
+        (reports[0].peers_seen, reports[0].peer_age_ms, reports[0].peer_delay_ms),
+        (3, Some(4051.0), Some(4000.0))
+    );
+    assert_eq!((reports[1].peers_seen, reports[1].peer_delay_ms), (3, None));
     let text = table::of(&status, "cluster.toml");
     assert!(text.contains(" 4051  ") && text.contains(" >400  "), "{text}");
 }
