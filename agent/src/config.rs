@@ -277,7 +277,7 @@ impl Node {
     ///
     /// # Errors
     /// If a socket for the simulator cannot be opened.
-    pub fn open_plant(&self) -> Result<Box<dyn Plant>, xplane::LinkError> {
+    pub fn open_plant(&self) -> Result<Box<dyn Plant>, xplane::XPlaneLinkError> {
         let address = match &self.plant {
             PlantChoice::BuiltIn(vehicle) => {
                 let script = Script::of(&self.scenario.mission.events, self.id);

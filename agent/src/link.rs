@@ -28,7 +28,7 @@ use std::time::Duration;
 
 use serde_json::{Value, json};
 use skein_common::id::{SwarmName, VehicleId};
-use skein_common::message::{Drops, Event, Message, Mission, Order, Reason, Refused, State, Trace};
+use skein_common::message::{Drops, Event, Heartbeat, Message, Order, Reason, Refused, State, Trace};
 use skein_common::topic::{Author, Cell, Topic, all};
 use zenoh::bytes::ZBytes;
 use zenoh::liveliness::LivelinessToken;
@@ -241,7 +241,7 @@ impl Link {
         watch_presence(&sessions, own, &receiver)?;
         for session in &sessions.all {
             subscribe::<State>(session, all::STATES, &receiver, PeerMessage::State)?;
-            subscribe::<Mission>(session, all::MISSIONS, &receiver, PeerMessage::Mission)?;
+            subscribe::<Heartbeat>(session, all::MISSIONS, &receiver, PeerMessage::Mission)?;
             subscribe::<Order>(session, all::ORDERS, &receiver, PeerMessage::Order)?;
         }
         let trace = MessagePublisher::open(&sessions, &receiver, Topic::Trace(own), Priority::DataLow)?;
@@ -285,7 +285,7 @@ impl Link {
     }
 
     /// Publishes the own heartbeat with the agreement state, and keeps it for agents that start late.
-    pub fn publish_mission(&self, mission: &Mission) {
+    pub fn publish_mission(&self, mission: &Heartbeat) {
         self.send(Messages { mission: Some(*mission), ..Messages::default() });
     }
 
@@ -337,7 +337,7 @@ struct PublisherThread {
     sessions: Vec<Arc<Session>>,
     own: VehicleId,
     state_key: Option<(Cell, String)>,
-    mission: MessagePublisher<Mission>,
+    mission: MessagePublisher<Heartbeat>,
     last_heartbeat: LastHeartbeat,
     event: MessagePublisher<Event>,
     trace: MessagePublisher<Trace>,

@@ -93,7 +93,7 @@ pub enum RunError {
     Link(#[from] LinkError),
     /// The simulator could not be opened.
     #[error(transparent)]
-    Plant(#[from] xplane::LinkError),
+    Plant(#[from] xplane::XPlaneLinkError),
     /// The scenario uses a feature that agents do not support.
     #[error(transparent)]
     UnsupportedScenario(#[from] UnsupportedScenario),

@@ -106,7 +106,7 @@ pub struct State {
 /// Heartbeat of an agent that carries its agreement state, of which the receivers keep the newest. Sent on every change and five
 /// times a second.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Mission {
+pub struct Heartbeat {
     /// Sender, number and time of the message.
     pub header: Header,
     /// Hash of the plan. Agents with different plans do not agree with each other.
@@ -299,7 +299,7 @@ macro_rules! message {
 use message;
 
 message!(State, 128, |message| Author::Vehicle(message.header.sender), |message| message.state.is_plausible());
-message!(Mission, 192, |message| Author::Vehicle(message.header.sender), |message| {
+message!(Heartbeat, 192, |message| Author::Vehicle(message.header.sender), |message| {
     message.step <= MAX_STEP
         && message.vouched <= message.step
         && message.reached.is_none_or(|reached| reached <= MAX_STEP)

@@ -13,7 +13,7 @@ use skein_agent::link::signature::messages::KeyRing;
 use skein_agent::link::signature::orders::{self, Checker};
 use skein_agent::link::{LinkError, Sessions};
 use skein_common::id::{SwarmName, VehicleId};
-use skein_common::message::{self, Event, Health, Message, Mission, Order, Reason, Trace};
+use skein_common::message::{self, Event, Health, Heartbeat, Message, Order, Reason, Trace};
 use skein_common::topic::{self, Author, Topic};
 use zenoh::Wait;
 use zenoh::qos::{CongestionControl, Priority};
@@ -44,7 +44,7 @@ pub enum SwarmMessage {
     /// The vehicle's health report.
     Health(Health),
     /// The vehicle's heartbeat, which carries its agreement state.
-    Mission(Mission),
+    Mission(Heartbeat),
     /// An event that the vehicle reports.
     Event(Event),
     /// The vehicle's agent has appeared on the network.
@@ -79,7 +79,7 @@ pub struct VehicleView {
     /// The run that the health report was signed for, where messages are signed.
     pub health_run: Option<u64>,
     /// The newest heartbeat, which carries the vehicle's agreement state.
-    pub mission: Option<Mission>,
+    pub mission: Option<Heartbeat>,
 }
 
 /// Counts of the messages that were dropped.
@@ -361,8 +361,8 @@ mod tests {
     use super::*;
     use crate::reach::Flown;
 
-    fn mission(sender: u8, life: u64, sequence: u64) -> Mission {
-        Mission {
+    fn mission(sender: u8, life: u64, sequence: u64) -> Heartbeat {
+        Heartbeat {
             header: Header {
                 sender: VehicleId::new(sender).unwrap(),
                 incarnation: Incarnation(life),
@@ -479,7 +479,7 @@ mod tests {
             for (sender, run, order) in repeated {
                 let id = VehicleId::new(sender).unwrap();
                 update(&mut observer.vehicles, &arrival(SwarmMessage::Appeared(id)));
-                let mission = Mission { order: Some(order), ..mission(sender, 1, 1) };
+                let mission = Heartbeat { order: Some(order), ..mission(sender, 1, 1) };
                 update(
                     &mut observer.vehicles,
                     &ReceivedMessage { run: Some(run), ..arrival(SwarmMessage::Mission(mission)) },
@@ -494,7 +494,7 @@ mod tests {
         assert_eq!(given.len(), 2);
         for (given, run) in given.into_iter().zip([6, 7]) {
             assert!(orders::is_signed(&public, &swarm, run, &given));
-            let mission = Some(Mission { order: Some(given), ..mission(1, 1, 2) });
+            let mission = Some(Heartbeat { order: Some(given), ..mission(1, 1, 2) });
             let of_run = |run| VehicleView { mission, run: Some(run), ..VehicleView::default() };
             assert_eq!(observer.order_of(&of_run(run)), Some(given));
             assert_eq!(observer.order_of(&of_run(13 - run)), None, "a signature for another run");

@@ -45,7 +45,7 @@ const BREEZE: [&str; 2] = ["world.wind_m_s=5", "world.gust_w20_m_s=7.7"];
 
 /// One flight.
 #[derive(Clone, Debug)]
-pub struct Flight {
+pub struct CentralFlight {
     /// Figures of the flight.
     pub report: Report,
     /// Number of live members in the band and at their altitude at the end.
@@ -102,7 +102,7 @@ impl Case {
     ///
     /// # Panics
     /// If the flight cannot start.
-    pub fn fly(&self, seed: u64) -> Flight {
+    pub fn fly(&self, seed: u64) -> CentralFlight {
         let Study { mut scenario, aircraft, rules, .. } = self.study();
         scenario.seed = seed;
         let mut world = World::new(&scenario, &aircraft, &rules).expect("a valid scenario");
@@ -127,7 +127,7 @@ impl Case {
             let too_high_m = here.truth.position.altitude_m() - altitude_m;
             here.is_live_member() && off_m(here) <= BAND_M && too_high_m.abs() <= 0.1 * altitude_m
         };
-        Flight {
+        CentralFlight {
             in_formation: vehicles.iter().filter(is_in).count(),
             strayed_m: vehicles.iter().map(off_m).fold(0.0, f64::max),
             alarms: alarms.len(),
@@ -137,7 +137,7 @@ impl Case {
     }
 }
 
-impl Flight {
+impl CentralFlight {
     /// Traffic on the network: datagrams a second, and their payload in kB/s. A state or heartbeat of an agent goes to
     /// every other agent; with central control agents send each other nothing.
     pub fn sent(&self, case: &Case) -> (f64, f64) {
@@ -192,8 +192,8 @@ pub fn limits(vehicles: usize, delays_s: &[f64], steps_s: &[f64], seeds: u64) ->
     lines.join("\n")
 }
 
-fn limits_row(case: &Case, flights: &[Flight]) -> String {
-    let of = |figure: fn(&Flight) -> Option<f64>| median_and_worst(flights.iter().map(figure));
+fn limits_row(case: &Case, flights: &[CentralFlight]) -> String {
+    let of = |figure: fn(&CentralFlight) -> Option<f64>| median_and_worst(flights.iter().map(figure));
     format!(
         "{:>8} {:>7} {:>12} {:>7} {:>13} {:>13} {:>10}",
         case.delay_s,
@@ -207,7 +207,7 @@ fn limits_row(case: &Case, flights: &[Flight]) -> String {
 }
 
 /// The mean share of vehicles that were in formation at the end.
-fn in_formation(case: &Case, flights: &[Flight]) -> String {
+fn in_formation(case: &Case, flights: &[CentralFlight]) -> String {
     let shares = flights.iter().map(|flight| flight.in_formation as f64 / case.vehicles as f64);
     format!("{:.1} %", 100.0 * shares.sum::<f64>() / flights.len() as f64)
 }
@@ -218,8 +218,8 @@ fn step_ms(case: &Case) -> String {
 }
 
 /// The worst seed: most crashes, then fewest in formation, then farthest from the ring.
-fn worst_of(flights: &[Flight]) -> Option<(u64, &Flight)> {
-    let badness = |flight: &Flight| {
+fn worst_of(flights: &[CentralFlight]) -> Option<(u64, &CentralFlight)> {
+    let badness = |flight: &CentralFlight| {
         let Report { crashes, radial_rms_m, .. } = flight.report;
         (crashes, std::cmp::Reverse(flight.in_formation), radial_rms_m.map(|rms_m| (rms_m * 1e3) as u64))
     };
@@ -250,10 +250,10 @@ fn heading() -> String {
     )
 }
 
-fn row(case: &Case, flights: &[Flight]) -> String {
-    let of = |figure: fn(&Flight) -> Option<f64>| median_and_worst(flights.iter().map(figure));
-    let sum = |figure: fn(&Flight) -> u64| flights.iter().map(figure).sum::<u64>();
-    let mean = |figure: &dyn Fn(&Flight) -> f64| flights.iter().map(figure).sum::<f64>() / flights.len() as f64;
+fn row(case: &Case, flights: &[CentralFlight]) -> String {
+    let of = |figure: fn(&CentralFlight) -> Option<f64>| median_and_worst(flights.iter().map(figure));
+    let sum = |figure: fn(&CentralFlight) -> u64| flights.iter().map(figure).sum::<u64>();
+    let mean = |figure: &dyn Fn(&CentralFlight) -> f64| flights.iter().map(figure).sum::<f64>() / flights.len() as f64;
     let closest_m = flights.iter().filter_map(|flight| flight.report.min_separation_m).fold(f64::INFINITY, f64::min);
     format!(
         "{:<8} {:>3} {:>5} {:>7} {:>7} {:>7} {:>7} {:>12} {:>7} {:>6} {:>10} {closest_m:>9.1} {:>15} {:>13} {:>15} \

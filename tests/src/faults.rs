@@ -30,7 +30,7 @@ const LIMIT_S: f64 = 900.0;
 
 /// One flight with one fault.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Flight {
+pub struct FaultFlight {
     /// Number of pairs, with at least one healthy vehicle, that came closer than the collision distance.
     pub collisions: usize,
     /// Least distance between two airborne vehicles, m.
@@ -83,12 +83,12 @@ pub fn scenario(fault: Option<&str>, vehicles: usize, seed: u64) -> Scenario {
 ///
 /// # Panics
 /// If the flight cannot start.
-pub fn fly(fault: Option<&str>, vehicles: usize, seed: u64) -> Flight {
+pub fn fly(fault: Option<&str>, vehicles: usize, seed: u64) -> FaultFlight {
     let study = of_scenario(scenario(fault, vehicles, seed));
     let mut world = World::new(&study.scenario, &study.aircraft, &study.rules).expect("a valid scenario");
     let at_s = study.scenario.mission.events.first().map(|event| event.at_s);
     let victim = VehicleId::new(2).expect("an id");
-    let mut flight = Flight { closest_m: f64::INFINITY, ..Flight::default() };
+    let mut flight = FaultFlight { closest_m: f64::INFINITY, ..FaultFlight::default() };
     let (mut began_s, mut step_then, mut near) = (None, 0, BTreeSet::new());
     while world.t_s() < LIMIT_S && !flight.finished {
         world.tick();
@@ -129,7 +129,7 @@ pub fn fly(fault: Option<&str>, vehicles: usize, seed: u64) -> Flight {
     flight
 }
 
-fn look_at_pairs(world: &World, flight: &mut Flight, near: &mut BTreeSet<(VehicleId, VehicleId)>) {
+fn look_at_pairs(world: &World, flight: &mut FaultFlight, near: &mut BTreeSet<(VehicleId, VehicleId)>) {
     for (one, other, distance_m) in airborne_pairs(world) {
         flight.closest_m = flight.closest_m.min(distance_m);
         if distance_m < COLLISION_M {
@@ -163,8 +163,8 @@ pub fn table(vehicles: &[usize], seeds: u64) -> String {
     lines.join("\n")
 }
 
-fn row(name: &str, vehicles: usize, flights: &[Flight]) -> String {
-    let of = |figure: fn(&Flight) -> Option<f64>| median_and_worst(flights.iter().map(figure));
+fn row(name: &str, vehicles: usize, flights: &[FaultFlight]) -> String {
+    let of = |figure: fn(&FaultFlight) -> Option<f64>| median_and_worst(flights.iter().map(figure));
     let collisions: usize = flights.iter().map(|flight| flight.collisions).sum();
     let finished = flights.iter().filter(|flight| flight.finished).count();
     let closest_m = flights.iter().map(|flight| flight.closest_m).fold(f64::INFINITY, f64::min);

@@ -30,7 +30,7 @@ pub struct Cell {
 
 /// One flight of a cell.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Flight {
+pub struct FormationErrorFlight {
     /// The swarm and the network.
     pub cell: Cell,
     /// The seed.
@@ -75,19 +75,19 @@ pub fn figures(report: &Report) -> [f64; 4] {
 }
 
 /// The flights of a cell with the seeds below `seeds`.
-pub fn flights(cell: Cell, sets: &[&str], seeds: u64) -> Vec<Flight> {
+pub fn flights(cell: Cell, sets: &[&str], seeds: u64) -> Vec<FormationErrorFlight> {
     in_parallel(0..seeds, |seed| {
         let report = of_cell(cell, sets).fly(seed).expect("a valid hover");
-        Flight { cell, seed, figures: figures(&report) }
+        FormationErrorFlight { cell, seed, figures: figures(&report) }
     })
 }
 
 /// The flights of the golden file.
-pub fn golden() -> Vec<Flight> {
+pub fn golden() -> Vec<FormationErrorFlight> {
     let row = |line: &str| {
         let cells: Vec<&str> = line.split(',').collect();
         let number = |nth: usize| cells[nth].parse::<f64>().expect("a number");
-        Flight {
+        FormationErrorFlight {
             cell: Cell { vehicles: number(0) as usize, loss: number(1), delay_s: number(2) },
             seed: number(3) as u64,
             figures: [4, 5, 6, 7].map(number),
@@ -110,7 +110,7 @@ pub fn csv() -> String {
 
 /// The table of the documentation: for each network and number of vehicles the medians of the radial rms and of the
 /// spacing error.
-pub fn markdown(flights: &[Flight]) -> String {
+pub fn markdown(flights: &[FormationErrorFlight]) -> String {
     let median = |cell: Cell, figure: usize| {
         let mut values: Vec<f64> =
             flights.iter().filter(|flight| flight.cell == cell).map(|flight| flight.figures[figure]).collect();

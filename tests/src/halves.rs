@@ -16,7 +16,7 @@ const NOTICED_S: f64 = 1.2;
 
 /// One flight.
 #[derive(Clone, Copy, Debug)]
-pub struct Flight {
+pub struct PartitionFlight {
     /// Steps that the first partition advanced while it knew of the cut.
     pub first_steps: u32,
     /// Steps that the second partition advanced while it knew of the cut.
@@ -28,7 +28,7 @@ pub struct Flight {
     pub closest_m: f64,
 }
 
-impl Flight {
+impl PartitionFlight {
     /// Whether two vehicles came closer than the collision distance.
     pub fn has_collided(&self) -> bool {
         self.closest_m < COLLISION_M
@@ -62,7 +62,7 @@ fn scenario(partition: &str, first: usize, vehicles: usize, seed: u64) -> Scenar
 ///
 /// # Panics
 /// If the flight cannot start.
-pub fn fly(partition: &str, first: usize, vehicles: usize, seed: u64) -> Flight {
+pub fn fly(partition: &str, first: usize, vehicles: usize, seed: u64) -> PartitionFlight {
     let study = of_scenario(scenario(partition, first, vehicles, seed));
     let mut world = World::new(&study.scenario, &study.aircraft, &study.rules).expect("a valid scenario");
     let is_first = |id: VehicleId| usize::from(id.get()) <= first;
@@ -71,7 +71,7 @@ pub fn fly(partition: &str, first: usize, vehicles: usize, seed: u64) -> Flight 
         part.map(|(_, agent, ..)| agent.at_step()).max().unwrap_or(0)
     };
     let (mut cut_s, mut healed_s, mut steps_then) = (None, None, None);
-    let mut flight = Flight { first_steps: 0, second_steps: 0, rejoined_s: None, closest_m: f64::INFINITY };
+    let mut flight = PartitionFlight { first_steps: 0, second_steps: 0, rejoined_s: None, closest_m: f64::INFINITY };
     while healed_s.is_none_or(|healed_s| world.t_s() < healed_s + 30.0) {
         world.tick();
         let t_s = world.t_s();
@@ -126,7 +126,7 @@ pub fn table(seeds: u64) -> String {
     )];
     for (partition, first, vehicles) in CASES {
         let flights = in_parallel(0..seeds, |seed| fly(partition, first, vehicles, seed));
-        let range = |steps: fn(&Flight) -> u32| {
+        let range = |steps: fn(&PartitionFlight) -> u32| {
             let steps = || flights.iter().map(steps);
             format!("{} to {}", steps().min().unwrap_or(0), steps().max().unwrap_or(0))
         };

@@ -32,7 +32,7 @@ const STARTS: [&str; 3] = ["random", "ring", "line"];
 
 /// Result of one flight without faults.
 #[derive(Clone, Debug, Default)]
-pub struct Flight {
+pub struct WindFlight {
     /// Mean wind, m/s.
     pub wind_m_s: f64,
     /// Number of vehicles.
@@ -46,7 +46,7 @@ pub struct Flight {
     pub longest_off: Option<(VehicleId, f64, f64)>,
 }
 
-impl fmt::Display for Flight {
+impl fmt::Display for WindFlight {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let failures = self.failures.iter().map(|(t_s, id, failure)| format!("{t_s:.1} s vehicle {id}: {failure}"));
         write!(f, "{}", failures.collect::<Vec<_>>().join(", "))
@@ -98,11 +98,11 @@ pub fn scenario(seed: u64, wind_m_s: f64) -> Scenario {
 ///
 /// # Panics
 /// If the flight cannot start.
-pub fn fly(scenario: Scenario) -> Flight {
+pub fn fly(scenario: Scenario) -> WindFlight {
     let study = of_scenario(scenario);
     let mut world = World::new(&study.scenario, &study.aircraft, &study.rules).expect("a valid scenario");
     let (wind_m_s, vehicles) = (study.scenario.world.wind_m_s, study.scenario.swarm.vehicles);
-    let mut flight = Flight { wind_m_s, vehicles, ..Flight::default() };
+    let mut flight = WindFlight { wind_m_s, vehicles, ..WindFlight::default() };
     let mut off_s: BTreeMap<VehicleId, f64> = BTreeMap::new();
     let mut tick = 0;
     while world.t_s() < DURATION_S {
@@ -138,7 +138,7 @@ pub fn table(seeds: u64) -> String {
     let mut lines =
         vec![format!("{:>8} {:>7} {:>8} {:>8} {:>14}", "wind m/s", "flights", "vehicles", "failures", "longest off s")];
     for from_m_s in [0.0, 2.0, 4.0, 6.0, 8.0] {
-        let of = |flight: &&Flight| (from_m_s..from_m_s + 2.0).contains(&flight.wind_m_s);
+        let of = |flight: &&WindFlight| (from_m_s..from_m_s + 2.0).contains(&flight.wind_m_s);
         lines.push(row(&format!("{from_m_s:.0} to {:.0}", from_m_s + 2.0), flights.iter().filter(of)));
     }
     lines.push(row("all", flights.iter()));
@@ -147,7 +147,7 @@ pub fn table(seeds: u64) -> String {
     }
     let mut longest: Vec<_> = flights.iter().enumerate().collect();
     longest.sort_by(|(_, one), (_, other)| other.longest_off_s.total_cmp(&one.longest_off_s));
-    for (seed, Flight { wind_m_s, longest_off_s, longest_off, .. }) in longest.into_iter().take(5) {
+    for (seed, WindFlight { wind_m_s, longest_off_s, longest_off, .. }) in longest.into_iter().take(5) {
         let Some((id, until_s, below_m)) = longest_off else { continue };
         lines.push(format!(
             "seed {seed}, {wind_m_s:.1} m/s: vehicle {id} off its altitude for {longest_off_s:.1} s until {until_s:.1} s, \
@@ -157,7 +157,7 @@ pub fn table(seeds: u64) -> String {
     lines.join("\n")
 }
 
-fn row<'a>(wind: &str, flights: impl Iterator<Item = &'a Flight>) -> String {
+fn row<'a>(wind: &str, flights: impl Iterator<Item = &'a WindFlight>) -> String {
     let (mut count, mut vehicles, mut failures, mut longest_off_s) = (0, 0, 0, 0.0_f64);
     for flight in flights {
         count += 1;

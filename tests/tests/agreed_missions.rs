@@ -36,7 +36,7 @@ fn partitions_continue_or_hold_by_their_policy_and_rejoin_soon() {
         }
         // A partition that has to respace first may not reach its place while the cut lasts, but in some flights it
         // does.
-        let advanced = |steps: fn(&halves::Flight) -> u32| flights.iter().any(|flight| steps(flight) > 0);
+        let advanced = |steps: fn(&halves::PartitionFlight) -> u32| flights.iter().any(|flight| steps(flight) > 0);
         let case = format!("{partition}, {first} of {vehicles}: {flights:?}");
         assert_eq!(advanced(|flight| flight.first_steps), partition == "continue" || 2 * first > vehicles, "{case}");
         assert_eq!(advanced(|flight| flight.second_steps), partition == "continue", "{case}");

@@ -2,7 +2,9 @@
 
 use skein_lab::metrics::{Report, Run};
 use skein_lab::recording::Recording;
-use skein_tests::formation_error::{self, Cell, FIGURES, Flight, cells, figures, flights, golden, of_cell};
+use skein_tests::formation_error::{
+    self, Cell, FIGURES, FormationErrorFlight, cells, figures, flights, golden, of_cell,
+};
 use skein_tests::in_parallel;
 
 /// Number of seeds: the first ones of the golden file.
@@ -35,7 +37,7 @@ fn the_golden_table_is_complete() {
 fn the_formation_error_equals_the_golden_table_to_the_bit() {
     let golden = golden();
     for cell in FLOWN {
-        let expected: Vec<Flight> =
+        let expected: Vec<FormationErrorFlight> =
             golden.iter().filter(|flight| flight.cell == cell && flight.seed < SEEDS).copied().collect();
         assert_eq!(flights(cell, &[], SEEDS), expected);
     }

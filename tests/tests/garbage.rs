@@ -23,7 +23,7 @@ use skein_agent::run::{self, Stop};
 use skein_common::frame::{Geodetic, VelocityNed};
 use skein_common::id::{Incarnation, SwarmName, VehicleId};
 use skein_common::message::{
-    Drops, Header, Health, MAX_STEP, Mission, Order, State, Trace, VERSION, Verb, decode, encode,
+    Drops, Header, Health, Heartbeat, MAX_STEP, Order, State, Trace, VERSION, Verb, decode, encode,
 };
 use skein_common::scenario::{Source, load};
 use skein_common::state::{Activity, Membership, VehicleState};
@@ -105,7 +105,8 @@ impl Meddler {
     /// Checks that the agent sends whole messages only, and that every control is finite and within its travel.
     fn check(&self, datagram: &[u8]) {
         let Ok(DrefWrite { path, value }) = DrefWrite::decode(datagram) else {
-            let is_request = rpos::Request::decode(datagram).is_ok() || rref::Request::decode(datagram).is_ok();
+            let is_request =
+                rpos::PositionRequest::decode(datagram).is_ok() || rref::DatarefRequest::decode(datagram).is_ok();
             assert!(is_request, "{datagram:?}");
             return;
         };
@@ -240,7 +241,7 @@ impl Stranger {
         let alien = self.state(200);
         self.put(Topic::State(id(200), cell), encode(&alien));
         let order = Order { epoch: u64::MAX, issuer: 1, verb: Verb::Land, signature: None };
-        let mission = Mission {
+        let mission = Heartbeat {
             header: self.header(3),
             plan: 1,
             membership: Membership::Active,

@@ -178,7 +178,7 @@ fn files(folder: &Path, found: &mut Vec<PathBuf>) {
             .any(|kind| path.extension().is_some_and(|own| own == *kind));
         if path.is_dir() {
             files(&path, found);
-        } else if is_read || path.parent().is_some_and(|folder| folder.ends_with(".ci")) {
+        } else if is_read || path.parent().is_some_and(|folder| folder.file_name().is_some_and(|name| name == ".ci")) {
             found.push(path);
         }
     }

@@ -10,7 +10,7 @@ use skein::cli::{self, Cli};
 use skein_common::scenario::Scenario;
 use skein_lab::metrics::Run;
 use skein_lab::recording::Recording;
-use skein_lab::report::figure::Figure;
+use skein_lab::report::figure::Drawing;
 use skein_lab::report::flight;
 use skein_lab::scenario::ScenarioArgs;
 use skein_lab::study::Study;
@@ -29,7 +29,7 @@ fn recorded(name: &str, sets: &[&str], rate_hz: f64) -> Recording {
 }
 
 /// Draws every figure, and checks the properties that all figures have.
-fn drawn(recording: &Recording) -> Vec<(Figure, String)> {
+fn drawn(recording: &Recording) -> Vec<(Drawing, String)> {
     let figures = flight::figures(recording);
     let drawn: Vec<_> = figures.into_iter().map(|figure| (figure.svg(), figure)).collect();
     for (svg, figure) in &drawn {
@@ -47,11 +47,11 @@ fn drawn(recording: &Recording) -> Vec<(Figure, String)> {
     drawn.into_iter().map(|(svg, figure)| (figure, svg)).collect()
 }
 
-fn names(drawn: &[(Figure, String)]) -> Vec<&str> {
+fn names(drawn: &[(Drawing, String)]) -> Vec<&str> {
     drawn.iter().map(|(figure, _)| figure.name.as_str()).collect()
 }
 
-fn svg<'a>(drawn: &'a [(Figure, String)], name: &str) -> &'a str {
+fn svg<'a>(drawn: &'a [(Drawing, String)], name: &str) -> &'a str {
     &drawn.iter().find(|(figure, _)| figure.name == name).unwrap().1
 }
 

@@ -159,7 +159,7 @@ impl Mission {
     }
 
     /// Merges the order of a peer's heartbeat if the peer flies the same plan; otherwise reports the peer.
-    pub fn take_heartbeat(&mut self, heartbeat: &message::Mission, happened: &mut Vec<EventKind>) {
+    pub fn take_heartbeat(&mut self, heartbeat: &message::Heartbeat, happened: &mut Vec<EventKind>) {
         let id = heartbeat.header.sender;
         if heartbeat.plan == self.plan {
             heartbeat.order.into_iter().for_each(|order| self.merge(order, happened));
@@ -177,7 +177,7 @@ impl Mission {
         now: Now,
         estimate: &Estimate,
         view: &View,
-        heartbeats: impl Iterator<Item = &'a message::Mission> + Clone,
+        heartbeats: impl Iterator<Item = &'a message::Heartbeat> + Clone,
         happened: &mut Vec<EventKind>,
     ) -> Task {
         let since = *self.since.get_or_insert_with(|| {
@@ -266,7 +266,7 @@ impl Mission {
         now: Now,
         estimate: &Estimate,
         view: &View,
-        heartbeats: impl Iterator<Item = &'a message::Mission> + Clone,
+        heartbeats: impl Iterator<Item = &'a message::Heartbeat> + Clone,
         happened: &mut Vec<EventKind>,
     ) -> Task {
         let order = self.order.map(|order| order.verb);
@@ -297,7 +297,7 @@ impl Mission {
     fn begin_step<'a>(
         &mut self,
         progress: Option<Progress>,
-        heartbeats: impl Iterator<Item = &'a message::Mission>,
+        heartbeats: impl Iterator<Item = &'a message::Heartbeat>,
         happened: &mut Vec<EventKind>,
     ) {
         let Some(progress) = progress else { return };
@@ -317,7 +317,7 @@ impl Mission {
     }
 
     /// Updates the members that have not reached this step. Members out of contact stay unchanged.
-    fn update_awaited<'a>(&mut self, heartbeats: impl Iterator<Item = &'a message::Mission>) {
+    fn update_awaited<'a>(&mut self, heartbeats: impl Iterator<Item = &'a message::Heartbeat>) {
         for heartbeat in heartbeats {
             let (id, state) = (heartbeat.header.sender, AgreementState::from(heartbeat));
             if state.is_active() && !state.has_reached(self.at()) {
@@ -332,7 +332,7 @@ impl Mission {
     fn catch_up<'a>(
         &mut self,
         others: &OtherStates<impl Iterator<Item = AgreementState> + Clone>,
-        heartbeats: impl Iterator<Item = &'a message::Mission>,
+        heartbeats: impl Iterator<Item = &'a message::Heartbeat>,
     ) {
         let along_m = self.agreement.reliable(others, along_m(heartbeats, self.at()));
         along_m.into_iter().for_each(|along_m| self.progress.catch_up(along_m));
@@ -366,7 +366,7 @@ impl Mission {
         now: Now,
         estimate: &Estimate,
         view: &View,
-        heartbeats: impl Iterator<Item = &'a message::Mission> + Clone,
+        heartbeats: impl Iterator<Item = &'a message::Heartbeat> + Clone,
         happened: &mut Vec<EventKind>,
     ) -> Task {
         self.stay = None;
@@ -405,7 +405,7 @@ impl Mission {
         &mut self,
         now: PlantTime,
         in_place: bool,
-        heartbeats: impl Iterator<Item = &'a message::Mission> + Clone,
+        heartbeats: impl Iterator<Item = &'a message::Heartbeat> + Clone,
     ) -> bool {
         let at = self.at();
         let Some(leg) = self.legs.get(at as usize) else { return false };
@@ -482,7 +482,7 @@ impl Mission {
 }
 
 /// Progress of the centre according to those senders of these heartbeats that are at this step, m.
-fn along_m<'a>(heartbeats: impl Iterator<Item = &'a message::Mission>, at: u32) -> impl Iterator<Item = f64> {
+fn along_m<'a>(heartbeats: impl Iterator<Item = &'a message::Heartbeat>, at: u32) -> impl Iterator<Item = f64> {
     heartbeats.filter(move |heartbeat| heartbeat.step == at).map(|heartbeat| heartbeat.progress_m)
 }
 

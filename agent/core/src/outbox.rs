@@ -9,7 +9,7 @@ use alloc::vec::Vec;
 use skein_common::frame::{PositionNed, VelocityNed};
 use skein_common::id::{Incarnation, VehicleId};
 use skein_common::math;
-use skein_common::message::{self, Echo, EventKind, Header, Mission as MissionMessage, State};
+use skein_common::message::{self, Echo, EventKind, Header, Heartbeat, State};
 use skein_common::scenario::{Network, SendMode};
 use skein_common::time::{LocalTime, SenderStamp};
 
@@ -26,7 +26,7 @@ pub struct Outbox {
     /// The own state, if the peers need a new one.
     pub state: Option<State>,
     /// The heartbeat with the agreement state, if it is due.
-    pub mission: Option<MissionMessage>,
+    pub mission: Option<Heartbeat>,
     /// The events of this step, in the order of the stages that found them.
     pub happened: Vec<EventKind>,
 }
@@ -38,7 +38,7 @@ pub struct SendSchedule {
     incarnation: Incarnation,
     need: Need,
     sent: Option<SentState>,
-    mission: Option<(MissionMessage, LocalTime)>,
+    mission: Option<(Heartbeat, LocalTime)>,
     /// Number of frames that still have to repeat the last change of the agreement state.
     repeats: u32,
     state_messages: u64,
@@ -151,7 +151,7 @@ impl SendSchedule {
         now: LocalTime,
         mission: &Mission,
         echo: impl FnOnce(SenderStamp) -> Option<Echo>,
-    ) -> Option<MissionMessage> {
+    ) -> Option<Heartbeat> {
         let (membership, step, vouched, reached, order) =
             (mission.membership(), mission.at(), mission.vouched(), mission.reached(), mission.order());
         let is_due = self.mission.as_ref().is_none_or(|(sent, at)| {
@@ -169,7 +169,7 @@ impl SendSchedule {
         let header = self.header(now, self.heartbeats);
         let (plan, progress_m) = (mission.plan(), mission.progress_m());
         let echo = echo(header.stamp);
-        let heartbeat = MissionMessage { header, plan, membership, step, vouched, reached, progress_m, order, echo };
+        let heartbeat = Heartbeat { header, plan, membership, step, vouched, reached, progress_m, order, echo };
         self.heartbeat_bytes += message::encode(&heartbeat).len() as u64;
         self.mission = Some((heartbeat, now));
         Some(heartbeat)

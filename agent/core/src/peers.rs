@@ -25,7 +25,7 @@ use alloc::vec::Vec;
 
 use skein_common::frame::{Origin, PositionNed, VelocityNed};
 use skein_common::id::{Incarnation, VehicleId, VehicleSet};
-use skein_common::message::{Echo, Header, Mission, Order, State};
+use skein_common::message::{Echo, Header, Heartbeat, Order, State};
 use skein_common::scenario::{Graph, Network};
 use skein_common::state::{Membership, PeerStatus, VehicleState};
 use skein_common::time::{LocalTime, SenderStamp};
@@ -56,7 +56,7 @@ pub enum PeerMessage {
     /// A peer's state.
     State(State),
     /// A peer's heartbeat with its agreement state.
-    Mission(Mission),
+    Mission(Heartbeat),
     /// A peer's liveliness token appeared.
     Appeared(VehicleId),
     /// A peer's liveliness token vanished.
@@ -173,7 +173,7 @@ struct Peer {
     id: VehicleId,
     incarnation: Incarnation,
     state: Option<ReportedState>,
-    mission: Option<Mission>,
+    mission: Option<Heartbeat>,
     /// Arrival of the newest heartbeat.
     heartbeat_at: LocalTime,
     delay: Delay,
@@ -286,7 +286,7 @@ impl Peers {
     }
 
     /// The newest heartbeats of all peers in contact, of any plan, by id. No other stage keeps them.
-    pub fn heartbeats(&self) -> impl Iterator<Item = &Mission> + Clone {
+    pub fn heartbeats(&self) -> impl Iterator<Item = &Heartbeat> + Clone {
         self.known.iter().filter(|peer| peer.lost_at.is_none()).filter_map(|peer| peer.mission.as_ref())
     }
 

@@ -1,7 +1,7 @@
 //! What the tests of several modules build: ids, headers, heartbeats.
 
 use skein_common::id::{Incarnation, VehicleId};
-use skein_common::message::{Header, Mission};
+use skein_common::message::{Header, Heartbeat};
 use skein_common::state::Membership;
 use skein_common::time::SenderStamp;
 
@@ -16,7 +16,7 @@ pub(crate) fn header(sender: u8, sequence: u64) -> Header {
 }
 
 /// The heartbeat of an active member of plan 1 that is at the first step, has not reached it and knows no order.
-pub(crate) fn heartbeat(header: Header) -> Mission {
+pub(crate) fn heartbeat(header: Header) -> Heartbeat {
     let (membership, step) = (Membership::Active, 0);
-    Mission { header, plan: 1, membership, step, vouched: 0, reached: None, progress_m: 0.0, order: None, echo: None }
+    Heartbeat { header, plan: 1, membership, step, vouched: 0, reached: None, progress_m: 0.0, order: None, echo: None }
 }

@@ -12,7 +12,7 @@ use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread;
 use std::time::Duration;
 
-use skein_common::message::{Event, Mission, State, Trace};
+use skein_common::message::{Event, Heartbeat, State, Trace};
 use skein_common::topic::Cell;
 
 /// Longest queue of events; a vehicle has a handful in a minute.
@@ -28,7 +28,7 @@ pub struct Messages {
     /// The own state, and the cell whose key it is published under.
     pub state: Option<(State, Cell)>,
     /// The own heartbeat, which carries the agreement state.
-    pub mission: Option<Mission>,
+    pub mission: Option<Heartbeat>,
     /// Events of the step.
     pub events: Vec<Event>,
     /// Trace of the step.
@@ -39,7 +39,7 @@ pub struct Messages {
 #[derive(Debug, Default)]
 pub(super) struct Waiting {
     pub(super) state: Option<(State, Cell)>,
-    pub(super) mission: Option<Mission>,
+    pub(super) mission: Option<Heartbeat>,
     pub(super) events: VecDeque<Event>,
     pub(super) traces: VecDeque<Trace>,
 }
@@ -186,8 +186,8 @@ mod tests {
         Header { sender, incarnation: Incarnation(1), sequence, stamp: SenderStamp::ZERO }
     }
 
-    fn heartbeat(sequence: u64) -> Mission {
-        Mission {
+    fn heartbeat(sequence: u64) -> Heartbeat {
+        Heartbeat {
             header: header(sequence),
             plan: 7,
             membership: Default::default(),

@@ -54,8 +54,8 @@ fn state(sender: u8, sequence: u64) -> State {
     State { header, state: VehicleState { position, velocity: VelocityNed::new(1.0, 0.0, 0.0), heading_rad: 0.0 } }
 }
 
-fn mission(sender: u8, sequence: u64) -> Mission {
-    Mission {
+fn mission(sender: u8, sequence: u64) -> Heartbeat {
+    Heartbeat {
         header: state(sender, sequence).header,
         plan: 7,
         membership: Default::default(),

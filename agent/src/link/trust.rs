@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use skein_common::id::{SwarmName, VehicleId};
-use skein_common::message::{Mission, Order, Reason};
+use skein_common::message::{Heartbeat, Order, Reason};
 use skein_common::scenario::Scenario;
 
 use super::signature::messages::KeyRing;
@@ -93,7 +93,7 @@ impl Verifier {
                     refused(Reason::Unsealed);
                 }
                 // The heartbeat itself is still the sender's: even with another plan it shows that the sender is up.
-                Some(PeerMessage::Mission(Mission { order, ..content }))
+                Some(PeerMessage::Mission(Heartbeat { order, ..content }))
             }
             (_, PeerMessage::Order(order)) if !self.is_signed(&order) => {
                 refused(Reason::Unsealed);

@@ -103,7 +103,7 @@ fn next_tick(tick_at: Instant, now: Instant) -> (Instant, u64) {
 mod tests {
     use skein_common::frame::{Geodetic, Origin};
     use skein_common::id::VehicleId;
-    use skein_common::scenario::{Event, EventAction, Fault};
+    use skein_common::scenario::{EventAction, Fault, ScriptedEvent};
 
     use super::*;
     use skein_core::aircraft::Aircraft;
@@ -153,7 +153,7 @@ mod tests {
     #[test]
     fn a_script_continues_after_an_earlier_agent() {
         let vehicle = VehicleId::new(1).unwrap();
-        let fault = |at_s, for_s, fault| Event { at_s, for_s, what: EventAction::Fault(fault) };
+        let fault = |at_s, for_s, fault| ScriptedEvent { at_s, for_s, what: EventAction::Fault(fault) };
         let over = fault(10.0, Some(80.0), Fault::EngineOut { vehicle });
         let lasting = fault(20.0, None, Fault::GyroOff { vehicle });
         let BuiltIn { vehicle, script, .. } = plant(Script::of(&[over, lasting], vehicle));
@@ -166,7 +166,7 @@ mod tests {
     #[test]
     fn a_frozen_simulator_delivers_no_frame_and_its_time_stops() {
         let vehicle = VehicleId::new(1).unwrap();
-        let fault = |at_s, for_s, fault| Event { at_s, for_s, what: EventAction::Fault(fault) };
+        let fault = |at_s, for_s, fault| ScriptedEvent { at_s, for_s, what: EventAction::Fault(fault) };
         let freeze = fault(0.2, Some(0.3), Fault::SimulatorFreeze { vehicle });
         let engine_out = fault(0.0, Some(0.1), Fault::EngineOut { vehicle });
         let mut plant = plant(Script::of(&[freeze, engine_out], vehicle));

@@ -20,4 +20,4 @@ pub mod server;
 pub mod standin;
 pub mod wire;
 
-pub use link::{Counters, LinkError, XPlane};
+pub use link::{Counters, XPlane, XPlaneLinkError};

@@ -102,7 +102,7 @@ impl SilenceMonitor {
 #[cfg(test)]
 mod tests {
     use skein_common::id::Incarnation;
-    use skein_common::message::{Header, Mission};
+    use skein_common::message::{Header, Heartbeat};
     use skein_common::time::SenderStamp;
 
     use super::*;
@@ -115,7 +115,7 @@ mod tests {
 
     fn heartbeat(sender: u8) -> PeerMessage {
         let header = Header { sender: id(sender), incarnation: Incarnation(1), sequence: 1, stamp: SenderStamp::ZERO };
-        PeerMessage::Mission(Mission {
+        PeerMessage::Mission(Heartbeat {
             header,
             plan: 7,
             membership: Default::default(),

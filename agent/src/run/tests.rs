@@ -3,7 +3,7 @@ use std::time::{Duration, Instant};
 
 use skein_common::id::{Incarnation, SwarmName, VehicleId};
 use skein_common::message::{
-    Event, EventKind, Header, Health, Message, Mission, Order, Reason, Refused, Trace, Verb, decode, encode,
+    Event, EventKind, Header, Health, Heartbeat, Message, Order, Reason, Refused, Trace, Verb, decode, encode,
 };
 use skein_common::scenario::{self, EventAction, Fault, Graph, Network, Source, load};
 use skein_common::state::{Membership, PeerStatus};
@@ -168,7 +168,7 @@ fn a_cut_in_the_scenario_separates_two_agents_until_it_ends() {
         let [one, two] = [1, 2].map(|number| vec![VehicleId::new(number).unwrap()]);
         let cut = Fault::Cut { from: one, to: two, both_ways: false };
         node.scenario.mission.events =
-            vec![scenario::Event { at_s: 1.0, for_s: Some(2.0), what: EventAction::Fault(cut) }];
+            vec![scenario::ScriptedEvent { at_s: 1.0, for_s: Some(2.0), what: EventAction::Fault(cut) }];
         (node.scenario.network.loss, node.scenario.network.delay_s) = (0.1, 0.1);
         node
     });
@@ -256,7 +256,7 @@ fn a_delay_that_starts_in_flight_increases_the_ages_and_loses_no_peer() {
         let [from, to] = [1, 2].map(|number| vec![VehicleId::new(number).unwrap()]);
         let delay = Fault::Delay { from, to, both_ways: true, delay_s: 0.6 };
         node.scenario.mission.events =
-            vec![scenario::Event { at_s: 3.0, for_s: Some(4.0), what: EventAction::Fault(delay) }];
+            vec![scenario::ScriptedEvent { at_s: 3.0, for_s: Some(4.0), what: EventAction::Fault(delay) }];
         node
     });
     let second = link::open_zenoh(&swarm, &["tcp/127.0.0.1:0".to_owned()], &dial, &[]).unwrap();
@@ -394,10 +394,10 @@ fn an_invented_order_lands_no_vehicle_and_a_signed_one_does() {
     flight.stop.abandon();
     let other = link::open_zenoh(&swarm, &[], &dial, &[]).unwrap();
     let (mut events, mut healths) = (listen::<Event>(&other, all::EVENTS), listen::<Health>(&other, all::HEALTH));
-    let mut missions = listen::<Mission>(&other, all::MISSIONS);
+    let mut missions = listen::<Heartbeat>(&other, all::MISSIONS);
     let mut recorded: Vec<EventKind> = Vec::new();
     let abort = Order { epoch: u64::MAX, issuer: 5, verb: Verb::Abort, signature: None };
-    let mut heartbeat = Mission {
+    let mut heartbeat = Heartbeat {
         header: Header {
             sender: VehicleId::new(2).unwrap(),
             incarnation: Incarnation(1),

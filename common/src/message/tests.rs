@@ -28,9 +28,9 @@ fn signature() -> Signature {
     Signature::from_bytes(std::array::from_fn(|nth| nth as u8))
 }
 
-fn mission() -> Mission {
+fn mission() -> Heartbeat {
     let order = Order { epoch: 1, issuer: 9, verb: Verb::Land, signature: Some(signature()) };
-    Mission {
+    Heartbeat {
         header: header(),
         plan: 7,
         membership: Membership::Active,
@@ -74,7 +74,7 @@ fn a_heartbeat_and_an_event_are_encoded_as_the_golden_bytes() {
     golden.extend([1, 2, 0xac, 0x02, 0xc0, 0x9a, 0x0c]);
     assert_eq!(encode(&mission()), golden);
     assert_eq!(decode(&golden), Ok(mission()));
-    let plain = Mission { order: mission().order.map(|order| Order { signature: None, ..order }), ..mission() };
+    let plain = Heartbeat { order: mission().order.map(|order| Order { signature: None, ..order }), ..mission() };
     assert_eq!(encode(&plain).len(), golden.len() - 64, "an order without a signature spends one byte on that");
 
     let mut golden = vec![VERSION];
@@ -128,7 +128,7 @@ fn the_largest_messages_fit() {
         stamp: SenderStamp::from_nanoseconds(u64::MAX),
     };
     let order = Order { epoch: u64::MAX, issuer: u64::MAX, verb: Verb::Goto(u32::MAX), signature: Some(signature()) };
-    let mission = Mission {
+    let mission = Heartbeat {
         header: most,
         plan: u64::MAX,
         membership: Membership::Left,
@@ -241,7 +241,7 @@ proptest! {
         bytes in prop_oneof![proptest::collection::vec(any::<u8>(), 0..200), nearly_a_message()],
     ) {
         assert_refused_or_its_own_bytes::<State>(&bytes)?;
-        assert_refused_or_its_own_bytes::<Mission>(&bytes)?;
+        assert_refused_or_its_own_bytes::<Heartbeat>(&bytes)?;
         assert_refused_or_its_own_bytes::<Order>(&bytes)?;
         assert_refused_or_its_own_bytes::<Event>(&bytes)?;
         assert_refused_or_its_own_bytes::<Health>(&bytes)?;

@@ -4,8 +4,8 @@ use std::f64::consts::PI;
 
 use super::error::ScenarioError;
 use super::model::{
-    ControlMode, Conversion, EventAction, Fault, Formation, Graph, Law, Order, Pattern, PlantKind, SafetyFilter,
-    Scenario, StartPattern, Vertical,
+    ControlMode, Conversion, EventAction, Fault, Formation, Graph, Law, Pattern, PlantKind, SafetyFilter, Scenario,
+    ScriptedOrder, StartPattern, Vertical,
 };
 use super::tree::{Node, Place, Texts};
 use crate::id::VehicleId;
@@ -373,7 +373,7 @@ impl Check<'_> {
                     | Fault::GpsFrozen { vehicle }
                     | Fault::ClockJump { vehicle, .. },
                 ) => self.flies(*vehicle, &path("vehicle"))?,
-                EventAction::Order(Order::Goto { step }) if *step >= self.scenario.mission.steps.len() => {
+                EventAction::Order(ScriptedOrder::Goto { step }) if *step >= self.scenario.mission.steps.len() => {
                     let last = self.scenario.mission.steps.len() - 1;
                     let path = path("step");
                     return Err(self.fault(&[&path], format!("`{path}` is {step}, but the last step is {last}")));

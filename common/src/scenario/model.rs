@@ -16,7 +16,7 @@ use crate::id::{SwarmName, VehicleId};
 
 pub use super::law::Law;
 pub use laws::{DisplacementConsensus, OlfatiSaber, Pattern, Slots, Vasarhelyi};
-pub use mission::{Event, EventAction, Fault, Mission, Order, Partition, Servo, Step, Target};
+pub use mission::{EventAction, Fault, Mission, Partition, ScriptedEvent, ScriptedOrder, Servo, Step, Target};
 pub use network::{Graph, LinkChange, Network, Quality, SendMode};
 
 /// A scenario: one swarm, its mission and the flight conditions. Only [`load`](super::load) checks it: `Deserialize`
@@ -37,7 +37,7 @@ pub struct Scenario {
     /// Positions before take-off.
     pub start: Start,
     /// Origin of the local frame.
-    pub origin: Origin,
+    pub origin: OriginSettings,
     /// The formation before a step changes it.
     pub formation: Formation,
     /// Steps and events of the mission.
@@ -139,7 +139,7 @@ pub enum StartPattern {
 
 /// Origin of the local north-east-down frame, `[origin]`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Origin {
+pub struct OriginSettings {
     /// Latitude, °, positive north.
     pub latitude_deg: f64,
     /// Longitude, °, positive east.
@@ -148,7 +148,7 @@ pub struct Origin {
     pub elevation_m: f64,
 }
 
-impl Origin {
+impl OriginSettings {
     /// The origin as a geodetic position, in radians.
     pub fn geodetic(&self) -> Geodetic {
         Geodetic::from_degrees(self.latitude_deg, self.longitude_deg, self.elevation_m)

@@ -36,7 +36,7 @@ use crate::study::is_worse;
 use crate::terminal::json;
 use crate::terminal::say;
 use folder::Folder;
-use pairs::{Paired, Point};
+use pairs::{Paired, PairedPoint};
 pub use verdict::{Compared, NEGLIGIBLE, Side, Verdict};
 
 /// `skein compare`
@@ -132,7 +132,7 @@ impl Comparison {
     pub fn new(paired: &Paired<'_>, only: &[String]) -> Self {
         let keys = || figures::judged().map(|(key, _)| key);
         let is_asked = |key: &&str| only.is_empty() || only.iter().any(|asked| asked == key);
-        let point = |point: &Point<'_>| ComparedPoint {
+        let point = |point: &PairedPoint<'_>| ComparedPoint {
             set: point.set.clone(),
             pairs: point.pairs.len(),
             figures: keys().filter(is_asked).filter_map(|key| Compared::new(key, &point.pairs)).collect(),

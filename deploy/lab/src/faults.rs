@@ -11,7 +11,7 @@ use serde::de::Error;
 use serde::{Deserialize, Deserializer, Serialize};
 use skein_common::id::VehicleId;
 use skein_common::message::Verb;
-use skein_common::scenario::{self, Event, EventAction, Fault, Servo};
+use skein_common::scenario::{self, EventAction, Fault, ScriptedEvent, Servo};
 use skein_core::impairments::{delays, lasting, silences, union};
 
 /// The scenario's name of a failure, such as `engine_out`.
@@ -140,7 +140,7 @@ impl LinkChanges {
 
 /// The changes that the scenario makes to the link from `sender` to `receiver`, each at its time, s after the
 /// receiver's take-off. The time of a change that never comes is infinite.
-pub fn link_changes(events: &[Event], sender: VehicleId, receiver: VehicleId) -> Vec<(f64, LinkChange)> {
+pub fn link_changes(events: &[ScriptedEvent], sender: VehicleId, receiver: VehicleId) -> Vec<(f64, LinkChange)> {
     let cuts = silences(events, sender, receiver).into_iter();
     let cuts = cuts.flat_map(|lasts| [(lasts.start, LinkChange::Cut), (lasts.end, LinkChange::Healed)]);
     let delays = union(delays(events, sender, receiver).into_iter().map(|(lasts, _)| lasts)).into_iter();
@@ -149,20 +149,20 @@ pub fn link_changes(events: &[Event], sender: VehicleId, receiver: VehicleId) ->
 }
 
 /// The spans in which vehicle `own` has no agent, s after its take-off.
-pub fn kills(events: &[Event], own: VehicleId) -> Vec<Range<f64>> {
+pub fn kills(events: &[ScriptedEvent], own: VehicleId) -> Vec<Range<f64>> {
     let kills = events.iter().filter(|event| event.what == EventAction::Fault(Fault::Kill { vehicle: own }));
     union(kills.map(lasting))
 }
 
 /// The spans in which the central controller is down, s after the first take-off.
-pub fn control_kills(events: &[Event]) -> Vec<Range<f64>> {
+pub fn control_kills(events: &[ScriptedEvent]) -> Vec<Range<f64>> {
     let kills = events.iter().filter(|event| event.what == EventAction::Fault(Fault::KillControl));
     union(kills.map(lasting))
 }
 
 /// The operator's orders, each at its time, s after the first take-off. A hold ends with a `goto`; no other order has
 /// an end.
-pub fn orders(events: &[Event]) -> Vec<(f64, Verb)> {
+pub fn orders(events: &[ScriptedEvent]) -> Vec<(f64, Verb)> {
     let verbs = events.iter().filter_map(|event| match &event.what {
         EventAction::Order(order) => Some([(event.at_s, verb(*order)), (lasting(event).end, Verb::Goto(0))]),
         EventAction::Fault(_) => None,
@@ -198,12 +198,12 @@ pub fn failure_of(fault: &Fault) -> Option<(VehicleId, FailureName)> {
     }
 }
 
-fn verb(order: scenario::Order) -> Verb {
+fn verb(order: scenario::ScriptedOrder) -> Verb {
     match order {
-        scenario::Order::Hold => Verb::Hold,
-        scenario::Order::Goto { step } => Verb::Goto(u32::try_from(step).unwrap_or(u32::MAX)),
-        scenario::Order::Land => Verb::Land,
-        scenario::Order::Abort => Verb::Abort,
+        scenario::ScriptedOrder::Hold => Verb::Hold,
+        scenario::ScriptedOrder::Goto { step } => Verb::Goto(u32::try_from(step).unwrap_or(u32::MAX)),
+        scenario::ScriptedOrder::Land => Verb::Land,
+        scenario::ScriptedOrder::Abort => Verb::Abort,
     }
 }
 

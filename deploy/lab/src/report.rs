@@ -90,7 +90,7 @@ fn recording(path: &Path) -> Result<(Recording, String), Error> {
 
 /// All figures of a flight.
 fn flight_parts(recording: &Recording) -> Vec<Part> {
-    flight::figures(recording).into_iter().map(Part::Figure).collect()
+    flight::figures(recording).into_iter().map(Part::Drawing).collect()
 }
 
 /// The last component of a path without its extension, as a file name.

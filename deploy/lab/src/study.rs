@@ -32,7 +32,7 @@ pub use measured::{Measured, Outcome, is_worse, worst_and_median};
 pub use recorded::{RecordRunError, record_run};
 use skein_host::clock::now;
 use skein_host::parallel::in_parallel;
-pub use summary::{Figure, PointSummary, Summary, summarize, summary};
+pub use summary::{FigureSummary, PointSummary, Summary, summarize, summary};
 pub use table::rounded;
 
 /// Virtual time after which joining has failed, s.

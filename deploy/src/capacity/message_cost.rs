@@ -12,7 +12,7 @@ use skein_agent::link::signature::messages::KeyRing;
 use skein_agent::link::{Link, Security, Sessions, Trust};
 use skein_common::frame::{Geodetic, PositionNed, VelocityNed};
 use skein_common::id::{Incarnation, SwarmName, VehicleId};
-use skein_common::message::{self, Echo, Header, Mission, State};
+use skein_common::message::{self, Echo, Header, Heartbeat, State};
 use skein_common::state::{Membership, VehicleState};
 use skein_common::topic::Cell;
 use skein_core::peers::{PeerMessage, Received};
@@ -214,7 +214,7 @@ impl LinkEnd {
     fn send_heartbeat(&mut self) -> usize {
         let (header, membership) = (self.header(), Membership::Active);
         let echo = Some(Echo { of: header.sender, stamp: header.stamp, held_us: 100_000 });
-        let heartbeat = Mission {
+        let heartbeat = Heartbeat {
             header,
             plan: PLAN,
             membership,

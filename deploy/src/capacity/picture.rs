@@ -3,13 +3,13 @@
 use super::fleet::{Load, Scheme};
 use super::measure::Measured;
 use super::{GIGABIT_S, LARGEST_FLEET};
-use skein_lab::report::figure::{Axis, Colour, Figure, Item, Panel, WIDTH_PX};
+use skein_lab::report::figure::{Axis, Colour, Drawing, Item, Panel, WIDTH_PX};
 
 /// The quantity of a load that a panel shows, if it is known.
 type Quantity = fn(&Load) -> Option<f64>;
 
 /// The figure, with three panels: the busiest port, the busiest computer's cores, the whole network.
-pub(super) fn figure(measured: &Measured) -> Figure {
+pub(super) fn figure(measured: &Measured) -> Drawing {
     let port: Quantity = |load| Some(load.port_bit_s[0].max(load.port_bit_s[1]) / 1e6);
     let network: Quantity = |load| Some(load.network_bit_s / 1e6);
     let cores: Quantity = |load| load.cores;
@@ -26,7 +26,7 @@ pub(super) fn figure(measured: &Measured) -> Figure {
         items: items(measured, quantity, limit, nth == 0),
         ..Panel::new(Axis::new("vehicles", "1").log(), y.log())
     });
-    Figure {
+    Drawing {
         name: "capacity".to_owned(),
         title: "Load of a fleet on its network and on its busiest computer".to_owned(),
         subject: format!("{}, {}", measured.machine, measured.when),

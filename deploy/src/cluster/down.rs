@@ -10,7 +10,7 @@ use serde::Serialize;
 use skein_common::id::VehicleId;
 use skein_common::message::Verb;
 
-use super::nodes::{self, Chosen, Line, NodesArgs, Outcome, Progress, is_seconds};
+use super::nodes::{self, Chosen, NodesArgs, Outcome, Progress, ProgressLine, is_seconds};
 use super::protocol::{Answer, Ask, FORCED};
 use super::ready::Watch;
 use super::remote::{Fault, Remote};
@@ -166,7 +166,7 @@ fn became(node: &Node, mesh: Mesh, done: Option<Result<Stopped, Fault>>) -> Outc
 }
 
 /// Sends the order to land and describes the result.
-fn order_to_land(watch: &mut Watch, reach: &crate::reach::Reach, line: &Line<'_>) -> String {
+fn order_to_land(watch: &mut Watch, reach: &crate::reach::Reach, line: &ProgressLine<'_>) -> String {
     line.say("listening who flies");
     order::wait_for_heartbeats(&mut watch.observer, reach);
     let there = watch.observer.vehicles().values().filter(|view| view.alive).count();

@@ -15,7 +15,7 @@ use serde::Serialize;
 use skein_common::id::VehicleId;
 
 use super::bundle::Bundle;
-use super::nodes::{self, Chosen, Line, NodesArgs, Progress, is_seconds};
+use super::nodes::{self, Chosen, NodesArgs, Progress, ProgressLine, is_seconds};
 use super::program::Program;
 use super::protocol::{Answer, Ask, FORCED, Facts, Installed};
 use super::remote::{Fault, Remote};
@@ -177,7 +177,7 @@ impl Install<'_> {
         node: &Node,
         row: &mut Row,
         places: &mut BTreeMap<(String, String), Result<(), String>>,
-        line: &Line<'_>,
+        line: &ProgressLine<'_>,
     ) -> Result<Facts, String> {
         let given = &self.given[&node.id];
         let place = (node.folder.clone(), given.program.release.clone());
@@ -207,7 +207,14 @@ impl Install<'_> {
     }
 
     /// Makes sure that the program is on this host, verified.
-    fn prepare(&self, host: &Host, node: &Node, given: &Given, row: &mut Row, line: &Line<'_>) -> Result<(), String> {
+    fn prepare(
+        &self,
+        host: &Host,
+        node: &Node,
+        given: &Given,
+        row: &mut Row,
+        line: &ProgressLine<'_>,
+    ) -> Result<(), String> {
         let program = &given.program;
         line.say("asking what it is");
         let begun = clock::now();

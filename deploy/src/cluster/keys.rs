@@ -67,7 +67,7 @@ impl FromStr for Whose {
 
 /// Result for one certificate or key.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Line {
+pub struct KeyFileLine {
     /// Its owner.
     pub who: String,
     /// Its common name.
@@ -119,7 +119,7 @@ pub(crate) fn make(
     renew: Option<Whose>,
     revoke: Option<Whose>,
     now: OffsetDateTime,
-) -> Result<Vec<Line>, Error> {
+) -> Result<Vec<KeyFileLine>, Error> {
     if inventory.security == SecurityKind::None {
         let path = inventory.path.display();
         return Err(Error::Refused(format!(
@@ -157,7 +157,7 @@ struct Maker<'a> {
 impl Maker<'_> {
     /// Creates the keys in an order that survives a crash: first a key, then the valid name and public key, then the
     /// certificate that contains both. The next run finds and repairs what a crash has left.
-    fn make(&self, renew: Option<Whose>, revoked: Option<Role>) -> Result<Vec<Line>, Error> {
+    fn make(&self, renew: Option<Whose>, revoked: Option<Role>) -> Result<Vec<KeyFileLine>, Error> {
         let (authority, authority_line) = self.authority()?;
         let orders_line = self.orders(revoked == Some(Role::Operator))?;
         let mut names = match self.folder.names()? {
@@ -204,7 +204,7 @@ impl Maker<'_> {
         SigningKey::from_pem(&key).map(|signing_key| signing_key.key()).map_err(|why| self.bad(file, &why))
     }
 
-    fn authority(&self) -> Result<(Authority, Line), Error> {
+    fn authority(&self) -> Result<(Authority, KeyFileLine), Error> {
         let there = (self.folder.read(AUTHORITY)?, self.folder.read(AUTHORITY_KEY)?);
         let swarm = self.inventory.swarm.as_str();
         let (authority, pair, done) = match there {
@@ -241,7 +241,7 @@ impl Maker<'_> {
             self.folder.write(AUTHORITY_KEY, &pair.key)?;
             self.folder.write(AUTHORITY, &pair.certificate)?;
         }
-        let line = Line {
+        let line = KeyFileLine {
             who: "authority".to_owned(),
             name: Authority::name(swarm),
             address: None,
@@ -252,7 +252,7 @@ impl Maker<'_> {
     }
 
     /// Creates the key that signs orders, and writes its public key.
-    fn orders(&self, revoked: bool) -> Result<Line, Error> {
+    fn orders(&self, revoked: bool) -> Result<KeyFileLine, Error> {
         let before = self.folder.read(ORDERS_KEY)?;
         if let Some(there) = &before
             && let Err(why) = SigningKey::from_pem(there)
@@ -267,7 +267,13 @@ impl Maker<'_> {
         };
         self.write_if_new(ORDERS_PUBLIC, &format!("{public}\n"))?;
         let name = format!("{}…", &public[..8]);
-        Ok(Line { who: "orders' key".to_owned(), name, address: None, expires: None, done: done.map(str::to_owned) })
+        Ok(KeyFileLine {
+            who: "orders' key".to_owned(),
+            name,
+            address: None,
+            expires: None,
+            done: done.map(str::to_owned),
+        })
     }
 
     fn certificate(
@@ -276,7 +282,7 @@ impl Maker<'_> {
         certificate_spec: &CertificateSpec<'_>,
         asked: bool,
         revoked: bool,
-    ) -> Result<Line, Error> {
+    ) -> Result<KeyFileLine, Error> {
         let (certificate, key) = (certificate_file(certificate_spec.role), key_file(certificate_spec.role));
         let there = self.folder.pair(&certificate, &key)?;
         let unfit = there.as_ref().map(|pair| unfit(pair, certificate_spec, authority.certificate(), self.now));
@@ -294,7 +300,7 @@ impl Maker<'_> {
                 issued
             }
         };
-        Ok(Line {
+        Ok(KeyFileLine {
             who: who(certificate_spec.role),
             name: certificate_spec.name.to_owned(),
             address: certificate_spec.address.map(str::to_owned),
@@ -330,17 +336,17 @@ fn who(role: Role) -> String {
     }
 }
 
-fn as_table(lines: &[Line]) -> String {
+fn as_table(lines: &[KeyFileLine]) -> String {
     let or_dash = |text: Option<String>| text.unwrap_or_else(|| "-".to_owned());
-    let row = |line: &Line| {
-        let Line { who, name, address, expires, done } = line.clone();
+    let row = |line: &KeyFileLine| {
+        let KeyFileLine { who, name, address, expires, done } = line.clone();
         vec![who, name, or_dash(address), or_dash(expires.map(day)), or_dash(done)]
     };
     nodes::table(&["who", "name", "address", "expires", "done"], lines.iter().map(row))
 }
 
-fn as_json(inventory: &Inventory, lines: &[Line]) -> serde_json::Value {
-    let line = |line: &Line| {
+fn as_json(inventory: &Inventory, lines: &[KeyFileLine]) -> serde_json::Value {
+    let line = |line: &KeyFileLine| {
         json!({
             "who": line.who,
             "name": line.name,

@@ -172,7 +172,7 @@ impl Progress {
     }
 
     /// Adds a line for a host, or for anything else with this name.
-    pub fn line(&self, name: &impl ToString) -> Line<'_> {
+    pub fn line(&self, name: &impl ToString) -> ProgressLine<'_> {
         let name = name.to_string();
         let bar = self.bars.as_ref().map(|bars| {
             let style = ProgressStyle::with_template("{spinner} {prefix:16} {msg}");
@@ -182,19 +182,19 @@ impl Progress {
             bar.enable_steady_tick(TICK);
             bar
         });
-        Line { progress: self, name, bar }
+        ProgressLine { progress: self, name, bar }
     }
 }
 
 /// A line of progress.
 #[derive(Debug)]
-pub struct Line<'a> {
+pub struct ProgressLine<'a> {
     progress: &'a Progress,
     name: String,
     bar: Option<ProgressBar>,
 }
 
-impl Line<'_> {
+impl ProgressLine<'_> {
     /// Shows what is being done now.
     pub fn say(&self, what: &str) {
         match &self.bar {
@@ -204,7 +204,7 @@ impl Line<'_> {
     }
 }
 
-impl Drop for Line<'_> {
+impl Drop for ProgressLine<'_> {
     fn drop(&mut self) {
         if let Some(bar) = &self.bar {
             bar.finish();

@@ -50,7 +50,7 @@ pub struct StatusArgs {
 
 /// Status of the nodes of a swarm.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Status {
+pub struct SwarmStatus {
     /// Name of the swarm.
     pub swarm: String,
     /// Status of every node, in the order of ids.
@@ -121,7 +121,7 @@ pub struct Refusal {
     pub count: u64,
 }
 
-impl Status {
+impl SwarmStatus {
     /// Whether every node reports and none is faulty.
     pub fn is_good(&self) -> bool {
         self.nodes.iter().all(|node| node.report.as_ref().is_some_and(|report| report.faults.is_empty()))
@@ -201,7 +201,7 @@ pub fn run(args: &StatusArgs) -> Result<(), Error> {
     loop {
         let early = !args.watch || std::mem::take(&mut is_first);
         listen(&mut observer, &inventory, until, early);
-        let status = Status::of(&inventory, &observer, clock::now());
+        let status = SwarmStatus::of(&inventory, &observer, clock::now());
         show(&status, &file, args);
         if !args.watch {
             return verdict(&status);
@@ -222,7 +222,7 @@ fn listen(observer: &mut Observer, inventory: &Inventory, until: Instant, early:
     }
 }
 
-fn show(status: &Status, file: &str, args: &StatusArgs) {
+fn show(status: &SwarmStatus, file: &str, args: &StatusArgs) {
     let is_screen = args.watch && std::io::stdout().is_terminal();
     let text = match (args.json, args.watch) {
         (true, true) => format!("{}\n", serde_json::to_string(status).unwrap_or_default()),
@@ -249,7 +249,7 @@ fn fitted(text: &str) -> String {
     text.lines().map(line).collect()
 }
 
-fn verdict(status: &Status) -> Result<(), Error> {
+fn verdict(status: &SwarmStatus) -> Result<(), Error> {
     let ids = |wanted: fn(&NodeStatus) -> bool| {
         let ids = status.nodes.iter().filter(|node| wanted(node)).map(|node| node.id.to_string());
         ids.collect::<Vec<_>>().join(", ")

@@ -12,7 +12,7 @@ use crate::os;
 
 /// What a process is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Role {
+pub enum ProcessRole {
     /// It flies a vehicle.
     Agent,
     /// It is the vehicle's simulator.
@@ -25,7 +25,7 @@ pub struct Children(Vec<Child>);
 
 #[derive(Debug)]
 struct Child {
-    role: Role,
+    role: ProcessRole,
     id: VehicleId,
     /// How it was started the first time.
     arguments: Vec<OsString>,
@@ -40,7 +40,7 @@ struct Child {
 #[derive(Clone, Debug)]
 pub struct Ended {
     /// What it was.
-    pub role: Role,
+    pub role: ProcessRole,
     /// Of which vehicle.
     pub id: VehicleId,
     /// How it ended.
@@ -54,7 +54,7 @@ impl Children {
     ///
     /// # Errors
     /// If it cannot be started.
-    pub fn start(&mut self, role: Role, id: VehicleId, arguments: Vec<OsString>, log: &Path) -> io::Result<()> {
+    pub fn start(&mut self, role: ProcessRole, id: VehicleId, arguments: Vec<OsString>, log: &Path) -> io::Result<()> {
         let mut process = spawn(&arguments, log)?;
         let stdin = process.stdin.take();
         self.0.push(Child { role, id, arguments, process, stdin, log: log.to_owned(), ended: None });
@@ -65,7 +65,7 @@ impl Children {
     ///
     /// # Errors
     /// If it cannot be started.
-    pub fn restart(&mut self, role: Role, id: VehicleId, more: [OsString; 2]) -> io::Result<()> {
+    pub fn restart(&mut self, role: ProcessRole, id: VehicleId, more: [OsString; 2]) -> io::Result<()> {
         let Some(child) = self.child(role, id).filter(|child| child.ended.is_some()) else { return Ok(()) };
         let arguments = [child.arguments.as_slice(), &more].concat();
         let mut process = spawn(&arguments, &child.log)?;
@@ -74,7 +74,7 @@ impl Children {
     }
 
     /// Ends one process and waits for it; `None` if it has ended before.
-    pub fn kill_one(&mut self, role: Role, id: VehicleId) -> Option<Ended> {
+    pub fn kill_one(&mut self, role: ProcessRole, id: VehicleId) -> Option<Ended> {
         let child = self.child(role, id).filter(|child| child.ended.is_none())?;
         let _ = child.process.kill();
         let status = child.process.wait().ok()?;
@@ -85,14 +85,14 @@ impl Children {
     ///
     /// # Errors
     /// If the system cannot, or the process is gone.
-    pub fn freeze(&mut self, role: Role, id: VehicleId, frozen: bool) -> io::Result<()> {
+    pub fn freeze(&mut self, role: ProcessRole, id: VehicleId, frozen: bool) -> io::Result<()> {
         match self.child(role, id) {
             Some(child) if child.ended.is_none() => os::freeze(&child.process, frozen),
             _ => Err(io::ErrorKind::NotFound.into()),
         }
     }
 
-    fn child(&mut self, role: Role, id: VehicleId) -> Option<&mut Child> {
+    fn child(&mut self, role: ProcessRole, id: VehicleId) -> Option<&mut Child> {
         self.0.iter_mut().find(|child| child.role == role && child.id == id)
     }
 
@@ -108,18 +108,18 @@ impl Children {
     }
 
     /// How this process ended, if it has.
-    pub fn how_ended(&self, role: Role, id: VehicleId) -> Option<ExitStatus> {
+    pub fn how_ended(&self, role: ProcessRole, id: VehicleId) -> Option<ExitStatus> {
         self.0.iter().find(|child| child.role == role && child.id == id)?.ended
     }
 
     /// Whether any process of this kind still runs.
-    pub fn any(&self, role: Role) -> bool {
+    pub fn any(&self, role: ProcessRole) -> bool {
         self.0.iter().any(|child| child.role == role && child.ended.is_none())
     }
 
     /// Asks every agent to end.
     pub fn ask_agents_to_end(&mut self) {
-        for child in self.0.iter_mut().filter(|child| child.role == Role::Agent) {
+        for child in self.0.iter_mut().filter(|child| child.role == ProcessRole::Agent) {
             if let Some(mut stdin) = child.stdin.take() {
                 // One that is gone needs no asking.
                 let _ = stdin.write_all(b"stop\n");

@@ -25,14 +25,14 @@ use skein_common::scenario::{RecordRuns, Target};
 use skein_common::state::{Activity, Membership};
 use skein_core::formation::{self, ring::Ring};
 
-use super::children::{Children, Role};
+use super::children::{Children, ProcessRole};
 use super::ground::Ground;
 use super::journal::Journal;
 use super::launch::{Launched, launch};
 use super::plan::Plan;
 use super::screen::Screen;
 use super::script::{self, ScriptedAction};
-use super::status::{self, Ending, Known, Stage, Status};
+use super::status::{self, Ending, FlightStatus, Known, Stage};
 use crate::endpoints::EndpointsFile;
 use crate::landing;
 use crate::observe::{Observer, SwarmMessage, TraceSubscription, VehicleView};
@@ -236,7 +236,7 @@ impl Flight {
             self.play(now);
         }
         self.repeat_order(now);
-        let agents = self.children.any(Role::Agent);
+        let agents = self.children.any(ProcessRole::Agent);
         match self.stage {
             Stage::Gathering if !agents => {
                 self.fail(format!("every agent ended before the flight began; logs: {}", self.logs()));
@@ -281,7 +281,7 @@ impl Flight {
 
     /// Whether every vehicle that can be active is: an agent whose stand-in has ended never will be.
     fn all_are_active(&self) -> bool {
-        let can = |id| self.children.how_ended(Role::Standin, id).is_none();
+        let can = |id| self.children.how_ended(ProcessRole::Standin, id).is_none();
         let mut awaited = self.live().filter(|(id, _)| can(*id)).peekable();
         awaited.peek().is_some() && awaited.all(|(_, seen)| seen.is_some_and(is_active))
     }
@@ -377,7 +377,8 @@ impl Flight {
 
     /// Vehicles whose agents run, with what is known of them.
     fn live(&self) -> impl Iterator<Item = (VehicleId, Option<&VehicleView>)> {
-        let running = self.plan.scenario().ids().filter(|id| self.children.how_ended(Role::Agent, *id).is_none());
+        let running =
+            self.plan.scenario().ids().filter(|id| self.children.how_ended(ProcessRole::Agent, *id).is_none());
         running.map(|id| (id, self.observer.vehicles().get(&id)))
     }
 
@@ -395,7 +396,7 @@ impl Flight {
     }
 
     fn ending(&self, id: VehicleId) -> Option<Ending> {
-        let status = self.children.how_ended(Role::Agent, id)?;
+        let status = self.children.how_ended(ProcessRole::Agent, id)?;
         Some(match status.success() {
             true => Ending::Asked,
             false if self.killed.contains(id) => Ending::Killed,
@@ -409,7 +410,7 @@ impl Flight {
         self.screen.show(&status, &news, now);
     }
 
-    fn status(&self, now: Instant) -> Status {
+    fn status(&self, now: Instant) -> FlightStatus {
         let scenario = self.plan.scenario();
         let known: Vec<Known<'_>> = scenario
             .ids()
@@ -417,7 +418,7 @@ impl Flight {
             .collect();
         let rows = status::rows(&known, &self.rings, now);
         let flown_s = self.report.as_ref().map_or_else(|| self.flown_s(now), |report| report.duration_s);
-        Status {
+        FlightStatus {
             swarm: scenario.swarm.name.to_string(),
             plant: Run::new(scenario, "fly").plant,
             stage: self.stage,

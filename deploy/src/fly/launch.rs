@@ -11,7 +11,7 @@ use skein_common::id::{SwarmName, VehicleId};
 use skein_common::scenario::{PlantKind, Scenario};
 use skein_core::helicopter::Start;
 
-use super::children::{Children, Role};
+use super::children::{Children, ProcessRole};
 use super::plan::Plan;
 use crate::endpoints::{self, Endpoints, EndpointsFile};
 use crate::ports;
@@ -63,7 +63,7 @@ pub fn launch(plan: &Plan) -> Result<Launched, Error> {
         let path = folder.join(format!("{id}.toml"));
         let started = fs::write(&path, file).and_then(|()| {
             let arguments = ["agent".into(), "--config".into(), path.into(), "--child".into()];
-            children.start(Role::Agent, id, arguments.into(), &log(&folder, Role::Agent, id))
+            children.start(ProcessRole::Agent, id, arguments.into(), &log(&folder, ProcessRole::Agent, id))
         });
         started.map_err(|error| failed(&format!("agent {id}"), error))?;
     }
@@ -76,10 +76,10 @@ fn aircraft_file(plan: &Plan, name: &str) -> PathBuf {
 }
 
 /// Where the log of a process is.
-pub fn log(folder: &Path, role: Role, id: VehicleId) -> PathBuf {
+pub fn log(folder: &Path, role: ProcessRole, id: VehicleId) -> PathBuf {
     folder.join(match role {
-        Role::Agent => format!("{id}.log"),
-        Role::Standin => format!("{id}-standin.log"),
+        ProcessRole::Agent => format!("{id}.log"),
+        ProcessRole::Standin => format!("{id}-standin.log"),
     })
 }
 
@@ -123,7 +123,7 @@ fn start_standins(plan: &Plan, folder: &Path, children: &mut Children) -> io::Re
     for (vehicle, start) in scenario.vehicle.iter().zip(&plan.ready.starts) {
         let aircraft = aircraft_file(plan, &vehicle.aircraft);
         let arguments = standin_arguments(scenario, &origin, vehicle.id, start, first, &aircraft);
-        children.start(Role::Standin, vehicle.id, arguments, &log(folder, Role::Standin, vehicle.id))?;
+        children.start(ProcessRole::Standin, vehicle.id, arguments, &log(folder, ProcessRole::Standin, vehicle.id))?;
         let port = ports::simulator(first, vehicle.id).ok_or(io::ErrorKind::AddrNotAvailable)?;
         addresses.push(format!("127.0.0.1:{port}"));
     }

@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 use ratatui::DefaultTerminal;
 use ratatui::crossterm::event::{self, Event, KeyCode, KeyEventKind, KeyModifiers};
 
-use super::status::Status;
+use super::status::FlightStatus;
 use super::table;
 
 /// Between two pictures of the table.
@@ -51,7 +51,7 @@ impl Screen {
 
     /// Shows the state of the flight; without a table the `news`, and now and then the figures. Output errors are ignored:
     /// the terminal may be closed.
-    pub fn show(&mut self, status: &Status, news: &[String], now: Instant) {
+    pub fn show(&mut self, status: &FlightStatus, news: &[String], now: Instant) {
         let explains = self.explains;
         match &mut self.face {
             Face::Table(terminal) => {
@@ -109,6 +109,6 @@ fn say(on_stderr: bool, line: &str) {
 }
 
 /// How far the flight is and how the swarm does, in one line.
-fn line(status: &Status) -> String {
+fn line(status: &FlightStatus) -> String {
     format!("{}: {}", table::stage(status), status.summary(usize::MAX))
 }

@@ -6,7 +6,7 @@ use std::ops::Range;
 
 use skein_common::id::VehicleId;
 use skein_common::message::Verb;
-use skein_common::scenario::{Event, EventAction, Fault, PlantKind, Scenario};
+use skein_common::scenario::{EventAction, Fault, PlantKind, Scenario, ScriptedEvent};
 use skein_core::impairments::{lasting, union};
 
 use crate::os;
@@ -102,7 +102,7 @@ pub fn skipped(scenario: &Scenario) -> Vec<String> {
         PlantKind::Standin => "the stand-in",
         PlantKind::Xplane => "X-Plane",
     };
-    let sentence = |(event, fault): (&Event, &Fault)| {
+    let sentence = |(event, fault): (&ScriptedEvent, &Fault)| {
         let why = match fault {
             Fault::ClockJump { .. } => "agents in real time use a clock that cannot be set".to_owned(),
             Fault::KillControl => "only a study has a central controller".to_owned(),
@@ -113,7 +113,7 @@ pub fn skipped(scenario: &Scenario) -> Vec<String> {
     faults(scenario, Player::Unsupported).map(sentence).collect()
 }
 
-fn faults(scenario: &Scenario, player: Player) -> impl Iterator<Item = (&Event, &Fault)> {
+fn faults(scenario: &Scenario, player: Player) -> impl Iterator<Item = (&ScriptedEvent, &Fault)> {
     scenario.mission.events.iter().filter_map(move |event| match &event.what {
         EventAction::Fault(fault) if Player::of(fault, scenario.swarm.plant) == player => Some((event, fault)),
         _ => None,

@@ -32,7 +32,7 @@ pub enum Stage {
 
 /// Everything that the screen shows.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Status {
+pub struct FlightStatus {
     /// The swarm's name.
     pub swarm: String,
     /// Name of the plant.
@@ -53,7 +53,7 @@ pub struct Status {
     pub events: Vec<String>,
 }
 
-impl Status {
+impl FlightStatus {
     /// Summary of the swarm, in as many parts as fit into so many columns, the most important first:
     /// `16/16 in formation, worst gap 3.8°, nearest 22.6 m`.
     pub fn summary(&self, columns: usize) -> String {
@@ -236,7 +236,7 @@ mod tests {
             step_p99_us: altitude_m.map(|_| 80.0),
             late_dropped: None,
         };
-        let mut status = Status {
+        let mut status = FlightStatus {
             swarm: "hover".to_owned(),
             plant: "builtin".to_owned(),
             stage: Stage::Flying,

@@ -1,4 +1,4 @@
-//! The picture that `fly` shows on a terminal: of a [`Status`] and of nothing else.
+//! The picture that `fly` shows on a terminal: of a [`FlightStatus`] and of nothing else.
 
 use ratatui::Frame;
 use ratatui::layout::{Alignment, Constraint, Layout, Rect};
@@ -8,7 +8,7 @@ use ratatui::widgets::{Block, Borders, Cell, Padding, Paragraph, Row as TableRow
 use skein_lab::terminal::{shortened, wrapped};
 
 use super::columns::{Column, NARROW, WIDE, WIDE_COLUMNS};
-use super::status::{Row, Stage, Status};
+use super::status::{FlightStatus, Row, Stage};
 
 /// Lines kept for events, if there is room for them.
 const EVENT_LINES: u16 = 3;
@@ -20,7 +20,7 @@ const MAX_SPACING: u16 = 3;
 const EVENT_INDENT: usize = 10;
 
 /// Draws all of it, or the explanation of the columns.
-pub fn draw(frame: &mut Frame<'_>, status: &Status, explains: bool) {
+pub fn draw(frame: &mut Frame<'_>, status: &FlightStatus, explains: bool) {
     let [title, summary, body, bottom] =
         Layout::vertical([Constraint::Length(1), Constraint::Length(1), Constraint::Min(0), Constraint::Length(1)])
             .areas(frame.area());
@@ -69,7 +69,7 @@ fn draw_vehicles(frame: &mut Frame<'_>, area: Rect, rows: &[Row], columns: &[Col
 }
 
 /// The newest events that fit, with lines wrapped at spaces.
-fn draw_events(frame: &mut Frame<'_>, area: Rect, status: &Status) {
+fn draw_events(frame: &mut Frame<'_>, area: Rect, status: &FlightStatus) {
     let room = usize::from(area.width).saturating_sub(EVENT_INDENT).max(1);
     let mut lines: Vec<String> = Vec::new();
     for event in &status.events {
@@ -84,7 +84,7 @@ fn draw_events(frame: &mut Frame<'_>, area: Rect, status: &Status) {
     frame.render_widget(Paragraph::new(lines.split_off(newest).join("\n")), area);
 }
 
-fn headline(status: &Status) -> Line<'_> {
+fn headline(status: &FlightStatus) -> Line<'_> {
     let bold = Style::new().add_modifier(Modifier::BOLD);
     Line::from(vec![
         Span::styled(status.swarm.as_str(), bold),
@@ -94,7 +94,7 @@ fn headline(status: &Status) -> Line<'_> {
 }
 
 /// The stage of the flight as text; plain progress lines begin with it too.
-pub fn stage(status: &Status) -> String {
+pub fn stage(status: &FlightStatus) -> String {
     let flown = minutes(status.flown_s);
     match (status.stage, status.duration_s) {
         (Stage::Gathering, _) => "gathering".to_owned(),
@@ -156,7 +156,7 @@ fn divider(area: Rect, hidden: usize) -> Paragraph<'static> {
 }
 
 /// The keys that can be pressed, and where the files are if there is room.
-fn keys(status: &Status, width: usize) -> String {
+fn keys(status: &FlightStatus, width: usize) -> String {
     let stop = match status.stage {
         Stage::Gathering | Stage::Flying => "Ctrl-C or q: land and end",
         Stage::Landing => "Ctrl-C or q: end at once, in the air",
@@ -194,8 +194,8 @@ mod tests {
         }
     }
 
-    fn status(rows: Vec<Row>) -> Status {
-        Status {
+    fn status(rows: Vec<Row>) -> FlightStatus {
+        FlightStatus {
             swarm: "hover".to_owned(),
             plant: "builtin".to_owned(),
             stage: Stage::Flying,
@@ -208,11 +208,11 @@ mod tests {
         }
     }
 
-    fn drawn(status: &Status, width: u16, height: u16) -> Vec<String> {
+    fn drawn(status: &FlightStatus, width: u16, height: u16) -> Vec<String> {
         drawn_as(status, width, height, false)
     }
 
-    fn drawn_as(status: &Status, width: u16, height: u16, explains: bool) -> Vec<String> {
+    fn drawn_as(status: &FlightStatus, width: u16, height: u16, explains: bool) -> Vec<String> {
         let mut terminal = Terminal::new(TestBackend::new(width, height)).unwrap();
         terminal.draw(|frame| draw(frame, status, explains)).unwrap();
         let buffer = terminal.backend().buffer();

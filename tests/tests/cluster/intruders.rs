@@ -23,7 +23,7 @@ use skein_agent::link::signature::messages::{ADDED_BYTES, KeyRing};
 use skein_agent::link::{Security, Sessions};
 use skein_common::frame::{Geodetic, VelocityNed};
 use skein_common::id::{Incarnation, SwarmName, VehicleId};
-use skein_common::message::{self, Header, Message, Mission, Order, Signature, State, Verb};
+use skein_common::message::{self, Header, Heartbeat, Message, Order, Signature, State, Verb};
 use skein_common::state::{Membership, VehicleState};
 use skein_common::time::SenderStamp;
 use skein_common::topic::{Cell, Topic};
@@ -232,7 +232,7 @@ impl Intruder {
             Header { sender: id, incarnation: Incarnation(u64::MAX), sequence: u64::MAX, stamp: SenderStamp::ZERO };
         let position = Geodetic::from_degrees(28.0, -82.0, 5.0);
         let state = VehicleState { position, velocity: VelocityNed::new(0.0, 0.0, 0.0), heading_rad: 0.0 };
-        let mission = Mission {
+        let mission = Heartbeat {
             header,
             plan: 0,
             membership: Membership::Active,
@@ -274,12 +274,12 @@ impl Intruder {
         }
         let last = of(OWN, "mission").pop().filter(|(_, bytes)| bytes.len() > ADDED_BYTES);
         if let Some((_, bytes)) = last
-            && let Ok(own) = message::decode::<Mission>(&bytes[..bytes.len() - ADDED_BYTES])
+            && let Ok(own) = message::decode::<Heartbeat>(&bytes[..bytes.len() - ADDED_BYTES])
         {
             for signature in [None, Some(Signature::from_bytes([7; Signature::BYTES]))] {
                 let header = Header { sequence: own.header.sequence + 1, ..own.header };
                 let order = Some(order(signature));
-                sent += self.send(run, Topic::Mission(header.sender), &Mission { header, order, ..own });
+                sent += self.send(run, Topic::Mission(header.sender), &Heartbeat { header, order, ..own });
             }
         }
         sent

@@ -1,6 +1,6 @@
 use proptest::prelude::*;
 use skein_common::frame::{Attitude, BodyRates, Geodetic, PositionNed, VelocityNed};
-use skein_common::message::{Mission as MissionMessage, Order, State, Verb};
+use skein_common::message::{Heartbeat as MissionMessage, Order, State, Verb};
 use skein_common::scenario::{Source, load};
 use skein_common::state::VehicleState;
 use skein_common::time::LocalTime;

@@ -3,7 +3,7 @@
 use alloc::vec::Vec;
 
 use skein_common::id::VehicleId;
-use skein_common::scenario::{Event, EventAction, Fault, Servo};
+use skein_common::scenario::{EventAction, Fault, ScriptedEvent, Servo};
 
 use super::dynamics::Dynamics;
 
@@ -70,8 +70,8 @@ pub struct ActiveFaults {
 
 impl Script {
     /// The events that affect this vehicle's plant; all other events are ignored.
-    pub fn of(events: &[Event], vehicle: VehicleId) -> Self {
-        let entry = |event: &Event| {
+    pub fn of(events: &[ScriptedEvent], vehicle: VehicleId) -> Self {
+        let entry = |event: &ScriptedEvent| {
             let EventAction::Fault(fault) = &event.what else { return None };
             let what = Failure::of(fault, vehicle)?;
             let until_s = event.for_s.map_or(f64::INFINITY, |for_s| event.at_s + for_s);

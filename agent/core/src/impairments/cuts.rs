@@ -4,7 +4,7 @@ use alloc::vec::Vec;
 use core::ops::Range;
 
 use skein_common::id::VehicleId;
-use skein_common::scenario::{Event, EventAction, Fault, Scenario};
+use skein_common::scenario::{EventAction, Fault, Scenario, ScriptedEvent};
 
 use crate::random::{self, Purpose};
 
@@ -27,8 +27,8 @@ pub(super) struct Outage {
 }
 
 /// The times in which no message from `sender` reaches `receiver`, s after take-off, in order and disjoint.
-pub fn silences(events: &[Event], sender: VehicleId, receiver: VehicleId) -> Vec<Range<f64>> {
-    let silence = |event: &Event| {
+pub fn silences(events: &[ScriptedEvent], sender: VehicleId, receiver: VehicleId) -> Vec<Range<f64>> {
+    let silence = |event: &ScriptedEvent| {
         let EventAction::Fault(Fault::Cut { from, to, both_ways }) = &event.what else { return None };
         is_among([from, to], *both_ways, sender, receiver).then(|| lasting(event))
     };
@@ -37,8 +37,8 @@ pub fn silences(events: &[Event], sender: VehicleId, receiver: VehicleId) -> Vec
 
 /// The times, s after the receiver's take-off, in which events delay messages from `sender` to `receiver`, in the order
 /// of the file, each with the added delay, s. Overlapping delays add up.
-pub fn delays(events: &[Event], sender: VehicleId, receiver: VehicleId) -> Vec<(Range<f64>, f64)> {
-    let delay = |event: &Event| {
+pub fn delays(events: &[ScriptedEvent], sender: VehicleId, receiver: VehicleId) -> Vec<(Range<f64>, f64)> {
+    let delay = |event: &ScriptedEvent| {
         let EventAction::Fault(Fault::Delay { from, to, both_ways, delay_s }) = &event.what else { return None };
         is_among([from, to], *both_ways, sender, receiver).then(|| (lasting(event), *delay_s))
     };
@@ -52,7 +52,7 @@ fn is_among([from, to]: [&Vec<VehicleId>; 2], both_ways: bool, sender: VehicleId
 }
 
 /// Begin and end of an event, s after take-off.
-pub fn lasting(event: &Event) -> Range<f64> {
+pub fn lasting(event: &ScriptedEvent) -> Range<f64> {
     event.at_s..event.for_s.map_or(f64::INFINITY, |for_s| event.at_s + for_s)
 }
 

@@ -65,9 +65,9 @@ impl AgreementState {
     }
 }
 
-impl From<&message::Mission> for AgreementState {
-    fn from(heartbeat: &message::Mission) -> Self {
-        let &message::Mission { membership, step, vouched, reached, .. } = heartbeat;
+impl From<&message::Heartbeat> for AgreementState {
+    fn from(heartbeat: &message::Heartbeat) -> Self {
+        let &message::Heartbeat { membership, step, vouched, reached, .. } = heartbeat;
         Self { membership, step, vouched, reached }
     }
 }

@@ -36,7 +36,7 @@ struct One {
     events: Vec<EventKind>,
     sequence: u64,
     /// The newest heartbeat of each peer.
-    heartbeats: Vec<message::Mission>,
+    heartbeats: Vec<message::Heartbeat>,
     /// The peers in contact.
     contact: VehicleSet,
 }
@@ -77,10 +77,17 @@ impl One {
         self.heartbeats.push(heartbeat);
     }
 
-    fn heartbeat(&mut self, sender: u8, step: u32, reached: Option<u32>, progress_m: f64) -> message::Mission {
+    fn heartbeat(&mut self, sender: u8, step: u32, reached: Option<u32>, progress_m: f64) -> message::Heartbeat {
         self.sequence += 1;
         let plan = self.mission.plan();
-        message::Mission { plan, step, vouched: step, reached, progress_m, ..heartbeat(header(sender, self.sequence)) }
+        message::Heartbeat {
+            plan,
+            step,
+            vouched: step,
+            reached,
+            progress_m,
+            ..heartbeat(header(sender, self.sequence))
+        }
     }
 
     fn take_events(&mut self) -> Vec<EventKind> {
@@ -474,8 +481,8 @@ fn an_order_to_land_on_the_ground_causes_no_take_off() {
 #[test]
 fn orders_spread_among_peers_with_the_same_plan() {
     let mut one = One::active(ONE, "");
-    let friend = message::Mission { order: Some(LAND), ..one.heartbeat(2, 0, None, 0.0) };
-    let stranger = message::Mission { plan: friend.plan ^ 1, ..friend };
+    let friend = message::Heartbeat { order: Some(LAND), ..one.heartbeat(2, 0, None, 0.0) };
+    let stranger = message::Heartbeat { plan: friend.plan ^ 1, ..friend };
     for heartbeat in [stranger, stranger] {
         one.mission.take_heartbeat(&heartbeat, &mut one.events);
     }
@@ -509,8 +516,8 @@ fn no_vehicle_becomes_active_before_its_rotor_is_at_speed() {
 }
 
 /// The heartbeat of a mission's vehicle.
-fn heartbeat_of(mission: &Mission, number: u8, sequence: u64) -> message::Mission {
-    message::Mission {
+fn heartbeat_of(mission: &Mission, number: u8, sequence: u64) -> message::Heartbeat {
+    message::Heartbeat {
         plan: mission.plan(),
         membership: mission.membership(),
         step: mission.at(),
@@ -531,7 +538,7 @@ proptest! {
         let steps = [STEP; 6].join(", ");
         let mut missions: [_; 3] = std::array::from_fn(|_| Mission::new(&scenario(&steps, ""), None));
         // The heartbeats each vehicle has last received from each.
-        let mut received: [[Option<message::Mission>; 3]; 3] = [[None; 3]; 3];
+        let mut received: [[Option<message::Heartbeat>; 3]; 3] = [[None; 3]; 3];
         for (tick, (in_place, contact, delivered)) in script.into_iter().enumerate() {
             let sent = [0, 1, 2].map(|nth| heartbeat_of(&missions[nth], nth as u8 + 1, tick as u64 + 1));
             for own in 0..3 {

@@ -33,8 +33,8 @@ fn mission(sender: u8, incarnation: u64, sequence: u64, membership: Membership) 
     PeerMessage::Mission(heartbeat_of(header(sender, incarnation, sequence), 1, membership))
 }
 
-fn heartbeat_of(header: Header, plan: u64, membership: Membership) -> Mission {
-    Mission { plan, membership, ..heartbeat(header) }
+fn heartbeat_of(header: Header, plan: u64, membership: Membership) -> Heartbeat {
+    Heartbeat { plan, membership, ..heartbeat(header) }
 }
 
 /// The network settings with these keys.

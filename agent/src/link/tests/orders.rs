@@ -16,12 +16,12 @@ fn order(epoch: u64, verb: Verb) -> Order {
     Order { epoch, issuer: 9, verb, signature: None }
 }
 
-fn with_order(sender: u8, sequence: u64, order: Order) -> Mission {
-    Mission { order: Some(order), ..mission(sender, sequence) }
+fn with_order(sender: u8, sequence: u64, order: Order) -> Heartbeat {
+    Heartbeat { order: Some(order), ..mission(sender, sequence) }
 }
 
 /// Publishes a heartbeat again and again, with a new sequence number each time; returns what the inbox has of it.
-fn store_heartbeat(link: &Link, session: &Session, sender: u8, order: Order) -> Mission {
+fn store_heartbeat(link: &Link, session: &Session, sender: u8, order: Order) -> Heartbeat {
     let key = Topic::Mission(id(sender)).key();
     let mut sequence = 0;
     let again = || {
@@ -90,7 +90,7 @@ fn an_order_invented_in_a_heartbeat_is_removed_and_counted() {
     let node = open_zenoh(&swarm, &[], &dial, &[]).unwrap();
     let made_up = order(u64::MAX, Verb::Abort);
     let filed = store_heartbeat(&agent, &node, 2, made_up);
-    assert_eq!(filed, Mission { order: None, ..with_order(2, filed.header.sequence, made_up) });
+    assert_eq!(filed, Heartbeat { order: None, ..with_order(2, filed.header.sequence, made_up) });
     let refused = agent.receiver.refused();
     assert_eq!((refused[0].reason, refused[0].key.as_str()), (Reason::Unsealed, "vehicle/2/mission"));
     assert_eq!(agent.drops(), Drops { unsigned: refused[0].count, ..Drops::default() });
@@ -157,7 +157,7 @@ fn strangers_other_plans_and_the_own_id_are_refused_and_counted() {
     store("vehicle/9/cell/0/0/state", PeerMessage::State(state(9, 1)));
     store("vehicle/5/alive", PeerMessage::Appeared(id(5)));
     store("vehicle/1/cell/0/0/state", PeerMessage::State(state(1, 1)));
-    let other_plan = Mission { plan: 8, ..mission(2, 1) };
+    let other_plan = Heartbeat { plan: 8, ..mission(2, 1) };
     store("vehicle/2/mission", PeerMessage::Mission(other_plan));
     store("vehicle/4/cell/0/0/state", PeerMessage::State(state(4, 2)));
     store("vehicle/4/cell/3/0/state", PeerMessage::State(state(4, 1)));

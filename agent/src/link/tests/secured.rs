@@ -258,7 +258,7 @@ impl Forger {
         for &sender in senders {
             let header = forged_header(sender);
             self.send(session, Topic::State(id(sender), Cell::default()), &State { header, ..state(sender, 1) });
-            self.send(session, Topic::Mission(id(sender)), &Mission { header, ..mission(sender, 1) });
+            self.send(session, Topic::Mission(id(sender)), &Heartbeat { header, ..mission(sender, 1) });
             self.send(session, Topic::Event(id(sender)), &Event { header, what: EventKind::Landed });
             send(session, &Topic::Health(id(sender)).key(), b"not a message");
         }

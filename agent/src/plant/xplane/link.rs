@@ -47,7 +47,7 @@ const RELEASE_REPEATS: u32 = 3;
 
 /// Why the link to the simulator could not be opened.
 #[derive(Debug, thiserror::Error)]
-pub enum LinkError {
+pub enum XPlaneLinkError {
     /// The socket for the simulator could not be opened.
     #[error("cannot open a UDP socket on {listen}: {source}")]
     Bind {
@@ -135,24 +135,24 @@ impl XPlane {
         profile: &Profile,
         rate_hz: u32,
         listen: IpAddr,
-    ) -> Result<Self, LinkError> {
+    ) -> Result<Self, XPlaneLinkError> {
         let simulator = address.unwrap_or((Ipv4Addr::LOCALHOST, PORT).into());
         if simulator.is_ipv4() != listen.is_ipv4() {
-            return Err(LinkError::AddressFamily { simulator, listen });
+            return Err(XPlaneLinkError::AddressFamily { simulator, listen });
         }
-        let search = if address.is_none() { Some(Search::new().map_err(LinkError::Beacon)?) } else { None };
+        let search = if address.is_none() { Some(Search::new().map_err(XPlaneLinkError::Beacon)?) } else { None };
         let port = UdpSocket::bind((listen, 0)).and_then(Port::new);
         Ok(Self {
             origin: *origin,
             rate_hz: rate_hz.max(1),
             rotor_speed_rpm: profile.rotor_speed_rpm.clone(),
-            indices: Indices::draw().ok_or(LinkError::NoRandomness)?,
+            indices: Indices::draw().ok_or(XPlaneLinkError::NoRandomness)?,
             senders: Senders::default(),
-            port: port.map_err(|source| LinkError::Bind { listen, source })?,
+            port: port.map_err(|source| XPlaneLinkError::Bind { listen, source })?,
             listen,
             simulator: address,
             search,
-            controls: ControlWriter::new(profile).map_err(LinkError::Profile)?,
+            controls: ControlWriter::new(profile).map_err(XPlaneLinkError::Profile)?,
             clock: Clock::new(),
             rotor_speed: None,
             version: None,
@@ -214,13 +214,13 @@ impl XPlane {
 
     /// Requests the position and the values; rates of zero end the subscription.
     fn subscribe(&mut self, simulator: SocketAddr, rate_hz: u32, slow_hz: u32) {
-        rpos::Request { rate_hz }.encode(&mut self.outgoing);
+        rpos::PositionRequest { rate_hz }.encode(&mut self.outgoing);
         // A lost request is repeated later.
         let _ = self.port.send(&self.outgoing, simulator);
         for value in Value::ALL {
             let frequency_hz = if value == Value::Version { slow_hz } else { rate_hz };
             let (index, path) = (self.indices.of(value), value.path(&self.rotor_speed_rpm));
-            if (rref::Request { frequency_hz, index, path }).encode(&mut self.outgoing).is_ok() {
+            if (rref::DatarefRequest { frequency_hz, index, path }).encode(&mut self.outgoing).is_ok() {
                 let _ = self.port.send(&self.outgoing, simulator);
             }
         }

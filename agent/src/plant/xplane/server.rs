@@ -111,13 +111,13 @@ impl Server {
     }
 
     fn subscribe_position(&mut self, datagram: &[u8], from: SocketAddr) -> Result<(), WireError> {
-        let rpos::Request { rate_hz } = rpos::Request::decode(datagram)?;
+        let rpos::PositionRequest { rate_hz } = rpos::PositionRequest::decode(datagram)?;
         self.clients.subscribe_position(from, rate_hz, self.frames);
         Ok(())
     }
 
     fn subscribe_value(&mut self, datagram: &[u8], from: SocketAddr) -> Result<(), WireError> {
-        let rref::Request { frequency_hz, index, path } = rref::Request::decode(datagram)?;
+        let rref::DatarefRequest { frequency_hz, index, path } = rref::DatarefRequest::decode(datagram)?;
         if frequency_hz == 0 {
             self.clients.unsubscribe_value(from, index);
         } else if let Some(handle) = self.find(path) {

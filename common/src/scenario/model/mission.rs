@@ -11,7 +11,7 @@ pub struct Mission {
     /// The steps; there is at least one. The swarm stays in the last one, unless that is a landing.
     pub steps: Vec<Step>,
     /// Scheduled faults and orders, in the order of the file.
-    pub events: Vec<Event>,
+    pub events: Vec<ScriptedEvent>,
     /// Speed of the centre on a path, m/s, unless the step sets another.
     pub speed_m_s: f64,
     /// Time for which a vehicle has to be in place to report "reached", s, unless the step sets another.
@@ -55,7 +55,7 @@ pub enum Target {
 
 /// A fault or an order at a scheduled time.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Event {
+pub struct ScriptedEvent {
     /// Time of the event, s, counted from each vehicle's own take-off.
     pub at_s: f64,
     /// Duration, s; `None`: until the end.
@@ -72,7 +72,7 @@ pub enum EventAction {
     /// A fault is injected.
     Fault(Fault),
     /// An order is given.
-    Order(Order),
+    Order(ScriptedOrder),
 }
 
 /// Kind of an injected fault, `fault`.
@@ -158,7 +158,7 @@ pub enum Servo {
 /// Kind of a scheduled order, `order`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(tag = "order", rename_all = "snake_case")]
-pub enum Order {
+pub enum ScriptedOrder {
     /// Hold position; after `for_s` the mission continues.
     Hold,
     /// Continue the mission at this step or a later one.

@@ -44,12 +44,12 @@ fn the_tour_is_read_with_its_steps_and_events() {
     assert_eq!(land.target, Target::Land(true));
 
     let cut = Fault::Cut { from: vec![id(1), id(2)], to: vec![id(3), id(4), id(5), id(6)], both_ways: true };
-    let event = |at_s, for_s, what| Event { at_s, for_s, what };
+    let event = |at_s, for_s, what| ScriptedEvent { at_s, for_s, what };
     let expected = [
         event(60.0, Some(20.0), EventAction::Fault(Fault::Kill { vehicle: id(3) })),
         event(150.0, Some(20.0), EventAction::Fault(cut)),
         event(240.0, None, EventAction::Fault(Fault::EngineOut { vehicle: id(5) })),
-        event(300.0, Some(15.0), EventAction::Order(Order::Hold)),
+        event(300.0, Some(15.0), EventAction::Order(ScriptedOrder::Hold)),
     ];
     assert_eq!(tour.mission.events, expected);
 }

@@ -12,7 +12,7 @@ pub type Pair<'a> = [&'a Flown; 2];
 
 /// Pairs whose scenarios are the same within each side, but for the seed.
 #[derive(Clone, Debug)]
-pub struct Point<'a> {
+pub struct PairedPoint<'a> {
     /// What is set there, as `--set` takes it; empty without a sweep.
     pub set: Vec<String>,
     /// In the order of A's folders.
@@ -27,7 +27,7 @@ pub struct Paired<'a> {
     /// What is judged.
     pub b: &'a Folder,
     /// At least one.
-    pub points: Vec<Point<'a>>,
+    pub points: Vec<PairedPoint<'a>>,
     /// Runs without a partner, in A and in B.
     pub unpaired: [usize; 2],
 }
@@ -43,7 +43,7 @@ impl<'a> Paired<'a> {
     pub fn new(a: &'a Folder, b: &'a Folder) -> Result<Self, Error> {
         let varying: BTreeSet<&str> = a.varying().intersection(&b.varying()).copied().collect();
         let [of_a, of_b] = [by_identity(a, &varying)?, by_identity(b, &varying)?];
-        let mut points: Vec<(Vec<Option<&str>>, Point<'a>)> = Vec::new();
+        let mut points: Vec<(Vec<Option<&str>>, PairedPoint<'a>)> = Vec::new();
         // In the order of A's folders.
         for run in &a.runs {
             let identity = identity(run, &varying);
@@ -51,13 +51,13 @@ impl<'a> Paired<'a> {
             let point = match points.iter().position(|(values, _)| *values == identity.0) {
                 Some(point) => point,
                 None => {
-                    points.push((identity.0, Point { set: set(run, &varying, &a.swept), pairs: Vec::new() }));
+                    points.push((identity.0, PairedPoint { set: set(run, &varying, &a.swept), pairs: Vec::new() }));
                     points.len() - 1
                 }
             };
             points[point].1.pairs.push([run, *partner]);
         }
-        let points: Vec<Point<'_>> = points.into_iter().map(|(_, point)| point).collect();
+        let points: Vec<PairedPoint<'_>> = points.into_iter().map(|(_, point)| point).collect();
         let paired: usize = points.iter().map(|point| point.pairs.len()).sum();
         if paired == 0 {
             let why = "no run of one has a partner of equal seed in the other";

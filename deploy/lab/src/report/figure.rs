@@ -1,6 +1,6 @@
 //! Figures for reports: a description in the units of the quantities is rendered as SVG and PNG.
 //!
-//! A [`Figure`] is plain data: panels with two axes each, and in them lines, areas, dots, bars and arrows, in the order
+//! A [`Drawing`] is plain data: panels with two axes each, and in them lines, areas, dots, bars and arrows, in the order
 //! in which they are drawn. What would make a picture hard to read is looked after here: scales and ticks are chosen,
 //! labels keep clear of each other. The PNG is a rendering of the SVG, with a font that comes with the program. The same
 //! figure gives the same bytes.
@@ -247,7 +247,7 @@ impl Panel {
 
 /// One picture.
 #[derive(Clone, Debug)]
-pub struct Figure {
+pub struct Drawing {
     /// Its files' name, without the ending.
     pub name: String,
     /// What is to be seen.
@@ -262,7 +262,7 @@ pub struct Figure {
     pub panels: Vec<Panel>,
 }
 
-impl Figure {
+impl Drawing {
     /// As an SVG document that needs nothing else.
     pub fn svg(&self) -> String {
         layout::svg(self)

@@ -17,7 +17,7 @@ use skein_common::message::Trace;
 use skein_common::scenario::{Law, Preset, Scenario, Step as Leg, Target};
 use skein_common::state::{Activity, Membership};
 
-use super::figure::{self, Axis, Colour, Figure, Item, Panel, WIDTH_PX};
+use super::figure::{self, Axis, Colour, Drawing, Item, Panel, WIDTH_PX};
 use crate::metrics::{Run, Shape};
 use crate::recording::{Recording, Step};
 use skein_common::statistics::quantile;
@@ -40,7 +40,7 @@ pub struct Flight<'a> {
 }
 
 /// Draws all figures that apply to a flight.
-pub fn figures(recording: &Recording) -> Vec<Figure> {
+pub fn figures(recording: &Recording) -> Vec<Drawing> {
     let flight = Flight::new(recording);
     let figures = [
         Some(map::overview(&flight)),
@@ -176,8 +176,8 @@ impl<'a> Flight<'a> {
         caption: impl Into<String>,
         height_px: f64,
         panels: Vec<Panel>,
-    ) -> Figure {
-        Figure {
+    ) -> Drawing {
+        Drawing {
             name: name.to_owned(),
             title: match self.number_in_paper(name) {
                 Some(number) => format!("{title} (figure {number} of the paper)"),

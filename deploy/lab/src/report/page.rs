@@ -5,7 +5,7 @@ use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
 use std::thread;
 
-use super::figure::{Figure, escaped};
+use super::figure::{Drawing, escaped};
 use crate::error::Error;
 use skein_host::parallel::in_parallel;
 
@@ -51,7 +51,7 @@ pub enum Part {
         rows: Vec<Vec<String>>,
     },
     /// A figure.
-    Figure(Figure),
+    Drawing(Drawing),
 }
 
 impl Page {
@@ -70,7 +70,7 @@ impl Page {
         for section in &self.sections {
             body += &format!("<section id=\"{}\">\n<h2>{}</h2>\n", escaped(&section.name), escaped(&section.title));
             for part in &section.parts {
-                let Part::Figure(figure) = part else {
+                let Part::Drawing(figure) = part else {
                     body += &part.html();
                     continue;
                 };
@@ -121,13 +121,13 @@ impl Part {
                     "<div class=\"wide\"><table>\n<caption>{caption}</caption>\n<thead>{head}</thead>\n<tbody>\n{body}</tbody>\n</table></div>\n"
                 )
             }
-            Self::Figure(_) => String::new(),
+            Self::Drawing(_) => String::new(),
         }
     }
 }
 
 /// The HTML of a figure, with links to its files.
-fn shown(figure: &Figure, name: &str, svg: &str) -> String {
+fn shown(figure: &Drawing, name: &str, svg: &str) -> String {
     let files =
         ["svg", "png"].map(|ending| format!("<a href=\"figures/{name}.{ending}\">{}</a>", ending.to_uppercase()));
     let caption = escaped(&figure.caption);
@@ -135,7 +135,7 @@ fn shown(figure: &Figure, name: &str, svg: &str) -> String {
 }
 
 /// Writes the PNG files on all cores, because their compression takes longer than everything else in a report.
-fn write_pngs(figures: &[(PathBuf, &Figure)]) -> Result<(), Error> {
+fn write_pngs(figures: &[(PathBuf, &Drawing)]) -> Result<(), Error> {
     let jobs = thread::available_parallelism().unwrap_or(NonZeroUsize::MIN);
     let write = |nth: usize| figures[nth].1.write_png(&figures[nth].0);
     in_parallel(figures.len(), jobs, write).map(drop)

@@ -2,7 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use super::figure::{Axis, Colour, Figure, Item, Marker, Panel, Shape, WIDTH_PX};
+use super::figure::{Axis, Colour, Drawing, Item, Marker, Panel, Shape, WIDTH_PX};
 use super::page::{Page, Part, Section};
 use super::{flight_parts, recording, slug};
 use crate::compare::folder::{Flown, Folder};
@@ -98,7 +98,7 @@ pub(super) fn page(folder: &Folder) -> Result<Page, Error> {
         drawn.extend(lines(&folder.swept, &points, &subject));
         drawn.extend(spread(&folder.swept, &points, &subject));
     }
-    sections[0].parts.extend(drawn.into_iter().map(Part::Figure));
+    sections[0].parts.extend(drawn.into_iter().map(Part::Drawing));
     sections.extend(flights(folder, &points)?);
     let title = match folder.runs.as_slice() {
         [run] => format!("{}, seed {}", run.text("scenario").unwrap_or("A run"), run.measured.seed),
@@ -174,14 +174,14 @@ fn subject(folder: &Folder) -> String {
 fn of_figures(summary: &Summary, runs: usize) -> Part {
     let number = |value: Option<f64>| value.map_or_else(|| "–".to_owned(), rounded);
     if runs == 1 {
-        let row = |(key, figure): (&String, &study::Figure)| {
+        let row = |(key, figure): (&String, &study::FigureSummary)| {
             let value = if figure.never > 0 { "never".to_owned() } else { number(figure.median) };
             vec![key.clone(), value]
         };
         let head = ["figure", "value"].map(str::to_owned).to_vec();
         return Part::Table { caption: "One run.".to_owned(), head, rows: summary.iter().map(row).collect() };
     }
-    let row = |(key, figure): (&String, &study::Figure)| {
+    let row = |(key, figure): (&String, &study::FigureSummary)| {
         let quartiles = format!("{} … {}", number(figure.q1), number(figure.q3));
         let worst = if figure.worst_seed.is_some() { number(figure.worst) } else { String::new() };
         let seed = figure.worst_seed.map(|seed| seed.to_string()).unwrap_or_default();
@@ -239,7 +239,7 @@ fn values(point: &Point<'_>, key: &str) -> (Vec<f64>, usize) {
 }
 
 /// Draws every run of every point as a dot, with the quartiles and the median.
-fn spread(swept: &[String], points: &[Point<'_>], subject: &str) -> Option<Figure> {
+fn spread(swept: &[String], points: &[Point<'_>], subject: &str) -> Option<Drawing> {
     let keys = drawn(points);
     // Tables and lists are too long for labels side by side.
     let is_long = !swept.is_empty() && points.iter().any(|point| point.name().chars().count() > LONGEST_NAME);
@@ -290,7 +290,7 @@ fn strip(x: f64, point: &Point<'_>, key: &str) -> Vec<Item> {
 /// Draws medians and quartiles over the swept key with the most values, with a line for each value of the other keys.
 ///
 /// `None` if no swept key has numbers as values.
-fn lines(swept: &[String], points: &[Point<'_>], subject: &str) -> Option<Figure> {
+fn lines(swept: &[String], points: &[Point<'_>], subject: &str) -> Option<Drawing> {
     let number = |point: &Point<'_>, nth: usize| point.values.get(nth)?.parse::<f64>().ok();
     let choices = |nth: usize| {
         let mut values: Vec<f64> = points.iter().map(|point| number(point, nth)).collect::<Option<_>>()?;
@@ -356,7 +356,7 @@ fn line(nth: usize, name: String, points: &[&Point<'_>], over: usize, key: &str)
 }
 
 /// Arranges panels in rows.
-fn grid(name: &str, title: &str, subject: &str, caption: &str, mut panels: Vec<Panel>) -> Option<Figure> {
+fn grid(name: &str, title: &str, subject: &str, caption: &str, mut panels: Vec<Panel>) -> Option<Drawing> {
     if panels.is_empty() {
         return None;
     }
@@ -367,7 +367,7 @@ fn grid(name: &str, title: &str, subject: &str, caption: &str, mut panels: Vec<P
         let (wide, high) = (1.0 / columns as f64, 1.0 / rows as f64);
         panel.place = [column * wide, row * high, (column + 1.0) * wide, (row + 1.0) * high];
     }
-    Some(Figure {
+    Some(Drawing {
         name: name.to_owned(),
         title: title.to_owned(),
         subject: subject.to_owned(),

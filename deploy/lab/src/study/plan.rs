@@ -91,9 +91,9 @@ impl Plan {
     }
 
     /// Which run that is.
-    pub fn run(&self, nth: usize) -> Run<'_> {
+    pub fn run(&self, nth: usize) -> PlannedRun<'_> {
         let seeds = (self.seeds.end - self.seeds.start) as usize;
-        Run { plan: self, point: nth / seeds, seed: self.seeds.start + (nth % seeds) as u64 }
+        PlannedRun { plan: self, point: nth / seeds, seed: self.seeds.start + (nth % seeds) as u64 }
     }
 
     /// Reads every run's scenario and makes sure that it can begin. Gives the study's fingerprint.
@@ -103,7 +103,7 @@ impl Plan {
         let mut jobs = self.jobs;
         let mut trial = Trial::default();
         for point in 0..self.points.len() {
-            let first = Run { plan: self, point, seed: self.seeds.start };
+            let first = PlannedRun { plan: self, point, seed: self.seeds.start };
             let loaded = first.read().map_err(|error| first.at_point(error))?;
             if point == 0 {
                 loaded.notes.iter().for_each(|note| eprintln!("{note}"));
@@ -114,7 +114,7 @@ impl Plan {
             jobs = external::jobs(&scenario, jobs).map_err(|error| first.at_point(Error::Refused(error)))?;
             for seed in self.seeds.clone() {
                 scenario.seed = seed;
-                let run = Run { seed, ..first };
+                let run = PlannedRun { seed, ..first };
                 starts(&scenario).map_err(|error| Error::Refused(format!("{run}: {error}")))?;
             }
             values_of(&scenario).hash(&mut hasher);
@@ -192,7 +192,7 @@ fn hash_file(path: &Path, hasher: &mut impl Hasher) -> Result<(), Error> {
 
 /// One run of a study.
 #[derive(Clone, Copy, Debug)]
-pub struct Run<'a> {
+pub struct PlannedRun<'a> {
     plan: &'a Plan,
     /// Which point, from 0.
     pub point: usize,
@@ -200,7 +200,7 @@ pub struct Run<'a> {
     pub seed: u64,
 }
 
-impl Run<'_> {
+impl PlannedRun<'_> {
     /// Its folder.
     pub fn folder(&self) -> PathBuf {
         let seed = || format!("seed-{}", self.seed);
@@ -273,7 +273,7 @@ impl Run<'_> {
     }
 }
 
-impl std::fmt::Display for Run<'_> {
+impl std::fmt::Display for PlannedRun<'_> {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         write!(f, "{}: ", self.plan.scenario.name())?;
         if self.plan.is_swept {

@@ -9,10 +9,10 @@ use std::path::Path;
 use skein_common::scenario::{RecordRuns, Scenario};
 
 use super::measured::{Measured, worst_and_median};
-use super::plan::{Plan, Run};
+use super::plan::{Plan, PlannedRun};
 use super::{Study, StudyError};
 use crate::error::Error;
-use crate::metrics::{Report, Run as Flight, WALL_CLOCK_KEYS};
+use crate::metrics::{Report, Run, WALL_CLOCK_KEYS};
 use crate::record::{self, Draft, RecordError, RecordingInfo, Writer, log_time_ns};
 use skein_host::parallel::in_parallel;
 
@@ -38,7 +38,7 @@ pub(super) fn record(plan: &Plan, runs: &[Measured], jobs: NonZeroUsize) -> Resu
 }
 
 /// Flies a run again and records it.
-fn again(run: &Run<'_>, measured: &Measured) -> Result<(), Error> {
+fn again(run: &PlannedRun<'_>, measured: &Measured) -> Result<(), Error> {
     let (study, text) = run.study()?;
     let path = run.folder().join(record::FILE);
     let report = record_run(&study, run.seed, &text, &path);
@@ -85,7 +85,7 @@ const CLOCK: &str = "virtual: 0 is the beginning of the window of the figures";
 /// If it cannot be flown or written.
 pub fn record_run(study: &Study, seed: u64, as_flown: &str, path: &Path) -> Result<Report, RecordRunError> {
     let scenario = Scenario { seed, ..study.scenario.clone() };
-    let run = Flight::new(&scenario, "study");
+    let run = Run::new(&scenario, "study");
     let about = RecordingInfo { scenario: &scenario, scenario_toml: as_flown, run: &run, clock: CLOCK };
     let draft = Draft::new(path);
     let mut writer = Writer::new(BufWriter::new(draft.create()?), &about, 0)?;

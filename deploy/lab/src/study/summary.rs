@@ -12,7 +12,7 @@ use skein_common::statistics::quantile;
 
 /// One figure over all seeds.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Figure {
+pub struct FigureSummary {
     /// Runs in which it has a value or never came to one.
     pub n: usize,
     /// Runs in which it never came to a value; they rank worst.
@@ -34,7 +34,7 @@ pub struct Figure {
 }
 
 /// Every figure over all seeds, by its key in `metrics.json`.
-pub type Summary = BTreeMap<String, Figure>;
+pub type Summary = BTreeMap<String, FigureSummary>;
 
 /// Medians, quartiles and the worst of each figure.
 pub fn summarize(reports: &[Report]) -> Summary {
@@ -86,7 +86,7 @@ fn as_json(value: &str) -> Value {
     parsed.unwrap_or_else(|| Value::String(value.to_owned()))
 }
 
-fn figure(key: &str, column: &[(u64, Option<f64>)]) -> Figure {
+fn figure(key: &str, column: &[(u64, Option<f64>)]) -> FigureSummary {
     let direction = is_worse(key);
     // From best to worst; without a direction, from least to largest. What never happened stands last.
     let sign = if direction == Some(Direction::Less) { -1.0 } else { 1.0 };
@@ -101,7 +101,7 @@ fn figure(key: &str, column: &[(u64, Option<f64>)]) -> Figure {
     let (first, third) = if sign < 0.0 { (0.75, 0.25) } else { (0.25, 0.75) };
     let values = || column.iter().filter_map(|(_, value)| *value);
     let worst = ranked.last().filter(|_| direction.is_some());
-    Figure {
+    FigureSummary {
         n: column.len(),
         never: column.iter().filter(|(_, value)| value.is_none()).count(),
         q1: at(first),

@@ -3,7 +3,7 @@
 use comfy_table::{CellAlignment, Table, presets};
 
 use super::measured::{Measured, Outcome};
-use super::summary::{Figure, PointSummary, Summary};
+use super::summary::{FigureSummary, PointSummary, Summary};
 use super::sweep::Point;
 use crate::metrics::figures;
 
@@ -177,7 +177,7 @@ fn names(point: &Point) -> Vec<String> {
     keys.zip(&names).map(|(key, name)| if is_clear(name) { name.clone() } else { key.clone() }).collect()
 }
 
-fn median_and_worst(key: &str, figure: &Figure) -> String {
+fn median_and_worst(key: &str, figure: &FigureSummary) -> String {
     let median = figure.median.map_or_else(|| "never".to_owned(), |value| value_text(key, value));
     match figure.worst.filter(|_| figure.never == 0) {
         Some(worst) => format!("{median} [{}]", value_text(key, worst)),

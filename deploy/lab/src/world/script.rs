@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use skein_common::id::VehicleId;
 use skein_common::message::{Order, Verb};
-use skein_common::scenario::{Event, EventAction, Fault, Scenario};
+use skein_common::scenario::{EventAction, Fault, Scenario, ScriptedEvent};
 use skein_core::impairments::lasting;
 
 use crate::faults::{LinkChange, Schedule, failure_of, kills, link_changes, orders};
@@ -43,7 +43,7 @@ pub(super) fn actions(scenario: &Scenario, own: VehicleId) -> Schedule<ScriptedA
 }
 
 /// The failure and the clock jumps that the event causes on vehicle `own`.
-fn failures_and_jumps(event: &Event, own: VehicleId) -> Vec<(f64, ScriptedAction)> {
+fn failures_and_jumps(event: &ScriptedEvent, own: VehicleId) -> Vec<(f64, ScriptedAction)> {
     let EventAction::Fault(fault) = &event.what else { return Vec::new() };
     let Some((vehicle, name)) = failure_of(fault) else { return Vec::new() };
     let mut actions = vec![(event.at_s, ScriptedAction::Fail(name))];
@@ -56,7 +56,7 @@ fn failures_and_jumps(event: &Event, own: VehicleId) -> Vec<(f64, ScriptedAction
 
 /// Total backward jump of vehicle `own`'s clock, s. The clock starts at this time, or it would become negative.
 pub(super) fn clock_begins_s(scenario: &Scenario, own: VehicleId) -> f64 {
-    let back_s = |event: &Event| match event.what {
+    let back_s = |event: &ScriptedEvent| match event.what {
         EventAction::Fault(Fault::ClockJump { vehicle, by_s }) if vehicle == own => (-by_s).max(0.0),
         _ => 0.0,
     };

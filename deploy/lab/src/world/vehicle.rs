@@ -1,7 +1,7 @@
 //! One vehicle of a world: its helicopter, its failures, and the station with its agent.
 
 use skein_common::id::{Incarnation, VehicleId};
-use skein_common::message::{Mission, Trace};
+use skein_common::message::{Heartbeat, Trace};
 use skein_common::scenario::Scenario;
 use skein_common::time::{LocalTime, PlantTime};
 use skein_core::agent::{Agent, Outputs};
@@ -36,7 +36,7 @@ pub(super) struct Vehicle {
     /// Answer of the external law for the next step.
     pub(super) answer: Option<LawReply>,
     /// The newest heartbeat, which a restarted agent receives first.
-    pub(super) heartbeat: Option<Mission>,
+    pub(super) heartbeat: Option<Heartbeat>,
     pub(super) truth: GroundTruth,
     /// Plant time of the last frame.
     pub(super) plant_time: PlantTime,

@@ -11,7 +11,7 @@ use skein_common::id::VehicleId;
 
 use super::done;
 use super::row::{Done, Row};
-use crate::cluster::nodes::{Line, Progress};
+use crate::cluster::nodes::{Progress, ProgressLine};
 use crate::cluster::protocol::{Ask, Facts};
 use crate::cluster::ready::Watch;
 use crate::cluster::remote::Remote;
@@ -65,7 +65,7 @@ pub(super) fn roll(
         // The scenario that it flies may be higher than the one that is installed now.
         let landing_s = inventory.landing_s().max(restart.landing_s);
         let incarnation = watch.incarnation(restart.node.id);
-        let mut comes_back = |line: &Line<'_>| {
+        let mut comes_back = |line: &ProgressLine<'_>| {
             done(&restart.host, remote.ask(&restart.host, restart.node, Ask::Stop { within_s: landing_s }))?;
             line.say("landed, starting");
             done(

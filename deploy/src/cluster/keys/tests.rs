@@ -9,7 +9,7 @@ use skein_common::id::VehicleId;
 use time::Duration;
 
 /// The owners and what was done, for the results in which something was done.
-fn done(lines: &[Line]) -> Vec<(&str, &str)> {
+fn done(lines: &[KeyFileLine]) -> Vec<(&str, &str)> {
     lines.iter().filter_map(|line| Some((line.who.as_str(), line.done.as_deref()?))).collect()
 }
 

@@ -1,4 +1,4 @@
-use skein_common::message::{Header, Mission};
+use skein_common::message::{Header, Heartbeat};
 use skein_common::time::SenderStamp;
 
 use super::*;
@@ -9,7 +9,7 @@ fn id() -> VehicleId {
 
 fn view(membership: Membership, run: u64, life: u64) -> VehicleView {
     let header = Header { sender: id(), incarnation: Incarnation(life), sequence: 1, stamp: SenderStamp::ZERO };
-    let mission = Mission {
+    let mission = Heartbeat {
         header,
         plan: 0,
         membership,

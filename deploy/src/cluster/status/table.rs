@@ -2,7 +2,7 @@
 
 use comfy_table::{CellAlignment, ContentArrangement, Table, presets};
 
-use super::{HealthReport, NodeStatus, Status};
+use super::{HealthReport, NodeStatus, SwarmStatus};
 
 const HEADER: [&str; 12] =
     ["node", "version", "plant", "phase", "Hz", "jitter", "peers", "age", "clock ms", "faults", "refused", "uptime"];
@@ -18,7 +18,7 @@ const LEGEND: [&str; 5] = [
 const TEXT_COLUMNS: [usize; 3] = [1, 2, 3];
 
 /// All of it; `file` is the cluster's as the user has named it.
-pub(super) fn of(status: &Status, file: &str) -> String {
+pub(super) fn of(status: &SwarmStatus, file: &str) -> String {
     let mut table = Table::new();
     // On a narrower terminal, cells are wrapped at spaces.
     table.load_style(presets::NOTHING).set_header(HEADER).set_content_arrangement(ContentArrangement::Dynamic);

@@ -2,7 +2,7 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use skein_common::id::Incarnation;
-use skein_common::message::{ClockOffset, Drops, Failure, Header, Mission, PeerHealth, Reason, Refused};
+use skein_common::message::{ClockOffset, Drops, Failure, Header, Heartbeat, PeerHealth, Reason, Refused};
 use skein_common::state::Membership;
 use skein_common::time::SenderStamp;
 
@@ -45,7 +45,7 @@ fn health(number: u8, ahead_s: f64) -> Health {
 }
 
 /// The status of four vehicles, all in contact, when these reports were received `ago`.
-fn status(folder: &Path, received: Vec<Health>, ago: Duration) -> Status {
+fn status(folder: &Path, received: Vec<Health>, ago: Duration) -> SwarmStatus {
     let at = clock::now();
     let there = VehicleId::first(4).map(|id| (SwarmMessage::Appeared(id), None, at));
     let received = received.into_iter().map(|health| (SwarmMessage::Health(health), None, at));
@@ -57,18 +57,18 @@ fn status_of(
     folder: &Path,
     received: impl IntoIterator<Item = (SwarmMessage, Option<u64>, Instant)>,
     now: Instant,
-) -> Status {
+) -> SwarmStatus {
     let inventory = lab(folder, 4, "");
     let reach = Reach::plain(inventory.swarm.clone(), BTreeMap::new(), Flown::Text(String::new()));
     let mut observer = Observer::open(&reach, TraceSubscription::Off).unwrap();
     observer.inject(received);
-    Status::of(&inventory, &observer, now)
+    SwarmStatus::of(&inventory, &observer, now)
 }
 
 /// The vehicle's heartbeat in this incarnation.
-fn mission(number: u8, life: u64) -> Mission {
+fn mission(number: u8, life: u64) -> Heartbeat {
     let header = Header { incarnation: Incarnation(life), ..health(number, 0.0).header };
-    Mission {
+    Heartbeat {
         header,
         plan: 0,
         membership: Membership::Active,

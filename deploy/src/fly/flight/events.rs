@@ -3,10 +3,10 @@
 use std::time::{Duration, Instant};
 
 use skein_common::id::VehicleId;
-use skein_common::message::{Mission, Order, Verb};
+use skein_common::message::{Heartbeat, Order, Verb};
 
 use super::Flight;
-use crate::fly::children::Role;
+use crate::fly::children::ProcessRole;
 use crate::fly::script::ScriptedAction;
 use crate::fly::status::Stage;
 use crate::order;
@@ -49,7 +49,7 @@ impl Flight {
         let failed = match action {
             ScriptedAction::Kill(id) => {
                 self.killed.insert(*id);
-                if let Some(ended) = self.children.kill_one(Role::Agent, *id) {
+                if let Some(ended) = self.children.kill_one(ProcessRole::Agent, *id) {
                     self.take_leave(now, &ended);
                 }
                 None
@@ -57,9 +57,9 @@ impl Flight {
             ScriptedAction::Restart(id) => self.restart(now, *id).err(),
             ScriptedAction::Freeze(id) => {
                 self.record(|recorder| recorder.fault(now, &InjectedFault::Failed(*id, FROZEN)));
-                self.children.freeze(Role::Standin, *id, true).err()
+                self.children.freeze(ProcessRole::Standin, *id, true).err()
             }
-            ScriptedAction::Thaw(id) => self.children.freeze(Role::Standin, *id, false).err(),
+            ScriptedAction::Thaw(id) => self.children.freeze(ProcessRole::Standin, *id, false).err(),
             ScriptedAction::Order(verb) => {
                 self.order(now, *verb);
                 None
@@ -78,7 +78,7 @@ impl Flight {
     /// Starts an agent with the same files, which resumes the scenario where the previous one was.
     fn restart(&mut self, now: Instant, id: VehicleId) -> std::io::Result<()> {
         let flown_s = self.ground.since_take_off_s(now, id).unwrap_or_else(|| self.since_zero_s(now));
-        self.children.restart(Role::Agent, id, ["--flown-s".into(), flown_s.to_string().into()])?;
+        self.children.restart(ProcessRole::Agent, id, ["--flown-s".into(), flown_s.to_string().into()])?;
         self.killed.remove(id);
         self.count_in(now, id);
         Ok(())
@@ -95,7 +95,7 @@ impl Flight {
     pub(super) fn repeat_order(&mut self, now: Instant) {
         let Some(UnderWay { order, again }) = self.order.filter(|order| now >= order.again) else { return };
         self.order = Some(UnderWay { order, again: again.max(now) + AGAIN });
-        let has_taken = |mission: Mission| mission.order >= Some(order);
+        let has_taken = |mission: Heartbeat| mission.order >= Some(order);
         if self.live().all(|(_, seen)| seen.and_then(|seen| seen.mission).is_some_and(has_taken)) {
             return;
         }

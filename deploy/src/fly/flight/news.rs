@@ -9,7 +9,7 @@ use skein_common::scenario::{Pattern, Scenario, Vertical};
 use skein_core::mission::landing;
 
 use super::{Flight, fresh};
-use crate::fly::children::{Ended, Role};
+use crate::fly::children::{Ended, ProcessRole};
 use crate::fly::journal::{self, Alike, When};
 use crate::fly::status::Stage;
 use crate::os;
@@ -49,17 +49,17 @@ impl Flight {
     /// Shows that a process has ended, and keeps it for the end of the flight if it was not ordered to end.
     pub(super) fn take_leave(&mut self, now: Instant, ended: &Ended) {
         let Ended { role, id, status, last_words } = ended;
-        if *role == Role::Agent {
+        if *role == ProcessRole::Agent {
             self.count_out(now, *id);
         }
         let what = match role {
-            Role::Agent => format!("vehicle {id}"),
-            Role::Standin => format!("vehicle {id}'s simulator"),
+            ProcessRole::Agent => format!("vehicle {id}"),
+            ProcessRole::Standin => format!("vehicle {id}'s simulator"),
         };
         let how = os::how_it_ended(*status);
         let wrote = last_words.as_ref().map(|text| format!(" ({text})")).unwrap_or_default();
         let sentence = format!("{what}: {how}{wrote}");
-        let was_killed = *role == Role::Agent && self.killed.contains(*id);
+        let was_killed = *role == ProcessRole::Agent && self.killed.contains(*id);
         if !status.success() && !was_killed {
             let when =
                 self.zero.as_ref().map_or_else(String::new, |_| format!(" after {:.1} s", self.since_zero_s(now)));
@@ -71,10 +71,10 @@ impl Flight {
         }
         self.record(|recorder| recorder.note(now, false, "fly", &sentence));
         let several = match role {
-            Role::Agent => how.clone(),
-            Role::Standin => format!("simulators {how}"),
+            ProcessRole::Agent => how.clone(),
+            ProcessRole::Standin => format!("simulators {how}"),
         };
-        let one = if *role == Role::Agent { how } else { format!("its simulator {how}") };
+        let one = if *role == ProcessRole::Agent { how } else { format!("its simulator {how}") };
         let awaited = self.live().map(|(id, _)| id).collect();
         self.journal.add_alike(self.when(now), *id, Alike { one, several, by_all: true }, awaited);
     }

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use skein_common::message::{ClockAnswer, Event, Health, Message, Mission, Order, State, Trace, VERSION};
+use skein_common::message::{ClockAnswer, Event, Health, Heartbeat, Message, Order, State, Trace, VERSION};
 use skein_common::topic::{TOPIC_DESCRIPTIONS, TopicDescription};
 
 use super::source::{Field, Item, items};
@@ -42,7 +42,7 @@ const PLAIN: [(&str, &str); 13] = [
 /// The largest size of each message, bytes.
 const SIZES: [(&str, usize); 7] = [
     ("State", State::MAX_BYTES),
-    ("Mission", Mission::MAX_BYTES),
+    ("Mission", Heartbeat::MAX_BYTES),
     ("Health", Health::MAX_BYTES),
     ("Event", Event::MAX_BYTES),
     ("Trace", Trace::MAX_BYTES),

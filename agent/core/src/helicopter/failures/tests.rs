@@ -172,7 +172,7 @@ proptest! {
 
 #[test]
 fn a_script_holds_the_plants_faults_of_one_vehicle() {
-    let fault = |at_s, for_s, fault| Event { at_s, for_s, what: EventAction::Fault(fault) };
+    let fault = |at_s, for_s, fault| ScriptedEvent { at_s, for_s, what: EventAction::Fault(fault) };
     let (one, two) = (id(1), id(2));
     let events = [
         fault(10.0, Some(5.0), Fault::EngineOut { vehicle: one }),
@@ -186,7 +186,7 @@ fn a_script_holds_the_plants_faults_of_one_vehicle() {
         fault(0.0, None, Fault::Kill { vehicle: one }),
         fault(0.0, None, Fault::ClockJump { vehicle: one, by_s: 1.0 }),
         fault(0.0, None, Fault::EngineOut { vehicle: two }),
-        Event { at_s: 0.0, for_s: None, what: EventAction::Order(skein_common::scenario::Order::Hold) },
+        ScriptedEvent { at_s: 0.0, for_s: None, what: EventAction::Order(skein_common::scenario::ScriptedOrder::Hold) },
     ];
     let script = Script::of(&events, one);
     let now = |failures: Failures| ActiveFaults { failures, simulator_frozen: false };

@@ -40,7 +40,7 @@ impl Side {
         let stamp = self.now(t_s).into();
         let header = Header { stamp, ..header(own, 1, self.sequence) };
         let PeerMessage::State(sent) = state(own, 1, self.sequence, 2.0 * t_s) else { unreachable!() };
-        let heartbeat = Mission { echo: self.peers.echo(stamp), ..heartbeat_of(header, 1, Membership::Active) };
+        let heartbeat = Heartbeat { echo: self.peers.echo(stamp), ..heartbeat_of(header, 1, Membership::Active) };
         [PeerMessage::State(State { header, ..sent }), PeerMessage::Mission(heartbeat)]
             .map(|message| (t_s + delay_s, t_s, message))
     }

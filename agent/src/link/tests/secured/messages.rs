@@ -138,7 +138,7 @@ fn a_valid_vehicle_can_reply_for_itself_only() {
     let intruder = Sessions::open(&swarm.name, &["tls/127.0.0.1:0".to_owned()], &[], &secured(own)).unwrap();
     let answer = move |query: zenoh::query::Query| {
         for sender in [1, 3] {
-            let forged = Mission { header: forged_header(sender), ..mission(sender, 1) };
+            let forged = Heartbeat { header: forged_header(sender), ..mission(sender, 1) };
             let key = Topic::Mission(id(sender)).key();
             // Zenoh rejects a reply under a key that was not queried.
             let _ = query.reply(&key, forger.key_ring.write(Some(&forger.signing_key), RUN, &key, &forged)).wait();

@@ -65,7 +65,7 @@ impl Scripted {
 
     /// Index that the link has chosen for this dataref.
     fn index(&self, path: &str) -> i32 {
-        let requests = self.asked.iter().filter_map(|datagram| rref::Request::decode(datagram).ok());
+        let requests = self.asked.iter().filter_map(|datagram| rref::DatarefRequest::decode(datagram).ok());
         requests.into_iter().find(|request| request.path == path).unwrap().index
     }
 
@@ -126,8 +126,8 @@ fn at_height(height_m: f32) -> Position {
 fn the_link_subscribes_at_its_first_wait_and_touches_no_control() {
     let (simulator, _link) = Scripted::silent();
     let received = &simulator.asked;
-    assert_eq!(rpos::Request::decode(&received[0]), Ok(rpos::Request { rate_hz: 50 }));
-    let values: Vec<_> = received[1..].iter().map(|datagram| rref::Request::decode(datagram).unwrap()).collect();
+    assert_eq!(rpos::PositionRequest::decode(&received[0]), Ok(rpos::PositionRequest { rate_hz: 50 }));
+    let values: Vec<_> = received[1..].iter().map(|datagram| rref::DatarefRequest::decode(datagram).unwrap()).collect();
     let of = |path: &str| values.iter().find(|value| value.path == path).map(|value| value.frequency_hz);
     assert_eq!(of("sim/time/total_running_time_sec"), Some(50));
     assert_eq!(of("sim/time/paused"), Some(50));
@@ -172,12 +172,16 @@ fn release_gives_the_override_back_and_unsubscribes_once() {
     let writes: Vec<_> = received.iter().filter_map(|datagram| Write::decode(datagram).ok()).collect();
     assert!(!writes.is_empty());
     assert!(writes.iter().all(|write| write.path.ends_with("override_joystick") && write.value == 0.0), "{writes:?}");
-    assert!(received.iter().any(|datagram| rpos::Request::decode(datagram) == Ok(rpos::Request { rate_hz: 0 })));
-    let stopped = received.iter().filter_map(|datagram| rref::Request::decode(datagram).ok());
+    assert!(
+        received
+            .iter()
+            .any(|datagram| rpos::PositionRequest::decode(datagram) == Ok(rpos::PositionRequest { rate_hz: 0 }))
+    );
+    let stopped = received.iter().filter_map(|datagram| rref::DatarefRequest::decode(datagram).ok());
     let mut indices: Vec<_> = stopped.map(|request| (request.frequency_hz, request.index)).collect();
     indices.sort_unstable();
     indices.dedup();
-    let asked = simulator.asked.iter().filter_map(|datagram| rref::Request::decode(datagram).ok());
+    let asked = simulator.asked.iter().filter_map(|datagram| rref::DatarefRequest::decode(datagram).ok());
     let mut ended: Vec<_> = asked.map(|request| (0, request.index)).collect();
     ended.sort_unstable();
     assert_eq!(indices, ended);
@@ -324,7 +328,7 @@ fn a_simulator_of_another_address_family_is_refused() {
     let ipv6: SocketAddr = "[::1]:49000".parse().unwrap();
     for (simulator, listen) in [(Some(ipv6), LOCAL), (None, ipv6.ip())] {
         let error = XPlane::new(&origin, simulator, &Profile::default(), 50, listen).err();
-        assert!(matches!(error, Some(LinkError::AddressFamily { .. })), "{error:?}");
+        assert!(matches!(error, Some(XPlaneLinkError::AddressFamily { .. })), "{error:?}");
     }
 }
 
@@ -421,11 +425,11 @@ mod live {
         let socket = UdpSocket::bind((LOCAL, 0)).unwrap();
         socket.set_read_timeout(Some(TIMEOUT)).unwrap();
         let mut datagram = Vec::new();
-        rref::Request { frequency_hz: 50, index: 9, path }.encode(&mut datagram).unwrap();
+        rref::DatarefRequest { frequency_hz: 50, index: 9, path }.encode(&mut datagram).unwrap();
         socket.send_to(&datagram, simulator).unwrap();
         let mut buffer = [0; MAX_DATAGRAM];
         let size = socket.recv(&mut buffer).unwrap();
-        rref::Request { frequency_hz: 0, index: 9, path }.encode(&mut datagram).unwrap();
+        rref::DatarefRequest { frequency_hz: 0, index: 9, path }.encode(&mut datagram).unwrap();
         socket.send_to(&datagram, simulator).unwrap();
         rref::decode_values(&buffer[..size]).unwrap().next().unwrap().1
     }

@@ -54,11 +54,11 @@ impl Bench {
     }
 
     fn subscribe_position(&mut self, from: SocketAddr, rate_hz: u32) {
-        self.send(from, |out| rpos::Request { rate_hz }.encode(out));
+        self.send(from, |out| rpos::PositionRequest { rate_hz }.encode(out));
     }
 
     fn subscribe_value(&mut self, from: SocketAddr, frequency_hz: u32, index: i32, path: &str) {
-        self.send(from, |out| rref::Request { frequency_hz, index, path }.encode(out).unwrap());
+        self.send(from, |out| rref::DatarefRequest { frequency_hz, index, path }.encode(out).unwrap());
     }
 
     fn set(&mut self, path: &str, value: f32) {
@@ -423,8 +423,8 @@ proptest! {
         for datagram in bodies.iter().map(|body| [tag, body].concat()).chain([write]) {
             let placed = bench.server.handle(&datagram, client(1));
             let error = match datagram.first_chunk::<4>() {
-                Some(&rpos::TAG) => rpos::Request::decode(&datagram).err(),
-                Some(&rref::TAG) => rref::Request::decode(&datagram).err(),
+                Some(&rpos::TAG) => rpos::PositionRequest::decode(&datagram).err(),
+                Some(&rref::TAG) => rref::DatarefRequest::decode(&datagram).err(),
                 Some(&dref::TAG) => Write::decode(&datagram).err(),
                 Some(&prel::TAG) => Placement::decode(&datagram).err(),
                 _ => None,

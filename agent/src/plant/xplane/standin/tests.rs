@@ -45,7 +45,7 @@ impl Bench {
     }
 
     fn position_after(&mut self, frames: u32) -> Position {
-        self.send(|out| rpos::Request { rate_hz: 50 }.encode(out));
+        self.send(|out| rpos::PositionRequest { rate_hz: 50 }.encode(out));
         let mut buffer = [0; MAX_DATAGRAM];
         let mut newest = None;
         for _ in 0..frames {
@@ -167,7 +167,9 @@ fn the_stand_in_keeps_its_pace_and_stops_on_request() {
     let to = standin.address();
     let stop = AtomicBool::new(false);
     let mut request = Vec::new();
-    rref::Request { frequency_hz: 50, index: 1, path: "sim/time/total_running_time_sec" }.encode(&mut request).unwrap();
+    rref::DatarefRequest { frequency_hz: 50, index: 1, path: "sim/time/total_running_time_sec" }
+        .encode(&mut request)
+        .unwrap();
     thread::scope(|scope| {
         scope.spawn(|| standin.run(&stop));
         client.send_to(&request, to).unwrap();

@@ -9,12 +9,12 @@ pub const SIZE: usize = 69;
 
 /// Subscription to [`Position`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Request {
+pub struct PositionRequest {
     /// Positions per second; 0 ends the subscription. X-Plane never sends more than one position per frame.
     pub rate_hz: u32,
 }
 
-impl Request {
+impl PositionRequest {
     /// Decodes the rate: decimal digits up to a NUL or to the end; padding after the NUL is ignored.
     ///
     /// # Errors

@@ -4,7 +4,7 @@ use super::{Tag, WireError, begin, body, body_of_size, finish_with_text, path};
 
 /// Tag of the message.
 pub const TAG: Tag = *b"RREF";
-/// Length of an encoded [`Request`], bytes.
+/// Length of an encoded [`DatarefRequest`], bytes.
 pub const REQUEST_SIZE: usize = 413;
 /// Largest number of values in one datagram.
 pub const MAX_VALUES: usize = 183;
@@ -14,7 +14,7 @@ const PAIR: usize = 8;
 
 /// Subscription to a dataref.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Request<'a> {
+pub struct DatarefRequest<'a> {
     /// Values per second; 0 ends the subscription, whatever the path.
     pub frequency_hz: u32,
     /// Index that X-Plane returns with every value. A request with the same index replaces the subscription.
@@ -23,7 +23,7 @@ pub struct Request<'a> {
     pub path: &'a str,
 }
 
-impl<'a> Request<'a> {
+impl<'a> DatarefRequest<'a> {
     /// Decodes a request; its path ends at the first NUL.
     ///
     /// # Errors

@@ -73,7 +73,7 @@ mod golden {
 
     #[test]
     fn rpos_request() {
-        assert_eq!(encoded(|out| rpos::Request { rate_hz: 60 }.encode(out)), typed("52504f53 00 363000"));
+        assert_eq!(encoded(|out| rpos::PositionRequest { rate_hz: 60 }.encode(out)), typed("52504f53 00 363000"));
     }
 
     #[test]
@@ -86,11 +86,11 @@ mod golden {
 
     #[test]
     fn rref_request() {
-        let request = rref::Request { frequency_hz: 50, index: 7, path: "sim/time/paused" };
+        let request = rref::DatarefRequest { frequency_hz: 50, index: 7, path: "sim/time/paused" };
         let bytes = typed("52524546 00 32000000 07000000 73696d2f74696d652f706175736564 385*00");
         assert_eq!(bytes.len(), 413);
         assert_eq!(encoded(|out| request.encode(out).unwrap()), bytes);
-        assert_eq!(rref::Request::decode(&bytes), Ok(request));
+        assert_eq!(rref::DatarefRequest::decode(&bytes), Ok(request));
     }
 
     #[test]
@@ -143,7 +143,7 @@ mod tolerance {
                 bytes
             };
             assert!(Position::decode(&with(typed(POSITION))).is_ok());
-            assert_eq!(rpos::Request::decode(&with(b"RPOS.50\0".to_vec())).unwrap().rate_hz, 50);
+            assert_eq!(rpos::PositionRequest::decode(&with(b"RPOS.50\0".to_vec())).unwrap().rate_hz, 50);
             let write = encoded(|out| Write { value: 1.0, path: "a/b" }.encode(out).unwrap());
             assert!(Write::decode(&with(write)).is_ok());
             assert!(rref::decode_values(&with(typed("52524546 2c 07000000 0000803f"))).is_ok());
@@ -158,16 +158,17 @@ mod tolerance {
             write[9 + 7..].fill(padding);
             assert_eq!(Write::decode(&write), Ok(Write { value: 1.0, path: "a/b[2]" }));
             let mut request =
-                encoded(|out| rref::Request { frequency_hz: 1, index: 1, path: "a" }.encode(out).unwrap());
+                encoded(|out| rref::DatarefRequest { frequency_hz: 1, index: 1, path: "a" }.encode(out).unwrap());
             request[13 + 2..].fill(padding);
-            assert_eq!(rref::Request::decode(&request).unwrap().path, "a");
+            assert_eq!(rref::DatarefRequest::decode(&request).unwrap().path, "a");
         }
     }
 
     #[test]
     fn rates_may_be_padded_or_end_without_a_nul() {
-        let read =
-            |text: &str| rpos::Request::decode(&[b"RPOS.", text.as_bytes()].concat()).map(|request| request.rate_hz);
+        let read = |text: &str| {
+            rpos::PositionRequest::decode(&[b"RPOS.", text.as_bytes()].concat()).map(|request| request.rate_hz)
+        };
         assert_eq!(["60\0", "60\0\0\0", "60", "60\0xyz"].map(read), [Ok(60); 4]);
         assert_eq!(read("0\0"), Ok(0));
         for nonsense in ["", "\0", "-1\0", "+5\0", "six\0", " 60\0", "99999999999\0"] {
@@ -210,7 +211,7 @@ mod refused {
         type Error = fn(&[u8]) -> Option<WireError>;
         let sized: [(&str, Error); 4] = [
             (POSITION, |bytes| Position::decode(bytes).err()),
-            ("52524546 00 32000000 07000000 400*00", |bytes| rref::Request::decode(bytes).err()),
+            ("52524546 00 32000000 07000000 400*00", |bytes| rref::DatarefRequest::decode(bytes).err()),
             ("44524546 00 0000003f 500*00", |bytes| Write::decode(bytes).err()),
             ("5052454c 00 06000000 60*00", |bytes| Placement::decode(bytes).err()),
         ];
@@ -271,7 +272,7 @@ mod refused {
     #[test]
     fn paths_that_are_not_text_or_too_long() {
         let long = |length| "x".repeat(length);
-        let request = |path: &str| rref::Request { frequency_hz: 1, index: 0, path }.encode(&mut Vec::new());
+        let request = |path: &str| rref::DatarefRequest { frequency_hz: 1, index: 0, path }.encode(&mut Vec::new());
         assert_eq!((request(&long(399)), request(&long(400))), (Ok(()), Err(WireError::TooLong)));
         assert_eq!(request("a\0b"), Err(WireError::NotText));
         let write = |path: &str| Write { value: 0.0, path }.encode(&mut Vec::new());
@@ -280,7 +281,7 @@ mod refused {
         bytes[10] = 0xff;
         assert_eq!(Write::decode(&bytes), Err(WireError::NotText));
         let negative = typed("52524546 00 ffffffff 07000000 400*00");
-        assert_eq!(rref::Request::decode(&negative), Err(WireError::OutOfRange));
+        assert_eq!(rref::DatarefRequest::decode(&negative), Err(WireError::OutOfRange));
     }
 }
 
@@ -361,7 +362,7 @@ proptest! {
             prop_assert!(again.len() == datagram.len() && agrees(&again, 0..0));
             messages.push(rref::TAG);
         }
-        if let Ok(request) = rref::Request::decode(&datagram) {
+        if let Ok(request) = rref::DatarefRequest::decode(&datagram) {
             let (mut again, size) = (Vec::new(), rref::REQUEST_SIZE);
             match request.encode(&mut again) {
                 Ok(()) => prop_assert!(again.len() == size && agrees(&again, padding(13, request.path)), "{request:?}"),
@@ -369,12 +370,12 @@ proptest! {
             }
             messages.push(rref::TAG);
         }
-        if let Ok(request) = rpos::Request::decode(&datagram) {
+        if let Ok(request) = rpos::PositionRequest::decode(&datagram) {
             let again = encoded(|out| request.encode(out));
             let digits = datagram[5..].split(|byte| *byte == 0).next().unwrap();
             let value = digits.iter().fold(0, |value, digit| 10 * value + u64::from(digit - b'0'));
             prop_assert_eq!(value, u64::from(request.rate_hz), "{:?}", digits);
-            prop_assert_eq!(rpos::Request::decode(&again), Ok(request));
+            prop_assert_eq!(rpos::PositionRequest::decode(&again), Ok(request));
             messages.push(rpos::TAG);
         }
         if let Ok(beacon) = Beacon::decode(&datagram) {
@@ -405,14 +406,14 @@ proptest! {
         pairs in prop::collection::vec((any::<i32>(), any_f32()), 0..=rref::MAX_VALUES),
     ) {
         prop_assert_eq!(Position::decode(&encoded(|out| position.encode(out))), Ok(position));
-        let request = rpos::Request { rate_hz };
-        prop_assert_eq!(rpos::Request::decode(&encoded(|out| request.encode(out))), Ok(request));
+        let request = rpos::PositionRequest { rate_hz };
+        prop_assert_eq!(rpos::PositionRequest::decode(&encoded(|out| request.encode(out))), Ok(request));
         let write = Write { value, path: &path };
         let bytes = encoded(|out| write.encode(out).unwrap());
         prop_assert_eq!(Write::decode(&bytes), Ok(write));
-        let request = rref::Request { frequency_hz, index, path: &path };
+        let request = rref::DatarefRequest { frequency_hz, index, path: &path };
         let bytes = encoded(|out| request.encode(out).unwrap());
-        prop_assert_eq!(rref::Request::decode(&bytes), Ok(request));
+        prop_assert_eq!(rref::DatarefRequest::decode(&bytes), Ok(request));
         let values = encoded(|out| rref::encode_values(&pairs, out).unwrap());
         prop_assert_eq!(rref::decode_values(&values).unwrap().collect::<Vec<_>>(), pairs);
     }

@@ -3,7 +3,7 @@
 use super::axis::Scale;
 use super::canvas::{Anchor, Canvas, text_width};
 use super::plot::{Plot, draw, extent, swatch};
-use super::{Colour, Figure, Item, Mark, Name, Panel, Shape};
+use super::{Colour, Drawing, Item, Mark, Name, Panel, Shape};
 
 /// Sizes of letters, px.
 const TITLE_PX: f64 = 18.5;
@@ -20,7 +20,7 @@ const TICKS_PX: f64 = 38.0;
 const TICKS_ACROSS_PX: f64 = 80.0;
 
 /// The figure's SVG.
-pub(super) fn svg(figure: &Figure) -> String {
+pub(super) fn svg(figure: &Drawing) -> String {
     let [width, height] = figure.size_px;
     let mut canvas = Canvas::new(figure.size_px, &format!("{}. {}", figure.title, figure.subject));
     let mut top = 0.0;

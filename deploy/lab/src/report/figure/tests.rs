@@ -1,7 +1,7 @@
 use super::*;
 use skein_common::math;
 
-fn figure() -> Figure {
+fn figure() -> Drawing {
     let mut panel = Panel::new(Axis::new("time", "s"), Axis::new("distance", "m"));
     panel.title = "a < b & c".to_owned();
     let line =
@@ -22,7 +22,7 @@ fn figure() -> Figure {
     ];
     panel.x = panel.x.within(0.0, 99.0);
     panel.marks = vec![Mark { x: 20.0, text: "one".to_owned() }, Mark { x: 22.0, text: "two".to_owned() }];
-    Figure {
+    Drawing {
         name: "it".to_owned(),
         title: "It \"is\" what it is".to_owned(),
         subject: "test".to_owned(),

@@ -5,7 +5,7 @@ use skein_common::state::PeerStatus;
 use super::Flight;
 use super::marks::with_marks;
 use super::traces::histogram;
-use crate::report::figure::{Axis, Colour, Figure, Item, Panel, Shape};
+use crate::report::figure::{Axis, Colour, Drawing, Item, Panel, Shape};
 use skein_common::statistics::quantile;
 
 /// Number of time spans in the panel over time.
@@ -14,7 +14,7 @@ const STRETCHES: usize = 160;
 const SHADES: [f64; 5] = [0.0, 0.25, 0.5, 0.75, 1.0];
 
 /// Draws the ages over time, as a histogram, and by pairs; `None` if no vehicle receives a peer.
-pub(super) fn ages(flight: &Flight<'_>) -> Option<Figure> {
+pub(super) fn ages(flight: &Flight<'_>) -> Option<Drawing> {
     let mut all_ms: Vec<f64> = (0..flight.times_s.len()).flat_map(|sample| at_ms(flight, sample)).collect();
     let (oldest_ms, high_ms) = (quantile(&mut all_ms, 1.0)?, quantile(&mut all_ms, 0.99)?);
     // A few very old states from cut links would compress all others into a thin line: cut the axis off.

@@ -13,7 +13,7 @@ use skein_core::formation::law::Neighbour;
 
 use super::traces::{centre_distance_panel, pair_distance_panel};
 use super::{Flight, flies_in_formation, on_map, pieces, place_on_map, radii_m};
-use crate::report::figure::{Axis, Colour, Figure, Item, Marker, Panel, Shape, WIDTH_PX};
+use crate::report::figure::{Axis, Colour, Drawing, Item, Marker, Panel, Shape, WIDTH_PX};
 
 /// Length of the trails of a flight whose centre moves, s.
 const TRAIL_S: f64 = 60.0;
@@ -27,8 +27,8 @@ const ARROWS: i32 = 23;
 const SQUARE_PX: f64 = 720.0;
 
 /// Makes a figure square.
-fn square(figure: Figure) -> Figure {
-    Figure { size_px: [SQUARE_PX; 2], ..figure }
+fn square(figure: Drawing) -> Drawing {
+    Drawing { size_px: [SQUARE_PX; 2], ..figure }
 }
 
 /// An empty map, with east to the right and north up.
@@ -37,7 +37,7 @@ fn map() -> Panel {
 }
 
 /// Draws the final positions of all vehicles, with the ellipses and the paths to them (the paper's figure 5).
-pub(super) fn final_places(flight: &Flight<'_>) -> Figure {
+pub(super) fn final_places(flight: &Flight<'_>) -> Drawing {
     let caption = format!(
         "Positions of the vehicles at {}, with R* (solid), the band's edges (broken) and their paths{}; small dots: the starts of the paths.",
         flight.last_in_formation().map_or("the end".to_owned(), |last| format!("{:.0} s", flight.times_s[last])),
@@ -127,7 +127,7 @@ fn vehicles(flight: &Flight<'_>, sample: usize) -> Vec<Item> {
 }
 
 /// Draws the swarm at some instants along its path (the paper's figure 8); `None` if the swarm stays in one place.
-pub(super) fn snapshots(flight: &Flight<'_>) -> Option<Figure> {
+pub(super) fn snapshots(flight: &Flight<'_>) -> Option<Drawing> {
     let samples = instants(flight);
     if samples.len() < 2 {
         return None;
@@ -184,7 +184,7 @@ fn times(flight: &Flight<'_>, samples: &[usize], discs: &[(Vector2<f64>, f64)]) 
 }
 
 /// Draws the snapshots in a panel each, if they overlap.
-fn one_by_one(flight: &Flight<'_>, samples: &[usize]) -> Figure {
+fn one_by_one(flight: &Flight<'_>, samples: &[usize]) -> Drawing {
     let columns = 3.0;
     let rows = (samples.len() as f64 / columns).ceil();
     let mut before = 0;
@@ -253,7 +253,7 @@ fn centre_path(flight: &Flight<'_>) -> Item {
 }
 
 /// Draws the field of the law around the formation; `None` for laws without a field.
-pub(super) fn field(flight: &Flight<'_>) -> Option<Figure> {
+pub(super) fn field(flight: &Flight<'_>) -> Option<Drawing> {
     let last = flight.last_in_formation()?;
     let leg = flight.leading_step(last).and_then(|step| flight.leg(step))?;
     if !matches!(leg.formation.law, Law::Ring | Law::Flock) {
@@ -307,7 +307,7 @@ fn neighbour(id: VehicleId, trace: &Trace) -> Neighbour {
 }
 
 /// Draws an overview of the flight in one figure.
-pub(super) fn overview(flight: &Flight<'_>) -> Figure {
+pub(super) fn overview(flight: &Flight<'_>) -> Drawing {
     let mut places = final_places_panel(flight);
     if !flight.has_one_place() {
         let last = flight.last_in_formation().unwrap_or(0);

@@ -7,13 +7,13 @@ use skein_common::state::{Activity, Membership};
 use super::Flight;
 use super::marks::with_marks;
 use crate::recording::NotedKind;
-use crate::report::figure::{Axis, Colour, Figure, Item, Marker, Panel, Shape};
+use crate::report::figure::{Axis, Colour, Drawing, Item, Marker, Panel, Shape};
 
 /// Half the height of a bar, as a share of the distance between two rows.
 const HALF: f64 = 0.36;
 
 /// Draws the timeline of the mission, with a row for each vehicle.
-pub(super) fn timeline(flight: &Flight<'_>) -> Figure {
+pub(super) fn timeline(flight: &Flight<'_>) -> Drawing {
     let row = |index: usize| -f64::from(flight.id(index).get());
     let names = (0..flight.count()).map(|index| (row(index), flight.id(index).to_string())).collect();
     let mut panel = Panel::new(flight.time_axis(), Axis::named("vehicle", names));

@@ -8,7 +8,7 @@ use skein_common::scenario::{AvoidDistance, Law, SafetyFilter, Target};
 use super::marks::with_marks;
 use super::{Flight, flies_in_formation, level_m, radii_m};
 use crate::metrics::{AIRBORNE_ABOVE_M, COLLISION_M};
-use crate::report::figure::{Axis, Colour, Figure, Item, Mark, Panel, Shape};
+use crate::report::figure::{Axis, Colour, Drawing, Item, Mark, Panel, Shape};
 
 /// Most pairs that have a line each.
 const FEW_PAIRS: usize = 10;
@@ -48,7 +48,7 @@ fn band(flight: &Flight<'_>) -> Vec<Item> {
     items
 }
 
-pub(super) fn centre_distance(flight: &Flight<'_>) -> Figure {
+pub(super) fn centre_distance(flight: &Flight<'_>) -> Drawing {
     let panel = with_marks(flight, centre_distance_panel(flight));
     let (panel, marked) = panel;
     let caption = format!(
@@ -92,7 +92,7 @@ fn even_distances(flight: &Flight<'_>) -> Vec<Item> {
     (1..=count / 2).map(line).collect()
 }
 
-pub(super) fn pair_distance(flight: &Flight<'_>) -> Option<Figure> {
+pub(super) fn pair_distance(flight: &Flight<'_>) -> Option<Drawing> {
     if flight.count() < 2 {
         return None;
     }
@@ -116,7 +116,7 @@ fn pairs_m(flight: &Flight<'_>, sample: usize) -> Vec<f64> {
 }
 
 /// Draws a histogram of the distance from each airborne vehicle to the nearest other one.
-pub(super) fn separations(flight: &Flight<'_>) -> Option<Figure> {
+pub(super) fn separations(flight: &Flight<'_>) -> Option<Drawing> {
     let nearest_m = |sample: usize| {
         let high: Vec<_> = flight
             .at(sample)
@@ -169,7 +169,7 @@ pub(super) fn histogram(values: &[f64], x: Axis) -> Panel {
 }
 
 /// Draws the altitude of every vehicle, and the altitude setpoint.
-pub(super) fn altitude(flight: &Flight<'_>) -> Figure {
+pub(super) fn altitude(flight: &Flight<'_>) -> Drawing {
     let mut panel = Panel::new(flight.time_axis(), Axis::new("altitude", "m").including(0.0));
     let leader = |sample| flight.members(sample).next().map(|(_, trace)| trace.altitude_setpoint_m);
     let setpoint = flight.over_time((0..flight.times_s.len()).map(leader));
@@ -181,7 +181,7 @@ pub(super) fn altitude(flight: &Flight<'_>) -> Figure {
 }
 
 /// Draws the controls of every vehicle.
-pub(super) fn effort(flight: &Flight<'_>) -> Figure {
+pub(super) fn effort(flight: &Flight<'_>) -> Drawing {
     let cyclic = smooth(flight);
     let mut above =
         Panel::new(flight.time_axis(), Axis::new("cyclic and pedals (rms)", "share of full").including(0.0));
