@@ -191,6 +191,38 @@ fn no_two_modules_import_each_other() {
     assert!(cycles.is_empty(), "modules that import each other:\n{}", cycles.join("\n"));
 }
 
+/// The public types that are declared at the top of a module, with the number of modules that declare one of this name.
+fn public_types(modules: &BTreeMap<Module, String>) -> BTreeMap<String, usize> {
+    let mut found = BTreeMap::new();
+    for line in modules.values().flat_map(|code| code.lines()) {
+        let declared = ["struct", "enum", "trait", "type"]
+            .iter()
+            .find_map(|kind| line.strip_prefix(&format!("pub {kind} ")))
+            .map(|rest| rest.chars().take_while(|letter| letter.is_alphanumeric()).collect::<String>());
+        if let Some(name) = declared {
+            *found.entry(name).or_insert(0) += 1;
+        }
+    }
+    found
+}
+
+#[test]
+fn no_two_public_types_of_a_crate_share_a_name() {
+    for folder in
+        ["common/src", "agent/core/src", "agent/host/src", "agent/src", "deploy/lab/src", "deploy/src", "tests/src"]
+    {
+        let mut modules = BTreeMap::new();
+        sources(&root().join(folder), &[], &mut modules);
+        let types = public_types(&modules);
+        assert!(types.len() > 5, "{folder}: {types:?}");
+        let shared: Vec<_> = types.into_iter().filter(|(_, count)| *count > 1).collect();
+        assert!(shared.is_empty(), "{folder}: {shared:?}");
+    }
+    let twice =
+        [(vec!["a".to_owned()], "pub struct Same;".to_owned()), (vec!["b".to_owned()], "pub enum Same {".to_owned())];
+    assert_eq!(public_types(&twice.into()), BTreeMap::from([("Same".to_owned(), 2)]));
+}
+
 #[test]
 fn paths_in_the_sources_are_read_correctly() {
     let module = |path: &str| path.split("::").map(str::to_owned).collect::<Module>();

@@ -96,7 +96,7 @@ fn a_nodes_file_names_its_keys_and_all_vehicles() {
         ("1eFF", "1eGG", "a public key must have 64 hexadecimal digits"),
         ("1eFF", "1eä", "a public key must have 64 hexadecimal digits"),
         ("0202\" }", "02\" }", "a public key must have 64 hexadecimal digits"),
-        ("3 = { n", "300 = { n", "vehicle ids run from 1 to 250, not 300"),
+        ("3 = { n", "300 = { n", "vehicle ids are 1 to 250, not 300"),
         ("orders = ", "boss = ", "unknown key `security.boss`"),
         ("key = \"keys/node.key\"\n", "", "`security.key` is missing; add it to this table"),
     ];

@@ -117,7 +117,10 @@ impl Study {
         Ok(metrics.report(Wall { wall_s, real_time_factor: world.t_s() / wall_s.max(1e-9) }))
     }
 
-    /// Flies all seeds, `jobs` at a time, and hands each report on as it comes; gives them in the order of seeds.
+    /// Flies all seeds, `jobs` at a time, and hands each report on as it comes. Returns the reports in the order of seeds.
+    ///
+    /// # Errors
+    /// The first error of a run, in the order of seeds.
     pub fn fly_all(
         &self,
         seeds: Range<u64>,

@@ -120,7 +120,7 @@ fn a_broken_scenario_is_refused_by_all_commands_with_the_same_message() {
         ("preset = 'papper'", "one of"),
         ("duration_s = -1", "out of its range"),
         ("[formation]\nradius_m = 10\ninner_width_m = 20", "has to be below"),
-        ("[vehicle.9]\nheading_deg = 1", "no vehicle 9"),
+        ("[vehicle.9]\nheading_deg = 1", "vehicle 9 is not in the swarm"),
         ("[start]\nsquare_m = 1", "do not fit"),
         ("[start]\npattern = 'as_is'", "X-Plane"),
         ("[network]\nstate_json_hz = 1", "was removed"),
