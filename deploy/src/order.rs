@@ -152,7 +152,7 @@ pub fn new_order(observer: &Observer, verb: Verb) -> Order {
     Order { epoch: observer.next_epoch(), issuer: crate::os::random(), verb, signature: None }
 }
 
-/// Waits until every agent has sent a heartbeat, or until [`LISTEN`] has passed.
+/// Waits until every agent has sent a heartbeat, or until `LISTEN` has passed.
 pub fn wait_for_heartbeats(observer: &mut Observer, reach: &Reach) {
     let until = clock::now() + LISTEN;
     while clock::now() < until && senders(observer).count() < reach.agents.len() {
@@ -166,7 +166,7 @@ fn senders(observer: &Observer) -> impl Iterator<Item = VehicleId> {
     observer.vehicles().iter().filter(|(_, view)| view.mission.is_some()).map(|(id, _)| *id)
 }
 
-/// Publishes the order until every vehicle in contact has accepted it, or until [`SPREAD`] has passed. Returns the
+/// Publishes the order until every vehicle in contact has accepted it, or until `SPREAD` has passed. Returns the
 /// vehicles that have accepted it and those in contact that have not.
 ///
 /// # Errors
