@@ -1,7 +1,7 @@
 //! What happened during a flight, for people: equal events of several vehicles are one line that counts up.
 //!
 //! On a terminal the line changes as vehicles are added. Elsewhere a line is written once its group is complete, or
-//! [`PARTIAL_AFTER`] later with the vehicles that are missing. The recording has every event of every vehicle.
+//! `PARTIAL_AFTER` later with the vehicles that are missing. The recording has every event of every vehicle.
 
 use std::time::{Duration, Instant};
 
