@@ -84,6 +84,10 @@ impl Meddler {
         let mut buffer = [0; 2048];
         while !stop.load(Relaxed) {
             while let Ok((size, from)) = self.agent_side.recv_from(&mut buffer) {
+                // A simulator of an earlier program may still send positions to this port.
+                if self.agent != Some(from) && rpos::Position::decode(&buffer[..size]).is_ok() {
+                    continue;
+                }
                 self.agent = Some(from);
                 self.check(&buffer[..size]);
                 self.simulator_side.send_to(&buffer[..size], self.simulator).unwrap();

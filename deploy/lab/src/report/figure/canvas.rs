@@ -13,6 +13,9 @@ use skrifa::{FontRef, MetadataProvider};
 use super::{Colour, Marker, escaped};
 use crate::error::Error;
 
+/// Size of the small text of a figure: ticks, legends, names.
+pub(super) const SMALL_PX: f64 = 12.5;
+
 /// Pixels of a PNG for each pixel shown.
 const PNG_FINE: f32 = 2.0;
 /// What browsers take for the text: our own font where it is installed, else what the system reads well.

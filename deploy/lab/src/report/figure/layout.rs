@@ -1,7 +1,7 @@
 //! Where everything stands: axes, legend, marks and names, so that none covers another.
 
 use super::axis::Scale;
-use super::canvas::{Anchor, Canvas, text_width};
+use super::canvas::{Anchor, Canvas, SMALL_PX, text_width};
 use super::plot::{Plot, draw, extent, swatch};
 use super::{Colour, Drawing, Item, Mark, Name, Panel, Shape};
 
@@ -9,7 +9,6 @@ use super::{Colour, Drawing, Item, Mark, Name, Panel, Shape};
 const TITLE_PX: f64 = 18.5;
 const PANEL_TITLE_PX: f64 = 15.0;
 const LABEL_PX: f64 = 14.0;
-pub(super) const SMALL_PX: f64 = 12.5;
 /// Height of a line of small letters, px.
 const LINE_PX: f64 = 16.0;
 /// Names beside the ends of lines are cut to this width, px.

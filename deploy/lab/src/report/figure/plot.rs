@@ -3,8 +3,7 @@
 use skein_common::math;
 
 use super::axis::Scale;
-use super::canvas::{Anchor, Canvas, text_width};
-use super::layout::SMALL_PX;
+use super::canvas::{Anchor, Canvas, SMALL_PX, text_width};
 use super::{Colour, Item, Marker, Panel, Shape};
 
 /// A panel's plot, and how numbers become pixels in it.
