@@ -85,7 +85,7 @@ impl Meddler {
         while !stop.load(Relaxed) {
             while let Ok((size, from)) = self.agent_side.recv_from(&mut buffer) {
                 // A simulator of an earlier program may still send positions to this port.
-                if self.agent != Some(from) && rpos::Position::decode(&buffer[..size]).is_ok() {
+                if self.agent != Some(from) && Position::decode(&buffer[..size]).is_ok() {
                     continue;
                 }
                 self.agent = Some(from);
