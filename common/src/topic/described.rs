@@ -48,7 +48,7 @@ pub const TOPIC_DESCRIPTIONS: [TopicDescription; 8] = [
     },
     TopicDescription {
         key: "vehicle/N/mission",
-        message: Some("Mission"),
+        message: Some("Heartbeat"),
         sender: "agent of vehicle N",
         receivers: "all other agents and observers",
         when: "on every change of the agreement state, and five times a second",
@@ -84,7 +84,7 @@ pub const TOPIC_DESCRIPTIONS: [TopicDescription; 8] = [
         key: "order/ISSUER",
         message: Some("Order"),
         sender: "operator's process: `skein order`, `skein fly`, `skein cluster`",
-        receivers: "all agents, which repeat the newest order in `Mission.order`",
+        receivers: "all agents, which repeat the newest order in `Heartbeat.order`",
         when: "on an operator's order, again until the swarm has taken it",
         delivery: "put, priority real-time, express, dropped on congestion",
     },

@@ -42,7 +42,7 @@ const PLAIN: [(&str, &str); 13] = [
 /// The largest size of each message, bytes.
 const SIZES: [(&str, usize); 7] = [
     ("State", State::MAX_BYTES),
-    ("Mission", Heartbeat::MAX_BYTES),
+    ("Heartbeat", Heartbeat::MAX_BYTES),
     ("Health", Health::MAX_BYTES),
     ("Event", Event::MAX_BYTES),
     ("Trace", Trace::MAX_BYTES),
@@ -105,7 +105,7 @@ fn encoding() -> String {
          and one with a number that is not finite or out of its range.\n\n\
          Where a swarm is secured, 72 bytes follow each message but orders: the run of the swarm (8 bytes, little-endian) and an Ed25519 signature \
          by the vehicle's key (64 bytes) of a context, the swarm's name, the run, the key expression and the message. An \
-         order carries its own signature in `seal`.\n"
+         order carries its own signature in `signature`.\n"
     )
 }
 
