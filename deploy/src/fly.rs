@@ -97,8 +97,8 @@ pub enum PlantArg {
 }
 
 impl PlantArg {
-    /// As the scenario spells it.
-    fn message(self) -> &'static str {
+    /// The value of `swarm.plant` in the scenario.
+    fn name(self) -> &'static str {
         match self {
             Self::Builtin => "builtin",
             Self::Standin => "standin",

@@ -42,14 +42,14 @@ impl Plan {
         let out = out::folder(args.out.as_deref(), &scenario.name)?;
         let set = |key: &str, value: String| (key.to_owned(), value);
         let duration = args.duration.map(|duration_s| set("duration_s", duration_s.to_string()));
-        let plant = args.plant.map(|plant| set("swarm.plant", plant.message().to_owned()));
+        let plant = args.plant.map(|plant| set("swarm.plant", plant.name().to_owned()));
         let more: Vec<_> = plant.into_iter().chain(duration.clone()).collect();
         let mut again = args.scenario.command("fly", &more, Some(scenario.seed));
         if let Some(HostPort { host, port }) = &args.xplane {
             again += &format!(" --xplane {}", quoted(&format!("{host}:{port}")));
         }
         let other_plant = scenario.swarm.plant != PlantKind::Builtin;
-        let built_in = other_plant.then(|| set("swarm.plant", PlantArg::Builtin.message().to_owned()));
+        let built_in = other_plant.then(|| set("swarm.plant", PlantArg::Builtin.name().to_owned()));
         let more: Vec<_> = built_in.into_iter().chain(duration).collect();
         let study = args.scenario.command("study", &more, None) + " --seeds 0..20";
         Ok(Self { ready, xplanes, out, again, study, loaded })
@@ -70,7 +70,7 @@ fn sets(args: &FlyArgs) -> Result<Vec<String>, Error> {
         (None, Some(_)) => Some(PlantArg::Xplane),
         (plant, _) => plant,
     };
-    let plant = plant.map(|plant| format!("swarm.plant={}", plant.message()));
+    let plant = plant.map(|plant| format!("swarm.plant={}", plant.name()));
     let seed = args.seed.map(|seed| format!("seed={seed}"));
     let duration = args.duration.map(|duration_s| format!("duration_s={duration_s}"));
     Ok([plant, seed, duration].into_iter().flatten().collect())

@@ -26,7 +26,7 @@ pub(super) enum Done {
 }
 
 impl Done {
-    fn message(self) -> &'static str {
+    fn name(self) -> &'static str {
         match self {
             Self::Installed => "installed",
             Self::Upgraded => "upgraded",
@@ -89,8 +89,8 @@ impl Row {
     /// Formats the result as a line of progress.
     pub(super) fn to_text(&self) -> String {
         match &self.why {
-            Some(why) => format!("node {} {}: {why}", self.node, self.done.message()),
-            None => format!("node {} {}", self.node, self.done.message()),
+            Some(why) => format!("node {} {}: {why}", self.node, self.done.name()),
+            None => format!("node {} {}", self.node, self.done.name()),
         }
     }
 }
@@ -104,7 +104,7 @@ pub(super) fn table(rows: &[Row], dry_run: bool) -> String {
     let cells = |row: &Row| {
         let number = |value: f64| if value > 0.0 { format!("{value:.1}") } else { String::new() };
         let mut cells =
-            vec![row.node.to_string(), row.host.clone(), row.done.message().to_owned(), number(row.seconds)];
+            vec![row.node.to_string(), row.host.clone(), row.done.name().to_owned(), number(row.seconds)];
         cells.extend([number(row.copied_bytes as f64 * 1e-6), number(row.copy_s)]);
         cells.extend(restarted.then(|| row.restart_s.map_or_else(String::new, number)));
         cells.push(row.why.clone().or_else(|| row.note.clone()).unwrap_or_default());

@@ -34,7 +34,7 @@ pub(super) fn of(status: &SwarmStatus, file: &str) -> String {
     let lines = table.to_string();
     let mut text: String = lines.lines().map(|line| format!("{}\n", line.trim_end())).collect();
     LEGEND.iter().for_each(|line| text += &format!("{line}\n"));
-    status.nodes.iter().for_each(|node| text += &messages(node));
+    status.nodes.iter().for_each(|node| text += &notes(node));
     if status.nodes.iter().any(|node| node.report.is_none()) {
         text +=
             &format!("`skein check -f {file}` looks why not, `skein cluster logs -f {file}` shows what was written\n");
@@ -84,7 +84,7 @@ fn clock(report: &HealthReport) -> String {
 }
 
 /// The lines below the table: why a node is not in contact, and its faults and refusals.
-fn messages(node: &NodeStatus) -> String {
+fn notes(node: &NodeStatus) -> String {
     let id = node.id;
     let Some(report) = &node.report else {
         let host = node.host.as_deref().map(|host| format!("{host}, ")).unwrap_or_default();
