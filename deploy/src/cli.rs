@@ -194,7 +194,7 @@ mod tests {
         let Ok(Command::Fly(args)) = parse(line) else { panic!("a flight") };
         assert_eq!(args.scenario.scenario.as_deref(), Some("my.toml".as_ref()));
         assert_eq!(args.scenario.sets, ["seed=3", "formation.radius_m=50"]);
-        assert_eq!((args.plant, args.duration, args.seed), (Some(fly::PlantArg::Standin), Some(20.0), Some(4)));
+        assert_eq!((args.plant, args.duration_s, args.seed), (Some(fly::PlantArg::Standin), Some(20.0), Some(4)));
         assert!(args.json && args.out.is_none() && args.xplane.is_none());
     }
 

@@ -57,8 +57,8 @@ pub struct FlyArgs {
     #[arg(long, value_name = "HOST[:PORT]")]
     pub xplane: Option<HostPort>,
     /// How long to fly, seconds; the same as --set duration_s=S. Without it in the scenario either: until stopped
-    #[arg(long, value_name = "S")]
-    pub duration: Option<f64>,
+    #[arg(long = "duration", value_name = "S")]
+    pub duration_s: Option<f64>,
     /// Where all randomness comes from; the same as --set seed=N
     #[arg(long, value_name = "N")]
     pub seed: Option<u64>,
@@ -72,8 +72,8 @@ pub struct FlyArgs {
     #[arg(long)]
     pub no_view: bool,
     /// How long the vehicles may take to find each other, s; without it 60
-    #[arg(long, value_name = "S", value_parser = is_seconds)]
-    pub timeout: Option<f64>,
+    #[arg(long = "timeout", value_name = "S", value_parser = is_seconds)]
+    pub timeout_s: Option<f64>,
     /// Fly more vehicles than this PC carries
     #[arg(long)]
     pub anyway: bool,
@@ -125,6 +125,6 @@ pub fn run(args: &FlyArgs) -> Result<(), Error> {
     }
     let interrupts = Interrupts::listen().map_err(|error| Error::Failed(format!("signals: {error}")))?;
     capacity::ask_for(plan.scenario().swarm.vehicles, args.anyway)?;
-    let gather_within = Duration::from_secs_f64(args.timeout.unwrap_or(GATHER_WITHIN_S));
+    let gather_within = Duration::from_secs_f64(args.timeout_s.unwrap_or(GATHER_WITHIN_S));
     Flight::begin(plan, interrupts, gather_within, args.json)?.fly()
 }

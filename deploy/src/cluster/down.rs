@@ -33,8 +33,8 @@ pub struct DownArgs {
     pub nodes: NodesArgs,
     /// How long the vehicles may take to land, s; then agents are ended wherever they are. Without it long enough for the
     /// scenario's greatest height
-    #[arg(long, value_name = "S", value_parser = is_seconds)]
-    pub timeout: Option<f64>,
+    #[arg(long = "timeout", value_name = "S", value_parser = is_seconds)]
+    pub timeout_s: Option<f64>,
 }
 
 /// Result of the command.
@@ -56,7 +56,7 @@ pub fn run(args: &DownArgs) -> Result<(), Error> {
     let chosen = args.nodes.read()?;
     let ssh = args.nodes.ssh();
     let progress = args.nodes.progress();
-    let landed = land(&chosen, &ssh, &progress, args.timeout)?;
+    let landed = land(&chosen, &ssh, &progress, args.timeout_s)?;
     let seconds = progress.seconds();
     drop(progress);
     let report =

@@ -43,8 +43,8 @@ pub struct InstallArgs {
     #[arg(long, conflicts_with = "dry_run")]
     pub rollback: bool,
     /// How long a vehicle that is restarted may take to be ready again, s
-    #[arg(long, value_name = "S", default_value_t = 60.0, value_parser = is_seconds)]
-    pub timeout: f64,
+    #[arg(long = "timeout", value_name = "S", default_value_t = 60.0, value_parser = is_seconds)]
+    pub timeout_s: f64,
     /// Folder for the files of nodes that are installed by hand
     #[arg(long, value_name = "FOLDER", default_value = "manual")]
     pub out: PathBuf,
@@ -85,7 +85,7 @@ pub fn run(args: &InstallArgs) -> Result<(), Error> {
     let installed_s = progress.seconds();
     if !restarts.is_empty() && !args.dry_run {
         restarts.sort_by_key(|restart| restart.node.id);
-        roll::roll(&install.remote, &chosen.inventory, &restarts, args.timeout, &progress, &mut rows)?;
+        roll::roll(&install.remote, &chosen.inventory, &restarts, args.timeout_s, &progress, &mut rows)?;
     }
     let seconds = progress.seconds();
     drop(progress);

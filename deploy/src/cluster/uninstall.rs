@@ -26,8 +26,8 @@ pub struct UninstallArgs {
     #[arg(long)]
     pub force: bool,
     /// How long the vehicles may take to land, s; without it long enough for the scenario's greatest height
-    #[arg(long, value_name = "S", value_parser = is_seconds, requires = "force")]
-    pub timeout: Option<f64>,
+    #[arg(long = "timeout", value_name = "S", value_parser = is_seconds, requires = "force")]
+    pub timeout_s: Option<f64>,
 }
 
 /// Result of the command.
@@ -49,7 +49,7 @@ pub fn run(args: &UninstallArgs) -> Result<(), Error> {
     let progress = args.nodes.progress();
     let remote = Remote { ssh: &ssh, swarm: &chosen.inventory.swarm };
     let hosts = chosen.hosts();
-    let within_s = args.timeout.unwrap_or_else(|| chosen.inventory.landing_s());
+    let within_s = args.timeout_s.unwrap_or_else(|| chosen.inventory.landing_s());
     let asked = at_once(&hosts, |(host, nodes)| {
         progress.line(host).say("asking what runs");
         let flies = |node: &&Node| (node.id, flies(host, remote.ask(host, node, Ask::Facts)));
@@ -65,7 +65,7 @@ pub fn run(args: &UninstallArgs) -> Result<(), Error> {
                 nodes::list(&flying)
             )));
         }
-        forced = down::land(&chosen, &ssh, &progress, args.timeout)?.forced;
+        forced = down::land(&chosen, &ssh, &progress, args.timeout_s)?.forced;
     }
     let removed = at_once(&hosts, |(host, nodes)| {
         let line = progress.line(host);

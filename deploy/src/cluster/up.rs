@@ -34,8 +34,8 @@ pub struct UpArgs {
     #[command(flatten)]
     pub nodes: NodesArgs,
     /// How long the vehicles may take to be ready, s
-    #[arg(long, value_name = "S", default_value_t = 60.0, value_parser = is_seconds)]
-    pub timeout: f64,
+    #[arg(long = "timeout", value_name = "S", default_value_t = 60.0, value_parser = is_seconds)]
+    pub timeout_s: f64,
     /// Start the agents though a host carries fewer
     #[arg(long)]
     pub anyway: bool,
@@ -108,7 +108,7 @@ pub fn run(args: &UpArgs) -> Result<(), Error> {
     (watch.run, note) = run_of(&mut watch, &reach, &running, &notes, until)?;
     up.start((watch.run, note), &running, &mut rows);
     let started_s = progress.seconds();
-    up.wait(&mut watch, Duration::from_secs_f64(args.timeout), &mut rows);
+    up.wait(&mut watch, Duration::from_secs_f64(args.timeout_s), &mut rows);
 
     let seconds = progress.seconds();
     drop(progress);

@@ -200,12 +200,22 @@ mod tests {
         let id = VehicleId::new(3).unwrap();
         let arguments = standin_arguments(&scenario, &origin, id, &start, 50_000, Path::new("a.toml"));
         let StandinOptions {
-            port, lat, lon, alt, heading, seed, wind_m_s, wind_from_deg, until_unused, beacon, ..
+            port,
+            lat_deg,
+            lon_deg,
+            alt_m,
+            heading_deg,
+            seed,
+            wind_m_s,
+            wind_from_deg,
+            until_unused,
+            beacon,
+            ..
         } = Cli::try_parse_from(arguments).unwrap().options;
-        assert_eq!((port, alt, seed, wind_m_s, wind_from_deg), (50_000, 12.0, 7, 3.0, -90.0));
+        assert_eq!((port, alt_m, seed, wind_m_s, wind_from_deg), (50_000, 12.0, 7, 3.0, -90.0));
         assert!(until_unused && !beacon);
-        assert!((heading.to_radians() + 1.0).abs() < 1e-12);
-        let place = skein_common::frame::Geodetic::from_degrees(lat, lon, alt);
+        assert!((heading_deg.to_radians() + 1.0).abs() < 1e-12);
+        let place = skein_common::frame::Geodetic::from_degrees(lat_deg, lon_deg, alt_m);
         let offset = origin.ned_from_geodetic(&place);
         assert!(
             math::hypot(offset.north_m() + 40.0, offset.east_m() - 30.0) < 1e-4,

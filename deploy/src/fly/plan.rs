@@ -41,7 +41,7 @@ impl Plan {
         let Prepared { ready, xplanes } = prepare(&args.scenario, scenario, target, &mut Trial::default())?;
         let out = out::folder(args.out.as_deref(), &scenario.name)?;
         let set = |key: &str, value: String| (key.to_owned(), value);
-        let duration = args.duration.map(|duration_s| set("duration_s", duration_s.to_string()));
+        let duration = args.duration_s.map(|duration_s| set("duration_s", duration_s.to_string()));
         let plant = args.plant.map(|plant| set("swarm.plant", plant.name().to_owned()));
         let more: Vec<_> = plant.into_iter().chain(duration.clone()).collect();
         let mut again = args.scenario.command("fly", &more, Some(scenario.seed));
@@ -72,7 +72,7 @@ fn sets(args: &FlyArgs) -> Result<Vec<String>, Error> {
     };
     let plant = plant.map(|plant| format!("swarm.plant={}", plant.name()));
     let seed = args.seed.map(|seed| format!("seed={seed}"));
-    let duration = args.duration.map(|duration_s| format!("duration_s={duration_s}"));
+    let duration = args.duration_s.map(|duration_s| format!("duration_s={duration_s}"));
     Ok([plant, seed, duration].into_iter().flatten().collect())
 }
 
@@ -94,7 +94,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let args = FlyArgs {
             seed: Some(7),
-            duration: Some(20.5),
+            duration_s: Some(20.5),
             plant: Some(PlantArg::Standin),
             out: Some(folder.path().join("run")),
             ..args(&["seed=1", "duration_s=9"])

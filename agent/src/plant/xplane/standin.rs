@@ -45,17 +45,17 @@ pub struct StandinOptions {
     #[arg(long, default_value = "1")]
     pub id: VehicleId,
     /// Latitude of its start, degrees
-    #[arg(long, default_value_t = 28.0, allow_negative_numbers = true)]
-    pub lat: f64,
+    #[arg(long = "lat", default_value_t = 28.0, allow_negative_numbers = true)]
+    pub lat_deg: f64,
     /// Longitude of its start, degrees
-    #[arg(long, default_value_t = -82.0, allow_negative_numbers = true)]
-    pub lon: f64,
+    #[arg(long = "lon", default_value_t = -82.0, allow_negative_numbers = true)]
+    pub lon_deg: f64,
     /// Height of the ground, metres above sea level
-    #[arg(long, default_value_t = 0.0, allow_negative_numbers = true)]
-    pub alt: f64,
+    #[arg(long = "alt", default_value_t = 0.0, allow_negative_numbers = true)]
+    pub alt_m: f64,
     /// Heading at its start, degrees clockwise from true north
-    #[arg(long, default_value_t = 0.0, allow_negative_numbers = true)]
-    pub heading: f64,
+    #[arg(long = "heading", default_value_t = 0.0, allow_negative_numbers = true)]
+    pub heading_deg: f64,
     /// The X-Plane to behave like
     #[arg(long, value_enum, default_value = "12")]
     pub version: Version,
@@ -274,7 +274,7 @@ impl Standin {
 
     fn place(&mut self, placement: &Placement) {
         let Placement { latitude_deg, longitude_deg, heading_deg, .. } = *placement;
-        let place = Geodetic::from_degrees(latitude_deg, longitude_deg, self.options.alt);
+        let place = Geodetic::from_degrees(latitude_deg, longitude_deg, self.options.alt_m);
         self.vehicle = vehicle(&self.options, &self.parameters, &self.weather, (place, heading_deg.to_radians()));
     }
 }
@@ -314,18 +314,18 @@ fn udp_port(options: &StandinOptions) -> Result<u16, StandinError> {
 }
 
 fn start(options: &StandinOptions) -> Result<(Geodetic, f64), StandinError> {
-    let place = Geodetic::from_degrees(options.lat, options.lon, options.alt);
+    let place = Geodetic::from_degrees(options.lat_deg, options.lon_deg, options.alt_m);
     for (option, value, limit) in
-        [("lat", options.lat, 90.0), ("lon", options.lon, 180.0), ("heading", options.heading, 360.0)]
+        [("lat", options.lat_deg, 90.0), ("lon", options.lon_deg, 180.0), ("heading", options.heading_deg, 360.0)]
     {
         if !(-limit..=limit).contains(&value) {
             return Err(refuse(option, value, "within a circle, in degrees"));
         }
     }
     if !place.is_plausible() {
-        return Err(refuse("alt", options.alt, "a height of the ground in metres"));
+        return Err(refuse("alt", options.alt_m, "a height of the ground in metres"));
     }
-    Ok((place, options.heading.to_radians()))
+    Ok((place, options.heading_deg.to_radians()))
 }
 
 fn weather(options: &StandinOptions) -> Result<Weather, StandinError> {

@@ -103,8 +103,7 @@ pub(super) fn table(rows: &[Row], dry_run: bool) -> String {
     header.push("");
     let cells = |row: &Row| {
         let number = |value: f64| if value > 0.0 { format!("{value:.1}") } else { String::new() };
-        let mut cells =
-            vec![row.node.to_string(), row.host.clone(), row.done.name().to_owned(), number(row.seconds)];
+        let mut cells = vec![row.node.to_string(), row.host.clone(), row.done.name().to_owned(), number(row.seconds)];
         cells.extend([number(row.copied_bytes as f64 * 1e-6), number(row.copy_s)]);
         cells.extend(restarted.then(|| row.restart_s.map_or_else(String::new, number)));
         cells.push(row.why.clone().or_else(|| row.note.clone()).unwrap_or_default());

@@ -62,7 +62,7 @@ fn a_node_without_ssh_gets_a_folder_to_carry() {
         json: false,
     };
     let out = folder.path().join("manual");
-    let mut args = InstallArgs { nodes, dry_run: true, rollback: false, timeout: 1.0, out: out.clone() };
+    let mut args = InstallArgs { nodes, dry_run: true, rollback: false, timeout_s: 1.0, out: out.clone() };
     let write = |args: &InstallArgs, given: &Given| {
         let row = manual::write(args, &chosen, node, Some(given));
         assert_eq!(row.why, None);

@@ -118,7 +118,7 @@ fn vehicles_listen_ten_ports_apart() {
 #[test]
 fn defaults_are_a_field_in_florida_and_the_port_of_x_plane() {
     let defaults = Cli::try_parse_from(["xplane-standin"]).unwrap().options;
-    assert_eq!((defaults.port, defaults.lat, defaults.lon, defaults.rate), (49000, 28.0, -82.0, 50));
+    assert_eq!((defaults.port, defaults.lat_deg, defaults.lon_deg, defaults.rate), (49000, 28.0, -82.0, 50));
     assert_eq!((defaults.version, defaults.beacon, defaults.until_unused), (Version::V12, true, false));
 }
 
