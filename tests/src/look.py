@@ -22,8 +22,9 @@ def turned(q, v):
 
 
 def missing(schema, message):
-    """Keys that only one of a JSON schema and a message has."""
-    wrong = set(schema.get("required", [])) ^ set(message)
+    """Keys that only one of a JSON schema and a message has. The schema's description names keys of several kinds."""
+    described = {name for name in message if f"`{name}`: " in schema.get("description", "")}
+    wrong = (set(schema.get("required", [])) ^ set(message)) - described
     for name, inner in schema["properties"].items():
         if inner.get("type") == "object":
             wrong |= missing(inner, message[name])

@@ -53,13 +53,13 @@ fn a_processor_without_avx2_and_fma_flies_the_same() {
     assert_eq!(figures[0], figures[1]);
 }
 
-/// A study uses elementary functions of the program itself. The only one that the program imports from the C library is
-/// `pow`, for tokio's statistics and the progress bar.
+/// A study uses elementary functions of the program itself. The program imports a few from the C library for other uses: `pow`
+/// for tokio's statistics and the progress bar, and sines and arcs for the PNG of figures (resvg). In Skein's own crates the lints
+/// refuse all of them.
 #[cfg(target_os = "linux")]
 #[test]
-fn the_program_imports_no_elementary_function() {
-    let names =
-        ["sin", "cos", "sincos", "tan", "asin", "acos", "atan", "atan2", "hypot", "exp", "log", "log10", "cbrt"];
+fn the_program_imports_no_elementary_function_but_those_for_pictures() {
+    let names = ["sin", "asin", "atan", "hypot", "exp", "log", "log10", "cbrt"];
     let output = Command::new("nm").args(["--dynamic", "--undefined-only", "--format=posix", PROGRAM]).output();
     let symbols = String::from_utf8(output.expect("nm, which comes with the C compiler").stdout).unwrap();
     let imports: Vec<&str> = symbols.lines().filter_map(|line| line.split([' ', '@']).next()).collect();
