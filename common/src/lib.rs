@@ -3,6 +3,7 @@
 //! | module | what it defines |
 //! | --- | --- |
 //! | [`math`] | sine, exponential and the like, with the same bits on every machine |
+//! | [`hash`] | a hash with the same value on every platform |
 //! | [`frame`] | WGS84, Earth-centred, local north-east-down and body frames, and the conversions between them |
 //! | [`time`] | plant time, local time, sender's stamp: three clocks that the compiler keeps apart |
 //! | [`id`] | vehicle ids, swarm names, incarnations |
@@ -16,6 +17,7 @@
 //! This crate does no input or output, reads no clock and starts no thread: it has values and functions of values only.
 
 pub mod frame;
+pub mod hash;
 pub mod id;
 pub mod math;
 pub mod message;

@@ -53,17 +53,33 @@ fn a_processor_without_avx2_and_fma_flies_the_same() {
     assert_eq!(figures[0], figures[1]);
 }
 
-/// A study uses elementary functions of the program itself. The program imports a few from the C library for other uses: `pow`
-/// for tokio's statistics and the progress bar, and sines and arcs for the PNG of figures (resvg). In Skein's own crates the lints
-/// refuse all of them.
+/// The elementary functions that a program imports from the C library, whose bits depend on its version.
 #[cfg(target_os = "linux")]
-#[test]
-fn the_program_imports_no_elementary_function_but_those_for_pictures() {
-    let names = ["sin", "asin", "atan", "hypot", "exp", "log", "log10", "cbrt"];
-    let output = Command::new("nm").args(["--dynamic", "--undefined-only", "--format=posix", PROGRAM]).output();
+fn elementary_imports(program: &str) -> Vec<&'static str> {
+    let names =
+        ["sin", "cos", "sincos", "tan", "asin", "acos", "atan", "atan2", "hypot", "exp", "log", "log10", "cbrt"];
+    let output = Command::new("nm").args(["--dynamic", "--undefined-only", "--format=posix", program]).output();
     let symbols = String::from_utf8(output.expect("nm, which comes with the C compiler").stdout).unwrap();
     let imports: Vec<&str> = symbols.lines().filter_map(|line| line.split([' ', '@']).next()).collect();
     assert!(imports.contains(&"memcpy"), "{symbols}");
-    let imported: Vec<_> = names.into_iter().filter(|name| imports.contains(name)).collect();
-    assert!(imported.is_empty(), "{imported:?}");
+    names.into_iter().filter(|name| imports.contains(name)).collect()
+}
+
+/// A flight and its figures use elementary functions of the program itself.
+#[cfg(target_os = "linux")]
+#[test]
+fn a_flight_takes_no_elementary_function_from_the_c_library() {
+    let program = env!("CARGO_BIN_EXE_flight-only");
+    let flown = Command::new(program).output().unwrap();
+    assert_eq!(String::from_utf8_lossy(&flown.stdout), "1\n", "{}", String::from_utf8_lossy(&flown.stderr));
+    assert_eq!(elementary_imports(program), [""; 0]);
+}
+
+/// Besides `pow`, for tokio's statistics and the progress bar, `skein` imports only those with which resvg draws figures.
+#[cfg(target_os = "linux")]
+#[test]
+fn the_program_takes_elementary_functions_from_the_c_library_for_pictures_only() {
+    let for_pictures = ["cos", "sincos", "tan", "acos", "atan2"];
+    let others: Vec<_> = elementary_imports(PROGRAM).into_iter().filter(|name| !for_pictures.contains(name)).collect();
+    assert_eq!(others, [""; 0]);
 }

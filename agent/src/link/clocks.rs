@@ -1,6 +1,6 @@
 //! Measures how far the peers' clocks differ from the own: each agent answers queries with its UTC and queries its
-//! peers in turn, as NTP does (RFC 5905). The offsets are for people who compare logs and recordings; nothing in flight
-//! relies on them.
+//! peers in turn, as NTP does (RFC 5905). Operators use the offsets to compare logs and recordings; the flight does
+//! not depend on them.
 
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};

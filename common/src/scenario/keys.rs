@@ -37,7 +37,7 @@ pub struct Key {
     pub flock: Option<Literal>,
     /// Default that depends on another key.
     pub implied: Option<Implied>,
-    /// Meaning of the key and reason for its default, for a reader who does not know the code.
+    /// Meaning of the key and reason for its default, for a reader without knowledge of the code.
     pub about: &'static str,
 }
 

@@ -3,6 +3,7 @@
 use toml::Value as Toml;
 
 use super::model::Scenario;
+use crate::hash::{FNV_1A_START, fnv_1a};
 
 impl Scenario {
     /// 64-bit FNV-1a hash of the values on which the swarm has to agree: number of vehicles, origin, formation, steps
@@ -22,7 +23,7 @@ impl Scenario {
         put("partition", Toml::try_from(self.mission.partition));
         let mut plan = Toml::Table(plan);
         remove_programs(&mut plan);
-        hash(&plan, 0xcbf2_9ce4_8422_2325)
+        hash(&plan, FNV_1A_START)
     }
 }
 
@@ -42,43 +43,26 @@ fn remove_programs(value: &mut Toml) {
     }
 }
 
-/// FNV-1a (Fowler, Noll, Vo), continued from `state`, over a letter for the kind, the length where it varies, and the
+/// FNV-1a, continued from `state`, over a letter for the kind, the length where it varies, and the
 /// content.
 fn hash(value: &Toml, state: u64) -> u64 {
     match value {
-        Toml::String(text) => bytes(text.as_bytes(), length(b's', text.len(), state)),
-        Toml::Integer(number) => bytes(&number.to_le_bytes(), bytes(b"i", state)),
-        Toml::Float(number) => bytes(&number.to_bits().to_le_bytes(), bytes(b"f", state)),
-        Toml::Boolean(truth) => bytes(&[b'b', u8::from(*truth)], state),
-        Toml::Datetime(date) => bytes(date.to_string().as_bytes(), bytes(b"d", state)),
+        Toml::String(text) => fnv_1a(text.as_bytes(), length(b's', text.len(), state)),
+        Toml::Integer(number) => fnv_1a(&number.to_le_bytes(), fnv_1a(b"i", state)),
+        Toml::Float(number) => fnv_1a(&number.to_bits().to_le_bytes(), fnv_1a(b"f", state)),
+        Toml::Boolean(truth) => fnv_1a(&[b'b', u8::from(*truth)], state),
+        Toml::Datetime(date) => fnv_1a(date.to_string().as_bytes(), fnv_1a(b"d", state)),
         Toml::Array(items) => items.iter().fold(length(b'a', items.len(), state), |state, item| hash(item, state)),
         Toml::Table(table) => {
             let mut entries: Vec<_> = table.iter().collect();
             entries.sort_by_key(|(name, _)| *name);
             entries.iter().fold(length(b't', table.len(), state), |state, (name, inner)| {
-                hash(inner, bytes(name.as_bytes(), length(b'n', name.len(), state)))
+                hash(inner, fnv_1a(name.as_bytes(), length(b'n', name.len(), state)))
             })
         }
     }
 }
 
 fn length(kind: u8, length: usize, state: u64) -> u64 {
-    bytes(&(length as u64).to_le_bytes(), bytes(&[kind], state))
-}
-
-fn bytes(bytes: &[u8], state: u64) -> u64 {
-    bytes.iter().fold(state, |state, &byte| (state ^ u64::from(byte)).wrapping_mul(0x0000_0100_0000_01b3))
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    /// Test vectors of the authors of FNV.
-    #[test]
-    fn the_hash_is_fnv_1a() {
-        let offset = bytes(b"", 0xcbf2_9ce4_8422_2325);
-        assert_eq!(bytes(b"a", offset), 0xaf63_dc4c_8601_ec8c);
-        assert_eq!(bytes(b"foobar", offset), 0x8594_4171_f739_67e8);
-    }
+    fnv_1a(&(length as u64).to_le_bytes(), fnv_1a(&[kind], state))
 }

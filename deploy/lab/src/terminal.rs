@@ -17,12 +17,10 @@ pub fn json(value: &impl Serialize) -> String {
 /// Wraps a text at spaces into lines of at most this many columns. A piece longer than a line gets its own line.
 pub fn wrapped(text: &str, columns: usize) -> Vec<String> {
     let mut lines: Vec<String> = Vec::new();
-    for message in text.split_whitespace() {
+    for piece in text.split_whitespace() {
         match lines.last_mut() {
-            Some(line) if line.chars().count() + 1 + message.chars().count() <= columns => {
-                *line += &format!(" {message}")
-            }
-            _ => lines.push(message.to_owned()),
+            Some(line) if line.chars().count() + 1 + piece.chars().count() <= columns => *line += &format!(" {piece}"),
+            _ => lines.push(piece.to_owned()),
         }
     }
     lines
@@ -34,10 +32,10 @@ pub fn shortened(text: &str, columns: usize) -> String {
         return text.to_owned();
     }
     let room: String = text.chars().take(columns).collect();
-    let messages = room.rfind(' ').map_or("", |end| room[..end].trim_end_matches([' ', ',', ';', ':']));
-    match messages.is_empty() {
+    let whole = room.rfind(' ').map_or("", |end| room[..end].trim_end_matches([' ', ',', ';', ':']));
+    match whole.is_empty() {
         true => text.chars().take(columns.saturating_sub(1)).chain(['…']).take(columns).collect(),
-        false => format!("{messages}…"),
+        false => format!("{whole}…"),
     }
 }
 

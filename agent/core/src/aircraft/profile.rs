@@ -76,7 +76,7 @@ pub struct Profile {
 impl Default for Profile {
     /// A helicopter of X-Plane 11 or 12 whose own governor keeps the rotor speed once its engine runs. The cyclic is
     /// driven as in ArduPilot (three yoke ratios under `override_joystick`, collective on the propeller lever). The
-    /// throttle is opened by its lever and left to the governor, because none of the agent's controls replaces one.
+    /// agent holds the throttle lever open: X-Plane's governor then regulates the rotor speed.
     fn default() -> Self {
         let dataref = |path: &str| Dataref(path.to_owned());
         Self {

@@ -23,9 +23,9 @@
 //! of their centre; with everything counted over the ground they do not stay within 60 m.
 //!
 //! **Deadlock.** Vehicles that meet head-on would wait forever. A restricted velocity is first turned right by 37° or,
-//! if that leaves almost nothing of it, by 90° or 135°. With 37° alone sixteen vehicles can swap sides of a ring of 60
-//! m, but from random starts one swarm in ten ends in a knot of three or four vehicles that block each other; with the
-//! larger turns none of 50 swarms does, and the swap takes 61 s instead of 74 s.
+//! if that leaves almost nothing of it, by 90° or 135°. With 37° alone, sixteen vehicles can swap sides of a ring of
+//! 60 m, but from random starts one swarm in ten ends in a knot of three or four vehicles that block each other. With
+//! the larger turns, no swarm of 50 ended in such a knot, and the swap takes 61 s instead of 74 s.
 
 use core::f64::consts::{FRAC_PI_2, FRAC_PI_4};
 

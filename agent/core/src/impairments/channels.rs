@@ -18,7 +18,7 @@ pub(super) struct ReceiverChannels {
     origin: Origin,
     /// The other vehicles, by id.
     senders: Vec<Sender>,
-    /// The channel from operators, who have no position.
+    /// The channel for orders from operators. An operator has no position, so range does not apply.
     operator: Channel,
     range: Option<Range>,
     selection: NeighbourSelection,

@@ -1,8 +1,8 @@
 //! The agreement on the swarm's current step of the mission, without a leader.
 //!
 //! Every agent publishes its agreement state ([`AgreementState`]) in its heartbeats. The peers stage ([`crate::peers`])
-//! keeps the newest heartbeat of every peer. This stage keeps none of them: it decides from the own state and the
-//! newest states of the peers in contact. The steps a peer has reached and vouches for only grow during its
+//! keeps the newest heartbeat of every peer. The agreement keeps only this vehicle's own state, and decides from it and
+//! the newest states of the peers in contact. The steps a peer has reached and vouches for only grow during its
 //! incarnation, so a newer state contains everything in the older ones: loss, duplication and reordering of messages
 //! only delay the agreement. A vehicle leaves a step for a later one
 //!

@@ -6,6 +6,7 @@ use std::collections::BTreeMap;
 use mcap::records::Metadata;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+use skein_common::hash::{FNV_1A_START, fnv_1a};
 use skein_common::id::{Incarnation, VehicleId};
 use skein_common::message::EventKind;
 
@@ -54,9 +55,8 @@ pub(super) fn is_intact(record: &Metadata) -> Option<bool> {
 fn checksum(name: &str, entries: &BTreeMap<String, String>) -> String {
     let entries = entries.iter().filter(|(key, _)| *key != CHECKSUM);
     let texts = [name].into_iter().chain(entries.flat_map(|(key, value)| [key.as_str(), value.as_str()]));
-    let bytes = texts.flat_map(|text| (text.len() as u64).to_le_bytes().into_iter().chain(text.bytes()));
-    let hash =
-        bytes.fold(0xcbf2_9ce4_8422_2325_u64, |hash, byte| (hash ^ u64::from(byte)).wrapping_mul(0x100_0000_01b3));
+    let with_length = |hash, text: &str| fnv_1a(text.as_bytes(), fnv_1a(&(text.len() as u64).to_le_bytes(), hash));
+    let hash = texts.fold(FNV_1A_START, with_length);
     format!("{hash:016x}")
 }
 
