@@ -50,7 +50,7 @@ pub use security::Security;
 pub use sessions::Sessions;
 use signature::SigningKey;
 use signature::messages::KeyRing;
-use skein_core::peers::{PeerMessage, Received};
+use skein_core::peers::{PeerMessage, Received, ReceivedState};
 use skein_host::clock::{LocalClock, now, sleep_until};
 pub use trust::Trust;
 use trust::Verifier;
@@ -229,6 +229,7 @@ impl Link {
         let sessions = sessions.into();
         let (key_ring, signing_key, presence) =
             (trust.key_ring.clone(), trust.signing_key.clone(), sessions.presence());
+        let origin = trust.origin;
         let receiver = Arc::new(LinkReceiver {
             inbox: Inbox::new(),
             verifier: Verifier::new(own, trust),
@@ -240,7 +241,8 @@ impl Link {
         let last_heartbeat = LastHeartbeat::open(&sessions, Topic::Mission(own))?;
         watch_presence(&sessions, own, &receiver)?;
         for session in &sessions.all {
-            subscribe::<State>(session, all::STATES, &receiver, PeerMessage::State)?;
+            let state = move |state| PeerMessage::State(ReceivedState::new(state, &origin));
+            subscribe::<State>(session, all::STATES, &receiver, state)?;
             subscribe::<Heartbeat>(session, all::MISSIONS, &receiver, PeerMessage::Mission)?;
             subscribe::<Order>(session, all::ORDERS, &receiver, PeerMessage::Order)?;
         }
@@ -390,7 +392,7 @@ struct LinkReceiver {
 
 impl LinkReceiver {
     /// Verifies a message and stores it if its sender was allowed to publish it under this key.
-    fn receive<M: Message>(&self, sample: &Sample, message: fn(M) -> PeerMessage) {
+    fn receive<M: Message>(&self, sample: &Sample, message: impl Fn(M) -> PeerMessage) {
         let key = sample.key_expr().as_str();
         match Topic::parse(key).map(|topic| topic.author()) {
             // Replayed by another node, or delivered while the sender's link broke.
@@ -437,13 +439,13 @@ fn subscribe<M: Message + 'static>(
     session: &Session,
     key: &str,
     receiver: &Arc<LinkReceiver>,
-    message: fn(M) -> PeerMessage,
+    message: impl Fn(M) -> PeerMessage + Send + Sync + 'static,
 ) -> Result<(), LinkError> {
     let receiver = receiver.clone();
     session
         .declare_subscriber(key)
         .allowed_origin(Locality::Remote)
-        .callback(move |sample| receiver.receive(&sample, message))
+        .callback(move |sample| receiver.receive(&sample, &message))
         .background()
         .wait()
         .map_err(declaring(key))

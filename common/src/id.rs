@@ -121,20 +121,76 @@ impl VehicleSet {
         self.0.iter_mut().zip(others.0).for_each(|(block, other)| *block |= other);
     }
 
+    /// Adds or removes a vehicle.
+    pub fn set(&mut self, id: VehicleId, is_in: bool) {
+        if is_in { self.insert(id) } else { self.remove(id) }
+    }
+
+    /// The vehicles that are in both sets.
+    #[must_use]
+    pub fn both(self, other: Self) -> Self {
+        Self(std::array::from_fn(|nth| self.0[nth] & other.0[nth]))
+    }
+
+    /// The vehicles that are in one of the sets, or in both.
+    #[must_use]
+    pub fn either(self, other: Self) -> Self {
+        Self(std::array::from_fn(|nth| self.0[nth] | other.0[nth]))
+    }
+
+    /// The vehicle with the lowest id.
+    pub fn first(&self) -> Option<VehicleId> {
+        self.iter().next()
+    }
+
+    /// The vehicle with the lowest id above this one.
+    pub fn first_above(&self, id: VehicleId) -> Option<VehicleId> {
+        let (nth, bit) = Self::place(id);
+        let mut ids = VehicleIds { blocks: self.0, nth };
+        ids.blocks[nth] &= !(bit | (bit - 1));
+        ids.next()
+    }
+
+    /// Number of vehicles with ids lower than this one.
+    pub fn count_below(&self, id: VehicleId) -> usize {
+        let (last, bit) = Self::place(id);
+        let whole: u32 = self.0[..last].iter().map(|block| block.count_ones()).sum();
+        (whole + (self.0[last] & (bit - 1)).count_ones()) as usize
+    }
+
     /// All vehicles, in the order of their ids.
-    pub fn iter(&self) -> impl Iterator<Item = VehicleId> + Clone + '_ {
-        let ids_of = |(nth, block): (usize, u64)| {
-            // Each step clears the lowest bit.
-            let bits = std::iter::successors(Some(block), |bits| Some(bits & bits.wrapping_sub(1)))
-                .take_while(|bits| *bits != 0);
-            bits.filter_map(move |bits| VehicleId::new((nth * 64) as u8 + bits.trailing_zeros() as u8 + 1).ok())
-        };
-        self.0.into_iter().enumerate().flat_map(ids_of)
+    pub fn iter(&self) -> VehicleIds {
+        VehicleIds { blocks: self.0, nth: 0 }
     }
 
     fn place(id: VehicleId) -> (usize, u64) {
         let index = usize::from(id.get()) - 1;
         (index / 64, 1 << (index % 64))
+    }
+}
+
+/// The vehicles of a set, in the order of their ids.
+#[derive(Clone, Debug)]
+pub struct VehicleIds {
+    blocks: [u64; 4],
+    nth: usize,
+}
+
+impl Iterator for VehicleIds {
+    type Item = VehicleId;
+
+    #[inline]
+    fn next(&mut self) -> Option<VehicleId> {
+        while let Some(block) = self.blocks.get_mut(self.nth) {
+            if *block != 0 {
+                let bit = block.trailing_zeros() as u8;
+                // Clears the lowest bit.
+                *block &= *block - 1;
+                return NonZeroU8::new((self.nth * 64) as u8 + bit + 1).map(VehicleId);
+            }
+            self.nth += 1;
+        }
+        None
     }
 }
 

@@ -24,6 +24,9 @@ macro_rules! timeline {
             /// The clock's zero.
             pub const ZERO: Self = Self(0);
 
+            /// The latest time.
+            pub const MAX: Self = Self(u64::MAX);
+
             /// The time `nanoseconds` after the clock's zero.
             #[inline]
             pub const fn from_nanoseconds(nanoseconds: u64) -> Self {

@@ -102,8 +102,7 @@ pub fn fly(fault: Option<&str>, vehicles: usize, seed: u64) -> FaultFlight {
         let step = healthy().map(|(_, agent, ..)| agent.at_step()).min().unwrap_or(0);
         match since_s {
             Some(since_s) if since_s >= 0.0 => {
-                let counts =
-                    |agent: &Agent| agent.peers().iter().any(|peer| peer.id == victim && peer.role == Role::Member);
+                let counts = |agent: &Agent| agent.peers().any(|peer| peer.id == victim && peer.role == Role::Member);
                 if !healthy().any(|(_, agent, ..)| counts(agent)) {
                     flight.noticed_s.get_or_insert(since_s);
                 }

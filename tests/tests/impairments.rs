@@ -215,7 +215,7 @@ fn with_few_neighbours_no_peer_is_lost_and_all_agree_on_the_mission() {
                 assert!(steps().max().unwrap() - steps().min().unwrap() <= 1);
                 let all = |(_, agent, ..): (VehicleId, &Agent, _, _)| agent.peers_in_contact().len() == 5;
                 assert!(world.t_s() < 5.0 || world.vehicles().all(all));
-                seen.extend(world.vehicles().map(|(_, agent, ..)| agent.peers().len()));
+                seen.extend(world.vehicles().map(|(_, agent, ..)| agent.peers().count()));
             }
         }
         assert!(world.has_finished(), "{graph:?}: not within {} s", world.t_s());

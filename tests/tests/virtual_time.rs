@@ -171,9 +171,9 @@ fn three_of_four_vehicles_respace_evenly_after_one_is_killed() {
         while world.t_s() < killed_s + 250.0 {
             world.tick();
             measure(&world, killed_s, &mut metrics, &mut vehicles);
-            let noticed = world.vehicles().all(|(_, agent, ..)| {
-                agent.peers().iter().any(|peer| peer.id == victim && peer.standing == PeerStatus::Lost)
-            });
+            let noticed = world
+                .vehicles()
+                .all(|(_, agent, ..)| agent.peers().any(|peer| peer.id == victim && peer.standing == PeerStatus::Lost));
             if noticed {
                 noticed_s.get_or_insert(world.t_s() - killed_s);
             }

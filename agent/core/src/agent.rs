@@ -32,7 +32,7 @@ use crate::formation::external::{LawQuery, LawReply};
 use crate::formation::{self, Formation, FormationOutput, UnsupportedScenario};
 use crate::mission::{Mission, Task, View};
 use crate::outbox::{Outbox, SendSchedule};
-use crate::peers::{Change, PeerEstimate, PeerMessage, Peers, Received};
+use crate::peers::{Broadcast, Change, PeerEstimate, PeerMessage, Peers, Received};
 use crate::plant::{Controls, GroundTruth, Measurement};
 use crate::random::{self, Purpose};
 
@@ -43,6 +43,8 @@ pub struct Inputs<'a> {
     pub measurement: Option<&'a Measurement>,
     /// Messages received from peers and operators, in any order.
     pub received: &'a [Received],
+    /// Messages that all vehicles of the swarm received alike.
+    pub broadcast: Broadcast<'a>,
     /// Makes this vehicle land and leave the swarm, because its agent is about to end.
     pub leave: bool,
     /// Reply of an external law to the last query.
@@ -64,7 +66,6 @@ pub struct Outputs {
 /// bit-identical outputs.
 #[derive(Clone, Debug)]
 pub struct Agent {
-    origin: Origin,
     estimator: Estimator,
     diagnosis: Diagnosis,
     peers: Peers,
@@ -124,7 +125,6 @@ impl Agent {
         let plan = scenario.plan_hash();
         let roster = scenario.swarm.vehicles.min(VehicleId::MAX.into()) as u8;
         Ok(Self {
-            origin,
             estimator: Estimator::new(origin, &scenario.sensing),
             diagnosis: Diagnosis::new(aircraft),
             peers: Peers::new(own, roster, plan, &scenario.network),
@@ -161,6 +161,14 @@ impl Agent {
     /// The record of this step for metrics and displays; `truth` is the plant's true state, which the agent itself
     /// never uses.
     pub fn trace(&mut self, now: Now, truth: &GroundTruth) -> Trace {
+        let peers = self.peers.estimates().map(|PeerEstimate { id, standing, age_s, delay_s, .. }| PeerAge {
+            id,
+            standing,
+            age_s,
+            delay_s,
+            delivered_age_s: 0.0,
+        });
+        let peers = peers.collect();
         let LastStep { membership, activity, estimate, output, command, .. } = &self.last;
         let output = output.as_ref();
         let setpoint: Option<&Setpoint> = output.map(|output| &output.setpoint);
@@ -183,17 +191,7 @@ impl Agent {
             error_ne_m: setpoint.map(|setpoint| setpoint.error_ne_m().into()).unwrap_or_default(),
             altitude_setpoint_m: setpoint.map(|setpoint| setpoint.altitude_m).unwrap_or_default(),
             controls: command.map(|controls| [controls.roll, controls.pitch, controls.yaw, controls.collective]),
-            peers: self
-                .peers()
-                .iter()
-                .map(|&PeerEstimate { id, standing, age_s, delay_s, .. }| PeerAge {
-                    id,
-                    standing,
-                    age_s,
-                    delay_s,
-                    delivered_age_s: 0.0,
-                })
-                .collect(),
+            peers,
             step_us: None,
             safety_activations: self.formation.safety_activations(),
             law_misses: self.law_misses(),
@@ -210,7 +208,7 @@ impl Agent {
     }
 
     /// The peers' estimated current states.
-    pub fn peers(&self) -> &[PeerEstimate] {
+    pub fn peers(&self) -> impl Iterator<Item = PeerEstimate> {
         self.peers.estimates()
     }
 
@@ -324,7 +322,7 @@ impl Agent {
 
     /// The peers stage: updates the peers and returns all conditions so far.
     fn update_peers(&mut self, own: &OwnEstimate, inputs: &Inputs<'_>) -> Conditions {
-        self.peers.update(own.now.local, &self.origin, inputs.received);
+        self.peers.update(own.now.local, inputs.received, inputs.broadcast);
         let mut conditions = self.diagnosis.conditions();
         conditions.extend(own.condition);
         conditions.extend(self.peers.all_lost().then_some(Condition::AllPeersLost));
@@ -348,6 +346,7 @@ impl Agent {
         let Some(estimate) = &own.new else { return (None, events) };
         let output = self.last.output.as_ref();
         let view = View {
+            revision: self.peers.revision(),
             absent_may_fly: self.peers.absent_may_fly(),
             altitude_error_m: output.map(|output| output.altitude_error_m(estimate)),
             collective_limit: self.controller.collective_limit(),
@@ -369,13 +368,13 @@ impl Agent {
             Change::Lost(id) => EventKind::PeerLost(id),
         };
         let mut events: Vec<_> = self.peers.changes().iter().map(event).collect();
-        for received in inputs.received {
-            if let PeerMessage::Order(order) = received.message {
-                self.mission.merge(order, &mut events);
+        for message in inputs.received.iter().map(|received| &received.message).chain(inputs.broadcast.messages) {
+            if let PeerMessage::Order(order) = message {
+                self.mission.merge(*order, &mut events);
             }
         }
-        for message in self.peers.heartbeats() {
-            self.mission.take_heartbeat(message, &mut events);
+        for report in self.peers.reports() {
+            self.mission.take_report(report, &mut events);
         }
         events
     }
@@ -389,7 +388,9 @@ impl Agent {
     ) -> Option<FormationOutput> {
         self.formation.receive_reply(own.now.plant, inputs.answer);
         let (estimate, task) = own.new.as_ref().zip(task)?;
-        self.last.output = self.formation.step(own.dt_s, estimate, &self.peers.others(), task);
+        let reach_m = self.formation.reach_m(task, self.peers.members().len() + 1);
+        let others = self.peers.near(estimate.position, reach_m);
+        self.last.output = self.formation.step(own.dt_s, estimate, others, task);
         self.last.output
     }
 

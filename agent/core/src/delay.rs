@@ -23,7 +23,7 @@
 
 use alloc::collections::VecDeque;
 
-use skein_common::id::VehicleId;
+use skein_common::id::{VehicleId, VehicleSet};
 use skein_common::message::Echo;
 use skein_common::time::{LocalTime, SenderStamp};
 
@@ -119,9 +119,9 @@ impl Exchange {
     }
 
     /// The peer whose stamp is echoed next, of these peers in ascending order.
-    pub fn next_partner(&mut self, partners: impl Iterator<Item = VehicleId> + Clone) -> Option<VehicleId> {
-        let after = partners.clone().find(|&id| Some(id) > self.last);
-        self.last = after.or_else(|| partners.clone().next());
+    pub fn next_partner(&mut self, partners: VehicleSet) -> Option<VehicleId> {
+        let after = self.last.and_then(|last| partners.first_above(last));
+        self.last = after.or_else(|| partners.first());
         self.last
     }
 }

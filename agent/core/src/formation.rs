@@ -42,7 +42,7 @@ use skein_common::time::PlantTime;
 use crate::control::{Setpoint, VELOCITY_PER_ERROR_PER_S};
 use crate::estimate::Estimate;
 use crate::mission::{self, Task};
-use crate::peers::{PeerEstimate, PeerSummary, Role};
+use crate::peers::{MAX_OBSTACLE_RADIUS_M, PeerEstimate, PeerSummary, Role};
 use conversion::Conversion;
 use external::{External, LawQuery};
 use law::{Goal, Law, LawCommand, LawOutput, Neighbour, Observation, Obstacle};
@@ -104,7 +104,8 @@ pub struct Formation {
     filter: Option<SafetyFilter>,
     heights: Heights,
     neighbours: Vec<Neighbour>,
-    unseen: VehicleSet,
+    /// All other live members.
+    members: VehicleSet,
     obstacles: Vec<Obstacle>,
     constraints: Vec<Constraint>,
     is_restrained: bool,
@@ -190,7 +191,7 @@ impl Formation {
             steps,
             heights: Heights::default(),
             neighbours: Vec::new(),
-            unseen: VehicleSet::default(),
+            members: VehicleSet::default(),
             obstacles: Vec::new(),
             constraints: Vec::new(),
             is_restrained: false,
@@ -200,7 +201,7 @@ impl Formation {
 
     /// Number of live members in the last step, including this vehicle.
     pub fn live(&self) -> usize {
-        self.neighbours.len() + self.unseen.len() + 1
+        self.members.len() + 1
     }
 
     /// Number of times the safety filter changed the velocity; `None` without a filter.
@@ -230,17 +231,35 @@ impl Formation {
         self.external.as_ref().map_or(&[], External::log)
     }
 
+    /// Distance beyond which no peer affects the output for this task among `live` members, m.
+    pub fn reach_m(&self, task: &Task, live: usize) -> f64 {
+        let filter_m = |filter: Option<SafetyFilter>, feedforward_m_s: f64| {
+            filter.map_or(0.0, |filter| filter.reach_m(FASTEST_M_S + feedforward_m_s, MAX_OBSTACLE_RADIUS_M))
+        };
+        match task {
+            Task::Wait | Task::Park | Task::Autorotate { .. } => 0.0,
+            Task::Stay { .. } => filter_m(self.filter, 0.0),
+            Task::Formation(goal) => {
+                let Some(shape) = self.steps.get(goal.step).and_then(|&nth| self.shapes.get(nth)) else { return 0.0 };
+                let feedforward_m_s = if shape.feedforward { goal.centre_velocity_ne_m_s.norm() } else { 0.0 };
+                // Another program gets all members.
+                let law_m = if shape.is_external { f64::INFINITY } else { shape.law.reach_m(live) };
+                law_m.max(filter_m(shape.filter, feedforward_m_s))
+            }
+        }
+    }
+
     /// The formation's output `dt_s` after the last step; `None` if the task does not use the vehicle controller's
     /// setpoint.
     pub fn step(
         &mut self,
         dt_s: f64,
         estimate: &Estimate,
-        others: &PeerSummary<'_>,
+        others: PeerSummary<impl Iterator<Item = PeerEstimate>>,
         task: &Task,
     ) -> Option<FormationOutput> {
-        self.split_peers(estimate, others.estimates);
-        self.unseen = others.unseen;
+        self.split_peers(estimate, others.near);
+        self.members = others.members;
         let partition_rise_m = self.heights.partition_rise(dt_s, others.flies_above);
         if let (Some(external), false) = (&mut self.external, matches!(task, Task::Formation(_))) {
             external.suspend();
@@ -279,7 +298,7 @@ impl Formation {
             velocity: estimate.velocity,
             heading_rad: estimate.attitude.heading_rad,
             neighbours: &self.neighbours,
-            unseen: self.unseen,
+            members: self.members,
             obstacles: &self.obstacles,
             goal: Goal {
                 step,
@@ -365,10 +384,10 @@ impl Formation {
     }
 
     /// Splits the peers into members and obstacles.
-    fn split_peers(&mut self, estimate: &Estimate, peers: &[PeerEstimate]) {
+    fn split_peers(&mut self, estimate: &Estimate, peers: impl Iterator<Item = PeerEstimate>) {
         self.neighbours.clear();
         self.obstacles.clear();
-        for &PeerEstimate { id, position, velocity, heading_rad, carried_s, standing, role, .. } in peers {
+        for PeerEstimate { id, position, velocity, heading_rad, carried_s, standing, role, .. } in peers {
             match role {
                 Role::Member => {
                     let is_fresh = standing == PeerStatus::Fresh;

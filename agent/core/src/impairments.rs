@@ -24,11 +24,11 @@ use core::ops::Range;
 
 use skein_common::frame::PositionNed;
 use skein_common::id::VehicleId;
-use skein_common::message::{MessageOrder, PeerAge, State};
+use skein_common::message::{MessageOrder, PeerAge};
 use skein_common::scenario::Scenario;
 use skein_common::time::LocalTime;
 
-use crate::peers::{PeerMessage, Received};
+use crate::peers::{PeerMessage, Received, ReceivedState};
 use channels::ReceiverChannels;
 pub use cuts::{delays, lasting, silences, union};
 use link::Link;
@@ -248,7 +248,7 @@ impl Impairments {
     }
 
     /// Records the latency of a state if it is the newest of its sender.
-    fn note(&mut self, state: &State, by_s: f64) {
+    fn note(&mut self, state: &ReceivedState, by_s: f64) {
         let newest = state.header.order();
         let late = StateLatency { sender: state.header.sender, newest, by_s };
         match self.late(late.sender) {

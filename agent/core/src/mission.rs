@@ -31,6 +31,7 @@ use crate::control::CollectiveLimit;
 use crate::deadlines::Deadline;
 use crate::estimate::Estimate;
 use crate::failsafe::{Condition, Conditions, Response};
+use crate::peers::{PeerProgress, Report};
 use agreement::{Agreement, AgreementState, OtherStates, Progress};
 use landing::{Descent, Landing};
 use plan::{Kind, Leg};
@@ -51,6 +52,8 @@ const ABOVE_ALTITUDE_UNTRIMMED_M: f64 = 9.0;
 /// The results of other stages that the mission needs.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct View {
+    /// A number that changes whenever the heartbeats may have changed in more than the centre's progress.
+    pub revision: u64,
     /// Whether a further vehicle is not in contact and may be flying the mission.
     pub absent_may_fly: bool,
     /// The conditions found by the stages before the mission.
@@ -78,8 +81,14 @@ pub struct Mission {
     since: Option<LocalTime>,
     activity: Activity,
     agreement: Agreement,
+    /// The inputs of the agreement when it last followed the others, and when it last could not advance: with the same
+    /// inputs it decides the same.
+    followed: Option<AgreementInputs>,
+    blocked: Option<AgreementInputs>,
     /// Members that had not reached this step when they were last in contact.
     awaited: VehicleSet,
+    /// Number of active members in contact, this vehicle included.
+    live: usize,
     has_quorum: bool,
     order: Option<Order>,
     leaving: bool,
@@ -93,6 +102,14 @@ pub struct Mission {
     /// Position of the stay; `None` while the vehicle does not stay.
     stay: Option<Place>,
     landing: Option<Landing>,
+}
+
+/// What the agreement's decisions depend on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct AgreementInputs {
+    revision: u64,
+    absent_may_fly: bool,
+    own: AgreementState,
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -117,7 +134,10 @@ impl Mission {
             since: None,
             activity: Activity::Joining,
             agreement: Agreement::new(roster, last_step, scenario.mission.partition),
+            followed: None,
+            blocked: None,
             awaited: VehicleSet::default(),
+            live: 1,
             has_quorum: true,
             order: None,
             leaving: false,
@@ -158,11 +178,11 @@ impl Mission {
         }
     }
 
-    /// Merges the order of a peer's heartbeat if the peer flies the same plan; otherwise reports the peer.
-    pub fn take_heartbeat(&mut self, heartbeat: &message::Heartbeat, happened: &mut Vec<EventKind>) {
-        let id = heartbeat.header.sender;
-        if heartbeat.plan == self.plan {
-            heartbeat.order.into_iter().for_each(|order| self.merge(order, happened));
+    /// Merges the order that a peer's heartbeat repeats if the peer flies the same plan; otherwise reports the peer.
+    pub fn take_report(&mut self, report: &Report, happened: &mut Vec<EventKind>) {
+        let &Report { id, plan, order } = report;
+        if plan == self.plan {
+            order.into_iter().for_each(|order| self.merge(order, happened));
         } else if !self.strangers.contains(id) {
             self.strangers.insert(id);
             happened.push(EventKind::PlanDiffers(id));
@@ -170,28 +190,30 @@ impl Mission {
     }
 
     /// The task of this step, after the mission has taken all received orders. `heartbeats` are the newest ones of all
-    /// peers in contact, as kept by the peers stage. They contain the agreement states of the peers that fly the same
-    /// plan, and the centre's progress according to these peers.
-    pub fn step<'a>(
+    /// peers in contact that fly the same plan, as kept by the peers stage. They contain the agreement states of these
+    /// peers, and the centre's progress according to them.
+    pub fn step(
         &mut self,
         now: Now,
         estimate: &Estimate,
         view: &View,
-        heartbeats: impl Iterator<Item = &'a message::Heartbeat> + Clone,
+        heartbeats: impl Iterator<Item = PeerProgress> + Clone,
         happened: &mut Vec<EventKind>,
     ) -> Task {
         let since = *self.since.get_or_insert_with(|| {
             self.heading_rad = estimate.attitude.heading_rad;
             now.local
         });
-        let plan = self.plan;
-        let heartbeats = heartbeats.filter(move |heartbeat| heartbeat.plan == plan);
         let others =
             OtherStates { states: heartbeats.clone().map(AgreementState::from), absent_may_fly: view.absent_may_fly };
-        let progress = self.agreement.follow(&others);
-        self.begin_step(progress, heartbeats.clone(), happened);
-        self.update_awaited(heartbeats.clone());
-        self.watch_quorum(self.agreement.has_quorum(&others), happened);
+        if self.followed != Some(self.inputs(view)) {
+            let progress = self.agreement.follow(&others);
+            self.begin_step(progress, heartbeats.clone(), happened);
+            self.update_awaited(heartbeats.clone());
+            self.live = others.live();
+            self.watch_quorum(self.agreement.has_quorum(&others), happened);
+            self.followed = Some(self.inputs(view));
+        }
         let has_listened = Deadline::Listened.is_past(now.local.seconds_since(since));
         if core::mem::take(&mut self.is_late) || self.membership() == Membership::Joining {
             self.catch_up(&others, heartbeats.clone());
@@ -257,16 +279,21 @@ impl Mission {
         self.order
     }
 
+    fn inputs(&self, view: &View) -> AgreementInputs {
+        let View { revision, absent_may_fly, .. } = *view;
+        AgreementInputs { revision, absent_may_fly, own: self.agreement.own() }
+    }
+
     fn leg(&self) -> Option<&Leg> {
         self.legs.get(self.at() as usize)
     }
 
-    fn decide<'a>(
+    fn decide(
         &mut self,
         now: Now,
         estimate: &Estimate,
         view: &View,
-        heartbeats: impl Iterator<Item = &'a message::Heartbeat> + Clone,
+        heartbeats: impl Iterator<Item = PeerProgress> + Clone,
         happened: &mut Vec<EventKind>,
     ) -> Task {
         let order = self.order.map(|order| order.verb);
@@ -294,10 +321,10 @@ impl Mission {
     }
 
     /// Begins the step to which the agreement has moved, if it has, and reports the reason.
-    fn begin_step<'a>(
+    fn begin_step(
         &mut self,
         progress: Option<Progress>,
-        heartbeats: impl Iterator<Item = &'a message::Heartbeat>,
+        heartbeats: impl Iterator<Item = PeerProgress>,
         happened: &mut Vec<EventKind>,
     ) {
         let Some(progress) = progress else { return };
@@ -317,9 +344,9 @@ impl Mission {
     }
 
     /// Updates the members that have not reached this step. Members out of contact stay unchanged.
-    fn update_awaited<'a>(&mut self, heartbeats: impl Iterator<Item = &'a message::Heartbeat>) {
+    fn update_awaited(&mut self, heartbeats: impl Iterator<Item = PeerProgress>) {
         for heartbeat in heartbeats {
-            let (id, state) = (heartbeat.header.sender, AgreementState::from(heartbeat));
+            let (id, state) = (heartbeat.id, AgreementState::from(heartbeat));
             if state.is_active() && !state.has_reached(self.at()) {
                 self.awaited.insert(id);
             } else {
@@ -329,10 +356,10 @@ impl Mission {
     }
 
     /// Moves the centre of a late vehicle as far as two other vehicles report it, so that they hardly wait for it.
-    fn catch_up<'a>(
+    fn catch_up(
         &mut self,
         others: &OtherStates<impl Iterator<Item = AgreementState> + Clone>,
-        heartbeats: impl Iterator<Item = &'a message::Heartbeat>,
+        heartbeats: impl Iterator<Item = PeerProgress>,
     ) {
         let along_m = self.agreement.reliable(others, along_m(heartbeats, self.at()));
         along_m.into_iter().for_each(|along_m| self.progress.catch_up(along_m));
@@ -361,12 +388,12 @@ impl Mission {
     }
 
     /// Flies the step's formation, and begins the next step when all members have reached this one.
-    fn fly<'a>(
+    fn fly(
         &mut self,
         now: Now,
         estimate: &Estimate,
         view: &View,
-        heartbeats: impl Iterator<Item = &'a message::Heartbeat> + Clone,
+        heartbeats: impl Iterator<Item = PeerProgress> + Clone,
         happened: &mut Vec<EventKind>,
     ) -> Task {
         self.stay = None;
@@ -384,13 +411,28 @@ impl Mission {
             self.agreement.reach();
             happened.push(EventKind::Reached(self.at()));
         }
-        let others =
-            OtherStates { states: heartbeats.clone().map(AgreementState::from), absent_may_fly: view.absent_may_fly };
-        let progress = self.agreement.advance(&others);
-        self.begin_step(progress, heartbeats, happened);
+        self.advance(view, heartbeats, happened);
         let (centre_ne_m, centre_velocity_ne_m_s) = self.centre();
         let step = self.at() as usize;
         Task::Formation(MissionGoal { step, centre_ne_m, centre_velocity_ne_m_s, heading_rad: self.heading_rad })
+    }
+
+    /// Begins the next step if this vehicle and all others have reached this one.
+    fn advance(
+        &mut self,
+        view: &View,
+        heartbeats: impl Iterator<Item = PeerProgress> + Clone,
+        happened: &mut Vec<EventKind>,
+    ) {
+        let inputs = self.inputs(view);
+        if self.reached() < Some(self.at()) || self.blocked == Some(inputs) {
+            return;
+        }
+        let others =
+            OtherStates { states: heartbeats.clone().map(AgreementState::from), absent_may_fly: view.absent_may_fly };
+        let progress = self.agreement.advance(&others);
+        self.blocked = progress.is_none().then_some(inputs);
+        self.begin_step(progress, heartbeats, happened);
     }
 
     /// Whether the collective is at its limit and the vehicle comes no nearer to its altitude.
@@ -401,17 +443,16 @@ impl Mission {
     }
 
     /// Advances the time within the step; returns whether this vehicle has completed it.
-    fn is_complete<'a>(
+    fn is_complete(
         &mut self,
         now: PlantTime,
         in_place: bool,
-        heartbeats: impl Iterator<Item = &'a message::Heartbeat> + Clone,
+        heartbeats: impl Iterator<Item = PeerProgress> + Clone,
     ) -> bool {
         let at = self.at();
         let Some(leg) = self.legs.get(at as usize) else { return false };
         let members = heartbeats.filter(|heartbeat| heartbeat.membership == Membership::Active);
-        let live = members.clone().count() + 1;
-        self.progress.advance(now, leg, in_place, along_m(members, at), live);
+        self.progress.advance(now, leg, in_place, along_m(members, at), self.live);
         self.progress.is_complete(leg)
     }
 
@@ -482,7 +523,7 @@ impl Mission {
 }
 
 /// Progress of the centre according to those senders of these heartbeats that are at this step, m.
-fn along_m<'a>(heartbeats: impl Iterator<Item = &'a message::Heartbeat>, at: u32) -> impl Iterator<Item = f64> {
+fn along_m<'a>(heartbeats: impl Iterator<Item = PeerProgress>, at: u32) -> impl Iterator<Item = f64> {
     heartbeats.filter(move |heartbeat| heartbeat.step == at).map(|heartbeat| heartbeat.progress_m)
 }
 

@@ -20,26 +20,29 @@
 //! Any message keeps a peer in contact; only a state younger than T_stale keeps it in the formation. Where
 //! `network.graph` withholds a peer's states, that peer is out of sight as long as its heartbeats arrive: it is not an
 //! obstacle, and both still agree on the mission. All durations are in [`crate::deadlines`].
+//!
+//! The cost of a step does not grow with the swarm. A message changes the record of its sender. The status of a peer is
+//! judged again only after a message that can change it, or after the earliest time at which a deadline can. What other
+//! stages ask often is kept as sets of vehicles, and states are extrapolated only for the peers within the law's reach
+//! (`near.rs`). The tests hold this bookkeeping against one that judges every peer at every step.
+
+mod near;
+mod peer;
 
 use alloc::vec::Vec;
 
 use skein_common::frame::{Origin, PositionNed, VelocityNed};
-use skein_common::id::{Incarnation, VehicleId, VehicleSet};
+use skein_common::id::{VehicleId, VehicleSet};
 use skein_common::message::{Echo, Header, Heartbeat, Order, State};
 use skein_common::scenario::{Graph, Network};
 use skein_common::state::{Membership, PeerStatus, VehicleState};
 use skein_common::time::{LocalTime, SenderStamp};
 
 use crate::deadlines::Deadline;
-use crate::delay::{Delay, Exchange, MessageDelay, since_stamp_s};
-
-/// A state younger than this is fresh, s.
-pub const FRESH_S: f64 = Deadline::StateOld.after_s();
-/// Radius of an obstacle at a known position, m.
-const OBSTACLE_RADIUS_M: f64 = 8.0;
-/// Growth of a silent vehicle's position uncertainty, m/s, and its limit, m.
-const OBSTACLE_GROWTH_M_S: f64 = 1.0;
-const OBSTACLE_GROWTH_M: f64 = 12.0;
+use crate::delay::{Exchange, since_stamp_s};
+use near::NearList;
+use peer::{Agreed, Judgement, KeptHeartbeat, Peer, ReportedState, Status};
+pub use peer::{FRESH_S, MAX_OBSTACLE_RADIUS_M};
 
 /// A received message with its time of arrival.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -54,7 +57,7 @@ pub struct Received {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum PeerMessage {
     /// A peer's state.
-    State(State),
+    State(ReceivedState),
     /// A peer's heartbeat with its agreement state.
     Mission(Heartbeat),
     /// A peer's liveliness token appeared.
@@ -63,6 +66,39 @@ pub enum PeerMessage {
     Vanished(VehicleId),
     /// An operator's order, sent by the operator.
     Order(Order),
+}
+
+/// A peer's state with its position in the swarm's frame, converted once for all receivers in this process.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ReceivedState {
+    /// Sender, number and time of the message.
+    pub header: Header,
+    /// Position, velocity and heading as sent.
+    pub state: VehicleState,
+    /// The position in the swarm's frame.
+    pub position: PositionNed,
+}
+
+impl ReceivedState {
+    /// The state of this message, in the frame at `origin`.
+    pub fn new(message: State, origin: &Origin) -> Self {
+        let State { header, state } = message;
+        Self { header, state, position: origin.ned_from_geodetic(&state.position) }
+    }
+
+    /// The message as sent.
+    pub fn message(&self) -> State {
+        State { header: self.header, state: self.state }
+    }
+}
+
+/// Messages that every vehicle of a swarm receives alike. A vehicle ignores its own.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Broadcast<'a> {
+    /// The messages.
+    pub messages: &'a [PeerMessage],
+    /// Their time of arrival by the own clock.
+    pub at: LocalTime,
 }
 
 impl PeerMessage {
@@ -109,14 +145,31 @@ impl PeerEstimate {
 
 /// The peers as the formation needs them.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct PeerSummary<'a> {
-    /// The peers with a known state that are not out of sight, by id.
-    pub estimates: &'a [PeerEstimate],
-    /// The active members in contact that are out of sight.
-    pub unseen: VehicleSet,
+pub struct PeerSummary<Estimates> {
+    /// Estimates of the peers within the law's reach, by id.
+    pub near: Estimates,
+    /// All live members of the formation, this vehicle excluded.
+    pub members: VehicleSet,
     /// Whether a lost peer that may still be flying has a lower id than every peer in contact. Of two partitions
     /// without contact, this one then flies above.
     pub flies_above: bool,
+}
+
+/// The newest heartbeat of a peer that flies the same plan, as the mission needs it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PeerProgress {
+    /// The peer's id.
+    pub id: VehicleId,
+    /// Its membership.
+    pub membership: Membership,
+    /// The step at which it is.
+    pub step: u32,
+    /// The latest step it vouches for.
+    pub vouched: u32,
+    /// The highest step it reached itself.
+    pub reached: Option<u32>,
+    /// Its estimate of the centre's progress along the path of its step, m.
+    pub progress_m: f64,
 }
 
 /// The role of a peer in the own formation.
@@ -142,163 +195,177 @@ pub enum Change {
     Lost(VehicleId),
 }
 
+/// The part of a heartbeat that concerns only its arrival: an order, or a plan that differs.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Report {
+    /// The sender of the heartbeat.
+    pub id: VehicleId,
+    /// The plan that the sender flies.
+    pub plan: u64,
+    /// The order that the heartbeat repeats.
+    pub order: Option<Order>,
+}
+
 /// The peers stage of one vehicle.
 #[derive(Clone, Debug)]
 pub struct Peers {
     own: VehicleId,
-    roster: u8,
     plan: u64,
     stale_s: f64,
     /// Whether the network graph passes every peer's states.
     receives_all_states: bool,
-    known: Vec<Peer>,
-    estimates: Vec<PeerEstimate>,
-    unseen: VehicleSet,
-    flies_above: bool,
+    /// The vehicles of the whole swarm by id; the own record stays empty.
+    peers: Vec<Peer>,
+    /// The vehicles with each kind of status.
+    with: [VehicleSet; Status::KINDS],
+    /// Peers of which anything was received.
+    known: VehicleSet,
+    /// Peers whose status has to be judged in this update.
+    touched: VehicleSet,
+    /// A time before which no status changes without a message.
+    unchanged_until: LocalTime,
+    /// A number that changes whenever the agreement's inputs may have changed.
+    revision: u64,
+    near: NearList,
     changes: Vec<Change>,
+    reports: Vec<Report>,
+    /// The largest order that has been reported.
+    order: Option<Order>,
     now: LocalTime,
     /// End of the time in which peers may be silent for longer, because this computer was overloaded.
     lenient_until: LocalTime,
     /// Time of the first update.
     first_update: Option<LocalTime>,
-    absent_may_fly: bool,
     exchange: Exchange,
     /// Begin of the time without any peer in contact, after there was one.
     alone_since: Option<LocalTime>,
     forged: u64,
 }
 
-#[derive(Clone, Debug)]
-struct Peer {
-    id: VehicleId,
-    incarnation: Incarnation,
-    state: Option<ReportedState>,
-    mission: Option<Heartbeat>,
-    /// Arrival of the newest heartbeat.
-    heartbeat_at: LocalTime,
-    delay: Delay,
-    token: Option<bool>,
-    /// Arrival of the newest message of this incarnation.
-    received_at: Option<LocalTime>,
-    found: bool,
-    lost_at: Option<LocalTime>,
-    /// Number of its messages that were dropped because a newer one had been received.
-    old: u64,
-}
-
-/// A state as received.
-#[derive(Clone, Copy, Debug)]
-struct ReportedState {
-    sequence: u64,
-    position: PositionNed,
-    velocity: VelocityNed,
-    heading_rad: f64,
-    at: LocalTime,
-    /// Arrival by the own clock minus the stamp by the peer's, s.
-    transit_s: f64,
-}
-
 impl Peers {
     /// The peers of vehicle `own` before any message, in a swarm of vehicles 1 to `roster`. Only a vehicle that flies
     /// the plan with hash `plan` can be a member. States older than `network.peer_stale_s` do not count.
     pub fn new(own: VehicleId, roster: u8, plan: u64, network: &Network) -> Self {
-        let (known, estimates, changes) = (Vec::new(), Vec::new(), Vec::new());
-        let (stale_s, receives_all_states) = (network.peer_stale_s, network.graph == Graph::All);
-        let (unseen, now, lenient_until) = (VehicleSet::default(), LocalTime::ZERO, LocalTime::ZERO);
-        let (flies_above, alone_since, forged) = (false, None, 0);
         Self {
             own,
-            roster,
             plan,
-            stale_s,
-            receives_all_states,
-            known,
-            estimates,
-            unseen,
-            flies_above,
-            changes,
-            now,
-            lenient_until,
+            stale_s: network.peer_stale_s,
+            receives_all_states: network.graph == Graph::All,
+            peers: VehicleId::first(roster.into()).map(Peer::unknown).collect(),
+            with: [VehicleSet::default(); Status::KINDS],
+            known: VehicleSet::default(),
+            touched: VehicleSet::default(),
+            unchanged_until: LocalTime::MAX,
+            revision: 0,
+            near: NearList::default(),
+            changes: Vec::new(),
+            reports: Vec::new(),
+            order: None,
+            now: LocalTime::ZERO,
+            lenient_until: LocalTime::ZERO,
             first_update: None,
-            absent_may_fly: true,
             exchange: Exchange::default(),
-            alone_since,
-            forged,
+            alone_since: None,
+            forged: 0,
         }
     }
 
     /// Reports before the next step that this agent did not run for `for_s`: this time does not count as silence of the
     /// peers, and for a while peers may be silent for longer.
     pub fn did_not_run(&mut self, for_s: f64) {
-        for peer in &mut self.known {
+        for peer in &mut self.peers {
             peer.received_at = peer.received_at.map(|at| at.plus_seconds(for_s));
         }
         self.lenient_until = self.now.plus_seconds(for_s + Deadline::LeniencyOver.after_s());
+        self.unchanged_until = LocalTime::ZERO;
     }
 
-    /// Takes the messages received since the last update and extrapolates all peers to `now`.
-    pub fn update(&mut self, now: LocalTime, origin: &Origin, received: &[Received]) {
+    /// Takes the messages received since the last update.
+    pub fn update(&mut self, now: LocalTime, received: &[Received], broadcast: Broadcast<'_>) {
         let before = core::mem::replace(&mut self.now, now).min(now);
+        self.changes.clear();
+        self.reports.clear();
+        self.touched = VehicleSet::default();
         for received in received {
             // Whatever the clock showed at its arrival, the message arrived between the two updates.
-            self.receive(origin, received, received.at.clamp(before, now));
+            self.receive(&received.message, received.at.clamp(before, now));
         }
-        self.changes.clear();
-        self.estimates.clear();
-        self.unseen = VehicleSet::default();
-        let stale_s = if now < self.lenient_until { 2.0 * self.stale_s } else { self.stale_s };
-        for peer in &mut self.known {
-            if let Some(change) = peer.age(now, stale_s) {
-                self.changes.push(change);
-            }
-            if self.receives_all_states || peer.is_in_sight(now, stale_s) {
-                self.estimates.extend(peer.estimate(now, self.plan, stale_s));
-            } else if peer.is_active_member(self.plan) {
-                self.unseen.insert(peer.id);
-            }
+        let at = broadcast.at.clamp(before, now);
+        let own = Some(self.own);
+        for message in broadcast.messages.iter().filter(|message| message.sender() != own) {
+            self.receive(message, at);
         }
-        let members = self.known.iter().filter(|peer| peer.is_active_member(self.plan)).map(|peer| peer.id);
-        let lowest = members.fold(self.own, VehicleId::min);
-        self.flies_above = self.known.iter().any(|peer| peer.id < lowest && peer.may_still_fly(now));
-        let listened_s = now.seconds_since(*self.first_update.get_or_insert(now));
-        let found = self.known.iter().filter(|peer| peer.found).count();
-        let may_come = found + 1 < usize::from(self.roster) && !Deadline::PeerGivenUp.is_past(listened_s);
-        self.absent_may_fly = may_come || self.known.iter().any(|peer| peer.may_return(now));
-        let mut met = self.known.iter().filter(|peer| peer.found);
-        let any_not_left = met.clone().any(|peer| peer.membership() != Membership::Left);
-        let alone = any_not_left && met.all(|peer| peer.lost_at.is_some());
+        self.reports.sort_by_key(|report| report.id);
+        self.judge();
+        self.first_update.get_or_insert(now);
+        let alone = !self.all(Status::REMAINS).is_empty() && self.in_contact().is_empty();
         self.alone_since = if alone { self.alone_since.or(Some(now)) } else { None };
     }
 
-    /// The peers with a known state that are not out of sight, by id.
-    pub fn estimates(&self) -> &[PeerEstimate] {
-        &self.estimates
+    /// The estimated current states of all peers that are not out of sight, by id.
+    pub fn estimates(&self) -> impl Iterator<Item = PeerEstimate> {
+        self.estimates_of(self.all(Status::SEEN))
     }
 
-    /// The peers as the formation needs them.
-    pub fn others(&self) -> PeerSummary<'_> {
-        PeerSummary { estimates: &self.estimates, unseen: self.unseen, flies_above: self.flies_above }
+    /// The peers as the formation needs them: the estimates of those within `reach_m` of the own position, and of some
+    /// beyond.
+    pub fn near(&mut self, own: PositionNed, reach_m: f64) -> PeerSummary<impl Iterator<Item = PeerEstimate>> {
+        let seen = self.all(Status::SEEN);
+        let near = if reach_m.is_finite() {
+            self.near.valid(own, self.now, reach_m).unwrap_or_else(|| self.list_near(own, reach_m))
+        } else {
+            seen
+        };
+        let lost_below = |id: Option<VehicleId>| id.is_some_and(|lost| lost < self.lowest());
+        PeerSummary {
+            near: self.estimates_of(near.both(seen)),
+            members: self.members(),
+            flies_above: lost_below(self.all(Status::MAY_FLY).first()),
+        }
     }
 
-    /// The changes of the last update.
+    /// All live members of the formation, this vehicle excluded.
+    pub fn members(&self) -> VehicleSet {
+        self.all(Status::MEMBER).either(self.all(Status::UNSEEN))
+    }
+
+    /// The changes of the last update, by id.
     pub fn changes(&self) -> &[Change] {
         &self.changes
     }
 
-    /// The newest heartbeats of all peers in contact, of any plan, by id. No other stage keeps them.
-    pub fn heartbeats(&self) -> impl Iterator<Item = &Heartbeat> + Clone {
-        self.known.iter().filter(|peer| peer.lost_at.is_none()).filter_map(|peer| peer.mission.as_ref())
+    /// The orders and the plans that differ in the heartbeats of the last update, by sender.
+    pub fn reports(&self) -> &[Report] {
+        &self.reports
+    }
+
+    /// A number that changes whenever the part of [`Self::heartbeats`] on which the agreement depends may have changed:
+    /// everything but the centre's progress.
+    pub fn revision(&self) -> u64 {
+        self.revision
+    }
+
+    /// The newest heartbeats of all peers in contact that fly the same plan, by id. No other stage keeps them.
+    pub fn heartbeats(&self) -> impl Iterator<Item = PeerProgress> + Clone {
+        self.of(self.all(Status::AGREES)).filter_map(|peer| {
+            let KeptHeartbeat { progress_m, agreement, .. } = peer.heartbeat?;
+            let Agreed { membership, step, vouched, reached, .. } = agreement;
+            Some(PeerProgress { id: peer.id, membership, step, vouched, reached, progress_m })
+        })
     }
 
     /// The peers in contact: their tokens are present and their last messages young.
     pub fn in_contact(&self) -> VehicleSet {
-        self.known.iter().filter(|peer| peer.found && peer.lost_at.is_none()).map(|peer| peer.id).collect()
+        self.all(Status::IN_CONTACT)
     }
 
     /// Whether a vehicle that is not in contact may be flying the mission: it was never in contact, or it was lost
     /// without having left, and neither for longer than a minute.
     pub fn absent_may_fly(&self) -> bool {
-        self.absent_may_fly
+        let listened_s = self.first_update.map_or(0.0, |first| self.now.seconds_since(first));
+        let is_complete = self.all(Status::FOUND).len() + 1 >= self.peers.len();
+        let may_come = !is_complete && !Deadline::PeerGivenUp.is_past(listened_s);
+        may_come || !self.all(Status::MAY_RETURN).is_empty()
     }
 
     /// Whether a peer was lost without having left and no peer is in contact, for less than a minute.
@@ -309,13 +376,12 @@ impl Peers {
     /// The echo for a heartbeat with this stamp, which is about to be sent.
     pub fn echo(&mut self, stamp: SenderStamp) -> Option<Echo> {
         self.exchange.send(stamp);
-        let partners = self.known.iter().filter(|peer| peer.lost_at.is_none() && peer.mission.is_some());
-        let of = self.exchange.next_partner(partners.map(|peer| peer.id))?;
-        let peer = self.known.iter().find(|peer| peer.id == of)?;
-        let held_s = self.now.seconds_since(peer.heartbeat_at).max(0.0);
+        let of = self.exchange.next_partner(self.all(Status::CORRESPONDS))?;
+        let KeptHeartbeat { stamp, at, .. } = self.peers.get(index(of))?.heartbeat?;
+        let held_s = self.now.seconds_since(at).max(0.0);
         // A hold of more than an hour is useless for a measurement; limited to that, it fits the field.
         let held_us = (held_s * 1e6).round().min(3.6e9) as u32;
-        Some(Echo { of, stamp: peer.mission?.header.stamp, held_us })
+        Some(Echo { of, stamp, held_us })
     }
 
     /// Number of messages dropped because a newer one had been received.
@@ -325,7 +391,7 @@ impl Peers {
 
     /// The same per sender; only senders with any.
     pub fn old_messages(&self) -> impl Iterator<Item = (VehicleId, u64)> {
-        self.known.iter().filter(|peer| peer.old > 0).map(|peer| (peer.id, peer.old))
+        self.peers.iter().filter(|peer| peer.old > 0).map(|peer| (peer.id, peer.old))
     }
 
     /// Number of messages dropped because their sender is not in this swarm or claims to be this vehicle.
@@ -333,8 +399,65 @@ impl Peers {
         self.forged
     }
 
-    fn receive(&mut self, origin: &Origin, received: &Received, at: LocalTime) {
-        match received.message {
+    fn judgement(&self) -> Judgement {
+        let Self { now, receives_all_states, .. } = *self;
+        let stale_s = if now < self.lenient_until { 2.0 * self.stale_s } else { self.stale_s };
+        Judgement { now, stale_s, receives_all_states }
+    }
+
+    /// The vehicles with a kind of status.
+    fn all(&self, status: Status) -> VehicleSet {
+        self.with[status.index()]
+    }
+
+    /// The records of these vehicles, by id.
+    fn of(&self, ids: VehicleSet) -> impl Iterator<Item = &Peer> + Clone {
+        ids.iter().filter_map(|id| self.peers.get(index(id)))
+    }
+
+    fn estimates_of(&self, ids: VehicleSet) -> impl Iterator<Item = PeerEstimate> {
+        let judgement = self.judgement();
+        self.of(ids).filter_map(move |peer| peer.estimate(&judgement))
+    }
+
+    /// The lowest id of an active member in contact, this vehicle included.
+    fn lowest(&self) -> VehicleId {
+        self.all(Status::ACTIVE).first().map_or(self.own, |lowest| lowest.min(self.own))
+    }
+
+    /// Makes the list of near peers.
+    fn list_near(&mut self, own: PositionNed, reach_m: f64) -> VehicleSet {
+        let judgement = self.judgement();
+        let seen = self.all(Status::SEEN);
+        let estimates = seen.iter().filter_map(|id| self.peers.get(index(id))?.estimate(&judgement));
+        self.near.make(own, self.now, reach_m, estimates.map(|peer| (peer.id, peer.position, peer.velocity)))
+    }
+
+    /// Judges the peers that messages have touched, or all of them if a deadline may have passed.
+    fn judge(&mut self) {
+        let judgement = self.judgement();
+        let is_due = self.now >= self.unchanged_until;
+        if is_due {
+            self.unchanged_until = if self.now < self.lenient_until { self.lenient_until } else { LocalTime::MAX };
+            self.near.discard();
+        }
+        let judged = if is_due { self.known } else { self.touched };
+        for id in judged.iter() {
+            let Some(peer) = self.peers.get_mut(index(id)) else { continue };
+            self.changes.extend(peer.age(&judgement));
+            let status = peer.assess(&judgement);
+            self.unchanged_until = self.unchanged_until.min(peer.unchanged_until(&judgement));
+            let differing = core::mem::replace(&mut peer.status, status).differing(status);
+            self.revision += u64::from(differing.contains(Status::AGREES));
+            for bit in differing.bits() {
+                self.with[bit].set(id, status.has(bit));
+            }
+        }
+    }
+
+    #[inline]
+    fn receive(&mut self, message: &PeerMessage, at: LocalTime) {
+        match message {
             PeerMessage::State(message) => {
                 let Some(peer) = self.sender(&message.header) else { return };
                 let sequence = message.header.sequence;
@@ -342,39 +465,64 @@ impl Peers {
                     peer.old += 1;
                     return;
                 }
-                let position = origin.ned_from_geodetic(&message.state.position);
                 let VehicleState { velocity, heading_rad, .. } = message.state;
+                let (id, position) = (peer.id, message.position);
                 let transit_s = since_stamp_s(at, message.header.stamp);
                 peer.state = Some(ReportedState { sequence, position, velocity, heading_rad, at, transit_s });
-                peer.received_at = Some(at);
+                let was_young = peer.status.contains(Status::YOUNG);
+                self.arrived(id, at, !was_young);
             }
-            PeerMessage::Mission(message) => {
-                let Some(peer) = self.sender(&message.header) else { return };
-                // A heartbeat is repeated to every agent that asks for it.
-                if peer.mission == Some(message) {
-                    return;
-                }
-                if peer.mission.is_some_and(|last| last.header.sequence >= message.header.sequence) {
-                    peer.old += 1;
-                    return;
-                }
-                (peer.mission, peer.heartbeat_at) = (Some(message), at);
-                peer.received_at = Some(at);
-                let id = peer.id;
-                if let Some(echo) = message.echo.filter(|echo| echo.of == self.own)
-                    && let Some(round_trip_s) = self.exchange.round_trip_s(at, &echo)
-                    && let Some(peer) = self.member(id)
-                {
-                    peer.delay.take(at, since_stamp_s(at, message.header.stamp), round_trip_s);
-                }
-            }
+            PeerMessage::Mission(message) => self.receive_heartbeat(message, at),
             PeerMessage::Appeared(id) | PeerMessage::Vanished(id) => {
-                if let Some(peer) = self.member(id) {
-                    peer.token = Some(matches!(received.message, PeerMessage::Appeared(_)));
+                if let Some(index) = self.index(*id) {
+                    self.peers[index].token = Some(matches!(message, PeerMessage::Appeared(_)));
+                    self.known.insert(*id);
+                    self.touched.insert(*id);
                 }
             }
             // The mission stage handles orders.
             PeerMessage::Order(_) => {}
+        }
+    }
+
+    fn receive_heartbeat(&mut self, message: &Heartbeat, at: LocalTime) {
+        let plan = self.plan;
+        let Some(peer) = self.sender(&message.header) else { return };
+        let Header { sequence, stamp, .. } = message.header;
+        let agreement = Agreed::new(message, plan);
+        if let Some(last) = peer.heartbeat.filter(|last| last.sequence >= sequence) {
+            // A heartbeat is repeated to every agent that asks for it.
+            let is_repeated = (last.sequence, last.stamp, last.agreement) == (sequence, stamp, agreement);
+            peer.old += u64::from(!is_repeated);
+            return;
+        }
+        let progress_m = message.progress_m;
+        let last = peer.heartbeat.replace(KeptHeartbeat { sequence, stamp, at, progress_m, agreement });
+        let (id, is_changed) = (peer.id, last.map(|last| last.agreement) != Some(agreement));
+        self.revision += u64::from(is_changed);
+        if let Some(echo) = message.echo.filter(|echo| echo.of == self.own)
+            && let Some(round_trip_s) = self.exchange.round_trip_s(at, &echo)
+        {
+            self.peers[index(id)].delay.take(at, since_stamp_s(at, stamp), round_trip_s);
+        }
+        if message.plan != plan || message.order > self.order {
+            self.reports.push(Report { id, plan: message.plan, order: message.order });
+            self.order = self.order.max(message.order.filter(|_| message.plan == plan));
+        }
+        self.arrived(id, at, is_changed);
+    }
+
+    /// Keeps what follows from a message's arrival. `is_changed` if the message itself may change the peer's status.
+    fn arrived(&mut self, id: VehicleId, at: LocalTime, is_changed: bool) {
+        let judgement = self.judgement();
+        let peer = &mut self.peers[index(id)];
+        peer.received_at = Some(at);
+        if is_changed || !peer.status.contains(Status::SETTLED) {
+            self.known.insert(id);
+            self.touched.insert(id);
+        }
+        if let Some(PeerEstimate { position, velocity, .. }) = peer.estimate(&judgement) {
+            self.near.moved(id, position, velocity);
         }
     }
 
@@ -384,132 +532,30 @@ impl Peers {
             self.forged += 1;
             return None;
         };
-        let peer = &mut self.known[index];
+        let peer = &mut self.peers[index];
         if header.incarnation < peer.incarnation {
             peer.old += 1;
             return None;
         }
         if header.incarnation > peer.incarnation {
             // A new incarnation numbers its messages from one again.
-            peer.incarnation = header.incarnation;
-            peer.state = None;
-            peer.mission = None;
-            peer.delay = Delay::default();
+            peer.begin(header.incarnation);
+            self.revision += 1;
+            self.touched.insert(peer.id);
+            self.known.insert(peer.id);
         }
         Some(peer)
     }
 
-    fn member(&mut self, id: VehicleId) -> Option<&mut Peer> {
-        self.index(id).map(|index| &mut self.known[index])
-    }
-
-    /// Index of the peer in the table; a new peer is added.
-    fn index(&mut self, id: VehicleId) -> Option<usize> {
-        if id == self.own || id.get() > self.roster {
-            return None;
-        }
-        match self.known.binary_search_by_key(&id, |peer| peer.id) {
-            Ok(index) => Some(index),
-            Err(index) => {
-                self.known.insert(index, Peer::unknown(id));
-                Some(index)
-            }
-        }
+    /// Index of the peer in the table, unless the id is the own one or not of this swarm.
+    fn index(&self, id: VehicleId) -> Option<usize> {
+        (id != self.own && index(id) < self.peers.len()).then(|| index(id))
     }
 }
 
-impl Peer {
-    fn unknown(id: VehicleId) -> Self {
-        Self {
-            id,
-            incarnation: Incarnation::default(),
-            state: None,
-            mission: None,
-            heartbeat_at: LocalTime::ZERO,
-            delay: Delay::default(),
-            token: None,
-            received_at: None,
-            found: false,
-            lost_at: None,
-            old: 0,
-        }
-    }
-
-    fn membership(&self) -> Membership {
-        self.mission.map_or(Membership::Joining, |message| message.membership)
-    }
-
-    /// Updates whether the peer is lost; returns a change to be reported.
-    fn age(&mut self, now: LocalTime, stale_s: f64) -> Option<Change> {
-        let received_at = self.received_at?;
-        let gone = self.token == Some(false) || Deadline::PeerLost(stale_s).is_past(now.seconds_since(received_at));
-        if gone && self.lost_at.is_none() {
-            self.lost_at = Some(now);
-            // A peer that left the swarm on purpose is not reported as lost.
-            (self.membership() != Membership::Left).then_some(Change::Lost(self.id))
-        } else if !gone && (self.lost_at.is_some() || !self.found) {
-            self.lost_at = None;
-            self.found = true;
-            Some(Change::Found(self.id))
-        } else {
-            None
-        }
-    }
-
-    /// Whether the peer is in contact and an active member that flies this plan.
-    fn is_active_member(&self, plan: u64) -> bool {
-        let is_received = self.found && self.lost_at.is_none();
-        is_received
-            && self.mission.is_some_and(|message| message.plan == plan && message.membership == Membership::Active)
-    }
-
-    /// Whether its state is young, or was until the peer was lost.
-    fn is_in_sight(&self, now: LocalTime, stale_s: f64) -> bool {
-        let Some(last) = self.state else { return false };
-        match self.lost_at {
-            None => !Deadline::NeighbourSilent(stale_s).is_past(now.seconds_since(last.at)),
-            // The last message may be a little younger than the last state.
-            Some(lost_at) => lost_at.seconds_since(last.at) <= stale_s + FRESH_S,
-        }
-    }
-
-    fn estimate(&self, now: LocalTime, plan: u64, stale_s: f64) -> Option<PeerEstimate> {
-        let last = self.state?;
-        let silent_s = now.seconds_since(last.at).max(0.0);
-        let message_delay = self.delay.of(now, last.transit_s);
-        let delay_s = message_delay.map(|message_delay| message_delay.most_s);
-        let MessageDelay { most_s, likely_s } = message_delay.unwrap_or_default();
-        let (age_s, carried_s) = (silent_s + most_s, silent_s + likely_s);
-        let standing = match self.lost_at {
-            Some(_) => PeerStatus::Lost,
-            None if Deadline::StateOld.is_past(age_s) => PeerStatus::Stale,
-            None => PeerStatus::Fresh,
-        };
-        let flies_along = !Deadline::NeighbourSilent(stale_s).is_past(silent_s)
-            && self.mission.is_some_and(|message| message.plan == plan);
-        let role = match (self.membership(), self.lost_at) {
-            (Membership::Active, None) if flies_along => Role::Member,
-            (_, Some(lost_at)) if Deadline::ObstacleGone.is_past(now.seconds_since(lost_at)) => Role::Nothing,
-            _ => {
-                let unknown_m = (OBSTACLE_GROWTH_M_S * age_s).min(OBSTACLE_GROWTH_M);
-                Role::Obstacle { radius_m: OBSTACLE_RADIUS_M + unknown_m }
-            }
-        };
-        let position = last.position + last.velocity.0 * carried_s;
-        let ReportedState { velocity, heading_rad, .. } = last;
-        Some(PeerEstimate { id: self.id, position, velocity, heading_rad, age_s, delay_s, carried_s, standing, role })
-    }
-
-    /// Whether the peer was lost as an active member and may still be flying the mission.
-    fn may_still_fly(&self, now: LocalTime) -> bool {
-        self.membership() == Membership::Active && self.may_return(now)
-    }
-
-    /// Whether the peer was lost without having left, less than a minute ago.
-    fn may_return(&self, now: LocalTime) -> bool {
-        let is_recent = |lost_at: LocalTime| !Deadline::PeerGivenUp.is_past(now.seconds_since(lost_at));
-        self.membership() != Membership::Left && self.lost_at.is_some_and(is_recent)
-    }
+/// Index of the vehicle in tables in the order of ids.
+fn index(id: VehicleId) -> usize {
+    usize::from(id.get()) - 1
 }
 
 #[cfg(test)]

@@ -22,7 +22,7 @@ use crate::control::Rules;
 use crate::formation::UnsupportedScenario;
 use crate::formation::external::LawReply;
 use crate::impairments::{DeliveryCounts, Impairments, ReceiverPosition};
-use crate::peers::Received;
+use crate::peers::{Broadcast, PeerMessage, Received};
 use crate::plant::{GroundTruth, Measurement};
 use crate::skew::Skew;
 
@@ -106,6 +106,12 @@ impl Station {
         }
     }
 
+    /// Whether the network delivers every message to this vehicle at once, so that it need not be kept in flight:
+    /// [`Self::step`] takes such messages in place.
+    pub fn receives_broadcast(&self) -> bool {
+        self.impairments.is_perfect()
+    }
+
     /// Steps the agent at this correct time. `measurement` is that of a new frame, `None` if none arrived in time;
     /// `plant_time` is the time of the newest frame. `leave` makes this vehicle land and leave the swarm. `answer` is
     /// an external law's reply.
@@ -115,9 +121,12 @@ impl Station {
         (plant_time, measurement): (PlantTime, Option<&Measurement>),
         leave: bool,
         answer: Option<&LawReply>,
+        broadcast: &[PeerMessage],
     ) -> Outputs {
         let now = Now { plant: plant_time, local: self.clocks.local_time(right) };
-        let outputs = self.agent.step(now, &Inputs { measurement, received: &self.received, leave, answer });
+        let broadcast = Broadcast { messages: broadcast, at: now.local };
+        let inputs = Inputs { measurement, received: &self.received, broadcast, leave, answer };
+        let outputs = self.agent.step(now, &inputs);
         self.received.clear();
         if self.agent.membership() == Membership::Active {
             self.clocks.took_off.get_or_insert(right);

@@ -1,9 +1,12 @@
 //! What the tests of several modules build: ids, headers, heartbeats.
 
+use skein_common::frame::{Geodetic, Origin};
 use skein_common::id::{Incarnation, VehicleId};
-use skein_common::message::{Header, Heartbeat};
+use skein_common::message::{Header, Heartbeat, State};
 use skein_common::state::Membership;
 use skein_common::time::SenderStamp;
+
+use crate::peers::{PeerMessage, PeerProgress, ReceivedState, Report};
 
 /// The vehicle of this number.
 pub(crate) fn id(number: u8) -> VehicleId {
@@ -13,6 +16,27 @@ pub(crate) fn id(number: u8) -> VehicleId {
 /// Of a message that `sender` sent in its first life, when its clock showed 0.
 pub(crate) fn header(sender: u8, sequence: u64) -> Header {
     Header { sender: id(sender), incarnation: Incarnation(1), sequence, stamp: SenderStamp::ZERO }
+}
+
+/// A peer's state as this process receives it.
+pub(crate) fn received_state(message: State) -> PeerMessage {
+    PeerMessage::State(ReceivedState::new(message, &origin()))
+}
+
+/// The origin of the shipped scenarios' frame.
+pub(crate) fn origin() -> Origin {
+    Origin::new(Geodetic::from_degrees(28.0, -82.0, 0.0))
+}
+
+/// The part of a heartbeat that the mission uses at every step.
+pub(crate) fn progress(heartbeat: &Heartbeat) -> PeerProgress {
+    let &Heartbeat { header, membership, step, vouched, reached, progress_m, .. } = heartbeat;
+    PeerProgress { id: header.sender, membership, step, vouched, reached, progress_m }
+}
+
+/// The part of a heartbeat that the mission uses at its arrival.
+pub(crate) fn report(heartbeat: &Heartbeat) -> Report {
+    Report { id: heartbeat.header.sender, plan: heartbeat.plan, order: heartbeat.order }
 }
 
 /// The heartbeat of an active member of plan 1 that is at the first step, has not reached it and knows no order.

@@ -35,6 +35,7 @@ fn trust(swarm: &SwarmName) -> Trust {
     Trust {
         swarm: swarm.clone(),
         vehicles: VehicleId::MAX.into(),
+        origin: origin(),
         plan: 7,
         orders: None,
         run: 0,
@@ -52,6 +53,15 @@ fn state(sender: u8, sequence: u64) -> State {
         Header { sender: id(sender), incarnation: Incarnation(1), sequence, stamp: SenderStamp::from_seconds(1.0) };
     let position = Geodetic::from_degrees(28.0, -82.0, 30.0);
     State { header, state: VehicleState { position, velocity: VelocityNed::new(1.0, 0.0, 0.0), heading_rad: 0.0 } }
+}
+
+fn origin() -> Origin {
+    Origin::new(Geodetic::from_degrees(28.0, -82.0, 0.0))
+}
+
+/// The same state as the receiver's control thread gets it.
+fn received(message: State) -> PeerMessage {
+    PeerMessage::State(ReceivedState::new(message, &origin()))
 }
 
 fn mission(sender: u8, sequence: u64) -> Heartbeat {
@@ -212,9 +222,9 @@ fn malformed_and_forged_messages_are_counted_and_dropped() {
     let mut received = Vec::new();
     link.drain(&mut received);
     assert!(
-        received
-            .iter()
-            .all(|received| matches!(received.message, PeerMessage::State(content) if content == state(2, 1))),
+        received.iter().all(
+            |received| matches!(received.message, PeerMessage::State(content) if content.message() == state(2, 1))
+        ),
         "{received:?}"
     );
 }
@@ -261,11 +271,11 @@ fn the_inbox_keeps_the_newest_message_of_each_peer_and_kind() {
     let at = LocalTime::from_seconds(1.0);
     let store = |message| inbox.store("vehicle/2/state", Received { message, at });
     for sequence in [1, 3, 2, 3] {
-        store(PeerMessage::State(state(2, sequence)));
+        store(received(state(2, sequence)));
     }
     let later_life = State { header: Header { incarnation: Incarnation(2), ..state(3, 1).header }, ..state(3, 1) };
     for state in [state(3, 8), later_life, state(3, 9)] {
-        store(PeerMessage::State(state));
+        store(received(state));
     }
     for message in [
         PeerMessage::Appeared(id(2)),
@@ -285,8 +295,8 @@ fn the_inbox_keeps_the_newest_message_of_each_peer_and_kind() {
     assert_eq!(
         messages,
         [
-            PeerMessage::State(state(2, 3)),
-            PeerMessage::State(later_life),
+            received(state(2, 3)),
+            received(later_life),
             PeerMessage::Vanished(id(2)),
             PeerMessage::Appeared(id(4)),
             PeerMessage::Order(order(3))
@@ -306,7 +316,7 @@ fn every_vehicle_fits_into_the_inbox_without_growing() {
     for _ in 0..3 {
         for vehicle in 1..=VehicleId::MAX {
             let mission = PeerMessage::Mission(mission(vehicle, 1));
-            for message in [PeerMessage::State(state(vehicle, 1)), mission, PeerMessage::Appeared(id(vehicle))] {
+            for message in [received(state(vehicle, 1)), mission, PeerMessage::Appeared(id(vehicle))] {
                 inbox.store("a", Received { message, at });
             }
         }

@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use skein_common::frame::Origin;
 use skein_common::id::{SwarmName, VehicleId};
 use skein_common::message::{Heartbeat, Order, Reason};
 use skein_common::scenario::Scenario;
@@ -16,6 +17,8 @@ use skein_core::peers::PeerMessage;
 pub struct Trust {
     /// Name of the swarm.
     pub swarm: SwarmName,
+    /// Origin of the swarm's frame, in which positions are used.
+    pub origin: Origin,
     /// Number of its vehicles; their ids are 1 to `vehicles`.
     pub vehicles: usize,
     /// Hash of the plan that the swarm flies.
@@ -36,7 +39,8 @@ impl Trust {
     pub fn of(scenario: &Scenario) -> Self {
         let (swarm, vehicles) = (scenario.swarm.name.clone(), scenario.swarm.vehicles);
         let (plan, key_ring) = (scenario.plan_hash(), KeyRing::plain(swarm.clone()));
-        Self { swarm, vehicles, plan, orders: None, run: 0, key_ring, signing_key: None }
+        let origin = Origin::new(scenario.origin.geodetic());
+        Self { swarm, origin, vehicles, plan, orders: None, run: 0, key_ring, signing_key: None }
     }
 }
 

@@ -105,7 +105,7 @@ impl Control {
         let answer = self.law.as_ref().and_then(LiveLaw::answer);
         let plant = (kept.plant_time, frame.map(|frame| &frame.measurement));
         let Outputs { command, outbox, ask } =
-            self.station.step(true_time, plant, self.stop.is_requested(), answer.as_ref());
+            self.station.step(true_time, plant, self.stop.is_requested(), answer.as_ref(), &[]);
         if let Some(controls) = command {
             self.plant.command(controls);
         }
@@ -166,7 +166,7 @@ impl Control {
     fn health(&self, now: LocalTime, uptime_s: f64, summary: Summary, kept: &LoopState) -> Health {
         let agent = self.station.agent();
         let (state_messages, state_bytes) = agent.states_sent();
-        let peer = |peer: &skein_core::peers::PeerEstimate| PeerHealth {
+        let peer = |peer: skein_core::peers::PeerEstimate| PeerHealth {
             id: peer.id,
             standing: peer.standing,
             age_s: peer.age_s,
@@ -190,7 +190,7 @@ impl Control {
             refused: agent.old_messages().map(old).take(Refused::MAX_COUNT).collect(),
             state_messages,
             state_bytes,
-            peers: agent.peers().iter().map(peer).collect(),
+            peers: agent.peers().map(peer).collect(),
         }
     }
 

@@ -161,7 +161,7 @@ pub fn measure(world: &World, zero_s: f64, metrics: &mut Metrics, vehicles: &mut
     for (id, agent, truth, controls) in world.all_vehicles() {
         let mut vehicle = VehicleNow::dead(id, *truth);
         if let Some(agent) = agent {
-            for peer in agent.peers().iter().filter(|peer| peer.standing != PeerStatus::Lost) {
+            for peer in agent.peers().filter(|peer| peer.standing != PeerStatus::Lost) {
                 metrics.observe_age(peer.age_s);
                 if peer.silent_s() < FRESH_S {
                     vehicle.fresh.insert(peer.id);

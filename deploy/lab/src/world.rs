@@ -28,7 +28,7 @@ use skein_core::control::Rules;
 use skein_core::formation::external::{LawQuery, LawReply};
 use skein_core::formation::{self, UnsupportedScenario};
 use skein_core::helicopter::{BuiltInVehicle, TICK_S, Weather};
-use skein_core::peers::{PeerMessage, Received};
+use skein_core::peers::{PeerMessage, Received, ReceivedState};
 use skein_core::plant::{Controls, GroundTruth};
 use skein_core::start::{StartAreaTooSmall, starts};
 
@@ -62,11 +62,15 @@ pub struct World {
     /// The scenario as the agents receive it from the driver.
     scenario: Scenario,
     rules: Rules,
+    origin: Origin,
     vehicles: Vec<Vehicle>,
     driver: Box<dyn Driver>,
     operator: Operator,
-    /// Messages that were sent since the agents last received.
-    in_flight: Vec<InFlightMessage>,
+    /// Messages to all vehicles that were sent since the agents last received, and those that the agents receive now.
+    in_flight: Vec<PeerMessage>,
+    arriving: Vec<PeerMessage>,
+    /// Messages to one vehicle, a restarted one, that were sent since the agents last received.
+    to_one: Vec<(VehicleId, PeerMessage)>,
     /// Queries to external laws since the last call of [`Self::take_asks`].
     asks: Vec<LawQuery>,
     events: Vec<(VehicleId, EventKind)>,
@@ -76,16 +80,6 @@ pub struct World {
     /// Counters of agents that have ended.
     ended_totals: Totals,
     ticks: u64,
-}
-
-/// A message that was sent and is not received yet.
-#[derive(Debug)]
-struct InFlightMessage {
-    /// The sending vehicle; `None` for the operator.
-    sender: Option<VehicleId>,
-    /// The receiving vehicle; `None` for all vehicles.
-    receiver: Option<VehicleId>,
-    message: PeerMessage,
 }
 
 impl World {
@@ -113,7 +107,10 @@ impl World {
         Ok(Self {
             vehicles,
             driver,
-            in_flight: scenario.ids().map(|id| InFlightMessage::to_all(id, PeerMessage::Appeared(id))).collect(),
+            origin,
+            in_flight: scenario.ids().map(PeerMessage::Appeared).collect(),
+            arriving: Vec::new(),
+            to_one: Vec::new(),
             operator: Operator::new(scenario),
             scenario: scenario.clone(),
             rules: rules.clone(),
@@ -134,21 +131,19 @@ impl World {
         let now = LocalTime::from_nanoseconds(self.ticks * TICK_NS);
         self.deliver(now);
         self.follow_script(now);
-        let Self { vehicles, driver, in_flight, asks, events, .. } = self;
-        driver.frame(now, vehicles, &mut |vehicle, outbox, ask| {
+        let Self { vehicles, driver, origin, in_flight, arriving, asks, events, .. } = self;
+        driver.frame(now, arriving, vehicles, &mut |vehicle, outbox, ask| {
             let id = vehicle.id;
             asks.extend(ask);
-            in_flight.extend(
-                outbox.state.map(|state| InFlightMessage::to_all(id, PeerMessage::State(through_wire(&state)))),
-            );
+            let state = outbox.state.map(|state| ReceivedState::new(through_wire(&state), origin));
+            in_flight.extend(state.map(PeerMessage::State));
             if let Some(mission) = outbox.mission {
                 vehicle.heartbeat = Some(through_wire(&mission));
-                in_flight.extend(
-                    vehicle.heartbeat.map(|mission| InFlightMessage::to_all(id, PeerMessage::Mission(mission))),
-                );
+                in_flight.extend(vehicle.heartbeat.map(PeerMessage::Mission));
             }
             events.extend(outbox.happened.into_iter().map(|what| (id, what)));
         });
+        self.arriving.clear();
         self.ticks += 1;
     }
 
@@ -221,24 +216,24 @@ impl World {
         self.driver.totals(totals)
     }
 
-    /// Delivers the messages of the last tick to all other running agents.
+    /// Delivers the messages of the last tick to all other running agents. Where the network delivers everything at
+    /// once, the agents take the messages in place when they step.
     fn deliver(&mut self, now: LocalTime) {
         if !self.driver.agents_receive(now) {
             return;
         }
-        let mut in_flight = mem::take(&mut self.in_flight);
-        for vehicle in self.vehicles.iter_mut().filter(|vehicle| vehicle.station.is_some()) {
+        mem::swap(&mut self.in_flight, &mut self.arriving);
+        let Self { vehicles, driver, arriving, to_one, .. } = self;
+        for vehicle in vehicles.iter_mut() {
             let id = vehicle.id;
-            let is_for_it = |message: &&InFlightMessage| {
-                message.sender != Some(id) && message.receiver.is_none_or(|receiver| receiver == id)
-            };
-            vehicle.receive(
-                now,
-                in_flight.iter().filter(is_for_it).map(|message| Received { message: message.message, at: now }),
-            );
+            vehicle.takes_broadcast =
+                driver.broadcasts() && vehicle.station.as_ref().is_some_and(|station| station.receives_broadcast());
+            let to_it = to_one.iter().filter(|(receiver, _)| *receiver == id).map(|(_, message)| message);
+            let takes_broadcast = vehicle.takes_broadcast;
+            let to_all = arriving.iter().filter(|message| !takes_broadcast && message.sender() != Some(id));
+            vehicle.receive(now, to_it.chain(to_all).map(|message| Received { message: *message, at: now }));
         }
-        in_flight.clear();
-        self.in_flight = in_flight;
+        to_one.clear();
     }
 
     /// Carries out the scripted actions and orders that are due.
@@ -283,11 +278,7 @@ impl World {
             |vehicle: &Vehicle, order| vehicle.heartbeat.is_some_and(|heartbeat| heartbeat.order >= Some(order));
         let living = self.vehicles.iter().filter(|vehicle| vehicle.station.is_some());
         let order = self.operator.order_to_send(t_s, |order| living.clone().all(|vehicle| repeats(vehicle, *order)));
-        self.in_flight.extend(order.map(|order| InFlightMessage {
-            sender: None,
-            receiver: None,
-            message: PeerMessage::Order(through_wire(&order)),
-        }));
+        self.in_flight.extend(order.map(|order| PeerMessage::Order(through_wire(&order))));
     }
 
     fn end(&mut self, index: usize) {
@@ -296,7 +287,7 @@ impl World {
         vehicle.clocks = *station.clocks();
         (vehicle.heartbeat, vehicle.command, vehicle.answer) = (None, None, None);
         self.ended_totals = with_counts(self.ended_totals, station.agent());
-        self.in_flight.push(InFlightMessage::to_all(vehicle.id, PeerMessage::Vanished(vehicle.id)));
+        self.in_flight.push(PeerMessage::Vanished(vehicle.id));
         self.pending_faults.push(InjectedFault::Died(vehicle.id));
     }
 
@@ -313,19 +304,13 @@ impl World {
         let station = station.expect("the scenario has already flown");
         vehicle.station = Some(station);
         let restarted = vehicle.id;
-        self.in_flight.push(InFlightMessage::to_all(restarted, PeerMessage::Appeared(restarted)));
+        vehicle.takes_broadcast = false;
+        self.in_flight.push(PeerMessage::Appeared(restarted));
         for other in self.vehicles.iter().filter(|other| other.id != restarted && other.station.is_some()) {
             let messages = [Some(PeerMessage::Appeared(other.id)), other.heartbeat.map(PeerMessage::Mission)];
-            let to_restarted = |message| InFlightMessage { sender: Some(other.id), receiver: Some(restarted), message };
-            self.in_flight.extend(messages.into_iter().flatten().map(to_restarted));
+            self.to_one.extend(messages.into_iter().flatten().map(|message| (restarted, message)));
         }
         self.pending_faults.push(InjectedFault::Restarted(restarted));
-    }
-}
-
-impl InFlightMessage {
-    fn to_all(sender: VehicleId, message: PeerMessage) -> Self {
-        Self { sender: Some(sender), receiver: None, message }
     }
 }
 

@@ -10,7 +10,7 @@ use std::time::Duration;
 use serde::Serialize;
 use skein_agent::link::signature::messages::KeyRing;
 use skein_agent::link::{Link, Security, Sessions, Trust};
-use skein_common::frame::{Geodetic, PositionNed, VelocityNed};
+use skein_common::frame::{Geodetic, Origin, PositionNed, VelocityNed};
 use skein_common::id::{Incarnation, SwarmName, VehicleId};
 use skein_common::message::{self, Echo, Header, Heartbeat, State};
 use skein_common::state::{Membership, VehicleState};
@@ -179,6 +179,8 @@ impl LinkEnd {
             dial.push(format!("tcp/{}", through(listens).map_err(to_text)?));
             let trust = Trust {
                 swarm: swarm.clone(),
+                // No position is used.
+                origin: Origin::new(Geodetic::from_degrees(0.0, 0.0, 0.0)),
                 vehicles: count.into(),
                 plan: PLAN,
                 orders: None,

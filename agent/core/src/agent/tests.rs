@@ -6,7 +6,7 @@ use skein_common::state::VehicleState;
 use skein_common::time::LocalTime;
 
 use super::*;
-use crate::testing::{header, heartbeat, id};
+use crate::testing::{header, heartbeat, id, received_state};
 
 fn scenario(sets: &[&str]) -> Scenario {
     let sets: Vec<_> = sets.iter().map(|&set| set.to_owned()).collect();
@@ -55,7 +55,10 @@ impl Flight {
         }
         let now = Now { plant: PlantTime::from_seconds(self.plant_s), local: LocalTime::from_seconds(self.local_s) };
         let received: Vec<_> = messages.iter().map(|&message| Received { message, at: now.local }).collect();
-        self.agent.step(now, &Inputs { measurement, received: &received, leave: false, answer: None })
+        self.agent.step(
+            now,
+            &Inputs { measurement, received: &received, broadcast: Broadcast::default(), leave: false, answer: None },
+        )
     }
 
     /// Steps without frames for this time; returns the events and the last command.
@@ -76,7 +79,7 @@ fn state_of(sender: u8, sequence: u64, north_m: f64) -> PeerMessage {
     let origin = Origin::new(scenario.origin.geodetic());
     let position = origin.geodetic_from_ned(PositionNed::new(north_m, 0.0, -30.0));
     let state = VehicleState { position, velocity: VelocityNed::default(), heading_rad: 0.0 };
-    PeerMessage::State(State { header: header(sender, sequence), state })
+    received_state(State { header: header(sender, sequence), state })
 }
 
 #[test]
@@ -228,7 +231,7 @@ fn any_message() -> impl Strategy<Value = PeerMessage> {
         State { header: header(sender, sequence), state: VehicleState { position, velocity, heading_rad: 0.0 } }
     });
     prop_oneof![
-        state.prop_map(PeerMessage::State),
+        state.prop_map(received_state),
         (-1e4..1e4, 1_u8..5, any::<u64>()).prop_map(|(north_m, sender, sequence)| state_of(sender, sequence, north_m)),
         (1_u8..9).prop_map(|sender| PeerMessage::Vanished(id(sender))),
         (1_u8..9).prop_map(|sender| PeerMessage::Appeared(id(sender))),

@@ -165,8 +165,9 @@ fn an_impossible_echo_or_one_of_an_unknown_stamp_is_ignored() {
 #[test]
 fn the_partners_are_echoed_in_turn() {
     let mut exchange = Exchange::default();
-    let mut next_partner =
-        |partners: &[u8]| exchange.next_partner(partners.iter().map(|&number| id(number))).map(VehicleId::get);
+    let mut next_partner = |partners: &[u8]| {
+        exchange.next_partner(partners.iter().map(|&number| id(number)).collect()).map(VehicleId::get)
+    };
     assert_eq!([(); 4].map(|()| next_partner(&[2, 3, 5])), [2, 3, 5, 2].map(Some));
     assert_eq!(next_partner(&[]), None);
     assert_eq!([next_partner(&[2, 5]), next_partner(&[2, 5]), next_partner(&[9])], [2, 5, 9].map(Some));

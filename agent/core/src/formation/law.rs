@@ -23,6 +23,13 @@ pub trait Law: CloneLaw + Debug + Send {
     /// The command for this observation. The agent calls it at every step of the vehicle controller (50 Hz) while the
     /// mission flies a formation, and not while the vehicle holds its position or lands.
     fn update(&mut self, observation: &Observation<'_>) -> LawOutput;
+
+    /// Distance beyond which neighbours and obstacles do not affect the command among `live` members, m. The law need
+    /// not observe what is farther away. Ranks and slots count all members at any distance.
+    fn reach_m(&self, live: usize) -> f64 {
+        let _ = live;
+        f64::INFINITY
+    }
 }
 
 /// Copies a law with its memory. Every law that derives `Clone` implements it.
@@ -81,10 +88,11 @@ pub struct Observation<'a> {
     pub velocity: VelocityNed,
     /// Its heading, clockwise from north, rad.
     pub heading_rad: f64,
-    /// The other live members whose states it receives, by id.
+    /// The other live members whose states it receives, by id: those within the law's reach, and maybe some beyond.
     pub neighbours: &'a [Neighbour],
-    /// Live members whose states it does not receive (`network.graph`); they count for ranks and slots.
-    pub unseen: VehicleSet,
+    /// All other live members, those included whose states it does not receive (`network.graph`) or that are beyond the
+    /// law's reach: they count for ranks and slots.
+    pub members: VehicleSet,
     /// Obstacles to avoid.
     pub obstacles: &'a [Obstacle],
     /// The formation's goal.
@@ -187,13 +195,12 @@ impl LawCommand {
 impl Observation<'_> {
     /// Rank of this vehicle among all live ids, from 0.
     pub fn rank(&self) -> usize {
-        let received = self.neighbours.iter().filter(|neighbour| neighbour.id < self.own).count();
-        received + self.unseen.iter().filter(|id| *id < self.own).count()
+        self.members.count_below(self.own)
     }
 
     /// Number of live members, including this vehicle.
     pub fn live(&self) -> usize {
-        self.neighbours.len() + self.unseen.len() + 1
+        self.members.len() + 1
     }
 
     /// Whether the vehicle is slower than 0.5 m/s relative to the centre.

@@ -43,6 +43,7 @@ struct OlfatiSaber {
     distance_sigma: f64,
     /// Sigma-norm ‖r‖σ of the range.
     range_sigma: f64,
+    range_m: f64,
     c1_per_s2: f64,
     c2_per_s: f64,
     horizon_s: f64,
@@ -71,6 +72,7 @@ impl OlfatiSaber {
             c: (a - b).abs() / (4.0 * a * b).sqrt(),
             distance_sigma: sigma_norm(epsilon, SOURCE_DISTANCE * SOURCE_DISTANCE),
             range_sigma: sigma_norm(epsilon, range * range),
+            range_m: settings.range_ratio * settings.distance_m,
             c1_per_s2: settings.c1_per_s2,
             c2_per_s: settings.c2_per_s,
             horizon_s: settings.horizon_s,
@@ -121,6 +123,11 @@ impl Law for OlfatiSaber {
         let velocity = observation.velocity.horizontal() + self.acceleration(observation) * self.horizon_s;
         let reached = observation.from_centre_ne_m().norm() <= observation.goal.radius_m && observation.is_slow();
         LawOutput { command: LawCommand::level(velocity.cap_magnitude(self.max_speed_m_s)), reached }
+    }
+
+    /// The bump function is zero beyond the range.
+    fn reach_m(&self, _: usize) -> f64 {
+        self.range_m
     }
 }
 

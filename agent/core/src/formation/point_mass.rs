@@ -3,7 +3,7 @@
 
 use nalgebra::Vector2;
 use skein_common::frame::{PositionNed, VelocityNed};
-use skein_common::id::{VehicleId, VehicleSet};
+use skein_common::id::VehicleId;
 use skein_common::scenario::{Source, load};
 
 use super::law::{Goal, Law, LawCommand, Neighbour, Observation};
@@ -59,10 +59,10 @@ impl Points {
             let Neighbour { id, position, velocity, heading_rad, .. } = self.neighbour(own);
             let goal = self.goal;
             let neighbours = &neighbours[..];
-            let unseen = VehicleSet::default();
+            let members = neighbours.iter().map(|neighbour| neighbour.id).collect();
             let (obstacles, dt_s) = (&[][..], 0.02);
             let observation =
-                Observation { own: id, position, velocity, heading_rad, neighbours, unseen, obstacles, goal, dt_s };
+                Observation { own: id, position, velocity, heading_rad, neighbours, members, obstacles, goal, dt_s };
             update(own, &observation)
         };
         (0..count).map(&mut one).collect()

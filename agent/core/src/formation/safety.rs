@@ -90,6 +90,14 @@ impl SafetyFilter {
         Constraint { along_m: from_other_m.xy(), least: -self.rate_per_s / 4.0 * h }
     }
 
+    /// Distance beyond which no vehicle and no obstacle with a radius of up to `obstacle_m` restricts a velocity of up to
+    /// `speed_m_s`, with the feed-forward included, m: where (κ/4) h = d v.
+    pub fn reach_m(&self, speed_m_s: f64, obstacle_m: f64) -> f64 {
+        let keep_m = self.distance_m.max(obstacle_m);
+        let half_m = 2.0 * speed_m_s / self.rate_per_s;
+        half_m + (half_m * half_m + keep_m * keep_m).sqrt()
+    }
+
     /// The velocity to fly, m/s; `None` if the commanded velocity satisfies all constraints. If no velocity satisfies
     /// them (a vehicle is already too near), it is the one that violates the worst constraint least.
     pub fn restrain(&self, command_ne_m_s: Vector2<f64>, constraints: &[Constraint]) -> Option<Vector2<f64>> {
@@ -111,24 +119,59 @@ fn is_allowed(velocity_ne_m_s: Vector2<f64>, constraints: &[Constraint]) -> bool
 
 /// The allowed velocity nearest to the commanded one; if none is allowed, the one with the smallest violation.
 fn nearest(command_ne_m_s: Vector2<f64>, constraints: &[Constraint]) -> Vector2<f64> {
-    // The nearest point of a polygon is the point itself, or on one edge, or on two.
+    nearest_allowed(command_ne_m_s, constraints).unwrap_or_else(|| least_violation(command_ne_m_s, constraints))
+}
+
+/// The allowed velocity nearest to the commanded one, one constraint after the other: the nearest velocity that the
+/// first ones allow stays the nearest one if the next allows it, and otherwise lies on the next one's edge. After R.
+/// Seidel, "Small-Dimensional Linear Programming and Convex Hulls Made Easy", Discrete & Computational Geometry 6 (1991).
+fn nearest_allowed(command_ne_m_s: Vector2<f64>, constraints: &[Constraint]) -> Option<Vector2<f64>> {
+    let mut nearest = command_ne_m_s;
+    for (nth, constraint) in constraints.iter().enumerate() {
+        if constraint.margin(nearest) < -SLACK {
+            nearest = nearest_on_edge(command_ne_m_s, constraint, &constraints[..nth])?;
+        }
+    }
+    Some(nearest)
+}
+
+/// The velocity on this edge nearest to the commanded one that the other constraints allow.
+fn nearest_on_edge(command_ne_m_s: Vector2<f64>, edge: &Constraint, others: &[Constraint]) -> Option<Vector2<f64>> {
+    let foot = edge.project(command_ne_m_s);
+    let direction = Vector2::new(-edge.along_m.y, edge.along_m.x);
+    // The part of the edge that the others allow, from the foot: its two ends with the constraints that set them.
+    let (mut begin, mut end) = ((f64::NEG_INFINITY, None), (f64::INFINITY, None));
+    for other in others {
+        let (slope, margin) = (other.along_m.dot(&direction), other.margin(foot));
+        if slope.abs() <= SLACK {
+            if margin < -SLACK {
+                return None;
+            }
+        } else if slope > 0.0 && -margin / slope > begin.0 {
+            begin = (-margin / slope, Some(other));
+        } else if slope < 0.0 && -margin / slope < end.0 {
+            end = (-margin / slope, Some(other));
+        }
+    }
+    let corner = if begin.0 > 0.0 { begin.1 } else { end.1.filter(|_| end.0 < 0.0) };
+    let Some(corner) = corner else { return Some(foot) };
+    // Where the ends meet, rounding decides which comes first.
+    edge.crossing(corner).filter(|velocity| begin.0 <= end.0 || is_allowed(*velocity, others))
+}
+
+/// The velocity that violates the worst constraint least, of the commanded one, rest, and all on an edge or in a corner.
+fn least_violation(command_ne_m_s: Vector2<f64>, constraints: &[Constraint]) -> Vector2<f64> {
     let on_edges = constraints.iter().map(|constraint| constraint.project(command_ne_m_s));
     let in_corners = constraints
         .iter()
         .enumerate()
         .flat_map(|(nth, one)| constraints[..nth].iter().filter_map(|other| one.crossing(other)));
-    let candidates =
-        || [command_ne_m_s, Vector2::zeros()].into_iter().chain(on_edges.clone()).chain(in_corners.clone());
-    let square = |velocity: &Vector2<f64>| (velocity - command_ne_m_s).norm_squared();
-    let allowed = candidates().filter(|&velocity| is_allowed(velocity, constraints));
-    let nearest = allowed.min_by(|one, other| square(one).total_cmp(&square(other)));
-    nearest.unwrap_or_else(|| {
-        let worst = |velocity: &Vector2<f64>| {
-            let short = constraints.iter().map(|c| -c.margin(*velocity) / c.along_m.norm());
-            short.fold(f64::NEG_INFINITY, f64::max)
-        };
-        candidates().min_by(|one, other| worst(one).total_cmp(&worst(other))).unwrap_or_default()
-    })
+    let candidates = [command_ne_m_s, Vector2::zeros()].into_iter().chain(on_edges).chain(in_corners);
+    let worst = |velocity: &Vector2<f64>| {
+        let short = constraints.iter().map(|c| -c.margin(*velocity) / c.along_m.norm());
+        short.fold(f64::NEG_INFINITY, f64::max)
+    };
+    candidates.min_by(|one, other| worst(one).total_cmp(&worst(other))).unwrap_or_default()
 }
 
 #[cfg(test)]
@@ -200,7 +243,33 @@ mod tests {
         assert_eq!(FILTER.restrain(at_rest, &[from(12.0, 0.0).relative(north, at_rest)]), None, "moves away from it");
     }
 
+    /// The nearest allowed velocity of all that are the commanded one, on an edge or in a corner.
+    fn nearest_of_all(command: Vector2<f64>, constraints: &[Constraint]) -> Option<Vector2<f64>> {
+        let on_edges = constraints.iter().map(|constraint| constraint.project(command));
+        let in_corners = constraints.iter().flat_map(|one| constraints.iter().filter_map(|other| one.crossing(other)));
+        let all = [command].into_iter().chain(on_edges).chain(in_corners);
+        let square = |velocity: &Vector2<f64>| (velocity - command).norm_squared();
+        all.filter(|velocity| is_allowed(*velocity, constraints))
+            .min_by(|one, other| square(one).total_cmp(&square(other)))
+    }
+
     proptest! {
+        #[test]
+        fn one_constraint_after_the_other_gives_the_nearest_velocity_of_all(
+            command in vector(8.0), others in proptest::collection::vec((vector(60.0), vector(6.0)), 0..9),
+        ) {
+            let constraints: Vec<_> = others
+                .iter()
+                .filter(|(from, _)| from.norm() > 0.1)
+                .map(|(place, moves)| from(place.x, place.y).relative(Vector2::new(2.0, 0.0), *moves))
+                .collect();
+            let (found, all) = (nearest_allowed(command, &constraints), nearest_of_all(command, &constraints));
+            prop_assert_eq!(found.is_some(), all.is_some());
+            for (found, all) in found.into_iter().zip(all) {
+                prop_assert!((found - all).norm() < 1e-6, "{found} {all}");
+            }
+        }
+
         #[test]
         fn the_filtered_velocity_is_allowed_if_any_velocity_is(
             command in vector(15.0), others in proptest::collection::vec(vector(60.0), 1..8),

@@ -40,8 +40,9 @@ fn member(number: u8, north_m: f64, east_m: f64, altitude_m: f64) -> PeerEstimat
     }
 }
 
-fn estimates(estimates: &[PeerEstimate]) -> PeerSummary<'_> {
-    PeerSummary { estimates, ..PeerSummary::default() }
+fn summary(near: &[PeerEstimate], flies_above: bool) -> PeerSummary<impl Iterator<Item = PeerEstimate>> {
+    let members = near.iter().filter(|peer| peer.role == Role::Member).map(|peer| peer.id).collect();
+    PeerSummary { near: near.iter().copied(), members, flies_above }
 }
 
 /// The task to fly a formation around a centre at the origin that moves north.
@@ -55,7 +56,7 @@ fn task(speed_m_s: f64) -> Task {
 }
 
 fn output(formation: &mut Formation, estimate: &Estimate, peers: &[PeerEstimate], speed_m_s: f64) -> FormationOutput {
-    formation.step(0.02, estimate, &estimates(peers), &task(speed_m_s)).unwrap()
+    formation.step(0.02, estimate, summary(peers, false), &task(speed_m_s)).unwrap()
 }
 
 #[test]
@@ -157,7 +158,7 @@ proptest! {
             let lines = format!("law = '{law}'\nsafety_filter = '{filter}'\nslots.pattern = '{pattern}'");
             let mut formation = formation(&lines);
             for _ in 0..2 {
-                let output = formation.step(dt_s, &estimate, &estimates(&peers), &task(centre)).unwrap();
+                let output = formation.step(dt_s, &estimate, summary(&peers, false), &task(centre)).unwrap();
                 let Setpoint { relative_velocity_ne_m_s, feedforward_ne_m_s, altitude_m, heading_rad } = output.setpoint;
                 let error_ne_m = output.setpoint.error_ne_m();
                 let numbers = relative_velocity_ne_m_s.iter().chain(&feedforward_ne_m_s).chain(&output.field_ne);
@@ -219,19 +220,16 @@ fn steps_with_the_same_formation_share_the_laws_memory() {
 
 #[test]
 fn a_vehicle_that_stays_keeps_the_rise_of_its_partition() {
-    let apart = PeerSummary { flies_above: true, ..PeerSummary::default() };
     let stay = |altitude_m, lands| Task::Stay { at_ne_m: Vector2::zeros(), altitude_m, heading_rad: 0.0, lands };
     let mut formation = formation("");
-    let mut fly = |others: &PeerSummary<'_>, task: &Task| {
-        let steps = (0..1000).filter_map(|_| formation.step(0.02, &at(100.0, 0.0, 40.0), others, task));
+    let mut fly = |flies_above: bool, task: &Task| {
+        let others = || summary(&[], flies_above);
+        let steps = (0..1000).filter_map(|_| formation.step(0.02, &at(100.0, 0.0, 40.0), others(), task));
         steps.map(|output| output.setpoint.altitude_m).last().unwrap()
     };
-    assert!((fly(&apart, &task(0.0)) - 40.0).abs() < 1e-9, "10 m above the 30 m of the other partition");
-    assert!((fly(&apart, &stay(40.0, false)) - 40.0).abs() < 1e-9);
-    assert!(
-        (fly(&PeerSummary::default(), &stay(40.0, false)) - 30.0).abs() < 1e-9,
-        "descends after the partitions rejoin"
-    );
-    assert!((fly(&apart, &stay(12.0, true)) - 12.0).abs() < 1e-9, "nothing is added during a landing");
-    assert!((fly(&apart, &stay(12.0, false)) - 12.0).abs() < 1e-9, "recalled, the vehicle stays at its altitude");
+    assert!((fly(true, &task(0.0)) - 40.0).abs() < 1e-9, "10 m above the 30 m of the other partition");
+    assert!((fly(true, &stay(40.0, false)) - 40.0).abs() < 1e-9);
+    assert!((fly(false, &stay(40.0, false)) - 30.0).abs() < 1e-9, "descends after the partitions rejoin");
+    assert!((fly(true, &stay(12.0, true)) - 12.0).abs() < 1e-9, "nothing is added during a landing");
+    assert!((fly(true, &stay(12.0, false)) - 12.0).abs() < 1e-9, "recalled, the vehicle stays at its altitude");
 }

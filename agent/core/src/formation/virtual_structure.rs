@@ -33,4 +33,9 @@ impl Law for VirtualStructure {
             reached: is_in_slot(displacement_ne_m.norm()) && observation.is_slow(),
         }
     }
+
+    /// The law uses the members' ids only.
+    fn reach_m(&self, _: usize) -> f64 {
+        0.0
+    }
 }

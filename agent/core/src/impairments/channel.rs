@@ -98,7 +98,7 @@ impl Channel {
 /// Size of a message on the wire, bytes.
 pub(super) fn size_bytes(message: &PeerMessage) -> usize {
     let encoded = match message {
-        PeerMessage::State(payload) => message::encode(payload).len() + STATE_KEY_BYTES,
+        PeerMessage::State(payload) => message::encode(&payload.message()).len() + STATE_KEY_BYTES,
         PeerMessage::Mission(payload) => message::encode(payload).len(),
         PeerMessage::Order(payload) => message::encode(payload).len(),
         PeerMessage::Appeared(_) | PeerMessage::Vanished(_) => 0,

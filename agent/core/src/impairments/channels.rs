@@ -3,7 +3,7 @@
 
 use alloc::vec::Vec;
 
-use skein_common::frame::{Origin, PositionNed};
+use skein_common::frame::PositionNed;
 use skein_common::id::{VehicleId, VehicleSet};
 use skein_common::scenario::{Graph, Network, Quality, Scenario};
 use skein_common::time::LocalTime;
@@ -15,7 +15,6 @@ use crate::peers::{PeerMessage, Received};
 /// All channels to one receiving vehicle.
 #[derive(Clone, Debug)]
 pub(super) struct ReceiverChannels {
-    origin: Origin,
     /// The other vehicles, by id.
     senders: Vec<Sender>,
     /// The channel for orders from operators. An operator has no position, so range does not apply.
@@ -99,7 +98,6 @@ impl ReceiverChannels {
             },
         };
         Some(Self {
-            origin: Origin::new(scenario.origin.geodetic()),
             senders: scenario.ids().filter(|&id| id != own).map(sender).collect(),
             operator: Channel::new(everywhere, scenario.seed, None, own),
             range: range_m.map(|range_m| Range { fade_m: fade_m.unwrap_or(range_m), range_m }),
@@ -140,7 +138,7 @@ impl ReceiverChannels {
             }
             PeerMessage::State(payload) => {
                 if !is_cut {
-                    sender.place = Some((self.origin.ned_from_geodetic(&payload.state.position), *at));
+                    sender.place = Some((payload.position, *at));
                 }
                 if !self.selection.includes(sender_id) {
                     return Delivery::OutsideGraph;

@@ -1,12 +1,12 @@
 use core::mem::discriminant;
 
 use skein_common::frame::{Geodetic, VelocityNed};
-use skein_common::message::{Order, Verb};
+use skein_common::message::{Order, State, Verb};
 use skein_common::scenario::{Source, load};
 use skein_common::state::VehicleState;
 
 use super::*;
-use crate::testing::{header, heartbeat, id};
+use crate::testing::{header, heartbeat, id, origin, received_state};
 
 mod impaired;
 
@@ -24,10 +24,8 @@ fn with_events(seed: u64, events: &str) -> Scenario {
 
 fn state(sender: u8, sequence: u64) -> PeerMessage {
     let (position, velocity) = (Geodetic::from_degrees(28.0, -82.0, 30.0), VelocityNed::default());
-    PeerMessage::State(State {
-        header: header(sender, sequence),
-        state: VehicleState { position, velocity, heading_rad: 0.0 },
-    })
+    let state = VehicleState { position, velocity, heading_rad: 0.0 };
+    received_state(State { header: header(sender, sequence), state })
 }
 
 fn mission(sender: u8, sequence: u64) -> PeerMessage {

@@ -36,9 +36,10 @@
 //!
 //! This module uses no clock: the caller passes the peers in contact.
 
-use skein_common::message;
 use skein_common::scenario::Partition;
 use skein_common::state::Membership;
+
+use crate::peers::PeerProgress;
 
 /// The agreement state of one vehicle.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -65,9 +66,9 @@ impl AgreementState {
     }
 }
 
-impl From<&message::Heartbeat> for AgreementState {
-    fn from(heartbeat: &message::Heartbeat) -> Self {
-        let &message::Heartbeat { membership, step, vouched, reached, .. } = heartbeat;
+impl From<PeerProgress> for AgreementState {
+    fn from(heartbeat: PeerProgress) -> Self {
+        let PeerProgress { membership, step, vouched, reached, .. } = heartbeat;
         Self { membership, step, vouched, reached }
     }
 }
@@ -82,6 +83,11 @@ pub struct OtherStates<States> {
 }
 
 impl<States: Iterator<Item = AgreementState> + Clone> OtherStates<States> {
+    /// Number of active members, this vehicle included.
+    pub fn live(&self) -> usize {
+        self.members().count() + 1
+    }
+
     /// The agreement states of the other active members.
     fn members(&self) -> impl Iterator<Item = AgreementState> {
         self.states.clone().filter(AgreementState::is_active)
@@ -165,8 +171,7 @@ impl Agreement {
     /// Whether enough members are in contact to advance: always, or with [`Partition::Quorum`] more than half of the
     /// roster.
     pub fn has_quorum(&self, others: &OtherStates<impl Iterator<Item = AgreementState> + Clone>) -> bool {
-        let live = others.members().count() + 1;
-        self.partition == Partition::Continue || 2 * live > usize::from(self.roster)
+        self.partition == Partition::Continue || 2 * others.live() > usize::from(self.roster)
     }
 
     /// The largest of the others' reports on which this agent may rely: the second largest, so that an honest vehicle

@@ -3,7 +3,7 @@ use skein_common::frame::{Attitude, BodyRates, Geodetic, PositionNed, VelocityNe
 use skein_common::scenario::{Source, load};
 
 use super::*;
-use crate::testing::{header, heartbeat, id};
+use crate::testing::{header, heartbeat, id, progress, report};
 
 const LAND: Order = Order { epoch: 2, issuer: 1, verb: Verb::Land, signature: None };
 const HOLD: Order = Order { epoch: 1, issuer: 1, verb: Verb::Hold, signature: None };
@@ -61,7 +61,10 @@ impl One {
     }
 
     fn step_at(&mut self, seconds: f64, estimate: &Estimate) -> Task {
+        let plan = self.mission.plan();
         let heartbeats = self.heartbeats.iter().filter(|last| self.contact.contains(last.header.sender));
+        let heartbeats = heartbeats.filter(|last| last.plan == plan).map(progress);
+        self.view.revision += 1;
         self.mission.step(at(seconds), estimate, &self.view, heartbeats, &mut self.events)
     }
 
@@ -72,7 +75,7 @@ impl One {
     /// Receives a heartbeat of an active peer.
     fn receive(&mut self, sender: u8, step: u32, reached: Option<u32>, progress_m: f64) {
         let heartbeat = self.heartbeat(sender, step, reached, progress_m);
-        self.mission.take_heartbeat(&heartbeat, &mut self.events);
+        self.mission.take_report(&report(&heartbeat), &mut self.events);
         self.heartbeats.retain(|last| last.header.sender != heartbeat.header.sender);
         self.heartbeats.push(heartbeat);
     }
@@ -484,12 +487,12 @@ fn orders_spread_among_peers_with_the_same_plan() {
     let friend = message::Heartbeat { order: Some(LAND), ..one.heartbeat(2, 0, None, 0.0) };
     let stranger = message::Heartbeat { plan: friend.plan ^ 1, ..friend };
     for heartbeat in [stranger, stranger] {
-        one.mission.take_heartbeat(&heartbeat, &mut one.events);
+        one.mission.take_report(&report(&heartbeat), &mut one.events);
     }
     assert_eq!(one.take_events(), [EventKind::PlanDiffers(id(2))], "reported once");
     assert_eq!(one.mission.order(), None, "an order of another plan is ignored");
     for heartbeat in [friend, friend] {
-        one.mission.take_heartbeat(&heartbeat, &mut one.events);
+        one.mission.take_report(&report(&heartbeat), &mut one.events);
     }
     assert_eq!(one.take_events(), [EventKind::OrderTaken(LAND)]);
 }
@@ -505,7 +508,13 @@ fn no_vehicle_becomes_active_before_its_rotor_is_at_speed() {
     let mut leaving = one.mission.clone();
     leaving.leave();
     for tick in 0..150 {
-        leaving.step(at(9.1 + 0.02 * f64::from(tick)), &with_rotor(Some(0.0)), &one.view, [].iter(), &mut one.events);
+        leaving.step(
+            at(9.1 + 0.02 * f64::from(tick)),
+            &with_rotor(Some(0.0)),
+            &one.view,
+            core::iter::empty(),
+            &mut one.events,
+        );
     }
     assert_eq!(leaving.activity(), Activity::Landed, "a vehicle that leaves does not wait for the rotor");
     formation(one.step_at(9.1, &with_rotor(Some(151.0))));
@@ -537,6 +546,8 @@ proptest! {
         const STEP: &str = "{ centre_ne_m = [0, 0], dwell_s = 0.1 }";
         let steps = [STEP; 6].join(", ");
         let mut missions: [_; 3] = std::array::from_fn(|_| Mission::new(&scenario(&steps, ""), None));
+        let mut plain = missions.clone();
+        let (mut revisions, mut last_known) = ([0_u64; 3], [const { Vec::new() }; 3]);
         // The heartbeats each vehicle has last received from each.
         let mut received: [[Option<message::Heartbeat>; 3]; 3] = [[None; 3]; 3];
         for (tick, (in_place, contact, delivered)) in script.into_iter().enumerate() {
@@ -547,10 +558,17 @@ proptest! {
                 let in_contact: Vec<usize> = others.filter(|&other| has(contact, other)).collect();
                 for &other in in_contact.iter().filter(|&&other| has(delivered, other)) {
                     received[own][other] = Some(sent[other]);
-                    missions[own].take_heartbeat(&sent[other], &mut Vec::new());
+                    missions[own].take_report(&report(&sent[other]), &mut Vec::new());
+                    plain[own].take_report(&report(&sent[other]), &mut Vec::new());
                 }
-                let known: Vec<_> = in_contact.iter().filter_map(|&other| received[own][other]).collect();
+                let known: Vec<_> = in_contact.iter().filter_map(|&other| received[own][other]).map(|it| progress(&it)).collect();
+                let agreed = |known: &[PeerProgress]| known.iter().map(|it| PeerProgress { progress_m: 0.0, ..*it }).collect::<Vec<_>>();
+                if agreed(&known) != last_known[own] {
+                    revisions[own] += 1;
+                    last_known[own] = agreed(&known);
+                }
                 let view = View {
+                    revision: revisions[own],
                     absent_may_fly: in_contact.len() < 2,
                     altitude_error_m: Some(0.0),
                     in_place: in_place >> own & 1 == 1,
@@ -558,13 +576,20 @@ proptest! {
                 };
                 let (left, reached) = (missions[own].at(), missions[own].reached());
                 let now = at(0.1 * tick as f64);
-                missions[own].step(now, &estimate(30.0, 0.0), &view, known.iter(), &mut Vec::new());
+                let (mut events, mut plain_events) = (Vec::new(), Vec::new());
+                let now_at = estimate(30.0, 0.0);
+                let task = missions[own].step(now, &now_at, &view, known.iter().copied(), &mut events);
+                // The same mission that decides anew at every step.
+                let view = View { revision: 1_000 + tick as u64, ..view };
+                let plain_task = plain[own].step(now, &now_at, &view, known.iter().copied(), &mut plain_events);
+                prop_assert_eq!((task, events), (plain_task, plain_events));
+                prop_assert_eq!(missions[own].agreement.own(), plain[own].agreement.own());
                 prop_assert!(missions[own].at() >= left && missions[own].reached() >= reached);
                 if missions[own].at() == left {
                     continue;
                 }
                 for counted in known.iter().filter(|sent| sent.membership == Membership::Active) {
-                    let member = &missions[usize::from(counted.header.sender.get()) - 1];
+                    let member = &missions[usize::from(counted.id.get()) - 1];
                     prop_assert!(member.at() > left || member.reached() >= Some(left), "{left}: {counted:?}");
                 }
             }

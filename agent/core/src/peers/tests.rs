@@ -1,17 +1,14 @@
 use proptest::prelude::*;
-use skein_common::frame::Geodetic;
+use skein_common::id::Incarnation;
 use skein_common::message::{Order, Verb};
 use skein_common::scenario::{Source, load};
 use skein_common::state::VehicleState;
 
 use super::*;
-use crate::testing::{self, heartbeat, id};
+use crate::testing::{self, heartbeat, id, origin, progress, received_state};
 
 mod ages;
-
-fn origin() -> Origin {
-    Origin::new(Geodetic::from_degrees(28.0, -82.0, 0.0))
-}
+mod plain;
 
 fn header(sender: u8, incarnation: u64, sequence: u64) -> Header {
     Header { incarnation: Incarnation(incarnation), ..testing::header(sender, sequence) }
@@ -26,7 +23,7 @@ fn state(sender: u8, incarnation: u64, sequence: u64, north_m: f64) -> PeerMessa
     let position = origin().geodetic_from_ned(PositionNed::new(north_m, 0.0, -30.0));
     let velocity = VelocityNed::new(2.0, 0.0, 0.0);
     let state = VehicleState { position, velocity, heading_rad: 0.0 };
-    PeerMessage::State(State { header: header(sender, incarnation, sequence), state })
+    received_state(State { header: header(sender, incarnation, sequence), state })
 }
 
 fn mission(sender: u8, incarnation: u64, sequence: u64, membership: Membership) -> PeerMessage {
@@ -57,13 +54,14 @@ impl PeersStage {
 
     fn receive(&mut self, at_s: f64, messages: &[PeerMessage]) -> Vec<Change> {
         let received: Vec<_> = messages.iter().map(|&message| Received { message, at: seconds(at_s) }).collect();
-        self.0.update(seconds(at_s), &origin(), &received);
+        self.0.update(seconds(at_s), &received, Broadcast::default());
         self.0.changes().to_vec()
     }
 
     fn only(&self) -> PeerEstimate {
-        assert_eq!(self.0.estimates().len(), 1);
-        self.0.estimates()[0]
+        let estimates: Vec<_> = self.0.estimates().collect();
+        assert_eq!(estimates.len(), 1);
+        estimates[0]
     }
 }
 
@@ -126,7 +124,7 @@ fn messages_with_the_own_id_or_an_unknown_one_are_forged() {
     let mut table = PeersStage::new();
     table.receive(1.0, &[state(1, 9, 1, 0.0), state(5, 9, 1, 0.0), mission(1, 9, 1, Membership::Active)]);
     assert_eq!(table.0.forged(), 3);
-    assert!(table.0.estimates().is_empty());
+    assert_eq!(table.0.estimates().count(), 0);
     table.receive(
         1.0,
         &[
@@ -134,7 +132,7 @@ fn messages_with_the_own_id_or_an_unknown_one_are_forged() {
             PeerMessage::Vanished(id(9)),
         ],
     );
-    assert!(table.0.estimates().is_empty());
+    assert_eq!(table.0.estimates().count(), 0);
 }
 
 #[test]
@@ -182,6 +180,10 @@ fn without_contact_a_vehicle_waits_a_minute_and_then_counts_itself_as_the_only_o
     assert!(!table.0.all_lost());
 }
 
+fn flies_above(table: &mut PeersStage) -> bool {
+    table.0.near(PositionNed::default(), f64::INFINITY).flies_above
+}
+
 #[test]
 fn of_two_partitions_the_one_without_the_lowest_id_flies_above() {
     // Of four in a chain, vehicle 3 receives the states of 2 only, and the heartbeats of 1.
@@ -189,32 +191,32 @@ fn of_two_partitions_the_one_without_the_lowest_id_flies_above() {
     let all = |sequence| [1, 2, 4].map(|peer| mission(peer, 1, sequence, Membership::Active));
     table.receive(1.0, &all(1));
     table.receive(1.1, &[PeerMessage::Vanished(id(4))]);
-    assert!(!table.0.others().flies_above, "with the smallest id");
+    assert!(!flies_above(&mut table), "with the smallest id");
     table.receive(1.2, &[PeerMessage::Vanished(id(2))]);
-    assert!(!table.0.others().flies_above, "1 is in contact, although out of sight");
+    assert!(!flies_above(&mut table), "1 is in contact, although out of sight");
     table.receive(1.3, &[PeerMessage::Vanished(id(1))]);
-    assert!(table.0.others().flies_above, "lost, although its states were never received");
+    assert!(flies_above(&mut table), "lost, although its states were never received");
     table.receive(61.5, &[]);
-    assert!(!table.0.others().flies_above, "after a minute no lost peer counts as flying");
+    assert!(!flies_above(&mut table), "after a minute no lost peer counts as flying");
 }
 
 #[test]
-fn the_newest_heartbeats_of_peers_in_contact_are_kept_for_any_plan() {
+fn the_newest_heartbeats_of_peers_in_contact_that_fly_the_same_plan_are_kept() {
     let mut table = PeersStage::new();
     table.receive(
         1.0,
         &[mission(2, 1, 1, Membership::Active), mission(3, 1, 1, Membership::Active), state(4, 1, 1, 0.0)],
     );
-    let plans = |table: &PeersStage| -> Vec<_> {
-        table.0.heartbeats().map(|heartbeat| (heartbeat.header.sender.get(), heartbeat.plan)).collect()
-    };
-    assert_eq!(plans(&table), [(2, 1), (3, 1)], "4 has sent no heartbeat");
+    let senders = |table: &PeersStage| -> Vec<_> { table.0.heartbeats().map(|heartbeat| heartbeat.id.get()).collect() };
+    assert_eq!(senders(&table), [2, 3], "4 has sent no heartbeat");
     // Vehicle 2 returns with a changed scenario.
     table.receive(1.2, &[PeerMessage::Mission(heartbeat_of(header(2, 2, 1), 9, Membership::Active))]);
     assert!(table.0.in_contact().contains(id(2)));
-    assert_eq!(plans(&table), [(2, 9), (3, 1)]);
+    assert_eq!(senders(&table), [3]);
+    let report = Report { id: id(2), plan: 9, order: None };
+    assert_eq!(table.0.reports(), [report], "and reported");
     table.receive(1.3, &[PeerMessage::Vanished(id(3))]);
-    assert_eq!(plans(&table), [(2, 9)]);
+    assert_eq!(senders(&table), []);
 }
 
 #[test]
@@ -223,8 +225,8 @@ fn arrival_times_are_limited_to_the_time_since_the_last_update() {
     table.receive(1.0, &[]);
     let received =
         [(2, 0.2), (3, 999.0)].map(|(sender, at_s)| Received { message: state(sender, 1, 1, 0.0), at: seconds(at_s) });
-    table.0.update(seconds(1.5), &origin(), &received);
-    let ages: Vec<_> = table.0.estimates().iter().map(|estimate| estimate.age_s).collect();
+    table.0.update(seconds(1.5), &received, Broadcast::default());
+    let ages: Vec<_> = table.0.estimates().map(|estimate| estimate.age_s).collect();
     assert_eq!(ages, [0.5, 0.0]);
 }
 
@@ -239,14 +241,14 @@ fn a_peer_whose_states_are_withheld_is_out_of_sight_but_not_lost() {
             let at_s = 1.0 + 0.2 * sequence as f64;
             assert_eq!(table.receive(at_s, &[mission(2, 1, sequence, Membership::Active)]), [], "never lost");
             let is_young = at_s <= 3.0;
-            assert_eq!(table.0.estimates().len(), usize::from(is_young || is_seen), "{keys}: at {at_s} s");
+            assert_eq!(table.0.estimates().count(), usize::from(is_young || is_seen), "{keys}: at {at_s} s");
         }
         assert!(table.0.in_contact().contains(id(2)), "the mission waits for it");
-        assert_eq!(table.0.others().unseen.contains(id(2)), !is_seen, "it has its rank in the formation");
+        assert_eq!(table.0.members().contains(id(2)), !is_seen, "out of sight it has its rank in the formation");
         // Its end is noticed as well; its position was unknown.
         assert_eq!(table.receive(21.0, &[PeerMessage::Vanished(id(2))]), [Change::Lost(id(2))]);
-        assert_eq!(table.0.estimates().len(), usize::from(is_seen));
-        assert!(table.0.others().unseen.is_empty());
+        assert_eq!(table.0.estimates().count(), usize::from(is_seen));
+        assert!(table.0.members().is_empty());
     }
 }
 
@@ -281,7 +283,7 @@ fn message_of(incarnation: u64, sequence: u64, is_state: bool) -> PeerMessage {
     };
     let at_rest = VehicleState { velocity: VelocityNed::default(), ..sent.state };
     if is_state {
-        PeerMessage::State(State { state: at_rest, ..sent })
+        PeerMessage::State(ReceivedState { state: at_rest, ..sent })
     } else {
         mission(2, incarnation, sequence, Membership::Active)
     }
@@ -302,23 +304,21 @@ proptest! {
             now_s += after_s;
             // The time of arrival may be wrong because the own clock was set.
             let received = Received { message: message_of(incarnation, sequence, is_state), at: seconds(now_s + off_s) };
-            table.0.update(seconds(now_s), &origin(), &[received]);
+            table.0.update(seconds(now_s), &[received], Broadcast::default());
             if is_state { states.push((incarnation, sequence)) } else { heartbeats.push((incarnation, sequence)) }
             let newest_incarnation = states.iter().chain(&heartbeats).map(|(incarnation, _)| *incarnation).max();
             let newest = |sent: &[(u64, u64)]| {
                 sent.iter().filter(|(incarnation, _)| Some(*incarnation) == newest_incarnation).max().copied()
             };
 
-            let believed = table.0.estimates().first();
+            let believed = table.0.estimates().next();
             prop_assert_eq!(believed.is_some(), newest(&states).is_some(), "a state of an earlier incarnation is dropped");
             if let Some((believed, (incarnation, sequence))) = believed.zip(newest(&states)) {
                 prop_assert!((believed.position.north_m() - north_m(incarnation, sequence)).abs() < 1e-4, "{believed:?}");
                 prop_assert!(believed.age_s >= 0.0 && believed.carried_s >= 0.0 && believed.silent_s() >= 0.0);
             }
-            if let Some(heartbeat) = table.0.heartbeats().next() {
-                let order = heartbeat.header.order();
-                prop_assert_eq!(Some((order.incarnation.0, order.sequence)), newest(&heartbeats));
-            }
+            let kept = table.0.peers[1].heartbeat.map(|kept| (table.0.peers[1].incarnation.0, kept.sequence));
+            prop_assert_eq!(kept, newest(&heartbeats));
         }
     }
 }

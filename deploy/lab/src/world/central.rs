@@ -25,7 +25,7 @@
 
 use std::collections::VecDeque;
 
-use skein_common::frame::{Geodetic, PositionNed, VelocityNed};
+use skein_common::frame::{Geodetic, Origin, PositionNed, VelocityNed};
 use skein_common::id::{Incarnation, VehicleId};
 use skein_common::message::{Header, State};
 use skein_common::scenario::{Graph, Network, Scenario, SendMode, Source, load};
@@ -36,7 +36,7 @@ use skein_core::aircraft::Aircraft;
 use skein_core::formation::external::LawQuery;
 use skein_core::impairments::{Impairments, ReceiverPosition};
 use skein_core::outbox::Outbox;
-use skein_core::peers::{PeerMessage, Received};
+use skein_core::peers::{PeerMessage, Received, ReceivedState};
 use skein_core::plant::{Controls, Measurement};
 
 use super::TICK_NS;
@@ -62,6 +62,7 @@ pub(super) struct Central {
     id: VehicleId,
     /// Position of the controller on the globe.
     place: Geodetic,
+    origin: Origin,
     /// Time to compute one vehicle's step, s.
     step_s: f64,
     outages: Schedule<ScriptedAction>,
@@ -151,6 +152,7 @@ impl Central {
         Self {
             id,
             place: scenario.origin.geodetic(),
+            origin: Origin::new(scenario.origin.geodetic()),
             step_s: scenario.control.central_step_s,
             outages: Schedule::new(outages),
             is_running: true,
@@ -181,7 +183,7 @@ impl Central {
             let number = link.states.send((frame.time, frame.measurement));
             let Measurement { position, velocity, attitude, .. } = frame.measurement;
             let state = VehicleState { position, velocity, heading_rad: attitude.heading_rad };
-            sent.push(numbered_datagram(vehicle.id, number, state, now));
+            sent.push(numbered_datagram(&self.origin, (vehicle.id, number), state, now));
             self.totals.state_messages += 1;
             self.totals.state_bytes += STATE_BYTES;
         }
@@ -213,11 +215,16 @@ impl Central {
         let newest = link.newest.take();
         link.plant_time = newest.map_or(link.plant_time, |(plant_time, _)| plant_time);
         let measurement = newest.as_ref().map(|(_, measurement)| measurement);
-        let Outputs { command, outbox, ask } = vehicle.step(now, (link.plant_time, measurement))?;
+        let Outputs { command, outbox, ask } = vehicle.step(now, (link.plant_time, measurement), &[])?;
         if let Some(controls) = command {
             let at = now.plus_seconds(self.step_s * rank as f64);
             let state = VehicleState { position: self.place, velocity: VelocityNed::default(), heading_rad: 0.0 };
-            link.computed.push_back(numbered_datagram(self.id, link.controls.send(controls), state, at));
+            link.computed.push_back(numbered_datagram(
+                &self.origin,
+                (self.id, link.controls.send(controls)),
+                state,
+                at,
+            ));
         }
         Some((outbox, ask))
     }
@@ -280,7 +287,11 @@ impl Driver for Central {
         Some(action)
     }
 
-    fn frame(&mut self, now: LocalTime, vehicles: &mut [Vehicle], take: &mut TakeOutputs<'_>) {
+    fn broadcasts(&self) -> bool {
+        false
+    }
+
+    fn frame(&mut self, now: LocalTime, _: &[PeerMessage], vehicles: &mut [Vehicle], take: &mut TakeOutputs<'_>) {
         if self.read(now, vehicles) {
             for vehicle in vehicles.iter_mut() {
                 if let Some((outbox, ask)) = self.step(now, vehicle) {
@@ -313,14 +324,19 @@ impl AircraftLink {
 }
 
 /// A datagram as the simulated network carries it: sender, position and number.
-fn numbered_datagram(sender: VehicleId, sequence: u64, state: VehicleState, at: LocalTime) -> Received {
+fn numbered_datagram(
+    origin: &Origin,
+    (sender, sequence): (VehicleId, u64),
+    state: VehicleState,
+    at: LocalTime,
+) -> Received {
     let header = Header { sender, incarnation: Incarnation(1), sequence, stamp: at.into() };
-    Received { message: PeerMessage::State(State { header, state }), at }
+    Received { message: PeerMessage::State(ReceivedState::new(State { header, state }, origin)), at }
 }
 
 fn datagram_number(received: Received) -> Option<(VehicleId, u64)> {
     match received.message {
-        PeerMessage::State(State { header, .. }) => Some((header.sender, header.sequence)),
+        PeerMessage::State(ReceivedState { header, .. }) => Some((header.sender, header.sequence)),
         _ => None,
     }
 }

@@ -8,6 +8,7 @@ use skein_core::agent::Outputs;
 use skein_core::aircraft::Aircraft;
 use skein_core::formation::external::LawQuery;
 use skein_core::outbox::Outbox;
+use skein_core::peers::PeerMessage;
 
 use super::script::ScriptedAction;
 use super::vehicle::Vehicle;
@@ -30,8 +31,12 @@ pub(super) trait Driver: Debug {
     /// Takes the next action on all agents that is due at this time after the first take-off, s.
     fn due(&mut self, flown_s: f64) -> Option<ScriptedAction>;
 
-    /// Simulates one frame: every agent that is due steps, and every vehicle moves.
-    fn frame(&mut self, now: LocalTime, vehicles: &mut [Vehicle], take: &mut TakeOutputs<'_>);
+    /// Whether agents may take messages to all vehicles in place, in the frame in which they are delivered.
+    fn broadcasts(&self) -> bool;
+
+    /// Simulates one frame: every agent that is due steps, and every vehicle moves. `arriving` are the messages to all
+    /// vehicles, for those that take them in place.
+    fn frame(&mut self, now: LocalTime, arriving: &[PeerMessage], vehicles: &mut [Vehicle], take: &mut TakeOutputs<'_>);
 
     /// The counters of what crossed the network, from the agents' own counters.
     fn totals(&self, of_agents: Totals) -> Totals;
@@ -58,11 +63,21 @@ impl Driver for Decentralised {
         None
     }
 
-    fn frame(&mut self, now: LocalTime, vehicles: &mut [Vehicle], take: &mut TakeOutputs<'_>) {
+    fn broadcasts(&self) -> bool {
+        true
+    }
+
+    fn frame(
+        &mut self,
+        now: LocalTime,
+        arriving: &[PeerMessage],
+        vehicles: &mut [Vehicle],
+        take: &mut TakeOutputs<'_>,
+    ) {
         for vehicle in vehicles {
             let (frame, simulator_frozen) = vehicle.frame(now);
             let measurement = (!simulator_frozen).then_some(&frame.measurement);
-            let outputs = vehicle.step(now, (frame.time, measurement));
+            let outputs = vehicle.step(now, (frame.time, measurement), arriving);
             if let Some(Outputs { command, .. }) = &outputs {
                 vehicle.command = *command;
             }

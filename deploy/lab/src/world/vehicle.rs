@@ -10,7 +10,7 @@ use skein_core::control::Rules;
 use skein_core::formation::UnsupportedScenario;
 use skein_core::formation::external::LawReply;
 use skein_core::helicopter::{BuiltInVehicle, Script};
-use skein_core::peers::Received;
+use skein_core::peers::{PeerMessage, Received};
 use skein_core::plant::{Controls, Frame, GroundTruth, Measurement};
 use skein_core::station::{Clocks, Station};
 
@@ -29,6 +29,8 @@ pub(super) struct Vehicle {
     pub(super) actions: Schedule<ScriptedAction>,
     /// The station with the agent; `None` while the agent is dead.
     pub(super) station: Option<Station>,
+    /// Whether the agent takes the messages to all vehicles in place in this frame.
+    pub(super) takes_broadcast: bool,
     /// Incarnation of the agent, or of the last one.
     pub(super) incarnation: Incarnation,
     /// Clocks while no station runs; a running station has its own.
@@ -59,6 +61,7 @@ impl Vehicle {
             script: Script::of(&scenario.mission.events, id),
             actions: script::actions(scenario, id),
             station: None,
+            takes_broadcast: false,
             incarnation: Incarnation(1),
             clocks: Clocks::new(scenario, id),
             answer: None,
@@ -113,11 +116,17 @@ impl Vehicle {
         (frame, script.simulator_frozen)
     }
 
-    /// Steps the agent, if it runs.
-    pub(super) fn step(&mut self, now: LocalTime, plant: (PlantTime, Option<&Measurement>)) -> Option<Outputs> {
+    /// Steps the agent, if it runs; it takes the messages to all vehicles if it may.
+    pub(super) fn step(
+        &mut self,
+        now: LocalTime,
+        plant: (PlantTime, Option<&Measurement>),
+        arriving: &[PeerMessage],
+    ) -> Option<Outputs> {
         let station = self.station.as_mut()?;
         let answer = self.answer.take();
-        Some(station.step(now, plant, false, answer.as_ref()))
+        let broadcast = if self.takes_broadcast { arriving } else { &[] };
+        Some(station.step(now, plant, false, answer.as_ref(), broadcast))
     }
 
     pub(super) fn trace(&mut self, now: LocalTime) -> Option<Trace> {

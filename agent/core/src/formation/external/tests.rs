@@ -47,7 +47,7 @@ impl Session {
             velocity: self.velocity,
             heading_rad: 1.5,
             neighbours: &[neighbour],
-            unseen: VehicleSet::default(),
+            members: VehicleSet::default(),
             obstacles: &[],
             goal: law::Goal {
                 step: 1,

@@ -1,13 +1,12 @@
 //! Impairments other than loss, delay and cuts.
 
 use proptest::prelude::*;
-use skein_common::frame::Origin;
 use skein_common::math;
 use skein_common::state::PeerStatus;
 
 use super::super::channel::size_bytes;
 use super::*;
-use crate::peers::Peers;
+use crate::peers::{Broadcast, Peers};
 
 /// All impairments at once.
 const ALL: &str = "\
@@ -21,10 +20,9 @@ fn network(seed: u64, keys: &str) -> Scenario {
 
 /// A state of a vehicle this far north of the origin.
 fn state_at(sender: u8, sequence: u64, north_m: f64) -> PeerMessage {
-    let origin = Origin::new(Geodetic::from_degrees(28.0, -82.0, 0.0));
-    let position = origin.geodetic_from_ned(PositionNed::new(north_m, 0.0, -30.0));
+    let position = origin().geodetic_from_ned(PositionNed::new(north_m, 0.0, -30.0));
     let state = VehicleState { position, velocity: VelocityNed::default(), heading_rad: 0.0 };
-    PeerMessage::State(State { header: header(sender, sequence), state })
+    received_state(State { header: header(sender, sequence), state })
 }
 
 /// Offers one state per frame; returns the times of reception with the sequence numbers.
@@ -375,7 +373,6 @@ proptest! {
         let seed = seed >> 1;
         let keys = "loss = 0.1\njitter_s = 0.4\nreorder = 0.2";
         let [one, other] = [0.0, 0.7].map(|share| network(seed, &format!("{keys}\nduplicate = {share}")));
-        let origin = Origin::new(one.origin.geodetic());
         let table = |scenario: &Scenario| (Receiver::new(scenario, 1), Peers::new(id(1), 4, 1, &scenario.network));
         let (mut once, mut twice) = (table(&one), table(&other));
         for (t_s, messages) in messages(&traffic) {
@@ -387,9 +384,9 @@ proptest! {
                     .iter()
                     .map(|(at_s, message)| Received { message: *message, at: LocalTime::from_seconds(*at_s) })
                     .collect();
-                peers.update(now, &origin, &received);
+                peers.update(now, &received, Broadcast::default());
             }
-            prop_assert_eq!(once.1.estimates(), twice.1.estimates());
+            prop_assert!(once.1.estimates().eq(twice.1.estimates()));
             prop_assert_eq!(once.1.changes(), twice.1.changes());
             prop_assert!(once.1.heartbeats().eq(twice.1.heartbeats()) && once.1.in_contact() == twice.1.in_contact());
         }

@@ -31,7 +31,7 @@ impl Side {
         let now = self.now(t_s);
         let received: Vec<_> = arrived.iter().map(|&(.., message)| Received { message, at: now }).collect();
         self.newest_sent_s = arrived.iter().map(|&(_, sent_s, _)| sent_s).fold(self.newest_sent_s, f64::max);
-        self.peers.update(now, &origin(), &received);
+        self.peers.update(now, &received, Broadcast::default());
     }
 
     /// Sends a state and a heartbeat, which arrive `delay_s` later.
@@ -41,7 +41,7 @@ impl Side {
         let header = Header { stamp, ..header(own, 1, self.sequence) };
         let PeerMessage::State(sent) = state(own, 1, self.sequence, 2.0 * t_s) else { unreachable!() };
         let heartbeat = Heartbeat { echo: self.peers.echo(stamp), ..heartbeat_of(header, 1, Membership::Active) };
-        [PeerMessage::State(State { header, ..sent }), PeerMessage::Mission(heartbeat)]
+        [PeerMessage::State(ReceivedState { header, ..sent }), PeerMessage::Mission(heartbeat)]
             .map(|message| (t_s + delay_s, t_s, message))
     }
 }
@@ -66,11 +66,7 @@ fn fly(delay_s: fn(f64) -> f64, clocks_s: [fn(f64) -> f64; 2]) -> Vec<Step> {
             two.in_flight.extend(one.send(1, t_s, delay_s(t_s)));
             one.in_flight.extend(two.send(2, t_s, delay_s(t_s)));
         }
-        steps.extend(one.peers.estimates().iter().map(|&estimate| Step {
-            t_s,
-            age_s: t_s - one.newest_sent_s,
-            estimate,
-        }));
+        steps.extend(one.peers.estimates().map(|estimate| Step { t_s, age_s: t_s - one.newest_sent_s, estimate }));
     }
     steps
 }

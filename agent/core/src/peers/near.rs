@@ -1,0 +1,75 @@
+//! The peers near the own vehicle, in a list with a skin (L. Verlet, "Computer Experiments on Classical Fluids", Physical
+//! Review 159, 1967): it contains every peer within the interaction distance for as long as neither the own vehicle nor
+//! any peer can have crossed the skin since the list was made. Until then a step looks only at the peers of the list.
+
+use skein_common::frame::{PositionNed, VelocityNed};
+use skein_common::id::{VehicleId, VehicleSet};
+use skein_common::time::LocalTime;
+
+/// Width of the skin: a length, m, and a share of the interaction distance. A wider skin lists more peers, a narrower
+/// one is crossed sooner.
+const SKIN_M: f64 = 10.0;
+const SKIN_SHARE: f64 = 0.1;
+
+/// The list of near peers, horizontally.
+#[derive(Clone, Debug, Default)]
+pub(super) struct NearList {
+    made: Option<Made>,
+    near: VehicleSet,
+    /// Largest speed of a peer since the list was made, m/s.
+    fastest_m_s: f64,
+}
+
+/// The conditions under which the list was made.
+#[derive(Clone, Copy, Debug)]
+struct Made {
+    own: PositionNed,
+    at: LocalTime,
+    /// The interaction distance, and the distance up to which peers are on the list, m.
+    reach_m: f64,
+    listed_m: f64,
+}
+
+impl NearList {
+    /// Makes the next use of the list make it anew.
+    pub(super) fn discard(&mut self) {
+        self.made = None;
+    }
+
+    /// The list, if it contains every peer within `reach_m` of the own position now.
+    pub(super) fn valid(&self, own: PositionNed, now: LocalTime, reach_m: f64) -> Option<VehicleSet> {
+        let made = self.made?;
+        let own_moved_m = (own - made.own).xy().norm();
+        // Ages grow a little faster than time, because a delay's bound grows with the drift of clocks.
+        let peers_moved_m = 1.001 * self.fastest_m_s * now.seconds_since(made.at).max(0.0);
+        // A list made for a much larger distance is too long.
+        let fits = reach_m + own_moved_m + peers_moved_m <= made.listed_m && 2.0 * reach_m >= made.reach_m;
+        fits.then_some(self.near)
+    }
+
+    /// Makes the list of these peers, each with its position now.
+    pub(super) fn make(
+        &mut self,
+        own: PositionNed,
+        at: LocalTime,
+        reach_m: f64,
+        peers: impl Iterator<Item = (VehicleId, PositionNed, VelocityNed)>,
+    ) -> VehicleSet {
+        let listed_m = reach_m + SKIN_M + SKIN_SHARE * reach_m;
+        (self.near, self.fastest_m_s) = (VehicleSet::default(), 0.0);
+        self.made = Some(Made { own, at, reach_m, listed_m });
+        for (id, position, velocity) in peers {
+            self.moved(id, position, velocity);
+        }
+        self.near
+    }
+
+    /// Lists a peer whose state has changed, if it is near.
+    pub(super) fn moved(&mut self, id: VehicleId, position: PositionNed, velocity: VelocityNed) {
+        let Some(made) = self.made else { return };
+        self.fastest_m_s = self.fastest_m_s.max(velocity.horizontal().norm());
+        if (position - made.own).xy().norm_squared() <= made.listed_m * made.listed_m {
+            self.near.insert(id);
+        }
+    }
+}

@@ -1,0 +1,297 @@
+//! What is known of one peer: its newest state and heartbeat, and the deadlines that they start.
+
+use skein_common::frame::{PositionNed, VelocityNed};
+use skein_common::id::{Incarnation, VehicleId};
+use skein_common::message::Heartbeat;
+use skein_common::state::{Membership, PeerStatus};
+use skein_common::time::{LocalTime, SenderStamp};
+
+use super::{Change, PeerEstimate, Role};
+use crate::deadlines::Deadline;
+use crate::delay::{Delay, MessageDelay};
+
+/// A state younger than this is fresh, s.
+pub const FRESH_S: f64 = Deadline::StateOld.after_s();
+/// Radius of an obstacle at a known position, m.
+const OBSTACLE_RADIUS_M: f64 = 8.0;
+/// Growth of a silent vehicle's position uncertainty, m/s, and its limit, m.
+const OBSTACLE_GROWTH_M_S: f64 = 1.0;
+const OBSTACLE_GROWTH_M: f64 = 12.0;
+/// Largest radius of an obstacle, m.
+pub const MAX_OBSTACLE_RADIUS_M: f64 = OBSTACLE_RADIUS_M + OBSTACLE_GROWTH_M;
+/// A deadline is expected this much earlier than it passes, s: the instant is rounded to nanoseconds, and the deadline
+/// itself is judged by [`Deadline::is_past`].
+const ROUNDING_S: f64 = 1e-6;
+
+/// The record of one peer.
+#[derive(Clone, Debug)]
+pub(super) struct Peer {
+    pub(super) id: VehicleId,
+    pub(super) incarnation: Incarnation,
+    pub(super) state: Option<ReportedState>,
+    pub(super) heartbeat: Option<KeptHeartbeat>,
+    pub(super) delay: Delay,
+    pub(super) token: Option<bool>,
+    /// Arrival of the newest message of this incarnation.
+    pub(super) received_at: Option<LocalTime>,
+    found: bool,
+    lost_at: Option<LocalTime>,
+    /// Number of its messages that were dropped because a newer one had been received.
+    pub(super) old: u64,
+    /// The status after the last assessment.
+    pub(super) status: Status,
+}
+
+/// A state as received.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct ReportedState {
+    pub(super) sequence: u64,
+    pub(super) position: PositionNed,
+    pub(super) velocity: VelocityNed,
+    pub(super) heading_rad: f64,
+    pub(super) at: LocalTime,
+    /// Arrival by the own clock minus the stamp by the peer's, s.
+    pub(super) transit_s: f64,
+}
+
+/// The contents of a heartbeat that are used after its arrival.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct KeptHeartbeat {
+    pub(super) sequence: u64,
+    pub(super) stamp: SenderStamp,
+    pub(super) at: LocalTime,
+    pub(super) progress_m: f64,
+    pub(super) agreement: Agreed,
+}
+
+/// The contents of a heartbeat on which the mission's agreement depends.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Agreed {
+    pub(super) same_plan: bool,
+    pub(super) membership: Membership,
+    pub(super) step: u32,
+    pub(super) vouched: u32,
+    pub(super) reached: Option<u32>,
+}
+
+impl Agreed {
+    pub(super) fn new(heartbeat: &Heartbeat, plan: u64) -> Self {
+        let &Heartbeat { membership, step, vouched, reached, .. } = heartbeat;
+        Self { same_plan: heartbeat.plan == plan, membership, step, vouched, reached }
+    }
+}
+
+/// What holds for a peer at an instant; one bit each.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(super) struct Status(u16);
+
+impl Status {
+    /// It has been in contact.
+    pub(super) const FOUND: Self = Self(1);
+    /// It is in contact: its token is present and its last message young.
+    pub(super) const IN_CONTACT: Self = Self(1 << 1);
+    /// It is not lost and has sent a heartbeat.
+    pub(super) const CORRESPONDS: Self = Self(1 << 2);
+    /// The mission takes its newest heartbeat into account: not lost, the same plan.
+    pub(super) const AGREES: Self = Self(1 << 3);
+    /// It is in contact and an active member that flies the same plan.
+    pub(super) const ACTIVE: Self = Self(1 << 4);
+    /// It has an estimate: its state is known and it is not out of sight.
+    pub(super) const SEEN: Self = Self(1 << 5);
+    /// It is a live member of the formation whose state is received.
+    pub(super) const MEMBER: Self = Self(1 << 6);
+    /// It is an active member that is out of sight.
+    pub(super) const UNSEEN: Self = Self(1 << 7);
+    /// It was in contact and has not left the swarm.
+    pub(super) const REMAINS: Self = Self(1 << 8);
+    /// It was lost without having left, less than a minute ago.
+    pub(super) const MAY_RETURN: Self = Self(1 << 9);
+    /// It was lost as an active member, less than a minute ago.
+    pub(super) const MAY_FLY: Self = Self(1 << 10);
+    /// Its state is young.
+    pub(super) const YOUNG: Self = Self(1 << 11);
+    /// A message that repeats what is known changes nothing of the status.
+    pub(super) const SETTLED: Self = Self(1 << 12);
+    /// Number of kinds of status.
+    pub(super) const KINDS: usize = 13;
+
+    pub(super) fn contains(self, other: Self) -> bool {
+        self.0 & other.0 != 0
+    }
+
+    /// The bits in which two statuses differ.
+    pub(super) fn differing(self, other: Self) -> Self {
+        Self(self.0 ^ other.0)
+    }
+
+    /// The indices of its bits.
+    pub(super) fn bits(self) -> impl Iterator<Item = usize> {
+        let mut bits = self.0;
+        core::iter::from_fn(move || {
+            let lowest = bits.trailing_zeros() as usize;
+            bits &= bits.wrapping_sub(1);
+            (lowest < u16::BITS as usize).then_some(lowest)
+        })
+    }
+
+    pub(super) fn has(self, bit: usize) -> bool {
+        self.0 >> bit & 1 == 1
+    }
+
+    /// The index of the only bit of a kind.
+    pub(super) const fn index(self) -> usize {
+        self.0.trailing_zeros() as usize
+    }
+
+    fn with(self, other: Self, holds: bool) -> Self {
+        if holds { Self(self.0 | other.0) } else { self }
+    }
+}
+
+/// The rules by which peers are judged.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Judgement {
+    pub(super) now: LocalTime,
+    /// T_stale, s.
+    pub(super) stale_s: f64,
+    /// Whether the network graph passes every peer's states.
+    pub(super) receives_all_states: bool,
+}
+
+impl Peer {
+    pub(super) fn unknown(id: VehicleId) -> Self {
+        Self {
+            id,
+            incarnation: Incarnation::default(),
+            state: None,
+            heartbeat: None,
+            delay: Delay::default(),
+            token: None,
+            received_at: None,
+            found: false,
+            lost_at: None,
+            old: 0,
+            status: Status::default(),
+        }
+    }
+
+    /// Begins a new incarnation, of which nothing has been received.
+    pub(super) fn begin(&mut self, incarnation: Incarnation) {
+        self.incarnation = incarnation;
+        (self.state, self.heartbeat, self.delay) = (None, None, Delay::default());
+    }
+
+    fn membership(&self) -> Membership {
+        self.heartbeat.map_or(Membership::Joining, |heartbeat| heartbeat.agreement.membership)
+    }
+
+    fn flies_same_plan(&self) -> bool {
+        self.heartbeat.is_some_and(|heartbeat| heartbeat.agreement.same_plan)
+    }
+
+    /// Updates whether the peer is lost; returns a change to be reported.
+    pub(super) fn age(&mut self, judgement: &Judgement) -> Option<Change> {
+        let received_at = self.received_at?;
+        let Judgement { now, stale_s, .. } = *judgement;
+        let gone = self.token == Some(false) || Deadline::PeerLost(stale_s).is_past(now.seconds_since(received_at));
+        if gone && self.lost_at.is_none() {
+            self.lost_at = Some(now);
+            // A peer that left the swarm on purpose is not reported as lost.
+            (self.membership() != Membership::Left).then_some(Change::Lost(self.id))
+        } else if !gone && (self.lost_at.is_some() || !self.found) {
+            self.lost_at = None;
+            self.found = true;
+            Some(Change::Found(self.id))
+        } else {
+            None
+        }
+    }
+
+    /// What holds for the peer now.
+    pub(super) fn assess(&self, judgement: &Judgement) -> Status {
+        let Judgement { now, stale_s, receives_all_states } = *judgement;
+        let is_lost = self.lost_at.is_some();
+        let in_contact = self.found && !is_lost;
+        let active = self.membership() == Membership::Active;
+        let is_active_member = in_contact && active && self.flies_same_plan();
+        let in_sight = receives_all_states || self.is_in_sight(judgement);
+        let is_silent = self.state.is_none_or(|last| is_silent(last.at, now, stale_s));
+        let is_recent = |lost_at: LocalTime| !Deadline::PeerGivenUp.is_past(now.seconds_since(lost_at));
+        let has_left = self.membership() == Membership::Left;
+        let may_return = !has_left && self.lost_at.is_some_and(is_recent);
+        Status::default()
+            .with(Status::FOUND, self.found)
+            .with(Status::IN_CONTACT, in_contact)
+            .with(Status::CORRESPONDS, !is_lost && self.heartbeat.is_some())
+            .with(Status::AGREES, !is_lost && self.flies_same_plan())
+            .with(Status::ACTIVE, is_active_member)
+            .with(Status::SEEN, in_sight && self.state.is_some())
+            .with(Status::MEMBER, in_sight && !is_silent && !is_lost && active && self.flies_same_plan())
+            .with(Status::UNSEEN, !in_sight && is_active_member)
+            .with(Status::REMAINS, self.found && !has_left)
+            .with(Status::MAY_RETURN, may_return)
+            .with(Status::MAY_FLY, may_return && active)
+            .with(Status::YOUNG, !is_silent)
+            .with(Status::SETTLED, in_contact && self.token != Some(false))
+    }
+
+    /// A time before which nothing of the status changes without a message.
+    pub(super) fn unchanged_until(&self, judgement: &Judgement) -> LocalTime {
+        let Judgement { now, stale_s, .. } = *judgement;
+        let mut until = LocalTime::MAX;
+        let mut pending = |start: Option<LocalTime>, deadline: Deadline| {
+            if let Some(start) = start.filter(|start| !deadline.is_past(now.seconds_since(*start))) {
+                until = until.min(start.plus_seconds(deadline.after_s() - ROUNDING_S));
+            }
+        };
+        pending(self.received_at.filter(|_| self.lost_at.is_none()), Deadline::PeerLost(stale_s));
+        pending(self.state.map(|last| last.at), Deadline::NeighbourSilent(stale_s));
+        pending(self.lost_at, Deadline::PeerGivenUp);
+        until
+    }
+
+    /// Whether its state is young, or was until the peer was lost.
+    fn is_in_sight(&self, judgement: &Judgement) -> bool {
+        let Judgement { now, stale_s, .. } = *judgement;
+        let Some(last) = self.state else { return false };
+        match self.lost_at {
+            None => !is_silent(last.at, now, stale_s),
+            // The last message may be a little younger than the last state.
+            Some(lost_at) => lost_at.seconds_since(last.at) <= stale_s + FRESH_S,
+        }
+    }
+
+    /// The estimated current state; `None` before the first state.
+    #[inline]
+    pub(super) fn estimate(&self, judgement: &Judgement) -> Option<PeerEstimate> {
+        let Judgement { now, stale_s, .. } = *judgement;
+        let last = self.state?;
+        let silent_s = now.seconds_since(last.at).max(0.0);
+        let message_delay = self.delay.of(now, last.transit_s);
+        let delay_s = message_delay.map(|message_delay| message_delay.most_s);
+        let MessageDelay { most_s, likely_s } = message_delay.unwrap_or_default();
+        let (age_s, carried_s) = (silent_s + most_s, silent_s + likely_s);
+        let standing = match self.lost_at {
+            Some(_) => PeerStatus::Lost,
+            None if Deadline::StateOld.is_past(age_s) => PeerStatus::Stale,
+            None => PeerStatus::Fresh,
+        };
+        let flies_along = !Deadline::NeighbourSilent(stale_s).is_past(silent_s) && self.flies_same_plan();
+        let role = match (self.membership(), self.lost_at) {
+            (Membership::Active, None) if flies_along => Role::Member,
+            (_, Some(lost_at)) if Deadline::ObstacleGone.is_past(now.seconds_since(lost_at)) => Role::Nothing,
+            _ => {
+                let unknown_m = (OBSTACLE_GROWTH_M_S * age_s).min(OBSTACLE_GROWTH_M);
+                Role::Obstacle { radius_m: OBSTACLE_RADIUS_M + unknown_m }
+            }
+        };
+        let position = last.position + last.velocity.0 * carried_s;
+        let ReportedState { velocity, heading_rad, .. } = last;
+        Some(PeerEstimate { id: self.id, position, velocity, heading_rad, age_s, delay_s, carried_s, standing, role })
+    }
+}
+
+/// Whether a state that arrived at `at` is too old for a neighbour.
+fn is_silent(at: LocalTime, now: LocalTime, stale_s: f64) -> bool {
+    Deadline::NeighbourSilent(stale_s).is_past(now.seconds_since(at).max(0.0))
+}

@@ -1,0 +1,355 @@
+//! The peers stage against one that keeps no books: it judges every peer at every step, from the messages alone.
+
+use skein_common::message::{Echo, Order, Verb};
+use skein_common::time::SenderStamp;
+
+use super::*;
+use crate::delay::{Delay, MessageDelay};
+use crate::peers::peer::MAX_OBSTACLE_RADIUS_M;
+
+/// Everything received of one peer in its current incarnation.
+#[derive(Clone, Default)]
+struct PlainPeer {
+    incarnation: u64,
+    state: Option<(ReceivedState, LocalTime)>,
+    heartbeat: Option<(Heartbeat, LocalTime)>,
+    delay: Delay,
+    token: Option<bool>,
+    received_at: Option<LocalTime>,
+    found: bool,
+    lost_at: Option<LocalTime>,
+}
+
+/// The plain stage of vehicle 1.
+struct Plain {
+    peers: Vec<PlainPeer>,
+    stale_s: f64,
+    receives_all_states: bool,
+    exchange: Exchange,
+    now: LocalTime,
+    first: Option<LocalTime>,
+    lenient_until: LocalTime,
+    alone_since: Option<LocalTime>,
+}
+
+impl Plain {
+    fn new(network: &Network, roster: u8) -> Self {
+        Self {
+            peers: vec![PlainPeer::default(); roster.into()],
+            stale_s: network.peer_stale_s,
+            receives_all_states: network.graph == Graph::All,
+            exchange: Exchange::default(),
+            now: LocalTime::ZERO,
+            first: None,
+            lenient_until: LocalTime::ZERO,
+            alone_since: None,
+        }
+    }
+
+    fn stale_s(&self) -> f64 {
+        if self.now < self.lenient_until { 2.0 * self.stale_s } else { self.stale_s }
+    }
+
+    fn did_not_run(&mut self, for_s: f64) {
+        for peer in &mut self.peers {
+            peer.received_at = peer.received_at.map(|at| at.plus_seconds(for_s));
+        }
+        self.lenient_until = self.now.plus_seconds(for_s + 10.0);
+    }
+
+    fn begin(&mut self, header: &Header) -> Option<&mut PlainPeer> {
+        let nth = usize::from(header.sender.get()) - 1;
+        let peer = self.peers.get_mut(nth).filter(|_| nth != 0)?;
+        if header.incarnation.0 > peer.incarnation {
+            let PlainPeer { token, received_at, found, lost_at, .. } = *peer;
+            let incarnation = header.incarnation.0;
+            *peer = PlainPeer { incarnation, token, received_at, found, lost_at, ..PlainPeer::default() };
+        }
+        (header.incarnation.0 == peer.incarnation).then_some(peer)
+    }
+
+    fn receive(&mut self, message: &PeerMessage, at: LocalTime) {
+        match message {
+            PeerMessage::State(state) => {
+                let Some(peer) = self.begin(&state.header) else { return };
+                if peer.state.is_none_or(|(last, _)| last.header.sequence < state.header.sequence) {
+                    (peer.state, peer.received_at) = (Some((*state, at)), Some(at));
+                }
+            }
+            PeerMessage::Mission(heartbeat) => {
+                let Some(peer) = self.begin(&heartbeat.header) else { return };
+                if peer.heartbeat.is_some_and(|(last, _)| last.header.sequence >= heartbeat.header.sequence) {
+                    return;
+                }
+                (peer.heartbeat, peer.received_at) = (Some((*heartbeat, at)), Some(at));
+                let echo = heartbeat.echo.filter(|echo| echo.of == id(1));
+                let round_trip_s = echo.and_then(|echo| self.exchange.round_trip_s(at, &echo));
+                let nth = usize::from(heartbeat.header.sender.get()) - 1;
+                if let Some(round_trip_s) = round_trip_s {
+                    self.peers[nth].delay.take(at, since_stamp_s(at, heartbeat.header.stamp), round_trip_s);
+                }
+            }
+            PeerMessage::Appeared(peer) | PeerMessage::Vanished(peer) => {
+                let nth = usize::from(peer.get()) - 1;
+                if let Some(peer) = self.peers.get_mut(nth).filter(|_| nth != 0) {
+                    peer.token = Some(matches!(message, PeerMessage::Appeared(_)));
+                }
+            }
+            PeerMessage::Order(_) => {}
+        }
+    }
+
+    /// Takes the messages and returns the changes.
+    fn update(&mut self, now: LocalTime, received: &[PeerMessage]) -> Vec<Change> {
+        self.now = now;
+        self.first.get_or_insert(now);
+        received.iter().for_each(|message| self.receive(message, now));
+        let stale_s = self.stale_s();
+        let mut changes = Vec::new();
+        for (peer, id) in self.peers.iter_mut().zip(VehicleId::first(250)) {
+            let Some(received_at) = peer.received_at else { continue };
+            let gone = peer.token == Some(false) || now.seconds_since(received_at) > stale_s;
+            if gone && peer.lost_at.is_none() {
+                peer.lost_at = Some(now);
+                changes.extend((peer.membership() != Membership::Left).then_some(Change::Lost(id)));
+            } else if !gone && (peer.lost_at.is_some() || !peer.found) {
+                (peer.lost_at, peer.found) = (None, true);
+                changes.push(Change::Found(id));
+            }
+        }
+        let mut met = self.peers.iter().filter(|peer| peer.found);
+        let any_not_left = met.clone().any(|peer| peer.membership() != Membership::Left);
+        let alone = any_not_left && met.all(|peer| peer.lost_at.is_some());
+        self.alone_since = if alone { self.alone_since.or(Some(now)) } else { None };
+        changes
+    }
+
+    fn ids(&self, is_one: impl Fn(&PlainPeer) -> bool) -> VehicleSet {
+        self.peers.iter().zip(VehicleId::first(250)).filter(|(peer, _)| is_one(peer)).map(|(_, id)| id).collect()
+    }
+
+    fn is_active(&self, peer: &PlainPeer) -> bool {
+        peer.found
+            && peer.lost_at.is_none()
+            && peer.heartbeat.is_some_and(|(last, _)| last.plan == 1 && last.membership == Membership::Active)
+    }
+
+    fn is_in_sight(&self, peer: &PlainPeer) -> bool {
+        let Some((_, at)) = peer.state else { return self.receives_all_states };
+        let is_young = match peer.lost_at {
+            None => self.now.seconds_since(at) <= self.stale_s(),
+            Some(lost_at) => lost_at.seconds_since(at) <= self.stale_s() + FRESH_S,
+        };
+        self.receives_all_states || is_young
+    }
+
+    fn estimates(&self) -> Vec<PeerEstimate> {
+        let seen = self.ids(|peer| self.is_in_sight(peer) && peer.state.is_some());
+        seen.iter().map(|id| self.estimate(id)).collect()
+    }
+
+    fn estimate(&self, id: VehicleId) -> PeerEstimate {
+        let peer = &self.peers[usize::from(id.get()) - 1];
+        let (last, at) = peer.state.unwrap();
+        let silent_s = self.now.seconds_since(at).max(0.0);
+        let delay = peer.delay.of(self.now, since_stamp_s(at, last.header.stamp));
+        let MessageDelay { most_s, likely_s } = delay.unwrap_or_default();
+        let (age_s, carried_s) = (silent_s + most_s, silent_s + likely_s);
+        let standing = match peer.lost_at {
+            Some(_) => PeerStatus::Lost,
+            None if age_s > 0.5 => PeerStatus::Stale,
+            None => PeerStatus::Fresh,
+        };
+        let same_plan = peer.heartbeat.is_some_and(|(last, _)| last.plan == 1);
+        let role = match (peer.membership(), peer.lost_at) {
+            (Membership::Active, None) if silent_s <= self.stale_s() && same_plan => Role::Member,
+            (_, Some(lost_at)) if self.now.seconds_since(lost_at) > 10.0 => Role::Nothing,
+            _ => Role::Obstacle { radius_m: 8.0 + age_s.min(12.0) },
+        };
+        let VehicleState { velocity, heading_rad, .. } = last.state;
+        let position = last.position + velocity.0 * carried_s;
+        let delay_s = delay.map(|delay| delay.most_s);
+        PeerEstimate { id, position, velocity, heading_rad, age_s, delay_s, carried_s, standing, role }
+    }
+
+    fn members(&self) -> VehicleSet {
+        let seen = self.estimates().into_iter().filter(|peer| peer.role == Role::Member).map(|peer| peer.id).collect();
+        self.ids(|peer| !self.is_in_sight(peer) && self.is_active(peer)).either(seen)
+    }
+
+    fn may_return(&self, peer: &PlainPeer) -> bool {
+        let is_recent = |lost_at: LocalTime| self.now.seconds_since(lost_at) < 60.0;
+        peer.membership() != Membership::Left && peer.lost_at.is_some_and(is_recent)
+    }
+
+    fn absent_may_fly(&self) -> bool {
+        let listened_s = self.now.seconds_since(self.first.unwrap());
+        let is_complete = self.ids(|peer| peer.found).len() + 1 == self.peers.len();
+        (!is_complete && listened_s < 60.0) || self.peers.iter().any(|peer| self.may_return(peer))
+    }
+
+    fn flies_above(&self) -> bool {
+        let lowest = self.ids(|peer| self.is_active(peer)).first().unwrap_or(id(1)).min(id(1));
+        let flies = |peer: &PlainPeer| peer.membership() == Membership::Active && self.may_return(peer);
+        self.ids(flies).first().is_some_and(|lost| lost < lowest)
+    }
+
+    fn all_lost(&self) -> bool {
+        self.alone_since.is_some_and(|since| self.now.seconds_since(since) < 60.0)
+    }
+
+    fn heartbeats(&self) -> Vec<PeerProgress> {
+        let newest = self.peers.iter().filter(|peer| peer.lost_at.is_none()).filter_map(|peer| peer.heartbeat);
+        newest.filter(|(last, _)| last.plan == 1).map(|(last, _)| progress(&last)).collect()
+    }
+
+    fn echo(&mut self, stamp: SenderStamp) -> Option<Echo> {
+        self.exchange.send(stamp);
+        let partners = self.ids(|peer| peer.lost_at.is_none() && peer.heartbeat.is_some());
+        let of = self.exchange.next_partner(partners)?;
+        let (last, at) = self.peers[usize::from(of.get()) - 1].heartbeat?;
+        let held_us = (self.now.seconds_since(at) * 1e6).round() as u32;
+        Some(Echo { of, stamp: last.header.stamp, held_us })
+    }
+}
+
+impl PlainPeer {
+    fn membership(&self) -> Membership {
+        self.heartbeat.map_or(Membership::Joining, |(last, _)| last.membership)
+    }
+}
+
+/// What happens to the network and the peers before a step.
+#[derive(Clone, Debug)]
+enum Event {
+    /// A message of a peer: its incarnation, sequence, kind and position.
+    Message {
+        sender: u8,
+        incarnation: u64,
+        sequence: u64,
+        kind: u8,
+        north_m: f64,
+    },
+    /// The last messages arrive again.
+    Repeated,
+    Token {
+        sender: u8,
+        is_up: bool,
+    },
+    /// This agent does not run for a while.
+    Late {
+        for_s: f64,
+    },
+}
+
+const ROSTER: u8 = 6;
+
+fn event() -> impl Strategy<Value = Event> {
+    let message = (1..=ROSTER + 1, 1_u64..3, 0_u64..400, 0_u8..12, -300.0..300.0);
+    prop_oneof![
+        30 => message.prop_map(|(sender, incarnation, sequence, kind, north_m)| Event::Message {
+            sender, incarnation, sequence, kind, north_m
+        }),
+        2 => Just(Event::Repeated),
+        2 => (2..=ROSTER, any::<bool>()).prop_map(|(sender, is_up)| Event::Token { sender, is_up }),
+        1 => (0.1..8.0).prop_map(|for_s| Event::Late { for_s }),
+    ]
+}
+
+fn message_of(event: &Event, echo: Option<Echo>) -> Option<PeerMessage> {
+    match *event {
+        Event::Message { sender, incarnation, sequence, kind, north_m } => {
+            let stamp = SenderStamp::from_seconds(0.2 * sequence as f64 + 3.0 * f64::from(sender));
+            let header = Header { stamp, ..header(sender, incarnation, sequence) };
+            if kind < 6 {
+                let PeerMessage::State(sent) = state(sender, incarnation, sequence, north_m) else { unreachable!() };
+                return Some(PeerMessage::State(ReceivedState { header, ..sent }));
+            }
+            let membership = [Membership::Active, Membership::Active, Membership::Joining, Membership::Left];
+            let plan = if kind == 10 { 9 } else { 1 };
+            let order =
+                (kind == 11).then_some(Order { epoch: sequence / 50, issuer: 1, verb: Verb::Hold, signature: None });
+            let heartbeat = heartbeat_of(header, plan, membership[usize::from(kind) % 4]);
+            let step = (sequence / 30) as u32;
+            let progress_m = sequence as f64;
+            Some(PeerMessage::Mission(Heartbeat { step, vouched: step, progress_m, order, echo, ..heartbeat }))
+        }
+        Event::Token { sender, is_up: true } => Some(PeerMessage::Appeared(id(sender))),
+        Event::Token { sender, is_up: false } => Some(PeerMessage::Vanished(id(sender))),
+        Event::Repeated | Event::Late { .. } => None,
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(300))]
+
+    #[test]
+    fn the_books_equal_a_stage_that_judges_every_peer_at_every_step(
+        steps in proptest::collection::vec(
+            (proptest::collection::vec(event(), 0..6), prop_oneof![8 => Just(0.02), 2 => 0.1..1.0, 1 => 2.0..70.0]), 1..150,
+        ),
+        graph in 0_u8..2,
+        reach_m in 1.0..300.0,
+        is_broadcast: bool,
+    ) {
+        let network = network(["", "network.graph = 'nearest'\nnetwork.neighbours = 2"][usize::from(graph)]);
+        let (mut kept, mut plain) = (Peers::new(id(1), ROSTER, 1, &network), Plain::new(&network, ROSTER));
+        let (mut now, mut own_m) = (seconds(1.0), 0.0);
+        let (mut last, mut stamps) = (Vec::new(), Vec::new());
+        let (mut revision, mut agreed) = (0, Vec::new());
+        for (events, after_s) in steps {
+            now = now.plus_seconds(after_s);
+            own_m += 20.0 * after_s;
+            let mut messages = Vec::new();
+            for event in &events {
+                match event {
+                    Event::Repeated => messages.extend_from_slice(&last),
+                    Event::Late { for_s } => {
+                        kept.did_not_run(*for_s);
+                        plain.did_not_run(*for_s);
+                    }
+                    _ => {
+                        let echo = stamps.last().map(|&stamp| Echo { of: id(1), stamp, held_us: 10_000 });
+                        messages.extend(message_of(event, echo));
+                    }
+                }
+            }
+            let received: Vec<_> = messages.iter().map(|&message| Received { message, at: now }).collect();
+            let broadcast = Broadcast { messages: if is_broadcast { &messages } else { &[] }, at: now };
+            kept.update(now, if is_broadcast { &[] } else { &received }, broadcast);
+            let changes = plain.update(now, &messages);
+            prop_assert_eq!(kept.changes(), changes);
+            prop_assert_eq!(kept.estimates().collect::<Vec<_>>(), plain.estimates());
+            prop_assert_eq!(kept.heartbeats().collect::<Vec<_>>(), plain.heartbeats());
+            prop_assert_eq!(kept.in_contact(), plain.ids(|peer| peer.found && peer.lost_at.is_none()));
+            prop_assert_eq!((kept.absent_may_fly(), kept.all_lost()), (plain.absent_may_fly(), plain.all_lost()));
+            let own = PositionNed::new(own_m % 500.0 - 250.0, 0.0, -30.0);
+            let PeerSummary { near, members, flies_above } = kept.near(own, reach_m);
+            let near: Vec<_> = near.collect();
+            prop_assert_eq!((members, flies_above), (plain.members(), plain.flies_above()));
+            for peer in plain.estimates() {
+                let is_near = (peer.position - own).xy().norm() <= reach_m;
+                prop_assert!(!is_near || near.contains(&peer), "{peer:?} is within {reach_m} m of {own:?}");
+            }
+            prop_assert!(near.iter().all(|peer| plain.estimates().contains(peer)));
+            let now_agreed: Vec<_> =
+                plain.heartbeats().into_iter().map(|it| PeerProgress { progress_m: 0.0, ..it }).collect();
+            prop_assert!(kept.revision() != revision || now_agreed == agreed, "a change raises the revision");
+            (revision, agreed) = (kept.revision(), now_agreed);
+            let stamp = SenderStamp::from(now);
+            prop_assert_eq!(kept.echo(stamp), plain.echo(stamp));
+            stamps.push(stamp);
+            last = messages;
+        }
+    }
+}
+
+#[test]
+fn no_obstacle_is_larger_than_the_largest() {
+    let mut table = PeersStage::new();
+    table.receive(1.0, &[state(2, 1, 1, 0.0)]);
+    table.receive(9.0, &[]);
+    table.receive(18.9, &[]);
+    let Role::Obstacle { radius_m } = table.only().role else { panic!("still an obstacle") };
+    assert!(radius_m <= MAX_OBSTACLE_RADIUS_M);
+}
