@@ -318,6 +318,17 @@ pub fn encode<M: Message>(message: &M) -> Vec<u8> {
     bytes.expect("every message has an encoding")
 }
 
+/// Number of bytes that [`encode`] writes.
+///
+/// # Panics
+/// Never, as [`encode`].
+pub fn encoded_len<M: Message>(message: &M) -> usize {
+    let size = postcard::serialize_with_flavor(message, postcard::ser_flavors::Size::default());
+    #[expect(clippy::expect_used, reason = "postcard fails only on types that no message has")]
+    let size: usize = size.expect("every message has an encoding");
+    1 + size
+}
+
 /// Decodes the message in these bytes.
 ///
 /// # Errors

@@ -142,7 +142,7 @@ impl SendSchedule {
         self.sent = Some(SentState { position: estimate.position, velocity: estimate.velocity, at: now });
         self.state_messages += 1;
         let message = State { header: self.header(now, self.state_messages), state: estimate.state() };
-        self.state_bytes += message::encode(&message).len() as u64;
+        self.state_bytes += message::encoded_len(&message) as u64;
         Some(message)
     }
 
@@ -170,7 +170,7 @@ impl SendSchedule {
         let (plan, progress_m) = (mission.plan(), mission.progress_m());
         let echo = echo(header.stamp);
         let heartbeat = Heartbeat { header, plan, membership, step, vouched, reached, progress_m, order, echo };
-        self.heartbeat_bytes += message::encode(&heartbeat).len() as u64;
+        self.heartbeat_bytes += message::encoded_len(&heartbeat) as u64;
         self.mission = Some((heartbeat, now));
         Some(heartbeat)
     }

@@ -58,6 +58,7 @@ fn a_state_is_encoded_as_the_golden_bytes() {
         golden.extend(number.to_le_bytes());
     }
     assert_eq!(encode(&state()), golden);
+    assert_eq!(encoded_len(&state()), golden.len());
     assert_eq!(decode(&golden), Ok(state()));
 }
 

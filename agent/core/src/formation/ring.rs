@@ -28,10 +28,13 @@ use skein_common::math;
 use skein_common::scenario;
 
 use super::COINCIDENT_M;
+use crate::peers::MAX_OBSTACLE_RADIUS_M;
 use super::law::{Law, LawCommand, LawOutput, Neighbour, Observation, Obstacle, Setup};
 
 /// Limit of the summed avoidance of all neighbours: a crowd must not expel its members.
 const MAX_AVOIDANCE: f64 = 2.0;
+/// Share of the avoidance's strength below which a neighbour is ignored.
+const NEGLIGIBLE_SHARE: f64 = 1e-12;
 /// Field length below which a vehicle can be in place.
 const IN_PLACE_FIELD: f64 = 0.15;
 
@@ -145,6 +148,12 @@ impl Law for Ring {
         let is_calm = self.region == Region::Inside || field.norm() < IN_PLACE_FIELD;
         let reached = is_calm && self.holds(observation.position - centre) && observation.is_slow();
         LawOutput { command: LawCommand::Field(field), reached }
+    }
+
+    /// Where the limiting functions of neighbours and obstacles have fallen to [`NEGLIGIBLE_SHARE`].
+    fn reach_m(&self, live: usize) -> f64 {
+        let widths = 1.0 + edge_exponent(NEGLIGIBLE_SHARE) / self.edge_exponent;
+        widths * self.avoid_distance_m(live).max(MAX_OBSTACLE_RADIUS_M)
     }
 }
 

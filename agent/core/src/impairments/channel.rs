@@ -98,9 +98,9 @@ impl Channel {
 /// Size of a message on the wire, bytes.
 pub(super) fn size_bytes(message: &PeerMessage) -> usize {
     let encoded = match message {
-        PeerMessage::State(payload) => message::encode(&payload.message()).len() + STATE_KEY_BYTES,
-        PeerMessage::Mission(payload) => message::encode(payload).len(),
-        PeerMessage::Order(payload) => message::encode(payload).len(),
+        PeerMessage::State(payload) => message::encoded_len(&payload.message()) + STATE_KEY_BYTES,
+        PeerMessage::Mission(payload) => message::encoded_len(payload),
+        PeerMessage::Order(payload) => message::encoded_len(payload),
         PeerMessage::Appeared(_) | PeerMessage::Vanished(_) => 0,
     };
     encoded + OVERHEAD_BYTES

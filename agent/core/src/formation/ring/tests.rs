@@ -284,6 +284,28 @@ proptest! {
     }
 
     #[test]
+    fn what_is_beyond_the_reach_changes_nothing_that_matters(
+        own in spot(), others in proptest::collection::vec((spot(), 0.0..60.0), 1..20), ring in ellipsoid(), is_flat: bool,
+    ) {
+        let ring = Ring { gamma_z: ring.gamma_z.filter(|_| !is_flat), ..ring };
+        let far = |(spot, times): &(PositionNed, f64)| PositionNed(spot.0 * *times);
+        let all = in_space(&others.iter().map(far).collect::<Vec<_>>());
+        let centre = PositionNed::default();
+        let obstacles: Vec<_> = all
+            .iter()
+            .map(|it| Obstacle { id: it.id, position: it.position, radius_m: MAX_OBSTACLE_RADIUS_M })
+            .collect();
+        let reach_m = ring.reach_m(all.len() + 1);
+        let is_within = |position: PositionNed| (position - own).xy().norm() <= reach_m;
+        let near: Vec<_> = all.iter().copied().filter(|it| is_within(it.position)).collect();
+        let near_obstacles: Vec<_> = obstacles.iter().copied().filter(|it| is_within(it.position)).collect();
+        let ring = Ring { avoid_distance: AvoidDistance::Fixed(ring.avoid_distance_m(all.len() + 1)), ..ring };
+        let change = ring.field(VehicleId::new(1).unwrap(), own, centre, &all, &obstacles)
+            - ring.field(VehicleId::new(1).unwrap(), own, centre, &near, &near_obstacles);
+        prop_assert!(change.norm() < 1e-10, "{change}");
+    }
+
+    #[test]
     fn a_flat_law_sees_no_heights(own in spot(), others in proptest::collection::vec(spot(), 0..6)) {
         let ring = table_1();
         let flatten = |spot: PositionNed| level(spot.horizontal());
