@@ -16,10 +16,13 @@
 //! | `ground` | contact of the skids, ground effect |
 //! | `hover` | the steady hover, for the initial state |
 //! | `dynamics` | the state and the integration step |
+//! | `lanes`, `vector` | the numbers of the equations: one helicopter's, or eight helicopters' |
+//! | [`block`] | eight vehicles stepped together |
 //! | [`failures`] | the failures a scenario can inject, and when |
 //! | [`wind`] | mean wind and gusts |
 //! | [`vehicle`] | the complete vehicle with its measurements |
 
+pub mod block;
 mod check;
 pub mod failures;
 pub mod parameters;
@@ -31,14 +34,18 @@ mod drive;
 mod dynamics;
 mod ground;
 mod hover;
+mod lanes;
 mod main_rotor;
 mod rotor;
 mod tail;
+mod vector;
 
-use nalgebra::Vector3;
+use alloc::sync::Arc;
+
 use skein_common::frame::{Attitude, BodyRates, PositionNed, VelocityNed};
 use skein_common::math;
 
+pub use block::Block;
 pub use check::ParameterError;
 pub use failures::{Failures, Script};
 pub use parameters::Parameters;
@@ -46,19 +53,18 @@ pub use vehicle::{BuiltInVehicle, Start};
 pub use wind::{LocalWind, Weather};
 
 use crate::plant::Controls;
-use dynamics::{Command, Dynamics, State};
+use dynamics::{Command, Dynamics, STATES, Stages, State};
+use vector::{Rotation, Vector};
 
 /// Length of one tick, during which controls and wind are held, s.
 pub const TICK_S: f64 = 0.02;
-/// Integration steps of [`dynamics::STEP_S`] in one tick.
-const STEPS: usize = 4;
 
 /// One simulated helicopter: its constants and its 23 states.
 #[derive(Clone, Debug)]
 pub struct Helicopter {
-    dynamics: Dynamics,
+    dynamics: Arc<Dynamics>,
     /// `dynamics` without any failure.
-    healthy: Dynamics,
+    healthy: Arc<Dynamics>,
     controls: HeldControls,
     state: State,
 }
@@ -104,12 +110,12 @@ impl Helicopter {
         ground_altitude_m: f64,
         heading_rad: f64,
     ) -> Self {
-        let dynamics = Dynamics::new(parameters, ground_altitude_m);
+        let dynamics = Arc::new(Dynamics::new(parameters, ground_altitude_m));
         let hover = dynamics.hover();
         let skids = &parameters.skids;
         let height_m = skids.down_m - dynamics.body.weight_n() / (4.0 * skids.stiffness_n_m);
         let (sin, cos) = math::sin_cos(0.5 * heading_rad);
-        let mut state = [0.0; 23];
+        let mut state = [0.0; STATES];
         state[..3].copy_from_slice(&[north_m, east_m, dynamics.ground_down_m - height_m]);
         state[6..10].copy_from_slice(&[cos, 0.0, 0.0, sin]);
         state[15..18].copy_from_slice(&[
@@ -118,21 +124,19 @@ impl Helicopter {
             hover.tail_pitch_rad,
         ]);
         state[21..].copy_from_slice(&[hover.lambda, hover.lambda_t]);
-        Self { healthy: dynamics.clone(), dynamics, controls: HeldControls::new(parameters), state: State(state) }
+        Self { healthy: Arc::clone(&dynamics), dynamics, controls: HeldControls::new(parameters), state: State(state) }
     }
 
     /// Advances by one tick with these controls and this wind. The controls must be finite; values beyond the travel
     /// are clamped.
     pub fn advance(&mut self, controls: &Controls, wind: VelocityNed) {
-        let command = self.controls.command(controls);
-        for _ in 0..STEPS {
-            self.state = self.dynamics.step(&self.state, &command, &wind.0);
-        }
+        self.state =
+            self.dynamics.tick(&self.state, &self.controls.command(controls), wind.0.into(), &mut Stages::default());
     }
 
     /// From now on exactly these failures are present. The measurements are not affected.
     pub fn fail(&mut self, failures: &Failures) {
-        self.dynamics = failures.applied_to(&self.healthy);
+        self.dynamics = Arc::new(failures.applied_to(&self.healthy));
     }
 
     /// Position of the centre of gravity.
@@ -149,16 +153,16 @@ impl Helicopter {
     /// Velocity over the ground.
     pub fn velocity(&self) -> VelocityNed {
         let [_, _, _, u, v, w, ..] = self.state.0;
-        VelocityNed(body::ned_from_body(self.quaternion()) * Vector3::new(u, v, w))
+        VelocityNed(body::ned_from_body(self.quaternion()).to_ned(Vector::new(u, v, w)).into())
     }
 
     /// Attitude.
     pub fn attitude(&self) -> Attitude {
-        let r = body::ned_from_body(self.quaternion());
+        let Rotation { north, east, down } = body::ned_from_body(self.quaternion());
         Attitude {
-            roll_rad: math::atan2(r.m32, r.m33),
-            pitch_rad: math::asin((-r.m31).clamp(-1.0, 1.0)),
-            heading_rad: math::atan2(r.m21, r.m11),
+            roll_rad: math::atan2(down.y, down.z),
+            pitch_rad: math::asin((-down.x).clamp(-1.0, 1.0)),
+            heading_rad: math::atan2(east.x, north.x),
         }
     }
 

@@ -14,29 +14,57 @@ pub fn in_parallel<T: Send, E: Send>(
     jobs: NonZeroUsize,
     work: impl Fn(usize) -> Result<T, E> + Sync,
 ) -> Result<Vec<T>, E> {
-    let next = AtomicUsize::new(0);
-    let done = Mutex::new(Vec::with_capacity(count));
+    in_parallel_by(count, jobs, |tasks| {
+        while let Some(nth) = tasks.take() {
+            tasks.finish(nth, work(nth));
+        }
+    })
+}
+
+/// Runs `worker` in up to `jobs` threads, each of which takes tasks 0 to `count` - 1 and finishes them, possibly several
+/// at a time. Returns the results in the order of tasks.
+///
+/// # Errors
+/// The first error in this order. No task is given out after one has failed.
+pub fn in_parallel_by<T: Send, E: Send>(
+    count: usize,
+    jobs: NonZeroUsize,
+    worker: impl Fn(&Tasks<T, E>) + Sync,
+) -> Result<Vec<T>, E> {
+    let tasks = Tasks { count, next: AtomicUsize::new(0), done: Mutex::new(Vec::with_capacity(count)) };
     thread::scope(|scope| {
         for _ in 0..jobs.get().min(count) {
-            scope.spawn(|| {
-                loop {
-                    let nth = next.fetch_add(1, Ordering::Relaxed);
-                    if nth >= count {
-                        return;
-                    }
-                    let given = work(nth);
-                    if given.is_err() {
-                        // The remaining tasks are not needed.
-                        next.store(count, Ordering::Relaxed);
-                    }
-                    done.lock().unwrap_or_else(PoisonError::into_inner).push((nth, given));
-                }
-            });
+            scope.spawn(|| worker(&tasks));
         }
     });
-    let mut done = done.into_inner().unwrap_or_else(PoisonError::into_inner);
+    let mut done = tasks.done.into_inner().unwrap_or_else(PoisonError::into_inner);
     done.sort_by_key(|(nth, _)| *nth);
-    done.into_iter().map(|(_, given)| given).collect()
+    done.into_iter().map(|(_, result)| result).collect()
+}
+
+/// The tasks of [`in_parallel_by`].
+#[derive(Debug)]
+pub struct Tasks<T, E> {
+    count: usize,
+    next: AtomicUsize,
+    done: Mutex<Vec<(usize, Result<T, E>)>>,
+}
+
+impl<T, E> Tasks<T, E> {
+    /// Takes the next task; `None` after the last, or after one has failed.
+    pub fn take(&self) -> Option<usize> {
+        let nth = self.next.fetch_add(1, Ordering::Relaxed);
+        (nth < self.count).then_some(nth)
+    }
+
+    /// Finishes a task that was taken.
+    pub fn finish(&self, nth: usize, result: Result<T, E>) {
+        if result.is_err() {
+            // The remaining tasks are not needed.
+            self.next.store(self.count, Ordering::Relaxed);
+        }
+        self.done.lock().unwrap_or_else(PoisonError::into_inner).push((nth, result));
+    }
 }
 
 #[cfg(test)]

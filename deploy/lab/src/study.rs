@@ -1,9 +1,10 @@
 //! `skein study`: many flights of one scenario in virtual time.
 //!
-//! The same agents as in real time, stepped in one thread over a simulated network. Seeds run in parallel; what comes out
-//! does not depend on how many at once.
+//! The same agents as in real time, stepped in one thread over a simulated network. Seeds run in parallel and side by
+//! side; what comes out does not depend on how many at once.
 
 mod command;
+mod flight;
 mod measured;
 pub mod plan;
 mod progress;
@@ -20,18 +21,16 @@ use skein_common::scenario::{Scenario, Target};
 use skein_common::state::{Membership, PeerStatus};
 use skein_core::aircraft::Aircraft;
 use skein_core::control::Rules;
-use skein_core::helicopter::TICK_S;
 use skein_core::peers::FRESH_S;
 
 use crate::external::{LawError, LawPool};
-use crate::metrics::{Metrics, Report, Run, VehicleNow, Wall};
+use crate::metrics::{Metrics, Report, VehicleNow};
 use crate::recording::Watch;
 use crate::world::{World, WorldError};
 pub use command::{StudyArgs, run};
+use flight::{SeedFlight, fly_side_by_side};
 pub use measured::{Measured, Outcome, is_worse, worst_and_median};
 pub use recorded::{RecordRunError, record_run};
-use skein_host::clock::now;
-use skein_host::parallel::in_parallel;
 pub use summary::{FigureSummary, PointSummary, Summary, summarize, summary};
 pub use table::rounded;
 
@@ -81,40 +80,8 @@ impl Study {
     ///
     /// # Errors
     /// As [`Self::fly`].
-    pub fn fly_watched(&self, seed: u64, mut watch: Option<(&mut dyn Watch, f64)>) -> Result<Report, StudyError> {
-        let started = now();
-        let scenario = Scenario { seed, ..self.scenario.clone() };
-        let mut world = World::new(&scenario, &self.aircraft, &self.rules)?;
-        let mut laws = self.laws.take(&scenario)?;
-        let mut metrics = Metrics::new(&scenario, Run::new(&scenario, "study"));
-        let mut tick_with_laws = |world: &mut World| {
-            world.tick();
-            laws.as_mut().map_or(Ok(()), |laws| laws.serve(world))
-        };
-        while !world.all_active() {
-            if world.t_s() > JOIN_LIMIT_S {
-                return Err(StudyError::NeverActive);
-            }
-            tick_with_laws(&mut world)?;
-        }
-        let zero_s = world.t_s();
-        let mut vehicles = Vec::with_capacity(scenario.swarm.vehicles);
-        for tick in 0..(longest_s(&scenario) / TICK_S).round() as u64 {
-            tick_with_laws(&mut world)?;
-            measure(&world, zero_s, &mut metrics, &mut vehicles);
-            if let Some((watch, rate_hz)) = &mut watch {
-                let every = (1.0 / (TICK_S * *rate_hz)).round().max(1.0) as u64;
-                show(&mut world, zero_s, *watch, tick % every == 0);
-            }
-            if world.has_finished() {
-                break;
-            }
-        }
-        metrics.set_totals(world.totals());
-        // Laws of a run that failed are not kept.
-        laws.into_iter().for_each(|laws| self.laws.put_back(laws));
-        let wall_s = now().duration_since(started).as_secs_f64();
-        Ok(metrics.report(Wall { wall_s, real_time_factor: world.t_s() / wall_s.max(1e-9) }))
+    pub fn fly_watched(&self, seed: u64, watch: Option<(&mut dyn Watch, f64)>) -> Result<Report, StudyError> {
+        SeedFlight::new(self, seed)?.fly(watch)
     }
 
     /// Flies all seeds, `jobs` at a time, and hands each report on as it comes. Returns the reports in the order of seeds.
@@ -127,11 +94,8 @@ impl Study {
         jobs: NonZeroUsize,
         done: impl Fn(&Report) + Sync,
     ) -> Result<Vec<Report>, StudyError> {
-        in_parallel((seeds.end - seeds.start) as usize, jobs, |nth| {
-            let report = self.fly(seeds.start + nth as u64)?;
-            done(&report);
-            Ok(report)
-        })
+        let begin = |nth: usize| Ok(((), SeedFlight::new(self, seeds.start + nth as u64)?));
+        fly_side_by_side((seeds.end - seeds.start) as usize, jobs, begin, |(), report| report.inspect(&done))
     }
 }
 
@@ -140,16 +104,6 @@ fn longest_s(scenario: &Scenario) -> f64 {
     let last = scenario.mission.steps.last().map(|step| &step.target);
     let ends = matches!(last, Some(Target::Land(_)));
     scenario.duration_s.unwrap_or(if ends { LONGEST_MISSION_S } else { DEFAULT_DURATION_S })
-}
-
-/// Shows the world's last tick to the observer; the vehicles' steps only if they are `due`.
-fn show(world: &mut World, zero_s: f64, watch: &mut dyn Watch, due: bool) {
-    let t_s = world.t_s() - zero_s;
-    world.faults().iter().for_each(|fault| watch.fault(t_s, fault));
-    world.events().iter().for_each(|(sender, what)| watch.event(t_s, *sender, what));
-    if due {
-        world.traces().for_each(|trace| watch.step(t_s, &trace));
-    }
 }
 
 /// Hands the world's last tick to the metrics; `vehicles` is only room to work in.

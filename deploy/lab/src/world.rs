@@ -11,6 +11,7 @@
 
 mod central;
 mod driver;
+mod plants;
 mod script;
 mod vehicle;
 
@@ -36,6 +37,7 @@ use crate::faults::{InjectedFault, LinkChanges};
 use crate::metrics::Totals;
 use central::Central;
 use driver::{Decentralised, Driver};
+pub(crate) use plants::Blocks;
 use script::{Operator, ScriptedAction};
 use vehicle::Vehicle;
 
@@ -64,6 +66,7 @@ pub struct World {
     rules: Rules,
     origin: Origin,
     vehicles: Vec<Vehicle>,
+    blocks: Blocks,
     driver: Box<dyn Driver>,
     operator: Operator,
     /// Messages to all vehicles that were sent since the agents last received, and those that the agents receive now.
@@ -106,6 +109,7 @@ impl World {
         let vehicles = vehicles.collect::<Result<Vec<_>, WorldError>>()?;
         Ok(Self {
             vehicles,
+            blocks: Blocks::default(),
             driver,
             origin,
             in_flight: scenario.ids().map(PeerMessage::Appeared).collect(),
@@ -125,6 +129,21 @@ impl World {
 
     /// Simulates one frame of every vehicle.
     pub fn tick(&mut self) {
+        self.step_agents();
+        let Self { vehicles, blocks, .. } = self;
+        blocks.advance(plants(vehicles));
+    }
+
+    /// Simulates one frame of every vehicle of each of these worlds, as [`Self::tick`] does for one, in common blocks.
+    pub(crate) fn tick_together<'a>(worlds: impl Iterator<Item = &'a mut Self>, blocks: &mut Blocks) {
+        blocks.advance(worlds.flat_map(|world| {
+            world.step_agents();
+            plants(&mut world.vehicles)
+        }));
+    }
+
+    /// Simulates the agents' part of one frame.
+    fn step_agents(&mut self) {
         self.events.clear();
         self.faults.clear();
         self.faults.append(&mut self.pending_faults);
@@ -165,6 +184,11 @@ impl World {
         if let Some(vehicle) = self.vehicles.iter_mut().find(|vehicle| vehicle.id == answer.vehicle) {
             vehicle.answer = Some(answer);
         }
+    }
+
+    /// Number of vehicles.
+    pub(crate) fn vehicle_count(&self) -> usize {
+        self.vehicles.len()
     }
 
     /// Time since the beginning, s.
@@ -312,6 +336,12 @@ impl World {
         }
         self.pending_faults.push(InjectedFault::Restarted(restarted));
     }
+}
+
+/// The flight models that move in this frame, with their controls.
+fn plants(vehicles: &mut [Vehicle]) -> impl Iterator<Item = (&mut BuiltInVehicle, Option<Controls>)> {
+    let moving = vehicles.iter_mut().filter(|vehicle| !vehicle.simulator_frozen);
+    moving.map(|vehicle| (&mut vehicle.plant, vehicle.command))
 }
 
 fn with_counts(totals: Totals, agent: &Agent) -> Totals {

@@ -1,21 +1,26 @@
 //! The equations of motion: the state, its rate of change and the integration step.
 
-use nalgebra::Vector3;
-
 use super::body::{self, Body};
 use super::drive::Drive;
 use super::ground::Contact;
+use super::lanes::{Mask, Real, numbers};
 use super::main_rotor::{MainRotor, MainRotorState};
 use super::parameters::Parameters;
 use super::tail::Tail;
+use super::vector::Vector;
 
 /// Length of one Runge-Kutta step, s. The fastest pole is −169 1/s, a third of the method's stability limit.
 pub(super) const STEP_S: f64 = 0.005;
+/// Integration steps in one tick of [`super::TICK_S`].
+const STEPS: usize = 4;
+
+/// Number of states.
+pub(super) const STATES: usize = 23;
 
 /// Smaller magnitudes are set to zero: a hands-off hover decays towards denormal numbers, which are slow.
 const NEGLIGIBLE: f64 = 1e-30;
 
-/// The 23 states, or their rates of change:
+/// The states, or their rates of change:
 ///
 /// | index | states | |
 /// | --- | --- | --- |
@@ -29,64 +34,95 @@ const NEGLIGIBLE: f64 = 1e-30;
 /// | 18–20 | δ_lat, δ_lon, θ0 | servos: blade pitch, rad |
 /// | 21, 22 | λ, λ_t | inflow ratios of main and tail rotor |
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct State(pub(super) [f64; 23]);
+pub(super) struct State<R = f64>(pub(super) [R; STATES]);
 
-impl State {
+impl<R: Real> Default for State<R> {
+    fn default() -> Self {
+        Self([R::default(); STATES])
+    }
+}
+
+/// Repeats a block for every index of the state. A loop over the states would be compiled to instructions that gather
+/// one state of several vehicles from apart.
+macro_rules! for_each_state {
+    ($index:ident, $body:block) => {
+        for_each_state!(@ $index, $body, 0 1 2 3 4 5 6 7 8 9 10 11 12 13 14 15 16 17 18 19 20 21 22)
+    };
+    (@ $index:ident, $body:block, $($value:literal)*) => {
+        $({
+            const $index: usize = $value;
+            $body
+        })*
+    };
+}
+
+impl<R: Real> State<R> {
     /// `self + dt · rate`.
-    #[inline]
+    #[inline(always)]
     fn plus(&self, dt: f64, rate: &Self) -> Self {
         let mut sum = *self;
-        for (sum, rate) in sum.0.iter_mut().zip(&rate.0) {
-            *sum += dt * rate;
-        }
+        for_each_state!(I, {
+            sum.0[I] = sum.0[I] + rate.0[I] * dt;
+        });
         sum
     }
 
-    #[inline]
-    fn with_unit_quaternion(mut self) -> Self {
-        let quaternion = &mut self.0[6..10];
-        let scale = 1.0 / quaternion.iter().map(|part| part * part).sum::<f64>().sqrt();
-        quaternion.iter_mut().for_each(|part| *part *= scale);
-        self
-    }
-
-    #[inline]
-    fn without_negligible(mut self) -> Self {
-        for value in &mut self.0 {
-            if value.abs() < NEGLIGIBLE {
-                *value = 0.0;
-            }
-        }
+    /// The same state with an attitude of length one, a rotor that does not turn backwards and without negligible
+    /// values.
+    #[inline(always)]
+    fn within_bounds(mut self) -> Self {
+        // Drag stops a rotor without power but does not turn it backwards.
+        self.0[15] = self.0[15].max(R::splat(0.0));
+        let [w, x, y, z] = [self.0[6], self.0[7], self.0[8], self.0[9]];
+        let scale = R::splat(1.0) / (w * w + x * x + y * y + z * z).sqrt();
+        for_each_state!(I, {
+            let value = if matches!(I, 6..10) { self.0[I] * scale } else { self.0[I] };
+            self.0[I] = R::select(value.abs().lt(R::splat(NEGLIGIBLE)), R::splat(0.0), value);
+        });
         self
     }
 }
 
-/// The commands to the servos and the yaw gyro.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Command {
-    /// Commanded blade pitch δ_lat*, δ_lon*, θ0* of the servos, rad.
-    pub(super) lateral_rad: f64,
-    pub(super) longitudinal_rad: f64,
-    pub(super) collective_rad: f64,
-    /// Commanded yaw rate r_cmd, rad/s.
-    pub(super) yaw_rate_rad_s: f64,
+/// The rates at the stages of one Runge-Kutta step, after a first entry of zeros.
+#[derive(Debug)]
+pub(super) struct Stages<R = f64>([State<R>; 5]);
+
+impl<R: Real> Default for Stages<R> {
+    fn default() -> Self {
+        Self([State::default(); 5])
+    }
 }
 
-/// The constants of one helicopter in flight.
-#[derive(Clone, Debug)]
-pub(super) struct Dynamics {
-    pub(super) main_rotor: MainRotor,
-    pub(super) tail: Tail,
-    pub(super) body: Body,
-    pub(super) drive: Drive,
-    contact: Contact,
-    /// 1/τ of the three servos, 1/s; 0 for a stuck one.
-    pub(super) inverse_servo_lags: [f64; 3],
-    /// Down coordinate of the ground, m.
-    pub(super) ground_down_m: f64,
+numbers! {
+    /// The commands to the servos and the yaw gyro.
+    #[derive(Clone, Copy, Debug, Default)]
+    pub(super) struct Command<R> {
+        /// Commanded blade pitch δ_lat*, δ_lon*, θ0* of the servos, rad.
+        pub(super) lateral_rad: R,
+        pub(super) longitudinal_rad: R,
+        pub(super) collective_rad: R,
+        /// Commanded yaw rate r_cmd, rad/s.
+        pub(super) yaw_rate_rad_s: R,
+    }
 }
 
-impl Dynamics {
+numbers! {
+    /// The constants of one helicopter in flight.
+    #[derive(Clone, Debug, Default)]
+    pub(super) struct Dynamics<R> {
+        pub(super) main_rotor: MainRotor<R>,
+        pub(super) tail: Tail<R>,
+        pub(super) body: Body<R>,
+        pub(super) drive: Drive<R>,
+        contact: Contact<R>,
+        /// 1/τ of the three servos, 1/s; 0 for a stuck one.
+        pub(super) inverse_servo_lags: [R; 3],
+        /// Down coordinate of the ground, m.
+        pub(super) ground_down_m: R,
+    }
+}
+
+impl Dynamics<f64> {
     pub(super) fn new(parameters: &Parameters, ground_altitude_m: f64) -> Self {
         Self {
             main_rotor: MainRotor::new(parameters),
@@ -98,56 +134,83 @@ impl Dynamics {
             ground_down_m: -ground_altitude_m,
         }
     }
+}
+
+impl<R: Real> Dynamics<R> {
+    /// Advances by one tick, with command and wind (NED, m/s) held.
+    #[inline(always)]
+    pub(super) fn tick(
+        &self,
+        state: &State<R>,
+        command: &Command<R>,
+        wind: Vector<R>,
+        stages: &mut Stages<R>,
+    ) -> State<R> {
+        let mut states = [*state; 2];
+        for step in 0..STEPS {
+            states[(step + 1) % 2] = self.step(&states[step % 2], command, wind, stages);
+        }
+        states[STEPS % 2]
+    }
 
     /// Advances by one step of the classical fourth-order Runge-Kutta method, with command and wind (NED, m/s) held.
-    #[inline]
-    pub(super) fn step(&self, state: &State, command: &Command, wind: &Vector3<f64>) -> State {
-        let k1 = self.rates(state, command, wind);
-        let k2 = self.rates(&state.plus(0.5 * STEP_S, &k1), command, wind);
-        let k3 = self.rates(&state.plus(0.5 * STEP_S, &k2), command, wind);
-        let k4 = self.rates(&state.plus(STEP_S, &k3), command, wind);
-        let mut next = *state;
-        for (i, value) in next.0.iter_mut().enumerate() {
-            *value += STEP_S / 6.0 * (k1.0[i] + 2.0 * (k2.0[i] + k3.0[i]) + k4.0[i]);
+    #[inline(always)]
+    pub(super) fn step(
+        &self,
+        state: &State<R>,
+        command: &Command<R>,
+        wind: Vector<R>,
+        Stages(rates): &mut Stages<R>,
+    ) -> State<R> {
+        // A loop over the stages: one copy of the equations in the machine code. Its arrays keep the states of eight
+        // vehicles in memory between the stages: in registers, the compiler would take them apart.
+        for stage in 0..4 {
+            let at = state.plus([0.0, 0.5 * STEP_S, 0.5 * STEP_S, STEP_S][stage], &rates[stage]);
+            rates[stage + 1] = self.rates(&at, command, wind);
         }
-        // Drag stops a rotor without power but does not turn it backwards.
-        next.0[15] = next.0[15].max(0.0);
-        next.with_unit_quaternion().without_negligible()
+        let [_, k1, k2, k3, k4] = rates;
+        let mut next = *state;
+        for_each_state!(I, {
+            next.0[I] = next.0[I] + (k1.0[I] + (k2.0[I] + k3.0[I]) * 2.0 + k4.0[I]) * (STEP_S / 6.0);
+        });
+        next.within_bounds()
     }
 
     /// The state's rate of change.
-    pub(super) fn rates(&self, state: &State, command: &Command, wind: &Vector3<f64>) -> State {
+    #[inline(always)]
+    pub(super) fn rates(&self, state: &State<R>, command: &Command<R>, wind: Vector<R>) -> State<R> {
         #[rustfmt::skip]
         let State([
             _, _, down, u, v, w, q_w, q_x, q_y, q_z, p, q, r, a1, b1, speed_rad_s, governor_integral, gyro_integral,
             lateral_rad, longitudinal_rad, collective_rad, lambda, lambda_t,
         ]) = *state;
-        let velocity = Vector3::new(u, v, w);
-        let rates = Vector3::new(p, q, r);
+        let velocity = Vector::new(u, v, w);
+        let rates = Vector::new(p, q, r);
         let quaternion = [q_w, q_x, q_y, q_z];
         let ned_from_body = body::ned_from_body(quaternion);
-        let air = velocity - ned_from_body.tr_mul(wind);
+        let air = velocity - ned_from_body.to_body(wind);
         let height_m = self.ground_down_m - down;
 
         let main_state = MainRotorState { speed_rad_s, collective_rad, lateral_rad, longitudinal_rad, lambda, a1, b1 };
-        let main = self.main_rotor.action(&main_state, &air, &rates, height_m, ned_from_body.m33);
-        let wake_m_s = self.body.wake_at_tail_m_s(&air, main.induced_m_s);
+        let main = self.main_rotor.action(&main_state, air, rates, height_m, ned_from_body.down.z);
+        let wake_m_s = self.body.wake_at_tail_m_s(air, main.induced_m_s);
         let (theta_t, gyro_rate) = self.tail.gyro(command.yaw_rate_rad_s - r, gyro_integral);
-        let tail = self.tail.action((theta_t, lambda_t), speed_rad_s, &air, &rates, wake_m_s);
+        let tail = self.tail.action((theta_t, lambda_t), speed_rad_s, air, rates, wake_m_s);
         let throttle = self.drive.throttle(speed_rad_s, governor_integral);
 
         let mut sum = main.wrench;
-        sum.force += self.body.fuselage(&air, main.induced_m_s);
-        sum += self.body.stabiliser(&air, q, wake_m_s);
+        sum.force += self.body.fuselage(air, main.induced_m_s);
+        sum += self.body.stabiliser(air, q, wake_m_s);
         sum += tail.wrench;
-        if height_m < self.contact.reach_m {
-            sum += self.contact.wrench(height_m, &velocity, &rates, &ned_from_body);
+        let near_ground = height_m.lt(self.contact.reach_m);
+        if near_ground.any() {
+            sum += self.contact.wrench(near_ground, height_m, velocity, rates, &ned_from_body);
         }
 
-        let over_ground = ned_from_body * velocity;
-        let acceleration = self.body.acceleration(&sum.force, &velocity, &rates, &ned_from_body);
-        let angular = self.body.angular_acceleration(&sum.moment, &rates);
-        let turning = body::quaternion_rate(quaternion, &rates);
+        let over_ground = ned_from_body.to_ned(velocity);
+        let acceleration = self.body.acceleration(sum.force, velocity, rates, &ned_from_body);
+        let angular = self.body.angular_acceleration(sum.moment, rates);
+        let turning = body::quaternion_rate(quaternion, rates);
         let load_n_m = main.torque_n_m + tail.shaft_torque_n_m;
         State([
             over_ground.x,

@@ -15,7 +15,7 @@ pub(super) struct Hover {
     pub(super) governor_integral: f64,
 }
 
-impl Dynamics {
+impl Dynamics<f64> {
     /// Solves the equations of motion for rest. The bank angle that balances the tail's side force reduces the weight
     /// the rotor carries by its cosine, which changes the thrust by 0.3 %: five iterations are enough.
     pub(super) fn hover(&self) -> Hover {

@@ -1,64 +1,66 @@
 //! The main rotor: its forces on the body, its torque and the tilt of its disc.
 
-use nalgebra::Vector3;
-
 use super::body::Wrench;
 use super::ground;
+use super::lanes::{Real, numbers};
 use super::parameters::Parameters;
 use super::rotor::{Flow, Rotor};
+use super::vector::Vector;
 
-/// The constants of the main rotor.
-#[derive(Clone, Debug)]
-pub(super) struct MainRotor {
-    pub(super) rotor: Rotor,
-    radius_m: f64,
-    height_m: f64,
-    /// Hub stiffness K_β, N m/rad.
-    hub_stiffness: f64,
-    /// Flapping bandwidth per rotor speed, 1/(τ_e Ω) = γ_fb/16.
-    flap_bandwidth: f64,
-    /// Product of lift slope and solidity, aσ.
-    lift: f64,
-    /// Gain of the tilt away from the airspeed, 2 K_μ.
-    blow_back: f64,
-    /// Gain of the tilt by vertical speed, 16 K_μ.
-    heave_flap: f64,
-    /// Cyclic gains A_lon/Ω_nom² and B_lat/Ω_nom².
-    longitudinal_gain: f64,
-    lateral_gain: f64,
+numbers! {
+    /// The constants of the main rotor.
+    #[derive(Clone, Debug, Default)]
+    pub(super) struct MainRotor<R> {
+        pub(super) rotor: Rotor<R>,
+        radius_m: R,
+        height_m: R,
+        /// Hub stiffness K_β, N m/rad.
+        hub_stiffness: R,
+        /// Flapping bandwidth per rotor speed, 1/(τ_e Ω) = γ_fb/16.
+        flap_bandwidth: R,
+        /// Product of lift slope and solidity, aσ.
+        lift: R,
+        /// Gain of the tilt away from the airspeed, 2 K_μ.
+        blow_back: R,
+        /// Gain of the tilt by vertical speed, 16 K_μ.
+        heave_flap: R,
+        /// Cyclic gains A_lon/Ω_nom² and B_lat/Ω_nom².
+        longitudinal_gain: R,
+        lateral_gain: R,
+    }
 }
 
 /// The main rotor's components of the state.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct MainRotorState {
+pub(super) struct MainRotorState<R> {
     /// Rotor speed Ω, rad/s.
-    pub(super) speed_rad_s: f64,
+    pub(super) speed_rad_s: R,
     /// Collective blade pitch θ0, rad.
-    pub(super) collective_rad: f64,
+    pub(super) collective_rad: R,
     /// Cyclic blade pitch δ_lat, δ_lon, rad.
-    pub(super) lateral_rad: f64,
-    pub(super) longitudinal_rad: f64,
+    pub(super) lateral_rad: R,
+    pub(super) longitudinal_rad: R,
     /// Inflow ratio λ.
-    pub(super) lambda: f64,
+    pub(super) lambda: R,
     /// Tilt of the disc a1 (back) and b1 (right), rad.
-    pub(super) a1: f64,
-    pub(super) b1: f64,
+    pub(super) a1: R,
+    pub(super) b1: R,
 }
 
 /// The main rotor's forces, torque and rates of change.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct MainRotorAction {
-    pub(super) wrench: Wrench,
+pub(super) struct MainRotorAction<R> {
+    pub(super) wrench: Wrench<R>,
     /// Torque Q, N m.
-    pub(super) torque_n_m: f64,
+    pub(super) torque_n_m: R,
     /// Induced speed v_i, m/s.
-    pub(super) induced_m_s: f64,
-    pub(super) lambda_rate: f64,
-    pub(super) a1_rate: f64,
-    pub(super) b1_rate: f64,
+    pub(super) induced_m_s: R,
+    pub(super) lambda_rate: R,
+    pub(super) a1_rate: R,
+    pub(super) b1_rate: R,
 }
 
-impl MainRotor {
+impl MainRotor<f64> {
     pub(super) fn new(parameters: &Parameters) -> Self {
         let head = &parameters.head;
         let rotor = Rotor::new(parameters, &parameters.main_rotor, 1.0);
@@ -76,21 +78,23 @@ impl MainRotor {
             lateral_gain: head.lateral_flap_gain_rad_per_rad / nominal_squared,
         }
     }
+}
 
+impl<R: Real> MainRotor<R> {
     /// Forces, moments and rates for the airspeed of the body and its rates (body axes) and the height of the centre of
     /// gravity above the ground; `uprightness` is the vertical component of the mast's direction.
-    #[inline]
+    #[inline(always)]
     pub(super) fn action(
         &self,
-        state: &MainRotorState,
-        air: &Vector3<f64>,
-        rates: &Vector3<f64>,
-        height_m: f64,
-        uprightness: f64,
-    ) -> MainRotorAction {
+        state: &MainRotorState<R>,
+        air: Vector<R>,
+        rates: Vector<R>,
+        height_m: R,
+        uprightness: R,
+    ) -> MainRotorAction<R> {
         let flow = self.rotor.flow(state.speed_rad_s, air.x * air.x + air.y * air.y, air.z);
         let c_t = self.rotor.thrust_coefficient(state.collective_rad, state.lambda, &flow);
-        let c_q = c_t * (state.lambda - flow.mu_z) + self.rotor.profile_torque * (1.0 + 7.0 / 3.0 * flow.mu_squared);
+        let c_q = c_t * (state.lambda - flow.mu_z) + self.rotor.profile_torque * (flow.mu_squared * (7.0 / 3.0) + 1.0);
         let torque_n_m = self.rotor.torque_n_m(c_q, &flow);
         let hub_height_m = height_m + self.height_m * uprightness;
         let thrust_n = self.rotor.thrust_n(c_t, &flow) * ground::thrust_factor(self.radius_m, hub_height_m);
@@ -106,18 +110,18 @@ impl MainRotor {
     }
 
     /// Force and moment on the body: X = −T a1, Y = T b1, Z = −T, L = (K_β + T h) b1, M = (K_β + T h) a1, N = −Q.
-    #[inline]
-    fn wrench(&self, state: &MainRotorState, t: f64, q: f64) -> Wrench {
+    #[inline(always)]
+    fn wrench(&self, state: &MainRotorState<R>, t: R, q: R) -> Wrench<R> {
         let stiffness = self.stiffness(t);
         Wrench {
-            force: Vector3::new(-t * state.a1, t * state.b1, -t),
-            moment: Vector3::new(stiffness * state.b1, stiffness * state.a1, -q),
+            force: Vector::new(-t * state.a1, t * state.b1, -t),
+            moment: Vector::new(stiffness * state.b1, stiffness * state.a1, -q),
         }
     }
 
     /// Moment on the body per tilt of the disc, K_β + T h_mr, N m/rad.
-    #[inline]
-    pub(super) fn stiffness(&self, t: f64) -> f64 {
+    #[inline(always)]
+    pub(super) fn stiffness(&self, t: R) -> R {
         self.hub_stiffness + t * self.height_m
     }
 
@@ -130,15 +134,16 @@ impl MainRotor {
     ///
     /// Positive a1 tilts the disc back, positive b1 tilts it right. The disc tilts away from the wind on both axes. The
     /// paper prints the lateral term with two minus signs that cancel: sideslip would then be unstable.
-    #[inline]
-    fn flapping(&self, state: &MainRotorState, air: &Vector3<f64>, rates: &Vector3<f64>, flow: &Flow) -> (f64, f64) {
+    #[inline(always)]
+    fn flapping(&self, state: &MainRotorState<R>, air: Vector<R>, rates: Vector<R>, flow: &Flow<R>) -> (R, R) {
         let MainRotorState { speed_rad_s, collective_rad, lambda, a1, b1, .. } = *state;
         let per_lag = self.flap_bandwidth * speed_rad_s;
         let s = speed_rad_s * speed_rad_s;
-        let d = self.blow_back * (4.0 / 3.0 * collective_rad - lambda) * flow.inverse_tip_speed;
+        let d = self.blow_back * (collective_rad * (4.0 / 3.0) - lambda) * flow.inverse_tip_speed;
         // The expansion in μ holds well below 1, and its denominator vanishes at √2, when the rotor has almost stopped.
-        let mu_squared = flow.mu_squared.min(1.0);
-        let dz = self.heave_flap * mu_squared / ((1.0 - 0.5 * mu_squared) * (8.0 * mu_squared.sqrt() + self.lift));
+        let mu_squared = flow.mu_squared.min(R::splat(1.0));
+        let dz =
+            self.heave_flap * mu_squared / ((R::splat(1.0) - mu_squared * 0.5) * (mu_squared.sqrt() * 8.0 + self.lift));
         let back = d * air.x + dz * flow.mu_z + self.longitudinal_gain * s * state.longitudinal_rad;
         let right = -d * air.y + self.lateral_gain * s * state.lateral_rad;
         ((back - a1) * per_lag - rates.y, (right - b1) * per_lag - rates.x)

@@ -2,42 +2,44 @@
 
 use core::f64::consts::PI;
 
-use nalgebra::Vector3;
-
 use super::body::{self, Wrench};
+use super::lanes::{Real, numbers};
 use super::parameters::Parameters;
 use super::rotor::{Hovering, Rotor};
+use super::vector::Vector;
 
-/// The constants of the tail.
-#[derive(Clone, Debug)]
-pub(super) struct Tail {
-    rotor: Rotor,
-    pub(super) arm_m: f64,
-    pub(super) height_m: f64,
-    pub(super) gear_ratio: f64,
-    /// Blockage factor of the fin, f_t = 1 − 0.75 S_vf/A_t.
-    blockage: f64,
-    /// ½ρ S_vf of the fin, kg/m.
-    fin_half_density_area: f64,
-    fin_lift_slope: f64,
-    /// Share ε_vf of the fin in the tail rotor's wake.
-    fin_wake_share: f64,
-    gyro_gain_s: f64,
-    gyro_integral_gain: f64,
-    min_pitch_rad: f64,
-    max_pitch_rad: f64,
+numbers! {
+    /// The constants of the tail.
+    #[derive(Clone, Debug, Default)]
+    pub(super) struct Tail<R> {
+        rotor: Rotor<R>,
+        pub(super) arm_m: R,
+        pub(super) height_m: R,
+        pub(super) gear_ratio: R,
+        /// Blockage factor of the fin, f_t = 1 − 0.75 S_vf/A_t.
+        blockage: R,
+        /// ½ρ S_vf of the fin, kg/m.
+        fin_half_density_area: R,
+        fin_lift_slope: R,
+        /// Share ε_vf of the fin in the tail rotor's wake.
+        fin_wake_share: R,
+        gyro_gain_s: R,
+        gyro_integral_gain: R,
+        min_pitch_rad: R,
+        max_pitch_rad: R,
+    }
 }
 
 /// The tail's forces, load on the main shaft and rate of change.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct TailAction {
-    pub(super) wrench: Wrench,
+pub(super) struct TailAction<R> {
+    pub(super) wrench: Wrench<R>,
     /// Load torque of the tail rotor on the main shaft, n_tr Q_t, N m.
-    pub(super) shaft_torque_n_m: f64,
-    pub(super) lambda_rate: f64,
+    pub(super) shaft_torque_n_m: R,
+    pub(super) lambda_rate: R,
 }
 
-impl Tail {
+impl Tail<f64> {
     pub(super) fn new(parameters: &Parameters) -> Self {
         let Parameters { fin, tail, tail_rotor, gyro, .. } = parameters;
         Self {
@@ -66,15 +68,26 @@ impl Tail {
         (self.min_pitch_rad, self.max_pitch_rad)
     }
 
+    /// The tail rotor in a hover in which rotor and fin together push left with this force, N. The fin is in the
+    /// rotor's wake and reduces the force by ½ρ S (ε v_i)².
+    pub(super) fn hovering(&self, force_n: f64, shaft_speed_rad_s: f64) -> Hovering {
+        let fin = self.fin_half_density_area * self.fin_wake_share * self.fin_wake_share;
+        let thrust_n = force_n / (self.blockage - fin * self.rotor.induced_squared_per_thrust());
+        self.rotor.hovering(thrust_n, shaft_speed_rad_s)
+    }
+}
+
+impl<R: Real> Tail<R> {
     /// The gyro: blade pitch θ_t = K_p (r_cmd − r) + g, rad, clamped to its stops, and the rate of its integral g,
     /// which is held at a stop while the error would drive it further out.
-    #[inline]
-    pub(super) fn gyro(&self, rate_error_rad_s: f64, integral_rad: f64) -> (f64, f64) {
+    #[inline(always)]
+    pub(super) fn gyro(&self, rate_error_rad_s: R, integral_rad: R) -> (R, R) {
         let theta = self.gyro_gain_s * rate_error_rad_s + integral_rad;
         let rate = self.gyro_integral_gain * rate_error_rad_s;
-        let pushed_out =
-            (integral_rad >= self.max_pitch_rad && rate > 0.0) || (integral_rad <= self.min_pitch_rad && rate < 0.0);
-        (theta.clamp(self.min_pitch_rad, self.max_pitch_rad), if pushed_out { 0.0 } else { rate })
+        let zero = R::splat(0.0);
+        let pushed_out = (self.max_pitch_rad.le(integral_rad) & zero.lt(rate))
+            | (integral_rad.le(self.min_pitch_rad) & rate.lt(zero));
+        (theta.clamp(self.min_pitch_rad, self.max_pitch_rad), R::select(pushed_out, zero, rate))
     }
 
     /// Forces of rotor and fin, combined at one point behind and above the centre of gravity, for the blade pitch θ_t,
@@ -86,15 +99,15 @@ impl Tail {
     /// v_tr = v − l r + h p                     Q_t = (|C_Tt λ_t| + C_D0t σ_t/8) ρ V_t² A_t R_t
     /// v_f = v − ε λ_t V_t − l r                Y_f: lift for V_fin = √(u² + w_tr²) along, v_f across
     /// ```
-    #[inline]
+    #[inline(always)]
     pub(super) fn action(
         &self,
-        (theta, lambda): (f64, f64),
-        shaft_speed_rad_s: f64,
-        air: &Vector3<f64>,
-        rates: &Vector3<f64>,
-        wake_m_s: f64,
-    ) -> TailAction {
+        (theta, lambda): (R, R),
+        shaft_speed_rad_s: R,
+        air: Vector<R>,
+        rates: Vector<R>,
+        wake_m_s: R,
+    ) -> TailAction<R> {
         let w_tr = air.z + self.arm_m * rates.y - wake_m_s;
         let sideways_m_s = air.y - self.arm_m * rates.z;
         let in_plane_squared = air.x * air.x + w_tr * w_tr;
@@ -111,17 +124,10 @@ impl Tail {
         }
     }
 
-    /// The tail rotor in a hover in which rotor and fin together push left with this force, N. The fin is in the
-    /// rotor's wake and reduces the force by ½ρ S (ε v_i)².
-    pub(super) fn hovering(&self, force_n: f64, shaft_speed_rad_s: f64) -> Hovering {
-        let fin = self.fin_half_density_area * self.fin_wake_share * self.fin_wake_share;
-        let thrust_n = force_n / (self.blockage - fin * self.rotor.induced_squared_per_thrust());
-        self.rotor.hovering(thrust_n, shaft_speed_rad_s)
-    }
-
     /// Force and moment of a force y to the right at the tail rotor's hub, N.
-    #[inline]
-    fn side_force(&self, y: f64) -> Wrench {
-        Wrench { force: Vector3::new(0.0, y, 0.0), moment: Vector3::new(y * self.height_m, 0.0, -y * self.arm_m) }
+    #[inline(always)]
+    fn side_force(&self, y: R) -> Wrench<R> {
+        let zero = R::splat(0.0);
+        Wrench { force: Vector::new(zero, y, zero), moment: Vector::new(y * self.height_m, zero, -y * self.arm_m) }
     }
 }

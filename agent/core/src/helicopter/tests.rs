@@ -23,7 +23,7 @@ pub(super) fn xcell60() -> Parameters {
     toml::from_str::<Aircraft>(text).unwrap().helicopter
 }
 
-const CALM: Vector3<f64> = Vector3::new(0.0, 0.0, 0.0);
+const CALM: Vector<f64> = Vector::new(0.0, 0.0, 0.0);
 
 /// A helicopter flown step by step with blade commands instead of control deflections.
 #[derive(Clone)]
@@ -38,21 +38,21 @@ impl Flight {
     /// A helicopter in steady flight north at this speed, 100 m above the ground.
     fn trimmed(speed_m_s: f64) -> Self {
         let dynamics = Dynamics::new(&xcell60(), -100.0);
-        let velocity = Vector3::new(speed_m_s, 0.0, 0.0);
-        let unknowns = solved(&dynamics, &velocity, HOVER).expect("a trim");
-        let (state, command) = unpack(&velocity, &unknowns);
+        let velocity = Vector::new(speed_m_s, 0.0, 0.0);
+        let unknowns = solved(&dynamics, velocity, HOVER).expect("a trim");
+        let (state, command) = unpack(velocity, &unknowns);
         Self { dynamics, command, state, time_s: 0.0 }
     }
 
     fn advance(&mut self) {
-        self.state = self.dynamics.step(&self.state, &self.command, &CALM);
+        self.state = self.dynamics.step(&self.state, &self.command, CALM, &mut Stages::default());
         self.time_s += dynamics::STEP_S;
     }
 
     /// The same as a [`Helicopter`], for its accessors.
     fn helicopter(&self) -> Helicopter {
-        let (dynamics, controls) = (self.dynamics.clone(), HeldControls::new(&xcell60()));
-        Helicopter { healthy: dynamics.clone(), dynamics, controls, state: self.state }
+        let (dynamics, controls) = (Arc::new(self.dynamics.clone()), HeldControls::new(&xcell60()));
+        Helicopter { healthy: Arc::clone(&dynamics), dynamics, controls, state: self.state }
     }
 
     /// The samples of `value` at each step until `end_s`, with their times.
@@ -74,7 +74,7 @@ const HOVER: Unknowns =
     Unknowns::from_array_storage(ArrayStorage([[0.0, 0.0, 0.0, 0.0, 29.0, 0.2, 0.0, 0.0, 0.1, 0.03, 0.08]]));
 
 /// The trim at this velocity (north, east, down) heading north, by Newton's method from `unknowns`.
-fn solved(dynamics: &Dynamics, velocity: &Vector3<f64>, mut unknowns: Unknowns) -> Option<Unknowns> {
+fn solved(dynamics: &Dynamics, velocity: Vector<f64>, mut unknowns: Unknowns) -> Option<Unknowns> {
     for _ in 0..30 {
         let residual = residual(dynamics, velocity, &unknowns);
         let mut jacobian = SMatrix::<f64, 11, 11>::zeros();
@@ -90,19 +90,19 @@ fn solved(dynamics: &Dynamics, velocity: &Vector3<f64>, mut unknowns: Unknowns) 
 
 /// Residual of the trim at this velocity (north, east, down), heading north: the rates of u to r, a1, b1, Ω, λ and λ_t,
 /// which must vanish.
-fn residual(dynamics: &Dynamics, velocity: &Vector3<f64>, unknowns: &Unknowns) -> SVector<f64, 11> {
+fn residual(dynamics: &Dynamics, velocity: Vector<f64>, unknowns: &Unknowns) -> SVector<f64, 11> {
     let (state, command) = unpack(velocity, unknowns);
-    let State(rate) = dynamics.rates(&state, &command, &CALM);
+    let State(rate) = dynamics.rates(&state, &command, CALM);
     SVector::from([3, 4, 5, 10, 11, 12, 13, 14, 15, 21, 22].map(|i: usize| rate[i]))
 }
 
-fn unpack(velocity: &Vector3<f64>, unknowns: &Unknowns) -> (State, Command) {
+fn unpack(velocity: Vector<f64>, unknowns: &Unknowns) -> (State, Command) {
     let [roll, pitch, a1, b1, governor, gyro, lateral, longitudinal, collective, lambda, lambda_t] = unknowns.data.0[0];
     let ((sin_roll, cos_roll), (sin_pitch, cos_pitch)) = (math::sin_cos(0.5 * roll), math::sin_cos(0.5 * pitch));
     let quaternion = [cos_roll * cos_pitch, sin_roll * cos_pitch, cos_roll * sin_pitch, -sin_roll * sin_pitch];
-    let velocity = body::ned_from_body(quaternion).tr_mul(velocity);
+    let velocity = body::ned_from_body(quaternion).to_body(velocity);
     let mut state = [0.0; 23];
-    state[3..6].copy_from_slice(velocity.as_slice());
+    state[3..6].copy_from_slice(&[velocity.x, velocity.y, velocity.z]);
     state[6..10].copy_from_slice(&quaternion);
     state[13..].copy_from_slice(&[a1, b1, 167.0, governor, gyro, lateral, longitudinal, collective, lambda, lambda_t]);
     let command = Command {

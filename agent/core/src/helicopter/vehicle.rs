@@ -1,6 +1,6 @@
 //! A complete vehicle: the helicopter, the air around it and its measurements.
 
-use skein_common::frame::{Geodetic, Origin};
+use skein_common::frame::{Geodetic, Origin, VelocityNed};
 use skein_common::id::VehicleId;
 use skein_common::time::PlantTime;
 
@@ -25,7 +25,7 @@ pub struct Start {
 #[derive(Clone, Debug)]
 pub struct BuiltInVehicle {
     origin: Origin,
-    helicopter: Helicopter,
+    pub(super) helicopter: Helicopter,
     air: LocalWind,
     ticks: u64,
     /// The last valid controls; `None` before the first.
@@ -79,11 +79,17 @@ impl BuiltInVehicle {
     /// ground and only time passes: otherwise the gyro's integral would wind up against the ground and the heading
     /// would swing at lift-off. Controls that are not finite are ignored, and values beyond the travel are clamped.
     pub fn advance(&mut self, controls: Option<Controls>) {
+        if let Some((controls, wind)) = self.begin_tick(controls) {
+            self.helicopter.advance(&controls, wind);
+        }
+    }
+
+    /// Begins one tick: the controls and the wind with which the helicopter flies it; `None` while it is held on the
+    /// ground.
+    pub(super) fn begin_tick(&mut self, controls: Option<Controls>) -> Option<(Controls, VelocityNed)> {
         self.ticks += 1;
         self.controls = controls.filter(is_finite).or(self.controls);
-        let Some(controls) = self.controls else { return };
-        let wind = self.air.advance(self.helicopter.height_m());
-        self.helicopter.advance(&controls, wind);
+        Some((self.controls?, self.air.advance(self.helicopter.height_m())))
     }
 
     /// From now on exactly these failures are present; all others are cured.

@@ -5,6 +5,7 @@ use std::ops::Range;
 use std::path::PathBuf;
 use std::thread;
 
+use super::flight::fly_side_by_side;
 use super::measured::Measured;
 use super::plan::{Plan, write};
 use super::progress::Progress;
@@ -15,7 +16,6 @@ use crate::error::Error;
 use crate::scenario::{ScenarioArgs, quoted};
 use crate::terminal::json;
 use crate::terminal::{say, what_next};
-use skein_host::parallel::in_parallel;
 
 /// `skein study`
 #[derive(Clone, Debug, clap::Args)]
@@ -141,10 +141,12 @@ fn fly(plan: &Plan, jobs: NonZeroUsize) -> Result<Vec<Measured>, Error> {
         eprintln!("{} of {} runs are there already", there.len() - left.len(), there.len());
     }
     let progress = Progress::new(there.len(), there.len() - left.len());
-    let flown = in_parallel(left.len(), jobs, |nth| {
-        let measured = plan.run(left[nth]).fly()?;
-        progress.inc();
-        Ok::<_, Error>(measured)
+    let begin = |nth: usize| {
+        let run = plan.run(left[nth]);
+        run.begin().map(|(files, flight)| ((run, files), flight))
+    };
+    let flown = fly_side_by_side(left.len(), jobs, begin, |(run, files), report| {
+        run.end(&files, report).inspect(|_| progress.inc())
     })?;
     left.into_iter().zip(flown).for_each(|(nth, measured)| there[nth] = Some(measured));
     Ok(there.into_iter().flatten().collect())

@@ -27,11 +27,13 @@ use skein_host::atomic_file::{self, Durability};
 use skein_host::external::is_external;
 use skein_host::external::protocol::Time;
 
+use super::flight::SeedFlight;
 use super::measured::Measured;
 use super::sweep::{self, Point, Sweep};
-use super::{Study, StudyArgs};
+use super::{Study, StudyArgs, StudyError};
 use crate::error::Error;
 use crate::external::{self, LawPool, Trial};
+use crate::metrics::Report;
 use crate::out;
 use crate::prepare::prepare;
 use crate::scenario::{Ready, ScenarioArgs};
@@ -190,6 +192,13 @@ fn hash_file(path: &Path, hasher: &mut impl Hasher) -> Result<(), Error> {
     Ok(())
 }
 
+/// The files that describe a run: the text of its complete scenario and of each aircraft, by name.
+#[derive(Debug)]
+pub(super) struct RunFiles {
+    scenario: String,
+    aircraft: BTreeMap<String, String>,
+}
+
 /// One run of a study.
 #[derive(Clone, Copy, Debug)]
 pub struct PlannedRun<'a> {
@@ -238,16 +247,32 @@ impl PlannedRun<'_> {
     /// # Errors
     /// What it failed of, naming the run.
     pub fn fly(&self) -> Result<Measured, Error> {
-        let (study, text, aircraft) = self.ready()?;
-        let report = study.fly(self.seed).map_err(|error| Error::Failed(format!("{self}: {error}")))?;
+        let (files, flight) = self.begin()?;
+        self.end(&files, flight.fly(None))
+    }
+
+    /// Its flight, on the ground, and the files that describe it.
+    pub(super) fn begin(&self) -> Result<(RunFiles, SeedFlight), Error> {
+        let (study, scenario, aircraft) = self.ready()?;
+        let flight = SeedFlight::new(&study, self.seed).map_err(|error| self.failed(&error))?;
+        Ok((RunFiles { scenario, aircraft }, flight))
+    }
+
+    /// Writes its files, its flight being over.
+    pub(super) fn end(&self, files: &RunFiles, report: Result<Report, StudyError>) -> Result<Measured, Error> {
+        let report = report.map_err(|error| self.failed(&error))?;
         let folder = self.folder();
-        write(&folder.join("scenario.toml"), &text)?;
+        write(&folder.join("scenario.toml"), &files.scenario)?;
         // With these beside it, it flies again from here alone.
         let is_shipped = |name: &str| Aircraft::SHIPPED.iter().any(|(shipped, _)| *shipped == name);
-        let mut own = aircraft.iter().filter(|(name, _)| !is_shipped(name));
+        let mut own = files.aircraft.iter().filter(|(name, _)| !is_shipped(name));
         own.try_for_each(|(name, text)| write(&folder.join(format!("{name}.toml")), text))?;
         write(&folder.join("metrics.json"), &crate::terminal::json(&report))?;
         Ok(Measured::of(&report))
+    }
+
+    fn failed(&self, error: &StudyError) -> Error {
+        Error::Failed(format!("{self}: {error}"))
     }
 
     /// Also with the files of its aircraft.

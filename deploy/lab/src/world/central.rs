@@ -89,7 +89,6 @@ struct AircraftLink {
     plant_time: PlantTime,
     /// Controls that are not sent yet, with the times at which they are computed.
     computed: VecDeque<Received>,
-    simulator_frozen: bool,
 }
 
 /// The contents of datagrams that may still arrive, by number: the simulated network carries only the number.
@@ -175,9 +174,8 @@ impl Central {
     fn read(&mut self, now: LocalTime, vehicles: &mut [Vehicle]) -> bool {
         let mut sent = Vec::with_capacity(vehicles.len());
         for (link, vehicle) in self.links.iter_mut().zip(vehicles.iter_mut()) {
-            let (frame, simulator_frozen) = vehicle.frame(now);
-            link.simulator_frozen = simulator_frozen;
-            if simulator_frozen {
+            let frame = vehicle.frame(now);
+            if vehicle.simulator_frozen {
                 continue;
             }
             let number = link.states.send((frame.time, frame.measurement));
@@ -229,7 +227,7 @@ impl Central {
         Some((outbox, ask))
     }
 
-    /// Delivers the controls that arrive before the next frame, and advances the simulators to it.
+    /// Delivers the controls that arrive before the next frame.
     fn write(&mut self, now: LocalTime, vehicles: &mut [Vehicle]) {
         let next_frame = LocalTime::from_nanoseconds(now.nanoseconds() + TICK_NS - 1);
         for (link, vehicle) in self.links.iter_mut().zip(vehicles) {
@@ -241,9 +239,6 @@ impl Central {
             link.impairments.receive(next_frame, there, link.computed.drain(..computed), &mut self.received);
             for (_, number) in self.received.drain(..).filter_map(datagram_number) {
                 vehicle.command = link.controls.arrive(number).or(vehicle.command);
-            }
-            if !link.simulator_frozen {
-                vehicle.plant.advance(vehicle.command);
             }
         }
     }
@@ -318,7 +313,6 @@ impl AircraftLink {
             newest: None,
             plant_time: PlantTime::ZERO,
             computed: VecDeque::new(),
-            simulator_frozen: false,
         }
     }
 }

@@ -17,7 +17,7 @@ use crate::metrics::Totals;
 /// Accepts the messages and the query that the agent of a vehicle sends in one step.
 pub(super) type TakeOutputs<'a> = dyn FnMut(&mut Vehicle, Outbox, Option<LawQuery>) + 'a;
 
-/// Steps the agents and the vehicles of a world, one frame at a time.
+/// Steps the agents of a world, one frame at a time.
 pub(super) trait Driver: Debug {
     /// The scenario that the agents receive from this driver.
     fn scenario_of_agents(&self, scenario: &Scenario) -> Scenario;
@@ -34,8 +34,9 @@ pub(super) trait Driver: Debug {
     /// Whether agents may take messages to all vehicles in place, in the frame in which they are delivered.
     fn broadcasts(&self) -> bool;
 
-    /// Simulates one frame: every agent that is due steps, and every vehicle moves. `arriving` are the messages to all
-    /// vehicles, for those that take them in place.
+    /// Simulates the agents' part of one frame: every vehicle is read, every agent that is due steps, and every
+    /// vehicle has its controls. The plants move afterwards. `arriving` are the messages to all vehicles, for those that
+    /// take them in place.
     fn frame(&mut self, now: LocalTime, arriving: &[PeerMessage], vehicles: &mut [Vehicle], take: &mut TakeOutputs<'_>);
 
     /// The counters of what crossed the network, from the agents' own counters.
@@ -75,14 +76,11 @@ impl Driver for Decentralised {
         take: &mut TakeOutputs<'_>,
     ) {
         for vehicle in vehicles {
-            let (frame, simulator_frozen) = vehicle.frame(now);
-            let measurement = (!simulator_frozen).then_some(&frame.measurement);
+            let frame = vehicle.frame(now);
+            let measurement = (!vehicle.simulator_frozen).then_some(&frame.measurement);
             let outputs = vehicle.step(now, (frame.time, measurement), arriving);
             if let Some(Outputs { command, .. }) = &outputs {
                 vehicle.command = *command;
-            }
-            if !simulator_frozen {
-                vehicle.plant.advance(vehicle.command);
             }
             if let Some(Outputs { outbox, ask, .. }) = outputs {
                 take(vehicle, outbox, ask);

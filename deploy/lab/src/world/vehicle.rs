@@ -43,6 +43,8 @@ pub(super) struct Vehicle {
     /// Plant time of the last frame.
     pub(super) plant_time: PlantTime,
     pub(super) command: Option<Controls>,
+    /// Whether the simulator stands still in this frame.
+    pub(super) simulator_frozen: bool,
 }
 
 impl Vehicle {
@@ -68,6 +70,7 @@ impl Vehicle {
             heartbeat: None,
             plant_time: PlantTime::ZERO,
             command: None,
+            simulator_frozen: false,
         };
         vehicle.clocks.jump(script::clock_begins_s(scenario, id));
         vehicle.station = Some(vehicle.new_station(scenario, rules)?);
@@ -107,13 +110,14 @@ impl Vehicle {
         }
     }
 
-    /// The plant's frame under its present failures, and whether the simulator is frozen.
-    pub(super) fn frame(&mut self, now: LocalTime) -> (Frame, bool) {
+    /// The plant's frame under its present failures.
+    pub(super) fn frame(&mut self, now: LocalTime) -> Frame {
         let script = self.clocks().flown_s(now).map(|flown_s| self.script.at(flown_s)).unwrap_or_default();
         self.plant.fail(script.failures);
         let frame = self.plant.frame();
         (self.truth, self.plant_time) = (frame.truth, frame.time);
-        (frame, script.simulator_frozen)
+        self.simulator_frozen = script.simulator_frozen;
+        frame
     }
 
     /// Steps the agent, if it runs; it takes the messages to all vehicles if it may.

@@ -12,7 +12,7 @@ fn eigenvalues() -> Vec<Complex<f64>> {
     let rates = |i: usize, shift: f64| {
         let mut shifted = state;
         shifted.0[i] += shift;
-        dynamics.rates(&shifted, &command, &CALM)
+        dynamics.rates(&shifted, &command, CALM)
     };
     let mut jacobian = DMatrix::zeros(20, 20);
     for column in 0..20 {

@@ -33,7 +33,7 @@ fn thrust_stops_at_its_limit_and_inflow_at_its_floor() {
 fn a_stopped_rotor_has_finite_rates() {
     let mut flight = Flight::trimmed(20.0);
     flight.state.0[15] = 0.0;
-    let rates = flight.dynamics.rates(&flight.state, &flight.command, &CALM);
+    let rates = flight.dynamics.rates(&flight.state, &flight.command, CALM);
     assert!(rates.0.iter().all(|rate| rate.is_finite()), "{rates:?}");
 }
 
@@ -49,7 +49,7 @@ fn climbing_into_the_wind_tilts_the_disc_forward() {
         a1: 0.0,
         b1: 0.0,
     };
-    let a1_rate = |down| main_rotor.action(&state, &Vector3::new(15.0, 0.0, down), &CALM, 100.0, 1.0).a1_rate;
+    let a1_rate = |down| main_rotor.action(&state, Vector::new(15.0, 0.0, down), CALM, 100.0, 1.0).a1_rate;
     let (tip_m_s, flap_lag_s) = (167.0 * 0.775, 16.0 / (0.8 * 167.0));
     let mu: f64 = 15.0 / tip_m_s;
     let lift = 5.5 * 0.04764;
@@ -88,20 +88,20 @@ fn gyro_and_governor_do_not_wind_up_at_their_stops() {
 #[test]
 fn the_body_obeys_euler_and_newton_in_turning_axes() {
     let body = dynamics().body;
-    let free = body.angular_acceleration(&CALM, &Vector3::new(1.0, 2.0, 3.0));
-    let euler = Vector3::new(0.06 * 6.0 / 0.18, 0.10 * 3.0 / 0.34, -0.16 * 2.0 / 0.28);
+    let free = body.angular_acceleration(CALM, Vector::new(1.0, 2.0, 3.0));
+    let euler = Vector::new(0.06 * 6.0 / 0.18, 0.10 * 3.0 / 0.34, -0.16 * 2.0 / 0.28);
     assert_near(1e-12, (free - euler).norm(), 0.0);
     // Level at 10 m/s, turning right at 1 rad/s: in body axes the velocity turns to the left.
     let level = body::ned_from_body([1.0, 0.0, 0.0, 0.0]);
-    let (velocity, turn) = (Vector3::new(10.0, 0.0, 0.0), Vector3::new(0.0, 0.0, 1.0));
-    let acceleration = body.acceleration(&CALM, &velocity, &turn, &level);
-    assert_near(1e-12, (acceleration - Vector3::new(0.0, -10.0, 9.81)).norm(), 0.0);
+    let (velocity, turn) = (Vector::new(10.0, 0.0, 0.0), Vector::new(0.0, 0.0, 1.0));
+    let acceleration = body.acceleration(CALM, velocity, turn, &level);
+    assert_near(1e-12, (acceleration - Vector::new(0.0, -10.0, 9.81)).norm(), 0.0);
 }
 
 #[test]
 fn the_wake_reaches_the_tail_between_its_two_skew_angles() {
     let body = dynamics().body;
-    let wake = |u, w| body.wake_at_tail_m_s(&Vector3::new(u, 0.0, w), 4.4);
+    let wake = |u, w| body.wake_at_tail_m_s(Vector::new(u, 0.0, w), 4.4);
     // χ_i = 0.005/0.08 and χ_f = 0.265/0.08.
     assert_eq!((wake(-5.0, 0.0), wake(0.2, 0.0), wake(5.0, 4.4), wake(5.0, 6.0)), (0.0, 0.0, 0.0, 0.0));
     assert_near(1e-9, wake(5.0, 0.0), 1.5 * (5.0 / 4.4 - 0.0625) / 3.25 * 4.4);
@@ -113,17 +113,17 @@ fn the_wake_reaches_the_tail_between_its_two_skew_angles() {
 fn stabiliser_and_fin_lift_until_they_stall() {
     let Dynamics { body, tail, .. } = dynamics();
     for (u, w, product) in [(10.0, 1.0, 31.0), (-10.0, 1.0, 31.0), (10.0, 5.0, 125.0), (10.0, -5.0, -125.0)] {
-        let stabiliser = body.stabiliser(&Vector3::new(u, 0.0, w), 0.0, 0.0);
+        let stabiliser = body.stabiliser(Vector::new(u, 0.0, w), 0.0, 0.0);
         let z = -half_density(0.01) * product;
-        assert_near(1e-12, (stabiliser.force - Vector3::new(0.0, 0.0, z)).norm(), 0.0);
-        assert_near(1e-12, (stabiliser.moment - Vector3::new(0.0, 0.71 * z, 0.0)).norm(), 0.0);
+        assert_near(1e-12, (stabiliser.force - Vector::new(0.0, 0.0, z)).norm(), 0.0);
+        assert_near(1e-12, (stabiliser.moment - Vector::new(0.0, 0.71 * z, 0.0)).norm(), 0.0);
     }
     // A pitch rate moves the stabiliser down, and the wake blows on it from above.
-    assert!(body.stabiliser(&Vector3::new(10.0, 0.0, 0.0), 0.5, 0.0).moment.y < 0.0);
-    assert!(body.stabiliser(&Vector3::new(10.0, 0.0, 0.0), 0.0, 2.0).moment.y > 0.0);
+    assert!(body.stabiliser(Vector::new(10.0, 0.0, 0.0), 0.5, 0.0).moment.y < 0.0);
+    assert!(body.stabiliser(Vector::new(10.0, 0.0, 0.0), 0.0, 2.0).moment.y > 0.0);
     // A stopped tail rotor in flat pitch does not affect the fin.
     for (u, v, product) in [(0.0, 10.0, 100.0), (10.0, 2.0, 44.0), (10.0, 10.0, 200.0), (10.0, -10.0, -200.0)] {
-        let fin = tail.action((0.0, 0.0), 0.0, &Vector3::new(u, v, 0.0), &CALM, 0.0).wrench;
+        let fin = tail.action((0.0, 0.0), 0.0, Vector::new(u, v, 0.0), CALM, 0.0).wrench;
         assert_near(0.003, fin.force.y, -half_density(0.012) * product);
         assert_near(1e-12, fin.moment.z, -0.91 * fin.force.y);
         assert_near(1e-12, fin.moment.x, 0.08 * fin.force.y);
@@ -133,19 +133,19 @@ fn stabiliser_and_fin_lift_until_they_stall() {
 #[test]
 fn the_tail_rotor_resists_rolling_and_yawing() {
     let tail = dynamics().tail;
-    let force = |rates: Vector3<f64>| tail.action((0.2, 0.08), 167.0, &CALM, &rates, 0.0).wrench.force.y;
+    let force = |rates: Vector<f64>| tail.action((0.2, 0.08), 167.0, CALM, rates, 0.0).wrench.force.y;
     let tip_m_s = 4.66 * 167.0 * 0.13;
     // Rolling right moves the hub right: more flow against the inflow, more thrust to the left.
     let per_m_s = 0.830 * 1.225 * 0.05309 * tip_m_s * (5.0 * 0.1420 / 4.0);
-    assert_within(0.01, force(Vector3::new(1.0, 0.0, 0.0)) - force(CALM), -per_m_s * 0.08);
+    assert_within(0.01, force(Vector::new(1.0, 0.0, 0.0)) - force(CALM), -per_m_s * 0.08);
     // Turning right moves the hub left.
-    assert!(force(Vector3::new(0.0, 0.0, 0.5)) > force(CALM));
+    assert!(force(Vector::new(0.0, 0.0, 0.5)) > force(CALM));
 }
 
 #[test]
 fn the_fuselage_is_dragged_by_air_and_wake() {
-    let drag = dynamics().body.fuselage(&Vector3::new(3.0, 0.0, 8.0), 4.0);
-    let expected = -half_density(5.0) * Vector3::new(0.1 * 3.0, 0.0, 0.15 * 4.0);
+    let drag = dynamics().body.fuselage(Vector::new(3.0, 0.0, 8.0), 4.0);
+    let expected = Vector::new(0.1 * 3.0, 0.0, 0.15 * 4.0) * -half_density(5.0);
     assert_near(1e-12, (drag - expected).norm(), 0.0);
 }
 

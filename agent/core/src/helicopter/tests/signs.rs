@@ -61,19 +61,17 @@ fn attitude_and_velocity_are_in_the_shared_frames() {
     assert_near(1e-12, read.roll_rad, attitude.roll_rad);
     assert_near(1e-12, read.pitch_rad, attitude.pitch_rad);
     assert_near(1e-12, read.heading_rad, attitude.heading_rad);
-    let velocity = attitude.ned_from_body() * Vector3::new(1.0, 2.0, 3.0);
+    let velocity = attitude.ned_from_body() * nalgebra::Vector3::new(1.0, 2.0, 3.0);
     assert_near(1e-12, (helicopter.velocity().0 - velocity).norm(), 0.0);
 }
 
 #[test]
 fn turning_keeps_euler_and_body_rates_together() {
     // A pure yaw of a level body turns the heading at r; a pure roll turns the roll angle at p.
-    for (rates, expected) in
-        [([0.0, 0.0, 0.4], [0.0, 0.0, 0.4]), ([0.4, 0.0, 0.0], [0.4, 0.0, 0.0]), ([0.0, 0.4, 0.0], [0.0, 0.4, 0.0])]
-    {
-        let turning = body::quaternion_rate([1.0, 0.0, 0.0, 0.0], &Vector3::from(rates));
+    for [p, q, r] in [[0.0, 0.0, 0.4], [0.4, 0.0, 0.0], [0.0, 0.4, 0.0]] {
+        let turning = body::quaternion_rate([1.0, 0.0, 0.0, 0.0], Vector::new(p, q, r));
         let [_, roll, pitch, yaw] = turning.map(|half| 2.0 * half);
-        assert_eq!([roll, pitch, yaw], expected);
+        assert_eq!([roll, pitch, yaw], [p, q, r]);
     }
 }
 
@@ -94,10 +92,10 @@ fn the_wind_carries_the_helicopter_along() {
 /// Initial tilt rates of the disc, back and right, rad/s, for a body moving at u, v with the blades not commanded.
 fn tilt_rates(u: f64, v: f64) -> (f64, f64) {
     let mut flight = Flight::trimmed(0.0);
-    let State(rest) = flight.dynamics.rates(&flight.state, &flight.command, &CALM);
+    let State(rest) = flight.dynamics.rates(&flight.state, &flight.command, CALM);
     flight.state.0[3] += u;
     flight.state.0[4] += v;
-    let State(moving) = flight.dynamics.rates(&flight.state, &flight.command, &CALM);
+    let State(moving) = flight.dynamics.rates(&flight.state, &flight.command, CALM);
     (moving[13] - rest[13], moving[14] - rest[14])
 }
 
@@ -130,11 +128,11 @@ fn thrust_in_ground_effect_follows_cheeseman_and_bennett() {
 #[test]
 fn ground_effect_acts_on_thrust_alone_and_at_the_hubs_height() {
     let mut flight = Flight::trimmed(0.0);
-    let far = flight.dynamics.rates(&flight.state, &flight.command, &CALM).0;
+    let far = flight.dynamics.rates(&flight.state, &flight.command, CALM).0;
     // The hub, tilted with the trim's bank, one radius above the ground.
     let hub_above_cg_m = 0.235 * math::cos(flight.helicopter().attitude().roll_rad);
     flight.state.0[2] = flight.dynamics.ground_down_m - (0.775 - hub_above_cg_m);
-    let near = flight.dynamics.rates(&flight.state, &flight.command, &CALM).0;
+    let near = flight.dynamics.rates(&flight.state, &flight.command, CALM).0;
     let thrust_n = 8.2 * 9.81 * math::cos(flight.helicopter().attitude().roll_rad) / (1.0 - 0.15 / (4.0 * 0.9 * 1.887));
     assert_within(0.001, far[5] - near[5], thrust_n / 15.0 / 8.2);
     // Rotor speed, inflows and flapping are not affected.

@@ -15,8 +15,8 @@ fn net_tail_force_n(flight: &Flight) -> f64 {
         a1,
         b1,
     };
-    let main = flight.dynamics.main_rotor.action(&state, &CALM, &CALM, 100.0, 1.0);
-    let tail = flight.dynamics.tail.action((gyro, lambda_t), speed, &CALM, &CALM, 0.0);
+    let main = flight.dynamics.main_rotor.action(&state, CALM, CALM, 100.0, 1.0);
+    let tail = flight.dynamics.tail.action((gyro, lambda_t), speed, CALM, CALM, 0.0);
     assert_within(1e-9, -tail.wrench.force.y, main.torque_n_m / flight.dynamics.tail.arm_m);
     -tail.wrench.force.y
 }

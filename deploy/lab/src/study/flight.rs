@@ -1,0 +1,251 @@
+//! One flight of a study, tick by tick, and several flights side by side.
+//!
+//! A job flies as many runs at once as fill the blocks of the flight model: two of four vehicles, one of sixteen. A run
+//! measures the same with any other runs beside it.
+
+use std::num::NonZeroUsize;
+
+use skein_common::scenario::Scenario;
+use skein_core::helicopter::TICK_S;
+use skein_host::clock::now;
+use skein_host::parallel::{Tasks, in_parallel_by};
+
+use super::{JOIN_LIMIT_S, Study, StudyError, longest_s, measure};
+use crate::external::{LawPool, Laws};
+use crate::metrics::{Metrics, Report, Run, VehicleNow, Wall};
+use crate::recording::Watch;
+use crate::world::{Blocks, World};
+
+/// An observer of a flight, and the rate at which it is shown the vehicles' steps, Hz.
+pub(super) type Watched<'a> = Option<(&'a mut dyn Watch, f64)>;
+
+/// One flight, from the ground to the end of the window or of the mission.
+#[derive(Debug)]
+pub(super) struct SeedFlight {
+    world: World,
+    laws: Option<Laws>,
+    /// Where the laws wait for their next run.
+    pool: LawPool,
+    metrics: Metrics,
+    /// Room to work in.
+    vehicles: Vec<VehicleNow>,
+    /// Beginning of the window; `None` while vehicles still join, s.
+    zero_s: Option<f64>,
+    /// Ticks of the window so far, and at most.
+    ticks: u64,
+    most_ticks: u64,
+    /// Why the flight has failed.
+    failed: Option<StudyError>,
+    /// Wall-clock time spent on this flight, s.
+    wall_s: f64,
+}
+
+impl SeedFlight {
+    /// A flight of this seed, on the ground.
+    ///
+    /// # Errors
+    /// If the scenario cannot be flown, or an external law is gone.
+    pub(super) fn new(study: &Study, seed: u64) -> Result<Self, StudyError> {
+        let started = now();
+        let scenario = Scenario { seed, ..study.scenario.clone() };
+        let world = World::new(&scenario, &study.aircraft, &study.rules)?;
+        Ok(Self {
+            world,
+            laws: study.laws.take(&scenario)?,
+            pool: study.laws.clone(),
+            metrics: Metrics::new(&scenario, Run::new(&scenario, "study")),
+            vehicles: Vec::with_capacity(scenario.swarm.vehicles),
+            zero_s: None,
+            ticks: 0,
+            most_ticks: (longest_s(&scenario) / TICK_S).round() as u64,
+            failed: None,
+            wall_s: now().duration_since(started).as_secs_f64(),
+        })
+    }
+
+    /// Flies to the end by itself.
+    ///
+    /// # Errors
+    /// If a vehicle does not join, or an external law is silent or gone.
+    pub(super) fn fly(mut self, mut watched: Watched<'_>) -> Result<Report, StudyError> {
+        let started = now();
+        while !self.is_over() {
+            self.world.tick();
+            self.end_tick(&mut watched);
+        }
+        self.wall_s += now().duration_since(started).as_secs_f64();
+        self.report()
+    }
+
+    /// Whether no tick follows. To be asked before each.
+    fn is_over(&mut self) -> bool {
+        if self.zero_s.is_none() && self.failed.is_none() {
+            if self.world.all_active() {
+                self.zero_s = Some(self.world.t_s());
+            } else if self.world.t_s() > JOIN_LIMIT_S {
+                self.failed = Some(StudyError::NeverActive);
+            }
+        }
+        let has_finished = || self.ticks == self.most_ticks || (self.ticks > 0 && self.world.has_finished());
+        self.failed.is_some() || (self.zero_s.is_some() && has_finished())
+    }
+
+    /// Serves the laws and measures, after the world's tick.
+    fn end_tick(&mut self, watched: &mut Watched<'_>) {
+        self.failed = self.laws.as_mut().and_then(|laws| laws.serve(&mut self.world).err()).map(Into::into);
+        let Some(zero_s) = self.zero_s.filter(|_| self.failed.is_none()) else { return };
+        measure(&self.world, zero_s, &mut self.metrics, &mut self.vehicles);
+        if let Some((watch, rate_hz)) = watched {
+            let every = (1.0 / (TICK_S * *rate_hz)).round().max(1.0) as u64;
+            show(&mut self.world, zero_s, *watch, self.ticks.is_multiple_of(every));
+        }
+        self.ticks += 1;
+    }
+
+    /// What was measured. Laws of a flight that failed are not kept.
+    fn report(mut self) -> Result<Report, StudyError> {
+        if let Some(error) = self.failed {
+            return Err(error);
+        }
+        self.metrics.set_totals(self.world.totals());
+        self.laws.into_iter().for_each(|laws| self.pool.put_back(laws));
+        let real_time_factor = self.world.t_s() / self.wall_s.max(1e-9);
+        Ok(self.metrics.report(Wall { wall_s: self.wall_s, real_time_factor }))
+    }
+}
+
+/// Shows the world's last tick to the observer; the vehicles' steps only if they are `due`.
+fn show(world: &mut World, zero_s: f64, watch: &mut dyn Watch, due: bool) {
+    let t_s = world.t_s() - zero_s;
+    world.faults().iter().for_each(|fault| watch.fault(t_s, fault));
+    world.events().iter().for_each(|(sender, what)| watch.event(t_s, *sender, what));
+    if due {
+        world.traces().for_each(|trace| watch.step(t_s, &trace));
+    }
+}
+
+/// Flies runs 0 to `count` - 1 in `jobs` threads, each of them several side by side. `begin` makes a run's flight, and
+/// `end` what becomes of its report; the results are in the order of runs.
+///
+/// # Errors
+/// The first error of a run, in the order of runs.
+pub(super) fn fly_side_by_side<Run, T: Send, E: Send>(
+    count: usize,
+    jobs: NonZeroUsize,
+    begin: impl Fn(usize) -> Result<(Run, SeedFlight), E> + Sync,
+    end: impl Fn(Run, Result<Report, StudyError>) -> Result<T, E> + Sync,
+) -> Result<Vec<T>, E> {
+    // No job takes more than its share of the runs.
+    let share = count.div_ceil(jobs.get());
+    in_parallel_by(count, jobs, |tasks: &Tasks<T, E>| {
+        let mut flights = SideBySide::default();
+        loop {
+            while flights.have_room(share) {
+                let Some(nth) = tasks.take() else { break };
+                match begin(nth) {
+                    Ok((run, flight)) => flights.add((nth, run), flight),
+                    Err(error) => tasks.finish(nth, Err(error)),
+                }
+            }
+            let Some(((nth, run), flight)) = flights.fly_until_one_ends() else { return };
+            tasks.finish(nth, end(run, flight.report()));
+        }
+    })
+}
+
+/// The flights of one job.
+struct SideBySide<Run> {
+    runs: Vec<Run>,
+    flights: Vec<SeedFlight>,
+    blocks: Blocks,
+}
+
+impl<Run> Default for SideBySide<Run> {
+    fn default() -> Self {
+        Self { runs: Vec::new(), flights: Vec::new(), blocks: Blocks::default() }
+    }
+}
+
+impl<Run> SideBySide<Run> {
+    /// Whether one more flight is worth it: the last block has empty lanes. A flight with external laws waits for them
+    /// and would keep the others waiting.
+    fn have_room(&self, share: usize) -> bool {
+        let vehicles = self.flights.iter().map(|flight| flight.world.vehicle_count()).sum();
+        let alone = self.flights.iter().any(|flight| flight.laws.is_some());
+        self.flights.len() < share && !alone && !Blocks::are_full(vehicles)
+    }
+
+    fn add(&mut self, run: Run, flight: SeedFlight) {
+        self.runs.push(run);
+        self.flights.push(flight);
+    }
+
+    /// Flies on until the first flight ends, and removes it; `None` without flights.
+    fn fly_until_one_ends(&mut self) -> Option<(Run, SeedFlight)> {
+        if self.flights.is_empty() {
+            return None;
+        }
+        let started = now();
+        let ended = loop {
+            if let Some(ended) = self.flights.iter_mut().position(SeedFlight::is_over) {
+                break ended;
+            }
+            World::tick_together(self.flights.iter_mut().map(|flight| &mut flight.world), &mut self.blocks);
+            self.flights.iter_mut().for_each(|flight| flight.end_tick(&mut None));
+        };
+        let wall_s = now().duration_since(started).as_secs_f64() / self.flights.len() as f64;
+        self.flights.iter_mut().for_each(|flight| flight.wall_s += wall_s);
+        Some((self.runs.remove(ended), self.flights.remove(ended)))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use skein_common::scenario::{Source, load};
+    use skein_core::aircraft::Aircraft;
+    use skein_core::control::Rules;
+
+    use super::*;
+    use crate::metrics::WALL_CLOCK_KEYS;
+    use crate::study::Measured;
+
+    fn study(vehicles: usize) -> Study {
+        let text = "duration_s = 40\nworld.wind_m_s = 4\nworld.gust_w20_m_s = 5\n\
+                    mission.events = [{ at_s = 12, fault = 'engine_out', vehicle = 1 }]\n";
+        let source = Source { name: "test", text };
+        let scenario = load(&source, &[format!("swarm.vehicles={vehicles}")]).unwrap().scenario;
+        let aircraft = vec![Aircraft::shipped("xcell60").unwrap().unwrap(); vehicles];
+        Study { scenario, aircraft, rules: Rules::shipped(), laws: LawPool::default() }
+    }
+
+    fn without_wall_clock(report: &Report) -> Measured {
+        let mut measured = Measured::of(report);
+        measured.figures.retain(|key, _| !WALL_CLOCK_KEYS.contains(&key.as_str()));
+        measured
+    }
+
+    #[test]
+    fn runs_side_by_side_measure_the_same_as_each_alone() {
+        for vehicles in [3, 4] {
+            let study = study(vehicles);
+            let alone: Vec<_> = (0..5).map(|seed| without_wall_clock(&study.fly(seed).unwrap())).collect();
+            for jobs in [1, 2, 5] {
+                let reports = study.fly_all(0..5, NonZeroUsize::new(jobs).unwrap(), |_| {}).unwrap();
+                assert_eq!(reports.iter().map(without_wall_clock).collect::<Vec<_>>(), alone, "{jobs} jobs");
+            }
+            assert_ne!(alone[0].figures, alone[1].figures, "another seed flies differently");
+        }
+    }
+
+    #[test]
+    fn a_job_flies_as_many_runs_side_by_side_as_fill_its_blocks() {
+        for (vehicles, share, expected) in [(4, 9, 2), (8, 9, 1), (3, 9, 5), (3, 2, 2), (16, 9, 1)] {
+            let study = study(vehicles);
+            let mut flights = SideBySide::default();
+            while flights.have_room(share) {
+                flights.add((), SeedFlight::new(&study, 1).unwrap());
+            }
+            assert_eq!(flights.flights.len(), expected, "{vehicles} vehicles, at most {share} runs");
+        }
+    }
+}
