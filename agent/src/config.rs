@@ -10,7 +10,9 @@ use std::path::{Path, PathBuf};
 use serde::Deserialize;
 use skein_common::frame::Origin;
 use skein_common::id::VehicleId;
-use skein_common::scenario::{self, ControlMode, FileKind, PlantKind, Scenario, ScenarioError, Source, Written};
+use skein_common::scenario::{
+    self, ControlMode, FileKind, ModelKind, PlantKind, Scenario, ScenarioError, Source, Written,
+};
 
 use crate::link::Security;
 use crate::link::signature::VerificationKey;
@@ -19,9 +21,10 @@ use crate::plant::xplane::{self, XPlane, wire};
 use crate::unix;
 pub use security::SecurityTable;
 use skein_core::aircraft::Aircraft;
+use skein_core::builtin::{BuiltInPlant, NoFlightModel};
 use skein_core::control::Rules;
 use skein_core::formation::{self, UnsupportedScenario};
-use skein_core::helicopter::{BuiltInVehicle, Script, TICK_S, Weather};
+use skein_core::helicopter::{Script, TICK_S};
 use skein_core::plant::Plant;
 use skein_core::start::{StartAreaTooSmall, starts};
 use skein_host::external::{self, ExternalError};
@@ -118,6 +121,12 @@ pub enum ConfigError {
     /// Only X-Plane can fly this aircraft.
     #[error("the aircraft {0} has no [helicopter] table, which the built-in plant needs")]
     NoModel(String),
+    /// A point mass flies in the built-in plant only.
+    #[error(
+        "vehicle {0}: `plant.model` = \"point_mass\" flies in the built-in plant only: remove the node's plant and the \
+         address of its X-Plane"
+    )]
+    PointMassInXPlane(VehicleId),
     /// The external law cannot be reached.
     #[error(transparent)]
     Law(#[from] ExternalError),
@@ -169,8 +178,8 @@ pub struct Node {
 /// The plant that flies an aircraft.
 #[derive(Clone, Debug)]
 pub enum PlantChoice {
-    /// The built-in helicopter in this process.
-    BuiltIn(Box<BuiltInVehicle>),
+    /// The built-in vehicle in this process.
+    BuiltIn(Box<BuiltInPlant>),
     /// A stand-in with X-Plane's protocol, at this address.
     Standin(SocketAddr),
     /// An X-Plane at this address, or else on this computer.
@@ -236,14 +245,12 @@ impl AgentOptions {
             (PlantKind::Builtin, None) => {
                 let start =
                     starts(&scenario).map_err(|source| ConfigError::StartAreaTooSmall { file: name, source })?;
-                let helicopter =
-                    aircraft.helicopter.as_ref().ok_or_else(|| ConfigError::NoModel(vehicle.aircraft.clone()))?;
                 let start = &start[usize::from(id.get()) - 1];
-                let origin = Origin::new(scenario.origin.geodetic());
-                let vehicle =
-                    BuiltInVehicle::new(&origin, helicopter, start, &Weather::from(&scenario.world), scenario.seed, id);
-                PlantChoice::BuiltIn(Box::new(vehicle))
+                let plant = BuiltInPlant::new(&scenario, id, &aircraft, start)
+                    .map_err(|NoFlightModel| ConfigError::NoModel(vehicle.aircraft.clone()))?;
+                PlantChoice::BuiltIn(Box::new(plant))
             }
+            _ if scenario.plant.model == ModelKind::PointMass => return Err(ConfigError::PointMassInXPlane(id)),
             (PlantKind::Standin, address) => {
                 let address = address.or(vehicle.xplane.as_ref()).map(|text| simulator(text)).transpose()?;
                 let port = wire::PORT + 10 * u16::from(id.get() - 1);

@@ -23,7 +23,7 @@ use skein_common::state::{Activity, Membership};
 use skein_common::time::{LocalTime, Now, PlantTime};
 
 use crate::aircraft::Aircraft;
-use crate::control::{ControlOutput, Rules, Setpoint, Trim, VehicleController};
+use crate::control::{Controller, Rules, Setpoint, Trim};
 use crate::deadlines::Deadline;
 use crate::diagnosis::Diagnosis;
 use crate::estimate::{Estimate, Estimator};
@@ -33,7 +33,7 @@ use crate::formation::{self, Formation, FormationOutput, UnsupportedScenario};
 use crate::mission::{Mission, Task, View};
 use crate::outbox::{Outbox, SendSchedule};
 use crate::peers::{Broadcast, Change, PeerEstimate, PeerMessage, Peers, Received};
-use crate::plant::{Controls, GroundTruth, Measurement};
+use crate::plant::{Command, GroundTruth, Measurement};
 use crate::random::{self, Purpose};
 
 /// The inputs since the last step.
@@ -54,8 +54,8 @@ pub struct Inputs<'a> {
 /// The outputs of a step.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Outputs {
-    /// The controls to write; `None` leaves the controls unchanged.
-    pub command: Option<Controls>,
+    /// The command to the plant; `None` leaves the last one unchanged.
+    pub command: Option<Command>,
     /// The messages to send.
     pub outbox: Outbox,
     /// The query to an external law; its reply belongs to a later step.
@@ -71,7 +71,7 @@ pub struct Agent {
     peers: Peers,
     mission: Mission,
     formation: Formation,
-    controller: VehicleController,
+    controller: Controller,
     schedule: SendSchedule,
     clock: SteadyClock,
     last: LastStep,
@@ -103,7 +103,7 @@ struct LastStep {
     plant_time: Option<PlantTime>,
     estimate: Option<Estimate>,
     output: Option<FormationOutput>,
-    command: Option<Controls>,
+    command: Option<Command>,
 }
 
 impl Agent {
@@ -130,7 +130,7 @@ impl Agent {
             peers: Peers::new(own, roster, plan, &scenario.network),
             mission: Mission::new(scenario, aircraft.take_off_rotor_rad_s()),
             formation: Formation::new(own, scenario)?,
-            controller: VehicleController::new(rules, trim, scenario.control.auto_trim),
+            controller: Controller::new(scenario, rules, trim),
             schedule: SendSchedule::new(own, incarnation, &scenario.network),
             clock: SteadyClock::default(),
             last: LastStep {
@@ -190,7 +190,9 @@ impl Agent {
             field_ne: output.map(|output| output.field_ne.into()).unwrap_or_default(),
             error_ne_m: setpoint.map(|setpoint| setpoint.error_ne_m().into()).unwrap_or_default(),
             altitude_setpoint_m: setpoint.map(|setpoint| setpoint.altitude_m).unwrap_or_default(),
-            controls: command.map(|controls| [controls.roll, controls.pitch, controls.yaw, controls.collective]),
+            controls: command
+                .and_then(Command::controls)
+                .map(|controls| [controls.roll, controls.pitch, controls.yaw, controls.collective]),
             peers,
             step_us: None,
             safety_activations: self.formation.safety_activations(),
@@ -317,7 +319,7 @@ impl Agent {
             self.diagnosis.restart();
         }
         let (Some(_), Some(measurement)) = (own.new, inputs.measurement) else { return None };
-        self.diagnosis.update(own.dt_s, measurement, self.last.command)
+        self.diagnosis.update(own.dt_s, measurement, self.last.command.and_then(Command::controls))
     }
 
     /// The peers stage: updates the peers and returns all conditions so far.
@@ -394,7 +396,7 @@ impl Agent {
         self.last.output
     }
 
-    /// The control stage: the command of this step; `None` leaves the controls unchanged.
+    /// The control stage: the command of this step; `None` leaves the last one unchanged.
     fn control(
         &mut self,
         own: &OwnEstimate,
@@ -402,14 +404,14 @@ impl Agent {
         task: Option<&Task>,
         output: Option<&FormationOutput>,
         events: &mut Vec<EventKind>,
-    ) -> Option<Controls> {
+    ) -> Option<Command> {
         let response = conditions.response();
         let Some((estimate, task)) = own.new.as_ref().zip(task) else {
             let is_neutral = response == Response::Neutral && self.last.command.is_some();
             return is_neutral.then(|| self.controller.neutral());
         };
-        let controls = match (task, output) {
-            (Task::Park, _) => Some(ControlOutput { controls: self.controller.unload(own.dt_s), fault: None }),
+        let output = match (task, output) {
+            (Task::Park, _) => Some(self.controller.park(own.dt_s)),
             (Task::Autorotate { heading_rad }, _) => Some(self.controller.autorotate(own.dt_s, estimate, *heading_rad)),
             (_, Some(output)) if response == Response::LandTurning => {
                 Some(self.controller.turn(own.dt_s, estimate, &output.setpoint))
@@ -417,9 +419,9 @@ impl Agent {
             (_, Some(output)) => Some(self.controller.step(own.dt_s, estimate, &output.setpoint)),
             (_, None) => None,
         };
-        let fault = controls.and_then(|controls| controls.fault);
+        let fault = output.and_then(|output| output.fault);
         events.extend(fault.map(|_| EventKind::ControlFault));
-        self.last.command = controls.map(|controls| controls.controls);
+        self.last.command = output.map(|output| output.command);
         self.last.command
     }
 

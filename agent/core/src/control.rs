@@ -1,6 +1,7 @@
-//! The vehicle controller: converts the formation's setpoint to the helicopter's controls.
+//! The control stage: converts the formation's setpoint to the vehicle's command.
 //!
-//! It consists of four independent zero-order Sugeno controllers (roll, pitch, heading, collective), as in Garcia &
+//! A point mass gets velocities ([`VelocityController`]); [`Controller`] is either. The rest of this module is the
+//! [`VehicleController`] of a helicopter. It consists of four independent zero-order Sugeno controllers (roll, pitch, heading, collective), as in Garcia &
 //! Barnes, "Multi-UAV Simulator Utilizing X-Plane" (2010): product "and", weights of one, weighted average, throttle
 //! left to the governor. That paper does not print its rules; those in `deploy/controllers/*.fis` are ours, tuned on
 //! the built-in helicopter.
@@ -20,8 +21,10 @@
 //! which the rules command that velocity. Only this stage uses them ([`Setpoint::error_ne_m`]).
 mod fis;
 mod membership;
+mod stage;
 mod sugeno;
 mod trim;
+mod velocity;
 
 use alloc::borrow::ToOwned;
 use alloc::format;
@@ -34,9 +37,11 @@ use crate::estimate::Estimate;
 use crate::plant::Controls;
 
 pub use fis::{Fis, FisError};
+pub use stage::{Controller, StageOutput};
 pub use sugeno::Sugeno;
 pub(crate) use trim::VELOCITY_PER_ERROR_PER_S;
 pub use trim::{AutoTrim, BadTrim, Trim};
+pub use velocity::VelocityController;
 
 /// Longest time step of the integrals, s: after a pause of the plant they do not jump.
 const LONGEST_STEP_S: f64 = 0.1;

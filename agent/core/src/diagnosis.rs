@@ -5,7 +5,7 @@
 //! | engine | the rotor, after reaching its speed, turns too slowly to lift; needs a measured rotor speed |
 //! | servo | roll or pitch rate differs from the command, or the climb is opposite to the command |
 //! | gyro | yaw rate differs from the pedals' command |
-//! | position | it repeats, bit for bit, while the velocity has led metres away from it |
+//! | position | it repeats in the air, bit for bit, while the velocity has led metres away from it |
 //!
 //! The expected response follows from the aircraft's flight model; without a model only engine and position are
 //! watched. A servo stuck at its commanded position has no symptom, and is found when it is commanded elsewhere.
@@ -142,7 +142,9 @@ impl Position {
     fn is_frozen(&mut self, dt_s: f64, measurement: &Measurement) -> bool {
         let repeats = self.last == Some(measurement.position);
         self.last = Some(measurement.position);
-        self.path_m = if repeats { self.path_m + measurement.velocity.0.norm() * dt_s } else { 0.0 };
+        // A vehicle at rest on the ground repeats its position whatever a noisy sensor gives as its velocity.
+        let speed_m_s = if measurement.height_m > FREE_ABOVE_M { measurement.velocity.0.norm() } else { 0.0 };
+        self.path_m = if repeats { self.path_m + speed_m_s * dt_s } else { 0.0 };
         self.path_m > FROZEN_OVER_M
     }
 }

@@ -216,7 +216,7 @@ mod tests {
     }
 
     fn sensing(position: PositionSensing, velocity: VelocitySensing) -> Sensing {
-        Sensing { position, velocity, differenced_tau_s: 1.0 }
+        Sensing::without_errors(position, velocity)
     }
 
     fn measured(north_m: f64, east_m: f64) -> Measurement {

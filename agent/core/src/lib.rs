@@ -1,5 +1,5 @@
 //! The agent of one vehicle in a leaderless swarm, as a pure function: [`agent::Agent::step`] takes the time, the
-//! vehicle's measurement and the peers' messages, and returns the controls and the messages to send.
+//! vehicle's measurement and the peers' messages, and returns the command and the messages to send.
 //!
 //! ```text
 //!                        Agent::step(now, inputs) -> outputs                                (agent.rs)
@@ -25,6 +25,7 @@ extern crate alloc;
 
 pub mod agent;
 pub mod aircraft;
+pub mod builtin;
 pub mod control;
 pub mod deadlines;
 pub mod delay;
@@ -32,13 +33,16 @@ pub mod diagnosis;
 pub mod estimate;
 pub mod failsafe;
 pub mod formation;
+mod gilbert;
 pub mod helicopter;
 pub mod impairments;
 pub mod mission;
 pub mod outbox;
 pub mod peers;
 pub mod plant;
+pub mod point_mass;
 pub mod random;
+pub mod sensors;
 pub mod skew;
 pub mod start;
 pub mod station;

@@ -1,10 +1,11 @@
 //! The interface to a plant: the simulator that an agent controls.
 //!
-//! A plant delivers one [`Frame`] at a time and takes [`Controls`]. Degrees, feet, knots and a simulator's own axes are
+//! A plant delivers one [`Frame`] at a time and takes [`Command`]s. Degrees, feet, knots and a simulator's own axes are
 //! converted inside the module of that plant.
 
 use core::time::Duration;
 
+use nalgebra::Vector2;
 use skein_common::frame::{Attitude, BodyRates, Geodetic, PositionNed, VelocityNed};
 use skein_common::time::PlantTime;
 
@@ -26,6 +27,51 @@ impl Controls {
     pub fn is_within_limits(&self) -> bool {
         let axis = |value: f64| (-1.0..=1.0).contains(&value);
         axis(self.roll) && axis(self.pitch) && axis(self.yaw) && (0.0..=1.0).contains(&self.collective)
+    }
+}
+
+/// Velocities for a vehicle that has a velocity controller of its own.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct VelocityCommand {
+    /// Velocity over the ground, north and east, m/s.
+    pub velocity_ne_m_s: Vector2<f64>,
+    /// Climb rate, m/s, positive up.
+    pub climb_m_s: f64,
+    /// Heading rate, rad/s, positive clockwise from above.
+    pub turn_rad_s: f64,
+}
+
+impl VelocityCommand {
+    /// Whether every number is finite.
+    pub fn is_finite(&self) -> bool {
+        self.velocity_ne_m_s.iter().chain([&self.climb_m_s, &self.turn_rad_s]).all(|number| number.is_finite())
+    }
+}
+
+/// What an agent commands its plant.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Command {
+    /// Positions of a helicopter's controls.
+    Controls(Controls),
+    /// Velocities of a point mass.
+    Velocity(VelocityCommand),
+}
+
+impl Command {
+    /// The controls of a helicopter; `None` if the command is for another vehicle.
+    pub fn controls(self) -> Option<Controls> {
+        match self {
+            Self::Controls(controls) => Some(controls),
+            Self::Velocity(_) => None,
+        }
+    }
+
+    /// The velocities of a point mass; `None` if the command is for another vehicle.
+    pub fn velocity(self) -> Option<VelocityCommand> {
+        match self {
+            Self::Controls(_) => None,
+            Self::Velocity(velocity) => Some(velocity),
+        }
     }
 }
 
@@ -88,10 +134,10 @@ pub trait Plant: Send {
     /// gone) are counted and end as [`Wake::Deadline`], never as a panic.
     fn wait(&mut self, timeout: Duration) -> Wake;
 
-    /// Sets the controls; called at most once per frame, never blocks.
-    fn command(&mut self, controls: Controls);
+    /// Sets the command; called at most once per frame, never blocks. A command for another kind of vehicle is ignored.
+    fn command(&mut self, command: Command);
 
-    /// Returns the controls to the simulator.
+    /// Returns the control of the vehicle to the simulator.
     fn release(&mut self);
 
     /// Nominal time between two frames, s.

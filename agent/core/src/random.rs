@@ -25,6 +25,16 @@ pub enum Purpose {
     Law = 5,
     /// Impairments of one direction of a link.
     Link = 6,
+    /// Errors of a vehicle's measured position.
+    PositionSensor = 7,
+    /// Errors of a vehicle's measured velocity.
+    VelocitySensor = 8,
+    /// Errors of a vehicle's measured attitude.
+    AttitudeSensor = 9,
+    /// Errors of a vehicle's measured body rates.
+    RateSensor = 10,
+    /// Dropouts of a vehicle's measurements.
+    SensorDropout = 11,
     /// Choices across many runs: the points a sweep samples, the runs a bootstrap draws.
     Study = 64,
 }
@@ -76,7 +86,10 @@ mod tests {
         for seed in [0, 1, u64::MAX] {
             for vehicle in [None, Some(1), Some(2), Some(250)] {
                 // Links additionally have a sender.
-                for purpose in [Purpose::Start, Purpose::Trim, Purpose::Wind, Purpose::Network, Purpose::Law] {
+                let sensors = [Purpose::PositionSensor, Purpose::VelocitySensor, Purpose::AttitudeSensor];
+                let more = [Purpose::RateSensor, Purpose::SensorDropout];
+                let others = [Purpose::Start, Purpose::Trim, Purpose::Wind, Purpose::Network, Purpose::Law];
+                for purpose in others.into_iter().chain(sensors).chain(more) {
                     draws.push(first_draw(seed, vehicle, purpose));
                     assert_eq!(draws.last(), Some(&first_draw(seed, vehicle, purpose)));
                 }

@@ -3,11 +3,13 @@
 //!
 //! ```text
 //!   messages --> impairments --> clock of this vehicle --> Agent::step --> outputs, trace
+//!   measurement --> sensors ----------------------------------^
 //! ```
 //!
 //! Callers pass the correct time. The station applies the clock error that the scenario sets for this vehicle after the
 //! impairments, because the network is independent of a vehicle's clock.
 
+use alloc::boxed::Box;
 use alloc::vec::Vec;
 
 use skein_common::id::{Incarnation, VehicleId};
@@ -24,6 +26,7 @@ use crate::formation::external::LawReply;
 use crate::impairments::{DeliveryCounts, Impairments, ReceiverPosition};
 use crate::peers::{Broadcast, PeerMessage, Received};
 use crate::plant::{GroundTruth, Measurement};
+use crate::sensors::Sensors;
 use crate::skew::Skew;
 
 /// Clock data that survive a restart of the agent: the clock's error and the time of take-off.
@@ -68,12 +71,14 @@ impl Clocks {
     }
 }
 
-/// One vehicle's agent with its clocks and the scenario's network impairments.
+/// One vehicle's agent with its clocks, its sensors and the scenario's network impairments.
 #[derive(Clone, Debug)]
 pub struct Station {
     agent: Agent,
     impairments: Impairments,
     clocks: Clocks,
+    /// `None` if the measurements are exact.
+    sensors: Option<Box<Sensors>>,
     /// Messages received since the last step, stamped by the vehicle's clock.
     received: Vec<Received>,
 }
@@ -92,7 +97,8 @@ impl Station {
         clocks: Clocks,
     ) -> Result<Self, UnsupportedScenario> {
         let agent = Agent::new(scenario, own, incarnation, aircraft, rules)?;
-        Ok(Self { agent, impairments: Impairments::new(scenario, own), clocks, received: Vec::new() })
+        let (impairments, sensors) = (Impairments::new(scenario, own), Sensors::new(scenario, own));
+        Ok(Self { agent, impairments, clocks, sensors, received: Vec::new() })
     }
 
     /// Takes the messages that an ideal network delivers, each with the correct time of its arrival. Those that pass
@@ -112,8 +118,9 @@ impl Station {
         self.impairments.is_perfect()
     }
 
-    /// Steps the agent at this correct time. `measurement` is that of a new frame, `None` if none arrived in time;
-    /// `plant_time` is the time of the newest frame. `leave` makes this vehicle land and leave the swarm. `answer` is
+    /// Steps the agent at this correct time. `measurement` is the exact one of a new frame, `None` if none arrived in
+    /// time: the scenario's sensors decide what the agent gets of it. `plant_time` is the time of the newest frame.
+    /// `leave` makes this vehicle land and leave the swarm. `answer` is
     /// an external law's reply.
     pub fn step(
         &mut self,
@@ -124,6 +131,14 @@ impl Station {
         broadcast: &[PeerMessage],
     ) -> Outputs {
         let now = Now { plant: plant_time, local: self.clocks.local_time(right) };
+        let measured;
+        let measurement = match (&mut self.sensors, measurement) {
+            (Some(sensors), Some(exact)) => {
+                measured = sensors.measure(plant_time, exact);
+                measured.as_ref()
+            }
+            (_, measurement) => measurement,
+        };
         let broadcast = Broadcast { messages: broadcast, at: now.local };
         let inputs = Inputs { measurement, received: &self.received, broadcast, leave, answer };
         let outputs = self.agent.step(now, &inputs);

@@ -1,26 +1,27 @@
-//! Flies the built-in helicopter in real time: an agent's plant without a simulator.
+//! Flies the built-in vehicle in real time: an agent's plant without a simulator.
 
 use std::time::{Duration, Instant};
 
+use skein_core::builtin::BuiltInPlant;
 use skein_core::helicopter::failures::ActiveFaults;
-use skein_core::helicopter::{BuiltInVehicle, Script, TICK_S};
-use skein_core::plant::{Controls, Plant, Wake};
+use skein_core::helicopter::{Script, TICK_S};
+use skein_core::plant::{Command, Plant, Wake};
 use skein_host::clock::{now, sleep_until};
 
-/// A helicopter that advances one tick of 20 ms at each deadline of a fixed grid.
+/// A vehicle that advances one tick of 20 ms at each deadline of a fixed grid.
 ///
 /// A late tick is run at once if the next one is not due yet. Further ticks are skipped and counted, never run in a
 /// burst: simulated time then falls behind, as a simulator's does on a slow computer, so the plant time of every frame
-/// is the time that the helicopter has really flown.
+/// is the time that the vehicle has really flown.
 ///
 /// The script of failures starts with the first command and runs on the computer's clock, because it may freeze the
 /// simulator and with it simulated time. If an earlier agent has flown the vehicle, the script continues from there.
 pub struct BuiltIn {
-    vehicle: BuiltInVehicle,
+    vehicle: BuiltInPlant,
     script: Script,
     /// When the script started, and how much of it was over by then, s.
     script_since: Option<(Instant, f64)>,
-    controls: Option<Controls>,
+    command: Option<Command>,
     tick_at: Option<Instant>,
     skipped: u64,
 }
@@ -30,9 +31,9 @@ const TICK: Duration = Duration::from_nanos((TICK_S * 1e9) as u64);
 impl BuiltIn {
     /// Simulated time starts with the first [`Plant::wait`]. The script starts now if an earlier agent has flown for
     /// `flown_s`.
-    pub fn new(vehicle: BuiltInVehicle, script: Script, flown_s: Option<f64>) -> Self {
+    pub fn new(vehicle: BuiltInPlant, script: Script, flown_s: Option<f64>) -> Self {
         let script_since = flown_s.map(|flown_s| (now(), flown_s));
-        Self { vehicle, script, script_since, controls: None, tick_at: None, skipped: 0 }
+        Self { vehicle, script, script_since, command: None, tick_at: None, skipped: 0 }
     }
 
     /// Current state of the script. No failure occurs before the first command.
@@ -58,20 +59,20 @@ impl Plant for BuiltIn {
             return Wake::Deadline;
         }
         self.vehicle.fail(failures);
-        self.vehicle.advance(self.controls);
+        self.vehicle.advance(self.command);
         let (next, skipped) = next_tick(tick_at, now());
         self.tick_at = Some(next);
         self.skipped += skipped;
         Wake::Frame(self.vehicle.frame())
     }
 
-    fn command(&mut self, controls: Controls) {
+    fn command(&mut self, command: Command) {
         self.script_since.get_or_insert_with(|| (now(), 0.0));
-        self.controls = Some(controls);
+        self.command = Some(command);
     }
 
     fn release(&mut self) {
-        self.controls = None;
+        self.command = None;
     }
 
     fn frame_period_s(&self) -> f64 {
@@ -107,14 +108,16 @@ mod tests {
 
     use super::*;
     use skein_core::aircraft::Aircraft;
-    use skein_core::helicopter::{Start, Weather};
+    use skein_core::helicopter::{BuiltInVehicle, Start, Weather};
+    use skein_core::plant::Controls;
 
     fn plant(script: Script) -> BuiltIn {
         let parameters = Aircraft::shipped("xcell60").unwrap().unwrap().helicopter.unwrap();
         let origin = Origin::new(Geodetic::from_degrees(28.0, -82.0, 0.0));
         let id = VehicleId::new(1).unwrap();
         let (start, weather) = (Start::default(), Weather::default());
-        BuiltIn::new(BuiltInVehicle::new(&origin, &parameters, &start, &weather, 1, id), script, None)
+        let vehicle = BuiltInVehicle::new(&origin, &parameters, &start, &weather, 1, id);
+        BuiltIn::new(BuiltInPlant::Helicopter(Box::new(vehicle)), script, None)
     }
 
     #[test]
@@ -173,7 +176,7 @@ mod tests {
         // The script starts only with the first command.
         let Wake::Frame(first) = plant.wait(2 * TICK) else { panic!("no frame") };
         assert!(!plant.vehicle.failures().engine_out);
-        plant.command(Controls::default());
+        plant.command(Command::Controls(Controls::default()));
         let begin = now();
         let (mut frames, mut deadlines) = (Vec::new(), Vec::new());
         while now() < begin + Duration::from_millis(800) {

@@ -1,4 +1,4 @@
-//! The control thread: receives a frame, steps the agent, writes the controls, then does everything else.
+//! The control thread: receives a frame, steps the agent, writes the command, then does everything else.
 
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -106,8 +106,8 @@ impl Control {
         let plant = (kept.plant_time, frame.map(|frame| &frame.measurement));
         let Outputs { command, outbox, ask } =
             self.station.step(true_time, plant, self.stop.is_requested(), answer.as_ref(), &[]);
-        if let Some(controls) = command {
-            self.plant.command(controls);
+        if let Some(command) = command {
+            self.plant.command(command);
         }
         let done = now();
 

@@ -20,8 +20,9 @@ use crate::link::signature::orders::sign;
 use crate::link::signature::tests::signing_key;
 use crate::link::{self, Security};
 use skein_core::aircraft::Aircraft;
+use skein_core::builtin::BuiltInPlant;
 use skein_core::control::Rules;
-use skein_core::helicopter::{BuiltInVehicle, Start, Weather};
+use skein_core::helicopter::Start;
 use skein_host::clock::{now, sleep_until};
 
 /// Time limit of a wait; a test that passes needs a third of it.
@@ -33,11 +34,8 @@ fn node(swarm: &SwarmName, number: u8) -> Node {
     let scenario = load(&Source { name: "test.toml", text: &text }, &[]).unwrap().scenario;
     let id = VehicleId::new(number).unwrap();
     let aircraft = Aircraft::shipped("xcell60").unwrap().unwrap();
-    let origin = Origin::new(scenario.origin.geodetic());
     let start = Start { north_m: 60.0 * f64::from(number), ..Start::default() };
-    let helicopter = aircraft.helicopter.as_ref().unwrap();
-    let vehicle = BuiltInVehicle::new(&origin, helicopter, &start, &Weather::default(), scenario.seed, id);
-    let plant = PlantChoice::BuiltIn(Box::new(vehicle));
+    let plant = PlantChoice::BuiltIn(Box::new(BuiltInPlant::new(&scenario, id, &aircraft, &start).unwrap()));
     let (listen, dial, notes) = (vec!["tcp/127.0.0.1:0".to_owned()], Vec::new(), Vec::new());
     Node {
         scenario,

@@ -49,7 +49,8 @@ pub struct Trace {
     pub error_ne_m: [f64; 2],
     /// Altitude setpoint of the vehicle controller above the origin, m.
     pub altitude_setpoint_m: f64,
-    /// Controls sent to the plant: roll, pitch, yaw, collective; null while the agent does not control the plant.
+    /// Controls sent to the plant: roll, pitch, yaw, collective; null while the agent does not control the plant, and for
+    /// a point mass, which has none.
     #[serde(rename = "sticks")]
     pub controls: Option<[f64; 4]>,
     /// Every peer of which a message ever arrived.

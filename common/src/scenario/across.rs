@@ -4,8 +4,8 @@ use std::f64::consts::PI;
 
 use super::error::ScenarioError;
 use super::model::{
-    ControlMode, Conversion, EventAction, Fault, Formation, Graph, Law, Pattern, PlantKind, SafetyFilter, Scenario,
-    ScriptedOrder, StartPattern, Vertical,
+    ControlMode, Conversion, EventAction, Fault, Formation, Graph, Law, ModelKind, Pattern, PlantKind, SafetyFilter,
+    Scenario, ScriptedOrder, StartPattern, Vertical,
 };
 use super::tree::{Node, Place, Texts};
 use crate::id::VehicleId;
@@ -25,6 +25,7 @@ const LOWEST_ON_ELLIPSOID_M: f64 = 5.0;
 pub(super) fn check(texts: &Texts<'_>, written: &Node, scenario: &Scenario) -> Result<(), ScenarioError> {
     let check = Check { texts, written, scenario };
     check.vehicles()?;
+    check.point_mass()?;
     check.starts()?;
     check.network()?;
     check.formation(&scenario.formation, None)?;
@@ -79,6 +80,41 @@ impl Check<'_> {
                 }
                 Err(error) => return Err(self.texts.fault(place, &path, format!("`{path}`: {error}"))),
             }
+        }
+        Ok(())
+    }
+
+    /// Checks that nothing is asked of a point mass that only a helicopter has.
+    fn point_mass(&self) -> Result<(), ScenarioError> {
+        let Scenario { plant, swarm, world, mission, .. } = self.scenario;
+        if plant.model == ModelKind::Helicopter {
+            return Ok(());
+        }
+        let point_mass = "`plant.model` = \"point_mass\"";
+        if swarm.plant != PlantKind::Builtin {
+            let message =
+                format!("{point_mass} needs `swarm.plant` = \"builtin\": X-Plane and its stand-in fly helicopters");
+            return Err(self.fault(&["swarm.plant", "plant.model"], message));
+        }
+        for (path, strength_m_s) in [("world.wind_m_s", world.wind_m_s), ("world.gust_w20_m_s", world.gust_w20_m_s)] {
+            if strength_m_s > 0.0 {
+                let message = format!(
+                    "`{path}` has no effect under {point_mass}: a point mass holds its velocity over the ground"
+                );
+                return Err(self.fault(&[path, "plant.model"], message));
+            }
+        }
+        for (index, event) in mission.events.iter().enumerate() {
+            let (fault, part) = match &event.what {
+                EventAction::Fault(Fault::EngineOut { .. }) => ("engine_out", "engine"),
+                EventAction::Fault(Fault::ServoStuck { .. }) => ("servo_stuck", "servos"),
+                EventAction::Fault(Fault::GyroOff { .. }) => ("gyro_off", "gyro"),
+                _ => continue,
+            };
+            let path = format!("mission.events[{index}]");
+            let message =
+                format!("`{path}`: fault = \"{fault}\" has no effect under {point_mass}, which has no {part}");
+            return Err(self.fault(&[&format!("{path}.fault"), "plant.model"], message));
         }
         Ok(())
     }

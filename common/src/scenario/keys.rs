@@ -236,6 +236,7 @@ const UNITS: &[(&str, &str)] = &[
     ("per_s2", "1/s²"),
     ("per_s", "1/s"),
     ("per_m", "1/m"),
+    ("deg_s", "°/s"),
     ("m", "m"),
     ("s", "s"),
     ("hz", "Hz"),

@@ -6,6 +6,8 @@
 mod laws;
 mod mission;
 mod network;
+mod plant;
+mod sensing;
 
 use std::path::PathBuf;
 
@@ -18,6 +20,8 @@ pub use super::law::Law;
 pub use laws::{DisplacementConsensus, OlfatiSaber, Pattern, Slots, Vasarhelyi};
 pub use mission::{EventAction, Fault, Mission, Partition, ScriptedEvent, ScriptedOrder, Servo, Step, Target};
 pub use network::{Graph, LinkChange, Network, Quality, SendMode};
+pub use plant::{ModelKind, PlantKind, PointMassLimits, VehicleModel};
+pub use sensing::{PositionSensing, Sensing, SensorErrors, VelocitySensing};
 
 /// A scenario: one swarm, its mission and the flight conditions. Only [`load`](super::load) checks it: `Deserialize`
 /// reads the output of `Serialize` and checks only its structure. Both need a self-describing format (TOML or JSON, not
@@ -34,6 +38,8 @@ pub struct Scenario {
     pub duration_s: Option<f64>,
     /// The vehicles of the swarm.
     pub swarm: Swarm,
+    /// The model of the built-in plant.
+    pub plant: VehicleModel,
     /// Positions before take-off.
     pub start: Start,
     /// Origin of the local frame.
@@ -98,18 +104,6 @@ impl Swarm {
     pub fn trim_error_rms_rad(&self) -> f64 {
         self.trim_error_rms_deg.to_radians()
     }
-}
-
-/// The plant that is flown, `swarm.plant`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum PlantKind {
-    /// The flight model inside the agent.
-    Builtin,
-    /// The same flight model behind X-Plane's UDP protocol.
-    Standin,
-    /// X-Plane.
-    Xplane,
 }
 
 /// Positions before take-off, `[start]`.
@@ -349,37 +343,6 @@ pub enum ControlMode {
     Each,
     /// One central controller flies all vehicles; for comparison only.
     Central,
-}
-
-/// Sensors of the vehicles, `[sensing]`.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Sensing {
-    /// Precision of measured positions.
-    pub position: PositionSensing,
-    /// Source of the horizontal velocity.
-    pub velocity: VelocitySensing,
-    /// Time constant τ of the differencing filter, s.
-    pub differenced_tau_s: f64,
-}
-
-/// Precision of measured positions, `sensing.position`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum PositionSensing {
-    /// The exact position.
-    Exact,
-    /// Latitude and longitude in degrees, rounded to single precision.
-    F32Latlon,
-}
-
-/// Source of the horizontal velocity, `sensing.velocity`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum VelocitySensing {
-    /// The velocity that the plant measures.
-    Measured,
-    /// The filtered difference of positions.
-    Differenced,
 }
 
 /// Wind and turbulence, `[world]`.

@@ -2,7 +2,7 @@
 //!
 //! Every command uses these checks, so every command refuses the same scenario with the same sentence.
 
-use skein_common::scenario::Scenario;
+use skein_common::scenario::{ModelKind, Scenario};
 use skein_host::external::is_external;
 use skein_host::external::protocol::Time;
 
@@ -10,17 +10,18 @@ use crate::error::Error;
 use crate::external::{LawError, Trial};
 use crate::scenario::{Ready, ScenarioArgs};
 
-/// Checks that a scenario from [`ScenarioArgs::read`] can fly on the built-in helicopter, in virtual or real time.
+/// Checks that a scenario from [`ScenarioArgs::read`] can fly on the built-in plant, in virtual or real time.
 ///
-/// This build must support the scenario, its files must exist and be valid, every vehicle needs a flight model, and its
+/// This build must support the scenario, its files must exist and be valid, every helicopter needs a flight model, and its
 /// external law must start and report that it is ready. One `trial` may serve several scenarios.
 ///
 /// # Errors
 /// The first obstacle, with its place and a remedy.
 pub fn prepare(args: &ScenarioArgs, scenario: &Scenario, time: Time, trial: &mut Trial) -> Result<Ready, Error> {
     let ready = args.ready(scenario)?;
+    let is_helicopter = scenario.plant.model == ModelKind::Helicopter;
     let mut vehicles = scenario.vehicle.iter().zip(&ready.aircraft);
-    if let Some((vehicle, _)) = vehicles.find(|(_, aircraft)| aircraft.helicopter.is_none()) {
+    if let Some((vehicle, _)) = vehicles.find(|(_, aircraft)| is_helicopter && aircraft.helicopter.is_none()) {
         let (id, name) = (vehicle.id, &vehicle.aircraft);
         return Err(Error::Refused(format!(
             "{}: vehicle {id}: only X-Plane can fly the aircraft \"{name}\": {name}.toml has no [helicopter] table",

@@ -17,7 +17,6 @@ mod vehicle;
 
 use std::mem;
 
-use skein_common::frame::Origin;
 use skein_common::id::VehicleId;
 use skein_common::message::{self, EventKind, Message, Trace};
 use skein_common::scenario::{ControlMode, Scenario};
@@ -25,12 +24,13 @@ use skein_common::state::Membership;
 use skein_common::time::LocalTime;
 use skein_core::agent::Agent;
 use skein_core::aircraft::Aircraft;
+use skein_core::builtin::{BuiltInPlant, NoFlightModel};
 use skein_core::control::Rules;
 use skein_core::formation::external::{LawQuery, LawReply};
 use skein_core::formation::{self, UnsupportedScenario};
-use skein_core::helicopter::{BuiltInVehicle, TICK_S, Weather};
+use skein_core::helicopter::{BuiltInVehicle, TICK_S};
 use skein_core::peers::{PeerMessage, Received, ReceivedState};
-use skein_core::plant::{Controls, GroundTruth};
+use skein_core::plant::{Command, Controls, GroundTruth};
 use skein_core::start::{StartAreaTooSmall, starts};
 
 use crate::faults::{InjectedFault, LinkChanges};
@@ -54,8 +54,8 @@ pub enum WorldError {
     #[error(transparent)]
     Starts(#[from] StartAreaTooSmall),
     /// This vehicle's aircraft has no flight model.
-    #[error("vehicle {0}: its aircraft has no [helicopter] table, so only X-Plane can fly it")]
-    NoModel(VehicleId),
+    #[error("vehicle {0}: {1}, so only X-Plane can fly it")]
+    NoModel(VehicleId, NoFlightModel),
 }
 
 /// A swarm in virtual time.
@@ -98,11 +98,9 @@ impl World {
             ControlMode::Central => Box::new(Central::new(scenario)),
         };
         let scenario = &driver.scenario_of_agents(scenario);
-        let (origin, weather) = (Origin::new(scenario.origin.geodetic()), Weather::from(&scenario.world));
         let starts = starts(scenario)?;
         let vehicles = scenario.ids().zip(&starts).zip(aircraft).map(|((id, start), aircraft)| {
-            let parameters = aircraft.helicopter.as_ref().ok_or(WorldError::NoModel(id))?;
-            let plant = BuiltInVehicle::new(&origin, parameters, start, &weather, scenario.seed, id);
+            let plant = BuiltInPlant::new(scenario, id, aircraft, start).map_err(|why| WorldError::NoModel(id, why))?;
             let known = driver.aircraft_of_agents(aircraft);
             Ok(Vehicle::new(scenario, id, known, rules, plant)?)
         });
@@ -206,14 +204,15 @@ impl World {
         self.vehicles().count() > 0 && self.vehicles().all(|(_, agent, ..)| agent.has_finished())
     }
 
-    /// Every vehicle whose agent runs: the agent, the ground truth of the last frame, and the controls.
+    /// Every vehicle whose agent runs: the agent, the ground truth of the last frame, and the controls of a helicopter.
     pub fn vehicles(&self) -> impl Iterator<Item = (VehicleId, &Agent, &GroundTruth, Option<Controls>)> {
         self.all_vehicles().filter_map(|(id, agent, truth, controls)| Some((id, agent?, truth, controls)))
     }
 
-    /// Every vehicle: its agent if one runs, the ground truth of the last frame, and the controls.
+    /// Every vehicle: its agent if one runs, the ground truth of the last frame, and the controls of a helicopter.
     pub fn all_vehicles(&self) -> impl Iterator<Item = (VehicleId, Option<&Agent>, &GroundTruth, Option<Controls>)> {
-        self.vehicles.iter().map(|vehicle| (vehicle.id, vehicle.agent(), &vehicle.truth, vehicle.command))
+        let controls = |vehicle: &Vehicle| vehicle.command.and_then(Command::controls);
+        self.vehicles.iter().map(move |vehicle| (vehicle.id, vehicle.agent(), &vehicle.truth, controls(vehicle)))
     }
 
     /// The traces of the last tick, one for each running agent.
@@ -338,10 +337,17 @@ impl World {
     }
 }
 
-/// The flight models that move in this frame, with their controls.
+/// The helicopters that move in this frame, with their controls. A point mass costs too little for a block and moves on
+/// the way.
 fn plants(vehicles: &mut [Vehicle]) -> impl Iterator<Item = (&mut BuiltInVehicle, Option<Controls>)> {
     let moving = vehicles.iter_mut().filter(|vehicle| !vehicle.simulator_frozen);
-    moving.map(|vehicle| (&mut vehicle.plant, vehicle.command))
+    moving.filter_map(|Vehicle { plant, command, .. }| match plant {
+        BuiltInPlant::Helicopter(helicopter) => Some((&mut **helicopter, command.and_then(Command::controls))),
+        BuiltInPlant::PointMass(_) => {
+            plant.advance(*command);
+            None
+        }
+    })
 }
 
 fn with_counts(totals: Totals, agent: &Agent) -> Totals {
@@ -363,3 +369,6 @@ fn through_wire<M: Message>(message: &M) -> M {
     #[expect(clippy::expect_used, reason = "a message of ours that does not decode is a bug")]
     message::decode(&message::encode(message)).expect("an agent's message decodes")
 }
+
+#[cfg(test)]
+mod tests;

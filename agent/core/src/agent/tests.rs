@@ -6,6 +6,7 @@ use skein_common::state::VehicleState;
 use skein_common::time::LocalTime;
 
 use super::*;
+use crate::plant::VelocityCommand;
 use crate::testing::{header, heartbeat, id, received_state};
 
 fn scenario(sets: &[&str]) -> Scenario {
@@ -62,7 +63,7 @@ impl Flight {
     }
 
     /// Steps without frames for this time; returns the events and the last command.
-    fn without_frames(&mut self, seconds: f64) -> (Vec<EventKind>, Option<Controls>) {
+    fn without_frames(&mut self, seconds: f64) -> (Vec<EventKind>, Option<Command>) {
         let mut happened = Vec::new();
         let mut command = None;
         for _ in 0..(seconds / 0.02).round() as usize {
@@ -110,7 +111,7 @@ fn stale_data_give_neutral_controls_and_a_lost_simulator_is_reported_and_awaited
     let (happened, command) = flight.without_frames(0.5);
     assert_eq!(happened, [EventKind::OwnDataStale]);
     assert_eq!(flight.agent.activity(), Activity::Blind);
-    let controls = command.unwrap();
+    let controls = command.and_then(Command::controls).unwrap();
     assert_eq!((controls.roll, controls.pitch, controls.yaw), (0.0185, 0.0, 0.0), "cyclic and pedals at trim");
     assert!((0.5..0.7).contains(&controls.collective), "collective held: {controls:?}");
     let (happened, command) = flight.without_frames(2.0);
@@ -187,6 +188,16 @@ fn a_law_that_refuses_its_parameters_is_named() {
     assert!(uneven.ends_with("`formation.olfati_saber.action_a` is 6, but may not be above `action_b`, 5"), "{uneven}");
 }
 
+#[test]
+fn a_point_mass_without_data_is_stopped() {
+    let mut flight = Flight::new(&scenario(&["plant.model=point_mass"]));
+    let flying = flight.frame(Some(&measured(25.0)), &[]).command.and_then(Command::velocity).unwrap();
+    assert!(flying.climb_m_s > 0.0, "{flying:?}");
+    let (happened, command) = flight.without_frames(0.5);
+    let stop = Command::Velocity(VelocityCommand::default());
+    assert_eq!((happened, command), (vec![EventKind::OwnDataStale], Some(stop)));
+}
+
 /// Any number, often an impossible one.
 fn number() -> impl Strategy<Value = f64> {
     prop_oneof![Just(f64::NAN), Just(f64::INFINITY), Just(-1e300), any::<f64>(), -100.0..100.0]
@@ -242,18 +253,24 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(300))]
 
     #[test]
-    fn no_input_gives_controls_beyond_their_travel(
+    fn no_input_gives_a_command_beyond_its_limits(
+        is_point_mass: bool,
         frames in proptest::collection::vec(
             (prop_oneof![any_measurement(), spoilt_measurement()], proptest::collection::vec(any_message(), 0..4)), 1..20,
         ),
     ) {
-        let mut flight = Flight::new(&scenario(&[]));
+        let model = if is_point_mass { "plant.model=point_mass" } else { "plant.model=helicopter" };
+        let mut flight = Flight::new(&scenario(&[model]));
+        let is_within_limits = |command| match command {
+            Command::Controls(controls) => !is_point_mass && controls.is_within_limits(),
+            Command::Velocity(velocity) => is_point_mass && velocity.is_finite(),
+        };
         for (measurement, messages) in frames {
             let outputs = flight.frame(Some(&measurement), &messages);
-            prop_assert!(outputs.command.is_none_or(|controls| controls.is_within_limits()), "{outputs:?}");
+            prop_assert!(outputs.command.is_none_or(is_within_limits), "{outputs:?}");
             prop_assert!(outputs.outbox.state.is_none_or(|sent| sent.state.is_plausible()));
         }
         let recovered = flight.frame(Some(&measured(30.0)), &[]);
-        prop_assert!(recovered.command.is_some_and(|controls| controls.is_within_limits()), "flies on afterwards");
+        prop_assert!(recovered.command.is_some_and(is_within_limits), "flies on afterwards");
     }
 }

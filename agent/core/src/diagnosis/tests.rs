@@ -319,6 +319,15 @@ fn without_a_flight_model_only_engine_and_position_are_watched() {
 }
 
 #[test]
+fn a_vehicle_on_the_ground_with_a_noisy_velocity_has_no_frozen_position() {
+    let mut diagnosis = Diagnosis::new(&xcell60());
+    let standing = Measurement { height_m: 0.25, ..measured(0.0, Some(167.0)) };
+    assert!((0..5000).all(|_| diagnosis.update(TICK_S, &standing, None).is_none()));
+    let flying = Measurement { height_m: 2.0, ..standing };
+    assert!((0..50).any(|_| diagnosis.update(TICK_S, &flying, None) == Some(Failure::Position)));
+}
+
+#[test]
 fn stopped_time_does_not_freeze_the_position() {
     let mut diagnosis = Diagnosis::new(&xcell60());
     for dt_s in [0.0, -5.0] {

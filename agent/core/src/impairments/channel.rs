@@ -7,12 +7,12 @@
 
 use rand_chacha::ChaCha8Rng;
 use skein_common::id::VehicleId;
-use skein_common::math;
 use skein_common::message;
 use skein_common::scenario::Quality;
 use skein_common::time::LocalTime;
 
 use super::Delivery;
+use crate::gilbert::Gilbert;
 use crate::peers::PeerMessage;
 use crate::random;
 
@@ -47,7 +47,7 @@ impl Channel {
     /// The direction from `sender`, `None` for an operator, to `receiver`.
     pub(super) fn new(quality: Quality, seed: u64, sender: Option<VehicleId>, receiver: VehicleId) -> Self {
         let generator = random::link_generator(seed, sender, receiver);
-        let burst = quality.burst_s.map(|mean_s| Burst { loss: quality.loss, mean_s, state: None });
+        let burst = quality.burst_s.map(|mean_s| Burst { model: Gilbert::new(quality.loss, mean_s), before: None });
         Self { quality, generator, burst, free_at: LocalTime::ZERO }
     }
 
@@ -106,31 +106,19 @@ pub(super) fn size_bytes(message: &PeerMessage) -> usize {
     encoded + OVERHEAD_BYTES
 }
 
-/// Loss in bursts: Gilbert's two-state model with transitions in continuous time (Gilbert 1960, "Capacity of a
-/// burst-noise channel"; with Elliott's 1963 loss probabilities 0 in the good state and 1 in the bad one). The link is
-/// bad for a mean time of `mean_s` and for a share `loss` of all time. Counted in time, not in messages: a fade does
-/// not pass sooner because more messages are sent.
+/// Loss in bursts. Counted in time, not in messages: a fade does not pass sooner because more messages are sent.
 #[derive(Clone, Copy, Debug)]
 struct Burst {
-    loss: f64,
-    mean_s: f64,
-    /// Whether the link was bad at the last message, and the time of that message.
-    state: Option<(bool, LocalTime)>,
+    model: Gilbert,
+    /// Time of the last message.
+    before: Option<LocalTime>,
 }
 
 impl Burst {
-    /// Whether the link is bad at `at`; `chance` is evenly distributed in [0, 1). Exact for any time between messages:
-    /// with rates 1/`mean_s` out of the bad state and loss / ((1 − loss)·`mean_s`) into it, the knowledge of the state
-    /// decays with the time constant (1 − loss)·`mean_s`.
+    /// Whether the link is bad at `at`; `chance` is evenly distributed in [0, 1).
     fn is_on(&mut self, at: LocalTime, chance: f64) -> bool {
-        let known = self.state.map_or(0.0, |(was_bad, before)| {
-            let fades_s = (1.0 - self.loss) * self.mean_s;
-            let since_s = at.seconds_since(before);
-            let left = if since_s > 0.0 { math::exp(-since_s / fades_s) } else { 1.0 };
-            left * (f64::from(u8::from(was_bad)) - self.loss)
-        });
-        let is_bad = chance < self.loss + known;
-        self.state = Some((is_bad, at));
-        is_bad
+        let since_s = self.before.map_or(0.0, |before| at.seconds_since(before));
+        self.before = Some(at);
+        self.model.is_bad(since_s, chance)
     }
 }

@@ -17,6 +17,8 @@ const DESCENT_LEAD_M: f64 = 3.0;
 const TOUCHDOWN_BELOW_M: f64 = 3.0;
 const TOUCHDOWN_LEAD_M: f64 = 1.0;
 const TOUCHDOWN_SINK_M_S: f64 = 0.15;
+/// Smoothing time of that vertical speed, s: the noise of a velocity sensor is no sinking.
+const SINK_SMOOTHING_S: f64 = 0.2;
 
 /// Descent rate of the shipped controllers above [`DESCENT_LEAD_M`], m/s: measured, and less than [`DESCENT_M_S`].
 const USUAL_DESCENT_M_S: f64 = 1.1;
@@ -34,6 +36,8 @@ pub fn usual_s(height_m: f64) -> f64 {
 #[derive(Clone, Copy, Debug)]
 pub struct Landing {
     last: PlantTime,
+    /// Smoothed sink rate, m/s.
+    sink_m_s: f64,
     /// Time for which the vehicle near the ground has not sunk, s.
     resting_s: f64,
     /// Time for which the rotor has been unloaded, s.
@@ -54,7 +58,7 @@ pub enum Descent {
 impl Landing {
     /// Begins a landing; a vehicle `on_ground` has no descent.
     pub fn begin(now: PlantTime, on_ground: bool) -> Self {
-        Self { last: now, resting_s: 0.0, unloading_s: on_ground.then_some(0.0) }
+        Self { last: now, sink_m_s: 0.0, resting_s: 0.0, unloading_s: on_ground.then_some(0.0) }
     }
 
     /// Whether the vehicle has touched down.
@@ -69,7 +73,8 @@ impl Landing {
         let at_m = estimate.position.altitude_m();
         // A vehicle in a low hover does not sink at once after the command; this is not a touchdown.
         let is_asked_down = altitude_m < at_m - TOUCHDOWN_LEAD_M;
-        let is_still = estimate.velocity.down_m_s().abs() < TOUCHDOWN_SINK_M_S;
+        self.sink_m_s += (estimate.velocity.down_m_s() - self.sink_m_s) * (dt_s / SINK_SMOOTHING_S).min(1.0);
+        let is_still = self.sink_m_s.abs() < TOUCHDOWN_SINK_M_S;
         let resting = estimate.height_m < TOUCHDOWN_BELOW_M && is_asked_down && is_still;
         self.resting_s = if resting { self.resting_s + dt_s } else { 0.0 };
         if Deadline::TouchedDown.is_past(self.resting_s) {

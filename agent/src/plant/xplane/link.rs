@@ -29,7 +29,7 @@ use beacon::Search;
 use controls::ControlWriter;
 use session::{Indices, Provenance, Sender, Senders, Value};
 use skein_core::aircraft::{Dataref, Profile};
-use skein_core::plant::{Controls, Frame, Plant, Wake};
+use skein_core::plant::{Command, Controls, Frame, Plant, Wake};
 
 /// Time between two subscriptions, needed because X-Plane forgets its subscribers when it restarts.
 const RESUBSCRIBE: Duration = Duration::from_secs(5);
@@ -365,12 +365,12 @@ impl Plant for XPlane {
         Wake::Deadline
     }
 
-    fn command(&mut self, controls: Controls) {
+    fn command(&mut self, command: Command) {
         let Some(simulator) = self.simulator else { return };
-        if !controls.is_within_limits() {
+        let Some(controls) = command.controls().filter(Controls::is_within_limits) else {
             self.counters.refused_commands += 1;
             return;
-        }
+        };
         let now = now();
         if self.overrides_confirmed.is_none_or(|at| now >= at + CONFIRM_OVERRIDES) {
             self.controls.take(&mut self.port, simulator);

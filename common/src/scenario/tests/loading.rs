@@ -112,6 +112,14 @@ fn defaults_and_paper_values_are_the_documented_ones() {
         ("formation.feedforward", "true", Some("false")),
         ("control.auto_trim", "true", Some("false")), ("control.rules", r#""shipped""#, None),
         ("sensing.velocity", r#""measured""#, None), ("sensing.differenced_tau_s", "1.0", None),
+        ("sensing.latency_s", "0.0", None), ("sensing.dropout", "0.0", None), ("sensing.dropout_s", r#""none""#, None),
+        ("sensing.correlation_s", r#""none""#, None),
+        ("sensing.noise.position_m", "0.0", None), ("sensing.noise.rate_deg_s", "0.0", None),
+        ("sensing.bias.position_m", "0.0", None), ("sensing.bias.rate_deg_s", "0.0", None),
+        ("plant.model", r#""helicopter""#, None), ("plant.point_mass.max_speed_m_s", "10.0", None),
+        ("plant.point_mass.max_climb_m_s", "2.5", None), ("plant.point_mass.max_acceleration_m_s2", "3.0", None),
+        ("plant.point_mass.lag_s", "1.0", None), ("plant.point_mass.max_turn_deg_s", "60.0", None),
+        ("plant.point_mass.turn_lag_s", "0.2", None),
         ("swarm.trim_error_rms_deg", "0.3", None),
         ("start.pattern", r#""random""#, None), ("start.square_m", "150.0", None), ("start.separation_m", "15.0", None),
         ("mission.speed_m_s", "2.0", Some("1.0")), ("mission.dwell_s", "3.0", None),
@@ -258,7 +266,7 @@ fn a_step_changes_single_parameters_of_a_law_and_keeps_the_rest() {
 /// With every key written, the types and the table have the same paths.
 #[test]
 fn the_table_and_the_types_have_the_same_keys() {
-    let text = "duration_s = 5\nswarm.vehicles = 2\n[network]\nedges = [[1, 2]]\nrange_m = 9\n\
+    let text = "duration_s = 5\nswarm.vehicles = 2\nsensing = { correlation_s = 9, dropout_s = 1 }\n[network]\nedges = [[1, 2]]\nrange_m = 9\n\
         fade_m = 5\nburst_s = 1\nbandwidth_bit_s = 1e6\nlinks = [{ from = [1], to = [2], both_ways = true, loss = 0.1,\n\
         burst_s = 1, delay_s = 1, jitter_s = 1, reorder = 0.1, reorder_s = 1, duplicate = 0.1, bandwidth_bit_s = 1, queue_s = 1 }]\n\
         [formation]\nedge_steepness_per_m = 1\nslots.offsets_ne_m = [[0, 0], [9, 9]]\n\
@@ -307,9 +315,12 @@ fn every_choice_of_every_key_loads() {
         let Kind::OneOf(choices) = key.kind else { continue };
         for choice in choices {
             // Keys that some of the choices require.
-            let text = "swarm.vehicles = 2\nswarm.plant = 'xplane'\nnetwork.edges = [[1, 2]]\n\
-                        formation.external.command = ['a']\nformation.gamma_z = 25\n";
-            let loaded = loaded(text, &[&format!("{}={choice}", key.path)]);
+            let plant = if key.path == "plant.model" { "builtin" } else { "xplane" };
+            let text = format!(
+                "swarm.vehicles = 2\nswarm.plant = '{plant}'\nnetwork.edges = [[1, 2]]\n\
+                 formation.external.command = ['a']\nformation.gamma_z = 25\n"
+            );
+            let loaded = loaded(&text, &[&format!("{}={choice}", key.path)]);
             assert_eq!(line(&loaded, key.path).0, Some(format!("{choice:?}")));
         }
     }
@@ -346,6 +357,7 @@ fn every_key_has_a_meaning_and_one_unit() {
     assert_eq!(unit("network.bandwidth_bit_s"), Some("bit/s"));
     assert_eq!(unit("formation.olfati_saber.c1_per_s2"), Some("1/s²"));
     assert_eq!(unit("formation.vasarhelyi.friction_m_s2"), Some("m/s²"));
+    assert_eq!((unit("sensing.noise.rate_deg_s"), unit("sensing.noise.heading_deg")), (Some("°/s"), Some("°")));
     assert_eq!((unit("record.hz"), unit("formation.gamma"), unit("formation.law")), (Some("Hz"), Some("1"), None));
 }
 

@@ -387,7 +387,31 @@ fn values_that_contradict_each_other_are_refused() {
             "8:31: `mission.events[0]`: fault = \"kill\" has no effect under `control.mode` = \"central\": \
              use \"kill_control\"",
         ),
+        (
+            "[plant]\nmodel = 'point_mass'\n[mission]\nevents = [{ at_s = 1, fault = 'gyro_off', vehicle = 2 }]",
+            "8:31: `mission.events[0]`: fault = \"gyro_off\" has no effect under `plant.model` = \"point_mass\", which has no gyro",
+        ),
+        (
+            "[world]\ngust_w20_m_s = 5\n[plant]\nmodel = 'point_mass'",
+            "6:16: `world.gust_w20_m_s` has no effect under `plant.model` = \"point_mass\": a point mass holds its velocity over \
+             the ground",
+        ),
+        (
+            "[plant]\nmodel = 'plane'",
+            "6:9: `plant.model` is \"plane\", but has to be one of \"helicopter\", \"point_mass\"",
+        ),
     ]);
+    let standin = "--set swarm.plant=standin: `plant.model` = \"point_mass\" needs `swarm.plant` = \"builtin\": X-Plane and its \
+                   stand-in fly helicopters";
+    assert_eq!(refusal("swarm.vehicles = 4\nplant.model = 'point_mass'", &["swarm.plant=standin"]), standin);
+    for fault in ["engine_out", "servo_stuck"] {
+        let event = format!("mission.events=[{{ at_s = 1, fault = \"{fault}\", vehicle = 1 }}]");
+        assert!(refusal(HOVER, &[&event, "plant.model=point_mass"]).contains("has no effect under"), "{fault}");
+    }
+    let survived =
+        "mission.events=[{ at_s = 1, fault = 'gps_frozen', vehicle = 1 }, { at_s = 9, fault = 'kill', vehicle = 2 }]";
+    loaded(HOVER, &[survived, "plant.model=point_mass"]);
+    loaded(HOVER, &["control.mode=central", "plant.model=point_mass"]);
     let crowd =
         "a.toml:1:18: 120 random starts 15 m apart do not fit in a square of 150 m; `start.square_m` = 216 is enough";
     assert_eq!(refusal("swarm.vehicles = 120", &[]), crowd);

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use serde::Serialize;
-use skein_common::scenario::Scenario;
+use skein_common::scenario::{ModelKind, Scenario};
 
 use super::series::{Worst, extremes, mean, rms};
 use super::{InFormation, Metrics, STEADY_S};
@@ -20,7 +20,7 @@ pub struct Run {
     pub law: String,
     /// Field conversion.
     pub conversion: String,
-    /// Plant that flew.
+    /// Plant that flew: `builtin`, `standin`, `xplane`, or the built-in `point_mass`.
     pub plant: String,
     /// Command that flew: `fly` or `study`.
     pub target: String,
@@ -42,7 +42,10 @@ impl Run {
             preset: scenario_spelling(&scenario.preset),
             law: scenario_spelling(&scenario.formation.law),
             conversion: scenario_spelling(&scenario.formation.conversion),
-            plant: scenario_spelling(&scenario.swarm.plant),
+            plant: match scenario.plant.model {
+                ModelKind::Helicopter => scenario_spelling(&scenario.swarm.plant),
+                ModelKind::PointMass => scenario_spelling(&scenario.plant.model),
+            },
             target: target.to_owned(),
             seed: scenario.seed,
             version: crate::VERSION.to_owned(),

@@ -37,7 +37,7 @@ use skein_core::formation::external::LawQuery;
 use skein_core::impairments::{Impairments, ReceiverPosition};
 use skein_core::outbox::Outbox;
 use skein_core::peers::{PeerMessage, Received, ReceivedState};
-use skein_core::plant::{Controls, Measurement};
+use skein_core::plant::{Command, Measurement};
 
 use super::TICK_NS;
 use super::driver::{Driver, TakeOutputs};
@@ -82,7 +82,7 @@ struct AircraftLink {
     /// Impairments of what the aircraft receives.
     impairments: Impairments,
     states: InFlight<(PlantTime, Measurement)>,
-    controls: InFlight<Controls>,
+    commands: InFlight<Command>,
     /// The newest state that has arrived and that no step has used yet.
     newest: Option<(PlantTime, Measurement)>,
     /// Plant time of the last state that a step used.
@@ -214,12 +214,12 @@ impl Central {
         link.plant_time = newest.map_or(link.plant_time, |(plant_time, _)| plant_time);
         let measurement = newest.as_ref().map(|(_, measurement)| measurement);
         let Outputs { command, outbox, ask } = vehicle.step(now, (link.plant_time, measurement), &[])?;
-        if let Some(controls) = command {
+        if let Some(command) = command {
             let at = now.plus_seconds(self.step_s * rank as f64);
             let state = VehicleState { position: self.place, velocity: VelocityNed::default(), heading_rad: 0.0 };
             link.computed.push_back(numbered_datagram(
                 &self.origin,
-                (self.id, link.controls.send(controls)),
+                (self.id, link.commands.send(command)),
                 state,
                 at,
             ));
@@ -238,7 +238,7 @@ impl Central {
                 ReceiverPosition { flown_s: vehicle.clocks().flown_s(now), position: Some(vehicle.truth.position) };
             link.impairments.receive(next_frame, there, link.computed.drain(..computed), &mut self.received);
             for (_, number) in self.received.drain(..).filter_map(datagram_number) {
-                vehicle.command = link.controls.arrive(number).or(vehicle.command);
+                vehicle.command = link.commands.arrive(number).or(vehicle.command);
             }
         }
     }
@@ -309,7 +309,7 @@ impl AircraftLink {
         Self {
             impairments,
             states: InFlight::new(),
-            controls: InFlight::new(),
+            commands: InFlight::new(),
             newest: None,
             plant_time: PlantTime::ZERO,
             computed: VecDeque::new(),

@@ -6,12 +6,13 @@ use skein_common::scenario::Scenario;
 use skein_common::time::{LocalTime, PlantTime};
 use skein_core::agent::{Agent, Outputs};
 use skein_core::aircraft::Aircraft;
+use skein_core::builtin::BuiltInPlant;
 use skein_core::control::Rules;
 use skein_core::formation::UnsupportedScenario;
 use skein_core::formation::external::LawReply;
-use skein_core::helicopter::{BuiltInVehicle, Script};
+use skein_core::helicopter::Script;
 use skein_core::peers::{PeerMessage, Received};
-use skein_core::plant::{Controls, Frame, GroundTruth, Measurement};
+use skein_core::plant::{Command, Frame, GroundTruth, Measurement};
 use skein_core::station::{Clocks, Station};
 
 use super::script::{self, ScriptedAction};
@@ -22,7 +23,7 @@ use crate::faults::Schedule;
 pub(super) struct Vehicle {
     pub(super) id: VehicleId,
     pub(super) aircraft: Aircraft,
-    pub(super) plant: BuiltInVehicle,
+    pub(super) plant: BuiltInPlant,
     /// Failures of the plant.
     pub(super) script: Script,
     /// All other scripted actions on the vehicle.
@@ -42,7 +43,7 @@ pub(super) struct Vehicle {
     pub(super) truth: GroundTruth,
     /// Plant time of the last frame.
     pub(super) plant_time: PlantTime,
-    pub(super) command: Option<Controls>,
+    pub(super) command: Option<Command>,
     /// Whether the simulator stands still in this frame.
     pub(super) simulator_frozen: bool,
 }
@@ -53,7 +54,7 @@ impl Vehicle {
         id: VehicleId,
         aircraft: Aircraft,
         rules: &Rules,
-        plant: BuiltInVehicle,
+        plant: BuiltInPlant,
     ) -> Result<Self, UnsupportedScenario> {
         let mut vehicle = Self {
             id,

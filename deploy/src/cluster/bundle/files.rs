@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use skein_agent::link::signature::VerificationKey;
 use skein_common::id::VehicleId;
-use skein_common::scenario::{self, Loaded, PlantKind, Source};
+use skein_common::scenario::{self, Loaded, ModelKind, PlantKind, Source};
 use skein_core::aircraft::Aircraft;
 use skein_core::start::starts;
 use toml::Value as Toml;
@@ -68,7 +68,12 @@ impl Bundle {
             let (id, name) = (vehicle.id, &vehicle.aircraft);
             let (aircraft, text) = aircraft_of(vehicle, from, &inventory.scenario_path.display().to_string())?;
             let plant = inventory.nodes.get(&id).map(|node| node.plant);
-            if plant == Some(PlantKind::Builtin) && aircraft.helicopter.is_none() {
+            if scenario.plant.model == ModelKind::PointMass {
+                if let Some(other) = plant.filter(|&plant| plant != PlantKind::Builtin) {
+                    let why = format!("vehicle {id}: `plant.model` = \"point_mass\" needs the built-in plant");
+                    return Err(refused(format!("{why}, but its node has plant = \"{}\"", self::plant(other))));
+                }
+            } else if plant == Some(PlantKind::Builtin) && aircraft.helicopter.is_none() {
                 return Err(refused(format!("vehicle {id}: only X-Plane can fly the aircraft \"{name}\"")));
             }
             // Shipped aircraft are part of the program.

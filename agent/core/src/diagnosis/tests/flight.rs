@@ -58,7 +58,7 @@ impl Flight {
         let id = VehicleId::new(1).unwrap();
         Self {
             vehicle: BuiltInVehicle::new(&origin, parameters, &start, &weather, seed, id),
-            estimator: Estimator::new(origin, &Sensing { position, velocity, differenced_tau_s: 1.0 }),
+            estimator: Estimator::new(origin, &Sensing::without_errors(position, velocity)),
             controller: VehicleController::new(Rules::shipped(), aircraft.trim, true),
             diagnosis: Diagnosis::new(&aircraft),
             command: None,

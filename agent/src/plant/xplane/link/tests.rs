@@ -143,7 +143,7 @@ fn the_link_subscribes_at_its_first_wait_and_touches_no_control() {
 fn commands_take_the_override_first_and_then_set_every_axis() {
     let (mut simulator, mut link) = Scripted::new();
     simulator.receive();
-    link.command(HOVER);
+    link.command(Command::Controls(HOVER));
     let axes = [
         ("sim/joystick/yoke_roll_ratio", 0.25),
         ("sim/joystick/yoke_pitch_ratio", -0.5),
@@ -154,18 +154,18 @@ fn commands_take_the_override_first_and_then_set_every_axis() {
     let writes = simulator.writes();
     assert_eq!(writes[0], ("sim/operation/override/override_joystick".to_owned(), 1.0));
     assert_eq!(writes[writes.len() - 4..], axes);
-    link.command(HOVER);
+    link.command(Command::Controls(HOVER));
     let writes = simulator.writes();
     assert_eq!(writes, axes, "the overrides are not repeated with every command");
     sleep_until(now() + CONFIRM_OVERRIDES);
-    link.command(HOVER);
+    link.command(Command::Controls(HOVER));
     assert_eq!(simulator.writes()[0].0, "sim/operation/override/override_joystick", "every 200 ms they are");
 }
 
 #[test]
 fn release_gives_the_override_back_and_unsubscribes_once() {
     let (mut simulator, mut link) = Scripted::new();
-    link.command(HOVER);
+    link.command(Command::Controls(HOVER));
     simulator.receive();
     link.release();
     let received = simulator.receive().to_vec();
@@ -195,7 +195,7 @@ fn a_link_that_never_commanded_leaves_the_override_unchanged() {
     link.release();
     assert!(simulator.writes().is_empty());
     let (mut simulator, mut link) = Scripted::new();
-    link.command(HOVER);
+    link.command(Command::Controls(HOVER));
     drop(link);
     let writes = simulator.writes();
     assert_eq!(
@@ -210,7 +210,7 @@ fn commands_outside_the_travel_are_not_sent() {
     let (mut simulator, mut link) = Scripted::new();
     simulator.receive();
     for bad in [f64::NAN, f64::INFINITY, 1.5] {
-        link.command(Controls { roll: bad, ..HOVER });
+        link.command(Command::Controls(Controls { roll: bad, ..HOVER }));
     }
     assert_eq!(link.counters().refused_commands, 3);
     assert!(simulator.receive().is_empty());
@@ -318,7 +318,7 @@ fn the_link_waits_for_a_simulator_that_is_not_up() {
         let deadline = now() + SOON;
         assert_eq!(link.wait(SOON), Wake::Deadline);
         assert!(now() >= deadline);
-        link.command(HOVER);
+        link.command(Command::Controls(HOVER));
     }
 }
 
@@ -444,7 +444,7 @@ mod live {
         assert_eq!(read(live.address, "sim/operation/override/override_joystick"), 0.0);
 
         for _ in 0..75 {
-            link.command(Controls { collective: 0.7, ..Controls::default() });
+            link.command(Command::Controls(Controls { collective: 0.7, ..Controls::default() }));
             next_frame(&mut link);
         }
         let risen = next_frame(&mut link).measurement;
@@ -514,7 +514,7 @@ mod live {
             .map(|_| {
                 next_frame(&mut link);
                 let received = link.last_position.unwrap();
-                link.command(HOVER);
+                link.command(Command::Controls(HOVER));
                 now() - received
             })
             .collect();

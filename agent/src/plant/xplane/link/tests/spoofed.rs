@@ -150,7 +150,7 @@ fn a_simulator_that_replies_from_several_ports_is_flown() {
     let spoofed = under_attack(&mut link, &[FAR, SPOOFED], |link| {
         let mut spoofed = 0;
         for _ in 0..150 {
-            link.command(Controls { collective: 0.7, ..Controls::default() });
+            link.command(Command::Controls(Controls { collective: 0.7, ..Controls::default() }));
             let frame = next_frame(link);
             spoofed += u32::from(is_spoofed(&frame));
             highest_m = highest_m.max(frame.measurement.height_m);

@@ -1,0 +1,105 @@
+//! The control stage: the vehicle's controller, that of a helicopter or that of a point mass.
+
+use alloc::boxed::Box;
+
+use skein_common::scenario::{ModelKind, Scenario};
+
+use super::{
+    CollectiveLimit, ControlFault, ControlOutput, Rules, Setpoint, Trim, VehicleController, VelocityController,
+};
+use crate::estimate::Estimate;
+use crate::plant::Command;
+
+/// The controller of a vehicle, of the kind that the scenario's `plant.model` needs.
+#[derive(Clone, Debug)]
+pub enum Controller {
+    /// Gives the controls of a helicopter.
+    Helicopter(Box<VehicleController>),
+    /// Gives the velocities of a point mass.
+    PointMass(VelocityController),
+}
+
+/// The output of one step of a [`Controller`].
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct StageOutput {
+    /// The command, always finite and for the controller's kind of vehicle.
+    pub command: Command,
+    /// The reason why `command` repeats the last good command; `None` for a new command.
+    pub fault: Option<ControlFault>,
+}
+
+impl Controller {
+    /// A controller that has not commanded anything yet. `rules` and `trim` are those of a helicopter.
+    pub fn new(scenario: &Scenario, rules: Rules, trim: Trim) -> Self {
+        match scenario.plant.model {
+            ModelKind::Helicopter => {
+                Self::Helicopter(Box::new(VehicleController::new(rules, trim, scenario.control.auto_trim)))
+            }
+            ModelKind::PointMass => Self::PointMass(VelocityController::default()),
+        }
+    }
+
+    /// Flies the setpoint; see [`VehicleController::step`] and [`VelocityController::step`].
+    pub fn step(&mut self, dt_s: f64, estimate: &Estimate, setpoint: &Setpoint) -> StageOutput {
+        match self {
+            Self::Helicopter(controller) => controller.step(dt_s, estimate, setpoint).into(),
+            Self::PointMass(controller) => {
+                let (command, fault) = controller.step(dt_s, estimate, setpoint);
+                StageOutput { command: Command::Velocity(command), fault }
+            }
+        }
+    }
+
+    /// Flies the setpoint with full pedal ([`VehicleController::turn`]). A point mass has no servo that could be stuck
+    /// and flies the setpoint.
+    pub fn turn(&mut self, dt_s: f64, estimate: &Estimate, setpoint: &Setpoint) -> StageOutput {
+        match self {
+            Self::Helicopter(controller) => controller.turn(dt_s, estimate, setpoint).into(),
+            Self::PointMass(_) => self.step(dt_s, estimate, setpoint),
+        }
+    }
+
+    /// Descends without power: [`VehicleController::autorotate`]. A point mass sinks on the spot.
+    pub fn autorotate(&mut self, dt_s: f64, estimate: &Estimate, heading_rad: f64) -> StageOutput {
+        match self {
+            Self::Helicopter(controller) => controller.autorotate(dt_s, estimate, heading_rad).into(),
+            Self::PointMass(controller) => Command::Velocity(controller.sink()).into(),
+        }
+    }
+
+    /// Rests on the ground: [`VehicleController::unload`], or no velocity.
+    pub fn park(&mut self, dt_s: f64) -> StageOutput {
+        match self {
+            Self::Helicopter(controller) => Command::Controls(controller.unload(dt_s)).into(),
+            Self::PointMass(controller) => Command::Velocity(controller.stop()).into(),
+        }
+    }
+
+    /// The command of a vehicle without own data: [`VehicleController::neutral`], or no velocity.
+    pub fn neutral(&mut self) -> Command {
+        match self {
+            Self::Helicopter(controller) => Command::Controls(controller.neutral()),
+            Self::PointMass(controller) => Command::Velocity(controller.stop()),
+        }
+    }
+
+    /// The limit of the climb authority at the last step, if it was at one. A point mass always follows.
+    pub fn collective_limit(&self) -> Option<CollectiveLimit> {
+        match self {
+            Self::Helicopter(controller) => controller.collective_limit(),
+            Self::PointMass(_) => None,
+        }
+    }
+}
+
+impl From<ControlOutput> for StageOutput {
+    fn from(ControlOutput { controls, fault }: ControlOutput) -> Self {
+        Self { command: Command::Controls(controls), fault }
+    }
+}
+
+impl From<Command> for StageOutput {
+    fn from(command: Command) -> Self {
+        Self { command, fault: None }
+    }
+}
