@@ -53,6 +53,10 @@ pub struct MessageDelay {
 #[derive(Clone, Debug, Default)]
 pub struct Delay {
     trips: VecDeque<RoundTrip>,
+    /// Places of the trip with the smallest bound and of the shortest trip. All bounds grow alike with time, so the
+    /// places stay the same until a trip is added or becomes too old.
+    tightest: usize,
+    shortest: usize,
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -84,13 +88,27 @@ impl Delay {
             self.trips.pop_front();
         }
         self.trips.push_back(new);
+        let all = || self.trips.iter().enumerate();
+        let bound_s = |trip: &RoundTrip| trip.message_delay(at, transit_s).most_s;
+        let tightest = all().min_by(|(_, one), (_, other)| bound_s(one).total_cmp(&bound_s(other)));
+        let shortest = all().min_by(|(_, one), (_, other)| one.s.total_cmp(&other.s));
+        self.tightest = tightest.map_or(0, |(place, _)| place);
+        self.shortest = shortest.map_or(0, |(place, _)| place);
     }
 
     /// The delay of a message with this transit; `None` until a round trip is known.
+    #[inline]
     pub fn of(&self, now: LocalTime, transit_s: f64) -> Option<MessageDelay> {
-        let valid = || self.trips.iter().filter(|trip| !Deadline::RoundTripOld.is_past(now.seconds_since(trip.at)));
-        let shortest = valid().min_by(|one, other| one.s.total_cmp(&other.s))?;
-        let most_s = valid().map(|trip| trip.message_delay(now, transit_s).most_s).fold(f64::INFINITY, f64::min);
+        let is_old = |trip: &RoundTrip| Deadline::RoundTripOld.is_past(now.seconds_since(trip.at));
+        let (tightest, shortest) = if is_old(self.trips.front()?) {
+            let valid = || self.trips.iter().filter(|trip| !is_old(trip));
+            let bound_s = |trip: &RoundTrip| trip.message_delay(now, transit_s).most_s;
+            let tightest = valid().min_by(|one, other| bound_s(one).total_cmp(&bound_s(other)))?;
+            (tightest, valid().min_by(|one, other| one.s.total_cmp(&other.s))?)
+        } else {
+            (self.trips.get(self.tightest)?, self.trips.get(self.shortest)?)
+        };
+        let most_s = tightest.message_delay(now, transit_s).most_s;
         let likely_s = shortest.message_delay(now, transit_s).likely_s.min(most_s).max(0.0);
         (most_s >= -TOLERANCE_S).then(|| MessageDelay { most_s: most_s.max(0.0), likely_s })
     }

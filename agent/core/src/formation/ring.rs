@@ -28,8 +28,8 @@ use skein_common::math;
 use skein_common::scenario;
 
 use super::COINCIDENT_M;
-use crate::peers::MAX_OBSTACLE_RADIUS_M;
 use super::law::{Law, LawCommand, LawOutput, Neighbour, Observation, Obstacle, Setup};
+use crate::peers::MAX_OBSTACLE_RADIUS_M;
 
 /// Limit of the summed avoidance of all neighbours: a crowd must not expel its members.
 const MAX_AVOIDANCE: f64 = 2.0;

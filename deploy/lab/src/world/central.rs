@@ -217,12 +217,7 @@ impl Central {
         if let Some(command) = command {
             let at = now.plus_seconds(self.step_s * rank as f64);
             let state = VehicleState { position: self.place, velocity: VelocityNed::default(), heading_rad: 0.0 };
-            link.computed.push_back(numbered_datagram(
-                &self.origin,
-                (self.id, link.commands.send(command)),
-                state,
-                at,
-            ));
+            link.computed.push_back(numbered_datagram(&self.origin, (self.id, link.commands.send(command)), state, at));
         }
         Some((outbox, ask))
     }
