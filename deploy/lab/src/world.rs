@@ -17,6 +17,7 @@ mod vehicle;
 
 use std::mem;
 
+use skein_common::frame::Origin;
 use skein_common::id::VehicleId;
 use skein_common::message::{self, EventKind, Message, Trace};
 use skein_common::scenario::{ControlMode, Scenario};
@@ -109,7 +110,7 @@ impl World {
             vehicles,
             blocks: Blocks::default(),
             driver,
-            origin,
+            origin: Origin::new(scenario.origin.geodetic()),
             in_flight: scenario.ids().map(PeerMessage::Appeared).collect(),
             arriving: Vec::new(),
             to_one: Vec::new(),
