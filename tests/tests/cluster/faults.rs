@@ -46,7 +46,7 @@ pub(super) fn missing() -> Option<String> {
 pub(super) fn are_found() {
     let lab = Lab::new("faults", environment);
     fleet::describe(&lab, HOSTS);
-    let _fleet = Fleet::start(&lab, &[6]);
+    let _fleet = Fleet::start(&lab, (1..=HOSTS).filter(|id| *id != 6));
     let skein = |lab: &Lab, arguments: &str| lab.skein(&format!("{arguments} -f lab/cluster.toml --json"), 90);
     skein(&lab, "cluster keys").succeeded();
     // The disk has room for the program and no more.

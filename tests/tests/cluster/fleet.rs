@@ -26,12 +26,10 @@ pub(super) struct Fleet {
 }
 
 impl Fleet {
-    /// Starts the X-Plane of every vehicle, except those in `without`.
-    pub(super) fn start(lab: &Lab, without: &[u8]) -> Self {
+    /// Starts the X-Plane of each of these vehicles.
+    pub(super) fn start(lab: &Lab, vehicles: impl IntoIterator<Item = u8>) -> Self {
         let mut fleet = Self { simulators: Vec::new() };
-        for id in (1..=HOSTS).filter(|id| !without.contains(id)) {
-            fleet.add(lab, id);
-        }
+        vehicles.into_iter().for_each(|id| fleet.add(lab, id));
         fleet
     }
 

@@ -48,7 +48,7 @@ impl Flight {
     pub(super) fn prepare() -> Self {
         let lab = Lab::new("flight", |_| &[]);
         fleet::describe(&lab, HOSTS);
-        let fleet = Fleet::start(&lab, &[]);
+        let fleet = Fleet::start(&lab, ALL);
         let before = lab.hosts.iter().map(Host::files).collect();
         Self { lab, fleet, before, off_s: f64::NAN }
     }

@@ -114,7 +114,7 @@ fn intruder() {
 }
 
 #[test]
-#[ignore = "prints the README's page on clusters"]
+#[ignore = "prints what the commands of the book's pages on clusters print"]
 fn page() {
     let Some(_alone) = alone() else { return };
     page::print();
