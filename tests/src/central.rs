@@ -153,27 +153,41 @@ impl CentralFlight {
     }
 }
 
-/// The table of both kinds of control with these numbers of vehicles over these networks, over this many seeds; below
-/// it the commands that fly the worst seeds.
-pub fn table(vehicles: &[usize], networks: &[(f64, f64)], seeds: u64) -> String {
-    let mut lines = vec![heading()];
-    let mut worst = Vec::new();
+/// One kind of flight, flown.
+#[derive(Clone, Debug)]
+pub struct CentralCell {
+    /// The kind of flight.
+    pub case: Case,
+    /// Its flights, in the order of their seeds.
+    pub flights: Vec<CentralFlight>,
+}
+
+/// Flies both kinds of control, with and without a kill, with these numbers of vehicles over these networks (loss, and
+/// delay in s), over this many seeds.
+pub fn cells(vehicles: &[usize], networks: &[(f64, f64)], seeds: u64) -> Vec<CentralCell> {
+    let mut cells = Vec::new();
     for &n in vehicles {
         for &(loss, delay_s) in networks {
             for (central, killed) in [(false, false), (true, false), (false, true), (true, true)] {
                 let case = Case { central, vehicles: n, loss, delay_s, killed, breeze: true, ..PLAIN };
-                let flights = in_parallel(0..seeds, |seed| case.fly(seed));
-                lines.push(row(&case, &flights));
-                worst.extend(worst_of(&flights).map(|(seed, flight)| (case, seed, flight.report.crashes)));
+                cells.push(CentralCell { case, flights: in_parallel(0..seeds, |seed| case.fly(seed)) });
             }
         }
     }
+    cells
+}
+
+/// The table of both kinds of control, a row for each kind of flight; below it the commands that fly the worst seeds.
+pub fn table(cells: &[CentralCell]) -> String {
+    let rows = cells.iter().map(|cell| row(&cell.case, &cell.flights));
     let most = |central: bool| {
-        let of_mode = worst.iter().filter(|(case, ..)| case.central == central);
-        of_mode.max_by_key(|(.., crashes)| *crashes).map(|(case, seed, _)| case.command(*seed))
+        let of_mode = cells.iter().filter(|cell| cell.case.central == central);
+        let worst = of_mode.filter_map(|cell| Some((cell.case, worst_of(&cell.flights)?)));
+        let most = worst.max_by_key(|(_, (_, flight))| flight.report.crashes);
+        most.map(|(case, (seed, _))| case.command(seed))
     };
-    lines.extend([false, true].into_iter().filter_map(most));
-    lines.join("\n")
+    let commands = [false, true].into_iter().filter_map(most);
+    [heading()].into_iter().chain(rows).chain(commands).collect::<Vec<_>>().join("\n")
 }
 
 /// The limits of central control: the table over delays of each datagram, one way, s, and over computing times of the

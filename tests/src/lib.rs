@@ -1,6 +1,8 @@
 //! Functions that the whole-swarm tests share.
 
 pub mod central;
+pub mod central_summary;
+pub mod conversion;
 pub mod divergence;
 pub mod faults;
 pub mod formation_error;

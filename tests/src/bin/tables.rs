@@ -4,7 +4,9 @@ use std::fs;
 use std::process::ExitCode;
 
 use clap::Parser;
-use skein_tests::{central, divergence, faults, formation_error, golden, halves, laws, tour, wind};
+use skein_tests::{
+    central, central_summary, conversion, divergence, faults, formation_error, golden, halves, laws, tour, wind,
+};
 
 /// Flies many swarms in virtual time and prints their figures
 #[derive(Parser)]
@@ -20,10 +22,13 @@ struct Tables {
 /// The tables.
 #[derive(clap::Subcommand)]
 enum Table {
-    /// Central control compared with a controller on each vehicle, with 4 to 32 vehicles and 0 to 30 % loss
+    /// Central control compared with a controller on each vehicle, with 4 to 32 vehicles and 0 to 30 % loss; below, the
+    /// same in short, in Markdown
     Central,
     /// Central control over longer and longer delays, and with slower and slower computers
     CentralLimits,
+    /// Linear and nonlinear conversions in ten situations, in Markdown
+    Conversion,
     /// Every fault in a small mission, with four and with eight vehicles
     Faults,
     /// A swarm that a cut splits for 20 s, under both policies
@@ -55,13 +60,15 @@ fn main() -> ExitCode {
         match table {
             Table::Central => {
                 let networks = [(0.0, 0.0), (0.1, 0.0), (0.3, 0.0), (0.3, 0.05)];
-                central::table(&[4, 8, 16, 32], &networks, seeds)
+                let cells = central::cells(&[4, 8, 16, 32], &networks, seeds);
+                format!("{}\n\n{}", central::table(&cells), central_summary::markdown(&cells))
             }
             Table::CentralLimits => {
                 let delays_s = [0.0, 0.02, 0.04, 0.06, 0.08, 0.09, 0.1, 0.12, 0.15, 0.2];
                 let steps_s = [0.001, 0.002, 0.005, 0.01, 0.015, 0.02, 0.025, 0.03, 0.05];
                 central::limits(8, &delays_s, &steps_s, seeds)
             }
+            Table::Conversion => conversion::markdown(seeds),
             Table::Faults => faults::table(&[4, 8], seeds),
             Table::Halves => halves::table(seeds),
             Table::Golden => write_golden(),

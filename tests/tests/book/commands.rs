@@ -6,9 +6,9 @@ use snapbox::Data;
 use snapbox::filter::{Filter, FilterNewlines, NormalizeToExpected};
 use snapbox::report::{Palette, write_diff};
 
-use crate::is_writing;
 use crate::markdown::Page;
 use crate::runner::Folder;
+use crate::{is_long, is_writing};
 
 /// Makes a test for each page, so that they run in parallel and a failure names its page.
 macro_rules! pages {
@@ -113,7 +113,9 @@ fn run(path: &str) {
         if let Some(name) = block.option("file") {
             folder.write(name, &(block.lines.join("\n") + "\n"));
         }
-        if !block.is("console") || block.option("needs").is_some_and(|module| !folder.has_python(module)) {
+        let is_too_long = block.has("long") && !is_long();
+        let lacks_module = || block.option("needs").is_some_and(|module| !folder.has_python(module));
+        if !block.is("console") || is_too_long || lacks_module() {
             continue;
         }
         let steps = steps(&block.lines).unwrap_or_else(|why| panic!("{path}:{}: {why}", block.first_line));

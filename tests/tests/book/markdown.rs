@@ -1,8 +1,9 @@
 //! Markdown files as the tests read them: fences, tables, links, headings, and the markers above fences and tables.
 //!
 //! * A fence ```` ```console ```` is run: lines that begin with `$ ` are commands, the lines below each are its output.
-//!   Its info string may also have `status=N`, the exit status of the block's last command, and `needs=MODULE`, a module
-//!   of Python without which the block is skipped.
+//!   Its info string may also have `status=N`, the exit status of the block's last command, `needs=MODULE`, a module of
+//!   Python without which the block is skipped, and `long`: the block is run only with `SKEIN_BOOK=long` in the environment,
+//!   as `.ci/long` does.
 //! * A fence with `file=NAME` is written into the folder in which later blocks of the chapter run.
 //! * `<!-- golden: NAME -->` names a file of `tests/golden`, and `<!-- same as: PATH -->` a file of the checkout, from
 //!   which the fence or table below it comes.
@@ -43,6 +44,11 @@ impl Block {
     /// Whether it is a fence of this language.
     pub(crate) fn is(&self, language: &str) -> bool {
         self.info.as_ref().is_some_and(|info| info.split_whitespace().next() == Some(language))
+    }
+
+    /// Whether the info string has this word after the language.
+    pub(crate) fn has(&self, word: &str) -> bool {
+        self.info.as_ref().is_some_and(|info| info.split_whitespace().skip(1).any(|part| part == word))
     }
 
     /// The value of `name=value` in the info string.
@@ -235,14 +241,15 @@ fn find(folder: &Path, path: &str, found: &mut Vec<String>) {
 
 #[test]
 fn a_page_is_read_with_the_lines_of_its_parts() {
-    let text = "# A *b* `c_d`, e!\n\n<!-- golden: x.txt -->\n```text\none\n\ntwo\n```\n- list\n  ```console status=2\n  $ no\n    \
+    let text = "# A *b* `c_d`, e!\n\n<!-- golden: x.txt -->\n```text\none\n\ntwo\n```\n- list\n  ```console long status=2\n  $ no\n    \
                 x\n  ```\n\n<!-- same as: y -->\n\n| a | b |\n| --- | --- |\n| 1 | 2 |\n\n## Über 10 m/s\n## Über 10 m/s\n";
     let page = Page { path: "x.md".to_owned(), text: text.to_owned() };
     let blocks = page.blocks();
     let lines = |nth: usize| blocks[nth].lines.join("|");
     assert_eq!((lines(0), blocks[0].first_line, blocks[0].marked("golden")), ("one||two".into(), 5, Some("x.txt")));
     assert_eq!((lines(1), blocks[1].first_line, blocks[1].option("status")), ("$ no|  x".into(), 11, Some("2")));
-    assert!(blocks[1].is("console") && !blocks[1].is("text") && blocks[1].indent == 2);
+    assert!(blocks[1].is("console") && blocks[1].has("long") && !blocks[1].has("console"));
+    assert!(!blocks[1].is("text") && blocks[1].indent == 2);
     assert_eq!((lines(2), blocks[2].marked("same as")), ("| a | b ||| --- | --- ||| 1 | 2 |".into(), Some("y")));
     assert_eq!(page.anchors(), ["a-b-c_d-e", "über-10-ms", "über-10-ms-1"]);
 }

@@ -13,10 +13,12 @@ use std::time::Duration;
 use rustix::process::{Pid, Signal, kill_process_group};
 use tempfile::TempDir;
 
-use crate::{PROGRAM, root};
+use crate::{PROGRAM, is_long, root};
 
 /// Timeout of a command, s; CI's PCs may be busy.
 const LIMIT_S: u64 = 180;
+/// Timeout where long studies are run, s.
+const LONG_LIMIT_S: u64 = 1800;
 
 /// A new folder with a link to `deploy`; the output shows it as `/home/you/lab`.
 pub(crate) struct Folder {
@@ -95,12 +97,13 @@ impl Folder {
             let _ = from.read_to_end(&mut bytes);
             let _ = send.send(bytes);
         });
-        let bytes = receive.recv_timeout(Duration::from_secs(LIMIT_S));
+        let limit_s = if is_long() { LONG_LIMIT_S } else { LIMIT_S };
+        let bytes = receive.recv_timeout(Duration::from_secs(limit_s));
         let group = Pid::from_child(&child);
         if bytes.is_err() {
             let _ = kill_process_group(group, Signal::KILL);
             end(child);
-            panic!("`{line}` has not ended after {LIMIT_S} s");
+            panic!("`{line}` has not ended after {limit_s} s");
         }
         if line.trim_end().ends_with('&') {
             self.background.push(group);
