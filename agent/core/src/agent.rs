@@ -32,7 +32,7 @@ use crate::formation::external::{LawQuery, LawReply};
 use crate::formation::{self, Formation, FormationOutput, UnsupportedScenario};
 use crate::mission::{Mission, Task, View};
 use crate::outbox::{Outbox, SendSchedule};
-use crate::peers::{Broadcast, Change, PeerEstimate, PeerMessage, Peers, Received};
+use crate::peers::{Broadcast, Change, PeerEstimate, PeerMessage, PeerStateAge, Peers, Received};
 use crate::plant::{Command, GroundTruth, Measurement};
 use crate::random::{self, Purpose};
 
@@ -212,6 +212,11 @@ impl Agent {
     /// The peers' estimated current states.
     pub fn peers(&self) -> impl Iterator<Item = PeerEstimate> {
         self.peers.estimates()
+    }
+
+    /// The ages of the newest states of all peers in contact.
+    pub fn peer_ages(&self) -> impl Iterator<Item = PeerStateAge> {
+        self.peers.ages()
     }
 
     /// The vehicle's membership: whether the other vehicles wait for it.

@@ -96,6 +96,7 @@ pub enum Deadline {
 
 impl Deadline {
     /// Time from the deadline's start to the deadline, s.
+    #[inline]
     pub const fn after_s(self) -> f64 {
         match self {
             Self::OwnDataStale => 0.1,
@@ -120,6 +121,7 @@ impl Deadline {
 
     /// Whether the deadline has passed, for this time since its start, s. A required duration is complete at exactly
     /// that instant; a tolerated age is still tolerated at that instant.
+    #[inline]
     pub fn is_past(self, since_s: f64) -> bool {
         match self {
             Self::PeerGivenUp

@@ -22,6 +22,7 @@
 //! they are; the ages of other vehicles' messages are not affected.
 
 use alloc::collections::VecDeque;
+use alloc::vec::Vec;
 
 use skein_common::id::{VehicleId, VehicleSet};
 use skein_common::message::Echo;
@@ -52,11 +53,8 @@ pub struct MessageDelay {
 /// The last round trips to one peer.
 #[derive(Clone, Debug, Default)]
 pub struct Delay {
-    trips: VecDeque<RoundTrip>,
-    /// Places of the trip with the smallest bound and of the shortest trip. All bounds grow alike with time, so the
-    /// places stay the same until a trip is added or becomes too old.
-    tightest: usize,
-    shortest: usize,
+    /// In the order of arrival.
+    trips: Vec<RoundTrip>,
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -69,6 +67,7 @@ struct RoundTrip {
 }
 
 impl RoundTrip {
+    #[inline]
     fn message_delay(&self, now: LocalTime, transit_s: f64) -> MessageDelay {
         let most_s = self.s + transit_s - self.transit_s + DRIFT * now.seconds_since(self.at).max(0.0);
         MessageDelay { most_s, likely_s: most_s - self.s / 2.0 }
@@ -85,30 +84,25 @@ impl Delay {
         // A contradiction means that a clock was set in between.
         self.trips.retain(|old| old.message_delay(at, transit_s).most_s >= -TOLERANCE_S);
         if self.trips.len() == ROUND_TRIPS_KEPT {
-            self.trips.pop_front();
+            self.trips.remove(0);
         }
-        self.trips.push_back(new);
-        let all = || self.trips.iter().enumerate();
-        let bound_s = |trip: &RoundTrip| trip.message_delay(at, transit_s).most_s;
-        let tightest = all().min_by(|(_, one), (_, other)| bound_s(one).total_cmp(&bound_s(other)));
-        let shortest = all().min_by(|(_, one), (_, other)| one.s.total_cmp(&other.s));
-        self.tightest = tightest.map_or(0, |(place, _)| place);
-        self.shortest = shortest.map_or(0, |(place, _)| place);
+        // A large swarm has a record for each pair of vehicles, and room to spare in each would be most of its memory.
+        self.trips.reserve_exact(1);
+        self.trips.push(new);
     }
 
     /// The delay of a message with this transit; `None` until a round trip is known.
     #[inline]
     pub fn of(&self, now: LocalTime, transit_s: f64) -> Option<MessageDelay> {
-        let is_old = |trip: &RoundTrip| Deadline::RoundTripOld.is_past(now.seconds_since(trip.at));
-        let (tightest, shortest) = if is_old(self.trips.front()?) {
-            let valid = || self.trips.iter().filter(|trip| !is_old(trip));
-            let bound_s = |trip: &RoundTrip| trip.message_delay(now, transit_s).most_s;
-            let tightest = valid().min_by(|one, other| bound_s(one).total_cmp(&bound_s(other)))?;
-            (tightest, valid().min_by(|one, other| one.s.total_cmp(&other.s))?)
-        } else {
-            (self.trips.get(self.tightest)?, self.trips.get(self.shortest)?)
-        };
-        let most_s = tightest.message_delay(now, transit_s).most_s;
+        let mut most_s = f64::INFINITY;
+        let mut shortest: Option<&RoundTrip> = None;
+        for trip in &self.trips {
+            if !Deadline::RoundTripOld.is_past(now.seconds_since(trip.at)) {
+                most_s = most_s.min(trip.message_delay(now, transit_s).most_s);
+                shortest = shortest.filter(|shortest| shortest.s <= trip.s).or(Some(trip));
+            }
+        }
+        let shortest = shortest?;
         let likely_s = shortest.message_delay(now, transit_s).likely_s.min(most_s).max(0.0);
         (most_s >= -TOLERANCE_S).then(|| MessageDelay { most_s: most_s.max(0.0), likely_s })
     }

@@ -143,6 +143,21 @@ impl PeerEstimate {
     }
 }
 
+/// The age of a peer's newest state.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PeerStateAge {
+    /// The peer's id.
+    pub id: VehicleId,
+    /// Time since its arrival, s.
+    pub silent_s: f64,
+    /// Upper bound of its age, s, as in [`PeerEstimate::age_s`].
+    pub age_s: f64,
+    /// Upper bound of its delay, s, as in [`PeerEstimate::delay_s`].
+    pub delay_s: Option<f64>,
+    /// Its most likely age, s, as in [`PeerEstimate::carried_s`].
+    pub carried_s: f64,
+}
+
 /// The peers as the formation needs them.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct PeerSummary<Estimates> {
@@ -305,6 +320,12 @@ impl Peers {
     /// The estimated current states of all peers that are not out of sight, by id.
     pub fn estimates(&self) -> impl Iterator<Item = PeerEstimate> {
         self.estimates_of(self.all(Status::SEEN))
+    }
+
+    /// The ages of the newest states of all peers in contact that are not out of sight, by id.
+    pub fn ages(&self) -> impl Iterator<Item = PeerStateAge> {
+        let now = self.now;
+        self.of(self.all(Status::SEEN).both(self.in_contact())).filter_map(move |peer| peer.state_age(now))
     }
 
     /// The peers as the formation needs them: the estimates of those within `reach_m` of the own position, and of some

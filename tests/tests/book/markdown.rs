@@ -2,8 +2,8 @@
 //!
 //! * A fence ```` ```console ```` is run: lines that begin with `$ ` are commands, the lines below each are its output.
 //!   Its info string may also have `status=N`, the exit status of the block's last command, `needs=MODULE`, a module of
-//!   Python without which the block is skipped, and `long`: the block is run only with `SKEIN_BOOK=long` in the environment,
-//!   as `.ci/long` does.
+//!   Python without which the block is skipped, and `long`: the block is run only with `SKEIN_BOOK=long` in the
+//!   environment, as `.ci/long` does.
 //! * A fence with `file=NAME` is written into the folder in which later blocks of the chapter run.
 //! * `<!-- golden: NAME -->` names a file of `tests/golden`, and `<!-- same as: PATH -->` a file of the checkout, from
 //!   which the fence or table below it comes.
@@ -46,9 +46,9 @@ impl Block {
         self.info.as_ref().is_some_and(|info| info.split_whitespace().next() == Some(language))
     }
 
-    /// Whether the info string has this word after the language.
-    pub(crate) fn has(&self, word: &str) -> bool {
-        self.info.as_ref().is_some_and(|info| info.split_whitespace().skip(1).any(|part| part == word))
+    /// Whether the info string has this flag after the language.
+    pub(crate) fn has(&self, flag: &str) -> bool {
+        self.info.as_ref().is_some_and(|info| info.split_whitespace().skip(1).any(|part| part == flag))
     }
 
     /// The value of `name=value` in the info string.

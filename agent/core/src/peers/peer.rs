@@ -6,7 +6,7 @@ use skein_common::message::Heartbeat;
 use skein_common::state::{Membership, PeerStatus};
 use skein_common::time::{LocalTime, SenderStamp};
 
-use super::{Change, PeerEstimate, Role};
+use super::{Change, PeerEstimate, PeerStateAge, Role};
 use crate::deadlines::Deadline;
 use crate::delay::{Delay, MessageDelay};
 
@@ -181,10 +181,12 @@ impl Peer {
         (self.state, self.heartbeat, self.delay) = (None, None, Delay::default());
     }
 
+    #[inline]
     fn membership(&self) -> Membership {
         self.heartbeat.map_or(Membership::Joining, |heartbeat| heartbeat.agreement.membership)
     }
 
+    #[inline]
     fn flies_same_plan(&self) -> bool {
         self.heartbeat.is_some_and(|heartbeat| heartbeat.agreement.same_plan)
     }
@@ -261,16 +263,24 @@ impl Peer {
         }
     }
 
-    /// The estimated current state; `None` before the first state.
+    /// The age of the newest state; `None` before the first state.
     #[inline]
-    pub(super) fn estimate(&self, judgement: &Judgement) -> Option<PeerEstimate> {
-        let Judgement { now, stale_s, .. } = *judgement;
-        let last = self.state?;
+    pub(super) fn state_age(&self, now: LocalTime) -> Option<PeerStateAge> {
+        let last = self.state.as_ref()?;
         let silent_s = now.seconds_since(last.at).max(0.0);
         let message_delay = self.delay.of(now, last.transit_s);
         let delay_s = message_delay.map(|message_delay| message_delay.most_s);
         let MessageDelay { most_s, likely_s } = message_delay.unwrap_or_default();
         let (age_s, carried_s) = (silent_s + most_s, silent_s + likely_s);
+        Some(PeerStateAge { id: self.id, silent_s, age_s, delay_s, carried_s })
+    }
+
+    /// The estimated current state; `None` before the first state.
+    #[inline]
+    pub(super) fn estimate(&self, judgement: &Judgement) -> Option<PeerEstimate> {
+        let Judgement { now, stale_s, .. } = *judgement;
+        let last = self.state?;
+        let PeerStateAge { silent_s, age_s, delay_s, carried_s, .. } = self.state_age(now)?;
         let standing = match self.lost_at {
             Some(_) => PeerStatus::Lost,
             None if Deadline::StateOld.is_past(age_s) => PeerStatus::Stale,
