@@ -301,11 +301,27 @@ pub fn wrap_rad(angle_rad: f64) -> f64 {
     if angle_rad.abs() <= PI { angle_rad } else { angle_rad - 2.0 * PI * (angle_rad / (2.0 * PI)).round() }
 }
 
-/// Converts a horizontal north-east vector to its components forward and right of a heading.
-#[inline]
-pub fn heading_from_ne(north_east: Vector2<f64>, heading_rad: f64) -> Vector2<f64> {
-    let (sin, cos) = math::sin_cos(heading_rad);
-    Vector2::new(north_east.x * cos + north_east.y * sin, -north_east.x * sin + north_east.y * cos)
+/// The level frame along a heading: forward and right.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct HeadingFrame {
+    sin: f64,
+    cos: f64,
+}
+
+impl HeadingFrame {
+    /// The frame along this heading, clockwise from north, rad.
+    #[inline]
+    pub fn new(heading_rad: f64) -> Self {
+        let (sin, cos) = math::sin_cos(heading_rad);
+        Self { sin, cos }
+    }
+
+    /// Converts a horizontal north-east vector to its components forward and right.
+    #[inline]
+    pub fn from_ne(&self, north_east: Vector2<f64>) -> Vector2<f64> {
+        let Self { sin, cos } = *self;
+        Vector2::new(north_east.x * cos + north_east.y * sin, -north_east.x * sin + north_east.y * cos)
+    }
 }
 
 #[cfg(test)]

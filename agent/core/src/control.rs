@@ -25,9 +25,10 @@ mod trim;
 
 use alloc::borrow::ToOwned;
 use alloc::format;
+use alloc::sync::Arc;
 
 use nalgebra::Vector2;
-use skein_common::frame::{heading_from_ne, wrap_rad};
+use skein_common::frame::{HeadingFrame, wrap_rad};
 
 use crate::estimate::Estimate;
 use crate::plant::Controls;
@@ -131,17 +132,17 @@ pub enum ControlFault {
     Rules,
 }
 
-/// The four rule bases.
+/// The four rule bases. A clone shares them, so that all vehicles of a process use the same memory.
 #[derive(Clone, Debug)]
 pub struct Rules {
     /// Inputs R_E (m), velocity to the right (m/s), bank above trim (rad).
-    pub roll: Sugeno,
+    pub roll: Arc<Sugeno>,
     /// Inputs P_E (m), velocity backwards (m/s), pitch above trim (rad).
-    pub pitch: Sugeno,
+    pub pitch: Arc<Sugeno>,
     /// Inputs heading error (rad), yaw rate (rad/s).
-    pub heading: Sugeno,
+    pub heading: Arc<Sugeno>,
     /// Inputs altitude error (m), climb rate (m/s).
-    pub collective: Sugeno,
+    pub collective: Arc<Sugeno>,
 }
 
 impl Rules {
@@ -168,7 +169,7 @@ impl Rules {
         let load = |(file, text): (&str, &str), inputs: usize| {
             let rules = Sugeno::parse(file, text)?;
             if rules.inputs() == inputs {
-                Ok(rules)
+                Ok(Arc::new(rules))
             } else {
                 let what = format!("this controller has {inputs} inputs, not {}", rules.inputs());
                 Err(FisError { file: file.to_owned(), line: 1, what })
@@ -300,9 +301,10 @@ impl VehicleController {
     /// Evaluates the four rule bases; `None` if a number overflows.
     fn controls(&self, estimate: &Estimate, setpoint: &Setpoint, found: &AutoTrim) -> Option<Controls> {
         let heading_rad = estimate.attitude.heading_rad;
-        let [pitch_error_m, roll_error_m] = pseudo_errors(setpoint.error_ne_m(), heading_rad);
-        let velocity = heading_from_ne(estimate.velocity.horizontal() - setpoint.feedforward_ne_m_s, heading_rad);
-        let tilt = heading_from_ne(found.tilt_ne_rad, heading_rad);
+        let frame = HeadingFrame::new(heading_rad);
+        let [pitch_error_m, roll_error_m] = pseudo_errors(setpoint.error_ne_m(), &frame);
+        let velocity = frame.from_ne(estimate.velocity.horizontal() - setpoint.feedforward_ne_m_s);
+        let tilt = frame.from_ne(found.tilt_ne_rad);
         // A forward tilt is a negative pitch.
         let roll_rad = estimate.attitude.roll_rad - self.trim.roll_rad - tilt.y;
         let pitch_rad = estimate.attitude.pitch_rad - self.trim.pitch_rad + tilt.x;
@@ -327,10 +329,11 @@ fn check(dt_s: f64, estimate: &Estimate, setpoint: &Setpoint) -> Result<(), Cont
     let Estimate { position, height_m, velocity, attitude, rates, .. } = estimate;
     let Setpoint { relative_velocity_ne_m_s, feedforward_ne_m_s, altitude_m, heading_rad } = setpoint;
     let place_is_finite = position.is_finite() && height_m.is_finite() && velocity.is_finite();
-    let horizontal = relative_velocity_ne_m_s.iter().chain(feedforward_ne_m_s);
+    let [relative, feedforward] =
+        [relative_velocity_ne_m_s, feedforward_ne_m_s].map(|velocity| velocity.x.is_finite() && velocity.y.is_finite());
     if !(place_is_finite && attitude.is_finite() && rates.is_finite()) {
         Err(ControlFault::Estimate)
-    } else if !horizontal.chain([altitude_m, heading_rad]).all(|x| x.is_finite()) {
+    } else if !(relative && feedforward && altitude_m.is_finite() && heading_rad.is_finite()) {
         Err(ControlFault::Setpoint)
     } else if !dt_s.is_finite() {
         Err(ControlFault::TimeStep)
@@ -342,8 +345,8 @@ fn check(dt_s: f64, estimate: &Estimate, setpoint: &Setpoint) -> Result<(), Cont
 /// The position errors P_E and R_E, Garcia & Barnes eqs (10) and (11), of a field vector in metres:
 /// P_E = −(V_x cos ψ + V_y sin ψ), R_E = −V_x sin ψ + V_y cos ψ. Nose-up accelerates backwards, right bank accelerates
 /// right: with these signs a positive error gives a positive control on both axes.
-fn pseudo_errors(error_ne_m: Vector2<f64>, heading_rad: f64) -> [f64; 2] {
-    let error = heading_from_ne(error_ne_m, heading_rad);
+fn pseudo_errors(error_ne_m: Vector2<f64>, frame: &HeadingFrame) -> [f64; 2] {
+    let error = frame.from_ne(error_ne_m);
     [-error.x, error.y]
 }
 

@@ -51,7 +51,7 @@ fn the_local_axes_point_north_east_and_down() {
 #[test]
 fn a_vector_is_resolved_forward_and_right_of_a_heading() {
     let north = Vector2::new(1.0, 0.0);
-    let from_east = heading_from_ne(north, PI / 2.0);
+    let from_east = HeadingFrame::new(PI / 2.0).from_ne(north);
     assert!((from_east - Vector2::new(0.0, -1.0)).norm() < 1e-12, "north is left of east");
 }
 

@@ -5,11 +5,12 @@ use alloc::format;
 use alloc::string::String;
 use alloc::vec;
 use alloc::vec::Vec;
+use core::array;
 
-use super::fis::{Fis, FisError, Variable};
+use super::fis::{Fis, FisError, Term, Variable};
 use super::membership::Membership;
 
-/// Largest number of inputs: the active sets of each are on the stack.
+/// Largest number of inputs.
 const MAX_INPUTS: usize = 8;
 /// Largest number of sets of one input.
 const MAX_SETS: usize = 100;
@@ -40,46 +41,86 @@ struct Input {
     width: usize,
     /// Number of combinations of the following inputs.
     stride: usize,
-    /// The corners within the range, ascending, which separate the segments.
-    corners: Vec<f64>,
-    /// The sets of each segment that are not 0 throughout it.
-    segments: Vec<Vec<Active>>,
+    /// The corners within the range, ascending, which separate the segments; filled up with infinity.
+    corners: Vec<[f64; CORNERS]>,
+    segments: Vec<Segment>,
+}
+
+/// Number of corners that are compared with an input at once: no branch depends on the input.
+const CORNERS: usize = 8;
+
+/// A part of an input's range in which every degree is linear or a Gaussian, with the sets that are not 0 throughout
+/// it, in the order of the table.
+#[derive(Clone, Debug)]
+struct Segment {
+    /// Beginning of the segment.
+    from: f64,
+    /// The first sets, if their degrees are linear. Triangles and trapezoids overlap in pairs, so mostly these are all;
+    /// a place without a set has the degree 0 throughout.
+    pair: [Side; 2],
+    /// The other sets.
+    rest: Vec<Active>,
+}
+
+/// A set whose degree is linear in a segment: a side of a triangle or trapezoid, or "any".
+#[derive(Clone, Copy, Debug, Default)]
+struct Side {
+    /// Index of the set's first table entry.
+    offset: usize,
+    /// Degree at the beginning of the segment, and its slope.
+    value: f64,
+    slope: f64,
 }
 
 /// A set in a segment where it is not 0 throughout.
 #[derive(Clone, Copy, Debug)]
-struct Active {
-    /// Index of the set's first table entry.
-    offset: usize,
-    degree: Degree,
+enum Active {
+    /// Its degree is linear.
+    Side(Side),
+    /// The degree of the set itself, and the index of its first table entry.
+    Curve(Membership, usize),
 }
 
+/// An input's value, clamped to the range, and its segment.
 #[derive(Clone, Copy, Debug)]
-enum Degree {
-    /// `value` at `from`, linear with this slope: every side of a triangle or trapezoid, and "any".
-    Line { from: f64, value: f64, slope: f64 },
-    /// The degree of the set itself.
-    Curve(Membership),
+struct Point<'a> {
+    x: f64,
+    segment: &'a Segment,
 }
 
-impl Degree {
-    /// The degree of a set between two neighbouring corners; `None` if it is 0 there.
-    fn between(set: &Membership, from: f64, to: f64) -> Option<Self> {
+impl Side {
+    #[inline]
+    fn degree(&self, from: f64, x: f64) -> f64 {
+        self.value + (x - from) * self.slope
+    }
+}
+
+impl Active {
+    /// A set between two neighbouring corners; `None` if its degree is 0 there.
+    fn between(set: &Membership, offset: usize, from: f64, to: f64) -> Option<Self> {
         let (value, end) = (set.degree(from), set.degree(to));
         match set {
             // A set does not both rise and fall within a segment.
             _ if value == 0.0 && end == 0.0 => None,
-            Membership::Gaussian(_) => Some(Self::Curve(*set)),
-            _ => Some(Self::Line { from, value, slope: (end - value) / (to - from) }),
+            Membership::Gaussian(_) => Some(Self::Curve(*set, offset)),
+            _ => Some(Self::Side(Side { offset, value, slope: (end - value) / (to - from) })),
         }
     }
+}
 
-    #[inline]
-    fn at(&self, x: f64) -> f64 {
-        match self {
-            Self::Line { from, value, slope } => value + (x - from) * slope,
-            Self::Curve(set) => set.degree(x),
+impl Segment {
+    fn new(from: f64, active: impl Iterator<Item = Active>) -> Self {
+        let (mut pair, mut rest, mut paired) = ([Side::default(); 2], Vec::new(), 0);
+        for active in active {
+            match active {
+                Active::Side(side) if paired < pair.len() && rest.is_empty() => {
+                    pair[paired] = side;
+                    paired += 1;
+                }
+                _ => rest.push(active),
+            }
         }
+        Self { from, pair, rest }
     }
 }
 
@@ -92,21 +133,40 @@ impl Input {
         let mut corners: Vec<f64> = corners.filter(|x| low < *x && *x < high).collect();
         corners.sort_by(f64::total_cmp);
         corners.dedup();
+        let any = any.then_some(Active::Side(Side { offset: sets.len() * stride, value: 1.0, slope: 0.0 }));
         let segment = |ends: &[f64]| {
-            let degrees = sets.iter().map(|set| Degree::between(&set.value, ends[0], ends[1]));
-            let any = any.then_some(Some(Degree::Line { from: low, value: 1.0, slope: 0.0 }));
-            let active = |(i, degree): (usize, Option<Degree>)| Some(Active { offset: i * stride, degree: degree? });
-            degrees.chain(any).enumerate().filter_map(active).collect()
+            let between =
+                |(i, set): (usize, &Term<Membership>)| Active::between(&set.value, i * stride, ends[0], ends[1]);
+            Segment::new(ends[0], sets.iter().enumerate().filter_map(between).chain(any))
         };
         let segments = [&[low], &corners[..], &[high]].concat().windows(2).map(segment).collect();
-        Self { range: variable.range, width: sets.len() + usize::from(any), stride, corners, segments }
+        let filled_up = |corners: &[f64]| array::from_fn(|i| corners.get(i).copied().unwrap_or(f64::INFINITY));
+        let corners = corners.chunks(CORNERS).map(filled_up).collect();
+        Self { range: variable.range, width: sets.len() + usize::from(any.is_some()), stride, corners, segments }
     }
 
-    /// The sets that may be above 0 at `x`, and `x` clamped to the range.
+    /// The sets that may be above 0 at `x`, which is clamped to the range.
     #[inline]
-    fn active(&self, x: f64) -> (&[Active], f64) {
-        let x = x.clamp(self.range[0], self.range[1]);
-        (&self.segments[self.corners.partition_point(|corner| *corner <= x)], x)
+    fn at(&self, x: f64) -> Point<'_> {
+        let x = x.max(self.range[0]).min(self.range[1]);
+        let reached = |corners: &[f64; CORNERS]| corners.iter().map(|corner| usize::from(*corner <= x)).sum::<usize>();
+        Point { x, segment: &self.segments[self.corners.iter().map(reached).sum::<usize>()] }
+    }
+}
+
+impl Point<'_> {
+    /// Calls `take` with the degree and the first table entry of each set that may be above 0, in the order of the
+    /// table.
+    fn for_each(&self, mut take: impl FnMut(f64, usize)) {
+        let Self { x, segment } = *self;
+        let is_set = |side: &&Side| side.value != 0.0 || side.slope != 0.0;
+        segment.pair.iter().filter(is_set).for_each(|side| take(side.degree(segment.from, x), side.offset));
+        for active in &segment.rest {
+            match active {
+                Active::Side(side) => take(side.degree(segment.from, x), side.offset),
+                Active::Curve(set, offset) => take(set.degree(x), *offset),
+            }
+        }
     }
 }
 
@@ -173,18 +233,46 @@ impl Sugeno {
         if inputs.len() != self.inputs.len() || inputs.iter().any(|x| !x.is_finite()) {
             return None;
         }
-        let mut active: [(&[Active], f64); MAX_INPUTS] = Default::default();
-        for ((active, input), x) in active.iter_mut().zip(&self.inputs).zip(inputs) {
-            *active = input.active(*x);
-        }
-        let [weight, weighted] = fire(&active[..inputs.len()], &self.table);
+        let pairs = match *inputs {
+            [first, second] => self.fire_pairs([first, second]),
+            [first, second, third] => self.fire_pairs([first, second, third]),
+            _ => None,
+        };
+        let [weight, weighted] = pairs.unwrap_or_else(|| fire(&self.inputs, inputs, &self.table));
         (weight > 0.0).then(|| weighted / weight)
+    }
+
+    /// Σ w and Σ w u where each input has at most a pair of active sets, as in the shipped rules; `None` elsewhere. The
+    /// same operations as in [`fire`], without a loop or a branch that depends on the inputs.
+    #[inline]
+    fn fire_pairs<const N: usize>(&self, x: [f64; N]) -> Option<[f64; 2]> {
+        let inputs: &[Input; N] = self.inputs.as_slice().try_into().ok()?;
+        let points: [Point<'_>; N] = array::from_fn(|i| inputs[i].at(x[i]));
+        if points.iter().any(|point| !point.segment.rest.is_empty()) {
+            return None;
+        }
+        // The table entries of all combinations of one set per input, the last input varying fastest.
+        let mut sums = [[0.0; 2]; 8];
+        for (combination, entry) in sums.iter_mut().enumerate().take(1 << N) {
+            let offset = |i: usize| points[i].segment.pair[combination >> (N - 1 - i) & 1].offset;
+            *entry = self.table[(0..N).map(offset).sum::<usize>()];
+        }
+        for (i, Point { x, segment }) in points.iter().enumerate().rev() {
+            let degrees = segment.pair.map(|side| side.degree(segment.from, *x));
+            for place in 0..1 << i {
+                let of = |column: usize| {
+                    0.0 + degrees[0] * sums[2 * place][column] + degrees[1] * sums[2 * place + 1][column]
+                };
+                sums[place] = [of(0), of(1)];
+            }
+        }
+        Some(sums[0])
     }
 
     /// A point at which Σ w is too small. Σ w is linear in every input between the corners of its sets, so its minimum
     /// lies on the grid of corners; near Gaussians this holds to within the change over one σ.
     fn uncovered(&self) -> Result<Option<Vec<f64>>, String> {
-        let grid = |input: &Input| [&[input.range[0]], &input.corners[..], &[input.range[1]]].concat();
+        let grid = |input: &Input| input.segments.iter().map(|segment| segment.from).chain([input.range[1]]).collect();
         let grids: Vec<Vec<f64>> = self.inputs.iter().map(grid).collect();
         let (mut points, mut work) = (1.0, 0.0);
         for (input, grid) in self.inputs.iter().zip(&grids) {
@@ -200,19 +288,15 @@ impl Sugeno {
     }
 }
 
-/// Σ w and Σ w u of `table`, a table over the inputs with these active sets and values.
-fn fire(inputs: &[(&[Active], f64)], table: &[[f64; 2]]) -> [f64; 2] {
+/// Σ w and Σ w u of `table`, a table over these inputs, at the point `x`.
+fn fire(inputs: &[Input], x: &[f64], table: &[[f64; 2]]) -> [f64; 2] {
+    let ([input, inputs @ ..], [at, x @ ..]) = (inputs, x) else { return table[0] };
     let mut sums = [0.0; 2];
-    if let [(active, x), rest @ ..] = inputs {
-        for set in *active {
-            let degree = set.degree.at(*x);
-            let table = &table[set.offset..];
-            // The last input's sums are table entries: this saves a call.
-            let [weight, weighted] = if rest.is_empty() { table[0] } else { fire(rest, table) };
-            sums[0] += degree * weight;
-            sums[1] += degree * weighted;
-        }
-    }
+    input.at(*at).for_each(|degree, offset| {
+        let [weight, weighted] = fire(inputs, x, &table[offset..]);
+        sums[0] += degree * weight;
+        sums[1] += degree * weighted;
+    });
     sums
 }
 
@@ -224,10 +308,10 @@ fn find_uncovered(inputs: &[Input], grids: &[Vec<f64>], weights: &[f64], place: 
     };
     grid.iter().any(|&x| {
         let mut remaining = vec![0.0; input.stride];
-        for set in input.active(x).0 {
-            let (degree, row) = (set.degree.at(x), &weights[set.offset..set.offset + input.stride]);
+        input.at(x).for_each(|degree, offset| {
+            let row = &weights[offset..offset + input.stride];
             remaining.iter_mut().zip(row).for_each(|(sum, weight)| *sum += degree * weight);
-        }
+        });
         place.push(x);
         let found = find_uncovered(inputs, grids, &remaining, place);
         if !found {

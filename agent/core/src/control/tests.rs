@@ -66,7 +66,7 @@ fn pseudo_errors_have_the_papers_signs() {
         ([0.0, 1.0], 0.0, [0.0, 7.0]),
         ([0.0, 1.0], FRAC_PI_2, [-7.0, 0.0]),
     ] {
-        let errors = pseudo_errors(Vector2::from(field) * c, heading_rad);
+        let errors = pseudo_errors(Vector2::from(field) * c, &HeadingFrame::new(heading_rad));
         assert!(errors.iter().zip(expected).all(|(error, expected)| (error - expected).abs() < 1e-12), "{errors:?}");
     }
 }
@@ -408,7 +408,7 @@ fn in_autorotation_the_collective_stays_low_until_the_fall_is_braked() {
 proptest! {
     #[test]
     fn pseudo_errors_keep_the_length(north in -9.0..9.0f64, east in -9.0..9.0f64, heading_rad in -9.0..9.0f64) {
-        let [p, r] = pseudo_errors(Vector2::new(north, east), heading_rad);
+        let [p, r] = pseudo_errors(Vector2::new(north, east), &HeadingFrame::new(heading_rad));
         prop_assert!((math::hypot(p, r) - math::hypot(north, east)).abs() < 1e-12);
     }
 

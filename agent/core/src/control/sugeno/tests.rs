@@ -2,6 +2,7 @@ use proptest::prelude::*;
 
 use super::super::fis::{Rule, Term, Variable};
 use super::*;
+use crate::random::{self, Purpose};
 
 fn variable(sets: &[(&str, &[f64])], range: [f64; 2]) -> Variable<Membership> {
     let terms = sets
@@ -32,6 +33,52 @@ fn by_definition(fis: &Fis, x: &[f64]) -> f64 {
         sums[1] += weight * fis.output.terms[rule.consequent].value;
     }
     sums[1] / sums[0]
+}
+
+/// Σ w and Σ w u of the rules that begin with these sets, set by set and segment by segment: the order and rounding of
+/// every operation of the compiled system, without its tables.
+fn sums(fis: &Fis, x: &[f64], sets: &mut Vec<Option<usize>>) -> [f64; 2] {
+    let Some(input) = fis.inputs.get(sets.len()) else {
+        let rules = fis.rules.iter().filter(|rule| rule.antecedent == *sets);
+        return rules.fold([0.0; 2], |[weight, weighted], rule| {
+            [weight + rule.weight, weighted + rule.weight * fis.output.terms[rule.consequent].value]
+        });
+    };
+    let x_here = x[sets.len()].clamp(input.range[0], input.range[1]);
+    let corners = input.terms.iter().flat_map(|set| set.value.corners());
+    let within = corners.filter(|corner| input.range[0] < *corner && *corner < input.range[1]);
+    let from = within.clone().filter(|corner| *corner <= x_here).fold(input.range[0], f64::max);
+    let to = within.filter(|corner| *corner > x_here).fold(input.range[1], f64::min);
+    let degree = |set: &Membership| match (set, set.degree(from), set.degree(to)) {
+        (_, 0.0, 0.0) => None,
+        (Membership::Gaussian(_), ..) => Some(set.degree(x_here)),
+        (_, value, end) => Some(value + (x_here - from) * ((end - value) / (to - from))),
+    };
+    let is_any = fis.rules.iter().any(|rule| rule.antecedent[sets.len()].is_none());
+    let degrees = input.terms.iter().enumerate().map(|(set, term)| (Some(set), degree(&term.value)));
+    let degrees: Vec<_> = degrees.chain(is_any.then_some((None, Some(1.0)))).collect();
+    let mut sum = [0.0; 2];
+    for (set, degree) in degrees.into_iter().filter_map(|(set, degree)| Some((set, degree?))) {
+        sets.push(set);
+        let [weight, weighted] = sums(fis, x, sets);
+        sets.pop();
+        sum = [sum[0] + degree * weight, sum[1] + degree * weighted];
+    }
+    sum
+}
+
+/// Four inputs, the last with three sets at once and one that no rule ignores.
+fn wide() -> Fis {
+    let two = || variable(&[("trimf", &[-1.0, 0.0, 1.0]), ("trimf", &[0.0, 1.0, 2.0])], [0.0, 1.0]);
+    let three = variable(
+        &[("trimf", &[-1.0, 0.0, 1.0]), ("trapmf", &[-2.0, 0.3, 0.3, 2.0]), ("trimf", &[0.0, 1.0, 2.0])],
+        [0.0, 1.0],
+    );
+    let rules = (0..24).map(|nth| {
+        let sets = [nth & 1, nth >> 1 & 1, nth >> 2 & 1, nth >> 3].map(Some);
+        rule(&sets, nth % 5, 1.0 / (1 + nth % 3) as f64)
+    });
+    system(vec![two(), two(), two(), three], &[-1.0, 2.0, 7.0, -0.3, 0.7], rules.collect())
 }
 
 /// Overlapping sets of all kinds, weights, an "any" for each input, two rules for one combination.
@@ -133,6 +180,38 @@ fn an_uncovered_file_names_the_line_of_its_rules() {
         error.to_string(),
         format!("my.fis:{line}: no rule fires at heading_error_rad = -2, yaw_rate_rad_s = -2")
     );
+}
+
+#[test]
+fn the_compiled_system_has_the_bits_of_the_sums_by_segments() {
+    let texts = [
+        include_str!("../../../../../deploy/controllers/roll.fis"),
+        include_str!("../../../../../deploy/controllers/heading.fis"),
+        include_str!("../../../../../deploy/controllers/collective.fis"),
+    ];
+    let systems = texts.into_iter().map(|text| Fis::parse("shipped", text).unwrap()).chain([awkward(), wide()]);
+    let mut rng = random::generator(1, None, Purpose::Study);
+    for fis in systems {
+        let compiled = Sugeno::new(&fis).unwrap();
+        // Corners, their neighbours, and points between and beyond.
+        let mut draw = |input: &Variable<Membership>| {
+            let corners: Vec<f64> = input.terms.iter().flat_map(|set| set.value.corners()).collect();
+            let corner = corners[(random::uniform(&mut rng) * corners.len() as f64) as usize];
+            let [low, high] = input.range.map(|end| 1.2 * end);
+            let between = low + (high - low) * random::uniform(&mut rng);
+            [corner, corner.next_up(), corner.next_down(), between][(random::uniform(&mut rng) * 4.0) as usize]
+        };
+        for _ in 0..4_000 {
+            let x: Vec<f64> = fis.inputs.iter().map(&mut draw).collect();
+            let [weight, weighted] = sums(&fis, &x, &mut Vec::new());
+            assert_eq!(
+                compiled.evaluate(&x).unwrap().to_bits(),
+                (weighted / weight).to_bits(),
+                "{} at {x:?}",
+                fis.name
+            );
+        }
+    }
 }
 
 proptest! {
