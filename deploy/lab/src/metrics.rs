@@ -51,19 +51,20 @@ mod graph;
 mod membership;
 mod mission;
 mod report;
+mod separation;
 mod series;
+mod shape;
 mod transient;
+mod vehicle;
 
 use std::f64::consts::TAU;
 
-use nalgebra::{Vector2, Vector3};
+use nalgebra::Vector2;
 use skein_common::frame::PositionNed;
-use skein_common::id::{VehicleId, VehicleSet};
+use skein_common::id::VehicleId;
 use skein_common::math;
 use skein_common::message::EventKind;
-use skein_common::scenario::{self, ControlMode, Pattern, Scenario, Step, Target, Vertical};
-use skein_core::formation::{self, ring::Ring};
-use skein_core::plant::{Controls, GroundTruth};
+use skein_common::scenario::{self, ControlMode, Pattern, Scenario, Target, Vertical};
 
 use crate::faults::InjectedFault;
 use crashes::Crashes;
@@ -73,8 +74,12 @@ use graph::Graph;
 use membership::Membership;
 use mission::Steps;
 pub use report::{Report, Run, VehicleReport, Wall};
-use series::{AgeHistogram, InFormation, RadialSeries, Settling};
+use separation::Separations;
+use series::{AgeHistogram, FormationSeries, InFormation, Settling};
+pub(crate) use shape::Shape;
 use transient::Transients;
+use vehicle::Standing;
+pub use vehicle::VehicleNow;
 
 /// Length of the end of the window that steady figures use, s.
 pub const STEADY_S: f64 = 100.0;
@@ -84,54 +89,6 @@ pub const AIRBORNE_ABOVE_M: f64 = 2.0;
 pub const COLLISION_M: f64 = 2.0;
 /// Share of the altitude at which a vehicle is "at altitude".
 const AT_ALTITUDE_SHARE: f64 = 0.9;
-
-/// One vehicle at one instant.
-#[derive(Clone, Copy, Debug)]
-pub struct VehicleNow {
-    /// The vehicle.
-    pub id: VehicleId,
-    /// Whether its agent runs. If not, only `truth` is meaningful.
-    pub runs: bool,
-    /// Whether it is an active member.
-    pub is_member: bool,
-    /// Ground truth of the vehicle.
-    pub truth: GroundTruth,
-    /// Controls of the vehicle; `None` if no agent holds them.
-    pub controls: Option<Controls>,
-    /// The mission step of the vehicle, counted from 0.
-    pub step: u32,
-    /// The highest step that the vehicle reached since its agent started.
-    pub reached: Option<u32>,
-    /// The vehicle's own estimate of the formation's centre, north and east, m.
-    pub centre_ne_m: Vector2<f64>,
-    /// Peers that the vehicle does not count as lost.
-    pub in_contact: VehicleSet,
-    /// Peers whose newest state arrived less than 0.5 s ago, however long it was in flight.
-    pub fresh: VehicleSet,
-}
-
-impl VehicleNow {
-    /// A vehicle without a running agent: other vehicles only have to avoid it.
-    pub fn dead(id: VehicleId, truth: GroundTruth) -> Self {
-        Self {
-            id,
-            runs: false,
-            is_member: false,
-            truth,
-            controls: None,
-            step: 0,
-            reached: None,
-            centre_ne_m: Vector2::zeros(),
-            in_contact: VehicleSet::default(),
-            fresh: VehicleSet::default(),
-        }
-    }
-
-    /// Whether the vehicle is a live member: an active member whose agent runs.
-    pub fn is_live_member(&self) -> bool {
-        self.runs && self.is_member
-    }
-}
 
 /// Measures a run while it flies.
 #[derive(Debug)]
@@ -154,7 +111,7 @@ pub struct Metrics {
     in_band: Settling,
     even_10deg: Settling,
     even_5deg: Settling,
-    radial: Vec<RadialSeries>,
+    radial: FormationSeries,
     spacing: series::Window,
     centroid: series::Window,
     following: Following,
@@ -165,60 +122,19 @@ pub struct Metrics {
     membership: Membership,
     transients: Transients,
     crashes: Crashes,
-    nearest_pair_m: Option<f64>,
-    separations: Vec<f64>,
-    collision_risk: series::Mean,
+    separations: Separations,
     max_tilt_rad: f64,
     stick_square: series::Mean,
     effort: Vec<Effort>,
     ages: AgeHistogram,
     steps_us: Vec<f64>,
+    /// The vehicles' standings at the last observation.
+    standings: Vec<Standing>,
+    /// Indices of the live members among the vehicles at the last observation.
+    members: Vec<usize>,
+    /// Bearings of the members from their centres, if the formation is round, rad.
     bearings: Vec<f64>,
     totals: Totals,
-}
-
-/// The formation during one step of the mission.
-#[derive(Debug)]
-pub(crate) struct Shape {
-    ring: Ring,
-    altitude_m: f64,
-    /// Difference in altitude between neighbouring ranks, m.
-    band_step_m: f64,
-    /// Beginning and end of the centre's path, north and east, m.
-    path_ends: Option<[Vector2<f64>; 2]>,
-}
-
-impl Shape {
-    pub(crate) fn new(step: &Step) -> Self {
-        let path_ends = match &step.target {
-            Target::Path(corners) => corners.first().zip(corners.last()),
-            _ => None,
-        };
-        Self {
-            ring: formation::ring(&step.formation),
-            altitude_m: step.formation.altitude_m,
-            band_step_m: step.formation.band_step_m,
-            path_ends: path_ends.map(|(first, last)| [Vector2::from(*first), Vector2::from(*last)]),
-        }
-    }
-
-    /// The level ρ of a position relative to the centre, NED, m.
-    pub(crate) fn level_m(&self, from_centre_m: Vector3<f64>) -> f64 {
-        let flat_m = self.ring.level_m(from_centre_m.xy());
-        self.ring
-            .gamma_z
-            .map_or(flat_m, |gamma_z| (math::square(flat_m) + gamma_z * math::square(from_centre_m.z)).sqrt())
-    }
-
-    /// Altitude of a rank counted from the middle rank, m; `None` on an ellipsoid, where any altitude is possible.
-    fn altitude_m(&self, rank: f64) -> Option<f64> {
-        self.ring.gamma_z.is_none().then_some(self.altitude_m + rank * self.band_step_m)
-    }
-
-    /// Whether a centre at this place is moving along the path: between its two ends.
-    fn is_moving(&self, centre_ne_m: Vector2<f64>) -> bool {
-        self.path_ends.is_some_and(|ends| !ends.contains(&centre_ne_m))
-    }
 }
 
 /// Counters of all agents together since the start.
@@ -264,7 +180,7 @@ impl Metrics {
             in_band: Settling::default(),
             even_10deg: Settling::default(),
             even_5deg: Settling::default(),
-            radial: vec![RadialSeries::default(); vehicles],
+            radial: FormationSeries::new(vehicles),
             spacing: series::Window::default(),
             centroid: series::Window::default(),
             following: Following::default(),
@@ -275,14 +191,14 @@ impl Metrics {
             membership: Membership::new(vehicles, scenario.network.fade_m.or(scenario.network.range_m)),
             transients: Transients::default(),
             crashes: Crashes::new(vehicles),
-            nearest_pair_m: None,
-            separations: vec![f64::INFINITY; vehicles * vehicles],
-            collision_risk: series::Mean::default(),
+            separations: Separations::new(vehicles),
             max_tilt_rad: 0.0,
             stick_square: series::Mean::default(),
             effort: vec![Effort::default(); vehicles],
             ages: AgeHistogram::default(),
             steps_us: Vec::new(),
+            standings: Vec::with_capacity(vehicles),
+            members: Vec::with_capacity(vehicles),
             bearings: Vec::with_capacity(vehicles),
             totals: Totals::default(),
         }
@@ -294,14 +210,25 @@ impl Metrics {
     pub fn observe(&mut self, t_s: f64, vehicles: &[VehicleNow]) {
         let dt_s = t_s - self.t_s;
         self.t_s = t_s;
-        self.membership.observe(t_s, vehicles);
-        self.steps.observe(t_s, vehicles);
-        self.alignment.observe(t_s, vehicles);
-        self.graph.observe(t_s, vehicles, self.alignment.directions());
+        let is_change = self.observe_standings(vehicles);
+        if is_change || !self.membership.is_settled() {
+            self.membership.observe(t_s, vehicles);
+        }
+        if is_change {
+            self.steps.observe(t_s, vehicles);
+        }
+        self.alignment.observe(t_s, vehicles, &self.members);
+        self.graph.observe(t_s, vehicles, &self.members, self.alignment.directions());
         self.crashes.observe(vehicles);
         self.observe_members(t_s, vehicles);
         self.observe_pairs(vehicles);
         self.observe_effort(dt_s, vehicles);
+    }
+
+    /// Whether the observation at this time needs the fresh peers of the vehicles. Otherwise [`VehicleNow::fresh`] may be
+    /// empty.
+    pub fn needs_fresh(&self, t_s: f64) -> bool {
+        self.graph.is_due(t_s)
     }
 
     /// Observes a fault that was injected into the swarm.
@@ -329,6 +256,15 @@ impl Metrics {
         }
     }
 
+    /// Observes the ages of a peer's state at `frames` successive frames of virtual time, at which it was the newest one
+    /// of a peer that was not lost; the nth of them is `age_s(nth)`, s. It takes about the time of one
+    /// [`Self::observe_age`], and the figures have the same bits.
+    pub fn observe_ages(&mut self, frames: u32, age_s: impl Fn(u32) -> f64) {
+        if !self.is_central {
+            self.ages.add_run(frames, age_s);
+        }
+    }
+
     /// Observes the time from a frame's arrival to its last control, µs.
     pub fn observe_step(&mut self, step_us: f64) {
         self.steps_us.push(step_us);
@@ -344,34 +280,48 @@ impl Metrics {
         self.t_s
     }
 
+    /// Updates the live members; returns whether the standing of any vehicle has changed since the last observation.
+    fn observe_standings(&mut self, vehicles: &[VehicleNow]) -> bool {
+        let standings = || vehicles.iter().map(Standing::of);
+        if standings().eq(self.standings.iter().copied()) {
+            return false;
+        }
+        self.standings.clear();
+        self.standings.extend(standings());
+        self.members.clear();
+        self.members.extend((0..vehicles.len()).filter(|&nth| vehicles[nth].is_live_member()));
+        true
+    }
+
     /// Updates the figures that depend on the members' positions.
     fn observe_members(&mut self, t_s: f64, vehicles: &[VehicleNow]) {
-        let members = || vehicles.iter().filter(|vehicle| vehicle.is_live_member());
-        let count = members().count();
+        let members = || self.members.iter().map(|&nth| &vehicles[nth]);
+        let count = self.members.len();
         let middle_rank = (count as f64 - 1.0) / 2.0;
         let (mut high, mut inside, mut sum_ne_m) = (true, true, Vector2::zeros());
         self.bearings.clear();
+        self.radial.begin(t_s);
         for (rank, member) in members().enumerate() {
             let Some(shape) = self.shapes.get(member.step as usize) else { continue };
             let centre = PositionNed::new(member.centre_ne_m.x, member.centre_ne_m.y, -shape.altitude_m);
             let from_centre_m = member.truth.position - centre;
-            let (from_centre_ne_m, rho_m) = (from_centre_m.xy(), shape.level_m(from_centre_m));
-            let is_inside = shape.ring.holds(from_centre_m);
+            let from_centre_ne_m = from_centre_m.xy();
+            let (rho_m, is_inside) = shape.level_and_inside(from_centre_m);
             let altitude_m = member.truth.position.altitude_m();
             let target_altitude_m = shape.altitude_m(rank as f64 - middle_rank);
             high &=
                 target_altitude_m.is_some_and(|target_altitude_m| altitude_m >= AT_ALTITUDE_SHARE * target_altitude_m);
             inside &= is_inside;
             sum_ne_m += from_centre_ne_m;
-            self.bearings.push(math::atan2(from_centre_ne_m.y, from_centre_ne_m.x));
+            if self.is_round {
+                self.bearings.push(math::atan2(from_centre_ne_m.y, from_centre_ne_m.x));
+            }
             if shape.is_moving(member.centre_ne_m) {
                 self.following.follow(from_centre_ne_m.norm(), is_inside);
             }
-            if let Some(series) = self.radial.get_mut(index(member.id)) {
-                let radial_error_m = rho_m - shape.ring.radius_m;
-                let altitude_error_m = target_altitude_m.map(|target_altitude_m| altitude_m - target_altitude_m);
-                series.add(InFormation { t_s, rho_m, radial_error_m, altitude_error_m, inside: is_inside });
-            }
+            let altitude_error_m = target_altitude_m.map(|target_altitude_m| altitude_m - target_altitude_m);
+            let sample = InFormation { rho_m, altitude_error_m, step: member.step, inside: is_inside };
+            self.radial.add(index(member.id), sample);
         }
         if count > 0 {
             let lag_m = sum_ne_m.norm() / count as f64;
@@ -385,8 +335,7 @@ impl Metrics {
     fn settle(&mut self, t_s: f64, high: bool, inside: bool, step: Option<u32>) {
         self.at_altitude.observe(t_s, high);
         self.in_band.observe(t_s, inside);
-        let deviation_deg =
-            largest_gap_deviation_rad(&mut self.bearings).filter(|_| self.is_round).map(f64::to_degrees);
+        let deviation_deg = largest_gap_deviation_rad(&mut self.bearings).map(f64::to_degrees);
         self.even_10deg.observe(t_s, deviation_deg.is_some_and(|deviation_deg| deviation_deg < 10.0));
         self.even_5deg.observe(t_s, deviation_deg.is_some_and(|deviation_deg| deviation_deg < 5.0));
         if let Some(deviation_deg) = deviation_deg {
@@ -419,34 +368,9 @@ impl Metrics {
 
     /// Updates the figures that depend on the distances of pairs.
     fn observe_pairs(&mut self, vehicles: &[VehicleNow]) {
-        let count = self.radial.len();
         let has_path = self.shapes.iter().any(|shape| shape.path_ends.is_some());
-        let counts = !self.is_flock || !has_path || self.following.has_begun;
-        let (mut nearest_square, mut colliding) = (f64::INFINITY, 0_u32);
-        for (nth, one) in vehicles.iter().enumerate() {
-            for other in &vehicles[..nth] {
-                if one.truth.height_m <= AIRBORNE_ABOVE_M || other.truth.height_m <= AIRBORNE_ABOVE_M {
-                    continue;
-                }
-                let square = (one.truth.position - other.truth.position).norm_squared();
-                nearest_square = nearest_square.min(square);
-                colliding += u32::from(square < COLLISION_M * COLLISION_M);
-                let (low, high) = (index(one.id).min(index(other.id)), index(one.id).max(index(other.id)));
-                if let Some(least) = self.separations.get_mut(low * count + high).filter(|_| counts) {
-                    *least = least.min(square);
-                }
-            }
-        }
-        self.nearest_pair_m = nearest_square.is_finite().then(|| nearest_square.sqrt());
-        if counts && count > 1 {
-            self.collision_risk.add(f64::from(colliding) / pairs(count));
-        }
+        self.separations.observe(vehicles, !self.is_flock || !has_path || self.following.has_begun);
     }
-}
-
-/// Number of pairs of this many vehicles.
-fn pairs(vehicles: usize) -> f64 {
-    (vehicles * vehicles.saturating_sub(1) / 2) as f64
 }
 
 /// Index of the vehicle in tables in the order of ids.

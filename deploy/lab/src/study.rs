@@ -158,27 +158,27 @@ pub fn measure(world: &World, zero_s: f64, metrics: &mut Metrics, vehicles: &mut
     world.faults().iter().for_each(|fault| metrics.fault(t_s, fault));
     world.events().iter().for_each(|(sender, what)| metrics.observe_event(t_s, *sender, what));
     vehicles.clear();
+    let needs_fresh = metrics.needs_fresh(t_s);
     for (id, agent, truth, controls) in world.all_vehicles() {
-        let mut vehicle = VehicleNow::dead(id, *truth);
-        if let Some(agent) = agent {
-            for peer in agent.peers().iter().filter(|peer| peer.standing != PeerStatus::Lost) {
-                metrics.observe_age(peer.age_s);
-                if peer.silent_s() < FRESH_S {
-                    vehicle.fresh.insert(peer.id);
-                }
-            }
-            vehicle = VehicleNow {
-                runs: true,
-                is_member: agent.membership() == Membership::Active,
-                controls,
-                step: agent.at_step(),
-                reached: agent.reached(),
-                centre_ne_m: agent.centre_ne_m(),
-                in_contact: agent.peers_in_contact(),
-                ..vehicle
-            };
-        }
-        vehicles.push(vehicle);
+        let Some(agent) = agent else {
+            vehicles.push(VehicleNow::dead(id, *truth));
+            continue;
+        };
+        let received = || agent.peers().iter().filter(|peer| peer.standing != PeerStatus::Lost);
+        received().for_each(|peer| metrics.observe_age(peer.age_s));
+        let fresh = received().filter(|peer| needs_fresh && peer.silent_s() < FRESH_S).map(|peer| peer.id);
+        vehicles.push(VehicleNow {
+            id,
+            runs: true,
+            is_member: agent.membership() == Membership::Active,
+            truth: *truth,
+            controls,
+            step: agent.at_step(),
+            reached: agent.reached(),
+            centre_ne_m: agent.centre_ne_m(),
+            in_contact: agent.peers_in_contact(),
+            fresh: fresh.collect(),
+        });
     }
     metrics.observe(t_s, vehicles);
 }

@@ -162,7 +162,11 @@ impl Ring {
     /// Whether a position relative to the centre (NED, m) is in the region where vehicles belong: the band or the
     /// inside.
     pub fn holds(&self, from_centre_m: Vector3<f64>) -> bool {
-        let rho_m = self.level_and_normal(from_centre_m).0;
+        self.holds_level(self.level_and_normal(from_centre_m).0)
+    }
+
+    /// Whether the level ρ, m, is one of the region where vehicles belong.
+    pub fn holds_level(&self, rho_m: f64) -> bool {
         match self.region {
             Region::Band => (self.radius_m - self.inner_width_m..=self.radius_m + self.outer_width_m).contains(&rho_m),
             Region::Inside => rho_m <= self.radius_m,
@@ -217,16 +221,23 @@ impl Ring {
     /// Level ρ and the unit vector of its gradient, NED; the vector is zero at the centre, where it is undefined.
     fn level_and_normal(&self, from_centre_m: Vector3<f64>) -> (f64, Vector3<f64>) {
         let turn = Rotation2::new(self.heading_rad);
-        let axes = turn.inverse() * from_centre_m.xy();
-        let gamma_z = self.gamma_z.unwrap_or(0.0);
-        let gradient = Vector3::new(axes.x, self.gamma * axes.y, gamma_z * from_centre_m.z);
-        let rho_m = (axes.x * gradient.x + axes.y * gradient.y + from_centre_m.z * gradient.z).sqrt();
+        let (rho_m, gradient) = self.level_and_gradient(&turn, from_centre_m);
         let length = gradient.norm();
         if length < 1e-6 {
             return (rho_m, Vector3::zeros());
         }
         let level = turn * gradient.xy();
         (rho_m, Vector3::new(level.x, level.y, gradient.z) / length)
+    }
+
+    /// Level ρ, m, and half the gradient of its square along the ellipse's own axes. `turn` is the rotation by the
+    /// ellipse's heading, for callers that ask often.
+    pub fn level_and_gradient(&self, turn: &Rotation2<f64>, from_centre_m: Vector3<f64>) -> (f64, Vector3<f64>) {
+        let axes = turn.inverse() * from_centre_m.xy();
+        let gamma_z = self.gamma_z.unwrap_or(0.0);
+        let gradient = Vector3::new(axes.x, self.gamma * axes.y, gamma_z * from_centre_m.z);
+        let rho_m = (axes.x * gradient.x + axes.y * gradient.y + from_centre_m.z * gradient.z).sqrt();
+        (rho_m, gradient)
     }
 
     /// Avoidance A = Σ S_avoid(d_j) n_j over the neighbours, limited to a length of [`MAX_AVOIDANCE`].

@@ -3,6 +3,7 @@
 
 use nalgebra::Vector3;
 use skein_common::frame::VelocityNed;
+use skein_common::id::VehicleSet;
 
 use super::VehicleNow;
 use super::series::{Mean, Window};
@@ -19,39 +20,36 @@ pub(super) struct Alignment {
     pub(super) order: Window,
     /// Mean speed of the members, m/s: Vásárhelyi's φ^vel.
     pub(super) speed_m_s: Window,
-    /// Direction of flight of each vehicle; `None` if it is not a live member or does not move.
-    directions: Vec<Option<Vector3<f64>>>,
+    moving: Moving,
 }
 
 impl Alignment {
-    pub(super) fn observe(&mut self, t_s: f64, vehicles: &[VehicleNow]) {
-        self.directions.clear();
+    /// Observes all vehicles, of which those with the indices `members` are the live members.
+    pub(super) fn observe(&mut self, t_s: f64, vehicles: &[VehicleNow], members: &[usize]) {
+        self.moving.vehicles.clear();
         let mut speeds_m_s = Mean::default();
-        for vehicle in vehicles {
-            let moving = vehicle.is_live_member().then(|| speed_and_direction(&vehicle.truth.velocity));
-            if let Some((speed_m_s, _)) = moving {
-                speeds_m_s.add(speed_m_s);
-            }
-            self.directions.push(moving.and_then(|(_, direction)| direction));
+        for &nth in members {
+            let (speed_m_s, direction) = speed_and_direction(&vehicles[nth].truth.velocity);
+            speeds_m_s.add(speed_m_s);
+            self.moving.vehicles.extend(direction.map(|direction| (nth, direction)));
         }
         if let Some(speed_m_s) = speeds_m_s.mean() {
             self.speed_m_s.add(t_s, speed_m_s);
         }
         // A single vehicle always agrees with itself.
-        if self.directions.iter().flatten().count() < 2 {
+        if self.moving.vehicles.len() < 2 {
             return;
         }
-        if let Some(polarization) = polarization(&self.directions) {
-            self.polarization.add(t_s, polarization);
-        }
-        if let Some(order) = order(vehicles, &self.directions) {
+        self.polarization.add(t_s, self.moving.polarization());
+        if let Some(order) = self.moving.order(vehicles) {
             self.order.add(t_s, order);
         }
     }
 
-    /// Direction of flight of each vehicle at the last observation; `None` if it is not a live member or does not move.
-    pub(super) fn directions(&self) -> &[Option<Vector3<f64>>] {
-        &self.directions
+    /// The live members that moved at the last observation, as indices of the vehicles in ascending order, each with its
+    /// direction of flight.
+    pub(super) fn directions(&self) -> &[(usize, Vector3<f64>)] {
+        &self.moving.vehicles
     }
 }
 
@@ -61,31 +59,75 @@ fn speed_and_direction(velocity: &VelocityNed) -> (f64, Option<Vector3<f64>>) {
     (speed_m_s, (speed_m_s > MOVING_M_S).then(|| velocity.0 / speed_m_s))
 }
 
-/// Length of the mean direction, 0 to 1.
-fn polarization(directions: &[Option<Vector3<f64>>]) -> Option<f64> {
-    let (count, sum) =
-        directions.iter().flatten().fold((0_u32, Vector3::zeros()), |(count, sum), one| (count + 1, sum + one));
-    (count > 0).then(|| sum.norm() / f64::from(count))
+/// Number of vehicles whose cosines are added up side by side.
+const LANES: usize = 4;
+
+/// The live members that move, with reused memory.
+#[derive(Debug, Default)]
+struct Moving {
+    /// Index among the vehicles, and direction of flight.
+    vehicles: Vec<(usize, Vector3<f64>)>,
 }
 
-/// Mean of the mean cosines over the vehicles that move and are in contact with one that moves.
-fn order(vehicles: &[VehicleNow], directions: &[Option<Vector3<f64>>]) -> Option<f64> {
-    let mut all = Mean::default();
-    for (vehicle, own) in vehicles.iter().zip(directions) {
-        let Some(own) = own else { continue };
+impl Moving {
+    /// Length of the mean direction, 0 to 1.
+    fn polarization(&self) -> f64 {
+        let sum = self.vehicles.iter().fold(Vector3::zeros(), |sum, (_, one)| sum + one);
+        sum.norm() / self.vehicles.len() as f64
+    }
+
+    /// Mean of the mean cosines over the vehicles that move and are in contact with one that moves.
+    fn order(&self, vehicles: &[VehicleNow]) -> Option<f64> {
+        let moving = self.vehicles.iter().map(|(nth, _)| vehicles[*nth].id).collect();
+        let mut all = Mean::default();
+        let (blocks, rest) = self.vehicles.as_chunks::<LANES>();
+        for (nth, block) in blocks.iter().enumerate() {
+            if block.iter().all(|(own, _)| has_contact_with_all(&vehicles[*own], moving)) {
+                let count = (self.vehicles.len() - 1) as f64;
+                self.sums(nth * LANES, block).into_iter().for_each(|sum| all.add(sum / count));
+            } else {
+                block.iter().filter_map(|own| self.cosine(vehicles, own)).for_each(|cosine| all.add(cosine));
+            }
+        }
+        rest.iter().filter_map(|own| self.cosine(vehicles, own)).for_each(|cosine| all.add(cosine));
+        all.mean()
+    }
+
+    /// For each vehicle of the block that begins at this place, the sum of its cosines with all others, in their order.
+    fn sums(&self, begin: usize, block: &[(usize, Vector3<f64>); LANES]) -> [f64; LANES] {
+        let mut sums = [0.0; LANES];
+        let add = |sums: &mut [f64; LANES], others: &[(usize, Vector3<f64>)]| {
+            for (_, theirs) in others {
+                sums.iter_mut().zip(block).for_each(|(sum, (_, own))| *sum += own.dot(theirs));
+            }
+        };
+        add(&mut sums, &self.vehicles[..begin]);
+        for (nth, (_, theirs)) in block.iter().enumerate() {
+            let lanes = sums.iter_mut().zip(block).enumerate().filter(|(lane, _)| *lane != nth);
+            lanes.for_each(|(_, (sum, (_, own)))| *sum += own.dot(theirs));
+        }
+        add(&mut sums, &self.vehicles[begin + LANES..]);
+        sums
+    }
+
+    /// Mean cosine between the direction of a vehicle and those of the vehicles in contact; `None` without any.
+    fn cosine(&self, vehicles: &[VehicleNow], (nth, own): &(usize, Vector3<f64>)) -> Option<f64> {
         let mut cosines = Mean::default();
-        for (other, theirs) in vehicles.iter().zip(directions) {
-            if let Some(theirs) = theirs
-                && vehicle.in_contact.contains(other.id)
-            {
+        for (other, theirs) in &self.vehicles {
+            if vehicles[*nth].in_contact.contains(vehicles[*other].id) {
                 cosines.add(own.dot(theirs));
             }
         }
-        if let Some(cosine) = cosines.mean() {
-            all.add(cosine);
-        }
+        cosines.mean()
     }
-    all.mean()
+}
+
+/// Whether a vehicle, which moves, is in contact with all others of those that move.
+fn has_contact_with_all(own: &VehicleNow, moving: VehicleSet) -> bool {
+    let (mut with_moving, mut with_own) = (own.in_contact, own.in_contact);
+    with_moving.extend(moving);
+    with_own.insert(own.id);
+    with_moving == with_own && !own.in_contact.contains(own.id)
 }
 
 /// Measures how the members follow their moving centres.
@@ -119,6 +161,8 @@ impl Following {
 
 #[cfg(test)]
 mod tests {
+    use skein_core::random::{self, Purpose};
+
     use super::super::tests::{set, vehicle};
     use super::*;
 
@@ -129,9 +173,13 @@ mod tests {
         vehicle
     }
 
+    fn live_members(vehicles: &[VehicleNow]) -> Vec<usize> {
+        (0..vehicles.len()).filter(|&nth| vehicles[nth].is_live_member()).collect()
+    }
+
     fn observed(vehicles: &[VehicleNow]) -> (Option<f64>, Option<f64>) {
         let mut alignment = Alignment::default();
-        alignment.observe(0.0, vehicles);
+        alignment.observe(0.0, vehicles, &live_members(vehicles));
         (alignment.polarization.mean(0.0), alignment.order.mean(0.0))
     }
 
@@ -161,14 +209,40 @@ mod tests {
     }
 
     #[test]
+    fn order_has_the_bits_of_a_comparison_one_by_one() {
+        let mut rng = random::generator(1, None, Purpose::Study);
+        for gaps in [0.0, 0.02, 0.5] {
+            let all: Vec<VehicleNow> = (1..=13)
+                .map(|number| {
+                    let others: Vec<u8> =
+                        (1..=13).filter(|&other| other != number && random::uniform(&mut rng) >= gaps).collect();
+                    moving(number, &others, [(); 3].map(|()| 9.0 * random::standard_normal(&mut rng)))
+                })
+                .collect();
+            let directions = all.iter().map(|one| speed_and_direction(&one.truth.velocity).1.unwrap());
+            let mut expected = Mean::default();
+            for (own, direction) in all.iter().zip(directions.clone()) {
+                let mut cosines = Mean::default();
+                for (_, theirs) in
+                    all.iter().zip(directions.clone()).filter(|(other, _)| own.in_contact.contains(other.id))
+                {
+                    cosines.add(direction.dot(&theirs));
+                }
+                cosines.mean().into_iter().for_each(|cosine| expected.add(cosine));
+            }
+            assert_eq!(observed(&all).1.map(f64::to_bits), expected.mean().map(f64::to_bits), "{gaps}");
+        }
+    }
+
+    #[test]
     fn mean_speed_includes_hovering_members() {
         let mut all =
             [moving(1, &[], [3.0, 0.0, 4.0]), moving(2, &[], [0.0, 0.1, 0.0]), moving(3, &[], [9.0, 0.0, 0.0])];
         all[2].is_member = false;
         let mut alignment = Alignment::default();
-        alignment.observe(0.0, &all);
+        alignment.observe(0.0, &all, &live_members(&all));
         assert!((alignment.speed_m_s.mean(0.0).unwrap() - 2.55).abs() < 1e-12);
-        assert_eq!(alignment.directions().iter().flatten().count(), 1);
+        assert_eq!(alignment.directions().len(), 1);
     }
 
     #[test]

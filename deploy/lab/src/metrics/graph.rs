@@ -33,26 +33,39 @@ pub(super) struct Graph {
     pub(super) smallest: Mean,
     /// Correlation of velocities within components: Vásárhelyi's φ^corr.
     pub(super) correlation: Window,
-    /// Reused memory: the nodes' indices among the vehicles, and their components.
-    nodes: Vec<usize>,
+    /// Reused memory: the components, and the direction of flight of each node.
     components: Components,
+    directions: Vec<Option<Vector3<f64>>>,
+    spectrum: Spectrum,
 }
 
 impl Graph {
-    /// Observes all vehicles and their directions of flight; `None` for a vehicle that is not a live member or does not
-    /// move.
-    pub(super) fn observe(&mut self, t_s: f64, vehicles: &[VehicleNow], directions: &[Option<Vector3<f64>>]) {
-        if t_s < self.next_s {
+    /// Whether the next observation at this time needs the fresh peers of the vehicles.
+    pub(super) fn is_due(&self, t_s: f64) -> bool {
+        t_s >= self.next_s
+    }
+
+    /// Observes all vehicles. The nodes are the live members, as indices of the vehicles; so are `moving`, those of them
+    /// that move, each with its direction of flight.
+    pub(super) fn observe(
+        &mut self,
+        t_s: f64,
+        vehicles: &[VehicleNow],
+        nodes: &[usize],
+        moving: &[(usize, Vector3<f64>)],
+    ) {
+        if !self.is_due(t_s) {
             return;
         }
         self.next_s = t_s + PERIOD_S;
-        let Self { nodes, components, .. } = self;
-        nodes.clear();
-        nodes.extend((0..vehicles.len()).filter(|&nth| vehicles[nth].is_live_member()));
+        let Self { components, directions, spectrum, .. } = self;
         let count = nodes.len();
         if count < 2 {
             return;
         }
+        let mut moving = moving.iter().peekable();
+        directions.clear();
+        directions.extend(nodes.iter().map(|node| Some(moving.next_if(|(nth, _)| nth == node)?.1)));
         let joined = |one: usize, other: usize| {
             let (one, other) = (&vehicles[nodes[one]], &vehicles[nodes[other]]);
             one.fresh.contains(other.id) && other.fresh.contains(one.id)
@@ -63,12 +76,11 @@ impl Graph {
         self.connected.add(if sizes.len() == 1 { 1.0 } else { 0.0 });
         self.disconnected.add(sizes.iter().filter(|&&size| size == 1).count() as f64);
         self.smallest.add(sizes.iter().copied().min().unwrap_or(count) as f64);
-        let direction = |node: usize| directions.get(nodes[node]).copied().flatten();
-        if let Some(correlation) = components.correlation(direction) {
+        if let Some(correlation) = components.correlation(|node| directions[node]) {
             self.correlation.add(t_s, correlation);
         }
         if self.observations.is_multiple_of(SPECTRUM_EVERY) {
-            self.connectivity.add(second_eigenvalue(count, joined) / count as f64);
+            self.connectivity.add(spectrum.second_eigenvalue(count, joined) / count as f64);
         }
         self.observations += 1;
     }
@@ -131,6 +143,31 @@ impl Components {
             }
         }
         (all > 0.0).then(|| cosines / all)
+    }
+}
+
+/// The second eigenvalue of the last graph: its computation takes the cube of the number of nodes, and a graph rarely
+/// changes from one second to the next.
+#[derive(Debug, Default)]
+struct Spectrum {
+    nodes: usize,
+    /// A bit for each pair of nodes: whether an edge joins them.
+    edges: Vec<u64>,
+    second: f64,
+}
+
+impl Spectrum {
+    /// As the function [`second_eigenvalue`], of which it has the bits.
+    fn second_eigenvalue(&mut self, count: usize, joined: impl Fn(usize, usize) -> bool) -> f64 {
+        let mut edges = vec![0_u64; (count * count.saturating_sub(1) / 2).div_ceil(64)];
+        let pairs = (0..count).flat_map(|one| (0..one).map(move |other| (one, other)));
+        for (nth, (one, other)) in pairs.enumerate() {
+            edges[nth / 64] |= u64::from(joined(one, other)) << (nth % 64);
+        }
+        if self.nodes != count || self.edges != edges {
+            *self = Self { nodes: count, edges, second: second_eigenvalue(count, joined) };
+        }
+        self.second
     }
 }
 
@@ -214,6 +251,19 @@ mod tests {
     }
 
     #[test]
+    fn the_eigenvalue_is_that_of_the_present_graph() {
+        let mut spectrum = Spectrum::default();
+        let path: &[(usize, usize)] = &[(0, 1), (1, 2), (2, 3)];
+        let graphs: [(usize, &[(usize, usize)]); 6] =
+            [(4, path), (4, path), (4, &path[1..]), (5, path), (3, &[(0, 1), (1, 2)]), (4, &[(0, 2), (1, 2), (2, 3)])];
+        for (count, list) in graphs {
+            let (kept, computed) =
+                (spectrum.second_eigenvalue(count, edges(list)), second_eigenvalue(count, edges(list)));
+            assert_eq!(kept.to_bits(), computed.to_bits(), "{count} nodes, {list:?}");
+        }
+    }
+
+    #[test]
     fn an_edge_needs_both_directions_and_only_live_members_are_nodes() {
         // Three vehicles receive each other, two of them in one direction only; the fourth is dead.
         let mut vehicles = [1, 2, 3, 4].map(|number| vehicle(number, 0.0, 100.0, 30.0));
@@ -223,14 +273,14 @@ mod tests {
         vehicles[3].fresh = set(&[1, 2, 3]);
         vehicles[3].runs = false;
         let mut graph = Graph::default();
-        graph.observe(1.0, &vehicles, &[]);
+        graph.observe(1.0, &vehicles, &[0, 1, 2], &[]);
         assert_eq!((graph.union.mean(), graph.connected.mean()), (Some(1.0), Some(1.0)));
         assert!((graph.connectivity.mean().unwrap() - 1.0 / 3.0).abs() < 1e-9, "a path of three");
         assert_eq!((graph.disconnected.mean(), graph.smallest.mean()), (Some(0.0), Some(3.0)));
 
-        graph.observe(1.05, &vehicles, &[]);
+        graph.observe(1.05, &vehicles, &[0, 1, 2], &[]);
         vehicles[2].fresh = set(&[]);
-        graph.observe(1.2, &vehicles, &[]);
+        graph.observe(1.2, &vehicles, &[0, 1, 2], &[]);
         assert_eq!(graph.connected.mean(), Some(0.5), "not observed 50 ms after the first time");
         assert_eq!(graph.union.mean(), Some(0.75), "(3 - 2)/(3 - 1) the second time");
         assert_eq!(graph.disconnected.mean(), Some(0.5), "no vehicle, then the third");

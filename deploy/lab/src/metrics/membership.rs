@@ -1,5 +1,6 @@
 //! Compares the contacts that the agents report with the agents that really run and the links that really work.
 
+use std::collections::BTreeMap;
 use std::mem;
 
 use skein_common::id::{VehicleId, VehicleSet};
@@ -32,12 +33,13 @@ pub(super) struct Membership {
     born_s: Vec<f64>,
     /// The senders whose links to each vehicle are cut, by its id.
     cut_from: Vec<VehicleSet>,
-    /// Time at which each link was last healed, s; by sender, then receiver.
-    healed_s: Vec<f64>,
+    /// Time at which each link that was ever cut was last healed, s.
+    healed_s: BTreeMap<Link, f64>,
     pending: Vec<PendingTransition>,
     failed: Vec<(VehicleId, f64)>,
     /// Losses that were reported since the last observation.
     suspected: Vec<Link>,
+    is_settled: bool,
     detection: Worst,
     rejoin: Worst,
     response: Worst,
@@ -73,10 +75,11 @@ impl Membership {
             in_contact: vec![VehicleSet::default(); vehicles],
             born_s: vec![f64::NEG_INFINITY; vehicles],
             cut_from: vec![VehicleSet::default(); vehicles],
-            healed_s: vec![f64::NEG_INFINITY; vehicles * vehicles],
+            healed_s: BTreeMap::new(),
             pending: Vec::new(),
             failed: Vec::new(),
             suspected: Vec::new(),
+            is_settled: false,
             detection: Worst::default(),
             rejoin: Worst::default(),
             response: Worst::default(),
@@ -86,6 +89,7 @@ impl Membership {
 
     /// Observes that the agent of this vehicle died.
     pub(super) fn died(&mut self, t_s: f64, id: VehicleId) {
+        self.is_settled = false;
         // The peers do not have to detect the end of a vehicle that has landed.
         let must_be_detected = !self.has_left(id);
         let links = self.others(id).filter(|&link| must_be_detected && self.has_contact(link)).collect();
@@ -97,6 +101,7 @@ impl Membership {
 
     /// Observes that the agent of this vehicle started again.
     pub(super) fn restarted(&mut self, t_s: f64, id: VehicleId) {
+        self.is_settled = false;
         self.alive.insert(id);
         self.joined.remove(id);
         if let Some(born_s) = self.born_s.get_mut(index(id)) {
@@ -113,6 +118,7 @@ impl Membership {
 
     /// Observes that these links are cut.
     pub(super) fn cut(&mut self, t_s: f64, links: &[Link]) {
+        self.is_settled = false;
         for &(sender, receiver) in links {
             if let Some(cut_from) = self.cut_from.get_mut(index(receiver)) {
                 cut_from.insert(sender);
@@ -124,12 +130,11 @@ impl Membership {
 
     /// Observes that these links work again.
     pub(super) fn healed(&mut self, t_s: f64, links: &[Link]) {
+        self.is_settled = false;
         for &(sender, receiver) in links {
             let Some(cut_from) = self.cut_from.get_mut(index(receiver)) else { continue };
             cut_from.remove(sender);
-            if let Some(healed_s) = self.healed_s.get_mut(index(sender) * self.vehicles + index(receiver)) {
-                *healed_s = t_s;
-            }
+            self.healed_s.insert((sender, receiver), t_s);
         }
         // A cut of one direction ends the session, and so the other direction too.
         let both_directions = links.iter().flat_map(|&(sender, receiver)| [(sender, receiver), (receiver, sender)]);
@@ -139,6 +144,7 @@ impl Membership {
 
     /// Observes an event that a vehicle reported of itself.
     pub(super) fn reported(&mut self, t_s: f64, sender: VehicleId, what: &EventKind) {
+        self.is_settled = false;
         match what {
             // Judged at the next observation: in a live run the report may arrive before the death itself.
             EventKind::PeerLost(lost) => self.suspected.push((*lost, sender)),
@@ -153,6 +159,11 @@ impl Membership {
             }
             _ => {}
         }
+    }
+
+    /// Whether an observation of the same contacts, members and running agents as at the last one would change nothing.
+    pub(super) fn is_settled(&self) -> bool {
+        self.is_settled
     }
 
     pub(super) fn observe(&mut self, t_s: f64, vehicles: &[VehicleNow]) {
@@ -185,6 +196,7 @@ impl Membership {
             };
             worst.add_time(t_s - pending.since_s);
         }
+        self.is_settled = self.pending.is_empty();
     }
 
     /// The live members, by ground truth.
@@ -276,10 +288,8 @@ impl Membership {
 
     fn is_falsely_suspected(&self, t_s: f64, (sender, receiver): Link) -> bool {
         let is_long_ago = |since_s: Option<&f64>| since_s.is_none_or(|since_s| t_s - since_s >= AFTERMATH_S);
-        let is_open = |sender, receiver| {
-            let healed_s = self.healed_s.get(index(sender) * self.vehicles + index(receiver));
-            !self.is_cut((sender, receiver)) && is_long_ago(healed_s)
-        };
+        let is_open =
+            |sender, receiver| !self.is_cut((sender, receiver)) && is_long_ago(self.healed_s.get(&(sender, receiver)));
         self.alive.contains(sender)
             && !self.has_left(sender)
             && is_long_ago(self.born_s.get(index(sender)))

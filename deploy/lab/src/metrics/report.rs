@@ -6,7 +6,7 @@ use serde::Serialize;
 use skein_common::scenario::Scenario;
 
 use super::series::{Worst, extremes, mean, rms};
-use super::{COLLISION_M, Metrics, STEADY_S, pairs};
+use super::{InFormation, Metrics, STEADY_S};
 use skein_common::statistics::quantile;
 
 /// Identity of a run: scenario, seed and program.
@@ -151,13 +151,13 @@ impl Metrics {
         let steady = self.t_s >= STEADY_S - 0.01;
         let when_steady = |figure: Option<f64>| figure.filter(|_| steady);
         let since_s = self.t_s - STEADY_S;
-        let samples = || self.radial.iter().flat_map(|series| series.samples(since_s));
+        let samples = || (0..self.run.vehicles).flat_map(|nth| self.samples(nth, since_s));
         let when_radial = |figure: Option<f64>| figure.filter(|_| steady && self.is_radial);
         let radial = extremes(samples().map(|sample| sample.rho_m)).filter(|_| steady && self.is_radial);
         let settled = self.settled();
         let delays_after_faults = self.delays_after_faults();
-        let (least_m, collisions) = self.separation();
-        let pairs = pairs(self.run.vehicles);
+        let collisions = self.separations.collisions();
+        let pairs = self.separations.pairs();
         let mut steps_us = self.steps_us.clone();
         let live = !steps_us.is_empty();
         let with_several_steps = |figure: Option<u64>| figure.filter(|_| self.shapes.len() > 1);
@@ -168,18 +168,18 @@ impl Metrics {
             in_band_s: settled[1].1,
             even_10deg_s: settled[2].1,
             even_5deg_s: settled[3].1,
-            radial_rms_m: when_radial(rms(samples().map(|sample| sample.radial_error_m))),
+            radial_rms_m: when_radial(rms(samples().map(|sample| self.radial_error_m(&sample)))),
             radial_mean_m: when_radial(mean(samples().map(|sample| sample.rho_m))),
             radial_min_m: radial.map(|(least, _)| least),
             radial_max_m: radial.map(|(_, largest)| largest),
             spacing_error_deg: when_steady(self.spacing.mean(since_s)),
-            nearest_pair_end_m: self.nearest_pair_m,
-            min_separation_m: least_m,
+            nearest_pair_end_m: self.separations.nearest_now_m(),
+            min_separation_m: self.separations.least_m(),
             collisions,
             crashes: self.crashes.count(),
             safety_activations: self.totals.safety_activations,
             oscillation_m: when_steady(
-                extremes(self.radial.iter().filter_map(|s| s.oscillation_m(since_s))).map(|e| e.1),
+                extremes((0..self.run.vehicles).filter_map(|nth| self.radial.oscillation_m(nth, since_s))).map(|e| e.1),
             ),
             max_tilt_deg: self.max_tilt_rad.to_degrees(),
             altitude_rms_m: when_steady(rms(samples().filter_map(|sample| sample.altitude_error_m))),
@@ -197,7 +197,7 @@ impl Metrics {
             connectivity: self.graph.connectivity.mean(),
             connected_share: self.graph.connected.mean(),
             velocity_correlation: when_steady(self.graph.correlation.mean(since_s)),
-            collision_risk: self.collision_risk.mean(),
+            collision_risk: self.separations.risk(),
             mean_speed_m_s: when_steady(self.alignment.speed_m_s.mean(since_s)),
             disconnected_vehicles: self.graph.disconnected.mean(),
             min_cluster_vehicles: self.graph.smallest.mean(),
@@ -271,22 +271,25 @@ impl Metrics {
         unsettled.chain(delays_after_faults.iter().filter(|(_, worst)| worst.is_never()).map(|(key, _)| *key)).collect()
     }
 
-    /// Least distance of any airborne pair, and how many pairs collided.
-    fn separation(&self) -> (Option<f64>, u64) {
-        let met = || self.separations.iter().filter(|square| square.is_finite()).map(|square| square.sqrt());
-        let collisions = met().filter(|&distance_m| distance_m < COLLISION_M).count() as u64;
-        (extremes(met()).map(|(least, _)| least), collisions)
+    /// The samples of a vehicle in its formation since `since_s`.
+    fn samples(&self, nth: usize, since_s: f64) -> impl Iterator<Item = InFormation> + Clone {
+        self.radial.samples(nth, since_s).map(|(_, sample)| sample)
+    }
+
+    /// ρ − R*, m.
+    fn radial_error_m(&self, sample: &InFormation) -> f64 {
+        sample.rho_m - self.shapes[sample.step as usize].ring.radius_m
     }
 
     fn vehicles(&self, steady: bool) -> BTreeMap<String, VehicleReport> {
         let when_steady = |figure: Option<f64>| figure.filter(|_| steady);
         let when_radial = |figure: Option<f64>| when_steady(figure).filter(|_| self.is_radial);
         let since_s = self.t_s - STEADY_S;
-        let rows = self.radial.iter().zip(&self.effort).enumerate().map(|(nth, (series, effort))| {
+        let rows = self.effort.iter().enumerate().map(|(nth, effort)| {
             let report = VehicleReport {
-                radial_rms_m: when_radial(rms(series.samples(since_s).map(|sample| sample.radial_error_m))),
-                radial_mean_m: when_radial(mean(series.samples(since_s).map(|sample| sample.rho_m))),
-                oscillation_m: when_steady(series.oscillation_m(since_s)),
+                radial_rms_m: when_radial(rms(self.samples(nth, since_s).map(|sample| self.radial_error_m(&sample)))),
+                radial_mean_m: when_radial(mean(self.samples(nth, since_s).map(|sample| sample.rho_m))),
+                oscillation_m: when_steady(self.radial.oscillation_m(nth, since_s)),
                 stick_rms: effort.stick_square.mean().map(f64::sqrt),
                 energy_j: effort.energy_j,
             };

@@ -88,41 +88,106 @@ impl Window {
 /// One vehicle in its formation at one instant.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct InFormation {
-    pub(super) t_s: f64,
     /// Level ρ: the distance from the centre in the metric of the formation's ellipse, m.
     pub(super) rho_m: f64,
-    /// ρ − R*, m.
-    pub(super) radial_error_m: f64,
     pub(super) altitude_error_m: Option<f64>,
+    /// The vehicle's step of the mission.
+    pub(super) step: u32,
     /// Whether the vehicle is in the region of the formation: in the band, or inside the area.
     pub(super) inside: bool,
 }
 
-/// The samples of one vehicle in its formation over the last [`STEADY_S`].
-#[derive(Clone, Debug, Default)]
-pub(super) struct RadialSeries {
-    samples: VecDeque<InFormation>,
+/// The samples of all vehicles in their formation over the last [`STEADY_S`].
+///
+/// The samples of one instant are neighbours in memory, and their time is kept once: a long run writes and drops them
+/// at every step.
+#[derive(Clone, Debug)]
+pub(super) struct FormationSeries {
+    vehicles: usize,
+    times_s: VecDeque<f64>,
+    /// One place for each vehicle and time.
+    samples: VecDeque<Packed>,
 }
 
-impl RadialSeries {
-    pub(super) fn add(&mut self, sample: InFormation) {
-        drop_before(&mut self.samples, sample.t_s - STEADY_S, |sample| sample.t_s);
-        self.samples.push_back(sample);
+/// A sample of an instant, or none.
+#[derive(Clone, Copy, Debug, Default)]
+struct Packed {
+    rho_m: f64,
+    altitude_error_m: f64,
+    step: u32,
+    exists: bool,
+    has_altitude: bool,
+    inside: bool,
+}
+
+impl Packed {
+    fn unpack(&self) -> Option<InFormation> {
+        let Self { rho_m, altitude_error_m, step, exists, has_altitude, inside } = *self;
+        let altitude_error_m = has_altitude.then_some(altitude_error_m);
+        exists.then_some(InFormation { rho_m, altitude_error_m, step, inside })
+    }
+}
+
+/// Largest number of instants for which memory is reserved at once.
+const LARGEST_RESERVE: f64 = 10_000.0;
+
+impl FormationSeries {
+    pub(super) fn new(vehicles: usize) -> Self {
+        Self { vehicles, times_s: VecDeque::new(), samples: VecDeque::new() }
     }
 
-    /// The samples since `since_s`; none of a vehicle that left before.
-    pub(super) fn samples(&self, since_s: f64) -> impl Iterator<Item = &InFormation> + Clone {
-        self.samples.iter().filter(move |sample| sample.t_s >= since_s)
+    /// Begins the next instant, without a sample of any vehicle.
+    pub(super) fn begin(&mut self, t_s: f64) {
+        self.fill_up(self.vehicles);
+        while self.times_s.front().is_some_and(|first_s| *first_s < t_s - STEADY_S) {
+            self.times_s.pop_front();
+            self.samples.drain(..self.vehicles);
+        }
+        if let (Some(last_s), true) = (self.times_s.back(), self.times_s.len() == self.times_s.capacity()) {
+            // Room for a whole window, and not twice as much.
+            let window = (STEADY_S / (t_s - last_s)).min(LARGEST_RESERVE) as usize + 8;
+            let more = window.saturating_sub(self.times_s.len());
+            self.times_s.reserve_exact(more);
+            self.samples.reserve_exact(more * self.vehicles);
+        }
+        self.times_s.push_back(t_s);
     }
 
-    /// Half the peak-to-peak value of ρ after the removal of its quadratic trend, m.
-    pub(super) fn oscillation_m(&self, since_s: f64) -> Option<f64> {
-        let (first, last) = (self.samples(since_s).next()?.t_s, self.samples.back()?.t_s);
-        let middle_s = (first + last) / 2.0;
-        let scale_s = ((last - first) / 2.0).max(f64::MIN_POSITIVE);
+    /// Fills the places of the present instant up to that of this vehicle with none.
+    fn fill_up(&mut self, vehicle: usize) {
+        let Some(before) = self.times_s.len().checked_sub(1) else { return };
+        while self.samples.len() < before * self.vehicles + vehicle.min(self.vehicles) {
+            self.samples.push_back(Packed::default());
+        }
+    }
+
+    /// Adds the sample of a vehicle, counted from 0, at the present instant; vehicles come in ascending order.
+    pub(super) fn add(&mut self, vehicle: usize, sample: InFormation) {
+        let InFormation { rho_m, altitude_error_m, step, inside } = sample;
+        let (has_altitude, altitude_error_m) = (altitude_error_m.is_some(), altitude_error_m.unwrap_or_default());
+        self.fill_up(vehicle);
+        if vehicle < self.vehicles {
+            self.samples.push_back(Packed { rho_m, altitude_error_m, step, exists: true, has_altitude, inside });
+        }
+    }
+
+    /// The samples of a vehicle since `since_s`, each with its time, s; none of a vehicle that left before.
+    pub(super) fn samples(&self, vehicle: usize, since_s: f64) -> impl Iterator<Item = (f64, InFormation)> + Clone {
+        let times_s = self.times_s.iter().enumerate().filter(move |(_, t_s)| **t_s >= since_s);
+        times_s.filter_map(move |(nth, t_s)| {
+            let sample = self.samples.get(nth * self.vehicles + vehicle)?;
+            Some((*t_s, sample.unpack()?))
+        })
+    }
+
+    /// Half the peak-to-peak value of a vehicle's ρ after the removal of its quadratic trend, m.
+    pub(super) fn oscillation_m(&self, vehicle: usize, since_s: f64) -> Option<f64> {
+        let samples = self.samples(vehicle, since_s);
+        let (first_s, last_s) = (samples.clone().next()?.0, samples.clone().last()?.0);
+        let middle_s = (first_s + last_s) / 2.0;
+        let scale_s = ((last_s - first_s) / 2.0).max(f64::MIN_POSITIVE);
         // Abscissae from −1 to 1 keep the normal equations well conditioned.
-        let points: Vec<_> =
-            self.samples(since_s).map(|sample| ((sample.t_s - middle_s) / scale_s, sample.rho_m)).collect();
+        let points: Vec<_> = samples.map(|(t_s, sample)| ((t_s - middle_s) / scale_s, sample.rho_m)).collect();
         let mut normal = nalgebra::Matrix3::zeros();
         let mut right = nalgebra::Vector3::zeros();
         for &(x, y) in &points {
@@ -148,20 +213,46 @@ fn drop_before<T>(samples: &mut VecDeque<T>, first_s: f64, time_s: impl Fn(&T) -
 #[derive(Clone, Debug)]
 pub(super) struct AgeHistogram {
     bins: Vec<u64>,
+    /// Runs of samples a frame apart: at the first bin of a run 1 more, at the bin after its last 1 less.
+    runs: Vec<i64>,
     count: u64,
 }
 
+/// Age from which on all samples count as equal, ms.
+const LARGEST_AGE_MS: usize = 10_000;
+/// Length of a frame in virtual time, ms.
+const FRAME_MS: usize = 20;
+/// Distance from the middle of a bin within which the drift of clocks and rounding cannot lead to another bin, ms.
+const AMID_MS: f64 = 0.499;
+
 impl Default for AgeHistogram {
     fn default() -> Self {
-        Self { bins: vec![0; 10_001], count: 0 }
+        Self { bins: vec![0; LARGEST_AGE_MS + 1], runs: vec![0; LARGEST_AGE_MS + FRAME_MS + 1], count: 0 }
     }
 }
 
 impl AgeHistogram {
     pub(super) fn add(&mut self, age_s: f64) {
-        let bin = ((age_s * 1e3).round().max(0.0) as usize).min(self.bins.len() - 1);
-        self.bins[bin] += 1;
+        self.bins[bin(age_s * 1e3)] += 1;
         self.count += 1;
+    }
+
+    /// Adds the ages of one state at `frames` successive frames, the nth of which is `age_s(nth)`: each is a frame's
+    /// length more than the one before, and perhaps the drift of clocks over that time. The count is the same as with
+    /// [`Self::add`] for each.
+    pub(super) fn add_run(&mut self, frames: u32, age_s: impl Fn(u32) -> f64) {
+        let Some(last) = frames.checked_sub(1) else { return };
+        let (first_ms, last_ms) = (age_s(0) * 1e3, age_s(last) * 1e3);
+        let first_bin = bin(first_ms);
+        let last_bin = first_bin + FRAME_MS * last as usize;
+        let is_amid = |age_ms: f64, bin: usize| (age_ms - bin as f64).abs() < AMID_MS;
+        if last_bin < LARGEST_AGE_MS && is_amid(first_ms, first_bin) && is_amid(last_ms, last_bin) {
+            self.runs[first_bin] += 1;
+            self.runs[last_bin + FRAME_MS] -= 1;
+            self.count += u64::from(frames);
+        } else {
+            (0..frames).for_each(|nth| self.add(age_s(nth)));
+        }
     }
 
     /// Age below which this share of the samples lies, ms, by the definition of [`skein_common::statistics::quantile`].
@@ -173,13 +264,22 @@ impl AgeHistogram {
 
     /// The sample of this rank, counted from 0, ms.
     fn sample_ms(&self, rank: u64) -> Option<f64> {
-        let mut below = 0;
-        let bin = self.bins.iter().position(|count| {
-            below += count;
+        let (mut below, mut open) = (0, [0; FRAME_MS]);
+        let bin = (0..self.bins.len()).find(|&bin| {
+            open[bin % FRAME_MS] += self.runs[bin];
+            below += self.bins[bin].saturating_add_signed(open[bin % FRAME_MS]);
             below > rank
         })?;
         Some(bin as f64)
     }
+}
+
+/// The bin of an age: the nearest whole number of milliseconds, half a millisecond rounded up, as `round` does it with a
+/// call of the C library.
+fn bin(age_ms: f64) -> usize {
+    let age_ms = age_ms.clamp(0.0, LARGEST_AGE_MS as f64);
+    let whole = age_ms as i32;
+    whole as usize + usize::from(age_ms - f64::from(whole) >= 0.5)
 }
 
 /// Mean of the values; `None` without values.
@@ -200,4 +300,52 @@ pub(super) fn extremes(values: impl Iterator<Item = f64>) -> Option<(f64, f64)> 
         None => Some((value, value)),
         Some((low, high)) => Some((low.min(value), high.max(value))),
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use skein_core::random::{self, Purpose};
+
+    fn counts(histogram: &AgeHistogram) -> Vec<Option<f64>> {
+        (0..histogram.count).map(|rank| histogram.sample_ms(rank)).collect()
+    }
+
+    #[test]
+    fn ages_fall_into_the_nearest_bin() {
+        for (age_ms, expected) in [
+            (-7.0, 0),
+            (-0.4, 0),
+            (0.499_999_999_999_999_94, 0),
+            (0.5, 1),
+            (1.5, 2),
+            (20.499_999, 20),
+            (9_999.5, 10_000),
+            (1e12, 10_000),
+            (f64::NAN, 0),
+        ] {
+            assert_eq!(bin(age_ms), expected, "{age_ms}");
+        }
+    }
+
+    #[test]
+    fn a_run_counts_as_its_samples_one_by_one() {
+        let mut rng = random::generator(1, None, Purpose::Study);
+        let (mut by_run, mut one_by_one) = (AgeHistogram::default(), AgeHistogram::default());
+        for nth in 0..400_u32 {
+            // Whole milliseconds, halves, and numbers between; some grow beyond the last bin.
+            let first_s = match nth % 3 {
+                0 => f64::from(nth) * 1e-3,
+                1 => f64::from(nth) * 5e-4,
+                _ => random::uniform(&mut rng) * if nth % 4 == 0 { 9.99 } else { 0.2 },
+            };
+            let frame_s = if nth % 2 == 0 { 0.02 } else { 0.02 * (1.0 + 2e-4) };
+            let frames = nth % 40;
+            let age_s = |nth| first_s + f64::from(nth) * frame_s;
+            by_run.add_run(frames, age_s);
+            (0..frames).for_each(|nth| one_by_one.add(age_s(nth)));
+        }
+        assert!(by_run.runs.iter().filter(|count| **count > 0).count() > 50, "most runs are not counted one by one");
+        assert_eq!(counts(&by_run), counts(&one_by_one));
+    }
 }

@@ -1,7 +1,9 @@
 use skein_common::frame::{Attitude, PositionNed, VelocityNed};
+use skein_common::id::VehicleSet;
 use skein_common::math;
 use skein_common::message::Failure;
 use skein_common::scenario::{Source, load};
+use skein_core::plant::{Controls, GroundTruth};
 use std::collections::BTreeSet;
 
 use super::*;
