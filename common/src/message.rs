@@ -312,7 +312,10 @@ message!(Event, 128, |message| Author::Vehicle(message.header.sender), |_| true)
 /// # Panics
 /// Never: postcard can write every type that occurs in a message.
 pub fn encode<M: Message>(message: &M) -> Vec<u8> {
-    let bytes = postcard::to_extend(message, vec![VERSION]);
+    // Room for a whole message: postcard writes byte by byte.
+    let mut bytes = Vec::with_capacity(M::MAX_BYTES.min(256));
+    bytes.push(VERSION);
+    let bytes = postcard::to_extend(message, bytes);
     // Postcard can encode numbers, options, enums and sequences of known length.
     #[expect(clippy::expect_used, reason = "postcard fails only on types that no message has")]
     bytes.expect("every message has an encoding")
