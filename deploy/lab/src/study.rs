@@ -18,7 +18,7 @@ use std::num::NonZeroUsize;
 use std::ops::Range;
 
 use skein_common::scenario::{Scenario, Target};
-use skein_common::state::{Membership, PeerStatus};
+use skein_common::state::Membership;
 use skein_core::aircraft::Aircraft;
 use skein_core::control::Rules;
 use skein_core::peers::FRESH_S;
