@@ -13,6 +13,7 @@ pub mod laws;
 pub mod namespaces;
 pub mod python;
 pub mod tour;
+pub mod variants;
 pub mod wind;
 
 use std::convert::Infallible;

@@ -5,7 +5,7 @@ use std::process::ExitCode;
 
 use clap::Parser;
 use skein_tests::{
-    central, central_summary, conversion, divergence, faults, formation_error, golden, halves, laws, tour, wind,
+    central, central_summary, conversion, divergence, faults, formation_error, golden, halves, laws, tour, variants, wind,
 };
 
 /// Flies many swarms in virtual time and prints their figures
@@ -44,6 +44,8 @@ enum Table {
     Divergence,
     /// The tour with 2 to 16 vehicles, 0 to 30 % loss and 0 to 1 s delay
     Tour,
+    /// The shipped hover with imperfect sensors, and with point masses, in Markdown
+    Variants,
     /// Flights without faults of every kind in up to 10 m/s of wind with gusts: which vehicles reported a failure
     Wind,
     /// The shipped hover in 0 to 18 m/s of wind
@@ -76,6 +78,7 @@ fn main() -> ExitCode {
             Table::Network => formation_error::markdown(&formation_error::golden()),
             Table::Divergence => divergence::table(seeds),
             Table::Tour => tour::table(&[2, 4, 8, 16], &[0.0, 0.1, 0.2, 0.3], &[0.0, 0.2, 0.5, 1.0], seeds),
+            Table::Variants => variants::markdown(&variants::VARIANTS, seeds),
             Table::Wind => wind::table(seeds),
             Table::WindHover => wind::hovers(seeds),
         }

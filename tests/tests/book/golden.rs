@@ -2,7 +2,7 @@
 
 use std::fs;
 
-use skein_tests::{central, formation_error, laws, tour};
+use skein_tests::{central, formation_error, laws, tour, variants};
 
 use crate::markdown::Page;
 use crate::{is_writing, root};
@@ -92,6 +92,7 @@ fn rows_flown_again_equal_those_of_their_golden_files() {
         ("tour.txt", tour::table(&[2], &[0.0], &[0.0], 5)),
         ("central-limits.txt", central::limits(8, &[0.12], &[], 4)),
         ("laws.txt", laws::markdown(&["ring"], &[4], 10)),
+        ("variants.txt", variants::markdown(&variants::VARIANTS[1..2], 20)),
     ];
     for (name, rows) in flown {
         let whole = fs::read_to_string(root().join("tests/golden").join(name)).unwrap();

@@ -385,7 +385,8 @@ fn short(keys: &[String]) -> Vec<String> {
 /// The axis of a key whose name ends in its unit.
 fn axis(key: &str) -> Axis {
     // A longer ending comes before a shorter one that also fits.
-    const UNITS: [(&str, &str); 15] = [
+    const UNITS: [(&str, &str); 16] = [
+        ("_deg_s", "°/s"),
         ("_bit_s", "bit/s"),
         ("_m_s2", "m/s²"),
         ("_m_s", "m/s"),
