@@ -1,6 +1,7 @@
 //! Runs independent tasks on several threads.
 
 use std::num::NonZeroUsize;
+use std::panic::resume_unwind;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
 use std::thread;
@@ -67,6 +68,19 @@ impl<T, E> Tasks<T, E> {
     }
 }
 
+/// Runs these tasks at the same time, the first in this thread and each other one in a thread of its own, and returns
+/// their results in order.
+pub fn at_once<T: Send>(tasks: impl IntoIterator<Item = impl FnOnce() -> T + Send>) -> Vec<T> {
+    let mut tasks = tasks.into_iter();
+    let Some(first) = tasks.next() else { return Vec::new() };
+    thread::scope(|scope| {
+        let others: Vec<_> = tasks.map(|task| scope.spawn(task)).collect();
+        let mut results = vec![first()];
+        results.extend(others.into_iter().map(|other| other.join().unwrap_or_else(|panic| resume_unwind(panic))));
+        results
+    })
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -78,6 +92,20 @@ mod tests {
         let squares = in_parallel(100, THREE, |nth| Ok::<_, ()>(nth * nth)).unwrap();
         assert_eq!(squares, (0..100).map(|nth| nth * nth).collect::<Vec<_>>());
         assert_eq!(in_parallel(0, THREE, Err::<(), usize>), Ok(vec![]));
+    }
+
+    #[test]
+    fn tasks_at_once_change_their_own_share_and_give_their_results_in_order() {
+        let mut numbers: Vec<usize> = (0..10).collect();
+        let tasks = numbers.chunks_mut(3).map(|share| {
+            move || {
+                share.iter_mut().for_each(|number| *number *= 2);
+                share[0]
+            }
+        });
+        assert_eq!(at_once(tasks), [0, 6, 12, 18]);
+        assert_eq!(numbers, (0..10).map(|number| 2 * number).collect::<Vec<_>>());
+        assert_eq!(at_once(Vec::<fn()>::new()), []);
     }
 
     #[test]

@@ -1,4 +1,4 @@
-//! Simulates a whole swarm in one thread and in virtual time: the same agents that fly in real time, over the
+//! Simulates a whole swarm in virtual time, in one thread or several: the same agents that fly in real time, over the
 //! scenario's network and under its faults.
 //!
 //! One tick is one frame of every vehicle. A message sent in a tick is received in the next one by all other agents. It
@@ -16,6 +16,7 @@ mod script;
 mod vehicle;
 
 use std::mem;
+use std::num::NonZeroUsize;
 
 use skein_common::frame::Origin;
 use skein_common::id::VehicleId;
@@ -33,6 +34,7 @@ use skein_core::helicopter::{BuiltInVehicle, TICK_S};
 use skein_core::peers::{PeerMessage, Received, ReceivedState};
 use skein_core::plant::{Command, Controls, GroundTruth};
 use skein_core::start::{StartAreaTooSmall, starts};
+use skein_host::parallel::at_once;
 
 use crate::faults::{InjectedFault, LinkChanges};
 use crate::metrics::Totals;
@@ -67,7 +69,8 @@ pub struct World {
     rules: Rules,
     origin: Origin,
     vehicles: Vec<Vehicle>,
-    blocks: Blocks,
+    /// Room for the flight models, for each thread.
+    blocks: Vec<Blocks>,
     driver: Box<dyn Driver>,
     operator: Operator,
     /// Messages to all vehicles that were sent since the agents last received, and those that the agents receive now.
@@ -108,7 +111,7 @@ impl World {
         let vehicles = vehicles.collect::<Result<Vec<_>, WorldError>>()?;
         Ok(Self {
             vehicles,
-            blocks: Blocks::default(),
+            blocks: vec![Blocks::default()],
             driver,
             origin: Origin::new(scenario.origin.geodetic()),
             in_flight: scenario.ids().map(PeerMessage::Appeared).collect(),
@@ -129,8 +132,24 @@ impl World {
     /// Simulates one frame of every vehicle.
     pub fn tick(&mut self) {
         self.step_agents();
-        let Self { vehicles, blocks, .. } = self;
-        blocks.advance(plants(vehicles));
+        let share = self.vehicles.len().div_ceil(self.blocks.len()).next_multiple_of(Blocks::SIZE);
+        match self.blocks.as_mut_slice() {
+            [blocks] => blocks.advance(plants(&mut self.vehicles)),
+            blocks => {
+                let shares = blocks.iter_mut().zip(self.vehicles.chunks_mut(share));
+                at_once(shares.map(|(blocks, vehicles)| || blocks.advance(plants(vehicles))));
+            }
+        }
+    }
+
+    /// From now on steps the world in this many threads; in one without this call. The flight does not depend on it.
+    pub fn set_threads(&mut self, threads: NonZeroUsize) {
+        self.blocks.resize_with(threads.get(), Blocks::default);
+    }
+
+    /// The number of threads that step the world.
+    pub(crate) fn threads(&self) -> NonZeroUsize {
+        NonZeroUsize::new(self.blocks.len()).unwrap_or(NonZeroUsize::MIN)
     }
 
     /// Simulates one frame of every vehicle of each of these worlds, as [`Self::tick`] does for one, in common blocks.
@@ -149,8 +168,9 @@ impl World {
         let now = LocalTime::from_nanoseconds(self.ticks * TICK_NS);
         self.deliver(now);
         self.follow_script(now);
+        let threads = self.threads();
         let Self { vehicles, driver, origin, in_flight, arriving, asks, events, .. } = self;
-        driver.frame(now, arriving, vehicles, &mut |vehicle, outbox, ask| {
+        driver.frame(now, arriving, vehicles, threads, &mut |vehicle, outbox, ask| {
             let id = vehicle.id;
             asks.extend(ask);
             let state = outbox.state.map(|state| ReceivedState::new(through_wire(&state), origin));

@@ -5,7 +5,8 @@ use std::process::ExitCode;
 
 use clap::Parser;
 use skein_tests::{
-    central, central_summary, conversion, divergence, faults, formation_error, golden, halves, laws, tour, variants, wind,
+    central, central_summary, conversion, divergence, faults, formation_error, golden, halves, laws, tour, variants,
+    wind,
 };
 
 /// Flies many swarms in virtual time and prints their figures

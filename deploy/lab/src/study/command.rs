@@ -40,9 +40,12 @@ pub struct StudyArgs {
     /// seed selects them (--set seed=N gives others)
     #[arg(long, value_name = "N", value_parser = samples)]
     pub points: Option<usize>,
-    /// Runs at once; without it one for each core. The results do not depend on it
+    /// Runs at once; without it one for each core, or for each --threads cores. The results do not depend on it
     #[arg(long, value_name = "N")]
     pub jobs: Option<NonZeroUsize>,
+    /// Threads that step each run: for one run of many vehicles. The results do not depend on it
+    #[arg(long, value_name = "N", default_value_t = NonZeroUsize::MIN)]
+    pub threads: NonZeroUsize,
     /// Folder for the results, new or empty, or that of the very same study, interrupted: the study resumes there.
     /// Without it a new one in skein-runs
     #[arg(long, value_name = "DIR")]
@@ -75,7 +78,8 @@ fn samples(text: &str) -> Result<usize, String> {
 /// What stands against the study: nothing was flown then. Or a run that failed; those that were done are written.
 pub fn run(args: &StudyArgs) -> Result<(), Error> {
     let plan = Plan::new(args)?;
-    let jobs = plan.jobs.or_else(|| thread::available_parallelism().ok()).unwrap_or(NonZeroUsize::MIN);
+    let cores = thread::available_parallelism().unwrap_or(NonZeroUsize::MIN);
+    let jobs = plan.jobs.unwrap_or(NonZeroUsize::new(cores.get() / args.threads).unwrap_or(NonZeroUsize::MIN));
     let runs = fly(&plan, jobs)?;
     if !args.no_record {
         record(&plan, &runs, jobs)?;

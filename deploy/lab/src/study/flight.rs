@@ -63,6 +63,18 @@ impl SeedFlight {
         })
     }
 
+    /// The same flight, stepped by this many threads.
+    pub(super) fn in_threads(mut self, threads: NonZeroUsize) -> Self {
+        self.world.set_threads(threads);
+        self
+    }
+
+    /// Whether no other flight may be stepped together with this one: one with external laws waits for them and would
+    /// keep the others waiting, and one in several threads has its blocks filled by each.
+    fn is_alone(&self) -> bool {
+        self.laws.is_some() || self.world.threads() > NonZeroUsize::MIN
+    }
+
     /// Flies to the end by itself.
     ///
     /// # Errors
@@ -167,11 +179,10 @@ impl<Run> Default for SideBySide<Run> {
 }
 
 impl<Run> SideBySide<Run> {
-    /// Whether one more flight is worth it: the last block has empty lanes. A flight with external laws waits for them
-    /// and would keep the others waiting.
+    /// Whether one more flight is worth it: the last block has empty lanes.
     fn have_room(&self, share: usize) -> bool {
         let vehicles = self.flights.iter().map(|flight| flight.world.vehicle_count()).sum();
-        let alone = self.flights.iter().any(|flight| flight.laws.is_some());
+        let alone = self.flights.iter().any(SeedFlight::is_alone);
         self.flights.len() < share && !alone && !Blocks::are_full(vehicles)
     }
 
@@ -190,7 +201,10 @@ impl<Run> SideBySide<Run> {
             if let Some(ended) = self.flights.iter_mut().position(SeedFlight::is_over) {
                 break ended;
             }
-            World::tick_together(self.flights.iter_mut().map(|flight| &mut flight.world), &mut self.blocks);
+            match self.flights.as_mut_slice() {
+                [flight] => flight.world.tick(),
+                flights => World::tick_together(flights.iter_mut().map(|flight| &mut flight.world), &mut self.blocks),
+            }
             self.flights.iter_mut().for_each(|flight| flight.end_tick(&mut None));
         };
         let wall_s = now().duration_since(started).as_secs_f64() / self.flights.len() as f64;
@@ -209,12 +223,12 @@ mod tests {
     use crate::metrics::WALL_CLOCK_KEYS;
     use crate::study::Measured;
 
-    fn study(vehicles: usize) -> Study {
-        let text = "duration_s = 40\nworld.wind_m_s = 4\nworld.gust_w20_m_s = 5\n\
+    fn study(sets: &[&str]) -> Study {
+        let text = "duration_s = 30\nworld.wind_m_s = 4\nworld.gust_w20_m_s = 5\n\
                     mission.events = [{ at_s = 12, fault = 'engine_out', vehicle = 1 }]\n";
         let source = Source { name: "test", text };
-        let scenario = load(&source, &[format!("swarm.vehicles={vehicles}")]).unwrap().scenario;
-        let aircraft = vec![Aircraft::shipped("xcell60").unwrap().unwrap(); vehicles];
+        let scenario = load(&source, &sets.iter().map(ToString::to_string).collect::<Vec<_>>()).unwrap().scenario;
+        let aircraft = vec![Aircraft::shipped("xcell60").unwrap().unwrap(); scenario.swarm.vehicles];
         Study { scenario, aircraft, rules: Rules::shipped(), laws: LawPool::default() }
     }
 
@@ -227,7 +241,7 @@ mod tests {
     #[test]
     fn runs_side_by_side_measure_the_same_as_each_alone() {
         for vehicles in [3, 4] {
-            let study = study(vehicles);
+            let study = study(&[&format!("swarm.vehicles={vehicles}")]);
             let alone: Vec<_> = (0..5).map(|seed| without_wall_clock(&study.fly(seed).unwrap())).collect();
             for jobs in [1, 2, 5] {
                 let reports = study.fly_all(0..5, NonZeroUsize::new(jobs).unwrap(), |_| {}).unwrap();
@@ -238,9 +252,24 @@ mod tests {
     }
 
     #[test]
+    fn a_run_in_several_threads_measures_the_same_as_in_one() {
+        for sets in [&["swarm.vehicles=21"][..], &["swarm.vehicles=9", "control.mode=central"]] {
+            let study = study(sets);
+            let flown = |threads| {
+                let flight = SeedFlight::new(&study, 1).unwrap().in_threads(NonZeroUsize::new(threads).unwrap());
+                without_wall_clock(&flight.fly(None).unwrap())
+            };
+            let one = flown(1);
+            for threads in [2, 3, 30] {
+                assert_eq!(flown(threads), one, "{threads} threads, {sets:?}");
+            }
+        }
+    }
+
+    #[test]
     fn a_job_flies_as_many_runs_side_by_side_as_fill_its_blocks() {
         for (vehicles, share, expected) in [(4, 9, 2), (8, 9, 1), (3, 9, 5), (3, 2, 2), (16, 9, 1)] {
-            let study = study(vehicles);
+            let study = study(&[&format!("swarm.vehicles={vehicles}")]);
             let mut flights = SideBySide::default();
             while flights.have_room(share) {
                 flights.add((), SeedFlight::new(&study, 1).unwrap());

@@ -53,6 +53,8 @@ pub struct Plan {
     pub out: PathBuf,
     /// Runs at once, if limited by the operator.
     pub jobs: Option<NonZeroUsize>,
+    /// Threads that step each run.
+    threads: NonZeroUsize,
     is_swept: bool,
     /// Where external laws wait for their next run.
     laws: LawPool,
@@ -73,6 +75,7 @@ impl Plan {
             seeds: args.seeds.clone().unwrap_or(own..own + 1),
             out: PathBuf::new(),
             jobs: args.jobs,
+            threads: args.threads,
             is_swept: !args.sweep.is_empty(),
             laws: LawPool::default(),
         };
@@ -255,7 +258,7 @@ impl PlannedRun<'_> {
     pub(super) fn begin(&self) -> Result<(RunFiles, SeedFlight), Error> {
         let (study, scenario, aircraft) = self.ready()?;
         let flight = SeedFlight::new(&study, self.seed).map_err(|error| self.failed(&error))?;
-        Ok((RunFiles { scenario, aircraft }, flight))
+        Ok((RunFiles { scenario, aircraft }, flight.in_threads(self.plan.threads)))
     }
 
     /// Writes its files, its flight being over.

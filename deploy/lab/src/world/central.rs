@@ -24,6 +24,7 @@
 //! X-Plane: a controller that is fast enough, over a network without delay, adds no delay at all.
 
 use std::collections::VecDeque;
+use std::num::NonZeroUsize;
 
 use skein_common::frame::{Geodetic, Origin, PositionNed, VelocityNed};
 use skein_common::id::{Incarnation, VehicleId};
@@ -281,7 +282,15 @@ impl Driver for Central {
         false
     }
 
-    fn frame(&mut self, now: LocalTime, _: &[PeerMessage], vehicles: &mut [Vehicle], take: &mut TakeOutputs<'_>) {
+    /// One computer steps all agents, one after the other.
+    fn frame(
+        &mut self,
+        now: LocalTime,
+        _: &[PeerMessage],
+        vehicles: &mut [Vehicle],
+        _: NonZeroUsize,
+        take: &mut TakeOutputs<'_>,
+    ) {
         if self.read(now, vehicles) {
             for vehicle in vehicles.iter_mut() {
                 if let Some((outbox, ask)) = self.step(now, vehicle) {

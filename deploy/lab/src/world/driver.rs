@@ -1,6 +1,7 @@
 //! Drivers decide where the agents of a world run and how a vehicle is connected to its agent.
 
 use std::fmt::Debug;
+use std::num::NonZeroUsize;
 
 use skein_common::scenario::Scenario;
 use skein_common::time::LocalTime;
@@ -9,6 +10,7 @@ use skein_core::aircraft::Aircraft;
 use skein_core::formation::external::LawQuery;
 use skein_core::outbox::Outbox;
 use skein_core::peers::PeerMessage;
+use skein_host::parallel::at_once;
 
 use super::script::ScriptedAction;
 use super::vehicle::Vehicle;
@@ -37,7 +39,14 @@ pub(super) trait Driver: Debug {
     /// Simulates the agents' part of one frame: every vehicle is read, every agent that is due steps, and every
     /// vehicle has its controls. The plants move afterwards. `arriving` are the messages to all vehicles, for those that
     /// take them in place.
-    fn frame(&mut self, now: LocalTime, arriving: &[PeerMessage], vehicles: &mut [Vehicle], take: &mut TakeOutputs<'_>);
+    fn frame(
+        &mut self,
+        now: LocalTime,
+        arriving: &[PeerMessage],
+        vehicles: &mut [Vehicle],
+        threads: NonZeroUsize,
+        take: &mut TakeOutputs<'_>,
+    );
 
     /// The counters of what crossed the network, from the agents' own counters.
     fn totals(&self, of_agents: Totals) -> Totals;
@@ -68,21 +77,30 @@ impl Driver for Decentralised {
         true
     }
 
+    /// The agents of one frame do not affect each other: their messages arrive in the next. So they may step in several
+    /// threads, and their outputs are taken in the order of vehicles.
     fn frame(
         &mut self,
         now: LocalTime,
         arriving: &[PeerMessage],
         vehicles: &mut [Vehicle],
+        threads: NonZeroUsize,
         take: &mut TakeOutputs<'_>,
     ) {
-        for vehicle in vehicles {
-            let frame = vehicle.frame(now);
-            let measurement = (!vehicle.simulator_frozen).then_some(&frame.measurement);
-            let outputs = vehicle.step(now, (frame.time, measurement), arriving);
-            if let Some(Outputs { command, .. }) = &outputs {
-                vehicle.command = *command;
+        if threads == NonZeroUsize::MIN {
+            for vehicle in vehicles {
+                if let Some((outbox, ask)) = step(now, vehicle, arriving) {
+                    take(vehicle, outbox, ask);
+                }
             }
-            if let Some(Outputs { outbox, ask, .. }) = outputs {
+            return;
+        }
+        let share = vehicles.len().div_ceil(threads.get());
+        let sent = at_once(vehicles.chunks_mut(share).map(|vehicles| {
+            move || vehicles.iter_mut().map(|vehicle| step(now, vehicle, arriving)).collect::<Vec<_>>()
+        }));
+        for (vehicle, sent) in vehicles.iter_mut().zip(sent.into_iter().flatten()) {
+            if let Some((outbox, ask)) = sent {
                 take(vehicle, outbox, ask);
             }
         }
@@ -91,4 +109,13 @@ impl Driver for Decentralised {
     fn totals(&self, of_agents: Totals) -> Totals {
         of_agents
     }
+}
+
+/// One frame of a vehicle with the agent beside it: the messages and the query that the agent sends.
+fn step(now: LocalTime, vehicle: &mut Vehicle, arriving: &[PeerMessage]) -> Option<(Outbox, Option<LawQuery>)> {
+    let frame = vehicle.frame(now);
+    let measurement = (!vehicle.simulator_frozen).then_some(&frame.measurement);
+    let Outputs { command, outbox, ask } = vehicle.step(now, (frame.time, measurement), arriving)?;
+    vehicle.command = command;
+    Some((outbox, ask))
 }

@@ -10,6 +10,9 @@ use skein_core::plant::Controls;
 pub(crate) struct Blocks(Vec<Block>);
 
 impl Blocks {
+    /// Number of vehicles in one block.
+    pub(super) const SIZE: usize = Block::SIZE;
+
     /// Advances each vehicle by one frame with its controls.
     pub(super) fn advance<'a>(&mut self, vehicles: impl Iterator<Item = (&'a mut BuiltInVehicle, Option<Controls>)>) {
         let mut vehicles = vehicles.peekable();
