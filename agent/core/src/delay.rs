@@ -55,6 +55,10 @@ pub struct MessageDelay {
 pub struct Delay {
     /// In the order of arrival.
     trips: Vec<RoundTrip>,
+    /// Places of the trip with the smallest bound and of the shortest one, when the last trip arrived. All bounds grow
+    /// alike with time: until one of the two is too old, they stay the smallest and the shortest.
+    tightest: u8,
+    shortest: u8,
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -67,6 +71,11 @@ struct RoundTrip {
 }
 
 impl RoundTrip {
+    #[inline]
+    fn is_old(&self, now: LocalTime) -> bool {
+        Deadline::RoundTripOld.is_past(now.seconds_since(self.at))
+    }
+
     #[inline]
     fn message_delay(&self, now: LocalTime, transit_s: f64) -> MessageDelay {
         let most_s = self.s + transit_s - self.transit_s + DRIFT * now.seconds_since(self.at).max(0.0);
@@ -89,22 +98,44 @@ impl Delay {
         // A large swarm has a record for each pair of vehicles, and room to spare in each would be most of its memory.
         self.trips.reserve_exact(1);
         self.trips.push(new);
+        self.tightest = self.place(at, |trip| trip.message_delay(at, transit_s).most_s);
+        self.shortest = self.place(at, |trip| trip.s);
     }
 
     /// The delay of a message with this transit; `None` until a round trip is known.
     #[inline]
     pub fn of(&self, now: LocalTime, transit_s: f64) -> Option<MessageDelay> {
-        let mut most_s = f64::INFINITY;
-        let mut shortest: Option<&RoundTrip> = None;
-        for trip in &self.trips {
-            if !Deadline::RoundTripOld.is_past(now.seconds_since(trip.at)) {
-                most_s = most_s.min(trip.message_delay(now, transit_s).most_s);
-                shortest = shortest.filter(|shortest| shortest.s <= trip.s).or(Some(trip));
-            }
-        }
-        let shortest = shortest?;
+        let most_s = self.bound_s(now, transit_s)?;
+        let shortest = self.valid(now, self.shortest).or_else(|| self.valid(now, self.place(now, |trip| trip.s)))?;
         let likely_s = shortest.message_delay(now, transit_s).likely_s.min(most_s).max(0.0);
         (most_s >= -TOLERANCE_S).then(|| MessageDelay { most_s: most_s.max(0.0), likely_s })
+    }
+
+    /// The upper bound of the delay of a message with this transit, s, as in [`Self::of`].
+    #[inline]
+    pub fn most_s(&self, now: LocalTime, transit_s: f64) -> Option<f64> {
+        self.bound_s(now, transit_s).filter(|&most_s| most_s >= -TOLERANCE_S).map(|most_s| most_s.max(0.0))
+    }
+
+    /// The smallest bound of the valid round trips, s; below zero it contradicts the message.
+    #[inline]
+    fn bound_s(&self, now: LocalTime, transit_s: f64) -> Option<f64> {
+        let bound_s = |trip: &RoundTrip| trip.message_delay(now, transit_s).most_s;
+        let tightest = self.valid(now, self.tightest).or_else(|| self.valid(now, self.place(now, bound_s)))?;
+        Some(bound_s(tightest))
+    }
+
+    /// The trip at this place, if it is not too old.
+    #[inline]
+    fn valid(&self, now: LocalTime, place: u8) -> Option<&RoundTrip> {
+        self.trips.get(usize::from(place)).filter(|trip| !trip.is_old(now))
+    }
+
+    /// Place of the first valid trip for which this is the smallest; without a valid one a place behind all.
+    #[cold]
+    fn place(&self, now: LocalTime, of: impl Fn(&RoundTrip) -> f64) -> u8 {
+        let valid = self.trips.iter().zip(0_u8..).filter(|(trip, _)| !trip.is_old(now));
+        valid.min_by(|(one, _), (other, _)| of(one).total_cmp(&of(other))).map_or(u8::MAX, |(_, place)| place)
     }
 }
 

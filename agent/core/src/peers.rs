@@ -148,14 +148,17 @@ impl PeerEstimate {
 pub struct PeerStateAge {
     /// The peer's id.
     pub id: VehicleId,
-    /// Time since its arrival, s.
-    pub silent_s: f64,
     /// Upper bound of its age, s, as in [`PeerEstimate::age_s`].
     pub age_s: f64,
     /// Upper bound of its delay, s, as in [`PeerEstimate::delay_s`].
     pub delay_s: Option<f64>,
-    /// Its most likely age, s, as in [`PeerEstimate::carried_s`].
-    pub carried_s: f64,
+}
+
+impl PeerStateAge {
+    /// Time since the arrival of the state, s.
+    pub fn silent_s(&self) -> f64 {
+        self.age_s - self.delay_s.unwrap_or_default()
+    }
 }
 
 /// The peers as the formation needs them.

@@ -120,7 +120,7 @@ pub fn measure(world: &World, zero_s: f64, metrics: &mut Metrics, vehicles: &mut
         };
         let received = || agent.peer_ages();
         received().for_each(|peer| metrics.observe_age(peer.age_s));
-        let fresh = received().filter(|peer| needs_fresh && peer.silent_s < FRESH_S).map(|peer| peer.id);
+        let fresh = received().filter(|peer| needs_fresh && peer.silent_s() < FRESH_S).map(|peer| peer.id);
         vehicles.push(VehicleNow {
             id,
             runs: true,

@@ -268,11 +268,8 @@ impl Peer {
     pub(super) fn state_age(&self, now: LocalTime) -> Option<PeerStateAge> {
         let last = self.state.as_ref()?;
         let silent_s = now.seconds_since(last.at).max(0.0);
-        let message_delay = self.delay.of(now, last.transit_s);
-        let delay_s = message_delay.map(|message_delay| message_delay.most_s);
-        let MessageDelay { most_s, likely_s } = message_delay.unwrap_or_default();
-        let (age_s, carried_s) = (silent_s + most_s, silent_s + likely_s);
-        Some(PeerStateAge { id: self.id, silent_s, age_s, delay_s, carried_s })
+        let delay_s = self.delay.most_s(now, last.transit_s);
+        Some(PeerStateAge { id: self.id, age_s: silent_s + delay_s.unwrap_or_default(), delay_s })
     }
 
     /// The estimated current state; `None` before the first state.
@@ -280,7 +277,11 @@ impl Peer {
     pub(super) fn estimate(&self, judgement: &Judgement) -> Option<PeerEstimate> {
         let Judgement { now, stale_s, .. } = *judgement;
         let last = self.state?;
-        let PeerStateAge { silent_s, age_s, delay_s, carried_s, .. } = self.state_age(now)?;
+        let silent_s = now.seconds_since(last.at).max(0.0);
+        let message_delay = self.delay.of(now, last.transit_s);
+        let delay_s = message_delay.map(|message_delay| message_delay.most_s);
+        let MessageDelay { most_s, likely_s } = message_delay.unwrap_or_default();
+        let (age_s, carried_s) = (silent_s + most_s, silent_s + likely_s);
         let standing = match self.lost_at {
             Some(_) => PeerStatus::Lost,
             None if Deadline::StateOld.is_past(age_s) => PeerStatus::Stale,
