@@ -523,7 +523,7 @@ impl Mission {
 }
 
 /// Progress of the centre according to those senders of these heartbeats that are at this step, m.
-fn along_m<'a>(heartbeats: impl Iterator<Item = PeerProgress>, at: u32) -> impl Iterator<Item = f64> {
+fn along_m(heartbeats: impl Iterator<Item = PeerProgress>, at: u32) -> impl Iterator<Item = f64> {
     heartbeats.filter(move |heartbeat| heartbeat.step == at).map(|heartbeat| heartbeat.progress_m)
 }
 

@@ -495,6 +495,7 @@ impl Peers {
                 peer.state = Some(ReportedState { sequence, position, velocity, heading_rad, at, transit_s });
                 let was_young = peer.status.contains(Status::YOUNG);
                 self.arrived(id, at, !was_young);
+                self.moved(id);
             }
             PeerMessage::Mission(message) => self.receive_heartbeat(message, at),
             PeerMessage::Appeared(id) | PeerMessage::Vanished(id) => {
@@ -528,6 +529,7 @@ impl Peers {
             && let Some(round_trip_s) = self.exchange.round_trip_s(at, &echo)
         {
             self.peers[index(id)].delay.take(at, since_stamp_s(at, stamp), round_trip_s);
+            self.moved(id);
         }
         if message.plan != plan || message.order > self.order {
             self.reports.push(Report { id, plan: message.plan, order: message.order });
@@ -538,15 +540,21 @@ impl Peers {
 
     /// Keeps what follows from a message's arrival. `is_changed` if the message itself may change the peer's status.
     fn arrived(&mut self, id: VehicleId, at: LocalTime, is_changed: bool) {
-        let judgement = self.judgement();
         let peer = &mut self.peers[index(id)];
         peer.received_at = Some(at);
         if is_changed || !peer.status.contains(Status::SETTLED) {
             self.known.insert(id);
             self.touched.insert(id);
         }
-        if let Some(PeerEstimate { position, velocity, .. }) = peer.estimate(&judgement) {
-            self.near.moved(id, position, velocity);
+    }
+
+    /// Lists a peer whose estimate has changed, if it is near.
+    fn moved(&mut self, id: VehicleId) {
+        let peer = &self.peers[index(id)];
+        let Some(last) = &peer.state else { return };
+        if !self.near.lists(id, last.velocity) {
+            let estimate = peer.estimate(&self.judgement());
+            estimate.into_iter().for_each(|peer| self.near.moved(id, peer.position, peer.velocity));
         }
     }
 

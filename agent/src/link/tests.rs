@@ -13,7 +13,7 @@ use skein_common::state::VehicleState;
 use skein_common::time::{LocalTime, SenderStamp};
 
 use super::*;
-use skein_core::peers::Peers;
+use skein_core::peers::{Broadcast, Peers};
 use skein_host::clock::{now, sleep_until};
 
 const TIMEOUT: Duration = Duration::from_secs(20);
@@ -60,7 +60,7 @@ fn origin() -> Origin {
 }
 
 /// The same state as the receiver's control thread gets it.
-fn received(message: State) -> PeerMessage {
+fn received_state(message: State) -> PeerMessage {
     PeerMessage::State(ReceivedState::new(message, &origin()))
 }
 
@@ -271,11 +271,11 @@ fn the_inbox_keeps_the_newest_message_of_each_peer_and_kind() {
     let at = LocalTime::from_seconds(1.0);
     let store = |message| inbox.store("vehicle/2/state", Received { message, at });
     for sequence in [1, 3, 2, 3] {
-        store(received(state(2, sequence)));
+        store(received_state(state(2, sequence)));
     }
     let later_life = State { header: Header { incarnation: Incarnation(2), ..state(3, 1).header }, ..state(3, 1) };
     for state in [state(3, 8), later_life, state(3, 9)] {
-        store(received(state));
+        store(received_state(state));
     }
     for message in [
         PeerMessage::Appeared(id(2)),
@@ -295,8 +295,8 @@ fn the_inbox_keeps_the_newest_message_of_each_peer_and_kind() {
     assert_eq!(
         messages,
         [
-            received(state(2, 3)),
-            received(later_life),
+            received_state(state(2, 3)),
+            received_state(later_life),
             PeerMessage::Vanished(id(2)),
             PeerMessage::Appeared(id(4)),
             PeerMessage::Order(order(3))
@@ -316,7 +316,7 @@ fn every_vehicle_fits_into_the_inbox_without_growing() {
     for _ in 0..3 {
         for vehicle in 1..=VehicleId::MAX {
             let mission = PeerMessage::Mission(mission(vehicle, 1));
-            for message in [received(state(vehicle, 1)), mission, PeerMessage::Appeared(id(vehicle))] {
+            for message in [received_state(state(vehicle, 1)), mission, PeerMessage::Appeared(id(vehicle))] {
                 inbox.store("a", Received { message, at });
             }
         }
@@ -342,10 +342,9 @@ fn a_replayed_message_is_dropped_by_the_core() {
         || send(&replayer, key, &encode(&state(2, 5))),
         |received| message(received, |message| matches!(message, PeerMessage::State(_))),
     );
-    let origin = Origin::new(Geodetic::from_degrees(28.0, -82.0, 0.0));
     let four = load(&Source { name: "test.toml", text: "swarm.vehicles = 4" }, &[]).unwrap().scenario;
     let mut peers = Peers::new(id(1), 4, 0, &four.network);
-    peers.update(newest.at, &origin, &[newest]);
+    peers.update(newest.at, &[newest], Broadcast::default());
     let before = peers.old();
     let old = until(
         &link,
@@ -354,7 +353,7 @@ fn a_replayed_message_is_dropped_by_the_core() {
             message(received, |message| matches!(message, PeerMessage::State(content) if content.header.sequence == 4))
         },
     );
-    peers.update(old.at, &origin, &[old]);
+    peers.update(old.at, &[old], Broadcast::default());
     assert_eq!(peers.old(), before + 1);
 }
 

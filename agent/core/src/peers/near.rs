@@ -64,6 +64,13 @@ impl NearList {
         self.near
     }
 
+    /// Whether nothing has to be done about a peer with a new state: it is listed, and not faster than the others, or
+    /// there is no list.
+    pub(super) fn lists(&self, id: VehicleId, velocity: VelocityNed) -> bool {
+        let is_slow = || velocity.horizontal().norm_squared() <= self.fastest_m_s * self.fastest_m_s;
+        self.made.is_none() || (self.near.contains(id) && is_slow())
+    }
+
     /// Lists a peer whose state has changed, if it is near.
     pub(super) fn moved(&mut self, id: VehicleId, position: PositionNed, velocity: VelocityNed) {
         let Some(made) = self.made else { return };

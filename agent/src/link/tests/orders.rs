@@ -154,19 +154,19 @@ fn strangers_other_plans_and_the_own_id_are_refused_and_counted() {
     let (swarm, hub, _) = hub("strangers");
     let agent = link(hub, 1, Trust { vehicles: 4, ..trust(&swarm) });
     let store = |key: &str, message| agent.receiver.store(key, message, None);
-    store("vehicle/9/cell/0/0/state", received(state(9, 1)));
+    store("vehicle/9/cell/0/0/state", received_state(state(9, 1)));
     store("vehicle/5/alive", PeerMessage::Appeared(id(5)));
-    store("vehicle/1/cell/0/0/state", received(state(1, 1)));
+    store("vehicle/1/cell/0/0/state", received_state(state(1, 1)));
     let other_plan = Heartbeat { plan: 8, ..mission(2, 1) };
     store("vehicle/2/mission", PeerMessage::Mission(other_plan));
-    store("vehicle/4/cell/0/0/state", received(state(4, 2)));
-    store("vehicle/4/cell/3/0/state", received(state(4, 1)));
+    store("vehicle/4/cell/0/0/state", received_state(state(4, 2)));
+    store("vehicle/4/cell/3/0/state", received_state(state(4, 1)));
     let mut received = Vec::new();
     agent.drain(&mut received);
     let messages: Vec<PeerMessage> = received.iter().map(|received| received.message).collect();
     assert_eq!(
         messages,
-        [PeerMessage::Mission(other_plan), received(state(4, 2))],
+        [PeerMessage::Mission(other_plan), received_state(state(4, 2))],
         "a vehicle with another plan still counts as up"
     );
     let named: Vec<_> = agent.receiver.refused().into_iter().map(|kind| (kind.reason, kind.key, kind.count)).collect();

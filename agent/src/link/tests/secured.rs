@@ -178,7 +178,7 @@ impl Swarm {
                 for (link, other) in [(&self.one, 2), (&self.two, 1)] {
                     let mut received = Vec::new();
                     link.drain(&mut received);
-                    if message(&received, |message| *message == received(state(other, self.sequence))).is_some() {
+                    if message(&received, |message| *message == received_state(state(other, self.sequence))).is_some() {
                         waits_for.remove(&other);
                     }
                     all.append(&mut received);

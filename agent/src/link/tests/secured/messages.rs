@@ -118,7 +118,8 @@ fn a_valid_vehicle_can_send_for_itself_only() {
                 link,
                 || forger.send(intruder.first(), Topic::State(id(3), Cell::default()), &state(3, sequence)),
                 |received| {
-                    message(received, |message| *message == received(state(3, sequence))).map(|_| received.to_vec())
+                    message(received, |message| *message == received_state(state(3, sequence)))
+                        .map(|_| received.to_vec())
                 },
             );
             assert_eq!(received.iter().find(|received| is_forged(&received.message)), None);
