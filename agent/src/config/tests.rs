@@ -140,6 +140,23 @@ fn an_option_overrides_the_scenarios_simulator_address() {
 }
 
 #[test]
+fn a_point_mass_flies_in_the_built_in_plant_only() {
+    let folder = folder("");
+    let node = |xplane: Option<&str>| {
+        let (sets, options) = (vec!["plant.model=point_mass".into()], by_scenario(&folder, 3));
+        AgentOptions { sets, xplane: xplane.map(Into::into), ..options }.node()
+    };
+    assert!(
+        matches!(node(None).unwrap().plant, PlantChoice::BuiltIn(plant) if matches!(*plant, BuiltInPlant::PointMass(_)))
+    );
+    let refusal = node(Some("127.0.0.2")).unwrap_err().to_string();
+    assert!(
+        refusal.starts_with("vehicle 3: `plant.model` = \"point_mass\" flies in the built-in plant only"),
+        "{refusal}"
+    );
+}
+
+#[test]
 fn files_with_errors_are_refused_in_one_sentence() {
     let place = "scenario = \"scenarios/three.toml\"\n";
     let table = [

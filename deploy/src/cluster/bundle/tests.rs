@@ -156,6 +156,24 @@ fn a_bundle_needs_valid_keys() {
 }
 
 #[test]
+fn a_point_mass_needs_the_built_in_plant_at_every_node() {
+    let folder = tempfile::tempdir().unwrap();
+    fs::write(folder.path().join("points.toml"), "swarm.vehicles = 1\nplant.model = 'point_mass'").unwrap();
+    let bundle = |node: &str| {
+        let path = folder.path().join("cluster.toml");
+        let text =
+            format!("swarm = 'lab'\nscenario = 'points.toml'\nsecurity = 'none'\n[node.1]\nhost = '10.0.0.1'\n{node}");
+        fs::write(&path, text).unwrap();
+        Bundle::of(&Inventory::read(&path).unwrap(), id(1))
+    };
+    bundle("").unwrap();
+    let refusal = bundle("plant = 'standin'\nxplane = '127.0.0.1:49000'").unwrap_err().to_string();
+    let why =
+        "vehicle 1: `plant.model` = \"point_mass\" needs the built-in plant, but its node has plant = \"standin\"";
+    assert!(refusal.ends_with(why), "{refusal}");
+}
+
+#[test]
 fn files_that_the_scenario_names_are_copied() {
     let folder = tempfile::tempdir().unwrap();
     let (lab_folder, laws) = (folder.path().join("lab"), folder.path().join("laws"));
