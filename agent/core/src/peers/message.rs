@@ -1,0 +1,76 @@
+//! Received messages, as the stages of the loop get them.
+
+use skein_common::frame::{Origin, PositionNed};
+use skein_common::id::VehicleId;
+use skein_common::message::{Header, Heartbeat, Order, State};
+use skein_common::state::VehicleState;
+use skein_common::time::LocalTime;
+
+/// A received message with its time of arrival.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Received {
+    /// The message.
+    pub message: PeerMessage,
+    /// Time of arrival by the own clock.
+    pub at: LocalTime,
+}
+
+/// A message from a peer, the network or an operator.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum PeerMessage {
+    /// A peer's state.
+    State(ReceivedState),
+    /// A peer's heartbeat with its agreement state.
+    Mission(Heartbeat),
+    /// A peer's liveliness token appeared.
+    Appeared(VehicleId),
+    /// A peer's liveliness token vanished.
+    Vanished(VehicleId),
+    /// An operator's order, sent by the operator.
+    Order(Order),
+}
+
+/// A peer's state with its position in the swarm's frame, converted once for all receivers in this process.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ReceivedState {
+    /// Sender, number and time of the message.
+    pub header: Header,
+    /// Position, velocity and heading as sent.
+    pub state: VehicleState,
+    /// The position in the swarm's frame.
+    pub position: PositionNed,
+}
+
+impl ReceivedState {
+    /// The state of this message, in the frame at `origin`.
+    pub fn new(message: State, origin: &Origin) -> Self {
+        let State { header, state } = message;
+        Self { header, state, position: origin.ned_from_geodetic(&state.position) }
+    }
+
+    /// The message as sent.
+    pub fn message(&self) -> State {
+        State { header: self.header, state: self.state }
+    }
+}
+
+/// Messages that every vehicle of a swarm receives alike. A vehicle ignores its own.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Broadcast<'a> {
+    /// The messages.
+    pub messages: &'a [PeerMessage],
+    /// Their time of arrival by the own clock.
+    pub at: LocalTime,
+}
+
+impl PeerMessage {
+    /// The sender; `None` for an operator.
+    pub fn sender(&self) -> Option<VehicleId> {
+        match self {
+            Self::State(message) => Some(message.header.sender),
+            Self::Mission(message) => Some(message.header.sender),
+            Self::Appeared(id) | Self::Vanished(id) => Some(*id),
+            Self::Order(_) => None,
+        }
+    }
+}
