@@ -1,6 +1,6 @@
 use proptest::prelude::*;
 use skein_common::id::Incarnation;
-use skein_common::message::{Order, Verb};
+use skein_common::message::{Order, State, Verb};
 use skein_common::scenario::{Source, load};
 use skein_common::state::VehicleState;
 
