@@ -77,9 +77,38 @@ impl RoundTrip {
     }
 
     #[inline]
+    fn bound(&self, transit_s: f64) -> DelayBound {
+        DelayBound { at: self.at, s: self.s + transit_s - self.transit_s }
+    }
+
+    #[inline]
     fn message_delay(&self, now: LocalTime, transit_s: f64) -> MessageDelay {
-        let most_s = self.s + transit_s - self.transit_s + DRIFT * now.seconds_since(self.at).max(0.0);
+        let most_s = self.bound(transit_s).growing_s(now);
         MessageDelay { most_s, likely_s: most_s - self.s / 2.0 }
+    }
+}
+
+/// The bound that one round trip gives for one message. It grows with time.
+#[derive(Clone, Copy, Debug)]
+pub struct DelayBound {
+    /// Arrival time of the round trip's echo.
+    at: LocalTime,
+    /// The bound at that time, s.
+    s: f64,
+}
+
+impl DelayBound {
+    /// The bound now, s; below zero it contradicts the message.
+    #[inline]
+    fn growing_s(self, now: LocalTime) -> f64 {
+        self.s + DRIFT * now.seconds_since(self.at).max(0.0)
+    }
+
+    /// The upper bound of the message's delay now, s, as in [`MessageDelay`]; `None` if it contradicts the message.
+    #[inline]
+    pub fn most_s(self, now: LocalTime) -> Option<f64> {
+        let most_s = self.growing_s(now);
+        (most_s >= -TOLERANCE_S).then(|| most_s.max(0.0))
     }
 }
 
@@ -105,24 +134,27 @@ impl Delay {
     /// The delay of a message with this transit; `None` until a round trip is known.
     #[inline]
     pub fn of(&self, now: LocalTime, transit_s: f64) -> Option<MessageDelay> {
-        let most_s = self.bound_s(now, transit_s)?;
+        let most_s = self.bound(now, transit_s)?.growing_s(now);
         let shortest = self.valid(now, self.shortest).or_else(|| self.valid(now, self.place(now, |trip| trip.s)))?;
         let likely_s = shortest.message_delay(now, transit_s).likely_s.min(most_s).max(0.0);
         (most_s >= -TOLERANCE_S).then(|| MessageDelay { most_s: most_s.max(0.0), likely_s })
     }
 
-    /// The upper bound of the delay of a message with this transit, s, as in [`Self::of`].
+    /// The smallest bound that a valid round trip gives for a message with this transit. It stays the smallest until
+    /// another trip arrives or its own trip is too old.
     #[inline]
-    pub fn most_s(&self, now: LocalTime, transit_s: f64) -> Option<f64> {
-        self.bound_s(now, transit_s).filter(|&most_s| most_s >= -TOLERANCE_S).map(|most_s| most_s.max(0.0))
+    pub fn bound(&self, now: LocalTime, transit_s: f64) -> Option<DelayBound> {
+        let bound_s = |trip: &RoundTrip| trip.bound(transit_s).growing_s(now);
+        let tightest = self.valid(now, self.tightest).or_else(|| self.valid(now, self.place(now, bound_s)))?;
+        Some(tightest.bound(transit_s))
     }
 
-    /// The smallest bound of the valid round trips, s; below zero it contradicts the message.
-    #[inline]
-    fn bound_s(&self, now: LocalTime, transit_s: f64) -> Option<f64> {
-        let bound_s = |trip: &RoundTrip| trip.message_delay(now, transit_s).most_s;
-        let tightest = self.valid(now, self.tightest).or_else(|| self.valid(now, self.place(now, bound_s)))?;
-        Some(bound_s(tightest))
+    /// Arrival of the older of the two trips that [`Self::of`] uses now: until it is too old, both stay the same.
+    pub fn in_use_since(&self, now: LocalTime) -> Option<LocalTime> {
+        let used = [self.tightest, self.shortest].map(|place| self.valid(now, place).map(|trip| trip.at));
+        // Without one of them, the next valid one is chosen anew at every use.
+        let oldest_valid = || self.trips.iter().filter(|trip| !trip.is_old(now)).map(|trip| trip.at).min();
+        used[0].zip(used[1]).map_or_else(oldest_valid, |(tightest, shortest)| Some(tightest.min(shortest)))
     }
 
     /// The trip at this place, if it is not too old.

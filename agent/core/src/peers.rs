@@ -26,6 +26,7 @@
 //! stages ask often is kept as sets of vehicles, and states are extrapolated only for the peers within the law's reach
 //! (`near.rs`). The tests hold this bookkeeping against one that judges every peer at every step.
 
+mod age;
 mod message;
 mod near;
 mod peer;
@@ -41,6 +42,7 @@ use skein_common::time::{LocalTime, SenderStamp};
 
 use crate::deadlines::Deadline;
 use crate::delay::{Exchange, since_stamp_s};
+use age::AgeBasis;
 pub use message::{Broadcast, PeerMessage, Received, ReceivedState};
 use near::NearList;
 use peer::{Agreed, Judgement, KeptHeartbeat, Peer, ReportedState, Status};
@@ -167,6 +169,8 @@ pub struct Peers {
     receives_all_states: bool,
     /// The vehicles of the whole swarm by id; the own record stays empty.
     peers: Vec<Peer>,
+    /// What the age of each peer's state depends on.
+    ages: Vec<AgeBasis>,
     /// The vehicles with each kind of status.
     with: [VehicleSet; Status::KINDS],
     /// Peers of which anything was received.
@@ -203,6 +207,7 @@ impl Peers {
             stale_s: network.peer_stale_s,
             receives_all_states: network.graph == Graph::All,
             peers: VehicleId::first(roster.into()).map(Peer::unknown).collect(),
+            ages: VehicleId::first(roster.into()).map(|_| AgeBasis::default()).collect(),
             with: [VehicleSet::default(); Status::KINDS],
             known: VehicleSet::default(),
             touched: VehicleSet::default(),
@@ -261,7 +266,8 @@ impl Peers {
     /// The ages of the newest states of all peers in contact that are not out of sight, by id.
     pub fn ages(&self) -> impl Iterator<Item = PeerStateAge> {
         let now = self.now;
-        self.of(self.all(Status::SEEN).both(self.in_contact())).filter_map(move |peer| peer.state_age(now))
+        let received = self.all(Status::SEEN).both(self.in_contact());
+        received.iter().filter_map(move |id| Some(self.ages.get(index(id))?.age(id, now)))
     }
 
     /// The peers as the formation needs them: the estimates of those within `reach_m` of the own position, and of some
@@ -403,9 +409,13 @@ impl Peers {
             let Some(peer) = self.peers.get_mut(index(id)) else { continue };
             self.changes.extend(peer.age(&judgement));
             let status = peer.assess(&judgement);
+            self.ages[index(id)] = AgeBasis::of(peer, self.now);
             self.unchanged_until = self.unchanged_until.min(peer.unchanged_until(&judgement));
             let differing = core::mem::replace(&mut peer.status, status).differing(status);
             self.revision += u64::from(differing.contains(Status::AGREES));
+            if differing.contains(Status::SEEN) {
+                self.near.discard();
+            }
             for bit in differing.bits() {
                 self.with[bit].set(id, status.has(bit));
             }
@@ -461,7 +471,12 @@ impl Peers {
         if let Some(echo) = message.echo.filter(|echo| echo.of == self.own)
             && let Some(round_trip_s) = self.exchange.round_trip_s(at, &echo)
         {
-            self.peers[index(id)].delay.take(at, since_stamp_s(at, stamp), round_trip_s);
+            let peer = &mut self.peers[index(id)];
+            peer.delay.take(at, since_stamp_s(at, stamp), round_trip_s);
+            if let Some(since) = peer.delay.in_use_since(at) {
+                let over = since.plus_seconds(Deadline::RoundTripOld.after_s());
+                self.unchanged_until = self.unchanged_until.min(over);
+            }
             self.moved(id);
         }
         if message.plan != plan || message.order > self.order {
@@ -481,9 +496,10 @@ impl Peers {
         }
     }
 
-    /// Lists a peer whose estimate has changed, if it is near.
+    /// Keeps the age's basis of a peer whose state or delay has changed, and lists the peer if it is near.
     fn moved(&mut self, id: VehicleId) {
         let peer = &self.peers[index(id)];
+        self.ages[index(id)] = AgeBasis::of(peer, self.now);
         let Some(last) = &peer.state else { return };
         if !self.near.lists(id, last.velocity) {
             let estimate = peer.estimate(&self.judgement());

@@ -6,7 +6,7 @@ use skein_common::message::Heartbeat;
 use skein_common::state::{Membership, PeerStatus};
 use skein_common::time::{LocalTime, SenderStamp};
 
-use super::{Change, PeerEstimate, PeerStateAge, Role};
+use super::{Change, PeerEstimate, Role};
 use crate::deadlines::Deadline;
 use crate::delay::{Delay, MessageDelay};
 
@@ -237,7 +237,7 @@ impl Peer {
             .with(Status::SETTLED, in_contact && self.token != Some(false))
     }
 
-    /// A time before which nothing of the status changes without a message.
+    /// A time before which nothing of the status and of the delay changes without a message.
     pub(super) fn unchanged_until(&self, judgement: &Judgement) -> LocalTime {
         let Judgement { now, stale_s, .. } = *judgement;
         let mut until = LocalTime::MAX;
@@ -249,6 +249,7 @@ impl Peer {
         pending(self.received_at.filter(|_| self.lost_at.is_none()), Deadline::PeerLost(stale_s));
         pending(self.state.map(|last| last.at), Deadline::NeighbourSilent(stale_s));
         pending(self.lost_at, Deadline::PeerGivenUp);
+        pending(self.delay.in_use_since(now), Deadline::RoundTripOld);
         until
     }
 
@@ -261,15 +262,6 @@ impl Peer {
             // The last message may be a little younger than the last state.
             Some(lost_at) => lost_at.seconds_since(last.at) <= stale_s + FRESH_S,
         }
-    }
-
-    /// The age of the newest state; `None` before the first state.
-    #[inline]
-    pub(super) fn state_age(&self, now: LocalTime) -> Option<PeerStateAge> {
-        let last = self.state.as_ref()?;
-        let silent_s = now.seconds_since(last.at).max(0.0);
-        let delay_s = self.delay.most_s(now, last.transit_s);
-        Some(PeerStateAge { id: self.id, age_s: silent_s + delay_s.unwrap_or_default(), delay_s })
     }
 
     /// The estimated current state; `None` before the first state.

@@ -320,6 +320,9 @@ proptest! {
             let changes = plain.update(now, &messages);
             prop_assert_eq!(kept.changes(), changes);
             prop_assert_eq!(kept.estimates().collect::<Vec<_>>(), plain.estimates());
+            let ages: Vec<_> = kept.ages().map(|peer| (peer.id, peer.age_s, peer.delay_s)).collect();
+            let in_contact = plain.estimates().into_iter().filter(|peer| peer.standing != PeerStatus::Lost);
+            prop_assert_eq!(ages, in_contact.map(|peer| (peer.id, peer.age_s, peer.delay_s)).collect::<Vec<_>>());
             prop_assert_eq!(kept.heartbeats().collect::<Vec<_>>(), plain.heartbeats());
             prop_assert_eq!(kept.in_contact(), plain.ids(|peer| peer.found && peer.lost_at.is_none()));
             prop_assert_eq!((kept.absent_may_fly(), kept.all_lost()), (plain.absent_may_fly(), plain.all_lost()));
