@@ -489,8 +489,9 @@ impl Peers {
     /// Keeps what follows from a message's arrival. `is_changed` if the message itself may change the peer's status.
     fn arrived(&mut self, id: VehicleId, at: LocalTime, is_changed: bool) {
         let peer = &mut self.peers[index(id)];
-        peer.received_at = Some(at);
-        if is_changed || !peer.status.contains(Status::SETTLED) {
+        // After this agent was late, the last arrival counts as later than it was, and a new one may be earlier.
+        let is_earlier = peer.received_at.replace(at).is_some_and(|before| at < before);
+        if is_changed || is_earlier || !peer.status.contains(Status::SETTLED) {
             self.known.insert(id);
             self.touched.insert(id);
         }
