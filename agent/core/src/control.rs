@@ -1,10 +1,10 @@
 //! The control stage: converts the formation's setpoint to the vehicle's command.
 //!
 //! A point mass gets velocities ([`VelocityController`]); [`Controller`] is either. The rest of this module is the
-//! [`VehicleController`] of a helicopter. It consists of four independent zero-order Sugeno controllers (roll, pitch, heading, collective), as in Garcia &
-//! Barnes, "Multi-UAV Simulator Utilizing X-Plane" (2010): product "and", weights of one, weighted average, throttle
-//! left to the governor. That paper does not print its rules; those in `deploy/controllers/*.fis` are ours, tuned on
-//! the built-in helicopter.
+//! [`VehicleController`] of a helicopter. It consists of four independent zero-order Sugeno controllers (roll, pitch,
+//! heading, collective), as in Garcia & Barnes, "Multi-UAV Simulator Utilizing X-Plane" (2010): product "and", weights
+//! of one, weighted average, throttle left to the governor. That paper does not print its rules; those in
+//! `deploy/controllers/*.fis` are ours, tuned on the built-in helicopter.
 //!
 //! Inputs of the rules, in SI units:
 //!
@@ -19,6 +19,7 @@
 //!
 //! The formation commands a velocity, but the rules were written for position errors: R_E and P_E are the errors, m, at
 //! which the rules command that velocity. Only this stage uses them ([`Setpoint::error_ne_m`]).
+
 mod fis;
 mod membership;
 mod stage;

@@ -71,13 +71,6 @@ pub struct PeerEstimate {
     pub role: Role,
 }
 
-impl PeerEstimate {
-    /// Time since the arrival of its last state, s.
-    pub fn silent_s(&self) -> f64 {
-        self.age_s - self.delay_s.unwrap_or_default()
-    }
-}
-
 /// The age of a peer's newest state.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PeerStateAge {
@@ -279,11 +272,11 @@ impl Peers {
         } else {
             seen
         };
-        let lost_below = |id: Option<VehicleId>| id.is_some_and(|lost| lost < self.lowest());
+        let lowest_lost = self.all(Status::MAY_FLY).first();
         PeerSummary {
             near: self.estimates_of(near.both(seen)),
             members: self.members(),
-            flies_above: lost_below(self.all(Status::MAY_FLY).first()),
+            flies_above: lowest_lost.is_some_and(|lost| lost < self.lowest()),
         }
     }
 
@@ -502,7 +495,7 @@ impl Peers {
         let peer = &self.peers[index(id)];
         self.ages[index(id)] = AgeBasis::of(peer, self.now);
         let Some(last) = &peer.state else { return };
-        if !self.near.lists(id, last.velocity) {
+        if !self.near.is_right_for(id, last.velocity) {
             let estimate = peer.estimate(&self.judgement());
             estimate.into_iter().for_each(|peer| self.near.moved(id, peer.position, peer.velocity));
         }

@@ -128,8 +128,8 @@ impl PointMass {
         }
     }
 
-    /// From now on exactly these failures are present; all others are cured. A point mass has none of a helicopter's
-    /// parts: of these failures only the frozen position has an effect.
+    /// From now on exactly these failures are present; all others are cured. Only a frozen position has an effect: a
+    /// point mass has no engine, servo or gyro that can fail.
     pub fn fail(&mut self, failures: Failures) {
         if failures.position_frozen != self.failures.position_frozen {
             self.frozen = failures.position_frozen.then(|| self.frame().measurement.position);

@@ -1,5 +1,6 @@
 //! Decides which nodes may join a swarm: every link uses mutual TLS (`link/tunnel.rs`), with certificates of the
-//! swarm's authority and known names. A link admits a node; signatures ([`super::signature`]) prove which vehicle sent a message.
+//! swarm's authority and known names. A link admits a node; signatures ([`super::signature`]) prove which vehicle sent
+//! a message.
 
 use std::collections::BTreeMap;
 use std::fs;

@@ -256,15 +256,6 @@ impl Metrics {
         }
     }
 
-    /// Observes the ages of a peer's state at `frames` successive frames of virtual time, at which it was the newest one
-    /// of a peer that was not lost; the nth of them is `age_s(nth)`, s. It takes about the time of one
-    /// [`Self::observe_age`], and the figures have the same bits.
-    pub fn observe_ages(&mut self, frames: u32, age_s: impl Fn(u32) -> f64) {
-        if !self.is_central {
-            self.ages.add_run(frames, age_s);
-        }
-    }
-
     /// Observes the time from a frame's arrival to its last control, µs.
     pub fn observe_step(&mut self, step_us: f64) {
         self.steps_us.push(step_us);

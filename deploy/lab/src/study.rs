@@ -17,6 +17,7 @@ mod verdict;
 use std::num::NonZeroUsize;
 use std::ops::Range;
 
+use skein_common::id::VehicleSet;
 use skein_common::scenario::{Scenario, Target};
 use skein_common::state::Membership;
 use skein_core::aircraft::Aircraft;
@@ -118,9 +119,13 @@ pub fn measure(world: &World, zero_s: f64, metrics: &mut Metrics, vehicles: &mut
             vehicles.push(VehicleNow::dead(id, *truth));
             continue;
         };
-        let received = || agent.peer_ages();
-        received().for_each(|peer| metrics.observe_age(peer.age_s));
-        let fresh = received().filter(|peer| needs_fresh && peer.silent_s() < FRESH_S).map(|peer| peer.id);
+        let mut fresh = VehicleSet::default();
+        for peer in agent.peer_ages() {
+            metrics.observe_age(peer.age_s);
+            if needs_fresh && peer.silent_s() < FRESH_S {
+                fresh.insert(peer.id);
+            }
+        }
         vehicles.push(VehicleNow {
             id,
             runs: true,
@@ -131,7 +136,7 @@ pub fn measure(world: &World, zero_s: f64, metrics: &mut Metrics, vehicles: &mut
             reached: agent.reached(),
             centre_ne_m: agent.centre_ne_m(),
             in_contact: agent.peers_in_contact(),
-            fresh: fresh.collect(),
+            fresh,
         });
     }
     metrics.observe(t_s, vehicles);

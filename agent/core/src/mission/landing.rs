@@ -17,7 +17,8 @@ const DESCENT_LEAD_M: f64 = 3.0;
 const TOUCHDOWN_BELOW_M: f64 = 3.0;
 const TOUCHDOWN_LEAD_M: f64 = 1.0;
 const TOUCHDOWN_SINK_M_S: f64 = 0.15;
-/// Smoothing time of that vertical speed, s: the noise of a velocity sensor is no sinking.
+/// Time constant of the filter for that vertical speed, s. Without it, the noise of a velocity sensor hides that the
+/// vehicle rests.
 const SINK_SMOOTHING_S: f64 = 0.2;
 
 /// Descent rate of the shipped controllers above [`DESCENT_LEAD_M`], m/s: measured, and less than [`DESCENT_M_S`].

@@ -64,9 +64,9 @@ impl NearList {
         self.near
     }
 
-    /// Whether nothing has to be done about a peer with a new state: it is listed, and not faster than the others, or
-    /// there is no list.
-    pub(super) fn lists(&self, id: VehicleId, velocity: VelocityNed) -> bool {
+    /// Whether the list stays right when this peer has a new state: the peer is listed and not the fastest, or no list
+    /// has been made.
+    pub(super) fn is_right_for(&self, id: VehicleId, velocity: VelocityNed) -> bool {
         let is_slow = || velocity.horizontal().norm_squared() <= self.fastest_m_s * self.fastest_m_s;
         self.made.is_none() || (self.near.contains(id) && is_slow())
     }

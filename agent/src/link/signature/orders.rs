@@ -1,8 +1,8 @@
 //! Orders that only an operator can have given: signed with a key that no node has.
 //!
 //! Vehicles pass an order on in their heartbeats, so a vehicle's own signature does not prove that an operator gave the
-//! order: any node could invent an order and claim to have received it. The operator therefore signs it, and every agent verifies that
-//! signature before the core gets the order.
+//! order: any node could invent an order and claim to have received it. The operator therefore signs it, and every
+//! agent verifies that signature before the core gets the order.
 
 use std::sync::{Mutex, PoisonError};
 

@@ -171,7 +171,8 @@ impl FormationSeries {
         }
     }
 
-    /// The samples of a vehicle since `since_s`, each with its time, s; none of a vehicle that left before.
+    /// The samples of a vehicle since `since_s`, each with its time, s. A vehicle that had left before `since_s`
+    /// has none.
     pub(super) fn samples(&self, vehicle: usize, since_s: f64) -> impl Iterator<Item = (f64, InFormation)> + Clone {
         let times_s = self.times_s.iter().enumerate().filter(move |(_, t_s)| **t_s >= since_s);
         times_s.filter_map(move |(nth, t_s)| {
@@ -213,21 +214,15 @@ fn drop_before<T>(samples: &mut VecDeque<T>, first_s: f64, time_s: impl Fn(&T) -
 #[derive(Clone, Debug)]
 pub(super) struct AgeHistogram {
     bins: Vec<u64>,
-    /// Runs of samples a frame apart: at the first bin of a run 1 more, at the bin after its last 1 less.
-    runs: Vec<i64>,
     count: u64,
 }
 
 /// Age from which on all samples count as equal, ms.
 const LARGEST_AGE_MS: usize = 10_000;
-/// Length of a frame in virtual time, ms.
-const FRAME_MS: usize = 20;
-/// Distance from the middle of a bin within which the drift of clocks and rounding cannot lead to another bin, ms.
-const AMID_MS: f64 = 0.499;
 
 impl Default for AgeHistogram {
     fn default() -> Self {
-        Self { bins: vec![0; LARGEST_AGE_MS + 1], runs: vec![0; LARGEST_AGE_MS + FRAME_MS + 1], count: 0 }
+        Self { bins: vec![0; LARGEST_AGE_MS + 1], count: 0 }
     }
 }
 
@@ -235,24 +230,6 @@ impl AgeHistogram {
     pub(super) fn add(&mut self, age_s: f64) {
         self.bins[bin(age_s * 1e3)] += 1;
         self.count += 1;
-    }
-
-    /// Adds the ages of one state at `frames` successive frames, the nth of which is `age_s(nth)`: each is a frame's
-    /// length more than the one before, and perhaps the drift of clocks over that time. The count is the same as with
-    /// [`Self::add`] for each.
-    pub(super) fn add_run(&mut self, frames: u32, age_s: impl Fn(u32) -> f64) {
-        let Some(last) = frames.checked_sub(1) else { return };
-        let (first_ms, last_ms) = (age_s(0) * 1e3, age_s(last) * 1e3);
-        let first_bin = bin(first_ms);
-        let last_bin = first_bin + FRAME_MS * last as usize;
-        let is_amid = |age_ms: f64, bin: usize| (age_ms - bin as f64).abs() < AMID_MS;
-        if last_bin < LARGEST_AGE_MS && is_amid(first_ms, first_bin) && is_amid(last_ms, last_bin) {
-            self.runs[first_bin] += 1;
-            self.runs[last_bin + FRAME_MS] -= 1;
-            self.count += u64::from(frames);
-        } else {
-            (0..frames).for_each(|nth| self.add(age_s(nth)));
-        }
     }
 
     /// Age below which this share of the samples lies, ms, by the definition of [`skein_common::statistics::quantile`].
@@ -264,10 +241,9 @@ impl AgeHistogram {
 
     /// The sample of this rank, counted from 0, ms.
     fn sample_ms(&self, rank: u64) -> Option<f64> {
-        let (mut below, mut open) = (0, [0; FRAME_MS]);
-        let bin = (0..self.bins.len()).find(|&bin| {
-            open[bin % FRAME_MS] += self.runs[bin];
-            below += self.bins[bin].saturating_add_signed(open[bin % FRAME_MS]);
+        let mut below = 0;
+        let bin = self.bins.iter().position(|samples| {
+            below += samples;
             below > rank
         })?;
         Some(bin as f64)
@@ -305,11 +281,6 @@ pub(super) fn extremes(values: impl Iterator<Item = f64>) -> Option<(f64, f64)> 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use skein_core::random::{self, Purpose};
-
-    fn counts(histogram: &AgeHistogram) -> Vec<Option<f64>> {
-        (0..histogram.count).map(|rank| histogram.sample_ms(rank)).collect()
-    }
 
     #[test]
     fn ages_fall_into_the_nearest_bin() {
@@ -326,26 +297,5 @@ mod tests {
         ] {
             assert_eq!(bin(age_ms), expected, "{age_ms}");
         }
-    }
-
-    #[test]
-    fn a_run_counts_as_its_samples_one_by_one() {
-        let mut rng = random::generator(1, None, Purpose::Study);
-        let (mut by_run, mut one_by_one) = (AgeHistogram::default(), AgeHistogram::default());
-        for nth in 0..400_u32 {
-            // Whole milliseconds, halves, and numbers between; some grow beyond the last bin.
-            let first_s = match nth % 3 {
-                0 => f64::from(nth) * 1e-3,
-                1 => f64::from(nth) * 5e-4,
-                _ => random::uniform(&mut rng) * if nth % 4 == 0 { 9.99 } else { 0.2 },
-            };
-            let frame_s = if nth % 2 == 0 { 0.02 } else { 0.02 * (1.0 + 2e-4) };
-            let frames = nth % 40;
-            let age_s = |nth| first_s + f64::from(nth) * frame_s;
-            by_run.add_run(frames, age_s);
-            (0..frames).for_each(|nth| one_by_one.add(age_s(nth)));
-        }
-        assert!(by_run.runs.iter().filter(|count| **count > 0).count() > 50, "most runs are not counted one by one");
-        assert_eq!(counts(&by_run), counts(&one_by_one));
     }
 }

@@ -88,7 +88,7 @@ struct AircraftLink {
     newest: Option<(PlantTime, Measurement)>,
     /// Plant time of the last state that a step used.
     plant_time: PlantTime,
-    /// Controls that are not sent yet, with the times at which they are computed.
+    /// Commands that are not sent yet, with the times at which they are computed.
     computed: VecDeque<Received>,
 }
 
@@ -223,7 +223,7 @@ impl Central {
         Some((outbox, ask))
     }
 
-    /// Delivers the controls that arrive before the next frame.
+    /// Delivers the commands that arrive before the next frame.
     fn write(&mut self, now: LocalTime, vehicles: &mut [Vehicle]) {
         let next_frame = LocalTime::from_nanoseconds(now.nanoseconds() + TICK_NS - 1);
         for (link, vehicle) in self.links.iter_mut().zip(vehicles) {
