@@ -55,10 +55,6 @@ pub struct MessageDelay {
 pub struct Delay {
     /// In the order of arrival.
     trips: Vec<RoundTrip>,
-    /// Places of the trip with the smallest bound and of the shortest one, when the last trip arrived. All bounds grow
-    /// alike with time: until one of the two is too old, they stay the smallest and the shortest.
-    tightest: u8,
-    shortest: u8,
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -71,44 +67,58 @@ struct RoundTrip {
 }
 
 impl RoundTrip {
+    /// In place of a round trip that is not known: it bounds no delay.
+    const NONE: Self = Self { at: LocalTime::ZERO, s: f64::NAN, transit_s: 0.0 };
+
     #[inline]
     fn is_old(&self, now: LocalTime) -> bool {
         Deadline::RoundTripOld.is_past(now.seconds_since(self.at))
     }
 
+    /// The upper bound of the delay of a message with this transit, s; below zero it contradicts the message. It grows
+    /// with time.
     #[inline]
-    fn bound(&self, transit_s: f64) -> DelayBound {
-        DelayBound { at: self.at, s: self.s + transit_s - self.transit_s }
+    fn bound_s(&self, now: LocalTime, transit_s: f64) -> f64 {
+        self.s + transit_s - self.transit_s + DRIFT * now.seconds_since(self.at).max(0.0)
     }
 
-    #[inline]
-    fn message_delay(&self, now: LocalTime, transit_s: f64) -> MessageDelay {
-        let most_s = self.bound(transit_s).growing_s(now);
-        MessageDelay { most_s, likely_s: most_s - self.s / 2.0 }
+    /// The bound without the parts that are the same for all round trips, s. All bounds grow alike with time, so that
+    /// the order of round trips by their bounds does not change.
+    fn rank_s(&self) -> f64 {
+        self.s - self.transit_s - DRIFT * self.at.seconds()
     }
 }
 
-/// The bound that one round trip gives for one message. It grows with time.
+/// The round trips that determine the delays of messages until one of them is too old or another one is measured.
 #[derive(Clone, Copy, Debug)]
-pub struct DelayBound {
-    /// Arrival time of the round trip's echo.
-    at: LocalTime,
-    /// The bound at that time, s.
-    s: f64,
+pub struct TripsInUse {
+    /// The trip with the smallest bound.
+    tightest: RoundTrip,
+    shortest: RoundTrip,
 }
 
-impl DelayBound {
-    /// The bound now, s; below zero it contradicts the message.
+impl TripsInUse {
+    /// No round trip is known, and so no delay.
+    pub const NONE: Self = Self { tightest: RoundTrip::NONE, shortest: RoundTrip::NONE };
+
+    /// The delay of a message with this transit now; `None` without a round trip, or if it contradicts the message.
     #[inline]
-    fn growing_s(self, now: LocalTime) -> f64 {
-        self.s + DRIFT * now.seconds_since(self.at).max(0.0)
+    pub fn delay(&self, now: LocalTime, transit_s: f64) -> Option<MessageDelay> {
+        let most_s = self.most_s(now, transit_s)?;
+        let likely_s = self.shortest.bound_s(now, transit_s) - self.shortest.s / 2.0;
+        Some(MessageDelay { most_s, likely_s: likely_s.min(most_s).max(0.0) })
     }
 
-    /// The upper bound of the message's delay now, s, as in [`MessageDelay`]; `None` if it contradicts the message.
+    /// The upper bound of a message's delay, s, as in [`Self::delay`].
     #[inline]
-    pub fn most_s(self, now: LocalTime) -> Option<f64> {
-        let most_s = self.growing_s(now);
+    pub fn most_s(&self, now: LocalTime, transit_s: f64) -> Option<f64> {
+        let most_s = self.tightest.bound_s(now, transit_s);
         (most_s >= -TOLERANCE_S).then(|| most_s.max(0.0))
+    }
+
+    /// Arrival of the older of the two trips; `None` if no round trip is known.
+    pub fn since(&self) -> Option<LocalTime> {
+        (!self.tightest.s.is_nan()).then(|| self.tightest.at.min(self.shortest.at))
     }
 }
 
@@ -118,56 +128,24 @@ impl Delay {
         if !(-TOLERANCE_S..ROUND_TRIP_VALID_S).contains(&round_trip_s) {
             return;
         }
-        let new = RoundTrip { at, s: round_trip_s.max(0.0), transit_s };
         // A contradiction means that a clock was set in between.
-        self.trips.retain(|old| old.message_delay(at, transit_s).most_s >= -TOLERANCE_S);
+        self.trips.retain(|old| !old.is_old(at) && old.bound_s(at, transit_s) >= -TOLERANCE_S);
         if self.trips.len() == ROUND_TRIPS_KEPT {
             self.trips.remove(0);
         }
         // A large swarm has a record for each pair of vehicles, and room to spare in each would be most of its memory.
         self.trips.reserve_exact(1);
-        self.trips.push(new);
-        self.tightest = self.place(at, |trip| trip.message_delay(at, transit_s).most_s);
-        self.shortest = self.place(at, |trip| trip.s);
+        self.trips.push(RoundTrip { at, s: round_trip_s.max(0.0), transit_s });
     }
 
-    /// The delay of a message with this transit; `None` until a round trip is known.
-    #[inline]
-    pub fn of(&self, now: LocalTime, transit_s: f64) -> Option<MessageDelay> {
-        let most_s = self.bound(now, transit_s)?.growing_s(now);
-        let shortest = self.valid(now, self.shortest).or_else(|| self.valid(now, self.place(now, |trip| trip.s)))?;
-        let likely_s = shortest.message_delay(now, transit_s).likely_s.min(most_s).max(0.0);
-        (most_s >= -TOLERANCE_S).then(|| MessageDelay { most_s: most_s.max(0.0), likely_s })
-    }
-
-    /// The smallest bound that a valid round trip gives for a message with this transit. It stays the smallest until
-    /// another trip arrives or its own trip is too old.
-    #[inline]
-    pub fn bound(&self, now: LocalTime, transit_s: f64) -> Option<DelayBound> {
-        let bound_s = |trip: &RoundTrip| trip.bound(transit_s).growing_s(now);
-        let tightest = self.valid(now, self.tightest).or_else(|| self.valid(now, self.place(now, bound_s)))?;
-        Some(tightest.bound(transit_s))
-    }
-
-    /// Arrival of the older of the two trips that [`Self::of`] uses now: until it is too old, both stay the same.
-    pub fn in_use_since(&self, now: LocalTime) -> Option<LocalTime> {
-        let used = [self.tightest, self.shortest].map(|place| self.valid(now, place).map(|trip| trip.at));
-        // Without one of them, the next valid one is chosen anew at every use.
-        let oldest_valid = || self.trips.iter().filter(|trip| !trip.is_old(now)).map(|trip| trip.at).min();
-        used[0].zip(used[1]).map_or_else(oldest_valid, |(tightest, shortest)| Some(tightest.min(shortest)))
-    }
-
-    /// The trip at this place, if it is not too old.
-    #[inline]
-    fn valid(&self, now: LocalTime, place: u8) -> Option<&RoundTrip> {
-        self.trips.get(usize::from(place)).filter(|trip| !trip.is_old(now))
-    }
-
-    /// Place of the first valid trip for which this is the smallest; without a valid one a place behind all.
-    #[cold]
-    fn place(&self, now: LocalTime, of: impl Fn(&RoundTrip) -> f64) -> u8 {
-        let valid = self.trips.iter().zip(0_u8..).filter(|(trip, _)| !trip.is_old(now));
-        valid.min_by(|(one, _), (other, _)| of(one).total_cmp(&of(other))).map_or(u8::MAX, |(_, place)| place)
+    /// The round trips that determine delays now: of those that are not too old, the one with the smallest bound, and
+    /// the shortest.
+    pub fn in_use(&self, now: LocalTime) -> TripsInUse {
+        let valid = || self.trips.iter().filter(|trip| !trip.is_old(now));
+        let tightest = valid().min_by(|one, other| one.rank_s().total_cmp(&other.rank_s()));
+        let shortest = valid().min_by(|one, other| one.s.total_cmp(&other.s));
+        let both = tightest.zip(shortest);
+        both.map_or(TripsInUse::NONE, |(&tightest, &shortest)| TripsInUse { tightest, shortest })
     }
 }
 

@@ -31,6 +31,7 @@ mod message;
 mod near;
 mod peer;
 
+use alloc::vec;
 use alloc::vec::Vec;
 
 use skein_common::frame::{PositionNed, VelocityNed};
@@ -41,11 +42,11 @@ use skein_common::state::{Membership, PeerStatus, VehicleState};
 use skein_common::time::{LocalTime, SenderStamp};
 
 use crate::deadlines::Deadline;
-use crate::delay::{Exchange, since_stamp_s};
+use crate::delay::{Exchange, MessageDelay, since_stamp_s};
 use age::AgeBasis;
 pub use message::{Broadcast, PeerMessage, Received, ReceivedState};
 use near::NearList;
-use peer::{Agreed, Judgement, KeptHeartbeat, Peer, ReportedState, Status};
+use peer::{Agreed, Judgement, KeptHeartbeat, Motion, Peer, StateArrival, Status, standing};
 pub use peer::{FRESH_S, MAX_OBSTACLE_RADIUS_M};
 
 /// The estimated current state of a peer.
@@ -164,6 +165,8 @@ pub struct Peers {
     peers: Vec<Peer>,
     /// What the age of each peer's state depends on.
     ages: Vec<AgeBasis>,
+    /// The newest state of each peer.
+    motions: Vec<Motion>,
     /// The vehicles with each kind of status.
     with: [VehicleSet; Status::KINDS],
     /// Peers of which anything was received.
@@ -200,7 +203,8 @@ impl Peers {
             stale_s: network.peer_stale_s,
             receives_all_states: network.graph == Graph::All,
             peers: VehicleId::first(roster.into()).map(Peer::unknown).collect(),
-            ages: VehicleId::first(roster.into()).map(|_| AgeBasis::default()).collect(),
+            ages: vec![AgeBasis::default(); roster.into()],
+            motions: vec![Motion::default(); roster.into()],
             with: [VehicleSet::default(); Status::KINDS],
             known: VehicleSet::default(),
             touched: VehicleSet::default(),
@@ -371,9 +375,30 @@ impl Peers {
         ids.iter().filter_map(|id| self.peers.get(index(id)))
     }
 
+    /// The estimated current states of these peers, of which each has a state, by id.
+    #[inline]
     fn estimates_of(&self, ids: VehicleSet) -> impl Iterator<Item = PeerEstimate> {
-        let judgement = self.judgement();
-        self.of(ids).filter_map(move |peer| peer.estimate(&judgement))
+        let members = self.all(Status::MEMBER);
+        ids.iter().filter_map(move |id| self.estimate(id, members.contains(id)))
+    }
+
+    #[inline]
+    fn estimate(&self, id: VehicleId, is_member: bool) -> Option<PeerEstimate> {
+        let now = self.now;
+        let (basis, motion) = (self.ages.get(index(id))?, self.motions.get(index(id))?);
+        let delay = basis.delay(now);
+        let MessageDelay { most_s, likely_s } = delay.unwrap_or_default();
+        let silent_s = basis.silent_s(now);
+        let (age_s, carried_s) = (silent_s + most_s, silent_s + likely_s);
+        let (standing, role) = if is_member {
+            (standing(age_s), Role::Member)
+        } else {
+            self.peers.get(index(id))?.standing_and_role(now, age_s)
+        };
+        let Motion { position, velocity, heading_rad } = *motion;
+        let position = position + velocity.0 * carried_s;
+        let delay_s = delay.map(|delay| delay.most_s);
+        Some(PeerEstimate { id, position, velocity, heading_rad, age_s, delay_s, carried_s, standing, role })
     }
 
     /// The lowest id of an active member in contact, this vehicle included.
@@ -383,10 +408,11 @@ impl Peers {
 
     /// Makes the list of near peers.
     fn list_near(&mut self, own: PositionNed, reach_m: f64) -> VehicleSet {
-        let judgement = self.judgement();
-        let seen = self.all(Status::SEEN);
-        let estimates = seen.iter().filter_map(|id| self.peers.get(index(id))?.estimate(&judgement));
-        self.near.make(own, self.now, reach_m, estimates.map(|peer| (peer.id, peer.position, peer.velocity)))
+        let mut near = core::mem::take(&mut self.near);
+        let estimates = self.estimates().map(|peer| (peer.id, peer.position, peer.velocity));
+        let listed = near.make(own, self.now, reach_m, estimates);
+        self.near = near;
+        listed
     }
 
     /// Judges the peers that messages have touched, or all of them if a deadline may have passed.
@@ -402,8 +428,9 @@ impl Peers {
             let Some(peer) = self.peers.get_mut(index(id)) else { continue };
             self.changes.extend(peer.age(&judgement));
             let status = peer.assess(&judgement);
-            self.ages[index(id)] = AgeBasis::of(peer, self.now);
-            self.unchanged_until = self.unchanged_until.min(peer.unchanged_until(&judgement));
+            let trips = peer.delay.in_use(self.now);
+            self.ages[index(id)].trips = trips;
+            self.unchanged_until = self.unchanged_until.min(peer.unchanged_until(&judgement, &trips));
             let differing = core::mem::replace(&mut peer.status, status).differing(status);
             self.revision += u64::from(differing.contains(Status::AGREES));
             if differing.contains(Status::SEEN) {
@@ -427,10 +454,13 @@ impl Peers {
                 }
                 let VehicleState { velocity, heading_rad, .. } = message.state;
                 let (id, position) = (peer.id, message.position);
-                let transit_s = since_stamp_s(at, message.header.stamp);
-                peer.state = Some(ReportedState { sequence, position, velocity, heading_rad, at, transit_s });
+                peer.state = Some(StateArrival { sequence, at });
                 let was_young = peer.status.contains(Status::YOUNG);
                 self.arrived(id, at, !was_young);
+                let transit_s = since_stamp_s(at, message.header.stamp);
+                let basis = &mut self.ages[index(id)];
+                (basis.at, basis.transit_s) = (at, transit_s);
+                self.motions[index(id)] = Motion { position, velocity, heading_rad };
                 self.moved(id);
             }
             PeerMessage::Mission(message) => self.receive_heartbeat(message, at),
@@ -464,9 +494,11 @@ impl Peers {
         if let Some(echo) = message.echo.filter(|echo| echo.of == self.own)
             && let Some(round_trip_s) = self.exchange.round_trip_s(at, &echo)
         {
-            let peer = &mut self.peers[index(id)];
-            peer.delay.take(at, since_stamp_s(at, stamp), round_trip_s);
-            if let Some(since) = peer.delay.in_use_since(at) {
+            let delay = &mut self.peers[index(id)].delay;
+            delay.take(at, since_stamp_s(at, stamp), round_trip_s);
+            let trips = delay.in_use(self.now);
+            self.ages[index(id)].trips = trips;
+            if let Some(since) = trips.since() {
                 let over = since.plus_seconds(Deadline::RoundTripOld.after_s());
                 self.unchanged_until = self.unchanged_until.min(over);
             }
@@ -490,13 +522,11 @@ impl Peers {
         }
     }
 
-    /// Keeps the age's basis of a peer whose state or delay has changed, and lists the peer if it is near.
+    /// Lists a peer whose state or delay has changed, if it is near.
     fn moved(&mut self, id: VehicleId) {
-        let peer = &self.peers[index(id)];
-        self.ages[index(id)] = AgeBasis::of(peer, self.now);
-        let Some(last) = &peer.state else { return };
-        if !self.near.is_right_for(id, last.velocity) {
-            let estimate = peer.estimate(&self.judgement());
+        let is_known = self.peers[index(id)].state.is_some();
+        if is_known && !self.near.is_right_for(id, self.motions[index(id)].velocity) {
+            let estimate = self.estimate(id, true);
             estimate.into_iter().for_each(|peer| self.near.moved(id, peer.position, peer.velocity));
         }
     }
@@ -515,6 +545,7 @@ impl Peers {
         if header.incarnation > peer.incarnation {
             // A new incarnation numbers its messages from one again.
             peer.begin(header.incarnation);
+            self.ages[index] = AgeBasis::default();
             self.revision += 1;
             self.touched.insert(peer.id);
             self.known.insert(peer.id);

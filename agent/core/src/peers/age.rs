@@ -5,29 +5,42 @@ use skein_common::id::VehicleId;
 use skein_common::time::LocalTime;
 
 use super::PeerStateAge;
-use super::peer::Peer;
-use crate::delay::DelayBound;
+use crate::delay::{MessageDelay, TripsInUse};
 
 /// What the age of a peer's newest state depends on, besides the time.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug)]
 pub(super) struct AgeBasis {
     /// Arrival of the state.
-    at: LocalTime,
-    bound: Option<DelayBound>,
+    pub(super) at: LocalTime,
+    /// Arrival by the own clock minus the stamp by the peer's, s.
+    pub(super) transit_s: f64,
+    /// The round trips that bound the state's delay.
+    pub(super) trips: TripsInUse,
+}
+
+impl Default for AgeBasis {
+    fn default() -> Self {
+        Self { at: LocalTime::ZERO, transit_s: 0.0, trips: TripsInUse::NONE }
+    }
 }
 
 impl AgeBasis {
-    /// The basis of a peer whose state or round trips have changed, or whose bound is too old.
-    pub(super) fn of(peer: &Peer, now: LocalTime) -> Self {
-        let basis = |(at, transit_s)| Self { at, bound: peer.delay.bound(now, transit_s) };
-        peer.state.map(|last| basis((last.at, last.transit_s))).unwrap_or_default()
+    /// Time since the state's arrival, s.
+    #[inline]
+    pub(super) fn silent_s(&self, now: LocalTime) -> f64 {
+        now.seconds_since(self.at).max(0.0)
+    }
+
+    /// The delay of the state; `None` until a round trip is known.
+    #[inline]
+    pub(super) fn delay(&self, now: LocalTime) -> Option<MessageDelay> {
+        self.trips.delay(now, self.transit_s)
     }
 
     /// The age of the peer's newest state now.
     #[inline]
     pub(super) fn age(&self, id: VehicleId, now: LocalTime) -> PeerStateAge {
-        let silent_s = now.seconds_since(self.at).max(0.0);
-        let delay_s = self.bound.and_then(|bound| bound.most_s(now));
-        PeerStateAge { id, age_s: silent_s + delay_s.unwrap_or_default(), delay_s }
+        let delay_s = self.trips.most_s(now, self.transit_s);
+        PeerStateAge { id, age_s: self.silent_s(now) + delay_s.unwrap_or_default(), delay_s }
     }
 }

@@ -6,9 +6,9 @@ use skein_common::message::Heartbeat;
 use skein_common::state::{Membership, PeerStatus};
 use skein_common::time::{LocalTime, SenderStamp};
 
-use super::{Change, PeerEstimate, Role};
+use super::{Change, Role};
 use crate::deadlines::Deadline;
-use crate::delay::{Delay, MessageDelay};
+use crate::delay::{Delay, TripsInUse};
 
 /// A state younger than this is fresh, s.
 pub const FRESH_S: f64 = Deadline::StateOld.after_s();
@@ -28,7 +28,7 @@ const ROUNDING_S: f64 = 1e-6;
 pub(super) struct Peer {
     pub(super) id: VehicleId,
     pub(super) incarnation: Incarnation,
-    pub(super) state: Option<ReportedState>,
+    pub(super) state: Option<StateArrival>,
     pub(super) heartbeat: Option<KeptHeartbeat>,
     pub(super) delay: Delay,
     pub(super) token: Option<bool>,
@@ -42,16 +42,19 @@ pub(super) struct Peer {
     pub(super) status: Status,
 }
 
-/// A state as received.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct ReportedState {
-    pub(super) sequence: u64,
+/// The newest state of a peer, in the swarm's frame.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Motion {
     pub(super) position: PositionNed,
     pub(super) velocity: VelocityNed,
     pub(super) heading_rad: f64,
+}
+
+/// Number and arrival of the newest state.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct StateArrival {
+    pub(super) sequence: u64,
     pub(super) at: LocalTime,
-    /// Arrival by the own clock minus the stamp by the peer's, s.
-    pub(super) transit_s: f64,
 }
 
 /// The contents of a heartbeat that are used after its arrival.
@@ -237,8 +240,8 @@ impl Peer {
             .with(Status::SETTLED, in_contact && self.token != Some(false))
     }
 
-    /// A time before which nothing of the status and of the delay changes without a message.
-    pub(super) fn unchanged_until(&self, judgement: &Judgement) -> LocalTime {
+    /// A time before which nothing of the status, and of the delay with these round trips, changes without a message.
+    pub(super) fn unchanged_until(&self, judgement: &Judgement, trips: &TripsInUse) -> LocalTime {
         let Judgement { now, stale_s, .. } = *judgement;
         let mut until = LocalTime::MAX;
         let mut pending = |start: Option<LocalTime>, deadline: Deadline| {
@@ -249,7 +252,7 @@ impl Peer {
         pending(self.received_at.filter(|_| self.lost_at.is_none()), Deadline::PeerLost(stale_s));
         pending(self.state.map(|last| last.at), Deadline::NeighbourSilent(stale_s));
         pending(self.lost_at, Deadline::PeerGivenUp);
-        pending(self.delay.in_use_since(now), Deadline::RoundTripOld);
+        pending(trips.since(), Deadline::RoundTripOld);
         until
     }
 
@@ -264,34 +267,23 @@ impl Peer {
         }
     }
 
-    /// The estimated current state; `None` before the first state.
-    #[inline]
-    pub(super) fn estimate(&self, judgement: &Judgement) -> Option<PeerEstimate> {
-        let Judgement { now, stale_s, .. } = *judgement;
-        let last = self.state?;
-        let silent_s = now.seconds_since(last.at).max(0.0);
-        let message_delay = self.delay.of(now, last.transit_s);
-        let delay_s = message_delay.map(|message_delay| message_delay.most_s);
-        let MessageDelay { most_s, likely_s } = message_delay.unwrap_or_default();
-        let (age_s, carried_s) = (silent_s + most_s, silent_s + likely_s);
-        let standing = match self.lost_at {
-            Some(_) => PeerStatus::Lost,
-            None if Deadline::StateOld.is_past(age_s) => PeerStatus::Stale,
-            None => PeerStatus::Fresh,
-        };
-        let flies_along = !Deadline::NeighbourSilent(stale_s).is_past(silent_s) && self.flies_same_plan();
-        let role = match (self.membership(), self.lost_at) {
-            (Membership::Active, None) if flies_along => Role::Member,
-            (_, Some(lost_at)) if Deadline::ObstacleGone.is_past(now.seconds_since(lost_at)) => Role::Nothing,
-            _ => {
-                let unknown_m = (OBSTACLE_GROWTH_M_S * age_s).min(OBSTACLE_GROWTH_M);
-                Role::Obstacle { radius_m: OBSTACLE_RADIUS_M + unknown_m }
-            }
-        };
-        let position = last.position + last.velocity.0 * carried_s;
-        let ReportedState { velocity, heading_rad, .. } = last;
-        Some(PeerEstimate { id: self.id, position, velocity, heading_rad, age_s, delay_s, carried_s, standing, role })
+    /// The standing and the role of a peer that is no live member; its state has this age, s.
+    #[cold]
+    pub(super) fn standing_and_role(&self, now: LocalTime, age_s: f64) -> (PeerStatus, Role) {
+        let standing = if self.lost_at.is_some() { PeerStatus::Lost } else { standing(age_s) };
+        let is_gone = |lost_at| Deadline::ObstacleGone.is_past(now.seconds_since(lost_at));
+        if self.lost_at.is_some_and(is_gone) {
+            return (standing, Role::Nothing);
+        }
+        let unknown_m = (OBSTACLE_GROWTH_M_S * age_s).min(OBSTACLE_GROWTH_M);
+        (standing, Role::Obstacle { radius_m: OBSTACLE_RADIUS_M + unknown_m })
     }
+}
+
+/// Whether the state of a peer in contact is fresh or stale at this age, s.
+#[inline]
+pub(super) fn standing(age_s: f64) -> PeerStatus {
+    if Deadline::StateOld.is_past(age_s) { PeerStatus::Stale } else { PeerStatus::Fresh }
 }
 
 /// Whether a state that arrived at `at` is too old for a neighbour.

@@ -152,7 +152,7 @@ impl Plain {
         let peer = &self.peers[usize::from(id.get()) - 1];
         let (last, at) = peer.state.unwrap();
         let silent_s = self.now.seconds_since(at).max(0.0);
-        let delay = peer.delay.of(self.now, since_stamp_s(at, last.header.stamp));
+        let delay = peer.delay.in_use(self.now).delay(self.now, since_stamp_s(at, last.header.stamp));
         let MessageDelay { most_s, likely_s } = delay.unwrap_or_default();
         let (age_s, carried_s) = (silent_s + most_s, silent_s + likely_s);
         let standing = match peer.lost_at {
