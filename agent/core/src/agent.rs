@@ -214,9 +214,9 @@ impl Agent {
         self.peers.estimates()
     }
 
-    /// The ages of the newest states of all peers in contact.
-    pub fn peer_ages(&self) -> impl Iterator<Item = PeerStateAge> {
-        self.peers.ages()
+    /// The ages of the newest states of those of these peers that are in contact and not out of sight, by id.
+    pub fn peer_ages(&self, of: VehicleSet) -> impl Iterator<Item = PeerStateAge> {
+        self.peers.ages(of)
     }
 
     /// The vehicle's membership: whether the other vehicles wait for it.

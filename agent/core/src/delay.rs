@@ -22,7 +22,6 @@
 //! they are; the ages of other vehicles' messages are not affected.
 
 use alloc::collections::VecDeque;
-use alloc::vec::Vec;
 
 use skein_common::id::{VehicleId, VehicleSet};
 use skein_common::message::Echo;
@@ -51,10 +50,13 @@ pub struct MessageDelay {
 }
 
 /// The last round trips to one peer.
-#[derive(Clone, Debug, Default)]
-pub struct Delay {
-    /// In the order of arrival.
-    trips: Vec<RoundTrip>,
+#[derive(Clone, Debug)]
+pub struct RoundTrips {
+    /// The most and the likely delay of a message with no transit that arrives at the zero of the own clock, s, by the
+    /// trips that determine delays since the last call of [`Self::choose`]. Not a number without a round trip.
+    most_s: f64,
+    likely_s: f64,
+    trips: [RoundTrip; ROUND_TRIPS_KEPT],
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -70,82 +72,100 @@ impl RoundTrip {
     /// In place of a round trip that is not known: it bounds no delay.
     const NONE: Self = Self { at: LocalTime::ZERO, s: f64::NAN, transit_s: 0.0 };
 
-    #[inline]
-    fn is_old(&self, now: LocalTime) -> bool {
-        Deadline::RoundTripOld.is_past(now.seconds_since(self.at))
+    fn is_valid(&self, now: LocalTime) -> bool {
+        !self.s.is_nan() && !Deadline::RoundTripOld.is_past(now.seconds_since(self.at))
     }
 
-    /// The upper bound of the delay of a message with this transit, s; below zero it contradicts the message. It grows
-    /// with time.
-    #[inline]
+    /// The upper bound of the delay of a message with this transit, s; below zero it contradicts the message.
     fn bound_s(&self, now: LocalTime, transit_s: f64) -> f64 {
-        self.s + transit_s - self.transit_s + DRIFT * now.seconds_since(self.at).max(0.0)
+        self.s + transit_s - self.transit_s + DRIFT * now.seconds_since(self.at)
     }
 
-    /// The bound without the parts that are the same for all round trips, s. All bounds grow alike with time, so that
-    /// the order of round trips by their bounds does not change.
-    fn rank_s(&self) -> f64 {
+    /// The bound for a message with no transit at the zero of the own clock, s. All bounds grow alike with the transit and
+    /// with time.
+    fn base_s(&self) -> f64 {
         self.s - self.transit_s - DRIFT * self.at.seconds()
     }
 }
 
-/// The round trips that determine the delays of messages until one of them is too old or another one is measured.
+/// The delay of a message as its round trips give it for the instant of its arrival; from then on it grows with the
+/// drift of clocks.
 #[derive(Clone, Copy, Debug)]
-pub struct TripsInUse {
-    /// The trip with the smallest bound.
-    tightest: RoundTrip,
-    shortest: RoundTrip,
+pub struct DelayAtArrival {
+    most_s: f64,
+    likely_s: f64,
 }
 
-impl TripsInUse {
-    /// No round trip is known, and so no delay.
-    pub const NONE: Self = Self { tightest: RoundTrip::NONE, shortest: RoundTrip::NONE };
+impl DelayAtArrival {
+    /// Without a round trip no delay is known.
+    pub const UNKNOWN: Self = Self { most_s: f64::NAN, likely_s: f64::NAN };
 
-    /// The delay of a message with this transit now; `None` without a round trip, or if it contradicts the message.
+    /// The delay as known this time after the arrival, s; `None` without a round trip, or if it contradicts the message.
     #[inline]
-    pub fn delay(&self, now: LocalTime, transit_s: f64) -> Option<MessageDelay> {
-        let most_s = self.most_s(now, transit_s)?;
-        let likely_s = self.shortest.bound_s(now, transit_s) - self.shortest.s / 2.0;
-        Some(MessageDelay { most_s, likely_s: likely_s.min(most_s).max(0.0) })
+    pub fn after(&self, since_s: f64) -> Option<MessageDelay> {
+        let grown_s = DRIFT * since_s;
+        let most_s = self.most_s + grown_s;
+        (most_s >= -TOLERANCE_S)
+            .then(|| MessageDelay { most_s: most_s.max(0.0), likely_s: (self.likely_s + grown_s).min(most_s).max(0.0) })
     }
 
-    /// The upper bound of a message's delay, s, as in [`Self::delay`].
+    /// The upper bound of the delay, s, as in [`Self::after`].
     #[inline]
-    pub fn most_s(&self, now: LocalTime, transit_s: f64) -> Option<f64> {
-        let most_s = self.tightest.bound_s(now, transit_s);
+    pub fn most_s(&self, since_s: f64) -> Option<f64> {
+        let most_s = self.most_s + DRIFT * since_s;
         (most_s >= -TOLERANCE_S).then(|| most_s.max(0.0))
     }
+}
 
-    /// Arrival of the older of the two trips; `None` if no round trip is known.
-    pub fn since(&self) -> Option<LocalTime> {
-        (!self.tightest.s.is_nan()).then(|| self.tightest.at.min(self.shortest.at))
+impl Default for RoundTrips {
+    fn default() -> Self {
+        Self { most_s: f64::NAN, likely_s: f64::NAN, trips: [RoundTrip::NONE; ROUND_TRIPS_KEPT] }
     }
 }
 
-impl Delay {
+impl RoundTrips {
     /// Adds the round trip measured by a heartbeat with this transit. An impossible round trip is ignored.
-    pub fn take(&mut self, at: LocalTime, transit_s: f64, round_trip_s: f64) {
+    /// Returns as [`Self::choose`].
+    pub fn take(&mut self, at: LocalTime, transit_s: f64, round_trip_s: f64) -> Option<LocalTime> {
         if !(-TOLERANCE_S..ROUND_TRIP_VALID_S).contains(&round_trip_s) {
-            return;
+            return None;
         }
-        // A contradiction means that a clock was set in between.
-        self.trips.retain(|old| !old.is_old(at) && old.bound_s(at, transit_s) >= -TOLERANCE_S);
-        if self.trips.len() == ROUND_TRIPS_KEPT {
-            self.trips.remove(0);
+        for old in &mut self.trips {
+            // A contradiction means that a clock was set in between.
+            if !old.is_valid(at) || old.bound_s(at, transit_s) < -TOLERANCE_S {
+                *old = RoundTrip::NONE;
+            }
         }
-        // A large swarm has a record for each pair of vehicles, and room to spare in each would be most of its memory.
-        self.trips.reserve_exact(1);
-        self.trips.push(RoundTrip { at, s: round_trip_s.max(0.0), transit_s });
+        // The absent ones are as old as the clock.
+        if let Some(oldest) = self.trips.iter_mut().min_by_key(|trip| trip.at) {
+            *oldest = RoundTrip { at, s: round_trip_s.max(0.0), transit_s };
+        }
+        self.choose(at)
     }
 
-    /// The round trips that determine delays now: of those that are not too old, the one with the smallest bound, and
-    /// the shortest.
-    pub fn in_use(&self, now: LocalTime) -> TripsInUse {
-        let valid = || self.trips.iter().filter(|trip| !trip.is_old(now));
-        let tightest = valid().min_by(|one, other| one.rank_s().total_cmp(&other.rank_s()));
-        let shortest = valid().min_by(|one, other| one.s.total_cmp(&other.s));
-        let both = tightest.zip(shortest);
-        both.map_or(TripsInUse::NONE, |(&tightest, &shortest)| TripsInUse { tightest, shortest })
+    /// Chooses the round trips that determine delays from now on: of those that are not too old, the one with the
+    /// smallest bound, and the shortest. All bounds grow alike, so that the choice is right until another trip is taken
+    /// or one of the two is too old; that time is returned, if there is any.
+    pub fn choose(&mut self, now: LocalTime) -> Option<LocalTime> {
+        let least = |of: fn(&RoundTrip) -> f64| {
+            let valid = self.trips.iter().filter(|trip| trip.is_valid(now));
+            valid.min_by(|one, other| of(one).total_cmp(&of(other)))
+        };
+        let chosen = least(RoundTrip::base_s).zip(least(|trip| trip.s));
+        let Some((tightest, shortest)) = chosen else {
+            (self.most_s, self.likely_s) = (f64::NAN, f64::NAN);
+            return None;
+        };
+        let oldest = tightest.at.min(shortest.at);
+        (self.most_s, self.likely_s) = (tightest.base_s(), shortest.base_s() - shortest.s / 2.0);
+        Some(oldest.plus_seconds(Deadline::RoundTripOld.after_s()))
+    }
+
+    /// The delay of a message that arrived at `at` with this transit.
+    #[inline]
+    pub fn delay(&self, at: LocalTime, transit_s: f64) -> DelayAtArrival {
+        let more_s = transit_s + DRIFT * at.seconds();
+        DelayAtArrival { most_s: self.most_s + more_s, likely_s: self.likely_s + more_s }
     }
 }
 

@@ -38,7 +38,7 @@ use skein_common::frame::{PositionNed, VelocityNed};
 use skein_common::id::{VehicleId, VehicleSet};
 use skein_common::message::{Echo, Header, Heartbeat, Order};
 use skein_common::scenario::{Graph, Network};
-use skein_common::state::{Membership, PeerStatus, VehicleState};
+use skein_common::state::{Membership, PeerStatus};
 use skein_common::time::{LocalTime, SenderStamp};
 
 use crate::deadlines::Deadline;
@@ -260,10 +260,10 @@ impl Peers {
         self.estimates_of(self.all(Status::SEEN))
     }
 
-    /// The ages of the newest states of all peers in contact that are not out of sight, by id.
-    pub fn ages(&self) -> impl Iterator<Item = PeerStateAge> {
+    /// The ages of the newest states of those of these peers that are in contact and not out of sight, by id.
+    pub fn ages(&self, of: VehicleSet) -> impl Iterator<Item = PeerStateAge> {
         let now = self.now;
-        let received = self.all(Status::SEEN).both(self.in_contact());
+        let received = of.both(self.all(Status::SEEN)).both(self.in_contact());
         received.iter().filter_map(move |id| Some(self.ages.get(index(id))?.age(id, now)))
     }
 
@@ -386,9 +386,8 @@ impl Peers {
     fn estimate(&self, id: VehicleId, is_member: bool) -> Option<PeerEstimate> {
         let now = self.now;
         let (basis, motion) = (self.ages.get(index(id))?, self.motions.get(index(id))?);
-        let delay = basis.delay(now);
+        let (silent_s, delay) = basis.silent_s_and_delay(now);
         let MessageDelay { most_s, likely_s } = delay.unwrap_or_default();
-        let silent_s = basis.silent_s(now);
         let (age_s, carried_s) = (silent_s + most_s, silent_s + likely_s);
         let (standing, role) = if is_member {
             (standing(age_s), Role::Member)
@@ -428,9 +427,12 @@ impl Peers {
             let Some(peer) = self.peers.get_mut(index(id)) else { continue };
             self.changes.extend(peer.age(&judgement));
             let status = peer.assess(&judgement);
-            let trips = peer.delay.in_use(self.now);
-            self.ages[index(id)].trips = trips;
-            self.unchanged_until = self.unchanged_until.min(peer.unchanged_until(&judgement, &trips));
+            self.unchanged_until = self.unchanged_until.min(peer.unchanged_until(&judgement));
+            if is_due {
+                let until = peer.round_trips.choose(self.now);
+                self.unchanged_until = self.unchanged_until.min(until.unwrap_or(LocalTime::MAX));
+                self.ages[index(id)] = peer.age_basis().unwrap_or_default();
+            }
             let differing = core::mem::replace(&mut peer.status, status).differing(status);
             self.revision += u64::from(differing.contains(Status::AGREES));
             if differing.contains(Status::SEEN) {
@@ -452,16 +454,15 @@ impl Peers {
                     peer.old += 1;
                     return;
                 }
-                let VehicleState { velocity, heading_rad, .. } = message.state;
-                let (id, position) = (peer.id, message.position);
-                peer.state = Some(StateArrival { sequence, at });
-                let was_young = peer.status.contains(Status::YOUNG);
-                self.arrived(id, at, !was_young);
                 let transit_s = since_stamp_s(at, message.header.stamp);
-                let basis = &mut self.ages[index(id)];
-                (basis.at, basis.transit_s) = (at, transit_s);
-                self.motions[index(id)] = Motion { position, velocity, heading_rad };
+                peer.state = Some(StateArrival { sequence, at, transit_s });
+                let (id, was_young) = (peer.id, peer.status.contains(Status::YOUNG));
+                let motion = &mut self.motions[index(id)];
+                motion.position = message.position;
+                motion.velocity = message.state.velocity;
+                motion.heading_rad = message.state.heading_rad;
                 self.moved(id);
+                self.arrived(id, at, !was_young);
             }
             PeerMessage::Mission(message) => self.receive_heartbeat(message, at),
             PeerMessage::Appeared(id) | PeerMessage::Vanished(id) => {
@@ -494,14 +495,8 @@ impl Peers {
         if let Some(echo) = message.echo.filter(|echo| echo.of == self.own)
             && let Some(round_trip_s) = self.exchange.round_trip_s(at, &echo)
         {
-            let delay = &mut self.peers[index(id)].delay;
-            delay.take(at, since_stamp_s(at, stamp), round_trip_s);
-            let trips = delay.in_use(self.now);
-            self.ages[index(id)].trips = trips;
-            if let Some(since) = trips.since() {
-                let over = since.plus_seconds(Deadline::RoundTripOld.after_s());
-                self.unchanged_until = self.unchanged_until.min(over);
-            }
+            let until = self.peers[index(id)].round_trips.take(at, since_stamp_s(at, stamp), round_trip_s);
+            self.unchanged_until = self.unchanged_until.min(until.unwrap_or(LocalTime::MAX));
             self.moved(id);
         }
         if message.plan != plan || message.order > self.order {
@@ -522,16 +517,19 @@ impl Peers {
         }
     }
 
-    /// Lists a peer whose state or delay has changed, if it is near.
+    /// Keeps the age's basis of a peer whose state or delay has changed, and lists the peer if it is near.
+    #[inline]
     fn moved(&mut self, id: VehicleId) {
-        let is_known = self.peers[index(id)].state.is_some();
-        if is_known && !self.near.is_right_for(id, self.motions[index(id)].velocity) {
+        let Some(basis) = self.peers[index(id)].age_basis() else { return };
+        self.ages[index(id)] = basis;
+        if !self.near.is_right_for(id, self.motions[index(id)].velocity) {
             let estimate = self.estimate(id, true);
             estimate.into_iter().for_each(|peer| self.near.moved(id, peer.position, peer.velocity));
         }
     }
 
     /// The peer in whose current incarnation this message was sent; the caller compares the sequence numbers.
+    #[inline]
     fn sender(&mut self, header: &Header) -> Option<&mut Peer> {
         let Some(index) = self.index(header.sender) else {
             self.forged += 1;
@@ -545,7 +543,6 @@ impl Peers {
         if header.incarnation > peer.incarnation {
             // A new incarnation numbers its messages from one again.
             peer.begin(header.incarnation);
-            self.ages[index] = AgeBasis::default();
             self.revision += 1;
             self.touched.insert(peer.id);
             self.known.insert(peer.id);

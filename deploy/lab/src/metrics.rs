@@ -61,7 +61,7 @@ use std::f64::consts::TAU;
 
 use nalgebra::Vector2;
 use skein_common::frame::PositionNed;
-use skein_common::id::VehicleId;
+use skein_common::id::{VehicleId, VehicleSet};
 use skein_common::math;
 use skein_common::message::EventKind;
 use skein_common::scenario::{self, ControlMode, Pattern, Scenario, Target, Vertical};
@@ -75,7 +75,7 @@ use membership::Membership;
 use mission::Steps;
 pub use report::{Report, Run, VehicleReport, Wall};
 use separation::Separations;
-use series::{AgeHistogram, FormationSeries, InFormation, Settling};
+use series::{AgeHistogram, AgeSampling, FormationSeries, InFormation, Settling};
 pub(crate) use shape::Shape;
 use transient::Transients;
 use vehicle::Standing;
@@ -127,6 +127,7 @@ pub struct Metrics {
     stick_square: series::Mean,
     effort: Vec<Effort>,
     ages: AgeHistogram,
+    sampling: AgeSampling,
     steps_us: Vec<f64>,
     /// The vehicles' standings at the last observation.
     standings: Vec<Standing>,
@@ -196,6 +197,7 @@ impl Metrics {
             stick_square: series::Mean::default(),
             effort: vec![Effort::default(); vehicles],
             ages: AgeHistogram::default(),
+            sampling: AgeSampling::new(vehicles),
             steps_us: Vec::new(),
             standings: Vec::with_capacity(vehicles),
             members: Vec::with_capacity(vehicles),
@@ -210,6 +212,7 @@ impl Metrics {
     pub fn observe(&mut self, t_s: f64, vehicles: &[VehicleNow]) {
         let dt_s = t_s - self.t_s;
         self.t_s = t_s;
+        self.sampling.next_step();
         let is_change = self.observe_standings(vehicles);
         if is_change || !self.membership.is_settled() {
             self.membership.observe(t_s, vehicles);
@@ -247,6 +250,11 @@ impl Metrics {
     pub fn observe_event(&mut self, t_s: f64, sender: VehicleId, what: &EventKind) {
         self.forced_advances += u64::from(matches!(what, EventKind::ForcedAdvance { .. }));
         self.membership.reported(t_s, sender, what);
+    }
+
+    /// The peers of which ages are to be observed at the next observation.
+    pub fn sampled(&self) -> VehicleSet {
+        self.sampling.now()
     }
 
     /// Observes the age of a peer's newest state at one step, s, by the receiver's clock. Leave out lost peers.

@@ -22,7 +22,7 @@ use skein_common::scenario::{Scenario, Target};
 use skein_common::state::Membership;
 use skein_core::aircraft::Aircraft;
 use skein_core::control::Rules;
-use skein_core::peers::FRESH_S;
+use skein_core::peers::{FRESH_S, PeerStateAge};
 
 use crate::external::{LawError, LawPool};
 use crate::metrics::{Metrics, Report, VehicleNow};
@@ -119,13 +119,9 @@ pub fn measure(world: &World, zero_s: f64, metrics: &mut Metrics, vehicles: &mut
             vehicles.push(VehicleNow::dead(id, *truth));
             continue;
         };
-        let mut fresh = VehicleSet::default();
-        for peer in agent.peer_ages() {
-            metrics.observe_age(peer.age_s);
-            if needs_fresh && peer.silent_s() < FRESH_S {
-                fresh.insert(peer.id);
-            }
-        }
+        agent.peer_ages(metrics.sampled()).for_each(|peer| metrics.observe_age(peer.age_s));
+        let is_fresh = |peer: &PeerStateAge| peer.silent_s() < FRESH_S;
+        let fresh = || agent.peer_ages(agent.peers_in_contact()).filter(is_fresh).map(|peer| peer.id).collect();
         vehicles.push(VehicleNow {
             id,
             runs: true,
@@ -136,7 +132,7 @@ pub fn measure(world: &World, zero_s: f64, metrics: &mut Metrics, vehicles: &mut
             reached: agent.reached(),
             centre_ne_m: agent.centre_ne_m(),
             in_contact: agent.peers_in_contact(),
-            fresh,
+            fresh: if needs_fresh { fresh() } else { VehicleSet::default() },
         });
     }
     metrics.observe(t_s, vehicles);

@@ -6,7 +6,7 @@ use crate::testing::id;
 /// Heartbeats of one peer, five a second, with separate delays of the two directions and wrong clocks.
 struct Pair {
     exchange: Exchange,
-    delay: Delay,
+    delay: RoundTrips,
     /// Delays by true time, s.
     there_s: fn(f64) -> f64,
     back_s: fn(f64) -> f64,
@@ -17,15 +17,17 @@ struct Pair {
 
 const SECOND: f64 = 1.0;
 
-/// The delay of a message with this transit.
-fn delay_of(delay: &Delay, now: LocalTime, transit_s: f64) -> Option<MessageDelay> {
-    delay.in_use(now).delay(now, transit_s)
+/// The delay of a message with this transit that arrives now.
+fn delay_of(trips: &RoundTrips, now: LocalTime, transit_s: f64) -> Option<MessageDelay> {
+    let mut trips = trips.clone();
+    trips.choose(now);
+    trips.delay(now, transit_s).after(0.0)
 }
 
 impl Pair {
     fn new(there_s: fn(f64) -> f64, back_s: fn(f64) -> f64) -> Self {
         let (own_s, peer_s) = (|_| 100.0, |_| 4000.0);
-        Self { exchange: Exchange::default(), delay: Delay::default(), there_s, back_s, own_s, peer_s }
+        Self { exchange: Exchange::default(), delay: RoundTrips::default(), there_s, back_s, own_s, peer_s }
     }
 
     fn own(&self, t_s: f64) -> LocalTime {
@@ -140,7 +142,7 @@ fn after_a_clock_was_set_the_delay_is_correct_within_four_round_trips() {
 
 #[test]
 fn without_new_echoes_the_bound_grows_and_then_expires() {
-    let mut delay = Delay::default();
+    let mut delay = RoundTrips::default();
     delay.take(LocalTime::from_seconds(10.0), 5.0, 0.2);
     let of = |at_s| delay_of(&delay, LocalTime::from_seconds(at_s), 5.0);
     assert!((of(10.0).unwrap().most_s - 0.2).abs() < 1e-9);
@@ -158,7 +160,7 @@ fn an_impossible_echo_or_one_of_an_unknown_stamp_is_ignored() {
     for stamp_s in [0.0, 8.999, 9.001, 11.0, 1e6] {
         assert_eq!(exchange.round_trip_s(at, &echo(stamp_s, 0)), None, "{stamp_s}");
     }
-    let mut delay = Delay::default();
+    let mut delay = RoundTrips::default();
     delay.take(at, 0.0, exchange.round_trip_s(at, &echo(9.0, 3_000_000)).unwrap());
     assert_eq!(delay_of(&delay, at, 0.0), None, "the hold exceeds the time since the stamp");
     for nth in 0..STAMPS_KEPT {
@@ -183,7 +185,7 @@ proptest! {
     fn no_bound_is_below_the_true_delay(
         trips in proptest::collection::vec((0.0..3.0_f64, 0.0..3.0_f64), 1..10), last_s in 0.0..3.0_f64, ahead_s in -1e5..1e5_f64,
     ) {
-        let mut delay = Delay::default();
+        let mut delay = RoundTrips::default();
         for (nth, (there_s, back_s)) in trips.iter().enumerate() {
             delay.take(LocalTime::from_seconds(nth as f64), back_s + ahead_s, there_s + back_s);
         }

@@ -6,9 +6,10 @@ use skein_common::message::Heartbeat;
 use skein_common::state::{Membership, PeerStatus};
 use skein_common::time::{LocalTime, SenderStamp};
 
+use super::age::AgeBasis;
 use super::{Change, Role};
 use crate::deadlines::Deadline;
-use crate::delay::{Delay, TripsInUse};
+use crate::delay::RoundTrips;
 
 /// A state younger than this is fresh, s.
 pub const FRESH_S: f64 = Deadline::StateOld.after_s();
@@ -23,23 +24,25 @@ pub const MAX_OBSTACLE_RADIUS_M: f64 = OBSTACLE_RADIUS_M + OBSTACLE_GROWTH_M;
 /// itself is judged by [`Deadline::is_past`].
 const ROUNDING_S: f64 = 1e-6;
 
-/// The record of one peer.
+/// The record of one peer. The fields that a state changes lie side by side: the records of a large swarm do not fit
+/// into a processor's cache.
 #[derive(Clone, Debug)]
+#[repr(C)]
 pub(super) struct Peer {
     pub(super) id: VehicleId,
+    pub(super) token: Option<bool>,
+    found: bool,
+    /// The status after the last assessment.
+    pub(super) status: Status,
     pub(super) incarnation: Incarnation,
     pub(super) state: Option<StateArrival>,
-    pub(super) heartbeat: Option<KeptHeartbeat>,
-    pub(super) delay: Delay,
-    pub(super) token: Option<bool>,
     /// Arrival of the newest message of this incarnation.
     pub(super) received_at: Option<LocalTime>,
-    found: bool,
+    pub(super) round_trips: RoundTrips,
+    pub(super) heartbeat: Option<KeptHeartbeat>,
     lost_at: Option<LocalTime>,
     /// Number of its messages that were dropped because a newer one had been received.
     pub(super) old: u64,
-    /// The status after the last assessment.
-    pub(super) status: Status,
 }
 
 /// The newest state of a peer, in the swarm's frame.
@@ -55,6 +58,8 @@ pub(super) struct Motion {
 pub(super) struct StateArrival {
     pub(super) sequence: u64,
     pub(super) at: LocalTime,
+    /// Arrival by the own clock minus the stamp by the peer's, s.
+    pub(super) transit_s: f64,
 }
 
 /// The contents of a heartbeat that are used after its arrival.
@@ -168,7 +173,7 @@ impl Peer {
             incarnation: Incarnation::default(),
             state: None,
             heartbeat: None,
-            delay: Delay::default(),
+            round_trips: RoundTrips::default(),
             token: None,
             received_at: None,
             found: false,
@@ -181,7 +186,7 @@ impl Peer {
     /// Begins a new incarnation, of which nothing has been received.
     pub(super) fn begin(&mut self, incarnation: Incarnation) {
         self.incarnation = incarnation;
-        (self.state, self.heartbeat, self.delay) = (None, None, Delay::default());
+        (self.state, self.heartbeat, self.round_trips) = (None, None, RoundTrips::default());
     }
 
     #[inline]
@@ -240,8 +245,8 @@ impl Peer {
             .with(Status::SETTLED, in_contact && self.token != Some(false))
     }
 
-    /// A time before which nothing of the status, and of the delay with these round trips, changes without a message.
-    pub(super) fn unchanged_until(&self, judgement: &Judgement, trips: &TripsInUse) -> LocalTime {
+    /// A time before which nothing of the status changes without a message.
+    pub(super) fn unchanged_until(&self, judgement: &Judgement) -> LocalTime {
         let Judgement { now, stale_s, .. } = *judgement;
         let mut until = LocalTime::MAX;
         let mut pending = |start: Option<LocalTime>, deadline: Deadline| {
@@ -252,7 +257,6 @@ impl Peer {
         pending(self.received_at.filter(|_| self.lost_at.is_none()), Deadline::PeerLost(stale_s));
         pending(self.state.map(|last| last.at), Deadline::NeighbourSilent(stale_s));
         pending(self.lost_at, Deadline::PeerGivenUp);
-        pending(trips.since(), Deadline::RoundTripOld);
         until
     }
 
@@ -265,6 +269,13 @@ impl Peer {
             // The last message may be a little younger than the last state.
             Some(lost_at) => lost_at.seconds_since(last.at) <= stale_s + FRESH_S,
         }
+    }
+
+    /// What the age of the newest state depends on; `None` before the first state.
+    #[inline]
+    pub(super) fn age_basis(&self) -> Option<AgeBasis> {
+        let StateArrival { at, transit_s, .. } = self.state?;
+        Some(AgeBasis { at, delay: self.round_trips.delay(at, transit_s) })
     }
 
     /// The standing and the role of a peer that is no live member; its state has this age, s.

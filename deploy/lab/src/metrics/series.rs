@@ -2,6 +2,8 @@
 
 use std::collections::VecDeque;
 
+use skein_common::id::{VehicleId, VehicleSet};
+
 use super::STEADY_S;
 
 /// Finds the first time after which a condition holds to the end.
@@ -209,12 +211,38 @@ fn drop_before<T>(samples: &mut VecDeque<T>, first_s: f64, time_s: impl Fn(&T) -
     }
 }
 
+/// Chooses the peers of which ages are sampled: each at every seventh step, a seventh of all peers at a time. Two states
+/// of a vehicle are ten steps apart or another number that seven does not divide, so that all ages occur in turn.
+#[derive(Clone, Debug)]
+pub(super) struct AgeSampling {
+    groups: [VehicleSet; SAMPLING_STEPS],
+    now: usize,
+}
+
+/// Number of steps between two samples of one peer's age.
+const SAMPLING_STEPS: usize = 7;
+
+impl AgeSampling {
+    pub(super) fn new(vehicles: usize) -> Self {
+        let group = |nth| VehicleId::first(vehicles).skip(nth).step_by(SAMPLING_STEPS).collect();
+        Self { groups: core::array::from_fn(group), now: 0 }
+    }
+
+    /// The peers of which the age is sampled at this step.
+    pub(super) fn now(&self) -> VehicleSet {
+        self.groups[self.now]
+    }
+
+    pub(super) fn next_step(&mut self) {
+        self.now = (self.now + 1) % SAMPLING_STEPS;
+    }
+}
+
 /// A histogram of ages in bins of 1 ms: its result is independent of the order of samples, and its size of their
 /// number.
 #[derive(Clone, Debug)]
 pub(super) struct AgeHistogram {
     bins: Vec<u64>,
-    count: u64,
 }
 
 /// Age from which on all samples count as equal, ms.
@@ -222,19 +250,19 @@ const LARGEST_AGE_MS: usize = 10_000;
 
 impl Default for AgeHistogram {
     fn default() -> Self {
-        Self { bins: vec![0; LARGEST_AGE_MS + 1], count: 0 }
+        Self { bins: vec![0; LARGEST_AGE_MS + 1] }
     }
 }
 
 impl AgeHistogram {
     pub(super) fn add(&mut self, age_s: f64) {
         self.bins[bin(age_s * 1e3)] += 1;
-        self.count += 1;
     }
 
     /// Age below which this share of the samples lies, ms, by the definition of [`skein_common::statistics::quantile`].
     pub(super) fn quantile_ms(&self, share: f64) -> Option<f64> {
-        let place = share * self.count.checked_sub(1)? as f64;
+        let count: u64 = self.bins.iter().sum();
+        let place = share * count.checked_sub(1)? as f64;
         let (low, high) = (self.sample_ms(place.floor() as u64)?, self.sample_ms(place.ceil() as u64)?);
         Some(low + (high - low) * (place - place.floor()))
     }

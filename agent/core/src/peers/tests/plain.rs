@@ -4,7 +4,7 @@ use skein_common::message::{Echo, Order, Verb};
 use skein_common::time::SenderStamp;
 
 use super::*;
-use crate::delay::{Delay, MessageDelay};
+use crate::delay::{MessageDelay, RoundTrips};
 use crate::peers::peer::MAX_OBSTACLE_RADIUS_M;
 
 /// Everything received of one peer in its current incarnation.
@@ -13,7 +13,7 @@ struct PlainPeer {
     incarnation: u64,
     state: Option<(ReceivedState, LocalTime)>,
     heartbeat: Option<(Heartbeat, LocalTime)>,
-    delay: Delay,
+    delay: RoundTrips,
     token: Option<bool>,
     received_at: Option<LocalTime>,
     found: bool,
@@ -152,7 +152,9 @@ impl Plain {
         let peer = &self.peers[usize::from(id.get()) - 1];
         let (last, at) = peer.state.unwrap();
         let silent_s = self.now.seconds_since(at).max(0.0);
-        let delay = peer.delay.in_use(self.now).delay(self.now, since_stamp_s(at, last.header.stamp));
+        let mut trips = peer.delay.clone();
+        trips.choose(self.now);
+        let delay = trips.delay(at, since_stamp_s(at, last.header.stamp)).after(silent_s);
         let MessageDelay { most_s, likely_s } = delay.unwrap_or_default();
         let (age_s, carried_s) = (silent_s + most_s, silent_s + likely_s);
         let standing = match peer.lost_at {
@@ -320,7 +322,7 @@ proptest! {
             let changes = plain.update(now, &messages);
             prop_assert_eq!(kept.changes(), changes);
             prop_assert_eq!(kept.estimates().collect::<Vec<_>>(), plain.estimates());
-            let ages: Vec<_> = kept.ages().map(|peer| (peer.id, peer.age_s, peer.delay_s)).collect();
+            let ages: Vec<_> = kept.ages(VehicleId::first(ROSTER.into()).collect()).map(|peer| (peer.id, peer.age_s, peer.delay_s)).collect();
             let in_contact = plain.estimates().into_iter().filter(|peer| peer.standing != PeerStatus::Lost);
             prop_assert_eq!(ages, in_contact.map(|peer| (peer.id, peer.age_s, peer.delay_s)).collect::<Vec<_>>());
             prop_assert_eq!(kept.heartbeats().collect::<Vec<_>>(), plain.heartbeats());
