@@ -8,9 +8,16 @@ use super::tree::{Node, Table, Texts};
 const TARGETS: &[(&str, &[&str])] =
     &[("centre_ne_m", &["dwell_s"]), ("hold_s", &[]), ("path_ne_m", &["dwell_s", "speed_m_s"]), ("land", &[])];
 
+/// Largest number of steps of a mission: each has a law with its memory in every agent.
+const MOST_STEPS: usize = 1000;
+
 /// Checks the combinations of keys that the types do not exclude.
 pub(super) fn check(texts: &Texts<'_>, written: &Node) -> Result<(), ScenarioError> {
     let steps = written.at("mission.steps").map(Node::list).unwrap_or_default();
+    if let Some(first_above) = steps.get(MOST_STEPS) {
+        let message = format!("`mission.steps` has {} steps; a mission has at most {MOST_STEPS}", steps.len());
+        return Err(texts.fault(&first_above.place, "mission.steps", message));
+    }
     for (index, step) in steps.iter().enumerate() {
         check_step(texts, step, &format!("mission.steps[{index}]"), index + 1 == steps.len())?;
     }

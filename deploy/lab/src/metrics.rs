@@ -319,7 +319,8 @@ impl Metrics {
                 self.following.follow(from_centre_ne_m.norm(), is_inside);
             }
             let altitude_error_m = target_altitude_m.map(|target_altitude_m| altitude_m - target_altitude_m);
-            let sample = InFormation { rho_m, altitude_error_m, step: member.step, inside: is_inside };
+            let step = member.step as u16;
+            let sample = InFormation { rho_m, altitude_error_m, step, inside: is_inside };
             self.radial.add(index(member.id), sample);
         }
         if count > 0 {

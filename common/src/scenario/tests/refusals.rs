@@ -421,6 +421,15 @@ fn values_that_contradict_each_other_are_refused() {
 }
 
 #[test]
+fn a_mission_with_too_many_steps_is_refused_at_the_first_one_above() {
+    let step = "[[mission.steps]]\nhold_s = 1\n";
+    let mission = |steps: usize| format!("swarm.vehicles = 4\n{}", step.repeat(steps));
+    loaded(&mission(1000), &[]);
+    let expected = "a.toml:2002:1: `mission.steps` has 1002 steps; a mission has at most 1000";
+    assert_eq!(refusal(&mission(1002), &[]), expected);
+}
+
+#[test]
 fn an_error_of_a_set_option_quotes_the_option_instead_of_a_line() {
     let spelling = "not the path of a key; paths look like formation.radius_m and mission.steps[0].name";
     let cases = [

@@ -94,7 +94,7 @@ pub(super) struct InFormation {
     pub(super) rho_m: f64,
     pub(super) altitude_error_m: Option<f64>,
     /// The vehicle's step of the mission.
-    pub(super) step: u32,
+    pub(super) step: u16,
     /// Whether the vehicle is in the region of the formation: in the band, or inside the area.
     pub(super) inside: bool,
 }
@@ -114,19 +114,19 @@ pub(super) struct FormationSeries {
 /// A sample of an instant, or none.
 #[derive(Clone, Copy, Debug, Default)]
 struct Packed {
-    rho_m: f64,
-    altitude_error_m: f64,
-    step: u32,
+    rho_m: f32,
+    /// Not a number if the formation has no altitude.
+    altitude_error_m: f32,
+    step: u16,
     exists: bool,
-    has_altitude: bool,
     inside: bool,
 }
 
 impl Packed {
     fn unpack(&self) -> Option<InFormation> {
-        let Self { rho_m, altitude_error_m, step, exists, has_altitude, inside } = *self;
-        let altitude_error_m = has_altitude.then_some(altitude_error_m);
-        exists.then_some(InFormation { rho_m, altitude_error_m, step, inside })
+        let Self { rho_m, altitude_error_m, step, exists, inside } = *self;
+        let altitude_error_m = Some(f64::from(altitude_error_m)).filter(|error_m| !error_m.is_nan());
+        exists.then_some(InFormation { rho_m: rho_m.into(), altitude_error_m, step, inside })
     }
 }
 
@@ -166,10 +166,10 @@ impl FormationSeries {
     /// Adds the sample of a vehicle, counted from 0, at the present instant; vehicles come in ascending order.
     pub(super) fn add(&mut self, vehicle: usize, sample: InFormation) {
         let InFormation { rho_m, altitude_error_m, step, inside } = sample;
-        let (has_altitude, altitude_error_m) = (altitude_error_m.is_some(), altitude_error_m.unwrap_or_default());
+        let altitude_error_m = altitude_error_m.unwrap_or(f64::NAN) as f32;
         self.fill_up(vehicle);
         if vehicle < self.vehicles {
-            self.samples.push_back(Packed { rho_m, altitude_error_m, step, exists: true, has_altitude, inside });
+            self.samples.push_back(Packed { rho_m: rho_m as f32, altitude_error_m, step, exists: true, inside });
         }
     }
 
