@@ -15,7 +15,8 @@
 //! | `drive` | engine, governor, shaft |
 //! | `ground` | contact of the skids, ground effect |
 //! | `hover` | the steady hover, for the initial state |
-//! | `dynamics` | the state and the integration step |
+//! | `dynamics` | the state and its rate of change |
+//! | `integration` | the step from one tick to the next |
 //! | `lanes`, `vector` | the numbers of the equations: one helicopter's, or eight helicopters' |
 //! | [`block`] | eight vehicles stepped together |
 //! | [`failures`] | the failures a scenario can inject, and when |
@@ -34,6 +35,7 @@ mod drive;
 mod dynamics;
 mod ground;
 mod hover;
+mod integration;
 mod lanes;
 mod main_rotor;
 mod rotor;
@@ -53,7 +55,8 @@ pub use vehicle::{BuiltInVehicle, Start};
 pub use wind::{LocalWind, Weather};
 
 use crate::plant::Controls;
-use dynamics::{Command, Dynamics, STATES, Stages, State};
+use dynamics::{Command, Dynamics, STATES, State};
+use integration::Stages;
 use vector::{Rotation, Vector};
 
 /// Length of one tick, during which controls and wind are held, s.

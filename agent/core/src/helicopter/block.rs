@@ -2,7 +2,8 @@
 
 use alloc::sync::Arc;
 
-use super::dynamics::{Command, Dynamics, Stages, State};
+use super::dynamics::{Command, Dynamics, State};
+use super::integration::Stages;
 use super::lanes::{LANES, Lanes, SetLane};
 use super::vector::Vector;
 use super::{BuiltInVehicle, Helicopter};

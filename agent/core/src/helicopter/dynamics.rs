@@ -1,4 +1,4 @@
-//! The equations of motion: the state, its rate of change and the integration step.
+//! The equations of motion: the state and its rate of change.
 
 use super::body::{self, Body};
 use super::drive::Drive;
@@ -6,13 +6,9 @@ use super::ground::Contact;
 use super::lanes::{Mask, Real, numbers};
 use super::main_rotor::{MainRotor, MainRotorState};
 use super::parameters::Parameters;
+use super::rotor::Inflow;
 use super::tail::Tail;
 use super::vector::Vector;
-
-/// Length of one Runge-Kutta step, s. The fastest pole is −169 1/s, a third of the method's stability limit.
-pub(super) const STEP_S: f64 = 0.005;
-/// Integration steps in one tick of [`super::TICK_S`].
-const STEPS: usize = 4;
 
 /// Number of states.
 pub(super) const STATES: usize = 23;
@@ -59,7 +55,7 @@ macro_rules! for_each_state {
 impl<R: Real> State<R> {
     /// `self + dt · rate`.
     #[inline(always)]
-    fn plus(&self, dt: f64, rate: &Self) -> Self {
+    pub(super) fn plus(&self, dt: f64, rate: &Self) -> Self {
         let mut sum = *self;
         for_each_state!(I, {
             sum.0[I] = sum.0[I] + rate.0[I] * dt;
@@ -67,10 +63,31 @@ impl<R: Real> State<R> {
         sum
     }
 
+    /// The state after a step of the classical fourth-order Runge-Kutta method of this length, s, from the rates at its
+    /// stages.
+    #[inline(always)]
+    pub(super) fn after(&self, step_s: f64, k1: &Self, k2: &Self, k3: &Self, k4: &Self) -> Self {
+        let mut next = *self;
+        for_each_state!(I, {
+            next.0[I] = next.0[I] + (k1.0[I] + (k2.0[I] + k3.0[I]) * 2.0 + k4.0[I]) * (step_s / 6.0);
+        });
+        next
+    }
+
+    /// `yes` where the mask is set, `no` elsewhere.
+    #[inline(always)]
+    pub(super) fn select(mask: R::Mask, yes: &Self, no: &Self) -> Self {
+        let mut selected = *no;
+        for_each_state!(I, {
+            selected.0[I] = R::select(mask, yes.0[I], no.0[I]);
+        });
+        selected
+    }
+
     /// The same state with an attitude of length one, a rotor that does not turn backwards and without negligible
     /// values.
     #[inline(always)]
-    fn within_bounds(mut self) -> Self {
+    pub(super) fn within_bounds(mut self) -> Self {
         // Drag stops a rotor without power but does not turn it backwards.
         self.0[15] = self.0[15].max(R::splat(0.0));
         let [w, x, y, z] = [self.0[6], self.0[7], self.0[8], self.0[9]];
@@ -80,16 +97,6 @@ impl<R: Real> State<R> {
             self.0[I] = R::select(value.abs().lt(R::splat(NEGLIGIBLE)), R::splat(0.0), value);
         });
         self
-    }
-}
-
-/// The rates at the stages of one Runge-Kutta step, after a first entry of zeros.
-#[derive(Debug)]
-pub(super) struct Stages<R = f64>([State<R>; 5]);
-
-impl<R: Real> Default for Stages<R> {
-    fn default() -> Self {
-        Self([State::default(); 5])
     }
 }
 
@@ -137,48 +144,34 @@ impl Dynamics<f64> {
 }
 
 impl<R: Real> Dynamics<R> {
-    /// Advances by one tick, with command and wind (NED, m/s) held.
+    /// Height of the centre of gravity above the height at which the skids may touch the ground, m.
     #[inline(always)]
-    pub(super) fn tick(
-        &self,
-        state: &State<R>,
-        command: &Command<R>,
-        wind: Vector<R>,
-        stages: &mut Stages<R>,
-    ) -> State<R> {
-        let mut states = [*state; 2];
-        for step in 0..STEPS {
-            states[(step + 1) % 2] = self.step(&states[step % 2], command, wind, stages);
-        }
-        states[STEPS % 2]
+    pub(super) fn height_above_reach_m(&self, state: &State<R>) -> R {
+        self.ground_down_m - state.0[2] - self.contact.reach_m
     }
 
-    /// Advances by one step of the classical fourth-order Runge-Kutta method, with command and wind (NED, m/s) held.
+    /// The poles of the servos, and of the inflow ratios of main and tail rotor, 1/s. A stuck servo does not move by any.
     #[inline(always)]
-    pub(super) fn step(
-        &self,
-        state: &State<R>,
-        command: &Command<R>,
-        wind: Vector<R>,
-        Stages(rates): &mut Stages<R>,
-    ) -> State<R> {
-        // A loop over the stages: one copy of the equations in the machine code. Its arrays keep the states of eight
-        // vehicles in memory between the stages: in registers, the compiler would take them apart.
-        for stage in 0..4 {
-            let at = state.plus([0.0, 0.5 * STEP_S, 0.5 * STEP_S, STEP_S][stage], &rates[stage]);
-            rates[stage + 1] = self.rates(&at, command, wind);
-        }
-        let [_, k1, k2, k3, k4] = rates;
-        let mut next = *state;
-        for_each_state!(I, {
-            next.0[I] = next.0[I] + (k1.0[I] + (k2.0[I] + k3.0[I]) * 2.0 + k4.0[I]) * (STEP_S / 6.0);
-        });
-        next.within_bounds()
+    pub(super) fn fast_poles(&self, [main, tail]: &[Inflow<R>; 2]) -> [R; 3] {
+        let [lateral, longitudinal, collective] = self.inverse_servo_lags;
+        let servos = lateral.max(longitudinal).max(collective);
+        [-servos, self.main_rotor.rotor.inflow_pole(main), self.tail.rotor.inflow_pole(tail)]
     }
 
     /// The state's rate of change.
-    #[inline(always)]
+    #[cfg(test)]
     pub(super) fn rates(&self, state: &State<R>, command: &Command<R>, wind: Vector<R>) -> State<R> {
+        self.rates_and_inflows(state, command, wind).0
+    }
+
+    /// The state's rate of change, and how the inflows of main and tail rotor change.
+    #[inline(always)]
+    pub(super) fn rates_and_inflows(
+        &self,
+        state: &State<R>,
+        command: &Command<R>,
+        wind: Vector<R>,
+    ) -> (State<R>, [Inflow<R>; 2]) {
         #[rustfmt::skip]
         let State([
             _, _, down, u, v, w, q_w, q_x, q_y, q_z, p, q, r, a1, b1, speed_rad_s, governor_integral, gyro_integral,
@@ -212,7 +205,7 @@ impl<R: Real> Dynamics<R> {
         let angular = self.body.angular_acceleration(sum.moment, rates);
         let turning = body::quaternion_rate(quaternion, rates);
         let load_n_m = main.torque_n_m + tail.shaft_torque_n_m;
-        State([
+        let rates = State([
             over_ground.x,
             over_ground.y,
             over_ground.z,
@@ -234,8 +227,9 @@ impl<R: Real> Dynamics<R> {
             (command.lateral_rad - lateral_rad) * self.inverse_servo_lags[0],
             (command.longitudinal_rad - longitudinal_rad) * self.inverse_servo_lags[1],
             (command.collective_rad - collective_rad) * self.inverse_servo_lags[2],
-            main.lambda_rate,
-            tail.lambda_rate,
-        ])
+            main.inflow.rate,
+            tail.inflow.rate,
+        ]);
+        (rates, [main.inflow, tail.inflow])
     }
 }

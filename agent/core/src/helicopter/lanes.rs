@@ -10,7 +10,7 @@
 //! ([`super::vector`]) are not nalgebra's, whose functions are too large for the compiler to inline with eight lanes.
 
 use core::fmt::Debug;
-use core::ops::{Add, BitAnd, BitOr, Div, Mul, Neg, Sub};
+use core::ops::{Add, BitAnd, BitOr, Div, Mul, Neg, Not, Sub};
 
 /// Number of lanes.
 pub(super) const LANES: usize = 8;
@@ -68,7 +68,7 @@ pub(super) trait Real:
 }
 
 /// The result of a comparison in every lane.
-pub(super) trait Mask: Copy + BitAnd<Output = Self> + BitOr<Output = Self> {
+pub(super) trait Mask: Copy + BitAnd<Output = Self> + BitOr<Output = Self> + Not<Output = Self> {
     /// Whether it holds in at least one lane.
     fn any(self) -> bool;
     /// Whether it holds in all lanes.
@@ -235,6 +235,15 @@ impl BitOr for LaneMask {
     #[inline(always)]
     fn bitor(self, other: Self) -> Self {
         Self(each_lane!(i => self.0[i] | other.0[i]; false))
+    }
+}
+
+impl Not for LaneMask {
+    type Output = Self;
+
+    #[inline(always)]
+    fn not(self) -> Self {
+        Self(each_lane!(i => !self.0[i]; false))
     }
 }
 

@@ -4,7 +4,7 @@ use super::body::Wrench;
 use super::ground;
 use super::lanes::{Real, numbers};
 use super::parameters::Parameters;
-use super::rotor::{Flow, Rotor};
+use super::rotor::{Flow, Inflow, Rotor};
 use super::vector::Vector;
 
 numbers! {
@@ -55,7 +55,7 @@ pub(super) struct MainRotorAction<R> {
     pub(super) torque_n_m: R,
     /// Induced speed v_i, m/s.
     pub(super) induced_m_s: R,
-    pub(super) lambda_rate: R,
+    pub(super) inflow: Inflow<R>,
     pub(super) a1_rate: R,
     pub(super) b1_rate: R,
 }
@@ -103,7 +103,7 @@ impl<R: Real> MainRotor<R> {
             wrench: self.wrench(state, thrust_n, torque_n_m),
             torque_n_m,
             induced_m_s: state.lambda * flow.tip_speed_m_s,
-            lambda_rate: self.rotor.inflow_rate(c_t, state.lambda, &flow),
+            inflow: self.rotor.inflow(c_t, state.lambda, &flow),
             a1_rate,
             b1_rate,
         }

@@ -43,6 +43,17 @@ pub(super) struct Flow<R> {
     pub(super) mu_z: R,
 }
 
+/// How an inflow ratio changes.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Inflow<R> {
+    /// Its rate of change, 1/s.
+    pub(super) rate: R,
+    /// C_T, λ − μ_z and D of its equation.
+    c_t: R,
+    through: R,
+    d: R,
+}
+
 impl Rotor<f64> {
     /// A rotor whose speed is `gear_ratio` times the main shaft's.
     pub(super) fn new(vehicle: &Parameters, rotor: &parameters::Rotor, gear_ratio: f64) -> Self {
@@ -112,12 +123,23 @@ impl<R: Real> Rotor<R> {
     /// where D = max(√(μ² + (λ − μ_z)²), 0.3 √(|C_T|/(2 η_w)) + 0.001). The floor of D keeps the vortex ring state
     /// finite.
     #[inline(always)]
-    pub(super) fn inflow_rate(&self, c_t: R, lambda: R, flow: &Flow<R>) -> R {
+    pub(super) fn inflow(&self, c_t: R, lambda: R, flow: &Flow<R>) -> Inflow<R> {
         let through = lambda - flow.mu_z;
         let momentum = c_t * self.half_inverse_contraction;
         let floor = momentum.abs().sqrt() * 0.3 + 0.001;
         let d = (flow.mu_squared + through * through).sqrt().max(floor);
-        (momentum / d - lambda) * self.inverse_lag
+        Inflow { rate: (momentum / d - lambda) * self.inverse_lag, c_t, through, d }
+    }
+
+    /// The pole of the inflow ratio, 1/s: the derivative of its rate of change by itself, at most −1/τ_λ, without the
+    /// limits of C_T and D.
+    #[inline(always)]
+    pub(super) fn inflow_pole(&self, inflow: &Inflow<R>) -> R {
+        let Inflow { c_t, through, d, .. } = *inflow;
+        let inverse_d = R::splat(1.0) / d;
+        let lift = self.half_lift * 0.5 + c_t * through * inverse_d * inverse_d;
+        let slope = self.half_inverse_contraction * inverse_d * lift;
+        -(slope.max(R::splat(0.0)) + 1.0) * self.inverse_lag
     }
 
     /// Thrust T = C_T ρ (ΩR)² A, N.

@@ -5,14 +5,14 @@ use core::f64::consts::PI;
 use super::body::{self, Wrench};
 use super::lanes::{Real, numbers};
 use super::parameters::Parameters;
-use super::rotor::{Hovering, Rotor};
+use super::rotor::{Hovering, Inflow, Rotor};
 use super::vector::Vector;
 
 numbers! {
     /// The constants of the tail.
     #[derive(Clone, Debug, Default)]
     pub(super) struct Tail<R> {
-        rotor: Rotor<R>,
+        pub(super) rotor: Rotor<R>,
         pub(super) arm_m: R,
         pub(super) height_m: R,
         pub(super) gear_ratio: R,
@@ -36,7 +36,7 @@ pub(super) struct TailAction<R> {
     pub(super) wrench: Wrench<R>,
     /// Load torque of the tail rotor on the main shaft, n_tr Q_t, N m.
     pub(super) shaft_torque_n_m: R,
-    pub(super) lambda_rate: R,
+    pub(super) inflow: Inflow<R>,
 }
 
 impl Tail<f64> {
@@ -120,7 +120,7 @@ impl<R: Real> Tail<R> {
         TailAction {
             wrench: self.side_force(fin_n - thrust_n),
             shaft_torque_n_m: self.gear_ratio * self.rotor.torque_n_m(c_q, &flow),
-            lambda_rate: self.rotor.inflow_rate(c_t, lambda, &flow),
+            inflow: self.rotor.inflow(c_t, lambda, &flow),
         }
     }
 

@@ -1,5 +1,6 @@
 //! Reference figures, signs and robustness of the flight model. Everything flies `deploy/aircraft/xcell60.toml`.
 
+mod integration;
 mod modes;
 mod parts;
 mod responses;
@@ -25,6 +26,9 @@ pub(super) fn xcell60() -> Parameters {
 
 const CALM: Vector<f64> = Vector::new(0.0, 0.0, 0.0);
 
+/// Length of one integration step of a [`Flight`], s: a quarter of a tick.
+const STEP_S: f64 = 0.005;
+
 /// A helicopter flown step by step with blade commands instead of control deflections.
 #[derive(Clone)]
 struct Flight {
@@ -45,8 +49,8 @@ impl Flight {
     }
 
     fn advance(&mut self) {
-        self.state = self.dynamics.step(&self.state, &self.command, CALM, &mut Stages::default());
-        self.time_s += dynamics::STEP_S;
+        self.state = self.dynamics.step(STEP_S, &self.state, &self.command, CALM, &mut Stages::default());
+        self.time_s += STEP_S;
     }
 
     /// The same as a [`Helicopter`], for its accessors.

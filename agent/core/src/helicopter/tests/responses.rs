@@ -69,7 +69,7 @@ fn the_climb_step_matches_the_reference() {
     let body = step(4.0, collective, |flight| -flight.state.0[5]);
     let earth = step(10.0, collective, |flight| -flight.helicopter().velocity().down_m_s());
     let speed = step(4.0, collective, |flight| flight.state.0[15]);
-    let at = |samples: &[(f64, f64)], time_s: f64| samples[(time_s / dynamics::STEP_S).round() as usize].1;
+    let at = |samples: &[(f64, f64)], time_s: f64| samples[(time_s / STEP_S).round() as usize].1;
     assert_within(0.05, at(&body, 4.0), 1.76);
     assert_within(0.05, crossing(&body, 0.63 * at(&body, 4.0)), 1.28);
     assert_within(0.05, at(&earth, 4.0), 1.79);
