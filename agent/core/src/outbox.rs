@@ -2,7 +2,9 @@
 //!
 //! The vehicle sends its state when needed, as in DIS (IEEE 1278.1): when the peers' dead reckoning of it would be off
 //! by more than a threshold, and at least once per `network.state_max_period_s`. It sends a heartbeat with its
-//! agreement state when that state changes, again in a few frames after the change, and five times a second.
+//! agreement state when that state changes, again in a few frames after the change, and five times a second. When one of
+//! the two is sent and the other is due soon ([`SOON_S`]), both are sent in the same step: a second message in the same
+//! instant costs the receivers almost nothing, whereas each instant wakes every one of them.
 
 use alloc::vec::Vec;
 
@@ -13,12 +15,16 @@ use skein_common::message::{self, Echo, EventKind, Header, Heartbeat, State};
 use skein_common::scenario::{Network, SendMode};
 use skein_common::time::{LocalTime, SenderStamp};
 
-use crate::deadlines::Deadline;
+use crate::deadlines::{Deadline, HEARTBEAT_PERIOD_S};
 use crate::estimate::Estimate;
 use crate::mission::Mission;
 
 /// Number of frames that repeat a changed agreement state: with 30 % loss, one peer in 50,000 misses all nine messages.
 const CHANGE_REPEATS: u32 = 8;
+
+/// A message that is due within this time goes with one that is sent now, s. Half a period of the heartbeat: then state
+/// and heartbeat of a settled vehicle always go together, and neither goes more than twice as often as it is due.
+const SOON_S: f64 = 0.5 * HEARTBEAT_PERIOD_S;
 
 /// The messages that one step sends.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -111,7 +117,12 @@ impl SendSchedule {
         happened: Vec<EventKind>,
         echo: impl FnOnce(SenderStamp) -> Option<Echo>,
     ) -> Outbox {
-        Outbox { state: estimate.and_then(|e| self.state(now, e)), mission: self.mission(now, mission, echo), happened }
+        let is_heartbeat_due = self.is_heartbeat_due(now, mission);
+        let state = estimate.filter(|estimate| self.is_state_due(now, estimate, is_heartbeat_due));
+        let state = state.map(|estimate| self.state(now, estimate));
+        let goes_along = state.is_some() && self.is_heartbeat_due_soon(now);
+        let mission = (is_heartbeat_due || goes_along).then(|| self.mission(now, mission, echo));
+        Outbox { state, mission, happened }
     }
 
     /// Number of states sent since the agent's start.
@@ -135,15 +146,37 @@ impl SendSchedule {
         self.header(now, self.traces)
     }
 
-    fn state(&mut self, now: LocalTime, estimate: &Estimate) -> Option<State> {
-        if !self.need.is_needed(now, self.sent.as_ref(), estimate) {
-            return None;
-        }
+    /// Whether the peers need a new state now, or soon while a heartbeat is sent.
+    fn is_state_due(&self, now: LocalTime, estimate: &Estimate, with_heartbeat: bool) -> bool {
+        let soon = Deadline::StateDue(self.need.max_period_s - SOON_S);
+        self.need.is_needed(now, self.sent.as_ref(), estimate)
+            || with_heartbeat && self.sent.is_some_and(|sent| soon.is_past(now.seconds_since(sent.at)))
+    }
+
+    /// Whether a heartbeat is due soon. Where a state is sent every frame, the heartbeat waits for its own time, because
+    /// there will be a state to go with.
+    fn is_heartbeat_due_soon(&self, now: LocalTime) -> bool {
+        let is_soon = |at| now.seconds_since(at) >= HEARTBEAT_PERIOD_S - SOON_S;
+        !self.need.every_frame && self.mission.as_ref().is_some_and(|(_, at)| is_soon(*at))
+    }
+
+    fn state(&mut self, now: LocalTime, estimate: &Estimate) -> State {
         self.sent = Some(SentState { position: estimate.position, velocity: estimate.velocity, at: now });
         self.state_messages += 1;
         let message = State { header: self.header(now, self.state_messages), state: estimate.state() };
         self.state_bytes += message::encoded_len(&message) as u64;
-        Some(message)
+        message
+    }
+
+    /// Whether a heartbeat is due. A change of the agreement state starts its repetitions.
+    fn is_heartbeat_due(&mut self, now: LocalTime, mission: &Mission) -> bool {
+        let Some((sent, at)) = &self.mission else { return true };
+        let before = (sent.membership, sent.step, sent.vouched, sent.reached, sent.order);
+        let new = (mission.membership(), mission.at(), mission.vouched(), mission.reached(), mission.order());
+        if before != new {
+            self.repeats = CHANGE_REPEATS + 1;
+        }
+        self.repeats > 0 || Deadline::HeartbeatDue.is_past(now.seconds_since(*at))
     }
 
     fn mission(
@@ -151,28 +184,24 @@ impl SendSchedule {
         now: LocalTime,
         mission: &Mission,
         echo: impl FnOnce(SenderStamp) -> Option<Echo>,
-    ) -> Option<Heartbeat> {
-        let (membership, step, vouched, reached, order) =
-            (mission.membership(), mission.at(), mission.vouched(), mission.reached(), mission.order());
-        let is_due = self.mission.as_ref().is_none_or(|(sent, at)| {
-            let before = (sent.membership, sent.step, sent.vouched, sent.reached, sent.order);
-            if before != (membership, step, vouched, reached, order) {
-                self.repeats = CHANGE_REPEATS + 1;
-            }
-            self.repeats > 0 || Deadline::HeartbeatDue.is_past(now.seconds_since(*at))
-        });
-        if !is_due {
-            return None;
-        }
+    ) -> Heartbeat {
         self.repeats = self.repeats.saturating_sub(1);
         self.heartbeats += 1;
         let header = self.header(now, self.heartbeats);
-        let (plan, progress_m) = (mission.plan(), mission.progress_m());
-        let echo = echo(header.stamp);
-        let heartbeat = Heartbeat { header, plan, membership, step, vouched, reached, progress_m, order, echo };
+        let heartbeat = Heartbeat {
+            header,
+            plan: mission.plan(),
+            membership: mission.membership(),
+            step: mission.at(),
+            vouched: mission.vouched(),
+            reached: mission.reached(),
+            progress_m: mission.progress_m(),
+            order: mission.order(),
+            echo: echo(header.stamp),
+        };
         self.heartbeat_bytes += message::encoded_len(&heartbeat) as u64;
         self.mission = Some((heartbeat, now));
-        Some(heartbeat)
+        heartbeat
     }
 
     fn header(&self, now: LocalTime, sequence: u64) -> Header {
@@ -218,6 +247,34 @@ mod tests {
         assert!(needed(1.1, 0.5, 5.11), "0.11 m/s off");
         assert!(needed(1.2, 1.0, 5.0), "the longest period");
         assert!(Need { every_frame: true, ..need }.is_needed(at(1.0), Some(&sent), &estimate(0.0, 5.0)));
+    }
+
+    #[test]
+    fn state_and_heartbeat_of_a_settled_vehicle_go_together() {
+        let scenario = load(&Source { name: "test.toml", text: "swarm.vehicles = 4" }, &[]).unwrap().scenario;
+        let mission = Mission::new(&scenario, None);
+        let mut schedule = SendSchedule::new(VehicleId::new(1).unwrap(), Incarnation(1), &scenario.network);
+        let gust_m_s = scenario.network.state_error_m_s + 1.0;
+        // A gust blows from the third to the sixteenth frame.
+        let mut send = |frame: u32| {
+            let now = LocalTime::from_seconds(0.02 * f64::from(frame));
+            let north_m_s = if (3..16).contains(&frame) { gust_m_s } else { 0.0 };
+            let north_m = gust_m_s * 0.02 * f64::from(frame.clamp(3, 16) - 3);
+            let outbox = schedule.outbox(now, Some(&estimate(north_m, north_m_s)), &mission, Vec::new(), |_| None);
+            (outbox.state.is_some(), outbox.mission.is_some())
+        };
+        assert_eq!(send(0), (true, true));
+        assert_eq!(
+            [send(1), send(2), send(3)],
+            [(false, false), (false, false), (true, false)],
+            "no heartbeat for 60 ms"
+        );
+        assert!((4..10).all(|frame| send(frame) == (false, false)));
+        assert_eq!(send(10), (true, true), "the state goes with the heartbeat, 60 ms before its time");
+        assert!((11..16).all(|frame| send(frame) == (false, false)));
+        assert_eq!(send(16), (true, true), "the heartbeat goes with the state, 80 ms before its time");
+        assert!((17..26).all(|frame| send(frame) == (false, false)));
+        assert_eq!(send(26), (true, true));
     }
 
     proptest! {
