@@ -4,6 +4,9 @@
 //! for a copy. The publisher's thread signs, encodes and sends. While Zenoh blocks that thread for a slow peer, a
 //! waiting state or heartbeat is replaced by the next one, so that the newest is sent. Events and traces wait in
 //! queues; when a queue is full, its oldest message is dropped and counted.
+//!
+//! Traces wait until [`TRACES_AT_ONCE`] of them or another message is to be sent. The cost of sending and receiving is
+//! that of waking the threads involved, not of the messages, and no process needs a trace at once.
 
 use std::collections::VecDeque;
 use std::io;
@@ -19,6 +22,8 @@ use skein_common::topic::Cell;
 const MAX_EVENTS: usize = 64;
 /// Longest queue of traces: a third of a second at 50 frames a second.
 const MAX_TRACES: usize = 16;
+/// Number of traces that are sent together: a tenth of a second at 50 frames a second.
+const TRACES_AT_ONCE: usize = 5;
 /// Time for the publisher's thread to send the waiting messages when it ends.
 const END_TIMEOUT: Duration = Duration::from_millis(200);
 
@@ -92,8 +97,14 @@ impl Outgoing {
 
     /// Hands over the messages of one step. Never waits for the network.
     pub(super) fn hand_over(&self, messages: Messages) {
-        self.shared.lock().add(messages);
-        self.shared.handed_over.notify_one();
+        let is_due = {
+            let mut held = self.shared.lock();
+            held.add(messages);
+            held.waiting.is_due()
+        };
+        if is_due {
+            self.shared.handed_over.notify_one();
+        }
     }
 
     /// Number of events and traces dropped since the start because the network was too slow.
@@ -119,11 +130,14 @@ impl Shared {
     /// or `None` at the end, when no message waits.
     fn next(&self, sent: &mut Waiting) -> Option<u64> {
         let mut held = self.lock();
-        while held.waiting.is_empty() {
+        while !held.waiting.is_due() {
             if held.is_over {
-                return None;
+                break;
             }
             held = self.handed_over.wait(held).unwrap_or_else(PoisonError::into_inner);
+        }
+        if held.waiting.is_empty() {
+            return None;
         }
         std::mem::swap(&mut held.waiting, sent);
         Some(held.dropped)
@@ -155,8 +169,17 @@ impl Held {
 }
 
 impl Waiting {
+    /// Whether the publisher's thread has to send now.
+    fn is_due(&self) -> bool {
+        self.has_more_than_traces() || self.traces.len() >= TRACES_AT_ONCE
+    }
+
     fn is_empty(&self) -> bool {
-        self.state.is_none() && self.mission.is_none() && self.events.is_empty() && self.traces.is_empty()
+        !self.has_more_than_traces() && self.traces.is_empty()
+    }
+
+    fn has_more_than_traces(&self) -> bool {
+        self.state.is_some() || self.mission.is_some() || !self.events.is_empty()
     }
 }
 
@@ -200,6 +223,38 @@ mod tests {
         }
     }
 
+    fn trace(sequence: u64) -> Messages {
+        let trace = Trace {
+            header: header(sequence),
+            plant_time: Default::default(),
+            membership: Default::default(),
+            activity: Default::default(),
+            live: 1,
+            step: 0,
+            reached: None,
+            centre_ne_m: [0.0; 2],
+            estimate: Default::default(),
+            position: Default::default(),
+            height_m: 0.0,
+            velocity: Default::default(),
+            attitude: Default::default(),
+            power_w: None,
+            field_ne: [0.0; 2],
+            error_ne_m: [0.0; 2],
+            altitude_setpoint_m: 0.0,
+            controls: None,
+            peers: Vec::new(),
+            step_us: None,
+            safety_activations: None,
+            law_misses: None,
+            law_log: Vec::new(),
+            frame_overruns: 0,
+            state_messages: 0,
+            state_bytes: 0,
+        };
+        Messages { trace: Some(trace), ..Messages::default() }
+    }
+
     fn step(sequence: u64) -> Messages {
         let events = vec![Event { header: header(sequence), what: EventKind::Landed }];
         Messages { mission: Some(heartbeat(sequence)), events, ..Messages::default() }
@@ -230,6 +285,27 @@ mod tests {
         let_go.send(()).unwrap();
         outgoing.end();
         assert_eq!(was_sent.recv().unwrap(), (Some(1 + more), (2 + 6..2 + more).collect()));
+    }
+
+    #[test]
+    fn traces_wait_for_each_other_or_for_another_message_or_the_end() {
+        let (sent, was_sent) = mpsc::channel();
+        let outgoing = Outgoing::start(move |waiting| {
+            let Waiting { mission, traces, .. } = std::mem::take(waiting);
+            sent.send((mission.is_some(), traces.len())).unwrap();
+        })
+        .unwrap();
+        let hand_over = |count: usize| (0..count as u64).for_each(|sequence| outgoing.hand_over(trace(sequence)));
+        hand_over(TRACES_AT_ONCE - 1);
+        assert_eq!(was_sent.recv_timeout(Duration::from_millis(50)), Err(mpsc::RecvTimeoutError::Timeout));
+        hand_over(1);
+        assert_eq!(was_sent.recv().unwrap(), (false, TRACES_AT_ONCE));
+        hand_over(2);
+        outgoing.hand_over(Messages { mission: Some(heartbeat(1)), ..Messages::default() });
+        assert_eq!(was_sent.recv().unwrap(), (true, 2));
+        hand_over(1);
+        outgoing.end();
+        assert_eq!(was_sent.recv().unwrap(), (false, 1));
     }
 
     #[test]

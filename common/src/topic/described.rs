@@ -68,7 +68,7 @@ pub const TOPIC_DESCRIPTIONS: [TopicDescription; 8] = [
         message: Some("Trace"),
         sender: "agent of vehicle N",
         receivers: "observers that want every step: `skein fly` and `skein record`",
-        when: "every step, while a process subscribes to it",
+        when: "every step, while a process subscribes to it; up to five wait for each other or for another message",
         delivery: "put, priority data-low, dropped on congestion",
     },
     TopicDescription {
