@@ -40,7 +40,7 @@ use crate::faults::{InjectedFault, LinkChanges};
 use crate::metrics::Totals;
 use central::Central;
 use driver::{Decentralised, Driver};
-pub(crate) use plants::Blocks;
+pub use plants::Blocks;
 use script::{Operator, ScriptedAction};
 use vehicle::Vehicle;
 

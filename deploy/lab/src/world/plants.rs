@@ -7,14 +7,14 @@ use skein_core::plant::Controls;
 /// Blocks for the flight models that are stepped together. Which vehicle is in which block, and with which others, does
 /// not change its flight.
 #[derive(Debug, Default)]
-pub(crate) struct Blocks(Vec<Block>);
+pub struct Blocks(Vec<Block>);
 
 impl Blocks {
     /// Number of vehicles in one block.
     pub(super) const SIZE: usize = Block::SIZE;
 
     /// Advances each vehicle by one frame with its controls.
-    pub(super) fn advance<'a>(&mut self, vehicles: impl Iterator<Item = (&'a mut BuiltInVehicle, Option<Controls>)>) {
+    pub fn advance<'a>(&mut self, vehicles: impl Iterator<Item = (&'a mut BuiltInVehicle, Option<Controls>)>) {
         let mut vehicles = vehicles.peekable();
         for nth in 0.. {
             if vehicles.peek().is_none() {
