@@ -23,7 +23,7 @@ use crate::mission::Mission;
 const CHANGE_REPEATS: u32 = 8;
 
 /// A message that is due within this time goes with one that is sent now, s. Half a period of the heartbeat: then state
-/// and heartbeat of a settled vehicle always go together, and neither goes more than twice as often as it is due.
+/// and heartbeat of a settled vehicle always go together, and neither is sent at more than twice its rate.
 const SOON_S: f64 = 0.5 * HEARTBEAT_PERIOD_S;
 
 /// The messages that one step sends.
