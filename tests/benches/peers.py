@@ -5,8 +5,9 @@
 
 Installs each simulator from PyPI into an environment of its own under target/peers, each within ten minutes, and prints
 what cannot be installed. Each flies 4 and 100 vehicles on one core. Open loop is physics alone; closed loop has a
-controller. Times are processor times, the least of three runs in turn. Of the others' programs the start and the
-compilation are left out; Skein's is its whole process.
+controller. A step of Skein is a frame of 20 ms; its flight model takes smaller ones. Times are processor times, the
+least of three runs in turn. Of the others' programs the start and the compilation are left out; Skein's is its whole
+process.
 """
 
 import argparse
@@ -124,10 +125,18 @@ def work(name, vehicles, loop):
     print(json.dumps({"vehicles": vehicles, "hz": rate_hz, "flown_s": seconds, "spent_s": spent}))
 
 
-def run_bounded(command, within_s):
-    """Output of a command in a process group of its own, which is killed when its time is over."""
+def run_bounded(command, within_s, folder):
+    """Output of a command in a process group of its own, which is killed when its time is over. What it writes stays in
+    the folder, also the files that a killed build leaves behind."""
+    folder.mkdir(parents=True, exist_ok=True)
     process = subprocess.Popen(
-        command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, start_new_session=True
+        command,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        start_new_session=True,
+        cwd=folder,
+        env={**os.environ, "TMPDIR": str(folder)},
     )
     try:
         output, _ = process.communicate(timeout=within_s)
@@ -148,16 +157,18 @@ def install(name):
     python, done = folder / "bin/python", folder / "installed"
     if not done.exists():
         shutil.rmtree(folder, ignore_errors=True)
-        run_bounded([sys.executable, "-m", "venv", str(folder)], INSTALL_WITHIN_S)
+        temporary = folder / "tmp"
+        run_bounded([sys.executable, "-m", "venv", str(folder)], INSTALL_WITHIN_S, temporary)
         missing = []
         for nth, package in enumerate(PACKAGES[name]):
             try:
                 pip = [str(python), "-m", "pip", "install", "--quiet", "--disable-pip-version-check", package]
-                run_bounded(pip, max(until - time.monotonic(), 1))
+                run_bounded(pip, max(until - time.monotonic(), 1), temporary)
             except RuntimeError as why:
                 if nth == 0:
                     raise
                 missing.append(f"{package} cannot be installed: {why}")
+        shutil.rmtree(temporary, ignore_errors=True)
         done.write_text("\n".join(missing))
     return python, done.read_text().splitlines()
 
@@ -165,11 +176,12 @@ def install(name):
 def peer(python, name, vehicles, loop):
     """One run of a simulator."""
     command = [str(python), str(Path(__file__).resolve()), "--worker", name, str(vehicles), loop]
-    return json.loads(run_bounded(command, RUN_WITHIN_S).splitlines()[-1])
+    return json.loads(run_bounded(command, RUN_WITHIN_S, ENVIRONMENTS / name / "tmp").splitlines()[-1])
 
 
-def skein(program, vehicles, seconds=100):
+def skein(program, vehicles):
     """One run of `skein study`: the hover in one ring, with agreement, messages, formation, control and figures."""
+    seconds = max(100, 1600 // vehicles)
     side_m = max(150, round(30 * vehicles**0.5))
     with tempfile.TemporaryDirectory() as folder:
         command = [program, "study", str(REPOSITORY / "deploy/scenarios/hover.toml"), "--seed", "1", "--no-record"]
@@ -177,11 +189,12 @@ def skein(program, vehicles, seconds=100):
         sets = {"swarm.vehicles": vehicles, "formation.radius_m": 12 * vehicles, "start.square_m": side_m}
         for key, value in {**sets, "duration_s": seconds}.items():
             command += ["--set", f"{key}={value}"]
-        nothing = (os.POSIX_SPAWN_OPEN, 1, os.devnull, os.O_WRONLY, 0)
-        pid = os.posix_spawn(command[0], command, os.environ, file_actions=[nothing])
+        output = Path(folder, "output")
+        to_output = [(os.POSIX_SPAWN_OPEN, 1, output, os.O_WRONLY | os.O_CREAT, 0o600), (os.POSIX_SPAWN_DUP2, 1, 2)]
+        pid = os.posix_spawn(command[0], command, os.environ, file_actions=to_output)
         _, status, used = os.wait4(pid, 0)
-    if status != 0:
-        raise RuntimeError(f"skein study ended with status {status}")
+        if status != 0:
+            raise RuntimeError(f"{' '.join(command)}: {output.read_text()}")
     return {"vehicles": vehicles, "hz": 50, "flown_s": seconds, "spent_s": used.ru_utime + used.ru_stime}
 
 
@@ -230,7 +243,7 @@ def main():
                 continue
             spent = lambda one: one["spent_s"] / one["flown_s"]
             best[nth] = min(best.get(nth, result), result, key=spent)
-    rows = [["simulator", "loop", "vehicles", "physics Hz", "steps per CPU-s", "vehicle-s per CPU-s"]]
+    rows = [["simulator", "loop", "vehicles", "step Hz", "steps per CPU-s", "vehicle-s per CPU-s"]]
     rows += [row(name, loop, best[nth]) for nth, (name, loop, _, _) in enumerate(runs) if best[nth] != "failed"]
     widths = [max(len(line[column]) for line in rows) for column in range(len(rows[0]))]
     for line in rows:
