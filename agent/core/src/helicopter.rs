@@ -36,7 +36,6 @@ mod dynamics;
 mod ground;
 mod hover;
 mod integration;
-mod lanes;
 mod main_rotor;
 mod rotor;
 mod tail;

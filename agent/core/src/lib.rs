@@ -36,6 +36,7 @@ pub mod formation;
 mod gilbert;
 pub mod helicopter;
 pub mod impairments;
+mod lanes;
 pub mod mission;
 pub mod outbox;
 pub mod peers;

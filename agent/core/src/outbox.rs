@@ -3,8 +3,8 @@
 //! The vehicle sends its state when needed, as in DIS (IEEE 1278.1): when the peers' dead reckoning of it would be off
 //! by more than a threshold, and at least once per `network.state_max_period_s`. It sends a heartbeat with its
 //! agreement state when that state changes, again in a few frames after the change, and five times a second. When one of
-//! the two is sent and the other is due soon ([`SOON_S`]), both are sent in the same step: a second message in the same
-//! instant costs the receivers almost nothing, whereas each instant wakes every one of them.
+//! the two is sent and the other is due within half a period of the heartbeat, both are sent in the same step: a second
+//! message in the same instant costs the receivers almost nothing, whereas each instant wakes every one of them.
 
 use alloc::vec::Vec;
 

@@ -29,6 +29,7 @@ use skein_common::scenario;
 
 use super::COINCIDENT_M;
 use super::law::{Law, LawCommand, LawOutput, Neighbour, Observation, Obstacle, Setup};
+use crate::lanes::{LANES, Lanes, Real};
 use crate::peers::MAX_OBSTACLE_RADIUS_M;
 
 /// Limit of the summed avoidance of all neighbours: a crowd must not expel its members.
@@ -253,13 +254,24 @@ impl Ring {
     fn push(&self, own: VehicleId, place: PositionNed, neighbours: &[Neighbour]) -> Vector3<f64> {
         let half_m = self.avoid_distance_m(neighbours.len() + 1);
         let alpha_av = self.edge_exponent / half_m;
-        let mut sum = Vector3::zeros();
-        for neighbour in neighbours {
-            let apart_m = place - neighbour.position;
-            let apart_m = if self.gamma_z.is_some() { apart_m } else { flat(apart_m.xy()) };
-            let (distance_m, direction) = away(own < neighbour.id, apart_m);
-            sum += direction * limiting(alpha_av * (distance_m - half_m));
+        let mut sums = [Lanes::splat(0.0); 3];
+        for block in neighbours.chunks(LANES) {
+            // A lane without a neighbour has weight 0.
+            let (mut weight, mut from_m) = (Lanes::splat(0.0), [Lanes::splat(1.0); 3]);
+            for (lane, neighbour) in block.iter().enumerate() {
+                let apart_m = place - neighbour.position;
+                let apart_m = if self.gamma_z.is_some() { apart_m } else { flat(apart_m.xy()) };
+                let apart_m = distinct(own < neighbour.id, apart_m);
+                weight.0[lane] = 1.0;
+                from_m.iter_mut().zip(apart_m.iter()).for_each(|(lanes, one)| lanes.0[lane] = *one);
+            }
+            let [x, y, z] = from_m;
+            let distance_m = (x * x + y * y + z * z).sqrt();
+            // S/d: the limiting function, and the division that makes the displacement a direction.
+            let share = weight / ((((distance_m - half_m) * alpha_av).exp() + 1.0) * distance_m);
+            sums.iter_mut().zip(from_m).for_each(|(sum, from_m)| *sum = *sum + from_m * share);
         }
+        let sum = Vector3::from(sums.map(Lanes::sum));
         sum.cap_magnitude(MAX_AVOIDANCE)
     }
 }
@@ -269,22 +281,21 @@ impl Ring {
 fn keep_clear(ring: &Ring, own: VehicleId, place: PositionNed, obstacles: &[Obstacle]) -> Vector3<f64> {
     let mut sum = Vector3::zeros();
     for obstacle in obstacles {
-        let (distance_m, direction) = away(own < obstacle.id, flat((place - obstacle.position).xy()));
-        let alpha = ring.edge_exponent / obstacle.radius_m;
-        sum += direction * (limiting(alpha * (distance_m - obstacle.radius_m)) * MAX_AVOIDANCE);
+        let from_m = distinct(own < obstacle.id, flat((place - obstacle.position).xy()));
+        let (distance_m, alpha) = (from_m.norm(), ring.edge_exponent / obstacle.radius_m);
+        sum += from_m * (limiting(alpha * (distance_m - obstacle.radius_m)) * MAX_AVOIDANCE / distance_m);
     }
     sum
 }
 
-/// Distance from a neighbour to this vehicle, m, and its direction; ±north at coincident positions, with opposite signs
-/// for the two vehicles.
+/// The displacement from another vehicle, m; a short one to the north or south at coincident positions, opposite for the
+/// two vehicles.
 #[inline]
-fn away(is_first: bool, apart_m: Vector3<f64>) -> (f64, Vector3<f64>) {
-    let distance_m = apart_m.norm();
-    if distance_m < COINCIDENT_M {
-        (distance_m, Vector3::new(if is_first { 1.0 } else { -1.0 }, 0.0, 0.0))
+fn distinct(is_first: bool, apart_m: Vector3<f64>) -> Vector3<f64> {
+    if apart_m.norm_squared() < COINCIDENT_M * COINCIDENT_M {
+        Vector3::new(if is_first { COINCIDENT_M } else { -COINCIDENT_M }, 0.0, 0.0)
     } else {
-        (distance_m, apart_m / distance_m)
+        apart_m
     }
 }
 

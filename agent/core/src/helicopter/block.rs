@@ -4,9 +4,9 @@ use alloc::sync::Arc;
 
 use super::dynamics::{Command, Dynamics, State};
 use super::integration::Stages;
-use super::lanes::{LANES, Lanes, SetLane};
 use super::vector::Vector;
 use super::{BuiltInVehicle, Helicopter};
+use crate::lanes::{LANES, Lanes, SetLane};
 use crate::plant::Controls;
 
 /// Room for eight vehicles side by side. A block has no vehicles of its own: each tick it is lent up to eight, and it

@@ -2,9 +2,9 @@
 
 use core::ops::AddAssign;
 
-use super::lanes::{Mask, Real, numbers};
 use super::parameters::Parameters;
 use super::vector::{Rotation, Vector};
+use crate::lanes::{Mask, Real, numbers};
 
 /// Force (N) and moment about the centre of gravity (N m) in body axes.
 #[derive(Clone, Copy, Debug)]

@@ -1,7 +1,7 @@
 //! Engine, governor and shaft.
 
-use super::lanes::{Real, numbers};
 use super::parameters::Parameters;
+use crate::lanes::{Real, numbers};
 
 numbers! {
     /// The constants of the drive.

@@ -3,12 +3,12 @@
 use super::body::{self, Body};
 use super::drive::Drive;
 use super::ground::Contact;
-use super::lanes::{Mask, Real, numbers};
 use super::main_rotor::{MainRotor, MainRotorState};
 use super::parameters::Parameters;
 use super::rotor::Inflow;
 use super::tail::Tail;
 use super::vector::Vector;
+use crate::lanes::{Mask, Real, numbers};
 
 /// Number of states.
 pub(super) const STATES: usize = 23;

@@ -1,9 +1,9 @@
 //! The ground: contact forces on the skids, and ground effect on the main rotor.
 
 use super::body::Wrench;
-use super::lanes::{Mask, Real, numbers};
 use super::parameters::{Parameters, Skids};
 use super::vector::{Rotation, Vector};
+use crate::lanes::{Mask, Real, numbers};
 
 /// Below this speed over the ground (m/s) friction fades to zero, so that a standing helicopter does not chatter.
 const FRICTION_SPEED_M_S: f64 = 0.05;

@@ -13,8 +13,8 @@
 
 use super::TICK_S;
 use super::dynamics::{Command, Dynamics, State};
-use super::lanes::{Mask, Real};
 use super::vector::Vector;
+use crate::lanes::{Mask, Real};
 
 /// Steps in one tick near the ground.
 const STEPS_NEAR_GROUND: u32 = 4;

@@ -2,10 +2,10 @@
 
 use super::body::Wrench;
 use super::ground;
-use super::lanes::{Real, numbers};
 use super::parameters::Parameters;
 use super::rotor::{Flow, Inflow, Rotor};
 use super::vector::Vector;
+use crate::lanes::{Real, numbers};
 
 numbers! {
     /// The constants of the main rotor.

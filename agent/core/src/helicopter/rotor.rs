@@ -2,8 +2,8 @@
 
 use core::f64::consts::PI;
 
-use super::lanes::{Real, numbers};
 use super::parameters::{self, Parameters};
+use crate::lanes::{Real, numbers};
 
 /// Lower bound of the tip speed in the coefficients, which divide by it, m/s.
 const MIN_TIP_SPEED_M_S: f64 = 1.0;

@@ -3,10 +3,10 @@
 use core::f64::consts::PI;
 
 use super::body::{self, Wrench};
-use super::lanes::{Real, numbers};
 use super::parameters::Parameters;
 use super::rotor::{Hovering, Inflow, Rotor};
 use super::vector::Vector;
+use crate::lanes::{Real, numbers};
 
 numbers! {
     /// The constants of the tail.

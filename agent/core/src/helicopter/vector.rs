@@ -1,10 +1,10 @@
-//! Vectors and rotations of the flight model, for one helicopter or for eight (see [`super::lanes`]).
+//! Vectors and rotations of the flight model, for one helicopter or for eight (see [`crate::lanes`]).
 
 use core::ops::{Add, AddAssign, Mul, Neg, Sub};
 
 use nalgebra::Vector3;
 
-use super::lanes::{Lanes, Real, SetLane};
+use crate::lanes::{Lanes, Real, SetLane};
 
 /// A vector in body or NED axes.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

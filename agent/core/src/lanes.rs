@@ -1,22 +1,23 @@
-//! The numbers of the flight model: one helicopter's (`f64`) or eight helicopters' side by side ([`Lanes`]).
+//! Eight numbers side by side ([`Lanes`]): of eight helicopters in the flight model, of eight neighbours in a law.
 //!
-//! The equations are written once, for any [`Real`]. A lane of [`Lanes`] has exactly the bits that `f64` has: every
+//! The equations of the flight model are written once, for any [`Real`], and used for one helicopter (`f64`) too. A lane of [`Lanes`] has exactly the bits that `f64` has: every
 //! operation is one of IEEE 754's correctly rounded ones (+ − × ÷ √), a comparison or a selection, and none mixes
 //! lanes. A branch of the equations is therefore a [`Real::select`]; a part of them may be skipped when no lane needs
 //! it.
 //!
 //! Everything here is inlined into its caller, so that one caller compiled for AVX-512 or AVX2 and another compiled for
 //! any processor both get vector instructions of their own kind. For the same reason the vectors of the flight model
-//! ([`super::vector`]) are not nalgebra's, whose functions are too large for the compiler to inline with eight lanes.
+//! (`helicopter/vector.rs`) are not nalgebra's, whose functions are too large for the compiler to inline with eight lanes.
 
+use core::f64::consts::LOG2_E;
 use core::fmt::Debug;
 use core::ops::{Add, BitAnd, BitOr, Div, Mul, Neg, Not, Sub};
 
 /// Number of lanes.
-pub(super) const LANES: usize = 8;
+pub(crate) const LANES: usize = 8;
 
-/// A number of the flight model: `f64`, or [`Lanes`] of them.
-pub(super) trait Real:
+/// A number: `f64`, or [`Lanes`] of them.
+pub(crate) trait Real:
     Copy
     + Debug
     + Default
@@ -68,7 +69,7 @@ pub(super) trait Real:
 }
 
 /// The result of a comparison in every lane.
-pub(super) trait Mask: Copy + BitAnd<Output = Self> + BitOr<Output = Self> + Not<Output = Self> {
+pub(crate) trait Mask: Copy + BitAnd<Output = Self> + BitOr<Output = Self> + Not<Output = Self> {
     /// Whether it holds in at least one lane.
     fn any(self) -> bool;
     /// Whether it holds in all lanes.
@@ -126,14 +127,14 @@ impl Mask for bool {
     }
 }
 
-/// One number of each of eight helicopters.
+/// Eight numbers.
 #[derive(Clone, Copy, Debug, Default)]
 #[repr(align(64))]
-pub(super) struct Lanes(pub(super) [f64; LANES]);
+pub(crate) struct Lanes(pub(crate) [f64; LANES]);
 
 /// The result of a comparison of [`Lanes`].
 #[derive(Clone, Copy, Debug)]
-pub(super) struct LaneMask([bool; LANES]);
+pub(crate) struct LaneMask([bool; LANES]);
 
 /// Applies an expression to every lane. No closure: one that is not inlined is compiled for any processor.
 macro_rules! each_lane {
@@ -220,6 +221,51 @@ impl Real for Lanes {
     }
 }
 
+impl Lanes {
+    /// e to the power of each number, which counts as at most 700 and at least −700; within two units in the last place.
+    #[inline(always)]
+    pub(crate) fn exp(self) -> Self {
+        // e^x = 2^k e^r with the whole number k nearest to x/ln 2, so that |r| is at most ln 2/2. Adding 1.5·2^52 rounds to
+        // a whole number, and leaves it in the lowest bits. The first part of ln 2 is short: k times it is exact.
+        const ROUND: f64 = 1.5 * (1_u64 << 52) as f64;
+        const LN_2: [f64; 2] = [6.931_471_803_691_238e-1, 1.908_214_929_270_587_7e-10];
+        const BIAS: u64 = 1023;
+        // 1/13! to 1/0!: the next term of the series is below 10^-17.
+        const SERIES: [f64; 14] = [
+            1.0 / 6_227_020_800.0,
+            1.0 / 479_001_600.0,
+            1.0 / 39_916_800.0,
+            1.0 / 3_628_800.0,
+            1.0 / 362_880.0,
+            1.0 / 40_320.0,
+            1.0 / 5_040.0,
+            1.0 / 720.0,
+            1.0 / 120.0,
+            1.0 / 24.0,
+            1.0 / 6.0,
+            0.5,
+            1.0,
+            1.0,
+        ];
+        let x = self.clamp(Self::splat(-700.0), Self::splat(700.0));
+        let rounded = x * LOG2_E + ROUND;
+        let k = rounded - ROUND;
+        let r = x - k * LN_2[0] - k * LN_2[1];
+        let mut sum = Self::splat(SERIES[0]);
+        for factor in &SERIES[1..] {
+            sum = sum * r + *factor;
+        }
+        sum * Self(each_lane!(i => f64::from_bits(rounded.0[i].to_bits().wrapping_add(BIAS) << 52); 0.0))
+    }
+
+    /// The sum of the numbers.
+    #[inline(always)]
+    pub(crate) fn sum(self) -> f64 {
+        let [a, b, c, d, e, f, g, h] = self.0;
+        ((a + b) + (c + d)) + ((e + f) + (g + h))
+    }
+}
+
 impl BitAnd for LaneMask {
     type Output = Self;
 
@@ -268,7 +314,7 @@ impl Mask for LaneMask {
 }
 
 /// What holds numbers of eight helicopters, of which one lane at a time is set from one helicopter's.
-pub(super) trait SetLane<One> {
+pub(crate) trait SetLane<One> {
     /// Sets one lane.
     fn set_lane(&mut self, lane: usize, one: &One);
 }
@@ -297,11 +343,30 @@ macro_rules! numbers {
             $($(#[$field_about])* $field_seen $field: $type,)*
         }
 
-        impl crate::helicopter::lanes::SetLane<$name<f64>> for $name<crate::helicopter::lanes::Lanes> {
+        impl crate::lanes::SetLane<$name<f64>> for $name<crate::lanes::Lanes> {
             fn set_lane(&mut self, lane: usize, one: &$name<f64>) {
-                $(crate::helicopter::lanes::SetLane::set_lane(&mut self.$field, lane, &one.$field);)*
+                $(crate::lanes::SetLane::set_lane(&mut self.$field, lane, &one.$field);)*
             }
         }
     };
 }
-pub(super) use numbers;
+pub(crate) use numbers;
+
+#[cfg(test)]
+mod tests {
+    use skein_common::math;
+
+    use super::*;
+
+    #[test]
+    fn exp_is_that_of_the_library_to_the_last_digits() {
+        for nth in -70_000..=70_000 {
+            let x = f64::from(nth) * 0.01 + 1e-5;
+            let (lanes, expected) = (Lanes::splat(x).exp().0, math::exp(x.clamp(-700.0, 700.0)));
+            assert!(((lanes[3] - expected) / expected).abs() < 5e-16, "e^{x}: {} instead of {expected}", lanes[3]);
+        }
+        assert_eq!(Lanes::splat(0.0).exp().0, [1.0; LANES]);
+        assert_eq!(Lanes::splat(1e300).exp().0, Lanes::splat(700.0).exp().0);
+        assert!(Lanes::splat(f64::NAN).exp().0[0].is_nan());
+    }
+}
