@@ -41,13 +41,16 @@ fn first_other<'a>(excerpt: &'a [String], whole: &str) -> Option<&'a str> {
 }
 
 /// The excerpt with each row replaced by the row of the whole with the longest equal beginning, because the first
-/// columns name the row.
+/// columns name the row; of those behind the last one taken, because another table may have the same first columns.
 fn renewed<'a>(excerpt: &'a [String], whole: &'a str) -> Vec<&'a str> {
     let common =
         |one: &str, other: &str| one.chars().zip(other.chars()).take_while(|(one, other)| one == other).count();
-    let nearest = |line: &'a str| {
-        let rows: Vec<&str> = whole.lines().filter(|row| !is_gap(row)).collect();
-        rows.into_iter().rev().max_by_key(|row| common(row, line)).unwrap_or(line)
+    let rows: Vec<&str> = whole.lines().filter(|row| !is_gap(row)).collect();
+    let mut taken = 0;
+    let mut nearest = |line: &'a str| {
+        let found = (taken..rows.len()).rev().max_by_key(|&nth| common(rows[nth], line));
+        taken = found.map_or(taken, |nth| nth + 1);
+        found.map_or(line, |nth| rows[nth])
     };
     excerpt.iter().map(|line| if is_gap(line) { line } else { nearest(line) }).collect()
 }
@@ -117,4 +120,7 @@ fn rows_are_renewed_by_their_first_columns() {
     let whole = "case  figure\n   1    1.25\n   2    3.00\n  12    4.00\n";
     let old: Vec<String> = ["case  figure", "   1    1.20", "…", "  12    4.10"].map(str::to_owned).to_vec();
     assert_eq!(renewed(&old, whole), ["case  figure", "   1    1.25", "…", "  12    4.00"]);
+    let whole = "first\n1  one\n2  two\nsecond\n1  eins\n2  zwei\n";
+    let old: Vec<String> = ["second", "1  uno", "2  due"].map(str::to_owned).to_vec();
+    assert_eq!(renewed(&old, whole), ["second", "1  eins", "2  zwei"]);
 }

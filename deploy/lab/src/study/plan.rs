@@ -13,8 +13,9 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::env;
-use std::fs;
+use std::fs::{self, File};
 use std::hash::{DefaultHasher, Hash, Hasher};
+use std::io::Read;
 use std::num::NonZeroUsize;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
@@ -190,8 +191,20 @@ fn files_of_law(scenario: &Scenario) -> impl Iterator<Item = PathBuf> {
 
 /// Adds a file's content to the hash.
 fn hash_file(path: &Path, hasher: &mut impl Hasher) -> Result<(), Error> {
-    let bytes = fs::read(path).map_err(|error| Error::Refused(format!("{}: {error}", path.display())))?;
-    bytes.hash(hasher);
+    let failed = |error| Error::Refused(format!("{}: {error}", path.display()));
+    let mut file = File::open(path).map_err(failed)?;
+    // A program's file is large: reading all of it at once would be the most memory that a study uses.
+    let mut piece = vec![0; 1 << 16];
+    let mut length = 0;
+    loop {
+        let read = file.read(&mut piece).map_err(failed)?;
+        if read == 0 {
+            break;
+        }
+        hasher.write(&piece[..read]);
+        length += read;
+    }
+    hasher.write_usize(length);
     Ok(())
 }
 

@@ -96,7 +96,8 @@ fn figure(key: &str, column: &[(u64, Option<f64>)]) -> FigureSummary {
     let at = |share: f64| {
         let mut ranks: Vec<f64> = ranked.iter().map(|(_, value)| rank(*value)).collect();
         // What never happened in as many runs has no value.
-        quantile(&mut ranks, share).filter(|rank| rank.is_finite()).map(|rank| sign * rank)
+        // Adding zero turns -0.0 into 0.0.
+        quantile(&mut ranks, share).filter(|rank| rank.is_finite()).map(|rank| sign * rank + 0.0)
     };
     let (first, third) = if sign < 0.0 { (0.75, 0.25) } else { (0.25, 0.75) };
     let values = || column.iter().filter_map(|(_, value)| *value);
@@ -136,6 +137,15 @@ pub(super) fn csv(points: &[Point], runs: &[Measured]) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_middle_of_zeros_is_zero_without_a_sign() {
+        let zeros = [(1, Some(0.0)), (2, Some(0.0)), (3, Some(0.0))];
+        for key in ["setpoints_reached", "collisions"] {
+            let FigureSummary { q1, median, q3, .. } = figure(key, &zeros);
+            assert_eq!([q1, median, q3].map(|value| value.map(f64::to_bits)), [Some(0); 3], "{key}");
+        }
+    }
 
     #[test]
     fn a_swept_value_has_a_cell_and_a_column_of_its_own() {
