@@ -35,7 +35,7 @@ use tokio::time::MissedTickBehavior;
 use crate::config::{AgentOptions, Node};
 use crate::external::LiveLaw;
 use crate::link::{
-    CLOCK_QUERY_PERIOD, HealthPublisher, Link, LinkError, Sessions, Trust, ZENOH_ON_ONE_THREAD, ZENOH_RUNTIME,
+    CLOCK_QUERY_PERIOD, HealthPublisher, Link, LinkError, Sessions, Trust, ZENOH_ON_TWO_THREADS, ZENOH_RUNTIME,
 };
 use crate::plant::xplane;
 use crate::unix;
@@ -117,7 +117,7 @@ pub fn program(options: &AgentOptions) -> ExitCode {
         Ok(node) => node,
         Err(error) => return failed(&error, 2),
     };
-    unix::restart_with((ZENOH_RUNTIME, ZENOH_ON_ONE_THREAD));
+    unix::restart_with((ZENOH_RUNTIME, ZENOH_ON_TWO_THREADS));
     if !options.child {
         // The parent process has printed a child's notes.
         node.notes.iter().for_each(|note| eprintln!("{note}"));

@@ -17,7 +17,7 @@ use std::path::Path;
 
 use comfy_table::{CellAlignment, Table, presets};
 use serde::Serialize;
-use skein_agent::link::{ZENOH_ON_ONE_THREAD, ZENOH_RUNTIME};
+use skein_agent::link::{ZENOH_ON_TWO_THREADS, ZENOH_RUNTIME};
 use skein_agent::unix;
 use skein_common::id::VehicleId;
 
@@ -72,7 +72,7 @@ pub struct Fits {
 pub fn run(out: Option<&Path>, json: bool) -> Result<(), Error> {
     let out = out.map(|out| out::folder(Some(out), "")).transpose()?;
     // Use the same number of Zenoh threads as agents do.
-    unix::restart_with((ZENOH_RUNTIME, ZENOH_ON_ONE_THREAD));
+    unix::restart_with((ZENOH_RUNTIME, ZENOH_ON_TWO_THREADS));
     eprintln!("measuring for about ten seconds; other programs on this PC affect the figures");
     let capacity = Capacity::of(measure(Effort::FULL)?);
     let text = capacity.to_text();

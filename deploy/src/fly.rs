@@ -16,7 +16,7 @@
 use std::path::PathBuf;
 use std::time::Duration;
 
-use skein_agent::link::{ZENOH_ON_ONE_THREAD, ZENOH_RUNTIME};
+use skein_agent::link::{ZENOH_ON_TWO_THREADS, ZENOH_RUNTIME};
 use skein_agent::unix;
 
 use crate::capacity;
@@ -117,7 +117,7 @@ impl PlantArg {
 pub fn run(args: &FlyArgs) -> Result<(), Error> {
     let plan = Plan::new(args)?;
     // As agents run, and once for all of them.
-    unix::restart_with((ZENOH_RUNTIME, ZENOH_ON_ONE_THREAD));
+    unix::restart_with((ZENOH_RUNTIME, ZENOH_ON_TWO_THREADS));
     plan.loaded.notes.iter().for_each(|note| eprintln!("{note}"));
     script::skipped(plan.scenario()).iter().for_each(|skipped| eprintln!("{skipped}"));
     if args.view.is_some() {
