@@ -278,7 +278,8 @@ impl Peer {
         Some(AgeBasis { at, delay: self.round_trips.delay(at, transit_s) })
     }
 
-    /// The standing and the role of a peer that is no live member; its state has this age, s.
+    /// Returns the standing and the role of a peer that is not a live member of the formation. `age_s` is the age of its
+    /// newest state, s.
     #[cold]
     pub(super) fn standing_and_role(&self, now: LocalTime, age_s: f64) -> (PeerStatus, Role) {
         let standing = if self.lost_at.is_some() { PeerStatus::Lost } else { standing(age_s) };
