@@ -21,10 +21,11 @@
 //! `network.graph` withholds a peer's states, that peer is out of sight as long as its heartbeats arrive: it is not an
 //! obstacle, and both still agree on the mission. All durations are in [`crate::deadlines`].
 //!
-//! A step looks at the messages that have arrived and at the near peers, not at every peer. A message changes the record of its sender. The status of a peer is
-//! judged again only after a message that can change it, or after the earliest time at which a deadline can. What other
-//! stages ask often is kept as sets of vehicles, and states are extrapolated only for the peers within the law's reach
-//! (`near.rs`). The tests hold this bookkeeping against one that judges every peer at every step.
+//! A step looks at the messages that have arrived and at the near peers, not at every peer. A message changes the
+//! record of its sender. The status of a peer is judged again only after a message that can change it, or after the
+//! earliest time at which a deadline can. What other stages ask often is kept as sets of vehicles, and states are
+//! extrapolated only for the peers within the law's reach (`near.rs`). The tests hold this bookkeeping against one that
+//! judges every peer at every step.
 
 mod age;
 mod message;
