@@ -89,61 +89,72 @@ impl TryFrom<[u64; 4]> for VehicleSet {
 
 impl VehicleSet {
     /// Adds a vehicle.
+    #[inline]
     pub fn insert(&mut self, id: VehicleId) {
         let (block, bit) = Self::place(id);
         self.0[block] |= bit;
     }
 
     /// Removes a vehicle.
+    #[inline]
     pub fn remove(&mut self, id: VehicleId) {
         let (block, bit) = Self::place(id);
         self.0[block] &= !bit;
     }
 
     /// Whether the set contains the vehicle.
+    #[inline]
     pub fn contains(&self, id: VehicleId) -> bool {
         let (block, bit) = Self::place(id);
         self.0[block] & bit != 0
     }
 
     /// Number of vehicles.
+    #[inline]
     pub fn len(&self) -> usize {
         self.0.iter().map(|block| block.count_ones() as usize).sum()
     }
 
     /// Whether the set is empty.
+    #[inline]
     pub fn is_empty(&self) -> bool {
         self.0 == [0; 4]
     }
 
     /// Adds all vehicles of another set.
+    #[inline]
     pub fn extend(&mut self, others: Self) {
         self.0.iter_mut().zip(others.0).for_each(|(block, other)| *block |= other);
     }
 
     /// Adds or removes a vehicle.
+    #[inline]
     pub fn set(&mut self, id: VehicleId, is_in: bool) {
         if is_in { self.insert(id) } else { self.remove(id) }
     }
 
     /// The vehicles that are in both sets.
+    #[inline]
     #[must_use]
     pub fn both(self, other: Self) -> Self {
         Self(std::array::from_fn(|nth| self.0[nth] & other.0[nth]))
     }
 
     /// The vehicles that are in one of the sets, or in both.
+    #[inline]
     #[must_use]
     pub fn either(self, other: Self) -> Self {
         Self(std::array::from_fn(|nth| self.0[nth] | other.0[nth]))
     }
 
     /// The vehicle with the lowest id.
+    #[inline]
     pub fn first(&self) -> Option<VehicleId> {
         self.iter().next()
     }
 
     /// The vehicle with the lowest id above this one.
+    #[inline]
     pub fn first_above(&self, id: VehicleId) -> Option<VehicleId> {
         let (nth, bit) = Self::place(id);
         let mut ids = VehicleIds { blocks: self.0, nth };
@@ -152,6 +163,7 @@ impl VehicleSet {
     }
 
     /// Number of vehicles with ids lower than this one.
+    #[inline]
     pub fn count_below(&self, id: VehicleId) -> usize {
         let (last, bit) = Self::place(id);
         let whole: u32 = self.0[..last].iter().map(|block| block.count_ones()).sum();
@@ -159,10 +171,12 @@ impl VehicleSet {
     }
 
     /// All vehicles, in the order of their ids.
+    #[inline]
     pub fn iter(&self) -> VehicleIds {
         VehicleIds { blocks: self.0, nth: 0 }
     }
 
+    #[inline]
     fn place(id: VehicleId) -> (usize, u64) {
         let index = usize::from(id.get()) - 1;
         (index / 64, 1 << (index % 64))

@@ -32,7 +32,7 @@ use crate::formation::external::{LawQuery, LawReply};
 use crate::formation::{self, Formation, FormationOutput, UnsupportedScenario};
 use crate::mission::{Mission, Task, View};
 use crate::outbox::{Outbox, SendSchedule};
-use crate::peers::{Broadcast, Change, PeerEstimate, PeerMessage, PeerStateAge, Peers, Received};
+use crate::peers::{Broadcast, Change, PeerEstimate, PeerStateAge, Peers, Received};
 use crate::plant::{Command, GroundTruth, Measurement};
 use crate::random::{self, Purpose};
 
@@ -214,6 +214,11 @@ impl Agent {
         self.peers.estimates()
     }
 
+    /// The peers in contact whose newest state arrived less than 0.5 s ago, however long it was in flight.
+    pub fn fresh_peers(&self) -> VehicleSet {
+        self.peers.fresh()
+    }
+
     /// The ages of the newest states of those of these peers that are in contact and not out of sight, by id.
     pub fn peer_ages(&self, of: VehicleSet) -> impl Iterator<Item = PeerStateAge> {
         self.peers.ages(of)
@@ -370,15 +375,13 @@ impl Agent {
         if inputs.leave {
             self.mission.leave();
         }
-        let event = |change: &Change| match *change {
+        let event = |change: Change| match change {
             Change::Found(id) => EventKind::PeerFound(id),
             Change::Lost(id) => EventKind::PeerLost(id),
         };
-        let mut events: Vec<_> = self.peers.changes().iter().map(event).collect();
-        for message in inputs.received.iter().map(|received| &received.message).chain(inputs.broadcast.messages) {
-            if let PeerMessage::Order(order) = message {
-                self.mission.merge(*order, &mut events);
-            }
+        let mut events: Vec<_> = self.peers.changes().map(event).collect();
+        for order in self.peers.orders() {
+            self.mission.merge(*order, &mut events);
         }
         for report in self.peers.reports() {
             self.mission.take_report(report, &mut events);

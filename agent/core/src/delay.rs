@@ -51,13 +51,7 @@ pub struct MessageDelay {
 
 /// The last round trips to one peer.
 #[derive(Clone, Debug)]
-pub struct RoundTrips {
-    /// The most and the likely delay of a message with no transit that arrives at the zero of the own clock, s, by the
-    /// trips that determine delays since the last call of [`Self::choose`]. Not a number without a round trip.
-    most_s: f64,
-    likely_s: f64,
-    trips: [RoundTrip; ROUND_TRIPS_KEPT],
-}
+pub struct RoundTrips([RoundTrip; ROUND_TRIPS_KEPT]);
 
 #[derive(Clone, Copy, Debug)]
 struct RoundTrip {
@@ -97,9 +91,6 @@ pub struct DelayAtArrival {
 }
 
 impl DelayAtArrival {
-    /// Without a round trip no delay is known.
-    pub const UNKNOWN: Self = Self { most_s: f64::NAN, likely_s: f64::NAN };
-
     /// The delay as known this time after the arrival, s; `None` without a round trip, or if it contradicts the message.
     #[inline]
     pub fn after(&self, since_s: f64) -> Option<MessageDelay> {
@@ -117,55 +108,61 @@ impl DelayAtArrival {
     }
 }
 
+/// The delay of a message with no transit that arrives at the zero of the own clock: all other delays follow from it.
+#[derive(Clone, Copy, Debug)]
+pub struct DelayBase {
+    most_s: f64,
+    likely_s: f64,
+}
+
+impl DelayBase {
+    /// Without a round trip no delay is known.
+    pub const UNKNOWN: Self = Self { most_s: f64::NAN, likely_s: f64::NAN };
+
+    /// The delay of a message that arrived at `at` with this transit, s.
+    #[inline]
+    pub fn at_arrival(&self, at: LocalTime, transit_s: f64) -> DelayAtArrival {
+        let more_s = transit_s + DRIFT * at.seconds();
+        DelayAtArrival { most_s: self.most_s + more_s, likely_s: self.likely_s + more_s }
+    }
+}
+
 impl Default for RoundTrips {
     fn default() -> Self {
-        Self { most_s: f64::NAN, likely_s: f64::NAN, trips: [RoundTrip::NONE; ROUND_TRIPS_KEPT] }
+        Self([RoundTrip::NONE; ROUND_TRIPS_KEPT])
     }
 }
 
 impl RoundTrips {
     /// Adds the round trip measured by a heartbeat with this transit. An impossible round trip is ignored.
-    /// Returns as [`Self::choose`].
-    pub fn take(&mut self, at: LocalTime, transit_s: f64, round_trip_s: f64) -> Option<LocalTime> {
+    pub fn take(&mut self, at: LocalTime, transit_s: f64, round_trip_s: f64) {
         if !(-TOLERANCE_S..ROUND_TRIP_VALID_S).contains(&round_trip_s) {
-            return None;
+            return;
         }
-        for old in &mut self.trips {
+        for old in &mut self.0 {
             // A contradiction means that a clock was set in between.
             if !old.is_valid(at) || old.bound_s(at, transit_s) < -TOLERANCE_S {
                 *old = RoundTrip::NONE;
             }
         }
         // The absent ones are as old as the clock.
-        if let Some(oldest) = self.trips.iter_mut().min_by_key(|trip| trip.at) {
+        if let Some(oldest) = self.0.iter_mut().min_by_key(|trip| trip.at) {
             *oldest = RoundTrip { at, s: round_trip_s.max(0.0), transit_s };
         }
-        self.choose(at)
     }
 
-    /// Chooses the round trips that determine delays from now on: of those that are not too old, the one with the
-    /// smallest bound, and the shortest. All bounds grow alike, so that the choice is right until another trip is taken
-    /// or one of the two is too old; that time is returned, if there is any.
-    pub fn choose(&mut self, now: LocalTime) -> Option<LocalTime> {
+    /// The delays by the round trips that determine them from now on: of those that are not too old, the one with the
+    /// smallest bound, and the shortest. All bounds grow alike, so that the choice is right until another trip is taken,
+    /// or until the time that is returned besides: then one of the two is too old.
+    pub fn choose(&self, now: LocalTime) -> (DelayBase, LocalTime) {
         let least = |of: fn(&RoundTrip) -> f64| {
-            let valid = self.trips.iter().filter(|trip| trip.is_valid(now));
+            let valid = self.0.iter().filter(|trip| trip.is_valid(now));
             valid.min_by(|one, other| of(one).total_cmp(&of(other)))
         };
         let chosen = least(RoundTrip::base_s).zip(least(|trip| trip.s));
-        let Some((tightest, shortest)) = chosen else {
-            (self.most_s, self.likely_s) = (f64::NAN, f64::NAN);
-            return None;
-        };
-        let oldest = tightest.at.min(shortest.at);
-        (self.most_s, self.likely_s) = (tightest.base_s(), shortest.base_s() - shortest.s / 2.0);
-        Some(oldest.plus_seconds(Deadline::RoundTripOld.after_s()))
-    }
-
-    /// The delay of a message that arrived at `at` with this transit.
-    #[inline]
-    pub fn delay(&self, at: LocalTime, transit_s: f64) -> DelayAtArrival {
-        let more_s = transit_s + DRIFT * at.seconds();
-        DelayAtArrival { most_s: self.most_s + more_s, likely_s: self.likely_s + more_s }
+        let Some((tightest, shortest)) = chosen else { return (DelayBase::UNKNOWN, LocalTime::MAX) };
+        let base = DelayBase { most_s: tightest.base_s(), likely_s: shortest.base_s() - shortest.s / 2.0 };
+        (base, tightest.at.min(shortest.at).plus_seconds(Deadline::RoundTripOld.after_s()))
     }
 }
 

@@ -118,6 +118,8 @@ struct Shape {
     /// The law, or the fallback of an external law.
     law: Box<dyn Law>,
     is_external: bool,
+    /// The number of live members when the law's reach was last asked, and that reach, m.
+    reach: Option<(usize, f64)>,
     conversion: Conversion,
     filter: Option<SafetyFilter>,
     altitude_m: f64,
@@ -149,6 +151,7 @@ impl Shape {
         Self {
             law,
             is_external: settings.law == scenario::Law::External,
+            reach: None,
             conversion: conversion(settings),
             filter,
             altitude_m: settings.altitude_m,
@@ -232,7 +235,7 @@ impl Formation {
     }
 
     /// Distance beyond which no peer affects the output for this task among `live` members, m.
-    pub fn reach_m(&self, task: &Task, live: usize) -> f64 {
+    pub fn reach_m(&mut self, task: &Task, live: usize) -> f64 {
         let filter_m = |filter: Option<SafetyFilter>, feedforward_m_s: f64| {
             filter.map_or(0.0, |filter| filter.reach_m(FASTEST_M_S + feedforward_m_s, MAX_OBSTACLE_RADIUS_M))
         };
@@ -240,10 +243,16 @@ impl Formation {
             Task::Wait | Task::Park | Task::Autorotate { .. } => 0.0,
             Task::Stay { .. } => filter_m(self.filter, 0.0),
             Task::Formation(goal) => {
-                let Some(shape) = self.steps.get(goal.step).and_then(|&nth| self.shapes.get(nth)) else { return 0.0 };
+                let shape = self.steps.get(goal.step).and_then(|&nth| self.shapes.get_mut(nth));
+                let Some(shape) = shape else { return 0.0 };
                 let feedforward_m_s = if shape.feedforward { goal.centre_velocity_ne_m_s.norm() } else { 0.0 };
-                // Another program gets all members.
-                let law_m = if shape.is_external { f64::INFINITY } else { shape.law.reach_m(live) };
+                let law_m = match shape.reach {
+                    Some((members, reach_m)) if members == live => reach_m,
+                    // Another program gets all members.
+                    _ if shape.is_external => f64::INFINITY,
+                    _ => shape.law.reach_m(live),
+                };
+                shape.reach = Some((live, law_m));
                 law_m.max(filter_m(shape.filter, feedforward_m_s))
             }
         }

@@ -24,7 +24,7 @@ use crate::control::Rules;
 use crate::formation::UnsupportedScenario;
 use crate::formation::external::LawReply;
 use crate::impairments::{DeliveryCounts, Impairments, ReceiverPosition};
-use crate::peers::{Broadcast, PeerMessage, Received};
+use crate::peers::{Broadcast, Received};
 use crate::plant::{GroundTruth, Measurement};
 use crate::sensors::Sensors;
 use crate::skew::Skew;
@@ -128,7 +128,7 @@ impl Station {
         (plant_time, measurement): (PlantTime, Option<&Measurement>),
         leave: bool,
         answer: Option<&LawReply>,
-        broadcast: &[PeerMessage],
+        broadcast: Broadcast<'_>,
     ) -> Outputs {
         let now = Now { plant: plant_time, local: self.clocks.local_time(right) };
         let measured;
@@ -139,7 +139,6 @@ impl Station {
             }
             (_, measurement) => measurement,
         };
-        let broadcast = Broadcast { messages: broadcast, at: now.local };
         let inputs = Inputs { measurement, received: &self.received, broadcast, leave, answer };
         let outputs = self.agent.step(now, &inputs);
         self.received.clear();

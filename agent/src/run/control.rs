@@ -18,7 +18,7 @@ use crate::external::LiveLaw;
 use crate::link::{Link, Messages};
 use skein_core::agent::Outputs;
 use skein_core::outbox::Outbox;
-use skein_core::peers::Received;
+use skein_core::peers::{Broadcast, Received};
 use skein_core::plant::{Frame, Plant, Wake};
 use skein_core::station::Station;
 use skein_host::clock::{LocalClock, now, sleep_until};
@@ -105,7 +105,7 @@ impl Control {
         let answer = self.law.as_ref().and_then(LiveLaw::answer);
         let plant = (kept.plant_time, frame.map(|frame| &frame.measurement));
         let Outputs { command, outbox, ask } =
-            self.station.step(true_time, plant, self.stop.is_requested(), answer.as_ref(), &[]);
+            self.station.step(true_time, plant, self.stop.is_requested(), answer.as_ref(), Broadcast::default());
         if let Some(command) = command {
             self.plant.command(command);
         }

@@ -228,12 +228,6 @@ impl Metrics {
         self.observe_effort(dt_s, vehicles);
     }
 
-    /// Whether the observation at this time needs the fresh peers of the vehicles. Otherwise [`VehicleNow::fresh`] may be
-    /// empty.
-    pub fn needs_fresh(&self, t_s: f64) -> bool {
-        self.graph.is_due(t_s)
-    }
-
     /// Observes a fault that was injected into the swarm.
     pub fn fault(&mut self, t_s: f64, fault: &InjectedFault) {
         match fault {

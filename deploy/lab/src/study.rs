@@ -17,12 +17,10 @@ mod verdict;
 use std::num::NonZeroUsize;
 use std::ops::Range;
 
-use skein_common::id::VehicleSet;
 use skein_common::scenario::{Scenario, Target};
 use skein_common::state::Membership;
 use skein_core::aircraft::Aircraft;
 use skein_core::control::Rules;
-use skein_core::peers::{FRESH_S, PeerStateAge};
 
 use crate::external::{LawError, LawPool};
 use crate::metrics::{Metrics, Report, VehicleNow};
@@ -113,15 +111,12 @@ pub fn measure(world: &World, zero_s: f64, metrics: &mut Metrics, vehicles: &mut
     world.faults().iter().for_each(|fault| metrics.fault(t_s, fault));
     world.events().iter().for_each(|(sender, what)| metrics.observe_event(t_s, *sender, what));
     vehicles.clear();
-    let needs_fresh = metrics.needs_fresh(t_s);
     for (id, agent, truth, controls) in world.all_vehicles() {
         let Some(agent) = agent else {
             vehicles.push(VehicleNow::dead(id, *truth));
             continue;
         };
         agent.peer_ages(metrics.sampled()).for_each(|peer| metrics.observe_age(peer.age_s));
-        let is_fresh = |peer: &PeerStateAge| peer.silent_s() < FRESH_S;
-        let fresh = || agent.peer_ages(agent.peers_in_contact()).filter(is_fresh).map(|peer| peer.id).collect();
         vehicles.push(VehicleNow {
             id,
             runs: true,
@@ -132,7 +127,7 @@ pub fn measure(world: &World, zero_s: f64, metrics: &mut Metrics, vehicles: &mut
             reached: agent.reached(),
             centre_ne_m: agent.centre_ne_m(),
             in_contact: agent.peers_in_contact(),
-            fresh: if needs_fresh { fresh() } else { VehicleSet::default() },
+            fresh: agent.fresh_peers(),
         });
     }
     metrics.observe(t_s, vehicles);

@@ -3,7 +3,8 @@
 //!
 //! One tick is one frame of every vehicle. A message sent in a tick is received in the next one by all other agents. It
 //! passes through the same encoding as on the wire and through each receiver's
-//! [`Station`](skein_core::station::Station). Faults are injected after the agents have received messages and before
+//! [`Station`](skein_core::station::Station). Agents without impairments that have received the same share the records
+//! of it ([`SharedRecords`]). Faults are injected after the agents have received messages and before
 //! they step.
 //!
 //! The driver (`world/driver.rs`) decides where the agents run: beside their vehicles, or in the central controller of
@@ -31,7 +32,7 @@ use skein_core::control::Rules;
 use skein_core::formation::external::{LawQuery, LawReply};
 use skein_core::formation::{self, UnsupportedScenario};
 use skein_core::helicopter::{BuiltInVehicle, TICK_S};
-use skein_core::peers::{PeerMessage, Received, ReceivedState};
+use skein_core::peers::{Broadcast, PeerMessage, Received, ReceivedState, SharedRecords};
 use skein_core::plant::{Command, Controls, GroundTruth};
 use skein_core::start::{StartAreaTooSmall, starts};
 use skein_host::parallel::at_once;
@@ -76,6 +77,8 @@ pub struct World {
     /// Messages to all vehicles that were sent since the agents last received, and those that the agents receive now.
     in_flight: Vec<PeerMessage>,
     arriving: Vec<PeerMessage>,
+    /// What the agents that have received every message to all vehicles know of each other.
+    records: SharedRecords,
     /// Messages to one vehicle, a restarted one, that were sent since the agents last received.
     to_one: Vec<(VehicleId, PeerMessage)>,
     /// Queries to external laws since the last call of [`Self::take_asks`].
@@ -116,6 +119,7 @@ impl World {
             origin: Origin::new(scenario.origin.geodetic()),
             in_flight: scenario.ids().map(PeerMessage::Appeared).collect(),
             arriving: Vec::new(),
+            records: SharedRecords::new(scenario),
             to_one: Vec::new(),
             operator: Operator::new(scenario),
             scenario: scenario.clone(),
@@ -169,8 +173,9 @@ impl World {
         self.deliver(now);
         self.follow_script(now);
         let threads = self.threads();
-        let Self { vehicles, driver, origin, in_flight, arriving, asks, events, .. } = self;
-        driver.frame(now, arriving, vehicles, threads, &mut |vehicle, outbox, ask| {
+        let Self { vehicles, driver, origin, in_flight, arriving, records, asks, events, .. } = self;
+        let broadcast = Broadcast { messages: arriving, records: Some(records) };
+        driver.frame(now, broadcast, vehicles, threads, &mut |vehicle, outbox, ask| {
             let id = vehicle.id;
             asks.extend(ask);
             let state = outbox.state.map(|state| ReceivedState::new(through_wire(&state), origin));
@@ -267,17 +272,23 @@ impl World {
             return;
         }
         mem::swap(&mut self.in_flight, &mut self.arriving);
-        let Self { vehicles, driver, arriving, to_one, .. } = self;
+        let Self { vehicles, driver, arriving, records, to_one, .. } = self;
+        let broadcasts = driver.broadcasts();
+        let mut any_takes_broadcast = false;
         for vehicle in vehicles.iter_mut() {
             let id = vehicle.id;
             vehicle.takes_broadcast =
-                driver.broadcasts() && vehicle.station.as_ref().is_some_and(|station| station.receives_broadcast());
+                broadcasts && vehicle.station.as_ref().is_some_and(|station| station.receives_broadcast());
+            any_takes_broadcast |= vehicle.takes_broadcast;
+            let to_all = if vehicle.takes_broadcast { &[] } else { arriving.as_slice() };
+            let to_all = to_all.iter().filter(|message| message.sender() != Some(id));
             let to_it = to_one.iter().filter(|(receiver, _)| *receiver == id).map(|(_, message)| message);
-            let takes_broadcast = vehicle.takes_broadcast;
-            let to_all = arriving.iter().filter(|message| !takes_broadcast && message.sender() != Some(id));
             vehicle.receive(now, to_it.chain(to_all).map(|message| Received { message: *message, at: now }));
         }
         to_one.clear();
+        if any_takes_broadcast {
+            records.update(now, arriving);
+        }
     }
 
     /// Carries out the scripted actions and orders that are due.

@@ -25,12 +25,17 @@ use skein_tests::study;
 /// How long the flights of every size last, s.
 const FLIGHT_S: u32 = 60;
 
-/// The hover in one ring: R* = 12 m x N, and a start area that grows with N. `sets` are further keys.
-fn hover_in_one_ring(vehicles: usize, sets: &[&str]) -> Study {
+/// The hover in one ring: R* = 12 m x N, and random starts in an area that grows with N. `sets` are further keys.
+fn hover_in_one_ring(vehicles: usize, sets: &[String]) -> Study {
     let mut all = one_ring(vehicles);
     all.push(format!("duration_s={FLIGHT_S}"));
-    all.extend(sets.iter().map(|&set| set.to_owned()));
+    all.extend_from_slice(sets);
     study("hover.toml", &all.iter().map(String::as_str).collect::<Vec<_>>())
+}
+
+/// The keys with which the vehicles of one ring start on it.
+fn on_the_ring(vehicles: usize) -> [String; 2] {
+    ["start.pattern=ring".to_owned(), format!("start.square_m={}", 24 * vehicles)]
 }
 
 /// The keys of one ring of this many vehicles.

@@ -13,14 +13,14 @@ use skein_core::estimate::{Estimate, Estimator};
 use skein_core::formation::Formation;
 use skein_core::helicopter::TICK_S;
 use skein_core::mission::{MissionGoal, Task};
-use skein_core::peers::{Broadcast, Peers};
+use skein_core::peers::{Broadcast, Peers, SharedRecords};
 use skein_lab::metrics::{Metrics, Run};
 use skein_lab::study::{Study, measure};
 use skein_lab::world::{Blocks, World};
 
 use crate::swarm::{RecordedFrame, Swarm, helicopters, plants};
 use crate::virtual_time::{SEED, SIZES};
-use crate::{FLIGHT_S, hover_in_one_ring, print_table, processor_time_s, row};
+use crate::{FLIGHT_S, hover_in_one_ring, on_the_ring, print_table, processor_time_s, row};
 
 /// Frames that are recorded at once: a second.
 const FRAMES: usize = 50;
@@ -45,6 +45,7 @@ struct Stages {
     blocks: Blocks,
     estimators: Vec<Estimator>,
     controllers: Vec<Controller>,
+    records: SharedRecords,
     peers: Vec<Peers>,
     reach_m: f64,
     estimates: Vec<Estimate>,
@@ -61,6 +62,7 @@ impl Stages {
             blocks: Blocks::default(),
             estimators: scenario.ids().map(|_| Estimator::new(swarm.origin, &scenario.sensing)).collect(),
             controllers: scenario.ids().map(controller).collect(),
+            records: SharedRecords::new(scenario),
             peers: scenario.ids().map(|id| Peers::new(id, roster, plan, &scenario.network)).collect(),
             reach_m: reach_m(scenario),
             estimates: Vec::new(),
@@ -100,9 +102,11 @@ impl Stages {
 
     fn peers(&mut self, frames: &[RecordedFrame]) {
         for (frame, estimates) in frames.iter().zip(self.estimates.chunks(self.peers.len())) {
+            let local = frame.now.local;
+            self.records.update(local, &frame.received);
+            let broadcast = Broadcast { messages: &frame.received, records: Some(&self.records) };
             for (peers, estimate) in self.peers.iter_mut().zip(estimates) {
-                let local = frame.now.local;
-                peers.update(local, &[], Broadcast { messages: &frame.received, at: local });
+                peers.update(local, &[], broadcast);
                 peers.near(estimate.position, self.reach_m).near.for_each(|peer| _ = black_box(peer));
             }
         }
@@ -114,7 +118,7 @@ fn reach_m(scenario: &Scenario) -> f64 {
     let own = VehicleId::first(1).next().expect("vehicle 1");
     let centre_ne_m = Vector2::zeros();
     let goal = MissionGoal { step: 0, centre_ne_m, centre_velocity_ne_m_s: Vector2::zeros(), heading_rad: 0.0 };
-    let formation = Formation::new(own, scenario).expect("the hover flies");
+    let mut formation = Formation::new(own, scenario).expect("the hover flies");
     formation.reach_m(&Task::Formation(goal), scenario.swarm.vehicles)
 }
 
@@ -151,26 +155,29 @@ impl Times {
     }
 
     /// The row of the table: us per vehicle and frame.
-    fn row(&self, vehicles: usize) -> Vec<String> {
+    fn row(&self, name: &str, vehicles: usize) -> Vec<String> {
         let Self { flight_model, estimate, control, peers, messages, world, study } = self;
         let rest = world - flight_model - estimate - control - peers - messages;
         let frames = vehicles as f64 * FRAMES as f64 * f64::from(FLIGHT_S);
         let times = [*flight_model, *estimate, *control, *peers, *messages, rest, study - world, *study];
         let cells = times.map(|time_s| format!("{:.2}", time_s * 1e6 / frames));
-        [vehicles.to_string()].into_iter().chain(cells).collect()
+        [name.to_owned(), vehicles.to_string()].into_iter().chain(cells).collect()
     }
 }
 
 /// Prints the table.
 pub(super) fn print() {
     println!("Stages in the same rings, processor time in us per vehicle and frame of 20 ms.\n");
-    let head = ["vehicles", "flight model", "estimate", "control", "peers", "messages", "the rest", "figures", "all"];
+    let head =
+        ["", "vehicles", "flight model", "estimate", "control", "peers", "messages", "the rest", "figures", "all"];
     let mut rows = vec![row(head)];
     for vehicles in SIZES {
         eprintln!("stages of {vehicles} vehicles");
-        let mut study = hover_in_one_ring(vehicles, &[]);
-        study.scenario.seed = SEED;
-        rows.push(Times::measure(&study).row(vehicles));
+        for (name, sets) in [("one ring", on_the_ring(vehicles).as_slice()), ("one ring, random starts", &[])] {
+            let mut study = hover_in_one_ring(vehicles, sets);
+            study.scenario.seed = SEED;
+            rows.push(Times::measure(&study).row(name, vehicles));
+        }
     }
     print_table(&rows);
     println!(

@@ -7,7 +7,7 @@ use skein_common::scenario::Scenario;
 use skein_common::time::{LocalTime, Now};
 use skein_core::builtin::BuiltInPlant;
 use skein_core::helicopter::{BuiltInVehicle, TICK_S};
-use skein_core::peers::{PeerMessage, ReceivedState};
+use skein_core::peers::{Broadcast, PeerMessage, ReceivedState, SharedRecords};
 use skein_core::plant::{Command, Controls, Measurement};
 use skein_core::start::starts;
 use skein_core::station::{Clocks, Station};
@@ -54,6 +54,7 @@ pub(super) struct Swarm {
     plants: Vec<BuiltInPlant>,
     blocks: Blocks,
     in_flight: Vec<PeerMessage>,
+    records: SharedRecords,
     ticks: u64,
 }
 
@@ -71,6 +72,7 @@ impl Swarm {
             plants: plants(study),
             blocks: Blocks::default(),
             in_flight: scenario.ids().map(PeerMessage::Appeared).collect(),
+            records: SharedRecords::new(scenario),
             ticks: 0,
         }
     }
@@ -81,9 +83,11 @@ impl Swarm {
         let local = LocalTime::from_nanoseconds(self.ticks * (TICK_S * 1e9) as u64);
         let (mut measurements, mut commands, mut sent) = (Vec::new(), Vec::new(), Vec::new());
         let mut plant = Default::default();
+        self.records.update(local, &received);
+        let broadcast = Broadcast { messages: &received, records: Some(&self.records) };
         for (station, vehicle) in self.stations.iter_mut().zip(&self.plants) {
             let frame = vehicle.frame();
-            let outputs = station.step(local, (frame.time, Some(&frame.measurement)), false, None, &received);
+            let outputs = station.step(local, (frame.time, Some(&frame.measurement)), false, None, broadcast);
             plant = frame.time;
             measurements.push(frame.measurement);
             commands.push(outputs.command);

@@ -11,7 +11,7 @@ use skein_lab::study::Study;
 use skein_lab::world::World;
 use skein_tests::study;
 
-use crate::{FLIGHT_S, hover_in_one_ring, print_table, processor_time_s, row};
+use crate::{FLIGHT_S, hover_in_one_ring, on_the_ring, print_table, processor_time_s, row};
 
 /// Argument with which the bench starts itself, to measure the memory of one flight in a process of its own.
 pub(super) const FLY_ONCE: &str = "fly-once";
@@ -28,15 +28,28 @@ struct Flight {
     name: &'static str,
     study: Study,
     seeds: u64,
-    /// Whether the row shows what a study costs against the world alone, and its memory: each for one seed of a ring.
-    has_details: bool,
+    /// Whether the row shows what a study of one seed costs against the world alone, and whether it shows the memory.
+    has_ratio: bool,
+    has_memory: bool,
     study_s: Vec<f64>,
     world_s: Vec<f64>,
 }
 
 impl Flight {
-    fn new(name: &'static str, study: Study, seeds: u64, has_details: bool) -> Self {
-        Self { name, study, seeds, has_details, study_s: Vec::new(), world_s: Vec::new() }
+    fn new(name: &'static str, study: Study, seeds: u64) -> Self {
+        Self { name, study, seeds, has_ratio: false, has_memory: false, study_s: Vec::new(), world_s: Vec::new() }
+    }
+
+    /// One seed of a swarm that flies one ring from random starts.
+    fn from_random_starts(vehicles: usize) -> Self {
+        let flight = Self::new("one ring, random starts", hover_in_one_ring(vehicles, &[]), 1);
+        Self { has_ratio: true, has_memory: vehicles > SIZES[0], ..flight }
+    }
+
+    /// One seed of a swarm that flies one ring and starts on it; `sets` are further keys.
+    fn from_the_ring(name: &'static str, vehicles: usize, sets: &[&str]) -> Self {
+        let sets: Vec<_> = on_the_ring(vehicles).into_iter().chain(sets.iter().map(|&set| set.to_owned())).collect();
+        Self { has_ratio: true, ..Self::new(name, hover_in_one_ring(vehicles, &sets), 1) }
     }
 
     /// Flies once as a study and, where that is compared, once by stepping the world.
@@ -44,7 +57,7 @@ impl Flight {
         let seeds = SEED..SEED + self.seeds;
         let fly = || self.study.fly_all(seeds, NonZeroUsize::MIN, |_| {}).expect("the hover flies");
         self.study_s.push(processor_time_s(fly).0);
-        if self.has_details {
+        if self.has_ratio {
             self.world_s.push(processor_time_s(|| step_world(&self.study)).0);
         }
     }
@@ -56,8 +69,7 @@ impl Flight {
         let best_s = self.study_s.iter().copied().fold(f64::INFINITY, f64::min);
         let ratio = |(study_s, world_s): (&f64, &f64)| study_s / world_s;
         let ratio = median(&mut self.study_s.iter().zip(&self.world_s).map(ratio).collect::<Vec<_>>());
-        let memory_kb = (self.has_details && vehicles > SIZES[0])
-            .then(|| (peak_memory_kb(vehicles) - base_kb) / (vehicles - SIZES[0]) as f64);
+        let memory_kb = self.has_memory.then(|| (peak_memory_kb(vehicles) - base_kb) / (vehicles - SIZES[0]) as f64);
         let shown =
             |value: Option<f64>, digits: usize| value.map_or("-".to_owned(), |value| format!("{value:.digits$}"));
         vec![
@@ -74,17 +86,19 @@ impl Flight {
 
 /// Prints the table.
 pub(super) fn print() {
-    let mut flights = vec![Flight::new("hover.toml as shipped", study("hover.toml", &[]), SEEDS, false)];
-    flights.extend(SIZES.map(|vehicles| Flight::new("one ring", hover_in_one_ring(vehicles, &[]), 1, true)));
-    let points = hover_in_one_ring(100, &["plant.model=point_mass"]);
-    flights.push(Flight::new("one ring of point masses", points, 1, false));
+    let mut flights = vec![Flight::new("hover.toml as shipped", study("hover.toml", &[]), SEEDS)];
+    flights.extend(SIZES.map(|vehicles| Flight::from_the_ring("one ring", vehicles, &[])));
+    flights.push(Flight::from_the_ring("one ring of point masses", 100, &["plant.model=point_mass"]));
+    flights.extend(SIZES.map(Flight::from_random_starts));
     for nth in 1..=REPEATS {
         eprintln!("flights in virtual time, repeat {nth} of {REPEATS}");
         flights.iter_mut().for_each(Flight::repeat);
     }
     println!(
         "Virtual time on one core, processor time, least of {REPEATS} repeats.\n\
-         One ring: R* = 12 m x N, {FLIGHT_S} s from take-off on.\n"
+         One ring: R* = 12 m x N, {FLIGHT_S} s from take-off on. The vehicles of \"one ring\" start on the ring, 75 m from each\n\
+         other. With random starts they start in a square with a side of 30 m x sqrt(N) (150 m at least), in which most of them\n\
+         are near each other until they have flown apart.\n"
     );
     let base_kb = peak_memory_kb(SIZES[0]);
     let head =

@@ -6,6 +6,7 @@ use skein_common::state::VehicleState;
 use skein_common::time::LocalTime;
 
 use super::*;
+use crate::peers::PeerMessage;
 use crate::plant::VelocityCommand;
 use crate::testing::{header, heartbeat, id, received_state};
 

@@ -25,7 +25,8 @@ pub trait Law: CloneLaw + Debug + Send {
     fn update(&mut self, observation: &Observation<'_>) -> LawOutput;
 
     /// Distance beyond which neighbours and obstacles do not affect the command among `live` members, m. The law need
-    /// not observe what is farther away. Ranks and slots count all members at any distance.
+    /// not observe what is farther away. Ranks and slots count all members at any distance. The agent asks again when that
+    /// number has changed.
     fn reach_m(&self, live: usize) -> f64 {
         let _ = live;
         f64::INFINITY

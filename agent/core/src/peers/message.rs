@@ -54,16 +54,12 @@ impl ReceivedState {
     }
 }
 
-/// Messages that every vehicle of a swarm receives alike. A vehicle ignores its own.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct Broadcast<'a> {
-    /// The messages.
-    pub messages: &'a [PeerMessage],
-    /// Their time of arrival by the own clock.
-    pub at: LocalTime,
-}
-
 impl PeerMessage {
+    /// Whether the message has a header with its sender and number.
+    pub(super) fn is_numbered(&self) -> bool {
+        matches!(self, Self::State(_) | Self::Mission(_))
+    }
+
     /// The sender; `None` for an operator.
     pub fn sender(&self) -> Option<VehicleId> {
         match self {

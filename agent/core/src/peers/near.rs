@@ -11,6 +11,9 @@ use skein_common::time::LocalTime;
 const SKIN_M: f64 = 10.0;
 const SKIN_SHARE: f64 = 0.1;
 
+/// A peer counts as too far off to be listed from this much farther on, m: more than the rounding error of a distance.
+const ROUNDING_M: f64 = 1e-3;
+
 /// The list of near peers, horizontally.
 #[derive(Clone, Debug, Default)]
 pub(super) struct NearList {
@@ -64,11 +67,25 @@ impl NearList {
         self.near
     }
 
-    /// Whether the list stays right when this peer has a new state: the peer is listed and not the fastest, or no list
-    /// has been made.
-    pub(super) fn is_right_for(&self, id: VehicleId, velocity: VelocityNed) -> bool {
-        let is_slow = || velocity.horizontal().norm_squared() <= self.fastest_m_s * self.fastest_m_s;
-        self.made.is_none() || (self.near.contains(id) && is_slow())
+    /// Whether the list stays right when this peer has a new state with these values, which is carried forward over
+    /// `carried_s`: the peer is not the fastest, and it is listed or farther off than it could have come in that time. Or
+    /// no list has been made.
+    #[inline]
+    pub(super) fn is_right_for(
+        &self,
+        id: VehicleId,
+        (position, velocity): (PositionNed, VelocityNed),
+        carried_s: impl FnOnce() -> f64,
+    ) -> bool {
+        let Some(made) = &self.made else { return true };
+        if velocity.horizontal().norm_squared() > self.fastest_m_s * self.fastest_m_s {
+            return false;
+        }
+        let is_far = || {
+            let beyond_m = made.listed_m + self.fastest_m_s * carried_s() + ROUNDING_M;
+            (position - made.own).xy().norm_squared() > beyond_m * beyond_m
+        };
+        self.near.contains(id) || is_far()
     }
 
     /// Lists a peer whose state has changed, if it is near.

@@ -1,15 +1,12 @@
 //! What is known of one peer: its newest state and heartbeat, and the deadlines that they start.
 
-use skein_common::frame::{PositionNed, VelocityNed};
 use skein_common::id::{Incarnation, VehicleId};
 use skein_common::message::Heartbeat;
 use skein_common::state::{Membership, PeerStatus};
 use skein_common::time::{LocalTime, SenderStamp};
 
-use super::age::AgeBasis;
 use super::{Change, Role};
 use crate::deadlines::Deadline;
-use crate::delay::RoundTrips;
 
 /// A state younger than this is fresh, s.
 pub const FRESH_S: f64 = Deadline::StateOld.after_s();
@@ -24,10 +21,8 @@ pub const MAX_OBSTACLE_RADIUS_M: f64 = OBSTACLE_RADIUS_M + OBSTACLE_GROWTH_M;
 /// itself is judged by [`Deadline::is_past`].
 const ROUNDING_S: f64 = 1e-6;
 
-/// The record of one peer. The fields that a state changes lie side by side: the records of a large swarm do not fit
-/// into a processor's cache.
-#[derive(Clone, Debug)]
-#[repr(C)]
+/// The record of one peer.
+#[derive(Clone, Copy, Debug)]
 pub(super) struct Peer {
     pub(super) id: VehicleId,
     pub(super) token: Option<bool>,
@@ -38,19 +33,10 @@ pub(super) struct Peer {
     pub(super) state: Option<StateArrival>,
     /// Arrival of the newest message of this incarnation.
     pub(super) received_at: Option<LocalTime>,
-    pub(super) round_trips: RoundTrips,
     pub(super) heartbeat: Option<KeptHeartbeat>,
     lost_at: Option<LocalTime>,
     /// Number of its messages that were dropped because a newer one had been received.
     pub(super) old: u64,
-}
-
-/// The newest state of a peer, in the swarm's frame.
-#[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Motion {
-    pub(super) position: PositionNed,
-    pub(super) velocity: VelocityNed,
-    pub(super) heading_rad: f64,
 }
 
 /// Number and arrival of the newest state.
@@ -58,8 +44,6 @@ pub(super) struct Motion {
 pub(super) struct StateArrival {
     pub(super) sequence: u64,
     pub(super) at: LocalTime,
-    /// Arrival by the own clock minus the stamp by the peer's, s.
-    pub(super) transit_s: f64,
 }
 
 /// The contents of a heartbeat that are used after its arrival.
@@ -173,7 +157,6 @@ impl Peer {
             incarnation: Incarnation::default(),
             state: None,
             heartbeat: None,
-            round_trips: RoundTrips::default(),
             token: None,
             received_at: None,
             found: false,
@@ -186,7 +169,7 @@ impl Peer {
     /// Begins a new incarnation, of which nothing has been received.
     pub(super) fn begin(&mut self, incarnation: Incarnation) {
         self.incarnation = incarnation;
-        (self.state, self.heartbeat, self.round_trips) = (None, None, RoundTrips::default());
+        (self.state, self.heartbeat) = (None, None);
     }
 
     #[inline]
@@ -269,13 +252,6 @@ impl Peer {
             // The last message may be a little younger than the last state.
             Some(lost_at) => lost_at.seconds_since(last.at) <= stale_s + FRESH_S,
         }
-    }
-
-    /// What the age of the newest state depends on; `None` before the first state.
-    #[inline]
-    pub(super) fn age_basis(&self) -> Option<AgeBasis> {
-        let StateArrival { at, transit_s, .. } = self.state?;
-        Some(AgeBasis { at, delay: self.round_trips.delay(at, transit_s) })
     }
 
     /// Returns the standing and the role of a peer that is not a live member of the formation. `age_s` is the age of its

@@ -1,7 +1,7 @@
 use proptest::prelude::*;
 use skein_common::id::Incarnation;
-use skein_common::message::{Order, State, Verb};
-use skein_common::scenario::{Source, load};
+use skein_common::message::{Header, Heartbeat, Order, State, Verb};
+use skein_common::scenario::{Graph, Source, load};
 use skein_common::state::VehicleState;
 
 use super::*;
@@ -55,7 +55,7 @@ impl PeersStage {
     fn receive(&mut self, at_s: f64, messages: &[PeerMessage]) -> Vec<Change> {
         let received: Vec<_> = messages.iter().map(|&message| Received { message, at: seconds(at_s) }).collect();
         self.0.update(seconds(at_s), &received, Broadcast::default());
-        self.0.changes().to_vec()
+        self.0.changes().collect()
     }
 
     fn only(&self) -> PeerEstimate {
@@ -214,7 +214,7 @@ fn the_newest_heartbeats_of_peers_in_contact_that_fly_the_same_plan_are_kept() {
     assert!(table.0.in_contact().contains(id(2)));
     assert_eq!(senders(&table), [3]);
     let report = Report { id: id(2), plan: 9, order: None };
-    assert_eq!(table.0.reports(), [report], "and reported");
+    assert_eq!(table.0.reports().collect::<Vec<_>>(), [&report], "and reported");
     table.receive(1.3, &[PeerMessage::Vanished(id(3))]);
     assert!(senders(&table).is_empty());
 }
@@ -317,7 +317,7 @@ proptest! {
                 prop_assert!((believed.position.north_m() - north_m(incarnation, sequence)).abs() < 1e-4, "{believed:?}");
                 prop_assert!(believed.age_s >= believed.delay_s.unwrap_or_default() && believed.carried_s >= 0.0);
             }
-            let kept = table.0.peers[1].heartbeat.map(|kept| (table.0.peers[1].incarnation.0, kept.sequence));
+            let kept = table.0.records.peer(id(2)).and_then(|peer| Some((peer.incarnation.0, peer.heartbeat?.sequence)));
             prop_assert_eq!(kept, newest(&heartbeats));
         }
     }

@@ -40,11 +40,6 @@ pub(super) struct Graph {
 }
 
 impl Graph {
-    /// Whether the next observation at this time needs the fresh peers of the vehicles.
-    pub(super) fn is_due(&self, t_s: f64) -> bool {
-        t_s >= self.next_s
-    }
-
     /// Observes all vehicles. The nodes are the live members, as indices of the vehicles; so are `moving`, those of them
     /// that move, each with its direction of flight.
     pub(super) fn observe(
@@ -54,7 +49,7 @@ impl Graph {
         nodes: &[usize],
         moving: &[(usize, Vector3<f64>)],
     ) {
-        if !self.is_due(t_s) {
+        if t_s < self.next_s {
             return;
         }
         self.next_s = t_s + PERIOD_S;

@@ -9,7 +9,7 @@ use skein_core::agent::Outputs;
 use skein_core::aircraft::Aircraft;
 use skein_core::formation::external::LawQuery;
 use skein_core::outbox::Outbox;
-use skein_core::peers::PeerMessage;
+use skein_core::peers::Broadcast;
 use skein_host::parallel::at_once;
 
 use super::script::ScriptedAction;
@@ -42,7 +42,7 @@ pub(super) trait Driver: Debug {
     fn frame(
         &mut self,
         now: LocalTime,
-        arriving: &[PeerMessage],
+        arriving: Broadcast<'_>,
         vehicles: &mut [Vehicle],
         threads: NonZeroUsize,
         take: &mut TakeOutputs<'_>,
@@ -82,14 +82,14 @@ impl Driver for Decentralised {
     fn frame(
         &mut self,
         now: LocalTime,
-        arriving: &[PeerMessage],
+        arriving: Broadcast<'_>,
         vehicles: &mut [Vehicle],
         threads: NonZeroUsize,
         take: &mut TakeOutputs<'_>,
     ) {
         if threads == NonZeroUsize::MIN {
             for vehicle in vehicles {
-                if let Some((outbox, ask)) = step(now, vehicle, arriving) {
+                if let Some(Outputs { outbox, ask, .. }) = step(now, vehicle, arriving) {
                     take(vehicle, outbox, ask);
                 }
             }
@@ -100,7 +100,7 @@ impl Driver for Decentralised {
             move || vehicles.iter_mut().map(|vehicle| step(now, vehicle, arriving)).collect::<Vec<_>>()
         }));
         for (vehicle, sent) in vehicles.iter_mut().zip(sent.into_iter().flatten()) {
-            if let Some((outbox, ask)) = sent {
+            if let Some(Outputs { outbox, ask, .. }) = sent {
                 take(vehicle, outbox, ask);
             }
         }
@@ -111,11 +111,13 @@ impl Driver for Decentralised {
     }
 }
 
-/// One frame of a vehicle with the agent beside it: the messages and the query that the agent sends.
-fn step(now: LocalTime, vehicle: &mut Vehicle, arriving: &[PeerMessage]) -> Option<(Outbox, Option<LawQuery>)> {
+/// One frame of a vehicle with the agent beside it: what the agent gives, of which the vehicle has the command.
+fn step(now: LocalTime, vehicle: &mut Vehicle, arriving: Broadcast<'_>) -> Option<Outputs> {
     let frame = vehicle.frame(now);
     let measurement = (!vehicle.simulator_frozen).then_some(&frame.measurement);
-    let Outputs { command, outbox, ask } = vehicle.step(now, (frame.time, measurement), arriving)?;
-    vehicle.command = command;
-    Some((outbox, ask))
+    let outputs = vehicle.step(now, (frame.time, measurement), arriving);
+    if let Some(outputs) = &outputs {
+        vehicle.command = outputs.command;
+    }
+    outputs
 }

@@ -11,7 +11,7 @@ use skein_core::control::Rules;
 use skein_core::formation::UnsupportedScenario;
 use skein_core::formation::external::LawReply;
 use skein_core::helicopter::Script;
-use skein_core::peers::{PeerMessage, Received};
+use skein_core::peers::{Broadcast, Received};
 use skein_core::plant::{Command, Frame, GroundTruth, Measurement};
 use skein_core::station::{Clocks, Station};
 
@@ -126,11 +126,11 @@ impl Vehicle {
         &mut self,
         now: LocalTime,
         plant: (PlantTime, Option<&Measurement>),
-        arriving: &[PeerMessage],
+        arriving: Broadcast<'_>,
     ) -> Option<Outputs> {
         let station = self.station.as_mut()?;
         let answer = self.answer.take();
-        let broadcast = if self.takes_broadcast { arriving } else { &[] };
+        let broadcast = if self.takes_broadcast { arriving } else { Broadcast::default() };
         Some(station.step(now, plant, false, answer.as_ref(), broadcast))
     }
 

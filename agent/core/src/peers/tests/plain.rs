@@ -4,7 +4,7 @@ use skein_common::message::{Echo, Order, Verb};
 use skein_common::time::SenderStamp;
 
 use super::*;
-use crate::delay::{MessageDelay, RoundTrips};
+use crate::delay::{MessageDelay, RoundTrips, since_stamp_s};
 use crate::peers::peer::MAX_OBSTACLE_RADIUS_M;
 
 /// Everything received of one peer in its current incarnation.
@@ -152,9 +152,8 @@ impl Plain {
         let peer = &self.peers[usize::from(id.get()) - 1];
         let (last, at) = peer.state.unwrap();
         let silent_s = self.now.seconds_since(at).max(0.0);
-        let mut trips = peer.delay.clone();
-        trips.choose(self.now);
-        let delay = trips.delay(at, since_stamp_s(at, last.header.stamp)).after(silent_s);
+        let (base, _) = peer.delay.choose(self.now);
+        let delay = base.at_arrival(at, since_stamp_s(at, last.header.stamp)).after(silent_s);
         let MessageDelay { most_s, likely_s } = delay.unwrap_or_default();
         let (age_s, carried_s) = (silent_s + most_s, silent_s + likely_s);
         let standing = match peer.lost_at {
@@ -172,6 +171,14 @@ impl Plain {
         let position = last.position + velocity.0 * carried_s;
         let delay_s = delay.map(|delay| delay.most_s);
         PeerEstimate { id, position, velocity, heading_rad, age_s, delay_s, carried_s, standing, role }
+    }
+
+    fn fresh(&self) -> VehicleSet {
+        let is_fresh = |peer: &PlainPeer| {
+            let is_young = peer.state.is_some_and(|(_, at)| self.now.seconds_since(at) < FRESH_S);
+            is_young && self.is_in_sight(peer) && peer.found && peer.lost_at.is_none()
+        };
+        self.ids(is_fresh)
     }
 
     fn members(&self) -> VehicleSet {
@@ -244,6 +251,15 @@ enum Event {
     },
 }
 
+/// How the messages reach the vehicle: alone; with all others; or with all others that share what they know, until this
+/// one's agent was late.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Delivery {
+    ToOne,
+    ToAll,
+    Shared,
+}
+
 const ROSTER: u8 = 6;
 
 fn event() -> impl Strategy<Value = Event> {
@@ -292,10 +308,11 @@ proptest! {
         ),
         graph in 0_u8..2,
         reach_m in 1.0..300.0,
-        is_broadcast: bool,
+        delivery in prop_oneof![Just(Delivery::ToOne), Just(Delivery::ToAll), Just(Delivery::Shared)],
     ) {
         let network = network(["", "network.graph = 'nearest'\nnetwork.neighbours = 2"][usize::from(graph)]);
         let (mut kept, mut plain) = (Peers::new(id(1), ROSTER, 1, &network), Plain::new(&network, ROSTER));
+        let mut shared = SharedRecords::starting_with(Records::new(ROSTER, 1, &network));
         let (mut now, mut own_m) = (seconds(1.0), 0.0);
         let (mut last, mut stamps) = (Vec::new(), Vec::new());
         let (mut revision, mut agreed) = (0, Vec::new());
@@ -317,13 +334,18 @@ proptest! {
                 }
             }
             let received: Vec<_> = messages.iter().map(|&message| Received { message, at: now }).collect();
-            let broadcast = Broadcast { messages: if is_broadcast { &messages } else { &[] }, at: now };
-            kept.update(now, if is_broadcast { &[] } else { &received }, broadcast);
+            shared.update(now, &messages);
+            let records = (delivery == Delivery::Shared).then_some(&shared);
+            match delivery {
+                Delivery::ToOne => kept.update(now, &received, Broadcast::default()),
+                Delivery::ToAll | Delivery::Shared => kept.update(now, &[], Broadcast { messages: &messages, records }),
+            }
             let changes = plain.update(now, &messages);
-            prop_assert_eq!(kept.changes(), changes);
+            prop_assert_eq!(kept.changes().collect::<Vec<_>>(), changes);
             prop_assert_eq!(kept.estimates().collect::<Vec<_>>(), plain.estimates());
             let ages: Vec<_> = kept.ages(VehicleId::first(ROSTER.into()).collect()).map(|peer| (peer.id, peer.age_s, peer.delay_s)).collect();
             let in_contact = plain.estimates().into_iter().filter(|peer| peer.standing != PeerStatus::Lost);
+            prop_assert_eq!(kept.fresh(), plain.fresh());
             prop_assert_eq!(ages, in_contact.map(|peer| (peer.id, peer.age_s, peer.delay_s)).collect::<Vec<_>>());
             prop_assert_eq!(kept.heartbeats().collect::<Vec<_>>(), plain.heartbeats());
             prop_assert_eq!(kept.in_contact(), plain.ids(|peer| peer.found && peer.lost_at.is_none()));

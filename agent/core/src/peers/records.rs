@@ -1,0 +1,454 @@
+//! What was received of all vehicles of a swarm, and what follows from it whichever vehicle has received it.
+//!
+//! In virtual time over a perfect network all agents have received the same. Then the records exist once for all of them
+//! ([`SharedRecords`]): a message is kept once, and not once per receiver. An agent that has received anything else, after
+//! a restart for example, has records of its own from then on.
+
+use alloc::sync::Arc;
+use alloc::vec::Vec;
+
+use skein_common::frame::{PositionNed, VelocityNed};
+use skein_common::id::{VehicleId, VehicleSet};
+use skein_common::message::{Echo, Header, Heartbeat, Order};
+use skein_common::scenario::{Graph, Network, Scenario};
+use skein_common::time::LocalTime;
+
+use super::message::PeerMessage;
+use super::peer::{Agreed, FRESH_S, Judgement, KeptHeartbeat, Peer, StateArrival, Status};
+use super::{Change, Report, index};
+use crate::deadlines::Deadline;
+use crate::delay::since_stamp_s;
+
+/// The newest state of a vehicle, in the swarm's frame.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Motion {
+    pub(super) position: PositionNed,
+    pub(super) velocity: VelocityNed,
+    pub(super) heading_rad: f64,
+    /// Arrival of the state.
+    pub(super) at: LocalTime,
+    /// Arrival by the own clock minus the stamp by the vehicle's, s.
+    pub(super) transit_s: f64,
+}
+
+/// What a message changes of the round trips between its sender and one receiver.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum TripChange {
+    /// The sender has begun a new incarnation: earlier round trips are those of another agent.
+    Restarted(VehicleId),
+    /// A heartbeat with this transit, s, echoed a stamp.
+    Echoed { sender: VehicleId, at: LocalTime, transit_s: f64, echo: Echo },
+}
+
+/// The records of all vehicles.
+#[derive(Clone, Debug)]
+pub(super) struct Records {
+    roster: u8,
+    plan: u64,
+    stale_s: f64,
+    /// Whether the network graph passes every peer's states.
+    receives_all_states: bool,
+    /// The vehicles of the whole swarm by id; empty before the first update.
+    peers: Vec<Peer>,
+    /// The newest state of each vehicle.
+    motions: Vec<Motion>,
+    /// The vehicles with each kind of status.
+    with: [VehicleSet; Status::KINDS],
+    /// Vehicles of which anything was received.
+    known: VehicleSet,
+    /// Vehicles whose status has to be judged in this update.
+    touched: VehicleSet,
+    /// A time before which no status changes without a message.
+    unchanged_until: LocalTime,
+    revision: u64,
+    /// Number of updates after which every list of near peers has to be made anew.
+    relistings: u64,
+    /// Vehicles of which the last update has taken a state.
+    moved: VehicleSet,
+    /// Vehicles of which a state arrived less than [`FRESH_S`] ago, and a time before which all of them remain so.
+    fresh: VehicleSet,
+    fresh_until: LocalTime,
+    changes: Vec<Change>,
+    reports: Vec<Report>,
+    orders: Vec<Order>,
+    trip_changes: Vec<TripChange>,
+    /// Vehicles whose round trips the last update changes.
+    echoed: VehicleSet,
+    /// The largest order that has been reported.
+    order: Option<Order>,
+    now: LocalTime,
+    /// End of the time in which peers may be silent for longer, because this computer was overloaded.
+    lenient_until: LocalTime,
+    /// Time of the first update.
+    first_update: Option<LocalTime>,
+    forged: u64,
+}
+
+impl Records {
+    /// The records before any message, in a swarm of vehicles 1 to `roster`.
+    pub(super) fn new(roster: u8, plan: u64, network: &Network) -> Self {
+        Self {
+            roster,
+            plan,
+            stale_s: network.peer_stale_s,
+            receives_all_states: network.graph == Graph::All,
+            peers: Vec::new(),
+            motions: Vec::new(),
+            with: [VehicleSet::default(); Status::KINDS],
+            known: VehicleSet::default(),
+            touched: VehicleSet::default(),
+            unchanged_until: LocalTime::MAX,
+            revision: 0,
+            relistings: 0,
+            moved: VehicleSet::default(),
+            fresh: VehicleSet::default(),
+            fresh_until: LocalTime::MAX,
+            changes: Vec::new(),
+            reports: Vec::new(),
+            orders: Vec::new(),
+            trip_changes: Vec::new(),
+            echoed: VehicleSet::default(),
+            order: None,
+            now: LocalTime::ZERO,
+            lenient_until: LocalTime::ZERO,
+            first_update: None,
+            forged: 0,
+        }
+    }
+
+    /// The records of a scenario's swarm before any message.
+    pub(super) fn of(scenario: &Scenario) -> Self {
+        let roster = scenario.swarm.vehicles.min(VehicleId::MAX.into()) as u8;
+        Self::new(roster, scenario.plan_hash(), &scenario.network)
+    }
+
+    /// Becomes equal to other records except for what an update begins anew, in the memory of these.
+    fn copy_from(&mut self, other: &Self) {
+        let mut peers = core::mem::take(&mut self.peers);
+        let mut motions = core::mem::take(&mut self.motions);
+        peers.clone_from(&other.peers);
+        motions.clone_from(&other.motions);
+        *self = Self {
+            peers,
+            motions,
+            changes: core::mem::take(&mut self.changes),
+            reports: core::mem::take(&mut self.reports),
+            orders: core::mem::take(&mut self.orders),
+            trip_changes: core::mem::take(&mut self.trip_changes),
+            ..*other
+        };
+    }
+
+    /// Whether these records and others hold nothing yet, and will hold the same after the same messages.
+    fn begins_like(&self, other: &Self) -> bool {
+        let settings = |records: &Self| {
+            let &Self { roster, plan, stale_s, receives_all_states, first_update, lenient_until, .. } = records;
+            (roster, plan, stale_s, receives_all_states, first_update, lenient_until)
+        };
+        self.first_update.is_none() && settings(self) == settings(other)
+    }
+
+    /// Takes the messages received since the last update, each with its time of arrival.
+    pub(super) fn update<'a>(&mut self, now: LocalTime, messages: impl Iterator<Item = (&'a PeerMessage, LocalTime)>) {
+        let before = core::mem::replace(&mut self.now, now).min(now);
+        if self.first_update.is_none() {
+            self.first_update = Some(now);
+            self.peers = VehicleId::first(self.roster.into()).map(Peer::unknown).collect();
+            self.motions.resize(self.peers.len(), Motion::default());
+        }
+        self.changes.clear();
+        self.reports.clear();
+        self.orders.clear();
+        self.trip_changes.clear();
+        (self.touched, self.moved, self.echoed) = Default::default();
+        for (message, at) in messages {
+            // Whatever the clock showed at its arrival, the message arrived between the two updates.
+            self.receive(message, at.clamp(before, now));
+        }
+        self.reports.sort_by_key(|report| report.id);
+        self.judge();
+        self.update_fresh();
+    }
+
+    /// Counts no silence of the vehicles in the time `for_s` in which this agent did not run.
+    pub(super) fn did_not_run(&mut self, for_s: f64) {
+        for peer in &mut self.peers {
+            peer.received_at = peer.received_at.map(|at| at.plus_seconds(for_s));
+        }
+        self.lenient_until = self.now.plus_seconds(for_s + Deadline::LeniencyOver.after_s());
+        self.unchanged_until = LocalTime::ZERO;
+    }
+
+    /// Time of the last update.
+    pub(super) fn now(&self) -> LocalTime {
+        self.now
+    }
+
+    /// Time of the first update.
+    pub(super) fn first_update(&self) -> Option<LocalTime> {
+        self.first_update
+    }
+
+    /// Number of vehicles of the swarm.
+    pub(super) fn roster(&self) -> usize {
+        self.roster.into()
+    }
+
+    /// The vehicles with a kind of status.
+    pub(super) fn all(&self, status: Status) -> VehicleSet {
+        self.with[status.index()]
+    }
+
+    /// The record of a vehicle.
+    pub(super) fn peer(&self, id: VehicleId) -> Option<&Peer> {
+        self.peers.get(index(id))
+    }
+
+    /// The records of all vehicles, by id.
+    pub(super) fn peers(&self) -> impl Iterator<Item = &Peer> {
+        self.peers.iter()
+    }
+
+    /// The newest state of a vehicle.
+    #[inline]
+    pub(super) fn motion(&self, id: VehicleId) -> Option<&Motion> {
+        self.motions.get(index(id))
+    }
+
+    /// A number that changes whenever the agreement's inputs may have changed.
+    pub(super) fn revision(&self) -> u64 {
+        self.revision
+    }
+
+    /// A number that changes whenever lists of near peers have to be made anew.
+    pub(super) fn relistings(&self) -> u64 {
+        self.relistings
+    }
+
+    /// Vehicles of which the last update has taken a state.
+    pub(super) fn moved(&self) -> VehicleSet {
+        self.moved
+    }
+
+    /// Vehicles of which a state arrived less than [`FRESH_S`] ago.
+    pub(super) fn fresh(&self) -> VehicleSet {
+        self.fresh
+    }
+
+    /// The changes of the last update, by id.
+    pub(super) fn changes(&self) -> &[Change] {
+        &self.changes
+    }
+
+    /// The orders and the plans that differ in the heartbeats of the last update, by sender.
+    pub(super) fn reports(&self) -> &[Report] {
+        &self.reports
+    }
+
+    /// The orders that operators have sent, of the last update.
+    pub(super) fn orders(&self) -> &[Order] {
+        &self.orders
+    }
+
+    /// What the last update changes of the round trips of vehicle `own`, in the order of arrival, among changes of others'.
+    pub(super) fn trip_changes(&self, own: VehicleId) -> &[TripChange] {
+        if self.echoed.contains(own) { &self.trip_changes } else { &[] }
+    }
+
+    /// Number of messages dropped because their sender is not in this swarm.
+    pub(super) fn forged(&self) -> u64 {
+        self.forged
+    }
+
+    fn judgement(&self) -> Judgement {
+        let Self { now, receives_all_states, .. } = *self;
+        let stale_s = if now < self.lenient_until { 2.0 * self.stale_s } else { self.stale_s };
+        Judgement { now, stale_s, receives_all_states }
+    }
+
+    /// Judges the vehicles that messages have touched, or all of them if a deadline may have passed.
+    fn judge(&mut self) {
+        let judgement = self.judgement();
+        let is_due = self.now >= self.unchanged_until;
+        if is_due {
+            self.unchanged_until = if self.now < self.lenient_until { self.lenient_until } else { LocalTime::MAX };
+        }
+        let mut is_relisted = is_due;
+        let judged = if is_due { self.known } else { self.touched };
+        for id in judged.iter() {
+            let Some(peer) = self.peers.get_mut(index(id)) else { continue };
+            self.changes.extend(peer.age(&judgement));
+            let status = peer.assess(&judgement);
+            self.unchanged_until = self.unchanged_until.min(peer.unchanged_until(&judgement));
+            let differing = core::mem::replace(&mut peer.status, status).differing(status);
+            self.revision += u64::from(differing.contains(Status::AGREES));
+            is_relisted |= differing.contains(Status::SEEN);
+            for bit in differing.bits() {
+                self.with[bit].set(id, status.has(bit));
+            }
+        }
+        self.relistings += u64::from(is_relisted);
+    }
+
+    fn update_fresh(&mut self) {
+        let ends = |motion: &Motion| motion.at.plus_seconds(FRESH_S);
+        if !self.moved.is_empty() {
+            self.fresh.extend(self.moved);
+            self.fresh_until = self.fresh_until.min(self.now.plus_seconds(FRESH_S));
+        }
+        if self.now < self.fresh_until {
+            return;
+        }
+        let before = core::mem::take(&mut self.fresh);
+        self.fresh_until = LocalTime::MAX;
+        for id in before.iter() {
+            let ends = ends(&self.motions[index(id)]);
+            if self.now < ends {
+                self.fresh.insert(id);
+                self.fresh_until = self.fresh_until.min(ends);
+            }
+        }
+    }
+
+    fn receive(&mut self, message: &PeerMessage, at: LocalTime) {
+        match message {
+            PeerMessage::State(message) => {
+                let Some(peer) = self.sender(&message.header) else { return };
+                let sequence = message.header.sequence;
+                if peer.state.is_some_and(|last| last.sequence >= sequence) {
+                    peer.old += 1;
+                    return;
+                }
+                peer.state = Some(StateArrival { sequence, at });
+                let (id, was_young) = (peer.id, peer.status.contains(Status::YOUNG));
+                self.motions[index(id)] = Motion {
+                    position: message.position,
+                    velocity: message.state.velocity,
+                    heading_rad: message.state.heading_rad,
+                    at,
+                    transit_s: since_stamp_s(at, message.header.stamp),
+                };
+                self.moved.insert(id);
+                self.arrived(id, at, !was_young);
+            }
+            PeerMessage::Mission(message) => self.receive_heartbeat(message, at),
+            PeerMessage::Appeared(id) | PeerMessage::Vanished(id) => {
+                if let Some(peer) = self.peers.get_mut(index(*id)) {
+                    peer.token = Some(matches!(message, PeerMessage::Appeared(_)));
+                    self.known.insert(*id);
+                    self.touched.insert(*id);
+                }
+            }
+            PeerMessage::Order(order) => self.orders.push(*order),
+        }
+    }
+
+    fn receive_heartbeat(&mut self, message: &Heartbeat, at: LocalTime) {
+        let plan = self.plan;
+        let Some(peer) = self.sender(&message.header) else { return };
+        let Header { sequence, stamp, .. } = message.header;
+        let agreement = Agreed::new(message, plan);
+        if let Some(last) = peer.heartbeat.filter(|last| last.sequence >= sequence) {
+            // A heartbeat is repeated to every agent that asks for it.
+            let is_repeated = (last.sequence, last.stamp, last.agreement) == (sequence, stamp, agreement);
+            peer.old += u64::from(!is_repeated);
+            return;
+        }
+        let progress_m = message.progress_m;
+        let last = peer.heartbeat.replace(KeptHeartbeat { sequence, stamp, at, progress_m, agreement });
+        let (id, is_changed) = (peer.id, last.map(|last| last.agreement) != Some(agreement));
+        self.revision += u64::from(is_changed);
+        let transit_s = since_stamp_s(at, stamp);
+        if let Some(echo) = message.echo {
+            self.trip_changes.push(TripChange::Echoed { sender: id, at, transit_s, echo });
+            self.echoed.insert(echo.of);
+        }
+        if message.plan != plan || message.order > self.order {
+            self.reports.push(Report { id, plan: message.plan, order: message.order });
+            self.order = self.order.max(message.order.filter(|_| message.plan == plan));
+        }
+        self.arrived(id, at, is_changed);
+    }
+
+    /// Keeps what follows from a message's arrival. `is_changed` if the message itself may change the sender's status.
+    fn arrived(&mut self, id: VehicleId, at: LocalTime, is_changed: bool) {
+        let peer = &mut self.peers[index(id)];
+        // After this agent was late, the last arrival counts as later than it was, and a new one may be earlier.
+        let is_earlier = peer.received_at.replace(at).is_some_and(|before| at < before);
+        if is_changed || is_earlier || !peer.status.contains(Status::SETTLED) {
+            self.known.insert(id);
+            self.touched.insert(id);
+        }
+    }
+
+    /// The vehicle in whose current incarnation this message was sent; the caller compares the sequence numbers.
+    fn sender(&mut self, header: &Header) -> Option<&mut Peer> {
+        let Some(peer) = self.peers.get_mut(index(header.sender)) else {
+            self.forged += 1;
+            return None;
+        };
+        if header.incarnation < peer.incarnation {
+            peer.old += 1;
+            return None;
+        }
+        if header.incarnation > peer.incarnation {
+            // A new incarnation numbers its messages from one again.
+            peer.begin(header.incarnation);
+            self.revision += 1;
+            self.trip_changes.push(TripChange::Restarted(peer.id));
+            self.echoed = VehicleId::first(self.roster.into()).collect();
+            self.touched.insert(peer.id);
+            self.known.insert(peer.id);
+        }
+        Some(peer)
+    }
+}
+
+/// Messages that every vehicle of a swarm receives alike at the time of its step. A vehicle ignores its own.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Broadcast<'a> {
+    /// The messages.
+    pub messages: &'a [PeerMessage],
+    /// What follows from the messages, for the vehicles that have received nothing else so far.
+    pub records: Option<&'a SharedRecords>,
+}
+
+/// The records of all agents that have received the same since their start, kept by whoever delivers the messages: before
+/// and after the newest ones.
+#[derive(Debug)]
+pub struct SharedRecords {
+    before: Arc<Records>,
+    after: Arc<Records>,
+}
+
+impl SharedRecords {
+    /// The records of a swarm before any message.
+    pub fn new(scenario: &Scenario) -> Self {
+        Self::starting_with(Records::of(scenario))
+    }
+
+    pub(super) fn starting_with(records: Records) -> Self {
+        let records = Arc::new(records);
+        Self { before: Arc::clone(&records), after: records }
+    }
+
+    /// Takes the messages that arrive now at all agents.
+    pub fn update(&mut self, now: LocalTime, messages: &[PeerMessage]) {
+        core::mem::swap(&mut self.before, &mut self.after);
+        // Every agent that shares the records has gone on from the ones of two updates ago.
+        if let Some(after) = Arc::get_mut(&mut self.after) {
+            after.copy_from(&self.before);
+        } else {
+            self.after = Arc::new(Records::clone(&self.before));
+        }
+        if let Some(after) = Arc::get_mut(&mut self.after) {
+            after.update(now, messages.iter().map(|message| (message, now)));
+        }
+    }
+
+    /// The records after the newest messages at this time, if an agent has these records before them.
+    pub(super) fn following(&self, records: &Arc<Records>, now: LocalTime) -> Option<&Arc<Records>> {
+        let has_same = Arc::ptr_eq(records, &self.before) || records.begins_like(&self.before);
+        (has_same && self.after.now == now).then_some(&self.after)
+    }
+}
