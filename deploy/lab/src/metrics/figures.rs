@@ -79,7 +79,7 @@ pub const FIGURES: [Figure; 54] = [
     figure("transient_s", "s", Some(More), "Longest time from a change of the live members, or from a healed cut, until all are in the band and even to 10°. More than 120 s count as never."),
     figure("state_messages", "messages", Some(More), "State messages that the swarm has sent; under a central controller states and controls."),
     figure("state_bytes", "bytes", Some(More), "Payload of those messages."),
-    figure("peer_age_p50_ms", "ms", Some(More), "Median age of the peers' states, each sampled at every seventh step in virtual time, an upper bound that includes the delay; a central controller has none."),
+    figure("peer_age_p50_ms", "ms", Some(More), "Median age of the peers' states, each sampled at every seventh step in virtual time (less often in a swarm of more than 28), an upper bound that includes the delay; a central controller has none."),
     figure("peer_age_p99_ms", "ms", Some(More), "99th percentile of that age."),
     figure("step_p50_us", "us", Some(More), "Median time from a frame's arrival to its last control, in real time."),
     figure("step_p99_us", "us", Some(More), "99th percentile of that time."),

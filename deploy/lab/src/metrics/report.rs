@@ -154,7 +154,9 @@ impl Metrics {
         let steady = self.t_s >= STEADY_S - 0.01;
         let when_steady = |figure: Option<f64>| figure.filter(|_| steady);
         let since_s = self.t_s - STEADY_S;
-        let samples = || (0..self.run.vehicles).flat_map(|nth| self.samples(nth, since_s));
+        // In a shorter window no figure takes the samples.
+        let sampled = if steady { self.run.vehicles } else { 0 };
+        let samples = || (0..sampled).flat_map(|nth| self.samples(nth, since_s));
         let when_radial = |figure: Option<f64>| figure.filter(|_| steady && self.is_radial);
         let radial = extremes(samples().map(|sample| sample.rho_m)).filter(|_| steady && self.is_radial);
         let settled = self.settled();
@@ -182,7 +184,7 @@ impl Metrics {
             crashes: self.crashes.count(),
             safety_activations: self.totals.safety_activations,
             oscillation_m: when_steady(
-                extremes((0..self.run.vehicles).filter_map(|nth| self.radial.oscillation_m(nth, since_s))).map(|e| e.1),
+                extremes((0..sampled).filter_map(|nth| self.radial.oscillation_m(nth, since_s))).map(|e| e.1),
             ),
             max_tilt_deg: self.max_tilt_rad.to_degrees(),
             altitude_rms_m: when_steady(rms(samples().filter_map(|sample| sample.altitude_error_m))),
@@ -285,14 +287,13 @@ impl Metrics {
     }
 
     fn vehicles(&self, steady: bool) -> BTreeMap<String, VehicleReport> {
-        let when_steady = |figure: Option<f64>| figure.filter(|_| steady);
-        let when_radial = |figure: Option<f64>| when_steady(figure).filter(|_| self.is_radial);
         let since_s = self.t_s - STEADY_S;
         let rows = self.effort.iter().enumerate().map(|(nth, effort)| {
+            let radial = || Some(self.samples(nth, since_s)).filter(|_| steady && self.is_radial);
             let report = VehicleReport {
-                radial_rms_m: when_radial(rms(self.samples(nth, since_s).map(|sample| self.radial_error_m(&sample)))),
-                radial_mean_m: when_radial(mean(self.samples(nth, since_s).map(|sample| sample.rho_m))),
-                oscillation_m: when_steady(self.radial.oscillation_m(nth, since_s)),
+                radial_rms_m: radial().and_then(|samples| rms(samples.map(|sample| self.radial_error_m(&sample)))),
+                radial_mean_m: radial().and_then(|samples| mean(samples.map(|sample| sample.rho_m))),
+                oscillation_m: if steady { self.radial.oscillation_m(nth, since_s) } else { None },
                 stick_rms: effort.stick_square.mean().map(f64::sqrt),
                 energy_j: effort.energy_j,
             };

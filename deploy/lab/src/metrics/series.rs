@@ -211,21 +211,26 @@ fn drop_before<T>(samples: &mut VecDeque<T>, first_s: f64, time_s: impl Fn(&T) -
     }
 }
 
-/// Chooses the peers of which ages are sampled: each at every seventh step, a seventh of all peers at a time. Two states
-/// of a vehicle are ten steps apart or another number that seven does not divide, so that all ages occur in turn.
+/// Chooses the peers of which ages are sampled: about four at each step, each of them again after a number of steps that
+/// is a prime. Two states of a vehicle are ten steps apart or another number that the prime does not divide, so that all
+/// ages occur in turn.
 #[derive(Clone, Debug)]
 pub(super) struct AgeSampling {
-    groups: [VehicleSet; SAMPLING_STEPS],
+    groups: Vec<VehicleSet>,
     now: usize,
 }
 
-/// Number of steps between two samples of one peer's age.
-const SAMPLING_STEPS: usize = 7;
+/// Numbers of steps between two samples of one peer's age, all primes.
+const SAMPLING_STEPS: [usize; 6] = [7, 11, 17, 29, 43, 61];
+/// Number of peers that are sampled at one step, unless even the largest number of steps makes it more.
+const SAMPLED_PEERS: usize = 4;
 
 impl AgeSampling {
     pub(super) fn new(vehicles: usize) -> Self {
-        let group = |nth| VehicleId::first(vehicles).skip(nth).step_by(SAMPLING_STEPS).collect();
-        Self { groups: core::array::from_fn(group), now: 0 }
+        let is_enough = |steps: &usize| steps * SAMPLED_PEERS >= vehicles;
+        let steps = SAMPLING_STEPS.into_iter().find(is_enough).unwrap_or(SAMPLING_STEPS[SAMPLING_STEPS.len() - 1]);
+        let group = |nth| VehicleId::first(vehicles).skip(nth).step_by(steps).collect();
+        Self { groups: (0..steps).map(group).collect(), now: 0 }
     }
 
     /// The peers of which the age is sampled at this step.
@@ -234,7 +239,7 @@ impl AgeSampling {
     }
 
     pub(super) fn next_step(&mut self) {
-        self.now = (self.now + 1) % SAMPLING_STEPS;
+        self.now = (self.now + 1) % self.groups.len();
     }
 }
 
