@@ -249,8 +249,7 @@ impl Peers {
         })
     }
 
-    /// The peers as the formation needs them: the estimates of those within `reach_m` of the own position, and of some
-    /// beyond.
+    /// The peers as the formation needs them: the estimates of those within `reach_m` of the own position, horizontally.
     pub fn near(&mut self, own: PositionNed, reach_m: f64) -> PeerSummary<impl Iterator<Item = PeerEstimate>> {
         let seen = self.all(Status::SEEN);
         let near = if reach_m.is_finite() {
@@ -260,7 +259,11 @@ impl Peers {
         };
         let lowest_lost = self.all(Status::MAY_FLY).first();
         PeerSummary {
-            near: self.estimates_of(near.both(seen)),
+            // Without the filter the output would depend on when the list was made, in its last digits.
+            near: self.estimates_of(near.both(seen)).filter(move |peer| {
+                let from_own_ne_m = (peer.position - own).xy();
+                from_own_ne_m.norm_squared() <= reach_m * reach_m
+            }),
             members: self.members(),
             flies_above: lowest_lost.is_some_and(|lost| lost < self.lowest()),
         }

@@ -89,7 +89,7 @@ pub struct Observation<'a> {
     pub velocity: VelocityNed,
     /// Its heading, clockwise from north, rad.
     pub heading_rad: f64,
-    /// The other live members whose states it receives, by id: those within the law's reach, and maybe some beyond.
+    /// The other live members whose states it receives, by id: those within the law's reach.
     pub neighbours: &'a [Neighbour],
     /// All other live members, those included whose states it does not receive (`network.graph`) or that are beyond the
     /// law's reach: they count for ranks and slots.
