@@ -35,6 +35,7 @@ mod message;
 mod near;
 mod peer;
 mod records;
+mod shared;
 
 use alloc::sync::Arc;
 use alloc::vec;
@@ -53,8 +54,8 @@ pub use message::{PeerMessage, Received, ReceivedState};
 use near::NearList;
 use peer::{Agreed, KeptHeartbeat, Status, standing};
 pub use peer::{FRESH_S, MAX_OBSTACLE_RADIUS_M};
-pub use records::{Broadcast, SharedRecords};
 use records::{Motion, Records, TripChange};
+pub use shared::{Broadcast, SharedRecords};
 
 /// The estimated current state of a peer.
 #[derive(Clone, Copy, Debug, PartialEq)]

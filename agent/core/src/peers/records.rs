@@ -1,10 +1,7 @@
 //! What was received of all vehicles of a swarm, and what follows from it whichever vehicle has received it.
 //!
-//! In virtual time over a perfect network all agents have received the same. Then the records exist once for all of them
-//! ([`SharedRecords`]): a message is kept once, and not once per receiver. An agent that has received anything else, after
-//! a restart for example, has records of its own from then on.
+//! Agents of one process that have received the same can share them (`shared.rs`).
 
-use alloc::sync::Arc;
 use alloc::vec::Vec;
 
 use skein_common::frame::{PositionNed, VelocityNed};
@@ -123,7 +120,7 @@ impl Records {
     }
 
     /// Becomes equal to other records except for what an update begins anew, in the memory of these.
-    fn copy_from(&mut self, other: &Self) {
+    pub(super) fn copy_from(&mut self, other: &Self) {
         let mut peers = core::mem::take(&mut self.peers);
         let mut motions = core::mem::take(&mut self.motions);
         peers.clone_from(&other.peers);
@@ -140,7 +137,7 @@ impl Records {
     }
 
     /// Whether these records and others hold nothing yet, and will hold the same after the same messages.
-    fn begins_like(&self, other: &Self) -> bool {
+    pub(super) fn begins_like(&self, other: &Self) -> bool {
         let settings = |records: &Self| {
             let &Self { roster, plan, stale_s, receives_all_states, first_update, lenient_until, .. } = records;
             (roster, plan, stale_s, receives_all_states, first_update, lenient_until)
@@ -401,54 +398,5 @@ impl Records {
             self.known.insert(peer.id);
         }
         Some(peer)
-    }
-}
-
-/// Messages that every vehicle of a swarm receives alike at the time of its step. A vehicle ignores its own.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct Broadcast<'a> {
-    /// The messages.
-    pub messages: &'a [PeerMessage],
-    /// What follows from the messages, for the vehicles that have received nothing else so far.
-    pub records: Option<&'a SharedRecords>,
-}
-
-/// The records of all agents that have received the same since their start, kept by whoever delivers the messages: before
-/// and after the newest ones.
-#[derive(Debug)]
-pub struct SharedRecords {
-    before: Arc<Records>,
-    after: Arc<Records>,
-}
-
-impl SharedRecords {
-    /// The records of a swarm before any message.
-    pub fn new(scenario: &Scenario) -> Self {
-        Self::starting_with(Records::of(scenario))
-    }
-
-    pub(super) fn starting_with(records: Records) -> Self {
-        let records = Arc::new(records);
-        Self { before: Arc::clone(&records), after: records }
-    }
-
-    /// Takes the messages that arrive now at all agents.
-    pub fn update(&mut self, now: LocalTime, messages: &[PeerMessage]) {
-        core::mem::swap(&mut self.before, &mut self.after);
-        // Every agent that shares the records has gone on from the ones of two updates ago.
-        if let Some(after) = Arc::get_mut(&mut self.after) {
-            after.copy_from(&self.before);
-        } else {
-            self.after = Arc::new(Records::clone(&self.before));
-        }
-        if let Some(after) = Arc::get_mut(&mut self.after) {
-            after.update(now, messages.iter().map(|message| (message, now)));
-        }
-    }
-
-    /// The records after the newest messages at this time, if an agent has these records before them.
-    pub(super) fn following(&self, records: &Arc<Records>, now: LocalTime) -> Option<&Arc<Records>> {
-        let has_same = Arc::ptr_eq(records, &self.before) || records.begins_like(&self.before);
-        (has_same && self.after.now == now).then_some(&self.after)
     }
 }
