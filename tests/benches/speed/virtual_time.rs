@@ -96,8 +96,8 @@ pub(super) fn print() {
     }
     println!(
         "Virtual time on one core, processor time, least of {REPEATS} repeats.\n\
-         One ring: R* = 12 m x N, {FLIGHT_S} s from take-off on. The vehicles of \"one ring\" start on the ring, 75 m from each\n\
-         other. With random starts they start in a square with a side of 30 m x sqrt(N) (150 m at least), in which most of them\n\
+         One ring: R* = 12 m x N, {FLIGHT_S} s from take-off on. The vehicles of \"one ring\" start on the ring, about 75 m from\n\
+         each other. With random starts they start in a square with a side of 30 m x sqrt(N) (150 m at least), in which most of them\n\
          are near each other until they have flown apart.\n"
     );
     let base_kb = peak_memory_kb(SIZES[0]);
